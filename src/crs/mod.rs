@@ -1,0 +1,224 @@
+//! Coordinate reference systems and transforms, through the system's PROJ.
+//!
+//! The only door to PROJ. Axis order is always easting, northing or longitude, latitude, whatever the authority says.
+//! Ballpark transformations (PROJ's word for "the datum shift is unknown, so it is left out") are refused.
+
+mod transform;
+
+pub use transform::Transform;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// Why a CRS or a transformation cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum CrsError {
+    /// PROJ does not know the definition.
+    #[error("unknown CRS {definition:?}: {reason}\nhint: write it as \"EPSG:25832\", as WKT or as a PROJ string")]
+    Unknown {
+        /// What the user wrote.
+        definition: String,
+        /// PROJ's own words.
+        reason: String,
+    },
+    /// The project's CRS must be projected, in metres.
+    #[error(
+        "{definition} cannot be the project's CRS: expected a projected CRS in metres, found {found}\nhint: {hint}"
+    )]
+    NotProjectedInMetres {
+        /// What the user wrote.
+        definition: String,
+        /// What it is.
+        found: String,
+        /// What to use in its place.
+        hint: String,
+    },
+    /// No accurate operation is known between two systems.
+    #[error(
+        "no accurate transformation from {from} to {to}: {reason}\n\
+         hint: a datum grid may be missing; `projinfo -s {from} -t {to}` lists the operations and the grids they need"
+    )]
+    NoTransformation {
+        /// Source definition.
+        from: String,
+        /// Target definition.
+        to: String,
+        /// PROJ's own words.
+        reason: String,
+    },
+    /// One point lies outside the transformation's domain.
+    #[error("cannot transform ({x}, {y}) from {from} to {to}: {reason}")]
+    Point {
+        /// Easting or longitude of the point.
+        x: f64,
+        /// Northing or latitude of the point.
+        y: f64,
+        /// Source definition.
+        from: String,
+        /// Target definition.
+        to: String,
+        /// PROJ's own words.
+        reason: String,
+    },
+}
+
+/// A coordinate reference system that PROJ knows.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Crs {
+    definition: String,
+    /// PROJ's own description of the definition (PROJJSON).
+    json: Value,
+}
+
+impl TryFrom<String> for Crs {
+    type Error = CrsError;
+
+    fn try_from(definition: String) -> Result<Self, CrsError> {
+        Self::parse(&definition)
+    }
+}
+
+impl From<Crs> for String {
+    fn from(crs: Crs) -> Self {
+        crs.definition
+    }
+}
+
+impl std::fmt::Display for Crs {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.epsg() {
+            Some(code) => write!(f, "EPSG:{code}"),
+            None => f.write_str(self.name()),
+        }
+    }
+}
+
+impl Crs {
+    /// Reads `EPSG:n`, `EPSG:h+v`, WKT, PROJJSON or a PROJ string.
+    ///
+    /// # Errors
+    /// [`CrsError::Unknown`] when PROJ cannot read it.
+    pub fn parse(definition: &str) -> Result<Self, CrsError> {
+        let unknown = |reason: String| CrsError::Unknown { definition: definition.to_owned(), reason };
+        let crs = proj::Proj::new(definition).map_err(|e| unknown(e.to_string()))?;
+        let json = crs.to_projjson(None, None, None).map_err(|_| unknown("not a CRS".to_owned()))?;
+        let json: Value = serde_json::from_str(&json).map_err(|e| unknown(e.to_string()))?;
+        let is_crs = json["type"].as_str().is_some_and(|t| t.ends_with("CRS"));
+        if !is_crs {
+            return Err(unknown(format!("it is a {}, not a CRS", json["type"].as_str().unwrap_or("definition"))));
+        }
+        Ok(Self { definition: definition.to_owned(), json })
+    }
+
+    /// As the user wrote it.
+    #[must_use]
+    pub fn definition(&self) -> &str {
+        &self.definition
+    }
+
+    /// PROJ's name of it, such as `ETRS89 / UTM zone 32N`.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.json["name"].as_str().unwrap_or(&self.definition)
+    }
+
+    /// Its EPSG code (a compound's own code, where one exists).
+    #[must_use]
+    pub fn epsg(&self) -> Option<u32> {
+        epsg_of(&self.json)
+    }
+
+    /// The horizontal part: itself, or the first part of a compound.
+    fn horizontal_json(&self) -> &Value {
+        let crs = if self.json["type"] == "CompoundCRS" { &self.json["components"][0] } else { &self.json };
+        if crs["type"] == "BoundCRS" { &crs["source_crs"] } else { crs }
+    }
+
+    /// EPSG code of the horizontal part.
+    #[must_use]
+    pub fn horizontal_epsg(&self) -> Option<u32> {
+        let horizontal = self.horizontal_json();
+        // PROJ leaves the parts of a compound that has a code of its own without theirs: look the name up.
+        epsg_of(horizontal).or_else(|| Self::parse(horizontal["name"].as_str()?).ok()?.epsg())
+    }
+
+    /// The vertical part of a compound CRS by name, such as `NAP height`.
+    #[must_use]
+    pub fn vertical_name(&self) -> Option<&str> {
+        self.json["components"][1]["name"].as_str()
+    }
+
+    /// Whether the horizontal part is projected.
+    #[must_use]
+    pub fn is_projected(&self) -> bool {
+        self.horizontal_json()["type"] == "ProjectedCRS"
+    }
+
+    /// Checks that it can be the frame of a project: projected, in metres, and no web map.
+    ///
+    /// # Errors
+    /// [`CrsError::NotProjectedInMetres`], with a suggestion.
+    pub fn require_projected_metres(&self) -> Result<(), CrsError> {
+        let refuse = |found: &str, hint: &str| CrsError::NotProjectedInMetres {
+            definition: self.definition.clone(),
+            found: found.to_owned(),
+            hint: hint.to_owned(),
+        };
+        let use_utm = "use the national grid, or the UTM zone of the area: EPSG:326xx north and EPSG:327xx south of \
+                       the equator, with zone xx = floor((longitude + 180) / 6) + 1";
+        if !self.is_projected() {
+            return Err(refuse(&format!("{} ({})", self.name(), self.horizontal_json()["type"]), use_utm));
+        }
+        if self.name().contains("Pseudo-Mercator") {
+            return Err(refuse("Web Mercator, whose metres are stretched by 1/cos(latitude)", use_utm));
+        }
+        let units_are_metres = self.axes().iter().all(|axis| axis["unit"] == "metre");
+        if !units_are_metres {
+            return Err(refuse("axes in feet or degrees", use_utm));
+        }
+        Ok(())
+    }
+
+    fn axes(&self) -> &[Value] {
+        self.horizontal_json()["coordinate_system"]["axis"].as_array().map_or(&[], Vec::as_slice)
+    }
+
+    /// Whether the authority lists northing or latitude first.
+    fn is_north_first(&self) -> bool {
+        self.axes().first().is_some_and(|axis| axis["direction"] == "north" || axis["direction"] == "south")
+    }
+}
+
+fn epsg_of(json: &Value) -> Option<u32> {
+    (json["id"]["authority"] == "EPSG").then(|| json["id"]["code"].as_u64())?.and_then(|code| u32::try_from(code).ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn degrees_feet_and_web_maps_are_no_project_frame() {
+        for definition in ["EPSG:4326", "EPSG:3857", "EPSG:2230", "EPSG:4978"] {
+            let refused = Crs::parse(definition).unwrap().require_projected_metres();
+            assert!(refused.is_err(), "{definition}");
+        }
+        for definition in ["EPSG:25832", "EPSG:7415", "EPSG:2180", "EPSG:28992+5709"] {
+            Crs::parse(definition).unwrap().require_projected_metres().unwrap();
+        }
+    }
+
+    #[test]
+    fn compound_systems_know_their_parts() {
+        let crs = Crs::parse("EPSG:7415").unwrap();
+        assert_eq!((crs.epsg(), crs.horizontal_epsg()), (Some(7415), Some(28992)));
+        assert_eq!(crs.vertical_name(), Some("NAP height"));
+    }
+
+    #[test]
+    fn nonsense_is_unknown() {
+        assert!(matches!(Crs::parse("EPSG:0"), Err(CrsError::Unknown { .. })));
+        assert!(matches!(Crs::parse("+proj=pipeline +step +proj=utm +zone=32"), Err(CrsError::Unknown { .. })));
+    }
+}

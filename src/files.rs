@@ -1,0 +1,128 @@
+//! Files that are either whole or absent: write under a temporary name, flush to disk, rename.
+
+use std::fs;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// A file operation that failed, with the file it failed on.
+#[derive(Debug, thiserror::Error)]
+#[error("{action} {}", path.display())]
+pub struct FileError {
+    /// What was being done, as in "cannot write".
+    pub action: &'static str,
+    /// To which file.
+    pub path: PathBuf,
+    /// Why it failed.
+    #[source]
+    pub source: io::Error,
+}
+
+impl FileError {
+    /// Adapter for `map_err`: `fs::read(path).map_err(FileError::on("cannot read", path))`.
+    pub fn on<'a>(action: &'static str, path: &'a Path) -> impl FnOnce(io::Error) -> Self + 'a {
+        move |source| Self { action, path: path.to_owned(), source }
+    }
+}
+
+/// Writes a file through `fill` so that readers see the old file or the whole new one, also after a crash.
+///
+/// # Errors
+/// [`FileError`] when the folder cannot be written, the disk is full, or `fill` fails; the old file then stays.
+pub fn write_whole(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), FileError> {
+    let write = || -> io::Result<()> {
+        let mut temporary = temporary_beside(path)?;
+        let mut buffered = BufWriter::with_capacity(1 << 20, temporary.as_file_mut());
+        fill(&mut buffered)?;
+        buffered.flush()?;
+        drop(buffered);
+        persist(temporary, path)
+    };
+    write().map_err(FileError::on("cannot write", path))
+}
+
+/// Lets an engine that opens files by name (GDAL) write `path` the same way: `fill` gets a temporary path with the
+/// same extension in the same folder, renamed to `path` when `fill` succeeds and removed when it does not.
+///
+/// # Errors
+/// The error of `fill`, or a [`FileError`] turned into it.
+pub fn write_whole_by_name<E: From<FileError>>(
+    path: &Path,
+    fill: impl FnOnce(&Path) -> Result<(), E>,
+) -> Result<(), E> {
+    let temporary = temporary_beside(path).map_err(FileError::on("cannot write", path))?;
+    // The engine wants to create the file itself; our empty one only reserved the name.
+    fs::remove_file(temporary.path()).map_err(FileError::on("cannot write", path))?;
+    fill(temporary.path())?;
+    let finish = || -> io::Result<()> {
+        fs::File::open(temporary.path())?.sync_all()?;
+        fs::rename(temporary.path(), path)?;
+        sync_folder(path)
+    };
+    finish().map_err(FileError::on("cannot write", path))?;
+    Ok(())
+}
+
+fn temporary_beside(path: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::create_dir_all(folder)?;
+    let suffix = path.file_name().and_then(|n| n.to_str()).unwrap_or("out");
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".partial-");
+    let suffix = format!("-{suffix}");
+    builder.suffix(&suffix);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        builder.permissions(fs::Permissions::from_mode(0o644));
+    }
+    builder.tempfile_in(folder)
+}
+
+fn persist(temporary: tempfile::NamedTempFile, path: &Path) -> io::Result<()> {
+    temporary.as_file().sync_all()?;
+    temporary.persist(path).map_err(|e| e.error)?;
+    sync_folder(path)
+}
+
+/// Makes the rename itself survive a power cut.
+fn sync_folder(path: &Path) -> io::Result<()> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::File::open(folder)?.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_no_litter() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.json");
+        write_whole(&path, |w| w.write_all(b"old")).unwrap();
+        let failed = write_whole(&path, |w| {
+            w.write_all(b"half")?;
+            Err(io::Error::other("disk full"))
+        });
+        assert!(failed.is_err());
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn writing_by_name_renames_only_on_success() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.gpkg");
+        let failed: Result<(), FileError> = write_whole_by_name(&path, |temporary| {
+            fs::write(temporary, b"half").unwrap();
+            Err(FileError { action: "cannot write", path: temporary.to_owned(), source: io::Error::other("no") })
+        });
+        assert!(failed.is_err());
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+        write_whole_by_name::<FileError>(&path, |temporary| {
+            fs::write(temporary, b"whole").unwrap();
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"whole");
+    }
+}

@@ -1,0 +1,71 @@
+//! What went wrong with one item of the input, without stopping the run.
+//!
+//! A photo that cannot be used or a building that cannot be solved is an [`Issue`]: it stays in the output, with a
+//! status and a reason, and is never dropped in silence.
+
+use serde::{Deserialize, Serialize};
+
+/// How much an issue matters to the result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// Worth knowing; the result is as good as without it.
+    Note,
+    /// The item was used, and its result deserves a second look.
+    Warning,
+    /// The item could not be used.
+    Refused,
+}
+
+/// What an issue is about.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "kind", content = "id")]
+pub enum Subject {
+    /// A photo, by its name.
+    View(String),
+    /// A building, by its id in the input.
+    Building(String),
+    /// A file or layer as a whole.
+    Input(String),
+}
+
+/// One item, what is wrong with it, and what to do about it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Issue {
+    /// Machine-readable, stable name such as `footprint_self_crossing`.
+    pub code: String,
+    /// How much it matters.
+    pub severity: Severity,
+    /// What it is about.
+    pub subject: Subject,
+    /// What, expected against found; one sentence.
+    pub message: String,
+    /// What to do about it, where we know.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hint: Option<String>,
+    /// Where, in the project's CRS: easting, northing (metres).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub place: Option<[f64; 2]>,
+}
+
+impl Issue {
+    /// An issue without hint or place; add them with [`Self::hint`] and [`Self::at`].
+    #[must_use]
+    pub fn new(severity: Severity, code: &str, subject: Subject, message: impl Into<String>) -> Self {
+        Self { code: code.to_owned(), severity, subject, message: message.into(), hint: None, place: None }
+    }
+
+    /// With what to do about it.
+    #[must_use]
+    pub fn hint(mut self, hint: impl Into<String>) -> Self {
+        self.hint = Some(hint.into());
+        self
+    }
+
+    /// With its place in the project's CRS, metres.
+    #[must_use]
+    pub fn at(mut self, easting_m: f64, northing_m: f64) -> Self {
+        self.place = Some([easting_m, northing_m]);
+        self
+    }
+}

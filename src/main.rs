@@ -1,0 +1,3 @@
+//! The `sizeup` command.
+
+fn main() {}

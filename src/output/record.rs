@@ -1,0 +1,85 @@
+//! What is known of one building at the end of a run: shared by all writers.
+
+use geo_types::Polygon;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map as JsonMap, Value};
+
+/// What became of a building.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// The height was measured in the photos.
+    Measured,
+    /// The height was measured, and at least one reason says to look at it again.
+    Doubtful,
+    /// The height could not be measured; it comes from the fallback the user chose.
+    Fallback,
+    /// The height is not known.
+    Unknown,
+    /// The outline could not be used.
+    Refused,
+}
+
+impl Status {
+    /// The name in files: `measured`, `doubtful`, ….
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Measured => "measured",
+            Self::Doubtful => "doubtful",
+            Self::Fallback => "fallback",
+            Self::Unknown => "unknown",
+            Self::Refused => "refused",
+        }
+    }
+}
+
+/// Which height of a pitched roof the stated height is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HeightReference {
+    /// Where the roof meets the walls.
+    Eave,
+    /// The mean height of the roof over its area.
+    #[default]
+    Mean,
+    /// The highest line of the roof.
+    Ridge,
+}
+
+/// One building of the result. Heights in metres, positions in the project's map frame and vertical reference.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BuildingRecord {
+    /// Unique id, the input's.
+    pub id: String,
+    /// Outline (exterior counter-clockwise seen from above, holes clockwise), `None` if it could not be used.
+    pub footprint: Option<Polygon<f64>>,
+    /// Ground level the height counts from.
+    pub ground_z_m: Option<f64>,
+    /// Lowest ground under the outline: walls go down to here. At most `ground_z_m`.
+    pub base_z_m: Option<f64>,
+    /// Roof level minus ground level.
+    pub height_m: Option<f64>,
+    /// One standard deviation of `height_m`, where it could be estimated.
+    pub height_sigma_m: Option<f64>,
+    /// Which height of a pitched roof `height_m` is.
+    pub height_reference: HeightReference,
+    /// What became of the building.
+    pub status: Status,
+    /// Machine-readable reasons behind the status (`too_few_views`, `range_bound`, …), sorted.
+    pub reasons: Vec<String>,
+    /// Names of the views its height was measured in.
+    pub views: Vec<String>,
+    /// The user's own attributes, carried through.
+    #[serde(default)]
+    pub attributes: JsonMap<String, Value>,
+}
+
+impl BuildingRecord {
+    /// Roof level: ground plus height.
+    #[must_use]
+    pub fn roof_z_m(&self) -> Option<f64> {
+        Some(self.ground_z_m? + self.height_m?)
+    }
+}

@@ -1,0 +1,3 @@
+//! Rays against the scene, on the CPU.
+
+pub mod bvh;

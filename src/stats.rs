@@ -1,0 +1,73 @@
+//! Order statistics, each with one stated definition.
+
+/// The `q`-quantile, `0 ≤ q ≤ 1`, linearly interpolated between order statistics (`numpy.percentile`'s default).
+/// `NaN`s are left out; `None` when nothing is left.
+///
+/// ```
+/// assert_eq!(sizeup::stats::quantile(&[4.0, 1.0, 3.0, 2.0], 0.5), Some(2.5));
+/// ```
+#[must_use]
+pub fn quantile(values: &[f64], q: f64) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|v| !v.is_nan()).collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    quantile_of_sorted(&sorted, q)
+}
+
+/// [`quantile`] of values already in ascending order and free of `NaN`.
+#[must_use]
+pub fn quantile_of_sorted(sorted: &[f64], q: f64) -> Option<f64> {
+    let last = sorted.len().checked_sub(1)?;
+    let position = q.clamp(0.0, 1.0) * last as f64;
+    let below = position.floor() as usize;
+    let above = position.ceil() as usize;
+    Some(sorted[below] + (sorted[above] - sorted[below]) * (position - below as f64))
+}
+
+/// The median with the mean of the middle two, or `None` for no values.
+#[must_use]
+pub fn median(values: &[f64]) -> Option<f64> {
+    quantile(values, 0.5)
+}
+
+/// The median that is one of the values: the lower middle of an even count (`torch.median`). Reorders `values`,
+/// which must not hold `NaN`; `None` if empty.
+#[must_use]
+pub fn median_low(values: &mut [f32]) -> Option<f32> {
+    let middle = values.len().checked_sub(1)? / 2;
+    Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+/// Median and median absolute deviation from it, both [`median_low`]; `None` if empty.
+#[must_use]
+pub fn median_and_mad(values: &[f32]) -> Option<(f32, f32)> {
+    let mut work = values.to_vec();
+    let median = median_low(&mut work)?;
+    for v in &mut work {
+        *v = (*v - median).abs();
+    }
+    Some((median, median_low(&mut work)?))
+}
+
+/// Arithmetic mean, or `None` for no values.
+#[must_use]
+pub fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_interpolate_like_numpy() {
+        let v = [10.0, 20.0, 30.0, 40.0, f64::NAN];
+        assert_eq!(quantile(&v, 0.9), Some(37.0));
+        assert_eq!(quantile(&v, 0.0), Some(10.0));
+        assert_eq!(quantile(&[], 0.5), None);
+    }
+
+    #[test]
+    fn mad_takes_the_lower_middle() {
+        assert_eq!(median_and_mad(&[1.0, 2.0, 4.0, 9.0]), Some((2.0, 1.0)));
+    }
+}

@@ -1,0 +1,1 @@
+//! Behaviour of sizeup seen from outside, one module per topic.
