@@ -22,5 +22,6 @@ pub mod footprint;
 pub mod prior;
 
 pub mod render;
+pub mod scene;
 
 pub mod output;
