@@ -126,7 +126,8 @@ impl Profiles {
             }
             let roof = (roofs[crossing.building as usize] - self.eye_z) * per_dz;
             let depth = crossing.enter.max(roof);
-            if roof < crossing.leave && depth < sight.depth && crossing.building != absent {
+            // A camera inside a prism (depth 0) looks out of it, as in the tracer.
+            if roof < crossing.leave && depth < sight.depth && depth > 0.0 && crossing.building != absent {
                 sight = Sight { depth, building: Some(crossing.building), is_roof: roof > crossing.enter };
             }
         }
@@ -181,11 +182,11 @@ fn trace_ray(
         scratch.stretches.clear();
         scene.prisms[idx].crossings(&ray, &mut scratch.stretches);
         let below_cap = (capped.caps[idx] - ray.origin.z) / ray.direction.z;
-        let met = scratch
-            .stretches
-            .iter()
-            .filter(|s| s.enter > 0.0 || s.enter == f32::NEG_INFINITY)
-            .map(|s| Crossing { building: idx as u32, enter: s.enter.max(0.0), leave: s.leave.min(ground) });
+        let met = scratch.stretches.iter().map(|s| Crossing {
+            building: idx as u32,
+            enter: s.enter.max(0.0),
+            leave: s.leave.min(ground),
+        });
         scratch.crossings.extend(met.filter(|c| c.leave > c.enter && c.leave > below_cap));
         t_max
     });

