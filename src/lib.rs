@@ -24,4 +24,9 @@ pub mod prior;
 pub mod render;
 pub mod scene;
 
+pub mod ordinal;
+pub mod views;
+
+pub mod optimise;
+
 pub mod output;

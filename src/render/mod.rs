@@ -45,6 +45,20 @@ impl PlacedCamera {
         self.eye
     }
 
+    /// The optical axis in the local (and map) frame, unit length.
+    #[must_use]
+    pub fn axis(&self) -> DVec3 {
+        self.camera_from_local.rotation.transpose() * DVec3::Z
+    }
+
+    /// Where the optical axis meets a level, local frame; below the camera if it never does.
+    #[must_use]
+    pub fn looks_at(&self, level_z: f64) -> DVec3 {
+        let axis = self.axis();
+        let along = if axis.z < 0.0 { ((level_z - self.eye.z) / axis.z).max(0.0) } else { 0.0 };
+        (self.eye + along * axis).truncate().extend(level_z)
+    }
+
     /// The ray through a position in the image; `None` outside the lens model's valid domain.
     #[must_use]
     pub fn ray(&self, pixel: DVec2) -> Option<Ray> {

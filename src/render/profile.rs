@@ -111,12 +111,23 @@ impl Profiles {
     /// What a ray sees for roof levels in the local frame, one per building.
     #[must_use]
     pub fn sight(&self, ray_idx: usize, roofs: &[f32]) -> Sight {
-        self.sight_without(ray_idx, roofs, u32::MAX)
+        self.first_met(ray_idx, |building| roofs[building as usize])
+    }
+
+    /// What a ray sees when one building's roof is elsewhere.
+    #[must_use]
+    pub fn sight_with(&self, ray_idx: usize, roofs: &[f32], moved: u32, roof_z: f32) -> Sight {
+        self.first_met(ray_idx, |building| if building == moved { roof_z } else { roofs[building as usize] })
     }
 
     /// What a ray sees when one building is not there.
     #[must_use]
     pub fn sight_without(&self, ray_idx: usize, roofs: &[f32], absent: u32) -> Sight {
+        self.sight_with(ray_idx, roofs, absent, f32::NEG_INFINITY)
+    }
+
+    #[inline]
+    fn first_met(&self, ray_idx: usize, roof_of: impl Fn(u32) -> f32) -> Sight {
         let ray = &self.rays[ray_idx];
         let per_dz = ray.dz.recip();
         let mut sight = Sight { depth: ray.ground, building: None, is_roof: false };
@@ -124,10 +135,10 @@ impl Profiles {
             if crossing.enter >= sight.depth {
                 break;
             }
-            let roof = (roofs[crossing.building as usize] - self.eye_z) * per_dz;
+            let roof = (roof_of(crossing.building) - self.eye_z) * per_dz;
             let depth = crossing.enter.max(roof);
             // A camera inside a prism (depth 0) looks out of it, as in the tracer.
-            if roof < crossing.leave && depth < sight.depth && depth > 0.0 && crossing.building != absent {
+            if roof < crossing.leave && depth < sight.depth && depth > 0.0 {
                 sight = Sight { depth, building: Some(crossing.building), is_roof: roof > crossing.enter };
             }
         }
