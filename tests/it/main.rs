@@ -2,3 +2,4 @@
 
 mod synthetic_block;
 mod survey_real;
+mod outputs;

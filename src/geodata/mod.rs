@@ -1,0 +1,3 @@
+//! Vector and raster files through GDAL: the only door to it.
+
+pub mod gpkg;
