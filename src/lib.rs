@@ -15,6 +15,7 @@ pub mod stats;
 
 pub mod camera;
 pub mod crs;
+pub mod geodata;
 pub mod survey;
 pub mod terrain;
 
