@@ -1,3 +1,46 @@
 //! Vector and raster files through GDAL: the only door to it.
 
 pub mod gpkg;
+//! Files of the GIS world, through the system's GDAL.
+//!
+//! The only doors to GDAL: [`raster`] and [`vector`] read.
+
+pub mod raster;
+pub mod vector;
+
+mod curve;
+
+use std::sync::Once;
+
+use gdal::spatial_ref::SpatialRef;
+
+use crate::crs::{Crs, CrsError};
+
+/// Sends GDAL's messages to the log: it would otherwise print to stderr on its own account. Errors that matter also
+/// come back as error values.
+fn route_messages() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        gdal::config::set_error_handler(|class, number, message| {
+            tracing::debug!(?class, number, "GDAL: {message}");
+        });
+    });
+}
+
+/// What GDAL says about a CRS, as one of ours; `None` for GeoPackage's "undefined" and local engineering systems.
+fn crs_of(spatial_ref: &SpatialRef) -> Result<Option<Crs>, CrsError> {
+    if spatial_ref.is_local() || spatial_ref.name().is_some_and(|name| name.starts_with("Undefined")) {
+        return Ok(None);
+    }
+    // A registered code reads better in messages than a page of WKT, and both mean the same.
+    let registered = match (spatial_ref.auth_name().as_deref(), spatial_ref.auth_code()) {
+        (Some("EPSG"), Ok(code)) => Crs::parse(&format!("EPSG:{code}")).ok(),
+        _ => None,
+    };
+    if registered.is_some() {
+        return Ok(registered);
+    }
+    // PROJJSON says more than WKT 1 (axis order, datum ensembles); both are PROJ's own words.
+    let definition = spatial_ref.to_projjson().or_else(|_| spatial_ref.to_wkt());
+    definition.map_or(Ok(None), |text| Crs::parse(&text).map(Some))
+}
