@@ -18,9 +18,12 @@ pub mod crs;
 pub mod survey;
 pub mod terrain;
 
+pub mod geodata;
+
 pub mod footprint;
 pub mod prior;
 
 pub mod render;
 
 pub mod output;
+pub mod simulate;

@@ -1,1 +1,3 @@
 //! Behaviour of sizeup seen from outside, one module per topic.
+
+mod simulate;
