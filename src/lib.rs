@@ -19,6 +19,8 @@ pub mod geodata;
 pub mod survey;
 pub mod terrain;
 
+pub mod geodata;
+
 pub mod footprint;
 pub mod prior;
 
@@ -31,3 +33,4 @@ pub mod views;
 pub mod optimise;
 
 pub mod output;
+pub mod simulate;

@@ -3,3 +3,4 @@
 mod synthetic_block;
 mod survey_real;
 mod outputs;
+mod simulate;
