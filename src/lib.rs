@@ -24,4 +24,5 @@ pub mod prior;
 
 pub mod render;
 
+pub mod evaluate;
 pub mod output;

@@ -1,3 +1,4 @@
 //! Behaviour of sizeup seen from outside, one module per topic.
 
+mod evaluation;
 mod outputs;
