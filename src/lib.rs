@@ -32,5 +32,6 @@ pub mod views;
 
 pub mod optimise;
 
+pub mod evaluate;
 pub mod output;
 pub mod simulate;

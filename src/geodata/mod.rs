@@ -1,5 +1,6 @@
 //! Vector and raster files through GDAL: the only door to it.
 
+pub mod features;
 pub mod gpkg;
 //! Files of the GIS world, through the system's GDAL.
 //!

@@ -43,6 +43,9 @@ pub enum OutputError {
         /// What it may be.
         expected: &'static str,
     },
+    /// A file is not what it should be.
+    #[error(transparent)]
+    Malformed(#[from] MalformedFile),
     /// GDAL refused.
     #[error(transparent)]
     GeoPackage(#[from] GpkgError),

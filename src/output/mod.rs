@@ -16,13 +16,15 @@ mod lineage;
 pub mod outline;
 pub mod planar;
 pub mod prism;
+pub mod read;
 mod record;
+pub mod reports;
 
 use crate::crs::Crs;
 use crate::issue::Issue;
 use crate::survey::Survey;
 
-pub use error::OutputError;
+pub use error::{MalformedFile, OutputError};
 pub use lineage::{InputFile, Lineage, sha256_hex};
 pub use record::{BuildingRecord, HeightReference, Status};
 

@@ -2,5 +2,6 @@
 
 mod synthetic_block;
 mod survey_real;
+mod evaluation;
 mod outputs;
 mod simulate;

@@ -4,6 +4,7 @@
 //! is a `Building` without geometry whose attributes say why.
 
 mod metadata;
+pub mod read;
 mod vertices;
 
 use std::io::{self, Write};

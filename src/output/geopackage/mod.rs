@@ -13,6 +13,8 @@ mod layers;
 mod tables;
 mod wkb;
 
+pub use layers::LIST_SEPARATOR;
+
 use std::path::Path;
 
 use schemars::JsonSchema;
