@@ -19,8 +19,6 @@ pub mod geodata;
 pub mod survey;
 pub mod terrain;
 
-pub mod geodata;
-
 pub mod footprint;
 pub mod prior;
 
@@ -35,3 +33,8 @@ pub mod optimise;
 pub mod evaluate;
 pub mod output;
 pub mod simulate;
+
+pub mod config;
+pub mod pipeline;
+
+pub mod cli;

@@ -6,6 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::crs::Crs;
@@ -37,7 +38,9 @@ pub enum ConfigError {
         message: String,
     },
     /// A `--set` that cannot be applied.
-    #[error("--set {assignment}: {message}\nhint: write it as --set optimise.preset=paper or --set project.crs=EPSG:25832")]
+    #[error(
+        "--set {assignment}: {message}\nhint: write it as --set optimise.preset=paper or --set project.crs=EPSG:25832"
+    )]
     Set {
         /// What the user wrote.
         assignment: String,
@@ -112,7 +115,8 @@ impl RunConfig {
     /// # Errors
     /// [`ConfigError`], with the offending line where there is one.
     pub fn load(path: &Path, assignments: &[String]) -> Result<Self, ConfigError> {
-        let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
+        let text =
+            std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         Self::from_text(&text, path, assignments).map(|mut config| {
             config.resolve_paths(folder);
@@ -125,16 +129,7 @@ impl RunConfig {
     /// # Errors
     /// [`ConfigError`].
     pub fn from_text(text: &str, path: &Path, assignments: &[String]) -> Result<Self, ConfigError> {
-        let parse_error = |e: toml::de::Error| ConfigError::Parse { path: path.to_owned(), message: e.to_string() };
-        if assignments.is_empty() {
-            return toml::from_str(text).map_err(parse_error); // keeps the place of every error
-        }
-        let mut table: toml::Table = toml::from_str(text).map_err(parse_error)?;
-        for assignment in assignments {
-            assign(&mut table, assignment)
-                .map_err(|message| ConfigError::Set { assignment: assignment.clone(), message })?;
-        }
-        table.try_into().map_err(parse_error)
+        parse(text, Some(path), assignments)
     }
 
     fn resolve_paths(&mut self, folder: &Path) {
@@ -155,6 +150,24 @@ impl RunConfig {
     pub fn to_toml(&self) -> String {
         toml::to_string_pretty(self).expect("a configuration is representable in TOML")
     }
+}
+
+/// Reads any settings from the text of a file (`path` is for messages only) with `table.key=value` assignments applied.
+///
+/// # Errors
+/// [`ConfigError::Parse`] with the line underlined, or [`ConfigError::Set`].
+pub fn parse<T: DeserializeOwned>(text: &str, path: Option<&Path>, assignments: &[String]) -> Result<T, ConfigError> {
+    let path = || path.unwrap_or(Path::new("settings")).to_owned();
+    let parse_error = |e: toml::de::Error| ConfigError::Parse { path: path(), message: e.to_string() };
+    if assignments.is_empty() {
+        return toml::from_str(text).map_err(parse_error); // keeps the place of every error
+    }
+    let mut table: toml::Table = toml::from_str(text).map_err(parse_error)?;
+    for assignment in assignments {
+        assign(&mut table, assignment)
+            .map_err(|message| ConfigError::Set { assignment: assignment.clone(), message })?;
+    }
+    table.try_into().map_err(parse_error)
 }
 
 /// A path relative to a folder; absolute paths and GDAL's virtual ones (`/vsizip/…`) stay.
@@ -219,7 +232,8 @@ mod tests {
 
     #[test]
     fn assignments_take_words_numbers_and_lists() {
-        let config = load(MINIMAL, &["project.crs=EPSG:2180", "survey.offset=[1.0, 2.0, 3.0]", "optimise.preset=paper"]);
+        let config =
+            load(MINIMAL, &["project.crs=EPSG:2180", "survey.offset=[1.0, 2.0, 3.0]", "optimise.preset=paper"]);
         let config = config.unwrap();
         assert_eq!(config.project.crs.epsg(), Some(2180));
         assert_eq!(config.survey.offset, [1.0, 2.0, 3.0]);

@@ -1,21 +1,27 @@
-//! Vector and raster files through GDAL: the only door to it.
+//! Files of the GIS world, through the system's GDAL.
+//!
+//! The only doors to GDAL: [`raster`] and [`vector`] read, the others write.
 
 pub mod features;
 pub mod gpkg;
-//! Files of the GIS world, through the system's GDAL.
-//!
-//! The only doors to GDAL: [`raster`] and [`vector`] read.
-
 pub mod raster;
 pub mod vector;
 
 mod curve;
+mod geotiff;
+mod layer_writer;
 
+pub use geotiff::write_geotiff;
+pub use layer_writer::{FieldType, LayerFeature, write_polygon_layer};
+
+use std::path::{Path, PathBuf};
 use std::sync::Once;
 
+use gdal::errors::GdalError;
 use gdal::spatial_ref::SpatialRef;
 
 use crate::crs::{Crs, CrsError};
+use crate::files::FileError;
 
 /// Sends GDAL's messages to the log: it would otherwise print to stderr on its own account. Errors that matter also
 /// come back as error values.
@@ -44,19 +50,7 @@ fn crs_of(spatial_ref: &SpatialRef) -> Result<Option<Crs>, CrsError> {
     // PROJJSON says more than WKT 1 (axis order, datum ensembles); both are PROJ's own words.
     let definition = spatial_ref.to_projjson().or_else(|_| spatial_ref.to_wkt());
     definition.map_or(Ok(None), |text| Crs::parse(&text).map(Some))
-//! Files of the GIS world, through the system's GDAL: the only doors to it.
-
-mod geotiff;
-mod layer_writer;
-
-pub use geotiff::write_geotiff;
-pub use layer_writer::{FieldType, LayerFeature, write_polygon_layer};
-
-use std::path::{Path, PathBuf};
-
-use gdal::errors::GdalError;
-
-use crate::files::FileError;
+}
 
 /// Why a file could not be written through GDAL.
 #[derive(Debug, thiserror::Error)]

@@ -1,7 +1,7 @@
 //! What a stage leaves behind for the next one, and for a run that starts there.
 
 use std::fs::File;
-use std::io::{BufReader, Write as _};
+use std::io::BufReader;
 use std::path::PathBuf;
 
 use serde::de::DeserializeOwned;
@@ -70,8 +70,7 @@ fn settings_sha256(config: &RunConfig, stage: Stage) -> String {
 
 /// Writes what a stage found.
 pub(super) fn write<T: Serialize>(config: &RunConfig, stage: Stage, data: &T) -> Result<(), PipelineError> {
-    let written =
-        Written { sizeup: env!("CARGO_PKG_VERSION"), settings_sha256: settings_sha256(config, stage), data };
+    let written = Written { sizeup: env!("CARGO_PKG_VERSION"), settings_sha256: settings_sha256(config, stage), data };
     write_whole(&path_of(config, stage), |out| {
         serde_json::to_writer(&mut *out, &written)?;
         out.write_all(b"\n")

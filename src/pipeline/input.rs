@@ -81,8 +81,7 @@ fn no_overlap(survey: &Survey, footprints: &FootprintStage) -> PipelineError {
 /// The heights to look for.
 pub(super) fn height_bounds(config: &RunConfig, lowest_flight_m: f64) -> Result<HeightBounds, PipelineError> {
     let min_m = config.optimise.min_height_m;
-    let max_m =
-        config.optimise.max_height_m.unwrap_or((MAX_HEIGHT_SHARE * lowest_flight_m).min(MAX_HEIGHT_M) as f32);
+    let max_m = config.optimise.max_height_m.unwrap_or((MAX_HEIGHT_SHARE * lowest_flight_m).min(MAX_HEIGHT_M) as f32);
     if !(min_m > 0.0 && max_m > min_m && max_m.is_finite()) {
         return Err(PipelineError::Settings {
             table: "optimise",

@@ -11,8 +11,8 @@ pub(super) fn records(survey: &Survey, footprints: &FootprintStage, heights: &He
     for (&at, height) in heights.solved.iter().zip(&heights.solution.heights) {
         solved[at] = Some(height);
     }
-    let with_outline = footprints.layer.footprints.iter().zip(&footprints.ground).zip(solved).map(
-        |((footprint, ground), solved)| {
+    let with_outline =
+        footprints.layer.footprints.iter().zip(&footprints.ground).zip(solved).map(|((footprint, ground), solved)| {
             let (status, reasons) = status_of(ground.is_some(), solved);
             BuildingRecord {
                 id: footprint.id.0.clone(),
@@ -24,11 +24,11 @@ pub(super) fn records(survey: &Survey, footprints: &FootprintStage, heights: &He
                 height_reference: HeightReference::Mean,
                 status,
                 reasons,
-                views: solved.map_or_else(Vec::new, |s| s.views.iter().map(|&v| survey.views[v].id.0.clone()).collect()),
+                views: solved
+                    .map_or_else(Vec::new, |s| s.views.iter().map(|&v| survey.views[v].id.0.clone()).collect()),
                 attributes: footprint.attributes.clone(),
             }
-        },
-    );
+        });
     let without = footprints.layer.refused.iter().map(|refused| BuildingRecord {
         id: refused.id.0.clone(),
         footprint: None,

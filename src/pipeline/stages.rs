@@ -1,11 +1,9 @@
 //! The stages, one function each, and the loop over them.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use geo::BoundingRect as _;
 use geo_types::Polygon;
 
 use super::artefact;
@@ -95,7 +93,8 @@ pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> R
     let known: Vec<f64> = records.iter().filter_map(|r| r.height_m).collect();
     summary.median_height_m = crate::stats::median(&known);
     let lineage = lineage(config, options, &survey, &heights)?;
-    let model = CityModel { records: &records, crs: &config.project.crs, lineage: &lineage, issues: &issues, survey: &survey };
+    let model =
+        CityModel { records: &records, crs: &config.project.crs, lineage: &lineage, issues: &issues, survey: &survey };
     write_results(config, &model, &summary)?;
     timed(Stage::Output, start);
     Ok(RunSummary { seconds, ..summary })
@@ -129,9 +128,14 @@ fn load_terrain<'a>(
     outlines: impl Iterator<Item = &'a Polygon<f64>>,
     margin_m: f64,
 ) -> Result<Terrain, PipelineError> {
-    let area = outlines.filter_map(geo::BoundingRect::bounding_rect).map(MapBox::from).reduce(MapBox::union);
-    let area = area.unwrap_or_default().grown(margin_m);
-    Ok(terrain::load(&config.terrain, &config.project.crs, area)?)
+    let corners = outlines.filter_map(geo::BoundingRect::bounding_rect).flat_map(|rect| [rect.min(), rect.max()]);
+    let Some(area) = MapBox::around(corners.map(|c| (c.x, c.y))) else {
+        return Err(PipelineError::Mismatch {
+            message: "none of the input's buildings has a usable outline".to_owned(),
+            hint: "issues of the footprints stage tell why, building by building",
+        });
+    };
+    Ok(terrain::load(&config.terrain, &config.project.crs, area.grown(margin_m))?)
 }
 
 fn find_heights(
@@ -142,10 +146,8 @@ fn find_heights(
 ) -> Result<HeightStage, PipelineError> {
     let bounds = height_bounds(config, check_views(survey, footprints)?)?;
     let solved: Vec<usize> = (0..footprints.ground.len()).filter(|&i| footprints.ground[i].is_some()).collect();
-    let on_ground: Vec<(&Polygon<f64>, GroundLevel)> = solved
-        .iter()
-        .filter_map(|&i| Some((&footprints.layer.footprints[i].polygon, footprints.ground[i]?)))
-        .collect();
+    let on_ground: Vec<(&Polygon<f64>, GroundLevel)> =
+        solved.iter().filter_map(|&i| Some((&footprints.layer.footprints[i].polygon, footprints.ground[i]?))).collect();
     let margin_m = GROUND_MARGIN_HEIGHTS * f64::from(bounds.max_m);
     let terrain = load_terrain(config, on_ground.iter().map(|(polygon, _)| *polygon), margin_m)?;
     let scene = Scene::new(&on_ground, &terrain, bounds, margin_m);
@@ -197,12 +199,14 @@ fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, 
         let subject = Subject::View(survey.views[*view].id.0.clone());
         Issue::new(Severity::Refused, "prior_unusable", subject, reason.clone())
     });
-    let unstated = (config.project.vertical_reference.is_none() && config.project.crs.vertical_name().is_none()).then(|| {
-        let subject = Subject::Input("project".to_owned());
-        let message = format!("{} has no vertical part, so what heights count from is not stated", config.project.crs);
-        Issue::new(Severity::Note, "vertical_reference_not_stated", subject, message)
-            .hint("set project.vertical_reference, or use a compound CRS such as EPSG:7415")
-    });
+    let unstated =
+        (config.project.vertical_reference.is_none() && config.project.crs.vertical_name().is_none()).then(|| {
+            let subject = Subject::Input("project".to_owned());
+            let message =
+                format!("{} has no vertical part, so what heights count from is not stated", config.project.crs);
+            Issue::new(Severity::Note, "vertical_reference_not_stated", subject, message)
+                .hint("set project.vertical_reference, or use a compound CRS such as EPSG:7415")
+        });
     let mut issues: Vec<Issue> = survey.issues.clone();
     issues.extend(footprints.layer.issues.iter().chain(&footprints.issues).cloned());
     issues.extend(failed_priors.chain(unstated));

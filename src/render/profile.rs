@@ -219,8 +219,8 @@ mod tests {
     use crate::camera::Camera;
     use crate::frames::Rigid;
     use crate::render::image::{Face, SceneTracer};
-    use crate::scene::{GroundLevel, HeightBounds};
-    use crate::terrain::Terrain;
+    use crate::scene::HeightBounds;
+    use crate::terrain::{GroundLevel, Terrain};
 
     fn blocks() -> Scene {
         let square = |x: f64, y: f64, side: f64| polygon![(x: x, y: y), (x: x + side, y: y), (x: x + side, y: y + side), (x: x, y: y + side)];

@@ -12,7 +12,7 @@ use geo_types::Polygon;
 use glam::DVec3;
 
 use crate::frames::LocalOrigin;
-use crate::terrain::Terrain;
+use crate::terrain::{GroundLevel, Terrain};
 
 /// Which heights a building can have, metres above its ground level.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,15 +21,6 @@ pub struct HeightBounds {
     pub min_m: f32,
     /// Greatest height.
     pub max_m: f32,
-}
-
-/// Ground level of one building in the map frame, metres.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GroundLevel {
-    /// The level that heights count from.
-    pub reference_m: f64,
-    /// The lowest ground under the outline: walls reach down to here.
-    pub lowest_m: f64,
 }
 
 /// Prisms of unknown height on known ground.

@@ -142,8 +142,7 @@ pub fn prior(truth: &TrueDepth, level: &Corruption, kind: PriorKind, root_seed: 
     });
     let relief = if bleed_px > 0.0 { grown(&relief, bleed_px) } else { relief };
     let mut map = relief;
-    for (r, (&ground, &depth)) in
-        map.data_mut().iter_mut().zip(truth.ground_m.data().iter().zip(truth.depth_m.data()))
+    for (r, (&ground, &depth)) in map.data_mut().iter_mut().zip(truth.ground_m.data().iter().zip(truth.depth_m.data()))
     {
         *r = if depth.is_nan() { f32::NAN } else { (*r + ground_disparity(ground)) / median };
     }

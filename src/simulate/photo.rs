@@ -69,7 +69,9 @@ impl Photographer<'_> {
                 self.develop(light * gain, i, idx)
             })
             .collect();
-        RgbImage::from_fn(view.camera.width_px, view.camera.height_px, |x, y| Rgb(pixels[y as usize * width + x as usize]))
+        RgbImage::from_fn(view.camera.width_px, view.camera.height_px, |x, y| {
+            Rgb(pixels[y as usize * width + x as usize])
+        })
     }
 
     fn look(&self, eye: &Eye, pixel: DVec2) -> (Option<Hit>, Option<Hit>) {
@@ -110,7 +112,8 @@ impl Photographer<'_> {
         let mut channel = 0;
         light.to_array().map(|value| {
             channel += 1;
-            let bytes = noise::hash(pixel as i32, view as i32, (self.seed as u32) ^ (0x5e50_0000 + channel)).to_le_bytes();
+            let bytes =
+                noise::hash(pixel as i32, view as i32, (self.seed as u32) ^ (0x5e50_0000 + channel)).to_le_bytes();
             let draw = (bytes.iter().map(|&b| f32::from(b)).sum::<f32>() - 510.0) / SD_OF_SUM;
             let grey = 255.0 * value.max(0.0).sqrt() + self.config.noise_sd as f32 * draw;
             grey.round().clamp(0.0, 255.0) as u8

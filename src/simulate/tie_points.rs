@@ -33,8 +33,7 @@ pub(super) fn collect(scene: &Scene, views: &[View], n: usize, root_seed: u64) -
     if views.is_empty() {
         return Vec::new();
     }
-    let tracks: Vec<Option<TiePoint>> =
-        (0..n).into_par_iter().map(|i| track(scene, views, i, root_seed)).collect();
+    let tracks: Vec<Option<TiePoint>> = (0..n).into_par_iter().map(|i| track(scene, views, i, root_seed)).collect();
     tracks.into_iter().flatten().collect()
 }
 

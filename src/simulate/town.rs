@@ -31,8 +31,7 @@ pub struct World {
 /// # Errors
 /// [`SimulateError`] for a town without buildings or a terrain without cells.
 pub(super) fn build(config: &SimulateConfig) -> Result<World, SimulateError> {
-    let placement =
-        Placement { origin: DVec2::from(config.centre_m), angle_rad: config.town.heading_deg.to_radians() };
+    let placement = Placement { origin: DVec2::from(config.centre_m), angle_rad: config.town.heading_deg.to_radians() };
     let (along, across) = blocks::rhythms(config.town.kind);
     // Every block holds at least one building, so these are enough.
     let n_blocks = (config.town.n_buildings as f64).sqrt().ceil() as usize + 2;
@@ -46,7 +45,9 @@ pub(super) fn build(config: &SimulateConfig) -> Result<World, SimulateError> {
     let buildings = lots
         .iter()
         .enumerate()
-        .map(|(i, (form, at, kind))| Building::raise(form, at, &terrain, *kind, BuildingId(format!("b{:0digits$}", i + 1))))
+        .map(|(i, (form, at, kind))| {
+            Building::raise(form, at, &terrain, *kind, BuildingId(format!("b{:0digits$}", i + 1)))
+        })
         .collect();
     Ok(World { buildings, terrain, streets: Some(streets), extent })
 }

@@ -257,9 +257,11 @@ impl AngleConvention {
                 Ok(self.oriented(rotation, Direction::WorldToCamera, CameraAxes::XRightYDown))
             }
             AngleKind::Matrix => {
-                let matrix = rows([values[0], values[1], values[2]], [values[3], values[4], values[5]], [
-                    values[6], values[7], values[8],
-                ]);
+                let matrix = rows(
+                    [values[0], values[1], values[2]],
+                    [values[3], values[4], values[5]],
+                    [values[6], values[7], values[8]],
+                );
                 let rotation = nearest_rotation(matrix)?;
                 Ok(self.oriented(rotation, Direction::WorldToCamera, CameraAxes::XRightYDown))
             }

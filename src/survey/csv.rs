@@ -8,10 +8,10 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::SurveyError;
 use super::config::{CameraConfig, CsvConfig, PixelOrigin};
 use super::error::Place;
 use super::poses::{Pose, Poses};
-use super::SurveyError;
 use crate::camera::{Camera, Distortion};
 use crate::files::FileError;
 
@@ -66,7 +66,8 @@ pub(crate) fn read(path: &Path, config: &CsvConfig) -> Result<Poses, SurveyError
         }
         let line = record.position().map_or(0, ::csv::Position::line);
         let Some(columns) = &columns else {
-            let header: Vec<String> = record.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
+            let header: Vec<String> =
+                record.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
             let found = Columns::find(&header, config);
             columns = Some(found.map_err(|e| SurveyError::malformed(path, Place::Line(line), e).hint(COLUMNS_HINT))?);
             continue;
@@ -190,7 +191,8 @@ fn camera_of(row: [Option<f64>; 11], config: &CsvConfig) -> Result<Camera, Strin
         PixelOrigin::Corner => 0.0,
         PixelOrigin::PixelCentre => 0.5,
     };
-    let [k1, k2, k3] = [or(6, |c| Some(c.k[0])), or(7, |c| Some(c.k[1])), or(8, |c| Some(c.k[2]))].map(|k| k.unwrap_or(0.0));
+    let [k1, k2, k3] =
+        [or(6, |c| Some(c.k[0])), or(7, |c| Some(c.k[1])), or(8, |c| Some(c.k[2]))].map(|k| k.unwrap_or(0.0));
     let [p1, p2] = [or(9, |c| Some(c.p[0])), or(10, |c| Some(c.p[1]))].map(|p| p.unwrap_or(0.0));
     let is_ideal = [k1, k2, k3, p1, p2].iter().all(|&c| c == 0.0);
     let camera = Camera {

@@ -49,7 +49,7 @@ impl Default for GroundConfig {
 }
 
 /// Ground under one building, metres in the project's vertical reference.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct GroundLevel {
     /// The level heights count from.
     pub reference_m: f64,

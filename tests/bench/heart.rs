@@ -15,8 +15,8 @@ use sizeup::prior::{DepthPrior, PriorGeometry, PriorKind};
 use sizeup::render::PlacedCamera;
 use sizeup::render::image::SceneTracer;
 use sizeup::render::profile::{CappedScene, Profiles, Sampling};
-use sizeup::scene::{GroundLevel, HeightBounds, Scene};
-use sizeup::terrain::Terrain;
+use sizeup::scene::{HeightBounds, Scene};
+use sizeup::terrain::{GroundLevel, Terrain};
 
 /// `side × side` buildings of 5 to 45 m, 35 m apart, and obliques from four sides 150 m above ground.
 fn town(side: u32, n_stations: u32) -> (Scene, Vec<f32>, Vec<ViewInput>) {

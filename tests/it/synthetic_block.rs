@@ -11,8 +11,8 @@ use sizeup::prior::{DepthPrior, PriorGeometry, PriorKind};
 use sizeup::raster::Raster;
 use sizeup::render::PlacedCamera;
 use sizeup::render::image::SceneTracer;
-use sizeup::scene::{GroundLevel, HeightBounds, Scene};
-use sizeup::terrain::Terrain;
+use sizeup::scene::{HeightBounds, Scene};
+use sizeup::terrain::{GroundLevel, Terrain};
 
 /// A 4 × 4 block of houses on level ground, two of them wall to wall, heights 4 to 34 m.
 struct Block {
