@@ -151,6 +151,8 @@ pub struct SearchConfig {
     pub local_half_width_share: f32,
     /// Ground around a building's pixels that is compared with them, pixels of the working image.
     pub dilate_px: usize,
+    /// Weight of the agreement of roof pixels with the calibrated prior, against the correlation's 1. 0 = ordering only.
+    pub agreement_weight: f32,
     /// Greatest number of views a building is measured in.
     pub max_views_per_building: usize,
     /// Views are selected again after so many full sweeps.
@@ -169,6 +171,7 @@ impl Default for SearchConfig {
             local_half_width_m: 6.0,
             local_half_width_share: 0.3,
             dilate_px: 12,
+            agreement_weight: 1.0,
             max_views_per_building: 24,
             reselect_every: 3,
         }

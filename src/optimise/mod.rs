@@ -8,6 +8,7 @@
 //! loaded. Results do not depend on the number of threads.
 
 mod adam;
+mod calibrate;
 mod config;
 mod evidence;
 mod ordinal;

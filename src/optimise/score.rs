@@ -9,6 +9,7 @@
 //! Taking out `[1, x, y]` makes ρ blind to the prior's unknown scale, shift and slow drift. What the ray sees without
 //! the building does not depend on `h`, so a height costs one pass over the building's own rays.
 
+use super::calibrate::Calibration;
 use super::evidence::Evidence;
 use crate::stats;
 
@@ -16,6 +17,12 @@ use crate::stats;
 const MIN_RAYS: usize = 12;
 /// Residual variance, relative to the window's, below which a view is flat and has no vote.
 const FLAT: f64 = 1e-9;
+/// Height tolerance of [`Window::agreement`]: a fixed part, metres, and a share of the height (a prior's relief is off
+/// by some 10 %).
+const AGREEMENT_M: f32 = 0.7;
+const AGREEMENT_SHARE: f32 = 0.1;
+/// So many rays that agree with nothing are added to a roof's own: a roof of few rays has little to say.
+const FEW_RAYS: f64 = 2.0;
 /// Ranks are resolved to this many steps of the residuals' range.
 const RANK_BINS: usize = 2048;
 
@@ -35,6 +42,8 @@ struct Columns {
     p: Vec<f32>,
     x: Vec<f32>,
     y: Vec<f32>,
+    /// Scaled inverse depth that the calibrated prior stands for.
+    lifted: Vec<f32>,
     /// Position of the ray in the window.
     ray: Vec<u32>,
 }
@@ -86,6 +95,7 @@ impl Window {
         building: u32,
         ground_z: f32,
         roofs: &[f32],
+        calibration: Option<Calibration>,
         dilate_px: usize,
         correlation: Correlation,
     ) -> Option<Self> {
@@ -130,6 +140,8 @@ impl Window {
                 columns.p.push(p[at]);
                 columns.x.push(x[at]);
                 columns.y.push(y[at]);
+                let lifted = calibration.map_or(f32::NAN, |c| c.inverse_depth(evidence.nearness[r as usize]));
+                columns.lifted.push(reference * lifted - 1.0);
                 columns.ray.push(at as u32);
                 after = before;
             }
@@ -157,6 +169,28 @@ impl Window {
             Correlation::Linear => self.linear(height_m),
             Correlation::Rank => self.rank(height_m),
         }
+    }
+
+    /// How many of the pixels on the roof of a height lie, by the calibrated prior, at that height: the mean over the
+    /// roof's rays of `exp(−e²/2)`, `e` in tolerances of height; 0..1, 0 without calibration.
+    ///
+    /// What stands around the building has no part in it, so outlines that are missing do no harm.
+    #[must_use]
+    pub fn agreement(&self, height_m: f32) -> f64 {
+        let c = &self.columns;
+        let tolerance_m = AGREEMENT_M + AGREEMENT_SHARE * height_m;
+        let (mut n, mut sum) = (0, 0.0_f32);
+        for i in 0..c.v.len() {
+            let roof = c.roof_at_zero[i] + c.per_metre[i] * height_m;
+            let is_roof_seen = roof >= c.after[i] && roof < c.before[i] && roof > c.enter[i];
+            if is_roof_seen && !c.lifted[i].is_nan() {
+                let per_metre = self.reference / (roof * roof) * -c.per_metre[i];
+                let e = (c.lifted[i] - (self.reference / roof - 1.0)) / (per_metre * tolerance_m);
+                sum += (-0.5 * e * e).exp();
+                n += 1;
+            }
+        }
+        f64::from(sum) / (f64::from(n) + FEW_RAYS)
     }
 
     /// Scaled inverse depth of an own stretch at a height, or without the building where it does not stop the ray.

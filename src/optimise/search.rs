@@ -10,6 +10,7 @@
 
 use rayon::prelude::*;
 
+use super::calibrate::Calibration;
 use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::score::{Correlation, Window, jackknife_sigma, parabola_peak};
@@ -59,15 +60,21 @@ pub fn sweep(
     config: &SearchConfig,
 ) -> Vec<Option<Finding>> {
     let roofs = scene.roofs(heights_m);
+    let calibrations: Vec<Option<Calibration>> =
+        evidence.par_iter().map(|e| e.as_ref().and_then(|e| Calibration::fit(e, &roofs))).collect();
     (0..scene.prisms.len())
         .into_par_iter()
         .map(|b| {
             let ground_z = scene.prisms[b].ground_z;
-            let views = views_of[b].iter().filter_map(|&v| evidence[v].as_ref());
+            let views = views_of[b].iter().filter_map(|&v| Some((evidence[v].as_ref()?, calibrations[v])));
             let windows: Vec<Window> = views
-                .filter_map(|e| Window::new(e, b as u32, ground_z, &roofs, config.dilate_px, correlation))
+                .filter_map(|(evidence, calibration)| {
+                    Window::new(evidence, b as u32, ground_z, &roofs, calibration, config.dilate_px, correlation)
+                })
                 .collect();
-            let score = |h: f32| windows.iter().map(|w| w.score(h, correlation)).collect::<Vec<f64>>();
+            let score_in =
+                |w: &Window, h: f32| w.score(h, correlation) + f64::from(config.agreement_weight) * w.agreement(h);
+            let score = |h: f32| windows.iter().map(|w| score_in(w, h)).collect::<Vec<f64>>();
             (!windows.is_empty()).then(|| match range {
                 Range::Full => full(scene.bounds, config, score),
                 Range::Local { share } => local(scene.bounds, heights_m[b], share, config, score),
