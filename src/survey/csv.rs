@@ -30,6 +30,12 @@ const CAMERA_COLUMNS: [(&str, &[&str]); 11] = [
     ("p2", &[]),
 ];
 
+/// A table's columns and conventions, and the camera for rows without one.
+struct Declared<'a> {
+    table: &'a CsvConfig,
+    camera: Option<&'a CameraConfig>,
+}
+
 /// Where the wanted columns stand.
 struct Columns {
     name: usize,
@@ -40,8 +46,9 @@ struct Columns {
 }
 
 /// Reads a table of poses.
-pub(crate) fn read(path: &Path, config: &CsvConfig) -> Result<Poses, SurveyError> {
-    let delimiter = delimiter(path, &config.delimiter)?;
+pub(crate) fn read(path: &Path, config: &CsvConfig, camera: Option<&CameraConfig>) -> Result<Poses, SurveyError> {
+    let config = Declared { table: config, camera };
+    let delimiter = delimiter(path, &config.table.delimiter)?;
     let file = File::open(path).map_err(FileError::on("cannot open", path))?;
     let mut reader = ::csv::ReaderBuilder::new()
         .delimiter(delimiter.unwrap_or(b','))
@@ -50,9 +57,9 @@ pub(crate) fn read(path: &Path, config: &CsvConfig) -> Result<Poses, SurveyError
         .comment(Some(b'#'))
         .trim(::csv::Trim::All)
         .from_reader(OneSpace::new(BufReader::new(file), delimiter.is_none()));
-    let mut poses = Poses { north: config.north, ..Poses::new() };
-    let mut columns = match &config.header {
-        Some(header) => Some(Columns::find(header, config).map_err(|e| SurveyError::config(e, ""))?),
+    let mut poses = Poses { north: config.table.north, ..Poses::new() };
+    let mut columns = match &config.table.header {
+        Some(header) => Some(Columns::find(header, &config).map_err(|e| SurveyError::config(e, ""))?),
         None => None,
     };
     let mut cameras = CameraCache::default();
@@ -67,7 +74,7 @@ pub(crate) fn read(path: &Path, config: &CsvConfig) -> Result<Poses, SurveyError
         let line = record.position().map_or(0, ::csv::Position::line);
         let Some(columns) = &columns else {
             let header: Vec<String> = record.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
-            let found = Columns::find(&header, config);
+            let found = Columns::find(&header, &config);
             columns = Some(found.map_err(|e| SurveyError::malformed(path, Place::Line(line), e).hint(COLUMNS_HINT))?);
             continue;
         };
@@ -75,7 +82,7 @@ pub(crate) fn read(path: &Path, config: &CsvConfig) -> Result<Poses, SurveyError
         if name.is_empty() {
             return Err(SurveyError::malformed(path, Place::Line(line), "the row has no name"));
         }
-        match pose(&record, columns, config, &mut cameras) {
+        match pose(&record, columns, &config, &mut cameras) {
             Ok(pose) => poses.poses.push(pose),
             Err(reason) => poses.refuse("pose_unusable", name, format!("line {line}: {reason}")),
         }
@@ -109,7 +116,8 @@ fn delimiter(path: &Path, declared: &str) -> Result<Option<u8>, SurveyError> {
 }
 
 impl Columns {
-    fn find(header: &[String], config: &CsvConfig) -> Result<Self, String> {
+    fn find(header: &[String], declared: &Declared<'_>) -> Result<Self, String> {
+        let config = declared.table;
         let seek = |wanted: &str| header.iter().position(|name| name.eq_ignore_ascii_case(wanted));
         let need = |wanted: &str| {
             seek(wanted).ok_or_else(|| format!("there is no column {wanted:?}; the columns are {}", header.join(", ")))
@@ -127,8 +135,8 @@ impl Columns {
             return Err(format!("{} angle columns: expected {n_needed}", columns.rotation.len()));
         }
         let has_camera = camera[..3].iter().all(Option::is_some);
-        if !has_camera && config.camera.is_none() {
-            return Err("there is no camera: neither columns width, height, fx nor [survey.csv.camera]".to_owned());
+        if !has_camera && declared.camera.is_none() {
+            return Err("there is no camera: neither columns width, height, fx nor [survey.camera]".to_owned());
         }
         Ok(columns)
     }
@@ -137,7 +145,7 @@ impl Columns {
 fn pose(
     record: &::csv::StringRecord,
     columns: &Columns,
-    config: &CsvConfig,
+    config: &Declared<'_>,
     cameras: &mut CameraCache,
 ) -> Result<Pose, String> {
     let value = |column: usize| -> Result<f64, String> {
@@ -153,7 +161,7 @@ fn pose(
     Ok(Pose {
         name: record.get(columns.name).unwrap_or_default().to_owned(),
         camera: cameras.get(intrinsics, config)?,
-        camera_from_world: config.convention().camera_from_world(&values?)?,
+        camera_from_world: config.table.convention().camera_from_world(&values?)?,
         centre: DVec3::new(value(x)?, value(y)?, value(z)?),
     })
 }
@@ -163,20 +171,28 @@ fn pose(
 struct CameraCache(HashMap<[Option<u64>; 11], Arc<Camera>>);
 
 impl CameraCache {
-    fn get(&mut self, intrinsics: [Option<f64>; 11], config: &CsvConfig) -> Result<Arc<Camera>, String> {
+    fn get(&mut self, intrinsics: [Option<f64>; 11], config: &Declared<'_>) -> Result<Arc<Camera>, String> {
         let key = intrinsics.map(|value| value.map(f64::to_bits));
         if let Some(camera) = self.0.get(&key) {
             return Ok(Arc::clone(camera));
         }
-        let camera = Arc::new(camera_of(intrinsics, config)?);
+        let camera = Arc::new(camera_of(intrinsics, config.camera, config.table.pixel_origin)?);
         self.0.insert(key, Arc::clone(&camera));
         Ok(camera)
     }
 }
 
+/// A camera declared in the configuration.
+pub(crate) fn declared_camera(camera: &CameraConfig, pixel_origin: PixelOrigin) -> Result<Camera, String> {
+    camera_of([None; 11], Some(camera), pixel_origin)
+}
+
 /// A row's own values go before the declared camera's.
-fn camera_of(row: [Option<f64>; 11], config: &CsvConfig) -> Result<Camera, String> {
-    let declared = config.camera.as_ref();
+fn camera_of(
+    row: [Option<f64>; 11],
+    declared: Option<&CameraConfig>,
+    pixel_origin: PixelOrigin,
+) -> Result<Camera, String> {
     let or = |i: usize, get: fn(&CameraConfig) -> Option<f64>| row[i].or_else(|| declared.and_then(get));
     let missing = |what: &str| format!("its camera has no {what}");
     let pixels = |value: f64, what: &str| {
@@ -186,7 +202,7 @@ fn camera_of(row: [Option<f64>; 11], config: &CsvConfig) -> Result<Camera, Strin
     let width_px = pixels(or(0, |c| Some(c.width.into())).ok_or_else(|| missing("width"))?, "width")?;
     let height_px = pixels(or(1, |c| Some(c.height.into())).ok_or_else(|| missing("height"))?, "height")?;
     let fx_px = or(2, |c| Some(c.fx)).ok_or_else(|| missing("focal length"))?;
-    let shift_px = match config.pixel_origin {
+    let shift_px = match pixel_origin {
         PixelOrigin::Corner => 0.0,
         PixelOrigin::PixelCentre => 0.5,
     };

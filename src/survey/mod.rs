@@ -5,24 +5,35 @@
 //! in [`Survey::issues`].
 
 pub mod angles;
+mod blocks_exchange;
 mod colmap;
 mod config;
 mod csv;
 mod error;
+mod heights;
 mod locate;
+mod metashape;
+mod opensfm;
+mod photo;
 mod photos;
+mod pix4d;
 mod poses;
+mod tables;
 mod view;
+mod xml;
 
-pub use config::{CameraConfig, CsvConfig, Format, PixelOrigin, SurveyConfig};
+pub use config::{CameraConfig, CsvConfig, Format, PixelOrigin, SurveyConfig, HeightConfig, HeightReference, TangentialOrder};
 pub use error::{Hint, Place, SurveyError};
 pub use view::{NADIR_WITHIN_DEG, View, ViewKind};
 
+use std::fs::File;
+use std::io::Read as _;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use crate::crs::Crs;
+use crate::files::FileError;
 use crate::issue::Issue;
 
 /// All usable views, in the order of their names, and what was refused.
@@ -40,13 +51,26 @@ pub struct Survey {
 /// [`SurveyError`] when the file as a whole cannot be read, its CRS cannot be reached, or no pose is usable. A single
 /// photo that cannot be used is an issue of the survey.
 pub fn read(config: &SurveyConfig, project_crs: &Crs) -> Result<Survey, SurveyError> {
-    project_crs.require_projected_metres()?;
-    let poses = match format_of(config)? {
-        Format::Colmap | Format::Auto => colmap::read(&config.path)?,
-        Format::Csv => csv::read(&config.path, &config.csv.clone().unwrap_or_default())?,
-    };
-    let (views, issues) = locate::locate(poses, config, project_crs)?;
-    Ok(Survey { views, issues })
+    let (survey, _) = locate::locate(read_poses(config)?, config, project_crs)?;
+    Ok(survey)
+}
+
+/// The poses as the file has them.
+fn read_poses(config: &SurveyConfig) -> Result<poses::Poses, SurveyError> {
+    let path = config.path.as_path();
+    let camera = config.camera.as_ref();
+    match format_of(config)? {
+        Format::Colmap | Format::Auto => colmap::read(path),
+        Format::Csv => csv::read(path, &config.csv.clone().unwrap_or_default(), camera),
+        Format::Photos => photo::read(config),
+        Format::BlocksExchange => blocks_exchange::read(path, config.tangential),
+        Format::Opensfm => opensfm::read(path),
+        Format::Odm => opensfm::read_shots(path),
+        Format::GeoTxt => tables::read_geo_txt(path, camera),
+        Format::Metashape => metashape::read(path),
+        Format::MetashapeOpk => tables::read_metashape_opk(path, camera),
+        Format::Pix4d => pix4d::read(path, camera),
+    }
 }
 
 fn format_of(config: &SurveyConfig) -> Result<Format, SurveyError> {
@@ -61,15 +85,49 @@ fn format_of(config: &SurveyConfig) -> Result<Format, SurveyError> {
 
 /// The format of a file or folder, from its name and first bytes.
 fn detect(path: &Path) -> Result<Format, SurveyError> {
-    if colmap::is_model(path) {
-        return Ok(Format::Colmap);
+    let unknown = || {
+        let message = format!("the format of {} is not recognised", path.display());
+        SurveyError::config(message, "set `format`; see the documentation for the list of formats")
+    };
+    if path.is_dir() {
+        return if colmap::is_model(path) {
+            Ok(Format::Colmap)
+        } else if path.join("reconstruction.json").is_file() {
+            Ok(Format::Opensfm)
+        } else if pix4d::find(path).is_some() {
+            Ok(Format::Pix4d)
+        } else if photos::list(path)?.is_empty() {
+            Err(unknown())
+        } else {
+            Ok(Format::Photos)
+        };
     }
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    match extension.as_str() {
-        "csv" | "tsv" => Ok(Format::Csv),
-        _ => Err(SurveyError::config(
-            format!("the format of {} is not recognised", path.display()),
-            "set `format` to colmap or csv",
-        )),
+    let mut head = Vec::new();
+    let file = File::open(path).map_err(FileError::on("cannot open", path))?;
+    file.take(HEAD_BYTES).read_to_end(&mut head).map_err(FileError::on("cannot read", path))?;
+    let head = String::from_utf8_lossy(&head);
+    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
+    let has_extension = |extension: &str| name.rsplit('.').next() == Some(extension);
+    if blocks_exchange::is_blocks_exchange(path, &head) {
+        Ok(Format::BlocksExchange)
+    } else if metashape::is_metashape(&head) {
+        Ok(Format::Metashape)
+    } else if pix4d::find(path).is_some() {
+        Ok(Format::Pix4d)
+    } else if name == "geo.txt" {
+        Ok(Format::GeoTxt)
+    } else if has_extension("geojson") && head.contains("\"filename\"") {
+        Ok(Format::Odm)
+    } else if has_extension("json") && head.trim_start().starts_with('[') {
+        Ok(Format::Opensfm)
+    } else if head.contains("PhotoID") {
+        Ok(Format::MetashapeOpk)
+    } else if has_extension("csv") || has_extension("tsv") {
+        Ok(Format::Csv)
+    } else {
+        Err(unknown())
     }
 }
+
+/// So much of a file shows its format.
+const HEAD_BYTES: u64 = 1 << 12;
