@@ -6,6 +6,7 @@ use glam::{DMat3, DVec3};
 
 use super::angles::{North, nearest_rotation};
 use super::heights::Heights;
+use super::inspect::LOOKS_UP;
 use super::poses::{Counts, FileHeights, Pose, Poses, World, refused};
 use super::{Survey, SurveyConfig, SurveyError, View, ViewKind, photos};
 use crate::crs::{Crs, CrsError, Geocentric, GridNorth, Transform, TrueNorth, enu_from_geocentric};
@@ -152,11 +153,6 @@ pub(crate) fn locate(
         }
     }
     views.sort_by(|a, b| a.id.cmp(&b.id));
-    if views.is_empty() {
-        let first = issues.first().map_or_else(|| "the file lists none".to_owned(), |issue| issue.message.clone());
-        let hint = "check the survey's format, CRS and angle convention".into();
-        return Err(SurveyError::NothingUsable { path: config.path.clone(), n_poses: n_read, first, hint });
-    }
     if let Some(folder) = &config.images {
         let refused = names_of(&issues);
         issues.extend(photos::attach(&mut views, &refused, folder)?);
@@ -204,7 +200,7 @@ fn view(way: &Way, pose: Pose) -> Result<(View, GridNorth), Issue> {
     if view.kind() == ViewKind::Upward {
         let message = format!("it looks {:.1}° off the vertical, at or above the horizon", view.off_nadir_deg());
         let place = located.centre_in_map;
-        return Err(refused("view_looks_up", &view.id.0, message)
+        return Err(refused(LOOKS_UP, &view.id.0, message)
             .hint("if many views do, the angle sequence, direction or axes are declared wrong")
             .at(place.x, place.y));
     }

@@ -10,7 +10,9 @@ mod colmap;
 mod config;
 mod csv;
 mod error;
+pub mod ground;
 mod heights;
+mod inspect;
 mod locate;
 mod metashape;
 mod opensfm;
@@ -18,12 +20,16 @@ mod photo;
 mod photos;
 mod pix4d;
 mod poses;
+mod report;
 mod tables;
+mod trials;
 mod view;
 mod xml;
 
 pub use config::{CameraConfig, CsvConfig, Format, PixelOrigin, SurveyConfig, HeightConfig, HeightReference, TangentialOrder};
 pub use error::{Hint, Place, SurveyError};
+pub use inspect::{Site, inspect};
+pub use report::{Spread, SurveyReport, Trial};
 pub use view::{NADIR_WITHIN_DEG, View, ViewKind};
 
 use std::fs::File;
@@ -51,8 +57,24 @@ pub struct Survey {
 /// [`SurveyError`] when the file as a whole cannot be read, its CRS cannot be reached, or no pose is usable. A single
 /// photo that cannot be used is an issue of the survey.
 pub fn read(config: &SurveyConfig, project_crs: &Crs) -> Result<Survey, SurveyError> {
-    let (survey, _) = locate::locate(read_poses(config)?, config, project_crs)?;
+    let config = &with_own_photos(config)?;
+    let (survey, facts) = locate::locate(read_poses(config)?, config, project_crs)?;
+    if survey.views.is_empty() {
+        let first = survey.issues.first().map_or("the file lists none", |issue| issue.message.as_str()).to_owned();
+        let hint = "check the survey's format, CRS and angle convention".into();
+        return Err(SurveyError::NothingUsable { path: config.path.clone(), n_poses: facts.n_poses, first, hint });
+    }
     Ok(survey)
+}
+
+/// Photos that bring their own poses are their own image folder.
+fn with_own_photos(config: &SurveyConfig) -> Result<SurveyConfig, SurveyError> {
+    let mut config = config.clone();
+    if config.images.is_none() && format_of(&config)? == Format::Photos {
+        let folder = if config.path.is_dir() { Some(config.path.as_path()) } else { config.path.parent() };
+        config.images = folder.map(Path::to_owned);
+    }
+    Ok(config)
 }
 
 /// The poses as the file has them.

@@ -78,6 +78,11 @@ impl Poses {
         Self { counts: Counts::default(), world: World::Unsaid, north: North::Grid, heights: FileHeights::Unsaid, poses: Vec::new(), issues: Vec::new() }
     }
 
+    /// The same world without its poses and issues.
+    pub(crate) fn clone_empty(&self) -> Self {
+        Self { world: self.world.clone(), north: self.north, heights: self.heights, ..Self::new() }
+    }
+
     /// Records that a pose cannot be used.
     pub(crate) fn refuse(&mut self, code: &str, name: &str, message: impl Into<String>) {
         self.issues.push(refused(code, name, message));
