@@ -13,6 +13,8 @@ pub mod raster;
 pub mod seed;
 pub mod stats;
 
+pub(crate) mod geodata;
+
 pub mod camera;
 pub mod crs;
 pub mod survey;

@@ -16,7 +16,7 @@ use crate::camera::{Camera, Distortion};
 use crate::files::FileError;
 
 /// Columns of the intrinsics, with other names they go by.
-const CAMERA_COLUMNS: [(&str, &[&str]); 11] = [
+const CAMERA_COLUMNS: [(&str, &[&str]); N_INTRINSICS] = [
     ("width", &["width_px", "image_width", "w"]),
     ("height", &["height_px", "image_height", "h"]),
     ("fx", &["fx_px", "f", "focal", "focal_px"]),
@@ -28,7 +28,17 @@ const CAMERA_COLUMNS: [(&str, &[&str]); 11] = [
     ("k3", &[]),
     ("p1", &[]),
     ("p2", &[]),
+    ("k4", &[]),
+    ("k5", &[]),
+    ("k6", &[]),
+    ("skew", &[]),
 ];
+
+/// Intrinsics a row may hold.
+const N_INTRINSICS: usize = 15;
+
+/// The columns of lens coefficients, in the order in which they are written.
+pub(crate) const LENS_COLUMNS: [&str; 9] = ["k1", "k2", "k3", "p1", "p2", "k4", "k5", "k6", "skew"];
 
 /// A table's columns and conventions, and the camera for rows without one.
 struct Declared<'a> {
@@ -42,7 +52,8 @@ struct Columns {
     position: [usize; 3],
     rotation: Vec<usize>,
     /// In the order of [`CAMERA_COLUMNS`].
-    camera: [Option<usize>; 11],
+    camera: [Option<usize>; N_INTRINSICS],
+    lens: Option<usize>,
 }
 
 /// Reads a table of poses.
@@ -129,6 +140,7 @@ impl Columns {
             position: [need(&config.x)?, need(&config.y)?, need(&config.z)?],
             rotation: rotation?,
             camera,
+            lens: seek("lens"),
         };
         let n_needed = config.angles.n_values();
         if columns.rotation.len() != n_needed {
@@ -154,13 +166,13 @@ fn pose(
     };
     let [x, y, z] = columns.position;
     let values: Result<Vec<f64>, String> = columns.rotation.iter().map(|&column| value(column)).collect();
-    let mut intrinsics = [None; 11];
+    let mut intrinsics = [None; N_INTRINSICS];
     for (intrinsic, column) in intrinsics.iter_mut().zip(&columns.camera) {
         *intrinsic = column.filter(|&c| record.get(c).is_some_and(|field| !field.is_empty())).map(value).transpose()?;
     }
     Ok(Pose {
         name: record.get(columns.name).unwrap_or_default().to_owned(),
-        camera: cameras.get(intrinsics, config)?,
+        camera: cameras.get(intrinsics, columns.lens.and_then(|c| record.get(c)).unwrap_or_default(), config)?,
         camera_from_world: config.table.convention().camera_from_world(&values?)?,
         centre: DVec3::new(value(x)?, value(y)?, value(z)?),
     })
@@ -168,15 +180,20 @@ fn pose(
 
 /// Cameras that were made, by the bits of their row, so that photos share them.
 #[derive(Default)]
-struct CameraCache(HashMap<[Option<u64>; 11], Arc<Camera>>);
+struct CameraCache(HashMap<(String, [Option<u64>; N_INTRINSICS]), Arc<Camera>>);
 
 impl CameraCache {
-    fn get(&mut self, intrinsics: [Option<f64>; 11], config: &Declared<'_>) -> Result<Arc<Camera>, String> {
-        let key = intrinsics.map(|value| value.map(f64::to_bits));
+    fn get(
+        &mut self,
+        intrinsics: [Option<f64>; N_INTRINSICS],
+        lens: &str,
+        config: &Declared<'_>,
+    ) -> Result<Arc<Camera>, String> {
+        let key = (lens.to_owned(), intrinsics.map(|value| value.map(f64::to_bits)));
         if let Some(camera) = self.0.get(&key) {
             return Ok(Arc::clone(camera));
         }
-        let camera = Arc::new(camera_of(intrinsics, config.camera, config.table.pixel_origin)?);
+        let camera = Arc::new(camera_of(intrinsics, lens, config.camera, config.table.pixel_origin)?);
         self.0.insert(key, Arc::clone(&camera));
         Ok(camera)
     }
@@ -184,20 +201,21 @@ impl CameraCache {
 
 /// A camera declared in the configuration.
 pub(crate) fn declared_camera(camera: &CameraConfig, pixel_origin: PixelOrigin) -> Result<Camera, String> {
-    camera_of([None; 11], Some(camera), pixel_origin)
+    camera_of([None; N_INTRINSICS], "", Some(camera), pixel_origin)
 }
 
 /// A row's own values go before the declared camera's.
 fn camera_of(
-    row: [Option<f64>; 11],
+    row: [Option<f64>; N_INTRINSICS],
+    lens: &str,
     declared: Option<&CameraConfig>,
     pixel_origin: PixelOrigin,
 ) -> Result<Camera, String> {
     let or = |i: usize, get: fn(&CameraConfig) -> Option<f64>| row[i].or_else(|| declared.and_then(get));
     let missing = |what: &str| format!("its camera has no {what}");
     let pixels = |value: f64, what: &str| {
-        let whole = value.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(&value);
-        if whole { Ok(value as u32) } else { Err(format!("image {what} {value} px: expected a whole positive number")) }
+        let is_whole = value.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(&value);
+        if is_whole { Ok(value as u32) } else { Err(format!("image {what} {value} px: expected a whole positive number")) }
     };
     let width_px = pixels(or(0, |c| Some(c.width.into())).ok_or_else(|| missing("width"))?, "width")?;
     let height_px = pixels(or(1, |c| Some(c.height.into())).ok_or_else(|| missing("height"))?, "height")?;
@@ -206,9 +224,6 @@ fn camera_of(
         PixelOrigin::Corner => 0.0,
         PixelOrigin::PixelCentre => 0.5,
     };
-    let [k1, k2, k3] = [or(6, |c| Some(c.k[0])), or(7, |c| Some(c.k[1])), or(8, |c| Some(c.k[2]))].map(|k| k.unwrap_or(0.0));
-    let [p1, p2] = [or(9, |c| Some(c.p[0])), or(10, |c| Some(c.p[1]))].map(|p| p.unwrap_or(0.0));
-    let is_ideal = [k1, k2, k3, p1, p2].iter().all(|&c| c == 0.0);
     let camera = Camera {
         width_px,
         height_px,
@@ -216,10 +231,30 @@ fn camera_of(
         fy_px: or(3, |c| c.fy).unwrap_or(fx_px),
         cx_px: or(4, |c| c.cx).map_or(f64::from(width_px) / 2.0, |cx| cx + shift_px),
         cy_px: or(5, |c| c.cy).map_or(f64::from(height_px) / 2.0, |cy| cy + shift_px),
-        distortion: if is_ideal { Distortion::None } else { Distortion::Brown { k1, k2, k3, p1, p2 } },
+        distortion: distortion_of(&row, lens, declared)?,
     };
     camera.validate().map_err(|e| e.to_string())?;
     Ok(camera)
+}
+
+/// The lens of a row: Brown's unless the column `lens` says otherwise.
+fn distortion_of(
+    row: &[Option<f64>; N_INTRINSICS],
+    lens: &str,
+    declared: Option<&CameraConfig>,
+) -> Result<Distortion, String> {
+    let of_declared = declared.map_or([0.0; 5], |c| [c.k[0], c.k[1], c.k[2], c.p[0], c.p[1]]);
+    let [k1, k2, k3, p1, p2] = [0, 1, 2, 3, 4].map(|i| row[6 + i].unwrap_or(of_declared[i]));
+    let [k4, k5, k6, skew] = [11, 12, 13, 14].map(|i| row[i].unwrap_or(0.0));
+    Ok(match lens {
+        "" if [k1, k2, k3, p1, p2].iter().all(|&c| c == 0.0) => Distortion::None,
+        "none" => Distortion::None,
+        "" | "brown" => Distortion::Brown { k1, k2, k3, p1, p2 },
+        "brown_affine" => Distortion::BrownAffine { k1, k2, k3, k4, p1, p2, skew },
+        "rational" => Distortion::Rational { k1, k2, k3, k4, k5, k6, p1, p2 },
+        "fisheye" => Distortion::Fisheye { k1, k2, k3, k4 },
+        other => return Err(format!("lens {other:?}: expected none, brown, brown_affine, rational or fisheye")),
+    })
 }
 
 /// Turns runs of blanks into one comma each, for tables whose columns are aligned by blanks.

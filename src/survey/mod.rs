@@ -24,12 +24,14 @@ mod report;
 mod tables;
 mod trials;
 mod view;
+mod write;
 mod xml;
 
 pub use config::{CameraConfig, CsvConfig, Format, PixelOrigin, SurveyConfig, HeightConfig, HeightReference, TangentialOrder};
 pub use error::{Hint, Place, SurveyError};
 pub use inspect::{Site, inspect};
 pub use report::{Spread, SurveyReport, Trial};
+pub use write::{Converted, Target, convert, write};
 pub use view::{NADIR_WITHIN_DEG, View, ViewKind};
 
 use std::fs::File;

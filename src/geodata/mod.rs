@@ -1,0 +1,3 @@
+//! Vector and raster files, through GDAL.
+
+pub(crate) mod view_layers;
