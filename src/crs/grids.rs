@@ -20,8 +20,11 @@ impl std::fmt::Display for Grid {
 /// Grids between the ellipsoid and the vertical systems of either side; empty where neither has one or the database
 /// cannot be read.
 pub(super) fn of_heights(from: &Crs, to: &Crs) -> Vec<Grid> {
-    let mut grids: Vec<Grid> =
-        [from, to].into_iter().filter_map(Crs::vertical_epsg).flat_map(|code| of_vertical(code).unwrap_or_default()).collect();
+    let mut grids: Vec<Grid> = [from, to]
+        .into_iter()
+        .filter_map(Crs::vertical_epsg)
+        .flat_map(|code| of_vertical(code).unwrap_or_default())
+        .collect();
     grids.sort();
     grids.dedup();
     grids

@@ -43,7 +43,8 @@ pub enum CrsError {
     /// No accurate operation is known between two systems.
     #[error(
         "no accurate transformation from {from} to {to}: {reason}\n\
-         hint: a datum grid may be missing; `projinfo -s {from} -t {to}` lists the operations and the grids they need"
+         hint: a datum grid may be missing (`projinfo -s {from} -t {to}` lists the operations and their grids); \
+         or, where positions come from a base station in the datum of {to}, declare its geographic system: {base}"
     )]
     NoTransformation {
         /// Source definition.
@@ -52,6 +53,8 @@ pub enum CrsError {
         to: String,
         /// PROJ's own words.
         reason: String,
+        /// Geographic system of the target.
+        base: String,
     },
     /// The grid file that a height transformation needs is not installed.
     #[error(

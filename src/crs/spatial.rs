@@ -23,7 +23,8 @@ impl Transform3d {
     pub fn new(from: &Crs, to: &Crs) -> Result<Self, CrsError> {
         let no_transformation = |e: gdal::errors::GdalError| {
             let (from, to) = (from.to_string(), to.to_string());
-            CrsError::NoTransformation { from, to, reason: e.to_string() }
+            let base = "its geographic base".to_owned();
+            CrsError::NoTransformation { from, to, reason: e.to_string(), base }
         };
         let reference = |crs: &Crs| -> Result<SpatialRef, gdal::errors::GdalError> {
             let mut reference = SpatialRef::from_definition(crs.definition())?;
@@ -68,6 +69,18 @@ impl Transform3d {
 fn missing(from: &Crs, to: &Crs, grids: &[grids::Grid]) -> CrsError {
     let list: Vec<String> = grids.iter().map(ToString::to_string).collect();
     CrsError::MissingGrid { from: from.to_string(), to: to.to_string(), grids: list.join("; or ") }
+}
+
+/// Why there is no accurate operation between two definitions, if there is none. The `proj` crate cannot be asked: it
+/// panics where PROJ finds nothing without calling that an error.
+pub(super) fn why_impossible(from: &str, to: &str) -> Option<String> {
+    let build = || -> Result<CoordTransform, gdal::errors::GdalError> {
+        let mut options = CoordTransformOptions::new()?;
+        options.set_ballpark_allowed(false)?;
+        let (from, to) = (SpatialRef::from_definition(from)?, SpatialRef::from_definition(to)?);
+        CoordTransform::new_with_options(&from, &to, &options)
+    };
+    build().err().map(|e| e.to_string())
 }
 
 /// Earth-centred coordinates and the local east, north, up at a place, on WGS 84.

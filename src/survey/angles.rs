@@ -257,16 +257,18 @@ impl AngleConvention {
                 Ok(self.oriented(rotation, Direction::WorldToCamera, CameraAxes::XRightYDown))
             }
             AngleKind::Matrix => {
-                let matrix = rows([values[0], values[1], values[2]], [values[3], values[4], values[5]], [
-                    values[6], values[7], values[8],
-                ]);
+                let matrix = rows(
+                    [values[0], values[1], values[2]],
+                    [values[3], values[4], values[5]],
+                    [values[6], values[7], values[8]],
+                );
                 let rotation = nearest_rotation(matrix)?;
                 Ok(self.oriented(rotation, Direction::WorldToCamera, CameraAxes::XRightYDown))
             }
         }
     }
 
-    fn oriented(&self, rotation: DMat3, own_direction: Direction, own_axes: CameraAxes) -> DMat3 {
+    fn oriented(self, rotation: DMat3, own_direction: Direction, own_axes: CameraAxes) -> DMat3 {
         let axes_from_world = match self.direction.unwrap_or(own_direction) {
             Direction::CameraToWorld => rotation.transpose(),
             Direction::WorldToCamera => rotation,

@@ -79,7 +79,11 @@ fn read_xml(reader: impl BufRead, path: &Path, tangential: Option<TangentialOrde
                 "SRSId" if block_system.is_none() => block_system = Some(xml.element(start)?.text.trim().to_owned()),
                 "Photo" => {
                     let photo = xml.element(start)?;
-                    take_photo(&photo, shared.get_or_insert_with(|| group_of(&group, tangential.unwrap_or_default())), &mut poses);
+                    take_photo(
+                        &photo,
+                        shared.get_or_insert_with(|| group_of(&group, tangential.unwrap_or_default())),
+                        &mut poses,
+                    );
                 }
                 _ => {
                     let element = xml.element(start)?;
@@ -96,8 +100,13 @@ fn read_xml(reader: impl BufRead, path: &Path, tangential: Option<TangentialOrde
     if tangential.is_none() && poses.poses.iter().any(|pose| is_tangential(&pose.camera)) {
         let message = "the order of P1 and P2 is not said by this format; taken as OpenCV's";
         poses.issues.push(
-            Issue::new(Severity::Warning, "tangential_order_assumed", Subject::Input(path.display().to_string()), message)
-                .hint("set `tangential` to opencv or metashape; the difference is a pixel or so in the corners"),
+            Issue::new(
+                Severity::Warning,
+                "tangential_order_assumed",
+                Subject::Input(path.display().to_string()),
+                message,
+            )
+            .hint("set `tangential` to opencv or metashape; the difference is a pixel or so in the corners"),
         );
     }
     if let Some(definition) = block_system.and_then(|id| systems.remove(&id)) {
@@ -161,7 +170,8 @@ fn pose_of(pose: &Element, camera_from_axes: DMat3) -> Result<(DMat3, DVec3), St
 
 /// Omega, phi, kappa of the matrix itself (so that `XRightYDown` gives ω near 180° at nadir), or yaw, pitch, roll.
 fn angles(rotation: &Element) -> Result<DMat3, String> {
-    let convention = |angles, camera_axes| AngleConvention { angles, unit: AngleUnit::Deg, camera_axes, ..Default::default() };
+    let convention =
+        |angles, camera_axes| AngleConvention { angles, unit: AngleUnit::Deg, camera_axes, ..Default::default() };
     if rotation.child("Omega").is_some() {
         let values = [rotation.need_number("Omega")?, rotation.need_number("Phi")?, rotation.need_number("Kappa")?];
         return convention(AngleKind::Opk, Some(CameraAxes::XRightYDown)).camera_from_world(&values);
@@ -186,7 +196,9 @@ fn group_of(group: &Element, tangential: TangentialOrder) -> Group {
         other => Err(format!("CameraOrientation {other:?}: expected XRightYDown or one of its seven turns")),
     };
     match axes {
-        Ok(axes) => Group { camera: camera(group, tangential).map(Arc::new), camera_from_axes: axes.camera_from_axes() },
+        Ok(axes) => {
+            Group { camera: camera(group, tangential).map(Arc::new), camera_from_axes: axes.camera_from_axes() }
+        }
         Err(reason) => Group { camera: Err(reason), camera_from_axes: DMat3::IDENTITY },
     }
 }
@@ -198,7 +210,8 @@ fn camera(group: &Element, tangential: TangentialOrder) -> Result<Camera, String
     if !(is_pixels(width) && is_pixels(height)) {
         return Err(format!("image size {width} × {height}: expected pixels"));
     }
-    let focal_px = match (group.number("FocalLengthPixels")?, group.number("FocalLength")?, group.number("SensorSize")?) {
+    let focal_px = match (group.number("FocalLengthPixels")?, group.number("FocalLength")?, group.number("SensorSize")?)
+    {
         (Some(focal_px), _, _) => focal_px,
         (None, Some(focal_mm), Some(sensor_mm)) => focal_mm / sensor_mm * width.max(height),
         _ => return Err("neither <FocalLengthPixels> nor <FocalLength> with <SensorSize>".to_owned()),

@@ -2,16 +2,16 @@
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufReader, Read as _};
 use std::path::Path;
 use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::SurveyError;
 use super::config::{CameraConfig, CsvConfig, PixelOrigin};
 use super::error::Place;
 use super::poses::{Pose, Poses};
-use super::SurveyError;
 use crate::camera::{Camera, Distortion};
 use crate::files::FileError;
 
@@ -84,7 +84,8 @@ pub(crate) fn read(path: &Path, config: &CsvConfig, camera: Option<&CameraConfig
         }
         let line = record.position().map_or(0, ::csv::Position::line);
         let Some(columns) = &columns else {
-            let header: Vec<String> = record.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
+            let header: Vec<String> =
+                record.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
             let found = Columns::find(&header, &config);
             columns = Some(found.map_err(|e| SurveyError::malformed(path, Place::Line(line), e).hint(COLUMNS_HINT))?);
             continue;
@@ -120,11 +121,14 @@ fn delimiter(path: &Path, declared: &str) -> Result<Option<u8>, SurveyError> {
         }
     }
     let file = File::open(path).map_err(FileError::on("cannot open", path))?;
-    let mut first = String::new();
-    // A line that is not text is reported by the reader proper, with its place.
-    let _ = std::io::Read::take(BufReader::new(file), 1 << 16).read_line(&mut first);
-    Ok(b"\t;,".iter().copied().find(|&separator| first.as_bytes().contains(&separator)))
+    let mut head = Vec::new();
+    std::io::Read::take(file, HEAD_BYTES).read_to_end(&mut head).map_err(FileError::on("cannot read", path))?;
+    let first = head.split(|&byte| byte == b'\n').find(|line| !line.trim_ascii().is_empty() && line[0] != b'#');
+    Ok(b"\t;,".iter().copied().find(|separator| first.unwrap_or_default().contains(separator)))
 }
+
+/// So much of a file shows its separator.
+const HEAD_BYTES: u64 = 1 << 16;
 
 impl Columns {
     fn find(header: &[String], declared: &Declared<'_>) -> Result<Self, String> {
@@ -215,7 +219,11 @@ fn camera_of(
     let missing = |what: &str| format!("its camera has no {what}");
     let pixels = |value: f64, what: &str| {
         let is_whole = value.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(&value);
-        if is_whole { Ok(value as u32) } else { Err(format!("image {what} {value} px: expected a whole positive number")) }
+        if is_whole {
+            Ok(value as u32)
+        } else {
+            Err(format!("image {what} {value} px: expected a whole positive number"))
+        }
     };
     let width_px = pixels(or(0, |c| Some(c.width.into())).ok_or_else(|| missing("width"))?, "width")?;
     let height_px = pixels(or(1, |c| Some(c.height.into())).ok_or_else(|| missing("height"))?, "height")?;

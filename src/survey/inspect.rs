@@ -53,7 +53,8 @@ impl Judgement {
         let sees = site.area.map(|area| {
             let terrain = site.terrain.unwrap_or(&flat);
             let is_in = |place: DVec2| area.contains(&geo::Point::new(place.x, place.y));
-            let n = survey.views.iter().filter_map(|view| ground::centre_on_ground(view, terrain)).filter(|&p| is_in(p));
+            let n =
+                survey.views.iter().filter_map(|view| ground::centre_on_ground(view, terrain)).filter(|&p| is_in(p));
             share(n.count(), n_views + n_up)
         });
         Self { looks_down: share(n_views, n_views + n_up), sees_area: sees, above_ground: above }
@@ -151,11 +152,14 @@ fn findings(judgement: Judgement, above_ground_m: Option<Spread>, survey: &Surve
     }
     if judgement.looks_down < MIN_LOOKS_DOWN {
         let share = percent(judgement.looks_down);
-        findings.push(format!("{share:.0} % of the views look down, expected at least {:.0} %", percent(MIN_LOOKS_DOWN)));
+        findings
+            .push(format!("{share:.0} % of the views look down, expected at least {:.0} %", percent(MIN_LOOKS_DOWN)));
     }
     if let Some(share) = judgement.sees_area.filter(|&share| share < MIN_SEES_AREA) {
         let (share, least) = (percent(share), percent(MIN_SEES_AREA));
-        findings.push(format!("{share:.0} % of the image centres lie in the area of interest, expected at least {least:.0} %"));
+        findings.push(format!(
+            "{share:.0} % of the image centres lie in the area of interest, expected at least {least:.0} %"
+        ));
     }
     if let Some(spread) = above_ground_m {
         if judgement.above_ground.is_some_and(|share| share < MIN_LOOKS_DOWN) {
@@ -164,7 +168,8 @@ fn findings(judgement: Judgement, above_ground_m: Option<Spread>, survey: &Surve
                 spread.median
             ));
         } else if spread.median > MAX_ABOVE_GROUND_M {
-            findings.push(format!("cameras fly {:.0} m above the ground: heights in feet, or a wrong CRS?", spread.median));
+            findings
+                .push(format!("cameras fly {:.0} m above the ground: heights in feet, or a wrong CRS?", spread.median));
         }
     }
     findings

@@ -76,7 +76,10 @@ fn world_crs(poses: &mut Poses, config: &SurveyConfig, project_crs: &Crs) -> Res
     let offset = DVec3::from(config.offset);
     if let Some([lat_deg, lon_deg, height_m]) = config.enu_origin {
         if config.crs.is_some() {
-            return Err(SurveyError::config("`crs` and `enu_origin` are both given", "poses are in one frame: keep one"));
+            return Err(SurveyError::config(
+                "`crs` and `enu_origin` are both given",
+                "poses are in one frame: keep one",
+            ));
         }
         poses.world = World::Enu(DVec3::new(lon_deg, lat_deg, height_m));
     } else if let Some(declared) = &config.crs {
@@ -132,15 +135,15 @@ pub(crate) fn locate(
         North::True if !world.is_geographic() => Some(TrueNorth::of(&world)?),
         _ => None,
     };
-    let way = Way {
-        map_from_world: Transform::new(&world, project_crs)?,
-        true_north,
-        offset,
-        heights,
-    };
+    let way = Way { map_from_world: Transform::new(&world, project_crs)?, true_north, offset, heights };
     let Poses { poses, mut issues, counts, .. } = poses;
-    let mut facts =
-        Facts { world: world.to_string(), heights: way.heights.to_string(), n_poses: n_read, counts, ..Facts::default() };
+    let mut facts = Facts {
+        world: world.to_string(),
+        heights: way.heights.to_string(),
+        n_poses: n_read,
+        counts,
+        ..Facts::default()
+    };
     let mut views = Vec::with_capacity(poses.len());
     for pose in without_duplicates(poses, &mut issues) {
         match view(&way, pose) {
@@ -149,7 +152,7 @@ pub(crate) fn locate(
                 facts.convergence_deg.push(north.azimuth_rad.to_degrees());
                 facts.point_scale.push(north.scale);
             }
-            Err(issue) => issues.push(issue),
+            Err(issue) => issues.push(*issue),
         }
     }
     views.sort_by(|a, b| a.id.cmp(&b.id));
@@ -192,17 +195,18 @@ fn suggest_projected(poses: &Poses, world: &Crs, project_crs: &Crs) -> Result<()
     }
 }
 
-fn view(way: &Way, pose: Pose) -> Result<(View, GridNorth), Issue> {
-    pose.camera.validate().map_err(|e| refused("camera_unusable", &pose.name, e.to_string()))?;
-    let located = way.locate(&pose).map_err(|reason| refused("pose_unusable", &pose.name, reason))?;
+fn view(way: &Way, pose: Pose) -> Result<(View, GridNorth), Box<Issue>> {
+    pose.camera.validate().map_err(|e| Box::new(refused("camera_unusable", &pose.name, e.to_string())))?;
+    let located = way.locate(&pose).map_err(|reason| Box::new(refused("pose_unusable", &pose.name, reason)))?;
     let camera_from_map = Rigid::from_rotation_and_centre(located.camera_from_map, located.centre_in_map);
     let view = View { id: ViewId(pose.name), camera: pose.camera, camera_from_map, image: None };
     if view.kind() == ViewKind::Upward {
         let message = format!("it looks {:.1}° off the vertical, at or above the horizon", view.off_nadir_deg());
         let place = located.centre_in_map;
-        return Err(refused(LOOKS_UP, &view.id.0, message)
+        let issue = refused(LOOKS_UP, &view.id.0, message)
             .hint("if many views do, the angle sequence, direction or axes are declared wrong")
-            .at(place.x, place.y));
+            .at(place.x, place.y);
+        return Err(Box::new(issue));
     }
     Ok((view, located.north))
 }

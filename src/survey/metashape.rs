@@ -142,7 +142,8 @@ impl Chunk {
 }
 
 fn placed(matrix: &[f64], chunk: Option<Similarity>) -> Result<(DMat3, DVec3), String> {
-    let m: [f64; 16] = matrix.try_into().map_err(|_| format!("a transform of {} numbers: expected 16", matrix.len()))?;
+    let m: [f64; 16] =
+        matrix.try_into().map_err(|_| format!("a transform of {} numbers: expected 16", matrix.len()))?;
     let chunk_from_camera = nearest_rotation(rows([m[0], m[1], m[2]], [m[4], m[5], m[6]], [m[8], m[9], m[10]]))?;
     let centre_in_chunk = DVec3::new(m[3], m[7], m[11]);
     let Some(Similarity { rotation, translation, scale }) = chunk else {
@@ -170,7 +171,11 @@ fn similarity(transform: &Element) -> Result<Similarity, String> {
     let numbers = |name: &str, n: usize| -> Result<Option<Vec<f64>>, String> {
         let Some(child) = transform.child(name) else { return Ok(None) };
         let numbers = child.numbers()?;
-        if numbers.len() == n { Ok(Some(numbers)) } else { Err(format!("<{name}> has {} numbers: expected {n}", numbers.len())) }
+        if numbers.len() == n {
+            Ok(Some(numbers))
+        } else {
+            Err(format!("<{name}> has {} numbers: expected {n}", numbers.len()))
+        }
     };
     let rotation = match numbers("rotation", 9)? {
         Some(m) => nearest_rotation(rows([m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]))?,
@@ -192,7 +197,11 @@ fn similarity_of_matrix(m: &[f64]) -> Result<Similarity, String> {
     if scale.is_nan() || scale <= 0.0 {
         return Err("the chunk's transform is no similarity".to_owned());
     }
-    Ok(Similarity { rotation: nearest_rotation(scaled * (1.0 / scale))?, translation: DVec3::new(m[3], m[7], m[11]), scale })
+    Ok(Similarity {
+        rotation: nearest_rotation(scaled * (1.0 / scale))?,
+        translation: DVec3::new(m[3], m[7], m[11]),
+        scale,
+    })
 }
 
 /// The adjusted calibration of a sensor, else its first one.

@@ -18,6 +18,7 @@ mod metashape;
 mod opensfm;
 mod photo;
 mod photos;
+mod picture;
 mod pix4d;
 mod poses;
 mod report;
@@ -27,12 +28,15 @@ mod view;
 mod write;
 mod xml;
 
-pub use config::{CameraConfig, CsvConfig, Format, PixelOrigin, SurveyConfig, HeightConfig, HeightReference, TangentialOrder};
+pub use config::{
+    CameraConfig, CsvConfig, Format, HeightConfig, HeightReference, PixelOrigin, SurveyConfig, TangentialOrder,
+};
 pub use error::{Hint, Place, SurveyError};
 pub use inspect::{Site, inspect};
+pub use picture::{draw, write_picture};
 pub use report::{Spread, SurveyReport, Trial};
-pub use write::{Converted, Target, convert, write};
 pub use view::{NADIR_WITHIN_DEG, View, ViewKind};
+pub use write::{Converted, Target, convert, write};
 
 use std::fs::File;
 use std::io::Read as _;

@@ -75,7 +75,14 @@ pub(crate) struct Counts {
 impl Poses {
     /// None yet, in a world the file does not name, over grid north.
     pub(crate) fn new() -> Self {
-        Self { counts: Counts::default(), world: World::Unsaid, north: North::Grid, heights: FileHeights::Unsaid, poses: Vec::new(), issues: Vec::new() }
+        Self {
+            counts: Counts::default(),
+            world: World::Unsaid,
+            north: North::Grid,
+            heights: FileHeights::Unsaid,
+            poses: Vec::new(),
+            issues: Vec::new(),
+        }
     }
 
     /// The same world without its poses and issues.

@@ -132,7 +132,10 @@ impl fmt::Display for SurveyReport {
         row("poses in", &self.poses_crs)?;
         row("project in", &self.project_crs)?;
         row("heights", &self.heights)?;
-        row("poses", &format!("{}, of which {} usable, {} refused items", self.n_poses, self.n_views, self.n_refused()))?;
+        row(
+            "poses",
+            &format!("{}, of which {} usable, {} refused items", self.n_poses, self.n_views, self.n_refused()),
+        )?;
         row("photo files", &self.n_photos)?;
         row("cameras", &self.n_cameras)?;
         row("nadir / oblique", &format!("{} / {}", self.n_nadir, self.n_oblique))?;
@@ -152,7 +155,9 @@ impl fmt::Display for SurveyReport {
                 row(label, &text)?;
             }
         }
-        for (label, map) in [("positioning", &self.rtk), ("focal length from", &self.focal), ("issues", &self.issue_counts)] {
+        for (label, map) in
+            [("positioning", &self.rtk), ("focal length from", &self.focal), ("issues", &self.issue_counts)]
+        {
             if !map.is_empty() {
                 row(label, &counts(map))?;
             }

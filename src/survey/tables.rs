@@ -8,7 +8,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::angles::{AngleConvention, AngleKind, North, PitchZero};
-use super::config::{CameraConfig, CsvConfig};
+use super::config::{CameraConfig, CsvConfig, PixelOrigin};
 use super::error::Place;
 use super::opensfm::crs_of_line;
 use super::poses::{FileHeights, Pose, Poses, World};
@@ -19,7 +19,10 @@ use crate::files::FileError;
 fn need_camera<'a>(camera: Option<&'a CameraConfig>, format: &str) -> Result<&'a CameraConfig, SurveyError> {
     camera.ok_or_else(|| {
         let message = format!("{format} carries no camera");
-        SurveyError::config(message, "declare it under [survey.camera]: width, height, fx and what is known of the lens")
+        SurveyError::config(
+            message,
+            "declare it under [survey.camera]: width, height, fx and what is known of the lens",
+        )
     })
 }
 
@@ -76,5 +79,5 @@ pub(crate) fn read_geo_txt(path: &Path, camera: Option<&CameraConfig>) -> Result
 }
 
 fn camera_of(config: &CameraConfig) -> Result<Camera, SurveyError> {
-    csv::declared_camera(config, Default::default()).map_err(|e| SurveyError::config(e, ""))
+    csv::declared_camera(config, PixelOrigin::default()).map_err(|e| SurveyError::config(e, ""))
 }

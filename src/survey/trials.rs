@@ -37,15 +37,13 @@ pub(crate) fn run(
         }
     }
     // Sound readings first, then by score; the sort is stable, so simpler changes stay before compound ones.
-    found.sort_by(|(a, _), (b, _)| (b.is_sound(), b.score()).partial_cmp(&(a.is_sound(), a.score())).unwrap_or(std::cmp::Ordering::Equal));
+    found.sort_by(|(a, _), (b, _)| {
+        (b.is_sound(), b.score()).partial_cmp(&(a.is_sound(), a.score())).unwrap_or(std::cmp::Ordering::Equal)
+    });
     found.truncate(N_NAMED);
     found
         .into_iter()
-        .map(|(judgement, change)| Trial {
-            change,
-            looks_down: judgement.looks_down,
-            sees_area: judgement.sees_area,
-        })
+        .map(|(judgement, change)| Trial { change, looks_down: judgement.looks_down, sees_area: judgement.sees_area })
         .collect()
 }
 

@@ -36,11 +36,6 @@ impl Element {
         self.children.iter().filter(move |child| child.name == name)
     }
 
-    /// The descendant along a path of names.
-    pub(crate) fn at(&self, path: &[&str]) -> Option<&Self> {
-        path.iter().try_fold(self, |element, name| element.child(name))
-    }
-
     /// A child's text.
     pub(crate) fn text_of(&self, name: &str) -> Option<&str> {
         Some(self.child(name)?.text.trim())
@@ -206,7 +201,9 @@ fn opened(start: &BytesStart<'_>) -> Result<Element, String> {
     let mut element = Element { name: start.local_name().as_ref().to_owned(), ..Element::default() };
     for attribute in start.attributes() {
         let attribute = attribute.map_err(|e| format!("a broken attribute: {e}"))?;
-        let value = attribute.normalized_value(quick_xml::XmlVersion::Implicit1_0).map_err(|e| format!("a broken attribute: {e}"))?;
+        let value = attribute
+            .normalized_value(quick_xml::XmlVersion::Implicit1_0)
+            .map_err(|e| format!("a broken attribute: {e}"))?;
         element.attributes.insert(attribute.key.local_name().as_ref().to_owned(), value.into_owned());
     }
     Ok(element)

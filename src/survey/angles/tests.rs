@@ -1,5 +1,7 @@
 //! Golden vectors: yaw, pitch, roll of a gimbal over grid north against what each tool writes for the same camera.
 
+#![allow(clippy::approx_constant, reason = "golden vectors are printed numbers")]
+
 use proptest::prelude::*;
 
 use super::*;
@@ -51,9 +53,11 @@ const GOLDEN: [Golden; 6] = [
     Golden {
         ypr_deg: [30.0, -45.0, 5.0],
         opk_deg: [40.8934, -20.7048, -27.2077],
-        rows: [[0.831_916, -0.551_469, -0.061_628], [-0.427_687, -0.566_464, -0.704_416], [
-            0.353_553, 0.612_372, -0.707_107,
-        ]],
+        rows: [
+            [0.831_916, -0.551_469, -0.061_628],
+            [-0.427_687, -0.566_464, -0.704_416],
+            [0.353_553, 0.612_372, -0.707_107],
+        ],
         colmap_wxyz: [0.373_612, 0.881_12, -0.277_816, 0.082_828],
         rotation_vector: [2.256_782, -0.711_561, 0.212_144],
     },

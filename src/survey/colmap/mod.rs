@@ -66,7 +66,8 @@ fn take(row: ImageRow, cameras: &Cameras, poses: &mut Poses) {
         }
     };
     if !(length.is_finite() && length > 1e-6 && row.translation.is_finite()) {
-        let message = format!("quaternion {:?}, translation {}: expected unit length, finite", row.wxyz, row.translation);
+        let message =
+            format!("quaternion {:?}, translation {}: expected unit length, finite", row.wxyz, row.translation);
         return poses.refuse("pose_unusable", &row.name, message);
     }
     let rotation = DMat3::from_quat(quaternion.normalize());

@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::camera::Camera;
 use super::{Cameras, ImageRow, models};
+use crate::camera::Camera;
 use crate::files::FileError;
 use crate::survey::SurveyError;
 use crate::survey::error::Place;

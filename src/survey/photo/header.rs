@@ -49,18 +49,17 @@ impl Header {
                 reader.seek_relative(-3).map_err(cut)?;
                 continue;
             }
-            let n_bytes = usize::from(u16::from_be_bytes([high, low]))
-                .checked_sub(2)
-                .ok_or("a JPEG segment of impossible length")?;
+            let n_bytes =
+                u16::from_be_bytes([high, low]).checked_sub(2).ok_or("a JPEG segment of impossible length")?;
             let is_frame = matches!(marker, 0xC0..=0xCF) && !matches!(marker, 0xC4 | 0xC8 | 0xCC);
             if marker == 0xDA {
                 return Err("the JPEG has no frame header before its pixels".to_owned());
             }
             if !is_frame && marker != APP1 {
-                reader.seek_relative(n_bytes as i64).map_err(cut)?;
+                reader.seek_relative(i64::from(n_bytes)).map_err(cut)?;
                 continue;
             }
-            let mut segment = vec![0; n_bytes];
+            let mut segment = vec![0; usize::from(n_bytes)];
             reader.read_exact(&mut segment).map_err(cut)?;
             if is_frame {
                 let &[_, h1, h0, w1, w0, ..] = segment.as_slice() else {

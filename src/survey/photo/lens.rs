@@ -5,7 +5,7 @@ use exif::Tag;
 use super::header::Header;
 use super::xmp::Tags;
 use crate::camera::{Camera, Distortion};
-use crate::survey::config::CameraConfig;
+use crate::survey::config::{CameraConfig, PixelOrigin};
 use crate::survey::csv::declared_camera;
 
 /// Diagonal of a 36 × 24 mm frame.
@@ -33,7 +33,7 @@ pub(super) struct Lens {
 pub(super) fn of(header: &Header, tags: &Tags, declared: Option<&CameraConfig>) -> Result<Lens, String> {
     let (width_px, height_px) = header.size_px;
     if let Some(declared) = declared {
-        let camera = declared_camera(declared, Default::default())?;
+        let camera = declared_camera(declared, PixelOrigin::default())?;
         let is_same_shape = is_same_aspect((camera.width_px, camera.height_px), header.size_px);
         if !is_same_shape {
             return Err(format!(

@@ -49,11 +49,11 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
         return Err(SurveyError::config(format!("{} holds no photos", folder.display()), "jpg, jpeg, tif or tiff"));
     }
     let wants_relative = config.height.reference == Some(HeightReference::AboveTakeoff);
-    let readings: Vec<Result<Reading, Issue>> = files
+    let readings: Vec<Result<Reading, Box<Issue>>> = files
         .par_iter()
         .map(|path| {
             let name = path.strip_prefix(folder).ok().filter(|p| !p.as_os_str().is_empty());
-            let name = name.map_or_else(|| path.file_name().map(Path::new).unwrap_or(path), |p| p);
+            let name = name.unwrap_or_else(|| path.file_name().map_or(path, Path::new));
             read_one(path, &name.to_string_lossy(), config.camera.as_ref(), wants_relative)
         })
         .collect();
@@ -70,7 +70,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
                 pose.camera = Arc::clone(shared);
                 poses.poses.push(pose);
             }
-            Err(issue) => poses.issues.push(issue),
+            Err(issue) => poses.issues.push(*issue),
         }
     }
     poses.heights = if is_ellipsoidal { FileHeights::Ellipsoidal } else { FileHeights::Unreliable };
@@ -82,13 +82,14 @@ fn read_one(
     name: &str,
     declared: Option<&CameraConfig>,
     wants_relative: bool,
-) -> Result<Reading, Issue> {
-    let unreadable = |reason: String| refused("photo_unreadable", name, reason);
+) -> Result<Reading, Box<Issue>> {
+    let unreadable = |reason: String| Box::new(refused("photo_unreadable", name, reason));
     let header = Header::read(path).map_err(unreadable)?;
     let tags = header.xmp.as_deref().map(|packet| xmp::tags(packet, path)).transpose();
     let tags = tags.map_err(|e| unreadable(e.to_string()))?.unwrap_or_default();
-    let lens = lens::of(&header, &tags, declared).map_err(|reason| refused("camera_unusable", name, reason))?;
-    let no_pose = |reason: String| refused("photo_without_pose", name, reason);
+    let lens =
+        lens::of(&header, &tags, declared).map_err(|reason| Box::new(refused("camera_unusable", name, reason)))?;
+    let no_pose = |reason: String| Box::new(refused("photo_without_pose", name, reason));
     let need = |key: &str| {
         let value = tags.number(key).map_err(no_pose)?;
         value.ok_or_else(|| no_pose(format!("its metadata lack {key}: the direction of view is unknown")))
@@ -129,5 +130,9 @@ fn place(header: &Header, tags: &xmp::Tags) -> Result<(f64, f64), String> {
     };
     let is_on_earth = place.0.abs() <= 180.0 && place.1.abs() <= 90.0;
     // No fix is written as 0, 0.
-    if is_on_earth && place != (0.0, 0.0) { Ok(place) } else { Err(format!("its position is {place:?}: no satellite fix")) }
+    if is_on_earth && place != (0.0, 0.0) {
+        Ok(place)
+    } else {
+        Err(format!("its position is {place:?}: no satellite fix"))
+    }
 }

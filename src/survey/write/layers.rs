@@ -35,7 +35,9 @@ fn layers(survey: &Survey, terrain: &Terrain) -> Vec<Layer> {
         let ground_m = terrain.height_at(centre.x, centre.y).unwrap_or(fallback_m);
         let ring = ground::outline(view, ground_m);
         if ring.len() > 2 {
-            footprints.features.push((Shape::Polygon(ring.iter().map(|p: &DVec2| p.extend(ground_m)).collect()), attributes));
+            footprints
+                .features
+                .push((Shape::Polygon(ring.iter().map(|p: &DVec2| p.extend(ground_m)).collect()), attributes));
         }
     }
     vec![cameras, axes, footprints]
