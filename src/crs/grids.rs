@@ -36,10 +36,9 @@ fn of_vertical(epsg: u32) -> Option<Vec<Grid>> {
     let database = folders.split(separator).map(|f| std::path::Path::new(f).join("proj.db")).find(|f| f.is_file())?;
     let dataset = gdal::Dataset::open(&database).ok()?;
     let query = format!(
-        "SELECT DISTINCT a.proj_grid_name AS name, a.url AS url FROM grid_transformation g \
-         JOIN grid_alternatives a ON a.original_grid_name = g.grid_name \
-         WHERE g.deprecated = 0 AND a.proj_grid_name <> '' \
-         AND ((g.target_crs_auth_name = 'EPSG' AND g.target_crs_code = '{epsg}') \
+        "SELECT DISTINCT COALESCE(NULLIF(a.proj_grid_name, ''), g.grid_name) AS name, a.url AS url \
+         FROM grid_transformation g LEFT JOIN grid_alternatives a ON a.original_grid_name = g.grid_name \
+         WHERE g.deprecated = 0 AND g.grid_name <> '' AND ((g.target_crs_auth_name = 'EPSG' AND g.target_crs_code = '{epsg}') \
          OR (g.source_crs_auth_name = 'EPSG' AND g.source_crs_code = '{epsg}'))"
     );
     let mut rows = dataset.execute_sql(query, None, Dialect::DEFAULT).ok()??;

@@ -1,5 +1,5 @@
-//! A map of the survey as a picture: cameras with their view directions, nadir and oblique in two colours, over the
-//! outlines of their photos on the ground.
+//! A map of the survey as a picture: cameras with a line to the ground they look at, nadir and oblique in two colours,
+//! over the outlines of their photos on the ground.
 
 use std::path::Path;
 
@@ -63,12 +63,12 @@ pub fn draw(survey: &Survey, terrain: &Terrain, longest_px: u32) -> RgbImage {
             line(&mut picture, frame.at(*corner), frame.at(outline[(i + 1) % outline.len()]), FOOTPRINT);
         }
     }
-    let axis_px = f64::from(longest_px) * 0.02;
     for (view, camera) in survey.views.iter().zip(&cameras) {
         let colour = if view.kind() == ViewKind::Nadir { NADIR } else { OBLIQUE };
         let place = frame.at(*camera);
-        let axis = view.axis_in_map();
-        line(&mut picture, place, place + DVec2::new(axis.x, -axis.y) * axis_px, colour);
+        if let Some(end) = ground::centre_on_ground(view, terrain) {
+            line(&mut picture, place, frame.at(end), colour);
+        }
         for dy in -MARK_PX..=MARK_PX {
             for dx in -MARK_PX..=MARK_PX {
                 dot(&mut picture, place.x as i64 + dx, place.y as i64 + dy, colour);

@@ -36,10 +36,8 @@ pub(crate) fn run(
             found.push((judgement, change));
         }
     }
-    // Sound readings first, then by score; the sort is stable, so simpler changes stay before compound ones.
-    found.sort_by(|(a, _), (b, _)| {
-        (b.is_sound(), b.score()).partial_cmp(&(a.is_sound(), a.score())).unwrap_or(std::cmp::Ordering::Equal)
-    });
+    // Sound readings first, then by score to the percent; the sort is stable, so the plainer of two equals leads.
+    found.sort_by_key(|(judgement, _)| std::cmp::Reverse((judgement.is_sound(), (100.0 * judgement.score()) as u32)));
     found.truncate(N_NAMED);
     found
         .into_iter()

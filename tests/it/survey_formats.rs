@@ -379,3 +379,122 @@ fn a_geographic_project_is_refused_with_the_surveys_own_utm_zone() {
         assert!(refused.contains("EPSG:32632"), "{refused}");
     }
 }
+
+#[test]
+fn a_colmap_model_at_a_declared_enu_origin() {
+    let (geodetic, camera_from_enu) = geodetic();
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("cameras.txt"), "1 PINHOLE 4000 3000 3000 3000 2000 1500\n").unwrap();
+    let [w, x, y, z] = survey::angles::quaternion_wxyz(camera_from_enu);
+    // The camera stands 100 m above the origin.
+    let t = -(camera_from_enu * DVec3::new(0.0, 0.0, 100.0));
+    let image = format!("1 {w} {x} {y} {z} {} {} {} 1 a.jpg\n\n", t.x, t.y, t.z);
+    fs::write(folder.path().join("images.txt"), image).unwrap();
+    let config = SurveyConfig {
+        enu_origin: Some([geodetic.y, geodetic.x, geodetic.z - 100.0]),
+        height: keep_ellipsoidal(),
+        ..SurveyConfig::at(folder.path())
+    };
+    assert_golden(&survey::read(&config, &utm()).unwrap());
+}
+
+/// One CSV row at longitude, latitude and ellipsoidal height, yaw over true north.
+fn geographic_table(folder: &Path) -> SurveyConfig {
+    let (geodetic, _) = geodetic();
+    let wgs84 = Crs::parse("EPSG:4326").unwrap();
+    let north = Transform::new(&wgs84, &utm()).unwrap().north_at(geodetic.x, geodetic.y).unwrap();
+    let yaw = 30.0 - north.azimuth_rad.to_degrees();
+    let path = folder.join("poses.csv");
+    let row = format!("a.jpg,{},{},{},{yaw},-45,5\n", geodetic.x, geodetic.y, geodetic.z);
+    fs::write(&path, format!("name,x,y,z,yaw,pitch,roll\n{row}")).unwrap();
+    let mut config: SurveyConfig =
+        toml::from_str("path = \"-\"\ncrs = \"EPSG:4979\"\n[csv]\nangles = \"ypr\"").unwrap();
+    (config.path, config.camera) = (path, Some(camera()));
+    config
+}
+
+#[test]
+fn ellipsoidal_heights_reach_a_project_above_the_geoid() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = geographic_table(folder.path());
+    let survey = survey::read(&config, &Crs::parse("EPSG:32632+5773").unwrap()).unwrap();
+    // EGM96 at 52° N 11.9° E: 44.1 m (the geoid in northern Germany lies 40 to 47 m above the ellipsoid).
+    let geoid_m = CENTRE.z - survey.views[0].camera_from_map.centre().z;
+    assert!((geoid_m - 44.0).abs() < 2.0, "{geoid_m}");
+    let choice = survey.issues.iter().find(|issue| issue.code == "height_choice").unwrap();
+    assert!(choice.message.contains("EGM96"), "{}", choice.message);
+}
+
+#[test]
+fn without_its_grid_a_height_system_is_refused_by_the_grids_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = geographic_table(folder.path());
+    for (project, grid) in [("EPSG:25832+7837", "GCG2016"), ("EPSG:7415", "nlgeo2018"), ("EPSG:25832+3855", "egm08")] {
+        match survey::read(&config, &Crs::parse(project).unwrap()) {
+            // A machine with the grid installed: the geoid comes off.
+            Ok(survey) => assert!((CENTRE.z - survey.views[0].camera_from_map.centre().z - 44.0).abs() < 3.0),
+            Err(e) => assert!(e.to_string().contains(grid), "{project}: {e}"),
+        }
+    }
+}
+
+/// A JPEG of nothing but an XMP packet and a frame header.
+fn photo(path: &Path, tags: &str, width: u16, height: u16) {
+    let packet = format!(
+        "http://ns.adobe.com/xap/1.0/\0<x:xmpmeta xmlns:x=\"adobe:ns:meta/\"><rdf:RDF xmlns:rdf=\"r\"><rdf:Description \
+         xmlns:drone-dji=\"d\" {tags}/></rdf:RDF></x:xmpmeta>\n\n"
+    );
+    let mut bytes = vec![0xFF, 0xD8, 0xFF, 0xE1];
+    bytes.extend(u16::try_from(packet.len() + 2).unwrap().to_be_bytes());
+    bytes.extend(packet.as_bytes());
+    bytes.extend([0xFF, 0xC0, 0, 11, 8]);
+    bytes.extend(height.to_be_bytes());
+    bytes.extend(width.to_be_bytes());
+    bytes.extend([1, 0, 0, 0]);
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn rtk_photos_with_dewarp_data() {
+    let folder = tempfile::tempdir().unwrap();
+    let (geodetic, _) = geodetic();
+    let wgs84 = Crs::parse("EPSG:4326").unwrap();
+    let north = Transform::new(&wgs84, &utm()).unwrap().north_at(geodetic.x, geodetic.y).unwrap();
+    let yaw = 30.0 - north.azimuth_rad.to_degrees();
+    let tags = |yaw: f64, pitch: f64, roll: f64| {
+        format!(
+            "drone-dji:GpsLatitude=\"+{}\" drone-dji:GpsLongtitude=\"+{}\" drone-dji:AbsoluteAltitude=\"+{}\" \
+             drone-dji:GimbalYawDegree=\"{yaw}\" drone-dji:GimbalPitchDegree=\"{pitch}\" \
+             drone-dji:GimbalRollDegree=\"{roll}\" drone-dji:FlightYawDegree=\"77\" drone-dji:RtkFlag=\"50\" \
+             drone-dji:DewarpFlag=\"0\" \
+             drone-dji:DewarpData=\"2020-01-01;3700.5,3701.5,12.5,-8.25,-0.1,0.02,0.0001,0.0002,-0.003\"",
+            geodetic.y, geodetic.x, geodetic.z
+        )
+    };
+    photo(&folder.path().join("a.jpg"), &tags(yaw, -45.0, 5.0), 5280, 3956);
+    photo(&folder.path().join("rolled.jpg"), &tags(yaw, -90.0, 180.0), 5280, 3956);
+    photo(&folder.path().join("level.jpg"), &tags(yaw + 180.0, -90.0, 0.0), 5280, 3956);
+    photo(&folder.path().join("no_gimbal.jpg"), "drone-dji:GpsLatitude=\"52\"", 5280, 3956);
+    let config = SurveyConfig { height: keep_ellipsoidal(), ..SurveyConfig::at(folder.path()) };
+    let survey = survey::read(&config, &utm()).unwrap();
+    let view = |name: &str| survey.views.iter().find(|view| view.id.0 == name).unwrap();
+    assert_pose(view("a.jpg"), golden_rotation(), CENTRE, 1e-3);
+    assert_pose(view("rolled.jpg"), view("level.jpg").camera_from_map.rotation, CENTRE, 1e-3);
+    let camera = &view("a.jpg").camera;
+    assert_eq!((camera.fx_px, camera.fy_px), (3700.5, 3701.5));
+    assert_eq!((camera.cx_px, camera.cy_px), (2640.0 + 12.5, 1978.0 - 8.25));
+    let expected = Distortion::Brown { k1: -0.1, k2: 0.02, k3: -0.003, p1: 0.0001, p2: 0.0002 };
+    assert_eq!(camera.distortion, expected);
+    assert!(survey.issues.iter().any(|issue| issue.message.contains("focal length")), "{:?}", survey.issues);
+}
+
+#[test]
+fn misspelt_options_are_refused_and_the_schema_documents_each() {
+    let refused = toml::from_str::<SurveyConfig>("path = \"x\"\nformt = \"csv\"").unwrap_err().to_string();
+    assert!(refused.contains("formt"), "{refused}");
+    let schema = serde_json::to_value(schemars::schema_for!(SurveyConfig)).unwrap();
+    for (name, property) in schema["properties"].as_object().unwrap() {
+        let text = property.to_string();
+        assert!(text.contains("description") || text.contains("$ref"), "{name} has no description");
+    }
+}

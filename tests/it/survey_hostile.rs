@@ -170,7 +170,7 @@ fn negative_focal_lengths_and_nan_are_issues_of_their_photos() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
     fn damaged_files_of_every_format_never_panic(

@@ -6,6 +6,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::PathBuf;
 
+use gdal::vector::LayerAccess as _;
 use glam::{DVec2, DVec3};
 use sizeup::crs::{Crs, TrueNorth};
 use sizeup::survey::{self, Format, HeightConfig, HeightReference, Site, SurveyConfig, Target, ViewKind};
@@ -267,6 +268,22 @@ fn round_trips_keep_poses_to_a_billionth() {
     for (target, name) in [(Target::GeoJson, "layers.geojson"), (Target::GeoPackage, "layers.gpkg")] {
         let converted = survey::convert(&config, &crs, &terrain, target, &folder.path().join(name)).unwrap();
         assert!(converted.files.iter().all(|file| file.is_file()), "{:?}", converted.files);
+    }
+    let package = gdal::Dataset::open(folder.path().join("layers.gpkg")).unwrap();
+    assert_eq!(package.layer_count(), 3);
+    for mut layer in package.layers() {
+        assert_eq!(layer.feature_count(), 12, "{}", layer.name());
+        let extent = layer.get_extent().unwrap();
+        assert!(
+            extent.MinX > 634_000.0 && extent.MaxX < 637_000.0 && extent.MinY > 484_000.0,
+            "easting before northing"
+        );
+        assert_eq!(layer.spatial_ref().unwrap().auth_code().unwrap(), 2180);
+        let off_nadir_deg: Vec<f64> = layer
+            .features()
+            .map(|feature| feature.field_as_double(feature.field_index("off_nadir_deg").unwrap()).unwrap().unwrap())
+            .collect();
+        assert!(off_nadir_deg.iter().all(|&angle| angle < 33.0));
     }
     let layer = fs::read_to_string(folder.path().join("layers/image_footprints.geojson")).unwrap();
     let layer: serde_json::Value = serde_json::from_str(&layer).unwrap();
