@@ -68,3 +68,49 @@ pub fn centre_on_ground(view: &View, terrain: &Terrain) -> Option<DVec2> {
     }
     Some(place)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::DMat3;
+
+    use super::*;
+    use crate::camera::Camera;
+    use crate::frames::Rigid;
+    use crate::ids::ViewId;
+
+    fn view(tilt_deg: f64) -> View {
+        // Image top to the north, tilted towards it.
+        let nadir = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+        let rotation = DMat3::from_rotation_x(-tilt_deg.to_radians()) * nadir;
+        View {
+            id: ViewId::from("a"),
+            camera: Arc::new(Camera::pinhole(400, 300, 1000.0)),
+            camera_from_map: Rigid::from_rotation_and_centre(rotation, DVec3::new(1000.0, 2000.0, 150.0)),
+            image: None,
+        }
+    }
+
+    #[test]
+    fn a_nadir_photo_covers_its_size_over_focal_length_times_height() {
+        let outline = outline(&view(0.0), 50.0);
+        let low = outline.iter().copied().reduce(DVec2::min).unwrap();
+        let high = outline.iter().copied().reduce(DVec2::max).unwrap();
+        assert!((low - DVec2::new(980.0, 1985.0)).length() < 1e-9, "{low}");
+        assert!((high - DVec2::new(1020.0, 2015.0)).length() < 1e-9, "{high}");
+    }
+
+    #[test]
+    fn an_oblique_axis_meets_the_ground_at_height_times_the_tangent() {
+        let place = centre_on_ground(&view(45.0), &Terrain::Constant(50.0)).unwrap();
+        assert!((place - DVec2::new(1000.0, 2100.0)).length() < 1e-9, "{place}");
+    }
+
+    #[test]
+    fn rays_at_the_horizon_end_somewhere() {
+        let outline = outline(&view(85.0), 50.0);
+        assert!(outline.iter().all(|p| p.distance(DVec2::new(1000.0, 2000.0)) < 600.0));
+        assert!(super::outline(&view(0.0), 200.0).is_empty(), "a camera below the plane sees none of it");
+    }
+}

@@ -94,7 +94,9 @@ pub fn inspect(
     let (survey, facts) = locate(poses.clone(), config, project_crs)?;
     let judgement = Judgement::of(&survey, site);
     let mut report = report_of(&survey, &facts, config, project_crs, site, judgement);
-    if !report.is_sound() {
+    if report.is_sound() {
+        report.equally_plausible = trials::opposite(config, project_crs, site);
+    } else {
         report.trials = trials::run(&poses, config, project_crs, site, judgement);
         report.findings.extend(hints_of_positions(&poses, config));
     }
@@ -140,6 +142,7 @@ fn report_of(
         issue_counts,
         findings: findings(judgement, above_ground_m, survey),
         trials: Vec::new(),
+        equally_plausible: Vec::new(),
         issues: survey.issues.clone(),
     }
 }

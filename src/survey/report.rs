@@ -87,6 +87,8 @@ pub struct SurveyReport {
     pub findings: Vec<String>,
     /// Readings that look better, the best first.
     pub trials: Vec<Trial>,
+    /// Readings that these checks cannot tell from the declared one: a map of the image footprints can.
+    pub equally_plausible: Vec<Trial>,
     /// Every item, with its reason.
     pub issues: Vec<Issue>,
 }
@@ -161,6 +163,9 @@ impl fmt::Display for SurveyReport {
             if !map.is_empty() {
                 row(label, &counts(map))?;
             }
+        }
+        for trial in &self.equally_plausible {
+            writeln!(f, "  note: {trial} as well: compare the image footprints (survey convert) with a map")?;
         }
         if self.is_sound() {
             return writeln!(f, "The poses look right.");

@@ -45,6 +45,35 @@ pub(crate) fn run(
         .collect()
 }
 
+/// The reading of a table of angles that looks the other way from the same numbers (Rotterdam's cameras against the
+/// usual convention), if it passes the same checks: views look down in both.
+pub(crate) fn opposite(config: &SurveyConfig, project_crs: &Crs, site: Site<'_>) -> Vec<Trial> {
+    let Some(declared) = config.csv.as_ref().filter(|csv| matches!(csv.angles, AngleKind::Opk | AngleKind::Pok)) else {
+        return Vec::new();
+    };
+    let is_usual = declared.direction != Some(Direction::WorldToCamera);
+    let (sequence, direction) = match (declared.angles, is_usual) {
+        (_, false) => (None, Direction::CameraToWorld),
+        (AngleKind::Opk, true) => (Some(Sequence::Zyx), Direction::WorldToCamera),
+        (_, true) => (Some(Sequence::Zxy), Direction::WorldToCamera),
+    };
+    let other = super::CsvConfig { sequence, direction: Some(direction), ..declared.clone() };
+    let own = if declared.angles == AngleKind::Opk { Sequence::Xyz } else { Sequence::Yxz };
+    let change = format!("csv.sequence = {}, csv.direction = {}", word(&sequence.unwrap_or(own)), word(&direction));
+    let judge = || -> Option<Trial> {
+        let poses = sample(&csv::read(&config.path, &other, config.camera.as_ref()).ok()?);
+        let unmatched = SurveyConfig { images: None, ..config.clone() };
+        let (survey, _) = locate(poses, &unmatched, project_crs).ok()?;
+        let judgement = Judgement::of(&survey, site);
+        judgement.is_sound().then_some(Trial {
+            change,
+            looks_down: judgement.looks_down,
+            sees_area: judgement.sees_area,
+        })
+    };
+    judge().into_iter().collect()
+}
+
 /// Every `n`-th pose, so that at most [`SAMPLE`] are left.
 fn sample(poses: &Poses) -> Poses {
     let step = poses.poses.len().div_ceil(SAMPLE).max(1);

@@ -498,3 +498,53 @@ fn misspelt_options_are_refused_and_the_schema_documents_each() {
         assert!(text.contains("description") || text.contains("$ref"), "{name} has no description");
     }
 }
+
+#[test]
+fn every_lens_survives_the_formats_that_can_express_it() {
+    let lenses = [
+        Distortion::None,
+        Distortion::Brown { k1: -0.1, k2: 0.01, k3: 0.0, p1: 1e-4, p2: 2e-4 },
+        Distortion::Brown { k1: -0.1, k2: 0.01, k3: 0.003, p1: 1e-4, p2: 2e-4 },
+        Distortion::BrownAffine { k1: -0.1, k2: 0.01, k3: 0.003, k4: 1e-4, p1: 1e-4, p2: 2e-4, skew: 1e-5 },
+        Distortion::Rational { k1: 0.1, k2: 0.2, k3: 0.3, k4: 0.11, k5: 0.22, k6: 0.33, p1: 1e-4, p2: 2e-4 },
+        Distortion::Fisheye { k1: 0.01, k2: 0.02, k3: 0.03, k4: 0.04 },
+    ];
+    let views: Vec<View> = lenses
+        .into_iter()
+        .enumerate()
+        .map(|(i, distortion)| View {
+            id: sizeup::ids::ViewId(format!("{i}.jpg")),
+            camera: std::sync::Arc::new(sizeup::camera::Camera {
+                distortion,
+                ..sizeup::camera::Camera::pinhole(4000, 3000, 3000.0 + i as f64 / 3.0)
+            }),
+            camera_from_map: sizeup::frames::Rigid::from_rotation_and_centre(
+                glam::DMat3::from_quat(glam::DQuat::from_mat3(&golden_rotation()).normalize()),
+                CENTRE + DVec3::X * i as f64 / 7.0,
+            ),
+            image: None,
+        })
+        .collect();
+    let survey = Survey { views, issues: Vec::new() };
+    let folder = tempfile::tempdir().unwrap();
+    let terrain = sizeup::terrain::Terrain::Constant(0.0);
+    for (target, name, settings, n_refused) in [
+        (survey::Target::Csv, "poses.csv", "poses.survey.toml", 0),
+        (survey::Target::Colmap, "model", "model/survey.toml", 1),
+    ] {
+        let written = survey::write(&survey, &utm(), &terrain, target, &folder.path().join(name)).unwrap();
+        assert_eq!(written.issues.len(), n_refused, "{:?}", written.issues);
+        let settings = folder.path().join(settings);
+        let mut config: SurveyConfig = toml::from_str(&fs::read_to_string(&settings).unwrap()).unwrap();
+        config.resolve_paths(settings.parent().unwrap());
+        let back = survey::read(&config, &utm()).unwrap();
+        assert_eq!(back.views.len(), survey.views.len() - n_refused);
+        for view in &back.views {
+            let original = survey.views.iter().find(|original| original.id == view.id).unwrap();
+            assert_eq!(view.camera, original.camera);
+            let off_m = (view.camera_from_map.centre() - original.camera_from_map.centre()).length();
+            // Half a unit in the last place of a northing is 5e-10 m.
+            assert!(off_m < 3e-9, "{name} {}: {off_m}", view.id);
+        }
+    }
+}

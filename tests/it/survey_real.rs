@@ -90,6 +90,10 @@ fn the_usual_reading_of_rotterdams_angles_looks_elsewhere() {
     (csv.sequence, csv.direction) = (None, None);
     let survey = survey::read(&config, &Crs::parse("EPSG:7415").unwrap()).unwrap();
     assert!(median(corner_errors(&folder, &survey)) > 100.0);
+    // Both readings look down, so the report cannot choose: it says so.
+    let (_, report) = survey::inspect(&config, &Crs::parse("EPSG:7415").unwrap(), Site::default()).unwrap();
+    assert!(report.is_sound());
+    assert!(report.equally_plausible[0].change.contains("world_to_camera"), "{report}");
 }
 
 fn warsaw() -> Option<(PathBuf, SurveyConfig)> {
