@@ -116,7 +116,8 @@ impl Heights {
         let from = Crs::parse(from)?;
         let to = project_crs.vertical_name().unwrap_or_default().to_owned();
         Ok(Self::Transformed(Box::new(Transformed {
-            lonlat_from_world: Transform::new(world, &Crs::parse("EPSG:4326")?)?,
+            // The poses' own datum will do: a geoid does not change over the metres between two datums.
+            lonlat_from_world: Transform::new(world, &world.geographic_base()?)?,
             operation: Transform3d::new(&from, project_crs)?,
             from: from.vertical_name().unwrap_or("ellipsoid").to_owned(),
             to,

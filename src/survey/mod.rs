@@ -1,7 +1,7 @@
 //! Surveys: photos with poses, in the project's map frame.
 //!
 //! One file per pose format turns what a tool wrote into poses in that file's world; conventions are converted in the
-//! reader and nowhere else. [`locate`] then moves them to the project's CRS. What cannot be used becomes an [`Issue`]
+//! reader and nowhere else. `locate` then moves them to the project's CRS. What cannot be used becomes an [`Issue`]
 //! in [`Survey::issues`].
 
 pub mod angles;

@@ -328,3 +328,16 @@ fn headers_of_a_thousand_photos_are_read_in_seconds() {
     // 1,000 photos/s is the aim; a busy machine may take three times as long.
     assert!(seconds < 3.0, "{seconds} s");
 }
+
+#[test]
+fn a_datum_without_a_way_to_wgs_84_still_gets_its_layers() {
+    let Some((_, config)) = rtk() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let crs = Crs::parse("EPSG:4547").unwrap();
+    let terrain = sizeup::terrain::Terrain::Constant(24.0);
+    let path = folder.path().join("layers.geojson");
+    let converted = survey::convert(&config, &crs, &terrain, Target::GeoJson, &path).unwrap();
+    assert_eq!(converted.files.len(), 3);
+    let text = fs::read_to_string(folder.path().join("layers/camera_points.geojson")).unwrap();
+    assert!(text.contains("112.99058") && text.contains("28.29496"), "{text}");
+}

@@ -11,6 +11,7 @@ use super::Converted;
 use crate::crs::{Crs, CrsError, Transform};
 use crate::files::{write_whole, write_whole_by_name};
 use crate::geodata::view_layers::{self, Attributes, Layer, Shape};
+use crate::issue::{Issue, Severity, Subject};
 use crate::survey::angles::opk_deg;
 use crate::survey::{Survey, SurveyError, View, ViewKind, ground};
 use crate::terrain::Terrain;
@@ -81,8 +82,16 @@ pub(super) fn write_geojson(
 ) -> Result<Converted, SurveyError> {
     // `survey.geojson` names a folder `survey`: three layers do not fit one file.
     let folder = folder.with_extension("");
-    let lonlat_from_map = Transform::new(project_crs, &Crs::parse("EPSG:4326")?)?;
     let mut converted = Converted::default();
+    let lonlat_from_map = if let Ok(transform) = Transform::new(project_crs, &Crs::parse("EPSG:4326")?) {
+        transform
+    } else {
+        let base = project_crs.geographic_base()?;
+        let message = format!("no accurate way from {project_crs} to WGS 84: longitudes and latitudes are in {base}");
+        let subject = Subject::Input(folder.display().to_string());
+        converted.issues.push(Issue::new(Severity::Warning, "geojson_datum", subject, message));
+        Transform::new(project_crs, &base)?
+    };
     for layer in layers(survey, terrain) {
         let features: Result<Vec<Value>, CrsError> =
             layer.features.iter().map(|(shape, attributes)| feature(shape, attributes, &lonlat_from_map)).collect();
