@@ -6,6 +6,7 @@ pub mod features;
 pub mod gpkg;
 pub mod raster;
 pub mod vector;
+pub(crate) mod view_layers;
 
 mod curve;
 mod geotiff;

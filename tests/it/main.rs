@@ -3,5 +3,7 @@
 mod evaluation;
 mod outputs;
 mod simulate;
+mod survey_formats;
+mod survey_hostile;
 mod survey_real;
 mod synthetic_block;
