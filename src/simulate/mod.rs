@@ -22,6 +22,7 @@ mod files;
 mod filter;
 mod flight;
 mod form;
+mod ground;
 mod masks;
 mod noise;
 mod photo;

@@ -14,7 +14,7 @@ use crate::survey::View;
 use super::chance::normal;
 use super::config::ImageConfig;
 use super::noise;
-use super::scene::{Hit, Scene};
+use super::scene::{Hit, Scene, Seen};
 use super::texture::Palette;
 use super::trace::Eye;
 
@@ -123,7 +123,9 @@ fn is_edge(hits: &[Option<Hit>], width: usize, height: usize, col: usize, row: u
     let here = &hits[row * width + col];
     let differs = |c: usize, r: usize| match (here, &hits[r * width + c]) {
         (Some(a), Some(b)) => {
-            a.surface.seen() != b.surface.seen() || a.surface.normal.dot(b.surface.normal) < SAME_NORMAL
+            // Leaves are all edges: only their outline counts.
+            let bends = || a.surface.normal.dot(b.surface.normal) < SAME_NORMAL;
+            a.surface.seen() != b.surface.seen() || (a.surface.seen() != Seen::Clutter && bends())
         }
         (None, None) => false,
         _ => true,

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::crs::Crs;
-use crate::files::{FileError, write_whole};
+use crate::files::{FileError, write_whole_unflushed};
 use crate::ids::ViewId;
 use crate::survey::{View, ViewKind};
 use crate::terrain::Terrain;
@@ -181,7 +181,7 @@ fn write_view(
 }
 
 fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
-    write_whole(path, |w| w.write_all(bytes))
+    write_whole_unflushed(path, |w| w.write_all(bytes))
 }
 
 fn offset(world: &World) -> DVec3 {

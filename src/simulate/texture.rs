@@ -126,7 +126,7 @@ impl<'a> Palette<'a> {
     fn ground(&self, p: Vec3, pixel_m: f32) -> Vec3 {
         let at = p.truncate();
         let fine = fractal(at, 4.0, 0.12, pixel_m, self.key);
-        let broad = fractal(at, 40.0, 5.0, pixel_m, self.key ^ 1);
+        let broad = fractal(at, 34.0, 14.0, pixel_m, self.key ^ 1);
         let land = self.world.streets.as_ref().map(|s| s.land(self.origin + at.as_dvec2()));
         match land {
             Some(Land::Road { across_m, along_m }) => {
@@ -141,10 +141,10 @@ impl<'a> Palette<'a> {
             }
             Some(Land::Block { col, row }) => {
                 let paved = unit(col as i32, row as i32, self.key ^ 7) - 0.5;
-                meadow(fine, broad, 0.9 * paved + 1.2 * fractal(at, 22.0, 2.5, pixel_m, self.key ^ 9))
+                meadow(fine, broad, 0.9 * paved + 1.2 * fractal(at, 22.0, 3.0, pixel_m, self.key ^ 9))
             }
             Some(Land::Open) => self.field(at, fine, broad, pixel_m),
-            None => meadow(fine, broad, 0.15 + 1.1 * fractal(at, 30.0, 2.5, pixel_m, self.key ^ 9)),
+            None => meadow(fine, broad, 0.15 + 1.1 * fractal(at, 30.0, 3.0, pixel_m, self.key ^ 9)),
         }
     }
 
