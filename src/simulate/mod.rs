@@ -18,6 +18,7 @@ mod clutter;
 mod config;
 mod corrupt;
 mod disturb;
+mod eye;
 mod files;
 mod filter;
 mod flight;

@@ -16,7 +16,7 @@ use crate::survey::{View, ViewKind};
 use crate::terrain::Terrain;
 
 use super::config::SimulateConfig;
-use super::photo::Photographer;
+use super::photo::{self, Photographer};
 use super::scene::Scene;
 use super::texture::Palette;
 use super::town::{self, World};
@@ -118,7 +118,13 @@ fn write_scene(
         clutter::Amounts { n_trees: n(config.town.trees_per_building), n_cars: n(config.town.cars_per_building) };
     let scene = Scene::new(world, &clutter::scatter(world, amounts, config.seed));
     let palette = Palette::new(world, scene.origin.0.truncate(), config);
-    let studio = Photographer { scene: &scene, palette: &palette, config: &config.images, seed: config.seed };
+    let studio = Photographer {
+        scene: &scene,
+        palette: &palette,
+        config: &config.images,
+        seed: config.seed,
+        towards_sun: photo::towards_sun(&config.images),
+    };
 
     progress(0, views.len());
     for first in (0..views.len()).step_by(BATCH) {

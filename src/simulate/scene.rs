@@ -141,6 +141,8 @@ pub(super) struct Scene {
     pub origin: LocalOrigin,
     ground: Ground,
     things: Mesh,
+    /// One around every building, tree and car.
+    boxes: Vec<Aabb>,
 }
 
 impl Scene {
@@ -149,6 +151,13 @@ impl Scene {
         let origin = LocalOrigin(DVec3::new(centre.x.round(), centre.y.round(), 0.0));
         let local = |p: DVec3| (p - origin.0).as_vec3();
         let mut things = Vec::new();
+        let mut boxes: Vec<Aabb> = world
+            .buildings
+            .iter()
+            .map(|b| Aabb::around(b.triangles.iter().flat_map(|t| t.corners).map(local)))
+            .collect();
+        let of_one = clutter.chunk_by(|a, b| a.owner == b.owner);
+        boxes.extend(of_one.map(|pieces| Aabb::around(pieces.iter().flat_map(|p| p.corners).map(local))));
         for (i, building) in world.buildings.iter().enumerate() {
             let idx = BuildingIdx::new(i);
             things.extend(building.triangles.iter().map(|t| {
@@ -157,7 +166,12 @@ impl Scene {
             }));
         }
         things.extend(clutter.iter().map(|p| (p.corners.map(local), Material::Clutter(p.stuff, p.owner))));
-        Self { origin, ground: Ground::new(&world.terrain, origin.0), things: Mesh::new(&things) }
+        Self { origin, ground: Ground::new(&world.terrain, origin.0), things: Mesh::new(&things), boxes }
+    }
+
+    /// One box around every building, tree and car.
+    pub fn boxes(&self) -> impl Iterator<Item = &Aabb> {
+        self.boxes.iter()
     }
 
     /// Triangles of buildings and clutter.
