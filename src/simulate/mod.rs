@@ -14,6 +14,7 @@
 mod blocks;
 mod building;
 mod chance;
+mod cityjson;
 mod clutter;
 mod config;
 mod corrupt;
@@ -28,6 +29,7 @@ mod masks;
 mod noise;
 mod photo;
 mod presets;
+mod real;
 mod relief;
 mod run;
 mod scene;

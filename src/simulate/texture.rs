@@ -9,7 +9,6 @@ use crate::seed;
 use super::building::BuildingKind;
 use super::chance::between;
 use super::clutter::Stuff;
-use super::form::RoofKind;
 use super::noise::{cell, fractal, hash, seen_share, unit};
 use super::scene::{Material, Surface};
 use super::streets::Land;
@@ -67,7 +66,9 @@ const CAR_PAINTS: [Vec3; 6] = [
 #[derive(Debug, Clone, Copy)]
 struct Look {
     wall: Vec3,
-    roof: Vec3,
+    /// Of sloping roofs and of level ones.
+    slope: Vec3,
+    deck: Vec3,
     key: u32,
     /// Direction that flat roofs' seams follow, `Local`.
     along: Vec2,
@@ -92,16 +93,16 @@ impl<'a> Palette<'a> {
             let building = &world.buildings[i];
             let mut rng = seed::stream(config.seed, "look", &[i as u64]);
             let mut pick = |n: usize| (between(&mut rng, 0.0, n as f64) as usize).min(n - 1);
-            let pitched = matches!(building.roof, RoofKind::Gable | RoofKind::Hip | RoofKind::Surveyed);
-            let is_hall = building.kind == BuildingKind::Hall;
-            let roofs = if pitched && !is_hall { &TILES } else { &MEMBRANES };
-            let (roof, wall) = (roofs[pick(roofs.len())], PLASTERS[pick(PLASTERS.len())]);
+            let (tiles, deck) = (TILES[pick(TILES.len())], MEMBRANES[pick(MEMBRANES.len())]);
+            let slope = if building.kind == BuildingKind::Hall { deck } else { tiles };
+            let wall = PLASTERS[pick(PLASTERS.len())];
             let is_tower = building.kind == BuildingKind::Tower;
             let (glass, bays) = if is_tower { (Vec2::new(0.86, 0.62), (1.4, 2.2)) } else { (Vec2::new(0.44, 0.5), (2.1, 3.1)) };
             let tint = 0.85 + 0.3 * between(&mut rng, 0.0, 1.0) as f32;
             Look {
                 wall: wall * tint,
-                roof: roof * tint,
+                slope: slope * tint,
+                deck: deck * tint,
                 key: hash(i as i32, 17, config.seed as u32),
                 along: DVec2::from_angle(building.heading_rad).as_vec2(),
                 ground_m: building.ground_z_m as f32,
@@ -181,7 +182,7 @@ fn tiled_roof(look: &Look, p: Vec3, normal: Vec3, pixel_m: f32) -> Vec3 {
     let shadow_line = if tile.y.rem_euclid(1.0) < 0.22 { -0.3 } else { 0.08 };
     let single = 0.5 * (cell(tile, key) - 0.5);
     let weather = fractal(at, 6.0, 0.25, pixel_m, key);
-    let colour = look.roof * (1.0 + (shadow_line + single) * seen_share(0.36, pixel_m) + 0.42 * weather);
+    let colour = look.slope * (1.0 + (shadow_line + single) * seen_share(0.36, pixel_m) + 0.42 * weather);
     // Now and then a roof window.
     let bay = at / Vec2::new(3.4, 3.0);
     let inside = (bay - bay.floor() - Vec2::splat(0.5)).abs() * Vec2::new(3.4, 3.0);
@@ -194,7 +195,7 @@ fn flat_roof(look: &Look, p: Vec3, pixel_m: f32) -> Vec3 {
     let weather = fractal(at, 9.0, 0.15, pixel_m, look.key);
     let puddles = fractal(at, 14.0, 3.5, pixel_m, look.key ^ 3);
     let seam = if (at.y / 1.1).rem_euclid(1.0) < 0.07 { -0.35 * seen_share(0.4, pixel_m) } else { 0.0 };
-    let mut colour = look.roof * (1.0 + 0.4 * weather + seam + if puddles > 0.25 { -0.3 } else { 0.0 });
+    let mut colour = look.deck * (1.0 + 0.4 * weather + seam + if puddles > 0.25 { -0.3 } else { 0.0 });
     // Skylights, hatches and machines, drawn rather than built: at most 1.6 m across.
     let bay = at / 5.5;
     let dice = cell(bay, look.key ^ 11);
