@@ -34,7 +34,8 @@ pub fn write_geotiff(
         let size = (raster.width(), raster.height());
         let options = RasterCreationOptions::from_iter(["COMPRESS=DEFLATE", "PREDICTOR=3", "TILED=YES"]);
         let driver = DriverManager::get_driver_by_name("GTiff")?;
-        let mut dataset = driver.create_with_band_type_with_options::<f32, _>(temporary, size.0, size.1, 1, &options)?;
+        let mut dataset =
+            driver.create_with_band_type_with_options::<f32, _>(temporary, size.0, size.1, 1, &options)?;
         dataset.set_geo_transform(&[west_m, cell_x_m, 0.0, north_m, 0.0, -cell_y_m])?;
         dataset.set_spatial_ref(&SpatialRef::from_definition(crs.definition())?)?;
         let mut band = dataset.rasterband(1)?;

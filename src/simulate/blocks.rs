@@ -140,7 +140,10 @@ fn row(
 }
 
 fn town_rows(size: DVec2, rng: &mut ChaCha8Rng) -> Vec<Lot> {
-    fronts(size).into_iter().flat_map(|front| row(front, size.x, (10.0, 16.0), (10.5, 19.0), (11.0, 13.5), rng)).collect()
+    fronts(size)
+        .into_iter()
+        .flat_map(|front| row(front, size.x, (10.0, 16.0), (10.5, 19.0), (11.0, 13.5), rng))
+        .collect()
 }
 
 fn pavilion(r: Rect, rng: &mut ChaCha8Rng) -> Lot {
@@ -170,7 +173,8 @@ fn angled(size: DVec2, rng: &mut ChaCha8Rng) -> Vec<Lot> {
     } else {
         form::gable_with_wings(main, eave, eave + rise(deep, between(rng, 22.0, 38.0)), &wings)
     };
-    let slab = Rect::sized(SETBACK_M + between(rng, 0.0, 6.0), SETBACK_M, between(rng, 28.0, 42.0), between(rng, 10.0, 13.0));
+    let slab =
+        Rect::sized(SETBACK_M + between(rng, 0.0, 6.0), SETBACK_M, between(rng, 28.0, 42.0), between(rng, 10.0, 13.0));
     let eave = between(rng, 8.0, 17.0);
     let slab_form = form::hip(slab, eave, eave + rise(slab.y1 - slab.y0, between(rng, 18.0, 32.0)));
     let kiosk = Rect::sized(size.x - 17.0, SETBACK_M, between(rng, 7.0, 13.0), between(rng, 6.0, 9.0));
@@ -225,7 +229,12 @@ fn high_rise(size: DVec2, (low, high): (f64, f64), rng: &mut ChaCha8Rng) -> Vec<
 fn towers(size: DVec2, (low, high): (f64, f64), rng: &mut ChaCha8Rng) -> Vec<Lot> {
     let mut lots = Vec::new();
     for front in fronts(size) {
-        let foot = Rect::sized(SETBACK_M + between(rng, 0.0, 3.0), SETBACK_M, between(rng, 18.0, 24.0), between(rng, 17.0, 23.0));
+        let foot = Rect::sized(
+            SETBACK_M + between(rng, 0.0, 3.0),
+            SETBACK_M,
+            between(rng, 18.0, 24.0),
+            between(rng, 17.0, 23.0),
+        );
         let top = low + (high - low) * rng.random::<f64>();
         let form = form::stacked(&[(foot, top), (foot.inset(5.5), top + between(rng, 2.5, 4.0))]);
         lots.push((form, front, BuildingKind::Tower));

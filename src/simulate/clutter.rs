@@ -103,8 +103,7 @@ fn parking_space(world: &World, walls: &Walls, rng: &mut ChaCha8Rng) -> Option<(
         let across = if happens(rng, 0.7) { side * kerb } else { side * 0.45 * kerb };
         let along = between(rng, others.first()?.0, others.last()?.1);
         let street = 0.5 * (low + high) + across;
-        let (u, v, turn) =
-            if of_columns { (street, along, std::f64::consts::FRAC_PI_2) } else { (along, street, 0.0) };
+        let (u, v, turn) = if of_columns { (street, along, std::f64::consts::FRAC_PI_2) } else { (along, street, 0.0) };
         let p = streets.placement.point(DVec2::new(u, v));
         if world.extent.grown(25.0).contains(p) && walls.distance_m(p, 4.0) > 3.0 {
             return Some((p.extend(world.terrain.height_at(p.x, p.y)?), streets.placement.angle_rad + turn));
@@ -180,13 +179,40 @@ fn boxed(foot: DVec3, heading_rad: f64, [long, wide, high]: [f64; 3]) -> Vec<[DV
 fn ball() -> (Vec<DVec3>, Vec<[usize; 3]>) {
     let g = 0.5 * (1.0 + 5.0_f64.sqrt());
     let raw = [
-        (-1.0, g, 0.0), (1.0, g, 0.0), (-1.0, -g, 0.0), (1.0, -g, 0.0), (0.0, -1.0, g), (0.0, 1.0, g),
-        (0.0, -1.0, -g), (0.0, 1.0, -g), (g, 0.0, -1.0), (g, 0.0, 1.0), (-g, 0.0, -1.0), (-g, 0.0, 1.0),
+        (-1.0, g, 0.0),
+        (1.0, g, 0.0),
+        (-1.0, -g, 0.0),
+        (1.0, -g, 0.0),
+        (0.0, -1.0, g),
+        (0.0, 1.0, g),
+        (0.0, -1.0, -g),
+        (0.0, 1.0, -g),
+        (g, 0.0, -1.0),
+        (g, 0.0, 1.0),
+        (-g, 0.0, -1.0),
+        (-g, 0.0, 1.0),
     ];
     let faces = [
-        [0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11], [1, 5, 9], [5, 11, 4], [11, 10, 2], [10, 7, 6],
-        [7, 1, 8], [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9], [4, 9, 5], [2, 4, 11], [6, 2, 10],
-        [8, 6, 7], [9, 8, 1],
+        [0, 11, 5],
+        [0, 5, 1],
+        [0, 1, 7],
+        [0, 7, 10],
+        [0, 10, 11],
+        [1, 5, 9],
+        [5, 11, 4],
+        [11, 10, 2],
+        [10, 7, 6],
+        [7, 1, 8],
+        [3, 9, 4],
+        [3, 4, 2],
+        [3, 2, 6],
+        [3, 6, 8],
+        [3, 8, 9],
+        [4, 9, 5],
+        [2, 4, 11],
+        [6, 2, 10],
+        [8, 6, 7],
+        [9, 8, 1],
     ];
     let mut points: Vec<DVec3> = raw.map(|p| DVec3::from(p).normalize()).to_vec();
     let mut middles = std::collections::BTreeMap::new();

@@ -142,8 +142,7 @@ pub fn prior(truth: &TrueDepth, level: &Corruption, kind: PriorKind, root_seed: 
     });
     let relief = if bleed_px > 0.0 { grown(&relief, bleed_px) } else { relief };
     let mut map = relief;
-    for (r, (&ground, &depth)) in
-        map.data_mut().iter_mut().zip(truth.ground_m.data().iter().zip(truth.depth_m.data()))
+    for (r, (&ground, &depth)) in map.data_mut().iter_mut().zip(truth.ground_m.data().iter().zip(truth.depth_m.data()))
     {
         *r = if depth.is_nan() { f32::NAN } else { (*r + ground_disparity(ground)) / median };
     }
@@ -234,12 +233,23 @@ mod tests {
                 _ => None,
             }
         };
-        let image = |f: &dyn Fn(usize) -> f32| Raster::from_vec(width, height, (0..width * height).map(f).collect()).unwrap();
+        let image =
+            |f: &dyn Fn(usize) -> f32| Raster::from_vec(width, height, (0..width * height).map(f).collect()).unwrap();
         let depth = |i: usize| if i < 3 * width { f32::NAN } else { ground(i) * building(i).map_or(1.0, |_| 0.85) };
         let seen = (0..width * height)
-            .map(|i| if i < 3 * width { Seen::Sky } else { building(i).map_or(Seen::Ground, |b| Seen::Building(BuildingIdx(b))) })
+            .map(|i| {
+                if i < 3 * width {
+                    Seen::Sky
+                } else {
+                    building(i).map_or(Seen::Ground, |b| Seen::Building(BuildingIdx(b)))
+                }
+            })
             .collect();
-        TrueDepth { depth_m: image(&depth), ground_m: image(&ground), seen: Raster::from_vec(width, height, seen).unwrap() }
+        TrueDepth {
+            depth_m: image(&depth),
+            ground_m: image(&ground),
+            seen: Raster::from_vec(width, height, seen).unwrap(),
+        }
     }
 
     fn only(change: impl FnOnce(&mut Corruption)) -> Corruption {

@@ -28,7 +28,10 @@ pub fn poses(views: &[View], errors: &ErrorConfig, root_seed: u64) -> Vec<View> 
         let shift = draw(errors.position_m);
         let turn = DMat3::from_quat(glam::DQuat::from_scaled_axis(draw(errors.angle_deg.to_radians())));
         let pose = &view.camera_from_map;
-        View { camera_from_map: Rigid::from_rotation_and_centre(turn * pose.rotation, pose.centre() + shift), ..view.clone() }
+        View {
+            camera_from_map: Rigid::from_rotation_and_centre(turn * pose.rotation, pose.centre() + shift),
+            ..view.clone()
+        }
     };
     views.iter().enumerate().map(disturb).collect()
 }

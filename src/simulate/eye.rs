@@ -29,13 +29,8 @@ impl<'a> Eye<'a> {
         let centre = (view.camera_from_map.centre() - scene.origin.0).as_vec3();
         let local_from_camera = view.camera_from_map.rotation.transpose();
         let n_tiles = IVec2::new(camera.width_px as i32, camera.height_px as i32) / TILE_PX + 1;
-        let mut eye = Self {
-            camera,
-            local_from_camera,
-            centre,
-            things: vec![false; (n_tiles.x * n_tiles.y) as usize],
-            n_tiles,
-        };
+        let mut eye =
+            Self { camera, local_from_camera, centre, things: vec![false; (n_tiles.x * n_tiles.y) as usize], n_tiles };
         scene.boxes().for_each(|b| eye.mark(b));
         eye
     }

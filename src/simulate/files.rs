@@ -33,7 +33,8 @@ fn write_text(path: &Path, text: &str) -> Result<(), FileError> {
 /// COLMAP's pixel convention is ours: the top-left pixel's centre is (0.5, 0.5).
 pub(super) fn write_colmap(folder: &Path, views: &[View], offset: DVec3, points: &[TiePoint]) -> Result<(), FileError> {
     let mut cameras: Vec<&Camera> = Vec::new();
-    let mut images = "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n".to_owned();
+    let mut images =
+        "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n".to_owned();
     let mut sightings: Vec<Vec<(f64, f64, usize)>> = vec![Vec::new(); views.len()];
     let mut cloud = "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n".to_owned();
     for (i, point) in points.iter().enumerate() {
@@ -58,7 +59,15 @@ pub(super) fn write_colmap(folder: &Path, views: &[View], offset: DVec3, points:
         let _ = writeln!(
             images,
             "{} {:.12} {:.12} {:.12} {:.12} {:.6} {:.6} {:.6} {camera_id} {}",
-            i + 1, q.w, q.x, q.y, q.z, t.x, t.y, t.z, view.id
+            i + 1,
+            q.w,
+            q.x,
+            q.y,
+            q.z,
+            t.x,
+            t.y,
+            t.z,
+            view.id
         );
         let seen: Vec<String> = sightings[i].iter().map(|(x, y, id)| format!("{x:.3} {y:.3} {id}")).collect();
         let _ = writeln!(images, "{}", seen.join(" "));
@@ -82,7 +91,12 @@ fn colmap_camera(c: &Camera) -> String {
 }
 
 /// The footprints as the user gets them: outlines, ids, types; no heights.
-pub(super) fn write_footprints(path: &Path, crs: &Crs, buildings: &[Building], outlines: &[Polygon<f64>]) -> Result<(), SimulateError> {
+pub(super) fn write_footprints(
+    path: &Path,
+    crs: &Crs,
+    buildings: &[Building],
+    outlines: &[Polygon<f64>],
+) -> Result<(), SimulateError> {
     let columns = [("id", FieldType::Text), ("type", FieldType::Text)];
     let features: Vec<LayerFeature> = buildings
         .iter()
@@ -109,7 +123,8 @@ pub(super) fn write_truth(path: &Path, crs: &Crs, buildings: &[Building]) -> Res
     let features: Vec<Value> = buildings.iter().map(truth_feature).collect();
     let mut collection = json!({ "type": "FeatureCollection", "name": "truth" });
     if let Some(code) = crs.epsg() {
-        collection["crs"] = json!({ "type": "name", "properties": { "name": format!("urn:ogc:def:crs:EPSG::{code}") } });
+        collection["crs"] =
+            json!({ "type": "name", "properties": { "name": format!("urn:ogc:def:crs:EPSG::{code}") } });
     }
     collection["features"] = Value::Array(features);
     write_whole(path, |w| Ok(serde_json::to_writer(w, &collection)?))
@@ -149,18 +164,26 @@ pub(super) fn write_npy(path: &Path, map: &Raster<f32>) -> Result<(), FileError>
 
 /// Where the local frame of `sparse/` lies.
 pub(super) fn write_georef(path: &Path, crs: &Crs, offset: DVec3) -> Result<(), FileError> {
-    let georef = json!({ "crs": crs.to_string(), "offset": offset.to_array(), "meaning": "map = local + offset, metres" });
+    let georef =
+        json!({ "crs": crs.to_string(), "offset": offset.to_array(), "meaning": "map = local + offset, metres" });
     write_text(path, &format!("{georef:#}\n"))
 }
 
 /// A run configuration that finds everything else beside it.
-pub(super) fn write_run_config(path: &Path, config: &SimulateConfig, crs: &Crs, offset: DVec3, has_dtm: bool) -> Result<(), FileError> {
+pub(super) fn write_run_config(
+    path: &Path,
+    config: &SimulateConfig,
+    crs: &Crs,
+    offset: DVec3,
+    has_dtm: bool,
+) -> Result<(), FileError> {
     let kind = match config.prior.kind {
         PriorKind::Depth => "depth",
         PriorKind::InverseDepth => "inverse_depth",
     };
     let images = if config.images.enabled { "images = \"images\"\n" } else { "" };
-    let terrain = if has_dtm { "dtm = \"dtm.tif\"".to_owned() } else { format!("constant_m = {:?}", config.terrain.base_z_m) };
+    let terrain =
+        if has_dtm { "dtm = \"dtm.tif\"".to_owned() } else { format!("constant_m = {:?}", config.terrain.base_z_m) };
     let text = format!(
         "# Written with a simulated scene; the truth lies beside it in truth.geojson.\n\
          seed = {seed}\n\n[project]\ncrs = \"{crs}\"\noutput = \"result\"\n\n\

@@ -30,7 +30,8 @@ const SPACING_STEPS: usize = 40;
 
 /// The camera that the configuration describes, principal point in the middle.
 pub(super) fn camera(config: &CameraConfig) -> Camera {
-    let mut camera = Camera::pinhole(config.width_px, config.height_px, config.focal_ratio * f64::from(config.width_px));
+    let mut camera =
+        Camera::pinhole(config.width_px, config.height_px, config.focal_ratio * f64::from(config.width_px));
     if let Some([k1, k2, k3, p1, p2]) = config.brown {
         camera.distortion = Distortion::Brown { k1, k2, k3, p1, p2 };
     }
@@ -121,7 +122,11 @@ fn grid_of(flight: &FlightConfig, world: &World, n: usize) -> Vec<Shot> {
     let (mut narrow, mut wide) = (0.5, 4.0 * flight.height_m + world.extent.size().length());
     for _ in 0..SPACING_STEPS {
         let middle = (narrow * wide).sqrt();
-        if grid(flight, world, middle).len() >= n { narrow = middle } else { wide = middle }
+        if grid(flight, world, middle).len() >= n {
+            narrow = middle
+        } else {
+            wide = middle
+        }
         if wide / narrow < 1.0005 {
             break;
         }
@@ -149,11 +154,7 @@ fn free(flight: &FlightConfig, world: &World, n: usize, root_seed: u64) -> Vec<S
             let aim = middle + 0.6 * half * DVec2::new(between(&mut rng, -1.0, 1.0), between(&mut rng, -1.0, 1.0));
             let to = aim - place;
             let is_nadir = happens(&mut rng, FREE_NADIR_SHARE);
-            Shot {
-                place,
-                azimuth_rad: to.x.atan2(to.y),
-                tilt_rad: if is_nadir { 0.0 } else { tilt_deg.to_radians() },
-            }
+            Shot { place, azimuth_rad: to.x.atan2(to.y), tilt_rad: if is_nadir { 0.0 } else { tilt_deg.to_radians() } }
         })
         .collect()
 }

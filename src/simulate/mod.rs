@@ -76,7 +76,9 @@ pub enum SimulateError {
         expected: &'static str,
     },
     /// No building came out.
-    #[error("the scene has no buildings ({wanted} were asked for)\nhint: set `town.n_buildings` to 1 or more, or widen `cityjson.bounds_m`")]
+    #[error(
+        "the scene has no buildings ({wanted} were asked for)\nhint: set `town.n_buildings` to 1 or more, or widen `cityjson.bounds_m`"
+    )]
     NoBuildings {
         /// How many were asked for.
         wanted: usize,

@@ -18,7 +18,6 @@ use super::noise;
 use super::scene::{Hit, Scene, Seen};
 use super::texture::Palette;
 
-
 /// Radiance of the sun and of the sky on a horizontal white surface.
 const SUN: Vec3 = Vec3::new(1.75, 1.62, 1.42);
 const SKY: Vec3 = Vec3::new(0.42, 0.50, 0.62);
@@ -79,7 +78,9 @@ impl Photographer<'_> {
                 self.develop(light * gain, i, idx)
             })
             .collect();
-        RgbImage::from_fn(view.camera.width_px, view.camera.height_px, |x, y| Rgb(pixels[y as usize * width + x as usize]))
+        RgbImage::from_fn(view.camera.width_px, view.camera.height_px, |x, y| {
+            Rgb(pixels[y as usize * width + x as usize])
+        })
     }
 
     /// Light that reaches a pixel.
@@ -107,7 +108,8 @@ impl Photographer<'_> {
         let mut channel = 0;
         light.to_array().map(|value| {
             channel += 1;
-            let bytes = noise::hash(pixel as i32, view as i32, (self.seed as u32) ^ (0x5e50_0000 + channel)).to_le_bytes();
+            let bytes =
+                noise::hash(pixel as i32, view as i32, (self.seed as u32) ^ (0x5e50_0000 + channel)).to_le_bytes();
             let draw = (bytes.iter().map(|&b| f32::from(b)).sum::<f32>() - 510.0) / SD_OF_SUM;
             let grey = 255.0 * value.max(0.0).sqrt() + self.config.noise_sd as f32 * draw;
             // The cast cuts off what lies outside 0 to 255.

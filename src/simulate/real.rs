@@ -11,6 +11,7 @@ use rstar::{RTree, primitives::GeomWithData};
 use crate::ids::BuildingId;
 use crate::terrain::Terrain;
 
+use super::SimulateError;
 use super::building::{self, Building, BuildingKind, Part, Triangle};
 use super::cityjson::{self, RawBuilding, RawSurface, Role};
 use super::config::{CityJsonConfig, SimulateConfig};
@@ -18,7 +19,6 @@ use super::disturb::open_ring;
 use super::form::RoofKind;
 use super::relief::{self, Extent};
 use super::town::World;
-use super::SimulateError;
 
 /// Without semantics, a surface this much turned upwards (z of the unit normal) is roof, downwards ground.
 const ROOF_NORMAL_Z: f64 = 0.15;
@@ -117,10 +117,8 @@ fn triangles_of(surface: &RawSurface) -> Vec<Triangle> {
     if surface.role == Role::Ground || n == DVec3::ZERO {
         return Vec::new();
     }
-    let (part, is_turned) = (
-        if surface.role == Role::Roof { Part::Roof } else { Part::Wall },
-        surface.role == Role::Roof && n.z < 0.0,
-    );
+    let (part, is_turned) =
+        (if surface.role == Role::Roof { Part::Roof } else { Part::Wall }, surface.role == Role::Roof && n.z < 0.0);
     // Ear clipping works in a plane: turn the surface into it, and the triangles back.
     let across = n.any_orthonormal_vector();
     let up = n.cross(across);
@@ -128,7 +126,11 @@ fn triangles_of(surface: &RawSurface) -> Vec<Triangle> {
     let flat: Vec<Vec<DVec3>> = surface
         .rings
         .iter()
-        .map(|ring| ring.iter().map(|&p| DVec3::new((p - origin).dot(across), (p - origin).dot(up), (p - origin).dot(n))).collect())
+        .map(|ring| {
+            ring.iter()
+                .map(|&p| DVec3::new((p - origin).dot(across), (p - origin).dot(up), (p - origin).dot(n)))
+                .collect()
+        })
         .collect();
     let back = |p: DVec3| origin + across * p.x + up * p.y + n * p.z;
     building::triangulate(&flat)
@@ -144,7 +146,10 @@ fn triangles_of(surface: &RawSurface) -> Vec<Triangle> {
 /// Without noise of the computation; `None` if nothing usable is left.
 fn tidy(polygon: &Polygon<f64>) -> Option<Polygon<f64>> {
     let simple = polygon.simplify(COLLINEAR_M);
-    let holes = simple.interiors().iter().filter(|ring| Polygon::new((*ring).clone(), Vec::new()).unsigned_area() >= LEAST_AREA_M2);
+    let holes = simple
+        .interiors()
+        .iter()
+        .filter(|ring| Polygon::new((*ring).clone(), Vec::new()).unsigned_area() >= LEAST_AREA_M2);
     let tidied = Polygon::new(simple.exterior().clone(), holes.cloned().collect());
     let tidied = geo::Orient::orient(&tidied, geo::orient::Direction::Default);
     (tidied.unsigned_area() >= LEAST_AREA_M2 && tidied.is_valid()).then_some(tidied)
@@ -154,7 +159,9 @@ fn tidy(polygon: &Polygon<f64>) -> Option<Polygon<f64>> {
 fn select(drafts: Vec<Draft>, source: &CityJsonConfig, shift: DVec2) -> Vec<Draft> {
     let centre = |d: &Draft| d.footprint.centroid().map_or(DVec2::NAN, |p| DVec2::new(p.x(), p.y()) - shift);
     let within = |p: DVec2| {
-        source.bounds_m.is_none_or(|[west, south, east, north]| p.x >= west && p.x <= east && p.y >= south && p.y <= north)
+        source
+            .bounds_m
+            .is_none_or(|[west, south, east, north]| p.x >= west && p.x <= east && p.y >= south && p.y <= north)
     };
     let mut chosen: Vec<Draft> = drafts.into_iter().filter(|d| within(centre(d))).collect();
     let n = source.max_buildings.unwrap_or(usize::MAX);

@@ -12,9 +12,9 @@ use crate::raster::Raster;
 use crate::seed;
 use crate::terrain::{Dem, Terrain};
 
+use super::SimulateError;
 use super::chance::between;
 use super::config::TerrainConfig;
-use super::SimulateError;
 
 /// Number of waves.
 const N_WAVES: usize = 5;

@@ -9,11 +9,11 @@ use crate::seed;
 use super::building::BuildingKind;
 use super::chance::between;
 use super::clutter::Stuff;
+use super::config::SimulateConfig;
 use super::noise::{cell, fractal, hash, seen_share, unit};
 use super::scene::{Material, Surface};
 use super::streets::Land;
 use super::town::World;
-use super::config::SimulateConfig;
 
 /// Height of a storey and width of a window bay, metres.
 const STOREY_M: f32 = 3.0;
@@ -97,7 +97,8 @@ impl<'a> Palette<'a> {
             let slope = if building.kind == BuildingKind::Hall { deck } else { tiles };
             let wall = PLASTERS[pick(PLASTERS.len())];
             let is_tower = building.kind == BuildingKind::Tower;
-            let (glass, bays) = if is_tower { (Vec2::new(0.86, 0.62), (1.4, 2.2)) } else { (Vec2::new(0.44, 0.5), (2.1, 3.1)) };
+            let (glass, bays) =
+                if is_tower { (Vec2::new(0.86, 0.62), (1.4, 2.2)) } else { (Vec2::new(0.44, 0.5), (2.1, 3.1)) };
             let tint = 0.85 + 0.3 * between(&mut rng, 0.0, 1.0) as f32;
             Look {
                 wall: wall * tint,
@@ -155,7 +156,13 @@ impl<'a> Palette<'a> {
         let parcel = (turned / Vec2::new(130.0, 85.0)).floor();
         let crop = unit(parcel.x as i32, parcel.y as i32, self.key ^ 21);
         let rows = ((turned.y / 1.6).fract().abs() - 0.5) * seen_share(1.6, pixel_m);
-        let base = if crop < 0.4 { GRASS } else if crop < 0.75 { DRY_GRASS } else { Vec3::new(0.17, 0.12, 0.075) };
+        let base = if crop < 0.4 {
+            GRASS
+        } else if crop < 0.75 {
+            DRY_GRASS
+        } else {
+            Vec3::new(0.17, 0.12, 0.075)
+        };
         base * (1.0 + 0.4 * fine + 0.3 * broad + 0.25 * rows + 0.4 * (crop * 7.0).fract())
     }
 }

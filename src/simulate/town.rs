@@ -33,8 +33,7 @@ pub struct World {
 /// # Errors
 /// [`SimulateError`] for a town without buildings or a terrain without cells.
 pub(super) fn build(config: &SimulateConfig) -> Result<World, SimulateError> {
-    let placement =
-        Placement { origin: DVec2::from(config.centre_m), angle_rad: config.town.heading_deg.to_radians() };
+    let placement = Placement { origin: DVec2::from(config.centre_m), angle_rad: config.town.heading_deg.to_radians() };
     let (along, across) = blocks::rhythms(config.town.kind);
     // Every block holds at least one building, so these are enough.
     let n_blocks = (config.town.n_buildings as f64).sqrt().ceil() as usize + 2;
@@ -48,7 +47,9 @@ pub(super) fn build(config: &SimulateConfig) -> Result<World, SimulateError> {
     let buildings = lots
         .iter()
         .enumerate()
-        .map(|(i, (form, at, kind))| Building::raise(form, at, &terrain, *kind, BuildingId(format!("b{:0digits$}", i + 1))))
+        .map(|(i, (form, at, kind))| {
+            Building::raise(form, at, &terrain, *kind, BuildingId(format!("b{:0digits$}", i + 1)))
+        })
         .collect();
     Ok(World { buildings, terrain, streets: Some(streets), extent, crs: config.crs.clone() })
 }
@@ -68,7 +69,10 @@ fn lots(config: &SimulateConfig, streets: &mut StreetPlan) -> Vec<Lot> {
         let block = streets.placement.then(DVec2::new(u0, v0), 0.0);
         let content = blocks::fill(config.town.kind, DVec2::new(u1 - u0, v1 - v0), &mut rng);
         lots.extend(
-            content.into_iter().take(n_missing).map(|(form, at, kind)| (form, block.then(at.origin, at.angle_rad), kind)),
+            content
+                .into_iter()
+                .take(n_missing)
+                .map(|(form, at, kind)| (form, block.then(at.origin, at.angle_rad), kind)),
         );
         used.push((col, row));
     }
@@ -137,8 +141,7 @@ mod tests {
             assert!(world.buildings.iter().all(|b| b.eave_m >= low && b.ridge_m <= high), "{kind:?}");
             assert!(world.buildings.iter().all(|b| b.eave_m <= b.height_m + 1e-9 && b.height_m <= b.ridge_m + 1e-9));
         }
-        let roofs: BTreeSet<RoofKind> =
-            KINDS.iter().flat_map(|&k| town(k, 90).buildings).map(|b| b.roof).collect();
+        let roofs: BTreeSet<RoofKind> = KINDS.iter().flat_map(|&k| town(k, 90).buildings).map(|b| b.roof).collect();
         assert_eq!(roofs.len(), 4, "flat, gable, hip, stepped");
         let downtown = town(TownKind::Downtown, 53);
         assert!(downtown.buildings.iter().any(|b| b.height_m > 60.0), "a tower of its own");

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 use sizeup::simulate::{
-    CityJsonConfig, ErrorConfig, FlightPattern, PriorLevel, SimulateConfig, TownKind, simulate, simulate_with_views, world,
+    CityJsonConfig, ErrorConfig, FlightPattern, PriorLevel, SimulateConfig, TownKind, simulate, simulate_with_views,
+    world,
 };
 
 /// A scene of seconds: a few small buildings and photos.
@@ -127,7 +128,8 @@ fn tie_points_reproject_onto_their_pixels() {
         let rotation = glam::DMat3::from_quat(glam::DQuat::from_xyzw(x, y, z, w));
         for sighting in numbers(pair[1]).chunks(3) {
             let point = &points[&(sighting[2] as u64)];
-            let p = rotation * glam::DVec3::new(point[0], point[1], point[2]) + glam::DVec3::new(pose[5], pose[6], pose[7]);
+            let p =
+                rotation * glam::DVec3::new(point[0], point[1], point[2]) + glam::DVec3::new(pose[5], pose[6], pose[7]);
             let (u, v) = (lens[2] * p.x / p.z + lens[4], lens[3] * p.y / p.z + lens[5]);
             // Five standard deviations of the simulated matching error.
             assert!((u - sighting[0]).hypot(v - sighting[1]) < 2.5, "{u} {v} {sighting:?}");
@@ -162,7 +164,8 @@ fn every_preset_is_within_its_own_ranges() {
 
 #[test]
 fn real_buildings_from_cityjson_are_seen_and_measured() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/rotterdam_lod2/rotterdam_delfshaven.city.json");
+    let path =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/rotterdam_lod2/rotterdam_delfshaven.city.json");
     if !path.exists() {
         println!("skipped: {} is absent", path.display());
         return;
