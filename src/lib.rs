@@ -15,15 +15,26 @@ pub mod stats;
 
 pub mod camera;
 pub mod crs;
+pub mod geodata;
 pub mod survey;
 pub mod terrain;
-
-pub mod geodata;
 
 pub mod footprint;
 pub mod prior;
 
 pub mod render;
+pub mod scene;
 
+pub mod ordinal;
+pub mod views;
+
+pub mod optimise;
+
+pub mod evaluate;
 pub mod output;
 pub mod simulate;
+
+pub mod config;
+pub mod pipeline;
+
+pub mod cli;

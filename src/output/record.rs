@@ -48,6 +48,18 @@ pub enum HeightReference {
     Ridge,
 }
 
+impl HeightReference {
+    /// The name in files: `eave`, `mean` or `ridge`.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Eave => "eave",
+            Self::Mean => "mean",
+            Self::Ridge => "ridge",
+        }
+    }
+}
+
 /// One building of the result. Heights in metres, positions in the project's map frame and vertical reference.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BuildingRecord {
@@ -81,5 +93,27 @@ impl BuildingRecord {
     #[must_use]
     pub fn roof_z_m(&self) -> Option<f64> {
         Some(self.ground_z_m? + self.height_m?)
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A measured building without views and attributes; all metres.
+    pub(crate) fn record(id: &str, outline: Polygon<f64>, ground_z: f64, base_z: f64, height: f64) -> BuildingRecord {
+        BuildingRecord {
+            id: id.to_owned(),
+            footprint: Some(outline),
+            ground_z_m: Some(ground_z),
+            base_z_m: Some(base_z),
+            height_m: Some(height),
+            height_sigma_m: Some(0.25),
+            height_reference: HeightReference::Mean,
+            status: Status::Measured,
+            reasons: Vec::new(),
+            views: Vec::new(),
+            attributes: JsonMap::new(),
+        }
     }
 }

@@ -31,7 +31,12 @@ fn write_text(path: &Path, text: &str) -> Result<(), FileError> {
 /// The COLMAP text model: `camera_from_world` with the world's origin at `offset` in the map.
 ///
 /// COLMAP's pixel convention is ours: the top-left pixel's centre is (0.5, 0.5).
-pub(super) fn write_colmap(folder: &Path, views: &[View], offset: DVec3, points: &[TiePoint]) -> Result<(), FileError> {
+pub(super) fn write_colmap(
+    folder: &Path,
+    views: &[View],
+    offset: DVec3,
+    points: &[TiePoint],
+) -> Result<(), SimulateError> {
     let mut cameras: Vec<&Camera> = Vec::new();
     let mut images =
         "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n".to_owned();
@@ -74,20 +79,27 @@ pub(super) fn write_colmap(folder: &Path, views: &[View], offset: DVec3, points:
     }
     let mut lenses = "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n".to_owned();
     for (i, camera) in cameras.iter().enumerate() {
-        let _ = writeln!(lenses, "{} {}", i + 1, colmap_camera(camera));
+        let _ = writeln!(lenses, "{} {}", i + 1, colmap_camera(camera)?);
     }
     write_text(&folder.join("cameras.txt"), &lenses)?;
     write_text(&folder.join("images.txt"), &images)?;
-    write_text(&folder.join("points3D.txt"), &cloud)
+    Ok(write_text(&folder.join("points3D.txt"), &cloud)?)
 }
 
-fn colmap_camera(c: &Camera) -> String {
+fn colmap_camera(c: &Camera) -> Result<String, SimulateError> {
     let (model, lens) = match c.distortion {
         Distortion::None => ("PINHOLE", String::new()),
         Distortion::Brown { k1, k2, k3: 0.0, p1, p2 } => ("OPENCV", format!(" {k1} {k2} {p1} {p2}")),
         Distortion::Brown { k1, k2, k3, p1, p2 } => ("FULL_OPENCV", format!(" {k1} {k2} {p1} {p2} {k3} 0 0 0")),
+        ref other => {
+            return Err(SimulateError::Setting {
+                setting: "lens of the given views",
+                found: format!("{other:?}"),
+                expected: "a pinhole or Brown-Conrady lens",
+            });
+        }
     };
-    format!("{model} {} {} {} {} {} {}{lens}", c.width_px, c.height_px, c.fx_px, c.fy_px, c.cx_px, c.cy_px)
+    Ok(format!("{model} {} {} {} {} {} {}{lens}", c.width_px, c.height_px, c.fx_px, c.fy_px, c.cx_px, c.cy_px))
 }
 
 /// The footprints as the user gets them: outlines, ids, types; no heights.

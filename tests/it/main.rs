@@ -1,3 +1,7 @@
 //! Behaviour of sizeup seen from outside, one module per topic.
 
+mod evaluation;
+mod outputs;
 mod simulate;
+mod survey_real;
+mod synthetic_block;

@@ -1,0 +1,205 @@
+//! Heights against a reference, over all buildings, by kind of building and by status.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::matching::{Match, Matching, match_buildings};
+use super::statistics::{DEFINITIONS, HeightPair, HeightStatistics};
+use super::{EvaluationError, TruthBuilding};
+use crate::output::{BuildingRecord, Status};
+
+/// What is compared, and how.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct HeightOptions {
+    /// How buildings are matched: `auto`, `id` or `overlap`.
+    pub matching: Matching,
+    /// Smallest share of a reference outline that its match covers, 0 to 1, when matching by overlap.
+    pub min_overlap_share: f64,
+    /// Reference buildings lower than this are counted, not compared, metres (relative accuracy means nothing there).
+    pub min_truth_height_m: f64,
+}
+
+impl Default for HeightOptions {
+    fn default() -> Self {
+        Self { matching: Matching::Auto, min_overlap_share: 0.5, min_truth_height_m: 2.0 }
+    }
+}
+
+/// How many buildings went where. The reference's buildings are the sum of `n_compared`, `n_unmatched`,
+/// `n_too_low`, `n_without_truth` and `n_unobserved`.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MatchCounts {
+    /// Buildings of the reference.
+    pub n_truth: usize,
+    /// Buildings of the result.
+    pub n_results: usize,
+    /// Compared.
+    pub n_compared: usize,
+    /// Reference buildings without a match.
+    pub n_unmatched: usize,
+    /// Reference buildings below the minimum height, matched or not.
+    pub n_too_low: usize,
+    /// Reference buildings whose own height is not known.
+    pub n_without_truth: usize,
+    /// Matched, but the result has no height.
+    pub n_unobserved: usize,
+    /// Buildings of the result that no reference building was matched to.
+    pub n_results_unmatched: usize,
+}
+
+/// Statistics of one group of buildings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct GroupStatistics {
+    /// Name of the group.
+    pub group: String,
+    /// Over its buildings.
+    pub statistics: HeightStatistics,
+}
+
+/// One compared building.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BuildingError {
+    /// Id in the reference.
+    pub truth_id: String,
+    /// Id in the result.
+    pub result_id: String,
+    /// The result, metres.
+    pub height_m: f64,
+    /// The reference, metres.
+    pub truth_m: f64,
+    /// Result minus reference, metres.
+    pub signed_error_m: f64,
+    /// The result's stated standard deviation, metres.
+    pub sigma_m: Option<f64>,
+    /// What became of the building.
+    pub status: Status,
+    /// What kind of building it is.
+    pub group: Option<String>,
+    /// Share of the reference's outline that the match covers.
+    pub overlap_share: Option<f64>,
+}
+
+/// The outcome, with everything needed to read it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct HeightEvaluation {
+    /// How buildings were matched: `id` or `overlap`.
+    pub matched_by: Matching,
+    /// The options used.
+    pub min_overlap_share: f64,
+    /// Reference buildings lower than this were not compared, metres.
+    pub min_truth_height_m: f64,
+    /// How many buildings went where.
+    pub counts: MatchCounts,
+    /// Over all compared buildings; `None` if every match is unobserved or too low.
+    pub all: Option<HeightStatistics>,
+    /// By what became of the building (`measured`, `doubtful`, `fallback`), in that order.
+    pub by_status: Vec<GroupStatistics>,
+    /// By kind of building, in alphabetical order; empty if the reference has no kinds.
+    pub by_group: Vec<GroupStatistics>,
+    /// Each compared building, in the reference's order.
+    pub buildings: Vec<BuildingError>,
+    /// What each number means.
+    pub definitions: BTreeMap<String, String>,
+}
+
+/// Compares the heights of a result with a reference. Both outlines must be in the same CRS.
+///
+/// # Errors
+/// [`EvaluationError::NoMatch`] when nothing matches, [`EvaluationError::DuplicateId`] for ambiguous ids.
+pub fn evaluate_heights(
+    results: &[BuildingRecord],
+    truth: &[TruthBuilding],
+    options: &HeightOptions,
+) -> Result<HeightEvaluation, EvaluationError> {
+    let (matched_by, matches) = match_buildings(results, truth, options.matching, options.min_overlap_share)?;
+    if matches.is_empty() {
+        return Err(no_match(results.len(), truth.len(), matched_by));
+    }
+    let (counts, buildings) = compare(results, truth, &matches, options.min_truth_height_m);
+    let known_groups: std::collections::BTreeSet<&str> = buildings.iter().filter_map(|b| b.group.as_deref()).collect();
+    let statuses = [Status::Measured, Status::Doubtful, Status::Fallback, Status::Unknown, Status::Refused];
+    let group = |name: &str, belongs: &dyn Fn(&BuildingError) -> bool| {
+        let statistics = statistics_of(buildings.iter().filter(|b| belongs(b)))?;
+        Some(GroupStatistics { group: name.to_owned(), statistics })
+    };
+    Ok(HeightEvaluation {
+        matched_by,
+        min_overlap_share: options.min_overlap_share,
+        min_truth_height_m: options.min_truth_height_m,
+        counts,
+        all: statistics_of(buildings.iter()),
+        by_status: statuses.iter().filter_map(|s| group(s.as_str(), &|b| b.status == *s)).collect(),
+        by_group: known_groups.iter().filter_map(|g| group(g, &|b| b.group.as_deref() == Some(g))).collect(),
+        definitions: DEFINITIONS.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect(),
+        buildings,
+    })
+}
+
+fn no_match(n_results: usize, n_truth: usize, matched_by: Matching) -> EvaluationError {
+    let (how, hint) = match matched_by {
+        Matching::Id => ("id", "name the id attribute of both, or match by overlap"),
+        Matching::Auto | Matching::Overlap => {
+            ("overlap", "check that both cover the same area, and that their CRSs are stated rightly")
+        }
+    };
+    EvaluationError::NoMatch { n_truth, n_results, how, hint }
+}
+
+/// Sorts the matches into compared pairs and counts of everything else.
+fn compare(
+    results: &[BuildingRecord],
+    truth: &[TruthBuilding],
+    matches: &[Match],
+    min_truth_height_m: f64,
+) -> (MatchCounts, Vec<BuildingError>) {
+    let mut match_of: Vec<Option<&Match>> = vec![None; truth.len()];
+    let mut is_used = vec![false; results.len()];
+    for found in matches {
+        match_of[found.truth] = Some(found);
+        is_used[found.result] = true;
+    }
+    let mut counts = MatchCounts { n_truth: truth.len(), n_results: results.len(), ..MatchCounts::default() };
+    let mut compared = Vec::new();
+    for (building, found) in truth.iter().zip(match_of) {
+        let Some(truth_m) = building.height_m.filter(|h| h.is_finite()) else {
+            counts.n_without_truth += 1;
+            continue;
+        };
+        if truth_m < min_truth_height_m || truth_m <= 0.0 {
+            counts.n_too_low += 1;
+            continue;
+        }
+        let Some(found) = found else {
+            counts.n_unmatched += 1;
+            continue;
+        };
+        let record = &results[found.result];
+        let Some(height_m) = record.height_m.filter(|h| h.is_finite()) else {
+            counts.n_unobserved += 1;
+            continue;
+        };
+        compared.push(BuildingError {
+            truth_id: building.id.clone(),
+            result_id: record.id.clone(),
+            height_m,
+            truth_m,
+            signed_error_m: height_m - truth_m,
+            sigma_m: record.height_sigma_m,
+            status: record.status,
+            group: building.group.clone(),
+            overlap_share: found.overlap_share,
+        });
+    }
+    counts.n_compared = compared.len();
+    counts.n_results_unmatched = is_used.iter().filter(|used| !**used).count();
+    (counts, compared)
+}
+
+fn statistics_of<'a>(buildings: impl Iterator<Item = &'a BuildingError>) -> Option<HeightStatistics> {
+    let pairs: Vec<HeightPair> =
+        buildings.map(|b| HeightPair { height_m: b.height_m, truth_m: b.truth_m, sigma_m: b.sigma_m }).collect();
+    HeightStatistics::of(&pairs)
+}

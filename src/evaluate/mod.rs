@@ -1,0 +1,58 @@
+//! How good a result is, against a reference: every number is reported with its definition.
+//!
+//! Heights are *differences* (roof minus ground), so the vertical references of result and truth need not agree;
+//! outlines are only compared after both are in one horizontal CRS ([`read`]).
+
+mod heights;
+mod matching;
+pub mod read;
+mod statistics;
+mod table;
+
+use geo_types::MultiPolygon;
+use serde::{Deserialize, Serialize};
+
+pub use heights::{BuildingError, GroupStatistics, HeightEvaluation, HeightOptions, MatchCounts, evaluate_heights};
+pub use matching::{Match, Matching, match_buildings};
+pub use statistics::{DEFINITIONS, HeightStatistics};
+
+/// One building of the reference, in the project's map frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TruthBuilding {
+    /// Unique id in the reference.
+    pub id: String,
+    /// Outline, metres; `None` for a reference that is only a table.
+    pub footprint: Option<MultiPolygon<f64>>,
+    /// Roof level minus ground level, metres.
+    pub height_m: Option<f64>,
+    /// What kind of building it is, for the table by group.
+    pub group: Option<String>,
+}
+
+/// Why an evaluation is not possible.
+#[derive(Debug, thiserror::Error)]
+pub enum EvaluationError {
+    /// Nothing to compare.
+    #[error(
+        "no building of the reference ({n_truth}) matches any of the result ({n_results}) by {how}\n\
+         hint: {hint}"
+    )]
+    NoMatch {
+        /// Buildings of the reference.
+        n_truth: usize,
+        /// Buildings of the result.
+        n_results: usize,
+        /// `id` or `overlap`.
+        how: &'static str,
+        /// What to try.
+        hint: &'static str,
+    },
+    /// An id stands for two buildings.
+    #[error("two buildings of the {side} are called {id:?}\nhint: match by overlap, or choose another id attribute")]
+    DuplicateId {
+        /// `reference` or `result`.
+        side: &'static str,
+        /// The id.
+        id: String,
+    },
+}

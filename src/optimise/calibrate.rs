@@ -1,0 +1,101 @@
+//! A view's prior brought to metres, by the ground and the buildings as they stand.
+//!
+//! ```text
+//! p ≈ a + d · v        p: prior's inverse depth,  v = 1 / R: rendered inverse depth for the present heights
+//! ```
+//!
+//! What the scene does not model (trees, cars, buildings without an outline) is always *nearer* than what is rendered in
+//! its place, so residuals have one heavy side. The fit is re-weighted by Tukey's biweight with the spread measured on
+//! the other side, which drives it to the far envelope: the ground. No terms in image position are fitted: on level
+//! ground `1/R` is itself affine in them, and the fit would collapse.
+
+use super::evidence::Evidence;
+use crate::stats;
+
+/// Rounds of re-weighting; the weights settle within ten.
+const ROUNDS: usize = 12;
+/// Rays below which a view cannot be calibrated.
+const MIN_RAYS: usize = 50;
+/// Cut-off of the biweight in standard deviations, on the near side and on the far side.
+const CUT_OFF: [f64; 2] = [3.0, 4.7];
+/// A standard deviation per median absolute deviation of a normal distribution.
+const SIGMA_PER_MAD: f64 = 1.4826;
+
+/// How a view's prior maps to inverse depth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Calibration {
+    offset: f64,
+    gain: f64,
+}
+
+impl Calibration {
+    /// Fits a view for roof levels in the local frame; `None` where there is too little to go by, or where the prior
+    /// falls towards the camera.
+    #[must_use]
+    pub fn fit(evidence: &Evidence<'_>, roofs: &[f32]) -> Option<Self> {
+        let samples: Vec<(f64, f64)> = evidence
+            .nearness
+            .iter()
+            .enumerate()
+            .filter(|(_, p)| p.is_finite())
+            .map(|(ray, &p)| (f64::from(evidence.profiles.sight(ray, roofs).depth.recip()), f64::from(p)))
+            .filter(|(v, _)| *v > 0.0)
+            .collect();
+        if samples.len() < MIN_RAYS {
+            return None;
+        }
+        let mut fit = weighted_line(&samples, |_| 1.0)?;
+        for _ in 0..ROUNDS {
+            let residual = |&(v, p): &(f64, f64)| p - fit.offset - fit.gain * v;
+            let far_side: Vec<f64> = samples.iter().map(residual).filter(|r| *r <= 0.0).map(f64::abs).collect();
+            let sigma = SIGMA_PER_MAD * stats::median(&far_side)?;
+            if sigma <= 0.0 {
+                break;
+            }
+            let weight = |sample: &(f64, f64)| {
+                let r = residual(sample);
+                let u = r / (sigma * if r > 0.0 { CUT_OFF[0] } else { CUT_OFF[1] });
+                (1.0 - u * u).max(0.0).powi(2)
+            };
+            fit = weighted_line(&samples, weight)?;
+        }
+        (fit.gain > 0.0).then_some(fit)
+    }
+
+    /// Inverse depth, 1/m, that a prior value stands for.
+    #[must_use]
+    pub fn inverse_depth(&self, prior: f32) -> f32 {
+        ((f64::from(prior) - self.offset) / self.gain) as f32
+    }
+}
+
+/// The line `p = offset + gain · v` of least weighted squares.
+fn weighted_line(samples: &[(f64, f64)], weight: impl Fn(&(f64, f64)) -> f64) -> Option<Calibration> {
+    let (mut w, mut wv, mut wp) = (0.0, 0.0, 0.0);
+    let weights: Vec<f64> = samples.iter().map(weight).collect();
+    for (&(v, p), &k) in samples.iter().zip(&weights) {
+        w += k;
+        wv += k * v;
+        wp += k * p;
+    }
+    let (mean_v, mean_p) = (wv / w, wp / w);
+    let (mut vv, mut vp) = (0.0, 0.0);
+    for (&(v, p), &k) in samples.iter().zip(&weights) {
+        vv += k * (v - mean_v) * (v - mean_v);
+        vp += k * (v - mean_v) * (p - mean_p);
+    }
+    let gain = vp / vv;
+    gain.is_finite().then(|| Calibration { offset: mean_p - gain * mean_v, gain })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_line_through_exact_samples_is_found_whatever_the_weights() {
+        let samples: Vec<_> = (0..20).map(|i| (0.01 * f64::from(i), 3.0 + 0.5 * 0.01 * f64::from(i))).collect();
+        let line = weighted_line(&samples, |s| 1.0 + s.0).unwrap();
+        assert!((line.offset - 3.0).abs() < 1e-12 && (line.gain - 0.5).abs() < 1e-12);
+    }
+}

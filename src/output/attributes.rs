@@ -1,0 +1,153 @@
+//! The attributes of a building as all formats write them: one list of names, units and meanings.
+//!
+//! Numbers in metres are rounded to [`DECIMALS_M`] decimals (a millimetre), below anything that is measured here.
+//! The user's own attributes follow under their own names; one that would hide ours is written as `input_<name>`.
+
+use serde_json::{Map as JsonMap, Number, Value};
+
+use super::BuildingRecord;
+
+/// Decimals of a metre in files.
+const DECIMALS_M: i32 = 3;
+
+/// Prefix of a user's attribute whose name is taken.
+const CARRIED_PREFIX: &str = "input_";
+
+/// What a column holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FieldKind {
+    /// Text.
+    Text,
+    /// Real number.
+    Real,
+    /// Whole number.
+    Integer,
+}
+
+/// One of our own attributes.
+#[derive(Debug, Clone, Copy)]
+pub struct Field {
+    /// Name in all formats.
+    pub name: &'static str,
+    /// Type of the value.
+    pub kind: FieldKind,
+    /// Meaning and unit, one line.
+    pub meaning: &'static str,
+}
+
+const fn field(name: &'static str, kind: FieldKind, meaning: &'static str) -> Field {
+    Field { name, kind, meaning }
+}
+
+/// Our own attributes in the order in which they are written; the id comes before them.
+pub const FIELDS: [Field; 11] = [
+    field("height_m", FieldKind::Real, "Roof level minus ground level, metres"),
+    field("ground_z_m", FieldKind::Real, "Ground level the height counts from, metres in the vertical reference"),
+    field("base_z_m", FieldKind::Real, "Lowest ground under the outline, where walls end, metres"),
+    field("roof_z_m", FieldKind::Real, "Roof level, metres in the vertical reference"),
+    field("height_sigma_m", FieldKind::Real, "One standard deviation of height_m, metres"),
+    field("height_reference", FieldKind::Text, "Which height of a pitched roof: eave, mean or ridge"),
+    field("status", FieldKind::Text, "measured, doubtful, fallback, unknown or refused"),
+    field("reasons", FieldKind::Text, "Why the status is what it is"),
+    field("n_views", FieldKind::Integer, "Number of photos the height was measured in"),
+    field("views", FieldKind::Text, "Photos the height was measured in"),
+    field("no_solid_reason", FieldKind::Text, "Why the building has no 3D geometry, where it has none"),
+];
+
+/// Names that a format needs for itself, beside [`FIELDS`].
+const RESERVED: [&str; 5] = ["id", "fid", "geom", "measuredheight", "rtree"];
+
+/// The value of one of [`FIELDS`]; [`Value::Null`] if not known. Lists stay lists.
+#[must_use]
+pub fn value(record: &BuildingRecord, field: &Field, no_solid_reason: Option<&str>) -> Value {
+    let metres = |value_m: Option<f64>| value_m.map_or(Value::Null, metres);
+    match field.name {
+        "height_m" => metres(record.height_m),
+        "ground_z_m" => metres(record.ground_z_m),
+        "base_z_m" => metres(record.base_z_m),
+        "roof_z_m" => metres(record.roof_z_m()),
+        "height_sigma_m" => metres(record.height_sigma_m),
+        "height_reference" => record.height_reference.as_str().into(),
+        "status" => record.status.as_str().into(),
+        "reasons" => record.reasons.clone().into(),
+        "n_views" => record.views.len().into(),
+        "views" => record.views.clone().into(),
+        "no_solid_reason" => no_solid_reason.map_or(Value::Null, Value::from),
+        _ => Value::Null,
+    }
+}
+
+/// A number of metres as written in files.
+#[must_use]
+pub fn metres(value_m: f64) -> Value {
+    Number::from_f64(round_m(value_m)).map_or(Value::Null, Value::Number)
+}
+
+/// Rounded to a millimetre, without a negative zero.
+#[must_use]
+pub fn round_m(value_m: f64) -> f64 {
+    let factor = 10_f64.powi(DECIMALS_M);
+    (value_m * factor).round() / factor + 0.0
+}
+
+/// Under which name a user's attribute is written.
+#[must_use]
+pub fn carried_name(name: &str) -> String {
+    if is_taken(name) { format!("{CARRIED_PREFIX}{name}") } else { name.to_owned() }
+}
+
+/// The user's name of a carried attribute: the inverse of [`carried_name`].
+#[must_use]
+pub fn original_name(name: &str) -> &str {
+    match name.strip_prefix(CARRIED_PREFIX) {
+        Some(original) if is_taken(original) => original,
+        _ => name,
+    }
+}
+
+/// Whether an attribute name is ours, compared without case as `GeoPackage` does.
+#[must_use]
+pub fn is_taken(name: &str) -> bool {
+    let lower = name.to_lowercase();
+    RESERVED.contains(&lower.as_str()) || FIELDS.iter().any(|field| field.name == lower)
+}
+
+/// All attributes as a JSON object: ours where known, `measuredHeight` for `CityGML` readers, then the user's.
+#[must_use]
+pub fn to_json(record: &BuildingRecord, no_solid_reason: Option<&str>) -> JsonMap<String, Value> {
+    let mut attributes = JsonMap::new();
+    if let Some(height_m) = record.height_m {
+        attributes.insert("measuredHeight".to_owned(), metres(height_m));
+    }
+    for field in &FIELDS {
+        let value = value(record, field, no_solid_reason);
+        if !value.is_null() {
+            attributes.insert(field.name.to_owned(), value);
+        }
+    }
+    for (name, value) in &record.attributes {
+        attributes.insert(carried_name(name), value.clone());
+    }
+    attributes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_taken_name_is_carried_beside_ours_and_finds_back() {
+        for name in ["height_m", "STATUS", "fid", "measuredHeight"] {
+            assert_eq!(carried_name(name), format!("input_{name}"));
+            assert_eq!(original_name(&carried_name(name)), name);
+        }
+        assert_eq!((carried_name("street").as_str(), original_name("input_street")), ("street", "input_street"));
+    }
+
+    #[test]
+    fn metres_have_three_decimals_and_no_negative_zero() {
+        assert_eq!(metres(12.345_678).to_string(), "12.346");
+        assert_eq!(metres(-0.000_1).to_string(), "0.0");
+        assert_eq!(metres(f64::NAN), Value::Null);
+    }
+}

@@ -1,0 +1,50 @@
+//! The file's header: metadata with lineage, and the transform.
+
+use serde_json::{Map as JsonMap, Value, json};
+
+use crate::crs::Crs;
+use crate::output::CityModel;
+use crate::output::grid::{Extent, Grid};
+
+/// Steps per metre of header numbers: ten times finer than the finest grid, so rounding only removes noise.
+const HEADER_STEPS_PER_M: f64 = 1e5;
+
+/// The `metadata` object.
+pub fn metadata(model: &CityModel<'_>, extent: Option<&Extent>, title: Option<&str>) -> Value {
+    let mut metadata = JsonMap::new();
+    if let Some(Extent { min_m, max_m }) = extent {
+        let corners: Vec<f64> = min_m.iter().chain(max_m).map(|v| tidy(*v)).collect();
+        metadata.insert("geographicalExtent".to_owned(), json!(corners));
+    }
+    if let Some(date) = &model.lineage.reference_date {
+        metadata.insert("referenceDate".to_owned(), json!(date));
+    }
+    if let Some(url) = reference_system(model.crs) {
+        metadata.insert("referenceSystem".to_owned(), json!(url));
+    }
+    if let Some(title) = title {
+        metadata.insert("title".to_owned(), json!(title));
+    }
+    let mut lineage = json!(model.lineage);
+    lineage["vertical_reference_system"] = json!(model.crs.vertical_name());
+    metadata.insert("sizeup".to_owned(), lineage);
+    Value::Object(metadata)
+}
+
+/// The `transform` object.
+pub fn transform(grid: &Grid) -> Value {
+    let scale = [grid.scale_m; 3];
+    json!({ "scale": scale, "translate": grid.origin_m })
+}
+
+/// URL of the CRS: of the compound where EPSG has a code for it, else of its horizontal part (the vertical part is
+/// then in the lineage). `https`, because the QGIS loader knows no other.
+fn reference_system(crs: &Crs) -> Option<String> {
+    let code = crs.epsg().or_else(|| crs.horizontal_epsg())?;
+    Some(format!("https://www.opengis.net/def/crs/EPSG/0/{code}"))
+}
+
+/// Without the last bits of binary arithmetic.
+pub fn tidy(value_m: f64) -> f64 {
+    (value_m * HEADER_STEPS_PER_M).round() / HEADER_STEPS_PER_M + 0.0
+}

@@ -1,0 +1,301 @@
+//! Reading `CityJSON` 1.0, 1.1 and 2.0 and `CityJSONSeq`, anybody's: objects with their surfaces.
+//!
+//! Textures, materials, templates and appearances are passed over. A template instance is counted as a geometry that
+//! could not be read, never dropped in silence ([`CityFile::n_templates`]).
+
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+
+use indexmap::IndexMap;
+use serde::Deserialize;
+use serde_json::{Map as JsonMap, Value};
+
+use super::super::error::{MalformedFile, OutputError};
+use super::super::prism::Surface;
+use crate::crs::Crs;
+use crate::files::FileError;
+
+/// A city model as read.
+#[derive(Debug, Clone, Default)]
+pub struct CityFile {
+    /// Its CRS, where it states one.
+    pub crs: Option<Crs>,
+    /// Its metadata as they stand.
+    pub metadata: JsonMap<String, Value>,
+    /// Positions in its CRS, x before y.
+    pub vertices: Vec<[f64; 3]>,
+    /// City objects in the file's order.
+    pub objects: Vec<CityObject>,
+    /// Template instances, which are not read.
+    pub n_templates: usize,
+}
+
+/// One city object.
+#[derive(Debug, Clone)]
+pub struct CityObject {
+    /// Unique id.
+    pub id: String,
+    /// `Building`, `BuildingPart`, ….
+    pub kind: String,
+    /// Ids of its parents.
+    pub parents: Vec<String>,
+    /// Attributes as they stand.
+    pub attributes: JsonMap<String, Value>,
+    /// One per level of detail.
+    pub geometries: Vec<CityGeometry>,
+}
+
+/// One geometry of an object, as a flat list of surfaces.
+#[derive(Debug, Clone)]
+pub struct CityGeometry {
+    /// Level of detail as text: `1.2`, `2`.
+    pub lod: String,
+    /// Whether surfaces enclose solids.
+    pub is_solid: bool,
+    /// All surfaces.
+    pub surfaces: Vec<CitySurface>,
+}
+
+/// One surface: exterior ring, then holes; indices into [`CityFile::vertices`].
+#[derive(Debug, Clone)]
+pub struct CitySurface {
+    /// Solid of a multi-solid, shell of the solid, surface of the shell.
+    pub place: [usize; 3],
+    /// Its semantics, where it is one of the three that matter here.
+    pub kind: Option<Surface>,
+    /// Rings as in the file (not closed).
+    pub rings: Vec<Vec<u32>>,
+}
+
+impl CityFile {
+    /// Reads a file; `….jsonl` is read as a sequence.
+    ///
+    /// # Errors
+    /// [`OutputError::File`] if it cannot be opened, [`OutputError::Malformed`] if it is no `CityJSON` of a known
+    /// version, or an index points nowhere.
+    pub fn read(path: &Path) -> Result<Self, OutputError> {
+        let file = File::open(path).map_err(FileError::on("cannot read", path))?;
+        let reader = BufReader::with_capacity(1 << 20, file);
+        let malformed = |reason: String| OutputError::Malformed(MalformedFile { path: path.to_owned(), reason });
+        let is_sequence = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("jsonl"));
+        let city = if is_sequence { read_sequence(reader) } else { read_one(reader) };
+        city.map_err(malformed)
+    }
+}
+
+#[derive(Deserialize)]
+struct RawFile {
+    #[serde(rename = "type")]
+    kind: String,
+    version: Option<String>,
+    transform: Option<RawTransform>,
+    #[serde(default)]
+    metadata: JsonMap<String, Value>,
+    #[serde(rename = "CityObjects", default)]
+    objects: IndexMap<String, RawObject>,
+    #[serde(default)]
+    vertices: Vec<[f64; 3]>,
+}
+
+#[derive(Deserialize, Clone)]
+struct RawTransform {
+    scale: [f64; 3],
+    translate: [f64; 3],
+}
+
+#[derive(Deserialize)]
+struct RawObject {
+    #[serde(rename = "type")]
+    kind: String,
+    #[serde(default)]
+    parents: Vec<String>,
+    #[serde(default)]
+    attributes: Option<JsonMap<String, Value>>,
+    #[serde(default)]
+    geometry: Vec<RawGeometry>,
+}
+
+#[derive(Deserialize)]
+struct RawGeometry {
+    #[serde(rename = "type")]
+    kind: String,
+    lod: Option<Value>,
+    #[serde(default)]
+    boundaries: Option<Nested>,
+    semantics: Option<RawSemantics>,
+}
+
+#[derive(Deserialize)]
+struct RawSemantics {
+    #[serde(default)]
+    surfaces: Vec<RawSurface>,
+    #[serde(default)]
+    values: Value,
+}
+
+#[derive(Deserialize)]
+struct RawSurface {
+    #[serde(rename = "type")]
+    kind: String,
+}
+
+/// Boundaries: lists of lists of … of indices, as deep as the geometry's type says.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Nested {
+    Index(u32),
+    List(Vec<Nested>),
+}
+
+impl Nested {
+    fn items(&self) -> Result<&[Self], String> {
+        match self {
+            Self::List(items) => Ok(items),
+            Self::Index(_) => Err("its boundaries are not as deep as its type needs".to_owned()),
+        }
+    }
+}
+
+fn read_one(reader: impl BufRead) -> Result<CityFile, String> {
+    let raw: RawFile = serde_json::from_reader(reader).map_err(|e| e.to_string())?;
+    require_version(&raw)?;
+    let mut city = CityFile { crs: crs_of(&raw.metadata)?, ..CityFile::default() };
+    let transform = raw.transform.clone();
+    city.metadata.clone_from(&raw.metadata);
+    city.add(raw, transform.as_ref())?;
+    Ok(city)
+}
+
+fn read_sequence(reader: impl BufRead) -> Result<CityFile, String> {
+    let mut city = CityFile::default();
+    let mut transform = None;
+    for (i, line) in reader.lines().enumerate() {
+        let line = line.map_err(|e| e.to_string())?;
+        if line.trim().is_empty() {
+            continue;
+        }
+        let at_line = |reason: String| format!("line {}: {reason}", i + 1);
+        let raw: RawFile = serde_json::from_str(&line).map_err(|e| at_line(e.to_string()))?;
+        if raw.kind == "CityJSON" {
+            require_version(&raw).map_err(at_line)?;
+            city.crs = crs_of(&raw.metadata).map_err(at_line)?;
+            city.metadata.clone_from(&raw.metadata);
+            transform.clone_from(&raw.transform);
+        } else if raw.kind != "CityJSONFeature" {
+            return Err(at_line(format!("expected a CityJSONFeature, found {:?}", raw.kind)));
+        }
+        city.add(raw, transform.as_ref()).map_err(at_line)?;
+    }
+    Ok(city)
+}
+
+fn require_version(raw: &RawFile) -> Result<(), String> {
+    if raw.kind != "CityJSON" {
+        return Err(format!("expected \"type\": \"CityJSON\", found {:?}", raw.kind));
+    }
+    match raw.version.as_deref() {
+        Some(v) if ["1.0", "1.1", "2.0"].iter().any(|known| v.starts_with(known)) => Ok(()),
+        found => Err(format!("expected CityJSON version 1.0, 1.1 or 2.0, found {}", found.unwrap_or("none"))),
+    }
+}
+
+/// `urn:ogc:def:crs:EPSG::7415` or `https://www.opengis.net/def/crs/EPSG/0/7415`.
+fn crs_of(metadata: &JsonMap<String, Value>) -> Result<Option<Crs>, String> {
+    let Some(name) = metadata.get("referenceSystem").and_then(Value::as_str) else { return Ok(None) };
+    let code = name.rsplit(['/', ':']).next().unwrap_or_default();
+    Crs::parse(&format!("EPSG:{code}")).map(Some).map_err(|e| format!("referenceSystem {name:?}: {e}"))
+}
+
+impl CityFile {
+    fn add(&mut self, raw: RawFile, transform: Option<&RawTransform>) -> Result<(), String> {
+        let first = self.vertices.len();
+        let place = |v: [f64; 3]| match transform {
+            Some(t) => std::array::from_fn(|axis| v[axis] * t.scale[axis] + t.translate[axis]),
+            None => v,
+        };
+        self.vertices.extend(raw.vertices.into_iter().map(place));
+        let offset = u32::try_from(first).map_err(|_| "more than 2^32 vertices".to_owned())?;
+        for (id, object) in raw.objects {
+            let mut geometries = Vec::with_capacity(object.geometry.len());
+            for geometry in &object.geometry {
+                match geometry.read(offset, self.vertices.len()).map_err(|e| format!("object {id:?}: {e}"))? {
+                    Some(geometry) => geometries.push(geometry),
+                    None if geometry.kind == "GeometryInstance" => self.n_templates += 1,
+                    None => {}
+                }
+            }
+            let attributes = object.attributes.unwrap_or_default();
+            self.objects.push(CityObject { id, kind: object.kind, parents: object.parents, attributes, geometries });
+        }
+        Ok(())
+    }
+}
+
+impl RawGeometry {
+    /// `None` for points, lines and templates.
+    fn read(&self, offset: u32, n_vertices: usize) -> Result<Option<CityGeometry>, String> {
+        // Levels above a surface: none for a multi-surface, a shell for a solid, a solid for a multi-solid.
+        let levels_above = match self.kind.as_str() {
+            "MultiSurface" | "CompositeSurface" => 0,
+            "Solid" => 1,
+            "MultiSolid" | "CompositeSolid" => 2,
+            _ => return Ok(None),
+        };
+        let lod = match &self.lod {
+            Some(Value::String(text)) => text.clone(),
+            Some(Value::Number(number)) => number.to_string(),
+            _ => String::new(),
+        };
+        let mut surfaces = Vec::new();
+        if let Some(boundaries) = &self.boundaries {
+            let values = self.semantics.as_ref().map_or(&Value::Null, |s| &s.values);
+            let mut reader = SurfaceReader { geometry: self, offset, n_vertices, surfaces: &mut surfaces };
+            reader.descend(boundaries, values, levels_above, [0; 3])?;
+        }
+        Ok(Some(CityGeometry { lod, is_solid: levels_above > 0, surfaces }))
+    }
+
+    fn kind_of(&self, value: &Value) -> Option<Surface> {
+        let index = usize::try_from(value.as_u64()?).ok()?;
+        match self.semantics.as_ref()?.surfaces.get(index)?.kind.as_str() {
+            "GroundSurface" => Some(Surface::Ground),
+            "RoofSurface" => Some(Surface::Roof),
+            "WallSurface" => Some(Surface::Wall),
+            _ => None,
+        }
+    }
+}
+
+struct SurfaceReader<'a> {
+    geometry: &'a RawGeometry,
+    offset: u32,
+    n_vertices: usize,
+    surfaces: &'a mut Vec<CitySurface>,
+}
+
+impl SurfaceReader<'_> {
+    fn descend(&mut self, nested: &Nested, values: &Value, levels: usize, place: [usize; 3]) -> Result<(), String> {
+        for (i, item) in nested.items()?.iter().enumerate() {
+            let value = values.get(i).unwrap_or(&Value::Null);
+            let mut place = place;
+            place[2 - levels] = i;
+            if levels > 0 {
+                self.descend(item, value, levels - 1, place)?;
+            } else {
+                let rings = item.items()?.iter().map(|ring| self.ring(ring)).collect::<Result<_, _>>()?;
+                self.surfaces.push(CitySurface { place, kind: self.geometry.kind_of(value), rings });
+            }
+        }
+        Ok(())
+    }
+
+    fn ring(&self, ring: &Nested) -> Result<Vec<u32>, String> {
+        let index = |item: &Nested| match item {
+            Nested::Index(i) if (*i as usize) < self.n_vertices - self.offset as usize => Ok(i + self.offset),
+            Nested::Index(i) => Err(format!("vertex index {i} of {}", self.n_vertices - self.offset as usize)),
+            Nested::List(_) => Err("its boundaries are deeper than its type allows".to_owned()),
+        };
+        ring.items()?.iter().map(index).collect()
+    }
+}

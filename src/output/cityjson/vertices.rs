@@ -1,0 +1,30 @@
+//! The file's list of distinct vertices.
+
+use std::io::{self, Write};
+
+use indexmap::IndexSet;
+
+/// Distinct grid points in the order of their first use: some 30 bytes each.
+#[derive(Debug, Default)]
+pub struct VertexPool(IndexSet<[i32; 3]>);
+
+impl VertexPool {
+    /// The index of a vertex, added if it is new.
+    ///
+    /// # Panics
+    /// Beyond 2³² vertices, or for a point off the output grid, which [`super::Grid::over`] excludes.
+    pub fn index_of(&mut self, point: [i64; 3]) -> u32 {
+        let point = point.map(|v| i32::try_from(v).expect("the grid reaches to 10^9"));
+        u32::try_from(self.0.insert_full(point).0).expect("fewer than 2^32 vertices")
+    }
+
+    /// Writes the vertices as the content of a JSON array.
+    pub fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        self.0.iter().enumerate().try_for_each(|(i, vertex)| super::write_vertex(out, i == 0, *vertex))
+    }
+
+    /// Forgets everything, for the next feature of a sequence.
+    pub fn clear(&mut self) {
+        self.0.clear();
+    }
+}

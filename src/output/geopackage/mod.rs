@@ -1,0 +1,72 @@
+//! `GeoPackage` 1.2 (OGC 12-128r15): what planners open in QGIS.
+//!
+//! | layer | geometry | content |
+//! |---|---|---|
+//! | `buildings` | Polygon | outline and all attributes, one row per building of the input |
+//! | `buildings_lod1` | `MultiPolygonZ` | faces of the solid, where there is one |
+//! | `cameras` | `PointZ` | projection centres, viewing directions, photo names |
+//! | `qa_issues` | Point | what was wrong with single items of the input |
+//!
+//! Lineage is in `gpkg_metadata`, meanings of the columns in `gpkg_data_columns`, the default style in `layer_styles`.
+
+mod layers;
+mod tables;
+mod wkb;
+
+pub use layers::LIST_SEPARATOR;
+
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::cityjson::CityJsonConfig;
+use super::grid::Grid;
+use super::{CityModel, OutputError};
+use crate::files::write_whole_by_name;
+use crate::geodata::gpkg;
+
+/// Time of the last change when the lineage has no reference date.
+const NO_DATE: &str = "1970-01-01";
+
+/// How the `GeoPackage` is written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct GeoPackageConfig {
+    /// Whether to write `buildings_lod1`, the faces of the solids, for tools that cannot extrude.
+    pub solids: bool,
+    /// Quantum of the solids' coordinates, metres, 0.0001 to 1.
+    pub scale_m: f64,
+    /// Smallest distance between base and roof of a solid, metres, above 0.
+    pub min_thickness_m: f64,
+}
+
+impl Default for GeoPackageConfig {
+    fn default() -> Self {
+        let CityJsonConfig { scale_m, min_thickness_m, .. } = CityJsonConfig::default();
+        Self { solids: true, scale_m, min_thickness_m }
+    }
+}
+
+/// Writes `path` (`….gpkg`) whole or not at all.
+///
+/// # Errors
+/// [`OutputError`]: duplicate ids, a scene larger than the grid, GDAL, the file system.
+pub fn write(path: &Path, model: &CityModel<'_>, config: &GeoPackageConfig) -> Result<(), OutputError> {
+    model.require_unique_ids()?;
+    let (grid, _) = Grid::over(model.records, config.scale_m)?;
+    let timestamp = format!("{}T00:00:00.000Z", model.lineage.reference_date.as_deref().unwrap_or(NO_DATE));
+    write_whole_by_name(path, |temporary| {
+        gpkg::create(temporary, model.crs.definition(), &timestamp, |writer| {
+            tables::create_data_columns(writer)?;
+            layers::buildings(writer, model, &grid, config)?;
+            if config.solids {
+                layers::solids(writer, model, &grid, config)?;
+            }
+            layers::cameras(writer, model.survey)?;
+            layers::issues(writer, model.issues)?;
+            tables::lineage(writer, model.lineage, &timestamp)?;
+            tables::styles(writer, &timestamp)
+        })
+    })
+}

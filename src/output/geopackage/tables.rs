@@ -1,0 +1,91 @@
+//! The tables without geometry: meanings of columns, lineage, default styles.
+
+use super::super::{Lineage, OutputError};
+use crate::geodata::gpkg::{Writer, text};
+
+/// Default styles by layer, as QGIS stores them.
+const STYLES: [(&str, &str); 1] = [("buildings", include_str!("styles/buildings.qml"))];
+
+/// The schema extension's table of column meanings (OGC 12-128r15, F.9).
+pub fn create_data_columns(writer: &mut Writer<'_>) -> Result<(), OutputError> {
+    writer.sql(
+        "CREATE TABLE gpkg_data_columns (table_name TEXT NOT NULL, column_name TEXT NOT NULL, name TEXT, title TEXT, \
+         description TEXT, mime_type TEXT, constraint_name TEXT, \
+         CONSTRAINT pk_gdc PRIMARY KEY (table_name, column_name), CONSTRAINT gdc_tn UNIQUE (table_name, name))",
+    )?;
+    extension(writer, &["gpkg_data_columns"], "gpkg_schema", "http://www.geopackage.org/spec121/#extension_schema")
+}
+
+/// The metadata extension with our lineage as JSON (OGC 12-128r15, F.8).
+pub fn lineage(writer: &mut Writer<'_>, lineage: &Lineage, timestamp: &str) -> Result<(), OutputError> {
+    writer.sql(
+        "CREATE TABLE gpkg_metadata (id INTEGER CONSTRAINT m_pk PRIMARY KEY ASC NOT NULL, md_scope TEXT NOT NULL \
+         DEFAULT 'dataset', md_standard_uri TEXT NOT NULL, mime_type TEXT NOT NULL DEFAULT 'text/xml', \
+         metadata TEXT NOT NULL DEFAULT '')",
+    )?;
+    writer.sql(
+        "CREATE TABLE gpkg_metadata_reference (reference_scope TEXT NOT NULL, table_name TEXT, column_name TEXT, \
+         row_id_value INTEGER, timestamp DATETIME NOT NULL DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')), \
+         md_file_id INTEGER NOT NULL, md_parent_id INTEGER, \
+         CONSTRAINT crmr_mfi_fk FOREIGN KEY (md_file_id) REFERENCES gpkg_metadata(id), \
+         CONSTRAINT crmr_mpi_fk FOREIGN KEY (md_parent_id) REFERENCES gpkg_metadata(id))",
+    )?;
+    let tables = ["gpkg_metadata", "gpkg_metadata_reference"];
+    extension(writer, &tables, "gpkg_metadata", "http://www.geopackage.org/spec121/#extension_metadata")?;
+    let json = serde_json::to_string_pretty(lineage).unwrap_or_default();
+    writer.sql(&format!(
+        "INSERT INTO gpkg_metadata (id, md_scope, md_standard_uri, mime_type, metadata) \
+         VALUES (1, 'dataset', 'https://crates.io/crates/sizeup', 'application/json', {})",
+        text(&json)
+    ))?;
+    writer.sql(&format!(
+        "INSERT INTO gpkg_metadata_reference (reference_scope, timestamp, md_file_id) VALUES ('geopackage', {}, 1)",
+        text(timestamp)
+    ))?;
+    Ok(())
+}
+
+/// QGIS's table of styles. It must be listed in `gpkg_contents`, or QGIS does not see it.
+pub fn styles(writer: &mut Writer<'_>, timestamp: &str) -> Result<(), OutputError> {
+    writer.sql(
+        "CREATE TABLE layer_styles (id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, f_table_catalog TEXT(256), \
+         f_table_schema TEXT(256), f_table_name TEXT(256), f_geometry_column TEXT(256), styleName TEXT(30), \
+         styleQML TEXT, styleSLD TEXT, useAsDefault BOOLEAN, description TEXT, owner TEXT(30), ui TEXT(30), \
+         update_time DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')))",
+    )?;
+    writer.sql(&format!(
+        "INSERT INTO gpkg_contents (table_name, data_type, identifier, description, last_change, srs_id) \
+         VALUES ('layer_styles', 'attributes', 'layer_styles', 'QGIS layer styles', {}, 0)",
+        text(timestamp)
+    ))?;
+    for (layer, qml) in STYLES {
+        writer.sql(&format!(
+            "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName, \
+             styleQML, styleSLD, useAsDefault, description, owner, ui, update_time) \
+             VALUES ('', '', {layer}, 'geom', {layer}, {qml}, '', 1, 'sizeup default', '', NULL, {timestamp})",
+            layer = text(layer),
+            qml = text(qml),
+            timestamp = text(timestamp),
+        ))?;
+    }
+    Ok(())
+}
+
+/// Registers tables with an extension of the standard.
+fn extension(writer: &mut Writer<'_>, tables: &[&str], name: &str, definition: &str) -> Result<(), OutputError> {
+    // GDAL makes this table only when it needs it itself.
+    writer.sql(
+        "CREATE TABLE IF NOT EXISTS gpkg_extensions (table_name TEXT, column_name TEXT, extension_name TEXT NOT NULL, \
+         definition TEXT NOT NULL, scope TEXT NOT NULL, CONSTRAINT ge_tce UNIQUE (table_name, column_name, extension_name))",
+    )?;
+    for table in tables {
+        writer.sql(&format!(
+            "INSERT INTO gpkg_extensions (table_name, column_name, extension_name, definition, scope) \
+             VALUES ({}, NULL, {}, {}, 'read-write')",
+            text(table),
+            text(name),
+            text(definition)
+        ))?;
+    }
+    Ok(())
+}

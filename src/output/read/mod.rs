@@ -1,0 +1,174 @@
+//! Reading results and references back: our own files losslessly to the millimetre, and those of others.
+//!
+//! | file | id | outline | height |
+//! |---|---|---|---|
+//! | `CityJSON`, `CityJSONSeq` | key of the object | ground surfaces in plan | `height_m`, else measured on the surfaces |
+//! | any vector layer of GDAL | attribute | polygon | attribute |
+
+mod own;
+mod surfaces;
+
+use std::path::{Path, PathBuf};
+
+use geo::MapCoords;
+use geo_types::{Coord, MultiPolygon};
+use serde_json::{Map as JsonMap, Value};
+
+use super::OutputError;
+use super::cityjson::read::CityFile;
+use crate::crs::{Crs, CrsError, Transform};
+use crate::geodata::features;
+
+pub use surfaces::{Levels, measure};
+
+/// Names under which an id is looked for when none is given.
+const ID_FIELDS: [&str; 4] = ["id", "ID", "identificatie", "gml_id"];
+
+/// Layer that is taken from a file with several when none is named: ours.
+const OWN_LAYER: &str = "buildings";
+
+/// One building of a file.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct FoundBuilding {
+    /// Its id.
+    pub id: String,
+    /// Its outline in the file's CRS.
+    pub outline: Option<MultiPolygon<f64>>,
+    /// Levels measured on its surfaces, where it has some.
+    pub levels: Option<Levels>,
+    /// Its attributes as they stand.
+    pub attributes: JsonMap<String, Value>,
+}
+
+/// The buildings of a file.
+#[derive(Debug, Clone, Default)]
+pub struct FoundBuildings {
+    /// Which file.
+    pub path: PathBuf,
+    /// Its CRS, where it states one.
+    pub crs: Option<Crs>,
+    /// In the file's order.
+    pub buildings: Vec<FoundBuilding>,
+}
+
+/// What to read of a file.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ReadOptions<'a> {
+    /// Layer of a vector file with several; ours by default.
+    pub layer: Option<&'a str>,
+    /// Attribute that holds the id of a vector feature; one of the usual names, else the feature number, by default.
+    pub id_field: Option<&'a str>,
+    /// Level of detail of `CityJSON` geometry; the highest there is by default.
+    pub lod: Option<&'a str>,
+}
+
+/// Why a file's buildings cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// It cannot be read.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// GDAL cannot read it.
+    #[error(transparent)]
+    Vector(#[from] features::FeaturesError),
+    /// It has no CRS.
+    #[error("{} has no CRS, so its outlines cannot be compared\nhint: state it with `ogr2ogr -a_srs EPSG:… out.gpkg {}`, or match by id", path.display(), path.display())]
+    NoCrs {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Its CRS cannot be brought to the project's.
+    #[error("cannot bring {} to the project's CRS", path.display())]
+    Crs {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        #[source]
+        source: CrsError,
+    },
+    /// It lacks an attribute.
+    #[error("{} has no attribute {field:?}; it has {}\nhint: name the attribute that holds the {what}", path.display(), if available.is_empty() { "none".to_owned() } else { available.join(", ") })]
+    NoField {
+        /// The file.
+        path: PathBuf,
+        /// The attribute.
+        field: String,
+        /// What it is needed for.
+        what: &'static str,
+        /// What there is.
+        available: Vec<String>,
+    },
+}
+
+impl FoundBuildings {
+    /// Reads the buildings of a `CityJSON` file (by its extension `json` or `jsonl` and content) or a vector layer.
+    ///
+    /// # Errors
+    /// [`ReadError`].
+    pub fn read(path: &Path, options: &ReadOptions<'_>) -> Result<Self, ReadError> {
+        if is_cityjson(path) {
+            let city = CityFile::read(path)?;
+            let buildings = surfaces::buildings(&city, options.lod);
+            return Ok(Self { path: path.to_owned(), crs: city.crs, buildings });
+        }
+        let table = features::read_polygons(path, options.layer, OWN_LAYER)?;
+        let id_field = match options.id_field {
+            Some(field) if table.fields.iter().any(|f| f == field) => Some(field),
+            Some(field) => {
+                return Err(ReadError::NoField {
+                    path: path.to_owned(),
+                    field: field.to_owned(),
+                    what: "id",
+                    available: table.fields,
+                });
+            }
+            None => ID_FIELDS.into_iter().find(|name| table.fields.iter().any(|f| f == name)),
+        };
+        let building = |feature: features::PolygonFeature| {
+            let stated = id_field.and_then(|field| feature.attributes.get(field)).filter(|id| !id.is_null());
+            let id = match stated {
+                Some(Value::String(id)) => id.clone(),
+                Some(other) => other.to_string(),
+                None => feature.fid.map_or_else(String::new, |fid| fid.to_string()),
+            };
+            FoundBuilding { id, outline: feature.outline, levels: None, attributes: feature.attributes }
+        };
+        let buildings = table.features.into_iter().map(building).collect();
+        Ok(Self { path: path.to_owned(), crs: table.crs, buildings })
+    }
+
+    /// Moves all outlines into another CRS (horizontally: heights are differences and stay).
+    ///
+    /// # Errors
+    /// [`ReadError::NoCrs`] for a file without one, [`ReadError::Crs`] where no accurate transformation is known.
+    pub fn into_crs(mut self, target: &Crs) -> Result<Self, ReadError> {
+        let has_outlines = self.buildings.iter().any(|b| b.outline.is_some());
+        if !has_outlines {
+            return Ok(self);
+        }
+        let Some(from) = &self.crs else { return Err(ReadError::NoCrs { path: self.path }) };
+        let failed = |source| ReadError::Crs { path: self.path.clone(), source };
+        let transform = Transform::new(from, target).map_err(failed)?;
+        for building in &mut self.buildings {
+            if let Some(outline) = &building.outline {
+                let moved = outline.try_map_coords(|p| transform.point(p.x, p.y).map(|(x, y)| Coord { x, y }));
+                building.outline = Some(moved.map_err(failed)?);
+            }
+        }
+        self.crs = Some(target.clone());
+        Ok(self)
+    }
+}
+
+fn is_cityjson(path: &Path) -> bool {
+    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default().to_lowercase();
+    if name.ends_with(".jsonl") || name.ends_with(".city.json") {
+        return true;
+    }
+    // GeoJSON shares the extension; the type is near the start in practice, but may be anywhere.
+    name.ends_with(".json") && std::fs::read(path).is_ok_and(|bytes| contains(&bytes, b"\"CityObjects\""))
+}
+
+fn contains(bytes: &[u8], needle: &[u8]) -> bool {
+    bytes.windows(needle.len()).any(|window| window == needle)
+}

@@ -1,0 +1,68 @@
+//! From a file's building to one of our records.
+
+use geo::{Area, Orient, orient::Direction};
+use serde::Deserialize;
+use serde::de::IntoDeserializer;
+use serde::de::value::Error as ValueError;
+use serde_json::{Map as JsonMap, Value};
+
+use super::super::attributes::{FIELDS, original_name};
+use super::super::geopackage::LIST_SEPARATOR;
+use super::super::{BuildingRecord, HeightReference, Status};
+use super::{FoundBuilding, FoundBuildings};
+
+impl FoundBuildings {
+    /// As records. From our own files every field comes back as it was written; from those of others the height is
+    /// measured on the surfaces and the status is `measured` or `unknown`. Of several polygons the largest is kept.
+    #[must_use]
+    pub fn to_records(&self) -> Vec<BuildingRecord> {
+        self.buildings.iter().map(FoundBuilding::to_record).collect()
+    }
+}
+
+impl FoundBuilding {
+    fn to_record(&self) -> BuildingRecord {
+        let number = |name: &str| self.attributes.get(name).and_then(Value::as_f64);
+        let ground_z_m = number("ground_z_m").or(self.levels.map(|levels| levels.ground_m));
+        let height_m = number("height_m").or(self.levels.map(|levels| levels.roof_mean_m - levels.ground_m));
+        let largest = self
+            .outline
+            .as_ref()
+            .and_then(|outline| outline.iter().max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area())));
+        let otherwise = if height_m.is_some() { Status::Measured } else { Status::Unknown };
+        BuildingRecord {
+            id: self.id.clone(),
+            footprint: largest.map(|polygon| polygon.orient(Direction::Default)),
+            ground_z_m,
+            base_z_m: number("base_z_m").or(ground_z_m),
+            height_m,
+            height_sigma_m: number("height_sigma_m"),
+            height_reference: self.named("height_reference").unwrap_or(HeightReference::Mean),
+            status: self.named("status").unwrap_or(otherwise),
+            reasons: self.list("reasons"),
+            views: self.list("views"),
+            attributes: self.carried(),
+        }
+    }
+
+    /// One of our enumerations by its name in files.
+    fn named<T: for<'de> Deserialize<'de>>(&self, name: &str) -> Option<T> {
+        let text = self.attributes.get(name)?.as_str()?;
+        T::deserialize(IntoDeserializer::<ValueError>::into_deserializer(text)).ok()
+    }
+
+    fn list(&self, name: &str) -> Vec<String> {
+        match self.attributes.get(name) {
+            Some(Value::Array(items)) => items.iter().filter_map(Value::as_str).map(str::to_owned).collect(),
+            Some(Value::String(text)) if !text.is_empty() => text.split(LIST_SEPARATOR).map(str::to_owned).collect(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// The user's attributes under their own names, without ours and without empty columns.
+    fn carried(&self) -> JsonMap<String, Value> {
+        let is_ours = |name: &str| name == "id" || name == "measuredHeight" || FIELDS.iter().any(|f| f.name == name);
+        let theirs = self.attributes.iter().filter(|(name, value)| !is_ours(name) && !value.is_null());
+        theirs.map(|(name, value)| (original_name(name).to_owned(), value.clone())).collect()
+    }
+}

@@ -1,0 +1,226 @@
+//! Heights and outlines of buildings from their surfaces.
+//!
+//! ```text
+//! roof_mean = ∫ z dA / ∫ dA over the roof surfaces, dA in plan       ground = min z over the ground surfaces
+//! ```
+//!
+//! Roof and ground come from the semantics; where a building has none, from the normals (up and down within 60° of the
+//! vertical, so steep roofs count and walls do not). The outline is the union of the ground surfaces in plan, or of
+//! the roof surfaces where there is no ground.
+
+use std::collections::HashMap;
+
+use geo::{Area, unary_union};
+use geo_types::{Coord, LineString, MultiPolygon, Polygon};
+
+use super::super::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface};
+use super::super::prism::Surface;
+use super::FoundBuilding;
+
+/// Cosine of the angle to the vertical within which a surface without semantics is roof or ground.
+const MIN_VERTICAL_COSINE: f64 = 0.5;
+
+/// Levels of one building, metres in the file's vertical reference.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Levels {
+    /// Lowest point of the ground surfaces (of all surfaces if there is none).
+    pub ground_m: f64,
+    /// Mean of the roof over its area in plan.
+    pub roof_mean_m: f64,
+    /// Lowest point of the roof.
+    pub roof_min_m: f64,
+    /// Highest point of the roof.
+    pub roof_max_m: f64,
+}
+
+/// All buildings of a file; parts are counted to their parent.
+pub fn buildings(city: &CityFile, lod: Option<&str>) -> Vec<FoundBuilding> {
+    let mut position: HashMap<&str, usize> = HashMap::new();
+    let mut groups: Vec<(&CityObject, Vec<&CityObject>)> = Vec::new();
+    for object in city.objects.iter().filter(|o| o.kind == "Building") {
+        position.insert(&object.id, groups.len());
+        groups.push((object, vec![object]));
+    }
+    for part in city.objects.iter().filter(|o| o.kind == "BuildingPart") {
+        if let Some(&at) = part.parents.iter().find_map(|parent| position.get(parent.as_str())) {
+            groups[at].1.push(part);
+        }
+    }
+    groups
+        .into_iter()
+        .map(|(building, objects)| {
+            let surfaces: Vec<&CitySurface> =
+                objects.iter().filter_map(|o| geometry(o, lod)).flat_map(|g| &g.surfaces).collect();
+            let (levels, outline) = measure(&surfaces, &city.vertices);
+            FoundBuilding { id: building.id.clone(), outline, levels, attributes: building.attributes.clone() }
+        })
+        .collect()
+}
+
+/// The geometry at a level of detail, or the highest.
+fn geometry<'a>(object: &'a CityObject, lod: Option<&str>) -> Option<&'a CityGeometry> {
+    match lod {
+        Some(lod) => object.geometries.iter().find(|g| g.lod == lod),
+        // As text: "1.2" < "2" < "2.2".
+        None => object.geometries.iter().max_by(|a, b| a.lod.cmp(&b.lod)),
+    }
+}
+
+/// Levels and outline of one building from its surfaces.
+#[must_use]
+pub fn measure(surfaces: &[&CitySurface], vertices: &[[f64; 3]]) -> (Option<Levels>, Option<MultiPolygon<f64>>) {
+    let has_roof = surfaces.iter().any(|s| s.kind == Some(Surface::Roof));
+    let mut roof = RoofSum::default();
+    let (mut ground_m, mut lowest_m) = (f64::INFINITY, f64::INFINITY);
+    let (mut ground_plan, mut roof_plan) = (Vec::new(), Vec::new());
+    for surface in surfaces {
+        let rings: Vec<Vec<[f64; 3]>> =
+            surface.rings.iter().map(|ring| ring.iter().map(|&i| vertices[i as usize]).collect()).collect();
+        let Some(exterior) = rings.first() else { continue };
+        let low_m = exterior.iter().map(|p| p[2]).fold(f64::INFINITY, f64::min);
+        lowest_m = lowest_m.min(low_m);
+        let kind = if has_roof { surface.kind } else { surface.kind.or_else(|| kind_by_normal(exterior)) };
+        match kind {
+            Some(Surface::Ground) => {
+                ground_m = ground_m.min(low_m);
+                ground_plan.extend(plan(&rings));
+            }
+            Some(Surface::Roof) => {
+                roof.add(&rings);
+                roof_plan.extend(plan(&rings));
+            }
+            Some(Surface::Wall) | None => {}
+        }
+    }
+    let outline = if ground_plan.is_empty() { roof_plan } else { ground_plan };
+    let outline = (!outline.is_empty()).then(|| unary_union(&outline));
+    let ground_m = if ground_m.is_finite() { ground_m } else { lowest_m };
+    (roof.levels(ground_m), outline)
+}
+
+/// Roof or ground by the direction a surface faces (counter-clockwise seen from outside).
+fn kind_by_normal(ring: &[[f64; 3]]) -> Option<Surface> {
+    let normal = newell(ring);
+    let length = normal.iter().map(|c| c * c).sum::<f64>().sqrt();
+    let cosine = normal[2] / length;
+    if cosine > MIN_VERTICAL_COSINE {
+        Some(Surface::Roof)
+    } else if cosine < -MIN_VERTICAL_COSINE {
+        Some(Surface::Ground)
+    } else {
+        None
+    }
+}
+
+/// Area vector of a ring (Newell's method), twice the area long.
+fn newell(ring: &[[f64; 3]]) -> [f64; 3] {
+    let Some(origin) = ring.first() else { return [0.0; 3] };
+    let from_origin = |p: &[f64; 3]| [p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]];
+    let mut sum = [0.0; 3];
+    for pair in ring.windows(2) {
+        let (a, b) = (from_origin(&pair[0]), from_origin(&pair[1]));
+        sum[0] += a[1] * b[2] - a[2] * b[1];
+        sum[1] += a[2] * b[0] - a[0] * b[2];
+        sum[2] += a[0] * b[1] - a[1] * b[0];
+    }
+    sum
+}
+
+/// The surface seen from above; `None` where it has no area there.
+fn plan(rings: &[Vec<[f64; 3]>]) -> Option<Polygon<f64>> {
+    let line = |ring: &Vec<[f64; 3]>| ring.iter().map(|p| Coord { x: p[0], y: p[1] }).collect::<LineString<f64>>();
+    let polygon = Polygon::new(line(rings.first()?), rings[1..].iter().map(line).collect());
+    (polygon.unsigned_area() > 0.0).then_some(polygon)
+}
+
+/// Running `∫ z dA` and `∫ dA` in plan.
+#[derive(Default)]
+struct RoofSum {
+    area: f64,
+    moment: f64,
+    range_m: Option<(f64, f64)>,
+}
+
+impl RoofSum {
+    fn add(&mut self, rings: &[Vec<[f64; 3]>]) {
+        for (i, ring) in rings.iter().enumerate() {
+            let (area, moment) = plan_moment(ring);
+            // A hole takes away whichever way round it is given.
+            let sign = if i == 0 { area.signum() } else { -area.signum() };
+            self.area += sign * area;
+            self.moment += sign * moment;
+        }
+        for p in rings.iter().flatten() {
+            let (low, high) = self.range_m.unwrap_or((p[2], p[2]));
+            self.range_m = Some((low.min(p[2]), high.max(p[2])));
+        }
+    }
+
+    fn levels(&self, ground_m: f64) -> Option<Levels> {
+        let (roof_min_m, roof_max_m) = self.range_m?;
+        (self.area > 0.0).then(|| Levels { ground_m, roof_mean_m: self.moment / self.area, roof_min_m, roof_max_m })
+    }
+}
+
+/// Signed area in plan, and `∫ z dA`, of a planar ring by a fan of triangles.
+fn plan_moment(ring: &[[f64; 3]]) -> (f64, f64) {
+    let Some(o) = ring.first() else { return (0.0, 0.0) };
+    ring.windows(2).fold((0.0, 0.0), |(area, moment), pair| {
+        let [a, b] = [pair[0], pair[1]];
+        let part = 0.5 * ((a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]));
+        (area + part, moment + part * (o[2] + a[2] + b[2]) / 3.0)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn surface(kind: Option<Surface>, ring: Vec<u32>) -> CitySurface {
+        CitySurface { place: [0; 3], kind, rings: vec![ring] }
+    }
+
+    /// A house of 10 × 6 m with a gable along x: eaves at 3 m, ridge at 5 m over the middle, ground at 1 m.
+    fn gable_house() -> (Vec<[f64; 3]>, Vec<CitySurface>) {
+        let vertices = vec![
+            [0.0, 0.0, 1.0],
+            [10.0, 0.0, 1.0],
+            [10.0, 6.0, 1.0],
+            [0.0, 6.0, 1.0],
+            [0.0, 0.0, 3.0],
+            [10.0, 0.0, 3.0],
+            [10.0, 6.0, 3.0],
+            [0.0, 6.0, 3.0],
+            [0.0, 3.0, 5.0],
+            [10.0, 3.0, 5.0],
+        ];
+        let surfaces = vec![
+            surface(Some(Surface::Ground), vec![3, 2, 1, 0]),
+            surface(Some(Surface::Roof), vec![4, 5, 9, 8]),
+            surface(Some(Surface::Roof), vec![8, 9, 6, 7]),
+            surface(Some(Surface::Wall), vec![0, 1, 5, 4]),
+            surface(Some(Surface::Wall), vec![2, 3, 7, 6]),
+            surface(Some(Surface::Wall), vec![1, 2, 6, 9, 5]),
+            surface(Some(Surface::Wall), vec![3, 0, 4, 8, 7]),
+        ];
+        (vertices, surfaces)
+    }
+
+    #[test]
+    fn a_gable_roof_has_its_mean_halfway_between_eave_and_ridge() {
+        let (vertices, surfaces) = gable_house();
+        let (levels, outline) = measure(&surfaces.iter().collect::<Vec<_>>(), &vertices);
+        let expected = Levels { ground_m: 1.0, roof_mean_m: 4.0, roof_min_m: 3.0, roof_max_m: 5.0 };
+        assert_eq!(levels, Some(expected));
+        assert_eq!(outline.unwrap().unsigned_area(), 60.0);
+    }
+
+    #[test]
+    fn without_semantics_the_normals_tell_roof_from_wall() {
+        let (vertices, mut surfaces) = gable_house();
+        surfaces.iter_mut().for_each(|s| s.kind = None);
+        let (levels, outline) = measure(&surfaces.iter().collect::<Vec<_>>(), &vertices);
+        assert_eq!(levels.map(|l| (l.ground_m, l.roof_mean_m)), Some((1.0, 4.0)));
+        assert_eq!(outline.unwrap().unsigned_area(), 60.0);
+    }
+}

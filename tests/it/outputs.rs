@@ -1,0 +1,225 @@
+//! What other programs make of our files.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use gdal::vector::LayerAccess;
+use geo::polygon;
+use geo_types::Polygon;
+use glam::{DMat3, DVec3};
+use serde_json::{Map, Value, json};
+use sizeup::camera::Camera;
+use sizeup::crs::Crs;
+use sizeup::frames::Rigid;
+use sizeup::issue::{Issue, Severity, Subject};
+use sizeup::output::cityjson::{self, CityJsonConfig};
+use sizeup::output::geopackage::{self, GeoPackageConfig};
+use sizeup::output::{BuildingRecord, CityModel, HeightReference, InputFile, Lineage, Status};
+use sizeup::survey::{Survey, View};
+
+/// A small town with one building of every kind.
+pub struct Town {
+    pub records: Vec<BuildingRecord>,
+    pub crs: Crs,
+    pub lineage: Lineage,
+    pub issues: Vec<Issue>,
+    pub survey: Survey,
+}
+
+impl Town {
+    pub fn model(&self) -> CityModel<'_> {
+        CityModel {
+            records: &self.records,
+            crs: &self.crs,
+            lineage: &self.lineage,
+            issues: &self.issues,
+            survey: &self.survey,
+        }
+    }
+}
+
+pub fn building(id: &str, footprint: Option<Polygon<f64>>, height_m: Option<f64>, status: Status) -> BuildingRecord {
+    let attributes = json!({ "street": "Zürich \"A\"", "floors": 3, "height_m": 9.9, "tags": ["x", 1], "share": 0.5 });
+    BuildingRecord {
+        id: id.to_owned(),
+        footprint,
+        ground_z_m: Some(12.0),
+        base_z_m: Some(11.4),
+        height_m,
+        height_sigma_m: height_m.map(|_| 0.31),
+        height_reference: HeightReference::Mean,
+        status,
+        reasons: if status == Status::Measured { Vec::new() } else { vec!["too_few_views".to_owned()] },
+        views: vec!["a.jpg".to_owned(), "b.jpg".to_owned()],
+        attributes: match attributes {
+            Value::Object(attributes) => attributes,
+            _ => Map::new(),
+        },
+    }
+}
+
+pub fn town() -> Town {
+    let (e, n) = (93_000.0, 436_000.0);
+    let rectangle = |x: f64, y: f64, w: f64, h: f64| polygon![(x: e + x, y: n + y), (x: e + x + w, y: n + y), (x: e + x + w, y: n + y + h), (x: e + x, y: n + y + h)];
+    let courtyard = polygon!(
+        exterior: [(x: e + 40.0, y: n), (x: e + 70.0, y: n), (x: e + 70.0, y: n + 30.0), (x: e + 40.0, y: n + 30.0)],
+        interiors: [[(x: e + 50.0, y: n + 10.0), (x: e + 50.0, y: n + 20.0), (x: e + 60.0, y: n + 20.0), (x: e + 60.0, y: n + 10.0)]],
+    );
+    let tower = rectangle(0.0, 40.0, 12.0, 12.0);
+    let mut refused = building("no outline", None, None, Status::Refused);
+    refused.ground_z_m = None;
+    refused.base_z_m = None;
+    let records = vec![
+        building("row 1", Some(rectangle(0.0, 0.0, 10.0, 8.0)), Some(6.25), Status::Measured),
+        building("row 2", Some(rectangle(10.0, 0.0, 10.0, 8.0)), Some(7.5), Status::Measured),
+        building("courtyard", Some(courtyard), Some(15.0), Status::Doubtful),
+        building("tower", Some(tower), Some(61.0), Status::Fallback),
+        building("unknown", Some(rectangle(30.0, 40.0, 20.0, 9.0)), None, Status::Unknown),
+        refused,
+    ];
+    let look_down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
+    let tilted = DMat3::from_rotation_x(0.7) * look_down;
+    let camera = Arc::new(Camera::pinhole(6000, 4000, 5000.0));
+    let view = |name: &str, rotation, x: f64| View {
+        id: name.into(),
+        camera: camera.clone(),
+        camera_from_map: Rigid::from_rotation_and_centre(rotation, DVec3::new(e + x, n - 40.0, 120.0)),
+        image: None,
+    };
+    let survey =
+        Survey { views: vec![view("a.jpg", look_down, 20.0), view("b.jpg", tilted, 50.0)], issues: Vec::new() };
+    let lineage = Lineage {
+        version: "0.1.0".to_owned(),
+        command: "sizeup run town.toml".to_owned(),
+        config_sha256: "00".repeat(32),
+        inputs: vec![InputFile {
+            role: "footprints".to_owned(),
+            path: "town.gpkg".to_owned(),
+            size_bytes: 12,
+            sha256: "11".repeat(32),
+        }],
+        crs: "EPSG:7415".to_owned(),
+        vertical_reference: "orthometric, NAP height".to_owned(),
+        height_definition: "mean roof level minus ground level".to_owned(),
+        seed: 7,
+        reference_date: Some("2025-06-01".to_owned()),
+    };
+    let subject = Subject::Building("no outline".to_owned());
+    let issues = vec![
+        Issue::new(Severity::Refused, "footprint_self_crossing", subject, "crosses itself").hint("repair it").at(e, n),
+        Issue::new(Severity::Note, "photo_without_pose", Subject::View("c.jpg".to_owned()), "no pose"),
+    ];
+    Town { records, crs: Crs::parse("EPSG:7415").unwrap(), lineage, issues, survey }
+}
+
+fn read_json(path: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// Asserts that cjval finds neither errors nor warnings in a file.
+fn assert_valid_cityjson(path: &Path) {
+    let text = std::fs::read_to_string(path).unwrap();
+    for (criterion, summary) in cjval::CJValidator::from_str(&text).validate() {
+        assert!(!summary.has_errors(), "{criterion}: {summary}");
+        assert!(summary.get_errors().is_empty(), "{criterion}: {summary}");
+    }
+}
+
+#[test]
+fn cjval_finds_nothing_to_say_about_our_cityjson() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.city.json");
+    cityjson::write(&path, &town().model(), &CityJsonConfig::default()).unwrap();
+    assert_valid_cityjson(&path);
+}
+
+#[test]
+fn every_building_is_in_the_cityjson_and_says_why_it_has_no_solid() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.city.json");
+    cityjson::write(&path, &town().model(), &CityJsonConfig::default()).unwrap();
+    let file = read_json(&path);
+    assert_eq!(file["CityObjects"].as_object().unwrap().len(), 6);
+    assert_eq!(file["metadata"]["referenceSystem"], "https://www.opengis.net/def/crs/EPSG/0/7415");
+    assert_eq!(file["metadata"]["sizeup"]["vertical_reference_system"], "NAP height");
+    assert_eq!(file["metadata"]["geographicalExtent"], json!([93000.0, 436_000.0, 11.4, 93070.0, 436_052.0, 73.0]));
+    let tower = &file["CityObjects"]["tower"];
+    assert_eq!(tower["attributes"]["roof_z_m"], 73.0);
+    assert_eq!(tower["attributes"]["input_height_m"], 9.9);
+    assert_eq!(tower["geographicalExtent"], json!([93000.0, 436_040.0, 11.4, 93012.0, 436_052.0, 73.0]));
+    assert_eq!(file["CityObjects"]["unknown"]["attributes"]["no_solid_reason"], "no_height");
+    assert_eq!(file["CityObjects"]["no outline"]["attributes"]["no_solid_reason"], "no_outline");
+    assert_eq!(file["CityObjects"]["no outline"].get("geometry"), None);
+    // Row houses share the four corners of their party wall: 2 of the ground, and 2 roofs at their own heights.
+    assert_eq!(file["vertices"].as_array().unwrap().len(), 8 + 8 - 2 + 16 + 8);
+}
+
+#[test]
+fn the_same_model_is_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = ["a", "b"].map(|name| {
+        let path = folder.path().join(name).join("town.city.json");
+        cityjson::write(&path, &town().model(), &CityJsonConfig::default()).unwrap();
+        std::fs::read(path).unwrap()
+    });
+    assert_eq!(bytes[0], bytes[1]);
+}
+
+fn write_gpkg(folder: &Path, name: &str) -> std::path::PathBuf {
+    let path = folder.join(name);
+    geopackage::write(&path, &town().model(), &GeoPackageConfig::default()).unwrap();
+    path
+}
+
+#[test]
+fn the_geopackage_has_all_layers_with_crs_and_features() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = gdal::Dataset::open(write_gpkg(folder.path(), "town.gpkg")).unwrap();
+    let count = |name: &str| dataset.layer_by_name(name).unwrap().feature_count();
+    assert_eq!(count("buildings"), 6);
+    assert_eq!(count("buildings_lod1"), 4);
+    assert_eq!(count("cameras"), 2);
+    assert_eq!(count("qa_issues"), 2);
+    let mut buildings = dataset.layer_by_name("buildings").unwrap();
+    assert_eq!(buildings.spatial_ref().unwrap().auth_code().unwrap(), 7415);
+    let courtyard =
+        buildings.features().find(|f| f.field_as_string(0).unwrap().as_deref() == Some("courtyard")).unwrap();
+    let text = |name: &str| courtyard.field_as_string(courtyard.field_index(name).unwrap()).unwrap();
+    let real = |name: &str| courtyard.field_as_double(courtyard.field_index(name).unwrap()).unwrap();
+    assert_eq!(real("height_m"), Some(15.0));
+    assert_eq!(real("roof_z_m"), Some(27.0));
+    assert_eq!(real("input_height_m"), Some(9.9));
+    assert_eq!(text("status").as_deref(), Some("doubtful"));
+    assert_eq!(text("reasons").as_deref(), Some("too_few_views"));
+    assert_eq!(text("views").as_deref(), Some("a.jpg; b.jpg"));
+    assert_eq!(text("street").as_deref(), Some("Zürich \"A\""));
+    assert_eq!(text("tags").as_deref(), Some("[\"x\",1]"));
+    let outline = courtyard.geometry().unwrap();
+    assert_eq!(outline.area(), 900.0 - 100.0);
+}
+
+#[test]
+fn geopackage_cameras_look_where_they_look() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = gdal::Dataset::open(write_gpkg(folder.path(), "town.gpkg")).unwrap();
+    let mut cameras = dataset.layer_by_name("cameras").unwrap();
+    let rows: Vec<(String, f64, f64)> = cameras
+        .features()
+        .map(|f| {
+            let real = |name: &str| f.field_as_double(f.field_index(name).unwrap()).unwrap().unwrap();
+            (f.field_as_string(1).unwrap().unwrap(), real("yaw_deg"), real("pitch_deg"))
+        })
+        .collect();
+    assert_eq!(rows[0], ("nadir".to_owned(), 0.0, -90.0));
+    assert_eq!(rows[1].0, "oblique");
+    assert!((rows[1].2 + 90.0 - 0.7_f64.to_degrees()).abs() < 1e-3, "{rows:?}");
+}
+
+#[test]
+fn the_same_model_is_the_same_geopackage_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let a = std::fs::read(write_gpkg(folder.path(), "a.gpkg")).unwrap();
+    let b = std::fs::read(write_gpkg(folder.path(), "b.gpkg")).unwrap();
+    assert!(a == b, "{} and {} bytes", a.len(), b.len());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "no litter");
+}
