@@ -1,5 +1,5 @@
 //! Reading building surfaces from `CityJSON` 1.x and 2.0: `MultiSurface`, `CompositeSurface`, `Solid`, `MultiSolid` and
-//! `CompositeSolid`, LoD1 or LoD2, with or without semantics.
+//! `CompositeSolid`, `LoD1` or `LoD2`, with or without semantics.
 //!
 //! Source: `CityJSON` Specifications 2.0.0, sections 2 (city objects) and 3 (geometry), <https://www.cityjson.org/specs/>.
 
@@ -15,7 +15,7 @@ use crate::files::FileError;
 
 use super::SimulateError;
 
-/// Highest level of detail that is used: LoD3 has windows and overhangs that no truth of ours speaks of.
+/// Highest level of detail that is used: `LoD3` has windows and overhangs that no truth of ours speaks of.
 const HIGHEST_LOD: f64 = 2.9;
 
 /// What a surface is.

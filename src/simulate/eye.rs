@@ -28,7 +28,7 @@ impl<'a> Eye<'a> {
     pub fn new(view: &View, camera: &'a Camera, scene: &Scene) -> Self {
         let centre = (view.camera_from_map.centre() - scene.origin.0).as_vec3();
         let local_from_camera = view.camera_from_map.rotation.transpose();
-        let n_tiles = IVec2::new(camera.width_px as i32, camera.height_px as i32) / TILE_PX + 1;
+        let n_tiles = IVec2::new(camera.width_px.cast_signed(), camera.height_px.cast_signed()) / TILE_PX + 1;
         let mut eye =
             Self { camera, local_from_camera, centre, things: vec![false; (n_tiles.x * n_tiles.y) as usize], n_tiles };
         scene.boxes().for_each(|b| eye.mark(b));
@@ -53,7 +53,7 @@ impl<'a> Eye<'a> {
         };
         let bend_px = match self.camera.distortion {
             Distortion::None => 1.0,
-            Distortion::Brown { .. } => BEND * f64::from(self.camera.width_px),
+            _ => BEND * f64::from(self.camera.width_px),
         };
         let tile = |p: DVec2| (p / f64::from(TILE_PX)).floor().as_ivec2().clamp(IVec2::NEG_ONE, self.n_tiles);
         let low = tile(pixels.iter().copied().fold(DVec2::INFINITY, DVec2::min) - bend_px).max(IVec2::ZERO);

@@ -20,8 +20,8 @@ pub(super) fn blurred(map: &Raster<f32>, sd_px: f64) -> Raster<f32> {
 }
 
 fn blurred_along(map: &Raster<f32>, kernel: &[f32], (dx, dy): (isize, isize)) -> Raster<f32> {
-    let (width, height) = (map.width() as isize, map.height() as isize);
-    let reach = (kernel.len() / 2) as isize;
+    let (width, height) = (map.width().cast_signed(), map.height().cast_signed());
+    let reach = (kernel.len() / 2).cast_signed();
     let mut out = map.clone();
     for row in 0..height {
         for col in 0..width {
@@ -56,8 +56,8 @@ pub(super) fn grown(map: &Raster<f32>, radius_px: f64) -> Raster<f32> {
         .filter(|&(x, y)| (x as f64).hypot(y as f64) <= radius_px)
         .collect();
     let mut out = map.clone();
-    for row in 0..map.height() as isize {
-        for col in 0..map.width() as isize {
+    for row in 0..map.height().cast_signed() {
+        for col in 0..map.width().cast_signed() {
             let around = disc.iter().filter_map(|&(x, y)| {
                 let (c, r) = (usize::try_from(col + x).ok()?, usize::try_from(row + y).ok()?);
                 map.get(c, r).copied()

@@ -123,9 +123,9 @@ fn grid_of(flight: &FlightConfig, world: &World, n: usize) -> Vec<Shot> {
     for _ in 0..SPACING_STEPS {
         let middle = (narrow * wide).sqrt();
         if grid(flight, world, middle).len() >= n {
-            narrow = middle
+            narrow = middle;
         } else {
-            wide = middle
+            wide = middle;
         }
         if wide / narrow < 1.0005 {
             break;

@@ -4,7 +4,7 @@
 //! faster than a hierarchy over hundreds of thousands of triangles, and the same surface.
 //! Source: Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987.
 
-use glam::{DVec3, IVec2, Vec2, Vec3};
+use glam::{DVec3, IVec2, UVec2, Vec2, Vec3};
 
 use crate::raster::Raster;
 use crate::render::bvh::Ray;
@@ -52,7 +52,7 @@ impl Ground {
 
     /// Ray parameter and upward normal where a ray first meets the ground before `t_max`.
     pub fn nearest(&self, ray: &Ray, t_max: f32) -> Option<(f32, Vec3)> {
-        let n_cells = IVec2::new(self.heights.width() as i32 - 1, self.heights.height() as i32 - 1);
+        let n_cells = UVec2::new(self.heights.width() as u32, self.heights.height() as u32).as_ivec2() - 1;
         let (t_in, t_out) = self.clip(ray, n_cells, t_max)?;
         // Node coordinates: x eastwards, y southwards, one per cell.
         let flip = Vec2::new(1.0, -1.0);

@@ -109,7 +109,7 @@ impl Photographer<'_> {
         light.to_array().map(|value| {
             channel += 1;
             let bytes =
-                noise::hash(pixel as i32, view as i32, (self.seed as u32) ^ (0x5e50_0000 + channel)).to_le_bytes();
+                noise::hash(pixel as u32, view as u32, (self.seed as u32) ^ (0x5e50_0000 + channel)).to_le_bytes();
             let draw = (bytes.iter().map(|&b| f32::from(b)).sum::<f32>() - 510.0) / SD_OF_SUM;
             let grey = 255.0 * value.max(0.0).sqrt() + self.config.noise_sd as f32 * draw;
             // The cast cuts off what lies outside 0 to 255.

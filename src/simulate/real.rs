@@ -4,7 +4,7 @@
 //! over the mean ground of the DTM under the footprint.
 
 use geo::{Area, Centroid, Contains, Simplify, Validation, unary_union};
-use geo_types::{Point, Polygon};
+use geo_types::{LineString, Point, Polygon};
 use glam::{DVec2, DVec3};
 use rstar::{RTree, primitives::GeomWithData};
 
@@ -86,12 +86,12 @@ fn draft(raw: &RawBuilding, shift: DVec3) -> Option<Draft> {
         let p = (t.corners[0] + t.corners[1] + t.corners[2]) / 3.0;
         footprint.contains(&Point::new(p.x, p.y))
     };
-    triangles.iter_mut().for_each(|t| {
+    for t in &mut triangles {
         if t.part == Part::Roof && !is_over(t) {
             // Overhangs and lesser pieces are seen, but do not count.
             t.part = Part::Wall;
         }
-    });
+    }
     building::mean_roof_z_m(&triangles)?;
     let foot_z_m = surfaces.iter().flat_map(|s| s.rings.iter().flatten()).map(|p| p.z).fold(f64::INFINITY, f64::min);
     Some(Draft { id: BuildingId(raw.id.clone()), footprint, triangles, foot_z_m })
@@ -224,7 +224,7 @@ fn skirt(footprint: &Polygon<f64>, top_z_m: f64, base_z_m: f64) -> Vec<Triangle>
         return Vec::new();
     }
     let rings = std::iter::once(footprint.exterior()).chain(footprint.interiors());
-    let edges = rings.flat_map(|ring| ring.lines());
+    let edges = rings.flat_map(LineString::lines);
     edges
         .flat_map(|line| {
             let (a, b) = (DVec2::new(line.start.x, line.start.y), DVec2::new(line.end.x, line.end.y));
