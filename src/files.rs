@@ -40,6 +40,26 @@ pub fn write_whole(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<
     write().map_err(FileError::on("cannot write", path))
 }
 
+/// Like [`write_whole`], but leaves the flush to disk to the system: for the many files that a repeated run would
+/// make again. Readers still see the old file or the whole new one, though not after a power cut.
+///
+/// # Errors
+/// As [`write_whole`].
+pub fn write_whole_unflushed(
+    path: &Path,
+    fill: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<(), FileError> {
+    let write = || -> io::Result<()> {
+        let mut temporary = temporary_beside(path)?;
+        let mut buffered = BufWriter::with_capacity(1 << 20, temporary.as_file_mut());
+        fill(&mut buffered)?;
+        buffered.flush()?;
+        drop(buffered);
+        temporary.persist(path).map(drop).map_err(|e| e.error)
+    };
+    write().map_err(FileError::on("cannot write", path))
+}
+
 /// Lets an engine that opens files by name (GDAL) write `path` the same way: `fill` gets a temporary path with the
 /// same extension in the same folder, renamed to `path` when `fill` succeeds and removed when it does not.
 ///

@@ -76,13 +76,22 @@ impl Ray {
     fn enters(&self, b: &Node, t_max: f32) -> Option<f32> {
         let t0 = (b.min - self.origin) * self.inverse;
         let t1 = (b.max - self.origin) * self.inverse;
-        // Where a zero direction meets a face, 0 · ∞ = NaN: `min`/`max` then keep the other operand.
-        let near = t0.min(t1);
-        let far = t0.max(t1);
-        let enter = near.x.max(near.y).max(near.z).max(0.0);
-        let leave = far.x.min(far.y).min(far.z).min(t_max);
+        // Where a zero direction meets a face, 0 · ∞ = NaN. `least` and `most` then take their second operand: an axis
+        // whose far plane is NaN drops out, one whose near plane is NaN misses.
+        let enter = most(least(t0.x, t1.x), most(least(t0.y, t1.y), most(least(t0.z, t1.z), 0.0)));
+        let leave = least(most(t0.x, t1.x), least(most(t0.y, t1.y), least(most(t0.z, t1.z), t_max)));
         (enter <= leave).then_some(enter)
     }
+}
+
+/// The smaller one, the second where either is `NaN`: one machine instruction, unlike `f32::min`.
+fn least(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// The larger one, the second where either is `NaN`.
+fn most(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
 }
 
 /// 32 bytes: a box, and either two children (at `first` and `first + 1`) or `count` primitives from `first`.

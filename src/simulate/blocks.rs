@@ -42,9 +42,10 @@ pub(super) fn fill(kind: TownKind, size: DVec2, rng: &mut ChaCha8Rng) -> Vec<Lot
         TownKind::District if dice < 0.25 => closed_block(size, rng),
         TownKind::District if dice < 0.55 => town_rows(size, rng),
         TownKind::District if dice < 0.78 => angled(size, rng),
-        TownKind::District if dice < 0.92 => slabs(size, (9.0, 24.0), rng),
+        TownKind::District if dice < 0.92 => slabs(size, (12.0, 25.0), rng),
         TownKind::District => high_rise(size, (26.0, 38.0), rng),
-        TownKind::Downtown if dice < 0.55 => high_rise(size, (34.0, 115.0), rng),
+        TownKind::Downtown if dice < 0.38 => high_rise(size, (34.0, 115.0), rng),
+        TownKind::Downtown if dice < 0.55 => towers(size, (30.0, 115.0), rng),
         TownKind::Downtown if dice < 0.8 => slabs(size, (18.0, 45.0), rng),
         TownKind::Downtown => angled(size, rng),
         TownKind::Industry => halls(size, rng),
@@ -221,6 +222,25 @@ fn high_rise(size: DVec2, (low, high): (f64, f64), rng: &mut ChaCha8Rng) -> Vec<
         let top = between(rng, 9.0, 30.0);
         lots.push((form::flat(vec![second.ring()], top), here(), BuildingKind::Slab));
     }
+    lots
+}
+
+/// Two towers without podiums, and a pavilion between them.
+fn towers(size: DVec2, (low, high): (f64, f64), rng: &mut ChaCha8Rng) -> Vec<Lot> {
+    let mut lots = Vec::new();
+    for front in fronts(size) {
+        let foot = Rect::sized(
+            SETBACK_M + between(rng, 0.0, 3.0),
+            SETBACK_M,
+            between(rng, 18.0, 24.0),
+            between(rng, 17.0, 23.0),
+        );
+        let top = low + (high - low) * rng.random::<f64>();
+        let form = form::stacked(&[(foot, top), (foot.inset(5.5), top + between(rng, 2.5, 4.0))]);
+        lots.push((form, front, BuildingKind::Tower));
+    }
+    let middle = Rect::sized(0.5 * size.x - 6.0, 0.5 * size.y - 5.0, 12.0, between(rng, 8.0, 10.0));
+    lots.push(pavilion(middle, rng));
     lots
 }
 

@@ -256,3 +256,57 @@ fn walls(form: &Form, base_m: f64) -> Vec<[DVec3; 3]> {
     }
     triangles
 }
+
+#[cfg(test)]
+mod tests {
+    use geo::Area;
+
+    use super::*;
+    use crate::simulate::blocks;
+    use crate::simulate::config::TownKind;
+    use crate::simulate::form::{self, Rect, Wing};
+
+    fn raised(form: &Form) -> Building {
+        let at = Placement { origin: DVec2::new(565_000.0, 5_932_000.0), angle_rad: 0.3 };
+        Building::raise(form, &at, &Terrain::Constant(20.0), BuildingKind::House, "a".into())
+    }
+
+    #[test]
+    fn the_mean_height_of_a_gable_is_half_way_up() {
+        let b = raised(&form::gable(Rect::sized(0.0, 0.0, 12.0, 8.0), 6.0, 9.0));
+        assert!((b.height_m - 7.5).abs() < 1e-9 && b.eave_m == 6.0 && b.ridge_m == 9.0);
+    }
+
+    #[test]
+    fn the_mean_height_of_a_hip_follows_from_its_volume() {
+        // Over the eave: a prism over (12 − 8) × 8 m with half the rise, and a pyramid over 8 × 8 m with a third.
+        let b = raised(&form::hip(Rect::sized(0.0, 0.0, 12.0, 8.0), 6.0, 9.0));
+        let expected = 6.0 + (4.0 * 8.0 * 1.5 + 8.0 * 8.0 * 1.0) / (12.0 * 8.0);
+        assert!((b.height_m - expected).abs() < 1e-9, "{}", b.height_m);
+    }
+
+    #[test]
+    fn a_wing_adds_its_own_roof_and_the_part_that_runs_into_the_main_one() {
+        // Half-width w = 3 m, pitch 1: the part over the main slope has volume w³ / 3 (integral of (w − t)²).
+        let wing = Wing { x0: 0.0, x1: 6.0, reach: 5.0 };
+        let b = raised(&form::gable_with_wings(Rect::sized(0.0, 0.0, 20.0, 10.0), 4.0, 9.0, &[wing]));
+        let over_the_eave = 20.0 * 10.0 * 2.5 + 6.0 * 5.0 * 1.5 + 27.0 / 3.0;
+        assert!((b.height_m - (4.0 + over_the_eave / 230.0)).abs() < 1e-9, "{}", b.height_m);
+    }
+
+    #[test]
+    fn roofs_tile_their_footprints_whatever_stands_in_a_block() {
+        for kind in [TownKind::Village, TownKind::District, TownKind::Downtown, TownKind::Industry] {
+            for i in 0..40 {
+                let mut rng = crate::seed::stream(5, "test", &[i]);
+                for (form, ..) in blocks::fill(kind, DVec2::new(85.0, 74.0), &mut rng) {
+                    let b = raised(&form);
+                    let roofs = b.triangles.iter().filter(|t| t.part == Part::Roof);
+                    let area: f64 = roofs.map(Triangle::plan_area_m2).sum();
+                    let expected = b.footprint.unsigned_area();
+                    assert!((area - expected).abs() < 1e-3, "{kind:?} {i}: {area} {expected} {form:?}");
+                }
+            }
+        }
+    }
+}

@@ -96,7 +96,7 @@ impl Default for TownConfig {
     }
 }
 
-/// Buildings from a `CityJSON` file (1.x or 2.0; LoD1 or LoD2).
+/// Buildings from a `CityJSON` file (1.x or 2.0; `LoD1` or `LoD2`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CityJsonConfig {

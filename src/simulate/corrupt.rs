@@ -198,7 +198,8 @@ fn declare(map: &Raster<f32>, is_warped: bool, kind: PriorKind, rng: &mut ChaCha
     let exponent = if is_warped { between(rng, WARP_EXPONENT.0, WARP_EXPONENT.1) } else { 1.0 };
     map.map(|&p| {
         let p = f64::from(p);
-        let bent = if is_warped { p.max(0.0).powf(exponent) } else { p };
+        // Undefined stays so: `NaN` to any power is `NaN`. A warped disparity is a true one, so not negative.
+        let bent = if is_warped { p.powf(exponent) } else { p };
         let value = match kind {
             PriorKind::InverseDepth => scale * (bent + shift),
             PriorKind::Depth if bent.is_nan() => f64::NAN,
@@ -212,4 +213,181 @@ fn standard_deviation(values: &[f32]) -> f64 {
     let n = values.len() as f64;
     let mean = values.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
     (values.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / n).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ids::BuildingIdx;
+    use crate::stats::{mean, quantile};
+
+    /// A tilted ground with two boxes on it, seen at an angle: depth grows up the image.
+    fn truth() -> TrueDepth {
+        let (width, height) = (160, 120);
+        let ground = |i: usize| 120.0 + (height - i / width) as f32;
+        let building = |i: usize| {
+            let (col, row) = (i % width, i / width);
+            match (col, row) {
+                (20..60, 30..80) => Some(0),
+                (90..140, 40..100) => Some(1),
+                _ => None,
+            }
+        };
+        let image =
+            |f: &dyn Fn(usize) -> f32| Raster::from_vec(width, height, (0..width * height).map(f).collect()).unwrap();
+        let depth = |i: usize| if i < 3 * width { f32::NAN } else { ground(i) * building(i).map_or(1.0, |_| 0.85) };
+        let seen = (0..width * height)
+            .map(|i| {
+                if i < 3 * width {
+                    Seen::Sky
+                } else {
+                    building(i).map_or(Seen::Ground, |b| Seen::Building(BuildingIdx(b)))
+                }
+            })
+            .collect();
+        TrueDepth {
+            depth_m: image(&depth),
+            ground_m: image(&ground),
+            seen: Raster::from_vec(width, height, seen).unwrap(),
+        }
+    }
+
+    fn only(change: impl FnOnce(&mut Corruption)) -> Corruption {
+        let mut level = Corruption { is_warped: false, ..PriorLevel::Clean.corruption() };
+        change(&mut level);
+        level
+    }
+
+    /// Scale and shift that map `truth`'s disparity to the prior, from two ground pixels.
+    fn ungained(truth: &TrueDepth, prior: &Raster<f32>, pixel: usize) -> f64 {
+        let d = |i: usize| 1.0 / f64::from(truth.depth_m.data()[i]);
+        let (low, high) = (160 * 10, 160 * 119);
+        let p = |i: usize| f64::from(prior.data()[i]);
+        let scale = (p(high) - p(low)) / (d(high) - d(low));
+        (p(pixel) - p(low)) / scale + d(low)
+    }
+
+    #[test]
+    fn a_clean_prior_keeps_every_order_and_the_sky() {
+        let truth = truth();
+        for (view, kind) in [(0, PriorKind::InverseDepth), (1, PriorKind::Depth), (2, PriorKind::InverseDepth)] {
+            let prior = prior(&truth, &PriorLevel::Clean.corruption(), kind, 4, view);
+            let mut pairs: Vec<(f32, f32)> =
+                truth.depth_m.data().iter().copied().zip(prior.data().iter().copied()).collect();
+            assert!(pairs.iter().all(|(z, p)| z.is_nan() == p.is_nan()));
+            pairs.retain(|(z, _)| !z.is_nan());
+            pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+            for pair in pairs.windows(2) {
+                let nearer_first = if kind == PriorKind::Depth { pair[1].1 - pair[0].1 } else { pair[0].1 - pair[1].1 };
+                if pair[1].0 > pair[0].0 * (1.0 + 1e-5) {
+                    assert!(nearer_first > 0.0, "{pair:?}");
+                } else {
+                    assert!(nearer_first >= 0.0, "{pair:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn gains_have_the_stated_statistics() {
+        for level in PriorLevel::ALL {
+            let c = level.corruption();
+            let gains: Vec<f64> = (0..20_000).map(|i| building_gain(&c, 9, i / 100, i % 100)).collect();
+            let lost = gains.iter().filter(|g| **g == 0.0).count() as f64 / gains.len() as f64;
+            assert!((lost - c.lost).abs() < 0.01, "{level:?} {lost}");
+            // Blunders and losses apart, half of a normal distribution lies within 0.6745 standard deviations.
+            let kept: Vec<f64> = gains.into_iter().filter(|g| *g != 0.0).collect();
+            let half_width = 0.5 * (quantile(&kept, 0.75).unwrap() - quantile(&kept, 0.25).unwrap());
+            assert!((half_width / 0.6745 - c.building_gain_sd).abs() < 0.02, "{level:?} {half_width}");
+            assert!((mean(&kept).unwrap() - 1.0).abs() < 0.01);
+        }
+    }
+
+    #[test]
+    fn relief_is_scaled_against_the_ground_behind() {
+        let truth = truth();
+        let level = only(|c| c.relief_gain = (0.8, 0.0));
+        let prior = prior(&truth, &level, PriorKind::InverseDepth, 4, 0);
+        let pixel = 160 * 50 + 40;
+        let (d, g) = (1.0 / f64::from(truth.depth_m.data()[pixel]), 1.0 / f64::from(truth.ground_m.data()[pixel]));
+        let found = (ungained(&truth, &prior, pixel) - g) / (d - g);
+        assert!((found - 0.8).abs() < 1e-3, "{found}");
+    }
+
+    #[test]
+    fn gains_per_view_have_the_stated_statistics() {
+        let truth = truth();
+        let c = PriorLevel::High.corruption();
+        let level = only(|l| l.relief_gain = c.relief_gain);
+        let pixel = 160 * 50 + 40;
+        let (d, g) = (1.0 / f64::from(truth.depth_m.data()[pixel]), 1.0 / f64::from(truth.ground_m.data()[pixel]));
+        let gains: Vec<f64> = (0..400)
+            .map(|view| {
+                let prior = prior(&truth, &level, PriorKind::InverseDepth, 4, view);
+                (ungained(&truth, &prior, pixel) - g) / (d - g)
+            })
+            .collect();
+        let m = mean(&gains).unwrap();
+        let sd = mean(&gains.iter().map(|v| (v - m).powi(2)).collect::<Vec<_>>()).unwrap().sqrt();
+        assert!((m - c.relief_gain.0).abs() < 0.02 && (sd - c.relief_gain.1).abs() < 0.015, "{m} {sd}");
+    }
+
+    /// Standard deviation of what a level adds, in medians of disparity.
+    fn added(level: &Corruption) -> f64 {
+        let truth = truth();
+        let plain = prior(&truth, &only(|_| ()), PriorKind::InverseDepth, 4, 3);
+        let changed = prior(&truth, level, PriorKind::InverseDepth, 4, 3);
+        // Scale and shift differ, because more was drawn before them: fit them out.
+        let pairs: Vec<(f64, f64)> = plain
+            .data()
+            .iter()
+            .zip(changed.data())
+            .filter(|(a, _)| !a.is_nan())
+            .map(|(a, b)| (f64::from(*a), f64::from(*b)))
+            .collect();
+        let n = pairs.len() as f64;
+        let (ma, mb) = (pairs.iter().map(|p| p.0).sum::<f64>() / n, pairs.iter().map(|p| p.1).sum::<f64>() / n);
+        let slope = pairs.iter().map(|p| (p.0 - ma) * (p.1 - mb)).sum::<f64>()
+            / pairs.iter().map(|p| (p.0 - ma).powi(2)).sum::<f64>();
+        let residual = pairs.iter().map(|p| (p.1 - mb - slope * (p.0 - ma)).powi(2)).sum::<f64>() / n;
+        let sd_plain = (pairs.iter().map(|p| (p.0 - ma).powi(2)).sum::<f64>() / n).sqrt();
+        residual.sqrt() / slope / sd_plain
+    }
+
+    #[test]
+    fn noise_and_drift_are_as_strong_as_stated() {
+        let truth = truth();
+        let mut disparity: Vec<f32> = truth.depth_m.data().iter().filter(|z| !z.is_nan()).map(|z| 1.0 / z).collect();
+        let sd = standard_deviation(&disparity);
+        let median = f64::from(median_low(&mut disparity).unwrap());
+        let noise = added(&only(|c| c.noise = 0.01)) * sd / median;
+        assert!((noise - 0.01).abs() < 5e-4, "{noise}");
+        // The fit takes some of the drift for a change of scale.
+        let drift = added(&only(|c| c.drift = 0.25));
+        assert!((0.15..0.27).contains(&drift), "{drift}");
+    }
+
+    #[test]
+    fn bleeding_moves_edges_outwards_and_nothing_else() {
+        let truth = truth();
+        let level = only(|c| c.bleed_px = (2.0, 3.0));
+        let prior = prior(&truth, &level, PriorKind::InverseDepth, 4, 0);
+        let d = |pixel: usize| ungained(&truth, &prior, pixel) - 1.0 / f64::from(truth.ground_m.data()[pixel]);
+        let row = 160 * 60;
+        assert!(d(row + 18) > 5e-4 && d(row + 61) > 5e-4, "two pixels beside the box");
+        assert!(d(row + 15).abs() < 1e-5 && d(row + 65).abs() < 1e-5, "five pixels beside the box");
+    }
+
+    #[test]
+    fn only_depth_is_never_negative_and_every_level_keeps_the_sky() {
+        let truth = truth();
+        for level in PriorLevel::ALL {
+            for kind in [PriorKind::Depth, PriorKind::InverseDepth] {
+                let prior = prior(&truth, &level.corruption(), kind, 4, 0);
+                let same_holes = prior.data().iter().zip(truth.depth_m.data()).all(|(p, z)| p.is_nan() == z.is_nan());
+                assert!(same_holes, "{level:?}");
+                assert!(kind == PriorKind::InverseDepth || prior.data().iter().all(|p| p.is_nan() || *p > 0.0));
+            }
+        }
+    }
 }

@@ -99,3 +99,69 @@ fn outlined(ring: &[DVec2], distance_m: impl Fn(DVec2, DVec2) -> f64) -> Vec<DVe
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use geo::Area;
+
+    use super::*;
+    use crate::simulate::building::{BuildingKind, Placement};
+    use crate::simulate::form::{self, Rect};
+    use crate::stats::mean;
+    use crate::terrain::Terrain;
+
+    fn row_of_two() -> Vec<Building> {
+        let at = Placement { origin: DVec2::new(565_000.0, 5_932_000.0), angle_rad: 0.4 };
+        let raise = |x0: f64, id: &str| {
+            let form = form::gable(Rect::sized(x0, 0.0, 6.0, 10.0), 5.0, 8.0);
+            Building::raise(&form, &at, &Terrain::Constant(3.0), BuildingKind::RowHouse, id.into())
+        };
+        vec![raise(0.0, "a"), raise(6.0, "b")]
+    }
+
+    #[test]
+    fn outlines_grow_on_free_sides_only() {
+        let errors = ErrorConfig { outline_m: 0.2, ..ErrorConfig::default() };
+        let grown = footprints(&row_of_two(), &errors, 1);
+        for polygon in &grown {
+            // 6 × 10 m, 0.2 m more on three sides.
+            assert!((polygon.unsigned_area() - 6.2 * 10.4).abs() < 1e-6, "{}", polygon.unsigned_area());
+        }
+    }
+
+    #[test]
+    fn shared_walls_stay_shared_under_noise() {
+        let [a, b]: [Polygon<f64>; 2] = footprints(&row_of_two(), &ErrorConfig::REALISTIC, 7).try_into().unwrap();
+        let shared = a.exterior().0.iter().filter(|p| b.exterior().0.contains(p)).count();
+        assert!(shared >= 2, "{a:?} {b:?}");
+        assert!(a.is_valid() && b.is_valid());
+    }
+
+    #[test]
+    fn a_courtyard_shrinks_as_its_building_grows() {
+        let at = Placement { origin: DVec2::ZERO, angle_rad: 0.0 };
+        let form = form::courtyard(Rect::sized(0.0, 0.0, 40.0, 30.0), 10.0, 12.0, 12.0);
+        let block = Building::raise(&form, &at, &Terrain::Constant(0.0), BuildingKind::Courtyard, "a".into());
+        let errors = ErrorConfig { outline_m: 0.2, ..ErrorConfig::default() };
+        let grown = &footprints(&[block], &errors, 1)[0];
+        assert!((grown.unsigned_area() - (40.4 * 30.4 - 19.6 * 9.6)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn poses_move_and_turn_by_as_much_as_stated() {
+        let pose = crate::simulate::pose(DVec3::new(565_000.0, 5_932_000.0, 170.0), 0.3, 0.7);
+        let camera = std::sync::Arc::new(crate::camera::Camera::pinhole(100, 80, 90.0));
+        let view = View { id: "a.jpg".into(), camera, camera_from_map: pose, image: None };
+        let views = vec![view; 3000];
+        let errors = ErrorConfig { position_m: 0.05, angle_deg: 0.05, ..ErrorConfig::default() };
+        let moved = poses(&views, &errors, 3);
+        let of = |f: &dyn Fn(&View) -> f64| mean(&moved.iter().map(f).collect::<Vec<_>>()).unwrap().sqrt();
+        let shift = of(&|v| (v.camera_from_map.centre() - pose.centre()).length_squared() / 3.0);
+        let turn = of(&|v| {
+            let turn = v.camera_from_map.rotation * pose.rotation.transpose();
+            (0.5 * (turn.col(0).x + turn.col(1).y + turn.col(2).z - 1.0)).clamp(-1.0, 1.0).acos().powi(2) / 3.0
+        });
+        assert!((shift - 0.05).abs() < 0.002, "{shift}");
+        assert!((turn.to_degrees() - 0.05).abs() < 0.002, "{}", turn.to_degrees());
+    }
+}

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use crate::camera::{Camera, Distortion};
 use crate::crs::Crs;
-use crate::files::{FileError, write_whole};
+use crate::files::{FileError, write_whole, write_whole_unflushed};
 use crate::geodata::{FieldType, LayerFeature, write_geotiff, write_polygon_layer};
 use crate::prior::PriorKind;
 use crate::raster::Raster;
@@ -166,7 +166,7 @@ fn truth_feature(b: &Building) -> Value {
 /// `H × W` values as `.npy`, 32-bit floats.
 pub(super) fn write_npy(path: &Path, map: &Raster<f32>) -> Result<(), FileError> {
     use npyz::WriterBuilder as _;
-    write_whole(path, |w| {
+    write_whole_unflushed(path, |w| {
         let shape = [map.height() as u64, map.width() as u64];
         let mut npy = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(w).begin_nd()?;
         npy.extend(map.data().iter().copied())?;

@@ -20,8 +20,8 @@ pub(super) fn blurred(map: &Raster<f32>, sd_px: f64) -> Raster<f32> {
 }
 
 fn blurred_along(map: &Raster<f32>, kernel: &[f32], (dx, dy): (isize, isize)) -> Raster<f32> {
-    let (width, height) = (map.width() as isize, map.height() as isize);
-    let reach = (kernel.len() / 2) as isize;
+    let (width, height) = (map.width().cast_signed(), map.height().cast_signed());
+    let reach = (kernel.len() / 2).cast_signed();
     let mut out = map.clone();
     for row in 0..height {
         for col in 0..width {
@@ -56,8 +56,8 @@ pub(super) fn grown(map: &Raster<f32>, radius_px: f64) -> Raster<f32> {
         .filter(|&(x, y)| (x as f64).hypot(y as f64) <= radius_px)
         .collect();
     let mut out = map.clone();
-    for row in 0..map.height() as isize {
-        for col in 0..map.width() as isize {
+    for row in 0..map.height().cast_signed() {
+        for col in 0..map.width().cast_signed() {
             let around = disc.iter().filter_map(|&(x, y)| {
                 let (c, r) = (usize::try_from(col + x).ok()?, usize::try_from(row + y).ok()?);
                 map.get(c, r).copied()
@@ -78,8 +78,17 @@ pub(super) fn smooth_field(width: usize, height: usize, waves_px: (f64, f64), rn
             [k * direction.cos(), k * direction.sin(), between(rng, 0.0, std::f64::consts::TAU), normal(rng)]
         })
         .collect();
-    let at = |x: f64, y: f64| waves.iter().map(|[kx, ky, phase, a]| a * (kx * x + ky * y + phase).sin()).sum::<f64>();
-    let values: Vec<f64> = (0..width * height).map(|i| at((i % width) as f64, (i / width) as f64)).collect();
+    let mut values = vec![0.0; width * height];
+    for [kx, ky, phase, a] in waves {
+        // sin(u + v) from tables of both: two multiplications per pixel in place of a sine.
+        let columns: Vec<(f64, f64)> = (0..width).map(|x| (kx * x as f64).sin_cos()).collect();
+        for (y, row) in values.chunks_exact_mut(width).enumerate() {
+            let (sin_row, cos_row) = (ky * y as f64 + phase).sin_cos();
+            for (value, (sin_col, cos_col)) in row.iter_mut().zip(&columns) {
+                *value += a * (sin_col * cos_row + cos_col * sin_row);
+            }
+        }
+    }
     let n = values.len().max(1) as f64;
     let mean = values.iter().sum::<f64>() / n;
     let sd = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt().max(f64::MIN_POSITIVE);

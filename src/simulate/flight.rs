@@ -123,9 +123,9 @@ fn grid_of(flight: &FlightConfig, world: &World, n: usize) -> Vec<Shot> {
     for _ in 0..SPACING_STEPS {
         let middle = (narrow * wide).sqrt();
         if grid(flight, world, middle).len() >= n {
-            narrow = middle
+            narrow = middle;
         } else {
-            wide = middle
+            wide = middle;
         }
         if wide / narrow < 1.0005 {
             break;
@@ -157,4 +157,45 @@ fn free(flight: &FlightConfig, world: &World, n: usize, root_seed: u64) -> Vec<S
             Shot { place, azimuth_rad: to.x.atan2(to.y), tilt_rad: if is_nadir { 0.0 } else { tilt_deg.to_radians() } }
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::world;
+    use crate::survey::ViewKind;
+
+    #[test]
+    fn a_pose_looks_where_it_is_told() {
+        let view = |azimuth_deg: f64, tilt_deg: f64| View {
+            id: "a.jpg".into(),
+            camera: Arc::new(Camera::pinhole(100, 80, 90.0)),
+            camera_from_map: pose(DVec3::new(5.0, 6.0, 7.0), azimuth_deg.to_radians(), tilt_deg.to_radians()),
+            image: None,
+        };
+        let east = view(90.0, 45.0);
+        assert!((east.axis_in_map() - DVec3::new(1.0, 0.0, -1.0).normalize()).length() < 1e-12);
+        assert!((east.camera_from_map.rotation.determinant() - 1.0).abs() < 1e-12);
+        assert!((east.camera_from_map.centre() - DVec3::new(5.0, 6.0, 7.0)).length() < 1e-12);
+        // Nadir with azimuth north: north is up in the image, east on the right.
+        let nadir = view(0.0, 0.0);
+        assert!((nadir.camera_from_map.vector(DVec3::Y) - DVec3::NEG_Y).length() < 1e-12);
+        assert!((nadir.camera_from_map.vector(DVec3::X) - DVec3::X).length() < 1e-12);
+    }
+
+    #[test]
+    fn flights_have_as_many_views_as_asked_for() {
+        let mut config = SimulateConfig::default();
+        config.town.n_buildings = 20;
+        let world = world(&config).unwrap();
+        for (pattern, n) in [(FlightPattern::Grid, 57), (FlightPattern::Free, 83)] {
+            config.flight.pattern = pattern;
+            config.flight.n_views = Some(n);
+            let views = plan(&config, &world);
+            assert_eq!(views.len(), n, "{pattern:?}");
+            let n_nadir = views.iter().filter(|v| v.kind() == ViewKind::Nadir).count();
+            assert!(n_nadir > n / 10 && n_nadir < n / 2, "{pattern:?} {n_nadir}");
+            assert!(views.iter().all(|v| v.off_nadir_rad().to_degrees() < 66.0));
+        }
+    }
 }

@@ -13,10 +13,10 @@ use crate::survey::View;
 
 use super::chance::normal;
 use super::config::ImageConfig;
+use super::eye::Eye;
 use super::noise;
-use super::scene::{Hit, Scene};
+use super::scene::{Hit, Scene, Seen};
 use super::texture::Palette;
-use super::trace::Eye;
 
 /// Radiance of the sun and of the sky on a horizontal white surface.
 const SUN: Vec3 = Vec3::new(1.75, 1.62, 1.42);
@@ -38,6 +38,15 @@ pub(super) struct Photographer<'a> {
     pub palette: &'a Palette<'a>,
     pub config: &'a ImageConfig,
     pub seed: u64,
+    /// Unit vector.
+    pub towards_sun: Vec3,
+}
+
+/// Unit vector towards the sun, map axes.
+pub(super) fn towards_sun(config: &ImageConfig) -> Vec3 {
+    let (azimuth, elevation) = (config.sun_azimuth_deg.to_radians(), config.sun_elevation_deg.to_radians());
+    let level = Vec2::new(azimuth.sin() as f32, azimuth.cos() as f32) * elevation.cos() as f32;
+    level.extend(elevation.sin() as f32)
 }
 
 impl Photographer<'_> {
@@ -51,7 +60,7 @@ impl Photographer<'_> {
         let gain = (DVec3::from(tint) * exposure * 0.62).as_vec3();
         let hits: Vec<Option<Hit>> = (0..width * height)
             .into_par_iter()
-            .map(|i| self.look(&eye, DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5)).1)
+            .map(|i| eye.look(self.scene, DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5)).1)
             .collect();
         let pixels: Vec<[u8; 3]> = (0..width * height)
             .into_par_iter()
@@ -62,7 +71,7 @@ impl Photographer<'_> {
                 if is_edge(&hits, width, height, col, row) {
                     for offset in EDGE_RAYS {
                         let pixel = centre + DVec2::from(offset);
-                        light += self.light(&eye, pixel, self.look(&eye, pixel).1);
+                        light += self.light(&eye, pixel, eye.look(self.scene, pixel).1);
                     }
                     light /= (1 + EDGE_RAYS.len()) as f32;
                 }
@@ -74,12 +83,6 @@ impl Photographer<'_> {
         })
     }
 
-    fn look(&self, eye: &Eye, pixel: DVec2) -> (Option<Hit>, Option<Hit>) {
-        let Some(ray) = eye.ray(pixel) else { return (None, None) };
-        let ground = self.scene.ground_hit(&ray);
-        (ground, self.scene.first_hit(&ray, ground))
-    }
-
     /// Light that reaches a pixel.
     fn light(&self, eye: &Eye, pixel: DVec2, hit: Option<Hit>) -> Vec3 {
         let (Some(ray), Some(hit)) = (eye.ray(pixel), hit) else { return HORIZON };
@@ -89,20 +92,13 @@ impl Photographer<'_> {
         let normal = if facing < 0.0 { -hit.surface.normal } else { hit.surface.normal };
         let pixel_m = hit.t * eye.pixel_angle() / facing.abs().max(0.15).sqrt();
         let albedo = self.palette.albedo(p, &hit.surface, pixel_m).max(Vec3::splat(0.01));
-        let sun = self.towards_sun();
+        let sun = self.towards_sun;
         let cosine = normal.dot(sun);
         let lit = cosine > 0.0 && !self.scene.is_shaded(p + LIFT_M * normal, sun);
         let direct = if lit { SUN * cosine } else { Vec3::ZERO };
         let light = albedo * (direct + SKY * (0.6 + 0.4 * normal.z));
         let clear = (-hit.t * ray.direction.length() / HAZE_M).exp();
         HORIZON.lerp(light, clear)
-    }
-
-    fn towards_sun(&self) -> Vec3 {
-        let (azimuth, elevation) =
-            (self.config.sun_azimuth_deg.to_radians(), self.config.sun_elevation_deg.to_radians());
-        let level = Vec2::new(azimuth.sin() as f32, azimuth.cos() as f32) * elevation.cos() as f32;
-        level.extend(elevation.sin() as f32)
     }
 
     /// Grey levels with sensor noise: four uniform bytes make a nearly normal number.
@@ -113,10 +109,11 @@ impl Photographer<'_> {
         light.to_array().map(|value| {
             channel += 1;
             let bytes =
-                noise::hash(pixel as i32, view as i32, (self.seed as u32) ^ (0x5e50_0000 + channel)).to_le_bytes();
+                noise::hash(pixel as u32, view as u32, (self.seed as u32) ^ (0x5e50_0000 + channel)).to_le_bytes();
             let draw = (bytes.iter().map(|&b| f32::from(b)).sum::<f32>() - 510.0) / SD_OF_SUM;
             let grey = 255.0 * value.max(0.0).sqrt() + self.config.noise_sd as f32 * draw;
-            grey.round().clamp(0.0, 255.0) as u8
+            // The cast cuts off what lies outside 0 to 255.
+            (grey + 0.5) as u8
         })
     }
 }
@@ -126,7 +123,9 @@ fn is_edge(hits: &[Option<Hit>], width: usize, height: usize, col: usize, row: u
     let here = &hits[row * width + col];
     let differs = |c: usize, r: usize| match (here, &hits[r * width + c]) {
         (Some(a), Some(b)) => {
-            a.surface.seen() != b.surface.seen() || a.surface.normal.dot(b.surface.normal) < SAME_NORMAL
+            // Leaves are all edges: only their outline counts.
+            let bends = || a.surface.normal.dot(b.surface.normal) < SAME_NORMAL;
+            a.surface.seen() != b.surface.seen() || (a.surface.seen() != Seen::Clutter && bends())
         }
         (None, None) => false,
         _ => true,

@@ -3,15 +3,15 @@
 use super::SimulateError;
 use super::config::{FlightConfig, PriorConfig, SimulateConfig, TownConfig, TownKind};
 
-/// Name, what is built, number of buildings, number of views (0: as the spacing gives) and longer side of the prior.
+/// Name, what is built, number of buildings, number of views and longer side of the prior.
 ///
 /// The paper's seven scenes are stand-ins of our own that share their counts: buildings as in its proxy table, where
 /// it states them (Res-1, Res-2, Ind-1, Ind-2; our choice elsewhere), views = used views over the used share.
 const SCENES: [(&str, TownKind, usize, usize, u32); 11] = [
     ("demo", TownKind::District, 41, 40, 320),
-    ("village", TownKind::Village, 96, 0, 448),
-    ("district", TownKind::District, 64, 0, 448),
-    ("downtown", TownKind::Downtown, 53, 0, 448),
+    ("village", TownKind::Village, 96, 160, 448),
+    ("district", TownKind::District, 64, 160, 448),
+    ("downtown", TownKind::Downtown, 53, 140, 448),
     ("res-1", TownKind::District, 26, 374, 320),
     ("res-2", TownKind::District, 100, 1688, 224),
     ("res-3", TownKind::Village, 120, 1750, 224),
@@ -41,7 +41,7 @@ impl SimulateConfig {
             .ok_or_else(|| SimulateError::UnknownPreset { name: name.to_owned(), known: known() })?;
         let mut config = Self {
             town: TownConfig { kind, n_buildings, ..TownConfig::default() },
-            flight: FlightConfig { n_views: (n_views > 0).then_some(n_views), ..FlightConfig::default() },
+            flight: FlightConfig { n_views: Some(n_views), ..FlightConfig::default() },
             prior: PriorConfig { longest_px, ..PriorConfig::default() },
             ..Self::default()
         };

@@ -10,17 +10,17 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::crs::Crs;
-use crate::files::{FileError, write_whole};
+use crate::files::{FileError, write_whole_unflushed};
 use crate::ids::ViewId;
 use crate::survey::{View, ViewKind};
 use crate::terrain::Terrain;
 
 use super::config::SimulateConfig;
-use super::photo::Photographer;
+use super::photo::{self, Photographer};
 use super::scene::Scene;
 use super::texture::Palette;
 use super::town::{self, World};
-use super::{SimulateError, clutter, corrupt, disturb, files, flight, masks, tie_points, trace};
+use super::{SimulateError, clutter, corrupt, disturb, files, flight, masks, real, tie_points, trace};
 
 /// Views rendered between two reports of progress: enough to keep every core busy.
 const BATCH: usize = 16;
@@ -94,7 +94,10 @@ pub fn simulate_with_views(
 /// # Errors
 /// As [`simulate`].
 pub fn world(config: &SimulateConfig) -> Result<World, SimulateError> {
-    town::build(config)
+    match &config.cityjson {
+        Some(source) => real::build(config, source),
+        None => town::build(config),
+    }
 }
 
 fn stem(view: &View) -> String {
@@ -111,14 +114,20 @@ fn write_scene(
     if views.is_empty() {
         return Err(SimulateError::NoViews);
     }
-    let crs = Crs::parse(&config.crs)?;
+    let crs = Crs::parse(&world.crs)?;
     crs.require_projected_metres()?;
     let n = |per_building: f64| (per_building * world.buildings.len() as f64).round() as usize;
-    let amounts =
-        clutter::Amounts { n_trees: n(config.town.trees_per_building), n_cars: n(config.town.cars_per_building) };
+    let trees_per_building = config.cityjson.as_ref().map_or(config.town.trees_per_building, |c| c.trees_per_building);
+    let amounts = clutter::Amounts { n_trees: n(trees_per_building), n_cars: n(config.town.cars_per_building) };
     let scene = Scene::new(world, &clutter::scatter(world, amounts, config.seed));
     let palette = Palette::new(world, scene.origin.0.truncate(), config);
-    let studio = Photographer { scene: &scene, palette: &palette, config: &config.images, seed: config.seed };
+    let studio = Photographer {
+        scene: &scene,
+        palette: &palette,
+        config: &config.images,
+        seed: config.seed,
+        towards_sun: photo::towards_sun(&config.images),
+    };
 
     progress(0, views.len());
     for first in (0..views.len()).step_by(BATCH) {
@@ -181,7 +190,7 @@ fn write_view(
 }
 
 fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
-    write_whole(path, |w| w.write_all(bytes))
+    write_whole_unflushed(path, |w| w.write_all(bytes))
 }
 
 fn offset(world: &World) -> DVec3 {

@@ -3,15 +3,15 @@
 //! Ground and things on it are kept apart, so that the ground *behind* a building can be asked for as well: priors
 //! need it, because a building's relief counts from there.
 
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 
 use crate::frames::LocalOrigin;
 use crate::ids::BuildingIdx;
 use crate::render::bvh::{Aabb, Bvh, Ray};
-use crate::terrain::{Dem, Terrain};
 
 use super::building::Part;
 use super::clutter::{Piece, Stuff};
+use super::ground::Ground;
 use super::town::World;
 
 /// Hits nearer than this are the surface that the ray left, metres along a unit direction.
@@ -113,7 +113,7 @@ impl Mesh {
 }
 
 /// Möller and Trumbore (1997), both sides.
-fn crossing(ray: &Ray, [corner, edge1, edge2]: &[Vec3; 3], t_max: f32) -> Option<f32> {
+pub(super) fn crossing(ray: &Ray, [corner, edge1, edge2]: &[Vec3; 3], t_max: f32) -> Option<f32> {
     let p = ray.direction.cross(*edge2);
     let determinant = edge1.dot(p);
     if determinant == 0.0 {
@@ -139,8 +139,10 @@ fn crossing(ray: &Ray, [corner, edge1, edge2]: &[Vec3; 3], t_max: f32) -> Option
 pub(super) struct Scene {
     /// Of the `Local` frame.
     pub origin: LocalOrigin,
-    ground: Mesh,
+    ground: Ground,
     things: Mesh,
+    /// One around every building, tree and car.
+    boxes: Vec<Aabb>,
 }
 
 impl Scene {
@@ -149,6 +151,13 @@ impl Scene {
         let origin = LocalOrigin(DVec3::new(centre.x.round(), centre.y.round(), 0.0));
         let local = |p: DVec3| (p - origin.0).as_vec3();
         let mut things = Vec::new();
+        let mut boxes: Vec<Aabb> = world
+            .buildings
+            .iter()
+            .map(|b| Aabb::around(b.triangles.iter().flat_map(|t| t.corners).map(local)))
+            .collect();
+        let of_one = clutter.chunk_by(|a, b| a.owner == b.owner);
+        boxes.extend(of_one.map(|pieces| Aabb::around(pieces.iter().flat_map(|p| p.corners).map(local))));
         for (i, building) in world.buildings.iter().enumerate() {
             let idx = BuildingIdx::new(i);
             things.extend(building.triangles.iter().map(|t| {
@@ -157,7 +166,12 @@ impl Scene {
             }));
         }
         things.extend(clutter.iter().map(|p| (p.corners.map(local), Material::Clutter(p.stuff, p.owner))));
-        Self { origin, ground: Mesh::new(&ground_triangles(world, local)), things: Mesh::new(&things) }
+        Self { origin, ground: Ground::new(&world.terrain, origin.0), things: Mesh::new(&things), boxes }
+    }
+
+    /// One box around every building, tree and car.
+    pub fn boxes(&self) -> impl Iterator<Item = &Aabb> {
+        self.boxes.iter()
     }
 
     /// Triangles of buildings and clutter.
@@ -167,8 +181,8 @@ impl Scene {
 
     /// Where a ray meets the ground, whatever stands in front of it.
     pub fn ground_hit(&self, ray: &Ray) -> Option<Hit> {
-        let (t, i) = self.ground.nearest(ray, f32::MAX)?;
-        Some(Hit { t, surface: self.ground.surfaces[i] })
+        let (t, normal) = self.ground.nearest(ray, f32::MAX)?;
+        Some(Hit { t, surface: Surface { normal, material: Material::Ground } })
     }
 
     /// What a ray meets first, given where it meets the ground.
@@ -192,39 +206,4 @@ impl Scene {
         let t_max = 1.0 - 0.05 / way.length();
         self.things.nearest(&ray, t_max).is_some() || self.ground.nearest(&ray, t_max).is_some()
     }
-}
-
-fn ground_triangles(world: &World, local: impl Fn(DVec3) -> Vec3) -> Vec<([Vec3; 3], Material)> {
-    match &world.terrain {
-        Terrain::Grid(dem) => grid_triangles(dem, local),
-        Terrain::Constant(z) => {
-            let wide = world.extent.grown(2000.0);
-            let corner = |x: f64, y: f64| local(DVec2::new(x, y).extend(*z));
-            let [sw, se] = [corner(wide.west_m, wide.south_m), corner(wide.east_m, wide.south_m)];
-            let [nw, ne] = [corner(wide.west_m, wide.north_m), corner(wide.east_m, wide.north_m)];
-            vec![([sw, se, ne], Material::Ground), ([sw, ne, nw], Material::Ground)]
-        }
-    }
-}
-
-/// Two triangles between every four cell centres.
-fn grid_triangles(dem: &Dem, local: impl Fn(DVec3) -> Vec3) -> Vec<([Vec3; 3], Material)> {
-    let heights = dem.heights_m();
-    let (west, north) = dem.corner_m();
-    let (cell_x, cell_y) = dem.cell_m();
-    let at = |col: usize, row: usize| {
-        let (x, y) = (west + (col as f64 + 0.5) * cell_x, north - (row as f64 + 0.5) * cell_y);
-        local(DVec3::new(x, y, f64::from(heights[(col, row)])))
-    };
-    let mut triangles = Vec::with_capacity(2 * heights.data().len());
-    for row in 1..heights.height() {
-        for col in 1..heights.width() {
-            let [nw, ne] = [at(col - 1, row - 1), at(col, row - 1)];
-            let [sw, se] = [at(col - 1, row), at(col, row)];
-            triangles.push(([sw, se, ne], Material::Ground));
-            triangles.push(([sw, ne, nw], Material::Ground));
-        }
-    }
-    triangles.retain(|(corners, _)| corners.iter().all(|c| c.is_finite()));
-    triangles
 }

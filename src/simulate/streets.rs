@@ -77,6 +77,17 @@ impl StreetPlan {
         blocks
     }
 
+    /// Drops the blocks outside the smallest rectangle of blocks around `used`.
+    pub fn keep(&mut self, used: &[(usize, usize)]) {
+        let range = |pick: fn(&(usize, usize)) -> usize| {
+            used.iter().map(pick).min().zip(used.iter().map(pick).max()).map(|(low, high)| low..=high)
+        };
+        if let (Some(columns), Some(rows)) = (range(|b| b.0), range(|b| b.1)) {
+            self.columns = self.columns[columns].to_vec();
+            self.rows = self.rows[rows].to_vec();
+        }
+    }
+
     /// What covers the ground at a map position.
     pub fn land(&self, map: DVec2) -> Land {
         let p = DVec2::from_angle(-self.placement.angle_rad).rotate(map - self.placement.origin);

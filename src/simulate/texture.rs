@@ -10,8 +10,7 @@ use super::building::BuildingKind;
 use super::chance::between;
 use super::clutter::Stuff;
 use super::config::SimulateConfig;
-use super::form::RoofKind;
-use super::noise::{cell, fractal, hash, seen_share, unit};
+use super::noise::{cell, fractal, hash, lattice, seen_share, unit};
 use super::scene::{Material, Surface};
 use super::streets::Land;
 use super::town::World;
@@ -67,7 +66,9 @@ const CAR_PAINTS: [Vec3; 6] = [
 #[derive(Debug, Clone, Copy)]
 struct Look {
     wall: Vec3,
-    roof: Vec3,
+    /// Of sloping roofs and of level ones.
+    slope: Vec3,
+    deck: Vec3,
     key: u32,
     /// Direction that flat roofs' seams follow, `Local`.
     along: Vec2,
@@ -92,18 +93,18 @@ impl<'a> Palette<'a> {
             let building = &world.buildings[i];
             let mut rng = seed::stream(config.seed, "look", &[i as u64]);
             let mut pick = |n: usize| (between(&mut rng, 0.0, n as f64) as usize).min(n - 1);
-            let pitched = matches!(building.roof, RoofKind::Gable | RoofKind::Hip | RoofKind::Surveyed);
-            let is_hall = building.kind == BuildingKind::Hall;
-            let roofs = if pitched && !is_hall { &TILES } else { &MEMBRANES };
-            let (roof, wall) = (roofs[pick(roofs.len())], PLASTERS[pick(PLASTERS.len())]);
+            let (tiles, deck) = (TILES[pick(TILES.len())], MEMBRANES[pick(MEMBRANES.len())]);
+            let slope = if building.kind == BuildingKind::Hall { deck } else { tiles };
+            let wall = PLASTERS[pick(PLASTERS.len())];
             let is_tower = building.kind == BuildingKind::Tower;
             let (glass, bays) =
                 if is_tower { (Vec2::new(0.86, 0.62), (1.4, 2.2)) } else { (Vec2::new(0.44, 0.5), (2.1, 3.1)) };
             let tint = 0.85 + 0.3 * between(&mut rng, 0.0, 1.0) as f32;
             Look {
                 wall: wall * tint,
-                roof: roof * tint,
-                key: hash(i as i32, 17, config.seed as u32),
+                slope: slope * tint,
+                deck: deck * tint,
+                key: hash(i as u32, 17, config.seed as u32),
                 along: DVec2::from_angle(building.heading_rad).as_vec2(),
                 ground_m: building.ground_z_m as f32,
                 bay_m: between(&mut rng, bays.0, bays.1) as f32,
@@ -127,7 +128,7 @@ impl<'a> Palette<'a> {
     fn ground(&self, p: Vec3, pixel_m: f32) -> Vec3 {
         let at = p.truncate();
         let fine = fractal(at, 4.0, 0.12, pixel_m, self.key);
-        let broad = fractal(at, 40.0, 5.0, pixel_m, self.key ^ 1);
+        let broad = fractal(at, 34.0, 14.0, pixel_m, self.key ^ 0x1);
         let land = self.world.streets.as_ref().map(|s| s.land(self.origin + at.as_dvec2()));
         match land {
             Some(Land::Road { across_m, along_m }) => {
@@ -137,15 +138,15 @@ impl<'a> Palette<'a> {
             }
             Some(Land::Crossing) => ASPHALT * (1.05 + 0.45 * fine + 0.35 * broad),
             Some(Land::Pavement) => {
-                let slab = unit((at.x / 0.6).floor() as i32, (at.y / 0.6).floor() as i32, self.key) - 0.5;
+                let slab = cell(at / 0.6, self.key) - 0.5;
                 SLABS * (1.0 + 0.3 * fine + 0.3 * slab * seen_share(0.6, pixel_m) + 0.12 * broad)
             }
             Some(Land::Block { col, row }) => {
-                let paved = unit(col as i32, row as i32, self.key ^ 7) - 0.5;
-                meadow(fine, broad, 0.9 * paved + 1.2 * fractal(at, 22.0, 2.5, pixel_m, self.key ^ 9))
+                let paved = unit(col as u32, row as u32, self.key ^ 0x7) - 0.5;
+                meadow(fine, broad, 0.9 * paved + 1.2 * fractal(at, 22.0, 3.0, pixel_m, self.key ^ 0x9))
             }
             Some(Land::Open) => self.field(at, fine, broad, pixel_m),
-            None => meadow(fine, broad, 0.15 + 1.1 * fractal(at, 30.0, 2.5, pixel_m, self.key ^ 9)),
+            None => meadow(fine, broad, 0.15 + 1.1 * fractal(at, 30.0, 3.0, pixel_m, self.key ^ 0x9)),
         }
     }
 
@@ -153,7 +154,7 @@ impl<'a> Palette<'a> {
     fn field(&self, at: Vec2, fine: f32, broad: f32, pixel_m: f32) -> Vec3 {
         let turned = Vec2::from_angle(0.35).rotate(at);
         let parcel = (turned / Vec2::new(130.0, 85.0)).floor();
-        let crop = unit(parcel.x as i32, parcel.y as i32, self.key ^ 21);
+        let crop = unit(lattice(parcel.x), lattice(parcel.y), self.key ^ 0x15);
         let rows = ((turned.y / 1.6).fract().abs() - 0.5) * seen_share(1.6, pixel_m);
         let base = if crop < 0.4 {
             GRASS
@@ -188,28 +189,28 @@ fn tiled_roof(look: &Look, p: Vec3, normal: Vec3, pixel_m: f32) -> Vec3 {
     let shadow_line = if tile.y.rem_euclid(1.0) < 0.22 { -0.3 } else { 0.08 };
     let single = 0.5 * (cell(tile, key) - 0.5);
     let weather = fractal(at, 6.0, 0.25, pixel_m, key);
-    let colour = look.roof * (1.0 + (shadow_line + single) * seen_share(0.36, pixel_m) + 0.42 * weather);
+    let colour = look.slope * (1.0 + (shadow_line + single) * seen_share(0.36, pixel_m) + 0.42 * weather);
     // Now and then a roof window.
     let bay = at / Vec2::new(3.4, 3.0);
     let inside = (bay - bay.floor() - Vec2::splat(0.5)).abs() * Vec2::new(3.4, 3.0);
-    if cell(bay, key ^ 5) < 0.16 && inside.x < 0.45 && inside.y < 0.65 { GLASS * 1.6 } else { colour }
+    if cell(bay, key ^ 0x5) < 0.16 && inside.x < 0.45 && inside.y < 0.65 { GLASS * 1.6 } else { colour }
 }
 
 fn flat_roof(look: &Look, p: Vec3, pixel_m: f32) -> Vec3 {
     let q = p.truncate();
     let at = Vec2::new(q.dot(look.along), q.dot(look.along.perp()));
     let weather = fractal(at, 9.0, 0.15, pixel_m, look.key);
-    let puddles = fractal(at, 14.0, 3.5, pixel_m, look.key ^ 3);
+    let puddles = fractal(at, 14.0, 3.5, pixel_m, look.key ^ 0x3);
     let seam = if (at.y / 1.1).rem_euclid(1.0) < 0.07 { -0.35 * seen_share(0.4, pixel_m) } else { 0.0 };
-    let mut colour = look.roof * (1.0 + 0.4 * weather + seam + if puddles > 0.25 { -0.3 } else { 0.0 });
+    let mut colour = look.deck * (1.0 + 0.4 * weather + seam + if puddles > 0.25 { -0.3 } else { 0.0 });
     // Skylights, hatches and machines, drawn rather than built: at most 1.6 m across.
     let bay = at / 5.5;
-    let dice = cell(bay, look.key ^ 11);
+    let dice = cell(bay, look.key ^ 0xb);
     if dice < 0.3 {
         let n = bay.floor();
-        let (x, y) = (n.x as i32, n.y as i32);
-        let centre = Vec2::new(unit(x, y, look.key ^ 12), unit(x, y, look.key ^ 13)) * 3.0 + Vec2::splat(1.25);
-        let size = Vec2::new(0.35 + 0.45 * unit(x, y, look.key ^ 14), 0.35 + 0.45 * unit(x, y, look.key ^ 15));
+        let (x, y) = (lattice(n.x), lattice(n.y));
+        let centre = Vec2::new(unit(x, y, look.key ^ 0xc), unit(x, y, look.key ^ 0xd)) * 3.0 + Vec2::splat(1.25);
+        let size = Vec2::new(0.35 + 0.45 * unit(x, y, look.key ^ 0xe), 0.35 + 0.45 * unit(x, y, look.key ^ 0xf));
         let inside = (at - n * 5.5 - centre).abs();
         if inside.x < size.x && inside.y < size.y {
             colour = if dice < 0.12 { Vec3::splat(0.62) } else { GLASS * 1.5 };
@@ -221,23 +222,23 @@ fn flat_roof(look: &Look, p: Vec3, pixel_m: f32) -> Vec3 {
 fn wall(look: &Look, p: Vec3, normal: Vec3, pixel_m: f32) -> Vec3 {
     let level = Vec2::new(-normal.y, normal.x);
     let at = Vec2::new(p.truncate().dot(level), p.z - look.ground_m);
-    let side = hash((normal.x * 8.0).round() as i32, (normal.y * 8.0).round() as i32, look.key);
+    let side = hash(lattice(normal.x * 8.0 + 0.5), lattice(normal.y * 8.0 + 0.5), look.key);
     let stain = fractal(at, 5.0, 0.2, pixel_m, side);
     let plaster = look.wall * (1.0 + 0.28 * stain) * (0.75 + 0.25 * (at.y / 4.0).clamp(0.0, 1.0));
     let bay = at / Vec2::new(look.bay_m, STOREY_M);
     let inside = (bay - bay.floor() - Vec2::new(0.5, 0.52)).abs();
     let is_window = at.y > 0.0 && inside.x < 0.5 * look.glass.x && inside.y < 0.5 * look.glass.y;
-    let is_blind = cell(bay, side ^ 2) < 0.08;
+    let is_blind = cell(bay, side ^ 0x2) < 0.08;
     if !is_window || is_blind {
         return plaster;
     }
-    let glint = cell(bay, side ^ 4);
+    let glint = cell(bay, side ^ 0x4);
     let curtain = if glint > 0.8 { Vec3::splat(0.25) } else { GLASS * (0.6 + 1.6 * glint) };
     plaster.lerp(curtain, seen_share(2.0 * STOREY_M, pixel_m).max(0.55))
 }
 
 fn clutter(stuff: Stuff, owner: u32, p: Vec3, pixel_m: f32) -> Vec3 {
-    let mood = unit(owner as i32, 2, 77);
+    let mood = unit(owner, 2, 77);
     match stuff {
         Stuff::Leaves => {
             let at = Vec2::new(p.x + 0.7 * p.z, p.y + 0.5 * p.z);

@@ -7,8 +7,8 @@ use crate::seed;
 use crate::survey::View;
 
 use super::chance::{between, normal};
+use super::eye::Eye;
 use super::scene::Scene;
-use super::trace::Eye;
 
 /// Standard deviation of an observed position, pixels per axis.
 const PIXEL_SD: f64 = 0.4;
@@ -33,19 +33,21 @@ pub(super) fn collect(scene: &Scene, views: &[View], n: usize, root_seed: u64) -
     if views.is_empty() {
         return Vec::new();
     }
-    let tracks: Vec<Option<TiePoint>> = (0..n).into_par_iter().map(|i| track(scene, views, i, root_seed)).collect();
+    let eyes: Vec<Eye> = views.iter().map(|view| Eye::new(view, &view.camera, scene)).collect();
+    let tracks: Vec<Option<TiePoint>> =
+        (0..n).into_par_iter().map(|i| track(scene, views, &eyes, i, root_seed)).collect();
     tracks.into_iter().flatten().collect()
 }
 
-fn track(scene: &Scene, views: &[View], i: usize, root_seed: u64) -> Option<TiePoint> {
+fn track(scene: &Scene, views: &[View], eyes: &[Eye], i: usize, root_seed: u64) -> Option<TiePoint> {
     let mut rng = seed::stream(root_seed, "tie point", &[i as u64]);
     let first = &views[i % views.len()];
     let pixel = DVec2::new(
         between(&mut rng, 0.0, f64::from(first.camera.width_px)),
         between(&mut rng, 0.0, f64::from(first.camera.height_px)),
     );
-    let ray = Eye::new(first, &first.camera, scene).ray(pixel)?;
-    let at = ray.at(scene.first_hit(&ray, scene.ground_hit(&ray))?.t);
+    let eye = &eyes[i % views.len()];
+    let at = eye.ray(pixel)?.at(eye.look(scene, pixel).1?.t);
     let position = at.as_dvec3() + scene.origin.0;
     let mut sightings = Vec::new();
     let mut errors = 0.0;
