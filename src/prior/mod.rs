@@ -30,7 +30,7 @@ use crate::survey::View;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PriorKind {
-    /// Depth up to scale: higher is farther (Depth Anything 3, Metric3D, MoGe).
+    /// Depth up to scale: higher is farther (Depth Anything 3, `Metric3D`, `MoGe`).
     Depth,
     /// Inverse depth (disparity) up to scale and shift: higher is nearer (Depth Anything 2, MiDaS).
     InverseDepth,

@@ -1,1 +1,6 @@
 //! Behaviour of sizeup seen from outside, one module per topic.
+
+mod footprint_layers;
+mod prior_files;
+mod shared_data;
+mod terrain_files;
