@@ -8,12 +8,16 @@
 //! | [`PriorKind::InverseDepth`] | `a/d + b`, `a > 0` | low | the value | minus the value |
 
 mod array;
+mod check;
 pub mod files;
 mod npy;
 mod pfm;
+pub mod stereo;
 mod template;
 
+pub use check::{ground_correlation, judge_tag};
 pub use files::{FilePriorConfig, FilePriors};
+pub use stereo::{StereoConfig, StereoPriors};
 
 use std::path::PathBuf;
 
@@ -106,6 +110,16 @@ pub enum PriorError {
         photo_width: u32,
         /// Rows of the photo.
         photo_height: u32,
+    },
+    /// The photos do not give a depth.
+    #[error("no stereo depth for {view}: {problem}\nhint: {hint}")]
+    Stereo {
+        /// The photo.
+        view: String,
+        /// What is the matter.
+        problem: String,
+        /// What to look at.
+        hint: String,
     },
     /// Nothing in it to go by.
     #[error("prior {}: {problem}\nhint: are `key`, `scale`, `nodata` and the file itself right?", path.display())]

@@ -3,4 +3,6 @@
 mod footprint_layers;
 mod prior_files;
 mod shared_data;
+mod stereo;
 mod terrain_files;
+mod warsaw;
