@@ -8,6 +8,7 @@
 //! | [`PriorKind::InverseDepth`] | `a/d + b`, `a > 0` | low | the value | minus the value |
 
 mod array;
+mod cache;
 mod check;
 pub mod files;
 mod npy;
@@ -15,6 +16,7 @@ mod pfm;
 pub mod stereo;
 mod template;
 
+pub use cache::{CacheKey, CachedPriors, KeyHasher, PriorCache};
 pub use check::{ground_correlation, judge_tag};
 pub use files::{FilePriorConfig, FilePriors};
 pub use stereo::{StereoConfig, StereoPriors};
@@ -26,6 +28,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
+use crate::files::FileError;
 use crate::geodata::raster::RasterError;
 use crate::raster::Raster;
 use crate::survey::View;
@@ -111,6 +114,9 @@ pub enum PriorError {
         /// Rows of the photo.
         photo_height: u32,
     },
+    /// A file that a cached prior depends on cannot be read.
+    #[error(transparent)]
+    Cache(#[from] FileError),
     /// The photos do not give a depth.
     #[error("no stereo depth for {view}: {problem}\nhint: {hint}")]
     Stereo {

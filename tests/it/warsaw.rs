@@ -27,7 +27,7 @@ pub fn views(folder: &Path) -> Vec<View> {
         distortion: Distortion::Brown { k1, k2, k3: 0.0, p1, p2 },
     });
     let text = std::fs::read_to_string(folder.join("sparse/images.txt")).unwrap();
-    let poses = text.lines().filter(|line| line.ends_with(".jpg"));
+    let poses = text.lines().filter(|line| line.contains("img_"));
     let view = |line: &str| {
         let [_, w, x, y, z, tx, ty, tz, ..] = numbers(line)[..] else { panic!("{line}") };
         let name = line.split_whitespace().last().unwrap();

@@ -22,12 +22,14 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::picture::Picture;
-use super::{DepthPrior, PriorError, PriorGeometry, PriorKind, PriorSource};
+use super::{CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
 use crate::ids::ViewId;
 use crate::raster::Raster;
 use crate::survey::View;
 use crate::terrain::Terrain;
 
+/// Changes whenever the same photos and settings would give another depth.
+const ALGORITHM: &[u8] = b"stereo 1";
 /// Reduced photos kept at a time: neighbours follow each other in a survey.
 const PICTURES_KEPT: usize = 256;
 
@@ -149,6 +151,29 @@ impl PriorSource for StereoPriors {
             return Err(refuse("its neighbours agree with it nowhere", "are poses and photos from the same flight?"));
         }
         Ok(DepthPrior { values, kind: PriorKind::Depth, geometry: PriorGeometry::ZDepth })
+    }
+}
+
+impl CacheKey for StereoPriors {
+    fn feed(&self, view: &View, key: &mut KeyHasher) -> Result<(), PriorError> {
+        key.bytes(ALGORITHM);
+        key.json(&self.config);
+        let chosen = neighbours::choose(view, &self.views, &self.terrain, self.config.n_neighbours);
+        for seen in std::iter::once(view).chain(chosen) {
+            key.json(&(&seen.id, &seen.camera, &seen.camera_from_map));
+            if let Some(image) = &seen.image {
+                key.file(image)?;
+            }
+        }
+        match &self.terrain {
+            Terrain::Constant(z_m) => key.json(z_m),
+            Terrain::Grid(dem) => {
+                key.json(&(dem.corner_m(), dem.cell_m(), dem.heights_m().width()));
+                let heights = dem.heights_m().data().iter();
+                key.bytes(&heights.flat_map(|z| z.to_le_bytes()).collect::<Vec<u8>>());
+            }
+        }
+        Ok(())
     }
 }
 

@@ -20,17 +20,35 @@ const LEAST_SCORE: f64 = 0.05;
 /// Ground points per side of the view.
 const GRID: usize = 5;
 
-/// The best `n` of `views`, best first; the view itself is never one.
+/// Up to `n` of `views`, best first; the view itself is never one. Each is chosen for what it adds: ground that others
+/// see already counts by the square root, so that the view's corners get neighbours too.
 pub(super) fn choose<'a>(view: &View, views: &'a [View], terrain: &Terrain, n: usize) -> Vec<&'a View> {
     let ground = ground_points(view, terrain);
-    let mut scored: Vec<(f64, &View)> = views
+    let mut candidates: Vec<(&View, Vec<f64>)> = views
         .iter()
         .filter(|other| other.id != view.id)
-        .map(|other| (score(view, other, &ground), other))
-        .filter(|(score, _)| *score > LEAST_SCORE)
+        .map(|other| (other, ground.iter().map(|place| score(view, other, *place)).collect::<Vec<f64>>()))
+        .filter(|(_, scores)| share_of_lattice(scores.iter()) > LEAST_SCORE)
         .collect();
-    scored.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| a.1.id.cmp(&b.1.id)));
-    scored.into_iter().take(n).map(|(_, other)| other).collect()
+    candidates.sort_by(|a, b| a.0.id.cmp(&b.0.id));
+    let mut chosen = Vec::with_capacity(n);
+    let mut covered = vec![0.0_f64; ground.len()];
+    while chosen.len() < n && !candidates.is_empty() {
+        let gain =
+            |scores: &[f64]| -> f64 { scores.iter().zip(&covered).map(|(s, c)| (c + s).sqrt() - c.sqrt()).sum() };
+        let gains: Vec<f64> = candidates.iter().map(|(_, scores)| gain(scores)).collect();
+        // Ties go to the first name.
+        let best = (0..gains.len()).rev().max_by(|&a, &b| gains[a].total_cmp(&gains[b])).unwrap_or(0);
+        let (other, scores) = candidates.remove(best);
+        covered.iter_mut().zip(scores).for_each(|(c, s)| *c += s);
+        chosen.push(other);
+    }
+    chosen
+}
+
+/// Of the whole lattice, so that rays into the sky count as ground not seen.
+fn share_of_lattice<'a>(scores: impl Iterator<Item = &'a f64>) -> f64 {
+    scores.sum::<f64>() / (GRID * GRID) as f64
 }
 
 /// Where a lattice of the view's pixels meets level ground at the terrain's middle height.
@@ -50,22 +68,19 @@ pub(super) fn ground_points(view: &View, terrain: &Terrain) -> Vec<DVec3> {
     pixels.filter_map(place).collect()
 }
 
-fn score(view: &View, other: &View, ground: &[DVec3]) -> f64 {
+/// How useful another view is at one place on the ground, 0 to 1.
+fn score(view: &View, other: &View, place: DVec3) -> f64 {
     let (here, there) = (view.camera_from_map.centre(), other.camera_from_map.centre());
-    let per_point = |place: &DVec3| -> f64 {
-        let is_seen =
-            other.camera.project(other.camera_from_map.point(*place)).is_some_and(|pixel| other.camera.contains(pixel));
-        let angle_rad = (here - *place).angle_between(there - *place);
-        if !is_seen || !ANGLES_RAD.contains(&angle_rad) {
-            return 0.0;
-        }
-        let off = (angle_rad / BEST_ANGLE_RAD).ln() / ANGLE_SPREAD;
-        let size_ratio = (here.distance(*place) * other.camera.fx_px * f64::from(view.camera.width_px))
-            / (there.distance(*place) * view.camera.fx_px * f64::from(other.camera.width_px));
-        (-0.5 * off * off).exp() * size_ratio.min(1.0 / size_ratio)
-    };
-    // Of the whole lattice, so that rays into the sky count as ground not seen.
-    ground.iter().map(per_point).sum::<f64>() / (GRID * GRID) as f64
+    let is_seen =
+        other.camera.project(other.camera_from_map.point(place)).is_some_and(|pixel| other.camera.contains(pixel));
+    let angle_rad = (here - place).angle_between(there - place);
+    if !is_seen || !ANGLES_RAD.contains(&angle_rad) {
+        return 0.0;
+    }
+    let off = (angle_rad / BEST_ANGLE_RAD).ln() / ANGLE_SPREAD;
+    let size_ratio = (here.distance(place) * other.camera.fx_px * f64::from(view.camera.width_px))
+        / (there.distance(place) * view.camera.fx_px * f64::from(other.camera.width_px));
+    (-0.5 * off * off).exp() * size_ratio.min(1.0 / size_ratio)
 }
 
 #[cfg(test)]
