@@ -90,17 +90,38 @@ impl Steps<'_> {
         self.small + above_small as u16
     }
 
-    /// One step along a path: `L` of a pixel from its costs and the `L` before it.
+    /// One step along a path: `L` of a pixel from its costs and the `L` before it. Both paths carry one entry more at
+    /// either end ([`new_path`]), so that the innermost loop has no cases and vectorises.
     fn advance(&self, costs: &[u8], before: &[u16], large: u16, path: &mut [u16]) {
-        let least = before.iter().copied().min().unwrap_or(0);
-        let jump = least + large;
         let n = costs.len();
-        for k in 0..n {
-            let below = if k > 0 { before[k - 1] } else { u16::MAX - self.small };
-            let above = if k + 1 < n { before[k + 1] } else { u16::MAX - self.small };
-            let best = before[k].min(below.min(above) + self.small).min(jump);
-            path[k] = u16::from(costs[k]) + (best - least);
+        let same = &before[1..=n];
+        let least = same.iter().copied().min().unwrap_or(0);
+        let jump = least + large;
+        let neighbours = before[..n].iter().zip(&before[2..n + 2]);
+        for (((l, cost), same), (below, above)) in path[1..=n].iter_mut().zip(costs).zip(same).zip(neighbours) {
+            let step = (*below).min(*above) + self.small;
+            *l = u16::from(*cost) + ((*same).min(step).min(jump) - least);
         }
+    }
+}
+
+/// A level that does not exist: dearer than any path, and far from overflow.
+const NO_LEVEL: u16 = u16::MAX / 2;
+
+/// Room for `L` of `n_pixels`, each with a level that does not exist at either end.
+fn new_path(n_pixels: usize, n_levels: usize) -> Vec<u16> {
+    let mut path = vec![0; n_pixels * (n_levels + 2)];
+    for pixel in path.chunks_exact_mut(n_levels + 2) {
+        pixel[0] = NO_LEVEL;
+        pixel[n_levels + 1] = NO_LEVEL;
+    }
+    path
+}
+
+/// The first pixel of a path has nothing before it.
+fn begin(costs: &[u8], path: &mut [u16]) {
+    for (l, cost) in path[1..].iter_mut().zip(costs) {
+        *l = u16::from(*cost);
     }
 }
 
@@ -108,8 +129,8 @@ impl Steps<'_> {
 fn along_rows(volume: &Volume, steps: &Steps<'_>, sums: &mut [u16]) {
     let (width, n) = (volume.width, volume.n_levels);
     sums.par_chunks_exact_mut(width * n).enumerate().for_each(|(row, sums)| {
-        let mut before = vec![0_u16; n];
-        let mut path = vec![0_u16; n];
+        let mut before = new_path(1, n);
+        let mut path = new_path(1, n);
         let mut walk = |columns: &mut dyn Iterator<Item = usize>| {
             let mut last: Option<usize> = None;
             for col in columns {
@@ -117,7 +138,7 @@ fn along_rows(volume: &Volume, steps: &Steps<'_>, sums: &mut [u16]) {
                 let costs = &volume.costs[pixel * n..][..n];
                 match last {
                     Some(last) => steps.advance(costs, &before, steps.large_between(last, pixel), &mut path),
-                    None => path.iter_mut().zip(costs).for_each(|(l, c)| *l = u16::from(*c)),
+                    None => begin(costs, &mut path),
                 }
                 add(&mut sums[col * n..][..n], &path);
                 std::mem::swap(&mut before, &mut path);
@@ -132,15 +153,15 @@ fn along_rows(volume: &Volume, steps: &Steps<'_>, sums: &mut [u16]) {
 /// One direction from row to row, straight (`sideways = 0`) or diagonal.
 fn across_rows(volume: &Volume, steps: &Steps<'_>, downwards: Downwards, sideways: isize, sums: &mut [u16]) {
     let (width, n) = (volume.width, volume.n_levels);
-    let mut before = vec![0_u16; width * n];
-    let mut paths = vec![0_u16; width * n];
+    let mut before = new_path(width, n);
+    let mut paths = new_path(width, n);
     for i in 0..volume.height {
         let (row, last_row) = match downwards {
             Downwards::Yes => (i, i.checked_sub(1)),
             Downwards::No => (volume.height - 1 - i, (i > 0).then(|| volume.height - i)),
         };
         let row_sums = &mut sums[row * width * n..][..width * n];
-        paths.par_chunks_exact_mut(n).zip(row_sums.par_chunks_exact_mut(n)).enumerate().with_min_len(64).for_each(
+        paths.par_chunks_exact_mut(n + 2).zip(row_sums.par_chunks_exact_mut(n)).enumerate().with_min_len(64).for_each(
             |(col, (path, sums))| {
                 let pixel = row * width + col;
                 let costs = &volume.costs[pixel * n..][..n];
@@ -148,9 +169,9 @@ fn across_rows(volume: &Volume, steps: &Steps<'_>, downwards: Downwards, sideway
                 match last_row.zip(last_col) {
                     Some((last_row, last_col)) => {
                         let large = steps.large_between(last_row * width + last_col, pixel);
-                        steps.advance(costs, &before[last_col * n..][..n], large, path);
+                        steps.advance(costs, &before[last_col * (n + 2)..][..n + 2], large, path);
                     }
-                    None => path.iter_mut().zip(costs).for_each(|(l, c)| *l = u16::from(*c)),
+                    None => begin(costs, path),
                 }
                 add(sums, path);
             },
@@ -160,7 +181,7 @@ fn across_rows(volume: &Volume, steps: &Steps<'_>, downwards: Downwards, sideway
 }
 
 fn add(sums: &mut [u16], path: &[u16]) {
-    for (sum, l) in sums.iter_mut().zip(path) {
+    for (sum, l) in sums.iter_mut().zip(&path[1..]) {
         *sum += l;
     }
 }

@@ -212,7 +212,8 @@ impl<'a> Windows<'a> {
             let mut p = *homography * DVec3::new(0.5, row as f64 + 0.5, 1.0);
             for (col, value) in line.iter_mut().enumerate() {
                 // From pixel positions (first centre at 0.5) to cell numbers.
-                let (x, y) = (p.x / p.z - 0.5, p.y / p.z - 0.5);
+                let per_z = 1.0 / p.z;
+                let (x, y) = (p.x * per_z - 0.5, p.y * per_z - 0.5);
                 if p.z > 0.0 && x >= 0.0 && y >= 0.0 && x < last_x && y < last_y {
                     *value = bilinear(other, x, y);
                     is_seen[row * width + col] = true;
