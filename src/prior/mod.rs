@@ -11,6 +11,7 @@ mod array;
 mod cache;
 mod check;
 pub mod files;
+pub mod network;
 mod npy;
 mod pfm;
 pub mod stereo;
@@ -19,6 +20,7 @@ mod template;
 pub use cache::{CacheKey, CachedPriors, KeyHasher, PriorCache};
 pub use check::{ground_correlation, judge_tag};
 pub use files::{FilePriorConfig, FilePriors};
+pub use network::{NetworkConfig, NetworkPriors};
 pub use stereo::{StereoConfig, StereoPriors};
 
 use std::path::PathBuf;
@@ -30,6 +32,7 @@ use serde::{Deserialize, Serialize};
 use crate::camera::Camera;
 use crate::files::FileError;
 use crate::geodata::raster::RasterError;
+use crate::onnx::OnnxError;
 use crate::raster::Raster;
 use crate::survey::View;
 
@@ -117,9 +120,12 @@ pub enum PriorError {
     /// A file that a cached prior depends on cannot be read.
     #[error(transparent)]
     Cache(#[from] FileError),
-    /// The photos do not give a depth.
-    #[error("no stereo depth for {view}: {problem}\nhint: {hint}")]
-    Stereo {
+    /// A network that cannot be loaded or run.
+    #[error(transparent)]
+    Network(#[from] OnnxError),
+    /// A photo that gives no depth.
+    #[error("no depth for {view}: {problem}\nhint: {hint}")]
+    Photo {
         /// The photo.
         view: String,
         /// What is the matter.

@@ -130,7 +130,7 @@ impl StereoPriors {
 
 impl PriorSource for StereoPriors {
     fn load(&self, view: &View) -> Result<DepthPrior, PriorError> {
-        let refuse = |problem: &str, hint: &str| PriorError::Stereo {
+        let refuse = |problem: &str, hint: &str| PriorError::Photo {
             view: view.id.to_string(),
             problem: problem.to_owned(),
             hint: hint.to_owned(),

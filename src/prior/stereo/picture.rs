@@ -23,7 +23,7 @@ pub(super) struct Picture {
 impl Picture {
     /// Decodes at reduced size (from a JPEG's own coarser scales where it is one), whatever the photo's size.
     pub(super) fn load(view: &View, long_side_px: u32) -> Result<Self, PriorError> {
-        let refuse = |problem: String| PriorError::Stereo {
+        let refuse = |problem: String| PriorError::Photo {
             view: view.id.to_string(),
             problem,
             hint: "is it the photo that the pose belongs to?".to_owned(),
