@@ -14,6 +14,7 @@ pub mod geopackage;
 pub mod grid;
 mod lineage;
 pub mod outline;
+pub mod picture;
 pub mod planar;
 pub mod prism;
 pub mod read;

@@ -161,12 +161,10 @@ impl FoundBuildings {
 }
 
 fn is_cityjson(path: &Path) -> bool {
-    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default().to_lowercase();
-    if name.ends_with(".jsonl") || name.ends_with(".city.json") {
-        return true;
-    }
+    let has_extension = |wanted: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(wanted));
     // GeoJSON shares the extension; the type is near the start in practice, but may be anywhere.
-    name.ends_with(".json") && std::fs::read(path).is_ok_and(|bytes| contains(&bytes, b"\"CityObjects\""))
+    let has_city_objects = || std::fs::read(path).is_ok_and(|bytes| contains(&bytes, b"\"CityObjects\""));
+    has_extension("jsonl") || (has_extension("json") && has_city_objects())
 }
 
 fn contains(bytes: &[u8], needle: &[u8]) -> bool {

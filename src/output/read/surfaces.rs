@@ -218,7 +218,9 @@ mod tests {
     #[test]
     fn without_semantics_the_normals_tell_roof_from_wall() {
         let (vertices, mut surfaces) = gable_house();
-        surfaces.iter_mut().for_each(|s| s.kind = None);
+        for surface in &mut surfaces {
+            surface.kind = None;
+        }
         let (levels, outline) = measure(&surfaces.iter().collect::<Vec<_>>(), &vertices);
         assert_eq!(levels.map(|l| (l.ground_m, l.roof_mean_m)), Some((1.0, 4.0)));
         assert_eq!(outline.unwrap().unsigned_area(), 60.0);
