@@ -20,6 +20,7 @@ pub mod prism;
 pub mod read;
 mod record;
 pub mod reports;
+pub mod validate;
 
 use crate::crs::Crs;
 use crate::issue::Issue;

@@ -3,3 +3,4 @@
 mod evaluation;
 mod outputs;
 mod pictures;
+mod validation;

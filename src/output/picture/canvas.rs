@@ -1,4 +1,4 @@
-//! A surface to draw on: antialiased shapes (tiny-skia) and text (ab_glyph, DejaVu Sans).
+//! A surface to draw on: antialiased shapes (tiny-skia) and text (`ab_glyph`, DejaVu Sans).
 //!
 //! Coordinates in pixels from the top-left corner; the top-left pixel's centre is (0.5, 0.5).
 
@@ -144,13 +144,13 @@ impl Canvas {
             Align::Centre => x - self.text_width(text, size_px) / 2.0,
             Align::Right => x - self.text_width(text, size_px),
         };
-        let (width, height) = (self.pixels.width() as i32, self.pixels.height() as i32);
+        let (width, height) = (self.pixels.width().cast_signed(), self.pixels.height().cast_signed());
         for glyph in self.glyphs(text, size_px, [left, baseline]) {
             let Some(outline) = self.font.outline_glyph(glyph) else { continue };
             let (left, top) = (outline.px_bounds().min.x as i32, outline.px_bounds().min.y as i32);
             let data = self.pixels.data_mut();
             outline.draw(|dx, dy, coverage| {
-                let (px, py) = (left + dx as i32, top + dy as i32);
+                let (px, py) = (left + dx.cast_signed(), top + dy.cast_signed());
                 if (0..width).contains(&px) && (0..height).contains(&py) {
                     let at = 4 * (py * width + px) as usize;
                     for (value, ink) in data[at..at + 3].iter_mut().zip(colour) {

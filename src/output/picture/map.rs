@@ -301,7 +301,7 @@ impl Legend<'_> {
         if n_doubtful > 0 {
             let middle = range.colour(0.4 * range.top_m);
             y = self.entry(y, &format!("doubtful or fallback: {n_doubtful}"), |canvas, swatch| {
-                canvas.fill_rings(&[swatch.clone()], middle);
+                canvas.fill_rings(std::slice::from_ref(&swatch), middle);
                 canvas.stroke_rings(&[swatch], Pen::new(ALERT, 2.2 * unit));
             });
         }
