@@ -3,4 +3,5 @@
 mod evaluation;
 mod outputs;
 mod pictures;
+mod qgis;
 mod validation;
