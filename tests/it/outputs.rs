@@ -244,3 +244,12 @@ fn the_same_model_is_the_same_geopackage_bytes() {
     assert!(a == b, "{} and {} bytes", a.len(), b.len());
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "no litter");
 }
+
+#[test]
+fn gdals_threaded_index_of_large_layers_does_not_break_the_transaction() {
+    // GDAL starts it beyond some 100,000 features; this makes it start at the first.
+    gdal::config::set_thread_local_config_option("OGR_GPKG_THREADED_RTREE_AT_FIRST_FEATURE", "YES").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = gdal::Dataset::open(write_gpkg(folder.path(), "town.gpkg")).unwrap();
+    assert_eq!(dataset.layer_by_name("buildings").unwrap().feature_count(), 6);
+}

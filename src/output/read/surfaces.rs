@@ -93,7 +93,12 @@ pub fn measure(surfaces: &[&CitySurface], vertices: &[[f64; 3]]) -> (Option<Leve
         }
     }
     let outline = if ground_plan.is_empty() { roof_plan } else { ground_plan };
-    let outline = (!outline.is_empty()).then(|| unary_union(&outline));
+    let outline = match outline.len() {
+        0 => None,
+        // By far the most frequent, and a union would only cost time.
+        1 => Some(MultiPolygon::new(outline)),
+        _ => Some(unary_union(&outline)),
+    };
     let ground_m = if ground_m.is_finite() { ground_m } else { lowest_m };
     (roof.levels(ground_m), outline)
 }
