@@ -23,6 +23,18 @@ pub mod footprint;
 pub mod prior;
 
 pub mod render;
+pub mod scene;
+
+pub mod ordinal;
+pub mod views;
+
+pub mod optimise;
 
 pub mod evaluate;
 pub mod output;
+pub mod simulate;
+
+pub mod config;
+pub mod pipeline;
+
+pub mod cli;

@@ -8,6 +8,7 @@
 //! ```
 
 mod distortion;
+mod fisheye;
 
 pub use distortion::Distortion;
 

@@ -3,8 +3,10 @@
 //! The only door to PROJ. Axis order is always easting, northing or longitude, latitude, whatever the authority says.
 //! Ballpark transformations (PROJ's word for "the datum shift is unknown, so it is left out") are refused.
 
+mod convergence;
 mod transform;
 
+pub use convergence::{GridNorth, TrueNorth};
 pub use transform::Transform;
 
 use serde::{Deserialize, Serialize};
@@ -153,6 +155,37 @@ impl Crs {
     #[must_use]
     pub fn is_projected(&self) -> bool {
         self.horizontal_json()["type"] == "ProjectedCRS"
+    }
+
+    /// Whether the horizontal part is geographic (longitude, latitude in degrees).
+    #[must_use]
+    pub fn is_geographic(&self) -> bool {
+        self.horizontal_json()["type"].as_str().is_some_and(|t| t.starts_with("Geographic"))
+    }
+
+    /// Whether it is geocentric (earth-centred x, y, z in metres).
+    #[must_use]
+    pub fn is_geocentric(&self) -> bool {
+        let json = self.horizontal_json();
+        json["type"] == "GeodeticCRS" && json["coordinate_system"]["subtype"] == "Cartesian"
+    }
+
+    /// The geographic system a projected one is made of; itself where it is geographic.
+    ///
+    /// # Errors
+    /// [`CrsError::Unknown`] for systems without one, such as local engineering grids.
+    pub fn geographic_base(&self) -> Result<Self, CrsError> {
+        if self.is_geographic() {
+            return Ok(self.clone());
+        }
+        let base = &self.horizontal_json()["base_crs"];
+        if base.is_null() {
+            let reason = "it has no geographic base".to_owned();
+            return Err(CrsError::Unknown { definition: self.definition.clone(), reason });
+        }
+        let base = Self::parse(&base.to_string())?;
+        // A base in a compound lacks its code; the horizontal part alone is enough here.
+        Ok(base)
     }
 
     /// Checks that it can be the frame of a project: projected, in metres, and no web map.

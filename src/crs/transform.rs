@@ -37,6 +37,18 @@ impl Transform {
         Ok(Self { operation, from: from.clone(), to: to.clone() })
     }
 
+    /// Whether source and target share their plane.
+    #[must_use]
+    pub fn is_identity(&self) -> bool {
+        self.operation.is_none()
+    }
+
+    /// The source.
+    #[must_use]
+    pub fn from(&self) -> &Crs {
+        &self.from
+    }
+
     /// Moves one point, `(easting, northing)` or `(longitude, latitude)` in the units of its CRS.
     ///
     /// # Errors

@@ -1,5 +1,14 @@
 //! Building footprints: valid polygons in the project's map frame.
 
+mod check;
+pub mod clean;
+mod features;
+pub mod layer;
+mod overlap;
+
+pub use layer::{FootprintConfig, FootprintError, read};
+pub use overlap::overlaps;
+
 use geo_types::Polygon;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map as JsonMap, Value};

@@ -3,7 +3,12 @@
 //! | format | writer | for |
 //! |---|---|---|
 //! | CityJSON 2.0 | [`cityjson`] | exchange, 3DCityDB, validators |
+//! | CityJSONSeq 2.0 | [`cityjson::write_sequence`] | streams, tilers |
 //! | GeoPackage 1.2 | [`geopackage`] | QGIS, any GIS |
+//! | PNG | [`picture`] | a first look |
+//! | JSON | [`reports`] | pipelines |
+//!
+//! [`read`] brings results and references back, [`validate`] checks the solids of any `CityJSON` file.
 //!
 //! All of them take one [`CityModel`]; every building of the input is in every file, with a status and reasons.
 

@@ -1,3 +1,74 @@
 //! Rays against the scene, on the CPU.
+//!
+//! Footprints never move, only heights do. So a ray's list of footprint crossings is found once ([`profile`]) and the
+//! depth along it is evaluated for any heights after that, without tracing. Whole images for pictures, view selection
+//! and evaluation come from [`image`].
+//!
+//! ```text
+//! roof parameter   s_b(h) = (ground_b + h − o_z) / d_z
+//! depth            min over stretches (b, s0, s1) with s_b(h) < s1 of max(s0, s_b(h)), else the ground's s_T
+//! ```
+//!
+//! Rays have `d · forward = 1`, so the parameter `s` is z-depth. Frame: [`Local`](crate::frames::Local), `f32`.
 
 pub mod bvh;
+pub mod image;
+pub mod profile;
+
+use glam::{DVec2, DVec3};
+
+use crate::camera::Camera;
+use crate::frames::{Cam, Local, LocalOrigin, Map, Rigid};
+
+use bvh::Ray;
+
+/// A camera placed in the local frame.
+#[derive(Debug, Clone)]
+pub struct PlacedCamera {
+    /// Intrinsics at the working resolution.
+    pub camera: Camera,
+    camera_from_local: Rigid<Cam, Local>,
+    eye: DVec3,
+}
+
+impl PlacedCamera {
+    /// Places a camera given in the map frame.
+    #[must_use]
+    pub fn new(camera: Camera, camera_from_map: Rigid<Cam, Map>, origin: LocalOrigin) -> Self {
+        let camera_from_local = camera_from_map * origin.map_from_local();
+        Self { camera, camera_from_local, eye: camera_from_local.centre() }
+    }
+
+    /// The projection centre, local frame, metres.
+    #[must_use]
+    pub fn eye(&self) -> DVec3 {
+        self.eye
+    }
+
+    /// The optical axis in the local (and map) frame, unit length.
+    #[must_use]
+    pub fn axis(&self) -> DVec3 {
+        self.camera_from_local.rotation.transpose() * DVec3::Z
+    }
+
+    /// Where the optical axis meets a level, local frame; below the camera if it never does.
+    #[must_use]
+    pub fn looks_at(&self, level_z: f64) -> DVec3 {
+        let axis = self.axis();
+        let along = if axis.z < 0.0 { ((level_z - self.eye.z) / axis.z).max(0.0) } else { 0.0 };
+        (self.eye + along * axis).truncate().extend(level_z)
+    }
+
+    /// The ray through a position in the image; `None` outside the lens model's valid domain.
+    #[must_use]
+    pub fn ray(&self, pixel: DVec2) -> Option<Ray> {
+        let direction = self.camera_from_local.rotation.transpose() * self.camera.unproject(pixel)?;
+        Some(Ray::new(self.eye.as_vec3(), direction.as_vec3()))
+    }
+
+    /// The image position that sees a local point; `None` behind the camera.
+    #[must_use]
+    pub fn project(&self, point_in_local: DVec3) -> Option<DVec2> {
+        self.camera.project(self.camera_from_local.point(point_in_local))
+    }
+}

@@ -1,74 +1,29 @@
 //! Surveys: photos with poses, in the project's map frame.
 //!
-//! One file per pose format turns what a tool wrote into [`Survey`]; conventions are converted in the reader and
-//! nowhere else. What cannot be used becomes an [`Issue`] in [`Survey::issues`].
+//! One file per pose format turns what a tool wrote into poses in that file's world; conventions are converted in the
+//! reader and nowhere else. [`locate`] then moves them to the project's CRS. What cannot be used becomes an [`Issue`]
+//! in [`Survey::issues`].
 
-use std::path::PathBuf;
-use std::sync::Arc;
+pub mod angles;
+mod colmap;
+mod config;
+mod csv;
+mod error;
+mod locate;
+mod photos;
+mod poses;
+mod view;
 
-use glam::DVec3;
+pub use config::{CameraConfig, CsvConfig, Format, PixelOrigin, SurveyConfig};
+pub use error::{Hint, Place, SurveyError};
+pub use view::{NADIR_WITHIN_DEG, View, ViewKind};
+
+use std::path::Path;
+
 use serde::{Deserialize, Serialize};
 
-use crate::camera::Camera;
-use crate::frames::{Cam, Map, Rigid};
-use crate::ids::ViewId;
+use crate::crs::Crs;
 use crate::issue::Issue;
-
-/// Angle between the optical axis and the downward vertical below which a view is nadir, degrees
-/// (`SiZeUp`, "Preliminaries").
-pub const NADIR_WITHIN_DEG: f64 = 15.0;
-
-/// A photo with a pose.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct View {
-    /// The photo's name as the survey has it, unique in the survey.
-    pub id: ViewId,
-    /// Intrinsics, shared between the photos of one camera.
-    pub camera: Arc<Camera>,
-    /// Pose in the project's projected CRS and vertical reference.
-    pub camera_from_map: Rigid<Cam, Map>,
-    /// The photo's file, where it is known and exists.
-    pub image: Option<PathBuf>,
-}
-
-/// What a view is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ViewKind {
-    /// Looks straight down, within [`NADIR_WITHIN_DEG`]: footprints come from here.
-    Nadir,
-    /// Looks down at an angle: heights come from here.
-    Oblique,
-    /// Looks at or above the horizon: of no use.
-    Upward,
-}
-
-impl View {
-    /// The optical axis in the map frame, unit length.
-    #[must_use]
-    pub fn axis_in_map(&self) -> DVec3 {
-        self.camera_from_map.rotation.transpose() * DVec3::Z
-    }
-
-    /// Angle between the optical axis and the downward vertical, radians.
-    #[must_use]
-    pub fn off_nadir_rad(&self) -> f64 {
-        (-self.axis_in_map().z).clamp(-1.0, 1.0).acos()
-    }
-
-    /// Nadir, oblique or upward.
-    #[must_use]
-    pub fn kind(&self) -> ViewKind {
-        let off_nadir_deg = self.off_nadir_rad().to_degrees();
-        if off_nadir_deg <= NADIR_WITHIN_DEG {
-            ViewKind::Nadir
-        } else if off_nadir_deg < 90.0 {
-            ViewKind::Oblique
-        } else {
-            ViewKind::Upward
-        }
-    }
-}
 
 /// All usable views, in the order of their names, and what was refused.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -77,4 +32,44 @@ pub struct Survey {
     pub views: Vec<View>,
     /// Photos and poses that could not be used, and why.
     pub issues: Vec<Issue>,
+}
+
+/// Reads a survey and moves it to the project's CRS.
+///
+/// # Errors
+/// [`SurveyError`] when the file as a whole cannot be read, its CRS cannot be reached, or no pose is usable. A single
+/// photo that cannot be used is an issue of the survey.
+pub fn read(config: &SurveyConfig, project_crs: &Crs) -> Result<Survey, SurveyError> {
+    project_crs.require_projected_metres()?;
+    let poses = match format_of(config)? {
+        Format::Colmap | Format::Auto => colmap::read(&config.path)?,
+        Format::Csv => csv::read(&config.path, &config.csv.clone().unwrap_or_default())?,
+    };
+    let (views, issues) = locate::locate(poses, config, project_crs)?;
+    Ok(Survey { views, issues })
+}
+
+fn format_of(config: &SurveyConfig) -> Result<Format, SurveyError> {
+    if config.format != Format::Auto {
+        return Ok(config.format);
+    }
+    if config.csv.is_some() {
+        return Ok(Format::Csv);
+    }
+    detect(&config.path)
+}
+
+/// The format of a file or folder, from its name and first bytes.
+fn detect(path: &Path) -> Result<Format, SurveyError> {
+    if colmap::is_model(path) {
+        return Ok(Format::Colmap);
+    }
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    match extension.as_str() {
+        "csv" | "tsv" => Ok(Format::Csv),
+        _ => Err(SurveyError::config(
+            format!("the format of {} is not recognised", path.display()),
+            "set `format` to colmap or csv",
+        )),
+    }
 }

@@ -4,8 +4,14 @@
 //! a guess.
 
 mod dem;
+mod ground;
+mod load;
+mod reproject;
 
 pub use dem::{Dem, DemError};
+pub use ground::{GroundConfig, GroundLevel, GroundReference, ground_under};
+pub use load::{TerrainConfig, TerrainError, load};
+pub use reproject::MapBox;
 
 /// The ground surface of a project.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,4 +4,7 @@ mod evaluation;
 mod outputs;
 mod pictures;
 mod qgis;
+mod simulate;
+mod survey_real;
+mod synthetic_block;
 mod validation;

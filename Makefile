@@ -1,0 +1,41 @@
+# sizeup: what a developer or a curious visitor types. `make help` lists the targets.
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help deps deps-test demo test lint bench docs schemas clean
+
+CARGO ?= cargo
+DEMO_DIR ?= sizeup-demo
+
+help: ## Show this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+deps: ## Install what is missing to build and run (GDAL, PROJ, a C++ compiler, Rust)
+	@tools/deps.sh build
+
+deps-test: deps ## Install what is missing to test against independent tools
+	@tools/deps.sh test
+
+demo: deps ## Build, simulate a small town, find its heights, and show the result
+	$(CARGO) build --release --locked
+	target/release/sizeup demo --output $(DEMO_DIR)
+
+test: deps-test ## Run all tests
+	$(CARGO) test --locked
+
+lint: deps ## Check formatting and lints, warnings are errors
+	$(CARGO) fmt --check
+	$(CARGO) clippy --locked --all-targets -- -D warnings
+
+bench: deps ## Run the benchmarks
+	$(CARGO) bench --locked
+
+docs: deps ## Build the API documentation into target/doc
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps
+
+schemas: deps ## Write schemas/ anew from the code
+	$(CARGO) run --locked --release -- schema --output schemas
+
+clean: ## Remove build output and the demo
+	$(CARGO) clean
+	rm -rf $(DEMO_DIR)

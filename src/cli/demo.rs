@@ -1,0 +1,55 @@
+//! `sizeup demo`: the main job on data of our own, start to end.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{Failure, Global, Ui, print_json};
+use crate::config::RunConfig;
+use crate::evaluate::read::{TruthOptions, read_results, read_truth};
+use crate::evaluate::{HeightOptions, evaluate_heights};
+use crate::pipeline::{RunOptions, Stage};
+use crate::simulate::SimulateConfig;
+
+/// Arguments of `sizeup demo`.
+#[derive(Debug, Clone, Args)]
+pub struct DemoArgs {
+    /// Folder of everything the demo makes.
+    #[arg(long, short, value_name = "FOLDER", default_value = "sizeup-demo")]
+    pub output: PathBuf,
+}
+
+pub(super) fn run(args: &DemoArgs, global: &Global) -> Result<u8, Failure> {
+    let ui = Ui::new(global);
+    ui.say("1. Simulating a small town with known heights: photos, poses, outlines, terrain and depth priors");
+    let preset = SimulateConfig::preset("demo").map_err(|e| Failure::new(4, &e))?;
+    let scene = super::simulate::make(&preset, &args.output.join("scene"), &ui)?;
+
+    ui.say("2. Finding the heights: this is what `sizeup run` does with your data");
+    let mut config = RunConfig::load(&scene.run_config, &[]).map_err(|e| Failure::new(4, &e))?;
+    config.project.output = args.output.join("result");
+    let options = RunOptions { from: Stage::Survey, until: Stage::Output, command: "sizeup demo".to_owned() };
+    super::run::run_config(&config, &options, global)?;
+
+    ui.say("3. Comparing with the truth");
+    let results = read_results(&config.project.output.join("city.city.json"), &config.project.crs);
+    let results = results.map_err(|e| Failure::new(4, &e))?;
+    let truth = read_truth(&scene.truth, &TruthOptions::default(), &config.project.crs);
+    let truth = truth.map_err(|e| Failure::new(4, &e))?;
+    let evaluation = evaluate_heights(&results, &truth.buildings, &HeightOptions::default());
+    let evaluation = evaluation.map_err(|e| Failure::new(4, &e))?;
+    if global.json {
+        print_json(&evaluation)?;
+    } else {
+        println!("{}", evaluation);
+    }
+
+    let result = config.project.output.display();
+    ui.say(format!(
+        "Look at it:\n  {result}/city.gpkg        open in QGIS: it comes styled, coloured by height\n  \
+         {result}/city.city.json  the LOD1 solids, for a viewer such as https://ninja.cityjson.org\n\
+         Run it on your own data:\n  {}  is the configuration to copy; `sizeup run --help` says more",
+        scene.run_config.display()
+    ));
+    Ok(0)
+}

@@ -1,0 +1,127 @@
+//! The command line: one file per subcommand, each one library call and what to say about it.
+//!
+//! stdout is data (tables, JSON), stderr is talk. Exit codes: 0 ok, 2 usage or configuration, 3 bad input, 4 failed,
+//! 5 finished with failed items.
+
+mod demo;
+mod evaluate;
+mod run;
+mod schema;
+mod simulate;
+mod ui;
+
+use std::fmt;
+
+use clap::{Args, Parser, Subcommand};
+
+pub use ui::Ui;
+
+/// Finished, but some items of the input have no result.
+pub const EXIT_FAILED_ITEMS: u8 = 5;
+
+/// Find the heights of buildings in oblique aerial photos.
+///
+/// sizeup reads photos' poses, building outlines and depth priors, finds one height per building, and writes a
+/// georeferenced LOD1 city as CityJSON and GeoPackage. Start with `sizeup demo`.
+#[derive(Debug, Parser)]
+#[command(name = "sizeup", version, propagate_version = true, arg_required_else_help = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+    /// Options of every subcommand.
+    #[command(flatten)]
+    pub global: Global,
+}
+
+/// Options of every subcommand.
+#[derive(Debug, Clone, Args)]
+pub struct Global {
+    /// Say nothing but errors.
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+    /// Print a machine-readable summary to stdout.
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Threads to use (default: all cores). The result does not depend on it.
+    #[arg(long, global = true, value_name = "N")]
+    pub threads: Option<usize>,
+}
+
+/// The subcommands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Find the heights of buildings: poses, outlines and priors in, a LOD1 city out.
+    Run(run::RunArgs),
+    /// Simulate a scene with known truth, in the files that a user would bring.
+    Simulate(simulate::SimulateArgs),
+    /// Compare a result with a reference and print how far off it is.
+    Evaluate(evaluate::EvaluateArgs),
+    /// Simulate a small town, find its heights, evaluate and picture them.
+    Demo(demo::DemoArgs),
+    /// Print the JSON Schema of a configuration file.
+    Schema(schema::SchemaArgs),
+}
+
+/// What ended a command, ready to print.
+#[derive(Debug)]
+pub struct Failure {
+    /// The process's exit code.
+    pub exit_code: u8,
+    message: String,
+}
+
+impl Failure {
+    /// From an error and the exit code it stands for; causes that the text leaves out follow it.
+    pub fn new(exit_code: u8, error: &dyn std::error::Error) -> Self {
+        let mut message = format!("error: {error}");
+        let mut cause = error.source();
+        while let Some(source) = cause {
+            let text = source.to_string();
+            if !message.contains(&text) {
+                message.push_str("\n  because: ");
+                message.push_str(&text);
+            }
+            cause = source.source();
+        }
+        Self { exit_code, message }
+    }
+
+    /// From words.
+    #[must_use]
+    pub fn from_text(exit_code: u8, text: impl fmt::Display) -> Self {
+        Self { exit_code, message: format!("error: {text}") }
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+/// Runs a command; the number is the exit code.
+///
+/// # Errors
+/// [`Failure`] with the exit code and the text to print.
+pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
+    ui::start_logging(&cli.global);
+    if let Some(n) = cli.global.threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build_global();
+        pool.map_err(|e| Failure::new(4, &e))?;
+    }
+    match &cli.command {
+        Command::Run(args) => run::run(args, &cli.global),
+        Command::Simulate(args) => simulate::run(args, &cli.global),
+        Command::Evaluate(args) => evaluate::run(args, &cli.global),
+        Command::Demo(args) => demo::run(args, &cli.global),
+        Command::Schema(args) => schema::run(args),
+    }
+}
+
+/// Prints a value as JSON to stdout.
+fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(value).map_err(|e| Failure::new(4, &e))?;
+    println!("{text}");
+    Ok(())
+}

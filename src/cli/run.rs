@@ -1,0 +1,180 @@
+//! `sizeup run`: the whole path, or a part of it.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print_json};
+use crate::config::RunConfig;
+use crate::output::Status;
+use crate::pipeline::{self, RunOptions, RunSummary, Stage};
+
+/// Arguments of `sizeup run`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:
+  sizeup run sizeup.toml
+  sizeup run sizeup.toml --set optimise.preset=paper --output result-paper
+  sizeup run sizeup.toml --from output        write the results again, heights as they are
+  sizeup run --crs EPSG:25832 --survey sparse --footprints blocks.gpkg --dtm dtm.tif \\
+             --priors 'depth/{stem}.npz' --prior-kind depth")]
+pub struct RunArgs {
+    /// Configuration file (TOML). `sizeup schema run` lists its keys.
+    #[arg(required_unless_present = "survey", conflicts_with = "survey")]
+    pub config: Option<PathBuf>,
+    /// Set one key of the configuration, as in `--set optimise.preset=paper`. May be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub assignments: Vec<String>,
+    /// Folder of the results, in place of the configuration's.
+    #[arg(long, short, value_name = "FOLDER")]
+    pub output: Option<PathBuf>,
+    /// First stage to run; earlier ones are read from the results' `stages` folder.
+    #[arg(long, value_enum, default_value = "survey")]
+    pub from: StageArg,
+    /// Last stage to run.
+    #[arg(long, value_enum, default_value = "output")]
+    pub until: StageArg,
+    /// Without a configuration file: poses (a COLMAP model folder, a CSV file, …).
+    #[arg(long, value_name = "PATH", requires_all = ["crs", "footprints", "priors", "prior_kind"])]
+    pub survey: Option<PathBuf>,
+    /// Without a configuration file: the project's projected CRS.
+    #[arg(long, value_name = "CRS", requires = "survey")]
+    pub crs: Option<String>,
+    /// Without a configuration file: building outlines.
+    #[arg(long, value_name = "FILE", requires = "survey")]
+    pub footprints: Option<PathBuf>,
+    /// Without a configuration file: terrain model.
+    #[arg(long, value_name = "FILE", requires = "survey", conflicts_with = "ground")]
+    pub dtm: Option<PathBuf>,
+    /// Without a configuration file: one ground height everywhere, metres.
+    #[arg(long, value_name = "METRES", requires = "survey", allow_negative_numbers = true)]
+    pub ground: Option<f64>,
+    /// Without a configuration file: depth priors, with {stem} for the photo's name without extension.
+    #[arg(long, value_name = "TEMPLATE", requires = "survey")]
+    pub priors: Option<String>,
+    /// Without a configuration file: what the priors' numbers are.
+    #[arg(long, value_enum, requires = "survey")]
+    pub prior_kind: Option<PriorKindArg>,
+}
+
+/// A stage on the command line.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum StageArg {
+    /// Poses into the project's CRS.
+    Survey,
+    /// Outlines onto the ground.
+    Footprints,
+    /// One height per building.
+    Heights,
+    /// Results on disk.
+    Output,
+}
+
+impl From<StageArg> for Stage {
+    fn from(stage: StageArg) -> Self {
+        match stage {
+            StageArg::Survey => Self::Survey,
+            StageArg::Footprints => Self::Footprints,
+            StageArg::Heights => Self::Heights,
+            StageArg::Output => Self::Output,
+        }
+    }
+}
+
+/// What a prior's numbers are, on the command line.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum PriorKindArg {
+    /// Higher is farther.
+    Depth,
+    /// Higher is nearer.
+    InverseDepth,
+}
+
+pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
+    let config = config_of(args)?;
+    let options = RunOptions {
+        from: args.from.into(),
+        until: args.until.into(),
+        command: std::env::args().collect::<Vec<_>>().join(" "),
+    };
+    let summary = run_config(&config, &options, global)?;
+    if global.json {
+        print_json(&summary)?;
+    }
+    Ok(if summary.has_failed_items() { EXIT_FAILED_ITEMS } else { 0 })
+}
+
+/// Runs a configuration and says what came out.
+pub(super) fn run_config(config: &RunConfig, options: &RunOptions, global: &Global) -> Result<RunSummary, Failure> {
+    let ui = Ui::new(global);
+    let summary =
+        pipeline::run(config, options, &|event| ui.tell(event)).map_err(|e| Failure::new(e.exit_code(), &e))?;
+    ui.finish();
+    tell_summary(&ui, &summary);
+    Ok(summary)
+}
+
+fn tell_summary(ui: &Ui, summary: &RunSummary) {
+    let seconds: Vec<String> = summary.seconds.iter().map(|(stage, s)| format!("{} {s:.1} s", stage.name())).collect();
+    ui.say(format!(
+        "{} buildings, {} views ({} oblique), {} priors used",
+        summary.n_buildings, summary.n_views, summary.n_oblique, summary.n_used_views
+    ));
+    let words = |status: Status| match status {
+        Status::Measured => "measured",
+        Status::Doubtful => "measured, to be looked at",
+        Status::Fallback => "from the fallback",
+        Status::Unknown => "without a height",
+        Status::Refused => "without a usable outline",
+    };
+    for (&status, n) in &summary.by_status {
+        ui.say(format!("{n:>8} {}", words(status)));
+    }
+    if let Some(median) = summary.median_height_m {
+        ui.say(format!("median height {median:.1} m"));
+    }
+    if summary.n_refused + summary.n_warnings > 0 {
+        ui.say(format!("{} items refused, {} warnings: see issues.json", summary.n_refused, summary.n_warnings));
+    }
+    ui.say(format!("{}; results in {}", seconds.join(", "), summary.output.display()));
+}
+
+/// The configuration file with its overrides, or one made from flags.
+fn config_of(args: &RunArgs) -> Result<RunConfig, Failure> {
+    let mut config = match &args.config {
+        Some(path) => RunConfig::load(path, &args.assignments),
+        None => RunConfig::from_text(&text_of_flags(args)?, std::path::Path::new("command line"), &args.assignments),
+    }
+    .map_err(|e| Failure::new(2, &e))?;
+    if let Some(output) = &args.output {
+        config.project.output.clone_from(output);
+    }
+    Ok(config)
+}
+
+/// Flags as the configuration file they stand for, so that there is one way to read settings.
+fn text_of_flags(args: &RunArgs) -> Result<String, Failure> {
+    let missing = |flag: &str| Failure::from_text(2, format!("--survey needs --{flag} too"));
+    let kind = match args.prior_kind.ok_or_else(|| missing("prior-kind"))? {
+        PriorKindArg::Depth => "depth",
+        PriorKindArg::InverseDepth => "inverse_depth",
+    };
+    let mut table = toml::Table::new();
+    let mut set = |name: &str, key: &str, value: toml::Value| {
+        let entry = table.entry(name).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+        if let Some(table) = entry.as_table_mut() {
+            table.insert(key.to_owned(), value);
+        }
+    };
+    let path = |path: &PathBuf| toml::Value::String(path.to_string_lossy().into_owned());
+    set("project", "crs", args.crs.clone().ok_or_else(|| missing("crs"))?.into());
+    set("survey", "path", path(args.survey.as_ref().ok_or_else(|| missing("survey"))?));
+    set("footprints", "path", path(args.footprints.as_ref().ok_or_else(|| missing("footprints"))?));
+    match (&args.dtm, args.ground) {
+        (Some(dtm), _) => set("terrain", "dtm", path(dtm)),
+        (None, Some(ground_m)) => set("terrain", "constant_m", ground_m.into()),
+        (None, None) => return Err(missing("dtm or --ground")),
+    }
+    set("prior", "path", args.priors.clone().ok_or_else(|| missing("priors"))?.into());
+    set("prior", "kind", kind.into());
+    Ok(table.to_string())
+}

@@ -1,0 +1,73 @@
+//! `sizeup simulate`: a scene with known truth.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{Failure, Global, Ui, print_json};
+use crate::simulate::{SimulateConfig, SimulateError, SimulationSummary, simulate};
+
+/// Arguments of `sizeup simulate`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:
+  sizeup simulate --preset district --output scene
+  sizeup simulate --preset village --set prior.level=high --set seed=7 --output scene
+  sizeup simulate --set cityjson.path=rotterdam.city.json --output scene")]
+pub struct SimulateArgs {
+    /// A ready scene; `--help` of the schema lists what can be changed.
+    #[arg(long, default_value = "demo", value_parser = preset_names())]
+    pub preset: String,
+    /// Settings file (TOML) in place of a preset. `sizeup schema simulate` lists its keys.
+    #[arg(long, value_name = "FILE", conflicts_with = "preset")]
+    pub config: Option<PathBuf>,
+    /// Set one key, as in `--set prior.level=high`. May be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub assignments: Vec<String>,
+    /// Folder of the scene.
+    #[arg(long, short, value_name = "FOLDER")]
+    pub output: PathBuf,
+}
+
+fn preset_names() -> clap::builder::PossibleValuesParser {
+    clap::builder::PossibleValuesParser::new(SimulateConfig::preset_names())
+}
+
+pub(super) fn run(args: &SimulateArgs, global: &Global) -> Result<u8, Failure> {
+    let text = match &args.config {
+        Some(path) => std::fs::read_to_string(path)
+            .map_err(|e| Failure::from_text(2, format!("cannot read {}: {e}", path.display())))?,
+        None => {
+            let preset = SimulateConfig::preset(&args.preset).map_err(|e| Failure::new(2, &e))?;
+            toml::to_string(&preset).map_err(|e| Failure::new(4, &e))?
+        }
+    };
+    let config: SimulateConfig =
+        crate::config::parse(&text, args.config.as_deref(), &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    let ui = Ui::new(global);
+    let summary = make(&config, &args.output, &ui)?;
+    ui.say(format!(
+        "{} buildings of {:.0} to {:.0} m, {} views ({} nadir) in {}",
+        summary.n_buildings,
+        summary.height_range_m[0],
+        summary.height_range_m[1],
+        summary.n_views,
+        summary.n_nadir,
+        args.output.display()
+    ));
+    ui.say(format!("next: sizeup run {}", summary.run_config.display()));
+    if global.json {
+        print_json(&summary)?;
+    }
+    Ok(0)
+}
+
+/// Simulates with a bar.
+pub(super) fn make(config: &SimulateConfig, output: &std::path::Path, ui: &Ui) -> Result<SimulationSummary, Failure> {
+    let summary = simulate(config, output, &|done, total| ui.advance("simulating", done, total));
+    ui.finish();
+    summary.map_err(|e| {
+        let is_usage =
+            matches!(e, SimulateError::Setting { .. } | SimulateError::UnknownPreset { .. } | SimulateError::Crs(_));
+        Failure::new(if is_usage { 2 } else { 4 }, &e)
+    })
+}

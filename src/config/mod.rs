@@ -1,0 +1,243 @@
+//! The run configuration: composes the stages' own settings, and reads them from a TOML file.
+//!
+//! Precedence: defaults, then the file, then `--set table.key=value`. Relative paths are relative to the file. The
+//! resolved configuration is saved beside every result.
+
+use std::path::{Path, PathBuf};
+
+use schemars::JsonSchema;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use crate::crs::Crs;
+use crate::footprint::FootprintConfig;
+use crate::optimise::OptimiseConfig;
+use crate::output::cityjson::CityJsonConfig;
+use crate::output::geopackage::GeoPackageConfig;
+use crate::prior::FilePriorConfig;
+use crate::survey::SurveyConfig;
+use crate::terrain::{GroundConfig, TerrainConfig};
+
+/// Why a configuration cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("cannot read the configuration {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is not valid TOML, or a key or value is not known; the text shows the place.
+    #[error("{}:\n{message}\nhint: `sizeup schema run` prints every key with its type, unit and default", path.display())]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, with the line underlined.
+        message: String,
+    },
+    /// A `--set` that cannot be applied.
+    #[error(
+        "--set {assignment}: {message}\nhint: write it as --set optimise.preset=paper or --set project.crs=EPSG:25832"
+    )]
+    Set {
+        /// What the user wrote.
+        assignment: String,
+        /// What is wrong with it.
+        message: String,
+    },
+}
+
+/// What a run needs to know.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RunConfig {
+    /// Root of every random choice; the same seed gives the same bytes.
+    #[serde(default)]
+    pub seed: u64,
+    /// The frame of the project and where its results go.
+    pub project: ProjectConfig,
+    /// Photos and their poses.
+    pub survey: SurveyConfig,
+    /// Building outlines.
+    pub footprints: FootprintConfig,
+    /// The terrain.
+    pub terrain: TerrainConfig,
+    /// Which level of the terrain a building's height counts from.
+    #[serde(default)]
+    pub ground: GroundConfig,
+    /// Depth priors.
+    pub prior: FilePriorConfig,
+    /// The height optimisation.
+    #[serde(default)]
+    pub optimise: OptimiseConfig,
+    /// The results.
+    #[serde(default)]
+    pub output: OutputConfig,
+}
+
+/// The frame of the project.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ProjectConfig {
+    /// Projected CRS in metres, such as "EPSG:25832" or the compound "EPSG:7415".
+    #[schemars(with = "String")]
+    pub crs: Crs,
+    /// What heights count from, in words, where the CRS has no vertical part: "NAP", "DHHN2016", "ellipsoid".
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vertical_reference: Option<String>,
+    /// Folder of the results.
+    #[serde(default = "default_output")]
+    pub output: PathBuf,
+    /// The day the data stands for, `YYYY-MM-DD`, written into the results.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference_date: Option<String>,
+}
+
+fn default_output() -> PathBuf {
+    PathBuf::from("result")
+}
+
+/// Settings of the writers.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct OutputConfig {
+    /// `CityJSON`.
+    pub cityjson: CityJsonConfig,
+    /// `GeoPackage`.
+    pub geopackage: GeoPackageConfig,
+}
+
+impl RunConfig {
+    /// Reads a file, applies `table.key=value` assignments, and makes paths relative to the file's folder.
+    ///
+    /// # Errors
+    /// [`ConfigError`], with the offending line where there is one.
+    pub fn load(path: &Path, assignments: &[String]) -> Result<Self, ConfigError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Self::from_text(&text, path, assignments).map(|mut config| {
+            config.resolve_paths(folder);
+            config
+        })
+    }
+
+    /// Reads the text of a file; `path` is for messages only.
+    ///
+    /// # Errors
+    /// [`ConfigError`].
+    pub fn from_text(text: &str, path: &Path, assignments: &[String]) -> Result<Self, ConfigError> {
+        parse(text, Some(path), assignments)
+    }
+
+    fn resolve_paths(&mut self, folder: &Path) {
+        let resolve = |path: &mut PathBuf| *path = in_folder(folder, path);
+        resolve(&mut self.project.output);
+        self.survey.resolve_paths(folder);
+        resolve(&mut self.footprints.path);
+        self.terrain.dtm.as_mut().map_or((), resolve);
+        self.prior.names.as_mut().map_or((), resolve);
+        self.prior.path = in_folder(folder, Path::new(&self.prior.path)).to_string_lossy().into_owned();
+    }
+
+    /// As TOML, for the file beside the results.
+    ///
+    /// # Panics
+    /// Never: every field of the configuration is representable in TOML.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string_pretty(self).expect("a configuration is representable in TOML")
+    }
+}
+
+/// Reads any settings from the text of a file (`path` is for messages only) with `table.key=value` assignments applied.
+///
+/// # Errors
+/// [`ConfigError::Parse`] with the line underlined, or [`ConfigError::Set`].
+pub fn parse<T: DeserializeOwned>(text: &str, path: Option<&Path>, assignments: &[String]) -> Result<T, ConfigError> {
+    let path = || path.unwrap_or(Path::new("settings")).to_owned();
+    let parse_error = |e: toml::de::Error| ConfigError::Parse { path: path(), message: e.to_string() };
+    if assignments.is_empty() {
+        return toml::from_str(text).map_err(parse_error); // keeps the place of every error
+    }
+    let mut table: toml::Table = toml::from_str(text).map_err(parse_error)?;
+    for assignment in assignments {
+        assign(&mut table, assignment)
+            .map_err(|message| ConfigError::Set { assignment: assignment.clone(), message })?;
+    }
+    table.try_into().map_err(parse_error)
+}
+
+/// A path relative to a folder; absolute paths and GDAL's virtual ones (`/vsizip/…`) stay.
+fn in_folder(folder: &Path, path: &Path) -> PathBuf {
+    if folder == Path::new(".") { path.to_owned() } else { folder.join(path) }
+}
+
+/// Sets `a.b.c = value` in a table; the value is TOML where it parses as such, else a string.
+fn assign(table: &mut toml::Table, assignment: &str) -> Result<(), String> {
+    let (key, value) = assignment.split_once('=').ok_or("expected key=value")?;
+    let value = format!("v = {value}")
+        .parse::<toml::Table>()
+        .ok()
+        .and_then(|mut parsed| parsed.remove("v"))
+        .unwrap_or_else(|| toml::Value::String(value.to_owned()));
+    let mut keys: Vec<&str> = key.trim().split('.').collect();
+    let last = keys.pop().filter(|k| !k.is_empty()).ok_or("the key is empty")?;
+    let mut table = table;
+    for key in keys {
+        let entry = table.entry(key).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+        table = entry.as_table_mut().ok_or_else(|| format!("`{key}` is a value, not a table"))?;
+    }
+    table.insert(last.to_owned(), value);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MINIMAL: &str = r#"
+        [project]
+        crs = "EPSG:25832"
+        [survey]
+        path = "sparse"
+        [footprints]
+        path = "footprints.gpkg"
+        [terrain]
+        constant_m = 12.0
+        [prior]
+        path = "priors/{stem}.npy"
+        kind = "depth"
+    "#;
+
+    fn load(text: &str, assignments: &[&str]) -> Result<RunConfig, ConfigError> {
+        let assignments: Vec<String> = assignments.iter().map(|a| (*a).to_owned()).collect();
+        RunConfig::from_text(text, Path::new("sizeup.toml"), &assignments)
+    }
+
+    #[test]
+    fn what_is_saved_reads_back_the_same() {
+        let config = load(MINIMAL, &["optimise.search.start_height_m=3.5", "seed=9"]).unwrap();
+        assert_eq!((config.seed, config.optimise.search.start_height_m), (9, 3.5));
+        assert_eq!(load(&config.to_toml(), &[]).unwrap(), config);
+    }
+
+    #[test]
+    fn a_misspelt_key_is_shown_in_its_line() {
+        let error = load(&MINIMAL.replace("crs =", "csr ="), &[]).unwrap_err().to_string();
+        assert!(error.contains("csr") && error.contains("line 3"), "{error}");
+    }
+
+    #[test]
+    fn assignments_take_words_numbers_and_lists() {
+        let config =
+            load(MINIMAL, &["project.crs=EPSG:2180", "survey.offset=[1.0, 2.0, 3.0]", "optimise.preset=paper"]);
+        let config = config.unwrap();
+        assert_eq!(config.project.crs.epsg(), Some(2180));
+        assert_eq!(config.survey.offset, [1.0, 2.0, 3.0]);
+        assert_eq!(config.optimise.preset, crate::optimise::Preset::Paper);
+        assert!(load(MINIMAL, &["seed"]).is_err());
+    }
+}

@@ -1,0 +1,254 @@
+//! Reading vector layers: GeoPackage, GeoJSON, Shapefile, FlatGeobuf and whatever else GDAL/OGR knows.
+
+use std::path::{Path, PathBuf};
+
+use gdal::errors::GdalError;
+use gdal::vector::{FieldValue, Geometry, LayerAccess, OGRFieldType, OGRwkbGeometryType as Kind, OwnedLayer};
+use gdal::{Dataset, DatasetOptions, GdalOpenFlags};
+use geo_types::{Coord, LineString, MultiPolygon, Point, Polygon};
+use serde_json::{Map as JsonMap, Value};
+
+use crate::crs::{Crs, CrsError};
+
+/// Why a vector layer cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum VectorError {
+    /// GDAL cannot open the file.
+    #[error("cannot open layer {}\nhint: `ogrinfo {}` shows what GDAL makes of it", path.display(), path.display())]
+    Open {
+        /// The file.
+        path: PathBuf,
+        /// GDAL's own words.
+        #[source]
+        source: GdalError,
+    },
+    /// The file has several layers, or none, or not the one asked for.
+    #[error(
+        "{}: {problem}; its layers are {}\nhint: set `layer` to one of them",
+        path.display(),
+        if layers.is_empty() { "none".to_owned() } else { layers.join(", ") }
+    )]
+    Layer {
+        /// The file.
+        path: PathBuf,
+        /// What is the matter.
+        problem: String,
+        /// Names of the layers that hold geometry.
+        layers: Vec<String>,
+    },
+    /// The layer has a CRS that PROJ does not understand.
+    #[error("the CRS of {} cannot be used", path.display())]
+    Crs {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        #[source]
+        source: CrsError,
+    },
+}
+
+/// One feature of a layer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Feature {
+    /// The layer's own number for it, where it has one.
+    pub fid: Option<u64>,
+    /// Its shape in the layer's CRS, x before y; Z and M dropped, arcs as chains of lines of at most 4° each.
+    pub geometry: FeatureGeometry,
+    /// Its attributes, in the layer's order.
+    pub attributes: JsonMap<String, Value>,
+}
+
+/// The shape of a feature.
+#[derive(Debug, Clone, PartialEq)]
+pub enum FeatureGeometry {
+    /// Null or empty.
+    Missing,
+    /// Points, lines or polygons.
+    Shape(geo_types::Geometry<f64>),
+    /// A kind we cannot turn into points, lines or polygons, by its name.
+    Unsupported(String),
+}
+
+/// An open layer.
+#[derive(Debug)]
+pub struct VectorLayer {
+    layer: OwnedLayer,
+    path: PathBuf,
+    fields: Vec<(String, OGRFieldType::Type)>,
+}
+
+impl VectorLayer {
+    /// Opens a layer by name, or the only one of the file; `/vsizip/…` and the like work as well.
+    ///
+    /// # Errors
+    /// [`VectorError::Open`], or [`VectorError::Layer`] listing the layers there are.
+    pub fn open(path: &Path, layer: Option<&str>) -> Result<Self, VectorError> {
+        super::route_messages();
+        let options = DatasetOptions { open_flags: GdalOpenFlags::GDAL_OF_VECTOR, ..Default::default() };
+        let dataset =
+            Dataset::open_ex(path, options).map_err(|source| VectorError::Open { path: path.to_owned(), source })?;
+        let names: Vec<(usize, String)> = dataset
+            .layers()
+            .enumerate()
+            // Tables without geometry (styles, metadata) are no candidates.
+            .filter(|(_, layer)| layer.defn().geometry_type() != Kind::wkbNone)
+            .map(|(i, layer)| (i, layer.name()))
+            .collect();
+        let refuse = |problem: String| VectorError::Layer {
+            path: path.to_owned(),
+            problem,
+            layers: names.iter().map(|(_, name)| name.clone()).collect(),
+        };
+        let chosen = match (layer, names.as_slice()) {
+            (Some(wanted), _) => names
+                .iter()
+                .find(|(_, name)| name == wanted)
+                .ok_or_else(|| refuse(format!("it has no layer {wanted:?}")))?,
+            (None, [only]) => only,
+            (None, []) => return Err(refuse("it has no layer with geometry".to_owned())),
+            (None, several) => return Err(refuse(format!("it has {} layers", several.len()))),
+        };
+        let layer =
+            dataset.into_layer(chosen.0).map_err(|source| VectorError::Open { path: path.to_owned(), source })?;
+        let fields = layer.defn().fields().map(|field| (field.name(), field.field_type())).collect();
+        Ok(Self { layer, path: path.to_owned(), fields })
+    }
+
+    /// The layer's name.
+    #[must_use]
+    pub fn name(&self) -> String {
+        self.layer.name()
+    }
+
+    /// Its CRS, `None` where the layer has none. A GeoJSON file without one is in WGS 84 by its standard.
+    ///
+    /// # Errors
+    /// [`VectorError::Crs`] where it has one that PROJ does not understand.
+    pub fn crs(&self) -> Result<Option<Crs>, VectorError> {
+        let Some(spatial_ref) = self.layer.spatial_ref() else { return Ok(None) };
+        super::crs_of(&spatial_ref).map_err(|source| VectorError::Crs { path: self.path.clone(), source })
+    }
+
+    /// Names of its attributes, in order.
+    pub fn field_names(&self) -> impl Iterator<Item = &str> {
+        self.fields.iter().map(|(name, _)| name.as_str())
+    }
+
+    /// All features, in the layer's order.
+    pub fn features(&mut self) -> impl Iterator<Item = Feature> {
+        let fields = &self.fields;
+        self.layer.features().map(|feature| Feature {
+            fid: feature.fid(),
+            geometry: feature.geometry().map_or(FeatureGeometry::Missing, shape_of_feature),
+            attributes: attributes(&feature, fields),
+        })
+    }
+}
+
+fn attributes(feature: &gdal::vector::Feature<'_>, fields: &[(String, OGRFieldType::Type)]) -> JsonMap<String, Value> {
+    let value = |(i, (name, kind)): (usize, &(String, OGRFieldType::Type))| {
+        let text = feature.field_as_string(i).ok().flatten();
+        // OGR renders lists as "(2:a,b)"; an empty one has no memory behind it that could be borrowed.
+        let is_empty_list = text.as_deref().is_some_and(|t| t.starts_with("(0:")) && *kind != OGRFieldType::OFTString;
+        let value = match text {
+            None => Value::Null,
+            Some(_) if is_empty_list => Value::Array(Vec::new()),
+            // Times and binaries have no value of their own in the bindings: keep their text.
+            Some(text) => feature.field(i).ok().flatten().map_or(Value::String(text), json),
+        };
+        (name.clone(), value)
+    };
+    fields.iter().enumerate().map(value).collect()
+}
+
+/// `NaN` and infinities have no JSON and become null.
+fn json(value: FieldValue) -> Value {
+    match value {
+        FieldValue::IntegerValue(v) => v.into(),
+        FieldValue::IntegerListValue(v) => v.into(),
+        FieldValue::Integer64Value(v) => v.into(),
+        FieldValue::Integer64ListValue(v) => v.into(),
+        FieldValue::StringValue(v) => v.into(),
+        FieldValue::StringListValue(v) => v.into(),
+        FieldValue::RealValue(v) => v.into(),
+        FieldValue::RealListValue(v) => v.into(),
+        FieldValue::DateValue(v) => v.to_string().into(),
+        // `Debug` of a date and time is its ISO 8601 form.
+        FieldValue::DateTimeValue(v) => format!("{v:?}").into(),
+    }
+}
+
+fn shape_of_feature(geometry: &Geometry) -> FeatureGeometry {
+    if !geometry.has_gdal_ptr() || geometry.is_empty() {
+        return FeatureGeometry::Missing;
+    }
+    match shape(geometry) {
+        Some(shape) => FeatureGeometry::Shape(shape),
+        None => FeatureGeometry::Unsupported(geometry.geometry_name()),
+    }
+}
+
+/// `None` for a kind (possibly within a collection) that has no counterpart.
+fn shape(geometry: &Geometry) -> Option<geo_types::Geometry<f64>> {
+    let kind = gdal::vector::geometry_type_flatten(geometry.geometry_type());
+    match kind {
+        Kind::wkbPoint => {
+            let (x, y, _) = geometry.get_point(0);
+            Some(Point::new(x, y).into())
+        }
+        Kind::wkbLineString | Kind::wkbCircularString | Kind::wkbCompoundCurve => Some(line(geometry)?.into()),
+        Kind::wkbPolygon | Kind::wkbCurvePolygon | Kind::wkbTriangle => Some(polygon(geometry)?.into()),
+        Kind::wkbMultiPolygon | Kind::wkbMultiSurface => {
+            let parts = children(geometry).map(|part| polygon(&part)).collect::<Option<Vec<_>>>()?;
+            Some(MultiPolygon::new(parts).into())
+        }
+        Kind::wkbMultiPoint | Kind::wkbMultiLineString | Kind::wkbMultiCurve | Kind::wkbGeometryCollection => {
+            let parts = children(geometry).map(|part| shape(&part)).collect::<Option<Vec<_>>>()?;
+            Some(geo_types::Geometry::GeometryCollection(geo_types::GeometryCollection(parts)))
+        }
+        _ => None,
+    }
+}
+
+fn children(geometry: &Geometry) -> impl Iterator<Item = gdal::vector::GeometryRef<'_>> {
+    (0..geometry.geometry_count()).map(|i| geometry.get_geometry(i)).filter(|child| !child.is_empty())
+}
+
+fn polygon(geometry: &Geometry) -> Option<Polygon<f64>> {
+    let kind = gdal::vector::geometry_type_flatten(geometry.geometry_type());
+    if !matches!(kind, Kind::wkbPolygon | Kind::wkbCurvePolygon | Kind::wkbTriangle) {
+        return None;
+    }
+    let mut rings = children(geometry).map(|ring| line(&ring)).collect::<Option<Vec<_>>>()?.into_iter();
+    Some(Polygon::new(rings.next()?, rings.collect()))
+}
+
+fn line(geometry: &Geometry) -> Option<LineString<f64>> {
+    let mut points = Vec::new();
+    match gdal::vector::geometry_type_flatten(geometry.geometry_type()) {
+        Kind::wkbLineString => points = vertices(geometry),
+        Kind::wkbCircularString => {
+            let control = vertices(geometry);
+            points.extend(control.first());
+            for arc in control.windows(3).step_by(2) {
+                super::curve::append_arc(&mut points, arc[0], arc[1], arc[2]);
+            }
+        }
+        Kind::wkbCompoundCurve => {
+            for piece in children(geometry) {
+                let piece = line(&piece)?;
+                // Each piece starts where the one before it ended.
+                let repeats_end = points.last() == piece.0.first() && !points.is_empty();
+                points.extend(piece.0.into_iter().skip(usize::from(repeats_end)));
+            }
+        }
+        _ => return None,
+    }
+    Some(LineString::new(points))
+}
+
+fn vertices(geometry: &Geometry) -> Vec<Coord<f64>> {
+    let mut points = Vec::with_capacity(geometry.point_count());
+    geometry.get_points(&mut points);
+    points.into_iter().map(|(x, y, _)| Coord { x, y }).collect()
+}

@@ -1,0 +1,176 @@
+//! Settings of the height optimisation: two presets, every constant a field.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::views::ViewsConfig;
+
+/// Which height solver runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Preset {
+    /// The publication to the letter: ordinal hinge, interior gradient, Adam.
+    Paper,
+    /// Ours: local search over an affine-blind correlation per building, finished on ranks.
+    #[default]
+    Robust,
+}
+
+/// Settings of the height optimisation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct OptimiseConfig {
+    /// Which solver; each reads its own table below and the views' defaults that go with it.
+    pub preset: Preset,
+    /// Least height of a building above its ground, metres.
+    pub min_height_m: f32,
+    /// Greatest height above ground, metres; absent: 0.8 of the lowest flying height above ground, at most 150 m.
+    pub max_height_m: Option<f32>,
+    /// Longer side of the images that rays are sampled in, pixels (priors of another size are interpolated).
+    pub working_px: u32,
+    /// One ray per block of this many pixels squared (4: 9,400 rays in a 448 × 336 view).
+    pub stride_px: usize,
+    /// View selection; absent: the preset's own.
+    pub views: Option<ViewsConfig>,
+    /// The ordinal optimiser (`preset = "paper"`).
+    pub ordinal: OrdinalConfig,
+    /// The local search (`preset = "robust"`).
+    pub search: SearchConfig,
+}
+
+impl Default for OptimiseConfig {
+    fn default() -> Self {
+        Self {
+            preset: Preset::Robust,
+            min_height_m: 2.0,
+            max_height_m: None,
+            working_px: 448,
+            stride_px: 4,
+            views: None,
+            ordinal: OrdinalConfig::default(),
+            search: SearchConfig::default(),
+        }
+    }
+}
+
+impl OptimiseConfig {
+    /// The view selection in force.
+    #[must_use]
+    pub fn views_in_force(&self) -> ViewsConfig {
+        self.views.clone().unwrap_or_else(|| match self.preset {
+            Preset::Paper => ViewsConfig::paper(),
+            Preset::Robust => ViewsConfig::robust(),
+        })
+    }
+}
+
+/// Which part of the loss's derivative is followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Gradient {
+    /// Roofs get nearer as they rise; which pixels are roof is held fixed (what automatic differentiation sees).
+    #[default]
+    Interior,
+    /// Exact central difference of each pair's cost, silhouettes included.
+    CentralDifference,
+}
+
+/// Which pixels are compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Region {
+    /// Pixels on buildings (the paper's Ω).
+    #[default]
+    Buildings,
+    /// Pixels on buildings and on the ground that a building of greatest height would hide.
+    BuildingsAndGround,
+}
+
+/// Settings of the ordinal optimiser (`SiZeUp`, "Objective function"); defaults are the paper's.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct OrdinalConfig {
+    /// Passes over the selected views, one step per view.
+    pub epochs: usize,
+    /// Pixel pairs per view and step.
+    pub n_pairs: usize,
+    /// Least prior contrast of a pair that has a vote, in median absolute deviations (the paper's `τ_d`).
+    pub min_contrast: f32,
+    /// Margin of the hinge, in median absolute deviations (the paper's m).
+    pub margin: f32,
+    /// Limit the margin to the pair's own prior contrast: min(m, |Δp|).
+    pub adaptive_margin: bool,
+    /// Which pixels are compared.
+    pub region: Region,
+    /// Which part of the derivative is followed.
+    pub gradient: Gradient,
+    /// Half width of the central difference at the first and last step, metres (annealed geometrically).
+    pub difference_m: [f32; 2],
+    /// Adam's step at the first and last step, metres (annealed geometrically).
+    pub step_m: [f32; 2],
+    /// Views are selected again every so many epochs.
+    pub reselect_every: usize,
+}
+
+impl Default for OrdinalConfig {
+    fn default() -> Self {
+        Self {
+            epochs: 20,
+            n_pairs: 2048,
+            min_contrast: 0.05,
+            margin: 0.5,
+            adaptive_margin: false,
+            region: Region::Buildings,
+            gradient: Gradient::Interior,
+            difference_m: [10.0, 0.5],
+            step_m: [1.0, 1.0],
+            reselect_every: 3,
+        }
+    }
+}
+
+/// Settings of the local search.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SearchConfig {
+    /// Height that every building starts from, metres. Low: a tall start hides what stands behind it.
+    pub start_height_m: f32,
+    /// Sweeps over the full range of heights.
+    pub full_sweeps: usize,
+    /// Sweeps close to the present height, after the full ones.
+    pub local_sweeps: usize,
+    /// Of the local sweeps, the last so many compare ranks only.
+    pub rank_sweeps: usize,
+    /// Log-spaced heights tried in a full sweep.
+    pub n_coarse: usize,
+    /// Evenly spaced heights tried around the best one.
+    pub n_fine: usize,
+    /// Half width of the first local sweep: a fixed part, metres.
+    pub local_half_width_m: f32,
+    /// Half width of the first local sweep: a part of the height.
+    pub local_half_width_share: f32,
+    /// Ground around a building's pixels that is compared with them, pixels of the working image.
+    pub dilate_px: usize,
+    /// Greatest number of views a building is measured in.
+    pub max_views_per_building: usize,
+    /// Views are selected again after so many full sweeps.
+    pub reselect_every: usize,
+}
+
+impl Default for SearchConfig {
+    fn default() -> Self {
+        Self {
+            start_height_m: 6.0,
+            full_sweeps: 5,
+            local_sweeps: 3,
+            rank_sweeps: 2,
+            n_coarse: 48,
+            n_fine: 17,
+            local_half_width_m: 6.0,
+            local_half_width_share: 0.3,
+            dilate_px: 12,
+            max_views_per_building: 24,
+            reselect_every: 3,
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! One view as the optimiser uses it: its ray profiles, and the prior sampled along them.
+
+use crate::prior::{DepthPrior, PriorKind};
+use crate::render::PlacedCamera;
+use crate::render::profile::Profiles;
+
+/// No ray in this block of pixels.
+const NO_RAY: u32 = u32::MAX;
+
+/// A view with its prior.
+#[derive(Debug, Clone)]
+pub struct Evidence<'a> {
+    /// The rays.
+    pub profiles: &'a Profiles,
+    /// Per ray: the prior as something that grows towards the camera (inverse depth up to an affine map); `NaN` = none.
+    pub nearness: Vec<f32>,
+    /// Per ray: the prior as something that grows away from the camera, as the paper's D; `NaN` = none.
+    pub farness: Vec<f32>,
+    /// For each building, which rays cross its footprint: `rays_of[start[b]..start[b + 1]]`.
+    start: Vec<u32>,
+    rays_of: Vec<u32>,
+    /// Ray of each block of `stride × stride` pixels, row by row, or [`NO_RAY`].
+    blocks: Vec<u32>,
+    blocks_wide: usize,
+    stride_px: usize,
+}
+
+impl<'a> Evidence<'a> {
+    /// Samples a prior along a view's rays. `n_buildings` is the length of the scene.
+    #[must_use]
+    pub fn new(
+        placed: &PlacedCamera,
+        profiles: &'a Profiles,
+        prior: &DepthPrior,
+        stride_px: usize,
+        n_buildings: usize,
+    ) -> Self {
+        let scale_x = prior.values.width() as f64 / f64::from(placed.camera.width_px);
+        let scale_y = prior.values.height() as f64 / f64::from(placed.camera.height_px);
+        let sample = |pixel: [u16; 2]| {
+            let x = (f64::from(pixel[0]) + 0.5) * scale_x;
+            let y = (f64::from(pixel[1]) + 0.5) * scale_y;
+            prior.values.bilinear(x, y)
+        };
+        let values: Vec<f32> = profiles.rays.iter().map(|ray| sample(ray.pixel)).collect();
+        let (nearness, farness) = match prior.kind {
+            PriorKind::Depth => (values.iter().map(|d| if *d > 0.0 { d.recip() } else { f32::NAN }).collect(), values),
+            PriorKind::InverseDepth => (values.clone(), values.iter().map(|d| -d).collect()),
+        };
+
+        let mut start = vec![0_u32; n_buildings + 1];
+        for (_, building) in ray_building_pairs(profiles) {
+            start[building as usize + 1] += 1;
+        }
+        for b in 0..n_buildings {
+            start[b + 1] += start[b];
+        }
+        let mut rays_of = vec![0; start[n_buildings] as usize];
+        let mut next = start.clone();
+        for (ray, building) in ray_building_pairs(profiles) {
+            rays_of[next[building as usize] as usize] = ray;
+            next[building as usize] += 1;
+        }
+
+        let blocks_wide = (placed.camera.width_px as usize).div_ceil(stride_px);
+        let blocks_high = (placed.camera.height_px as usize).div_ceil(stride_px);
+        let mut blocks = vec![NO_RAY; blocks_wide * blocks_high];
+        for (ray, r) in (0..).zip(&profiles.rays) {
+            let [col, row] = r.pixel.map(|p| usize::from(p) / stride_px);
+            blocks[row * blocks_wide + col] = ray;
+        }
+        Self { profiles, nearness, farness, start, rays_of, blocks, blocks_wide, stride_px }
+    }
+
+    /// The rays that cross a building's footprint below its greatest height, ascending.
+    #[must_use]
+    pub fn rays_of(&self, building: u32) -> &[u32] {
+        let building = building as usize;
+        &self.rays_of[self.start[building] as usize..self.start[building + 1] as usize]
+    }
+
+    /// The rays of a building and those within `dilate_px` of one of them, ascending.
+    #[must_use]
+    pub fn rays_around(&self, building: u32, dilate_px: usize) -> Vec<u32> {
+        let own = self.rays_of(building);
+        let block_of = |ray: u32| self.profiles.rays[ray as usize].pixel.map(|p| usize::from(p) / self.stride_px);
+        let reach = dilate_px.div_ceil(self.stride_px);
+        let blocks_high = self.blocks.len() / self.blocks_wide;
+        let Some(first) = own.first() else { return Vec::new() };
+        let bounds = own.iter().map(|&r| block_of(r)).fold([block_of(*first), block_of(*first)], |[low, high], b| {
+            [[low[0].min(b[0]), low[1].min(b[1])], [high[0].max(b[0]), high[1].max(b[1])]]
+        });
+        let low = bounds[0].map(|c| c.saturating_sub(reach));
+        let high = [(bounds[1][0] + reach).min(self.blocks_wide - 1), (bounds[1][1] + reach).min(blocks_high - 1)];
+        let (width, height) = (high[0] - low[0] + 1, high[1] - low[1] + 1);
+
+        // Dilation by a square, one axis after the other.
+        let mut across = vec![false; width * height];
+        for &ray in own {
+            let [col, row] = block_of(ray);
+            let (from, to) = (col.saturating_sub(reach).max(low[0]), (col + reach).min(high[0]));
+            across[(row - low[1]) * width..][from - low[0]..=to - low[0]].fill(true);
+        }
+        let mut rays = Vec::with_capacity(width * height / 2);
+        for row in 0..height {
+            let near_rows = row.saturating_sub(reach)..(row + reach + 1).min(height);
+            for col in 0..width {
+                if near_rows.clone().any(|r| across[r * width + col]) {
+                    let ray = self.blocks[(row + low[1]) * self.blocks_wide + col + low[0]];
+                    if ray != NO_RAY {
+                        rays.push(ray);
+                    }
+                }
+            }
+        }
+        rays
+    }
+}
+
+/// Each (ray, building) once, by ray.
+fn ray_building_pairs(profiles: &Profiles) -> impl Iterator<Item = (u32, u32)> + '_ {
+    (0..profiles.rays.len()).flat_map(|ray| {
+        let crossings = profiles.crossings(ray);
+        let is_first = move |i: &usize| crossings[..*i].iter().all(|c| c.building != crossings[*i].building);
+        (0..crossings.len()).filter(is_first).map(move |i| (ray as u32, crossings[i].building))
+    })
+}

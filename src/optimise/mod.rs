@@ -1,0 +1,19 @@
+//! Heights from ordering: view selection, evidence, and one of two solvers, looped until the epochs are done.
+//!
+//! - `paper`: the pairwise ordinal hinge of [`crate::ordinal`], its derivative and Adam (`SiZeUp`, "Objective
+//!   function").
+//! - `robust`: the local search of one height at a time; see `search` and `score`.
+//!
+//! Input is a [`Problem`]: a scene, placed views and a way to load a view's prior. Only the priors of selected views are
+//! loaded. Results do not depend on the number of threads.
+
+mod adam;
+mod config;
+mod evidence;
+mod ordinal;
+mod score;
+mod search;
+mod solve;
+
+pub use config::{Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
+pub use solve::{EpochRecord, Problem, Reason, Solution, SolvedHeight, Solving, ViewInput, solve};

@@ -1,0 +1,434 @@
+//! The epoch loop of both presets.
+
+use glam::DVec3;
+use rand::Rng;
+use rand::seq::SliceRandom;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::adam::Adam;
+use super::config::{OptimiseConfig, Preset};
+use super::evidence::Evidence;
+use super::ordinal::{ViewStep, view_step};
+use super::score::Correlation;
+use super::search::{Finding, Range, sweep};
+use crate::prior::DepthPrior;
+use crate::render::PlacedCamera;
+use crate::render::profile::{CappedScene, Profiles, Sampling};
+use crate::scene::Scene;
+use crate::seed;
+use crate::views::{Selection, ViewsConfig, Visibility, select, visibility};
+
+/// A flat sum of correlations over the tried heights below which the score says nothing.
+const FLAT_SCORE: f64 = 0.02;
+/// A standard error over views above which a height is doubtful, metres.
+const DOUBTFUL_SIGMA_M: f64 = 0.8;
+/// Sectors of azimuth that a building's views are taken from in turn.
+const N_SECTORS: usize = 8;
+
+/// A view that may take part.
+#[derive(Debug, Clone)]
+pub struct ViewInput {
+    /// The camera at its working resolution, in the local frame.
+    pub placed: PlacedCamera,
+    /// Whether heights may be measured in it (oblique views).
+    pub is_oblique: bool,
+}
+
+/// What is to be solved.
+pub struct Problem<'a> {
+    /// Footprints on the ground.
+    pub scene: &'a Scene,
+    /// Every view of the survey.
+    pub views: &'a [ViewInput],
+    /// Loads the prior of a view by its position; the text says why it cannot.
+    pub load_prior: &'a (dyn Fn(usize) -> Result<DepthPrior, String> + Sync),
+    /// Root seed.
+    pub seed: u64,
+    /// Told what is going on, how much of it is done and how much there is.
+    pub progress: &'a (dyn Fn(Solving, usize, usize) + Sync),
+}
+
+/// What a solver is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Solving {
+    /// Tracing the rays of all views.
+    Tracing,
+    /// Loading the priors of selected views.
+    Priors,
+    /// Passing over buildings or views.
+    Epochs,
+}
+
+/// Why a height is doubtful or unknown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reason {
+    /// No oblique view with a prior sees the building well enough.
+    SeenByNoView,
+    /// Fewer than three views had a say.
+    TooFewViews,
+    /// The best height is the least or the greatest allowed.
+    RangeBound,
+    /// All heights explain the priors about equally well.
+    FlatScore,
+    /// Views disagree: leaving one out moves the height by much.
+    ConflictingViews,
+}
+
+impl Reason {
+    /// The name in files.
+    #[must_use]
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::SeenByNoView => "seen_by_no_view",
+            Self::TooFewViews => "too_few_views",
+            Self::RangeBound => "range_bound",
+            Self::FlatScore => "flat_score",
+            Self::ConflictingViews => "conflicting_views",
+        }
+    }
+}
+
+/// The height of one building.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SolvedHeight {
+    /// Metres above the building's ground level; `None` if no view says anything.
+    pub height_m: Option<f64>,
+    /// One standard deviation over views, metres, where it can be estimated.
+    pub sigma_m: Option<f64>,
+    /// Positions of the views that had a say.
+    pub views: Vec<usize>,
+    /// Why it is doubtful or unknown, sorted.
+    pub reasons: Vec<Reason>,
+}
+
+/// One pass over all buildings or views.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct EpochRecord {
+    /// Mean loss (`paper`) or one minus the mean correlation (`robust`).
+    pub loss: f64,
+    /// Mean relative change of the heights, 0..1 (`SiZeUp`, "Stability").
+    pub relative_change: f64,
+    /// Views selected in this pass (the paper's #Sel).
+    pub n_selected: usize,
+    /// Share of ordinal pairs that cost something (`paper` only).
+    pub active_pairs: Option<f64>,
+    /// Heights after the pass, metres.
+    pub heights_m: Vec<f32>,
+}
+
+/// What was solved.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Solution {
+    /// One per building of the scene.
+    pub heights: Vec<SolvedHeight>,
+    /// One per pass.
+    pub history: Vec<EpochRecord>,
+    /// Distinct views whose prior was used, ascending (the paper's #Used).
+    pub used_views: Vec<usize>,
+    /// Selected views whose prior could not be loaded, and why.
+    pub failed_views: Vec<(usize, String)>,
+}
+
+/// Finds one height per building.
+#[must_use]
+pub fn solve(problem: &Problem<'_>, config: &OptimiseConfig) -> Solution {
+    let profiles = trace_all(problem, config);
+    let mut state = State::new(problem, config, &profiles);
+    match config.preset {
+        Preset::Paper => state.run_ordinal(),
+        Preset::Robust => state.run_search(),
+    }
+    state.into_solution()
+}
+
+fn trace_all(problem: &Problem<'_>, config: &OptimiseConfig) -> Vec<Profiles> {
+    let capped = CappedScene::new(problem.scene);
+    let n = problem.views.len();
+    let mut profiles = Vec::with_capacity(n);
+    for (view, input) in problem.views.iter().enumerate() {
+        (problem.progress)(Solving::Tracing, view, n);
+        let sampling = Sampling { stride_px: config.stride_px, seed: problem.seed, view: view as u64 };
+        profiles.push(Profiles::trace(problem.scene, &capped, &input.placed, sampling));
+    }
+    (problem.progress)(Solving::Tracing, n, n);
+    profiles
+}
+
+struct State<'a> {
+    problem: &'a Problem<'a>,
+    config: &'a OptimiseConfig,
+    views_config: ViewsConfig,
+    profiles: &'a [Profiles],
+    /// By view; filled as selection asks for them.
+    evidence: Vec<Option<Evidence<'a>>>,
+    failed: Vec<Option<String>>,
+    heights_m: Vec<f32>,
+    findings: Vec<Option<Finding>>,
+    views_of: Vec<Vec<usize>>,
+    history: Vec<EpochRecord>,
+}
+
+impl<'a> State<'a> {
+    fn new(problem: &'a Problem<'a>, config: &'a OptimiseConfig, profiles: &'a [Profiles]) -> Self {
+        let (n_views, n_buildings) = (problem.views.len(), problem.scene.prisms.len());
+        Self {
+            problem,
+            config,
+            views_config: config.views_in_force(),
+            profiles,
+            evidence: (0..n_views).map(|_| None).collect(),
+            failed: vec![None; n_views],
+            heights_m: vec![0.0; n_buildings],
+            findings: vec![None; n_buildings],
+            views_of: vec![Vec::new(); n_buildings],
+            history: Vec::new(),
+        }
+    }
+
+    /// Selects views for the present heights and loads the priors that are new; a view whose prior cannot be loaded is
+    /// replaced by another.
+    fn reselect(&mut self) -> Selection {
+        let views = self.problem.views;
+        let n_buildings = self.problem.scene.prisms.len();
+        let axes: Vec<DVec3> = views.iter().map(|v| v.placed.axis()).collect();
+        let ground_z = f64::from(self.problem.scene.prisms.first().map_or(0.0, |p| p.ground_z));
+        let stations: Vec<DVec3> = views.iter().map(|v| v.placed.looks_at(ground_z)).collect();
+        let mut visibilities = self.visibilities();
+        loop {
+            let selection = select(&self.views_config, &visibilities, &stations, &axes, n_buildings);
+            self.load(&selection.views);
+            let failed: Vec<usize> = selection.views.iter().copied().filter(|&v| self.failed[v].is_some()).collect();
+            if failed.is_empty() {
+                let of_building = selection.views_of_building.iter().enumerate();
+                self.views_of = of_building.map(|(b, views)| self.best_views(b, views, &visibilities)).collect();
+                return selection;
+            }
+            for view in failed {
+                visibilities[view] = Visibility::default();
+            }
+        }
+    }
+
+    /// What each view sees with the present heights; views that take no part see nothing.
+    fn visibilities(&self) -> Vec<Visibility> {
+        let takes_part = |&v: &usize| self.problem.views[v].is_oblique && self.failed[v].is_none();
+        let taking_part: Vec<usize> = (0..self.problem.views.len()).filter(takes_part).collect();
+        let placed: Vec<_> = taking_part.iter().map(|&v| (&self.problem.views[v].placed, &self.profiles[v])).collect();
+        let seen = visibility(self.problem.scene, &placed, &self.heights_m, self.config.stride_px);
+        let mut visibilities = vec![Visibility::default(); self.problem.views.len()];
+        for (view, seen) in taking_part.into_iter().zip(seen) {
+            visibilities[view] = seen;
+        }
+        visibilities
+    }
+
+    fn load(&mut self, views: &[usize]) {
+        let new: Vec<usize> =
+            views.iter().copied().filter(|&v| self.evidence[v].is_none() && self.failed[v].is_none()).collect();
+        let n_buildings = self.problem.scene.prisms.len();
+        let n_done = std::sync::atomic::AtomicUsize::new(0);
+        let loaded: Vec<_> = new
+            .par_iter()
+            .map(|&v| {
+                let evidence = (self.problem.load_prior)(v).map(|prior| {
+                    let placed = &self.problem.views[v].placed;
+                    Evidence::new(placed, &self.profiles[v], &prior, self.config.stride_px, n_buildings)
+                });
+                let done = n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+                (self.problem.progress)(Solving::Priors, done, new.len());
+                evidence
+            })
+            .collect();
+        for (v, evidence) in new.into_iter().zip(loaded) {
+            match evidence {
+                Ok(evidence) => self.evidence[v] = Some(evidence),
+                Err(why) => self.failed[v] = Some(why),
+            }
+        }
+    }
+
+    /// The views a building is measured in: from each sector of azimuth in turn the one that sees most of it.
+    fn best_views(&self, building: usize, candidates: &[usize], seen: &[Visibility]) -> Vec<usize> {
+        let prism = &self.problem.scene.prisms[building];
+        let centre = prism.centre_at(prism.ground_z).as_dvec3();
+        let n_rays = |view: usize| {
+            let sights = &seen[view].buildings;
+            sights.binary_search_by_key(&(building as u32), |s| s.building).map_or(0, |i| sights[i].n_rays)
+        };
+        let mut sectors: Vec<Vec<usize>> = vec![Vec::new(); N_SECTORS];
+        for &view in candidates.iter().filter(|&&v| self.evidence[v].is_some()) {
+            let from = self.problem.views[view].placed.eye() - centre;
+            let turn = from.y.atan2(from.x) / std::f64::consts::TAU + 0.5;
+            sectors[((turn * N_SECTORS as f64) as usize).min(N_SECTORS - 1)].push(view);
+        }
+        for sector in &mut sectors {
+            sector.sort_by_key(|&v| (std::cmp::Reverse(n_rays(v)), v));
+        }
+        let longest = sectors.iter().map(Vec::len).max().unwrap_or(0);
+        let in_turn = (0..longest).flat_map(|i| sectors.iter().filter_map(move |s| s.get(i).copied()));
+        let mut best: Vec<usize> = in_turn.take(self.config.search.max_views_per_building).collect();
+        best.sort_unstable();
+        best
+    }
+
+    fn run_search(&mut self) {
+        let config = &self.config.search;
+        self.heights_m
+            .fill(config.start_height_m.clamp(self.problem.scene.bounds.min_m, self.problem.scene.bounds.max_m));
+        let n_sweeps = config.full_sweeps + config.local_sweeps;
+        let mut n_selected = 0;
+        for i in 0..n_sweeps {
+            (self.problem.progress)(Solving::Epochs, i, n_sweeps);
+            if i < config.full_sweeps && i % config.reselect_every.max(1) == 0 {
+                n_selected = self.reselect().views.len();
+            }
+            let range = match i.checked_sub(config.full_sweeps) {
+                None => Range::Full,
+                Some(0) => Range::Local { share: 1.0 },
+                Some(_) => Range::Local { share: 0.5 },
+            };
+            let is_rank = i >= n_sweeps - config.rank_sweeps.min(config.local_sweeps);
+            let correlation = if is_rank { Correlation::Rank } else { Correlation::Linear };
+            let found =
+                sweep(self.problem.scene, &self.evidence, &self.views_of, &self.heights_m, range, correlation, config);
+            let before = self.heights_m.clone();
+            let mut scores = Vec::new();
+            for (b, finding) in found.into_iter().enumerate() {
+                if let Some(finding) = finding {
+                    self.heights_m[b] = finding.height_m;
+                    scores.push(finding.score);
+                    // The full sweeps saw the whole range: only they can tell a flat score.
+                    let contrast = match (range, &self.findings[b]) {
+                        (Range::Local { .. }, Some(previous)) => previous.contrast,
+                        _ => finding.contrast,
+                    };
+                    self.findings[b] = Some(Finding { contrast, ..finding });
+                }
+            }
+            let loss = 1.0 - crate::stats::mean(&scores).unwrap_or(0.0);
+            self.record(loss, &before, n_selected, None);
+        }
+        (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
+    }
+
+    fn run_ordinal(&mut self) {
+        let config = &self.config.ordinal;
+        let bounds = self.problem.scene.bounds;
+        self.heights_m = initial_heights(self.problem.seed, bounds.min_m, bounds.max_m, self.heights_m.len());
+        let mut adam = Adam::new(self.heights_m.len());
+        let mut selection = None;
+        let mut n_steps = 0;
+        for epoch in 0..config.epochs {
+            (self.problem.progress)(Solving::Epochs, epoch, config.epochs);
+            if epoch % config.reselect_every.max(1) == 0 {
+                selection = Some(self.reselect());
+            }
+            let Some(selection) = &selection else { return };
+            let mut order: Vec<usize> =
+                selection.views.iter().copied().filter(|&v| self.evidence[v].is_some()).collect();
+            order.shuffle(&mut seed::stream(self.problem.seed, "view order", &[epoch as u64]));
+            let before = self.heights_m.clone();
+            let n_total = (config.epochs * order.len()).max(2);
+            let mut steps: Vec<ViewStep> = Vec::new();
+            for view in order {
+                let progress = (n_steps as f32 / (n_total - 1) as f32).min(1.0);
+                let anneal = |ends: [f32; 2]| ends[0] * (ends[1] / ends[0]).powf(progress);
+                let roofs = self.problem.scene.roofs(&self.heights_m);
+                let mut rng = seed::stream(self.problem.seed, "pairs", &[epoch as u64, view as u64]);
+                let evidence = self.evidence[view].as_ref().expect("only loaded views are in the order");
+                let Some(step) = view_step(evidence, &roofs, anneal(config.difference_m), config, &mut rng) else {
+                    continue;
+                };
+                for &(building, derivative) in &step.gradient {
+                    let at = building as usize;
+                    let change = adam.change(at, derivative, f64::from(anneal(config.step_m)));
+                    self.heights_m[at] = (self.heights_m[at] + change as f32).clamp(bounds.min_m, bounds.max_m);
+                }
+                n_steps += 1;
+                steps.push(step);
+            }
+            let losses: Vec<f64> = steps.iter().map(|s| s.loss).collect();
+            let n_pairs: usize = steps.iter().map(|s| s.n_pairs).sum();
+            let n_active: usize = steps.iter().map(|s| s.n_active).sum();
+            let n_selected = selection.views.len();
+            let active = n_active as f64 / n_pairs.max(1) as f64;
+            self.record(crate::stats::mean(&losses).unwrap_or(0.0), &before, n_selected, Some(active));
+        }
+        (self.problem.progress)(Solving::Epochs, config.epochs, config.epochs);
+    }
+
+    fn record(&mut self, loss: f64, before: &[f32], n_selected: usize, active_pairs: Option<f64>) {
+        let changes: Vec<f64> = before
+            .iter()
+            .zip(&self.heights_m)
+            .map(|(a, b)| f64::from((b - a).abs() / a.max(f32::MIN_POSITIVE)))
+            .collect();
+        self.history.push(EpochRecord {
+            loss,
+            relative_change: crate::stats::mean(&changes).unwrap_or(0.0),
+            n_selected,
+            active_pairs,
+            heights_m: self.heights_m.clone(),
+        });
+    }
+
+    fn into_solution(self) -> Solution {
+        let heights = (0..self.heights_m.len()).map(|b| self.solved(b)).collect();
+        let used_views = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
+        let failed_views = self.failed.iter().enumerate().filter_map(|(v, why)| Some((v, why.clone()?))).collect();
+        Solution { heights, history: self.history, used_views, failed_views }
+    }
+
+    fn solved(&self, building: usize) -> SolvedHeight {
+        let views = self.views_of[building].clone();
+        let finding = self.findings[building].as_ref();
+        let is_measured = match self.config.preset {
+            Preset::Paper => !views.is_empty(),
+            Preset::Robust => finding.is_some(),
+        };
+        if !is_measured {
+            return SolvedHeight {
+                height_m: None,
+                sigma_m: None,
+                views: Vec::new(),
+                reasons: vec![Reason::SeenByNoView],
+            };
+        }
+        let mut reasons = Vec::new();
+        let n_views = finding.map_or(views.len(), |f| f.n_views);
+        if n_views < 3 {
+            reasons.push(Reason::TooFewViews);
+        }
+        let bounds = self.problem.scene.bounds;
+        let height_m = self.heights_m[building];
+        let is_at_bound = finding.map_or(height_m <= bounds.min_m || height_m >= bounds.max_m, |f| f.at_bound);
+        if is_at_bound {
+            reasons.push(Reason::RangeBound);
+        }
+        if finding.is_some_and(|f| f.contrast < FLAT_SCORE) {
+            reasons.push(Reason::FlatScore);
+        }
+        let sigma_m = finding.and_then(|f| f.sigma_m);
+        if sigma_m.is_some_and(|s| s > DOUBTFUL_SIGMA_M) {
+            reasons.push(Reason::ConflictingViews);
+        }
+        SolvedHeight { height_m: Some(f64::from(height_m)), sigma_m, views, reasons }
+    }
+}
+
+/// Heights from a normal distribution around mid-range, a quarter of the range wide, clamped (`SiZeUp`, "Initialisation";
+/// the paper leaves mean and width open).
+fn initial_heights(root: u64, min_m: f32, max_m: f32, n: usize) -> Vec<f32> {
+    let mut rng = seed::stream(root, "initial heights", &[]);
+    let (mean, sigma) = (0.5 * (min_m + max_m), 0.25 * (max_m - min_m));
+    (0..n)
+        .map(|_| {
+            // Box and Muller.
+            let radius = (-2.0 * (1.0 - rng.random::<f32>()).ln()).sqrt();
+            let angle = std::f32::consts::TAU * rng.random::<f32>();
+            (mean + sigma * radius * angle.cos()).clamp(min_m, max_m)
+        })
+        .collect()
+}

@@ -1,0 +1,94 @@
+//! What a stage leaves behind for the next one, and for a run that starts there.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::PathBuf;
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use super::{PipelineError, Stage};
+use crate::config::RunConfig;
+use crate::files::write_whole;
+use crate::footprint::FootprintLayer;
+use crate::issue::Issue;
+use crate::optimise::Solution;
+use crate::output::sha256_hex;
+use crate::terrain::GroundLevel;
+
+/// Outlines with their ground.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FootprintStage {
+    /// The layer; footprints in its order.
+    pub layer: FootprintLayer,
+    /// Ground under each footprint of the layer; `None` where the terrain has none.
+    pub ground: Vec<Option<GroundLevel>>,
+    /// What was said about the ground.
+    pub issues: Vec<Issue>,
+}
+
+/// Heights of the buildings whose ground is known.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct HeightStage {
+    /// Position in the layer of each building that was solved.
+    pub solved: Vec<usize>,
+    /// The solution, one height per building of `solved`; its views are positions in the survey.
+    pub solution: Solution,
+}
+
+#[derive(Serialize)]
+struct Written<'a, T> {
+    sizeup: &'a str,
+    settings_sha256: String,
+    data: &'a T,
+}
+
+#[derive(Deserialize)]
+struct Read<T> {
+    sizeup: String,
+    settings_sha256: String,
+    data: T,
+}
+
+fn path_of(config: &RunConfig, stage: Stage) -> PathBuf {
+    config.project.output.join("stages").join(format!("{}.json", stage.name()))
+}
+
+/// Hash of the settings that a stage and those before it depend on.
+fn settings_sha256(config: &RunConfig, stage: Stage) -> String {
+    let survey = serde_json::json!([config.project.crs, config.survey]);
+    let footprints = serde_json::json!([config.footprints, config.terrain, config.ground]);
+    let heights = serde_json::json!([config.prior, config.optimise, config.seed]);
+    let parts: &[serde_json::Value] = match stage {
+        Stage::Survey => &[survey],
+        Stage::Footprints => &[survey, footprints],
+        Stage::Heights | Stage::Output => &[survey, footprints, heights],
+    };
+    let text: Vec<String> = parts.iter().map(ToString::to_string).collect();
+    sha256_hex(text.join("\n").as_bytes())
+}
+
+/// Writes what a stage found.
+pub(super) fn write<T: Serialize>(config: &RunConfig, stage: Stage, data: &T) -> Result<(), PipelineError> {
+    let written = Written { sizeup: env!("CARGO_PKG_VERSION"), settings_sha256: settings_sha256(config, stage), data };
+    write_whole(&path_of(config, stage), |out| {
+        serde_json::to_writer(&mut *out, &written)?;
+        out.write_all(b"\n")
+    })?;
+    Ok(())
+}
+
+/// Reads what an earlier run of a stage found, if it was made with the same settings by the same version.
+pub(super) fn read<T: DeserializeOwned>(config: &RunConfig, stage: Stage) -> Result<T, PipelineError> {
+    let path = path_of(config, stage);
+    let unusable = |message: String| PipelineError::Artefact { path: path.clone(), message, stage: stage.name() };
+    let file = File::open(&path).map_err(|e| unusable(e.to_string()))?;
+    let read: Read<T> = serde_json::from_reader(BufReader::new(file)).map_err(|e| unusable(e.to_string()))?;
+    if read.sizeup != env!("CARGO_PKG_VERSION") {
+        return Err(unusable(format!("made by sizeup {}, this is {}", read.sizeup, env!("CARGO_PKG_VERSION"))));
+    }
+    if read.settings_sha256 != settings_sha256(config, stage) {
+        return Err(unusable("made with other settings".to_owned()));
+    }
+    Ok(read.data)
+}

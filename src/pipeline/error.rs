@@ -1,0 +1,97 @@
+//! What stops a run, and the exit code it stands for.
+
+use std::path::PathBuf;
+
+use crate::config::ConfigError;
+use crate::crs::CrsError;
+use crate::files::FileError;
+use crate::footprint::FootprintError;
+use crate::output::OutputError;
+use crate::prior::PriorError;
+use crate::survey::SurveyError;
+use crate::terrain::TerrainError;
+
+/// What stops a run.
+#[derive(Debug, thiserror::Error)]
+pub enum PipelineError {
+    /// The configuration.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The project's CRS.
+    #[error("[project] {0}")]
+    Crs(#[from] CrsError),
+    /// The survey.
+    #[error("[survey] {0}")]
+    Survey(#[from] SurveyError),
+    /// The footprints.
+    #[error("[footprints] {0}")]
+    Footprints(#[from] FootprintError),
+    /// The terrain.
+    #[error("[terrain] {0}")]
+    Terrain(#[from] TerrainError),
+    /// The priors.
+    #[error("[prior] {0}")]
+    Prior(#[from] PriorError),
+    /// The settings of a stage contradict each other or the data.
+    #[error("[{table}] {message}\nhint: {hint}")]
+    Settings {
+        /// Table of the configuration.
+        table: &'static str,
+        /// What is wrong.
+        message: String,
+        /// What to do.
+        hint: &'static str,
+    },
+    /// Survey and footprints do not fit together.
+    #[error("{message}\nhint: {hint}")]
+    Mismatch {
+        /// What was expected and what was found.
+        message: String,
+        /// What to check.
+        hint: &'static str,
+    },
+    /// No prior could be loaded.
+    #[error("none of the {n} depth priors asked for could be used; the first, of {view}: {reason}")]
+    NoPriors {
+        /// How many were asked for.
+        n: usize,
+        /// The first of them.
+        view: String,
+        /// Why it could not be used.
+        reason: String,
+    },
+    /// What an earlier stage left behind cannot be used.
+    #[error("{}: {message}\nhint: run again from the {stage} stage (--from {stage})", path.display())]
+    Artefact {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        message: String,
+        /// The stage that makes it.
+        stage: &'static str,
+    },
+    /// A result cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A file cannot be read or written.
+    #[error(transparent)]
+    File(#[from] FileError),
+}
+
+impl PipelineError {
+    /// 2 usage or configuration, 3 bad input, 4 failed.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Config(_) | Self::Crs(_) | Self::Settings { .. } => 2,
+            Self::Survey(_)
+            | Self::Footprints(_)
+            | Self::Terrain(_)
+            | Self::Prior(_)
+            | Self::Mismatch { .. }
+            | Self::NoPriors { .. }
+            | Self::Artefact { .. } => 3,
+            Self::Output(_) | Self::File(_) => 4,
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! Checks across stages: do survey, footprints and terrain speak of the same place?
+
+use geo::{BoundingRect as _, Centroid as _};
+use glam::DVec3;
+
+use super::{FootprintStage, PipelineError};
+use crate::config::RunConfig;
+use crate::scene::HeightBounds;
+use crate::survey::{Survey, ViewKind};
+
+/// Share of the lowest flying height that a building can have at most.
+const MAX_HEIGHT_SHARE: f64 = 0.8;
+/// Greatest height that is looked for without being asked, metres.
+const MAX_HEIGHT_M: f64 = 150.0;
+
+/// Checks that the views look at the footprints from above; returns the lowest flying height above ground, metres.
+pub(super) fn check_views(survey: &Survey, footprints: &FootprintStage) -> Result<f64, PipelineError> {
+    let targets: Vec<DVec3> = footprints
+        .layer
+        .footprints
+        .iter()
+        .zip(&footprints.ground)
+        .filter_map(|(footprint, ground)| {
+            let centre = footprint.polygon.centroid()?;
+            Some(DVec3::new(centre.x(), centre.y(), (*ground)?.reference_m))
+        })
+        .collect();
+    let Some(highest_ground) = targets.iter().map(|t| t.z).reduce(f64::max) else {
+        return Err(PipelineError::Mismatch {
+            message: format!("none of the {} footprints has a ground level", footprints.layer.footprints.len()),
+            hint: "does the terrain cover the footprints, in the CRS it states?",
+        });
+    };
+    let oblique = || survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique);
+    if oblique().next().is_none() {
+        return Err(PipelineError::Mismatch {
+            message: format!("none of the {} views is oblique: all look straight down, or up", survey.views.len()),
+            hint: "heights are measured in photos tilted by more than 15°; check the angle convention of the poses",
+        });
+    }
+    let n_seen = targets.iter().filter(|&&target| {
+        survey.views.iter().any(|view| {
+            view.camera.project(view.camera_from_map.point(target)).is_some_and(|pixel| view.camera.contains(pixel))
+        })
+    });
+    if n_seen.count() == 0 {
+        return Err(no_overlap(survey, footprints));
+    }
+    let clearance = |view: &crate::survey::View| view.camera_from_map.centre().z - highest_ground;
+    let lowest = oblique().map(clearance).fold(f64::INFINITY, f64::min);
+    if lowest <= 0.0 {
+        return Err(PipelineError::Mismatch {
+            message: format!("the lowest oblique view is {:.0} m below the ground of the buildings", -lowest),
+            hint: "poses and terrain count heights from different levels: ellipsoidal against orthometric heights, or \
+                   heights above take-off?",
+        });
+    }
+    Ok(lowest)
+}
+
+fn no_overlap(survey: &Survey, footprints: &FootprintStage) -> PipelineError {
+    let rects = footprints.layer.footprints.iter().filter_map(|f| f.polygon.bounding_rect());
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for rect in rects {
+        low = [low[0].min(rect.min().x), low[1].min(rect.min().y)];
+        high = [high[0].max(rect.max().x), high[1].max(rect.max().y)];
+    }
+    let centres: Vec<DVec3> = survey.views.iter().map(|v| v.camera_from_map.centre()).collect();
+    let near = centres.iter().copied().reduce(DVec3::min).unwrap_or_default();
+    let far = centres.iter().copied().reduce(DVec3::max).unwrap_or_default();
+    PipelineError::Mismatch {
+        message: format!(
+            "no view sees any footprint: the footprints lie in E {:.0} to {:.0}, N {:.0} to {:.0}, the cameras in \
+             E {:.0} to {:.0}, N {:.0} to {:.0}",
+            low[0], high[0], low[1], high[1], near.x, far.x, near.y, far.y
+        ),
+        hint: "check the CRS and offset of the survey, the CRS of the footprints, and the angle convention",
+    }
+}
+
+/// The heights to look for.
+pub(super) fn height_bounds(config: &RunConfig, lowest_flight_m: f64) -> Result<HeightBounds, PipelineError> {
+    let min_m = config.optimise.min_height_m;
+    let max_m = config.optimise.max_height_m.unwrap_or((MAX_HEIGHT_SHARE * lowest_flight_m).min(MAX_HEIGHT_M) as f32);
+    if !(min_m > 0.0 && max_m > min_m && max_m.is_finite()) {
+        return Err(PipelineError::Settings {
+            table: "optimise",
+            message: format!(
+                "heights from {min_m} to {max_m} m: expected 0 < min_height_m < max_height_m (the lowest oblique view \
+                 is {lowest_flight_m:.0} m above ground)"
+            ),
+            hint: "set min_height_m and max_height_m in metres above ground",
+        });
+    }
+    Ok(HeightBounds { min_m, max_m })
+}

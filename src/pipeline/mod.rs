@@ -1,0 +1,133 @@
+//! The whole path, from a configuration to a city: the only code that sees every stage.
+//!
+//! | stage | reads | leaves in `stages/` |
+//! |---|---|---|
+//! | survey | photos and poses | `survey.json` |
+//! | footprints | outlines, terrain | `footprints.json` |
+//! | heights | priors | `heights.json` |
+//! | output | the three above | nothing: it writes the results |
+//!
+//! A run can stop after any stage and start at any, from what earlier runs left behind.
+
+mod artefact;
+mod error;
+mod input;
+mod records;
+mod stages;
+
+pub use artefact::{FootprintStage, HeightStage};
+pub use error::PipelineError;
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::RunConfig;
+use crate::issue::{Issue, Severity};
+use crate::optimise::Solving;
+use crate::output::Status;
+
+/// A part of the path, in order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// Poses into the project's CRS.
+    Survey,
+    /// Outlines onto the ground.
+    Footprints,
+    /// One height per building.
+    Heights,
+    /// Results on disk.
+    Output,
+}
+
+impl Stage {
+    /// The name in files and on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Survey => "survey",
+            Self::Footprints => "footprints",
+            Self::Heights => "heights",
+            Self::Output => "output",
+        }
+    }
+}
+
+/// Which stages run, and what to write down about how they were called.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RunOptions {
+    /// The first stage; earlier ones are read from `stages/`.
+    pub from: Stage,
+    /// The last stage.
+    pub until: Stage,
+    /// The command line, for the lineage.
+    pub command: String,
+}
+
+/// What a run tells while it works.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Event {
+    /// A stage begins.
+    Stage(Stage),
+    /// So much of some work within a stage is done.
+    Advance {
+        /// What is being done.
+        what: Solving,
+        /// How much is done.
+        done: usize,
+        /// How much there is.
+        total: usize,
+    },
+}
+
+/// Told about every [`Event`], from any thread.
+pub type Tell<'a> = &'a (dyn Fn(Event) + Sync);
+
+/// What a run did.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunSummary {
+    /// Folder of the results.
+    pub output: PathBuf,
+    /// Views with a usable pose.
+    pub n_views: usize,
+    /// Of these, oblique ones, in which heights can be measured.
+    pub n_oblique: usize,
+    /// Distinct views whose prior was used (the paper's #Used).
+    pub n_used_views: usize,
+    /// Buildings of the input.
+    pub n_buildings: usize,
+    /// Buildings by status; absent where the output stage did not run.
+    pub by_status: std::collections::BTreeMap<Status, usize>,
+    /// Median height above ground of all buildings with one, metres.
+    pub median_height_m: Option<f64>,
+    /// Issues of all stages by severity.
+    pub n_refused: usize,
+    /// Warnings of all stages.
+    pub n_warnings: usize,
+    /// Seconds per stage that ran.
+    pub seconds: Vec<(Stage, f64)>,
+}
+
+impl RunSummary {
+    /// Whether some items of the input have no result.
+    #[must_use]
+    pub fn has_failed_items(&self) -> bool {
+        let count = |status| self.by_status.get(&status).copied().unwrap_or(0);
+        self.n_refused > 0 || count(Status::Unknown) > 0 || count(Status::Refused) > 0
+    }
+
+    fn count_issues(&mut self, issues: &[Issue]) {
+        self.n_refused = issues.iter().filter(|i| i.severity == Severity::Refused).count();
+        self.n_warnings = issues.iter().filter(|i| i.severity == Severity::Warning).count();
+    }
+}
+
+/// Runs the stages of a configuration.
+///
+/// # Errors
+/// [`PipelineError`]: the input as a whole cannot be used, or a file cannot be written. Single photos and buildings that
+/// cannot be used are issues in the output.
+pub fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> Result<RunSummary, PipelineError> {
+    stages::run(config, options, tell)
+}

@@ -1,0 +1,60 @@
+//! From footprints and solved heights to one record per input building.
+
+use super::{FootprintStage, HeightStage};
+use crate::optimise::SolvedHeight;
+use crate::output::{BuildingRecord, HeightReference, Status};
+use crate::survey::Survey;
+
+/// Every building of the input, footprints first, in the layer's order.
+pub(super) fn records(survey: &Survey, footprints: &FootprintStage, heights: &HeightStage) -> Vec<BuildingRecord> {
+    let mut solved: Vec<Option<&SolvedHeight>> = vec![None; footprints.layer.footprints.len()];
+    for (&at, height) in heights.solved.iter().zip(&heights.solution.heights) {
+        solved[at] = Some(height);
+    }
+    let with_outline =
+        footprints.layer.footprints.iter().zip(&footprints.ground).zip(solved).map(|((footprint, ground), solved)| {
+            let (status, reasons) = status_of(ground.is_some(), solved);
+            BuildingRecord {
+                id: footprint.id.0.clone(),
+                footprint: Some(footprint.polygon.clone()),
+                ground_z_m: ground.map(|g| g.reference_m),
+                base_z_m: ground.map(|g| g.lowest_m),
+                height_m: solved.and_then(|s| s.height_m),
+                height_sigma_m: solved.and_then(|s| s.sigma_m),
+                height_reference: HeightReference::Mean,
+                status,
+                reasons,
+                views: solved
+                    .map_or_else(Vec::new, |s| s.views.iter().map(|&v| survey.views[v].id.0.clone()).collect()),
+                attributes: footprint.attributes.clone(),
+            }
+        });
+    let without = footprints.layer.refused.iter().map(|refused| BuildingRecord {
+        id: refused.id.0.clone(),
+        footprint: None,
+        ground_z_m: None,
+        base_z_m: None,
+        height_m: None,
+        height_sigma_m: None,
+        height_reference: HeightReference::Mean,
+        status: Status::Refused,
+        reasons: vec![refused.reason.clone()],
+        views: Vec::new(),
+        attributes: refused.attributes.clone(),
+    });
+    with_outline.chain(without).collect()
+}
+
+fn status_of(has_ground: bool, solved: Option<&SolvedHeight>) -> (Status, Vec<String>) {
+    let Some(solved) = solved.filter(|_| has_ground) else {
+        return (Status::Unknown, vec!["ground_unknown".to_owned()]);
+    };
+    let mut reasons: Vec<String> = solved.reasons.iter().map(|r| r.code().to_owned()).collect();
+    reasons.sort_unstable();
+    let status = match (solved.height_m, reasons.is_empty()) {
+        (None, _) => Status::Unknown,
+        (Some(_), true) => Status::Measured,
+        (Some(_), false) => Status::Doubtful,
+    };
+    (status, reasons)
+}

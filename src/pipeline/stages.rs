@@ -1,0 +1,284 @@
+//! The stages, one function each, and the loop over them.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use geo_types::Polygon;
+
+use super::artefact;
+use super::input::{check_views, height_bounds};
+use super::records::records;
+use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Stage, Tell};
+use crate::config::RunConfig;
+use crate::files::{FileError, write_whole};
+use crate::footprint;
+use crate::issue::{Issue, Severity, Subject};
+use crate::optimise::{Problem, Solution, ViewInput, solve};
+use crate::output::{BuildingRecord, CityModel, InputFile, Lineage, cityjson, geopackage, sha256_hex};
+use crate::prior::{FilePriors, PriorSource as _};
+use crate::render::PlacedCamera;
+use crate::scene::Scene;
+use crate::survey::{self, Survey, ViewKind};
+use crate::terrain::{self, GroundLevel, MapBox, Terrain, ground_under};
+
+/// How far around the footprints the ground is needed, in greatest heights: rays at 60° off nadir that pass over a
+/// building of greatest height reach the ground 1.7 heights behind it.
+const GROUND_MARGIN_HEIGHTS: f64 = 2.0;
+
+pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> Result<RunSummary, PipelineError> {
+    if options.from > options.until {
+        return Err(PipelineError::Settings {
+            table: "run",
+            message: format!("--from {} comes after --until {}", options.from.name(), options.until.name()),
+            hint: "the stages are survey, footprints, heights, output",
+        });
+    }
+    let mut seconds = Vec::new();
+    let mut timed = |stage: Stage, start: Instant| seconds.push((stage, start.elapsed().as_secs_f64()));
+    let runs = |stage: Stage| options.from <= stage && stage <= options.until;
+
+    let start = Instant::now();
+    let survey: Survey = if runs(Stage::Survey) {
+        tell(Event::Stage(Stage::Survey));
+        let survey = survey::read(&config.survey, &config.project.crs)?;
+        artefact::write(config, Stage::Survey, &survey)?;
+        timed(Stage::Survey, start);
+        survey
+    } else {
+        artefact::read(config, Stage::Survey)?
+    };
+    let mut summary = summary_of_survey(config, &survey);
+    if options.until == Stage::Survey {
+        return Ok(RunSummary { seconds, ..summary });
+    }
+
+    let start = Instant::now();
+    let footprints: FootprintStage = if runs(Stage::Footprints) {
+        tell(Event::Stage(Stage::Footprints));
+        let footprints = read_footprints(config)?;
+        artefact::write(config, Stage::Footprints, &footprints)?;
+        timed(Stage::Footprints, start);
+        footprints
+    } else {
+        artefact::read(config, Stage::Footprints)?
+    };
+    summary.n_buildings = footprints.layer.footprints.len() + footprints.layer.refused.len();
+    if options.until == Stage::Footprints {
+        return Ok(RunSummary { seconds, ..summary });
+    }
+
+    let start = Instant::now();
+    let heights: HeightStage = if runs(Stage::Heights) {
+        tell(Event::Stage(Stage::Heights));
+        let heights = find_heights(config, &survey, &footprints, tell)?;
+        artefact::write(config, Stage::Heights, &heights)?;
+        timed(Stage::Heights, start);
+        heights
+    } else {
+        artefact::read(config, Stage::Heights)?
+    };
+    summary.n_used_views = heights.solution.used_views.len();
+    if options.until == Stage::Heights {
+        return Ok(RunSummary { seconds, ..summary });
+    }
+
+    let start = Instant::now();
+    tell(Event::Stage(Stage::Output));
+    let records = records(&survey, &footprints, &heights);
+    let mut issues = all_issues(config, &survey, &footprints, &heights);
+    issues.extend(cityjson::check(&records, &config.output.cityjson)?);
+    summary.count_issues(&issues);
+    summary.by_status = count_by_status(&records);
+    let known: Vec<f64> = records.iter().filter_map(|r| r.height_m).collect();
+    summary.median_height_m = crate::stats::median(&known);
+    let lineage = lineage(config, options, &survey, &heights)?;
+    let model =
+        CityModel { records: &records, crs: &config.project.crs, lineage: &lineage, issues: &issues, survey: &survey };
+    write_results(config, &model, &summary)?;
+    timed(Stage::Output, start);
+    Ok(RunSummary { seconds, ..summary })
+}
+
+fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
+    RunSummary {
+        output: config.project.output.clone(),
+        n_views: survey.views.len(),
+        n_oblique: survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique).count(),
+        n_used_views: 0,
+        n_buildings: 0,
+        by_status: BTreeMap::new(),
+        median_height_m: None,
+        n_refused: 0,
+        n_warnings: 0,
+        seconds: Vec::new(),
+    }
+}
+
+fn read_footprints(config: &RunConfig) -> Result<FootprintStage, PipelineError> {
+    let layer = footprint::read(&config.footprints, &config.project.crs)?;
+    let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
+    let (ground, issues): (Vec<_>, Vec<_>) =
+        layer.footprints.iter().map(|f| ground_under(&terrain, &f.id, &f.polygon, config.ground)).unzip();
+    Ok(FootprintStage { layer, ground, issues: issues.into_iter().flatten().collect() })
+}
+
+fn load_terrain<'a>(
+    config: &RunConfig,
+    outlines: impl Iterator<Item = &'a Polygon<f64>>,
+    margin_m: f64,
+) -> Result<Terrain, PipelineError> {
+    let corners = outlines.filter_map(geo::BoundingRect::bounding_rect).flat_map(|rect| [rect.min(), rect.max()]);
+    let Some(area) = MapBox::around(corners.map(|c| (c.x, c.y))) else {
+        return Err(PipelineError::Mismatch {
+            message: "none of the input's buildings has a usable outline".to_owned(),
+            hint: "issues of the footprints stage tell why, building by building",
+        });
+    };
+    Ok(terrain::load(&config.terrain, &config.project.crs, area.grown(margin_m))?)
+}
+
+fn find_heights(
+    config: &RunConfig,
+    survey: &Survey,
+    footprints: &FootprintStage,
+    tell: Tell<'_>,
+) -> Result<HeightStage, PipelineError> {
+    let bounds = height_bounds(config, check_views(survey, footprints)?)?;
+    let solved: Vec<usize> = (0..footprints.ground.len()).filter(|&i| footprints.ground[i].is_some()).collect();
+    let on_ground: Vec<(&Polygon<f64>, GroundLevel)> =
+        solved.iter().filter_map(|&i| Some((&footprints.layer.footprints[i].polygon, footprints.ground[i]?))).collect();
+    let margin_m = GROUND_MARGIN_HEIGHTS * f64::from(bounds.max_m);
+    let terrain = load_terrain(config, on_ground.iter().map(|(polygon, _)| *polygon), margin_m)?;
+    let scene = Scene::new(&on_ground, &terrain, bounds, margin_m);
+    let views: Vec<ViewInput> = survey
+        .views
+        .iter()
+        .map(|view| ViewInput {
+            placed: PlacedCamera::new(
+                view.camera.reduced_to(config.optimise.working_px),
+                view.camera_from_map,
+                scene.origin,
+            ),
+            is_oblique: view.kind() == ViewKind::Oblique,
+        })
+        .collect();
+    let priors = FilePriors::new(config.prior.clone(), survey.views.iter().map(|v| &v.id))?;
+    let load_prior = |view: usize| {
+        let view = &survey.views[view];
+        priors.load(view).map(|prior| prior.to_z_depth(&view.camera)).map_err(|e| e.to_string())
+    };
+    let solution = solve(
+        &Problem {
+            scene: &scene,
+            views: &views,
+            load_prior: &load_prior,
+            seed: config.seed,
+            progress: &|what, done, total| tell(Event::Advance { what, done, total }),
+        },
+        &config.optimise,
+    );
+    require_priors(survey, &solution)?;
+    Ok(HeightStage { solved, solution })
+}
+
+/// Without a single prior there is nothing to solve: the settings are wrong, not single photos.
+fn require_priors(survey: &Survey, solution: &Solution) -> Result<(), PipelineError> {
+    match solution.failed_views.first() {
+        Some((view, reason)) if solution.used_views.is_empty() => Err(PipelineError::NoPriors {
+            n: solution.failed_views.len(),
+            view: survey.views[*view].id.0.clone(),
+            reason: reason.clone(),
+        }),
+        _ => Ok(()),
+    }
+}
+
+fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, heights: &HeightStage) -> Vec<Issue> {
+    let failed_priors = heights.solution.failed_views.iter().map(|(view, reason)| {
+        let subject = Subject::View(survey.views[*view].id.0.clone());
+        Issue::new(Severity::Refused, "prior_unusable", subject, reason.clone())
+    });
+    let unstated =
+        (config.project.vertical_reference.is_none() && config.project.crs.vertical_name().is_none()).then(|| {
+            let subject = Subject::Input("project".to_owned());
+            let message =
+                format!("{} has no vertical part, so what heights count from is not stated", config.project.crs);
+            Issue::new(Severity::Note, "vertical_reference_not_stated", subject, message)
+                .hint("set project.vertical_reference, or use a compound CRS such as EPSG:7415")
+        });
+    let mut issues: Vec<Issue> = survey.issues.clone();
+    issues.extend(footprints.layer.issues.iter().chain(&footprints.issues).cloned());
+    issues.extend(failed_priors.chain(unstated));
+    issues
+}
+
+fn count_by_status(records: &[BuildingRecord]) -> BTreeMap<crate::output::Status, usize> {
+    records.iter().fold(BTreeMap::new(), |mut counts, record| {
+        *counts.entry(record.status).or_default() += 1;
+        counts
+    })
+}
+
+fn lineage(
+    config: &RunConfig,
+    options: &RunOptions,
+    survey: &Survey,
+    heights: &HeightStage,
+) -> Result<Lineage, PipelineError> {
+    let priors = FilePriors::new(config.prior.clone(), survey.views.iter().map(|v| &v.id))?;
+    let mut files: BTreeSet<(&str, PathBuf)> = BTreeSet::new();
+    files.extend(files_of(&config.survey.path).into_iter().map(|path| ("survey", path)));
+    files.extend(files_of(&config.footprints.path).into_iter().map(|path| ("footprints", path)));
+    files.extend(config.terrain.dtm.iter().map(|path| ("terrain", path.clone())));
+    for &view in &heights.solution.used_views {
+        files.insert(("prior", priors.path_of(&survey.views[view].id)?));
+    }
+    let inputs: Result<Vec<InputFile>, FileError> =
+        files.iter().filter(|(_, path)| path.is_file()).map(|(role, path)| InputFile::hash(role, path)).collect();
+    let vertical = config.project.vertical_reference.clone();
+    Ok(Lineage {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        command: options.command.clone(),
+        config_sha256: sha256_hex(config.to_toml().as_bytes()),
+        inputs: inputs?,
+        crs: config.project.crs.definition().to_owned(),
+        vertical_reference: vertical
+            .or_else(|| config.project.crs.vertical_name().map(str::to_owned))
+            .unwrap_or_else(|| "not stated".to_owned()),
+        height_definition: format!(
+            "roof level minus ground level; ground level: {}; roof level: mean over the roof",
+            serde_json::to_string(&config.ground.reference).unwrap_or_default()
+        ),
+        seed: config.seed,
+        reference_date: config.project.reference_date.clone(),
+    })
+}
+
+/// The file itself, or the files of a folder.
+fn files_of(path: &Path) -> Vec<PathBuf> {
+    match std::fs::read_dir(path) {
+        Ok(entries) => entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|p| p.is_file()).collect(),
+        Err(_) => vec![path.to_owned()],
+    }
+}
+
+fn write_results(config: &RunConfig, model: &CityModel<'_>, summary: &RunSummary) -> Result<(), PipelineError> {
+    let folder = &config.project.output;
+    cityjson::write(&folder.join("city.city.json"), model, &config.output.cityjson)?;
+    geopackage::write(&folder.join("city.gpkg"), model, &config.output.geopackage)?;
+    write_json(&folder.join("issues.json"), &model.issues)?;
+    write_json(&folder.join("lineage.json"), &model.lineage)?;
+    // Seconds differ from run to run; the file stays the same for the same input.
+    write_json(&folder.join("summary.json"), &RunSummary { seconds: Vec::new(), ..summary.clone() })?;
+    write_whole(&folder.join("config.toml"), |out| out.write_all(config.to_toml().as_bytes()))?;
+    Ok(())
+}
+
+fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), PipelineError> {
+    write_whole(path, |out| {
+        serde_json::to_writer_pretty(&mut *out, value)?;
+        out.write_all(b"\n")
+    })?;
+    Ok(())
+}

@@ -1,0 +1,257 @@
+//! The ground in the local frame, and where a ray meets it.
+
+use glam::{DVec2, Vec2};
+
+use crate::frames::LocalOrigin;
+use crate::raster::Raster;
+use crate::render::bvh::Ray;
+use crate::terrain::Terrain;
+
+/// Cells along a side of the blocks that a ray can skip at once.
+const BLOCK: usize = 16;
+/// Halvings of the last step: a 2 m cell is resolved to 0.1 mm.
+const BISECTIONS: usize = 14;
+
+/// Ground heights, local frame, metres.
+#[derive(Debug, Clone)]
+pub enum LocalGround {
+    /// A level plane.
+    Level(f32),
+    /// Heights at the nodes of a grid, bilinear between them.
+    Grid(Grid),
+}
+
+/// Nodes `(col, row)` lie at `(west + col·cell.x, south + row·cell.y)`: row 0 is the *southernmost*.
+#[derive(Debug, Clone)]
+pub struct Grid {
+    /// `NaN` = no ground known here.
+    heights: Raster<f32>,
+    south_west: Vec2,
+    cell: Vec2,
+    /// Highest node of each block of cells; −∞ where nothing is known.
+    block_tops: Raster<f32>,
+    top: f32,
+}
+
+impl LocalGround {
+    /// Cuts a terrain to a map rectangle (`low` to `high`, metres) and moves it to the local frame.
+    #[must_use]
+    pub fn new(terrain: &Terrain, origin: LocalOrigin, low: DVec2, high: DVec2) -> Self {
+        match terrain {
+            Terrain::Constant(z_m) => Self::Level((z_m - origin.0.z) as f32),
+            Terrain::Grid(dem) => {
+                let (west, north) = dem.corner_m();
+                let (cell_x, cell_y) = dem.cell_m();
+                let all = dem.heights_m();
+                // First and last node of the cut, counted from the west and from the north.
+                let node = |m: f64, n: usize| m.clamp(0.0, (n - 1) as f64) as usize;
+                let col0 = node(((low.x - west) / cell_x - 0.5).floor(), all.width());
+                let col1 = node(((high.x - west) / cell_x - 0.5).ceil(), all.width());
+                let row0 = node(((north - high.y) / cell_y - 0.5).floor(), all.height());
+                let row1 = node(((north - low.y) / cell_y - 0.5).ceil(), all.height());
+                let (width, height) = (col1 - col0 + 1, row1 - row0 + 1);
+                let mut heights = Raster::filled(width, height, f32::NAN);
+                for row in 0..height {
+                    for col in 0..width {
+                        let z_m = f64::from(all[(col0 + col, row1 - row)]);
+                        heights[(col, row)] = (z_m - origin.0.z) as f32;
+                    }
+                }
+                let first = DVec2::new(
+                    west + (col0 as f64 + 0.5) * cell_x - origin.0.x,
+                    north - (row1 as f64 + 0.5) * cell_y - origin.0.y,
+                );
+                Self::Grid(Grid::new(heights, first.as_vec2(), Vec2::new(cell_x as f32, cell_y as f32)))
+            }
+        }
+    }
+
+    /// Height at a position; `NaN` where none is known.
+    #[must_use]
+    pub fn height_at(&self, position: Vec2) -> f32 {
+        match self {
+            Self::Level(z) => *z,
+            Self::Grid(grid) => grid.height_at(position),
+        }
+    }
+
+    /// Where a ray that looks down first meets the ground; `None` if it never does.
+    #[must_use]
+    pub fn meets(&self, ray: &Ray) -> Option<f32> {
+        if ray.direction.z >= 0.0 {
+            return None;
+        }
+        match self {
+            Self::Level(z) => {
+                let t = (z - ray.origin.z) / ray.direction.z;
+                (t > 0.0).then_some(t)
+            }
+            Self::Grid(grid) => grid.meets(ray),
+        }
+    }
+}
+
+impl Grid {
+    fn new(heights: Raster<f32>, south_west: Vec2, cell: Vec2) -> Self {
+        let n_blocks = |n: usize| n.saturating_sub(1).div_ceil(BLOCK).max(1);
+        let (width, height) = (heights.width(), heights.height());
+        let mut block_tops = Raster::filled(n_blocks(width), n_blocks(height), f32::NEG_INFINITY);
+        for row in 0..height {
+            for col in 0..width {
+                // A node on a block's border belongs to the cells, and so to the blocks, on both sides.
+                let blocks = |i: usize, n: usize| [i.saturating_sub(1) / BLOCK, (i / BLOCK).min(n - 1)];
+                for block_row in blocks(row, block_tops.height()) {
+                    for block_col in blocks(col, block_tops.width()) {
+                        let top = &mut block_tops[(block_col, block_row)];
+                        *top = top.max(heights[(col, row)]);
+                    }
+                }
+            }
+        }
+        let top = block_tops.data().iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        Self { heights, south_west, cell, block_tops, top }
+    }
+
+    /// Position in cells from the south-western node.
+    fn in_cells(&self, position: Vec2) -> Vec2 {
+        (position - self.south_west) / self.cell
+    }
+
+    fn height_at(&self, position: Vec2) -> f32 {
+        let p = self.in_cells(position);
+        let last = Vec2::new((self.heights.width() - 1) as f32, (self.heights.height() - 1) as f32);
+        // A ray's last point over the grid may be rounded to just beside it.
+        let beside = Vec2::splat(1e-3);
+        if !(p.cmpge(-beside).all() && p.cmple(last + beside).all()) {
+            return f32::NAN;
+        }
+        let p = p.clamp(Vec2::ZERO, last);
+        let col = (p.x as usize).min(self.heights.width().saturating_sub(2));
+        let row = (p.y as usize).min(self.heights.height().saturating_sub(2));
+        let (fx, fy) = (p.x - col as f32, p.y - row as f32);
+        let at = |c: usize, r: usize| self.heights[(c.min(self.heights.width() - 1), r.min(self.heights.height() - 1))];
+        let south = at(col, row) + (at(col + 1, row) - at(col, row)) * fx;
+        let north = at(col, row + 1) + (at(col + 1, row + 1) - at(col, row + 1)) * fx;
+        south + (north - south) * fy
+    }
+
+    /// Walks the cells under the ray from where it sinks below the highest ground; blocks whose highest node stays
+    /// below the ray are skipped at once.
+    fn meets(&self, ray: &Ray) -> Option<f32> {
+        let extent = Vec2::new((self.heights.width() - 1) as f32, (self.heights.height() - 1) as f32);
+        let origin = self.in_cells(ray.origin.truncate());
+        let direction = ray.direction.truncate() / self.cell;
+        if direction.abs().max_element() < 1e-6 * ray.direction.z.abs() {
+            let t = (self.height_at(ray.origin.truncate()) - ray.origin.z) / ray.direction.z;
+            return (t > 0.0).then_some(t); // false for NaN, where no ground is known
+        }
+        let inverse = direction.recip();
+        // The stretch of the ray over the grid.
+        let (a, b) = (-origin * inverse, (extent - origin) * inverse);
+        let enter = a.min(b).max_element().max((self.top - ray.origin.z) / ray.direction.z).max(0.0);
+        let leave = a.max(b).min_element();
+        let mut t = enter;
+        let is_below = |t: f32| ray.at(t).z <= self.height_at(ray.at(t).truncate());
+        if t <= leave && is_below(t) && t > 0.0 {
+            return Some(t);
+        }
+        // Where the ray leaves the square of `size` cells it is in at `t`, with a nudge so that it always moves on.
+        let exit = |t: f32, size: f32| {
+            let nudge = 1e-4;
+            let inside = origin + (t + nudge * inverse.abs().min_element()) * direction;
+            let square = (inside / size).floor() * size;
+            let far = Vec2::select(direction.cmpgt(Vec2::ZERO), square + size, square);
+            let exits = (far - origin) * inverse;
+            let exits = Vec2::select(direction.abs().cmpgt(Vec2::splat(1e-9)), exits, Vec2::INFINITY);
+            exits.min_element().max(t + nudge * inverse.abs().min_element())
+        };
+        while t < leave {
+            let block_exit = exit(t, BLOCK as f32).min(leave);
+            let inside = origin + 0.5 * (t + block_exit) * direction;
+            let block = |p: f32, n: usize| ((p.max(0.0) / BLOCK as f32) as usize).min(n - 1);
+            let block_top =
+                self.block_tops[(block(inside.x, self.block_tops.width()), block(inside.y, self.block_tops.height()))];
+            if ray.at(block_exit).z > block_top {
+                t = block_exit;
+                continue;
+            }
+            while t < block_exit {
+                let next = exit(t, 1.0).min(block_exit);
+                if is_below(next) {
+                    return Some(bisect(t, next, is_below));
+                }
+                t = next;
+            }
+        }
+        None
+    }
+}
+
+/// Where a condition turns true between `low` (false) and `high` (true).
+fn bisect(mut low: f32, mut high: f32, is_true: impl Fn(f32) -> bool) -> f32 {
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (low + high);
+        if is_true(middle) {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    high
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DVec3, Vec3};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::terrain::Dem;
+
+    fn hills() -> LocalGround {
+        let (n, cell) = (90, 2.0);
+        let z = |e: f64, n: f64| 5.0 * (e / 23.0).sin() + 4.0 * (n / 31.0).cos() + 0.02 * e;
+        let heights: Vec<f32> = (0..n * n)
+            .map(|i| z((f64::from(i % n) + 0.5) * cell, (f64::from(n - i / n) - 0.5) * cell) as f32)
+            .collect();
+        let dem = Dem::new(Raster::from_vec(n as usize, n as usize, heights).unwrap(), 0.0, 180.0, cell, cell).unwrap();
+        let terrain = Terrain::Grid(dem);
+        LocalGround::new(&terrain, LocalOrigin(DVec3::ZERO), DVec2::ZERO, DVec2::splat(180.0))
+    }
+
+    proptest! {
+        /// Against marching in centimetres.
+        #[test]
+        fn a_ray_stops_where_fine_marching_stops(
+            x in 20.0..160.0_f32, y in 20.0..160.0_f32,
+            dx in -1.5..1.5_f32, dy in -1.5..1.5_f32,
+        ) {
+            let ground = hills();
+            let ray = Ray::new(Vec3::new(x, y, 60.0), Vec3::new(dx, dy, -1.0));
+            let marched = (4000..8000).map(|i| i as f32 * 0.01).find(|&t| ray.at(t).z <= ground.height_at(ray.at(t).truncate()));
+            // Hits within 5 cm of the grid's border may fall to either side of it.
+            let is_inside = |t: &f32| {
+                let p = ray.at(*t).truncate();
+                p.min_element() > 1.05 && p.max_element() < 178.95
+            };
+            match (ground.meets(&ray).filter(is_inside), marched.filter(is_inside)) {
+                (Some(found), Some(marched)) => prop_assert!((found - marched).abs() < 0.05, "{found} {marched}"),
+                (found, marched) => prop_assert!(found.or(marched).is_none_or(|t| !is_inside(&(t + 0.1)))),
+            }
+        }
+    }
+
+    #[test]
+    fn a_vertical_ray_meets_the_height_below_it() {
+        let ground = hills();
+        let t = ground.meets(&Ray::new(Vec3::new(50.3, 71.7, 100.0), Vec3::new(0.0, 0.0, -1.0))).unwrap();
+        assert!((100.0 - t - ground.height_at(Vec2::new(50.3, 71.7))).abs() < 1e-3);
+    }
+
+    #[test]
+    fn upward_rays_and_rays_beside_the_grid_meet_nothing() {
+        let ground = hills();
+        assert_eq!(ground.meets(&Ray::new(Vec3::new(50.0, 50.0, 100.0), Vec3::Z)), None);
+        assert_eq!(ground.meets(&Ray::new(Vec3::new(-50.0, 50.0, 10.0), Vec3::new(0.0, 0.0, -1.0))), None);
+    }
+}

@@ -1,0 +1,69 @@
+//! The scene: footprints on the ground, extruded to one unknown height each.
+//!
+//! Frame: [`Local`](crate::frames::Local), metres, `f32` (a millimetre within 8 km of the origin).
+
+mod ground;
+mod prism;
+
+pub use ground::LocalGround;
+pub use prism::{Crossing, Prism};
+
+use geo_types::Polygon;
+use glam::DVec3;
+
+use crate::frames::LocalOrigin;
+use crate::terrain::{GroundLevel, Terrain};
+
+/// Which heights a building can have, metres above its ground level.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeightBounds {
+    /// Least height.
+    pub min_m: f32,
+    /// Greatest height.
+    pub max_m: f32,
+}
+
+/// Prisms of unknown height on known ground.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    /// Where the local frame lies in the map.
+    pub origin: LocalOrigin,
+    /// One per building, in the order of the footprints.
+    pub prisms: Vec<Prism>,
+    /// The ground.
+    pub ground: LocalGround,
+    /// The range of heights of every building.
+    pub bounds: HeightBounds,
+}
+
+impl Scene {
+    /// Builds the scene around the middle of the footprints.
+    ///
+    /// `terrain` is cut to the footprints' bounding box grown by `margin_m`, which should cover what the views see.
+    #[must_use]
+    pub fn new(
+        footprints: &[(&Polygon<f64>, GroundLevel)],
+        terrain: &Terrain,
+        bounds: HeightBounds,
+        margin_m: f64,
+    ) -> Self {
+        let corners = || footprints.iter().flat_map(|(polygon, _)| polygon.exterior().coords());
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for (corner, (_, ground)) in corners().zip(footprints.iter().cycle()) {
+            let position = DVec3::new(corner.x, corner.y, ground.reference_m);
+            low = low.min(position);
+            high = high.max(position);
+        }
+        let centre = if low.is_finite() { (0.5 * (low + high)).floor() } else { DVec3::ZERO };
+        let origin = LocalOrigin(centre);
+        let prisms = footprints.iter().map(|(polygon, ground)| Prism::new(polygon, *ground, origin)).collect();
+        let ground = LocalGround::new(terrain, origin, low.truncate() - margin_m, high.truncate() + margin_m);
+        Self { origin, prisms, ground, bounds }
+    }
+
+    /// Roof levels in the local frame for heights above ground, both metres, one per building.
+    #[must_use]
+    pub fn roofs(&self, heights_m: &[f32]) -> Vec<f32> {
+        self.prisms.iter().zip(heights_m).map(|(prism, height_m)| prism.ground_z + height_m).collect()
+    }
+}

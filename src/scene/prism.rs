@@ -1,0 +1,181 @@
+//! One building as a vertical prism: a footprint, its ground level, and a height to be found.
+
+use geo_types::{LineString, Polygon};
+use glam::{Vec2, Vec3};
+
+use crate::frames::LocalOrigin;
+use crate::render::bvh::{Aabb, Ray};
+use crate::terrain::GroundLevel;
+
+/// A stretch of a ray inside a footprint, in the ray's own parameter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Crossing {
+    /// Where the ray enters the footprint (−∞ for a vertical ray inside it).
+    pub enter: f32,
+    /// Where it leaves (+∞ for a vertical ray inside it).
+    pub leave: f32,
+}
+
+/// A footprint with its ground level, in the local frame, metres.
+#[derive(Debug, Clone)]
+pub struct Prism {
+    /// Corners of all rings, each ring closed (first corner repeated); exterior first.
+    corners: Vec<Vec2>,
+    /// Where each ring starts in `corners`, and the end.
+    ring_starts: Vec<usize>,
+    /// Level that heights count from.
+    pub ground_z: f32,
+    /// Lowest ground under the outline.
+    pub base_z: f32,
+}
+
+impl Prism {
+    /// From a map-frame outline.
+    #[must_use]
+    pub fn new(polygon: &Polygon<f64>, ground: GroundLevel, origin: LocalOrigin) -> Self {
+        let mut corners = Vec::new();
+        let mut ring_starts = vec![0];
+        for ring in std::iter::once(polygon.exterior()).chain(polygon.interiors()) {
+            corners.extend(local_ring(ring, origin));
+            ring_starts.push(corners.len());
+        }
+        let level = |z_m: f64| (z_m - origin.0.z) as f32;
+        Self { corners, ring_starts, ground_z: level(ground.reference_m), base_z: level(ground.lowest_m) }
+    }
+
+    /// The rings, closed, exterior first.
+    pub fn rings(&self) -> impl Iterator<Item = &[Vec2]> {
+        self.ring_starts.windows(2).map(|w| &self.corners[w[0]..w[1]])
+    }
+
+    /// The walls' traces: `(start, end)` of every edge of every ring.
+    pub fn edges(&self) -> impl Iterator<Item = (Vec2, Vec2)> {
+        self.rings().flat_map(|ring| ring.windows(2).map(|e| (e[0], e[1])))
+    }
+
+    /// The box around the prism from its lowest ground to a roof level.
+    #[must_use]
+    pub fn bounds_below(&self, roof_z: f32) -> Aabb {
+        let bottom = self.base_z.min(roof_z);
+        Aabb::around(self.corners.iter().flat_map(|c| [c.extend(bottom), c.extend(roof_z)]))
+    }
+
+    /// Middle of the footprint's bounding box at a level.
+    #[must_use]
+    pub fn centre_at(&self, z: f32) -> Vec3 {
+        let b = self.bounds_below(z);
+        (0.5 * (b.min + b.max)).truncate().extend(z)
+    }
+
+    /// The stretches of a ray over the footprint, in order, pushed to `crossings`.
+    ///
+    /// A ray meets a ring's edges an even number of times, by a half-open rule on which side of the ray the corners
+    /// lie; sorted meeting points pair up to stretches inside (even-odd rule, so holes cut them).
+    pub fn crossings(&self, ray: &Ray, crossings: &mut Vec<Crossing>) {
+        /// Most edges that a typical outline's ray meets; more spill to the heap.
+        const INLINE: usize = 16;
+        let origin = ray.origin.truncate();
+        let direction = ray.direction.truncate();
+        let length_squared = direction.length_squared();
+        if length_squared < 1e-12 {
+            if self.contains(origin) {
+                crossings.push(Crossing { enter: f32::NEG_INFINITY, leave: f32::INFINITY });
+            }
+            return;
+        }
+        let mut meets = [0.0_f32; INLINE];
+        let mut spill = Vec::new();
+        let mut n = 0;
+        for ring in self.rings() {
+            let mut previous = ring[0] - origin;
+            let mut previous_side = direction.perp_dot(previous);
+            for &corner in &ring[1..] {
+                let next = corner - origin;
+                let side = direction.perp_dot(next);
+                if (previous_side >= 0.0) != (side >= 0.0) {
+                    let along = previous_side / (previous_side - side);
+                    let meet = direction.dot(previous + along * (next - previous)) / length_squared;
+                    if n < INLINE {
+                        meets[n] = meet;
+                    } else {
+                        if spill.is_empty() {
+                            spill.extend_from_slice(&meets);
+                        }
+                        spill.push(meet);
+                    }
+                    n += 1;
+                }
+                previous = next;
+                previous_side = side;
+            }
+        }
+        let meets = if n <= INLINE { &mut meets[..n] } else { &mut spill[..] };
+        meets.sort_unstable_by(f32::total_cmp);
+        crossings.extend(
+            meets.chunks_exact(2).filter(|m| m[1] > m[0] && m[1] > 0.0).map(|m| Crossing { enter: m[0], leave: m[1] }),
+        );
+    }
+
+    /// Whether a point lies in the footprint (even-odd rule).
+    #[must_use]
+    pub fn contains(&self, point: Vec2) -> bool {
+        self.edges().fold(false, |inside, (a, b)| {
+            let straddles = (a.y > point.y) != (b.y > point.y);
+            inside ^ (straddles && point.x < (b.x - a.x) * (point.y - a.y) / (b.y - a.y) + a.x)
+        })
+    }
+
+    /// Area of the footprint, m².
+    #[must_use]
+    pub fn area_m2(&self) -> f32 {
+        // Rings of a valid footprint turn opposite ways, so that their signed areas add up to the area.
+        let twice: f32 = self.edges().map(|(a, b)| a.perp_dot(b)).sum();
+        0.5 * twice.abs()
+    }
+}
+
+fn local_ring(ring: &LineString<f64>, origin: LocalOrigin) -> impl Iterator<Item = Vec2> + '_ {
+    ring.coords().map(move |c| Vec2::new((c.x - origin.0.x) as f32, (c.y - origin.0.y) as f32))
+}
+
+#[cfg(test)]
+mod tests {
+    use geo_types::polygon;
+
+    use super::*;
+
+    fn courtyard() -> Prism {
+        let polygon = polygon!(
+            exterior: [(x: 0.0, y: 0.0), (x: 10.0, y: 0.0), (x: 10.0, y: 10.0), (x: 0.0, y: 10.0)],
+            interiors: [[(x: 3.0, y: 3.0), (x: 3.0, y: 7.0), (x: 7.0, y: 7.0), (x: 7.0, y: 3.0)]],
+        );
+        Prism::new(&polygon, GroundLevel { reference_m: 1.0, lowest_m: 0.0 }, LocalOrigin(glam::DVec3::ZERO))
+    }
+
+    fn crossings(origin: [f32; 3], direction: [f32; 3]) -> Vec<(f32, f32)> {
+        let mut found = Vec::new();
+        courtyard().crossings(&Ray::new(origin.into(), direction.into()), &mut found);
+        found.into_iter().map(|c| (c.enter, c.leave)).collect()
+    }
+
+    #[test]
+    fn a_courtyard_cuts_the_ray_in_two() {
+        assert_eq!(crossings([-5.0, 5.0, 9.0], [1.0, 0.0, -0.1]), [(5.0, 8.0), (12.0, 15.0)]);
+    }
+
+    #[test]
+    fn a_ray_along_the_diagonal_through_corners_pairs_up() {
+        assert_eq!(crossings([-1.0, -1.0, 9.0], [1.0, 1.0, -1.0]), [(1.0, 4.0), (8.0, 11.0)]);
+    }
+
+    #[test]
+    fn a_vertical_ray_is_inside_or_outside_for_ever() {
+        assert_eq!(crossings([1.0, 1.0, 9.0], [0.0, 0.0, -1.0]), [(f32::NEG_INFINITY, f32::INFINITY)]);
+        assert_eq!(crossings([5.0, 5.0, 9.0], [0.0, 0.0, -1.0]), []);
+    }
+
+    #[test]
+    fn the_area_leaves_the_courtyard_out() {
+        assert_eq!(courtyard().area_m2(), 84.0);
+    }
+}

@@ -1,0 +1,61 @@
+#!/usr/bin/env bash
+# Installs what is missing, through the distribution's packages, and says so. Does nothing where all is there.
+#
+#   tools/deps.sh build   what it takes to build and run sizeup
+#   tools/deps.sh test    the independent tools that tests compare with
+set -euo pipefail
+
+readonly MIN_RUST=94 # Rust 1.94
+
+say() { printf 'deps: %s\n' "$*" >&2; }
+fail() { say "$*"; exit 1; }
+
+as_root() {
+  if [ "$(id -u)" -eq 0 ]; then "$@"
+  elif command -v sudo >/dev/null; then sudo "$@"
+  else fail "root is needed to run: $* (or install these packages another way and call make again)"
+  fi
+}
+
+updated=no
+install_packages() {
+  [ "$#" -gt 0 ] || return 0
+  command -v apt-get >/dev/null || fail "missing: $* (Debian's names). Install them with your system's package manager."
+  say "installing $* with apt-get"
+  if [ "$updated" = no ]; then as_root apt-get update -qq; updated=yes; fi
+  as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" >/dev/null
+}
+
+rust_is_new_enough() {
+  command -v cargo >/dev/null && command -v rustc >/dev/null || return 1
+  local minor
+  minor=$(rustc --version | sed -n 's/^rustc 1\.\([0-9]*\)\..*/\1/p')
+  [ "${minor:-0}" -ge "$MIN_RUST" ]
+}
+
+build_tools() {
+  local missing=()
+  command -v cc >/dev/null || missing+=(gcc libc6-dev)
+  command -v c++ >/dev/null || missing+=(g++)
+  command -v pkg-config >/dev/null || missing+=(pkg-config)
+  { command -v pkg-config >/dev/null && pkg-config --exists gdal 'proj >= 9.1'; } || missing+=(libgdal-dev libproj-dev)
+  [ -e /etc/ssl/certs/ca-certificates.crt ] || missing+=(ca-certificates)
+  # ${a[@]+…}: an empty array is "unbound" to older shells.
+  install_packages ${missing[@]+"${missing[@]}"}
+  if ! rust_is_new_enough; then
+    install_packages rustc-web cargo-web
+    rust_is_new_enough || fail "Rust 1.$MIN_RUST or newer is needed, found: $(rustc --version 2>/dev/null || echo none). See https://rustup.rs"
+  fi
+}
+
+test_tools() {
+  local missing=()
+  command -v ogrinfo >/dev/null || missing+=(gdal-bin)
+  install_packages ${missing[@]+"${missing[@]}"}
+}
+
+case "${1:-build}" in
+  build) build_tools ;;
+  test) build_tools; test_tools ;;
+  *) fail "usage: tools/deps.sh build|test" ;;
+esac
