@@ -2,7 +2,6 @@
 //!
 //! The only doors to GDAL: [`raster`] and [`vector`] read, the others write.
 
-pub mod features;
 pub mod gpkg;
 pub mod raster;
 pub mod vector;

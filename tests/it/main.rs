@@ -2,6 +2,8 @@
 
 mod evaluation;
 mod outputs;
+mod pictures;
+mod qgis;
 mod simulate;
 mod survey_formats;
 mod survey_hostile;
@@ -14,3 +16,4 @@ mod shared_data;
 mod stereo;
 mod terrain_files;
 mod warsaw;
+mod validation;
