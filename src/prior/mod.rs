@@ -41,7 +41,6 @@ use crate::survey::View;
 #[serde(rename_all = "snake_case")]
 pub enum PriorKind {
     /// Depth up to scale: higher is farther (Depth Anything 3, `Metric3D`, MoGe).
-    /// Depth up to scale: higher is farther (Depth Anything 3, `Metric3D`, `MoGe`).
     Depth,
     /// Inverse depth (disparity) up to scale and shift: higher is nearer (Depth Anything 2, MiDaS).
     InverseDepth,
