@@ -14,12 +14,12 @@ pub fn ticks(low: f64, high: f64, n: usize) -> Vec<f64> {
     (first..=last).map(|i| i as f64 * step).collect()
 }
 
-/// The round step of [`ticks`].
+/// The round step of [`ticks`]: the smallest of 1, 2, 2.5, 5 × 10ⁿ that gives at most a quarter more than `n`.
 pub fn step(low: f64, high: f64, n: usize) -> f64 {
-    let raw = (high - low).max(f64::MIN_POSITIVE) / n.max(1) as f64;
-    let below = round_down(raw);
-    // The candidate nearest to the wished number.
-    [below, 2.0 * below, 2.5 * below].into_iter().find(|s| *s >= raw * 0.8).unwrap_or(below)
+    let wished = 0.8 * (high - low).max(f64::MIN_POSITIVE) / n.max(1) as f64;
+    let power = 10_f64.powf(wished.log10().floor());
+    let lead = [1.0, 2.0, 2.5, 5.0].into_iter().find(|lead| lead * power >= wished * (1.0 - 1e-9));
+    lead.unwrap_or(10.0) * power
 }
 
 /// A tick's label with as many decimals as its step needs.
