@@ -174,6 +174,7 @@ fn text_of_flags(args: &RunArgs) -> Result<String, Failure> {
         (None, Some(ground_m)) => set("terrain", "constant_m", ground_m.into()),
         (None, None) => return Err(missing("dtm or --ground")),
     }
+    set("prior", "source", "files".into());
     set("prior", "path", args.priors.clone().ok_or_else(|| missing("priors"))?.into());
     set("prior", "kind", kind.into());
     Ok(table.to_string())

@@ -14,7 +14,7 @@ use crate::footprint::FootprintConfig;
 use crate::optimise::OptimiseConfig;
 use crate::output::cityjson::CityJsonConfig;
 use crate::output::geopackage::GeoPackageConfig;
-use crate::prior::FilePriorConfig;
+use crate::prior::PriorConfig;
 use crate::survey::SurveyConfig;
 use crate::terrain::{GroundConfig, TerrainConfig};
 
@@ -68,7 +68,7 @@ pub struct RunConfig {
     #[serde(default)]
     pub ground: GroundConfig,
     /// Depth priors.
-    pub prior: FilePriorConfig,
+    pub prior: PriorConfig,
     /// The height optimisation.
     #[serde(default)]
     pub optimise: OptimiseConfig,
@@ -100,13 +100,21 @@ fn default_output() -> PathBuf {
 }
 
 /// Settings of the writers.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct OutputConfig {
+    /// Whether to draw pictures: a map, proxies over photos, one view's depth beside its prior.
+    pub pictures: bool,
     /// `CityJSON`.
     pub cityjson: CityJsonConfig,
     /// `GeoPackage`.
     pub geopackage: GeoPackageConfig,
+}
+
+impl Default for OutputConfig {
+    fn default() -> Self {
+        Self { pictures: true, cityjson: CityJsonConfig::default(), geopackage: GeoPackageConfig::default() }
+    }
 }
 
 impl RunConfig {
@@ -117,7 +125,7 @@ impl RunConfig {
     pub fn load(path: &Path, assignments: &[String]) -> Result<Self, ConfigError> {
         let text =
             std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(""));
         Self::from_text(&text, path, assignments).map(|mut config| {
             config.resolve_paths(folder);
             config
@@ -133,12 +141,12 @@ impl RunConfig {
     }
 
     fn resolve_paths(&mut self, folder: &Path) {
-        let resolve = |path: &mut PathBuf| *path = in_folder(folder, path);
+        let resolve = |path: &mut PathBuf| *path = folder.join(&*path);
         resolve(&mut self.project.output);
         self.survey.resolve_paths(folder);
         resolve(&mut self.footprints.path);
-        self.terrain.dtm.iter_mut().chain(&mut self.prior.names).for_each(resolve);
-        self.prior.path = in_folder(folder, Path::new(&self.prior.path)).to_string_lossy().into_owned();
+        self.terrain.dtm.iter_mut().for_each(resolve);
+        self.prior.resolve_paths(folder);
     }
 
     /// As TOML, for the file beside the results.
@@ -167,11 +175,6 @@ pub fn parse<T: DeserializeOwned>(text: &str, path: Option<&Path>, assignments: 
             .map_err(|message| ConfigError::Set { assignment: assignment.clone(), message })?;
     }
     table.try_into().map_err(parse_error)
-}
-
-/// A path relative to a folder; absolute paths and GDAL's virtual ones (`/vsizip/…`) stay.
-fn in_folder(folder: &Path, path: &Path) -> PathBuf {
-    if folder == Path::new(".") { path.to_owned() } else { folder.join(path) }
 }
 
 /// Sets `a.b.c = value` in a table; the value is TOML where it parses as such, else a string.
@@ -207,6 +210,7 @@ mod tests {
         [terrain]
         constant_m = 12.0
         [prior]
+        source = "files"
         path = "priors/{stem}.npy"
         kind = "depth"
     "#;

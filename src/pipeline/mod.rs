@@ -12,6 +12,7 @@
 mod artefact;
 mod error;
 mod input;
+mod pictures;
 mod records;
 mod stages;
 

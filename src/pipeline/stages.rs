@@ -6,17 +6,17 @@ use std::time::Instant;
 
 use geo_types::Polygon;
 
-use super::artefact;
 use super::input::{check_views, height_bounds};
 use super::records::records;
 use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Stage, Tell};
+use super::{artefact, pictures};
 use crate::config::RunConfig;
 use crate::files::{FileError, write_whole};
 use crate::footprint;
 use crate::issue::{Issue, Severity, Subject};
 use crate::optimise::{Problem, Solution, ViewInput, solve};
 use crate::output::{BuildingRecord, CityModel, InputFile, Lineage, cityjson, geopackage, sha256_hex};
-use crate::prior::{FilePriors, PriorSource as _};
+use crate::prior::{PriorSource as _, Priors};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
 use crate::survey::{self, Survey, ViewKind};
@@ -69,9 +69,10 @@ pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> R
     }
 
     let start = Instant::now();
+    let stage = SceneStage::new(config, &survey, &footprints)?;
     let heights: HeightStage = if runs(Stage::Heights) {
         tell(Event::Stage(Stage::Heights));
-        let heights = find_heights(config, &survey, &footprints, tell)?;
+        let heights = find_heights(config, &survey, &stage, tell)?;
         artefact::write(config, Stage::Heights, &heights)?;
         timed(Stage::Heights, start);
         heights
@@ -92,10 +93,14 @@ pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> R
     summary.by_status = count_by_status(&records);
     let known: Vec<f64> = records.iter().filter_map(|r| r.height_m).collect();
     summary.median_height_m = crate::stats::median(&known);
-    let lineage = lineage(config, options, &survey, &heights)?;
+    let priors = config.prior.open(&survey.views, &stage.terrain)?;
+    let lineage = lineage(config, options, &survey, &heights, &priors)?;
     let model =
         CityModel { records: &records, crs: &config.project.crs, lineage: &lineage, issues: &issues, survey: &survey };
     write_results(config, &model, &summary)?;
+    if config.output.pictures {
+        pictures::write(&config.project.output, &model, &stage, &heights, &priors)?;
+    }
     timed(Stage::Output, start);
     Ok(RunSummary { seconds, ..summary })
 }
@@ -138,19 +143,37 @@ fn load_terrain<'a>(
     Ok(terrain::load(&config.terrain, &config.project.crs, area.grown(margin_m))?)
 }
 
+/// Everything that rays meet, and what they are compared with.
+pub(super) struct SceneStage {
+    /// The buildings whose ground is known.
+    pub scene: Scene,
+    /// Their positions in the layer.
+    solved: Vec<usize>,
+    /// The ground around them.
+    terrain: Terrain,
+}
+
+impl SceneStage {
+    fn new(config: &RunConfig, survey: &Survey, footprints: &FootprintStage) -> Result<Self, PipelineError> {
+        let bounds = height_bounds(config, check_views(survey, footprints)?)?;
+        let solved: Vec<usize> = (0..footprints.ground.len()).filter(|&i| footprints.ground[i].is_some()).collect();
+        let on_ground: Vec<(&Polygon<f64>, GroundLevel)> = solved
+            .iter()
+            .filter_map(|&i| Some((&footprints.layer.footprints[i].polygon, footprints.ground[i]?)))
+            .collect();
+        let margin_m = GROUND_MARGIN_HEIGHTS * f64::from(bounds.max_m);
+        let terrain = load_terrain(config, on_ground.iter().map(|(polygon, _)| *polygon), margin_m)?;
+        let scene = Scene::new(&on_ground, &terrain, bounds, margin_m);
+        Ok(Self { scene, solved, terrain })
+    }
+}
+
 fn find_heights(
     config: &RunConfig,
     survey: &Survey,
-    footprints: &FootprintStage,
+    stage: &SceneStage,
     tell: Tell<'_>,
 ) -> Result<HeightStage, PipelineError> {
-    let bounds = height_bounds(config, check_views(survey, footprints)?)?;
-    let solved: Vec<usize> = (0..footprints.ground.len()).filter(|&i| footprints.ground[i].is_some()).collect();
-    let on_ground: Vec<(&Polygon<f64>, GroundLevel)> =
-        solved.iter().filter_map(|&i| Some((&footprints.layer.footprints[i].polygon, footprints.ground[i]?))).collect();
-    let margin_m = GROUND_MARGIN_HEIGHTS * f64::from(bounds.max_m);
-    let terrain = load_terrain(config, on_ground.iter().map(|(polygon, _)| *polygon), margin_m)?;
-    let scene = Scene::new(&on_ground, &terrain, bounds, margin_m);
     let views: Vec<ViewInput> = survey
         .views
         .iter()
@@ -158,19 +181,19 @@ fn find_heights(
             placed: PlacedCamera::new(
                 view.camera.reduced_to(config.optimise.working_px),
                 view.camera_from_map,
-                scene.origin,
+                stage.scene.origin,
             ),
             is_oblique: view.kind() == ViewKind::Oblique,
         })
         .collect();
-    let priors = FilePriors::new(config.prior.clone(), survey.views.iter().map(|v| &v.id))?;
+    let priors = config.prior.open(&survey.views, &stage.terrain)?;
     let load_prior = |view: usize| {
         let view = &survey.views[view];
         priors.load(view).map(|prior| prior.to_z_depth(&view.camera)).map_err(|e| e.to_string())
     };
     let solution = solve(
         &Problem {
-            scene: &scene,
+            scene: &stage.scene,
             views: &views,
             load_prior: &load_prior,
             seed: config.seed,
@@ -179,7 +202,7 @@ fn find_heights(
         &config.optimise,
     );
     require_priors(survey, &solution)?;
-    Ok(HeightStage { solved, solution })
+    Ok(HeightStage { solved: stage.solved.clone(), solution })
 }
 
 /// Without a single prior there is nothing to solve: the settings are wrong, not single photos.
@@ -225,14 +248,14 @@ fn lineage(
     options: &RunOptions,
     survey: &Survey,
     heights: &HeightStage,
+    priors: &Priors,
 ) -> Result<Lineage, PipelineError> {
-    let priors = FilePriors::new(config.prior.clone(), survey.views.iter().map(|v| &v.id))?;
     let mut files: BTreeSet<(&str, PathBuf)> = BTreeSet::new();
     files.extend(files_of(&config.survey.path).into_iter().map(|path| ("survey", path)));
     files.extend(files_of(&config.footprints.path).into_iter().map(|path| ("footprints", path)));
     files.extend(config.terrain.dtm.iter().map(|path| ("terrain", path.clone())));
     for &view in &heights.solution.used_views {
-        files.insert(("prior", priors.path_of(&survey.views[view].id)?));
+        files.extend(priors.file_of(&survey.views[view])?.map(|path| ("prior", path)));
     }
     let inputs: Result<Vec<InputFile>, FileError> =
         files.iter().filter(|(_, path)| path.is_file()).map(|(role, path)| InputFile::hash(role, path)).collect();

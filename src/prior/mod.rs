@@ -14,6 +14,7 @@ pub mod files;
 pub mod network;
 mod npy;
 mod pfm;
+mod source;
 pub mod stereo;
 mod template;
 
@@ -21,6 +22,7 @@ pub use cache::{CacheKey, CachedPriors, KeyHasher, PriorCache};
 pub use check::{ground_correlation, judge_tag};
 pub use files::{FilePriorConfig, FilePriors};
 pub use network::{NetworkConfig, NetworkPriors};
+pub use source::{PriorConfig, Priors};
 pub use stereo::{StereoConfig, StereoPriors};
 
 use std::path::PathBuf;

@@ -201,7 +201,8 @@ pub(super) fn write_run_config(
          seed = {seed}\n\n[project]\ncrs = \"{crs}\"\noutput = \"result\"\n\n\
          [survey]\nformat = \"colmap\"\npath = \"sparse\"\n{images}offset = [{x:?}, {y:?}, {z:?}]\n\n\
          [footprints]\npath = \"footprints.gpkg\"\nid_field = \"id\"\n\n[terrain]\n{terrain}\n\n\
-         [prior]\npath = \"priors/{{stem}}.npy\"\nkind = \"{kind}\"\ngeometry = \"z_depth\"\n",
+         [ground]\nreference = \"mean\"\n\n\
+         [prior]\nsource = \"files\"\npath = \"priors/{{stem}}.npy\"\nkind = \"{kind}\"\ngeometry = \"z_depth\"\n",
         seed = config.seed,
         x = offset.x,
         y = offset.y,

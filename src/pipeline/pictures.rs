@@ -1,0 +1,108 @@
+//! Pictures of a run: the map, the proxies drawn over photos, and one view's depth beside its prior.
+
+use glam::{DVec3, Vec2};
+use image::RgbImage;
+
+use super::stages::SceneStage;
+use super::{HeightStage, PipelineError};
+use crate::output::picture::colour::Rgb;
+use crate::output::picture::{self, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline};
+use crate::output::{CityModel, MalformedFile, OutputError};
+use crate::prior::{PriorSource as _, Priors};
+use crate::render::PlacedCamera;
+use crate::render::image::SceneTracer;
+use crate::survey::{Survey, View};
+
+/// Photos with the proxies drawn over them.
+const N_OVERLAYS: usize = 3;
+/// Longer side of the rendered depth beside the prior, pixels.
+const PANEL_PX: u32 = 640;
+/// Grey of a photo that is not there.
+const NO_PHOTO: [u8; 3] = [120, 120, 120];
+
+/// Draws everything into `pictures/` beside the results.
+pub(super) fn write(
+    folder: &std::path::Path,
+    model: &CityModel<'_>,
+    stage: &SceneStage,
+    heights: &HeightStage,
+    priors: &Priors,
+) -> Result<(), PipelineError> {
+    let folder = folder.join("pictures");
+    picture::write_png(&folder.join("map.png"), &picture::map(model, &MapConfig::default()))?;
+    let views = telling_views(model.survey, heights);
+    let heights_m: Vec<f32> =
+        heights.solution.heights.iter().map(|h| h.height_m.map_or(stage.scene.bounds.min_m, |h| h as f32)).collect();
+    if let Some(&first) = views.first() {
+        let view = &model.survey.views[first];
+        let path = folder.join("depth.png");
+        picture::write_png(&path, &panel(view, stage, &heights_m, priors)?)?;
+    }
+    let with_photo = views.iter().map(|&v| &model.survey.views[v]).filter(|view| view.image.is_some());
+    for view in with_photo.take(N_OVERLAYS) {
+        let stem = std::path::Path::new(&view.id.0).file_stem().map(|s| s.to_string_lossy().into_owned());
+        let name = format!("overlay-{}.png", stem.unwrap_or_else(|| "view".to_owned()));
+        let lines = proxy_lines(view, stage, heights);
+        let key = [("roof", ROOF), ("wall, ground", WALL)];
+        let overlay = picture::overlay(&photo_of(view)?, &lines, &key, &OverlayConfig::default());
+        picture::write_png(&folder.join(name), &overlay)?;
+    }
+    Ok(())
+}
+
+/// Colour of roof edges and of the others.
+const ROOF: Rgb = [253, 231, 37];
+const WALL: Rgb = [64, 190, 200];
+
+/// The views that had a say in most buildings first; ties by position.
+fn telling_views(survey: &Survey, heights: &HeightStage) -> Vec<usize> {
+    let mut says = vec![0_usize; survey.views.len()];
+    for &view in heights.solution.heights.iter().flat_map(|h| &h.views) {
+        says[view] += 1;
+    }
+    let mut views: Vec<usize> = (0..says.len()).filter(|&v| says[v] > 0).collect();
+    views.sort_by_key(|&v| (std::cmp::Reverse(says[v]), v));
+    views
+}
+
+fn photo_of(view: &View) -> Result<RgbImage, PipelineError> {
+    let Some(path) = &view.image else {
+        let camera = view.camera.reduced_to(PANEL_PX);
+        return Ok(RgbImage::from_pixel(camera.width_px, camera.height_px, image::Rgb(NO_PHOTO)));
+    };
+    // The EXIF orientation stays unapplied: poses are of the image as it is stored.
+    let malformed = |e: image::ImageError| MalformedFile { path: path.clone(), reason: e.to_string() };
+    Ok(image::open(path).map_err(|e| OutputError::from(malformed(e)))?.into_rgb8())
+}
+
+fn panel(view: &View, stage: &SceneStage, heights_m: &[f32], priors: &Priors) -> Result<RgbImage, PipelineError> {
+    let camera = view.camera.reduced_to(PANEL_PX);
+    let placed = PlacedCamera::new(camera, view.camera_from_map, stage.scene.origin);
+    let rendered = SceneTracer::new(&stage.scene, heights_m).render(&placed);
+    let prior = priors.load(view)?;
+    let depths = PanelDepths { rendered_m: &rendered.depth, prior: &prior.values, prior_kind: prior.kind };
+    Ok(picture::depth_panel(&photo_of(view)?, &depths, &view.id.0, &PanelConfig::default()))
+}
+
+/// The edges of the proxies as a view sees them, hidden ones too.
+fn proxy_lines(view: &View, stage: &SceneStage, heights: &HeightStage) -> Vec<Polyline> {
+    let placed = PlacedCamera::new((*view.camera).clone(), view.camera_from_map, stage.scene.origin);
+    let line = |points: [(Vec2, f32); 2], colour| {
+        let project = |(at, z): (Vec2, f32)| placed.project(DVec3::new(at.x.into(), at.y.into(), z.into()));
+        let ends: Option<Vec<[f64; 2]>> = points.into_iter().map(|p| project(p).map(|p| p.to_array())).collect();
+        ends.map(|points_px| Polyline { points_px, colour })
+    };
+    let mut lines = Vec::new();
+    for (prism, height) in stage.scene.prisms.iter().zip(&heights.solution.heights) {
+        let Some(height_m) = height.height_m else { continue };
+        let roof_z = prism.ground_z + height_m as f32;
+        for (a, b) in prism.edges() {
+            lines.extend(line([(a, prism.base_z), (b, prism.base_z)], WALL));
+            lines.extend(line([(a, prism.base_z), (a, roof_z)], WALL));
+            lines.extend(line([(a, roof_z), (b, roof_z)], ROOF));
+        }
+    }
+    // Roofs on top.
+    lines.sort_by_key(|line| line.colour == ROOF);
+    lines
+}

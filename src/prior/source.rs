@@ -1,0 +1,84 @@
+//! Where a project's priors come from: one choice of the configuration, one source.
+
+use std::path::{Path, PathBuf};
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    DepthPrior, FilePriorConfig, FilePriors, NetworkConfig, NetworkPriors, PriorError, PriorSource, StereoConfig,
+    StereoPriors,
+};
+use crate::survey::View;
+use crate::terrain::Terrain;
+
+/// Where the priors come from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "source", rename_all = "snake_case")]
+pub enum PriorConfig {
+    /// Maps that somebody else computed, one file per photo.
+    Files(FilePriorConfig),
+    /// A depth network as an ONNX file.
+    Network(NetworkConfig),
+    /// No network at all: the photos matched with each other.
+    Stereo(StereoConfig),
+}
+
+impl PriorConfig {
+    /// Makes relative paths relative to `folder` (that of the configuration file).
+    pub fn resolve_paths(&mut self, folder: &Path) {
+        match self {
+            Self::Files(files) => {
+                files.path = folder.join(&files.path).to_string_lossy().into_owned();
+                files.names = files.names.take().map(|names| folder.join(names));
+            }
+            Self::Network(network) => network.model = folder.join(&network.model),
+            Self::Stereo(_) => {}
+        }
+    }
+
+    /// Gets the source ready for a survey over a terrain; no prior is read or computed yet.
+    ///
+    /// # Errors
+    /// [`PriorError`] for settings that cannot work.
+    pub fn open(&self, views: &[View], terrain: &Terrain) -> Result<Priors, PriorError> {
+        Ok(match self {
+            Self::Files(config) => Priors::Files(FilePriors::new(config.clone(), views.iter().map(|v| &v.id))?),
+            Self::Network(config) => Priors::Network(Box::new(NetworkPriors::new(config.clone())?)),
+            Self::Stereo(config) => Priors::Stereo(StereoPriors::new(config.clone(), views, terrain)?),
+        })
+    }
+}
+
+/// The priors of one survey.
+pub enum Priors {
+    /// From files.
+    Files(FilePriors),
+    /// From a network.
+    Network(Box<NetworkPriors>),
+    /// From the photos alone.
+    Stereo(StereoPriors),
+}
+
+impl Priors {
+    /// What a view's prior is made from, for the lineage: its file, or its photo.
+    ///
+    /// # Errors
+    /// [`PriorError::Config`] for a photo outside the survey where its position is asked for.
+    pub fn file_of(&self, view: &View) -> Result<Option<PathBuf>, PriorError> {
+        match self {
+            Self::Files(files) => files.path_of(&view.id).map(Some),
+            Self::Network(_) | Self::Stereo(_) => Ok(view.image.clone()),
+        }
+    }
+}
+
+impl PriorSource for Priors {
+    fn load(&self, view: &View) -> Result<DepthPrior, PriorError> {
+        match self {
+            Self::Files(files) => files.load(view),
+            Self::Network(network) => network.load(view),
+            Self::Stereo(stereo) => stereo.load(view),
+        }
+    }
+}
