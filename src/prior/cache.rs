@@ -28,7 +28,7 @@ const VERSION: u32 = 1;
 /// What is left of the limit after making room, so that room is not made at every entry.
 const KEEP: f64 = 0.9;
 /// Age at which another process's unfinished file counts as abandoned.
-const ABANDONED: Duration = Duration::from_secs(3600);
+const ABANDONED: Duration = Duration::from_hours(1);
 /// Longest first line of an entry, bytes.
 const MAX_HEADER: u64 = 1024;
 

@@ -11,6 +11,9 @@ use crate::raster::Raster;
 pub type Rgb = [u8; 3];
 
 /// Mean over areas (`INTER_AREA`): neither side may grow.
+///
+/// # Panics
+/// If a side is 0.
 #[must_use]
 pub fn area(picture: &Raster<Rgb>, width: usize, height: usize) -> Raster<Rgb> {
     let (columns, rows) = (spans(picture.width(), width), spans(picture.height(), height));
@@ -58,6 +61,9 @@ fn spans(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
 }
 
 /// Cubic interpolation (`INTER_CUBIC`), growing or shrinking.
+///
+/// # Panics
+/// If the picture has no pixels.
 #[must_use]
 pub fn cubic(picture: &Raster<Rgb>, width: usize, height: usize) -> Raster<Rgb> {
     let fractions = cubic_fractions(&picture.map(|pixel| pixel.map(f32::from)), width, height);
@@ -65,6 +71,9 @@ pub fn cubic(picture: &Raster<Rgb>, width: usize, height: usize) -> Raster<Rgb> 
 }
 
 /// [`cubic`] of brightnesses that are fractions already, without rounding.
+///
+/// # Panics
+/// If the picture has no pixels.
 #[must_use]
 pub fn cubic_fractions(picture: &Raster<[f32; 3]>, width: usize, height: usize) -> Raster<[f32; 3]> {
     let (columns, rows) = (taps(picture.width(), width), taps(picture.height(), height));
@@ -106,7 +115,7 @@ fn taps(from: usize, to: usize) -> Vec<[Tap; 4]> {
         let w1 = ((A + 2.0) * x - (A + 3.0)) * x * x + 1.0;
         let w2 = ((A + 2.0) * (1.0 - x) - (A + 3.0)) * (1.0 - x) * (1.0 - x) + 1.0;
         let weights = [w0, w1, w2, 1.0 - w0 - w1 - w2];
-        let cell = |k: usize| (first as i64 - 1 + k as i64).clamp(0, from as i64 - 1) as usize;
+        let cell = |k: usize| (first + k as f32 - 1.0).clamp(0.0, (from - 1) as f32) as usize;
         std::array::from_fn(|k| Tap { cell: cell(k), weight: weights[k] })
     };
     (0..to).map(tap).collect()
