@@ -57,6 +57,8 @@ def default(schema, required):
     if required:
         return "**required**"
     value = schema.get("default")
+    if isinstance(value, float):
+        value = float(f"{value:.7g}")  # single-precision settings are written with all their digits
     return "–" if value is None else f"`{json.dumps(value, ensure_ascii=False)}`"
 
 
