@@ -37,7 +37,7 @@ docs: ## Write docs/reference.md anew, and build the API documentation into targ
 	@tools/deps.sh docs
 	$(CARGO) build --release --locked
 	tools/reference.py target/release/sizeup > docs/reference.md
-	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps
+	RUSTDOCFLAGS="-D warnings -A rustdoc::private_intra_doc_links" $(CARGO) doc --locked --no-deps
 
 schemas: deps ## Write schemas/ anew from the code
 	$(CARGO) run --locked --release -- schema --output schemas
