@@ -105,11 +105,11 @@ impl Photographer<'_> {
     fn develop(&self, light: Vec3, pixel: usize, view: usize) -> [u8; 3] {
         /// Standard deviation of the sum of four uniform bytes.
         const SD_OF_SUM: f32 = 147.8;
-        let mut channel = 0;
+        let mut bits = noise::hash(pixel as u32, view as u32, (self.seed as u32) ^ 0x5e50_0000);
         light.to_array().map(|value| {
-            channel += 1;
-            let bytes =
-                noise::hash(pixel as u32, view as u32, (self.seed as u32) ^ (0x5e50_0000 + channel)).to_le_bytes();
+            // A congruential step (Numerical Recipes) tells the channels apart.
+            bits = bits.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let bytes = (bits ^ (bits >> 15)).to_le_bytes();
             let draw = (bytes.iter().map(|&b| f32::from(b)).sum::<f32>() - 510.0) / SD_OF_SUM;
             let grey = 255.0 * value.max(0.0).sqrt() + self.config.noise_sd as f32 * draw;
             // The cast cuts off what lies outside 0 to 255.
