@@ -16,6 +16,7 @@ pub mod stats;
 pub mod camera;
 pub mod crs;
 pub mod geodata;
+pub mod onnx;
 pub mod survey;
 pub mod terrain;
 

@@ -7,7 +7,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::DVec2;
 
-/// Below this radius the ratio θ_d / r is 1 to machine precision.
+/// Below this radius the ratio `θ_d / r` is 1 to machine precision.
 const AXIS: f64 = 1e-9;
 /// Steps of the inverse; bisection alone needs 53.
 const MAX_STEPS: usize = 80;

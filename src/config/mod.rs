@@ -137,8 +137,7 @@ impl RunConfig {
         resolve(&mut self.project.output);
         self.survey.resolve_paths(folder);
         resolve(&mut self.footprints.path);
-        self.terrain.dtm.as_mut().map_or((), resolve);
-        self.prior.names.as_mut().map_or((), resolve);
+        self.terrain.dtm.iter_mut().chain(&mut self.prior.names).for_each(resolve);
         self.prior.path = in_folder(folder, Path::new(&self.prior.path)).to_string_lossy().into_owned();
     }
 

@@ -4,10 +4,15 @@
 //! Ballpark transformations (PROJ's word for "the datum shift is unknown, so it is left out") are refused.
 
 mod convergence;
+mod grids;
+mod spatial;
 mod transform;
+mod vertical;
 
 pub use convergence::{GridNorth, TrueNorth};
+pub use spatial::{Geocentric, Transform3d, enu_from_geocentric};
 pub use transform::Transform;
+pub use vertical::{EllipsoidalHeight, GeoidHeight, HeightAboveGround, HeightAboveTakeoff, OrthometricHeight};
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -38,7 +43,8 @@ pub enum CrsError {
     /// No accurate operation is known between two systems.
     #[error(
         "no accurate transformation from {from} to {to}: {reason}\n\
-         hint: a datum grid may be missing; `projinfo -s {from} -t {to}` lists the operations and the grids they need"
+         hint: a datum grid may be missing (`projinfo -s {from} -t {to}` lists the operations and their grids); \
+         or, where positions come from a base station in the datum of {to}, declare its geographic system: {base}"
     )]
     NoTransformation {
         /// Source definition.
@@ -47,6 +53,21 @@ pub enum CrsError {
         to: String,
         /// PROJ's own words.
         reason: String,
+        /// Geographic system of the target.
+        base: String,
+    },
+    /// The grid file that a height transformation needs is not installed.
+    #[error(
+        "heights cannot be moved from {from} to {to}: the grid file is not installed: {grids}\n\
+         hint: put it into a folder named by PROJ_DATA, or state `geoid_offset`, or `keep_ellipsoidal`"
+    )]
+    MissingGrid {
+        /// Source definition.
+        from: String,
+        /// Target definition.
+        to: String,
+        /// The files and where to get them.
+        grids: String,
     },
     /// One point lies outside the transformation's domain.
     #[error("cannot transform ({x}, {y}) from {from} to {to}: {reason}")]
@@ -151,6 +172,31 @@ impl Crs {
         self.json["components"][1]["name"].as_str()
     }
 
+    /// EPSG code of the vertical part of a compound CRS, or of a vertical CRS itself.
+    #[must_use]
+    pub fn vertical_epsg(&self) -> Option<u32> {
+        let vertical = match self.json["type"].as_str()? {
+            "CompoundCRS" => &self.json["components"][1],
+            "VerticalCRS" => &self.json,
+            _ => return None,
+        };
+        epsg_of(vertical).or_else(|| Self::parse(vertical["name"].as_str()?).ok()?.epsg())
+    }
+
+    /// Whether it has a third axis of ellipsoidal heights.
+    #[must_use]
+    pub fn is_ellipsoidal_3d(&self) -> bool {
+        self.is_geocentric() || self.axes().len() == 3
+    }
+
+    /// The UTM zone of a place on WGS 84, as `EPSG:326zz` or `EPSG:327zz`.
+    #[must_use]
+    pub fn utm_zone(lon_deg: f64, lat_deg: f64) -> String {
+        let zone = (((lon_deg + 180.0) / 6.0).floor() as i64).rem_euclid(60) + 1;
+        let hemisphere = if lat_deg < 0.0 { 327 } else { 326 };
+        format!("EPSG:{hemisphere}{zone:02}")
+    }
+
     /// Whether the horizontal part is projected.
     #[must_use]
     pub fn is_projected(&self) -> bool {
@@ -183,9 +229,12 @@ impl Crs {
             let reason = "it has no geographic base".to_owned();
             return Err(CrsError::Unknown { definition: self.definition.clone(), reason });
         }
-        let base = Self::parse(&base.to_string())?;
-        // A base in a compound lacks its code; the horizontal part alone is enough here.
-        Ok(base)
+        // PROJJSON leaves the type of a base out where it is plain.
+        let mut base = base.clone();
+        if base["type"].is_null() {
+            base["type"] = "GeographicCRS".into();
+        }
+        Self::parse(&base.to_string())
     }
 
     /// Checks that it can be the frame of a project: projected, in metres, and no web map.
@@ -247,6 +296,13 @@ mod tests {
         let crs = Crs::parse("EPSG:7415").unwrap();
         assert_eq!((crs.epsg(), crs.horizontal_epsg()), (Some(7415), Some(28992)));
         assert_eq!(crs.vertical_name(), Some("NAP height"));
+    }
+
+    #[test]
+    fn utm_zones_follow_the_longitude() {
+        assert_eq!(Crs::utm_zone(11.9, 52.0), "EPSG:32632");
+        assert_eq!(Crs::utm_zone(-70.6, -33.4), "EPSG:32719");
+        assert_eq!(Crs::utm_zone(180.0, 10.0), "EPSG:32601");
     }
 
     #[test]

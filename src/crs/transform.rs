@@ -1,6 +1,6 @@
 //! Horizontal transformation between two CRSs.
 
-use super::{Crs, CrsError};
+use super::{Crs, CrsError, spatial};
 
 /// A horizontal transformation, easting before northing and longitude before latitude on both sides.
 ///
@@ -18,8 +18,12 @@ impl Transform {
     /// # Errors
     /// [`CrsError::NoTransformation`] if only a ballpark transformation exists.
     pub fn new(from: &Crs, to: &Crs) -> Result<Self, CrsError> {
-        let no_transformation =
-            |reason: String| CrsError::NoTransformation { from: from.to_string(), to: to.to_string(), reason };
+        let no_transformation = |reason: String| CrsError::NoTransformation {
+            from: from.to_string(),
+            to: to.to_string(),
+            reason,
+            base: to.geographic_base().map_or_else(|_| "its geographic base".to_owned(), |base| base.to_string()),
+        };
         let same = from.horizontal_json() == to.horizontal_json();
         let operation = if same {
             None
@@ -29,6 +33,10 @@ impl Transform {
                 let definition = crs.horizontal_json().to_string();
                 proj::Proj::new(&definition).map_err(|e| no_transformation(e.to_string()))
             };
+            let (source, target) = (from.horizontal_json().to_string(), to.horizontal_json().to_string());
+            if let Some(reason) = spatial::why_impossible(&source, &target) {
+                return Err(no_transformation(reason));
+            }
             let operation = parse(from)?
                 .create_crs_to_crs_from_pj(&parse(to)?, None, Some(vec!["ALLOW_BALLPARK=NO"]))
                 .map_err(|e| no_transformation(e.to_string()))?;
@@ -101,6 +109,14 @@ mod tests {
         assert!((lon - 20.97).abs() < 0.02 && (lat - 52.22).abs() < 0.02, "{lon} {lat}");
         let (e, n) = transform("EPSG:4326", "EPSG:2180", lon, lat);
         assert!((e - 635_002.7).abs() < 1e-3 && (n - 485_469.1).abs() < 1e-3, "{e} {n}");
+    }
+
+    #[test]
+    fn systems_without_an_accurate_operation_are_refused_with_a_way_out() {
+        // WGS 84 to CGCS2000: PROJ knows only a ballpark.
+        let (from, to) = (Crs::parse("EPSG:4326").unwrap(), Crs::parse("EPSG:4547").unwrap());
+        let refused = Transform::new(&from, &to).err().map(|e| e.to_string());
+        assert!(refused.is_none_or(|text| text.contains("EPSG:4490")), "the target's own geographic system is named");
     }
 
     #[test]

@@ -312,7 +312,7 @@ mod tests {
             step in prop::sample::select(vec![1.0, 0.37, 0.000_4]),
         ) {
             let ring = |corners: &[(i32, i32)]| {
-                LineString::from_iter(corners.iter().map(|&(x, y)| (shift + step * x as f64, shift + step * y as f64)))
+                corners.iter().map(|&(x, y)| (shift + step * x as f64, shift + step * y as f64)).collect::<LineString>()
             };
             let holes = if hole.len() < 3 { vec![] } else { vec![ring(&hole)] };
             let rules = Rules { max_area_change: 1.0, min_area_m2: 0.01, ..RULES };
@@ -322,7 +322,7 @@ mod tests {
                     prop_assert_eq!(check::fault(part), None);
                     prop_assert!(part.is_valid(), "geo disagrees: {:?}", part);
                     prop_assert_eq!(part.exterior().winding_order(), Some(WindingOrder::CounterClockwise));
-                    prop_assert!(part.interiors().iter().all(|hole| hole.is_cw()));
+                    prop_assert!(part.interiors().iter().all(geo::Winding::is_cw));
                 }
             }
         }

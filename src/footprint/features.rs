@@ -107,7 +107,7 @@ impl<'a> FeatureReader<'a> {
 
     fn add_part(&mut self, id: String, polygon: &Polygon<f64>, feature: &Feature) {
         let cleaned = self.project(polygon).and_then(|projected| {
-            let middle = projected.bounding_rect().map(|rect| rect.center());
+            let middle = projected.bounding_rect().map(geo::Rect::center);
             clean::clean(&projected, self.rules).map(|c| (c, middle)).map_err(|defect| Refusal::of(defect, middle))
         });
         let (cleaned, middle) = match cleaned {

@@ -108,7 +108,7 @@ pub fn create<E: From<GpkgError>>(
         let (action, path) = (action.to_owned(), path.to_owned());
         move |source| GpkgError { action, path, source }
     };
-    let _date = CurrentDate::set(timestamp).map_err(failed("set the date"))?;
+    let _options = ThreadOptions::set(timestamp).map_err(failed("set the date"))?;
     let mut crs = SpatialRef::from_definition(crs_definition).map_err(failed("use the CRS"))?;
     crs.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
     let driver = DriverManager::get_driver_by_name("GPKG").map_err(failed("find the GPKG driver"))?;
@@ -123,22 +123,29 @@ pub fn create<E: From<GpkgError>>(
     Ok(())
 }
 
-/// GDAL's current date for this thread, reset on drop.
-struct CurrentDate;
+/// GDAL's options for this thread while a file is written, cleared on drop.
+struct ThreadOptions;
 
-impl CurrentDate {
-    const OPTION: &str = "OGR_CURRENT_DATE";
+impl ThreadOptions {
+    /// The time that the format's columns get.
+    const DATE: &str = "OGR_CURRENT_DATE";
+    /// The spatial index of a large layer, built on another thread in a database of its own: GDAL 3.6 cannot detach
+    /// that database again within our transaction.
+    const THREADED_INDEX: &str = "OGR_GPKG_ALLOW_THREADED_RTREE";
 
     fn set(timestamp: &str) -> Result<Self, GdalError> {
-        set_thread_local_config_option(Self::OPTION, timestamp)?;
+        set_thread_local_config_option(Self::DATE, timestamp)?;
+        set_thread_local_config_option(Self::THREADED_INDEX, "NO")?;
         Ok(Self)
     }
 }
 
-impl Drop for CurrentDate {
+impl Drop for ThreadOptions {
     fn drop(&mut self) {
-        // Fails only for a name with a NUL byte.
-        let _ = clear_thread_local_config_option(Self::OPTION);
+        for option in [Self::DATE, Self::THREADED_INDEX] {
+            // Fails only for a name with a NUL byte.
+            let _ = clear_thread_local_config_option(option);
+        }
     }
 }
 

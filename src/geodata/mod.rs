@@ -2,10 +2,10 @@
 //!
 //! The only doors to GDAL: [`raster`] and [`vector`] read, the others write.
 
-pub mod features;
 pub mod gpkg;
 pub mod raster;
 pub mod vector;
+pub(crate) mod view_layers;
 
 mod curve;
 mod geotiff;

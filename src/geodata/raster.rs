@@ -213,6 +213,9 @@ impl RasterFile {
     /// # Errors
     /// [`RasterError::Window`] for a window that is empty or leaves the raster, or beyond 2³⁰ cells;
     /// [`RasterError::Read`] without such a band or with a damaged file.
+    ///
+    /// # Panics
+    /// Never: GDAL fills the buffer it is given.
     pub fn read_window(
         &self,
         band: usize,
@@ -222,7 +225,7 @@ impl RasterFile {
     ) -> Result<Raster<f32>, RasterError> {
         self.check_window(window, size)?;
         let failed = |source| RasterError::Read { path: self.path.clone(), band, source };
-        let from = (window.col as isize, window.row as isize);
+        let from = (window.col.cast_signed(), window.row.cast_signed());
         let extent = (window.width, window.height);
         let algorithm = match resampling {
             Resampling::Nearest => ResampleAlg::NearestNeighbour,
@@ -242,7 +245,9 @@ impl RasterFile {
         }
         let (scale, offset) = (source.scale().unwrap_or(1.0), source.offset().unwrap_or(0.0));
         if (scale, offset) != (1.0, 0.0) {
-            values.iter_mut().for_each(|v| *v = (f64::from(*v) * scale + offset) as f32);
+            for value in &mut values {
+                *value = (f64::from(*value) * scale + offset) as f32;
+            }
         }
         Ok(Raster::from_vec(size.0, size.1, values).expect("GDAL fills the buffer it was given"))
     }

@@ -148,11 +148,13 @@ impl VectorLayer {
 fn attributes(feature: &gdal::vector::Feature<'_>, fields: &[(String, OGRFieldType::Type)]) -> JsonMap<String, Value> {
     let value = |(i, (name, kind)): (usize, &(String, OGRFieldType::Type))| {
         let text = feature.field_as_string(i).ok().flatten();
-        // OGR renders lists as "(2:a,b)"; an empty one has no memory behind it that could be borrowed.
-        let is_empty_list = text.as_deref().is_some_and(|t| t.starts_with("(0:")) && *kind != OGRFieldType::OFTString;
+        let is_text = *kind == OGRFieldType::OFTString;
         let value = match text {
             None => Value::Null,
-            Some(_) if is_empty_list => Value::Array(Vec::new()),
+            // A field the feature leaves out (FlatGeobuf, sparse GeoJSON) is not null to OGR, but has no text either.
+            Some(text) if text.is_empty() && !is_text => Value::Null,
+            // OGR renders lists as "(2:a,b)"; an empty one has no memory behind it that could be borrowed.
+            Some(text) if text.starts_with("(0:") && !is_text => Value::Array(Vec::new()),
             // Times and binaries have no value of their own in the bindings: keep their text.
             Some(text) => feature.field(i).ok().flatten().map_or(Value::String(text), json),
         };

@@ -85,7 +85,9 @@ impl Extent {
         let (low, high) = (known, record.roof_z_m().unwrap_or(known));
         let mut extent = Self { min_m: [f64::INFINITY, f64::INFINITY, low], max_m: [f64::NEG_INFINITY; 3] };
         extent.max_m[2] = high.max(low);
-        for point in outline.exterior().coords().chain(outline.interiors().iter().flat_map(|ring| ring.coords())) {
+        for point in
+            outline.exterior().coords().chain(outline.interiors().iter().flat_map(geo_types::LineString::coords))
+        {
             if !(point.x.is_finite() && point.y.is_finite() && low.is_finite() && high.is_finite()) {
                 return Err(OutputError::NotFinite { id: record.id.clone() });
             }

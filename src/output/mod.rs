@@ -3,7 +3,12 @@
 //! | format | writer | for |
 //! |---|---|---|
 //! | CityJSON 2.0 | [`cityjson`] | exchange, 3DCityDB, validators |
+//! | CityJSONSeq 2.0 | [`cityjson::write_sequence`] | streams, tilers |
 //! | GeoPackage 1.2 | [`geopackage`] | QGIS, any GIS |
+//! | PNG | [`picture`] | a first look |
+//! | JSON | [`reports`] | pipelines |
+//!
+//! [`read`] brings results and references back, [`validate`] checks the solids of any `CityJSON` file.
 //!
 //! All of them take one [`CityModel`]; every building of the input is in every file, with a status and reasons.
 
@@ -14,11 +19,13 @@ pub mod geopackage;
 pub mod grid;
 mod lineage;
 pub mod outline;
+pub mod picture;
 pub mod planar;
 pub mod prism;
 pub mod read;
 mod record;
 pub mod reports;
+pub mod validate;
 
 use crate::crs::Crs;
 use crate::issue::Issue;

@@ -8,12 +8,20 @@
 //! | [`PriorKind::InverseDepth`] | `a/d + b`, `a > 0` | low | the value | minus the value |
 
 mod array;
+mod cache;
+mod check;
 pub mod files;
+pub mod network;
 mod npy;
 mod pfm;
+pub mod stereo;
 mod template;
 
+pub use cache::{CacheKey, CachedPriors, KeyHasher, PriorCache};
+pub use check::{ground_correlation, judge_tag};
 pub use files::{FilePriorConfig, FilePriors};
+pub use network::{NetworkConfig, NetworkPriors};
+pub use stereo::{StereoConfig, StereoPriors};
 
 use std::path::PathBuf;
 
@@ -22,7 +30,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
+use crate::files::FileError;
 use crate::geodata::raster::RasterError;
+use crate::onnx::OnnxError;
 use crate::raster::Raster;
 use crate::survey::View;
 
@@ -106,6 +116,22 @@ pub enum PriorError {
         photo_width: u32,
         /// Rows of the photo.
         photo_height: u32,
+    },
+    /// A file that a cached prior depends on cannot be read.
+    #[error(transparent)]
+    Cache(#[from] FileError),
+    /// A network that cannot be loaded or run.
+    #[error(transparent)]
+    Network(#[from] OnnxError),
+    /// A photo that gives no depth.
+    #[error("no depth for {view}: {problem}\nhint: {hint}")]
+    Photo {
+        /// The photo.
+        view: String,
+        /// What is the matter.
+        problem: String,
+        /// What to look at.
+        hint: String,
     },
     /// Nothing in it to go by.
     #[error("prior {}: {problem}\nhint: are `key`, `scale`, `nodata` and the file itself right?", path.display())]

@@ -268,7 +268,7 @@ impl AngleConvention {
         }
     }
 
-    fn oriented(&self, rotation: DMat3, own_direction: Direction, own_axes: CameraAxes) -> DMat3 {
+    fn oriented(self, rotation: DMat3, own_direction: Direction, own_axes: CameraAxes) -> DMat3 {
         let axes_from_world = match self.direction.unwrap_or(own_direction) {
             Direction::CameraToWorld => rotation.transpose(),
             Direction::WorldToCamera => rotation,

@@ -19,6 +19,22 @@ pub enum Format {
     Colmap,
     /// A table with declared columns and conventions, see `[survey.csv]`.
     Csv,
+    /// Photos with EXIF and XMP: `path` is their folder.
+    Photos,
+    /// Bentley iTwin Capture / ContextCapture BlocksExchange, `.xml` or `.xmlz`.
+    BlocksExchange,
+    /// OpenSfM's reconstruction.json, topocentric or rewritten by ODM.
+    Opensfm,
+    /// ODM's shots.geojson, with cameras.json beside it.
+    Odm,
+    /// ODM's geo.txt, with a declared camera.
+    GeoTxt,
+    /// Agisoft Metashape's cameras.xml.
+    Metashape,
+    /// Metashape's export of omega, phi, kappa, with a declared camera.
+    MetashapeOpk,
+    /// Pix4D's calibrated camera files: the folder of params, or one of them.
+    Pix4d,
 }
 
 /// Where the poses come from and what their numbers mean.
@@ -40,9 +56,80 @@ pub struct SurveyConfig {
     /// Added to every position before anything else, metres (or the unit of the poses' CRS): x, y, z.
     #[serde(default)]
     pub offset: [f64; 3],
+    /// Origin of poses in a local east, north, up frame: latitude, longitude (degrees, WGS 84), ellipsoidal height (m).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub enu_origin: Option<[f64; 3]>,
+    /// Order of P1 and P2 in `BlocksExchange` files, which do not say. Default: OpenCV's, with a warning.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tangential: Option<TangentialOrder>,
+    /// What the poses' heights are counted from, and how they reach the project's vertical reference.
+    #[serde(default)]
+    pub height: HeightConfig,
+    /// One camera for all photos, for formats that carry none; what a file says goes before it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<CameraConfig>,
     /// Columns and conventions of a CSV file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub csv: Option<CsvConfig>,
+}
+
+/// Which tangential coefficient is the first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TangentialOrder {
+    /// `x += 2 P1 x y + P2 (r² + 2x²)`
+    #[default]
+    Opencv,
+    /// `x += P1 (r² + 2x²) + 2 P2 x y`
+    Metashape,
+}
+
+impl TangentialOrder {
+    /// OpenCV's p1, p2 of a file's P1, P2.
+    pub(crate) fn opencv(self, [p1, p2]: [f64; 2]) -> [f64; 2] {
+        match self {
+            Self::Opencv => [p1, p2],
+            Self::Metashape => [p2, p1],
+        }
+    }
+}
+
+/// What heights are counted from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HeightReference {
+    /// The project's own vertical reference: taken as they are.
+    Project,
+    /// The ellipsoid: what satellite receivers give.
+    Ellipsoidal,
+    /// The vertical system named by `height.crs`.
+    Orthometric,
+    /// The ground, whose height in the project is `height.base` (flat sites only).
+    AboveGround,
+    /// The place of take-off, whose height in the project is `height.base`.
+    AboveTakeoff,
+}
+
+/// Heights of the poses.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct HeightConfig {
+    /// What the poses' heights are counted from. Default: what the file says, else the project's reference.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference: Option<HeightReference>,
+    /// Vertical CRS of `orthometric` heights, such as `EPSG:5773` (EGM96).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<String>")]
+    pub crs: Option<Crs>,
+    /// Height in the project of the ground or the take-off, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base: Option<f64>,
+    /// Height of the geoid (or national zero) above the ellipsoid in the area, metres: subtracted from ellipsoidal
+    /// heights.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub geoid_offset: Option<f64>,
+    /// Use ellipsoidal heights as they are: the project, its terrain included, is ellipsoidal.
+    pub keep_ellipsoidal: bool,
 }
 
 /// Columns and conventions of a CSV file of poses. Column names are compared without regard to case.
@@ -83,9 +170,6 @@ pub struct CsvConfig {
     pub north: North,
     /// Where pixel coordinates (cx, cy) have their origin.
     pub pixel_origin: PixelOrigin,
-    /// One camera for all photos, where the file has no columns for it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub camera: Option<CameraConfig>,
 }
 
 /// Where pixel coordinates have their origin.
@@ -144,7 +228,6 @@ impl Default for CsvConfig {
             pitch_zero: PitchZero::Horizon,
             north: North::Grid,
             pixel_origin: PixelOrigin::Corner,
-            camera: None,
         }
     }
 }

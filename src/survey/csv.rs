@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufReader, Read as _};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ use crate::camera::{Camera, Distortion};
 use crate::files::FileError;
 
 /// Columns of the intrinsics, with other names they go by.
-const CAMERA_COLUMNS: [(&str, &[&str]); 11] = [
+const CAMERA_COLUMNS: [(&str, &[&str]); N_INTRINSICS] = [
     ("width", &["width_px", "image_width", "w"]),
     ("height", &["height_px", "image_height", "h"]),
     ("fx", &["fx_px", "f", "focal", "focal_px"]),
@@ -28,7 +28,23 @@ const CAMERA_COLUMNS: [(&str, &[&str]); 11] = [
     ("k3", &[]),
     ("p1", &[]),
     ("p2", &[]),
+    ("k4", &[]),
+    ("k5", &[]),
+    ("k6", &[]),
+    ("skew", &[]),
 ];
+
+/// Intrinsics a row may hold.
+const N_INTRINSICS: usize = 15;
+
+/// The columns of lens coefficients, in the order in which they are written.
+pub(crate) const LENS_COLUMNS: [&str; 9] = ["k1", "k2", "k3", "p1", "p2", "k4", "k5", "k6", "skew"];
+
+/// A table's columns and conventions, and the camera for rows without one.
+struct Declared<'a> {
+    table: &'a CsvConfig,
+    camera: Option<&'a CameraConfig>,
+}
 
 /// Where the wanted columns stand.
 struct Columns {
@@ -36,12 +52,14 @@ struct Columns {
     position: [usize; 3],
     rotation: Vec<usize>,
     /// In the order of [`CAMERA_COLUMNS`].
-    camera: [Option<usize>; 11],
+    camera: [Option<usize>; N_INTRINSICS],
+    lens: Option<usize>,
 }
 
 /// Reads a table of poses.
-pub(crate) fn read(path: &Path, config: &CsvConfig) -> Result<Poses, SurveyError> {
-    let delimiter = delimiter(path, &config.delimiter)?;
+pub(crate) fn read(path: &Path, config: &CsvConfig, camera: Option<&CameraConfig>) -> Result<Poses, SurveyError> {
+    let config = Declared { table: config, camera };
+    let delimiter = delimiter(path, &config.table.delimiter)?;
     let file = File::open(path).map_err(FileError::on("cannot open", path))?;
     let mut reader = ::csv::ReaderBuilder::new()
         .delimiter(delimiter.unwrap_or(b','))
@@ -50,9 +68,9 @@ pub(crate) fn read(path: &Path, config: &CsvConfig) -> Result<Poses, SurveyError
         .comment(Some(b'#'))
         .trim(::csv::Trim::All)
         .from_reader(OneSpace::new(BufReader::new(file), delimiter.is_none()));
-    let mut poses = Poses { north: config.north, ..Poses::new() };
-    let mut columns = match &config.header {
-        Some(header) => Some(Columns::find(header, config).map_err(|e| SurveyError::config(e, ""))?),
+    let mut poses = Poses { north: config.table.north, ..Poses::new() };
+    let mut columns = match &config.table.header {
+        Some(header) => Some(Columns::find(header, &config).map_err(|e| SurveyError::config(e, ""))?),
         None => None,
     };
     let mut cameras = CameraCache::default();
@@ -68,7 +86,7 @@ pub(crate) fn read(path: &Path, config: &CsvConfig) -> Result<Poses, SurveyError
         let Some(columns) = &columns else {
             let header: Vec<String> =
                 record.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
-            let found = Columns::find(&header, config);
+            let found = Columns::find(&header, &config);
             columns = Some(found.map_err(|e| SurveyError::malformed(path, Place::Line(line), e).hint(COLUMNS_HINT))?);
             continue;
         };
@@ -76,7 +94,7 @@ pub(crate) fn read(path: &Path, config: &CsvConfig) -> Result<Poses, SurveyError
         if name.is_empty() {
             return Err(SurveyError::malformed(path, Place::Line(line), "the row has no name"));
         }
-        match pose(&record, columns, config, &mut cameras) {
+        match pose(&record, columns, &config, &mut cameras) {
             Ok(pose) => poses.poses.push(pose),
             Err(reason) => poses.refuse("pose_unusable", name, format!("line {line}: {reason}")),
         }
@@ -103,14 +121,18 @@ fn delimiter(path: &Path, declared: &str) -> Result<Option<u8>, SurveyError> {
         }
     }
     let file = File::open(path).map_err(FileError::on("cannot open", path))?;
-    let mut first = String::new();
-    // A line that is not text is reported by the reader proper, with its place.
-    let _ = std::io::Read::take(BufReader::new(file), 1 << 16).read_line(&mut first);
-    Ok(b"\t;,".iter().copied().find(|&separator| first.as_bytes().contains(&separator)))
+    let mut head = Vec::new();
+    std::io::Read::take(file, HEAD_BYTES).read_to_end(&mut head).map_err(FileError::on("cannot read", path))?;
+    let first = head.split(|&byte| byte == b'\n').find(|line| !line.trim_ascii().is_empty() && line[0] != b'#');
+    Ok(b"\t;,".iter().copied().find(|separator| first.unwrap_or_default().contains(separator)))
 }
 
+/// So much of a file shows its separator.
+const HEAD_BYTES: u64 = 1 << 16;
+
 impl Columns {
-    fn find(header: &[String], config: &CsvConfig) -> Result<Self, String> {
+    fn find(header: &[String], declared: &Declared<'_>) -> Result<Self, String> {
+        let config = declared.table;
         let seek = |wanted: &str| header.iter().position(|name| name.eq_ignore_ascii_case(wanted));
         let need = |wanted: &str| {
             seek(wanted).ok_or_else(|| format!("there is no column {wanted:?}; the columns are {}", header.join(", ")))
@@ -122,14 +144,15 @@ impl Columns {
             position: [need(&config.x)?, need(&config.y)?, need(&config.z)?],
             rotation: rotation?,
             camera,
+            lens: seek("lens"),
         };
         let n_needed = config.angles.n_values();
         if columns.rotation.len() != n_needed {
             return Err(format!("{} angle columns: expected {n_needed}", columns.rotation.len()));
         }
         let has_camera = camera[..3].iter().all(Option::is_some);
-        if !has_camera && config.camera.is_none() {
-            return Err("there is no camera: neither columns width, height, fx nor [survey.csv.camera]".to_owned());
+        if !has_camera && declared.camera.is_none() {
+            return Err("there is no camera: neither columns width, height, fx nor [survey.camera]".to_owned());
         }
         Ok(columns)
     }
@@ -138,7 +161,7 @@ impl Columns {
 fn pose(
     record: &::csv::StringRecord,
     columns: &Columns,
-    config: &CsvConfig,
+    config: &Declared<'_>,
     cameras: &mut CameraCache,
 ) -> Result<Pose, String> {
     let value = |column: usize| -> Result<f64, String> {
@@ -147,54 +170,68 @@ fn pose(
     };
     let [x, y, z] = columns.position;
     let values: Result<Vec<f64>, String> = columns.rotation.iter().map(|&column| value(column)).collect();
-    let mut intrinsics = [None; 11];
+    let mut intrinsics = [None; N_INTRINSICS];
     for (intrinsic, column) in intrinsics.iter_mut().zip(&columns.camera) {
         *intrinsic = column.filter(|&c| record.get(c).is_some_and(|field| !field.is_empty())).map(value).transpose()?;
     }
     Ok(Pose {
         name: record.get(columns.name).unwrap_or_default().to_owned(),
-        camera: cameras.get(intrinsics, config)?,
-        camera_from_world: config.convention().camera_from_world(&values?)?,
+        camera: cameras.get(intrinsics, columns.lens.and_then(|c| record.get(c)).unwrap_or_default(), config)?,
+        camera_from_world: config.table.convention().camera_from_world(&values?)?,
         centre: DVec3::new(value(x)?, value(y)?, value(z)?),
     })
 }
 
 /// Cameras that were made, by the bits of their row, so that photos share them.
 #[derive(Default)]
-struct CameraCache(HashMap<[Option<u64>; 11], Arc<Camera>>);
+struct CameraCache(HashMap<(String, [Option<u64>; N_INTRINSICS]), Arc<Camera>>);
 
 impl CameraCache {
-    fn get(&mut self, intrinsics: [Option<f64>; 11], config: &CsvConfig) -> Result<Arc<Camera>, String> {
-        let key = intrinsics.map(|value| value.map(f64::to_bits));
+    fn get(
+        &mut self,
+        intrinsics: [Option<f64>; N_INTRINSICS],
+        lens: &str,
+        config: &Declared<'_>,
+    ) -> Result<Arc<Camera>, String> {
+        let key = (lens.to_owned(), intrinsics.map(|value| value.map(f64::to_bits)));
         if let Some(camera) = self.0.get(&key) {
             return Ok(Arc::clone(camera));
         }
-        let camera = Arc::new(camera_of(intrinsics, config)?);
+        let camera = Arc::new(camera_of(intrinsics, lens, config.camera, config.table.pixel_origin)?);
         self.0.insert(key, Arc::clone(&camera));
         Ok(camera)
     }
 }
 
+/// A camera declared in the configuration.
+pub(crate) fn declared_camera(camera: &CameraConfig, pixel_origin: PixelOrigin) -> Result<Camera, String> {
+    camera_of([None; N_INTRINSICS], "", Some(camera), pixel_origin)
+}
+
 /// A row's own values go before the declared camera's.
-fn camera_of(row: [Option<f64>; 11], config: &CsvConfig) -> Result<Camera, String> {
-    let declared = config.camera.as_ref();
+fn camera_of(
+    row: [Option<f64>; N_INTRINSICS],
+    lens: &str,
+    declared: Option<&CameraConfig>,
+    pixel_origin: PixelOrigin,
+) -> Result<Camera, String> {
     let or = |i: usize, get: fn(&CameraConfig) -> Option<f64>| row[i].or_else(|| declared.and_then(get));
     let missing = |what: &str| format!("its camera has no {what}");
     let pixels = |value: f64, what: &str| {
-        let whole = value.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(&value);
-        if whole { Ok(value as u32) } else { Err(format!("image {what} {value} px: expected a whole positive number")) }
+        let is_whole = value.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(&value);
+        if is_whole {
+            Ok(value as u32)
+        } else {
+            Err(format!("image {what} {value} px: expected a whole positive number"))
+        }
     };
     let width_px = pixels(or(0, |c| Some(c.width.into())).ok_or_else(|| missing("width"))?, "width")?;
     let height_px = pixels(or(1, |c| Some(c.height.into())).ok_or_else(|| missing("height"))?, "height")?;
     let fx_px = or(2, |c| Some(c.fx)).ok_or_else(|| missing("focal length"))?;
-    let shift_px = match config.pixel_origin {
+    let shift_px = match pixel_origin {
         PixelOrigin::Corner => 0.0,
         PixelOrigin::PixelCentre => 0.5,
     };
-    let [k1, k2, k3] =
-        [or(6, |c| Some(c.k[0])), or(7, |c| Some(c.k[1])), or(8, |c| Some(c.k[2]))].map(|k| k.unwrap_or(0.0));
-    let [p1, p2] = [or(9, |c| Some(c.p[0])), or(10, |c| Some(c.p[1]))].map(|p| p.unwrap_or(0.0));
-    let is_ideal = [k1, k2, k3, p1, p2].iter().all(|&c| c == 0.0);
     let camera = Camera {
         width_px,
         height_px,
@@ -202,10 +239,30 @@ fn camera_of(row: [Option<f64>; 11], config: &CsvConfig) -> Result<Camera, Strin
         fy_px: or(3, |c| c.fy).unwrap_or(fx_px),
         cx_px: or(4, |c| c.cx).map_or(f64::from(width_px) / 2.0, |cx| cx + shift_px),
         cy_px: or(5, |c| c.cy).map_or(f64::from(height_px) / 2.0, |cy| cy + shift_px),
-        distortion: if is_ideal { Distortion::None } else { Distortion::Brown { k1, k2, k3, p1, p2 } },
+        distortion: distortion_of(&row, lens, declared)?,
     };
     camera.validate().map_err(|e| e.to_string())?;
     Ok(camera)
+}
+
+/// The lens of a row: Brown's unless the column `lens` says otherwise.
+fn distortion_of(
+    row: &[Option<f64>; N_INTRINSICS],
+    lens: &str,
+    declared: Option<&CameraConfig>,
+) -> Result<Distortion, String> {
+    let of_declared = declared.map_or([0.0; 5], |c| [c.k[0], c.k[1], c.k[2], c.p[0], c.p[1]]);
+    let [k1, k2, k3, p1, p2] = [0, 1, 2, 3, 4].map(|i| row[6 + i].unwrap_or(of_declared[i]));
+    let [k4, k5, k6, skew] = [11, 12, 13, 14].map(|i| row[i].unwrap_or(0.0));
+    Ok(match lens {
+        "" if [k1, k2, k3, p1, p2].iter().all(|&c| c == 0.0) => Distortion::None,
+        "none" => Distortion::None,
+        "" | "brown" => Distortion::Brown { k1, k2, k3, p1, p2 },
+        "brown_affine" => Distortion::BrownAffine { k1, k2, k3, k4, p1, p2, skew },
+        "rational" => Distortion::Rational { k1, k2, k3, k4, k5, k6, p1, p2 },
+        "fisheye" => Distortion::Fisheye { k1, k2, k3, k4 },
+        other => return Err(format!("lens {other:?}: expected none, brown, brown_affine, rational or fisheye")),
+    })
 }
 
 /// Turns runs of blanks into one comma each, for tables whose columns are aligned by blanks.

@@ -5,9 +5,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::{DMat3, DVec3};
 
 use super::angles::{North, nearest_rotation};
-use super::poses::{Pose, Poses, World, refused};
-use super::{SurveyConfig, SurveyError, View, ViewKind, photos};
-use crate::crs::{Crs, GridNorth, Transform, TrueNorth};
+use super::heights::Heights;
+use super::inspect::LOOKS_UP;
+use super::poses::{Counts, FileHeights, Pose, Poses, World, refused};
+use super::{Survey, SurveyConfig, SurveyError, View, ViewKind, photos};
+use crate::crs::{Crs, CrsError, Geocentric, GridNorth, Transform, TrueNorth, enu_from_geocentric};
 use crate::frames::Rigid;
 use crate::ids::ViewId;
 use crate::issue::{Issue, Severity, Subject};
@@ -17,26 +19,37 @@ struct Way {
     map_from_world: Transform,
     /// For rotations that count from true north although positions are in a grid.
     true_north: Option<TrueNorth>,
+    heights: Heights,
+    offset: DVec3,
 }
 
 /// A pose in the map frame.
 struct Located {
     camera_from_map: DMat3,
     centre_in_map: DVec3,
+    north: GridNorth,
+}
+
+/// What was found on the way, for the report.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Facts {
+    /// The CRS the poses came in.
+    pub world: String,
+    /// How heights reached the project's vertical reference.
+    pub heights: String,
+    /// Turn applied to each view for grid convergence, degrees, clockwise.
+    pub convergence_deg: Vec<f64>,
+    /// Point scale between the poses' grid and the project's, where both are grids.
+    pub point_scale: Vec<f64>,
+    /// Poses in the file.
+    pub n_poses: usize,
+    /// Sources of focal lengths and states of positioning.
+    pub counts: Counts,
 }
 
 impl Way {
-    fn new(world: &Crs, north: North, project_crs: &Crs) -> Result<Self, SurveyError> {
-        let map_from_world = Transform::new(world, project_crs)?;
-        let true_north = match north {
-            North::True if !world.is_geographic() => Some(TrueNorth::of(world)?),
-            _ => None,
-        };
-        Ok(Self { map_from_world, true_north })
-    }
-
-    fn locate(&self, pose: &Pose, offset: DVec3) -> Result<Located, String> {
-        let centre = pose.centre + offset;
+    fn locate(&self, pose: &Pose) -> Result<Located, String> {
+        let centre = pose.centre + self.offset;
         let rotation = nearest_rotation(pose.camera_from_world)?;
         if !centre.is_finite() {
             return Err(format!("its position is {centre}: expected finite numbers"));
@@ -47,69 +60,155 @@ impl Way {
             Some(true_north) => true_north.at(centre.x, centre.y).map_err(|e| e.to_string())?,
             None => GridNorth::SAME,
         };
-        let map_from_axes = world_north.target_from_source() * true_north.target_from_source();
+        let height_m = self.heights.in_project(centre).map_err(|e| e.to_string())?;
+        let azimuth_rad = world_north.azimuth_rad + true_north.azimuth_rad;
+        let north = GridNorth { azimuth_rad, scale: world_north.scale };
         Ok(Located {
-            camera_from_map: rotation * map_from_axes.transpose(),
-            centre_in_map: DVec3::new(easting, northing, centre.z),
+            camera_from_map: rotation * north.target_from_source().transpose(),
+            centre_in_map: DVec3::new(easting, northing, height_m),
+            north,
         })
     }
 }
 
+/// The CRS of the poses (declared, said by the file, or the project's), and the offset still to be added in it.
+fn world_crs(poses: &mut Poses, config: &SurveyConfig, project_crs: &Crs) -> Result<(Crs, DVec3), SurveyError> {
+    let offset = DVec3::from(config.offset);
+    if let Some([lat_deg, lon_deg, height_m]) = config.enu_origin {
+        if config.crs.is_some() {
+            return Err(SurveyError::config(
+                "`crs` and `enu_origin` are both given",
+                "poses are in one frame: keep one",
+            ));
+        }
+        poses.world = World::Enu(DVec3::new(lon_deg, lat_deg, height_m));
+    } else if let Some(declared) = &config.crs {
+        poses.world = World::Crs(declared.clone());
+    }
+    match poses.world.clone() {
+        World::Unsaid => Ok((project_crs.clone(), offset)),
+        World::Crs(crs) if !crs.is_geocentric() => Ok((crs, offset)),
+        world => {
+            to_geodetic(poses, &world, offset)?;
+            Ok((Crs::parse("EPSG:4979")?, DVec3::ZERO))
+        }
+    }
+}
+
+/// Moves poses of an earth-centred or local tangent world to longitude, latitude, ellipsoidal height, and their
+/// rotations to the east, north, up at each camera.
+fn to_geodetic(poses: &mut Poses, world: &World, offset: DVec3) -> Result<(), SurveyError> {
+    let geocentric = Geocentric::new()?;
+    let (axes, origin) = match world {
+        World::Enu(origin) => (enu_from_geocentric(origin.x, origin.y).transpose(), geocentric.geocentric(*origin)?),
+        World::Crs(_) | World::Unsaid => (DMat3::IDENTITY, DVec3::ZERO),
+    };
+    let mut kept = Vec::with_capacity(poses.poses.len());
+    for mut pose in std::mem::take(&mut poses.poses) {
+        match geocentric.geodetic(origin + axes * (pose.centre + offset)) {
+            Ok(geodetic) if pose.centre.is_finite() => {
+                let enu_from_world = enu_from_geocentric(geodetic.x, geodetic.y) * axes;
+                pose.camera_from_world *= enu_from_world.transpose();
+                pose.centre = geodetic;
+                kept.push(pose);
+            }
+            Ok(_) => poses.refuse("pose_unusable", &pose.name, "its position is not finite"),
+            Err(e) => poses.refuse("pose_unusable", &pose.name, e.to_string()),
+        }
+    }
+    poses.poses = kept;
+    poses.heights = FileHeights::Ellipsoidal;
+    Ok(())
+}
+
 /// Turns a file's poses into views in the project's CRS; what cannot be used becomes an issue.
 pub(crate) fn locate(
-    poses: Poses,
+    mut poses: Poses,
     config: &SurveyConfig,
     project_crs: &Crs,
-) -> Result<(Vec<View>, Vec<Issue>), SurveyError> {
-    let Poses { world, north, poses, mut issues } = poses;
-    let world = match (&config.crs, world) {
-        (Some(declared), _) => declared.clone(),
-        (None, World::Crs(crs)) => crs,
-        (None, World::Unsaid) => project_crs.clone(),
+) -> Result<(Survey, Facts), SurveyError> {
+    let n_read = poses.poses.len() + poses.issues.len();
+    let (world, offset) = world_crs(&mut poses, config, project_crs)?;
+    suggest_projected(&poses, &world, project_crs)?;
+    let heights = Heights::decide(&config.height, poses.heights, &world, project_crs)?;
+    let true_north = match poses.north {
+        North::True if !world.is_geographic() => Some(TrueNorth::of(&world)?),
+        _ => None,
     };
-    let way = Way::new(&world, north, project_crs)?;
-    let offset = DVec3::from(config.offset);
-    let n_poses = poses.len();
-    let mut views = Vec::with_capacity(n_poses);
+    let way = Way { map_from_world: Transform::new(&world, project_crs)?, true_north, offset, heights };
+    let Poses { poses, mut issues, counts, .. } = poses;
+    let mut facts = Facts {
+        world: world.to_string(),
+        heights: way.heights.to_string(),
+        n_poses: n_read,
+        counts,
+        ..Facts::default()
+    };
+    let mut views = Vec::with_capacity(poses.len());
     for pose in without_duplicates(poses, &mut issues) {
-        match view(&way, pose, offset) {
-            Ok(view) => views.push(view),
-            Err(issue) => issues.push(issue),
+        match view(&way, pose) {
+            Ok((view, north)) => {
+                views.push(view);
+                facts.convergence_deg.push(north.azimuth_rad.to_degrees());
+                facts.point_scale.push(north.scale);
+            }
+            Err(issue) => issues.push(*issue),
         }
     }
     views.sort_by(|a, b| a.id.cmp(&b.id));
     if let Some(folder) = &config.images {
-        let refused: BTreeSet<String> = issues
-            .iter()
-            .filter_map(|issue| match &issue.subject {
-                Subject::View(name) => Some(name.clone()),
-                _ => None,
-            })
-            .collect();
+        let refused = names_of(&issues);
         issues.extend(photos::attach(&mut views, &refused, folder)?);
     }
-    issues.sort_by(|a, b| (&a.subject, &a.code).cmp(&(&b.subject, &b.code)));
-    if views.is_empty() {
-        let first = issues.first().map_or_else(|| "the file lists none".to_owned(), |issue| issue.message.clone());
-        let hint = "check the survey's format, CRS and angle convention".into();
-        return Err(SurveyError::NothingUsable { path: config.path.clone(), n_poses, first, hint });
+    if way.heights.is_choice() {
+        let subject = Subject::Input(config.path.display().to_string());
+        issues.push(Issue::new(Severity::Note, "height_choice", subject, facts.heights.clone()));
     }
-    Ok((views, issues))
+    issues.sort_by(|a, b| (&a.subject, &a.code).cmp(&(&b.subject, &b.code)));
+    Ok((Survey { views, issues }, facts))
 }
 
-fn view(way: &Way, pose: Pose, offset: DVec3) -> Result<View, Issue> {
-    pose.camera.validate().map_err(|e| refused("camera_unusable", &pose.name, e.to_string()))?;
-    let located = way.locate(&pose, offset).map_err(|reason| refused("pose_unusable", &pose.name, reason))?;
+fn names_of(issues: &[Issue]) -> BTreeSet<String> {
+    let name = |issue: &Issue| match &issue.subject {
+        Subject::View(name) => Some(name.clone()),
+        _ => None,
+    };
+    issues.iter().filter_map(name).collect()
+}
+
+/// Refuses a project CRS that cannot carry a city, suggesting the UTM zone of the survey's own longitude.
+fn suggest_projected(poses: &Poses, world: &Crs, project_crs: &Crs) -> Result<(), SurveyError> {
+    let Err(refused) = project_crs.require_projected_metres() else { return Ok(()) };
+    let place = || -> Option<(f64, f64)> {
+        let pose = poses.poses.first()?;
+        Transform::new(world, &Crs::parse("EPSG:4326").ok()?).ok()?.point(pose.centre.x, pose.centre.y).ok()
+    };
+    match (refused, place()) {
+        (CrsError::NotProjectedInMetres { definition, found, .. }, Some((lon_deg, lat_deg))) => {
+            let zone = Crs::utm_zone(lon_deg, lat_deg);
+            let hint = format!(
+                "the survey lies at {lon_deg:.3}°, {lat_deg:.3}° (longitude, latitude): use {zone} (UTM), or the national grid"
+            );
+            Err(CrsError::NotProjectedInMetres { definition, found, hint }.into())
+        }
+        (refused, _) => Err(refused.into()),
+    }
+}
+
+fn view(way: &Way, pose: Pose) -> Result<(View, GridNorth), Box<Issue>> {
+    pose.camera.validate().map_err(|e| Box::new(refused("camera_unusable", &pose.name, e.to_string())))?;
+    let located = way.locate(&pose).map_err(|reason| Box::new(refused("pose_unusable", &pose.name, reason)))?;
     let camera_from_map = Rigid::from_rotation_and_centre(located.camera_from_map, located.centre_in_map);
     let view = View { id: ViewId(pose.name), camera: pose.camera, camera_from_map, image: None };
     if view.kind() == ViewKind::Upward {
         let message = format!("it looks {:.1}° off the vertical, at or above the horizon", view.off_nadir_deg());
         let place = located.centre_in_map;
-        return Err(refused("view_looks_up", &view.id.0, message)
+        let issue = refused(LOOKS_UP, &view.id.0, message)
             .hint("if many views do, the angle sequence, direction or axes are declared wrong")
-            .at(place.x, place.y));
+            .at(place.x, place.y);
+        return Err(Box::new(issue));
     }
-    Ok(view)
+    Ok((view, located.north))
 }
 
 /// A name given twice with one pose counts once; with two poses neither can be trusted.

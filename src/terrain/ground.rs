@@ -21,7 +21,7 @@ const MAX_SAMPLES: f64 = 4096.0;
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GroundReference {
-    /// The lowest ground under the building (CityGML's `measuredHeight`).
+    /// The lowest ground under the building (`measuredHeight` of `CityGML`).
     #[default]
     Lowest,
     /// The mean of the ground under it.
@@ -75,7 +75,7 @@ pub fn ground_under(
     let found = heights(&points);
     let tell = |severity, code, message: String| {
         let issue = Issue::new(severity, code, Subject::Building(id.to_string()), message);
-        match outline.bounding_rect().map(|rect| rect.center()) {
+        match outline.bounding_rect().map(geo::Rect::center) {
             Some(middle) => issue.at(middle.x, middle.y),
             None => issue,
         }
@@ -87,18 +87,13 @@ pub fn ground_under(
         let issue = (!is_complete).then(|| tell(Severity::Note, "ground_has_gaps", gaps));
         return (Some(level), issue);
     }
-    match around(terrain, outline, config) {
-        Some((level, distance_m)) => {
-            let message =
-                format!("the terrain has no value under it: its ground is taken from {distance_m:.0} m around");
-            (Some(level), Some(tell(Severity::Warning, "ground_from_around", message)))
-        }
-        None => {
-            let message = format!("the terrain has no value under it, nor within {} m", config.search_m);
-            let hint = "use a terrain model that covers the building, or a larger `search_m`";
-            (None, Some(tell(Severity::Refused, "ground_unknown", message).hint(hint)))
-        }
+    if let Some((level, distance_m)) = around(terrain, outline, config) {
+        let message = format!("the terrain has no value under it: its ground is taken from {distance_m:.0} m around");
+        return (Some(level), Some(tell(Severity::Warning, "ground_from_around", message)));
     }
+    let message = format!("the terrain has no value under it, nor within {} m", config.search_m);
+    let hint = "use a terrain model that covers the building, or a larger `search_m`";
+    (None, Some(tell(Severity::Refused, "ground_unknown", message).hint(hint)))
 }
 
 fn level(heights_m: &[f64], reference: GroundReference) -> Option<GroundLevel> {

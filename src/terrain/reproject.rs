@@ -63,6 +63,9 @@ impl std::fmt::Display for MapBox {
     }
 }
 
+/// Easting and northing, or longitude and latitude.
+type Position = (f64, f64);
+
 /// A DTM and how to read it.
 pub(super) struct Source<'a> {
     pub file: &'a RasterFile,
@@ -74,6 +77,11 @@ pub(super) struct Source<'a> {
 impl Source<'_> {
     fn crs_error(&self, source: CrsError) -> TerrainError {
         TerrainError::Crs { path: self.path.to_owned(), source }
+    }
+
+    fn dem(&self, heights: Raster<f32>, corner: Position, cell: (f64, f64)) -> Result<Dem, TerrainError> {
+        Dem::new(heights, corner.0, corner.1, cell.0, cell.1)
+            .map_err(|source| TerrainError::Dem { path: self.path.to_owned(), source })
     }
 
     /// A part of the raster in its own CRS, with cells of at least `min_cell` of its own units.
@@ -99,9 +107,7 @@ impl Source<'_> {
         let (west, north) = (grid.west + col as f64 * grid.cell_x, grid.north - row as f64 * grid.cell_y);
         let (cell_x, cell_y) =
             (grid.cell_x * width as f64 / size.0 as f64, grid.cell_y * height as f64 / size.1 as f64);
-        Dem::new(heights, west, north, cell_x, cell_y)
-            .map(Some)
-            .map_err(|source| TerrainError::Dem { path: self.path.to_owned(), source })
+        self.dem(heights, (west, north), (cell_x, cell_y)).map(Some)
     }
 }
 
@@ -116,7 +122,7 @@ pub(super) fn read(source: &Source<'_>, project_crs: &Crs, area: MapBox) -> Resu
         north_m: grid.north,
     };
     let to_dtm = Transform::new(project_crs, source.crs).map_err(|e| source.crs_error(e))?;
-    let in_dtm: Vec<((f64, f64), (f64, f64))> =
+    let in_dtm: Vec<(Position, Position)> =
         area.outline(8).filter_map(|p| Some((p, to_dtm.point(p.0, p.1).ok()?))).collect();
     let elsewhere = || {
         let covers = Transform::new(source.crs, project_crs)
@@ -138,13 +144,12 @@ pub(super) fn read(source: &Source<'_>, project_crs: &Crs, area: MapBox) -> Resu
         return Ok(dem);
     }
     let cell_m = dem.cell_m().0.min(dem.cell_m().1) / own_cells_per_m;
-    resample(&dem, &to_dtm, area, cell_m)
-        .map_err(|e| source.crs_error(e))?
-        .map_err(|error| TerrainError::Dem { path: source.path.to_owned(), source: error })
+    let heights = resample(&dem, &to_dtm, area, cell_m).map_err(|e| source.crs_error(e))?;
+    source.dem(heights, (area.west_m, area.north_m), (cell_m, cell_m))
 }
 
 /// How long a metre of the map is in the other CRS (1e-5 for degrees), by the larger of its two directions.
-fn own_units_per_metre(pairs: &[((f64, f64), (f64, f64))], area: MapBox) -> f64 {
+fn own_units_per_metre(pairs: &[(Position, Position)], area: MapBox) -> f64 {
     let Some(there) = MapBox::around(pairs.iter().map(|(_, p)| *p)) else { return 1.0 };
     let ratio = |there: f64, here: f64| if here > 0.0 { there / here } else { 0.0 };
     let largest = ratio(there.east_m - there.west_m, area.east_m - area.west_m)
@@ -154,12 +159,7 @@ fn own_units_per_metre(pairs: &[((f64, f64), (f64, f64))], area: MapBox) -> f64 
 
 /// Bilinear values at cell centres of a grid over `area`. Positions are transformed exactly at every 32nd cell and
 /// interpolated between: over tens of metres a map projection bends by less than a millimetre.
-fn resample(
-    dem: &Dem,
-    to_dtm: &Transform,
-    area: MapBox,
-    cell_m: f64,
-) -> Result<Result<Dem, super::DemError>, CrsError> {
+fn resample(dem: &Dem, to_dtm: &Transform, area: MapBox, cell_m: f64) -> Result<Raster<f32>, CrsError> {
     const STEP: usize = 32;
     let count = |extent_m: f64| ((extent_m / cell_m).ceil() as usize).max(1);
     let (width, height) = (count(area.east_m - area.west_m), count(area.north_m - area.south_m));
@@ -182,6 +182,5 @@ fn resample(
         let (x, y) = position(col, row);
         dem.height_at(x, y).map_or(f32::NAN, |z| z as f32)
     });
-    let heights = Raster::from_vec(width, height, heights.collect()).expect("one value per cell");
-    Ok(Dem::new(heights, area.west_m, area.north_m, cell_m, cell_m))
+    Ok(Raster::from_vec(width, height, heights.collect()).expect("one value per cell"))
 }

@@ -134,6 +134,27 @@ fn cjval_finds_nothing_to_say_about_our_cityjson() {
 }
 
 #[test]
+fn cjval_accepts_every_line_of_our_sequence_and_it_reads_back_like_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let (one, sequence) = (folder.path().join("town.city.json"), folder.path().join("town.city.jsonl"));
+    let town = town();
+    cityjson::write(&one, &town.model(), &CityJsonConfig::default()).unwrap();
+    cityjson::write_sequence(&sequence, &town.model(), &CityJsonConfig::default()).unwrap();
+    let text = std::fs::read_to_string(&sequence).unwrap();
+    let mut lines = text.lines();
+    let mut validator = cjval::CJValidator::from_str(lines.next().unwrap());
+    assert!(validator.is_valid());
+    for line in lines {
+        validator.from_str_cjfeature(line).unwrap();
+        for (criterion, summary) in validator.validate() {
+            assert!(summary.get_errors().is_empty(), "{criterion}: {summary}");
+        }
+    }
+    let read = |path: &Path| sizeup::evaluate::read::read_results(path, &town.crs).unwrap();
+    assert_eq!(read(&one), read(&sequence));
+}
+
+#[test]
 fn every_building_is_in_the_cityjson_and_says_why_it_has_no_solid() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("town.city.json");
@@ -222,4 +243,13 @@ fn the_same_model_is_the_same_geopackage_bytes() {
     let b = std::fs::read(write_gpkg(folder.path(), "b.gpkg")).unwrap();
     assert!(a == b, "{} and {} bytes", a.len(), b.len());
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "no litter");
+}
+
+#[test]
+fn gdals_threaded_index_of_large_layers_does_not_break_the_transaction() {
+    // GDAL starts it beyond some 100,000 features; this makes it start at the first.
+    gdal::config::set_thread_local_config_option("OGR_GPKG_THREADED_RTREE_AT_FIRST_FEATURE", "YES").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = gdal::Dataset::open(write_gpkg(folder.path(), "town.gpkg")).unwrap();
+    assert_eq!(dataset.layer_by_name("buildings").unwrap().feature_count(), 6);
 }

@@ -1,13 +1,13 @@
-//! `CityJSON` 2.0 (<https://www.cityjson.org/specs/2.0.1/>): one file, LOD 1.2 solids with semantics.
+//! `CityJSON` 2.0 (<https://www.cityjson.org/specs/2.0.1/>): LOD 1.2 solids with semantics, in one file or as a sequence.
 //!
 //! Written building by building; only the list of distinct vertices is kept until the end. A building without a solid
 //! is a `Building` without geometry whose attributes say why.
 
 mod metadata;
 pub mod read;
+mod sequence;
 mod vertices;
 
-use std::io::{self, Write};
 use std::path::Path;
 
 use schemars::JsonSchema;
@@ -20,6 +20,7 @@ use super::prism::{Face, NoSolid, Prism, Surface};
 use super::{BuildingRecord, CityModel, OutputError};
 use crate::files::write_whole;
 use crate::issue::{Issue, Severity, Subject};
+pub use sequence::write_sequence;
 use vertices::VertexPool;
 
 /// How `CityJSON` is written.
@@ -150,9 +151,4 @@ fn extent(prism: &Prism, grid: &Grid) -> [f64; 6] {
     let low = grid.metres([west, south, prism.base()]).map(metadata::tidy);
     let high = grid.metres([east, north, prism.roof()]).map(metadata::tidy);
     [low[0], low[1], low[2], high[0], high[1], high[2]]
-}
-
-/// `[x,y,z]`, comma-separated, a line each.
-fn write_vertex(out: &mut dyn Write, is_first: bool, [x, y, z]: [i32; 3]) -> io::Result<()> {
-    write!(out, "{}[{x},{y},{z}]", if is_first { "\n" } else { ",\n" })
 }

@@ -3,12 +3,13 @@
 //! Textures, materials, templates and appearances are passed over. A template instance is counted as a geometry that
 //! could not be read, never dropped in silence ([`CityFile::n_templates`]).
 
-use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::fmt;
+use std::fs;
 use std::path::Path;
 
 use indexmap::IndexMap;
-use serde::Deserialize;
+use serde::de::{SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
 use serde_json::{Map as JsonMap, Value};
 
 use super::super::error::{MalformedFile, OutputError};
@@ -75,11 +76,10 @@ impl CityFile {
     /// [`OutputError::File`] if it cannot be opened, [`OutputError::Malformed`] if it is no `CityJSON` of a known
     /// version, or an index points nowhere.
     pub fn read(path: &Path) -> Result<Self, OutputError> {
-        let file = File::open(path).map_err(FileError::on("cannot read", path))?;
-        let reader = BufReader::with_capacity(1 << 20, file);
+        let bytes = fs::read(path).map_err(FileError::on("cannot read", path))?;
         let malformed = |reason: String| OutputError::Malformed(MalformedFile { path: path.to_owned(), reason });
         let is_sequence = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("jsonl"));
-        let city = if is_sequence { read_sequence(reader) } else { read_one(reader) };
+        let city = if is_sequence { read_sequence(&bytes) } else { read_one(&bytes) };
         city.map_err(malformed)
     }
 }
@@ -141,11 +141,38 @@ struct RawSurface {
 }
 
 /// Boundaries: lists of lists of … of indices, as deep as the geometry's type says.
-#[derive(Deserialize)]
-#[serde(untagged)]
 enum Nested {
     Index(u32),
     List(Vec<Nested>),
+}
+
+impl<'de> Deserialize<'de> for Nested {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(NestedVisitor)
+    }
+}
+
+/// Directly from the tokens: serde's untagged enums keep a copy of everything first, at five times the cost.
+struct NestedVisitor;
+
+impl<'de> Visitor<'de> for NestedVisitor {
+    type Value = Nested;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a vertex index or a list of boundaries")
+    }
+
+    fn visit_u64<E: serde::de::Error>(self, index: u64) -> Result<Nested, E> {
+        u32::try_from(index).map(Nested::Index).map_err(E::custom)
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Nested, A::Error> {
+        let mut list = Vec::with_capacity(items.size_hint().unwrap_or(0));
+        while let Some(item) = items.next_element()? {
+            list.push(item);
+        }
+        Ok(Nested::List(list))
+    }
 }
 
 impl Nested {
@@ -157,8 +184,8 @@ impl Nested {
     }
 }
 
-fn read_one(reader: impl BufRead) -> Result<CityFile, String> {
-    let raw: RawFile = serde_json::from_reader(reader).map_err(|e| e.to_string())?;
+fn read_one(bytes: &[u8]) -> Result<CityFile, String> {
+    let raw: RawFile = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;
     require_version(&raw)?;
     let mut city = CityFile { crs: crs_of(&raw.metadata)?, ..CityFile::default() };
     let transform = raw.transform.clone();
@@ -167,16 +194,15 @@ fn read_one(reader: impl BufRead) -> Result<CityFile, String> {
     Ok(city)
 }
 
-fn read_sequence(reader: impl BufRead) -> Result<CityFile, String> {
+fn read_sequence(bytes: &[u8]) -> Result<CityFile, String> {
     let mut city = CityFile::default();
     let mut transform = None;
-    for (i, line) in reader.lines().enumerate() {
-        let line = line.map_err(|e| e.to_string())?;
-        if line.trim().is_empty() {
+    for (i, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
+        if line.trim_ascii().is_empty() {
             continue;
         }
         let at_line = |reason: String| format!("line {}: {reason}", i + 1);
-        let raw: RawFile = serde_json::from_str(&line).map_err(|e| at_line(e.to_string()))?;
+        let raw: RawFile = serde_json::from_slice(line).map_err(|e| at_line(e.to_string()))?;
         if raw.kind == "CityJSON" {
             require_version(&raw).map_err(at_line)?;
             city.crs = crs_of(&raw.metadata).map_err(at_line)?;

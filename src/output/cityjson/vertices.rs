@@ -18,9 +18,21 @@ impl VertexPool {
         u32::try_from(self.0.insert_full(point).0).expect("fewer than 2^32 vertices")
     }
 
-    /// Writes the vertices as the content of a JSON array.
+    /// Writes the vertices as the content of a JSON array, a line each.
     pub fn write(&self, out: &mut dyn Write) -> io::Result<()> {
-        self.0.iter().enumerate().try_for_each(|(i, vertex)| super::write_vertex(out, i == 0, *vertex))
+        self.write_separated(out, "\n", ",\n")
+    }
+
+    /// Writes the vertices as the content of a JSON array on one line.
+    pub fn write_inline(&self, out: &mut dyn Write) -> io::Result<()> {
+        self.write_separated(out, "", ",")
+    }
+
+    fn write_separated(&self, out: &mut dyn Write, first: &str, between: &str) -> io::Result<()> {
+        self.0
+            .iter()
+            .enumerate()
+            .try_for_each(|(i, [x, y, z])| write!(out, "{}[{x},{y},{z}]", if i == 0 { first } else { between }))
     }
 
     /// Forgets everything, for the next feature of a sequence.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 use super::super::attributes::{self, FIELDS, FieldKind};
-use super::super::prism::Prism;
+use super::super::prism::{NoSolid, Prism};
 use super::super::{BuildingRecord, CityModel, OutputError};
 use super::{GeoPackageConfig, Grid, wkb};
 use crate::geodata::gpkg::{Column, ColumnKind, GeometryKind, LayerSpec, Row, Writer};
@@ -35,7 +35,7 @@ pub fn buildings(
     let rows = model.records.iter().map(|record| {
         let fault = Prism::of(record, grid, config.min_thickness_m).err();
         let mut values = vec![Value::from(record.id.as_str())];
-        values.extend(FIELDS.iter().map(|f| flat(attributes::value(record, f, fault.map(|fault| fault.code())))));
+        values.extend(FIELDS.iter().map(|f| flat(attributes::value(record, f, fault.map(NoSolid::code)))));
         values.extend(carried.iter().map(|c| record.attributes.get(&c.name).map_or(Value::Null, |v| c.value(v))));
         Row { wkb: record.footprint.as_ref().map(wkb::polygon), values }
     });

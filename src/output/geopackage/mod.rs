@@ -66,7 +66,7 @@ pub fn write(path: &Path, model: &CityModel<'_>, config: &GeoPackageConfig) -> R
             layers::cameras(writer, model.survey)?;
             layers::issues(writer, model.issues)?;
             tables::lineage(writer, model.lineage, &timestamp)?;
-            tables::styles(writer, &timestamp)
+            tables::styles(writer, |layer| config.solids || layer != "buildings_lod1", &timestamp)
         })
     })
 }

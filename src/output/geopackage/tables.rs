@@ -3,8 +3,13 @@
 use super::super::{Lineage, OutputError};
 use crate::geodata::gpkg::{Writer, text};
 
-/// Default styles by layer, as QGIS stores them.
-const STYLES: [(&str, &str); 1] = [("buildings", include_str!("styles/buildings.qml"))];
+/// Default styles by layer, exported from QGIS by `tests/qgis/styles.py`.
+const STYLES: [(&str, &str); 4] = [
+    ("buildings", include_str!("styles/buildings.qml")),
+    ("buildings_lod1", include_str!("styles/buildings_lod1.qml")),
+    ("cameras", include_str!("styles/cameras.qml")),
+    ("qa_issues", include_str!("styles/qa_issues.qml")),
+];
 
 /// The schema extension's table of column meanings (OGC 12-128r15, F.9).
 pub fn create_data_columns(writer: &mut Writer<'_>) -> Result<(), OutputError> {
@@ -46,7 +51,7 @@ pub fn lineage(writer: &mut Writer<'_>, lineage: &Lineage, timestamp: &str) -> R
 }
 
 /// QGIS's table of styles. It must be listed in `gpkg_contents`, or QGIS does not see it.
-pub fn styles(writer: &mut Writer<'_>, timestamp: &str) -> Result<(), OutputError> {
+pub fn styles(writer: &mut Writer<'_>, has_layer: impl Fn(&str) -> bool, timestamp: &str) -> Result<(), OutputError> {
     writer.sql(
         "CREATE TABLE layer_styles (id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, f_table_catalog TEXT(256), \
          f_table_schema TEXT(256), f_table_name TEXT(256), f_geometry_column TEXT(256), styleName TEXT(30), \
@@ -58,7 +63,7 @@ pub fn styles(writer: &mut Writer<'_>, timestamp: &str) -> Result<(), OutputErro
          VALUES ('layer_styles', 'attributes', 'layer_styles', 'QGIS layer styles', {}, 0)",
         text(timestamp)
     ))?;
-    for (layer, qml) in STYLES {
+    for (layer, qml) in STYLES.into_iter().filter(|(layer, _)| has_layer(layer)) {
         writer.sql(&format!(
             "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName, \
              styleQML, styleSLD, useAsDefault, description, owner, ui, update_time) \

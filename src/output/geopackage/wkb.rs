@@ -66,5 +66,5 @@ fn count(wkb: &mut Vec<u8>, n: usize) {
 }
 
 fn coordinates(wkb: &mut Vec<u8>, values: &[f64]) {
-    values.iter().for_each(|v| wkb.extend(v.to_le_bytes()));
+    wkb.extend(values.iter().flat_map(|v| v.to_le_bytes()));
 }

@@ -11,13 +11,13 @@ mod surfaces;
 use std::path::{Path, PathBuf};
 
 use geo::MapCoords;
-use geo_types::{Coord, MultiPolygon};
+use geo_types::{Coord, Geometry, MultiPolygon};
 use serde_json::{Map as JsonMap, Value};
 
 use super::OutputError;
 use super::cityjson::read::CityFile;
 use crate::crs::{Crs, CrsError, Transform};
-use crate::geodata::features;
+use crate::geodata::vector::{Feature, FeatureGeometry, VectorError, VectorLayer};
 
 pub use surfaces::{Levels, measure};
 
@@ -70,7 +70,7 @@ pub enum ReadError {
     Output(#[from] OutputError),
     /// GDAL cannot read it.
     #[error(transparent)]
-    Vector(#[from] features::FeaturesError),
+    Vector(#[from] VectorError),
     /// It has no CRS.
     #[error("{} has no CRS, so its outlines cannot be compared\nhint: state it with `ogr2ogr -a_srs EPSG:… out.gpkg {}`, or match by id", path.display(), path.display())]
     NoCrs {
@@ -111,30 +111,23 @@ impl FoundBuildings {
             let buildings = surfaces::buildings(&city, options.lod);
             return Ok(Self { path: path.to_owned(), crs: city.crs, buildings });
         }
-        let table = features::read_polygons(path, options.layer, OWN_LAYER)?;
+        let mut layer = match VectorLayer::open(path, options.layer) {
+            Err(VectorError::Layer { .. }) if options.layer.is_none() => VectorLayer::open(path, Some(OWN_LAYER))?,
+            opened => opened?,
+        };
+        let fields: Vec<String> = layer.field_names().map(str::to_owned).collect();
+        let has = |name: &str| fields.iter().any(|field| field == name);
         let id_field = match options.id_field {
-            Some(field) if table.fields.iter().any(|f| f == field) => Some(field),
-            Some(field) => {
-                return Err(ReadError::NoField {
-                    path: path.to_owned(),
-                    field: field.to_owned(),
-                    what: "id",
-                    available: table.fields,
-                });
+            Some(field) if !has(field) => {
+                let (path, field) = (path.to_owned(), field.to_owned());
+                return Err(ReadError::NoField { path, field, what: "id", available: fields });
             }
-            None => ID_FIELDS.into_iter().find(|name| table.fields.iter().any(|f| f == name)),
+            Some(field) => Some(field),
+            None => ID_FIELDS.into_iter().find(|name| has(name)),
         };
-        let building = |feature: features::PolygonFeature| {
-            let stated = id_field.and_then(|field| feature.attributes.get(field)).filter(|id| !id.is_null());
-            let id = match stated {
-                Some(Value::String(id)) => id.clone(),
-                Some(other) => other.to_string(),
-                None => feature.fid.map_or_else(String::new, |fid| fid.to_string()),
-            };
-            FoundBuilding { id, outline: feature.outline, levels: None, attributes: feature.attributes }
-        };
-        let buildings = table.features.into_iter().map(building).collect();
-        Ok(Self { path: path.to_owned(), crs: table.crs, buildings })
+        let crs = layer.crs()?;
+        let buildings = layer.features().map(|feature| FoundBuilding::from_feature(feature, id_field)).collect();
+        Ok(Self { path: path.to_owned(), crs, buildings })
     }
 
     /// Moves all outlines into another CRS (horizontally: heights are differences and stay).
@@ -160,13 +153,29 @@ impl FoundBuildings {
     }
 }
 
-fn is_cityjson(path: &Path) -> bool {
-    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default().to_lowercase();
-    if name.ends_with(".jsonl") || name.ends_with(".city.json") {
-        return true;
+impl FoundBuilding {
+    /// A feature with its id from an attribute, or else its number in the layer.
+    fn from_feature(feature: Feature, id_field: Option<&str>) -> Self {
+        let stated = id_field.and_then(|field| feature.attributes.get(field)).filter(|id| !id.is_null());
+        let id = match stated {
+            Some(Value::String(id)) => id.clone(),
+            Some(other) => other.to_string(),
+            None => feature.fid.map_or_else(String::new, |fid| fid.to_string()),
+        };
+        let outline = match feature.geometry {
+            FeatureGeometry::Shape(Geometry::Polygon(polygon)) => Some(MultiPolygon::new(vec![polygon])),
+            FeatureGeometry::Shape(Geometry::MultiPolygon(polygons)) => Some(polygons),
+            FeatureGeometry::Shape(_) | FeatureGeometry::Missing | FeatureGeometry::Unsupported(_) => None,
+        };
+        Self { id, outline, levels: None, attributes: feature.attributes }
     }
+}
+
+fn is_cityjson(path: &Path) -> bool {
+    let has_extension = |wanted: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(wanted));
     // GeoJSON shares the extension; the type is near the start in practice, but may be anywhere.
-    name.ends_with(".json") && std::fs::read(path).is_ok_and(|bytes| contains(&bytes, b"\"CityObjects\""))
+    let has_city_objects = || std::fs::read(path).is_ok_and(|bytes| contains(&bytes, b"\"CityObjects\""));
+    has_extension("jsonl") || (has_extension("json") && has_city_objects())
 }
 
 fn contains(bytes: &[u8], needle: &[u8]) -> bool {

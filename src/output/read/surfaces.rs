@@ -93,7 +93,12 @@ pub fn measure(surfaces: &[&CitySurface], vertices: &[[f64; 3]]) -> (Option<Leve
         }
     }
     let outline = if ground_plan.is_empty() { roof_plan } else { ground_plan };
-    let outline = (!outline.is_empty()).then(|| unary_union(&outline));
+    let outline = match outline.len() {
+        0 => None,
+        // By far the most frequent, and a union would only cost time.
+        1 => Some(MultiPolygon::new(outline)),
+        _ => Some(unary_union(&outline)),
+    };
     let ground_m = if ground_m.is_finite() { ground_m } else { lowest_m };
     (roof.levels(ground_m), outline)
 }
@@ -218,7 +223,9 @@ mod tests {
     #[test]
     fn without_semantics_the_normals_tell_roof_from_wall() {
         let (vertices, mut surfaces) = gable_house();
-        surfaces.iter_mut().for_each(|s| s.kind = None);
+        for surface in &mut surfaces {
+            surface.kind = None;
+        }
         let (levels, outline) = measure(&surfaces.iter().collect::<Vec<_>>(), &vertices);
         assert_eq!(levels.map(|l| (l.ground_m, l.roof_mean_m)), Some((1.0, 4.0)));
         assert_eq!(outline.unwrap().unsigned_area(), 60.0);

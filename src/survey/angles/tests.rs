@@ -1,5 +1,7 @@
 //! Golden vectors: yaw, pitch, roll of a gimbal over grid north against what each tool writes for the same camera.
 
+#![allow(clippy::approx_constant, reason = "golden vectors are printed numbers")]
+
 use proptest::prelude::*;
 
 use super::*;

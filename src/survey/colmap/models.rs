@@ -54,6 +54,9 @@ pub(super) fn camera(name: &str, width_px: u64, height_px: u64, params: &[f64]) 
         "SIMPLE_RADIAL" => brown(p(3), 0.0, 0.0, 0.0),
         "RADIAL" => brown(p(3), p(4), 0.0, 0.0),
         "OPENCV" => brown(p(4), p(5), p(6), p(7)),
+        "FULL_OPENCV" if params[9..].iter().all(|&k| k == 0.0) => {
+            Distortion::Brown { k1: p(4), k2: p(5), k3: p(8), p1: p(6), p2: p(7) }
+        }
         "FULL_OPENCV" => {
             Distortion::Rational { k1: p(4), k2: p(5), p1: p(6), p2: p(7), k3: p(8), k4: p(9), k5: p(10), k6: p(11) }
         }

@@ -1,0 +1,53 @@
+//! Which grid files PROJ would need for a height transformation, from PROJ's own database.
+
+use gdal::vector::{LayerAccess as _, sql::Dialect};
+
+use super::Crs;
+
+/// A grid file.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Grid {
+    name: String,
+    url: String,
+}
+
+impl std::fmt::Display for Grid {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.url.is_empty() { f.write_str(&self.name) } else { write!(f, "{} from {}", self.name, self.url) }
+    }
+}
+
+/// Grids between the ellipsoid and the vertical systems of either side; empty where neither has one or the database
+/// cannot be read.
+pub(super) fn of_heights(from: &Crs, to: &Crs) -> Vec<Grid> {
+    let mut grids: Vec<Grid> = [from, to]
+        .into_iter()
+        .filter_map(Crs::vertical_epsg)
+        .flat_map(|code| of_vertical(code).unwrap_or_default())
+        .collect();
+    grids.sort();
+    grids.dedup();
+    grids
+}
+
+fn of_vertical(epsg: u32) -> Option<Vec<Grid>> {
+    let folders = proj::ProjBuilder::new().lib_info().ok()?.searchpath;
+    let separator = if cfg!(windows) { ';' } else { ':' };
+    let database = folders.split(separator).map(|f| std::path::Path::new(f).join("proj.db")).find(|f| f.is_file())?;
+    let dataset = gdal::Dataset::open(&database).ok()?;
+    let query = format!(
+        "SELECT DISTINCT COALESCE(NULLIF(a.proj_grid_name, ''), g.grid_name) AS name, a.url AS url \
+         FROM grid_transformation g LEFT JOIN grid_alternatives a ON a.original_grid_name = g.grid_name \
+         WHERE g.deprecated = 0 AND g.grid_name <> '' AND ((g.target_crs_auth_name = 'EPSG' AND g.target_crs_code = '{epsg}') \
+         OR (g.source_crs_auth_name = 'EPSG' AND g.source_crs_code = '{epsg}'))"
+    );
+    let mut rows = dataset.execute_sql(query, None, Dialect::DEFAULT).ok()??;
+    let text = |feature: &gdal::vector::Feature<'_>, field: &str| {
+        let index = feature.field_index(field).ok()?;
+        feature.field_as_string(index).ok().flatten()
+    };
+    let grid = |feature: gdal::vector::Feature<'_>| {
+        Some(Grid { name: text(&feature, "name")?, url: text(&feature, "url").unwrap_or_default() })
+    };
+    Some(rows.features().filter_map(grid).collect())
+}

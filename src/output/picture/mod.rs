@@ -1,0 +1,34 @@
+//! Pictures of a result as PNG: a map of the heights, a depth panel of one view, prism edges over a photo.
+//!
+//! Colours come from maps that are even in lightness and readable by colour-blind people ([`colour`]).
+
+mod canvas;
+pub mod colour;
+mod map;
+mod overlay;
+mod panel;
+mod scale;
+
+use std::io::Cursor;
+use std::path::Path;
+
+use image::{ImageFormat, RgbImage};
+
+use super::OutputError;
+use crate::files::{FileError, write_whole};
+
+pub use map::{MapConfig, map};
+pub use overlay::{OverlayConfig, Polyline, overlay};
+pub use panel::{PanelConfig, PanelDepths, depth_panel};
+
+/// Writes a picture as PNG, whole or not at all.
+///
+/// # Errors
+/// [`OutputError::File`].
+pub fn write_png(path: &Path, picture: &RgbImage) -> Result<(), OutputError> {
+    let mut png = Cursor::new(Vec::new());
+    let encoded = picture.write_to(&mut png, ImageFormat::Png).map_err(std::io::Error::other);
+    encoded.map_err(FileError::on("cannot encode", path))?;
+    write_whole(path, |out| out.write_all(png.get_ref()))?;
+    Ok(())
+}

@@ -1,0 +1,216 @@
+//! Geometric checks of any `CityJSON` solid or surface, with val3dity's codes and the place of each fault.
+//!
+//! Definitions follow ISO 19107 as val3dity reads it (Ledoux 2018, doi:10.1186/s40965-018-0043-x). Each level is only
+//! checked where the level below is sound: rings, then faces, then shells, then solids.
+//!
+//! | checked | not checked |
+//! |---|---|
+//! | 101, 102, 104, 201–208, 301–303, 305–307, 405, 902 | 401–404 between shells, 501–503, 601, templates |
+//!
+//! Vertices closer than the snap tolerance count as one. Within a face, positions are projected along the axis nearest
+//! to its normal and rounded to a tenth of the tolerance; all further decisions there are exact.
+
+mod face;
+mod shell;
+mod snap;
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::cityjson::read::{CityFile, CityGeometry, CityObject};
+use face::Face;
+use snap::Snapped;
+
+/// Tolerances of the checks; the defaults are val3dity's.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ValidateConfig {
+    /// Vertices closer than this are one, metres, above 0.
+    pub snap_tolerance_m: f64,
+    /// Largest distance of a vertex from its face's plane, metres.
+    pub planarity_distance_m: f64,
+    /// Largest angle between a face's normal and that of any triangle of it, degrees.
+    pub planarity_normal_deg: f64,
+}
+
+impl Default for ValidateConfig {
+    fn default() -> Self {
+        Self { snap_tolerance_m: 0.001, planarity_distance_m: 0.01, planarity_normal_deg: 20.0 }
+    }
+}
+
+/// A kind of fault, numbered as in val3dity.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum Code {
+    /// 101: a ring of fewer than three distinct points.
+    TooFewPoints = 101,
+    /// 102: two consecutive points of a ring are the same.
+    ConsecutivePointsSame = 102,
+    /// 104: a ring crosses or touches itself.
+    RingSelfIntersection = 104,
+    /// 201: two rings of a face cross, or share a piece of an edge.
+    IntersectionRings = 201,
+    /// 202: two rings of a face are the same.
+    DuplicatedRings = 202,
+    /// 203: a vertex lies too far from the face's plane.
+    NonPlanarPolygonDistancePlane = 203,
+    /// 204: a part of the face is too far turned out of its plane.
+    NonPlanarPolygonNormalsDeviation = 204,
+    /// 205: rings touch so that they cut the face in two.
+    PolygonInteriorDisconnected = 205,
+    /// 206: a hole lies outside the exterior ring.
+    InnerRingOutside = 206,
+    /// 207: a hole lies in another hole.
+    InnerRingsNested = 207,
+    /// 208: a hole turns the same way as the exterior ring.
+    OrientationRingsSame = 208,
+    /// 301: a shell of fewer than four faces.
+    TooFewPolygons = 301,
+    /// 302: an edge with one face only.
+    ShellNotClosed = 302,
+    /// 303: an edge with more than two faces, or a vertex whose faces are not one fan.
+    NonManifoldCase = 303,
+    /// 305: a shell of several parts.
+    MultipleConnectedComponents = 305,
+    /// 306: two faces of a shell cross or overlap.
+    ShellSelfIntersection = 306,
+    /// 307: neighbouring faces turn against each other.
+    PolygonWrongOrientation = 307,
+    /// 405: an outer shell faces inwards, or an inner one outwards.
+    WrongOrientationShell = 405,
+    /// 902: a geometry without faces.
+    EmptyPrimitive = 902,
+}
+
+impl Code {
+    /// The number.
+    #[must_use]
+    pub fn number(self) -> u16 {
+        self as u16
+    }
+}
+
+impl std::fmt::Display for Code {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let name = serde_json::to_value(self).unwrap_or_default();
+        write!(f, "{} {}", self.number(), name.as_str().unwrap_or_default())
+    }
+}
+
+/// One fault and its place.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Fault {
+    /// val3dity's number.
+    pub number: u16,
+    /// val3dity's name.
+    pub code: Code,
+    /// City object.
+    pub object: String,
+    /// Level of detail of the geometry.
+    pub lod: String,
+    /// Solid, shell and surface within the geometry; the surface is missing where a whole shell is meant.
+    pub solid: usize,
+    /// Shell of the solid, 0 is the outer one.
+    pub shell: usize,
+    /// Surface of the shell.
+    pub surface: Option<usize>,
+    /// A point of the fault in the file's CRS.
+    pub position: Option<[f64; 3]>,
+}
+
+/// The outcome for a file.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Validation {
+    /// Geometries checked.
+    pub n_geometries: usize,
+    /// Of them, those without faults.
+    pub n_valid: usize,
+    /// Objects without any surface geometry.
+    pub n_without_geometry: usize,
+    /// Number of faults by code.
+    pub n_by_code: BTreeMap<u16, usize>,
+    /// All faults, in the file's order.
+    pub faults: Vec<Fault>,
+}
+
+impl Validation {
+    /// Whether nothing was found.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        self.faults.is_empty()
+    }
+}
+
+/// Checks every geometry of a file.
+#[must_use]
+pub fn validate(city: &CityFile, config: &ValidateConfig) -> Validation {
+    let mut outcome = Validation::default();
+    for object in &city.objects {
+        outcome.n_without_geometry += usize::from(object.geometries.is_empty());
+        for geometry in &object.geometries {
+            let faults = check_geometry(city, object, geometry, config);
+            outcome.n_geometries += 1;
+            outcome.n_valid += usize::from(faults.is_empty());
+            for fault in &faults {
+                *outcome.n_by_code.entry(fault.number).or_default() += 1;
+            }
+            outcome.faults.extend(faults);
+        }
+    }
+    outcome
+}
+
+/// A fault within one shell, before it knows where the shell stands.
+struct Found {
+    code: Code,
+    surface: Option<usize>,
+    position: Option<[f64; 3]>,
+}
+
+fn check_geometry(
+    city: &CityFile,
+    object: &CityObject,
+    geometry: &CityGeometry,
+    config: &ValidateConfig,
+) -> Vec<Fault> {
+    let fault = |solid: usize, shell: usize, found: Found| Fault {
+        number: found.code.number(),
+        code: found.code,
+        object: object.id.clone(),
+        lod: geometry.lod.clone(),
+        solid,
+        shell,
+        surface: found.surface,
+        position: found.position,
+    };
+    if geometry.surfaces.is_empty() {
+        let empty = Found { code: Code::EmptyPrimitive, surface: None, position: None };
+        return vec![fault(0, 0, empty)];
+    }
+    let snapped = Snapped::new(city, geometry, config.snap_tolerance_m);
+    let mut shells: BTreeMap<[usize; 2], Vec<Face>> = BTreeMap::new();
+    let mut faults = Vec::new();
+    let mut is_face_sound = true;
+    for surface in &geometry.surfaces {
+        let [solid, shell, index] = surface.place;
+        match Face::new(surface, &snapped, config) {
+            Ok(face) => shells.entry([solid, shell]).or_default().push(face),
+            Err(found) => {
+                is_face_sound = false;
+                faults.extend(found.into_iter().map(|(code, position)| {
+                    fault(solid, shell, Found { code, surface: Some(index), position: Some(position) })
+                }));
+            }
+        }
+    }
+    if geometry.is_solid && is_face_sound {
+        for ([solid, shell], faces) in &shells {
+            let found = shell::check(faces, *shell, &snapped);
+            faults.extend(found.into_iter().map(|found| fault(*solid, *shell, found)));
+        }
+    }
+    faults
+}

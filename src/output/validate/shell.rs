@@ -1,0 +1,239 @@
+//! Checks of one shell (3xx) and of its direction (405).
+
+use std::collections::{BTreeMap, HashMap};
+
+use glam::DVec3;
+use rstar::primitives::{GeomWithData, Rectangle};
+use rstar::{AABB, RTree};
+
+use super::super::planar::{cross, is_inside};
+use super::face::{Face, flatten};
+use super::snap::Snapped;
+use super::{Code, Found};
+
+/// Fewest faces that enclose a volume.
+const MIN_FACES: usize = 4;
+
+/// The uses of one undirected edge: face, and whether in the direction from the lower to the higher index.
+type Uses = Vec<(usize, bool)>;
+
+/// Checks a shell of sound faces; `shell_index` 0 is the outer shell of its solid.
+pub fn check(faces: &[Face], shell_index: usize, snapped: &Snapped) -> Vec<Found> {
+    if faces.len() < MIN_FACES {
+        return vec![Found { code: Code::TooFewPolygons, surface: None, position: None }];
+    }
+    let edges = edges(faces);
+    let mut found: Vec<Found> =
+        edges.iter().filter_map(|(edge, uses)| edge_fault(*edge, uses, faces, snapped)).collect();
+    if found.is_empty() {
+        found.extend(vertex_faults(faces, &edges, snapped));
+    }
+    if found.is_empty() && n_components(faces.len(), &edges) > 1 {
+        found.push(Found { code: Code::MultipleConnectedComponents, surface: None, position: None });
+    }
+    if found.is_empty() {
+        found.extend(crossing_faces(faces, snapped));
+    }
+    if found.is_empty() {
+        let is_outer = shell_index == 0;
+        if (volume(faces, snapped) > 0.0) != is_outer {
+            found.push(Found { code: Code::WrongOrientationShell, surface: None, position: None });
+        }
+    }
+    found
+}
+
+fn edges(faces: &[Face]) -> BTreeMap<[usize; 2], Uses> {
+    let mut edges: BTreeMap<[usize; 2], Uses> = BTreeMap::new();
+    for (f, face) in faces.iter().enumerate() {
+        for [a, b] in face_edges(face) {
+            edges.entry([a.min(b), a.max(b)]).or_default().push((f, a < b));
+        }
+    }
+    edges
+}
+
+fn face_edges(face: &Face) -> impl Iterator<Item = [usize; 2]> {
+    face.rings.iter().flat_map(|ring| (0..ring.len()).map(move |i| [ring[i], ring[(i + 1) % ring.len()]]))
+}
+
+/// 302, 303, 307.
+fn edge_fault(edge: [usize; 2], uses: &Uses, faces: &[Face], snapped: &Snapped) -> Option<Found> {
+    let code = match uses.as_slice() {
+        [_] => Code::ShellNotClosed,
+        [(_, first), (_, second)] if first == second => Code::PolygonWrongOrientation,
+        [_, _] => return None,
+        _ => Code::NonManifoldCase,
+    };
+    let [a, b] = edge.map(|i| DVec3::from_array(snapped.position(i)));
+    Some(Found { code, surface: Some(faces[uses[0].0].index), position: Some(((a + b) / 2.0).to_array()) })
+}
+
+/// 303: the faces around a vertex fall into more than one fan.
+fn vertex_faults(faces: &[Face], edges: &BTreeMap<[usize; 2], Uses>, snapped: &Snapped) -> Vec<Found> {
+    let mut faces_at: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (f, face) in faces.iter().enumerate() {
+        for &vertex in face.rings.iter().flatten() {
+            faces_at.entry(vertex).or_default().push(f);
+        }
+    }
+    let mut links: HashMap<usize, Vec<[usize; 2]>> = HashMap::new();
+    for (edge, uses) in edges {
+        for vertex in edge {
+            links.entry(*vertex).or_default().push([uses[0].0, uses[1].0]);
+        }
+    }
+    let is_pinched = |vertex: usize, around: &[usize]| {
+        let mut around = around.to_vec();
+        around.sort_unstable();
+        around.dedup();
+        let position: HashMap<usize, usize> = around.iter().enumerate().map(|(i, f)| (*f, i)).collect();
+        let mut groups = Groups::new(around.len());
+        for [a, b] in &links[&vertex] {
+            groups.join(position[a], position[b]);
+        }
+        groups.count() > 1
+    };
+    faces_at
+        .iter()
+        .filter(|(vertex, around)| is_pinched(**vertex, around))
+        .map(|(vertex, around)| Found {
+            code: Code::NonManifoldCase,
+            surface: Some(faces[around[0]].index),
+            position: Some(snapped.position(*vertex)),
+        })
+        .collect()
+}
+
+fn n_components(n_faces: usize, edges: &BTreeMap<[usize; 2], Uses>) -> usize {
+    let mut groups = Groups::new(n_faces);
+    for uses in edges.values() {
+        uses.windows(2).for_each(|pair| groups.join(pair[0].0, pair[1].0));
+    }
+    groups.count()
+}
+
+/// Sets of items that belong together.
+struct Groups(Vec<usize>);
+
+impl Groups {
+    fn new(n: usize) -> Self {
+        Self((0..n).collect())
+    }
+
+    fn root(&mut self, mut i: usize) -> usize {
+        while self.0[i] != i {
+            self.0[i] = self.0[self.0[i]];
+            i = self.0[i];
+        }
+        i
+    }
+
+    fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.0[a.max(b)] = a.min(b);
+    }
+
+    fn count(&mut self) -> usize {
+        (0..self.0.len()).filter(|&i| self.root(i) == i).count()
+    }
+}
+
+/// 306: an edge of one face pierces another face, or two faces in one plane overlap.
+fn crossing_faces(faces: &[Face], snapped: &Snapped) -> Vec<Found> {
+    let boxes = faces.iter().enumerate().map(|(f, face)| {
+        let points = face.rings[0].iter().map(|&i| snapped.points[i]);
+        GeomWithData::new(Rectangle::from_aabb(AABB::from_points(points.collect::<Vec<_>>().iter())), f)
+    });
+    let tree: RTree<_> = RTree::bulk_load(boxes.collect::<Vec<_>>());
+    let mut found = Vec::new();
+    for (f, face) in faces.iter().enumerate() {
+        let points: Vec<[f64; 3]> = face.rings[0].iter().map(|&i| snapped.points[i]).collect();
+        let mut near: Vec<usize> =
+            tree.locate_in_envelope_intersecting(&AABB::from_points(points.iter())).map(|b| b.data).collect();
+        near.sort_unstable();
+        for other in near.into_iter().filter(|&o| o != f) {
+            if let Some(at) = piercing(face, &faces[other], snapped).or_else(|| overlap(face, &faces[other], snapped)) {
+                let position = std::array::from_fn(|axis| at[axis] + snapped.origin[axis]);
+                found.push(Found {
+                    code: Code::ShellSelfIntersection,
+                    surface: Some(face.index),
+                    position: Some(position),
+                });
+                break;
+            }
+        }
+    }
+    found
+}
+
+/// Where an edge of `face` goes through the inside of `other`.
+fn piercing(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
+    let point = |i: usize| DVec3::from_array(snapped.points[i]);
+    let on_plane = point(other.rings[0][0]);
+    face_edges(face).find_map(|[a, b]| {
+        let (above_a, above_b) = ((point(a) - on_plane).dot(other.normal), (point(b) - on_plane).dot(other.normal));
+        let is_through = above_a * above_b < 0.0 && above_a.abs().min(above_b.abs()) > snapped.tolerance_m;
+        let at = point(a).lerp(point(b), above_a / (above_a - above_b));
+        (is_through && is_within(at, other, snapped)).then_some(at)
+    })
+}
+
+/// Whether a point of a face's plane lies inside the face, farther than the tolerance from all its edges.
+fn is_within(at: DVec3, face: &Face, snapped: &Snapped) -> bool {
+    let point = |i: usize| DVec3::from_array(snapped.points[i]);
+    let is_near_edge = face_edges(face).any(|[a, b]| {
+        let (a, along) = (point(a), point(b) - point(a));
+        let t = ((at - a).dot(along) / along.length_squared()).clamp(0.0, 1.0);
+        (at - (a + along * t)).length() <= snapped.tolerance_m
+    });
+    if is_near_edge {
+        return false;
+    }
+    // The cell of the point on the face's lattice, by the same rounding.
+    let cells = at.to_array().map(|v| (v / snapped.tolerance_m * 10.0).round() as i64);
+    let flat = [cells[(face.dropped_axis + 1) % 3], cells[(face.dropped_axis + 2) % 3]];
+    let ring = |ring: &Vec<usize>| ring.iter().map(|&i| flatten(i, face.dropped_axis, snapped)).collect::<Vec<_>>();
+    face.rings.iter().filter(|r| is_inside(flat, &ring(r))).count() % 2 == 1
+}
+
+/// A point that two faces of one plane share.
+fn overlap(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
+    let point = |i: usize| DVec3::from_array(snapped.points[i]);
+    let on_plane = point(other.rings[0][0]);
+    let is_coplanar =
+        face.rings[0].iter().all(|&i| (point(i) - on_plane).dot(other.normal).abs() <= snapped.tolerance_m);
+    if !is_coplanar {
+        return None;
+    }
+    let corner = face.rings.iter().flatten().map(|&i| point(i)).find(|p| is_within(*p, other, snapped));
+    corner
+        .or_else(|| {
+            let flat = |i: usize| flatten(i, other.dropped_axis, snapped);
+            let strictly = |a: [i64; 2], b: [i64; 2], c: [i64; 2], d: [i64; 2]| {
+                cross(a, b, c).signum() * cross(a, b, d).signum() < 0
+                    && cross(c, d, a).signum() * cross(c, d, b).signum() < 0
+            };
+            face_edges(face).find_map(|[a, b]| {
+                face_edges(other).find(|[c, d]| strictly(flat(a), flat(b), flat(*c), flat(*d))).map(|[c, _]| point(c))
+            })
+        })
+        .or_else(|| {
+            // The same ring twice has neither inner corners nor crossings.
+            let sorted = |f: &Face| {
+                let mut corners = f.rings[0].clone();
+                corners.sort_unstable();
+                corners
+            };
+            (sorted(face) == sorted(other)).then(|| point(face.rings[0][0]))
+        })
+}
+
+/// Signed volume by the divergence theorem: positive if the faces look outwards.
+fn volume(faces: &[Face], snapped: &Snapped) -> f64 {
+    let point = |i: usize| DVec3::from_array(snapped.points[i]);
+    let ring_volume = |ring: &Vec<usize>| -> f64 {
+        ring.windows(2).map(|edge| point(ring[0]).dot(point(edge[0]).cross(point(edge[1])))).sum::<f64>() / 6.0
+    };
+    faces.iter().flat_map(|face| &face.rings).map(ring_volume).sum()
+}

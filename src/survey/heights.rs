@@ -1,0 +1,158 @@
+//! From what a survey's heights are counted from to the project's vertical reference.
+//!
+//! Where the file and the configuration leave it open, heights are taken as the project's. Where they are known to be
+//! ellipsoidal, or of no known reference, taking them as they are must be said: a geoid lies up to 107 m off.
+
+use glam::DVec3;
+
+use super::SurveyError;
+use super::config::{HeightConfig, HeightReference};
+use super::poses::FileHeights;
+use crate::crs::{
+    Crs, CrsError, EllipsoidalHeight, GeoidHeight, HeightAboveGround, HeightAboveTakeoff, OrthometricHeight, Transform,
+    Transform3d,
+};
+
+/// How heights reach the project's reference.
+pub(crate) enum Heights {
+    /// They are in it, or nobody says otherwise.
+    AsTheyAre,
+    /// Ellipsoidal, and the whole project is.
+    KeptEllipsoidal,
+    /// Ellipsoidal, minus a stated geoid height.
+    Geoid(GeoidHeight),
+    /// Above a stated height of the ground.
+    AboveGround(OrthometricHeight),
+    /// Above a stated height of the take-off.
+    AboveTakeoff(OrthometricHeight),
+    /// Through PROJ and its grids, from longitude and latitude on the way.
+    Transformed(Box<Transformed>),
+}
+
+/// A transformation of heights from one vertical reference to the project's.
+pub(crate) struct Transformed {
+    lonlat_from_world: Transform,
+    operation: Transform3d,
+    from: String,
+    to: String,
+}
+
+const CHOICES: &str = "set [survey.height]: `reference = \"project\"` if they are in the project's reference, \
+                       `geoid_offset` (metres), `keep_ellipsoidal = true`, or a project CRS with a vertical part, \
+                       such as \"EPSG:25832+7837\"";
+
+impl Heights {
+    /// Decides by what is declared, then by what the file and the CRSs say.
+    pub(crate) fn decide(
+        config: &HeightConfig,
+        file: FileHeights,
+        world: &Crs,
+        project_crs: &Crs,
+    ) -> Result<Self, SurveyError> {
+        let reference = match (config.reference, file) {
+            (Some(declared), _) => declared,
+            (None, _) if config.geoid_offset.is_some() || config.keep_ellipsoidal => HeightReference::Ellipsoidal,
+            (None, FileHeights::Unreliable) => {
+                let message = "the photos' heights have no known reference (no RTK: barometric, up to 100 m off)";
+                return Err(SurveyError::config(
+                    message,
+                    "set `height.reference` to ellipsoidal, above_takeoff (with `height.base`) or project",
+                ));
+            }
+            (None, FileHeights::Ellipsoidal) => HeightReference::Ellipsoidal,
+            (None, FileHeights::Unsaid) if world.vertical_epsg().is_some() => HeightReference::Orthometric,
+            (None, FileHeights::Unsaid) if world.is_ellipsoidal_3d() => HeightReference::Ellipsoidal,
+            (None, FileHeights::Unsaid) => HeightReference::Project,
+        };
+        let base = |what: &str| match config.base {
+            Some(base_m) if base_m.is_finite() => Ok(OrthometricHeight(base_m)),
+            _ => Err(SurveyError::config(
+                format!("heights above {what} need `height.base`"),
+                format!("state the height of {what} in the project's reference, metres"),
+            )),
+        };
+        match reference {
+            HeightReference::Project => Ok(Self::AsTheyAre),
+            HeightReference::AboveGround => base("the ground").map(Self::AboveGround),
+            HeightReference::AboveTakeoff => base("the take-off").map(Self::AboveTakeoff),
+            HeightReference::Ellipsoidal => Self::from_ellipsoid(config, world, project_crs),
+            HeightReference::Orthometric => Self::from_vertical(config, world, project_crs),
+        }
+    }
+
+    fn from_ellipsoid(config: &HeightConfig, world: &Crs, project_crs: &Crs) -> Result<Self, SurveyError> {
+        match (config.geoid_offset, config.keep_ellipsoidal) {
+            (Some(_), true) => {
+                Err(SurveyError::config("`geoid_offset` and `keep_ellipsoidal` are both set", "keep one of them"))
+            }
+            (Some(offset_m), false) => Ok(Self::Geoid(GeoidHeight(offset_m))),
+            (None, true) => Ok(Self::KeptEllipsoidal),
+            (None, false) if project_crs.vertical_epsg().is_some() => {
+                Self::transformed("EPSG:4979", world, project_crs)
+            }
+            (None, false) => Err(SurveyError::config(
+                format!("the poses' heights are ellipsoidal, and {project_crs} has no vertical reference"),
+                CHOICES,
+            )),
+        }
+    }
+
+    fn from_vertical(config: &HeightConfig, world: &Crs, project_crs: &Crs) -> Result<Self, SurveyError> {
+        let from = match (&config.crs, world.vertical_epsg()) {
+            (Some(crs), _) => crs.vertical_epsg(),
+            (None, from) => from,
+        };
+        let Some(from) = from else {
+            let hint = "set `height.crs`, such as \"EPSG:5773\", or a compound `crs`";
+            return Err(SurveyError::config("orthometric heights of no named vertical system", hint));
+        };
+        match project_crs.vertical_epsg() {
+            Some(to) if to != from => Self::transformed(&format!("EPSG:4326+{from}"), world, project_crs),
+            Some(_) | None => Ok(Self::AsTheyAre),
+        }
+    }
+
+    fn transformed(from: &str, world: &Crs, project_crs: &Crs) -> Result<Self, SurveyError> {
+        let from = Crs::parse(from)?;
+        let to = project_crs.vertical_name().unwrap_or_default().to_owned();
+        Ok(Self::Transformed(Box::new(Transformed {
+            // The poses' own datum will do: a geoid does not change over the metres between two datums.
+            lonlat_from_world: Transform::new(world, &world.geographic_base()?)?,
+            operation: Transform3d::new(&from, project_crs)?,
+            from: from.vertical_name().unwrap_or("ellipsoid").to_owned(),
+            to,
+        })))
+    }
+
+    /// The height in the project of a position in the world of the poses.
+    pub(crate) fn in_project(&self, at: DVec3) -> Result<f64, CrsError> {
+        Ok(match self {
+            Self::AsTheyAre | Self::KeptEllipsoidal => at.z,
+            Self::Geoid(geoid) => EllipsoidalHeight(at.z).above_geoid(*geoid).0,
+            Self::AboveGround(ground) => HeightAboveGround(at.z).over(*ground).0,
+            Self::AboveTakeoff(takeoff) => HeightAboveTakeoff(at.z).from_takeoff(*takeoff).0,
+            Self::Transformed(t) => {
+                let (lon_deg, lat_deg) = t.lonlat_from_world.point(at.x, at.y)?;
+                t.operation.point(DVec3::new(lon_deg, lat_deg, at.z))?.z
+            }
+        })
+    }
+
+    /// Whether somebody chose or PROJ computed it: worth a line in the output.
+    pub(crate) fn is_choice(&self) -> bool {
+        !matches!(self, Self::AsTheyAre)
+    }
+}
+
+impl std::fmt::Display for Heights {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::AsTheyAre => f.write_str("as given, taken to be in the project's vertical reference"),
+            Self::KeptEllipsoidal => f.write_str("ellipsoidal, kept by `keep_ellipsoidal`: the project is ellipsoidal"),
+            Self::Geoid(GeoidHeight(n)) => write!(f, "ellipsoidal minus the stated geoid height of {n} m"),
+            Self::AboveGround(base) => write!(f, "above ground plus its stated height of {} m", base.0),
+            Self::AboveTakeoff(base) => write!(f, "above take-off plus its stated height of {} m", base.0),
+            Self::Transformed(t) => write!(f, "transformed from {} to {} by PROJ's grids", t.from, t.to),
+        }
+    }
+}

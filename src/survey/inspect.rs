@@ -1,0 +1,197 @@
+//! Looking a survey over before anything is computed from it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use geo::Contains as _;
+use glam::DVec2;
+
+use super::locate::{Facts, locate};
+use super::poses::Poses;
+use super::report::{Spread, SurveyReport};
+use super::{Survey, SurveyConfig, SurveyError, ViewKind, ground, trials};
+use crate::crs::Crs;
+use crate::terrain::Terrain;
+
+/// Fewer views than this share looking down, or above the ground, and the poses are wrong.
+const MIN_LOOKS_DOWN: f64 = 0.9;
+/// Fewer image centres than this share in the area of interest, and the survey is of somewhere else. Flights reach
+/// beyond their area: oblique views at its rim look outward.
+const MIN_SEES_AREA: f64 = 0.5;
+/// Drones and survey aircraft fly lower above the ground than this, metres.
+const MAX_ABOVE_GROUND_M: f64 = 10_000.0;
+/// Code of the issue of a view that looks up.
+pub(crate) const LOOKS_UP: &str = "view_looks_up";
+
+/// What is known of the place, to hold a survey against.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Site<'a> {
+    /// The ground.
+    pub terrain: Option<&'a Terrain>,
+    /// The area of interest in the project's CRS, such as the outline of all footprints.
+    pub area: Option<&'a geo::Polygon>,
+}
+
+/// Shares by which a reading of a survey is judged.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Judgement {
+    pub looks_down: f64,
+    pub sees_area: Option<f64>,
+    pub above_ground: Option<f64>,
+}
+
+impl Judgement {
+    pub(crate) fn of(survey: &Survey, site: Site<'_>) -> Self {
+        let n_up = survey.issues.iter().filter(|issue| issue.code == LOOKS_UP).count();
+        let n_views = survey.views.len();
+        let share = |n: usize, of: usize| if of == 0 { 0.0 } else { n as f64 / of as f64 };
+        let above = site.terrain.map(|terrain| {
+            let n = above_ground_m(survey, terrain).filter(|&height_m| height_m > 0.0).count();
+            share(n, n_views)
+        });
+        let flat = Terrain::Constant(0.0);
+        let sees = site.area.map(|area| {
+            let terrain = site.terrain.unwrap_or(&flat);
+            let is_in = |place: DVec2| area.contains(&geo::Point::new(place.x, place.y));
+            let n =
+                survey.views.iter().filter_map(|view| ground::centre_on_ground(view, terrain)).filter(|&p| is_in(p));
+            share(n.count(), n_views + n_up)
+        });
+        Self { looks_down: share(n_views, n_views + n_up), sees_area: sees, above_ground: above }
+    }
+
+    pub(crate) fn is_sound(&self) -> bool {
+        self.looks_down >= MIN_LOOKS_DOWN
+            && self.sees_area.is_none_or(|share| share >= MIN_SEES_AREA)
+            && self.above_ground.is_none_or(|share| share >= MIN_LOOKS_DOWN)
+    }
+
+    /// For comparing readings of one survey.
+    pub(crate) fn score(&self) -> f64 {
+        self.looks_down * self.sees_area.unwrap_or(1.0) * self.above_ground.unwrap_or(1.0)
+    }
+}
+
+fn above_ground_m<'a>(survey: &'a Survey, terrain: &'a Terrain) -> impl Iterator<Item = f64> + 'a {
+    survey.views.iter().filter_map(|view| {
+        let centre = view.camera_from_map.centre();
+        Some(centre.z - terrain.height_at(centre.x, centre.y)?)
+    })
+}
+
+/// Reads a survey and reports on it. A survey that looks wrong is returned with [`SurveyReport::is_sound`] false and
+/// the readings that look better: the caller decides to stop.
+///
+/// # Errors
+/// [`SurveyError`] when the file as a whole cannot be read or its CRS cannot be reached.
+pub fn inspect(
+    config: &SurveyConfig,
+    project_crs: &Crs,
+    site: Site<'_>,
+) -> Result<(Survey, SurveyReport), SurveyError> {
+    let config = &super::with_own_photos(config)?;
+    let poses = super::read_poses(config)?;
+    let (survey, facts) = locate(poses.clone(), config, project_crs)?;
+    let judgement = Judgement::of(&survey, site);
+    let mut report = report_of(&survey, &facts, config, project_crs, site, judgement);
+    if report.is_sound() {
+        report.equally_plausible = trials::opposite(config, project_crs, site);
+    } else {
+        report.trials = trials::run(&poses, config, project_crs, site, judgement);
+        report.findings.extend(hints_of_positions(&poses, config));
+    }
+    Ok((survey, report))
+}
+
+fn report_of(
+    survey: &Survey,
+    facts: &Facts,
+    config: &SurveyConfig,
+    project_crs: &Crs,
+    site: Site<'_>,
+    judgement: Judgement,
+) -> SurveyReport {
+    let n_of = |kind: ViewKind| survey.views.iter().filter(|view| view.kind() == kind).count();
+    let cameras: BTreeSet<usize> = survey.views.iter().map(|view| Arc::as_ptr(&view.camera) as usize).collect();
+    let mut issue_counts: BTreeMap<String, usize> = BTreeMap::new();
+    for issue in &survey.issues {
+        *issue_counts.entry(issue.code.clone()).or_default() += 1;
+    }
+    let above_ground_m = site.terrain.and_then(|terrain| Spread::of(above_ground_m(survey, terrain)));
+    let format = super::format_of(config).ok().and_then(|format| serde_json::to_value(format).ok());
+    SurveyReport {
+        path: config.path.display().to_string(),
+        format: format.and_then(|f| f.as_str().map(str::to_owned)).unwrap_or_default(),
+        poses_crs: facts.world.clone(),
+        project_crs: project_crs.to_string(),
+        heights: facts.heights.clone(),
+        n_poses: facts.n_poses,
+        n_views: survey.views.len(),
+        n_photos: survey.views.iter().filter(|view| view.image.is_some()).count(),
+        n_nadir: n_of(ViewKind::Nadir),
+        n_oblique: n_of(ViewKind::Oblique),
+        n_cameras: cameras.len(),
+        looks_down: judgement.looks_down,
+        sees_area: judgement.sees_area,
+        height_m: Spread::of(survey.views.iter().map(|view| view.camera_from_map.centre().z)),
+        above_ground_m,
+        convergence_deg: Spread::of(facts.convergence_deg.iter().copied()),
+        point_scale: Spread::of(facts.point_scale.iter().copied()),
+        rtk: facts.counts.rtk.clone(),
+        focal: facts.counts.focal.clone(),
+        issue_counts,
+        findings: findings(judgement, above_ground_m, survey),
+        trials: Vec::new(),
+        equally_plausible: Vec::new(),
+        issues: survey.issues.clone(),
+    }
+}
+
+fn findings(judgement: Judgement, above_ground_m: Option<Spread>, survey: &Survey) -> Vec<String> {
+    let mut findings = Vec::new();
+    let percent = |share: f64| 100.0 * share;
+    if survey.views.is_empty() {
+        findings.push("no view can be used".to_owned());
+    }
+    if judgement.looks_down < MIN_LOOKS_DOWN {
+        let share = percent(judgement.looks_down);
+        findings
+            .push(format!("{share:.0} % of the views look down, expected at least {:.0} %", percent(MIN_LOOKS_DOWN)));
+    }
+    if let Some(share) = judgement.sees_area.filter(|&share| share < MIN_SEES_AREA) {
+        let (share, least) = (percent(share), percent(MIN_SEES_AREA));
+        findings.push(format!(
+            "{share:.0} % of the image centres lie in the area of interest, expected at least {least:.0} %"
+        ));
+    }
+    if let Some(spread) = above_ground_m {
+        if judgement.above_ground.is_some_and(|share| share < MIN_LOOKS_DOWN) {
+            findings.push(format!(
+                "cameras lie below the ground (median {:.1} m above it): a wrong vertical reference, or terrain in another",
+                spread.median
+            ));
+        } else if spread.median > MAX_ABOVE_GROUND_M {
+            findings
+                .push(format!("cameras fly {:.0} m above the ground: heights in feet, or a wrong CRS?", spread.median));
+        }
+    }
+    findings
+}
+
+/// What positions alone give away about their CRS.
+fn hints_of_positions(poses: &Poses, config: &SurveyConfig) -> Option<String> {
+    const EARTH_RADII_M: std::ops::Range<f64> = 6.3e6..6.5e6;
+    let first = poses.poses.first()?.centre;
+    if config.crs.is_some() || poses.world != super::poses::World::Unsaid {
+        return None;
+    }
+    let is_on = |test: fn(&super::poses::Pose) -> bool| poses.poses.iter().all(test);
+    if is_on(|pose| pose.centre.x.abs() <= 180.0 && pose.centre.y.abs() <= 90.0) {
+        return Some(format!("positions such as {first} look like degrees: `crs = \"EPSG:4979\"`?"));
+    }
+    if EARTH_RADII_M.contains(&first.length()) && is_on(|pose| pose.centre.z.abs() > 1e4) {
+        return Some(format!("positions such as {first} look earth-centred: `crs = \"EPSG:4978\"`?"));
+    }
+    is_on(|pose| pose.centre.truncate().length() < 2e4)
+        .then(|| format!("positions such as {first} look local: set `offset`, or `enu_origin`"))
+}

@@ -1,0 +1,144 @@
+//! What stands in front of a photo's pixels: its size, EXIF and XMP.
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use exif::{Context, Exif, Field, In, Tag, Value};
+
+/// Read ahead per photo: EXIF with maker notes and XMP mostly fit.
+const BUFFER_BYTES: usize = 1 << 15;
+/// Marker of the application segment with EXIF and XMP.
+const APP1: u8 = 0xE1;
+const EXIF_SIGNATURE: &[u8] = b"Exif\0\0";
+const XMP_SIGNATURE: &[u8] = b"http://ns.adobe.com/xap/1.0/\0";
+/// TIFF tag of an XMP packet.
+const TIFF_XMP: Tag = Tag(Context::Tiff, 700);
+
+/// The header of one photo.
+pub(super) struct Header {
+    /// Columns and rows of the raster itself, whatever EXIF says.
+    pub size_px: (u32, u32),
+    /// The XMP packet.
+    pub xmp: Option<Vec<u8>>,
+    exif: Option<Exif>,
+}
+
+impl Header {
+    pub(super) fn read(path: &Path) -> Result<Self, String> {
+        let file = File::open(path).map_err(|e| format!("cannot open {}: {e}", path.display()))?;
+        let mut reader = BufReader::with_capacity(BUFFER_BYTES, file);
+        let mut start = [0; 2];
+        reader.read_exact(&mut start).map_err(|e| format!("not a photo: {e}"))?;
+        let header = if start == [0xFF, 0xD8] { Self::jpeg(&mut reader) } else { Self::tiff(&mut reader) };
+        header.map_err(|e| format!("{}: {e}", path.display()))
+    }
+
+    /// Walks the segments up to the frame header, which has the size.
+    fn jpeg(reader: &mut BufReader<File>) -> Result<Self, String> {
+        let cut = |e: std::io::Error| format!("the JPEG ends within its header: {e}");
+        let (mut exif, mut xmp) = (None, None);
+        loop {
+            let mut head = [0; 4];
+            reader.read_exact(&mut head).map_err(cut)?;
+            let [0xFF, marker, high, low] = head else {
+                return Err("not a JPEG: a segment does not begin with FF".to_owned());
+            };
+            if marker == 0xFF {
+                // A fill byte: the marker follows.
+                reader.seek_relative(-3).map_err(cut)?;
+                continue;
+            }
+            let n_bytes =
+                u16::from_be_bytes([high, low]).checked_sub(2).ok_or("a JPEG segment of impossible length")?;
+            let is_frame = matches!(marker, 0xC0..=0xCF) && !matches!(marker, 0xC4 | 0xC8 | 0xCC);
+            if marker == 0xDA {
+                return Err("the JPEG has no frame header before its pixels".to_owned());
+            }
+            if !is_frame && marker != APP1 {
+                reader.seek_relative(i64::from(n_bytes)).map_err(cut)?;
+                continue;
+            }
+            let mut segment = vec![0; usize::from(n_bytes)];
+            reader.read_exact(&mut segment).map_err(cut)?;
+            if is_frame {
+                let &[_, h1, h0, w1, w0, ..] = segment.as_slice() else {
+                    return Err("a JPEG frame header too short".to_owned());
+                };
+                let side = |high: u8, low: u8| u32::from(u16::from_be_bytes([high, low]));
+                return Ok(Self { size_px: (side(w1, w0), side(h1, h0)), xmp, exif });
+            }
+            if let Some(data) = segment.strip_prefix(EXIF_SIGNATURE) {
+                let read = exif::Reader::new().continue_on_error(true).read_raw(data.to_vec());
+                exif = exif.or(read.or_else(|e| e.distill_partial_result(|_| {})).ok());
+            } else if let Some(data) = segment.strip_prefix(XMP_SIGNATURE) {
+                xmp = xmp.or(Some(data.to_vec()));
+            }
+        }
+    }
+
+    fn tiff(reader: &mut BufReader<File>) -> Result<Self, String> {
+        reader.seek(SeekFrom::Start(0)).map_err(|e| e.to_string())?;
+        let exif = exif::Reader::new()
+            .continue_on_error(true)
+            .read_from_container(reader)
+            .or_else(|e| e.distill_partial_result(|_| {}))
+            .map_err(|e| format!("no JPEG and no TIFF with metadata: {e}"))?;
+        let side = |tag| exif.get_field(tag, In::PRIMARY).and_then(|field| field.value.get_uint(0));
+        let (Some(width_px), Some(height_px)) = (side(Tag::ImageWidth), side(Tag::ImageLength)) else {
+            return Err("its image size is not in the header".to_owned());
+        };
+        let xmp = exif.get_field(TIFF_XMP, In::PRIMARY).and_then(|field| match &field.value {
+            Value::Byte(bytes) | Value::Undefined(bytes, _) => Some(bytes.clone()),
+            _ => None,
+        });
+        Ok(Self { size_px: (width_px, height_px), xmp, exif: Some(exif) })
+    }
+
+    fn field(&self, tag: Tag) -> Option<&Field> {
+        self.exif.as_ref()?.get_field(tag, In::PRIMARY)
+    }
+
+    /// A tag's first number, if it is there and finite.
+    pub(super) fn number(&self, tag: Tag) -> Option<f64> {
+        let number = match &self.field(tag)?.value {
+            Value::Rational(v) => v.first()?.to_f64(),
+            Value::SRational(v) => v.first()?.to_f64(),
+            Value::Double(v) => *v.first()?,
+            Value::Float(v) => f64::from(*v.first()?),
+            other => f64::from(other.get_uint(0)?),
+        };
+        number.is_finite().then_some(number)
+    }
+
+    /// A tag's text.
+    pub(super) fn text(&self, tag: Tag) -> Option<String> {
+        match &self.field(tag)?.value {
+            Value::Ascii(parts) => {
+                let text = String::from_utf8_lossy(parts.first()?).trim_matches(['\0', ' ']).to_owned();
+                (!text.is_empty()).then_some(text)
+            }
+            _ => None,
+        }
+    }
+
+    /// Longitude and latitude of the EXIF GPS tags, degrees.
+    pub(super) fn place_deg(&self) -> Option<(f64, f64)> {
+        let angle = |tag, reference, negative: &str| {
+            let Value::Rational(parts) = &self.field(tag)?.value else { return None };
+            let [degrees, minutes, seconds] = parts.get(..3)? else { return None };
+            let angle = degrees.to_f64() + minutes.to_f64() / 60.0 + seconds.to_f64() / 3600.0;
+            let is_negative = self.text(reference)?.eq_ignore_ascii_case(negative);
+            angle.is_finite().then_some(if is_negative { -angle } else { angle })
+        };
+        let lon_deg = angle(Tag::GPSLongitude, Tag::GPSLongitudeRef, "W")?;
+        Some((lon_deg, angle(Tag::GPSLatitude, Tag::GPSLatitudeRef, "S")?))
+    }
+
+    /// Altitude of the EXIF GPS tags, metres above whatever the camera meant.
+    pub(super) fn altitude_m(&self) -> Option<f64> {
+        let is_below = self.field(Tag::GPSAltitudeRef).and_then(|field| field.value.get_uint(0)) == Some(1);
+        let altitude_m = self.number(Tag::GPSAltitude)?;
+        Some(if is_below { -altitude_m } else { altitude_m })
+    }
+}

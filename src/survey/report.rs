@@ -1,0 +1,182 @@
+//! The survey report: what was read, whether it looks right, and if not, which option is the likeliest to be wrong.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::issue::{Issue, Severity};
+
+/// Lowest, middle and highest of a set of values.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Spread {
+    /// Lowest.
+    pub min: f64,
+    /// Median.
+    pub median: f64,
+    /// Highest.
+    pub max: f64,
+}
+
+impl Spread {
+    /// Of the finite values among these; `None` where there are none.
+    #[must_use]
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
+        let mut values: Vec<f64> = values.into_iter().filter(|value| value.is_finite()).collect();
+        values.sort_by(f64::total_cmp);
+        let (min, max) = (*values.first()?, *values.last()?);
+        Some(Self { min, median: values[values.len() / 2], max })
+    }
+}
+
+/// Another reading of the same file that was tried because the declared one looks wrong.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Trial {
+    /// What to declare, such as `csv.angles = "pok"`.
+    pub change: String,
+    /// Share of views that then look down, 0..1.
+    pub looks_down: f64,
+    /// Share of views that then look at the area, 0..1, where one is known.
+    pub sees_area: Option<f64>,
+}
+
+/// What a survey holds and whether it looks right.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SurveyReport {
+    /// Where it was read from.
+    pub path: String,
+    /// Its format.
+    pub format: String,
+    /// The CRS of the poses as they came.
+    pub poses_crs: String,
+    /// The project's CRS.
+    pub project_crs: String,
+    /// How heights reached the project's vertical reference.
+    pub heights: String,
+    /// Photos and poses in the file.
+    pub n_poses: usize,
+    /// Usable views.
+    pub n_views: usize,
+    /// Views with a photo file.
+    pub n_photos: usize,
+    /// Views within 15° of the vertical.
+    pub n_nadir: usize,
+    /// Views further off.
+    pub n_oblique: usize,
+    /// Different cameras.
+    pub n_cameras: usize,
+    /// Share of the views with a pose that look down, 0..1.
+    pub looks_down: f64,
+    /// Share of the views whose image centre lies in the area of interest, 0..1; absent without an area.
+    pub sees_area: Option<f64>,
+    /// Heights of the cameras in the project, metres.
+    pub height_m: Option<Spread>,
+    /// Heights above the ground, metres; absent without terrain.
+    pub above_ground_m: Option<Spread>,
+    /// Turn applied for grid convergence, degrees clockwise.
+    pub convergence_deg: Option<Spread>,
+    /// Point scale between the poses' grid and the project's.
+    pub point_scale: Option<Spread>,
+    /// Satellite positioning: fixed, float, single, none; empty where the format does not tell.
+    pub rtk: BTreeMap<String, usize>,
+    /// Where focal lengths come from; empty where the format brings complete cameras.
+    pub focal: BTreeMap<String, usize>,
+    /// Refused and noted items by code.
+    pub issue_counts: BTreeMap<String, usize>,
+    /// What looks wrong; empty for a sound survey.
+    pub findings: Vec<String>,
+    /// Readings that look better, the best first.
+    pub trials: Vec<Trial>,
+    /// Readings that these checks cannot tell from the declared one: a map of the image footprints can.
+    pub equally_plausible: Vec<Trial>,
+    /// Every item, with its reason.
+    pub issues: Vec<Issue>,
+}
+
+impl SurveyReport {
+    /// Whether nothing looks wrong.
+    #[must_use]
+    pub fn is_sound(&self) -> bool {
+        self.findings.is_empty()
+    }
+
+    /// Items that could not be used.
+    #[must_use]
+    pub fn n_refused(&self) -> usize {
+        self.issues.iter().filter(|issue| issue.severity == Severity::Refused).count()
+    }
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.0} %", 100.0 * share)
+}
+
+fn counts(counts: &BTreeMap<String, usize>) -> String {
+    let parts: Vec<String> = counts.iter().map(|(name, n)| format!("{n} {name}")).collect();
+    parts.join(", ")
+}
+
+impl fmt::Display for Trial {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "with {}, {} of the views look down", self.change, percent(self.looks_down))?;
+        match self.sees_area {
+            Some(share) => write!(f, " and {} see the area", percent(share)),
+            None => Ok(()),
+        }
+    }
+}
+
+impl fmt::Display for SurveyReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut row = |label: &str, value: &dyn fmt::Display| writeln!(f, "  {label:<24}{value}");
+        row("survey", &self.path)?;
+        row("format", &self.format)?;
+        row("poses in", &self.poses_crs)?;
+        row("project in", &self.project_crs)?;
+        row("heights", &self.heights)?;
+        row(
+            "poses",
+            &format!("{}, of which {} usable, {} refused items", self.n_poses, self.n_views, self.n_refused()),
+        )?;
+        row("photo files", &self.n_photos)?;
+        row("cameras", &self.n_cameras)?;
+        row("nadir / oblique", &format!("{} / {}", self.n_nadir, self.n_oblique))?;
+        row("look down", &percent(self.looks_down))?;
+        if let Some(share) = self.sees_area {
+            row("see the area", &percent(share))?;
+        }
+        let spreads = [
+            ("height", self.height_m, "m", 1),
+            ("height above ground", self.above_ground_m, "m", 1),
+            ("grid convergence", self.convergence_deg, "°", 3),
+            ("point scale", self.point_scale.filter(|s| s.min != 1.0 || s.max != 1.0), "", 6),
+        ];
+        for (label, spread, unit, digits) in spreads {
+            if let Some(Spread { min, median, max }) = spread {
+                let text = format!("{median:.digits$} {unit} ({min:.digits$} … {max:.digits$})");
+                row(label, &text)?;
+            }
+        }
+        for (label, map) in
+            [("positioning", &self.rtk), ("focal length from", &self.focal), ("issues", &self.issue_counts)]
+        {
+            if !map.is_empty() {
+                row(label, &counts(map))?;
+            }
+        }
+        for trial in &self.equally_plausible {
+            writeln!(f, "  note: {trial} as well: compare the image footprints (survey convert) with a map")?;
+        }
+        if self.is_sound() {
+            return writeln!(f, "The poses look right.");
+        }
+        writeln!(f, "The poses look WRONG:")?;
+        for finding in &self.findings {
+            writeln!(f, "  - {finding}")?;
+        }
+        for trial in &self.trials {
+            writeln!(f, "  hint: {trial}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,218 @@
+//! Depth from photos alone: on a scene whose every depth is known, and on real photos against measured depth.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::{DMat3, DVec2, DVec3};
+use sizeup::camera::{Camera, Distortion};
+use sizeup::frames::Rigid;
+use sizeup::prior::{
+    DepthPrior, FilePriorConfig, FilePriors, PriorKind, PriorSource as _, StereoConfig, StereoPriors,
+    ground_correlation, judge_tag,
+};
+use sizeup::raster::Raster;
+use sizeup::stats::{median, quantile};
+use sizeup::survey::View;
+use sizeup::terrain::Terrain;
+
+use crate::shared_data::shared_data;
+use crate::warsaw;
+
+/// A block of 24 × 24 × 16 m on level ground at z = 10 m.
+const BLOCK_M: (f64, f64) = (12.0, 26.0);
+const GROUND_Z_M: f64 = 10.0;
+
+/// Depth along `ray` (z = 1 in the camera, so the factor is z-depth) and brightness, or the sky.
+fn trace(centre: DVec3, ray: DVec3) -> (f64, f64) {
+    let (half, roof_z) = BLOCK_M;
+    let ground = (GROUND_Z_M - centre.z) / ray.z;
+    let roof = (roof_z - centre.z) / ray.z;
+    let on_roof = centre + roof * ray;
+    if on_roof.x.abs() < half && on_roof.y.abs() < half {
+        return (roof, texture(on_roof.x, on_roof.y, 1));
+    }
+    let wall = |axis: usize| {
+        [-half, half].into_iter().filter_map(move |plane| {
+            let depth = (plane - centre[axis]) / ray[axis];
+            let at = centre + depth * ray;
+            let is_on = depth > 0.0 && depth < ground && at[1 - axis].abs() < half && at.z < roof_z;
+            is_on.then(|| (depth, texture(at[1 - axis], at.z, 2 + axis as u32)))
+        })
+    };
+    let nearest = wall(0).chain(wall(1)).min_by(|a, b| a.0.total_cmp(&b.0));
+    nearest.unwrap_or_else(|| {
+        let at = centre + ground * ray;
+        (ground, texture(at.x, at.y, 0))
+    })
+}
+
+/// Value noise of two sizes, 0 to 255.
+fn texture(x: f64, y: f64, surface: u32) -> f64 {
+    let hash = |i: i64, j: i64| {
+        let mut h = (i.wrapping_mul(0x9e37) ^ j.wrapping_mul(0x85eb_ca6b) ^ i64::from(surface) << 20) as u64;
+        h = (h ^ (h >> 15)).wrapping_mul(0x2c1b_3c6d_9e37_79b9);
+        ((h ^ (h >> 31)) & 0xffff) as f64 / 65535.0
+    };
+    let noise = |size: f64| {
+        let (u, v) = (x / size, y / size);
+        let (i, j) = (u.floor(), v.floor());
+        let at = |di: i64, dj: i64| hash(i as i64 + di, j as i64 + dj);
+        let (fu, fv) = (u - i, v - j);
+        let top = at(0, 0) + (at(1, 0) - at(0, 0)) * fu;
+        let bottom = at(0, 1) + (at(1, 1) - at(0, 1)) * fu;
+        top + (bottom - top) * fv
+    };
+    40.0 + 80.0 * noise(1.3) + 80.0 * noise(4.0)
+}
+
+/// Looks from `centre` at the foot of the block.
+fn view(folder: &Path, name: &str, centre: DVec3, distortion: Distortion) -> (View, Raster<f64>) {
+    let forward = (DVec3::new(0.0, 0.0, GROUND_Z_M) - centre).normalize();
+    let right = forward.cross(DVec3::Z).normalize();
+    let rotation = DMat3::from_cols(right, forward.cross(right), forward).transpose();
+    let camera = Camera { distortion, ..Camera::pinhole(448, 336, 480.0) };
+    let mut depths = Raster::filled(448, 336, 0.0);
+    let mut photo = image::GrayImage::new(448, 336);
+    for (x, y, pixel) in photo.enumerate_pixels_mut() {
+        let ray = camera.unproject(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap();
+        let (depth, brightness) = trace(centre, rotation.transpose() * ray);
+        depths[(x as usize, y as usize)] = depth;
+        pixel.0[0] = brightness as u8;
+    }
+    let path = folder.join(name);
+    photo.save(&path).unwrap();
+    let camera_from_map = Rigid::from_rotation_and_centre(rotation, centre);
+    (View { id: name.into(), camera: Arc::new(camera), camera_from_map, image: Some(path) }, depths)
+}
+
+#[test]
+fn roofs_and_ground_of_a_known_scene_come_out_to_a_fraction_of_a_metre() {
+    let folder = tempfile::tempdir().unwrap();
+    let lens = Distortion::Brown { k1: -0.05, k2: 0.02, k3: 0.0, p1: 5e-4, p2: 1e-4 };
+    let places = [(0.0, -60.0), (25.0, -58.0), (-25.0, -58.0), (0.0, -90.0), (3.0, -35.0)];
+    let (views, truths): (Vec<View>, Vec<Raster<f64>>) = places
+        .iter()
+        .enumerate()
+        .map(|(i, &(x, y))| view(folder.path(), &format!("{i}.png"), DVec3::new(x, y, 110.0), lens.clone()))
+        .unzip();
+    let terrain = Terrain::Constant(GROUND_Z_M);
+    let priors = StereoPriors::new(StereoConfig { max_height_m: 40.0, ..StereoConfig::default() }, &views, &terrain);
+    let priors = priors.unwrap();
+    let started = Instant::now();
+    let prior = priors.load(&views[0]).unwrap();
+    let wall_s = started.elapsed().as_secs_f64();
+
+    let (mut on_roof, mut on_ground) = (Vec::new(), Vec::new());
+    let to_map = views[0].camera_from_map.inverse();
+    for row in 0..336 {
+        for col in 0..448 {
+            let ray = views[0].camera.unproject(DVec2::new(col as f64 + 0.5, row as f64 + 0.5)).unwrap();
+            let (truth, found) = (truths[0][(col, row)], f64::from(prior.values[(col, row)]));
+            let true_z = to_map.point(truth * ray).z;
+            let error_m = to_map.point(found * ray).z - true_z;
+            if (true_z - BLOCK_M.1).abs() < 1e-6 {
+                on_roof.push(error_m);
+            } else if (true_z - GROUND_Z_M).abs() < 1e-6 {
+                on_ground.push(error_m);
+            }
+        }
+    }
+    for (what, errors_m) in [("roof", &on_roof), ("ground", &on_ground)] {
+        let present: Vec<f64> = errors_m.iter().copied().filter(|e| !e.is_nan()).map(f64::abs).collect();
+        let coverage = present.len() as f64 / errors_m.len() as f64;
+        let (middle, p90) = (median(&present).unwrap(), quantile(&present, 0.9).unwrap());
+        println!("{what}: coverage {coverage:.3}, |error| median {middle:.3} m, P90 {p90:.3} m; {wall_s:.2} s");
+        assert!(coverage > 0.9 && middle < 0.15 && p90 < 0.6, "{what}: {coverage} {middle} {p90}");
+    }
+    let again = priors.load(&views[0]).unwrap();
+    let is_same = again.values.data().iter().zip(prior.values.data()).all(|(a, b)| a.to_bits() == b.to_bits());
+    assert!(is_same, "the same twice, bit by bit");
+}
+
+#[test]
+fn a_photo_without_company_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (alone, _) = view(folder.path(), "a.png", DVec3::new(0.0, -60.0, 110.0), Distortion::None);
+    let views = [alone];
+    let priors = StereoPriors::new(StereoConfig::default(), &views, &Terrain::Constant(GROUND_Z_M)).unwrap();
+    assert!(priors.load(&views[0]).unwrap_err().to_string().contains("overlap"));
+    assert!(
+        StereoPriors::new(StereoConfig { window_px: 8, ..StereoConfig::default() }, &views, &Terrain::Constant(0.0))
+            .is_err()
+    );
+}
+
+/// Measured depth maps of the same photos.
+fn measured(folder: &Path, views: &[View]) -> FilePriors {
+    let template = folder.join("depth_mvs/{stem}.npz").to_str().unwrap().to_owned();
+    FilePriors::new(FilePriorConfig::new(template, PriorKind::Depth), views.iter().map(|v| &v.id)).unwrap()
+}
+
+#[test]
+fn warsaw_from_its_photos_agrees_with_its_measured_depth() {
+    let Some(folder) = shared_data("warsaw_ochota_photos") else { return };
+    let views = warsaw::views(&folder);
+    let measured = measured(&folder, &views);
+    let config = StereoConfig { max_height_m: 40.0, ..StereoConfig::default() };
+    let priors = StereoPriors::new(config, &views, &Terrain::Constant(111.0)).unwrap();
+    let mut medians = Vec::new();
+    for view in &views {
+        let started = Instant::now();
+        let prior = priors.load(view).unwrap();
+        let wall_s = started.elapsed().as_secs_f64();
+        let truth = measured.load(view).unwrap();
+        let (mut errors, mut n_found) = (Vec::new(), 0);
+        let (width, height) = (prior.values.width(), prior.values.height());
+        for i in 0..width * height {
+            let found = prior.values.data()[i];
+            n_found += usize::from(!found.is_nan());
+            let (x, y) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+            let small = view.camera.resized(width as u32, height as u32);
+            let expected = truth.value_at(&small, DVec2::new(x, y));
+            let is_both = !found.is_nan() && !expected.is_nan();
+            errors.extend(is_both.then(|| f64::from((found - expected).abs() / expected)));
+        }
+        let share = n_found as f64 / (width * height) as f64;
+        let within = errors.iter().filter(|e| **e < 0.01).count() as f64 / errors.len() as f64;
+        medians.push(median(&errors).unwrap());
+        println!(
+            "{}: {share:.2} of pixels, relative error median {:.4}, P90 {:.4}, within 1 % {within:.2}, {wall_s:.2} s",
+            view.id,
+            median(&errors).unwrap(),
+            quantile(&errors, 0.9).unwrap()
+        );
+        picture(&prior, &PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("stereo_{}.png", view.id)));
+    }
+    assert!(median(&medians).unwrap() < 0.01, "{medians:?}");
+}
+
+/// For looking at: near is bright, missing is black.
+fn picture(prior: &DepthPrior, path: &Path) {
+    let values: Vec<f64> = prior.values.data().iter().map(|v| f64::from(*v)).collect();
+    let (near, far) = (quantile(&values, 0.01).unwrap(), quantile(&values, 0.99).unwrap());
+    let grey =
+        |v: &f64| if v.is_nan() { 0 } else { (255.0 - 225.0 * ((v - near) / (far - near)).clamp(0.0, 1.0)) as u8 };
+    let (width, height) = (prior.values.width() as u32, prior.values.height() as u32);
+    image::GrayImage::from_raw(width, height, values.iter().map(grey).collect()).unwrap().save(path).unwrap();
+}
+
+#[test]
+fn a_wrong_tag_on_warsaw_is_caught() {
+    let Some(folder) = shared_data("warsaw_ochota_photos") else { return };
+    let views = warsaw::views(&folder);
+    let measured = measured(&folder, &views);
+    let terrain = Terrain::Constant(111.0);
+    let correlations = |kind: PriorKind| -> Vec<_> {
+        let judged = views.iter().filter_map(|view| {
+            let prior = DepthPrior { kind, ..measured.load(view).unwrap() };
+            Some((view.id.clone(), ground_correlation(&prior, view, &terrain)?))
+        });
+        judged.collect()
+    };
+    let right = correlations(PriorKind::Depth);
+    println!("{right:?}");
+    assert!(right.len() >= 7, "all obliques tell");
+    assert_eq!(judge_tag(&right), None);
+    assert_eq!(judge_tag(&correlations(PriorKind::InverseDepth)).unwrap().code, "prior_looks_inverted");
+}

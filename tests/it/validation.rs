@@ -1,0 +1,197 @@
+//! Every fault that is planted is found, under its number and at its place; nothing is found where nothing is.
+
+use std::path::Path;
+
+use sizeup::output::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface};
+use sizeup::output::cityjson::{self, CityJsonConfig};
+use sizeup::output::validate::{Fault, ValidateConfig, validate};
+
+use crate::evaluation::shared_data;
+use crate::outputs::town;
+
+type Ring = Vec<[f64; 3]>;
+type Faces = Vec<Vec<Ring>>;
+
+/// Where the test solids stand: far from the origin, as real ones do.
+const AT: [f64; 3] = [93_000.0, 436_000.0, 5.0];
+
+fn file(faces: &Faces) -> CityFile {
+    let mut city = CityFile::default();
+    let mut surfaces = Vec::new();
+    for (i, face) in faces.iter().enumerate() {
+        let rings = face.iter().map(|ring| {
+            ring.iter()
+                .map(|p| {
+                    city.vertices.push(std::array::from_fn(|axis| p[axis] + AT[axis]));
+                    u32::try_from(city.vertices.len() - 1).unwrap()
+                })
+                .collect()
+        });
+        surfaces.push(CitySurface { place: [0, 0, i], kind: None, rings: rings.collect() });
+    }
+    let geometry = CityGeometry { lod: "1.2".to_owned(), is_solid: true, surfaces };
+    city.objects.push(CityObject {
+        id: "a".to_owned(),
+        kind: "Building".to_owned(),
+        parents: Vec::new(),
+        attributes: serde_json::Map::new(),
+        geometries: vec![geometry],
+    });
+    city
+}
+
+fn faults(faces: &Faces) -> Vec<Fault> {
+    validate(&file(faces), &ValidateConfig::default()).faults
+}
+
+fn codes(faces: &Faces) -> Vec<u16> {
+    let mut numbers: Vec<u16> = faults(faces).iter().map(|f| f.number).collect();
+    numbers.dedup();
+    numbers
+}
+
+/// A cube of 10 m with its lower corner at (x, y, z): ground, roof, four walls.
+fn cube(x: f64, y: f64, z: f64) -> Faces {
+    let at = |dx: f64, dy: f64, dz: f64| [x + 10.0 * dx, y + 10.0 * dy, z + 10.0 * dz];
+    let low = [at(0., 0., 0.), at(1., 0., 0.), at(1., 1., 0.), at(0., 1., 0.)];
+    let high = [at(0., 0., 1.), at(1., 0., 1.), at(1., 1., 1.), at(0., 1., 1.)];
+    let mut faces = vec![vec![low.iter().rev().copied().collect()], vec![high.to_vec()]];
+    for i in 0..4 {
+        let j = (i + 1) % 4;
+        faces.push(vec![vec![low[i], low[j], high[j], high[i]]]);
+    }
+    faces
+}
+
+fn hole(points: &[[f64; 2]]) -> Ring {
+    points.iter().map(|p| [p[0], p[1], 10.0]).collect()
+}
+
+/// The cube with holes in its roof face (the shell is then open, but faces are checked first).
+fn with_holes(holes: &[&[[f64; 2]]]) -> Faces {
+    let mut faces = cube(0.0, 0.0, 0.0);
+    faces[1].extend(holes.iter().map(|points| hole(points)));
+    faces
+}
+
+#[test]
+fn a_cube_and_a_courtyard_are_valid() {
+    assert_eq!(codes(&cube(0.0, 0.0, 0.0)), Vec::<u16>::new());
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.city.json");
+    cityjson::write(&path, &town().model(), &CityJsonConfig::default()).unwrap();
+    let outcome = validate(&CityFile::read(&path).unwrap(), &ValidateConfig::default());
+    assert_eq!((outcome.n_geometries, outcome.n_valid, outcome.n_without_geometry), (4, 4, 2));
+}
+
+#[test]
+fn ring_faults_are_found() {
+    let mut faces = cube(0.0, 0.0, 0.0);
+    faces[1][0].truncate(2);
+    assert_eq!(codes(&faces), [101]);
+
+    let mut faces = cube(0.0, 0.0, 0.0);
+    faces[1][0].insert(1, [0.0, 0.0004, 10.0]);
+    assert_eq!(codes(&faces), [102]);
+
+    let mut faces = cube(0.0, 0.0, 0.0);
+    faces[1][0].swap(1, 2);
+    assert_eq!(codes(&faces), [104]);
+
+    let mut faces = cube(0.0, 0.0, 0.0);
+    faces[1][0].splice(1..1, [[5.0, 0.0, 10.0], [5.0, -3.0, 10.0], [5.0, 0.0, 10.0]]);
+    assert_eq!(codes(&faces), [104]);
+}
+
+#[test]
+fn faults_between_rings_are_found() {
+    let crossing = [[5.0, 5.0], [5.0, 7.0], [12.0, 7.0], [12.0, 5.0]];
+    assert_eq!(codes(&with_holes(&[&crossing])), [201]);
+    let along = [[0.0, 2.0], [0.0, 4.0], [2.0, 4.0], [2.0, 2.0]];
+    assert_eq!(codes(&with_holes(&[&along])), [201]);
+    let same = [[0.0, 0.0], [0.0, 10.0], [10.0, 10.0], [10.0, 0.0]];
+    assert_eq!(codes(&with_holes(&[&same])), [202]);
+    let from_wall_to_wall = [[0.0, 5.0], [5.0, 6.0], [10.0, 5.0], [5.0, 4.0]];
+    assert_eq!(codes(&with_holes(&[&from_wall_to_wall])), [205]);
+    let outside = [[12.0, 2.0], [12.0, 4.0], [14.0, 4.0], [14.0, 2.0]];
+    assert_eq!(codes(&with_holes(&[&outside])), [206]);
+    let large = [[2.0, 2.0], [2.0, 8.0], [8.0, 8.0], [8.0, 2.0]];
+    let inner = [[4.0, 4.0], [4.0, 6.0], [6.0, 6.0], [6.0, 4.0]];
+    assert_eq!(codes(&with_holes(&[&large, &inner])), [207]);
+    assert_eq!(codes(&with_holes(&[&inner, &large])), [207]);
+    let mut turned = inner;
+    turned.reverse();
+    assert_eq!(codes(&with_holes(&[&turned])), [208]);
+}
+
+#[test]
+fn bent_faces_are_found() {
+    let mut faces = cube(0.0, 0.0, 0.0);
+    for p in faces.iter_mut().flatten().flatten().filter(|p| **p == [10.0, 10.0, 10.0]) {
+        p[2] += 0.1;
+    }
+    let found = faults(&faces);
+    assert_eq!((found.len(), found[0].number, found[0].surface), (1, 203, Some(1)));
+    // A face of 4 cm whose corner is bent up by 3 cm: within 1 cm of its mean plane, but turned.
+    let small: Faces = cube(0.0, 0.0, 0.0)
+        .into_iter()
+        .map(|face| {
+            let shrink = |p: [f64; 3]| {
+                let bent = if p == [10.0, 10.0, 10.0] { 0.03 } else { 0.0 };
+                [p[0] * 0.004, p[1] * 0.004, p[2] * 0.004 + bent]
+            };
+            face.into_iter().map(|ring| ring.into_iter().map(shrink).collect()).collect()
+        })
+        .collect();
+    assert_eq!(codes(&small), [204]);
+}
+
+#[test]
+fn shell_faults_are_found_with_their_place() {
+    let whole = cube(0.0, 0.0, 0.0);
+    assert_eq!(codes(&whole[..3].to_vec()), [301]);
+
+    let mut open = whole.clone();
+    open.remove(1);
+    let found = faults(&open);
+    assert_eq!((found.len(), found[0].number), (4, 302), "the four edges of the missing roof");
+    assert!(found.iter().all(|f| f.position.unwrap()[2] == AT[2] + 10.0), "{found:?}");
+
+    let along_an_edge = [whole.clone(), cube(10.0, 10.0, 0.0)].concat();
+    let found = faults(&along_an_edge);
+    assert_eq!(found.iter().map(|f| f.number).collect::<Vec<_>>(), [303]);
+    assert_eq!(found[0].position, Some([AT[0] + 10.0, AT[1] + 10.0, AT[2] + 5.0]));
+
+    let at_a_corner = [whole.clone(), cube(10.0, 10.0, 10.0)].concat();
+    let found = faults(&at_a_corner);
+    assert_eq!(found.iter().map(|f| f.number).collect::<Vec<_>>(), [303]);
+    assert_eq!(found[0].position, Some([AT[0] + 10.0, AT[1] + 10.0, AT[2] + 10.0]));
+
+    assert_eq!(codes(&[whole.clone(), cube(30.0, 0.0, 0.0)].concat()), [305]);
+    // Two cubes apart that overlap are two parts as well; a roof pulled down through the floor is one part.
+    let mut pierced = whole.clone();
+    let roof = pierced.remove(1).remove(0);
+    for i in 0..4 {
+        pierced.push(vec![vec![roof[i], roof[(i + 1) % 4], [5.0, 5.0, -2.0]]]);
+    }
+    assert_eq!(codes(&pierced), [306]);
+
+    let mut turned = whole.clone();
+    turned[3][0].reverse();
+    assert_eq!(codes(&turned), [307]);
+
+    let mut inside_out = whole;
+    inside_out.iter_mut().flatten().for_each(|ring| ring.reverse());
+    assert_eq!(codes(&inside_out), [405]);
+    assert_eq!(codes(&Vec::new()), [902]);
+}
+
+#[test]
+fn real_files_are_checked_without_a_panic() {
+    for name in ["rotterdam_lod2/rotterdam_delfshaven.city.json", "delft_lidar_lod1/output/testarea.json"] {
+        let Some(path) = shared_data(name) else { continue };
+        let outcome = validate(&CityFile::read(Path::new(&path)).unwrap(), &ValidateConfig::default());
+        eprintln!("{name}: {} of {} valid, {:?}", outcome.n_valid, outcome.n_geometries, outcome.n_by_code);
+        assert!(outcome.n_geometries > 100);
+    }
+}

@@ -1,0 +1,178 @@
+"""Makes the default styles of the GeoPackage's layers in a real QGIS and exports them as QML.
+
+    /usr/bin/python3 tests/qgis/styles.py src/output/geopackage/styles
+
+Classes and colours are viridis, even in lightness and readable for colour-blind people. A building without a height is
+hatched, never missing. In 3D, outlines stand on `base_z_m` (absolute, not relative to a terrain) and reach `roof_z_m`.
+"""
+
+import os
+import re
+import sys
+from pathlib import Path
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+# Attributes of XML elements in the same order in every run.
+os.environ.setdefault("QT_HASH_SEED", "0")
+
+from qgis.PyQt.QtCore import Qt
+from qgis.PyQt.QtGui import QColor
+from qgis.PyQt.QtXml import QDomDocument
+from qgis.core import (
+    QgsApplication,
+    QgsFillSymbol,
+    QgsMapLayer,
+    QgsMarkerSymbol,
+    QgsProperty,
+    QgsPropertyCollection,
+    QgsReadWriteContext,
+    QgsRuleBasedRenderer,
+    QgsSymbolLayer,
+    QgsVectorLayer,
+)
+from qgis._3d import Qgs3D, Qgs3DTypes, QgsPhongMaterialSettings, QgsPolygon3DSymbol, QgsRuleBased3DRenderer
+
+# Upper bound of each class in metres (None: open) and its viridis colour.
+CLASSES = [
+    (3, "#440154"), (6, "#482878"), (9, "#3e4989"), (12, "#31688e"), (15, "#26828e"),
+    (20, "#1f9e89"), (30, "#35b779"), (60, "#6ece58"), (None, "#fde725"),
+]
+ATTRIBUTES = "field=id:string&field=height_m:double&field=base_z_m:double&field=roof_z_m:double&field=status:string"
+
+
+def classes():
+    """(label, filter, colour) of each height class."""
+    low = None
+    for high, colour in CLASSES:
+        bounds = [f'"height_m" >= {low}'] if low is not None else ['"height_m" IS NOT NULL']
+        if high is not None:
+            bounds.append(f'"height_m" < {high}')
+        if low is None:
+            label = f"below {high} m"
+        elif high is None:
+            label = f"{low} m and more"
+        else:
+            label = f"{low} to {high} m"
+        yield label, " AND ".join(bounds), colour
+        low = high
+
+
+def height_renderer():
+    """Height classes, and a hatch for buildings whose height is not known."""
+    root = QgsRuleBasedRenderer.Rule(None)
+    outline = {"outline_color": "45,45,52,255", "outline_width": "0.15"}
+    for label, expression, colour in classes():
+        symbol = QgsFillSymbol.createSimple({"color": colour, **outline})
+        root.appendChild(QgsRuleBasedRenderer.Rule(symbol, filterExp=expression, label=label))
+    unknown = QgsFillSymbol.createSimple({"color": "#8c8c92", "style": "b_diagonal", **outline})
+    root.appendChild(QgsRuleBasedRenderer.Rule(unknown, label="height not known", elseRule=True))
+    return QgsRuleBasedRenderer(root)
+
+
+def prism(colour):
+    """Walls and roof between base_z_m and roof_z_m in one colour."""
+    material = QgsPhongMaterialSettings()
+    material.setDiffuse(QColor(colour))
+    material.setAmbient(QColor(colour).darker(180))
+    symbol = QgsPolygon3DSymbol()
+    symbol.setAltitudeClamping(Qgs3DTypes.AltClampAbsolute)
+    symbol.setCullingMode(Qgs3DTypes.NoCulling)
+    symbol.setRenderedFacade(3)
+    symbol.setEdgesEnabled(True)
+    symbol.setEdgeColor(QColor(45, 45, 52))
+    symbol.setMaterial(material)
+    levels = QgsPropertyCollection()
+    levels.setProperty(QgsPolygon3DSymbol.PropertyHeight, QgsProperty.fromExpression('"base_z_m"'))
+    levels.setProperty(
+        QgsPolygon3DSymbol.PropertyExtrusionHeight, QgsProperty.fromExpression('"roof_z_m" - "base_z_m"')
+    )
+    symbol.setDataDefinedProperties(levels)
+    return symbol
+
+
+def extrusion():
+    """The classes of the map as prisms; without a height there is nothing to extrude."""
+    root = QgsRuleBased3DRenderer.Rule(None)
+    for label, expression, colour in classes():
+        root.appendChild(QgsRuleBased3DRenderer.Rule(prism(colour), expression, label))
+    return QgsRuleBased3DRenderer(root)
+
+
+def buildings():
+    layer = QgsVectorLayer(f"Polygon?crs=EPSG:25832&{ATTRIBUTES}", "buildings", "memory")
+    layer.setRenderer(height_renderer())
+    layer.setRenderer3D(extrusion())
+    layer.setDisplayExpression("\"id\" || ': ' || coalesce(format_number(\"height_m\", 1) || ' m', 'height not known')")
+    layer.setMapTipTemplate(
+        "<b>[% \"id\" %]</b><br>[% coalesce(format_number(\"height_m\", 1) || ' m', 'height not known') %]"
+        "<br>[% \"status\" %]"
+    )
+    return layer
+
+
+def solids():
+    layer = QgsVectorLayer(f"MultiPolygonZ?crs=EPSG:25832&{ATTRIBUTES}", "buildings_lod1", "memory")
+    layer.setRenderer(height_renderer())
+    return layer
+
+
+def cameras():
+    layer = QgsVectorLayer(
+        "PointZ?crs=EPSG:25832&field=image:string&field=kind:string&field=yaw_deg:double", "cameras", "memory"
+    )
+    root = QgsRuleBasedRenderer.Rule(None)
+    arrow = QgsMarkerSymbol.createSimple({"name": "arrow", "color": "38,38,46,255", "size": "3.4", "outline_color": "white"})
+    arrow.symbolLayer(0).setDataDefinedProperty(QgsSymbolLayer.PropertyAngle, QgsProperty.fromField("yaw_deg"))
+    dot = QgsMarkerSymbol.createSimple({"name": "circle", "color": "white", "size": "2", "outline_color": "38,38,46,255"})
+    root.appendChild(QgsRuleBasedRenderer.Rule(arrow, filterExp="\"kind\" = 'oblique'", label="oblique photo"))
+    root.appendChild(QgsRuleBasedRenderer.Rule(dot, filterExp="\"kind\" = 'nadir'", label="nadir photo"))
+    root.appendChild(QgsRuleBasedRenderer.Rule(dot.clone(), label="photo that looks up", elseRule=True))
+    layer.setRenderer(QgsRuleBasedRenderer(root))
+    layer.setDisplayExpression('"image"')
+    return layer
+
+
+def qa_issues():
+    layer = QgsVectorLayer(
+        "Point?crs=EPSG:25832&field=code:string&field=severity:string&field=message:string", "qa_issues", "memory"
+    )
+    root = QgsRuleBasedRenderer.Rule(None)
+    for severity, colour, size in [("refused", "#d55e00", "3.6"), ("warning", "#e69f00", "3"), ("note", "#8c8c92", "2.2")]:
+        symbol = QgsMarkerSymbol.createSimple({"name": "diamond", "color": colour, "size": size, "outline_color": "white"})
+        root.appendChild(QgsRuleBasedRenderer.Rule(symbol, filterExp=f"\"severity\" = '{severity}'", label=severity))
+    layer.setRenderer(QgsRuleBasedRenderer(root))
+    layer.setDisplayExpression("\"code\" || ': ' || \"message\"")
+    return layer
+
+
+def export(layer, folder):
+    """Writes the layer's style, with rule keys that do not change from run to run."""
+    document = QDomDocument("qgis")
+    categories = QgsMapLayer.Symbology | QgsMapLayer.Symbology3D | QgsMapLayer.MapTips
+    message = layer.exportNamedStyle(document, QgsReadWriteContext(), categories)
+    if message:
+        raise SystemExit(f"cannot export the style of {layer.name()}: {message}")
+    text = document.toString(2)
+    keys = {}
+
+    def stable(match):
+        keys.setdefault(match.group(0), f"{{00000000-0000-4000-8000-{len(keys):012}}}")
+        return keys[match.group(0)]
+
+    text = re.sub(r"\{[0-9a-f]{8}-[0-9a-f-]{27}\}", stable, text)
+    (Path(folder) / f"{layer.name()}.qml").write_text(text, encoding="utf-8")
+
+
+def main():
+    if len(sys.argv) != 2:
+        raise SystemExit(__doc__)
+    application = QgsApplication([], False)
+    application.initQgis()
+    Qgs3D.initialize()
+    for layer in [buildings(), solids(), cameras(), qa_issues()]:
+        export(layer, sys.argv[1])
+    application.exitQgis()
+
+
+if __name__ == "__main__":
+    main()
