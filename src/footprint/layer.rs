@@ -148,7 +148,11 @@ pub enum FootprintError {
         source: CrsError,
     },
     /// The attribute for ids does not exist.
-    #[error("footprints {}: no attribute {field:?}; there are {}", path.display(), present.join(", "))]
+    #[error(
+        "footprints {}: no attribute {field:?}\nhint: set `id_field` to one of {}",
+        path.display(),
+        present.join(", ")
+    )]
     NoIdField {
         /// The file.
         path: PathBuf,
@@ -158,7 +162,10 @@ pub enum FootprintError {
         present: Vec<String>,
     },
     /// It has no features.
-    #[error("footprints {}: layer {layer:?} is empty", path.display())]
+    #[error(
+        "footprints {}: layer {layer:?} is empty\nhint: is it the right file? `layer` chooses among several in one",
+        path.display()
+    )]
     Empty {
         /// The file.
         path: PathBuf,
