@@ -182,14 +182,14 @@ pub enum FootprintError {
 pub fn read(config: &FootprintConfig, project_crs: &Crs) -> Result<FootprintLayer, FootprintError> {
     check_config(config)?;
     let mut source = VectorLayer::open(&config.path, config.layer.as_deref())?;
-    if let Some(field) = config.id_field.as_ref().filter(|wanted| !source.field_names().any(|f| f == *wanted)) {
-        let present = source.field_names().map(str::to_owned).collect();
-        return Err(FootprintError::NoIdField { path: config.path.clone(), field: field.clone(), present });
-    }
     let declared = source.crs()?;
     let features: Vec<Feature> = source.features().collect();
     if features.is_empty() {
         return Err(FootprintError::Empty { path: config.path.clone(), layer: source.name() });
+    }
+    if let Some(field) = config.id_field.as_ref().filter(|wanted| !source.field_names().any(|f| f == *wanted)) {
+        let present = source.field_names().map(str::to_owned).collect();
+        return Err(FootprintError::NoIdField { path: config.path.clone(), field: field.clone(), present });
     }
     let crs = settle_crs(config, declared, &features)?;
     let to_project = Transform::new(&crs, project_crs)

@@ -157,6 +157,13 @@ pub(crate) fn locate(
     }
     views.sort_by(|a, b| a.id.cmp(&b.id));
     if let Some(folder) = &config.images {
+        if !folder.is_dir() {
+            let message = format!("there is no folder {}", folder.display());
+            return Err(SurveyError::config(
+                message,
+                "`images` is the folder of the photos; leave it out for poses only",
+            ));
+        }
         let refused = names_of(&issues);
         issues.extend(photos::attach(&mut views, &refused, folder)?);
     }

@@ -25,7 +25,7 @@ fn help_of_every_subcommand_reads_well() {
             assert!(line.chars().count() <= 120, "{command}: a line too long for a terminal: {line}");
         }
         // No option without a word about it: each is followed by text on its line or on the next.
-        let lines: Vec<&str> = help.stdout.lines().collect();
+        let lines: Vec<&str> = help.stdout.lines().take_while(|line| !line.starts_with("Examples:")).collect();
         for (i, line) in lines.iter().enumerate().filter(|(_, line)| line.trim_start().starts_with("--")) {
             let is_explained =
                 line.trim_start().contains("  ") || lines.get(i + 1).is_some_and(|l| l.starts_with("   "));
