@@ -28,7 +28,9 @@ fn without_threads(mut results: Vec<(String, Vec<u8>)>) -> Vec<(String, Vec<u8>)
     const QUOTED: &[u8] = b"--threads ";
     for (_, bytes) in &mut results {
         let places: Vec<usize> = (0..bytes.len()).filter(|&i| bytes[i..].starts_with(QUOTED)).collect();
-        places.into_iter().for_each(|at| bytes[at + QUOTED.len()] = b'N');
+        for at in places {
+            bytes[at + QUOTED.len()] = b'N';
+        }
     }
     results
 }
@@ -84,9 +86,9 @@ fn a_simulated_scene_is_the_same_from_the_command_line_on_any_number_of_threads(
             [&*n_buildings, "flight.n_views=6", "camera.width_px=128", "camera.height_px=96", "prior.longest_px=64"];
         let mut command = sizeup();
         command.args(["simulate", "--quiet", "--threads", threads, "--preset", "village", "--output"]).arg(&out);
-        settings.iter().for_each(|setting| {
+        for setting in settings {
             command.args(["--set", setting]);
-        });
+        }
         command.assert().success().stdout("").stderr("");
         out
     };

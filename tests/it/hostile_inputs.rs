@@ -66,7 +66,7 @@ fn footprints_without_a_crs_are_refused() {
         let ring = feature["geometry"]["coordinates"][0].as_array().unwrap();
         let corners: Vec<String> = ring.iter().map(|c| format!("{} {}", c[0], c[1])).collect();
         let id = feature["properties"]["id"].as_str().unwrap();
-        table.push_str(&format!("{id};\"POLYGON (({}))\"\n", corners.join(", ")));
+        table = format!("{table}{id};\"POLYGON (({}))\"\n", corners.join(", "));
     }
     fs::write(scene.path("footprints.csv"), table).unwrap();
     scene.edit("sizeup.toml", |text| text.replace("footprints.gpkg", "footprints.csv"));
@@ -89,7 +89,7 @@ fn a_layer_of_metres_that_claims_degrees_is_refused() {
 #[test]
 fn footprints_outside_the_survey_are_refused_as_a_whole() {
     let scene = Scene::new();
-    scene.change_footprints(|features| features.iter_mut().for_each(|f| shift(f, 20_000.0)));
+    scene.change_footprints(|features| features.iter_mut().map(|f| shift(f, 20_000.0)).collect());
     scene.edit("sizeup.toml", |text| text.replace("dtm = \"dtm.tif\"", "constant_m = 24.0"));
     assert_refused(&scene, &scene.run(&[]), 3, &["no view sees any footprint", "cameras"]);
 }
@@ -163,7 +163,7 @@ fn a_building_without_geometry_is_in_the_results() {
 #[test]
 fn layers_without_any_usable_outline_are_refused() {
     let scene = Scene::new();
-    scene.change_footprints(|features| features.iter_mut().for_each(|f| f["geometry"] = Value::Null));
+    scene.change_footprints(|features| features.iter_mut().map(|f| f["geometry"] = Value::Null).collect());
     assert_refused(&scene, &scene.run(&[]), 3, &["usable outline"]);
 }
 
@@ -247,7 +247,7 @@ fn one_name_for_two_poses_is_trusted_for_neither() {
     let scene = Scene::new();
     scene.edit("sparse/images.txt", |text| {
         let names: Vec<&str> =
-            text.lines().filter_map(|line| line.split(' ').nth(9)).filter(|name| name.ends_with(".jpg")).collect();
+            text.lines().filter_map(|line| line.split(' ').nth(9)).filter(|name| name.contains(".jpg")).collect();
         text.replace(names[1], names[0])
     });
     let outcome = scene.run(&[]);
@@ -263,7 +263,9 @@ fn a_terrain_elsewhere_is_refused() {
         text.replace("offset = [5", "offset = [6").replace("footprints.gpkg", "footprints.geojson")
     });
     let mut layer = scene.json("truth.geojson");
-    layer["features"].as_array_mut().unwrap().iter_mut().for_each(|f| shift(f, 100_000.0));
+    for feature in layer["features"].as_array_mut().unwrap() {
+        shift(feature, 100_000.0);
+    }
     fs::write(scene.path("footprints.geojson"), layer.to_string()).unwrap();
     assert_refused(&scene, &scene.run(&[]), 3, &["dtm.tif", "it covers", "CRS"]);
 }

@@ -182,7 +182,7 @@ impl Scene {
 pub fn write_npy(path: &Path, width: usize, height: usize, values: &[f32]) {
     assert_eq!(values.len(), width * height);
     let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}");
-    while (10 + header.len() + 1) % 64 != 0 {
+    while !(10 + header.len() + 1).is_multiple_of(64) {
         header.push(' ');
     }
     header.push('\n');
