@@ -10,6 +10,7 @@ pub mod frames;
 pub mod ids;
 pub mod issue;
 pub mod raster;
+pub mod ray;
 pub mod seed;
 pub mod stats;
 

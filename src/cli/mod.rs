@@ -11,6 +11,7 @@ mod simulate;
 mod ui;
 
 use std::fmt;
+use std::io::{ErrorKind, Write as _};
 
 use clap::{Args, Parser, Subcommand};
 
@@ -34,17 +35,20 @@ pub struct Cli {
     pub global: Global,
 }
 
+/// Where `--help` lists the options of every subcommand.
+const GLOBAL: &str = "Everywhere";
+
 /// Options of every subcommand.
 #[derive(Debug, Clone, Args)]
 pub struct Global {
     /// Say nothing but errors.
-    #[arg(long, short, global = true)]
+    #[arg(long, short, global = true, help_heading = GLOBAL)]
     pub quiet: bool,
     /// Print a machine-readable summary to stdout.
-    #[arg(long, global = true)]
+    #[arg(long, global = true, help_heading = GLOBAL)]
     pub json: bool,
     /// Threads to use (default: all cores). The result does not depend on it.
-    #[arg(long, global = true, value_name = "N")]
+    #[arg(long, global = true, value_name = "N", help_heading = GLOBAL)]
     pub threads: Option<usize>,
 }
 
@@ -122,6 +126,19 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
 /// Prints a value as JSON to stdout.
 fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(|e| Failure::new(4, &e))?;
-    println!("{text}");
-    Ok(())
+    print(&text)
+}
+
+/// Prints data to stdout. A reader that has seen enough, as in `sizeup evaluate … | head -1`, is no failure.
+fn print(text: &impl fmt::Display) -> Result<(), Failure> {
+    let mut out = std::io::stdout().lock();
+    match writeln!(out, "{text}").and_then(|()| out.flush()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Failure::from_text(4, format!("cannot print: {e}"))),
+        _ => Ok(()),
+    }
+}
+
+/// Says something on stderr; nobody listening is no reason to stop.
+pub fn talk(text: &impl fmt::Display) {
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
 }

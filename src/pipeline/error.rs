@@ -83,7 +83,10 @@ impl PipelineError {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Config(_) | Self::Crs(_) | Self::Settings { .. } => 2,
+            Self::Config(_)
+            | Self::Crs(_)
+            | Self::Settings { .. }
+            | Self::Survey(SurveyError::Crs(CrsError::NotProjectedInMetres { .. })) => 2,
             Self::Survey(_)
             | Self::Footprints(_)
             | Self::Terrain(_)

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use geo_types::Polygon;
 
-use super::input::{check_views, height_bounds};
+use super::input::{check_settings, check_views, height_bounds};
 use super::records::records;
 use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Stage, Tell};
 use super::{artefact, pictures};
@@ -34,6 +34,7 @@ pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> R
             hint: "the stages are survey, footprints, heights, output",
         });
     }
+    check_settings(config)?;
     let mut seconds = Vec::new();
     let mut timed = |stage: Stage, start: Instant| seconds.push((stage, start.elapsed().as_secs_f64()));
     let runs = |stage: Stage| options.from <= stage && stage <= options.until;
@@ -220,7 +221,11 @@ fn require_priors(survey: &Survey, solution: &Solution) -> Result<(), PipelineEr
 fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, heights: &HeightStage) -> Vec<Issue> {
     let failed_priors = heights.solution.failed_views.iter().map(|(view, reason)| {
         let subject = Subject::View(survey.views[*view].id.0.clone());
-        Issue::new(Severity::Refused, "prior_unusable", subject, reason.clone())
+        // A reason carries its advice on a line of its own.
+        match reason.split_once("\nhint: ") {
+            Some((reason, hint)) => Issue::new(Severity::Refused, "prior_unusable", subject, reason).hint(hint),
+            None => Issue::new(Severity::Refused, "prior_unusable", subject, reason.clone()),
+        }
     });
     let unstated =
         (config.project.vertical_reference.is_none() && config.project.crs.vertical_name().is_none()).then(|| {

@@ -7,7 +7,7 @@
 use glam::{DVec3, IVec2, UVec2, Vec2, Vec3};
 
 use crate::raster::Raster;
-use crate::render::bvh::Ray;
+use crate::ray::Ray;
 use crate::terrain::Terrain;
 
 use super::scene::crossing;
