@@ -52,8 +52,8 @@ pub struct SourceArgs {
     #[arg(long, value_name = "FOLDER")]
     pub images: Option<PathBuf>,
     /// Added to every position: easting, northing, height.
-    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', allow_negative_numbers = true, num_args = 3)]
-    pub offset: Option<Vec<f64>>,
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = three_numbers)]
+    pub offset: Option<[f64; 3]>,
     /// Terrain model: heights above ground are checked with it.
     #[arg(long, value_name = "FILE", conflicts_with = "ground")]
     pub dtm: Option<PathBuf>,
@@ -149,6 +149,11 @@ struct Settings {
 #[derive(Debug, Clone, Deserialize)]
 struct Project {
     crs: Crs,
+}
+
+fn three_numbers(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    numbers.ok().and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| "expected x,y,z".to_owned())
 }
 
 /// What was found about one survey.
@@ -336,7 +341,7 @@ fn flags(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>) -> R
     }
     let words = [("project", "crs", &args.crs), ("survey", "crs", &args.pose_crs), ("survey", "format", &args.format)];
     flags.extend(words.into_iter().filter_map(|(table, key, word)| Some((table, key, word.clone()?.into()))));
-    flags.extend(args.offset.clone().map(|offset| ("survey", "offset", offset.into())));
+    flags.extend(args.offset.map(|offset| ("survey", "offset", offset.to_vec().into())));
     flags.extend(args.ground.map(|height_m| ("terrain", "constant_m", height_m.into())));
     Ok(flags)
 }

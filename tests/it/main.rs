@@ -10,6 +10,7 @@ mod qgis;
 mod shared_data;
 mod simulate;
 mod stereo;
+mod survey_cli;
 mod survey_formats;
 mod survey_hostile;
 mod survey_real;
