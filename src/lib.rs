@@ -7,6 +7,7 @@
 
 pub mod files;
 pub mod frames;
+mod gdal_log;
 pub mod ids;
 pub mod issue;
 pub mod raster;

@@ -5,10 +5,14 @@
 
 mod demo;
 mod evaluate;
+mod export;
+mod prior;
 mod run;
 mod schema;
 mod simulate;
+mod survey;
 mod ui;
+mod validate;
 
 use std::fmt;
 use std::io::{ErrorKind, Write as _};
@@ -57,6 +61,16 @@ pub struct Global {
 pub enum Command {
     /// Find the heights of buildings: poses, outlines and priors in, a LOD1 city out.
     Run(run::RunArgs),
+    /// Look a survey's poses over before anything is computed from them, or write them for other tools.
+    #[command(subcommand)]
+    Survey(survey::SurveyCommand),
+    /// Depth priors: what a network wants.
+    #[command(subcommand)]
+    Prior(prior::PriorCommand),
+    /// Check the solids of a CityJSON file, anybody's: codes as val3dity's, and the place of each fault.
+    Validate(validate::ValidateArgs),
+    /// Write a city in another format: CityJSON, CityJSONSeq, GeoPackage.
+    Export(export::ExportArgs),
     /// Simulate a scene with known truth, in the files that a user would bring.
     Simulate(simulate::SimulateArgs),
     /// Compare a result with a reference and print how far off it is.
@@ -116,6 +130,10 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
     }
     match &cli.command {
         Command::Run(args) => run::run(args, &cli.global),
+        Command::Survey(command) => survey::run(command, &cli.global),
+        Command::Prior(command) => prior::run(command, &cli.global),
+        Command::Validate(args) => validate::run(args, &cli.global),
+        Command::Export(args) => export::run(args, &cli.global),
         Command::Simulate(args) => simulate::run(args, &cli.global),
         Command::Evaluate(args) => evaluate::run(args, &cli.global),
         Command::Demo(args) => demo::run(args, &cli.global),

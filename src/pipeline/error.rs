@@ -23,6 +23,18 @@ pub enum PipelineError {
     /// The survey.
     #[error("[survey] {0}")]
     Survey(#[from] SurveyError),
+    /// The poses look wrong.
+    #[error(
+        "[survey] the poses look wrong\n{findings}\nhint: the whole report is in {}; `survey.accept_unsound = true` goes \
+         on nevertheless",
+        report.display()
+    )]
+    Unsound {
+        /// What looks wrong, and which other readings look better; a line each.
+        findings: String,
+        /// The report.
+        report: PathBuf,
+    },
     /// The footprints.
     #[error("[footprints] {0}")]
     Footprints(#[from] FootprintError),
@@ -88,6 +100,7 @@ impl PipelineError {
             | Self::Settings { .. }
             | Self::Survey(SurveyError::Crs(CrsError::NotProjectedInMetres { .. })) => 2,
             Self::Survey(_)
+            | Self::Unsound { .. }
             | Self::Footprints(_)
             | Self::Terrain(_)
             | Self::Prior(_)

@@ -16,6 +16,7 @@ mod schemas;
 mod shared_data;
 mod simulate;
 mod stereo;
+mod survey_cli;
 mod survey_formats;
 mod survey_hostile;
 mod survey_real;
