@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps deps-test demo test lint bench docs schemas clean
+.PHONY: help deps deps-test deps-qgis demo test lint bench docs schemas clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -15,6 +15,9 @@ deps: ## Install what is missing to build and run (GDAL, PROJ, a C++ compiler, R
 
 deps-test: deps ## Install what is missing to test against independent tools
 	@tools/deps.sh test
+
+deps-qgis: ## Install QGIS (200 MB), so that the tests that open results in it run too
+	@tools/deps.sh qgis
 
 demo: deps ## Build, simulate a small town, find its heights, and show the result
 	$(CARGO) build --release --locked
@@ -30,8 +33,11 @@ lint: deps ## Check formatting and lints, warnings are errors
 bench: deps ## Run the benchmarks
 	$(CARGO) bench --locked
 
-docs: deps ## Build the API documentation into target/doc
-	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps
+docs: ## Write docs/reference.md anew, and build the API documentation into target/doc
+	@tools/deps.sh docs
+	$(CARGO) build --release --locked
+	tools/reference.py target/release/sizeup > docs/reference.md
+	RUSTDOCFLAGS="-D warnings -A rustdoc::private_intra_doc_links" $(CARGO) doc --locked --no-deps
 
 schemas: deps ## Write schemas/ anew from the code
 	$(CARGO) run --locked --release -- schema --output schemas

@@ -3,6 +3,8 @@
 #
 #   tools/deps.sh build   what it takes to build and run sizeup
 #   tools/deps.sh test    the independent tools that tests compare with
+#   tools/deps.sh docs    Python, which writes docs/reference.md
+#   tools/deps.sh qgis    QGIS, some 200 MB; without it the tests that need it say "skipped"
 set -euo pipefail
 
 readonly MIN_RUST=94 # Rust 1.94
@@ -44,7 +46,8 @@ build_tools() {
   install_packages ${missing[@]+"${missing[@]}"}
   if ! rust_is_new_enough; then
     install_packages rustc-web cargo-web
-    rust_is_new_enough || fail "Rust 1.$MIN_RUST or newer is needed, found: $(rustc --version 2>/dev/null || echo none). See https://rustup.rs"
+    rust_is_new_enough || fail "Rust 1.$MIN_RUST or newer is needed, found: $(rustc --version 2>/dev/null || echo none).
+deps: Debian bookworm has it in its security updates (bookworm-security main in the sources of apt); else see https://rustup.rs"
   fi
 }
 
@@ -54,8 +57,14 @@ test_tools() {
   install_packages ${missing[@]+"${missing[@]}"}
 }
 
+qgis() {
+  /usr/bin/python3 -c 'import qgis.core, qgis._3d' 2>/dev/null || install_packages qgis python3-qgis xvfb xauth libgl1-mesa-dri
+}
+
 case "${1:-build}" in
   build) build_tools ;;
+  docs) build_tools; command -v python3 >/dev/null || install_packages python3 ;;
   test) build_tools; test_tools ;;
-  *) fail "usage: tools/deps.sh build|test" ;;
+  qgis) qgis ;;
+  *) fail "usage: tools/deps.sh build|test|qgis|docs" ;;
 esac

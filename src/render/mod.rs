@@ -9,7 +9,7 @@
 //! depth            min over stretches (b, s0, s1) with s_b(h) < s1 of max(s0, s_b(h)), else the ground's s_T
 //! ```
 //!
-//! Rays have `d · forward = 1`, so the parameter `s` is z-depth. Frame: [`Local`](crate::frames::Local), `f32`.
+//! Rays have `d · forward = 1`, so the parameter `s` is z-depth. Frame: [`Local`], `f32`.
 
 pub mod bvh;
 pub mod image;

@@ -86,7 +86,7 @@ pub fn write(path: &Path, model: &CityModel<'_>, config: &CityJsonConfig) -> Res
 /// What will have no solid although outline and height are known: one issue per such building.
 ///
 /// # Errors
-/// As [`write`], but for the file system.
+/// As [`write()`], but for the file system.
 pub fn check(records: &[BuildingRecord], config: &CityJsonConfig) -> Result<Vec<Issue>, OutputError> {
     config.require_valid()?;
     let (grid, _) = Grid::over(records, config.scale_m)?;
