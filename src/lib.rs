@@ -44,9 +44,11 @@
 
 pub mod files;
 pub mod frames;
+mod gdal_log;
 pub mod ids;
 pub mod issue;
 pub mod raster;
+pub mod ray;
 pub mod seed;
 pub mod stats;
 

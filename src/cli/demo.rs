@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{Failure, Global, Ui, print_json};
+use super::{Failure, Global, Ui, print, print_json};
 use crate::config::RunConfig;
 use crate::evaluate::read::{TruthOptions, read_results, read_truth};
 use crate::evaluate::{HeightOptions, evaluate_heights};
@@ -41,7 +41,7 @@ pub(super) fn run(args: &DemoArgs, global: &Global) -> Result<u8, Failure> {
     if global.json {
         print_json(&evaluation)?;
     } else {
-        println!("{}", evaluation);
+        print(&evaluation)?;
     }
 
     let result = config.project.output.display();

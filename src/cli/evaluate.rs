@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{Failure, Global, print_json};
+use super::{Failure, Global, print, print_json};
 use crate::crs::Crs;
 use crate::evaluate::read::{TruthOptions, crs_of, read_results, read_truth};
 use crate::evaluate::{HeightEvaluation, HeightOptions, evaluate_heights};
@@ -49,7 +49,7 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
     if global.json {
         print_json(&evaluation)?;
     } else {
-        println!("{}", evaluation);
+        print(&evaluation)?;
     }
     Ok(0)
 }

@@ -5,12 +5,17 @@
 
 mod demo;
 mod evaluate;
+mod export;
+mod prior;
 mod run;
 mod schema;
 mod simulate;
+mod survey;
 mod ui;
+mod validate;
 
 use std::fmt;
+use std::io::{ErrorKind, Write as _};
 
 use clap::{Args, Parser, Subcommand};
 
@@ -34,17 +39,20 @@ pub struct Cli {
     pub global: Global,
 }
 
+/// Where `--help` lists the options of every subcommand.
+const GLOBAL: &str = "Everywhere";
+
 /// Options of every subcommand.
 #[derive(Debug, Clone, Args)]
 pub struct Global {
     /// Say nothing but errors.
-    #[arg(long, short, global = true)]
+    #[arg(long, short, global = true, help_heading = GLOBAL)]
     pub quiet: bool,
     /// Print a machine-readable summary to stdout.
-    #[arg(long, global = true)]
+    #[arg(long, global = true, help_heading = GLOBAL)]
     pub json: bool,
     /// Threads to use (default: all cores). The result does not depend on it.
-    #[arg(long, global = true, value_name = "N")]
+    #[arg(long, global = true, value_name = "N", help_heading = GLOBAL)]
     pub threads: Option<usize>,
 }
 
@@ -53,6 +61,16 @@ pub struct Global {
 pub enum Command {
     /// Find the heights of buildings: poses, outlines and priors in, a LOD1 city out.
     Run(run::RunArgs),
+    /// Look a survey's poses over before anything is computed from them, or write them for other tools.
+    #[command(subcommand)]
+    Survey(survey::SurveyCommand),
+    /// Depth priors: what a network wants.
+    #[command(subcommand)]
+    Prior(prior::PriorCommand),
+    /// Check the solids of a CityJSON file, anybody's: codes as val3dity's, and the place of each fault.
+    Validate(validate::ValidateArgs),
+    /// Write a city in another format: CityJSON, CityJSONSeq, GeoPackage.
+    Export(export::ExportArgs),
     /// Simulate a scene with known truth, in the files that a user would bring.
     Simulate(simulate::SimulateArgs),
     /// Compare a result with a reference and print how far off it is.
@@ -112,6 +130,10 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
     }
     match &cli.command {
         Command::Run(args) => run::run(args, &cli.global),
+        Command::Survey(command) => survey::run(command, &cli.global),
+        Command::Prior(command) => prior::run(command, &cli.global),
+        Command::Validate(args) => validate::run(args, &cli.global),
+        Command::Export(args) => export::run(args, &cli.global),
         Command::Simulate(args) => simulate::run(args, &cli.global),
         Command::Evaluate(args) => evaluate::run(args, &cli.global),
         Command::Demo(args) => demo::run(args, &cli.global),
@@ -122,6 +144,19 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
 /// Prints a value as JSON to stdout.
 fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(|e| Failure::new(4, &e))?;
-    println!("{text}");
-    Ok(())
+    print(&text)
+}
+
+/// Prints data to stdout. A reader that has seen enough, as in `sizeup evaluate … | head -1`, is no failure.
+fn print(text: &impl fmt::Display) -> Result<(), Failure> {
+    let mut out = std::io::stdout().lock();
+    match writeln!(out, "{text}").and_then(|()| out.flush()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Failure::from_text(4, format!("cannot print: {e}"))),
+        _ => Ok(()),
+    }
+}
+
+/// Says something on stderr; nobody listening is no reason to stop.
+pub fn talk(text: &impl fmt::Display) {
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
 }

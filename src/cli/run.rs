@@ -9,6 +9,9 @@ use crate::config::RunConfig;
 use crate::output::Status;
 use crate::pipeline::{self, RunOptions, RunSummary, Stage};
 
+/// Where `--help` lists the flags that stand for a configuration file.
+const FLAGS: &str = "Without a configuration file";
+
 /// Arguments of `sizeup run`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:
@@ -33,26 +36,26 @@ pub struct RunArgs {
     /// Last stage to run.
     #[arg(long, value_enum, default_value = "output")]
     pub until: StageArg,
-    /// Without a configuration file: poses (a COLMAP model folder, a CSV file, …).
-    #[arg(long, value_name = "PATH", requires_all = ["crs", "footprints", "priors", "prior_kind"])]
+    /// Poses (a COLMAP model folder, a CSV file, …).
+    #[arg(long, help_heading = FLAGS, value_name = "PATH", requires_all = ["crs", "footprints", "priors", "prior_kind"])]
     pub survey: Option<PathBuf>,
-    /// Without a configuration file: the project's projected CRS.
-    #[arg(long, value_name = "CRS", requires = "survey")]
+    /// The project's projected CRS.
+    #[arg(long, help_heading = FLAGS, value_name = "CRS", requires = "survey")]
     pub crs: Option<String>,
-    /// Without a configuration file: building outlines.
-    #[arg(long, value_name = "FILE", requires = "survey")]
+    /// Building outlines.
+    #[arg(long, help_heading = FLAGS, value_name = "FILE", requires = "survey")]
     pub footprints: Option<PathBuf>,
-    /// Without a configuration file: terrain model.
-    #[arg(long, value_name = "FILE", requires = "survey", conflicts_with = "ground")]
+    /// Terrain model.
+    #[arg(long, help_heading = FLAGS, value_name = "FILE", requires = "survey", conflicts_with = "ground")]
     pub dtm: Option<PathBuf>,
-    /// Without a configuration file: one ground height everywhere, metres.
-    #[arg(long, value_name = "METRES", requires = "survey", allow_negative_numbers = true)]
+    /// One ground height everywhere, metres.
+    #[arg(long, help_heading = FLAGS, value_name = "METRES", requires = "survey", allow_negative_numbers = true)]
     pub ground: Option<f64>,
-    /// Without a configuration file: depth priors, with {stem} for the photo's name without extension.
-    #[arg(long, value_name = "TEMPLATE", requires = "survey")]
+    /// Depth priors, with {stem} for the photo's name without extension.
+    #[arg(long, help_heading = FLAGS, value_name = "TEMPLATE", requires = "survey")]
     pub priors: Option<String>,
-    /// Without a configuration file: what the priors' numbers are.
-    #[arg(long, value_enum, requires = "survey")]
+    /// What the priors' numbers are.
+    #[arg(long, help_heading = FLAGS, value_enum, requires = "survey")]
     pub prior_kind: Option<PriorKindArg>,
 }
 

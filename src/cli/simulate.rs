@@ -14,13 +14,13 @@ use crate::simulate::{SimulateConfig, SimulateError, SimulationSummary, simulate
   sizeup simulate --preset village --set prior.level=high --set seed=7 --output scene
   sizeup simulate --set cityjson.path=rotterdam.city.json --output scene")]
 pub struct SimulateArgs {
-    /// A ready scene; `--help` of the schema lists what can be changed.
+    /// A ready scene.
     #[arg(long, default_value = "demo", value_parser = preset_names())]
     pub preset: String,
-    /// Settings file (TOML) in place of a preset. `sizeup schema simulate` lists its keys.
+    /// Settings file (TOML) in place of a preset.
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     pub config: Option<PathBuf>,
-    /// Set one key, as in `--set prior.level=high`. May be repeated.
+    /// Set one key, as in `--set prior.level=high`. May be repeated; `sizeup schema simulate` lists the keys.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub assignments: Vec<String>,
     /// Folder of the scene.

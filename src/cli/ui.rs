@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::Global;
+use super::{Global, talk};
 use crate::optimise::Solving;
 use crate::pipeline::Event;
 
@@ -49,8 +49,8 @@ impl Ui {
             return;
         }
         match &self.bar {
-            Some(bar) => bar.suspend(|| eprintln!("{text}")),
-            None => eprintln!("{text}"),
+            Some(bar) => bar.suspend(|| talk(&text)),
+            None => talk(&text),
         }
     }
 
@@ -71,7 +71,7 @@ impl Ui {
             _ => total > 0,
         };
         if is_due {
-            eprintln!("{what}: {done} of {total}");
+            talk(&format_args!("{what}: {done} of {total}"));
             *last = Some((what.to_owned(), Instant::now()));
         }
     }

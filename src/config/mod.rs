@@ -174,7 +174,10 @@ pub fn parse<T: DeserializeOwned>(text: &str, path: Option<&Path>, assignments: 
         assign(&mut table, assignment)
             .map_err(|message| ConfigError::Set { assignment: assignment.clone(), message })?;
     }
-    table.try_into().map_err(parse_error)
+    table.try_into().map_err(|e: toml::de::Error| match toml::from_str::<T>(text) {
+        Err(placed) if placed.message() == e.message() => parse_error(placed), // the file's own mistake, with its line
+        _ => ConfigError::Set { assignment: assignments.join(" --set "), message: e.message().to_owned() },
+    })
 }
 
 /// Sets `a.b.c = value` in a table; the value is TOML where it parses as such, else a string.
@@ -231,6 +234,15 @@ mod tests {
     fn a_misspelt_key_is_shown_in_its_line() {
         let error = load(&MINIMAL.replace("crs =", "csr ="), &[]).unwrap_err().to_string();
         assert!(error.contains("csr") && error.contains("line 3"), "{error}");
+        // Also where an assignment is not to blame.
+        let error = load(&MINIMAL.replace("crs =", "csr ="), &["seed=1"]).unwrap_err().to_string();
+        assert!(error.contains("csr") && error.contains("line 3"), "{error}");
+    }
+
+    #[test]
+    fn an_assignment_of_an_unknown_key_is_named() {
+        let error = load(MINIMAL, &["optimise.epochz=3"]).unwrap_err().to_string();
+        assert!(error.starts_with("--set optimise.epochz=3") && error.contains("epochz"), "{error}");
     }
 
     #[test]

@@ -31,6 +31,7 @@ pub(super) fn of_heights(from: &Crs, to: &Crs) -> Vec<Grid> {
 }
 
 fn of_vertical(epsg: u32) -> Option<Vec<Grid>> {
+    crate::gdal_log::route_messages();
     let folders = proj::ProjBuilder::new().lib_info().ok()?.searchpath;
     let separator = if cfg!(windows) { ';' } else { ':' };
     let database = folders.split(separator).map(|f| std::path::Path::new(f).join("proj.db")).find(|f| f.is_file())?;

@@ -7,6 +7,7 @@ use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, CoordTransformOptio
 use glam::{DMat3, DVec3};
 
 use super::{Crs, CrsError, grids};
+use crate::gdal_log::route_messages;
 
 /// A transformation of easting or longitude, northing or latitude, height. Neither `Send` nor `Sync`.
 pub struct Transform3d {
@@ -21,6 +22,7 @@ impl Transform3d {
     /// # Errors
     /// [`CrsError::MissingGrid`] naming the grid files the heights need, or [`CrsError::NoTransformation`].
     pub fn new(from: &Crs, to: &Crs) -> Result<Self, CrsError> {
+        route_messages();
         let no_transformation = |e: gdal::errors::GdalError| {
             let (from, to) = (from.to_string(), to.to_string());
             let base = "its geographic base".to_owned();
@@ -74,6 +76,7 @@ fn missing(from: &Crs, to: &Crs, grids: &[grids::Grid]) -> CrsError {
 /// Why there is no accurate operation between two definitions, if there is none. The `proj` crate cannot be asked: it
 /// panics where PROJ finds nothing without calling that an error.
 pub(super) fn why_impossible(from: &str, to: &str) -> Option<String> {
+    route_messages();
     let build = || -> Result<CoordTransform, gdal::errors::GdalError> {
         let mut options = CoordTransformOptions::new()?;
         options.set_ballpark_allowed(false)?;

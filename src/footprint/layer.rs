@@ -148,7 +148,11 @@ pub enum FootprintError {
         source: CrsError,
     },
     /// The attribute for ids does not exist.
-    #[error("footprints {}: no attribute {field:?}; there are {}", path.display(), present.join(", "))]
+    #[error(
+        "footprints {}: no attribute {field:?}\nhint: set `id_field` to one of {}",
+        path.display(),
+        present.join(", ")
+    )]
     NoIdField {
         /// The file.
         path: PathBuf,
@@ -158,7 +162,10 @@ pub enum FootprintError {
         present: Vec<String>,
     },
     /// It has no features.
-    #[error("footprints {}: layer {layer:?} is empty", path.display())]
+    #[error(
+        "footprints {}: layer {layer:?} is empty\nhint: is it the right file? `layer` chooses among several in one",
+        path.display()
+    )]
     Empty {
         /// The file.
         path: PathBuf,
@@ -175,14 +182,14 @@ pub enum FootprintError {
 pub fn read(config: &FootprintConfig, project_crs: &Crs) -> Result<FootprintLayer, FootprintError> {
     check_config(config)?;
     let mut source = VectorLayer::open(&config.path, config.layer.as_deref())?;
-    if let Some(field) = config.id_field.as_ref().filter(|wanted| !source.field_names().any(|f| f == *wanted)) {
-        let present = source.field_names().map(str::to_owned).collect();
-        return Err(FootprintError::NoIdField { path: config.path.clone(), field: field.clone(), present });
-    }
     let declared = source.crs()?;
     let features: Vec<Feature> = source.features().collect();
     if features.is_empty() {
         return Err(FootprintError::Empty { path: config.path.clone(), layer: source.name() });
+    }
+    if let Some(field) = config.id_field.as_ref().filter(|wanted| !source.field_names().any(|f| f == *wanted)) {
+        let present = source.field_names().map(str::to_owned).collect();
+        return Err(FootprintError::NoIdField { path: config.path.clone(), field: field.clone(), present });
     }
     let crs = settle_crs(config, declared, &features)?;
     let to_project = Transform::new(&crs, project_crs)

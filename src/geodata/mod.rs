@@ -15,24 +15,12 @@ pub use geotiff::write_geotiff;
 pub use layer_writer::{FieldType, LayerFeature, write_polygon_layer};
 
 use std::path::{Path, PathBuf};
-use std::sync::Once;
 
 use gdal::errors::GdalError;
 use gdal::spatial_ref::SpatialRef;
 
 use crate::crs::{Crs, CrsError};
 use crate::files::FileError;
-
-/// Sends GDAL's messages to the log: it would otherwise print to stderr on its own account. Errors that matter also
-/// come back as error values.
-fn route_messages() {
-    static ONCE: Once = Once::new();
-    ONCE.call_once(|| {
-        gdal::config::set_error_handler(|class, number, message| {
-            tracing::debug!(?class, number, "GDAL: {message}");
-        });
-    });
-}
 
 /// What GDAL says about a CRS, as one of ours; `None` for GeoPackage's "undefined" and local engineering systems.
 fn crs_of(spatial_ref: &SpatialRef) -> Result<Option<Crs>, CrsError> {

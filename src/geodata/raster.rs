@@ -129,7 +129,7 @@ impl RasterFile {
     /// # Errors
     /// [`RasterError::Open`].
     pub fn open(path: &Path) -> Result<Self, RasterError> {
-        super::route_messages();
+        crate::gdal_log::route_messages();
         let dataset = Dataset::open(path).map_err(|source| RasterError::Open { path: path.to_owned(), source })?;
         Ok(Self { dataset, path: path.to_owned() })
     }

@@ -83,7 +83,7 @@ impl VectorLayer {
     /// # Errors
     /// [`VectorError::Open`], or [`VectorError::Layer`] listing the layers there are.
     pub fn open(path: &Path, layer: Option<&str>) -> Result<Self, VectorError> {
-        super::route_messages();
+        crate::gdal_log::route_messages();
         let options = DatasetOptions { open_flags: GdalOpenFlags::GDAL_OF_VECTOR, ..Default::default() };
         let dataset =
             Dataset::open_ex(path, options).map_err(|source| VectorError::Open { path: path.to_owned(), source })?;

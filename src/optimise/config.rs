@@ -171,7 +171,7 @@ impl Default for SearchConfig {
             local_half_width_m: 6.0,
             local_half_width_share: 0.3,
             dilate_px: 12,
-            agreement_weight: 1.0,
+            agreement_weight: 0.1,
             max_views_per_building: 24,
             reselect_every: 3,
         }

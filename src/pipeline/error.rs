@@ -23,6 +23,18 @@ pub enum PipelineError {
     /// The survey.
     #[error("[survey] {0}")]
     Survey(#[from] SurveyError),
+    /// The poses look wrong.
+    #[error(
+        "[survey] the poses look wrong\n{findings}\nhint: the whole report is in {}; `survey.accept_unsound = true` goes \
+         on nevertheless",
+        report.display()
+    )]
+    Unsound {
+        /// What looks wrong, and which other readings look better; a line each.
+        findings: String,
+        /// The report.
+        report: PathBuf,
+    },
     /// The footprints.
     #[error("[footprints] {0}")]
     Footprints(#[from] FootprintError),
@@ -83,8 +95,12 @@ impl PipelineError {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Config(_) | Self::Crs(_) | Self::Settings { .. } => 2,
+            Self::Config(_)
+            | Self::Crs(_)
+            | Self::Settings { .. }
+            | Self::Survey(SurveyError::Crs(CrsError::NotProjectedInMetres { .. })) => 2,
             Self::Survey(_)
+            | Self::Unsound { .. }
             | Self::Footprints(_)
             | Self::Terrain(_)
             | Self::Prior(_)

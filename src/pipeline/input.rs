@@ -78,6 +78,20 @@ fn no_overlap(survey: &Survey, footprints: &FootprintStage) -> PipelineError {
     }
 }
 
+/// Checks what the settings alone can tell, before any work.
+pub(super) fn check_settings(config: &RunConfig) -> Result<(), PipelineError> {
+    let (min_m, max_m) = (config.optimise.min_height_m, config.optimise.max_height_m);
+    if min_m > 0.0 && max_m.is_none_or(|max_m| max_m > min_m && max_m.is_finite()) {
+        return Ok(());
+    }
+    let max = max_m.map_or("the default".to_owned(), |max_m| max_m.to_string());
+    Err(PipelineError::Settings {
+        table: "optimise",
+        message: format!("heights from {min_m} to {max} m: expected 0 < min_height_m < max_height_m"),
+        hint: "set min_height_m and max_height_m in metres above ground",
+    })
+}
+
 /// The heights to look for.
 pub(super) fn height_bounds(config: &RunConfig, lowest_flight_m: f64) -> Result<HeightBounds, PipelineError> {
     let min_m = config.optimise.min_height_m;

@@ -7,13 +7,15 @@
 //! | heights | priors | `heights.json` |
 //! | output | the three above | nothing: it writes the results |
 //!
-//! A run can stop after any stage and start at any, from what earlier runs left behind.
+//! The survey report (`survey.json`, `pictures/survey.png`) lies beside the results; a survey that looks wrong stops the
+//! run. A run can stop after any stage and start at any, from what earlier runs left behind.
 
 mod artefact;
 mod error;
 mod input;
 mod pictures;
 mod records;
+mod soundness;
 mod stages;
 
 pub use artefact::{FootprintStage, HeightStage};

@@ -6,10 +6,10 @@ use std::time::Instant;
 
 use geo_types::Polygon;
 
-use super::input::{check_views, height_bounds};
+use super::input::{check_settings, check_views, height_bounds};
 use super::records::records;
 use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Stage, Tell};
-use super::{artefact, pictures};
+use super::{artefact, pictures, soundness};
 use crate::config::RunConfig;
 use crate::files::{FileError, write_whole};
 use crate::footprint;
@@ -19,7 +19,7 @@ use crate::output::{BuildingRecord, CityModel, InputFile, Lineage, cityjson, geo
 use crate::prior::{PriorSource as _, Priors};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
-use crate::survey::{self, Survey, ViewKind};
+use crate::survey::{Survey, ViewKind};
 use crate::terrain::{self, GroundLevel, MapBox, Terrain, ground_under};
 
 /// How far around the footprints the ground is needed, in greatest heights: rays at 60° off nadir that pass over a
@@ -34,14 +34,17 @@ pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> R
             hint: "the stages are survey, footprints, heights, output",
         });
     }
+    check_settings(config)?;
     let mut seconds = Vec::new();
     let mut timed = |stage: Stage, start: Instant| seconds.push((stage, start.elapsed().as_secs_f64()));
     let runs = |stage: Stage| options.from <= stage && stage <= options.until;
 
     let start = Instant::now();
-    let survey: Survey = if runs(Stage::Survey) {
+    let mut survey: Survey = if runs(Stage::Survey) {
         tell(Event::Stage(Stage::Survey));
-        let survey = survey::read(&config.survey, &config.project.crs)?;
+        // A terrain model is read around the footprints: with it, the survey is looked over once more.
+        let ground = config.terrain.constant_m.map(Terrain::Constant);
+        let survey = soundness::look_over(config, ground.as_ref())?;
         artefact::write(config, Stage::Survey, &survey)?;
         timed(Stage::Survey, start);
         survey
@@ -56,7 +59,10 @@ pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> R
     let start = Instant::now();
     let footprints: FootprintStage = if runs(Stage::Footprints) {
         tell(Event::Stage(Stage::Footprints));
-        let footprints = read_footprints(config)?;
+        let (footprints, terrain) = read_footprints(config)?;
+        if matches!(terrain, Terrain::Grid(_)) {
+            survey = soundness::look_over(config, Some(&terrain))?;
+        }
         artefact::write(config, Stage::Footprints, &footprints)?;
         timed(Stage::Footprints, start);
         footprints
@@ -120,12 +126,13 @@ fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
     }
 }
 
-fn read_footprints(config: &RunConfig) -> Result<FootprintStage, PipelineError> {
+fn read_footprints(config: &RunConfig) -> Result<(FootprintStage, Terrain), PipelineError> {
     let layer = footprint::read(&config.footprints, &config.project.crs)?;
     let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
     let (ground, issues): (Vec<_>, Vec<_>) =
         layer.footprints.iter().map(|f| ground_under(&terrain, &f.id, &f.polygon, config.ground)).unzip();
-    Ok(FootprintStage { layer, ground, issues: issues.into_iter().flatten().collect() })
+    let stage = FootprintStage { layer, ground, issues: issues.into_iter().flatten().collect() };
+    Ok((stage, terrain))
 }
 
 fn load_terrain<'a>(
@@ -220,7 +227,11 @@ fn require_priors(survey: &Survey, solution: &Solution) -> Result<(), PipelineEr
 fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, heights: &HeightStage) -> Vec<Issue> {
     let failed_priors = heights.solution.failed_views.iter().map(|(view, reason)| {
         let subject = Subject::View(survey.views[*view].id.0.clone());
-        Issue::new(Severity::Refused, "prior_unusable", subject, reason.clone())
+        // A reason carries its advice on a line of its own.
+        match reason.split_once("\nhint: ") {
+            Some((reason, hint)) => Issue::new(Severity::Refused, "prior_unusable", subject, reason).hint(hint),
+            None => Issue::new(Severity::Refused, "prior_unusable", subject, reason.clone()),
+        }
     });
     let unstated =
         (config.project.vertical_reference.is_none() && config.project.crs.vertical_name().is_none()).then(|| {
@@ -298,7 +309,7 @@ fn write_results(config: &RunConfig, model: &CityModel<'_>, summary: &RunSummary
     Ok(())
 }
 
-fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), PipelineError> {
+pub(super) fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), PipelineError> {
     write_whole(path, |out| {
         serde_json::to_writer_pretty(&mut *out, value)?;
         out.write_all(b"\n")

@@ -7,92 +7,14 @@
 
 use glam::Vec3;
 
+use crate::ray::{Aabb, Ray};
+
 /// Split candidates per axis of the binned heuristic.
 const N_BINS: usize = 16;
 /// Below this many primitives a node is a leaf.
 const LEAF_SIZE: usize = 2;
 /// Deepest path the traversal can hold; the builder falls back to halving long before.
 const MAX_DEPTH: usize = 64;
-
-/// An axis-aligned box.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Aabb {
-    /// Lowest corner.
-    pub min: Vec3,
-    /// Highest corner.
-    pub max: Vec3,
-}
-
-impl Aabb {
-    /// The box of nothing: growing it by a point gives that point.
-    pub const EMPTY: Self = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
-
-    /// The smallest box around some points.
-    pub fn around(points: impl IntoIterator<Item = Vec3>) -> Self {
-        points.into_iter().fold(Self::EMPTY, |b, p| Self { min: b.min.min(p), max: b.max.max(p) })
-    }
-
-    /// The smallest box around both.
-    #[must_use]
-    pub fn union(self, other: Self) -> Self {
-        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
-    }
-
-    fn centre(&self) -> Vec3 {
-        0.5 * (self.min + self.max)
-    }
-
-    fn half_area(&self) -> f32 {
-        let d = (self.max - self.min).max(Vec3::ZERO);
-        d.x * d.y + d.y * d.z + d.z * d.x
-    }
-}
-
-/// A ray `origin + t · direction`, with what the box test needs worked out once.
-#[derive(Debug, Clone, Copy)]
-pub struct Ray {
-    /// Start.
-    pub origin: Vec3,
-    /// Direction, any length: `t` is in its units.
-    pub direction: Vec3,
-    inverse: Vec3,
-}
-
-impl Ray {
-    /// From a start and a direction of any length.
-    #[must_use]
-    pub fn new(origin: Vec3, direction: Vec3) -> Self {
-        Self { origin, direction, inverse: direction.recip() }
-    }
-
-    /// The point at `t`.
-    #[must_use]
-    pub fn at(&self, t: f32) -> Vec3 {
-        self.origin + t * self.direction
-    }
-
-    /// Where the ray enters a box, if it does so before `t_max`. Slab test; a ray in a face's plane may be told either
-    /// way, never lost between two boxes that share the face.
-    fn enters(&self, b: &Node, t_max: f32) -> Option<f32> {
-        let t0 = (b.min - self.origin) * self.inverse;
-        let t1 = (b.max - self.origin) * self.inverse;
-        // Where a zero direction meets a face, 0 · ∞ = NaN. `least` and `most` then take their second operand: an axis
-        // whose far plane is NaN drops out, one whose near plane is NaN misses.
-        let enter = most(least(t0.x, t1.x), most(least(t0.y, t1.y), most(least(t0.z, t1.z), 0.0)));
-        let leave = least(most(t0.x, t1.x), least(most(t0.y, t1.y), least(most(t0.z, t1.z), t_max)));
-        (enter <= leave).then_some(enter)
-    }
-}
-
-/// The smaller one, the second where either is `NaN`: one machine instruction, unlike `f32::min`.
-fn least(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
-}
-
-/// The larger one, the second where either is `NaN`.
-fn most(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
-}
 
 /// 32 bytes: a box, and either two children (at `first` and `first + 1`) or `count` primitives from `first`.
 #[derive(Debug, Clone, Copy)]
@@ -132,7 +54,7 @@ impl Bvh {
         let mut stack = [(0_u32, 0.0_f32); MAX_DEPTH];
         let mut depth = 0;
         let Some(root) = self.nodes.first() else { return };
-        if let Some(enter) = ray.enters(root, t_max) {
+        if let Some(enter) = ray.enters(root.min, root.max, t_max) {
             stack[0] = (0, enter);
             depth = 1;
         }
@@ -150,7 +72,10 @@ impl Bvh {
                 }
                 continue;
             }
-            let children = [node.first, node.first + 1].map(|c| (c, ray.enters(&self.nodes[c as usize], t_max)));
+            let children = [node.first, node.first + 1].map(|c| {
+                let child = &self.nodes[c as usize];
+                (c, ray.enters(child.min, child.max, t_max))
+            });
             let mut push = |(child, enter): (u32, Option<f32>)| {
                 if let Some(enter) = enter {
                     stack[depth] = (child, enter);
@@ -268,7 +193,7 @@ mod tests {
     }
 
     fn enters(ray: &Ray, b: &Aabb, t_max: f32) -> bool {
-        ray.enters(&Node { min: b.min, first: 0, max: b.max, count: 0 }, t_max).is_some()
+        ray.enters(b.min, b.max, t_max).is_some()
     }
 
     proptest! {

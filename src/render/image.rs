@@ -4,9 +4,10 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 use super::PlacedCamera;
-use super::bvh::{Aabb, Bvh, Ray};
+use super::bvh::Bvh;
 use crate::ids::BuildingIdx;
 use crate::raster::Raster;
+use crate::ray::{Aabb, Ray};
 use crate::scene::{Crossing, Scene};
 
 /// What a ray meets first.

@@ -19,8 +19,7 @@ use glam::{DVec2, DVec3};
 
 use crate::camera::Camera;
 use crate::frames::{Cam, Local, LocalOrigin, Map, Rigid};
-
-use bvh::Ray;
+use crate::ray::Ray;
 
 /// A camera placed in the local frame.
 #[derive(Debug, Clone)]

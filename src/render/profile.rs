@@ -7,7 +7,8 @@ use rand::Rng;
 use rayon::prelude::*;
 
 use super::PlacedCamera;
-use super::bvh::{Aabb, Bvh};
+use super::bvh::Bvh;
+use crate::ray::Aabb;
 use crate::scene::{Crossing as Stretch, Scene};
 use crate::seed;
 

@@ -4,7 +4,7 @@ use glam::{DVec2, Vec2};
 
 use crate::frames::LocalOrigin;
 use crate::raster::Raster;
-use crate::render::bvh::Ray;
+use crate::ray::Ray;
 use crate::terrain::Terrain;
 
 /// Cells along a side of the blocks that a ray can skip at once.

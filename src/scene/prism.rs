@@ -4,7 +4,7 @@ use geo_types::{LineString, Polygon};
 use glam::{Vec2, Vec3};
 
 use crate::frames::LocalOrigin;
-use crate::render::bvh::{Aabb, Ray};
+use crate::ray::{Aabb, Ray};
 use crate::terrain::GroundLevel;
 
 /// A stretch of a ray inside a footprint, in the ray's own parameter.

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec2, IVec2, Vec3};
 
 use crate::camera::{Camera, Distortion};
-use crate::render::bvh::{Aabb, Ray};
+use crate::ray::{Aabb, Ray};
 use crate::survey::View;
 
 use super::scene::{Hit, Scene};

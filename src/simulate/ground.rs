@@ -7,7 +7,7 @@
 use glam::{DVec3, IVec2, UVec2, Vec2, Vec3};
 
 use crate::raster::Raster;
-use crate::render::bvh::Ray;
+use crate::ray::Ray;
 use crate::terrain::Terrain;
 
 use super::scene::crossing;
@@ -64,11 +64,15 @@ impl Ground {
         // Where the ray leaves the cell, and how much longer each further cell takes; infinite along a zero.
         let mut next = Vec2::select(way.cmpeq(Vec2::ZERO), Vec2::INFINITY, t_in + (border - start) / way);
         let per_cell = (1.0 / way).abs();
+        let mut enter = t_in;
         loop {
-            if let Some(hit) = self.cell_hit(ray, at, t_max) {
+            let leave = next.min_element();
+            if self.is_reached(ray, at, enter, leave.min(t_out))
+                && let Some(hit) = self.cell_hit(ray, at, t_max)
+            {
                 return Some(hit);
             }
-            let leave = next.min_element();
+            enter = leave;
             if leave > t_out {
                 return None;
             }
@@ -95,6 +99,15 @@ impl Ground {
         let t_in = a.min(b).max_element().max(0.0);
         let t_out = a.max(b).min_element().min(t_max);
         (t_in <= t_out).then_some((t_in, t_out))
+    }
+
+    /// Whether a ray comes near the levels of a cell's corners while it is over the cell.
+    fn is_reached(&self, ray: &Ray, at: IVec2, enter: f32, leave: f32) -> bool {
+        let corner = |dx: i32, dy: i32| self.heights[((at.x + dx) as usize, (at.y + dy) as usize)];
+        let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)];
+        let (z0, z1) = (ray.origin.z + enter * ray.direction.z, ray.origin.z + leave * ray.direction.z);
+        let (lowest, highest) = (z0.min(z1) - SLACK_M, z0.max(z1) + SLACK_M);
+        lowest <= a.max(b).max(c.max(d)) && highest >= a.min(b).min(c.min(d))
     }
 
     fn cell_hit(&self, ray: &Ray, at: IVec2, t_max: f32) -> Option<(f32, Vec3)> {

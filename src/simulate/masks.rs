@@ -17,7 +17,7 @@ pub fn ground_contact(view: &View, buildings: &[Building]) -> Raster<u16> {
     let mut mask = Raster::filled(width as usize, height as usize, 0);
     let centre = view.camera_from_map.centre();
     let map_from_camera = view.camera_from_map.rotation.transpose();
-    for (building, label) in buildings.iter().zip(1_u16..) {
+    for (building, label) in buildings.iter().zip(1..=u16::MAX) {
         let Some((low, high)) = pixel_bounds(view, building) else { continue };
         for row in low.1..high.1 {
             for col in low.0..high.0 {

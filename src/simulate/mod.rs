@@ -86,6 +86,14 @@ pub enum SimulateError {
     /// No view came out.
     #[error("the scene has no views\nhint: reduce `flight.spacing_m`, or set `flight.n_views`")]
     NoViews,
+    /// Two given views whose files would have one name.
+    #[error(
+        "two views are named {stem:?}: their photos and priors would overwrite each other\nhint: give every photo its own name"
+    )]
+    DuplicateView {
+        /// The name without folder and extension.
+        stem: String,
+    },
     /// A preset that does not exist.
     #[error("unknown preset {name:?}\nhint: the presets are {known}")]
     UnknownPreset {

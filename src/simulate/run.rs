@@ -1,5 +1,6 @@
 //! From configuration to files.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -85,6 +86,10 @@ pub fn simulate_with_views(
         camera_from_map: view.camera_from_map,
         image: None,
     };
+    let mut names = BTreeSet::new();
+    if let Some(stem) = views.iter().map(stem).find(|stem| !names.insert(stem.clone())) {
+        return Err(SimulateError::DuplicateView { stem });
+    }
     let views: Vec<View> = views.iter().map(reduce).collect();
     write_scene(config, &world, &views, out_dir, progress)
 }

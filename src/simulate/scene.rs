@@ -7,7 +7,8 @@ use glam::{DVec3, Vec3};
 
 use crate::frames::LocalOrigin;
 use crate::ids::BuildingIdx;
-use crate::render::bvh::{Aabb, Bvh, Ray};
+use crate::ray::{Aabb, Ray};
+use crate::render::bvh::Bvh;
 
 use super::building::Part;
 use super::clutter::{Piece, Stuff};

@@ -35,6 +35,8 @@ pub enum Format {
     MetashapeOpk,
     /// Pix4D's calibrated camera files: the folder of params, or one of them.
     Pix4d,
+    /// Pix4D's Open Photogrammetry Format: a calibrated `project.opf`, or its folder.
+    Opf,
 }
 
 /// Where the poses come from and what their numbers mean.
@@ -71,6 +73,9 @@ pub struct SurveyConfig {
     /// Columns and conventions of a CSV file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub csv: Option<CsvConfig>,
+    /// Go on although the survey report says that the poses look wrong. Recorded as an issue of the result.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub accept_unsound: bool,
 }
 
 /// Which tangential coefficient is the first.

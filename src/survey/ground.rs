@@ -33,7 +33,7 @@ pub fn outline(view: &View, ground_m: f64) -> Vec<DVec2> {
 }
 
 /// Where the ray through a pixel meets the plane at `ground_m`.
-fn on_plane(view: &View, pixel: DVec2, ground_m: f64) -> Option<DVec2> {
+pub(super) fn on_plane(view: &View, pixel: DVec2, ground_m: f64) -> Option<DVec2> {
     let ray = view.camera_from_map.inverse().vector(view.camera.unproject(pixel)?);
     let centre = view.camera_from_map.centre();
     let height_m = centre.z - ground_m;

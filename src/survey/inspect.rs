@@ -45,9 +45,11 @@ impl Judgement {
         let n_up = survey.issues.iter().filter(|issue| issue.code == LOOKS_UP).count();
         let n_views = survey.views.len();
         let share = |n: usize, of: usize| if of == 0 { 0.0 } else { n as f64 / of as f64 };
-        let above = site.terrain.map(|terrain| {
-            let n = above_ground_m(survey, terrain).filter(|&height_m| height_m > 0.0).count();
-            share(n, n_views)
+        // Cameras beyond the rim of the terrain have no say.
+        let above = site.terrain.and_then(|terrain| {
+            let heights_m: Vec<f64> = above_ground_m(survey, terrain).collect();
+            let n = heights_m.iter().filter(|&&height_m| height_m > 0.0).count();
+            (!heights_m.is_empty()).then(|| share(n, heights_m.len()))
         });
         let flat = Terrain::Constant(0.0);
         let sees = site.area.map(|area| {

@@ -157,6 +157,13 @@ pub(crate) fn locate(
     }
     views.sort_by(|a, b| a.id.cmp(&b.id));
     if let Some(folder) = &config.images {
+        if !folder.is_dir() {
+            let message = format!("there is no folder {}", folder.display());
+            return Err(SurveyError::config(
+                message,
+                "`images` is the folder of the photos; leave it out for poses only",
+            ));
+        }
         let refused = names_of(&issues);
         issues.extend(photos::attach(&mut views, &refused, folder)?);
     }
@@ -183,6 +190,8 @@ fn suggest_projected(poses: &Poses, world: &Crs, project_crs: &Crs) -> Result<()
         let pose = poses.poses.first()?;
         Transform::new(world, &Crs::parse("EPSG:4326").ok()?).ok()?.point(pose.centre.x, pose.centre.y).ok()
     };
+    // Metres read as degrees lie nowhere: the project's CRS was taken for the poses' too.
+    let place = || place().filter(|(lon_deg, lat_deg)| lon_deg.abs() <= 180.0 && lat_deg.abs() <= 90.0);
     match (refused, place()) {
         (CrsError::NotProjectedInMetres { definition, found, .. }, Some((lon_deg, lat_deg))) => {
             let zone = Crs::utm_zone(lon_deg, lat_deg);

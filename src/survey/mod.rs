@@ -7,6 +7,7 @@
 pub mod angles;
 mod blocks_exchange;
 mod colmap;
+mod compare;
 mod config;
 mod csv;
 mod error;
@@ -16,6 +17,7 @@ mod inspect;
 mod locate;
 mod metashape;
 mod opensfm;
+mod opf;
 mod photo;
 mod photos;
 mod picture;
@@ -28,6 +30,7 @@ mod view;
 mod write;
 mod xml;
 
+pub use compare::{CornerErrors, GroundPolygons};
 pub use config::{
     CameraConfig, CsvConfig, Format, HeightConfig, HeightReference, PixelOrigin, SurveyConfig, TangentialOrder,
 };
@@ -98,6 +101,7 @@ fn read_poses(config: &SurveyConfig) -> Result<poses::Poses, SurveyError> {
         Format::Metashape => metashape::read(path),
         Format::MetashapeOpk => tables::read_metashape_opk(path, camera),
         Format::Pix4d => pix4d::read(path, camera),
+        Format::Opf => opf::read(path),
     }
 }
 
@@ -124,6 +128,8 @@ fn detect(path: &Path) -> Result<Format, SurveyError> {
             Ok(Format::Opensfm)
         } else if pix4d::find(path).is_some() {
             Ok(Format::Pix4d)
+        } else if opf::find(path).is_some() {
+            Ok(Format::Opf)
         } else if photos::list(path)?.is_empty() {
             Err(unknown())
         } else {
@@ -136,7 +142,9 @@ fn detect(path: &Path) -> Result<Format, SurveyError> {
     let head = String::from_utf8_lossy(&head);
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
     let has_extension = |extension: &str| name.rsplit('.').next() == Some(extension);
-    if blocks_exchange::is_blocks_exchange(path, &head) {
+    if has_extension("opf") {
+        Ok(Format::Opf)
+    } else if blocks_exchange::is_blocks_exchange(path, &head) {
         Ok(Format::BlocksExchange)
     } else if metashape::is_metashape(&head) {
         Ok(Format::Metashape)

@@ -71,12 +71,16 @@ pub(crate) fn attach(
             is_used[i] = true;
             view.image = Some(files[i].clone());
         } else {
-            let message = format!("there is no photo of this name in {}", folder.display());
             let subject = Subject::View(view.id.0.clone());
-            issues.push(
-                Issue::new(Severity::Warning, "pose_without_photo", subject, message)
-                    .hint("check `images`; the view is used as far as it needs no pixels"),
-            );
+            let name = Path::new(&view.id.0).file_name();
+            let (code, message, hint) = if name.is_some_and(|name| matches!(by_name.get(name), Some(None))) {
+                let message = format!("several photos in {} have this name", folder.display());
+                ("duplicate_photo_name", message, "name the photos by their folder too, as in `flight1/IMG_1.jpg`")
+            } else {
+                let message = format!("there is no photo of this name in {}", folder.display());
+                ("pose_without_photo", message, "check `images`; the view is used as far as it needs no pixels")
+            };
+            issues.push(Issue::new(Severity::Warning, code, subject, message).hint(hint));
         }
     }
     for name in already_refused {
@@ -87,7 +91,11 @@ pub(crate) fn attach(
     for (path, _) in files.iter().zip(is_used).filter(|(_, used)| !used) {
         let name = path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned();
         let message = "the survey has no pose for this photo".to_owned();
-        issues.push(Issue::new(Severity::Refused, "photo_without_pose", Subject::View(name), message));
+        issues.push(
+            Issue::new(Severity::Refused, "photo_without_pose", Subject::View(name), message).hint(
+                "if its pose was left out of the export, export it again; photos that were not aligned have none",
+            ),
+        );
     }
     Ok(issues)
 }

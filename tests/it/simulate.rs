@@ -1,13 +1,13 @@
 //! A simulated scene is whole, true and the same every time.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 use sizeup::simulate::{
-    CityJsonConfig, ErrorConfig, FlightPattern, PriorLevel, SimulateConfig, TownKind, simulate, simulate_with_views,
-    world,
+    CityJsonConfig, ErrorConfig, FlightPattern, Part, PriorLevel, SimulateConfig, TownKind, simulate,
+    simulate_with_views, world,
 };
 
 /// A scene of seconds: a few small buildings and photos.
@@ -82,6 +82,10 @@ fn a_scene_holds_everything_a_run_needs_and_nothing_half_written() {
         assert!(files.contains_key(Path::new(name)), "{name}");
     }
     assert!(files.keys().all(|p| !p.to_string_lossy().contains(".partial-")));
+    let masks = files.iter().filter(|(path, _)| path.starts_with("masks"));
+    let ids: BTreeSet<u16> =
+        masks.flat_map(|(_, png)| image::load_from_memory(png).unwrap().into_luma16().into_raw()).collect();
+    assert!(ids.len() > 3 && *ids.last().unwrap() <= 7, "0 and the buildings' positions, from 1: {ids:?}");
     let run: toml::Table = String::from_utf8(files[Path::new("sizeup.toml")].clone()).unwrap().parse().unwrap();
     assert_eq!(run["project"]["crs"].as_str(), Some("EPSG:25832"));
     assert_eq!(run["prior"]["kind"].as_str(), Some("inverse_depth"));
@@ -203,10 +207,74 @@ fn given_cameras_take_the_photos_at_a_reduced_size() {
     let camera = std::sync::Arc::new(Camera::pinhole(14_204, 10_652, 12_000.0));
     let view = View { id: "block/101_0042.tif".into(), camera, camera_from_map: pose, image: None };
     let folder = tempfile::tempdir().unwrap();
-    simulate_with_views(&config, &[view], folder.path(), &|_, _| {}).unwrap();
+    simulate_with_views(&config, std::slice::from_ref(&view), folder.path(), &|_, _| {}).unwrap();
     let photo = image::open(folder.path().join("images/101_0042.jpg")).unwrap();
     assert_eq!((photo.width(), photo.height()), (128, 96));
     assert!(folder.path().join("priors/101_0042.npy").exists());
+
+    let twin = View { id: "other/101_0042.jpg".into(), ..view.clone() };
+    let refused = simulate_with_views(&config, &[view, twin], folder.path(), &|_, _| {}).unwrap_err();
+    assert!(refused.to_string().contains("101_0042"), "{refused}");
+}
+
+/// Rotterdam's buildings under Rotterdam's own oblique cameras: those cover other blocks, so the buildings move there.
+#[test]
+fn real_cameras_see_real_roofs_where_they_are() {
+    use sizeup::survey::{SurveyConfig, View};
+
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let (cameras, city) = (data.join("rotterdam_oblique_cameras"), data.join("rotterdam_lod2"));
+    if !(cameras.is_dir() && city.is_dir()) {
+        println!("skipped: {} is absent", data.display());
+        return;
+    }
+    let mut survey: SurveyConfig = toml::from_str(
+        "format = 'csv'\npath = 'camera_parameters.txt'\ncrs = 'EPSG:7415'\n[csv]\nname = 'image_id'\nangles = 'opk'\n\
+         sequence = 'zyx'\ndirection = 'world_to_camera'",
+    )
+    .unwrap();
+    survey.resolve_paths(&cameras);
+    let survey = sizeup::survey::read(&survey, &sizeup::crs::Crs::parse("EPSG:7415").unwrap()).unwrap();
+    let aim = |v: &View| {
+        let (centre, axis) = (v.camera_from_map.centre(), v.axis_in_map());
+        (centre - centre.z / axis.z * axis).truncate()
+    };
+    let target = aim(&survey.views[700]);
+    let mut config = small();
+    config.camera.width_px = 256;
+    config.prior.longest_px = 256;
+    config.prior.write_true_depth = true;
+    let middle = glam::DVec2::new(90_930.0, 435_770.0);
+    config.cityjson = Some(CityJsonConfig {
+        path: city.join("rotterdam_delfshaven.city.json"),
+        translation_m: (target - middle).extend(0.0).to_array(),
+        bounds_m: Some([middle.x - 150.0, middle.y - 150.0, middle.x + 150.0, middle.y + 150.0]),
+        max_buildings: None,
+        trees_per_building: 0.0,
+    });
+    let world = world(&config).unwrap();
+    let views: Vec<View> = survey.views.into_iter().filter(|v| aim(v).distance(target) < 60.0).take(8).collect();
+    let folder = tempfile::tempdir().unwrap();
+    simulate_with_views(&config, &views, folder.path(), &|_, _| {}).unwrap();
+    let (mut n_near, mut n_all) = (0, 0);
+    for view in &views {
+        let camera = view.camera.reduced_to(256);
+        let stem = Path::new(&view.id.0).file_stem().unwrap().to_str().unwrap();
+        let bytes = fs::read(folder.path().join(format!("depth/{stem}.npy"))).unwrap();
+        let depth: Vec<f32> = npyz::NpyFile::new(&bytes[..]).unwrap().into_vec().unwrap();
+        for roof in world.buildings.iter().flat_map(|b| &b.triangles).filter(|t| t.part == Part::Roof) {
+            let point = view.camera_from_map.point((roof.corners[0] + roof.corners[1] + roof.corners[2]) / 3.0);
+            let Some(pixel) = camera.project(point).filter(|p| camera.contains(*p)) else { continue };
+            let (col, row) = (pixel.x as usize, pixel.y as usize);
+            if let Some(seen) = depth.get(row * camera.width_px as usize + col).filter(|_| col < 256) {
+                // Half a pixel at 45° on a slope.
+                assert!(f64::from(*seen) < point.z + 3.0, "{stem}: {seen} behind {}", point.z);
+                n_all += 1;
+                n_near += usize::from((f64::from(*seen) - point.z).abs() < 1.0);
+            }
+        }
+    }
+    assert!(n_all > 200 && n_near * 10 > n_all * 7, "{n_near} of {n_all}");
 }
 
 #[test]

@@ -1,0 +1,347 @@
+//! `sizeup survey`: poses looked over, and poses in another form.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand, ValueEnum};
+use geo::ConvexHull as _;
+use serde::{Deserialize, Serialize};
+
+use super::{Failure, Global, Ui, print_json};
+use crate::crs::Crs;
+use crate::footprint::{self, FootprintConfig};
+use crate::survey::{self, CornerErrors, GroundPolygons, Site, Survey, SurveyConfig, SurveyReport, Target};
+use crate::terrain::{self, MapBox, Terrain, TerrainConfig};
+
+/// Longer side of the picture, pixels.
+const PICTURE_PX: u32 = 1600;
+/// Finer terrain tells no more about poses, metres per cell.
+const MIN_CELL_M: f64 = 5.0;
+/// Terrain is read so far around the cameras, metres: where oblique photos look.
+const AROUND_CAMERAS_M: f64 = 500.0;
+/// The poses look wrong.
+const EXIT_UNSOUND: u8 = 3;
+
+/// Subcommands of `sizeup survey`.
+#[derive(Debug, Clone, Subcommand)]
+pub enum SurveyCommand {
+    /// Say what a survey holds and whether its poses look right. Exit code 3 if they do not.
+    Inspect(InspectArgs),
+    /// Write a survey's poses for other tools: COLMAP text, CSV, or GIS layers of cameras, axes, image footprints.
+    Convert(ConvertArgs),
+}
+
+/// Where the poses are and what their numbers mean: a configuration file, or flags, or flags over a file.
+#[derive(Debug, Clone, Args)]
+pub struct SourceArgs {
+    /// Poses: a file, or the folder of a model or of photos. Several are looked at one after the other.
+    #[arg(required_unless_present = "config", value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    /// Configuration of `sizeup run` (TOML): its [survey], [terrain], [footprints] and project.crs are used.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// The project's projected CRS, such as EPSG:25832 or, with heights, EPSG:7415.
+    #[arg(long, value_name = "CRS", required_unless_present = "config")]
+    pub crs: Option<String>,
+    /// CRS of the poses (default: what the file says, else the project's).
+    #[arg(long, value_name = "CRS")]
+    pub pose_crs: Option<String>,
+    /// Format of the poses, as `survey.format` (default: found from the files).
+    #[arg(long, value_name = "FORMAT")]
+    pub format: Option<String>,
+    /// Folder of the photos, matched to the poses by name.
+    #[arg(long, value_name = "FOLDER")]
+    pub images: Option<PathBuf>,
+    /// Added to every position: easting, northing, height.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = three_numbers)]
+    pub offset: Option<[f64; 3]>,
+    /// Terrain model: heights above ground are checked with it.
+    #[arg(long, value_name = "FILE", conflicts_with = "ground")]
+    pub dtm: Option<PathBuf>,
+    /// One ground height everywhere, metres.
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
+    pub ground: Option<f64>,
+    /// Set one key, as in `--set survey.csv.angles=pok`. May be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub assignments: Vec<String>,
+}
+
+/// Arguments of `sizeup survey inspect`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:
+  sizeup survey inspect sparse --crs EPSG:25832 --dtm dtm.tif --footprints blocks.gpkg --picture survey.png
+  sizeup survey inspect photos --crs EPSG:25832 --set survey.height.geoid_offset=44.1
+  sizeup survey inspect --config sizeup.toml --json
+  sizeup survey inspect poses.csv --crs EPSG:7415 --set survey.csv.name=image_id \\
+             --compare-footprints polygons.geojson --id-field image_id
+
+Exit code 0: the poses look right. 3: they look wrong, or cannot be read.")]
+pub struct InspectArgs {
+    #[command(flatten)]
+    source: SourceArgs,
+    /// Outlines of the area of interest: at least half of the photos have to look at it.
+    #[arg(long, value_name = "FILE")]
+    footprints: Option<PathBuf>,
+    /// Draw the cameras, what they look at and their image footprints as a map.
+    #[arg(long, value_name = "FILE.png")]
+    picture: Option<PathBuf>,
+    /// Polygons of where the photos are known to look: say how far the image corners are from theirs.
+    #[arg(long, value_name = "FILE")]
+    compare_footprints: Option<PathBuf>,
+    /// Attribute of these polygons that holds the photos' names.
+    #[arg(long, value_name = "NAME", default_value = "image_id")]
+    id_field: String,
+}
+
+/// Arguments of `sizeup survey convert`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:
+  sizeup survey convert block.xml --crs EPSG:25832 --output model          a COLMAP text model
+  sizeup survey convert block.xml --crs EPSG:25832 --output poses.csv
+  sizeup survey convert sparse --crs EPSG:2180 --offset 634000,485000,0 --ground 110 --output survey.gpkg
+
+COLMAP and CSV come with a survey.toml that reads them back.")]
+pub struct ConvertArgs {
+    #[command(flatten)]
+    source: SourceArgs,
+    /// What to write (default: by the output's extension; a folder is a COLMAP model).
+    #[arg(long, value_enum)]
+    to: Option<TargetArg>,
+    /// File or folder to write.
+    #[arg(long, short, value_name = "PATH")]
+    output: PathBuf,
+}
+
+/// A target on the command line.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum TargetArg {
+    /// A COLMAP text model: a folder.
+    Colmap,
+    /// A table with quaternions and complete cameras.
+    Csv,
+    /// Three GIS layers in the project's CRS.
+    Gpkg,
+    /// Three GIS layers in longitude and latitude: a folder.
+    Geojson,
+}
+
+impl From<TargetArg> for Target {
+    fn from(target: TargetArg) -> Self {
+        match target {
+            TargetArg::Colmap => Self::Colmap,
+            TargetArg::Csv => Self::Csv,
+            TargetArg::Gpkg => Self::GeoPackage,
+            TargetArg::Geojson => Self::GeoJson,
+        }
+    }
+}
+
+/// The tables of a run's configuration that matter here; the others are passed over.
+#[derive(Debug, Clone, Deserialize)]
+struct Settings {
+    project: Project,
+    survey: SurveyConfig,
+    #[serde(default)]
+    terrain: Option<TerrainConfig>,
+    #[serde(default)]
+    footprints: Option<FootprintConfig>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+struct Project {
+    crs: Crs,
+}
+
+fn three_numbers(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    numbers.ok().and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| "expected x,y,z".to_owned())
+}
+
+/// What was found about one survey.
+#[derive(Serialize)]
+struct Inspected {
+    is_sound: bool,
+    #[serde(flatten)]
+    report: SurveyReport,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    corner_errors: Option<CornerErrors>,
+}
+
+pub(super) fn run(command: &SurveyCommand, global: &Global) -> Result<u8, Failure> {
+    match command {
+        SurveyCommand::Inspect(args) => inspect_all(args, global),
+        SurveyCommand::Convert(args) => convert(args, global),
+    }
+}
+
+fn inspect_all(args: &InspectArgs, global: &Global) -> Result<u8, Failure> {
+    let all: Result<Vec<Inspected>, Failure> = settings(&args.source, args.footprints.as_deref())?
+        .iter()
+        .map(|settings| inspect(settings, args, global))
+        .collect();
+    let all = all?;
+    match all.as_slice() {
+        [only] if global.json => print_json(only)?,
+        several if global.json => print_json(&several)?,
+        _ => {}
+    }
+    Ok(if all.iter().all(|inspected| inspected.is_sound) { 0 } else { EXIT_UNSOUND })
+}
+
+fn inspect(settings: &Settings, args: &InspectArgs, global: &Global) -> Result<Inspected, Failure> {
+    let bad_input = |e: &dyn std::error::Error| Failure::new(3, e);
+    let crs = &settings.project.crs;
+    let area = match &settings.footprints {
+        Some(config) => {
+            let layer = footprint::read(config, crs).map_err(|e| bad_input(&e))?;
+            let outlines: Vec<_> = layer.footprints.into_iter().map(|f| f.polygon).collect();
+            Some(geo::MultiPolygon::new(outlines).convex_hull())
+        }
+        None => None,
+    };
+    let ground = terrain_of(settings)?;
+    let site = Site { terrain: ground.as_ref(), area: area.as_ref() };
+    let (survey, report) = survey::inspect(&settings.survey, crs, site).map_err(|e| bad_input(&e))?;
+    let flat = Terrain::Constant(0.0);
+    let terrain = ground.as_ref().unwrap_or(&flat);
+    let corner_errors = match &args.compare_footprints {
+        Some(path) => {
+            let polygons = GroundPolygons::read(path, &args.id_field, crs).map_err(|e| bad_input(&e))?;
+            Some(polygons.compare(&survey, terrain))
+        }
+        None => None,
+    };
+    if !global.json {
+        print!("{report}");
+        if let Some(errors) = &corner_errors {
+            print!("{errors}");
+        }
+    }
+    let ui = Ui::new(global);
+    if ground.is_none() && (args.picture.is_some() || corner_errors.is_some()) {
+        ui.say("no --dtm or --ground: image footprints are taken on a ground of 0 m");
+    }
+    if let Some(path) = &args.picture {
+        survey::write_picture(&survey, terrain, PICTURE_PX, path).map_err(|e| Failure::new(4, &e))?;
+        ui.say(format!("{}: nadir views blue, oblique ones orange, north is up", path.display()));
+    }
+    Ok(Inspected { is_sound: report.is_sound(), report, corner_errors })
+}
+
+fn convert(args: &ConvertArgs, global: &Global) -> Result<u8, Failure> {
+    let all = settings(&args.source, None)?;
+    let [settings] = all.as_slice() else {
+        return Err(Failure::from_text(2, "convert takes one survey at a time"));
+    };
+    let target = args.to.map_or_else(|| Target::of_path(&args.output), Target::from);
+    let ui = Ui::new(global);
+    let ground = terrain_of(settings)?;
+    if ground.is_none() && matches!(target, Target::GeoJson | Target::GeoPackage) {
+        ui.say("no --dtm or --ground: image footprints are taken on a ground of 0 m");
+    }
+    let terrain = ground.unwrap_or(Terrain::Constant(0.0));
+    let crs = &settings.project.crs;
+    let survey = read(settings)?;
+    let converted = survey::write(&survey, crs, &terrain, target, &args.output).map_err(|e| Failure::new(4, &e))?;
+    for issue in survey.issues.iter().chain(&converted.issues) {
+        ui.say(format!("{}: {}", issue.code, issue.message));
+    }
+    let n_written = survey.views.len().saturating_sub(converted.issues.len());
+    ui.say(format!("{n_written} of {} views written", survey.views.len()));
+    if global.json {
+        print_json(&serde_json::json!({
+            "files": converted.files, "n_views": survey.views.len(),
+            "issues": survey.issues.iter().chain(&converted.issues).collect::<Vec<_>>(),
+        }))?;
+    } else {
+        converted.files.iter().for_each(|file| println!("{}", file.display()));
+    }
+    Ok(0)
+}
+
+fn read(settings: &Settings) -> Result<Survey, Failure> {
+    survey::read(&settings.survey, &settings.project.crs).map_err(|e| Failure::new(3, &e))
+}
+
+/// The ground around the cameras, where one is given.
+fn terrain_of(settings: &Settings) -> Result<Option<Terrain>, Failure> {
+    let Some(config) = &settings.terrain else { return Ok(None) };
+    if let Some(height_m) = config.constant_m.filter(|_| config.dtm.is_none()) {
+        return Ok(Some(Terrain::Constant(height_m)));
+    }
+    // Where to read it is only known with the poses.
+    let survey = read(settings)?;
+    let cameras = survey.views.iter().map(|view| view.camera_from_map.centre());
+    let Some(area) = MapBox::around(cameras.map(|centre| (centre.x, centre.y))) else { return Ok(None) };
+    let config = TerrainConfig { min_cell_m: config.min_cell_m.max(MIN_CELL_M), ..config.clone() };
+    let terrain = terrain::load(&config, &settings.project.crs, area.grown(AROUND_CAMERAS_M));
+    terrain.map(Some).map_err(|e| Failure::new(3, &e))
+}
+
+/// The settings of each path, or those of the configuration file.
+fn settings(args: &SourceArgs, footprints: Option<&Path>) -> Result<Vec<Settings>, Failure> {
+    if args.paths.is_empty() {
+        return Ok(vec![settings_of(args, None, footprints)?]);
+    }
+    args.paths.iter().map(|path| settings_of(args, Some(path), footprints)).collect()
+}
+
+/// File and flags as one text, so that there is one way to read settings.
+fn settings_of(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>) -> Result<Settings, Failure> {
+    let usage = |e: &dyn std::error::Error| Failure::new(2, e);
+    let text = match &args.config {
+        Some(file) => std::fs::read_to_string(file)
+            .map_err(|e| Failure::from_text(2, format!("cannot read {}: {e}", file.display())))?,
+        None => String::new(),
+    };
+    let flags = flags(args, path, footprints)?;
+    let name = args.config.as_deref().unwrap_or(Path::new("command line"));
+    let text = if flags.is_empty() {
+        text
+    } else {
+        let mut table: toml::Table = crate::config::parse(&text, Some(name), &[]).map_err(|e| usage(&e))?;
+        for (table_name, key, value) in flags {
+            let entry = table.entry(table_name).or_insert_with(|| toml::Table::new().into());
+            if let Some(entry) = entry.as_table_mut() {
+                entry.insert(key.to_owned(), value);
+            }
+        }
+        table.to_string()
+    };
+    let mut settings: Settings = crate::config::parse(&text, Some(name), &args.assignments).map_err(|e| usage(&e))?;
+    let folder = args.config.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
+    settings.survey.resolve_paths(folder);
+    if let Some(dtm) = settings.terrain.as_mut().and_then(|terrain| terrain.dtm.as_mut()) {
+        *dtm = folder.join(&*dtm);
+    }
+    if let Some(footprints) = &mut settings.footprints {
+        footprints.path = folder.join(&footprints.path);
+    }
+    Ok(settings)
+}
+
+type Flag = (&'static str, &'static str, toml::Value);
+
+/// What the flags stand for: table, key, value. Paths become absolute: those of a file are relative to the file.
+fn flags(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>) -> Result<Vec<Flag>, Failure> {
+    let absolute = |path: &Path| -> Result<toml::Value, Failure> {
+        let path = std::path::absolute(path).map_err(|e| Failure::new(2, &e))?;
+        Ok(path.to_string_lossy().into_owned().into())
+    };
+    let mut flags: Vec<Flag> = Vec::new();
+    let paths = [
+        ("survey", "path", path),
+        ("survey", "images", args.images.as_deref()),
+        ("terrain", "dtm", args.dtm.as_deref()),
+        ("footprints", "path", footprints),
+    ];
+    for (table, key, path) in paths {
+        if let Some(path) = path {
+            flags.push((table, key, absolute(path)?));
+        }
+    }
+    let words = [("project", "crs", &args.crs), ("survey", "crs", &args.pose_crs), ("survey", "format", &args.format)];
+    flags.extend(words.into_iter().filter_map(|(table, key, word)| Some((table, key, word.clone()?.into()))));
+    flags.extend(args.offset.map(|offset| ("survey", "offset", offset.to_vec().into())));
+    flags.extend(args.ground.map(|height_m| ("terrain", "constant_m", height_m.into())));
+    Ok(flags)
+}

@@ -1,0 +1,82 @@
+//! `sizeup validate`: the solids of a `CityJSON` file.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{Failure, Global, print_json};
+use crate::output::cityjson::read::CityFile;
+use crate::output::validate::{Fault, ValidateConfig, Validation, validate};
+
+/// Faults that are printed one by one unless all are asked for.
+const N_PRINTED: usize = 20;
+/// The file holds faults.
+const EXIT_INVALID: u8 = 3;
+
+/// Arguments of `sizeup validate`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:
+  sizeup validate result/city.city.json
+  sizeup validate rotterdam.city.json --all
+  sizeup validate city.city.jsonl --json
+
+Exit code 0: no fault. 3: faults, or the file cannot be read.")]
+pub struct ValidateArgs {
+    /// CityJSON 1.0, 1.1, 2.0, or CityJSONSeq (.jsonl).
+    pub file: PathBuf,
+    /// Print every fault, not only the first twenty.
+    #[arg(long)]
+    pub all: bool,
+    /// Vertices closer than this are one, metres.
+    #[arg(long, value_name = "METRES", default_value_t = ValidateConfig::default().snap_tolerance_m)]
+    pub snap_tolerance: f64,
+    /// Largest distance of a vertex from its face's plane, metres.
+    #[arg(long, value_name = "METRES", default_value_t = ValidateConfig::default().planarity_distance_m)]
+    pub planarity_distance: f64,
+}
+
+pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
+    if !(args.snap_tolerance > 0.0 && args.planarity_distance > 0.0) {
+        return Err(Failure::from_text(2, "tolerances are lengths in metres, above 0"));
+    }
+    let city = CityFile::read(&args.file).map_err(|e| Failure::new(3, &e))?;
+    let config = ValidateConfig {
+        snap_tolerance_m: args.snap_tolerance,
+        planarity_distance_m: args.planarity_distance,
+        ..ValidateConfig::default()
+    };
+    let outcome = validate(&city, &config);
+    if global.json {
+        print_json(&outcome)?;
+    } else {
+        print_table(&outcome, if args.all { usize::MAX } else { N_PRINTED }, city.n_templates);
+    }
+    Ok(if outcome.is_valid() { 0 } else { EXIT_INVALID })
+}
+
+fn print_table(outcome: &Validation, n_printed: usize, n_templates: usize) {
+    println!(
+        "{} of {} geometries are valid; {} objects have none",
+        outcome.n_valid, outcome.n_geometries, outcome.n_without_geometry
+    );
+    if n_templates > 0 {
+        println!("{n_templates} template instances were not checked");
+    }
+    for (number, n) in &outcome.n_by_code {
+        let name = outcome.faults.iter().find(|fault| fault.number == *number).map(|fault| fault.code.to_string());
+        println!("{n:>8}  {}", name.unwrap_or_default());
+    }
+    for fault in outcome.faults.iter().take(n_printed) {
+        println!("{}", line(fault));
+    }
+    if outcome.faults.len() > n_printed {
+        println!("… and {} more: --all prints them, --json too", outcome.faults.len() - n_printed);
+    }
+}
+
+fn line(fault: &Fault) -> String {
+    let surface = fault.surface.map_or_else(String::new, |surface| format!(" surface {surface}"));
+    let place = fault.position.map_or_else(String::new, |[x, y, z]| format!(" at {x:.3} {y:.3} {z:.3}"));
+    let Fault { code, object, lod, solid, shell, .. } = fault;
+    format!("{code}: {object} (LOD {lod}) solid {solid} shell {shell}{surface}{place}")
+}

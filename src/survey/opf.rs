@@ -1,0 +1,272 @@
+//! Pix4D's Open Photogrammetry Format 1.0: a calibrated `project.opf`.
+//!
+//! The project lists items by type, each with files by format: `calibration` (calibrated cameras), `camera_list`
+//! (file names), `input_cameras` (image sizes), `scene_reference_frame` (the CRS and how it was moved). Ids join them.
+//!
+//! ```text
+//! R = Rx(ω)·Ry(φ)·Rz(κ), camera (x right, y up, z back) to the processing frame
+//! processing = swap(scale · base) + shift
+//! ```
+//!
+//! Pixels count from the corner of the image; distortion is Pix4D's, which is `OpenCV`'s. Rigs need nothing more: every
+//! camera has its own pose. Source: <https://github.com/Pix4D/opf-spec>, version 1.0.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::{DMat3, DVec3};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+
+use super::SurveyError;
+use super::angles::AngleConvention;
+use super::error::Place;
+use super::poses::{Pose, Poses, World};
+use crate::camera::{Camera, Distortion};
+use crate::crs::Crs;
+use crate::files::FileError;
+
+#[derive(Deserialize)]
+struct Project {
+    items: Vec<Item>,
+}
+
+#[derive(Deserialize)]
+struct Item {
+    #[serde(rename = "type")]
+    kind: String,
+    #[serde(default)]
+    resources: Vec<Resource>,
+}
+
+#[derive(Deserialize)]
+struct Resource {
+    uri: String,
+    format: String,
+}
+
+#[derive(Deserialize)]
+struct Calibration {
+    sensors: Vec<Sensor>,
+    cameras: Vec<CalibratedCamera>,
+}
+
+#[derive(Deserialize)]
+struct Sensor {
+    id: u64,
+    internals: Internals,
+}
+
+#[derive(Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+enum Internals {
+    Perspective {
+        principal_point_px: [f64; 2],
+        focal_length_px: f64,
+        radial_distortion: [f64; 3],
+        tangential_distortion: [f64; 2],
+    },
+    #[serde(other)]
+    Other,
+}
+
+#[derive(Deserialize)]
+struct CalibratedCamera {
+    id: u64,
+    sensor_id: u64,
+    position: [f64; 3],
+    orientation_deg: [f64; 3],
+}
+
+#[derive(Deserialize)]
+struct InputCameras {
+    sensors: Vec<InputSensor>,
+}
+
+#[derive(Deserialize)]
+struct InputSensor {
+    id: u64,
+    image_size_px: [f64; 2],
+}
+
+#[derive(Deserialize)]
+struct CameraList {
+    cameras: Vec<ListedCamera>,
+}
+
+#[derive(Deserialize)]
+struct ListedCamera {
+    id: u64,
+    uri: String,
+}
+
+#[derive(Deserialize)]
+struct SceneFrame {
+    crs: FrameCrs,
+    base_to_canonical: Canonical,
+}
+
+#[derive(Deserialize)]
+struct FrameCrs {
+    definition: String,
+    geoid_height: Option<f64>,
+}
+
+#[derive(Deserialize)]
+struct Canonical {
+    shift: [f64; 3],
+    scale: [f64; 3],
+    swap_xy: bool,
+}
+
+/// The project file that a path means.
+pub(crate) fn find(path: &Path) -> Option<PathBuf> {
+    if path.is_file() {
+        return Some(path.to_owned());
+    }
+    let is_project = |file: &PathBuf| file.extension().is_some_and(|e| e.eq_ignore_ascii_case("opf"));
+    let mut files: Vec<PathBuf> =
+        fs::read_dir(path).ok()?.filter_map(|entry| Some(entry.ok()?.path())).filter(is_project).collect();
+    files.sort();
+    files.into_iter().next()
+}
+
+/// Reads a project with a calibration.
+pub(crate) fn read(path: &Path) -> Result<Poses, SurveyError> {
+    let file = find(path)
+        .ok_or_else(|| SurveyError::malformed(path, Place::Whole, "expected a .opf project, or a folder with one"))?;
+    let project: Project = read_json(&file)?;
+    let calibration: Calibration = project.part(&file, "calibration", "opf-calibrated-cameras")?;
+    let inputs: InputCameras = project.part(&file, "input_cameras", "opf-input-cameras")?;
+    let list: CameraList = project.part(&file, "camera_list", "opf-camera-list")?;
+    let frame: SceneFrame = project.part(&file, "scene_reference_frame", "opf-scene-reference-frame")?;
+
+    let names: BTreeMap<u64, &str> = list.cameras.iter().map(|c| (c.id, file_name(&c.uri))).collect();
+    let sizes: BTreeMap<u64, [f64; 2]> = inputs.sensors.iter().map(|s| (s.id, s.image_size_px)).collect();
+    let cameras: BTreeMap<u64, Result<Arc<Camera>, String>> = calibration
+        .sensors
+        .iter()
+        .map(|sensor| (sensor.id, camera(&sensor.internals, sizes.get(&sensor.id).copied()).map(Arc::new)))
+        .collect();
+
+    let mut poses = Poses { world: world(&file, &frame)?, ..Poses::new() };
+    for calibrated in &calibration.cameras {
+        let number = calibrated.id.to_string();
+        let name = names.get(&calibrated.id).copied().unwrap_or(&number);
+        let sensor = cameras.get(&calibrated.sensor_id).cloned();
+        let sensor = sensor.unwrap_or_else(|| Err(format!("its sensor {} is not calibrated", calibrated.sensor_id)));
+        match sensor.and_then(|camera| pose(name, camera, calibrated, &frame.base_to_canonical)) {
+            Ok(pose) => poses.poses.push(pose),
+            Err(reason) => poses.refuse("pose_unusable", name, reason),
+        }
+    }
+    Ok(poses)
+}
+
+impl Project {
+    /// The first file of a format among the items of a type.
+    fn part<T: DeserializeOwned>(&self, project: &Path, kind: &str, format: &str) -> Result<T, SurveyError> {
+        let resource = self
+            .items
+            .iter()
+            .filter(|item| item.kind == kind)
+            .flat_map(|item| &item.resources)
+            .find(|resource| resource.format.trim_end_matches("+json").ends_with(format));
+        let resource = resource.ok_or_else(|| {
+            SurveyError::malformed(project, Place::Whole, format!("the project has no {kind} ({format})")).hint(
+                "export a calibrated project: `calibration`, `input_cameras`, `camera_list`, `scene_reference_frame`",
+            )
+        })?;
+        read_json(&project.with_file_name(&resource.uri))
+    }
+}
+
+fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, SurveyError> {
+    let file = File::open(path).map_err(FileError::on("cannot open", path))?;
+    serde_json::from_reader(BufReader::new(file))
+        .map_err(|e| SurveyError::malformed(path, Place::Line(e.line() as u64), e.to_string()))
+}
+
+/// The photo's name in a URI, page of a TIFF left out.
+fn file_name(uri: &str) -> &str {
+    let path = uri.split('#').next().unwrap_or(uri);
+    path.rsplit(['/', '\\']).next().unwrap_or(path)
+}
+
+fn world(path: &Path, frame: &SceneFrame) -> Result<World, SurveyError> {
+    if frame.crs.geoid_height.is_some() {
+        return Err(SurveyError::malformed(path, Place::Whole, "its CRS has a constant geoid height")
+            .hint("export with a vertical CRS, or in ellipsoidal heights"));
+    }
+    let local = ["ENGINEERINGCRS", "ENGCRS", "LOCAL_CS"];
+    if local.iter().any(|word| frame.crs.definition.trim_start().starts_with(word)) {
+        return Ok(World::Unsaid);
+    }
+    Ok(World::Crs(Crs::parse(&frame.crs.definition)?))
+}
+
+fn camera(internals: &Internals, size_px: Option<[f64; 2]>) -> Result<Camera, String> {
+    let Internals::Perspective { principal_point_px, focal_length_px, radial_distortion, tangential_distortion } =
+        internals
+    else {
+        return Err("fisheye and spherical sensors of OPF are not read".to_owned());
+    };
+    let [width, height] = size_px.ok_or("its sensor has no image size")?;
+    let ([k1, k2, k3], [p1, p2]) = (*radial_distortion, *tangential_distortion);
+    let is_ideal = [k1, k2, k3, p1, p2].iter().all(|&c| c == 0.0);
+    let camera = Camera {
+        width_px: width.round() as u32,
+        height_px: height.round() as u32,
+        fx_px: *focal_length_px,
+        fy_px: *focal_length_px,
+        cx_px: principal_point_px[0],
+        cy_px: principal_point_px[1],
+        distortion: if is_ideal { Distortion::None } else { Distortion::Brown { k1, k2, k3, p1, p2 } },
+    };
+    camera.validate().map_err(|e| e.to_string())?;
+    Ok(camera)
+}
+
+fn pose(name: &str, camera: Arc<Camera>, from: &CalibratedCamera, frame: &Canonical) -> Result<Pose, String> {
+    let scale = DVec3::from(frame.scale);
+    if (scale.x - scale.y).abs() > f64::EPSILON || scale.min_element() <= 0.0 {
+        return Err(format!("its frame is scaled by {scale}: expected alike in easting and northing"));
+    }
+    let swapped = |v: DVec3| if frame.swap_xy { DVec3::new(v.y, v.x, v.z) } else { v };
+    // The rotation counts from the canonical axes: east and north, also where the base CRS lists northing first.
+    let camera_from_world: DMat3 = AngleConvention::default().camera_from_world(&from.orientation_deg)?;
+    let canonical = DVec3::from(from.position) - DVec3::from(frame.shift);
+    // Our positions are easting first whatever the CRS lists first.
+    let centre = swapped(swapped(canonical) / scale);
+    Ok(Pose { name: name.to_owned(), camera, camera_from_world, centre })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn calibrated(position: [f64; 3]) -> CalibratedCamera {
+        CalibratedCamera { id: 1, sensor_id: 1, position, orientation_deg: [0.0, 0.0, -90.0] }
+    }
+
+    #[test]
+    fn the_shift_is_taken_off_and_kappa_turns_clockwise_from_north() {
+        // The shift of the specification's own example.
+        let frame = Canonical { shift: [-746_308.0, -3_714_810.0, -268.0], scale: [1.0; 3], swap_xy: false };
+        let camera = Arc::new(Camera::pinhole(400, 300, 500.0));
+        let pose = pose("a", camera, &calibrated([10.0, 20.0, 30.0]), &frame).unwrap();
+        assert_eq!(pose.centre, DVec3::new(746_318.0, 3_714_830.0, 298.0));
+        // Golden vector of a heading of 90°: image x points south, y west.
+        let expected = DMat3::from_cols_array(&[0.0, -1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0]).transpose();
+        assert!(pose.camera_from_world.abs_diff_eq(expected, 1e-12), "{}", pose.camera_from_world);
+    }
+
+    #[test]
+    fn names_come_from_uris() {
+        assert_eq!(file_name("file:///c:/data/images/DJI_09572.jpg"), "DJI_09572.jpg");
+        assert_eq!(file_name("IMG_03849021.tiff#page=0"), "IMG_03849021.tiff");
+    }
+}

@@ -1,0 +1,209 @@
+//! The command line: what it prints where, and which exit code it ends with.
+
+use std::fs;
+use std::io::{BufRead as _, BufReader};
+use std::process::{Command as Process, Stdio};
+
+use serde_json::Value;
+
+use crate::tiny_scene::{N_BUILDINGS, Outcome, Scene, sizeup};
+
+fn outcome(args: &[&str]) -> Outcome {
+    sizeup().args(args).output().unwrap().into()
+}
+
+#[test]
+fn help_of_every_subcommand_reads_well() {
+    let overview = outcome(&["--help"]);
+    assert_eq!((overview.code, &*overview.stderr), (0, ""));
+    for command in ["run", "simulate", "evaluate", "demo", "schema"] {
+        assert!(overview.stdout.lines().any(|line| line.trim_start().starts_with(command)), "{}", overview.stdout);
+        let help = outcome(&[command, "--help"]);
+        assert_eq!((help.code, &*help.stderr), (0, ""));
+        assert!(help.stdout.contains(&format!("Usage: sizeup {command}")), "{}", help.stdout);
+        for line in help.stdout.lines() {
+            assert!(line.chars().count() <= 120, "{command}: a line too long for a terminal: {line}");
+        }
+        // No option without a word about it: each is followed by text on its line or on the next.
+        let lines: Vec<&str> = help.stdout.lines().take_while(|line| !line.starts_with("Examples:")).collect();
+        for (i, line) in lines.iter().enumerate().filter(|(_, line)| line.trim_start().starts_with("--")) {
+            let is_explained =
+                line.trim_start().contains("  ") || lines.get(i + 1).is_some_and(|l| l.starts_with("   "));
+            assert!(is_explained, "{command}: {line}");
+        }
+    }
+    assert!(outcome(&["run", "--help"]).stdout.contains("Examples:"));
+}
+
+#[test]
+fn a_call_without_arguments_shows_the_help_and_is_a_usage_error() {
+    let bare = outcome(&[]);
+    assert_eq!((bare.code, &*bare.stdout), (2, ""));
+    assert!(bare.stderr.contains("Usage: sizeup"));
+    let unknown = outcome(&["measure"]);
+    assert_eq!((unknown.code, &*unknown.stdout), (2, ""));
+    assert!(unknown.stderr.contains("measure"));
+}
+
+#[test]
+fn the_version_goes_to_stdout() {
+    let version = outcome(&["--version"]);
+    assert_eq!((version.code, version.stdout.trim()), (0, concat!("sizeup ", env!("CARGO_PKG_VERSION"))));
+}
+
+#[test]
+fn talk_goes_to_stderr_and_data_to_stdout() {
+    let scene = Scene::new();
+    let talking = scene.run(&[]);
+    assert!([0, 5].contains(&talking.code), "{}", talking.stderr);
+    assert_eq!(talking.stdout, "");
+    assert!(talking.stderr.contains(&format!("{N_BUILDINGS} buildings")), "{}", talking.stderr);
+
+    let quiet = scene.run(&["--quiet", "--json", "--from", "output"]);
+    assert_eq!(quiet.stderr, "");
+    let summary: Value = serde_json::from_str(&quiet.stdout).unwrap();
+    assert_eq!(summary["n_buildings"], N_BUILDINGS);
+    let statuses = summary["by_status"].as_object().unwrap();
+    assert_eq!(statuses.values().filter_map(Value::as_u64).sum::<u64>(), N_BUILDINGS as u64);
+    let n_failed: u64 = ["unknown", "refused"].iter().filter_map(|s| statuses.get(*s)?.as_u64()).sum();
+    assert_eq!(quiet.code == 5, n_failed > 0 || summary["n_refused"].as_u64().unwrap() > 0, "{summary}");
+
+    let table = scene.sizeup(&["evaluate", "result/city.city.json", "truth.geojson"]);
+    assert_eq!((table.code, &*table.stderr), (0, ""));
+    assert!(table.stdout.lines().count() > 3, "{}", table.stdout);
+    let json = scene.sizeup(&["evaluate", "result/city.gpkg", "truth.geojson", "--json"]);
+    assert_eq!((json.code, &*json.stderr), (0, ""));
+    let evaluation: Value = serde_json::from_str(&json.stdout).unwrap();
+    assert_eq!(evaluation["counts"]["n_truth"], N_BUILDINGS);
+}
+
+#[test]
+fn a_reader_that_leaves_early_is_no_failure() {
+    let scene = Scene::new();
+    assert!([0, 5].contains(&scene.run(&[]).code));
+    // The pipe's other end is closed before the command writes.
+    let mut child = Process::new(env!("CARGO_BIN_EXE_sizeup"))
+        .args(["evaluate", "--json", "result/city.city.json", "truth.geojson"])
+        .current_dir(scene.path(""))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let mut talk = String::new();
+    let mut stderr = BufReader::new(child.stderr.take().unwrap());
+    while stderr.read_line(&mut talk).unwrap() > 0 {}
+    assert!(child.wait().unwrap().success(), "{talk}");
+    assert_eq!(talk, "");
+}
+
+#[test]
+fn nobody_listening_to_the_talk_is_no_failure() {
+    let scene = Scene::new();
+    let mut child = Process::new(env!("CARGO_BIN_EXE_sizeup"))
+        .args(["run", "sizeup.toml", "--until", "footprints"])
+        .current_dir(scene.path(""))
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stderr.take());
+    assert!(child.wait().unwrap().success());
+}
+
+#[test]
+fn a_misspelt_key_is_shown_in_its_line() {
+    let scene = Scene::new();
+    scene.edit("sizeup.toml", |text| text.replace("id_field =", "id_feild ="));
+    for more in [&[][..], &["--set", "seed=3"]] {
+        let refused = scene.run(more);
+        assert_eq!((refused.code, &*refused.stdout), (2, ""));
+        for word in ["sizeup.toml", "line ", "id_feild = \"id\"", "^", "`id_field`", "hint: "] {
+            assert!(refused.stderr.contains(word), "{word:?} is missing in: {}", refused.stderr);
+        }
+    }
+}
+
+#[test]
+fn a_setting_that_cannot_be_set_is_a_usage_error() {
+    let scene = Scene::new();
+    for (assignment, word) in [
+        ("optimise.preset", "expected key=value"),
+        ("optimise.presett=paper", "presett"),
+        ("optimise.preset=papre", "papre"),
+        ("seed.x=1", "`seed` is a value"),
+        ("=1", "the key is empty"),
+        ("seed=many", "many"),
+    ] {
+        let refused = scene.run(&["--set", assignment]);
+        assert_eq!((refused.code, &*refused.stdout), (2, ""), "{assignment}: {}", refused.stderr);
+        for word in [word, "--set", "hint: "] {
+            assert!(refused.stderr.contains(word), "{word:?} is missing in: {}", refused.stderr);
+        }
+    }
+    assert!(!scene.path("result").exists());
+}
+
+#[test]
+fn a_configuration_that_is_not_there_is_named() {
+    let refused = outcome(&["run", "nowhere.toml"]);
+    assert_eq!((refused.code, &*refused.stdout), (2, ""));
+    assert!(refused.stderr.contains("nowhere.toml"), "{}", refused.stderr);
+}
+
+#[test]
+fn flags_stand_for_a_configuration_file() {
+    let scene = Scene::new();
+    // The simulated model is local: its offset has to be given too.
+    let text = fs::read_to_string(scene.path("sizeup.toml")).unwrap();
+    let offset = text.lines().find(|line| line.starts_with("offset")).unwrap().replace(" = ", "=");
+    let flags = ["run", "--crs", "EPSG:25832", "--survey", "sparse", "--footprints", "footprints.gpkg"];
+    let more = ["--dtm", "dtm.tif", "--priors", "priors/{stem}.npy", "--prior-kind", "inverse-depth"];
+    let set = format!("survey.{offset}");
+    let low =
+        ["--output", "flags", "--set", &set, "--set", "optimise.working_px=160", "--set", "output.pictures=false"];
+    let outcome = scene.sizeup(&[&flags[..], &more, &low].concat());
+    assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
+    assert!(scene.path("flags/city.city.json").exists());
+
+    let missing = scene.sizeup(&flags);
+    assert_eq!(missing.code, 2);
+    assert!(missing.stderr.contains("--prior-kind"), "{}", missing.stderr);
+}
+
+#[test]
+fn artefacts_of_other_settings_are_refused() {
+    let scene = Scene::new();
+    assert_eq!(scene.run(&["--until", "footprints"]).code, 0);
+    let other = scene.run(&["--from", "heights", "--set", "footprints.min_area_m2=5"]);
+    assert_eq!(other.code, 3, "{}", other.stderr);
+    for word in ["footprints.json", "other settings", "hint: ", "--from footprints"] {
+        assert!(other.stderr.contains(word), "{word:?} is missing in: {}", other.stderr);
+    }
+    let absent = scene.run(&["--from", "output"]);
+    assert_eq!(absent.code, 3, "{}", absent.stderr);
+    assert!(absent.stderr.contains("heights.json") && absent.stderr.contains("--from heights"), "{}", absent.stderr);
+    assert!(!scene.path("result/city.city.json").exists());
+    let backwards = scene.run(&["--from", "output", "--until", "survey"]);
+    assert_eq!(backwards.code, 2, "{}", backwards.stderr);
+    scene.assert_no_litter();
+}
+
+#[test]
+fn evaluating_what_cannot_be_compared_is_bad_input() {
+    let scene = Scene::new();
+    let absent = scene.sizeup(&["evaluate", "nothing.city.json", "truth.geojson"]);
+    assert_eq!((absent.code, &*absent.stdout), (3, ""));
+    assert!(absent.stderr.contains("nothing.city.json"), "{}", absent.stderr);
+    let usage = scene.sizeup(&["evaluate", "truth.geojson", "truth.geojson", "--crs", "EPSG:99999999"]);
+    assert_eq!(usage.code, 2, "{}", usage.stderr);
+}
+
+#[test]
+fn simulating_nonsense_is_a_usage_error() {
+    let scene = Scene::new();
+    for set in ["town.n_buildings=0", "camera.width_px=3", "flight.patern=free"] {
+        let refused = scene.sizeup(&["simulate", "--output", "out", "--set", set]);
+        assert_eq!((refused.code, &*refused.stdout), (2, ""), "{set}: {}", refused.stderr);
+        assert!(!scene.path("out").exists());
+    }
+}
