@@ -7,7 +7,8 @@ import json
 import subprocess
 import sys
 
-COMMANDS = ["run", "simulate", "evaluate", "demo", "schema"]
+COMMANDS = ["run", "survey inspect", "survey convert", "prior inspect", "evaluate", "validate", "export", "simulate", "demo"]
+COMMANDS += ["schema"]
 
 
 def say(*arguments):
@@ -96,7 +97,7 @@ def table(name, schema, defs, defaults=None, head=None):
 print("# Reference\n\nWritten by `make docs` from the program itself; do not edit.\n\n## Commands\n")
 print(f"```\n{say('--help')}\n```\n")
 for command in COMMANDS:
-    print(f"### sizeup {command}\n\n```\n{say(command, '--help')}\n```\n")
+    print(f"### sizeup {command}\n\n```\n{say(*command.split(), '--help')}\n```\n")
 for which in ["run", "simulate"]:
     schema = json.loads(say("schema", which))
     print(f"## Configuration of `sizeup {which}`\n")
