@@ -43,7 +43,8 @@ fn a_sound_survey_exits_0_and_one_that_looks_up_exits_3() {
     assert_eq!(unsound.status.code(), Some(3));
     let report: Value = serde_json::from_slice(&unsound.stdout).unwrap();
     assert_eq!((&report["is_sound"], &report["n_poses"]), (&json!(false), &json!(10)));
-    assert!(report["findings"][0].as_str().unwrap().contains("look down"), "{report}");
+    let findings = report["findings"].as_array().unwrap();
+    assert!(findings.iter().any(|f| f.as_str().unwrap().contains("look down")), "{report}");
 }
 
 #[test]

