@@ -85,7 +85,7 @@ fn weighted_line(samples: &[(f64, f64)], weight: impl Fn(&(f64, f64)) -> f64) ->
         vp += k * (v - mean_v) * (p - mean_p);
     }
     let gain = vp / vv;
-    gain.is_finite().then(|| Calibration { offset: mean_p - gain * mean_v, gain })
+    gain.is_finite().then_some(Calibration { offset: mean_p - gain * mean_v, gain })
 }
 
 #[cfg(test)]

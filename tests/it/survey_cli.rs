@@ -2,6 +2,7 @@
 //!
 //! Real data lies beside the repository, in `../shared/data`; where it does not, these tests say `skipped`.
 
+use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 use std::process::Output;
@@ -23,7 +24,8 @@ fn text(bytes: &[u8]) -> String {
 fn table(path: &Path, n: usize, omega_deg: f64) {
     let mut rows = "name,x,y,z,omega,phi,kappa,width,height,fx,cx,cy\n".to_owned();
     for i in 0..n {
-        rows += &format!("{i}.jpg,{},5763000,180,{omega_deg},0,0,400,300,500,200,150\n", 566_000 + 10 * i);
+        let easting = 566_000 + 10 * i;
+        writeln!(rows, "{i}.jpg,{easting},5763000,180,{omega_deg},0,0,400,300,500,200,150").unwrap();
     }
     fs::write(path, rows).unwrap();
 }
@@ -161,7 +163,9 @@ fn exports_go_round_through_all_formats() {
     }
     let valid = sizeup(&["validate", &names[3]]);
     assert_eq!(valid.status.code(), Some(0), "{}", text(&valid.stdout));
-    let back = sizeup::output::read::FoundBuildings::read(Path::new(&names[3]), &Default::default()).unwrap();
+    let back =
+        sizeup::output::read::FoundBuildings::read(Path::new(&names[3]), &sizeup::output::read::ReadOptions::default())
+            .unwrap();
     let record = &back.to_records()[0];
     assert!((record.height_m.unwrap() - 5.0).abs() < 1e-9 && (record.ground_z_m.unwrap() - 80.0).abs() < 1e-9);
     let refused = sizeup(&["export", &names[0], &path("4.obj")]);
@@ -228,7 +232,7 @@ fn an_opf_project_is_read_as_its_specification_says() {
     let expected = glam::DVec3::new(566_010.0, 5_763_020.0, 180.0);
     assert!((view.camera_from_map.centre() - expected).length() < 1e-6);
     // Golden vector: heading 30°, 45° down.
-    let axis = glam::DVec3::new(0.353_553, 0.612_372, -0.707_107);
+    let axis = glam::DVec3::new(0.353_553, 0.612_372, -std::f64::consts::FRAC_1_SQRT_2);
     assert!((view.axis_in_map() - axis).length() < 1e-5, "{}", view.axis_in_map());
 }
 
