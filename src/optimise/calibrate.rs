@@ -10,6 +10,7 @@
 //! ground `1/R` is itself affine in them, and the fit would collapse.
 
 use super::evidence::Evidence;
+use crate::render::profile::Stops;
 use crate::stats;
 
 /// Rounds of re-weighting; the weights settle within ten.
@@ -29,16 +30,16 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Fits a view for roof levels in the local frame; `None` where there is too little to go by, or where the prior
+    /// Fits a view with every roof where it is now; `None` where there is too little to go by, or where the prior
     /// falls towards the camera.
     #[must_use]
-    pub fn fit(evidence: &Evidence<'_>, roofs: &[f32]) -> Option<Self> {
+    pub fn fit(evidence: &Evidence<'_>, stops: &Stops) -> Option<Self> {
         let samples: Vec<(f64, f64)> = evidence
             .nearness
             .iter()
             .enumerate()
             .filter(|(_, p)| p.is_finite())
-            .map(|(ray, &p)| (f64::from(evidence.profiles.sight(ray, roofs).depth.recip()), f64::from(p)))
+            .map(|(ray, &p)| (f64::from(evidence.profiles.depth(ray, stops).recip()), f64::from(p)))
             .filter(|(v, _)| *v > 0.0)
             .collect();
         if samples.len() < MIN_RAYS {

@@ -16,6 +16,19 @@ pub enum Preset {
     Robust,
 }
 
+/// Which height of a pitched roof is meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HeightReference {
+    /// Lowest edge of the roof.
+    Eave,
+    /// Mean over the footprint: the block has the volume of the building.
+    #[default]
+    Mean,
+    /// Highest line of the roof.
+    Ridge,
+}
+
 /// Settings of the height optimisation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -26,6 +39,8 @@ pub struct OptimiseConfig {
     pub min_height_m: f32,
     /// Greatest height above ground, metres; absent: 0.8 of the lowest flying height above ground, at most 150 m.
     pub max_height_m: Option<f32>,
+    /// Which height of a pitched roof the result states (`robust` only: `paper` knows flat roofs alone).
+    pub height_reference: HeightReference,
     /// Longer side of the images that rays are sampled in, pixels (priors of another size are interpolated).
     pub working_px: u32,
     /// One ray per block of this many pixels squared (4: 9,400 rays in a 448 × 336 view).
@@ -44,6 +59,7 @@ impl Default for OptimiseConfig {
             preset: Preset::Robust,
             min_height_m: 2.0,
             max_height_m: None,
+            height_reference: HeightReference::Mean,
             working_px: 448,
             stride_px: 4,
             views: None,
@@ -141,6 +157,10 @@ pub struct SearchConfig {
     pub local_sweeps: usize,
     /// Of the local sweeps, the last so many compare ranks only.
     pub rank_sweeps: usize,
+    /// Whether depth edges that lie beside the walls they belong to are moved back, after the full sweeps.
+    pub take_back_spill: bool,
+    /// Whether pitched roofs are looked for after the sweeps; otherwise all are flat.
+    pub pitched_roofs: bool,
     /// Log-spaced heights tried in a full sweep.
     pub n_coarse: usize,
     /// Evenly spaced heights tried around the best one.
@@ -153,6 +173,11 @@ pub struct SearchConfig {
     pub dilate_px: usize,
     /// Weight of the agreement of roof pixels with the calibrated prior, against the correlation's 1. 0 = ordering only.
     pub agreement_weight: f32,
+    /// The same in the local sweeps and for roof forms: less, as a prior's relief is less exact than its edges.
+    pub local_agreement_weight: f32,
+    /// Weight of the agreement added for surroundings that look wholly at what the scene does not have (buildings without
+    /// an outline): edges there are not to be trusted.
+    pub unmodelled_agreement_weight: f32,
     /// Greatest number of views a building is measured in.
     pub max_views_per_building: usize,
     /// Views are selected again after so many full sweeps.
@@ -165,13 +190,17 @@ impl Default for SearchConfig {
             start_height_m: 6.0,
             full_sweeps: 5,
             local_sweeps: 3,
-            rank_sweeps: 2,
+            rank_sweeps: 0,
+            take_back_spill: true,
+            pitched_roofs: true,
             n_coarse: 48,
             n_fine: 17,
             local_half_width_m: 6.0,
             local_half_width_share: 0.3,
             dilate_px: 12,
             agreement_weight: 0.1,
+            local_agreement_weight: 0.03,
+            unmodelled_agreement_weight: 0.3,
             max_views_per_building: 24,
             reselect_every: 3,
         }

@@ -1,6 +1,10 @@
 //! One view as the optimiser uses it: its ray profiles, and the prior sampled along them.
 
+use glam::DVec2;
+use rayon::prelude::*;
+
 use crate::prior::{DepthPrior, PriorKind};
+use crate::ray::Ray;
 use crate::render::PlacedCamera;
 use crate::render::profile::Profiles;
 
@@ -26,26 +30,22 @@ pub struct Evidence<'a> {
 }
 
 impl<'a> Evidence<'a> {
-    /// Samples a prior along a view's rays. `n_buildings` is the length of the scene.
+    /// Samples a prior along a view's rays. `n_buildings` is the length of the scene; `spill_px` is by how many pixels of
+    /// the working image near sides spill over their edges, see [`super::bleed`].
     #[must_use]
     pub fn new(
         placed: &PlacedCamera,
         profiles: &'a Profiles,
         prior: &DepthPrior,
+        spill_px: f64,
         stride_px: usize,
         n_buildings: usize,
     ) -> Self {
-        let scale_x = prior.values.width() as f64 / f64::from(placed.camera.width_px);
-        let scale_y = prior.values.height() as f64 / f64::from(placed.camera.height_px);
-        let sample = |pixel: [u16; 2]| {
-            let x = (f64::from(pixel[0]) + 0.5) * scale_x;
-            let y = (f64::from(pixel[1]) + 0.5) * scale_y;
-            prior.values.bilinear(x, y)
-        };
-        let values: Vec<f32> = profiles.rays.iter().map(|ray| sample(ray.pixel)).collect();
-        let (nearness, farness) = match prior.kind {
-            PriorKind::Depth => (values.iter().map(|d| if *d > 0.0 { d.recip() } else { f32::NAN }).collect(), values),
-            PriorKind::InverseDepth => (values.clone(), values.iter().map(|d| -d).collect()),
+        let nearness: Vec<f32> =
+            profiles.rays.par_iter().map(|ray| without_spill(placed, prior, ray.centre(), spill_px)).collect();
+        let farness = match prior.kind {
+            PriorKind::Depth => nearness.iter().map(|n| n.recip()).collect(),
+            PriorKind::InverseDepth => nearness.iter().map(|n| -n).collect(),
         };
 
         let mut start = vec![0_u32; n_buildings + 1];
@@ -70,6 +70,13 @@ impl<'a> Evidence<'a> {
             blocks[row * blocks_wide + col] = ray;
         }
         Self { profiles, nearness, farness, start, rays_of, blocks, blocks_wide, stride_px }
+    }
+
+    /// A ray of the view's own camera.
+    #[must_use]
+    pub fn ray(&self, placed: &PlacedCamera, ray_idx: u32) -> Ray {
+        let centre = self.profiles.rays[ray_idx as usize].centre();
+        placed.ray(centre).expect("only pixels that have a ray are sampled")
     }
 
     /// The rays that cross a building's footprint below its greatest height, ascending.
@@ -115,6 +122,39 @@ impl<'a> Evidence<'a> {
         }
         rays
     }
+}
+
+/// The prior at a position of the working image, as something that grows towards the camera; `NaN` = none.
+#[must_use]
+pub fn nearness_at(placed: &PlacedCamera, prior: &DepthPrior, pixel: DVec2) -> f32 {
+    let x = pixel.x * prior.values.width() as f64 / f64::from(placed.camera.width_px);
+    let y = pixel.y * prior.values.height() as f64 / f64::from(placed.camera.height_px);
+    let value = prior.values.bilinear(x, y);
+    match prior.kind {
+        PriorKind::Depth if value > 0.0 => value.recip(),
+        PriorKind::Depth => f32::NAN,
+        PriorKind::InverseDepth => value,
+    }
+}
+
+/// The same with near sides cut back by `spill_px` (the least value within so many pixels), or grown by as much if
+/// negative.
+fn without_spill(placed: &PlacedCamera, prior: &DepthPrior, pixel: DVec2, spill_px: f64) -> f32 {
+    let mut extreme = nearness_at(placed, prior, pixel);
+    let mut radius = spill_px.abs();
+    while radius > 0.0 {
+        let n = (std::f64::consts::TAU * radius).ceil();
+        for k in 0..n as usize {
+            let around = pixel + radius * DVec2::from_angle(std::f64::consts::TAU * k as f64 / n);
+            let value = nearness_at(placed, prior, around);
+            // Comparisons with NaN are false: places without a prior have no say.
+            if (spill_px > 0.0 && value < extreme) || (spill_px < 0.0 && value > extreme) {
+                extreme = value;
+            }
+        }
+        radius -= 1.0;
+    }
+    extreme
 }
 
 /// Each (ray, building) once, by ray.

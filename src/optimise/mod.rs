@@ -8,13 +8,16 @@
 //! loaded. Results do not depend on the number of threads.
 
 mod adam;
+mod bleed;
 mod calibrate;
 mod config;
 mod evidence;
 mod ordinal;
+mod roof;
 mod score;
 mod search;
 mod solve;
 
-pub use config::{Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
+pub use config::{Gradient, HeightReference, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
+pub use roof::{Roof, RoofForm};
 pub use solve::{EpochRecord, Problem, Reason, Solution, SolvedHeight, Solving, ViewInput, solve};

@@ -11,6 +11,7 @@
 
 use super::calibrate::Calibration;
 use super::evidence::Evidence;
+use crate::render::profile::Stops;
 use crate::stats;
 
 /// Fewer rays than this say nothing about three plane terms and a correlation.
@@ -23,6 +24,10 @@ const AGREEMENT_M: f32 = 0.7;
 const AGREEMENT_SHARE: f32 = 0.1;
 /// So many rays that agree with nothing are added to a roof's own: a roof of few rays has little to say.
 const FEW_RAYS: f64 = 2.0;
+/// What stands out from the ground around a building by more than this is something that the scene does not have.
+const UNMODELLED_M: f64 = 3.0;
+/// The same in standard deviations of the prior on open ground.
+const UNMODELLED_SIGMAS: f64 = 3.0;
 /// Ranks are resolved to this many steps of the residuals' range.
 const RANK_BINS: usize = 2048;
 
@@ -52,7 +57,8 @@ struct Columns {
 #[derive(Debug)]
 pub struct Window {
     columns: Columns,
-    /// All rays of the window: image position, scaled inverse depth without the building.
+    /// All rays of the window: position in the view, image position, scaled inverse depth without the building.
+    rays: Vec<u32>,
     x: Vec<f32>,
     y: Vec<f32>,
     v: Vec<f32>,
@@ -65,6 +71,8 @@ pub struct Window {
     base: Sums,
     /// Depth that scaled inverse depth is relative to, metres.
     reference: f32,
+    /// Share of the surroundings that look at something the scene does not have, 0..1.
+    pub unmodelled: f32,
 }
 
 /// Sums over the window of v, v·x, v·y, v·p, v².
@@ -87,14 +95,14 @@ pub enum Correlation {
 }
 
 impl Window {
-    /// Prepares a building in a view, with the others' roofs (local frame) as they are now. `ground_z` is the
-    /// building's own ground. `None` if too few rays have a prior, or the prior is flat here.
+    /// Prepares a building in a view, with the others' roofs where `stops` has them. `ground_z` is the building's own
+    /// ground, local frame. `None` if too few rays have a prior, or the prior is flat here.
     #[must_use]
     pub fn new(
         evidence: &Evidence<'_>,
         building: u32,
         ground_z: f32,
-        roofs: &[f32],
+        stops: &Stops,
         calibration: Option<Calibration>,
         dilate_px: usize,
         correlation: Correlation,
@@ -108,11 +116,14 @@ impl Window {
                 evidence.nearness[r as usize].is_finite() && (ray.ground.is_finite())
             })
             .collect();
+        let (rays, unmodelled) = match calibration {
+            Some(calibration) => without_unmodelled(evidence, building, stops, calibration, rays),
+            None => (rays, 0.0),
+        };
         if rays.len() < MIN_RAYS {
             return None;
         }
-        let depths: Vec<f32> =
-            rays.iter().map(|&r| profiles.sight_without(r as usize, roofs, building).depth).collect();
+        let depths: Vec<f32> = rays.iter().map(|&r| profiles.depth_without(r as usize, stops, building)).collect();
         let reference = depths.iter().sum::<f32>() / depths.len() as f32;
         let v: Vec<f32> = depths.iter().map(|d| reference / d - 1.0).collect();
         let (x, y) = centred_positions(evidence, &rays);
@@ -159,7 +170,20 @@ impl Window {
             Correlation::Linear => (Vec::new(), 0.0),
             Correlation::Rank => centred_ranks(&p),
         };
-        Some(Self { columns, x, y, v, p_ranks, p_rank_norm, gram_inverse, p_norm_squared, base, reference })
+        Some(Self {
+            columns,
+            rays,
+            x,
+            y,
+            v,
+            p_ranks,
+            p_rank_norm,
+            gram_inverse,
+            p_norm_squared,
+            base,
+            reference,
+            unmodelled,
+        })
     }
 
     /// ρ for one height above ground, metres; 0 where the view cannot tell.
@@ -236,8 +260,48 @@ impl Window {
         }
     }
 
+    /// The building's own stretches: ray, and z-depths between which it can stop the ray.
+    pub(super) fn own_stretches(&self) -> impl Iterator<Item = (u32, f32, f32)> + '_ {
+        let c = &self.columns;
+        (0..c.v.len()).map(|i| (self.rays[c.ray[i] as usize], c.enter[i], c.before[i]))
+    }
+
+    /// Correlation and weighted agreement for a roof of any form: `meets` says at which z-depth a stretch (by its
+    /// position in [`Self::own_stretches`]) stops its ray. `height_m` sets the agreement's tolerance.
+    pub(super) fn score_where(&self, weight: f64, height_m: f32, meets: impl Fn(usize) -> Option<f32>) -> f64 {
+        let c = &self.columns;
+        let tolerance_m = AGREEMENT_M + AGREEMENT_SHARE * height_m;
+        let mut sums = self.base;
+        let (mut n, mut agreement) = (0, 0.0_f64);
+        let mut stopped = None;
+        for i in 0..c.v.len() {
+            if stopped == Some(c.ray[i]) {
+                continue;
+            }
+            let Some(depth) = meets(i) else { continue };
+            stopped = Some(c.ray[i]);
+            let value = self.reference / depth - 1.0;
+            let change = f64::from(value - c.v[i]);
+            sums.v += change;
+            sums.vx += change * f64::from(c.x[i]);
+            sums.vy += change * f64::from(c.y[i]);
+            sums.vp += change * f64::from(c.p[i]);
+            sums.vv += change * f64::from(value + c.v[i]);
+            if depth > c.enter[i] && !c.lifted[i].is_nan() {
+                let per_metre = self.reference / (depth * depth) * -c.per_metre[i];
+                let e = f64::from((c.lifted[i] - value) / (per_metre * tolerance_m));
+                agreement += (-0.5 * e * e).exp();
+                n += 1;
+            }
+        }
+        self.correlation(&sums) + weight * agreement / (f64::from(n) + FEW_RAYS)
+    }
+
     fn linear(&self, height_m: f32) -> f64 {
-        let sums = self.sums_at(height_m);
+        self.correlation(&self.sums_at(height_m))
+    }
+
+    fn correlation(&self, sums: &Sums) -> f64 {
         let q = [sums.v, sums.vx, sums.vy];
         let explained = dot(&q, &apply(&self.gram_inverse, &q));
         let v_norm_squared = sums.vv - explained;
@@ -267,6 +331,66 @@ impl Window {
         let product: f64 = ranks.iter().zip(&self.p_ranks).map(|(a, b)| f64::from(a * b)).sum();
         product / (norm * self.p_rank_norm)
     }
+}
+
+/// Leaves out the rays around a building that look, by the calibrated prior, at something that the scene does not have
+/// there: a building without an outline, a tree. What stands out is told against the open ground close by, so that a
+/// slow drift of the prior does no harm.
+fn without_unmodelled(
+    evidence: &Evidence<'_>,
+    building: u32,
+    stops: &Stops,
+    calibration: Calibration,
+    rays: Vec<u32>,
+) -> (Vec<u32>, f32) {
+    let profiles = evidence.profiles;
+    // By ray: how far above what is rendered the prior lies, metres; the building's own rays are left alone.
+    let excess_m: Vec<Option<f64>> = rays
+        .iter()
+        .map(|&r| {
+            let is_own = profiles.crossings(r as usize).iter().any(|c| c.building == building);
+            let rendered = profiles.depth(r as usize, stops);
+            let seen = calibration.inverse_depth(evidence.nearness[r as usize]).max(f32::MIN_POSITIVE).recip();
+            (!is_own).then(|| f64::from((seen - rendered) * profiles.rays[r as usize].dz))
+        })
+        .collect();
+    let mut around: Vec<f64> = excess_m.iter().flatten().copied().collect();
+    let Some((level, sigma)) = far_side(&mut around) else { return (rays, 0.0) };
+    let limit = level + (UNMODELLED_SIGMAS * sigma).max(UNMODELLED_M);
+    let n_around = around.len() as f32;
+    let (kept, left_out): (Vec<_>, Vec<_>) =
+        rays.into_iter().zip(excess_m).partition(|(_, excess)| excess.is_none_or(|e| e <= limit));
+    (kept.into_iter().map(|(r, _)| r).collect(), left_out.len() as f32 / n_around)
+}
+
+/// Where the far side of some residuals gathers, and its standard deviation: what is not modelled is nearer, so only the
+/// near side is heavy. Tukey's biweight from the first third on, with the spread measured below the present value.
+fn far_side(values: &mut [f64]) -> Option<(f64, f64)> {
+    const ROUNDS: usize = 8;
+    const CUT_OFF: f64 = 3.0;
+    const SIGMA_PER_MAD: f64 = 1.4826;
+    if values.len() < MIN_RAYS {
+        return None;
+    }
+    values.sort_unstable_by(f64::total_cmp);
+    let mut level = stats::quantile_of_sorted(values, 1.0 / 3.0)?;
+    let mut sigma = 0.0;
+    for _ in 0..ROUNDS {
+        let below: Vec<f64> = values.iter().filter(|v| **v <= level).map(|v| level - v).collect();
+        sigma = SIGMA_PER_MAD * stats::median(&below)?;
+        if sigma <= 0.0 {
+            break;
+        }
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for value in values.iter() {
+            let u = (value - level) / (CUT_OFF * sigma);
+            let weight = (1.0 - u * u).max(0.0).powi(2);
+            sum += weight * value;
+            weights += weight;
+        }
+        level = sum / weights;
+    }
+    Some((level, sigma))
 }
 
 /// Image positions of rays, centred and scaled to about ±1 so that the Gram matrix is well conditioned.

@@ -13,7 +13,10 @@ use rayon::prelude::*;
 use super::calibrate::Calibration;
 use super::config::SearchConfig;
 use super::evidence::Evidence;
+use super::roof::{self, Roof};
 use super::score::{Correlation, Window, jackknife_sigma, parabola_peak};
+use crate::render::PlacedCamera;
+use crate::render::profile::Stops;
 use crate::scene::{HeightBounds, Scene};
 
 /// The stretch of heights a sweep tries for one building.
@@ -48,39 +51,83 @@ pub struct Finding {
 /// The views of every building, as positions in the evidence.
 pub type ViewsOf<'a> = &'a [Vec<usize>];
 
+/// One view as a sweep uses it.
+pub struct SweepView<'a> {
+    /// The camera.
+    pub placed: &'a PlacedCamera,
+    /// Its rays and prior.
+    pub evidence: &'a Evidence<'a>,
+    /// Where the roofs as they stand stop the rays.
+    pub stops: Stops,
+    /// How the prior maps to metres.
+    calibration: Option<Calibration>,
+}
+
+impl<'a> SweepView<'a> {
+    /// Calibrates a view for the roofs as they stand.
+    #[must_use]
+    pub fn new(placed: &'a PlacedCamera, evidence: &'a Evidence<'a>, stops: Stops) -> Self {
+        let calibration = Calibration::fit(evidence, &stops);
+        Self { placed, evidence, stops, calibration }
+    }
+
+    fn window(&self, scene: &Scene, building: usize, dilate_px: usize, correlation: Correlation) -> Option<Window> {
+        let ground_z = scene.prisms[building].ground_z;
+        let building = building as u32;
+        Window::new(self.evidence, building, ground_z, &self.stops, self.calibration, dilate_px, correlation)
+    }
+}
+
+/// The views of a sweep by their position in the survey; `None` for those that take no part.
+pub type SweepViews<'a> = &'a [Option<SweepView<'a>>];
+
 /// Tries heights for every building and returns what was found; `None` where no view has a say.
 #[must_use]
 pub fn sweep(
     scene: &Scene,
-    evidence: &[Option<Evidence<'_>>],
+    views: SweepViews<'_>,
     views_of: ViewsOf<'_>,
     heights_m: &[f32],
     range: Range,
     correlation: Correlation,
     config: &SearchConfig,
 ) -> Vec<Option<Finding>> {
-    let roofs = scene.roofs(heights_m);
-    let calibrations: Vec<Option<Calibration>> =
-        evidence.par_iter().map(|e| e.as_ref().and_then(|e| Calibration::fit(e, &roofs))).collect();
-    (0..scene.prisms.len())
-        .into_par_iter()
-        .map(|b| {
-            let ground_z = scene.prisms[b].ground_z;
-            let views = views_of[b].iter().filter_map(|&v| Some((evidence[v].as_ref()?, calibrations[v])));
-            let windows: Vec<Window> = views
-                .filter_map(|(evidence, calibration)| {
-                    Window::new(evidence, b as u32, ground_z, &roofs, calibration, config.dilate_px, correlation)
-                })
-                .collect();
-            let score_in =
-                |w: &Window, h: f32| w.score(h, correlation) + f64::from(config.agreement_weight) * w.agreement(h);
-            let score = |h: f32| windows.iter().map(|w| score_in(w, h)).collect::<Vec<f64>>();
-            (!windows.is_empty()).then(|| match range {
-                Range::Full => full(scene.bounds, config, score),
-                Range::Local { share } => local(scene.bounds, heights_m[b], share, config, score),
-            })
+    let find = |b: usize| {
+        let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());
+        let windows: Vec<Window> =
+            of_building.filter_map(|v| v.window(scene, b, config.dilate_px, correlation)).collect();
+        let agreement_weight = match range {
+            Range::Full => config.agreement_weight,
+            Range::Local { .. } => config.local_agreement_weight,
+        };
+        let weight_of = |w: &Window| f64::from(agreement_weight + config.unmodelled_agreement_weight * w.unmodelled);
+        let score_in = |w: &Window, h: f32| w.score(h, correlation) + weight_of(w) * w.agreement(h);
+        let score = |h: f32| windows.iter().map(|w| score_in(w, h)).collect::<Vec<f64>>();
+        (!windows.is_empty()).then(|| match range {
+            Range::Full => full(scene.bounds, config, score),
+            Range::Local { share } => local(scene.bounds, heights_m[b], share, config, score),
         })
-        .collect()
+    };
+    (0..scene.prisms.len()).into_par_iter().map(find).collect()
+}
+
+/// The pitched roof of every building around the height that the sweeps have found; `None` where a flat one is as good.
+#[must_use]
+pub fn find_roofs(
+    scene: &Scene,
+    views: SweepViews<'_>,
+    views_of: ViewsOf<'_>,
+    heights_m: &[f32],
+    config: &SearchConfig,
+) -> Vec<Option<Roof>> {
+    let find = |b: usize| {
+        let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());
+        let windows: Vec<_> = of_building
+            .filter_map(|v| Some((v.window(scene, b, config.dilate_px, Correlation::Linear)?, v.placed, v.evidence)))
+            .collect();
+        roof::find(&scene.prisms[b], heights_m[b], config, &windows)
+    };
+    (0..scene.prisms.len()).into_par_iter().map(find).collect()
 }
 
 fn full(bounds: HeightBounds, config: &SearchConfig, score: impl Fn(f32) -> Vec<f64>) -> Finding {

@@ -7,11 +7,13 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::adam::Adam;
-use super::config::{OptimiseConfig, Preset};
+use super::bleed;
+use super::config::{HeightReference, OptimiseConfig, Preset};
 use super::evidence::Evidence;
 use super::ordinal::{ViewStep, view_step};
+use super::roof::Roof;
 use super::score::Correlation;
-use super::search::{Finding, Range, sweep};
+use super::search::{Finding, Range, SweepView, find_roofs, sweep};
 use crate::prior::DepthPrior;
 use crate::render::PlacedCamera;
 use crate::render::profile::{CappedScene, Profiles, Sampling};
@@ -23,6 +25,11 @@ use crate::views::{Selection, ViewsConfig, Visibility, select, visibility};
 const FLAT_SCORE: f64 = 0.02;
 /// A standard error over views above which a height is doubtful, metres.
 const DOUBTFUL_SIGMA_M: f64 = 0.8;
+/// Views that the spill of the priors is measured in.
+const MAX_SPILL_VIEWS: usize = 24;
+/// Spill that is left alone, and the most that is taken back, pixels of the working image.
+const MIN_SPILL_PX: f64 = 0.5;
+const MAX_SPILL_PX: f64 = 4.0;
 /// Sectors of azimuth that a building's views are taken from in turn.
 const N_SECTORS: usize = 8;
 
@@ -95,6 +102,8 @@ impl Reason {
 pub struct SolvedHeight {
     /// Metres above the building's ground level; `None` if no view says anything.
     pub height_m: Option<f64>,
+    /// The roof that the evidence supports; flat where it supports no other.
+    pub roof: Option<Roof>,
     /// One standard deviation over views, metres, where it can be estimated.
     pub sigma_m: Option<f64>,
     /// Positions of the views that had a say.
@@ -127,6 +136,8 @@ pub struct Solution {
     pub history: Vec<EpochRecord>,
     /// Distinct views whose prior was used, ascending (the paper's #Used).
     pub used_views: Vec<usize>,
+    /// By how many pixels of the working image the priors' near sides were taken to spill over their edges.
+    pub spill_px: f64,
     /// Selected views whose prior could not be loaded, and why.
     pub failed_views: Vec<(usize, String)>,
 }
@@ -166,8 +177,11 @@ struct State<'a> {
     failed: Vec<Option<String>>,
     heights_m: Vec<f32>,
     findings: Vec<Option<Finding>>,
+    roofs: Vec<Option<Roof>>,
     views_of: Vec<Vec<usize>>,
     history: Vec<EpochRecord>,
+    /// By how many pixels of the working image the priors' near sides spill over their edges.
+    spill_px: f64,
 }
 
 impl<'a> State<'a> {
@@ -182,8 +196,10 @@ impl<'a> State<'a> {
             failed: vec![None; n_views],
             heights_m: vec![0.0; n_buildings],
             findings: vec![None; n_buildings],
+            roofs: vec![None; n_buildings],
             views_of: vec![Vec::new(); n_buildings],
             history: Vec::new(),
+            spill_px: 0.0,
         }
     }
 
@@ -234,7 +250,7 @@ impl<'a> State<'a> {
             .map(|&v| {
                 let evidence = (self.problem.load_prior)(v).map(|prior| {
                     let placed = &self.problem.views[v].placed;
-                    Evidence::new(placed, &self.profiles[v], &prior, self.config.stride_px, n_buildings)
+                    Evidence::new(placed, &self.profiles[v], &prior, self.spill_px, self.config.stride_px, n_buildings)
                 });
                 let done = n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
                 (self.problem.progress)(Solving::Priors, done, new.len());
@@ -289,28 +305,71 @@ impl<'a> State<'a> {
                 Some(0) => Range::Local { share: 1.0 },
                 Some(_) => Range::Local { share: 0.5 },
             };
-            let is_rank = i >= n_sweeps - config.rank_sweeps.min(config.local_sweeps);
-            let correlation = if is_rank { Correlation::Rank } else { Correlation::Linear };
-            let found =
-                sweep(self.problem.scene, &self.evidence, &self.views_of, &self.heights_m, range, correlation, config);
-            let before = self.heights_m.clone();
-            let mut scores = Vec::new();
-            for (b, finding) in found.into_iter().enumerate() {
-                if let Some(finding) = finding {
-                    self.heights_m[b] = finding.height_m;
-                    scores.push(finding.score);
-                    // The full sweeps saw the whole range: only they can tell a flat score.
-                    let contrast = match (range, &self.findings[b]) {
-                        (Range::Local { .. }, Some(previous)) => previous.contrast,
-                        _ => finding.contrast,
-                    };
-                    self.findings[b] = Some(Finding { contrast, ..finding });
-                }
+            if i == config.full_sweeps && config.take_back_spill {
+                self.take_back_spill();
             }
-            let loss = 1.0 - crate::stats::mean(&scores).unwrap_or(0.0);
-            self.record(loss, &before, n_selected, None);
+            let is_rank = i >= n_sweeps - config.rank_sweeps.min(config.local_sweeps);
+            self.sweep(range, if is_rank { Correlation::Rank } else { Correlation::Linear }, n_selected);
+        }
+        if config.pitched_roofs {
+            let views = self.sweep_views();
+            self.roofs = find_roofs(self.problem.scene, &views, &self.views_of, &self.heights_m, config);
         }
         (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
+    }
+
+    /// Measures how far the priors' near sides spill over known edges, and samples the priors anew without it.
+    fn take_back_spill(&mut self) {
+        let used: Vec<usize> = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
+        let every = used.len().div_ceil(MAX_SPILL_VIEWS).max(1);
+        let priors: Vec<_> =
+            used.iter().step_by(every).filter_map(|&v| Some((v, (self.problem.load_prior)(v).ok()?))).collect();
+        let views: Vec<_> = priors.iter().map(|(v, prior)| (&self.problem.views[*v].placed, prior)).collect();
+        let spill_px = bleed::measure(self.problem.scene, &self.heights_m, &views).unwrap_or(0.0);
+        if spill_px.abs() < MIN_SPILL_PX {
+            return;
+        }
+        self.spill_px = spill_px.clamp(-MAX_SPILL_PX, MAX_SPILL_PX);
+        for &v in &used {
+            self.evidence[v] = None;
+        }
+        self.load(&used);
+    }
+
+    /// Every view with a prior, with the roofs as they stand.
+    fn sweep_views(&self) -> Vec<Option<SweepView<'_>>> {
+        let roofs = self.problem.scene.roofs(&self.heights_m);
+        let view_of = |v: usize| {
+            let evidence = self.evidence[v].as_ref()?;
+            let placed = &self.problem.views[v].placed;
+            let stops = evidence.profiles.stops(&roofs);
+            Some(SweepView::new(placed, evidence, stops))
+        };
+        (0..self.evidence.len()).into_par_iter().map(view_of).collect()
+    }
+
+    /// One pass over all buildings: each takes the best height of the range.
+    fn sweep(&mut self, range: Range, correlation: Correlation, n_selected: usize) {
+        let views = self.sweep_views();
+        let (scene, config) = (self.problem.scene, &self.config.search);
+        let found = sweep(scene, &views, &self.views_of, &self.heights_m, range, correlation, config);
+        drop(views);
+        let before = self.heights_m.clone();
+        let mut scores = Vec::new();
+        for (b, finding) in found.into_iter().enumerate() {
+            if let Some(finding) = finding {
+                self.heights_m[b] = finding.height_m;
+                scores.push(finding.score);
+                // The full sweeps saw the whole range: only they can tell a flat score.
+                let contrast = match (range, &self.findings[b]) {
+                    (Range::Local { .. }, Some(previous)) => previous.contrast,
+                    _ => finding.contrast,
+                };
+                self.findings[b] = Some(Finding { contrast, ..finding });
+            }
+        }
+        let loss = 1.0 - crate::stats::mean(&scores).unwrap_or(0.0);
+        self.record(loss, &before, n_selected, None);
     }
 
     fn run_ordinal(&mut self) {
@@ -378,7 +437,7 @@ impl<'a> State<'a> {
         let heights = (0..self.heights_m.len()).map(|b| self.solved(b)).collect();
         let used_views = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
         let failed_views = self.failed.iter().enumerate().filter_map(|(v, why)| Some((v, why.clone()?))).collect();
-        Solution { heights, history: self.history, used_views, failed_views }
+        Solution { heights, history: self.history, used_views, spill_px: self.spill_px, failed_views }
     }
 
     fn solved(&self, building: usize) -> SolvedHeight {
@@ -391,6 +450,7 @@ impl<'a> State<'a> {
         if !is_measured {
             return SolvedHeight {
                 height_m: None,
+                roof: None,
                 sigma_m: None,
                 views: Vec::new(),
                 reasons: vec![Reason::SeenByNoView],
@@ -414,7 +474,13 @@ impl<'a> State<'a> {
         if sigma_m.is_some_and(|s| s > DOUBTFUL_SIGMA_M) {
             reasons.push(Reason::ConflictingViews);
         }
-        SolvedHeight { height_m: Some(f64::from(height_m)), sigma_m, views, reasons }
+        let roof = self.roofs[building].unwrap_or(Roof::flat(f64::from(height_m)));
+        let height_m = match self.config.height_reference {
+            HeightReference::Eave => roof.eave_m,
+            HeightReference::Mean => roof.mean_m,
+            HeightReference::Ridge => roof.ridge_m,
+        };
+        SolvedHeight { height_m: Some(height_m), roof: Some(roof), sigma_m, views, reasons }
     }
 }
 

@@ -39,6 +39,14 @@ pub struct ProfileRay {
     first: u32,
 }
 
+impl ProfileRay {
+    /// The image position that was sampled.
+    #[must_use]
+    pub fn centre(&self) -> DVec2 {
+        DVec2::new(f64::from(self.pixel[0]) + 0.5, f64::from(self.pixel[1]) + 0.5)
+    }
+}
+
 /// The sampled rays of one view, row by row.
 #[derive(Debug, Clone)]
 pub struct Profiles {
@@ -59,6 +67,10 @@ pub struct Sight {
     /// Whether it is a roof (its depth changes with the height) or a wall.
     pub is_roof: bool,
 }
+
+/// Where each crossing of a view stops its ray, z-depth, in the crossings' order; `+∞` where the ray passes over.
+#[derive(Debug, Clone)]
+pub struct Stops(Vec<f32>);
 
 /// Which pixels of a view to sample: one in each `stride × stride` block, at random within it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -121,10 +133,33 @@ impl Profiles {
         self.first_met(ray_idx, |building| if building == moved { roof_z } else { roofs[building as usize] })
     }
 
-    /// What a ray sees when one building is not there.
+    /// Where every crossing would stop its ray for roof levels in the local frame, one per building.
     #[must_use]
-    pub fn sight_without(&self, ray_idx: usize, roofs: &[f32], absent: u32) -> Sight {
-        self.sight_with(ray_idx, roofs, absent, f32::NEG_INFINITY)
+    pub fn stops(&self, roofs: &[f32]) -> Stops {
+        let of_ray = |ray_idx: usize| {
+            let per_dz = self.rays[ray_idx].dz.recip();
+            self.crossings(ray_idx).iter().map(move |c| {
+                let roof = (roofs[c.building as usize] - self.eye_z) * per_dz;
+                let depth = c.enter.max(roof);
+                // A camera inside a prism (depth 0) looks out of it, as in the tracer.
+                if roof < c.leave && depth > 0.0 { depth } else { f32::INFINITY }
+            })
+        };
+        Stops((0..self.rays.len()).flat_map(of_ray).collect())
+    }
+
+    /// z-depth along a ray when one building is not there.
+    #[must_use]
+    pub fn depth_without(&self, ray_idx: usize, stops: &Stops, absent: u32) -> f32 {
+        let first = self.rays[ray_idx].first as usize;
+        let own = self.crossings(ray_idx).iter().zip(&stops.0[first..]);
+        own.filter(|(c, _)| c.building != absent).map(|(_, stop)| *stop).fold(self.rays[ray_idx].ground, f32::min)
+    }
+
+    /// z-depth along a ray.
+    #[must_use]
+    pub fn depth(&self, ray_idx: usize, stops: &Stops) -> f32 {
+        self.depth_without(ray_idx, stops, u32::MAX)
     }
 
     #[inline]
@@ -277,13 +312,16 @@ mod tests {
         let profiles =
             Profiles::trace(&scene, &CappedScene::new(&scene), &placed, Sampling { stride_px: 2, seed: 1, view: 0 });
         let roofs = scene.roofs(&[20.0; 4]);
+        let stops = profiles.stops(&roofs);
         let mut n_behind = 0;
         for i in 0..profiles.rays.len() {
             let sight = profiles.sight(i, &roofs);
             if let Some(building) = sight.building {
-                let behind = profiles.sight_without(i, &roofs, building);
+                let behind = profiles.sight_with(i, &roofs, building, f32::NEG_INFINITY);
                 assert!(behind.depth > sight.depth || behind.building.is_some());
                 assert_ne!(behind.building, Some(building));
+                assert_eq!(profiles.depth(i, &stops), sight.depth);
+                assert_eq!(profiles.depth_without(i, &stops, building), behind.depth);
                 n_behind += 1;
             }
         }

@@ -1,0 +1,308 @@
+//! Pitched roofs: does one of a few simple forms explain the priors better than a flat roof, and how steep is it?
+//!
+//! ```text
+//! z(x, y) = ground + eave + rise · t(x, y),     t in 0..1, mean t̄ over the footprint
+//! hip     t = distance to the outline / greatest distance
+//! gable   t = 1 − |v| / half width,  v across one of the two axes of the smallest rectangle around the outline
+//! height  eave + t̄ · rise   (the area mean)
+//! ```
+//!
+//! A flat block that fits a pitched roof's depth edges ends a third of the way from eave to ridge, which is not a height
+//! that anybody means. The forms are tried after the search has settled, with the neighbours flat as they are.
+
+use glam::{Mat2, Vec2};
+use serde::{Deserialize, Serialize};
+
+use super::config::SearchConfig;
+use super::evidence::Evidence;
+use super::score::{Correlation, Window};
+use crate::ray::Ray;
+use crate::render::PlacedCamera;
+use crate::scene::Prism;
+
+/// Samples along a ray's way over the footprint.
+const N_SAMPLES: usize = 8;
+/// Points per side of the grid that means and greatest distances are taken over.
+const GRID: usize = 24;
+/// Steepest pitch tried: rise over run.
+const STEEPEST: f32 = 1.4;
+/// Rises tried besides 0, between nothing and the steepest.
+const N_RISES: usize = 5;
+/// Eaves tried for each rise.
+const N_EAVES: usize = 9;
+/// A pitched roof is believed if its score beats the flat one's by so many standard errors over views, ...
+const MIN_STANDARD_ERRORS: f64 = 0.7;
+/// ... and by so much per view.
+const MIN_GAIN: f64 = 0.0005;
+/// Fewer views cannot tell a form.
+const MIN_VIEWS: usize = 4;
+
+/// The form of a roof.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RoofForm {
+    /// One level.
+    Flat,
+    /// Two slopes that meet in a ridge.
+    Gable,
+    /// Slopes up from every wall.
+    Hip,
+}
+
+/// A roof as the evidence has it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Roof {
+    /// Its form.
+    pub form: RoofForm,
+    /// Lowest edge above the building's ground, metres.
+    pub eave_m: f64,
+    /// Highest line above the building's ground, metres.
+    pub ridge_m: f64,
+    /// Area mean above the building's ground, metres.
+    pub mean_m: f64,
+}
+
+impl Roof {
+    /// A flat one.
+    #[must_use]
+    pub fn flat(height_m: f64) -> Self {
+        Self { form: RoofForm::Flat, eave_m: height_m, ridge_m: height_m, mean_m: height_m }
+    }
+}
+
+/// A ray's way over a footprint, sampled.
+struct Way {
+    depth: [f32; N_SAMPLES],
+    /// Height of the ray above the building's ground, metres.
+    above_m: [f32; N_SAMPLES],
+}
+
+impl Way {
+    fn new(ray: &Ray, enter: f32, leave: f32, ground_z: f32) -> Self {
+        let depth = std::array::from_fn(|k| enter + (leave - enter) * k as f32 / (N_SAMPLES - 1) as f32);
+        Self { depth, above_m: depth.map(|s| ray.origin.z + s * ray.direction.z - ground_z) }
+    }
+
+    /// The roof's `t` along it.
+    fn share(&self, shape: &Shape<'_>, ray: &Ray) -> [f32; N_SAMPLES] {
+        self.depth.map(|s| shape.at((ray.origin + s * ray.direction).truncate()))
+    }
+
+    /// z-depth at which the ray meets the roof, or the wall in front; `None` if it passes over.
+    fn meets(&self, share: &[f32; N_SAMPLES], eave_m: f32, rise_m: f32) -> Option<f32> {
+        let mut previous = self.above_m[0] - eave_m - rise_m * share[0];
+        if previous <= 0.0 {
+            return Some(self.depth[0]);
+        }
+        for k in 1..N_SAMPLES {
+            let next = self.above_m[k] - eave_m - rise_m * share[k];
+            if next <= 0.0 {
+                let along = previous / (previous - next);
+                return Some(self.depth[k - 1] + along * (self.depth[k] - self.depth[k - 1]));
+            }
+            previous = next;
+        }
+        None
+    }
+}
+
+/// How high a roof stands at a place, 0 at the eave, 1 at the ridge.
+struct Shape<'a> {
+    form: RoofForm,
+    prism: &'a Prism,
+    /// Local axes of the rectangle around the outline, and its middle along them.
+    axes: Mat2,
+    middle: Vec2,
+    /// Horizontal way from eave to ridge, metres.
+    run_m: f32,
+    /// Mean over the footprint.
+    mean: f32,
+}
+
+impl<'a> Shape<'a> {
+    /// The forms that a footprint can carry.
+    fn all(prism: &'a Prism) -> Vec<Self> {
+        let (axes, low, high) = smallest_rectangle(prism);
+        let middle = 0.5 * (low + high);
+        let half = 0.5 * (high - low);
+        let inside: Vec<Vec2> = grid(low, high).map(|p| axes.transpose() * p).filter(|p| prism.contains(*p)).collect();
+        let deepest = inside.iter().map(|p| distance_to_outline(prism, *p)).fold(0.0, f32::max);
+        let turned = Mat2::from_cols(axes.row(1), -axes.row(0)).transpose();
+        let gable = |axes: Mat2, middle: Vec2, run_m: f32| Self {
+            form: RoofForm::Gable,
+            prism,
+            axes,
+            middle,
+            run_m,
+            mean: 0.0,
+        };
+        let mut shapes = vec![
+            gable(axes, middle, half.y),
+            gable(turned, Vec2::new(middle.y, -middle.x), half.x),
+            Self { form: RoofForm::Hip, prism, axes, middle, run_m: deepest, mean: 0.0 },
+        ];
+        for shape in &mut shapes {
+            shape.mean = inside.iter().map(|p| shape.at(*p)).sum::<f32>() / inside.len().max(1) as f32;
+        }
+        shapes.retain(|s| s.run_m > 0.5 && s.mean > 0.0);
+        shapes
+    }
+
+    fn at(&self, point: Vec2) -> f32 {
+        let share = match self.form {
+            RoofForm::Flat => 0.0,
+            RoofForm::Gable => 1.0 - ((self.axes * point).y - self.middle.y).abs() / self.run_m,
+            RoofForm::Hip => distance_to_outline(self.prism, point) / self.run_m,
+        };
+        share.clamp(0.0, 1.0)
+    }
+}
+
+/// One view's stretches over the building.
+struct Sampled {
+    ways: Vec<Way>,
+    /// By shape and stretch: the roof's `t` along the way.
+    shares: Vec<Vec<[f32; N_SAMPLES]>>,
+}
+
+impl Sampled {
+    fn new(
+        window: &Window,
+        placed: &PlacedCamera,
+        evidence: &Evidence<'_>,
+        shapes: &[Shape<'_>],
+        ground_z: f32,
+    ) -> Self {
+        let mut sampled = Self { ways: Vec::new(), shares: vec![Vec::new(); shapes.len()] };
+        for (ray, enter, before) in window.own_stretches() {
+            let ray = evidence.ray(placed, ray);
+            let way = Way::new(&ray, enter, before, ground_z);
+            for (shares, shape) in sampled.shares.iter_mut().zip(shapes) {
+                shares.push(way.share(shape, &ray));
+            }
+            sampled.ways.push(way);
+        }
+        sampled
+    }
+}
+
+/// Looks for the pitched roof of one building around the height that the search has found; `None` where a flat one is
+/// as good.
+///
+/// `windows` are the building's views, with the camera and evidence of each.
+pub(super) fn find(
+    prism: &Prism,
+    height_m: f32,
+    config: &SearchConfig,
+    windows: &[(Window, &PlacedCamera, &Evidence<'_>)],
+) -> Option<Roof> {
+    if windows.len() < MIN_VIEWS {
+        return None;
+    }
+    let shapes = Shape::all(prism);
+    let sampled: Vec<Sampled> = windows
+        .iter()
+        .map(|(w, placed, evidence)| Sampled::new(w, placed, evidence, &shapes, prism.ground_z))
+        .collect();
+    let weight_of =
+        |w: &Window| f64::from(config.local_agreement_weight + config.unmodelled_agreement_weight * w.unmodelled);
+    let flat_scores: Vec<f64> = windows
+        .iter()
+        .map(|(w, ..)| w.score(height_m, Correlation::Linear) + weight_of(w) * w.agreement(height_m))
+        .collect();
+    let scores = |form: usize, eave_m: f32, rise_m: f32| -> Vec<f64> {
+        windows
+            .iter()
+            .zip(&sampled)
+            .map(|((w, ..), s)| {
+                w.score_where(weight_of(w), height_m, |i| s.ways[i].meets(&s.shares[form][i], eave_m, rise_m))
+            })
+            .collect()
+    };
+    let mut best = (flat_scores.iter().sum::<f64>(), None);
+    let mut consider = |form: usize, eave_m: f32, rise_m: f32| {
+        let total: f64 = scores(form, eave_m, rise_m).iter().sum();
+        if total > best.0 {
+            best = (total, Some((form, eave_m, rise_m)));
+        }
+    };
+    for (form, shape) in shapes.iter().enumerate() {
+        let steepest_m = STEEPEST * shape.run_m;
+        for rise_m in (1..=N_RISES).map(|i| steepest_m * i as f32 / N_RISES as f32) {
+            // The flat height lies somewhere between eave and mean.
+            for step in 0..N_EAVES {
+                let eave_m = height_m + 0.5 - rise_m * (shape.mean + 0.25) * step as f32 / (N_EAVES - 1) as f32;
+                if eave_m > 0.0 {
+                    consider(form, eave_m, rise_m);
+                }
+            }
+        }
+    }
+    let (_, Some((form, mut eave_m, mut rise_m))) = best else { return None };
+    // A pattern search settles the two numbers.
+    let mut step_m = [0.5, 0.5 * STEEPEST * shapes[form].run_m / N_RISES as f32];
+    let mut best_total = best.0;
+    for _ in 0..4 {
+        for (de, dr) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-0.5, 1.0), (0.5, -1.0)] {
+            let (e, r) = (eave_m + de * step_m[0], rise_m + dr * step_m[1]);
+            if r < 0.0 || e <= 0.0 {
+                continue;
+            }
+            let total: f64 = scores(form, e, r).iter().sum();
+            if total > best_total {
+                (best_total, eave_m, rise_m) = (total, e, r);
+            }
+        }
+        step_m = step_m.map(|s| 0.6 * s);
+    }
+    let gains: Vec<f64> = scores(form, eave_m, rise_m).iter().zip(&flat_scores).map(|(a, b)| a - b).collect();
+    let (eave_m, rise_m, mean) = (f64::from(eave_m), f64::from(rise_m), f64::from(shapes[form].mean));
+    let roof = Roof { form: shapes[form].form, eave_m, ridge_m: eave_m + rise_m, mean_m: eave_m + mean * rise_m };
+    is_consistent(&gains).then_some(roof)
+}
+
+/// Whether the views agree that a roof is better: their mean gain stands clear of its standard error.
+fn is_consistent(gains: &[f64]) -> bool {
+    let n = gains.len() as f64;
+    let mean = gains.iter().sum::<f64>() / n;
+    let variance = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    mean > MIN_GAIN && mean > MIN_STANDARD_ERRORS * (variance / n).sqrt()
+}
+
+/// The rectangle of least area around the exterior, along one of its edges: axes as rows, low and high corner.
+fn smallest_rectangle(prism: &Prism) -> (Mat2, Vec2, Vec2) {
+    let exterior = prism.rings().next().unwrap_or(&[]);
+    let mut best = (f32::INFINITY, Mat2::IDENTITY, Vec2::ZERO, Vec2::ZERO);
+    for edge in exterior.windows(2) {
+        let Some(along) = (edge[1] - edge[0]).try_normalize() else { continue };
+        let axes = Mat2::from_cols(along, along.perp()).transpose();
+        let (low, high) = exterior
+            .iter()
+            .map(|c| axes * *c)
+            .fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(low, high), c| (low.min(c), high.max(c)));
+        let size = high - low;
+        if size.x * size.y < best.0 {
+            best = (size.x * size.y, axes, low, high);
+        }
+    }
+    (best.1, best.2, best.3)
+}
+
+fn grid(low: Vec2, high: Vec2) -> impl Iterator<Item = Vec2> {
+    (0..GRID * GRID).map(move |i| {
+        let cell = Vec2::new((i % GRID) as f32 + 0.5, (i / GRID) as f32 + 0.5) / GRID as f32;
+        low + (high - low) * cell
+    })
+}
+
+/// Distance of a point to the nearest wall, metres.
+fn distance_to_outline(prism: &Prism, point: Vec2) -> f32 {
+    prism
+        .edges()
+        .map(|(a, b)| {
+            let edge = b - a;
+            let along = ((point - a).dot(edge) / edge.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+            (point - a - along * edge).length()
+        })
+        .fold(f32::INFINITY, f32::min)
+}
