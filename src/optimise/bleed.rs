@@ -97,9 +97,9 @@ fn offset(tracer: &SceneTracer<'_>, placed: &PlacedCamera, prior: &DepthPrior, e
             return None;
         }
         if step < 0 {
-            farthest = farthest.max(depth)
+            farthest = farthest.max(depth);
         } else {
-            nearest = nearest.min(depth)
+            nearest = nearest.min(depth);
         }
         rendered.push(f64::from(depth.recip()));
         seen.push(f64::from(nearness_at(placed, prior, pixel)));

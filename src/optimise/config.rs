@@ -102,7 +102,8 @@ pub enum Region {
     BuildingsAndGround,
 }
 
-/// Settings of the ordinal optimiser (`SiZeUp`, "Objective function"); defaults are the paper's.
+/// Settings of the ordinal optimiser (`SiZeUp`, "Objective function"); defaults are the paper's where it
+/// states them; it leaves the step open.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct OrdinalConfig {
@@ -139,7 +140,7 @@ impl Default for OrdinalConfig {
             region: Region::Buildings,
             gradient: Gradient::Interior,
             difference_m: [10.0, 0.5],
-            step_m: [1.0, 1.0],
+            step_m: [6.0, 0.3],
             reselect_every: 3,
         }
     }
