@@ -101,8 +101,13 @@ pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> R
     summary.median_height_m = crate::stats::median(&known);
     let priors = config.prior.open(&survey.views, &stage.terrain)?;
     let lineage = lineage(config, options, &survey, &heights, &priors)?;
-    let model =
-        CityModel { records: &records, crs: &config.project.crs, lineage: &lineage, issues: &issues, survey: &survey };
+    let model = CityModel {
+        records: records.as_slice(),
+        crs: &config.project.crs,
+        lineage: &lineage,
+        issues: &issues,
+        survey: &survey,
+    };
     write_results(config, &model, &summary)?;
     if config.output.pictures {
         pictures::write(&config.project.output, &model, &stage, &heights, &priors)?;

@@ -30,6 +30,7 @@ fn houses(n: usize) -> Vec<BuildingRecord> {
             };
             BuildingRecord {
                 id: format!("house-{i:07}"),
+                part_of: None,
                 footprint: Some(outline),
                 ground_z_m: Some(101.25),
                 base_z_m: Some(100.75),

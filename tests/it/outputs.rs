@@ -42,6 +42,7 @@ pub fn building(id: &str, footprint: Option<Polygon<f64>>, height_m: Option<f64>
     let attributes = json!({ "street": "Zürich \"A\"", "floors": 3, "height_m": 9.9, "tags": ["x", 1], "share": 0.5 });
     BuildingRecord {
         id: id.to_owned(),
+        part_of: None,
         footprint,
         ground_z_m: Some(12.0),
         base_z_m: Some(11.4),

@@ -5,7 +5,8 @@
 
 use std::fmt;
 use std::fs;
-use std::path::Path;
+use std::io::{BufRead as _, BufReader, Lines};
+use std::path::{Path, PathBuf};
 
 use indexmap::IndexMap;
 use serde::de::{SeqAccess, Visitor};
@@ -76,11 +77,11 @@ impl CityFile {
     /// [`OutputError::File`] if it cannot be opened, [`OutputError::Malformed`] if it is no `CityJSON` of a known
     /// version, or an index points nowhere.
     pub fn read(path: &Path) -> Result<Self, OutputError> {
+        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("jsonl")) {
+            return Sequence::open(path)?.into_one();
+        }
         let bytes = fs::read(path).map_err(FileError::on("cannot read", path))?;
-        let malformed = |reason: String| OutputError::Malformed(MalformedFile { path: path.to_owned(), reason });
-        let is_sequence = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("jsonl"));
-        let city = if is_sequence { read_sequence(&bytes) } else { read_one(&bytes) };
-        city.map_err(malformed)
+        read_one(&bytes).map_err(|reason| MalformedFile { path: path.to_owned(), reason }.into())
     }
 }
 
@@ -98,7 +99,7 @@ struct RawFile {
     vertices: Vec<[f64; 3]>,
 }
 
-#[derive(Deserialize, Clone)]
+#[derive(Debug, Deserialize, Clone)]
 struct RawTransform {
     scale: [f64; 3],
     translate: [f64; 3],
@@ -194,26 +195,98 @@ fn read_one(bytes: &[u8]) -> Result<CityFile, String> {
     Ok(city)
 }
 
-fn read_sequence(bytes: &[u8]) -> Result<CityFile, String> {
-    let mut city = CityFile::default();
-    let mut transform = None;
-    for (i, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
-        if line.trim_ascii().is_empty() {
-            continue;
-        }
-        let at_line = |reason: String| format!("line {}: {reason}", i + 1);
-        let raw: RawFile = serde_json::from_slice(line).map_err(|e| at_line(e.to_string()))?;
-        if raw.kind == "CityJSON" {
-            require_version(&raw).map_err(at_line)?;
-            city.crs = crs_of(&raw.metadata).map_err(at_line)?;
-            city.metadata.clone_from(&raw.metadata);
-            transform.clone_from(&raw.transform);
-        } else if raw.kind != "CityJSONFeature" {
-            return Err(at_line(format!("expected a CityJSONFeature, found {:?}", raw.kind)));
-        }
-        city.add(raw, transform.as_ref()).map_err(at_line)?;
+/// A sequence, feature by feature: iterates over city models of one feature each, in a CRS of their own.
+#[derive(Debug)]
+pub struct Sequence {
+    path: PathBuf,
+    lines: Lines<BufReader<fs::File>>,
+    n_lines: usize,
+    transform: Option<RawTransform>,
+    header: CityFile,
+    /// A header may hold objects itself, where it is a whole city model.
+    is_header_due: bool,
+}
+
+impl Sequence {
+    /// Reads the header.
+    ///
+    /// # Errors
+    /// As [`CityFile::read`].
+    pub fn open(path: &Path) -> Result<Self, OutputError> {
+        let file = fs::File::open(path).map_err(FileError::on("cannot read", path))?;
+        let lines = BufReader::with_capacity(1 << 18, file).lines();
+        let header = CityFile::default();
+        let mut sequence =
+            Self { path: path.to_owned(), lines, n_lines: 0, transform: None, header, is_header_due: true };
+        let Some(raw) = sequence.next_line()? else { return Ok(sequence) };
+        sequence.header = sequence.read_header(raw).map_err(|reason| sequence.malformed(&reason))?;
+        Ok(sequence)
     }
-    Ok(city)
+
+    /// The CRS it states.
+    #[must_use]
+    pub fn crs(&self) -> Option<&Crs> {
+        self.header.crs.as_ref()
+    }
+
+    fn read_header(&mut self, raw: RawFile) -> Result<CityFile, String> {
+        require_version(&raw)?;
+        self.transform.clone_from(&raw.transform);
+        let mut header =
+            CityFile { crs: crs_of(&raw.metadata)?, metadata: raw.metadata.clone(), ..CityFile::default() };
+        header.add(raw, self.transform.as_ref())?;
+        Ok(header)
+    }
+
+    fn malformed(&self, reason: &str) -> OutputError {
+        MalformedFile { path: self.path.clone(), reason: format!("line {}: {reason}", self.n_lines) }.into()
+    }
+
+    /// The next line that is not empty.
+    fn next_line(&mut self) -> Result<Option<RawFile>, OutputError> {
+        for line in self.lines.by_ref() {
+            self.n_lines += 1;
+            let line = line.map_err(FileError::on("cannot read", &self.path))?;
+            if !line.trim().is_empty() {
+                return serde_json::from_str(&line).map(Some).map_err(|e| self.malformed(&e.to_string()));
+            }
+        }
+        Ok(None)
+    }
+
+    fn next_feature(&mut self) -> Result<Option<CityFile>, OutputError> {
+        if std::mem::take(&mut self.is_header_due) && !self.header.objects.is_empty() {
+            return Ok(Some(std::mem::take(&mut self.header)));
+        }
+        let Some(raw) = self.next_line()? else { return Ok(None) };
+        if raw.kind != "CityJSONFeature" {
+            return Err(self.malformed(&format!("expected a CityJSONFeature, found {:?}", raw.kind)));
+        }
+        let mut city = CityFile::default();
+        city.add(raw, self.transform.as_ref()).map_err(|reason| self.malformed(&reason))?;
+        Ok(Some(city))
+    }
+
+    /// All features as one model.
+    fn into_one(mut self) -> Result<CityFile, OutputError> {
+        self.is_header_due = false;
+        let mut city = std::mem::take(&mut self.header);
+        while let Some(raw) = self.next_line()? {
+            if raw.kind != "CityJSONFeature" {
+                return Err(self.malformed(&format!("expected a CityJSONFeature, found {:?}", raw.kind)));
+            }
+            city.add(raw, self.transform.as_ref()).map_err(|reason| self.malformed(&reason))?;
+        }
+        Ok(city)
+    }
+}
+
+impl Iterator for Sequence {
+    type Item = Result<CityFile, OutputError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.next_feature().transpose()
+    }
 }
 
 fn require_version(raw: &RawFile) -> Result<(), String> {

@@ -13,9 +13,11 @@ use std::collections::HashMap;
 use geo::{Area, unary_union};
 use geo_types::{Coord, LineString, MultiPolygon, Polygon};
 
+use super::super::cityjson::EXTENSION_PREFIX;
 use super::super::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface};
 use super::super::prism::Surface;
 use super::FoundBuilding;
+use super::own::is_ours;
 
 /// Cosine of the angle to the vertical within which a surface without semantics is roof or ground.
 const MIN_VERTICAL_COSINE: f64 = 0.5;
@@ -33,7 +35,8 @@ pub struct Levels {
     pub roof_max_m: f64,
 }
 
-/// All buildings of a file; parts are counted to their parent.
+/// All buildings of a file. Parts with a status of ours are buildings with heights of their own; parts of others are
+/// counted to their parent.
 pub fn buildings(city: &CityFile, lod: Option<&str>) -> Vec<FoundBuilding> {
     let mut position: HashMap<&str, usize> = HashMap::new();
     let mut groups: Vec<(&CityObject, Vec<&CityObject>)> = Vec::new();
@@ -46,15 +49,32 @@ pub fn buildings(city: &CityFile, lod: Option<&str>) -> Vec<FoundBuilding> {
             groups[at].1.push(part);
         }
     }
-    groups
-        .into_iter()
-        .map(|(building, objects)| {
-            let surfaces: Vec<&CitySurface> =
-                objects.iter().filter_map(|o| geometry(o, lod)).flat_map(|g| &g.surfaces).collect();
-            let (levels, outline) = measure(&surfaces, &city.vertices);
-            FoundBuilding { id: building.id.clone(), outline, levels, attributes: building.attributes.clone() }
-        })
-        .collect()
+    let found = |objects: &[&CityObject]| {
+        let surfaces: Vec<&CitySurface> =
+            objects.iter().filter_map(|o| geometry(o, lod)).flat_map(|g| &g.surfaces).collect();
+        let (levels, outline) = measure(&surfaces, &city.vertices);
+        let (id, attributes) = (objects[0].id.clone(), objects[0].attributes.clone());
+        FoundBuilding { id, part_of: None, outline, levels, attributes }
+    };
+    let of_group = |(building, objects): (&CityObject, Vec<&CityObject>)| -> Vec<FoundBuilding> {
+        let parts: Vec<&CityObject> = objects[1..].iter().copied().filter(|part| has_own_status(part)).collect();
+        if parts.is_empty() {
+            return vec![found(&objects)];
+        }
+        let of_part = |part: &CityObject| {
+            let mut part = FoundBuilding { part_of: Some(building.id.clone()), ..found(&[part]) };
+            // What the user knew of the whole is true of its parts.
+            let theirs = building.attributes.iter().filter(|(name, _)| !is_ours(name));
+            part.attributes.extend(theirs.map(|(name, value)| (name.clone(), value.clone())));
+            part
+        };
+        parts.into_iter().map(of_part).collect()
+    };
+    groups.into_iter().flat_map(of_group).collect()
+}
+
+fn has_own_status(object: &CityObject) -> bool {
+    ["status".to_owned(), format!("{EXTENSION_PREFIX}status")].iter().any(|name| object.attributes.contains_key(name))
 }
 
 /// The geometry at a level of detail, or the highest.
