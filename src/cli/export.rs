@@ -34,6 +34,9 @@ pub struct ExportArgs {
     /// CRS, for an input that does not state one.
     #[arg(long, value_name = "CRS")]
     pub crs: Option<String>,
+    /// GeoPackage: also write a QGIS project beside it, with the extension .qgs.
+    #[arg(long)]
+    pub project: bool,
     /// Names of attributes in CityJSON; 3dbag adds those of the Dutch 3DBAG to ours.
     #[arg(long, value_enum, value_name = "NAMES", default_value = "sizeup")]
     pub names: NamesArg,
@@ -104,13 +107,15 @@ pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
             return Err(Failure::from_text(3, format!("{name} states no CRS\nhint: name it with --crs EPSG:…")));
         }
     };
-    let overview = Overview::of(&file).map_err(|e| Failure::new(3, &e))?;
-    let lineage = lineage(args, &crs)?;
+    let lineage = lineage(args, &crs, file.lineage())?;
     let survey = Survey::default();
     let model = CityModel { records: &file, crs: &crs, lineage: &lineage, issues: &[], survey: &survey };
-    write(format, args, &model).map_err(|e| Failure::new(exit_code(&e), &e))?;
+    let overview = write(format, args, &model).map_err(|e| Failure::new(exit_code(&e), &e))?;
     let Overview { n_buildings, n_heights, .. } = overview;
     let ui = Ui::new(global);
+    if format == Format::FlatGeobuf && overview.n_without_outline > 0 {
+        ui.say(format!("{} buildings have no outline, and so no place in FlatGeobuf", overview.n_without_outline));
+    }
     ui.say(format!("{n_buildings} buildings, {n_heights} with a height, in {}", args.output.display()));
     if global.json {
         print_json(&serde_json::json!({ "n_buildings": n_buildings, "n_heights": n_heights, "output": args.output }))?;
@@ -143,7 +148,11 @@ fn format_of(path: &Path) -> Result<Format, Failure> {
     }
 }
 
-fn write<R: Records + ?Sized>(format: Format, args: &ExportArgs, model: &CityModel<'_, R>) -> Result<(), OutputError> {
+fn write<R: Records + ?Sized>(
+    format: Format,
+    args: &ExportArgs,
+    model: &CityModel<'_, R>,
+) -> Result<Overview, OutputError> {
     let path = &args.output;
     let cityjson = CityJsonConfig {
         names: match args.names {
@@ -156,7 +165,15 @@ fn write<R: Records + ?Sized>(format: Format, args: &ExportArgs, model: &CityMod
     match format {
         Format::CityJson => cityjson::write(path, model, &cityjson),
         Format::CityJsonSeq => cityjson::write_sequence(path, model, &cityjson),
-        Format::GeoPackage => geopackage::write(path, model, &GeoPackageConfig::default()),
+        Format::GeoPackage => {
+            let overview = geopackage::write(path, model, &GeoPackageConfig::default())?;
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            if args.project {
+                let config = GeoPackageConfig::default();
+                geopackage::write_project(&path.with_extension("qgs"), &name, model, &config)?;
+            }
+            Ok(overview)
+        }
         Format::FlatGeobuf => flatgeobuf::write(path, model, &GeoPackageConfig::default()),
         Format::Tiles3d => {
             let heights = match (args.geoid_height, args.heights) {
@@ -180,15 +197,23 @@ fn exit_code(error: &OutputError) -> u8 {
 }
 
 /// The export's own origin; the input is named with its hash.
-fn lineage(args: &ExportArgs, crs: &Crs) -> Result<Lineage, Failure> {
+fn lineage(args: &ExportArgs, crs: &Crs, source: Option<Lineage>) -> Result<Lineage, Failure> {
+    let stated = |of: fn(&Lineage) -> &String, otherwise: &str| {
+        source.as_ref().map(of).filter(|text| !text.is_empty()).cloned().unwrap_or_else(|| otherwise.to_owned())
+    };
     let input = InputFile::hash("city", &args.input).map_err(|e| Failure::new(3, &e))?;
     Ok(Lineage {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         command: std::env::args().collect::<Vec<_>>().join(" "),
         inputs: vec![input],
         crs: crs.definition().to_owned(),
-        vertical_reference: crs.vertical_name().unwrap_or("as in the input").to_owned(),
-        height_definition: "as in the input; measured on its surfaces where it states none".to_owned(),
+        vertical_reference: stated(|l| &l.vertical_reference, crs.vertical_name().unwrap_or("as in the input")),
+        height_definition: stated(
+            |l| &l.height_definition,
+            "as in the input; measured on its surfaces where it states none",
+        ),
+        reference_date: source.as_ref().and_then(|l| l.reference_date.clone()),
+        source: source.map(Box::new),
         ..Lineage::default()
     })
 }

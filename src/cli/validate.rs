@@ -1,11 +1,13 @@
-//! `sizeup validate`: the solids of a `CityJSON` file.
+//! `sizeup validate`: form and solids of a `CityJSON` file.
 
 use std::path::PathBuf;
 
 use clap::Args;
+use serde::Serialize;
 
 use super::{Failure, Global, print_json};
 use crate::output::cityjson::read::CityFile;
+use crate::output::validate::schema::{self, SchemaCheck, SchemaFault};
 use crate::output::validate::{Fault, ValidateConfig, Validation, validate};
 
 /// Faults that are printed one by one unless all are asked for.
@@ -24,6 +26,9 @@ Exit code 0: no fault. 3: faults, or the file cannot be read.")]
 pub struct ValidateArgs {
     /// CityJSON 1.0, 1.1, 2.0, or CityJSONSeq (.jsonl).
     pub file: PathBuf,
+    /// Check the solids only, not the form: schema, references, indices, semantics (by cjval).
+    #[arg(long)]
+    pub no_schema: bool,
     /// Print every fault, not only the first twenty.
     #[arg(long)]
     pub all: bool,
@@ -39,19 +44,49 @@ pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
     if !(args.snap_tolerance > 0.0 && args.planarity_distance > 0.0) {
         return Err(Failure::from_text(2, "tolerances are lengths in metres, above 0"));
     }
+    let form = if args.no_schema { None } else { Some(schema::check(&args.file).map_err(|e| Failure::new(3, &e))?) };
+    let n_printed = if args.all { usize::MAX } else { N_PRINTED };
+    if let Some(form) = form.as_ref().filter(|_| !global.json) {
+        print_form(form, n_printed);
+    }
     let city = CityFile::read(&args.file).map_err(|e| Failure::new(3, &e))?;
     let config = ValidateConfig {
         snap_tolerance_m: args.snap_tolerance,
         planarity_distance_m: args.planarity_distance,
         ..ValidateConfig::default()
     };
-    let outcome = validate(&city, &config);
+    let solids = validate(&city, &config);
+    let is_valid = solids.is_valid() && form.as_ref().is_none_or(|form| form.errors.is_empty());
     if global.json {
-        print_json(&outcome)?;
+        print_json(&Outcome { solids, form })?;
     } else {
-        print_table(&outcome, if args.all { usize::MAX } else { N_PRINTED }, city.n_templates);
+        print_table(&solids, n_printed, city.n_templates);
     }
-    Ok(if outcome.is_valid() { 0 } else { EXIT_INVALID })
+    Ok(if is_valid { 0 } else { EXIT_INVALID })
+}
+
+/// Both checks as JSON.
+#[derive(Serialize)]
+struct Outcome {
+    #[serde(flatten)]
+    solids: Validation,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    form: Option<SchemaCheck>,
+}
+
+fn print_form(form: &SchemaCheck, n_printed: usize) {
+    println!("form: {} errors, {} warnings", form.errors.len(), form.warnings.len());
+    let print = |what: &str, faults: &[SchemaFault]| {
+        for SchemaFault { check, line, message } in faults.iter().take(n_printed) {
+            let line = line.map_or_else(String::new, |line| format!(" line {line}"));
+            println!("{what} {check}{line}: {message}");
+        }
+        if faults.len() > n_printed {
+            println!("… and {} more: --all prints them, --json too", faults.len() - n_printed);
+        }
+    };
+    print("error", &form.errors);
+    print("warning", &form.warnings);
 }
 
 fn print_table(outcome: &Validation, n_printed: usize, n_templates: usize) {

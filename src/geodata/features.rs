@@ -32,6 +32,26 @@ pub enum ColumnKind {
     Integer,
 }
 
+impl ColumnKind {
+    /// The narrowest type that holds what came so far and one more value; `None` while all are missing.
+    #[must_use]
+    pub fn wider(so_far: Option<Self>, value: &Value) -> Option<Self> {
+        let needed = match value {
+            Value::Null => return so_far,
+            Value::Bool(_) => Self::Integer,
+            Value::Number(number) if number.as_i64().is_some() => Self::Integer,
+            Value::Number(_) => Self::Real,
+            Value::String(_) | Value::Array(_) | Value::Object(_) => Self::Text,
+        };
+        Some(match (so_far, needed) {
+            (None, needed) => needed,
+            (Some(a), b) if a == b => a,
+            (Some(Self::Integer), Self::Real) | (Some(Self::Real), Self::Integer) => Self::Real,
+            _ => Self::Text,
+        })
+    }
+}
+
 /// A column of a layer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Column {

@@ -111,7 +111,7 @@ impl Writer<'_> {
         let options: Vec<&str> = LAYER_OPTIONS.into_iter().chain(described.iter().map(String::as_str)).collect();
         write_features(self.dataset, &self.crs, spec, &options, &failed, fill)?;
         for column in spec.columns.iter().filter(|column| !column.meaning.is_empty()) {
-            let (layer, name, meaning) = (text(spec.name), text(&column.name), text(&column.meaning));
+            let (layer, name, meaning) = (text(spec.name), text(&column.name), text(column.meaning));
             self.sql(&format!(
                 "INSERT INTO gpkg_data_columns (table_name, column_name, description) VALUES ({layer}, {name}, {meaning})"
             ))?;

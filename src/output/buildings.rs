@@ -5,8 +5,11 @@
 
 use std::collections::{HashMap, HashSet};
 
+use indexmap::IndexMap;
+
 use super::grid::{Extent, Grid};
 use super::{BuildingRecord, OutputError};
+use crate::geodata::features::ColumnKind;
 
 /// Buildings that can be gone through again and again, in the same order.
 pub trait Records {
@@ -36,6 +39,9 @@ pub struct Overview {
     pub extent: Option<Extent>,
     /// Number of parts by the building they are parts of.
     pub n_parts: HashMap<String, usize>,
+    /// The user's attributes in the order of their first appearance, with the narrowest type that holds all values;
+    /// `None` where all are missing.
+    pub attributes: IndexMap<String, Option<ColumnKind>>,
 }
 
 impl Overview {
@@ -55,6 +61,12 @@ impl Overview {
             }
             if let Some(whole) = &record.part_of {
                 *overview.n_parts.entry(whole.clone()).or_default() += 1;
+            }
+            for (name, value) in &record.attributes {
+                match overview.attributes.get_mut(name) {
+                    Some(kind) => *kind = ColumnKind::wider(*kind, value),
+                    None => drop(overview.attributes.insert(name.clone(), ColumnKind::wider(None, value))),
+                }
             }
             overview.n_buildings += 1;
             overview.n_heights += usize::from(record.height_m.is_some());

@@ -1,7 +1,7 @@
 //! `FlatGeobuf`: the `buildings` layer of the [`super::geopackage`] alone, for the web and for streams.
 //!
-//! Readers fetch what lies in a window by range requests. The features are ordered along a Hilbert curve, unless a
-//! building has no outline: the format has no index then, and the order is the input's.
+//! Readers fetch what lies in a window by range requests. The features are ordered along a Hilbert curve. Buildings
+//! without an outline have no place in it ([`Overview::n_without_outline`] counts them).
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use super::outlines::OutlineRows;
 use super::{CityModel, OutputError, Overview, Records};
 use crate::files::write_whole_by_name;
 use crate::geodata::features::{GeometryKind, LayerSpec};
-use crate::geodata::flatgeobuf::{self, Index};
+use crate::geodata::flatgeobuf;
 
 /// Writes `path` (`….fgb`) whole or not at all.
 ///
@@ -20,19 +20,22 @@ pub fn write<R: Records + ?Sized>(
     path: &Path,
     model: &CityModel<'_, R>,
     config: &GeoPackageConfig,
-) -> Result<(), OutputError> {
+) -> Result<Overview, OutputError> {
     let overview = Overview::of(model.records)?;
-    let outlines = OutlineRows::new(model.records, overview.grid(config.scale_m)?, config.min_thickness_m)?;
+    let outlines = OutlineRows::new(&overview, overview.grid(config.scale_m)?, config.min_thickness_m);
     let spec = LayerSpec {
         name: "buildings",
         description: "Outlines with heights",
         geometry: GeometryKind::Polygon,
         columns: &outlines.columns,
     };
-    let index = if overview.n_without_outline == 0 { Index::Spatial } else { Index::None };
     write_whole_by_name(path, |temporary| {
-        flatgeobuf::create(temporary, model.crs.definition(), &spec, index, |push| {
-            model.records.visit(&mut |record| push(outlines.row(record)))
+        flatgeobuf::create(temporary, model.crs.definition(), &spec, |push| {
+            model.records.visit(&mut |record| match record.footprint {
+                Some(_) => push(outlines.row(record)),
+                None => Ok(()),
+            })
         })
-    })
+    })?;
+    Ok(overview)
 }

@@ -12,8 +12,9 @@
 //!
 //! [`read`] brings results and references back, [`validate`] checks the solids of any `CityJSON` file.
 //!
-//! All of them take one [`CityModel`]; every building of the input is in every file of the first four, with a status and
-//! reasons. A model's buildings may be in memory or come from a file one by one ([`Records`]).
+//! All of them take one [`CityModel`]; every building of the input is in every file, with a status and reasons. Only
+//! `FlatGeobuf` has no place for those without an outline, and 3D Tiles for those without a height. A model's buildings
+//! may be in memory or come from a file one by one ([`Records`]).
 
 pub mod attributes;
 mod buildings;

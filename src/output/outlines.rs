@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::attributes::{self, FIELDS, ID};
 use super::grid::Grid;
 use super::prism::{NoSolid, Prism};
-use super::{BuildingRecord, OutputError, Records, wkb};
+use super::{BuildingRecord, Overview, wkb};
 use crate::geodata::features::{Column, ColumnKind, Row};
 
 /// Between the items of a list in a text column.
@@ -24,15 +24,13 @@ pub struct OutlineRows {
 }
 
 impl OutlineRows {
-    /// Goes through all buildings once to find the user's columns; grid and thickness tell which have a solid.
-    ///
-    /// # Errors
-    /// [`OutputError`] of the source.
-    pub fn new<R: Records + ?Sized>(records: &R, grid: Grid, min_thickness_m: f64) -> Result<Self, OutputError> {
-        let carried = carried_columns(records)?;
+    /// For the buildings of an overview; grid and thickness tell which have a solid.
+    #[must_use]
+    pub fn new(overview: &Overview, grid: Grid, min_thickness_m: f64) -> Self {
+        let carried = carried_columns(overview);
         let theirs = carried.iter().map(|c| Column { name: Cow::Owned(c.column.clone()), kind: c.kind, meaning: "" });
         let columns = std::iter::once(ID).chain(FIELDS).chain(theirs).collect();
-        Ok(Self { columns, carried, grid, min_thickness_m })
+        Self { columns, carried, grid, min_thickness_m }
     }
 
     /// One building.
@@ -77,45 +75,15 @@ impl Carried {
     }
 }
 
-/// One column per attribute name of any record, in the order of first appearance. Its type is the narrowest that
-/// holds all values; names that differ only by case get a number, because the format does not tell them apart.
-fn carried_columns<R: Records + ?Sized>(records: &R) -> Result<Vec<Carried>, OutputError> {
-    let mut kinds: indexmap::IndexMap<String, Option<ColumnKind>> = indexmap::IndexMap::new();
-    records.visit(&mut |record| {
-        for (name, value) in &record.attributes {
-            match kinds.get_mut(name) {
-                Some(so_far) => *so_far = wider(*so_far, value),
-                None => {
-                    kinds.insert(name.clone(), wider(None, value));
-                }
-            }
-        }
-        Ok(())
-    })?;
+/// One column per attribute name; names that differ only by case get a number, because the format does not tell them
+/// apart.
+fn carried_columns(overview: &Overview) -> Vec<Carried> {
     let mut n_used: BTreeMap<String, usize> = BTreeMap::new();
-    let carried = kinds.into_iter().map(|(name, kind)| {
-        let column = attributes::carried_name(&name);
+    let carried = overview.attributes.iter().map(|(name, kind)| {
+        let column = attributes::carried_name(name);
         let n = n_used.entry(column.to_lowercase()).and_modify(|n| *n += 1).or_insert(1);
         let column = if *n == 1 { column } else { format!("{column}_{n}") };
-        Carried { name, column, kind: kind.unwrap_or(ColumnKind::Text) }
+        Carried { name: name.clone(), column, kind: kind.unwrap_or(ColumnKind::Text) }
     });
-    Ok(carried.collect())
-}
-
-fn wider(so_far: Option<ColumnKind>, value: &Value) -> Option<ColumnKind> {
-    let needed = match value {
-        Value::Null => return so_far,
-        Value::Bool(_) => ColumnKind::Integer,
-        Value::Number(number) if number.as_i64().is_some() => ColumnKind::Integer,
-        Value::Number(_) => ColumnKind::Real,
-        Value::String(_) | Value::Array(_) | Value::Object(_) => ColumnKind::Text,
-    };
-    Some(match (so_far, needed) {
-        (None, needed) => needed,
-        (Some(a), b) if a == b => a,
-        (Some(ColumnKind::Integer), ColumnKind::Real) | (Some(ColumnKind::Real), ColumnKind::Integer) => {
-            ColumnKind::Real
-        }
-        _ => ColumnKind::Text,
-    })
+    carried.collect()
 }

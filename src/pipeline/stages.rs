@@ -291,6 +291,7 @@ fn lineage(
         ),
         seed: config.seed,
         reference_date: config.project.reference_date.clone(),
+        source: None,
     })
 }
 
@@ -306,6 +307,7 @@ fn write_results(config: &RunConfig, model: &CityModel<'_>, summary: &RunSummary
     let folder = &config.project.output;
     cityjson::write(&folder.join("city.city.json"), model, &config.output.cityjson)?;
     geopackage::write(&folder.join("city.gpkg"), model, &config.output.geopackage)?;
+    geopackage::write_project(&folder.join("city.qgs"), "city.gpkg", model, &config.output.geopackage)?;
     write_json(&folder.join("issues.json"), &model.issues)?;
     write_json(&folder.join("lineage.json"), &model.lineage)?;
     // Seconds differ from run to run; the file stays the same for the same input.

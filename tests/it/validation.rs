@@ -4,7 +4,7 @@ use std::path::Path;
 
 use sizeup::output::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface};
 use sizeup::output::cityjson::{self, CityJsonConfig};
-use sizeup::output::validate::{Fault, ValidateConfig, validate};
+use sizeup::output::validate::{Fault, ValidateConfig, schema, validate};
 
 use crate::evaluation::shared_data;
 use crate::outputs::town;
@@ -34,6 +34,7 @@ fn file(faces: &Faces) -> CityFile {
         id: "a".to_owned(),
         kind: "Building".to_owned(),
         parents: Vec::new(),
+        children: Vec::new(),
         attributes: serde_json::Map::new(),
         geometries: vec![geometry],
     });
@@ -81,7 +82,7 @@ fn a_cube_and_a_courtyard_are_valid() {
     let path = folder.path().join("town.city.json");
     cityjson::write(&path, &town().model(), &CityJsonConfig::default()).unwrap();
     let outcome = validate(&CityFile::read(&path).unwrap(), &ValidateConfig::default());
-    assert_eq!((outcome.n_geometries, outcome.n_valid, outcome.n_without_geometry), (4, 4, 2));
+    assert_eq!((outcome.n_geometries, outcome.n_valid, outcome.n_without_geometry), (5, 5, 1));
 }
 
 #[test]
@@ -184,6 +185,81 @@ fn shell_faults_are_found_with_their_place() {
     inside_out.iter_mut().flatten().for_each(|ring| ring.reverse());
     assert_eq!(codes(&inside_out), [405]);
     assert_eq!(codes(&Vec::new()), [902]);
+}
+
+/// The form's faults of the town's file after a change, by cjval's names.
+fn form_faults(name: &str, alter: impl Fn(&mut serde_json::Value)) -> Vec<String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    let is_sequence = name.ends_with("jsonl");
+    if is_sequence {
+        cityjson::write_sequence(&path, &town().model(), &CityJsonConfig::default()).unwrap();
+    } else {
+        cityjson::write(&path, &town().model(), &CityJsonConfig::default()).unwrap();
+    }
+    let text = std::fs::read_to_string(&path).unwrap();
+    let (before, part, after) = if is_sequence {
+        let mut lines: Vec<&str> = text.lines().collect();
+        let after = lines.split_off(4).join("\n");
+        let part = lines.pop().unwrap();
+        (lines.join("\n") + "\n", part.to_owned(), "\n".to_owned() + &after)
+    } else {
+        (String::new(), text, String::new())
+    };
+    let mut part = serde_json::from_str(&part).unwrap();
+    alter(&mut part);
+    std::fs::write(&path, format!("{before}{part}{after}")).unwrap();
+    let outcome = schema::check(&path).unwrap();
+    assert!(!is_sequence || outcome.errors.iter().all(|fault| fault.line == Some(4)), "{outcome:?}");
+    outcome.errors.into_iter().map(|fault| fault.check).collect()
+}
+
+#[test]
+fn faults_of_form_are_found_by_name_and_line() {
+    use serde_json::json;
+    assert_eq!(form_faults("a.city.json", |_| {}), Vec::<String>::new());
+    assert_eq!(form_faults("a.city.jsonl", |_| {}), Vec::<String>::new());
+    let courtyard = "/CityObjects/courtyard/geometry/0";
+    for name in ["a.city.json", "a.city.jsonl"] {
+        assert_eq!(form_faults(name, |c| c["CityObjects"]["courtyard"]["type"] = json!("House")), ["schema"], "{name}");
+        assert_eq!(form_faults(name, |c| c.pointer_mut(courtyard).unwrap()["lod"] = json!(1.2)), ["schema"], "{name}");
+        let index = format!("{courtyard}/boundaries/0/0/0/0");
+        assert_eq!(
+            form_faults(name, |c| *c.pointer_mut(&index).unwrap() = json!(9999)),
+            ["wrong_vertex_index"],
+            "{name}"
+        );
+        let values = format!("{courtyard}/semantics/values/0/1");
+        assert_eq!(form_faults(name, |c| *c.pointer_mut(&values).unwrap() = json!(7)), ["semantics_arrays"], "{name}");
+        let orphan = |c: &mut serde_json::Value| c["CityObjects"]["courtyard"]["children"] = json!(["nobody"]);
+        assert_eq!(form_faults(name, orphan), ["parents_children_consistency"], "{name}");
+    }
+    let mut without_version = form_faults("a.city.json", |c| drop(c.as_object_mut().unwrap().remove("version")));
+    without_version.dedup();
+    assert_eq!(without_version, ["schema"]);
+}
+
+#[test]
+fn the_command_tells_faults_of_form_and_ends_with_3() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.city.json");
+    cityjson::write(&path, &town().model(), &CityJsonConfig::default()).unwrap();
+    let validate = |flags: &[&str]| {
+        let mut sizeup = crate::tiny_scene::sizeup();
+        sizeup.arg("validate").arg(&path).args(flags).output().unwrap()
+    };
+    let valid = validate(&[]);
+    assert_eq!(valid.status.code(), Some(0), "{}", String::from_utf8_lossy(&valid.stdout));
+    let text = std::fs::read_to_string(&path).unwrap().replacen("\"type\":\"Building\"", "\"type\":\"House\"", 1);
+    std::fs::write(&path, text).unwrap();
+    let faulty = validate(&["--json"]);
+    assert_eq!(faulty.status.code(), Some(3));
+    let report: serde_json::Value = serde_json::from_slice(&faulty.stdout).unwrap();
+    assert_eq!(
+        (&report["form"]["errors"][0]["check"], &report["n_valid"]),
+        (&"schema".into(), &report["n_geometries"])
+    );
+    assert_eq!(validate(&["--no-schema"]).status.code(), Some(0), "its solids are sound");
 }
 
 #[test]

@@ -1,12 +1,13 @@
 //! `CityJSON` 2.0 (<https://www.cityjson.org/specs/2.0.1/>): LOD 1.2 solids with semantics, in one file or as a sequence.
 //!
 //! Written building by building; only the list of distinct vertices is kept until the end (some 30 bytes each), and in
-//! a sequence not even that. A building without a solid is a `Building` without geometry whose attributes say why.
+//! a sequence not even that. A building without a solid has its outline as LOD 0 and attributes that say why.
 
 mod metadata;
 mod names;
 mod object;
 pub mod read;
+mod read_sequence;
 mod sequence;
 mod vertices;
 
@@ -24,6 +25,7 @@ use crate::files::{FileError, write_whole_or};
 use crate::issue::{Issue, Severity, Subject};
 pub use names::{AttributeNames, EXTENSION_PREFIX, extension_schema};
 use object::Objects;
+pub use read_sequence::Sequence;
 pub use sequence::write_sequence;
 use vertices::VertexPool;
 
@@ -71,7 +73,7 @@ pub fn write<R: Records + ?Sized>(
     path: &Path,
     model: &CityModel<'_, R>,
     config: &CityJsonConfig,
-) -> Result<(), OutputError> {
+) -> Result<Overview, OutputError> {
     config.require_valid()?;
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(config.scale_m)?;
@@ -99,7 +101,8 @@ pub fn write<R: Records + ?Sized>(
         })?;
         out.write_all(b"\n},\n\"vertices\":[").and_then(|()| pool.write(out)).map_err(failed)?;
         writeln!(out, "]}}").map_err(failed)
-    })
+    })?;
+    Ok(overview)
 }
 
 fn cannot_write(path: &Path, error: io::Error) -> OutputError {

@@ -5,6 +5,7 @@ use serde_json::{Map as JsonMap, Value, json};
 use super::super::attributes;
 use super::super::buildings::Family;
 use super::super::grid::Grid;
+use super::super::outline::SnappedOutline;
 use super::super::prism::{Face, NoSolid, Prism, Surface};
 use super::super::{BuildingRecord, Status};
 use super::names::{self, AttributeNames};
@@ -82,7 +83,7 @@ impl Objects<'_> {
         whole
     }
 
-    /// One object with our own attributes, and its solid if it has one.
+    /// One object with our own attributes and its solid, or else its outline on the ground.
     fn solid_object(&self, kind: &str, record: &BuildingRecord, pool: &mut VertexPool) -> Value {
         let prism = Prism::of(record, self.grid, self.config.min_thickness_m);
         let own = attributes::own(record, prism.as_ref().err().copied().map(NoSolid::code));
@@ -90,15 +91,39 @@ impl Objects<'_> {
         if self.config.names == AttributeNames::ThreeDBag {
             all.extend(names::three_d_bag(record, prism.as_ref().ok(), self.grid));
         }
+        let mut object = json!({ "type": kind, "attributes": all });
         match prism {
             Ok(prism) => {
-                let geometry = solid(&prism.faces(), pool);
-                json!({ "type": kind, "attributes": all,
-                        "geographicalExtent": extent(&prism, self.grid), "geometry": [geometry] })
+                object["geographicalExtent"] = json!(extent(prism.outline(), prism.base(), prism.roof(), self.grid));
+                object["geometry"] = json!([solid(&prism.faces(), pool)]);
             }
-            Err(_) => json!({ "type": kind, "attributes": all }),
+            Err(_) => {
+                if let Some((outline, level)) = self.footprint(record) {
+                    object["geographicalExtent"] = json!(extent(&outline, level, level, self.grid));
+                    object["geometry"] = json!([surface(&outline, level, pool)]);
+                }
+            }
         }
+        object
     }
+
+    /// What is left of a building without a solid: its outline on the ground, if both are known.
+    fn footprint(&self, record: &BuildingRecord) -> Option<(SnappedOutline, i64)> {
+        let base_m = record.base_z_m.or(record.ground_z_m)?;
+        let outline = SnappedOutline::new(record.footprint.as_ref()?, self.grid).ok()?;
+        Some((outline, self.grid.level(base_m)))
+    }
+}
+
+/// The outline as LOD 0.
+fn surface(outline: &SnappedOutline, level: i64, pool: &mut VertexPool) -> Value {
+    let mut ring =
+        |ring: &Vec<[i64; 2]>| -> Vec<u32> { ring.iter().map(|&[x, y]| pool.index_of([x, y, level])).collect() };
+    let rings: Vec<Vec<u32>> = outline.rings().iter().map(&mut ring).collect();
+    json!({
+        "type": "MultiSurface", "lod": "0", "boundaries": [rings],
+        "semantics": { "surfaces": [{ "type": "GroundSurface" }], "values": [0] },
+    })
 }
 
 /// A `Solid` of one shell, with one semantic surface per kind.
@@ -122,15 +147,15 @@ fn solid(faces: &[Face], pool: &mut VertexPool) -> Value {
     })
 }
 
-/// Box of the solid in the map frame, metres, rounded like everything else.
-fn extent(prism: &Prism, grid: &Grid) -> [f64; 6] {
-    let exterior = &prism.outline().rings()[0];
+/// Box between two levels in the map frame, metres, rounded like everything else.
+fn extent(outline: &SnappedOutline, base: i64, roof: i64, grid: &Grid) -> [f64; 6] {
+    let exterior = &outline.rings()[0];
     let of = |axis: usize| {
         let values = exterior.iter().map(|p| p[axis]);
         values.fold((i64::MAX, i64::MIN), |(low, high), v| (low.min(v), high.max(v)))
     };
     let ((west, east), (south, north)) = (of(0), of(1));
-    let low = grid.metres([west, south, prism.base()]).map(metadata::tidy);
-    let high = grid.metres([east, north, prism.roof()]).map(metadata::tidy);
+    let low = grid.metres([west, south, base]).map(metadata::tidy);
+    let high = grid.metres([east, north, roof]).map(metadata::tidy);
     [low[0], low[1], low[2], high[0], high[1], high[2]]
 }

@@ -21,7 +21,7 @@ pub fn write_sequence<R: Records + ?Sized>(
     path: &Path,
     model: &CityModel<'_, R>,
     config: &CityJsonConfig,
-) -> Result<(), OutputError> {
+) -> Result<Overview, OutputError> {
     config.require_valid()?;
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(config.scale_m)?;
@@ -40,7 +40,8 @@ pub fn write_sequence<R: Records + ?Sized>(
             let named = objects.of(&family, &mut pool);
             write_feature(out, &named, &pool).map_err(failed)
         })
-    })
+    })?;
+    Ok(overview)
 }
 
 /// One line: the root object first, which names the feature.

@@ -11,7 +11,10 @@
 //! Lineage is in `gpkg_metadata`, meanings of the columns in `gpkg_data_columns`, the default style in `layer_styles`.
 
 mod layers;
+mod project;
 mod tables;
+
+pub use project::write_project;
 
 use std::path::Path;
 
@@ -55,10 +58,10 @@ pub fn write<R: Records + ?Sized>(
     path: &Path,
     model: &CityModel<'_, R>,
     config: &GeoPackageConfig,
-) -> Result<(), OutputError> {
+) -> Result<Overview, OutputError> {
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(config.scale_m)?;
-    let outlines = OutlineRows::new(model.records, grid, config.min_thickness_m)?;
+    let outlines = OutlineRows::new(&overview, grid, config.min_thickness_m);
     let timestamp = format!("{}T00:00:00.000Z", model.lineage.reference_date.as_deref().unwrap_or(NO_DATE));
     write_whole_by_name(path, |temporary| {
         gpkg::create(temporary, model.crs.definition(), &timestamp, |writer| {
@@ -73,5 +76,6 @@ pub fn write<R: Records + ?Sized>(
             tables::lineage(writer, model.lineage, &timestamp)?;
             tables::styles(writer, |layer| config.solids || layer != "buildings_lod1", &timestamp)
         })
-    })
+    })?;
+    Ok(overview)
 }

@@ -161,7 +161,8 @@ impl FoundBuilding {
             FeatureGeometry::Shape(Geometry::MultiPolygon(polygons)) => Some(polygons),
             FeatureGeometry::Shape(_) | FeatureGeometry::Missing | FeatureGeometry::Unsupported(_) => None,
         };
-        let part_of = feature.attributes.get("part_of").and_then(Value::as_str).map(str::to_owned);
+        let part_of = feature.attributes.get("part_of").and_then(Value::as_str);
+        let part_of = part_of.filter(|whole| !whole.is_empty()).map(str::to_owned);
         Self { id, part_of, outline, levels: None, attributes: feature.attributes }
     }
 }

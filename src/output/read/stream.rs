@@ -1,14 +1,18 @@
 //! A file's buildings one by one, for writers: memory does not grow with the file.
 //!
-//! `CityJSON` alone has to be read whole, because its vertices come after what refers to them.
+//! Of `CityJSON` the vertices are kept, 24 bytes each, because they come after what refers to them.
 
 use std::path::{Path, PathBuf};
 
 use super::super::buildings::Records;
-use super::super::cityjson::read::{CityFile, Sequence};
-use super::super::{BuildingRecord, OutputError};
+use super::super::cityjson::Sequence;
+use super::super::cityjson::read::{CityFile, visit_objects};
+use super::super::{BuildingRecord, Lineage, OutputError};
 use super::{FoundBuilding, ReadError, ReadOptions, is_cityjson, is_sequence, open_layer, surfaces};
 use crate::crs::Crs;
+
+/// Where GDAL shows the first document of `gpkg_metadata`.
+const GEOPACKAGE_METADATA: &str = "GPKG_METADATA_ITEM_1";
 
 /// A file whose buildings can be gone through again and again.
 #[derive(Debug)]
@@ -16,13 +20,14 @@ pub struct RecordFile<'a> {
     path: PathBuf,
     options: ReadOptions<'a>,
     crs: Option<Crs>,
+    lineage: Option<Lineage>,
     content: Content,
 }
 
 /// Where the buildings are.
 #[derive(Debug)]
 enum Content {
-    Memory(Vec<BuildingRecord>),
+    City { vertices: Vec<[f64; 3]> },
     Sequence,
     Layer,
 }
@@ -33,16 +38,27 @@ impl<'a> RecordFile<'a> {
     /// # Errors
     /// [`ReadError`].
     pub fn open(path: &Path, options: ReadOptions<'a>) -> Result<Self, ReadError> {
-        let (crs, content) = if is_sequence(path) {
-            (Sequence::open(path)?.crs().cloned(), Content::Sequence)
+        let of_metadata = |city: &CityFile| serde_json::from_value(city.metadata.get("sizeup")?.clone()).ok();
+        let (crs, lineage, content) = if is_sequence(path) {
+            let sequence = Sequence::open(path)?;
+            (sequence.header().crs.clone(), of_metadata(sequence.header()), Content::Sequence)
         } else if is_cityjson(path)? {
-            let city = CityFile::read(path)?;
-            let records = surfaces::buildings(&city, options.lod).iter().map(FoundBuilding::to_record).collect();
-            (city.crs, Content::Memory(records))
+            let city = CityFile::read_head(path)?;
+            let lineage = of_metadata(&city);
+            (city.crs, lineage, Content::City { vertices: city.vertices })
         } else {
-            (open_layer(path, &options)?.0.crs()?, Content::Layer)
+            let layer = open_layer(path, &options)?.0;
+            let crs = layer.crs()?;
+            let metadata = layer.into_file_metadata(GEOPACKAGE_METADATA);
+            (crs, metadata.and_then(|json| serde_json::from_str(&json).ok()), Content::Layer)
         };
-        Ok(Self { path: path.to_owned(), options, crs, content })
+        Ok(Self { path: path.to_owned(), options, crs, lineage, content })
+    }
+
+    /// Its origin, where it is a file of ours.
+    #[must_use]
+    pub fn lineage(&self) -> Option<Lineage> {
+        self.lineage.clone()
     }
 
     /// Its CRS, where it states one.
@@ -55,7 +71,13 @@ impl<'a> RecordFile<'a> {
 impl Records for RecordFile<'_> {
     fn visit(&self, visit: &mut dyn FnMut(&BuildingRecord) -> Result<(), OutputError>) -> Result<(), OutputError> {
         match &self.content {
-            Content::Memory(records) => records.visit(visit),
+            Content::City { vertices } => {
+                let (mut gathering, lod) = (surfaces::Gathering::default(), self.options.lod);
+                visit_objects(&self.path, vertices, &mut |object| {
+                    gathering.add(object, vertices, lod).iter().try_for_each(|found| visit(&found.to_record()))
+                })?;
+                gathering.rest(vertices, lod).iter().try_for_each(|found| visit(&found.to_record()))
+            }
             Content::Sequence => Sequence::open(&self.path)?.try_for_each(|feature| {
                 surfaces::buildings(&feature?, self.options.lod).iter().try_for_each(|found| visit(&found.to_record()))
             }),

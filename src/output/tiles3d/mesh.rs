@@ -59,7 +59,9 @@ impl Mesh {
         let at_level = |level: i64| corners.iter().map(move |&[x, y]| DVec3::from_array(grid.metres([x, y, level])));
         let mut points: Vec<DVec3> = at_level(prism.base()).chain(at_level(prism.roof())).collect();
         place.to_local(&mut points)?;
-        points.iter_mut().for_each(|p| *p = gltf_from_enu(*p));
+        for point in &mut points {
+            *point = gltf_from_enu(*point);
+        }
         let (base, roof) = points.split_at(n);
 
         let triangles = triangulate(rings, &corners);

@@ -75,10 +75,10 @@ pub fn write<R: Records + ?Sized>(
     path: &Path,
     model: &CityModel<'_, R>,
     config: &Tiles3dConfig,
-) -> Result<(), OutputError> {
+) -> Result<Overview, OutputError> {
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(config.scale_m)?;
-    let rows = OutlineRows::new(model.records, grid, config.min_thickness_m)?;
+    let rows = OutlineRows::new(&overview, grid, config.min_thickness_m);
     let mut blocks: Vec<Block> = Vec::with_capacity(overview.n_buildings);
     model.records.visit(&mut |record| {
         if let Ok(prism) = Prism::of(record, &grid, config.min_thickness_m) {
@@ -109,7 +109,8 @@ pub fn write<R: Records + ?Sized>(
         };
         let tileset = tileset(root, model, &overview, blocks.len(), config, writer.place);
         write_json(&temporary.join(folder::TILESET), &tileset)
-    })
+    })?;
+    Ok(overview)
 }
 
 fn item(idx: usize, block: &Block, grid: &Grid) -> Item {

@@ -31,7 +31,7 @@ pub enum Heights {
 /// The way from the map to the earth.
 enum Way {
     Direct(Transform3d),
-    Stated { lon_lat: Transform, geocentric: Geocentric, add_m: f64 },
+    Stated { lon_lat: Transform, geocentric: Box<Geocentric>, add_m: f64 },
 }
 
 /// The local frame of a city on the earth.
@@ -48,7 +48,8 @@ impl Place {
     /// [`OutputError::HeightsNotStated`], or [`OutputError::Crs`] where PROJ would only guess.
     pub fn new(crs: &Crs, heights: Heights, centre_m: DVec3) -> Result<Self, OutputError> {
         let geocentric = Geocentric::new()?;
-        let stated = |add_m: f64, geocentric| -> Result<Way, OutputError> {
+        let stated = |add_m: f64, geocentric: Geocentric| -> Result<Way, OutputError> {
+            let geocentric = Box::new(geocentric);
             Ok(Way::Stated { lon_lat: Transform::new(crs, &Crs::parse("EPSG:4326")?)?, geocentric, add_m })
         };
         let way = match heights {

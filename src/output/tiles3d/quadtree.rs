@@ -104,7 +104,7 @@ mod tests {
         let item =
             |idx: usize| Item { idx, centre: [(idx * 37 % 101) as f64, (idx * 53 % 97) as f64], size_m: sizes[idx] };
         let root = Node::root((0..500).map(item).collect(), 20).unwrap();
-        let mut seen = Vec::new();
+        let mut seen: Vec<usize> = Vec::new();
         walk(&root, &mut |node| {
             assert!(!node.members.is_empty() && node.members.len() <= 20, "{}", node.name);
             seen.extend(&node.members);
