@@ -2,6 +2,10 @@
 
 use std::path::Path;
 
+use geo::Area as _;
+use geo_types::{Coord, LineString, Polygon};
+use glam::DVec3;
+use proptest::prelude::*;
 use sizeup::output::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface};
 use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::validate::{Fault, ValidateConfig, schema, validate};
@@ -269,5 +273,58 @@ fn real_files_are_checked_without_a_panic() {
         let outcome = validate(&CityFile::read(Path::new(&path)).unwrap(), &ValidateConfig::default());
         eprintln!("{name}: {} of {} valid, {:?}", outcome.n_valid, outcome.n_geometries, outcome.n_by_code);
         assert!(outcome.n_geometries > 100);
+    }
+}
+
+/// A star around the town's corner with a courtyard around its middle, between radii of metres.
+fn outlines() -> impl Strategy<Value = Polygon<f64>> {
+    let star = |low_m: f64, high_m: f64| {
+        prop::collection::vec((low_m..high_m, 0.0..0.8_f64), 5..16).prop_map(|spokes| {
+            let step = std::f64::consts::TAU / spokes.len() as f64;
+            let corner = |(i, &(r, shift)): (usize, &(f64, f64))| {
+                let angle = (i as f64 + shift) * step;
+                Coord { x: AT[0] + r * angle.cos(), y: AT[1] + r * angle.sin() }
+            };
+            spokes.iter().enumerate().map(corner).collect::<LineString<f64>>()
+        })
+    };
+    (star(9.0, 20.0), star(0.5, 3.0), any::<bool>()).prop_map(|(exterior, courtyard, has_courtyard)| {
+        Polygon::new(exterior, if has_courtyard { vec![courtyard] } else { Vec::new() })
+    })
+}
+
+/// Volume enclosed by the faces of a file, by the divergence theorem.
+fn volume_m3(city: &CityFile) -> f64 {
+    let point = |i: u32| DVec3::from_array(city.vertices[i as usize]) - DVec3::from_array(AT);
+    let rings = city.objects.iter().flat_map(|o| &o.geometries).flat_map(|g| &g.surfaces).flat_map(|s| &s.rings);
+    rings.map(|r| r.windows(2).map(|e| point(r[0]).dot(point(e[0]).cross(point(e[1])))).sum::<f64>() / 6.0).sum()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_valid_outline_of_any_height_is_a_valid_file_of_area_times_height(
+        outline in outlines(),
+        thickness_m in 0.6..300.0_f64,
+    ) {
+        prop_assume!(geo::Validation::is_valid(&outline));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.city.json");
+        let mut town = town();
+        town.records.truncate(1);
+        let record = &mut town.records[0];
+        record.footprint = Some(outline.clone());
+        (record.ground_z_m, record.base_z_m, record.height_m) = (Some(12.0), Some(12.0), Some(thickness_m));
+        cityjson::write(&path, &town.model(), &CityJsonConfig::default()).unwrap();
+        let city = CityFile::read(&path).unwrap();
+        let solids = validate(&city, &ValidateConfig::default());
+        prop_assert!(solids.is_valid() && solids.n_geometries == 1, "{solids:?}");
+        let form = schema::check(&path).unwrap();
+        prop_assert!(form.errors.is_empty() && form.warnings.is_empty(), "{form:?}");
+        // Half a millimetre along an outline of at most 600 m, and in height.
+        let (area_m2, volume_m3) = (outline.unsigned_area(), volume_m3(&city));
+        let tolerance_m3 = 0.3 * thickness_m + 0.0005 * area_m2;
+        prop_assert!((volume_m3 - area_m2 * thickness_m).abs() < tolerance_m3, "{volume_m3} {area_m2}");
     }
 }
