@@ -12,6 +12,8 @@ use crate::output::validate::{Fault, ValidateConfig, Validation, validate};
 
 /// Faults that are printed one by one unless all are asked for.
 const N_PRINTED: usize = 20;
+/// Features of a sequence whose form is looked at unless all are asked for.
+const N_FEATURES: usize = 200;
 /// The file holds faults.
 const EXIT_INVALID: u8 = 3;
 
@@ -29,7 +31,7 @@ pub struct ValidateArgs {
     /// Check the solids only, not the form: schema, references, indices, semantics (by cjval).
     #[arg(long)]
     pub no_schema: bool,
-    /// Print every fault, not only the first twenty.
+    /// Print every fault, not only the first twenty; look at the form of every feature of a sequence, not only 200.
     #[arg(long)]
     pub all: bool,
     /// Vertices closer than this are one, metres.
@@ -44,7 +46,7 @@ pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
     if !(args.snap_tolerance > 0.0 && args.planarity_distance > 0.0) {
         return Err(Failure::from_text(2, "tolerances are lengths in metres, above 0"));
     }
-    let form = if args.no_schema { None } else { Some(schema::check(&args.file).map_err(|e| Failure::new(3, &e))?) };
+    let form = if args.no_schema { None } else { Some(check_form(args)?) };
     let n_printed = if args.all { usize::MAX } else { N_PRINTED };
     if let Some(form) = form.as_ref().filter(|_| !global.json) {
         print_form(form, n_printed);
@@ -65,6 +67,11 @@ pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
     Ok(if is_valid { 0 } else { EXIT_INVALID })
 }
 
+fn check_form(args: &ValidateArgs) -> Result<SchemaCheck, Failure> {
+    let max_features = if args.all { usize::MAX } else { N_FEATURES };
+    schema::check_some(&args.file, max_features).map_err(|e| Failure::new(3, &e))
+}
+
 /// Both checks as JSON.
 #[derive(Serialize)]
 struct Outcome {
@@ -76,6 +83,9 @@ struct Outcome {
 
 fn print_form(form: &SchemaCheck, n_printed: usize) {
     println!("form: {} errors, {} warnings", form.errors.len(), form.warnings.len());
+    if form.n_features_checked < form.n_features {
+        println!("form of {} features out of {}; --all looks at every one", form.n_features_checked, form.n_features);
+    }
     let print = |what: &str, faults: &[SchemaFault]| {
         for SchemaFault { check, line, message } in faults.iter().take(n_printed) {
             let line = line.map_or_else(String::new, |line| format!(" line {line}"));
