@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps deps-test deps-qgis demo test lint bench docs schemas clean
+.PHONY: help deps deps-test deps-qgis deps-web demo test lint bench docs schemas clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -18,6 +18,9 @@ deps-test: deps ## Install what is missing to test against independent tools
 
 deps-qgis: ## Install QGIS (200 MB), so that the tests that open results in it run too
 	@tools/deps.sh qgis
+
+deps-web: ## Install a browser and validators of 3D Tiles (500 MB), so that the tests that use them run too
+	@tools/deps.sh web
 
 demo: deps ## Build, simulate a small town, find its heights, and show the result
 	$(CARGO) build --release --locked

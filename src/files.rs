@@ -29,15 +29,25 @@ impl FileError {
 /// # Errors
 /// [`FileError`] when the folder cannot be written, the disk is full, or `fill` fails; the old file then stays.
 pub fn write_whole(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), FileError> {
-    let write = || -> io::Result<()> {
-        let mut temporary = temporary_beside(path)?;
-        let mut buffered = BufWriter::with_capacity(1 << 20, temporary.as_file_mut());
-        fill(&mut buffered)?;
-        buffered.flush()?;
-        drop(buffered);
-        persist(temporary, path)
-    };
-    write().map_err(FileError::on("cannot write", path))
+    write_whole_or(path, |out| fill(out).map_err(FileError::on("cannot write", path)))
+}
+
+/// Like [`write_whole`], where `fill` can fail for reasons of its own.
+///
+/// # Errors
+/// The error of `fill`, or a [`FileError`] turned into it; the old file then stays.
+pub fn write_whole_or<E: From<FileError>>(
+    path: &Path,
+    fill: impl FnOnce(&mut dyn Write) -> Result<(), E>,
+) -> Result<(), E> {
+    let failed = |e| FileError::on("cannot write", path)(e);
+    let mut temporary = temporary_beside(path).map_err(failed)?;
+    let mut buffered = BufWriter::with_capacity(1 << 20, temporary.as_file_mut());
+    fill(&mut buffered)?;
+    buffered.flush().map_err(failed)?;
+    drop(buffered);
+    persist(temporary, path).map_err(failed)?;
+    Ok(())
 }
 
 /// Like [`write_whole`], but leaves the flush to disk to the system: for the many files that a repeated run would

@@ -5,9 +5,15 @@
 #   tools/deps.sh test    the independent tools that tests compare with
 #   tools/deps.sh docs    Python, which writes docs/reference.md
 #   tools/deps.sh qgis    QGIS, some 200 MB; without it the tests that need it say "skipped"
+#   tools/deps.sh web     Node.js, a browser, CesiumJS and validators of 3D Tiles, some 500 MB; likewise
+#
+# What is no package of the distribution goes into target/tools, with its version.
 set -euo pipefail
 
 readonly MIN_RUST=94 # Rust 1.94
+readonly CJIO=0.10.1 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1
+tools="$(cd "$(dirname "$0")/.." && pwd)/target/tools"
+readonly tools
 
 say() { printf 'deps: %s\n' "$*" >&2; }
 fail() { say "$*"; exit 1; }
@@ -54,7 +60,33 @@ deps: Debian bookworm has it in its security updates (bookworm-security main in 
 test_tools() {
   local missing=()
   command -v ogrinfo >/dev/null || missing+=(gdal-bin)
+  command -v python3 >/dev/null || missing+=(python3)
+  python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)
   install_packages ${missing[@]+"${missing[@]}"}
+  if ! "$tools/cjio/bin/cjio" --version 2>/dev/null | grep -q "$CJIO"; then
+    say "installing cjio $CJIO into target/tools"
+    # Only the tests that use it are skipped without it.
+    { python3 -m venv "$tools/cjio" && "$tools/cjio/bin/pip" install -q --disable-pip-version-check "cjio==$CJIO"; } ||
+      say "cjio could not be installed: the tests that use it are skipped"
+  fi
+}
+
+web() {
+  local missing=()
+  command -v node >/dev/null || missing+=(nodejs)
+  command -v npm >/dev/null || missing+=(npm)
+  command -v chromium >/dev/null || missing+=(chromium)
+  install_packages ${missing[@]+"${missing[@]}"}
+  mkdir -p "$tools/web"
+  # One by one: a registry may lack one of them, and only its tests are skipped then.
+  local package
+  for package in "gltf-validator@$GLTF_VALIDATOR" "cesium@$CESIUM" "3d-tiles-validator@$TILES_VALIDATOR"; do
+    if [ ! -d "$tools/web/node_modules/${package%@*}" ]; then
+      say "installing $package into target/tools"
+      npm install --prefix "$tools/web" --no-audit --no-fund --silent "$package" ||
+        say "$package could not be installed: the tests that use it are skipped"
+    fi
+  done
 }
 
 qgis() {
@@ -66,5 +98,6 @@ case "${1:-build}" in
   docs) build_tools; command -v python3 >/dev/null || install_packages python3 ;;
   test) build_tools; test_tools ;;
   qgis) qgis ;;
-  *) fail "usage: tools/deps.sh build|test|qgis|docs" ;;
+  web) web ;;
+  *) fail "usage: tools/deps.sh build|test|qgis|web|docs" ;;
 esac

@@ -2,14 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::{Failure, Global, Ui, print_json};
 use crate::crs::Crs;
-use crate::output::cityjson::{self, CityJsonConfig};
+use crate::output::cityjson::{self, AttributeNames, CityJsonConfig};
+use crate::output::flatgeobuf;
 use crate::output::geopackage::{self, GeoPackageConfig};
-use crate::output::read::{FoundBuildings, ReadOptions};
-use crate::output::{CityModel, InputFile, Lineage, OutputError};
+use crate::output::read::{ReadOptions, RecordFile};
+use crate::output::tiles3d::{self, Heights, Precision, Tiles3dConfig};
+use crate::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records};
 use crate::survey::Survey;
 
 /// Arguments of `sizeup export`.
@@ -18,30 +20,83 @@ use crate::survey::Survey;
   sizeup export result/city.city.json city.gpkg
   sizeup export result/city.gpkg city.city.jsonl
   sizeup export lod2.city.json lod1.city.json      anybody's file: blocks of the mean roof height
+  sizeup export result/city.city.json tiles --to 3dtiles --geoid-height 45.5
 
 Cameras and issues are only in the files of a run: an export has the buildings with all their attributes.")]
 pub struct ExportArgs {
-    /// CityJSON (.json), CityJSONSeq (.jsonl) or GeoPackage; ours, or anybody's with heights.
+    /// CityJSON (.json), CityJSONSeq (.jsonl), GeoPackage or FlatGeobuf; ours, or anybody's with heights.
     pub input: PathBuf,
-    /// File to write; its extension says which format: .json, .jsonl or .gpkg.
+    /// File to write, or the folder of 3D Tiles.
     pub output: PathBuf,
+    /// Format. By default the file's extension says it: .json, .jsonl, .gpkg, .fgb.
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub to: Option<Format>,
     /// CRS, for an input that does not state one.
     #[arg(long, value_name = "CRS")]
     pub crs: Option<String>,
+    /// GeoPackage: also write a QGIS project beside it, with the extension .qgs.
+    #[arg(long)]
+    pub project: bool,
+    /// Names of attributes in CityJSON; 3dbag adds those of the Dutch 3DBAG to ours.
+    #[arg(long, value_enum, value_name = "NAMES", default_value = "sizeup")]
+    pub names: NamesArg,
+    /// CityJSON: where schemas/sizeup.ext.json is published, to declare our attributes as that extension.
+    #[arg(long, value_name = "URL")]
+    pub extension_url: Option<String>,
+    /// 3D Tiles: what heights are. crs: what the CRS says, by PROJ's grids.
+    #[arg(long, value_enum, value_name = "WHAT", default_value = "crs", conflicts_with = "geoid_height")]
+    pub heights: HeightsArg,
+    /// 3D Tiles: height of the geoid above the ellipsoid for the whole city, metres.
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
+    pub geoid_height: Option<f64>,
+    /// 3D Tiles: vertices in 16-bit steps, half the size.
+    #[arg(long)]
+    pub quantise: bool,
 }
 
-/// A format by its file's extension.
-#[derive(Clone, Copy)]
-enum Format {
+/// What can be written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// CityJSON 2.0.
+    #[value(name = "cityjson")]
     CityJson,
+    /// CityJSONSeq 2.0, a building a line.
+    #[value(name = "cityjsonseq")]
     CityJsonSeq,
+    /// GeoPackage, styled for QGIS.
+    #[value(name = "geopackage")]
     GeoPackage,
+    /// FlatGeobuf, outlines with all attributes.
+    #[value(name = "flatgeobuf")]
+    FlatGeobuf,
+    /// 3D Tiles 1.1, a folder.
+    #[value(name = "3dtiles")]
+    Tiles3d,
+}
+
+/// Names of attributes, on the command line.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum NamesArg {
+    /// Ours.
+    Sizeup,
+    /// Ours and those of 3DBAG.
+    #[value(name = "3dbag")]
+    ThreeDBag,
+}
+
+/// What heights are, on the command line.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum HeightsArg {
+    /// What the CRS says.
+    Crs,
+    /// Above the ellipsoid.
+    Ellipsoidal,
 }
 
 pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
-    let format = format_of(&args.output)?;
-    let found = FoundBuildings::read(&args.input, &ReadOptions::default()).map_err(|e| Failure::new(3, &e))?;
-    let crs = match (&found.crs, &args.crs) {
+    let format = args.to.map_or_else(|| format_of(&args.output), Ok)?;
+    let file = RecordFile::open(&args.input, ReadOptions::default()).map_err(|e| Failure::new(3, &e))?;
+    let crs = match (file.crs(), &args.crs) {
         (None, Some(definition)) => Crs::parse(definition).map_err(|e| Failure::new(2, &e))?,
         (Some(crs), None) => crs.clone(),
         (Some(own), Some(_)) => {
@@ -52,53 +107,113 @@ pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
             return Err(Failure::from_text(3, format!("{name} states no CRS\nhint: name it with --crs EPSG:…")));
         }
     };
-    let records = found.to_records();
-    let lineage = lineage(args, &crs)?;
+    let lineage = lineage(args, &crs, file.lineage())?;
     let survey = Survey::default();
-    let model = CityModel { records: &records, crs: &crs, lineage: &lineage, issues: &[], survey: &survey };
-    write(format, &args.output, &model).map_err(|e| Failure::new(4, &e))?;
-    let n_heights = records.iter().filter(|record| record.height_m.is_some()).count();
+    let model = CityModel { records: &file, crs: &crs, lineage: &lineage, issues: &[], survey: &survey };
+    let overview = write(format, args, &model).map_err(|e| Failure::new(exit_code(&e), &e))?;
+    let Overview { n_buildings, n_heights, .. } = overview;
     let ui = Ui::new(global);
-    ui.say(format!("{} buildings, {n_heights} with a height, in {}", records.len(), args.output.display()));
+    if format == Format::FlatGeobuf && overview.n_without_outline > 0 {
+        ui.say(format!("{} buildings have no outline, and so no place in FlatGeobuf", overview.n_without_outline));
+    }
+    ui.say(format!("{n_buildings} buildings, {n_heights} with a height, in {}", args.output.display()));
     if global.json {
-        print_json(
-            &serde_json::json!({ "n_buildings": records.len(), "n_heights": n_heights, "output": args.output }),
-        )?;
+        print_json(&serde_json::json!({ "n_buildings": n_buildings, "n_heights": n_heights, "output": args.output }))?;
     }
     Ok(0)
 }
 
 fn format_of(path: &Path) -> Result<Format, Failure> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let name = path.display();
     match extension.as_str() {
         "json" => Ok(Format::CityJson),
         "jsonl" => Ok(Format::CityJsonSeq),
         "gpkg" => Ok(Format::GeoPackage),
-        _ => {
-            let name = path.display();
-            Err(Failure::from_text(2, format!("cannot write {name}\nhint: .city.json, .city.jsonl or .gpkg")))
+        "fgb" => Ok(Format::FlatGeobuf),
+        "parquet" | "geoparquet" => Err(Failure::from_text(
+            2,
+            format!(
+                "cannot write {name}: Parquet is not among our formats\nhint: write .gpkg or .fgb, and convert it with ogr2ogr of a GDAL built with Arrow"
+            ),
+        )),
+        "" => Err(Failure::from_text(
+            2,
+            format!("cannot tell the format of {name}\nhint: name it with --to, as in --to 3dtiles"),
+        )),
+        _ => Err(Failure::from_text(
+            2,
+            format!("cannot write {name}\nhint: .city.json, .city.jsonl, .gpkg or .fgb, or name the format with --to"),
+        )),
+    }
+}
+
+fn write<R: Records + ?Sized>(
+    format: Format,
+    args: &ExportArgs,
+    model: &CityModel<'_, R>,
+) -> Result<Overview, OutputError> {
+    let path = &args.output;
+    let cityjson = CityJsonConfig {
+        names: match args.names {
+            NamesArg::Sizeup => AttributeNames::Sizeup,
+            NamesArg::ThreeDBag => AttributeNames::ThreeDBag,
+        },
+        extension_url: args.extension_url.clone(),
+        ..CityJsonConfig::default()
+    };
+    match format {
+        Format::CityJson => cityjson::write(path, model, &cityjson),
+        Format::CityJsonSeq => cityjson::write_sequence(path, model, &cityjson),
+        Format::GeoPackage => {
+            let overview = geopackage::write(path, model, &GeoPackageConfig::default())?;
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            if args.project {
+                let config = GeoPackageConfig::default();
+                geopackage::write_project(&path.with_extension("qgs"), &name, model, &config)?;
+            }
+            Ok(overview)
+        }
+        Format::FlatGeobuf => flatgeobuf::write(path, model, &GeoPackageConfig::default()),
+        Format::Tiles3d => {
+            let heights = match (args.geoid_height, args.heights) {
+                (Some(geoid_m), _) => Heights::GeoidHeight(geoid_m),
+                (None, HeightsArg::Ellipsoidal) => Heights::Ellipsoidal,
+                (None, HeightsArg::Crs) => Heights::Crs,
+            };
+            let precision = if args.quantise { Precision::Quantised } else { Precision::Float };
+            tiles3d::write(path, model, &Tiles3dConfig { heights, precision, ..Tiles3dConfig::default() })
         }
     }
 }
 
-fn write(format: Format, path: &Path, model: &CityModel<'_>) -> Result<(), OutputError> {
-    match format {
-        Format::CityJson => cityjson::write(path, model, &CityJsonConfig::default()),
-        Format::CityJsonSeq => cityjson::write_sequence(path, model, &CityJsonConfig::default()),
-        Format::GeoPackage => geopackage::write(path, model, &GeoPackageConfig::default()),
+/// What the input or the settings lack, apart from what could not be written.
+fn exit_code(error: &OutputError) -> u8 {
+    match error {
+        OutputError::HeightsNotStated { .. } | OutputError::Crs(_) | OutputError::FolderInUse { .. } => 2,
+        OutputError::Input(_) | OutputError::Malformed(_) | OutputError::DuplicateId { .. } => 3,
+        _ => 4,
     }
 }
 
 /// The export's own origin; the input is named with its hash.
-fn lineage(args: &ExportArgs, crs: &Crs) -> Result<Lineage, Failure> {
+fn lineage(args: &ExportArgs, crs: &Crs, source: Option<Lineage>) -> Result<Lineage, Failure> {
+    let stated = |of: fn(&Lineage) -> &String, otherwise: &str| {
+        source.as_ref().map(of).filter(|text| !text.is_empty()).cloned().unwrap_or_else(|| otherwise.to_owned())
+    };
     let input = InputFile::hash("city", &args.input).map_err(|e| Failure::new(3, &e))?;
     Ok(Lineage {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         command: std::env::args().collect::<Vec<_>>().join(" "),
         inputs: vec![input],
         crs: crs.definition().to_owned(),
-        vertical_reference: crs.vertical_name().unwrap_or("as in the input").to_owned(),
-        height_definition: "as in the input; measured on its surfaces where it states none".to_owned(),
+        vertical_reference: stated(|l| &l.vertical_reference, crs.vertical_name().unwrap_or("as in the input")),
+        height_definition: stated(
+            |l| &l.height_definition,
+            "as in the input; measured on its surfaces where it states none",
+        ),
+        reference_date: source.as_ref().and_then(|l| l.reference_date.clone()),
+        source: source.map(Box::new),
         ..Lineage::default()
     })
 }

@@ -1,41 +1,58 @@
-//! `sizeup schema`: what a configuration file can hold, from the code that reads it.
+//! `sizeup schema`: what a configuration file or a city of ours can hold, from the code that reads and writes it.
 
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use schemars::Schema;
+use serde_json::Value;
 
 use super::{Failure, print_json};
 use crate::config::RunConfig;
 use crate::files::write_whole;
+use crate::output::cityjson::extension_schema;
 use crate::simulate::SimulateConfig;
 
 /// Arguments of `sizeup schema`.
 #[derive(Debug, Clone, Args)]
 pub struct SchemaArgs {
-    /// Which configuration.
+    /// Which one.
     #[arg(value_enum, required_unless_present = "output")]
     pub name: Option<SchemaName>,
-    /// Write all of them into a folder, as `NAME.schema.json`.
+    /// Write all of them into a folder.
     #[arg(long, short, value_name = "FOLDER")]
     pub output: Option<PathBuf>,
 }
 
-/// The configurations.
+/// What there is a schema of.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum SchemaName {
     /// Of `sizeup run`.
     Run,
     /// Of `sizeup simulate`.
     Simulate,
+    /// Our extension of CityJSON: names and types of the attributes that a city of ours has.
+    CityjsonExtension,
 }
 
-/// The schema of a configuration.
+/// The schema of a configuration, or of our extension.
 #[must_use]
-pub fn schema(name: SchemaName) -> Schema {
+pub fn schema(name: SchemaName) -> Value {
+    // Serialising puts the keys in the order in which people read them; the bare value does not.
+    let readable = |schema: schemars::Schema| serde_json::to_value(schema).unwrap_or_default();
     match name {
-        SchemaName::Run => schemars::schema_for!(RunConfig),
-        SchemaName::Simulate => schemars::schema_for!(SimulateConfig),
+        SchemaName::Run => readable(schemars::schema_for!(RunConfig)),
+        SchemaName::Simulate => readable(schemars::schema_for!(SimulateConfig)),
+        SchemaName::CityjsonExtension => extension_schema(),
+    }
+}
+
+impl SchemaName {
+    /// Name of the file; extensions of `CityJSON` have names of their own kind.
+    fn file_name(self) -> &'static str {
+        match self {
+            Self::Run => "run.schema.json",
+            Self::Simulate => "simulate.schema.json",
+            Self::CityjsonExtension => "sizeup.ext.json",
+        }
     }
 }
 
@@ -45,8 +62,7 @@ pub(super) fn run(args: &SchemaArgs) -> Result<u8, Failure> {
     }
     if let Some(folder) = &args.output {
         for name in SchemaName::value_variants() {
-            let file_name = name.to_possible_value().map(|v| format!("{}.schema.json", v.get_name()));
-            write_whole(&folder.join(file_name.unwrap_or_default()), |out| {
+            write_whole(&folder.join(name.file_name()), |out| {
                 serde_json::to_writer_pretty(&mut *out, &schema(*name))?;
                 out.write_all(b"\n")
             })

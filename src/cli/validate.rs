@@ -1,15 +1,19 @@
-//! `sizeup validate`: the solids of a `CityJSON` file.
+//! `sizeup validate`: form and solids of a `CityJSON` file.
 
 use std::path::PathBuf;
 
 use clap::Args;
+use serde::Serialize;
 
 use super::{Failure, Global, print_json};
 use crate::output::cityjson::read::CityFile;
+use crate::output::validate::schema::{self, SchemaCheck, SchemaFault};
 use crate::output::validate::{Fault, ValidateConfig, Validation, validate};
 
 /// Faults that are printed one by one unless all are asked for.
 const N_PRINTED: usize = 20;
+/// Features of a sequence whose form is looked at unless all are asked for.
+const N_FEATURES: usize = 200;
 /// The file holds faults.
 const EXIT_INVALID: u8 = 3;
 
@@ -24,7 +28,10 @@ Exit code 0: no fault. 3: faults, or the file cannot be read.")]
 pub struct ValidateArgs {
     /// CityJSON 1.0, 1.1, 2.0, or CityJSONSeq (.jsonl).
     pub file: PathBuf,
-    /// Print every fault, not only the first twenty.
+    /// Check the solids only, not the form: schema, references, indices, semantics (by cjval).
+    #[arg(long)]
+    pub no_schema: bool,
+    /// Print every fault, not only the first twenty; look at the form of every feature of a sequence, not only 200.
     #[arg(long)]
     pub all: bool,
     /// Vertices closer than this are one, metres.
@@ -39,19 +46,57 @@ pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
     if !(args.snap_tolerance > 0.0 && args.planarity_distance > 0.0) {
         return Err(Failure::from_text(2, "tolerances are lengths in metres, above 0"));
     }
+    let form = if args.no_schema { None } else { Some(check_form(args)?) };
+    let n_printed = if args.all { usize::MAX } else { N_PRINTED };
+    if let Some(form) = form.as_ref().filter(|_| !global.json) {
+        print_form(form, n_printed);
+    }
     let city = CityFile::read(&args.file).map_err(|e| Failure::new(3, &e))?;
     let config = ValidateConfig {
         snap_tolerance_m: args.snap_tolerance,
         planarity_distance_m: args.planarity_distance,
         ..ValidateConfig::default()
     };
-    let outcome = validate(&city, &config);
+    let solids = validate(&city, &config);
+    let is_valid = solids.is_valid() && form.as_ref().is_none_or(|form| form.errors.is_empty());
     if global.json {
-        print_json(&outcome)?;
+        print_json(&Outcome { solids, form })?;
     } else {
-        print_table(&outcome, if args.all { usize::MAX } else { N_PRINTED }, city.n_templates);
+        print_table(&solids, n_printed, city.n_templates);
     }
-    Ok(if outcome.is_valid() { 0 } else { EXIT_INVALID })
+    Ok(if is_valid { 0 } else { EXIT_INVALID })
+}
+
+fn check_form(args: &ValidateArgs) -> Result<SchemaCheck, Failure> {
+    let max_features = if args.all { usize::MAX } else { N_FEATURES };
+    schema::check_some(&args.file, max_features).map_err(|e| Failure::new(3, &e))
+}
+
+/// Both checks as JSON.
+#[derive(Serialize)]
+struct Outcome {
+    #[serde(flatten)]
+    solids: Validation,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    form: Option<SchemaCheck>,
+}
+
+fn print_form(form: &SchemaCheck, n_printed: usize) {
+    println!("form: {} errors, {} warnings", form.errors.len(), form.warnings.len());
+    if form.n_features_checked < form.n_features {
+        println!("form of {} features out of {}; --all looks at every one", form.n_features_checked, form.n_features);
+    }
+    let print = |what: &str, faults: &[SchemaFault]| {
+        for SchemaFault { check, line, message } in faults.iter().take(n_printed) {
+            let line = line.map_or_else(String::new, |line| format!(" line {line}"));
+            println!("{what} {check}{line}: {message}");
+        }
+        if faults.len() > n_printed {
+            println!("… and {} more: --all prints them, --json too", faults.len() - n_printed);
+        }
+    };
+    print("error", &form.errors);
+    print("warning", &form.warnings);
 }
 
 fn print_table(outcome: &Validation, n_printed: usize, n_templates: usize) {

@@ -68,6 +68,24 @@ impl Transform3d {
     }
 }
 
+impl Transform3d {
+    /// Moves many points at once, all of them or none.
+    ///
+    /// # Errors
+    /// As [`Self::point`].
+    pub fn points(&self, points: &mut [DVec3]) -> Result<(), CrsError> {
+        let axis = |of: fn(&DVec3) -> f64| points.iter().map(of).collect::<Vec<f64>>();
+        let (mut x, mut y, mut z) = (axis(|p| p.x), axis(|p| p.y), axis(|p| p.z));
+        let is_done = self.operation.transform_coords(&mut x, &mut y, &mut z).is_ok();
+        for (i, point) in points.iter_mut().enumerate() {
+            let moved = DVec3::new(x[i], y[i], z[i]);
+            // One by one where something is wrong, to say at which point and why.
+            *point = if is_done && moved.is_finite() { moved } else { self.point(*point)? };
+        }
+        Ok(())
+    }
+}
+
 fn missing(from: &Crs, to: &Crs, grids: &[grids::Grid]) -> CrsError {
     let list: Vec<String> = grids.iter().map(ToString::to_string).collect();
     CrsError::MissingGrid { from: from.to_string(), to: to.to_string(), grids: list.join("; or ") }
@@ -111,6 +129,14 @@ impl Geocentric {
     /// [`CrsError::Point`] for positions near the earth's centre.
     pub fn geodetic(&self, geocentric: DVec3) -> Result<DVec3, CrsError> {
         self.geodetic_from_geocentric.point(geocentric)
+    }
+
+    /// Turns longitude, latitude (degrees) and ellipsoidal height (metres) into earth-centred positions.
+    ///
+    /// # Errors
+    /// [`CrsError::Point`] for impossible latitudes.
+    pub fn geocentric_points(&self, geodetic: &mut [DVec3]) -> Result<(), CrsError> {
+        self.geocentric_from_geodetic.points(geodetic)
     }
 
     /// The earth-centred position of longitude, latitude (degrees), ellipsoidal height (metres).

@@ -44,7 +44,7 @@ impl<'a> FeatureReader<'a> {
                 None => Refusal::new("footprint_not_a_polygon", "its geometry is not a polygon"),
             },
         };
-        self.refuse(id, refusal, feature);
+        self.refuse(Name::whole(id), refusal, feature);
     }
 
     /// The id from the attribute or the layer's number, made unique.
@@ -94,34 +94,40 @@ impl<'a> FeatureReader<'a> {
                 Severity::Note,
                 "footprint_split",
                 Subject::Building(id.to_owned()),
-                format!("it has {} parts: each is a building of its own, {id}#1, {id}#2, …", parts.len()),
+                format!("it has {} parts, each with a height of its own: {id}#1, {id}#2, …", parts.len()),
             ));
             for (i, part) in parts.iter().enumerate() {
-                let id = self.unique(&format!("{id}#{}", i + 1));
-                self.add_part(id, part, feature);
+                let name = Name { id: self.unique(&format!("{id}#{}", i + 1)), part_of: Some(id.to_owned()) };
+                self.add_part(name, part, feature);
             }
             return;
         };
-        self.add_part(id.to_owned(), part, feature);
+        self.add_part(Name::whole(id.to_owned()), part, feature);
     }
 
-    fn add_part(&mut self, id: String, polygon: &Polygon<f64>, feature: &Feature) {
+    fn add_part(&mut self, name: Name, polygon: &Polygon<f64>, feature: &Feature) {
         let cleaned = self.project(polygon).and_then(|projected| {
             let middle = projected.bounding_rect().map(geo::Rect::center);
             clean::clean(&projected, self.rules).map(|c| (c, middle)).map_err(|defect| Refusal::of(defect, middle))
         });
         let (cleaned, middle) = match cleaned {
             Ok(cleaned) => cleaned,
-            Err(refusal) => return self.refuse(id, refusal, feature),
+            Err(refusal) => return self.refuse(name, refusal, feature),
         };
+        let Name { id, part_of } = name;
         for repair in &cleaned.repairs {
             self.layer.issues.push(tell(repair, Subject::Building(id.clone()), middle));
         }
         let n_parts = cleaned.parts.len();
         for (i, polygon) in cleaned.parts.into_iter().enumerate() {
-            let id = if n_parts > 1 { self.unique(&format!("{id}#{}", i + 1)) } else { id.clone() };
+            let (id, part_of) = if n_parts > 1 {
+                (self.unique(&format!("{id}#{}", i + 1)), Some(part_of.as_ref().unwrap_or(&id).clone()))
+            } else {
+                (id.clone(), part_of.clone())
+            };
             let attributes = feature.attributes.clone();
-            self.layer.footprints.push(Footprint { id: BuildingId(id), polygon, attributes });
+            let part_of = part_of.map(BuildingId);
+            self.layer.footprints.push(Footprint { id: BuildingId(id), part_of, polygon, attributes });
         }
     }
 
@@ -142,16 +148,30 @@ impl<'a> FeatureReader<'a> {
         })
     }
 
-    fn refuse(&mut self, id: String, refusal: Refusal, feature: &Feature) {
+    fn refuse(&mut self, Name { id, part_of }: Name, refusal: Refusal, feature: &Feature) {
         let mut issue = Issue::new(Severity::Refused, refusal.code, Subject::Building(id.clone()), refusal.message);
         issue.hint = refusal.hint.map(str::to_owned);
         issue.place = refusal.place.map(|c| [c.x, c.y]);
         self.layer.issues.push(issue);
         self.layer.refused.push(RefusedFootprint {
             id: BuildingId(id),
+            part_of: part_of.map(BuildingId),
             reason: refusal.code.to_owned(),
             attributes: feature.attributes.clone(),
         });
+    }
+}
+
+/// What one part of a feature is called, and what it is a part of.
+struct Name {
+    id: String,
+    part_of: Option<String>,
+}
+
+impl Name {
+    /// Of a feature in one piece.
+    fn whole(id: String) -> Self {
+        Self { id, part_of: None }
     }
 }
 

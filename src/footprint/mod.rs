@@ -24,6 +24,9 @@ use crate::issue::Issue;
 pub struct Footprint {
     /// Unique id, stable over runs.
     pub id: BuildingId,
+    /// The feature of the layer that this is a part of, where that falls into several.
+    #[serde(default)]
+    pub part_of: Option<BuildingId>,
     /// Outline with courtyards as holes; map frame, metres.
     pub polygon: Polygon<f64>,
     /// The user's own attributes, carried through.
@@ -36,6 +39,9 @@ pub struct Footprint {
 pub struct RefusedFootprint {
     /// Its id in the input.
     pub id: BuildingId,
+    /// The feature of the layer that this is a part of, where that falls into several.
+    #[serde(default)]
+    pub part_of: Option<BuildingId>,
     /// Why it cannot be used: the code of the issue that tells the rest.
     pub reason: String,
     /// The user's own attributes, carried through.

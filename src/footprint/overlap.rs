@@ -61,7 +61,7 @@ mod tests {
         let polygon = polygon![
             (x: west_m, y: 0.0), (x: west_m + 10.0, y: 0.0), (x: west_m + 10.0, y: 8.0), (x: west_m, y: 8.0),
         ];
-        Footprint { id: BuildingId::from(id), polygon, attributes: serde_json::Map::default() }
+        Footprint { id: BuildingId::from(id), part_of: None, polygon, attributes: serde_json::Map::default() }
     }
 
     #[test]

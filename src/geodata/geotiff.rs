@@ -13,23 +13,25 @@ use crate::raster::Raster;
 
 use super::WriteError;
 
-/// Writes one band of `f32` (row 0 northernmost, `NaN` written as `nodata`), deflated; all or nothing.
-///
-/// `west_m`, `north_m`: map position of the top-left corner. `cell_x_m`, `cell_y_m`: size of a cell, both positive.
+/// Where a raster lies in the map, and how a cell without a value is written.
+#[derive(Debug, Clone, Copy)]
+pub struct GridPlace<'a> {
+    /// Map position of the top-left corner, metres: easting, northing.
+    pub corner_m: (f64, f64),
+    /// Size of a cell, metres, both positive: along a row, along a column.
+    pub cell_m: (f64, f64),
+    /// The map's CRS.
+    pub crs: &'a Crs,
+    /// Written for `NaN`.
+    pub nodata: f32,
+}
+
+/// Writes one band of `f32` (row 0 northernmost), deflated; all or nothing.
 ///
 /// # Errors
 /// [`WriteError`] when GDAL or the file system refuses.
-#[allow(clippy::too_many_arguments)] // A raster and its georeference: a struct would be named and filled once.
-pub fn write_geotiff(
-    path: &Path,
-    raster: &Raster<f32>,
-    west_m: f64,
-    north_m: f64,
-    cell_x_m: f64,
-    cell_y_m: f64,
-    crs: &Crs,
-    nodata: f32,
-) -> Result<(), WriteError> {
+pub fn write_geotiff(path: &Path, raster: &Raster<f32>, place: &GridPlace<'_>) -> Result<(), WriteError> {
+    let GridPlace { corner_m: (west_m, north_m), cell_m: (cell_x_m, cell_y_m), crs, nodata } = *place;
     let write = |temporary: &Path| -> Result<(), GdalError> {
         let size = (raster.width(), raster.height());
         let options = RasterCreationOptions::from_iter(["COMPRESS=DEFLATE", "PREDICTOR=3", "TILED=YES"]);

@@ -9,9 +9,12 @@ use gdal::config::{clear_thread_local_config_option, set_thread_local_config_opt
 use gdal::errors::GdalError;
 use gdal::spatial_ref::{AxisMappingStrategy, SpatialRef};
 use gdal::vector::sql::Dialect;
-use gdal::vector::{Feature, FieldDefn, Geometry, LayerAccess, LayerOptions, OGRFieldType, OGRwkbGeometryType};
 use gdal::{Dataset, DriverManager};
-use serde_json::Value;
+
+use super::features::{LayerSpec, Row, write_features};
+
+/// How every layer is laid out.
+const LAYER_OPTIONS: [&str; 3] = ["GEOMETRY_NAME=geom", "FID=fid", "SPATIAL_INDEX=YES"];
 
 /// What GDAL could not do, and to which file.
 #[derive(Debug, thiserror::Error)]
@@ -24,63 +27,6 @@ pub struct GpkgError {
     /// GDAL's words.
     #[source]
     pub source: GdalError,
-}
-
-/// Shape of a layer's features.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum GeometryKind {
-    /// 2D point.
-    Point,
-    /// 3D point.
-    PointZ,
-    /// 2D polygon.
-    Polygon,
-    /// 3D multipolygon.
-    MultiPolygonZ,
-}
-
-/// Type of a column.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ColumnKind {
-    /// Text.
-    Text,
-    /// Real number.
-    Real,
-    /// 64-bit whole number.
-    Integer,
-}
-
-/// A column of a layer.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Column {
-    /// Name.
-    pub name: String,
-    /// Type.
-    pub kind: ColumnKind,
-    /// Meaning and unit, one line; written to `gpkg_data_columns`. May be empty.
-    pub meaning: String,
-}
-
-/// A layer to create.
-#[derive(Debug, Clone)]
-pub struct LayerSpec<'a> {
-    /// Table name.
-    pub name: &'a str,
-    /// One line for people.
-    pub description: &'a str,
-    /// Shape of its features.
-    pub geometry: GeometryKind,
-    /// Attribute columns, without the feature id and the geometry.
-    pub columns: &'a [Column],
-}
-
-/// One feature: well-known binary or nothing, and one value per column (`Null`, text or number).
-#[derive(Debug, Clone, PartialEq)]
-pub struct Row {
-    /// ISO WKB of the layer's geometry kind.
-    pub wkb: Option<Vec<u8>>,
-    /// In the order of the columns.
-    pub values: Vec<Value>,
 }
 
 /// An open `GeoPackage` inside its transaction.
@@ -150,14 +96,22 @@ impl Drop for ThreadOptions {
 }
 
 impl Writer<'_> {
-    /// Adds a layer with a spatial index and all its features.
+    /// Adds a layer with a spatial index and all features that `fill` hands to its argument, one by one.
     ///
     /// # Errors
-    /// [`GpkgError`].
-    pub fn layer(&mut self, spec: &LayerSpec<'_>, rows: impl Iterator<Item = Row>) -> Result<(), GpkgError> {
-        self.features(spec, rows).map_err(self.failed(&format!("write layer {}", spec.name)))?;
+    /// [`GpkgError`], or the error of `fill`.
+    pub fn layer<E: From<GpkgError>>(
+        &mut self,
+        spec: &LayerSpec<'_>,
+        fill: impl FnOnce(&mut dyn FnMut(Row) -> Result<(), E>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let (action, path) = (format!("write layer {}", spec.name), self.path.clone());
+        let failed = move |source| E::from(GpkgError { action: action.clone(), path: path.clone(), source });
+        let described = [format!("IDENTIFIER={}", spec.name), format!("DESCRIPTION={}", spec.description)];
+        let options: Vec<&str> = LAYER_OPTIONS.into_iter().chain(described.iter().map(String::as_str)).collect();
+        write_features(self.dataset, &self.crs, spec, &options, &failed, fill)?;
         for column in spec.columns.iter().filter(|column| !column.meaning.is_empty()) {
-            let (layer, name, meaning) = (text(spec.name), text(&column.name), text(&column.meaning));
+            let (layer, name, meaning) = (text(spec.name), text(&column.name), text(column.meaning));
             self.sql(&format!(
                 "INSERT INTO gpkg_data_columns (table_name, column_name, description) VALUES ({layer}, {name}, {meaning})"
             ))?;
@@ -177,33 +131,6 @@ impl Writer<'_> {
         }
     }
 
-    fn features(&mut self, spec: &LayerSpec<'_>, rows: impl Iterator<Item = Row>) -> Result<(), GdalError> {
-        let description = format!("DESCRIPTION={}", spec.description);
-        let identifier = format!("IDENTIFIER={}", spec.name);
-        let options = ["GEOMETRY_NAME=geom", "FID=fid", "SPATIAL_INDEX=YES", &identifier, &description];
-        let layer = self.dataset.create_layer(LayerOptions {
-            name: spec.name,
-            srs: Some(&self.crs),
-            ty: wkb_type(spec.geometry),
-            options: Some(&options),
-        })?;
-        for column in spec.columns {
-            FieldDefn::new(&column.name, field_type(column.kind))?.add_to_layer(&layer)?;
-        }
-        // GDAL may launder a name, so the fields are addressed by position.
-        for row in rows {
-            let mut feature = Feature::new(layer.defn())?;
-            if let Some(wkb) = &row.wkb {
-                feature.set_geometry(Geometry::from_wkb(wkb)?)?;
-            }
-            for (i, (column, value)) in spec.columns.iter().zip(&row.values).enumerate() {
-                set_field(&mut feature, i, column.kind, value)?;
-            }
-            feature.create(&layer)?;
-        }
-        Ok(())
-    }
-
     fn failed(&self, action: &str) -> impl FnOnce(GdalError) -> GpkgError + use<> {
         let (action, path) = (action.to_owned(), self.path.clone());
         move |source| GpkgError { action, path, source }
@@ -215,37 +142,4 @@ impl Writer<'_> {
 pub fn text(value: &str) -> String {
     // SQLite ends a statement at NUL.
     format!("'{}'", value.replace('\'', "''").replace('\0', ""))
-}
-
-fn set_field(feature: &mut Feature<'_>, i: usize, kind: ColumnKind, value: &Value) -> Result<(), GdalError> {
-    match (kind, value) {
-        (_, Value::Null) => feature.set_field_null(i),
-        (ColumnKind::Real, Value::Number(number)) => match number.as_f64() {
-            Some(number) => feature.set_field_double(i, number),
-            None => feature.set_field_null(i),
-        },
-        (ColumnKind::Integer, Value::Number(number)) => match number.as_i64() {
-            Some(number) => feature.set_field_integer64(i, number),
-            None => feature.set_field_null(i),
-        },
-        (ColumnKind::Text, Value::String(words)) => feature.set_field_string(i, &words.replace('\0', "")),
-        (_, other) => feature.set_field_string(i, &other.to_string()),
-    }
-}
-
-fn wkb_type(kind: GeometryKind) -> OGRwkbGeometryType::Type {
-    match kind {
-        GeometryKind::Point => OGRwkbGeometryType::wkbPoint,
-        GeometryKind::PointZ => OGRwkbGeometryType::wkbPoint25D,
-        GeometryKind::Polygon => OGRwkbGeometryType::wkbPolygon,
-        GeometryKind::MultiPolygonZ => OGRwkbGeometryType::wkbMultiPolygon25D,
-    }
-}
-
-fn field_type(kind: ColumnKind) -> OGRFieldType::Type {
-    match kind {
-        ColumnKind::Text => OGRFieldType::OFTString,
-        ColumnKind::Real => OGRFieldType::OFTReal,
-        ColumnKind::Integer => OGRFieldType::OFTInteger64,
-    }
 }

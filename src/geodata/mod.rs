@@ -2,6 +2,8 @@
 //!
 //! The only doors to GDAL: [`raster`] and [`vector`] read, the others write.
 
+pub mod features;
+pub mod flatgeobuf;
 pub mod gpkg;
 pub mod raster;
 pub mod vector;
@@ -11,7 +13,7 @@ mod curve;
 mod geotiff;
 mod layer_writer;
 
-pub use geotiff::write_geotiff;
+pub use geotiff::{GridPlace, write_geotiff};
 pub use layer_writer::{FieldType, LayerFeature, write_polygon_layer};
 
 use std::path::{Path, PathBuf};

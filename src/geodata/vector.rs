@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gdal::errors::GdalError;
 use gdal::vector::{FieldValue, Geometry, LayerAccess, OGRFieldType, OGRwkbGeometryType as Kind, OwnedLayer};
-use gdal::{Dataset, DatasetOptions, GdalOpenFlags};
+use gdal::{Dataset, DatasetOptions, GdalOpenFlags, Metadata as _};
 use geo_types::{Coord, LineString, MultiPolygon, Point, Polygon};
 use serde_json::{Map as JsonMap, Value};
 
@@ -112,6 +112,12 @@ impl VectorLayer {
             dataset.into_layer(chosen.0).map_err(|source| VectorError::Open { path: path.to_owned(), source })?;
         let fields = layer.defn().fields().map(|field| (field.name(), field.field_type())).collect();
         Ok(Self { layer, path: path.to_owned(), fields })
+    }
+
+    /// A metadata item of the whole file, by GDAL's name for it.
+    #[must_use]
+    pub fn into_file_metadata(self, key: &str) -> Option<String> {
+        self.layer.into_dataset().metadata_item(key, "")
     }
 
     /// The layer's name.

@@ -6,62 +6,55 @@
 use serde_json::{Map as JsonMap, Number, Value};
 
 use super::BuildingRecord;
+use crate::geodata::features::{Column, ColumnKind};
 
 /// Decimals of a metre in files.
 const DECIMALS_M: i32 = 3;
 
+/// `CityGML`'s name of a building's height.
+pub const MEASURED_HEIGHT: &str = "measuredHeight";
+
 /// Prefix of a user's attribute whose name is taken.
 const CARRIED_PREFIX: &str = "input_";
 
-/// What a column holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FieldKind {
-    /// Text.
-    Text,
-    /// Real number.
-    Real,
-    /// Whole number.
-    Integer,
-}
-
-/// One of our own attributes.
-#[derive(Debug, Clone, Copy)]
-pub struct Field {
-    /// Name in all formats.
-    pub name: &'static str,
-    /// Type of the value.
-    pub kind: FieldKind,
-    /// Meaning and unit, one line.
-    pub meaning: &'static str,
-}
-
-const fn field(name: &'static str, kind: FieldKind, meaning: &'static str) -> Field {
-    Field { name, kind, meaning }
-}
-
 /// Our own attributes in the order in which they are written; the id comes before them.
-pub const FIELDS: [Field; 11] = [
-    field("height_m", FieldKind::Real, "Roof level minus ground level, metres"),
-    field("ground_z_m", FieldKind::Real, "Ground level the height counts from, metres in the vertical reference"),
-    field("base_z_m", FieldKind::Real, "Lowest ground under the outline, where walls end, metres"),
-    field("roof_z_m", FieldKind::Real, "Roof level, metres in the vertical reference"),
-    field("height_sigma_m", FieldKind::Real, "One standard deviation of height_m, metres"),
-    field("height_reference", FieldKind::Text, "Which height of a pitched roof: eave, mean or ridge"),
-    field("status", FieldKind::Text, "measured, doubtful, fallback, unknown or refused"),
-    field("reasons", FieldKind::Text, "Why the status is what it is"),
-    field("n_views", FieldKind::Integer, "Number of photos the height was measured in"),
-    field("views", FieldKind::Text, "Photos the height was measured in"),
-    field("no_solid_reason", FieldKind::Text, "Why the building has no 3D geometry, where it has none"),
+pub const FIELDS: [Column; 12] = [
+    Column::new("part_of", ColumnKind::Text, "Building of the input that this is a part of, where it has several"),
+    Column::new("height_m", ColumnKind::Real, "Roof level minus ground level, metres"),
+    Column::new(
+        "ground_z_m",
+        ColumnKind::Real,
+        "Ground level the height counts from, metres in the vertical reference",
+    ),
+    Column::new("base_z_m", ColumnKind::Real, "Lowest ground under the outline, where walls end, metres"),
+    Column::new("roof_z_m", ColumnKind::Real, "Roof level, metres in the vertical reference"),
+    Column::new("height_sigma_m", ColumnKind::Real, "One standard deviation of height_m, metres"),
+    Column::new("height_reference", ColumnKind::Text, "Which height of a pitched roof: eave, mean or ridge"),
+    Column::new("status", ColumnKind::Text, "measured, doubtful, fallback, unknown or refused"),
+    Column::new("reasons", ColumnKind::Text, "Why the status is what it is"),
+    Column::new("n_views", ColumnKind::Integer, "Number of photos the height was measured in"),
+    Column::new("views", ColumnKind::Text, "Photos the height was measured in"),
+    Column::new("no_solid_reason", ColumnKind::Text, "Why the building has no 3D geometry, where it has none"),
 ];
+
+/// The id, before [`FIELDS`] in formats that have no place of their own for it.
+pub const ID: Column = Column::new("id", ColumnKind::Text, "Id of the building in the input");
+
+/// Whether an attribute holds a list, which formats without lists write as text.
+#[must_use]
+pub fn is_list(field: &Column) -> bool {
+    matches!(&*field.name, "reasons" | "views")
+}
 
 /// Names that a format needs for itself, beside [`FIELDS`].
 const RESERVED: [&str; 5] = ["id", "fid", "geom", "measuredheight", "rtree"];
 
 /// The value of one of [`FIELDS`]; [`Value::Null`] if not known. Lists stay lists.
 #[must_use]
-pub fn value(record: &BuildingRecord, field: &Field, no_solid_reason: Option<&str>) -> Value {
+pub fn value(record: &BuildingRecord, field: &Column, no_solid_reason: Option<&str>) -> Value {
     let metres = |value_m: Option<f64>| value_m.map_or(Value::Null, metres);
-    match field.name {
+    match &*field.name {
+        "part_of" => record.part_of.as_deref().map_or(Value::Null, Value::from),
         "height_m" => metres(record.height_m),
         "ground_z_m" => metres(record.ground_z_m),
         "base_z_m" => metres(record.base_z_m),
@@ -115,20 +108,30 @@ pub fn is_taken(name: &str) -> bool {
 /// All attributes as a JSON object: ours where known, `measuredHeight` for `CityGML` readers, then the user's.
 #[must_use]
 pub fn to_json(record: &BuildingRecord, no_solid_reason: Option<&str>) -> JsonMap<String, Value> {
+    let mut attributes = own(record, no_solid_reason);
+    attributes.extend(carried(record));
+    attributes
+}
+
+/// Our own attributes where known, and `measuredHeight`.
+#[must_use]
+pub fn own(record: &BuildingRecord, no_solid_reason: Option<&str>) -> JsonMap<String, Value> {
     let mut attributes = JsonMap::new();
     if let Some(height_m) = record.height_m {
-        attributes.insert("measuredHeight".to_owned(), metres(height_m));
+        attributes.insert(MEASURED_HEIGHT.to_owned(), metres(height_m));
     }
     for field in &FIELDS {
         let value = value(record, field, no_solid_reason);
         if !value.is_null() {
-            attributes.insert(field.name.to_owned(), value);
+            attributes.insert(field.name.as_ref().to_owned(), value);
         }
     }
-    for (name, value) in &record.attributes {
-        attributes.insert(carried_name(name), value.clone());
-    }
     attributes
+}
+
+/// The user's own attributes under the names they have in files.
+pub fn carried(record: &BuildingRecord) -> impl Iterator<Item = (String, Value)> {
+    record.attributes.iter().map(|(name, value)| (carried_name(name), value.clone()))
 }
 
 #[cfg(test)]

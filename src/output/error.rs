@@ -46,6 +46,27 @@ pub enum OutputError {
     /// A file is not what it should be.
     #[error(transparent)]
     Malformed(#[from] MalformedFile),
+    /// The buildings to write cannot be read.
+    #[error(transparent)]
+    Input(Box<super::read::ReadError>),
+    /// Positions cannot be brought to the earth's frame.
+    #[error(transparent)]
+    Crs(#[from] crate::crs::CrsError),
+    /// What heights count from is not known.
+    #[error(
+        "{crs} does not say what its heights count from, and a globe must know\n\
+         hint: state it: the geoid's height there (`--geoid-height 45.5`), or `--heights ellipsoidal`"
+    )]
+    HeightsNotStated {
+        /// The CRS.
+        crs: String,
+    },
+    /// A folder that holds something else.
+    #[error("{} holds other files, and would be replaced\nhint: name a new folder, or one of an earlier export", path.display())]
+    FolderInUse {
+        /// The folder.
+        path: PathBuf,
+    },
     /// GDAL refused.
     #[error(transparent)]
     GeoPackage(#[from] GpkgError),

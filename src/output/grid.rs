@@ -36,13 +36,21 @@ impl Grid {
             let Some(part) = Extent::of(record)? else { continue };
             extent = Some(extent.map_or(part, |whole| whole.union(&part)));
         }
-        let Some(reach) = extent else { return Ok((Self { scale_m, origin_m: [0.0; 3] }, None)) };
+        Ok((Self::around(extent.as_ref(), scale_m)?, extent))
+    }
+
+    /// The grid that holds a box; with any origin where there is none.
+    ///
+    /// # Errors
+    /// [`OutputError::TooFarApart`] if the box does not fit between 0 and [`INDEX_LIMIT`].
+    pub fn around(extent: Option<&Extent>, scale_m: f64) -> Result<Self, OutputError> {
+        let Some(reach) = extent else { return Ok(Self { scale_m, origin_m: [0.0; 3] }) };
         let origin_m = reach.min_m.map(f64::floor);
         let span_m = (0..3).map(|axis| reach.max_m[axis] - origin_m[axis]).fold(0.0, f64::max);
         if span_m / scale_m > INDEX_LIMIT as f64 {
             return Err(OutputError::TooFarApart { span_m, limit_m: INDEX_LIMIT as f64 * scale_m, scale_m });
         }
-        Ok((Self { scale_m, origin_m }, extent))
+        Ok(Self { scale_m, origin_m })
     }
 
     /// The nearest lattice point to a map position (easting, northing; metres).
@@ -79,7 +87,11 @@ pub struct Extent {
 
 impl Extent {
     /// The box of a building's outline between base and roof; flat at the ground (or 0) where a level is unknown.
-    fn of(record: &BuildingRecord) -> Result<Option<Self>, OutputError> {
+    /// `None` without an outline.
+    ///
+    /// # Errors
+    /// [`OutputError::NotFinite`] for a coordinate or level that is not a number.
+    pub fn of(record: &BuildingRecord) -> Result<Option<Self>, OutputError> {
         let Some(outline) = &record.footprint else { return Ok(None) };
         let known = record.base_z_m.or(record.ground_z_m).unwrap_or(0.0);
         let (low, high) = (known, record.roof_z_m().unwrap_or(known));

@@ -32,6 +32,9 @@ pub struct Lineage {
     /// that the same run writes the same bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference_date: Option<String>,
+    /// The origin of the city that this was made from, where that is a file of ours.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub source: Option<Box<Lineage>>,
 }
 
 /// One file that was read.

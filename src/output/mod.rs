@@ -5,41 +5,51 @@
 //! | CityJSON 2.0 | [`cityjson`] | exchange, 3DCityDB, validators |
 //! | CityJSONSeq 2.0 | [`cityjson::write_sequence`] | streams, tilers |
 //! | GeoPackage 1.2 | [`geopackage`] | QGIS, any GIS |
+//! | FlatGeobuf | [`flatgeobuf`] | outlines and heights over the web |
+//! | 3D Tiles 1.1 | [`tiles3d`] | Cesium, digital twins |
 //! | PNG | [`picture`] | a first look |
 //! | JSON | [`reports`] | pipelines |
 //!
 //! [`read`] brings results and references back, [`validate`] checks the solids of any `CityJSON` file.
 //!
-//! All of them take one [`CityModel`]; every building of the input is in every file, with a status and reasons.
+//! All of them take one [`CityModel`]; every building of the input is in every file, with a status and reasons. Only
+//! `FlatGeobuf` has no place for those without an outline, and 3D Tiles for those without a height. A model's buildings
+//! may be in memory or come from a file one by one ([`Records`]).
 
 pub mod attributes;
+mod buildings;
 pub mod cityjson;
 mod error;
+pub mod flatgeobuf;
 pub mod geopackage;
 pub mod grid;
 mod lineage;
 pub mod outline;
+mod outlines;
 pub mod picture;
 pub mod planar;
 pub mod prism;
 pub mod read;
 mod record;
 pub mod reports;
+pub mod tiles3d;
 pub mod validate;
+mod wkb;
 
 use crate::crs::Crs;
 use crate::issue::Issue;
 use crate::survey::Survey;
 
+pub use buildings::{Families, Family, Overview, Records};
 pub use error::{MalformedFile, OutputError};
 pub use lineage::{InputFile, Lineage, sha256_hex};
 pub use record::{BuildingRecord, HeightReference, Status};
 
 /// Everything a writer needs to know of a result.
-#[derive(Debug, Clone, Copy)]
-pub struct CityModel<'a> {
+#[derive(Debug)]
+pub struct CityModel<'a, R: ?Sized = [BuildingRecord]> {
     /// Every building of the input, in the order in which it is to be written.
-    pub records: &'a [BuildingRecord],
+    pub records: &'a R,
     /// The project's CRS; may be a compound.
     pub crs: &'a Crs,
     /// Where the result comes from.
@@ -50,16 +60,10 @@ pub struct CityModel<'a> {
     pub survey: &'a Survey,
 }
 
-impl CityModel<'_> {
-    /// Checks what all formats rely on: one record per id.
-    ///
-    /// # Errors
-    /// [`OutputError::DuplicateId`].
-    pub fn require_unique_ids(&self) -> Result<(), OutputError> {
-        let mut seen = std::collections::HashSet::with_capacity(self.records.len());
-        match self.records.iter().find(|record| !seen.insert(record.id.as_str())) {
-            Some(record) => Err(OutputError::DuplicateId { id: record.id.clone() }),
-            None => Ok(()),
-        }
+impl<R: ?Sized> Clone for CityModel<'_, R> {
+    fn clone(&self) -> Self {
+        *self
     }
 }
+
+impl<R: ?Sized> Copy for CityModel<'_, R> {}

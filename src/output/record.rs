@@ -65,6 +65,10 @@ impl HeightReference {
 pub struct BuildingRecord {
     /// Unique id, the input's.
     pub id: String,
+    /// The building of the input that this is a part of, where its outline came in several pieces. Each piece has its
+    /// own height.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part_of: Option<String>,
     /// Outline (exterior counter-clockwise seen from above, holes clockwise), `None` if it could not be used.
     pub footprint: Option<Polygon<f64>>,
     /// Ground level the height counts from.
@@ -104,6 +108,7 @@ pub(crate) mod tests {
     pub(crate) fn record(id: &str, outline: Polygon<f64>, ground_z: f64, base_z: f64, height: f64) -> BuildingRecord {
         BuildingRecord {
             id: id.to_owned(),
+            part_of: None,
             footprint: Some(outline),
             ground_z_m: Some(ground_z),
             base_z_m: Some(base_z),

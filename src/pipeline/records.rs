@@ -16,6 +16,7 @@ pub(super) fn records(survey: &Survey, footprints: &FootprintStage, heights: &He
             let (status, reasons) = status_of(ground.is_some(), solved);
             BuildingRecord {
                 id: footprint.id.0.clone(),
+                part_of: footprint.part_of.as_ref().map(|id| id.0.clone()),
                 footprint: Some(footprint.polygon.clone()),
                 ground_z_m: ground.map(|g| g.reference_m),
                 base_z_m: ground.map(|g| g.lowest_m),
@@ -31,6 +32,7 @@ pub(super) fn records(survey: &Survey, footprints: &FootprintStage, heights: &He
         });
     let without = footprints.layer.refused.iter().map(|refused| BuildingRecord {
         id: refused.id.0.clone(),
+        part_of: refused.part_of.as_ref().map(|id| id.0.clone()),
         footprint: None,
         ground_z_m: None,
         base_z_m: None,

@@ -101,8 +101,13 @@ pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> R
     summary.median_height_m = crate::stats::median(&known);
     let priors = config.prior.open(&survey.views, &stage.terrain)?;
     let lineage = lineage(config, options, &survey, &heights, &priors)?;
-    let model =
-        CityModel { records: &records, crs: &config.project.crs, lineage: &lineage, issues: &issues, survey: &survey };
+    let model = CityModel {
+        records: records.as_slice(),
+        crs: &config.project.crs,
+        lineage: &lineage,
+        issues: &issues,
+        survey: &survey,
+    };
     write_results(config, &model, &summary)?;
     if config.output.pictures {
         pictures::write(&config.project.output, &model, &stage, &heights, &priors)?;
@@ -286,6 +291,7 @@ fn lineage(
         ),
         seed: config.seed,
         reference_date: config.project.reference_date.clone(),
+        source: None,
     })
 }
 
@@ -301,6 +307,7 @@ fn write_results(config: &RunConfig, model: &CityModel<'_>, summary: &RunSummary
     let folder = &config.project.output;
     cityjson::write(&folder.join("city.city.json"), model, &config.output.cityjson)?;
     geopackage::write(&folder.join("city.gpkg"), model, &config.output.geopackage)?;
+    geopackage::write_project(&folder.join("city.qgs"), "city.gpkg", model, &config.output.geopackage)?;
     write_json(&folder.join("issues.json"), &model.issues)?;
     write_json(&folder.join("lineage.json"), &model.lineage)?;
     // Seconds differ from run to run; the file stays the same for the same input.

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::camera::{Camera, Distortion};
 use crate::crs::Crs;
 use crate::files::{FileError, write_whole, write_whole_unflushed};
-use crate::geodata::{FieldType, LayerFeature, write_geotiff, write_polygon_layer};
+use crate::geodata::{FieldType, GridPlace, LayerFeature, write_geotiff, write_polygon_layer};
 use crate::prior::PriorKind;
 use crate::raster::Raster;
 use crate::survey::View;
@@ -125,8 +125,8 @@ pub(super) fn write_footprints(
 /// The DTM; nothing for constant ground.
 pub(super) fn write_dtm(path: &Path, crs: &Crs, terrain: &Terrain) -> Result<(), SimulateError> {
     let Terrain::Grid(dem) = terrain else { return Ok(()) };
-    let ((west, north), (cell_x, cell_y)) = (dem.corner_m(), dem.cell_m());
-    Ok(write_geotiff(path, dem.heights_m(), west, north, cell_x, cell_y, crs, NODATA)?)
+    let place = GridPlace { corner_m: dem.corner_m(), cell_m: dem.cell_m(), crs, nodata: NODATA };
+    Ok(write_geotiff(path, dem.heights_m(), &place)?)
 }
 
 /// What is true of every building, as `GeoJSON` in the project's CRS (with the `crs` member of the 2008 draft, which

@@ -1,6 +1,7 @@
 //! Time to write and read back a town of 10,000 houses: `cargo bench --bench outputs`.
 //!
-//! `SIZEUP_BENCH_BUILDINGS=1000000` writes that many once instead and prints seconds and peak memory per format.
+//! `SIZEUP_BENCH_BUILDINGS=1000000` streams that many through every writer once instead, and back, and prints seconds
+//! and peak memory: the houses are made one by one and never all in memory.
 
 use std::path::Path;
 use std::time::Instant;
@@ -10,74 +11,102 @@ use geo::polygon;
 use sizeup::crs::Crs;
 use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::geopackage::{self, GeoPackageConfig};
-use sizeup::output::read::{FoundBuildings, ReadOptions};
-use sizeup::output::{BuildingRecord, CityModel, HeightReference, Lineage, Status};
+use sizeup::output::read::{FoundBuildings, ReadOptions, RecordFile};
+use sizeup::output::tiles3d::{self, Heights, Tiles3dConfig};
+use sizeup::output::{BuildingRecord, CityModel, HeightReference, Lineage, OutputError, Records, Status, flatgeobuf};
 use sizeup::survey::Survey;
 
-/// L-shaped houses on a grid of 30 m, every tenth with a courtyard.
-fn houses(n: usize) -> Vec<BuildingRecord> {
-    let side = (n as f64).sqrt().ceil() as usize;
-    (0..n)
-        .map(|i| {
-            let (x, y) = (500_000.0 + 30.0 * (i % side) as f64, 5_700_000.0 + 30.0 * (i / side) as f64);
-            let outline = if i % 10 == 0 {
-                polygon!(
-                    exterior: [(x: x, y: y), (x: x + 24.0, y: y), (x: x + 24.0, y: y + 24.0), (x: x, y: y + 24.0)],
-                    interiors: [[(x: x + 8.0, y: y + 8.0), (x: x + 8.0, y: y + 16.0), (x: x + 16.0, y: y + 16.0), (x: x + 16.0, y: y + 8.0)]],
-                )
-            } else {
-                polygon![(x: x, y: y), (x: x + 20.0, y: y), (x: x + 20.0, y: y + 10.0), (x: x + 12.0, y: y + 10.0), (x: x + 12.0, y: y + 22.0), (x: x, y: y + 22.0)]
-            };
-            BuildingRecord {
-                id: format!("house-{i:07}"),
-                footprint: Some(outline),
-                ground_z_m: Some(101.25),
-                base_z_m: Some(100.75),
-                height_m: Some(5.0 + (i % 97) as f64 * 0.31),
-                height_sigma_m: Some(0.4),
-                height_reference: HeightReference::Mean,
-                status: Status::Measured,
-                reasons: Vec::new(),
-                views: vec!["IMG_0001.JPG".to_owned(), "IMG_0002.JPG".to_owned(), "IMG_0003.JPG".to_owned()],
-                attributes: serde_json::Map::new(),
-            }
-        })
-        .collect()
+/// L-shaped houses on a grid of 30 m, every tenth with a courtyard, made when they are asked for.
+struct Houses {
+    n: usize,
+}
+
+impl Records for Houses {
+    fn visit(&self, visit: &mut dyn FnMut(&BuildingRecord) -> Result<(), OutputError>) -> Result<(), OutputError> {
+        let side = (self.n as f64).sqrt().ceil() as usize;
+        (0..self.n).try_for_each(|i| visit(&house(i, side)))
+    }
+}
+
+fn house(i: usize, side: usize) -> BuildingRecord {
+    let (x, y) = (500_000.0 + 30.0 * (i % side) as f64, 5_700_000.0 + 30.0 * (i / side) as f64);
+    let outline = if i.is_multiple_of(10) {
+        polygon!(
+            exterior: [(x: x, y: y), (x: x + 24.0, y: y), (x: x + 24.0, y: y + 24.0), (x: x, y: y + 24.0)],
+            interiors: [[(x: x + 8.0, y: y + 8.0), (x: x + 8.0, y: y + 16.0), (x: x + 16.0, y: y + 16.0), (x: x + 16.0, y: y + 8.0)]],
+        )
+    } else {
+        polygon![(x: x, y: y), (x: x + 20.0, y: y), (x: x + 20.0, y: y + 10.0), (x: x + 12.0, y: y + 10.0), (x: x + 12.0, y: y + 22.0), (x: x, y: y + 22.0)]
+    };
+    BuildingRecord {
+        id: format!("house-{i:07}"),
+        part_of: None,
+        footprint: Some(outline),
+        ground_z_m: Some(101.25),
+        base_z_m: Some(100.75),
+        height_m: Some(5.0 + (i % 97) as f64 * 0.31),
+        height_sigma_m: Some(0.4),
+        height_reference: HeightReference::Mean,
+        status: Status::Measured,
+        reasons: Vec::new(),
+        views: vec!["IMG_0001.JPG".to_owned(), "IMG_0002.JPG".to_owned(), "IMG_0003.JPG".to_owned()],
+        attributes: serde_json::Map::new(),
+    }
 }
 
 fn main() {
     let crs = Crs::parse("EPSG:25832").expect("a known code");
     let (lineage, survey) = (Lineage::default(), Survey::default());
     let n_once = std::env::var("SIZEUP_BENCH_BUILDINGS").ok().and_then(|n| n.parse::<usize>().ok());
-    let records = houses(n_once.unwrap_or(10_000));
-    let model = CityModel { records: &records, crs: &crs, lineage: &lineage, issues: &[], survey: &survey };
+    let houses = Houses { n: n_once.unwrap_or(10_000) };
+    let model = CityModel { records: &houses, crs: &crs, lineage: &lineage, issues: &[], survey: &survey };
     let folder = tempfile::tempdir().expect("a temporary folder");
     let at = |name: &str| folder.path().join(name);
+    let tiles = Tiles3dConfig { heights: Heights::GeoidHeight(46.0), ..Tiles3dConfig::default() };
     let write_city = || cityjson::write(&at("a.city.json"), &model, &CityJsonConfig::default()).expect("written");
     let write_seq =
         || cityjson::write_sequence(&at("a.city.jsonl"), &model, &CityJsonConfig::default()).expect("written");
     let write_gpkg = || geopackage::write(&at("a.gpkg"), &model, &GeoPackageConfig::default()).expect("written");
+    let write_fgb = || flatgeobuf::write(&at("a.fgb"), &model, &GeoPackageConfig::default()).expect("written");
+    let write_tiles = || tiles3d::write(&at("tiles"), &model, &tiles).expect("written");
     let read = |name: &str| FoundBuildings::read(&at(name), &ReadOptions::default()).expect("read").to_records().len();
+    let stream = |name: &str| {
+        let mut n = 0;
+        let file = RecordFile::open(&at(name), ReadOptions::default()).expect("opened");
+        file.visit(&mut |_| {
+            n += 1;
+            Ok(())
+        })
+        .expect("read");
+        assert_eq!(n, houses.n);
+    };
 
     if n_once.is_some() {
-        once("records in memory", || ());
-        once("cityjson", write_city);
-        once("cityjsonseq", write_seq);
-        once("geopackage", write_gpkg);
-        once("read cityjson", || assert_eq!(read("a.city.json"), records.len()));
-        once("read geopackage", || assert_eq!(read("a.gpkg"), records.len()));
+        // What needs least memory first: the peak only grows.
+        once("write cityjsonseq", write_seq);
+        once("stream cityjsonseq", || stream("a.city.jsonl"));
+        once("write geopackage", write_gpkg);
+        once("stream geopackage", || stream("a.gpkg"));
+        once("write flatgeobuf", write_fgb);
+        once("stream flatgeobuf", || stream("a.fgb"));
+        once("write cityjson", write_city);
+        once("write 3d tiles", write_tiles);
+        once("read cityjson", || stream("a.city.json"));
         return;
     }
     let mut criterion = Criterion::default().sample_size(10).configure_from_args();
     criterion.bench_function("write cityjson, 10k buildings", |b| b.iter(write_city));
     criterion.bench_function("write cityjsonseq, 10k buildings", |b| b.iter(write_seq));
     criterion.bench_function("write geopackage, 10k buildings", |b| b.iter(write_gpkg));
+    criterion.bench_function("write flatgeobuf, 10k buildings", |b| b.iter(write_fgb));
+    criterion.bench_function("write 3d tiles, 10k buildings", |b| b.iter(write_tiles));
     criterion.bench_function("read cityjson, 10k buildings", |b| b.iter(|| read("a.city.json")));
-    criterion.bench_function("read geopackage, 10k buildings", |b| b.iter(|| read("a.gpkg")));
+    criterion.bench_function("stream cityjsonseq, 10k buildings", |b| b.iter(|| stream("a.city.jsonl")));
+    criterion.bench_function("stream geopackage, 10k buildings", |b| b.iter(|| stream("a.gpkg")));
     criterion.final_summary();
 }
 
-fn once(what: &str, work: impl FnOnce()) {
+fn once<T>(what: &str, work: impl FnOnce() -> T) {
     let start = Instant::now();
     work();
     println!("{what:20} {:6.1} s, peak memory so far {} MB", start.elapsed().as_secs_f64(), peak_memory_mb());

@@ -86,6 +86,9 @@ fn every_feature_is_used_or_refused() {
         ),
     ]);
     assert_eq!(ids(&layer), ["a", "a~2", "multi#1", "multi#2", "fid-6"]);
+    let wholes: Vec<Option<&str>> =
+        layer.footprints.iter().map(|f| f.part_of.as_ref().map(|id| id.0.as_str())).collect();
+    assert_eq!(wholes, [None, None, Some("multi"), Some("multi"), None]);
     let refused: Vec<(&str, &str)> = layer.refused.iter().map(|r| (r.id.0.as_str(), r.reason.as_str())).collect();
     assert_eq!(
         refused,

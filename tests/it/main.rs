@@ -1,6 +1,8 @@
 //! Behaviour of sizeup seen from outside, one module per topic.
 
 mod cli;
+mod consumers;
+mod crash_safety;
 mod determinism;
 mod evaluation;
 mod footprint_layers;
@@ -8,6 +10,7 @@ mod hostile_inputs;
 mod layers;
 mod networks;
 mod outputs;
+mod parts;
 mod pictures;
 mod prior_files;
 mod qgis;
@@ -22,6 +25,8 @@ mod survey_hostile;
 mod survey_real;
 mod synthetic_block;
 mod terrain_files;
+mod tiles3d;
 mod tiny_scene;
+mod tools;
 mod validation;
 mod warsaw;

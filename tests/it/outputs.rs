@@ -42,6 +42,7 @@ pub fn building(id: &str, footprint: Option<Polygon<f64>>, height_m: Option<f64>
     let attributes = json!({ "street": "Zürich \"A\"", "floors": 3, "height_m": 9.9, "tags": ["x", 1], "share": 0.5 });
     BuildingRecord {
         id: id.to_owned(),
+        part_of: None,
         footprint,
         ground_z_m: Some(12.0),
         base_z_m: Some(11.4),
@@ -103,6 +104,7 @@ pub fn town() -> Town {
         height_definition: "mean roof level minus ground level".to_owned(),
         seed: 7,
         reference_date: Some("2025-06-01".to_owned()),
+        source: None,
     };
     let subject = Subject::Building("no outline".to_owned());
     let issues = vec![
@@ -117,7 +119,7 @@ fn read_json(path: &Path) -> Value {
 }
 
 /// Asserts that cjval finds neither errors nor warnings in a file.
-fn assert_valid_cityjson(path: &Path) {
+pub fn assert_valid_cityjson(path: &Path) {
     let text = std::fs::read_to_string(path).unwrap();
     for (criterion, summary) in cjval::CJValidator::from_str(&text).validate() {
         assert!(!summary.has_errors(), "{criterion}: {summary}");
@@ -172,7 +174,10 @@ fn every_building_is_in_the_cityjson_and_says_why_it_has_no_solid() {
     assert_eq!(file["CityObjects"]["no outline"]["attributes"]["no_solid_reason"], "no_outline");
     assert_eq!(file["CityObjects"]["no outline"].get("geometry"), None);
     // Row houses share the four corners of their party wall: 2 of the ground, and 2 roofs at their own heights.
-    assert_eq!(file["vertices"].as_array().unwrap().len(), 8 + 8 - 2 + 16 + 8);
+    // A building without a height has its outline.
+    assert_eq!(file["vertices"].as_array().unwrap().len(), 8 + 8 - 2 + 16 + 8 + 4);
+    let outline = &file["CityObjects"]["unknown"]["geometry"][0];
+    assert_eq!((&outline["type"], &outline["lod"]), (&json!("MultiSurface"), &json!("0")));
 }
 
 #[test]

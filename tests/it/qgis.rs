@@ -7,6 +7,7 @@ use serde_json::Value;
 use sizeup::output::geopackage::{self, GeoPackageConfig};
 
 use crate::outputs::town;
+use crate::tools::{picture, program};
 
 /// Debian's own interpreter: QGIS's bindings belong to it.
 const PYTHON: &str = "/usr/bin/python3";
@@ -65,6 +66,79 @@ fn qgis_opens_the_geopackage_styled_in_place_and_standing_on_the_ground() {
     for colour in ["#3e4989", "#1f9e89", "#fde725"] {
         assert!(colours.contains(&colour), "{colour} of {colours:?}");
     }
+}
+
+#[test]
+fn qgis_opens_the_project_styled_and_in_place() {
+    if !has_qgis() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (gpkg, project) = (folder.path().join("town & co.gpkg"), folder.path().join("town.qgs"));
+    let town = town();
+    geopackage::write(&gpkg, &town.model(), &GeoPackageConfig::default()).unwrap();
+    geopackage::write_project(&project, "town & co.gpkg", &town.model(), &GeoPackageConfig::default()).unwrap();
+    // Paths are relative: the folder may be moved.
+    let moved = tempfile::tempdir().unwrap();
+    for path in [&gpkg, &project] {
+        std::fs::copy(path, moved.path().join(path.file_name().unwrap())).unwrap();
+    }
+    drop(folder);
+    let report = run("project.py", &[&moved.path().join("town.qgs"), &picture("qgis-project.png")]);
+    let report: Value = serde_json::from_str(&report).unwrap();
+    assert_eq!((&report["read"], &report["crs"]), (&true.into(), &"EPSG:7415".into()));
+    assert_eq!(report["drawn"], serde_json::json!(["qa_issues", "cameras", "buildings"]));
+    for (layer, features, n_legend) in
+        [("buildings", 6, 10), ("buildings_lod1", 4, 10), ("tiles", 1, 2), ("cameras", 2, 3), ("qa_issues", 2, 3)]
+    {
+        let found = &report["layers"][layer];
+        assert_eq!((&found["valid"], &found["crs"]), (&true.into(), &"EPSG:7415".into()), "{layer}");
+        assert_eq!(found["features"], features, "{layer}");
+        assert_eq!(found["legend"].as_array().unwrap().len(), n_legend, "{layer}");
+    }
+    assert_eq!(report["layers"]["buildings"]["extrusion"]["clamping"], serde_json::json!(["absolute"]));
+    let image = image::open(picture("qgis-project.png")).unwrap().to_rgb8();
+    for colour in [[0x3e, 0x49, 0x89], [0x1f, 0x9e, 0x89], [0xfd, 0xe7, 0x25]] {
+        assert!(image.pixels().any(|p| p.0 == colour), "{colour:?}");
+    }
+}
+
+#[test]
+fn qgis_draws_the_buildings_as_prisms_in_3d() {
+    if !has_qgis() {
+        return;
+    }
+    let Some(display) = program("xvfb-run", "deps-qgis") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.gpkg");
+    let town = town();
+    geopackage::write(&path, &town.model(), &GeoPackageConfig::default()).unwrap();
+    let output = Command::new(display)
+        .args(["-a", "-s", "-screen 0 1280x1024x24", PYTHON])
+        .arg(script("scene.py"))
+        .args([&path, &picture("qgis-3d.png")])
+        .output()
+        .unwrap();
+    let stdout = String::from_utf8_lossy(&output.stdout);
+    let report: Value = serde_json::from_str(stdout.trim())
+        .unwrap_or_else(|e| panic!("{e}: {stdout}\n{}", String::from_utf8_lossy(&output.stderr)));
+    assert_eq!(report["result"], 0);
+    // Seen from the south, from afar: the rows with the tower behind them, then the courtyard, all on one base.
+    let groups = report["groups"].as_array().unwrap();
+    let [tower, courtyard] = [0, 1].map(|i| {
+        let side = |name: &str| groups[i][name].as_f64().unwrap();
+        (side("width"), side("height"), side("bottom"))
+    });
+    assert_eq!(groups.len(), 2, "{report}");
+    // 61.6 m and 15.6 m high, 20 m and 30 m wide; the tower stands 46 m farther back, seen from 10 times that.
+    for (found, expected) in [
+        (tower.1 / courtyard.1, 61.6 / 15.6),
+        (courtyard.0 / courtyard.1, 30.0 / 15.6),
+        (courtyard.0 / tower.0, 30.0 / 20.0),
+    ] {
+        assert!((found / expected - 1.0).abs() < 0.12, "{found} for {expected}: {report}");
+    }
+    assert!((tower.2 - courtyard.2).abs() < 0.05 * tower.1, "they stand on one level: {report}");
 }
 
 #[test]

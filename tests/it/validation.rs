@@ -2,9 +2,13 @@
 
 use std::path::Path;
 
+use geo::Area as _;
+use geo_types::{Coord, LineString, Polygon};
+use glam::DVec3;
+use proptest::prelude::*;
 use sizeup::output::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface};
 use sizeup::output::cityjson::{self, CityJsonConfig};
-use sizeup::output::validate::{Fault, ValidateConfig, validate};
+use sizeup::output::validate::{Fault, ValidateConfig, schema, validate};
 
 use crate::evaluation::shared_data;
 use crate::outputs::town;
@@ -34,6 +38,7 @@ fn file(faces: &Faces) -> CityFile {
         id: "a".to_owned(),
         kind: "Building".to_owned(),
         parents: Vec::new(),
+        children: Vec::new(),
         attributes: serde_json::Map::new(),
         geometries: vec![geometry],
     });
@@ -81,7 +86,7 @@ fn a_cube_and_a_courtyard_are_valid() {
     let path = folder.path().join("town.city.json");
     cityjson::write(&path, &town().model(), &CityJsonConfig::default()).unwrap();
     let outcome = validate(&CityFile::read(&path).unwrap(), &ValidateConfig::default());
-    assert_eq!((outcome.n_geometries, outcome.n_valid, outcome.n_without_geometry), (4, 4, 2));
+    assert_eq!((outcome.n_geometries, outcome.n_valid, outcome.n_without_geometry), (5, 5, 1));
 }
 
 #[test]
@@ -186,6 +191,81 @@ fn shell_faults_are_found_with_their_place() {
     assert_eq!(codes(&Vec::new()), [902]);
 }
 
+/// The form's faults of the town's file after a change, by cjval's names.
+fn form_faults(name: &str, alter: impl Fn(&mut serde_json::Value)) -> Vec<String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    let is_sequence = name.ends_with("jsonl");
+    if is_sequence {
+        cityjson::write_sequence(&path, &town().model(), &CityJsonConfig::default()).unwrap();
+    } else {
+        cityjson::write(&path, &town().model(), &CityJsonConfig::default()).unwrap();
+    }
+    let text = std::fs::read_to_string(&path).unwrap();
+    let (before, part, after) = if is_sequence {
+        let mut lines: Vec<&str> = text.lines().collect();
+        let after = lines.split_off(4).join("\n");
+        let part = lines.pop().unwrap();
+        (lines.join("\n") + "\n", part.to_owned(), "\n".to_owned() + &after)
+    } else {
+        (String::new(), text, String::new())
+    };
+    let mut part = serde_json::from_str(&part).unwrap();
+    alter(&mut part);
+    std::fs::write(&path, format!("{before}{part}{after}")).unwrap();
+    let outcome = schema::check(&path).unwrap();
+    assert!(!is_sequence || outcome.errors.iter().all(|fault| fault.line == Some(4)), "{outcome:?}");
+    outcome.errors.into_iter().map(|fault| fault.check).collect()
+}
+
+#[test]
+fn faults_of_form_are_found_by_name_and_line() {
+    use serde_json::json;
+    assert_eq!(form_faults("a.city.json", |_| {}), Vec::<String>::new());
+    assert_eq!(form_faults("a.city.jsonl", |_| {}), Vec::<String>::new());
+    let courtyard = "/CityObjects/courtyard/geometry/0";
+    for name in ["a.city.json", "a.city.jsonl"] {
+        assert_eq!(form_faults(name, |c| c["CityObjects"]["courtyard"]["type"] = json!("House")), ["schema"], "{name}");
+        assert_eq!(form_faults(name, |c| c.pointer_mut(courtyard).unwrap()["lod"] = json!(1.2)), ["schema"], "{name}");
+        let index = format!("{courtyard}/boundaries/0/0/0/0");
+        assert_eq!(
+            form_faults(name, |c| *c.pointer_mut(&index).unwrap() = json!(9999)),
+            ["wrong_vertex_index"],
+            "{name}"
+        );
+        let values = format!("{courtyard}/semantics/values/0/1");
+        assert_eq!(form_faults(name, |c| *c.pointer_mut(&values).unwrap() = json!(7)), ["semantics_arrays"], "{name}");
+        let orphan = |c: &mut serde_json::Value| c["CityObjects"]["courtyard"]["children"] = json!(["nobody"]);
+        assert_eq!(form_faults(name, orphan), ["parents_children_consistency"], "{name}");
+    }
+    let mut without_version = form_faults("a.city.json", |c| drop(c.as_object_mut().unwrap().remove("version")));
+    without_version.dedup();
+    assert_eq!(without_version, ["schema"]);
+}
+
+#[test]
+fn the_command_tells_faults_of_form_and_ends_with_3() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.city.json");
+    cityjson::write(&path, &town().model(), &CityJsonConfig::default()).unwrap();
+    let validate = |flags: &[&str]| {
+        let mut sizeup = crate::tiny_scene::sizeup();
+        sizeup.arg("validate").arg(&path).args(flags).output().unwrap()
+    };
+    let valid = validate(&[]);
+    assert_eq!(valid.status.code(), Some(0), "{}", String::from_utf8_lossy(&valid.stdout));
+    let text = std::fs::read_to_string(&path).unwrap().replacen("\"type\":\"Building\"", "\"type\":\"House\"", 1);
+    std::fs::write(&path, text).unwrap();
+    let faulty = validate(&["--json"]);
+    assert_eq!(faulty.status.code(), Some(3));
+    let report: serde_json::Value = serde_json::from_slice(&faulty.stdout).unwrap();
+    assert_eq!(
+        (&report["form"]["errors"][0]["check"], &report["n_valid"]),
+        (&"schema".into(), &report["n_geometries"])
+    );
+    assert_eq!(validate(&["--no-schema"]).status.code(), Some(0), "its solids are sound");
+}
+
 #[test]
 fn real_files_are_checked_without_a_panic() {
     for name in ["rotterdam_lod2/rotterdam_delfshaven.city.json", "delft_lidar_lod1/output/testarea.json"] {
@@ -193,5 +273,58 @@ fn real_files_are_checked_without_a_panic() {
         let outcome = validate(&CityFile::read(Path::new(&path)).unwrap(), &ValidateConfig::default());
         eprintln!("{name}: {} of {} valid, {:?}", outcome.n_valid, outcome.n_geometries, outcome.n_by_code);
         assert!(outcome.n_geometries > 100);
+    }
+}
+
+/// A star around the town's corner with a courtyard around its middle, between radii of metres.
+fn outlines() -> impl Strategy<Value = Polygon<f64>> {
+    let star = |low_m: f64, high_m: f64| {
+        prop::collection::vec((low_m..high_m, 0.0..0.8_f64), 5..16).prop_map(|spokes| {
+            let step = std::f64::consts::TAU / spokes.len() as f64;
+            let corner = |(i, &(r, shift)): (usize, &(f64, f64))| {
+                let angle = (i as f64 + shift) * step;
+                Coord { x: AT[0] + r * angle.cos(), y: AT[1] + r * angle.sin() }
+            };
+            spokes.iter().enumerate().map(corner).collect::<LineString<f64>>()
+        })
+    };
+    (star(9.0, 20.0), star(0.5, 3.0), any::<bool>()).prop_map(|(exterior, courtyard, has_courtyard)| {
+        Polygon::new(exterior, if has_courtyard { vec![courtyard] } else { Vec::new() })
+    })
+}
+
+/// Volume enclosed by the faces of a file, by the divergence theorem.
+fn volume_m3(city: &CityFile) -> f64 {
+    let point = |i: u32| DVec3::from_array(city.vertices[i as usize]) - DVec3::from_array(AT);
+    let rings = city.objects.iter().flat_map(|o| &o.geometries).flat_map(|g| &g.surfaces).flat_map(|s| &s.rings);
+    rings.map(|r| r.windows(2).map(|e| point(r[0]).dot(point(e[0]).cross(point(e[1])))).sum::<f64>() / 6.0).sum()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_valid_outline_of_any_height_is_a_valid_file_of_area_times_height(
+        outline in outlines(),
+        thickness_m in 0.6..300.0_f64,
+    ) {
+        prop_assume!(geo::Validation::is_valid(&outline));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.city.json");
+        let mut town = town();
+        town.records.truncate(1);
+        let record = &mut town.records[0];
+        record.footprint = Some(outline.clone());
+        (record.ground_z_m, record.base_z_m, record.height_m) = (Some(12.0), Some(12.0), Some(thickness_m));
+        cityjson::write(&path, &town.model(), &CityJsonConfig::default()).unwrap();
+        let city = CityFile::read(&path).unwrap();
+        let solids = validate(&city, &ValidateConfig::default());
+        prop_assert!(solids.is_valid() && solids.n_geometries == 1, "{solids:?}");
+        let form = schema::check(&path).unwrap();
+        prop_assert!(form.errors.is_empty() && form.warnings.is_empty(), "{form:?}");
+        // Half a millimetre along an outline of at most 600 m, and in height.
+        let (area_m2, volume_m3) = (outline.unsigned_area(), volume_m3(&city));
+        let tolerance_m3 = 0.3 * thickness_m + 0.0005 * area_m2;
+        prop_assert!((volume_m3 - area_m2 * thickness_m).abs() < tolerance_m3, "{volume_m3} {area_m2}");
     }
 }

@@ -145,6 +145,19 @@ def qa_issues():
     return layer
 
 
+def tiles():
+    layer = QgsVectorLayer("Polygon?crs=EPSG:25832&field=tile:string&field=status:string", "tiles", "memory")
+    root = QgsRuleBasedRenderer.Rule(None)
+    frame = {"style": "no", "outline_width": "0.4", "outline_style": "dash"}
+    done = QgsFillSymbol.createSimple({**frame, "outline_color": "125,125,132,255"})
+    other = QgsFillSymbol.createSimple({**frame, "outline_color": "213,94,0,255"})
+    root.appendChild(QgsRuleBasedRenderer.Rule(done, filterExp="\"status\" = 'done'", label="tile"))
+    root.appendChild(QgsRuleBasedRenderer.Rule(other, label="tile that is not done", elseRule=True))
+    layer.setRenderer(QgsRuleBasedRenderer(root))
+    layer.setDisplayExpression("\"tile\" || ': ' || \"status\"")
+    return layer
+
+
 def export(layer, folder):
     """Writes the layer's style, with rule keys that do not change from run to run."""
     document = QDomDocument("qgis")
@@ -169,7 +182,7 @@ def main():
     application = QgsApplication([], False)
     application.initQgis()
     Qgs3D.initialize()
-    for layer in [buildings(), solids(), cameras(), qa_issues()]:
+    for layer in [buildings(), solids(), tiles(), cameras(), qa_issues()]:
         export(layer, sys.argv[1])
     application.exitQgis()
 

@@ -1,16 +1,46 @@
 //! The file's header: metadata with lineage, and the transform.
 
+use std::io::{self, Write};
+
 use serde_json::{Map as JsonMap, Value, json};
 
+use super::{CityJsonConfig, names};
 use crate::crs::Crs;
-use crate::output::CityModel;
 use crate::output::grid::{Extent, Grid};
+use crate::output::{CityModel, Overview};
 
 /// Steps per metre of header numbers: ten times finer than the finest grid, so rounding only removes noise.
 const HEADER_STEPS_PER_M: f64 = 1e5;
 
+/// Everything before the city objects, in the order in which it is written.
+pub fn header<R: ?Sized>(
+    model: &CityModel<'_, R>,
+    overview: &Overview,
+    grid: &Grid,
+    config: &CityJsonConfig,
+) -> JsonMap<String, Value> {
+    let mut header = JsonMap::new();
+    header.insert("type".to_owned(), json!("CityJSON"));
+    header.insert("version".to_owned(), json!("2.0"));
+    if let Some(url) = &config.extension_url {
+        header.insert("extensions".to_owned(), names::extensions(url));
+    }
+    header.insert("metadata".to_owned(), metadata(model, overview.extent.as_ref(), config.title.as_deref()));
+    header.insert("transform".to_owned(), transform(grid));
+    header
+}
+
+/// Writes the header, a member a line, up to where the city objects begin.
+pub fn write_head(out: &mut dyn Write, header: &JsonMap<String, Value>) -> io::Result<()> {
+    out.write_all(b"{")?;
+    for (name, member) in header {
+        writeln!(out, "{}:{member},", json!(name))?;
+    }
+    out.write_all(br#""CityObjects":{"#)
+}
+
 /// The `metadata` object.
-pub fn metadata(model: &CityModel<'_>, extent: Option<&Extent>, title: Option<&str>) -> Value {
+fn metadata<R: ?Sized>(model: &CityModel<'_, R>, extent: Option<&Extent>, title: Option<&str>) -> Value {
     let mut metadata = JsonMap::new();
     if let Some(Extent { min_m, max_m }) = extent {
         let corners: Vec<f64> = min_m.iter().chain(max_m).map(|v| tidy(*v)).collect();
@@ -32,7 +62,7 @@ pub fn metadata(model: &CityModel<'_>, extent: Option<&Extent>, title: Option<&s
 }
 
 /// The `transform` object.
-pub fn transform(grid: &Grid) -> Value {
+fn transform(grid: &Grid) -> Value {
     let scale = [grid.scale_m; 3];
     json!({ "scale": scale, "translate": grid.origin_m })
 }

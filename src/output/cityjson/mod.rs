@@ -1,25 +1,31 @@
 //! `CityJSON` 2.0 (<https://www.cityjson.org/specs/2.0.1/>): LOD 1.2 solids with semantics, in one file or as a sequence.
 //!
-//! Written building by building; only the list of distinct vertices is kept until the end. A building without a solid
-//! is a `Building` without geometry whose attributes say why.
+//! Written building by building; only the list of distinct vertices is kept until the end (some 30 bytes each), and in
+//! a sequence not even that. A building without a solid has its outline as LOD 0 and attributes that say why.
 
 mod metadata;
+mod names;
+mod object;
 pub mod read;
+mod read_sequence;
 mod sequence;
 mod vertices;
 
+use std::io::{self, Write};
 use std::path::Path;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
 
-use super::attributes;
+use super::buildings::{Families, Overview, Records};
 use super::grid::Grid;
-use super::prism::{Face, NoSolid, Prism, Surface};
+use super::prism::{NoSolid, Prism};
 use super::{BuildingRecord, CityModel, OutputError};
-use crate::files::write_whole;
+use crate::files::{FileError, write_whole_or};
 use crate::issue::{Issue, Severity, Subject};
+pub use names::{AttributeNames, EXTENSION_PREFIX, extension_schema};
+use object::Objects;
+pub use read_sequence::Sequence;
 pub use sequence::write_sequence;
 use vertices::VertexPool;
 
@@ -33,11 +39,16 @@ pub struct CityJsonConfig {
     pub min_thickness_m: f64,
     /// Title in the metadata.
     pub title: Option<String>,
+    /// Names of the buildings' attributes.
+    pub names: AttributeNames,
+    /// Where `schemas/sizeup.ext.json` is published. If set, the file declares our extension there, and our attributes
+    /// have its names (`+sizeup-height_m`), so that validators check their types.
+    pub extension_url: Option<String>,
 }
 
 impl Default for CityJsonConfig {
     fn default() -> Self {
-        Self { scale_m: 0.001, min_thickness_m: 0.5, title: None }
+        Self { scale_m: 0.001, min_thickness_m: 0.5, title: None, names: AttributeNames::Sizeup, extension_url: None }
     }
 }
 
@@ -58,29 +69,44 @@ impl CityJsonConfig {
 ///
 /// # Errors
 /// [`OutputError`]: duplicate ids, settings out of range, a scene larger than the grid, the file system.
-pub fn write(path: &Path, model: &CityModel<'_>, config: &CityJsonConfig) -> Result<(), OutputError> {
+pub fn write<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    config: &CityJsonConfig,
+) -> Result<Overview, OutputError> {
     config.require_valid()?;
-    model.require_unique_ids()?;
-    let (grid, extent) = Grid::over(model.records, config.scale_m)?;
-    let metadata = metadata::metadata(model, extent.as_ref(), config.title.as_deref());
-    write_whole(path, |out| {
-        writeln!(out, r#"{{"type":"CityJSON","version":"2.0","#)?;
-        writeln!(out, r#""metadata":{metadata},"#)?;
-        writeln!(out, r#""transform":{},"#, metadata::transform(&grid))?;
-        out.write_all(br#""CityObjects":{"#)?;
+    let overview = Overview::of(model.records)?;
+    let grid = overview.grid(config.scale_m)?;
+    let header = metadata::header(model, &overview, &grid, config);
+    let objects = Objects { grid: &grid, config };
+    write_whole_or(path, |out| {
         let mut pool = VertexPool::default();
-        for (i, record) in model.records.iter().enumerate() {
-            out.write_all(if i == 0 { b"\n" } else { b",\n" })?;
-            serde_json::to_writer(&mut *out, &record.id)?;
-            out.write_all(b":")?;
-            let prism = Prism::of(record, &grid, config.min_thickness_m);
-            serde_json::to_writer(&mut *out, &building(record, prism.as_ref(), &grid, &mut pool))?;
-        }
-        out.write_all(b"\n},\n\"vertices\":[")?;
-        pool.write(out)?;
-        writeln!(out, "]}}")
+        let mut separator = "\n";
+        let mut write = |out: &mut dyn Write, named: &[object::Named]| -> io::Result<()> {
+            for (id, object) in named {
+                out.write_all(separator.as_bytes())?;
+                separator = ",\n";
+                serde_json::to_writer(&mut *out, id)?;
+                out.write_all(b":")?;
+                serde_json::to_writer(&mut *out, object)?;
+            }
+            Ok(())
+        };
+        let failed = |e| cannot_write(path, e);
+        metadata::write_head(out, &header).map_err(failed)?;
+        let mut families = Families::new(&overview);
+        model.records.visit(&mut |record| match families.add(record) {
+            Some(family) => write(out, &objects.of(&family, &mut pool)).map_err(failed),
+            None => Ok(()),
+        })?;
+        out.write_all(b"\n},\n\"vertices\":[").and_then(|()| pool.write(out)).map_err(failed)?;
+        writeln!(out, "]}}").map_err(failed)
     })?;
-    Ok(())
+    Ok(overview)
+}
+
+fn cannot_write(path: &Path, error: io::Error) -> OutputError {
+    FileError::on("cannot write", path)(error).into()
 }
 
 /// What will have no solid although outline and height are known: one issue per such building.
@@ -103,52 +129,4 @@ pub fn check(records: &[BuildingRecord], config: &CityJsonConfig) -> Result<Vec<
         }
     };
     Ok(records.iter().filter_map(issue).collect())
-}
-
-/// One `Building` object; its vertices go into `pool`.
-fn building(record: &BuildingRecord, prism: Result<&Prism, &NoSolid>, grid: &Grid, pool: &mut VertexPool) -> Value {
-    let no_solid_reason = prism.err().map(|fault| fault.code());
-    let attributes = attributes::to_json(record, no_solid_reason);
-    match prism {
-        Ok(prism) => {
-            let geometry = solid(&prism.faces(), pool);
-            json!({ "type": "Building", "attributes": attributes,
-                    "geographicalExtent": extent(prism, grid), "geometry": [geometry] })
-        }
-        Err(_) => json!({ "type": "Building", "attributes": attributes }),
-    }
-}
-
-/// A `Solid` of one shell, with one semantic surface per kind.
-fn solid(faces: &[Face], pool: &mut VertexPool) -> Value {
-    let mut shell: Vec<Vec<Vec<u32>>> = Vec::with_capacity(faces.len());
-    let mut kinds: Vec<u8> = Vec::with_capacity(faces.len());
-    for face in faces {
-        shell.push(face.rings.iter().map(|ring| ring.iter().map(|p| pool.index_of(*p)).collect()).collect());
-        kinds.push(match face.surface {
-            Surface::Ground => 0,
-            Surface::Roof => 1,
-            Surface::Wall => 2,
-        });
-    }
-    json!({
-        "type": "Solid", "lod": "1.2", "boundaries": [shell],
-        "semantics": {
-            "surfaces": [{ "type": "GroundSurface" }, { "type": "RoofSurface" }, { "type": "WallSurface" }],
-            "values": [kinds],
-        },
-    })
-}
-
-/// Box of the solid in the map frame, metres, rounded like everything else.
-fn extent(prism: &Prism, grid: &Grid) -> [f64; 6] {
-    let exterior = &prism.outline().rings()[0];
-    let of = |axis: usize| {
-        let values = exterior.iter().map(|p| p[axis]);
-        values.fold((i64::MAX, i64::MIN), |(low, high), v| (low.min(v), high.max(v)))
-    };
-    let ((west, east), (south, north)) = (of(0), of(1));
-    let low = grid.metres([west, south, prism.base()]).map(metadata::tidy);
-    let high = grid.metres([east, north, prism.roof()]).map(metadata::tidy);
-    [low[0], low[1], low[2], high[0], high[1], high[2]]
 }

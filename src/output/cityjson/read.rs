@@ -5,15 +5,17 @@
 
 use std::fmt;
 use std::fs;
+use std::io::BufReader;
 use std::path::Path;
 
 use indexmap::IndexMap;
-use serde::de::{SeqAccess, Visitor};
+use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::{Map as JsonMap, Value};
 
 use super::super::error::{MalformedFile, OutputError};
 use super::super::prism::Surface;
+use super::read_sequence::Sequence;
 use crate::crs::Crs;
 use crate::files::FileError;
 
@@ -41,6 +43,8 @@ pub struct CityObject {
     pub kind: String,
     /// Ids of its parents.
     pub parents: Vec<String>,
+    /// Ids of its parts.
+    pub children: Vec<String>,
     /// Attributes as they stand.
     pub attributes: JsonMap<String, Value>,
     /// One per level of detail.
@@ -76,30 +80,169 @@ impl CityFile {
     /// [`OutputError::File`] if it cannot be opened, [`OutputError::Malformed`] if it is no `CityJSON` of a known
     /// version, or an index points nowhere.
     pub fn read(path: &Path) -> Result<Self, OutputError> {
-        let bytes = fs::read(path).map_err(FileError::on("cannot read", path))?;
+        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("jsonl")) {
+            return Sequence::open(path)?.into_one();
+        }
+        let mut city = Self::read_head(path)?;
+        let mut objects = Vec::new();
+        city.n_templates = visit_objects(path, &city.vertices, &mut |object| {
+            objects.push(object);
+            Ok(())
+        })?;
+        city.objects = objects;
+        Ok(city)
+    }
+
+    /// Reads everything of a file but its objects.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn read_head(path: &Path) -> Result<Self, OutputError> {
         let malformed = |reason: String| OutputError::Malformed(MalformedFile { path: path.to_owned(), reason });
-        let is_sequence = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("jsonl"));
-        let city = if is_sequence { read_sequence(&bytes) } else { read_one(&bytes) };
-        city.map_err(malformed)
+        let head: RawHead = serde_json::from_reader(open(path)?).map_err(|e| malformed(e.to_string()))?;
+        let raw = RawFile {
+            kind: head.kind,
+            version: head.version,
+            transform: head.transform,
+            metadata: head.metadata,
+            objects: IndexMap::new(),
+            vertices: head.vertices,
+        };
+        require_version(&raw).map_err(malformed)?;
+        let mut city =
+            Self { crs: crs_of(&raw.metadata).map_err(malformed)?, metadata: raw.metadata.clone(), ..Self::default() };
+        let transform = raw.transform.clone();
+        city.add(raw, transform.as_ref()).map_err(malformed)?;
+        Ok(city)
     }
 }
 
+fn open(path: &Path) -> Result<BufReader<fs::File>, OutputError> {
+    let file = fs::File::open(path).map_err(FileError::on("cannot read", path))?;
+    Ok(BufReader::with_capacity(1 << 18, file))
+}
+
+/// Hands the objects of a file to `visit` one by one; `vertices` are the file's. Says how many template instances were
+/// passed over.
+///
+/// # Errors
+/// As [`CityFile::read`], or the error of `visit`.
+pub fn visit_objects(
+    path: &Path,
+    vertices: &[[f64; 3]],
+    visit: &mut dyn FnMut(CityObject) -> Result<(), OutputError>,
+) -> Result<usize, OutputError> {
+    let malformed = |reason: String| OutputError::Malformed(MalformedFile { path: path.to_owned(), reason });
+    let mut n_templates = 0;
+    let mut failure = None;
+    let mut take = |id: String, object: RawObject| {
+        let read = object.read(id, 0, vertices.len(), &mut n_templates).map_err(malformed);
+        let outcome = read.and_then(&mut *visit);
+        let is_done = outcome.is_ok();
+        failure = outcome.err();
+        is_done
+    };
+    let mut deserializer = serde_json::Deserializer::from_reader(open(path)?);
+    let outcome = FileSeed(&mut take).deserialize(&mut deserializer);
+    match (failure, outcome) {
+        (Some(failure), _) => Err(failure),
+        (None, Err(e)) => Err(malformed(e.to_string())),
+        (None, Ok(())) => Ok(n_templates),
+    }
+}
+
+/// Takes an object; `false` ends the reading.
+type Take<'a> = dyn FnMut(String, RawObject) -> bool + 'a;
+
+/// A file of which only the objects are looked at.
+struct FileSeed<'a, 'b>(&'a mut Take<'b>);
+
+/// Its `CityObjects`.
+struct ObjectsSeed<'a, 'b>(&'a mut Take<'b>);
+
+impl<'de> DeserializeSeed<'de> for FileSeed<'_, '_> {
+    type Value = ();
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
+        deserializer.deserialize_map(self)
+    }
+}
+
+impl<'de> Visitor<'de> for FileSeed<'_, '_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a CityJSON object")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut members: A) -> Result<(), A::Error> {
+        while let Some(name) = members.next_key::<String>()? {
+            if name == "CityObjects" {
+                members.next_value_seed(ObjectsSeed(&mut *self.0))?;
+            } else {
+                members.next_value::<IgnoredAny>()?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<'de> DeserializeSeed<'de> for ObjectsSeed<'_, '_> {
+    type Value = ();
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
+        deserializer.deserialize_map(self)
+    }
+}
+
+impl<'de> Visitor<'de> for ObjectsSeed<'_, '_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("city objects by id")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut objects: A) -> Result<(), A::Error> {
+        while let Some((id, object)) = objects.next_entry()? {
+            if !(self.0)(id, object) {
+                return Err(serde::de::Error::custom("stopped"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A file without its objects.
 #[derive(Deserialize)]
-struct RawFile {
+struct RawHead {
     #[serde(rename = "type")]
     kind: String,
     version: Option<String>,
     transform: Option<RawTransform>,
     #[serde(default)]
     metadata: JsonMap<String, Value>,
+    #[serde(default)]
+    vertices: Vec<[f64; 3]>,
+}
+
+/// A file or a feature of a sequence.
+#[derive(Deserialize)]
+pub(super) struct RawFile {
+    #[serde(rename = "type")]
+    pub(super) kind: String,
+    version: Option<String>,
+    pub(super) transform: Option<RawTransform>,
+    #[serde(default)]
+    pub(super) metadata: JsonMap<String, Value>,
     #[serde(rename = "CityObjects", default)]
     objects: IndexMap<String, RawObject>,
     #[serde(default)]
     vertices: Vec<[f64; 3]>,
 }
 
-#[derive(Deserialize, Clone)]
-struct RawTransform {
+/// From whole numbers to coordinates.
+#[derive(Debug, Deserialize, Clone)]
+pub(super) struct RawTransform {
     scale: [f64; 3],
     translate: [f64; 3],
 }
@@ -110,6 +253,8 @@ struct RawObject {
     kind: String,
     #[serde(default)]
     parents: Vec<String>,
+    #[serde(default)]
+    children: Vec<String>,
     #[serde(default)]
     attributes: Option<JsonMap<String, Value>>,
     #[serde(default)]
@@ -184,39 +329,7 @@ impl Nested {
     }
 }
 
-fn read_one(bytes: &[u8]) -> Result<CityFile, String> {
-    let raw: RawFile = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;
-    require_version(&raw)?;
-    let mut city = CityFile { crs: crs_of(&raw.metadata)?, ..CityFile::default() };
-    let transform = raw.transform.clone();
-    city.metadata.clone_from(&raw.metadata);
-    city.add(raw, transform.as_ref())?;
-    Ok(city)
-}
-
-fn read_sequence(bytes: &[u8]) -> Result<CityFile, String> {
-    let mut city = CityFile::default();
-    let mut transform = None;
-    for (i, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
-        if line.trim_ascii().is_empty() {
-            continue;
-        }
-        let at_line = |reason: String| format!("line {}: {reason}", i + 1);
-        let raw: RawFile = serde_json::from_slice(line).map_err(|e| at_line(e.to_string()))?;
-        if raw.kind == "CityJSON" {
-            require_version(&raw).map_err(at_line)?;
-            city.crs = crs_of(&raw.metadata).map_err(at_line)?;
-            city.metadata.clone_from(&raw.metadata);
-            transform.clone_from(&raw.transform);
-        } else if raw.kind != "CityJSONFeature" {
-            return Err(at_line(format!("expected a CityJSONFeature, found {:?}", raw.kind)));
-        }
-        city.add(raw, transform.as_ref()).map_err(at_line)?;
-    }
-    Ok(city)
-}
-
-fn require_version(raw: &RawFile) -> Result<(), String> {
+pub(super) fn require_version(raw: &RawFile) -> Result<(), String> {
     if raw.kind != "CityJSON" {
         return Err(format!("expected \"type\": \"CityJSON\", found {:?}", raw.kind));
     }
@@ -227,14 +340,14 @@ fn require_version(raw: &RawFile) -> Result<(), String> {
 }
 
 /// `urn:ogc:def:crs:EPSG::7415` or `https://www.opengis.net/def/crs/EPSG/0/7415`.
-fn crs_of(metadata: &JsonMap<String, Value>) -> Result<Option<Crs>, String> {
+pub(super) fn crs_of(metadata: &JsonMap<String, Value>) -> Result<Option<Crs>, String> {
     let Some(name) = metadata.get("referenceSystem").and_then(Value::as_str) else { return Ok(None) };
     let code = name.rsplit(['/', ':']).next().unwrap_or_default();
     Crs::parse(&format!("EPSG:{code}")).map(Some).map_err(|e| format!("referenceSystem {name:?}: {e}"))
 }
 
 impl CityFile {
-    fn add(&mut self, raw: RawFile, transform: Option<&RawTransform>) -> Result<(), String> {
+    pub(super) fn add(&mut self, raw: RawFile, transform: Option<&RawTransform>) -> Result<(), String> {
         let first = self.vertices.len();
         let place = |v: [f64; 3]| match transform {
             Some(t) => std::array::from_fn(|axis| v[axis] * t.scale[axis] + t.translate[axis]),
@@ -243,18 +356,24 @@ impl CityFile {
         self.vertices.extend(raw.vertices.into_iter().map(place));
         let offset = u32::try_from(first).map_err(|_| "more than 2^32 vertices".to_owned())?;
         for (id, object) in raw.objects {
-            let mut geometries = Vec::with_capacity(object.geometry.len());
-            for geometry in &object.geometry {
-                match geometry.read(offset, self.vertices.len()).map_err(|e| format!("object {id:?}: {e}"))? {
-                    Some(geometry) => geometries.push(geometry),
-                    None if geometry.kind == "GeometryInstance" => self.n_templates += 1,
-                    None => {}
-                }
-            }
-            let attributes = object.attributes.unwrap_or_default();
-            self.objects.push(CityObject { id, kind: object.kind, parents: object.parents, attributes, geometries });
+            self.objects.push(object.read(id, offset, self.vertices.len(), &mut self.n_templates)?);
         }
         Ok(())
+    }
+}
+
+impl RawObject {
+    fn read(self, id: String, offset: u32, n_vertices: usize, n_templates: &mut usize) -> Result<CityObject, String> {
+        let mut geometries = Vec::with_capacity(self.geometry.len());
+        for geometry in &self.geometry {
+            match geometry.read(offset, n_vertices).map_err(|e| format!("object {id:?}: {e}"))? {
+                Some(geometry) => geometries.push(geometry),
+                None if geometry.kind == "GeometryInstance" => *n_templates += 1,
+                None => {}
+            }
+        }
+        let attributes = self.attributes.unwrap_or_default();
+        Ok(CityObject { id, kind: self.kind, parents: self.parents, children: self.children, attributes, geometries })
     }
 }
 

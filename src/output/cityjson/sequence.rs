@@ -7,47 +7,51 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::super::prism::Prism;
+use super::object::{Named, Objects};
 use super::vertices::VertexPool;
-use super::{CityJsonConfig, building, metadata};
-use crate::files::write_whole;
-use crate::output::grid::Grid;
-use crate::output::{CityModel, OutputError};
+use super::{CityJsonConfig, cannot_write, metadata};
+use crate::files::write_whole_or;
+use crate::output::{CityModel, Families, OutputError, Overview, Records};
 
 /// Writes `path` (by convention `….city.jsonl`) whole or not at all.
 ///
 /// # Errors
-/// As [`super::write`].
-pub fn write_sequence(path: &Path, model: &CityModel<'_>, config: &CityJsonConfig) -> Result<(), OutputError> {
+/// As [`super::write()`].
+pub fn write_sequence<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    config: &CityJsonConfig,
+) -> Result<Overview, OutputError> {
     config.require_valid()?;
-    model.require_unique_ids()?;
-    let (grid, extent) = Grid::over(model.records, config.scale_m)?;
-    let header = json!({
-        "type": "CityJSON",
-        "version": "2.0",
-        "metadata": metadata::metadata(model, extent.as_ref(), config.title.as_deref()),
-        "transform": metadata::transform(&grid),
-        "CityObjects": {},
-        "vertices": [],
-    });
-    write_whole(path, |out| {
-        writeln!(out, "{header}")?;
+    let overview = Overview::of(model.records)?;
+    let grid = overview.grid(config.scale_m)?;
+    let mut header = metadata::header(model, &overview, &grid, config);
+    header.insert("CityObjects".to_owned(), json!({}));
+    header.insert("vertices".to_owned(), json!([]));
+    let objects = Objects { grid: &grid, config };
+    write_whole_or(path, |out| {
+        let failed = |e| cannot_write(path, e);
+        writeln!(out, "{}", json!(header)).map_err(failed)?;
         let mut pool = VertexPool::default();
-        for record in model.records {
+        let mut families = Families::new(&overview);
+        model.records.visit(&mut |record| {
+            let Some(family) = families.add(record) else { return Ok(()) };
             pool.clear();
-            let prism = Prism::of(record, &grid, config.min_thickness_m);
-            let object = building(record, prism.as_ref(), &grid, &mut pool);
-            write_feature(out, &record.id, &object, &pool)?;
-        }
-        Ok(())
+            let named = objects.of(&family, &mut pool);
+            write_feature(out, &named, &pool).map_err(failed)
+        })
     })?;
-    Ok(())
+    Ok(overview)
 }
 
-fn write_feature(out: &mut dyn Write, id: &str, object: &serde_json::Value, pool: &VertexPool) -> io::Result<()> {
-    let id = json!(id);
-    write!(out, r#"{{"type":"CityJSONFeature","id":{id},"CityObjects":{{{id}:"#)?;
-    serde_json::to_writer(&mut *out, object)?;
+/// One line: the root object first, which names the feature.
+fn write_feature(out: &mut dyn Write, named: &[Named], pool: &VertexPool) -> io::Result<()> {
+    let Some((root, _)) = named.first() else { return Ok(()) };
+    write!(out, r#"{{"type":"CityJSONFeature","id":{},"CityObjects":{{"#, json!(root))?;
+    for (i, (id, object)) in named.iter().enumerate() {
+        write!(out, "{}{}:", if i == 0 { "" } else { "," }, json!(id))?;
+        serde_json::to_writer(&mut *out, object)?;
+    }
     out.write_all(br#"},"vertices":["#)?;
     pool.write_inline(out)?;
     out.write_all(b"]}\n")

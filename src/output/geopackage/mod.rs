@@ -4,16 +4,17 @@
 //! |---|---|---|
 //! | `buildings` | Polygon | outline and all attributes, one row per building of the input |
 //! | `buildings_lod1` | `MultiPolygonZ` | faces of the solid, where there is one |
+//! | `tiles` | Polygon | areas that were worked on one by one; one row if the run was not divided |
 //! | `cameras` | `PointZ` | projection centres, viewing directions, photo names |
 //! | `qa_issues` | Point | what was wrong with single items of the input |
 //!
 //! Lineage is in `gpkg_metadata`, meanings of the columns in `gpkg_data_columns`, the default style in `layer_styles`.
 
 mod layers;
+mod project;
 mod tables;
-mod wkb;
 
-pub use layers::LIST_SEPARATOR;
+pub use project::write_project;
 
 use std::path::Path;
 
@@ -22,7 +23,8 @@ use serde::{Deserialize, Serialize};
 
 use super::cityjson::CityJsonConfig;
 use super::grid::Grid;
-use super::{CityModel, OutputError};
+use super::outlines::OutlineRows;
+use super::{CityModel, OutputError, Overview, Records};
 use crate::files::write_whole_by_name;
 use crate::geodata::gpkg;
 
@@ -52,21 +54,28 @@ impl Default for GeoPackageConfig {
 ///
 /// # Errors
 /// [`OutputError`]: duplicate ids, a scene larger than the grid, GDAL, the file system.
-pub fn write(path: &Path, model: &CityModel<'_>, config: &GeoPackageConfig) -> Result<(), OutputError> {
-    model.require_unique_ids()?;
-    let (grid, _) = Grid::over(model.records, config.scale_m)?;
+pub fn write<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    config: &GeoPackageConfig,
+) -> Result<Overview, OutputError> {
+    let overview = Overview::of(model.records)?;
+    let grid = overview.grid(config.scale_m)?;
+    let outlines = OutlineRows::new(&overview, grid, config.min_thickness_m);
     let timestamp = format!("{}T00:00:00.000Z", model.lineage.reference_date.as_deref().unwrap_or(NO_DATE));
     write_whole_by_name(path, |temporary| {
         gpkg::create(temporary, model.crs.definition(), &timestamp, |writer| {
             tables::create_data_columns(writer)?;
-            layers::buildings(writer, model, &grid, config)?;
+            layers::buildings(writer, model.records, &outlines)?;
             if config.solids {
-                layers::solids(writer, model, &grid, config)?;
+                layers::solids(writer, model.records, &grid, config)?;
             }
+            layers::tiles(writer, &overview)?;
             layers::cameras(writer, model.survey)?;
             layers::issues(writer, model.issues)?;
             tables::lineage(writer, model.lineage, &timestamp)?;
             tables::styles(writer, |layer| config.solids || layer != "buildings_lod1", &timestamp)
         })
-    })
+    })?;
+    Ok(overview)
 }

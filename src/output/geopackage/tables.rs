@@ -4,9 +4,10 @@ use super::super::{Lineage, OutputError};
 use crate::geodata::gpkg::{Writer, text};
 
 /// Default styles by layer, exported from QGIS by `tests/qgis/styles.py`.
-const STYLES: [(&str, &str); 4] = [
+pub const STYLES: [(&str, &str); 5] = [
     ("buildings", include_str!("styles/buildings.qml")),
     ("buildings_lod1", include_str!("styles/buildings_lod1.qml")),
+    ("tiles", include_str!("styles/tiles.qml")),
     ("cameras", include_str!("styles/cameras.qml")),
     ("qa_issues", include_str!("styles/qa_issues.qml")),
 ];

@@ -6,8 +6,10 @@
 //! | any vector layer of GDAL | attribute | polygon | attribute |
 
 mod own;
+mod stream;
 mod surfaces;
 
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use geo::MapCoords;
@@ -17,8 +19,10 @@ use serde_json::{Map as JsonMap, Value};
 use super::OutputError;
 use super::cityjson::read::CityFile;
 use crate::crs::{Crs, CrsError, Transform};
+use crate::files::FileError;
 use crate::geodata::vector::{Feature, FeatureGeometry, VectorError, VectorLayer};
 
+pub use stream::RecordFile;
 pub use surfaces::{Levels, measure};
 
 /// Names under which an id is looked for when none is given.
@@ -32,6 +36,8 @@ const OWN_LAYER: &str = "buildings";
 pub struct FoundBuilding {
     /// Its id.
     pub id: String,
+    /// The building that it is a part of, where our files say so.
+    pub part_of: Option<String>,
     /// Its outline in the file's CRS.
     pub outline: Option<MultiPolygon<f64>>,
     /// Levels measured on its surfaces, where it has some.
@@ -106,27 +112,15 @@ impl FoundBuildings {
     /// # Errors
     /// [`ReadError`].
     pub fn read(path: &Path, options: &ReadOptions<'_>) -> Result<Self, ReadError> {
-        if is_cityjson(path) {
+        if is_cityjson(path)? {
             let city = CityFile::read(path)?;
             let buildings = surfaces::buildings(&city, options.lod);
             return Ok(Self { path: path.to_owned(), crs: city.crs, buildings });
         }
-        let mut layer = match VectorLayer::open(path, options.layer) {
-            Err(VectorError::Layer { .. }) if options.layer.is_none() => VectorLayer::open(path, Some(OWN_LAYER))?,
-            opened => opened?,
-        };
-        let fields: Vec<String> = layer.field_names().map(str::to_owned).collect();
-        let has = |name: &str| fields.iter().any(|field| field == name);
-        let id_field = match options.id_field {
-            Some(field) if !has(field) => {
-                let (path, field) = (path.to_owned(), field.to_owned());
-                return Err(ReadError::NoField { path, field, what: "id", available: fields });
-            }
-            Some(field) => Some(field),
-            None => ID_FIELDS.into_iter().find(|name| has(name)),
-        };
+        let (mut layer, id_field) = open_layer(path, options)?;
         let crs = layer.crs()?;
-        let buildings = layer.features().map(|feature| FoundBuilding::from_feature(feature, id_field)).collect();
+        let of_feature = |feature| FoundBuilding::from_feature(feature, id_field.as_deref());
+        let buildings = layer.features().map(of_feature).collect();
         Ok(Self { path: path.to_owned(), crs, buildings })
     }
 
@@ -167,17 +161,56 @@ impl FoundBuilding {
             FeatureGeometry::Shape(Geometry::MultiPolygon(polygons)) => Some(polygons),
             FeatureGeometry::Shape(_) | FeatureGeometry::Missing | FeatureGeometry::Unsupported(_) => None,
         };
-        Self { id, outline, levels: None, attributes: feature.attributes }
+        let part_of = feature.attributes.get("part_of").and_then(Value::as_str);
+        let part_of = part_of.filter(|whole| !whole.is_empty()).map(str::to_owned);
+        Self { id, part_of, outline, levels: None, attributes: feature.attributes }
     }
 }
 
-fn is_cityjson(path: &Path) -> bool {
-    let has_extension = |wanted: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(wanted));
-    // GeoJSON shares the extension; the type is near the start in practice, but may be anywhere.
-    let has_city_objects = || std::fs::read(path).is_ok_and(|bytes| contains(&bytes, b"\"CityObjects\""));
-    has_extension("jsonl") || (has_extension("json") && has_city_objects())
+/// The layer, and the name of the attribute that holds the id.
+fn open_layer(path: &Path, options: &ReadOptions<'_>) -> Result<(VectorLayer, Option<String>), ReadError> {
+    let layer = match VectorLayer::open(path, options.layer) {
+        Err(VectorError::Layer { .. }) if options.layer.is_none() => VectorLayer::open(path, Some(OWN_LAYER))?,
+        opened => opened?,
+    };
+    let fields: Vec<String> = layer.field_names().map(str::to_owned).collect();
+    let has = |name: &str| fields.iter().any(|field| field == name);
+    let id_field = match options.id_field {
+        Some(field) if !has(field) => {
+            let (path, field) = (path.to_owned(), field.to_owned());
+            return Err(ReadError::NoField { path, field, what: "id", available: fields });
+        }
+        Some(field) => Some(field),
+        None => ID_FIELDS.into_iter().find(|name| has(name)),
+    };
+    let id_field = id_field.map(str::to_owned);
+    Ok((layer, id_field))
 }
 
-fn contains(bytes: &[u8], needle: &[u8]) -> bool {
-    bytes.windows(needle.len()).any(|window| window == needle)
+fn is_sequence(path: &Path) -> bool {
+    path.extension().is_some_and(|found| found.eq_ignore_ascii_case("jsonl"))
+}
+
+fn is_cityjson(path: &Path) -> Result<bool, OutputError> {
+    let is_json = path.extension().is_some_and(|found| found.eq_ignore_ascii_case("json"));
+    // GeoJSON shares the extension; the name is near the start in practice, but may be anywhere.
+    let holds_city = || contains(path, b"\"CityObjects\"").map_err(FileError::on("cannot read", path));
+    Ok(is_sequence(path) || (is_json && holds_city()?))
+}
+
+/// Whether a file holds some bytes, read piece by piece.
+fn contains(path: &Path, needle: &[u8]) -> std::io::Result<bool> {
+    let mut file = std::fs::File::open(path)?;
+    let mut window = Vec::with_capacity((1 << 20) + needle.len());
+    loop {
+        // The end of the piece before stays, in case the needle lies across.
+        let kept = window.len().min(needle.len() - 1);
+        window.drain(..window.len() - kept);
+        if std::io::Read::by_ref(&mut file).take(1 << 20).read_to_end(&mut window)? == 0 {
+            return Ok(false);
+        }
+        if window.windows(needle.len()).any(|bytes| bytes == needle) {
+            return Ok(true);
+        }
+    }
 }

@@ -6,8 +6,9 @@ use serde::de::IntoDeserializer;
 use serde::de::value::Error as ValueError;
 use serde_json::{Map as JsonMap, Value};
 
-use super::super::attributes::{FIELDS, original_name};
-use super::super::geopackage::LIST_SEPARATOR;
+use super::super::attributes::{FIELDS, ID, MEASURED_HEIGHT, original_name};
+use super::super::cityjson::EXTENSION_PREFIX;
+use super::super::outlines::LIST_SEPARATOR;
 use super::super::{BuildingRecord, HeightReference, Status};
 use super::{FoundBuilding, FoundBuildings};
 
@@ -21,8 +22,10 @@ impl FoundBuildings {
 }
 
 impl FoundBuilding {
-    fn to_record(&self) -> BuildingRecord {
-        let number = |name: &str| self.attributes.get(name).and_then(Value::as_f64);
+    /// As a record.
+    #[must_use]
+    pub fn to_record(&self) -> BuildingRecord {
+        let number = |name: &str| self.own(name).and_then(Value::as_f64);
         let ground_z_m = number("ground_z_m").or(self.levels.map(|levels| levels.ground_m));
         let height_m = number("height_m").or(self.levels.map(|levels| levels.roof_mean_m - levels.ground_m));
         let largest = self
@@ -32,6 +35,7 @@ impl FoundBuilding {
         let otherwise = if height_m.is_some() { Status::Measured } else { Status::Unknown };
         BuildingRecord {
             id: self.id.clone(),
+            part_of: self.part_of.clone(),
             footprint: largest.map(|polygon| polygon.orient(Direction::Default)),
             ground_z_m,
             base_z_m: number("base_z_m").or(ground_z_m),
@@ -45,14 +49,19 @@ impl FoundBuilding {
         }
     }
 
+    /// One of our attributes, also under its name in our extension.
+    fn own(&self, name: &str) -> Option<&Value> {
+        self.attributes.get(name).or_else(|| self.attributes.get(&format!("{EXTENSION_PREFIX}{name}")))
+    }
+
     /// One of our enumerations by its name in files.
     fn named<T: for<'de> Deserialize<'de>>(&self, name: &str) -> Option<T> {
-        let text = self.attributes.get(name)?.as_str()?;
+        let text = self.own(name)?.as_str()?;
         T::deserialize(IntoDeserializer::<ValueError>::into_deserializer(text)).ok()
     }
 
     fn list(&self, name: &str) -> Vec<String> {
-        match self.attributes.get(name) {
+        match self.own(name) {
             Some(Value::Array(items)) => items.iter().filter_map(Value::as_str).map(str::to_owned).collect(),
             Some(Value::String(text)) if !text.is_empty() => text.split(LIST_SEPARATOR).map(str::to_owned).collect(),
             _ => Vec::new(),
@@ -61,8 +70,13 @@ impl FoundBuilding {
 
     /// The user's attributes under their own names, without ours and without empty columns.
     fn carried(&self) -> JsonMap<String, Value> {
-        let is_ours = |name: &str| name == "id" || name == "measuredHeight" || FIELDS.iter().any(|f| f.name == name);
         let theirs = self.attributes.iter().filter(|(name, value)| !is_ours(name) && !value.is_null());
         theirs.map(|(name, value)| (original_name(name).to_owned(), value.clone())).collect()
     }
+}
+
+/// Whether an attribute is written by us, whatever the user's are called.
+pub(super) fn is_ours(name: &str) -> bool {
+    let plain = name.strip_prefix(EXTENSION_PREFIX).unwrap_or(name);
+    plain == ID.name || plain == MEASURED_HEIGHT || FIELDS.iter().any(|field| field.name == plain)
 }

@@ -12,10 +12,17 @@ use std::collections::HashMap;
 
 use geo::{Area, unary_union};
 use geo_types::{Coord, LineString, MultiPolygon, Polygon};
+use indexmap::IndexMap;
 
+use super::super::cityjson::EXTENSION_PREFIX;
 use super::super::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface};
 use super::super::prism::Surface;
 use super::FoundBuilding;
+use super::own::is_ours;
+
+/// Kinds of objects that are buildings.
+const BUILDING: &str = "Building";
+const PART: &str = "BuildingPart";
 
 /// Cosine of the angle to the vertical within which a surface without semantics is roof or ground.
 const MIN_VERTICAL_COSINE: f64 = 0.5;
@@ -33,28 +40,102 @@ pub struct Levels {
     pub roof_max_m: f64,
 }
 
-/// All buildings of a file; parts are counted to their parent.
+/// All buildings of a file. Parts with a status of ours are buildings with heights of their own; parts of others are
+/// counted to their parent.
 pub fn buildings(city: &CityFile, lod: Option<&str>) -> Vec<FoundBuilding> {
     let mut position: HashMap<&str, usize> = HashMap::new();
     let mut groups: Vec<(&CityObject, Vec<&CityObject>)> = Vec::new();
-    for object in city.objects.iter().filter(|o| o.kind == "Building") {
+    for object in city.objects.iter().filter(|o| o.kind == BUILDING) {
         position.insert(&object.id, groups.len());
-        groups.push((object, vec![object]));
+        groups.push((object, Vec::new()));
     }
-    for part in city.objects.iter().filter(|o| o.kind == "BuildingPart") {
+    for part in city.objects.iter().filter(|o| o.kind == PART) {
         if let Some(&at) = part.parents.iter().find_map(|parent| position.get(parent.as_str())) {
             groups[at].1.push(part);
         }
     }
-    groups
-        .into_iter()
-        .map(|(building, objects)| {
-            let surfaces: Vec<&CitySurface> =
-                objects.iter().filter_map(|o| geometry(o, lod)).flat_map(|g| &g.surfaces).collect();
-            let (levels, outline) = measure(&surfaces, &city.vertices);
-            FoundBuilding { id: building.id.clone(), outline, levels, attributes: building.attributes.clone() }
-        })
-        .collect()
+    groups.into_iter().flat_map(|(building, parts)| of_group(building, &parts, &city.vertices, lod)).collect()
+}
+
+/// The buildings of a file as its objects come by: a building whose parts are still to come waits for them.
+#[derive(Debug, Default)]
+pub struct Gathering {
+    waiting: IndexMap<String, (Option<CityObject>, Vec<CityObject>)>,
+}
+
+impl Gathering {
+    /// What an object completes.
+    pub fn add(&mut self, object: CityObject, vertices: &[[f64; 3]], lod: Option<&str>) -> Vec<FoundBuilding> {
+        let whole = match (object.kind.as_str(), object.parents.first()) {
+            (BUILDING, _) if object.children.is_empty() => return of_group(&object, &[], vertices, lod),
+            (BUILDING, _) => object.id.clone(),
+            (PART, Some(parent)) => parent.clone(),
+            _ => return Vec::new(),
+        };
+        let (building, parts) = self.waiting.entry(whole.clone()).or_default();
+        if object.kind == BUILDING {
+            *building = Some(object);
+        } else {
+            parts.push(object);
+        }
+        let is_complete =
+            building.as_ref().is_some_and(|b| b.children.iter().all(|id| parts.iter().any(|p| p.id == *id)));
+        if !is_complete {
+            return Vec::new();
+        }
+        self.waiting.shift_remove(&whole).map_or_else(Vec::new, |group| Self::found(&group, vertices, lod))
+    }
+
+    /// Buildings whose file names parts that it does not have (installations, say).
+    pub fn rest(self, vertices: &[[f64; 3]], lod: Option<&str>) -> Vec<FoundBuilding> {
+        self.waiting.values().flat_map(|group| Self::found(group, vertices, lod)).collect()
+    }
+
+    fn found(
+        (building, parts): &(Option<CityObject>, Vec<CityObject>),
+        vertices: &[[f64; 3]],
+        lod: Option<&str>,
+    ) -> Vec<FoundBuilding> {
+        let Some(building) = building else { return Vec::new() };
+        // In the order in which the building names them.
+        let position = |part: &CityObject| building.children.iter().position(|id| *id == part.id);
+        let mut parts: Vec<&CityObject> = parts.iter().collect();
+        parts.sort_by_key(|part| position(part));
+        of_group(building, &parts, vertices, lod)
+    }
+}
+
+/// A building with its parts: as one, or where they are ours each on its own.
+fn of_group(
+    building: &CityObject,
+    parts: &[&CityObject],
+    vertices: &[[f64; 3]],
+    lod: Option<&str>,
+) -> Vec<FoundBuilding> {
+    let found = |named: &CityObject, objects: &[&CityObject]| {
+        let surfaces: Vec<&CitySurface> =
+            objects.iter().filter_map(|o| geometry(o, lod)).flat_map(|g| &g.surfaces).collect();
+        let (levels, outline) = measure(&surfaces, vertices);
+        let (id, attributes) = (named.id.clone(), named.attributes.clone());
+        FoundBuilding { id, part_of: None, outline, levels, attributes }
+    };
+    let own_parts: Vec<&CityObject> = parts.iter().copied().filter(|part| has_own_status(part)).collect();
+    if own_parts.is_empty() {
+        let all: Vec<&CityObject> = std::iter::once(building).chain(parts.iter().copied()).collect();
+        return vec![found(building, &all)];
+    }
+    let of_part = |part: &CityObject| {
+        let mut found = FoundBuilding { part_of: Some(building.id.clone()), ..found(part, &[part]) };
+        // What the user knew of the whole is true of its parts.
+        let theirs = building.attributes.iter().filter(|(name, _)| !is_ours(name));
+        found.attributes.extend(theirs.map(|(name, value)| (name.clone(), value.clone())));
+        found
+    };
+    own_parts.into_iter().map(of_part).collect()
+}
+
+fn has_own_status(object: &CityObject) -> bool {
+    ["status".to_owned(), format!("{EXTENSION_PREFIX}status")].iter().any(|name| object.attributes.contains_key(name))
 }
 
 /// The geometry at a level of detail, or the highest.

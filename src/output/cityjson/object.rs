@@ -1,0 +1,161 @@
+//! City objects: a building in one piece is a `Building`; one in several is a `Building` with a `BuildingPart` each.
+
+use serde_json::{Map as JsonMap, Value, json};
+
+use super::super::attributes;
+use super::super::buildings::Family;
+use super::super::grid::Grid;
+use super::super::outline::SnappedOutline;
+use super::super::prism::{Face, NoSolid, Prism, Surface};
+use super::super::{BuildingRecord, Status};
+use super::names::{self, AttributeNames};
+use super::vertices::VertexPool;
+use super::{CityJsonConfig, metadata};
+
+/// An id and its object.
+pub type Named = (String, Value);
+
+/// What objects are made with.
+#[derive(Clone, Copy)]
+pub struct Objects<'a> {
+    /// Where vertices lie.
+    pub grid: &'a Grid,
+    /// How they are written.
+    pub config: &'a CityJsonConfig,
+}
+
+impl Objects<'_> {
+    /// The objects of a building, the root first; their vertices go into `pool`.
+    pub fn of(&self, family: &Family<'_>, pool: &mut VertexPool) -> Vec<Named> {
+        match family {
+            Family::Single(record) => {
+                let mut object = self.solid_object("Building", record, pool);
+                if let Some(Value::Object(own)) = object.get_mut("attributes") {
+                    own.extend(attributes::carried(record));
+                }
+                vec![(record.id.clone(), object)]
+            }
+            Family::Parts(id, parts) => {
+                let of_part = |part: &BuildingRecord| {
+                    let mut object = self.solid_object("BuildingPart", part, pool);
+                    object["parents"] = json!([id]);
+                    (part.id.clone(), object)
+                };
+                let parts_of: Vec<Named> = parts.iter().map(of_part).collect();
+                let whole = self.whole(parts, &parts_of);
+                std::iter::once((id.clone(), whole)).chain(parts_of).collect()
+            }
+        }
+    }
+
+    /// The building that parts belong to: the user's attributes, the worst status, and all reasons.
+    fn whole(&self, parts: &[BuildingRecord], objects: &[Named]) -> Value {
+        let mut own = JsonMap::new();
+        let (top, bottom) =
+            (parts.iter().filter_map(BuildingRecord::roof_z_m), parts.iter().filter_map(|p| p.ground_z_m));
+        let span_m = top.fold(f64::NEG_INFINITY, f64::max) - bottom.fold(f64::INFINITY, f64::min);
+        if span_m.is_finite() {
+            own.insert(attributes::MEASURED_HEIGHT.to_owned(), attributes::metres(span_m));
+        }
+        let mut reasons: Vec<&String> = parts.iter().flat_map(|part| &part.reasons).collect();
+        reasons.sort_unstable();
+        reasons.dedup();
+        own.insert(
+            "status".to_owned(),
+            parts.iter().map(|p| p.status).max().map_or(Value::Null, |s: Status| s.as_str().into()),
+        );
+        own.insert("reasons".to_owned(), json!(reasons));
+        let mut all = if self.config.extension_url.is_some() { names::extended(own) } else { own };
+        if self.config.names == AttributeNames::ThreeDBag {
+            all.insert("identificatie".to_owned(), json!(parts.first().and_then(|p| p.part_of.as_ref())));
+        }
+        all.extend(parts.iter().flat_map(attributes::carried));
+        let children: Vec<&String> = objects.iter().map(|(id, _)| id).collect();
+        let mut whole = json!({ "type": "Building", "attributes": all, "children": children });
+        let boxes = objects
+            .iter()
+            .filter_map(|(_, o)| serde_json::from_value::<[f64; 6]>(o["geographicalExtent"].clone()).ok());
+        let union =
+            |a: [f64; 6], b: [f64; 6]| std::array::from_fn(|i| if i < 3 { a[i].min(b[i]) } else { a[i].max(b[i]) });
+        if let Some(extent) = boxes.reduce(union) {
+            whole["geographicalExtent"] = json!(extent);
+        }
+        whole
+    }
+
+    /// One object with our own attributes and its solid, or else its outline on the ground.
+    fn solid_object(&self, kind: &str, record: &BuildingRecord, pool: &mut VertexPool) -> Value {
+        let prism = Prism::of(record, self.grid, self.config.min_thickness_m);
+        let own = attributes::own(record, prism.as_ref().err().copied().map(NoSolid::code));
+        let mut all = if self.config.extension_url.is_some() { names::extended(own) } else { own };
+        if self.config.names == AttributeNames::ThreeDBag {
+            all.extend(names::three_d_bag(record, prism.as_ref().ok(), self.grid));
+        }
+        let mut object = json!({ "type": kind, "attributes": all });
+        match prism {
+            Ok(prism) => {
+                object["geographicalExtent"] = json!(extent(prism.outline(), prism.base(), prism.roof(), self.grid));
+                object["geometry"] = json!([solid(&prism.faces(), pool)]);
+            }
+            Err(_) => {
+                if let Some((outline, level)) = self.footprint(record) {
+                    object["geographicalExtent"] = json!(extent(&outline, level, level, self.grid));
+                    object["geometry"] = json!([surface(&outline, level, pool)]);
+                }
+            }
+        }
+        object
+    }
+
+    /// What is left of a building without a solid: its outline on the ground, if both are known.
+    fn footprint(&self, record: &BuildingRecord) -> Option<(SnappedOutline, i64)> {
+        let base_m = record.base_z_m.or(record.ground_z_m)?;
+        let outline = SnappedOutline::new(record.footprint.as_ref()?, self.grid).ok()?;
+        Some((outline, self.grid.level(base_m)))
+    }
+}
+
+/// The outline as LOD 0.
+fn surface(outline: &SnappedOutline, level: i64, pool: &mut VertexPool) -> Value {
+    let mut ring =
+        |ring: &Vec<[i64; 2]>| -> Vec<u32> { ring.iter().map(|&[x, y]| pool.index_of([x, y, level])).collect() };
+    let rings: Vec<Vec<u32>> = outline.rings().iter().map(&mut ring).collect();
+    json!({
+        "type": "MultiSurface", "lod": "0", "boundaries": [rings],
+        "semantics": { "surfaces": [{ "type": "GroundSurface" }], "values": [0] },
+    })
+}
+
+/// A `Solid` of one shell, with one semantic surface per kind.
+fn solid(faces: &[Face], pool: &mut VertexPool) -> Value {
+    let mut shell: Vec<Vec<Vec<u32>>> = Vec::with_capacity(faces.len());
+    let mut kinds: Vec<u8> = Vec::with_capacity(faces.len());
+    for face in faces {
+        shell.push(face.rings.iter().map(|ring| ring.iter().map(|p| pool.index_of(*p)).collect()).collect());
+        kinds.push(match face.surface {
+            Surface::Ground => 0,
+            Surface::Roof => 1,
+            Surface::Wall => 2,
+        });
+    }
+    json!({
+        "type": "Solid", "lod": "1.2", "boundaries": [shell],
+        "semantics": {
+            "surfaces": [{ "type": "GroundSurface" }, { "type": "RoofSurface" }, { "type": "WallSurface" }],
+            "values": [kinds],
+        },
+    })
+}
+
+/// Box between two levels in the map frame, metres, rounded like everything else.
+fn extent(outline: &SnappedOutline, base: i64, roof: i64, grid: &Grid) -> [f64; 6] {
+    let exterior = &outline.rings()[0];
+    let of = |axis: usize| {
+        let values = exterior.iter().map(|p| p[axis]);
+        values.fold((i64::MAX, i64::MIN), |(low, high), v| (low.min(v), high.max(v)))
+    };
+    let ((west, east), (south, north)) = (of(0), of(1));
+    let low = grid.metres([west, south, base]).map(metadata::tidy);
+    let high = grid.metres([east, north, roof]).map(metadata::tidy);
+    [low[0], low[1], low[2], high[0], high[1], high[2]]
+}

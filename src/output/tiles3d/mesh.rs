@@ -1,0 +1,119 @@
+//! Blocks as triangles for a graphics card: flat-shaded, closed, counter-clockwise seen from outside.
+//!
+//! Axes are glTF's: x east, y up, z south, metres from the city's local frame.
+
+use glam::DVec3;
+use serde_json::Value;
+
+use super::super::OutputError;
+use super::super::grid::Grid;
+use super::super::prism::Prism;
+use super::place::Place;
+
+/// One building, ready to be placed.
+#[derive(Debug, Clone)]
+pub struct Block {
+    /// The solid on the output grid.
+    pub prism: Prism,
+    /// Its attributes, in the order of the columns.
+    pub values: Vec<Value>,
+    /// What colours it, metres.
+    pub height_m: f64,
+}
+
+/// The triangles of one tile. Vertex attributes have one entry per vertex.
+#[derive(Debug, Default)]
+pub struct Mesh {
+    /// Positions, metres.
+    pub positions: Vec<DVec3>,
+    /// Unit normals.
+    pub normals: Vec<DVec3>,
+    /// Which building of the tile.
+    pub features: Vec<u32>,
+    /// Three per triangle.
+    pub indices: Vec<u32>,
+}
+
+/// glTF's axes from east, north, up.
+fn gltf_from_enu(p: DVec3) -> DVec3 {
+    DVec3::new(p.x, p.z, -p.y)
+}
+
+impl Mesh {
+    /// The blocks of a tile; feature `i` is block `i`.
+    ///
+    /// # Errors
+    /// [`OutputError::Crs`] for a position outside the CRS's domain.
+    pub fn of<'a>(blocks: impl Iterator<Item = &'a Block>, grid: &Grid, place: &Place) -> Result<Self, OutputError> {
+        let mut mesh = Self::default();
+        for (feature, block) in blocks.enumerate() {
+            mesh.add(&block.prism, feature as u32, grid, place)?;
+        }
+        Ok(mesh)
+    }
+
+    fn add(&mut self, prism: &Prism, feature: u32, grid: &Grid, place: &Place) -> Result<(), OutputError> {
+        let rings = prism.outline().rings();
+        let corners: Vec<[i64; 2]> = rings.iter().flatten().copied().collect();
+        let n = corners.len();
+        let at_level = |level: i64| corners.iter().map(move |&[x, y]| DVec3::from_array(grid.metres([x, y, level])));
+        let mut points: Vec<DVec3> = at_level(prism.base()).chain(at_level(prism.roof())).collect();
+        place.to_local(&mut points)?;
+        for point in &mut points {
+            *point = gltf_from_enu(*point);
+        }
+        let (base, roof) = points.split_at(n);
+
+        let triangles = triangulate(rings, &corners);
+        let up = (roof[0] - base[0]).normalize();
+        self.flat(roof, up, feature, &triangles);
+        let turned: Vec<[usize; 3]> = triangles.iter().map(|&[a, b, c]| [a, c, b]).collect();
+        self.flat(base, -up, feature, &turned);
+        let mut first = 0;
+        for ring in rings {
+            for i in 0..ring.len() {
+                let (from, to) = (first + i, first + (i + 1) % ring.len());
+                let wall = [base[from], base[to], roof[to], roof[from]];
+                let normal = (wall[1] - wall[0]).cross(wall[3] - wall[0]).normalize();
+                self.flat(&wall, normal, feature, &[[0, 1, 2], [0, 2, 3]]);
+            }
+            first += ring.len();
+        }
+        Ok(())
+    }
+
+    /// A face of one normal.
+    fn flat(&mut self, points: &[DVec3], normal: DVec3, feature: u32, triangles: &[[usize; 3]]) {
+        let first = self.positions.len();
+        self.positions.extend(points);
+        self.normals.extend(std::iter::repeat_n(normal, points.len()));
+        self.features.extend(std::iter::repeat_n(feature, points.len()));
+        self.indices.extend(triangles.iter().flatten().map(|&i| (first + i) as u32));
+    }
+
+    /// Smallest and largest coordinates.
+    #[must_use]
+    pub fn bounds(&self) -> [DVec3; 2] {
+        let low = self.positions.iter().copied().reduce(DVec3::min);
+        let high = self.positions.iter().copied().reduce(DVec3::max);
+        [low.unwrap_or_default(), high.unwrap_or_default()]
+    }
+}
+
+/// Triangles of an outline, counter-clockwise seen from above, as positions in `corners`.
+fn triangulate(rings: &[Vec<[i64; 2]>], corners: &[[i64; 2]]) -> Vec<[usize; 3]> {
+    // From the first corner, so that no precision is lost far from the origin.
+    let [x0, y0] = corners[0];
+    let plan: Vec<f64> = corners.iter().flat_map(|&[x, y]| [(x - x0) as f64, (y - y0) as f64]).collect();
+    let starts = rings.iter().scan(0, |n, ring| {
+        *n += ring.len();
+        Some(*n)
+    });
+    let holes: Vec<usize> = starts.take(rings.len() - 1).collect();
+    let indices = earcutr::earcut(&plan, &holes, 2).unwrap_or_default();
+    let counter_clockwise = |t: &[usize]| {
+        let [a, b, c] = [t[0], t[1], t[2]];
+        if super::super::planar::cross(corners[a], corners[b], corners[c]) < 0 { [a, c, b] } else { [a, b, c] }
+    };
+    indices.chunks_exact(3).map(counter_clockwise).collect()
+}

@@ -1,0 +1,208 @@
+//! 3D Tiles 1.1 (OGC 22-025r4): the city for Cesium and other globes, streamed tile by tile.
+//!
+//! A folder with `tileset.json` and one binary glTF per tile of a [`quadtree`]. Every building is one feature with all
+//! its attributes. Buildings without a solid have nothing to show and are left out; the tileset says how many.
+//!
+//! ```text
+//! ecef = tileset transform · node translation · vertex          node and vertex in the city's local frame
+//! ```
+//!
+//! The city is held in memory while it is written, some kilobytes per building.
+
+mod folder;
+mod glb;
+mod mesh;
+mod metadata;
+mod place;
+mod quadtree;
+
+use std::path::Path;
+
+use glam::DVec3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::cityjson::CityJsonConfig;
+use super::grid::Grid;
+use super::outlines::OutlineRows;
+use super::picture::colour::{ColourMap, Rgb};
+use super::prism::Prism;
+use super::reports::write_json;
+use super::{CityModel, OutputError, Overview, Records};
+use crate::files::write_whole_unflushed;
+use crate::stats::quantile;
+pub use glb::Precision;
+use mesh::{Block, Mesh};
+use metadata::Properties;
+pub use place::Heights;
+use place::Place;
+use quadtree::{Item, Node};
+
+/// How 3D Tiles are written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Tiles3dConfig {
+    /// How heights become heights above the ellipsoid.
+    pub heights: Heights,
+    /// Buildings of a tile, at most; 1 and more.
+    pub max_buildings: usize,
+    /// Precision of vertices.
+    pub precision: Precision,
+    /// Quantum of outlines and levels before they are placed on the earth, metres, 0.0001 to 1.
+    pub scale_m: f64,
+    /// Smallest distance between base and roof of a solid, metres, above 0.
+    pub min_thickness_m: f64,
+}
+
+impl Default for Tiles3dConfig {
+    fn default() -> Self {
+        let CityJsonConfig { scale_m, min_thickness_m, .. } = CityJsonConfig::default();
+        let (heights, precision) = (Heights::default(), Precision::default());
+        Self { heights, max_buildings: 500, precision, scale_m, min_thickness_m }
+    }
+}
+
+/// Height that gets the brightest colour: this share of the buildings is lower.
+const BRIGHTEST_QUANTILE: f64 = 0.98;
+
+/// Writes the folder `path` whole or not at all; a tileset that is there already is replaced.
+///
+/// # Errors
+/// [`OutputError`]: duplicate ids, heights that are not stated, a CRS that PROJ cannot bring to the earth's frame, a
+/// folder with other files, the file system.
+pub fn write<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    config: &Tiles3dConfig,
+) -> Result<Overview, OutputError> {
+    let overview = Overview::of(model.records)?;
+    let grid = overview.grid(config.scale_m)?;
+    let rows = OutlineRows::new(&overview, grid, config.min_thickness_m);
+    let mut blocks: Vec<Block> = Vec::with_capacity(overview.n_buildings);
+    model.records.visit(&mut |record| {
+        if let Ok(prism) = Prism::of(record, &grid, config.min_thickness_m) {
+            let height_m = record.height_m.unwrap_or(0.0);
+            blocks.push(Block { prism, values: rows.row(record).values, height_m });
+        }
+        Ok(())
+    })?;
+    let centre_m = overview.extent.map_or(DVec3::ZERO, |extent| {
+        let [low, high] = [extent.min_m, extent.max_m].map(DVec3::from_array);
+        ((low + high) / 2.0).with_z(low.z)
+    });
+    let items = blocks.iter().enumerate().map(|(idx, block)| item(idx, block, &grid)).collect();
+    let tree = Node::root(items, config.max_buildings);
+    let heights: Vec<f64> = blocks.iter().map(|block| block.height_m).collect();
+    let writer = TileWriter {
+        blocks: &blocks,
+        grid: &grid,
+        place: &Place::new(model.crs, config.heights, centre_m)?,
+        properties: &Properties::new(&rows.columns),
+        brightest_m: quantile(&heights, BRIGHTEST_QUANTILE).unwrap_or(1.0).max(1.0),
+        precision: config.precision,
+    };
+    folder::write_whole(path, |temporary| {
+        let root = match &tree {
+            Some(tree) => writer.tile(tree, temporary)?.json,
+            None => json!({ "boundingVolume": { "box": [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, "geometricError": 0 }),
+        };
+        let tileset = tileset(root, model, &overview, blocks.len(), config, writer.place);
+        write_json(&temporary.join(folder::TILESET), &tileset)
+    })?;
+    Ok(overview)
+}
+
+fn item(idx: usize, block: &Block, grid: &Grid) -> Item {
+    let exterior = &block.prism.outline().rings()[0];
+    let low: [i64; 2] = std::array::from_fn(|a| exterior.iter().map(|p| p[a]).min().unwrap_or(0));
+    let high: [i64; 2] = std::array::from_fn(|a| exterior.iter().map(|p| p[a]).max().unwrap_or(0));
+    let low = DVec3::from_array(grid.metres([low[0], low[1], block.prism.base()]));
+    let high = DVec3::from_array(grid.metres([high[0], high[1], block.prism.roof()]));
+    let middle = (low + high) / 2.0;
+    Item { idx, centre: [middle.x, middle.y], size_m: (high - low).length() }
+}
+
+fn tileset<R: ?Sized>(
+    mut root: Value,
+    model: &CityModel<'_, R>,
+    overview: &Overview,
+    n_shown: usize,
+    config: &Tiles3dConfig,
+    place: &Place,
+) -> Value {
+    root["transform"] = json!(place.transform());
+    root["refine"] = json!("ADD");
+    // Without any tile the whole city is missing.
+    let size_m = overview.extent.map_or(0.0, |e| (DVec3::from_array(e.max_m) - DVec3::from_array(e.min_m)).length());
+    json!({
+        "asset": {
+            "version": "1.1",
+            "extras": { "sizeup": {
+                "lineage": model.lineage,
+                "heights": config.heights,
+                "n_buildings": overview.n_buildings,
+                "n_without_solid": overview.n_buildings - n_shown,
+            } },
+        },
+        "geometricError": size_m,
+        "root": root,
+    })
+}
+
+/// Writes tiles from the leaves up, so that each knows the box of those below.
+struct TileWriter<'a> {
+    blocks: &'a [Block],
+    grid: &'a Grid,
+    place: &'a Place,
+    properties: &'a Properties,
+    brightest_m: f64,
+    precision: Precision,
+}
+
+/// A tile that is written.
+struct Written {
+    json: Value,
+    /// Box of the tile and all below, in glTF's axes.
+    bounds: [DVec3; 2],
+}
+
+impl TileWriter<'_> {
+    fn tile(&self, node: &Node, folder: &Path) -> Result<Written, OutputError> {
+        let blocks: Vec<&Block> = node.members.iter().map(|&i| &self.blocks[i]).collect();
+        let mesh = Mesh::of(blocks.iter().copied(), self.grid, self.place)?;
+        let rows: Vec<&[Value]> = blocks.iter().map(|block| block.values.as_slice()).collect();
+        let colours: Vec<Rgb> =
+            blocks.iter().map(|block| ColourMap::Viridis.at(block.height_m / self.brightest_m)).collect();
+        let tile = glb::Tile { mesh: &mesh, rows: &rows, colours: &colours, properties: self.properties };
+        let uri = format!("tiles/{}.glb", node.name);
+        let bytes = glb::glb(&tile, self.precision);
+        write_whole_unflushed(&folder.join(&uri), |out| out.write_all(&bytes))?;
+        let own = mesh.bounds();
+        drop((mesh, bytes));
+
+        let children: Vec<Written> =
+            node.children.iter().map(|child| self.tile(child, folder)).collect::<Result<_, _>>()?;
+        let bounds =
+            children.iter().fold(own, |[low, high], child| [low.min(child.bounds[0]), high.max(child.bounds[1])]);
+        let mut json = json!({
+            "boundingVolume": { "box": bounding_box(bounds) },
+            "geometricError": node.error_m,
+            "content": { "uri": uri, "boundingVolume": { "box": bounding_box(own) } },
+        });
+        if !children.is_empty() {
+            json["children"] = children.into_iter().map(|child| child.json).collect();
+        }
+        Ok(Written { json, bounds })
+    }
+}
+
+/// Half a millimetre: rounding to single precision must not put a vertex outside its box.
+const BOX_MARGIN_M: f64 = 5e-4;
+
+/// Centre and half axes in the tileset's axes (z up), from a box in glTF's (y up).
+fn bounding_box([low, high]: [DVec3; 2]) -> [f64; 12] {
+    let enu_from_gltf = |p: DVec3| DVec3::new(p.x, -p.z, p.y);
+    let (centre, half) = (enu_from_gltf((low + high) / 2.0), enu_from_gltf((high - low) / 2.0).abs() + BOX_MARGIN_M);
+    [centre.x, centre.y, centre.z, half.x, 0.0, 0.0, 0.0, half.y, 0.0, 0.0, 0.0, half.z]
+}

@@ -1,0 +1,129 @@
+//! Which tile a building is in: a quadtree whose every node holds the largest buildings of its square that no node
+//! above it holds.
+//!
+//! So a coarse tile is a skyline, finer ones add to it (`refine: ADD`), no building is in two tiles, and the error of a
+//! tile is known: the size of the largest building that is still missing.
+
+/// What the tree knows of a building.
+#[derive(Debug, Clone, Copy)]
+pub struct Item {
+    /// Position among the buildings.
+    pub idx: usize,
+    /// Middle, metres.
+    pub centre: [f64; 2],
+    /// Diagonal of its box, metres.
+    pub size_m: f64,
+}
+
+/// A tile.
+#[derive(Debug)]
+pub struct Node {
+    /// `level/x_y`, with x and y counted from the south-west corner.
+    pub name: String,
+    /// Its buildings, in their order.
+    pub members: Vec<usize>,
+    /// Size of the largest building of all tiles below, 0 at a leaf; metres.
+    pub error_m: f64,
+    /// Tiles of its quarters; empty ones are left out.
+    pub children: Vec<Node>,
+}
+
+/// A square of the plane.
+#[derive(Clone, Copy)]
+struct Square {
+    corner: [f64; 2],
+    side: f64,
+    level: u32,
+    x: u64,
+    y: u64,
+}
+
+/// Deepest level: squares are then far smaller than any building.
+const MAX_LEVEL: u32 = 24;
+
+impl Node {
+    /// The tree over all items, with at most `max_members` in a tile; `None` without items.
+    #[must_use]
+    pub fn root(items: Vec<Item>, max_members: usize) -> Option<Self> {
+        let low: [f64; 2] = std::array::from_fn(|a| items.iter().map(|i| i.centre[a]).fold(f64::INFINITY, f64::min));
+        let high: [f64; 2] =
+            std::array::from_fn(|a| items.iter().map(|i| i.centre[a]).fold(f64::NEG_INFINITY, f64::max));
+        let side = (high[0] - low[0]).max(high[1] - low[1]).max(1.0);
+        let mut items = items;
+        items.sort_by(|a, b| b.size_m.total_cmp(&a.size_m).then(a.idx.cmp(&b.idx)));
+        let square = Square { corner: low, side, level: 0, x: 0, y: 0 };
+        (!items.is_empty()).then(|| Self::of(items, max_members.max(1), square))
+    }
+
+    /// The node of a square; items are sorted, largest first.
+    fn of(mut items: Vec<Item>, max_members: usize, square: Square) -> Self {
+        let rest = if square.level == MAX_LEVEL { Vec::new() } else { items.split_off(items.len().min(max_members)) };
+        let mut members: Vec<usize> = items.iter().map(|item| item.idx).collect();
+        members.sort_unstable();
+        let error_m = rest.first().map_or(0.0, |item| item.size_m);
+        let mut quarters: [Vec<Item>; 4] = Default::default();
+        for item in rest {
+            quarters[square.quarter_of(item.centre)].push(item);
+        }
+        let children = quarters.into_iter().enumerate().filter(|(_, items)| !items.is_empty());
+        Self {
+            name: format!("{}/{}_{}", square.level, square.x, square.y),
+            members,
+            error_m,
+            children: children.map(|(i, items)| Self::of(items, max_members, square.quarter(i))).collect(),
+        }
+    }
+}
+
+impl Square {
+    fn quarter_of(&self, point: [f64; 2]) -> usize {
+        let is_upper = |axis: usize| usize::from(point[axis] >= self.corner[axis] + self.side / 2.0);
+        is_upper(0) + 2 * is_upper(1)
+    }
+
+    fn quarter(&self, i: usize) -> Self {
+        let (dx, dy) = ((i % 2) as u64, (i / 2) as u64);
+        let side = self.side / 2.0;
+        let corner = [self.corner[0] + side * dx as f64, self.corner[1] + side * dy as f64];
+        Self { corner, side, level: self.level + 1, x: 2 * self.x + dx, y: 2 * self.y + dy }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn walk<'a>(node: &'a Node, visit: &mut dyn FnMut(&'a Node)) {
+        visit(node);
+        node.children.iter().for_each(|child| walk(child, visit));
+    }
+
+    #[test]
+    fn every_building_is_in_one_tile_and_no_tile_hides_a_larger_one_than_it_says() {
+        let sizes: Vec<f64> = (0..500).map(|i| 5.0 + f64::from((i * 7919) % 613)).collect();
+        let item =
+            |idx: usize| Item { idx, centre: [(idx * 37 % 101) as f64, (idx * 53 % 97) as f64], size_m: sizes[idx] };
+        let root = Node::root((0..500).map(item).collect(), 20).unwrap();
+        let mut seen: Vec<usize> = Vec::new();
+        walk(&root, &mut |node| {
+            assert!(!node.members.is_empty() && node.members.len() <= 20, "{}", node.name);
+            seen.extend(&node.members);
+            let mut largest_below: f64 = 0.0;
+            node.children.iter().for_each(|child| {
+                walk(child, &mut |n| largest_below = n.members.iter().map(|&i| sizes[i]).fold(largest_below, f64::max));
+            });
+            assert_eq!(node.error_m, largest_below, "{}", node.name);
+        });
+        seen.sort_unstable();
+        assert_eq!(seen, (0..500).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn buildings_on_one_spot_end_somewhere() {
+        let items = (0..50).map(|idx| Item { idx, centre: [3.0, 4.0], size_m: 9.0 }).collect();
+        let mut n = 0;
+        walk(&Node::root(items, 1).unwrap(), &mut |node| n += node.members.len());
+        assert_eq!(n, 50);
+        assert!(Node::root(Vec::new(), 1).is_none());
+    }
+}

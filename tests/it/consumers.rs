@@ -1,0 +1,170 @@
+//! What other people's programs make of our files; skipped where a program is not installed.
+
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+use sizeup::output::cityjson::{self, CityJsonConfig};
+use sizeup::output::flatgeobuf;
+use sizeup::output::geopackage::{self, GeoPackageConfig};
+use sizeup::output::tiles3d::{self, Precision};
+
+use crate::outputs::{assert_valid_cityjson, town};
+use crate::tiles3d::{config, write_deep};
+use crate::tools::{cjio, node_modules, npm, picture, program, run};
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn cjio_reads_subsets_and_upgrades_our_cityjson() {
+    let Some(cjio) = cjio() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let mut town = town();
+    town.records[0].part_of = Some("row".to_owned());
+    town.records[1].part_of = Some("row".to_owned());
+    cityjson::write(&at("town.city.json"), &town.model(), &CityJsonConfig::default()).unwrap();
+    let info = run(Command::new(&cjio).arg(at("town.city.json")).args(["info", "--long"]));
+    for expected in ["7415", "BuildingPart", "1.2"] {
+        assert!(info.contains(expected), "{expected} in {info}");
+    }
+    // A subset by id brings the parts along.
+    run(Command::new(&cjio).arg(at("town.city.json")).args(["subset", "--id", "row", "save"]).arg(at("row.city.json")));
+    let subset = json(&at("row.city.json"));
+    let mut ids: Vec<&String> = subset["CityObjects"].as_object().unwrap().keys().collect();
+    ids.sort();
+    assert_eq!(ids, ["row", "row 1", "row 2"]);
+    assert_valid_cityjson(&at("row.city.json"));
+
+    // The file as version 1.1, which differs in nothing we write; cjio brings it to 2.0 again.
+    let mut old = json(&at("town.city.json"));
+    old["version"] = "1.1".into();
+    std::fs::write(at("old.city.json"), old.to_string()).unwrap();
+    run(Command::new(&cjio).arg(at("old.city.json")).args(["upgrade", "save"]).arg(at("new.city.json")));
+    let new = json(&at("new.city.json"));
+    assert_eq!(new["version"], "2.0");
+    assert_eq!(new["CityObjects"]["tower"]["attributes"], old["CityObjects"]["tower"]["attributes"]);
+    assert_valid_cityjson(&at("new.city.json"));
+}
+
+#[test]
+fn ogrinfo_reads_our_layers_with_crs_and_comments() {
+    let Some(ogrinfo) = program("ogrinfo", "deps-test") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let town = town();
+    let (gpkg, fgb) = (folder.path().join("town.gpkg"), folder.path().join("town.fgb"));
+    geopackage::write(&gpkg, &town.model(), &GeoPackageConfig::default()).unwrap();
+    flatgeobuf::write(&fgb, &town.model(), &GeoPackageConfig::default()).unwrap();
+    let layers = run(Command::new(&ogrinfo).args(["-ro", "-q"]).arg(&gpkg));
+    for layer in [
+        "buildings (Polygon)",
+        "buildings_lod1 (3D Multi Polygon)",
+        "tiles (Polygon)",
+        "cameras (3D Point)",
+        "qa_issues (Point)",
+    ] {
+        assert!(layers.contains(layer), "{layer} in {layers}");
+    }
+    for (path, features) in [(&gpkg, 6), (&fgb, 5)] {
+        let info = run(Command::new(&ogrinfo).args(["-ro", "-so"]).arg(path).arg("buildings"));
+        assert!(
+            info.contains(&format!("Feature Count: {features}")) && info.contains("Amersfoort / RD New + NAP height"),
+            "{info}"
+        );
+        assert!(info.contains("height_m: Real") && info.contains("n_views: Integer64"), "{info}");
+    }
+    let sql = |query: &str| run(Command::new(&ogrinfo).args(["-ro", "-q", "-sql", query]).arg(&gpkg));
+    let comments = sql("SELECT description FROM gpkg_data_columns WHERE column_name = 'base_z_m'");
+    assert!(comments.contains("Lowest ground under the outline"), "{comments}");
+    let uncommented =
+        sql("SELECT name FROM pragma_table_info('buildings') WHERE name NOT IN ('fid', 'geom') AND name NOT IN \
+         (SELECT column_name FROM gpkg_data_columns WHERE table_name = 'buildings')");
+    // Only the user's own columns, of which we know nothing.
+    for line in uncommented.lines().filter(|line| line.contains("name (String)")) {
+        let is_theirs = ["street", "floors", "input_height_m", "tags", "share"].iter().any(|name| line.ends_with(name));
+        assert!(is_theirs, "{line}");
+    }
+    let indexes = sql("SELECT count(*) AS n FROM gpkg_extensions WHERE extension_name = 'gpkg_rtree_index'");
+    assert!(indexes.contains("= 5"), "{indexes}");
+    let tile = sql("SELECT tile, n_buildings, n_heights FROM tiles");
+    assert!(tile.contains("n_buildings (Integer64) = 6") || tile.contains("n_buildings (Integer) = 6"), "{tile}");
+}
+
+#[test]
+fn the_gltf_validator_finds_nothing_wrong_with_our_tiles() {
+    let Some(validator) = npm("gltf-validator") else { return };
+    let script = "const v = require(process.argv[1]), fs = require('fs');
+        (async () => { for (const f of process.argv.slice(2)) {
+            const r = await v.validateBytes(new Uint8Array(fs.readFileSync(f)));
+            console.log(JSON.stringify([r.issues.numErrors, r.issues.numWarnings, r.info.totalTriangleCount, r.issues.messages]));
+        } })();";
+    for precision in [Precision::Float, Precision::Quantised] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("tiles");
+        write_deep(&path, precision);
+        let mut files = Vec::new();
+        for level in std::fs::read_dir(path.join("tiles")).unwrap() {
+            files.extend(std::fs::read_dir(level.unwrap().path()).unwrap().map(|entry| entry.unwrap().path()));
+        }
+        let output = run(Command::new("node").args(["-e", script]).arg(&validator).args(&files));
+        assert_eq!(output.lines().count(), files.len());
+        let mut n_triangles = 0;
+        for line in output.lines() {
+            let report: Value = serde_json::from_str(line).unwrap();
+            assert_eq!((&report[0], &report[1]), (&0.into(), &0.into()), "{line}");
+            n_triangles += report[2].as_u64().unwrap();
+        }
+        // 23 boxes of 12 triangles; the courtyard has 8 walls of 2, and 8 triangles in floor and roof each.
+        assert_eq!(n_triangles, 23 * 12 + 16 + 16);
+    }
+}
+
+#[test]
+fn the_3d_tiles_validator_finds_nothing_wrong_with_our_tilesets() {
+    let Some(validator) = npm("3d-tiles-validator") else { return };
+    for precision in [Precision::Float, Precision::Quantised] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("tiles");
+        write_deep(&path, precision);
+        let report = folder.path().join("report.json");
+        let mut node = Command::new("node");
+        node.arg(validator.join("build/main.js"));
+        run(node.arg("-t").arg(path.join("tileset.json")).arg("-r").arg(&report));
+        let report = json(&report);
+        assert_eq!((&report["numErrors"], &report["numWarnings"]), (&0.into(), &0.into()), "{report:#}");
+    }
+}
+
+#[test]
+fn a_browser_shows_our_tiles_where_they_are_with_their_attributes() {
+    let (Some(_), Some(chromium)) = (npm("cesium"), program("chromium", "deps-web")) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("tiles");
+    let mut town = town();
+    town.lineage.command.clear();
+    tiles3d::write(&path, &town.model(), &config()).unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/web/show.mjs");
+    let shown =
+        run(Command::new("node").arg(script).arg(node_modules()).arg(chromium).arg(&path).arg(picture("cesium.png")));
+    let shown: Value = serde_json::from_str(&shown).unwrap();
+    assert_eq!(shown["nFeatures"], 4);
+    let picked = &shown["picked"];
+    let record = town.records.iter().find(|r| r.id == picked["properties"]["id"]).unwrap();
+    assert_eq!(picked["properties"]["height_m"].as_f64(), record.height_m);
+    assert_eq!(picked["properties"]["street"], "Zürich \"A\"");
+    // Picked on a roof or a wall, so between base and roof, above the ellipsoid.
+    let height_m = picked["height"].as_f64().unwrap() - 43.5;
+    assert!(height_m > 11.4 - 0.5 && height_m < record.roof_z_m().unwrap() + 0.5, "{height_m} {record:?}");
+    let lon_lat = sizeup::crs::Transform::new(&town.crs, &sizeup::crs::Crs::parse("EPSG:4326").unwrap()).unwrap();
+    let (lon, lat) = lon_lat.point(93_035.0, 436_026.0).unwrap();
+    let (dx, dy) = (picked["lon"].as_f64().unwrap() - lon, picked["lat"].as_f64().unwrap() - lat);
+    assert!(dx.abs() < 1e-3 && dy.abs() < 1e-3, "{picked}");
+    // Not one flat colour.
+    let image = image::open(picture("cesium.png")).unwrap().to_rgb8();
+    let mut colours: Vec<_> = image.pixels().collect();
+    colours.sort_unstable_by_key(|p| p.0);
+    colours.dedup();
+    assert!(colours.len() > 8, "{} colours", colours.len());
+}

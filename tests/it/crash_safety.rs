@@ -1,0 +1,134 @@
+//! A file is the old one or the whole new one: when the disk is full, when the program is killed, and when several
+//! write at once.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use geo::Translate as _;
+use sizeup::output::cityjson::{self, CityJsonConfig};
+use sizeup::output::read::{FoundBuildings, ReadOptions};
+
+use crate::outputs::town;
+
+const FORMATS: [&str; 4] = ["out.city.json", "out.city.jsonl", "out.gpkg", "out.fgb"];
+
+/// A city to export, with names of its own, and more than the limits below allow.
+fn input(folder: &Path, name: &str) -> PathBuf {
+    let mut town = town();
+    for i in 0..40 {
+        let mut copy = town.records[2].clone();
+        copy.id = format!("{name} {i}");
+        copy.footprint = copy.footprint.map(|f| f.translate(100.0 * f64::from(i), 0.0));
+        town.records.push(copy);
+    }
+    town.records.drain(..6);
+    let path = folder.join(format!("{name}.city.json"));
+    cityjson::write(&path, &town.model(), &CityJsonConfig::default()).unwrap();
+    path
+}
+
+fn names_in(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+/// An export under a limit of file size, in blocks of 1 KiB; without `trap` the system kills the writer.
+fn export_limited(input: &Path, output: &Path, trap: &str, blocks: u32) -> std::process::ExitStatus {
+    let script = format!("{trap} ulimit -f {blocks}; exec \"$@\"");
+    Command::new("bash")
+        .args(["-c", &script, "bash", env!("CARGO_BIN_EXE_sizeup"), "export"])
+        .args([input, output])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .unwrap()
+}
+
+#[test]
+fn a_write_that_fails_leaves_the_old_file_and_no_litter() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = input(folder.path(), "a");
+    for name in FORMATS {
+        let results = folder.path().join("results").join(name);
+        std::fs::create_dir_all(&results).unwrap();
+        let output = results.join(name);
+        std::fs::write(&output, "the old file").unwrap();
+        let status = export_limited(&input, &output, "trap '' XFSZ;", 4);
+        assert_eq!(status.code(), Some(4), "{name}");
+        assert_eq!(std::fs::read_to_string(&output).unwrap(), "the old file", "{name}");
+        assert_eq!(names_in(&results), [name], "no litter");
+    }
+}
+
+#[test]
+fn a_writer_that_is_killed_leaves_the_old_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = input(folder.path(), "a");
+    for name in FORMATS {
+        let output = folder.path().join(name);
+        std::fs::write(&output, "the old file").unwrap();
+        let status = export_limited(&input, &output, "", 4);
+        assert!(!status.success(), "{name}");
+        assert_eq!(std::fs::read_to_string(&output).unwrap(), "the old file", "{name}");
+    }
+}
+
+#[test]
+fn a_full_disk_leaves_the_old_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = input(folder.path(), "a");
+    let disk = folder.path().join("disk");
+    std::fs::create_dir(&disk).unwrap();
+    // A disk of our own in a namespace of our own: no rights are needed where the system allows such namespaces.
+    let mount = format!("mount -t tmpfs -o size=16k none {}", disk.display());
+    let in_namespace = |script: &str| {
+        Command::new("unshare")
+            .args(["--user", "--map-root-user", "--mount", "bash", "-c", &format!("{mount} && {script}")])
+            .output()
+    };
+    if !in_namespace("true").is_ok_and(|o| o.status.success()) {
+        println!("skipped: this system allows no disk of one's own");
+        return;
+    }
+    for name in FORMATS {
+        let output = disk.join(name);
+        let script = format!(
+            "echo the old file > {out}; {sizeup} export {input} {out}; echo code $?; cat {out}; ls -A {disk}",
+            out = output.display(),
+            sizeup = env!("CARGO_BIN_EXE_sizeup"),
+            input = input.display(),
+            disk = disk.display(),
+        );
+        let outcome = in_namespace(&script).unwrap();
+        let stdout = String::from_utf8_lossy(&outcome.stdout).into_owned();
+        let stderr = String::from_utf8_lossy(&outcome.stderr);
+        assert_eq!(stdout.lines().collect::<Vec<_>>(), ["code 4", "the old file", name], "{name}: {stderr}");
+    }
+}
+
+#[test]
+fn several_writers_of_one_file_never_mix() {
+    let folder = tempfile::tempdir().unwrap();
+    let inputs = [input(folder.path(), "a"), input(folder.path(), "b")];
+    for name in FORMATS {
+        let output = folder.path().join("together").join(name);
+        let export = |i: usize| {
+            Command::new(env!("CARGO_BIN_EXE_sizeup"))
+                .args([Path::new("export"), &inputs[i % 2], &output])
+                .stderr(Stdio::null())
+                .spawn()
+                .unwrap()
+        };
+        let writers: Vec<_> = (0..6).map(export).collect();
+        for mut writer in writers {
+            assert!(writer.wait().unwrap().success(), "{name}");
+        }
+        let found = FoundBuildings::read(&output, &ReadOptions::default()).unwrap().buildings;
+        assert_eq!(found.len(), 40, "{name}");
+        let first = &found[0].id[..1];
+        assert!(found.iter().all(|b| b.id.starts_with(first)), "{name}");
+    }
+    assert_eq!(names_in(&folder.path().join("together")), ["out.city.json", "out.city.jsonl", "out.fgb", "out.gpkg"]);
+}

@@ -1,0 +1,51 @@
+"""Opens a project in a real QGIS as a planner would, and reports what QGIS makes of it as JSON.
+
+    /usr/bin/python3 tests/qgis/project.py city.qgs map.png
+"""
+
+import json
+import os
+import sys
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+
+from qgis.core import QgsApplication, QgsMapRendererParallelJob, QgsMapSettings, QgsProject
+from qgis.PyQt.QtCore import QSize
+from qgis._3d import Qgs3D
+
+from check import describe
+
+
+def main():
+    if len(sys.argv) != 3:
+        raise SystemExit(__doc__)
+    application = QgsApplication([], False)
+    application.initQgis()
+    Qgs3D.initialize()
+    project = QgsProject.instance()
+    report = {"read": project.read(sys.argv[1]), "crs": project.crs().authid(), "title": project.title()}
+    drawn = [layer for layer in project.layerTreeRoot().checkedLayers()]
+    report["drawn"] = [layer.name() for layer in drawn]
+    report["layers"] = {layer.name(): describe(layer) for layer in project.mapLayers().values()}
+    settings = QgsMapSettings()
+    settings.setLayers(drawn)
+    settings.setDestinationCrs(project.crs())
+    extent = project.viewSettings().defaultViewExtent()
+    if extent.isNull():
+        extent = project.mapLayersByName("buildings")[0].extent()
+    extent.scale(1.1)
+    settings.setExtent(extent)
+    settings.setOutputSize(QSize(1000, 800))
+    job = QgsMapRendererParallelJob(settings)
+    job.start()
+    job.waitForFinished()
+    job.renderedImage().save(sys.argv[2])
+    json.dump(report, sys.stdout, indent=1)
+    del drawn
+    project.clear()
+    application.exitQgis()
+
+
+if __name__ == "__main__":
+    main()
