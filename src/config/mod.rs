@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::crs::Crs;
-use crate::footprint::FootprintConfig;
+use crate::footprint::FootprintSource;
 use crate::optimise::OptimiseConfig;
 use crate::output::cityjson::CityJsonConfig;
 use crate::output::geopackage::GeoPackageConfig;
@@ -61,7 +61,7 @@ pub struct RunConfig {
     /// Photos and their poses.
     pub survey: SurveyConfig,
     /// Building outlines.
-    pub footprints: FootprintConfig,
+    pub footprints: FootprintSource,
     /// The terrain.
     pub terrain: TerrainConfig,
     /// Which level of the terrain a building's height counts from.
@@ -132,6 +132,20 @@ impl RunConfig {
         })
     }
 
+    /// As [`Self::load`], for work that needs no depth priors: a file without `[prior]` will do.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn load_without_prior(path: &Path, assignments: &[String]) -> Result<Self, ConfigError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
+        let has_prior = text.parse::<toml::Table>().map_or(true, |table| table.contains_key("prior"));
+        // Stereo has no file to be missing.
+        let stand_in = (!has_prior).then(|| "prior.source=stereo".to_owned());
+        let assignments: Vec<String> = stand_in.into_iter().chain(assignments.iter().cloned()).collect();
+        Self::load(path, &assignments)
+    }
+
     /// Reads the text of a file; `path` is for messages only.
     ///
     /// # Errors
@@ -144,7 +158,7 @@ impl RunConfig {
         let resolve = |path: &mut PathBuf| *path = folder.join(&*path);
         resolve(&mut self.project.output);
         self.survey.resolve_paths(folder);
-        resolve(&mut self.footprints.path);
+        self.footprints.resolve_paths(folder);
         self.terrain.dtm.iter_mut().for_each(resolve);
         self.prior.resolve_paths(folder);
     }

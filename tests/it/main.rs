@@ -3,7 +3,9 @@
 mod cli;
 mod determinism;
 mod evaluation;
+mod footprint_accuracy;
 mod footprint_layers;
+mod footprint_masks;
 mod hostile_inputs;
 mod layers;
 mod networks;
