@@ -60,6 +60,12 @@ pub(super) struct Cluster {
 }
 
 impl Cluster {
+    /// The same with other candidates.
+    pub(super) fn with_members(mut self, members: Vec<usize>, n_views: usize) -> Self {
+        (self.members, self.n_views) = (members, n_views);
+        self
+    }
+
     /// Of candidates that are known to be one building; the heaviest whole one is its shape.
     pub(super) fn of(members: &[usize], candidates: &[Candidate]) -> Self {
         let worth = |&m: &usize| (!candidates[m].is_cut, candidates[m].weight * f64::from(candidates[m].score));
@@ -222,6 +228,21 @@ fn gather(candidates: &[Candidate], seen: &[SeenGround], config: &ConsensusConfi
     clusters
 }
 
+/// How well each cluster's candidates fit its shape: the sum of their intersections over union, so that more candidates
+/// and closer ones both count.
+pub(super) fn fits(clusters: &[Cluster], candidates: &[Candidate]) -> Vec<f64> {
+    let fit = |comparer: &mut Comparer, cluster: &Cluster| {
+        let iou = |&m: &usize| {
+            let candidate = &candidates[m];
+            let Some(own) = bounds(&candidate.shape) else { return 0.0 };
+            let found = comparer.overlap(&candidate.shape, &cluster.shape, joint(own, cluster.bounds), &[]);
+            found.shared_m2 / found.joint_m2.max(1e-9)
+        };
+        cluster.members.iter().map(iou).sum()
+    };
+    clusters.par_iter().map_init(Comparer::default, fit).collect()
+}
+
 /// How many views see each cluster's place, and how many show it.
 fn count_views(clusters: &mut [Cluster], candidates: &[Candidate], seen: &[SeenGround]) {
     let boxes = seen.iter().enumerate().filter_map(|(i, s)| {
@@ -294,7 +315,9 @@ impl<'a> Contest<'a> {
     fn is_merged(&self, i: usize, is_supported: &[bool]) -> bool {
         let area_m2 = self.clusters[i].area_m2;
         let is_part = |&&(j, shared_m2): &&(usize, f64)| {
-            is_supported[j] && shared_m2 >= WITHIN_SHARE * self.clusters[j].area_m2 && shared_m2 < WITHIN_SHARE * area_m2
+            is_supported[j]
+                && shared_m2 >= WITHIN_SHARE * self.clusters[j].area_m2
+                && shared_m2 < WITHIN_SHARE * area_m2
         };
         let parts: Vec<f64> = self.overlaps[i].iter().filter(is_part).map(|&(_, m2)| m2).collect();
         if parts.len() < 2 || parts.iter().sum::<f64>() < FILLED_SHARE * area_m2 {

@@ -37,7 +37,7 @@ use crate::raster::Raster;
 const MARGIN: i64 = 2;
 
 /// How candidates of many views become one outline per building.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ConsensusConfig {
     /// Least intersection over union of two candidates that are the same building, 0 to 1.
@@ -65,8 +65,9 @@ pub struct ConsensusConfig {
     pub min_area_m2: f64,
     /// Corners are snapped to multiples of this, metres, so that what is valid here is valid in the files. Above 0.
     pub grid_m: f64,
-    /// For roof outlines: the height that all buildings are taken to have until theirs is known, metres.
-    pub roof_height_m: f64,
+    /// For roof outlines: heights that are tried until a building's own is known, metres; at each, the views' outlines of a
+    /// roof fit together more or less well.
+    pub roof_heights_m: Vec<f64>,
     /// For roof outlines: how often outlines are moved to the heights found and heights are found again, 0 to 5.
     pub roof_rounds: usize,
 }
@@ -86,7 +87,7 @@ impl Default for ConsensusConfig {
             min_hole_m2: 4.0,
             min_area_m2: 4.0,
             grid_m: 0.001,
-            roof_height_m: 8.0,
+            roof_heights_m: vec![3.0, 5.0, 7.0, 9.0, 12.0, 15.0, 19.0, 24.0, 30.0, 38.0, 48.0, 60.0, 80.0, 100.0],
             roof_rounds: 2,
         }
     }
@@ -123,11 +124,59 @@ pub struct Agreed {
 pub fn agree(candidates: &[Candidate], seen: &[SeenGround], config: &ConsensusConfig) -> Agreed {
     let (clusters, dropped) = cluster::cluster(candidates, seen, config);
     let mut buildings = draw(&clusters, candidates, seen, config);
+    sort(&mut buildings);
+    Agreed { buildings, dropped }
+}
+
+/// From west to east.
+fn sort(buildings: &mut [Consensus]) {
     let place = |c: &Consensus| c.polygon.bounding_rect().map_or([0.0; 2], |r| [r.min().x, r.min().y]);
     buildings.sort_by(|a, b| {
         let (a, b) = (place(a), place(b));
         a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1]))
     });
+}
+
+/// The same for outlines at a height that is not known yet: `levels` holds all candidates at several heights. Outlines of
+/// one roof lie on top of each other at its own height and beside each other at any other, so each building is taken at
+/// the height where its candidates fit best; a candidate belongs to one building.
+pub(super) fn agree_at_some_level(levels: &[Vec<Candidate>], seen: &[SeenGround], config: &ConsensusConfig) -> Agreed {
+    /// Share of a cluster's candidates that better fitting ones may have taken.
+    const MOST_TAKEN: f64 = 0.4;
+    let n = levels.first().map_or(0, Vec::len);
+    let mut dropped = Dropped::default();
+    let mut all: Vec<(f64, usize, Cluster)> = Vec::new();
+    for (level, candidates) in levels.iter().enumerate() {
+        let (clusters, left) = cluster::cluster(candidates, seen, config);
+        if level == 0 {
+            dropped = left;
+        }
+        let fits = cluster::fits(&clusters, candidates);
+        all.extend(fits.into_iter().zip(clusters).map(|(fit, cluster)| (fit, level, cluster)));
+    }
+    all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.members.cmp(&b.2.members)));
+    let mut is_taken = vec![false; n];
+    let mut clusters = Vec::new();
+    for (_, level, cluster) in all {
+        let free: Vec<usize> = cluster.members.iter().copied().filter(|&m| !is_taken[m]).collect();
+        let n_taken = cluster.members.len() - free.len();
+        if free.is_empty() || n_taken as f64 > MOST_TAKEN * cluster.members.len() as f64 {
+            continue;
+        }
+        free.iter().for_each(|&m| is_taken[m] = true);
+        let mut views: Vec<usize> = free.iter().map(|&m| levels[level][m].view).collect();
+        views.sort_unstable();
+        views.dedup();
+        let is_supported = views.len() as f64 >= config.min_support * cluster.n_seen as f64;
+        if is_supported {
+            let members = free.into_iter().map(|m| level * n + m).collect();
+            clusters.push(cluster.with_members(members, views.len()));
+        }
+    }
+    let candidates: Vec<Candidate> = levels.iter().flatten().cloned().collect();
+    let mut buildings = draw(&clusters, &candidates, seen, config);
+    buildings.iter_mut().flat_map(|b| &mut b.members).for_each(|m| *m %= n.max(1));
+    sort(&mut buildings);
     Agreed { buildings, dropped }
 }
 

@@ -195,7 +195,19 @@ pub fn detect(
         });
     }
     summary.n_candidates = candidates.len();
-    let agreed = consensus::agree(&candidates, &seen, settings.consensus);
+    let agreed = match settings.outline {
+        OutlineKind::Ground => consensus::agree(&candidates, &seen, settings.consensus),
+        OutlineKind::Roof => {
+            let heights_m = &settings.consensus.roof_heights_m;
+            let levels: Vec<Vec<Candidate>> = heights_m
+                .par_iter()
+                .map(|height_m| {
+                    candidates.iter().zip(&tracks).map(|(c, t)| raised(c, t, views, terrain, *height_m)).collect()
+                })
+                .collect();
+            consensus::agree_at_some_level(&levels, &seen, settings.consensus)
+        }
+    };
     let Dropped { n_contradicted, n_unsupported } = agreed.dropped;
     (summary.n_contradicted, summary.n_unsupported) = (n_contradicted, n_unsupported);
 
@@ -248,7 +260,15 @@ fn check(settings: &DetectionSettings<'_>) -> Result<(), FootprintError> {
     within("consensus.min_hole_m2", c.min_hole_m2, 0.0, 1e6, "at least 0 m²")?;
     within("consensus.min_area_m2", c.min_area_m2, 0.1, 1e6, "at least 0.1 m²")?;
     within("consensus.grid_m", c.grid_m, 1e-6, 1.0, "0.000001 to 1 m")?;
-    within("consensus.roof_height_m", c.roof_height_m, 0.0, 500.0, "0 to 500 m")?;
+    if c.roof_heights_m.is_empty() {
+        return Err(FootprintError::Masks {
+            problem: "`consensus.roof_heights_m` is empty".to_owned(),
+            hint: "give at least one height in metres, such as [8]".to_owned(),
+        });
+    }
+    for &height_m in &c.roof_heights_m {
+        within("consensus.roof_heights_m", height_m, 0.0, 1000.0, "0 to 1000 m")?;
+    }
     within("accuracy.mask_px", a.mask_px, 0.0, 100.0, "0 to 100 pixels")?;
     within("accuracy.position_m", a.position_m, 0.0, 100.0, "0 to 100 m")?;
     within("accuracy.angle_deg", a.angle_deg, 0.0, 10.0, "0 to 10 degrees")?;
@@ -275,11 +295,7 @@ fn look_at(
         .filter_map(|outline| {
             let shape = match settings.outline {
                 OutlineKind::Ground => on_ground.shape(&outline.shape_px)?,
-                OutlineKind::Roof => {
-                    let middle = on_ground.point(outline.shape_px.centroid()?.into())?;
-                    let level = Surface::Level(middle.z + settings.consensus.roof_height_m);
-                    Projector::new(view, level).shape(&outline.shape_px)?
-                }
+                OutlineKind::Roof => roof(view, terrain, &outline.shape_px, settings.consensus.roof_heights_m[0])?,
             };
             let centre = shape.centroid()?;
             let z = terrain.height_at(centre.x(), centre.y())?;
@@ -289,6 +305,24 @@ fn look_at(
         .collect();
     let n_off_terrain = n_found - outlines.len();
     Ok(Looked { seen, outlines, n_off_terrain })
+}
+
+/// A roof's outline at a height above the ground under its middle.
+fn roof(view: &View, terrain: &Terrain, shape_px: &MultiPolygon<f64>, height_m: f64) -> Option<MultiPolygon<f64>> {
+    let middle_px = shape_px.centroid()?.into();
+    let first = Projector::new(view, Surface::Terrain(terrain)).point(middle_px)?;
+    // The ground under the roof, not behind it.
+    let under = Projector::new(view, Surface::Level(first.z + height_m)).point(middle_px)?;
+    let ground_m = terrain.height_at(under.x, under.y)?;
+    Projector::new(view, Surface::Level(ground_m + height_m)).shape(shape_px)
+}
+
+/// A candidate at another height; as it is where that cannot be.
+fn raised(candidate: &Candidate, track: &Track, views: &[View], terrain: &Terrain, height_m: f64) -> Candidate {
+    match roof(&views[track.view], terrain, &track.shape_px, height_m) {
+        Some(shape) => Candidate { shape, ..candidate.clone() },
+        None => candidate.clone(),
+    }
 }
 
 /// Puts buildings into a layer.

@@ -71,7 +71,11 @@ pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> R
     summary.n_buildings = footprints.layer.footprints.len() + footprints.layer.refused.len();
     summary.detection.clone_from(&footprints.detection);
     if options.until == Stage::Footprints {
-        summary.count_issues(&footprints.layer.issues);
+        // Later stages would write them with their own.
+        let found: Vec<Issue> =
+            survey.issues.iter().chain(&footprints.layer.issues).chain(&footprints.issues).cloned().collect();
+        write_json(&config.project.output.join("issues.json"), &found)?;
+        summary.count_issues(&found);
         return Ok(RunSummary { seconds, ..summary });
     }
 

@@ -3,7 +3,7 @@
 //! `cargo bench --bench footprints`; the full size, a million outlines, is
 //! `cargo test --locked --test it a_million_outlines -- --ignored --nocapture`.
 
-use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use criterion::{BenchmarkId, Criterion};
 use geo_types::{Coord, LineString, Polygon, Rect};
 use sizeup::footprint::{Candidate, ConsensusConfig, Instances, SeenGround, Vectorising, agree, outlines};
 use sizeup::raster::Raster;
@@ -63,5 +63,9 @@ fn vectorise(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, dedupe, vectorise);
-criterion_main!(benches);
+fn main() {
+    let mut criterion = Criterion::default().configure_from_args();
+    dedupe(&mut criterion);
+    vectorise(&mut criterion);
+    criterion.final_summary();
+}

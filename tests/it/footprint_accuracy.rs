@@ -86,8 +86,14 @@ impl Scene {
         found.layer.footprints.into_iter().map(|f| f.polygon).collect()
     }
 
-    /// The buildings that a single view shows whole, and what is found in that view alone: the best view of all by F1.
-    fn best_single_view(&self, masks: &[Raster<u32>], consensus: &ConsensusConfig) -> FootprintEvaluation {
+    /// Of all views the one with the best F1 over the buildings that it shows whole: what is found in it alone, and of
+    /// the same buildings what all views together gave (`merged`).
+    fn best_single_view(
+        &self,
+        masks: &[Raster<u32>],
+        consensus: &ConsensusConfig,
+        merged: &[Polygon<f64>],
+    ) -> (FootprintEvaluation, FootprintEvaluation) {
         let accuracy = AccuracyConfig::default();
         let settings =
             DetectionSettings { outline: OutlineKind::Ground, accuracy: &accuracy, consensus, cadastre: None };
@@ -114,10 +120,13 @@ impl Scene {
                 .collect();
             let whole = found.candidates.iter().filter(|c| !c.is_cut).filter_map(|c| c.building);
             let results: Vec<Polygon<f64>> = whole.map(|b| found.layer.footprints[b].polygon.clone()).collect();
-            (truth.len() >= 8).then(|| evaluate_footprints(&results, &truth))
+            // Detection counts the same for both: what overlaps one of these buildings.
+            let is_near = |p: &Polygon<f64>| truth.iter().any(|t| geo::Intersects::intersects(t, p));
+            let near: Vec<Polygon<f64>> = merged.iter().filter(|p| is_near(p)).cloned().collect();
+            (truth.len() >= 8).then(|| (evaluate_footprints(&results, &truth), evaluate_footprints(&near, &truth)))
         };
         let all = (0..self.views.len()).filter_map(one);
-        all.max_by(|a, b| a.f1.total_cmp(&b.f1)).expect("a view shows eight buildings")
+        all.max_by(|a, b| a.0.f1.total_cmp(&b.0.f1)).expect("a view shows eight buildings")
     }
 }
 
@@ -146,11 +155,11 @@ fn merging_views_beats_the_best_single_view_with_masks_of_a_network() {
     let scene = Scene::new(TownKind::District, 30, 5);
     let masks = scene.masks(&MaskLevel::Network.errors());
     let consensus = ConsensusConfig::default();
-    let merged = evaluate_footprints(&scene.found(&masks, Instances::ByLabel, &consensus), &scene.truth());
-    let single = scene.best_single_view(&masks, &consensus);
+    let all = scene.found(&masks, Instances::ByLabel, &consensus);
+    let (single, merged) = scene.best_single_view(&masks, &consensus, &all);
     println!("merged {merged}single {single}");
     assert!(merged.f1 > single.f1 && merged.iou > single.iou, "{merged}{single}");
-    assert!(merged.detection_f1 > single.detection_f1, "{merged}{single}");
+    assert!(evaluate_footprints(&all, &scene.truth()).detection_f1 > 0.95);
 }
 
 #[test]
@@ -171,23 +180,27 @@ fn table_of_accuracy() {
         ("downtown", TownKind::Downtown),
         ("industry", TownKind::Industry),
     ] {
-        for seed in [1, 2] {
+        for seed in [1] {
             let town = format!("{name} {seed}");
-            let scene = Scene::new(kind, 60, seed);
+            let scene = Scene::new(kind, 30, seed);
             let truth = scene.truth();
             let consensus = ConsensusConfig::default();
-            let as_they_are = ConsensusConfig { snap_deg: 0.0, ..consensus };
+            let as_they_are = ConsensusConfig { snap_deg: 0.0, ..ConsensusConfig::default() };
             for (what, level) in
                 [("exact", MaskLevel::Exact), ("network", MaskLevel::Network), ("poor", MaskLevel::Poor)]
             {
                 let masks = scene.masks(&level.errors());
                 let with =
                     |instances, consensus| evaluate_footprints(&scene.found(&masks, instances, consensus), &truth);
-                row(&town, what, &with(Instances::ByLabel, &consensus));
-                if level != MaskLevel::Exact {
-                    row(&town, &format!("{what}, best single view"), &scene.best_single_view(&masks, &consensus));
+                let found = scene.found(&masks, Instances::ByLabel, &consensus);
+                row(&town, what, &evaluate_footprints(&found, &truth));
+                if level == MaskLevel::Exact {
+                    row(&town, "exact, walls not turned", &with(Instances::ByLabel, &as_they_are));
+                } else {
+                    let (single, merged) = scene.best_single_view(&masks, &consensus, &found);
+                    row(&town, &format!("{what}, best single view"), &single);
+                    row(&town, &format!("{what}, all views, the same buildings"), &merged);
                 }
-                row(&town, &format!("{what}, walls not turned"), &with(Instances::ByLabel, &as_they_are));
                 if level != MaskLevel::Poor {
                     row(&town, &format!("{what}, without instances"), &with(Instances::ByContact, &consensus));
                 }
@@ -227,13 +240,20 @@ fn a_million_outlines_are_a_hundred_thousand_buildings() {
                 first..(((m + 75.0) / pitch).ceil().max(0.0) as usize).min(side)
             };
             for (i, j) in blocks(middle[0], 62.0).flat_map(|i| blocks(middle[1], 50.0).map(move |j| (i, j))) {
-                for polygon in block(i as f64 * 62.0 + off[0], j as f64 * 50.0 + off[1], 0.3 * ((i * 7 + j * 3) % 5) as f64) {
+                for polygon in
+                    block(i as f64 * 62.0 + off[0], j as f64 * 50.0 + off[1], 0.3 * ((i * 7 + j * 3) % 5) as f64)
+                {
                     let rect = geo::BoundingRect::bounding_rect(&polygon).unwrap();
-                    let is_whole = rect.min().x > low.x && rect.max().x < high.x && rect.min().y > low.y && rect.max().y < high.y;
+                    let is_whole =
+                        rect.min().x > low.x && rect.max().x < high.x && rect.min().y > low.y && rect.max().y < high.y;
                     if !is_whole && !geo::Intersects::intersects(&rect, &area) {
                         continue;
                     }
-                    let shape = if is_whole { polygon.into() } else { geo::BooleanOps::intersection(&polygon, &area.to_polygon()) };
+                    let shape = if is_whole {
+                        polygon.into()
+                    } else {
+                        geo::BooleanOps::intersection(&polygon, &area.to_polygon())
+                    };
                     if geo::Area::unsigned_area(&shape) > 2.0 {
                         let shape = geo::orient::Orient::orient(&shape, geo::orient::Direction::Default);
                         candidates.push(Candidate { view: v, shape, weight: 10.0, score: 1.0, is_cut: !is_whole });
@@ -254,7 +274,11 @@ fn a_million_outlines_are_a_hundred_thousand_buildings() {
             peak_mb()
         );
         let expected = 4 * side * side;
-        assert!(agreed.buildings.len().abs_diff(expected) <= expected / 100, "{} of {expected}", agreed.buildings.len());
+        assert!(
+            agreed.buildings.len().abs_diff(expected) <= expected / 100,
+            "{} of {expected}",
+            agreed.buildings.len()
+        );
     }
 }
 
