@@ -9,7 +9,7 @@
 //! ```
 //!
 //! A building without a counterpart has 0 in all four; means are over all buildings of the reference. These area
-//! measures do not see outlines where no building is: *detection* counts those, with a pair of IoU ≥ 0.5 as a hit.
+//! measures do not see outlines where no building is: *detection* counts those, with a pair of `IoU ≥ 0.5` as a hit.
 //! The error of a corner is the distance of each reference corner of a hit to the nearest corner of its counterpart.
 
 use std::fmt;
@@ -151,17 +151,19 @@ pub fn match_outlines(results: &[Polygon<f64>], truth: &[Polygon<f64>]) -> Vec<O
     pairs
 }
 
+/// The representative of a set in a forest of sets, paths halved on the way.
+fn find(root: &mut [usize], mut i: usize) -> usize {
+    while root[i] != i {
+        root[i] = root[root[i]];
+        i = root[i];
+    }
+    i
+}
+
 /// Overlaps that share buildings, directly or through others: each island is assigned on its own.
 fn islands(overlaps: &[Vec<OutlinePair>], n_results: usize) -> Vec<Vec<OutlinePair>> {
     let n = overlaps.len();
     let mut root: Vec<usize> = (0..n + n_results).collect();
-    fn find(root: &mut [usize], mut i: usize) -> usize {
-        while root[i] != i {
-            root[i] = root[root[i]];
-            i = root[i];
-        }
-        i
-    }
     for pair in overlaps.iter().flatten() {
         let (a, b) = (find(&mut root, pair.truth), find(&mut root, n + pair.result));
         root[a.max(b)] = a.min(b);

@@ -206,7 +206,7 @@ fn is_seen(polygon: &Polygon<f64>, seen: &[SeenGround]) -> bool {
     polygon.interior_point().is_some_and(|at| seen.iter().any(|s| s.area.contains(&at)))
 }
 
-/// One-to-one pairs (found, old, IoU), best first.
+/// One-to-one pairs: position among those found, position in the layer, intersection over union; best first.
 pub(super) fn pairs(found: &[Footprint], old: &[Footprint], min_iou: f64) -> Vec<(usize, usize, f64)> {
     let entry = |(i, f): (usize, &Footprint)| {
         let rect = f.polygon.bounding_rect()?;

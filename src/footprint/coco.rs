@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use geo::{MapCoords as _, Translate as _};
 use geo_types::{Coord, LineString, MultiPolygon, Polygon};
 use serde::Deserialize;
 
@@ -157,7 +158,6 @@ impl CocoFile {
                     };
                     let parts =
                         outlines(&mask, how).map_err(|fault| ViewFault::Mask { path: self.path.clone(), fault })?;
-                    use geo::Translate as _;
                     parts.into_iter().next().map_or_else(
                         || MultiPolygon::new(Vec::new()),
                         |o| o.shape_px.translate(origin[0] as f64, origin[1] as f64),
@@ -171,7 +171,6 @@ impl CocoFile {
             // Annotators stop a pixel short of the border.
             let on_border = |c: &Coord<f64>| c.x <= 1.0 || c.y <= 1.0 || c.x >= size[0] - 1.0 || c.y >= size[1] - 1.0;
             let is_cut = shape_px.0.iter().flat_map(|p| &p.exterior().0).any(on_border);
-            use geo::MapCoords as _;
             let shape_px = shape_px.map_coords(|c| Coord { x: c.x * scale[0], y: c.y * scale[1] });
             found.push(Outline { shape_px, score: *score, is_cut, label: found.len() as u32 + 1 });
         }

@@ -163,7 +163,9 @@ pub(super) fn agree_at_some_level(levels: &[Vec<Candidate>], seen: &[SeenGround]
         if free.is_empty() || n_taken as f64 > MOST_TAKEN * cluster.members.len() as f64 {
             continue;
         }
-        free.iter().for_each(|&m| is_taken[m] = true);
+        for &m in &free {
+            is_taken[m] = true;
+        }
         let mut views: Vec<usize> = free.iter().map(|&m| levels[level][m].view).collect();
         views.sort_unstable();
         views.dedup();
@@ -213,6 +215,15 @@ pub(super) fn draw_fixed(
     drawn.into_iter().filter_map(|c| Some((number(&c.members)?, c.polygon))).collect()
 }
 
+/// The representative of a set in a forest of sets, paths halved on the way.
+fn find(root: &mut [usize], mut i: usize) -> usize {
+    while root[i] != i {
+        root[i] = root[root[i]];
+        i = root[i];
+    }
+    i
+}
+
 /// Clusters that may touch, directly or through others.
 fn groups(clusters: &[Cluster], neighbour_m: f64) -> Vec<Vec<usize>> {
     let boxes: Vec<_> = clusters.iter().map(|c| bounds(&c.shape)).collect();
@@ -233,13 +244,6 @@ fn groups(clusters: &[Cluster], neighbour_m: f64) -> Vec<Vec<usize>> {
         })
         .collect();
     let mut root: Vec<usize> = (0..clusters.len()).collect();
-    fn find(root: &mut [usize], mut i: usize) -> usize {
-        while root[i] != i {
-            root[i] = root[root[i]];
-            i = root[i];
-        }
-        i
-    }
     for (i, close) in pairs.iter().enumerate() {
         for &j in close {
             let (a, b) = (find(&mut root, i), find(&mut root, j));
@@ -324,8 +328,8 @@ fn draw_group(
     let votes: Vec<Votes> = group.iter().map(|c| Votes::count(c, candidates, seen, cell_m, scratch)).collect();
     let first_col = votes.iter().map(|v| v.window.first_col).min().unwrap_or(0);
     let first_row = votes.iter().map(|v| v.window.first_row).min().unwrap_or(0);
-    let after_col = votes.iter().map(|v| v.window.first_col + v.window.width as i64).max().unwrap_or(1);
-    let after_row = votes.iter().map(|v| v.window.first_row + v.window.height as i64).max().unwrap_or(1);
+    let after_col = votes.iter().map(|v| v.window.first_col + v.window.width.cast_signed() as i64).max().unwrap_or(1);
+    let after_row = votes.iter().map(|v| v.window.first_row + v.window.height.cast_signed() as i64).max().unwrap_or(1);
     let (width, height) = ((after_col - first_col) as usize, (after_row - first_row) as usize);
 
     // Sum and winner of the votes on each cell.
@@ -349,7 +353,9 @@ fn draw_group(
     labels.data_mut().iter_mut().zip(&sum).filter(|(_, s)| **s < 0.5).for_each(|(label, _)| *label = 0);
 
     let vote = |label: u32, [col, row]: [usize; 2]| {
-        f64::from(votes[label as usize - 1].at(first_col + col as i64, first_row + row as i64))
+        f64::from(
+            votes[label as usize - 1].at(first_col + col.cast_signed() as i64, first_row + row.cast_signed() as i64),
+        )
     };
     let total = |[col, row]: [usize; 2]| f64::from(sum[row * width + col]);
     let crossing = |from: [usize; 2], a: u32, to: [usize; 2], b: u32| {

@@ -152,7 +152,7 @@ impl OutlineSource for MaskFiles {
 fn ids(values: &Raster<f32>, path: &Path) -> Result<Raster<u32>, ViewFault> {
     /// Whole numbers above this are not exact as 32-bit floats.
     const LARGEST: f32 = 16_777_216.0;
-    let is_id = |v: f32| v.is_nan() || (v >= 0.0 && v < LARGEST && v.fract() == 0.0);
+    let is_id = |v: f32| v.is_nan() || ((0.0..LARGEST).contains(&v) && v.fract() == 0.0);
     if let Some(other) = values.data().iter().copied().find(|v| !is_id(*v)) {
         let reason = format!("its value {other} is no instance number: expected whole numbers from 0 to 2^24");
         return Err(ViewFault::Unreadable { path: path.to_owned(), reason });

@@ -64,7 +64,7 @@ pub(super) fn shape(rings: &[Ring], rules: Rules) -> Vec<Shaped> {
     let contours = polygons(rings, &arcs, &vec![LAST_LEVEL; arcs.arcs.len()], rules);
     let contour_m2 =
         |label: u32, at: usize| contours.iter().find(|c| c.label == label && c.ring == at).map(|c| c.area_m2);
-    let mut levels = vec![if rules.snap_deg > 0.0 { 0_u8 } else { 1 }; arcs.arcs.len()];
+    let mut levels = vec![u8::from(rules.snap_deg <= 0.0); arcs.arcs.len()];
     for _ in 0..=usize::from(LAST_LEVEL) {
         let drawn = polygons(rings, &arcs, &levels, rules);
         let mut bad: Vec<usize> = Vec::new();
@@ -85,7 +85,9 @@ pub(super) fn shape(rings: &[Ring], rules: Rules) -> Vec<Shaped> {
         if bad.is_empty() {
             return drawn.into_iter().map(|d| Shaped { label: d.label, polygon: d.polygon }).collect();
         }
-        bad.into_iter().for_each(|arc| levels[arc] += 1);
+        for arc in bad {
+            levels[arc] += 1;
+        }
     }
     contours.into_iter().map(|c| Shaped { label: c.label, polygon: c.polygon }).collect()
 }

@@ -14,6 +14,7 @@ use super::{AccuracyConfig, CadastreConfig, ConsensusConfig, OutlineKind};
 /// Where the outlines come from. A table without `source` is an existing layer.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "source", rename_all = "snake_case")]
+#[allow(clippy::large_enum_variant)] // there is one of them
 pub enum FootprintSource {
     /// An existing vector layer.
     Layer(FootprintConfig),
@@ -27,6 +28,7 @@ pub enum FootprintSource {
 #[derive(Deserialize, JsonSchema)]
 #[serde(tag = "source", rename_all = "snake_case")]
 #[allow(dead_code)] // the schema reads it, not the compiler
+#[allow(clippy::large_enum_variant)] // there is one of them
 enum Tagged {
     /// An existing vector layer; what a table without `source` is.
     Layer(FootprintConfig),
@@ -59,10 +61,9 @@ impl JsonSchema for FootprintSource {
         let mut schema = Tagged::json_schema(generator);
         // A table without `source` is a layer.
         let variants = schema.get_mut("oneOf").and_then(|v| v.as_array_mut());
-        if let Some(required) = variants.and_then(|v| v.first_mut()).and_then(|v| v.get_mut("required")) {
-            if let Some(names) = required.as_array_mut() {
-                names.retain(|name| name != "source");
-            }
+        let required = variants.and_then(|v| v.first_mut()).and_then(|v| v.get_mut("required"));
+        if let Some(names) = required.and_then(|v| v.as_array_mut()) {
+            names.retain(|name| name != "source");
         }
         schema
     }

@@ -205,7 +205,9 @@ fn wkb(geometry: &Geometry<f64>) -> Vec<u8> {
         Geometry::MultiPolygon(MultiPolygon(parts)) => {
             header(&mut bytes, 6);
             count(&mut bytes, parts.len());
-            parts.iter().for_each(|part| polygon(&mut bytes, part));
+            for part in parts {
+                polygon(&mut bytes, part);
+            }
         }
         Geometry::Polygon(part) => polygon(&mut bytes, part),
         other => unreachable!("only polygons are written here, not {other:?}"),

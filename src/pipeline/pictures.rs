@@ -95,7 +95,7 @@ fn ground_lines(view: &View, polygon: &Polygon<f64>, terrain: &Terrain, colour: 
         let dense = Euclidean.densify(ring, PIECE_M);
         let points: Vec<DVec2> = dense.0.iter().map(project).collect::<Option<_>>()?;
         let is_inside = points.iter().any(|p| view.camera.contains(*p));
-        is_inside.then(|| Polyline { points_px: points.iter().map(|p| p.to_array()).collect(), colour })
+        is_inside.then(|| Polyline { points_px: points.iter().map(DVec2::to_array).collect(), colour })
     });
     lines.collect()
 }
