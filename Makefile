@@ -2,13 +2,13 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps deps-test deps-qgis deps-web demo test lint bench docs schemas clean
+.PHONY: help deps deps-test deps-qgis deps-web demo test lint bench accuracy-footprints docs schemas clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-20s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 deps: ## Install what is missing to build and run (GDAL, PROJ, a C++ compiler, Rust)
 	@tools/deps.sh build
@@ -35,6 +35,9 @@ lint: deps ## Check formatting and lints, warnings are errors
 
 bench: deps ## Run the benchmarks
 	$(CARGO) bench --locked
+
+accuracy-footprints: deps ## Print the table of outlines from masks in docs/accuracy.md
+	$(CARGO) test --locked --test it table_of_accuracy -- --ignored --nocapture
 
 docs: ## Write docs/reference.md anew, and build the API documentation into target/doc
 	@tools/deps.sh docs

@@ -51,6 +51,7 @@ pub mod raster;
 pub mod ray;
 pub mod seed;
 pub mod stats;
+mod template;
 
 pub mod camera;
 pub mod crs;

@@ -118,20 +118,34 @@ impl Network {
     /// # Errors
     /// [`OnnxError::NoPort`] or [`OnnxError::Run`].
     pub fn run(&self, input: (&str, &Tensor), output: &str) -> Result<Tensor, OnnxError> {
+        let mut results = self.run_many(&[input], &[output])?;
+        Ok(results.remove(0))
+    }
+
+    /// Runs it on several inputs and reads several outputs, in the order asked for.
+    ///
+    /// # Errors
+    /// [`OnnxError::NoPort`] or [`OnnxError::Run`].
+    pub fn run_many(&self, inputs: &[(&str, &Tensor)], outputs: &[&str]) -> Result<Vec<Tensor>, OnnxError> {
         let failed = |reason: String| OnnxError::Run { path: self.path.clone(), reason };
-        let (name, tensor) = input;
-        let input_id = self.id("input", name, &self.inputs)?;
-        let output_id = self.id("output", output, &self.outputs)?;
-        let n_values: usize = tensor.shape.iter().product();
-        if n_values != tensor.values.len() {
-            return Err(failed(format!("{} values for shape {:?}", tensor.values.len(), tensor.shape)));
+        let mut given = Vec::with_capacity(inputs.len());
+        for (name, tensor) in inputs {
+            let n_values: usize = tensor.shape.iter().product();
+            if n_values != tensor.values.len() {
+                return Err(failed(format!("{} values for shape {:?}", tensor.values.len(), tensor.shape)));
+            }
+            let values = rten_tensor::Tensor::from_data(&tensor.shape, tensor.values.clone());
+            given.push((self.id("input", name, &self.inputs)?, values.into()));
         }
-        let values = rten_tensor::Tensor::from_data(&tensor.shape, tensor.values.clone());
-        let results = self.model.run(vec![(input_id, values.into())], &[output_id], None);
-        let result = results.map_err(|e| failed(e.to_string()))?.into_iter().next();
-        let result = result.and_then(rten::Value::into_tensor::<f32>);
-        let result = result.ok_or_else(|| failed(format!("output {output:?} is no tensor of 32-bit floats")))?;
-        Ok(Tensor { shape: result.shape().to_vec(), values: result.to_vec() })
+        let wanted: Vec<rten::NodeId> =
+            outputs.iter().map(|name| self.id("output", name, &self.outputs)).collect::<Result<_, _>>()?;
+        let results = self.model.run(given, &wanted, None).map_err(|e| failed(e.to_string()))?;
+        let tensors = results.into_iter().zip(outputs).map(|(result, output)| {
+            let result = result.into_tensor::<f32>();
+            let result = result.ok_or_else(|| failed(format!("output {output:?} is no tensor of 32-bit floats")))?;
+            Ok(Tensor { shape: result.shape().to_vec(), values: result.to_vec() })
+        });
+        tensors.collect()
     }
 
     fn id(&self, what: &'static str, name: &str, ports: &[Port]) -> Result<rten::NodeId, OnnxError> {

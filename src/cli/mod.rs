@@ -6,6 +6,7 @@
 mod demo;
 mod evaluate;
 mod export;
+mod footprints;
 mod prior;
 mod run;
 mod schema;
@@ -61,6 +62,8 @@ pub struct Global {
 pub enum Command {
     /// Find the heights of buildings: poses, outlines and priors in, a LOD1 city out.
     Run(run::RunArgs),
+    /// Find building outlines in the nadir photos' masks: one clean layer, once per building.
+    Footprints(footprints::FootprintsArgs),
     /// Look a survey's poses over before anything is computed from them, or write them for other tools.
     #[command(subcommand)]
     Survey(survey::SurveyCommand),
@@ -130,6 +133,7 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
     }
     match &cli.command {
         Command::Run(args) => run::run(args, &cli.global),
+        Command::Footprints(args) => footprints::run(args, &cli.global),
         Command::Survey(command) => survey::run(command, &cli.global),
         Command::Prior(command) => prior::run(command, &cli.global),
         Command::Validate(args) => validate::run(args, &cli.global),

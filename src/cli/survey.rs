@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Failure, Global, Ui, print_json};
 use crate::crs::Crs;
-use crate::footprint::{self, FootprintConfig};
+use crate::footprint::{self, FootprintSource};
 use crate::survey::{self, CornerErrors, GroundPolygons, Site, Survey, SurveyConfig, SurveyReport, Target};
 use crate::terrain::{self, MapBox, Terrain, TerrainConfig};
 
@@ -143,7 +143,7 @@ struct Settings {
     #[serde(default)]
     terrain: Option<TerrainConfig>,
     #[serde(default)]
-    footprints: Option<FootprintConfig>,
+    footprints: Option<FootprintSource>,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -191,12 +191,12 @@ fn inspect(settings: &Settings, args: &InspectArgs, global: &Global) -> Result<I
     let bad_input = |e: &dyn std::error::Error| Failure::new(3, e);
     let crs = &settings.project.crs;
     let area = match &settings.footprints {
-        Some(config) => {
+        Some(FootprintSource::Layer(config)) => {
             let layer = footprint::read(config, crs).map_err(|e| bad_input(&e))?;
             let outlines: Vec<_> = layer.footprints.into_iter().map(|f| f.polygon).collect();
             Some(geo::MultiPolygon::new(outlines).convex_hull())
         }
-        None => None,
+        _ => None,
     };
     let ground = terrain_of(settings)?;
     let site = Site { terrain: ground.as_ref(), area: area.as_ref() };
@@ -314,7 +314,7 @@ fn settings_of(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>
         *dtm = folder.join(&*dtm);
     }
     if let Some(footprints) = &mut settings.footprints {
-        footprints.path = folder.join(&footprints.path);
+        footprints.resolve_paths(folder);
     }
     Ok(settings)
 }

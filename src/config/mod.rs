@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::crs::Crs;
-use crate::footprint::FootprintConfig;
+use crate::footprint::FootprintSource;
 use crate::optimise::OptimiseConfig;
 use crate::output::cityjson::CityJsonConfig;
 use crate::output::geopackage::GeoPackageConfig;
@@ -61,7 +61,7 @@ pub struct RunConfig {
     /// Photos and their poses.
     pub survey: SurveyConfig,
     /// Building outlines.
-    pub footprints: FootprintConfig,
+    pub footprints: FootprintSource,
     /// The terrain.
     pub terrain: TerrainConfig,
     /// Which level of the terrain a building's height counts from.
@@ -132,6 +132,20 @@ impl RunConfig {
         })
     }
 
+    /// As [`Self::load`], for work that needs no depth priors: a file without `[prior]` will do.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn load_without_prior(path: &Path, assignments: &[String]) -> Result<Self, ConfigError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
+        let has_prior = text.parse::<toml::Table>().map_or(true, |table| table.contains_key("prior"));
+        // Stereo has no file to be missing.
+        let stand_in = (!has_prior).then(|| "prior.source=stereo".to_owned());
+        let assignments: Vec<String> = stand_in.into_iter().chain(assignments.iter().cloned()).collect();
+        Self::load(path, &assignments)
+    }
+
     /// Reads the text of a file; `path` is for messages only.
     ///
     /// # Errors
@@ -144,7 +158,7 @@ impl RunConfig {
         let resolve = |path: &mut PathBuf| *path = folder.join(&*path);
         resolve(&mut self.project.output);
         self.survey.resolve_paths(folder);
-        resolve(&mut self.footprints.path);
+        self.footprints.resolve_paths(folder);
         self.terrain.dtm.iter_mut().for_each(resolve);
         self.prior.resolve_paths(folder);
     }
@@ -165,7 +179,10 @@ impl RunConfig {
 /// [`ConfigError::Parse`] with the line underlined, or [`ConfigError::Set`].
 pub fn parse<T: DeserializeOwned>(text: &str, path: Option<&Path>, assignments: &[String]) -> Result<T, ConfigError> {
     let path = || path.unwrap_or(Path::new("settings")).to_owned();
-    let parse_error = |e: toml::de::Error| ConfigError::Parse { path: path(), message: e.to_string() };
+    let parse_error = |e: toml::de::Error| {
+        let message = placed(&e, text).unwrap_or_else(|| e.to_string());
+        ConfigError::Parse { path: path(), message }
+    };
     if assignments.is_empty() {
         return toml::from_str(text).map_err(parse_error); // keeps the place of every error
     }
@@ -178,6 +195,24 @@ pub fn parse<T: DeserializeOwned>(text: &str, path: Option<&Path>, assignments: 
         Err(placed) if placed.message() == e.message() => parse_error(placed), // the file's own mistake, with its line
         _ => ConfigError::Set { assignment: assignments.join(" --set "), message: e.message().to_owned() },
     })
+}
+
+/// The message of an unknown key with its own line: where the kind of a table is one of its keys, the parser only knows
+/// the line of the table.
+fn placed(error: &toml::de::Error, text: &str) -> Option<String> {
+    let key = error.message().strip_prefix("unknown field `")?.split('`').next()?;
+    let is_key =
+        |line: &str| line.trim_start().strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='));
+    let table = text.get(..error.span()?.start)?.matches('\n').count();
+    let (i, line) = text.lines().enumerate().skip(table).find(|(_, line)| is_key(line))?;
+    let (number, indent) = ((i + 1).to_string(), line.len() - line.trim_start().len());
+    let margin = " ".repeat(number.len());
+    let mark = format!("{}{}", " ".repeat(indent), "^".repeat(key.len()));
+    Some(format!(
+        "TOML parse error at line {number}, column {}\n{margin} |\n{number} | {line}\n{margin} | {mark}\n{}",
+        indent + 1,
+        error.message()
+    ))
 }
 
 /// Sets `a.b.c = value` in a table; the value is TOML where it parses as such, else a string.
@@ -237,6 +272,16 @@ mod tests {
         // Also where an assignment is not to blame.
         let error = load(&MINIMAL.replace("crs =", "csr ="), &["seed=1"]).unwrap_err().to_string();
         assert!(error.contains("csr") && error.contains("line 3"), "{error}");
+    }
+
+    #[test]
+    fn a_misspelt_key_of_a_table_with_a_kind_is_shown_in_its_line() {
+        let text = MINIMAL.replace("kind = \"depth\"", "kindd = \"depth\"");
+        let error = load(&text, &[]).unwrap_err().to_string();
+        assert!(error.contains("kindd = \"depth\"") && error.contains('^'), "{error}");
+        let text = MINIMAL.replace("path = \"footprints.gpkg\"", "path = \"a\"\n        id_feild = \"id\"");
+        let error = load(&text, &[]).unwrap_err().to_string();
+        assert!(error.contains("id_feild = \"id\"") && error.contains("`id_field`"), "{error}");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! Heights are *differences* (roof minus ground), so the vertical references of result and truth need not agree;
 //! outlines are only compared after both are in one horizontal CRS ([`read`]).
 
+pub mod footprints;
 mod heights;
 mod matching;
 pub mod read;
@@ -12,6 +13,7 @@ mod table;
 use geo_types::MultiPolygon;
 use serde::{Deserialize, Serialize};
 
+pub use footprints::{FootprintEvaluation, evaluate_footprints};
 pub use heights::{BuildingError, GroupStatistics, HeightEvaluation, HeightOptions, MatchCounts, evaluate_heights};
 pub use matching::{Match, Matching, match_buildings};
 pub use statistics::{DEFINITIONS, HeightStatistics};

@@ -14,6 +14,7 @@ use super::features::FeatureReader;
 use super::{FootprintLayer, overlaps};
 use crate::crs::{Crs, CrsError, Transform};
 use crate::geodata::vector::{Feature, FeatureGeometry, VectorError, VectorLayer};
+use crate::onnx::OnnxError;
 
 /// Where the footprints are and how to read them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -161,6 +162,17 @@ pub enum FootprintError {
         /// What there is.
         present: Vec<String>,
     },
+    /// Masks or their settings cannot be used.
+    #[error("footprints: {problem}\nhint: {hint}")]
+    Masks {
+        /// What is the matter.
+        problem: String,
+        /// What to do about it.
+        hint: String,
+    },
+    /// A network that cannot be loaded or run.
+    #[error(transparent)]
+    Network(#[from] OnnxError),
     /// It has no features.
     #[error(
         "footprints {}: layer {layer:?} is empty\nhint: is it the right file? `layer` chooses among several in one",

@@ -1,13 +1,49 @@
 //! Building footprints: valid polygons in the project's map frame.
+//!
+//! ```text
+//! existing layer ─ layer ─ features ─ clean ──────────────────────────────────────────┐
+//! masks, COCO, network ─ outlines ─ vectorise ─ georeference ─> candidates per view   ├─> FootprintLayer
+//!                       candidates ─ cluster ─ consensus (partition, shape) ─ cadastre ┘
+//! ```
 
+mod arcs;
+mod cadastre;
+mod candidate;
 mod check;
 pub mod clean;
+mod cluster;
+mod coco;
+mod consensus;
+mod coverage;
+mod detect;
 mod features;
+mod georeference;
+mod identity;
 pub mod layer;
+mod masks;
+mod outlines;
 mod overlap;
+mod partition;
+pub mod segment;
+mod shape;
+mod source;
+mod vectorise;
+mod write;
 
+pub use cadastre::{CadastreConfig, Change, OutlineFrom};
+pub use candidate::{Candidate, SeenGround};
+pub use cluster::Dropped;
+pub use consensus::{Agreed, Consensus, ConsensusConfig, agree};
+pub use detect::{Detection, DetectionSummary, PlacedCandidate, Sighting, Track, Tracks, detect, move_roofs};
+pub use georeference::AccuracyConfig;
 pub use layer::{FootprintConfig, FootprintError, read};
+pub use masks::{MaskConfig, MaskFiles, MaskKind};
+pub use outlines::{Look, OutlineKind, OutlineSource, ViewFault};
 pub use overlap::overlaps;
+pub use segment::{Segmenter, SegmenterConfig};
+pub use source::{DetectionSettings, FootprintSource};
+pub use vectorise::{Instances, MaskFault, Outline, Vectorising, outlines, outlines_at_level};
+pub use write::{WriteFootprintsError, write};
 
 use geo_types::Polygon;
 use serde::{Deserialize, Serialize};

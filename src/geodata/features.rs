@@ -17,6 +17,8 @@ pub enum GeometryKind {
     PointZ,
     /// 2D polygon.
     Polygon,
+    /// 2D multipolygon.
+    MultiPolygon,
     /// 3D multipolygon.
     MultiPolygonZ,
 }
@@ -146,6 +148,7 @@ fn wkb_type(kind: GeometryKind) -> OGRwkbGeometryType::Type {
         GeometryKind::Point => OGRwkbGeometryType::wkbPoint,
         GeometryKind::PointZ => OGRwkbGeometryType::wkbPoint25D,
         GeometryKind::Polygon => OGRwkbGeometryType::wkbPolygon,
+        GeometryKind::MultiPolygon => OGRwkbGeometryType::wkbMultiPolygon,
         GeometryKind::MultiPolygonZ => OGRwkbGeometryType::wkbMultiPolygon25D,
     }
 }

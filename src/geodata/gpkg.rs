@@ -119,6 +119,42 @@ impl Writer<'_> {
         Ok(())
     }
 
+    /// Creates the schema extension's table of column meanings, which [`Self::layer`] fills (OGC 12-128r15, F.9).
+    ///
+    /// # Errors
+    /// [`GpkgError`].
+    pub fn create_data_columns(&mut self) -> Result<(), GpkgError> {
+        self.sql(
+            "CREATE TABLE gpkg_data_columns (table_name TEXT NOT NULL, column_name TEXT NOT NULL, name TEXT, title TEXT, \
+             description TEXT, mime_type TEXT, constraint_name TEXT, \
+             CONSTRAINT pk_gdc PRIMARY KEY (table_name, column_name), CONSTRAINT gdc_tn UNIQUE (table_name, name))",
+        )?;
+        let definition = "http://www.geopackage.org/spec121/#extension_schema";
+        self.extension(&["gpkg_data_columns"], "gpkg_schema", definition)
+    }
+
+    /// Registers tables with an extension of the standard.
+    ///
+    /// # Errors
+    /// [`GpkgError`].
+    pub fn extension(&mut self, tables: &[&str], name: &str, definition: &str) -> Result<(), GpkgError> {
+        // GDAL makes this table only when it needs it itself.
+        self.sql(
+            "CREATE TABLE IF NOT EXISTS gpkg_extensions (table_name TEXT, column_name TEXT, extension_name TEXT NOT NULL, \
+             definition TEXT NOT NULL, scope TEXT NOT NULL, CONSTRAINT ge_tce UNIQUE (table_name, column_name, extension_name))",
+        )?;
+        for table in tables {
+            self.sql(&format!(
+                "INSERT INTO gpkg_extensions (table_name, column_name, extension_name, definition, scope) \
+                 VALUES ({}, NULL, {}, {}, 'read-write')",
+                text(table),
+                text(name),
+                text(definition)
+            ))?;
+        }
+        Ok(())
+    }
+
     /// Runs one SQL statement without a result. Text values go through [`text`].
     ///
     /// # Errors

@@ -107,6 +107,58 @@ impl Way {
     }
 }
 
+/// How high a roof stands at a place, 0 at the eave, 1 at the ridge.
+struct Shape<'a> {
+    form: RoofForm,
+    prism: &'a Prism,
+    /// Local axes of the rectangle around the outline, and its middle along them.
+    axes: Mat2,
+    middle: Vec2,
+    /// Horizontal way from eave to ridge, metres.
+    run_m: f32,
+    /// Mean over the footprint.
+    mean: f32,
+}
+
+impl<'a> Shape<'a> {
+    /// The forms that a footprint can carry.
+    fn all(prism: &'a Prism) -> Vec<Self> {
+        let (axes, low, high) = smallest_rectangle(prism);
+        let middle = 0.5 * (low + high);
+        let half = 0.5 * (high - low);
+        let inside: Vec<Vec2> = grid(low, high).map(|p| axes.transpose() * p).filter(|p| prism.contains(*p)).collect();
+        let deepest = inside.iter().map(|p| distance_to_outline(prism, *p)).fold(0.0, f32::max);
+        let turned = Mat2::from_cols(axes.row(1), -axes.row(0)).transpose();
+        let gable = |axes: Mat2, middle: Vec2, run_m: f32| Self {
+            form: RoofForm::Gable,
+            prism,
+            axes,
+            middle,
+            run_m,
+            mean: 0.0,
+        };
+        let mut shapes = vec![
+            gable(axes, middle, half.y),
+            gable(turned, Vec2::new(middle.y, -middle.x), half.x),
+            Self { form: RoofForm::Hip, prism, axes, middle, run_m: deepest, mean: 0.0 },
+        ];
+        for shape in &mut shapes {
+            shape.mean = inside.iter().map(|p| shape.at(*p)).sum::<f32>() / inside.len().max(1) as f32;
+        }
+        shapes.retain(|s| s.run_m > 0.5 && s.mean > 0.0);
+        shapes
+    }
+
+    fn at(&self, point: Vec2) -> f32 {
+        let share = match self.form {
+            RoofForm::Flat => 0.0,
+            RoofForm::Gable => 1.0 - ((self.axes * point).y - self.middle.y).abs() / self.run_m,
+            RoofForm::Hip => distance_to_outline(self.prism, point) / self.run_m,
+        };
+        share.clamp(0.0, 1.0)
+    }
+}
+
 /// One view's stretches over the building.
 struct Sampled {
     ways: Vec<Way>,

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::{PipelineError, Stage};
 use crate::config::RunConfig;
 use crate::files::write_whole;
-use crate::footprint::FootprintLayer;
+use crate::footprint::{DetectionSummary, FootprintLayer, Tracks};
 use crate::issue::Issue;
 use crate::optimise::Solution;
 use crate::output::sha256_hex;
@@ -25,6 +25,12 @@ pub struct FootprintStage {
     pub ground: Vec<Option<GroundLevel>>,
     /// What was said about the ground.
     pub issues: Vec<Issue>,
+    /// Roof outlines as the photos show them, which move with the heights.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tracks: Option<Tracks>,
+    /// How much was found in photos; `None` for a layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub detection: Option<DetectionSummary>,
 }
 
 /// Heights of the buildings whose ground is known.

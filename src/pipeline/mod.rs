@@ -12,6 +12,7 @@
 
 mod artefact;
 mod error;
+mod footprints;
 mod input;
 mod pictures;
 mod records;
@@ -100,6 +101,9 @@ pub struct RunSummary {
     pub n_used_views: usize,
     /// Buildings of the input.
     pub n_buildings: usize,
+    /// What was found in the nadir photos, where outlines come from there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub detection: Option<crate::footprint::DetectionSummary>,
     /// Buildings by status; absent where the output stage did not run.
     pub by_status: std::collections::BTreeMap<Status, usize>,
     /// Median height above ground of all buildings with one, metres.

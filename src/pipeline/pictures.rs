@@ -1,17 +1,22 @@
 //! Pictures of a run: the map, the proxies drawn over photos, and one view's depth beside its prior.
 
-use glam::{DVec3, Vec2};
+use geo::line_measures::{Densify as _, Euclidean};
+use geo_types::{Coord, Polygon};
+use glam::{DVec2, DVec3, Vec2};
 use image::RgbImage;
+use rayon::prelude::*;
 
 use super::stages::SceneStage;
 use super::{HeightStage, PipelineError};
+use crate::footprint::Detection;
 use crate::output::picture::colour::Rgb;
 use crate::output::picture::{self, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline};
 use crate::output::{CityModel, MalformedFile, OutputError};
 use crate::prior::{PriorSource as _, Priors};
 use crate::render::PlacedCamera;
 use crate::render::image::SceneTracer;
-use crate::survey::{Survey, View};
+use crate::survey::{Survey, View, ViewKind};
+use crate::terrain::Terrain;
 
 /// Photos with the proxies drawn over them.
 const N_OVERLAYS: usize = 3;
@@ -50,6 +55,54 @@ pub(super) fn write(
     Ok(())
 }
 
+/// Draws the outlines over every nadir photo, into `pictures/footprints-*.png`.
+pub(super) fn footprints(
+    folder: &std::path::Path,
+    found: &Detection,
+    survey: &Survey,
+    terrain: &Terrain,
+) -> Result<(), PipelineError> {
+    let folder = folder.join("pictures");
+    let nadir = (0..survey.views.len()).filter(|&i| survey.views[i].kind() == ViewKind::Nadir);
+    nadir.collect::<Vec<_>>().into_par_iter().try_for_each(|i| {
+        let view = &survey.views[i];
+        let mut lines: Vec<Polyline> = Vec::new();
+        let own = found.candidates.iter().filter(|c| c.view == i);
+        for polygon in own.flat_map(|c| &c.shape.0) {
+            lines.extend(ground_lines(view, polygon, terrain, CANDIDATE));
+        }
+        for footprint in &found.layer.footprints {
+            lines.extend(ground_lines(view, &footprint.polygon, terrain, OUTLINE));
+        }
+        let stem = std::path::Path::new(&view.id.0).file_stem().map(|s| s.to_string_lossy().into_owned());
+        let name = format!("footprints-{}.png", stem.unwrap_or_else(|| format!("view-{i}")));
+        let key = [("footprint", OUTLINE), ("this photo's mask", CANDIDATE)];
+        let overlay = picture::overlay(&photo_of(view)?, &lines, &key, &OverlayConfig::default());
+        picture::write_png(&folder.join(name), &overlay).map_err(PipelineError::from)
+    })
+}
+
+/// A polygon's rings as a view sees them on the ground; nothing where it lies outside the photo.
+fn ground_lines(view: &View, polygon: &Polygon<f64>, terrain: &Terrain, colour: Rgb) -> Vec<Polyline> {
+    /// Longest straight piece: beyond it the ground and the lens bend a line visibly, metres.
+    const PIECE_M: f64 = 4.0;
+    let project = |c: &Coord<f64>| {
+        let z = terrain.height_at(c.x, c.y)?;
+        view.camera.project(view.camera_from_map.point(DVec3::new(c.x, c.y, z)))
+    };
+    let rings = std::iter::once(polygon.exterior()).chain(polygon.interiors());
+    let lines = rings.filter_map(|ring| {
+        let dense = Euclidean.densify(ring, PIECE_M);
+        let points: Vec<DVec2> = dense.0.iter().map(project).collect::<Option<_>>()?;
+        let is_inside = points.iter().any(|p| view.camera.contains(*p));
+        is_inside.then(|| Polyline { points_px: points.iter().map(DVec2::to_array).collect(), colour })
+    });
+    lines.collect()
+}
+
+/// Colour of footprints and of single photos' masks.
+const OUTLINE: Rgb = [253, 231, 37];
+const CANDIDATE: Rgb = [64, 190, 200];
 /// Colour of roof edges and of the others.
 const ROOF: Rgb = [253, 231, 37];
 const WALL: Rgb = [64, 190, 200];

@@ -9,10 +9,9 @@ use geo_types::Polygon;
 use super::input::{check_settings, check_views, height_bounds};
 use super::records::records;
 use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Stage, Tell};
-use super::{artefact, pictures, soundness};
+use super::{artefact, footprints as outlines, pictures, soundness};
 use crate::config::RunConfig;
 use crate::files::{FileError, write_whole};
-use crate::footprint;
 use crate::issue::{Issue, Severity, Subject};
 use crate::optimise::{Problem, Solution, ViewInput, solve};
 use crate::output::{BuildingRecord, CityModel, InputFile, Lineage, cityjson, geopackage, sha256_hex};
@@ -20,7 +19,7 @@ use crate::prior::{PriorSource as _, Priors};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
 use crate::survey::{Survey, ViewKind};
-use crate::terrain::{self, GroundLevel, MapBox, Terrain, ground_under};
+use crate::terrain::{self, GroundLevel, MapBox, Terrain};
 
 /// How far around the footprints the ground is needed, in greatest heights: rays at 60° off nadir that pass over a
 /// building of greatest height reach the ground 1.7 heights behind it.
@@ -57,9 +56,9 @@ pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> R
     }
 
     let start = Instant::now();
-    let footprints: FootprintStage = if runs(Stage::Footprints) {
+    let mut footprints: FootprintStage = if runs(Stage::Footprints) {
         tell(Event::Stage(Stage::Footprints));
-        let (footprints, terrain) = read_footprints(config)?;
+        let (footprints, terrain) = outlines::read(config, &survey)?;
         if matches!(terrain, Terrain::Grid(_)) {
             survey = soundness::look_over(config, Some(&terrain))?;
         }
@@ -70,15 +69,32 @@ pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> R
         artefact::read(config, Stage::Footprints)?
     };
     summary.n_buildings = footprints.layer.footprints.len() + footprints.layer.refused.len();
+    summary.detection.clone_from(&footprints.detection);
     if options.until == Stage::Footprints {
+        // Later stages would write them with their own.
+        let found: Vec<Issue> =
+            survey.issues.iter().chain(&footprints.layer.issues).chain(&footprints.issues).cloned().collect();
+        write_json(&config.project.output.join("issues.json"), &found)?;
+        summary.count_issues(&found);
         return Ok(RunSummary { seconds, ..summary });
     }
 
     let start = Instant::now();
-    let stage = SceneStage::new(config, &survey, &footprints)?;
+    let mut stage = SceneStage::new(config, &survey, &footprints)?;
     let heights: HeightStage = if runs(Stage::Heights) {
         tell(Event::Stage(Stage::Heights));
-        let heights = find_heights(config, &survey, &stage, tell)?;
+        let mut heights = find_heights(config, &survey, &stage, tell)?;
+        // Roofs move with their heights, and heights are measured under their roofs.
+        for _ in 0..outlines::roof_rounds(config, &footprints) {
+            if !outlines::move_roofs(config, &survey, &mut footprints, &heights)? {
+                break;
+            }
+            stage = SceneStage::new(config, &survey, &footprints)?;
+            heights = find_heights(config, &survey, &stage, tell)?;
+        }
+        if footprints.tracks.is_some() {
+            artefact::write(config, Stage::Footprints, &footprints)?;
+        }
         artefact::write(config, Stage::Heights, &heights)?;
         timed(Stage::Heights, start);
         heights
@@ -123,6 +139,7 @@ fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
         n_oblique: survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique).count(),
         n_used_views: 0,
         n_buildings: 0,
+        detection: None,
         by_status: BTreeMap::new(),
         median_height_m: None,
         n_refused: 0,
@@ -131,16 +148,7 @@ fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
     }
 }
 
-fn read_footprints(config: &RunConfig) -> Result<(FootprintStage, Terrain), PipelineError> {
-    let layer = footprint::read(&config.footprints, &config.project.crs)?;
-    let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
-    let (ground, issues): (Vec<_>, Vec<_>) =
-        layer.footprints.iter().map(|f| ground_under(&terrain, &f.id, &f.polygon, config.ground)).unzip();
-    let stage = FootprintStage { layer, ground, issues: issues.into_iter().flatten().collect() };
-    Ok((stage, terrain))
-}
-
-fn load_terrain<'a>(
+pub(super) fn load_terrain<'a>(
     config: &RunConfig,
     outlines: impl Iterator<Item = &'a Polygon<f64>>,
     margin_m: f64,
@@ -268,7 +276,8 @@ fn lineage(
 ) -> Result<Lineage, PipelineError> {
     let mut files: BTreeSet<(&str, PathBuf)> = BTreeSet::new();
     files.extend(files_of(&config.survey.path).into_iter().map(|path| ("survey", path)));
-    files.extend(files_of(&config.footprints.path).into_iter().map(|path| ("footprints", path)));
+    let outline_files = outlines::files(config, survey);
+    files.extend(outline_files.iter().flat_map(|path| files_of(path)).map(|path| ("footprints", path)));
     files.extend(config.terrain.dtm.iter().map(|path| ("terrain", path.clone())));
     for &view in &heights.solution.used_views {
         files.extend(priors.file_of(&survey.views[view])?.map(|path| ("prior", path)));

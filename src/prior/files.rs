@@ -12,11 +12,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use zip::ZipArchive;
 
-use super::{DepthPrior, PriorError, PriorGeometry, PriorKind, PriorSource, npy, pfm, template};
+use super::{DepthPrior, PriorError, PriorGeometry, PriorKind, PriorSource, npy, pfm};
 use crate::geodata::raster::RasterFile;
 use crate::ids::ViewId;
 use crate::raster::Raster;
 use crate::survey::View;
+use crate::template;
 
 /// Where prior files are and what their numbers mean.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -16,7 +16,6 @@ mod npy;
 mod pfm;
 mod source;
 pub mod stereo;
-mod template;
 
 pub use cache::{CacheKey, CachedPriors, KeyHasher, PriorCache};
 pub use check::{ground_correlation, judge_tag};

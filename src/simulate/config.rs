@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::prior::PriorKind;
 
+use super::mask_errors::MaskLevel;
+
 /// A scene with known truth: what stands there, how it is flown, and what goes wrong on the way to the user.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -29,6 +31,8 @@ pub struct SimulateConfig {
     pub camera: CameraConfig,
     /// The photos.
     pub images: ImageConfig,
+    /// Masks of the nadir views.
+    pub masks: MaskConfig,
     /// The depth priors.
     pub prior: PriorConfig,
     /// What is wrong with poses and footprints as the user gets them.
@@ -47,6 +51,7 @@ impl Default for SimulateConfig {
             flight: FlightConfig::default(),
             camera: CameraConfig::default(),
             images: ImageConfig::default(),
+            masks: MaskConfig::default(),
             prior: PriorConfig::default(),
             errors: ErrorConfig::default(),
         }
@@ -232,6 +237,35 @@ impl Default for ImageConfig {
             noise_sd: 1.5,
             jpeg_quality: 93,
         }
+    }
+}
+
+/// What masks outline.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MaskOutline {
+    /// Where walls meet the ground, hidden or not.
+    #[default]
+    Ground,
+    /// Flat roofs at the mean height.
+    Roof,
+}
+
+/// Masks of the nadir views, 16-bit PNG with one number per building.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct MaskConfig {
+    /// Whether they are written.
+    pub enabled: bool,
+    /// What they outline.
+    pub outline: MaskOutline,
+    /// How far they are from the truth; only for outlines on the ground.
+    pub level: MaskLevel,
+}
+
+impl Default for MaskConfig {
+    fn default() -> Self {
+        Self { enabled: true, outline: MaskOutline::default(), level: MaskLevel::default() }
     }
 }
 

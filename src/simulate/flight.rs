@@ -58,7 +58,8 @@ struct Shot {
 }
 
 /// All views of the configured flight, in the order they are taken.
-pub(super) fn plan(config: &SimulateConfig, world: &World) -> Vec<View> {
+#[must_use]
+pub fn plan(config: &SimulateConfig, world: &World) -> Vec<View> {
     let flight = &config.flight;
     let shots = match (flight.pattern, flight.n_views) {
         (FlightPattern::Free, n) => free(flight, world, n.unwrap_or(FREE_VIEWS), config.seed),

@@ -25,6 +25,7 @@ mod filter;
 mod flight;
 mod form;
 mod ground;
+mod mask_errors;
 mod masks;
 mod noise;
 mod photo;
@@ -41,14 +42,15 @@ mod trace;
 
 pub use building::{Building, BuildingKind, Part, Placement, Triangle};
 pub use config::{
-    CameraConfig, CityJsonConfig, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, PriorConfig, PriorLevel,
-    SimulateConfig, TerrainConfig, TownConfig, TownKind,
+    CameraConfig, CityJsonConfig, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, MaskConfig, MaskOutline,
+    PriorConfig, PriorLevel, SimulateConfig, TerrainConfig, TownConfig, TownKind,
 };
 pub use corrupt::{Corruption, building_gain, prior};
 pub use disturb::{footprints as disturbed_footprints, poses as disturbed_poses};
-pub use flight::pose;
+pub use flight::{plan, pose};
 pub use form::RoofKind;
-pub use masks::ground_contact;
+pub use mask_errors::{MaskErrors, MaskLevel, masks_with_errors};
+pub use masks::{ground_contact, roofs};
 pub use relief::Extent;
 pub use run::{SimulationSummary, simulate, simulate_with_views, world};
 pub use scene::Seen;

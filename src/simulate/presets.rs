@@ -46,6 +46,7 @@ impl SimulateConfig {
             ..Self::default()
         };
         config.images.enabled = n_views < MOST_PHOTOS;
+        config.masks.enabled = config.images.enabled;
         if name == "demo" {
             (config.camera.width_px, config.camera.height_px) = (640, 480);
         }

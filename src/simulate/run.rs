@@ -16,7 +16,8 @@ use crate::ids::ViewId;
 use crate::survey::{View, ViewKind};
 use crate::terrain::Terrain;
 
-use super::config::SimulateConfig;
+use super::config::{MaskOutline, SimulateConfig};
+use super::mask_errors::masks_with_errors;
 use super::photo::{self, Photographer};
 use super::scene::Scene;
 use super::texture::Palette;
@@ -181,8 +182,14 @@ fn write_view(
     if config.prior.write_true_depth {
         files::write_npy(&out.join("depth").join(format!("{stem}.npy")), &truth.depth_m)?;
     }
-    if config.images.enabled && view.kind() == ViewKind::Nadir {
-        let mask = masks::ground_contact(view, &world.buildings);
+    if config.masks.enabled && view.kind() == ViewKind::Nadir {
+        let mask = match config.masks.outline {
+            MaskOutline::Roof => masks::roofs(view, &world.buildings),
+            MaskOutline::Ground => {
+                let errors = config.masks.level.errors();
+                masks_with_errors(view, idx, &world.buildings, &world.terrain, &errors, config.seed)
+            }
+        };
         let path = out.join("masks").join(format!("{stem}.png"));
         let bytes: Vec<u8> = mask.data().iter().flat_map(|id| id.to_ne_bytes()).collect();
         let mut png = Vec::new();

@@ -140,7 +140,7 @@ mod tests {
     fn masks_show_the_outline_on_the_ground_not_the_roof() {
         let world = world(&form::flat(vec![Rect::sized(-8.0, -5.0, 16.0, 10.0).ring()], 30.0));
         let view = view(10.0, Distortion::None);
-        let mask = ground_contact(&view, &world.buildings);
+        let mask = ground_contact(&view, &world.buildings, &world.terrain);
         let mut n_inside = 0;
         for (row, col) in (0..120).flat_map(|r| (0..160).map(move |c| (r, c))) {
             let (ground, _) = on_level(&view, col, row, 20.0);

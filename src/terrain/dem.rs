@@ -30,6 +30,8 @@ pub struct Dem {
     north_m: f64,
     cell_x_m: f64,
     cell_y_m: f64,
+    /// Lowest and highest value: every ray asks for them.
+    range_m: (f64, f64),
 }
 
 impl Dem {
@@ -58,10 +60,11 @@ impl Dem {
         if !(is_size(cell_x_m) && is_size(cell_y_m)) {
             return Err(unusable("cells need a positive size"));
         }
-        if heights_m.data().iter().all(|z| z.is_nan()) {
+        let values = || heights_m.data().iter().copied().filter(|z| !z.is_nan()).map(f64::from);
+        let (Some(low), Some(high)) = (values().reduce(f64::min), values().reduce(f64::max)) else {
             return Err(unusable("every cell is nodata"));
-        }
-        Ok(Self { heights_m, west_m, north_m, cell_x_m, cell_y_m })
+        };
+        Ok(Self { heights_m, west_m, north_m, cell_x_m, cell_y_m, range_m: (low, high) })
     }
 
     /// Heights at cell centres, row 0 northernmost.
@@ -93,9 +96,8 @@ impl Dem {
 
     /// Lowest and highest value.
     #[must_use]
-    pub fn range(&self) -> Option<(f64, f64)> {
-        let values = || self.heights_m.data().iter().copied().filter(|z| !z.is_nan()).map(f64::from);
-        Some((values().reduce(f64::min)?, values().reduce(f64::max)?))
+    pub fn range(&self) -> (f64, f64) {
+        self.range_m
     }
 }
 

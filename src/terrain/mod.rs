@@ -5,6 +5,7 @@
 
 mod dem;
 mod ground;
+mod intersect;
 mod load;
 mod reproject;
 
@@ -32,12 +33,12 @@ impl Terrain {
         }
     }
 
-    /// Lowest and highest ground, metres; `None` for a grid without a single value.
+    /// Lowest and highest ground, metres; there always is one.
     #[must_use]
     pub fn range(&self) -> Option<(f64, f64)> {
         match self {
             Self::Constant(z_m) => Some((*z_m, *z_m)),
-            Self::Grid(dem) => dem.range(),
+            Self::Grid(dem) => Some(dem.range()),
         }
     }
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 /// Modules by level, lowest first.
 const LEVELS: [&[&str]; 9] = [
-    &["files", "frames", "gdal_log", "ids", "issue", "raster", "ray", "seed", "stats"],
+    &["files", "frames", "gdal_log", "ids", "issue", "raster", "ray", "seed", "stats", "template"],
     &["camera", "crs", "geodata", "onnx", "survey", "terrain"],
     &["footprint", "prior"],
     &["render", "scene"],

@@ -65,7 +65,7 @@ pub fn write<R: Records + ?Sized>(
     let timestamp = format!("{}T00:00:00.000Z", model.lineage.reference_date.as_deref().unwrap_or(NO_DATE));
     write_whole_by_name(path, |temporary| {
         gpkg::create(temporary, model.crs.definition(), &timestamp, |writer| {
-            tables::create_data_columns(writer)?;
+            writer.create_data_columns()?;
             layers::buildings(writer, model.records, &outlines)?;
             if config.solids {
                 layers::solids(writer, model.records, &grid, config)?;

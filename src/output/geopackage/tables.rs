@@ -12,16 +12,6 @@ pub const STYLES: [(&str, &str); 5] = [
     ("qa_issues", include_str!("styles/qa_issues.qml")),
 ];
 
-/// The schema extension's table of column meanings (OGC 12-128r15, F.9).
-pub fn create_data_columns(writer: &mut Writer<'_>) -> Result<(), OutputError> {
-    writer.sql(
-        "CREATE TABLE gpkg_data_columns (table_name TEXT NOT NULL, column_name TEXT NOT NULL, name TEXT, title TEXT, \
-         description TEXT, mime_type TEXT, constraint_name TEXT, \
-         CONSTRAINT pk_gdc PRIMARY KEY (table_name, column_name), CONSTRAINT gdc_tn UNIQUE (table_name, name))",
-    )?;
-    extension(writer, &["gpkg_data_columns"], "gpkg_schema", "http://www.geopackage.org/spec121/#extension_schema")
-}
-
 /// The metadata extension with our lineage as JSON (OGC 12-128r15, F.8).
 pub fn lineage(writer: &mut Writer<'_>, lineage: &Lineage, timestamp: &str) -> Result<(), OutputError> {
     writer.sql(
@@ -37,7 +27,7 @@ pub fn lineage(writer: &mut Writer<'_>, lineage: &Lineage, timestamp: &str) -> R
          CONSTRAINT crmr_mpi_fk FOREIGN KEY (md_parent_id) REFERENCES gpkg_metadata(id))",
     )?;
     let tables = ["gpkg_metadata", "gpkg_metadata_reference"];
-    extension(writer, &tables, "gpkg_metadata", "http://www.geopackage.org/spec121/#extension_metadata")?;
+    writer.extension(&tables, "gpkg_metadata", "http://www.geopackage.org/spec121/#extension_metadata")?;
     let json = serde_json::to_string_pretty(lineage).unwrap_or_default();
     writer.sql(&format!(
         "INSERT INTO gpkg_metadata (id, md_scope, md_standard_uri, mime_type, metadata) \
@@ -72,25 +62,6 @@ pub fn styles(writer: &mut Writer<'_>, has_layer: impl Fn(&str) -> bool, timesta
             layer = text(layer),
             qml = text(qml),
             timestamp = text(timestamp),
-        ))?;
-    }
-    Ok(())
-}
-
-/// Registers tables with an extension of the standard.
-fn extension(writer: &mut Writer<'_>, tables: &[&str], name: &str, definition: &str) -> Result<(), OutputError> {
-    // GDAL makes this table only when it needs it itself.
-    writer.sql(
-        "CREATE TABLE IF NOT EXISTS gpkg_extensions (table_name TEXT, column_name TEXT, extension_name TEXT NOT NULL, \
-         definition TEXT NOT NULL, scope TEXT NOT NULL, CONSTRAINT ge_tce UNIQUE (table_name, column_name, extension_name))",
-    )?;
-    for table in tables {
-        writer.sql(&format!(
-            "INSERT INTO gpkg_extensions (table_name, column_name, extension_name, definition, scope) \
-             VALUES ({}, NULL, {}, {}, 'read-write')",
-            text(table),
-            text(name),
-            text(definition)
         ))?;
     }
     Ok(())

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 /// A photo's name without its extension; folders in the name stay.
-pub(super) fn stem(name: &str) -> &str {
+pub(crate) fn stem(name: &str) -> &str {
     match name.rsplit_once('.') {
         Some((stem, extension)) if !extension.contains('/') && !stem.is_empty() && !stem.ends_with('/') => stem,
         _ => name,
@@ -31,7 +31,7 @@ fn pieces(template: &str) -> Result<Vec<Piece<'_>>, String> {
 }
 
 /// Says what is wrong with a template.
-pub(super) fn check(template: &str) -> Result<(), String> {
+pub(crate) fn check(template: &str) -> Result<(), String> {
     for piece in pieces(template)? {
         match piece {
             Piece::Text(_) | Piece::Placeholder("name" | "stem" | "index") => {}
@@ -42,7 +42,7 @@ pub(super) fn check(template: &str) -> Result<(), String> {
 }
 
 /// The path for one photo; `None` if the template is wrong or asks for an index that the photo does not have.
-pub(super) fn fill(template: &str, name: &str, index: Option<usize>) -> Option<PathBuf> {
+pub(crate) fn fill(template: &str, name: &str, index: Option<usize>) -> Option<PathBuf> {
     let filled: Option<String> = pieces(template)
         .ok()?
         .into_iter()

@@ -1,0 +1,72 @@
+//! `sizeup footprints`: building outlines from nadir photos, as a stage of its own.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print_json};
+use crate::config::RunConfig;
+use crate::footprint::DetectionSummary;
+use crate::pipeline::{self, RunOptions, Stage};
+
+/// Arguments of `sizeup footprints`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:
+  sizeup footprints sizeup.toml
+  sizeup footprints sizeup.toml --set 'footprints={source=\"masks\", path=\"masks/{stem}.png\", kind=\"instance\"}'
+  sizeup run sizeup.toml --from heights       go on from the outlines to the heights
+
+The result is footprints.gpkg with the layers footprints and candidates, and one picture per nadir photo.")]
+pub struct FootprintsArgs {
+    /// Configuration file (TOML), as that of `sizeup run`; it needs no [prior] here.
+    pub config: PathBuf,
+    /// Set one key of the configuration, as in `--set footprints.consensus.snap_deg=0`. May be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub assignments: Vec<String>,
+    /// Folder of the results, in place of the configuration's.
+    #[arg(long, short, value_name = "FOLDER")]
+    pub output: Option<PathBuf>,
+}
+
+pub(super) fn run(args: &FootprintsArgs, global: &Global) -> Result<u8, Failure> {
+    let mut config = RunConfig::load_without_prior(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    if let Some(output) = &args.output {
+        config.project.output.clone_from(output);
+    }
+    let options = RunOptions {
+        from: Stage::Survey,
+        until: Stage::Footprints,
+        command: std::env::args().collect::<Vec<_>>().join(" "),
+    };
+    let ui = Ui::new(global);
+    let summary =
+        pipeline::run(&config, &options, &|event| ui.tell(event)).map_err(|e| Failure::new(e.exit_code(), &e))?;
+    ui.finish();
+    ui.say(format!("{} buildings in {}", summary.n_buildings, summary.output.display()));
+    if let Some(found) = &summary.detection {
+        tell_detection(&ui, found);
+    }
+    if summary.n_refused + summary.n_warnings > 0 {
+        ui.say(format!("{} items refused, {} warnings: see issues.json", summary.n_refused, summary.n_warnings));
+    }
+    if global.json {
+        print_json(&summary)?;
+    }
+    Ok(if summary.n_refused > 0 { EXIT_FAILED_ITEMS } else { 0 })
+}
+
+/// What was found in the nadir photos.
+pub(super) fn tell_detection(ui: &Ui, found: &DetectionSummary) {
+    ui.say(format!(
+        "from {} outlines in {} of {} nadir photos; left out: {} shown by too few photos, {} contradicted, {} too small",
+        found.n_candidates,
+        found.n_views - found.n_views_without,
+        found.n_views,
+        found.n_unsupported,
+        found.n_contradicted,
+        found.n_small
+    ));
+    for (change, n) in &found.by_change {
+        ui.say(format!("{n:>8} {}", change.as_str().replace('_', " ")));
+    }
+}

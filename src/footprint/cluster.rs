@@ -1,0 +1,353 @@
+//! Which candidates are the same building.
+//!
+//! Candidates are taken one after the other, complete ones before those that an image's border cuts off, heavier ones
+//! first. Each joins the cluster whose *first* member it overlaps most, if
+//!
+//! ```text
+//! IoU = area(c ∩ r) / area(c ∪ r) ≥ min_iou,    both within what the views of c and r can see,
+//! ```
+//!
+//! else it starts its own. Comparing with the first member only, never with the last to join, keeps row houses apart:
+//! a chain of small overlaps joins nothing. What the border cuts off is compared within its view's own ground, and
+//! parts of a building that no view shows whole add up to one.
+//!
+//! Clusters may contradict each other: a view that shows three row houses as one, another one that shows one hall as
+//! two. A cluster that others fill as its parts is dropped if half as many views have a border across it as show it
+//! whole, because segmenters merge more often than they split. Of the others the heavier wins; what is mostly covered
+//! by winners is dropped. A view that shows a house and its neighbours as one still says that there is a house.
+//! Everything is near-linear in the number of candidates: R-trees for who is near, a small raster per comparison.
+
+use geo::{Area as _, BooleanOps as _, Contains as _, InteriorPoint as _};
+use geo_types::MultiPolygon;
+use rayon::prelude::*;
+use rstar::primitives::{GeomWithData, Rectangle};
+use rstar::{AABB, RTree};
+
+use super::candidate::{Candidate, SeenGround, bounds, envelope, joint, shared_box_m2};
+use super::consensus::ConsensusConfig;
+use super::coverage::{Scratch, Window, cover};
+
+/// Cells of the raster that two shapes are compared on; more change the overlap by less than a hundredth.
+const COMPARE_CELLS: f64 = 900.0;
+/// Least overlap of two parts that may be the same building, m².
+const MIN_SHARED_M2: f64 = 1.0;
+/// Share of a cluster that winners must cover to drop it.
+const COVERED_SHARE: f64 = 0.5;
+/// Share of a shape from which on it lies within another one.
+const WITHIN_SHARE: f64 = 0.8;
+/// Share of a shape below which another one leaves it alone.
+const APART_SHARE: f64 = 0.15;
+/// Share of a cluster that its parts must fill to be all of it.
+const FILLED_SHARE: f64 = 0.6;
+/// Views that must tell a cluster's parts apart, per view that does not: segmenters merge more often than they split.
+const SPLIT_SHARE: f64 = 0.5;
+
+/// A building with the candidates that show it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Cluster {
+    /// Its first candidate; all parts together where no view shows it whole.
+    pub shape: MultiPolygon<f64>,
+    /// Positions of its candidates, in the order in which they joined.
+    pub members: Vec<usize>,
+    /// How many views see the place.
+    pub n_seen: usize,
+    /// How many of them show it.
+    pub n_views: usize,
+    area_m2: f64,
+    bounds: ([f64; 2], [f64; 2]),
+    /// What its views see of it, where none sees it whole.
+    seen: Option<MultiPolygon<f64>>,
+}
+
+impl Cluster {
+    /// The same with other candidates.
+    pub(super) fn with_members(mut self, members: Vec<usize>, n_views: usize) -> Self {
+        (self.members, self.n_views) = (members, n_views);
+        self
+    }
+
+    /// Of candidates that are known to be one building; the heaviest whole one is its shape.
+    pub(super) fn of(members: &[usize], candidates: &[Candidate]) -> Self {
+        let worth = |&m: &usize| (!candidates[m].is_cut, candidates[m].weight * f64::from(candidates[m].score));
+        let best = members.iter().copied().max_by(|a, b| {
+            let (x, y) = (worth(a), worth(b));
+            x.0.cmp(&y.0).then(x.1.total_cmp(&y.1)).then(b.cmp(a))
+        });
+        let shape = best.map_or_else(|| MultiPolygon::new(Vec::new()), |m| candidates[m].shape.clone());
+        let (area_m2, box_of_it) = (shape.unsigned_area(), bounds(&shape).unwrap_or_default());
+        let (members, n_views) = (members.to_vec(), members.len());
+        Self { shape, members, n_seen: n_views, n_views, area_m2, bounds: box_of_it, seen: None }
+    }
+}
+
+/// Why candidates are in no building.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Dropped {
+    /// Clusters that better supported ones contradict.
+    pub n_contradicted: usize,
+    /// Clusters that too few of the views show that see their place.
+    pub n_unsupported: usize,
+}
+
+type Tree = RTree<GeomWithData<Rectangle<[f64; 2]>, usize>>;
+
+fn entry(bounds: ([f64; 2], [f64; 2]), i: usize) -> GeomWithData<Rectangle<[f64; 2]>, usize> {
+    GeomWithData::new(Rectangle::from_aabb(envelope(bounds)), i)
+}
+
+/// Positions of what a box touches, in order.
+fn near(tree: &Tree, envelope: &AABB<[f64; 2]>) -> Vec<usize> {
+    let mut found: Vec<usize> = tree.locate_in_envelope_intersecting(envelope).map(|e| e.data).collect();
+    found.sort_unstable();
+    found.dedup();
+    found
+}
+
+/// Compares shapes on a small raster.
+#[derive(Default)]
+struct Comparer {
+    scratch: Scratch,
+    a: Vec<f32>,
+    b: Vec<f32>,
+    seen: Vec<f32>,
+}
+
+/// What two shapes share and cover together, m².
+struct Overlap {
+    shared_m2: f64,
+    joint_m2: f64,
+}
+
+impl Comparer {
+    fn overlap(
+        &mut self,
+        a: &MultiPolygon<f64>,
+        b: &MultiPolygon<f64>,
+        bounds: ([f64; 2], [f64; 2]),
+        seen: &[&MultiPolygon<f64>],
+    ) -> Overlap {
+        let size = [bounds.1[0] - bounds.0[0], bounds.1[1] - bounds.0[1]];
+        let cell_m = (size[0] * size[1] / COMPARE_CELLS).sqrt().max(0.05);
+        let window = Window::around(bounds.0, bounds.1, cell_m, 0);
+        cover(a, &window, &mut self.scratch, &mut self.a);
+        cover(b, &window, &mut self.scratch, &mut self.b);
+        for area in seen {
+            cover(area, &window, &mut self.scratch, &mut self.seen);
+            for i in 0..self.seen.len() {
+                self.a[i] *= self.seen[i];
+                self.b[i] *= self.seen[i];
+            }
+        }
+        let (mut shared, mut all) = (0.0_f64, 0.0_f64);
+        for (&x, &y) in self.a.iter().zip(&self.b) {
+            shared += f64::from(x.min(y));
+            all += f64::from(x.max(y));
+        }
+        let cell_m2 = cell_m * cell_m;
+        Overlap { shared_m2: shared * cell_m2, joint_m2: all * cell_m2 }
+    }
+}
+
+/// Groups candidates into buildings; clusters come in a fixed order.
+pub(super) fn cluster(
+    candidates: &[Candidate],
+    seen: &[SeenGround],
+    config: &ConsensusConfig,
+) -> (Vec<Cluster>, Dropped) {
+    let mut clusters = gather(candidates, seen, config);
+    count_views(&mut clusters, candidates, seen);
+    let contest = Contest::of(&clusters, candidates);
+    let is_supported: Vec<bool> = (0..clusters.len())
+        .map(|i| contest.supporters(i).len() as f64 >= config.min_support * clusters[i].n_seen as f64)
+        .collect();
+    let is_winner = contest.winners(&is_supported);
+    let n_unsupported = is_supported.iter().filter(|s| !**s).count();
+    let n_contradicted = clusters.len() - n_unsupported - is_winner.iter().filter(|w| **w).count();
+    let mut keep = is_winner.into_iter();
+    clusters.retain(|_| keep.next().unwrap_or(false));
+    (clusters, Dropped { n_contradicted, n_unsupported })
+}
+
+fn gather(candidates: &[Candidate], seen: &[SeenGround], config: &ConsensusConfig) -> Vec<Cluster> {
+    let mut order: Vec<usize> = (0..candidates.len()).collect();
+    let worth = |c: &Candidate| c.weight * f64::from(c.score);
+    order.sort_by(|&a, &b| {
+        let (x, y) = (&candidates[a], &candidates[b]);
+        x.is_cut.cmp(&y.is_cut).then(worth(y).total_cmp(&worth(x))).then(a.cmp(&b))
+    });
+    let mut clusters: Vec<Cluster> = Vec::new();
+    let mut tree = Tree::new();
+    let mut comparer = Comparer::default();
+    for i in order {
+        let candidate = &candidates[i];
+        let Some(own_bounds) = bounds(&candidate.shape) else { continue };
+        let area_m2 = candidate.shape.unsigned_area();
+        let own_seen = candidate.is_cut.then(|| MultiPolygon::new(vec![seen[candidate.view].area.clone()]));
+        let mut best: Option<(usize, f64)> = None;
+        for at in near(&tree, &envelope(own_bounds)) {
+            let cluster = &clusters[at];
+            let larger_m2 = area_m2.max(cluster.area_m2);
+            let is_whole = own_seen.is_none() && cluster.seen.is_none();
+            let most_m2 = shared_box_m2(own_bounds, cluster.bounds).min(area_m2).min(cluster.area_m2);
+            if (is_whole && most_m2 < config.min_iou * larger_m2) || most_m2 < MIN_SHARED_M2.min(0.5 * area_m2) {
+                continue;
+            }
+            let limits: Vec<&MultiPolygon<f64>> = own_seen.iter().chain(&cluster.seen).collect();
+            let box_of_both = joint(own_bounds, cluster.bounds);
+            let found = comparer.overlap(&candidate.shape, &cluster.shape, box_of_both, &limits);
+            let iou = found.shared_m2 / found.joint_m2.max(1e-9);
+            let is_enough = found.shared_m2 >= MIN_SHARED_M2.min(0.5 * area_m2);
+            if is_enough && iou >= config.min_iou && best.is_none_or(|(_, b)| iou > b) {
+                best = Some((at, iou));
+            }
+        }
+        let Some((at, _)) = best else {
+            tree.insert(entry(own_bounds, clusters.len()));
+            clusters.push(Cluster {
+                shape: candidate.shape.clone(),
+                members: vec![i],
+                n_seen: 0,
+                n_views: 0,
+                area_m2,
+                bounds: own_bounds,
+                seen: own_seen,
+            });
+            continue;
+        };
+        let cluster = &mut clusters[at];
+        cluster.members.push(i);
+        // Of what no view shows whole, the parts add up.
+        if let (Some(cluster_seen), Some(own_seen)) = (&mut cluster.seen, own_seen) {
+            *cluster_seen = cluster_seen.union(&own_seen);
+            cluster.shape = cluster.shape.union(&candidate.shape);
+            cluster.area_m2 = cluster.shape.unsigned_area();
+            cluster.bounds = joint(cluster.bounds, own_bounds);
+            tree.insert(entry(cluster.bounds, at));
+        }
+    }
+    clusters
+}
+
+/// How well each cluster's candidates fit its shape: the sum of their intersections over union, so that more candidates
+/// and closer ones both count.
+pub(super) fn fits(clusters: &[Cluster], candidates: &[Candidate]) -> Vec<f64> {
+    let fit = |comparer: &mut Comparer, cluster: &Cluster| {
+        let iou = |&m: &usize| {
+            let candidate = &candidates[m];
+            let Some(own) = bounds(&candidate.shape) else { return 0.0 };
+            let found = comparer.overlap(&candidate.shape, &cluster.shape, joint(own, cluster.bounds), &[]);
+            found.shared_m2 / found.joint_m2.max(1e-9)
+        };
+        cluster.members.iter().map(iou).sum()
+    };
+    clusters.par_iter().map_init(Comparer::default, fit).collect()
+}
+
+/// How many views see each cluster's place, and how many show it.
+fn count_views(clusters: &mut [Cluster], candidates: &[Candidate], seen: &[SeenGround]) {
+    let boxes = seen.iter().enumerate().filter_map(|(i, s)| {
+        let (low, high) = bounds(&MultiPolygon::new(vec![s.area.clone()]))?;
+        Some(entry((low, high), i))
+    });
+    let tree = Tree::bulk_load(boxes.collect());
+    clusters.par_iter_mut().for_each(|cluster| {
+        let mut views: Vec<usize> = cluster.members.iter().map(|&m| candidates[m].view).collect();
+        views.sort_unstable();
+        views.dedup();
+        cluster.n_views = views.len();
+        let sees = |view: &usize, at: &geo_types::Point<f64>| seen[*view].area.contains(at);
+        if let Some(at) = cluster.shape.interior_point() {
+            let point = AABB::from_point([at.x(), at.y()]);
+            views.extend(near(&tree, &point).iter().filter(|view| sees(view, &at)));
+        }
+        views.sort_unstable();
+        views.dedup();
+        cluster.n_seen = views.len();
+    });
+}
+
+/// Clusters that claim the same ground.
+struct Contest<'a> {
+    clusters: &'a [Cluster],
+    /// Sum of the candidates' weights.
+    weight: Vec<f64>,
+    /// Views that show each cluster, sorted.
+    views: Vec<Vec<usize>>,
+    /// Who overlaps whom, and by how much, m².
+    overlaps: Vec<Vec<(usize, f64)>>,
+}
+
+impl<'a> Contest<'a> {
+    fn of(clusters: &'a [Cluster], candidates: &[Candidate]) -> Self {
+        let tree = Tree::bulk_load(clusters.iter().enumerate().map(|(i, c)| entry(c.bounds, i)).collect());
+        let overlaps = |comparer: &mut Comparer, i: usize| {
+            let cluster = &clusters[i];
+            let others = near(&tree, &envelope(cluster.bounds)).into_iter().filter(|&j| j != i);
+            let overlap = |j: usize| {
+                let other = &clusters[j];
+                let least_m2 = 0.05 * cluster.area_m2.min(other.area_m2);
+                if shared_box_m2(cluster.bounds, other.bounds) < least_m2 {
+                    return None;
+                }
+                let both = joint(cluster.bounds, other.bounds);
+                let shared_m2 = comparer.overlap(&cluster.shape, &other.shape, both, &[]).shared_m2;
+                (shared_m2 > least_m2).then_some((j, shared_m2))
+            };
+            others.filter_map(overlap).collect()
+        };
+        let members = |c: &'a Cluster| c.members.iter().map(|&m| &candidates[m]);
+        Self {
+            weight: clusters.iter().map(|c| members(c).map(|m| m.weight * f64::from(m.score)).sum()).collect(),
+            views: clusters.iter().map(|c| distinct(members(c).map(|m| m.view))).collect(),
+            overlaps: (0..clusters.len()).into_par_iter().map_init(Comparer::default, overlaps).collect(),
+            clusters,
+        }
+    }
+
+    /// Views that show something over all of a cluster: itself, or it and its neighbours as one.
+    fn supporters(&self, i: usize) -> Vec<usize> {
+        let covers = |(_, shared_m2): &&(usize, f64)| *shared_m2 >= WITHIN_SHARE * self.clusters[i].area_m2;
+        let others = self.overlaps[i].iter().filter(covers).flat_map(|(j, _)| &self.views[*j]);
+        distinct(self.views[i].iter().chain(others).copied())
+    }
+
+    /// Whether several buildings were taken for one: parts fill it, and enough views have a border across it.
+    fn is_merged(&self, i: usize, is_supported: &[bool]) -> bool {
+        let area_m2 = self.clusters[i].area_m2;
+        let is_part = |&&(j, shared_m2): &&(usize, f64)| {
+            is_supported[j]
+                && shared_m2 >= WITHIN_SHARE * self.clusters[j].area_m2
+                && shared_m2 < WITHIN_SHARE * area_m2
+        };
+        let parts: Vec<f64> = self.overlaps[i].iter().filter(is_part).map(|&(_, m2)| m2).collect();
+        if parts.len() < 2 || parts.iter().sum::<f64>() < FILLED_SHARE * area_m2 {
+            return false;
+        }
+        let cuts = |&&(j, shared_m2): &&(usize, f64)| {
+            let share = shared_m2 / area_m2;
+            self.clusters[j].seen.is_none() && share > APART_SHARE && share < WITHIN_SHARE
+        };
+        let against = self.overlaps[i].iter().filter(cuts).flat_map(|(j, _)| &self.views[*j]);
+        distinct(against.copied()).len() as f64 >= SPLIT_SHARE * self.supporters(i).len() as f64
+    }
+
+    /// Which clusters stand.
+    fn winners(&self, is_supported: &[bool]) -> Vec<bool> {
+        let mut order: Vec<usize> = (0..self.clusters.len()).filter(|&i| is_supported[i]).collect();
+        order.retain(|&i| !self.is_merged(i, is_supported));
+        order.sort_by(|&a, &b| self.weight[b].total_cmp(&self.weight[a]).then(a.cmp(&b)));
+        let mut is_winner = vec![false; self.clusters.len()];
+        for i in order {
+            let won = self.overlaps[i].iter().filter(|(j, _)| is_winner[*j]).map(|(_, m2)| m2).sum::<f64>();
+            is_winner[i] = won <= COVERED_SHARE * self.clusters[i].area_m2;
+        }
+        is_winner
+    }
+}
+
+fn distinct(values: impl Iterator<Item = usize>) -> Vec<usize> {
+    let mut values: Vec<usize> = values.collect();
+    values.sort_unstable();
+    values.dedup();
+    values
+}

@@ -1,0 +1,132 @@
+//! The footprints stage: outlines from a layer, or found in the nadir photos, and the ground under each.
+
+use std::path::PathBuf;
+
+use glam::DVec2;
+
+use super::stages::load_terrain;
+use super::{FootprintStage, HeightStage, PipelineError, pictures};
+use crate::config::RunConfig;
+use crate::footprint::{
+    self, Detection, FootprintSource, MaskFiles, OutlineKind, OutlineSource, Segmenter, WriteFootprintsError,
+};
+use crate::survey::{Survey, View, ViewKind};
+use crate::terrain::{self, MapBox, Terrain, ground_under};
+
+/// Movement below which roofs count as settled, metres.
+const SETTLED_M: f64 = 0.02;
+
+/// Reads or finds the outlines.
+pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStage, Terrain), PipelineError> {
+    let source: Box<dyn OutlineSource> = match &config.footprints {
+        FootprintSource::Layer(layer) => {
+            let layer = footprint::read(layer, &config.project.crs)?;
+            let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
+            return Ok((on_ground(config, layer, &terrain), terrain));
+        }
+        FootprintSource::Masks(masks) => Box::new(MaskFiles::new(masks.clone())?),
+        FootprintSource::Network(network) => Box::new(Segmenter::new(network.clone())?),
+    };
+    let Some(settings) = config.footprints.detection() else {
+        unreachable!("masks and networks have detection settings");
+    };
+    let terrain = terrain_of_views(config, survey)?;
+    let mut found = footprint::detect(source.as_ref(), &survey.views, &terrain, settings, &config.project.crs)?;
+    write(config, &found, survey)?;
+    if config.output.pictures {
+        pictures::footprints(&config.project.output, &found, survey, &terrain)?;
+    }
+    let mut stage = on_ground(config, std::mem::take(&mut found.layer), &terrain);
+    stage.tracks = found.tracks;
+    stage.detection = Some(found.summary);
+    Ok((stage, terrain))
+}
+
+fn write(config: &RunConfig, found: &Detection, survey: &Survey) -> Result<(), PipelineError> {
+    let path = config.project.output.join("footprints.gpkg");
+    footprint::write(&path, found, &survey.views, &config.project.crs).map_err(|e| match e {
+        WriteFootprintsError::Gpkg(e) => PipelineError::Output(e.into()),
+        WriteFootprintsError::File(e) => PipelineError::File(e),
+    })
+}
+
+fn on_ground(config: &RunConfig, layer: footprint::FootprintLayer, terrain: &Terrain) -> FootprintStage {
+    let (ground, issues): (Vec<_>, Vec<_>) =
+        layer.footprints.iter().map(|f| ground_under(terrain, &f.id, &f.polygon, config.ground)).unzip();
+    let issues = issues.into_iter().flatten().collect();
+    FootprintStage { layer, ground, issues, tracks: None, detection: None }
+}
+
+/// The terrain that the nadir views see.
+fn terrain_of_views(config: &RunConfig, survey: &Survey) -> Result<Terrain, PipelineError> {
+    let nadir = || survey.views.iter().filter(|v| v.kind() == ViewKind::Nadir);
+    let centres = nadir().map(|v| v.camera_from_map.centre()).map(|c| (c.x, c.y));
+    let Some(below) = MapBox::around(centres) else { return Ok(Terrain::Constant(0.0)) };
+    let first = terrain::load(&config.terrain, &config.project.crs, below)?;
+    let (Terrain::Grid(_), Some((low, _))) = (&first, first.range()) else { return Ok(first) };
+    // Where the images' corners meet the lowest ground under the cameras.
+    let corners = nadir().flat_map(|view| corners_on(view, low));
+    let Some(seen) = MapBox::around(corners) else { return Ok(first) };
+    Ok(terrain::load(&config.terrain, &config.project.crs, seen)?)
+}
+
+fn corners_on(view: &View, level_m: f64) -> Vec<(f64, f64)> {
+    let (width, height) = (f64::from(view.camera.width_px), f64::from(view.camera.height_px));
+    let corners = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)];
+    let level = Terrain::Constant(level_m);
+    let meets = |(x, y): (f64, f64)| {
+        let ray = view.camera.unproject(DVec2::new(x, y))?;
+        let direction = view.camera_from_map.rotation.transpose() * ray;
+        level.meets(view.camera_from_map.centre(), direction).map(|p| (p.x, p.y))
+    };
+    corners.into_iter().filter_map(meets).collect()
+}
+
+/// Whether roof outlines wait for heights, and how often they may be moved.
+pub(super) fn roof_rounds(config: &RunConfig, footprints: &FootprintStage) -> usize {
+    match config.footprints.detection() {
+        Some(settings) if settings.outline == OutlineKind::Roof && footprints.tracks.is_some() => {
+            settings.consensus.roof_rounds
+        }
+        _ => 0,
+    }
+}
+
+/// Moves roof outlines to the heights found; whether any of them moved.
+pub(super) fn move_roofs(
+    config: &RunConfig,
+    survey: &Survey,
+    footprints: &mut FootprintStage,
+    heights: &HeightStage,
+) -> Result<bool, PipelineError> {
+    let (Some(settings), Some(tracks)) = (config.footprints.detection(), &footprints.tracks) else { return Ok(false) };
+    let mut roof_z_m = vec![None; footprints.layer.footprints.len()];
+    for (&at, solved) in heights.solved.iter().zip(&heights.solution.heights) {
+        let ground = footprints.ground[at];
+        roof_z_m[at] = ground.zip(solved.height_m).map(|(g, h)| g.reference_m + h);
+    }
+    let moved = footprint::move_roofs(&mut footprints.layer, tracks, &roof_z_m, &survey.views, settings);
+    let terrain = load_terrain(config, footprints.layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
+    let layer = std::mem::take(&mut footprints.layer);
+    let fresh = on_ground(config, layer, &terrain);
+    (footprints.layer, footprints.ground, footprints.issues) = (fresh.layer, fresh.ground, fresh.issues);
+    Ok(moved.iter().any(|m| *m > SETTLED_M))
+}
+
+/// The files that outlines come from, for the lineage.
+pub(super) fn files(config: &RunConfig, survey: &Survey) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = config.footprints.file().into_iter().collect();
+    if let FootprintSource::Network(network) = &config.footprints {
+        files.extend(network.backbones.values().cloned());
+    }
+    if let FootprintSource::Masks(masks) = &config.footprints
+        && let Ok(masks) = MaskFiles::new(masks.clone())
+    {
+        let nadir = survey.views.iter().filter(|v| v.kind() == ViewKind::Nadir);
+        files.extend(nadir.filter_map(|view| masks.file_of(view)));
+    }
+    if let Some(cadastre) = config.footprints.detection().and_then(|d| d.cadastre) {
+        files.push(cadastre.layer.path.clone());
+    }
+    files
+}
