@@ -13,7 +13,8 @@
 //!    [`scene`] ([`render`]) and compared with the [`prior`] for any height ([`ordinal`] and the local search).
 //! 4. [`output`]: `CityJSON`, `GeoPackage`, issues, lineage and pictures.
 //!
-//! [`simulate`] makes input with known truth; [`evaluate`] compares a result with a truth.
+//! [`simulate`] makes input with known truth; [`evaluate`] compares a result with a truth; [`baseline`] holds the
+//! yardsticks; [`benchmark`] runs all of them and writes the tables of the documentation.
 //!
 //! # Frames
 //! | frame | axes | unit, type |
@@ -70,11 +71,14 @@ pub mod views;
 
 pub mod optimise;
 
+pub mod baseline;
 pub mod evaluate;
 pub mod output;
 pub mod simulate;
 
 pub mod config;
 pub mod pipeline;
+
+pub mod benchmark;
 
 pub mod cli;

@@ -3,6 +3,7 @@
 //! stdout is data (tables, JSON), stderr is talk. Exit codes: 0 ok, 2 usage or configuration, 3 bad input, 4 failed,
 //! 5 finished with failed items.
 
+mod benchmark;
 mod demo;
 mod evaluate;
 mod export;
@@ -75,6 +76,8 @@ pub enum Command {
     Simulate(simulate::SimulateArgs),
     /// Compare a result with a reference and print how far off it is.
     Evaluate(evaluate::EvaluateArgs),
+    /// Measure accuracy and speed on simulated scenes, every method on each, and write the tables.
+    Benchmark(benchmark::BenchmarkArgs),
     /// Simulate a small town, find its heights, evaluate and picture them.
     Demo(demo::DemoArgs),
     /// Print the JSON Schema of a configuration file.
@@ -136,6 +139,7 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Export(args) => export::run(args, &cli.global),
         Command::Simulate(args) => simulate::run(args, &cli.global),
         Command::Evaluate(args) => evaluate::run(args, &cli.global),
+        Command::Benchmark(args) => benchmark::run(args, &cli.global),
         Command::Demo(args) => demo::run(args, &cli.global),
         Command::Schema(args) => schema::run(args),
     }

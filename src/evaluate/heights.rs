@@ -122,7 +122,7 @@ pub fn evaluate_heights(
     let known_groups: std::collections::BTreeSet<&str> = buildings.iter().filter_map(|b| b.group.as_deref()).collect();
     let statuses = [Status::Measured, Status::Doubtful, Status::Fallback, Status::Unknown, Status::Refused];
     let group = |name: &str, belongs: &dyn Fn(&BuildingError) -> bool| {
-        let statistics = statistics_of(buildings.iter().filter(|b| belongs(b)))?;
+        let statistics = HeightStatistics::of_buildings(buildings.iter().filter(|b| belongs(b)))?;
         Some(GroupStatistics { group: name.to_owned(), statistics })
     };
     Ok(HeightEvaluation {
@@ -130,7 +130,7 @@ pub fn evaluate_heights(
         min_overlap_share: options.min_overlap_share,
         min_truth_height_m: options.min_truth_height_m,
         counts,
-        all: statistics_of(buildings.iter()),
+        all: HeightStatistics::of_buildings(buildings.iter()),
         by_status: statuses.iter().filter_map(|s| group(s.as_str(), &|b| b.status == *s)).collect(),
         by_group: known_groups.iter().filter_map(|g| group(g, &|b| b.group.as_deref() == Some(g))).collect(),
         definitions: DEFINITIONS.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect(),
@@ -198,8 +198,11 @@ fn compare(
     (counts, compared)
 }
 
-fn statistics_of<'a>(buildings: impl Iterator<Item = &'a BuildingError>) -> Option<HeightStatistics> {
-    let pairs: Vec<HeightPair> =
-        buildings.map(|b| HeightPair { height_m: b.height_m, truth_m: b.truth_m, sigma_m: b.sigma_m }).collect();
-    HeightStatistics::of(&pairs)
+impl HeightStatistics {
+    /// Over compared buildings, of one evaluation or of several; `None` for none.
+    pub fn of_buildings<'a>(buildings: impl Iterator<Item = &'a BuildingError>) -> Option<Self> {
+        let pairs: Vec<HeightPair> =
+            buildings.map(|b| HeightPair { height_m: b.height_m, truth_m: b.truth_m, sigma_m: b.sigma_m }).collect();
+        Self::of(&pairs)
+    }
 }

@@ -8,13 +8,13 @@ use geo_types::Polygon;
 
 use super::input::{check_settings, check_views, height_bounds};
 use super::records::records;
-use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Stage, Tell};
+use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
 use super::{artefact, pictures, soundness};
 use crate::config::RunConfig;
 use crate::files::{FileError, write_whole};
 use crate::footprint;
 use crate::issue::{Issue, Severity, Subject};
-use crate::optimise::{Problem, Solution, ViewInput, solve};
+use crate::optimise::{Problem, Solution, ViewInput};
 use crate::output::{BuildingRecord, CityModel, InputFile, Lineage, cityjson, geopackage, sha256_hex};
 use crate::prior::{PriorSource as _, Priors};
 use crate::render::PlacedCamera;
@@ -26,7 +26,12 @@ use crate::terrain::{self, GroundLevel, MapBox, Terrain, ground_under};
 /// building of greatest height reach the ground 1.7 heights behind it.
 const GROUND_MARGIN_HEIGHTS: f64 = 2.0;
 
-pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> Result<RunSummary, PipelineError> {
+pub(super) fn run(
+    config: &RunConfig,
+    options: &RunOptions,
+    tell: Tell<'_>,
+    solver: Solver<'_>,
+) -> Result<RunSummary, PipelineError> {
     if options.from > options.until {
         return Err(PipelineError::Settings {
             table: "run",
@@ -78,7 +83,7 @@ pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> R
     let stage = SceneStage::new(config, &survey, &footprints)?;
     let heights: HeightStage = if runs(Stage::Heights) {
         tell(Event::Stage(Stage::Heights));
-        let heights = find_heights(config, &survey, &stage, tell)?;
+        let heights = find_heights(config, &survey, &stage, tell, solver)?;
         artefact::write(config, Stage::Heights, &heights)?;
         timed(Stage::Heights, start);
         heights
@@ -180,6 +185,7 @@ fn find_heights(
     survey: &Survey,
     stage: &SceneStage,
     tell: Tell<'_>,
+    solver: Solver<'_>,
 ) -> Result<HeightStage, PipelineError> {
     let views: Vec<ViewInput> = survey
         .views
@@ -198,7 +204,7 @@ fn find_heights(
         let view = &survey.views[view];
         priors.load(view).map(|prior| prior.to_z_depth(&view.camera)).map_err(|e| e.to_string())
     };
-    let solution = solve(
+    let solution = solver(
         &Problem {
             scene: &stage.scene,
             views: &views,

@@ -1,5 +1,6 @@
 //! Behaviour of sizeup seen from outside, one module per topic.
 
+mod benchmark;
 mod cli;
 mod determinism;
 mod evaluation;
