@@ -54,6 +54,7 @@ pub mod seed;
 pub mod stats;
 
 pub mod camera;
+pub mod cloud;
 pub mod crs;
 pub mod geodata;
 pub mod onnx;

@@ -15,6 +15,9 @@ use crate::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind};
 /// Errors above this that carry no flag are counted, metres.
 const GROSS_M: f64 = 5.0;
 
+/// Places tried per building for the point cloud; about a fifth becomes a point on a building.
+const POINTS_PER_BUILDING: usize = 3000;
+
 /// Which scenes make up the matrix.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -43,7 +46,7 @@ impl Default for AccuracyConfig {
             seeds: vec![1, 2, 3, 4, 5],
             towns: vec![TownKind::Village, TownKind::District, TownKind::Downtown],
             levels: vec![PriorLevel::Clean, PriorLevel::Mid, PriorLevel::High, PriorLevel::Bleed],
-            methods: Method::ALL.to_vec(),
+            methods: Method::MAIN.to_vec(),
             n_buildings: 40,
             n_views: 60,
             image_px: [448, 336],
@@ -88,11 +91,16 @@ impl AccuracyConfig {
         simulate.prior.level = cell.level;
         simulate.prior.longest_px = self.image_px[0].max(self.image_px[1]);
         simulate.images.enabled = false;
+        if self.methods.iter().any(|m| m.needs_points()) {
+            simulate.points.per_view = POINTS_PER_BUILDING * self.n_buildings / self.n_views.max(1);
+        }
         SceneJob {
             name: format!("{}-{}-seed{}", word(&cell.town), word(&cell.level), cell.seed),
             simulate,
             methods: self.methods.clone(),
             assignments: vec![format!("optimise.working_px={}", self.image_px[0].max(self.image_px[1]))],
+            paper_assignments: Vec::new(),
+            with_bodies: false,
         }
     }
 }

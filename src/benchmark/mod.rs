@@ -3,17 +3,21 @@
 //! | suite | scenes | table |
 //! |---|---|---|
 //! | [`accuracy`] | seeds × towns × levels of prior errors | `accuracy.md` |
+//! | [`paper`] | as the paper's seven scenes, small scenes, a flight without a grid | `paper.md` |
 //!
 //! A suite leaves one file per scene and method behind. A run that was stopped goes on where it was; a file is made anew
 //! if the scene's or the method's settings changed. That the *program* changed is not noticed: see [`Plan::again`].
 
 pub mod accuracy;
+mod bodies;
 mod method;
+pub mod paper;
 mod scene;
 
 use std::path::{Path, PathBuf};
 
-pub use method::Method;
+pub use bodies::BodyScores;
+pub use method::{Aids, Answer, Method};
 pub use scene::{Outcome, SceneJob, run_scene};
 
 use crate::config::ConfigError;
@@ -80,6 +84,17 @@ pub enum BenchmarkError {
         /// Why.
         source: PipelineError,
     },
+    /// A scene that no suite has.
+    #[error("unknown scene {name:?}\nhint: the scenes are {known}")]
+    UnknownScene {
+        /// What was asked for.
+        name: String,
+        /// All names.
+        known: String,
+    },
+    /// A point cloud could not be read.
+    #[error(transparent)]
+    Cloud(#[from] crate::cloud::CloudError),
     /// A result could not be read back.
     #[error(transparent)]
     Read(#[from] ReadError),

@@ -1,15 +1,21 @@
 //! One scene: simulate it where some outcome is missing, run the methods, keep one small file per method.
 
+use std::cell::{Cell, RefCell};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::bodies::{BodyScores, score, true_bodies};
+use super::method::Aids;
 use super::{BenchmarkError, Method, Plan};
+use crate::cloud;
 use crate::config::RunConfig;
 use crate::evaluate::read::{TruthOptions, read_results, read_truth};
-use crate::evaluate::{HeightEvaluation, HeightOptions, evaluate_heights};
+use crate::evaluate::solid::Solid;
+use crate::evaluate::{HeightEvaluation, HeightOptions, TruthBuilding, evaluate_heights};
 use crate::files::{FileError, write_whole};
+use crate::optimise::{OptimiseConfig, Problem};
 use crate::output::sha256_hex;
 use crate::pipeline::{RunOptions, RunSummary, Stage, run_with};
 use crate::simulate::{SimulateConfig, simulate};
@@ -25,6 +31,17 @@ pub struct SceneJob {
     pub methods: Vec<Method>,
     /// `table.key=value` settings of the runs, on top of the scene's own.
     pub assignments: Vec<String>,
+    /// Settings of the `paper` method's runs only.
+    pub paper_assignments: Vec<String>,
+    /// Whether bodies are compared with the true ones too.
+    pub with_bodies: bool,
+}
+
+impl SceneJob {
+    fn assignments_of(&self, method: Method) -> Vec<String> {
+        let own = if method == Method::Paper { &*self.paper_assignments } else { &[] };
+        self.assignments.iter().chain(own).cloned().collect()
+    }
 }
 
 /// What a method achieved on a scene.
@@ -48,6 +65,9 @@ pub struct Outcome {
     pub heights_s: f64,
     /// Processor seconds of the whole run in user mode, all threads; `None` where the system does not tell.
     pub user_s: Option<f64>,
+    /// Bodies against the true ones, where that was asked for.
+    #[serde(default)]
+    pub bodies: Option<BodyScores>,
 }
 
 /// The outcomes of a scene, in the order of its methods; from files where they are there and still hold.
@@ -84,7 +104,13 @@ pub fn run_scene(job: &SceneJob, plan: &Plan, tell: &dyn Fn(&str)) -> Result<Vec
 }
 
 fn settings_sha256(job: &SceneJob, method: Method) -> String {
-    let parts = serde_json::json!([env!("CARGO_PKG_VERSION"), job.simulate, job.assignments, method]);
+    let parts = serde_json::json!([
+        env!("CARGO_PKG_VERSION"),
+        job.simulate,
+        job.assignments_of(method),
+        job.with_bodies,
+        method
+    ]);
     sha256_hex(parts.to_string().as_bytes())
 }
 
@@ -117,7 +143,7 @@ fn run_method(
     folder: &Path,
     settings_sha256: String,
 ) -> Result<Outcome, BenchmarkError> {
-    let mut config = RunConfig::load(&folder.join("sizeup.toml"), &job.assignments)
+    let mut config = RunConfig::load(&folder.join("sizeup.toml"), &job.assignments_of(method))
         .map_err(|source| BenchmarkError::Config { scene: job.name.clone(), source })?;
     method.configure(&mut config);
     config.output.pictures = false;
@@ -127,11 +153,15 @@ fn run_method(
         until: Stage::Output,
         command: format!("sizeup benchmark: {} by {}", job.name, method.name()),
     };
-    let n_selected = std::cell::Cell::new(0);
-    let solver = |problem: &crate::optimise::Problem<'_>, config: &crate::optimise::OptimiseConfig| {
-        let solution = method.solve(problem, config);
-        n_selected.set(solution.history.last().map_or(0, |epoch| epoch.n_selected));
-        solution
+    let crs = config.project.crs.clone();
+    let truth = read_truth(&folder.join("truth.geojson"), &TruthOptions::default(), &crs)?;
+    let aids = aids(method, folder, &truth.buildings)?;
+    let (n_selected, own_bodies) = (Cell::new(0), RefCell::new(None));
+    let solver = |problem: &Problem<'_>, config: &OptimiseConfig| {
+        let answer = method.answer(problem, config, &aids);
+        n_selected.set(answer.solution.history.last().map_or(0, |epoch| epoch.n_selected));
+        own_bodies.replace(answer.bodies);
+        answer.solution
     };
     let user_before = user_seconds();
     let summary = run_with(&config, &options, &|_| {}, &solver).map_err(|source| BenchmarkError::Run {
@@ -140,9 +170,14 @@ fn run_method(
         source,
     })?;
     let user_s = user_seconds().zip(user_before).map(|(after, before)| after - before);
-    let crs = &config.project.crs;
-    let results = read_results(&config.project.output.join("city.city.json"), crs)?;
-    let truth = read_truth(&folder.join("truth.geojson"), &TruthOptions::default(), crs)?;
+    let results = read_results(&config.project.output.join("city.city.json"), &crs)?;
+    let bodies = if job.with_bodies {
+        let extruded = || results.iter().filter_map(Solid::of_record).collect::<Vec<Solid>>();
+        let own = own_bodies.take().unwrap_or_else(extruded);
+        Some(score(&own, &true_bodies(&job.name, &job.simulate)?, job.simulate.seed))
+    } else {
+        None
+    };
     Ok(Outcome {
         scene: job.name.clone(),
         method,
@@ -153,7 +188,14 @@ fn run_method(
         n_used: summary.n_used_views,
         heights_s: seconds_of(&summary, Stage::Heights),
         user_s,
+        bodies,
     })
+}
+
+/// What the method needs beside priors.
+fn aids(method: Method, folder: &Path, truth: &[TruthBuilding]) -> Result<Aids, BenchmarkError> {
+    let points = if method.needs_points() { cloud::read(&folder.join("points.xyz"))?.points } else { Vec::new() };
+    Ok(Aids { points, known: if method.needs_known() { Aids::known_of(truth) } else { Vec::new() } })
 }
 
 fn seconds_of(summary: &RunSummary, stage: Stage) -> f64 {

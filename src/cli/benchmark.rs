@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 
 use super::{Failure, Global, Ui, print, print_json};
 use crate::benchmark::accuracy::{self, AccuracyConfig};
+use crate::benchmark::paper::{self, PaperConfig};
 use crate::benchmark::{BenchmarkError, Method, Plan};
 
 /// Arguments of `sizeup benchmark`.
@@ -13,6 +14,7 @@ use crate::benchmark::{BenchmarkError, Method, Plan};
 #[command(after_help = "Examples:
   sizeup benchmark accuracy --small --output bench
   sizeup benchmark accuracy --output bench --keep-scenes
+  sizeup benchmark paper --output bench --set scenes=[\"res-1\"]
   sizeup benchmark accuracy --output bench --keep-scenes --again robust --set seeds=[1,2] --set levels=[\"mid\"]
 
 A run that was stopped goes on where it was: the folder holds one outcome per scene and method.")]
@@ -41,30 +43,45 @@ pub struct BenchmarkArgs {
 pub enum Suite {
     /// Heights over seeds, towns and levels of prior errors.
     Accuracy,
+    /// Scenes with the paper's counts, every method and baseline, tables in the paper's layout.
+    Paper,
 }
 
 pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> {
     let plan = Plan { folder: args.output.clone(), again: methods(&args.again)?, keep_scenes: args.keep_scenes };
     let ui = Ui::new(global);
+    let tell = |done: usize, total: usize, what: &str| ui.advance(what, done, total);
     match args.suite {
         Suite::Accuracy => {
             let config = if args.small { AccuracyConfig::small() } else { AccuracyConfig::default() };
-            let text = toml::to_string(&config).map_err(|e| Failure::new(4, &e))?;
-            let config: AccuracyConfig =
-                crate::config::parse(&text, None, &args.assignments).map_err(|e| Failure::new(2, &e))?;
-            let table = accuracy::run(&config, &plan, &|done, total, what| ui.advance(what, done, total));
+            let table = accuracy::run(&with_assignments(&config, args)?, &plan, &tell);
             ui.finish();
             let table = table.map_err(|e| failure(&e))?;
             if global.json { print_json(&table)? } else { print(&table.to_markdown())? }
+        }
+        Suite::Paper => {
+            let config = if args.small { PaperConfig::small() } else { PaperConfig::default() };
+            let tables = paper::run(&with_assignments(&config, args)?, &plan, &tell);
+            ui.finish();
+            let tables = tables.map_err(|e| failure(&e))?;
+            if global.json { print_json(&tables)? } else { print(&tables.to_markdown())? }
         }
     }
     ui.say(format!("tables and outcomes in {}", args.output.display()));
     Ok(0)
 }
 
+fn with_assignments<T>(config: &T, args: &BenchmarkArgs) -> Result<T, Failure>
+where
+    T: serde::Serialize + serde::de::DeserializeOwned,
+{
+    let text = toml::to_string(config).map_err(|e| Failure::new(4, &e))?;
+    crate::config::parse(&text, None, &args.assignments).map_err(|e| Failure::new(2, &e))
+}
+
 fn methods(names: &[String]) -> Result<Vec<Method>, Failure> {
     let method = |name: &String| {
-        Method::ALL.into_iter().find(|m| m.name() == name.as_str()).ok_or_else(|| {
+        Method::named(name).ok_or_else(|| {
             let known = Method::ALL.map(Method::name).join(", ");
             Failure::from_text(2, format!("--again {name}: no such method\nhint: the methods are {known}"))
         })
@@ -73,5 +90,8 @@ fn methods(names: &[String]) -> Result<Vec<Method>, Failure> {
 }
 
 fn failure(error: &BenchmarkError) -> Failure {
-    Failure::new(if matches!(error, BenchmarkError::Empty { .. }) { 2 } else { 4 }, error)
+    Failure::new(
+        if matches!(error, BenchmarkError::Empty { .. } | BenchmarkError::UnknownScene { .. }) { 2 } else { 4 },
+        error,
+    )
 }

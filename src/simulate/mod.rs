@@ -28,6 +28,7 @@ mod ground;
 mod masks;
 mod noise;
 mod photo;
+mod points;
 mod presets;
 mod real;
 mod relief;
@@ -41,8 +42,8 @@ mod trace;
 
 pub use building::{Building, BuildingKind, Part, Placement, Triangle};
 pub use config::{
-    CameraConfig, CityJsonConfig, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, PriorConfig, PriorLevel,
-    SimulateConfig, TerrainConfig, TownConfig, TownKind,
+    CameraConfig, CityJsonConfig, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, PointConfig, PriorConfig,
+    PriorLevel, SimulateConfig, TerrainConfig, TownConfig, TownKind,
 };
 pub use corrupt::{Corruption, building_gain, prior};
 pub use disturb::{footprints as disturbed_footprints, poses as disturbed_poses};

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// Modules by level, lowest first.
 const LEVELS: [&[&str]; 10] = [
     &["files", "frames", "gdal_log", "ids", "issue", "raster", "ray", "seed", "stats"],
-    &["camera", "crs", "geodata", "onnx", "survey", "terrain"],
+    &["camera", "cloud", "crs", "geodata", "onnx", "survey", "terrain"],
     &["footprint", "prior"],
     &["render", "scene"],
     &["ordinal", "views"],
