@@ -2,19 +2,22 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps deps-test deps-qgis demo test lint bench docs schemas clean
+.PHONY: help deps deps-test deps-python deps-qgis demo test lint bench docs schemas clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 deps: ## Install what is missing to build and run (GDAL, PROJ, a C++ compiler, Rust)
 	@tools/deps.sh build
 
 deps-test: deps ## Install what is missing to test against independent tools
 	@tools/deps.sh test
+
+deps-python: ## Install trimesh, shapely and scipy into target/python, so that the measures are checked against them
+	@tools/deps.sh python
 
 deps-qgis: ## Install QGIS (200 MB), so that the tests that open results in it run too
 	@tools/deps.sh qgis

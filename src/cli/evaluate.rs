@@ -50,6 +50,9 @@ pub struct EvaluateArgs {
     /// Compare heights only.
     #[arg(long)]
     pub heights_only: bool,
+    /// Draw a map of the errors and the reliability of the stated sigmas into this folder.
+    #[arg(long, value_name = "FOLDER")]
+    pub pictures: Option<PathBuf>,
     /// Percentile of a point cloud's roof points that counts as the height, 0 to 100.
     #[arg(long, value_name = "PERCENT", default_value_t = 50.0)]
     pub roof_percentile: f64,
@@ -101,6 +104,7 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
         heights: HeightOptions::default(),
         has_same_vertical: args.same_vertical,
         with_bodies: !args.heights_only,
+        pictures: args.pictures.clone(),
         seed: 0,
     };
     let report = compare_files(&comparison).map_err(|e| Failure::new(3, &e))?;

@@ -34,6 +34,12 @@ pub enum CloudError {
         /// What stands there.
         text: String,
     },
+    /// Clouds of one folder that do not go together.
+    #[error("{} has another CRS, or other columns, than the clouds before it in its folder\nhint: one folder holds one cloud in tiles", path.display())]
+    Tile {
+        /// The first that differs.
+        path: PathBuf,
+    },
     /// Nothing in it.
     #[error("{} holds no points", path.display())]
     Empty {
@@ -42,24 +48,59 @@ pub enum CloudError {
     },
 }
 
-/// Whether a file is taken for a cloud, by its extension.
+/// Whether a path is taken for a cloud: a file by its extension, or a folder with such files.
 #[must_use]
 pub fn is_cloud(path: &Path) -> bool {
     const EXTENSIONS: [&str; 4] = ["las", "laz", "xyz", "txt"];
+    if path.is_dir() {
+        return !tiles(path).is_empty();
+    }
     path.extension().is_some_and(|found| EXTENSIONS.iter().any(|e| found.eq_ignore_ascii_case(e)))
 }
 
-/// Reads LAS or LAZ by extension, else text. Positions that are not finite are left out.
+/// The clouds of a folder, by name.
+fn tiles(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut tiles: Vec<PathBuf> = entries.filter(|path| path.is_file() && is_cloud(path)).collect();
+    tiles.sort();
+    tiles
+}
+
+/// Reads LAS or LAZ by extension, else text; of a folder, all its clouds as one, which must agree in their CRS. Positions that are not finite are left out.
 ///
 /// # Errors
 /// [`CloudError`].
 pub fn read(path: &Path) -> Result<Cloud, CloudError> {
+    if path.is_dir() {
+        return read_tiles(path);
+    }
     let is_las = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("las") || e.eq_ignore_ascii_case("laz"));
     let cloud = if is_las { read_las(path)? } else { read_text(path)? };
     if cloud.points.is_empty() {
         return Err(CloudError::Empty { path: path.to_owned() });
     }
     Ok(cloud)
+}
+
+fn read_tiles(folder: &Path) -> Result<Cloud, CloudError> {
+    let mut whole: Option<Cloud> = None;
+    for path in tiles(folder) {
+        let tile = read(&path)?;
+        let Some(whole) = &mut whole else {
+            whole = Some(tile);
+            continue;
+        };
+        let agree = whole.crs == tile.crs
+            && whole.classes.is_empty() == tile.classes.is_empty()
+            && whole.instances.is_empty() == tile.instances.is_empty();
+        if !agree {
+            return Err(CloudError::Tile { path });
+        }
+        whole.points.extend(tile.points);
+        whole.classes.extend(tile.classes);
+        whole.instances.extend(tile.instances);
+    }
+    whole.ok_or_else(|| CloudError::Empty { path: folder.to_owned() })
 }
 
 fn read_las(path: &Path) -> Result<Cloud, CloudError> {

@@ -7,6 +7,7 @@ use glam::DVec3;
 
 use super::clouds::{CloudTruthOptions, truth_of_instances, truth_under_outlines};
 use super::heights::{HeightEvaluation, HeightOptions, evaluate_heights};
+use super::pictures::write_pictures;
 use super::read::{TruthOptions, crs_of, read_results, read_truth};
 use super::report::EvaluationReport;
 use super::solid::{Facet, SolidError, Solids, read_solids};
@@ -15,11 +16,8 @@ use super::volume::evaluate_volume;
 use super::{EvaluationError, TruthBuilding};
 use crate::cloud::{self, Cloud, CloudError, points_in};
 use crate::crs::{Crs, CrsError, Transform};
-use crate::output::BuildingRecord;
 use crate::output::read::ReadError;
-
-/// How far outside an outline a cloud's points still belong to the building, metres: walls and eaves.
-const CLOUD_REACH_M: f64 = 0.0;
+use crate::output::{BuildingRecord, OutputError};
 
 /// Two files and how to read them.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,6 +38,8 @@ pub struct Comparison {
     pub has_same_vertical: bool,
     /// Whether surfaces and volumes are compared too.
     pub with_bodies: bool,
+    /// Folder for pictures; none by default.
+    pub pictures: Option<PathBuf>,
     /// Seed of the surface samples.
     pub seed: u64,
 }
@@ -56,6 +56,9 @@ pub enum CompareError {
     /// A body file cannot be read.
     #[error(transparent)]
     Solid(#[from] SolidError),
+    /// A picture cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// Nothing matches.
     #[error(transparent)]
     Evaluation(#[from] EvaluationError),
@@ -95,8 +98,19 @@ pub fn compare_files(c: &Comparison) -> Result<EvaluationReport, CompareError> {
     let mut report = EvaluationReport { heights: None, surface: None, volume: None, left_out: Vec::new() };
     let results = if is_obj(&c.result) { None } else { Some(read_results(&c.result, &crs)?) };
     match &results {
-        Some(results) if !is_obj(&c.truth) => report.heights = Some(heights(c, results, &reference, &crs)?),
+        Some(results) if !is_obj(&c.truth) => {
+            report.heights = Some(heights(c, results, &reference, &crs)?);
+            if matches!(&reference, Reference::Cloud(cloud) if cloud.instances.is_empty()) {
+                report.left_out.push(
+                    "match rates: the point cloud has no buildings of its own and was cut by the result's outlines"
+                        .to_owned(),
+                );
+            }
+        }
         _ => report.left_out.push("heights: an OBJ file has bodies only, no outlines and no ground".to_owned()),
+    }
+    if let (Some(folder), Some(heights), Some(results)) = (&c.pictures, &report.heights, &results) {
+        write_pictures(folder, heights, results)?;
     }
     if c.with_bodies
         && let Err(why) = bodies(c, &reference, stated.as_ref(), &crs, results.as_deref(), &mut report)
@@ -178,7 +192,7 @@ fn bodies(
         (Reference::Cloud(cloud), _) => {
             let outlines: Vec<_> = results.map(outlines_of).unwrap_or_default().into_iter().map(|o| o.1).collect();
             let of_outlines: Vec<DVec3> =
-                points_in(&cloud.of_buildings(), &outlines, CLOUD_REACH_M).into_iter().flatten().collect();
+                points_in(&cloud.of_buildings(), &outlines, 0.0).into_iter().flatten().collect();
             report.surface = evaluate_surface(&facets(&result), &Target::Points(&of_outlines), c.seed);
             report.left_out.push("volumes: a point cloud encloses none".to_owned());
         }

@@ -68,3 +68,44 @@ fn an_empty_list_and_an_unknown_method_are_usage_errors() {
     assert_eq!(unknown.code, 2);
     assert!(unknown.stderr.contains("metric_lift"), "{}", unknown.stderr);
 }
+
+#[test]
+fn the_papers_tables_have_every_method_and_keep_its_own_numbers_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = sizeup();
+    command
+        .args(["benchmark", "paper", "--small", "--set", "scenes=[\"mini-village\"]", "--output"])
+        .arg(folder.path());
+    let outcome: Outcome = command.output().unwrap().into();
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let (ours, published) = outcome.stdout.split_once("Published by the paper").unwrap();
+    for method in [
+        "paper",
+        "robust",
+        "metric_lift",
+        "regression_l2",
+        "points_p90",
+        "neighbourhood",
+        "convex_hull",
+        "stacked_prisms",
+    ] {
+        let rows = ours.lines().filter(|line| line.contains(&format!("`{method}`"))).count();
+        assert_eq!(rows, 2, "{method} in the table of heights and in that of bodies:\n{ours}");
+    }
+    assert!(published.contains("| res-1 | SiZeUp | 3.73/5.38 |") && !ours.contains("3.73/5.38"));
+    let tables: Value = serde_json::from_slice(&fs::read(folder.path().join("paper.json")).unwrap()).unwrap();
+    let outcomes = tables["scenes"][0]["outcomes"].as_array().unwrap();
+    // Medians of points in the outlines are far better than a hull's top, and stacks fill their volume better than hulls.
+    let of = |method: &str| outcomes.iter().find(|o| o["method"] == method).unwrap();
+    let error = |method: &str| of(method)["heights"]["all"]["error_mean_m"].as_f64().unwrap();
+    assert!(error("points_p50") < error("convex_hull"));
+    let iou = |method: &str| of(method)["bodies"]["volume"]["voxel_iou"]["0.5"].as_f64().unwrap();
+    assert!(iou("stacked_prisms") > iou("convex_hull") && iou("points_p50") > 0.6);
+    let unknown: Outcome = sizeup()
+        .args(["benchmark", "paper", "--set", "scenes=[\"res-9\"]", "--output"])
+        .arg(folder.path())
+        .output()
+        .unwrap()
+        .into();
+    assert!(unknown.code == 2 && unknown.stderr.contains("mini-village"), "{}", unknown.stderr);
+}

@@ -4,6 +4,7 @@ mod benchmark;
 mod cli;
 mod determinism;
 mod evaluation;
+mod evaluation_bodies;
 mod footprint_layers;
 mod hostile_inputs;
 mod layers;
