@@ -8,6 +8,7 @@ mod benchmark;
 mod demo;
 mod evaluate;
 mod export;
+mod look;
 mod prior;
 mod run;
 mod schema;
@@ -79,6 +80,8 @@ pub enum Command {
     Evaluate(evaluate::EvaluateArgs),
     /// Find heights in a quick and simple way, to compare with: from priors, a point cloud, or known heights.
     Baseline(baseline::BaselineArgs),
+    /// Picture one view of a finished run: photo, rendered depth, prior and ordinal pairs.
+    Look(look::LookArgs),
     /// Measure accuracy and speed on simulated scenes, every method on each, and write the tables.
     Benchmark(benchmark::BenchmarkArgs),
     /// Simulate a small town, find its heights, evaluate and picture them.
@@ -143,6 +146,7 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Simulate(args) => simulate::run(args, &cli.global),
         Command::Evaluate(args) => evaluate::run(args, &cli.global),
         Command::Baseline(args) => baseline::run(args, &cli.global),
+        Command::Look(args) => look::run(args, &cli.global),
         Command::Benchmark(args) => benchmark::run(args, &cli.global),
         Command::Demo(args) => demo::run(args, &cli.global),
         Command::Schema(args) => schema::run(args),

@@ -13,6 +13,7 @@
 mod artefact;
 mod error;
 mod input;
+mod look;
 mod pictures;
 mod records;
 mod soundness;
@@ -20,6 +21,7 @@ mod stages;
 
 pub use artefact::{FootprintStage, HeightStage};
 pub use error::PipelineError;
+pub use look::look;
 
 use std::path::PathBuf;
 

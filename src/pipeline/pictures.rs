@@ -11,7 +11,8 @@ use crate::output::picture::{
     self, Chart, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline, SERIES_COLOURS, Series, Stroke,
 };
 use crate::output::{CityModel, MalformedFile, OutputError};
-use crate::prior::{PriorSource as _, Priors};
+use crate::prior::{DepthPrior, PriorSource as _, Priors};
+use crate::raster::Raster;
 use crate::render::PlacedCamera;
 use crate::render::image::SceneTracer;
 use crate::survey::{Survey, View};
@@ -101,7 +102,7 @@ fn telling_views(survey: &Survey, heights: &HeightStage) -> Vec<usize> {
     views
 }
 
-fn photo_of(view: &View) -> Result<RgbImage, PipelineError> {
+pub(super) fn photo_of(view: &View) -> Result<RgbImage, PipelineError> {
     let Some(path) = &view.image else {
         let camera = view.camera.reduced_to(PANEL_PX);
         return Ok(RgbImage::from_pixel(camera.width_px, camera.height_px, image::Rgb(NO_PHOTO)));
@@ -115,9 +116,18 @@ fn panel(view: &View, stage: &SceneStage, heights_m: &[f32], priors: &Priors) ->
     let camera = view.camera.reduced_to(PANEL_PX);
     let placed = PlacedCamera::new(camera, view.camera_from_map, stage.scene.origin);
     let rendered = SceneTracer::new(&stage.scene, heights_m).render(&placed);
-    let prior = priors.load(view)?;
-    let depths = PanelDepths { rendered_m: &rendered.depth, prior: &prior.values, prior_kind: prior.kind };
-    Ok(picture::depth_panel(&photo_of(view)?, &depths, &view.id.0, &PanelConfig::default()))
+    panel_of(view, &rendered.depth, &priors.load(view)?, &view.id.0)
+}
+
+/// Photo, rendered depth and prior side by side.
+pub(super) fn panel_of(
+    view: &View,
+    rendered_m: &Raster<f32>,
+    prior: &DepthPrior,
+    caption: &str,
+) -> Result<RgbImage, PipelineError> {
+    let depths = PanelDepths { rendered_m, prior: &prior.values, prior_kind: prior.kind };
+    Ok(picture::depth_panel(&photo_of(view)?, &depths, caption, &PanelConfig::default()))
 }
 
 /// The edges of the proxies as a view sees them, hidden ones too.

@@ -162,11 +162,11 @@ pub(super) struct SceneStage {
     /// Their positions in the layer.
     solved: Vec<usize>,
     /// The ground around them.
-    terrain: Terrain,
+    pub terrain: Terrain,
 }
 
 impl SceneStage {
-    fn new(config: &RunConfig, survey: &Survey, footprints: &FootprintStage) -> Result<Self, PipelineError> {
+    pub fn new(config: &RunConfig, survey: &Survey, footprints: &FootprintStage) -> Result<Self, PipelineError> {
         let bounds = height_bounds(config, check_views(survey, footprints)?)?;
         let solved: Vec<usize> = (0..footprints.ground.len()).filter(|&i| footprints.ground[i].is_some()).collect();
         let on_ground: Vec<(&Polygon<f64>, GroundLevel)> = solved

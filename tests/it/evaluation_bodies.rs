@@ -156,7 +156,11 @@ fn a_result_is_perfect_against_itself_by_every_measure_and_pictured() {
     assert!([0, 5].contains(&run.code), "{}", run.stderr);
     let city = scene.path("result/city.city.json");
     let pictures = scene.path("looks");
-    let own = report(&city, &city, &["--same-vertical", "--pictures", pictures.to_str().unwrap()]);
+    let own = report(
+        &city,
+        &city,
+        &["--same-vertical", "--height-field", "height_m", "--pictures", pictures.to_str().unwrap()],
+    );
     assert_eq!(number(&own["all"]["error_max_m"]), 0.0);
     assert!(number(&own["surface"]["error_95_m"]) < 1e-9 && number(&own["surface"]["completeness_05"]) == 1.0);
     for iou in ["prism_iou", "prism_iou_per_building", "column_iou"] {
@@ -164,6 +168,15 @@ fn a_result_is_perfect_against_itself_by_every_measure_and_pictured() {
     }
     assert_eq!(own["volume"]["voxel_iou"], json!({ "0.5": 1.0, "1": 1.0 }));
     assert!(fs::metadata(pictures.join("errors.png")).unwrap().len() > 1000);
+    let look =
+        |more: &[&str]| scene.sizeup(&[&["look", "sizeup.toml", "oblique", "--output", "panel.png"], more].concat());
+    let last = look(&[]);
+    assert_eq!(last.code, 0, "{}", last.stderr);
+    let of_last = fs::read(scene.path("panel.png")).unwrap();
+    look(&["--pass", "1"]);
+    assert_ne!(fs::read(scene.path("panel.png")).unwrap(), of_last, "the first pass looks otherwise");
+    let beyond = look(&["--pass", "99"]);
+    assert!(beyond.code == 2 && beyond.stderr.contains("pass 99"), "{}", beyond.stderr);
 }
 
 #[test]

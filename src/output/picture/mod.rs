@@ -9,6 +9,7 @@ pub mod colour;
 mod error_map;
 mod map;
 mod overlay;
+mod pairs;
 mod panel;
 mod scale;
 
@@ -24,6 +25,7 @@ pub use chart::{Chart, SERIES_COLOURS, Series, Stroke, chart};
 pub use error_map::error_map;
 pub use map::{MapConfig, map};
 pub use overlay::{OverlayConfig, Polyline, overlay};
+pub use pairs::{PicturedPair, beside, pairs_picture};
 pub use panel::{PanelConfig, PanelDepths, depth_panel};
 
 /// Writes a picture as PNG, whole or not at all.
