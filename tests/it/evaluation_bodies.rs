@@ -297,17 +297,19 @@ fn delfts_lidar_judges_an_independent_lod1_of_the_same_points() {
 
 #[test]
 fn alexandrias_heights_agree_with_its_surface_model_across_two_crs() {
-    let (Some(layer), Some(above_ground)) =
-        (shared_data("alexandria_terrain/buildings.geojson"), shared_data("alexandria_terrain/hag.tif"))
-    else {
-        return;
-    };
+    let files =
+        ["buildings.geojson", "dsm.tif", "dtm.tif"].map(|name| shared_data(&format!("alexandria_terrain/{name}")));
+    let [Some(layer), Some(surface), Some(ground)] = files else { return };
     let folder = tempfile::tempdir().unwrap();
-    let file = RasterFile::open(&above_ground).unwrap();
-    let (grid, heights) = (file.grid().unwrap(), file.read(1).unwrap());
+    // Not hag.tif beside them, which is another product: it is not the difference of the two.
+    let [(grid, surface), (_, ground)] = [surface, ground].map(|path| {
+        let file = RasterFile::open(&path).unwrap();
+        (file.grid().unwrap(), file.read(1).unwrap())
+    });
     let mut text = String::new();
-    for (i, h) in heights.data().iter().enumerate().filter(|(_, h)| h.is_finite()) {
-        let (col, row) = (i % heights.width(), i / heights.width());
+    let above = surface.data().iter().zip(ground.data()).map(|(top, bottom)| top - bottom).enumerate();
+    for (i, h) in above.filter(|(_, h)| h.is_finite()) {
+        let (col, row) = (i % surface.width(), i / surface.width());
         let (x, y) = (grid.west + (col as f64 + 0.5) * grid.cell_x, grid.north - (row as f64 + 0.5) * grid.cell_y);
         let _ = writeln!(text, "{x} {y} {h}");
     }
@@ -316,7 +318,8 @@ fn alexandrias_heights_agree_with_its_surface_model_across_two_crs() {
     let options = ["--crs", "EPSG:26918", "--truth-crs", "EPSG:26918", "--ground", "0", "--heights-only"];
     let heights = report(&layer, &cloud, &options);
     println!("Alexandria, stated heights against the surface model: {}", heights["all"]);
-    // The source's own check found 81 buildings with a median difference of 0.50 m, edges of outlines included.
-    assert!(number(&heights["all"]["n"]) >= 60.0, "{}", heights["counts"]);
-    assert!((number(&heights["all"]["error_median_m"]) - 0.5).abs() < 0.2, "{}", heights["all"]);
+    // The source's own check found 81 buildings with a median difference of 0.50 m, the outlines' edges included; half a
+    // metre off the edges walls fall away. Both outlines (degrees) and surface (UTM) have to land in one place for that.
+    assert!(number(&heights["all"]["n"]) >= 70.0, "{}", heights["counts"]);
+    assert!(number(&heights["all"]["error_median_m"]) < 0.5, "{}", heights["all"]);
 }

@@ -72,22 +72,3 @@ pub fn beside(left: &RgbImage, right: &RgbImage) -> RgbImage {
     image::imageops::replace(&mut both, right, i64::from(left.width()), 0);
     both
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn active_pairs_are_drawn_in_their_colour() {
-        let photo = RgbImage::from_pixel(64, 48, image::Rgb([10, 10, 10]));
-        let pair = |cost| PicturedPair { ends: [[0.1, 0.1], [0.9, 0.9]], cost };
-        let count = |pairs: &[PicturedPair]| {
-            let drawn = pairs_picture(&photo, pairs, 320);
-            drawn.rows().skip(74).take(240).flatten().filter(|p| p.0 == SERIES_COLOURS[1]).count()
-        };
-        assert_eq!(count(&[pair(0.0)]), 0);
-        assert!(count(&[pair(0.4)]) > 10);
-        let both = beside(&photo, &RgbImage::new(10, 100));
-        assert_eq!(both.dimensions(), (74, 100));
-    }
-}
