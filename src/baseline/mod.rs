@@ -32,6 +32,7 @@ use crate::optimise::{Reason, Solution, SolvedHeight};
 fn without_views(heights_m: Vec<Option<f64>>) -> Solution {
     let solved = |height_m: Option<f64>| SolvedHeight {
         height_m,
+        roof: None,
         sigma_m: None,
         views: Vec::new(),
         reasons: if height_m.is_none() { vec![Reason::SeenByNoView] } else { Vec::new() },
@@ -40,6 +41,7 @@ fn without_views(heights_m: Vec<Option<f64>>) -> Solution {
         heights: heights_m.into_iter().map(solved).collect(),
         history: Vec::new(),
         used_views: Vec::new(),
+        spill_px: 0.0,
         failed_views: Vec::new(),
     }
 }

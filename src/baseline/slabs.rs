@@ -45,7 +45,7 @@ pub fn stacked_prisms(points: &[DVec3], ground_m: f64, config: &SlabConfig) -> V
     let z = || points.iter().map(|p| p.z);
     let (low, high) = (z().fold(f64::INFINITY, f64::min), z().fold(f64::NEG_INFINITY, f64::max));
     let n = config.n_slabs.max(2);
-    if points.len() < 3 || !(high > low) {
+    if points.len() < 3 || high <= low {
         return Vec::new();
     }
     let step = (high - low) / n as f64;

@@ -102,8 +102,11 @@ const SCENES: [PaperScene; 11] = [
     PaperScene { name: "free-district", preset: "district", n_selected: 50, published: None, change: free },
 ];
 
-/// The paper's table of proxies: scene, method, error 90/95 m, completeness 0.5/1 m %, IoU %, seconds.
-const PUBLISHED_BODIES: [(&str, &str, [f64; 2], [f64; 2], f64, f64); 16] = [
+/// A row of the paper's table of proxies: scene, method, error 90/95 m, completeness 0.5/1 m %, overlap %, seconds.
+type PublishedBody = (&'static str, &'static str, [f64; 2], [f64; 2], f64, f64);
+
+/// The paper's table of proxies.
+const PUBLISHED_BODIES: [PublishedBody; 16] = [
     ("res-1", "ConvexHull", [5.16, 6.40], [21.88, 39.18], 24.73, 443.0),
     ("res-1", "ProxyRecon", [3.77, 4.79], [30.50, 49.70], 32.39, 447.0),
     ("res-1", "ArcPro", [4.25, 5.50], [20.18, 44.23], 29.77, 457.0),

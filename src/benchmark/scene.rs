@@ -84,13 +84,15 @@ pub fn run_scene(job: &SceneJob, plan: &Plan, tell: &dyn Fn(&str)) -> Result<Vec
         let outcome = match known {
             Some(outcome) => outcome,
             None => {
-                if scene.is_none() {
-                    tell("simulating");
-                    scene = Some(simulated(job, plan)?);
-                }
-                let folder = scene.as_deref().expect("made above");
+                let folder = match &scene {
+                    Some(folder) => folder.clone(),
+                    None => {
+                        tell("simulating");
+                        scene.insert(simulated(job, plan)?).clone()
+                    }
+                };
                 tell(method.name());
-                let outcome = run_method(job, method, folder, settings_sha256)?;
+                let outcome = run_method(job, method, &folder, settings_sha256)?;
                 write_whole(&path, |out| Ok(serde_json::to_writer(out, &outcome)?))?;
                 outcome
             }

@@ -1,4 +1,4 @@
-//! Point clouds as reference: real LiDAR can be the truth.
+//! Point clouds as reference: a real laser scan can be the truth.
 //!
 //! ```text
 //! h* = percentile of the roof points' levels − ground
@@ -53,18 +53,18 @@ pub fn truth_under_outlines(
         Some(level) => vec![Some(level); polygons.len()],
         None => ground_near(&ground, &polygons, options.ground_reach_m),
     };
-    let building = |(((id, outline), points), ground_m): (((&String, MultiPolygon<f64>), Vec<DVec3>), Option<f64>)| {
+    let building = |(i, points): (usize, Vec<DVec3>)| {
+        let ground_m = levels[i];
         let z: Vec<f64> = points.iter().map(|p| p.z).collect();
         let roof_m = stats::quantile(&z, options.roof_percentile / 100.0).filter(|_| z.len() >= options.min_points);
         TruthBuilding {
-            id: id.clone(),
-            footprint: Some(outline),
+            id: outlines[i].0.clone(),
+            footprint: Some(outlines[i].1.clone()),
             height_m: roof_m.zip(ground_m).map(|(roof, ground)| roof - ground),
             group: None,
         }
     };
-    let ids = outlines.iter().map(|(id, _)| id);
-    ids.zip(polygons).zip(roofs).zip(levels).map(building).collect()
+    roofs.into_iter().enumerate().map(building).collect()
 }
 
 /// One building per instance id, ascending. Without a stated ground a building's lowest point is its ground.

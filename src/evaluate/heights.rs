@@ -165,7 +165,7 @@ fn classes(
     let bounds =
         || std::iter::once(0.0).chain(limits.iter().copied()).zip(limits.iter().copied().chain([f64::INFINITY]));
     let name = |low: f64, high: f64| match (low, high) {
-        (low, _) if low == 0.0 => format!("up to {high} {unit}"),
+        (0.0, _) => format!("up to {high} {unit}"),
         (_, f64::INFINITY) => format!("above {low} {unit}"),
         _ => format!("{low} to {high} {unit}"),
     };

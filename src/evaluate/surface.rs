@@ -142,7 +142,7 @@ pub fn evaluate_surface(result: &[Facet], reference: &Target<'_>, root_seed: u64
     let to_reference = match reference {
         Target::Facets(_) => to_facets(&from_result, &reference_facets),
         Target::Points(points) => {
-            let tree = RTree::bulk_load(points.iter().map(|p| p.to_array()).collect());
+            let tree = RTree::bulk_load(points.iter().map(DVec3::to_array).collect());
             let nearest = |p: &DVec3| {
                 tree.nearest_neighbor(&p.to_array()).map_or(f64::NAN, |q| p.distance(DVec3::from_array(*q)))
             };

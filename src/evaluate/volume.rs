@@ -80,6 +80,9 @@ pub enum VolumeError {
 ///
 /// # Errors
 /// [`VolumeError`].
+///
+/// # Panics
+/// Never: there is at least one voxel size.
 pub fn evaluate_volume(
     result: &[Solid],
     reference: &[Solid],
@@ -180,11 +183,11 @@ fn centres_in(from: f64, to: f64, size: f64) -> i64 {
     (first(to) - first(from)).max(0)
 }
 
+/// The stretches of one cell.
+type OfCell<'a> = &'a [(u32, f64, f64)];
+
 /// Walks the cells of two sets of columns together.
-fn by_cell<'a>(
-    a: &'a Columns,
-    b: &'a Columns,
-) -> impl Iterator<Item = (&'a [(u32, f64, f64)], &'a [(u32, f64, f64)])> + 'a {
+fn by_cell<'a>(a: &'a Columns, b: &'a Columns) -> impl Iterator<Item = (OfCell<'a>, OfCell<'a>)> + 'a {
     let (mut i, mut k) = (0, 0);
     std::iter::from_fn(move || {
         let (next_a, next_b) = (a.stretches.get(i).map(|s| s.0), b.stretches.get(k).map(|s| s.0));

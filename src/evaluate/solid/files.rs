@@ -228,7 +228,7 @@ fn read_obj(path: &Path) -> Result<Vec<Solid>, SolidError> {
                 let numbers: Option<Vec<f64>> = words.take(3).map(|w| w.parse().ok()).collect();
                 match numbers.as_deref() {
                     Some(&[x, y, z]) if x.is_finite() && y.is_finite() && z.is_finite() => {
-                        vertices.push(DVec3::new(x, y, z))
+                        vertices.push(DVec3::new(x, y, z));
                     }
                     _ => return Err(wrong("expected `v x y z`".to_owned())),
                 }
@@ -238,7 +238,7 @@ fn read_obj(path: &Path) -> Result<Vec<Solid>, SolidError> {
                 let corner = |word: &str| {
                     let index: i64 = word.split('/').next()?.parse().ok()?;
                     // Negative numbers count from the end.
-                    let at = if index < 0 { vertices.len() as i64 + index } else { index - 1 };
+                    let at = if index < 0 { i64::try_from(vertices.len()).ok()? + index } else { index - 1 };
                     vertices.get(usize::try_from(at).ok()?).copied()
                 };
                 let ring: Option<Vec<DVec3>> = words.map(corner).collect();

@@ -64,7 +64,7 @@ impl Solid {
     /// An outline between two levels; `None` if it has no thickness or no outline.
     #[must_use]
     pub fn extruded(id: &str, outline: &MultiPolygon<f64>, levels_m: [f64; 2]) -> Option<Self> {
-        if outline.0.is_empty() || !(levels_m[1] > levels_m[0]) {
+        if outline.0.is_empty() || levels_m[1] <= levels_m[0] {
             return None;
         }
         let prisms: Vec<Prism> = outline.iter().map(|p| Prism { outline: p.clone(), levels_m }).collect();
