@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps deps-test deps-qgis deps-web demo test lint bench accuracy-footprints docs schemas clean
+.PHONY: help deps deps-test deps-python deps-qgis deps-web demo test lint bench accuracy-footprints docs schemas clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -15,6 +15,9 @@ deps: ## Install what is missing to build and run (GDAL, PROJ, a C++ compiler, R
 
 deps-test: deps ## Install what is missing to test against independent tools
 	@tools/deps.sh test
+
+deps-python: ## Install trimesh, shapely and scipy into target/python, so that the measures are checked against them
+	@tools/deps.sh python
 
 deps-qgis: ## Install QGIS (200 MB), so that the tests that open results in it run too
 	@tools/deps.sh qgis

@@ -13,7 +13,8 @@
 //!    [`scene`] ([`render`]) and compared with the [`prior`] for any height ([`ordinal`] and the local search).
 //! 4. [`output`]: `CityJSON`, `GeoPackage`, issues, lineage and pictures.
 //!
-//! [`simulate`] makes input with known truth; [`evaluate`] compares a result with a truth.
+//! [`simulate`] makes input with known truth; [`evaluate`] compares a result with a truth; [`baseline`] holds the
+//! yardsticks; [`benchmark`] runs all of them and writes the tables of the documentation.
 //!
 //! # Frames
 //! | frame | axes | unit, type |
@@ -54,6 +55,7 @@ pub mod stats;
 mod template;
 
 pub mod camera;
+pub mod cloud;
 pub mod crs;
 pub mod geodata;
 pub mod onnx;
@@ -71,11 +73,14 @@ pub mod views;
 
 pub mod optimise;
 
+pub mod baseline;
 pub mod evaluate;
 pub mod output;
 pub mod simulate;
 
 pub mod config;
 pub mod pipeline;
+
+pub mod benchmark;
 
 pub mod cli;

@@ -4,6 +4,7 @@
 #   tools/deps.sh build   what it takes to build and run sizeup
 #   tools/deps.sh test    the independent tools that tests compare with
 #   tools/deps.sh docs    Python, which writes docs/reference.md
+#   tools/deps.sh python trimesh, shapely and scipy in target/python; without them the tests that need them say "skipped"
 #   tools/deps.sh qgis    QGIS, some 200 MB; without it the tests that need it say "skipped"
 #   tools/deps.sh web     Node.js, a browser, CesiumJS and validators of 3D Tiles, some 500 MB; likewise
 #
@@ -93,11 +94,21 @@ qgis() {
   /usr/bin/python3 -c 'import qgis.core, qgis._3d' 2>/dev/null || install_packages qgis python3-qgis xvfb xauth libgl1-mesa-dri
 }
 
+python_tools() {
+  local folder=target/python
+  "$folder/bin/python" -c 'import numpy, scipy, shapely, trimesh, rtree' 2>/dev/null && return 0
+  python3 -m venv --help >/dev/null 2>&1 || install_packages python3 python3-venv
+  say "installing numpy, scipy, shapely, trimesh and rtree into $folder"
+  python3 -m venv "$folder"
+  "$folder/bin/pip" install --quiet numpy==2.4.6 scipy==1.17.1 shapely==2.2.0 trimesh==5.2.0 rtree==1.4.1
+}
+
 case "${1:-build}" in
   build) build_tools ;;
   docs) build_tools; command -v python3 >/dev/null || install_packages python3 ;;
   test) build_tools; test_tools ;;
+  python) python_tools ;;
   qgis) qgis ;;
   web) web ;;
-  *) fail "usage: tools/deps.sh build|test|qgis|web|docs" ;;
+  *) fail "usage: tools/deps.sh build|test|python|qgis|web|docs" ;;
 esac

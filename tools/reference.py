@@ -7,8 +7,8 @@ import json
 import subprocess
 import sys
 
-COMMANDS = ["run", "survey inspect", "survey convert", "prior inspect", "evaluate", "validate", "export", "simulate", "demo"]
-COMMANDS += ["schema"]
+COMMANDS = ["run", "survey inspect", "survey convert", "prior inspect", "evaluate", "baseline", "look", "benchmark"]
+COMMANDS += ["validate", "export", "simulate", "demo", "schema"]
 
 
 def say(*arguments):

@@ -2,22 +2,26 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::{Failure, Global, print, print_json};
 use crate::crs::Crs;
-use crate::evaluate::read::{TruthOptions, crs_of, read_results, read_truth};
-use crate::evaluate::{HeightEvaluation, HeightOptions, evaluate_heights};
+use crate::evaluate::read::TruthOptions;
+use crate::evaluate::{CloudTruthOptions, Comparison, HeightOptions, compare_files};
+use crate::output::HeightReference;
 
 /// Arguments of `sizeup evaluate`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:
   sizeup evaluate result/city.city.json truth.geojson
-  sizeup evaluate result/city.gpkg lod2.city.json --height ridge --json")]
+  sizeup evaluate result/city.gpkg lod2.city.json --height-reference ridge --json
+  sizeup evaluate result/city.city.json lod2.city.json --same-vertical
+  sizeup evaluate result/city.city.json lidar.laz --truth-crs EPSG:7415")]
 pub struct EvaluateArgs {
-    /// Result: CityJSON, or a vector layer with a height attribute.
+    /// Result: CityJSON, a vector layer with a height attribute, or OBJ.
     pub result: PathBuf,
-    /// Reference: CityJSON of any version and level of detail, or a vector layer with a height attribute.
+    /// Reference: CityJSON of any version and level of detail, a vector layer with a height attribute, OBJ, or a point
+    /// cloud (LAS, LAZ, or XYZ with instance ids).
     pub truth: PathBuf,
     /// Height attribute of the reference, metres above ground.
     #[arg(long, value_name = "NAME")]
@@ -28,34 +32,86 @@ pub struct EvaluateArgs {
     /// Attribute of the reference that tells kinds of buildings apart.
     #[arg(long, value_name = "NAME", default_value = "type")]
     pub group_field: String,
+    /// Which height of the reference's pitched roofs counts, where it is measured on surfaces.
+    #[arg(long, value_name = "WHICH", default_value = "mean")]
+    pub height_reference: HeightReferenceArg,
+    /// Level of detail of the reference's geometry (default: its highest).
+    #[arg(long, value_name = "LOD")]
+    pub lod: Option<String>,
     /// CRS to compare in (default: the result's).
     #[arg(long, value_name = "CRS")]
     pub crs: Option<String>,
+    /// CRS of a reference that states none.
+    #[arg(long, value_name = "CRS")]
+    pub truth_crs: Option<String>,
+    /// Declare that levels of both files count from the same zero, so that surfaces and volumes can be compared.
+    #[arg(long)]
+    pub same_vertical: bool,
+    /// Compare heights only.
+    #[arg(long)]
+    pub heights_only: bool,
+    /// Draw a map of the errors and the reliability of the stated sigmas into this folder.
+    #[arg(long, value_name = "FOLDER")]
+    pub pictures: Option<PathBuf>,
+    /// Percentile of a point cloud's roof points that counts as the height, 0 to 100.
+    #[arg(long, value_name = "PERCENT", default_value_t = 50.0)]
+    pub roof_percentile: f64,
+    /// Level of the ground of a point cloud without ground points, metres.
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
+    pub ground: Option<f64>,
+}
+
+/// Which height of a pitched roof, on the command line.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum HeightReferenceArg {
+    /// Where the roof meets the walls.
+    Eave,
+    /// The mean over the roof's area.
+    Mean,
+    /// The highest line.
+    Ridge,
 }
 
 pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
-    let bad_input = |e: &dyn std::error::Error| Failure::new(3, e);
-    let crs = match &args.crs {
-        Some(definition) => Crs::parse(definition).map_err(|e| Failure::new(2, &e))?,
-        None => crs_of(&args.result).map_err(|e| bad_input(&e))?,
+    let parse = |definition: &String| Crs::parse(definition).map_err(|e| Failure::new(2, &e));
+    if !(0.0..=100.0).contains(&args.roof_percentile) {
+        return Err(Failure::from_text(2, format!("--roof-percentile {}: expected 0 to 100", args.roof_percentile)));
+    }
+    // A wrong definition is a wrong call, whatever the files are.
+    args.truth_crs.as_ref().map(parse).transpose()?;
+    let comparison = Comparison {
+        result: args.result.clone(),
+        truth: args.truth.clone(),
+        crs: args.crs.as_ref().map(parse).transpose()?,
+        options: TruthOptions {
+            height_field: args.height_field.clone(),
+            id_field: args.id_field.clone(),
+            group_field: args.group_field.clone(),
+            height_reference: match args.height_reference {
+                HeightReferenceArg::Eave => HeightReference::Eave,
+                HeightReferenceArg::Mean => HeightReference::Mean,
+                HeightReferenceArg::Ridge => HeightReference::Ridge,
+            },
+            lod: args.lod.clone(),
+            crs: args.truth_crs.clone(),
+            ..TruthOptions::default()
+        },
+        cloud: CloudTruthOptions {
+            roof_percentile: args.roof_percentile,
+            ground_m: args.ground,
+            ..CloudTruthOptions::default()
+        },
+        heights: HeightOptions::default(),
+        has_same_vertical: args.same_vertical,
+        with_bodies: !args.heights_only,
+        pictures: args.pictures.clone(),
+        seed: 0,
     };
-    let options = TruthOptions {
-        height_field: args.height_field.clone(),
-        id_field: args.id_field.clone(),
-        group_field: args.group_field.clone(),
-        ..TruthOptions::default()
-    };
-    let evaluation = evaluate(args, &options, &crs)?;
+    let report = compare_files(&comparison).map_err(|e| Failure::new(3, &e))?;
     if global.json {
-        print_json(&evaluation)?;
+        print_json(&report)?;
     } else {
-        print(&evaluation)?;
+        print(&report)?;
     }
     Ok(0)
-}
-
-fn evaluate(args: &EvaluateArgs, options: &TruthOptions, crs: &Crs) -> Result<HeightEvaluation, Failure> {
-    let truth = read_truth(&args.truth, options, crs).map_err(|e| Failure::new(3, &e))?;
-    let results = read_results(&args.result, crs).map_err(|e| Failure::new(3, &e))?;
-    evaluate_heights(&results, &truth.buildings, &HeightOptions::default()).map_err(|e| Failure::new(3, &e))
 }

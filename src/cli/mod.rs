@@ -3,10 +3,13 @@
 //! stdout is data (tables, JSON), stderr is talk. Exit codes: 0 ok, 2 usage or configuration, 3 bad input, 4 failed,
 //! 5 finished with failed items.
 
+mod baseline;
+mod benchmark;
 mod demo;
 mod evaluate;
 mod export;
 mod footprints;
+mod look;
 mod prior;
 mod run;
 mod schema;
@@ -78,6 +81,12 @@ pub enum Command {
     Simulate(simulate::SimulateArgs),
     /// Compare a result with a reference and print how far off it is.
     Evaluate(evaluate::EvaluateArgs),
+    /// Find heights in a quick and simple way, to compare with: from priors, a point cloud, or known heights.
+    Baseline(baseline::BaselineArgs),
+    /// Picture one view of a finished run: photo, rendered depth, prior and ordinal pairs.
+    Look(look::LookArgs),
+    /// Measure accuracy and speed on simulated scenes, every method on each, and write the tables.
+    Benchmark(benchmark::BenchmarkArgs),
     /// Simulate a small town, find its heights, evaluate and picture them.
     Demo(demo::DemoArgs),
     /// Print the JSON Schema of a configuration file.
@@ -140,6 +149,9 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Export(args) => export::run(args, &cli.global),
         Command::Simulate(args) => simulate::run(args, &cli.global),
         Command::Evaluate(args) => evaluate::run(args, &cli.global),
+        Command::Baseline(args) => baseline::run(args, &cli.global),
+        Command::Look(args) => look::run(args, &cli.global),
+        Command::Benchmark(args) => benchmark::run(args, &cli.global),
         Command::Demo(args) => demo::run(args, &cli.global),
         Command::Schema(args) => schema::run(args),
     }

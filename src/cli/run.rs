@@ -116,7 +116,7 @@ pub(super) fn run_config(config: &RunConfig, options: &RunOptions, global: &Glob
     Ok(summary)
 }
 
-fn tell_summary(ui: &Ui, summary: &RunSummary) {
+pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
     let seconds: Vec<String> = summary.seconds.iter().map(|(stage, s)| format!("{} {s:.1} s", stage.name())).collect();
     ui.say(format!(
         "{} buildings, {} views ({} oblique), {} priors used",

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use geo::Area as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -9,6 +10,11 @@ use super::matching::{Match, Matching, match_buildings};
 use super::statistics::{DEFINITIONS, HeightPair, HeightStatistics};
 use super::{EvaluationError, TruthBuilding};
 use crate::output::{BuildingRecord, Status};
+
+/// Upper limits of the classes of height, metres; the last class is above.
+const HEIGHT_CLASSES_M: [f64; 4] = [6.0, 12.0, 25.0, 50.0];
+/// Upper limits of the classes of outline area, m²; the last class is above.
+const AREA_CLASSES_M2: [f64; 3] = [100.0, 300.0, 1000.0];
 
 /// What is compared, and how.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -80,6 +86,9 @@ pub struct BuildingError {
     pub group: Option<String>,
     /// Share of the reference's outline that the match covers.
     pub overlap_share: Option<f64>,
+    /// Area of the reference's outline, m²; of the result's where the reference has none.
+    #[serde(default)]
+    pub area_m2: Option<f64>,
 }
 
 /// The outcome, with everything needed to read it.
@@ -99,6 +108,12 @@ pub struct HeightEvaluation {
     pub by_status: Vec<GroupStatistics>,
     /// By kind of building, in alphabetical order; empty if the reference has no kinds.
     pub by_group: Vec<GroupStatistics>,
+    /// By height of the reference, ascending; empty where all are of one class.
+    #[serde(default)]
+    pub by_height: Vec<GroupStatistics>,
+    /// By area of the outline, ascending; empty where all are of one class.
+    #[serde(default)]
+    pub by_area: Vec<GroupStatistics>,
     /// Each compared building, in the reference's order.
     pub buildings: Vec<BuildingError>,
     /// What each number means.
@@ -122,7 +137,7 @@ pub fn evaluate_heights(
     let known_groups: std::collections::BTreeSet<&str> = buildings.iter().filter_map(|b| b.group.as_deref()).collect();
     let statuses = [Status::Measured, Status::Doubtful, Status::Fallback, Status::Unknown, Status::Refused];
     let group = |name: &str, belongs: &dyn Fn(&BuildingError) -> bool| {
-        let statistics = statistics_of(buildings.iter().filter(|b| belongs(b)))?;
+        let statistics = HeightStatistics::of_buildings(buildings.iter().filter(|b| belongs(b)))?;
         Some(GroupStatistics { group: name.to_owned(), statistics })
     };
     Ok(HeightEvaluation {
@@ -130,12 +145,37 @@ pub fn evaluate_heights(
         min_overlap_share: options.min_overlap_share,
         min_truth_height_m: options.min_truth_height_m,
         counts,
-        all: statistics_of(buildings.iter()),
+        all: HeightStatistics::of_buildings(buildings.iter()),
         by_status: statuses.iter().filter_map(|s| group(s.as_str(), &|b| b.status == *s)).collect(),
         by_group: known_groups.iter().filter_map(|g| group(g, &|b| b.group.as_deref() == Some(g))).collect(),
+        by_height: classes(&buildings, &HEIGHT_CLASSES_M, "m high", |b| Some(b.truth_m)),
+        by_area: classes(&buildings, &AREA_CLASSES_M2, "m²", |b| b.area_m2),
         definitions: DEFINITIONS.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect(),
         buildings,
     })
+}
+
+/// Statistics by size, ascending; nothing where all buildings are of one class.
+fn classes(
+    buildings: &[BuildingError],
+    limits: &[f64],
+    unit: &str,
+    size_of: impl Fn(&BuildingError) -> Option<f64>,
+) -> Vec<GroupStatistics> {
+    let bounds =
+        || std::iter::once(0.0).chain(limits.iter().copied()).zip(limits.iter().copied().chain([f64::INFINITY]));
+    let name = |low: f64, high: f64| match (low, high) {
+        (0.0, _) => format!("up to {high} {unit}"),
+        (_, f64::INFINITY) => format!("above {low} {unit}"),
+        _ => format!("{low} to {high} {unit}"),
+    };
+    let statistics = |(low, high): (f64, f64)| {
+        let of_class = buildings.iter().filter(|b| size_of(b).is_some_and(|size| size > low && size <= high));
+        let statistics = HeightStatistics::of_buildings(of_class)?;
+        Some(GroupStatistics { group: name(low, high), statistics })
+    };
+    let classes: Vec<GroupStatistics> = bounds().filter_map(statistics).collect();
+    if classes.len() > 1 { classes } else { Vec::new() }
 }
 
 fn no_match(n_results: usize, n_truth: usize, matched_by: Matching) -> EvaluationError {
@@ -191,6 +231,10 @@ fn compare(
             status: record.status,
             group: building.group.clone(),
             overlap_share: found.overlap_share,
+            area_m2: match (&building.footprint, &record.footprint) {
+                (Some(outline), _) => Some(outline.unsigned_area()),
+                (None, outline) => outline.as_ref().map(geo::Area::unsigned_area),
+            },
         });
     }
     counts.n_compared = compared.len();
@@ -198,8 +242,11 @@ fn compare(
     (counts, compared)
 }
 
-fn statistics_of<'a>(buildings: impl Iterator<Item = &'a BuildingError>) -> Option<HeightStatistics> {
-    let pairs: Vec<HeightPair> =
-        buildings.map(|b| HeightPair { height_m: b.height_m, truth_m: b.truth_m, sigma_m: b.sigma_m }).collect();
-    HeightStatistics::of(&pairs)
+impl HeightStatistics {
+    /// Over compared buildings, of one evaluation or of several; `None` for none.
+    pub fn of_buildings<'a>(buildings: impl Iterator<Item = &'a BuildingError>) -> Option<Self> {
+        let pairs: Vec<HeightPair> =
+            buildings.map(|b| HeightPair { height_m: b.height_m, truth_m: b.truth_m, sigma_m: b.sigma_m }).collect();
+        Self::of(&pairs)
+    }
 }

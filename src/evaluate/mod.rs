@@ -1,22 +1,46 @@
 //! How good a result is, against a reference: every number is reported with its definition.
 //!
 //! Heights are *differences* (roof minus ground), so the vertical references of result and truth need not agree;
-//! outlines are only compared after both are in one horizontal CRS ([`read`]).
+//! outlines are only compared after both are in one horizontal CRS ([`read`]). Surfaces and volumes compare levels: there
+//! both must count from the same vertical reference.
+//!
+//! | measure | module | compares |
+//! |---|---|---|
+//! | heights | `heights` | one number per building |
+//! | surface | `surface` | walls and roofs, by distance |
+//! | volume | `volume`, `columns` | bodies, by what they have in common |
+//!
+//! Bodies come from [`solid`], references from point clouds from `clouds`.
 
+mod clouds;
+mod columns;
+mod compare;
 pub mod footprints;
 mod heights;
 mod matching;
+mod pictures;
 pub mod read;
+mod report;
+pub mod solid;
 mod statistics;
+mod surface;
 mod table;
+mod volume;
 
 use geo_types::MultiPolygon;
 use serde::{Deserialize, Serialize};
 
+pub use clouds::{CloudTruthOptions, truth_of_instances, truth_under_outlines};
+pub use columns::{ColumnGrid, Columns};
+pub use compare::{CompareError, Comparison, compare_files};
 pub use footprints::{FootprintEvaluation, evaluate_footprints};
 pub use heights::{BuildingError, GroupStatistics, HeightEvaluation, HeightOptions, MatchCounts, evaluate_heights};
 pub use matching::{Match, Matching, match_buildings};
+pub use pictures::{reliability, write_pictures};
+pub use report::EvaluationReport;
 pub use statistics::{DEFINITIONS, HeightStatistics};
+pub use surface::{SURFACE_DEFINITIONS, SurfaceEvaluation, Target, evaluate_surface, nearest_on_triangle};
+pub use volume::{VOLUME_DEFINITIONS, VolumeError, VolumeEvaluation, evaluate_volume, prism_iou};
 
 /// One building of the reference, in the project's map frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -31,6 +31,8 @@ pub struct TruthOptions {
     pub height_reference: HeightReference,
     /// Level of detail of `CityJSON` geometry; the highest by default.
     pub lod: Option<String>,
+    /// CRS of a file that states none.
+    pub crs: Option<String>,
 }
 
 impl Default for TruthOptions {
@@ -42,6 +44,7 @@ impl Default for TruthOptions {
             group_field: "type".to_owned(),
             height_reference: HeightReference::Mean,
             lod: None,
+            crs: None,
         }
     }
 }
@@ -65,7 +68,12 @@ pub fn read_truth(path: &Path, options: &TruthOptions, project_crs: &Crs) -> Res
         id_field: options.id_field.as_deref(),
         lod: options.lod.as_deref(),
     };
-    let found = FoundBuildings::read(path, &read)?.into_crs(project_crs)?;
+    let mut found = FoundBuildings::read(path, &read)?;
+    if let (None, Some(definition)) = (&found.crs, &options.crs) {
+        let failed = |source| ReadError::Crs { path: path.to_owned(), source };
+        found.crs = Some(Crs::parse(definition).map_err(failed)?);
+    }
+    let found = found.into_crs(project_crs)?;
     let has = |field: &str| found.buildings.iter().any(|b| b.attributes.contains_key(field));
     let is_measured = found.buildings.iter().any(|b| b.levels.is_some());
     let field = match options.height_field.as_deref() {

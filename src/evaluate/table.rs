@@ -32,7 +32,7 @@ impl fmt::Display for HeightEvaluation {
             c.n_results
         )?;
         let Some(all) = &self.all else { return writeln!(f, "  nothing left to compare") };
-        let groups = self.by_status.iter().chain(&self.by_group);
+        let groups = self.by_status.iter().chain(&self.by_group).chain(&self.by_height).chain(&self.by_area);
         let width = groups.clone().map(|g| g.group.chars().count()).max().unwrap_or(0).max(10);
         writeln!(f)?;
         writeln!(
@@ -45,7 +45,8 @@ impl fmt::Display for HeightEvaluation {
         if has_several(self.by_status.len()) {
             self.by_status.iter().try_for_each(|g| row(f, &g.group, width, &g.statistics))?;
         }
-        self.by_group.iter().try_for_each(|g| row(f, &g.group, width, &g.statistics))?;
+        let by_kind_and_size = self.by_group.iter().chain(&self.by_height).chain(&self.by_area);
+        by_kind_and_size.into_iter().try_for_each(|g| row(f, &g.group, width, &g.statistics))?;
         writeln!(f)?;
         if let (Some(one), Some(two)) = (all.within_1_sigma_share, all.within_2_sigma_share) {
             writeln!(

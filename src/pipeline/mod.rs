@@ -14,6 +14,7 @@ mod artefact;
 mod error;
 mod footprints;
 mod input;
+mod look;
 mod pictures;
 mod records;
 mod soundness;
@@ -21,6 +22,7 @@ mod stages;
 
 pub use artefact::{FootprintStage, HeightStage};
 pub use error::PipelineError;
+pub use look::look;
 
 use std::path::PathBuf;
 
@@ -28,7 +30,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
 use crate::issue::{Issue, Severity};
-use crate::optimise::Solving;
+use crate::optimise::{OptimiseConfig, Problem, Solution, Solving, solve};
 use crate::output::Status;
 
 /// A part of the path, in order.
@@ -136,5 +138,22 @@ impl RunSummary {
 /// [`PipelineError`]: the input as a whole cannot be used, or a file cannot be written. Single photos and buildings that
 /// cannot be used are issues in the output.
 pub fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> Result<RunSummary, PipelineError> {
-    stages::run(config, options, tell)
+    run_with(config, options, tell, &solve)
+}
+
+/// What turns evidence into heights: the optimiser, or a baseline in its place.
+pub type Solver<'a> = &'a dyn Fn(&Problem<'_>, &OptimiseConfig) -> Solution;
+
+/// As [`run`], with another solver in the optimiser's place. Its results belong in a folder of their own: what the
+/// heights stage leaves behind does not tell which solver ran.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with(
+    config: &RunConfig,
+    options: &RunOptions,
+    tell: Tell<'_>,
+    solver: Solver<'_>,
+) -> Result<RunSummary, PipelineError> {
+    stages::run(config, options, tell, solver)
 }

@@ -9,10 +9,14 @@ use rayon::prelude::*;
 use super::stages::SceneStage;
 use super::{HeightStage, PipelineError};
 use crate::footprint::Detection;
+use crate::optimise::EpochRecord;
 use crate::output::picture::colour::Rgb;
-use crate::output::picture::{self, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline};
+use crate::output::picture::{
+    self, Chart, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline, SERIES_COLOURS, Series, Stroke,
+};
 use crate::output::{CityModel, MalformedFile, OutputError};
-use crate::prior::{PriorSource as _, Priors};
+use crate::prior::{DepthPrior, PriorSource as _, Priors};
+use crate::raster::Raster;
 use crate::render::PlacedCamera;
 use crate::render::image::SceneTracer;
 use crate::survey::{Survey, View, ViewKind};
@@ -35,6 +39,11 @@ pub(super) fn write(
 ) -> Result<(), PipelineError> {
     let folder = folder.join("pictures");
     picture::write_png(&folder.join("map.png"), &picture::map(model, &MapConfig::default()))?;
+    if heights.solution.history.len() > 1 {
+        let [loss, trajectories] = history(&heights.solution.history);
+        picture::write_png(&folder.join("loss.png"), &picture::chart(&loss, 800, 480))?;
+        picture::write_png(&folder.join("heights.png"), &picture::chart(&trajectories, 800, 620))?;
+    }
     let views = telling_views(model.survey, heights);
     let heights_m: Vec<f32> =
         heights.solution.heights.iter().map(|h| h.height_m.map_or(stage.scene.bounds.min_m, |h| h as f32)).collect();
@@ -103,6 +112,35 @@ fn ground_lines(view: &View, polygon: &Polygon<f64>, terrain: &Terrain, colour: 
 /// Colour of footprints and of single photos' masks.
 const OUTLINE: Rgb = [253, 231, 37];
 const CANDIDATE: Rgb = [64, 190, 200];
+
+/// The loss, and every building's height, over the passes.
+fn history(passes: &[EpochRecord]) -> [Chart; 2] {
+    let of_pass = |value: &dyn Fn(&EpochRecord) -> f64| -> Vec<[f64; 2]> {
+        passes.iter().enumerate().map(|(i, pass)| [(i + 1) as f64, value(pass)]).collect()
+    };
+    let chart = |title: &str, y_label: &str, series: Vec<Series>| Chart {
+        title: title.to_owned(),
+        x_label: "pass".to_owned(),
+        y_label: y_label.to_owned(),
+        series,
+        from_zero: true,
+    };
+    let line = |name: &str, points: Vec<[f64; 2]>, stroke: Stroke, colour: usize| Series {
+        name: name.to_owned(),
+        points,
+        stroke,
+        colour: SERIES_COLOURS[colour],
+    };
+    let loss = of_pass(&|pass| pass.loss);
+    let change = of_pass(&|pass| pass.relative_change);
+    let curves =
+        vec![line("loss", loss, Stroke::Line, 0), line("mean relative change of heights", change, Stroke::Line, 1)];
+    let n_buildings = passes.first().map_or(0, |pass| pass.heights_m.len());
+    let height = |b: usize| of_pass(&|pass| pass.heights_m.get(b).map_or(f64::NAN, |h| f64::from(*h)));
+    let trajectories = (0..n_buildings).map(|b| line("", height(b), Stroke::Faint, 0)).collect();
+    [chart("Loss", "", curves), chart("Heights of all buildings", "height, m", trajectories)]
+}
+
 /// Colour of roof edges and of the others.
 const ROOF: Rgb = [253, 231, 37];
 const WALL: Rgb = [64, 190, 200];
@@ -118,7 +156,7 @@ fn telling_views(survey: &Survey, heights: &HeightStage) -> Vec<usize> {
     views
 }
 
-fn photo_of(view: &View) -> Result<RgbImage, PipelineError> {
+pub(super) fn photo_of(view: &View) -> Result<RgbImage, PipelineError> {
     let Some(path) = &view.image else {
         let camera = view.camera.reduced_to(PANEL_PX);
         return Ok(RgbImage::from_pixel(camera.width_px, camera.height_px, image::Rgb(NO_PHOTO)));
@@ -132,9 +170,18 @@ fn panel(view: &View, stage: &SceneStage, heights_m: &[f32], priors: &Priors) ->
     let camera = view.camera.reduced_to(PANEL_PX);
     let placed = PlacedCamera::new(camera, view.camera_from_map, stage.scene.origin);
     let rendered = SceneTracer::new(&stage.scene, heights_m).render(&placed);
-    let prior = priors.load(view)?;
-    let depths = PanelDepths { rendered_m: &rendered.depth, prior: &prior.values, prior_kind: prior.kind };
-    Ok(picture::depth_panel(&photo_of(view)?, &depths, &view.id.0, &PanelConfig::default()))
+    panel_of(view, &rendered.depth, &priors.load(view)?, &view.id.0)
+}
+
+/// Photo, rendered depth and prior side by side.
+pub(super) fn panel_of(
+    view: &View,
+    rendered_m: &Raster<f32>,
+    prior: &DepthPrior,
+    caption: &str,
+) -> Result<RgbImage, PipelineError> {
+    let depths = PanelDepths { rendered_m, prior: &prior.values, prior_kind: prior.kind };
+    Ok(picture::depth_panel(&photo_of(view)?, &depths, caption, &PanelConfig::default()))
 }
 
 /// The edges of the proxies as a view sees them, hidden ones too.

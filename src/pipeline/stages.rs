@@ -8,12 +8,12 @@ use geo_types::Polygon;
 
 use super::input::{check_settings, check_views, height_bounds};
 use super::records::records;
-use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Stage, Tell};
+use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
 use super::{artefact, footprints as outlines, pictures, soundness};
 use crate::config::RunConfig;
 use crate::files::{FileError, write_whole};
 use crate::issue::{Issue, Severity, Subject};
-use crate::optimise::{Problem, Solution, ViewInput, solve};
+use crate::optimise::{Problem, Solution, ViewInput};
 use crate::output::{BuildingRecord, CityModel, InputFile, Lineage, cityjson, geopackage, sha256_hex};
 use crate::prior::{PriorSource as _, Priors};
 use crate::render::PlacedCamera;
@@ -25,7 +25,12 @@ use crate::terrain::{self, GroundLevel, MapBox, Terrain};
 /// building of greatest height reach the ground 1.7 heights behind it.
 const GROUND_MARGIN_HEIGHTS: f64 = 2.0;
 
-pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> Result<RunSummary, PipelineError> {
+pub(super) fn run(
+    config: &RunConfig,
+    options: &RunOptions,
+    tell: Tell<'_>,
+    solver: Solver<'_>,
+) -> Result<RunSummary, PipelineError> {
     if options.from > options.until {
         return Err(PipelineError::Settings {
             table: "run",
@@ -83,14 +88,14 @@ pub(super) fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> R
     let mut stage = SceneStage::new(config, &survey, &footprints)?;
     let heights: HeightStage = if runs(Stage::Heights) {
         tell(Event::Stage(Stage::Heights));
-        let mut heights = find_heights(config, &survey, &stage, tell)?;
+        let mut heights = find_heights(config, &survey, &stage, tell, solver)?;
         // Roofs move with their heights, and heights are measured under their roofs.
         for _ in 0..outlines::roof_rounds(config, &footprints) {
             if !outlines::move_roofs(config, &survey, &mut footprints, &heights)? {
                 break;
             }
             stage = SceneStage::new(config, &survey, &footprints)?;
-            heights = find_heights(config, &survey, &stage, tell)?;
+            heights = find_heights(config, &survey, &stage, tell, solver)?;
         }
         if footprints.tracks.is_some() {
             artefact::write(config, Stage::Footprints, &footprints)?;
@@ -170,11 +175,11 @@ pub(super) struct SceneStage {
     /// Their positions in the layer.
     solved: Vec<usize>,
     /// The ground around them.
-    terrain: Terrain,
+    pub terrain: Terrain,
 }
 
 impl SceneStage {
-    fn new(config: &RunConfig, survey: &Survey, footprints: &FootprintStage) -> Result<Self, PipelineError> {
+    pub fn new(config: &RunConfig, survey: &Survey, footprints: &FootprintStage) -> Result<Self, PipelineError> {
         let bounds = height_bounds(config, check_views(survey, footprints)?)?;
         let solved: Vec<usize> = (0..footprints.ground.len()).filter(|&i| footprints.ground[i].is_some()).collect();
         let on_ground: Vec<(&Polygon<f64>, GroundLevel)> = solved
@@ -193,6 +198,7 @@ fn find_heights(
     survey: &Survey,
     stage: &SceneStage,
     tell: Tell<'_>,
+    solver: Solver<'_>,
 ) -> Result<HeightStage, PipelineError> {
     let views: Vec<ViewInput> = survey
         .views
@@ -211,7 +217,7 @@ fn find_heights(
         let view = &survey.views[view];
         priors.load(view).map(|prior| prior.to_z_depth(&view.camera)).map_err(|e| e.to_string())
     };
-    let solution = solve(
+    let solution = solver(
         &Problem {
             scene: &stage.scene,
             views: &views,

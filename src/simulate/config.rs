@@ -35,6 +35,8 @@ pub struct SimulateConfig {
     pub masks: MaskConfig,
     /// The depth priors.
     pub prior: PriorConfig,
+    /// A sparse point cloud as multi-view matching leaves it.
+    pub points: PointConfig,
     /// What is wrong with poses and footprints as the user gets them.
     pub errors: ErrorConfig,
 }
@@ -53,6 +55,7 @@ impl Default for SimulateConfig {
             images: ImageConfig::default(),
             masks: MaskConfig::default(),
             prior: PriorConfig::default(),
+            points: PointConfig::default(),
             errors: ErrorConfig::default(),
         }
     }
@@ -305,6 +308,30 @@ pub struct PriorConfig {
 impl Default for PriorConfig {
     fn default() -> Self {
         Self { level: PriorLevel::Mid, kind: PriorKind::InverseDepth, longest_px: 448, write_true_depth: false }
+    }
+}
+
+/// The point cloud: places on surfaces that three or more views see, with errors, gaps and blunders.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct PointConfig {
+    /// Places tried per view, 0 to 100000; 0: no cloud.
+    pub per_view: usize,
+    /// Standard deviation of a point's position per axis, metres.
+    pub noise_m: f64,
+    /// Share of surface patches without points (textureless, glass), 0 to 1.
+    pub gap_share: f64,
+    /// Size of such patches, metres.
+    pub gap_m: f64,
+    /// Share of points that are blunders, 0 to 1.
+    pub blunder_share: f64,
+    /// Standard deviation of a blunder's position per axis, metres.
+    pub blunder_m: f64,
+}
+
+impl Default for PointConfig {
+    fn default() -> Self {
+        Self { per_view: 0, noise_m: 0.15, gap_share: 0.25, gap_m: 4.0, blunder_share: 0.01, blunder_m: 3.0 }
     }
 }
 

@@ -29,6 +29,7 @@ mod mask_errors;
 mod masks;
 mod noise;
 mod photo;
+mod points;
 mod presets;
 mod real;
 mod relief;
@@ -43,7 +44,7 @@ mod trace;
 pub use building::{Building, BuildingKind, Part, Placement, Triangle};
 pub use config::{
     CameraConfig, CityJsonConfig, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, MaskConfig, MaskOutline,
-    PriorConfig, PriorLevel, SimulateConfig, TerrainConfig, TownConfig, TownKind,
+    PointConfig, PriorConfig, PriorLevel, SimulateConfig, TerrainConfig, TownConfig, TownKind,
 };
 pub use corrupt::{Corruption, building_gain, prior};
 pub use disturb::{footprints as disturbed_footprints, poses as disturbed_poses};

@@ -22,7 +22,7 @@ use super::photo::{self, Photographer};
 use super::scene::Scene;
 use super::texture::Palette;
 use super::town::{self, World};
-use super::{SimulateError, clutter, corrupt, disturb, files, flight, masks, real, tie_points, trace};
+use super::{SimulateError, clutter, corrupt, disturb, files, flight, masks, points, real, tie_points, trace};
 
 /// Views rendered between two reports of progress: enough to keep every core busy.
 const BATCH: usize = 16;
@@ -147,6 +147,10 @@ fn write_scene(
     let given_views = disturb::poses(views, &config.errors, config.seed);
     let points = tie_points::collect(&scene, views, TIE_POINTS_PER_VIEW * views.len(), config.seed);
     files::write_colmap(&out.join("sparse"), &given_views, offset, &points)?;
+    if config.points.per_view > 0 {
+        let cloud = points::scatter(&scene, views, &config.points, config.seed);
+        crate::cloud::write_text(&out.join("points.xyz"), &cloud)?;
+    }
     let outlines = disturb::footprints(&world.buildings, &config.errors, config.seed);
     files::write_footprints(&out.join("footprints.gpkg"), &crs, &world.buildings, &outlines)?;
     files::write_dtm(&out.join("dtm.tif"), &crs, &world.terrain)?;

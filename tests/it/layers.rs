@@ -5,15 +5,16 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Modules by level, lowest first.
-const LEVELS: [&[&str]; 9] = [
+const LEVELS: [&[&str]; 10] = [
     &["files", "frames", "gdal_log", "ids", "issue", "raster", "ray", "seed", "stats", "template"],
-    &["camera", "crs", "geodata", "onnx", "survey", "terrain"],
+    &["camera", "cloud", "crs", "geodata", "onnx", "survey", "terrain"],
     &["footprint", "prior"],
     &["render", "scene"],
     &["ordinal", "views"],
     &["optimise"],
-    &["evaluate", "output", "simulate"],
+    &["baseline", "evaluate", "output", "simulate"],
     &["config", "pipeline"],
+    &["benchmark"],
     &["cli"],
 ];
 

@@ -1,10 +1,12 @@
 //! Behaviour of sizeup seen from outside, one module per topic.
 
+mod benchmark;
 mod cli;
 mod consumers;
 mod crash_safety;
 mod determinism;
 mod evaluation;
+mod evaluation_bodies;
 mod footprint_accuracy;
 mod footprint_layers;
 mod footprint_masks;

@@ -11,6 +11,7 @@ use sizeup::frames::{Cam, Map, Rigid};
 use sizeup::output::picture::{
     MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline, depth_panel, map, overlay, write_png,
 };
+use sizeup::output::picture::{PicturedPair, beside, pairs_picture};
 use sizeup::output::{BuildingRecord, Status};
 use sizeup::prior::PriorKind;
 use sizeup::raster::Raster;
@@ -148,4 +149,20 @@ fn edges_are_drawn_over_the_photo_and_cut_at_its_rim() {
     let picture = overlay(&photo, &lines, &key, &OverlayConfig::default());
     keep("overlay.png", &picture);
     assert_eq!(picture.dimensions(), (600, 400));
+}
+
+#[test]
+fn ordinal_pairs_that_cost_something_are_drawn_in_their_colour() {
+    let photo = image::RgbImage::from_pixel(64, 48, image::Rgb([10, 10, 10]));
+    let pair = |cost| PicturedPair { ends: [[0.1, 0.1], [0.9, 0.9]], cost };
+    // Vermilion on a grey photo: far more red than blue, thin and smoothed as the line is.
+    let n_red = |pairs: &[PicturedPair]| {
+        let drawn = pairs_picture(&photo, pairs, 320);
+        let picture = drawn.rows().skip(74).take(240).flatten();
+        picture.filter(|p| i32::from(p.0[0]) - i32::from(p.0[2]) > 60).count()
+    };
+    assert_eq!(n_red(&[pair(0.0)]), 0);
+    // The diagonal of 256 × 192 px is crossed by at least one pixel per column.
+    assert!(n_red(&[pair(0.4)]) >= 250, "{}", n_red(&[pair(0.4)]));
+    assert_eq!(beside(&photo, &image::RgbImage::new(10, 100)).dimensions(), (74, 100));
 }

@@ -1,11 +1,15 @@
-//! Pictures of a result as PNG: a map of the heights, a depth panel of one view, prism edges over a photo.
+//! Pictures of a result as PNG: a map of the heights, a depth panel of one view, prism edges over a photo,
+//! charts, and a map of errors.
 //!
 //! Colours come from maps that are even in lightness and readable by colour-blind people ([`colour`]).
 
 mod canvas;
+mod chart;
 pub mod colour;
+mod error_map;
 mod map;
 mod overlay;
+mod pairs;
 mod panel;
 mod scale;
 
@@ -17,8 +21,11 @@ use image::{ImageFormat, RgbImage};
 use super::OutputError;
 use crate::files::{FileError, write_whole};
 
+pub use chart::{Chart, SERIES_COLOURS, Series, Stroke, chart};
+pub use error_map::error_map;
 pub use map::{MapConfig, map};
 pub use overlay::{OverlayConfig, Polyline, overlay};
+pub use pairs::{PicturedPair, beside, pairs_picture};
 pub use panel::{PanelConfig, PanelDepths, depth_panel};
 
 /// Writes a picture as PNG, whole or not at all.

@@ -1,0 +1,299 @@
+//! The accuracy matrix: seeds × towns × levels of prior errors, every method on each scene.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{BenchmarkError, Method, Outcome, Plan, SceneJob, Tell, run_scene};
+use crate::evaluate::{BuildingError, HeightStatistics};
+use crate::files::write_whole;
+use crate::output::Status;
+use crate::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind};
+
+/// Errors above this that carry no flag are counted, metres.
+const GROSS_M: f64 = 5.0;
+
+/// Places tried per building for the point cloud; about a fifth becomes a point on a building.
+const POINTS_PER_BUILDING: usize = 3000;
+
+/// Which scenes make up the matrix.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct AccuracyConfig {
+    /// One scene per seed, town and level.
+    pub seeds: Vec<u64>,
+    /// Kinds of towns.
+    pub towns: Vec<TownKind>,
+    /// How far priors are from the truth.
+    pub levels: Vec<PriorLevel>,
+    /// What is run.
+    pub methods: Vec<Method>,
+    /// Buildings per scene.
+    pub n_buildings: usize,
+    /// Views per scene, nadir ones included.
+    pub n_views: usize,
+    /// Size of the images and priors: width and height, pixels.
+    pub image_px: [u32; 2],
+    /// Errors of poses and outlines as the methods get them.
+    pub errors: ErrorConfig,
+}
+
+impl Default for AccuracyConfig {
+    fn default() -> Self {
+        Self {
+            seeds: vec![1, 2, 3, 4, 5],
+            towns: vec![TownKind::Village, TownKind::District, TownKind::Downtown],
+            levels: vec![PriorLevel::Clean, PriorLevel::Mid, PriorLevel::High, PriorLevel::Bleed],
+            methods: Method::MAIN.to_vec(),
+            n_buildings: 40,
+            n_views: 60,
+            image_px: [448, 336],
+            errors: ErrorConfig::REALISTIC,
+        }
+    }
+}
+
+impl AccuracyConfig {
+    /// Seconds instead of minutes: for continuous integration, too small to tell methods apart.
+    #[must_use]
+    pub fn small() -> Self {
+        Self {
+            seeds: vec![1],
+            towns: vec![TownKind::Village],
+            levels: vec![PriorLevel::Clean, PriorLevel::Mid],
+            n_buildings: 8,
+            n_views: 24,
+            image_px: [160, 120],
+            ..Self::default()
+        }
+    }
+
+    fn check(&self) -> Result<(), BenchmarkError> {
+        let lists = [
+            ("seeds", self.seeds.len()),
+            ("towns", self.towns.len()),
+            ("levels", self.levels.len()),
+            ("methods", self.methods.len()),
+        ];
+        match lists.into_iter().find(|(_, n)| *n == 0) {
+            Some((setting, _)) => Err(BenchmarkError::Empty { setting }),
+            None => Ok(()),
+        }
+    }
+
+    fn job(&self, cell: &Cell) -> SceneJob {
+        let mut simulate = SimulateConfig { seed: cell.seed, errors: self.errors, ..SimulateConfig::default() };
+        (simulate.town.kind, simulate.town.n_buildings) = (cell.town, self.n_buildings);
+        simulate.flight.n_views = Some(self.n_views);
+        [simulate.camera.width_px, simulate.camera.height_px] = self.image_px;
+        simulate.prior.level = cell.level;
+        simulate.prior.longest_px = self.image_px[0].max(self.image_px[1]);
+        simulate.images.enabled = false;
+        if self.methods.iter().any(|m| m.needs_points()) {
+            simulate.points.per_view = POINTS_PER_BUILDING * self.n_buildings / self.n_views.max(1);
+        }
+        SceneJob {
+            name: format!("{}-{}-seed{}", word(&cell.town), word(&cell.level), cell.seed),
+            simulate,
+            methods: self.methods.clone(),
+            assignments: vec![format!("optimise.working_px={}", self.image_px[0].max(self.image_px[1]))],
+            paper_assignments: Vec::new(),
+            with_bodies: false,
+        }
+    }
+}
+
+/// The name of an enumeration's variant in files.
+fn word(value: &impl Serialize) -> String {
+    serde_json::to_value(value).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Cell {
+    town: TownKind,
+    level: PriorLevel,
+    seed: u64,
+}
+
+/// One row: a town (or all), a level and a method, over all seeds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct AccuracyRow {
+    /// Kind of town, or `all`.
+    pub town: String,
+    /// Level of prior errors.
+    pub level: String,
+    /// The method.
+    pub method: Method,
+    /// Over the buildings of all seeds.
+    pub statistics: HeightStatistics,
+    /// Buildings without a height.
+    pub n_without_height: usize,
+    /// Buildings off by more than 5 m that are not marked as doubtful.
+    pub n_gross_unflagged: usize,
+    /// Buildings off by more than 5 m.
+    pub n_gross: usize,
+    /// Least and greatest mean error over the scenes of the row, metres.
+    pub mean_range_m: [f64; 2],
+    /// Seconds per scene from priors on disk to heights, mean over scenes.
+    pub heights_s: f64,
+    /// Processor seconds per scene in user mode, whole run, mean over scenes.
+    pub user_s: Option<f64>,
+}
+
+/// The matrix as a whole.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct AccuracyTable {
+    /// What was simulated.
+    pub config: AccuracyConfig,
+    /// By level, town and method.
+    pub rows: Vec<AccuracyRow>,
+}
+
+/// Runs the matrix; after every scene `accuracy.json` and `accuracy.md` in the plan's folder hold what there is so far.
+///
+/// # Errors
+/// [`BenchmarkError`].
+pub fn run(config: &AccuracyConfig, plan: &Plan, tell: Tell<'_>) -> Result<AccuracyTable, BenchmarkError> {
+    config.check()?;
+    let mut cells = Vec::new();
+    // Seeds outermost: a run that is stopped has whole matrices of fewer seeds.
+    for &seed in &config.seeds {
+        for &level in &config.levels {
+            cells.extend(config.towns.iter().map(|&town| Cell { town, level, seed }));
+        }
+    }
+    let mut outcomes: Vec<(Cell, Outcome)> = Vec::new();
+    let mut table = AccuracyTable { config: config.clone(), rows: Vec::new() };
+    for (i, cell) in cells.iter().enumerate() {
+        let job = config.job(cell);
+        let found = run_scene(&job, plan, &|what| tell(i, cells.len(), &format!("{}: {what}", job.name)))?;
+        outcomes.extend(found.into_iter().map(|outcome| (*cell, outcome)));
+        table.rows = rows(config, &outcomes);
+        write(&table, plan)?;
+    }
+    tell(cells.len(), cells.len(), "done");
+    Ok(table)
+}
+
+fn write(table: &AccuracyTable, plan: &Plan) -> Result<(), BenchmarkError> {
+    write_whole(&plan.folder.join("accuracy.json"), |out| {
+        serde_json::to_writer_pretty(&mut *out, table)?;
+        out.write_all(b"\n")
+    })?;
+    write_whole(&plan.folder.join("accuracy.md"), |out| out.write_all(table.to_markdown().as_bytes()))?;
+    Ok(())
+}
+
+fn rows(config: &AccuracyConfig, outcomes: &[(Cell, Outcome)]) -> Vec<AccuracyRow> {
+    let mut rows = Vec::new();
+    for &level in &config.levels {
+        let towns = config.towns.iter().map(|&t| Some(t)).chain((config.towns.len() > 1).then_some(None));
+        for town in towns {
+            for &method in &config.methods {
+                let belongs = |(cell, outcome): &&(Cell, Outcome)| {
+                    cell.level == level && town.is_none_or(|t| cell.town == t) && outcome.method == method
+                };
+                let of_row: Vec<&Outcome> = outcomes.iter().filter(belongs).map(|(_, outcome)| outcome).collect();
+                rows.extend(row(town, level, method, &of_row));
+            }
+        }
+    }
+    rows
+}
+
+fn row(town: Option<TownKind>, level: PriorLevel, method: Method, of_row: &[&Outcome]) -> Option<AccuracyRow> {
+    let buildings: Vec<&BuildingError> = of_row.iter().flat_map(|o| &o.heights.buildings).collect();
+    let is_gross = |b: &&&BuildingError| b.signed_error_m.abs() > GROSS_M;
+    let means: Vec<f64> = of_row.iter().filter_map(|o| o.heights.all.as_ref()).map(|s| s.error_mean_m).collect();
+    let n = of_row.len() as f64;
+    let user: Option<Vec<f64>> = of_row.iter().map(|o| o.user_s).collect();
+    Some(AccuracyRow {
+        town: town.map_or_else(|| "all".to_owned(), |t| word(&t)),
+        level: word(&level),
+        method,
+        statistics: HeightStatistics::of_buildings(buildings.iter().copied())?,
+        n_without_height: of_row.iter().map(|o| o.heights.counts.n_unobserved).sum(),
+        n_gross_unflagged: buildings.iter().filter(is_gross).filter(|b| b.status == Status::Measured).count(),
+        n_gross: buildings.iter().filter(is_gross).count(),
+        mean_range_m: [means.iter().copied().fold(f64::INFINITY, f64::min), means.iter().copied().fold(0.0, f64::max)],
+        heights_s: of_row.iter().map(|o| o.heights_s).sum::<f64>() / n,
+        user_s: user.map(|u| u.iter().sum::<f64>() / n),
+    })
+}
+
+impl AccuracyTable {
+    /// As Markdown, one table per level, with what the columns mean.
+    #[must_use]
+    pub fn to_markdown(&self) -> String {
+        let mut by_level: BTreeMap<usize, Vec<&AccuracyRow>> = BTreeMap::new();
+        for row in &self.rows {
+            let at = self.config.levels.iter().position(|l| word(l) == row.level).unwrap_or(usize::MAX);
+            by_level.entry(at).or_default().push(row);
+        }
+        let mut text = String::new();
+        let c = &self.config;
+        let e = &c.errors;
+        let _ = writeln!(
+            text,
+            "Simulated towns of {} buildings, {} views of {} × {} px, seeds {:?}; errors: position {} m, angle {}°, outline \
+             corners {} m, outlines {} m too large.\n",
+            c.n_buildings,
+            c.n_views,
+            c.image_px[0],
+            c.image_px[1],
+            c.seeds,
+            e.position_m,
+            e.angle_deg,
+            e.vertex_m,
+            e.outline_m
+        );
+        for rows in by_level.values() {
+            let _ = writeln!(text, "**{}**\n", rows[0].level);
+            text.push_str(
+                "| town | method | n | mean m | scenes' means m | median m | P90 m | max m | bias m | ≤ 1 m | > 5 m, of these not flagged | no height | within 1 σ | s (user) |\n\
+                 |---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
+            );
+            for row in rows {
+                text.push_str(&row.to_markdown());
+            }
+            text.push('\n');
+        }
+        text.push_str(
+            "e = |h − h*|, both roof minus ground; h*: mean roof height over its area. Mean, median, 90th percentile (linear \
+             interpolation) and maximum of e over the buildings of all seeds; scenes' means: least and greatest mean error of a \
+             single scene; bias: mean of h − h*; not flagged: status `measured`; within 1 σ: share of buildings with a stated \
+             sigma whose e is at most that (68 % if errors were normal and sigma right); s: seconds per scene from priors on disk \
+             to heights, in brackets processor seconds of the whole run in user mode.\n",
+        );
+        text
+    }
+}
+
+impl AccuracyRow {
+    fn to_markdown(&self) -> String {
+        let s = &self.statistics;
+        let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+        format!(
+            "| {} | `{}` | {} | {:.2} | {:.2}–{:.2} | {:.2} | {:.2} | {:.1} | {:+.2} | {} | {}, {} | {} | {} | {:.1} ({}) |\n",
+            self.town,
+            self.method.name(),
+            s.n,
+            s.error_mean_m,
+            self.mean_range_m[0],
+            self.mean_range_m[1],
+            s.error_median_m,
+            s.error_p90_m,
+            s.error_max_m,
+            s.bias_m,
+            percent(s.within_1m_share),
+            self.n_gross,
+            self.n_gross_unflagged,
+            self.n_without_height,
+            s.within_1_sigma_share.map_or_else(|| "–".to_owned(), percent),
+            self.heights_s,
+            self.user_s.map_or_else(|| "–".to_owned(), |s| format!("{s:.1}")),
+        )
+    }
+}

@@ -1,0 +1,107 @@
+//! Accuracy that anyone can measure again: scenes with known truth, every method on each, tables for the documentation.
+//!
+//! | suite | scenes | table |
+//! |---|---|---|
+//! | [`accuracy`] | seeds × towns × levels of prior errors | `accuracy.md` |
+//! | [`paper`] | as the paper's seven scenes, small scenes, a flight without a grid | `paper.md` |
+//!
+//! A suite leaves one file per scene and method behind. A run that was stopped goes on where it was; a file is made anew
+//! if the scene's or the method's settings changed. That the *program* changed is not noticed: see [`Plan::again`].
+
+pub mod accuracy;
+mod bodies;
+mod method;
+pub mod paper;
+mod scene;
+
+use std::path::{Path, PathBuf};
+
+pub use bodies::BodyScores;
+pub use method::{Aids, Answer, Method};
+pub use scene::{Outcome, SceneJob, run_scene};
+
+use crate::config::ConfigError;
+use crate::evaluate::EvaluationError;
+use crate::files::FileError;
+use crate::output::read::ReadError;
+use crate::pipeline::PipelineError;
+use crate::simulate::SimulateError;
+
+/// Where a suite works and what it keeps.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Plan {
+    /// Folder of scenes, outcomes and tables.
+    pub folder: PathBuf,
+    /// Methods whose outcomes are made anew even where they are there, for a program that has changed.
+    pub again: Vec<Method>,
+    /// Keep the scenes (tens of megabytes each), so that another run need not simulate them again.
+    pub keep_scenes: bool,
+}
+
+impl Plan {
+    /// Works in a folder, keeps no scenes, makes nothing anew.
+    #[must_use]
+    pub fn at(folder: &Path) -> Self {
+        Self { folder: folder.to_owned(), again: Vec::new(), keep_scenes: false }
+    }
+}
+
+/// Told `(scenes done, scenes in all, what is being done)`.
+pub type Tell<'a> = &'a dyn Fn(usize, usize, &str);
+
+/// Why a suite ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchmarkError {
+    /// Settings out of range.
+    #[error("{setting} is empty\nhint: name at least one")]
+    Empty {
+        /// Its name.
+        setting: &'static str,
+    },
+    /// A scene could not be simulated.
+    #[error("scene {scene}: {source}")]
+    Simulate {
+        /// Its name.
+        scene: String,
+        /// Why.
+        source: SimulateError,
+    },
+    /// The configuration of a simulated scene could not be read.
+    #[error("scene {scene}: {source}")]
+    Config {
+        /// Its name.
+        scene: String,
+        /// Why.
+        source: ConfigError,
+    },
+    /// A method failed on a scene.
+    #[error("scene {scene}, {method}: {source}")]
+    Run {
+        /// Name of the scene.
+        scene: String,
+        /// Name of the method.
+        method: &'static str,
+        /// Why.
+        source: PipelineError,
+    },
+    /// A scene that no suite has.
+    #[error("unknown scene {name:?}\nhint: the scenes are {known}")]
+    UnknownScene {
+        /// What was asked for.
+        name: String,
+        /// All names.
+        known: String,
+    },
+    /// A point cloud could not be read.
+    #[error(transparent)]
+    Cloud(#[from] crate::cloud::CloudError),
+    /// A result could not be read back.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// A result could not be compared with the truth.
+    #[error(transparent)]
+    Evaluate(#[from] EvaluationError),
+    /// A file could not be written or removed.
+    #[error(transparent)]
+    File(#[from] FileError),
+}

@@ -1,0 +1,214 @@
+//! One scene: simulate it where some outcome is missing, run the methods, keep one small file per method.
+
+use std::cell::{Cell, RefCell};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::bodies::{BodyScores, score, true_bodies};
+use super::method::Aids;
+use super::{BenchmarkError, Method, Plan};
+use crate::cloud;
+use crate::config::RunConfig;
+use crate::evaluate::read::{TruthOptions, read_results, read_truth};
+use crate::evaluate::solid::Solid;
+use crate::evaluate::{HeightEvaluation, HeightOptions, TruthBuilding, evaluate_heights};
+use crate::files::{FileError, write_whole};
+use crate::optimise::{OptimiseConfig, Problem};
+use crate::output::sha256_hex;
+use crate::pipeline::{RunOptions, RunSummary, Stage, run_with};
+use crate::simulate::{SimulateConfig, simulate};
+
+/// A scene and what runs on it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneJob {
+    /// Unique name, part of file names.
+    pub name: String,
+    /// The scene.
+    pub simulate: SimulateConfig,
+    /// The methods.
+    pub methods: Vec<Method>,
+    /// `table.key=value` settings of the runs, on top of the scene's own.
+    pub assignments: Vec<String>,
+    /// Settings of the `paper` method's runs only.
+    pub paper_assignments: Vec<String>,
+    /// Whether bodies are compared with the true ones too.
+    pub with_bodies: bool,
+}
+
+impl SceneJob {
+    fn assignments_of(&self, method: Method) -> Vec<String> {
+        let own = if method == Method::Paper { &*self.paper_assignments } else { &[] };
+        self.assignments.iter().chain(own).cloned().collect()
+    }
+}
+
+/// What a method achieved on a scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Outcome {
+    /// Name of the scene.
+    pub scene: String,
+    /// The method.
+    pub method: Method,
+    /// Hash of the settings of scene and method.
+    pub settings_sha256: String,
+    /// Heights against the truth.
+    pub heights: HeightEvaluation,
+    /// Views of the scene.
+    pub n_views: usize,
+    /// Views selected in the last pass (the paper's #Sel).
+    pub n_selected: usize,
+    /// Distinct views whose prior was used (the paper's #Used).
+    pub n_used: usize,
+    /// Seconds from priors on disk to heights, by the wall clock.
+    pub heights_s: f64,
+    /// Processor seconds of the whole run in user mode, all threads; `None` where the system does not tell.
+    pub user_s: Option<f64>,
+    /// Bodies against the true ones, where that was asked for.
+    #[serde(default)]
+    pub bodies: Option<BodyScores>,
+}
+
+/// The outcomes of a scene, in the order of its methods; from files where they are there and still hold.
+///
+/// # Errors
+/// [`BenchmarkError`].
+pub fn run_scene(job: &SceneJob, plan: &Plan, tell: &dyn Fn(&str)) -> Result<Vec<Outcome>, BenchmarkError> {
+    let mut scene: Option<PathBuf> = None;
+    let mut outcomes = Vec::new();
+    for &method in &job.methods {
+        let path = plan.folder.join("outcomes").join(format!("{}-{}.json", job.name, method.name()));
+        let settings_sha256 = settings_sha256(job, method);
+        let known = if plan.again.contains(&method) { None } else { read_outcome(&path, &settings_sha256) };
+        let outcome = match known {
+            Some(outcome) => outcome,
+            None => {
+                let folder = match &scene {
+                    Some(folder) => folder.clone(),
+                    None => {
+                        tell("simulating");
+                        scene.insert(simulated(job, plan)?).clone()
+                    }
+                };
+                tell(method.name());
+                let outcome = run_method(job, method, &folder, settings_sha256)?;
+                write_whole(&path, |out| Ok(serde_json::to_writer(out, &outcome)?))?;
+                outcome
+            }
+        };
+        outcomes.push(outcome);
+    }
+    if let Some(folder) = scene.filter(|_| !plan.keep_scenes) {
+        fs::remove_dir_all(&folder).map_err(FileError::on("remove", &folder))?;
+    }
+    Ok(outcomes)
+}
+
+fn settings_sha256(job: &SceneJob, method: Method) -> String {
+    let parts = serde_json::json!([
+        env!("CARGO_PKG_VERSION"),
+        job.simulate,
+        job.assignments_of(method),
+        job.with_bodies,
+        method
+    ]);
+    sha256_hex(parts.to_string().as_bytes())
+}
+
+/// An outcome of an earlier run; one that does not fit or cannot be read is made anew.
+fn read_outcome(path: &Path, settings_sha256: &str) -> Option<Outcome> {
+    let outcome: Outcome = serde_json::from_slice(&fs::read(path).ok()?).ok()?;
+    (outcome.settings_sha256 == settings_sha256).then_some(outcome)
+}
+
+/// The folder of the scene. A finished one says with which settings it was made.
+fn simulated(job: &SceneJob, plan: &Plan) -> Result<PathBuf, BenchmarkError> {
+    let folder = plan.folder.join("scenes").join(&job.name);
+    let stamp = folder.join("settings.sha256");
+    let sha256 = sha256_hex(serde_json::json!([env!("CARGO_PKG_VERSION"), job.simulate]).to_string().as_bytes());
+    if fs::read_to_string(&stamp).is_ok_and(|found| found == sha256) {
+        return Ok(folder);
+    }
+    if folder.exists() {
+        fs::remove_dir_all(&folder).map_err(FileError::on("remove", &folder))?;
+    }
+    simulate(&job.simulate, &folder, &|_, _| {})
+        .map_err(|source| BenchmarkError::Simulate { scene: job.name.clone(), source })?;
+    write_whole(&stamp, |out| out.write_all(sha256.as_bytes()))?;
+    Ok(folder)
+}
+
+fn run_method(
+    job: &SceneJob,
+    method: Method,
+    folder: &Path,
+    settings_sha256: String,
+) -> Result<Outcome, BenchmarkError> {
+    let mut config = RunConfig::load(&folder.join("sizeup.toml"), &job.assignments_of(method))
+        .map_err(|source| BenchmarkError::Config { scene: job.name.clone(), source })?;
+    method.configure(&mut config);
+    config.output.pictures = false;
+    config.project.output = folder.join(format!("result-{}", method.name()));
+    let options = RunOptions {
+        from: Stage::Survey,
+        until: Stage::Output,
+        command: format!("sizeup benchmark: {} by {}", job.name, method.name()),
+    };
+    let crs = config.project.crs.clone();
+    let truth = read_truth(&folder.join("truth.geojson"), &TruthOptions::default(), &crs)?;
+    let aids = aids(method, folder, &truth.buildings)?;
+    let (n_selected, own_bodies) = (Cell::new(0), RefCell::new(None));
+    let solver = |problem: &Problem<'_>, config: &OptimiseConfig| {
+        let answer = method.answer(problem, config, &aids);
+        n_selected.set(answer.solution.history.last().map_or(0, |epoch| epoch.n_selected));
+        own_bodies.replace(answer.bodies);
+        answer.solution
+    };
+    let user_before = user_seconds();
+    let summary = run_with(&config, &options, &|_| {}, &solver).map_err(|source| BenchmarkError::Run {
+        scene: job.name.clone(),
+        method: method.name(),
+        source,
+    })?;
+    let user_s = user_seconds().zip(user_before).map(|(after, before)| after - before);
+    let results = read_results(&config.project.output.join("city.city.json"), &crs)?;
+    let bodies = if job.with_bodies {
+        let extruded = || results.iter().filter_map(Solid::of_record).collect::<Vec<Solid>>();
+        let own = own_bodies.take().unwrap_or_else(extruded);
+        Some(score(&own, &true_bodies(&job.name, &job.simulate)?, job.simulate.seed))
+    } else {
+        None
+    };
+    Ok(Outcome {
+        scene: job.name.clone(),
+        method,
+        settings_sha256,
+        heights: evaluate_heights(&results, &truth.buildings, &HeightOptions::default())?,
+        n_views: summary.n_views,
+        n_selected: n_selected.get(),
+        n_used: summary.n_used_views,
+        heights_s: seconds_of(&summary, Stage::Heights),
+        user_s,
+        bodies,
+    })
+}
+
+/// What the method needs beside priors.
+fn aids(method: Method, folder: &Path, truth: &[TruthBuilding]) -> Result<Aids, BenchmarkError> {
+    let points = if method.needs_points() { cloud::read(&folder.join("points.xyz"))?.points } else { Vec::new() };
+    Ok(Aids { points, known: if method.needs_known() { Aids::known_of(truth) } else { Vec::new() } })
+}
+
+fn seconds_of(summary: &RunSummary, stage: Stage) -> f64 {
+    summary.seconds.iter().filter(|(s, _)| *s == stage).map(|(_, seconds)| seconds).sum()
+}
+
+/// Processor seconds that this process spent in user mode, from Linux' `/proc`, in hundredths (`USER_HZ` is 100
+/// everywhere).
+fn user_seconds() -> Option<f64> {
+    let stat = fs::read_to_string("/proc/self/stat").ok()?;
+    // The command's name, in brackets, may hold spaces; `utime` is the twelfth field after it.
+    let ticks: f64 = stat.rsplit_once(')')?.1.split_whitespace().nth(11)?.parse().ok()?;
+    Some(ticks / 100.0)
+}

@@ -1,0 +1,97 @@
+//! `sizeup benchmark`: scenes with known truth, every method, tables for the documentation.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::{Failure, Global, Ui, print, print_json};
+use crate::benchmark::accuracy::{self, AccuracyConfig};
+use crate::benchmark::paper::{self, PaperConfig};
+use crate::benchmark::{BenchmarkError, Method, Plan};
+
+/// Arguments of `sizeup benchmark`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:
+  sizeup benchmark accuracy --small --output bench
+  sizeup benchmark accuracy --output bench --keep-scenes
+  sizeup benchmark paper --output bench --set scenes=[\"res-1\"]
+  sizeup benchmark accuracy --output bench --keep-scenes --again robust --set seeds=[1,2] --set levels=[\"mid\"]
+
+A run that was stopped goes on where it was: the folder holds one outcome per scene and method.")]
+pub struct BenchmarkArgs {
+    /// What to measure.
+    pub suite: Suite,
+    /// Folder of scenes, outcomes and tables.
+    #[arg(long, short, value_name = "FOLDER")]
+    pub output: PathBuf,
+    /// A suite of seconds: it shows that everything works, and is too small to tell methods apart.
+    #[arg(long)]
+    pub small: bool,
+    /// Set one key of the suite, as in `--set seeds=[1,2]`. May be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub assignments: Vec<String>,
+    /// Make this method's outcomes anew (the program changed). May be repeated.
+    #[arg(long, value_name = "METHOD")]
+    pub again: Vec<String>,
+    /// Keep the simulated scenes for the next run.
+    #[arg(long)]
+    pub keep_scenes: bool,
+}
+
+/// What to measure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Suite {
+    /// Heights over seeds, towns and levels of prior errors.
+    Accuracy,
+    /// Scenes with the paper's counts, every method and baseline, tables in the paper's layout.
+    Paper,
+}
+
+pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> {
+    let plan = Plan { folder: args.output.clone(), again: methods(&args.again)?, keep_scenes: args.keep_scenes };
+    let ui = Ui::new(global);
+    let tell = |done: usize, total: usize, what: &str| ui.advance(what, done, total);
+    match args.suite {
+        Suite::Accuracy => {
+            let config = if args.small { AccuracyConfig::small() } else { AccuracyConfig::default() };
+            let table = accuracy::run(&with_assignments(&config, args)?, &plan, &tell);
+            ui.finish();
+            let table = table.map_err(|e| failure(&e))?;
+            if global.json { print_json(&table)? } else { print(&table.to_markdown())? }
+        }
+        Suite::Paper => {
+            let config = if args.small { PaperConfig::small() } else { PaperConfig::default() };
+            let tables = paper::run(&with_assignments(&config, args)?, &plan, &tell);
+            ui.finish();
+            let tables = tables.map_err(|e| failure(&e))?;
+            if global.json { print_json(&tables)? } else { print(&tables.to_markdown())? }
+        }
+    }
+    ui.say(format!("tables and outcomes in {}", args.output.display()));
+    Ok(0)
+}
+
+fn with_assignments<T>(config: &T, args: &BenchmarkArgs) -> Result<T, Failure>
+where
+    T: serde::Serialize + serde::de::DeserializeOwned,
+{
+    let text = toml::to_string(config).map_err(|e| Failure::new(4, &e))?;
+    crate::config::parse(&text, None, &args.assignments).map_err(|e| Failure::new(2, &e))
+}
+
+fn methods(names: &[String]) -> Result<Vec<Method>, Failure> {
+    let method = |name: &String| {
+        Method::named(name).ok_or_else(|| {
+            let known = Method::ALL.map(Method::name).join(", ");
+            Failure::from_text(2, format!("--again {name}: no such method\nhint: the methods are {known}"))
+        })
+    };
+    names.iter().map(method).collect()
+}
+
+fn failure(error: &BenchmarkError) -> Failure {
+    Failure::new(
+        if matches!(error, BenchmarkError::Empty { .. } | BenchmarkError::UnknownScene { .. }) { 2 } else { 4 },
+        error,
+    )
+}

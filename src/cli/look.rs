@@ -1,0 +1,37 @@
+//! `sizeup look`: one view of a finished run, step by step.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{Failure, Global, Ui};
+use crate::config::RunConfig;
+use crate::pipeline;
+
+/// Arguments of `sizeup look`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:
+  sizeup look sizeup.toml 012_oblique --output panel.png
+  sizeup look sizeup.toml 012_oblique --pass 1 --output first.png")]
+pub struct LookArgs {
+    /// Run configuration, with the settings it ran with.
+    pub config: PathBuf,
+    /// Name of the view, or a part of it.
+    pub view: String,
+    /// Heights after this pass, counted from 1 (default: the last).
+    #[arg(long, value_name = "N")]
+    pub pass: Option<usize>,
+    /// Set one key of the configuration, as in the run. May be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub assignments: Vec<String>,
+    /// Picture to write (PNG).
+    #[arg(long, short, value_name = "FILE")]
+    pub output: PathBuf,
+}
+
+pub(super) fn run(args: &LookArgs, global: &Global) -> Result<u8, Failure> {
+    let config = RunConfig::load(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    pipeline::look(&config, &args.view, args.pass, &args.output).map_err(|e| Failure::new(e.exit_code(), &e))?;
+    Ui::new(global).say(format!("photo, rendered depth, prior and ordinal pairs in {}", args.output.display()));
+    Ok(0)
+}

@@ -1,0 +1,199 @@
+//! Clouds from files.
+
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use super::Cloud;
+use crate::files::{FileError, write_whole};
+
+/// Why a cloud cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum CloudError {
+    /// The file cannot be read.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// No LAS or LAZ.
+    #[error("cannot read {} as LAS or LAZ", path.display())]
+    Las {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: las::Error,
+    },
+    /// A line of a text file is no point.
+    #[error("{}, line {line}: {text:?} is not `x y z [instance]`\nhint: columns split by spaces, tabs, commas or semicolons", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Counted from 1.
+        line: usize,
+        /// What stands there.
+        text: String,
+    },
+    /// Clouds of one folder that do not go together.
+    #[error("{} has another CRS, or other columns, than the clouds before it in its folder\nhint: one folder holds one cloud in tiles", path.display())]
+    Tile {
+        /// The first that differs.
+        path: PathBuf,
+    },
+    /// Nothing in it.
+    #[error("{} holds no points", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// Whether a path is taken for a cloud: a file by its extension, or a folder with such files.
+#[must_use]
+pub fn is_cloud(path: &Path) -> bool {
+    const EXTENSIONS: [&str; 4] = ["las", "laz", "xyz", "txt"];
+    if path.is_dir() {
+        return !tiles(path).is_empty();
+    }
+    path.extension().is_some_and(|found| EXTENSIONS.iter().any(|e| found.eq_ignore_ascii_case(e)))
+}
+
+/// The clouds of a folder, by name.
+fn tiles(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut tiles: Vec<PathBuf> = entries.filter(|path| path.is_file() && is_cloud(path)).collect();
+    tiles.sort();
+    tiles
+}
+
+/// Reads LAS or LAZ by extension, else text; of a folder, all its clouds as one, which must agree in their CRS. Positions that are not finite are left out.
+///
+/// # Errors
+/// [`CloudError`].
+pub fn read(path: &Path) -> Result<Cloud, CloudError> {
+    if path.is_dir() {
+        return read_tiles(path);
+    }
+    let is_las = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("las") || e.eq_ignore_ascii_case("laz"));
+    let cloud = if is_las { read_las(path)? } else { read_text(path)? };
+    if cloud.points.is_empty() {
+        return Err(CloudError::Empty { path: path.to_owned() });
+    }
+    Ok(cloud)
+}
+
+fn read_tiles(folder: &Path) -> Result<Cloud, CloudError> {
+    let mut whole: Option<Cloud> = None;
+    for path in tiles(folder) {
+        let tile = read(&path)?;
+        let Some(whole) = &mut whole else {
+            whole = Some(tile);
+            continue;
+        };
+        let agree = whole.crs == tile.crs
+            && whole.classes.is_empty() == tile.classes.is_empty()
+            && whole.instances.is_empty() == tile.instances.is_empty();
+        if !agree {
+            return Err(CloudError::Tile { path });
+        }
+        whole.points.extend(tile.points);
+        whole.classes.extend(tile.classes);
+        whole.instances.extend(tile.instances);
+    }
+    whole.ok_or_else(|| CloudError::Empty { path: folder.to_owned() })
+}
+
+fn read_las(path: &Path) -> Result<Cloud, CloudError> {
+    let failed = |source| CloudError::Las { path: path.to_owned(), source };
+    let mut reader = las::Reader::from_path(path).map_err(failed)?;
+    let header = reader.header();
+    let wkt = header.get_wkt_crs_bytes().and_then(|bytes| std::str::from_utf8(bytes).ok());
+    let crs = wkt.map(|text| text.trim_end_matches('\0').to_owned()).or_else(|| {
+        header
+            .get_geotiff_crs()
+            .ok()
+            .flatten()
+            .and_then(|crs| crs.get_projected_crs_geo_key_value())
+            .map(|code| format!("EPSG:{code}"))
+    });
+    let data = reader.read_all().map_err(failed)?;
+    let points = data.x().zip(data.y()).zip(data.z()).map(|((x, y), z)| DVec3::new(x, y, z)).collect();
+    Ok(Cloud { points, classes: data.classification().collect(), instances: Vec::new(), crs })
+}
+
+fn read_text(path: &Path) -> Result<Cloud, CloudError> {
+    let text = fs::read_to_string(path).map_err(FileError::on("cannot read", path))?;
+    let mut cloud = Cloud::default();
+    let mut has_instances = None;
+    for (i, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let malformed = || CloudError::Line { path: path.to_owned(), line: i + 1, text: line.to_owned() };
+        let columns: Vec<&str> = line.split([' ', '\t', ',', ';']).filter(|c| !c.is_empty()).collect();
+        let values: Option<Vec<f64>> = columns.iter().take(3).map(|c| c.parse().ok()).collect();
+        let values = match values {
+            Some(values) if values.len() == 3 => values,
+            // One line of column names is usual.
+            _ if cloud.points.is_empty() && i == 0 => continue,
+            _ => return Err(malformed()),
+        };
+        let point = DVec3::new(values[0], values[1], values[2]);
+        if !point.is_finite() {
+            continue;
+        }
+        // Instances are on every line or on none.
+        let instance = columns.get(3).and_then(|c| c.parse::<f64>().ok()).filter(|v| *v >= 0.0 && v.fract() == 0.0);
+        if *has_instances.get_or_insert(instance.is_some()) {
+            cloud.instances.push(instance.ok_or_else(malformed)? as u32);
+        }
+        cloud.points.push(point);
+    }
+    Ok(cloud)
+}
+
+/// Writes `x y z` or `x y z instance` in millimetres.
+///
+/// # Errors
+/// [`FileError`].
+pub fn write_text(path: &Path, cloud: &Cloud) -> Result<(), FileError> {
+    write_whole(path, |out| {
+        let mut text = Vec::with_capacity(cloud.points.len() * 40);
+        for (i, p) in cloud.points.iter().enumerate() {
+            write!(text, "{:.3} {:.3} {:.3}", p.x, p.y, p.z)?;
+            match cloud.instances.get(i) {
+                Some(instance) => writeln!(text, " {instance}")?,
+                None => writeln!(text)?,
+            }
+        }
+        out.write_all(&text)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(text: &str) -> Result<Cloud, CloudError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("points.xyz");
+        fs::write(&path, text).unwrap();
+        read(&path)
+    }
+
+    #[test]
+    fn text_with_commas_names_and_instances_is_read() {
+        let cloud = written("x,y,z,instance\n1.5,2,3,7\n4,5,6,8\n\nnan,1,1,2\n").unwrap();
+        assert_eq!(cloud.points, [DVec3::new(1.5, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);
+        assert_eq!(cloud.instances, [7, 8]);
+    }
+
+    #[test]
+    fn a_bad_line_is_named_and_no_points_are_an_error() {
+        let bad = written("1 2 3\n1 2\n").unwrap_err().to_string();
+        assert!(bad.contains("line 2") && bad.contains("hint:"), "{bad}");
+        assert!(matches!(written("# nothing\n"), Err(CloudError::Empty { .. })));
+        assert!(matches!(written("1 2 3 4\n1 2 3\n"), Err(CloudError::Line { line: 2, .. })));
+    }
+}

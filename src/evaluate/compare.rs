@@ -1,0 +1,243 @@
+//! A result's file against a reference's file: every measure that the two allow.
+
+use std::path::{Path, PathBuf};
+
+use geo_types::MultiPolygon;
+use glam::DVec3;
+
+use super::clouds::{CloudTruthOptions, truth_of_instances, truth_under_outlines};
+use super::heights::{HeightEvaluation, HeightOptions, evaluate_heights};
+use super::pictures::write_pictures;
+use super::read::{TruthOptions, crs_of, read_results, read_truth};
+use super::report::EvaluationReport;
+use super::solid::{Facet, SolidError, Solids, read_solids};
+use super::surface::{Target, evaluate_surface};
+use super::volume::evaluate_volume;
+use super::{EvaluationError, TruthBuilding};
+use crate::cloud::{self, Cloud, CloudError, points_in};
+use crate::crs::{Crs, CrsError, Transform};
+use crate::output::read::ReadError;
+use crate::output::{BuildingRecord, OutputError};
+
+/// Two files and how to read them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// The result.
+    pub result: PathBuf,
+    /// The reference.
+    pub truth: PathBuf,
+    /// CRS to compare in; the result's by default.
+    pub crs: Option<Crs>,
+    /// What to read of the reference; its `crs` is for a file that states none.
+    pub options: TruthOptions,
+    /// How heights are taken from a point cloud.
+    pub cloud: CloudTruthOptions,
+    /// How buildings are matched.
+    pub heights: HeightOptions,
+    /// Whether the user declares that levels of both files count from the same zero.
+    pub has_same_vertical: bool,
+    /// Whether surfaces and volumes are compared too.
+    pub with_bodies: bool,
+    /// Folder for pictures; none by default.
+    pub pictures: Option<PathBuf>,
+    /// Seed of the surface samples.
+    pub seed: u64,
+}
+
+/// Why two files cannot be compared.
+#[derive(Debug, thiserror::Error)]
+pub enum CompareError {
+    /// A file cannot be read, or has no CRS or height.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// A point cloud cannot be read.
+    #[error(transparent)]
+    Cloud(#[from] CloudError),
+    /// A body file cannot be read.
+    #[error(transparent)]
+    Solid(#[from] SolidError),
+    /// A picture cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// Nothing matches.
+    #[error(transparent)]
+    Evaluation(#[from] EvaluationError),
+    /// A CRS that is no CRS, or that nothing leads to.
+    #[error("cannot bring {} to the project's CRS", path.display())]
+    Crs {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        #[source]
+        source: CrsError,
+    },
+}
+
+/// What the reference is, read.
+enum Reference {
+    Cloud(Cloud),
+    Solids,
+}
+
+/// Compares two files.
+///
+/// # Errors
+/// [`CompareError`]. Measures that the files do not allow are listed in the report, with the reason.
+pub fn compare_files(c: &Comparison) -> Result<EvaluationReport, CompareError> {
+    let stated = c.options.crs.as_deref().map(Crs::parse).transpose().map_err(|source| crs_error(&c.truth, source))?;
+    let crs = match &c.crs {
+        Some(crs) => crs.clone(),
+        None if is_obj(&c.result) => return Err(ReadError::NoCrs { path: c.result.clone() }.into()),
+        None => crs_of(&c.result)?,
+    };
+    let reference = if cloud::is_cloud(&c.truth) {
+        Reference::Cloud(read_cloud(&c.truth, stated.as_ref(), &crs)?)
+    } else {
+        Reference::Solids
+    };
+    let mut report = EvaluationReport { heights: None, surface: None, volume: None, left_out: Vec::new() };
+    let results = if is_obj(&c.result) { None } else { Some(read_results(&c.result, &crs)?) };
+    match &results {
+        Some(results) if !is_obj(&c.truth) => {
+            report.heights = Some(heights(c, results, &reference, &crs)?);
+            if matches!(&reference, Reference::Cloud(cloud) if cloud.instances.is_empty()) {
+                report.left_out.push(
+                    "match rates: the point cloud has no buildings of its own and was cut by the result's outlines"
+                        .to_owned(),
+                );
+            }
+        }
+        _ => report.left_out.push("heights: an OBJ file has bodies only, no outlines and no ground".to_owned()),
+    }
+    if let (Some(folder), Some(heights), Some(results)) = (&c.pictures, &report.heights, &results) {
+        write_pictures(folder, heights, results)?;
+    }
+    if c.with_bodies
+        && let Err(why) = bodies(c, &reference, stated.as_ref(), &crs, results.as_deref(), &mut report)
+    {
+        // Heights can be compared without bodies; bodies that nothing else stands in for are the point of the call.
+        if report.heights.is_none() {
+            return Err(why);
+        }
+        let why = why.to_string().replace("\nhint:", " (hint:");
+        let closing = if why.contains("(hint:") { ")" } else { "" };
+        report.left_out.push(format!("surfaces and volumes: {why}{closing}"));
+    }
+    Ok(report)
+}
+
+fn crs_error(path: &Path, source: CrsError) -> CompareError {
+    CompareError::Crs { path: path.to_owned(), source }
+}
+
+fn is_obj(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj"))
+}
+
+/// A cloud in the project's CRS.
+fn read_cloud(path: &Path, stated: Option<&Crs>, project: &Crs) -> Result<Cloud, CompareError> {
+    let mut cloud = cloud::read(path)?;
+    let own = cloud.crs.as_deref().map(Crs::parse).transpose().map_err(|source| crs_error(path, source))?;
+    let from = own.as_ref().or(stated).ok_or_else(|| ReadError::NoCrs { path: path.to_owned() })?;
+    let transform = Transform::new(from, project).map_err(|source| crs_error(path, source))?;
+    for p in &mut cloud.points {
+        (p.x, p.y) = transform.point(p.x, p.y).map_err(|source| crs_error(path, source))?;
+    }
+    Ok(cloud)
+}
+
+fn heights(
+    c: &Comparison,
+    results: &[BuildingRecord],
+    reference: &Reference,
+    crs: &Crs,
+) -> Result<HeightEvaluation, CompareError> {
+    let truth: Vec<TruthBuilding> = match reference {
+        Reference::Cloud(cloud) if !cloud.instances.is_empty() => truth_of_instances(cloud, &c.cloud),
+        Reference::Cloud(cloud) => truth_under_outlines(cloud, &outlines_of(results), &c.cloud),
+        Reference::Solids => read_truth(&c.truth, &c.options, crs)?.buildings,
+    };
+    Ok(evaluate_heights(results, &truth, &c.heights)?)
+}
+
+fn outlines_of(results: &[BuildingRecord]) -> Vec<(String, MultiPolygon<f64>)> {
+    let outline = |r: &BuildingRecord| Some((r.id.clone(), MultiPolygon::new(vec![r.footprint.clone()?])));
+    results.iter().filter_map(outline).collect()
+}
+
+/// Surfaces and volumes, into the report.
+fn bodies(
+    c: &Comparison,
+    reference: &Reference,
+    stated: Option<&Crs>,
+    crs: &Crs,
+    results: Option<&[BuildingRecord]>,
+    report: &mut EvaluationReport,
+) -> Result<(), CompareError> {
+    let result = read_solids(&c.result, None, Some(crs), crs)?;
+    let truth = match reference {
+        Reference::Cloud(_) => None,
+        Reference::Solids => Some(read_solids(&c.truth, c.options.lod.as_deref(), stated, crs)?),
+    };
+    let truth_vertical = match (&truth, stated) {
+        (Some(solids), _) => solids.vertical.clone(),
+        (None, stated) => stated.and_then(Crs::vertical_name).map(str::to_owned),
+    };
+    if let Some(objection) = vertical_objection(c, result.vertical.as_deref(), truth_vertical.as_deref()) {
+        report.left_out.push(format!("surfaces and volumes: {objection}"));
+        return Ok(());
+    }
+    let facets = |solids: &Solids| solids.solids.iter().flat_map(|s| s.facets.iter().copied()).collect::<Vec<Facet>>();
+    match (reference, &truth) {
+        (Reference::Cloud(cloud), _) => {
+            let outlines: Vec<_> = results.map(outlines_of).unwrap_or_default().into_iter().map(|o| o.1).collect();
+            let of_outlines: Vec<DVec3> =
+                points_in(&cloud.of_buildings(), &outlines, 0.0).into_iter().flatten().collect();
+            report.surface = evaluate_surface(&facets(&result), &Target::Points(&of_outlines), c.seed);
+            report.left_out.push("volumes: a point cloud encloses none".to_owned());
+        }
+        (Reference::Solids, Some(truth)) => {
+            report.surface = evaluate_surface(&facets(&result), &Target::Facets(&facets(truth)), c.seed);
+            let matched = matched(report.heights.as_ref(), &result, truth);
+            match evaluate_volume(&result.solids, &truth.solids, &matched) {
+                Ok(volume) => report.volume = Some(volume),
+                Err(why) => report.left_out.push(format!("volumes: {why}")),
+            }
+        }
+        (Reference::Solids, None) => {}
+    }
+    Ok(())
+}
+
+/// Why levels of both files may not be compared.
+fn vertical_objection(c: &Comparison, result: Option<&str>, truth: Option<&str>) -> Option<String> {
+    match (result, truth) {
+        _ if c.has_same_vertical => None,
+        (Some(a), Some(b)) if a == b => None,
+        (Some(a), Some(b)) => Some(format!(
+            "levels of the result count from {a}, those of the reference from {b} (hint: transform one of them, or declare \
+             that they are the same with --same-vertical)"
+        )),
+        (a, _) => Some(format!(
+            "{} does not say what its levels count from (hint: declare that both count from the same zero with \
+             --same-vertical)",
+            if a.is_none() { c.result.display() } else { c.truth.display() }
+        )),
+    }
+}
+
+/// Positions of matched bodies: as the heights were matched, else by id.
+fn matched(heights: Option<&HeightEvaluation>, result: &Solids, truth: &Solids) -> Vec<(usize, usize)> {
+    let position = |solids: &Solids, id: &str| solids.solids.iter().position(|s| s.id == id);
+    match heights {
+        Some(heights) => {
+            let pair =
+                |b: &super::BuildingError| Some((position(result, &b.result_id)?, position(truth, &b.truth_id)?));
+            heights.buildings.iter().filter_map(pair).collect()
+        }
+        None => {
+            let pair = |(i, s): (usize, &super::solid::Solid)| Some((i, position(truth, &s.id)?));
+            result.solids.iter().enumerate().filter_map(pair).collect()
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! The benchmark suites, small: they run, they go on where they were stopped, and their tables say what was measured.
+
+use std::fs;
+
+use serde_json::Value;
+
+use crate::tiny_scene::{Outcome, sizeup};
+
+fn accuracy(folder: &std::path::Path, more: &[&str]) -> (Outcome, Value) {
+    let mut command = sizeup();
+    command.args(["benchmark", "accuracy", "--small", "--json", "--output"]).arg(folder).args(more);
+    let outcome: Outcome = command.output().unwrap().into();
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let table = serde_json::from_str(&outcome.stdout).unwrap();
+    (outcome, table)
+}
+
+fn row<'a>(table: &'a Value, level: &str, method: &str) -> &'a Value {
+    let rows = table["rows"].as_array().unwrap();
+    rows.iter().find(|r| r["level"] == level && r["method"] == method).unwrap()
+}
+
+#[test]
+fn the_small_matrix_measures_every_method_and_goes_on_where_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, first) = accuracy(folder.path(), &["--set", "levels=[\"clean\"]"]);
+    assert_eq!(first["rows"].as_array().unwrap().len(), 3);
+    for method in ["paper", "robust", "metric_lift"] {
+        let statistics = &row(&first, "clean", method)["statistics"];
+        assert!(statistics["n"].as_u64().unwrap() >= 5, "{method}: {statistics}");
+        // Priors without errors but of 160 px: within metres, whatever the method.
+        assert!(statistics["error_median_m"].as_f64().unwrap() < 2.5, "{method}: {statistics}");
+    }
+    // Without priors' errors a calibrated lift is at home.
+    assert!(row(&first, "clean", "metric_lift")["statistics"]["error_median_m"].as_f64().unwrap() < 0.7);
+
+    // A mark in an outcome survives a second run: it was taken over, not made anew; the new level is added.
+    let path = folder.path().join("outcomes/village-clean-seed1-robust.json");
+    let mut outcome: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    outcome["heights_s"] = 12_345.0.into();
+    fs::write(&path, outcome.to_string()).unwrap();
+    let (second, table) = accuracy(folder.path(), &[]);
+    assert_eq!(row(&table, "clean", "robust")["heights_s"], 12_345.0);
+    assert_eq!(table["rows"].as_array().unwrap().len(), 6);
+    assert!(second.stderr.contains("village-mid-seed1"), "{}", second.stderr);
+    let markdown = fs::read_to_string(folder.path().join("accuracy.md")).unwrap();
+    assert!(markdown.contains("**mid**") && markdown.contains("| village | `metric_lift` |"), "{markdown}");
+    // Scenes are not kept unless asked for, and what is asked for again is made anew.
+    assert!(fs::read_dir(folder.path().join("scenes")).unwrap().next().is_none());
+    let (_, again) = accuracy(folder.path(), &["--again", "robust", "--keep-scenes"]);
+    assert_ne!(row(&again, "clean", "robust")["heights_s"], 12_345.0);
+    assert_eq!(row(&again, "clean", "robust")["statistics"], row(&first, "clean", "robust")["statistics"]);
+    assert!(folder.path().join("scenes/village-clean-seed1/sizeup.toml").is_file());
+}
+
+#[test]
+fn an_empty_list_and_an_unknown_method_are_usage_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |more: &[&str]| -> Outcome {
+        let mut command = sizeup();
+        command.args(["benchmark", "accuracy", "--small", "--output"]).arg(folder.path()).args(more);
+        command.output().unwrap().into()
+    };
+    let empty = run(&["--set", "seeds=[]"]);
+    assert_eq!(empty.code, 2);
+    assert!(empty.stderr.contains("seeds is empty"), "{}", empty.stderr);
+    let unknown = run(&["--again", "magic"]);
+    assert_eq!(unknown.code, 2);
+    assert!(unknown.stderr.contains("metric_lift"), "{}", unknown.stderr);
+}
+
+#[test]
+fn the_papers_tables_have_every_method_and_keep_its_own_numbers_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = sizeup();
+    command
+        .args(["benchmark", "paper", "--small", "--set", "scenes=[\"mini-village\"]", "--output"])
+        .arg(folder.path());
+    let outcome: Outcome = command.output().unwrap().into();
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let (ours, published) = outcome.stdout.split_once("Published by the paper").unwrap();
+    for method in [
+        "paper",
+        "robust",
+        "metric_lift",
+        "regression_l2",
+        "points_p90",
+        "neighbourhood",
+        "convex_hull",
+        "stacked_prisms",
+    ] {
+        let rows = ours.lines().filter(|line| line.starts_with("| ") && line.contains(&format!("`{method}`"))).count();
+        assert_eq!(rows, 2, "{method} in the table of heights and in that of bodies:\n{ours}");
+    }
+    assert!(published.contains("| res-1 | SiZeUp | 3.73/5.38 |") && !ours.contains("3.73/5.38"));
+    let tables: Value = serde_json::from_slice(&fs::read(folder.path().join("paper.json")).unwrap()).unwrap();
+    let outcomes = tables["scenes"][0]["outcomes"].as_array().unwrap();
+    // Medians of points in the outlines are far better than a hull's top, and stacks fill their volume better than hulls.
+    let of = |method: &str| outcomes.iter().find(|o| o["method"] == method).unwrap();
+    let error = |method: &str| of(method)["heights"]["all"]["error_mean_m"].as_f64().unwrap();
+    assert!(error("points_p50") < error("convex_hull"));
+    let iou = |method: &str| of(method)["bodies"]["volume"]["voxel_iou"]["0.5"].as_f64().unwrap();
+    assert!(iou("stacked_prisms") > iou("convex_hull") && iou("points_p50") > 0.6);
+    let unknown: Outcome = sizeup()
+        .args(["benchmark", "paper", "--set", "scenes=[\"res-9\"]", "--output"])
+        .arg(folder.path())
+        .output()
+        .unwrap()
+        .into();
+    assert!(unknown.code == 2 && unknown.stderr.contains("mini-village"), "{}", unknown.stderr);
+}
