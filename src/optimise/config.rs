@@ -11,7 +11,7 @@ use crate::views::ViewsConfig;
 pub enum Preset {
     /// The publication to the letter: ordinal hinge, interior gradient, Adam.
     Paper,
-    /// Ours: local search over an affine-blind correlation per building, finished on ranks.
+    /// Ours: local search over an affine-blind correlation per building, then its roof's form.
     #[default]
     Robust,
 }

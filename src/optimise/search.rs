@@ -6,7 +6,7 @@
 //!
 //! Sweeps are Jacobi: every building looks at the heights of the sweep before, so the order does not matter and all
 //! cores work. Full sweeps try the whole range, because a wrong neighbour can hide the right answer; local sweeps settle.
-//! The last ones compare ranks only, which takes the prior's monotone distortion out.
+//! The last ones can compare ranks only, which takes the prior's monotone distortion out but raises blurred edges.
 
 use rayon::prelude::*;
 

@@ -1,12 +1,22 @@
 //! From footprints and solved heights to one record per input building.
 
 use super::{FootprintStage, HeightStage};
-use crate::optimise::SolvedHeight;
+use crate::optimise::{self, SolvedHeight};
 use crate::output::{BuildingRecord, HeightReference, Status};
 use crate::survey::Survey;
 
 /// Every building of the input, footprints first, in the layer's order.
-pub(super) fn records(survey: &Survey, footprints: &FootprintStage, heights: &HeightStage) -> Vec<BuildingRecord> {
+pub(super) fn records(
+    survey: &Survey,
+    footprints: &FootprintStage,
+    heights: &HeightStage,
+    reference: optimise::HeightReference,
+) -> Vec<BuildingRecord> {
+    let height_reference = match reference {
+        optimise::HeightReference::Eave => HeightReference::Eave,
+        optimise::HeightReference::Mean => HeightReference::Mean,
+        optimise::HeightReference::Ridge => HeightReference::Ridge,
+    };
     let mut solved: Vec<Option<&SolvedHeight>> = vec![None; footprints.layer.footprints.len()];
     for (&at, height) in heights.solved.iter().zip(&heights.solution.heights) {
         solved[at] = Some(height);
@@ -22,7 +32,7 @@ pub(super) fn records(survey: &Survey, footprints: &FootprintStage, heights: &He
                 base_z_m: ground.map(|g| g.lowest_m),
                 height_m: solved.and_then(|s| s.height_m),
                 height_sigma_m: solved.and_then(|s| s.sigma_m),
-                height_reference: HeightReference::Mean,
+                height_reference,
                 status,
                 reasons,
                 views: solved
@@ -38,7 +48,7 @@ pub(super) fn records(survey: &Survey, footprints: &FootprintStage, heights: &He
         base_z_m: None,
         height_m: None,
         height_sigma_m: None,
-        height_reference: HeightReference::Mean,
+        height_reference,
         status: Status::Refused,
         reasons: vec![refused.reason.clone()],
         views: Vec::new(),

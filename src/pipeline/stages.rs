@@ -113,7 +113,7 @@ pub(super) fn run(
 
     let start = Instant::now();
     tell(Event::Stage(Stage::Output));
-    let records = records(&survey, &footprints, &heights);
+    let records = records(&survey, &footprints, &heights, config.optimise.height_reference);
     let mut issues = all_issues(config, &survey, &footprints, &heights);
     issues.extend(cityjson::check(&records, &config.output.cityjson)?);
     summary.count_issues(&issues);

@@ -1,0 +1,81 @@
+//! What the search does about pitched roofs and about depth edges that spill over, on a simulated village.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use sizeup::config::RunConfig;
+use sizeup::pipeline::{self, RunOptions, Stage};
+use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
+
+/// A village of pitched roofs, seen from all sides, with one level of prior errors.
+fn village(folder: &Path, level: PriorLevel) {
+    let mut config = SimulateConfig { seed: 5, ..SimulateConfig::default() };
+    config.town.kind = TownKind::Village;
+    config.town.n_buildings = 24;
+    config.flight.n_views = Some(60);
+    (config.camera.width_px, config.camera.height_px, config.prior.longest_px) = (448, 336, 448);
+    config.prior.level = level;
+    config.images.enabled = false;
+    simulate(&config, folder, &|_, _| {}).unwrap();
+}
+
+/// Runs the scene with settings; returns the city and the solution.
+fn run(folder: &Path, settings: &[&str]) -> (Value, Value) {
+    let settings: Vec<String> =
+        settings.iter().chain(&["output.pictures=false", "ground.reference=mean"]).map(|&s| s.to_owned()).collect();
+    let config = RunConfig::load(&folder.join("sizeup.toml"), &settings).unwrap();
+    let options = RunOptions { from: Stage::Survey, until: Stage::Output, command: "test".to_owned() };
+    pipeline::run(&config, &options, &|_| {}).unwrap();
+    let read = |name: &str| serde_json::from_slice(&fs::read(folder.join("result").join(name)).unwrap()).unwrap();
+    let city: Value = read("city.city.json");
+    let heights: Value = read("stages/heights.json");
+    (city, heights["data"]["solution"].clone())
+}
+
+/// Mean absolute error of the heights against one of the truth's, metres.
+fn error_m(folder: &Path, city: &Value, truth_name: &str) -> f64 {
+    let truth: Value = serde_json::from_slice(&fs::read(folder.join("truth.geojson")).unwrap()).unwrap();
+    let of_building = |feature: &Value| {
+        let truth = &feature["properties"];
+        let found = &city["CityObjects"][truth["id"].as_str().unwrap()]["attributes"]["height_m"];
+        (found.as_f64().expect("every building is seen") - truth[truth_name].as_f64().unwrap()).abs()
+    };
+    let errors: Vec<f64> = truth["features"].as_array().unwrap().iter().map(of_building).collect();
+    errors.iter().sum::<f64>() / errors.len() as f64
+}
+
+#[test]
+fn each_height_reference_states_its_own_height_of_a_pitched_roof() {
+    let folder = tempfile::tempdir().unwrap();
+    village(folder.path(), PriorLevel::Clean);
+    // A pixel is half a metre on the ground, so no single line of a roof is known to better than that.
+    for (reference, truth_name, bound_m) in
+        [("eave", "eave_m", 0.9), ("mean", "height_m", 0.4), ("ridge", "ridge_m", 0.9)]
+    {
+        let setting = format!("optimise.height_reference={reference}");
+        let (city, _) = run(folder.path(), &[&setting]);
+        let error_m = error_m(folder.path(), &city, truth_name);
+        assert!(error_m < bound_m, "{reference}: {error_m:.2} m");
+        let stated = city["CityObjects"].as_object().unwrap().values().next().unwrap();
+        assert_eq!(stated["attributes"]["height_reference"], reference);
+    }
+    let (flat, _) = run(folder.path(), &["optimise.search.pitched_roofs=false"]);
+    let (pitched, _) = run(folder.path(), &[]);
+    let (flat_m, pitched_m) = (error_m(folder.path(), &flat, "height_m"), error_m(folder.path(), &pitched, "height_m"));
+    assert!(pitched_m < 0.7 * flat_m, "pitched {pitched_m:.2} m, flat {flat_m:.2} m");
+}
+
+#[test]
+fn edges_that_spill_over_are_measured_and_taken_back() {
+    let folder = tempfile::tempdir().unwrap();
+    village(folder.path(), PriorLevel::Bleed);
+    let (with, solution) = run(folder.path(), &[]);
+    let (without, untouched) = run(folder.path(), &["optimise.search.take_back_spill=false"]);
+    // Simulated near sides grow by 2 to 3 px; walls a few pixels wide in the image hide a part of that.
+    let spill_px = solution["spill_px"].as_f64().unwrap();
+    assert!((0.5..4.0).contains(&spill_px), "{spill_px:.2} px");
+    assert_eq!(untouched["spill_px"], 0.0);
+    let (with_m, without_m) = (error_m(folder.path(), &with, "height_m"), error_m(folder.path(), &without, "height_m"));
+    assert!(with_m < 0.8 * without_m, "with {with_m:.2} m, without {without_m:.2} m");
+}
