@@ -26,6 +26,8 @@ const N_SAMPLES: usize = 8;
 const GRID: usize = 24;
 /// Steepest pitch tried: rise over run.
 const STEEPEST: f32 = 1.4;
+/// Tallest roof above its eave, metres: more is a tower under an outline that is not its own.
+const TALLEST_M: f32 = 8.0;
 /// Rises tried besides 0, between nothing and the steepest.
 const N_RISES: usize = 5;
 /// Eaves tried for each rise.
@@ -149,6 +151,11 @@ impl<'a> Shape<'a> {
         shapes
     }
 
+    /// Greatest rise, metres.
+    fn tallest_m(&self) -> f32 {
+        (STEEPEST * self.run_m).min(TALLEST_M)
+    }
+
     fn at(&self, point: Vec2) -> f32 {
         let share = match self.form {
             RoofForm::Flat => 0.0,
@@ -228,8 +235,7 @@ pub(super) fn find(
         }
     };
     for (form, shape) in shapes.iter().enumerate() {
-        let steepest_m = STEEPEST * shape.run_m;
-        for rise_m in (1..=N_RISES).map(|i| steepest_m * i as f32 / N_RISES as f32) {
+        for rise_m in (1..=N_RISES).map(|i| shape.tallest_m() * i as f32 / N_RISES as f32) {
             // The flat height lies somewhere between eave and mean.
             for step in 0..N_EAVES {
                 let eave_m = height_m + 0.5 - rise_m * (shape.mean + 0.25) * step as f32 / (N_EAVES - 1) as f32;
@@ -241,12 +247,12 @@ pub(super) fn find(
     }
     let (_, Some((form, mut eave_m, mut rise_m))) = best else { return None };
     // A pattern search settles the two numbers.
-    let mut step_m = [0.5, 0.5 * STEEPEST * shapes[form].run_m / N_RISES as f32];
+    let mut step_m = [0.5, 0.5 * shapes[form].tallest_m() / N_RISES as f32];
     let mut best_total = best.0;
     for _ in 0..4 {
         for (de, dr) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-0.5, 1.0), (0.5, -1.0)] {
             let (e, r) = (eave_m + de * step_m[0], rise_m + dr * step_m[1]);
-            if r < 0.0 || e <= 0.0 {
+            if !(0.0..=shapes[form].tallest_m()).contains(&r) || e <= 0.0 {
                 continue;
             }
             let total: f64 = scores(form, e, r).iter().sum();
