@@ -117,7 +117,7 @@ fn warsaws_nine_buildings_from_nothing_but_the_order_of_depths() {
     warp_priors(&data, folder.path());
     let config = warsaw_config(&data, &folder.path().join("{stem}.npy").to_string_lossy(), folder.path());
     // A strongly curved warp is beyond the straight line that brings a prior to metres: 2.1 m as of now.
-    for (preset, bound_m) in [("robust", 3.0), ("paper", WARSAW_PAPER_BOUND_M)] {
+    for (preset, bound_m) in [("robust", 2.5), ("paper", WARSAW_PAPER_BOUND_M)] {
         run(&config, &["--set", &format!("optimise.preset={preset}")]);
         let errors = warsaw_roof_errors(&data, &folder.path().join("result"));
         println!(
