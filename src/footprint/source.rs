@@ -27,7 +27,6 @@ pub enum FootprintSource {
 /// What serde and the schema see.
 #[derive(Deserialize, JsonSchema)]
 #[serde(tag = "source", rename_all = "snake_case")]
-#[allow(dead_code)] // the schema reads it, not the compiler
 #[allow(clippy::large_enum_variant)] // there is one of them
 enum Tagged {
     /// An existing vector layer; what a table without `source` is.

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::scene::HeightReference;
 use crate::views::ViewsConfig;
 
 /// Which height solver runs.
@@ -14,19 +15,6 @@ pub enum Preset {
     /// Ours: local search over an affine-blind correlation per building, then its roof's form.
     #[default]
     Robust,
-}
-
-/// Which height of a pitched roof is meant.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum HeightReference {
-    /// Lowest edge of the roof.
-    Eave,
-    /// Mean over the footprint: the block has the volume of the building.
-    #[default]
-    Mean,
-    /// Highest line of the roof.
-    Ridge,
 }
 
 /// Settings of the height optimisation.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::adam::Adam;
 use super::bleed;
-use super::config::{HeightReference, OptimiseConfig, Preset};
+use super::config::{OptimiseConfig, Preset};
 use super::evidence::Evidence;
 use super::ordinal::{ViewStep, view_step};
 use super::roof::Roof;
@@ -17,7 +17,7 @@ use super::search::{Finding, Range, SweepView, find_roofs, sweep};
 use crate::prior::DepthPrior;
 use crate::render::PlacedCamera;
 use crate::render::profile::{CappedScene, Profiles, Sampling};
-use crate::scene::Scene;
+use crate::scene::{HeightReference, Scene};
 use crate::seed;
 use crate::views::{Selection, ViewsConfig, Visibility, select, visibility};
 

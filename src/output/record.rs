@@ -1,9 +1,10 @@
 //! What is known of one building at the end of a run: shared by all writers.
 
 use geo_types::Polygon;
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map as JsonMap, Value};
+
+use crate::scene::HeightReference;
 
 /// What became of a building.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -31,31 +32,6 @@ impl Status {
             Self::Fallback => "fallback",
             Self::Unknown => "unknown",
             Self::Refused => "refused",
-        }
-    }
-}
-
-/// Which height of a pitched roof the stated height is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum HeightReference {
-    /// Where the roof meets the walls.
-    Eave,
-    /// The mean height of the roof over its area.
-    #[default]
-    Mean,
-    /// The highest line of the roof.
-    Ridge,
-}
-
-impl HeightReference {
-    /// The name in files: `eave`, `mean` or `ridge`.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Eave => "eave",
-            Self::Mean => "mean",
-            Self::Ridge => "ridge",
         }
     }
 }

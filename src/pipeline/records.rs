@@ -1,7 +1,7 @@
 //! From footprints and solved heights to one record per input building.
 
 use super::{FootprintStage, HeightStage};
-use crate::optimise::{self, SolvedHeight};
+use crate::optimise::SolvedHeight;
 use crate::output::{BuildingRecord, HeightReference, Status};
 use crate::survey::Survey;
 
@@ -10,13 +10,8 @@ pub(super) fn records(
     survey: &Survey,
     footprints: &FootprintStage,
     heights: &HeightStage,
-    reference: optimise::HeightReference,
+    height_reference: HeightReference,
 ) -> Vec<BuildingRecord> {
-    let height_reference = match reference {
-        optimise::HeightReference::Eave => HeightReference::Eave,
-        optimise::HeightReference::Mean => HeightReference::Mean,
-        optimise::HeightReference::Ridge => HeightReference::Ridge,
-    };
     let mut solved: Vec<Option<&SolvedHeight>> = vec![None; footprints.layer.footprints.len()];
     for (&at, height) in heights.solved.iter().zip(&heights.solution.heights) {
         solved[at] = Some(height);

@@ -10,6 +10,8 @@ pub use prism::{Crossing, Prism};
 
 use geo_types::Polygon;
 use glam::DVec3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use crate::frames::LocalOrigin;
 use crate::terrain::{GroundLevel, Terrain};
@@ -21,6 +23,31 @@ pub struct HeightBounds {
     pub min_m: f32,
     /// Greatest height.
     pub max_m: f32,
+}
+
+/// Which height of a pitched roof the stated height is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HeightReference {
+    /// Where the roof meets the walls.
+    Eave,
+    /// The mean height of the roof over its area.
+    #[default]
+    Mean,
+    /// The highest line of the roof.
+    Ridge,
+}
+
+impl HeightReference {
+    /// The name in files: `eave`, `mean` or `ridge`.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Eave => "eave",
+            Self::Mean => "mean",
+            Self::Ridge => "ridge",
+        }
+    }
 }
 
 /// Prisms of unknown height on known ground.

@@ -17,6 +17,7 @@ use sizeup::stats;
 use sizeup::survey::{self, Survey, SurveyConfig, View, ViewKind};
 
 use crate::shared_data::shared_data;
+use crate::survey_real::rotterdam_survey;
 use crate::tiny_scene::{Outcome, sizeup, write_npy};
 
 /// Ground of the Warsaw block, metres: the median of the nine buildings' ground levels.
@@ -136,20 +137,7 @@ const ROTTERDAM_SEEN_M: DVec2 = DVec2::new(90_597.0, 437_641.0);
 const ROTTERDAM_BUILT_M: DVec2 = DVec2::new(90_818.0, 435_742.0);
 
 fn rotterdam_views(folder: &Path) -> Vec<View> {
-    let mut config: SurveyConfig = toml::from_str(
-        r#"
-        format = "csv"
-        path = "camera_parameters.txt"
-        crs = "EPSG:7415"
-        [csv]
-        name = "image_id"
-        angles = "opk"
-        sequence = "zyx"
-        direction = "world_to_camera"
-        "#,
-    )
-    .unwrap();
-    config.resolve_paths(folder);
+    let config = rotterdam_survey(folder);
     survey::read(&config, &Crs::parse("EPSG:7415").unwrap()).unwrap().views
 }
 

@@ -4,7 +4,7 @@
 
 use std::collections::HashMap;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use gdal::vector::LayerAccess as _;
 use glam::{DVec2, DVec3};
@@ -26,8 +26,8 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-fn rotterdam() -> Option<(PathBuf, SurveyConfig)> {
-    let folder = data("rotterdam_oblique_cameras")?;
+/// How the camera file of Rotterdam is to be read.
+pub fn rotterdam_survey(folder: &Path) -> SurveyConfig {
     let mut config: SurveyConfig = toml::from_str(
         r#"
         format = "csv"
@@ -41,7 +41,13 @@ fn rotterdam() -> Option<(PathBuf, SurveyConfig)> {
         "#,
     )
     .unwrap();
-    config.resolve_paths(&folder);
+    config.resolve_paths(folder);
+    config
+}
+
+fn rotterdam() -> Option<(PathBuf, SurveyConfig)> {
+    let folder = data("rotterdam_oblique_cameras")?;
+    let config = rotterdam_survey(&folder);
     Some((folder, config))
 }
 
