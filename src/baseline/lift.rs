@@ -97,7 +97,7 @@ pub fn metric_lift(problem: &Problem<'_>, optimise: &OptimiseConfig, config: &Li
     (problem.progress)(Solving::Epochs, config.rounds.max(1), config.rounds.max(1));
     let heights = lifted.iter().zip(&heights_m).map(|(levels, height_m)| solved(levels, *height_m, scene)).collect();
     let used_views = (0..views.len()).filter(|&v| views[v].is_some()).collect();
-    Solution { heights, history, used_views, spill_px: 0.0, failed_views }
+    Solution { heights, history, used_views, spill_px: 0.0, other_levels: Vec::new(), failed_views }
 }
 
 fn median_height(levels: &[(usize, f64)]) -> Option<f64> {
@@ -209,7 +209,14 @@ impl LiftView {
 fn solved(levels: &[(usize, f64)], height_m: f32, scene: &Scene) -> SolvedHeight {
     let views: Vec<usize> = levels.iter().map(|l| l.0).collect();
     if views.is_empty() {
-        return SolvedHeight { height_m: None, roof: None, sigma_m: None, views, reasons: vec![Reason::SeenByNoView] };
+        return SolvedHeight {
+            height_m: None,
+            roof: None,
+            sigma_m: None,
+            views,
+            score: None,
+            reasons: vec![Reason::SeenByNoView],
+        };
     }
     let mut reasons = Vec::new();
     if views.len() < FEW_VIEWS {
@@ -221,7 +228,7 @@ fn solved(levels: &[(usize, f64)], height_m: f32, scene: &Scene) -> SolvedHeight
     let off: Vec<f64> = levels.iter().map(|l| (l.1 - f64::from(height_m)).abs()).collect();
     let spread = stats::median(&off).map(|mad| SIGMA_PER_MAD * mad / (views.len() as f64).sqrt());
     let sigma_m = spread.filter(|_| views.len() >= FEW_VIEWS);
-    SolvedHeight { height_m: Some(f64::from(height_m)), roof: None, sigma_m, views, reasons }
+    SolvedHeight { height_m: Some(f64::from(height_m)), roof: None, sigma_m, views, score: None, reasons }
 }
 
 /// One round for the history: the loss is the mean spread of the views' heights, metres.

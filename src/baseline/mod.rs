@@ -35,6 +35,7 @@ fn without_views(heights_m: Vec<Option<f64>>) -> Solution {
         roof: None,
         sigma_m: None,
         views: Vec::new(),
+        score: None,
         reasons: if height_m.is_none() { vec![Reason::SeenByNoView] } else { Vec::new() },
     };
     Solution {
@@ -42,6 +43,7 @@ fn without_views(heights_m: Vec<Option<f64>>) -> Solution {
         history: Vec::new(),
         used_views: Vec::new(),
         spill_px: 0.0,
+        other_levels: Vec::new(),
         failed_views: Vec::new(),
     }
 }

@@ -13,6 +13,7 @@ use crate::crs::Crs;
 use crate::footprint::FootprintSource;
 use crate::optimise::OptimiseConfig;
 use crate::output::cityjson::CityJsonConfig;
+use crate::output::fallback::FallbackConfig;
 use crate::output::geopackage::GeoPackageConfig;
 use crate::prior::PriorConfig;
 use crate::survey::SurveyConfig;
@@ -105,6 +106,8 @@ fn default_output() -> PathBuf {
 pub struct OutputConfig {
     /// Whether to draw pictures: a map, proxies over photos, one view's depth beside its prior.
     pub pictures: bool,
+    /// What becomes of buildings whose height is not known.
+    pub fallback: FallbackConfig,
     /// `CityJSON`.
     pub cityjson: CityJsonConfig,
     /// `GeoPackage`.
@@ -113,7 +116,12 @@ pub struct OutputConfig {
 
 impl Default for OutputConfig {
     fn default() -> Self {
-        Self { pictures: true, cityjson: CityJsonConfig::default(), geopackage: GeoPackageConfig::default() }
+        Self {
+            pictures: true,
+            fallback: FallbackConfig::default(),
+            cityjson: CityJsonConfig::default(),
+            geopackage: GeoPackageConfig::default(),
+        }
     }
 }
 

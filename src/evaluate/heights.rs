@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::matching::{Match, Matching, match_buildings};
+use super::parts::joined;
 use super::statistics::{DEFINITIONS, HeightPair, HeightStatistics};
 use super::{EvaluationError, TruthBuilding};
 use crate::output::{BuildingRecord, Status};
@@ -120,7 +121,8 @@ pub struct HeightEvaluation {
     pub definitions: BTreeMap<String, String>,
 }
 
-/// Compares the heights of a result with a reference. Both outlines must be in the same CRS.
+/// Compares the heights of a result with a reference. Both outlines must be in the same CRS. Parts of a building count as
+/// one where the reference has it as one, with the mean height over their areas.
 ///
 /// # Errors
 /// [`EvaluationError::NoMatch`] when nothing matches, [`EvaluationError::DuplicateId`] for ambiguous ids.
@@ -129,6 +131,7 @@ pub fn evaluate_heights(
     truth: &[TruthBuilding],
     options: &HeightOptions,
 ) -> Result<HeightEvaluation, EvaluationError> {
+    let results = &joined(results, truth);
     let (matched_by, matches) = match_buildings(results, truth, options.matching, options.min_overlap_share)?;
     if matches.is_empty() {
         return Err(no_match(results.len(), truth.len(), matched_by));

@@ -18,6 +18,7 @@ mod compare;
 pub mod footprints;
 mod heights;
 mod matching;
+mod parts;
 mod pictures;
 pub mod read;
 mod report;

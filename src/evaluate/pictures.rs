@@ -26,8 +26,11 @@ pub fn write_pictures(
 ) -> Result<Vec<PathBuf>, OutputError> {
     let error_of: HashMap<&str, f64> =
         evaluation.buildings.iter().map(|b| (b.result_id.as_str(), b.signed_error_m)).collect();
-    let known: Vec<_> =
-        results.iter().filter_map(|r| Some((r.footprint.as_ref()?, error_of.get(r.id.as_str()).copied()))).collect();
+    let of_record = |r: &BuildingRecord| {
+        let whole = r.part_of.as_deref().and_then(|whole| error_of.get(whole));
+        error_of.get(r.id.as_str()).or(whole).copied()
+    };
+    let known: Vec<_> = results.iter().filter_map(|r| Some((r.footprint.as_ref()?, of_record(r)))).collect();
     let mut written = vec![folder.join("errors.png")];
     write_png(&written[0], &error_map("Error of the heights", &known, 1000))?;
     let curve = reliability(&evaluation.buildings);

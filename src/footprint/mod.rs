@@ -27,6 +27,7 @@ mod partition;
 pub mod segment;
 mod shape;
 mod source;
+mod split;
 mod vectorise;
 mod write;
 
@@ -42,6 +43,7 @@ pub use outlines::{Look, OutlineKind, OutlineSource, ViewFault};
 pub use overlap::overlaps;
 pub use segment::{Segmenter, SegmenterConfig};
 pub use source::{DetectionSettings, FootprintSource};
+pub use split::pieces;
 pub use vectorise::{Instances, MaskFault, Outline, Vectorising, outlines, outlines_at_level};
 pub use write::{WriteFootprintsError, write};
 

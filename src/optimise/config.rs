@@ -148,6 +148,8 @@ pub struct SearchConfig {
     pub rank_sweeps: usize,
     /// Whether depth edges that lie beside the walls they belong to are moved back, after the full sweeps.
     pub take_back_spill: bool,
+    /// Whether outlines that hold two roof levels (a tower on its podium) are taken apart, after the full sweeps.
+    pub split_levels: bool,
     /// Whether pitched roofs are looked for after the sweeps; otherwise all are flat.
     pub pitched_roofs: bool,
     /// Log-spaced heights tried in a full sweep.
@@ -181,6 +183,7 @@ impl Default for SearchConfig {
             local_sweeps: 3,
             rank_sweeps: 0,
             take_back_spill: true,
+            split_levels: true,
             pitched_roofs: true,
             n_coarse: 48,
             n_fine: 17,

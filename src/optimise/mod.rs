@@ -12,12 +12,16 @@ mod bleed;
 mod calibrate;
 mod config;
 mod evidence;
+mod levels;
 mod ordinal;
 mod roof;
 mod score;
 mod search;
+mod solution;
 mod solve;
 
 pub use config::{Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
+pub use levels::OtherLevel;
 pub use roof::{Roof, RoofForm};
-pub use solve::{EpochRecord, Problem, Reason, Solution, SolvedHeight, Solving, ViewInput, solve};
+pub use solution::{EpochRecord, Reason, Solution, SolvedHeight};
+pub use solve::{Problem, Solving, ViewInput, solve};

@@ -265,19 +265,20 @@ pub(super) fn find(
     let gains: Vec<f64> = scores(form, eave_m, rise_m).iter().zip(&flat_scores).map(|(a, b)| a - b).collect();
     let (eave_m, rise_m, mean) = (f64::from(eave_m), f64::from(rise_m), f64::from(shapes[form].mean));
     let roof = Roof { form: shapes[form].form, eave_m, ridge_m: eave_m + rise_m, mean_m: eave_m + mean * rise_m };
-    is_consistent(&gains).then_some(roof)
+    is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS).then_some(roof)
 }
 
-/// Whether the views agree that a roof is better: their mean gain stands clear of its standard error.
-fn is_consistent(gains: &[f64]) -> bool {
+/// Whether the views agree that something is better: their mean gain is large enough and stands clear of its standard
+/// error.
+pub(super) fn is_clear(gains: &[f64], min_gain: f64, min_standard_errors: f64) -> bool {
     let n = gains.len() as f64;
     let mean = gains.iter().sum::<f64>() / n;
     let variance = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    mean > MIN_GAIN && mean > MIN_STANDARD_ERRORS * (variance / n).sqrt()
+    mean > min_gain && mean > min_standard_errors * (variance / n).sqrt()
 }
 
 /// The rectangle of least area around the exterior, along one of its edges: axes as rows, low and high corner.
-fn smallest_rectangle(prism: &Prism) -> (Mat2, Vec2, Vec2) {
+pub(super) fn smallest_rectangle(prism: &Prism) -> (Mat2, Vec2, Vec2) {
     let exterior = prism.rings().next().unwrap_or(&[]);
     let mut best = (f32::INFINITY, Mat2::IDENTITY, Vec2::ZERO, Vec2::ZERO);
     for edge in exterior.windows(2) {

@@ -71,7 +71,14 @@ impl<'a> SweepView<'a> {
         Self { placed, evidence, stops, calibration }
     }
 
-    fn window(&self, scene: &Scene, building: usize, dilate_px: usize, correlation: Correlation) -> Option<Window> {
+    /// One building in this view; `None` if it has nothing to say.
+    pub(super) fn window(
+        &self,
+        scene: &Scene,
+        building: usize,
+        dilate_px: usize,
+        correlation: Correlation,
+    ) -> Option<Window> {
         let ground_z = scene.prisms[building].ground_z;
         let building = building as u32;
         Window::new(self.evidence, building, ground_z, &self.stops, self.calibration, dilate_px, correlation)

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{PipelineError, Stage};
+use super::{Cut, PipelineError, Stage};
 use crate::config::RunConfig;
 use crate::files::write_whole;
 use crate::footprint::{DetectionSummary, FootprintLayer, Tracks};
@@ -38,6 +38,10 @@ pub struct FootprintStage {
 pub struct HeightStage {
     /// Position in the layer of each building that was solved.
     pub solved: Vec<usize>,
+    /// How outlines were taken apart before the last round of solving, round by round; positions count the layer as it
+    /// was left by the round before.
+    #[serde(default)]
+    pub cuts: Vec<Vec<Cut>>,
     /// The solution, one height per building of `solved`; its views are positions in the survey.
     pub solution: Solution,
 }

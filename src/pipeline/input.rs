@@ -80,6 +80,13 @@ fn no_overlap(survey: &Survey, footprints: &FootprintStage) -> PipelineError {
 
 /// Checks what the settings alone can tell, before any work.
 pub(super) fn check_settings(config: &RunConfig) -> Result<(), PipelineError> {
+    if let Some(fault) = config.output.fallback.fault() {
+        return Err(PipelineError::Settings {
+            table: "output.fallback",
+            message: fault.to_owned(),
+            hint: "source is none, attribute (with attribute = \"storeys\", metres_per_unit = 3.0) or neighbourhood",
+        });
+    }
     let (min_m, max_m) = (config.optimise.min_height_m, config.optimise.max_height_m);
     if min_m > 0.0 && max_m.is_none_or(|max_m| max_m > min_m && max_m.is_finite()) {
         return Ok(());

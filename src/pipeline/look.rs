@@ -27,7 +27,7 @@ const PICTURE_PX: u32 = 640;
 /// [`PipelineError`]: no run in the output folder, no such view or pass, or a file that cannot be read or written.
 pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) -> Result<(), PipelineError> {
     let survey: Survey = artefact::read(config, Stage::Survey)?;
-    let footprints: FootprintStage = artefact::read(config, Stage::Footprints)?;
+    let mut footprints: FootprintStage = artefact::read(config, Stage::Footprints)?;
     let heights: HeightStage = artefact::read(config, Stage::Heights)?;
     let wrong = |message: String, hint| PipelineError::Settings { table: "look", message, hint };
     let found =
@@ -47,7 +47,8 @@ pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) ->
                 "passes are counted from 1; the last is taken where none is named",
             )
         })?;
-    let stage = SceneStage::new(config, &survey, &footprints)?;
+    let stage =
+        SceneStage::new(config, &survey, &footprints)?.after(config, &survey, &mut footprints, &heights.cuts)?;
     let priors = config.prior.open(&survey.views, &stage.terrain)?;
     let prior = priors.load(found)?.to_z_depth(&found.camera);
     let placed = PlacedCamera::new(found.camera.reduced_to(PICTURE_PX), found.camera_from_map, stage.scene.origin);

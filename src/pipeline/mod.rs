@@ -14,6 +14,7 @@ mod artefact;
 mod error;
 mod footprints;
 mod input;
+mod levels;
 mod look;
 mod pictures;
 mod records;
@@ -22,6 +23,7 @@ mod stages;
 
 pub use artefact::{FootprintStage, HeightStage};
 pub use error::PipelineError;
+pub use levels::Cut;
 pub use look::look;
 
 use std::path::PathBuf;

@@ -9,11 +9,12 @@ use geo_types::Polygon;
 use super::input::{check_settings, check_views, height_bounds};
 use super::records::records;
 use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
-use super::{artefact, footprints as outlines, pictures, soundness};
+use super::{artefact, footprints as outlines, levels, pictures, soundness};
 use crate::config::RunConfig;
 use crate::files::{FileError, write_whole};
 use crate::issue::{Issue, Severity, Subject};
-use crate::optimise::{Problem, Solution, ViewInput};
+use crate::optimise::{OptimiseConfig, Problem, SearchConfig, Solution, ViewInput};
+use crate::output::fallback::{self, FallbackSource};
 use crate::output::{BuildingRecord, CityModel, InputFile, Lineage, cityjson, geopackage, sha256_hex};
 use crate::prior::{PriorSource as _, Priors};
 use crate::render::PlacedCamera;
@@ -88,23 +89,14 @@ pub(super) fn run(
     let mut stage = SceneStage::new(config, &survey, &footprints)?;
     let heights: HeightStage = if runs(Stage::Heights) {
         tell(Event::Stage(Stage::Heights));
-        let mut heights = find_heights(config, &survey, &stage, tell, solver)?;
-        // Roofs move with their heights, and heights are measured under their roofs.
-        for _ in 0..outlines::roof_rounds(config, &footprints) {
-            if !outlines::move_roofs(config, &survey, &mut footprints, &heights)? {
-                break;
-            }
-            stage = SceneStage::new(config, &survey, &footprints)?;
-            heights = find_heights(config, &survey, &stage, tell, solver)?;
-        }
-        if footprints.tracks.is_some() {
-            artefact::write(config, Stage::Footprints, &footprints)?;
-        }
+        let heights = solve_in_rounds(config, &survey, &mut footprints, &mut stage, tell, solver)?;
         artefact::write(config, Stage::Heights, &heights)?;
         timed(Stage::Heights, start);
         heights
     } else {
-        artefact::read(config, Stage::Heights)?
+        let heights: HeightStage = artefact::read(config, Stage::Heights)?;
+        stage = stage.after(config, &survey, &mut footprints, &heights.cuts)?;
+        heights
     };
     summary.n_used_views = heights.solution.used_views.len();
     if options.until == Stage::Heights {
@@ -113,7 +105,8 @@ pub(super) fn run(
 
     let start = Instant::now();
     tell(Event::Stage(Stage::Output));
-    let records = records(&survey, &footprints, &heights, config.optimise.height_reference);
+    let mut records = records(&survey, &footprints, &heights, config.optimise.height_reference);
+    fill_unknown(config, &mut records)?;
     let mut issues = all_issues(config, &survey, &footprints, &heights);
     issues.extend(cityjson::check(&records, &config.output.cityjson)?);
     summary.count_issues(&issues);
@@ -173,7 +166,7 @@ pub(super) struct SceneStage {
     /// The buildings whose ground is known.
     pub scene: Scene,
     /// Their positions in the layer.
-    solved: Vec<usize>,
+    pub solved: Vec<usize>,
     /// The ground around them.
     pub terrain: Terrain,
 }
@@ -191,12 +184,65 @@ impl SceneStage {
         let scene = Scene::new(&on_ground, &terrain, bounds, margin_m);
         Ok(Self { scene, solved, terrain })
     }
+
+    /// The scene after outlines were taken apart.
+    pub fn after(
+        self,
+        config: &RunConfig,
+        survey: &Survey,
+        footprints: &mut FootprintStage,
+        cuts: &[Vec<levels::Cut>],
+    ) -> Result<Self, PipelineError> {
+        let is_changed = cuts.iter().fold(false, |changed, round| levels::take_apart(footprints, round) || changed);
+        if is_changed { Self::new(config, survey, footprints) } else { Ok(self) }
+    }
+}
+
+/// Solves for the heights, again and again where they change the outlines.
+fn solve_in_rounds(
+    config: &RunConfig,
+    survey: &Survey,
+    footprints: &mut FootprintStage,
+    stage: &mut SceneStage,
+    tell: Tell<'_>,
+    solver: Solver<'_>,
+) -> Result<HeightStage, PipelineError> {
+    let whole = OptimiseConfig {
+        search: SearchConfig { split_levels: false, ..config.optimise.search.clone() },
+        ..config.optimise.clone()
+    };
+    let find = |stage: &SceneStage, optimise| find_heights(config, survey, stage, optimise, tell, solver);
+    // Roofs move with their heights, and heights are measured under their roofs.
+    for _ in 0..outlines::roof_rounds(config, footprints) {
+        let heights = find(stage, &whole)?;
+        let has_moved = outlines::move_roofs(config, survey, footprints, &heights)?;
+        *stage = SceneStage::new(config, survey, footprints)?;
+        if !has_moved {
+            break;
+        }
+    }
+    if footprints.tracks.is_some() {
+        artefact::write(config, Stage::Footprints, &footprints)?;
+    }
+    // An outline with two roof levels has no one height.
+    let mut cuts = Vec::new();
+    for _ in 0..levels::MAX_ROUNDS {
+        let heights = find(stage, &config.optimise)?;
+        let round = levels::cuts(stage, &heights.solution);
+        if !levels::take_apart(footprints, &round) {
+            return Ok(HeightStage { cuts, ..heights });
+        }
+        *stage = SceneStage::new(config, survey, footprints)?;
+        cuts.push(round);
+    }
+    Ok(HeightStage { cuts, ..find(stage, &whole)? })
 }
 
 fn find_heights(
     config: &RunConfig,
     survey: &Survey,
     stage: &SceneStage,
+    optimise: &OptimiseConfig,
     tell: Tell<'_>,
     solver: Solver<'_>,
 ) -> Result<HeightStage, PipelineError> {
@@ -225,10 +271,10 @@ fn find_heights(
             seed: config.seed,
             progress: &|what, done, total| tell(Event::Advance { what, done, total }),
         },
-        &config.optimise,
+        optimise,
     );
     require_priors(survey, &solution)?;
-    Ok(HeightStage { solved: stage.solved.clone(), solution })
+    Ok(HeightStage { solved: stage.solved.clone(), cuts: Vec::new(), solution })
 }
 
 /// Without a single prior there is nothing to solve: the settings are wrong, not single photos.
@@ -264,6 +310,21 @@ fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, 
     issues.extend(footprints.layer.issues.iter().chain(&footprints.issues).cloned());
     issues.extend(failed_priors.chain(unstated));
     issues
+}
+
+fn fill_unknown(config: &RunConfig, records: &mut [BuildingRecord]) -> Result<(), PipelineError> {
+    let settings = &config.output.fallback;
+    if let (FallbackSource::Attribute, Some(name)) = (settings.source, &settings.attribute)
+        && records.iter().all(|r| !r.attributes.contains_key(name))
+    {
+        return Err(PipelineError::Settings {
+            table: "output.fallback",
+            message: format!("none of the outlines has an attribute {name:?}"),
+            hint: "attributes are named as in the outlines' layer; `ogrinfo -so LAYER` lists them",
+        });
+    }
+    fallback::fill(records, settings);
+    Ok(())
 }
 
 fn count_by_status(records: &[BuildingRecord]) -> BTreeMap<crate::output::Status, usize> {

@@ -12,6 +12,7 @@ mod footprint_layers;
 mod footprint_masks;
 mod hostile_inputs;
 mod layers;
+mod levels;
 mod networks;
 mod outputs;
 mod parts;

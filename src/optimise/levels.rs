@@ -1,0 +1,319 @@
+//! Outlines that hold two roof levels (a tower on its podium, a hall beside its office): no single height fits them.
+//!
+//! ```text
+//! z(x, y) = ground + inner   inside of a rectangle along the axes of the outline's smallest rectangle
+//!         = ground + outer   elsewhere
+//! ```
+//!
+//! The six numbers are searched for by the same score as a height: how well the rendered depth agrees with the prior, over
+//! all views of the building. Only the *plan* of the two parts is taken from here, if they are clear, large and well
+//! apart: their heights are then searched as any other's.
+
+use glam::{Mat2, Vec2};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::config::SearchConfig;
+use super::evidence::Evidence;
+use super::roof::{is_clear, smallest_rectangle};
+use super::score::{Correlation, Window};
+use super::search::{SweepViews, ViewsOf};
+use crate::ray::Ray;
+use crate::render::PlacedCamera;
+use crate::scene::{HeightBounds, Prism, Scene};
+
+/// Outlines smaller than this are left whole, m².
+const MIN_OUTLINE_M2: f32 = 200.0;
+/// Least area of a part, m², and as a share of the outline.
+const MIN_PART_M2: f32 = 40.0;
+const MIN_PART_SHARE: f32 = 0.06;
+/// Least difference of two levels: a fixed part, metres, and a share of the upper one.
+const MIN_STEP_M: f32 = 4.0;
+const MIN_STEP_SHARE: f32 = 0.2;
+/// Least side of the rectangle, metres.
+const MIN_SIDE_M: f32 = 5.0;
+/// Two levels are believed if their score beats one level's by so many standard errors over views, and by so much per view.
+const MIN_STANDARD_ERRORS: f64 = 2.0;
+const MIN_GAIN: f64 = 0.02;
+/// Fewer views cannot tell.
+const MIN_VIEWS: usize = 4;
+/// Views that the first guesses are tried in.
+const N_FIRST_VIEWS: usize = 6;
+/// Guesses that are followed up.
+const N_FOLLOWED: usize = 2;
+/// Heights tried for one level, log-spaced over the whole range.
+const N_HEIGHTS: usize = 24;
+/// Middles and sizes of the first rectangles, as shares of the outline's sides.
+const FIRST_MIDDLES: [f32; 3] = [0.25, 0.5, 0.75];
+const FIRST_SIZE: f32 = 0.5;
+/// First heights of the two levels, as shares of the height that one level gets.
+const FIRST_SHARES: [[f32; 2]; 6] = [[0.1, 1.0], [0.25, 1.0], [0.5, 1.3], [1.0, 2.5], [1.0, 6.0], [1.0, 0.4]];
+/// Steps of the rectangle's sides as a share of the outline's, for the followed guesses and for the best of them.
+const COARSE_STEPS: [f32; 3] = [0.2, 0.1, 0.05];
+const FINE_STEPS: [f32; 4] = [0.05, 0.025, 0.0125, 0.006];
+/// Steps of the heights as a share of them, for each share of a side.
+const HEIGHT_STEP: f32 = 1.25;
+/// A side of the rectangle as near as this to the outline's own is the outline's, metres.
+const SNAP_M: f32 = 2.5;
+
+/// A part of an outline that stands at another level than the rest.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct OtherLevel {
+    /// Which building.
+    pub building: usize,
+    /// Corners of a rectangle, local frame, metres, counter-clockwise; it may reach beyond the outline.
+    pub corners: [[f64; 2]; 4],
+}
+
+/// Buildings that should be taken apart, by index.
+pub(super) fn find(
+    scene: &Scene,
+    views: SweepViews<'_>,
+    views_of: ViewsOf<'_>,
+    heights_m: &[f32],
+    config: &SearchConfig,
+) -> Vec<OtherLevel> {
+    let of_building = |building: usize| {
+        let prism = &scene.prisms[building];
+        if prism.area_m2() < MIN_OUTLINE_M2 {
+            return None;
+        }
+        let of_building = views_of[building].iter().filter_map(|&v| views[v].as_ref());
+        let plan = Plan::new(prism, scene.bounds);
+        let seen: Vec<SeenIn> = of_building
+            .filter_map(|v| {
+                let window = v.window(scene, building, config.dilate_px, Correlation::Linear)?;
+                Some(SeenIn::new(window, v.placed, v.evidence, &plan))
+            })
+            .collect();
+        let corners = plan.other_level(&seen, heights_m[building])?;
+        Some(OtherLevel { building, corners })
+    };
+    (0..scene.prisms.len()).into_par_iter().filter_map(of_building).collect()
+}
+
+/// A way of a ray over the outline, along the plan's axes.
+struct Way {
+    /// Position at z-depth 0 and change per metre of z-depth; the third is the height above the building's ground.
+    from: Vec2,
+    along: Vec2,
+    above_m: f32,
+    dz: f32,
+    enter: f32,
+    leave: f32,
+}
+
+impl Way {
+    fn new(ray: &Ray, axes: Mat2, ground_z: f32, enter: f32, leave: f32) -> Self {
+        Self {
+            from: axes * ray.origin.truncate(),
+            along: axes * ray.direction.truncate(),
+            above_m: ray.origin.z - ground_z,
+            dz: ray.direction.z,
+            enter,
+            leave,
+        }
+    }
+
+    /// z-depth at which the ray meets the two levels; `None` if it passes over.
+    fn meets(&self, levels: &TwoLevels) -> Option<f32> {
+        let (within, beyond) = self.inside(levels.low, levels.high);
+        let stretches = [
+            (self.enter, within, levels.outer_m),
+            (within, beyond, levels.inner_m),
+            (beyond, self.leave, levels.outer_m),
+        ];
+        stretches.into_iter().filter(|(start, end, _)| end > start).find_map(|(start, end, height_m)| {
+            let roof = (height_m - self.above_m) / self.dz;
+            (roof < end).then(|| roof.max(start))
+        })
+    }
+
+    /// Where the ray enters and leaves the rectangle, within its way over the outline.
+    fn inside(&self, low: Vec2, high: Vec2) -> (f32, f32) {
+        let (mut start, mut end) = (self.enter, self.leave);
+        for k in 0..2 {
+            let (a, b) = ((low[k] - self.from[k]) / self.along[k], (high[k] - self.from[k]) / self.along[k]);
+            start = start.max(a.min(b));
+            end = end.min(a.max(b));
+        }
+        if start < end { (start, end) } else { (self.leave, self.leave) }
+    }
+}
+
+/// The building in one view.
+struct SeenIn {
+    window: Window,
+    ways: Vec<Way>,
+}
+
+impl SeenIn {
+    fn new(window: Window, placed: &PlacedCamera, evidence: &Evidence<'_>, plan: &Plan<'_>) -> Self {
+        let way =
+            |(ray, enter, leave)| Way::new(&evidence.ray(placed, ray), plan.axes, plan.prism.ground_z, enter, leave);
+        let ways = window.own_stretches().map(way).collect();
+        Self { window, ways }
+    }
+
+    fn score(&self, levels: &TwoLevels) -> f64 {
+        self.window.score_where(0.0, levels.outer_m, |i| self.ways[i].meets(levels))
+    }
+}
+
+/// A rectangle at one level, everything else at another. Metres; the rectangle along the plan's axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct TwoLevels {
+    low: Vec2,
+    high: Vec2,
+    inner_m: f32,
+    outer_m: f32,
+}
+
+/// An outline along the axes of its smallest rectangle.
+struct Plan<'a> {
+    prism: &'a Prism,
+    bounds: HeightBounds,
+    axes: Mat2,
+    low: Vec2,
+    high: Vec2,
+}
+
+impl<'a> Plan<'a> {
+    fn new(prism: &'a Prism, bounds: HeightBounds) -> Self {
+        let (axes, low, high) = smallest_rectangle(prism);
+        Self { prism, bounds, axes, low, high }
+    }
+
+    /// The part at another level than the rest; `None` where one level is as good.
+    fn other_level(&self, seen: &[SeenIn], height_m: f32) -> Option<[[f64; 2]; 4]> {
+        if seen.len() < MIN_VIEWS {
+            return None;
+        }
+        let every = seen.len().div_ceil(N_FIRST_VIEWS);
+        let first: Vec<&SeenIn> = seen.iter().step_by(every).collect();
+        let one_level = self.best_level(&first, height_m);
+        let total = |seen: &[&SeenIn], levels: &TwoLevels| seen.iter().map(|s| s.score(levels)).sum::<f64>();
+        let mut guesses: Vec<(f64, TwoLevels)> =
+            self.guesses(height_m).map(|guess| (total(&first, &guess), guess)).collect();
+        guesses.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let (score, best) = guesses
+            .into_iter()
+            .take(N_FOLLOWED)
+            .map(|(score, guess)| self.climb(&first, guess, score, &COARSE_STEPS))
+            .max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let flat: f64 = first.iter().map(|s| s.window.score(one_level, Correlation::Linear)).sum();
+        if !self.is_part(&best) || score - flat < 0.5 * MIN_GAIN * first.len() as f64 {
+            return None;
+        }
+        let all: Vec<&SeenIn> = seen.iter().collect();
+        let (_, best) = self.climb(&all, best, total(&all, &best), &FINE_STEPS);
+        let gains: Vec<f64> =
+            seen.iter().map(|s| s.score(&best) - s.window.score(one_level, Correlation::Linear)).collect();
+        (self.is_part(&best) && is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS)).then(|| self.corners(&best))
+    }
+
+    /// The one level that explains most.
+    fn best_level(&self, seen: &[&SeenIn], height_m: f32) -> f32 {
+        let total = |h: f32| seen.iter().map(|s| s.window.score(h, Correlation::Linear)).sum::<f64>();
+        let ratio = self.bounds.max_m / self.bounds.min_m;
+        let tried = (0..N_HEIGHTS).map(|i| self.bounds.min_m * ratio.powf(i as f32 / (N_HEIGHTS - 1) as f32));
+        std::iter::once(height_m).chain(tried).max_by(|a, b| total(*a).total_cmp(&total(*b))).unwrap_or(height_m)
+    }
+
+    fn guesses(&self, height_m: f32) -> impl Iterator<Item = TwoLevels> + '_ {
+        let size = self.high - self.low;
+        let middles = FIRST_MIDDLES.into_iter().flat_map(|x| FIRST_MIDDLES.into_iter().map(move |y| Vec2::new(x, y)));
+        middles.flat_map(move |middle| {
+            FIRST_SHARES.into_iter().map(move |[outer, inner]| {
+                let (middle, half) = (self.low + middle * size, 0.5 * FIRST_SIZE * size);
+                self.within(TwoLevels {
+                    low: middle - half,
+                    high: middle + half,
+                    inner_m: inner * height_m,
+                    outer_m: outer * height_m,
+                })
+            })
+        })
+    }
+
+    fn within(&self, levels: TwoLevels) -> TwoLevels {
+        let in_bounds = |h: f32| h.clamp(self.bounds.min_m, self.bounds.max_m);
+        TwoLevels {
+            low: levels.low.max(self.low),
+            high: levels.high.min(self.high),
+            inner_m: in_bounds(levels.inner_m),
+            outer_m: in_bounds(levels.outer_m),
+        }
+    }
+
+    /// Pattern search: the sides, the place and the levels, with each step until none helps.
+    fn climb(&self, seen: &[&SeenIn], start: TwoLevels, score: f64, steps: &[f32]) -> (f64, TwoLevels) {
+        let (mut best, mut at) = (score, start);
+        for &share in steps {
+            loop {
+                let before = best;
+                for step in moves() {
+                    let moved = self.moved(&at, step, share);
+                    if (moved.high - moved.low).min_element() < MIN_SIDE_M {
+                        continue;
+                    }
+                    let score = seen.iter().map(|s| s.score(&moved)).sum();
+                    if score > best {
+                        (best, at) = (score, moved);
+                    }
+                }
+                if best <= before {
+                    break;
+                }
+            }
+        }
+        (best, at)
+    }
+
+    fn moved(&self, at: &TwoLevels, (low, high, inner, outer): Move, share: f32) -> TwoLevels {
+        let step = share * (self.high - self.low);
+        self.within(TwoLevels {
+            low: at.low + low * step,
+            high: at.high + high * step,
+            inner_m: at.inner_m * (1.0 + inner * share * HEIGHT_STEP),
+            outer_m: at.outer_m * (1.0 + outer * share * HEIGHT_STEP),
+        })
+    }
+
+    /// Whether both parts are large, and well apart.
+    fn is_part(&self, levels: &TwoLevels) -> bool {
+        let inner_m2 = (levels.high - levels.low).element_product();
+        let outline_m2 = self.prism.area_m2();
+        let least_m2 = MIN_PART_M2.max(MIN_PART_SHARE * outline_m2);
+        let (lower, upper) = (levels.inner_m.min(levels.outer_m), levels.inner_m.max(levels.outer_m));
+        inner_m2 >= least_m2
+            && outline_m2 - inner_m2 >= least_m2
+            && upper - lower >= MIN_STEP_M.max(MIN_STEP_SHARE * upper)
+    }
+
+    fn corners(&self, levels: &TwoLevels) -> [[f64; 2]; 4] {
+        // Beyond the outline where it comes close to it, so that no slivers stay.
+        let low = Vec2::select((levels.low - self.low).cmplt(Vec2::splat(SNAP_M)), self.low - SNAP_M, levels.low);
+        let high = Vec2::select((self.high - levels.high).cmplt(Vec2::splat(SNAP_M)), self.high + SNAP_M, levels.high);
+        [low, Vec2::new(high.x, low.y), high, Vec2::new(low.x, high.y)]
+            .map(|corner| (self.axes.transpose() * corner).as_dvec2().to_array())
+    }
+}
+
+/// Directions of the rectangle's low and high corner, and of the inner and outer level.
+type Move = (Vec2, Vec2, f32, f32);
+
+fn moves() -> impl Iterator<Item = Move> {
+    let (x, y, no) = (Vec2::X, Vec2::Y, Vec2::ZERO);
+    let one_way = [
+        (no, no, 1.0, 0.0),
+        (no, no, 0.0, 1.0),
+        (x, no, 0.0, 0.0),
+        (no, x, 0.0, 0.0),
+        (y, no, 0.0, 0.0),
+        (no, y, 0.0, 0.0),
+        (x, x, 0.0, 0.0),
+        (y, y, 0.0, 0.0),
+    ];
+    one_way.into_iter().flat_map(|(low, high, inner, outer)| [(low, high, inner, outer), (-low, -high, -inner, -outer)])
+}

@@ -1,0 +1,97 @@
+//! What the solvers return.
+
+use serde::{Deserialize, Serialize};
+
+use super::levels::OtherLevel;
+use super::roof::Roof;
+
+/// Why a height is doubtful or unknown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reason {
+    /// No oblique view with a prior sees the building well enough.
+    SeenByNoView,
+    /// Fewer than three views had a say.
+    TooFewViews,
+    /// The best height is the least or the greatest allowed.
+    RangeBound,
+    /// All heights explain the priors about equally well.
+    FlatScore,
+    /// Views disagree: leaving one out moves the height by much.
+    ConflictingViews,
+    /// Even the best height explains the priors badly.
+    PoorScore,
+}
+
+impl Reason {
+    /// The name in files.
+    #[must_use]
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::SeenByNoView => "seen_by_no_view",
+            Self::TooFewViews => "too_few_views",
+            Self::RangeBound => "range_bound",
+            Self::FlatScore => "flat_score",
+            Self::ConflictingViews => "conflicting_views",
+            Self::PoorScore => "poor_score",
+        }
+    }
+}
+
+/// The height of one building.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SolvedHeight {
+    /// Metres above the building's ground level; `None` if no view says anything.
+    pub height_m: Option<f64>,
+    /// The roof that the evidence supports; flat where it supports no other.
+    pub roof: Option<Roof>,
+    /// One standard deviation over views, metres, where it can be estimated.
+    pub sigma_m: Option<f64>,
+    /// Positions of the views that had a say.
+    pub views: Vec<usize>,
+    /// Mean over views of the score at the height, −1 (opposite) to 1 (the prior as rendered); `robust` only.
+    #[serde(default)]
+    pub score: Option<f64>,
+    /// Why it is doubtful or unknown, sorted.
+    pub reasons: Vec<Reason>,
+}
+
+impl SolvedHeight {
+    /// A building that no height can be given.
+    pub(super) fn unknown(views: Vec<usize>, score: Option<f64>, reason: Reason) -> Self {
+        Self { height_m: None, roof: None, sigma_m: None, views, score, reasons: vec![reason] }
+    }
+}
+
+/// One pass over all buildings or views.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct EpochRecord {
+    /// Mean loss (`paper`) or one minus the mean correlation (`robust`).
+    pub loss: f64,
+    /// Mean relative change of the heights, 0..1 (`SiZeUp`, "Stability").
+    pub relative_change: f64,
+    /// Views selected in this pass (the paper's #Sel).
+    pub n_selected: usize,
+    /// Share of ordinal pairs that cost something (`paper` only).
+    pub active_pairs: Option<f64>,
+    /// Heights after the pass, metres.
+    pub heights_m: Vec<f32>,
+}
+
+/// What was solved.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Solution {
+    /// One per building of the scene.
+    pub heights: Vec<SolvedHeight>,
+    /// One per pass.
+    pub history: Vec<EpochRecord>,
+    /// Distinct views whose prior was used, ascending (the paper's #Used).
+    pub used_views: Vec<usize>,
+    /// By how many pixels of the working image the priors' near sides were taken to spill over their edges.
+    pub spill_px: f64,
+    /// Buildings with a second roof level, which no single height fits: to be taken apart and solved again.
+    #[serde(default)]
+    pub other_levels: Vec<OtherLevel>,
+    /// Selected views whose prior could not be loaded, and why.
+    pub failed_views: Vec<(usize, String)>,
+}
