@@ -123,6 +123,16 @@ impl Crs {
     /// # Errors
     /// [`CrsError::Unknown`] when PROJ cannot read it.
     pub fn parse(definition: &str) -> Result<Self, CrsError> {
+        // PROJ would print its own line about a definition that it does not know; GDAL keeps its messages to itself.
+        if !spatial::is_known(definition) {
+            let reason = "it is not in PROJ's database, or is no CRS".to_owned();
+            return Err(CrsError::Unknown { definition: definition.to_owned(), reason });
+        }
+        Self::known(definition)
+    }
+
+    /// A definition that PROJ knows, such as a name that PROJ itself gave.
+    fn known(definition: &str) -> Result<Self, CrsError> {
         let unknown = |reason: String| CrsError::Unknown { definition: definition.to_owned(), reason };
         let crs = proj::Proj::new(definition).map_err(|e| unknown(e.to_string()))?;
         let json = crs.to_projjson(None, None, None).map_err(|_| unknown("not a CRS".to_owned()))?;
@@ -163,7 +173,7 @@ impl Crs {
     pub fn horizontal_epsg(&self) -> Option<u32> {
         let horizontal = self.horizontal_json();
         // PROJ leaves the parts of a compound that has a code of its own without theirs: look the name up.
-        epsg_of(horizontal).or_else(|| Self::parse(horizontal["name"].as_str()?).ok()?.epsg())
+        epsg_of(horizontal).or_else(|| Self::known(horizontal["name"].as_str()?).ok()?.epsg())
     }
 
     /// The vertical part of a compound CRS by name, such as `NAP height`.
@@ -180,7 +190,7 @@ impl Crs {
             "VerticalCRS" => &self.json,
             _ => return None,
         };
-        epsg_of(vertical).or_else(|| Self::parse(vertical["name"].as_str()?).ok()?.epsg())
+        epsg_of(vertical).or_else(|| Self::known(vertical["name"].as_str()?).ok()?.epsg())
     }
 
     /// Whether it has a third axis of ellipsoidal heights.
@@ -234,7 +244,7 @@ impl Crs {
         if base["type"].is_null() {
             base["type"] = "GeographicCRS".into();
         }
-        Self::parse(&base.to_string())
+        Self::known(&base.to_string())
     }
 
     /// Checks that it can be the frame of a project: projected, in metres, and no web map.

@@ -19,5 +19,5 @@ mod search;
 mod solve;
 
 pub use config::{Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
-pub use roof::{Roof, RoofForm};
+pub use roof::Roof;
 pub use solve::{EpochRecord, Problem, Reason, Solution, SolvedHeight, Solving, ViewInput, solve};

@@ -81,38 +81,75 @@ fn above_ground_m<'a>(survey: &'a Survey, terrain: &'a Terrain) -> impl Iterator
     })
 }
 
-/// Reads a survey and reports on it. A survey that looks wrong is returned with [`SurveyReport::is_sound`] false and
-/// the readings that look better: the caller decides to stop.
+/// A survey that was read, ready to be held against what is known of the place: once its cameras tell where to look
+/// for terrain, it need not be read again.
+pub struct Reading {
+    config: SurveyConfig,
+    project_crs: Crs,
+    survey: Survey,
+    facts: Facts,
+    /// Some of the poses as the file has them, for other readings of it.
+    sample: Poses,
+    about_positions: Option<String>,
+}
+
+impl Reading {
+    /// Reads a survey. One without a usable view is returned: its report says why.
+    ///
+    /// # Errors
+    /// [`SurveyError`] when the file as a whole cannot be read or its CRS cannot be reached.
+    pub fn of(config: &SurveyConfig, project_crs: &Crs) -> Result<Self, SurveyError> {
+        let config = super::with_own_photos(config)?;
+        let poses = super::read_poses(&config)?;
+        let (sample, about_positions) = (trials::sample(&poses), hints_of_positions(&poses, &config));
+        let (survey, facts) = locate(poses, &config, project_crs)?;
+        Ok(Self { config, project_crs: project_crs.clone(), survey, facts, sample, about_positions })
+    }
+
+    /// The views and issues, which do not depend on the place.
+    #[must_use]
+    pub fn survey(&self) -> &Survey {
+        &self.survey
+    }
+
+    /// The same, for good.
+    #[must_use]
+    pub fn into_survey(self) -> Survey {
+        self.survey
+    }
+
+    /// What it holds and whether it looks right. A survey that looks wrong has [`SurveyReport::is_sound`] false and
+    /// the readings that look better: the caller decides to stop.
+    #[must_use]
+    pub fn report(&self, site: Site<'_>) -> SurveyReport {
+        let judgement = Judgement::of(&self.survey, site);
+        let mut report = report_of(self, site, judgement);
+        if report.is_sound() {
+            report.equally_plausible = trials::opposite(&self.config, &self.project_crs, site);
+        } else {
+            report.trials = trials::run(&self.sample, &self.config, &self.project_crs, site, judgement);
+            report.findings.extend(self.about_positions.clone());
+        }
+        report
+    }
+}
+
+/// Reads a survey and reports on it: [`Reading`] in one step.
 ///
 /// # Errors
-/// [`SurveyError`] when the file as a whole cannot be read or its CRS cannot be reached.
+/// As [`Reading::of`].
 pub fn inspect(
     config: &SurveyConfig,
     project_crs: &Crs,
     site: Site<'_>,
 ) -> Result<(Survey, SurveyReport), SurveyError> {
-    let config = &super::with_own_photos(config)?;
-    let poses = super::read_poses(config)?;
-    let (survey, facts) = locate(poses.clone(), config, project_crs)?;
-    let judgement = Judgement::of(&survey, site);
-    let mut report = report_of(&survey, &facts, config, project_crs, site, judgement);
-    if report.is_sound() {
-        report.equally_plausible = trials::opposite(config, project_crs, site);
-    } else {
-        report.trials = trials::run(&poses, config, project_crs, site, judgement);
-        report.findings.extend(hints_of_positions(&poses, config));
-    }
-    Ok((survey, report))
+    let reading = Reading::of(config, project_crs)?;
+    let report = reading.report(site);
+    Ok((reading.into_survey(), report))
 }
 
-fn report_of(
-    survey: &Survey,
-    facts: &Facts,
-    config: &SurveyConfig,
-    project_crs: &Crs,
-    site: Site<'_>,
-    judgement: Judgement,
-) -> SurveyReport {
+fn report_of(reading: &Reading, site: Site<'_>, judgement: Judgement) -> SurveyReport {
+    let Reading { config, project_crs, survey, facts, .. } = reading;
     let n_of = |kind: ViewKind| survey.views.iter().filter(|view| view.kind() == kind).count();
     let cameras: BTreeSet<usize> = survey.views.iter().map(|view| Arc::as_ptr(&view.camera) as usize).collect();
     let mut issue_counts: BTreeMap<String, usize> = BTreeMap::new();
@@ -142,6 +179,7 @@ fn report_of(
         rtk: facts.counts.rtk.clone(),
         focal: facts.counts.focal.clone(),
         issue_counts,
+        accepted: false,
         findings: findings(judgement, above_ground_m, survey),
         trials: Vec::new(),
         equally_plausible: Vec::new(),

@@ -20,7 +20,6 @@ mod opensfm;
 mod opf;
 mod photo;
 mod photos;
-mod picture;
 mod pix4d;
 mod poses;
 mod report;
@@ -35,11 +34,10 @@ pub use config::{
     CameraConfig, CsvConfig, Format, HeightConfig, HeightReference, PixelOrigin, SurveyConfig, TangentialOrder,
 };
 pub use error::{Hint, Place, SurveyError};
-pub use inspect::{Site, inspect};
-pub use picture::{draw, write_picture};
+pub use inspect::{Reading, Site, inspect};
 pub use report::{Spread, SurveyReport, Trial};
 pub use view::{NADIR_WITHIN_DEG, View, ViewKind};
-pub use write::{Converted, Target, convert, write};
+pub use write::{ColmapModel, Converted, Target, TiePoint, convert, write};
 
 use std::fs::File;
 use std::io::Read as _;

@@ -183,7 +183,7 @@ fn a_network_is_described_without_running_it() {
 }
 
 /// A calibrated project as the OPF specification 1.0 lays it out.
-fn opf(folder: &Path) {
+pub fn opf(folder: &Path) {
     let item = |kind: &str, file: &str, format: &str| {
         json!({ "id": kind, "type": kind, "sources": [],
                 "resources": [{ "uri": file, "format": format!("application/opf-{format}+json") }] })
