@@ -199,6 +199,18 @@ impl Crs {
         self.is_geocentric() || self.axes().len() == 3
     }
 
+    /// Where the horizontal part is meant to be used: west, south, east, north, degrees; `None` where PROJ does not say,
+    /// or across the date line.
+    #[must_use]
+    pub fn area_of_use_deg(&self) -> Option<[f64; 4]> {
+        let crs = self.horizontal_json();
+        let boxes = [&crs["bbox"], &crs["usages"][0]["bbox"], &self.json["bbox"]];
+        let bounds = boxes.into_iter().find(|bounds| !bounds.is_null())?;
+        let side = |name: &str| bounds[name].as_f64();
+        let (west, east) = (side("west_longitude")?, side("east_longitude")?);
+        (west < east).then_some([west, side("south_latitude")?, east, side("north_latitude")?])
+    }
+
     /// The UTM zone of a place on WGS 84, as `EPSG:326zz` or `EPSG:327zz`.
     #[must_use]
     pub fn utm_zone(lon_deg: f64, lat_deg: f64) -> String {

@@ -9,8 +9,8 @@ use glam::DVec2;
 use super::locate::{Facts, locate};
 use super::poses::Poses;
 use super::report::{Spread, SurveyReport};
-use super::{Survey, SurveyConfig, SurveyError, ViewKind, ground, trials};
-use crate::crs::Crs;
+use super::{Survey, SurveyConfig, SurveyError, View, ViewKind, ground, trials};
+use crate::crs::{Crs, Transform};
 use crate::terrain::Terrain;
 
 /// Fewer views than this share looking down, or above the ground, and the poses are wrong.
@@ -20,6 +20,10 @@ const MIN_LOOKS_DOWN: f64 = 0.9;
 const MIN_SEES_AREA: f64 = 0.5;
 /// Drones and survey aircraft fly lower above the ground than this, metres.
 const MAX_ABOVE_GROUND_M: f64 = 10_000.0;
+/// Views further outside the area that a CRS is meant for, degrees, are not in it. Grids are often used beyond their zone.
+const MAX_OUTSIDE_DEG: f64 = 6.0;
+/// Projected positions this near the origin are local, metres: no national grid has land there.
+const LOCAL_WITHIN_M: f64 = 2e4;
 /// Code of the issue of a view that looks up.
 pub(crate) const LOOKS_UP: &str = "view_looks_up";
 
@@ -124,8 +128,10 @@ impl Reading {
     pub fn report(&self, site: Site<'_>) -> SurveyReport {
         let judgement = Judgement::of(&self.survey, site);
         let mut report = report_of(self, site, judgement);
+        report.findings.extend(outside_of_use(&self.survey, &self.project_crs));
         if report.is_sound() {
             report.equally_plausible = trials::opposite(&self.config, &self.project_crs, site);
+            report.notes.extend(self.about_positions.clone());
         } else {
             report.trials = trials::run(&self.sample, &self.config, &self.project_crs, site, judgement);
             report.findings.extend(self.about_positions.clone());
@@ -180,6 +186,7 @@ fn report_of(reading: &Reading, site: Site<'_>, judgement: Judgement) -> SurveyR
         focal: facts.counts.focal.clone(),
         issue_counts,
         accepted: false,
+        notes: Vec::new(),
         findings: findings(judgement, above_ground_m, survey),
         trials: Vec::new(),
         equally_plausible: Vec::new(),
@@ -218,6 +225,30 @@ fn findings(judgement: Judgement, above_ground_m: Option<Spread>, survey: &Surve
     findings
 }
 
+/// Says so when most views are far from where the project's CRS is meant to be used.
+fn outside_of_use(survey: &Survey, project_crs: &Crs) -> Option<String> {
+    let [west, south, east, north] = project_crs.area_of_use_deg()?;
+    let lonlat_from_map = Transform::new(project_crs, &project_crs.geographic_base().ok()?).ok()?;
+    let place = |view: &View| lonlat_from_map.point(view.centre().x, view.centre().y).ok();
+    let is_outside = |place: Option<(f64, f64)>| {
+        place.is_none_or(|(lon_deg, lat_deg)| {
+            let off_deg = (west - lon_deg).max(lon_deg - east).max(south - lat_deg).max(lat_deg - north);
+            off_deg > MAX_OUTSIDE_DEG
+        })
+    };
+    let step = survey.views.len().div_ceil(trials::SAMPLE).max(1);
+    let places: Vec<_> = survey.views.iter().step_by(step).map(place).collect();
+    let n_outside = places.iter().filter(|place| is_outside(**place)).count();
+    let first = places.iter().flatten().next();
+    let first = first.map_or(String::new(), |(lon, lat)| format!(" (such as {lon:.2}°, {lat:.2}°)"));
+    (2 * n_outside > places.len()).then(|| {
+        format!(
+            "the cameras lie{first} far outside the area of {project_crs}: {west}° to {east}°, {south}° to {north}°; \
+             a wrong CRS, or an `offset` that is missing"
+        )
+    })
+}
+
 /// What positions alone give away about their CRS.
 fn hints_of_positions(poses: &Poses, config: &SurveyConfig) -> Option<String> {
     const EARTH_RADII_M: std::ops::Range<f64> = 6.3e6..6.5e6;
@@ -232,6 +263,7 @@ fn hints_of_positions(poses: &Poses, config: &SurveyConfig) -> Option<String> {
     if EARTH_RADII_M.contains(&first.length()) && is_on(|pose| pose.centre.z.abs() > 1e4) {
         return Some(format!("positions such as {first} look earth-centred: `crs = \"EPSG:4978\"`?"));
     }
-    is_on(|pose| pose.centre.truncate().length() < 2e4)
+    let has_offset = config.offset != [0.0; 3] || config.enu_origin.is_some();
+    (!has_offset && is_on(|pose| pose.centre.truncate().length() < LOCAL_WITHIN_M))
         .then(|| format!("positions such as {first} look local: set `offset`, or `enu_origin`"))
 }

@@ -74,12 +74,11 @@ pub fn read(config: &SurveyConfig, project_crs: &Crs) -> Result<Survey, SurveyEr
     Ok(survey)
 }
 
-/// Photos that bring their own poses are their own image folder.
+/// Photos that bring their own poses are their own images: a folder of them, or the one.
 fn with_own_photos(config: &SurveyConfig) -> Result<SurveyConfig, SurveyError> {
     let mut config = config.clone();
     if config.images.is_none() && format_of(&config)? == Format::Photos {
-        let folder = if config.path.is_dir() { Some(config.path.as_path()) } else { config.path.parent() };
-        config.images = folder.map(Path::to_owned);
+        config.images = Some(config.path.clone());
     }
     Ok(config)
 }

@@ -91,6 +91,9 @@ pub struct SurveyReport {
     pub accepted: bool,
     /// What looks wrong; empty for a sound survey.
     pub findings: Vec<String>,
+    /// What is not wrong but worth a look.
+    #[serde(default)]
+    pub notes: Vec<String>,
     /// Readings that look better, the best first.
     pub trials: Vec<Trial>,
     /// Readings that these checks cannot tell from the declared one: a map of the image footprints can.
@@ -175,6 +178,9 @@ impl fmt::Display for SurveyReport {
         }
         for trial in &self.equally_plausible {
             writeln!(f, "  note: {trial} as well: compare the image footprints (survey convert) with a map")?;
+        }
+        for note in &self.notes {
+            writeln!(f, "  note: {note}")?;
         }
         if self.is_sound() {
             return writeln!(f, "The poses look right.");

@@ -11,7 +11,7 @@ use super::{Format, HeightConfig, HeightReference, SurveyConfig, csv};
 use crate::crs::Crs;
 
 /// Poses that are tried, spread evenly over the file.
-const SAMPLE: usize = 300;
+pub(crate) const SAMPLE: usize = 300;
 /// Readings named in the report.
 const N_NAMED: usize = 3;
 /// A reading has to be better by this much to be worth naming.

@@ -25,6 +25,7 @@ mod shared_data;
 mod simulate;
 mod stereo;
 mod survey_cli;
+mod survey_conventions;
 mod survey_crs;
 mod survey_formats;
 mod survey_fuzz;

@@ -218,50 +218,51 @@ fn tables() {
     one_file(Format::Csv, "a.csv", format!("{head}\na,5e5,57e5,100,1,2,3,40,30,30,20,0.1,brown\n\"b,c\",5,6,7,1,2,3\n"));
 }
 
+/// One entry of a TIFF directory.
+fn entry(tag: u16, kind: u16, n: usize, value: usize) -> [u8; 12] {
+    let word = |n: usize| u32::try_from(n).unwrap().to_le_bytes();
+    let head = [tag.to_le_bytes(), kind.to_le_bytes()].concat();
+    [head, word(n).to_vec(), word(value).to_vec()].concat().try_into().unwrap()
+}
+
 /// A TIFF header with GPS tags, focal length and an XMP packet, as it stands in a JPEG's EXIF segment or alone.
 fn tiff() -> Vec<u8> {
+    const N_ENTRIES: [usize; 3] = [5, 2, 6];
     let xmp = br#"<x><r GimbalYawDegree="10" GimbalPitchDegree="-60" GimbalRollDegree="0" RtkFlag="50"/></x>"#;
-    let mut bytes = b"II*\0\x08\0\0\0".to_vec();
+    let bytes_of = |n_entries: usize| 2 + 12 * n_entries + 4;
+    let exif_at = 8 + bytes_of(N_ENTRIES[0]);
+    let gps_at = exif_at + bytes_of(N_ENTRIES[1]);
+    let data_at = gps_at + bytes_of(N_ENTRIES[2]);
     let mut data: Vec<u8> = Vec::new();
-    let mut directory: Vec<[u8; 12]> = Vec::new();
-    let gps_at = 8 + 2 + 6 * 12 + 4;
-    let gps_end = gps_at + 2 + 6 * 12 + 4;
-    let entry = |tag: u16, kind: u16, n: u32, value: u32| -> [u8; 12] {
-        let mut entry = [0; 12];
-        entry[..2].copy_from_slice(&tag.to_le_bytes());
-        entry[2..4].copy_from_slice(&kind.to_le_bytes());
-        entry[4..8].copy_from_slice(&n.to_le_bytes());
-        entry[8..].copy_from_slice(&value.to_le_bytes());
-        entry
-    };
-    let mut put = |what: &[u8]| -> u32 {
-        let at = gps_end + data.len();
+    let mut put = |what: &[u8]| -> usize {
         data.extend(what);
-        u32::try_from(at).unwrap()
+        data_at + data.len() - what.len()
     };
     let rationals = |values: &[u32]| -> Vec<u8> {
         values.iter().flat_map(|v| [v.to_le_bytes(), 1_u32.to_le_bytes()].concat()).collect()
     };
-    directory.push(entry(0x0100, 4, 1, 40));
-    directory.push(entry(0x0101, 4, 1, 30));
-    directory.push(entry(0x02BC, 1, u32::try_from(xmp.len()).unwrap(), put(xmp)));
-    directory.push(entry(0x8825, 4, 1, u32::try_from(gps_at).unwrap()));
-    directory.push(entry(0x920A, 5, 1, put(&rationals(&[20]))));
-    directory.push(entry(0xA405, 3, 1, 28));
-    bytes.extend(u16::try_from(directory.len()).unwrap().to_le_bytes());
-    bytes.extend(directory.concat());
-    bytes.extend([0; 4]);
-    let gps = [
-        entry(1, 2, 2, u32::from(b'N')),
+    let primary = vec![
+        entry(0x0100, 4, 1, 40),
+        entry(0x0101, 4, 1, 30),
+        entry(0x02BC, 1, xmp.len(), put(xmp)),
+        entry(0x8769, 4, 1, exif_at),
+        entry(0x8825, 4, 1, gps_at),
+    ];
+    let exif = vec![entry(0x920A, 5, 1, put(&rationals(&[20]))), entry(0xA405, 3, 1, 28)];
+    let gps = vec![
+        entry(1, 2, 2, usize::from(b'N')),
         entry(2, 5, 3, put(&rationals(&[52, 1, 2]))),
-        entry(3, 2, 2, u32::from(b'E')),
+        entry(3, 2, 2, usize::from(b'E')),
         entry(4, 5, 3, put(&rationals(&[11, 3, 4]))),
         entry(5, 1, 1, 0),
         entry(6, 5, 1, put(&rationals(&[150]))),
     ];
-    bytes.extend(6_u16.to_le_bytes());
-    bytes.extend(gps.concat());
-    bytes.extend([0; 4]);
+    let mut bytes = b"II*\0\x08\0\0\0".to_vec();
+    for directory in [primary, exif, gps] {
+        bytes.extend(u16::try_from(directory.len()).unwrap().to_le_bytes());
+        bytes.extend(directory.concat());
+        bytes.extend([0; 4]);
+    }
     bytes.extend(data);
     bytes
 }

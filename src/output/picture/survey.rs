@@ -79,7 +79,7 @@ fn draw(sheet: &mut Sheet, outlines: &[Vec<DVec2>], views: &[Drawn]) {
     let radius = unit * if views.len() > CROWD { 2.2 } else { 3.6 };
     for outline in outlines {
         let ring: LineString = outline.iter().map(|p| (p.x, p.y)).collect();
-        let pen = Pen { colour: OUTLINE, opacity: 0.45, width_px: 1.0 * unit };
+        let pen = Pen { colour: OUTLINE, opacity: 0.7, width_px: 1.1 * unit };
         canvas.stroke_rings(&to_px.rings(&Polygon::new(ring, Vec::new())), pen);
     }
     for view in views {
