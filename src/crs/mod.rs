@@ -231,6 +231,14 @@ impl Crs {
         self.horizontal_json()["type"].as_str().is_some_and(|t| t.starts_with("Geographic"))
     }
 
+    /// Two turns of longitude and the poles in the unit of a geographic system; `None` for the others.
+    fn angular_limits(&self) -> Option<(f64, f64)> {
+        const DEGREES: (f64, f64) = (360.0, 90.0);
+        const GONS: (f64, f64) = (400.0, 100.0);
+        let is_degrees = self.axes().iter().take(2).all(|axis| axis["unit"] == "degree");
+        self.is_geographic().then_some(if is_degrees { DEGREES } else { GONS })
+    }
+
     /// Whether it is geocentric (earth-centred x, y, z in metres).
     #[must_use]
     pub fn is_geocentric(&self) -> bool {

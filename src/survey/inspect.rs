@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use geo::Contains as _;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 use super::locate::{Facts, locate};
 use super::poses::Poses;
@@ -249,21 +249,29 @@ fn outside_of_use(survey: &Survey, project_crs: &Crs) -> Option<String> {
     })
 }
 
+pub(crate) fn looks_like_degrees(position: DVec3) -> bool {
+    position.x.abs() <= 180.0 && position.y.abs() <= 90.0
+}
+
+pub(crate) fn looks_earth_centred(position: DVec3) -> bool {
+    const EARTH_RADII_M: std::ops::Range<f64> = 6.3e6..6.5e6;
+    EARTH_RADII_M.contains(&position.length()) && position.z.abs() > LOCAL_WITHIN_M
+}
+
 /// What positions alone give away about their CRS.
 fn hints_of_positions(poses: &Poses, config: &SurveyConfig) -> Option<String> {
-    const EARTH_RADII_M: std::ops::Range<f64> = 6.3e6..6.5e6;
     let first = poses.poses.first()?.centre;
     if config.crs.is_some() || poses.world != super::poses::World::Unsaid {
         return None;
     }
-    let is_on = |test: fn(&super::poses::Pose) -> bool| poses.poses.iter().all(test);
-    if is_on(|pose| pose.centre.x.abs() <= 180.0 && pose.centre.y.abs() <= 90.0) {
+    let is_on = |test: fn(DVec3) -> bool| poses.poses.iter().all(|pose| test(pose.centre));
+    if is_on(looks_like_degrees) {
         return Some(format!("positions such as {first} look like degrees: `crs = \"EPSG:4979\"`?"));
     }
-    if EARTH_RADII_M.contains(&first.length()) && is_on(|pose| pose.centre.z.abs() > 1e4) {
+    if is_on(looks_earth_centred) {
         return Some(format!("positions such as {first} look earth-centred: `crs = \"EPSG:4978\"`?"));
     }
     let has_offset = config.offset != [0.0; 3] || config.enu_origin.is_some();
-    (!has_offset && is_on(|pose| pose.centre.truncate().length() < LOCAL_WITHIN_M))
+    (!has_offset && is_on(|centre| centre.truncate().length() < LOCAL_WITHIN_M))
         .then(|| format!("positions such as {first} look local: set `offset`, or `enu_origin`"))
 }

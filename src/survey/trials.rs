@@ -1,9 +1,9 @@
 //! Other readings of a survey that looks wrong, tried on a sample of its poses.
 
-use glam::DMat3;
+use glam::{DMat3, DVec3};
 
 use super::angles::{AngleKind, AngleUnit, CameraAxes, Direction, PitchZero, Sequence};
-use super::inspect::{Judgement, Site};
+use super::inspect::{Judgement, Site, looks_earth_centred, looks_like_degrees};
 use super::locate::locate;
 use super::poses::{Pose, Poses, World};
 use super::report::{Spread, Trial};
@@ -60,7 +60,10 @@ fn systems(poses: &Poses, config: &SurveyConfig, project_crs: &Crs) -> Vec<Candi
     if config.crs.is_some() || config.enu_origin.is_some() || poses.world != World::Unsaid {
         return Vec::new();
     }
-    let mut codes = vec![4979, 4978];
+    let is_on = |test: fn(DVec3) -> bool| poses.poses.iter().all(|pose| test(pose.centre));
+    let mut codes = Vec::new();
+    codes.extend(is_on(looks_like_degrees).then_some(4979));
+    codes.extend(is_on(looks_earth_centred).then_some(4978));
     codes.extend(project_crs.horizontal_epsg().map(neighbour_zones).unwrap_or_default());
     let candidate = |code: u32| {
         let crs = Crs::parse(&format!("EPSG:{code}")).ok()?;
@@ -133,7 +136,7 @@ fn rotations(poses: &Poses, config: &SurveyConfig) -> Vec<Candidate> {
         poses.poses.iter_mut().for_each(edit);
         Candidate { change: change.to_owned(), poses, config: config.clone() }
     };
-    let swapped = |pose: &mut Pose| pose.centre = glam::DVec3::new(pose.centre.y, pose.centre.x, pose.centre.z);
+    let swapped = |pose: &mut Pose| pose.centre = DVec3::new(pose.centre.y, pose.centre.x, pose.centre.z);
     let mut candidates = vec![changed("x and y exchanged", &swapped)];
     if config.format == Format::Csv || config.csv.is_some() {
         let with_config = |(change, poses)| Candidate { change, poses, config: config.clone() };
