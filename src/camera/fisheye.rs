@@ -25,10 +25,8 @@ pub(super) fn even([k1, k2, k3, k4]: [f64; 4]) -> Series {
 
 /// `θ_d` and its derivative: Horner from the last term `c8 θ⁹`.
 fn bend(series: Series, theta: f64) -> (f64, f64) {
-    let (factor, slope) = series
-        .iter()
-        .rev()
-        .fold((0.0, 0.0), |(factor, slope), c| (theta * (factor + c), theta * slope + factor + c));
+    let (factor, slope) =
+        series.iter().rev().fold((0.0, 0.0), |(factor, slope), c| (theta * (factor + c), theta * slope + factor + c));
     (theta * (1.0 + factor), 1.0 + factor + theta * slope)
 }
 

@@ -10,7 +10,9 @@ use super::{Failure, Global, Ui, print_json};
 use crate::crs::Crs;
 use crate::footprint::{self, FootprintSource};
 use crate::output::picture;
-use crate::survey::{self, CornerErrors, GroundPolygons, Reading, Site, Survey, SurveyConfig, SurveyReport, Target};
+use crate::survey::{
+    self, CornerErrors, GroundPolygons, Reading, Site, Survey, SurveyConfig, SurveyReport, Target, View,
+};
 use crate::terrain::{self, MapBox, Terrain, TerrainConfig};
 
 /// Width of the picture, pixels.
@@ -270,7 +272,7 @@ fn terrain_of(settings: &Settings, survey: &Survey) -> Result<Option<Terrain>, F
     if let Some(height_m) = config.constant_m.filter(|_| config.dtm.is_none()) {
         return Ok(Some(Terrain::Constant(height_m)));
     }
-    let cameras = survey.views.iter().map(|view| view.centre());
+    let cameras = survey.views.iter().map(View::centre);
     let Some(area) = MapBox::around(cameras.map(|centre| (centre.x, centre.y))) else { return Ok(None) };
     let config = TerrainConfig { min_cell_m: config.min_cell_m.max(MIN_CELL_M), ..config.clone() };
     let terrain = terrain::load(&config, &settings.project.crs, area.grown(AROUND_CAMERAS_M));

@@ -1,6 +1,5 @@
 //! The scene in the formats a user would bring: COLMAP text, `GeoPackage`, GeoTIFF, `GeoJSON`, a run configuration.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
 use geo_types::Polygon;

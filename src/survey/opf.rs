@@ -312,14 +312,14 @@ mod tests {
         // The sensor of the specification's own example.
         let internals = Internals::Fisheye {
             principal_point_px: [634.45, 481.23],
-            affine: [1676.296_432, 0.0, 0.0, 1676.296_432],
+            affine: [1_676.296_432, 0.0, 0.0, 1_676.296_432],
             polynomial: vec![0.0, 1.0, 0.015_264_6, -0.161_096],
         };
         let camera = camera(&internals, Some([1280.0, 960.0])).unwrap();
         let point = DVec3::new(0.6, -0.3, 1.0);
         let (r, t) = (point.x.hypot(point.y), 2.0 * point.x.hypot(point.y).atan() / std::f64::consts::PI);
         let rho = t + 0.015_264_6 * t * t - 0.161_096 * t * t * t;
-        let (u, v) = (1676.296_432 * rho * 0.6 / r + 634.45, 1676.296_432 * rho * -0.3 / r + 481.23);
+        let (u, v) = (1_676.296_432 * rho * 0.6 / r + 634.45, 1_676.296_432 * rho * -0.3 / r + 481.23);
         let pixel = camera.project(point).unwrap();
         assert!((pixel.x - u).abs() < 1e-9 && (pixel.y - v).abs() < 1e-9, "{pixel} against {u}, {v}");
         let back = camera.unproject(pixel).unwrap();

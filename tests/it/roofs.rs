@@ -37,10 +37,12 @@ fn run(folder: &Path, settings: &[&str]) -> (Value, Value) {
 fn pairs<'a>(folder: &Path, city: &'a Value) -> Vec<(Value, &'a Value)> {
     let truth: Value = serde_json::from_slice(&fs::read(folder.join("truth.geojson")).unwrap()).unwrap();
     let features = truth["features"].as_array().unwrap().iter().map(|feature| feature["properties"].clone());
-    features.map(|truth| {
-        let stated = &city["CityObjects"][truth["id"].as_str().unwrap()]["attributes"];
-        (truth, stated)
-    }).collect()
+    features
+        .map(|truth| {
+            let stated = &city["CityObjects"][truth["id"].as_str().unwrap()]["attributes"];
+            (truth, stated)
+        })
+        .collect()
 }
 
 /// Mean absolute error of an attribute against one of the truth's, metres.

@@ -67,7 +67,8 @@ fn outlines_still_to_come_do_not_keep_the_poses_from_being_looked_at() {
     let folder = tempfile::tempdir().unwrap();
     table(&folder.path().join("poses.csv"), 10, 10.0);
     let config = folder.path().join("sizeup.toml");
-    let settings = "project = { crs = \"EPSG:25832\" }\nsurvey = { path = \"poses.csv\" }\nterrain = { dtm = \"dtm.tif\" }\n";
+    let settings =
+        "project = { crs = \"EPSG:25832\" }\nsurvey = { path = \"poses.csv\" }\nterrain = { dtm = \"dtm.tif\" }\n";
     let inspect = |footprints: &str, more: &[&str]| {
         fs::write(&config, format!("{settings}footprints = {footprints}\n")).unwrap();
         sizeup(&[&["survey", "inspect", "--config", config.to_str().unwrap(), "--ground", "80"], more].concat())

@@ -1,6 +1,7 @@
 //! The less usual sentences of the formats' specifications, one by one: other angle sequences and units, all camera
 //! axes, frames of blocks and chunks, drone metadata, every lens model of COLMAP.
 
+use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
@@ -61,11 +62,8 @@ fn every_sequence_and_direction_is_the_product_it_names() {
         for (direction, camera_from_world) in
             [(Direction::CameraToWorld, product.transpose()), (Direction::WorldToCamera, product)]
         {
-            let convention = AngleConvention {
-                sequence: Some(sequence),
-                direction: Some(direction),
-                ..AngleConvention::default()
-            };
+            let convention =
+                AngleConvention { sequence: Some(sequence), direction: Some(direction), ..AngleConvention::default() };
             let found = convention.camera_from_world(&[omega, phi, kappa]).unwrap();
             assert!(off(found, y_up * camera_from_world) < 1e-12, "{name} {direction:?}");
         }
@@ -216,8 +214,7 @@ fn every_state_of_positioning_is_told_apart() {
         tags(50)
     );
     photo(&folder.path().join("dewarped.jpg"), &dewarped, 5280, 3956);
-    let config =
-        SurveyConfig { format: Format::Photos, height: keep_ellipsoidal(), ..SurveyConfig::at(folder.path()) };
+    let config = SurveyConfig { format: Format::Photos, height: keep_ellipsoidal(), ..SurveyConfig::at(folder.path()) };
     let (survey, report) = survey::inspect(&config, &utm(), Site::default()).unwrap();
     let counts: Vec<(&str, usize)> = report.rtk.iter().map(|(state, n)| (state.as_str(), *n)).collect();
     assert_eq!(counts, [("fixed", 2), ("float", 3), ("none", 1), ("single", 1)]);
@@ -309,7 +306,7 @@ fn every_lens_model_of_colmap_is_read_or_named() {
 fn row(folder: &Path, origin: (f64, f64), z: f64) -> SurveyConfig {
     let mut text = "name,x,y,z,omega,phi,kappa\n".to_owned();
     for i in 0..10 {
-        text += &format!("{i}.jpg,{},{},{z},0,0,0\n", origin.0 + 10.0 * f64::from(i), origin.1);
+        writeln!(text, "{i}.jpg,{},{},{z},0,0,0", origin.0 + 10.0 * f64::from(i), origin.1).unwrap();
     }
     let camera =
         CameraConfig { width: 400, height: 300, fx: 300.0, fy: None, cx: None, cy: None, k: [0.0; 3], p: [0.0; 2] };

@@ -51,7 +51,7 @@ fn earth_centred_positions_are_where_the_guidance_note_has_them() {
     let down = -at.normalize();
     let right = DVec3::Z.cross(down).normalize();
     let below = down.cross(right);
-    let rows: Vec<String> = [right, below, down].iter().flat_map(|row| row.to_array()).map(|v| v.to_string()).collect();
+    let rows: Vec<String> = [right, below, down].iter().flat_map(DVec3::to_array).map(|v| v.to_string()).collect();
     let text = format!(
         "name,x,y,z,r11,r12,r13,r21,r22,r23,r31,r32,r33,width,height,fx\na,{},{},{},{},40,30,30\n",
         at.x,

@@ -68,8 +68,28 @@ impl Damage {
 /// Bytes that readers stumble over: counts, floats and words at the ends of their ranges.
 fn nasty() -> impl Strategy<Value = Vec<u8>> {
     let words: Vec<Vec<u8>> = [
-        "1e999", "-1e308", "NaN", "inf", "-0", "99999999999999999999", "-1", "\0", "\u{feff}", "<a>", "</a>", "&x;",
-        "<![CDATA[", "[", "{", "\"", ",", "\n", "\r\n\r\n", "#", "EPSG:1", " ",
+        "1e999",
+        "-1e308",
+        "NaN",
+        "inf",
+        "-0",
+        "99999999999999999999",
+        "-1",
+        "\0",
+        "\u{feff}",
+        "<a>",
+        "</a>",
+        "&x;",
+        "<![CDATA[",
+        "[",
+        "{",
+        "\"",
+        ",",
+        "\n",
+        "\r\n\r\n",
+        "#",
+        "EPSG:1",
+        " ",
     ]
     .iter()
     .map(|word| word.as_bytes().to_vec())
@@ -113,7 +133,9 @@ fn torture(config: &SurveyConfig, files: &[PathBuf]) {
         let mut runner = TestRunner::new(Config { cases, failure_persistence: None, ..Config::default() });
         let outcome = runner.run(&damages(), |damages| {
             let mut bytes = good.clone();
-            damages.iter().for_each(|damage| damage.apply(&mut bytes));
+            for damage in &damages {
+                damage.apply(&mut bytes);
+            }
             fs::write(file, &bytes).unwrap();
             for view in read(config).map(|survey| survey.views).unwrap_or_default() {
                 let rotation = view.camera_from_map.rotation;
@@ -200,22 +222,35 @@ fn open_photogrammetry_format() {
 #[test]
 fn pix4d() {
     let folder = tempfile::tempdir().unwrap();
-    let files = ["p_calibrated_camera_parameters.txt", "p_offset.xyz", "p_wkt.prj"].map(|name| folder.path().join(name));
+    let files =
+        ["p_calibrated_camera_parameters.txt", "p_offset.xyz", "p_wkt.prj"].map(|name| folder.path().join(name));
     let image = "a b.jpg 40 30\n30 0 20\n0 30 15\n0 0 1\n-0.1 0.02 0\n1e-4 0\n1 2 100\n1 0 0\n0 -1 0\n0 0 -1\n";
     fs::write(&files[0], format!("{}{image}{image}", "header\n".repeat(8))).unwrap();
     fs::write(&files[1], "5e5 57e5 0\n").unwrap();
     fs::write(&files[2], "EPSG:25832").unwrap();
     torture(&config(Format::Pix4d, folder.path().to_owned()), &files);
     let name = "p_calibrated_external_camera_parameters.txt";
-    one_file(Format::Pix4d, name, "imageName X Y Z Omega Phi Kappa\na.jpg 5e5 57e5 100 1 2 3\nb.jpg 5e5 57e5 90 4 5 6\n");
+    one_file(
+        Format::Pix4d,
+        name,
+        "imageName X Y Z Omega Phi Kappa\na.jpg 5e5 57e5 100 1 2 3\nb.jpg 5e5 57e5 90 4 5 6\n",
+    );
 }
 
 #[test]
 fn tables() {
     one_file(Format::GeoTxt, "geo.txt", "EPSG:25832\na.jpg 5e5 57e5 100 10 20 3 0.1 0.2\nb.jpg 5e5 57e5\n");
-    one_file(Format::MetashapeOpk, "opk.txt", "# PhotoID, X\na\t5e5\t57e5\t100\t1\t2\t3\t0.1\nb\t5e5\t57e5\t9\t1\t2\t3\n");
+    one_file(
+        Format::MetashapeOpk,
+        "opk.txt",
+        "# PhotoID, X\na\t5e5\t57e5\t100\t1\t2\t3\t0.1\nb\t5e5\t57e5\t9\t1\t2\t3\n",
+    );
     let head = "name,x,y,z,omega,phi,kappa,width,height,fx,cx,k1,lens";
-    one_file(Format::Csv, "a.csv", format!("{head}\na,5e5,57e5,100,1,2,3,40,30,30,20,0.1,brown\n\"b,c\",5,6,7,1,2,3\n"));
+    one_file(
+        Format::Csv,
+        "a.csv",
+        format!("{head}\na,5e5,57e5,100,1,2,3,40,30,30,20,0.1,brown\n\"b,c\",5,6,7,1,2,3\n"),
+    );
 }
 
 /// One entry of a TIFF directory.

@@ -21,6 +21,11 @@ const OBLIQUE: Rgb = [213, 94, 0];
 const MARGIN_SHARE: f64 = 0.03;
 /// Outlines of more photos than this would only fill the map: every n-th is drawn.
 const MAX_OUTLINES: usize = 400;
+/// Radius of an oblique camera's mark at the reference width, pixels; the smaller where there are many.
+const MARK_PX: f32 = 3.6;
+const SMALL_MARK_PX: f32 = 2.2;
+/// Radius of a nadir camera's mark, in radii of an oblique one's.
+const NADIR_RADII: f32 = 1.8;
 /// More cameras than this get smaller marks.
 const CROWD: usize = 200;
 
@@ -76,7 +81,7 @@ fn drawn(survey: &Survey, terrain: &Terrain) -> Vec<Drawn> {
 fn draw(sheet: &mut Sheet, outlines: &[Vec<DVec2>], views: &[Drawn]) {
     let Sheet { canvas, to_px, unit, .. } = sheet;
     let unit = *unit;
-    let radius = unit * if views.len() > CROWD { 2.2 } else { 3.6 };
+    let radius = unit * if views.len() > CROWD { SMALL_MARK_PX } else { MARK_PX };
     for outline in outlines {
         let ring: LineString = outline.iter().map(|p| (p.x, p.y)).collect();
         let pen = Pen { colour: OUTLINE, opacity: 0.7, width_px: 1.1 * unit };
@@ -88,9 +93,13 @@ fn draw(sheet: &mut Sheet, outlines: &[Vec<DVec2>], views: &[Drawn]) {
             canvas.line(&line, Pen { colour: view.colour, opacity: 0.8, width_px: 1.3 * unit });
         }
     }
-    for view in views {
-        let at = to_px.at(view.camera.x, view.camera.y);
-        canvas.disc(at, radius, view.colour, Pen::new(WHITE, 0.8 * unit));
+    // Rigs take nadir and oblique photos from one place: the wider nadir marks stay visible below.
+    let (nadir, oblique): (Vec<&Drawn>, Vec<&Drawn>) = views.iter().partition(|view| view.colour == NADIR);
+    for (views, radius) in [(nadir, NADIR_RADII * radius), (oblique, radius)] {
+        for view in views {
+            let at = to_px.at(view.camera.x, view.camera.y);
+            canvas.disc(at, radius, view.colour, Pen::new(WHITE, 0.8 * unit));
+        }
     }
 }
 
@@ -100,12 +109,12 @@ fn legend(sheet: &mut Sheet, survey: &Survey, step: usize) {
     let n_nadir = survey.views.iter().filter(|view| view.kind() == ViewKind::Nadir).count();
     let mut y = frame.top + 18.0 * unit;
     let kinds = [
-        (NADIR, format!("nadir: {n_nadir}")),
-        (OBLIQUE, format!("oblique: {}", survey.views.len() - n_nadir)),
+        (NADIR, NADIR_RADII, format!("nadir: {n_nadir}")),
+        (OBLIQUE, 1.0, format!("oblique: {}", survey.views.len() - n_nadir)),
     ];
-    for (colour, label) in kinds {
+    for (colour, radii, label) in kinds {
         canvas.line(&[[left, y], [left + 26.0 * unit, y]], Pen { colour, opacity: 0.8, width_px: 1.3 * unit });
-        canvas.disc([left + 4.0 * unit, y], 3.6 * unit, colour, Pen::new(WHITE, 0.8 * unit));
+        canvas.disc([left + 5.0 * unit, y], radii * MARK_PX * unit, colour, Pen::new(WHITE, 0.8 * unit));
         canvas.text(&label, [left + 36.0 * unit, y + 5.0 * unit], 15.0 * unit, INK, Align::Left);
         y += 30.0 * unit;
     }
