@@ -231,6 +231,12 @@ impl Crs {
         self.horizontal_json()["type"].as_str().is_some_and(|t| t.starts_with("Geographic"))
     }
 
+    /// Whether positions in it are counted in metres or degrees, and not in feet.
+    #[must_use]
+    pub fn is_metric(&self) -> bool {
+        !self.is_projected() || self.axes().iter().take(2).all(|axis| axis["unit"] == "metre")
+    }
+
     /// Two turns of longitude and the poles in the unit of a geographic system; `None` for the others.
     fn angular_limits(&self) -> Option<(f64, f64)> {
         const DEGREES: (f64, f64) = (360.0, 90.0);

@@ -167,6 +167,14 @@ pub(crate) fn locate(
         let refused = names_of(&issues);
         issues.extend(photos::attach(&mut views, &refused, folder)?);
     }
+    if !world.is_metric() && !way.heights.is_choice() && world.vertical_epsg().is_none() {
+        let message = format!("positions in {world} are counted in feet; the heights are taken as metres all the same");
+        let subject = Subject::Input(config.path.display().to_string());
+        issues.push(
+            Issue::new(Severity::Warning, "height_unit_assumed", subject, message)
+                .hint("if they are feet too, name their vertical system: `crs = \"EPSG:2263+6360\"`"),
+        );
+    }
     if way.heights.is_choice() {
         let subject = Subject::Input(config.path.display().to_string());
         issues.push(Issue::new(Severity::Note, "height_choice", subject, facts.heights.clone()));

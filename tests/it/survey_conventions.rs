@@ -342,6 +342,23 @@ fn positions_far_from_where_the_crs_is_used_are_wrong() {
 }
 
 #[test]
+fn heights_in_feet_are_converted_where_the_crs_says_so_and_told_where_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = row(folder.path(), (980_000.0, 200_000.0), 1000.0);
+    let z = |config: &SurveyConfig, project: &str| {
+        let survey = survey::read(config, &Crs::parse(project).unwrap()).unwrap();
+        let is_told = survey.issues.iter().any(|issue| issue.code == "height_unit_assumed");
+        (survey.views[0].centre().z, is_told)
+    };
+    config.crs = Some(Crs::parse("EPSG:2263").unwrap());
+    assert_eq!(z(&config, "EPSG:26918"), (1000.0, true), "New York in US survey feet");
+    config.crs = Some(Crs::parse("EPSG:2263+6360").unwrap());
+    let (z_m, is_told) = z(&config, "EPSG:26918+5703");
+    // A US survey foot is 1200/3937 m.
+    assert!((z_m - 1000.0 * 1200.0 / 3937.0).abs() < 1e-6 && !is_told, "{z_m}");
+}
+
+#[test]
 fn heights_above_take_off_are_recognised_by_the_ground() {
     let folder = tempfile::tempdir().unwrap();
     let config = row(folder.path(), (690_000.0, 5_763_000.0), 100.0);
