@@ -123,6 +123,7 @@ impl Crs {
     /// # Errors
     /// [`CrsError::Unknown`] when PROJ cannot read it.
     pub fn parse(definition: &str) -> Result<Self, CrsError> {
+        let definition = definition.trim();
         // PROJ would print its own line about a definition that it does not know; GDAL keeps its messages to itself.
         if !spatial::is_known(definition) {
             let reason = "it is not in PROJ's database, or is no CRS".to_owned();
@@ -173,7 +174,11 @@ impl Crs {
     pub fn horizontal_epsg(&self) -> Option<u32> {
         let horizontal = self.horizontal_json();
         // PROJ leaves the parts of a compound that has a code of its own without theirs: look the name up.
-        epsg_of(horizontal).or_else(|| Self::known(horizontal["name"].as_str()?).ok()?.epsg())
+        epsg_of(horizontal).or_else(|| Self::epsg_of_name(horizontal["name"].as_str()?))
+    }
+
+    fn epsg_of_name(name: &str) -> Option<u32> {
+        grids::epsg_of_name(name).unwrap_or_else(|| Self::known(name).ok()?.epsg())
     }
 
     /// The vertical part of a compound CRS by name, such as `NAP height`.
@@ -190,7 +195,7 @@ impl Crs {
             "VerticalCRS" => &self.json,
             _ => return None,
         };
-        epsg_of(vertical).or_else(|| Self::known(vertical["name"].as_str()?).ok()?.epsg())
+        epsg_of(vertical).or_else(|| Self::epsg_of_name(vertical["name"].as_str()?))
     }
 
     /// Whether it has a third axis of ellipsoidal heights.

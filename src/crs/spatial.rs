@@ -107,7 +107,14 @@ pub(super) fn why_impossible(from: &str, to: &str) -> Option<String> {
 /// Whether GDAL, and PROJ below it, can read a definition. Addresses are left to PROJ: GDAL would fetch them.
 pub(super) fn is_known(definition: &str) -> bool {
     route_messages();
-    definition.starts_with("http") || SpatialRef::from_definition(definition).is_ok()
+    definition.starts_with("http") || (is_strict(definition) && SpatialRef::from_definition(definition).is_ok())
+}
+
+/// GDAL reads the number of `EPSG:25832 and more` and passes over the rest.
+fn is_strict(definition: &str) -> bool {
+    let Some((authority, codes)) = definition.split_once(':') else { return true };
+    let is_number = |code: &str| !code.is_empty() && code.bytes().all(|byte| byte.is_ascii_digit());
+    !authority.eq_ignore_ascii_case("EPSG") || codes.split('+').all(is_number)
 }
 
 /// Earth-centred coordinates and the local east, north, up at a place, on WGS 84.

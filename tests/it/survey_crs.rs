@@ -97,6 +97,12 @@ fn heights_without_a_known_way_are_refused_and_never_passed_through() {
 fn an_unknown_system_is_refused_in_one_line_of_our_own() {
     let refused = Crs::parse("EPSG:99999").unwrap_err().to_string();
     assert!(refused.contains("EPSG:99999") && refused.contains("hint"), "{refused}");
+    for wrong in ["EPSG:25832 x", "EPSG:25832+", "EPSG:", "EPSG:25832;rm", ""] {
+        assert!(Crs::parse(wrong).is_err(), "{wrong:?}");
+    }
+    // A compound's parts are found by their names where they have no codes of their own.
+    let rotterdam = Crs::parse("EPSG:7415").unwrap();
+    assert_eq!((rotterdam.horizontal_epsg(), rotterdam.vertical_epsg()), (Some(28992), Some(5709)));
     // Names and the forms of other tools still pass.
     for known in ["EPSG:25832+7837", "urn:ogc:def:crs:EPSG::28992", "+proj=utm +zone=32 +ellps=GRS80 +type=crs"] {
         assert!(Crs::parse(known).is_ok(), "{known}");
