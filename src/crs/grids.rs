@@ -40,15 +40,14 @@ fn of_vertical(epsg: u32) -> Option<Vec<Grid>> {
     rows(&query, |feature| Some(Grid { name: text(feature, "name")?, url: text(feature, "url").unwrap_or_default() }))
 }
 
-/// EPSG code of the system of a name; `None` inside where there is none, outside where the database cannot be read.
-/// PROJ itself would print its own line about a name that it does not know.
-pub(super) fn epsg_of_name(name: &str) -> Option<Option<u32>> {
+/// EPSG codes of the systems of a name; `None` where the database cannot be read. PROJ itself would print its own line
+/// about a name that it does not know.
+pub(super) fn codes_of_name(name: &str) -> Option<Vec<u32>> {
     let name = name.replace('\'', "''");
     let query = format!(
-        "SELECT code FROM crs_view WHERE auth_name = 'EPSG' AND deprecated = 0 AND name = '{name}' ORDER BY code LIMIT 1"
+        "SELECT code FROM crs_view WHERE auth_name = 'EPSG' AND deprecated = 0 AND name = '{name}' ORDER BY code"
     );
-    let codes = rows(&query, |feature| text(feature, "code")?.parse().ok())?;
-    Some(codes.first().copied())
+    rows(&query, |feature| text(feature, "code")?.parse().ok())
 }
 
 /// What a query of PROJ's database yields; `None` where the database cannot be read.

@@ -178,7 +178,10 @@ impl Crs {
     }
 
     fn epsg_of_name(name: &str) -> Option<u32> {
-        grids::epsg_of_name(name).unwrap_or_else(|| Self::known(name).ok()?.epsg())
+        match grids::codes_of_name(name) {
+            Some(codes) => codes.first().copied(),
+            None => Self::known(name).ok()?.epsg(),
+        }
     }
 
     /// The vertical part of a compound CRS by name, such as `NAP height`.
