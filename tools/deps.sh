@@ -2,10 +2,10 @@
 # Installs what is missing, through the distribution's packages, and says so. Does nothing where all is there.
 #
 #   tools/deps.sh build   what it takes to build and run sizeup
-#   tools/deps.sh test    the independent tools that tests compare with
+#   tools/deps.sh test    the independent tools that tests compare with: GDAL's programs, cjio, QGIS
 #   tools/deps.sh docs    Python, which writes docs/reference.md
 #   tools/deps.sh python trimesh, shapely and scipy in target/python; without them the tests that need them say "skipped"
-#   tools/deps.sh qgis    QGIS, some 200 MB; without it the tests that need it say "skipped"
+#   tools/deps.sh qgis    QGIS alone: 220 MB to load, 1 GB on disk; without it the tests that need it say "skipped"
 #   tools/deps.sh web     Node.js, a browser, CesiumJS and validators of 3D Tiles, some 500 MB; likewise
 #
 # What is no package of the distribution goes into target/tools, with its version.
@@ -70,6 +70,7 @@ test_tools() {
     { python3 -m venv "$tools/cjio" && "$tools/cjio/bin/pip" install -q --disable-pip-version-check "cjio==$CJIO"; } ||
       say "cjio could not be installed: the tests that use it are skipped"
   fi
+  ( qgis ) || say "QGIS could not be installed: the tests that open results in it are skipped"
 }
 
 web() {

@@ -8,6 +8,7 @@
 //! BrownAffine   the same with L + k4 r⁸, then x_d ← x_d + skew·y_d                     (Metashape K4, B2; CAD skew)
 //! Rational      L = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)          (OpenCV, COLMAP FULL_OPENCV)
 //! Fisheye       θ = atan r,  θ_d = θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸),  (x_d, y_d) = (x, y)·θ_d / r
+//! FisheyeSeries the same with θ_d = θ (1 + k1 θ + k2 θ² + k3 θ³)                         (Pix4D)
 //! ```
 //!
 //! The valid domain is where the model is one-to-one from the centre out; outside it there is no answer.
@@ -90,6 +91,15 @@ pub enum Distortion {
         /// θ⁹.
         k4: f64,
     },
+    /// Equidistant fisheye with all powers of θ (Pix4D).
+    FisheyeSeries {
+        /// θ².
+        k1: f64,
+        /// θ³.
+        k2: f64,
+        /// θ⁴.
+        k3: f64,
+    },
 }
 
 /// The radial factor and its derivative by r².
@@ -119,15 +129,25 @@ impl Distortion {
                 radial.into_iter().chain([("p1", p1), ("p2", p2)]).collect()
             }
             Self::Fisheye { k1, k2, k3, k4 } => vec![("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4)],
+            Self::FisheyeSeries { k1, k2, k3 } => vec![("k1", k1), ("k2", k2), ("k3", k3)],
         }
         .into_iter()
+    }
+
+    /// The polynomial of a fisheye; `None` for the other lenses.
+    fn fisheye(&self) -> Option<fisheye::Series> {
+        match *self {
+            Self::Fisheye { k1, k2, k3, k4 } => Some(fisheye::even([k1, k2, k3, k4])),
+            Self::FisheyeSeries { k1, k2, k3 } => Some([k1, k2, k3, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            _ => None,
+        }
     }
 
     /// Observed position of an ideal one, or `None` beyond the radius where the model folds back.
     #[must_use]
     pub fn distort(&self, ideal: DVec2) -> Option<DVec2> {
-        if let Self::Fisheye { k1, k2, k3, k4 } = *self {
-            return fisheye::distort([k1, k2, k3, k4], ideal);
+        if let Some(series) = self.fisheye() {
+            return fisheye::distort(series, ideal);
         }
         let (distorted, jacobian) = self.distort_with_jacobian(ideal);
         self.is_valid_at(ideal, jacobian).then_some(distorted)
@@ -136,10 +156,11 @@ impl Distortion {
     /// Ideal position of an observed one; `None` where no valid one exists.
     #[must_use]
     pub fn undistort(&self, distorted: DVec2) -> Option<DVec2> {
-        match *self {
-            Self::None => return Some(distorted),
-            Self::Fisheye { k1, k2, k3, k4 } => return fisheye::undistort([k1, k2, k3, k4], distorted),
-            _ => {}
+        if matches!(self, Self::None) {
+            return Some(distorted);
+        }
+        if let Some(series) = self.fisheye() {
+            return fisheye::undistort(series, distorted);
         }
         let mut ideal = distorted;
         for _ in 0..MAX_NEWTON_STEPS {
@@ -162,7 +183,7 @@ impl Distortion {
             Radial { factor: 1.0 + value, by_r2: slope }
         };
         match *self {
-            Self::None | Self::Fisheye { .. } => Radial { factor: 1.0, by_r2: 0.0 },
+            Self::None | Self::Fisheye { .. } | Self::FisheyeSeries { .. } => Radial { factor: 1.0, by_r2: 0.0 },
             Self::Brown { k1, k2, k3, .. } => of(&[k1, k2, k3]),
             Self::BrownAffine { k1, k2, k3, k4, .. } => of(&[k1, k2, k3, k4]),
             Self::Rational { k1, k2, k3, k4, k5, k6, .. } => {
@@ -176,13 +197,13 @@ impl Distortion {
     /// Tangential coefficients in `OpenCV`'s order, and skew.
     fn tangential(&self) -> (f64, f64, f64) {
         match *self {
-            Self::None | Self::Fisheye { .. } => (0.0, 0.0, 0.0),
+            Self::None | Self::Fisheye { .. } | Self::FisheyeSeries { .. } => (0.0, 0.0, 0.0),
             Self::Brown { p1, p2, .. } | Self::Rational { p1, p2, .. } => (p1, p2, 0.0),
             Self::BrownAffine { p1, p2, skew, .. } => (p1, p2, skew),
         }
     }
 
-    /// All models but the fisheye.
+    /// All models but the fisheyes.
     fn distort_with_jacobian(&self, DVec2 { x, y }: DVec2) -> (DVec2, DMat2) {
         let r2 = x * x + y * y;
         let Radial { factor, by_r2 } = self.radial(r2);
@@ -228,6 +249,7 @@ mod tests {
             Distortion::BrownAffine { k1: -0.04, k2: 0.02, k3: -0.004, k4: 1e-3, p1: 6e-4, p2: 5e-5, skew: 3e-4 },
             Distortion::Rational { k1: 0.3, k2: 0.05, k3: 0.001, k4: 0.32, k5: 0.07, k6: 0.002, p1: 1e-4, p2: -2e-4 },
             Distortion::Fisheye { k1: -0.02, k2: 0.004, k3: -0.001, k4: 2e-4 },
+            Distortion::FisheyeSeries { k1: 0.0097, k2: -0.065, k3: 0.01 },
         ]
     }
 
@@ -263,6 +285,7 @@ mod tests {
             for lens in [
                 Distortion::Brown { k1, k2, k3, p1: 1e-3, p2: -1e-3 },
                 Distortion::Fisheye { k1, k2, k3, k4: 0.0 },
+                Distortion::FisheyeSeries { k1, k2, k3 },
             ] {
                 if let Some(ideal) = lens.undistort(seen) {
                     let again = lens.distort(ideal).unwrap();

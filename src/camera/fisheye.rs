@@ -1,7 +1,8 @@
-//! The equidistant fisheye: an angle θ off the axis lands at radius `θ_d = θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)`.
+//! The equidistant fisheye: an angle θ off the axis lands at radius `θ_d = θ (1 + c1 θ + c2 θ² + … + c8 θ⁸)`.
 //!
-//! Rays are kept as `(x, y, 1)`, so the half space in front of the camera (θ < 90°) is its domain; within it the
-//! polynomial must keep rising. Source: OpenCV, fisheye module.
+//! `OpenCV`'s has the even powers only, Pix4D's all up to the third. Rays are kept as `(x, y, 1)`, so the half space in
+//! front of the camera (θ < 90°) is its domain; within it the polynomial must keep rising. Sources: OpenCV, fisheye
+//! module; Pix4D support, "How are the Internal and External Camera Parameters defined?".
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -14,19 +15,26 @@ const MAX_STEPS: usize = 80;
 /// Samples along θ that show the polynomial rising.
 const RISING_CHECKS: usize = 16;
 
-/// `θ_d` and its derivative.
-fn bend(k: [f64; 4], theta: f64) -> (f64, f64) {
-    let t2 = theta * theta;
-    let value = theta * (1.0 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))));
-    let slope = 1.0 + t2 * (3.0 * k[0] + t2 * (5.0 * k[1] + t2 * (7.0 * k[2] + t2 * 9.0 * k[3])));
-    (value, slope)
+/// The coefficients `c1` to `c8`.
+pub(super) type Series = [f64; 8];
+
+/// `OpenCV`'s `k1` to `k4`.
+pub(super) fn even([k1, k2, k3, k4]: [f64; 4]) -> Series {
+    [0.0, k1, 0.0, k2, 0.0, k3, 0.0, k4]
 }
 
-fn is_rising_to(k: [f64; 4], theta: f64) -> bool {
+/// `θ_d` and its derivative: Horner from the last term `c8 θ⁹`.
+fn bend(series: Series, theta: f64) -> (f64, f64) {
+    let (factor, slope) =
+        series.iter().rev().fold((0.0, 0.0), |(factor, slope), c| (theta * (factor + c), theta * slope + factor + c));
+    (theta * (1.0 + factor), 1.0 + factor + theta * slope)
+}
+
+fn is_rising_to(k: Series, theta: f64) -> bool {
     (1..=RISING_CHECKS).all(|i| bend(k, theta * i as f64 / RISING_CHECKS as f64).1 > 0.0)
 }
 
-pub(super) fn distort(k: [f64; 4], ideal: DVec2) -> Option<DVec2> {
+pub(super) fn distort(k: Series, ideal: DVec2) -> Option<DVec2> {
     let r = ideal.length();
     if r < AXIS {
         return Some(ideal);
@@ -36,7 +44,7 @@ pub(super) fn distort(k: [f64; 4], ideal: DVec2) -> Option<DVec2> {
 }
 
 /// Newton's method kept inside a shrinking bracket, so that it cannot leave the domain.
-pub(super) fn undistort(k: [f64; 4], distorted: DVec2) -> Option<DVec2> {
+pub(super) fn undistort(k: Series, distorted: DVec2) -> Option<DVec2> {
     let r_d = distorted.length();
     if r_d < AXIS {
         return Some(distorted);

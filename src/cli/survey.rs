@@ -9,15 +9,20 @@ use serde::{Deserialize, Serialize};
 use super::{Failure, Global, Ui, print_json};
 use crate::crs::Crs;
 use crate::footprint::{self, FootprintSource};
-use crate::survey::{self, CornerErrors, GroundPolygons, Site, Survey, SurveyConfig, SurveyReport, Target};
+use crate::output::picture;
+use crate::survey::{
+    self, CornerErrors, GroundPolygons, Reading, Site, Survey, SurveyConfig, SurveyReport, Target, View,
+};
 use crate::terrain::{self, MapBox, Terrain, TerrainConfig};
 
-/// Longer side of the picture, pixels.
+/// Width of the picture, pixels.
 const PICTURE_PX: u32 = 1600;
 /// Finer terrain tells no more about poses, metres per cell.
 const MIN_CELL_M: f64 = 5.0;
 /// Terrain is read so far around the cameras, metres: where oblique photos look.
 const AROUND_CAMERAS_M: f64 = 500.0;
+/// What is said where image footprints are wanted and nothing tells the height of the ground.
+const NO_GROUND: &str = "no --dtm or --ground: image footprints are taken on a ground of 0 m";
 /// The poses look wrong.
 const EXIT_UNSOUND: u8 = 3;
 
@@ -189,24 +194,16 @@ fn inspect_all(args: &InspectArgs, global: &Global) -> Result<u8, Failure> {
 
 fn inspect(settings: &Settings, args: &InspectArgs, global: &Global) -> Result<Inspected, Failure> {
     let bad_input = |e: &dyn std::error::Error| Failure::new(3, e);
+    let ui = Ui::new(global);
     let crs = &settings.project.crs;
-    let area = match &settings.footprints {
-        Some(FootprintSource::Layer(config)) => {
-            let layer = footprint::read(config, crs).map_err(|e| bad_input(&e))?;
-            let outlines: Vec<_> = layer.footprints.into_iter().map(|f| f.polygon).collect();
-            Some(geo::MultiPolygon::new(outlines).convex_hull())
-        }
-        _ => None,
-    };
-    let ground = terrain_of(settings)?;
-    let site = Site { terrain: ground.as_ref(), area: area.as_ref() };
-    let (survey, report) = survey::inspect(&settings.survey, crs, site).map_err(|e| bad_input(&e))?;
-    let flat = Terrain::Constant(0.0);
-    let terrain = ground.as_ref().unwrap_or(&flat);
+    let area = area_of(settings, args, &ui)?;
+    let reading = Reading::of(&settings.survey, crs).map_err(|e| bad_input(&e))?;
+    let ground = terrain_of(settings, reading.survey())?;
+    let report = reading.report(Site { terrain: ground.as_ref(), area: area.as_ref() });
     let corner_errors = match &args.compare_footprints {
         Some(path) => {
             let polygons = GroundPolygons::read(path, &args.id_field, crs).map_err(|e| bad_input(&e))?;
-            Some(polygons.compare(&survey, terrain))
+            Some(polygons.compare(reading.survey(), ground.as_ref().unwrap_or(&Terrain::Constant(0.0))))
         }
         None => None,
     };
@@ -216,15 +213,26 @@ fn inspect(settings: &Settings, args: &InspectArgs, global: &Global) -> Result<I
             print!("{errors}");
         }
     }
-    let ui = Ui::new(global);
     if ground.is_none() && (args.picture.is_some() || corner_errors.is_some()) {
-        ui.say("no --dtm or --ground: image footprints are taken on a ground of 0 m");
+        ui.say(NO_GROUND);
     }
     if let Some(path) = &args.picture {
-        survey::write_picture(&survey, terrain, PICTURE_PX, path).map_err(|e| Failure::new(4, &e))?;
-        ui.say(format!("{}: nadir views blue, oblique ones orange, north is up", path.display()));
+        let map = picture::survey_map(reading.survey(), ground.as_ref(), crs, PICTURE_PX);
+        picture::write_png(path, &map).map_err(|e| Failure::new(4, &e))?;
     }
     Ok(Inspected { is_sound: report.is_sound(), report, corner_errors })
+}
+
+/// The hull of the outlines. A configuration may name outlines that are still to come: then there is no area.
+fn area_of(settings: &Settings, args: &InspectArgs, ui: &Ui) -> Result<Option<geo::Polygon>, Failure> {
+    let Some(FootprintSource::Layer(config)) = &settings.footprints else { return Ok(None) };
+    if args.footprints.is_none() && !config.path.exists() {
+        ui.say(format!("{} is not there: nothing to hold the image centres against", config.path.display()));
+        return Ok(None);
+    }
+    let layer = footprint::read(config, &settings.project.crs).map_err(|e| Failure::new(3, &e))?;
+    let outlines: Vec<_> = layer.footprints.into_iter().map(|f| f.polygon).collect();
+    Ok(Some(geo::MultiPolygon::new(outlines).convex_hull()))
 }
 
 fn convert(args: &ConvertArgs, global: &Global) -> Result<u8, Failure> {
@@ -234,13 +242,13 @@ fn convert(args: &ConvertArgs, global: &Global) -> Result<u8, Failure> {
     };
     let target = args.to.map_or_else(|| Target::of_path(&args.output), Target::from);
     let ui = Ui::new(global);
-    let ground = terrain_of(settings)?;
+    let crs = &settings.project.crs;
+    let survey = survey::read(&settings.survey, crs).map_err(|e| Failure::new(3, &e))?;
+    let ground = terrain_of(settings, &survey)?;
     if ground.is_none() && matches!(target, Target::GeoJson | Target::GeoPackage) {
-        ui.say("no --dtm or --ground: image footprints are taken on a ground of 0 m");
+        ui.say(NO_GROUND);
     }
     let terrain = ground.unwrap_or(Terrain::Constant(0.0));
-    let crs = &settings.project.crs;
-    let survey = read(settings)?;
     let converted = survey::write(&survey, crs, &terrain, target, &args.output).map_err(|e| Failure::new(4, &e))?;
     for issue in survey.issues.iter().chain(&converted.issues) {
         ui.say(format!("{}: {}", issue.code, issue.message));
@@ -258,19 +266,13 @@ fn convert(args: &ConvertArgs, global: &Global) -> Result<u8, Failure> {
     Ok(0)
 }
 
-fn read(settings: &Settings) -> Result<Survey, Failure> {
-    survey::read(&settings.survey, &settings.project.crs).map_err(|e| Failure::new(3, &e))
-}
-
 /// The ground around the cameras, where one is given.
-fn terrain_of(settings: &Settings) -> Result<Option<Terrain>, Failure> {
+fn terrain_of(settings: &Settings, survey: &Survey) -> Result<Option<Terrain>, Failure> {
     let Some(config) = &settings.terrain else { return Ok(None) };
     if let Some(height_m) = config.constant_m.filter(|_| config.dtm.is_none()) {
         return Ok(Some(Terrain::Constant(height_m)));
     }
-    // Where to read it is only known with the poses.
-    let survey = read(settings)?;
-    let cameras = survey.views.iter().map(|view| view.camera_from_map.centre());
+    let cameras = survey.views.iter().map(View::centre);
     let Some(area) = MapBox::around(cameras.map(|centre| (centre.x, centre.y))) else { return Ok(None) };
     let config = TerrainConfig { min_cell_m: config.min_cell_m.max(MIN_CELL_M), ..config.clone() };
     let terrain = terrain::load(&config, &settings.project.crs, area.grown(AROUND_CAMERAS_M));
@@ -299,6 +301,7 @@ fn settings_of(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>
         text
     } else {
         let mut table: toml::Table = crate::config::parse(&text, Some(name), &[]).map_err(|e| usage(&e))?;
+        make_room(&mut table, args, footprints);
         for (table_name, key, value) in flags {
             let entry = table.entry(table_name).or_insert_with(|| toml::Table::new().into());
             if let Some(entry) = entry.as_table_mut() {
@@ -317,6 +320,21 @@ fn settings_of(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>
         footprints.resolve_paths(folder);
     }
     Ok(settings)
+}
+
+/// Takes out of the file what a flag stands against: outlines of another source, ground of another kind.
+fn make_room(table: &mut toml::Table, args: &SourceArgs, footprints: Option<&Path>) {
+    if footprints.is_some() {
+        table.remove("footprints");
+    }
+    if let Some(terrain) = table.get_mut("terrain").and_then(toml::Value::as_table_mut) {
+        if args.dtm.is_some() {
+            terrain.remove("constant_m");
+        }
+        if args.ground.is_some() {
+            terrain.remove("dtm");
+        }
+    }
 }
 
 type Flag = (&'static str, &'static str, toml::Value);

@@ -1,6 +1,6 @@
-//! Which grid files PROJ would need for a height transformation, from PROJ's own database.
+//! What PROJ's own database knows: grid files of height transformations, codes of names.
 
-use gdal::vector::{LayerAccess as _, sql::Dialect};
+use gdal::vector::{Feature, LayerAccess as _, sql::Dialect};
 
 use super::Crs;
 
@@ -31,24 +31,37 @@ pub(super) fn of_heights(from: &Crs, to: &Crs) -> Vec<Grid> {
 }
 
 fn of_vertical(epsg: u32) -> Option<Vec<Grid>> {
-    crate::gdal_log::route_messages();
-    let folders = proj::ProjBuilder::new().lib_info().ok()?.searchpath;
-    let separator = if cfg!(windows) { ';' } else { ':' };
-    let database = folders.split(separator).map(|f| std::path::Path::new(f).join("proj.db")).find(|f| f.is_file())?;
-    let dataset = gdal::Dataset::open(&database).ok()?;
     let query = format!(
         "SELECT DISTINCT COALESCE(NULLIF(a.proj_grid_name, ''), g.grid_name) AS name, a.url AS url \
          FROM grid_transformation g LEFT JOIN grid_alternatives a ON a.original_grid_name = g.grid_name \
          WHERE g.deprecated = 0 AND g.grid_name <> '' AND ((g.target_crs_auth_name = 'EPSG' AND g.target_crs_code = '{epsg}') \
          OR (g.source_crs_auth_name = 'EPSG' AND g.source_crs_code = '{epsg}'))"
     );
-    let mut rows = dataset.execute_sql(query, None, Dialect::DEFAULT).ok()??;
-    let text = |feature: &gdal::vector::Feature<'_>, field: &str| {
-        let index = feature.field_index(field).ok()?;
-        feature.field_as_string(index).ok().flatten()
-    };
-    let grid = |feature: gdal::vector::Feature<'_>| {
-        Some(Grid { name: text(&feature, "name")?, url: text(&feature, "url").unwrap_or_default() })
-    };
-    Some(rows.features().filter_map(grid).collect())
+    rows(&query, |feature| Some(Grid { name: text(feature, "name")?, url: text(feature, "url").unwrap_or_default() }))
+}
+
+/// EPSG codes of the systems of a name; `None` where the database cannot be read. PROJ itself would print its own line
+/// about a name that it does not know.
+pub(super) fn codes_of_name(name: &str) -> Option<Vec<u32>> {
+    let name = name.replace('\'', "''");
+    let query = format!(
+        "SELECT code FROM crs_view WHERE auth_name = 'EPSG' AND deprecated = 0 AND name = '{name}' ORDER BY code"
+    );
+    rows(&query, |feature| text(feature, "code")?.parse().ok())
+}
+
+/// What a query of PROJ's database yields; `None` where the database cannot be read.
+fn rows<T>(query: &str, row: impl Fn(&Feature<'_>) -> Option<T>) -> Option<Vec<T>> {
+    crate::gdal_log::route_messages();
+    let folders = proj::ProjBuilder::new().lib_info().ok()?.searchpath;
+    let separator = if cfg!(windows) { ';' } else { ':' };
+    let database = folders.split(separator).map(|f| std::path::Path::new(f).join("proj.db")).find(|f| f.is_file())?;
+    let dataset = gdal::Dataset::open(&database).ok()?;
+    let Some(mut found) = dataset.execute_sql(query, None, Dialect::DEFAULT).ok()? else { return Some(Vec::new()) };
+    Some(found.features().filter_map(|feature| row(&feature)).collect())
+}
+
+fn text(feature: &Feature<'_>, field: &str) -> Option<String> {
+    let index = feature.field_index(field).ok()?;
+    feature.field_as_string(index).ok().flatten()
 }

@@ -123,6 +123,17 @@ impl Crs {
     /// # Errors
     /// [`CrsError::Unknown`] when PROJ cannot read it.
     pub fn parse(definition: &str) -> Result<Self, CrsError> {
+        let definition = definition.trim();
+        // PROJ would print its own line about a definition that it does not know; GDAL keeps its messages to itself.
+        if !spatial::is_known(definition) {
+            let reason = "it is not in PROJ's database, or is no CRS".to_owned();
+            return Err(CrsError::Unknown { definition: definition.to_owned(), reason });
+        }
+        Self::known(definition)
+    }
+
+    /// A definition that PROJ knows, such as a name that PROJ itself gave.
+    fn known(definition: &str) -> Result<Self, CrsError> {
         let unknown = |reason: String| CrsError::Unknown { definition: definition.to_owned(), reason };
         let crs = proj::Proj::new(definition).map_err(|e| unknown(e.to_string()))?;
         let json = crs.to_projjson(None, None, None).map_err(|_| unknown("not a CRS".to_owned()))?;
@@ -163,7 +174,14 @@ impl Crs {
     pub fn horizontal_epsg(&self) -> Option<u32> {
         let horizontal = self.horizontal_json();
         // PROJ leaves the parts of a compound that has a code of its own without theirs: look the name up.
-        epsg_of(horizontal).or_else(|| Self::parse(horizontal["name"].as_str()?).ok()?.epsg())
+        epsg_of(horizontal).or_else(|| Self::epsg_of_name(horizontal["name"].as_str()?))
+    }
+
+    fn epsg_of_name(name: &str) -> Option<u32> {
+        match grids::codes_of_name(name) {
+            Some(codes) => codes.first().copied(),
+            None => Self::known(name).ok()?.epsg(),
+        }
     }
 
     /// The vertical part of a compound CRS by name, such as `NAP height`.
@@ -180,13 +198,25 @@ impl Crs {
             "VerticalCRS" => &self.json,
             _ => return None,
         };
-        epsg_of(vertical).or_else(|| Self::parse(vertical["name"].as_str()?).ok()?.epsg())
+        epsg_of(vertical).or_else(|| Self::epsg_of_name(vertical["name"].as_str()?))
     }
 
     /// Whether it has a third axis of ellipsoidal heights.
     #[must_use]
     pub fn is_ellipsoidal_3d(&self) -> bool {
         self.is_geocentric() || self.axes().len() == 3
+    }
+
+    /// Where the horizontal part is meant to be used: west, south, east, north, degrees; `None` where PROJ does not say,
+    /// or across the date line.
+    #[must_use]
+    pub fn area_of_use_deg(&self) -> Option<[f64; 4]> {
+        let crs = self.horizontal_json();
+        let boxes = [&crs["bbox"], &crs["usages"][0]["bbox"], &self.json["bbox"]];
+        let bounds = boxes.into_iter().find(|bounds| !bounds.is_null())?;
+        let side = |name: &str| bounds[name].as_f64();
+        let (west, east) = (side("west_longitude")?, side("east_longitude")?);
+        (west < east).then_some([west, side("south_latitude")?, east, side("north_latitude")?])
     }
 
     /// The UTM zone of a place on WGS 84, as `EPSG:326zz` or `EPSG:327zz`.
@@ -207,6 +237,20 @@ impl Crs {
     #[must_use]
     pub fn is_geographic(&self) -> bool {
         self.horizontal_json()["type"].as_str().is_some_and(|t| t.starts_with("Geographic"))
+    }
+
+    /// Whether positions in it are counted in metres or degrees, and not in feet.
+    #[must_use]
+    pub fn is_metric(&self) -> bool {
+        !self.is_projected() || self.axes().iter().take(2).all(|axis| axis["unit"] == "metre")
+    }
+
+    /// Two turns of longitude and the poles in the unit of a geographic system; `None` for the others.
+    fn angular_limits(&self) -> Option<(f64, f64)> {
+        const DEGREES: (f64, f64) = (360.0, 90.0);
+        const GONS: (f64, f64) = (400.0, 100.0);
+        let is_degrees = self.axes().iter().take(2).all(|axis| axis["unit"] == "degree");
+        self.is_geographic().then_some(if is_degrees { DEGREES } else { GONS })
     }
 
     /// Whether it is geocentric (earth-centred x, y, z in metres).
@@ -234,7 +278,7 @@ impl Crs {
         if base["type"].is_null() {
             base["type"] = "GeographicCRS".into();
         }
-        Self::parse(&base.to_string())
+        Self::known(&base.to_string())
     }
 
     /// Checks that it can be the frame of a project: projected, in metres, and no web map.

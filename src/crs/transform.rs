@@ -8,6 +8,8 @@ use super::{Crs, CrsError, spatial};
 pub struct Transform {
     /// `None` where source and target are the same.
     operation: Option<proj::Proj>,
+    /// Greatest |x| and |y| of a geographic source: PROJ prints a line of its own about places beyond the poles.
+    limits: Option<(f64, f64)>,
     from: Crs,
     to: Crs,
 }
@@ -42,7 +44,7 @@ impl Transform {
                 .map_err(|e| no_transformation(e.to_string()))?;
             Some(operation)
         };
-        Ok(Self { operation, from: from.clone(), to: to.clone() })
+        Ok(Self { operation, limits: from.angular_limits(), from: from.clone(), to: to.clone() })
     }
 
     /// Whether source and target share their plane.
@@ -67,6 +69,9 @@ impl Transform {
             |first: f64, second: f64, north_first: bool| if north_first { (second, first) } else { (first, second) };
         let refuse =
             |reason: String| CrsError::Point { x, y, from: self.from.to_string(), to: self.to.to_string(), reason };
+        if self.limits.is_some_and(|(limit_x, limit_y)| !(x.abs() <= limit_x && y.abs() <= limit_y)) {
+            return Err(refuse("there is no such longitude and latitude".to_owned()));
+        }
         let (first, second) =
             operation.convert(swap(x, y, self.from.is_north_first())).map_err(|e| refuse(e.to_string()))?;
         if !(first.is_finite() && second.is_finite()) {

@@ -57,6 +57,7 @@ fn join(whole: &str, parts: &[&BuildingRecord]) -> BuildingRecord {
         footprint: outline,
         height_m: mean(|part| part.height_m),
         height_sigma_m: mean(|part| part.height_sigma_m),
+        roof: None,
         status: parts.iter().map(|part| part.status).max_by_key(|s| severity(*s)).unwrap_or(Status::Unknown),
         reasons: union(|part| &part.reasons),
         views: union(|part| &part.views),

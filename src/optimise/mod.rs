@@ -22,6 +22,6 @@ mod solve;
 
 pub use config::{Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
 pub use levels::OtherLevel;
-pub use roof::{Roof, RoofForm};
+pub use roof::Roof;
 pub use solution::{EpochRecord, Reason, Solution, SolvedHeight};
 pub use solve::{Problem, Solving, ViewInput, solve};

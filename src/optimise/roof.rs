@@ -18,7 +18,7 @@ use super::evidence::Evidence;
 use super::score::{Correlation, Window};
 use crate::ray::Ray;
 use crate::render::PlacedCamera;
-use crate::scene::Prism;
+use crate::scene::{Prism, RoofForm};
 
 /// Samples along a ray's way over the footprint.
 const N_SAMPLES: usize = 8;
@@ -38,18 +38,6 @@ const MIN_STANDARD_ERRORS: f64 = 0.7;
 const MIN_GAIN: f64 = 0.0005;
 /// Fewer views cannot tell a form.
 const MIN_VIEWS: usize = 4;
-
-/// The form of a roof.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum RoofForm {
-    /// One level.
-    Flat,
-    /// Two slopes that meet in a ridge.
-    Gable,
-    /// Slopes up from every wall.
-    Hip,
-}
 
 /// A roof as the evidence has it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -18,7 +18,7 @@ pub const MEASURED_HEIGHT: &str = "measuredHeight";
 const CARRIED_PREFIX: &str = "input_";
 
 /// Our own attributes in the order in which they are written; the id comes before them.
-pub const FIELDS: [Column; 12] = [
+pub const FIELDS: [Column; 15] = [
     Column::new("part_of", ColumnKind::Text, "Building of the input that this is a part of, where it has several"),
     Column::new("height_m", ColumnKind::Real, "Roof level minus ground level, metres"),
     Column::new(
@@ -30,6 +30,9 @@ pub const FIELDS: [Column; 12] = [
     Column::new("roof_z_m", ColumnKind::Real, "Roof level, metres in the vertical reference"),
     Column::new("height_sigma_m", ColumnKind::Real, "One standard deviation of height_m, metres"),
     Column::new("height_reference", ColumnKind::Text, "Which height of a pitched roof: eave, mean or ridge"),
+    Column::new("roof_form", ColumnKind::Text, "Form of the roof: flat (or no other form seen), gable or hip"),
+    Column::new("eave_height_m", ColumnKind::Real, "Lowest edge of the roof above ground level, metres"),
+    Column::new("ridge_height_m", ColumnKind::Real, "Highest line of the roof above ground level, metres"),
     Column::new("status", ColumnKind::Text, "measured, doubtful, fallback, unknown or refused"),
     Column::new("reasons", ColumnKind::Text, "Why the status is what it is"),
     Column::new("n_views", ColumnKind::Integer, "Number of photos the height was measured in"),
@@ -61,6 +64,9 @@ pub fn value(record: &BuildingRecord, field: &Column, no_solid_reason: Option<&s
         "roof_z_m" => metres(record.roof_z_m()),
         "height_sigma_m" => metres(record.height_sigma_m),
         "height_reference" => record.height_reference.as_str().into(),
+        "roof_form" => record.roof.map_or(Value::Null, |roof| roof.form.as_str().into()),
+        "eave_height_m" => metres(record.roof.map(|roof| roof.eave_height_m)),
+        "ridge_height_m" => metres(record.roof.map(|roof| roof.ridge_height_m)),
         "status" => record.status.as_str().into(),
         "reasons" => record.reasons.clone().into(),
         "n_views" => record.views.len().into(),

@@ -41,11 +41,11 @@ use crate::crs::Crs;
 use crate::issue::Issue;
 use crate::survey::Survey;
 
-pub use crate::scene::HeightReference;
+pub use crate::scene::{HeightReference, RoofForm};
 pub use buildings::{Families, Family, Overview, Records};
 pub use error::{MalformedFile, OutputError};
 pub use lineage::{InputFile, Lineage, sha256_hex};
-pub use record::{BuildingRecord, Status};
+pub use record::{BuildingRecord, RoofShape, Status};
 
 /// Everything a writer needs to know of a result.
 #[derive(Debug)]

@@ -4,7 +4,7 @@ use geo_types::Polygon;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map as JsonMap, Value};
 
-use crate::scene::HeightReference;
+use crate::scene::{HeightReference, RoofForm};
 
 /// What became of a building.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -36,6 +36,17 @@ impl Status {
     }
 }
 
+/// The roof that the photos support; the solid stays a block whatever its form.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RoofShape {
+    /// Its form.
+    pub form: RoofForm,
+    /// Lowest edge above the ground level, metres.
+    pub eave_height_m: f64,
+    /// Highest line above the ground level, metres.
+    pub ridge_height_m: f64,
+}
+
 /// One building of the result. Heights in metres, positions in the project's map frame and vertical reference.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BuildingRecord {
@@ -57,6 +68,9 @@ pub struct BuildingRecord {
     pub height_sigma_m: Option<f64>,
     /// Which height of a pitched roof `height_m` is.
     pub height_reference: HeightReference,
+    /// The form of its roof, where the method looks for one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub roof: Option<RoofShape>,
     /// What became of the building.
     pub status: Status,
     /// Machine-readable reasons behind the status (`too_few_views`, `range_bound`, …), sorted.
@@ -91,6 +105,7 @@ pub(crate) mod tests {
             height_m: Some(height),
             height_sigma_m: Some(0.25),
             height_reference: HeightReference::Mean,
+            roof: None,
             status: Status::Measured,
             reasons: Vec::new(),
             views: Vec::new(),

@@ -1,8 +1,8 @@
 //! From footprints and solved heights to one record per input building.
 
 use super::{FootprintStage, HeightStage};
-use crate::optimise::SolvedHeight;
-use crate::output::{BuildingRecord, HeightReference, Status};
+use crate::optimise::{Roof, SolvedHeight};
+use crate::output::{BuildingRecord, HeightReference, RoofShape, Status};
 use crate::survey::Survey;
 
 /// Every building of the input, footprints first, in the layer's order.
@@ -28,6 +28,7 @@ pub(super) fn records(
                 height_m: solved.and_then(|s| s.height_m),
                 height_sigma_m: solved.and_then(|s| s.sigma_m),
                 height_reference,
+                roof: solved.and_then(|s| s.roof).map(roof_shape),
                 status,
                 reasons,
                 views: solved
@@ -44,12 +45,17 @@ pub(super) fn records(
         height_m: None,
         height_sigma_m: None,
         height_reference,
+        roof: None,
         status: Status::Refused,
         reasons: vec![refused.reason.clone()],
         views: Vec::new(),
         attributes: refused.attributes.clone(),
     });
     with_outline.chain(without).collect()
+}
+
+fn roof_shape(roof: Roof) -> RoofShape {
+    RoofShape { form: roof.form, eave_height_m: roof.eave_m, ridge_height_m: roof.ridge_m }
 }
 
 fn status_of(has_ground: bool, solved: Option<&SolvedHeight>) -> (Status, Vec<String>) {

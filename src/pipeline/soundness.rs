@@ -4,28 +4,40 @@ use super::PipelineError;
 use super::stages::write_json;
 use crate::config::RunConfig;
 use crate::issue::{Issue, Severity, Subject};
-use crate::survey::{self, Site, Survey, SurveyReport};
+use crate::output::picture;
+use crate::survey::{Reading, Site, Survey, SurveyReport};
 use crate::terrain::Terrain;
 
-/// Longer side of the survey's picture, pixels.
+/// Width of the survey's picture, pixels.
 const PICTURE_PX: u32 = 1600;
 
-/// Reads the survey, and writes the report and its picture beside the results.
+/// Reads the survey, which tells where its terrain is needed.
+pub(super) fn read(config: &RunConfig) -> Result<Reading, PipelineError> {
+    Ok(Reading::of(&config.survey, &config.project.crs)?)
+}
+
+/// Looks the survey over, and writes the report and its picture beside the results.
 ///
 /// The outlines are no area of interest here: a survey of a whole city serves a run of one block.
-pub(super) fn look_over(config: &RunConfig, ground: Option<&Terrain>) -> Result<Survey, PipelineError> {
-    let site = Site { terrain: ground, area: None };
-    let (mut survey, report) = survey::inspect(&config.survey, &config.project.crs, site)?;
+pub(super) fn look_over(
+    config: &RunConfig,
+    reading: &Reading,
+    ground: Option<&Terrain>,
+) -> Result<Survey, PipelineError> {
+    let mut report = reading.report(Site { terrain: ground, area: None });
+    let mut survey = reading.survey().clone();
+    report.accepted = !report.is_sound() && config.survey.accept_unsound && !survey.views.is_empty();
     let path = config.project.output.join("survey.json");
     write_json(&path, &report)?;
     if config.output.pictures {
-        let picture = config.project.output.join("pictures").join("survey.png");
-        survey::write_picture(&survey, ground.unwrap_or(&Terrain::Constant(0.0)), PICTURE_PX, &picture)?;
+        let file = config.project.output.join("pictures").join("survey.png");
+        let picture = picture::survey_map(&survey, ground, &config.project.crs, PICTURE_PX);
+        picture::write_png(&file, &picture)?;
     }
     if report.is_sound() {
         return Ok(survey);
     }
-    if !config.survey.accept_unsound || survey.views.is_empty() {
+    if !report.accepted {
         return Err(PipelineError::Unsound { findings: findings(&report), report: path });
     }
     let message = format!("the poses look wrong, and were accepted: {}", report.findings.join("; "));

@@ -45,11 +45,12 @@ pub(super) fn run(
     let runs = |stage: Stage| options.from <= stage && stage <= options.until;
 
     let start = Instant::now();
+    let mut reading = None;
     let mut survey: Survey = if runs(Stage::Survey) {
         tell(Event::Stage(Stage::Survey));
         // A terrain model is read around the footprints: with it, the survey is looked over once more.
         let ground = config.terrain.constant_m.map(Terrain::Constant);
-        let survey = soundness::look_over(config, ground.as_ref())?;
+        let survey = soundness::look_over(config, reading.insert(soundness::read(config)?), ground.as_ref())?;
         artefact::write(config, Stage::Survey, &survey)?;
         timed(Stage::Survey, start);
         survey
@@ -66,7 +67,10 @@ pub(super) fn run(
         tell(Event::Stage(Stage::Footprints));
         let (footprints, terrain) = outlines::read(config, &survey)?;
         if matches!(terrain, Terrain::Grid(_)) {
-            survey = soundness::look_over(config, Some(&terrain))?;
+            let reading = reading.take().map_or_else(|| soundness::read(config), Ok)?;
+            survey = soundness::look_over(config, &reading, Some(&terrain))?;
+            // What the ground told of the poses, and was accepted, is for the later stages too.
+            artefact::write(config, Stage::Survey, &survey)?;
         }
         artefact::write(config, Stage::Footprints, &footprints)?;
         timed(Stage::Footprints, start);

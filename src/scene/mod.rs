@@ -50,6 +50,30 @@ impl HeightReference {
     }
 }
 
+/// The form of a roof.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RoofForm {
+    /// One level; also where the photos support no other form.
+    Flat,
+    /// Two slopes that meet in a ridge.
+    Gable,
+    /// Slopes up from every wall.
+    Hip,
+}
+
+impl RoofForm {
+    /// The name in files: `flat`, `gable` or `hip`.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Flat => "flat",
+            Self::Gable => "gable",
+            Self::Hip => "hip",
+        }
+    }
+}
+
 /// Prisms of unknown height on known ground.
 #[derive(Debug, Clone)]
 pub struct Scene {

@@ -13,7 +13,7 @@ use serde::Serialize;
 use crate::crs::Crs;
 use crate::files::{FileError, write_whole_unflushed};
 use crate::ids::ViewId;
-use crate::survey::{View, ViewKind};
+use crate::survey::{ColmapModel, View, ViewKind};
 use crate::terrain::Terrain;
 
 use super::config::{MaskOutline, SimulateConfig};
@@ -146,7 +146,11 @@ fn write_scene(
     let offset = offset(world);
     let given_views = disturb::poses(views, &config.errors, config.seed);
     let points = tie_points::collect(&scene, views, TIE_POINTS_PER_VIEW * views.len(), config.seed);
-    files::write_colmap(&out.join("sparse"), &given_views, offset, &points)?;
+    let model = ColmapModel { views: &given_views, points: &points, offset };
+    if let Some(issue) = model.write(&out.join("sparse"))?.into_iter().next() {
+        let expected = "a lens that COLMAP can express";
+        return Err(SimulateError::Setting { setting: "lens of the given views", found: issue.message, expected });
+    }
     if config.points.per_view > 0 {
         let cloud = points::scatter(&scene, views, &config.points, config.seed);
         crate::cloud::write_text(&out.join("points.xyz"), &cloud)?;

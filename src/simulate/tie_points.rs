@@ -1,10 +1,10 @@
 //! Tie points as structure from motion leaves them: places on surfaces, seen in several photos, with small errors.
 
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 use rayon::prelude::*;
 
 use crate::seed;
-use crate::survey::View;
+use crate::survey::{TiePoint, View};
 
 use super::chance::{between, normal};
 use super::eye::Eye;
@@ -16,17 +16,6 @@ const PIXEL_SD: f64 = 0.4;
 const LEAST_VIEWS: usize = 3;
 /// Longest track.
 const MOST_VIEWS: usize = 12;
-
-/// A point and where it was observed.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct TiePoint {
-    /// Map frame, metres.
-    pub position: DVec3,
-    /// Views by index, and pixels.
-    pub sightings: Vec<(usize, DVec2)>,
-    /// Mean distance between observed and true pixels.
-    pub error_px: f64,
-}
 
 /// At most `n` points, seen in three or more views each.
 pub(super) fn collect(scene: &Scene, views: &[View], n: usize, root_seed: u64) -> Vec<TiePoint> {

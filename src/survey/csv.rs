@@ -261,7 +261,11 @@ fn distortion_of(
         "brown_affine" => Distortion::BrownAffine { k1, k2, k3, k4, p1, p2, skew },
         "rational" => Distortion::Rational { k1, k2, k3, k4, k5, k6, p1, p2 },
         "fisheye" => Distortion::Fisheye { k1, k2, k3, k4 },
-        other => return Err(format!("lens {other:?}: expected none, brown, brown_affine, rational or fisheye")),
+        "fisheye_series" => Distortion::FisheyeSeries { k1, k2, k3 },
+        other => {
+            let known = "none, brown, brown_affine, rational, fisheye or fisheye_series";
+            return Err(format!("lens {other:?}: expected {known}"));
+        }
     })
 }
 

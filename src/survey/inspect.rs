@@ -4,13 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use geo::Contains as _;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 use super::locate::{Facts, locate};
 use super::poses::Poses;
 use super::report::{Spread, SurveyReport};
-use super::{Survey, SurveyConfig, SurveyError, ViewKind, ground, trials};
-use crate::crs::Crs;
+use super::{Survey, SurveyConfig, SurveyError, View, ViewKind, ground, trials};
+use crate::crs::{Crs, Transform};
 use crate::terrain::Terrain;
 
 /// Fewer views than this share looking down, or above the ground, and the poses are wrong.
@@ -20,6 +20,10 @@ const MIN_LOOKS_DOWN: f64 = 0.9;
 const MIN_SEES_AREA: f64 = 0.5;
 /// Drones and survey aircraft fly lower above the ground than this, metres.
 const MAX_ABOVE_GROUND_M: f64 = 10_000.0;
+/// Views further outside the area that a CRS is meant for, degrees, are not in it. Grids are often used beyond their zone.
+const MAX_OUTSIDE_DEG: f64 = 6.0;
+/// Projected positions this near the origin are local, metres: no national grid has land there.
+const LOCAL_WITHIN_M: f64 = 2e4;
 /// Code of the issue of a view that looks up.
 pub(crate) const LOOKS_UP: &str = "view_looks_up";
 
@@ -81,38 +85,77 @@ fn above_ground_m<'a>(survey: &'a Survey, terrain: &'a Terrain) -> impl Iterator
     })
 }
 
-/// Reads a survey and reports on it. A survey that looks wrong is returned with [`SurveyReport::is_sound`] false and
-/// the readings that look better: the caller decides to stop.
+/// A survey that was read, ready to be held against what is known of the place: once its cameras tell where to look
+/// for terrain, it need not be read again.
+pub struct Reading {
+    config: SurveyConfig,
+    project_crs: Crs,
+    survey: Survey,
+    facts: Facts,
+    /// Some of the poses as the file has them, for other readings of it.
+    sample: Poses,
+    about_positions: Option<String>,
+}
+
+impl Reading {
+    /// Reads a survey. One without a usable view is returned: its report says why.
+    ///
+    /// # Errors
+    /// [`SurveyError`] when the file as a whole cannot be read or its CRS cannot be reached.
+    pub fn of(config: &SurveyConfig, project_crs: &Crs) -> Result<Self, SurveyError> {
+        let config = super::with_own_photos(config)?;
+        let poses = super::read_poses(&config)?;
+        let (sample, about_positions) = (trials::sample(&poses), hints_of_positions(&poses, &config));
+        let (survey, facts) = locate(poses, &config, project_crs)?;
+        Ok(Self { config, project_crs: project_crs.clone(), survey, facts, sample, about_positions })
+    }
+
+    /// The views and issues, which do not depend on the place.
+    #[must_use]
+    pub fn survey(&self) -> &Survey {
+        &self.survey
+    }
+
+    /// The same, for good.
+    #[must_use]
+    pub fn into_survey(self) -> Survey {
+        self.survey
+    }
+
+    /// What it holds and whether it looks right. A survey that looks wrong has [`SurveyReport::is_sound`] false and
+    /// the readings that look better: the caller decides to stop.
+    #[must_use]
+    pub fn report(&self, site: Site<'_>) -> SurveyReport {
+        let judgement = Judgement::of(&self.survey, site);
+        let mut report = report_of(self, site, judgement);
+        report.findings.extend(outside_of_use(&self.survey, &self.project_crs));
+        if report.is_sound() {
+            report.equally_plausible = trials::opposite(&self.config, &self.project_crs, site);
+            report.notes.extend(self.about_positions.clone());
+        } else {
+            report.trials = trials::run(&self.sample, &self.config, &self.project_crs, site, judgement);
+            report.findings.extend(self.about_positions.clone());
+        }
+        report
+    }
+}
+
+/// Reads a survey and reports on it: [`Reading`] in one step.
 ///
 /// # Errors
-/// [`SurveyError`] when the file as a whole cannot be read or its CRS cannot be reached.
+/// As [`Reading::of`].
 pub fn inspect(
     config: &SurveyConfig,
     project_crs: &Crs,
     site: Site<'_>,
 ) -> Result<(Survey, SurveyReport), SurveyError> {
-    let config = &super::with_own_photos(config)?;
-    let poses = super::read_poses(config)?;
-    let (survey, facts) = locate(poses.clone(), config, project_crs)?;
-    let judgement = Judgement::of(&survey, site);
-    let mut report = report_of(&survey, &facts, config, project_crs, site, judgement);
-    if report.is_sound() {
-        report.equally_plausible = trials::opposite(config, project_crs, site);
-    } else {
-        report.trials = trials::run(&poses, config, project_crs, site, judgement);
-        report.findings.extend(hints_of_positions(&poses, config));
-    }
-    Ok((survey, report))
+    let reading = Reading::of(config, project_crs)?;
+    let report = reading.report(site);
+    Ok((reading.into_survey(), report))
 }
 
-fn report_of(
-    survey: &Survey,
-    facts: &Facts,
-    config: &SurveyConfig,
-    project_crs: &Crs,
-    site: Site<'_>,
-    judgement: Judgement,
-) -> SurveyReport {
+fn report_of(reading: &Reading, site: Site<'_>, judgement: Judgement) -> SurveyReport {
+    let Reading { config, project_crs, survey, facts, .. } = reading;
     let n_of = |kind: ViewKind| survey.views.iter().filter(|view| view.kind() == kind).count();
     let cameras: BTreeSet<usize> = survey.views.iter().map(|view| Arc::as_ptr(&view.camera) as usize).collect();
     let mut issue_counts: BTreeMap<String, usize> = BTreeMap::new();
@@ -142,6 +185,8 @@ fn report_of(
         rtk: facts.counts.rtk.clone(),
         focal: facts.counts.focal.clone(),
         issue_counts,
+        accepted: false,
+        notes: Vec::new(),
         findings: findings(judgement, above_ground_m, survey),
         trials: Vec::new(),
         equally_plausible: Vec::new(),
@@ -180,20 +225,53 @@ fn findings(judgement: Judgement, above_ground_m: Option<Spread>, survey: &Surve
     findings
 }
 
+/// Says so when most views are far from where the project's CRS is meant to be used.
+fn outside_of_use(survey: &Survey, project_crs: &Crs) -> Option<String> {
+    let [west, south, east, north] = project_crs.area_of_use_deg()?;
+    let lonlat_from_map = Transform::new(project_crs, &project_crs.geographic_base().ok()?).ok()?;
+    let place = |view: &View| lonlat_from_map.point(view.centre().x, view.centre().y).ok();
+    let is_outside = |place: Option<(f64, f64)>| {
+        place.is_none_or(|(lon_deg, lat_deg)| {
+            let off_deg = (west - lon_deg).max(lon_deg - east).max(south - lat_deg).max(lat_deg - north);
+            off_deg > MAX_OUTSIDE_DEG
+        })
+    };
+    let step = survey.views.len().div_ceil(trials::SAMPLE).max(1);
+    let places: Vec<_> = survey.views.iter().step_by(step).map(place).collect();
+    let n_outside = places.iter().filter(|place| is_outside(**place)).count();
+    let first = places.iter().flatten().next();
+    let first = first.map_or(String::new(), |(lon, lat)| format!(" (such as {lon:.2}°, {lat:.2}°)"));
+    (2 * n_outside > places.len()).then(|| {
+        format!(
+            "the cameras lie{first} far outside the area of {project_crs}: {west}° to {east}°, {south}° to {north}°; \
+             a wrong CRS, or an `offset` that is missing"
+        )
+    })
+}
+
+pub(crate) fn looks_like_degrees(position: DVec3) -> bool {
+    position.x.abs() <= 180.0 && position.y.abs() <= 90.0
+}
+
+pub(crate) fn looks_earth_centred(position: DVec3) -> bool {
+    const EARTH_RADII_M: std::ops::Range<f64> = 6.3e6..6.5e6;
+    EARTH_RADII_M.contains(&position.length()) && position.z.abs() > LOCAL_WITHIN_M
+}
+
 /// What positions alone give away about their CRS.
 fn hints_of_positions(poses: &Poses, config: &SurveyConfig) -> Option<String> {
-    const EARTH_RADII_M: std::ops::Range<f64> = 6.3e6..6.5e6;
     let first = poses.poses.first()?.centre;
     if config.crs.is_some() || poses.world != super::poses::World::Unsaid {
         return None;
     }
-    let is_on = |test: fn(&super::poses::Pose) -> bool| poses.poses.iter().all(test);
-    if is_on(|pose| pose.centre.x.abs() <= 180.0 && pose.centre.y.abs() <= 90.0) {
+    let is_on = |test: fn(DVec3) -> bool| poses.poses.iter().all(|pose| test(pose.centre));
+    if is_on(looks_like_degrees) {
         return Some(format!("positions such as {first} look like degrees: `crs = \"EPSG:4979\"`?"));
     }
-    if EARTH_RADII_M.contains(&first.length()) && is_on(|pose| pose.centre.z.abs() > 1e4) {
+    if is_on(looks_earth_centred) {
         return Some(format!("positions such as {first} look earth-centred: `crs = \"EPSG:4978\"`?"));
     }
-    is_on(|pose| pose.centre.truncate().length() < 2e4)
+    let has_offset = config.offset != [0.0; 3] || config.enu_origin.is_some();
+    (!has_offset && is_on(|centre| centre.truncate().length() < LOCAL_WITHIN_M))
         .then(|| format!("positions such as {first} look local: set `offset`, or `enu_origin`"))
 }

@@ -157,7 +157,7 @@ pub(crate) fn locate(
     }
     views.sort_by(|a, b| a.id.cmp(&b.id));
     if let Some(folder) = &config.images {
-        if !folder.is_dir() {
+        if !folder.exists() {
             let message = format!("there is no folder {}", folder.display());
             return Err(SurveyError::config(
                 message,
@@ -166,6 +166,14 @@ pub(crate) fn locate(
         }
         let refused = names_of(&issues);
         issues.extend(photos::attach(&mut views, &refused, folder)?);
+    }
+    if !world.is_metric() && !way.heights.is_choice() && world.vertical_epsg().is_none() {
+        let message = format!("positions in {world} are counted in feet; the heights are taken as metres all the same");
+        let subject = Subject::Input(config.path.display().to_string());
+        issues.push(
+            Issue::new(Severity::Warning, "height_unit_assumed", subject, message)
+                .hint("if they are feet too, name their vertical system: `crs = \"EPSG:2263+6360\"`"),
+        );
     }
     if way.heights.is_choice() {
         let subject = Subject::Input(config.path.display().to_string());
@@ -187,7 +195,8 @@ fn names_of(issues: &[Issue]) -> BTreeSet<String> {
 fn suggest_projected(poses: &Poses, world: &Crs, project_crs: &Crs) -> Result<(), SurveyError> {
     let Err(refused) = project_crs.require_projected_metres() else { return Ok(()) };
     let place = || -> Option<(f64, f64)> {
-        let pose = poses.poses.first()?;
+        // The CRS of poses that nobody named is the refused one: it places them nowhere.
+        let pose = poses.poses.first().filter(|_| poses.world != World::Unsaid || world.is_geographic())?;
         Transform::new(world, &Crs::parse("EPSG:4326").ok()?).ok()?.point(pose.centre.x, pose.centre.y).ok()
     };
     // Metres read as degrees lie nowhere: the project's CRS was taken for the poses' too.

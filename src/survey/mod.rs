@@ -20,7 +20,6 @@ mod opensfm;
 mod opf;
 mod photo;
 mod photos;
-mod picture;
 mod pix4d;
 mod poses;
 mod report;
@@ -35,11 +34,10 @@ pub use config::{
     CameraConfig, CsvConfig, Format, HeightConfig, HeightReference, PixelOrigin, SurveyConfig, TangentialOrder,
 };
 pub use error::{Hint, Place, SurveyError};
-pub use inspect::{Site, inspect};
-pub use picture::{draw, write_picture};
+pub use inspect::{Reading, Site, inspect};
 pub use report::{Spread, SurveyReport, Trial};
 pub use view::{NADIR_WITHIN_DEG, View, ViewKind};
-pub use write::{Converted, Target, convert, write};
+pub use write::{ColmapModel, Converted, Target, TiePoint, convert, write};
 
 use std::fs::File;
 use std::io::Read as _;
@@ -76,12 +74,11 @@ pub fn read(config: &SurveyConfig, project_crs: &Crs) -> Result<Survey, SurveyEr
     Ok(survey)
 }
 
-/// Photos that bring their own poses are their own image folder.
+/// Photos that bring their own poses are their own images: a folder of them, or the one.
 fn with_own_photos(config: &SurveyConfig) -> Result<SurveyConfig, SurveyError> {
     let mut config = config.clone();
     if config.images.is_none() && format_of(&config)? == Format::Photos {
-        let folder = if config.path.is_dir() { Some(config.path.as_path()) } else { config.path.parent() };
-        config.images = folder.map(Path::to_owned);
+        config.images = Some(config.path.clone());
     }
     Ok(config)
 }

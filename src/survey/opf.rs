@@ -8,8 +8,15 @@
 //! processing = swap(scale · base) + shift
 //! ```
 //!
-//! Pixels count from the corner of the image; distortion is Pix4D's, which is `OpenCV`'s. Rigs need nothing more: every
-//! camera has its own pose. Source: <https://github.com/Pix4D/opf-spec>, version 1.0.
+//! Pixels count from the corner of the image; distortion is Pix4D's, which is `OpenCV`'s for perspective lenses and for
+//! fisheyes, θ off the axis, direction (x, y) in the image plane:
+//!
+//! ```text
+//! t = 2θ/π,   ρ = p0 + p1 t + p2 t² + p3 t³ + …,   (u, v) = [c d; e f] · ρ (x, y)/|(x, y)| + principal point
+//! ```
+//!
+//! Rigs need nothing more: every camera has its own pose. Sources: <https://github.com/Pix4D/opf-spec>, version 1.0, and
+//! for the fisheye Pix4D support, "How are the Internal and External Camera Parameters defined?", which it refers to.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -28,6 +35,9 @@ use super::poses::{Pose, Poses, World};
 use crate::camera::{Camera, Distortion};
 use crate::crs::Crs;
 use crate::files::FileError;
+
+/// Coefficients of a fisheye's polynomial, p0 included.
+const MAX_FISHEYE_TERMS: usize = 5;
 
 #[derive(Deserialize)]
 struct Project {
@@ -68,6 +78,11 @@ enum Internals {
         focal_length_px: f64,
         radial_distortion: [f64; 3],
         tangential_distortion: [f64; 2],
+    },
+    Fisheye {
+        principal_point_px: [f64; 2],
+        affine: [f64; 4],
+        polynomial: Vec<f64>,
     },
     #[serde(other)]
     Other,
@@ -209,25 +224,53 @@ fn world(path: &Path, frame: &SceneFrame) -> Result<World, SurveyError> {
 }
 
 fn camera(internals: &Internals, size_px: Option<[f64; 2]>) -> Result<Camera, String> {
-    let Internals::Perspective { principal_point_px, focal_length_px, radial_distortion, tangential_distortion } =
-        internals
-    else {
-        return Err("fisheye and spherical sensors of OPF are not read".to_owned());
-    };
     let [width, height] = size_px.ok_or("its sensor has no image size")?;
-    let ([k1, k2, k3], [p1, p2]) = (*radial_distortion, *tangential_distortion);
-    let is_ideal = [k1, k2, k3, p1, p2].iter().all(|&c| c == 0.0);
+    let is_pixels = |n: f64| n.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(&n);
+    if !(is_pixels(width) && is_pixels(height)) {
+        return Err(format!("image size {width} × {height}: expected pixels"));
+    }
+    let (centre_px, focal_px, distortion) = match internals {
+        Internals::Perspective { principal_point_px, focal_length_px, radial_distortion, tangential_distortion } => {
+            let ([k1, k2, k3], [p1, p2]) = (*radial_distortion, *tangential_distortion);
+            let is_ideal = [k1, k2, k3, p1, p2].iter().all(|&c| c == 0.0);
+            let lens = if is_ideal { Distortion::None } else { Distortion::Brown { k1, k2, k3, p1, p2 } };
+            (principal_point_px, [*focal_length_px; 2], lens)
+        }
+        Internals::Fisheye { principal_point_px, affine, polynomial } => {
+            let (focal_px, lens) = fisheye(*affine, polynomial)?;
+            (principal_point_px, focal_px, lens)
+        }
+        Internals::Other => return Err("spherical sensors of OPF are not read".to_owned()),
+    };
     let camera = Camera {
-        width_px: width.round() as u32,
-        height_px: height.round() as u32,
-        fx_px: *focal_length_px,
-        fy_px: *focal_length_px,
-        cx_px: principal_point_px[0],
-        cy_px: principal_point_px[1],
-        distortion: if is_ideal { Distortion::None } else { Distortion::Brown { k1, k2, k3, p1, p2 } },
+        width_px: width as u32,
+        height_px: height as u32,
+        fx_px: focal_px[0],
+        fy_px: focal_px[1],
+        cx_px: centre_px[0],
+        cy_px: centre_px[1],
+        distortion,
     };
     camera.validate().map_err(|e| e.to_string())?;
     Ok(camera)
+}
+
+/// Focal lengths and lens of a fisheye: with `q = 2/π`, `fx = c q p1` and `θ_d = θ (1 + q p2/p1 θ + q² p3/p1 θ² + …)`.
+fn fisheye([c, d, e, f]: [f64; 4], polynomial: &[f64]) -> Result<([f64; 2], Distortion), String> {
+    let term = |i: usize| polynomial.get(i).copied().unwrap_or(0.0);
+    if d != 0.0 || e != 0.0 {
+        return Err(format!("a fisheye with the shear {d}, {e} is not read: expected 0, 0"));
+    }
+    if term(0) != 0.0 || polynomial.len() > MAX_FISHEYE_TERMS {
+        return Err(format!("the fisheye's polynomial {polynomial:?}: expected 0, p1, p2, p3, p4"));
+    }
+    let per_radian = std::f64::consts::FRAC_2_PI;
+    let focal_px = [c, f].map(|side| side * per_radian * term(1));
+    if !focal_px.iter().all(|focal| *focal > 0.0) {
+        return Err(format!("the fisheye's focal lengths come to {focal_px:?}: expected positive numbers"));
+    }
+    let k = |power: i32| per_radian.powi(power) * term(1 + power as usize) / term(1);
+    Ok((focal_px, Distortion::FisheyeSeries { k1: k(1), k2: k(2), k3: k(3) }))
 }
 
 fn pose(name: &str, camera: Arc<Camera>, from: &CalibratedCamera, frame: &Canonical) -> Result<Pose, String> {
@@ -262,6 +305,27 @@ mod tests {
         // Golden vector of a heading of 90°: image x points south, y west.
         let expected = DMat3::from_cols_array(&[0.0, -1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0]).transpose();
         assert!(pose.camera_from_world.abs_diff_eq(expected, 1e-12), "{}", pose.camera_from_world);
+    }
+
+    #[test]
+    fn a_fisheye_lands_where_pix4ds_formula_says() {
+        // The sensor of the specification's own example.
+        let internals = Internals::Fisheye {
+            principal_point_px: [634.45, 481.23],
+            affine: [1_676.296_432, 0.0, 0.0, 1_676.296_432],
+            polynomial: vec![0.0, 1.0, 0.015_264_6, -0.161_096],
+        };
+        let camera = camera(&internals, Some([1280.0, 960.0])).unwrap();
+        let point = DVec3::new(0.6, -0.3, 1.0);
+        let (r, t) = (point.x.hypot(point.y), 2.0 * point.x.hypot(point.y).atan() / std::f64::consts::PI);
+        let rho = t + 0.015_264_6 * t * t - 0.161_096 * t * t * t;
+        let (u, v) = (1_676.296_432 * rho * 0.6 / r + 634.45, 1_676.296_432 * rho * -0.3 / r + 481.23);
+        let pixel = camera.project(point).unwrap();
+        assert!((pixel.x - u).abs() < 1e-9 && (pixel.y - v).abs() < 1e-9, "{pixel} against {u}, {v}");
+        let back = camera.unproject(pixel).unwrap();
+        assert!((back - point).length() < 1e-10, "{back}");
+        assert!(fisheye([1.0, 0.1, 0.0, 1.0], &[0.0, 1.0]).is_err(), "shear is refused");
+        assert!(fisheye([1.0, 0.0, 0.0, 1.0], &[0.5, 1.0]).is_err(), "p0 is refused");
     }
 
     #[test]

@@ -13,11 +13,14 @@ const PHOTO_EXTENSIONS: [&str; 8] = ["jpg", "jpeg", "tif", "tiff", "png", "webp"
 /// Folders nested deeper than this are not a photo collection but a loop of links.
 const MAX_DEPTH: usize = 16;
 
-/// The photos below a folder, by path, sorted.
+/// The photos below a folder, by path, sorted; one photo stands for itself.
 ///
 /// # Errors
 /// [`FileError`] when the folder cannot be read.
 pub(crate) fn list(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
+    if folder.is_file() {
+        return Ok(vec![folder.to_owned()]);
+    }
     let mut photos = Vec::new();
     collect(folder, 0, &mut photos)?;
     photos.sort();

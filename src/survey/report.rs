@@ -38,6 +38,9 @@ pub struct Trial {
     pub looks_down: f64,
     /// Share of views that then look at the area, 0..1, where one is known.
     pub sees_area: Option<f64>,
+    /// Share of cameras that then stand above the ground, 0..1, where the ground is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub above_ground: Option<f64>,
 }
 
 /// What a survey holds and whether it looks right.
@@ -83,8 +86,14 @@ pub struct SurveyReport {
     pub focal: BTreeMap<String, usize>,
     /// Refused and noted items by code.
     pub issue_counts: BTreeMap<String, usize>,
+    /// Whether poses that look wrong were accepted all the same (`survey.accept_unsound`).
+    #[serde(default)]
+    pub accepted: bool,
     /// What looks wrong; empty for a sound survey.
     pub findings: Vec<String>,
+    /// What is not wrong but worth a look.
+    #[serde(default)]
+    pub notes: Vec<String>,
     /// Readings that look better, the best first.
     pub trials: Vec<Trial>,
     /// Readings that these checks cannot tell from the declared one: a map of the image footprints can.
@@ -119,8 +128,11 @@ fn counts(counts: &BTreeMap<String, usize>) -> String {
 impl fmt::Display for Trial {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "with {}, {} of the views look down", self.change, percent(self.looks_down))?;
-        match self.sees_area {
-            Some(share) => write!(f, " and {} see the area", percent(share)),
+        if let Some(share) = self.sees_area {
+            write!(f, ", {} see the area", percent(share))?;
+        }
+        match self.above_ground {
+            Some(share) => write!(f, ", {} stand above the ground", percent(share)),
             None => Ok(()),
         }
     }
@@ -166,6 +178,9 @@ impl fmt::Display for SurveyReport {
         }
         for trial in &self.equally_plausible {
             writeln!(f, "  note: {trial} as well: compare the image footprints (survey convert) with a map")?;
+        }
+        for note in &self.notes {
+            writeln!(f, "  note: {note}")?;
         }
         if self.is_sound() {
             return writeln!(f, "The poses look right.");

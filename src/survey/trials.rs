@@ -1,21 +1,28 @@
 //! Other readings of a survey that looks wrong, tried on a sample of its poses.
 
-use glam::DMat3;
+use glam::{DMat3, DVec3};
 
 use super::angles::{AngleKind, AngleUnit, CameraAxes, Direction, PitchZero, Sequence};
-use super::inspect::{Judgement, Site};
+use super::inspect::{Judgement, Site, looks_earth_centred, looks_like_degrees};
 use super::locate::locate;
-use super::poses::{Pose, Poses};
-use super::report::Trial;
-use super::{Format, SurveyConfig, csv};
+use super::poses::{Pose, Poses, World};
+use super::report::{Spread, Trial};
+use super::{Format, HeightConfig, HeightReference, SurveyConfig, csv};
 use crate::crs::Crs;
 
 /// Poses that are tried, spread evenly over the file.
-const SAMPLE: usize = 300;
+pub(crate) const SAMPLE: usize = 300;
 /// Readings named in the report.
 const N_NAMED: usize = 3;
 /// A reading has to be better by this much to be worth naming.
 const BETTER_BY: f64 = 0.1;
+
+/// Another reading: what to declare for it, the poses it gives, and how they reach the project.
+struct Candidate {
+    change: String,
+    poses: Poses,
+    config: SurveyConfig,
+}
 
 /// The readings that look clearly better than the declared one, best first.
 pub(crate) fn run(
@@ -26,23 +33,69 @@ pub(crate) fn run(
     declared: Judgement,
 ) -> Vec<Trial> {
     let unmatched = SurveyConfig { images: None, ..config.clone() };
-    let judge = |poses: Poses| -> Option<Judgement> {
-        let (survey, _) = locate(poses, &unmatched, project_crs).ok()?;
-        Some(Judgement::of(&survey, site))
-    };
+    let mut candidates = rotations(poses, &unmatched);
+    candidates.extend(systems(poses, &unmatched, project_crs));
+    candidates.extend(takeoff(poses, &unmatched, project_crs, site));
     let mut found: Vec<(Judgement, String)> = Vec::new();
-    for (change, reading) in readings(poses, config) {
-        if let Some(judgement) = judge(reading).filter(|j| j.score() > declared.score() + BETTER_BY) {
+    for Candidate { change, poses, config } in candidates {
+        let Ok((survey, _)) = locate(poses, &config, project_crs) else { continue };
+        let judgement = Judgement::of(&survey, site);
+        if judgement.score() > declared.score() + BETTER_BY {
             found.push((judgement, change));
         }
     }
     // Sound readings first, then by score to the percent; the sort is stable, so the plainer of two equals leads.
     found.sort_by_key(|(judgement, _)| std::cmp::Reverse((judgement.is_sound(), (100.0 * judgement.score()) as u32)));
     found.truncate(N_NAMED);
-    found
-        .into_iter()
-        .map(|(judgement, change)| Trial { change, looks_down: judgement.looks_down, sees_area: judgement.sees_area })
-        .collect()
+    found.into_iter().map(|(judgement, change)| trial(change, judgement)).collect()
+}
+
+fn trial(change: String, judgement: Judgement) -> Trial {
+    let Judgement { looks_down, sees_area, above_ground } = judgement;
+    Trial { change, looks_down, sees_area, above_ground }
+}
+
+/// Other CRSs of poses whose CRS nobody said: degrees, earth-centred, or the neighbours of the project's UTM zone.
+fn systems(poses: &Poses, config: &SurveyConfig, project_crs: &Crs) -> Vec<Candidate> {
+    if config.crs.is_some() || config.enu_origin.is_some() || poses.world != World::Unsaid {
+        return Vec::new();
+    }
+    let is_on = |test: fn(DVec3) -> bool| poses.poses.iter().all(|pose| test(pose.centre));
+    let mut codes = Vec::new();
+    codes.extend(is_on(looks_like_degrees).then_some(4979));
+    codes.extend(is_on(looks_earth_centred).then_some(4978));
+    codes.extend(project_crs.horizontal_epsg().map(neighbour_zones).unwrap_or_default());
+    let candidate = |code: u32| {
+        let crs = Crs::parse(&format!("EPSG:{code}")).ok()?;
+        let mut config = SurveyConfig { crs: Some(crs), ..config.clone() };
+        // Which height system they are in is another question.
+        config.height.keep_ellipsoidal = config.height.geoid_offset.is_none();
+        Some(Candidate { change: format!("crs = \"EPSG:{code}\""), poses: poses.clone(), config })
+    };
+    codes.into_iter().filter_map(candidate).collect()
+}
+
+/// The zones west and east of a UTM zone on WGS 84 or ETRS89.
+fn neighbour_zones(epsg: u32) -> Vec<u32> {
+    const FAMILIES: [std::ops::RangeInclusive<u32>; 3] = [32601..=32660, 32701..=32760, 25828..=25838];
+    let family = FAMILIES.iter().find(|family| family.contains(&epsg));
+    let in_family = |zone: &u32| family.is_some_and(|family| family.contains(zone));
+    [epsg - 1, epsg + 1].into_iter().filter(in_family).collect()
+}
+
+/// Heights above the take-off, tried on the ground below the cameras.
+fn takeoff(poses: &Poses, config: &SurveyConfig, project_crs: &Crs, site: Site<'_>) -> Option<Candidate> {
+    let terrain = site.terrain?;
+    let (survey, _) = locate(poses.clone(), config, project_crs).ok()?;
+    let centres = survey.views.iter().map(|view| view.camera_from_map.centre());
+    let ground_m = Spread::of(centres.filter_map(|centre| terrain.height_at(centre.x, centre.y)))?.median.round();
+    let height = HeightConfig {
+        reference: Some(HeightReference::AboveTakeoff),
+        base: Some(ground_m),
+        ..HeightConfig::default()
+    };
+    let change = format!("height.reference = \"above_takeoff\", height.base = {ground_m}");
+    Some(Candidate { change, poses: poses.clone(), config: SurveyConfig { height, ..config.clone() } })
 }
 
 /// The reading of a table of angles that looks the other way from the same numbers (Rotterdam's cameras against the
@@ -65,50 +118,42 @@ pub(crate) fn opposite(config: &SurveyConfig, project_crs: &Crs, site: Site<'_>)
         let unmatched = SurveyConfig { images: None, ..config.clone() };
         let (survey, _) = locate(poses, &unmatched, project_crs).ok()?;
         let judgement = Judgement::of(&survey, site);
-        judgement.is_sound().then_some(Trial {
-            change,
-            looks_down: judgement.looks_down,
-            sees_area: judgement.sees_area,
-        })
+        judgement.is_sound().then(|| trial(change, judgement))
     };
     judge().into_iter().collect()
 }
 
 /// Every `n`-th pose, so that at most [`SAMPLE`] are left.
-fn sample(poses: &Poses) -> Poses {
+pub(crate) fn sample(poses: &Poses) -> Poses {
     let step = poses.poses.len().div_ceil(SAMPLE).max(1);
     Poses { poses: poses.poses.iter().step_by(step).cloned().collect(), issues: Vec::new(), ..poses.clone_empty() }
 }
 
-fn readings(poses: &Poses, config: &SurveyConfig) -> Vec<(String, Poses)> {
-    let sampled = sample(poses);
-    let changed = |change: &dyn Fn(&mut Pose)| {
-        let mut changed = sampled.clone();
-        changed.poses.iter_mut().for_each(change);
-        changed
+/// Other meanings of the same numbers.
+fn rotations(poses: &Poses, config: &SurveyConfig) -> Vec<Candidate> {
+    let changed = |change: &str, edit: &dyn Fn(&mut Pose)| {
+        let mut poses = poses.clone();
+        poses.poses.iter_mut().for_each(edit);
+        Candidate { change: change.to_owned(), poses, config: config.clone() }
     };
-    let mut readings = vec![(
-        "x and y exchanged".to_owned(),
-        changed(&|pose| pose.centre = glam::DVec3::new(pose.centre.y, pose.centre.x, pose.centre.z)),
-    )];
+    let swapped = |pose: &mut Pose| pose.centre = DVec3::new(pose.centre.y, pose.centre.x, pose.centre.z);
+    let mut candidates = vec![changed("x and y exchanged", &swapped)];
     if config.format == Format::Csv || config.csv.is_some() {
-        readings.extend(tables(config));
-    } else {
-        let y_up: DMat3 = CameraAxes::XRightYUp.camera_from_axes();
-        readings.push((
-            "rotations read in the other direction".to_owned(),
-            changed(&|pose| pose.camera_from_world = pose.camera_from_world.transpose()),
-        ));
-        readings.push((
-            "camera axes x right, y up".to_owned(),
-            changed(&|pose| pose.camera_from_world = y_up * pose.camera_from_world),
-        ));
-        readings.push((
-            "rotations in the other direction and camera axes x right, y up".to_owned(),
-            changed(&|pose| pose.camera_from_world = y_up * pose.camera_from_world.transpose()),
-        ));
+        let with_config = |(change, poses)| Candidate { change, poses, config: config.clone() };
+        candidates.extend(tables(config).into_iter().map(with_config));
+        return candidates;
     }
-    readings
+    let y_up: DMat3 = CameraAxes::XRightYUp.camera_from_axes();
+    candidates.extend([
+        changed("rotations read in the other direction", &|pose| {
+            pose.camera_from_world = pose.camera_from_world.transpose();
+        }),
+        changed("camera axes x right, y up", &|pose| pose.camera_from_world = y_up * pose.camera_from_world),
+        changed("rotations in the other direction and camera axes x right, y up", &|pose| {
+            pose.camera_from_world = y_up * pose.camera_from_world.transpose();
+        }),
+    ]);
+    candidates
 }
 
 /// Declarations of a table, one option changed before two are.

@@ -40,6 +40,12 @@ pub enum ViewKind {
 }
 
 impl View {
+    /// The projection centre in the map frame.
+    #[must_use]
+    pub fn centre(&self) -> DVec3 {
+        self.camera_from_map.centre()
+    }
+
     /// The optical axis in the map frame, unit length.
     #[must_use]
     pub fn axis_in_map(&self) -> DVec3 {

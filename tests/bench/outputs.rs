@@ -47,6 +47,7 @@ fn house(i: usize, side: usize) -> BuildingRecord {
         height_m: Some(5.0 + (i % 97) as f64 * 0.31),
         height_sigma_m: Some(0.4),
         height_reference: HeightReference::Mean,
+        roof: None,
         status: Status::Measured,
         reasons: Vec::new(),
         views: vec!["IMG_0001.JPG".to_owned(), "IMG_0002.JPG".to_owned(), "IMG_0003.JPG".to_owned()],

@@ -1,4 +1,4 @@
-//! Reading 100,000 poses: parsed, checked, moved to another zone with grid convergence per camera.
+//! Reading 100,000 poses: parsed, checked, moved to another zone with grid convergence per camera; headers of photos.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -10,6 +10,7 @@ use sizeup::crs::Crs;
 use sizeup::survey::{self, SurveyConfig};
 
 const N_POSES: usize = 100_000;
+const N_PHOTOS: usize = 1000;
 
 fn centre(i: usize) -> [f64; 3] {
     [690_000.0 + (i % 400) as f64 * 20.0, 5_760_000.0 + (i / 400) as f64 * 20.0, 210.0]
@@ -48,6 +49,37 @@ fn write_blocks_exchange(path: &Path) {
     fs::write(path, xml).unwrap();
 }
 
+/// A JPEG of nothing but what its header tells.
+fn write_photo(path: &Path, i: usize) {
+    let packet = format!(
+        "http://ns.adobe.com/xap/1.0/\0<x><r GpsLatitude=\"+52.{i:04}\" GpsLongitude=\"+11.5\" RtkFlag=\"50\" \
+         AbsoluteAltitude=\"+150\" GimbalYawDegree=\"10\" GimbalPitchDegree=\"-60\" GimbalRollDegree=\"0\" \
+         CalibratedFocalLength=\"3700\"/></x>"
+    );
+    let mut bytes = vec![0xFF, 0xD8, 0xFF, 0xE1];
+    bytes.extend(u16::try_from(packet.len() + 2).unwrap().to_be_bytes());
+    bytes.extend(packet.as_bytes());
+    bytes.extend([0xFF, 0xC0, 0, 11, 8, 15, 116, 20, 160, 1, 0, 0, 0]);
+    fs::write(path, bytes).unwrap();
+}
+
+fn read_1000_photos(c: &mut Criterion) {
+    let folder = tempfile::tempdir().unwrap();
+    for i in 0..N_PHOTOS {
+        write_photo(&folder.path().join(format!("{i:04}.jpg")), i);
+    }
+    let mut config = SurveyConfig::at(folder.path());
+    config.height.keep_ellipsoidal = true;
+    let utm = Crs::parse("EPSG:25832").unwrap();
+    c.bench_function("survey/headers of 1000 photos", |bencher| {
+        bencher.iter(|| {
+            let survey = survey::read(&config, &utm).unwrap();
+            assert_eq!(survey.views.len(), N_PHOTOS);
+            black_box(survey)
+        });
+    });
+}
+
 fn read_100_000_poses(c: &mut Criterion) {
     let folder = tempfile::tempdir().unwrap();
     write_colmap(folder.path());
@@ -73,5 +105,6 @@ fn read_100_000_poses(c: &mut Criterion) {
 fn main() {
     let mut criterion = Criterion::default().configure_from_args();
     read_100_000_poses(&mut criterion);
+    read_1000_photos(&mut criterion);
     criterion.final_summary();
 }

@@ -75,6 +75,46 @@ fn a_writer_that_is_killed_leaves_the_old_file() {
     }
 }
 
+/// Every file of a folder with its bytes.
+fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(contents(&path));
+        } else {
+            found.push((path.clone(), std::fs::read(&path).unwrap()));
+        }
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn a_tileset_stays_whole_when_its_next_writer_fails_or_is_killed() {
+    let folder = tempfile::tempdir().unwrap();
+    let [a, b] = ["a", "b"].map(|name| input(folder.path(), name));
+    let tiles = folder.path().join("tiles");
+    let export = |input: &Path, limit: &str| {
+        Command::new("bash")
+            .args(["-c", &format!("{limit} exec \"$@\""), "bash", env!("CARGO_BIN_EXE_sizeup"), "export"])
+            .args([input, &tiles])
+            .args(["--to", "3dtiles", "--geoid-height", "43"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status()
+            .unwrap()
+    };
+    assert!(export(&a, "").success());
+    let before = contents(&tiles);
+    for limit in ["trap '' XFSZ; ulimit -f 4;", "ulimit -f 4;"] {
+        assert!(!export(&b, limit).success(), "{limit}");
+        assert_eq!(contents(&tiles), before, "{limit}");
+    }
+    assert!(export(&b, "").success());
+    assert_ne!(contents(&tiles), before);
+}
+
 #[test]
 fn a_full_disk_leaves_the_old_file() {
     let folder = tempfile::tempdir().unwrap();

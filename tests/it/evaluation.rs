@@ -195,12 +195,7 @@ fn our_result_against_our_own_cityjson_as_reference_is_perfect() {
 
 /// The folder of real data beside the checkout, if it is there.
 pub fn shared_data(name: &str) -> Option<PathBuf> {
-    let candidates = ["../shared/data", "../../shared/data"];
-    let path = candidates.iter().map(|c| Path::new(env!("CARGO_MANIFEST_DIR")).join(c).join(name)).find(|p| p.exists());
-    if path.is_none() {
-        eprintln!("skipped: {name} is not there");
-    }
-    path
+    crate::shared_data::shared_data(name)
 }
 
 #[test]

@@ -14,7 +14,7 @@ use sizeup::frames::Rigid;
 use sizeup::issue::{Issue, Severity, Subject};
 use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::geopackage::{self, GeoPackageConfig};
-use sizeup::output::{BuildingRecord, CityModel, HeightReference, InputFile, Lineage, Status};
+use sizeup::output::{BuildingRecord, CityModel, HeightReference, InputFile, Lineage, RoofForm, RoofShape, Status};
 use sizeup::survey::{Survey, View};
 
 /// A small town with one building of every kind.
@@ -49,6 +49,7 @@ pub fn building(id: &str, footprint: Option<Polygon<f64>>, height_m: Option<f64>
         height_m,
         height_sigma_m: height_m.map(|_| 0.31),
         height_reference: HeightReference::Mean,
+        roof: None,
         status,
         reasons: if status == Status::Measured { Vec::new() } else { vec!["too_few_views".to_owned()] },
         views: vec!["a.jpg".to_owned(), "b.jpg".to_owned()],
@@ -70,9 +71,13 @@ pub fn town() -> Town {
     let mut refused = building("no outline", None, None, Status::Refused);
     refused.ground_z_m = None;
     refused.base_z_m = None;
+    let gable = BuildingRecord {
+        roof: Some(RoofShape { form: RoofForm::Gable, eave_height_m: 6.0, ridge_height_m: 9.0 }),
+        ..building("row 2", Some(rectangle(10.0, 0.0, 10.0, 8.0)), Some(7.5), Status::Measured)
+    };
     let records = vec![
         building("row 1", Some(rectangle(0.0, 0.0, 10.0, 8.0)), Some(6.25), Status::Measured),
-        building("row 2", Some(rectangle(10.0, 0.0, 10.0, 8.0)), Some(7.5), Status::Measured),
+        gable,
         building("courtyard", Some(courtyard), Some(15.0), Status::Doubtful),
         building("tower", Some(tower), Some(61.0), Status::Fallback),
         building("unknown", Some(rectangle(30.0, 40.0, 20.0, 9.0)), None, Status::Unknown),

@@ -181,4 +181,8 @@ fn names_of_3dbag_stand_beside_ours() {
     assert_eq!((&courtyard["b3_opp_grond"], &courtyard["b3_volume_lod12"]), (&json!(800.0), &json!(12_480.0)));
     assert_eq!(courtyard["height_m"], 15.0);
     assert_eq!(objects["unknown"]["attributes"].get("b3_h_dak_50p"), None);
+    // Ground at 12 m, eaves 6 m and ridge 9 m above it, mean 7.5 m.
+    let gable = &objects["row 2"]["attributes"];
+    let levels = ["b3_h_dak_min", "b3_h_dak_50p", "b3_h_dak_max"].map(|name| gable[name].as_f64().unwrap());
+    assert_eq!((levels, &gable["b3_dak_type"]), ([18.0, 19.5, 21.0], &json!("slanted")));
 }

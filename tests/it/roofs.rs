@@ -33,16 +33,30 @@ fn run(folder: &Path, settings: &[&str]) -> (Value, Value) {
     (city, heights["data"]["solution"].clone())
 }
 
-/// Mean absolute error of the heights against one of the truth's, metres.
-fn error_m(folder: &Path, city: &Value, truth_name: &str) -> f64 {
+/// The truth of each building beside the attributes that the city states of it.
+fn pairs<'a>(folder: &Path, city: &'a Value) -> Vec<(Value, &'a Value)> {
     let truth: Value = serde_json::from_slice(&fs::read(folder.join("truth.geojson")).unwrap()).unwrap();
-    let of_building = |feature: &Value| {
-        let truth = &feature["properties"];
-        let found = &city["CityObjects"][truth["id"].as_str().unwrap()]["attributes"]["height_m"];
-        (found.as_f64().expect("every building is seen") - truth[truth_name].as_f64().unwrap()).abs()
+    let features = truth["features"].as_array().unwrap().iter().map(|feature| feature["properties"].clone());
+    features
+        .map(|truth| {
+            let stated = &city["CityObjects"][truth["id"].as_str().unwrap()]["attributes"];
+            (truth, stated)
+        })
+        .collect()
+}
+
+/// Mean absolute error of an attribute against one of the truth's, metres.
+fn error_of(folder: &Path, city: &Value, attribute: &str, truth_name: &str) -> f64 {
+    let error = |(truth, stated): (Value, &Value)| {
+        (stated[attribute].as_f64().expect("every building is seen") - truth[truth_name].as_f64().unwrap()).abs()
     };
-    let errors: Vec<f64> = truth["features"].as_array().unwrap().iter().map(of_building).collect();
+    let errors: Vec<f64> = pairs(folder, city).into_iter().map(error).collect();
     errors.iter().sum::<f64>() / errors.len() as f64
+}
+
+/// The same of the heights.
+fn error_m(folder: &Path, city: &Value, truth_name: &str) -> f64 {
+    error_of(folder, city, "height_m", truth_name)
 }
 
 #[test]
@@ -60,6 +74,16 @@ fn each_height_reference_states_its_own_height_of_a_pitched_roof() {
         let stated = city["CityObjects"].as_object().unwrap().values().next().unwrap();
         assert_eq!(stated["attributes"]["height_reference"], reference);
     }
+    let (city, _) = run(folder.path(), &[]);
+    let [eave_m, ridge_m] = [("eave_height_m", "eave_m"), ("ridge_height_m", "ridge_m")]
+        .map(|(attribute, truth_name)| error_of(folder.path(), &city, attribute, truth_name));
+    assert!(eave_m < 0.5 && ridge_m < 0.5, "eave {eave_m:.2} m, ridge {ridge_m:.2} m");
+    let is_pitched = |form: &Value| form == "gable" || form == "hip";
+    let pairs = pairs(folder.path(), &city);
+    let n_right = pairs.iter().filter(|(truth, stated)| is_pitched(&truth["roof"]) == is_pitched(&stated["roof_form"]));
+    let (n_right, n) = (n_right.count(), pairs.len());
+    println!("pitched or flat told right: {n_right} of {n}; eave {eave_m:.2} m, ridge {ridge_m:.2} m off");
+    assert!(10 * n_right >= 9 * n, "pitched or flat: {n_right} of {n} right");
     let (flat, _) = run(folder.path(), &["optimise.search.pitched_roofs=false"]);
     let (pitched, _) = run(folder.path(), &[]);
     let (flat_m, pitched_m) = (error_m(folder.path(), &flat, "height_m"), error_m(folder.path(), &pitched, "height_m"));

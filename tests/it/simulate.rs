@@ -10,6 +10,8 @@ use sizeup::simulate::{
     simulate_with_views, world,
 };
 
+use crate::shared_data::shared_data;
+
 /// A scene of seconds: a few small buildings and photos.
 fn small() -> SimulateConfig {
     let mut config = SimulateConfig::default();
@@ -168,12 +170,7 @@ fn every_preset_is_within_its_own_ranges() {
 
 #[test]
 fn real_buildings_from_cityjson_are_seen_and_measured() {
-    let path =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/rotterdam_lod2/rotterdam_delfshaven.city.json");
-    if !path.exists() {
-        println!("skipped: {} is absent", path.display());
-        return;
-    }
+    let Some(path) = shared_data("rotterdam_lod2/rotterdam_delfshaven.city.json") else { return };
     let mut config = small();
     config.cityjson = Some(CityJsonConfig {
         path,
@@ -222,12 +219,8 @@ fn given_cameras_take_the_photos_at_a_reduced_size() {
 fn real_cameras_see_real_roofs_where_they_are() {
     use sizeup::survey::{SurveyConfig, View};
 
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-    let (cameras, city) = (data.join("rotterdam_oblique_cameras"), data.join("rotterdam_lod2"));
-    if !(cameras.is_dir() && city.is_dir()) {
-        println!("skipped: {} is absent", data.display());
-        return;
-    }
+    let Some(cameras) = shared_data("rotterdam_oblique_cameras") else { return };
+    let Some(city) = shared_data("rotterdam_lod2") else { return };
     let mut survey: SurveyConfig = toml::from_str(
         "format = 'csv'\npath = 'camera_parameters.txt'\ncrs = 'EPSG:7415'\n[csv]\nname = 'image_id'\nangles = 'opk'\n\
          sequence = 'zyx'\ndirection = 'world_to_camera'",

@@ -63,6 +63,41 @@ fn cameras_below_the_ground_are_told_and_pictures_drawn() {
 }
 
 #[test]
+fn outlines_still_to_come_do_not_keep_the_poses_from_being_looked_at() {
+    let folder = tempfile::tempdir().unwrap();
+    table(&folder.path().join("poses.csv"), 10, 10.0);
+    let config = folder.path().join("sizeup.toml");
+    let settings =
+        "project = { crs = \"EPSG:25832\" }\nsurvey = { path = \"poses.csv\" }\nterrain = { dtm = \"dtm.tif\" }\n";
+    let inspect = |footprints: &str, more: &[&str]| {
+        fs::write(&config, format!("{settings}footprints = {footprints}\n")).unwrap();
+        sizeup(&[&["survey", "inspect", "--config", config.to_str().unwrap(), "--ground", "80"], more].concat())
+    };
+    let absent = inspect("{ path = \"absent.gpkg\" }", &[]);
+    assert_eq!(absent.status.code(), Some(0), "{}", text(&absent.stderr));
+    assert!(text(&absent.stderr).contains("absent.gpkg is not there"), "{}", text(&absent.stderr));
+    // A flag names a layer, also where the file has masks.
+    let masks = "{ source = \"masks\", path = \"{stem}.png\", kind = \"instance\" }";
+    let area = folder.path().join("area.geojson");
+    let ring = json!([[9.95, 52.01], [9.98, 52.01], [9.98, 52.03], [9.95, 52.03], [9.95, 52.01]]);
+    let layer = json!({ "type": "FeatureCollection", "features": [{ "type": "Feature", "properties": { "id": "a" },
+        "geometry": { "type": "Polygon", "coordinates": [ring] } }] });
+    fs::write(&area, layer.to_string()).unwrap();
+    let seen = inspect(masks, &["--footprints", area.to_str().unwrap(), "--set", "footprints.id_field=id"]);
+    assert_eq!(seen.status.code(), Some(0), "{}{}", text(&seen.stdout), text(&seen.stderr));
+    assert!(text(&seen.stdout).contains("see the area            100 %"), "{}", text(&seen.stdout));
+}
+
+#[test]
+fn an_unknown_crs_is_told_by_us_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let poses = folder.path().join("poses.csv");
+    table(&poses, 3, 10.0);
+    let told = text(&sizeup(&["survey", "inspect", poses.to_str().unwrap(), "--crs", "EPSG:99999"]).stderr);
+    assert!(told.contains("unknown CRS \"EPSG:99999\"") && !told.contains("proj_create"), "{told}");
+}
+
+#[test]
 fn a_conversion_reads_back() {
     let folder = tempfile::tempdir().unwrap();
     let poses = folder.path().join("poses.csv");
@@ -183,7 +218,7 @@ fn a_network_is_described_without_running_it() {
 }
 
 /// A calibrated project as the OPF specification 1.0 lays it out.
-fn opf(folder: &Path) {
+pub fn opf(folder: &Path) {
     let item = |kind: &str, file: &str, format: &str| {
         json!({ "id": kind, "type": kind, "sources": [],
                 "resources": [{ "uri": file, "format": format!("application/opf-{format}+json") }] })
@@ -205,7 +240,7 @@ fn opf(folder: &Path) {
             { "id": 1, "internals": { "type": "perspective", "principal_point_px": [3001.23, 2011.24],
               "focal_length_px": 5312.353, "radial_distortion": [-0.0144, 0.0123, -2e-5],
               "tangential_distortion": [0.0012, 0.0004] } },
-            { "id": 2, "internals": { "type": "fisheye", "principal_point_px": [634.0, 481.0], "affine": [1.0, 0.0, 0.0, 1.0],
+            { "id": 2, "internals": { "type": "fisheye", "principal_point_px": [634.0, 481.0], "affine": [1000.0, 0.0, 0.0, 1000.0],
               "polynomial": [0.0, 1.0], "is_p0_zero": true, "is_symmetric_affine": true } },
         ],
         "cameras": [
@@ -226,7 +261,10 @@ fn an_opf_project_is_read_as_its_specification_says() {
     let crs = sizeup::crs::Crs::parse("EPSG:25832").unwrap();
     let config = sizeup::survey::SurveyConfig::at(folder.path());
     let survey = sizeup::survey::read(&config, &crs).unwrap();
-    assert_eq!((survey.views.len(), survey.issues.len()), (1, 1), "{:?}", survey.issues);
+    assert_eq!((survey.views.len(), survey.issues.len()), (2, 0), "{:?}", survey.issues);
+    let fisheye = &survey.views[1].camera;
+    // 1000 px at 90° off the axis, equidistant.
+    assert!((fisheye.fx_px - 1000.0 * std::f64::consts::FRAC_2_PI).abs() < 1e-9, "{fisheye:?}");
     let view = &survey.views[0];
     assert_eq!((view.id.0.as_str(), view.camera.width_px), ("DJI_1.jpg", 6000));
     let expected = glam::DVec3::new(566_010.0, 5_763_020.0, 180.0);
@@ -260,6 +298,8 @@ fn a_run_stops_on_wrong_poses_unless_they_are_accepted_knowingly() {
     assert!(result.join("pictures/survey.png").is_file());
     let accepted = sizeup(&[&args[..], &["--set", "survey.accept_unsound=true"]].concat());
     assert_eq!(accepted.status.code(), Some(0), "{}", text(&accepted.stderr));
+    let report: Value = serde_json::from_slice(&fs::read(result.join("survey.json")).unwrap()).unwrap();
+    assert_eq!(report["accepted"], json!(true));
     let stage = fs::read_to_string(result.join("stages/survey.json")).unwrap();
     assert!(stage.contains("survey_unsound_accepted"), "the choice is recorded");
 }

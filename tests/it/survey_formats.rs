@@ -11,7 +11,7 @@ use sizeup::crs::{Crs, Geocentric, Transform, enu_from_geocentric};
 use sizeup::survey::{self, CameraConfig, Format, HeightConfig, HeightReference, Survey, SurveyConfig, View};
 
 /// Rows of `camera_from_world` (x right; y down; z forward) in east, north, up.
-const ROWS: [[f64; 3]; 3] = [
+pub const ROWS: [[f64; 3]; 3] = [
     [0.831_915_9, -0.551_469_1, -0.061_628_4],
     [-0.427_687_3, -0.566_463_6, -0.704_416_0],
     [0.353_553_4, 0.612_372_4, -std::f64::consts::FRAC_1_SQRT_2],
@@ -86,7 +86,7 @@ fn colmap_binary() {
     assert_golden(&read(folder.path()));
 }
 
-fn blocks_exchange(orientation: &str, rotation: &str) -> String {
+pub fn blocks_exchange(orientation: &str, rotation: &str) -> String {
     format!(
         r#"<?xml version="1.0" encoding="UTF-8"?>
         <BlocksExchange version="3.2">
@@ -109,7 +109,7 @@ fn blocks_exchange(orientation: &str, rotation: &str) -> String {
     )
 }
 
-fn matrix_elements(rows: [[f64; 3]; 3]) -> String {
+pub fn matrix_elements(rows: [[f64; 3]; 3]) -> String {
     let element = |i: usize| format!("<M_{0}{1}>{2}</M_{0}{1}>", i / 3, i % 3, rows[i / 3][i % 3]);
     (0..9).map(element).collect()
 }
@@ -439,7 +439,7 @@ fn without_its_grid_a_height_system_is_refused_by_the_grids_name() {
 }
 
 /// A JPEG of nothing but an XMP packet and a frame header.
-fn photo(path: &Path, tags: &str, width: u16, height: u16) {
+pub fn photo(path: &Path, tags: &str, width: u16, height: u16) {
     let packet = format!(
         "http://ns.adobe.com/xap/1.0/\0<x:xmpmeta xmlns:x=\"adobe:ns:meta/\"><rdf:RDF xmlns:rdf=\"r\"><rdf:Description \
          xmlns:drone-dji=\"d\" {tags}/></rdf:RDF></x:xmpmeta>\n\n"

@@ -7,7 +7,7 @@ use serde_json::{Map as JsonMap, Value, json};
 use super::super::attributes::{self, FIELDS, is_list, metres};
 use super::super::grid::Grid;
 use super::super::prism::Prism;
-use super::super::{BuildingRecord, HeightReference};
+use super::super::{BuildingRecord, HeightReference, RoofForm};
 use crate::geodata::features::ColumnKind;
 
 /// Prefix of our attributes where the file declares our extension: names of an extension begin with `+`.
@@ -24,8 +24,8 @@ pub enum AttributeNames {
     #[serde(rename = "sizeup")]
     Sizeup,
     /// Ours, and beside them those of the Dutch 3DBAG (docs.3dbag.nl) that mean the same: `identificatie`,
-    /// `b3_h_maaiveld`, `b3_h_dak_min`, `b3_h_dak_50p` or `b3_h_dak_max` by what the height stands for,
-    /// `b3_opp_grond`, `b3_volume_lod12`.
+    /// `b3_h_maaiveld`, `b3_h_dak_min`, `b3_h_dak_50p` or `b3_h_dak_max` by what the height stands for, all of them and
+    /// `b3_dak_type` where the roof's form is known, `b3_opp_grond`, `b3_volume_lod12`.
     #[serde(rename = "3dbag")]
     ThreeDBag,
 }
@@ -46,6 +46,12 @@ pub fn three_d_bag(record: &BuildingRecord, prism: Option<&Prism>, grid: &Grid) 
             HeightReference::Ridge => "b3_h_dak_max",
         };
         set(name, metres(roof_m));
+    }
+    if let Some((roof, ground_m)) = record.roof.zip(record.ground_z_m) {
+        let is_flat = roof.form == RoofForm::Flat;
+        set("b3_dak_type", json!(if is_flat { "horizontal" } else { "slanted" }));
+        set("b3_h_dak_min", metres(ground_m + roof.eave_height_m));
+        set("b3_h_dak_max", metres(ground_m + roof.ridge_height_m));
     }
     if let Some(prism) = prism {
         let area_m2 = prism.outline().area() * grid.scale_m.powi(2);
@@ -78,6 +84,7 @@ pub fn extension_schema() -> Value {
             match (&*field.name, field.kind) {
                 ("status", _) => json!({ "enum": ["measured", "doubtful", "fallback", "unknown", "refused"] }),
                 ("height_reference", _) => json!({ "enum": ["eave", "mean", "ridge"] }),
+                ("roof_form", _) => json!({ "enum": ["flat", "gable", "hip"] }),
                 (_, ColumnKind::Text) => json!({ "type": "string" }),
                 (_, ColumnKind::Real) => json!({ "type": "number" }),
                 (_, ColumnKind::Integer) => json!({ "type": "integer" }),

@@ -1,4 +1,4 @@
-//! Pictures of a result as PNG: a map of the heights, a depth panel of one view, prism edges over a photo,
+//! Pictures of a result as PNG: a map of the heights, one of the survey, a depth panel of one view, prism edges over a photo,
 //! charts, and a map of errors.
 //!
 //! Colours come from maps that are even in lightness and readable by colour-blind people ([`colour`]).
@@ -11,7 +11,9 @@ mod map;
 mod overlay;
 mod pairs;
 mod panel;
+mod plan;
 mod scale;
+mod survey;
 
 use std::io::Cursor;
 use std::path::Path;
@@ -27,6 +29,7 @@ pub use map::{MapConfig, map};
 pub use overlay::{OverlayConfig, Polyline, overlay};
 pub use pairs::{PicturedPair, beside, pairs_picture};
 pub use panel::{PanelConfig, PanelDepths, depth_panel};
+pub use survey::survey_map;
 
 /// Writes a picture as PNG, whole or not at all.
 ///

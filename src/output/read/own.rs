@@ -9,7 +9,7 @@ use serde_json::{Map as JsonMap, Value};
 use super::super::attributes::{FIELDS, ID, MEASURED_HEIGHT, original_name};
 use super::super::cityjson::EXTENSION_PREFIX;
 use super::super::outlines::LIST_SEPARATOR;
-use super::super::{BuildingRecord, HeightReference, Status};
+use super::super::{BuildingRecord, HeightReference, RoofShape, Status};
 use super::{FoundBuilding, FoundBuildings};
 
 impl FoundBuildings {
@@ -42,11 +42,18 @@ impl FoundBuilding {
             height_m,
             height_sigma_m: number("height_sigma_m"),
             height_reference: self.named("height_reference").unwrap_or(HeightReference::Mean),
+            roof: self.roof(),
             status: self.named("status").unwrap_or(otherwise),
             reasons: self.list("reasons"),
             views: self.list("views"),
             attributes: self.carried(),
         }
+    }
+
+    fn roof(&self) -> Option<RoofShape> {
+        let number = |name: &str| self.own(name).and_then(Value::as_f64);
+        let (eave_height_m, ridge_height_m) = (number("eave_height_m")?, number("ridge_height_m")?);
+        Some(RoofShape { form: self.named("roof_form")?, eave_height_m, ridge_height_m })
     }
 
     /// One of our attributes, also under its name in our extension.

@@ -7,6 +7,8 @@ mod colmap;
 mod layers;
 mod table;
 
+pub use colmap::{ColmapModel, TiePoint};
+
 use std::path::{Path, PathBuf};
 
 use super::{Format, Survey, SurveyConfig, SurveyError};

@@ -43,6 +43,7 @@ fn camera_fields(camera: &Camera) -> impl Iterator<Item = String> + use<> {
         Distortion::BrownAffine { .. } => "brown_affine",
         Distortion::Rational { .. } => "rational",
         Distortion::Fisheye { .. } => "fisheye",
+        Distortion::FisheyeSeries { .. } => "fisheye_series",
     };
     let coefficients: Vec<(&str, f64)> = camera.distortion.coefficients().collect();
     let coefficient = move |name: &str| {
