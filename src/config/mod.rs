@@ -15,6 +15,7 @@ use crate::optimise::OptimiseConfig;
 use crate::output::cityjson::CityJsonConfig;
 use crate::output::geopackage::GeoPackageConfig;
 use crate::prior::PriorConfig;
+use crate::report::ReportConfig;
 use crate::survey::SurveyConfig;
 use crate::terrain::{GroundConfig, TerrainConfig};
 
@@ -109,11 +110,18 @@ pub struct OutputConfig {
     pub cityjson: CityJsonConfig,
     /// `GeoPackage`.
     pub geopackage: GeoPackageConfig,
+    /// The report.
+    pub report: ReportConfig,
 }
 
 impl Default for OutputConfig {
     fn default() -> Self {
-        Self { pictures: true, cityjson: CityJsonConfig::default(), geopackage: GeoPackageConfig::default() }
+        Self {
+            pictures: true,
+            cityjson: CityJsonConfig::default(),
+            geopackage: GeoPackageConfig::default(),
+            report: ReportConfig::default(),
+        }
     }
 }
 

@@ -12,6 +12,7 @@ mod bleed;
 mod calibrate;
 mod config;
 mod evidence;
+mod inspect;
 mod ordinal;
 mod roof;
 mod score;
@@ -19,5 +20,6 @@ mod search;
 mod solve;
 
 pub use config::{Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
+pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
 pub use roof::{Roof, RoofForm};
 pub use solve::{EpochRecord, Problem, Reason, Solution, SolvedHeight, Solving, ViewInput, solve};

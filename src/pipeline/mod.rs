@@ -12,11 +12,13 @@
 
 mod artefact;
 mod error;
+mod evidence;
 mod footprints;
 mod input;
 mod look;
 mod pictures;
 mod records;
+mod report;
 mod soundness;
 mod stages;
 
