@@ -149,8 +149,7 @@ impl Look<'_> {
         }
         let camera = &self.problem.views[view].placed.camera;
         let size = glam::DVec2::new(f64::from(camera.width_px), f64::from(camera.height_px));
-        let end =
-            |at: usize| (evidence.profiles.rays[compared.rays[at] as usize].centre() / size).as_vec2().to_array();
+        let end = |at: usize| (evidence.profiles.rays[compared.rays[at] as usize].centre() / size).as_vec2().to_array();
         let mut rng = seed::stream(self.problem.seed, "inspected pairs", &[view as u64, u64::from(building)]);
         let draw = |_| {
             let (p, q) = (own[rng.random_range(0..own.len())], around[rng.random_range(0..around.len())]);

@@ -199,16 +199,24 @@ impl Studio<'_> {
             let seen = inspection.views.iter().find(|v| v.view == view_idx)?;
             let [width, height] = self.size_px(cut);
             let depth_px = [width, height].map(|n| ((f64::from(n) * DEPTH_SHARE) as u32).max(1));
-            Some((at, Crop {
-                view: view_idx,
-                photo: photo.as_ref().map(|photo| cut_out(photo, view, cut, [width, height])),
-                rendered: depth_picture(&self.rendered(&placed, cut, depth_px), PriorKind::Depth, depth_px[0], depth_px[1]),
-                prior: prior.as_ref().map(|prior| {
-                    depth_picture(&cut_prior(prior, view, cut, depth_px), prior.kind, depth_px[0], depth_px[1])
-                }),
-                lines: self.lines(inspection.building, &placed, cut),
-                pairs: pairs(seen, view, cut),
-            }))
+            Some((
+                at,
+                Crop {
+                    view: view_idx,
+                    photo: photo.as_ref().map(|photo| cut_out(photo, view, cut, [width, height])),
+                    rendered: depth_picture(
+                        &self.rendered(&placed, cut, depth_px),
+                        PriorKind::Depth,
+                        depth_px[0],
+                        depth_px[1],
+                    ),
+                    prior: prior.as_ref().map(|prior| {
+                        depth_picture(&cut_prior(prior, view, cut, depth_px), prior.kind, depth_px[0], depth_px[1])
+                    }),
+                    lines: self.lines(inspection.building, &placed, cut),
+                    pairs: pairs(seen, view, cut),
+                },
+            ))
         };
         shown.iter().filter_map(one).collect()
     }
@@ -238,9 +246,7 @@ impl Studio<'_> {
 
     fn rendered(&self, placed: &PlacedCamera, cut: Cut, size_px: [u32; 2]) -> Raster<f32> {
         let mut scratch = Vec::new();
-        sampled(cut, size_px, |pixel| {
-            placed.ray(pixel).map_or(f32::NAN, |ray| self.tracer.trace(&ray, &mut scratch).0)
-        })
+        sampled(cut, size_px, |pixel| placed.ray(pixel).map_or(f32::NAN, |ray| self.tracer.trace(&ray, &mut scratch).0))
     }
 
     /// Edges of the building and of the roofs around it.

@@ -16,6 +16,7 @@ mod evidence;
 mod footprints;
 mod input;
 mod look;
+mod overview;
 mod pictures;
 mod records;
 mod report;

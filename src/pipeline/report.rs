@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use super::stages::SceneStage;
-use super::{HeightStage, PipelineError, evidence};
+use super::{HeightStage, PipelineError, evidence, overview};
 use crate::config::RunConfig;
 use crate::optimise::EpochRecord;
-use crate::output::CityModel;
+use crate::output::{CityModel, picture};
 use crate::prior::Priors;
 use crate::report::{self, Pass, Report, ViewUse};
 use crate::survey::{Survey, SurveyReport, ViewKind};
@@ -20,6 +20,10 @@ pub(super) fn write(
     priors: &Priors,
 ) -> Result<(), PipelineError> {
     let folder = &config.project.output;
+    let overview = config.output.pictures.then(|| overview::draw(&stage.scene, &heights.solution.heights));
+    if let Some(overview) = &overview {
+        picture::write_png(&folder.join("pictures").join("overview.png"), overview)?;
+    }
     let report = Report {
         model: *model,
         terrain: &stage.terrain,
@@ -28,7 +32,7 @@ pub(super) fn write(
         solved: &heights.solved,
         survey: survey_report(config),
         evidence: evidence::gather(config, model.survey, stage, heights, priors),
-        overview: None,
+        overview,
         config: config.to_toml(),
     };
     Ok(report::write(&folder.join("report.html"), &report)?)

@@ -8,6 +8,7 @@ use serde::Serialize;
 use serde_json::{Map as JsonMap, Value};
 
 use crate::output::BuildingRecord;
+use crate::output::attributes::round_m;
 use crate::terrain::Terrain;
 
 /// Steps of an outline's coordinates in a metre: centimetres.
@@ -51,7 +52,7 @@ pub struct Ground {
     z: Vec<Option<f64>>,
 }
 
-/// To a centimetre: below anything that is measured here.
+/// To a centimetre: below anything that is seen in a picture.
 pub fn round_cm(value_m: f64) -> f64 {
     (value_m * PER_METRE).round() / PER_METRE + 0.0
 }
@@ -66,13 +67,9 @@ pub fn origin(records: &[BuildingRecord]) -> [f64; 3] {
 
 fn extent(records: &[BuildingRecord]) -> Option<[[f64; 2]; 2]> {
     let boxes = records.iter().filter_map(|r| r.footprint.as_ref()?.bounding_rect());
-    boxes.fold(None, |whole: Option<[[f64; 2]; 2]>, b| {
-        let own = [[b.min().x, b.min().y], [b.max().x, b.max().y]];
-        let [low, high] = whole.unwrap_or(own);
-        let pick = |i: usize| ([low[i].min(own[0][i]), high[i].max(own[1][i])], i);
-        let ([x0, x1], _) = pick(0);
-        let ([y0, y1], _) = pick(1);
-        Some([[x0, y0], [x1, y1]])
+    boxes.map(|b| [[b.min().x, b.min().y], [b.max().x, b.max().y]]).reduce(|[low, high], [other_low, other_high]| {
+        let with = |pick: fn(f64, f64) -> f64, a: [f64; 2], b: [f64; 2]| [pick(a[0], b[0]), pick(a[1], b[1])];
+        [with(f64::min, low, other_low), with(f64::max, high, other_high)]
     })
 }
 
@@ -86,10 +83,10 @@ impl<'a> Building<'a> {
             part_of: record.part_of.as_deref(),
             triangles,
             rings,
-            ground: record.ground_z_m.map(round_cm),
-            base: record.base_z_m.map(round_cm),
-            height: record.height_m.map(round_cm),
-            sigma: record.height_sigma_m.map(round_cm),
+            ground: record.ground_z_m.map(round_m),
+            base: record.base_z_m.map(round_m),
+            height: record.height_m.map(round_m),
+            sigma: record.height_sigma_m.map(round_m),
             status: record.status.as_str(),
             reasons: &record.reasons,
             views: record.views.iter().filter_map(|name| views.get(name.as_str()).copied()).collect(),
@@ -100,10 +97,8 @@ impl<'a> Building<'a> {
 
 fn rings(outline: &Polygon<f64>, origin: [f64; 3]) -> Vec<Vec<i64>> {
     let ring = |ring: &LineString<f64>| -> Vec<i64> {
-        let mut corners: Vec<[i64; 2]> = ring
-            .coords()
-            .map(|c| [c.x - origin[0], c.y - origin[1]].map(|v| (v * PER_METRE).round() as i64))
-            .collect();
+        let mut corners: Vec<[i64; 2]> =
+            ring.coords().map(|c| [c.x - origin[0], c.y - origin[1]].map(|v| (v * PER_METRE).round() as i64)).collect();
         corners.dedup();
         if corners.len() > 1 && corners.first() == corners.last() {
             corners.pop();

@@ -92,7 +92,8 @@ pub struct Pass {
 /// [`FileError`].
 pub fn write(path: &Path, report: &Report<'_>) -> Result<(), FileError> {
     let data = data::Data::of(report);
-    let json = serde_json::to_string(&data).map_err(std::io::Error::other).map_err(FileError::on("cannot write", path))?;
+    let json =
+        serde_json::to_string(&data).map_err(std::io::Error::other).map_err(FileError::on("cannot write", path))?;
     let html = page::report(&data.title, &json);
     write_whole(path, |out| out.write_all(html.as_bytes()))
 }

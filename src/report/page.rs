@@ -26,8 +26,7 @@ const OF_REPORT: [&str; 6] = [
     include_str!("page/sections.js"),
     include_str!("page/report.js"),
 ];
-const OF_VIEW: [&str; 3] =
-    [include_str!("page/glb.js"), include_str!("page/tileset.js"), include_str!("page/view.js")];
+const OF_VIEW: [&str; 3] = [include_str!("page/glb.js"), include_str!("page/tileset.js"), include_str!("page/view.js")];
 
 /// The report with its data, JSON.
 pub fn report(title: &str, data: &str) -> String {

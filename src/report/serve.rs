@@ -43,7 +43,9 @@ pub enum ServeError {
         path: PathBuf,
     },
     /// The port cannot be had.
-    #[error("cannot listen on 127.0.0.1:{port}: {source}\nhint: is another one running? `--port 0` takes any free port")]
+    #[error(
+        "cannot listen on 127.0.0.1:{port}: {source}\nhint: is another one running? `--port 0` takes any free port"
+    )]
     Port {
         /// The port.
         port: u16,
@@ -279,7 +281,8 @@ mod tests {
         }
         #[cfg(unix)]
         {
-            std::os::unix::fs::symlink(folder.path().join("secret.json"), folder.path().join("tiles/link.json")).unwrap();
+            std::os::unix::fs::symlink(folder.path().join("secret.json"), folder.path().join("tiles/link.json"))
+                .unwrap();
             assert_eq!(status("/tiles/link.json"), "404 Not Found");
         }
     }

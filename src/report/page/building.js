@@ -29,11 +29,18 @@ function drawBuilding(box, data, index) {
     facts([
       ["Ground", metres(b.ground, 2)], ["Lowest ground", metres(b.base, 2)], ["Roof", metres(roof, 2)],
       ["Part of", b.part_of], ["Measured in", `${b.views.length} photos`],
-      ...Object.entries(b.attributes ?? {}).map(([name, value]) => [name, typeof value === "string" ? value : JSON.stringify(value)]),
     ]),
     ...charts(data, b, index, evidence),
     ...crops(data, evidence),
+    ...attributes(b),
   );
+}
+
+function attributes(b) {
+  const own = Object.entries(b.attributes ?? {});
+  if (own.length === 0) return [];
+  const text = (value) => (typeof value === "string" ? value : JSON.stringify(value));
+  return [el("h3", { text: "Attributes of the input" }), facts(own.map(([name, value]) => [name, text(value)]))];
 }
 
 function charts(data, b, index, evidence) {
@@ -42,7 +49,7 @@ function charts(data, b, index, evidence) {
     const of = (scores) => evidence.heights.map((h, i) => [h, scores[i]]);
     const mean = evidence.heights.map((_, i) => evidence.scores.reduce((sum, s) => sum + s.score[i], 0) / evidence.scores.length);
     const faint = evidence.scores.map((s) => ({ kind: "faint", points: of(s.score) }));
-    drawn.push(lineChart({ title: "How well each height explains the priors", x: "height, m", y: "score" },
+    drawn.push(lineChart({ title: "How well a flat roof at each height explains the priors", x: "height, m", y: "score" },
       [...faint, { kind: "main", name: `mean of ${evidence.scores.length} photos`, points: of(mean) }],
       { fromZero: false, marks: b.height === null ? [] : [{ x: b.height, kind: "second", name: "stated height" }] }));
   }
@@ -67,7 +74,7 @@ function crops(data, evidence) {
   return [
     el("h3", { text: "In the photos" }),
     el("p", { class: "quiet" }, toggle("edges", "blocks"), toggle("pairs", "ordinal pairs"),
-      el("span", { class: "key second", text: "pair in the wrong order " }), el("span", { class: "key main", text: "in order" })),
+      el("span", { class: "key second", text: "active: in the wrong order, or right by less than the margin " }), el("span", { class: "key main", text: "settled" })),
     box,
   ];
 }
@@ -96,5 +103,5 @@ function drawCrop(data, crop) {
       frame(crop.rendered, "depth of the result"),
       crop.prior ? frame(crop.prior, "prior") : el("div", { class: "frame quiet", text: "no prior" })),
     el("figcaption", {}, el("span", { text: view.id }), el("span", { text: `${number(view.off_nadir, 0)}° off straight down` }),
-      el("span", { text: `${nActive} of ${crop.pairs.length} pairs in the wrong order` })));
+      el("span", { text: `${nActive} of ${crop.pairs.length} pairs active` })));
 }

@@ -83,3 +83,13 @@ function quantile(values, q) {
   const at = q * (sorted.length - 1);
   return mix(sorted[Math.floor(at)], sorted[Math.ceil(at)], at % 1);
 }
+
+// Whether a sphere may be in the picture: it is on the inner side of the planes that bound it.
+function inSight(clip, centre, radius) {
+  for (const [row, sign] of [[0, 1], [0, -1], [1, 1], [1, -1], [2, 1]]) {
+    const plane = [0, 1, 2, 3].map((col) => clip[4 * col + 3] + sign * clip[4 * col + row]);
+    const distance = vec.dot(plane, centre) + plane[3];
+    if (distance < -radius * vec.length(plane)) return false;
+  }
+  return true;
+}

@@ -2,54 +2,84 @@
 
 // A plate this thick stands for a building whose height is not known, metres.
 const PLATE_M = 0.3;
+// Walls go this far below the lowest ground, so that no gap shows where the drawn ground is coarser, metres.
+const SKIRT_M = 1.0;
 
-// `rings` hold centimetres from the origin, x and y in turn; exterior counter-clockwise, holes clockwise.
-function buildingMesh(buildings, origin) {
-  const corners = buildings.map((b) => b.rings.reduce((n, ring) => n + ring.length / 2, 0));
-  const nCorners = corners.reduce((a, b) => a + b, 0);
-  const nRoof = buildings.reduce((n, b) => n + b.triangles.length, 0);
+// Buildings of a block of the mesh: blocks out of sight are not drawn.
+const BLOCK_BUILDINGS = 400;
+
+// `rings` hold centimetres from the origin, x and y in turn; exterior counter-clockwise, holes clockwise. `chosen` are
+// positions in `buildings`.
+//
+// Faces are flat: a triangle has the normal of its last corner. So a wall's normal stands at its upper first corner, which
+// both its triangles end with, and walls share corners; roofs have corners of their own.
+function buildingMesh(buildings, chosen, origin) {
+  let nCorners = 0;
+  let nRoof = 0;
+  for (const i of chosen) {
+    nCorners += buildings[i].rings.reduce((n, ring) => n + ring.length / 2, 0);
+    nRoof += buildings[i].triangles.length;
+  }
   const mesh = {
-    positions: new Float32Array(15 * nCorners),
-    normals: new Int8Array(20 * nCorners),
-    features: new Float32Array(5 * nCorners),
+    positions: new Float32Array(9 * nCorners),
+    normals: new Int8Array(12 * nCorners),
+    features: new Float32Array(3 * nCorners),
     indices: new Uint32Array(6 * nCorners + nRoof),
-    edges: new Uint32Array(6 * nCorners),
+    edges: new Uint32Array(4 * nCorners),
   };
   let vertex = 0;
   let index = 0;
   let edge = 0;
-  const put = (x, y, z, normal, feature) => {
-    mesh.positions.set([x, y, z], 3 * vertex);
-    mesh.normals.set(normal, 4 * vertex);
-    mesh.features[vertex] = feature;
-    vertex += 1;
-  };
-  buildings.forEach((b, feature) => {
+  for (const feature of chosen) {
+    const b = buildings[feature];
     const ground = (b.ground ?? b.base ?? origin[2]) - origin[2];
-    const base = (b.base ?? b.ground ?? origin[2]) - origin[2];
+    const base = (b.base ?? b.ground ?? origin[2]) - origin[2] - SKIRT_M;
     const roof = b.height === null ? ground + PLATE_M : ground + b.height;
+    const put = (x, y, z, nx, ny, nz) => {
+      mesh.positions.set([x, y, z], 3 * vertex);
+      mesh.normals.set([nx, ny, nz], 4 * vertex);
+      mesh.features[vertex] = feature;
+      vertex += 1;
+    };
     const first = vertex;
-    for (const ring of b.rings) for (let i = 0; i < ring.length; i += 2) put(ring[i] / 100, ring[i + 1] / 100, roof, [0, 0, 127], feature);
+    for (const ring of b.rings) for (let i = 0; i < ring.length; i += 2) put(ring[i] / 100, ring[i + 1] / 100, roof, 0, 0, 127);
     for (const corner of b.triangles) { mesh.indices[index] = first + corner; index += 1; }
     for (const ring of b.rings) {
+      const start = vertex;
       for (let i = 0; i < ring.length; i += 2) {
         const next = (i + 2) % ring.length;
-        const [x0, y0, x1, y1] = [ring[i], ring[i + 1], ring[next], ring[next + 1]].map((v) => v / 100);
-        const length = Math.hypot(x1 - x0, y1 - y0) || 1;
-        const normal = [Math.round((127 * (y1 - y0)) / length), Math.round((-127 * (x1 - x0)) / length), 0];
+        const [x, y] = [ring[i] / 100, ring[i + 1] / 100];
+        const [dx, dy] = [ring[next] - ring[i], ring[next + 1] - ring[i + 1]];
+        const scale = 127 / (Math.hypot(dx, dy) || 1);
         const v = vertex;
-        put(x0, y0, base, normal, feature);
-        put(x1, y1, base, normal, feature);
-        put(x1, y1, roof, normal, feature);
-        put(x0, y0, roof, normal, feature);
-        mesh.indices.set([v, v + 1, v + 2, v, v + 2, v + 3], index);
+        const w = start + next;
+        put(x, y, base, 0, 0, 0);
+        put(x, y, roof, Math.round(dy * scale), Math.round(-dx * scale), 0);
+        mesh.indices.set([v, w, v + 1, w, w + 1, v + 1], index);
         index += 6;
-        mesh.edges.set([v, v + 1, v + 3, v + 2, v, v + 3], edge);
-        edge += 6;
+        mesh.edges.set([v + 1, w + 1, v, v + 1], edge);
+        edge += 4;
       }
     }
-  });
+  }
   return mesh;
+}
+
+// Buildings that stand together, at most so many in a block.
+function blocksOf(buildings) {
+  const shown = buildings.map((_, i) => i).filter((i) => buildings[i].rings.length > 0);
+  const split = (chosen) => {
+    if (chosen.length <= BLOCK_BUILDINGS) return [chosen];
+    const spread = [0, 1].map((axis) => {
+      const values = chosen.map((i) => buildings[i].rings[0][axis]);
+      return Math.max(...values) - Math.min(...values);
+    });
+    const axis = spread[0] > spread[1] ? 0 : 1;
+    const sorted = [...chosen].sort((a, b) => buildings[a].rings[0][axis] - buildings[b].rings[0][axis]);
+    const half = sorted.length >> 1;
+    return [...split(sorted.slice(0, half)), ...split(sorted.slice(half))];
+  };
+  return shown.length > 0 ? split(shown) : [];
 }
 
 // The ground as a grid of triangles; cells with an unknown corner are left out.

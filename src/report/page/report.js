@@ -22,13 +22,14 @@ function start3d() {
     canvas.replaceWith(...[picture, el("p", { class: "overlay", id: "no-3d", text: `No 3D here: ${error.message}. The map below shows the same.` })].filter(Boolean));
     return;
   }
-  const shown = data.buildings.map((b) => (b.rings.length > 0 ? b : { ...b, rings: [], triangles: [] }));
-  const mesh = buildingMesh(shown, data.origin);
-  const [low, high] = mesh.positions.length > 0 ? boundsOf(mesh.positions) : [[-50, -50, 0], [50, 50, 10]];
+  const meshes = blocksOf(data.buildings).map((block) => buildingMesh(data.buildings, block, data.origin));
+  const boxes = meshes.map((mesh) => boundsOf(mesh.positions));
+  const low = boxes.length > 0 ? [0, 1, 2].map((i) => Math.min(...boxes.map((box) => box[0][i]))) : [-50, -50, 0];
+  const high = boxes.length > 0 ? [0, 1, 2].map((i) => Math.max(...boxes.map((box) => box[1][i]))) : [50, 50, 10];
   const middle = low.map((v, i) => (v + high[i]) / 2);
   scene.centre = middle;
   scene.radius = Math.max(vec.length(vec.sub(high, low)) / 2, 20);
-  if (mesh.positions.length > 0) scene.addChunk(mesh);
+  meshes.forEach((mesh) => scene.addChunk(mesh));
   if (data.ground) {
     const ground = groundMesh(data.ground, data.origin);
     const far = boundsOf(ground.positions);
@@ -38,7 +39,7 @@ function start3d() {
   addViewLayers(scene, data);
   addIssueLayer(scene, data);
   const aspect = Math.min(canvas.clientWidth / Math.max(canvas.clientHeight, 1), 1.2);
-  home = { target: [middle[0], middle[1], low[2]], yaw: 0.5, pitch: 0.62, distance: (2.05 * scene.radius) / aspect };
+  home = { target: [middle[0], middle[1], low[2]], yaw: 0.5, pitch: 0.62, distance: (2.3 * scene.radius) / aspect };
   Object.assign(scene.camera, home);
   const turnCompass = createCompass(byId("compass"));
   scene.onframe = () => turnCompass(scene.camera.yaw);
@@ -79,7 +80,8 @@ function pick(index, { fly = false, setHash = true } = {}) {
     if (b.rings.length > 0 && fly) goTo(b);
   } else {
     box.classList.remove("has-building");
-    box.replaceChildren(el("p", { class: "quiet", text: "Pick a building: click it in the picture or on the map, or choose one of the list." }));
+    box.replaceChildren(el("p", { text: "Pick a building: in the picture, on the map, or from a list below." }),
+      el("p", { class: "quiet", text: "Drag to turn, with the right button or two fingers to move; the wheel zooms once the picture is clicked. Keys: arrows turn, with Shift they move, + and − zoom, N and P go from one doubtful building to the next, T looks straight down, 0 shows all." }));
   }
   if (setHash) history.replaceState(null, "", b ? `#building=${encodeURIComponent(b.id)}` : location.pathname + location.search);
 }
@@ -167,5 +169,5 @@ window.sizeup = {
     return [((x + 1) / 2) * byId("scene").clientWidth, ((1 - y) / 2) * byId("scene").clientHeight];
   },
   placeOnMap: (id) => map.placeOf(data.byId.get(id)),
-  framesPerSecond: (n) => scene.measure(n),
+  framesPerSecond: (n, effort) => scene.measure(n, effort),
 };

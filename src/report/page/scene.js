@@ -4,11 +4,14 @@
 const COLOURS_WIDE = 1024;
 const SHADOW_PX = 2048;
 const FIELD_OF_VIEW = 0.7;
-// Direction to the sun: from the south-west, as on maps.
-const SUN = vec.unit([-0.55, -0.45, 0.9]);
-// While the view moves, frames slower than this are drawn coarser, milliseconds.
-const SLOW_FRAME_MS = 34;
-const COARSEST = 0.4;
+// Direction to the sun: in the west, so that walls to the south and to the west differ.
+const SUN = vec.unit([-0.72, 0.12, 0.66]);
+// While the view moves, frames slower than this are drawn with less effort, milliseconds. Below certain efforts there are
+// no edges and no shadows; the resolution goes down with the effort.
+const SLOW_FRAME_MS = 30;
+const LEAST_EFFORT = 0.4;
+const EDGES_FROM = 0.85;
+const SHADOWS_FROM = 0.65;
 
 const FACE_VERTEX = `#version 300 es
 layout(location = 0) in vec3 position;
@@ -25,13 +28,12 @@ void main() {
   inShadow = (shadowFromLocal * vec4(position, 1.0)).xyz * 0.5 + 0.5;
   float id = feature + first;
   int i = int(id + 0.5);
-  vec3 colour = pow(texelFetch(colours, ivec2(i % ${COLOURS_WIDE}, i / ${COLOURS_WIDE}), 0).rgb, vec3(2.2));
+  vec3 colour = texelFetch(colours, ivec2(i % ${COLOURS_WIDE}, i / ${COLOURS_WIDE}), 0).rgb;
   if (abs(id - selected) < 0.5) colour = mix(colour, vec3(1.0, 0.32, 0.05), 0.75);
   else if (abs(id - hovered) < 0.5) colour = mix(colour, vec3(1.0), 0.3);
-  vec3 n = normalize(normal);
-  float sky = 0.34 + 0.16 * n.z;
+  float sky = 0.56 + 0.1 * normal.z;
   shaded = colour * sky;
-  lit = colour * (sky + 0.62 * max(dot(n, sun), 0.0));
+  lit = colour * (sky + 0.5 * max(dot(normal, sun), 0.0));
 }`;
 const FACE_FRAGMENT = `#version 300 es
 precision highp float;
@@ -43,7 +45,7 @@ uniform bool hasShadow;
 out vec4 colour;
 void main() {
   float sun = hasShadow ? texture(shadow, vec3(inShadow.xy, inShadow.z - 0.0012)) : 1.0;
-  colour = vec4(pow(mix(shaded, lit, sun), vec3(1.0 / 2.2)), 1.0);
+  colour = vec4(mix(shaded, lit, sun), 1.0);
 }`;
 const GROUND_VERTEX = `#version 300 es
 layout(location = 0) in vec3 position;
@@ -87,7 +89,6 @@ uniform float fadeFrom;
 out vec4 paint;
 void main() {
   gl_Position = clipFromLocal * vec4(position, 1.0);
-  gl_Position.z -= 0.0002 * gl_Position.w;
   paint = hasTint ? tint : ink;
   if (!hasTint) paint.a *= clamp(fadeFrom / gl_Position.w, 0.12, 1.0);
 }`;
@@ -169,7 +170,7 @@ function createScene(canvas) {
   };
   let isDirty = false;
   let isShadowStale = true;
-  let share = 1;
+  let effort = 1;
   let moving = 0;
   let last = 0;
 
@@ -187,8 +188,10 @@ function createScene(canvas) {
     return buffer;
   }
 
-  // A mesh of buildings: features count from 0 within it, `first` is the first one's number in the city.
+  // A mesh of buildings: `first` is added to its features to give their numbers in the city.
   scene.addChunk = (mesh, first = 0) => {
+    const [low, high] = boundsOf(mesh.positions);
+    const ball = { centre: low.map((v, i) => (v + high[i]) / 2), radius: vec.length(vec.sub(high, low)) / 2 };
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
     const isBytes = mesh.normals instanceof Int8Array;
@@ -205,7 +208,7 @@ function createScene(canvas) {
     gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
     buffers.push(upload(gl.ELEMENT_ARRAY_BUFFER, mesh.edges));
     gl.bindVertexArray(null);
-    const chunk = { array, edges, buffers, first, nIndices: mesh.indices.length, nEdges: mesh.edges.length, isShown: true };
+    const chunk = { array, edges, buffers, first, nIndices: mesh.indices.length, nEdges: mesh.edges.length, ball };
     chunks.add(chunk);
     isShadowStale = true;
     scene.redraw();
@@ -270,7 +273,6 @@ function createScene(canvas) {
     }
     scene.redraw();
   };
-  scene.setColours([]);
 
   // Where the camera stands, and what brings positions to the picture.
   scene.eye = () => {
@@ -304,12 +306,12 @@ function createScene(canvas) {
   function drawShadow(matrix) {
     gl.bindFramebuffer(gl.FRAMEBUFFER, shadow.frame);
     gl.viewport(0, 0, SHADOW_PX, SHADOW_PX);
+    gl.enable(gl.DEPTH_TEST);
     gl.clear(gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.POLYGON_OFFSET_FILL);
     gl.polygonOffset(2, 4);
     use(programs.depth, matrix);
     for (const chunk of chunks) {
-      if (!chunk.isShown) continue;
       gl.bindVertexArray(chunk.array);
       gl.drawElements(gl.TRIANGLES, chunk.nIndices, gl.UNSIGNED_INT, 0);
     }
@@ -324,7 +326,7 @@ function createScene(canvas) {
     gl.activeTexture(gl.TEXTURE1);
     gl.bindTexture(gl.TEXTURE_2D, shadow.texture);
     gl.uniform1i(uniforms.shadow, 1);
-    gl.uniform1i(uniforms.hasShadow, scene.show.shadows && scene.show.buildings ? 1 : 0);
+    gl.uniform1i(uniforms.hasShadow, scene.show.shadows && scene.show.buildings && effort >= SHADOWS_FROM ? 1 : 0);
     gl.activeTexture(gl.TEXTURE0);
   }
 
@@ -347,10 +349,18 @@ function createScene(canvas) {
     gl.uniform1i(u.colours, 0);
     gl.uniform1f(u.selected, scene.selected);
     gl.uniform1f(u.hovered, scene.hovered);
+    // Edges lie on faces: these step back a little.
+    gl.enable(gl.POLYGON_OFFSET_FILL);
+    gl.polygonOffset(1, 2);
+    drawTriangles(u, clip);
+    gl.disable(gl.POLYGON_OFFSET_FILL);
+  }
+
+  function drawTriangles(uniforms, clip) {
     gl.enable(gl.CULL_FACE);
     for (const chunk of chunks) {
-      if (!chunk.isShown) continue;
-      gl.uniform1f(u.first, chunk.first);
+      if (!inSight(clip, chunk.ball.centre, chunk.ball.radius)) continue;
+      gl.uniform1f(uniforms.first, chunk.first);
       gl.bindVertexArray(chunk.array);
       gl.drawElements(gl.TRIANGLES, chunk.nIndices, gl.UNSIGNED_INT, 0);
     }
@@ -361,12 +371,12 @@ function createScene(canvas) {
     const u = use(programs.line, clip);
     gl.enable(gl.BLEND);
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE);
-    if (scene.show.buildings && scene.show.edges) {
+    if (scene.show.buildings && scene.show.edges && effort >= EDGES_FROM) {
       gl.uniform1i(u.hasTint, 0);
       gl.uniform4f(u.ink, ...scene.look.ink, 0.75);
       gl.uniform1f(u.fadeFrom, 350);
       for (const chunk of chunks) {
-        if (!chunk.isShown) continue;
+        if (!inSight(clip, chunk.ball.centre, chunk.ball.radius)) continue;
         gl.bindVertexArray(chunk.edges);
         gl.drawElements(gl.LINES, chunk.nEdges, gl.UNSIGNED_INT, 0);
       }
@@ -381,7 +391,7 @@ function createScene(canvas) {
   }
 
   scene.draw = () => {
-    const density = Math.min(window.devicePixelRatio || 1, 2) * share;
+    const density = Math.min(window.devicePixelRatio || 1, 2) * effort;
     const width = Math.max(Math.round(canvas.clientWidth * density), 1);
     const height = Math.max(Math.round(canvas.clientHeight * density), 1);
     if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
@@ -405,7 +415,7 @@ function createScene(canvas) {
     if (moving > 0) {
       const took = now - last;
       // Two frames in a row: the time between them is what a frame costs.
-      if (last > 0 && took < 500) share = clamp(share * (took > SLOW_FRAME_MS ? 0.9 : 1.03), COARSEST, 1);
+      if (last > 0 && took < 1000) effort = clamp(effort * (took > SLOW_FRAME_MS ? 0.8 : 1.02), LEAST_EFFORT, 1);
       last = now;
     }
     scene.draw();
@@ -417,10 +427,10 @@ function createScene(canvas) {
     requestAnimationFrame(frame);
   };
 
-  // The view moves: draw as coarse as it takes to keep up, and sharp again once it rests.
+  // The view moves: with as little effort as it takes to keep up, and in full again once it rests.
   scene.moved = () => {
     clearTimeout(moving);
-    moving = setTimeout(() => { moving = 0; last = 0; share = 1; scene.redraw(); }, 180);
+    moving = setTimeout(() => { moving = 0; last = 0; effort = 1; scene.redraw(); }, 180);
     scene.redraw();
   };
 
@@ -434,15 +444,8 @@ function createScene(canvas) {
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
-    const u = use(programs.pick, mat.multiply(zoom, scene.clipFromLocal()));
-    gl.enable(gl.CULL_FACE);
-    for (const chunk of chunks) {
-      if (!chunk.isShown) continue;
-      gl.uniform1f(u.first, chunk.first);
-      gl.bindVertexArray(chunk.array);
-      gl.drawElements(gl.TRIANGLES, chunk.nIndices, gl.UNSIGNED_INT, 0);
-    }
-    gl.disable(gl.CULL_FACE);
+    const clip = mat.multiply(zoom, scene.clipFromLocal());
+    drawTriangles(use(programs.pick, clip), clip);
     gl.bindVertexArray(null);
     const pixel = new Uint8Array(4);
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
@@ -450,8 +453,10 @@ function createScene(canvas) {
     return pixel[0] + 256 * pixel[1] + 65536 * pixel[2] - 1;
   };
 
-  // Draws so many frames one after the other, each waited for; frames per second.
-  scene.measure = (nFrames) => {
+  // Draws so many frames one after the other, each waited for, with an effort up to 1; frames per second.
+  scene.measure = (nFrames, withEffort = 1) => {
+    effort = withEffort;
+    scene.draw();
     const pixel = new Uint8Array(4);
     const start = performance.now();
     for (let i = 0; i < nFrames; i += 1) {
@@ -459,8 +464,12 @@ function createScene(canvas) {
       scene.draw();
       gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
     }
-    return (1000 * nFrames) / (performance.now() - start);
+    const seconds = (performance.now() - start) / 1000;
+    effort = 1;
+    scene.redraw();
+    return nFrames / seconds;
   };
+  scene.setColours([]);
   return scene;
 }
 

@@ -68,7 +68,7 @@ function drawIssues(data) {
   const place = (issue) => (issue.place ? `${issue.place[0].toFixed(0)}, ${issue.place[1].toFixed(0)}` : "");
   const text = (issue) => el("span", {}, issue.message, issue.hint ? el("span", { class: "quiet", text: ` ${issue.hint}` }) : null);
   section.append(table(["Severity", "What about", "What", "Where"], issues.map((issue) => [
-    el("span", { class: `severity-${issue.severity}`, text: issue.severity }), subject(issue), text(issue), place(issue)]), { first: 50 }));
+    el("span", { class: `severity-${issue.severity}`, text: issue.severity }), subject(issue.subject), text(issue), place(issue)]), { first: 50 }));
 }
 
 function drawSurvey(data) {
@@ -138,7 +138,7 @@ function drawPasses(data) {
     lineChart({ title: "Photos selected", x: "pass" }, [{ kind: "main", points: of("selected") }]),
   ];
   if (data.passes.some((p) => p.active !== undefined)) {
-    charted.push(lineChart({ title: "Share of pairs in the wrong order", x: "pass" }, [{ kind: "main", points: of("active") }]));
+    charted.push(lineChart({ title: "Share of ordinal pairs that are active", x: "pass" }, [{ kind: "main", points: of("active") }]));
   }
   section.append(el("div", { class: "row" }, charted));
 }

@@ -70,7 +70,7 @@ async function start() {
   canvas.addEventListener("webglcontextlost", () => { byId("hint").textContent = "The graphics driver gave up: load the page again."; });
   new ResizeObserver(() => scene.redraw()).observe(canvas);
   canvas.focus();
-  window.sizeup = { scene, tileset, framesPerSecond: (n) => scene.measure(n) };
+  window.sizeup = { scene, tileset, framesPerSecond: (n, effort) => scene.measure(n, effort) };
   scene.redraw();
 }
 
