@@ -7,6 +7,9 @@ const ways = colourings(data.buildings);
 const LAYERS = [["buildings", "buildings", true], ["edges", "edges", true], ["shadows", "shadows", true], ["ground", "ground", true],
   ["cameras", "cameras", false], ["photos", "outlines of photos", false], ["sights", "sight lines", true], ["issues", "issues", false]];
 
+// Up to so many buildings are drawn with smooth edges.
+const MOST_SMOOTH = 3000;
+
 let scene = null;
 let map = null;
 let home = null;
@@ -16,7 +19,7 @@ let order = [];
 function start3d() {
   const canvas = byId("scene");
   try {
-    scene = createScene(canvas);
+    scene = createScene(canvas, data.buildings.length <= MOST_SMOOTH);
   } catch (error) {
     const picture = data.overview ? el("img", { src: data.overview, alt: "The city from the south-west" }) : null;
     canvas.replaceWith(...[picture, el("p", { class: "overlay", id: "no-3d", text: `No 3D here: ${error.message}. The map below shows the same.` })].filter(Boolean));

@@ -142,9 +142,9 @@ function programOf(gl, vertex, fragment) {
   return { program, uniforms };
 }
 
-// Throws where WebGL 2 is missing.
-function createScene(canvas) {
-  const gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true, powerPreference: "high-performance" });
+// Throws where WebGL 2 is missing. Smooth edges take twice the time without a graphics card.
+function createScene(canvas, antialias) {
+  const gl = canvas.getContext("webgl2", { antialias, preserveDrawingBuffer: true, powerPreference: "high-performance" });
   if (!gl) throw new Error("this browser has no WebGL 2");
   const programs = {
     face: programOf(gl, FACE_VERTEX, FACE_FRAGMENT),

@@ -6,7 +6,7 @@ const LAYERS = [["edges", "edges", true], ["shadows", "shadows", true], ["ground
 async function start() {
   let scene;
   try {
-    scene = createScene(canvas);
+    scene = createScene(canvas, false);
   } catch (error) {
     byId("hint").textContent = `No 3D here: ${error.message}.`;
     return;
