@@ -12,7 +12,7 @@ use crate::camera::Camera;
 use crate::frames::{Map, Rigid};
 use crate::optimise::SolvedHeight;
 use crate::output::picture::colour::{self, ColourMap, INK, NO_VALUE, WHITE};
-use crate::ray::Ray;
+use crate::ray::{Aabb, Ray};
 use crate::render::PlacedCamera;
 use crate::render::image::{Face, SceneTracer};
 use crate::scene::Scene;
@@ -78,7 +78,7 @@ pub(super) fn draw(scene: &Scene, solved: &[SolvedHeight]) -> RgbImage {
 /// A camera that sees all buildings from the south-south-west.
 fn camera(scene: &Scene, heights_m: &[f32], [width, height]: [u32; 2]) -> PlacedCamera {
     let boxes = scene.prisms.iter().zip(heights_m).map(|(p, h)| p.bounds_below(p.ground_z + h));
-    let whole = boxes.fold(crate::ray::Aabb::EMPTY, |whole, b| whole.union(b));
+    let whole = boxes.fold(Aabb::EMPTY, Aabb::union);
     let (low, high) = if scene.prisms.is_empty() { (Vec3::ZERO, Vec3::ONE) } else { (whole.min, whole.max) };
     let centre = (0.5 * (low + high)).as_dvec3();
     let radius_m = 0.5 * f64::from((high - low).length()).max(20.0);

@@ -42,7 +42,10 @@ function start3d() {
   addViewLayers(scene, data);
   addIssueLayer(scene, data);
   const aspect = Math.min(canvas.clientWidth / Math.max(canvas.clientHeight, 1), 1.2);
-  home = { target: [middle[0], middle[1], low[2]], yaw: 0.5, pitch: 0.62, distance: (2.3 * scene.radius) / aspect };
+  // Cities are flat: what stands tall takes some more distance.
+  const flat = Math.max(Math.hypot(high[0] - low[0], high[1] - low[1]) / 2, 20);
+  const away = (2.3 * flat) / aspect + 1.6 * (high[2] - low[2]);
+  home = { target: [middle[0], middle[1], mix(low[2], high[2], 0.4)], yaw: 0.5, pitch: 0.62, distance: away };
   Object.assign(scene.camera, home);
   const turnCompass = createCompass(byId("compass"));
   scene.onframe = () => turnCompass(scene.camera.yaw);
@@ -156,6 +159,11 @@ function start() {
   drawLineage(data);
   pick(-1, { setHash: false });
   window.addEventListener("hashchange", followAddress);
+  // A link to the building that is picked already changes no address.
+  document.addEventListener("click", (event) => {
+    const link = event.target.closest("a");
+    if (link && link.hash === location.hash) followAddress();
+  });
   window.addEventListener("beforeprint", () => { scene?.draw(); map.draw(); });
   followAddress();
 }
