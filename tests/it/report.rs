@@ -174,7 +174,7 @@ fn large_town(n: u32, spacing_m: f64) -> Town {
         let (x, y) = (93_000.0 + spacing_m * f64::from(i % side), 436_000.0 + spacing_m * f64::from(i / side));
         let (w, h) = (14.0 + f64::from((i * 7) % 9), 13.0 + f64::from((i * 5) % 11));
         let outline = polygon![(x: x, y: y), (x: x + w, y: y), (x: x + w, y: y + h), (x: x + 0.5 * w, y: y + h), (x: x + 0.5 * w, y: y + 0.7 * h), (x: x, y: y + 0.7 * h)];
-        let height_m = 4.0 + f64::from((i * 13) % 17) + if i % 97 == 0 { 40.0 } else { 0.0 };
+        let height_m = 4.0 + f64::from((i * 13) % 17) + if i.is_multiple_of(97) { 40.0 } else { 0.0 };
         building(&format!("b{i}"), Some(outline), Some(height_m), Status::Measured)
     };
     town.records = (0..n).map(house).collect();
