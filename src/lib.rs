@@ -11,7 +11,7 @@
 //! 2. [`footprint`], [`terrain`]: building outlines, and the ground under each.
 //! 3. [`optimise`]: one height per building. Views are chosen ([`views`]); their rays are traced once through the
 //!    [`scene`] ([`render`]) and compared with the [`prior`] for any height ([`ordinal`] and the local search).
-//! 4. [`output`]: `CityJSON`, `GeoPackage`, issues, lineage and pictures.
+//! 4. [`output`]: `CityJSON`, `GeoPackage`, issues, lineage and pictures; [`report`]: the page that shows them.
 //!
 //! [`simulate`] makes input with known truth; [`evaluate`] compares a result with a truth; [`baseline`] holds the
 //! yardsticks; [`benchmark`] runs all of them and writes the tables of the documentation.
@@ -76,6 +76,7 @@ pub mod optimise;
 pub mod baseline;
 pub mod evaluate;
 pub mod output;
+pub mod report;
 pub mod simulate;
 
 pub mod config;

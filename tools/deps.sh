@@ -6,13 +6,13 @@
 #   tools/deps.sh docs    Python, which writes docs/reference.md
 #   tools/deps.sh python trimesh, shapely and scipy in target/python; without them the tests that need them say "skipped"
 #   tools/deps.sh qgis    QGIS alone: 220 MB to load, 1 GB on disk; without it the tests that need it say "skipped"
-#   tools/deps.sh web     Node.js, a browser, CesiumJS and validators of 3D Tiles, some 500 MB; likewise
+#   tools/deps.sh web     Node.js, a browser and what drives it, CesiumJS and validators of 3D Tiles, some 500 MB; likewise
 #
 # What is no package of the distribution goes into target/tools, with its version.
 set -euo pipefail
 
 readonly MIN_RUST=94 # Rust 1.94
-readonly CJIO=0.10.1 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1
+readonly CJIO=0.10.1 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1 PLAYWRIGHT=1.65.1
 tools="$(cd "$(dirname "$0")/.." && pwd)/target/tools"
 readonly tools
 
@@ -82,7 +82,8 @@ web() {
   mkdir -p "$tools/web"
   # One by one: a registry may lack one of them, and only its tests are skipped then.
   local package
-  for package in "gltf-validator@$GLTF_VALIDATOR" "cesium@$CESIUM" "3d-tiles-validator@$TILES_VALIDATOR"; do
+  for package in "gltf-validator@$GLTF_VALIDATOR" "cesium@$CESIUM" "3d-tiles-validator@$TILES_VALIDATOR" \
+    "playwright-core@$PLAYWRIGHT"; do
     if [ ! -d "$tools/web/node_modules/${package%@*}" ]; then
       say "installing $package into target/tools"
       npm install --prefix "$tools/web" --no-audit --no-fund --silent "$package" ||

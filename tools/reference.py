@@ -7,7 +7,7 @@ import json
 import subprocess
 import sys
 
-COMMANDS = ["run", "survey inspect", "survey convert", "prior inspect", "evaluate", "baseline", "look", "benchmark"]
+COMMANDS = ["run", "survey inspect", "survey convert", "prior inspect", "evaluate", "baseline", "look", "view", "benchmark"]
 COMMANDS += ["validate", "export", "simulate", "demo", "schema"]
 
 

@@ -149,6 +149,7 @@ fn run_method(
         .map_err(|source| BenchmarkError::Config { scene: job.name.clone(), source })?;
     method.configure(&mut config);
     config.output.pictures = false;
+    config.output.report.page = false;
     config.project.output = folder.join(format!("result-{}", method.name()));
     let options = RunOptions {
         from: Stage::Survey,

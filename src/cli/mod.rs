@@ -17,6 +17,7 @@ mod simulate;
 mod survey;
 mod ui;
 mod validate;
+mod view;
 
 use std::fmt;
 use std::io::{ErrorKind, Write as _};
@@ -85,6 +86,8 @@ pub enum Command {
     Baseline(baseline::BaselineArgs),
     /// Picture one view of a finished run: photo, rendered depth, prior and ordinal pairs.
     Look(look::LookArgs),
+    /// Show a result in the browser, streaming its tiles: for cities too large for one page.
+    View(view::ViewArgs),
     /// Measure accuracy and speed on simulated scenes, every method on each, and write the tables.
     Benchmark(benchmark::BenchmarkArgs),
     /// Simulate a small town, find its heights, evaluate and picture them.
@@ -151,6 +154,7 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Evaluate(args) => evaluate::run(args, &cli.global),
         Command::Baseline(args) => baseline::run(args, &cli.global),
         Command::Look(args) => look::run(args, &cli.global),
+        Command::View(args) => view::run(args, &cli.global),
         Command::Benchmark(args) => benchmark::run(args, &cli.global),
         Command::Demo(args) => demo::run(args, &cli.global),
         Command::Schema(args) => schema::run(args),

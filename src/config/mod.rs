@@ -16,6 +16,7 @@ use crate::output::cityjson::CityJsonConfig;
 use crate::output::fallback::FallbackConfig;
 use crate::output::geopackage::GeoPackageConfig;
 use crate::prior::PriorConfig;
+use crate::report::ReportConfig;
 use crate::survey::SurveyConfig;
 use crate::terrain::{GroundConfig, TerrainConfig};
 
@@ -112,6 +113,8 @@ pub struct OutputConfig {
     pub cityjson: CityJsonConfig,
     /// `GeoPackage`.
     pub geopackage: GeoPackageConfig,
+    /// The report.
+    pub report: ReportConfig,
 }
 
 impl Default for OutputConfig {
@@ -121,6 +124,7 @@ impl Default for OutputConfig {
             fallback: FallbackConfig::default(),
             cityjson: CityJsonConfig::default(),
             geopackage: GeoPackageConfig::default(),
+            report: ReportConfig::default(),
         }
     }
 }

@@ -12,6 +12,7 @@ mod bleed;
 mod calibrate;
 mod config;
 mod evidence;
+mod inspect;
 mod levels;
 mod ordinal;
 mod roof;
@@ -21,6 +22,7 @@ mod solution;
 mod solve;
 
 pub use config::{Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
+pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
 pub use levels::OtherLevel;
 pub use roof::Roof;
 pub use solution::{EpochRecord, Reason, Solution, SolvedHeight};

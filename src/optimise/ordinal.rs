@@ -28,16 +28,17 @@ pub struct ViewStep {
 }
 
 /// The pixels of one view that are compared, with both depths normalised over them.
-struct Compared {
-    /// Ray of each pixel.
-    rays: Vec<u32>,
+pub(super) struct Compared {
+    /// Ray of each pixel, ascending.
+    pub rays: Vec<u32>,
     /// Rendered z-depth, metres.
-    rendered: Vec<f32>,
+    pub rendered: Vec<f32>,
     /// Which building's roof it is; its depth moves with the height.
     roof_of: Vec<Option<u32>>,
     /// Normalised prior, growing away from the camera.
-    prior: Vec<f32>,
-    of_rendered: Normaliser,
+    pub prior: Vec<f32>,
+    /// Brings rendered depth to its spread in the view.
+    pub of_rendered: Normaliser,
 }
 
 /// Loss and derivative of one view for roof levels in the local frame; `None` where nothing can be compared.
@@ -100,7 +101,7 @@ pub fn view_step(
 }
 
 impl Compared {
-    fn new(evidence: &Evidence<'_>, roofs: &[f32], region: Region) -> Option<Self> {
+    pub fn new(evidence: &Evidence<'_>, roofs: &[f32], region: Region) -> Option<Self> {
         let profiles = evidence.profiles;
         let mut compared = Self {
             rays: Vec::new(),

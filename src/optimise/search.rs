@@ -71,6 +71,17 @@ impl<'a> SweepView<'a> {
         Self { placed, evidence, stops, calibration }
     }
 
+    /// The score of each height of one building, as the local sweeps have it; empty where the view cannot tell.
+    #[must_use]
+    pub fn scores(&self, scene: &Scene, building: usize, heights_m: &[f32], config: &SearchConfig) -> Vec<f64> {
+        let Some(window) = self.window(scene, building, config.dilate_px, Correlation::Linear) else {
+            return Vec::new();
+        };
+        let weight = f64::from(config.local_agreement_weight + config.unmodelled_agreement_weight * window.unmodelled);
+        let score = |h: &f32| window.score(*h, Correlation::Linear) + weight * window.agreement(*h);
+        heights_m.iter().map(score).collect()
+    }
+
     /// One building in this view; `None` if it has nothing to say.
     pub(super) fn window(
         &self,

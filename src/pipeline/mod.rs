@@ -12,12 +12,15 @@
 
 mod artefact;
 mod error;
+mod evidence;
 mod footprints;
 mod input;
 mod levels;
 mod look;
+mod overview;
 mod pictures;
 mod records;
+mod report;
 mod soundness;
 mod stages;
 

@@ -9,7 +9,7 @@ use geo_types::Polygon;
 use super::input::{check_settings, check_views, height_bounds};
 use super::records::records;
 use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
-use super::{artefact, footprints as outlines, levels, pictures, soundness};
+use super::{artefact, footprints as outlines, levels, pictures, report, soundness};
 use crate::config::RunConfig;
 use crate::files::{FileError, write_whole};
 use crate::issue::{Issue, Severity, Subject};
@@ -19,7 +19,7 @@ use crate::output::{BuildingRecord, CityModel, InputFile, Lineage, cityjson, geo
 use crate::prior::{PriorSource as _, Priors};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
-use crate::survey::{Survey, ViewKind};
+use crate::survey::{Survey, View, ViewKind};
 use crate::terrain::{self, GroundLevel, MapBox, Terrain};
 
 /// How far around the footprints the ground is needed, in greatest heights: rays at 60° off nadir that pass over a
@@ -129,6 +129,9 @@ pub(super) fn run(
     write_results(config, &model, &summary)?;
     if config.output.pictures {
         pictures::write(&config.project.output, &model, &stage, &heights, &priors)?;
+    }
+    if config.output.report.page {
+        report::write(config, &model, &stage, &heights, &priors)?;
     }
     timed(Stage::Output, start);
     Ok(RunSummary { seconds, ..summary })
@@ -250,18 +253,7 @@ fn find_heights(
     tell: Tell<'_>,
     solver: Solver<'_>,
 ) -> Result<HeightStage, PipelineError> {
-    let views: Vec<ViewInput> = survey
-        .views
-        .iter()
-        .map(|view| ViewInput {
-            placed: PlacedCamera::new(
-                view.camera.reduced_to(config.optimise.working_px),
-                view.camera_from_map,
-                stage.scene.origin,
-            ),
-            is_oblique: view.kind() == ViewKind::Oblique,
-        })
-        .collect();
+    let views = view_inputs(config, survey, &stage.scene);
     let priors = config.prior.open(&survey.views, &stage.terrain)?;
     let load_prior = |view: usize| {
         let view = &survey.views[view];
@@ -279,6 +271,19 @@ fn find_heights(
     );
     require_priors(survey, &solution)?;
     Ok(HeightStage { solved: stage.solved.clone(), cuts: Vec::new(), solution })
+}
+
+/// Every view of a survey at its working resolution.
+pub(super) fn view_inputs(config: &RunConfig, survey: &Survey, scene: &Scene) -> Vec<ViewInput> {
+    let of = |view: &View| ViewInput {
+        placed: PlacedCamera::new(
+            view.camera.reduced_to(config.optimise.working_px),
+            view.camera_from_map,
+            scene.origin,
+        ),
+        is_oblique: view.kind() == ViewKind::Oblique,
+    };
+    survey.views.iter().map(of).collect()
 }
 
 /// Without a single prior there is nothing to solve: the settings are wrong, not single photos.

@@ -12,14 +12,14 @@ const LEVELS: [&[&str]; 10] = [
     &["render", "scene"],
     &["ordinal", "views"],
     &["optimise"],
-    &["baseline", "evaluate", "output", "simulate"],
+    &["baseline", "evaluate", "output", "report", "simulate"],
     &["config", "pipeline"],
     &["benchmark"],
     &["cli"],
 ];
 
 /// Imports within a level: who, whom, and why.
-const NEIGHBOURS: [(&str, &str, &str); 10] = [
+const NEIGHBOURS: [(&str, &str, &str); 11] = [
     ("geodata", "crs", "rasters and layers carry their CRS"),
     ("terrain", "crs", "a DTM is read in its own CRS"),
     ("terrain", "geodata", "a DTM is read through the one door to GDAL"),
@@ -29,16 +29,18 @@ const NEIGHBOURS: [(&str, &str, &str); 10] = [
     ("survey", "terrain", "the survey report tells what the views see of the ground"),
     ("render", "scene", "traces the model, which knows nothing of tracing"),
     ("evaluate", "output", "compares the records that the writers write"),
+    ("report", "output", "shows the records that the writers write"),
     ("pipeline", "config", "runs what the configuration says"),
 ];
 
 /// Downward imports that the design forbids all the same.
-const STRANGERS: [(&str, &str); 6] = [
+const STRANGERS: [(&str, &str); 7] = [
     ("ordinal", "render"),
     ("ordinal", "scene"),
     ("render", "survey"),
     ("render", "crs"),
     ("output", "optimise"),
+    ("report", "optimise"),
     ("simulate", "optimise"),
 ];
 

@@ -20,6 +20,7 @@ mod pictures;
 mod prior_files;
 mod qgis;
 mod real_data;
+mod report;
 mod roofs;
 mod schemas;
 mod shared_data;

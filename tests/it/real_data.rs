@@ -30,7 +30,7 @@ fn run(config: &Path, more: &[&str]) -> Outcome {
 }
 
 /// Writes a run configuration of the Warsaw block with its priors at a path.
-fn warsaw_config(data: &Path, priors: &str, folder: &Path) -> std::path::PathBuf {
+pub fn warsaw_config(data: &Path, priors: &str, folder: &Path) -> std::path::PathBuf {
     let config = folder.join("warsaw.toml");
     let data = data.display();
     let text = format!(

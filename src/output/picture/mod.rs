@@ -28,7 +28,7 @@ pub use error_map::error_map;
 pub use map::{MapConfig, map};
 pub use overlay::{OverlayConfig, Polyline, overlay};
 pub use pairs::{PicturedPair, beside, pairs_picture};
-pub use panel::{PanelConfig, PanelDepths, depth_panel};
+pub use panel::{PanelConfig, PanelDepths, depth_panel, depth_picture};
 pub use survey::survey_map;
 
 /// Writes a picture as PNG, whole or not at all.

@@ -75,6 +75,12 @@ pub fn depth_panel(photo: &RgbImage, depths: &PanelDepths<'_>, caption: &str, co
     canvas.into_image()
 }
 
+/// A depth map in colours, near light and far dark, each cell as large as it takes to fill the size.
+#[must_use]
+pub fn depth_picture(values: &Raster<f32>, kind: PriorKind, width_px: u32, height_px: u32) -> RgbImage {
+    Shown::new(values, kind).picture(width_px, height_px)
+}
+
 /// A depth map with the ends of its colours.
 struct Shown<'a> {
     values: &'a Raster<f32>,

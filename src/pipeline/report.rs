@@ -1,0 +1,67 @@
+//! The report of a run, from what its stages found.
+
+use std::collections::BTreeMap;
+
+use super::stages::SceneStage;
+use super::{HeightStage, PipelineError, evidence, overview};
+use crate::config::RunConfig;
+use crate::optimise::EpochRecord;
+use crate::output::{CityModel, picture};
+use crate::prior::Priors;
+use crate::report::{self, Pass, Report, ViewUse};
+use crate::survey::{Survey, SurveyReport, ViewKind};
+
+/// Writes `report.html` beside the results.
+pub(super) fn write(
+    config: &RunConfig,
+    model: &CityModel<'_>,
+    stage: &SceneStage,
+    heights: &HeightStage,
+    priors: &Priors,
+) -> Result<(), PipelineError> {
+    let folder = &config.project.output;
+    let overview = config.output.pictures.then(|| overview::draw(&stage.scene, &heights.solution.heights));
+    if let Some(overview) = &overview {
+        picture::write_png(&folder.join("pictures").join("overview.png"), overview)?;
+    }
+    let report = Report {
+        model: *model,
+        terrain: &stage.terrain,
+        views: uses(model.survey, heights),
+        passes: heights.solution.history.iter().map(pass).collect(),
+        solved: &heights.solved,
+        survey: survey_report(config),
+        evidence: evidence::gather(config, model.survey, stage, heights, priors),
+        overview,
+        config: config.to_toml(),
+    };
+    Ok(report::write(&folder.join("report.html"), &report)?)
+}
+
+/// What the survey stage wrote; a report without it is still a report.
+fn survey_report(config: &RunConfig) -> Option<SurveyReport> {
+    let text = std::fs::read(config.project.output.join("survey.json")).ok()?;
+    serde_json::from_slice(&text).ok()
+}
+
+fn pass(pass: &EpochRecord) -> Pass {
+    Pass {
+        loss: pass.loss,
+        relative_change: pass.relative_change,
+        n_selected: pass.n_selected,
+        active_pairs: pass.active_pairs,
+        heights_m: pass.heights_m.clone(),
+    }
+}
+
+fn uses(survey: &Survey, heights: &HeightStage) -> Vec<ViewUse> {
+    let failed: BTreeMap<usize, &String> = heights.solution.failed_views.iter().map(|(v, why)| (*v, why)).collect();
+    let used = |i: &usize| heights.solution.used_views.binary_search(i).is_ok();
+    let of = |(i, view): (usize, &crate::survey::View)| match failed.get(&i) {
+        Some(why) => ViewUse::Failed((*why).clone()),
+        None if used(&i) => ViewUse::Measured,
+        None if view.kind() == ViewKind::Oblique => ViewUse::NotNeeded,
+        None => ViewUse::NotOblique,
+    };
+    survey.views.iter().enumerate().map(of).collect()
+}

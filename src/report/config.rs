@@ -1,0 +1,25 @@
+//! Settings of the report.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// What the report holds.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ReportConfig {
+    /// Whether `report.html` is written.
+    pub page: bool,
+    /// Buildings shown with photos, depths and score curves, at most: doubtful ones first, then the least certain. Each
+    /// adds some 100 kB to the page.
+    pub evidence_buildings: usize,
+    /// Photos of each of them, at most.
+    pub evidence_views: usize,
+    /// Width of their cut-outs, pixels, at most.
+    pub picture_px: u32,
+}
+
+impl Default for ReportConfig {
+    fn default() -> Self {
+        Self { page: true, evidence_buildings: 40, evidence_views: 4, picture_px: 320 }
+    }
+}

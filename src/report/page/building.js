@@ -1,0 +1,107 @@
+// The picked building: what is known of it, how every height scores, and the photos that show it.
+
+const REASONS = {
+  seen_by_no_view: "No oblique photo with a depth prior shows enough of it.",
+  too_few_views: "Fewer than three photos had a say.",
+  range_bound: "The best height is the least or the greatest that was allowed.",
+  flat_score: "All heights explain the depth priors about equally well.",
+  conflicting_views: "The photos disagree: leaving one out moves the height by much.",
+  ground_unknown: "The terrain has no height under it.",
+};
+
+function drawBuilding(box, data, index) {
+  const b = data.buildings[index];
+  const evidence = data.evidence.find((e) => e.building === index);
+  const badge = el("span", { class: `badge ${b.status}`, text: b.status });
+  badge.style.background = css(STATUS_COLOURS[b.status] ?? NO_VALUE);
+  const roof = b.ground !== null && b.height !== null ? b.ground + b.height : null;
+  const height = el("p", { class: "big", id: "picked-height" }, metres(b.height),
+    b.sigma !== null && el("small", { text: ` ± ${number(b.sigma, 2)} m` }));
+  box.classList.add("has-building");
+  box.replaceChildren(
+    el("h2", { id: "picked-id", text: b.id }),
+    badge,
+    height,
+    ...b.reasons.map((code) => el("p", { class: "reason" }, el("b", { text: words(code) }),
+      REASONS[code] ? el("span", { text: `: ${REASONS[code]}` }) : null)),
+    ...data.issues.filter((issue) => issue.subject.kind === "building" && issue.subject.id === b.id)
+      .map((issue) => el("p", { class: "reason", text: issue.message })),
+    facts([
+      ["Ground", metres(b.ground, 2)], ["Lowest ground", metres(b.base, 2)], ["Roof", metres(roof, 2)],
+      ["Part of", b.part_of], ["Measured in", `${b.views.length} photos`],
+    ]),
+    ...charts(data, b, index, evidence),
+    ...crops(data, evidence),
+    ...attributes(b),
+  );
+}
+
+function attributes(b) {
+  const own = Object.entries(b.attributes ?? {});
+  if (own.length === 0) return [];
+  const text = (value) => (typeof value === "string" ? value : JSON.stringify(value));
+  return [el("h3", { text: "Attributes of the input" }), facts(own.map(([name, value]) => [name, text(value)]))];
+}
+
+function charts(data, b, index, evidence) {
+  const drawn = [];
+  if (evidence && evidence.scores.length > 0) {
+    const of = (scores) => evidence.heights.map((h, i) => [h, scores[i]]);
+    const mean = evidence.heights.map((_, i) => evidence.scores.reduce((sum, s) => sum + s.score[i], 0) / evidence.scores.length);
+    const faint = evidence.scores.map((s) => ({ kind: "faint", points: of(s.score) }));
+    drawn.push(lineChart({ title: "How well a flat roof at each height explains the priors", x: "height, m", y: "score" },
+      [...faint, { kind: "main", name: `mean of ${evidence.scores.length} photos`, points: of(mean) }],
+      { fromZero: false, marks: b.height === null ? [] : [{ x: b.height, kind: "second", name: "stated height" }] }));
+  }
+  const at = data.solved.indexOf(index);
+  const track = data.passes.filter((p) => at >= 0 && p.heights.length > at).map((p, i) => [i + 1, p.heights[at] / 10]);
+  if (track.length > 1) {
+    drawn.push(lineChart({ title: "Its height over the passes", x: "pass", y: "height, m" }, [{ kind: "main", points: track }]));
+  }
+  return drawn;
+}
+
+function crops(data, evidence) {
+  if (!evidence || evidence.crops.length === 0) {
+    return [el("p", { class: "quiet", text: "No photos of it are in this page: it holds those of the most doubtful buildings." })];
+  }
+  const box = el("div", { id: "crops" });
+  const toggle = (name, text) => {
+    const check = el("input", { type: "checkbox", checked: true, onchange: () => box.classList.toggle(`without-${name}`, !check.checked) });
+    return el("label", {}, check, el("span", { text: ` ${text} ` }));
+  };
+  box.append(...evidence.crops.map((crop) => drawCrop(data, crop)));
+  return [
+    el("h3", { text: "In the photos" }),
+    el("p", { class: "quiet" }, toggle("edges", "blocks"), toggle("pairs", "ordinal pairs"),
+      el("span", { class: "key second", text: "active: in the wrong order, or right by less than the margin " }), el("span", { class: "key main", text: "settled" })),
+    box,
+  ];
+}
+
+function drawCrop(data, crop) {
+  const view = data.views[crop.view];
+  const overlay = svg("svg", { viewBox: "0 0 1000 1000", preserveAspectRatio: "none", "aria-hidden": "true" });
+  const lines = (numbers, step) => {
+    let d = "";
+    for (let i = 0; i + 3 < numbers.length; i += step) d += `M${numbers[i]} ${numbers[i + 1]}L${numbers[i + 2]} ${numbers[i + 3]}`;
+    return d;
+  };
+  for (const [kind, numbers] of crop.lines) {
+    if (kind === "roof") overlay.append(svg("path", { class: "edge halo", d: lines(numbers, 4) }));
+    overlay.append(svg("path", { class: `edge ${kind}`, d: lines(numbers, 4) }));
+  }
+  for (const [isActive, kind] of [[0, "settled"], [1, "active"]]) {
+    overlay.append(svg("path", { class: `edge pair ${kind}`, d: lines(crop.pairs.filter((p) => p[4] === isActive).flatMap((p) => p.slice(0, 4)), 4) }));
+  }
+  const frame = (source, text, ...more) => el("div", { class: "frame" }, el("img", { src: source, alt: `${text}, ${view.id}`, width: crop.size[0], height: crop.size[1] }),
+    ...more, el("span", { text }));
+  const nActive = crop.pairs.filter((p) => p[4] === 1).length;
+  return el("figure", { class: "crop" },
+    el("div", { class: "frames" },
+      crop.photo ? frame(crop.photo, "photo", overlay) : frame(crop.rendered, "depth of the result", overlay),
+      frame(crop.rendered, "depth of the result"),
+      crop.prior ? frame(crop.prior, "prior") : el("div", { class: "frame quiet", text: "no prior" })),
+    el("figcaption", {}, el("span", { text: view.id }), el("span", { text: `${number(view.off_nadir, 0)}° off straight down` }),
+      el("span", { text: `${nActive} of ${crop.pairs.length} pairs active` })));
+}

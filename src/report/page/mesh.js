@@ -1,0 +1,113 @@
+// Blocks from outlines: roof and walls as triangles with flat normals, and the edges between them.
+
+// A plate this thick stands for a building whose height is not known, metres.
+const PLATE_M = 0.3;
+// Walls go this far below the lowest ground, so that no gap shows where the drawn ground is coarser, metres.
+const SKIRT_M = 1.0;
+
+// Buildings of a block of the mesh: blocks out of sight are not drawn.
+const BLOCK_BUILDINGS = 400;
+
+// `rings` hold centimetres from the origin, x and y in turn; exterior counter-clockwise, holes clockwise. `chosen` are
+// positions in `buildings`.
+//
+// Faces are flat: a triangle has the normal of its last corner. So a wall's normal stands at its upper first corner, which
+// both its triangles end with, and walls share corners; roofs have corners of their own.
+function buildingMesh(buildings, chosen, origin) {
+  let nCorners = 0;
+  let nRoof = 0;
+  for (const i of chosen) {
+    nCorners += buildings[i].rings.reduce((n, ring) => n + ring.length / 2, 0);
+    nRoof += buildings[i].triangles.length;
+  }
+  const mesh = {
+    positions: new Float32Array(9 * nCorners),
+    normals: new Int8Array(12 * nCorners),
+    features: new Float32Array(3 * nCorners),
+    indices: new Uint32Array(6 * nCorners + nRoof),
+    edges: new Uint32Array(4 * nCorners),
+  };
+  let vertex = 0;
+  let index = 0;
+  let edge = 0;
+  for (const feature of chosen) {
+    const b = buildings[feature];
+    const ground = (b.ground ?? b.base ?? origin[2]) - origin[2];
+    const base = (b.base ?? b.ground ?? origin[2]) - origin[2] - SKIRT_M;
+    const roof = b.height === null ? ground + PLATE_M : ground + b.height;
+    const put = (x, y, z, nx, ny, nz) => {
+      mesh.positions.set([x, y, z], 3 * vertex);
+      mesh.normals.set([nx, ny, nz], 4 * vertex);
+      mesh.features[vertex] = feature;
+      vertex += 1;
+    };
+    const first = vertex;
+    for (const ring of b.rings) for (let i = 0; i < ring.length; i += 2) put(ring[i] / 100, ring[i + 1] / 100, roof, 0, 0, 127);
+    for (const corner of b.triangles) { mesh.indices[index] = first + corner; index += 1; }
+    for (const ring of b.rings) {
+      const start = vertex;
+      for (let i = 0; i < ring.length; i += 2) {
+        const next = (i + 2) % ring.length;
+        const [x, y] = [ring[i] / 100, ring[i + 1] / 100];
+        const [dx, dy] = [ring[next] - ring[i], ring[next + 1] - ring[i + 1]];
+        const scale = 127 / (Math.hypot(dx, dy) || 1);
+        const v = vertex;
+        const w = start + next;
+        put(x, y, base, 0, 0, 0);
+        put(x, y, roof, Math.round(dy * scale), Math.round(-dx * scale), 0);
+        mesh.indices.set([v, w, v + 1, w, w + 1, v + 1], index);
+        index += 6;
+        mesh.edges.set([v + 1, w + 1, v, v + 1], edge);
+        edge += 4;
+      }
+    }
+  }
+  return mesh;
+}
+
+// Buildings that stand together, at most so many in a block.
+function blocksOf(buildings) {
+  const shown = buildings.map((_, i) => i).filter((i) => buildings[i].rings.length > 0);
+  const split = (chosen) => {
+    if (chosen.length <= BLOCK_BUILDINGS) return [chosen];
+    const spread = [0, 1].map((axis) => {
+      const values = chosen.map((i) => buildings[i].rings[0][axis]);
+      return Math.max(...values) - Math.min(...values);
+    });
+    const axis = spread[0] > spread[1] ? 0 : 1;
+    const sorted = [...chosen].sort((a, b) => buildings[a].rings[0][axis] - buildings[b].rings[0][axis]);
+    const half = sorted.length >> 1;
+    return [...split(sorted.slice(0, half)), ...split(sorted.slice(half))];
+  };
+  return shown.length > 0 ? split(shown) : [];
+}
+
+// The ground as a grid of triangles; cells with an unknown corner are left out.
+function groundMesh(grid, origin) {
+  const positions = new Float32Array(3 * grid.z.length);
+  grid.z.forEach((z, i) => {
+    const x = grid.west + grid.step * (i % grid.columns) - origin[0];
+    const y = grid.south + grid.step * Math.floor(i / grid.columns) - origin[1];
+    positions.set([x, y, (z ?? origin[2]) - origin[2]], 3 * i);
+  });
+  const indices = [];
+  for (let row = 0; row + 1 < grid.z.length / grid.columns; row += 1) {
+    for (let column = 0; column + 1 < grid.columns; column += 1) {
+      const a = row * grid.columns + column;
+      const quad = [a, a + 1, a + grid.columns + 1, a + grid.columns];
+      if (quad.every((i) => grid.z[i] !== null)) indices.push(quad[0], quad[1], quad[2], quad[0], quad[2], quad[3]);
+    }
+  }
+  return { positions, indices: new Uint32Array(indices) };
+}
+
+// The box around positions.
+function boundsOf(positions) {
+  const low = [Infinity, Infinity, Infinity];
+  const high = [-Infinity, -Infinity, -Infinity];
+  for (let i = 0; i < positions.length; i += 1) {
+    low[i % 3] = Math.min(low[i % 3], positions[i]);
+    high[i % 3] = Math.max(high[i % 3], positions[i]);
+  }
+  return [low, high];
+}

@@ -1,0 +1,184 @@
+// The report: reads the page's data, draws everything, and keeps the pictures and the address in step.
+
+const data = JSON.parse(byId("data").textContent);
+data.byId = new Map(data.buildings.map((b, i) => [b.id, i]));
+data.buildings.forEach((b) => { for (const key of ["ground", "base", "height", "sigma"]) b[key] ??= null; });
+const ways = colourings(data.buildings);
+const LAYERS = [["buildings", "buildings", true], ["edges", "edges", true], ["shadows", "shadows", true], ["ground", "ground", true],
+  ["cameras", "cameras", false], ["photos", "outlines of photos", false], ["sights", "sight lines", true], ["issues", "issues", false]];
+
+// Up to so many buildings are drawn with smooth edges.
+const MOST_SMOOTH = 3000;
+
+let scene = null;
+let map = null;
+let home = null;
+let selected = -1;
+let order = [];
+
+function start3d() {
+  const canvas = byId("scene");
+  try {
+    scene = createScene(canvas, data.buildings.length <= MOST_SMOOTH);
+  } catch (error) {
+    const picture = data.overview ? el("img", { src: data.overview, alt: "The city from the south-west" }) : null;
+    canvas.replaceWith(...[picture, el("p", { class: "overlay", id: "no-3d", text: `No 3D here: ${error.message}. The map below shows the same.` })].filter(Boolean));
+    return;
+  }
+  const meshes = blocksOf(data.buildings).map((block) => buildingMesh(data.buildings, block, data.origin));
+  const boxes = meshes.map((mesh) => boundsOf(mesh.positions));
+  const low = boxes.length > 0 ? [0, 1, 2].map((i) => Math.min(...boxes.map((box) => box[0][i]))) : [-50, -50, 0];
+  const high = boxes.length > 0 ? [0, 1, 2].map((i) => Math.max(...boxes.map((box) => box[1][i]))) : [50, 50, 10];
+  const middle = low.map((v, i) => (v + high[i]) / 2);
+  scene.centre = middle;
+  scene.radius = Math.max(vec.length(vec.sub(high, low)) / 2, 20);
+  meshes.forEach((mesh) => scene.addChunk(mesh));
+  if (data.ground) {
+    const ground = groundMesh(data.ground, data.origin);
+    const far = boundsOf(ground.positions);
+    scene.groundReach = Math.min(...[0, 1].flatMap((i) => [-far[0][i], far[1][i]]));
+    scene.setGround(ground);
+  }
+  addViewLayers(scene, data);
+  addIssueLayer(scene, data);
+  const aspect = Math.min(canvas.clientWidth / Math.max(canvas.clientHeight, 1), 1.2);
+  // Cities are flat: what stands tall takes some more distance.
+  const flat = Math.max(Math.hypot(high[0] - low[0], high[1] - low[1]) / 2, 20);
+  const away = (2.3 * flat) / aspect + 1.6 * (high[2] - low[2]);
+  home = { target: [middle[0], middle[1], mix(low[2], high[2], 0.4)], yaw: 0.5, pitch: 0.62, distance: away };
+  Object.assign(scene.camera, home);
+  const turnCompass = createCompass(byId("compass"));
+  scene.onframe = () => turnCompass(scene.camera.yaw);
+  controlCamera(canvas, scene, {
+    pick: (x, y) => pick(scene.pick(x, y)),
+    hover,
+    key: (event) => {
+      const act = { n: () => next(1), p: () => next(-1), t: () => flyTo(scene, { pitch: STRAIGHT_DOWN, yaw: 0 }), 0: () => flyTo(scene, home), Escape: () => pick(-1) }[event.key];
+      if (act) { act(); event.preventDefault(); }
+    },
+  });
+  canvas.addEventListener("webglcontextlost", () => { byId("hint").textContent = "The graphics driver gave up: load the page again."; });
+  new ResizeObserver(() => scene.redraw()).observe(canvas);
+}
+
+let hoverTimer = 0;
+function hover(x, y) {
+  clearTimeout(hoverTimer);
+  hoverTimer = setTimeout(() => {
+    const found = x < 0 ? -1 : scene.pick(x, y);
+    if (found === scene.hovered) return;
+    scene.hovered = found;
+    const b = data.buildings[found];
+    byId("hint").textContent = b ? `${b.id}: ${metres(b.height)}` : "";
+    scene.redraw();
+  }, 60);
+}
+
+// Picks a building, -1 for none; the address follows, so that it can be shared.
+function pick(index, { fly = false, setHash = true } = {}) {
+  selected = data.buildings[index] ? index : -1;
+  const b = data.buildings[selected];
+  if (scene) { scene.selected = selected; showSights(scene, data, selected); }
+  if (map) { map.selected = selected; map.redraw(); }
+  const box = byId("picked");
+  if (b) {
+    drawBuilding(box, data, selected);
+    if (b.rings.length > 0 && fly) goTo(b);
+  } else {
+    box.classList.remove("has-building");
+    box.replaceChildren(el("p", { text: "Pick a building: in the picture, on the map, or from a list below." }),
+      el("p", { class: "quiet", text: "Drag to turn, with the right button or two fingers to move; the wheel zooms once the picture is clicked. Keys: arrows turn, with Shift they move, + and − zoom, N and P go from one doubtful building to the next, T looks straight down, 0 shows all." }));
+  }
+  if (setHash) history.replaceState(null, "", b ? `#building=${encodeURIComponent(b.id)}` : location.pathname + location.search);
+}
+
+function goTo(b) {
+  const [low, high] = boxOf(b);
+  const middle = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
+  const top = (b.ground ?? data.origin[2]) - data.origin[2] + (b.height ?? 0);
+  const size = Math.hypot(high[0] - low[0], high[1] - low[1], b.height ?? 0);
+  if (scene) flyTo(scene, { target: [...middle, top / 2], distance: Math.max(3.2 * size, 60), pitch: clamp(scene.camera.pitch, 0.45, 1.0) });
+  map?.goTo(...middle);
+}
+
+// The next building by doubt: doubtful ones first.
+function next(step) {
+  const at = order.indexOf(selected);
+  pick(order[(Math.max(at, step > 0 ? -1 : 0) + step + order.length) % order.length], { fly: true });
+}
+
+function colourBy(name) {
+  const way = ways[name];
+  const colours = data.buildings.map((b) => way.colour(b));
+  scene?.setColours(colours);
+  if (map) { map.colours = colours; map.redraw(); }
+  drawLegend(byId("legend"), way);
+}
+
+function showLayer(name, isOn) {
+  if (scene) {
+    if (name in scene.show) scene.show[name] = isOn;
+    else scene.showLines(name, isOn);
+    scene.redraw();
+  }
+  if (map && name in map.show) { map.show[name] = isOn; map.redraw(); }
+}
+
+function followAddress() {
+  const wanted = /^#building=(.*)$/.exec(location.hash);
+  if (!wanted) return;
+  let id = null;
+  try { id = decodeURIComponent(wanted[1]); } catch { return; }
+  const index = data.byId.get(id);
+  if (index === undefined) return;
+  pick(index, { fly: true, setHash: false });
+  byId("city").scrollIntoView();
+}
+
+function start() {
+  followTheme(byId("theme"), () => {
+    if (scene) { scene.look = lookOf(isDark()); scene.redraw(); }
+    map?.redraw();
+  });
+  start3d();
+  if (scene) scene.look = lookOf(isDark());
+  map = createMap(byId("plan"), data, { pick: (b) => pick(b) });
+  map.fit();
+  new ResizeObserver(() => map.redraw()).observe(byId("plan"));
+  const doubt = (b) => (b.status === "measured" ? 0 : 1e6) + (b.sigma ?? 1e3);
+  order = data.buildings.map((_, i) => i).sort((a, b) => doubt(data.buildings[b]) - doubt(data.buildings[a]));
+  controlBox(byId("controls"), Object.entries(ways).map(([name, way]) => [name, `colour: ${way.title.toLowerCase()}`]), LAYERS,
+    { colour: colourBy, layer: showLayer, reset: () => { if (scene) flyTo(scene, home); map.fit(); } });
+  colourBy("height");
+  drawSummary(data);
+  drawBuildings(data);
+  drawIssues(data);
+  drawSurvey(data);
+  drawViews(data);
+  drawPasses(data);
+  drawLineage(data);
+  pick(-1, { setHash: false });
+  window.addEventListener("hashchange", followAddress);
+  // A link to the building that is picked already changes no address.
+  document.addEventListener("click", (event) => {
+    const link = event.target.closest("a");
+    if (link && link.hash === location.hash) followAddress();
+  });
+  window.addEventListener("beforeprint", () => { scene?.draw(); map.draw(); });
+  followAddress();
+}
+
+start();
+// For tests and for the curious.
+window.sizeup = {
+  data,
+  placeOf: (id) => {
+    const b = data.buildings[data.byId.get(id)];
+    const [low, high] = boxOf(b);
+    const roof = (b.ground ?? 0) - data.origin[2] + (b.height ?? 0);
+    const [x, y] = mat.project(scene.clipFromLocal(), [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, roof]);
+    return [((x + 1) / 2) * byId("scene").clientWidth, ((1 - y) / 2) * byId("scene").clientHeight];
+  },
+  placeOnMap: (id) => map.placeOf(data.byId.get(id)),
+  framesPerSecond: (n, effort) => scene.measure(n, effort),
+};

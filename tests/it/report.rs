@@ -1,0 +1,270 @@
+//! The report and the viewer in a real browser: they show what is in the result, and nothing leaves the page.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use geo::polygon;
+use serde_json::Value;
+use sizeup::issue::{Issue, Severity, Subject};
+use sizeup::output::Status;
+use sizeup::output::cityjson::{self, CityJsonConfig};
+use sizeup::output::tiles3d::{self, Tiles3dConfig};
+use sizeup::report::{self, Report, ViewUse};
+use sizeup::terrain::Terrain;
+
+use crate::outputs::{Town, building, town};
+use crate::real_data::warsaw_config;
+use crate::shared_data::shared_data;
+use crate::tiny_scene::sizeup;
+use crate::tools::{node_modules, npm, picture, program, run};
+
+/// Runs one of the scripts in `tests/web`; `None`, and a line that says so, without a browser.
+fn browse(script: &str, address: &str, more: &[&str]) -> Option<Value> {
+    let (Some(_), Some(chromium)) = (npm("playwright-core"), program("chromium", "deps-web")) else { return None };
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/web").join(script);
+    let said = run(Command::new("node").arg(script).arg(node_modules()).arg(chromium).arg(address).args(more));
+    Some(serde_json::from_str(&said).unwrap())
+}
+
+/// Opens a page, picks a building in every way there is, and checks what a page always has to do. Screenshots are left
+/// in the target folder's `tmp/pictures/report-NAME`.
+fn use_report(path: &Path, name: &str, id: &str) -> Option<Value> {
+    let out = picture(&format!("report-{name}"));
+    fs::create_dir_all(&out).unwrap();
+    let address = format!("file://{}", path.display());
+    let said = browse("report.mjs", &address, &[out.to_str().unwrap(), id])?;
+    println!("{name}: {said:#}");
+    assert_eq!(said["requests"], Value::Array(Vec::new()), "nothing is asked for");
+    assert_eq!(said["errors"], Value::Array(Vec::new()));
+    assert_eq!(said["placeholders"], false);
+    // A blank or flat picture has a handful.
+    assert!(said["colours"].as_u64().unwrap() > 30 && said["phoneColours"].as_u64().unwrap() > 30, "{said:#}");
+    assert_eq!(said["overflow"], 0, "the page is no wider than a phone");
+    for way in ["pickedInScene", "pickedOnMap"] {
+        assert_eq!(said[way]["id"], id, "{way}");
+    }
+    assert_eq!(said["pickedByEscape"]["id"], Value::Null);
+    assert_eq!(said["pickedByLink"]["id"], said["linked"]);
+    assert_eq!(said["address"], format!("#building={}", said["linked"].as_str().unwrap()));
+    assert_eq!(said["broken"], 0, "pictures that cannot be shown");
+    for layer in ["buildings", "edges", "shadows", "ground", "cameras", "photos"] {
+        assert_eq!(said["layers"][format!("layer-{layer}")], true, "{layer}");
+    }
+    assert_eq!(said["recolours"], true);
+    Some(said)
+}
+
+/// The number at the start of `12.3 m ± 0.4 m`.
+fn shown_m(picked: &Value) -> f64 {
+    picked["height"].as_str().unwrap().split(' ').next().unwrap().parse().unwrap()
+}
+
+/// Heights in the city model by id.
+fn heights_m(result: &Path) -> BTreeMap<String, f64> {
+    let city: Value = serde_json::from_slice(&fs::read(result.join("city.city.json")).unwrap()).unwrap();
+    let objects = city["CityObjects"].as_object().unwrap();
+    objects.iter().filter_map(|(id, o)| Some((id.clone(), o["attributes"]["height_m"].as_f64()?))).collect()
+}
+
+/// The building that stands freest of others in the way: the highest.
+fn highest(heights_m: &BTreeMap<String, f64>) -> (&str, f64) {
+    let highest = heights_m.iter().max_by(|a, b| a.1.total_cmp(b.1)).unwrap();
+    (highest.0, *highest.1)
+}
+
+#[test]
+fn the_report_of_the_demo_works_in_a_browser() {
+    let folder = tempfile::tempdir().unwrap();
+    sizeup().arg("demo").arg("--output").arg(folder.path()).assert().success();
+    let result = folder.path().join("result");
+    let heights_m = heights_m(&result);
+    let (id, height_m) = highest(&heights_m);
+    let Some(said) = use_report(&result.join("report.html"), "demo", id) else { return };
+    // Shown to a decimetre.
+    assert!((shown_m(&said["pickedInScene"]) - height_m).abs() < 0.051, "{said:#}");
+    let linked = said["linked"].as_str().unwrap();
+    assert!((shown_m(&said["pickedByLink"]) - heights_m[linked]).abs() < 0.051, "{said:#}");
+    // Four photos of the linked one, which is the most doubtful, each with its depth and its prior.
+    assert_eq!(said["crops"], 12);
+    let steps: Vec<f64> = evidence_gaps_m(&result.join("report.html"));
+    // The curves are drawn for flat roofs with the neighbours as they stand at the end; pitched roofs move the mean.
+    assert!(steps.len() == 40 && sizeup::stats::median(&steps).unwrap() < 0.8, "{steps:.2?}");
+}
+
+/// How far the best of the scored heights lies from the stated one, for each building with evidence in a page, metres.
+fn evidence_gaps_m(page: &Path) -> Vec<f64> {
+    let text = fs::read_to_string(page).unwrap();
+    let data = text.split_once("id=\"data\">").unwrap().1.split_once("</script>").unwrap().0;
+    let data: Value = serde_json::from_str(data).unwrap();
+    let gap = |evidence: &Value| {
+        let scores = evidence["scores"].as_array().unwrap();
+        let total = |i: usize| scores.iter().map(|view| view["score"][i].as_f64().unwrap()).sum::<f64>();
+        let heights = evidence["heights"].as_array().unwrap();
+        let best = (0..heights.len()).max_by(|&a, &b| total(a).total_cmp(&total(b))).unwrap();
+        let building = evidence["building"].as_u64().unwrap() as usize;
+        (heights[best].as_f64().unwrap() - data["buildings"][building]["height"].as_f64().unwrap()).abs()
+    };
+    data["evidence"].as_array().unwrap().iter().map(gap).collect()
+}
+
+#[test]
+fn the_report_of_the_real_warsaw_block_works_in_a_browser() {
+    let Some(data) = shared_data("warsaw_ochota_photos") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let config = warsaw_config(&data, &data.join("depth_mvs/{stem}.npz").to_string_lossy(), folder.path());
+    let outcome = sizeup().arg("run").arg(config).output().unwrap();
+    assert!([Some(0), Some(5)].contains(&outcome.status.code()), "{outcome:?}");
+    let result = folder.path().join("result");
+    let heights_m = heights_m(&result);
+    let (id, height_m) = highest(&heights_m);
+    let Some(said) = use_report(&result.join("report.html"), "warsaw", id) else { return };
+    assert!((shown_m(&said["pickedInScene"]) - height_m).abs() < 0.051, "{said:#}");
+    assert!(said["crops"].as_u64().unwrap() >= 6, "{said:#}");
+}
+
+fn write_report(town: &Town, path: &Path) {
+    let report = Report {
+        model: town.model(),
+        terrain: &Terrain::Constant(11.5),
+        views: vec![ViewUse::NotOblique, ViewUse::Failed("<b>unreadable</b>".to_owned())],
+        passes: Vec::new(),
+        solved: &[],
+        survey: None,
+        evidence: Vec::new(),
+        overview: None,
+        config: "# </script> {{script}}\n".to_owned(),
+    };
+    report::write(path, &report).unwrap();
+}
+
+/// Text that becomes markup, or script, wherever it is not treated as text.
+const MARKUP: &str = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\"'&{{title}}\u{2028}";
+
+#[test]
+fn markup_in_what_comes_from_the_input_stays_text() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut town = town();
+    // The tower stands apart.
+    town.records[3].id = MARKUP.to_owned();
+    town.records[3].attributes.insert(MARKUP.to_owned(), MARKUP.into());
+    town.records[3].reasons = vec![MARKUP.to_owned()];
+    town.survey.views[1].id = MARKUP.into();
+    town.lineage.command = MARKUP.to_owned();
+    town.lineage.reference_date = Some(MARKUP.to_owned());
+    let subject = Subject::Building(MARKUP.to_owned());
+    town.issues = vec![Issue::new(Severity::Warning, MARKUP, subject, MARKUP).hint(MARKUP).at(93_000.0, 436_000.0)];
+    let path = folder.path().join("report.html");
+    write_report(&town, &path);
+    let text = fs::read_to_string(&path).unwrap();
+    assert!(!text.contains("alert(1)</script>") && !text.contains("<img src=x"), "markup stands in the page");
+    let Some(said) = use_report(&path, "markup", MARKUP) else { return };
+    assert_eq!((&said["linked"], shown_m(&said["pickedByLink"])), (&MARKUP.into(), 61.0));
+    assert_eq!(said["layers"]["layer-issues"], true);
+}
+
+/// `n` houses on a grid, with towers among them.
+fn large_town(n: u32, spacing_m: f64) -> Town {
+    let mut town = town();
+    let side = f64::from(n).sqrt().ceil() as u32;
+    let house = |i: u32| {
+        let (x, y) = (93_000.0 + spacing_m * f64::from(i % side), 436_000.0 + spacing_m * f64::from(i / side));
+        let (w, h) = (14.0 + f64::from((i * 7) % 9), 13.0 + f64::from((i * 5) % 11));
+        let outline = polygon![(x: x, y: y), (x: x + w, y: y), (x: x + w, y: y + h), (x: x + 0.5 * w, y: y + h), (x: x + 0.5 * w, y: y + 0.7 * h), (x: x, y: y + 0.7 * h)];
+        let height_m = 4.0 + f64::from((i * 13) % 17) + if i.is_multiple_of(97) { 40.0 } else { 0.0 };
+        building(&format!("b{i}"), Some(outline), Some(height_m), Status::Measured)
+    };
+    town.records = (0..n).map(house).collect();
+    town
+}
+
+#[test]
+#[ignore = "measures: cargo test --locked --test it frames_per_second -- --ignored --nocapture"]
+fn frames_per_second_of_ten_thousand_buildings() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("report.html");
+    write_report(&large_town(10_000, 31.0), &path);
+    println!("{} bytes", fs::metadata(&path).unwrap().len());
+    let out = picture("report-large");
+    fs::create_dir_all(&out).unwrap();
+    let address = format!("file://{}", path.display());
+    let said = browse("report.mjs", &address, &[out.to_str().unwrap(), "--frames"]).expect("a browser");
+    println!("{said:#}");
+}
+
+/// A running `sizeup view`, which ends with the test.
+struct Viewer {
+    process: Child,
+    address: String,
+}
+
+impl Viewer {
+    fn of(folder: &Path) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_sizeup"));
+        let mut process = command.args(["view", "--no-open"]).arg(folder).stdout(Stdio::piped()).spawn().unwrap();
+        let mut address = String::new();
+        BufReader::new(process.stdout.take().unwrap()).read_line(&mut address).unwrap();
+        Self { process, address: address.trim_end().to_owned() }
+    }
+
+    /// The status line of an answer to some bytes.
+    fn ask(&self, request: &str) -> String {
+        let host = self.address.trim_start_matches("http://").trim_end_matches('/');
+        let mut stream = TcpStream::connect(host).unwrap();
+        stream.write_all(request.replace("HOST", host).as_bytes()).unwrap();
+        let mut answer = String::new();
+        let _ = stream.read_to_string(&mut answer);
+        answer.lines().next().unwrap_or_default().to_owned()
+    }
+}
+
+impl Drop for Viewer {
+    fn drop(&mut self) {
+        self.process.kill().unwrap();
+        self.process.wait().unwrap();
+    }
+}
+
+#[test]
+fn the_viewer_streams_tiles_as_one_comes_closer() {
+    let folder = tempfile::tempdir().unwrap();
+    let tiles: PathBuf = folder.path().join("tiles");
+    // So far apart that the whole is seen from where a house is no more than some pixels.
+    let town = large_town(2_000, 300.0);
+    let config =
+        Tiles3dConfig { heights: tiles3d::Heights::GeoidHeight(43.5), max_buildings: 100, ..Default::default() };
+    tiles3d::write(&tiles, &town.model(), &config).unwrap();
+    let viewer = Viewer::of(folder.path());
+    let Some(said) = browse("view.mjs", &viewer.address, &[picture("view.png").to_str().unwrap()]) else { return };
+    println!("{said:#}");
+    assert_eq!((&said["elsewhere"], &said["errors"]), (&Value::Array(Vec::new()), &Value::Array(Vec::new())));
+    let n = |when: &str, what: &str| said[when][what].as_u64().unwrap();
+    assert!(n("far", "buildings") >= 100 && n("near", "tiles") > n("far", "tiles"), "{said:#}");
+    assert!(n("near", "buildings") < 2_000, "what is out of sight is not loaded: {said:#}");
+    let record = town.records.iter().find(|r| r.id == said["picked"]["id"].as_str().unwrap()).unwrap();
+    assert!((shown_m(&said["picked"]) - record.height_m.unwrap()).abs() < 0.051, "{said:#}");
+}
+
+#[test]
+fn the_viewer_makes_tiles_of_a_result_and_answers_only_those_who_ask_for_it() {
+    let folder = tempfile::tempdir().unwrap();
+    cityjson::write(&folder.path().join("city.city.json"), &town().model(), &CityJsonConfig::default()).unwrap();
+    let viewer = Viewer::of(folder.path());
+    assert!(viewer.address.starts_with("http://127.0.0.1:"), "{}", viewer.address);
+    for (request, status) in [
+        ("GET / HTTP/1.1\r\nHost: HOST\r\n\r\n", "200 OK"),
+        ("GET /tiles/tileset.json HTTP/1.1\r\nHost: HOST\r\n\r\n", "200 OK"),
+        ("GET /tiles/../city.city.json HTTP/1.1\r\nHost: HOST\r\n\r\n", "404 Not Found"),
+        ("GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n", "421 Misdirected Request"),
+        ("GET / HTTP/1.1\r\n\r\n", "421 Misdirected Request"),
+        ("DELETE / HTTP/1.1\r\nHost: HOST\r\n\r\n", "405 Method Not Allowed"),
+    ] {
+        assert_eq!(viewer.ask(request), format!("HTTP/1.1 {status}"), "{request}");
+    }
+    // A head without an end gets no answer, and the next one is answered all the same.
+    assert_eq!(viewer.ask(&format!("GET / HTTP/1.1\r\nX: {}", "x".repeat(20_000))), "");
+    assert_eq!(viewer.ask("GET / HTTP/1.1\r\nHost: HOST\r\n\r\n"), "HTTP/1.1 200 OK");
+}
