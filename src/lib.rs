@@ -82,5 +82,6 @@ pub mod config;
 pub mod pipeline;
 
 pub mod benchmark;
+pub mod tiles;
 
 pub mod cli;

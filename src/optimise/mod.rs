@@ -18,6 +18,6 @@ mod score;
 mod search;
 mod solve;
 
-pub use config::{Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
+pub use config::{CalibrationRays, Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
 pub use roof::{Roof, RoofForm};
 pub use solve::{EpochRecord, Problem, Reason, Solution, SolvedHeight, Solving, ViewInput, solve};

@@ -19,9 +19,7 @@ use crate::render::PlacedCamera;
 use crate::render::profile::{CappedScene, Profiles, Sampling};
 use crate::scene::{HeightReference, Scene};
 use crate::seed;
-use crate::views::{
-    Candidate, Choice, Selection, ViewsConfig, Visibility, in_turn, select, select_each, visibility,
-};
+use crate::views::{Candidate, Choice, Selection, ViewsConfig, Visibility, in_turn, select, select_each, visibility};
 
 /// A flat sum of correlations over the tried heights below which the score says nothing.
 const FLAT_SCORE: f64 = 0.02;
@@ -166,9 +164,10 @@ fn trace_all(problem: &Problem<'_>, config: &OptimiseConfig) -> Vec<Profiles> {
     for (view, input) in problem.views.iter().enumerate() {
         (problem.progress)(Solving::Tracing, view, n);
         let sampling = Sampling { stride_px: config.stride_px, seed: problem.seed, view: input.key };
-        profiles.push(match input.is_oblique {
-            true => Profiles::trace(problem.scene, &capped, &input.placed, sampling),
-            false => Profiles::none(),
+        profiles.push(if input.is_oblique {
+            Profiles::trace(problem.scene, &capped, &input.placed, sampling)
+        } else {
+            Profiles::none()
         });
     }
     (problem.progress)(Solving::Tracing, n, n);
@@ -219,8 +218,7 @@ impl<'a> State<'a> {
         let axes: Vec<DVec3> = views.iter().map(|v| v.placed.axis()).collect();
         let ground_z = f64::from(self.problem.scene.prisms.first().map_or(0.0, |p| p.ground_z));
         let stations: Vec<DVec3> = views.iter().map(|v| v.placed.looks_at(ground_z)).collect();
-        let candidates: Vec<Candidate> =
-            views.iter().map(|v| Candidate { eye: v.placed.eye(), key: v.key }).collect();
+        let candidates: Vec<Candidate> = views.iter().map(|v| Candidate { eye: v.placed.eye(), key: v.key }).collect();
         let centres: Vec<DVec3> = (0..n_buildings).map(|b| self.centre(b)).collect();
         let mut visibilities = self.visibilities();
         loop {
@@ -367,7 +365,7 @@ impl<'a> State<'a> {
             let evidence = self.evidence[v].as_ref()?;
             let placed = &self.problem.views[v].placed;
             let stops = evidence.profiles.stops(&roofs);
-            Some(SweepView::new(placed, evidence, stops))
+            Some(SweepView::new(placed, evidence, stops, self.config.search.calibrate_on))
         };
         (0..self.evidence.len()).into_par_iter().map(view_of).collect()
     }

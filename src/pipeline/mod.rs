@@ -13,16 +13,21 @@
 mod artefact;
 mod error;
 mod footprints;
+mod frame;
 mod input;
 mod look;
 mod pictures;
 mod records;
 mod soundness;
 mod stages;
+mod tile;
 
 pub use artefact::{FootprintStage, HeightStage};
 pub use error::PipelineError;
+pub use frame::Frame;
 pub use look::look;
+pub use stages::{files_of, unstated_reference};
+pub use tile::{Part, PartHeights, layer_of, outlines_around, refused_records, survey_of};
 
 use std::path::PathBuf;
 

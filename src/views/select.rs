@@ -52,7 +52,8 @@ pub fn select(
 
 /// For each view, the buildings it sees well enough.
 fn informative(config: &ViewsConfig, visibilities: &[Visibility]) -> Vec<Vec<u32>> {
-    let of_view = |v: &Visibility| v.buildings.iter().filter(|s| is_informative(config, s)).map(|s| s.building).collect();
+    let of_view =
+        |v: &Visibility| v.buildings.iter().filter(|s| is_informative(config, s)).map(|s| s.building).collect();
     visibilities.iter().map(of_view).collect()
 }
 
