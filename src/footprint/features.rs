@@ -1,6 +1,6 @@
 //! From a feature of a layer to footprints, or to a refusal that says why.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashSet};
 
 use geo::BoundingRect as _;
 use geo_types::{Coord, Geometry, Polygon};
@@ -21,9 +21,9 @@ pub(super) struct FeatureReader<'a> {
     ids: HashSet<String>,
     layer: FootprintLayer,
     /// Features whose ids are not what their attribute says, as a reading of the whole layer found them.
-    given: Option<&'a HashMap<u64, String>>,
+    given: Option<&'a BTreeMap<u64, String>>,
     /// The same, as this reading finds them.
-    renamed: HashMap<u64, String>,
+    renamed: BTreeMap<u64, String>,
 }
 
 impl<'a> FeatureReader<'a> {
@@ -35,12 +35,12 @@ impl<'a> FeatureReader<'a> {
             ids: HashSet::new(),
             layer: FootprintLayer::default(),
             given: None,
-            renamed: HashMap::new(),
+            renamed: BTreeMap::new(),
         }
     }
 
     /// For a part of a layer: ids are those of the whole.
-    pub(super) fn with_ids(self, given: &'a HashMap<u64, String>) -> Self {
+    pub(super) fn with_ids(self, given: &'a BTreeMap<u64, String>) -> Self {
         Self { given: Some(given), ..self }
     }
 
@@ -50,7 +50,7 @@ impl<'a> FeatureReader<'a> {
     }
 
     /// Features whose ids are not what their attribute says.
-    pub(super) fn into_renamed(self) -> HashMap<u64, String> {
+    pub(super) fn into_renamed(self) -> BTreeMap<u64, String> {
         self.renamed
     }
 

@@ -1,6 +1,6 @@
 //! A layer too large to hold: feature by feature, or the surroundings of one place.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use super::clean::Rules;
 use super::features::FeatureReader;
@@ -63,7 +63,7 @@ impl<'a> LayerParts<'a> {
     ///
     /// # Errors
     /// As [`read`].
-    pub fn visit(mut self, visit: &mut dyn FnMut(FootprintLayer)) -> Result<HashMap<u64, String>, FootprintError> {
+    pub fn visit(mut self, visit: &mut dyn FnMut(FootprintLayer)) -> Result<BTreeMap<u64, String>, FootprintError> {
         let mut reader = self.reader()?;
         for (i, feature) in self.source.features().enumerate() {
             reader.add(i, &feature);
@@ -77,7 +77,7 @@ impl<'a> LayerParts<'a> {
     ///
     /// # Errors
     /// As [`read`].
-    pub fn around(mut self, area: MapBox, renamed: &HashMap<u64, String>) -> Result<FootprintLayer, FootprintError> {
+    pub fn around(mut self, area: MapBox, renamed: &BTreeMap<u64, String>) -> Result<FootprintLayer, FootprintError> {
         let to_layer = self.transform(self.project_crs, &self.crs)?;
         let corners = area.grown(WINDOW_MARGIN_M).outline(8).filter_map(|(x, y)| to_layer.point(x, y).ok());
         if let Some(window) = MapBox::around(corners) {

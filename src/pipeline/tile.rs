@@ -3,7 +3,7 @@
 //! What a whole run settles from all of its input (poses in the project's CRS, the local frame, the range of heights) is
 //! given; outlines, terrain and priors are read where the part needs them.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::PathBuf;
 
 use super::footprints::on_ground;
@@ -65,7 +65,7 @@ pub fn layer_of(config: &RunConfig) -> Result<&FootprintConfig, PipelineError> {
 pub fn outlines_around(
     config: &RunConfig,
     area: MapBox,
-    renamed: &HashMap<u64, String>,
+    renamed: &BTreeMap<u64, String>,
 ) -> Result<FootprintStage, PipelineError> {
     let layer = LayerParts::open(layer_of(config)?, &config.project.crs)?.around(area, renamed)?;
     if layer.footprints.is_empty() {

@@ -139,7 +139,7 @@ impl Outlines {
                 hint: "`sizeup run --until footprints` tells why, building by building",
             }));
         };
-        Ok(Self { middles, extent, renamed: renamed.into_iter().collect(), rest })
+        Ok(Self { middles, extent, renamed, rest })
     }
 }
 
@@ -152,7 +152,7 @@ struct City<'a> {
     cores: Vec<Core>,
     /// Lowest and highest ground of each core; of the city where a core has none.
     grounds: Vec<[f64; 2]>,
-    renamed: std::collections::HashMap<u64, String>,
+    renamed: BTreeMap<u64, String>,
     frame: Frame,
     halo_m: f64,
     view_margin_m: f64,
@@ -171,7 +171,7 @@ impl<'a> City<'a> {
             Some(size_m) => grid::even(&places, size_m),
             None => grid::by_count(&places, settings.n_buildings),
         };
-        let renamed = outlines.renamed.clone().into_iter().collect();
+        let renamed = outlines.renamed.clone();
         let known: Vec<Option<[f64; 2]>> =
             cores.par_iter().map(|core| ground_of(config, core, &renamed)).collect::<Result<_, _>>()?;
         let all = known.iter().flatten().copied().reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
@@ -271,11 +271,7 @@ impl<'a> City<'a> {
 const MAX_SLOPE: f64 = 3.0;
 
 /// Lowest and highest ground of a core's buildings.
-fn ground_of(
-    config: &RunConfig,
-    core: &Core,
-    renamed: &std::collections::HashMap<u64, String>,
-) -> Result<Option<[f64; 2]>, TilesError> {
+fn ground_of(config: &RunConfig, core: &Core, renamed: &BTreeMap<u64, String>) -> Result<Option<[f64; 2]>, TilesError> {
     if let Some(z_m) = config.terrain.constant_m.filter(|_| config.terrain.dtm.is_none()) {
         return Ok(Some([z_m, z_m]));
     }

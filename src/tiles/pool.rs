@@ -92,7 +92,7 @@ pub fn run_all(
             match one.child.try_wait().map_or(Some(None), |ended| ended.map(|status| status.code())) {
                 None => still.push(one),
                 Some(Some(code @ (0 | 5))) => {
-                    outcomes.push(TileOutcome { id: one.tile.id.clone(), exit_code: Some(code) })
+                    outcomes.push(TileOutcome { id: one.tile.id.clone(), exit_code: Some(code) });
                 }
                 Some(_) if one.n_tries < settings.n_retries => waiting.push_back((one.tile, one.n_tries + 1)),
                 Some(exit_code) => outcomes.push(TileOutcome { id: one.tile.id.clone(), exit_code }),

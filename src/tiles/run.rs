@@ -99,8 +99,7 @@ fn part_of<'a>(layout: &Layout, manifest: &'a Manifest, tile: &Tile) -> Result<P
         return Err(TilesError::Plan { path, message: "it is not the one that the plan was written with".to_owned() });
     }
     let views: TileViews = read_json(&path)?;
-    let renamed = manifest.renamed.clone().into_iter().collect();
-    let footprints = outlines_around(&manifest.config, tile.halo, &renamed)?;
+    let footprints = outlines_around(&manifest.config, tile.halo, &manifest.renamed)?;
     let positions = views.positions_by_name();
     let survey = Survey { views: views.views, issues: Vec::new() };
     Ok(Part::new(&manifest.config, manifest.frame(), survey, positions, footprints)?)
@@ -181,7 +180,9 @@ fn write(
     let hash = |name: &str| Ok((name.to_owned(), hash_of(&folder.join(name))?));
     let outputs = names.into_iter().map(hash).collect::<Result<BTreeMap<_, _>, FileError>>()?;
     let mut by_status: BTreeMap<Status, usize> = BTreeMap::new();
-    own.iter().for_each(|record| *by_status.entry(record.status).or_default() += 1);
+    for record in &own {
+        *by_status.entry(record.status).or_default() += 1;
+    }
     let has_failed = issues.iter().any(|issue| issue.severity == Severity::Refused)
         || by_status.contains_key(&Status::Unknown)
         || by_status.contains_key(&Status::Refused);

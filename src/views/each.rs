@@ -70,7 +70,9 @@ pub fn in_turn<K: Ord>(views: impl Iterator<Item = (usize, DVec2, K)>, n: usize)
         let turn = from.y.atan2(from.x) / std::f64::consts::TAU + 0.5;
         sectors[((turn * N_SECTORS as f64) as usize).min(N_SECTORS - 1)].push((rank, view));
     }
-    sectors.iter_mut().for_each(|sector| sector.sort());
+    for sector in &mut sectors {
+        sector.sort();
+    }
     let longest = sectors.iter().map(Vec::len).max().unwrap_or(0);
     let taken = (0..longest).flat_map(|i| sectors.iter().filter_map(move |sector| sector.get(i)));
     let mut best: Vec<usize> = taken.take(n).map(|(_, view)| *view).collect();

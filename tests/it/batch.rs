@@ -63,7 +63,7 @@ fn an_engine_that_is_killed_goes_on_where_it_was() {
     let Some(snakemake) = snakemake() else { return };
     let scene = Scene::new();
     let expected = undisturbed(&scene);
-    let mut engine_of = |more: &[&str]| engine(&snakemake, &scene, "local", &[&LOCAL[..], more].concat());
+    let engine_of = |more: &[&str]| engine(&snakemake, &scene, "local", &[&LOCAL[..], more].concat());
     let mut child = engine_of(&[]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     // Until the first tile is done: then the others are under way or waiting.
     let is_any_done = || {
