@@ -10,7 +10,7 @@ use sizeup::simulate::{SimulateConfig, simulate};
 use crate::tiny_scene::{N_BUILDINGS, Outcome, Scene, sizeup};
 
 /// Tiles small enough that the scene falls into several.
-pub const SIZE: &str = "40";
+pub const SIZE: &str = "30";
 
 /// Plans the scene's city into the folder `city`.
 pub fn plan(scene: &Scene) -> Vec<String> {
@@ -117,10 +117,17 @@ fn halos_that_cut_through_a_town_leave_its_heights_as_they_are() {
         let outcome = sizeup().current_dir(folder.path()).args(args).output().unwrap();
         assert!([0, 5].contains(&outcome.status.code().unwrap()), "{}", String::from_utf8_lossy(&outcome.stderr));
     };
-    let working = ["--set", "optimise.working_px=224", "--set", "output.pictures=false"];
+    let working = [
+        "--set",
+        "optimise.working_px=224",
+        "--set",
+        "output.pictures=false",
+        "--set",
+        "optimise.search.calibrate_on=ground",
+    ];
     run(&[&["run", "sizeup.toml", "--output", "whole"], &working[..]].concat());
-    run(&[&["run", "sizeup.toml", "--output", "tiled", "--tiled", "--size", "150", "--halo", "150"], &working[..]]
-        .concat());
+    let cut = ["--tiled", "--size", "150", "--halo", "200", "--view-margin", "200"];
+    run(&[&["run", "sizeup.toml", "--output", "tiled"], &cut[..], &working[..]].concat());
     let plan: Value = serde_json::from_slice(&fs::read(folder.path().join("tiled/tiles.json")).unwrap()).unwrap();
     let tiles = plan["tiles"].as_array().unwrap();
     assert!(tiles.iter().any(|tile| tile["n_solved"].as_u64() < Some(60)), "no halo cuts anything off");
@@ -132,7 +139,9 @@ fn halos_that_cut_through_a_town_leave_its_heights_as_they_are() {
     differences.sort_by(f64::total_cmp);
     assert_eq!(differences.len(), 60);
     println!("|Δh|: median {:.4} m, greatest {:.4} m", differences[30], differences[59]);
-    assert!(differences[57] < 0.05, "{differences:?}");
+    // This halo is less than half as wide as a view shows, the default three times as wide: most heights are the same
+    // all the same, and none is another one.
+    assert!(differences[30] < 0.001 && differences[47] < 0.05 && differences[59] < 1.0, "{differences:?}");
 }
 
 #[test]
