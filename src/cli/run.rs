@@ -202,6 +202,8 @@ pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
 /// The configuration file with its overrides, or one made from flags.
 fn config_of(args: &RunArgs) -> Result<RunConfig, Failure> {
     let mut config = match &args.config {
+        // Tiles may be run again from another folder than this one.
+        Some(path) if args.tiled => RunConfig::load(&absolute(path)?, &args.assignments),
         Some(path) => RunConfig::load(path, &args.assignments),
         None => RunConfig::from_text(&text_of_flags(args)?, std::path::Path::new("command line"), &args.assignments),
     }
