@@ -128,7 +128,9 @@ fn a_real_slurm_runs_the_tiles_of_snakemake() {
         "--retries",
         "0",
     ];
-    let output = engine(&snakemake, &scene, "slurm", &more).env("SLURM_CONF", slurm.conf()).output().unwrap();
+    let path = format!("{}:{}", slurm.folder.join("bin").display(), std::env::var("PATH").unwrap());
+    let mut command = engine(&snakemake, &scene, "slurm", &more);
+    let output = command.env("SLURM_CONF", slurm.conf()).env("PATH", path).output().unwrap();
     assert_success(&output);
     let said = String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned();
     let n_submitted = said.matches("has been submitted with SLURM jobid").count();

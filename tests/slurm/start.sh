@@ -2,7 +2,8 @@
 # A real Slurm on this machine alone, for as long as a test lasts: munged, slurmctld and slurmd with their own keys, sockets
 # and ports, everything below one folder.
 #
-#   tests/slurm/start.sh FOLDER [CPUS [MEMORY_MB]]    starts it and returns; FOLDER/slurm.conf is what SLURM_CONF must name
+#   tests/slurm/start.sh FOLDER [CPUS [MEMORY_MB]]    starts it and returns; FOLDER/slurm.conf is what SLURM_CONF
+#                                                     must name, and FOLDER/bin goes first on the PATH
 #   tests/slurm/stop.sh FOLDER                        ends it
 #
 # Needs slurm-wlm and munge (Debian's names).
@@ -60,6 +61,10 @@ version=$(slurmd -V | sed -n 's/[^0-9]*\([0-9]*\)\..*/\1/p')
 if [ "${version:-0}" -ge 24 ]; then plugin=disabled; else plugin=cgroup/v1; fi
 printf 'CgroupPlugin=%s\nCgroupAutomount=no\n' "$plugin" >"$folder/cgroup.conf"
 export SLURM_CONF=$folder/slurm.conf
+# Snakemake's job steps lose every SLURM_… of their environment, also where the settings are: an `srun` that knows.
+mkdir -p "$folder/bin"
+printf '#!/bin/sh\nSLURM_CONF=%s exec %s "$@"\n' "$SLURM_CONF" "$(command -v srun)" >"$folder/bin/srun"
+chmod +x "$folder/bin/srun"
 munged --force --key-file="$folder/munge.key" --socket="$folder/munge.socket" --pid-file="$folder/munged.pid" \
   --log-file="$folder/log/munged.log" --seed-file="$folder/munge.seed"
 slurmctld -c -f "$folder/slurm.conf"
