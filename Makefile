@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps deps-test deps-python deps-qgis deps-web demo test lint bench accuracy-footprints docs schemas clean
+.PHONY: help deps deps-test deps-python deps-qgis deps-web deps-batch demo test lint bench accuracy-footprints docs schemas clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -24,6 +24,9 @@ deps-qgis: ## Install QGIS (200 MB), so that the tests that open results in it r
 
 deps-web: ## Install a browser and validators of 3D Tiles (500 MB), so that the tests that use them run too
 	@tools/deps.sh web
+
+deps-batch: ## Install Snakemake into target/batch, so that the tests that run cities through it run too
+	@tools/deps.sh batch
 
 demo: deps ## Build, simulate a small town, find its heights, and show the result
 	$(CARGO) build --release --locked

@@ -92,6 +92,13 @@ pub fn write_whole_by_name<E: From<FileError>>(
     Ok(())
 }
 
+/// Whether a path names something inside an archive or on a server (`/vsizip/…`, `/vsicurl/…`, `/vsis3/…`): only GDAL
+/// can tell whether it exists.
+#[must_use]
+pub fn is_virtual(path: &Path) -> bool {
+    path.to_str().is_some_and(|path| path.starts_with("/vsi"))
+}
+
 fn temporary_beside(path: &Path) -> io::Result<tempfile::NamedTempFile> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(folder)?;

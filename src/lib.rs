@@ -83,5 +83,6 @@ pub mod config;
 pub mod pipeline;
 
 pub mod benchmark;
+pub mod tiles;
 
 pub mod cli;

@@ -34,6 +34,12 @@ pub fn stream(root: u64, stage: &str, keys: &[u64]) -> ChaCha8Rng {
     ChaCha8Rng::from_seed(key)
 }
 
+/// A number for a name (FNV-1a), to key a stream by what a thing is called rather than by where it stands in a list.
+#[must_use]
+pub fn key_of(name: &str) -> u64 {
+    name.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |state, byte| (state ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
 #[cfg(test)]
 mod tests {
     use rand::Rng;

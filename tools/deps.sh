@@ -6,12 +6,14 @@
 #   tools/deps.sh docs    Python, which writes docs/reference.md
 #   tools/deps.sh python trimesh, shapely and scipy in target/python; without them the tests that need them say "skipped"
 #   tools/deps.sh qgis    QGIS alone: 220 MB to load, 1 GB on disk; without it the tests that need it say "skipped"
+#   tools/deps.sh batch   Snakemake with its plugins for Slurm and Kubernetes, in target/batch, some 300 MB; likewise
 #   tools/deps.sh web     Node.js, a browser and what drives it, CesiumJS and validators of 3D Tiles, some 500 MB; likewise
 #
 # What is no package of the distribution goes into target/tools, with its version.
 set -euo pipefail
 
 readonly MIN_RUST=94 # Rust 1.94
+readonly SNAKEMAKE=9.27.1 SNAKEMAKE_SLURM=2.8.0 SNAKEMAKE_KUBERNETES=0.5.1
 readonly CJIO=0.10.1 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1 PLAYWRIGHT=1.65.1
 tools="$(cd "$(dirname "$0")/.." && pwd)/target/tools"
 readonly tools
@@ -105,6 +107,16 @@ python_tools() {
   "$folder/bin/pip" install --quiet numpy==2.4.6 scipy==1.17.1 shapely==2.2.0 trimesh==5.2.0 rtree==1.4.1
 }
 
+batch() {
+  local folder=target/batch
+  "$folder/bin/snakemake" --version 2>/dev/null | grep -qx "$SNAKEMAKE" && return 0
+  python3 -c 'import ensurepip' 2>/dev/null || install_packages python3 python3-venv
+  say "installing Snakemake $SNAKEMAKE into $folder"
+  python3 -m venv "$folder"
+  "$folder/bin/pip" install --quiet --disable-pip-version-check "snakemake==$SNAKEMAKE" \
+    "snakemake-executor-plugin-slurm==$SNAKEMAKE_SLURM" "snakemake-executor-plugin-kubernetes==$SNAKEMAKE_KUBERNETES"
+}
+
 case "${1:-build}" in
   build) build_tools ;;
   docs) build_tools; command -v python3 >/dev/null || install_packages python3 ;;
@@ -112,5 +124,6 @@ case "${1:-build}" in
   python) python_tools ;;
   qgis) qgis ;;
   web) web ;;
-  *) fail "usage: tools/deps.sh build|test|python|qgis|web|docs" ;;
+  batch) batch ;;
+  *) fail "usage: tools/deps.sh build|test|python|qgis|web|batch|docs" ;;
 esac

@@ -124,7 +124,7 @@ fn load(problem: &Problem<'_>, optimise: &OptimiseConfig) -> (Vec<Option<LiftVie
                 continue;
             }
         };
-        let sampling = Sampling { stride_px: optimise.stride_px, seed: problem.seed, view: i as u64 };
+        let sampling = Sampling { stride_px: optimise.stride_px, seed: problem.seed, view: input.key };
         let profiles = Profiles::trace(problem.scene, &capped, &input.placed, sampling);
         let camera = &input.placed.camera;
         let disparity = prior.to_disparity();

@@ -130,7 +130,7 @@ fn load(problem: &Problem<'_>, optimise: &OptimiseConfig) -> (Vec<Option<View>>,
             return Ok(None);
         }
         let prior = (problem.load_prior)(i).map_err(|why| (i, why))?;
-        let sampling = Sampling { stride_px: optimise.stride_px, seed: problem.seed, view: i as u64 };
+        let sampling = Sampling { stride_px: optimise.stride_px, seed: problem.seed, view: input.key };
         let profiles = Profiles::trace(problem.scene, &capped, &input.placed, sampling);
         let camera = &input.placed.camera;
         let value = |pixel: [u16; 2]| {

@@ -15,6 +15,7 @@ mod run;
 mod schema;
 mod simulate;
 mod survey;
+mod tiles;
 mod ui;
 mod validate;
 mod view;
@@ -66,6 +67,9 @@ pub struct Global {
 pub enum Command {
     /// Find the heights of buildings: poses, outlines and priors in, a LOD1 city out.
     Run(run::RunArgs),
+    /// Run a city in tiles: plan, run each, merge.
+    #[command(subcommand)]
+    Tiles(tiles::TilesCommand),
     /// Find building outlines in the nadir photos' masks: one clean layer, once per building.
     Footprints(footprints::FootprintsArgs),
     /// Look a survey's poses over before anything is computed from them, or write them for other tools.
@@ -145,6 +149,7 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
     }
     match &cli.command {
         Command::Run(args) => run::run(args, &cli.global),
+        Command::Tiles(command) => tiles::run(command, &cli.global),
         Command::Footprints(args) => footprints::run(args, &cli.global),
         Command::Survey(command) => survey::run(command, &cli.global),
         Command::Prior(command) => prior::run(command, &cli.global),

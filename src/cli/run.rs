@@ -4,13 +4,21 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use super::tiles::{CutArgs, absolute, failed, merge_city, plan_config};
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print_json};
 use crate::config::RunConfig;
 use crate::output::Status;
+use crate::output::tiles3d::Heights;
 use crate::pipeline::{self, RunOptions, RunSummary, Stage};
+use crate::tiles::{self, Layout, MergeOptions, Missing, PoolSettings, TileOutcome};
 
 /// Where `--help` lists the flags that stand for a configuration file.
 const FLAGS: &str = "Without a configuration file";
+
+/// Where `--help` lists the options of tiled runs.
+const TILED: &str = "With --tiled";
+/// How often a tile that failed is tried again.
+const N_RETRIES: usize = 1;
 
 /// Arguments of `sizeup run`.
 #[derive(Debug, Clone, Args)]
@@ -18,6 +26,7 @@ const FLAGS: &str = "Without a configuration file";
   sizeup run sizeup.toml
   sizeup run sizeup.toml --set optimise.preset=paper --output result-paper
   sizeup run sizeup.toml --from output        write the results again, heights as they are
+  sizeup run sizeup.toml --tiled --jobs 4     in parts, for areas that do not fit into memory
   sizeup run --crs EPSG:25832 --survey sparse --footprints blocks.gpkg --dtm dtm.tif \\
              --priors 'depth/{stem}.npz' --prior-kind depth")]
 pub struct RunArgs {
@@ -36,6 +45,18 @@ pub struct RunArgs {
     /// Last stage to run.
     #[arg(long, value_enum, default_value = "output")]
     pub until: StageArg,
+    /// Divide the area into tiles and run them in processes of their own: for areas that do not fit into memory.
+    #[arg(long, conflicts_with_all = ["from", "until"])]
+    pub tiled: bool,
+    /// Tiles at a time, with --tiled; memory permitting. By default half the cores.
+    #[arg(long, value_name = "N", requires = "tiled", help_heading = TILED)]
+    pub jobs: Option<usize>,
+    /// Memory that all tiles together may use, megabytes. By default what is free.
+    #[arg(long, value_name = "MB", requires = "tiled", help_heading = TILED)]
+    pub total_memory: Option<u64>,
+    /// How the area is divided.
+    #[command(flatten, next_help_heading = TILED)]
+    pub cut: CutArgs,
     /// Poses (a COLMAP model folder, a CSV file, …).
     #[arg(long, help_heading = FLAGS, value_name = "PATH", requires_all = ["crs", "footprints", "priors", "prior_kind"])]
     pub survey: Option<PathBuf>,
@@ -94,6 +115,9 @@ pub enum PriorKindArg {
 
 pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
     let config = config_of(args)?;
+    if args.tiled {
+        return run_tiled(config, args, global);
+    }
     let options = RunOptions {
         from: args.from.into(),
         until: args.until.into(),
@@ -104,6 +128,40 @@ pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
         print_json(&summary)?;
     }
     Ok(if summary.has_failed_items() { EXIT_FAILED_ITEMS } else { 0 })
+}
+
+/// Plan, all tiles, merge; tiles that are done stay as they are.
+fn run_tiled(mut config: RunConfig, args: &RunArgs, global: &Global) -> Result<u8, Failure> {
+    config.project.output = absolute(&config.project.output)?;
+    let n_cores = rayon::current_num_threads();
+    let n_jobs = args.jobs.unwrap_or(n_cores.div_ceil(2)).max(1);
+    let settings = PoolSettings {
+        program: std::env::current_exe().map_err(|e| Failure::new(4, &e))?,
+        n_jobs,
+        n_threads: n_cores.div_ceil(n_jobs),
+        memory_mb: args.total_memory.or_else(tiles::available_memory_mb).unwrap_or(u64::MAX),
+        n_retries: N_RETRIES,
+    };
+    let manifest = plan_config(&config, &args.cut, global)?;
+    let (ui, layout) = (Ui::new(global), Layout::new(&config.project.output));
+    let outcomes = tiles::run_all(&layout, &manifest.tiles, &settings, &|done, total| ui.advance("tiles", done, total));
+    ui.finish();
+    let failed_tiles: Vec<TileOutcome> =
+        outcomes.map_err(|e| failed(&e))?.into_iter().filter(|outcome| !outcome.is_done()).collect();
+    for outcome in &failed_tiles {
+        let log = layout.tile(&outcome.id).join("log.txt");
+        ui.say(format!("tile {} failed: see {}", outcome.id, log.display()));
+    }
+    if !failed_tiles.is_empty() {
+        let n = failed_tiles.len();
+        return Err(Failure::from_text(4, format!("{n} tiles failed\nhint: the same command again runs only these")));
+    }
+    let options = MergeOptions { missing: Missing::Refuse, heights: Heights::default() };
+    let merged = merge_city(&layout, &options, global)?;
+    if global.json {
+        print_json(&merged)?;
+    }
+    Ok(if merged.has_failed_items() { EXIT_FAILED_ITEMS } else { 0 })
 }
 
 /// Runs a configuration and says what came out.
@@ -144,6 +202,8 @@ pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
 /// The configuration file with its overrides, or one made from flags.
 fn config_of(args: &RunArgs) -> Result<RunConfig, Failure> {
     let mut config = match &args.config {
+        // Tiles may be run again from another folder than this one.
+        Some(path) if args.tiled => RunConfig::load(&absolute(path)?, &args.assignments),
         Some(path) => RunConfig::load(path, &args.assignments),
         None => RunConfig::from_text(&text_of_flags(args)?, std::path::Path::new("command line"), &args.assignments),
     }

@@ -1,6 +1,6 @@
 //! From a feature of a layer to footprints, or to a refusal that says why.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 
 use geo::BoundingRect as _;
 use geo_types::{Coord, Geometry, Polygon};
@@ -20,11 +20,38 @@ pub(super) struct FeatureReader<'a> {
     rules: Rules,
     ids: HashSet<String>,
     layer: FootprintLayer,
+    /// Features whose ids are not what their attribute says, as a reading of the whole layer found them.
+    given: Option<&'a BTreeMap<u64, String>>,
+    /// The same, as this reading finds them.
+    renamed: BTreeMap<u64, String>,
 }
 
 impl<'a> FeatureReader<'a> {
     pub(super) fn new(id_field: Option<&'a str>, to_project: Transform, rules: Rules) -> Self {
-        Self { id_field, to_project, rules, ids: HashSet::new(), layer: FootprintLayer::default() }
+        Self {
+            id_field,
+            to_project,
+            rules,
+            ids: HashSet::new(),
+            layer: FootprintLayer::default(),
+            given: None,
+            renamed: BTreeMap::new(),
+        }
+    }
+
+    /// For a part of a layer: ids are those of the whole.
+    pub(super) fn with_ids(self, given: &'a BTreeMap<u64, String>) -> Self {
+        Self { given: Some(given), ..self }
+    }
+
+    /// What was read since the last call.
+    pub(super) fn take(&mut self) -> FootprintLayer {
+        std::mem::take(&mut self.layer)
+    }
+
+    /// Features whose ids are not what their attribute says.
+    pub(super) fn into_renamed(self) -> BTreeMap<u64, String> {
+        self.renamed
     }
 
     pub(super) fn finish(self) -> FootprintLayer {
@@ -49,12 +76,27 @@ impl<'a> FeatureReader<'a> {
 
     /// The id from the attribute or the layer's number, made unique.
     fn id(&mut self, position: usize, feature: &Feature) -> String {
-        let number = || feature.fid.map_or_else(|| position.to_string(), |fid| fid.to_string());
-        let stated = self.id_field.map(|field| match feature.attributes.get(field) {
+        if let Some(id) = self.given.zip(feature.fid).and_then(|(given, fid)| given.get(&fid)) {
+            return id.clone();
+        }
+        let stated = self.stated_id(feature);
+        let id = self.id_from(stated.clone(), position, feature);
+        if let Some(fid) = feature.fid.filter(|_| stated.is_some_and(|stated| stated != id)) {
+            self.renamed.insert(fid, id.clone());
+        }
+        id
+    }
+
+    fn stated_id(&self, feature: &Feature) -> Option<String> {
+        self.id_field.map(|field| match feature.attributes.get(field) {
             Some(Value::String(text)) => text.trim().to_owned(),
             Some(Value::Null) | None => String::new(),
             Some(value) => value.to_string(),
-        });
+        })
+    }
+
+    fn id_from(&mut self, stated: Option<String>, position: usize, feature: &Feature) -> String {
+        let number = || feature.fid.map_or_else(|| position.to_string(), |fid| fid.to_string());
         match stated {
             None => self.unique(&number()),
             Some(id) if !id.is_empty() => self.unique(&id),

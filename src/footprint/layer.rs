@@ -218,7 +218,7 @@ pub fn read(config: &FootprintConfig, project_crs: &Crs) -> Result<FootprintLaye
     Ok(layer)
 }
 
-fn check_config(config: &FootprintConfig) -> Result<(), FootprintError> {
+pub(super) fn check_config(config: &FootprintConfig) -> Result<(), FootprintError> {
     let refuse = |field, value, expected| Err(FootprintError::Config { field, value, expected });
     let is_at_least_0 = |v: f64| v.is_finite() && v >= 0.0;
     if !is_at_least_0(config.min_area_m2) {
@@ -238,7 +238,11 @@ fn check_config(config: &FootprintConfig) -> Result<(), FootprintError> {
 
 /// The layer's own CRS, unless it has none or its coordinates cannot be in it (GeoJSON without a CRS is WGS 84 by its
 /// standard, and many a file is in metres all the same).
-fn settle_crs(config: &FootprintConfig, declared: Option<Crs>, features: &[Feature]) -> Result<Crs, FootprintError> {
+pub(super) fn settle_crs(
+    config: &FootprintConfig,
+    declared: Option<Crs>,
+    features: &[Feature],
+) -> Result<Crs, FootprintError> {
     let path = || config.path.clone();
     let Some(declared) = declared else {
         return config.crs.clone().ok_or_else(|| FootprintError::NoCrs { path: path() });

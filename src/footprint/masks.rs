@@ -12,6 +12,7 @@ use super::georeference::AccuracyConfig;
 use super::layer::FootprintError;
 use super::outlines::{Look, OutlineKind, OutlineSource, ViewFault};
 use super::vectorise::{Instances, Outline, Vectorising, outlines, outlines_at_level};
+use crate::files::is_virtual;
 use crate::geodata::raster::RasterFile;
 use crate::raster::Raster;
 use crate::survey::View;
@@ -120,7 +121,7 @@ impl OutlineSource for MaskFiles {
             return coco.outlines(view, look, self.config.min_score);
         }
         let path = self.path_of(view).ok_or_else(|| ViewFault::Absent { path: self.config.path.clone().into() })?;
-        if !path.exists() {
+        if !is_virtual(&path) && !path.exists() {
             return Err(ViewFault::Absent { path });
         }
         let unreadable =

@@ -24,6 +24,7 @@ mod masks;
 mod outlines;
 mod overlap;
 mod partition;
+mod parts;
 pub mod segment;
 mod shape;
 mod source;
@@ -41,6 +42,7 @@ pub use layer::{FootprintConfig, FootprintError, read};
 pub use masks::{MaskConfig, MaskFiles, MaskKind};
 pub use outlines::{Look, OutlineKind, OutlineSource, ViewFault};
 pub use overlap::overlaps;
+pub use parts::LayerParts;
 pub use segment::{Segmenter, SegmenterConfig};
 pub use source::{DetectionSettings, FootprintSource};
 pub use split::pieces;
@@ -70,6 +72,15 @@ pub struct Footprint {
     /// The user's own attributes, carried through.
     #[serde(default)]
     pub attributes: JsonMap<String, Value>,
+}
+
+impl Footprint {
+    /// Middle of the box around it, which decides where it belongs when an area is divided.
+    #[must_use]
+    pub fn middle(&self) -> Option<(f64, f64)> {
+        use geo::BoundingRect as _;
+        self.polygon.bounding_rect().map(|rect| rect.center().x_y())
+    }
 }
 
 /// A building of the input that has no usable outline: it is in the output all the same.

@@ -140,6 +140,11 @@ impl VectorLayer {
         self.fields.iter().map(|(name, _)| name.as_str())
     }
 
+    /// Shows only what meets a rectangle of the layer's own CRS from here on: west, south, east, north.
+    pub fn look_at(&mut self, [west, south, east, north]: [f64; 4]) {
+        self.layer.set_spatial_filter_rect(west, south, east, north);
+    }
+
     /// All features, in the layer's order.
     pub fn features(&mut self) -> impl Iterator<Item = Feature> {
         let fields = &self.fields;

@@ -10,7 +10,6 @@
 //! over make every building wider *and taller*; [`super::evidence`] takes the spill back before heights are compared.
 
 use glam::{DVec2, Vec2};
-use rayon::prelude::*;
 
 use crate::prior::DepthPrior;
 use crate::render::PlacedCamera;
@@ -31,17 +30,40 @@ const MIN_JUMP: f32 = 0.015;
 /// Fewer profiles do not tell.
 const MIN_PROFILES: usize = 40;
 
-/// The median offset of depth edges from the walls that they belong to, pixels of the working image, positive where near
-/// sides spill over; `None` where too few walls are seen from the side.
+/// Roofs as they stand, to look for edges in.
+pub struct Edges<'a> {
+    scene: &'a Scene,
+    heights_m: &'a [f32],
+    tracer: SceneTracer<'a>,
+}
+
+impl<'a> Edges<'a> {
+    /// For heights above ground, metres, one per building.
+    #[must_use]
+    pub fn new(scene: &'a Scene, heights_m: &'a [f32]) -> Self {
+        Self { scene, heights_m, tracer: SceneTracer::new(scene, heights_m) }
+    }
+
+    /// The offsets of one view's depth edges from the walls of some buildings, pixels of the working image, positive
+    /// where near sides spill over.
+    pub fn offsets(
+        &self,
+        placed: &PlacedCamera,
+        prior: &DepthPrior,
+        buildings: impl Iterator<Item = usize>,
+    ) -> Vec<f64> {
+        let edges = buildings.flat_map(|b| side_edges(self.scene, self.heights_m, placed, b));
+        edges.filter_map(|edge| offset(&self.tracer, placed, prior, &edge)).collect()
+    }
+}
+
+/// The spill of each view: the median of its own offsets where it has enough, of all views' otherwise; 0 where there are
+/// too few in all. A view's own value does not depend on what else the scene holds.
 #[must_use]
-pub fn measure(scene: &Scene, heights_m: &[f32], views: &[(&PlacedCamera, &DepthPrior)]) -> Option<f64> {
-    let tracer = SceneTracer::new(scene, heights_m);
-    let of_view = |&(placed, prior): &(&PlacedCamera, &DepthPrior)| -> Vec<f64> {
-        let edges = (0..scene.prisms.len()).flat_map(|b| side_edges(scene, heights_m, placed, b));
-        edges.filter_map(|edge| offset(&tracer, placed, prior, &edge)).collect()
-    };
-    let offsets: Vec<f64> = views.par_iter().map(of_view).collect::<Vec<_>>().concat();
-    (offsets.len() >= MIN_PROFILES).then(|| stats::median(&offsets)).flatten()
+pub fn spills(offsets: &[Vec<f64>]) -> Vec<f64> {
+    let median = |offsets: &[f64]| (offsets.len() >= MIN_PROFILES).then(|| stats::median(offsets)).flatten();
+    let of_all = median(&offsets.concat()).unwrap_or(0.0);
+    offsets.iter().map(|of_view| median(of_view).unwrap_or(of_all)).collect()
 }
 
 /// A place on a wall corner's vertical edge that is the side of a building in a view.

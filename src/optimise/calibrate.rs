@@ -9,6 +9,7 @@
 //! the other side, which drives it to the far envelope: the ground. No terms in image position are fitted: on level
 //! ground `1/R` is itself affine in them, and the fit would collapse.
 
+use super::config::CalibrationRays;
 use super::evidence::Evidence;
 use crate::render::profile::Stops;
 use crate::stats;
@@ -17,6 +18,8 @@ use crate::stats;
 const ROUNDS: usize = 12;
 /// Rays below which a view cannot be calibrated.
 const MIN_RAYS: usize = 50;
+/// Fewer rays on the ground than this do not do without those on buildings.
+const MIN_GROUND_RAYS: usize = 200;
 /// Cut-off of the biweight in standard deviations, on the near side and on the far side.
 const CUT_OFF: [f64; 2] = [3.0, 4.7];
 /// A standard deviation per median absolute deviation of a normal distribution.
@@ -33,15 +36,8 @@ impl Calibration {
     /// Fits a view with every roof where it is now; `None` where there is too little to go by, or where the prior
     /// falls towards the camera.
     #[must_use]
-    pub fn fit(evidence: &Evidence<'_>, stops: &Stops) -> Option<Self> {
-        let samples: Vec<(f64, f64)> = evidence
-            .nearness
-            .iter()
-            .enumerate()
-            .filter(|(_, p)| p.is_finite())
-            .map(|(ray, &p)| (f64::from(evidence.profiles.depth(ray, stops).recip()), f64::from(p)))
-            .filter(|(v, _)| *v > 0.0)
-            .collect();
+    pub fn fit(evidence: &Evidence<'_>, stops: &Stops, rays: CalibrationRays) -> Option<Self> {
+        let samples = samples(evidence, stops, rays);
         if samples.len() < MIN_RAYS {
             return None;
         }
@@ -68,6 +64,21 @@ impl Calibration {
     pub fn inverse_depth(&self, prior: f32) -> f32 {
         ((f64::from(prior) - self.offset) / self.gain) as f32
     }
+}
+
+/// Rendered inverse depth and prior of a view's rays.
+fn samples(evidence: &Evidence<'_>, stops: &Stops, rays: CalibrationRays) -> Vec<(f64, f64)> {
+    let profiles = evidence.profiles;
+    let known = evidence.nearness.iter().enumerate().filter(|(_, p)| p.is_finite());
+    let on_anything = known.filter_map(|(ray, &p)| {
+        let depth = profiles.depth(ray, stops);
+        let is_ground = depth >= profiles.rays[ray].ground;
+        depth.is_finite().then(|| (is_ground, (f64::from(depth.recip()), f64::from(p))))
+    });
+    let on_anything: Vec<(bool, (f64, f64))> = on_anything.collect();
+    let n_ground = on_anything.iter().filter(|(is_ground, _)| *is_ground).count();
+    let needs_all = rays == CalibrationRays::All || n_ground < MIN_GROUND_RAYS;
+    on_anything.into_iter().filter(|(is_ground, _)| *is_ground || needs_all).map(|(_, sample)| sample).collect()
 }
 
 /// The line `p = offset + gain · v` of least weighted squares.

@@ -134,6 +134,18 @@ impl Default for OrdinalConfig {
     }
 }
 
+/// Which rays bring a view's prior to metres.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CalibrationRays {
+    /// All: buildings as they stand, and the ground.
+    #[default]
+    All,
+    /// Those that meet the ground between the buildings as they stand: what is wrong with a height matters less to all
+    /// others in the view.
+    Ground,
+}
+
 /// Settings of the local search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -169,6 +181,8 @@ pub struct SearchConfig {
     /// Weight of the agreement added for surroundings that look wholly at what the scene does not have (buildings without
     /// an outline): edges there are not to be trusted.
     pub unmodelled_agreement_weight: f32,
+    /// Which rays bring a view's prior to metres: `all` or `ground`.
+    pub calibrate_on: CalibrationRays,
     /// Greatest number of views a building is measured in.
     pub max_views_per_building: usize,
     /// Views are selected again after so many full sweeps.
@@ -193,6 +207,7 @@ impl Default for SearchConfig {
             agreement_weight: 0.1,
             local_agreement_weight: 0.03,
             unmodelled_agreement_weight: 0.3,
+            calibrate_on: CalibrationRays::default(),
             max_views_per_building: 24,
             reselect_every: 3,
         }

@@ -79,7 +79,7 @@ pub fn inspect(
     views.sort_unstable();
     views.dedup();
     let trace = |&view: &usize| {
-        let sampling = Sampling { stride_px: config.stride_px, seed: problem.seed, view: view as u64 };
+        let sampling = Sampling { stride_px: config.stride_px, seed: problem.seed, view: problem.views[view].key };
         (view, Profiles::trace(problem.scene, &capped, &problem.views[view].placed, sampling))
     };
     let profiles: Vec<(usize, Profiles)> = views.iter().map(trace).collect();
@@ -97,7 +97,7 @@ pub fn inspect(
         .par_iter()
         .map(|(view, evidence)| {
             let stops = evidence.profiles.stops(&roofs);
-            (*view, SweepView::new(&problem.views[*view].placed, evidence, stops))
+            (*view, SweepView::new(&problem.views[*view].placed, evidence, stops, config.search.calibrate_on))
         })
         .collect::<Vec<_>>()
         .into_iter()

@@ -21,7 +21,7 @@ mod search;
 mod solution;
 mod solve;
 
-pub use config::{Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
+pub use config::{CalibrationRays, Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
 pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
 pub use levels::OtherLevel;
 pub use roof::Roof;

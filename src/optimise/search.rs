@@ -11,7 +11,7 @@
 use rayon::prelude::*;
 
 use super::calibrate::Calibration;
-use super::config::SearchConfig;
+use super::config::{CalibrationRays, SearchConfig};
 use super::evidence::Evidence;
 use super::roof::{self, Roof};
 use super::score::{Correlation, Window, jackknife_sigma, parabola_peak};
@@ -66,8 +66,8 @@ pub struct SweepView<'a> {
 impl<'a> SweepView<'a> {
     /// Calibrates a view for the roofs as they stand.
     #[must_use]
-    pub fn new(placed: &'a PlacedCamera, evidence: &'a Evidence<'a>, stops: Stops) -> Self {
-        let calibration = Calibration::fit(evidence, &stops);
+    pub fn new(placed: &'a PlacedCamera, evidence: &'a Evidence<'a>, stops: Stops, rays: CalibrationRays) -> Self {
+        let calibration = Calibration::fit(evidence, &stops, rays);
         Self { placed, evidence, stops, calibration }
     }
 

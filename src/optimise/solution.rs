@@ -79,7 +79,7 @@ pub struct EpochRecord {
 }
 
 /// What was solved.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Solution {
     /// One per building of the scene.
     pub heights: Vec<SolvedHeight>,
@@ -87,7 +87,8 @@ pub struct Solution {
     pub history: Vec<EpochRecord>,
     /// Distinct views whose prior was used, ascending (the paper's #Used).
     pub used_views: Vec<usize>,
-    /// By how many pixels of the working image the priors' near sides were taken to spill over their edges.
+    /// By how many pixels of the working image the priors' near sides were taken to spill over their edges, median of
+    /// the views.
     pub spill_px: f64,
     /// Buildings with a second roof level, which no single height fits: to be taken apart and solved again.
     #[serde(default)]

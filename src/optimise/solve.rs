@@ -20,7 +20,7 @@ use crate::render::PlacedCamera;
 use crate::render::profile::{CappedScene, Profiles, Sampling};
 use crate::scene::{HeightReference, Scene};
 use crate::seed;
-use crate::views::{Selection, ViewsConfig, Visibility, select, visibility};
+use crate::views::{Candidate, Choice, Selection, ViewsConfig, Visibility, in_turn, select, select_each, visibility};
 
 /// A flat sum of correlations over the tried heights below which the score says nothing.
 const FLAT_SCORE: f64 = 0.02;
@@ -34,13 +34,9 @@ const HOPELESS_SCORE_ALONE: f64 = 0.6;
 /// besides, in pixels on the building. Fitted to 640 simulated buildings (8 scenes, 4 levels of prior errors).
 const SPREAD_SHARE: f64 = 0.5;
 const SYSTEMATIC_PX: f64 = 0.65;
-/// Views that the spill of the priors is measured in.
-const MAX_SPILL_VIEWS: usize = 24;
 /// Spill that is left alone, and the most that is taken back, pixels of the working image.
 const MIN_SPILL_PX: f64 = 0.5;
 const MAX_SPILL_PX: f64 = 4.0;
-/// Sectors of azimuth that a building's views are taken from in turn.
-const N_SECTORS: usize = 8;
 
 /// A view that may take part.
 #[derive(Debug, Clone)]
@@ -49,6 +45,8 @@ pub struct ViewInput {
     pub placed: PlacedCamera,
     /// Whether heights may be measured in it (oblique views).
     pub is_oblique: bool,
+    /// A number for its name ([`seed::key_of`]): random choices about a view do not depend on its company.
+    pub key: u64,
 }
 
 /// What is to be solved.
@@ -94,8 +92,12 @@ fn trace_all(problem: &Problem<'_>, config: &OptimiseConfig) -> Vec<Profiles> {
     let mut profiles = Vec::with_capacity(n);
     for (view, input) in problem.views.iter().enumerate() {
         (problem.progress)(Solving::Tracing, view, n);
-        let sampling = Sampling { stride_px: config.stride_px, seed: problem.seed, view: view as u64 };
-        profiles.push(Profiles::trace(problem.scene, &capped, &input.placed, sampling));
+        let sampling = Sampling { stride_px: config.stride_px, seed: problem.seed, view: input.key };
+        profiles.push(if input.is_oblique {
+            Profiles::trace(problem.scene, &capped, &input.placed, sampling)
+        } else {
+            Profiles::none()
+        });
     }
     (problem.progress)(Solving::Tracing, n, n);
     profiles
@@ -114,8 +116,8 @@ struct State<'a> {
     roofs: Vec<Option<Roof>>,
     views_of: Vec<Vec<usize>>,
     history: Vec<EpochRecord>,
-    /// By how many pixels of the working image the priors' near sides spill over their edges.
-    spill_px: f64,
+    /// By view: by how many pixels of the working image its prior's near sides spill over their edges.
+    spill_px: Vec<f64>,
     other_levels: Vec<OtherLevel>,
 }
 
@@ -134,7 +136,7 @@ impl<'a> State<'a> {
             roofs: vec![None; n_buildings],
             views_of: vec![Vec::new(); n_buildings],
             history: Vec::new(),
-            spill_px: 0.0,
+            spill_px: vec![0.0; n_views],
             other_levels: Vec::new(),
         }
     }
@@ -147,9 +149,14 @@ impl<'a> State<'a> {
         let axes: Vec<DVec3> = views.iter().map(|v| v.placed.axis()).collect();
         let ground_z = f64::from(self.problem.scene.prisms.first().map_or(0.0, |p| p.ground_z));
         let stations: Vec<DVec3> = views.iter().map(|v| v.placed.looks_at(ground_z)).collect();
+        let candidates: Vec<Candidate> = views.iter().map(|v| Candidate { eye: v.placed.eye(), key: v.key }).collect();
+        let centres: Vec<DVec3> = (0..n_buildings).map(|b| self.centre(b)).collect();
         let mut visibilities = self.visibilities();
         loop {
-            let selection = select(&self.views_config, &visibilities, &stations, &axes, n_buildings);
+            let selection = match self.views_config.choice {
+                Choice::Cover => select(&self.views_config, &visibilities, &stations, &axes, n_buildings),
+                Choice::Each => select_each(&self.views_config, &visibilities, &candidates, &centres),
+            };
             self.load(&selection.views);
             let failed: Vec<usize> = selection.views.iter().copied().filter(|&v| self.failed[v].is_some()).collect();
             if failed.is_empty() {
@@ -186,7 +193,14 @@ impl<'a> State<'a> {
             .map(|&v| {
                 let evidence = (self.problem.load_prior)(v).map(|prior| {
                     let placed = &self.problem.views[v].placed;
-                    Evidence::new(placed, &self.profiles[v], &prior, self.spill_px, self.config.stride_px, n_buildings)
+                    Evidence::new(
+                        placed,
+                        &self.profiles[v],
+                        &prior,
+                        self.spill_px[v],
+                        self.config.stride_px,
+                        n_buildings,
+                    )
                 });
                 let done = n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
                 (self.problem.progress)(Solving::Priors, done, new.len());
@@ -203,26 +217,23 @@ impl<'a> State<'a> {
 
     /// The views a building is measured in: from each sector of azimuth in turn the one that sees most of it.
     fn best_views(&self, building: usize, candidates: &[usize], seen: &[Visibility]) -> Vec<usize> {
-        let prism = &self.problem.scene.prisms[building];
-        let centre = prism.centre_at(prism.ground_z).as_dvec3();
+        let centre = self.centre(building);
         let n_rays = |view: usize| {
             let sights = &seen[view].buildings;
             sights.binary_search_by_key(&(building as u32), |s| s.building).map_or(0, |i| sights[i].n_rays)
         };
-        let mut sectors: Vec<Vec<usize>> = vec![Vec::new(); N_SECTORS];
-        for &view in candidates.iter().filter(|&&v| self.evidence[v].is_some()) {
+        let loaded = candidates.iter().copied().filter(|&v| self.evidence[v].is_some());
+        let ranked = loaded.map(|view| {
             let from = self.problem.views[view].placed.eye() - centre;
-            let turn = from.y.atan2(from.x) / std::f64::consts::TAU + 0.5;
-            sectors[((turn * N_SECTORS as f64) as usize).min(N_SECTORS - 1)].push(view);
-        }
-        for sector in &mut sectors {
-            sector.sort_by_key(|&v| (std::cmp::Reverse(n_rays(v)), v));
-        }
-        let longest = sectors.iter().map(Vec::len).max().unwrap_or(0);
-        let in_turn = (0..longest).flat_map(|i| sectors.iter().filter_map(move |s| s.get(i).copied()));
-        let mut best: Vec<usize> = in_turn.take(self.config.search.max_views_per_building).collect();
-        best.sort_unstable();
-        best
+            (view, from.truncate(), std::cmp::Reverse(n_rays(view)))
+        });
+        in_turn(ranked, self.config.search.max_views_per_building)
+    }
+
+    /// Middle of a building at its ground, local frame, metres.
+    fn centre(&self, building: usize) -> DVec3 {
+        let prism = &self.problem.scene.prisms[building];
+        prism.centre_at(prism.ground_z).as_dvec3()
     }
 
     fn run_search(&mut self) {
@@ -258,22 +269,28 @@ impl<'a> State<'a> {
         (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
     }
 
-    /// Measures how far the priors' near sides spill over known edges, and samples the priors anew without it.
+    /// Measures how far each prior's near sides spill over known edges, and samples the priors anew without it.
     fn take_back_spill(&mut self) {
         let used: Vec<usize> = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
-        let every = used.len().div_ceil(MAX_SPILL_VIEWS).max(1);
-        let priors: Vec<_> =
-            used.iter().step_by(every).filter_map(|&v| Some((v, (self.problem.load_prior)(v).ok()?))).collect();
-        let views: Vec<_> = priors.iter().map(|(v, prior)| (&self.problem.views[*v].placed, prior)).collect();
-        let spill_px = bleed::measure(self.problem.scene, &self.heights_m, &views).unwrap_or(0.0);
-        if spill_px.abs() < MIN_SPILL_PX {
-            return;
+        let edges = bleed::Edges::new(self.problem.scene, &self.heights_m);
+        let n_buildings = self.heights_m.len();
+        let offsets_of = |&v: &usize| {
+            let (Some(evidence), Ok(prior)) = (&self.evidence[v], (self.problem.load_prior)(v)) else {
+                return Vec::new();
+            };
+            let seen = (0..n_buildings).filter(|&b| !evidence.rays_of(b as u32).is_empty());
+            edges.offsets(&self.problem.views[v].placed, &prior, seen)
+        };
+        let offsets: Vec<Vec<f64>> = used.par_iter().map(offsets_of).collect();
+        let mut changed = Vec::new();
+        for (&v, spill_px) in used.iter().zip(bleed::spills(&offsets)) {
+            if spill_px.abs() >= MIN_SPILL_PX {
+                self.spill_px[v] = spill_px.clamp(-MAX_SPILL_PX, MAX_SPILL_PX);
+                self.evidence[v] = None;
+                changed.push(v);
+            }
         }
-        self.spill_px = spill_px.clamp(-MAX_SPILL_PX, MAX_SPILL_PX);
-        for &v in &used {
-            self.evidence[v] = None;
-        }
-        self.load(&used);
+        self.load(&changed);
     }
 
     /// Every view with a prior, with the roofs as they stand.
@@ -283,7 +300,7 @@ impl<'a> State<'a> {
             let evidence = self.evidence[v].as_ref()?;
             let placed = &self.problem.views[v].placed;
             let stops = evidence.profiles.stops(&roofs);
-            Some(SweepView::new(placed, evidence, stops))
+            Some(SweepView::new(placed, evidence, stops, self.config.search.calibrate_on))
         };
         (0..self.evidence.len()).into_par_iter().map(view_of).collect()
     }
@@ -375,23 +392,18 @@ impl<'a> State<'a> {
 
     fn into_solution(self) -> Solution {
         let heights = (0..self.heights_m.len()).map(|b| self.solved(b)).collect();
-        let used_views = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
+        let used_views: Vec<usize> = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
+        let spills: Vec<f64> = used_views.iter().map(|&v| self.spill_px[v]).collect();
+        let spill_px = crate::stats::median(&spills).unwrap_or(0.0);
         let failed_views = self.failed.iter().enumerate().filter_map(|(v, why)| Some((v, why.clone()?))).collect();
-        Solution {
-            heights,
-            history: self.history,
-            used_views,
-            spill_px: self.spill_px,
-            other_levels: self.other_levels,
-            failed_views,
-        }
+        let other_levels = self.other_levels;
+        Solution { heights, history: self.history, used_views, spill_px, other_levels, failed_views }
     }
 
     /// The standard deviation to state for a standard error over views, which knows nothing of what all views have in
     /// common, metres.
     fn calibrated_sigma(&self, building: usize, spread_m: f64) -> f64 {
-        let prism = &self.problem.scene.prisms[building];
-        let centre = prism.centre_at(prism.ground_z).as_dvec3();
+        let centre = self.centre(building);
         let pixel_m = |&view: &usize| {
             let placed = &self.problem.views[view].placed;
             (placed.eye() - centre).length() / placed.camera.fx_px

@@ -8,7 +8,8 @@ use image::RgbImage;
 use image::imageops::{FilterType, crop_imm, resize};
 use rayon::prelude::*;
 
-use super::stages::{SceneStage, view_inputs};
+use super::heights::view_inputs;
+use super::stages::SceneStage;
 use super::{HeightStage, pictures};
 use crate::config::RunConfig;
 use crate::optimise::{InspectedView, Inspection, Problem, SolvedHeight, inspect};

@@ -50,7 +50,7 @@ fn write(config: &RunConfig, found: &Detection, survey: &Survey) -> Result<(), P
     })
 }
 
-fn on_ground(config: &RunConfig, layer: footprint::FootprintLayer, terrain: &Terrain) -> FootprintStage {
+pub(super) fn on_ground(config: &RunConfig, layer: footprint::FootprintLayer, terrain: &Terrain) -> FootprintStage {
     let (ground, issues): (Vec<_>, Vec<_>) =
         layer.footprints.iter().map(|f| ground_under(terrain, &f.id, &f.polygon, config.ground)).unzip();
     let issues = issues.into_iter().flatten().collect();

@@ -46,8 +46,14 @@ pub(super) fn check_views(survey: &Survey, footprints: &FootprintStage) -> Resul
     if n_seen.count() == 0 {
         return Err(no_overlap(survey, footprints));
     }
+    clearance_m(survey, highest_ground)
+}
+
+/// The lowest oblique view's height above the highest ground, metres.
+pub(super) fn clearance_m(survey: &Survey, highest_ground: f64) -> Result<f64, PipelineError> {
     let clearance = |view: &crate::survey::View| view.camera_from_map.centre().z - highest_ground;
-    let lowest = oblique().map(clearance).fold(f64::INFINITY, f64::min);
+    let oblique = survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique);
+    let lowest = oblique.map(clearance).fold(f64::INFINITY, f64::min);
     if lowest <= 0.0 {
         return Err(PipelineError::Mismatch {
             message: format!("the lowest oblique view is {:.0} m below the ground of the buildings", -lowest),

@@ -47,8 +47,7 @@ pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) ->
                 "passes are counted from 1; the last is taken where none is named",
             )
         })?;
-    let stage =
-        SceneStage::new(config, &survey, &footprints)?.after(config, &survey, &mut footprints, &heights.cuts)?;
+    let stage = SceneStage::new(config, &survey, &footprints)?.after(config, &mut footprints, &heights.cuts)?;
     let priors = config.prior.open(&survey.views, &stage.terrain)?;
     let prior = priors.load(found)?.to_z_depth(&found.camera);
     let placed = PlacedCamera::new(found.camera.reduced_to(PICTURE_PX), found.camera_from_map, stage.scene.origin);

@@ -14,6 +14,8 @@ mod artefact;
 mod error;
 mod evidence;
 mod footprints;
+mod frame;
+mod heights;
 mod input;
 mod levels;
 mod look;
@@ -23,11 +25,15 @@ mod records;
 mod report;
 mod soundness;
 mod stages;
+mod tile;
 
 pub use artefact::{FootprintStage, HeightStage};
 pub use error::PipelineError;
+pub use frame::Frame;
 pub use levels::Cut;
 pub use look::look;
+pub use stages::{files_of, unstated_reference};
+pub use tile::{Part, PartHeights, layer_of, outlines_around, refused_records, survey_of};
 
 use std::path::PathBuf;
 

@@ -5,21 +5,23 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use geo_types::Polygon;
+use glam::DVec3;
 
+use super::frame::{Frame, origin};
+use super::heights::HeightSearch;
 use super::input::{check_settings, check_views, height_bounds};
 use super::records::records;
 use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
 use super::{artefact, footprints as outlines, levels, pictures, report, soundness};
 use crate::config::RunConfig;
 use crate::files::{FileError, write_whole};
+use crate::frames::LocalOrigin;
 use crate::issue::{Issue, Severity, Subject};
-use crate::optimise::{OptimiseConfig, Problem, SearchConfig, Solution, ViewInput};
 use crate::output::fallback::{self, FallbackSource};
 use crate::output::{BuildingRecord, CityModel, InputFile, Lineage, cityjson, geopackage, sha256_hex};
-use crate::prior::{PriorSource as _, Priors};
-use crate::render::PlacedCamera;
+use crate::prior::Priors;
 use crate::scene::Scene;
-use crate::survey::{Survey, View, ViewKind};
+use crate::survey::{Survey, ViewKind};
 use crate::terrain::{self, GroundLevel, MapBox, Terrain};
 
 /// How far around the footprints the ground is needed, in greatest heights: rays at 60° off nadir that pass over a
@@ -93,13 +95,14 @@ pub(super) fn run(
     let mut stage = SceneStage::new(config, &survey, &footprints)?;
     let heights: HeightStage = if runs(Stage::Heights) {
         tell(Event::Stage(Stage::Heights));
-        let heights = solve_in_rounds(config, &survey, &mut footprints, &mut stage, tell, solver)?;
+        let search = HeightSearch { config, survey: &survey, tell, solver };
+        let heights = search.in_rounds(&mut footprints, &mut stage)?;
         artefact::write(config, Stage::Heights, &heights)?;
         timed(Stage::Heights, start);
         heights
     } else {
         let heights: HeightStage = artefact::read(config, Stage::Heights)?;
-        stage = stage.after(config, &survey, &mut footprints, &heights.cuts)?;
+        stage = stage.after(config, &mut footprints, &heights.cuts)?;
         heights
     };
     summary.n_used_views = heights.solution.used_views.len();
@@ -153,13 +156,18 @@ fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
     }
 }
 
+/// The box around outlines.
+fn extent<'a>(outlines: impl Iterator<Item = &'a Polygon<f64>>) -> Option<MapBox> {
+    let corners = outlines.filter_map(geo::BoundingRect::bounding_rect).flat_map(|rect| [rect.min(), rect.max()]);
+    MapBox::around(corners.map(|c| (c.x, c.y)))
+}
+
 pub(super) fn load_terrain<'a>(
     config: &RunConfig,
     outlines: impl Iterator<Item = &'a Polygon<f64>>,
     margin_m: f64,
 ) -> Result<Terrain, PipelineError> {
-    let corners = outlines.filter_map(geo::BoundingRect::bounding_rect).flat_map(|rect| [rect.min(), rect.max()]);
-    let Some(area) = MapBox::around(corners.map(|c| (c.x, c.y))) else {
+    let Some(area) = extent(outlines) else {
         return Err(PipelineError::Mismatch {
             message: "none of the input's buildings has a usable outline".to_owned(),
             hint: "issues of the footprints stage tell why, building by building",
@@ -181,6 +189,17 @@ pub(super) struct SceneStage {
 impl SceneStage {
     pub fn new(config: &RunConfig, survey: &Survey, footprints: &FootprintStage) -> Result<Self, PipelineError> {
         let bounds = height_bounds(config, check_views(survey, footprints)?)?;
+        let area = extent(footprints.layer.footprints.iter().map(|f| &f.polygon));
+        Self::in_frame(
+            config,
+            &Frame { origin: area.map_or(LocalOrigin(DVec3::ZERO), |area| origin(survey, area)), bounds },
+            footprints,
+        )
+    }
+
+    /// The same in a frame that is given.
+    pub fn in_frame(config: &RunConfig, frame: &Frame, footprints: &FootprintStage) -> Result<Self, PipelineError> {
+        let bounds = frame.bounds;
         let solved: Vec<usize> = (0..footprints.ground.len()).filter(|&i| footprints.ground[i].is_some()).collect();
         let on_ground: Vec<(&Polygon<f64>, GroundLevel)> = solved
             .iter()
@@ -188,7 +207,7 @@ impl SceneStage {
             .collect();
         let margin_m = GROUND_MARGIN_HEIGHTS * f64::from(bounds.max_m);
         let terrain = load_terrain(config, on_ground.iter().map(|(polygon, _)| *polygon), margin_m)?;
-        let scene = Scene::new(&on_ground, &terrain, bounds, margin_m);
+        let scene = Scene::at(frame.origin, &on_ground, &terrain, bounds, margin_m);
         Ok(Self { scene, solved, terrain })
     }
 
@@ -196,128 +215,46 @@ impl SceneStage {
     pub fn after(
         self,
         config: &RunConfig,
-        survey: &Survey,
         footprints: &mut FootprintStage,
         cuts: &[Vec<levels::Cut>],
     ) -> Result<Self, PipelineError> {
         let is_changed = cuts.iter().fold(false, |changed, round| levels::take_apart(footprints, round) || changed);
-        if is_changed { Self::new(config, survey, footprints) } else { Ok(self) }
+        if is_changed { Self::in_frame(config, &self.frame(), footprints) } else { Ok(self) }
+    }
+
+    /// Where it lies.
+    pub fn frame(&self) -> Frame {
+        Frame { origin: self.scene.origin, bounds: self.scene.bounds }
     }
 }
 
-/// Solves for the heights, again and again where they change the outlines.
-fn solve_in_rounds(
-    config: &RunConfig,
-    survey: &Survey,
-    footprints: &mut FootprintStage,
-    stage: &mut SceneStage,
-    tell: Tell<'_>,
-    solver: Solver<'_>,
-) -> Result<HeightStage, PipelineError> {
-    let whole = OptimiseConfig {
-        search: SearchConfig { split_levels: false, ..config.optimise.search.clone() },
-        ..config.optimise.clone()
-    };
-    let find = |stage: &SceneStage, optimise| find_heights(config, survey, stage, optimise, tell, solver);
-    // Roofs move with their heights, and heights are measured under their roofs.
-    for _ in 0..outlines::roof_rounds(config, footprints) {
-        let heights = find(stage, &whole)?;
-        let has_moved = outlines::move_roofs(config, survey, footprints, &heights)?;
-        *stage = SceneStage::new(config, survey, footprints)?;
-        if !has_moved {
-            break;
-        }
-    }
-    if footprints.tracks.is_some() {
-        artefact::write(config, Stage::Footprints, &footprints)?;
-    }
-    // An outline with two roof levels has no one height.
-    let mut cuts = Vec::new();
-    for _ in 0..levels::MAX_ROUNDS {
-        let heights = find(stage, &config.optimise)?;
-        let round = levels::cuts(stage, &heights.solution);
-        if !levels::take_apart(footprints, &round) {
-            return Ok(HeightStage { cuts, ..heights });
-        }
-        *stage = SceneStage::new(config, survey, footprints)?;
-        cuts.push(round);
-    }
-    Ok(HeightStage { cuts, ..find(stage, &whole)? })
-}
-
-fn find_heights(
-    config: &RunConfig,
-    survey: &Survey,
-    stage: &SceneStage,
-    optimise: &OptimiseConfig,
-    tell: Tell<'_>,
-    solver: Solver<'_>,
-) -> Result<HeightStage, PipelineError> {
-    let views = view_inputs(config, survey, &stage.scene);
-    let priors = config.prior.open(&survey.views, &stage.terrain)?;
-    let load_prior = |view: usize| {
-        let view = &survey.views[view];
-        priors.load(view).map(|prior| prior.to_z_depth(&view.camera)).map_err(|e| e.to_string())
-    };
-    let solution = solver(
-        &Problem {
-            scene: &stage.scene,
-            views: &views,
-            load_prior: &load_prior,
-            seed: config.seed,
-            progress: &|what, done, total| tell(Event::Advance { what, done, total }),
-        },
-        optimise,
-    );
-    require_priors(survey, &solution)?;
-    Ok(HeightStage { solved: stage.solved.clone(), cuts: Vec::new(), solution })
-}
-
-/// Every view of a survey at its working resolution.
-pub(super) fn view_inputs(config: &RunConfig, survey: &Survey, scene: &Scene) -> Vec<ViewInput> {
-    let of = |view: &View| ViewInput {
-        placed: PlacedCamera::new(
-            view.camera.reduced_to(config.optimise.working_px),
-            view.camera_from_map,
-            scene.origin,
-        ),
-        is_oblique: view.kind() == ViewKind::Oblique,
-    };
-    survey.views.iter().map(of).collect()
-}
-
-/// Without a single prior there is nothing to solve: the settings are wrong, not single photos.
-fn require_priors(survey: &Survey, solution: &Solution) -> Result<(), PipelineError> {
-    match solution.failed_views.first() {
-        Some((view, reason)) if solution.used_views.is_empty() => Err(PipelineError::NoPriors {
-            n: solution.failed_views.len(),
-            view: survey.views[*view].id.0.clone(),
-            reason: reason.clone(),
-        }),
-        _ => Ok(()),
-    }
-}
-
-fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, heights: &HeightStage) -> Vec<Issue> {
-    let failed_priors = heights.solution.failed_views.iter().map(|(view, reason)| {
+/// Views whose prior could not be used.
+pub(super) fn prior_issues<'a>(survey: &'a Survey, heights: &'a HeightStage) -> impl Iterator<Item = Issue> + 'a {
+    heights.solution.failed_views.iter().map(|(view, reason)| {
         let subject = Subject::View(survey.views[*view].id.0.clone());
         // A reason carries its advice on a line of its own.
         match reason.split_once("\nhint: ") {
             Some((reason, hint)) => Issue::new(Severity::Refused, "prior_unusable", subject, reason).hint(hint),
             None => Issue::new(Severity::Refused, "prior_unusable", subject, reason.clone()),
         }
-    });
-    let unstated =
-        (config.project.vertical_reference.is_none() && config.project.crs.vertical_name().is_none()).then(|| {
-            let subject = Subject::Input("project".to_owned());
-            let message =
-                format!("{} has no vertical part, so what heights count from is not stated", config.project.crs);
-            Issue::new(Severity::Note, "vertical_reference_not_stated", subject, message)
-                .hint("set project.vertical_reference, or use a compound CRS such as EPSG:7415")
-        });
+    })
+}
+
+/// A word where nobody says what heights count from.
+#[must_use]
+pub fn unstated_reference(config: &RunConfig) -> Option<Issue> {
+    (config.project.vertical_reference.is_none() && config.project.crs.vertical_name().is_none()).then(|| {
+        let subject = Subject::Input("project".to_owned());
+        let message = format!("{} has no vertical part, so what heights count from is not stated", config.project.crs);
+        Issue::new(Severity::Note, "vertical_reference_not_stated", subject, message)
+            .hint("set project.vertical_reference, or use a compound CRS such as EPSG:7415")
+    })
+}
+
+fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, heights: &HeightStage) -> Vec<Issue> {
     let mut issues: Vec<Issue> = survey.issues.clone();
     issues.extend(footprints.layer.issues.iter().chain(&footprints.issues).cloned());
-    issues.extend(failed_priors.chain(unstated));
+    issues.extend(prior_issues(survey, heights).chain(unstated_reference(config)));
     issues
 }
 
@@ -360,12 +297,17 @@ fn lineage(
     }
     let inputs: Result<Vec<InputFile>, FileError> =
         files.iter().filter(|(_, path)| path.is_file()).map(|(role, path)| InputFile::hash(role, path)).collect();
+    Ok(lineage_of(config, &options.command, inputs?))
+}
+
+/// The origin of a result that was made from some files.
+pub(super) fn lineage_of(config: &RunConfig, command: &str, inputs: Vec<InputFile>) -> Lineage {
     let vertical = config.project.vertical_reference.clone();
-    Ok(Lineage {
+    Lineage {
         version: env!("CARGO_PKG_VERSION").to_owned(),
-        command: options.command.clone(),
+        command: command.to_owned(),
         config_sha256: sha256_hex(config.to_toml().as_bytes()),
-        inputs: inputs?,
+        inputs,
         crs: config.project.crs.definition().to_owned(),
         vertical_reference: vertical
             .or_else(|| config.project.crs.vertical_name().map(str::to_owned))
@@ -377,11 +319,12 @@ fn lineage(
         seed: config.seed,
         reference_date: config.project.reference_date.clone(),
         source: None,
-    })
+    }
 }
 
 /// The file itself, or the files of a folder.
-fn files_of(path: &Path) -> Vec<PathBuf> {
+#[must_use]
+pub fn files_of(path: &Path) -> Vec<PathBuf> {
     match std::fs::read_dir(path) {
         Ok(entries) => entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|p| p.is_file()).collect(),
         Err(_) => vec![path.to_owned()],

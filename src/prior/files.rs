@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use zip::ZipArchive;
 
 use super::{DepthPrior, PriorError, PriorGeometry, PriorKind, PriorSource, npy, pfm};
+use crate::files::is_virtual;
 use crate::geodata::raster::RasterFile;
 use crate::ids::ViewId;
 use crate::raster::Raster;
@@ -122,6 +123,11 @@ impl FilePriors {
         Ok(Self { config, kind, survey_order, stack_order })
     }
 
+    /// For a part of a survey: `positions` are those of the photos in the whole of it.
+    pub(super) fn set_positions(&mut self, positions: HashMap<ViewId, usize>) {
+        self.survey_order = positions;
+    }
+
     /// The file of a photo.
     ///
     /// # Errors
@@ -155,7 +161,12 @@ impl FilePriors {
 
     fn read(&self, path: &Path, view: &ViewId) -> Result<Raster<f32>, PriorError> {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        let open = || File::open(path).map(BufReader::new).map_err(|e| e.to_string());
+        let open = || {
+            if is_virtual(path) {
+                return Err("only .tif, .tiff and .png are read from archives and servers".to_owned());
+            }
+            File::open(path).map(BufReader::new).map_err(|e| e.to_string())
+        };
         let values = match extension.as_str() {
             "npy" => open().and_then(|file| npy::read_map(file, |n| self.index_in_stack(view, n))),
             "npz" => open().and_then(|file| self.read_npz(file, view)),
@@ -231,7 +242,7 @@ impl FilePriors {
 impl PriorSource for FilePriors {
     fn load(&self, view: &View) -> Result<DepthPrior, PriorError> {
         let path = self.path_of(&view.id)?;
-        if !path.exists() {
+        if !is_virtual(&path) && !path.exists() {
             return Err(PriorError::Absent { view: view.id.to_string(), path });
         }
         let stored = self.read(&path, &view.id)?;

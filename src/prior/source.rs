@@ -1,5 +1,6 @@
 //! Where a project's priors come from: one choice of the configuration, one source.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
@@ -9,6 +10,7 @@ use super::{
     DepthPrior, FilePriorConfig, FilePriors, NetworkConfig, NetworkPriors, PriorError, PriorSource, StereoConfig,
     StereoPriors,
 };
+use crate::ids::ViewId;
 use crate::survey::View;
 use crate::terrain::Terrain;
 
@@ -61,6 +63,13 @@ pub enum Priors {
 }
 
 impl Priors {
+    /// For a part of a survey: `positions` are those of its photos in the whole of it, which file names can ask for.
+    pub fn set_positions(&mut self, positions: HashMap<ViewId, usize>) {
+        if let Self::Files(files) = self {
+            files.set_positions(positions);
+        }
+    }
+
     /// What a view's prior is made from, for the lineage: its file, or its photo.
     ///
     /// # Errors

@@ -79,11 +79,17 @@ pub struct Sampling {
     pub stride_px: usize,
     /// Root seed.
     pub seed: u64,
-    /// Number of the view, so that views differ.
+    /// Key of the view, so that views differ: of its name, so that it has the same rays in whatever company.
     pub view: u64,
 }
 
 impl Profiles {
+    /// Those of a view that takes no part.
+    #[must_use]
+    pub fn none() -> Self {
+        Self { eye_z: 0.0, rays: Vec::new(), crossings: Vec::new() }
+    }
+
     /// Traces the sampled rays against the prisms at their greatest height.
     #[must_use]
     pub fn trace(scene: &Scene, capped: &CappedScene, placed: &PlacedCamera, sampling: Sampling) -> Self {

@@ -98,15 +98,22 @@ impl Scene {
         bounds: HeightBounds,
         margin_m: f64,
     ) -> Self {
-        let corners = || footprints.iter().flat_map(|(polygon, _)| polygon.exterior().coords());
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for (corner, (_, ground)) in corners().zip(footprints.iter().cycle()) {
-            let position = DVec3::new(corner.x, corner.y, ground.reference_m);
-            low = low.min(position);
-            high = high.max(position);
-        }
+        let (low, high) = corners(footprints);
         let centre = if low.is_finite() { (0.5 * (low + high)).floor() } else { DVec3::ZERO };
-        let origin = LocalOrigin(centre);
+        Self::at(LocalOrigin(centre), footprints, terrain, bounds, margin_m)
+    }
+
+    /// As [`Self::new`], around an origin that is given: the parts of a city share one, so that a building has the same
+    /// local coordinates in all of them.
+    #[must_use]
+    pub fn at(
+        origin: LocalOrigin,
+        footprints: &[(&Polygon<f64>, GroundLevel)],
+        terrain: &Terrain,
+        bounds: HeightBounds,
+        margin_m: f64,
+    ) -> Self {
+        let (low, high) = corners(footprints);
         let prisms = footprints.iter().map(|(polygon, ground)| Prism::new(polygon, *ground, origin)).collect();
         let ground = LocalGround::new(terrain, origin, low.truncate() - margin_m, high.truncate() + margin_m);
         Self { origin, prisms, ground, bounds }
@@ -117,4 +124,14 @@ impl Scene {
     pub fn roofs(&self, heights_m: &[f32]) -> Vec<f32> {
         self.prisms.iter().zip(heights_m).map(|(prism, height_m)| prism.ground_z + height_m).collect()
     }
+}
+
+/// Low and high corner of the box around all footprints with their ground.
+fn corners(footprints: &[(&Polygon<f64>, GroundLevel)]) -> (DVec3, DVec3) {
+    let of_one = |(polygon, ground): &(&Polygon<f64>, GroundLevel)| {
+        let z_m = ground.reference_m;
+        polygon.exterior().coords().map(move |c| DVec3::new(c.x, c.y, z_m)).collect::<Vec<_>>()
+    };
+    let start = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    footprints.iter().flat_map(of_one).fold(start, |(low, high), p| (low.min(p), high.max(p)))
 }

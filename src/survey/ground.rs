@@ -11,7 +11,7 @@ use crate::terrain::Terrain;
 /// Points per image side of an outline.
 const STEPS_PER_SIDE: usize = 8;
 /// Rays flatter than this off the nadir end there: 80° is 5.7 flying heights away.
-const MAX_OFF_NADIR_DEG: f64 = 80.0;
+pub const MAX_OFF_NADIR_DEG: f64 = 80.0;
 /// Steps of the search for the terrain along an axis; each halves the error, metres at first.
 const AXIS_STEPS: usize = 12;
 

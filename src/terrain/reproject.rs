@@ -9,7 +9,7 @@ use crate::geodata::raster::{Grid, RasterFile, Resampling, Window};
 use crate::raster::Raster;
 
 /// An axis-aligned area in the map frame, metres.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MapBox {
     /// Western edge.
     pub west_m: f64,
@@ -45,8 +45,22 @@ impl MapBox {
         }
     }
 
+    /// Whether a position lies in it; western and southern edge belong to it, the others do not, so that boxes side by
+    /// side share no position.
+    #[must_use]
+    pub fn holds(&self, (x, y): (f64, f64)) -> bool {
+        x >= self.west_m && x < self.east_m && y >= self.south_m && y < self.north_m
+    }
+
+    /// How far outside it a position lies, metres; 0 inside.
+    #[must_use]
+    pub fn distance_m(&self, (x, y): (f64, f64)) -> f64 {
+        let beyond = |v: f64, low: f64, high: f64| (low - v).max(v - high).max(0.0);
+        beyond(x, self.west_m, self.east_m).hypot(beyond(y, self.south_m, self.north_m))
+    }
+
     /// Points along the edges, `n` per side, and the middle: where a box goes under a transformation.
-    fn outline(&self, n: usize) -> impl Iterator<Item = (f64, f64)> + use<> {
+    pub(crate) fn outline(&self, n: usize) -> impl Iterator<Item = (f64, f64)> + use<> {
         let Self { west_m, south_m, east_m, north_m } = *self;
         let along = move |i: usize| {
             let t = i as f64 / n as f64;

@@ -6,21 +6,38 @@
 //! 3. Spread: farthest point sampling of the rest to a fixed number.
 //! 4. Cover: add views until each building is seen from `k` views, or from as many as there are.
 //!
-//! Only selected views ever need a depth prior, which is what selection saves.
+//! Only selected views ever need a depth prior, which is what selection saves. Where each building chooses for itself
+//! ([`Choice::Each`]), gate, spread and cover have no part.
 
+mod each;
 mod select;
 mod visibility;
 
+pub use each::{Candidate, in_turn, select_each};
 pub use select::{Selection, select};
 pub use visibility::{ViewSight, Visibility, visibility};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+/// Who chooses the views.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Choice {
+    /// One choice for the whole scene, of as few views as will do (the paper's).
+    #[default]
+    Cover,
+    /// Each building for itself, so that its views do not depend on what else the scene holds. Neighbours prefer the
+    /// same views, which keeps their number down.
+    Each,
+}
+
 /// Settings of the view selection.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ViewsConfig {
+    /// Who chooses: `cover` (the whole scene at once) or `each` (every building for itself).
+    pub choice: Choice,
     /// Views kept by farthest point sampling (the paper's #Sel: 50, 100 or 256).
     pub n_spread: usize,
     /// Drop views below this percentile of `Q_N` or `Q_A`, 0..100 (paper: 50; robust: 0, no gate).
@@ -46,6 +63,7 @@ impl ViewsConfig {
     #[must_use]
     pub fn paper() -> Self {
         Self {
+            choice: Choice::Cover,
             n_spread: 50,
             gate_percentile: 50.0,
             min_views_per_building: 3,
@@ -59,6 +77,7 @@ impl ViewsConfig {
     #[must_use]
     pub fn robust() -> Self {
         Self {
+            choice: Choice::Each,
             n_spread: 0,
             gate_percentile: 0.0,
             min_views_per_building: 24,

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::each::is_informative;
 use super::{ViewsConfig, Visibility};
 use crate::stats;
 
@@ -51,10 +52,9 @@ pub fn select(
 
 /// For each view, the buildings it sees well enough.
 fn informative(config: &ViewsConfig, visibilities: &[Visibility]) -> Vec<Vec<u32>> {
-    let is_informative = |s: &&super::ViewSight| {
-        s.n_rays as usize >= config.min_rays && f64::from(s.corners_inside) >= config.min_corners_inside
-    };
-    visibilities.iter().map(|v| v.buildings.iter().filter(is_informative).map(|s| s.building).collect()).collect()
+    let of_view =
+        |v: &Visibility| v.buildings.iter().filter(|s| is_informative(config, s)).map(|s| s.building).collect();
+    visibilities.iter().map(of_view).collect()
 }
 
 /// Gate by percentiles, then farthest point sampling, from the view with the largest visible surface.

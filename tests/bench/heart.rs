@@ -43,7 +43,7 @@ fn town(side: u32, n_stations: u32) -> (Scene, Vec<f32>, Vec<ViewInput>) {
             let target = DVec3::new(along(station % n_stations), along(station / n_stations), 0.0);
             let pose = Rigid::from_rotation_and_centre(rotation, target - look * (150.0 / -look.z));
             let placed = PlacedCamera::new(Camera::pinhole(448, 336, 360.0), pose, scene.origin);
-            views.push(ViewInput { placed, is_oblique: true });
+            views.push(ViewInput { placed, is_oblique: true, key: views.len() as u64 });
         }
     }
     (scene, truth, views)

@@ -14,7 +14,7 @@ const LEVELS: [&[&str]; 10] = [
     &["optimise"],
     &["baseline", "evaluate", "output", "report", "simulate"],
     &["config", "pipeline"],
-    &["benchmark"],
+    &["benchmark", "tiles"],
     &["cli"],
 ];
 

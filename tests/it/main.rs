@@ -1,5 +1,6 @@
 //! Behaviour of sizeup seen from outside, one module per topic.
 
+mod batch;
 mod benchmark;
 mod cli;
 mod consumers;
@@ -35,7 +36,9 @@ mod survey_hostile;
 mod survey_real;
 mod synthetic_block;
 mod terrain_files;
+mod tiles;
 mod tiles3d;
+mod tiles_faults;
 mod tiny_scene;
 mod tools;
 mod validation;

@@ -47,7 +47,7 @@ fn block() -> Block {
             let eye = DVec3::new(x, y, 0.0) - look * (120.0 / -look.z);
             let pose = Rigid::from_rotation_and_centre(rotation, eye);
             let placed = PlacedCamera::new(Camera::pinhole(224, 168, 180.0), pose, scene.origin);
-            views.push(ViewInput { placed, is_oblique: true });
+            views.push(ViewInput { placed, is_oblique: true, key: views.len() as u64 });
         }
     }
     Block { scene, truth_m, views }

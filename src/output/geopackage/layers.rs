@@ -6,7 +6,7 @@ use super::super::attributes::{self, FIELDS, ID};
 use super::super::outlines::{OutlineRows, flat};
 use super::super::prism::Prism;
 use super::super::{BuildingRecord, OutputError, Overview, Records, wkb};
-use super::{GeoPackageConfig, Grid};
+use super::{GeoPackageConfig, Grid, TileArea};
 use crate::geodata::features::{Column, ColumnKind, GeometryKind, LayerSpec, Row};
 use crate::geodata::gpkg::Writer;
 use crate::issue::{Issue, Subject};
@@ -55,8 +55,8 @@ pub fn solids<R: Records + ?Sized>(
     writer.layer(&spec, |push| records.visit(&mut |record| row(record).map_or(Ok(()), &mut *push)))
 }
 
-/// The areas that were worked on one by one; a run that was not divided is one tile.
-pub fn tiles(writer: &mut Writer<'_>, overview: &Overview) -> Result<(), OutputError> {
+/// The areas that were worked on one by one; a run that was not divided is one tile, and has none in `areas`.
+pub fn tiles(writer: &mut Writer<'_>, overview: &Overview, areas: &[TileArea]) -> Result<(), OutputError> {
     let columns = [
         Column::new("tile", ColumnKind::Text, "Name of the tile"),
         Column::new("status", ColumnKind::Text, "done, or why not"),
@@ -69,14 +69,25 @@ pub fn tiles(writer: &mut Writer<'_>, overview: &Overview) -> Result<(), OutputE
         geometry: GeometryKind::Polygon,
         columns: &columns,
     };
-    let row = overview.extent.map(|extent| {
-        let [west, south, _] = extent.min_m.map(attributes::round_m);
-        let [east, north, _] = extent.max_m.map(attributes::round_m);
-        let corners = geo_types::Rect::new((west, south), (east, north));
-        let values = vec!["all".into(), "done".into(), overview.n_buildings.into(), overview.n_heights.into()];
-        Row { wkb: Some(wkb::polygon(&corners.to_polygon())), values }
+    let row = |area: &TileArea| {
+        let [west, south, east, north] = area.corners_m.map(attributes::round_m);
+        let outline = geo_types::Rect::new((west, south), (east, north)).to_polygon();
+        let values =
+            vec![area.name.as_str().into(), area.status.into(), area.n_buildings.into(), area.n_heights.into()];
+        Row { wkb: Some(wkb::polygon(&outline)), values }
+    };
+    let whole = overview.extent.filter(|_| areas.is_empty()).map(|extent| {
+        let ([west, south, _], [east, north, _]) = (extent.min_m, extent.max_m);
+        let (n_buildings, n_heights) = (overview.n_buildings, overview.n_heights);
+        TileArea {
+            name: "all".to_owned(),
+            status: "done",
+            corners_m: [west, south, east, north],
+            n_buildings,
+            n_heights,
+        }
     });
-    writer.layer(&spec, |push| row.map_or(Ok(()), push))
+    writer.layer(&spec, |push| areas.iter().chain(&whole).try_for_each(|area| push(row(area))))
 }
 
 /// Projection centres with viewing directions.

@@ -59,6 +59,34 @@ pub fn write<R: Records + ?Sized>(
     model: &CityModel<'_, R>,
     config: &GeoPackageConfig,
 ) -> Result<Overview, OutputError> {
+    write_divided(path, model, config, &[])
+}
+
+/// An area that was worked on by itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TileArea {
+    /// Its name.
+    pub name: String,
+    /// `done`, or why not.
+    pub status: &'static str,
+    /// West, south, east, north; map frame, metres.
+    pub corners_m: [f64; 4],
+    /// Buildings that it brought.
+    pub n_buildings: usize,
+    /// Of them, those with a height.
+    pub n_heights: usize,
+}
+
+/// As [`write()`], of a run that was divided into `areas`.
+///
+/// # Errors
+/// As [`write()`].
+pub fn write_divided<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    config: &GeoPackageConfig,
+    areas: &[TileArea],
+) -> Result<Overview, OutputError> {
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(config.scale_m)?;
     let outlines = OutlineRows::new(&overview, grid, config.min_thickness_m);
@@ -70,7 +98,7 @@ pub fn write<R: Records + ?Sized>(
             if config.solids {
                 layers::solids(writer, model.records, &grid, config)?;
             }
-            layers::tiles(writer, &overview)?;
+            layers::tiles(writer, &overview, areas)?;
             layers::cameras(writer, model.survey)?;
             layers::issues(writer, model.issues)?;
             tables::lineage(writer, model.lineage, &timestamp)?;

@@ -1,0 +1,42 @@
+//! What the parts of a city share, so that a building comes out the same in all of them.
+
+use glam::DVec3;
+
+use super::{PipelineError, input};
+use crate::config::RunConfig;
+use crate::frames::LocalOrigin;
+use crate::scene::HeightBounds;
+use crate::survey::Survey;
+use crate::terrain::MapBox;
+
+/// The local frame and the heights that are looked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    /// Where the local frame lies in the map.
+    pub origin: LocalOrigin,
+    /// The range of heights of every building.
+    pub bounds: HeightBounds,
+}
+
+impl Frame {
+    /// Of a whole city: its survey, the box around all its outlines, and its highest ground.
+    ///
+    /// # Errors
+    /// [`PipelineError`] where the views do not look down at such ground, or the settings leave no range of heights.
+    pub fn of_city(
+        config: &RunConfig,
+        survey: &Survey,
+        area: MapBox,
+        highest_ground_m: f64,
+    ) -> Result<Self, PipelineError> {
+        let lowest_flight_m = input::clearance_m(survey, highest_ground_m)?;
+        Ok(Self { origin: origin(survey, area), bounds: input::height_bounds(config, lowest_flight_m)? })
+    }
+}
+
+/// The middle of the outlines at the height of the lowest view, whole metres: the ground need not be known.
+pub(super) fn origin(survey: &Survey, area: MapBox) -> LocalOrigin {
+    let lowest_m = survey.views.iter().map(|v| v.camera_from_map.centre().z).reduce(f64::min).unwrap_or(0.0);
+    let middle = (f64::midpoint(area.west_m, area.east_m), f64::midpoint(area.south_m, area.north_m));
+    LocalOrigin(DVec3::new(middle.0, middle.1, lowest_m).floor())
+}

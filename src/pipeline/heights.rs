@@ -1,0 +1,117 @@
+//! The heights stage: one scene solved, and solved again where heights change the outlines.
+
+use super::footprints as outlines;
+use super::stages::SceneStage;
+use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, artefact, levels};
+use crate::config::RunConfig;
+use crate::optimise::{OptimiseConfig, Problem, SearchConfig, Solution, ViewInput};
+use crate::prior::{PriorSource as _, Priors};
+use crate::render::PlacedCamera;
+use crate::scene::Scene;
+use crate::seed;
+use crate::survey::{Survey, View, ViewKind};
+
+/// What heights are found with.
+pub(super) struct HeightSearch<'a> {
+    pub config: &'a RunConfig,
+    pub survey: &'a Survey,
+    pub tell: Tell<'a>,
+    pub solver: Solver<'a>,
+}
+
+impl HeightSearch<'_> {
+    /// Solves for the heights, again and again where they change the outlines.
+    pub fn in_rounds(
+        &self,
+        footprints: &mut FootprintStage,
+        stage: &mut SceneStage,
+    ) -> Result<HeightStage, PipelineError> {
+        let find = |stage: &SceneStage, optimise: &OptimiseConfig| {
+            let priors = self.config.prior.open(&self.survey.views, &stage.terrain)?;
+            let heights = self.of_scene(stage, &priors, optimise);
+            require_priors(self.survey, &heights.solution)?;
+            Ok(heights)
+        };
+        // Roofs move with their heights, and heights are measured under their roofs.
+        for _ in 0..outlines::roof_rounds(self.config, footprints) {
+            let heights = find(stage, &keeping_whole(&self.config.optimise))?;
+            let has_moved = outlines::move_roofs(self.config, self.survey, footprints, &heights)?;
+            *stage = SceneStage::new(self.config, self.survey, footprints)?;
+            if !has_moved {
+                break;
+            }
+        }
+        if footprints.tracks.is_some() {
+            artefact::write(self.config, Stage::Footprints, &footprints)?;
+        }
+        self.taking_apart(footprints, stage, find)
+    }
+
+    /// Solves with `find`, takes apart the outlines with two roof levels (no one height fits them), and solves again.
+    pub fn taking_apart(
+        &self,
+        footprints: &mut FootprintStage,
+        stage: &mut SceneStage,
+        find: impl Fn(&SceneStage, &OptimiseConfig) -> Result<HeightStage, PipelineError>,
+    ) -> Result<HeightStage, PipelineError> {
+        let mut cuts = Vec::new();
+        for _ in 0..levels::MAX_ROUNDS {
+            let heights = find(stage, &self.config.optimise)?;
+            let round = levels::cuts(stage, &heights.solution);
+            if !levels::take_apart(footprints, &round) {
+                return Ok(HeightStage { cuts, ..heights });
+            }
+            *stage = SceneStage::in_frame(self.config, &stage.frame(), footprints)?;
+            cuts.push(round);
+        }
+        Ok(HeightStage { cuts, ..find(stage, &keeping_whole(&self.config.optimise))? })
+    }
+
+    /// Heights of the buildings of a scene.
+    pub fn of_scene(&self, stage: &SceneStage, priors: &Priors, optimise: &OptimiseConfig) -> HeightStage {
+        let views = view_inputs(self.config, self.survey, &stage.scene);
+        let load_prior = |view: usize| {
+            let view = &self.survey.views[view];
+            priors.load(view).map(|prior| prior.to_z_depth(&view.camera)).map_err(|e| e.to_string())
+        };
+        let problem = Problem {
+            scene: &stage.scene,
+            views: &views,
+            load_prior: &load_prior,
+            seed: self.config.seed,
+            progress: &|what, done, total| (self.tell)(Event::Advance { what, done, total }),
+        };
+        let solution = (self.solver)(&problem, optimise);
+        HeightStage { solved: stage.solved.clone(), cuts: Vec::new(), solution }
+    }
+}
+
+fn keeping_whole(optimise: &OptimiseConfig) -> OptimiseConfig {
+    OptimiseConfig { search: SearchConfig { split_levels: false, ..optimise.search.clone() }, ..optimise.clone() }
+}
+
+/// Every view of a survey at its working resolution.
+pub(super) fn view_inputs(config: &RunConfig, survey: &Survey, scene: &Scene) -> Vec<ViewInput> {
+    let of = |view: &View| ViewInput {
+        placed: PlacedCamera::new(
+            view.camera.reduced_to(config.optimise.working_px),
+            view.camera_from_map,
+            scene.origin,
+        ),
+        is_oblique: view.kind() == ViewKind::Oblique,
+        key: seed::key_of(&view.id.0),
+    };
+    survey.views.iter().map(of).collect()
+}
+
+/// Without a single prior there is nothing to solve: the settings are wrong, not single photos.
+fn require_priors(survey: &Survey, solution: &Solution) -> Result<(), PipelineError> {
+    match solution.failed_views.first() {
+        Some((view, reason)) if solution.used_views.is_empty() => Err(PipelineError::NoPriors {
+            n: solution.failed_views.len(),
+            view: survey.views[*view].id.0.clone(),
+            reason: reason.clone(),
+        }),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,211 @@
+//! A part of a city: the stages of a run for the outlines around one place and the views that look there.
+//!
+//! What a whole run settles from all of its input (poses in the project's CRS, the local frame, the range of heights) is
+//! given; outlines, terrain and priors are read where the part needs them.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::path::PathBuf;
+
+use geo::BoundingRect as _;
+
+use super::footprints::on_ground;
+use super::heights::HeightSearch;
+use super::records::records;
+use super::stages::{SceneStage, lineage_of, load_terrain, prior_issues};
+use super::{FootprintStage, Frame, HeightStage, PipelineError, Stage, Tell, artefact};
+use crate::config::RunConfig;
+use crate::footprint::{FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint};
+use crate::ids::ViewId;
+use crate::issue::Issue;
+use crate::optimise::{Solution, solve};
+use crate::output::fallback;
+use crate::output::{BuildingRecord, InputFile, Lineage, sha256_hex};
+use crate::prior::Priors;
+use crate::survey::Survey;
+use crate::terrain::{MapBox, Terrain};
+
+/// A part of a city, ready to be solved.
+pub struct Part<'a> {
+    config: &'a RunConfig,
+    frame: Frame,
+    survey: Survey,
+    footprints: FootprintStage,
+    /// Absent where there is no building on known ground.
+    scene: Option<SceneStage>,
+    priors: Priors,
+    /// Outlines of the layer by their ids.
+    by_id: HashMap<String, usize>,
+}
+
+/// What was found for a part.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PartHeights {
+    /// Every building, in the layer's order.
+    pub records: Vec<BuildingRecord>,
+    /// What was wrong with buildings and priors.
+    pub issues: Vec<Issue>,
+    /// Views whose prior was used.
+    pub used_views: Vec<ViewId>,
+}
+
+/// The layer of a configuration whose outlines are in a file.
+///
+/// # Errors
+/// [`PipelineError::Settings`] for outlines that are found in photos.
+pub fn layer_of(config: &RunConfig) -> Result<&FootprintConfig, PipelineError> {
+    match &config.footprints {
+        FootprintSource::Layer(layer) => Ok(layer),
+        FootprintSource::Masks(_) | FootprintSource::Network(_) => Err(PipelineError::Settings {
+            table: "footprints",
+            message: "a city is divided by its outlines, and these are yet to be found in photos".to_owned(),
+            hint: "run `sizeup footprints` first, and name its footprints.gpkg (layer \"footprints\") as [footprints]",
+        }),
+    }
+}
+
+/// The outlines whose middle lies in a box, with the ground under each. `renamed` is what a reading of the whole layer
+/// found ([`LayerParts::visit`]).
+///
+/// # Errors
+/// [`PipelineError`] where the layer or the terrain cannot be read.
+pub fn outlines_around(
+    config: &RunConfig,
+    area: MapBox,
+    renamed: &BTreeMap<u64, String>,
+) -> Result<FootprintStage, PipelineError> {
+    let layer = LayerParts::open(layer_of(config)?, &config.project.crs)?.around(area, renamed)?;
+    if layer.footprints.is_empty() {
+        let layer = FootprintLayer::default();
+        return Ok(FootprintStage { layer, ground: Vec::new(), issues: Vec::new(), tracks: None, detection: None });
+    }
+    let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
+    Ok(on_ground(config, layer, &terrain))
+}
+
+/// The survey that an earlier run of its stage left behind.
+///
+/// # Errors
+/// [`PipelineError::Artefact`].
+pub fn survey_of(config: &RunConfig) -> Result<Survey, PipelineError> {
+    artefact::read(config, Stage::Survey)
+}
+
+/// Buildings without a usable outline, as they are written.
+#[must_use]
+pub fn refused_records(config: &RunConfig, refused: Vec<RefusedFootprint>) -> Vec<BuildingRecord> {
+    let layer = FootprintLayer { refused, ..FootprintLayer::default() };
+    let footprints = FootprintStage { layer, ground: Vec::new(), issues: Vec::new(), tracks: None, detection: None };
+    let heights = HeightStage { solved: Vec::new(), cuts: Vec::new(), solution: Solution::default() };
+    records(&Survey::default(), &footprints, &heights, config.optimise.height_reference)
+}
+
+impl<'a> Part<'a> {
+    /// Brings outlines and views together; priors are not read yet. `positions` are those of the views in the whole
+    /// survey.
+    ///
+    /// # Errors
+    /// [`PipelineError`] where the terrain cannot be read or the priors' settings cannot work.
+    pub fn new(
+        config: &'a RunConfig,
+        frame: Frame,
+        survey: Survey,
+        positions: HashMap<ViewId, usize>,
+        footprints: FootprintStage,
+    ) -> Result<Self, PipelineError> {
+        let has_ground = footprints.ground.iter().any(Option::is_some);
+        let scene = has_ground.then(|| SceneStage::in_frame(config, &frame, &footprints)).transpose()?;
+        let terrain = scene.as_ref().map_or(&Terrain::Constant(0.0), |scene| &scene.terrain);
+        let mut priors = config.prior.open(&survey.views, terrain)?;
+        priors.set_positions(positions);
+        let ids = footprints.layer.footprints.iter().map(|f| f.id.0.clone());
+        let by_id = ids.zip(0..).collect();
+        Ok(Self { config, frame, survey, footprints, scene, priors, by_id })
+    }
+
+    /// The frame it lies in.
+    #[must_use]
+    pub fn frame(&self) -> Frame {
+        self.frame
+    }
+
+    /// Its outlines on their ground.
+    #[must_use]
+    pub fn footprints(&self) -> &FootprintStage {
+        &self.footprints
+    }
+
+    /// Its views.
+    #[must_use]
+    pub fn survey(&self) -> &Survey {
+        &self.survey
+    }
+
+    /// Hash of the terrain as it was read, hexadecimal; `None` where none was.
+    #[must_use]
+    pub fn terrain_sha256(&self) -> Option<String> {
+        let bytes: Vec<u8> = match &self.scene.as_ref()?.terrain {
+            Terrain::Constant(z_m) => z_m.to_le_bytes().to_vec(),
+            Terrain::Grid(dem) => {
+                let place = [dem.corner_m().0, dem.corner_m().1, dem.cell_m().0, dem.cell_m().1];
+                let heights = dem.heights_m().data().iter().flat_map(|z| z.to_le_bytes());
+                place.into_iter().flat_map(f64::to_le_bytes).chain(heights).collect()
+            }
+        };
+        Some(sha256_hex(&bytes))
+    }
+
+    /// What the priors of some of its views are made from, each once, sorted.
+    ///
+    /// # Errors
+    /// [`PipelineError`] where a file name asks for what a view does not have.
+    pub fn prior_files(&self, is_wanted: impl Fn(&ViewId) -> bool) -> Result<BTreeSet<PathBuf>, PipelineError> {
+        let views = self.survey.views.iter().filter(|view| is_wanted(&view.id));
+        let files: Result<Vec<_>, _> = views.map(|view| self.priors.file_of(view)).collect();
+        Ok(files?.into_iter().flatten().collect())
+    }
+
+    /// Finds the heights. A part that no view sees, or without usable priors, is solved all the same: its buildings are
+    /// unknown.
+    ///
+    /// # Errors
+    /// [`PipelineError`] where the terrain cannot be read again after outlines were taken apart.
+    pub fn solve(&mut self, tell: Tell<'_>) -> Result<PartHeights, PipelineError> {
+        let search = HeightSearch { config: self.config, survey: &self.survey, tell, solver: &solve };
+        let mut footprints = self.footprints.clone();
+        let heights = match &mut self.scene {
+            Some(scene) => search.taking_apart(&mut footprints, scene, |stage, optimise| {
+                Ok(search.of_scene(stage, &self.priors, optimise))
+            })?,
+            None => HeightStage { solved: Vec::new(), cuts: Vec::new(), solution: Solution::default() },
+        };
+        let mut issues = footprints.layer.issues.clone();
+        issues.extend(footprints.issues.iter().cloned());
+        issues.extend(prior_issues(&self.survey, &heights));
+        let mut records = records(&self.survey, &footprints, &heights, self.config.optimise.height_reference);
+        fallback::fill(&mut records, &self.config.output.fallback);
+        Ok(PartHeights {
+            records,
+            issues,
+            used_views: heights.solution.used_views.iter().map(|&v| self.survey.views[v].id.clone()).collect(),
+        })
+    }
+
+    /// Middle of the outline that a building of the result comes from, by the building's id: its own, or that of the
+    /// outline that was taken apart into it.
+    #[must_use]
+    pub fn middle_of(&self, id: &str) -> Option<(f64, f64)> {
+        let mut name = id;
+        loop {
+            if let Some(&at) = self.by_id.get(name) {
+                return self.footprints.layer.footprints[at].polygon.bounding_rect().map(|rect| rect.center().x_y());
+            }
+            name = name.rsplit_once('#')?.0;
+        }
+    }
+
+    /// The origin of its results, made from some files.
+    #[must_use]
+    pub fn lineage(&self, command: &str, inputs: Vec<InputFile>) -> Lineage {
+        lineage_of(self.config, command, inputs)
+    }
+}

@@ -1,0 +1,107 @@
+//! What stops a plan, a tile or a merge.
+
+use std::path::PathBuf;
+
+use crate::files::FileError;
+use crate::footprint::FootprintError;
+use crate::output::OutputError;
+use crate::pipeline::PipelineError;
+
+/// What stops a plan, a tile or a merge.
+#[derive(Debug, thiserror::Error)]
+pub enum TilesError {
+    /// As in a run of the whole.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
+    /// A setting that cannot be.
+    #[error("{setting} is {found}: expected {expected}")]
+    Setting {
+        /// Which one.
+        setting: &'static str,
+        /// What it is.
+        found: String,
+        /// What it can be.
+        expected: &'static str,
+    },
+    /// The `paper` preset.
+    #[error(
+        "optimise.preset is \"paper\": its steps are shared by all buildings of a scene, so tiles would not give the same \
+         heights\nhint: use the preset \"robust\""
+    )]
+    PaperPreset,
+    /// A file of the plan that is not what it should be.
+    #[error("{}: {message}\nhint: make the plan again with `sizeup tiles plan`", path.display())]
+    Plan {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+    /// A name that the plan does not have.
+    #[error("the plan has no tile {id:?}\nhint: `sizeup tiles status` lists the tiles")]
+    NoSuchTile {
+        /// What was asked for.
+        id: String,
+    },
+    /// Tiles that are not done.
+    #[error(
+        "{} of {n_tiles} tiles are not done, the first of them {first}\nhint: run them, or merge what there is with \
+         --allow-missing",
+        n_missing
+    )]
+    Missing {
+        /// How many.
+        n_missing: usize,
+        /// Of how many.
+        n_tiles: usize,
+        /// The first of them.
+        first: String,
+    },
+    /// A tile that needs more memory than there is.
+    #[error(
+        "tile {id} needs about {needs_mb} MB, and {has_mb} MB may be used\nhint: plan smaller tiles, with --buildings or \
+         --memory"
+    )]
+    TooLarge {
+        /// Which one.
+        id: String,
+        /// Estimate of its need.
+        needs_mb: u64,
+        /// What may be used.
+        has_mb: u64,
+    },
+    /// A program that cannot be started.
+    #[error("cannot start {}", program.display())]
+    Start {
+        /// The program.
+        program: PathBuf,
+        /// Why.
+        #[source]
+        source: std::io::Error,
+    },
+    /// A result cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A file cannot be read or written.
+    #[error(transparent)]
+    File(#[from] FileError),
+}
+
+impl From<FootprintError> for TilesError {
+    fn from(error: FootprintError) -> Self {
+        Self::Pipeline(error.into())
+    }
+}
+
+impl TilesError {
+    /// 2 usage or configuration, 3 bad input, 4 failed.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Pipeline(error) => error.exit_code(),
+            Self::Setting { .. } | Self::PaperPreset | Self::NoSuchTile { .. } => 2,
+            Self::Plan { .. } | Self::Missing { .. } => 3,
+            Self::TooLarge { .. } | Self::Start { .. } | Self::Output(_) | Self::File(_) => 4,
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! The files of the contract: `tiles.json`, what lies in `tiles/`, and the word that a tile is done.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fs::{self, File};
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use super::TilesError;
+use crate::config::RunConfig;
+use crate::files::FileError;
+use crate::footprint::RefusedFootprint;
+use crate::frames::LocalOrigin;
+use crate::ids::ViewId;
+use crate::issue::Issue;
+use crate::output::{InputFile, Status};
+use crate::pipeline::Frame;
+use crate::scene::HeightBounds;
+use crate::survey::View;
+use crate::terrain::MapBox;
+
+/// What there is to do.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Version of the program that made the plan.
+    pub sizeup: String,
+    /// Origin of the local frame that all tiles share, map frame, metres.
+    pub origin_m: [f64; 3],
+    /// Least and greatest height that is looked for, metres.
+    pub heights_m: [f32; 2],
+    /// Width of the halo, metres.
+    pub halo_m: f64,
+    /// How far around a core views are taken in, metres.
+    pub view_margin_m: f64,
+    /// The configuration, paths resolved.
+    pub config: RunConfig,
+    /// Files that all tiles share, with their hashes at the time of the plan.
+    pub inputs: Vec<InputFile>,
+    /// Features whose ids are not what their attribute says, by the layer's own number.
+    pub renamed: BTreeMap<u64, String>,
+    /// Buildings with an outline.
+    pub n_buildings: usize,
+    /// Views with a usable pose.
+    pub n_views: usize,
+    /// In the order in which they are merged.
+    pub tiles: Vec<Tile>,
+}
+
+/// One tile of the plan.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Tile {
+    /// Its name, unique in the plan.
+    pub id: String,
+    /// Whose buildings it writes.
+    pub core: MapBox,
+    /// Whose buildings it solves.
+    pub halo: MapBox,
+    /// Buildings of the core.
+    pub n_buildings: usize,
+    /// Buildings of core and halo.
+    pub n_solved: usize,
+    /// Views that look at the core or close to it.
+    pub n_views: usize,
+    /// Estimate of the memory it needs, megabytes.
+    pub memory_mb: u64,
+    /// Hash of its `views.json`.
+    pub views_sha256: String,
+}
+
+/// The views of a tile, poses in the project's CRS.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct TileViews {
+    /// In the order of the survey.
+    pub views: Vec<View>,
+    /// Their positions in the whole survey.
+    pub positions: Vec<usize>,
+}
+
+impl TileViews {
+    /// The positions by name.
+    #[must_use]
+    pub fn positions_by_name(&self) -> HashMap<ViewId, usize> {
+        self.views.iter().zip(&self.positions).map(|(view, &at)| (view.id.clone(), at)).collect()
+    }
+}
+
+/// What belongs to the city and to none of its tiles.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Common {
+    /// Every view of the survey.
+    pub views: Vec<View>,
+    /// Buildings without a usable outline.
+    pub refused: Vec<RefusedFootprint>,
+    /// What was wrong with poses and outlines.
+    pub issues: Vec<Issue>,
+}
+
+/// The word that a tile is done, written last.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Done {
+    /// Version of the program that ran it.
+    pub sizeup: String,
+    /// Which tile.
+    pub tile: String,
+    /// Hash of everything that it was made from.
+    pub input_sha256: String,
+    /// Its files by name, with their hashes.
+    pub outputs: BTreeMap<String, String>,
+    /// Buildings that it writes.
+    pub n_buildings: usize,
+    /// Of them, those with a height.
+    pub n_heights: usize,
+    /// Buildings by what became of them.
+    pub by_status: BTreeMap<Status, usize>,
+    /// Views whose prior was used.
+    pub n_used_views: usize,
+    /// 0, or 5 where some buildings or photos have no result.
+    pub exit_code: u8,
+}
+
+/// Where the files of a city are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Layout {
+    folder: PathBuf,
+}
+
+impl Layout {
+    /// In the folder of the results.
+    #[must_use]
+    pub fn new(folder: impl Into<PathBuf>) -> Self {
+        Self { folder: folder.into() }
+    }
+
+    /// The folder of the results.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The plan.
+    #[must_use]
+    pub fn manifest(&self) -> PathBuf {
+        self.folder.join("tiles.json")
+    }
+
+    /// What belongs to no tile.
+    #[must_use]
+    pub fn common(&self) -> PathBuf {
+        self.folder.join("tiles").join("common.json")
+    }
+
+    /// A tile's folder.
+    #[must_use]
+    pub fn tile(&self, id: &str) -> PathBuf {
+        self.folder.join("tiles").join(id)
+    }
+
+    /// A tile's views.
+    #[must_use]
+    pub fn views(&self, id: &str) -> PathBuf {
+        self.tile(id).join("views.json")
+    }
+
+    /// The word that a tile is done.
+    #[must_use]
+    pub fn done(&self, id: &str) -> PathBuf {
+        self.folder.join("tiles").join(format!("{id}.done.json"))
+    }
+
+    /// The lock of a tile, or of the whole (`"city"`).
+    #[must_use]
+    pub fn lock(&self, of: &str) -> PathBuf {
+        self.folder.join("tiles").join("locks").join(of)
+    }
+
+    /// What was merged.
+    #[must_use]
+    pub fn merged(&self) -> PathBuf {
+        self.folder.join("city.done.json")
+    }
+
+    /// Reads the plan.
+    ///
+    /// # Errors
+    /// [`TilesError::Plan`] where there is none, or one of another version.
+    pub fn read_manifest(&self) -> Result<Manifest, TilesError> {
+        let path = self.manifest();
+        let manifest: Manifest = read_json(&path)?;
+        if manifest.sizeup != env!("CARGO_PKG_VERSION") {
+            let message = format!("made by sizeup {}, this is {}", manifest.sizeup, env!("CARGO_PKG_VERSION"));
+            return Err(TilesError::Plan { path, message });
+        }
+        Ok(manifest)
+    }
+
+    /// Reads the word that a tile is done; `None` where there is none, or not a whole one.
+    #[must_use]
+    pub fn read_done(&self, id: &str) -> Option<Done> {
+        read_json(&self.done(id)).ok()
+    }
+}
+
+impl Manifest {
+    /// The tile of this name.
+    ///
+    /// # Errors
+    /// [`TilesError::NoSuchTile`].
+    pub fn tile(&self, id: &str) -> Result<&Tile, TilesError> {
+        let found = self.tiles.iter().find(|tile| tile.id == id);
+        found.ok_or_else(|| TilesError::NoSuchTile { id: id.to_owned() })
+    }
+
+    /// What all tiles share.
+    #[must_use]
+    pub fn frame(&self) -> Frame {
+        let [min_m, max_m] = self.heights_m;
+        Frame { origin: LocalOrigin(self.origin_m.into()), bounds: HeightBounds { min_m, max_m } }
+    }
+}
+
+impl Done {
+    /// Whether the tile's files are those that were written.
+    #[must_use]
+    pub fn is_intact(&self, layout: &Layout) -> bool {
+        let folder = layout.tile(&self.tile);
+        self.outputs.iter().all(|(name, sha256)| hash_of(&folder.join(name)).is_ok_and(|found| found == *sha256))
+    }
+}
+
+/// Reads one of the plan's files.
+pub(super) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, TilesError> {
+    let unusable = |message: String| TilesError::Plan { path: path.to_owned(), message };
+    let file = File::open(path).map_err(|e| unusable(e.to_string()))?;
+    serde_json::from_reader(BufReader::new(file)).map_err(|e| unusable(e.to_string()))
+}
+
+/// SHA-256 of a file, hexadecimal.
+pub(super) fn hash_of(path: &Path) -> Result<String, FileError> {
+    InputFile::hash("", path).map(|file| file.sha256)
+}
+
+/// Removes what a writer that was killed left in a folder: only for those who hold its lock.
+pub(super) fn sweep_litter(folder: &Path) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        if entry.file_name().to_string_lossy().starts_with(".partial-") {
+            let path = entry.path();
+            // What cannot be removed is left: it is in nobody's way.
+            let _ = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+        }
+    }
+}

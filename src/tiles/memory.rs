@@ -1,0 +1,99 @@
+//! How much memory a tile needs, from what the plan can count.
+//!
+//! ```text
+//! rays       views · blocks of the working image
+//! crossings  rays · footprints met per ray          met: outlines · mean breadth / area · way below the tallest roof
+//! bytes      base + rays · 40 + crossings · 24 + views · buildings · 5 + threads · (prior + view) + terrain
+//! ```
+
+use crate::optimise::OptimiseConfig;
+
+/// The program, its libraries and buffers, bytes.
+const BASE: f64 = 70e6;
+/// Per ray: its profile (20), two priors (8), its block (4), the sums of a sweep.
+const PER_RAY: f64 = 40.0;
+/// Per crossing: its profile (12), the index of its building (4), where it stops its ray (4).
+const PER_CROSSING: f64 = 24.0;
+/// Per view and building: where the building's rays start.
+const PER_VIEW_AND_BUILDING: f64 = 5.0;
+/// Per building: outline, attributes, records, results being written.
+const PER_BUILDING: f64 = 12e3;
+/// Per view: pose, name, its share of what is read.
+const PER_VIEW: f64 = 4e3;
+/// Per cell of the terrain, in the map's and in the local frame.
+const PER_CELL: f64 = 12.0;
+/// Per pixel of a prior while it is read.
+const PER_PRIOR_PIXEL: f64 = 16.0;
+/// Breadth of a typical outline as rays meet it, metres.
+const BREADTH_M: f64 = 20.0;
+/// Pixels of the prior that is assumed where none can be looked at.
+const PRIOR_PIXELS: f64 = 1024.0 * 1024.0;
+/// What the estimate is multiplied by: engines kill what needs more than it asked for.
+const SAFETY: f64 = 1.3;
+
+/// What a tile holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Counts {
+    /// Views.
+    pub n_views: usize,
+    /// Buildings of core and halo.
+    pub n_buildings: usize,
+    /// Area of core and halo, m².
+    pub area_m2: f64,
+    /// Greatest height that is looked for, metres.
+    pub tallest_m: f64,
+    /// Width over height of the photos.
+    pub aspect: f64,
+    /// Mean of horizontal over vertical way of the views' rays.
+    pub slope: f64,
+    /// Cell of the terrain, metres; `None` for a constant.
+    pub cell_m: Option<f64>,
+    /// Threads that read priors at the same time.
+    pub n_threads: usize,
+}
+
+/// Megabytes that a tile needs at most.
+#[must_use]
+pub fn estimate_mb(counts: &Counts, optimise: &OptimiseConfig) -> u64 {
+    let width = f64::from(optimise.working_px);
+    let stride = optimise.stride_px.max(1) as f64;
+    let (n_views, n_buildings) = (counts.n_views as f64, counts.n_buildings as f64);
+    let rays = n_views * (width / stride).ceil() * (width / counts.aspect.max(1.0) / stride).ceil();
+    let per_m = n_buildings * BREADTH_M / counts.area_m2.max(1.0);
+    let crossings = rays * per_m * counts.tallest_m * counts.slope;
+    let cells = counts.cell_m.map_or(0.0, |cell_m| counts.area_m2 / (cell_m * cell_m));
+    let bytes = BASE
+        + rays * PER_RAY
+        + crossings * PER_CROSSING
+        + n_views * n_buildings * PER_VIEW_AND_BUILDING
+        + n_buildings * PER_BUILDING
+        + n_views * PER_VIEW
+        + cells * PER_CELL
+        + counts.n_threads as f64 * PRIOR_PIXELS * PER_PRIOR_PIXEL;
+    (SAFETY * bytes / 1e6).ceil() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_estimate_grows_with_views_and_buildings() {
+        let counts = Counts {
+            n_views: 100,
+            n_buildings: 500,
+            area_m2: 1e6,
+            tallest_m: 100.0,
+            aspect: 4.0 / 3.0,
+            slope: 1.0,
+            cell_m: None,
+            n_threads: 2,
+        };
+        let mb = |counts: Counts| estimate_mb(&counts, &OptimiseConfig::default());
+        let more_views = mb(Counts { n_views: 1000, ..counts });
+        let more_buildings = mb(Counts { n_buildings: 5000, ..counts });
+        assert!(mb(counts) < more_views && mb(counts) < more_buildings);
+        // 1,000 views of 112 × 84 rays, each with 32 bytes of its own at least.
+        assert!(more_views > 300, "{more_views}");
+    }
+}

@@ -1,0 +1,36 @@
+//! A city in tiles: the contract that engines schedule, and nothing of the scheduling.
+//!
+//! ```text
+//! plan   tiles.json, tiles/ID/views.json      what there is to do, from all of the input
+//! run    tiles/ID/…, tiles/ID.done.json       one tile: idempotent, resumable, bounded memory
+//! merge  city.gpkg, city.city.jsonl, …        what is done, in the plan's order
+//! ```
+//!
+//! A building belongs to the tile whose core holds the middle of its outline (west and south edge belong to the core).
+//! Around the core lies a halo, whose buildings are solved too, because they stand in the way of rays and are what
+//! priors are brought to metres by; only the core's are written. What is done is decided by hashes of contents, never by
+//! times of files.
+
+mod error;
+mod grid;
+mod lock;
+mod manifest;
+mod memory;
+mod merge;
+mod merged;
+mod plan;
+mod pool;
+mod run;
+mod seams;
+mod sight;
+mod status;
+
+pub use error::TilesError;
+pub use lock::Lock;
+pub use manifest::{Done, Layout, Manifest, Tile, TileViews};
+pub use merge::{MergeOptions, Merged, Missing, merge};
+pub use plan::{PlanSettings, plan};
+pub use pool::{PoolSettings, TileOutcome, available_memory_mb, run_all};
+pub use run::{TileRun, run_tile};
+pub use seams::{SeamClass, SeamReport};
+pub use status::{State, TileStatus, status};

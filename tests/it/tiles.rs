@@ -1,0 +1,285 @@
+//! A city in tiles is the city in one piece: plan, run, merge, status.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use sizeup::simulate::{SimulateConfig, simulate};
+
+use crate::tiny_scene::{N_BUILDINGS, Outcome, Scene, sizeup};
+
+/// Tiles small enough that the scene falls into several.
+pub const SIZE: &str = "30";
+
+/// Plans the scene's city into the folder `city`.
+pub fn plan(scene: &Scene) -> Vec<String> {
+    let outcome = scene.sizeup(&["tiles", "plan", "sizeup.toml", "--output", "city", "--size", SIZE]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    ids(scene)
+}
+
+/// Names of the plan's tiles.
+pub fn ids(scene: &Scene) -> Vec<String> {
+    let tiles = scene.json("city/tiles.json")["tiles"].clone();
+    let ids: Vec<String> =
+        tiles.as_array().unwrap().iter().map(|tile| tile["id"].as_str().unwrap().to_owned()).collect();
+    assert!(ids.len() > 2, "{ids:?}");
+    ids
+}
+
+/// Runs one tile.
+pub fn run_tile(scene: &Scene, id: &str) -> Outcome {
+    scene.sizeup(&["tiles", "run", "city", "--tile", id])
+}
+
+/// Merges what is done.
+pub fn merge(scene: &Scene, more: &[&str]) -> Outcome {
+    scene.sizeup(&[&["tiles", "merge", "city", "--heights", "ellipsoidal"], more].concat())
+}
+
+/// Everything that is a result: not what it cost, what was said, and who holds a lock.
+pub fn results(scene: &Scene, folder: &str) -> BTreeMap<String, Vec<u8>> {
+    let root = scene.path(folder);
+    let name = |path: &Path| path.strip_prefix(&root).unwrap().to_string_lossy().into_owned();
+    let is_result = |name: &String| {
+        let is_note = [".ok", "cost.json", "log.txt"].iter().any(|end| name.ends_with(end));
+        !(is_note || name.starts_with("tiles/locks") || name.starts_with("logs"))
+    };
+    let files = scene.files(folder).into_iter().map(|path| (name(&path), path));
+    files.filter(|(name, _)| is_result(name)).map(|(name, path)| (name, fs::read(path).unwrap())).collect()
+}
+
+/// Panics where two results differ, and says in which file.
+pub fn assert_same(one: &BTreeMap<String, Vec<u8>>, other: &BTreeMap<String, Vec<u8>>) {
+    assert_eq!(one.keys().collect::<Vec<_>>(), other.keys().collect::<Vec<_>>());
+    for (name, bytes) in one {
+        assert!(bytes == &other[name], "{name} differs");
+    }
+}
+
+/// A city that nothing has gone wrong with, in the folder `undisturbed`.
+pub fn undisturbed(scene: &Scene) -> BTreeMap<String, Vec<u8>> {
+    for id in plan(scene) {
+        assert!([0, 5].contains(&run_tile(scene, &id).code));
+    }
+    assert!([0, 5].contains(&merge(scene, &[]).code));
+    let results = results(scene, "city");
+    fs::rename(scene.path("city"), scene.path("undisturbed")).unwrap();
+    results
+}
+
+/// Height and status by building, from a CityJSON file or sequence.
+fn heights(path: &Path) -> BTreeMap<String, (Option<f64>, String)> {
+    let text = fs::read_to_string(path).unwrap();
+    let is_sequence = path.extension().is_some_and(|e| e == "jsonl");
+    let documents: Vec<Value> = if is_sequence {
+        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    } else {
+        vec![serde_json::from_str(&text).unwrap()]
+    };
+    let objects = documents.iter().flat_map(|document| document["CityObjects"].as_object().into_iter().flatten());
+    let of = |object: &Value| {
+        let attributes = &object["attributes"];
+        (attributes["height_m"].as_f64(), attributes["status"].as_str().unwrap_or_default().to_owned())
+    };
+    objects.map(|(id, object)| (id.clone(), of(object))).collect()
+}
+
+#[test]
+fn tiles_find_the_heights_of_a_run_in_one_piece() {
+    let scene = Scene::new();
+    undisturbed(&scene);
+    let whole = scene.run(&["--output", "whole"]);
+    assert!([0, 5].contains(&whole.code), "{}", whole.stderr);
+    let (whole, tiled) =
+        (heights(&scene.path("whole/city.city.json")), heights(&scene.path("undisturbed/city.city.jsonl")));
+    assert_eq!(whole.len(), N_BUILDINGS);
+    // The halo covers the whole scene: to the millimetre of the files, nothing may differ.
+    assert_eq!(whole, tiled);
+    let seams = scene.json("undisturbed/summary.json")["seams"]["classes"].clone();
+    let n: u64 = seams.as_array().unwrap().iter().map(|class| class["n"].as_u64().unwrap()).sum();
+    let n_same: u64 = seams.as_array().unwrap().iter().map(|class| class["n_same"].as_u64().unwrap()).sum();
+    assert!(n > 0 && n == n_same, "{seams}");
+}
+
+#[test]
+fn halos_that_cut_through_a_town_leave_its_heights_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = SimulateConfig::default();
+    config.town.n_buildings = 60;
+    config.flight.n_views = Some(100);
+    config.prior.longest_px = 224;
+    (config.town.trees_per_building, config.town.cars_per_building) = (0.5, 0.0);
+    (config.images.enabled, config.masks.enabled) = (false, false);
+    simulate(&config, folder.path(), &|_, _| {}).unwrap();
+    let run = |args: &[&str]| {
+        let outcome = sizeup().current_dir(folder.path()).args(args).output().unwrap();
+        assert!([0, 5].contains(&outcome.status.code().unwrap()), "{}", String::from_utf8_lossy(&outcome.stderr));
+    };
+    let working = [
+        "--set",
+        "optimise.working_px=224",
+        "--set",
+        "output.pictures=false",
+        "--set",
+        "optimise.search.calibrate_on=ground",
+    ];
+    run(&[&["run", "sizeup.toml", "--output", "whole"], &working[..]].concat());
+    let cut = ["--tiled", "--size", "150", "--halo", "200", "--view-margin", "200"];
+    run(&[&["run", "sizeup.toml", "--output", "tiled"], &cut[..], &working[..]].concat());
+    let plan: Value = serde_json::from_slice(&fs::read(folder.path().join("tiled/tiles.json")).unwrap()).unwrap();
+    let tiles = plan["tiles"].as_array().unwrap();
+    assert!(tiles.iter().any(|tile| tile["n_solved"].as_u64() < Some(60)), "no halo cuts anything off");
+    let (whole, tiled) =
+        (heights(&folder.path().join("whole/city.city.json")), heights(&folder.path().join("tiled/city.city.jsonl")));
+    assert_eq!(whole.keys().collect::<Vec<_>>(), tiled.keys().collect::<Vec<_>>());
+    let mut differences: Vec<f64> =
+        whole.iter().filter_map(|(id, (h, _))| Some((h.as_ref()? - tiled[id].0?).abs())).collect();
+    differences.sort_by(f64::total_cmp);
+    assert_eq!(differences.len(), 60);
+    println!("|Δh|: median {:.4} m, greatest {:.4} m", differences[30], differences[59]);
+    // This halo is less than half as wide as a view shows, the default three times as wide: most heights are the same
+    // all the same, and none is another one.
+    assert!(differences[30] < 0.001 && differences[47] < 0.05 && differences[59] < 1.0, "{differences:?}");
+}
+
+#[test]
+fn what_is_done_is_not_done_again_and_the_same_plan_is_the_same_bytes() {
+    let scene = Scene::new();
+    let ids = plan(&scene);
+    for id in &ids {
+        let first = run_tile(&scene, id);
+        assert!(first.stderr.contains("is done"), "{}", first.stderr);
+    }
+    merge(&scene, &[]);
+    let once = results(&scene, "city");
+    plan(&scene);
+    for id in &ids {
+        let again = run_tile(&scene, id);
+        assert!(again.stderr.contains("was done already"), "{}", again.stderr);
+    }
+    merge(&scene, &[]);
+    assert_same(&once, &results(&scene, "city"));
+    scene.assert_no_litter();
+}
+
+#[test]
+fn a_missing_tile_stops_the_merge_unless_it_is_allowed_and_is_named_then() {
+    let scene = Scene::new();
+    let ids = plan(&scene);
+    for id in &ids[1..] {
+        run_tile(&scene, id);
+    }
+    let refused = merge(&scene, &[]);
+    assert_eq!(refused.code, 3, "{}", refused.stderr);
+    assert!(refused.stderr.contains(&ids[0]) && refused.stderr.contains("--allow-missing"), "{}", refused.stderr);
+    assert!(!scene.path("city/city.gpkg").exists());
+
+    assert_eq!(merge(&scene, &["--allow-missing"]).code, 5);
+    let summary = scene.json("city/summary.json");
+    assert_eq!(summary["missing_tiles"][0], ids[0].as_str());
+    let issues = scene.json("city/issues.json");
+    assert!(issues.as_array().unwrap().iter().any(|issue| issue["code"] == "tile_missing"), "{issues}");
+
+    run_tile(&scene, &ids[0]);
+    merge(&scene, &[]);
+    assert_eq!(heights(&scene.path("city/city.city.jsonl")).len(), N_BUILDINGS);
+}
+
+#[test]
+fn status_tells_where_each_tile_stands() {
+    let scene = Scene::new();
+    let ids = plan(&scene);
+    run_tile(&scene, &ids[0]);
+    run_tile(&scene, &ids[1]);
+    fs::write(scene.path(&format!("city/tiles/{}/buildings.jsonl", ids[1])), "not what was written").unwrap();
+    let told = scene.sizeup(&["tiles", "status", "city"]);
+    let lines: Vec<&str> = told.stdout.lines().collect();
+    assert_eq!(lines.len(), ids.len());
+    assert!(lines[0].starts_with(&ids[0]) && lines[0].contains("\tdone"), "{}", lines[0]);
+    assert!(lines[1].contains("damaged"), "{}", lines[1]);
+    assert!(lines[2].contains("waiting"), "{}", lines[2]);
+    // A damaged tile counts as missing, and running it mends it.
+    assert_eq!(merge(&scene, &[]).code, 3);
+    assert!(run_tile(&scene, &ids[1]).stderr.contains("is done"));
+}
+
+#[test]
+fn every_building_belongs_to_one_tile_also_those_without_an_outline() {
+    let scene = Scene::new();
+    scene.change_footprints(|features| {
+        features[0]["geometry"] = Value::Null;
+        features[1]["properties"]["id"] = features[2]["properties"]["id"].clone();
+        // Two parts far apart, which fall into different tiles.
+        let (one, other) =
+            (features[3]["geometry"]["coordinates"].clone(), features[4]["geometry"]["coordinates"].clone());
+        features[3]["geometry"] = serde_json::json!({ "type": "MultiPolygon", "coordinates": [one, other] });
+        features.remove(4);
+    });
+    undisturbed(&scene);
+    let whole = scene.run(&["--output", "whole"]);
+    assert_eq!(whole.code, 5, "{}", whole.stderr);
+    let (whole, tiled) =
+        (heights(&scene.path("whole/city.city.json")), heights(&scene.path("undisturbed/city.city.jsonl")));
+    assert!(whole.keys().any(|id| id.ends_with("~2")) && whole.keys().any(|id| id.ends_with("#2")), "{whole:?}");
+    assert_eq!(whole, tiled);
+}
+
+#[test]
+fn the_paper_preset_and_outlines_from_photos_are_refused() {
+    let scene = Scene::new();
+    let refused = scene.sizeup(&["tiles", "plan", "sizeup.toml", "--set", "optimise.preset=paper"]);
+    assert_eq!(refused.code, 2);
+    assert!(refused.stderr.contains("robust"), "{}", refused.stderr);
+    scene.edit("sizeup.toml", |text| {
+        text.replace(
+            "path = \"footprints.gpkg\"\nid_field = \"id\"",
+            "source = \"masks\"\npath = \"masks/{stem}.png\"\nkind = \"instance\"",
+        )
+    });
+    let refused = scene.sizeup(&["tiles", "plan", "sizeup.toml"]);
+    assert_eq!(refused.code, 2);
+    assert!(refused.stderr.contains("sizeup footprints"), "{}", refused.stderr);
+}
+
+#[test]
+fn outlines_and_terrain_are_read_in_an_archive_where_they_lie() {
+    let scene = Scene::new();
+    let plain = undisturbed(&scene);
+    let archive = scene.path("input.zip");
+    let mut zip = zip::ZipWriter::new(fs::File::create(&archive).unwrap());
+    for name in ["footprints.gpkg", "dtm.tif"] {
+        zip.start_file(name, zip::write::SimpleFileOptions::default()).unwrap();
+        std::io::copy(&mut fs::File::open(scene.path(name)).unwrap(), &mut zip).unwrap();
+        fs::remove_file(scene.path(name)).unwrap();
+    }
+    zip.finish().unwrap();
+    let inside = |name: &str| format!("\"/vsizip/{}/{name}\"", archive.display());
+    scene.edit("sizeup.toml", |text| {
+        text.replace("\"footprints.gpkg\"", &inside("footprints.gpkg")).replace("\"dtm.tif\"", &inside("dtm.tif"))
+    });
+    undisturbed_again(&scene);
+    let buildings = |files: &BTreeMap<String, Vec<u8>>| -> Vec<Vec<u8>> {
+        files.iter().filter(|(name, _)| name.ends_with("buildings.jsonl")).map(|(_, bytes)| bytes.clone()).collect()
+    };
+    assert_eq!(buildings(&plain), buildings(&results(&scene, "city")));
+}
+
+fn undisturbed_again(scene: &Scene) {
+    for id in plan(scene) {
+        let ran = run_tile(scene, &id);
+        assert!([0, 5].contains(&ran.code), "{}", ran.stderr);
+    }
+}
+
+#[test]
+fn a_tile_needs_no_more_memory_than_the_plan_says_and_not_much_less() {
+    let scene = Scene::new();
+    for id in plan(&scene) {
+        run_tile(&scene, &id);
+        let cost = scene.json(&format!("city/tiles/{id}/cost.json"));
+        let (peak_mb, estimate_mb) = (cost["peak_mb"].as_u64().unwrap(), cost["estimate_mb"].as_u64().unwrap());
+        assert!(peak_mb <= estimate_mb && estimate_mb < 4 * peak_mb, "{cost}");
+    }
+}
