@@ -28,7 +28,8 @@ pub(super) fn records(
                 height_m: solved.and_then(|s| s.height_m),
                 height_sigma_m: solved.and_then(|s| s.sigma_m),
                 height_reference,
-                roof: solved.and_then(|s| s.roof).map(roof_shape),
+                // A height that is not known, or comes from a fallback, says nothing of the roof.
+                roof: solved.filter(|s| s.height_m.is_some()).and_then(|s| s.roof).map(roof_shape),
                 status,
                 reasons,
                 views: solved
