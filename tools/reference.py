@@ -7,8 +7,8 @@ import json
 import subprocess
 import sys
 
-COMMANDS = ["run", "survey inspect", "survey convert", "prior inspect", "evaluate", "baseline", "look", "view", "benchmark"]
-COMMANDS += ["validate", "export", "simulate", "demo", "schema"]
+COMMANDS = ["run", "footprints", "survey inspect", "survey convert", "prior inspect", "evaluate", "baseline", "look", "view", "benchmark"]
+COMMANDS += ["tiles plan", "tiles run", "tiles merge", "tiles status", "validate", "export", "simulate", "demo", "schema"]
 
 
 def say(*arguments):

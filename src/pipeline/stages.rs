@@ -218,7 +218,10 @@ impl SceneStage {
         footprints: &mut FootprintStage,
         cuts: &[Vec<levels::Cut>],
     ) -> Result<Self, PipelineError> {
-        let is_changed = cuts.iter().fold(false, |changed, round| levels::take_apart(footprints, round) || changed);
+        let mut is_changed = false;
+        for round in cuts {
+            is_changed |= levels::take_apart(footprints, round);
+        }
         if is_changed { Self::in_frame(config, &self.frame(), footprints) } else { Ok(self) }
     }
 

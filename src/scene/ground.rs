@@ -9,8 +9,8 @@ use crate::terrain::Terrain;
 
 /// Cells along a side of the blocks that a ray can skip at once.
 const BLOCK: usize = 16;
-/// Halvings of the last step: a 2 m cell is resolved to 0.1 mm.
-const BISECTIONS: usize = 14;
+/// Anchors are rounded to this, metres.
+const ANCHOR_STEP_M: f64 = 1e-6;
 
 /// Ground heights, local frame, metres.
 #[derive(Debug, Clone)]
@@ -21,12 +21,15 @@ pub enum LocalGround {
     Grid(Grid),
 }
 
-/// Nodes `(col, row)` lie at `(west + col·cell.x, south + row·cell.y)`: row 0 is the *southernmost*.
+/// Node `(col, row)` lies at `anchor + (first + (col, row)) · cell`: row 0 is the *southernmost*. The anchor is the node next
+/// to the local origin, so that a position falls on the same place of a cell, to the bit, whatever rectangle was cut out.
 #[derive(Debug, Clone)]
 pub struct Grid {
     /// `NaN` = no ground known here.
     heights: Raster<f32>,
-    south_west: Vec2,
+    anchor: Vec2,
+    /// The south-western node, counted from the anchor; whole numbers.
+    first: Vec2,
     cell: Vec2,
     /// Highest node of each block of cells; −∞ where nothing is known.
     block_tops: Raster<f32>,
@@ -57,11 +60,15 @@ impl LocalGround {
                         heights[(col, row)] = (z_m - origin.0.z) as f32;
                     }
                 }
-                let first = DVec2::new(
+                let cell = DVec2::new(cell_x, cell_y);
+                let south_west = DVec2::new(
                     west + (col0 as f64 + 0.5) * cell_x - origin.0.x,
                     north - (row1 as f64 + 0.5) * cell_y - origin.0.y,
                 );
-                Self::Grid(Grid::new(heights, first.as_vec2(), Vec2::new(cell_x as f32, cell_y as f32)))
+                let first = (south_west / cell).round();
+                // Other cuts of the same terrain come to the same anchor but for the rounding of large coordinates.
+                let anchor = ((south_west - first * cell) / ANCHOR_STEP_M).round() * ANCHOR_STEP_M;
+                Self::Grid(Grid::new(heights, anchor.as_vec2(), first.as_vec2(), cell.as_vec2()))
             }
         }
     }
@@ -92,7 +99,7 @@ impl LocalGround {
 }
 
 impl Grid {
-    fn new(heights: Raster<f32>, south_west: Vec2, cell: Vec2) -> Self {
+    fn new(heights: Raster<f32>, anchor: Vec2, first: Vec2, cell: Vec2) -> Self {
         let n_blocks = |n: usize| n.saturating_sub(1).div_ceil(BLOCK).max(1);
         let (width, height) = (heights.width(), heights.height());
         let mut block_tops = Raster::filled(n_blocks(width), n_blocks(height), f32::NEG_INFINITY);
@@ -109,12 +116,13 @@ impl Grid {
             }
         }
         let top = block_tops.data().iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        Self { heights, south_west, cell, block_tops, top }
+        Self { heights, anchor, first, cell, block_tops, top }
     }
 
     /// Position in cells from the south-western node.
     fn in_cells(&self, position: Vec2) -> Vec2 {
-        (position - self.south_west) / self.cell
+        // Taking whole numbers off is exact, so the fraction does not depend on the cut.
+        (position - self.anchor) / self.cell - self.first
     }
 
     fn height_at(&self, position: Vec2) -> f32 {
@@ -187,17 +195,20 @@ impl Grid {
     }
 }
 
-/// Where a condition turns true between `low` (false) and `high` (true).
+/// Where a condition turns true between `low` (false) and `high` (true): the first number that there is, so that the
+/// answer does not depend on where the search began.
 fn bisect(mut low: f32, mut high: f32, is_true: impl Fn(f32) -> bool) -> f32 {
-    for _ in 0..BISECTIONS {
+    loop {
         let middle = 0.5 * (low + high);
+        if middle <= low || middle >= high {
+            return high;
+        }
         if is_true(middle) {
             high = middle;
         } else {
             low = middle;
         }
     }
-    high
 }
 
 #[cfg(test)]
@@ -217,6 +228,34 @@ mod tests {
         let dem = Dem::new(Raster::from_vec(n as usize, n as usize, heights).unwrap(), 0.0, 180.0, cell, cell).unwrap();
         let terrain = Terrain::Grid(dem);
         LocalGround::new(&terrain, LocalOrigin(DVec3::ZERO), DVec2::ZERO, DVec2::splat(180.0))
+    }
+
+    #[test]
+    fn a_ray_meets_the_same_ground_to_the_bit_whatever_was_cut_out() {
+        let (n, cell) = (90_u32, 2.0);
+        let (west, north) = (565_000.0, 5_932_180.0);
+        let heights: Vec<f32> =
+            (0..n * n).map(|i| ((i % n) as f32 / 7.0).sin() * 4.0 + (i / n) as f32 * 0.05).collect();
+        let dem =
+            Dem::new(Raster::from_vec(n as usize, n as usize, heights).unwrap(), west, north, cell, cell).unwrap();
+        let terrain = Terrain::Grid(dem);
+        let origin = LocalOrigin(DVec3::new(565_093.0, 5_932_071.0, 3.0));
+        let cut = |low: f64, high: f64| {
+            let corner = DVec2::new(west, north - 180.0);
+            LocalGround::new(&terrain, origin, corner + low, corner + high)
+        };
+        let (whole, part) = (cut(0.0, 180.0), cut(41.0, 139.0));
+        let mut n_met = 0;
+        for i in 0..400_u32 {
+            let turn = i as f32 * 0.7;
+            let eye = Vec3::new((i % 20) as f32 * 4.0 - 40.0, (i / 20) as f32 * 4.0 - 40.0, 45.0);
+            let ray = Ray::new(eye, Vec3::new(0.3 * turn.cos(), 0.3 * turn.sin(), -1.0));
+            if let Some(t) = part.meets(&ray) {
+                assert_eq!(whole.meets(&ray), Some(t));
+                n_met += 1;
+            }
+        }
+        assert!(n_met > 300, "{n_met}");
     }
 
     proptest! {

@@ -13,9 +13,9 @@ use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
 const TOWER_M: f64 = 15.0;
 
 fn downtown(folder: &Path) {
-    let mut config = SimulateConfig { seed: 11, ..SimulateConfig::default() };
+    let mut config = SimulateConfig { seed: 14, ..SimulateConfig::default() };
     config.town.kind = TownKind::Downtown;
-    config.town.n_buildings = 14;
+    config.town.n_buildings = 16;
     config.flight.n_views = Some(48);
     (config.camera.width_px, config.camera.height_px, config.prior.longest_px) = (448, 336, 448);
     config.prior.level = PriorLevel::Mid;

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+use geo::Area as _;
 use glam::DVec2;
 use serde_json::Value;
 use sizeup::crs::Crs;
@@ -50,7 +51,15 @@ pub fn warsaw_config(data: &Path, priors: &str, folder: &Path) -> std::path::Pat
 /// constant and the truth's is each building's own.
 fn warsaw_roof_errors(data: &Path, result: &Path) -> BTreeMap<String, f64> {
     let records = read_results(&result.join("city.city.json"), &Crs::parse("EPSG:2180").unwrap()).unwrap();
-    let heights: BTreeMap<String, f64> = records.into_iter().map(|r| (r.id, r.height_m.unwrap_or(f64::NAN))).collect();
+    // Parts of a building count by their areas.
+    let mut sums: BTreeMap<String, [f64; 2]> = BTreeMap::new();
+    for record in records {
+        let area_m2 = record.footprint.unwrap().unsigned_area();
+        let sum = sums.entry(record.part_of.unwrap_or(record.id)).or_default();
+        sum[0] += area_m2 * record.height_m.unwrap_or(f64::NAN);
+        sum[1] += area_m2;
+    }
+    let heights: BTreeMap<String, f64> = sums.into_iter().map(|(id, [sum, area_m2])| (id, sum / area_m2)).collect();
     let truth: Value = serde_json::from_slice(&fs::read(data.join("truth_buildings.geojson")).unwrap()).unwrap();
     let error = |feature: &Value| {
         let properties = &feature["properties"];

@@ -137,11 +137,13 @@ fn halos_that_cut_through_a_town_leave_its_heights_as_they_are() {
     let mut differences: Vec<f64> =
         whole.iter().filter_map(|(id, (h, _))| Some((h.as_ref()? - tiled[id].0?).abs())).collect();
     differences.sort_by(f64::total_cmp);
-    assert_eq!(differences.len(), 60);
-    println!("|Δh|: median {:.4} m, greatest {:.4} m", differences[30], differences[59]);
+    let n = differences.len();
+    assert!(n >= 60, "{n} heights");
+    println!("|Δh|: median {:.4} m, greatest {:.4} m", differences[n / 2], differences[n - 1]);
     // This halo is less than half as wide as a view shows, the default three times as wide: most heights are the same
     // all the same, and none is another one.
-    assert!(differences[30] < 0.001 && differences[47] < 0.05 && differences[59] < 1.0, "{differences:?}");
+    let (half, most) = (differences[n / 2], differences[n * 4 / 5 - 1]);
+    assert!(half < 0.001 && most < 0.05 && differences[n - 1] < 1.0, "{differences:?}");
 }
 
 #[test]
