@@ -248,7 +248,7 @@ mod tests {
         let mut n_met = 0;
         for i in 0..400_u32 {
             let turn = i as f32 * 0.7;
-            let eye = Vec3::new((i % 20) as f32 * 4.0 - 40.0, (i / 20) as f32 * 4.0 - 40.0, 45.0);
+            let eye = Vec3::new((i % 20) as f32 * 1.5 - 15.0, (i / 20) as f32 * 1.5 - 15.0, 45.0);
             let ray = Ray::new(eye, Vec3::new(0.3 * turn.cos(), 0.3 * turn.sin(), -1.0));
             if let Some(t) = part.meets(&ray) {
                 assert_eq!(whole.meets(&ray), Some(t));
