@@ -176,8 +176,11 @@ pub(super) fn run_config(config: &RunConfig, options: &RunOptions, global: &Glob
 
 pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
     let seconds: Vec<String> = summary.seconds.iter().map(|(stage, s)| format!("{} {s:.1} s", stage.name())).collect();
+    // Outlines that were taken apart count part by part below.
+    let n_parts: usize = summary.by_status.values().sum();
+    let parts = if n_parts > summary.n_buildings { format!(" in {n_parts} parts") } else { String::new() };
     ui.say(format!(
-        "{} buildings, {} views ({} oblique), {} priors used",
+        "{} buildings{parts}, {} views ({} oblique), {} priors used",
         summary.n_buildings, summary.n_views, summary.n_oblique, summary.n_used_views
     ));
     let words = |status: Status| match status {
