@@ -8,9 +8,15 @@
 /// ```
 #[must_use]
 pub fn quantile(values: &[f64], q: f64) -> Option<f64> {
-    let mut sorted: Vec<f64> = values.iter().copied().filter(|v| !v.is_nan()).collect();
-    sorted.sort_unstable_by(f64::total_cmp);
-    quantile_of_sorted(&sorted, q)
+    let mut values: Vec<f64> = values.iter().copied().filter(|v| !v.is_nan()).collect();
+    let last = values.len().checked_sub(1)?;
+    let position = q.clamp(0.0, 1.0) * last as f64;
+    let (_, &mut below, rest) = values.select_nth_unstable_by(position.floor() as usize, f64::total_cmp);
+    if position.fract() == 0.0 {
+        return Some(below);
+    }
+    let above = rest.iter().copied().min_by(f64::total_cmp).unwrap_or(below);
+    Some(below + (above - below) * position.fract())
 }
 
 /// [`quantile`] of values already in ascending order and free of `NaN`.
@@ -52,6 +58,17 @@ pub fn median_and_mad(values: &[f32]) -> Option<(f32, f32)> {
 #[must_use]
 pub fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// The place between three evenly spaced ones where the parabola through their values peaks, at most one spacing from the
+/// middle; the middle itself if they have no peak.
+#[must_use]
+pub fn parabola_peak(middle: f64, spacing: f64, [before, at, after]: [f64; 3]) -> f64 {
+    let curvature = before - 2.0 * at + after;
+    if curvature >= 0.0 {
+        return middle;
+    }
+    middle + spacing * (0.5 * (before - after) / curvature).clamp(-1.0, 1.0)
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@ use super::evidence::Evidence;
 use super::roof::{is_clear, smallest_rectangle};
 use super::score::{Correlation, Window};
 use super::search::{SweepViews, ViewsOf};
+use super::stretches::{LANES, Lanes};
 use crate::ray::Ray;
 use crate::render::PlacedCamera;
 use crate::scene::{HeightBounds, Prism, Scene};
@@ -41,6 +42,8 @@ const MIN_VIEWS: usize = 4;
 const N_FIRST_VIEWS: usize = 6;
 /// Guesses that are followed up.
 const N_FOLLOWED: usize = 2;
+/// One level with a lower score is looked at again in a later round.
+const DOUBTFUL_SCORE: f64 = 0.9;
 /// Heights tried for one level, log-spaced over the whole range.
 const N_HEIGHTS: usize = 24;
 /// Middles and sizes of the first rectangles, as shares of the outline's sides.
@@ -65,12 +68,14 @@ pub struct OtherLevel {
     pub corners: [[f64; 2]; 4],
 }
 
-/// Buildings that should be taken apart, by index.
+/// Buildings that should be taken apart, by index. Those known from a round before have been looked at there: only what one
+/// level explains badly is looked at again.
 pub(super) fn find(
     scene: &Scene,
     views: SweepViews<'_>,
     views_of: ViewsOf<'_>,
     heights_m: &[f32],
+    known_m: &[Option<f32>],
     config: &SearchConfig,
 ) -> Vec<OtherLevel> {
     let of_building = |building: usize| {
@@ -86,77 +91,97 @@ pub(super) fn find(
                 Some(SeenIn::new(window, v.placed, v.evidence, &plan))
             })
             .collect();
-        let corners = plan.other_level(&seen, heights_m[building])?;
+        let is_known = known_m.get(building).copied().flatten().is_some();
+        let corners = plan.other_level(&seen, heights_m[building], if is_known { DOUBTFUL_SCORE } else { 1.0 })?;
         Some(OtherLevel { building, corners })
     };
     (0..scene.prisms.len()).into_par_iter().filter_map(of_building).collect()
 }
 
-/// A way of a ray over the outline, along the plan's axes.
-struct Way {
-    /// Position at z-depth 0 and change per metre of z-depth; the third is the height above the building's ground.
-    from: Vec2,
-    along: Vec2,
-    above_m: f32,
-    dz: f32,
-    enter: f32,
-    leave: f32,
+/// Ways of rays over the outline, along the plan's axes, side by side.
+#[derive(Debug, Clone, Copy)]
+struct Ways {
+    /// Position at z-depth 0, and z-depth per metre along the axis.
+    from: [Lanes; 2],
+    per_metre: [Lanes; 2],
+    /// Height above the building's ground at z-depth 0, and z-depth per metre of it.
+    above_m: Lanes,
+    per_metre_up: Lanes,
+    enter: Lanes,
+    leave: Lanes,
 }
 
-impl Way {
-    fn new(ray: &Ray, axes: Mat2, ground_z: f32, enter: f32, leave: f32) -> Self {
-        Self {
-            from: axes * ray.origin.truncate(),
-            along: axes * ray.direction.truncate(),
-            above_m: ray.origin.z - ground_z,
-            dz: ray.direction.z,
-            enter,
-            leave,
+impl Ways {
+    /// Lanes that stop no ray.
+    const EMPTY: Self = Self {
+        from: [Lanes::ZERO; 2],
+        per_metre: [Lanes::ONE; 2],
+        above_m: Lanes::ZERO,
+        per_metre_up: Lanes::new([-1.0; LANES]),
+        enter: Lanes::ONE,
+        leave: Lanes::ZERO,
+    };
+
+    fn set(&mut self, lane: usize, ray: &Ray, plan: &Plan<'_>, (enter, leave): (f32, f32)) {
+        let (from, along) = (plan.axes * ray.origin.truncate(), plan.axes * ray.direction.truncate());
+        let set = |lanes: &mut Lanes, value: f32| lanes.as_mut_array()[lane] = value;
+        for axis in 0..2 {
+            set(&mut self.from[axis], from[axis]);
+            set(&mut self.per_metre[axis], along[axis].recip());
         }
+        set(&mut self.above_m, ray.origin.z - plan.prism.ground_z);
+        set(&mut self.per_metre_up, ray.direction.z.recip());
+        set(&mut self.enter, enter);
+        set(&mut self.leave, leave);
     }
 
-    /// z-depth at which the ray meets the two levels; `None` if it passes over.
-    fn meets(&self, levels: &TwoLevels) -> Option<f32> {
-        let (within, beyond) = self.inside(levels.low, levels.high);
-        let stretches = [
-            (self.enter, within, levels.outer_m),
-            (within, beyond, levels.inner_m),
-            (beyond, self.leave, levels.outer_m),
-        ];
-        stretches.into_iter().filter(|(start, end, _)| end > start).find_map(|(start, end, height_m)| {
-            let roof = (height_m - self.above_m) / self.dz;
-            (roof < end).then(|| roof.max(start))
-        })
-    }
-
-    /// Where the ray enters and leaves the rectangle, within its way over the outline.
-    fn inside(&self, low: Vec2, high: Vec2) -> (f32, f32) {
-        let (mut start, mut end) = (self.enter, self.leave);
-        for k in 0..2 {
-            let (a, b) = ((low[k] - self.from[k]) / self.along[k], (high[k] - self.from[k]) / self.along[k]);
-            start = start.max(a.min(b));
-            end = end.min(a.max(b));
+    /// z-depths at which the rays meet the two levels; `+∞` where they pass over.
+    fn meets(&self, levels: &TwoLevels) -> Lanes {
+        let (enter, leave) = (self.enter, self.leave);
+        // Where the ray enters and leaves the rectangle, within its way over the outline.
+        let (mut within, mut beyond) = (enter, leave);
+        for axis in 0..2 {
+            let a = (Lanes::splat(levels.low[axis]) - self.from[axis]) * self.per_metre[axis];
+            let b = (Lanes::splat(levels.high[axis]) - self.from[axis]) * self.per_metre[axis];
+            within = within.fast_max(a.fast_min(b));
+            beyond = beyond.fast_min(a.fast_max(b));
         }
-        if start < end { (start, end) } else { (self.leave, self.leave) }
+        let misses = within.simd_ge(beyond);
+        within = misses.bitselect(leave, within);
+        beyond = misses.bitselect(leave, beyond);
+        let inner = (Lanes::splat(levels.inner_m) - self.above_m) * self.per_metre_up;
+        let outer = (Lanes::splat(levels.outer_m) - self.above_m) * self.per_metre_up;
+        // From behind: what stops it later counts only where nothing does before.
+        let mut depth = Lanes::splat(f32::INFINITY);
+        for (start, end, roof) in [(beyond, leave, outer), (within, beyond, inner), (enter, within, outer)] {
+            depth = (end.simd_gt(start) & roof.simd_lt(end)).bitselect(roof.fast_max(start), depth);
+        }
+        depth
     }
 }
 
 /// The building in one view.
 struct SeenIn {
     window: Window,
-    ways: Vec<Way>,
+    ways: Vec<Ways>,
 }
 
 impl SeenIn {
     fn new(window: Window, placed: &PlacedCamera, evidence: &Evidence<'_>, plan: &Plan<'_>) -> Self {
-        let way =
-            |(ray, enter, leave)| Way::new(&evidence.ray(placed, ray), plan.axes, plan.prism.ground_z, enter, leave);
-        let ways = window.own_stretches().map(way).collect();
+        let mut ways = Vec::new();
+        for (i, (ray, enter, leave)) in window.own_stretches().enumerate() {
+            if i % LANES == 0 {
+                ways.push(Ways::EMPTY);
+            }
+            ways[i / LANES].set(i % LANES, &evidence.ray(placed, ray), plan, (enter, leave));
+        }
         Self { window, ways }
     }
 
     fn score(&self, levels: &TwoLevels) -> f64 {
-        self.window.score_where(0.0, levels.outer_m, |i| self.ways[i].meets(levels))
+        self.window.score_where(0.0, levels.outer_m, |depths| {
+            self.ways.iter().zip(depths).for_each(|(ways, depth)| *depth = ways.meets(levels));
+        })
     }
 }
 
@@ -184,14 +209,20 @@ impl<'a> Plan<'a> {
         Self { prism, bounds, axes, low, high }
     }
 
-    /// The part at another level than the rest; `None` where one level is as good.
-    fn other_level(&self, seen: &[SeenIn], height_m: f32) -> Option<[[f64; 2]; 4]> {
+    /// The part at another level than the rest; `None` where one level is as good, or scores no less than `below_score`.
+    fn other_level(&self, seen: &[SeenIn], height_m: f32, below_score: f64) -> Option<[[f64; 2]; 4]> {
         if seen.len() < MIN_VIEWS {
             return None;
         }
         let every = seen.len().div_ceil(N_FIRST_VIEWS);
         let first: Vec<&SeenIn> = seen.iter().step_by(every).collect();
         let one_level = self.best_level(&first, height_m);
+        let flat: Vec<f64> = seen.iter().map(|s| s.window.score(one_level, 0.0, Correlation::Linear)).collect();
+        // No score is better than 1: where one level almost has it, two cannot be clearly better.
+        let mean = flat.iter().sum::<f64>() / flat.len() as f64;
+        if mean >= below_score.min(1.0 - MIN_GAIN) {
+            return None;
+        }
         let total = |seen: &[&SeenIn], levels: &TwoLevels| seen.iter().map(|s| s.score(levels)).sum::<f64>();
         let mut guesses: Vec<(f64, TwoLevels)> =
             self.guesses(height_m).map(|guess| (total(&first, &guess), guess)).collect();
@@ -201,23 +232,23 @@ impl<'a> Plan<'a> {
             .take(N_FOLLOWED)
             .map(|(score, guess)| self.climb(&first, guess, score, &COARSE_STEPS))
             .max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let flat: f64 = first.iter().map(|s| s.window.score(one_level, Correlation::Linear)).sum();
-        if !self.is_part(&best) || score - flat < 0.5 * MIN_GAIN * first.len() as f64 {
+        let first_flat: f64 = flat.iter().step_by(every).sum();
+        if !self.is_part(&best) || score - first_flat < 0.5 * MIN_GAIN * first.len() as f64 {
             return None;
         }
         let all: Vec<&SeenIn> = seen.iter().collect();
         let (_, best) = self.climb(&all, best, total(&all, &best), &FINE_STEPS);
-        let gains: Vec<f64> =
-            seen.iter().map(|s| s.score(&best) - s.window.score(one_level, Correlation::Linear)).collect();
+        let gains: Vec<f64> = seen.iter().zip(flat).map(|(s, flat)| s.score(&best) - flat).collect();
         (self.is_part(&best) && is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS)).then(|| self.corners(&best))
     }
 
     /// The one level that explains most.
     fn best_level(&self, seen: &[&SeenIn], height_m: f32) -> f32 {
-        let total = |h: f32| seen.iter().map(|s| s.window.score(h, Correlation::Linear)).sum::<f64>();
+        let total = |h: f32| seen.iter().map(|s| s.window.score(h, 0.0, Correlation::Linear)).sum::<f64>();
         let ratio = self.bounds.max_m / self.bounds.min_m;
         let tried = (0..N_HEIGHTS).map(|i| self.bounds.min_m * ratio.powf(i as f32 / (N_HEIGHTS - 1) as f32));
-        std::iter::once(height_m).chain(tried).max_by(|a, b| total(*a).total_cmp(&total(*b))).unwrap_or(height_m)
+        let scored = std::iter::once(height_m).chain(tried).map(|h| (total(h), h));
+        scored.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(height_m, |(_, h)| h)
     }
 
     fn guesses(&self, height_m: f32) -> impl Iterator<Item = TwoLevels> + '_ {

@@ -20,6 +20,7 @@ mod score;
 mod search;
 mod solution;
 mod solve;
+mod stretches;
 
 pub use config::{CalibrationRays, Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
 pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};

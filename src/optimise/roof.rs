@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::score::{Correlation, Window};
+use super::stretches::{LANES, Lanes};
 use crate::ray::Ray;
 use crate::render::PlacedCamera;
 use crate::scene::{Prism, RoofForm};
@@ -32,6 +33,8 @@ const TALLEST_M: f32 = 8.0;
 const N_RISES: usize = 5;
 /// Eaves tried for each rise.
 const N_EAVES: usize = 9;
+/// Views that all these are tried in; the best is settled and judged in all.
+const N_FIRST_VIEWS: usize = 8;
 /// A pitched roof is believed if its score beats the flat one's by so many standard errors over views, ...
 const MIN_STANDARD_ERRORS: f64 = 0.7;
 /// ... and by so much per view.
@@ -60,40 +63,51 @@ impl Roof {
     }
 }
 
-/// A ray's way over a footprint, sampled.
-struct Way {
-    depth: [f32; N_SAMPLES],
-    /// Height of the ray above the building's ground, metres.
-    above_m: [f32; N_SAMPLES],
+/// Ways of rays over a footprint, sampled, side by side.
+#[derive(Debug, Clone, Copy)]
+struct Ways {
+    enter: Lanes,
+    /// z-depth from one sample to the next.
+    step: Lanes,
+    /// Height of the ray above the building's ground at each sample, metres.
+    above_m: [Lanes; N_SAMPLES],
 }
 
-impl Way {
-    fn new(ray: &Ray, enter: f32, leave: f32, ground_z: f32) -> Self {
-        let depth = std::array::from_fn(|k| enter + (leave - enter) * k as f32 / (N_SAMPLES - 1) as f32);
-        Self { depth, above_m: depth.map(|s| ray.origin.z + s * ray.direction.z - ground_z) }
+/// A roof's `t` along each way.
+type Shares = [Lanes; N_SAMPLES];
+
+impl Ways {
+    /// Lanes that stop no ray.
+    const EMPTY: Self =
+        Self { enter: Lanes::ONE, step: Lanes::ZERO, above_m: [Lanes::new([f32::INFINITY; LANES]); N_SAMPLES] };
+
+    fn set(&mut self, lane: usize, ray: &Ray, (enter, leave): (f32, f32), ground_z: f32) {
+        self.enter.as_mut_array()[lane] = enter;
+        self.step.as_mut_array()[lane] = (leave - enter) / (N_SAMPLES - 1) as f32;
+        for k in 0..N_SAMPLES {
+            let z = ray.origin.z + self.depth(lane, k) * ray.direction.z;
+            self.above_m[k].as_mut_array()[lane] = z - ground_z;
+        }
     }
 
-    /// The roof's `t` along it.
-    fn share(&self, shape: &Shape<'_>, ray: &Ray) -> [f32; N_SAMPLES] {
-        self.depth.map(|s| shape.at((ray.origin + s * ray.direction).truncate()))
+    fn depth(&self, lane: usize, k: usize) -> f32 {
+        self.enter.as_array()[lane] + self.step.as_array()[lane] * k as f32
     }
 
-    /// z-depth at which the ray meets the roof, or the wall in front; `None` if it passes over.
-    fn meets(&self, share: &[f32; N_SAMPLES], eave_m: f32, rise_m: f32) -> Option<f32> {
-        let clearance_m = |k: usize| self.above_m[k] - eave_m - rise_m * share[k];
-        let mut previous = clearance_m(0);
-        if previous <= 0.0 {
-            return Some(self.depth[0]);
+    /// z-depths at which the rays meet the roof, or the wall in front; `+∞` where they pass over.
+    fn meets(&self, shares: &Shares, eave_m: f32, rise_m: f32) -> Lanes {
+        let (eave_m, rise_m) = (Lanes::splat(eave_m), Lanes::splat(rise_m));
+        let clearance_m = |k: usize| self.above_m[k] - eave_m - rise_m * shares[k];
+        // From behind: what stops it later counts only where nothing does before.
+        let mut depth = Lanes::splat(f32::INFINITY);
+        let mut next = clearance_m(N_SAMPLES - 1);
+        for k in (1..N_SAMPLES).rev() {
+            let previous = clearance_m(k - 1);
+            let steps = Lanes::splat((k - 1) as f32) + previous / (previous - next);
+            depth = next.simd_le(Lanes::ZERO).bitselect(self.enter + steps * self.step, depth);
+            next = previous;
         }
-        for k in 1..N_SAMPLES {
-            let next = clearance_m(k);
-            if next <= 0.0 {
-                let along = previous / (previous - next);
-                return Some(self.depth[k - 1] + along * (self.depth[k] - self.depth[k - 1]));
-            }
-            previous = next;
-        }
-        None
+        next.simd_le(Lanes::ZERO).bitselect(self.enter, depth)
     }
 }
 
@@ -156,9 +170,9 @@ impl<'a> Shape<'a> {
 
 /// One view's stretches over the building.
 struct Sampled {
-    ways: Vec<Way>,
-    /// By shape and stretch: the roof's `t` along the way.
-    shares: Vec<Vec<[f32; N_SAMPLES]>>,
+    ways: Vec<Ways>,
+    /// By shape.
+    shares: Vec<Vec<Shares>>,
 }
 
 impl Sampled {
@@ -170,15 +184,30 @@ impl Sampled {
         ground_z: f32,
     ) -> Self {
         let mut sampled = Self { ways: Vec::new(), shares: vec![Vec::new(); shapes.len()] };
-        for (ray, enter, before) in window.own_stretches() {
-            let ray = evidence.ray(placed, ray);
-            let way = Way::new(&ray, enter, before, ground_z);
-            for (shares, shape) in sampled.shares.iter_mut().zip(shapes) {
-                shares.push(way.share(shape, &ray));
+        for (i, (ray, enter, leave)) in window.own_stretches().enumerate() {
+            let (block, lane) = (i / LANES, i % LANES);
+            if lane == 0 {
+                sampled.ways.push(Ways::EMPTY);
+                sampled.shares.iter_mut().for_each(|shares| shares.push([Lanes::ZERO; N_SAMPLES]));
             }
-            sampled.ways.push(way);
+            let ray = evidence.ray(placed, ray);
+            sampled.ways[block].set(lane, &ray, (enter, leave), ground_z);
+            for (shares, shape) in sampled.shares.iter_mut().zip(shapes) {
+                for k in 0..N_SAMPLES {
+                    let along = sampled.ways[block].depth(lane, k);
+                    let share = shape.at((ray.origin + along * ray.direction).truncate());
+                    shares[block][k].as_mut_array()[lane] = share;
+                }
+            }
         }
         sampled
+    }
+
+    /// Fills in where the rays meet a form of a shape.
+    fn meets(&self, shape: usize, eave_m: f32, rise_m: f32, depths: &mut [Lanes]) {
+        for ((ways, shares), depth) in self.ways.iter().zip(&self.shares[shape]).zip(depths) {
+            *depth = ways.meets(shares, eave_m, rise_m);
+        }
     }
 }
 
@@ -202,33 +231,30 @@ pub(super) fn find(
         .collect();
     let weight_of =
         |w: &Window| f64::from(config.local_agreement_weight + config.unmodelled_agreement_weight * w.unmodelled);
-    let flat_scores: Vec<f64> = windows
-        .iter()
-        .map(|(w, ..)| w.score(height_m, Correlation::Linear) + weight_of(w) * w.agreement(height_m))
-        .collect();
-    let scores = |form: usize, eave_m: f32, rise_m: f32| -> Vec<f64> {
+    let flat_scores: Vec<f64> =
+        windows.iter().map(|(w, ..)| w.score(height_m, weight_of(w), Correlation::Linear)).collect();
+    let scores = |form: usize, eave_m: f32, rise_m: f32, every: usize| -> Vec<f64> {
         windows
             .iter()
             .zip(&sampled)
-            .map(|((w, ..), s)| {
-                w.score_where(weight_of(w), height_m, |i| s.ways[i].meets(&s.shares[form][i], eave_m, rise_m))
-            })
+            .step_by(every)
+            .map(|((w, ..), s)| w.score_where(weight_of(w), height_m, |depths| s.meets(form, eave_m, rise_m, depths)))
             .collect()
     };
-    let mut best = (flat_scores.iter().sum::<f64>(), None);
-    let mut consider = |form: usize, eave_m: f32, rise_m: f32| {
-        let total: f64 = scores(form, eave_m, rise_m).iter().sum();
-        if total > best.0 {
-            best = (total, Some((form, eave_m, rise_m)));
-        }
-    };
+    let total = |form, eave_m, rise_m, every| scores(form, eave_m, rise_m, every).iter().sum::<f64>();
+    let every = windows.len().div_ceil(N_FIRST_VIEWS);
+    let mut best = (f64::NEG_INFINITY, None);
     for (form, shape) in shapes.iter().enumerate() {
         for rise_m in (1..=N_RISES).map(|i| shape.tallest_m() * i as f32 / N_RISES as f32) {
             // The flat height lies somewhere between eave and mean.
             for step in 0..N_EAVES {
                 let eave_m = height_m + 0.5 - rise_m * (shape.mean + 0.25) * step as f32 / (N_EAVES - 1) as f32;
-                if eave_m > 0.0 {
-                    consider(form, eave_m, rise_m);
+                if eave_m <= 0.0 {
+                    continue;
+                }
+                let total = total(form, eave_m, rise_m, every);
+                if total > best.0 {
+                    best = (total, Some((form, eave_m, rise_m)));
                 }
             }
         }
@@ -236,21 +262,21 @@ pub(super) fn find(
     let (_, Some((form, mut eave_m, mut rise_m))) = best else { return None };
     // A pattern search settles the two numbers.
     let mut step_m = [0.5, 0.5 * shapes[form].tallest_m() / N_RISES as f32];
-    let mut best_total = best.0;
+    let mut best_total = total(form, eave_m, rise_m, 1);
     for _ in 0..4 {
         for (de, dr) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-0.5, 1.0), (0.5, -1.0)] {
             let (e, r) = (eave_m + de * step_m[0], rise_m + dr * step_m[1]);
             if !(0.0..=shapes[form].tallest_m()).contains(&r) || e <= 0.0 {
                 continue;
             }
-            let total: f64 = scores(form, e, r).iter().sum();
+            let total = total(form, e, r, 1);
             if total > best_total {
                 (best_total, eave_m, rise_m) = (total, e, r);
             }
         }
         step_m = step_m.map(|s| 0.6 * s);
     }
-    let gains: Vec<f64> = scores(form, eave_m, rise_m).iter().zip(&flat_scores).map(|(a, b)| a - b).collect();
+    let gains: Vec<f64> = scores(form, eave_m, rise_m, 1).iter().zip(&flat_scores).map(|(a, b)| a - b).collect();
     let (eave_m, rise_m, mean) = (f64::from(eave_m), f64::from(rise_m), f64::from(shapes[form].mean));
     let roof = Roof { form: shapes[form].form, eave_m, ridge_m: eave_m + rise_m, mean_m: eave_m + mean * rise_m };
     is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS).then_some(roof)

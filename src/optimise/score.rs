@@ -11,6 +11,7 @@
 
 use super::calibrate::Calibration;
 use super::evidence::Evidence;
+use super::stretches::{Lanes, Stretch, Stretches, Sums};
 use crate::render::profile::Stops;
 use crate::stats;
 
@@ -18,12 +19,6 @@ use crate::stats;
 const MIN_RAYS: usize = 12;
 /// Residual variance, relative to the window's, below which a view is flat and has no vote.
 const FLAT: f64 = 1e-9;
-/// Height tolerance of [`Window::agreement`]: a fixed part, metres, and a share of the height (a prior's relief is off
-/// by some 10 %).
-const AGREEMENT_M: f32 = 0.7;
-const AGREEMENT_SHARE: f32 = 0.1;
-/// So many rays that agree with nothing are added to a roof's own: a roof of few rays has little to say.
-const FEW_RAYS: f64 = 2.0;
 /// What stands out from the ground around a building by more than this is something that the scene does not have.
 const UNMODELLED_M: f64 = 3.0;
 /// The same in standard deviations of the prior on open ground.
@@ -31,32 +26,10 @@ const UNMODELLED_SIGMAS: f64 = 3.0;
 /// Ranks are resolved to this many steps of the residuals' range.
 const RANK_BINS: usize = 2048;
 
-/// The building's own stretches, as columns: the inner loop runs over these.
-#[derive(Debug, Default)]
-struct Columns {
-    /// Ray parameter of the roof at height 0, and its change per metre.
-    roof_at_zero: Vec<f32>,
-    per_metre: Vec<f32>,
-    /// The building stops the ray while `after <= roof parameter < before`.
-    after: Vec<f32>,
-    before: Vec<f32>,
-    /// The wall in front.
-    enter: Vec<f32>,
-    /// Scaled inverse depth without the building.
-    v: Vec<f32>,
-    p: Vec<f32>,
-    x: Vec<f32>,
-    y: Vec<f32>,
-    /// Scaled inverse depth that the calibrated prior stands for.
-    lifted: Vec<f32>,
-    /// Position of the ray in the window.
-    ray: Vec<u32>,
-}
-
 /// One building in one view.
 #[derive(Debug)]
 pub struct Window {
-    columns: Columns,
+    stretches: Stretches,
     /// All rays of the window: position in the view, image position, scaled inverse depth without the building.
     rays: Vec<u32>,
     x: Vec<f32>,
@@ -69,20 +42,8 @@ pub struct Window {
     gram_inverse: [[f64; 3]; 3],
     p_norm_squared: f64,
     base: Sums,
-    /// Depth that scaled inverse depth is relative to, metres.
-    reference: f32,
     /// Share of the surroundings that look at something the scene does not have, 0..1.
     pub unmodelled: f32,
-}
-
-/// Sums over the window of v, v·x, v·y, v·p, v².
-#[derive(Debug, Clone, Copy, Default)]
-struct Sums {
-    v: f64,
-    vx: f64,
-    vy: f64,
-    vp: f64,
-    vv: f64,
 }
 
 /// Which correlation is asked for.
@@ -131,29 +92,29 @@ impl Window {
         let raw: Vec<f32> = rays.iter().map(|&r| evidence.nearness[r as usize]).collect();
         let (p, p_norm_squared) = residual(&raw, &x, &y, &gram_inverse)?;
 
-        let mut columns = Columns::default();
+        let mut stretches = Stretches::relative_to(reference);
         for (at, &r) in rays.iter().enumerate() {
-            let ray = &profiles.rays[r as usize];
-            let per_metre = ray.dz.recip();
-            let roof_at_zero = (ground_z - profiles.eye_z) * per_metre;
+            let per_metre = profiles.rays[r as usize].dz.recip();
+            let lifted = calibration.map_or(f32::NAN, |c| c.inverse_depth(evidence.nearness[r as usize]));
             let mut after = f32::NEG_INFINITY;
             for crossing in profiles.crossings(r as usize).iter().filter(|c| c.building == building) {
                 if crossing.enter >= depths[at] {
                     break;
                 }
                 let before = crossing.leave.min(depths[at]);
-                columns.roof_at_zero.push(roof_at_zero);
-                columns.per_metre.push(per_metre);
-                columns.after.push(after);
-                columns.before.push(before);
-                columns.enter.push(crossing.enter);
-                columns.v.push(v[at]);
-                columns.p.push(p[at]);
-                columns.x.push(x[at]);
-                columns.y.push(y[at]);
-                let lifted = calibration.map_or(f32::NAN, |c| c.inverse_depth(evidence.nearness[r as usize]));
-                columns.lifted.push(reference * lifted - 1.0);
-                columns.ray.push(at as u32);
+                stretches.push(&Stretch {
+                    ray: at as u32,
+                    roof_at_zero: (ground_z - profiles.eye_z) * per_metre,
+                    per_metre,
+                    after,
+                    before,
+                    enter: crossing.enter,
+                    v: v[at],
+                    p: p[at],
+                    x: x[at],
+                    y: y[at],
+                    lifted: reference * lifted - 1.0,
+                });
                 after = before;
             }
         }
@@ -170,156 +131,54 @@ impl Window {
             Correlation::Linear => (Vec::new(), 0.0),
             Correlation::Rank => centred_ranks(&p),
         };
-        Some(Self {
-            columns,
-            rays,
-            x,
-            y,
-            v,
-            p_ranks,
-            p_rank_norm,
-            gram_inverse,
-            p_norm_squared,
-            base,
-            reference,
-            unmodelled,
-        })
+        Some(Self { stretches, rays, x, y, v, p_ranks, p_rank_norm, gram_inverse, p_norm_squared, base, unmodelled })
     }
 
-    /// ρ for one height above ground, metres; 0 where the view cannot tell.
+    /// ρ and weighted agreement for one height above ground, metres; ρ is 0 where the view cannot tell.
     #[must_use]
-    pub fn score(&self, height_m: f32, correlation: Correlation) -> f64 {
-        match correlation {
-            Correlation::Linear => self.linear(height_m),
-            Correlation::Rank => self.rank(height_m),
-        }
-    }
-
-    /// How many of the pixels on the roof of a height lie, by the calibrated prior, at that height: the mean over the
-    /// roof's rays of `exp(−e²/2)`, `e` in tolerances of height; 0..1, 0 without calibration.
-    ///
-    /// What stands around the building has no part in it, so outlines that are missing do no harm.
-    #[must_use]
-    pub fn agreement(&self, height_m: f32) -> f64 {
-        let c = &self.columns;
-        let tolerance_m = AGREEMENT_M + AGREEMENT_SHARE * height_m;
-        let (mut n, mut sum) = (0, 0.0_f32);
-        for i in 0..c.v.len() {
-            let roof = c.roof_at_zero[i] + c.per_metre[i] * height_m;
-            let is_roof_seen = roof >= c.after[i] && roof < c.before[i] && roof > c.enter[i];
-            if is_roof_seen && !c.lifted[i].is_nan() {
-                let per_metre = self.reference / (roof * roof) * -c.per_metre[i];
-                let e = (c.lifted[i] - (self.reference / roof - 1.0)) / (per_metre * tolerance_m);
-                sum += (-0.5 * e * e).exp();
-                n += 1;
-            }
-        }
-        f64::from(sum) / (f64::from(n) + FEW_RAYS)
-    }
-
-    /// Scaled inverse depth of an own stretch at a height, or without the building where it does not stop the ray.
-    #[inline]
-    fn value(&self, i: usize, height_m: f32) -> f32 {
-        let c = &self.columns;
-        let roof = c.roof_at_zero[i] + c.per_metre[i] * height_m;
-        let stops = roof >= c.after[i] && roof < c.before[i];
-        let seen = self.reference / roof.max(c.enter[i]) - 1.0;
-        if stops { seen } else { c.v[i] }
-    }
-
-    fn sums_at(&self, height_m: f32) -> Sums {
-        /// Independent partial sums, so that the loop runs on vector registers with the same result everywhere.
-        const LANES: usize = 8;
-        let c = &self.columns;
-        let n = c.v.len();
-        let mut partial = [[0.0_f32; LANES]; 5];
-        let mut add = |lane: usize, i: usize| {
-            let value = self.value(i, height_m);
-            let change = value - c.v[i];
-            partial[0][lane] += change;
-            partial[1][lane] += change * c.x[i];
-            partial[2][lane] += change * c.y[i];
-            partial[3][lane] += change * c.p[i];
-            partial[4][lane] += change * (value + c.v[i]);
+    pub fn score(&self, height_m: f32, agreement_weight: f64, correlation: Correlation) -> f64 {
+        let sums = self.stretches.at(height_m);
+        let order = match correlation {
+            Correlation::Linear => self.correlation(&sums),
+            Correlation::Rank => self.rank(height_m, &sums),
         };
-        for chunk in 0..n / LANES {
-            for lane in 0..LANES {
-                add(lane, chunk * LANES + lane);
-            }
-        }
-        for i in n / LANES * LANES..n {
-            add(i % LANES, i);
-        }
-        let total = |k: usize| partial[k].iter().map(|&s| f64::from(s)).sum::<f64>();
-        Sums {
-            v: self.base.v + total(0),
-            vx: self.base.vx + total(1),
-            vy: self.base.vy + total(2),
-            vp: self.base.vp + total(3),
-            vv: self.base.vv + total(4),
-        }
+        order + agreement_weight * sums.agreement()
+    }
+
+    /// The same for a roof of any form: `meets` fills in at which z-depth it stops each stretch (in the order of
+    /// [`Self::own_stretches`]), and leaves those that it does not stop. `height_m` sets the agreement's tolerance.
+    pub(super) fn score_where(&self, weight: f64, height_m: f32, meets: impl FnOnce(&mut [Lanes])) -> f64 {
+        let mut depths = vec![Lanes::splat(f32::INFINITY); self.stretches.n_blocks()];
+        meets(&mut depths);
+        let sums = self.stretches.with(height_m, &mut depths);
+        self.correlation(&sums) + weight * sums.agreement()
     }
 
     /// The building's own stretches: ray, and z-depths between which it can stop the ray.
     pub(super) fn own_stretches(&self) -> impl Iterator<Item = (u32, f32, f32)> + '_ {
-        let c = &self.columns;
-        (0..c.v.len()).map(|i| (self.rays[c.ray[i] as usize], c.enter[i], c.before[i]))
+        self.stretches.iter().map(|(ray, enter, before)| (self.rays[ray as usize], enter, before))
     }
 
-    /// Correlation and weighted agreement for a roof of any form: `meets` says at which z-depth a stretch (by its
-    /// position in [`Self::own_stretches`]) stops its ray. `height_m` sets the agreement's tolerance.
-    pub(super) fn score_where(&self, weight: f64, height_m: f32, meets: impl Fn(usize) -> Option<f32>) -> f64 {
-        let c = &self.columns;
-        let tolerance_m = AGREEMENT_M + AGREEMENT_SHARE * height_m;
-        let mut sums = self.base;
-        let (mut n, mut agreement) = (0, 0.0_f64);
-        let mut stopped = None;
-        for i in 0..c.v.len() {
-            if stopped == Some(c.ray[i]) {
-                continue;
-            }
-            let Some(depth) = meets(i) else { continue };
-            stopped = Some(c.ray[i]);
-            let value = self.reference / depth - 1.0;
-            let change = f64::from(value - c.v[i]);
-            sums.v += change;
-            sums.vx += change * f64::from(c.x[i]);
-            sums.vy += change * f64::from(c.y[i]);
-            sums.vp += change * f64::from(c.p[i]);
-            sums.vv += change * f64::from(value + c.v[i]);
-            if depth > c.enter[i] && !c.lifted[i].is_nan() {
-                let per_metre = self.reference / (depth * depth) * -c.per_metre[i];
-                let e = f64::from((c.lifted[i] - value) / (per_metre * tolerance_m));
-                agreement += (-0.5 * e * e).exp();
-                n += 1;
-            }
-        }
-        self.correlation(&sums) + weight * agreement / (f64::from(n) + FEW_RAYS)
-    }
-
-    fn linear(&self, height_m: f32) -> f64 {
-        self.correlation(&self.sums_at(height_m))
-    }
-
-    fn correlation(&self, sums: &Sums) -> f64 {
-        let q = [sums.v, sums.vx, sums.vy];
-        let explained = dot(&q, &apply(&self.gram_inverse, &q));
-        let v_norm_squared = sums.vv - explained;
-        if v_norm_squared <= FLAT * sums.vv.max(f64::MIN_POSITIVE) {
+    /// Linear correlation, from what a roof changes.
+    fn correlation(&self, change: &Sums) -> f64 {
+        let q = self.plane_sums(change);
+        let vv = self.base.vv + change.vv;
+        let v_norm_squared = vv - dot(&q, &apply(&self.gram_inverse, &q));
+        if v_norm_squared <= FLAT * vv.max(f64::MIN_POSITIVE) {
             return 0.0;
         }
-        sums.vp / (v_norm_squared * self.p_norm_squared).sqrt()
+        (self.base.vp + change.vp) / (v_norm_squared * self.p_norm_squared).sqrt()
     }
 
-    fn rank(&self, height_m: f32) -> f64 {
-        let sums = self.sums_at(height_m);
-        let plane = apply(&self.gram_inverse, &[sums.v, sums.vx, sums.vy]).map(|b| b as f32);
+    fn plane_sums(&self, change: &Sums) -> [f64; 3] {
+        [self.base.v + change.v, self.base.vx + change.vx, self.base.vy + change.vy]
+    }
+
+    fn rank(&self, height_m: f32, change: &Sums) -> f64 {
+        let plane = apply(&self.gram_inverse, &self.plane_sums(change)).map(|b| b as f32);
         let mut v = self.v.clone();
-        for (i, &ray) in self.columns.ray.iter().enumerate() {
-            let value = self.value(i, height_m);
-            if value != self.columns.v[i] {
-                v[ray as usize] = value;
-            }
+        for (ray, value) in self.stretches.stopped_at(height_m) {
+            v[ray as usize] = value;
         }
         for (value, (x, y)) in v.iter_mut().zip(self.x.iter().zip(&self.y)) {
             *value -= plane[0] + plane[1] * x + plane[2] * y;
@@ -376,8 +235,8 @@ fn far_side(values: &mut [f64]) -> Option<(f64, f64)> {
     let mut level = stats::quantile_of_sorted(values, 1.0 / 3.0)?;
     let mut sigma = 0.0;
     for _ in 0..ROUNDS {
-        let below: Vec<f64> = values.iter().filter(|v| **v <= level).map(|v| level - v).collect();
-        sigma = SIGMA_PER_MAD * stats::median(&below)?;
+        let below = &values[..values.partition_point(|v| *v <= level)];
+        sigma = SIGMA_PER_MAD * (level - stats::quantile_of_sorted(below, 0.5)?);
         if sigma <= 0.0 {
             break;
         }
@@ -471,18 +330,6 @@ fn apply(m: &[[f64; 3]; 3], v: &[f64; 3]) -> [f64; 3] {
 
 fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// The height between three evenly spaced ones whose scores' parabola peaks; the middle one if they have no peak.
-#[must_use]
-pub fn parabola_peak(middle_m: f32, spacing_m: f32, scores: [f64; 3]) -> f32 {
-    let [before, at, after] = scores;
-    let curvature = before - 2.0 * at + after;
-    if curvature >= 0.0 {
-        return middle_m;
-    }
-    let shift = 0.5 * (before - after) / curvature;
-    middle_m + spacing_m * shift.clamp(-1.0, 1.0) as f32
 }
 
 /// Standard error of an estimate from its leave-one-out values (jackknife); `None` for fewer than two.

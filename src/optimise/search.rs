@@ -14,10 +14,11 @@ use super::calibrate::Calibration;
 use super::config::{CalibrationRays, SearchConfig};
 use super::evidence::Evidence;
 use super::roof::{self, Roof};
-use super::score::{Correlation, Window, jackknife_sigma, parabola_peak};
+use super::score::{Correlation, Window, jackknife_sigma};
 use crate::render::PlacedCamera;
 use crate::render::profile::Stops;
 use crate::scene::{HeightBounds, Scene};
+use crate::stats::parabola_peak;
 
 /// The stretch of heights a sweep tries for one building.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -78,7 +79,7 @@ impl<'a> SweepView<'a> {
             return Vec::new();
         };
         let weight = f64::from(config.local_agreement_weight + config.unmodelled_agreement_weight * window.unmodelled);
-        let score = |h: &f32| window.score(*h, Correlation::Linear) + weight * window.agreement(*h);
+        let score = |h: &f32| window.score(*h, weight, Correlation::Linear);
         heights_m.iter().map(score).collect()
     }
 
@@ -119,8 +120,7 @@ pub fn sweep(
             Range::Local { .. } => config.local_agreement_weight,
         };
         let weight_of = |w: &Window| f64::from(agreement_weight + config.unmodelled_agreement_weight * w.unmodelled);
-        let score_in = |w: &Window, h: f32| w.score(h, correlation) + weight_of(w) * w.agreement(h);
-        let score = |h: f32| windows.iter().map(|w| score_in(w, h)).collect::<Vec<f64>>();
+        let score = |h: f32| windows.iter().map(|w| w.score(h, weight_of(w), correlation)).collect::<Vec<f64>>();
         (!windows.is_empty()).then(|| match range {
             Range::Full => full(scene.bounds, config, score),
             Range::Local { share } => local(scene.bounds, heights_m[b], share, config, score),
@@ -183,7 +183,8 @@ fn scan(low: f32, high: f32, n: usize, bounds: HeightBounds, score: impl Fn(f32)
     let totals: Vec<f64> = per_view.iter().map(|s| s.iter().sum()).collect();
     let peak = |totals: &[f64]| {
         let best = argmax(totals).clamp(1, n - 2);
-        parabola_peak(low + spacing * best as f32, spacing, [totals[best - 1], totals[best], totals[best + 1]])
+        let around = [totals[best - 1], totals[best], totals[best + 1]];
+        parabola_peak(f64::from(low + spacing * best as f32), f64::from(spacing), around) as f32
     };
     let height_m = peak(&totals).clamp(bounds.min_m, bounds.max_m);
     let leave_one_out: Vec<f64> = (0..n_views)

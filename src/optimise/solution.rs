@@ -90,7 +90,8 @@ pub struct Solution {
     /// By how many pixels of the working image the priors' near sides were taken to spill over their edges, median of
     /// the views.
     pub spill_px: f64,
-    /// Buildings with a second roof level, which no single height fits: to be taken apart and solved again.
+    /// Buildings with a second roof level, which no single height fits. Where there are any, the search ended with them: the
+    /// heights are provisional until these are taken apart and the scene is solved again.
     #[serde(default)]
     pub other_levels: Vec<OtherLevel>,
     /// Selected views whose prior could not be loaded, and why.

@@ -57,6 +57,8 @@ pub struct Problem<'a> {
     pub views: &'a [ViewInput],
     /// Loads the prior of a view by its position; the text says why it cannot.
     pub load_prior: &'a (dyn Fn(usize) -> Result<DepthPrior, String> + Sync),
+    /// By building: its height above ground in an earlier solution of almost the same scene, metres; may be empty.
+    pub start_m: &'a [Option<f32>],
     /// Root seed.
     pub seed: u64,
     /// Told what is going on, how much of it is done and how much there is.
@@ -238,29 +240,36 @@ impl<'a> State<'a> {
 
     fn run_search(&mut self) {
         let config = &self.config.search;
-        self.heights_m
-            .fill(config.start_height_m.clamp(self.problem.scene.bounds.min_m, self.problem.scene.bounds.max_m));
+        let bounds = self.problem.scene.bounds;
+        for (b, height_m) in self.heights_m.iter_mut().enumerate() {
+            let known_m = self.problem.start_m.get(b).copied().flatten();
+            *height_m = known_m.unwrap_or(config.start_height_m).clamp(bounds.min_m, bounds.max_m);
+        }
         let n_sweeps = config.full_sweeps + config.local_sweeps;
         let mut n_selected = 0;
-        for i in 0..n_sweeps {
+        for i in 0..config.full_sweeps {
             (self.problem.progress)(Solving::Epochs, i, n_sweeps);
-            if i < config.full_sweeps && i % config.reselect_every.max(1) == 0 {
+            if i % config.reselect_every.max(1) == 0 {
                 n_selected = self.reselect().views.len();
             }
-            let range = match i.checked_sub(config.full_sweeps) {
-                None => Range::Full,
-                Some(0) => Range::Local { share: 1.0 },
-                Some(_) => Range::Local { share: 0.5 },
-            };
-            if i == config.full_sweeps && config.split_levels {
-                let views = self.sweep_views();
-                self.other_levels = levels::find(self.problem.scene, &views, &self.views_of, &self.heights_m, config);
+            self.sweep(Range::Full, Correlation::Linear, n_selected);
+        }
+        if config.split_levels {
+            let (views, known_m) = (self.sweep_views(), self.problem.start_m);
+            self.other_levels =
+                levels::find(self.problem.scene, &views, &self.views_of, &self.heights_m, known_m, config);
+            if !self.other_levels.is_empty() {
+                return; // to be solved again with these outlines taken apart
             }
-            if i == config.full_sweeps && config.take_back_spill {
-                self.take_back_spill();
-            }
-            let is_rank = i >= n_sweeps - config.rank_sweeps.min(config.local_sweeps);
-            self.sweep(range, if is_rank { Correlation::Rank } else { Correlation::Linear }, n_selected);
+        }
+        if config.take_back_spill {
+            self.take_back_spill();
+        }
+        for i in 0..config.local_sweeps {
+            (self.problem.progress)(Solving::Epochs, config.full_sweeps + i, n_sweeps);
+            let is_rank = i >= config.local_sweeps.saturating_sub(config.rank_sweeps);
+            let correlation = if is_rank { Correlation::Rank } else { Correlation::Linear };
+            self.sweep(Range::Local { share: if i == 0 { 1.0 } else { 0.5 } }, correlation, n_selected);
         }
         if config.pitched_roofs {
             let views = self.sweep_views();
@@ -312,11 +321,9 @@ impl<'a> State<'a> {
         let found = sweep(scene, &views, &self.views_of, &self.heights_m, range, correlation, config);
         drop(views);
         let before = self.heights_m.clone();
-        let mut scores = Vec::new();
         for (b, finding) in found.into_iter().enumerate() {
             if let Some(finding) = finding {
                 self.heights_m[b] = finding.height_m;
-                scores.push(finding.score);
                 // The full sweeps saw the whole range: only they can tell a flat score.
                 let contrast = match (range, &self.findings[b]) {
                     (Range::Local { .. }, Some(previous)) => previous.contrast,
@@ -325,6 +332,7 @@ impl<'a> State<'a> {
                 self.findings[b] = Some(Finding { contrast, ..finding });
             }
         }
+        let scores: Vec<f64> = self.findings.iter().flatten().map(|f| f.score).collect();
         let loss = 1.0 - crate::stats::mean(&scores).unwrap_or(0.0);
         self.record(loss, &before, n_selected, None);
     }

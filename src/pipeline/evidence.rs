@@ -53,6 +53,7 @@ pub(super) fn gather(
         views: &view_inputs(config, survey, &stage.scene),
         load_prior: &|view| store.load(view),
         seed: config.seed,
+        start_m: &[],
         progress: &|_, _, _| {},
     };
     let inspections = inspect(&problem, &config.optimise, &heights.solution, &wanted);

@@ -1,4 +1,4 @@
-//! The heights stage: one scene solved, and solved again where heights change the outlines.
+//! The heights stage: one scene solved, and solved again, from where it was, where heights change the outlines.
 
 use super::footprints as outlines;
 use super::stages::SceneStage;
@@ -10,6 +10,9 @@ use crate::render::PlacedCamera;
 use crate::scene::Scene;
 use crate::seed;
 use crate::survey::{Survey, View, ViewKind};
+
+/// Full sweeps that parts get among buildings whose heights are known from the round before.
+const RESUMED_SWEEPS: usize = 2;
 
 /// What heights are found with.
 pub(super) struct HeightSearch<'a> {
@@ -26,15 +29,15 @@ impl HeightSearch<'_> {
         footprints: &mut FootprintStage,
         stage: &mut SceneStage,
     ) -> Result<HeightStage, PipelineError> {
-        let find = |stage: &SceneStage, optimise: &OptimiseConfig| {
+        let find = |stage: &SceneStage, optimise: &OptimiseConfig, known: &Known| {
             let priors = self.config.prior.open(&self.survey.views, &stage.terrain)?;
-            let heights = self.of_scene(stage, &priors, optimise);
+            let heights = self.of_scene(stage, &priors, optimise, known);
             require_priors(self.survey, &heights.solution)?;
             Ok(heights)
         };
         // Roofs move with their heights, and heights are measured under their roofs.
         for _ in 0..outlines::roof_rounds(self.config, footprints) {
-            let heights = find(stage, &keeping_whole(&self.config.optimise))?;
+            let heights = find(stage, &keeping_whole(&self.config.optimise), &Known::default())?;
             let has_moved = outlines::move_roofs(self.config, self.survey, footprints, &heights)?;
             *stage = SceneStage::new(self.config, self.survey, footprints)?;
             if !has_moved {
@@ -52,23 +55,35 @@ impl HeightSearch<'_> {
         &self,
         footprints: &mut FootprintStage,
         stage: &mut SceneStage,
-        find: impl Fn(&SceneStage, &OptimiseConfig) -> Result<HeightStage, PipelineError>,
+        find: impl Fn(&SceneStage, &OptimiseConfig, &Known) -> Result<HeightStage, PipelineError>,
     ) -> Result<HeightStage, PipelineError> {
         let mut cuts = Vec::new();
-        for _ in 0..levels::MAX_ROUNDS {
-            let heights = find(stage, &self.config.optimise)?;
+        let mut heights = find(stage, &self.config.optimise, &Known::default())?;
+        while cuts.len() < levels::MAX_ROUNDS {
             let round = levels::cuts(stage, &heights.solution);
-            if !levels::take_apart(footprints, &round) {
-                return Ok(HeightStage { cuts, ..heights });
-            }
+            let known = Known::of(&heights, footprints.layer.footprints.len());
+            let Some(stood) = levels::take_apart(footprints, &round) else { break };
             *stage = SceneStage::in_frame(self.config, &stage.frame(), footprints)?;
             cuts.push(round);
+            if cuts.len() < levels::MAX_ROUNDS {
+                heights = find(stage, &looking_at_parts(&self.config.optimise), &known.moved(&stood))?;
+            }
         }
-        Ok(HeightStage { cuts, ..find(stage, &keeping_whole(&self.config.optimise))? })
+        if !cuts.is_empty() || !heights.solution.other_levels.is_empty() {
+            // From scratch: what was found with other outlines hides what stands behind them.
+            heights = find(stage, &keeping_whole(&self.config.optimise), &Known::default())?;
+        }
+        Ok(HeightStage { cuts, ..heights })
     }
 
     /// Heights of the buildings of a scene.
-    pub fn of_scene(&self, stage: &SceneStage, priors: &Priors, optimise: &OptimiseConfig) -> HeightStage {
+    pub fn of_scene(
+        &self,
+        stage: &SceneStage,
+        priors: &Priors,
+        optimise: &OptimiseConfig,
+        known: &Known,
+    ) -> HeightStage {
         let views = view_inputs(self.config, self.survey, &stage.scene);
         let load_prior = |view: usize| {
             let view = &self.survey.views[view];
@@ -79,11 +94,49 @@ impl HeightSearch<'_> {
             views: &views,
             load_prior: &load_prior,
             seed: self.config.seed,
+            start_m: &known.of_scene(stage),
             progress: &|what, done, total| (self.tell)(Event::Advance { what, done, total }),
         };
         let solution = (self.solver)(&problem, optimise);
         HeightStage { solved: stage.solved.clone(), cuts: Vec::new(), solution }
     }
+}
+
+/// Heights from a round before, above ground, metres, by position in the layer; empty before the first.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Known(Vec<Option<f32>>);
+
+impl Known {
+    fn of(heights: &HeightStage, n_footprints: usize) -> Self {
+        let mut known = vec![None; n_footprints];
+        let last = heights.solution.history.last();
+        for (&at, height_m) in heights.solved.iter().zip(last.iter().flat_map(|pass| &pass.heights_m)) {
+            known[at] = Some(*height_m);
+        }
+        Self(known)
+    }
+
+    /// For a layer whose outlines stood elsewhere in the old one.
+    fn moved(&self, stood: &[Option<usize>]) -> Self {
+        Self(stood.iter().map(|before| self.0[(*before)?]).collect())
+    }
+
+    /// By building of a scene; empty before the first round.
+    fn of_scene(&self, stage: &SceneStage) -> Vec<Option<f32>> {
+        if self.0.is_empty() { Vec::new() } else { stage.solved.iter().map(|&at| self.0[at]).collect() }
+    }
+}
+
+/// What it takes to see whether a new part has yet another level.
+fn looking_at_parts(optimise: &OptimiseConfig) -> OptimiseConfig {
+    let search = SearchConfig {
+        full_sweeps: RESUMED_SWEEPS.min(optimise.search.full_sweeps),
+        local_sweeps: 0,
+        take_back_spill: false,
+        pitched_roofs: false,
+        ..optimise.search.clone()
+    };
+    OptimiseConfig { search, ..optimise.clone() }
 }
 
 fn keeping_whole(optimise: &OptimiseConfig) -> OptimiseConfig {

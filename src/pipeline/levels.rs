@@ -35,27 +35,30 @@ pub(super) fn cuts(stage: &SceneStage, solution: &Solution) -> Vec<Cut> {
     solution.other_levels.iter().map(of_level).collect()
 }
 
-/// Replaces the outlines that are cut by their parts: `ID#1`, `ID#2`, …, on the ground of the whole. Returns whether any
-/// outline was.
-pub(super) fn take_apart(stage: &mut FootprintStage, cuts: &[Cut]) -> bool {
+/// Replaces the outlines that are cut by their parts: `ID#1`, `ID#2`, …, on the ground of the whole. Returns where each
+/// outline stood before, nothing for parts; `None` if no outline was cut.
+pub(super) fn take_apart(stage: &mut FootprintStage, cuts: &[Cut]) -> Option<Vec<Option<usize>>> {
     let mut cuts = cuts.iter().peekable();
     let whole = std::mem::take(&mut stage.layer.footprints);
     let grounds = std::mem::take(&mut stage.ground);
     let n_before = whole.len();
+    let mut stood = Vec::with_capacity(n_before);
     for (at, (footprint, ground)) in whole.into_iter().zip(grounds).enumerate() {
         let parts = cuts.next_if(|cut| cut.footprint == at).and_then(|cut| pieces(&footprint.polygon, &cut.other));
         let Some(parts) = parts else {
             stage.layer.footprints.push(footprint);
             stage.ground.push(ground);
+            stood.push(Some(at));
             continue;
         };
         stage.issues.push(note(&footprint, parts.len()));
         for (i, polygon) in parts.into_iter().enumerate() {
             stage.layer.footprints.push(part_of(&footprint, i, polygon));
             stage.ground.push(ground);
+            stood.push(None);
         }
     }
-    stage.layer.footprints.len() > n_before
+    (stage.layer.footprints.len() > n_before).then_some(stood)
 }
 
 fn part_of(whole: &Footprint, i: usize, polygon: Polygon<f64>) -> Footprint {

@@ -220,7 +220,7 @@ impl SceneStage {
     ) -> Result<Self, PipelineError> {
         let mut is_changed = false;
         for round in cuts {
-            is_changed |= levels::take_apart(footprints, round);
+            is_changed |= levels::take_apart(footprints, round).is_some();
         }
         if is_changed { Self::in_frame(config, &self.frame(), footprints) } else { Ok(self) }
     }

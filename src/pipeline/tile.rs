@@ -173,8 +173,8 @@ impl<'a> Part<'a> {
         let search = HeightSearch { config: self.config, survey: &self.survey, tell, solver: &solve };
         let mut footprints = self.footprints.clone();
         let heights = match &mut self.scene {
-            Some(scene) => search.taking_apart(&mut footprints, scene, |stage, optimise| {
-                Ok(search.of_scene(stage, &self.priors, optimise))
+            Some(scene) => search.taking_apart(&mut footprints, scene, |stage, optimise, known| {
+                Ok(search.of_scene(stage, &self.priors, optimise, known))
             })?,
             None => HeightStage { solved: Vec::new(), cuts: Vec::new(), solution: Solution::default() },
         };

@@ -71,6 +71,7 @@ impl Block {
                 views: &self.views,
                 load_prior: &|view| Ok(priors[view].clone()),
                 seed: 1,
+                start_m: &[],
                 progress: &|_, _, _| {},
             },
             config,
@@ -184,8 +185,14 @@ fn priors_that_cannot_be_loaded_are_listed() {
     let block = block();
     let priors = block.priors(|d| d);
     let load = |view: usize| if view < 10 { Err("gone".to_owned()) } else { Ok(priors[view].clone()) };
-    let problem =
-        Problem { scene: &block.scene, views: &block.views, load_prior: &load, seed: 1, progress: &|_, _, _| {} };
+    let problem = Problem {
+        scene: &block.scene,
+        views: &block.views,
+        load_prior: &load,
+        seed: 1,
+        start_m: &[],
+        progress: &|_, _, _| {},
+    };
     let solution = solve(&problem, &small(Preset::Robust));
     assert!(!solution.failed_views.is_empty());
     assert!(solution.failed_views.iter().all(|(view, why)| *view < 10 && why == "gone"));
