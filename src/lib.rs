@@ -68,6 +68,7 @@ pub mod prior;
 pub mod render;
 pub mod scene;
 
+pub mod dtm;
 pub mod ordinal;
 pub mod views;
 

@@ -6,6 +6,7 @@
 mod baseline;
 mod benchmark;
 mod demo;
+mod dtm;
 mod evaluate;
 mod export;
 mod footprints;
@@ -72,6 +73,8 @@ pub enum Command {
     Tiles(tiles::TilesCommand),
     /// Find building outlines in the nadir photos' masks: one clean layer, once per building.
     Footprints(footprints::FootprintsArgs),
+    /// Make a terrain model from the photos, for a place that has none.
+    Dtm(dtm::DtmArgs),
     /// Look a survey's poses over before anything is computed from them, or write them for other tools.
     #[command(subcommand)]
     Survey(survey::SurveyCommand),
@@ -151,6 +154,7 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Run(args) => run::run(args, &cli.global),
         Command::Tiles(command) => tiles::run(command, &cli.global),
         Command::Footprints(args) => footprints::run(args, &cli.global),
+        Command::Dtm(args) => dtm::run(args, &cli.global),
         Command::Survey(command) => survey::run(command, &cli.global),
         Command::Prior(command) => prior::run(command, &cli.global),
         Command::Validate(args) => validate::run(args, &cli.global),

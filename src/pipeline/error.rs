@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use crate::config::ConfigError;
 use crate::crs::CrsError;
+use crate::dtm::DtmError;
 use crate::files::FileError;
 use crate::footprint::FootprintError;
 use crate::output::OutputError;
@@ -41,6 +42,9 @@ pub enum PipelineError {
     /// The terrain.
     #[error("[terrain] {0}")]
     Terrain(#[from] TerrainError),
+    /// A terrain model from the photos cannot be made.
+    #[error(transparent)]
+    Dtm(#[from] DtmError),
     /// The priors.
     #[error("[prior] {0}")]
     Prior(#[from] PriorError),
@@ -104,6 +108,7 @@ impl PipelineError {
             | Self::Footprints(_)
             | Self::Terrain(_)
             | Self::Prior(_)
+            | Self::Dtm(_)
             | Self::Mismatch { .. }
             | Self::NoPriors { .. }
             | Self::Artefact { .. } => 3,

@@ -11,6 +11,7 @@
 //! run. A run can stop after any stage and start at any, from what earlier runs left behind.
 
 mod artefact;
+mod dtm;
 mod error;
 mod evidence;
 mod footprints;
@@ -28,6 +29,7 @@ mod stages;
 mod tile;
 
 pub use artefact::{FootprintStage, HeightStage};
+pub use dtm::dtm_of_photos;
 pub use error::PipelineError;
 pub use frame::Frame;
 pub use levels::Cut;

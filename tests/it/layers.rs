@@ -11,7 +11,7 @@ const LEVELS: [&[&str]; 10] = [
     &["footprint", "prior"],
     &["render", "scene"],
     &["ordinal", "views"],
-    &["optimise"],
+    &["dtm", "optimise"],
     &["baseline", "evaluate", "output", "report", "simulate"],
     &["config", "pipeline"],
     &["benchmark", "tiles"],

@@ -6,6 +6,7 @@ mod cli;
 mod consumers;
 mod crash_safety;
 mod determinism;
+mod dtm;
 mod evaluation;
 mod evaluation_bodies;
 mod footprint_accuracy;

@@ -12,6 +12,7 @@ mod overlay;
 mod pairs;
 mod panel;
 mod plan;
+mod relief;
 mod scale;
 mod survey;
 
@@ -29,6 +30,7 @@ pub use map::{MapConfig, map};
 pub use overlay::{OverlayConfig, Polyline, overlay};
 pub use pairs::{PicturedPair, beside, pairs_picture};
 pub use panel::{PanelConfig, PanelDepths, depth_panel, depth_picture};
+pub use relief::relief_map;
 pub use survey::survey_map;
 
 /// Writes a picture as PNG, whole or not at all.

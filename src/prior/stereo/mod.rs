@@ -14,6 +14,8 @@ mod picture;
 mod semi_global;
 mod sweep;
 
+pub use self::picture::Picture;
+
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -21,7 +23,6 @@ use glam::DVec2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use self::picture::Picture;
 use super::{CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
 use crate::ids::ViewId;
 use crate::raster::Raster;

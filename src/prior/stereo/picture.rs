@@ -14,7 +14,7 @@ const SLOW_RADIUS_PX: usize = 15;
 
 /// A reduced, grey, distortion-free photo with its camera.
 #[derive(Debug)]
-pub(super) struct Picture {
+pub struct Picture {
     grey: Raster<f32>,
     camera: Camera,
     camera_from_map: Rigid<Cam, Map>,
@@ -22,7 +22,10 @@ pub(super) struct Picture {
 
 impl Picture {
     /// Decodes at reduced size (from a JPEG's own coarser scales where it is one), whatever the photo's size.
-    pub(super) fn load(view: &View, long_side_px: u32) -> Result<Self, PriorError> {
+    ///
+    /// # Errors
+    /// [`PriorError`] for a photo that is missing, unreadable, or not that of the camera.
+    pub fn load(view: &View, long_side_px: u32) -> Result<Self, PriorError> {
         let refuse = |problem: String| PriorError::Photo {
             view: view.id.to_string(),
             problem,
@@ -57,17 +60,20 @@ impl Picture {
     }
 
     /// Brightness against its surroundings, `H × W`, no gaps.
-    pub(super) fn grey(&self) -> &Raster<f32> {
+    #[must_use]
+    pub fn grey(&self) -> &Raster<f32> {
         &self.grey
     }
 
     /// Without distortion, of the picture's size.
-    pub(super) fn camera(&self) -> &Camera {
+    #[must_use]
+    pub fn camera(&self) -> &Camera {
         &self.camera
     }
 
     /// The view's pose.
-    pub(super) fn camera_from_map(&self) -> &Rigid<Cam, Map> {
+    #[must_use]
+    pub fn camera_from_map(&self) -> &Rigid<Cam, Map> {
         &self.camera_from_map
     }
 }

@@ -1,0 +1,119 @@
+//! `sizeup dtm`: a terrain model from the photos, for a run that has none.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::{Failure, Global, Ui, print_json};
+use crate::config::RunConfig;
+use crate::dtm::{Dtm, DtmConfig, Outcome};
+use crate::geodata::{GridPlace, write_geotiff};
+use crate::output::picture::{relief_map, write_png};
+use crate::pipeline;
+
+/// Written where no ground was found.
+const NODATA: f32 = -9999.0;
+/// Width of the picture, pixels.
+const PICTURE_PX: u32 = 1600;
+
+/// A standard deviation above this says that one level may serve as well, metres.
+const COARSE_M: f64 = 0.3;
+
+/// Arguments of `sizeup dtm`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:
+  sizeup dtm sizeup.toml --output dtm.tif
+  sizeup dtm sizeup.toml --output dtm.tif --within 40      for hilly ground
+  sizeup run sizeup.toml --set 'terrain={dtm=\"dtm.tif\"}'
+
+The configuration's terrain.constant_m is the rough level to start from. A picture is written beside the model.")]
+pub struct DtmArgs {
+    /// Configuration file (TOML), as that of `sizeup run`; it needs no [prior] here.
+    pub config: PathBuf,
+    /// The terrain model to write (GeoTIFF), in the project's CRS and the poses' vertical reference.
+    #[arg(long, short, value_name = "FILE")]
+    pub output: PathBuf,
+    /// The ground is within this of the rough level, metres.
+    #[arg(long, value_name = "METRES", default_value_t = DtmConfig::default().within_m)]
+    pub within: f64,
+    /// From one square of ground that is looked at to the next, metres.
+    #[arg(long, value_name = "METRES", default_value_t = DtmConfig::default().spacing_m)]
+    pub spacing: f64,
+    /// Cells of the model, metres.
+    #[arg(long, value_name = "METRES", default_value_t = DtmConfig::default().cell_m)]
+    pub cell: f64,
+    /// How far beyond the outlines the model reaches, metres.
+    #[arg(long, value_name = "METRES", default_value_t = DtmConfig::default().margin_m)]
+    pub margin: f64,
+    /// Set one key of the configuration. May be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub assignments: Vec<String>,
+}
+
+/// What was found, for `--json`.
+#[derive(Debug, Serialize)]
+struct DtmSummary {
+    n_squares: usize,
+    n_ground: usize,
+    n_outliers: usize,
+    n_unclear: usize,
+    n_unseen: usize,
+    sigma_m: f64,
+    low_m: f64,
+    high_m: f64,
+}
+
+pub(super) fn run(args: &DtmArgs, global: &Global) -> Result<u8, Failure> {
+    let config = RunConfig::load_without_prior(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    let settings = DtmConfig {
+        within_m: args.within,
+        spacing_m: args.spacing,
+        cell_m: args.cell,
+        margin_m: args.margin,
+        ..DtmConfig::default()
+    };
+    let ui = Ui::new(global);
+    let (dtm, outlines) =
+        pipeline::dtm_of_photos(&config, &settings, &|done, total| ui.advance("looking at the ground", done, total))
+            .map_err(|e| Failure::new(e.exit_code(), &e))?;
+    ui.finish();
+    let crs = &config.project.crs;
+    let place = GridPlace { corner_m: dtm.dem.corner_m(), cell_m: dtm.dem.cell_m(), crs, nodata: NODATA };
+    write_geotiff(&args.output, dtm.dem.heights_m(), &place).map_err(|e| Failure::new(4, &e))?;
+    let picture = args.output.with_extension("png");
+    let polygons: Vec<_> = outlines.iter().collect();
+    write_png(&picture, &relief_map(&dtm, &polygons, crs, PICTURE_PX)).map_err(|e| Failure::new(4, &e))?;
+    let found = summary(&dtm);
+    ui.say(format!(
+        "ground in {} of {} squares of open ground ({} stand out, {} unclear, {} seen by fewer than three photos)",
+        found.n_ground, found.n_squares, found.n_outliers, found.n_unclear, found.n_unseen
+    ));
+    ui.say(format!("{:.1} to {:.1} m, a square within {:.2} m (1 sigma)", found.low_m, found.high_m, found.sigma_m));
+    if found.sigma_m > COARSE_M {
+        ui.say(
+            "that is coarse: photos from more sides or of higher resolution would help; a surveyed model may be better",
+        );
+    }
+    ui.say(format!("{} and {}", args.output.display(), picture.display()));
+    ui.say(format!("next: sizeup run ... --set 'terrain={{dtm=\"{}\"}}'", args.output.display()));
+    if global.json {
+        print_json(&found)?;
+    }
+    Ok(0)
+}
+
+fn summary(dtm: &Dtm) -> DtmSummary {
+    let n = |is: fn(&Outcome) -> bool| dtm.squares.iter().filter(|s| is(&s.outcome)).count();
+    let (low_m, high_m) = dtm.dem.range();
+    DtmSummary {
+        n_squares: dtm.squares.len(),
+        n_ground: n(|o| matches!(o, Outcome::Ground(_))),
+        n_outliers: n(|o| matches!(o, Outcome::Outlier(_))),
+        n_unclear: n(|o| matches!(o, Outcome::Unclear)),
+        n_unseen: n(|o| matches!(o, Outcome::Unseen)),
+        sigma_m: dtm.sigma_m,
+        low_m,
+        high_m,
+    }
+}
