@@ -135,12 +135,14 @@ fn sample(picture: &Picture, middle: DVec3, n_side: usize, patch_m: f64, values:
     let n = values.len() as f32;
     let mean = values.iter().sum::<f32>() / n;
     let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f32>() / n;
-    if !(variance > LEAST_VARIANCE) {
+    if variance.is_nan() || variance <= LEAST_VARIANCE {
         values.clear(); // also for `NaN`, where the square leaves the photo
         return;
     }
     let scale = (n * variance).sqrt().recip();
-    values.iter_mut().for_each(|v| *v = (*v - mean) * scale);
+    for value in values.iter_mut() {
+        *value = (*value - mean) * scale;
+    }
 }
 
 fn bilinear(grey: &Raster<f32>, x: f64, y: f64) -> f32 {

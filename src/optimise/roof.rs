@@ -193,10 +193,9 @@ impl Sampled {
             let ray = evidence.ray(placed, ray);
             sampled.ways[block].set(lane, &ray, (enter, leave), ground_z);
             for (shares, shape) in sampled.shares.iter_mut().zip(shapes) {
-                for k in 0..N_SAMPLES {
+                for (k, share) in shares[block].iter_mut().enumerate() {
                     let along = sampled.ways[block].depth(lane, k);
-                    let share = shape.at((ray.origin + along * ray.direction).truncate());
-                    shares[block][k].as_mut_array()[lane] = share;
+                    share.as_mut_array()[lane] = shape.at((ray.origin + along * ray.direction).truncate());
                 }
             }
         }

@@ -22,7 +22,8 @@ pub use check::{ground_correlation, judge_tag};
 pub use files::{FilePriorConfig, FilePriors};
 pub use network::{NetworkConfig, NetworkPriors};
 pub use source::{PriorConfig, Priors};
-pub use stereo::{Picture, StereoConfig, StereoPriors};
+pub(crate) use stereo::Picture;
+pub use stereo::{StereoConfig, StereoPriors};
 
 use std::path::PathBuf;
 

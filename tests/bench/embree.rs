@@ -83,7 +83,7 @@ fn triangles(scene: &Scene, heights_m: &[f32]) -> Vec<[Vec3; 3]> {
 fn write(file: &Path, triangles: &[[Vec3; 3]], rays: &[Ray], depths: &[f32]) {
     let mut bytes = Vec::new();
     bytes.extend((triangles.len() as u32).to_le_bytes());
-    let corners = triangles.iter().flatten().flat_map(|corner| corner.to_array());
+    let corners = triangles.iter().flatten().flat_map(Vec3::to_array);
     bytes.extend(corners.flat_map(f32::to_le_bytes));
     bytes.extend((rays.len() as u32).to_le_bytes());
     for (ray, depth) in rays.iter().zip(depths) {

@@ -14,7 +14,7 @@ mod picture;
 mod semi_global;
 mod sweep;
 
-pub use self::picture::Picture;
+pub(crate) use self::picture::Picture;
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};

@@ -14,7 +14,7 @@ const SLOW_RADIUS_PX: usize = 15;
 
 /// A reduced, grey, distortion-free photo with its camera.
 #[derive(Debug)]
-pub struct Picture {
+pub(crate) struct Picture {
     grey: Raster<f32>,
     camera: Camera,
     camera_from_map: Rigid<Cam, Map>,
@@ -22,10 +22,7 @@ pub struct Picture {
 
 impl Picture {
     /// Decodes at reduced size (from a JPEG's own coarser scales where it is one), whatever the photo's size.
-    ///
-    /// # Errors
-    /// [`PriorError`] for a photo that is missing, unreadable, or not that of the camera.
-    pub fn load(view: &View, long_side_px: u32) -> Result<Self, PriorError> {
+    pub(crate) fn load(view: &View, long_side_px: u32) -> Result<Self, PriorError> {
         let refuse = |problem: String| PriorError::Photo {
             view: view.id.to_string(),
             problem,
@@ -60,20 +57,17 @@ impl Picture {
     }
 
     /// Brightness against its surroundings, `H × W`, no gaps.
-    #[must_use]
-    pub fn grey(&self) -> &Raster<f32> {
+    pub(crate) fn grey(&self) -> &Raster<f32> {
         &self.grey
     }
 
     /// Without distortion, of the picture's size.
-    #[must_use]
-    pub fn camera(&self) -> &Camera {
+    pub(crate) fn camera(&self) -> &Camera {
         &self.camera
     }
 
     /// The view's pose.
-    #[must_use]
-    pub fn camera_from_map(&self) -> &Rigid<Cam, Map> {
+    pub(crate) fn camera_from_map(&self) -> &Rigid<Cam, Map> {
         &self.camera_from_map
     }
 }
