@@ -56,7 +56,7 @@ fn photos_alone_give_the_ground_to_a_decimetre() {
     let model = Terrain::Grid(dtm.dem.clone());
     let off = |at: (f64, f64)| Some((model.height_at(at.0, at.1)? - truth.height_at(at.0, at.1)?).abs());
     // Where it is needed: under the outlines, which it has never looked at.
-    let corners = outlines.iter().flat_map(|o| o.exterior().points()).map(|p| p.x_y());
+    let corners = outlines.iter().flat_map(|o| o.exterior().points()).map(geo::Point::x_y);
     let errors: Vec<f64> = corners.map(|at| off(at).expect("there is ground around every outline")).collect();
     println!(
         "{n_ground} squares, under outlines {:.3} m, P90 {:.3} m",
