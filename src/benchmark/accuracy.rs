@@ -318,10 +318,9 @@ impl AccuracyRow {
             self.n_gross,
             self.n_gross_unflagged,
             self.n_without_height,
-            s.within_1_sigma_share.zip(s.within_2_sigma_share).map_or_else(
-                || "–".to_owned(),
-                |(one, two)| format!("{}, {}", percent(one), percent(two))
-            ),
+            s.within_1_sigma_share
+                .zip(s.within_2_sigma_share)
+                .map_or_else(|| "–".to_owned(), |(one, two)| format!("{}, {}", percent(one), percent(two))),
             self.heights_s,
             self.user_s.map_or_else(|| "–".to_owned(), |s| format!("{s:.1}")),
         )

@@ -65,6 +65,8 @@ mod tests {
         let mixed = programs(&[("", 3), ("sizeup 1", 4), ("sizeup 2", 5)]);
         assert_eq!(mixed.n_outdated(), 7);
         let text = mixed.to_markdown();
-        assert!(text.contains("different programs") && text.contains("4 by `sizeup 1`") && text.contains("3 by an older"));
+        assert!(
+            text.contains("different programs") && text.contains("4 by `sizeup 1`") && text.contains("3 by an older")
+        );
     }
 }

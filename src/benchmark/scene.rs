@@ -84,7 +84,8 @@ pub fn run_scene(job: &SceneJob, plan: &Plan, tell: &dyn Fn(&str)) -> Result<Vec
         let path = plan.folder.join("outcomes").join(format!("{}-{}.json", job.name, method.name()));
         let settings_sha256 = settings_sha256(job, method);
         let is_wanted = |outcome: &Outcome| {
-            !plan.again.methods.contains(&method) && !(plan.again.outdated && outcome.program != plan.program)
+            let is_outdated = plan.again.outdated && outcome.program != plan.program;
+            !(is_outdated || plan.again.methods.contains(&method))
         };
         let known = read_outcome(&path, &settings_sha256).filter(is_wanted);
         let outcome = match known {
@@ -98,7 +99,8 @@ pub fn run_scene(job: &SceneJob, plan: &Plan, tell: &dyn Fn(&str)) -> Result<Vec
                     }
                 };
                 tell(method.name());
-                let outcome = run_method(job, method, &folder, Origin { settings_sha256, program: plan.program.clone() })?;
+                let outcome =
+                    run_method(job, method, &folder, Origin { settings_sha256, program: plan.program.clone() })?;
                 write_whole(&path, |out| Ok(serde_json::to_writer(out, &outcome)?))?;
                 outcome
             }

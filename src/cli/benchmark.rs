@@ -100,7 +100,9 @@ fn again(names: &[String]) -> Result<Again, Failure> {
             let known = Method::ALL.map(Method::name).join(", ");
             Failure::from_text(
                 2,
-                format!("--again {name}: no such method\nhint: the methods are {known}; `{OUTDATED}` is for all of them"),
+                format!(
+                    "--again {name}: no such method\nhint: the methods are {known}; `{OUTDATED}` is for all of them"
+                ),
             )
         })
     };

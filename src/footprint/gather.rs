@@ -153,8 +153,7 @@ impl Gathering {
             for &at in &changed {
                 let cluster = &self.clusters[at];
                 let is_near = envelope(newcomer.bounds).intersects(&envelope(cluster.bounds));
-                let iou =
-                    if is_near { match_with(newcomer, &cluster.into(), self.min_iou, comparer) } else { None };
+                let iou = if is_near { match_with(newcomer, &cluster.into(), self.min_iou, comparer) } else { None };
                 best = iou.map_or(best, |iou| better(best, (at, iou)));
             }
             match best {
@@ -180,8 +179,8 @@ impl Gathering {
     fn matches_with_clusters(&self, batch: &[Newcomer<'_>]) -> Vec<Vec<(usize, f64)>> {
         let of_one = |comparer: &mut Comparer, newcomer: &Newcomer<'_>| {
             let nearby = near(&self.tree, &envelope(newcomer.bounds)).into_iter();
-            let compared =
-                nearby.map(|at| Some((at, match_with(newcomer, &(&self.clusters[at]).into(), self.min_iou, comparer)?)));
+            let compared = nearby
+                .map(|at| Some((at, match_with(newcomer, &(&self.clusters[at]).into(), self.min_iou, comparer)?)));
             compared.flatten().collect()
         };
         batch.par_iter().map_init(Comparer::default, of_one).collect()

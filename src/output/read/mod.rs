@@ -92,6 +92,12 @@ pub enum ReadError {
         #[source]
         source: CrsError,
     },
+    /// It does not say in what unit its heights are.
+    #[error("{} counts positions in feet and does not say in what it counts heights\nhint: state a CRS with both parts, such as EPSG:2263+6360", path.display())]
+    HeightUnit {
+        /// The file.
+        path: PathBuf,
+    },
     /// It lacks an attribute.
     #[error("{} has no attribute {field:?}; it has {}\nhint: name the attribute that holds the {what}", path.display(), if available.is_empty() { "none".to_owned() } else { available.join(", ") })]
     NoField {
@@ -124,10 +130,11 @@ impl FoundBuildings {
         Ok(Self { path: path.to_owned(), crs, buildings })
     }
 
-    /// Moves all outlines into another CRS (horizontally: heights are differences and stay).
+    /// Moves all outlines into another CRS (horizontally: heights are differences and stay); measured levels become metres.
     ///
     /// # Errors
-    /// [`ReadError::NoCrs`] for a file without one, [`ReadError::Crs`] where no accurate transformation is known.
+    /// [`ReadError::NoCrs`] for a file without one, [`ReadError::Crs`] where no accurate transformation is known,
+    /// [`ReadError::HeightUnit`] where the unit of levels is not known.
     pub fn into_crs(mut self, target: &Crs) -> Result<Self, ReadError> {
         let has_outlines = self.buildings.iter().any(|b| b.outline.is_some());
         if !has_outlines {
@@ -136,7 +143,10 @@ impl FoundBuildings {
         let Some(from) = &self.crs else { return Err(ReadError::NoCrs { path: self.path }) };
         let failed = |source| ReadError::Crs { path: self.path.clone(), source };
         let transform = Transform::new(from, target).map_err(failed)?;
+        let has_levels = self.buildings.iter().any(|b| b.levels.is_some());
+        let unit_m = if has_levels { height_unit_m(&self.path, from)? } else { 1.0 };
         for building in &mut self.buildings {
+            building.levels = building.levels.map(|levels| levels.scaled(unit_m));
             if let Some(outline) = &building.outline {
                 let moved = outline.try_map_coords(|p| transform.point(p.x, p.y).map(|(x, y)| Coord { x, y }));
                 building.outline = Some(moved.map_err(failed)?);
@@ -164,6 +174,18 @@ impl FoundBuilding {
         let part_of = feature.attributes.get("part_of").and_then(Value::as_str);
         let part_of = part_of.filter(|whole| !whole.is_empty()).map(str::to_owned);
         Self { id, part_of, outline, levels: None, attributes: feature.attributes }
+    }
+}
+
+/// Metres per unit of the levels in a file.
+///
+/// # Errors
+/// [`ReadError::HeightUnit`] where positions are in feet and nothing is said of heights.
+pub fn height_unit_m(path: &Path, crs: &Crs) -> Result<f64, ReadError> {
+    match crs.height_unit_m() {
+        Some(unit_m) => Ok(unit_m),
+        None if crs.is_metric() => Ok(1.0),
+        None => Err(ReadError::HeightUnit { path: path.to_owned() }),
     }
 }
 
