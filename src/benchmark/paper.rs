@@ -269,7 +269,7 @@ impl PaperTables {
         }
         text.push_str(
             "\nBodies, on our scenes, against the true ones with their roofs:\n\n\
-             | scene | method | Err 90/95 % m | Comp 0.5/1 m % | voxel IoU 0.5 m % | column IoU % | time s |\n\
+             | scene | method | Err 90/95 % m | Comp 0.5/1 m % | voxel IoU 0.5 m % | column IoU % | time s (user s) |\n\
              |---|---|---:|---:|---:|---:|---:|\n",
         );
         for scene in &self.scenes {
@@ -326,8 +326,9 @@ fn bodies_row(scene: &PaperResult, outcome: &Outcome) -> String {
     let dash = || "–".to_owned();
     let surface = bodies.surface.as_ref();
     let volume = bodies.volume.as_ref();
+    let user = outcome.user_s.map_or_else(dash, |s| format!("{s:.1}"));
     format!(
-        "| {} | `{}` | {} | {} | {} | {} | {:.1} |\n",
+        "| {} | `{}` | {} | {} | {} | {} | {:.1} ({user}) |\n",
         scene.scene,
         outcome.method.name(),
         surface.map_or_else(dash, |s| format!("{:.2}/{:.2}", s.error_90_m, s.error_95_m)),

@@ -10,7 +10,7 @@ use super::footprints::{FootprintEvaluation, evaluate_footprints};
 use super::heights::{HeightEvaluation, HeightOptions, evaluate_heights};
 use super::parts::joined;
 use super::pictures::write_pictures;
-use super::read::{TruthOptions, crs_of, read_results, read_truth};
+use super::read::{TruthOptions, crs_of, read_outlines, read_results, read_truth, read_truth_outlines};
 use super::report::EvaluationReport;
 use super::solid::{Facet, SolidError, Solids, read_solids};
 use super::surface::{Target, evaluate_surface};
@@ -101,11 +101,13 @@ pub fn compare_files(c: &Comparison) -> Result<EvaluationReport, CompareError> {
     };
     let mut report =
         EvaluationReport { heights: None, footprints: None, surface: None, volume: None, left_out: Vec::new() };
-    let results = if is_obj(&c.result) { None } else { Some(read_results(&c.result, &crs)?) };
+    let results = if is_obj(&c.result) { None } else { Some(results_of(c, &crs, &mut report)?) };
     match &results {
         Some(results) if !is_obj(&c.truth) => {
-            let truth = truth_of(c, results, &reference, &crs)?;
-            report.heights = Some(evaluate_heights(results, &truth, &c.heights)?);
+            let truth = truth_of(c, results, &reference, &crs, &mut report)?;
+            if report.left_out.is_empty() {
+                report.heights = Some(evaluate_heights(results, &truth, &c.heights)?);
+            }
             match &reference {
                 Reference::Cloud(cloud, _) if cloud.instances.is_empty() => report.left_out.push(
                     "outlines and match rates: the point cloud has no buildings of its own and was cut by the result's outlines"
@@ -128,8 +130,9 @@ pub fn compare_files(c: &Comparison) -> Result<EvaluationReport, CompareError> {
     if c.with_shapes
         && let Err(why) = bodies(c, &reference, stated.as_ref(), &crs, results.as_deref(), &mut report)
     {
-        // Heights can be compared without bodies; bodies that nothing else stands in for are the point of the call.
-        if report.heights.is_none() {
+        // Heights and outlines can be compared without bodies; bodies that nothing else stands in for are the point of the
+        // call.
+        if report.heights.is_none() && report.footprints.is_none() {
             return Err(why);
         }
         let why = why.to_string().replace("\nhint:", " (hint:");
@@ -168,16 +171,40 @@ fn read_cloud(path: &Path, stated: Option<&Crs>, project: &Crs) -> Result<(Cloud
     Ok((cloud, from.vertical_name().map(str::to_owned)))
 }
 
+/// Whether a file has no heights, and outlines alone are wanted too.
+fn has_outlines_only(c: &Comparison, error: &ReadError) -> bool {
+    c.with_shapes && c.options.height_field.is_none() && matches!(error, ReadError::NoField { what: "height", .. })
+}
+
+/// Buildings of the result; one without heights is told of in the report.
+fn results_of(c: &Comparison, crs: &Crs, report: &mut EvaluationReport) -> Result<Vec<BuildingRecord>, CompareError> {
+    match read_results(&c.result, crs) {
+        Err(e) if has_outlines_only(c, &e) => {
+            report.left_out.push(format!("heights: {} has none", c.result.display()));
+            Ok(read_outlines(&c.result, crs)?)
+        }
+        read => Ok(read?),
+    }
+}
+
+/// Buildings of the reference; one without heights is told of in the report.
 fn truth_of(
     c: &Comparison,
     results: &[BuildingRecord],
     reference: &Reference,
     crs: &Crs,
+    report: &mut EvaluationReport,
 ) -> Result<Vec<TruthBuilding>, CompareError> {
     Ok(match reference {
         Reference::Cloud(cloud, _) if !cloud.instances.is_empty() => truth_of_instances(cloud, &c.cloud),
         Reference::Cloud(cloud, _) => truth_under_outlines(cloud, &outlines_of(results), &c.cloud),
-        Reference::Solids => read_truth(&c.truth, &c.options, crs)?.buildings,
+        Reference::Solids => match read_truth(&c.truth, &c.options, crs) {
+            Err(e) if has_outlines_only(c, &e) => {
+                report.left_out.push(format!("heights: {} has none", c.truth.display()));
+                read_truth_outlines(&c.truth, &c.options, crs)?.buildings
+            }
+            read => read?.buildings,
+        },
     })
 }
 

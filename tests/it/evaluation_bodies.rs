@@ -307,6 +307,22 @@ fn truth_without_ids_is_matched_by_overlap_and_none_at_all_is_an_error() {
     let footprints = &told["footprints"];
     assert!((number(&footprints["iou"]) - (80.0 / 120.0 + 1.0) / 3.0).abs() < 1e-9, "{footprints}");
     assert!((number(&footprints["detection_f1"]) - 2.0 / 3.0).abs() < 1e-9, "{footprints}");
+    // Outlines without heights on either side are compared as such.
+    for feature in truth["features"].as_array_mut().unwrap() {
+        feature["properties"].as_object_mut().unwrap().remove("height_m");
+    }
+    fs::write(at("cadastre.geojson"), truth.to_string()).unwrap();
+    for pair in [["result.geojson", "cadastre.geojson"], ["cadastre.geojson", "result.geojson"]] {
+        let told = report(&at(pair[0]), &at(pair[1]), &[]);
+        assert!((number(&told["footprints"]["detection_f1"]) - 2.0 / 3.0).abs() < 1e-9, "{told}");
+        assert!(
+            told["all"].is_null()
+                && told["left_out"][0] == format!("heights: {} has none", at("cadastre.geojson").display()),
+            "{told}"
+        );
+    }
+    let asked = evaluate(&at("result.geojson"), &at("cadastre.geojson"), &["--height-field", "height_m"]);
+    assert!(asked.code == 3 && asked.stderr.contains("height_m"), "{}", asked.stderr);
     layer(&at("elsewhere.geojson"), &[("q", &square(5000.0), 2.0, 10.0)]);
     let nothing = evaluate(&at("result.geojson"), &at("elsewhere.geojson"), &[]);
     assert!(nothing.code == 3 && nothing.stderr.contains("hint:"), "{}", nothing.stderr);

@@ -28,8 +28,8 @@ pub use surfaces::{Levels, measure};
 /// Names under which an id is looked for when none is given.
 const ID_FIELDS: [&str; 4] = ["id", "ID", "identificatie", "gml_id"];
 
-/// Layer that is taken from a file with several when none is named: ours.
-const OWN_LAYER: &str = "buildings";
+/// Layers that are taken from a file with several when none is named: ours, of a city and of outlines from photos.
+const OWN_LAYERS: [&str; 2] = ["buildings", "footprints"];
 
 /// One building of a file.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -192,7 +192,9 @@ pub fn height_unit_m(path: &Path, crs: &Crs) -> Result<f64, ReadError> {
 /// The layer, and the name of the attribute that holds the id.
 fn open_layer(path: &Path, options: &ReadOptions<'_>) -> Result<(VectorLayer, Option<String>), ReadError> {
     let layer = match VectorLayer::open(path, options.layer) {
-        Err(VectorError::Layer { .. }) if options.layer.is_none() => VectorLayer::open(path, Some(OWN_LAYER))?,
+        Err(several @ VectorError::Layer { .. }) if options.layer.is_none() => {
+            OWN_LAYERS.iter().find_map(|name| VectorLayer::open(path, Some(name)).ok()).ok_or(several)?
+        }
         opened => opened?,
     };
     let fields: Vec<String> = layer.field_names().map(str::to_owned).collect();
