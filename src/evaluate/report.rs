@@ -31,7 +31,8 @@ impl fmt::Display for EvaluationReport {
             write!(f, "{heights}")?;
         }
         if let Some(footprints) = &self.footprints {
-            write!(f, "\n{footprints}")?;
+            let gap = if self.heights.is_some() { "\n" } else { "" };
+            write!(f, "{gap}{footprints}")?;
         }
         if let Some(s) = &self.surface {
             let percent = |share: f64| format!("{:.1} %", 100.0 * share);
