@@ -6,7 +6,8 @@ use std::fmt::Write as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{BenchmarkError, Method, Outcome, Plan, SceneJob, Tell, run_scene};
+use super::reliability::{self, SigmaClass};
+use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, run_scene};
 use crate::evaluate::{BuildingError, HeightStatistics};
 use crate::files::write_whole;
 use crate::output::Status;
@@ -149,6 +150,10 @@ pub struct AccuracyTable {
     pub config: AccuracyConfig,
     /// By level, town and method.
     pub rows: Vec<AccuracyRow>,
+    /// Stated sigmas against errors, over all towns; by level and method.
+    pub reliability: Vec<SigmaClass>,
+    /// Which programs made the outcomes.
+    pub programs: Programs,
 }
 
 /// Runs the matrix; after every scene `accuracy.json` and `accuracy.md` in the plan's folder hold what there is so far.
@@ -165,12 +170,19 @@ pub fn run(config: &AccuracyConfig, plan: &Plan, tell: Tell<'_>) -> Result<Accur
         }
     }
     let mut outcomes: Vec<(Cell, Outcome)> = Vec::new();
-    let mut table = AccuracyTable { config: config.clone(), rows: Vec::new() };
+    let mut table = AccuracyTable {
+        config: config.clone(),
+        rows: Vec::new(),
+        reliability: Vec::new(),
+        programs: Programs::default(),
+    };
     for (i, cell) in cells.iter().enumerate() {
         let job = config.job(cell);
         let found = run_scene(&job, plan, &|what| tell(i, cells.len(), &format!("{}: {what}", job.name)))?;
         outcomes.extend(found.into_iter().map(|outcome| (*cell, outcome)));
         table.rows = rows(config, &outcomes);
+        table.reliability = sigma_classes(config, &outcomes);
+        table.programs = Programs::of(&plan.program, outcomes.iter().map(|(_, outcome)| outcome));
         write(&table, plan)?;
     }
     tell(cells.len(), cells.len(), "done");
@@ -201,6 +213,19 @@ fn rows(config: &AccuracyConfig, outcomes: &[(Cell, Outcome)]) -> Vec<AccuracyRo
         }
     }
     rows
+}
+
+fn sigma_classes(config: &AccuracyConfig, outcomes: &[(Cell, Outcome)]) -> Vec<SigmaClass> {
+    let mut classes = Vec::new();
+    for &level in &config.levels {
+        for &method in &config.methods {
+            let belongs = |(cell, outcome): &&(Cell, Outcome)| cell.level == level && outcome.method == method;
+            let buildings: Vec<&BuildingError> =
+                outcomes.iter().filter(belongs).flat_map(|(_, outcome)| &outcome.heights.buildings).collect();
+            classes.extend(reliability::sigma_classes(&word(&level), method, &buildings));
+        }
+    }
+    classes
 }
 
 fn row(town: Option<TownKind>, level: PriorLevel, method: Method, of_row: &[&Outcome]) -> Option<AccuracyRow> {
@@ -252,7 +277,7 @@ impl AccuracyTable {
         for rows in by_level.values() {
             let _ = writeln!(text, "**{}**\n", rows[0].level);
             text.push_str(
-                "| town | method | n | mean m | scenes' means m | median m | P90 m | max m | bias m | ≤ 1 m | > 5 m, of these not flagged | no height | within 1 σ | s (user) |\n\
+                "| town | method | n | mean m | scenes' means m | median m | P90 m | max m | bias m | ≤ 1 m | > 5 m, of these not flagged | no height | within 1, 2 σ | s (user) |\n\
                  |---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
             );
             for row in rows {
@@ -263,10 +288,12 @@ impl AccuracyTable {
         text.push_str(
             "e = |h − h*|, both roof minus ground; h*: mean roof height over its area. Mean, median, 90th percentile (linear \
              interpolation) and maximum of e over the buildings of all seeds; scenes' means: least and greatest mean error of a \
-             single scene; bias: mean of h − h*; not flagged: status `measured`; within 1 σ: share of buildings with a stated \
-             sigma whose e is at most that (68 % if errors were normal and sigma right); s: seconds per scene from priors on disk \
-             to heights, in brackets processor seconds of the whole run in user mode.\n",
+             single scene; bias: mean of h − h*; not flagged: status `measured`; within 1, 2 σ: shares of buildings \
+             with a stated sigma whose e is at most that, or twice that (68 and 95 % if errors were normal and sigma right); s: seconds per scene from priors on disk \
+             to heights, in brackets processor seconds of the whole run in user mode. ",
         );
+        text.push_str(&self.programs.to_markdown());
+        text.push_str(&reliability::to_markdown(&self.reliability));
         text
     }
 }
@@ -291,7 +318,9 @@ impl AccuracyRow {
             self.n_gross,
             self.n_gross_unflagged,
             self.n_without_height,
-            s.within_1_sigma_share.map_or_else(|| "–".to_owned(), percent),
+            s.within_1_sigma_share
+                .zip(s.within_2_sigma_share)
+                .map_or_else(|| "–".to_owned(), |(one, two)| format!("{}, {}", percent(one), percent(two))),
             self.heights_s,
             self.user_s.map_or_else(|| "–".to_owned(), |s| format!("{s:.1}")),
         )

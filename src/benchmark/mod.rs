@@ -6,18 +6,24 @@
 //! | [`paper`] | as the paper's seven scenes, small scenes, a flight without a grid | `paper.md` |
 //!
 //! A suite leaves one file per scene and method behind. A run that was stopped goes on where it was; a file is made anew
-//! if the scene's or the method's settings changed. That the *program* changed is not noticed: see [`Plan::again`].
+//! if the scene's or the method's settings changed. One that another program made is taken over, since most changes of a
+//! program change no figure; but each says which program made it, every table says of which programs its outcomes are, and
+//! [`Plan::again`] makes them anew.
 
 pub mod accuracy;
 mod bodies;
 mod method;
 pub mod paper;
+mod programs;
+mod reliability;
 mod scene;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 pub use bodies::BodyScores;
 pub use method::{Aids, Answer, Method};
+pub use programs::Programs;
+pub use reliability::SigmaClass;
 pub use scene::{Outcome, SceneJob, run_scene};
 
 use crate::config::ConfigError;
@@ -32,18 +38,21 @@ use crate::simulate::SimulateError;
 pub struct Plan {
     /// Folder of scenes, outcomes and tables.
     pub folder: PathBuf,
-    /// Methods whose outcomes are made anew even where they are there, for a program that has changed.
-    pub again: Vec<Method>,
+    /// This program: its version and what tells its builds apart. Written into each outcome.
+    pub program: String,
+    /// Which outcomes are made anew even where they are there.
+    pub again: Again,
     /// Keep the scenes (tens of megabytes each), so that another run need not simulate them again.
     pub keep_scenes: bool,
 }
 
-impl Plan {
-    /// Works in a folder, keeps no scenes, makes nothing anew.
-    #[must_use]
-    pub fn at(folder: &Path) -> Self {
-        Self { folder: folder.to_owned(), again: Vec::new(), keep_scenes: false }
-    }
+/// Which outcomes are made anew although they are there.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Again {
+    /// All of these methods.
+    pub methods: Vec<Method>,
+    /// Of all methods those that another program made.
+    pub outdated: bool,
 }
 
 /// Told `(scenes done, scenes in all, what is being done)`.

@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{BenchmarkError, Method, Outcome, Plan, SceneJob, Tell, run_scene};
+use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, run_scene};
 use crate::files::write_whole;
 use crate::simulate::{ErrorConfig, FlightPattern, PriorLevel, SimulateConfig};
 
@@ -215,6 +215,8 @@ pub struct PaperTables {
     pub config: PaperConfig,
     /// By scene.
     pub scenes: Vec<PaperResult>,
+    /// Which programs made the outcomes.
+    pub programs: Programs,
 }
 
 /// Runs the suite; after every scene `paper.json` and `paper.md` in the plan's folder hold what there is so far.
@@ -233,12 +235,13 @@ pub fn run(config: &PaperConfig, plan: &Plan, tell: Tell<'_>) -> Result<PaperTab
             return Err(BenchmarkError::Empty { setting });
         }
     }
-    let mut tables = PaperTables { config: config.clone(), scenes: Vec::new() };
+    let mut tables = PaperTables { config: config.clone(), scenes: Vec::new(), programs: Programs::default() };
     for (i, scene) in scenes.iter().enumerate() {
         let job = config.job(scene)?;
         let outcomes = run_scene(&job, plan, &|what| tell(i, scenes.len(), &format!("{}: {what}", job.name)))?;
         let n_buildings = job.simulate.town.n_buildings;
         tables.scenes.push(PaperResult { scene: job.name.clone(), n_buildings, outcomes });
+        tables.programs = Programs::of(&plan.program, tables.scenes.iter().flat_map(|s| &s.outcomes));
         write_whole(&plan.folder.join("paper.json"), |out| {
             serde_json::to_writer_pretty(&mut *out, &tables)?;
             out.write_all(b"\n")
@@ -266,7 +269,7 @@ impl PaperTables {
         }
         text.push_str(
             "\nBodies, on our scenes, against the true ones with their roofs:\n\n\
-             | scene | method | Err 90/95 % m | Comp 0.5/1 m % | voxel IoU 0.5 m % | column IoU % | time s |\n\
+             | scene | method | Err 90/95 % m | Comp 0.5/1 m % | voxel IoU 0.5 m % | column IoU % | time s (user s) |\n\
              |---|---|---:|---:|---:|---:|---:|\n",
         );
         for scene in &self.scenes {
@@ -281,8 +284,9 @@ impl PaperTables {
              roofs within 0.5 and 1 m of the result. `constant` and `neighbourhood` are told true heights (the median of all; the \
              five nearest others) and stand for what no evidence at all gives. Points: simulated sparse multi-view points with \
              noise, gaps and blunders; making them takes a real pipeline far longer than the times here, which leave it out. \
-             ArcPro and the learned outline extractors: not reproduced, no public weights or code.\n",
+             ArcPro and the learned outline extractors: not reproduced, no public weights or code. ",
         );
+        text.push_str(&self.programs.to_markdown());
         text.push_str(&published());
         text
     }
@@ -322,8 +326,9 @@ fn bodies_row(scene: &PaperResult, outcome: &Outcome) -> String {
     let dash = || "–".to_owned();
     let surface = bodies.surface.as_ref();
     let volume = bodies.volume.as_ref();
+    let user = outcome.user_s.map_or_else(dash, |s| format!("{s:.1}"));
     format!(
-        "| {} | `{}` | {} | {} | {} | {} | {:.1} |\n",
+        "| {} | `{}` | {} | {} | {} | {} | {:.1} ({user}) |\n",
         scene.scene,
         outcome.method.name(),
         surface.map_or_else(dash, |s| format!("{:.2}/{:.2}", s.error_90_m, s.error_95_m)),

@@ -53,6 +53,9 @@ pub struct Outcome {
     pub method: Method,
     /// Hash of the settings of scene and method.
     pub settings_sha256: String,
+    /// The program that made it; empty where that was not written down.
+    #[serde(default)]
+    pub program: String,
     /// Heights against the truth.
     pub heights: HeightEvaluation,
     /// Views of the scene.
@@ -80,7 +83,11 @@ pub fn run_scene(job: &SceneJob, plan: &Plan, tell: &dyn Fn(&str)) -> Result<Vec
     for &method in &job.methods {
         let path = plan.folder.join("outcomes").join(format!("{}-{}.json", job.name, method.name()));
         let settings_sha256 = settings_sha256(job, method);
-        let known = if plan.again.contains(&method) { None } else { read_outcome(&path, &settings_sha256) };
+        let is_wanted = |outcome: &Outcome| {
+            let is_outdated = plan.again.outdated && outcome.program != plan.program;
+            !(is_outdated || plan.again.methods.contains(&method))
+        };
+        let known = read_outcome(&path, &settings_sha256).filter(is_wanted);
         let outcome = match known {
             Some(outcome) => outcome,
             None => {
@@ -92,7 +99,8 @@ pub fn run_scene(job: &SceneJob, plan: &Plan, tell: &dyn Fn(&str)) -> Result<Vec
                     }
                 };
                 tell(method.name());
-                let outcome = run_method(job, method, &folder, settings_sha256)?;
+                let outcome =
+                    run_method(job, method, &folder, Origin { settings_sha256, program: plan.program.clone() })?;
                 write_whole(&path, |out| Ok(serde_json::to_writer(out, &outcome)?))?;
                 outcome
             }
@@ -139,12 +147,13 @@ fn simulated(job: &SceneJob, plan: &Plan) -> Result<PathBuf, BenchmarkError> {
     Ok(folder)
 }
 
-fn run_method(
-    job: &SceneJob,
-    method: Method,
-    folder: &Path,
+/// What an outcome was made of, and by which program.
+struct Origin {
     settings_sha256: String,
-) -> Result<Outcome, BenchmarkError> {
+    program: String,
+}
+
+fn run_method(job: &SceneJob, method: Method, folder: &Path, origin: Origin) -> Result<Outcome, BenchmarkError> {
     let mut config = RunConfig::load(&folder.join("sizeup.toml"), &job.assignments_of(method))
         .map_err(|source| BenchmarkError::Config { scene: job.name.clone(), source })?;
     method.configure(&mut config);
@@ -184,7 +193,8 @@ fn run_method(
     Ok(Outcome {
         scene: job.name.clone(),
         method,
-        settings_sha256,
+        settings_sha256: origin.settings_sha256,
+        program: origin.program,
         heights: evaluate_heights(&results, &truth.buildings, &HeightOptions::default())?,
         n_views: summary.n_views,
         n_selected: n_selected.get(),

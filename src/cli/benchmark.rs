@@ -7,7 +7,8 @@ use clap::{Args, ValueEnum};
 use super::{Failure, Global, Ui, print, print_json};
 use crate::benchmark::accuracy::{self, AccuracyConfig};
 use crate::benchmark::paper::{self, PaperConfig};
-use crate::benchmark::{BenchmarkError, Method, Plan};
+use crate::benchmark::{Again, BenchmarkError, Method, Plan, Programs};
+use crate::output::sha256_hex;
 
 /// Arguments of `sizeup benchmark`.
 #[derive(Debug, Clone, Args)]
@@ -16,8 +17,10 @@ use crate::benchmark::{BenchmarkError, Method, Plan};
   sizeup benchmark accuracy --output bench --keep-scenes
   sizeup benchmark paper --output bench --set scenes=[\"res-1\"]
   sizeup benchmark accuracy --output bench --keep-scenes --again robust --set seeds=[1,2] --set levels=[\"mid\"]
+  sizeup benchmark accuracy --output bench --again outdated
 
-A run that was stopped goes on where it was: the folder holds one outcome per scene and method.")]
+A run that was stopped goes on where it was: the folder holds one outcome per scene and method. Those that another
+program made are taken over and said so, in the table too, unless `--again outdated` makes them anew.")]
 pub struct BenchmarkArgs {
     /// What to measure.
     pub suite: Suite,
@@ -30,8 +33,8 @@ pub struct BenchmarkArgs {
     /// Set one key of the suite, as in `--set seeds=[1,2]`. May be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub assignments: Vec<String>,
-    /// Make this method's outcomes anew (the program changed). May be repeated.
-    #[arg(long, value_name = "METHOD")]
+    /// Make this method's outcomes anew, or (`outdated`) those that another program made. May be repeated.
+    #[arg(long, value_name = "METHOD|outdated")]
     pub again: Vec<String>,
     /// Keep the simulated scenes for the next run.
     #[arg(long)]
@@ -48,7 +51,12 @@ pub enum Suite {
 }
 
 pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> {
-    let plan = Plan { folder: args.output.clone(), again: methods(&args.again)?, keep_scenes: args.keep_scenes };
+    let plan = Plan {
+        folder: args.output.clone(),
+        program: this_program()?,
+        again: again(&args.again)?,
+        keep_scenes: args.keep_scenes,
+    };
     let ui = Ui::new(global);
     let tell = |done: usize, total: usize, what: &str| ui.advance(what, done, total);
     match args.suite {
@@ -57,6 +65,7 @@ pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> 
             let table = accuracy::run(&with_assignments(&config, args)?, &plan, &tell);
             ui.finish();
             let table = table.map_err(|e| failure(&e))?;
+            tell_programs(&ui, &table.programs);
             if global.json { print_json(&table)? } else { print(&table.to_markdown())? }
         }
         Suite::Paper => {
@@ -64,6 +73,7 @@ pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> 
             let tables = paper::run(&with_assignments(&config, args)?, &plan, &tell);
             ui.finish();
             let tables = tables.map_err(|e| failure(&e))?;
+            tell_programs(&ui, &tables.programs);
             if global.json { print_json(&tables)? } else { print(&tables.to_markdown())? }
         }
     }
@@ -79,14 +89,46 @@ where
     crate::config::parse(&text, None, &args.assignments).map_err(|e| Failure::new(2, &e))
 }
 
-fn methods(names: &[String]) -> Result<Vec<Method>, Failure> {
+/// Stands for all outcomes that another program made.
+const OUTDATED: &str = "outdated";
+/// Digits of the program's hash that are kept: builds are told apart, no more.
+const HASH_DIGITS: usize = 12;
+
+fn again(names: &[String]) -> Result<Again, Failure> {
     let method = |name: &String| {
         Method::named(name).ok_or_else(|| {
             let known = Method::ALL.map(Method::name).join(", ");
-            Failure::from_text(2, format!("--again {name}: no such method\nhint: the methods are {known}"))
+            Failure::from_text(
+                2,
+                format!(
+                    "--again {name}: no such method\nhint: the methods are {known}; `{OUTDATED}` is for all of them"
+                ),
+            )
         })
     };
-    names.iter().map(method).collect()
+    Ok(Again {
+        methods: names.iter().filter(|name| *name != OUTDATED).map(method).collect::<Result<_, _>>()?,
+        outdated: names.iter().any(|name| name == OUTDATED),
+    })
+}
+
+/// Version and hash of the running program: two builds of one version may find different heights.
+fn this_program() -> Result<String, Failure> {
+    let bytes = std::env::current_exe().and_then(std::fs::read);
+    let bytes = bytes.map_err(|e| Failure::from_text(4, format!("cannot read the program itself: {e}")))?;
+    Ok(format!("sizeup {} ({})", env!("CARGO_PKG_VERSION"), &sha256_hex(&bytes)[..HASH_DIGITS]))
+}
+
+fn tell_programs(ui: &Ui, programs: &Programs) {
+    let n_outdated = programs.n_outdated();
+    if n_outdated > 0 {
+        let n: usize = programs.n_outcomes.values().sum();
+        ui.say(format!(
+            "warning: {n_outdated} of {n} outcomes were made by another program than this one ({}); --again {OUTDATED} makes \
+             them anew",
+            programs.written_by
+        ));
+    }
 }
 
 fn failure(error: &BenchmarkError) -> Failure {

@@ -47,7 +47,7 @@ pub struct EvaluateArgs {
     /// Declare that levels of both files count from the same zero, so that surfaces and volumes can be compared.
     #[arg(long)]
     pub same_vertical: bool,
-    /// Compare heights only.
+    /// Compare heights only: no outlines, surfaces and volumes.
     #[arg(long)]
     pub heights_only: bool,
     /// Draw a map of the errors and the reliability of the stated sigmas into this folder.
@@ -103,7 +103,7 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
         },
         heights: HeightOptions::default(),
         has_same_vertical: args.same_vertical,
-        with_bodies: !args.heights_only,
+        with_shapes: !args.heights_only,
         pictures: args.pictures.clone(),
         seed: 0,
     };

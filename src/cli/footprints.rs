@@ -16,7 +16,7 @@ use crate::pipeline::{self, RunOptions, Stage};
   sizeup footprints sizeup.toml --set 'footprints={source=\"masks\", path=\"masks/{stem}.png\", kind=\"instance\"}'
   sizeup run sizeup.toml --from heights       go on from the outlines to the heights
 
-The result is footprints.gpkg with the layers footprints and candidates, and one picture per nadir photo.")]
+The result is footprints.gpkg with the layers footprints and candidates, and pictures of the nadir\nphotos with the outlines drawn over them (40 at most).")]
 pub struct FootprintsArgs {
     /// Configuration file (TOML), as that of `sizeup run`; it needs no [prior] here.
     pub config: PathBuf,

@@ -12,7 +12,8 @@ use crate::pipeline;
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:
   sizeup look sizeup.toml 012_oblique --output panel.png
-  sizeup look sizeup.toml 012_oblique --pass 1 --output first.png")]
+  sizeup look sizeup.toml 012_oblique --pass 1 --output first.png
+  sizeup look demo/scene/sizeup.toml 012_oblique --result demo/result --output panel.png")]
 pub struct LookArgs {
     /// Run configuration, with the settings it ran with.
     pub config: PathBuf,
@@ -21,6 +22,9 @@ pub struct LookArgs {
     /// Heights after this pass, counted from 1 (default: the last).
     #[arg(long, value_name = "N")]
     pub pass: Option<usize>,
+    /// Folder of the run's results, in place of the configuration's.
+    #[arg(long, value_name = "FOLDER")]
+    pub result: Option<PathBuf>,
     /// Set one key of the configuration, as in the run. May be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub assignments: Vec<String>,
@@ -30,7 +34,10 @@ pub struct LookArgs {
 }
 
 pub(super) fn run(args: &LookArgs, global: &Global) -> Result<u8, Failure> {
-    let config = RunConfig::load(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    let mut config = RunConfig::load(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    if let Some(result) = &args.result {
+        config.project.output.clone_from(result);
+    }
     pipeline::look(&config, &args.view, args.pass, &args.output).map_err(|e| Failure::new(e.exit_code(), &e))?;
     Ui::new(global).say(format!("photo, rendered depth, prior and ordinal pairs in {}", args.output.display()));
     Ok(0)

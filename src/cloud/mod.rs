@@ -2,9 +2,10 @@
 //!
 //! | file | instances | classes |
 //! |---|---|---|
-//! | LAS, LAZ | none | as stored: 2 ground, 6 building |
-//! | text: `x y z [instance]`, split by spaces, tabs, commas or semicolons | fourth column | none |
+//! | LAS, LAZ | extra dimension `instance`, `instance_id`, `building` or `building_id`; 0 is none | as stored: 2 ground, 6 building |
+//! | text: `x y z [instance]`, split by spaces, tabs, commas or semicolons | fourth column; 0 is none | none |
 
+mod instances;
 mod read;
 mod segment;
 
@@ -25,8 +26,8 @@ pub struct Cloud {
     pub points: Vec<DVec3>,
     /// LAS class of each point; empty where the file has none.
     pub classes: Vec<u8>,
-    /// Which building each point is of; empty where the file does not say.
-    pub instances: Vec<u32>,
+    /// Which building each point is of, `None` for a point of none; empty where the file does not say.
+    pub instances: Vec<Option<u32>>,
     /// The CRS that the file states, as EPSG code or WKT.
     pub crs: Option<String>,
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::Cloud;
+use super::{Cloud, instances};
 use crate::files::{FileError, write_whole};
 
 /// Why a cloud cannot be used.
@@ -116,9 +116,11 @@ fn read_las(path: &Path) -> Result<Cloud, CloudError> {
             .and_then(|crs| crs.get_projected_crs_geo_key_value())
             .map(|code| format!("EPSG:{code}"))
     });
+    let vlrs = header.vlrs().clone();
     let data = reader.read_all().map_err(failed)?;
     let points = data.x().zip(data.y()).zip(data.z()).map(|((x, y), z)| DVec3::new(x, y, z)).collect();
-    Ok(Cloud { points, classes: data.classification().collect(), instances: Vec::new(), crs })
+    let instances = instances::instances(&vlrs, &data);
+    Ok(Cloud { points, classes: data.classification().collect(), instances, crs })
 }
 
 fn read_text(path: &Path) -> Result<Cloud, CloudError> {
@@ -146,9 +148,13 @@ fn read_text(path: &Path) -> Result<Cloud, CloudError> {
         // Instances are on every line or on none.
         let instance = columns.get(3).and_then(|c| c.parse::<f64>().ok()).filter(|v| *v >= 0.0 && v.fract() == 0.0);
         if *has_instances.get_or_insert(instance.is_some()) {
-            cloud.instances.push(instance.ok_or_else(malformed)? as u32);
+            cloud.instances.push(Some(instance.ok_or_else(malformed)? as u32).filter(|i| *i > 0));
         }
         cloud.points.push(point);
+    }
+    // A column of nothing but 0 names no buildings.
+    if cloud.instances.iter().all(Option::is_none) {
+        cloud.instances.clear();
     }
     Ok(cloud)
 }
@@ -163,7 +169,7 @@ pub fn write_text(path: &Path, cloud: &Cloud) -> Result<(), FileError> {
         for (i, p) in cloud.points.iter().enumerate() {
             write!(text, "{:.3} {:.3} {:.3}", p.x, p.y, p.z)?;
             match cloud.instances.get(i) {
-                Some(instance) => writeln!(text, " {instance}")?,
+                Some(instance) => writeln!(text, " {}", instance.unwrap_or(0))?,
                 None => writeln!(text)?,
             }
         }
@@ -186,7 +192,9 @@ mod tests {
     fn text_with_commas_names_and_instances_is_read() {
         let cloud = written("x,y,z,instance\n1.5,2,3,7\n4,5,6,8\n\nnan,1,1,2\n").unwrap();
         assert_eq!(cloud.points, [DVec3::new(1.5, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);
-        assert_eq!(cloud.instances, [7, 8]);
+        assert_eq!(cloud.instances, [Some(7), Some(8)]);
+        assert_eq!(written("1 2 3 0\n4 5 6 9\n").unwrap().instances, [None, Some(9)]);
+        assert!(written("1 2 3 0\n").unwrap().instances.is_empty());
     }
 
     #[test]

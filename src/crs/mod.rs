@@ -190,6 +190,14 @@ impl Crs {
         self.json["components"][1]["name"].as_str()
     }
 
+    /// Metres per unit of its heights: of the vertical part of a compound, or of a third axis; `None` where it has no heights.
+    #[must_use]
+    pub fn height_unit_m(&self) -> Option<f64> {
+        let vertical = &self.json["components"][1]["coordinate_system"]["axis"][0];
+        let axis = if vertical.is_null() { self.axes().get(2)? } else { vertical };
+        if axis["unit"] == "metre" { Some(1.0) } else { axis["unit"]["conversion_factor"].as_f64() }
+    }
+
     /// EPSG code of the vertical part of a compound CRS, or of a vertical CRS itself.
     #[must_use]
     pub fn vertical_epsg(&self) -> Option<u32> {
@@ -340,6 +348,11 @@ mod tests {
         let crs = Crs::parse("EPSG:7415").unwrap();
         assert_eq!((crs.epsg(), crs.horizontal_epsg()), (Some(7415), Some(28992)));
         assert_eq!(crs.vertical_name(), Some("NAP height"));
+        assert_eq!(crs.height_unit_m(), Some(1.0));
+        // Long Island in US survey feet, heights likewise; without its vertical part nothing is said of heights.
+        let feet = Crs::parse("EPSG:2263+6360").unwrap().height_unit_m().unwrap();
+        assert!((feet - 1200.0 / 3937.0).abs() < 1e-12, "{feet}");
+        assert_eq!(Crs::parse("EPSG:2263").unwrap().height_unit_m(), None);
     }
 
     #[test]

@@ -67,26 +67,49 @@ pub fn truth_under_outlines(
     roofs.into_iter().enumerate().map(building).collect()
 }
 
-/// One building per instance id, ascending. Without a stated ground a building's lowest point is its ground.
+/// One building of a cloud that names them.
+struct Instance {
+    id: u32,
+    points: Vec<DVec3>,
+    hull: MultiPolygon<f64>,
+    ground_m: Option<f64>,
+}
+
+/// One building per instance id, ascending. Ground is what is stated, else the ground points around it, else its lowest
+/// point.
 #[must_use]
 pub fn truth_of_instances(cloud: &Cloud, options: &CloudTruthOptions) -> Vec<TruthBuilding> {
     let mut by_instance: std::collections::BTreeMap<u32, Vec<DVec3>> = std::collections::BTreeMap::new();
     for (&point, &instance) in cloud.points.iter().zip(&cloud.instances) {
-        by_instance.entry(instance).or_default().push(point);
+        if let Some(instance) = instance {
+            by_instance.entry(instance).or_default().push(point);
+        }
     }
-    let building = |(instance, points): (u32, Vec<DVec3>)| {
+    let hull = |points: &Vec<DVec3>| {
         let plan: MultiPoint<f64> = points.iter().map(|p| Point::new(p.x, p.y)).collect();
+        MultiPolygon::new(vec![plan.convex_hull()])
+    };
+    let hulls: Vec<MultiPolygon<f64>> = by_instance.values().map(hull).collect();
+    let ground: Vec<DVec3> = cloud.of_class(GROUND).collect();
+    let around = ground_near(&ground, &hulls, options.ground_reach_m);
+    let instances = by_instance.into_iter().zip(hulls).zip(around).map(|(((id, points), hull), around)| Instance {
+        id,
+        points,
+        hull,
+        ground_m: options.ground_m.or(around),
+    });
+    let building = |Instance { id, points, hull, ground_m }: Instance| {
         let z: Vec<f64> = points.iter().map(|p| p.z).collect();
         let lowest_m = z.iter().copied().fold(f64::INFINITY, f64::min);
         let roof_m = stats::quantile(&z, options.roof_percentile / 100.0).filter(|_| z.len() >= options.min_points);
         TruthBuilding {
-            id: instance.to_string(),
-            footprint: Some(MultiPolygon::new(vec![plan.convex_hull()])),
-            height_m: roof_m.map(|roof| roof - options.ground_m.unwrap_or(lowest_m)),
+            id: id.to_string(),
+            footprint: Some(hull),
+            height_m: roof_m.map(|roof| roof - ground_m.unwrap_or(lowest_m)),
             group: None,
         }
     };
-    by_instance.into_iter().map(building).collect()
+    instances.map(building).collect()
 }
 
 #[cfg(test)]
@@ -122,11 +145,15 @@ mod tests {
     #[test]
     fn instances_bring_their_own_outlines() {
         let mut cloud = lidar();
-        cloud.instances = cloud.classes.iter().map(|c| u32::from(*c)).collect();
-        let truth =
-            truth_of_instances(&cloud, &CloudTruthOptions { ground_m: Some(2.0), ..CloudTruthOptions::default() });
-        assert_eq!(truth.len(), 2);
-        assert_eq!((truth[1].id.as_str(), truth[1].height_m), ("6", Some(10.0)));
-        assert!((geo::Area::unsigned_area(truth[1].footprint.as_ref().unwrap()) - 100.0).abs() < 1e-9);
+        cloud.instances = cloud.classes.iter().map(|c| Some(u32::from(*c)).filter(|c| *c == 6)).collect();
+        let truth = truth_of_instances(&cloud, &CloudTruthOptions::default());
+        assert_eq!(truth.len(), 1);
+        assert_eq!((truth[0].id.as_str(), truth[0].height_m), ("6", Some(10.0)));
+        assert!((geo::Area::unsigned_area(truth[0].footprint.as_ref().unwrap()) - 100.0).abs() < 1e-9);
+        // Neither ground points nor a level: the roof is all there is, and its lowest point the ground.
+        cloud.classes.clear();
+        assert_eq!(truth_of_instances(&cloud, &CloudTruthOptions::default())[0].height_m, Some(0.0));
+        let stated = CloudTruthOptions { ground_m: Some(3.0), ..CloudTruthOptions::default() };
+        assert_eq!(truth_of_instances(&cloud, &stated)[0].height_m, Some(9.0));
     }
 }

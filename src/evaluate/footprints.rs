@@ -10,12 +10,14 @@
 //!
 //! A building without a counterpart has 0 in all four; means are over all buildings of the reference. These area
 //! measures do not see outlines where no building is: *detection* counts those, with a pair of `IoU ≥ 0.5` as a hit.
+//! Buildings without an outline, or with one that encloses nothing, are left out and counted.
 //! The error of a corner is the distance of each reference corner of a hit to the nearest corner of its counterpart.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use geo::{Area as _, BooleanOps as _, BoundingRect as _};
-use geo_types::Polygon;
+use geo_types::MultiPolygon;
 use rayon::prelude::*;
 use rstar::primitives::{GeomWithData, Rectangle};
 use rstar::{AABB, RTree};
@@ -26,6 +28,22 @@ use crate::stats::{mean, quantile};
 /// Intersection over union from which a pair is a hit.
 pub const HIT_IOU: f64 = 0.5;
 
+/// What each number is.
+pub const FOOTPRINT_DEFINITIONS: [(&str, &str); 5] = [
+    (
+        "pairs",
+        "one result per reference building, so that their IoU add up to the most; a building without a counterpart has 0 in \
+         all area measures",
+    ),
+    ("iou", "shared area over the area of both together, mean over the reference's buildings"),
+    (
+        "precision, recall, f1",
+        "shared area over the result's, over the reference's, and 2PR/(P+R) of each building; means",
+    ),
+    ("detection", "pairs of IoU >= 0.5 are hits: hits over results, over reference buildings, and their harmonic mean"),
+    ("corners", "distance of each reference corner of a hit to the nearest corner of its counterpart"),
+];
+
 /// How good outlines are; definitions in the module's text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FootprintEvaluation {
@@ -33,6 +51,9 @@ pub struct FootprintEvaluation {
     pub n_truth: usize,
     /// Buildings of the result.
     pub n_results: usize,
+    /// Buildings of result and reference without a usable outline, which are left out of everything.
+    #[serde(default)]
+    pub n_without_outline: [usize; 2],
     /// Mean intersection over union, buildings without a counterpart count 0.
     pub iou: f64,
     /// Mean area precision.
@@ -57,6 +78,9 @@ pub struct FootprintEvaluation {
     pub corner_p90_m: Option<f64>,
     /// Corners of the hits over corners of their references.
     pub corner_ratio: Option<f64>,
+    /// What each number means.
+    #[serde(default)]
+    pub definitions: BTreeMap<String, String>,
 }
 
 /// A pair of one reference building and one result.
@@ -72,9 +96,18 @@ pub struct OutlinePair {
     pub iou: f64,
 }
 
-/// Compares outlines in one horizontal CRS in metres.
+/// Compares outlines, one or several polygons each, in one horizontal CRS in metres.
 #[must_use]
-pub fn evaluate_footprints(results: &[Polygon<f64>], truth: &[Polygon<f64>]) -> FootprintEvaluation {
+pub fn evaluate_footprints<S>(results: &[S], truth: &[S]) -> FootprintEvaluation
+where
+    S: Clone + Into<MultiPolygon<f64>>,
+{
+    let usable = |outlines: &[S]| -> Vec<MultiPolygon<f64>> {
+        let outlines = outlines.iter().cloned().map(Into::into);
+        outlines.filter(|o: &MultiPolygon<f64>| o.unsigned_area() > 0.0).collect()
+    };
+    let n_given = [results.len(), truth.len()];
+    let (results, truth) = (&usable(results), &usable(truth));
     let pairs = match_outlines(results, truth);
     let (mut iou, mut precision, mut recall, mut f1) = (0.0, 0.0, 0.0, 0.0);
     for pair in &pairs {
@@ -89,8 +122,8 @@ pub fn evaluate_footprints(results: &[Polygon<f64>], truth: &[Polygon<f64>]) -> 
     let hits: Vec<&OutlinePair> = pairs.iter().filter(|p| p.iou >= HIT_IOU).collect();
     let share = |n: usize| if n == 0 { 0.0 } else { hits.len() as f64 / n as f64 };
     let (dp, dr) = (share(results.len()), share(truth.len()));
-    let corners = |polygon: &Polygon<f64>| -> Vec<[f64; 2]> {
-        let rings = std::iter::once(polygon.exterior()).chain(polygon.interiors());
+    let corners = |outline: &MultiPolygon<f64>| -> Vec<[f64; 2]> {
+        let rings = outline.iter().flat_map(|p| std::iter::once(p.exterior()).chain(p.interiors()));
         rings.flat_map(|ring| ring.0.iter().skip(1)).map(|c| [c.x, c.y]).collect()
     };
     let mut errors_m = Vec::new();
@@ -106,6 +139,7 @@ pub fn evaluate_footprints(results: &[Polygon<f64>], truth: &[Polygon<f64>]) -> 
     FootprintEvaluation {
         n_truth: truth.len(),
         n_results: results.len(),
+        n_without_outline: [n_given[0] - results.len(), n_given[1] - truth.len()],
         iou: of_truth(iou),
         precision: of_truth(precision),
         recall: of_truth(recall),
@@ -118,12 +152,16 @@ pub fn evaluate_footprints(results: &[Polygon<f64>], truth: &[Polygon<f64>]) -> 
         corner_median_m: quantile(&errors_m, 0.5),
         corner_p90_m: quantile(&errors_m, 0.9),
         corner_ratio: (n_true > 0).then(|| f64::from(n_found as u32) / f64::from(n_true as u32)),
+        definitions: FOOTPRINT_DEFINITIONS
+            .iter()
+            .map(|(name, text)| ((*name).to_owned(), (*text).to_owned()))
+            .collect(),
     }
 }
 
 /// One-to-one pairs with the greatest sum of intersections over union, in the reference's order.
 #[must_use]
-pub fn match_outlines(results: &[Polygon<f64>], truth: &[Polygon<f64>]) -> Vec<OutlinePair> {
+pub fn match_outlines(results: &[MultiPolygon<f64>], truth: &[MultiPolygon<f64>]) -> Vec<OutlinePair> {
     let entries = results.iter().enumerate().filter_map(|(i, polygon)| {
         let rect = polygon.bounding_rect()?;
         Some(GeomWithData::new(Rectangle::from_corners(rect.min().into(), rect.max().into()), i))
@@ -240,6 +278,13 @@ impl fmt::Display for FootprintEvaluation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let percent = |v: f64| format!("{:.1} %", 100.0 * v);
         writeln!(f, "Outlines: {} in the result, {} in the reference", self.n_results, self.n_truth)?;
+        let [of_results, of_truth] = self.n_without_outline;
+        if of_results + of_truth > 0 {
+            writeln!(
+                f,
+                "  left out, without a usable outline: {of_results} of the result, {of_truth} of the reference"
+            )?;
+        }
         writeln!(
             f,
             "  area, mean over the reference: IoU {}, precision {}, recall {}, F1 {}",
@@ -259,7 +304,7 @@ impl fmt::Display for FootprintEvaluation {
         if let (Some(median), Some(p90), Some(ratio)) = (self.corner_median_m, self.corner_p90_m, self.corner_ratio) {
             writeln!(f, "  corners of hits: median {median:.2} m, P90 {p90:.2} m, {ratio:.2} found per true corner")?;
         }
-        Ok(())
+        self.definitions.iter().try_for_each(|(name, text)| writeln!(f, "  {name}: {text}"))
     }
 }
 
@@ -270,8 +315,8 @@ mod tests {
 
     use super::*;
 
-    fn house(x: f64, width: f64) -> Polygon<f64> {
-        Rect::new((x, 0.0), (x + width, 10.0)).to_polygon()
+    fn house(x: f64, width: f64) -> MultiPolygon<f64> {
+        Rect::new((x, 0.0), (x + width, 10.0)).to_polygon().into()
     }
 
     #[test]
@@ -283,6 +328,23 @@ mod tests {
         assert!((found.precision - 0.4).abs() < 1e-12 && (found.f1 - 0.4).abs() < 1e-12);
         assert_eq!((found.n_hits, found.detection_precision, found.detection_recall), (1, 0.5, 0.5));
         assert_eq!(found.corner_median_m, Some(2.0));
+    }
+
+    #[test]
+    fn the_outlines_themselves_are_perfect_and_empty_ones_count_apart() {
+        let town = [
+            house(0.0, 10.0),
+            house(10.0, 5.0),
+            MultiPolygon::new(vec![house(30.0, 4.0).0[0].clone(), house(40.0, 4.0).0[0].clone()]),
+        ];
+        let nothing = [house(0.0, 0.0), MultiPolygon::new(Vec::new())];
+        let found = evaluate_footprints(&[&town[..], &nothing[..1]].concat(), &[&nothing[..], &town[..]].concat());
+        assert_eq!((found.n_results, found.n_truth, found.n_without_outline), (3, 3, [1, 2]));
+        let all = [found.iou, found.precision, found.recall, found.f1, found.iou_of_hits, found.detection_f1];
+        assert!(all.iter().all(|v| (v - 1.0).abs() < 1e-9), "{found}");
+        assert_eq!((found.corner_p90_m, found.corner_ratio), (Some(0.0), Some(1.0)));
+        let none = evaluate_footprints(&town[..0], &town);
+        assert_eq!((none.iou, none.detection_f1, none.corner_median_m), (0.0, 0.0, None));
     }
 
     #[test]

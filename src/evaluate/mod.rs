@@ -7,6 +7,7 @@
 //! | measure | module | compares |
 //! |---|---|---|
 //! | heights | `heights` | one number per building |
+//! | outlines | [`footprints`] | areas, buildings found, corners |
 //! | surface | `surface` | walls and roofs, by distance |
 //! | volume | `volume`, `columns` | bodies, by what they have in common |
 //!
@@ -34,7 +35,7 @@ use serde::{Deserialize, Serialize};
 pub use clouds::{CloudTruthOptions, truth_of_instances, truth_under_outlines};
 pub use columns::{ColumnGrid, Columns};
 pub use compare::{CompareError, Comparison, compare_files};
-pub use footprints::{FootprintEvaluation, evaluate_footprints};
+pub use footprints::{FOOTPRINT_DEFINITIONS, FootprintEvaluation, evaluate_footprints};
 pub use heights::{BuildingError, GroupStatistics, HeightEvaluation, HeightOptions, MatchCounts, evaluate_heights};
 pub use matching::{Match, Matching, match_buildings};
 pub use pictures::{reliability, write_pictures};

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use super::heights::{BuildingError, HeightEvaluation};
-use crate::output::picture::{Chart, SERIES_COLOURS, Series, Stroke, chart, error_map, write_png};
+use crate::output::picture::{AxesKind, Chart, SERIES_COLOURS, Series, Stroke, chart, error_map, write_png};
 use crate::output::{BuildingRecord, OutputError};
 use crate::stats;
 
@@ -76,7 +76,7 @@ fn reliability_chart(curve: &[[f64; 2]]) -> Chart {
             series("", curve.to_vec(), Stroke::Line, SERIES_COLOURS[0]),
             series("measured", curve.to_vec(), Stroke::Marks, SERIES_COLOURS[0]),
         ],
-        from_zero: true,
+        axes: AxesKind::FromZero,
     }
 }
 

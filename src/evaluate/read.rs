@@ -63,6 +63,25 @@ pub struct Truth {
 /// # Errors
 /// [`ReadError`]: unreadable, without CRS or without a height attribute.
 pub fn read_truth(path: &Path, options: &TruthOptions, project_crs: &Crs) -> Result<Truth, ReadError> {
+    read(path, options, project_crs, Heights::Needed)
+}
+
+/// As [`read_truth`], of a reference without heights.
+///
+/// # Errors
+/// [`ReadError`]: unreadable, without CRS.
+pub(super) fn read_truth_outlines(path: &Path, options: &TruthOptions, project_crs: &Crs) -> Result<Truth, ReadError> {
+    read(path, options, project_crs, Heights::Absent)
+}
+
+/// Whether a reference must have heights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Heights {
+    Needed,
+    Absent,
+}
+
+fn read(path: &Path, options: &TruthOptions, project_crs: &Crs, heights: Heights) -> Result<Truth, ReadError> {
     let read = ReadOptions {
         layer: options.layer.as_deref(),
         id_field: options.id_field.as_deref(),
@@ -79,7 +98,7 @@ pub fn read_truth(path: &Path, options: &TruthOptions, project_crs: &Crs) -> Res
     let field = match options.height_field.as_deref() {
         Some(field) if has(field) => Some(field),
         Some(field) => return Err(no_height(&found, field)),
-        None if is_measured => None,
+        None if is_measured || heights == Heights::Absent => None,
         None => match HEIGHT_FIELDS.into_iter().find(|name| has(name)) {
             Some(field) => Some(field),
             None => return Err(no_height(&found, HEIGHT_FIELDS[0])),
@@ -126,6 +145,14 @@ pub fn read_results(path: &Path, project_crs: &Crs) -> Result<Vec<BuildingRecord
         }
     }
     Ok(records)
+}
+
+/// As [`read_results`], of a result without heights.
+///
+/// # Errors
+/// [`ReadError`].
+pub(super) fn read_outlines(path: &Path, project_crs: &Crs) -> Result<Vec<BuildingRecord>, ReadError> {
+    Ok(FoundBuildings::read(path, &ReadOptions::default())?.into_crs(project_crs)?.to_records())
 }
 
 /// The CRS a file states, to be the frame of an evaluation.

@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::footprints::FootprintEvaluation;
 use super::heights::HeightEvaluation;
 use super::surface::SurfaceEvaluation;
 use super::volume::VolumeEvaluation;
@@ -14,6 +15,8 @@ pub struct EvaluationReport {
     /// Heights; `None` where one side has bodies only.
     #[serde(flatten)]
     pub heights: Option<HeightEvaluation>,
+    /// Outlines; `None` where one side has none of its own.
+    pub footprints: Option<FootprintEvaluation>,
     /// Surfaces.
     pub surface: Option<SurfaceEvaluation>,
     /// Volumes.
@@ -26,6 +29,10 @@ impl fmt::Display for EvaluationReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(heights) = &self.heights {
             write!(f, "{heights}")?;
+        }
+        if let Some(footprints) = &self.footprints {
+            let gap = if self.heights.is_some() { "\n" } else { "" };
+            write!(f, "{gap}{footprints}")?;
         }
         if let Some(s) = &self.surface {
             let percent = |share: f64| format!("{:.1} %", 100.0 * share);

@@ -27,25 +27,28 @@ pub struct SeenGround {
     pub area: Polygon<f64>,
 }
 
-/// Bounds of a shape, low and high corner.
-pub(super) fn bounds(shape: &MultiPolygon<f64>) -> Option<([f64; 2], [f64; 2])> {
+/// Low and high corner of a box.
+pub(super) type Bounds = ([f64; 2], [f64; 2]);
+
+/// Bounds of a shape.
+pub(super) fn bounds(shape: &MultiPolygon<f64>) -> Option<Bounds> {
     let rect = shape.bounding_rect()?;
     Some((rect.min().into(), rect.max().into()))
 }
 
 /// Two boxes as one.
-pub(super) fn joint(a: ([f64; 2], [f64; 2]), b: ([f64; 2], [f64; 2])) -> ([f64; 2], [f64; 2]) {
+pub(super) fn joint(a: Bounds, b: Bounds) -> Bounds {
     let pick = |f: fn(f64, f64) -> f64, a: [f64; 2], b: [f64; 2]| [f(a[0], b[0]), f(a[1], b[1])];
     (pick(f64::min, a.0, b.0), pick(f64::max, a.1, b.1))
 }
 
 /// Area that two boxes share.
-pub(super) fn shared_box_m2(a: ([f64; 2], [f64; 2]), b: ([f64; 2], [f64; 2])) -> f64 {
+pub(super) fn shared_box_m2(a: Bounds, b: Bounds) -> f64 {
     let side = |i: usize| (a.1[i].min(b.1[i]) - a.0[i].max(b.0[i])).max(0.0);
     side(0) * side(1)
 }
 
 /// A box for the R-tree.
-pub(super) fn envelope((low, high): ([f64; 2], [f64; 2])) -> AABB<[f64; 2]> {
+pub(super) fn envelope((low, high): Bounds) -> AABB<[f64; 2]> {
     AABB::from_corners(low, high)
 }

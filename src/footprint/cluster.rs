@@ -15,22 +15,19 @@
 //! two. A cluster that others fill as its parts is dropped if half as many views have a border across it as show it
 //! whole, because segmenters merge more often than they split. Of the others the heavier wins; what is mostly covered
 //! by winners is dropped. A view that shows a house and its neighbours as one still says that there is a house.
-//! Everything is near-linear in the number of candidates: R-trees for who is near, a small raster per comparison.
+//! Everything is near-linear in the number of candidates: R-trees for who is near, a small raster per comparison. How the
+//! candidates are taken one after the other on many cores is [`gather`]'s concern.
 
-use geo::{Area as _, BooleanOps as _, Contains as _, InteriorPoint as _};
+use geo::{Area as _, Contains as _, InteriorPoint as _};
 use geo_types::MultiPolygon;
 use rayon::prelude::*;
-use rstar::primitives::{GeomWithData, Rectangle};
-use rstar::{AABB, RTree};
+use rstar::AABB;
 
-use super::candidate::{Candidate, SeenGround, bounds, envelope, joint, shared_box_m2};
+use super::candidate::{Bounds, Candidate, SeenGround, bounds, envelope, joint, shared_box_m2};
+use super::compare::{Comparer, Tree, entry, near};
 use super::consensus::ConsensusConfig;
-use super::coverage::{Scratch, Window, cover};
+use super::gather::gather;
 
-/// Cells of the raster that two shapes are compared on; more change the overlap by less than a hundredth.
-const COMPARE_CELLS: f64 = 900.0;
-/// Least overlap of two parts that may be the same building, m².
-const MIN_SHARED_M2: f64 = 1.0;
 /// Share of a cluster that winners must cover to drop it.
 const COVERED_SHARE: f64 = 0.5;
 /// Share of a shape from which on it lies within another one.
@@ -53,10 +50,12 @@ pub(super) struct Cluster {
     pub n_seen: usize,
     /// How many of them show it.
     pub n_views: usize,
-    area_m2: f64,
-    bounds: ([f64; 2], [f64; 2]),
+    /// Area of its shape.
+    pub area_m2: f64,
+    /// Bounds of its shape.
+    pub bounds: Bounds,
     /// What its views see of it, where none sees it whole.
-    seen: Option<MultiPolygon<f64>>,
+    pub seen: Option<MultiPolygon<f64>>,
 }
 
 impl Cluster {
@@ -89,65 +88,6 @@ pub struct Dropped {
     pub n_unsupported: usize,
 }
 
-type Tree = RTree<GeomWithData<Rectangle<[f64; 2]>, usize>>;
-
-fn entry(bounds: ([f64; 2], [f64; 2]), i: usize) -> GeomWithData<Rectangle<[f64; 2]>, usize> {
-    GeomWithData::new(Rectangle::from_aabb(envelope(bounds)), i)
-}
-
-/// Positions of what a box touches, in order.
-fn near(tree: &Tree, envelope: &AABB<[f64; 2]>) -> Vec<usize> {
-    let mut found: Vec<usize> = tree.locate_in_envelope_intersecting(envelope).map(|e| e.data).collect();
-    found.sort_unstable();
-    found.dedup();
-    found
-}
-
-/// Compares shapes on a small raster.
-#[derive(Default)]
-struct Comparer {
-    scratch: Scratch,
-    a: Vec<f32>,
-    b: Vec<f32>,
-    seen: Vec<f32>,
-}
-
-/// What two shapes share and cover together, m².
-struct Overlap {
-    shared_m2: f64,
-    joint_m2: f64,
-}
-
-impl Comparer {
-    fn overlap(
-        &mut self,
-        a: &MultiPolygon<f64>,
-        b: &MultiPolygon<f64>,
-        bounds: ([f64; 2], [f64; 2]),
-        seen: &[&MultiPolygon<f64>],
-    ) -> Overlap {
-        let size = [bounds.1[0] - bounds.0[0], bounds.1[1] - bounds.0[1]];
-        let cell_m = (size[0] * size[1] / COMPARE_CELLS).sqrt().max(0.05);
-        let window = Window::around(bounds.0, bounds.1, cell_m, 0);
-        cover(a, &window, &mut self.scratch, &mut self.a);
-        cover(b, &window, &mut self.scratch, &mut self.b);
-        for area in seen {
-            cover(area, &window, &mut self.scratch, &mut self.seen);
-            for i in 0..self.seen.len() {
-                self.a[i] *= self.seen[i];
-                self.b[i] *= self.seen[i];
-            }
-        }
-        let (mut shared, mut all) = (0.0_f64, 0.0_f64);
-        for (&x, &y) in self.a.iter().zip(&self.b) {
-            shared += f64::from(x.min(y));
-            all += f64::from(x.max(y));
-        }
-        let cell_m2 = cell_m * cell_m;
-        Overlap { shared_m2: shared * cell_m2, joint_m2: all * cell_m2 }
-    }
-}
-
 /// Groups candidates into buildings; clusters come in a fixed order.
 pub(super) fn cluster(
     candidates: &[Candidate],
@@ -168,66 +108,6 @@ pub(super) fn cluster(
     (clusters, Dropped { n_contradicted, n_unsupported })
 }
 
-fn gather(candidates: &[Candidate], seen: &[SeenGround], config: &ConsensusConfig) -> Vec<Cluster> {
-    let mut order: Vec<usize> = (0..candidates.len()).collect();
-    let worth = |c: &Candidate| c.weight * f64::from(c.score);
-    order.sort_by(|&a, &b| {
-        let (x, y) = (&candidates[a], &candidates[b]);
-        x.is_cut.cmp(&y.is_cut).then(worth(y).total_cmp(&worth(x))).then(a.cmp(&b))
-    });
-    let mut clusters: Vec<Cluster> = Vec::new();
-    let mut tree = Tree::new();
-    let mut comparer = Comparer::default();
-    for i in order {
-        let candidate = &candidates[i];
-        let Some(own_bounds) = bounds(&candidate.shape) else { continue };
-        let area_m2 = candidate.shape.unsigned_area();
-        let own_seen = candidate.is_cut.then(|| MultiPolygon::new(vec![seen[candidate.view].area.clone()]));
-        let mut best: Option<(usize, f64)> = None;
-        for at in near(&tree, &envelope(own_bounds)) {
-            let cluster = &clusters[at];
-            let larger_m2 = area_m2.max(cluster.area_m2);
-            let is_whole = own_seen.is_none() && cluster.seen.is_none();
-            let most_m2 = shared_box_m2(own_bounds, cluster.bounds).min(area_m2).min(cluster.area_m2);
-            if (is_whole && most_m2 < config.min_iou * larger_m2) || most_m2 < MIN_SHARED_M2.min(0.5 * area_m2) {
-                continue;
-            }
-            let limits: Vec<&MultiPolygon<f64>> = own_seen.iter().chain(&cluster.seen).collect();
-            let box_of_both = joint(own_bounds, cluster.bounds);
-            let found = comparer.overlap(&candidate.shape, &cluster.shape, box_of_both, &limits);
-            let iou = found.shared_m2 / found.joint_m2.max(1e-9);
-            let is_enough = found.shared_m2 >= MIN_SHARED_M2.min(0.5 * area_m2);
-            if is_enough && iou >= config.min_iou && best.is_none_or(|(_, b)| iou > b) {
-                best = Some((at, iou));
-            }
-        }
-        let Some((at, _)) = best else {
-            tree.insert(entry(own_bounds, clusters.len()));
-            clusters.push(Cluster {
-                shape: candidate.shape.clone(),
-                members: vec![i],
-                n_seen: 0,
-                n_views: 0,
-                area_m2,
-                bounds: own_bounds,
-                seen: own_seen,
-            });
-            continue;
-        };
-        let cluster = &mut clusters[at];
-        cluster.members.push(i);
-        // Of what no view shows whole, the parts add up.
-        if let (Some(cluster_seen), Some(own_seen)) = (&mut cluster.seen, own_seen) {
-            *cluster_seen = cluster_seen.union(&own_seen);
-            cluster.shape = cluster.shape.union(&candidate.shape);
-            cluster.area_m2 = cluster.shape.unsigned_area();
-            cluster.bounds = joint(cluster.bounds, own_bounds);
-            tree.insert(entry(cluster.bounds, at));
-        }
-    }
-    clusters
-}
-
 /// How well each cluster's candidates fit its shape: the sum of their intersections over union, so that more candidates
 /// and closer ones both count.
 pub(super) fn fits(clusters: &[Cluster], candidates: &[Candidate]) -> Vec<f64> {
@@ -235,8 +115,7 @@ pub(super) fn fits(clusters: &[Cluster], candidates: &[Candidate]) -> Vec<f64> {
         let iou = |&m: &usize| {
             let candidate = &candidates[m];
             let Some(own) = bounds(&candidate.shape) else { return 0.0 };
-            let found = comparer.overlap(&candidate.shape, &cluster.shape, joint(own, cluster.bounds), &[]);
-            found.shared_m2 / found.joint_m2.max(1e-9)
+            comparer.overlap(&candidate.shape, &cluster.shape, joint(own, cluster.bounds), &[]).iou()
         };
         cluster.members.iter().map(iou).sum()
     };

@@ -139,6 +139,22 @@ pub enum FootprintError {
         /// Second coordinate of it.
         y: f64,
     },
+    /// Latitude first.
+    #[error(
+        "footprints {}: ({x}, {y}) as longitude and latitude is far from where {project_crs} is used, and ({y}, {x}) is not\n\
+         hint: the axes look swapped: longitude comes first",
+        path.display()
+    )]
+    SwappedAxes {
+        /// The file.
+        path: PathBuf,
+        /// First coordinate of the first corner.
+        x: f64,
+        /// Second coordinate of it.
+        y: f64,
+        /// The project's.
+        project_crs: String,
+    },
     /// No accurate way from its CRS to the project's.
     #[error("footprints {}", path.display())]
     Crs {
@@ -203,7 +219,7 @@ pub fn read(config: &FootprintConfig, project_crs: &Crs) -> Result<FootprintLaye
         let present = source.field_names().map(str::to_owned).collect();
         return Err(FootprintError::NoIdField { path: config.path.clone(), field: field.clone(), present });
     }
-    let crs = settle_crs(config, declared, &features)?;
+    let crs = settle_crs(config, declared, &features, project_crs)?;
     let to_project = Transform::new(&crs, project_crs)
         .map_err(|source| FootprintError::Crs { path: config.path.clone(), source })?;
 
@@ -242,12 +258,19 @@ pub(super) fn settle_crs(
     config: &FootprintConfig,
     declared: Option<Crs>,
     features: &[Feature],
+    project_crs: &Crs,
 ) -> Result<Crs, FootprintError> {
     let path = || config.path.clone();
     let Some(declared) = declared else {
         return config.crs.clone().ok_or_else(|| FootprintError::NoCrs { path: path() });
     };
     let no_degrees = if declared.is_projected() { None } else { corner_beyond_degrees(features) };
+    if no_degrees.is_none()
+        && declared.is_geographic()
+        && let Some(Coord { x, y }) = swapped_corner(features, project_crs)
+    {
+        return Err(FootprintError::SwappedAxes { path: path(), x, y, project_crs: project_crs.to_string() });
+    }
     match (&config.crs, no_degrees) {
         (None, None) => Ok(declared),
         (Some(given), None) if given.horizontal_epsg() == declared.horizontal_epsg() => Ok(declared),
@@ -262,9 +285,21 @@ pub(super) fn settle_crs(
 }
 
 fn corner_beyond_degrees(features: &[Feature]) -> Option<Coord<f64>> {
-    use geo::CoordsIter as _;
-    features.iter().find_map(|feature| match &feature.geometry {
-        FeatureGeometry::Shape(shape) => shape.coords_iter().find(|c| c.x.abs() > 360.0 || c.y.abs() > 90.0),
+    corners(features).find(|c| c.x.abs() > 360.0 || c.y.abs() > 90.0)
+}
+
+/// The first corner of a layer whose corners all lie in the project's area if latitude comes first, and none otherwise.
+fn swapped_corner(features: &[Feature], project_crs: &Crs) -> Option<Coord<f64>> {
+    let [west, south, east, north] = project_crs.area_of_use_deg()?;
+    let is_in_area = |lon: f64, lat: f64| (west..=east).contains(&lon) && (south..=north).contains(&lat);
+    let is_swapped = corners(features).all(|c| !is_in_area(c.x, c.y) && is_in_area(c.y, c.x));
+    corners(features).next().filter(|_| is_swapped)
+}
+
+fn corners(features: &[Feature]) -> impl Iterator<Item = Coord<f64>> + '_ {
+    let shapes = features.iter().filter_map(|feature| match &feature.geometry {
+        FeatureGeometry::Shape(shape) => Some(shape),
         FeatureGeometry::Missing | FeatureGeometry::Unsupported(_) => None,
-    })
+    });
+    shapes.flat_map(geo::CoordsIter::coords_iter)
 }

@@ -42,7 +42,7 @@ impl<'a> LayerParts<'a> {
         if head.is_empty() {
             return Err(FootprintError::Empty { path: config.path.clone(), layer: source.name() });
         }
-        let crs = settle_crs(config, declared, &head)?;
+        let crs = settle_crs(config, declared, &head, project_crs)?;
         Ok(Self { config, source, crs, project_crs })
     }
 

@@ -1,4 +1,5 @@
-//! Footprints found in photos as a `GeoPackage`: the buildings, what single views show, and what is gone.
+//! Footprints found in photos as a `GeoPackage`: the buildings, what single views show, and what is gone, each with its
+//! style for QGIS.
 
 use std::path::Path;
 
@@ -15,6 +16,13 @@ use crate::survey::View;
 
 /// The format wants a time; a fixed one keeps equal results equal on disk.
 const TIME_STAMP: &str = "2000-01-01T00:00:00.000Z";
+
+/// Default styles by layer, exported from QGIS by `tests/qgis/styles.py`; those drawn first come first.
+const STYLES: [(&str, &str); 3] = [
+    ("footprints", include_str!("styles/footprints.qml")),
+    ("candidates", include_str!("styles/candidates.qml")),
+    ("vanished", include_str!("styles/vanished.qml")),
+];
 
 /// Why the file could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -70,7 +78,9 @@ pub fn write(path: &Path, detection: &Detection, views: &[View], crs: &Crs) -> R
                     |push| rows.try_for_each(push),
                 )?;
             }
-            Ok::<(), WriteFootprintsError>(())
+            let has_layer = |name: &str| name != "vanished" || !detection.vanished.is_empty();
+            let styles: Vec<_> = STYLES.into_iter().filter(|(name, _)| has_layer(name)).collect();
+            Ok::<(), WriteFootprintsError>(writer.styles(&styles, TIME_STAMP)?)
         })
     })
 }

@@ -96,6 +96,36 @@ impl Drop for ThreadOptions {
 }
 
 impl Writer<'_> {
+    /// Default styles of layers, as (layer, QML), where QGIS looks for them: a table of its own, which must be listed in
+    /// `gpkg_contents`, or QGIS does not see it.
+    ///
+    /// # Errors
+    /// [`GpkgError`].
+    pub fn styles(&mut self, styles: &[(&str, &str)], timestamp: &str) -> Result<(), GpkgError> {
+        self.sql(
+            "CREATE TABLE layer_styles (id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, f_table_catalog TEXT(256), \
+             f_table_schema TEXT(256), f_table_name TEXT(256), f_geometry_column TEXT(256), styleName TEXT(30), \
+             styleQML TEXT, styleSLD TEXT, useAsDefault BOOLEAN, description TEXT, owner TEXT(30), ui TEXT(30), \
+             update_time DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')))",
+        )?;
+        self.sql(&format!(
+            "INSERT INTO gpkg_contents (table_name, data_type, identifier, description, last_change, srs_id) \
+             VALUES ('layer_styles', 'attributes', 'layer_styles', 'QGIS layer styles', {}, 0)",
+            text(timestamp)
+        ))?;
+        for (layer, qml) in styles {
+            self.sql(&format!(
+                "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName, \
+                 styleQML, styleSLD, useAsDefault, description, owner, ui, update_time) \
+                 VALUES ('', '', {layer}, 'geom', {layer}, {qml}, '', 1, 'sizeup default', '', NULL, {timestamp})",
+                layer = text(layer),
+                qml = text(qml),
+                timestamp = text(timestamp),
+            ))?;
+        }
+        Ok(())
+    }
+
     /// Adds a layer with a spatial index and all features that `fill` hands to its argument, one by one.
     ///
     /// # Errors

@@ -12,7 +12,7 @@ use crate::footprint::Detection;
 use crate::optimise::EpochRecord;
 use crate::output::picture::colour::Rgb;
 use crate::output::picture::{
-    self, Chart, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline, SERIES_COLOURS, Series, Stroke,
+    self, AxesKind, Chart, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline, SERIES_COLOURS, Series, Stroke,
 };
 use crate::output::{CityModel, MalformedFile, OutputError};
 use crate::prior::{DepthPrior, PriorSource as _, Priors};
@@ -24,6 +24,8 @@ use crate::terrain::Terrain;
 
 /// Photos with the proxies drawn over them.
 const N_OVERLAYS: usize = 3;
+/// Nadir photos with their outlines drawn over them, at most: a city has thousands.
+const MOST_FOOTPRINT_OVERLAYS: usize = 40;
 /// Longer side of the rendered depth beside the prior, pixels.
 const PANEL_PX: u32 = 640;
 /// Grey of a photo that is not there.
@@ -64,7 +66,8 @@ pub(super) fn write(
     Ok(())
 }
 
-/// Draws the outlines over every nadir photo, into `pictures/footprints-*.png`.
+/// Draws the outlines over nadir photos, into `pictures/footprints-*.png`: over all of them, or where there are many over
+/// some, evenly spread over the flight.
 pub(super) fn footprints(
     folder: &std::path::Path,
     found: &Detection,
@@ -72,8 +75,8 @@ pub(super) fn footprints(
     terrain: &Terrain,
 ) -> Result<(), PipelineError> {
     let folder = folder.join("pictures");
-    let nadir = (0..survey.views.len()).filter(|&i| survey.views[i].kind() == ViewKind::Nadir);
-    nadir.collect::<Vec<_>>().into_par_iter().try_for_each(|i| {
+    let nadir: Vec<usize> = (0..survey.views.len()).filter(|&i| survey.views[i].kind() == ViewKind::Nadir).collect();
+    spread(&nadir, MOST_FOOTPRINT_OVERLAYS).into_par_iter().try_for_each(|i| {
         let view = &survey.views[i];
         let mut lines: Vec<Polyline> = Vec::new();
         let own = found.candidates.iter().filter(|c| c.view == i);
@@ -89,6 +92,14 @@ pub(super) fn footprints(
         let overlay = picture::overlay(&photo_of(view)?, &lines, &key, &OverlayConfig::default());
         picture::write_png(&folder.join(name), &overlay).map_err(PipelineError::from)
     })
+}
+
+/// At most so many of a list, evenly spread, the first and the last among them.
+fn spread(all: &[usize], most: usize) -> Vec<usize> {
+    if all.len() <= most {
+        return all.to_vec();
+    }
+    (0..most).map(|i| all[i * (all.len() - 1) / (most - 1).max(1)]).collect()
 }
 
 /// A polygon's rings as a view sees them on the ground; nothing where it lies outside the photo.
@@ -118,12 +129,12 @@ fn history(passes: &[EpochRecord]) -> [Chart; 2] {
     let of_pass = |value: &dyn Fn(&EpochRecord) -> f64| -> Vec<[f64; 2]> {
         passes.iter().enumerate().map(|(i, pass)| [(i + 1) as f64, value(pass)]).collect()
     };
-    let chart = |title: &str, y_label: &str, series: Vec<Series>| Chart {
+    let chart = |title: &str, y_label: &str, series: Vec<Series>, axes: AxesKind| Chart {
         title: title.to_owned(),
         x_label: "pass".to_owned(),
         y_label: y_label.to_owned(),
         series,
-        from_zero: true,
+        axes,
     };
     let line = |name: &str, points: Vec<[f64; 2]>, stroke: Stroke, colour: usize| Series {
         name: name.to_owned(),
@@ -134,11 +145,14 @@ fn history(passes: &[EpochRecord]) -> [Chart; 2] {
     let loss = of_pass(&|pass| pass.loss);
     let change = of_pass(&|pass| pass.relative_change);
     let curves =
-        vec![line("loss", loss, Stroke::Line, 0), line("mean relative change of heights", change, Stroke::Line, 1)];
+        vec![line("loss", loss, Stroke::Line, 0), line("mean change of heights, as a share", change, Stroke::Line, 1)];
     let n_buildings = passes.first().map_or(0, |pass| pass.heights_m.len());
     let height = |b: usize| of_pass(&|pass| pass.heights_m.get(b).map_or(f64::NAN, |h| f64::from(*h)));
     let trajectories = (0..n_buildings).map(|b| line("", height(b), Stroke::Faint, 0)).collect();
-    [chart("Loss", "", curves), chart("Heights of all buildings", "height, m", trajectories)]
+    [
+        chart("Loss and change over the passes", "", curves, AxesKind::Logarithmic),
+        chart("Heights of all buildings", "height, m", trajectories, AxesKind::FromZero),
+    ]
 }
 
 /// Colour of roof edges and of the others.

@@ -1,7 +1,7 @@
 //! A sparse cloud as multi-view matching leaves it: places on surfaces, with noise, gaps where nothing can be matched, and
 //! some blunders.
 //!
-//! Instances: 0 is ground, trees and cars; building `i` is `i + 1`.
+//! Instances: building `i` is `i + 1`; ground, trees and cars have none, 0 in the file.
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -25,7 +25,7 @@ pub(super) fn scatter(scene: &Scene, views: &[View], config: &PointConfig, root_
         .into_par_iter()
         .map(|i| point(scene, views, &eyes[i % views.len()], i, config, root_seed))
         .collect();
-    let (points, instances) = found.into_iter().flatten().unzip();
+    let (points, instances) = found.into_iter().flatten().map(|(at, i)| (at, Some(i).filter(|i| *i > 0))).unzip();
     Cloud { points, instances, ..Cloud::default() }
 }
 

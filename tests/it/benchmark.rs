@@ -45,6 +45,18 @@ fn the_small_matrix_measures_every_method_and_goes_on_where_it_was() {
     assert!(second.stderr.contains("village-mid-seed1"), "{}", second.stderr);
     let markdown = fs::read_to_string(folder.path().join("accuracy.md")).unwrap();
     assert!(markdown.contains("**mid**") && markdown.contains("| village | `metric_lift` |"), "{markdown}");
+    // One program made all of them so far; what another one made is said, in the table too, and made anew on demand.
+    assert!(markdown.contains("All 6 outcomes by `sizeup ") && !second.stderr.contains("outdated"), "{markdown}");
+    outcome["program"] = "sizeup 0.0.1 (older)".into();
+    fs::write(&path, outcome.to_string()).unwrap();
+    let (mixed, table) = accuracy(folder.path(), &[]);
+    assert_eq!(row(&table, "clean", "robust")["heights_s"], 12_345.0);
+    assert!(mixed.stderr.contains("1 of 6 outcomes") && mixed.stderr.contains("--again outdated"), "{}", mixed.stderr);
+    let markdown = fs::read_to_string(folder.path().join("accuracy.md")).unwrap();
+    assert!(markdown.contains("different programs**: 1 by `sizeup 0.0.1 (older)`, 5 by `sizeup "), "{markdown}");
+    let (fresh, table) = accuracy(folder.path(), &["--again", "outdated"]);
+    assert_ne!(row(&table, "clean", "robust")["heights_s"], 12_345.0);
+    assert!(!fresh.stderr.contains("outdated") && table["reliability"][0]["method"] == "robust", "{}", fresh.stderr);
     // Scenes are not kept unless asked for, and what is asked for again is made anew.
     assert!(fs::read_dir(folder.path().join("scenes")).unwrap().next().is_none());
     let (_, again) = accuracy(folder.path(), &["--again", "robust", "--keep-scenes"]);

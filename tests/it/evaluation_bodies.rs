@@ -8,6 +8,7 @@ use std::process::Command;
 use glam::DVec3;
 use serde_json::{Value, json};
 use sizeup::baseline::convex_hull;
+use sizeup::crs::{Crs, Transform};
 use sizeup::evaluate::solid::{Solid, write_obj};
 use sizeup::geodata::raster::RasterFile;
 use sizeup::simulate::simulate;
@@ -50,13 +51,17 @@ fn house(id: &str, [x, y, z]: [f64; 3], [w, d, eave, rise]: [f64; 4]) -> Solid {
 }
 
 fn layer(path: &Path, features: &[(&str, &[[f64; 2]], f64, f64)]) {
+    layer_in("EPSG::25832", path, features);
+}
+
+fn layer_in(crs: &str, path: &Path, features: &[(&str, &[[f64; 2]], f64, f64)]) {
     let feature = |(id, ring, ground_m, height_m): &(&str, &[[f64; 2]], f64, f64)| {
         let mut ring = ring.to_vec();
         ring.push(ring[0]);
         json!({ "type": "Feature", "properties": { "id": id, "ground_z_m": ground_m, "height_m": height_m },
                 "geometry": { "type": "Polygon", "coordinates": [ring] } })
     };
-    let crs = json!({ "type": "name", "properties": { "name": "urn:ogc:def:crs:EPSG::25832" } });
+    let crs = json!({ "type": "name", "properties": { "name": format!("urn:ogc:def:crs:{crs}") } });
     let features: Vec<Value> = features.iter().map(feature).collect();
     fs::write(path, json!({ "type": "FeatureCollection", "crs": crs, "features": features }).to_string()).unwrap();
 }
@@ -163,6 +168,12 @@ fn a_result_is_perfect_against_itself_by_every_measure_and_pictured() {
     );
     assert_eq!(number(&own["all"]["error_max_m"]), 0.0);
     assert!(number(&own["surface"]["error_95_m"]) < 1e-9 && number(&own["surface"]["completeness_05"]) == 1.0);
+    for share in ["iou", "precision", "recall", "f1", "detection_precision", "detection_recall", "detection_f1"] {
+        assert!((number(&own["footprints"][share]) - 1.0).abs() < 1e-9, "{share}: {}", own["footprints"]);
+    }
+    assert_eq!(number(&own["footprints"]["corner_p90_m"]), 0.0);
+    let text = evaluate(&city, &city, &["--same-vertical", "--height-field", "height_m"]).stdout;
+    assert!(text.contains("detection at IoU 0.5: precision 100.0 %") && text.contains("pairs of IoU >= 0.5"), "{text}");
     for iou in ["prism_iou", "prism_iou_per_building", "column_iou"] {
         assert!((number(&own["volume"][iou]) - 1.0).abs() < 1e-9, "{iou}: {}", own["volume"]);
     }
@@ -189,6 +200,163 @@ fn levels_whose_zero_is_not_stated_are_not_compared() {
     assert!(silent["left_out"][0].as_str().unwrap().contains("--same-vertical"), "{}", silent["left_out"]);
     let declared = report(&city, &truth, &["--same-vertical"]);
     assert!(number(&declared["volume"]["prism_iou"]) > 0.3, "{}", declared["volume"]);
+}
+
+#[test]
+fn a_reference_in_feet_is_compared_in_metres_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let crs = Crs::parse("EPSG:32618").unwrap();
+    let feet = Crs::parse("EPSG:2263").unwrap();
+    let from_feet = Transform::new(&feet, &crs).unwrap();
+    let us_foot_m = 1200.0 / 3937.0;
+    // A house of 12 × 8 m and 10 m on ground at 5 m in Manhattan, and its points, every metre, in feet.
+    let (x, y) = (985_000.0, 210_000.0);
+    let corner = |u: f64, v: f64| from_feet.point(x + u / us_foot_m, y + v / us_foot_m).unwrap();
+    let ring: Vec<[f64; 2]> =
+        [(0.0, 0.0), (12.0, 0.0), (12.0, 8.0), (0.0, 8.0)].map(|(u, v)| corner(u, v)).map(|(e, n)| [e, n]).to_vec();
+    layer_in("EPSG::32618", &at("result.geojson"), &[("1", &ring, 5.0, 10.0)]);
+    let mut text = String::new();
+    for (i, j) in (0..25).flat_map(|i| (0..17).map(move |j| (i, j))) {
+        let (u, v) = (f64::from(i) / 2.0, f64::from(j) / 2.0);
+        let _ = writeln!(text, "{} {} {} 1", x + u / us_foot_m, y + v / us_foot_m, 15.0 / us_foot_m);
+    }
+    fs::write(at("feet.xyz"), text).unwrap();
+    let options = |crs: &'static str| ["--truth-crs", crs, "--ground", "5"];
+    let told = report(&at("result.geojson"), &at("feet.xyz"), &options("EPSG:2263+6360"));
+    assert!(number(&told["all"]["error_max_m"]) < 0.01, "{}", told["all"]);
+    // Positions in feet and heights in nobody knows what: never compared as if they were metres.
+    let untold = evaluate(&at("result.geojson"), &at("feet.xyz"), &options("EPSG:2263"));
+    assert!(untold.code == 3 && untold.stderr.contains("EPSG:2263+6360"), "{}", untold.stderr);
+}
+
+#[test]
+fn a_laz_file_brings_buildings_by_an_extra_dimension() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (x, y) = (565_000.0, 5_932_000.0);
+    let square = |u: f64| [[x + u, y], [x + u + 10.0, y], [x + u + 10.0, y + 10.0], [x + u, y + 10.0]];
+    layer(&at("result.geojson"), &[("7", &square(0.0), 2.0, 9.5), ("8", &square(30.0), 2.0, 6.0)]);
+    let mut builder = las::Builder::from((1, 4));
+    builder.point_format = las::point::Format::new(6).unwrap();
+    builder.point_format.extra_bytes = 6;
+    builder.point_format.is_compressed = true;
+    let mut describe = vec![0_u8; 2 * 192];
+    (describe[2], describe[192 + 2]) = (5, 3);
+    describe[4..4 + 6].copy_from_slice(b"reflex");
+    describe[192 + 4..192 + 12].copy_from_slice(b"instance");
+    builder.vlrs.push(las::Vlr {
+        user_id: "LASF_Spec".to_owned(),
+        record_id: 4,
+        description: String::new(),
+        data: describe,
+    });
+    builder.transforms.x.offset = x;
+    builder.transforms.y.offset = y;
+    let mut writer = las::Writer::from_path(at("scan.laz"), builder.into_header().unwrap()).unwrap();
+    for (i, j) in (0..80).flat_map(|i| (0..40).map(move |j| (i, j))) {
+        let (u, v) = (f64::from(i) * 0.5, f64::from(j) * 0.5);
+        let is_in = |from: f64| u >= from && u <= from + 10.0 && v <= 10.0;
+        let (z, class, instance) = if is_in(0.0) {
+            (12.0, 6, 7_u16)
+        } else if is_in(30.0) {
+            (8.0, 6, 8)
+        } else {
+            (2.0, 2, 0)
+        };
+        let mut point = las::Point { x: x + u, y: y + v, z, ..las::Point::default() };
+        point.classification = las::point::Classification::new(class).unwrap();
+        point.extra_bytes = [&9_u32.to_le_bytes()[..], &instance.to_le_bytes()[..]].concat();
+        point.gps_time = Some(0.0);
+        writer.write_point(point).unwrap();
+    }
+    writer.close().unwrap();
+    let told = report(&at("result.geojson"), &at("scan.laz"), &["--truth-crs", "EPSG:25832"]);
+    let errors: Vec<f64> = told["buildings"].as_array().unwrap().iter().map(|b| number(&b["signed_error_m"])).collect();
+    assert_eq!(told["matched_by"], "id");
+    assert!((errors[0] + 0.5).abs() < 1e-9 && errors[1].abs() < 1e-9, "{errors:?}");
+    assert!(told["footprints"].is_null() && told["left_out"].to_string().contains("hulls"), "{}", told["left_out"]);
+}
+
+#[test]
+fn truth_without_ids_is_matched_by_overlap_and_none_at_all_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (x, y) = (565_000.0, 5_932_000.0);
+    let square = |u: f64| [[x + u, y], [x + u + 10.0, y], [x + u + 10.0, y + 10.0], [x + u, y + 10.0]];
+    layer(
+        &at("result.geojson"),
+        &[("a", &square(0.0), 2.0, 9.5), ("b", &square(30.0), 2.0, 6.0), ("c", &square(90.0), 2.0, 6.0)],
+    );
+    let mut truth: Value = {
+        layer(
+            &at("truth.geojson"),
+            &[("x", &square(2.0), 2.0, 10.0), ("y", &square(30.0), 2.0, 6.0), ("z", &square(60.0), 2.0, 6.0)],
+        );
+        serde_json::from_str(&fs::read_to_string(at("truth.geojson")).unwrap()).unwrap()
+    };
+    for feature in truth["features"].as_array_mut().unwrap() {
+        feature["properties"].as_object_mut().unwrap().remove("id");
+    }
+    fs::write(at("truth.geojson"), truth.to_string()).unwrap();
+    let told = report(&at("result.geojson"), &at("truth.geojson"), &[]);
+    assert_eq!((&told["matched_by"], &told["counts"]["n_compared"]), (&json!("overlap"), &json!(2)));
+    assert_eq!((&told["counts"]["n_unmatched"], &told["counts"]["n_results_unmatched"]), (&json!(1), &json!(1)));
+    assert!((number(&told["all"]["bias_m"]) + 0.25).abs() < 1e-9, "{}", told["all"]);
+    // 8 of 10 m are common to the first pair, the second is exact, the third building is missed and another invented.
+    let footprints = &told["footprints"];
+    assert!((number(&footprints["iou"]) - (80.0 / 120.0 + 1.0) / 3.0).abs() < 1e-9, "{footprints}");
+    assert!((number(&footprints["detection_f1"]) - 2.0 / 3.0).abs() < 1e-9, "{footprints}");
+    // Outlines without heights on either side are compared as such.
+    for feature in truth["features"].as_array_mut().unwrap() {
+        feature["properties"].as_object_mut().unwrap().remove("height_m");
+    }
+    fs::write(at("cadastre.geojson"), truth.to_string()).unwrap();
+    for pair in [["result.geojson", "cadastre.geojson"], ["cadastre.geojson", "result.geojson"]] {
+        let told = report(&at(pair[0]), &at(pair[1]), &[]);
+        assert!((number(&told["footprints"]["detection_f1"]) - 2.0 / 3.0).abs() < 1e-9, "{told}");
+        assert!(
+            told["all"].is_null()
+                && told["left_out"][0] == format!("heights: {} has none", at("cadastre.geojson").display()),
+            "{told}"
+        );
+    }
+    let asked = evaluate(&at("result.geojson"), &at("cadastre.geojson"), &["--height-field", "height_m"]);
+    assert!(asked.code == 3 && asked.stderr.contains("height_m"), "{}", asked.stderr);
+    layer(&at("elsewhere.geojson"), &[("q", &square(5000.0), 2.0, 10.0)]);
+    let nothing = evaluate(&at("result.geojson"), &at("elsewhere.geojson"), &[]);
+    assert!(nothing.code == 3 && nothing.stderr.contains("hint:"), "{}", nothing.stderr);
+}
+
+#[test]
+fn degenerate_meshes_and_outlines_do_no_harm() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let crs = ["--crs", "EPSG:25832", "--truth-crs", "EPSG:25832", "--same-vertical"];
+    let whole = house("a", [0.0; 3], [10.0, 8.0, 6.0, 2.0]);
+    write_obj(&at("whole.obj"), std::slice::from_ref(&whole)).unwrap();
+    // The same with a needle, a point and a face without area, and an object that has nothing else.
+    let mut text = fs::read_to_string(at("whole.obj")).unwrap();
+    text.push_str("v 0 0 0\nv 5 0 0\nv 10 0 0\nf -3 -2 -1\nf -1 -1 -1\no dust\nf -3 -3 -2\n");
+    fs::write(at("dusty.obj"), text).unwrap();
+    for (result, truth) in [("dusty.obj", "whole.obj"), ("whole.obj", "dusty.obj")] {
+        let told = report(&at(result), &at(truth), &crs);
+        assert!(number(&told["surface"]["error_95_m"]) < 1e-9, "{told}");
+        assert_eq!(number(&told["volume"]["column_iou"]), 1.0, "{told}");
+    }
+    // A bow tie, an outline of one line, and one without any: counted, not compared.
+    let (x, y) = (565_000.0, 5_932_000.0);
+    let ring = |corners: [[f64; 2]; 4]| corners.map(|[u, v]| [x + u, y + v]);
+    let house = ring([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]]);
+    let line = ring([[20.0, 0.0], [30.0, 0.0], [30.0, 0.0], [20.0, 0.0]]);
+    let tie = ring([[40.0, 0.0], [50.0, 8.0], [50.0, 0.0], [40.0, 8.0]]);
+    layer(&at("town.geojson"), &[("a", &house, 2.0, 9.0), ("b", &line, 2.0, 9.0), ("c", &tie, 2.0, 9.0)]);
+    let told = report(&at("town.geojson"), &at("town.geojson"), &["--same-vertical"]);
+    assert_eq!(number(&told["all"]["error_max_m"]), 0.0);
+    assert!((number(&told["footprints"]["iou"]) - 1.0).abs() < 1e-9, "{}", told["footprints"]);
+    for value in told["footprints"].as_object().unwrap().values().chain(told["surface"].as_object().unwrap().values()) {
+        assert!(!value.is_null(), "{told}");
+    }
 }
 
 #[test]

@@ -146,6 +146,52 @@ fn metres_passed_off_as_degrees_are_noticed_and_a_stated_crs_settles_it() {
     assert!(matches!(read(&conflict, &crs("EPSG:28992")), Err(FootprintError::CrsConflict { .. })));
 }
 
+/// A layer in degrees of houses of some 20 m.
+fn in_degrees(folder: &Path, rings: &[&str]) -> PathBuf {
+    let feature = |ring: &&str| {
+        format!(r#"{{"type":"Feature","properties":{{}},"geometry":{{"type":"MultiPolygon","coordinates":{ring}}}}}"#)
+    };
+    let features: Vec<String> = rings.iter().map(feature).collect();
+    write(folder, "degrees.geojson", &format!(r#"{{"type":"FeatureCollection","features":[{}]}}"#, features.join(",")))
+}
+
+#[test]
+fn houses_on_the_date_line_stay_in_one_place() {
+    let folder = tempfile::tempdir().unwrap();
+    // On Taveuni, Fiji: across the line in one piece, and cut in two at it as RFC 7946 asks for.
+    let across = "[[[[179.9999,-16.8],[-179.9999,-16.8],[-179.9999,-16.7998],[179.9999,-16.7998],[179.9999,-16.8]]]]";
+    let cut = "[[[[179.9999,-16.81],[180,-16.81],[180,-16.8098],[179.9999,-16.8098],[179.9999,-16.81]]],\
+               [[[-180,-16.81],[-179.9999,-16.81],[-179.9999,-16.8098],[-180,-16.8098],[-180,-16.81]]]]";
+    let path = in_degrees(folder.path(), &[across, cut]);
+    let layer = read(&FootprintConfig::new(path), &crs("EPSG:32760")).unwrap();
+    assert!(layer.refused.is_empty(), "{:?}", layer.issues);
+    assert_fit_to_extrude(&layer);
+    // 0.0002 degrees are 21.3 m along the parallel and 22.1 m along the meridian.
+    let area_m2: f64 = layer.footprints.iter().map(|f| f.polygon.unsigned_area()).sum();
+    assert!((area_m2 - 2.0 * 21.32 * 22.13).abs() < 4.0, "{area_m2} m²");
+    for footprint in &layer.footprints {
+        let bounds = footprint.polygon.bounding_rect().unwrap();
+        assert!(bounds.width() < 25.0 && bounds.height() < 25.0, "{bounds:?}");
+    }
+}
+
+#[test]
+fn swapped_axes_are_never_taken_for_a_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let swapped = |lon: f64, lat: f64| {
+        let corners = [(0.0, 0.0), (2e-4, 0.0), (2e-4, 2e-4), (0.0, 2e-4), (0.0, 0.0)];
+        let ring: Vec<String> = corners.iter().map(|(a, b)| format!("[{},{}]", lat + b, lon + a)).collect();
+        format!("[[[{}]]]", ring.join(","))
+    };
+    // Latitude first: in Sydney that makes a latitude of 151 degrees, in Delft a place off Somalia.
+    let read_in =
+        |ring: &str, project: &str| read(&FootprintConfig::new(in_degrees(folder.path(), &[ring])), &crs(project));
+    let sydney = read_in(&swapped(151.2, -33.9), "EPSG:28356").unwrap_err().to_string();
+    assert!(sydney.contains("swapped"), "{sydney}");
+    let delft = read_in(&swapped(4.36, 52.0), "EPSG:28992").unwrap_err().to_string();
+    assert!(delft.contains("swapped"), "{delft}");
+}
+
 /// Writes one layer per name, each with the given shapes (WKT, EPSG:28992 unless told otherwise).
 fn write_ogr(path: &Path, driver: &str, layers: &[&str], srs: Option<u32>, wkts: &[&str]) {
     let mut dataset = DriverManager::get_driver_by_name(driver).unwrap().create_vector_only(path).unwrap();

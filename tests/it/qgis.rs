@@ -1,6 +1,6 @@
 //! A real QGIS opens our GeoPackage; skipped where none is installed.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
@@ -153,15 +153,25 @@ fn the_styles_in_the_repository_are_those_of_the_script() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    run("styles.py", &[folder.path()]);
-    let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/output/geopackage/styles");
-    for entry in std::fs::read_dir(folder.path()).unwrap() {
-        let made = entry.unwrap().path();
-        let name = made.file_name().unwrap();
-        assert!(
-            std::fs::read(&made).unwrap() == std::fs::read(kept.join(name)).unwrap(),
-            "{}: run `tests/qgis/styles.py`",
-            name.display()
-        );
+    let made_in = ["city", "footprints"].map(|name| folder.path().join(name));
+    for made in &made_in {
+        std::fs::create_dir(made).unwrap();
+    }
+    run("styles.py", &made_in.each_ref().map(PathBuf::as_path));
+    for (made_in, kept_in) in made_in.iter().zip(["src/output/geopackage/styles", "src/footprint/styles"]) {
+        let kept_in = Path::new(env!("CARGO_MANIFEST_DIR")).join(kept_in);
+        let names = |folder: &Path| -> Vec<std::ffi::OsString> {
+            let mut names: Vec<_> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect();
+            names.sort();
+            names
+        };
+        assert_eq!(names(made_in), names(&kept_in));
+        for name in names(made_in) {
+            assert!(
+                std::fs::read(made_in.join(&name)).unwrap() == std::fs::read(kept_in.join(&name)).unwrap(),
+                "{}: run `tests/qgis/styles.py`",
+                name.display()
+            );
+        }
     }
 }

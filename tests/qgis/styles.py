@@ -1,7 +1,8 @@
 """Makes the default styles of the GeoPackage's layers in a real QGIS and exports them as QML.
 
-    /usr/bin/python3 tests/qgis/styles.py src/output/geopackage/styles
+    /usr/bin/python3 tests/qgis/styles.py src/output/geopackage/styles src/footprint/styles
 
+The first folder is for the layers of `city.gpkg`, the second for those of `footprints.gpkg`.
 Classes and colours are viridis, even in lightness and readable for colour-blind people. A building without a height is
 hatched, never missing. In 3D, outlines stand on `base_z_m` (absolute, not relative to a terrain) and reach `roof_z_m`.
 """
@@ -158,6 +159,69 @@ def tiles():
     return layer
 
 
+def polygon_rules(name, attributes, rules):
+    """A layer of outlines without filling: (label, filter or None for the rest, symbol properties)."""
+    layer = QgsVectorLayer(f"Polygon?crs=EPSG:25832&{attributes}", name, "memory")
+    root = QgsRuleBasedRenderer.Rule(None)
+    for label, expression, properties in rules:
+        symbol = QgsFillSymbol.createSimple(properties)
+        if expression is None:
+            root.appendChild(QgsRuleBasedRenderer.Rule(symbol, label=label, elseRule=True))
+        else:
+            root.appendChild(QgsRuleBasedRenderer.Rule(symbol, filterExp=expression, label=label))
+    layer.setRenderer(QgsRuleBasedRenderer(root))
+    return layer
+
+
+def footprints():
+    """How sure: few photos that agree less are what people should look at first."""
+
+    def fill(colour):
+        return {"color": colour, "outline_color": "45,45,52,255", "outline_width": "0.3"}
+
+    layer = polygon_rules(
+        "footprints",
+        "field=id:string&field=n_views:integer&field=n_seen:integer&field=footprint_confidence:double"
+        "&field=sigma_m:double&field=cadastre:string",
+        [
+            ("confidence 0.8 and more", '"footprint_confidence" >= 0.8', fill("33,145,140,150")),
+            ("0.5 to 0.8", '"footprint_confidence" >= 0.5 AND "footprint_confidence" < 0.8', fill("94,201,98,150")),
+            ("below 0.5: look at it", '"footprint_confidence" < 0.5', fill("253,231,37,190")),
+            ("of the cadastre, seen by no photo", None, {**fill("140,140,146,255"), "style": "b_diagonal"}),
+        ],
+    )
+    layer.setDisplayExpression("\"id\"")
+    layer.setMapTipTemplate(
+        "<b>[% \"id\" %]</b><br>[% \"n_views\" %] of [% \"n_seen\" %] photos"
+        "<br>corners ± [% coalesce(format_number(\"sigma_m\", 2) || ' m', 'not known') %]<br>[% \"cadastre\" %]"
+    )
+    return layer
+
+
+def candidates():
+    def line(colour, style="solid"):
+        return {"style": "no", "outline_color": colour, "outline_width": "0.2", "outline_style": style}
+
+    layer = polygon_rules(
+        "candidates",
+        "field=view:string&field=building:string&field=cut:integer",
+        [
+            ("left out", '"building" IS NULL', line("213,94,0,255")),
+            ("cut off by the photo's border", '"cut" = 1', line("0,114,178,140", "dash")),
+            ("of one photo", None, line("0,114,178,140")),
+        ],
+    )
+    layer.setDisplayExpression("\"view\" || coalesce(': ' || \"building\", '')")
+    return layer
+
+
+def vanished():
+    style = {"color": "213,94,0,255", "style": "diagonal_x", "outline_color": "213,94,0,255", "outline_width": "0.4"}
+    layer = polygon_rules("vanished", "field=id:string", [("gone: the photos do not show it", None, style)])
+    layer.setDisplayExpression("\"id\"")
+    return layer
+
+
 def export(layer, folder):
     """Writes the layer's style, with rule keys that do not change from run to run."""
     document = QDomDocument("qgis")
@@ -177,13 +241,15 @@ def export(layer, folder):
 
 
 def main():
-    if len(sys.argv) != 2:
+    if len(sys.argv) != 3:
         raise SystemExit(__doc__)
     application = QgsApplication([], False)
     application.initQgis()
     Qgs3D.initialize()
     for layer in [buildings(), solids(), tiles(), cameras(), qa_issues()]:
         export(layer, sys.argv[1])
+    for layer in [footprints(), candidates(), vanished()]:
+        export(layer, sys.argv[2])
     application.exitQgis()
 
 

@@ -14,7 +14,7 @@ use crate::crs::{Crs, CrsError, Transform};
 use crate::files::{FileError, write_whole};
 use crate::output::cityjson::read::{CityFile, CityObject, CitySurface};
 use crate::output::prism::Surface;
-use crate::output::read::{FoundBuildings, ReadError, ReadOptions};
+use crate::output::read::{FoundBuildings, ReadError, ReadOptions, height_unit_m};
 
 /// A roof is level if its corners differ by no more than this, metres.
 const LEVEL_M: f64 = 0.01;
@@ -72,8 +72,8 @@ pub enum SolidError {
     },
 }
 
-/// Reads bodies. `stated` is the CRS of a file that has none, which an OBJ never has. Heights are not transformed: see
-/// [`Solids::vertical`].
+/// Reads bodies. `stated` is the CRS of a file that has none, which an OBJ never has. Levels become metres, but count from
+/// what they counted from: see [`Solids::vertical`].
 ///
 /// # Errors
 /// [`SolidError`].
@@ -87,7 +87,8 @@ pub fn read_solids(
     let solids = if is("obj") {
         let from = stated.ok_or_else(|| ReadError::NoCrs { path: path.to_owned() })?;
         let transform = Transform::new(from, project_crs).map_err(|source| crs_error(path, source))?;
-        let solids = moved(read_obj(path)?, &transform).map_err(|source| crs_error(path, source))?;
+        let unit_m = height_unit_m(path, from)?;
+        let solids = moved(read_obj(path)?, &transform, unit_m).map_err(|source| crs_error(path, source))?;
         Solids { solids, n_without_body: 0, vertical: from.vertical_name().map(str::to_owned) }
     } else {
         match CityFile::read(path) {
@@ -113,9 +114,10 @@ fn crs_error(path: &Path, source: CrsError) -> SolidError {
     SolidError::Crs { path: path.to_owned(), source }
 }
 
-fn moved(mut solids: Vec<Solid>, transform: &Transform) -> Result<Vec<Solid>, CrsError> {
+fn moved(mut solids: Vec<Solid>, transform: &Transform, unit_m: f64) -> Result<Vec<Solid>, CrsError> {
     for corner in solids.iter_mut().flat_map(|s| &mut s.facets).flat_map(|f| &mut f.corners) {
         (corner.x, corner.y) = transform.point(corner.x, corner.y)?;
+        corner.z *= unit_m;
     }
     Ok(solids)
 }
@@ -130,7 +132,8 @@ fn of_city(
     let from = city.crs.as_ref().or(stated).ok_or_else(|| ReadError::NoCrs { path: path.to_owned() })?;
     let failed = |source| crs_error(path, source);
     let transform = Transform::new(from, project_crs).map_err(failed)?;
-    let moved = |v: &[f64; 3]| transform.point(v[0], v[1]).map(|(x, y)| DVec3::new(x, y, v[2]));
+    let unit_m = height_unit_m(path, from)?;
+    let moved = |v: &[f64; 3]| transform.point(v[0], v[1]).map(|(x, y)| DVec3::new(x, y, unit_m * v[2]));
     let vertices: Vec<DVec3> = city.vertices.iter().map(moved).collect::<Result<_, _>>().map_err(failed)?;
     // Parts are counted to their parent.
     let mut order: Vec<&str> = Vec::new();

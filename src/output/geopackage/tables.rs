@@ -41,28 +41,8 @@ pub fn lineage(writer: &mut Writer<'_>, lineage: &Lineage, timestamp: &str) -> R
     Ok(())
 }
 
-/// QGIS's table of styles. It must be listed in `gpkg_contents`, or QGIS does not see it.
+/// QGIS's table of styles.
 pub fn styles(writer: &mut Writer<'_>, has_layer: impl Fn(&str) -> bool, timestamp: &str) -> Result<(), OutputError> {
-    writer.sql(
-        "CREATE TABLE layer_styles (id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, f_table_catalog TEXT(256), \
-         f_table_schema TEXT(256), f_table_name TEXT(256), f_geometry_column TEXT(256), styleName TEXT(30), \
-         styleQML TEXT, styleSLD TEXT, useAsDefault BOOLEAN, description TEXT, owner TEXT(30), ui TEXT(30), \
-         update_time DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')))",
-    )?;
-    writer.sql(&format!(
-        "INSERT INTO gpkg_contents (table_name, data_type, identifier, description, last_change, srs_id) \
-         VALUES ('layer_styles', 'attributes', 'layer_styles', 'QGIS layer styles', {}, 0)",
-        text(timestamp)
-    ))?;
-    for (layer, qml) in STYLES.into_iter().filter(|(layer, _)| has_layer(layer)) {
-        writer.sql(&format!(
-            "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName, \
-             styleQML, styleSLD, useAsDefault, description, owner, ui, update_time) \
-             VALUES ('', '', {layer}, 'geom', {layer}, {qml}, '', 1, 'sizeup default', '', NULL, {timestamp})",
-            layer = text(layer),
-            qml = text(qml),
-            timestamp = text(timestamp),
-        ))?;
-    }
-    Ok(())
+    let present: Vec<(&str, &str)> = STYLES.into_iter().filter(|(layer, _)| has_layer(layer)).collect();
+    Ok(writer.styles(&present, timestamp)?)
 }

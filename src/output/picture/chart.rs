@@ -1,4 +1,4 @@
-//! Line charts: curves and marks over two axes with round ticks.
+//! Line charts: curves and marks over two axes with round ticks, the vertical one plain or logarithmic.
 
 use image::RgbImage;
 
@@ -41,8 +41,17 @@ pub struct Chart {
     pub y_label: String,
     /// Drawn in this order.
     pub series: Vec<Series>,
-    /// Whether both axes start at 0.
-    pub from_zero: bool,
+    /// Where the axes start, and how the vertical one is divided.
+    pub axes: AxesKind,
+}
+
+/// How the axes are divided.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AxesKind {
+    /// Both from 0.
+    FromZero,
+    /// The horizontal one from the first point; the vertical one by powers of ten, without values that are not above 0.
+    Logarithmic,
 }
 
 /// Colours that colour-blind people tell apart (Okabe and Ito, 2008).
@@ -57,9 +66,13 @@ pub fn chart(chart: &Chart, width_px: u32, height_px: u32) -> RgbImage {
     let (width, height) = (width_px.max(300) as f32, height_px.max(200) as f32);
     let mut canvas = Canvas::new(width as u32, height as u32);
     let [left, right, top, bottom] = MARGINS;
+    let is_logarithmic = chart.axes == AxesKind::Logarithmic;
+    let xs = chart.series.iter().flat_map(|s| &s.points).map(|p| p[0]);
+    let ys = chart.series.iter().flat_map(|s| &s.points).map(|p| if is_logarithmic { decades(p[1]) } else { p[1] });
     let axes = Axes {
-        x: range(chart.series.iter().flat_map(|s| &s.points).map(|p| p[0]), chart.from_zero),
-        y: range(chart.series.iter().flat_map(|s| &s.points).map(|p| p[1]), chart.from_zero),
+        x: range(xs, !is_logarithmic),
+        y: if is_logarithmic { whole_decades(ys) } else { range(ys, true) },
+        is_logarithmic,
         frame: [left, top, width - right, height - bottom],
     };
     canvas.text(&chart.title, [left, 30.0], 19.0, INK, Align::Left);
@@ -76,11 +89,26 @@ pub fn chart(chart: &Chart, width_px: u32, height_px: u32) -> RgbImage {
     canvas.into_image()
 }
 
+/// Powers of ten; what has none is left out like any other value that is not finite.
+fn decades(value: f64) -> f64 {
+    if value > 0.0 { value.log10() } else { f64::NAN }
+}
+
+/// Least and greatest finite value; nothing to see gives both infinite.
+fn extent(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    let finite = values.filter(|v| v.is_finite());
+    finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
+}
+
+/// From a whole power of ten to a whole power of ten.
+fn whole_decades(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    let [low, high] = extent(values);
+    if low.is_finite() { [low.floor(), high.ceil().max(low.floor() + 1.0)] } else { [0.0, 1.0] }
+}
+
 /// Least and greatest finite value with some room; something sensible where there is none.
 fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> [f64; 2] {
-    let (low, high) = values
-        .filter(|v| v.is_finite())
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    let [low, high] = extent(values);
     if !low.is_finite() {
         return [0.0, 1.0];
     }
@@ -91,7 +119,9 @@ fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> [f64; 2] {
 
 struct Axes {
     x: [f64; 2],
+    /// Of the values, or of their powers of ten.
     y: [f64; 2],
+    is_logarithmic: bool,
     /// Left, top, right, bottom; pixels.
     frame: [f32; 4],
 }
@@ -100,7 +130,22 @@ impl Axes {
     fn at(&self, [x, y]: [f64; 2]) -> [f32; 2] {
         let [left, top, right, bottom] = self.frame;
         let share = |v: f64, [low, high]: [f64; 2]| ((v - low) / (high - low)) as f32;
+        let y = if self.is_logarithmic { decades(y) } else { y };
         [left + share(x, self.x) * (right - left), bottom - share(y, self.y) * (bottom - top)]
+    }
+
+    /// Values of the vertical axis that get a line and a label.
+    fn y_ticks(&self) -> Vec<(f64, String)> {
+        let [low, high] = self.y;
+        if !self.is_logarithmic {
+            return ticks(low, high, 6).into_iter().map(|tick| (tick, label(tick, step(low, high, 6)))).collect();
+        }
+        let powers = (low.round() as i32)..=(high.round() as i32);
+        powers
+            .map(|power| {
+                (10_f64.powi(power), format!("{:.*}", power.min(0).unsigned_abs() as usize, 10_f64.powi(power)))
+            })
+            .collect()
     }
 
     fn draw(&self, canvas: &mut Canvas, chart: &Chart) {
@@ -111,10 +156,10 @@ impl Axes {
             canvas.line(&[[x, top], [x, bottom]], grid);
             canvas.text(&label(tick, step(self.x[0], self.x[1], 7)), [x, bottom + 20.0], 14.0, GREY, Align::Centre);
         }
-        for tick in ticks(self.y[0], self.y[1], 6) {
+        for (tick, name) in self.y_ticks() {
             let [_, y] = self.at([self.x[0], tick]);
             canvas.line(&[[left, y], [right, y]], grid);
-            canvas.text(&label(tick, step(self.y[0], self.y[1], 6)), [left - 8.0, y + 5.0], 14.0, GREY, Align::Right);
+            canvas.text(&name, [left - 8.0, y + 5.0], 14.0, GREY, Align::Right);
         }
         canvas.text(&chart.y_label, [left, top - 14.0], 14.0, INK, Align::Left);
         canvas.text(&chart.x_label, [0.5 * (left + right), bottom + 46.0], 14.0, INK, Align::Centre);
@@ -123,7 +168,7 @@ impl Axes {
 }
 
 fn draw_series(canvas: &mut Canvas, axes: &Axes, series: &Series) {
-    let is_known = |p: &[f64; 2]| p[0].is_finite() && p[1].is_finite();
+    let is_known = |p: &[f64; 2]| axes.at(*p).iter().all(|v| v.is_finite());
     if series.stroke == Stroke::Marks {
         for point in series.points.iter().filter(|p| is_known(p)) {
             canvas.disc(axes.at(*point), 4.5, series.colour, Pen::new([255, 255, 255], 1.0));
@@ -157,12 +202,25 @@ mod tests {
             x_label: "x".to_owned(),
             y_label: "y".to_owned(),
             series: vec![series(points)],
-            from_zero: true,
+            axes: AxesKind::FromZero,
         };
         let drawn = chart(&of(vec![[0.0, 0.0], [10.0, 5.0], [f64::NAN, 1.0]]), 600, 400);
         let blue = drawn.pixels().filter(|p| p.0 == SERIES_COLOURS[0]).count();
         assert!(blue > 400, "{blue}");
         let empty = chart(&of(Vec::new()), 600, 400);
         assert_eq!(empty.dimensions(), (600, 400));
+        // Over powers of ten a zero breaks the line, and a value ten times smaller is one line of the grid lower.
+        let logarithmic = |points| chart(&Chart { axes: AxesKind::Logarithmic, ..of(points) }, 600, 400);
+        let rows = |image: &RgbImage| -> Vec<u32> {
+            let is_blue = |y: &u32| (100..560).any(|x| image.get_pixel(x, *y).0 == SERIES_COLOURS[0]);
+            (90..350).filter(is_blue).collect()
+        };
+        let (low, high) = (
+            rows(&logarithmic(vec![[0.0, 0.1], [10.0, 0.1], [11.0, 0.0], [12.0, 10.0]])),
+            rows(&logarithmic(vec![[0.0, 1.0], [10.0, 1.0], [11.0, 0.0], [12.0, 10.0], [13.0, 0.0], [14.0, 0.1]])),
+        );
+        let middle = |rows: &[u32]| f64::from(rows[0] + rows[rows.len() - 1]) / 2.0;
+        // 254 pixels from 0.1 to 10.
+        assert!((middle(&low) - middle(&high) - 127.0).abs() <= 1.0, "{low:?} {high:?}");
     }
 }

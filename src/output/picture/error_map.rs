@@ -6,6 +6,7 @@ use image::RgbImage;
 
 use super::canvas::{Align, Canvas, Pen};
 use super::colour::{GREY, INK, NO_VALUE, Rgb};
+use crate::stats;
 
 /// Errors of this size and more have the full colour, metres.
 const FULL_M: f64 = 3.0;
@@ -56,11 +57,12 @@ pub fn error_map(title: &str, outlines: &[(&Polygon<f64>, Option<f64>)], width_p
         canvas.fill_rings(&rings, error_m.map_or(NO_VALUE, colour));
         canvas.stroke_rings(&rings, Pen::new(GREY, 0.8));
     }
-    legend(&mut canvas, top + map_height + BORDER_PX);
+    let errors: Vec<f64> = outlines.iter().filter_map(|(_, error_m)| error_m.map(f64::abs)).collect();
+    legend(&mut canvas, top + map_height + BORDER_PX, &errors);
     canvas.into_image()
 }
 
-fn legend(canvas: &mut Canvas, y: f32) {
+fn legend(canvas: &mut Canvas, y: f32, errors_m: &[f64]) {
     const STEPS: usize = 120;
     for i in 0..STEPS {
         let error_m = FULL_M * (2.0 * i as f64 / (STEPS - 1) as f64 - 1.0);
@@ -73,4 +75,8 @@ fn legend(canvas: &mut Canvas, y: f32) {
         canvas.text(&text, [x, y + 28.0], 14.0, GREY, Align::Centre);
     }
     canvas.text("result minus reference; grey: not compared", [end + 40.0, y + 12.0], 14.0, GREY, Align::Left);
+    if let (Some(mean), Some(p90)) = (stats::mean(errors_m), stats::quantile(errors_m, 0.9)) {
+        let text = format!("{} outlines: off by {mean:.2} m on average, 90 % by less than {p90:.2} m", errors_m.len());
+        canvas.text(&text, [end + 40.0, y + 30.0], 14.0, GREY, Align::Left);
+    }
 }

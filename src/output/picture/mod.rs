@@ -24,7 +24,7 @@ use image::{ImageFormat, RgbImage};
 use super::OutputError;
 use crate::files::{FileError, write_whole};
 
-pub use chart::{Chart, SERIES_COLOURS, Series, Stroke, chart};
+pub use chart::{AxesKind, Chart, SERIES_COLOURS, Series, Stroke, chart};
 pub use error_map::error_map;
 pub use map::{MapConfig, map};
 pub use overlay::{OverlayConfig, Polyline, overlay};

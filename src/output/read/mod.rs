@@ -28,8 +28,8 @@ pub use surfaces::{Levels, measure};
 /// Names under which an id is looked for when none is given.
 const ID_FIELDS: [&str; 4] = ["id", "ID", "identificatie", "gml_id"];
 
-/// Layer that is taken from a file with several when none is named: ours.
-const OWN_LAYER: &str = "buildings";
+/// Layers that are taken from a file with several when none is named: ours, of a city and of outlines from photos.
+const OWN_LAYERS: [&str; 2] = ["buildings", "footprints"];
 
 /// One building of a file.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -92,6 +92,12 @@ pub enum ReadError {
         #[source]
         source: CrsError,
     },
+    /// It does not say in what unit its heights are.
+    #[error("{} counts positions in feet and does not say in what it counts heights\nhint: state a CRS with both parts, such as EPSG:2263+6360", path.display())]
+    HeightUnit {
+        /// The file.
+        path: PathBuf,
+    },
     /// It lacks an attribute.
     #[error("{} has no attribute {field:?}; it has {}\nhint: name the attribute that holds the {what}", path.display(), if available.is_empty() { "none".to_owned() } else { available.join(", ") })]
     NoField {
@@ -124,10 +130,11 @@ impl FoundBuildings {
         Ok(Self { path: path.to_owned(), crs, buildings })
     }
 
-    /// Moves all outlines into another CRS (horizontally: heights are differences and stay).
+    /// Moves all outlines into another CRS (horizontally: heights are differences and stay); measured levels become metres.
     ///
     /// # Errors
-    /// [`ReadError::NoCrs`] for a file without one, [`ReadError::Crs`] where no accurate transformation is known.
+    /// [`ReadError::NoCrs`] for a file without one, [`ReadError::Crs`] where no accurate transformation is known,
+    /// [`ReadError::HeightUnit`] where the unit of levels is not known.
     pub fn into_crs(mut self, target: &Crs) -> Result<Self, ReadError> {
         let has_outlines = self.buildings.iter().any(|b| b.outline.is_some());
         if !has_outlines {
@@ -136,7 +143,10 @@ impl FoundBuildings {
         let Some(from) = &self.crs else { return Err(ReadError::NoCrs { path: self.path }) };
         let failed = |source| ReadError::Crs { path: self.path.clone(), source };
         let transform = Transform::new(from, target).map_err(failed)?;
+        let has_levels = self.buildings.iter().any(|b| b.levels.is_some());
+        let unit_m = if has_levels { height_unit_m(&self.path, from)? } else { 1.0 };
         for building in &mut self.buildings {
+            building.levels = building.levels.map(|levels| levels.scaled(unit_m));
             if let Some(outline) = &building.outline {
                 let moved = outline.try_map_coords(|p| transform.point(p.x, p.y).map(|(x, y)| Coord { x, y }));
                 building.outline = Some(moved.map_err(failed)?);
@@ -167,10 +177,24 @@ impl FoundBuilding {
     }
 }
 
+/// Metres per unit of the levels in a file.
+///
+/// # Errors
+/// [`ReadError::HeightUnit`] where positions are in feet and nothing is said of heights.
+pub fn height_unit_m(path: &Path, crs: &Crs) -> Result<f64, ReadError> {
+    match crs.height_unit_m() {
+        Some(unit_m) => Ok(unit_m),
+        None if crs.is_metric() => Ok(1.0),
+        None => Err(ReadError::HeightUnit { path: path.to_owned() }),
+    }
+}
+
 /// The layer, and the name of the attribute that holds the id.
 fn open_layer(path: &Path, options: &ReadOptions<'_>) -> Result<(VectorLayer, Option<String>), ReadError> {
     let layer = match VectorLayer::open(path, options.layer) {
-        Err(VectorError::Layer { .. }) if options.layer.is_none() => VectorLayer::open(path, Some(OWN_LAYER))?,
+        Err(several @ VectorError::Layer { .. }) if options.layer.is_none() => {
+            OWN_LAYERS.iter().find_map(|name| VectorLayer::open(path, Some(name)).ok()).ok_or(several)?
+        }
         opened => opened?,
     };
     let fields: Vec<String> = layer.field_names().map(str::to_owned).collect();

@@ -40,6 +40,19 @@ pub struct Levels {
     pub roof_max_m: f64,
 }
 
+impl Levels {
+    /// Of a file whose unit is so many metres.
+    #[must_use]
+    pub fn scaled(self, unit_m: f64) -> Self {
+        Self {
+            ground_m: unit_m * self.ground_m,
+            roof_mean_m: unit_m * self.roof_mean_m,
+            roof_min_m: unit_m * self.roof_min_m,
+            roof_max_m: unit_m * self.roof_max_m,
+        }
+    }
+}
+
 /// All buildings of a file. Parts with a status of ours are buildings with heights of their own; parts of others are
 /// counted to their parent.
 pub fn buildings(city: &CityFile, lod: Option<&str>) -> Vec<FoundBuilding> {

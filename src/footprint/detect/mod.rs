@@ -1,35 +1,32 @@
 //! From the outlines that nadir views show to one layer of buildings.
 
+mod build;
+mod look;
+mod roofs;
+
 use std::collections::BTreeMap;
 
-use geo::{Area as _, BoundingRect as _, Centroid as _};
-use geo_types::{MultiPolygon, Polygon};
-use glam::DVec3;
+use geo_types::MultiPolygon;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map as JsonMap, Value};
 
+pub use roofs::move_roofs;
+
+use self::build::Builder;
+use self::look::{Looked, look_at, raised};
 use super::cadastre::{self, Change};
 use super::candidate::{Candidate, SeenGround};
-use super::clean::{self, Rules};
 use super::cluster::Dropped;
-use super::consensus::{self, Consensus};
-use super::georeference::{PlaceError, Projector, Surface, ground_pixel_m};
+use super::consensus;
 use super::layer::FootprintError;
-use super::outlines::{Look, OutlineKind, OutlineSource, ViewFault};
+use super::outlines::{OutlineKind, OutlineSource, ViewFault};
 use super::source::DetectionSettings;
-use super::vectorise::Outline;
-use super::{Footprint, FootprintLayer, RefusedFootprint, identity};
+use super::{Footprint, FootprintLayer};
 use crate::crs::Crs;
-use crate::ids::BuildingId;
 use crate::issue::{Issue, Severity, Subject};
 use crate::survey::{View, ViewKind};
 use crate::terrain::Terrain;
 
-/// Contours are thinned to this share of the outlines' tolerance before views vote.
-const CONTOUR_SHARE: f64 = 0.1;
-/// Parts of a candidate below this share of the least building are specks.
-const SPECK_SHARE: f64 = 0.25;
 /// How far the image's border is drawn in: contours end on it, pixels.
 const BORDER_PX: f64 = 1.5;
 
@@ -123,13 +120,6 @@ pub struct Detection {
     pub tracks: Option<Tracks>,
     /// How much there was.
     pub summary: DetectionSummary,
-}
-
-/// What one view shows.
-struct Looked {
-    seen: Polygon<f64>,
-    outlines: Vec<(Outline, MultiPolygon<f64>, PlaceError)>,
-    n_off_terrain: usize,
 }
 
 /// Finds the buildings that the nadir views show.
@@ -275,168 +265,6 @@ fn check(settings: &DetectionSettings<'_>) -> Result<(), FootprintError> {
     within("accuracy.terrain_m", a.terrain_m, 0.0, 100.0, "0 to 100 m")
 }
 
-fn look_at(
-    source: &dyn OutlineSource,
-    view: &View,
-    terrain: &Terrain,
-    settings: DetectionSettings<'_>,
-) -> Result<Looked, ViewFault> {
-    let on_ground = Projector::new(view, Surface::Terrain(terrain));
-    let seen = on_ground.seen(BORDER_PX).ok_or(ViewFault::OffTerrain)?;
-    let pixel_m = ground_pixel_m(&on_ground, view).ok_or(ViewFault::OffTerrain)?;
-    let look = Look {
-        min_area_px2: SPECK_SHARE * settings.consensus.min_area_m2 / (pixel_m * pixel_m),
-        tolerance_px: CONTOUR_SHARE * settings.consensus.tolerance_m / pixel_m,
-    };
-    let found = source.outlines(view, look)?;
-    let n_found = found.len();
-    let outlines: Vec<_> = found
-        .into_iter()
-        .filter_map(|outline| {
-            let shape = match settings.outline {
-                OutlineKind::Ground => on_ground.shape(&outline.shape_px)?,
-                OutlineKind::Roof => roof(view, terrain, &outline.shape_px, settings.consensus.roof_heights_m[0])?,
-            };
-            let centre = shape.centroid()?;
-            let z = terrain.height_at(centre.x(), centre.y())?;
-            let error = PlaceError::at(view, DVec3::new(centre.x(), centre.y(), z), settings.accuracy);
-            Some((outline, shape, error))
-        })
-        .collect();
-    let n_off_terrain = n_found - outlines.len();
-    Ok(Looked { seen, outlines, n_off_terrain })
-}
-
-/// A roof's outline at a height above the ground under its middle.
-fn roof(view: &View, terrain: &Terrain, shape_px: &MultiPolygon<f64>, height_m: f64) -> Option<MultiPolygon<f64>> {
-    let middle_px = shape_px.centroid()?.into();
-    let first = Projector::new(view, Surface::Terrain(terrain)).point(middle_px)?;
-    // The ground under the roof, not behind it.
-    let under = Projector::new(view, Surface::Level(first.z + height_m)).point(middle_px)?;
-    let ground_m = terrain.height_at(under.x, under.y)?;
-    Projector::new(view, Surface::Level(ground_m + height_m)).shape(shape_px)
-}
-
-/// A candidate at another height; as it is where that cannot be.
-fn raised(candidate: &Candidate, track: &Track, views: &[View], terrain: &Terrain, height_m: f64) -> Candidate {
-    match roof(&views[track.view], terrain, &track.shape_px, height_m) {
-        Some(shape) => Candidate { shape, ..candidate.clone() },
-        None => candidate.clone(),
-    }
-}
-
-/// Puts buildings into a layer.
-struct Builder<'a> {
-    views: &'a [View],
-    terrain: &'a Terrain,
-    settings: DetectionSettings<'a>,
-    placed: Vec<PlacedCandidate>,
-    tracks: Vec<Track>,
-    detection: Detection,
-}
-
-impl Builder<'_> {
-    /// Outlines on the output grid that can be extruded; refused ones go into the layer at once.
-    fn clean(
-        &mut self,
-        buildings: Vec<Consensus>,
-        issues: &mut Vec<Issue>,
-        summary: &mut DetectionSummary,
-    ) -> Vec<(Polygon<f64>, Consensus)> {
-        let consensus = self.settings.consensus;
-        let rules = Rules { grid_m: consensus.grid_m, min_area_m2: consensus.min_area_m2, max_area_change: 0.05 };
-        let mut kept = Vec::with_capacity(buildings.len());
-        for building in buildings {
-            match clean::clean(&building.polygon, rules) {
-                Ok(cleaned) => {
-                    let parts = cleaned.parts.into_iter();
-                    let largest = parts.max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area()));
-                    kept.extend(largest.map(|polygon| (polygon, building)));
-                }
-                Err(clean::Defect::TooSmall { .. } | clean::Defect::NoArea) => summary.n_small += 1,
-                Err(defect) => {
-                    let id = identity::ids(std::iter::once(&building.polygon)).remove(0);
-                    let issue = Issue::new(
-                        Severity::Refused,
-                        defect.code(),
-                        Subject::Building(id.0.clone()),
-                        defect.to_string(),
-                    );
-                    issues.push(match building.polygon.bounding_rect() {
-                        Some(rect) => issue.at(rect.center().x, rect.center().y),
-                        None => issue,
-                    });
-                    let refused = RefusedFootprint {
-                        id,
-                        part_of: None,
-                        reason: defect.code().to_owned(),
-                        attributes: JsonMap::new(),
-                    };
-                    self.detection.layer.refused.push(refused);
-                }
-            }
-        }
-        kept
-    }
-
-    fn add(&mut self, buildings: Vec<(Polygon<f64>, Consensus)>) {
-        let ids = identity::ids(buildings.iter().map(|(polygon, _)| polygon));
-        let mut tracks = Tracks::default();
-        for (i, ((polygon, building), id)) in buildings.into_iter().zip(ids).enumerate() {
-            let sighting = self.sighting(&polygon, &building);
-            for &member in &building.members {
-                self.placed[member].building = Some(i);
-            }
-            if self.settings.outline == OutlineKind::Roof {
-                tracks.buildings.push(building.members.iter().map(|&m| self.tracks[m].clone()).collect());
-            }
-            self.detection.layer.footprints.push(footprint(id, polygon, &sighting));
-            self.detection.sightings.push(sighting);
-        }
-        self.detection.tracks = (self.settings.outline == OutlineKind::Roof).then_some(tracks);
-    }
-
-    fn sighting(&self, polygon: &Polygon<f64>, building: &Consensus) -> Sighting {
-        let views: Vec<usize> = building.members.iter().map(|&m| self.placed[m].view).collect();
-        let rings = std::iter::once(polygon.exterior()).chain(polygon.interiors());
-        let corners = rings.flat_map(|ring| &ring.0[..ring.0.len().saturating_sub(1)]);
-        let corner_sigma_m = corners
-            .map(|c| {
-                let z = self.terrain.height_at(c.x, c.y).unwrap_or_default();
-                let at = DVec3::new(c.x, c.y, z);
-                let errors: Vec<PlaceError> =
-                    views.iter().map(|&v| PlaceError::at(&self.views[v], at, self.settings.accuracy)).collect();
-                PlaceError::joint_sigma_m(&errors, self.settings.accuracy)
-            })
-            .collect();
-        // One view of one is weaker evidence than nine of nine.
-        let support = (building.n_views as f64 + 0.5) / (building.n_seen as f64 + 1.0);
-        Sighting {
-            n_views: building.n_views,
-            n_seen: building.n_seen,
-            agreement: building.agreement,
-            confidence: support.min(1.0) * building.agreement,
-            corner_sigma_m,
-            is_assembled: building.is_assembled,
-            change: None,
-        }
-    }
-}
-
-fn footprint(id: BuildingId, polygon: Polygon<f64>, sighting: &Sighting) -> Footprint {
-    let rounded = |v: f64| Value::from((v * 1e3).round() / 1e3);
-    let n = sighting.corner_sigma_m.len().max(1) as f64;
-    let sigma_m = (sighting.corner_sigma_m.iter().map(|s| s * s).sum::<f64>() / n).sqrt();
-    let attributes = [
-        ("footprint_n_views", Value::from(sighting.n_views)),
-        ("footprint_agreement", rounded(sighting.agreement)),
-        ("footprint_confidence", rounded(sighting.confidence)),
-        ("footprint_sigma_m", rounded(sigma_m)),
-    ];
-    let attributes = attributes.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
-    Footprint { id, part_of: None, polygon, attributes }
-}
-
 /// What was left out, in numbers: single ones are in the layer of candidates.
 fn tell(summary: &DetectionSummary, issues: &mut Vec<Issue>) {
     let mut note = |n: usize, code: &str, what: &str, hint: &str| {
@@ -464,54 +292,4 @@ fn tell(summary: &DetectionSummary, issues: &mut Vec<Issue>) {
         "are smaller than the least building",
         "lower `consensus.min_area_m2` to keep them",
     );
-}
-
-/// Lays roof outlines at the roofs' heights anew: `roof_z_m` per building of the layer, `None` leaves it as it is.
-/// Returns how far the corners' mean moved, metres, per building.
-///
-/// # Errors
-/// Never for tracks that [`detect`] made over the same views.
-pub fn move_roofs(
-    layer: &mut FootprintLayer,
-    tracks: &Tracks,
-    roof_z_m: &[Option<f64>],
-    views: &[View],
-    settings: DetectionSettings<'_>,
-) -> Vec<f64> {
-    let mut candidates = Vec::new();
-    let mut seen: Vec<SeenGround> = Vec::new();
-    let mut fixed = Vec::new();
-    for (i, (tracks, z)) in tracks.buildings.iter().zip(roof_z_m).enumerate() {
-        let Some(z) = z else { continue };
-        let first = candidates.len();
-        for track in tracks {
-            let view = &views[track.view];
-            let projector = Projector::new(view, Surface::Level(*z));
-            let (Some(shape), Some(area)) = (projector.shape(&track.shape_px), projector.seen(BORDER_PX)) else {
-                continue;
-            };
-            let Some(centre) = shape.centroid() else { continue };
-            let error = PlaceError::at(view, DVec3::new(centre.x(), centre.y(), *z), settings.accuracy);
-            let weight = error.sigma_m(settings.accuracy).powi(2).max(1e-6).recip();
-            candidates.push(Candidate { view: seen.len(), shape, weight, score: track.score, is_cut: track.is_cut });
-            seen.push(SeenGround { area });
-        }
-        if candidates.len() > first {
-            fixed.push((i, (first..candidates.len()).collect::<Vec<_>>()));
-        }
-    }
-    let drawn = consensus::draw_fixed(&fixed, &candidates, &seen, settings.consensus);
-    let rules =
-        Rules { grid_m: settings.consensus.grid_m, min_area_m2: settings.consensus.min_area_m2, max_area_change: 0.05 };
-    let mut moved = vec![0.0; layer.footprints.len()];
-    for (i, polygon) in drawn {
-        let Ok(cleaned) = clean::clean(&polygon, rules) else { continue };
-        let parts = cleaned.parts.into_iter();
-        let Some(largest) = parts.max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area())) else { continue };
-        let old = std::mem::replace(&mut layer.footprints[i].polygon, largest);
-        if let (Some(a), Some(b)) = (old.centroid(), layer.footprints[i].polygon.centroid()) {
-            moved[i] = (a.x() - b.x()).hypot(a.y() - b.y());
-        }
-    }
-    moved
 }
