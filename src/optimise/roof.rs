@@ -33,8 +33,6 @@ const TALLEST_M: f32 = 8.0;
 const N_RISES: usize = 5;
 /// Eaves tried for each rise.
 const N_EAVES: usize = 9;
-/// Views that all these are tried in; the best is settled and judged in all.
-const N_FIRST_VIEWS: usize = 8;
 /// A pitched roof is believed if its score beats the flat one's by so many standard errors over views, ...
 const MIN_STANDARD_ERRORS: f64 = 0.7;
 /// ... and by so much per view.
@@ -232,16 +230,14 @@ pub(super) fn find(
         |w: &Window| f64::from(config.local_agreement_weight + config.unmodelled_agreement_weight * w.unmodelled);
     let flat_scores: Vec<f64> =
         windows.iter().map(|(w, ..)| w.score(height_m, weight_of(w), Correlation::Linear)).collect();
-    let scores = |form: usize, eave_m: f32, rise_m: f32, every: usize| -> Vec<f64> {
+    let scores = |form: usize, eave_m: f32, rise_m: f32| -> Vec<f64> {
         windows
             .iter()
             .zip(&sampled)
-            .step_by(every)
             .map(|((w, ..), s)| w.score_where(weight_of(w), height_m, |depths| s.meets(form, eave_m, rise_m, depths)))
             .collect()
     };
-    let total = |form, eave_m, rise_m, every| scores(form, eave_m, rise_m, every).iter().sum::<f64>();
-    let every = windows.len().div_ceil(N_FIRST_VIEWS);
+    let total = |form, eave_m, rise_m| scores(form, eave_m, rise_m).iter().sum::<f64>();
     let mut best = (f64::NEG_INFINITY, None);
     for (form, shape) in shapes.iter().enumerate() {
         for rise_m in (1..=N_RISES).map(|i| shape.tallest_m() * i as f32 / N_RISES as f32) {
@@ -251,7 +247,7 @@ pub(super) fn find(
                 if eave_m <= 0.0 {
                     continue;
                 }
-                let total = total(form, eave_m, rise_m, every);
+                let total = total(form, eave_m, rise_m);
                 if total > best.0 {
                     best = (total, Some((form, eave_m, rise_m)));
                 }
@@ -261,21 +257,21 @@ pub(super) fn find(
     let (_, Some((form, mut eave_m, mut rise_m))) = best else { return None };
     // A pattern search settles the two numbers.
     let mut step_m = [0.5, 0.5 * shapes[form].tallest_m() / N_RISES as f32];
-    let mut best_total = total(form, eave_m, rise_m, 1);
+    let mut best_total = best.0;
     for _ in 0..4 {
         for (de, dr) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-0.5, 1.0), (0.5, -1.0)] {
             let (e, r) = (eave_m + de * step_m[0], rise_m + dr * step_m[1]);
             if !(0.0..=shapes[form].tallest_m()).contains(&r) || e <= 0.0 {
                 continue;
             }
-            let total = total(form, e, r, 1);
+            let total = total(form, e, r);
             if total > best_total {
                 (best_total, eave_m, rise_m) = (total, e, r);
             }
         }
         step_m = step_m.map(|s| 0.6 * s);
     }
-    let gains: Vec<f64> = scores(form, eave_m, rise_m, 1).iter().zip(&flat_scores).map(|(a, b)| a - b).collect();
+    let gains: Vec<f64> = scores(form, eave_m, rise_m).iter().zip(&flat_scores).map(|(a, b)| a - b).collect();
     let (eave_m, rise_m, mean) = (f64::from(eave_m), f64::from(rise_m), f64::from(shapes[form].mean));
     let roof = Roof { form: shapes[form].form, eave_m, ridge_m: eave_m + rise_m, mean_m: eave_m + mean * rise_m };
     is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS).then_some(roof)
