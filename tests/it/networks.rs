@@ -6,9 +6,11 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 use sizeup::camera::Camera;
 use sizeup::frames::Rigid;
+use sizeup::onnx::EngineConfig;
 use sizeup::prior::network::{NetworkConfig, NetworkPriors, inspect};
-use sizeup::prior::{CachedPriors, PriorCache, PriorError, PriorKind, PriorSource as _};
+use sizeup::prior::{CacheConfig, CachedPriors, PriorCache, PriorError, PriorKind, PriorSource as _};
 use sizeup::survey::View;
+use sizeup::terrain::Terrain;
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/onnx").join(name)
@@ -28,14 +30,14 @@ fn view(folder: &Path) -> View {
 }
 
 fn config(model: PathBuf, profile: &str) -> NetworkConfig {
-    NetworkConfig { model, profile: Some(profile.to_owned()), custom: None }
+    NetworkConfig { model, profile: Some(profile.to_owned()), custom: None, engine: EngineConfig::default(), cache: CacheConfig::default() }
 }
 
 #[test]
 fn a_graph_gives_depth_with_sky_left_out_and_the_cache_keeps_it() {
     let folder = tempfile::tempdir().unwrap();
     let view = view(folder.path());
-    let priors = NetworkPriors::new(config(fixture("depth_of_brightness.onnx"), "da3")).unwrap();
+    let priors = NetworkPriors::new(config(fixture("depth_of_brightness.onnx"), "da3-mono"), &[], &Terrain::Constant(0.0)).unwrap();
     let prior = priors.load(&view).unwrap();
     assert_eq!((prior.values.width(), prior.values.height()), (504, 252));
     assert_eq!(prior.kind, PriorKind::Depth);
@@ -49,7 +51,7 @@ fn a_graph_gives_depth_with_sky_left_out_and_the_cache_keeps_it() {
     assert!(prior.values[(400, 100)] < found);
 
     let cache = PriorCache::open(folder.path().join("cache"), 1 << 30).unwrap();
-    let cached = CachedPriors::new(priors, cache);
+    let cached = CachedPriors::new(priors, Some(cache));
     let (first, second) = (cached.load(&view).unwrap(), cached.load(&view).unwrap());
     assert_eq!(first.values[(500, 100)].to_bits(), second.values[(500, 100)].to_bits());
     assert_eq!(std::fs::read_dir(folder.path().join("cache")).unwrap().count(), 1);
@@ -57,10 +59,10 @@ fn a_graph_gives_depth_with_sky_left_out_and_the_cache_keeps_it() {
 
 #[test]
 fn inspection_says_which_profiles_fit() {
-    let found = inspect(&fixture("depth_of_brightness.onnx")).unwrap();
+    let found = inspect(&fixture("depth_of_brightness.onnx"), &EngineConfig::default()).unwrap();
     assert_eq!(found.inputs[0].shape, [None, Some(3), None, None]);
     let (da3, wiring) = &found.profiles[0];
-    assert_eq!(da3.name, "da3");
+    assert_eq!(da3.name, "da3-mono");
     assert_eq!(wiring.as_ref().unwrap().sky.as_deref(), Some("sky"));
 }
 
@@ -68,20 +70,20 @@ fn inspection_says_which_profiles_fit() {
 fn foreign_damaged_and_untagged_graphs_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let refused = |config: NetworkConfig, words: &str| {
-        let error = NetworkPriors::new(config).unwrap_err().to_string();
+        let error = NetworkPriors::new(config, &[], &Terrain::Constant(0.0)).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");
     };
-    refused(config(fixture("cubic_resize.onnx"), "da3"), "cubic");
-    refused(config(fixture("absent.onnx"), "da3"), "absent.onnx");
+    refused(config(fixture("cubic_resize.onnx"), "da3-mono"), "cubic");
+    refused(config(fixture("absent.onnx"), "da3-mono"), "absent.onnx");
     refused(config(fixture("depth_of_brightness.onnx"), "da4"), "depth-anything-v2");
     let mut bytes = std::fs::read(fixture("depth_of_brightness.onnx")).unwrap();
     bytes.truncate(bytes.len() / 2);
     let cut = folder.path().join("cut.onnx");
     std::fs::write(&cut, &bytes).unwrap();
-    refused(config(cut, "da3"), "cut.onnx");
+    refused(config(cut, "da3-mono"), "cut.onnx");
     let text = folder.path().join("text.onnx");
     std::fs::write(&text, "not a network").unwrap();
-    refused(config(text, "da3"), "ONNX file");
-    let untagged = NetworkConfig { model: fixture("depth_of_brightness.onnx"), profile: None, custom: None };
-    assert!(matches!(NetworkPriors::new(untagged), Err(PriorError::Config { .. })));
+    refused(config(text, "da3-mono"), "ONNX file");
+    let untagged = NetworkConfig { model: fixture("depth_of_brightness.onnx"), profile: None, custom: None, engine: EngineConfig::default(), cache: CacheConfig::default() };
+    assert!(matches!(NetworkPriors::new(untagged, &[], &Terrain::Constant(0.0)), Err(PriorError::Config { .. })));
 }

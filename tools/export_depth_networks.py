@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+"""Exports the real architectures of depth networks, with random weights, to ONNX: to try engines on, not to use.
+
+  depth-anything-v2-small.onnx   from transformers (DepthAnythingForDepthEstimation, the configuration of the small model)
+  da3-small.onnx                 from depth-anything-3 (its small any-view network, one photo), where that is installed
+
+The graphs take any multiple of 14 per side. Trained weights have their own licences and are not fetched here; the same
+export applies to a model that carries them.
+
+Usage: target/networks/bin/python tools/export_depth_networks.py [FOLDER], after `make deps-networks`
+"""
+import sys
+from pathlib import Path
+
+import torch
+
+
+def export(model, inputs, outputs, example, axes, path):
+    model.eval()
+    with torch.no_grad():
+        torch.onnx.export(model, example, str(path), input_names=inputs, output_names=outputs, dynamic_axes=axes,
+                          opset_version=16)
+    print(f"{path}: {sum(p.numel() for p in model.parameters()) / 1e6:.1f} million parameters")
+
+
+def depth_anything_v2(folder):
+    from transformers import DepthAnythingConfig, DepthAnythingForDepthEstimation, Dinov2Config
+
+    stages = ["stage3", "stage6", "stage9", "stage12"]
+    backbone = Dinov2Config(hidden_size=384, num_hidden_layers=12, num_attention_heads=6, image_size=518, patch_size=14,
+                            out_features=stages, reshape_hidden_states=False, apply_layernorm=True)
+    config = DepthAnythingConfig(backbone_config=backbone, reassemble_hidden_size=384, patch_size=14,
+                                 neck_hidden_sizes=[48, 96, 192, 384], fusion_hidden_size=64, head_hidden_size=32)
+    network = DepthAnythingForDepthEstimation(config)
+
+    class Bare(torch.nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.network = network
+
+        def forward(self, pixel_values):
+            return self.network(pixel_values=pixel_values).predicted_depth
+
+    axes = {"pixel_values": {0: "batch", 2: "height", 3: "width"}, "predicted_depth": {0: "batch", 1: "height", 2: "width"}}
+    export(Bare(), ["pixel_values"], ["predicted_depth"], torch.zeros(1, 3, 392, 518), axes,
+           folder / "depth-anything-v2-small.onnx")
+
+
+def depth_anything_3(folder):
+    from depth_anything_3.cfg import create_object, load_config
+    from depth_anything_3.registry import MODEL_REGISTRY
+
+    network = create_object(load_config(MODEL_REGISTRY["da3-small"]))
+
+    class OnePhoto(torch.nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.network = network
+
+        def forward(self, image):
+            return self.network(image[:, None])["depth"]
+
+    axes = {"image": {2: "height", 3: "width"}, "depth": {2: "height", 3: "width"}}
+    export(OnePhoto(), ["image"], ["depth"], torch.zeros(1, 3, 336, 504), axes, folder / "da3-small.onnx")
+
+
+if __name__ == "__main__":
+    target = Path(sys.argv[1] if len(sys.argv) > 1 else "target/networks/graphs")
+    target.mkdir(parents=True, exist_ok=True)
+    torch.manual_seed(1)
+    depth_anything_v2(target)
+    try:
+        depth_anything_3(target)
+    except ImportError as missing:
+        print(f"Depth Anything 3 is left out: {missing}")
