@@ -15,6 +15,16 @@ from pathlib import Path
 import torch
 
 
+def attention(query, key, value, attn_mask=None, dropout_p=0.0):
+    """What PyTorch 2 has as scaled_dot_product_attention; distributions still have PyTorch 1.13."""
+    weights = query @ key.transpose(-2, -1) / query.shape[-1] ** 0.5
+    return torch.softmax(weights if attn_mask is None else weights + attn_mask, dim=-1) @ value
+
+
+if not hasattr(torch.nn.functional, "scaled_dot_product_attention"):
+    torch.nn.functional.scaled_dot_product_attention = attention
+
+
 def export(model, inputs, outputs, example, axes, path):
     model.eval()
     with torch.no_grad():
@@ -25,7 +35,10 @@ def export(model, inputs, outputs, example, axes, path):
 
 def depth_anything_v2(folder):
     from transformers import DepthAnythingConfig, DepthAnythingForDepthEstimation, Dinov2Config
+    from transformers.models.depth_anything import modeling_depth_anything
 
+    # Its int() would write the example's size into the graph.
+    modeling_depth_anything.int = lambda value: value
     stages = ["stage3", "stage6", "stage9", "stage12"]
     backbone = Dinov2Config(hidden_size=384, num_hidden_layers=12, num_attention_heads=6, image_size=518, patch_size=14,
                             out_features=stages, reshape_hidden_states=False, apply_layernorm=True)

@@ -15,8 +15,14 @@ use super::{EngineConfig, Numbers, OnnxError, Port, Provider, Tensor};
 
 /// Where to look for the library if no configuration says so: known only to who may look at the surroundings.
 static CANDIDATES: OnceLock<Vec<PathBuf>> = OnceLock::new();
-/// The library in use and its environment, or why there is none.
-static LIBRARY: OnceLock<Result<(PathBuf, Environment), String>> = OnceLock::new();
+/// The library in use and its environment.
+static LIBRARY: Mutex<Option<&'static Library>> = Mutex::new(None);
+
+/// A library that is loaded, until the process ends.
+struct Library {
+    path: PathBuf,
+    environment: Environment,
+}
 
 /// Says where to look for the library. Only the first call counts.
 pub fn look_in(candidates: Vec<PathBuf>) {
@@ -28,21 +34,28 @@ pub fn look_in(candidates: Vec<PathBuf>) {
 /// # Errors
 /// [`OnnxError::NoRuntime`] if it is not found, too old, or another one is loaded already.
 pub fn library(config: &EngineConfig) -> Result<&'static Path, OnnxError> {
-    environment(config).map(|(path, _)| path.as_path())
+    loaded(config).map(|library| library.path.as_path())
 }
 
-fn environment(config: &EngineConfig) -> Result<&'static (PathBuf, Environment), OnnxError> {
-    let loaded = LIBRARY.get_or_init(|| load(config.library.as_deref()));
-    match (loaded, &config.library) {
-        (Err(reason), _) => Err(OnnxError::NoRuntime { reason: reason.clone() }),
-        (Ok((path, _)), Some(wanted)) if path != wanted => Err(OnnxError::NoRuntime {
-            reason: format!("{} is loaded already, and {} is wanted now", path.display(), wanted.display()),
-        }),
-        (Ok(loaded), _) => Ok(loaded),
+fn loaded(config: &EngineConfig) -> Result<&'static Library, OnnxError> {
+    let refuse = |reason: String| OnnxError::NoRuntime { reason };
+    let mut in_use = LIBRARY.lock().unwrap_or_else(PoisonError::into_inner);
+    match (*in_use, &config.library) {
+        (Some(library), Some(wanted)) if library.path != *wanted => Err(refuse(format!(
+            "{} is loaded already, and {} is wanted now",
+            library.path.display(),
+            wanted.display()
+        ))),
+        (Some(library), _) => Ok(library),
+        (None, wanted) => {
+            let library = &*Box::leak(Box::new(load(wanted.as_deref()).map_err(refuse)?));
+            *in_use = Some(library);
+            Ok(library)
+        }
     }
 }
 
-fn load(wanted: Option<&Path>) -> Result<(PathBuf, Environment), String> {
+fn load(wanted: Option<&Path>) -> Result<Library, String> {
     let (prefix, suffix) = (std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX);
     let of_system = PathBuf::from(format!("{prefix}onnxruntime{suffix}"));
     let places: Vec<PathBuf> = match wanted {
@@ -57,7 +70,7 @@ fn load(wanted: Option<&Path>) -> Result<(PathBuf, Environment), String> {
         match ort::init_from(&path) {
             Ok(builder) => {
                 let environment = builder.with_name("sizeup").build().map_err(|e| e.to_string())?;
-                return Ok((path, environment));
+                return Ok(Library { path, environment });
             }
             Err(error) => reasons.push(error.to_string()),
         }
@@ -74,10 +87,10 @@ pub(super) struct Graph {
 
 impl Graph {
     pub(super) fn open(path: &Path, config: &EngineConfig) -> Result<Self, OnnxError> {
-        let (_, environment) = environment(config)?;
+        let library = loaded(config)?;
         let open = || -> Result<Session, String> {
             let text = |e: &dyn std::fmt::Display| e.to_string();
-            let mut builder = Session::builder(environment).map_err(|e| text(&e))?;
+            let mut builder = Session::builder(&library.environment).map_err(|e| text(&e))?;
             // What goes wrong comes back as an error; the library's own talk about it is not for users.
             builder = builder.with_log_level(ort::logging::LogLevel::Fatal).map_err(|e| text(&e))?;
             if config.threads > 0 {
