@@ -147,7 +147,7 @@ networks() {
   say "installing transformers $TRANSFORMERS and depth-anything-3 $DEPTH_ANYTHING_3 into $folder"
   /usr/bin/python3 -m venv --system-site-packages "$folder"
   "$folder/bin/pip" install --quiet --disable-pip-version-check "transformers==$TRANSFORMERS" "onnx==$ONNX" "numpy<2" \
-    "opencv-python-headless<4.12" einops omegaconf addict
+    "opencv-python-headless<4.12" einops omegaconf addict "onnxruntime==$ONNXRUNTIME"
   # Its requirements include viewers and point-cloud libraries that exporting does not touch.
   "$folder/bin/pip" install --quiet --disable-pip-version-check --no-deps "depth-anything-3==$DEPTH_ANYTHING_3" ||
     say "depth-anything-3 could not be installed: only Depth Anything V2 is exported"

@@ -2,9 +2,11 @@
 """Exports the real architectures of depth networks, with random weights, to ONNX: to try engines on, not to use.
 
   depth-anything-v2-small.onnx   from transformers (DepthAnythingForDepthEstimation, the configuration of the small model)
+  depth-anything-v2-small-392x518.onnx  the same for photos of 4:3 alone, with everything folded that then is constant
   da3-small.onnx                 from depth-anything-3 (its small any-view network, one photo), where that is installed
+  da3-small-336x504.onnx         the same for photos of 3:2
 
-The graphs take any multiple of 14 per side. Trained weights have their own licences and are not fetched here; the same
+The others take any multiple of 14 per side. Trained weights have their own licences and are not fetched here; the same
 export applies to a model that carries them.
 
 Usage: target/networks/bin/python tools/export_depth_networks.py [FOLDER], after `make deps-networks`
@@ -21,6 +23,14 @@ def attention(query, key, value, attn_mask=None, dropout_p=0.0):
     return torch.softmax(weights if attn_mask is None else weights + attn_mask, dim=-1) @ value
 
 
+def grid(rows, columns):
+    """What ONNX has no operator for: torch.cartesian_prod of two."""
+    first = rows.reshape(-1, 1) + 0 * columns.reshape(1, -1)
+    second = 0 * rows.reshape(-1, 1) + columns.reshape(1, -1)
+    return torch.stack([first.reshape(-1), second.reshape(-1)], dim=-1)
+
+
+torch.cartesian_prod = grid
 if not hasattr(torch.nn.functional, "scaled_dot_product_attention"):
     torch.nn.functional.scaled_dot_product_attention = attention
 
@@ -33,18 +43,30 @@ def export(model, inputs, outputs, example, axes, path):
     print(f"{path}: {sum(p.numel() for p in model.parameters()) / 1e6:.1f} million parameters")
 
 
+def fold(graph, folded):
+    """Computes what does not depend on the photo once and for all: above all the cubic resizing of position embeddings,
+    which leaves graphs of a fixed size without anything that sizeup's embedded engine refuses."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_BASIC
+    options.optimized_model_filepath = str(folded)
+    onnxruntime.InferenceSession(str(graph), options, providers=["CPUExecutionProvider"])
+    graph.unlink()
+    print(f"{folded}: folded")
+
+
 def depth_anything_v2(folder):
     from transformers import DepthAnythingConfig, DepthAnythingForDepthEstimation, Dinov2Config
     from transformers.models.depth_anything import modeling_depth_anything
-
-    # Its int() would write the example's size into the graph.
-    modeling_depth_anything.int = lambda value: value
     stages = ["stage3", "stage6", "stage9", "stage12"]
     backbone = Dinov2Config(hidden_size=384, num_hidden_layers=12, num_attention_heads=6, image_size=518, patch_size=14,
                             out_features=stages, reshape_hidden_states=False, apply_layernorm=True)
     config = DepthAnythingConfig(backbone_config=backbone, reassemble_hidden_size=384, patch_size=14,
                                  neck_hidden_sizes=[48, 96, 192, 384], fusion_hidden_size=64, head_hidden_size=32)
     network = DepthAnythingForDepthEstimation(config)
+    # From here on: int() would write the example's size into the graph.
+    modeling_depth_anything.int = lambda value: value
 
     class Bare(torch.nn.Module):
         def __init__(self):
@@ -55,8 +77,10 @@ def depth_anything_v2(folder):
             return self.network(pixel_values=pixel_values).predicted_depth
 
     axes = {"pixel_values": {0: "batch", 2: "height", 3: "width"}, "predicted_depth": {0: "batch", 1: "height", 2: "width"}}
-    export(Bare(), ["pixel_values"], ["predicted_depth"], torch.zeros(1, 3, 392, 518), axes,
-           folder / "depth-anything-v2-small.onnx")
+    example = torch.zeros(1, 3, 392, 518)
+    export(Bare(), ["pixel_values"], ["predicted_depth"], example, axes, folder / "depth-anything-v2-small.onnx")
+    export(Bare(), ["pixel_values"], ["predicted_depth"], example, None, folder / "fixed.onnx")
+    fold(folder / "fixed.onnx", folder / "depth-anything-v2-small-392x518.onnx")
 
 
 def depth_anything_3(folder):
@@ -74,7 +98,10 @@ def depth_anything_3(folder):
             return self.network(image[:, None])["depth"]
 
     axes = {"image": {2: "height", 3: "width"}, "depth": {2: "height", 3: "width"}}
-    export(OnePhoto(), ["image"], ["depth"], torch.zeros(1, 3, 336, 504), axes, folder / "da3-small.onnx")
+    example = torch.zeros(1, 3, 336, 504)
+    export(OnePhoto(), ["image"], ["depth"], example, axes, folder / "da3-small.onnx")
+    export(OnePhoto(), ["image"], ["depth"], example, None, folder / "fixed.onnx")
+    fold(folder / "fixed.onnx", folder / "da3-small-336x504.onnx")
 
 
 if __name__ == "__main__":

@@ -129,7 +129,11 @@ fn print_table(inspection: &Inspection) {
         EngineChoice::OnnxRuntime => "ONNX Runtime",
         EngineChoice::Auto | EngineChoice::Rten => "the embedded engine",
     };
-    println!("runs in {engine}; operators of version {}, {} nodes", outline.opset, outline.operators.values().sum::<usize>());
+    println!(
+        "runs in {engine}; operators of version {}, {} nodes",
+        outline.opset,
+        outline.operators.values().sum::<usize>()
+    );
     for file in &outline.external_files {
         println!("weights in {}", file.display());
     }

@@ -6,8 +6,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-use ort::ep::{self, ExecutionProviderDispatch};
 use ort::environment::Environment;
+use ort::ep::{self, ExecutionProviderDispatch};
 use ort::session::{Session, SessionInputValue};
 use ort::value::{DynValue, TensorElementType, ValueType};
 
@@ -41,11 +41,9 @@ fn loaded(config: &EngineConfig) -> Result<&'static Library, OnnxError> {
     let refuse = |reason: String| OnnxError::NoRuntime { reason };
     let mut in_use = LIBRARY.lock().unwrap_or_else(PoisonError::into_inner);
     match (*in_use, &config.library) {
-        (Some(library), Some(wanted)) if library.path != *wanted => Err(refuse(format!(
-            "{} is loaded already, and {} is wanted now",
-            library.path.display(),
-            wanted.display()
-        ))),
+        (Some(library), Some(wanted)) if library.path != *wanted => {
+            Err(refuse(format!("{} is loaded already, and {} is wanted now", library.path.display(), wanted.display())))
+        }
         (Some(library), _) => Ok(library),
         (None, wanted) => {
             let library = &*Box::leak(Box::new(load(wanted.as_deref()).map_err(refuse)?));

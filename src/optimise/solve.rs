@@ -160,8 +160,7 @@ impl<'a> State<'a> {
         let bounds = self.problem.scene.bounds;
         match self.config.preset {
             Preset::Paper => {
-                self.heights_m =
-                    initial_heights(self.problem.seed, bounds.min_m, bounds.max_m, self.heights_m.len());
+                self.heights_m = initial_heights(self.problem.seed, bounds.min_m, bounds.max_m, self.heights_m.len());
             }
             Preset::Robust => {
                 for (b, height_m) in self.heights_m.iter_mut().enumerate() {

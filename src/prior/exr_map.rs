@@ -61,7 +61,9 @@ fn choose<'a>(names: &'a [String], key: Option<&str>) -> Result<&'a str, String>
 mod tests {
     use std::io::Cursor;
 
-    use exr::prelude::{AnyChannel, AnyChannels, Encoding, Image, Layer, LayerAttributes, SmallVec, WritableImage as _};
+    use exr::prelude::{
+        AnyChannel, AnyChannels, Encoding, Image, Layer, LayerAttributes, SmallVec, WritableImage as _,
+    };
     use proptest::prelude::*;
 
     use super::*;
@@ -69,12 +71,8 @@ mod tests {
     fn exr(channels: &[(&str, FlatSamples)]) -> Vec<u8> {
         let list: SmallVec<[AnyChannel<FlatSamples>; 4]> =
             channels.iter().map(|(name, samples)| AnyChannel::new(*name, samples.clone())).collect();
-        let layer = Layer::new(
-            (3, 2),
-            LayerAttributes::named("depth"),
-            Encoding::SMALL_LOSSLESS,
-            AnyChannels::sort(list),
-        );
+        let layer =
+            Layer::new((3, 2), LayerAttributes::named("depth"), Encoding::SMALL_LOSSLESS, AnyChannels::sort(list));
         let mut bytes = Cursor::new(Vec::new());
         Image::from_layer(layer).write().to_buffered(&mut bytes).unwrap();
         bytes.into_inner()

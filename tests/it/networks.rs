@@ -30,14 +30,22 @@ fn view(folder: &Path) -> View {
 }
 
 fn config(model: PathBuf, profile: &str) -> NetworkConfig {
-    NetworkConfig { model, profile: Some(profile.to_owned()), custom: None, engine: EngineConfig::default(), cache: CacheConfig::default() }
+    NetworkConfig {
+        model,
+        profile: Some(profile.to_owned()),
+        custom: None,
+        engine: EngineConfig::default(),
+        cache: CacheConfig::default(),
+    }
 }
 
 #[test]
 fn a_graph_gives_depth_with_sky_left_out_and_the_cache_keeps_it() {
     let folder = tempfile::tempdir().unwrap();
     let view = view(folder.path());
-    let priors = NetworkPriors::new(config(fixture("depth_of_brightness.onnx"), "da3-mono"), &[], &Terrain::Constant(0.0)).unwrap();
+    let priors =
+        NetworkPriors::new(config(fixture("depth_of_brightness.onnx"), "da3-mono"), &[], &Terrain::Constant(0.0))
+            .unwrap();
     let prior = priors.load(&view).unwrap();
     assert_eq!((prior.values.width(), prior.values.height()), (504, 252));
     assert_eq!(prior.kind, PriorKind::Depth);
@@ -87,7 +95,13 @@ fn foreign_damaged_and_untagged_graphs_are_refused() {
     let text = folder.path().join("text.onnx");
     std::fs::write(&text, "not a network").unwrap();
     refused(config(text, "da3-mono"), "ONNX file");
-    let untagged = NetworkConfig { model: fixture("depth_of_brightness.onnx"), profile: None, custom: None, engine: EngineConfig::default(), cache: CacheConfig::default() };
+    let untagged = NetworkConfig {
+        model: fixture("depth_of_brightness.onnx"),
+        profile: None,
+        custom: None,
+        engine: EngineConfig::default(),
+        cache: CacheConfig::default(),
+    };
     assert!(matches!(NetworkPriors::new(untagged, &[], &Terrain::Constant(0.0)), Err(PriorError::Config { .. })));
 }
 
@@ -113,8 +127,8 @@ fn both_engines_compute_the_same() {
     let embedded = EngineConfig { name: EngineChoice::Rten, threads: 1, ..EngineConfig::default() };
     let graphs = [
         ("depth_of_brightness.onnx", vec![1, 3, 28, 42]),
-        ("fpsam_texture.onnx", vec![1, 3, 112, 112]),
-        ("fpsam_geometry.onnx", vec![1, 3, 112, 112]),
+        ("fpsam_texture.onnx", vec![1, 3, 64, 64]),
+        ("fpsam_geometry.onnx", vec![1, 3, 64, 64]),
     ];
     for (name, shape) in graphs {
         let [one, other] = [&embedded, &runtime].map(|engine| Network::open_with(&fixture(name), engine).unwrap());

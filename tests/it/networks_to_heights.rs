@@ -108,7 +108,8 @@ fn copy_of_scene() -> TempDir {
 fn entries(folder: &Path) -> Vec<PathBuf> {
     let Ok(found) = fs::read_dir(folder.join("prior-cache")) else { return Vec::new() };
     let paths = found.map(|entry| entry.unwrap().path());
-    paths.filter(|path| path.extension().is_some_and(|e| e == "prior")).collect()
+    let is_unfinished = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().starts_with(".partial-");
+    paths.filter(|path| !is_unfinished(path)).collect()
 }
 
 fn compute(folder: &Path) -> Value {

@@ -208,7 +208,11 @@ impl NetworkPriors {
             .collect();
         let results = {
             let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
-            self.network.run_many(&given, &wanted)?
+            // On a thread outside any pool: an engine with a pool of its own would let this thread, if it is a pool's,
+            // take up the next view meanwhile, and that one would wait for the turn that this one has.
+            let run = || self.network.run_many(&given, &wanted);
+            std::thread::scope(|scope| scope.spawn(run).join())
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic))?
         };
         let form = |name: &str| if name == self.wiring.output { self.profile.form } else { Form::Map };
         let maps = results.into_iter().zip(wanted).map(|(tensor, name)| {

@@ -206,9 +206,10 @@ impl Profile {
     /// # Errors
     /// What does not fit, in one sentence.
     pub fn wire(&self, inputs: &[Port], outputs: &[Port]) -> Result<Wiring, String> {
-        let input = inputs.iter().find(|port| self.inputs.contains(&port.name)).ok_or_else(|| {
-            format!("expected an input named {}, found {}", self.inputs.join(" or "), names(inputs))
-        })?;
+        let input = inputs
+            .iter()
+            .find(|port| self.inputs.contains(&port.name))
+            .ok_or_else(|| format!("expected an input named {}, found {}", self.inputs.join(" or "), names(inputs)))?;
         let is_image = matches!(input.shape.len(), 4 | 5)
             && input.shape[input.shape.len() - 3].is_none_or(|n| n == 3)
             && input.numbers != Numbers::Other;
@@ -222,9 +223,8 @@ impl Profile {
         let pick = |wanted: &[String], ports: &[Port]| {
             ports.iter().find(|port| wanted.contains(&port.name)).map(|port| port.name.clone())
         };
-        let of_company = |names: fn(&Company) -> &[String]| {
-            self.company.as_ref().and_then(|company| pick(names(company), inputs))
-        };
+        let of_company =
+            |names: fn(&Company) -> &[String]| self.company.as_ref().and_then(|company| pick(names(company), inputs));
         let extrinsics = of_company(|c| &c.extrinsics);
         let intrinsics = of_company(|c| &c.intrinsics);
         let is_fed = |port: &Port| {
@@ -307,7 +307,10 @@ mod tests {
         assert!(of("da3-mono", &[image(&[any, Some(2), Some(3), any, any])], &["depth"]).is_err());
         let moge = [image(&[any, Some(3), any, any]), Port::floats("num_tokens", &[])];
         let wiring = of("moge", &moge, &["points", "normal", "mask", "metric_scale"]).unwrap();
-        assert_eq!((wiring.constants.as_slice(), wiring.mask.as_deref()), (&["num_tokens".to_owned()][..], Some("mask")));
+        assert_eq!(
+            (wiring.constants.as_slice(), wiring.mask.as_deref()),
+            (&["num_tokens".to_owned()][..], Some("mask"))
+        );
         assert!(of("depth-anything-v2", &moge, &["depth"]).unwrap_err().contains("num_tokens"));
         let pixels = [Port::floats("pixel_values", &[any, Some(3), any, any])];
         assert!(of("depth-pro", &pixels, &["predicted_depth", "focallength_px"]).is_ok());

@@ -126,7 +126,12 @@ impl StereoPriors {
     pub fn new(config: StereoConfig, views: &[View], terrain: &Terrain) -> Result<Self, PriorError> {
         config.check()?;
         let views = views.iter().filter(|view| view.image.is_some()).cloned().collect();
-        Ok(Self { config, survey: Neighbours::new(views, terrain), terrain: terrain.clone(), pictures: Mutex::default() })
+        Ok(Self {
+            config,
+            survey: Neighbours::new(views, terrain),
+            terrain: terrain.clone(),
+            pictures: Mutex::default(),
+        })
     }
 
     fn plan(&self, view: &View) -> Result<Plan<'_>, PriorError> {

@@ -53,12 +53,7 @@ impl Levels {
 
 /// The planes of a view, `None` if it has no ground in sight. Their ends are whole metres: a part of a terrain model
 /// gives the same ones as the whole, most of the time.
-pub(super) fn levels(
-    reference: &Ideal,
-    others: &[Ideal],
-    terrain: &Terrain,
-    config: &StereoConfig,
-) -> Option<Levels> {
+pub(super) fn levels(reference: &Ideal, others: &[Ideal], terrain: &Terrain, config: &StereoConfig) -> Option<Levels> {
     let (lowest, highest) = ground_in_sight(reference, terrain)?;
     let camera_z = reference.camera_from_map.centre().z;
     let from_m = (lowest - config.below_ground_m).floor();
