@@ -23,14 +23,19 @@ def attention(query, key, value, attn_mask=None, dropout_p=0.0):
     return torch.softmax(weights if attn_mask is None else weights + attn_mask, dim=-1) @ value
 
 
-def grid(rows, columns):
-    """What ONNX has no operator for: torch.cartesian_prod of two."""
-    first = rows.reshape(-1, 1) + 0 * columns.reshape(1, -1)
-    second = 0 * rows.reshape(-1, 1) + columns.reshape(1, -1)
-    return torch.stack([first.reshape(-1), second.reshape(-1)], dim=-1)
+def meshgrid(first, second, indexing="ij"):
+    """torch.meshgrid of two, in operators that PyTorch 1.13 exports."""
+    if indexing == "xy":
+        return tuple(reversed(meshgrid(second, first)))
+    return first.reshape(-1, 1) + 0 * second.reshape(1, -1), 0 * first.reshape(-1, 1) + second.reshape(1, -1)
 
 
-torch.cartesian_prod = grid
+def cartesian_prod(first, second):
+    """What ONNX has no operator for."""
+    return torch.stack([axis.reshape(-1) for axis in meshgrid(first, second)], dim=-1)
+
+
+torch.meshgrid, torch.cartesian_prod = meshgrid, cartesian_prod
 if not hasattr(torch.nn.functional, "scaled_dot_product_attention"):
     torch.nn.functional.scaled_dot_product_attention = attention
 

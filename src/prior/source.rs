@@ -99,6 +99,12 @@ impl Priors {
         }
     }
 
+    /// Whether priors that were used are read, not computed, when they are asked for again.
+    #[must_use]
+    pub fn are_at_hand(&self) -> bool {
+        matches!(self, Self::Files(_)) || self.has_cache()
+    }
+
     /// Whether a view's prior need not be computed any more: it is in a file, or in the cache.
     ///
     /// # Errors
