@@ -183,7 +183,7 @@ pub struct Network {
 
 #[derive(Debug)]
 enum Graph {
-    Embedded(embedded::Graph),
+    Embedded(Box<embedded::Graph>),
     Runtime(runtime::Graph),
 }
 
@@ -202,7 +202,7 @@ impl Network {
     /// [`OnnxError`] but for those of running.
     pub fn open_with(path: &Path, config: &EngineConfig) -> Result<Self, OnnxError> {
         let outline = Outline::read(path)?;
-        let embedded = || embedded::Graph::open(path, &outline, config).map(Graph::Embedded);
+        let embedded = || embedded::Graph::open(path, &outline, config).map(|graph| Graph::Embedded(Box::new(graph)));
         let runtime = || runtime::Graph::open(path, config).map(Graph::Runtime);
         // What only ONNX Runtime has is asked for by asking for it.
         let wants_runtime = config.name == EngineChoice::OnnxRuntime

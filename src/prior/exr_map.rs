@@ -1,4 +1,4 @@
-//! OpenEXR depth maps, as renderers and some networks write them: one channel of floats in the first flat layer.
+//! `OpenEXR` depth maps, as renderers and some networks write them: one channel of floats in the first flat layer.
 
 use std::io::{Read, Seek};
 

@@ -59,7 +59,7 @@ impl Neighbours {
 }
 
 /// One after the other, each for what it adds to those before it.
-fn most_useful<'a>(mut candidates: Vec<(&'a View, Vec<f64>)>, n_places: usize, n: usize) -> Vec<&'a View> {
+fn most_useful(mut candidates: Vec<(&View, Vec<f64>)>, n_places: usize, n: usize) -> Vec<&View> {
     let mut chosen = Vec::with_capacity(n);
     let mut covered = vec![0.0_f64; n_places];
     while chosen.len() < n && !candidates.is_empty() {

@@ -21,7 +21,7 @@ pub enum PriorConfig {
     /// Maps that somebody else computed, one file per photo.
     Files(FilePriorConfig),
     /// A depth network as an ONNX file.
-    Network(NetworkConfig),
+    Network(Box<NetworkConfig>),
     /// No network at all: the photos matched with each other.
     Stereo(StereoConfig),
 }
@@ -45,9 +45,11 @@ impl PriorConfig {
     /// [`PriorError`] for settings that cannot work.
     pub fn open(&self, views: &[View], terrain: &Terrain) -> Result<Priors, PriorError> {
         Ok(match self {
-            Self::Files(config) => Priors::Files(FilePriors::new(config.clone(), views.iter().map(|v| &v.id))?),
+            Self::Files(config) => {
+                Priors::Files(Box::new(FilePriors::new(config.clone(), views.iter().map(|v| &v.id))?))
+            }
             Self::Network(config) => {
-                let network = NetworkPriors::new(config.clone(), views, terrain)?;
+                let network = NetworkPriors::new((**config).clone(), views, terrain)?;
                 Priors::Network(Box::new(CachedPriors::new(network, config.cache.open()?)))
             }
             Self::Stereo(config) => {
@@ -61,7 +63,7 @@ impl PriorConfig {
 /// The priors of one survey.
 pub enum Priors {
     /// From files.
-    Files(FilePriors),
+    Files(Box<FilePriors>),
     /// From a network.
     Network(Box<CachedPriors<NetworkPriors>>),
     /// From the photos alone.

@@ -102,7 +102,7 @@ fn letterbox(profile: &Profile, photo: &Raster<Rgb>, rows: usize, columns: usize
     let cut = Cut { col: (columns - width) / 2, row: (rows - height) / 2, columns: width, rows: height };
     let small = resize::linear(photo, width, height);
     // Borders go into a picture of bytes, as their authors' code does it.
-    let pad = profile.pad.map(|v| v.round_ties_even());
+    let pad = profile.pad.map(f32::round_ties_even);
     let pixel = |i: usize| {
         let (col, row) = ((i % columns).checked_sub(cut.col), (i / columns).checked_sub(cut.row));
         match col.zip(row).and_then(|(col, row)| small.get(col, row)) {

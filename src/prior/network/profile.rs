@@ -18,7 +18,7 @@ pub enum Fit {
     /// Shorter side to at least `side_px`, each side rounded to a multiple, one cubic resize on fractions
     /// (Depth Anything V2, `lower_bound`).
     ShortestSide,
-    /// Largest that fits into `size_px`, linear on bytes, with `pad` around it; the result is cut accordingly (Metric3D).
+    /// Largest that fits into `size_px`, linear on bytes, with `pad` around it; the result is cut accordingly (`Metric3D`).
     Letterbox,
     /// To `size_px` whatever its aspect, linear on normalised values (Depth Pro).
     Stretch,

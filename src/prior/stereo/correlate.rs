@@ -334,7 +334,7 @@ mod tests {
         let mut strip = Strip::new(&windows, 15..21, 1);
         strip.forget();
         strip.compare(&Neighbour::new(&b), &DMat3::IDENTITY);
-        let mut costs = vec![0; 6 * 33];
+        let mut costs = [0; 6 * 33];
         strip.write_costs(costs.iter_mut());
         for (col, row) in [(0, 15), (16, 15), (29, 17), (5, 16)] {
             let (found, expected) = (score(costs[(row - 15) * 33 + col]), expected(&a, &b, col, row, 2));
@@ -352,7 +352,7 @@ mod tests {
         strip.forget();
         let half = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(0.5, 0.0, 1.0));
         strip.compare(&Neighbour::new(&grey(20, 9, noise)), &half);
-        let mut costs = vec![9; 40];
+        let mut costs = [9; 40];
         strip.write_costs(costs.iter_mut());
         assert!(costs[2..17].iter().all(|cost| *cost == 0), "{costs:?}");
     }
