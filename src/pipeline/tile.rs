@@ -17,7 +17,7 @@ use crate::config::RunConfig;
 use crate::footprint::{FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint};
 use crate::ids::ViewId;
 use crate::issue::Issue;
-use crate::optimise::{Solution, solve};
+use crate::optimise::solve;
 use crate::output::fallback;
 use crate::output::{BuildingRecord, InputFile, Lineage, sha256_hex};
 use crate::prior::Priors;
