@@ -3,10 +3,9 @@
 
   depth-anything-v2-small.onnx   from transformers (DepthAnythingForDepthEstimation, the configuration of the small model)
   depth-anything-v2-small-392x518.onnx  the same for photos of 4:3 alone, with everything folded that then is constant
-  da3-small.onnx                 from depth-anything-3 (its small any-view network, one photo), where that is installed
-  da3-small-336x504.onnx         the same for photos of 3:2
+  da3-small-378x504.onnx         from depth-anything-3 (its small any-view network, one photo of 4:3), where that is installed
 
-The others take any multiple of 14 per side. Trained weights have their own licences and are not fetched here; the same
+The first takes any multiple of 14 per side. Trained weights have their own licences and are not fetched here; the same
 export applies to a model that carries them.
 
 Usage: target/networks/bin/python tools/export_depth_networks.py [FOLDER], after `make deps-networks`
@@ -102,11 +101,9 @@ def depth_anything_3(folder):
         def forward(self, image):
             return self.network(image[:, None])["depth"]
 
-    axes = {"image": {2: "height", 3: "width"}, "depth": {2: "height", 3: "width"}}
-    example = torch.zeros(1, 3, 336, 504)
-    export(OnePhoto(), ["image"], ["depth"], example, axes, folder / "da3-small.onnx")
-    export(OnePhoto(), ["image"], ["depth"], example, None, folder / "fixed.onnx")
-    fold(folder / "fixed.onnx", folder / "da3-small-336x504.onnx")
+    # Its position embeddings are traced for the example's size whatever is declared free, so the size is fixed.
+    export(OnePhoto(), ["image"], ["depth"], torch.zeros(1, 3, 378, 504), None, folder / "fixed.onnx")
+    fold(folder / "fixed.onnx", folder / "da3-small-378x504.onnx")
 
 
 if __name__ == "__main__":

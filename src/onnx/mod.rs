@@ -58,7 +58,11 @@ pub enum OnnxError {
         present: Vec<String>,
     },
     /// It stopped while running.
-    #[error("the network {} failed: {reason}", path.display())]
+    #[error(
+        "the network {} failed: {reason}\n\
+         hint: a graph that was traced with one size of photo may take no other, whatever it declares: export it with that size fixed",
+        path.display()
+    )]
     Run {
         /// The file.
         path: PathBuf,
