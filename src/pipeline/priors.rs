@@ -81,6 +81,7 @@ fn selected<'a>(config: &RunConfig, survey: &'a Survey, stage: &SceneStage) -> V
         scene: &stage.scene,
         views: &views,
         load_prior: &|_| Err("no prior is asked for".to_owned()),
+        start_m: &[],
         seed: config.seed,
         progress: &|_, _, _| {},
     };
