@@ -60,7 +60,8 @@ pub enum OnnxError {
     /// It stopped while running.
     #[error(
         "the network {} failed: {reason}\n\
-         hint: a graph that was traced with one size of photo may take no other, whatever it declares: export it with that size fixed",
+         hint: a graph that was traced with one size of photo may take no other, whatever it declares: export it with that size \
+         fixed; what the embedded engine cannot run, `engine.name = \"onnxruntime\"` may",
         path.display()
     )]
     Run {
