@@ -23,7 +23,7 @@ use glam::DVec2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use self::picture::{Ideal, Picture};
+use self::picture::Ideal;
 use self::sweep::Levels;
 use super::neighbours::Neighbours;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
