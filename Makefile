@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps deps-test deps-python deps-qgis deps-web deps-batch demo test lint bench accuracy-footprints docs schemas clean
+.PHONY: help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-networks networks demo test lint bench accuracy-footprints docs schemas clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -27,6 +27,15 @@ deps-web: ## Install a browser and validators of 3D Tiles (500 MB), so that the 
 
 deps-batch: ## Install Snakemake into target/batch, so that the tests that run cities through it run too
 	@tools/deps.sh batch
+
+deps-onnxruntime: ## Fetch ONNX Runtime's library into target/onnxruntime: faster, and for graphs the embedded engine cannot run
+	@tools/deps.sh onnxruntime
+
+deps-networks: ## Install PyTorch and what exports the real architectures of depth networks, into target/networks
+	@tools/deps.sh networks
+
+networks: deps-networks ## Export real architectures with random weights into target/networks/graphs, to try engines on
+	target/networks/bin/python tools/export_depth_networks.py target/networks/graphs
 
 demo: deps ## Build, simulate a small town, find its heights, and show the result
 	$(CARGO) build --release --locked

@@ -6,6 +6,9 @@
 #   tools/deps.sh docs    Python, which writes docs/reference.md
 #   tools/deps.sh python trimesh, shapely and scipy in target/python; without them the tests that need them say "skipped"
 #   tools/deps.sh qgis    QGIS alone: 220 MB to load, 1 GB on disk; without it the tests that need it say "skipped"
+#   tools/deps.sh onnxruntime ONNX Runtime's shared library in target/onnxruntime (24 MB to load); without it networks run in
+#                         the embedded engine, and the tests that compare the two say "skipped"
+#   tools/deps.sh networks PyTorch and transformers (500 MB on disk), which export real architectures with random weights
 #   tools/deps.sh batch   Snakemake with its plugins for Slurm and Kubernetes, in target/batch, some 300 MB; likewise
 #   tools/deps.sh web     Node.js, a browser and what drives it, CesiumJS and validators of 3D Tiles, some 500 MB; likewise
 #
@@ -14,6 +17,7 @@ set -euo pipefail
 
 readonly MIN_RUST=94 # Rust 1.94
 readonly SNAKEMAKE=9.27.1 SNAKEMAKE_SLURM=2.8.0 SNAKEMAKE_KUBERNETES=0.5.1
+readonly ONNXRUNTIME=1.31.1 TRANSFORMERS=4.48.3 ONNX=1.17.0 DEPTH_ANYTHING_3=0.1.1
 readonly CJIO=0.10.1 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1 PLAYWRIGHT=1.65.1
 tools="$(cd "$(dirname "$0")/.." && pwd)/target/tools"
 readonly tools
@@ -107,6 +111,48 @@ python_tools() {
   "$folder/bin/pip" install --quiet numpy==2.4.6 scipy==1.17.1 shapely==2.2.0 trimesh==5.2.0 rtree==1.4.1
 }
 
+onnxruntime() {
+  local folder=target/onnxruntime
+  [ -e "$folder/$ONNXRUNTIME" ] && return 0
+  python3 -c 'import ensurepip' 2>/dev/null || install_packages python3 python3-venv
+  say "fetching ONNX Runtime $ONNXRUNTIME into $folder"
+  local wheel
+  wheel=$(mktemp -d)
+  # A Python of its own: the system's may have no pip.
+  python3 -m venv "$wheel/python"
+  "$wheel/python/bin/pip" download --quiet --disable-pip-version-check --no-deps --only-binary :all: --dest "$wheel" \
+    "onnxruntime==$ONNXRUNTIME"
+  mkdir -p "$folder"
+  # The library alone, under the name that it is looked for; the wheel's other parts are for Python.
+  python3 - "$wheel"/*.whl "$folder" <<'PYTHON'
+import pathlib, re, sys, zipfile
+wheel, folder = sys.argv[1:]
+with zipfile.ZipFile(wheel) as files:
+    [name] = [n for n in files.namelist() if re.search(r"/capi/(libonnxruntime\.so\.[0-9.]+|libonnxruntime\.[0-9.]+\.dylib)$", n)]
+    library = "libonnxruntime.so" if ".so" in name else "libonnxruntime.dylib"
+    pathlib.Path(folder, library).write_bytes(files.read(name))
+    for name in files.namelist():
+        if re.search(r"^onnxruntime/(LICENSE|ThirdPartyNotices.txt)$", name):
+            pathlib.Path(folder, pathlib.Path(name).name).write_bytes(files.read(name))
+PYTHON
+  rm -rf "$wheel"
+  touch "$folder/$ONNXRUNTIME"
+}
+
+networks() {
+  local folder=target/networks
+  "$folder/bin/python" -c 'import torch, transformers, onnx, einops, omegaconf' 2>/dev/null && return 0
+  # Debian's PyTorch: PyPI's for Linux comes with some gigabytes for GPUs.
+  /usr/bin/python3 -c 'import torch, ensurepip' 2>/dev/null || install_packages python3-torch python3-venv
+  say "installing transformers $TRANSFORMERS and depth-anything-3 $DEPTH_ANYTHING_3 into $folder"
+  /usr/bin/python3 -m venv --system-site-packages "$folder"
+  "$folder/bin/pip" install --quiet --disable-pip-version-check "transformers==$TRANSFORMERS" "onnx==$ONNX" "numpy<2" \
+    "opencv-python-headless<4.12" einops omegaconf addict "onnxruntime==$ONNXRUNTIME"
+  # Its requirements include viewers and point-cloud libraries that exporting does not touch.
+  "$folder/bin/pip" install --quiet --disable-pip-version-check --no-deps "depth-anything-3==$DEPTH_ANYTHING_3" ||
+    say "depth-anything-3 could not be installed: only Depth Anything V2 is exported"
+}
+
 batch() {
   local folder=target/batch
   "$folder/bin/snakemake" --version 2>/dev/null | grep -qx "$SNAKEMAKE" && return 0
@@ -125,5 +171,7 @@ case "${1:-build}" in
   qgis) qgis ;;
   web) web ;;
   batch) batch ;;
-  *) fail "usage: tools/deps.sh build|test|python|qgis|web|batch|docs" ;;
+  onnxruntime) onnxruntime ;;
+  networks) networks ;;
+  *) fail "usage: tools/deps.sh build|test|python|qgis|web|batch|onnxruntime|networks|docs" ;;
 esac

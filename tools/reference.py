@@ -7,8 +7,8 @@ import json
 import subprocess
 import sys
 
-COMMANDS = ["run", "footprints", "dtm", "survey inspect", "survey convert", "prior inspect", "evaluate", "baseline", "look", "view", "benchmark"]
-COMMANDS += ["tiles plan", "tiles run", "tiles merge", "tiles status", "validate", "export", "simulate", "demo", "schema"]
+COMMANDS = ["run", "footprints", "dtm", "survey inspect", "survey convert", "prior inspect", "prior compute", "evaluate", "baseline"]
+COMMANDS += ["look", "view", "benchmark", "tiles plan", "tiles run", "tiles merge", "tiles status", "validate", "export", "simulate", "demo", "schema"]
 
 
 def say(*arguments):

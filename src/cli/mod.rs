@@ -78,7 +78,7 @@ pub enum Command {
     /// Look a survey's poses over before anything is computed from them, or write them for other tools.
     #[command(subcommand)]
     Survey(survey::SurveyCommand),
-    /// Depth priors: what a network wants.
+    /// Depth priors: what a network wants, and computing them ahead of a run.
     #[command(subcommand)]
     Prior(prior::PriorCommand),
     /// Check the solids of a CityJSON file, anybody's: codes as val3dity's, and the place of each fault.
@@ -146,6 +146,7 @@ impl fmt::Display for Failure {
 /// [`Failure`] with the exit code and the text to print.
 pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
     ui::start_logging(&cli.global);
+    crate::onnx::runtime::look_in(runtime_places());
     if let Some(n) = cli.global.threads {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build_global();
         pool.map_err(|e| Failure::new(4, &e))?;
@@ -168,6 +169,18 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Demo(args) => demo::run(args, &cli.global),
         Command::Schema(args) => schema::run(args),
     }
+}
+
+/// Where ONNX Runtime's library may be: where the environment says, beside the program, or where `make
+/// deps-onnxruntime` puts it.
+fn runtime_places() -> Vec<std::path::PathBuf> {
+    let file = format!("{}onnxruntime{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX);
+    let named = std::env::var_os("ORT_DYLIB_PATH").filter(|path| !path.is_empty()).map(Into::into);
+    let program = std::env::current_exe().ok();
+    let folder = program.as_deref().and_then(std::path::Path::parent);
+    let beside = folder.map(|folder| folder.join(&file));
+    let of_make = folder.map(|folder| folder.join("../onnxruntime").join(&file));
+    named.into_iter().chain(beside).chain(of_make).collect()
 }
 
 /// Prints a value as JSON to stdout.

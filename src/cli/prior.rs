@@ -1,12 +1,14 @@
-//! `sizeup prior`: what a depth network wants.
+//! `sizeup prior`: what a depth network wants, and priors ahead of a run.
 
 use std::path::PathBuf;
 
-use clap::{Args, Subcommand};
+use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Value, json};
 
-use super::{Failure, Global, print_json};
-use crate::onnx::Port;
+use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print_json};
+use crate::config::RunConfig;
+use crate::onnx::{EngineChoice, EngineConfig, Port};
+use crate::pipeline::{PriorsDone, Wanted, compute_priors};
 use crate::prior::network::{Inspection, inspect};
 
 /// Subcommands of `sizeup prior`.
@@ -14,6 +16,8 @@ use crate::prior::network::{Inspection, inspect};
 pub enum PriorCommand {
     /// Say what an ONNX graph wants and gives, and which built-in profile fits it.
     Inspect(InspectArgs),
+    /// Compute depth priors into the cache ahead of a run.
+    Compute(ComputeArgs),
 }
 
 /// Arguments of `sizeup prior inspect`.
@@ -23,11 +27,60 @@ pub enum PriorCommand {
 pub struct InspectArgs {
     /// ONNX file.
     pub model: PathBuf,
+    /// Engine that looks at it.
+    #[arg(long, value_enum, default_value_t = EngineArg::Auto)]
+    pub engine: EngineArg,
+    /// ONNX Runtime's shared library.
+    #[arg(long, value_name = "FILE")]
+    pub library: Option<PathBuf>,
+}
+
+/// An engine for networks, on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum EngineArg {
+    /// The embedded one where it can run the graph, else ONNX Runtime.
+    Auto,
+    /// The embedded one.
+    Rten,
+    /// ONNX Runtime.
+    Onnxruntime,
+}
+
+/// Arguments of `sizeup prior compute`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:
+  sizeup prior compute sizeup.toml
+  sizeup prior compute sizeup.toml --all --set prior.cache.limit_gb=200
+  sizeup run sizeup.toml                     finds the priors in the cache
+
+Views that are in the cache already are passed over: the same command goes on after an interruption, and several
+processes with the same cache share the work. Exit code 5: some views have no prior.")]
+pub struct ComputeArgs {
+    /// Configuration file (TOML), as that of `sizeup run`.
+    pub config: PathBuf,
+    /// All oblique views, not only those that a run selects first: for cities in tiles.
+    #[arg(long)]
+    pub all: bool,
+    /// Set one key of the configuration, as in `--set prior.long_side_px=672`. May be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub assignments: Vec<String>,
 }
 
 pub(super) fn run(command: &PriorCommand, global: &Global) -> Result<u8, Failure> {
-    let PriorCommand::Inspect(args) = command;
-    let inspection = inspect(&args.model).map_err(|e| Failure::new(3, &e))?;
+    match command {
+        PriorCommand::Inspect(args) => run_inspect(args, global),
+        PriorCommand::Compute(args) => run_compute(args, global),
+    }
+}
+
+fn run_inspect(args: &InspectArgs, global: &Global) -> Result<u8, Failure> {
+    let name = match args.engine {
+        EngineArg::Auto => EngineChoice::Auto,
+        EngineArg::Rten => EngineChoice::Rten,
+        EngineArg::Onnxruntime => EngineChoice::OnnxRuntime,
+    };
+    let engine = EngineConfig { name, library: args.library.clone(), ..EngineConfig::default() };
+    let inspection = inspect(&args.model, &engine).map_err(|e| Failure::new(3, &e))?;
     if global.json {
         print_json(&as_json(&inspection))?;
     } else {
@@ -36,7 +89,54 @@ pub(super) fn run(command: &PriorCommand, global: &Global) -> Result<u8, Failure
     Ok(0)
 }
 
+fn run_compute(args: &ComputeArgs, global: &Global) -> Result<u8, Failure> {
+    let config = RunConfig::load(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    let wanted = if args.all { Wanted::AllOblique } else { Wanted::Selected };
+    let ui = Ui::new(global);
+    // Processes that share the work begin at different views.
+    let start = std::process::id() as usize;
+    let progress = |done: usize, total: usize| ui.advance("computing priors", done, total);
+    let done = compute_priors(&config, wanted, start, &|event| ui.tell(event), &progress)
+        .map_err(|e| Failure::new(e.exit_code(), &e))?;
+    ui.finish();
+    tell_done(&ui, &done);
+    if global.json {
+        print_json(&done)?;
+    }
+    Ok(if done.failed.is_empty() { 0 } else { EXIT_FAILED_ITEMS })
+}
+
+fn tell_done(ui: &Ui, done: &PriorsDone) {
+    const MOST_SHOWN: usize = 5;
+    let PriorsDone { n_wanted, n_found, n_computed, n_kept, failed } = done;
+    ui.say(format!("{n_wanted} priors wanted: {n_computed} computed, {n_found} found in the cache"));
+    for (view, reason) in failed.iter().take(MOST_SHOWN) {
+        ui.say(format!("{view}: {reason}"));
+    }
+    if failed.len() > MOST_SHOWN {
+        ui.say(format!("… and {} more views without a prior", failed.len() - MOST_SHOWN));
+    }
+    if *n_kept < n_computed + n_found {
+        ui.say(format!(
+            "only {n_kept} are kept: the cache is at its limit or cannot be written\nhint: raise `prior.cache.limit_gb`"
+        ));
+    }
+}
+
 fn print_table(inspection: &Inspection) {
+    let outline = &inspection.outline;
+    let engine = match inspection.engine {
+        EngineChoice::OnnxRuntime => "ONNX Runtime",
+        EngineChoice::Auto | EngineChoice::Rten => "the embedded engine",
+    };
+    println!(
+        "runs in {engine}; operators of version {}, {} nodes",
+        outline.opset,
+        outline.operators.values().sum::<usize>()
+    );
+    for file in &outline.external_files {
+        println!("weights in {}", file.display());
+    }
     for (what, ports) in [("input", &inspection.inputs), ("output", &inspection.outputs)] {
         for port in ports {
             println!("{what:<8}{} {}", port.name, shape(port));
@@ -64,7 +164,7 @@ fn shape(port: &Port) -> String {
 
 fn as_json(inspection: &Inspection) -> Value {
     let ports = |ports: &[Port]| -> Vec<Value> {
-        ports.iter().map(|port| json!({ "name": port.name, "shape": port.shape })).collect()
+        ports.iter().map(|port| json!({ "name": port.name, "shape": port.shape, "numbers": port.numbers })).collect()
     };
     let profiles: Vec<Value> = inspection
         .profiles
@@ -74,5 +174,13 @@ fn as_json(inspection: &Inspection) -> Value {
             json!({ "name": profile.name, "fits": reason.is_none(), "reason": reason, "licence": profile.licence })
         })
         .collect();
-    json!({ "inputs": ports(&inspection.inputs), "outputs": ports(&inspection.outputs), "profiles": profiles })
+    json!({
+        "engine": inspection.engine,
+        "opset": inspection.outline.opset,
+        "operators": inspection.outline.operators,
+        "external_files": inspection.outline.external_files,
+        "inputs": ports(&inspection.inputs),
+        "outputs": ports(&inspection.outputs),
+        "profiles": profiles,
+    })
 }

@@ -27,4 +27,4 @@ pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
 pub use levels::OtherLevel;
 pub use roof::Roof;
 pub use solution::{EpochRecord, Reason, Solution, SolvedHeight};
-pub use solve::{Problem, Solving, ViewInput, solve};
+pub use solve::{Problem, Solving, ViewInput, first_selection, solve};

@@ -88,6 +88,18 @@ pub fn solve(problem: &Problem<'_>, config: &OptimiseConfig) -> Solution {
     state.into_solution()
 }
 
+/// The views whose priors a solution asks for first, in ascending order; as heights become known it may ask for a few
+/// more. No prior is loaded.
+#[must_use]
+pub fn first_selection(problem: &Problem<'_>, config: &OptimiseConfig) -> Vec<usize> {
+    let profiles = trace_all(problem, config);
+    let mut state = State::new(problem, config, &profiles);
+    state.set_start_heights();
+    let mut views = state.select(&state.visibilities()).views;
+    views.sort_unstable();
+    views
+}
+
 fn trace_all(problem: &Problem<'_>, config: &OptimiseConfig) -> Vec<Profiles> {
     let capped = CappedScene::new(problem.scene);
     let n = problem.views.len();
@@ -143,9 +155,24 @@ impl<'a> State<'a> {
         }
     }
 
-    /// Selects views for the present heights and loads the priors that are new; a view whose prior cannot be loaded is
-    /// replaced by another.
-    fn reselect(&mut self) -> Selection {
+    /// Heights that the search starts from.
+    fn set_start_heights(&mut self) {
+        let bounds = self.problem.scene.bounds;
+        match self.config.preset {
+            Preset::Paper => {
+                self.heights_m = initial_heights(self.problem.seed, bounds.min_m, bounds.max_m, self.heights_m.len());
+            }
+            Preset::Robust => {
+                for (b, height_m) in self.heights_m.iter_mut().enumerate() {
+                    let known_m = self.problem.start_m.get(b).copied().flatten();
+                    *height_m = known_m.unwrap_or(self.config.search.start_height_m).clamp(bounds.min_m, bounds.max_m);
+                }
+            }
+        }
+    }
+
+    /// Selects views that see the buildings.
+    fn select(&self, visibilities: &[Visibility]) -> Selection {
         let views = self.problem.views;
         let n_buildings = self.problem.scene.prisms.len();
         let axes: Vec<DVec3> = views.iter().map(|v| v.placed.axis()).collect();
@@ -153,12 +180,18 @@ impl<'a> State<'a> {
         let stations: Vec<DVec3> = views.iter().map(|v| v.placed.looks_at(ground_z)).collect();
         let candidates: Vec<Candidate> = views.iter().map(|v| Candidate { eye: v.placed.eye(), key: v.key }).collect();
         let centres: Vec<DVec3> = (0..n_buildings).map(|b| self.centre(b)).collect();
+        match self.views_config.choice {
+            Choice::Cover => select(&self.views_config, visibilities, &stations, &axes, n_buildings),
+            Choice::Each => select_each(&self.views_config, visibilities, &candidates, &centres),
+        }
+    }
+
+    /// Selects views for the present heights and loads the priors that are new; a view whose prior cannot be loaded is
+    /// replaced by another.
+    fn reselect(&mut self) -> Selection {
         let mut visibilities = self.visibilities();
         loop {
-            let selection = match self.views_config.choice {
-                Choice::Cover => select(&self.views_config, &visibilities, &stations, &axes, n_buildings),
-                Choice::Each => select_each(&self.views_config, &visibilities, &candidates, &centres),
-            };
+            let selection = self.select(&visibilities);
             self.load(&selection.views);
             let failed: Vec<usize> = selection.views.iter().copied().filter(|&v| self.failed[v].is_some()).collect();
             if failed.is_empty() {
@@ -240,11 +273,7 @@ impl<'a> State<'a> {
 
     fn run_search(&mut self) {
         let config = &self.config.search;
-        let bounds = self.problem.scene.bounds;
-        for (b, height_m) in self.heights_m.iter_mut().enumerate() {
-            let known_m = self.problem.start_m.get(b).copied().flatten();
-            *height_m = known_m.unwrap_or(config.start_height_m).clamp(bounds.min_m, bounds.max_m);
-        }
+        self.set_start_heights();
         let n_sweeps = config.full_sweeps + config.local_sweeps;
         let mut n_selected = 0;
         for i in 0..config.full_sweeps {
@@ -340,7 +369,7 @@ impl<'a> State<'a> {
     fn run_ordinal(&mut self) {
         let config = &self.config.ordinal;
         let bounds = self.problem.scene.bounds;
-        self.heights_m = initial_heights(self.problem.seed, bounds.min_m, bounds.max_m, self.heights_m.len());
+        self.set_start_heights();
         let mut adam = Adam::new(self.heights_m.len());
         let mut selection = None;
         let mut n_steps = 0;

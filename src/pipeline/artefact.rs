@@ -44,6 +44,16 @@ pub struct HeightStage {
     pub cuts: Vec<Vec<Cut>>,
     /// The solution, one height per building of `solved`; its views are positions in the survey.
     pub solution: Solution,
+    /// What the ground says against the priors' declared direction.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub doubt: Option<Issue>,
+}
+
+impl HeightStage {
+    /// Without a single building.
+    pub(super) fn empty() -> Self {
+        Self { solved: Vec::new(), cuts: Vec::new(), solution: Solution::default(), doubt: None }
+    }
 }
 
 #[derive(Serialize)]

@@ -22,7 +22,7 @@ use crate::report::{Crop, Evidence, Line, LineKind, Pair, ReportConfig};
 use crate::scene::Prism;
 use crate::survey::{Survey, View};
 
-/// Photos whose priors are computed anew where no file holds them, at most: a network takes seconds for each.
+/// Photos whose priors are computed anew where neither file nor cache holds them, at most: a network takes seconds for each.
 const MAX_COMPUTED_VIEWS: usize = 12;
 /// Photos that are in memory at a time.
 const PHOTOS_AT_A_TIME: usize = 4;
@@ -46,7 +46,7 @@ pub(super) fn gather(
     heights: &HeightStage,
     priors: &Priors,
 ) -> Vec<Evidence> {
-    let wanted = choose(&config.output.report, heights, matches!(priors, Priors::Files(_)));
+    let wanted = choose(&config.output.report, heights, priors.are_at_hand());
     let store = PriorStore { survey, priors, kept: Mutex::default() };
     let problem = Problem {
         scene: &stage.scene,
@@ -92,7 +92,7 @@ pub(super) fn gather(
 }
 
 /// The buildings to show with the views to look at them in: doubtful ones first, then the least certain.
-fn choose(config: &ReportConfig, heights: &HeightStage, has_files: bool) -> Vec<(usize, Vec<usize>)> {
+fn choose(config: &ReportConfig, heights: &HeightStage, are_at_hand: bool) -> Vec<(usize, Vec<usize>)> {
     let solved = &heights.solution.heights;
     let mut ranked: Vec<usize> = (0..solved.len()).filter(|&b| !solved[b].views.is_empty()).collect();
     let sigma = |b: usize| solved[b].sigma_m.unwrap_or(f64::INFINITY);
@@ -100,7 +100,7 @@ fn choose(config: &ReportConfig, heights: &HeightStage, has_files: bool) -> Vec<
         let is_sure = |b: usize| solved[b].reasons.is_empty();
         is_sure(a).cmp(&is_sure(b)).then(sigma(b).total_cmp(&sigma(a))).then(a.cmp(&b))
     });
-    if has_files {
+    if are_at_hand {
         return ranked.into_iter().take(config.evidence_buildings).map(|b| (b, solved[b].views.clone())).collect();
     }
     let mut chosen: BTreeSet<usize> = BTreeSet::new();
@@ -164,7 +164,7 @@ impl PriorStore<'_> {
         }
         let of = &self.survey.views[view];
         let prior = self.priors.load(of).map_err(|e| e.to_string())?.to_z_depth(&of.camera);
-        if !matches!(self.priors, Priors::Files(_)) {
+        if !self.priors.are_at_hand() {
             kept().insert(view, prior.clone());
         }
         Ok(prior)

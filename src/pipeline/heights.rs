@@ -1,11 +1,14 @@
 //! The heights stage: one scene solved, and solved again, from where it was, where heights change the outlines.
 
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+
 use super::footprints as outlines;
 use super::stages::SceneStage;
 use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, artefact, levels};
 use crate::config::RunConfig;
 use crate::optimise::{OptimiseConfig, Problem, SearchConfig, Solution, ViewInput};
-use crate::prior::{PriorSource as _, Priors};
+use crate::prior::{PriorSource as _, Priors, ground_correlation, judge_tag};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
 use crate::seed;
@@ -85,9 +88,15 @@ impl HeightSearch<'_> {
         known: &Known,
     ) -> HeightStage {
         let views = view_inputs(self.config, self.survey, &stage.scene);
-        let load_prior = |view: usize| {
-            let view = &self.survey.views[view];
-            priors.load(view).map(|prior| prior.to_z_depth(&view.camera)).map_err(|e| e.to_string())
+        // By view, and each once, however often its prior is loaded.
+        let correlations: Mutex<BTreeMap<usize, f64>> = Mutex::default();
+        let load_prior = |view_idx: usize| {
+            let view = &self.survey.views[view_idx];
+            let prior = priors.load(view).map_err(|e| e.to_string())?;
+            if let Some(correlation) = ground_correlation(&prior, view, &stage.terrain) {
+                correlations.lock().unwrap_or_else(PoisonError::into_inner).insert(view_idx, correlation);
+            }
+            Ok(prior.to_z_depth(&view.camera))
         };
         let problem = Problem {
             scene: &stage.scene,
@@ -98,7 +107,9 @@ impl HeightSearch<'_> {
             progress: &|what, done, total| (self.tell)(Event::Advance { what, done, total }),
         };
         let solution = (self.solver)(&problem, optimise);
-        HeightStage { solved: stage.solved.clone(), cuts: Vec::new(), solution }
+        let correlations = correlations.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let named: Vec<_> = correlations.into_iter().map(|(v, r)| (self.survey.views[v].id.clone(), r)).collect();
+        HeightStage { solved: stage.solved.clone(), cuts: Vec::new(), solution, doubt: judge_tag(&named) }
     }
 }
 

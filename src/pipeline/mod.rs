@@ -22,6 +22,7 @@ mod levels;
 mod look;
 mod overview;
 mod pictures;
+mod priors;
 mod records;
 mod report;
 mod soundness;
@@ -34,6 +35,7 @@ pub use error::PipelineError;
 pub use frame::Frame;
 pub use levels::Cut;
 pub use look::look;
+pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use stages::{files_of, unstated_reference};
 pub use tile::{Part, PartHeights, layer_of, outlines_around, refused_records, survey_of};
 

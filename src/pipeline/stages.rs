@@ -231,16 +231,17 @@ impl SceneStage {
     }
 }
 
-/// Views whose prior could not be used.
+/// Views whose prior could not be used, and doubts about all of them.
 pub(super) fn prior_issues<'a>(survey: &'a Survey, heights: &'a HeightStage) -> impl Iterator<Item = Issue> + 'a {
-    heights.solution.failed_views.iter().map(|(view, reason)| {
+    let failed = heights.solution.failed_views.iter().map(|(view, reason)| {
         let subject = Subject::View(survey.views[*view].id.0.clone());
         // A reason carries its advice on a line of its own.
         match reason.split_once("\nhint: ") {
             Some((reason, hint)) => Issue::new(Severity::Refused, "prior_unusable", subject, reason).hint(hint),
             None => Issue::new(Severity::Refused, "prior_unusable", subject, reason.clone()),
         }
-    })
+    });
+    failed.chain(heights.doubt.clone())
 }
 
 /// A word where nobody says what heights count from.

@@ -17,7 +17,7 @@ use crate::config::RunConfig;
 use crate::footprint::{FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint};
 use crate::ids::ViewId;
 use crate::issue::Issue;
-use crate::optimise::{Solution, solve};
+use crate::optimise::solve;
 use crate::output::fallback;
 use crate::output::{BuildingRecord, InputFile, Lineage, sha256_hex};
 use crate::prior::Priors;
@@ -95,7 +95,7 @@ pub fn survey_of(config: &RunConfig) -> Result<Survey, PipelineError> {
 pub fn refused_records(config: &RunConfig, refused: Vec<RefusedFootprint>) -> Vec<BuildingRecord> {
     let layer = FootprintLayer { refused, ..FootprintLayer::default() };
     let footprints = FootprintStage { layer, ground: Vec::new(), issues: Vec::new(), tracks: None, detection: None };
-    let heights = HeightStage { solved: Vec::new(), cuts: Vec::new(), solution: Solution::default() };
+    let heights = HeightStage::empty();
     records(&Survey::default(), &footprints, &heights, config.optimise.height_reference)
 }
 
@@ -176,7 +176,7 @@ impl<'a> Part<'a> {
             Some(scene) => search.taking_apart(&mut footprints, scene, |stage, optimise, known| {
                 Ok(search.of_scene(stage, &self.priors, optimise, known))
             })?,
-            None => HeightStage { solved: Vec::new(), cuts: Vec::new(), solution: Solution::default() },
+            None => HeightStage::empty(),
         };
         let mut issues = footprints.layer.issues.clone();
         issues.extend(footprints.issues.iter().cloned());

@@ -9,12 +9,15 @@
 //! f32 little-endian, H × W row-major, NaN = no value
 //! ```
 
+use std::collections::HashMap;
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{LazyLock, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
@@ -31,6 +34,48 @@ const KEEP: f64 = 0.9;
 const ABANDONED: Duration = Duration::from_hours(1);
 /// Longest first line of an entry, bytes.
 const MAX_HEADER: u64 = 1024;
+
+/// Where computed priors are kept.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CacheConfig {
+    /// Folder, made when it is needed. Several runs and processes can share it.
+    pub folder: PathBuf,
+    /// Size at which what was used least lately goes, gigabytes (10⁹ bytes). 0 keeps nothing.
+    pub limit_gb: f64,
+}
+
+impl Default for CacheConfig {
+    fn default() -> Self {
+        Self { folder: PathBuf::from("prior-cache"), limit_gb: 20.0 }
+    }
+}
+
+impl CacheConfig {
+    /// The cache; `None`, with a warning, where its folder cannot be used: it then costs time, not results.
+    ///
+    /// # Errors
+    /// [`PriorError::Config`] for a limit that is no size.
+    pub fn open(&self) -> Result<Option<PriorCache>, PriorError> {
+        const PER_GB: f64 = 1e9;
+        if !(self.limit_gb.is_finite() && self.limit_gb >= 0.0) {
+            return Err(PriorError::Config {
+                problem: "cache: `limit_gb` is out of range".to_owned(),
+                hint: "gigabytes, 0 for no cache".to_owned(),
+            });
+        }
+        if self.limit_gb == 0.0 {
+            return Ok(None);
+        }
+        let cache = PriorCache::open(&self.folder, (self.limit_gb * PER_GB) as u64);
+        Ok(cache.map_err(|error| warn("priors are computed anew each time", &error)).ok())
+    }
+}
+
+fn warn(what: &str, error: &FileError) {
+    let cause = std::error::Error::source(error).map(ToString::to_string).unwrap_or_default();
+    tracing::warn!("{what}: {error}: {cause}");
+}
 
 /// A source whose result is a function of what its key names.
 pub trait CacheKey: PriorSource {
@@ -73,17 +118,34 @@ impl KeyHasher {
     /// # Errors
     /// [`PriorError::Cache`] if it cannot be read.
     pub fn file(&mut self, path: &Path) -> Result<(), PriorError> {
-        let mut of_file = Sha256::new();
-        File::open(path)
-            .and_then(|mut file| std::io::copy(&mut file, &mut of_file))
-            .map_err(FileError::on("cannot read", path))?;
-        self.bytes(&of_file.finalize());
+        self.bytes(&content_hash(path).map_err(FileError::on("cannot read", path))?);
         Ok(())
     }
 
     fn finish(self) -> String {
         hex(&self.0.finalize())
     }
+}
+
+/// A file as it was when it was read.
+type FileState = (PathBuf, u64, Option<SystemTime>);
+
+/// Files already read by this process: photos are neighbours of many, and a network belongs to every key.
+static CONTENT_HASHES: LazyLock<Mutex<HashMap<FileState, [u8; 32]>>> = LazyLock::new(Mutex::default);
+
+/// SHA-256 of a file, read again only where its size or time has changed.
+fn content_hash(path: &Path) -> std::io::Result<[u8; 32]> {
+    let known = || CONTENT_HASHES.lock().unwrap_or_else(PoisonError::into_inner);
+    let metadata = fs::metadata(path)?;
+    let state = (path.to_owned(), metadata.len(), metadata.modified().ok());
+    if let Some(hash) = known().get(&state) {
+        return Ok(*hash);
+    }
+    let mut of_file = Sha256::new();
+    std::io::copy(&mut File::open(path)?, &mut of_file)?;
+    let hash = of_file.finalize().into();
+    known().insert(state, hash);
+    Ok(hash)
 }
 
 fn hex(bytes: &[u8]) -> String {
@@ -224,33 +286,62 @@ fn read_entry(file: File) -> Option<DepthPrior> {
 #[derive(Debug)]
 pub struct CachedPriors<S> {
     source: S,
-    cache: PriorCache,
+    cache: Option<PriorCache>,
 }
 
 impl<S: CacheKey> CachedPriors<S> {
-    /// Asks the cache first.
+    /// Asks the cache first, where there is one.
     #[must_use]
-    pub fn new(source: S, cache: PriorCache) -> Self {
+    pub fn new(source: S, cache: Option<PriorCache>) -> Self {
         Self { source, cache }
+    }
+
+    /// What computes.
+    #[must_use]
+    pub fn source(&self) -> &S {
+        &self.source
+    }
+
+    /// Whether what is computed is kept.
+    #[must_use]
+    pub fn has_cache(&self) -> bool {
+        self.cache.is_some()
+    }
+
+    fn key(&self, view: &View) -> Result<String, PriorError> {
+        let mut hasher = KeyHasher::new(std::any::type_name::<S>());
+        self.source.feed(view, &mut hasher)?;
+        Ok(hasher.finish())
+    }
+
+    /// Whether a view's prior is there already.
+    ///
+    /// # Errors
+    /// As loading it, as far as that can be told without computing.
+    pub fn is_kept(&self, view: &View) -> Result<bool, PriorError> {
+        match &self.cache {
+            Some(cache) => Ok(cache.path(&self.key(view)?).exists()),
+            None => Ok(false),
+        }
+    }
+
+    fn keep(&self, key: &str, prior: &DepthPrior) {
+        // A cache that cannot be written costs time, not results.
+        if let Some(Err(error)) = self.cache.as_ref().map(|cache| cache.put(key, prior)) {
+            warn("a prior is not kept", &error);
+        }
     }
 }
 
 impl<S: CacheKey> PriorSource for CachedPriors<S> {
     fn load(&self, view: &View) -> Result<DepthPrior, PriorError> {
-        let mut hasher = KeyHasher::new(std::any::type_name::<S>());
-        self.source.feed(view, &mut hasher)?;
-        let key = hasher.finish();
-        if let Some(prior) = self.cache.get(&key) {
+        let Some(cache) = &self.cache else { return self.source.load(view) };
+        let key = self.key(view)?;
+        if let Some(prior) = cache.get(&key) {
             return Ok(prior);
         }
         let prior = self.source.load(view)?;
-        // A cache that cannot be written costs time, not results.
-        if let Err(error) = self.cache.put(&key, &prior) {
-            tracing::warn!(
-                "{error}: {}",
-                std::error::Error::source(&error).map(ToString::to_string).unwrap_or_default()
-            );
-        }
+        self.keep(&key, &prior);
         Ok(prior)
     }
 }
@@ -301,7 +392,7 @@ mod tests {
 
     fn cached(folder: &Path, setting: u32, n_computed: &Arc<AtomicUsize>) -> CachedPriors<Counting> {
         let source = Counting { setting, n_computed: Arc::clone(n_computed) };
-        CachedPriors::new(source, PriorCache::open(folder, 1 << 20).unwrap())
+        CachedPriors::new(source, Some(PriorCache::open(folder, 1 << 20).unwrap()))
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Priors that somebody else computed, one file per photo or one stack for all.
 //!
-//! .npy, .npz (Depth Anything 3's export among them), GeoTIFF and TIFF, 16-bit PNG, PFM. What the numbers mean is
+//! .npy, .npz (Depth Anything 3's export among them), GeoTIFF and TIFF, 16-bit PNG, PFM, EXR. What the numbers mean is
 //! declared in [`FilePriorConfig`]; a file is taken as the whole photo, resized.
 
 use std::collections::HashMap;
@@ -12,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use zip::ZipArchive;
 
-use super::{DepthPrior, PriorError, PriorGeometry, PriorKind, PriorSource, npy, pfm};
+use super::{DepthPrior, PriorError, PriorGeometry, PriorKind, PriorSource, exr_map, npy, pfm};
 use crate::files::is_virtual;
 use crate::geodata::raster::RasterFile;
 use crate::ids::ViewId;
@@ -33,7 +33,8 @@ pub struct FilePriorConfig {
     /// Along which line depth is measured: `z_depth` (the optical axis, as networks do) or "range" (the pixel's ray).
     #[serde(default)]
     pub geometry: PriorGeometry,
-    /// Name of the array in an .npz; may be left out where it is "depth" or the only one.
+    /// Name of the array in an .npz, or of the channel in an .exr; may be left out where it is the only one, "depth", or
+    /// an .exr's "Z".
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub key: Option<String>,
     /// Text file with one photo name per line, in the order of the maps of a stack.
@@ -171,8 +172,9 @@ impl FilePriors {
             "npy" => open().and_then(|file| npy::read_map(file, |n| self.index_in_stack(view, n))),
             "npz" => open().and_then(|file| self.read_npz(file, view)),
             "pfm" => open().and_then(pfm::read),
+            "exr" => open().and_then(|file| exr_map::read_map(file, self.config.key.as_deref())),
             "tif" | "tiff" | "png" => return read_image(path),
-            _ => Err("its format is unknown, expected .npy, .npz, .tif, .tiff, .png (16 bit) or .pfm".to_owned()),
+            _ => Err("its format is unknown, expected .npy, .npz, .tif, .tiff, .png (16 bit), .pfm or .exr".to_owned()),
         };
         values.map_err(|problem| PriorError::File { path: path.to_owned(), problem })
     }

@@ -10,14 +10,16 @@
 mod array;
 mod cache;
 mod check;
+mod exr_map;
 pub mod files;
+mod neighbours;
 pub mod network;
 mod npy;
 mod pfm;
 mod source;
 pub mod stereo;
 
-pub use cache::{CacheKey, CachedPriors, KeyHasher, PriorCache};
+pub use cache::{CacheConfig, CacheKey, CachedPriors, KeyHasher, PriorCache};
 pub use check::{ground_correlation, judge_tag};
 pub use files::{FilePriorConfig, FilePriors};
 pub use network::{NetworkConfig, NetworkPriors};

@@ -7,8 +7,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    DepthPrior, FilePriorConfig, FilePriors, NetworkConfig, NetworkPriors, PriorError, PriorSource, StereoConfig,
-    StereoPriors,
+    CachedPriors, DepthPrior, FilePriorConfig, FilePriors, NetworkConfig, NetworkPriors, PriorError, PriorSource,
+    StereoConfig, StereoPriors,
 };
 use crate::ids::ViewId;
 use crate::survey::View;
@@ -21,7 +21,7 @@ pub enum PriorConfig {
     /// Maps that somebody else computed, one file per photo.
     Files(FilePriorConfig),
     /// A depth network as an ONNX file.
-    Network(NetworkConfig),
+    Network(Box<NetworkConfig>),
     /// No network at all: the photos matched with each other.
     Stereo(StereoConfig),
 }
@@ -34,8 +34,8 @@ impl PriorConfig {
                 files.path = folder.join(&files.path).to_string_lossy().into_owned();
                 files.names = files.names.take().map(|names| folder.join(names));
             }
-            Self::Network(network) => network.model = folder.join(&network.model),
-            Self::Stereo(_) => {}
+            Self::Network(network) => network.resolve_paths(folder),
+            Self::Stereo(stereo) => stereo.cache.folder = folder.join(&stereo.cache.folder),
         }
     }
 
@@ -45,9 +45,17 @@ impl PriorConfig {
     /// [`PriorError`] for settings that cannot work.
     pub fn open(&self, views: &[View], terrain: &Terrain) -> Result<Priors, PriorError> {
         Ok(match self {
-            Self::Files(config) => Priors::Files(FilePriors::new(config.clone(), views.iter().map(|v| &v.id))?),
-            Self::Network(config) => Priors::Network(Box::new(NetworkPriors::new(config.clone())?)),
-            Self::Stereo(config) => Priors::Stereo(StereoPriors::new(config.clone(), views, terrain)?),
+            Self::Files(config) => {
+                Priors::Files(Box::new(FilePriors::new(config.clone(), views.iter().map(|v| &v.id))?))
+            }
+            Self::Network(config) => {
+                let network = NetworkPriors::new((**config).clone(), views, terrain)?;
+                Priors::Network(Box::new(CachedPriors::new(network, config.cache.open()?)))
+            }
+            Self::Stereo(config) => {
+                let stereo = StereoPriors::new(config.clone(), views, terrain)?;
+                Priors::Stereo(Box::new(CachedPriors::new(stereo, config.cache.open()?)))
+            }
         })
     }
 }
@@ -55,11 +63,11 @@ impl PriorConfig {
 /// The priors of one survey.
 pub enum Priors {
     /// From files.
-    Files(FilePriors),
+    Files(Box<FilePriors>),
     /// From a network.
-    Network(Box<NetworkPriors>),
+    Network(Box<CachedPriors<NetworkPriors>>),
     /// From the photos alone.
-    Stereo(StereoPriors),
+    Stereo(Box<CachedPriors<StereoPriors>>),
 }
 
 impl Priors {
@@ -78,6 +86,36 @@ impl Priors {
         match self {
             Self::Files(files) => files.path_of(&view.id).map(Some),
             Self::Network(_) | Self::Stereo(_) => Ok(view.image.clone()),
+        }
+    }
+}
+
+impl Priors {
+    /// Whether what is computed is kept.
+    #[must_use]
+    pub fn has_cache(&self) -> bool {
+        match self {
+            Self::Files(_) => false,
+            Self::Network(network) => network.has_cache(),
+            Self::Stereo(stereo) => stereo.has_cache(),
+        }
+    }
+
+    /// Whether priors that were used are read, not computed, when they are asked for again.
+    #[must_use]
+    pub fn are_at_hand(&self) -> bool {
+        matches!(self, Self::Files(_)) || self.has_cache()
+    }
+
+    /// Whether a view's prior need not be computed any more: it is in a file, or in the cache.
+    ///
+    /// # Errors
+    /// [`PriorError`] as loading it, as far as that can be told without computing.
+    pub fn is_kept(&self, view: &View) -> Result<bool, PriorError> {
+        match self {
+            Self::Files(_) => Ok(true),
+            Self::Network(network) => network.is_kept(view),
+            Self::Stereo(stereo) => stereo.is_kept(view),
         }
     }
 }

@@ -208,3 +208,14 @@ fn simulating_nonsense_is_a_usage_error() {
         assert!(!scene.path("out").exists());
     }
 }
+
+#[test]
+fn a_wrong_tag_of_the_priors_is_told() {
+    let scene = Scene::new();
+    assert!(matches!(scene.run(&[]).code, 0 | 5));
+    assert!(scene.issues("prior_looks_inverted").is_empty(), "the right tag raises no doubt");
+    scene.edit("sizeup.toml", |text| text.replace("kind = \"inverse_depth\"", "kind = \"depth\""));
+    assert!(matches!(scene.run(&[]).code, 0 | 5));
+    let told = scene.issues("prior_looks_inverted");
+    assert!(told.len() == 1 && told[0]["hint"].as_str().unwrap().contains("inverse_depth"), "{told:?}");
+}

@@ -16,6 +16,7 @@ mod hostile_inputs;
 mod layers;
 mod levels;
 mod networks;
+mod networks_to_heights;
 mod outputs;
 mod parts;
 mod pictures;

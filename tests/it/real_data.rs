@@ -139,6 +139,23 @@ fn warsaws_nine_buildings_from_nothing_but_the_order_of_depths() {
     }
 }
 
+#[test]
+fn warsaws_nine_buildings_from_stereo() {
+    let Some(data) = shared_data("warsaw_ochota_photos") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let config = warsaw_config(&data, "", folder.path());
+    let text = fs::read_to_string(&config).unwrap();
+    let files = "source = \"files\"\npath = \"\"\nkind = \"depth\"\n";
+    assert!(text.contains(files));
+    fs::write(&config, text.replace(files, "source = \"stereo\"\nmax_height_m = 40.0\n")).unwrap();
+    run(&config, &[]);
+    let errors = warsaw_roof_errors(&data, &folder.path().join("result"));
+    let known: Vec<f64> = errors.values().copied().filter(|e| e.is_finite()).collect();
+    println!("Warsaw, stereo: median error of the roof {:.2} m, {errors:.2?}", stats::median(&known).unwrap());
+    // Pixels of about a metre, and 12 photos: one building in nine may fail, half of them not by more than two pixels.
+    assert!(known.len() >= 8 && stats::median(&known).unwrap() < 2.0, "{errors:.2?}");
+}
+
 /// A place in Rotterdam that 51 of the 1403 photos have within 80 m of their middle, EPSG:28992.
 const ROTTERDAM_SEEN_M: DVec2 = DVec2::new(90_597.0, 437_641.0);
 /// The middle of the `LoD2` buildings (median corner), EPSG:28992. The cameras cover other blocks, so the buildings

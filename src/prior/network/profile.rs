@@ -1,21 +1,51 @@
 //! Model profiles: what a network wants and gives, as data.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::onnx::Port;
+use crate::onnx::{Numbers, Port};
 use crate::prior::{PriorError, PriorKind};
 
-/// How the photo is brought to the network's size, then to the nearest multiple per side.
+/// How the photo is brought to the network's size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Fit {
-    /// Longer side to the wanted length; area mean when shrinking, cubic when growing, on bytes; then each side to the
+    /// Longer side to `side_px`; area mean when shrinking, cubic when growing, on bytes; then each side to the
     /// nearest multiple, ties up (Depth Anything 3, `upper_bound_resize`).
     LongestSide,
-    /// Shorter side to at least the wanted length, each side rounded to a multiple, one cubic resize on fractions
+    /// Shorter side to at least `side_px`, each side rounded to a multiple, one cubic resize on fractions
     /// (Depth Anything V2, `lower_bound`).
     ShortestSide,
+    /// Largest that fits into `size_px`, linear on bytes, with `pad` around it; the result is cut accordingly (`Metric3D`).
+    Letterbox,
+    /// To `size_px` whatever its aspect, linear on normalised values (Depth Pro).
+    Stretch,
+}
+
+/// What the depth output holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Form {
+    /// One number per pixel.
+    #[default]
+    Map,
+    /// A point per pixel, `rows × columns × 3`; its third coordinate is the depth.
+    Points,
+}
+
+/// Several photos at once, with their poses.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Company {
+    /// How many photos, the view itself among them, where the graph does not say; at least 1.
+    pub n_views: usize,
+    /// Names of an input of poses, `1 × n × 4 × 4`: world to camera, the first one's as the world, in medians of the
+    /// distances from it.
+    pub extrinsics: Vec<String>,
+    /// Names of an input of calibration matrices, `1 × n × 3 × 3`, in pixels of the resized photos.
+    pub intrinsics: Vec<String>,
 }
 
 /// One kind of depth network.
@@ -32,24 +62,62 @@ pub struct Profile {
     pub outputs: Vec<String>,
     /// What its numbers are.
     pub kind: PriorKind,
-    /// Side that `fit` refers to, pixels.
-    pub side_px: usize,
+    /// What the depth output holds.
+    #[serde(default)]
+    pub form: Form,
     /// How the photo is resized.
     pub fit: Fit,
+    /// Side that `fit` refers to, pixels.
+    #[serde(default)]
+    pub side_px: usize,
+    /// Columns and rows that `fit` refers to, where the graph does not fix them, pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub size_px: Option<[usize; 2]>,
     /// Both sides are multiples of this, pixels: the patch size.
+    #[serde(default = "one_pixel")]
     pub multiple_of: usize,
-    /// Subtracted from red, green and blue after division by 255.
+    /// What is around a letterboxed photo, red, green and blue, 0 to 255.
+    #[serde(default)]
+    pub pad: [f32; 3],
+    /// What full brightness is before `mean` and `std` apply: 1, or 255 where the graph takes bytes' values.
+    #[serde(default = "one")]
+    pub white: f32,
+    /// Subtracted from red, green and blue.
     pub mean: [f32; 3],
     /// Divided by after that.
     pub std: [f32; 3],
+    /// Inputs that always get the same number.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub constants: BTreeMap<String, f32>,
+    /// Further photos that it takes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub company: Option<Company>,
     /// Name of an output that tells sky, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sky_output: Option<String>,
     /// Where that output is above this, there is sky.
     #[serde(default)]
     pub sky_above: f32,
+    /// Name of an output that tells where depth is to be believed, or how much, if it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mask_output: Option<String>,
+    /// Where that output is below this, there is no value.
+    #[serde(default)]
+    pub mask_least: f32,
+    /// Focal length, pixels of the resized photo, at which the output is in metres; it grows in proportion to the real
+    /// one. Left out where the output has no unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub metres_at_focal_px: Option<f32>,
     /// What its weights may be used for.
     pub licence: String,
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+fn one_pixel() -> usize {
+    1
 }
 
 #[derive(Deserialize)]
@@ -87,48 +155,121 @@ pub struct Wiring {
     pub input: String,
     /// Dimensions of the image input: 4 (batch, channel, row, column) or 5 (views after the batch).
     pub rank: usize,
+    /// Photos that go in together, the view itself first.
+    pub n_views: usize,
     /// Rows and columns where the graph fixes them.
     pub fixed_size: Option<(usize, usize)>,
+    /// Inputs that get a constant.
+    pub constants: Vec<String>,
+    /// Input of poses, if the graph has it.
+    pub extrinsics: Option<String>,
+    /// Input of calibration matrices, if the graph has it.
+    pub intrinsics: Option<String>,
     /// Depth output.
     pub output: String,
     /// Sky output, if the graph has it.
     pub sky: Option<String>,
+    /// Mask or confidence, if the graph has it.
+    pub mask: Option<String>,
+}
+
+fn names(ports: &[Port]) -> String {
+    ports.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ")
 }
 
 impl Profile {
+    /// Whether its numbers can be worked with.
+    ///
+    /// # Errors
+    /// [`PriorError::Config`] naming what is wrong.
+    pub fn check(&self) -> Result<(), PriorError> {
+        let is_known = |sides: &[usize]| sides.iter().all(|n| (1..=8192).contains(n));
+        let problem = match self.fit {
+            _ if !is_known(&[self.multiple_of]) => "`multiple_of` is out of range",
+            Fit::LongestSide | Fit::ShortestSide if !is_known(&[self.side_px]) => "`side_px` is out of range",
+            Fit::Letterbox | Fit::Stretch if !self.size_px.is_none_or(|size| is_known(&size)) => {
+                "`size_px` is out of range"
+            }
+            _ if !self.std.iter().all(|s| *s > 0.0 && s.is_finite()) => "`std` has to be above 0",
+            _ if !(self.white > 0.0 && self.white.is_finite()) => "`white` has to be above 0",
+            _ if self.company.as_ref().is_some_and(|c| !(1..=64).contains(&c.n_views)) => "`n_views` is out of range",
+            _ => return Ok(()),
+        };
+        Err(PriorError::Config {
+            problem: format!("profile {:?}: {problem}", self.name),
+            hint: "sides are 1 to 8192 pixels, views 1 to 64".to_owned(),
+        })
+    }
+
     /// How this profile connects to a graph.
     ///
     /// # Errors
     /// What does not fit, in one sentence.
     pub fn wire(&self, inputs: &[Port], outputs: &[Port]) -> Result<Wiring, String> {
-        let names = |ports: &[Port]| ports.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
-        let [input] = inputs else {
-            return Err(format!("expected one input, found {}: {}", inputs.len(), names(inputs)));
-        };
-        if !self.inputs.contains(&input.name) {
-            return Err(format!("expected an input named {}, found {}", self.inputs.join(" or "), input.name));
-        }
-        let is_image = matches!(input.shape.len(), 4 | 5) && input.shape[input.shape.len() - 3].is_none_or(|n| n == 3);
+        let input = inputs
+            .iter()
+            .find(|port| self.inputs.contains(&port.name))
+            .ok_or_else(|| format!("expected an input named {}, found {}", self.inputs.join(" or "), names(inputs)))?;
+        let is_image = matches!(input.shape.len(), 4 | 5)
+            && input.shape[input.shape.len() - 3].is_none_or(|n| n == 3)
+            && input.numbers != Numbers::Other;
         if !is_image {
             return Err(format!(
-                "input {} has shape {:?}, expected batch × 3 × rows × columns",
-                input.name, input.shape
+                "input {} has shape {}, expected batch × 3 × rows × columns",
+                input.name,
+                shape(input)
             ));
         }
-        let known = |name: &String| outputs.iter().any(|port| port.name == *name);
-        let output = self.outputs.iter().find(|name| known(name));
-        let output = output.ok_or_else(|| {
+        let pick = |wanted: &[String], ports: &[Port]| {
+            ports.iter().find(|port| wanted.contains(&port.name)).map(|port| port.name.clone())
+        };
+        let of_company =
+            |names: fn(&Company) -> &[String]| self.company.as_ref().and_then(|company| pick(names(company), inputs));
+        let extrinsics = of_company(|c| &c.extrinsics);
+        let intrinsics = of_company(|c| &c.intrinsics);
+        let is_fed = |port: &Port| {
+            port.name == input.name
+                || self.constants.contains_key(&port.name)
+                || [&extrinsics, &intrinsics].into_iter().flatten().any(|name| *name == port.name)
+        };
+        if let Some(unfed) = inputs.iter().find(|port| !is_fed(port)) {
+            return Err(format!("nothing is known of its input {}", unfed.name));
+        }
+        let output = pick(&self.outputs, outputs).ok_or_else(|| {
             format!("expected an output named {}, found {}", self.outputs.join(" or "), names(outputs))
         })?;
         let [.., rows, columns] = input.shape[..] else { return Err("input without rows and columns".to_owned()) };
+        let constants = self.constants.keys().filter(|name| inputs.iter().any(|port| port.name == **name));
+        let optional = |name: &Option<String>| name.clone().filter(|name| outputs.iter().any(|p| p.name == *name));
         Ok(Wiring {
             input: input.name.clone(),
             rank: input.shape.len(),
+            n_views: self.n_views(input)?,
             fixed_size: rows.zip(columns),
-            output: output.clone(),
-            sky: self.sky_output.clone().filter(known),
+            constants: constants.cloned().collect(),
+            extrinsics,
+            intrinsics,
+            output,
+            sky: optional(&self.sky_output),
+            mask: optional(&self.mask_output),
         })
     }
+
+    /// How many photos go in at once.
+    fn n_views(&self, input: &Port) -> Result<usize, String> {
+        let of_graph = if input.shape.len() == 5 { input.shape[1] } else { Some(1) };
+        match (&self.company, of_graph) {
+            (Some(_), Some(n)) => Ok(n),
+            (Some(company), None) => Ok(company.n_views),
+            (None, Some(n)) if n > 1 => Err(format!("it takes {n} photos at once, expected one")),
+            (None, _) => Ok(1),
+        }
+    }
+}
+
+fn shape(port: &Port) -> String {
+    let lengths = port.shape.iter().map(|n| n.map_or_else(|| "?".to_owned(), |n| n.to_string()));
+    lengths.collect::<Vec<_>>().join(" × ")
 }
 
 #[cfg(test)]
@@ -138,8 +279,42 @@ mod tests {
     #[test]
     fn built_in_profiles_are_valid_and_distinct() {
         let all = built_in();
-        assert!(all.len() >= 3);
-        assert!(all.iter().all(|p| p.std.iter().all(|s| *s > 0.0) && p.side_px >= p.multiple_of));
+        for profile in &all {
+            profile.check().unwrap();
+            assert_eq!(by_name(&profile.name).unwrap(), *profile);
+            assert!(profile.fit == Fit::Letterbox || profile.fit == Fit::Stretch || profile.side_px >= 14);
+        }
         assert!(by_name("da4").unwrap_err().to_string().contains("depth-anything-v2"));
+    }
+
+    /// Ports as the exports that design/models.md lists declare them.
+    #[test]
+    fn profiles_fit_the_known_exports() {
+        let any = None;
+        let image = |shape: &[Option<usize>]| Port::floats("image", shape);
+        let of = |name: &str, inputs: &[Port], outputs: &[&str]| {
+            let outputs: Vec<Port> = outputs.iter().map(|name| Port::floats(name, &[])).collect();
+            by_name(name).unwrap().wire(inputs, &outputs)
+        };
+        let da3 = [image(&[Some(1), Some(3), Some(280), Some(504)])];
+        let wiring = of("da3-metric", &da3, &["depth", "sky"]).unwrap();
+        assert_eq!((wiring.fixed_size, wiring.sky.as_deref()), (Some((280, 504)), Some("sky")));
+        let many = [Port::floats("pixel_values", &[any, any, Some(3), any, any])];
+        let outputs = ["predicted_depth", "confidence", "extrinsics", "intrinsics"];
+        let wiring = of("da3-anyview", &many, &outputs).unwrap();
+        assert_eq!((wiring.rank, wiring.n_views, wiring.extrinsics), (5, 4, None));
+        assert_eq!(of("da3-anyview", &[image(&[any, Some(2), Some(3), any, any])], &["depth"]).unwrap().n_views, 2);
+        assert!(of("da3-mono", &[image(&[any, Some(2), Some(3), any, any])], &["depth"]).is_err());
+        let moge = [image(&[any, Some(3), any, any]), Port::floats("num_tokens", &[])];
+        let wiring = of("moge", &moge, &["points", "normal", "mask", "metric_scale"]).unwrap();
+        assert_eq!(
+            (wiring.constants.as_slice(), wiring.mask.as_deref()),
+            (&["num_tokens".to_owned()][..], Some("mask"))
+        );
+        assert!(of("depth-anything-v2", &moge, &["depth"]).unwrap_err().contains("num_tokens"));
+        let pixels = [Port::floats("pixel_values", &[any, Some(3), any, any])];
+        assert!(of("depth-pro", &pixels, &["predicted_depth", "focallength_px"]).is_ok());
+        let outputs = ["pred_depth", "pred_normal"];
+        assert!(of("metric3d", &[image(&[Some(1), Some(3), Some(616), Some(1064)])], &outputs).is_ok());
     }
 }

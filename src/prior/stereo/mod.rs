@@ -1,15 +1,15 @@
 //! Depth from the calibrated photos alone, no network: a plane sweep over horizontal planes.
 //!
 //! 1. Photos are reduced, turned grey, freed of lens distortion and of slow brightness changes ([`picture`]).
-//! 2. The neighbours that see the same ground under a fair angle are chosen ([`neighbours`]).
-//! 3. For every height level the neighbours are projected through that level into the view, and compared with it by
-//!    zero-mean normalised cross-correlation in a window; the better half of the neighbours counts, so that being
-//!    hidden in some is no harm ([`sweep`]). Windows lie *in* the horizontal plane: they fit roofs and ground exactly.
+//! 2. The neighbours that see the same ground under a fair angle are chosen ([`super::neighbours`]).
+//! 3. For every height level the neighbours are projected through that level into the view ([`sweep`]), and compared
+//!    with it by zero-mean normalised cross-correlation in a window ([`correlate`]); the better half of the neighbours
+//!    counts, so that being hidden in some is no harm. Windows lie *in* the horizontal plane: they fit roofs and ground exactly.
 //! 4. Levels are chosen under a smoothness that costs nothing on level roofs and ground: semi-global matching along
 //!    eight paths (Hirschmüller 2008, doi:10.1109/TPAMI.2007.1166; [`semi_global`]).
 //! 5. Pixels whose neighbours do not agree there are left without a value.
 
-mod neighbours;
+mod correlate;
 mod picture;
 mod semi_global;
 mod sweep;
@@ -23,14 +23,17 @@ use glam::DVec2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
+use self::picture::Ideal;
+use self::sweep::Levels;
+use super::neighbours::Neighbours;
+use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
 use crate::ids::ViewId;
 use crate::raster::Raster;
 use crate::survey::View;
 use crate::terrain::Terrain;
 
 /// Changes whenever the same photos and settings would give another depth.
-const ALGORITHM: &[u8] = b"stereo 1";
+const ALGORITHM: &[u8] = b"stereo 2";
 /// Reduced photos kept at a time: neighbours follow each other in a survey.
 const PICTURES_KEPT: usize = 256;
 
@@ -56,6 +59,8 @@ pub struct StereoConfig {
     pub small_step_cost: u16,
     /// Cost of a larger height change, in 1/255 of a full mismatch; less across edges of the photo.
     pub large_step_cost: u16,
+    /// Where computed depth is kept, so that each view is matched once.
+    pub cache: CacheConfig,
 }
 
 impl Default for StereoConfig {
@@ -70,6 +75,7 @@ impl Default for StereoConfig {
             min_score: 0.4,
             small_step_cost: 8,
             large_step_cost: 48,
+            cache: CacheConfig::default(),
         }
     }
 }
@@ -101,9 +107,15 @@ impl StereoConfig {
 #[derive(Debug)]
 pub struct StereoPriors {
     config: StereoConfig,
-    views: Vec<View>,
+    survey: Neighbours,
     terrain: Terrain,
     pictures: Mutex<PictureStore>,
+}
+
+/// What a view's depth is made from.
+struct Plan<'a> {
+    others: Vec<&'a View>,
+    levels: Levels,
 }
 
 impl StereoPriors {
@@ -114,64 +126,75 @@ impl StereoPriors {
     pub fn new(config: StereoConfig, views: &[View], terrain: &Terrain) -> Result<Self, PriorError> {
         config.check()?;
         let views = views.iter().filter(|view| view.image.is_some()).cloned().collect();
-        Ok(Self { config, views, terrain: terrain.clone(), pictures: Mutex::default() })
+        Ok(Self {
+            config,
+            survey: Neighbours::new(views, terrain),
+            terrain: terrain.clone(),
+            pictures: Mutex::default(),
+        })
     }
 
+    fn plan(&self, view: &View) -> Result<Plan<'_>, PriorError> {
+        let refuse = |problem: &str, hint: &str| Err(refusal(view, problem, hint));
+        let others = self.survey.choose(view, self.config.n_neighbours);
+        if others.is_empty() {
+            return refuse("no other photo sees the same ground under a fair angle", "photos have to overlap");
+        }
+        let ideal = |view: &View| Ideal::of(view, self.config.long_side_px);
+        let ideals: Vec<Ideal> = others.iter().map(|other| ideal(other)).collect();
+        match sweep::levels(&ideal(view), &ideals, &self.terrain, &self.config) {
+            Some(levels) => Ok(Plan { others, levels }),
+            None => refuse("it does not look down at the ground", "stereo needs views below the horizon"),
+        }
+    }
+
+    /// The reduced photo of a view; a photo that several threads ask for at once is read by one of them.
     fn picture(&self, view: &View) -> Result<Arc<Picture>, PriorError> {
         // Pictures are whole or absent, so a panic elsewhere leaves nothing half-done here.
-        let store = || self.pictures.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(picture) = store().get(&view.id) {
-            return Ok(picture);
+        let slot = self.pictures.lock().unwrap_or_else(PoisonError::into_inner).slot(&view.id);
+        let mut slot = slot.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(picture) = &*slot {
+            return Ok(Arc::clone(picture));
         }
         let picture = Arc::new(Picture::load(view, self.config.long_side_px)?);
-        store().insert(view.id.clone(), Arc::clone(&picture));
+        *slot = Some(Arc::clone(&picture));
         Ok(picture)
     }
 }
 
+fn refusal(view: &View, problem: &str, hint: &str) -> PriorError {
+    PriorError::Photo { view: view.id.to_string(), problem: problem.to_owned(), hint: hint.to_owned() }
+}
+
 impl PriorSource for StereoPriors {
     fn load(&self, view: &View) -> Result<DepthPrior, PriorError> {
-        let refuse = |problem: &str, hint: &str| PriorError::Photo {
-            view: view.id.to_string(),
-            problem: problem.to_owned(),
-            hint: hint.to_owned(),
-        };
-        let chosen = neighbours::choose(view, &self.views, &self.terrain, self.config.n_neighbours);
-        if chosen.is_empty() {
-            return Err(refuse("no other photo sees the same ground under a fair angle", "photos have to overlap"));
-        }
+        let plan = self.plan(view)?;
         let reference = self.picture(view)?;
-        let others = chosen.iter().map(|other| self.picture(other)).collect::<Result<Vec<_>, _>>()?;
-        let levels_m = sweep::levels(&reference, &others, &self.terrain, &self.config)
-            .ok_or_else(|| refuse("it does not look down at the ground", "stereo needs views below the horizon"))?;
-        let volume = sweep::volume(&reference, &others, &levels_m, self.config.window_px / 2);
+        let others = plan.others.iter().map(|other| self.picture(other)).collect::<Result<Vec<_>, _>>()?;
+        let volume = sweep::volume(&reference, &others, &plan.levels, self.config.window_px / 2);
         let chosen = semi_global::choose_levels(&volume, reference.grey(), &self.config);
-        let heights = chosen.heights_m(&levels_m, self.config.min_score);
-        let values = in_photo(&reference, view, &heights);
+        drop(volume);
+        let heights = chosen.heights_m(&plan.levels, self.config.min_score);
+        let values = in_photo(reference.ideal(), view, &heights);
         if values.data().iter().all(|d| d.is_nan()) {
-            return Err(refuse("its neighbours agree with it nowhere", "are poses and photos from the same flight?"));
+            let problem = "its neighbours agree with it nowhere";
+            return Err(refusal(view, problem, "are poses and photos from the same flight?"));
         }
         Ok(DepthPrior { values, kind: PriorKind::Depth, geometry: PriorGeometry::ZDepth })
     }
 }
 
 impl CacheKey for StereoPriors {
+    /// The terrain only decides where the search starts and ends, and which neighbours serve best: these are in the key.
     fn feed(&self, view: &View, key: &mut KeyHasher) -> Result<(), PriorError> {
+        let plan = self.plan(view)?;
         key.bytes(ALGORITHM);
-        key.json(&self.config);
-        let chosen = neighbours::choose(view, &self.views, &self.terrain, self.config.n_neighbours);
-        for seen in std::iter::once(view).chain(chosen) {
-            key.json(&(&seen.id, &seen.camera, &seen.camera_from_map));
+        key.json(&StereoConfig { cache: CacheConfig::default(), ..self.config.clone() });
+        key.json(&plan.levels);
+        for seen in std::iter::once(view).chain(plan.others) {
+            key.json(&(&seen.camera, &seen.camera_from_map));
             if let Some(image) = &seen.image {
                 key.file(image)?;
-            }
-        }
-        match &self.terrain {
-            Terrain::Constant(z_m) => key.json(z_m),
-            Terrain::Grid(dem) => {
-                key.json(&(dem.corner_m(), dem.cell_m(), dem.heights_m().width()));
-                let heights = dem.heights_m().data().iter();
-                key.bytes(&heights.flat_map(|z| z.to_le_bytes()).collect::<Vec<u8>>());
             }
         }
         Ok(())
@@ -180,7 +203,7 @@ impl CacheKey for StereoPriors {
 
 /// From heights in the distortion-free picture to z-depths on the photo's own pixel grid. The lens moves a pixel; it
 /// does not change its depth.
-fn in_photo(reference: &Picture, view: &View, heights_m: &Raster<f32>) -> Raster<f32> {
+fn in_photo(reference: &Ideal, view: &View, heights_m: &Raster<f32>) -> Raster<f32> {
     let (width, height) = (heights_m.width(), heights_m.height());
     let camera = view.camera.resized(width as u32, height as u32);
     let to_map = view.camera_from_map.rotation.transpose();
@@ -188,8 +211,8 @@ fn in_photo(reference: &Picture, view: &View, heights_m: &Raster<f32>) -> Raster
     let depth = |i: usize| {
         let pixel = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
         let Some(ray) = camera.unproject(pixel) else { return f32::NAN };
-        let Some(ideal) = reference.camera().project(ray) else { return f32::NAN };
-        let z = if reference.camera().contains(ideal) { nearest(heights_m, ideal) } else { f32::NAN };
+        let Some(ideal) = reference.camera.project(ray) else { return f32::NAN };
+        let z = if reference.camera.contains(ideal) { nearest(heights_m, ideal) } else { f32::NAN };
         let depth = (f64::from(z) - centre_z) / (to_map * ray).z;
         if depth > 0.0 { depth as f32 } else { f32::NAN }
     };
@@ -202,27 +225,25 @@ fn nearest(raster: &Raster<f32>, at: DVec2) -> f32 {
     raster[(cell(at.x, raster.width()), cell(at.y, raster.height()))]
 }
 
+/// Room for one picture.
+type Slot = Arc<Mutex<Option<Arc<Picture>>>>;
+
 /// The pictures used last.
 #[derive(Debug, Default)]
 struct PictureStore {
-    pictures: HashMap<ViewId, (u64, Arc<Picture>)>,
+    slots: HashMap<ViewId, (u64, Slot)>,
     clock: u64,
 }
 
 impl PictureStore {
-    fn get(&mut self, id: &ViewId) -> Option<Arc<Picture>> {
+    fn slot(&mut self, id: &ViewId) -> Slot {
         self.clock += 1;
-        let (used, picture) = self.pictures.get_mut(id)?;
-        *used = self.clock;
-        Some(Arc::clone(picture))
-    }
-
-    fn insert(&mut self, id: ViewId, picture: Arc<Picture>) {
-        self.clock += 1;
-        self.pictures.insert(id, (self.clock, picture));
-        if self.pictures.len() > PICTURES_KEPT {
-            let oldest = self.pictures.iter().min_by_key(|(_, (used, _))| *used).map(|(id, _)| id.clone());
-            oldest.map(|id| self.pictures.remove(&id));
+        if self.slots.len() >= PICTURES_KEPT && !self.slots.contains_key(id) {
+            let oldest = self.slots.iter().min_by_key(|(_, (used, _))| *used).map(|(id, _)| id.clone());
+            oldest.map(|id| self.slots.remove(&id));
         }
+        let (used, slot) = self.slots.entry(id.clone()).or_default();
+        *used = self.clock;
+        Arc::clone(slot)
     }
 }

@@ -12,12 +12,28 @@ use crate::survey::View;
 /// Radius of the neighbourhood whose mean is taken off, pixels: wide against any comparison window.
 const SLOW_RADIUS_PX: usize = 15;
 
+/// The camera of a reduced, distortion-free photo, where it stood.
+#[derive(Debug, Clone)]
+pub(super) struct Ideal {
+    /// Without distortion, of the picture's size.
+    pub camera: Camera,
+    /// The view's pose.
+    pub camera_from_map: Rigid<Cam, Map>,
+}
+
+impl Ideal {
+    /// Of a view, whose photo need not be read for that.
+    pub(super) fn of(view: &View, long_side_px: u32) -> Self {
+        let camera = Camera { distortion: Distortion::None, ..view.camera.reduced_to(long_side_px) };
+        Self { camera, camera_from_map: view.camera_from_map }
+    }
+}
+
 /// A reduced, grey, distortion-free photo with its camera.
 #[derive(Debug)]
 pub(crate) struct Picture {
     grey: Raster<f32>,
-    camera: Camera,
-    camera_from_map: Rigid<Cam, Map>,
+    ideal: Ideal,
 }
 
 impl Picture {
@@ -51,9 +67,9 @@ impl Picture {
         } else {
             band(1)?
         };
-        let camera = Camera { distortion: Distortion::None, ..distorted_camera.clone() };
-        let straight = straighten(&grey, &distorted_camera, &camera);
-        Ok(Self { grey: flatten(&straight), camera, camera_from_map: view.camera_from_map })
+        let ideal = Ideal::of(view, long_side_px);
+        let straight = straighten(&grey, &distorted_camera, &ideal.camera);
+        Ok(Self { grey: flatten(&straight), ideal })
     }
 
     /// Brightness against its surroundings, `H × W`, no gaps.
@@ -61,14 +77,19 @@ impl Picture {
         &self.grey
     }
 
+    /// Its camera and pose.
+    pub(super) fn ideal(&self) -> &Ideal {
+        &self.ideal
+    }
+
     /// Without distortion, of the picture's size.
     pub(crate) fn camera(&self) -> &Camera {
-        &self.camera
+        &self.ideal.camera
     }
 
     /// The view's pose.
     pub(crate) fn camera_from_map(&self) -> &Rigid<Cam, Map> {
-        &self.camera_from_map
+        &self.ideal.camera_from_map
     }
 }
 

@@ -9,10 +9,9 @@
 //! Levels are heights, so a level roof or ground costs nothing. `P2` falls across edges of the picture, where heights
 //! change. The winner minimises the sum of `L` over the directions; integers, so that order of summation is nothing.
 
-use rayon::prelude::*;
-
 use super::StereoConfig;
-use super::sweep::{self, Volume};
+use super::correlate;
+use super::sweep::{Levels, Volume};
 use crate::raster::Raster;
 
 /// Grey difference at which `P2` has fallen half-way to `P1`.
@@ -29,10 +28,9 @@ pub(super) struct Chosen {
 
 impl Chosen {
     /// Heights, metres; `NaN` where the correlation stays below `min_score`.
-    pub(super) fn heights_m(&self, levels_m: &[f64], min_score: f64) -> Raster<f32> {
-        let step_m = levels_m[1] - levels_m[0];
+    pub(super) fn heights_m(&self, levels: &Levels, min_score: f64) -> Raster<f32> {
         let height = |&(level, score): &(f32, f64)| {
-            if score < min_score { f32::NAN } else { (levels_m[0] + step_m * f64::from(level)) as f32 }
+            if score < min_score { f32::NAN } else { levels.height_m(f64::from(level)) as f32 }
         };
         Raster::from_vec(self.width, self.height, self.pixels.iter().map(height).collect()).expect("one per pixel")
     }
@@ -40,27 +38,24 @@ impl Chosen {
 
 /// Chooses a level for every pixel.
 pub(super) fn choose_levels(volume: &Volume, grey: &Raster<f32>, config: &StereoConfig) -> Chosen {
-    let steps = Steps { small: config.small_step_cost, large: config.large_step_cost, grey };
-    let mut sums = vec![0_u16; volume.costs.len()];
+    // Settings are checked: neither leaves `i16`, nor does the sum over eight directions.
+    let cost = |cost: u16| i16::try_from(cost).unwrap_or(i16::MAX / 16);
+    let steps = Steps { small: cost(config.small_step_cost), large: cost(config.large_step_cost), grey };
+    let mut sums = vec![0_i16; volume.costs.len()];
     along_rows(volume, &steps, &mut sums);
-    for sideways in [-1, 0, 1] {
-        across_rows(volume, &steps, Downwards::Yes, sideways, &mut sums);
-        across_rows(volume, &steps, Downwards::No, sideways, &mut sums);
-    }
+    across_rows(volume, &steps, Downwards::Yes, &mut sums);
+    across_rows(volume, &steps, Downwards::No, &mut sums);
     let n = volume.n_levels;
-    let pixels = sums
-        .par_chunks_exact(n)
-        .zip(volume.costs.par_chunks_exact(n))
-        .map(|(sums, costs)| {
-            let best = (0..n).min_by_key(|&k| sums[k]).expect("levels exist");
-            (best as f32 + vertex(sums, best), sweep::score(costs[best]))
-        })
-        .collect();
-    Chosen { width: volume.width, height: volume.height, pixels }
+    let pixels = sums.chunks_exact(n).zip(volume.costs.chunks_exact(n)).map(|(sums, costs)| {
+        let least = sums.iter().copied().fold(i16::MAX, i16::min);
+        let best = sums.iter().position(|sum| *sum == least).expect("levels exist");
+        (best as f32 + vertex(sums, best), correlate::score(costs[best]))
+    });
+    Chosen { width: volume.width, height: volume.height, pixels: pixels.collect() }
 }
 
 /// Where the parabola through the best level and its neighbours has its vertex, −0.5 to 0.5 from the best.
-fn vertex(sums: &[u16], best: usize) -> f32 {
+fn vertex(sums: &[i16], best: usize) -> f32 {
     if best == 0 || best + 1 == sums.len() {
         return 0.0;
     }
@@ -77,112 +72,116 @@ enum Downwards {
 
 /// What changes of level cost.
 struct Steps<'a> {
-    small: u16,
-    large: u16,
+    small: i16,
+    large: i16,
     grey: &'a Raster<f32>,
 }
 
 impl Steps<'_> {
     /// `P2` between two pixels.
-    fn large_between(&self, a: usize, b: usize) -> u16 {
+    fn large_between(&self, a: usize, b: usize) -> i16 {
         let contrast = (self.grey.data()[a] - self.grey.data()[b]).abs();
         let above_small = f32::from(self.large - self.small) / (1.0 + contrast / EDGE_GREY);
-        self.small + above_small as u16
+        self.small + above_small as i16
     }
 
-    /// One step along a path: `L` of a pixel from its costs and the `L` before it. Both paths carry one entry more at
-    /// either end ([`new_path`]), so that the innermost loop has no cases and vectorises.
-    fn advance(&self, costs: &[u8], before: &[u16], large: u16, path: &mut [u16]) {
+    /// One step along a path: `L` of a pixel from its costs and the `L` before it, added to the pixel's sums.
+    fn advance(&self, costs: &[u8], before: &Path, large: i16, path: &mut Path, sums: &mut [i16]) {
         let n = costs.len();
-        let same = &before[1..=n];
-        let least = same.iter().copied().min().unwrap_or(0);
-        let jump = least + large;
-        let neighbours = before[..n].iter().zip(&before[2..n + 2]);
-        for (((l, cost), same), (below, above)) in path[1..=n].iter_mut().zip(costs).zip(same).zip(neighbours) {
-            let step = (*below).min(*above) + self.small;
-            *l = u16::from(*cost) + ((*same).min(step).min(jump) - least);
+        let jump = before.least.saturating_add(large);
+        // Slices of one length: the loop then has no checks, and vectorises.
+        let (below, same, above) = (&before.costs[..n], &before.costs[1..=n], &before.costs[2..n + 2]);
+        let (now, sums) = (&mut path.costs[1..=n], &mut sums[..n]);
+        let mut least = i16::MAX;
+        for k in 0..n {
+            // Saturating: nothing comes near the limits, and plain sums are checked in some builds, which is slow.
+            let step = below[k].min(above[k]).saturating_add(self.small);
+            let cheapest = same[k].min(step).min(jump).saturating_sub(before.least);
+            let l = cheapest.saturating_add(i16::from(costs[k]));
+            now[k] = l;
+            sums[k] = sums[k].saturating_add(l);
+            least = least.min(l);
+        }
+        path.least = least;
+    }
+}
+
+/// `L` of one pixel, with a level that does not exist at either end, so that the innermost loop has no cases.
+#[derive(Debug, Clone)]
+struct Path {
+    costs: Vec<i16>,
+    least: i16,
+}
+
+impl Path {
+    /// A level that does not exist: dearer than any path, and far from overflow.
+    const NO_LEVEL: i16 = i16::MAX / 2;
+
+    fn new(n_levels: usize) -> Self {
+        Self { costs: vec![Self::NO_LEVEL; n_levels + 2], least: 0 }
+    }
+
+    /// The first pixel of a path has nothing before it.
+    fn begin(&mut self, costs: &[u8], sums: &mut [i16]) {
+        self.least = i16::MAX;
+        for ((l, cost), sum) in self.costs[1..].iter_mut().zip(costs).zip(sums) {
+            *l = i16::from(*cost);
+            *sum += *l;
+            self.least = self.least.min(*l);
         }
     }
 }
 
-/// A level that does not exist: dearer than any path, and far from overflow.
-const NO_LEVEL: u16 = u16::MAX / 2;
-
-/// Room for `L` of `n_pixels`, each with a level that does not exist at either end.
-fn new_path(n_pixels: usize, n_levels: usize) -> Vec<u16> {
-    let mut path = vec![0; n_pixels * (n_levels + 2)];
-    for pixel in path.chunks_exact_mut(n_levels + 2) {
-        pixel[0] = NO_LEVEL;
-        pixel[n_levels + 1] = NO_LEVEL;
-    }
-    path
-}
-
-/// The first pixel of a path has nothing before it.
-fn begin(costs: &[u8], path: &mut [u16]) {
-    for (l, cost) in path[1..].iter_mut().zip(costs) {
-        *l = u16::from(*cost);
-    }
-}
-
 /// The two directions within rows.
-fn along_rows(volume: &Volume, steps: &Steps<'_>, sums: &mut [u16]) {
+fn along_rows(volume: &Volume, steps: &Steps<'_>, sums: &mut [i16]) {
     let (width, n) = (volume.width, volume.n_levels);
-    sums.par_chunks_exact_mut(width * n).enumerate().for_each(|(row, sums)| {
-        let mut before = new_path(1, n);
-        let mut path = new_path(1, n);
-        let mut walk = |columns: &mut dyn Iterator<Item = usize>| {
-            let mut last: Option<usize> = None;
-            for col in columns {
-                let pixel = row * width + col;
-                let costs = &volume.costs[pixel * n..][..n];
-                match last {
-                    Some(last) => steps.advance(costs, &before, steps.large_between(last, pixel), &mut path),
-                    None => begin(costs, &mut path),
-                }
-                add(&mut sums[col * n..][..n], &path);
-                std::mem::swap(&mut before, &mut path);
-                last = Some(pixel);
+    let (mut before, mut path) = (Path::new(n), Path::new(n));
+    let mut walk = |row: usize, columns: &mut dyn Iterator<Item = usize>| {
+        let mut last: Option<usize> = None;
+        for col in columns {
+            let pixel = row * width + col;
+            let (costs, sums) = (&volume.costs[pixel * n..][..n], &mut sums[pixel * n..][..n]);
+            match last {
+                Some(last) => steps.advance(costs, &before, steps.large_between(last, pixel), &mut path, sums),
+                None => path.begin(costs, sums),
             }
-        };
-        walk(&mut (0..width));
-        walk(&mut (0..width).rev());
-    });
+            std::mem::swap(&mut before, &mut path);
+            last = Some(pixel);
+        }
+    };
+    for row in 0..volume.height {
+        walk(row, &mut (0..width));
+        walk(row, &mut (0..width).rev());
+    }
 }
 
-/// One direction from row to row, straight (`sideways = 0`) or diagonal.
-fn across_rows(volume: &Volume, steps: &Steps<'_>, downwards: Downwards, sideways: isize, sums: &mut [u16]) {
+/// The three directions that come from one side of a row, straight and diagonal, together: a pixel's costs and sums
+/// are then touched once.
+fn across_rows(volume: &Volume, steps: &Steps<'_>, downwards: Downwards, sums: &mut [i16]) {
     let (width, n) = (volume.width, volume.n_levels);
-    let mut before = new_path(width, n);
-    let mut paths = new_path(width, n);
+    let mut before = vec![[Path::new(n), Path::new(n), Path::new(n)]; width];
+    let mut paths = before.clone();
     for i in 0..volume.height {
         let (row, last_row) = match downwards {
             Downwards::Yes => (i, i.checked_sub(1)),
             Downwards::No => (volume.height - 1 - i, (i > 0).then(|| volume.height - i)),
         };
-        let row_sums = &mut sums[row * width * n..][..width * n];
-        paths.par_chunks_exact_mut(n + 2).zip(row_sums.par_chunks_exact_mut(n)).enumerate().with_min_len(64).for_each(
-            |(col, (path, sums))| {
-                let pixel = row * width + col;
-                let costs = &volume.costs[pixel * n..][..n];
-                let last_col = col.checked_add_signed(-sideways).filter(|c| *c < width);
+        for (col, paths) in paths.iter_mut().enumerate() {
+            let pixel = row * width + col;
+            let (costs, sums) = (&volume.costs[pixel * n..][..n], &mut sums[pixel * n..][..n]);
+            for (direction, path) in paths.iter_mut().enumerate() {
+                // From the column before, the same, the next one.
+                let last_col = (col + direction).checked_sub(1).filter(|c| *c < width);
                 match last_row.zip(last_col) {
                     Some((last_row, last_col)) => {
                         let large = steps.large_between(last_row * width + last_col, pixel);
-                        steps.advance(costs, &before[last_col * (n + 2)..][..n + 2], large, path);
+                        steps.advance(costs, &before[last_col][direction], large, path, sums);
                     }
-                    None => begin(costs, path),
+                    None => path.begin(costs, sums),
                 }
-                add(sums, path);
-            },
-        );
+            }
+        }
         std::mem::swap(&mut before, &mut paths);
-    }
-}
-
-fn add(sums: &mut [u16], path: &[u16]) {
-    for (sum, l) in sums.iter_mut().zip(&path[1..]) {
-        *sum += l;
     }
 }
 

@@ -1,0 +1,121 @@
+//! Priors ahead of a run: the cache is filled with what the run will ask for.
+//!
+//! Views are worked on in parallel: while one is in the network, others are decoded, prepared and stored. A view that is
+//! in the cache is passed over, so an interrupted work goes on where it stopped, and several processes that start at
+//! different views share it.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::heights::view_inputs;
+use super::stages::SceneStage;
+use super::{FootprintStage, PipelineError, RunOptions, Stage, Tell, artefact, run};
+use crate::config::RunConfig;
+use crate::optimise::{Problem, first_selection};
+use crate::prior::{PriorSource as _, Priors};
+use crate::survey::{Survey, View, ViewKind};
+
+/// Which views' priors are computed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wanted {
+    /// Those that a run selects first.
+    Selected,
+    /// All oblique ones: what any run, and any part of a city, can ask for.
+    AllOblique,
+}
+
+/// What has been computed.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
+pub struct PriorsDone {
+    /// Views whose priors are wanted.
+    pub n_wanted: usize,
+    /// Of these, those that were there already.
+    pub n_found: usize,
+    /// Those computed now.
+    pub n_computed: usize,
+    /// Those that are in the cache afterwards: fewer than found and computed where its limit is too low.
+    pub n_kept: usize,
+    /// Views without a prior, and why.
+    pub failed: Vec<(String, String)>,
+}
+
+/// Computes priors into the cache. `start` shifts the view that is begun with: processes that share the work pass
+/// different numbers. The stages before the heights are run, and leave their results as in a run.
+///
+/// # Errors
+/// [`PipelineError`]: as a run up to the footprints, and for priors that are files or have no cache.
+pub fn compute_priors(
+    config: &RunConfig,
+    wanted: Wanted,
+    start: usize,
+    tell: Tell<'_>,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<PriorsDone, PipelineError> {
+    let options = RunOptions { from: Stage::Survey, until: Stage::Footprints, command: String::new() };
+    run(config, &options, tell)?;
+    let survey: Survey = artefact::read(config, Stage::Survey)?;
+    let footprints: FootprintStage = artefact::read(config, Stage::Footprints)?;
+    let stage = SceneStage::new(config, &survey, &footprints)?;
+    let priors = config.prior.open(&survey.views, &stage.terrain)?;
+    if !priors.has_cache() {
+        return Err(PipelineError::Settings {
+            table: "prior",
+            message: "there is nothing to compute ahead of time: the priors are files, or have no cache".to_owned(),
+            hint: "`source` is \"network\" or \"stereo\", and `cache.limit_gb` above 0",
+        });
+    }
+    let mut views = match wanted {
+        Wanted::Selected => selected(config, &survey, &stage),
+        Wanted::AllOblique => survey.views.iter().filter(|view| view.kind() == ViewKind::Oblique).collect(),
+    };
+    let n = views.len();
+    views.rotate_left(start % n.max(1));
+    Ok(compute(&priors, &views, progress))
+}
+
+fn selected<'a>(config: &RunConfig, survey: &'a Survey, stage: &SceneStage) -> Vec<&'a View> {
+    let views = view_inputs(config, survey, &stage.scene);
+    let problem = Problem {
+        scene: &stage.scene,
+        views: &views,
+        load_prior: &|_| Err("no prior is asked for".to_owned()),
+        start_m: &[],
+        seed: config.seed,
+        progress: &|_, _, _| {},
+    };
+    first_selection(&problem, &config.optimise).into_iter().map(|view| &survey.views[view]).collect()
+}
+
+fn compute(priors: &Priors, views: &[&View], progress: &(dyn Fn(usize, usize) + Sync)) -> PriorsDone {
+    let n_done = AtomicUsize::new(0);
+    // Looked for one by one, just before: another process may have been there meanwhile.
+    let results: Vec<Result<bool, String>> = views
+        .par_iter()
+        .with_max_len(1)
+        .map(|view| {
+            let was_there = priors.is_kept(view).map_err(|e| e.to_string());
+            let result = match was_there {
+                Ok(false) => priors.load(view).map(|_| false).map_err(|e| e.to_string()),
+                known => known,
+            };
+            progress(n_done.fetch_add(1, Ordering::Relaxed) + 1, views.len());
+            result
+        })
+        .collect();
+    let count = |wanted: bool| results.iter().filter(|result| **result == Ok(wanted)).count();
+    let mut failed: Vec<(String, String)> = views
+        .iter()
+        .zip(&results)
+        .filter_map(|(view, result)| Some((view.id.to_string(), result.as_ref().err()?.clone())))
+        .collect();
+    failed.sort_unstable();
+    PriorsDone {
+        n_wanted: views.len(),
+        n_found: count(true),
+        n_computed: count(false),
+        n_kept: views.iter().filter(|view| priors.is_kept(view).unwrap_or(false)).count(),
+        failed,
+    }
+}
