@@ -1,15 +1,18 @@
 //! The heights stage: one scene solved, and solved again, from where it was, where heights change the outlines.
 
+use std::cell::RefCell;
+
 use super::footprints as outlines;
+use super::priors::PriorStore;
 use super::stages::SceneStage;
 use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, artefact, levels};
 use crate::config::RunConfig;
 use crate::optimise::{OptimiseConfig, Problem, SearchConfig, Solution, ViewInput};
-use crate::prior::{PriorSource as _, Priors};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
 use crate::seed;
 use crate::survey::{Survey, View, ViewKind};
+use crate::terrain::Terrain;
 
 /// Full sweeps that parts get among buildings whose heights are known from the round before.
 const RESUMED_SWEEPS: usize = 2;
@@ -23,15 +26,24 @@ pub(super) struct HeightSearch<'a> {
 }
 
 impl HeightSearch<'_> {
-    /// Solves for the heights, again and again where they change the outlines.
+    /// Solves for the heights, again and again where they change the outlines; with the priors they were found in.
     pub fn in_rounds(
         &self,
         footprints: &mut FootprintStage,
         stage: &mut SceneStage,
-    ) -> Result<HeightStage, PipelineError> {
+    ) -> Result<(HeightStage, PriorStore), PipelineError> {
+        // What is computed depends on the terrain.
+        let opened: RefCell<Option<(Terrain, PriorStore)>> = RefCell::new(None);
         let find = |stage: &SceneStage, optimise: &OptimiseConfig, known: &Known| {
-            let priors = self.config.prior.open(&self.survey.views, &stage.terrain)?;
-            let heights = self.of_scene(stage, &priors, optimise, known);
+            let mut opened = opened.borrow_mut();
+            let kept = opened.take().filter(|(terrain, _)| *terrain == stage.terrain);
+            let (_, priors) = match kept {
+                Some(kept) => opened.insert(kept),
+                None => {
+                    opened.insert((stage.terrain.clone(), PriorStore::open(self.config, self.survey, &stage.terrain)?))
+                }
+            };
+            let heights = self.of_scene(stage, priors, optimise, known);
             require_priors(self.survey, &heights.solution)?;
             Ok(heights)
         };
@@ -47,7 +59,9 @@ impl HeightSearch<'_> {
         if footprints.tracks.is_some() {
             artefact::write(self.config, Stage::Footprints, &footprints)?;
         }
-        self.taking_apart(footprints, stage, find)
+        let heights = self.taking_apart(footprints, stage, find)?;
+        let (_, priors) = opened.into_inner().expect("taking apart solves at least once");
+        Ok((heights, priors))
     }
 
     /// Solves with `find`, takes apart the outlines with two roof levels (no one height fits them), and solves again.
@@ -80,15 +94,12 @@ impl HeightSearch<'_> {
     pub fn of_scene(
         &self,
         stage: &SceneStage,
-        priors: &Priors,
+        priors: &PriorStore,
         optimise: &OptimiseConfig,
         known: &Known,
     ) -> HeightStage {
         let views = view_inputs(self.config, self.survey, &stage.scene);
-        let load_prior = |view: usize| {
-            let view = &self.survey.views[view];
-            priors.load(view).map(|prior| prior.to_z_depth(&view.camera)).map_err(|e| e.to_string())
-        };
+        let load_prior = |view: usize| priors.load(self.survey, view).map_err(|e| e.to_string());
         let problem = Problem {
             scene: &stage.scene,
             views: &views,

@@ -22,6 +22,7 @@ mod levels;
 mod look;
 mod overview;
 mod pictures;
+mod priors;
 mod records;
 mod report;
 mod soundness;
