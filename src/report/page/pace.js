@@ -12,8 +12,9 @@ const SLOW_REST_MS = 70;
 const SLOW_EFFORT = 0.6;
 
 class Pace {
-  constructor(onRest) {
-    this.onRest = onRest;
+  // `on.rest()`: the view rests; `on.slow()`: the machine was found to be slow.
+  constructor(on) {
+    this.on = on;
     // 1 at rest.
     this.effort = 1;
     // What the last movement took.
@@ -28,7 +29,7 @@ class Pace {
   moved() {
     clearTimeout(this.timer);
     this.effort = this.moving;
-    this.timer = setTimeout(() => { this.timer = 0; this.last = 0; this.effort = 1; this.onRest(); }, REST_MS);
+    this.timer = setTimeout(() => { this.timer = 0; this.last = 0; this.effort = 1; this.on.rest(); }, REST_MS);
   }
 
   // A frame begins. Of two in a row, the time between them is what the first one cost.
@@ -63,6 +64,7 @@ class Pace {
     if (this.isSlow) return;
     this.isSlow = true;
     this.moving = Math.min(this.moving, SLOW_EFFORT);
+    this.on.slow();
   }
 
   get isSimple() { return this.timer !== 0 && this.isSlow; }

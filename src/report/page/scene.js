@@ -36,7 +36,7 @@ class Scene {
       flight: null,
       isDirty: false, isShadowStale: true,
     });
-    this.pace = new Pace(() => this.redraw());
+    this.pace = new Pace({ rest: () => this.redraw(), slow: () => this.chunks.forEach((chunk) => this.addBoxes(chunk)) });
     this.setColours([]);
   }
 
@@ -50,6 +50,7 @@ class Scene {
     const faces = vertexArray(gl, [[mesh.positions, 3], normals, [mesh.features, 1]], mesh.indices);
     const edges = vertexArray(gl, [[faces.buffers[0], 3]], mesh.edges);
     const chunk = { faces, edges, boxes: null, mesh, first, nIndices: mesh.indices.length, nEdges: mesh.edges.length, ball };
+    if (this.pace.isSlow) this.addBoxes(chunk);
     this.chunks.add(chunk);
     this.isShadowStale = true;
     this.redraw();
@@ -231,16 +232,18 @@ class Scene {
     const { eye } = this.pose();
     const focalPx = this.canvas.height / (2 * Math.tan(FIELD_OF_VIEW / 2));
     const isSmall = (chunk) => {
-      chunk.boxes ??= this.boxesOf(chunk.mesh);
+      this.addBoxes(chunk);
       const away = Math.max(vec.length(vec.sub(chunk.ball.centre, eye)) - chunk.ball.radius, 1);
       return (chunk.boxes.sizeM * focalPx) / away < BOX_PX;
     };
     return [chunks.filter((chunk) => !isSmall(chunk)), chunks.filter(isSmall)];
   }
 
-  boxesOf(mesh) {
-    const { places, reaches, features, sizeM } = boxesOfMesh(mesh);
-    return { ...vertexArray(this.gl, [[places, 4], [reaches, 4], [features, 1]]), count: features.length, sizeM };
+  addBoxes(chunk) {
+    if (chunk.boxes) return;
+    const { places, reaches, features, sizeM } = boxesOfMesh(chunk.mesh);
+    chunk.boxes = { ...vertexArray(this.gl, [[places, 4], [reaches, 4], [features, 1]]), count: features.length, sizeM };
+    chunk.mesh = null;
   }
 
   drawLines(clip, chunks) {
