@@ -307,3 +307,29 @@ fn pairs(seen: &InspectedView, view: &View, cut: Cut) -> Vec<Pair> {
     };
     seen.pairs.iter().filter_map(pair).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optimise::Reason;
+
+    #[test]
+    fn views_at_hand_are_all_looked_at_and_of_the_others_no_more_than_can_be_computed() {
+        let solved = |b: usize| SolvedHeight {
+            height_m: Some(9.0),
+            roof: None,
+            sigma_m: Some(b as f64),
+            views: (3 * b..3 * b + 3).collect(),
+            score: None,
+            reasons: if b == 2 { vec![Reason::TooFewViews] } else { Vec::new() },
+        };
+        let solved: Vec<SolvedHeight> = (0..30).map(solved).collect();
+        let config = ReportConfig { evidence_buildings: 20, evidence_views: 2, ..ReportConfig::default() };
+        let at_hand = choose(&config, &solved, |_| true);
+        assert_eq!((at_hand.len(), &at_hand[0]), (20, &(2, vec![6, 7, 8])), "the doubtful one first, in all its views");
+        assert_eq!(at_hand[1].0, 29, "then the least certain");
+        let computed = choose(&config, &solved, |_| false);
+        assert_eq!(computed[0], (2, vec![6, 7]));
+        assert_eq!(computed.iter().map(|(_, views)| views.len()).sum::<usize>(), MAX_COMPUTED_VIEWS);
+    }
+}
