@@ -58,12 +58,15 @@ pub fn solids<R: Records + ?Sized>(
     writer.layer(&spec, |push| records.visit(&mut |record| row(record).map_or(Ok(()), &mut *push)))
 }
 
+/// A column and how to fill it.
+type FieldOf<T> = (Column, fn(&T) -> Value);
+
 /// A layer whose rows come from things of one kind.
 struct Table<'a, T> {
     name: &'a str,
     description: &'a str,
     geometry: GeometryKind,
-    fields: Vec<(Column, fn(&T) -> Value)>,
+    fields: Vec<FieldOf<T>>,
     wkb: fn(&T) -> Option<Vec<u8>>,
 }
 
@@ -80,13 +83,7 @@ impl<T> Table<'_, T> {
     }
 }
 
-/// A column and how to fill it.
-fn field<T>(
-    name: &'static str,
-    kind: ColumnKind,
-    meaning: &'static str,
-    of: fn(&T) -> Value,
-) -> (Column, fn(&T) -> Value) {
+fn field<T>(name: &'static str, kind: ColumnKind, meaning: &'static str, of: fn(&T) -> Value) -> FieldOf<T> {
     (Column::new(name, kind, meaning), of)
 }
 

@@ -106,7 +106,9 @@ mod tests {
         let blocks: Vec<Block> = (0..30).map(block).collect();
         let folder = tempfile::tempdir().unwrap();
         let mut writer = SpoolWriter::new(folder.path()).unwrap();
-        blocks.iter().for_each(|block| writer.push(block).unwrap());
+        for block in &blocks {
+            writer.push(block).unwrap();
+        }
         let spool = writer.finish().unwrap();
         assert_eq!((spool.len(), std::fs::read_dir(folder.path()).unwrap().count()), (30, 0));
         let positions = [29, 3, 0, 17, 3];

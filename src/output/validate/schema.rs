@@ -109,7 +109,9 @@ fn check_sequence(path: &Path, max_faults: usize) -> Result<SchemaCheck, OutputE
         outcome.n_features += group.len();
         if outcome.errors.len() + outcome.warnings.len() < max_faults {
             let found: Vec<SchemaCheck> = group.par_chunks(AT_ONCE).map(|lines| header.check(lines)).collect();
-            found.into_iter().for_each(|part| outcome.extend(part));
+            for part in found {
+                outcome.extend(part);
+            }
         }
     }
 }
