@@ -22,7 +22,7 @@ deps-python: ## Install trimesh, shapely and scipy into target/python, so that t
 deps-qgis: ## Install QGIS (200 MB), so that the tests that open results in it run too
 	@tools/deps.sh qgis
 
-deps-web: ## Install a browser and validators of 3D Tiles (500 MB), so that the tests that use them run too
+deps-web: ## Install a browser and validators of glTF and 3D Tiles alone (170 MB to load); part of deps-test
 	@tools/deps.sh web
 
 deps-batch: ## Install Snakemake into target/batch, so that the tests that run cities through it run too

@@ -2,7 +2,7 @@
 # Installs what is missing, through the distribution's packages, and says so. Does nothing where all is there.
 #
 #   tools/deps.sh build   what it takes to build and run sizeup
-#   tools/deps.sh test    the independent tools that tests compare with: GDAL's programs, cjio, QGIS
+#   tools/deps.sh test    the independent tools that tests compare with: GDAL's programs, cjio, QGIS, a browser (web)
 #   tools/deps.sh docs    Python, which writes docs/reference.md
 #   tools/deps.sh python trimesh, shapely and scipy in target/python; without them the tests that need them say "skipped"
 #   tools/deps.sh qgis    QGIS alone: 220 MB to load, 1 GB on disk; without it the tests that need it say "skipped"
@@ -10,7 +10,8 @@
 #                         the embedded engine, and the tests that compare the two say "skipped"
 #   tools/deps.sh networks PyTorch and transformers (500 MB on disk), which export real architectures with random weights
 #   tools/deps.sh batch   Snakemake with its plugins for Slurm and Kubernetes, in target/batch, some 300 MB; likewise
-#   tools/deps.sh web     Node.js, a browser and what drives it, CesiumJS and validators of 3D Tiles, some 500 MB; likewise
+#   tools/deps.sh web     Node.js, a browser without windows and what drives it, CesiumJS and validators of glTF and 3D Tiles:
+#                         some 170 MB to load, 800 MB on disk; likewise
 #
 # What is no package of the distribution goes into target/tools, with its version.
 set -euo pipefail
@@ -77,14 +78,16 @@ test_tools() {
       say "cjio could not be installed: the tests that use it are skipped"
   fi
   ( qgis ) || say "QGIS could not be installed: the tests that open results in it are skipped"
+  ( web ) || say "no browser could be installed: the tests that open pages in it are skipped"
 }
 
 web() {
   local missing=()
   command -v node >/dev/null || missing+=(nodejs)
   command -v npm >/dev/null || missing+=(npm)
-  command -v chromium >/dev/null || missing+=(chromium)
   install_packages ${missing[@]+"${missing[@]}"}
+  # Debian's browser without windows needs 30 packages, the whole one 90. Other distributions have only that, if any.
+  { command -v chromium-headless-shell || command -v chromium; } >/dev/null || install_packages chromium-headless-shell
   mkdir -p "$tools/web"
   # One by one: a registry may lack one of them, and only its tests are skipped then.
   local package

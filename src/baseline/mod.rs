@@ -43,6 +43,7 @@ fn without_views(heights_m: Vec<Option<f64>>) -> Solution {
         history: Vec::new(),
         used_views: Vec::new(),
         spill_px: 0.0,
+        spills_px: Vec::new(),
         other_levels: Vec::new(),
         failed_views: Vec::new(),
     }

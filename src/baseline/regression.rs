@@ -118,6 +118,7 @@ pub fn regression(problem: &Problem<'_>, optimise: &OptimiseConfig, config: &Reg
         history,
         used_views,
         spill_px: 0.0,
+        spills_px: Vec::new(),
         other_levels: Vec::new(),
         failed_views,
     }

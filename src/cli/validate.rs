@@ -6,14 +6,13 @@ use clap::Args;
 use serde::Serialize;
 
 use super::{Failure, Global, print_json};
-use crate::output::cityjson::read::CityFile;
 use crate::output::validate::schema::{self, SchemaCheck, SchemaFault};
-use crate::output::validate::{Fault, ValidateConfig, Validation, validate};
+use crate::output::validate::{Fault, ValidateConfig, Validation, validate_file};
 
 /// Faults that are printed one by one unless all are asked for.
 const N_PRINTED: usize = 20;
-/// Features of a sequence whose form is looked at unless all are asked for.
-const N_FEATURES: usize = 200;
+/// Faults of form after which the rest of a sequence is passed over unless all are asked for.
+const MAX_FAULTS: usize = 200;
 /// The file holds faults.
 const EXIT_INVALID: u8 = 3;
 
@@ -31,7 +30,7 @@ pub struct ValidateArgs {
     /// Check the solids only, not the form: schema, references, indices, semantics (by cjval).
     #[arg(long)]
     pub no_schema: bool,
-    /// Print every fault, not only the first twenty; look at the form of every feature of a sequence, not only 200.
+    /// Print every fault, not only the first twenty; go on with the form of a sequence after 200 of its faults.
     #[arg(long)]
     pub all: bool,
     /// Vertices closer than this are one, metres.
@@ -51,25 +50,24 @@ pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
     if let Some(form) = form.as_ref().filter(|_| !global.json) {
         print_form(form, n_printed);
     }
-    let city = CityFile::read(&args.file).map_err(|e| Failure::new(3, &e))?;
     let config = ValidateConfig {
         snap_tolerance_m: args.snap_tolerance,
         planarity_distance_m: args.planarity_distance,
         ..ValidateConfig::default()
     };
-    let solids = validate(&city, &config);
+    let solids = validate_file(&args.file, &config).map_err(|e| Failure::new(3, &e))?;
     let is_valid = solids.is_valid() && form.as_ref().is_none_or(|form| form.errors.is_empty());
     if global.json {
         print_json(&Outcome { solids, form })?;
     } else {
-        print_table(&solids, n_printed, city.n_templates);
+        print_table(&solids, n_printed);
     }
     Ok(if is_valid { 0 } else { EXIT_INVALID })
 }
 
 fn check_form(args: &ValidateArgs) -> Result<SchemaCheck, Failure> {
-    let max_features = if args.all { usize::MAX } else { N_FEATURES };
-    schema::check_some(&args.file, max_features).map_err(|e| Failure::new(3, &e))
+    let max_faults = if args.all { usize::MAX } else { MAX_FAULTS };
+    schema::check_until(&args.file, max_faults).map_err(|e| Failure::new(3, &e))
 }
 
 /// Both checks as JSON.
@@ -84,7 +82,10 @@ struct Outcome {
 fn print_form(form: &SchemaCheck, n_printed: usize) {
     println!("form: {} errors, {} warnings", form.errors.len(), form.warnings.len());
     if form.n_features_checked < form.n_features {
-        println!("form of {} features out of {}; --all looks at every one", form.n_features_checked, form.n_features);
+        println!(
+            "after these, the form of the other features was not looked at: {} out of {}; --all looks at every one",
+            form.n_features_checked, form.n_features
+        );
     }
     let print = |what: &str, faults: &[SchemaFault]| {
         for SchemaFault { check, line, message } in faults.iter().take(n_printed) {
@@ -99,13 +100,13 @@ fn print_form(form: &SchemaCheck, n_printed: usize) {
     print("warning", &form.warnings);
 }
 
-fn print_table(outcome: &Validation, n_printed: usize, n_templates: usize) {
+fn print_table(outcome: &Validation, n_printed: usize) {
     println!(
         "{} of {} geometries are valid; {} objects have none",
         outcome.n_valid, outcome.n_geometries, outcome.n_without_geometry
     );
-    if n_templates > 0 {
-        println!("{n_templates} template instances were not checked");
+    if outcome.n_templates > 0 {
+        println!("{} template instances were not checked", outcome.n_templates);
     }
     for (number, n) in &outcome.n_by_code {
         let name = outcome.faults.iter().find(|fault| fault.number == *number).map(|fault| fault.code.to_string());

@@ -89,7 +89,8 @@ pub fn inspect(
         .filter_map(|(view, profiles)| {
             let prior = (problem.load_prior)(*view).ok()?;
             let placed = &problem.views[*view].placed;
-            let evidence = Evidence::new(placed, profiles, &prior, solution.spill_px, config.stride_px, n_buildings);
+            let spill_px = solution.spill_of(*view);
+            let evidence = Evidence::new(placed, profiles, &prior, spill_px, config.stride_px, n_buildings);
             Some((*view, evidence))
         })
         .collect();

@@ -66,6 +66,22 @@ pub struct OtherLevel {
     pub building: usize,
     /// Corners of a rectangle, local frame, metres, counter-clockwise; it may reach beyond the outline.
     pub corners: [[f64; 2]; 4],
+    /// Why.
+    #[serde(default)]
+    pub gain: LevelGain,
+}
+
+/// How much better two levels explain the priors than one.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct LevelGain {
+    /// The two levels above ground, metres: of the part, and of the rest.
+    pub heights_m: [f32; 2],
+    /// Mean score over views of both together.
+    pub two: f64,
+    /// The same of one level at several heights: metres, score; heights ascend.
+    pub one: Vec<(f32, f64)>,
+    /// Views that had a say.
+    pub n_views: usize,
 }
 
 /// Buildings that should be taken apart, by index. Those known from a round before have been looked at there: only what one
@@ -92,8 +108,12 @@ pub(super) fn find(
             })
             .collect();
         let is_known = known_m.get(building).copied().flatten().is_some();
-        let corners = plan.other_level(&seen, heights_m[building], if is_known { DOUBTFUL_SCORE } else { 1.0 })?;
-        Some(OtherLevel { building, corners })
+        let levels = plan.other_level(&seen, heights_m[building], if is_known { DOUBTFUL_SCORE } else { 1.0 })?;
+        Some(OtherLevel {
+            building,
+            corners: plan.corners(&levels),
+            gain: plan.gain(&seen, &levels, heights_m[building]),
+        })
     };
     (0..scene.prisms.len()).into_par_iter().filter_map(of_building).collect()
 }
@@ -210,7 +230,7 @@ impl<'a> Plan<'a> {
     }
 
     /// The part at another level than the rest; `None` where one level is as good, or scores no less than `below_score`.
-    fn other_level(&self, seen: &[SeenIn], height_m: f32, below_score: f64) -> Option<[[f64; 2]; 4]> {
+    fn other_level(&self, seen: &[SeenIn], height_m: f32, below_score: f64) -> Option<TwoLevels> {
         if seen.len() < MIN_VIEWS {
             return None;
         }
@@ -239,15 +259,32 @@ impl<'a> Plan<'a> {
         let all: Vec<&SeenIn> = seen.iter().collect();
         let (_, best) = self.climb(&all, best, total(&all, &best), &FINE_STEPS);
         let gains: Vec<f64> = seen.iter().zip(flat).map(|(s, flat)| s.score(&best) - flat).collect();
-        (self.is_part(&best) && is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS)).then(|| self.corners(&best))
+        (self.is_part(&best) && is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS)).then_some(best)
+    }
+
+    /// Both explanations side by side.
+    fn gain(&self, seen: &[SeenIn], levels: &TwoLevels, height_m: f32) -> LevelGain {
+        let mean = |score: &dyn Fn(&SeenIn) -> f64| seen.iter().map(score).sum::<f64>() / seen.len().max(1) as f64;
+        let mut heights: Vec<f32> = self.tried_heights().chain([height_m, levels.inner_m, levels.outer_m]).collect();
+        heights.sort_by(f32::total_cmp);
+        LevelGain {
+            heights_m: [levels.inner_m, levels.outer_m],
+            two: mean(&|s| s.score(levels)),
+            one: heights.into_iter().map(|h| (h, mean(&|s| s.window.score(h, 0.0, Correlation::Linear)))).collect(),
+            n_views: seen.len(),
+        }
+    }
+
+    /// Heights over the whole range, log-spaced.
+    fn tried_heights(&self) -> impl Iterator<Item = f32> + use<> {
+        let HeightBounds { min_m, max_m } = self.bounds;
+        (0..N_HEIGHTS).map(move |i| min_m * (max_m / min_m).powf(i as f32 / (N_HEIGHTS - 1) as f32))
     }
 
     /// The one level that explains most.
     fn best_level(&self, seen: &[&SeenIn], height_m: f32) -> f32 {
         let total = |h: f32| seen.iter().map(|s| s.window.score(h, 0.0, Correlation::Linear)).sum::<f64>();
-        let ratio = self.bounds.max_m / self.bounds.min_m;
-        let tried = (0..N_HEIGHTS).map(|i| self.bounds.min_m * ratio.powf(i as f32 / (N_HEIGHTS - 1) as f32));
-        let scored = std::iter::once(height_m).chain(tried).map(|h| (total(h), h));
+        let scored = std::iter::once(height_m).chain(self.tried_heights()).map(|h| (total(h), h));
         scored.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(height_m, |(_, h)| h)
     }
 

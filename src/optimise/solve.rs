@@ -434,7 +434,7 @@ impl<'a> State<'a> {
         let spill_px = crate::stats::median(&spills).unwrap_or(0.0);
         let failed_views = self.failed.iter().enumerate().filter_map(|(v, why)| Some((v, why.clone()?))).collect();
         let other_levels = self.other_levels;
-        Solution { heights, history: self.history, used_views, spill_px, other_levels, failed_views }
+        Solution { heights, history: self.history, used_views, spill_px, spills_px: spills, other_levels, failed_views }
     }
 
     /// The standard deviation to state for a standard error over views, which knows nothing of what all views have in

@@ -17,64 +17,93 @@ pub const MEASURED_HEIGHT: &str = "measuredHeight";
 /// Prefix of a user's attribute whose name is taken.
 const CARRIED_PREFIX: &str = "input_";
 
+/// One of our attributes: its column, and its value for a building that has no solid for the given reason.
+#[derive(Debug, Clone)]
+pub struct Field {
+    /// Name, type, meaning.
+    pub column: Column,
+    value: fn(&BuildingRecord, Option<&str>) -> Value,
+}
+
+impl Field {
+    const fn new(
+        name: &'static str,
+        kind: ColumnKind,
+        meaning: &'static str,
+        value: fn(&BuildingRecord, Option<&str>) -> Value,
+    ) -> Self {
+        Self { column: Column::new(name, kind, meaning), value }
+    }
+
+    /// Its value; [`Value::Null`] if not known. Lists stay lists.
+    #[must_use]
+    pub fn value(&self, record: &BuildingRecord, no_solid_reason: Option<&str>) -> Value {
+        (self.value)(record, no_solid_reason)
+    }
+
+    /// Whether it holds a list, which formats without lists write as text.
+    #[must_use]
+    pub fn is_list(&self) -> bool {
+        matches!(&*self.column.name, "reasons" | "views")
+    }
+}
+
 /// Our own attributes in the order in which they are written; the id comes before them.
-pub const FIELDS: [Column; 15] = [
-    Column::new("part_of", ColumnKind::Text, "Building of the input that this is a part of, where it has several"),
-    Column::new("height_m", ColumnKind::Real, "Roof level minus ground level, metres"),
-    Column::new(
-        "ground_z_m",
-        ColumnKind::Real,
-        "Ground level the height counts from, metres in the vertical reference",
-    ),
-    Column::new("base_z_m", ColumnKind::Real, "Lowest ground under the outline, where walls end, metres"),
-    Column::new("roof_z_m", ColumnKind::Real, "Roof level, metres in the vertical reference"),
-    Column::new("height_sigma_m", ColumnKind::Real, "One standard deviation of height_m, metres"),
-    Column::new("height_reference", ColumnKind::Text, "Which height of a pitched roof: eave, mean or ridge"),
-    Column::new("roof_form", ColumnKind::Text, "Form of the roof: flat (or no other form seen), gable or hip"),
-    Column::new("eave_height_m", ColumnKind::Real, "Lowest edge of the roof above ground level, metres"),
-    Column::new("ridge_height_m", ColumnKind::Real, "Highest line of the roof above ground level, metres"),
-    Column::new("status", ColumnKind::Text, "measured, doubtful, fallback, unknown or refused"),
-    Column::new("reasons", ColumnKind::Text, "Why the status is what it is"),
-    Column::new("n_views", ColumnKind::Integer, "Number of photos the height was measured in"),
-    Column::new("views", ColumnKind::Text, "Photos the height was measured in"),
-    Column::new("no_solid_reason", ColumnKind::Text, "Why the building has no 3D geometry, where it has none"),
-];
+pub const FIELDS: [Field; 15] = {
+    use ColumnKind::{Integer, Real, Text};
+    [
+        Field::new("part_of", Text, "Building of the input that this is a part of, where it has several", |b, _| {
+            text(b.part_of.as_deref())
+        }),
+        Field::new("height_m", Real, "Roof level minus ground level, metres", |b, _| known(b.height_m)),
+        Field::new(
+            "ground_z_m",
+            Real,
+            "Ground level the height counts from, metres in the vertical reference",
+            |b, _| known(b.ground_z_m),
+        ),
+        Field::new("base_z_m", Real, "Lowest ground under the outline, where walls end, metres", |b, _| {
+            known(b.base_z_m)
+        }),
+        Field::new("roof_z_m", Real, "Roof level, metres in the vertical reference", |b, _| known(b.roof_z_m())),
+        Field::new("height_sigma_m", Real, "One standard deviation of height_m, metres", |b, _| {
+            known(b.height_sigma_m)
+        }),
+        Field::new("height_reference", Text, "Which height of a pitched roof: eave, mean or ridge", |b, _| {
+            b.height_reference.as_str().into()
+        }),
+        Field::new("roof_form", Text, "Form of the roof: flat (or no other form seen), gable or hip", |b, _| {
+            text(b.roof.map(|roof| roof.form.as_str()))
+        }),
+        Field::new("eave_height_m", Real, "Lowest edge of the roof above ground level, metres", |b, _| {
+            known(b.roof.map(|roof| roof.eave_height_m))
+        }),
+        Field::new("ridge_height_m", Real, "Highest line of the roof above ground level, metres", |b, _| {
+            known(b.roof.map(|roof| roof.ridge_height_m))
+        }),
+        Field::new("status", Text, "measured, doubtful, fallback, unknown or refused", |b, _| b.status.as_str().into()),
+        Field::new("reasons", Text, "Why the status is what it is", |b, _| b.reasons.clone().into()),
+        Field::new("n_views", Integer, "Number of photos the height was measured in", |b, _| b.views.len().into()),
+        Field::new("views", Text, "Photos the height was measured in", |b, _| b.views.clone().into()),
+        Field::new("no_solid_reason", Text, "Why the building has no 3D geometry, where it has none", |_, why| {
+            text(why)
+        }),
+    ]
+};
+
+fn known(value_m: Option<f64>) -> Value {
+    value_m.map_or(Value::Null, metres)
+}
+
+fn text(value: Option<&str>) -> Value {
+    value.map_or(Value::Null, Value::from)
+}
 
 /// The id, before [`FIELDS`] in formats that have no place of their own for it.
 pub const ID: Column = Column::new("id", ColumnKind::Text, "Id of the building in the input");
 
-/// Whether an attribute holds a list, which formats without lists write as text.
-#[must_use]
-pub fn is_list(field: &Column) -> bool {
-    matches!(&*field.name, "reasons" | "views")
-}
-
 /// Names that a format needs for itself, beside [`FIELDS`].
 const RESERVED: [&str; 5] = ["id", "fid", "geom", "measuredheight", "rtree"];
-
-/// The value of one of [`FIELDS`]; [`Value::Null`] if not known. Lists stay lists.
-#[must_use]
-pub fn value(record: &BuildingRecord, field: &Column, no_solid_reason: Option<&str>) -> Value {
-    let metres = |value_m: Option<f64>| value_m.map_or(Value::Null, metres);
-    match &*field.name {
-        "part_of" => record.part_of.as_deref().map_or(Value::Null, Value::from),
-        "height_m" => metres(record.height_m),
-        "ground_z_m" => metres(record.ground_z_m),
-        "base_z_m" => metres(record.base_z_m),
-        "roof_z_m" => metres(record.roof_z_m()),
-        "height_sigma_m" => metres(record.height_sigma_m),
-        "height_reference" => record.height_reference.as_str().into(),
-        "roof_form" => record.roof.map_or(Value::Null, |roof| roof.form.as_str().into()),
-        "eave_height_m" => metres(record.roof.map(|roof| roof.eave_height_m)),
-        "ridge_height_m" => metres(record.roof.map(|roof| roof.ridge_height_m)),
-        "status" => record.status.as_str().into(),
-        "reasons" => record.reasons.clone().into(),
-        "n_views" => record.views.len().into(),
-        "views" => record.views.clone().into(),
-        "no_solid_reason" => no_solid_reason.map_or(Value::Null, Value::from),
-        _ => Value::Null,
-    }
-}
 
 /// A number of metres as written in files.
 #[must_use]
@@ -108,7 +137,7 @@ pub fn original_name(name: &str) -> &str {
 #[must_use]
 pub fn is_taken(name: &str) -> bool {
     let lower = name.to_lowercase();
-    RESERVED.contains(&lower.as_str()) || FIELDS.iter().any(|field| field.name == lower)
+    RESERVED.contains(&lower.as_str()) || FIELDS.iter().any(|field| field.column.name == lower)
 }
 
 /// All attributes as a JSON object: ours where known, `measuredHeight` for `CityGML` readers, then the user's.
@@ -127,9 +156,9 @@ pub fn own(record: &BuildingRecord, no_solid_reason: Option<&str>) -> JsonMap<St
         attributes.insert(MEASURED_HEIGHT.to_owned(), metres(height_m));
     }
     for field in &FIELDS {
-        let value = value(record, field, no_solid_reason);
+        let value = field.value(record, no_solid_reason);
         if !value.is_null() {
-            attributes.insert(field.name.as_ref().to_owned(), value);
+            attributes.insert(field.column.name.as_ref().to_owned(), value);
         }
     }
     attributes

@@ -12,6 +12,7 @@
 use geo::orient::Direction;
 use geo::{Area, BooleanOps, Buffer, Orient};
 use geo_types::{Coord, LineString, MultiPolygon, Polygon};
+use serde::{Deserialize, Serialize};
 
 use super::grid::Grid;
 use super::planar::{cross, rings_are_disjoint_and_nested, twice_area};
@@ -37,7 +38,7 @@ pub enum OutlineFault {
 pub type Ring = Vec<[i64; 2]>;
 
 /// A valid outline on the grid: exterior first.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SnappedOutline {
     rings: Vec<Ring>,
 }

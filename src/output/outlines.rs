@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-use super::attributes::{self, FIELDS, ID};
+use super::attributes::{self, FIELDS, Field, ID};
 use super::grid::Grid;
 use super::prism::{NoSolid, Prism};
 use super::{BuildingRecord, Overview, wkb};
@@ -29,7 +29,8 @@ impl OutlineRows {
     pub fn new(overview: &Overview, grid: Grid, min_thickness_m: f64) -> Self {
         let carried = carried_columns(overview);
         let theirs = carried.iter().map(|c| Column { name: Cow::Owned(c.column.clone()), kind: c.kind, meaning: "" });
-        let columns = std::iter::once(ID).chain(FIELDS).chain(theirs).collect();
+        let ours = FIELDS.into_iter().map(|field| field.column);
+        let columns = std::iter::once(ID).chain(ours).chain(theirs).collect();
         Self { columns, carried, grid, min_thickness_m }
     }
 
@@ -37,16 +38,21 @@ impl OutlineRows {
     #[must_use]
     pub fn row(&self, record: &BuildingRecord) -> Row {
         let fault = Prism::of(record, &self.grid, self.min_thickness_m).err();
-        let mut values = vec![Value::from(record.id.as_str())];
-        values.extend(FIELDS.iter().map(|f| flat(attributes::value(record, f, fault.map(NoSolid::code)))));
+        let mut values = own_values(record, &FIELDS, fault.map(NoSolid::code));
         values.extend(self.carried.iter().map(|c| record.attributes.get(&c.name).map_or(Value::Null, |v| c.value(v))));
         Row { wkb: record.footprint.as_ref().map(wkb::polygon), values }
     }
 }
 
-/// A list as text; anything else as it is.
+/// The id and the values of some of our fields, lists as text.
 #[must_use]
-pub fn flat(value: Value) -> Value {
+pub fn own_values(record: &BuildingRecord, fields: &[Field], no_solid_reason: Option<&str>) -> Vec<Value> {
+    let values = fields.iter().map(|field| flat(field.value(record, no_solid_reason)));
+    std::iter::once(record.id.as_str().into()).chain(values).collect()
+}
+
+/// A list as text; anything else as it is.
+fn flat(value: Value) -> Value {
     match value {
         Value::Array(items) => {
             let words: Vec<&str> = items.iter().filter_map(Value::as_str).collect();

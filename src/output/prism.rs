@@ -4,6 +4,8 @@
 //! outline's area times `roof − base`: the outline is valid by construction ([`super::outline`]), all ground vertices
 //! share one level and all roof vertices another, so every face is exactly planar.
 
+use serde::{Deserialize, Serialize};
+
 use super::BuildingRecord;
 use super::grid::Grid;
 use super::outline::{OutlineFault, SnappedOutline};
@@ -59,8 +61,8 @@ impl NoSolid {
     }
 }
 
-/// An extruded outline on the output grid.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// An extruded outline on the output grid. Its serialised form is for files that the same run reads back.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Prism {
     outline: SnappedOutline,
     base: i64,

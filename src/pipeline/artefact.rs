@@ -11,8 +11,9 @@ use super::{Cut, PipelineError, Stage};
 use crate::config::RunConfig;
 use crate::files::write_whole;
 use crate::footprint::{DetectionSummary, FootprintLayer, Tracks};
+use crate::ids::BuildingId;
 use crate::issue::Issue;
-use crate::optimise::Solution;
+use crate::optimise::{LevelGain, Solution};
 use crate::output::sha256_hex;
 use crate::terrain::GroundLevel;
 
@@ -31,6 +32,17 @@ pub struct FootprintStage {
     /// How much was found in photos; `None` for a layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detection: Option<DetectionSummary>,
+    /// Buildings whose outlines were taken apart, and why; filled while heights are found.
+    #[serde(skip)]
+    pub levels: Vec<(BuildingId, LevelGain)>,
+}
+
+impl FootprintStage {
+    /// Of outlines that were not found in photos.
+    #[must_use]
+    pub fn of_layer(layer: FootprintLayer, ground: Vec<Option<GroundLevel>>, issues: Vec<Issue>) -> Self {
+        Self { layer, ground, issues, tracks: None, detection: None, levels: Vec::new() }
+    }
 }
 
 /// Heights of the buildings whose ground is known.

@@ -1,7 +1,6 @@
 //! Single buildings for the report: which ones, in which photos, and what those show.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::sync::Mutex;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DVec2, DVec3, Vec2};
 use image::RgbImage;
@@ -9,12 +8,13 @@ use image::imageops::{FilterType, crop_imm, resize};
 use rayon::prelude::*;
 
 use super::heights::view_inputs;
+use super::kept::PriorStore;
 use super::stages::SceneStage;
 use super::{HeightStage, pictures};
 use crate::config::RunConfig;
 use crate::optimise::{InspectedView, Inspection, Problem, SolvedHeight, inspect};
 use crate::output::picture::depth_picture;
-use crate::prior::{DepthPrior, PriorKind, PriorSource as _, Priors};
+use crate::prior::{DepthPrior, PriorKind};
 use crate::raster::Raster;
 use crate::render::PlacedCamera;
 use crate::render::image::SceneTracer;
@@ -44,74 +44,62 @@ pub(super) fn gather(
     survey: &Survey,
     stage: &SceneStage,
     heights: &HeightStage,
-    priors: &Priors,
+    priors: &PriorStore,
 ) -> Vec<Evidence> {
-    let wanted = choose(&config.output.report, heights, priors.are_at_hand());
-    let store = PriorStore { survey, priors, kept: Mutex::default() };
+    let settings = &config.output.report;
+    let wanted = choose(settings, &heights.solution.heights, |view| priors.is_at_hand(view));
     let problem = Problem {
         scene: &stage.scene,
         views: &view_inputs(config, survey, &stage.scene),
-        load_prior: &|view| store.load(view),
+        load_prior: &|view| priors.load(survey, view).map_err(|e| e.to_string()),
         seed: config.seed,
         start_m: &[],
         progress: &|_, _, _| {},
     };
     let inspections = inspect(&problem, &config.optimise, &heights.solution, &wanted);
-    let by_view = crops_by_view(&inspections, &problem, config.output.report.evidence_views);
+    let by_view = crops_by_view(&inspections, &problem, settings.evidence_views);
+    let solved = &heights.solution.heights;
     let heights_m: Vec<f32> =
-        heights.solution.heights.iter().map(|h| h.height_m.map_or(stage.scene.bounds.min_m, |h| h as f32)).collect();
-    let studio = Studio {
-        config: &config.output.report,
-        survey,
-        stage,
-        solved: &heights.solution.heights,
-        tracer: SceneTracer::new(&stage.scene, &heights_m),
-        store: &store,
-    };
-    let mut crops: Vec<Vec<Crop>> = vec![Vec::new(); inspections.len()];
-    let by_view: Vec<(usize, Vec<usize>)> = by_view.into_iter().collect();
-    for views in by_view.chunks(PHOTOS_AT_A_TIME) {
-        let shot: Vec<Vec<(usize, Crop)>> =
-            views.par_iter().map(|(view, shown)| studio.shoot(*view, shown, &inspections)).collect();
-        for (at, crop) in shot.into_iter().flatten() {
-            crops[at].push(crop);
-        }
-    }
-    let evidence = inspections.into_iter().zip(crops).map(|(inspection, mut crops)| {
-        let n_rays = |view: usize| inspection.views.iter().find(|v| v.view == view).map_or(0, |v| v.n_rays);
-        crops.sort_by_key(|crop| (std::cmp::Reverse(n_rays(crop.view)), crop.view));
-        let scored = inspection.views.into_iter().filter(|v| !v.scores.is_empty());
-        Evidence {
-            building: heights.solved[inspection.building],
-            heights_m: inspection.heights_m,
-            scores: scored.map(|v| (v.view, v.scores)).collect(),
-            crops,
-        }
-    });
-    evidence.collect()
+        solved.iter().map(|h| h.height_m.map_or(stage.scene.bounds.min_m, |h| h as f32)).collect();
+    let tracer = SceneTracer::new(&stage.scene, &heights_m);
+    let crops = Studio { config: settings, survey, stage, solved, tracer, priors }.shoot_all(&by_view, &inspections);
+    let pairs = inspections.into_iter().zip(crops);
+    pairs.map(|(inspection, crops)| evidence_of(heights.solved[inspection.building], inspection, crops)).collect()
 }
 
-/// The buildings to show with the views to look at them in: doubtful ones first, then the least certain.
-fn choose(config: &ReportConfig, heights: &HeightStage, are_at_hand: bool) -> Vec<(usize, Vec<usize>)> {
-    let solved = &heights.solution.heights;
+/// What is shown of one building, the views that see most of it first.
+fn evidence_of(building: usize, inspection: Inspection, mut crops: Vec<Crop>) -> Evidence {
+    let n_rays = |view: usize| inspection.views.iter().find(|v| v.view == view).map_or(0, |v| v.n_rays);
+    crops.sort_by_key(|crop| (std::cmp::Reverse(n_rays(crop.view)), crop.view));
+    let scored = inspection.views.into_iter().filter(|v| !v.scores.is_empty());
+    let scores = scored.map(|v| (v.view, v.scores)).collect();
+    Evidence { building, heights_m: inspection.heights_m, scores, crops }
+}
+
+/// The buildings to show with the views to look at them in: doubtful ones first, then the least certain. Views whose
+/// priors are at hand cost nothing; of the others there are only some.
+fn choose(
+    config: &ReportConfig,
+    solved: &[SolvedHeight],
+    is_at_hand: impl Fn(usize) -> bool,
+) -> Vec<(usize, Vec<usize>)> {
     let mut ranked: Vec<usize> = (0..solved.len()).filter(|&b| !solved[b].views.is_empty()).collect();
     let sigma = |b: usize| solved[b].sigma_m.unwrap_or(f64::INFINITY);
     ranked.sort_by(|&a, &b| {
         let is_sure = |b: usize| solved[b].reasons.is_empty();
         is_sure(a).cmp(&is_sure(b)).then(sigma(b).total_cmp(&sigma(a))).then(a.cmp(&b))
     });
-    if are_at_hand {
-        return ranked.into_iter().take(config.evidence_buildings).map(|b| (b, solved[b].views.clone())).collect();
-    }
-    let mut chosen: BTreeSet<usize> = BTreeSet::new();
+    let mut computed: BTreeSet<usize> = BTreeSet::new();
     let mut wanted = Vec::new();
     for b in ranked {
         if wanted.len() == config.evidence_buildings {
             break;
         }
-        let mut views: Vec<usize> = solved[b].views.iter().copied().filter(|v| chosen.contains(v)).collect();
-        for &view in &solved[b].views {
-            if views.len() < config.evidence_views && chosen.len() < MAX_COMPUTED_VIEWS && chosen.insert(view) {
+        let (mut views, others): (Vec<usize>, Vec<usize>) =
+            solved[b].views.iter().partition(|&&view| is_at_hand(view) || computed.contains(&view));
+        for view in others {
+            if views.len() < config.evidence_views && computed.len() < MAX_COMPUTED_VIEWS {
+                computed.insert(view);
                 views.push(view);
             }
         }
@@ -149,28 +137,6 @@ fn crops_by_view(inspections: &[Inspection], problem: &Problem<'_>, n_views: usi
     by_view
 }
 
-/// Priors along the optical axis; those that are computed are kept, as there are few of them.
-struct PriorStore<'a> {
-    survey: &'a Survey,
-    priors: &'a Priors,
-    kept: Mutex<HashMap<usize, DepthPrior>>,
-}
-
-impl PriorStore<'_> {
-    fn load(&self, view: usize) -> Result<DepthPrior, String> {
-        let kept = || self.kept.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if let Some(prior) = kept().get(&view) {
-            return Ok(prior.clone());
-        }
-        let of = &self.survey.views[view];
-        let prior = self.priors.load(of).map_err(|e| e.to_string())?.to_z_depth(&of.camera);
-        if !self.priors.are_at_hand() {
-            kept().insert(view, prior.clone());
-        }
-        Ok(prior)
-    }
-}
-
 /// Takes the pictures.
 struct Studio<'a> {
     config: &'a ReportConfig,
@@ -178,7 +144,16 @@ struct Studio<'a> {
     stage: &'a SceneStage,
     solved: &'a [SolvedHeight],
     tracer: SceneTracer<'a>,
-    store: &'a PriorStore<'a>,
+    priors: &'a PriorStore,
+}
+
+/// One view with what is known of it.
+struct Seen<'a> {
+    view_idx: usize,
+    view: &'a View,
+    placed: PlacedCamera,
+    photo: Option<RgbImage>,
+    prior: Option<DepthPrior>,
 }
 
 /// A part of a photo, pixels of the camera.
@@ -189,38 +164,49 @@ struct Cut {
 }
 
 impl Studio<'_> {
+    /// All pictures, by inspection; some photos at a time.
+    fn shoot_all(&self, by_view: &BTreeMap<usize, Vec<usize>>, inspections: &[Inspection]) -> Vec<Vec<Crop>> {
+        let mut crops: Vec<Vec<Crop>> = vec![Vec::new(); inspections.len()];
+        let by_view: Vec<(&usize, &Vec<usize>)> = by_view.iter().collect();
+        for views in by_view.chunks(PHOTOS_AT_A_TIME) {
+            let shot: Vec<Vec<(usize, Crop)>> =
+                views.par_iter().map(|(view, shown)| self.shoot(**view, shown, inspections)).collect();
+            for (at, crop) in shot.into_iter().flatten() {
+                crops[at].push(crop);
+            }
+        }
+        crops
+    }
+
     /// The buildings that are shown in one view.
     fn shoot(&self, view_idx: usize, shown: &[usize], inspections: &[Inspection]) -> Vec<(usize, Crop)> {
         let view = &self.survey.views[view_idx];
-        let placed = PlacedCamera::new((*view.camera).clone(), view.camera_from_map, self.stage.scene.origin);
-        let photo = view.image.as_ref().and_then(|_| pictures::photo_of(view).ok());
-        let prior = self.store.load(view_idx).ok();
-        let one = |&at: &usize| {
-            let inspection = &inspections[at];
-            let cut = self.cut(inspection.building, &placed)?;
-            let seen = inspection.views.iter().find(|v| v.view == view_idx)?;
-            let [width, height] = self.size_px(cut);
-            let depth_px = [width, height].map(|n| ((f64::from(n) * DEPTH_SHARE) as u32).max(1));
-            Some((
-                at,
-                Crop {
-                    view: view_idx,
-                    photo: photo.as_ref().map(|photo| cut_out(photo, view, cut, [width, height])),
-                    rendered: depth_picture(
-                        &self.rendered(&placed, cut, depth_px),
-                        PriorKind::Depth,
-                        depth_px[0],
-                        depth_px[1],
-                    ),
-                    prior: prior.as_ref().map(|prior| {
-                        depth_picture(&cut_prior(prior, view, cut, depth_px), prior.kind, depth_px[0], depth_px[1])
-                    }),
-                    lines: self.lines(inspection.building, &placed, cut),
-                    pairs: pairs(seen, view, cut),
-                },
-            ))
+        let seen = Seen {
+            view_idx,
+            view,
+            placed: PlacedCamera::new((*view.camera).clone(), view.camera_from_map, self.stage.scene.origin),
+            photo: view.image.as_ref().and_then(|_| pictures::photo_of(view).ok()),
+            prior: self.priors.load(self.survey, view_idx).ok(),
         };
-        shown.iter().filter_map(one).collect()
+        shown.iter().filter_map(|&at| Some((at, self.crop(&seen, &inspections[at])?))).collect()
+    }
+
+    /// One building in one view.
+    fn crop(&self, seen: &Seen<'_>, inspection: &Inspection) -> Option<Crop> {
+        let cut = self.cut(inspection.building, &seen.placed)?;
+        let inspected = inspection.views.iter().find(|v| v.view == seen.view_idx)?;
+        let size_px = self.size_px(cut);
+        let depth_px = size_px.map(|n| ((f64::from(n) * DEPTH_SHARE) as u32).max(1));
+        let picture = |depth: &Raster<f32>, kind: PriorKind| depth_picture(depth, kind, depth_px[0], depth_px[1]);
+        let prior = seen.prior.as_ref();
+        Some(Crop {
+            view: seen.view_idx,
+            photo: seen.photo.as_ref().map(|photo| cut_out(photo, seen.view, cut, size_px)),
+            rendered: picture(&self.rendered(&seen.placed, cut, depth_px), PriorKind::Depth),
+            prior: prior.map(|prior| picture(&cut_prior(prior, seen.view, cut, depth_px), prior.kind)),
+            lines: self.lines(inspection.building, &seen.placed, cut),
+            pairs: pairs(inspected, seen.view, cut),
+        })
     }
 
     /// The part of a photo that shows a building; `None` where it lies outside.
@@ -320,4 +306,30 @@ fn pairs(seen: &InspectedView, view: &View, cut: Cut) -> Vec<Pair> {
         ends.iter().all(|&p| is_inside(p)).then(|| Pair { ends: ends.map(|p| p.to_array()), cost: pair.cost })
     };
     seen.pairs.iter().filter_map(pair).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optimise::Reason;
+
+    #[test]
+    fn views_at_hand_are_all_looked_at_and_of_the_others_no_more_than_can_be_computed() {
+        let solved = |b: usize| SolvedHeight {
+            height_m: Some(9.0),
+            roof: None,
+            sigma_m: Some(b as f64),
+            views: (3 * b..3 * b + 3).collect(),
+            score: None,
+            reasons: if b == 2 { vec![Reason::TooFewViews] } else { Vec::new() },
+        };
+        let solved: Vec<SolvedHeight> = (0..30).map(solved).collect();
+        let config = ReportConfig { evidence_buildings: 20, evidence_views: 2, ..ReportConfig::default() };
+        let at_hand = choose(&config, &solved, |_| true);
+        assert_eq!((at_hand.len(), &at_hand[0]), (20, &(2, vec![6, 7, 8])), "the doubtful one first, in all its views");
+        assert_eq!(at_hand[1].0, 29, "then the least certain");
+        let computed = choose(&config, &solved, |_| false);
+        assert_eq!(computed[0], (2, vec![6, 7]));
+        assert_eq!(computed.iter().map(|(_, views)| views.len()).sum::<usize>(), MAX_COMPUTED_VIEWS);
+    }
 }

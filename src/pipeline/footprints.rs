@@ -54,7 +54,7 @@ pub(super) fn on_ground(config: &RunConfig, layer: footprint::FootprintLayer, te
     let (ground, issues): (Vec<_>, Vec<_>) =
         layer.footprints.iter().map(|f| ground_under(terrain, &f.id, &f.polygon, config.ground)).unzip();
     let issues = issues.into_iter().flatten().collect();
-    FootprintStage { layer, ground, issues, tracks: None, detection: None }
+    FootprintStage::of_layer(layer, ground, issues)
 }
 
 /// The terrain that the nadir views see.

@@ -1,18 +1,21 @@
 //! The heights stage: one scene solved, and solved again, from where it was, where heights change the outlines.
 
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
 use super::footprints as outlines;
+use super::kept::PriorStore;
 use super::stages::SceneStage;
 use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, artefact, levels};
 use crate::config::RunConfig;
 use crate::optimise::{OptimiseConfig, Problem, SearchConfig, Solution, ViewInput};
-use crate::prior::{PriorSource as _, Priors, ground_correlation, judge_tag};
+use crate::prior::{ground_correlation, judge_tag};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
 use crate::seed;
 use crate::survey::{Survey, View, ViewKind};
+use crate::terrain::Terrain;
 
 /// Full sweeps that parts get among buildings whose heights are known from the round before.
 const RESUMED_SWEEPS: usize = 2;
@@ -26,15 +29,24 @@ pub(super) struct HeightSearch<'a> {
 }
 
 impl HeightSearch<'_> {
-    /// Solves for the heights, again and again where they change the outlines.
+    /// Solves for the heights, again and again where they change the outlines; with the priors they were found in.
     pub fn in_rounds(
         &self,
         footprints: &mut FootprintStage,
         stage: &mut SceneStage,
-    ) -> Result<HeightStage, PipelineError> {
+    ) -> Result<(HeightStage, PriorStore), PipelineError> {
+        // What is computed depends on the terrain.
+        let opened: RefCell<Option<(Terrain, PriorStore)>> = RefCell::new(None);
         let find = |stage: &SceneStage, optimise: &OptimiseConfig, known: &Known| {
-            let priors = self.config.prior.open(&self.survey.views, &stage.terrain)?;
-            let heights = self.of_scene(stage, &priors, optimise, known);
+            let mut opened = opened.borrow_mut();
+            let kept = opened.take().filter(|(terrain, _)| *terrain == stage.terrain);
+            let (_, priors) = match kept {
+                Some(kept) => opened.insert(kept),
+                None => {
+                    opened.insert((stage.terrain.clone(), PriorStore::open(self.config, self.survey, &stage.terrain)?))
+                }
+            };
+            let heights = self.of_scene(stage, priors, optimise, known);
             require_priors(self.survey, &heights.solution)?;
             Ok(heights)
         };
@@ -50,7 +62,9 @@ impl HeightSearch<'_> {
         if footprints.tracks.is_some() {
             artefact::write(self.config, Stage::Footprints, &footprints)?;
         }
-        self.taking_apart(footprints, stage, find)
+        let heights = self.taking_apart(footprints, stage, find)?;
+        let (_, priors) = opened.into_inner().expect("taking apart solves at least once");
+        Ok((heights, priors))
     }
 
     /// Solves with `find`, takes apart the outlines with two roof levels (no one height fits them), and solves again.
@@ -83,20 +97,19 @@ impl HeightSearch<'_> {
     pub fn of_scene(
         &self,
         stage: &SceneStage,
-        priors: &Priors,
+        priors: &PriorStore,
         optimise: &OptimiseConfig,
         known: &Known,
     ) -> HeightStage {
         let views = view_inputs(self.config, self.survey, &stage.scene);
         // By view, and each once, however often its prior is loaded.
         let correlations: Mutex<BTreeMap<usize, f64>> = Mutex::default();
-        let load_prior = |view_idx: usize| {
-            let view = &self.survey.views[view_idx];
-            let prior = priors.load(view).map_err(|e| e.to_string())?;
-            if let Some(correlation) = ground_correlation(&prior, view, &stage.terrain) {
-                correlations.lock().unwrap_or_else(PoisonError::into_inner).insert(view_idx, correlation);
+        let load_prior = |view: usize| {
+            let prior = priors.load(self.survey, view).map_err(|e| e.to_string())?;
+            if let Some(correlation) = ground_correlation(&prior, &self.survey.views[view], &stage.terrain) {
+                correlations.lock().unwrap_or_else(PoisonError::into_inner).insert(view, correlation);
             }
-            Ok(prior.to_z_depth(&view.camera))
+            Ok(prior)
         };
         let problem = Problem {
             scene: &stage.scene,

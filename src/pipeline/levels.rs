@@ -8,7 +8,7 @@ use super::stages::SceneStage;
 use crate::footprint::{Footprint, pieces};
 use crate::ids::BuildingId;
 use crate::issue::{Issue, Severity, Subject};
-use crate::optimise::Solution;
+use crate::optimise::{LevelGain, Solution};
 
 /// Rounds of taking apart: each finds one more level of a building.
 pub(super) const MAX_ROUNDS: usize = 2;
@@ -20,6 +20,9 @@ pub struct Cut {
     pub footprint: usize,
     /// What stands at another level than the rest, map frame.
     pub other: Polygon<f64>,
+    /// Why it is cut.
+    #[serde(default)]
+    pub gain: LevelGain,
 }
 
 /// The cuts that a solution asks for.
@@ -30,6 +33,7 @@ pub(super) fn cuts(stage: &SceneStage, solution: &Solution) -> Vec<Cut> {
         Cut {
             footprint: stage.solved[level.building],
             other: Polygon::new(LineString::from(ring.to_vec()), Vec::new()),
+            gain: level.gain.clone(),
         }
     };
     solution.other_levels.iter().map(of_level).collect()
@@ -44,14 +48,15 @@ pub(super) fn take_apart(stage: &mut FootprintStage, cuts: &[Cut]) -> Option<Vec
     let n_before = whole.len();
     let mut stood = Vec::with_capacity(n_before);
     for (at, (footprint, ground)) in whole.into_iter().zip(grounds).enumerate() {
-        let parts = cuts.next_if(|cut| cut.footprint == at).and_then(|cut| pieces(&footprint.polygon, &cut.other));
-        let Some(parts) = parts else {
+        let cut = cuts.next_if(|cut| cut.footprint == at);
+        let Some((cut, parts)) = cut.and_then(|cut| Some((cut, pieces(&footprint.polygon, &cut.other)?))) else {
             stage.layer.footprints.push(footprint);
             stage.ground.push(ground);
             stood.push(Some(at));
             continue;
         };
-        stage.issues.push(note(&footprint, parts.len()));
+        stage.issues.push(note(&footprint, parts.len(), &cut.gain));
+        stage.levels.push((footprint.id.clone(), cut.gain.clone()));
         for (i, polygon) in parts.into_iter().enumerate() {
             stage.layer.footprints.push(part_of(&footprint, i, polygon));
             stage.ground.push(ground);
@@ -70,9 +75,16 @@ fn part_of(whole: &Footprint, i: usize, polygon: Polygon<f64>) -> Footprint {
     }
 }
 
-fn note(footprint: &Footprint, n_parts: usize) -> Issue {
+fn note(footprint: &Footprint, n_parts: usize, gain: &LevelGain) -> Issue {
     let subject = Subject::Building(footprint.id.to_string());
-    let message = format!("its outline holds roofs at two levels and was taken apart into {n_parts} parts");
+    let one = gain.one.iter().map(|(_, score)| *score).fold(f64::NEG_INFINITY, f64::max);
+    let [inner_m, outer_m] = gain.heights_m;
+    let (low_m, high_m) = (inner_m.min(outer_m), inner_m.max(outer_m));
+    let message = format!(
+        "its outline holds roofs at two levels, about {low_m:.0} and {high_m:.0} m, and was taken apart into {n_parts} parts: \
+         over {} photos two levels score {:.2}, one level {one:.2} at best",
+        gain.n_views, gain.two
+    );
     let note = Issue::new(Severity::Note, "levels_taken_apart", subject, message);
     note.hint("optimise.search.split_levels = false keeps outlines whole")
 }

@@ -18,6 +18,7 @@ mod footprints;
 mod frame;
 mod heights;
 mod input;
+mod kept;
 mod levels;
 mod look;
 mod overview;

@@ -6,6 +6,7 @@ use glam::{DVec2, DVec3, Vec2};
 use image::RgbImage;
 use rayon::prelude::*;
 
+use super::kept::PriorStore;
 use super::stages::SceneStage;
 use super::{HeightStage, PipelineError};
 use crate::footprint::Detection;
@@ -15,7 +16,7 @@ use crate::output::picture::{
     self, AxesKind, Chart, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline, SERIES_COLOURS, Series, Stroke,
 };
 use crate::output::{CityModel, MalformedFile, OutputError};
-use crate::prior::{DepthPrior, PriorSource as _, Priors};
+use crate::prior::DepthPrior;
 use crate::raster::Raster;
 use crate::render::PlacedCamera;
 use crate::render::image::SceneTracer;
@@ -37,7 +38,7 @@ pub(super) fn write(
     model: &CityModel<'_>,
     stage: &SceneStage,
     heights: &HeightStage,
-    priors: &Priors,
+    priors: &PriorStore,
 ) -> Result<(), PipelineError> {
     let folder = folder.join("pictures");
     picture::write_png(&folder.join("map.png"), &picture::map(model, &MapConfig::default()))?;
@@ -50,9 +51,9 @@ pub(super) fn write(
     let heights_m: Vec<f32> =
         heights.solution.heights.iter().map(|h| h.height_m.map_or(stage.scene.bounds.min_m, |h| h as f32)).collect();
     if let Some(&first) = views.first() {
-        let view = &model.survey.views[first];
-        let path = folder.join("depth.png");
-        picture::write_png(&path, &panel(view, stage, &heights_m, priors)?)?;
+        let prior = priors.load(model.survey, first)?;
+        let panel = panel(&model.survey.views[first], stage, &heights_m, &prior)?;
+        picture::write_png(&folder.join("depth.png"), &panel)?;
     }
     let with_photo = views.iter().map(|&v| &model.survey.views[v]).filter(|view| view.image.is_some());
     for view in with_photo.take(N_OVERLAYS) {
@@ -180,11 +181,11 @@ pub(super) fn photo_of(view: &View) -> Result<RgbImage, PipelineError> {
     Ok(image::open(path).map_err(|e| OutputError::from(malformed(e)))?.into_rgb8())
 }
 
-fn panel(view: &View, stage: &SceneStage, heights_m: &[f32], priors: &Priors) -> Result<RgbImage, PipelineError> {
+fn panel(view: &View, stage: &SceneStage, heights_m: &[f32], prior: &DepthPrior) -> Result<RgbImage, PipelineError> {
     let camera = view.camera.reduced_to(PANEL_PX);
     let placed = PlacedCamera::new(camera, view.camera_from_map, stage.scene.origin);
     let rendered = SceneTracer::new(&stage.scene, heights_m).render(&placed);
-    panel_of(view, &rendered.depth, &priors.load(view)?, &view.id.0)
+    panel_of(view, &rendered.depth, prior, &view.id.0)
 }
 
 /// Photo, rendered depth and prior side by side.

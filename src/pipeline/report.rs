@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use super::kept::PriorStore;
 use super::stages::SceneStage;
 use super::{HeightStage, PipelineError, evidence, overview};
 use crate::config::RunConfig;
-use crate::optimise::EpochRecord;
+use crate::ids::BuildingId;
+use crate::optimise::{EpochRecord, LevelGain};
 use crate::output::{CityModel, picture};
-use crate::prior::Priors;
-use crate::report::{self, Pass, Report, ViewUse};
+use crate::report::{self, Levels, Pass, Report, ViewUse};
 use crate::survey::{Survey, SurveyReport, ViewKind};
 
 /// Writes `report.html` beside the results.
@@ -17,7 +18,8 @@ pub(super) fn write(
     model: &CityModel<'_>,
     stage: &SceneStage,
     heights: &HeightStage,
-    priors: &Priors,
+    levels: &[(BuildingId, LevelGain)],
+    priors: &PriorStore,
 ) -> Result<(), PipelineError> {
     let folder = &config.project.output;
     let overview = config.output.pictures.then(|| overview::draw(&stage.scene, &heights.solution.heights));
@@ -30,6 +32,7 @@ pub(super) fn write(
         views: uses(model.survey, heights),
         passes: heights.solution.history.iter().map(pass).collect(),
         solved: &heights.solved,
+        levels: levels.iter().map(levels_of).collect(),
         survey: survey_report(config),
         evidence: evidence::gather(config, model.survey, stage, heights, priors),
         overview,
@@ -42,6 +45,16 @@ pub(super) fn write(
 fn survey_report(config: &RunConfig) -> Option<SurveyReport> {
     let text = std::fs::read(config.project.output.join("survey.json")).ok()?;
     serde_json::from_slice(&text).ok()
+}
+
+fn levels_of((whole, gain): &(BuildingId, LevelGain)) -> Levels {
+    Levels {
+        whole: whole.to_string(),
+        heights_m: gain.heights_m,
+        two: gain.two,
+        one: gain.one.clone(),
+        n_views: gain.n_views,
+    }
 }
 
 fn pass(pass: &EpochRecord) -> Pass {

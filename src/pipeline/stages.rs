@@ -10,6 +10,7 @@ use glam::DVec3;
 use super::frame::{Frame, origin};
 use super::heights::HeightSearch;
 use super::input::{check_settings, check_views, height_bounds};
+use super::kept::PriorStore;
 use super::records::records;
 use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
 use super::{artefact, footprints as outlines, levels, pictures, report, soundness};
@@ -93,17 +94,17 @@ pub(super) fn run(
 
     let start = Instant::now();
     let mut stage = SceneStage::new(config, &survey, &footprints)?;
-    let heights: HeightStage = if runs(Stage::Heights) {
+    let (heights, priors) = if runs(Stage::Heights) {
         tell(Event::Stage(Stage::Heights));
         let search = HeightSearch { config, survey: &survey, tell, solver };
-        let heights = search.in_rounds(&mut footprints, &mut stage)?;
+        let (heights, priors) = search.in_rounds(&mut footprints, &mut stage)?;
         artefact::write(config, Stage::Heights, &heights)?;
         timed(Stage::Heights, start);
-        heights
+        (heights, Some(priors))
     } else {
         let heights: HeightStage = artefact::read(config, Stage::Heights)?;
         stage = stage.after(config, &mut footprints, &heights.cuts)?;
-        heights
+        (heights, None)
     };
     summary.n_used_views = heights.solution.used_views.len();
     if options.until == Stage::Heights {
@@ -120,8 +121,8 @@ pub(super) fn run(
     summary.by_status = count_by_status(&records);
     let known: Vec<f64> = records.iter().filter_map(|r| r.height_m).collect();
     summary.median_height_m = crate::stats::median(&known);
-    let priors = config.prior.open(&survey.views, &stage.terrain)?;
-    let lineage = lineage(config, options, &survey, &heights, &priors)?;
+    let priors = priors.map_or_else(|| PriorStore::open(config, &survey, &stage.terrain), Ok)?;
+    let lineage = lineage(config, options, &survey, &heights, priors.source())?;
     let model = CityModel {
         records: records.as_slice(),
         crs: &config.project.crs,
@@ -134,7 +135,7 @@ pub(super) fn run(
         pictures::write(&config.project.output, &model, &stage, &heights, &priors)?;
     }
     if config.output.report.page {
-        report::write(config, &model, &stage, &heights, &priors)?;
+        report::write(config, &model, &stage, &heights, &footprints.levels, &priors)?;
     }
     timed(Stage::Output, start);
     Ok(RunSummary { seconds, ..summary })

@@ -10,6 +10,7 @@ use geo::BoundingRect as _;
 
 use super::footprints::on_ground;
 use super::heights::HeightSearch;
+use super::kept::PriorStore;
 use super::records::records;
 use super::stages::{SceneStage, lineage_of, load_terrain, prior_issues};
 use super::{FootprintStage, Frame, HeightStage, PipelineError, Stage, Tell, artefact};
@@ -20,7 +21,6 @@ use crate::issue::Issue;
 use crate::optimise::solve;
 use crate::output::fallback;
 use crate::output::{BuildingRecord, InputFile, Lineage, sha256_hex};
-use crate::prior::Priors;
 use crate::survey::Survey;
 use crate::terrain::{MapBox, Terrain};
 
@@ -32,7 +32,7 @@ pub struct Part<'a> {
     footprints: FootprintStage,
     /// Absent where there is no building on known ground.
     scene: Option<SceneStage>,
-    priors: Priors,
+    priors: PriorStore,
     /// Outlines of the layer by their ids.
     by_id: HashMap<String, usize>,
 }
@@ -76,7 +76,7 @@ pub fn outlines_around(
     let layer = LayerParts::open(layer_of(config)?, &config.project.crs)?.around(area, renamed)?;
     if layer.footprints.is_empty() {
         let layer = FootprintLayer::default();
-        return Ok(FootprintStage { layer, ground: Vec::new(), issues: Vec::new(), tracks: None, detection: None });
+        return Ok(FootprintStage::of_layer(layer, Vec::new(), Vec::new()));
     }
     let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
     Ok(on_ground(config, layer, &terrain))
@@ -94,7 +94,7 @@ pub fn survey_of(config: &RunConfig) -> Result<Survey, PipelineError> {
 #[must_use]
 pub fn refused_records(config: &RunConfig, refused: Vec<RefusedFootprint>) -> Vec<BuildingRecord> {
     let layer = FootprintLayer { refused, ..FootprintLayer::default() };
-    let footprints = FootprintStage { layer, ground: Vec::new(), issues: Vec::new(), tracks: None, detection: None };
+    let footprints = FootprintStage::of_layer(layer, Vec::new(), Vec::new());
     let heights = HeightStage::empty();
     records(&Survey::default(), &footprints, &heights, config.optimise.height_reference)
 }
@@ -117,6 +117,7 @@ impl<'a> Part<'a> {
         let terrain = scene.as_ref().map_or(&Terrain::Constant(0.0), |scene| &scene.terrain);
         let mut priors = config.prior.open(&survey.views, terrain)?;
         priors.set_positions(positions);
+        let priors = PriorStore::forgetful(priors);
         let ids = footprints.layer.footprints.iter().map(|f| f.id.0.clone());
         let by_id = ids.zip(0..).collect();
         Ok(Self { config, frame, survey, footprints, scene, priors, by_id })
@@ -160,7 +161,7 @@ impl<'a> Part<'a> {
     /// [`PipelineError`] where a file name asks for what a view does not have.
     pub fn prior_files(&self, is_wanted: impl Fn(&ViewId) -> bool) -> Result<BTreeSet<PathBuf>, PipelineError> {
         let views = self.survey.views.iter().filter(|view| is_wanted(&view.id));
-        let files: Result<Vec<_>, _> = views.map(|view| self.priors.file_of(view)).collect();
+        let files: Result<Vec<_>, _> = views.map(|view| self.priors.source().file_of(view)).collect();
         Ok(files?.into_iter().flatten().collect())
     }
 

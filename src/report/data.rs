@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::city::{Building, Ground, origin, round_cm};
 use super::evidence::{EvidenceData, data_uri};
-use super::{Report, ViewUse};
+use super::{Levels, Report, ViewUse};
 use crate::issue::Issue;
 use crate::output::reports::Summary;
 use crate::output::{BuildingRecord, Lineage};
@@ -29,6 +29,7 @@ pub struct Data<'a> {
     views: Vec<ViewData<'a>>,
     passes: Vec<PassData>,
     solved: &'a [usize],
+    levels: &'a [Levels],
     survey: Option<&'a SurveyReport>,
     issues: Vec<&'a Issue>,
     evidence: Vec<EvidenceData>,
@@ -87,6 +88,7 @@ impl<'a> Data<'a> {
             views: model.survey.views.iter().zip(&report.views).map(|(v, used)| view(v, used, ground_m)).collect(),
             passes: report.passes.iter().map(|pass| pass_data(pass, n_heights <= MAX_PASS_HEIGHTS)).collect(),
             solved: report.solved,
+            levels: &report.levels,
             survey: report.survey.as_ref(),
             issues,
             evidence: report.evidence.iter().map(EvidenceData::from).collect(),

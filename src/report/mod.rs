@@ -47,6 +47,8 @@ pub struct Report<'a> {
     pub passes: Vec<Pass>,
     /// Position among the records of each building of a pass.
     pub solved: &'a [usize],
+    /// Outlines that were taken apart, as no single height fits them.
+    pub levels: Vec<Levels>,
     /// Whether the poses look right, where that is known.
     pub survey: Option<SurveyReport>,
     /// Single buildings as the photos show them.
@@ -84,6 +86,23 @@ pub struct Pass {
     pub active_pairs: Option<f64>,
     /// Heights after the pass, metres, one per building of [`Report::solved`].
     pub heights_m: Vec<f32>,
+}
+
+/// How well one level explains an outline, and how well two do.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Levels {
+    /// The building that was taken apart.
+    pub whole: String,
+    /// Its two levels above ground, metres.
+    #[serde(rename = "heights")]
+    pub heights_m: [f32; 2],
+    /// Mean score over views of both together.
+    pub two: f64,
+    /// The same of one level: height, metres, and score.
+    #[serde(rename = "curve")]
+    pub one: Vec<(f32, f64)>,
+    /// Views that had a say.
+    pub n_views: usize,
 }
 
 /// Writes the page, whole or not at all.

@@ -6,19 +6,26 @@ use sha2::{Digest as _, Sha256};
 
 const REPORT: &str = include_str!("page/report.html");
 const VIEW: &str = include_str!("page/view.html");
+/// What both pages have within their head, and the picture with what lies over it.
+const HEAD: &str = include_str!("page/head.html");
+const STAGE: &str = include_str!("page/stage.html");
 const STYLE: &str = include_str!("page/style.css");
 
 /// Scripts that both pages share, then those of each; all of a page make one closed scope.
-const SHARED: [&str; 7] = [
+const SHARED: [&str; 10] = [
     include_str!("page/maths.js"),
     include_str!("page/dom.js"),
     include_str!("page/colours.js"),
     include_str!("page/mesh.js"),
+    include_str!("page/shaders.js"),
+    include_str!("page/gpu.js"),
+    include_str!("page/pace.js"),
     include_str!("page/scene.js"),
     include_str!("page/orbit.js"),
     include_str!("page/panel.js"),
 ];
-const OF_REPORT: [&str; 6] = [
+const OF_REPORT: [&str; 7] = [
+    include_str!("page/sight.js"),
     include_str!("page/charts.js"),
     include_str!("page/map.js"),
     include_str!("page/layers.js"),
@@ -28,27 +35,36 @@ const OF_REPORT: [&str; 6] = [
 ];
 const OF_VIEW: [&str; 3] = [include_str!("page/glb.js"), include_str!("page/tileset.js"), include_str!("page/view.js")];
 
+/// Keys that only the report has.
+const KEYS_OF_REPORT: &str = "N and P go to the next and the previous building, ";
+
 /// The report with its data, JSON.
 pub fn report(title: &str, data: &str) -> String {
     let script = script(&OF_REPORT);
-    let policy = policy(&script, "");
-    fill(
-        REPORT,
-        &[
-            ("title", &escape(title)),
-            ("policy", &escape(&policy)),
-            ("style", STYLE),
-            ("data", &escape_json(data)),
-            ("script", &script),
-        ],
-    )
+    let parts = [
+        ("head", head(&format!("sizeup: {title}"), &script, "")),
+        ("heading", escape(title)),
+        ("stage", fill(STAGE, &[("keys", KEYS_OF_REPORT.to_owned())])),
+        ("data", escape_json(data)),
+        ("script", script),
+    ];
+    fill(REPORT, &parts)
 }
 
 /// The page that streams tiles from where it was loaded.
 pub fn view(title: &str) -> String {
     let script = script(&OF_VIEW);
-    let policy = policy(&script, "; connect-src 'self'");
-    fill(VIEW, &[("title", &escape(title)), ("policy", &escape(&policy)), ("style", STYLE), ("script", &script)])
+    let parts = [
+        ("head", head(&format!("sizeup view: {title}"), &script, "; connect-src 'self'")),
+        ("stage", fill(STAGE, &[("keys", String::new())])),
+        ("script", script),
+    ];
+    fill(VIEW, &parts)
+}
+
+fn head(title: &str, script: &str, more_policy: &str) -> String {
+    let policy = escape(&policy(script, more_policy));
+    fill(HEAD, &[("policy", policy), ("title", escape(title)), ("style", STYLE.to_owned())])
 }
 
 fn script(parts: &[&str]) -> String {
@@ -70,14 +86,14 @@ fn hash(text: &str) -> String {
 }
 
 /// Puts values in place of `{{name}}`, in one go: what looks like a placeholder within a value stays as it is.
-fn fill(template: &str, values: &[(&str, &str)]) -> String {
+fn fill(template: &str, values: &[(&str, String)]) -> String {
     let mut page = String::with_capacity(template.len() + values.iter().map(|(_, v)| v.len()).sum::<usize>());
     let mut rest = template;
     while let Some((text, after)) = rest.split_once("{{") {
         let (name, after) = after.split_once("}}").expect("the templates' placeholders are closed");
         let value = values.iter().find(|(known, _)| *known == name).expect("the templates' placeholders are known");
         page.push_str(text);
-        page.push_str(value.1);
+        page.push_str(&value.1);
         rest = after;
     }
     page.push_str(rest);

@@ -90,8 +90,8 @@ fn main() {
         once("stream geopackage", || stream("a.gpkg"));
         once("write flatgeobuf", write_fgb);
         once("stream flatgeobuf", || stream("a.fgb"));
-        once("write cityjson", write_city);
         once("write 3d tiles", write_tiles);
+        once("write cityjson", write_city);
         once("read cityjson", || stream("a.city.json"));
         return;
     }

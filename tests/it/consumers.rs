@@ -11,7 +11,7 @@ use sizeup::output::tiles3d::{self, Precision};
 
 use crate::outputs::{assert_valid_cityjson, town};
 use crate::tiles3d::{config, write_deep};
-use crate::tools::{cjio, node_modules, npm, picture, program, run};
+use crate::tools::{chromium, cjio, node_modules, npm, picture, program, run};
 
 fn json(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
@@ -139,7 +139,7 @@ fn the_3d_tiles_validator_finds_nothing_wrong_with_our_tilesets() {
 
 #[test]
 fn a_browser_shows_our_tiles_where_they_are_with_their_attributes() {
-    let (Some(_), Some(chromium)) = (npm("cesium"), program("chromium", "deps-web")) else { return };
+    let (Some(_), Some(chromium)) = (npm("cesium"), chromium()) else { return };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("tiles");
     let mut town = town();

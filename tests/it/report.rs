@@ -13,18 +13,18 @@ use sizeup::issue::{Issue, Severity, Subject};
 use sizeup::output::Status;
 use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::tiles3d::{self, Tiles3dConfig};
-use sizeup::report::{self, Report, ViewUse};
+use sizeup::report::{self, Levels, Report, ViewUse};
 use sizeup::terrain::Terrain;
 
 use crate::outputs::{Town, building, town};
 use crate::real_data::warsaw_config;
 use crate::shared_data::shared_data;
 use crate::tiny_scene::sizeup;
-use crate::tools::{node_modules, npm, picture, program, run};
+use crate::tools::{chromium, node_modules, npm, picture, run};
 
 /// Runs one of the scripts in `tests/web`; `None`, and a line that says so, without a browser.
 fn browse(script: &str, address: &str, more: &[&str]) -> Option<Value> {
-    let (Some(_), Some(chromium)) = (npm("playwright-core"), program("chromium", "deps-web")) else { return None };
+    let (Some(_), Some(chromium)) = (npm("playwright-core"), chromium()) else { return None };
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/web").join(script);
     let said = run(Command::new("node").arg(script).arg(node_modules()).arg(chromium).arg(address).args(more));
     Some(serde_json::from_str(&said).unwrap())
@@ -49,6 +49,7 @@ fn use_report(path: &Path, name: &str, id: &str) -> Option<Value> {
     }
     assert_eq!(said["pickedByEscape"]["id"], Value::Null);
     assert_eq!(said["pickedByLink"]["id"], said["linked"]);
+    assert!(said["shownByLink"].as_f64().unwrap() > 0.5, "a link leads to where its building is seen: {said:#}");
     assert_eq!(said["address"], format!("#building={}", said["linked"].as_str().unwrap()));
     assert_eq!(said["broken"], 0, "pictures that cannot be shown");
     for layer in ["buildings", "edges", "shadows", "ground", "cameras", "photos"] {
@@ -127,18 +128,22 @@ fn the_report_of_the_real_warsaw_block_works_in_a_browser() {
 }
 
 fn write_report(town: &Town, path: &Path) {
-    let report = Report {
+    report::write(path, &plain_report(town)).unwrap();
+}
+
+fn plain_report(town: &Town) -> Report<'_> {
+    Report {
         model: town.model(),
         terrain: &Terrain::Constant(11.5),
         views: vec![ViewUse::NotOblique, ViewUse::Failed("<b>unreadable</b>".to_owned())],
         passes: Vec::new(),
         solved: &[],
+        levels: Vec::new(),
         survey: None,
         evidence: Vec::new(),
         overview: None,
         config: "# </script> {{script}}\n".to_owned(),
-    };
-    report::write(path, &report).unwrap();
+    }
 }
 
 /// Text that becomes markup, or script, wherever it is not treated as text.
@@ -164,6 +169,54 @@ fn markup_in_what_comes_from_the_input_stays_text() {
     let Some(said) = use_report(&path, "markup", MARKUP) else { return };
     assert_eq!((&said["linked"], shown_m(&said["pickedByLink"])), (&MARKUP.into(), 61.0));
     assert_eq!(said["layers"]["layer-issues"], true);
+}
+
+#[test]
+fn a_link_leads_to_where_its_building_is_seen_behind_higher_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut town = town();
+    // A house in a ring of towers, with a lane of 5 m between.
+    let block = |x: f64, y: f64| {
+        let (x, y) = (93_000.0 + x, 436_000.0 + y);
+        polygon![(x: x, y: y), (x: x + 20.0, y: y), (x: x + 20.0, y: y + 20.0), (x: x, y: y + 20.0)]
+    };
+    let places = (0..9).map(|i| (25.0 * f64::from(i % 3), 25.0 * f64::from(i / 3)));
+    let of = |(i, (x, y))| match i {
+        4 => building("hidden", Some(block(x, y)), Some(6.0), Status::Doubtful),
+        _ => building(&format!("tower {i}"), Some(block(x, y)), Some(70.0 + i as f64), Status::Measured),
+    };
+    town.records = places.enumerate().map(of).collect();
+    let subject = Subject::Building("hidden".to_owned());
+    town.issues = vec![Issue::new(Severity::Warning, "too_few_views", subject, "doubtful").at(93_035.0, 436_035.0)];
+    let path = folder.path().join("report.html");
+    write_report(&town, &path);
+    let Some(said) = use_report(&path, "hidden", "tower 8") else { return };
+    assert_eq!(said["linked"], "hidden");
+    assert_eq!(said["shownByLink"], 1.0, "{said:#}");
+}
+
+#[test]
+fn parts_of_a_building_that_was_taken_apart_lead_to_each_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut town = town();
+    for (i, record) in town.records.iter_mut().take(2).enumerate() {
+        (record.id, record.part_of) = (format!("row#{}", i + 1), Some("row".to_owned()));
+    }
+    let subject = Subject::Building("row".to_owned());
+    town.issues = vec![Issue::new(Severity::Note, "levels_taken_apart", subject, "taken apart into 2 parts")];
+    let path = folder.path().join("report.html");
+    let gain = Levels {
+        whole: "row".to_owned(),
+        heights_m: [7.5, 6.25],
+        two: 0.9,
+        one: vec![(2.0, 0.1), (6.0, 0.7), (12.0, 0.2)],
+        n_views: 5,
+    };
+    report::write(&path, &Report { levels: vec![gain], ..plain_report(&town) }).unwrap();
+    let Some(said) = use_report(&path, "parts", "tower") else { return };
+    assert_eq!((&said["linked"], &said["whole"]), (&"row#1".into(), &"row, beside row#2".into()), "{said:#}");
+    let charts = said["charts"].to_string();
+    assert!(charts.contains("row as a whole") && charts.contains("7.5 m and 6.3 m"), "{charts}");
 }
 
 /// `n` houses on a grid, with towers among them.

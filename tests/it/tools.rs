@@ -21,6 +21,11 @@ pub fn program(name: &str, target: &str) -> Option<PathBuf> {
     found.or_else(|| skipped(name, target))
 }
 
+/// A browser without windows, or one with.
+pub fn chromium() -> Option<PathBuf> {
+    program("chromium-headless-shell", "deps-test").or_else(|| program("chromium", "deps-test"))
+}
+
 /// cjio of the Python package index.
 pub fn cjio() -> Option<PathBuf> {
     let own = folder().join("cjio/bin/cjio");
@@ -30,8 +35,8 @@ pub fn cjio() -> Option<PathBuf> {
 /// A package of npm, as its folder; `node` runs it.
 pub fn npm(package: &str) -> Option<PathBuf> {
     let found = folder().join("web/node_modules").join(package);
-    program("node", "deps-web")?;
-    if found.is_dir() { Some(found) } else { skipped(package, "deps-web") }
+    program("node", "deps-test")?;
+    if found.is_dir() { Some(found) } else { skipped(package, "deps-test") }
 }
 
 /// Where npm's packages are.

@@ -8,7 +8,7 @@ use glam::DVec3;
 use proptest::prelude::*;
 use sizeup::output::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface};
 use sizeup::output::cityjson::{self, CityJsonConfig};
-use sizeup::output::validate::{Fault, ValidateConfig, schema, validate};
+use sizeup::output::validate::{Fault, ValidateConfig, schema, validate, validate_file};
 
 use crate::evaluation::shared_data;
 use crate::outputs::town;
@@ -241,6 +241,48 @@ fn faults_of_form_are_found_by_name_and_line() {
     let mut without_version = form_faults("a.city.json", |c| drop(c.as_object_mut().unwrap().remove("version")));
     without_version.dedup();
     assert_eq!(without_version, ["schema"]);
+}
+
+#[test]
+fn the_form_of_every_feature_of_a_long_sequence_is_looked_at() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("long.city.jsonl");
+    let mut town = town();
+    let house = town.records[0].clone();
+    town.records = (0..700).map(|i| sizeup::output::BuildingRecord { id: format!("h{i}"), ..house.clone() }).collect();
+    cityjson::write_sequence(&path, &town.model(), &CityJsonConfig::default()).unwrap();
+    let sound = schema::check(&path).unwrap();
+    assert_eq!((sound.errors.len(), sound.warnings.len(), sound.n_features_checked), (0, 0, 700), "{sound:?}");
+    // Houses on one spot share positions but no vertices: only within a feature that is worth a warning.
+    let mut lines: Vec<String> = std::fs::read_to_string(&path).unwrap().lines().map(str::to_owned).collect();
+    lines[300] = lines[300].replacen("\"Building\"", "\"House\"", 1);
+    lines[301] = "{".to_owned();
+    lines[655] = lines[655].replacen("\"vertices\":[", "\"vertices\":[[0,0,0],", 1);
+    std::fs::write(&path, lines.join("\n")).unwrap();
+    let faulty = schema::check(&path).unwrap();
+    let found: Vec<(Option<usize>, &str)> = faulty.errors.iter().map(|e| (e.line, e.check.as_str())).collect();
+    assert_eq!(found, [(Some(301), "schema"), (Some(302), "json_syntax")]);
+    assert!(
+        !faulty.warnings.is_empty() && faulty.warnings.iter().all(|w| w.line == Some(656)),
+        "{:?}",
+        faulty.warnings
+    );
+    assert_eq!((faulty.n_features, faulty.n_features_checked), (700, 700));
+    // Once there is enough to tell, the rest is passed over, and that is said.
+    let first = schema::check_until(&path, 0).unwrap();
+    assert_eq!((first.n_features, first.n_features_checked), (700, 0));
+}
+
+#[test]
+fn a_file_and_a_sequence_are_checked_object_by_object_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    cityjson::write(&at("a.city.json"), &town().model(), &CityJsonConfig::default()).unwrap();
+    cityjson::write_sequence(&at("a.city.jsonl"), &town().model(), &CityJsonConfig::default()).unwrap();
+    let config = ValidateConfig::default();
+    let whole = validate(&CityFile::read(&at("a.city.json")).unwrap(), &config);
+    assert_eq!(validate_file(&at("a.city.json"), &config).unwrap(), whole);
+    assert_eq!(validate_file(&at("a.city.jsonl"), &config).unwrap(), whole);
 }
 
 #[test]

@@ -4,11 +4,13 @@
 //     node tests/web/report.mjs NODE_MODULES CHROMIUM ADDRESS OUT_FOLDER --frames
 //
 // Prints JSON: what was asked for beyond the page itself, errors on its console, what the picture is made of, and what
-// picking the building by the picture, the map and a link says. Leaves screenshots of a desktop and of a phone. With
-// --frames: seconds until the page is ready, and frames per second while the city turns.
+// picking the building by the picture, the map and a link says. Leaves screenshots of a desktop and of a phone, and the
+// page as it is printed. With --frames: seconds until the page is ready, and for pictures at rest, for simple ones and
+// for a city that turns: frames per second, and milliseconds of processor time that the browser spends on each.
 
 import { createRequire } from "node:module";
 import { join } from "node:path";
+import { browserSeconds } from "./cpu.mjs";
 
 const [modules, chromium, address, out, id] = process.argv.slice(2);
 const { chromium: engine } = createRequire(import.meta.url)(join(modules, "playwright-core"));
@@ -60,12 +62,31 @@ const picture = (page) => page.evaluate(() => document.getElementById("scene").t
 if (id === "--frames") {
   const began = Date.now();
   const wide = await open({ viewport: { width: 1360, height: 900 } });
-  said.secondsToOpen = (Date.now() - began) / 1000;
-  said.sharp = await wide.evaluate(() => window.sizeup.framesPerSecond(30));
-  said.coarse = await wide.evaluate(() => window.sizeup.framesPerSecond(30, 0.4));
+  said.open = { seconds: (Date.now() - began) / 1000, cpuSeconds: browserSeconds() };
+  const measure = async (page, seconds, act) => {
+    const before = browserSeconds();
+    const { framesPerSecond, ...more } = await page.evaluate(act, seconds);
+    const used = browserSeconds() - before;
+    await page.waitForTimeout(1500);
+    return { framesPerSecond, cpuMsPerFrame: (1000 * used) / (framesPerSecond * seconds), ...more };
+  };
+  const held = (effort) => `((seconds) => { const n = 20; const framesPerSecond = window.sizeup.framesPerSecond(n, ${effort}); return { framesPerSecond, n }; })(0)`;
+  const steady = async (effort) => {
+    const before = browserSeconds();
+    const { framesPerSecond, n } = await wide.evaluate(held(effort));
+    return { framesPerSecond, cpuMsPerFrame: (1000 * (browserSeconds() - before)) / (n + 1) };
+  };
+  said.atRest = await steady(1);
+  said.simple = await steady(0.6);
+  said.coarse = await steady(0.35);
+  await wide.waitForTimeout(1500);
+  // The first movement learns how slow the machine is.
+  await measure(wide, 3, (seconds) => window.sizeup.turn(seconds));
+  said.turning = await measure(wide, 5, (seconds) => window.sizeup.turn(seconds));
   await wide.screenshot({ path: join(out, "large.png") });
   const small = await open({ viewport: { width: 390, height: 844 } });
-  said.phone = await small.evaluate(() => window.sizeup.framesPerSecond(30));
+  await measure(small, 3, (seconds) => window.sizeup.turn(seconds));
+  said.phone = await measure(small, 5, (seconds) => window.sizeup.turn(seconds));
   await browser.close();
   process.stdout.write(`${JSON.stringify(said, null, 1)}\n`);
   process.exit(0);
@@ -95,8 +116,11 @@ said.placeholders = await page.evaluate(() => document.documentElement.outerHTML
   const link = (await issue.count()) > 0 ? issue : page.locator("#buildings td a").first();
   said.linked = await link.textContent();
   await link.click();
-  await page.waitForTimeout(900);
+  await page.waitForFunction(() => !window.sizeup.isFlying());
   said.pickedByLink = await picked(page);
+  said.shownByLink = await page.evaluate((b) => window.sizeup.shows(b), said.linked);
+  said.whole = await page.evaluate(() => document.getElementById("whole")?.textContent ?? null);
+  said.charts = await page.locator("#picked figcaption").allTextContents();
   said.address = await page.evaluate(() => decodeURIComponent(location.hash));
   await page.screenshot({ path: join(out, "desktop.png") });
   await page.locator("#picked").evaluate((box) => { box.style.maxHeight = "none"; box.style.overflow = "visible"; });
@@ -126,6 +150,10 @@ await page.waitForTimeout(250);
 said.recolours = (await picture(page)) !== before;
 await page.selectOption("#colour", "height");
 await page.screenshot({ path: join(out, "page.png"), fullPage: true });
+await page.pdf({ path: join(out, "page.pdf"), format: "A4" });
+await page.emulateMedia({ media: "print" });
+await page.setViewportSize({ width: 780, height: 1100 });
+await page.screenshot({ path: join(out, "print.png"), fullPage: true });
 
 const phone = await open({ viewport: { width: 390, height: 844 }, deviceScaleFactor: 2, isMobile: true, hasTouch: true, colorScheme: "dark" });
 said.phoneColours = await coloursOf(phone);

@@ -72,8 +72,10 @@ let browser;
 function finish(code, text) {
   clearTimeout(limit);
   (code ? process.stderr : process.stdout).write(`${text}\n`);
-  browser?.once("exit", () => { rmSync(profile, { recursive: true, force: true }); process.exit(code); });
-  browser?.kill();
+  if (!browser) process.exit(code);
+  browser.once("exit", () => { rmSync(profile, { recursive: true, force: true, maxRetries: 20 }); process.exit(code); });
+  // The distribution starts the browser from a script: the whole group has to end.
+  process.kill(-browser.pid, "SIGKILL");
 }
 
 const limit = setTimeout(() => finish(1, `the page did not report within ${LIMIT_MS / 1000} s`), LIMIT_MS);
@@ -106,5 +108,5 @@ const server = createServer((request, response) => {
 server.listen(0, "127.0.0.1", () => {
   const flags = ["--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--window-size=1000,700",
     "--no-first-run", "--disable-extensions", "--disable-dev-shm-usage", `--user-data-dir=${profile}`];
-  browser = spawn(chromium, [...flags, `http://127.0.0.1:${server.address().port}/`], { stdio: "ignore" });
+  browser = spawn(chromium, [...flags, `http://127.0.0.1:${server.address().port}/`], { stdio: "ignore", detached: true });
 });

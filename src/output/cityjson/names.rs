@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map as JsonMap, Value, json};
 
-use super::super::attributes::{self, FIELDS, is_list, metres};
+use super::super::attributes::{self, FIELDS, Field, metres};
 use super::super::grid::Grid;
 use super::super::prism::Prism;
 use super::super::{BuildingRecord, HeightReference, RoofForm};
@@ -77,11 +77,12 @@ pub fn extensions(url: &str) -> Value {
 /// Our extension (`CityJSON` 2.0, 8): which attributes it has, of which type.
 #[must_use]
 pub fn extension_schema() -> Value {
-    let attribute = |field: &crate::geodata::features::Column| {
-        let mut schema = if is_list(field) {
+    let attribute = |field: &Field| {
+        let column = &field.column;
+        let mut schema = if field.is_list() {
             json!({ "type": "array", "items": { "type": "string" } })
         } else {
-            match (&*field.name, field.kind) {
+            match (&*column.name, column.kind) {
                 ("status", _) => json!({ "enum": ["measured", "doubtful", "fallback", "unknown", "refused"] }),
                 ("height_reference", _) => json!({ "enum": ["eave", "mean", "ridge"] }),
                 ("roof_form", _) => json!({ "enum": ["flat", "gable", "hip"] }),
@@ -90,8 +91,8 @@ pub fn extension_schema() -> Value {
                 (_, ColumnKind::Integer) => json!({ "type": "integer" }),
             }
         };
-        schema["description"] = field.meaning.into();
-        (format!("{EXTENSION_PREFIX}{}", field.name), schema)
+        schema["description"] = column.meaning.into();
+        (format!("{EXTENSION_PREFIX}{}", column.name), schema)
     };
     let attributes: JsonMap<String, Value> = FIELDS.iter().map(attribute).collect();
     json!({

@@ -211,7 +211,8 @@ fn open_layer(path: &Path, options: &ReadOptions<'_>) -> Result<(VectorLayer, Op
     Ok((layer, id_field))
 }
 
-fn is_sequence(path: &Path) -> bool {
+/// Whether a path names a sequence.
+pub(super) fn is_sequence(path: &Path) -> bool {
     path.extension().is_some_and(|found| found.eq_ignore_ascii_case("jsonl"))
 }
 

@@ -85,5 +85,5 @@ impl FoundBuilding {
 /// Whether an attribute is written by us, whatever the user's are called.
 pub(super) fn is_ours(name: &str) -> bool {
     let plain = name.strip_prefix(EXTENSION_PREFIX).unwrap_or(name);
-    plain == ID.name || plain == MEASURED_HEIGHT || FIELDS.iter().any(|field| field.name == plain)
+    plain == ID.name || plain == MEASURED_HEIGHT || FIELDS.iter().any(|field| field.column.name == plain)
 }

@@ -3,6 +3,7 @@
 //! Axes are glTF's: x east, y up, z south, metres from the city's local frame.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::super::OutputError;
@@ -11,7 +12,7 @@ use super::super::prism::Prism;
 use super::place::Place;
 
 /// One building, ready to be placed.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Block {
     /// The solid on the output grid.
     pub prism: Prism,

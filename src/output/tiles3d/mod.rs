@@ -7,7 +7,7 @@
 //! ecef = tileset transform · node translation · vertex          node and vertex in the city's local frame
 //! ```
 //!
-//! The city is held in memory while it is written, some kilobytes per building.
+//! The buildings wait on disk while their tiles are chosen: in memory there is one tile, and some 50 bytes per building.
 
 mod folder;
 mod glb;
@@ -15,6 +15,7 @@ mod mesh;
 mod metadata;
 mod place;
 mod quadtree;
+mod spool;
 
 use std::path::Path;
 
@@ -30,7 +31,7 @@ use super::picture::colour::{ColourMap, Rgb};
 use super::prism::Prism;
 use super::reports::write_json;
 use super::{CityModel, OutputError, Overview, Records};
-use crate::files::write_whole_unflushed;
+use crate::files::{FileError, write_whole_unflushed};
 use crate::stats::quantile;
 pub use glb::Precision;
 use mesh::{Block, Mesh};
@@ -38,6 +39,7 @@ use metadata::Properties;
 pub use place::Heights;
 use place::Place;
 use quadtree::{Item, Node};
+use spool::{Spool, SpoolWriter};
 
 /// How 3D Tiles are written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -79,38 +81,59 @@ pub fn write<R: Records + ?Sized>(
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(config.scale_m)?;
     let rows = OutlineRows::new(&overview, grid, config.min_thickness_m);
-    let mut blocks: Vec<Block> = Vec::with_capacity(overview.n_buildings);
-    model.records.visit(&mut |record| {
-        if let Ok(prism) = Prism::of(record, &grid, config.min_thickness_m) {
-            let height_m = record.height_m.unwrap_or(0.0);
-            blocks.push(Block { prism, values: rows.row(record).values, height_m });
-        }
-        Ok(())
-    })?;
     let centre_m = overview.extent.map_or(DVec3::ZERO, |extent| {
         let [low, high] = [extent.min_m, extent.max_m].map(DVec3::from_array);
         ((low + high) / 2.0).with_z(low.z)
     });
-    let items = blocks.iter().enumerate().map(|(idx, block)| item(idx, block, &grid)).collect();
-    let tree = Node::root(items, config.max_buildings);
-    let heights: Vec<f64> = blocks.iter().map(|block| block.height_m).collect();
-    let writer = TileWriter {
-        blocks: &blocks,
-        grid: &grid,
-        place: &Place::new(model.crs, config.heights, centre_m)?,
-        properties: &Properties::new(&rows.columns),
-        brightest_m: quantile(&heights, BRIGHTEST_QUANTILE).unwrap_or(1.0).max(1.0),
-        precision: config.precision,
-    };
+    let place = Place::new(model.crs, config.heights, centre_m)?;
     folder::write_whole(path, |temporary| {
+        let shown = Shown::of(model.records, temporary.parent().unwrap_or(temporary), &rows, &grid, config)?;
+        let tree = Node::root(shown.items, config.max_buildings);
+        let writer = TileWriter {
+            spool: &shown.spool,
+            grid: &grid,
+            place: &place,
+            properties: &Properties::new(&rows.columns),
+            brightest_m: quantile(&shown.heights_m, BRIGHTEST_QUANTILE).unwrap_or(1.0).max(1.0),
+            precision: config.precision,
+        };
         let root = match &tree {
             Some(tree) => writer.tile(tree, temporary)?.json,
             None => json!({ "boundingVolume": { "box": [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, "geometricError": 0 }),
         };
-        let tileset = tileset(root, model, &overview, blocks.len(), config, writer.place);
+        let tileset = tileset(root, model, &overview, shown.spool.len(), config, &place);
         write_json(&temporary.join(folder::TILESET), &tileset)
     })?;
     Ok(overview)
+}
+
+/// The buildings that have something to show.
+struct Shown {
+    spool: Spool,
+    items: Vec<Item>,
+    heights_m: Vec<f64>,
+}
+
+impl Shown {
+    fn of<R: Records + ?Sized>(
+        records: &R,
+        folder: &Path,
+        rows: &OutlineRows,
+        grid: &Grid,
+        config: &Tiles3dConfig,
+    ) -> Result<Self, OutputError> {
+        let mut writer = SpoolWriter::new(folder)?;
+        let (mut items, mut heights_m) = (Vec::new(), Vec::new());
+        records.visit(&mut |record| {
+            let Ok(prism) = Prism::of(record, grid, config.min_thickness_m) else { return Ok(()) };
+            let block = Block { prism, values: rows.row(record).values, height_m: record.height_m.unwrap_or(0.0) };
+            items.push(item(items.len(), &block, grid));
+            heights_m.push(block.height_m);
+            Ok(writer.push(&block).map_err(FileError::on("cannot write", folder))?)
+        })?;
+        let spool = writer.finish().map_err(FileError::on("cannot write", folder))?;
+        Ok(Self { spool, items, heights_m })
+    }
 }
 
 fn item(idx: usize, block: &Block, grid: &Grid) -> Item {
@@ -152,7 +175,7 @@ fn tileset<R: ?Sized>(
 
 /// Writes tiles from the leaves up, so that each knows the box of those below.
 struct TileWriter<'a> {
-    blocks: &'a [Block],
+    spool: &'a Spool,
     grid: &'a Grid,
     place: &'a Place,
     properties: &'a Properties,
@@ -169,18 +192,8 @@ struct Written {
 
 impl TileWriter<'_> {
     fn tile(&self, node: &Node, folder: &Path) -> Result<Written, OutputError> {
-        let blocks: Vec<&Block> = node.members.iter().map(|&i| &self.blocks[i]).collect();
-        let mesh = Mesh::of(blocks.iter().copied(), self.grid, self.place)?;
-        let rows: Vec<&[Value]> = blocks.iter().map(|block| block.values.as_slice()).collect();
-        let colours: Vec<Rgb> =
-            blocks.iter().map(|block| ColourMap::Viridis.at(block.height_m / self.brightest_m)).collect();
-        let tile = glb::Tile { mesh: &mesh, rows: &rows, colours: &colours, properties: self.properties };
         let uri = format!("tiles/{}.glb", node.name);
-        let bytes = glb::glb(&tile, self.precision);
-        write_whole_unflushed(&folder.join(&uri), |out| out.write_all(&bytes))?;
-        let own = mesh.bounds();
-        drop((mesh, bytes));
-
+        let own = self.content(node, &folder.join(&uri))?;
         let children: Vec<Written> =
             node.children.iter().map(|child| self.tile(child, folder)).collect::<Result<_, _>>()?;
         let bounds =
@@ -194,6 +207,19 @@ impl TileWriter<'_> {
             json["children"] = children.into_iter().map(|child| child.json).collect();
         }
         Ok(Written { json, bounds })
+    }
+
+    /// Writes what a tile shows itself; its box.
+    fn content(&self, node: &Node, path: &Path) -> Result<[DVec3; 2], OutputError> {
+        let blocks = self.spool.read(&node.members).map_err(FileError::on("cannot read back for", path))?;
+        let mesh = Mesh::of(blocks.iter(), self.grid, self.place)?;
+        let rows: Vec<&[Value]> = blocks.iter().map(|block| block.values.as_slice()).collect();
+        let colours: Vec<Rgb> =
+            blocks.iter().map(|block| ColourMap::Viridis.at(block.height_m / self.brightest_m)).collect();
+        let tile = glb::Tile { mesh: &mesh, rows: &rows, colours: &colours, properties: self.properties };
+        let bytes = glb::glb(&tile, self.precision);
+        write_whole_unflushed(path, |out| out.write_all(&bytes))?;
+        Ok(mesh.bounds())
     }
 }
 

@@ -11,16 +11,21 @@
 //! to its normal and rounded to a tenth of the tolerance; all further decisions there are exact.
 
 mod face;
+mod merge;
 pub mod schema;
 mod shell;
 mod snap;
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::cityjson::read::{CityFile, CityGeometry, CityObject};
+use super::OutputError;
+use super::cityjson::Sequence;
+use super::cityjson::read::{CityFile, CityGeometry, CityObject, visit_objects};
+use super::read::is_sequence;
 use face::Face;
 use snap::Snapped;
 
@@ -131,6 +136,9 @@ pub struct Validation {
     pub n_valid: usize,
     /// Objects without any surface geometry.
     pub n_without_geometry: usize,
+    /// Template instances, which are not checked.
+    #[serde(default)]
+    pub n_templates: usize,
     /// Number of faults by code.
     pub n_by_code: BTreeMap<u16, usize>,
     /// All faults, in the file's order.
@@ -143,25 +151,50 @@ impl Validation {
     pub fn is_valid(&self) -> bool {
         self.faults.is_empty()
     }
-}
 
-/// Checks every geometry of a file.
-#[must_use]
-pub fn validate(city: &CityFile, config: &ValidateConfig) -> Validation {
-    let mut outcome = Validation::default();
-    for object in &city.objects {
-        outcome.n_without_geometry += usize::from(object.geometries.is_empty());
+    fn add(&mut self, city: &CityFile, object: &CityObject, config: &ValidateConfig) {
+        self.n_without_geometry += usize::from(object.geometries.is_empty());
         for geometry in &object.geometries {
             let faults = check_geometry(city, object, geometry, config);
-            outcome.n_geometries += 1;
-            outcome.n_valid += usize::from(faults.is_empty());
+            self.n_geometries += 1;
+            self.n_valid += usize::from(faults.is_empty());
             for fault in &faults {
-                *outcome.n_by_code.entry(fault.number).or_default() += 1;
+                *self.n_by_code.entry(fault.number).or_default() += 1;
             }
-            outcome.faults.extend(faults);
+            self.faults.extend(faults);
         }
     }
+}
+
+/// Checks every geometry of a city model.
+#[must_use]
+pub fn validate(city: &CityFile, config: &ValidateConfig) -> Validation {
+    let mut outcome = Validation { n_templates: city.n_templates, ..Validation::default() };
+    city.objects.iter().for_each(|object| outcome.add(city, object, config));
     outcome
+}
+
+/// Checks every geometry of a file, object by object: of a `CityJSON` file only the vertices are in memory, of a sequence
+/// one feature.
+///
+/// # Errors
+/// [`OutputError`] where the file cannot be read.
+pub fn validate_file(path: &Path, config: &ValidateConfig) -> Result<Validation, OutputError> {
+    let mut outcome = Validation::default();
+    if is_sequence(path) {
+        for feature in Sequence::open(path)? {
+            let feature = feature?;
+            feature.objects.iter().for_each(|object| outcome.add(&feature, object, config));
+            outcome.n_templates += feature.n_templates;
+        }
+        return Ok(outcome);
+    }
+    let head = CityFile::read_head(path)?;
+    outcome.n_templates = visit_objects(path, &head.vertices, &mut |object| {
+        outcome.add(&head, &object, config);
+        Ok(())
+    })?;
+    Ok(outcome)
 }
 
 /// A fault within one shell, before it knows where the shell stands.

@@ -1,24 +1,34 @@
 //! Checks of a file's form by cjval: the official schemas, references between objects, indices, semantics.
 //!
 //! Our own extension is known; of others the types of attributes are not checked, and that is said.
+//!
+//! cjval reads its schema anew for whatever it is given, some hundredths of a second each time. So features of a sequence
+//! are given to it many at a time, merged into one ([`super::merge`]); where it finds anything, the halves are, down to
+//! the single line.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 
 use cjval::CJValidator;
+use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::Value;
 
 use super::super::OutputError;
 use super::super::cityjson::extension_schema;
 use super::super::error::MalformedFile;
+use super::merge::merged;
 use crate::files::FileError;
 
 /// Where our extension is declared, its name stands in quotes.
 const EXTENSION_IS_DECLARED: &str = "\"Sizeup\"";
 /// cjval's name of the check of extensions.
 const EXTENSIONS: &str = "extensions";
+/// Features that are merged into one.
+const AT_ONCE: usize = 256;
+/// Features that are in memory at a time.
+const IN_MEMORY: usize = 16 * AT_ONCE;
 
 /// One thing that is wrong with the form.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -50,62 +60,102 @@ pub struct SchemaCheck {
 /// # Errors
 /// [`OutputError::File`] if it cannot be read, [`OutputError::Malformed`] if it is no UTF-8.
 pub fn check(path: &Path) -> Result<SchemaCheck, OutputError> {
-    check_some(path, usize::MAX)
+    check_until(path, usize::MAX)
 }
 
-/// Like [`check`], but looks at no more than about `max_features` lines of a sequence, evenly spread: cjval takes some
-/// hundredths of a second for each.
+/// Like [`check`], but passes over the rest of a sequence once about `max_faults` errors and warnings were found.
 ///
 /// # Errors
 /// As [`check`].
-pub fn check_some(path: &Path, max_features: usize) -> Result<SchemaCheck, OutputError> {
-    let mut outcome = SchemaCheck::default();
-    let read = || FileError::on("cannot read", path);
-    if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("jsonl")) {
-        let bytes = fs::read(path).map_err(read())?;
-        let text = String::from_utf8(bytes)
-            .map_err(|e| MalformedFile { path: path.to_owned(), reason: format!("it is no UTF-8 text: {e}") })?;
-        let others = has_other_extensions(&text);
-        outcome.add(&validator(&text), None, others);
-        return Ok(outcome);
+pub fn check_until(path: &Path, max_faults: usize) -> Result<SchemaCheck, OutputError> {
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("jsonl")) {
+        return check_sequence(path, max_faults);
     }
-    let mut lines = BufReader::new(fs::File::open(path).map_err(read())?).lines().enumerate();
-    let Some((_, header)) = lines.next() else { return Ok(outcome) };
-    let header = header.map_err(read())?;
-    let mut validator = validator(&header);
-    let others = has_other_extensions(&header);
-    outcome.add(&validator, Some(1), others);
+    let bytes = fs::read(path).map_err(FileError::on("cannot read", path))?;
+    let text = String::from_utf8(bytes)
+        .map_err(|e| MalformedFile { path: path.to_owned(), reason: format!("it is no UTF-8 text: {e}") })?;
+    let mut outcome = SchemaCheck::default();
+    outcome.add(&validator(&text), None, has_other_extensions(&text));
+    Ok(outcome)
+}
+
+/// A line of a sequence, counted from 1.
+type Line = (usize, String);
+
+fn check_sequence(path: &Path, max_faults: usize) -> Result<SchemaCheck, OutputError> {
+    let read = || FileError::on("cannot read", path);
+    let mut outcome = SchemaCheck::default();
+    let mut lines = BufReader::new(fs::File::open(path).map_err(read())?).lines().zip(1..);
+    let Some((header, _)) = lines.next() else { return Ok(outcome) };
+    let header = Header::new(header.map_err(read())?);
+    outcome.add_header(&header);
     if !outcome.errors.is_empty() {
         return Ok(outcome);
     }
-    if validator.get_input_cityjson_version() < FIRST_WITH_FEATURES {
-        outcome.errors.push(SchemaFault {
-            check: "schema".to_owned(),
-            line: Some(1),
-            message: "a sequence needs CityJSON 1.1 or newer".to_owned(),
-        });
-        return Ok(outcome);
-    }
-    let n_lines = BufReader::new(fs::File::open(path).map_err(read())?).lines().count();
-    let step = n_lines.div_ceil(max_features.max(1));
-    for (i, line) in lines {
-        let line = line.map_err(read())?;
-        if line.trim().is_empty() {
-            continue;
+    loop {
+        let mut group: Vec<Line> = Vec::new();
+        for (line, number) in lines.by_ref() {
+            let line = line.map_err(read())?;
+            if !line.trim().is_empty() {
+                group.push((number, line));
+            }
+            if group.len() == IN_MEMORY {
+                break;
+            }
         }
-        outcome.n_features += 1;
-        if !(outcome.n_features - 1).is_multiple_of(step) {
-            continue;
+        if group.is_empty() {
+            return Ok(outcome);
         }
-        outcome.n_features_checked += 1;
-        match validator.from_str_cjfeature(&line) {
-            Ok(()) => outcome.add(&validator, Some(i + 1), others),
-            Err(message) => {
-                outcome.errors.push(SchemaFault { check: "json_syntax".to_owned(), line: Some(i + 1), message });
+        outcome.n_features += group.len();
+        if outcome.errors.len() + outcome.warnings.len() < max_faults {
+            let found: Vec<SchemaCheck> = group.par_chunks(AT_ONCE).map(|lines| header.check(lines)).collect();
+            for part in found {
+                outcome.extend(part);
             }
         }
     }
-    Ok(outcome)
+}
+
+/// The first line of a sequence.
+struct Header {
+    text: String,
+    has_other_extensions: bool,
+}
+
+impl Header {
+    fn new(text: String) -> Self {
+        let has_other_extensions = has_other_extensions(&text);
+        Self { text, has_other_extensions }
+    }
+
+    /// Checks some lines that come after it.
+    fn check(&self, lines: &[Line]) -> SchemaCheck {
+        let mut outcome = SchemaCheck { n_features_checked: lines.len(), ..SchemaCheck::default() };
+        self.find(&mut validator(&self.text), lines, &mut outcome);
+        outcome
+    }
+
+    /// All at once, and where anything is found in halves.
+    fn find(&self, validator: &mut CJValidator, lines: &[Line], outcome: &mut SchemaCheck) {
+        if let [(number, line)] = lines {
+            return match validator.from_str_cjfeature(line) {
+                Ok(()) => outcome.add(validator, Some(*number), self.has_other_extensions),
+                Err(message) => {
+                    outcome.errors.push(SchemaFault { check: "json_syntax".to_owned(), line: Some(*number), message });
+                }
+            };
+        }
+        let together = merged(lines.iter().map(|(_, line)| line.as_str()));
+        let is_clean = together.is_some_and(|text| {
+            validator.from_str_cjfeature(&text).is_ok()
+                && validator.validate().values().all(|summary| summary.get_errors().is_empty())
+        });
+        if !is_clean {
+            let (first, second) = lines.split_at(lines.len() / 2);
+            self.find(validator, first, outcome);
+            self.find(validator, second, outcome);
+        }
+    }
 }
 
 /// Sequences came with version 1.1, which cjval counts as 11.
@@ -129,6 +179,15 @@ fn has_other_extensions(text: &str) -> bool {
 }
 
 impl SchemaCheck {
+    fn add_header(&mut self, header: &Header) {
+        let validator = validator(&header.text);
+        self.add(&validator, Some(1), header.has_other_extensions);
+        if self.errors.is_empty() && validator.get_input_cityjson_version() < FIRST_WITH_FEATURES {
+            let message = "a sequence needs CityJSON 1.1 or newer".to_owned();
+            self.errors.push(SchemaFault { check: "schema".to_owned(), line: Some(1), message });
+        }
+    }
+
     fn add(&mut self, validator: &CJValidator, line: Option<usize>, has_other_extensions: bool) {
         for (check, summary) in validator.validate() {
             let is_unchecked_extension = check == EXTENSIONS && has_other_extensions;
@@ -140,5 +199,11 @@ impl SchemaCheck {
                 message: message.clone(),
             }));
         }
+    }
+
+    fn extend(&mut self, part: Self) {
+        self.errors.extend(part.errors);
+        self.warnings.extend(part.warnings);
+        self.n_features_checked += part.n_features_checked;
     }
 }

@@ -9,6 +9,29 @@ const REASONS = {
   ground_unknown: "The terrain has no height under it.",
 };
 
+// Parts by the building that they are parts of.
+function partsByWhole(buildings) {
+  const parts = new Map();
+  buildings.forEach((b, i) => { if (b.part_of) parts.set(b.part_of, [...(parts.get(b.part_of) ?? []), i]); });
+  return parts;
+}
+
+// The parts of a building that was taken apart: all of it, or of a part that was taken apart once more (`ID#1`).
+function partsOf(data, id) {
+  const all = data.parts.get(id);
+  if (all) return all;
+  return data.buildings.flatMap((b, i) => (b.part_of && b.id.startsWith(`${id}#`) ? [i] : []));
+}
+
+// Links to buildings, with commas between.
+const linksTo = (data, positions) => positions.flatMap((i, n) => [n > 0 ? ", " : null, linkTo(data.buildings[i])]);
+
+// Whether an issue is about a building, or about the whole that it is a part of.
+function isAbout(issue, b) {
+  const { kind, id } = issue.subject;
+  return kind === "building" && (id === b.id || (b.part_of && (id === b.part_of || b.id.startsWith(`${id}#`))));
+}
+
 function drawBuilding(box, data, index) {
   const b = data.buildings[index];
   const evidence = data.evidence.find((e) => e.building === index);
@@ -24,16 +47,23 @@ function drawBuilding(box, data, index) {
     height,
     ...b.reasons.map((code) => el("p", { class: "reason" }, el("b", { text: words(code) }),
       REASONS[code] ? el("span", { text: `: ${REASONS[code]}` }) : null)),
-    ...data.issues.filter((issue) => issue.subject.kind === "building" && issue.subject.id === b.id)
-      .map((issue) => el("p", { class: "reason", text: issue.message })),
+    ...data.issues.filter((issue) => isAbout(issue, b))
+      .map((issue) => el("p", { class: "reason", text: issue.subject.id === b.id ? issue.message : `${issue.subject.id}: ${issue.message}` })),
     facts([
       ["Ground", metres(b.ground, 2)], ["Lowest ground", metres(b.base, 2)], ["Roof", metres(roof, 2)],
-      ["Part of", b.part_of], ["Measured in", `${b.views.length} photos`],
+      ["Part of", wholeOf(data, b, index)], ["Measured in", `${b.views.length} photos`],
     ]),
     ...charts(data, b, index, evidence),
     ...crops(data, evidence),
     ...attributes(b),
   );
+}
+
+// The building that this is a part of, and its other parts.
+function wholeOf(data, b, index) {
+  if (!b.part_of) return null;
+  const others = partsOf(data, b.part_of).filter((i) => i !== index);
+  return el("span", { id: "whole" }, b.part_of, others.length > 0 && [", beside ", linksTo(data, others)]);
 }
 
 function attributes(b) {
@@ -53,12 +83,26 @@ function charts(data, b, index, evidence) {
       [...faint, { kind: "main", name: `mean of ${evidence.scores.length} photos`, points: of(mean) }],
       { fromZero: false, marks: b.height === null ? [] : [{ x: b.height, kind: "second", name: "stated height" }] }));
   }
+  drawn.push(...levelCharts(data, b));
   const at = data.solved.indexOf(index);
   const track = data.passes.filter((p) => at >= 0 && p.heights.length > at).map((p, i) => [i + 1, p.heights[at] / 10]);
   if (track.length > 1) {
     drawn.push(lineChart({ title: "Its height over the passes", x: "pass", y: "height, m" }, [{ kind: "main", points: track }]));
   }
   return drawn;
+}
+
+// What one level for the whole outline explains, and what two do: why it was taken apart.
+function levelCharts(data, b) {
+  const found = data.levels.filter((levels) => b.part_of && (levels.whole === b.part_of || b.id.startsWith(`${levels.whole}#`)));
+  return found.map((levels) => {
+    const heights = levels.curve.map(([height]) => height);
+    const [low, high] = [Math.min(...heights), Math.max(...heights)];
+    return lineChart({ title: `${levels.whole} as a whole: how well one level explains the priors, and how well two do`, x: "height, m", y: "score" },
+      [{ kind: "main", name: `one level, mean of ${levels.n_views} photos`, points: levels.curve },
+        { kind: "second", name: `two levels: ${levels.heights.map((h) => metres(h)).join(" and ")}`, points: [[low, levels.two], [high, levels.two]] }],
+      { fromZero: false, marks: levels.heights.map((x) => ({ x, kind: "second" })) });
+  });
 }
 
 function crops(data, evidence) {

@@ -36,8 +36,8 @@ function addIssueLayer(scene, data) {
   const height = Math.min(0.08 * scene.radius, 40);
   for (const issue of data.issues) {
     if (!issue.place) continue;
-    const building = issue.subject.kind === "building" ? data.byId.get(issue.subject.id) : undefined;
-    const b = building === undefined ? null : data.buildings[building];
+    const { kind, id } = issue.subject;
+    const b = kind === "building" ? data.buildings[data.byId.get(id) ?? partsOf(data, id)[0]] : null;
     const z = (b?.ground ?? data.origin[2]) - data.origin[2];
     const [x, y] = [issue.place[0] - data.origin[0], issue.place[1] - data.origin[1]];
     const top = z + (b?.height ?? 0) + height;

@@ -6,7 +6,7 @@ const PLATE_M = 0.3;
 const SKIRT_M = 1.0;
 
 // Buildings of a block of the mesh: blocks out of sight are not drawn.
-const BLOCK_BUILDINGS = 400;
+const BLOCK_BUILDINGS = 250;
 
 // `rings` hold centimetres from the origin, x and y in turn; exterior counter-clockwise, holes clockwise. `chosen` are
 // positions in `buildings`.
@@ -110,4 +110,55 @@ function boundsOf(positions) {
     high[i % 3] = Math.max(high[i % 3], positions[i]);
   }
   return [low, high];
+}
+
+// Every building of a mesh as an upright box of the same area: along the wall whose rectangle is smallest. `places` hold
+// x, y, lowest and highest level; `reaches` a unit vector along the box and half its sides along and across.
+function boxesOfMesh(mesh) {
+  const boxes = outlinesOfMesh(mesh).map(([feature, outline]) => ({ feature, ...boxAround(outline) }));
+  const diagonals = boxes.map((box) => 2 * Math.hypot(box.reach[2], box.reach[3], (box.place[3] - box.place[2]) / 2));
+  return {
+    places: new Float32Array(boxes.flatMap((box) => box.place)),
+    reaches: new Float32Array(boxes.flatMap((box) => box.reach)),
+    features: new Float32Array(boxes.map((box) => box.feature)),
+    sizeM: quantile(diagonals, 0.5) ?? 0,
+  };
+}
+
+// By feature: positions, directions of walls, and the area of the roof.
+function outlinesOfMesh({ positions, normals, features, indices }) {
+  const found = new Map();
+  const stride = (normals.length / positions.length) * 3;
+  const scale = normals instanceof Int8Array ? 127 : 1;
+  const at = (vertex) => [positions[3 * vertex], positions[3 * vertex + 1], positions[3 * vertex + 2]];
+  for (let v = 0; v < features.length; v += 1) {
+    const one = found.get(features[v]) ?? { points: [], ways: [], area: 0 };
+    found.set(features[v], one);
+    one.points.push(at(v));
+    const [nx, ny, nz] = [0, 1, 2].map((c) => normals[stride * v + c] / scale);
+    if (Math.abs(nz) < 0.1 && Math.hypot(nx, ny) > 0.5) one.ways.push([nx / Math.hypot(nx, ny), ny / Math.hypot(nx, ny)]);
+  }
+  for (let t = 0; t < indices.length; t += 3) {
+    const last = indices[t + 2];
+    if (normals[stride * last + 2] / scale < 0.5) continue;
+    const [a, b, c] = [indices[t], indices[t + 1], last].map(at);
+    found.get(features[last]).area += Math.abs((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) / 2;
+  }
+  return [...found];
+}
+
+function boxAround({ points, ways, area }) {
+  const range = (of) => points.reduce(([low, high], p) => [Math.min(low, of(p)), Math.max(high, of(p))], [Infinity, -Infinity]);
+  const along = (ux, uy) => {
+    const [u, v] = [range((p) => ux * p[0] + uy * p[1]), range((p) => ux * p[1] - uy * p[0])];
+    return { ux, uy, u, v, area: (u[1] - u[0]) * (v[1] - v[0]) };
+  };
+  const tried = (ways.length > 0 ? ways : [[1, 0]]).map(([ux, uy]) => along(ux, uy));
+  const { ux, uy, u, v, area: whole } = tried.reduce((best, one) => (one.area < best.area ? one : best));
+  const share = whole > 0 && area > 0 ? Math.min(Math.sqrt(area / whole), 1) : 1;
+  const [middleU, middleV] = [(u[0] + u[1]) / 2, (v[0] + v[1]) / 2];
+  return {
+    place: [ux * middleU - uy * middleV, uy * middleU + ux * middleV, ...range((p) => p[2])],
+    reach: [ux, uy, (share * (u[1] - u[0])) / 2, (share * (v[1] - v[0])) / 2],
+  };
 }

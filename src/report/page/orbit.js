@@ -106,13 +106,13 @@ function flyTo(scene, goal) {
     scene.camera.target = start.target.map((v, i) => mix(v, end.target[i], s));
     scene.moved();
   };
-  if (window.matchMedia("(prefers-reduced-motion: reduce)").matches) { at(1); return; }
+  if (window.matchMedia("(prefers-reduced-motion: reduce)").matches) { scene.flight = null; at(1); return; }
   const began = performance.now();
   const step = (now) => {
     if (scene.flight !== flight) return;
     const t = clamp((now - began) / 450, 0, 1);
     at(t);
-    if (t < 1) requestAnimationFrame(step);
+    if (t < 1) requestAnimationFrame(step); else scene.flight = null;
   };
   requestAnimationFrame(step);
 }

@@ -2,6 +2,7 @@
 
 const data = JSON.parse(byId("data").textContent);
 data.byId = new Map(data.buildings.map((b, i) => [b.id, i]));
+data.parts = partsByWhole(data.buildings);
 data.buildings.forEach((b) => { for (const key of ["ground", "base", "height", "sigma"]) b[key] ??= null; });
 const ways = colourings(data.buildings);
 const LAYERS = [["buildings", "buildings", true], ["edges", "edges", true], ["shadows", "shadows", true], ["ground", "ground", true],
@@ -11,6 +12,7 @@ const LAYERS = [["buildings", "buildings", true], ["edges", "edges", true], ["sh
 const MOST_SMOOTH = 3000;
 
 let scene = null;
+let sights = null;
 let map = null;
 let home = null;
 let selected = -1;
@@ -19,33 +21,14 @@ let order = [];
 function start3d() {
   const canvas = byId("scene");
   try {
-    scene = createScene(canvas, data.buildings.length <= MOST_SMOOTH);
+    scene = new Scene(canvas, data.buildings.length <= MOST_SMOOTH);
   } catch (error) {
     const picture = data.overview ? el("img", { src: data.overview, alt: "The city from the south-west" }) : null;
     canvas.replaceWith(...[picture, el("p", { class: "overlay", id: "no-3d", text: `No 3D here: ${error.message}. The map below shows the same.` })].filter(Boolean));
     return;
   }
-  const meshes = blocksOf(data.buildings).map((block) => buildingMesh(data.buildings, block, data.origin));
-  const boxes = meshes.map((mesh) => boundsOf(mesh.positions));
-  const low = boxes.length > 0 ? [0, 1, 2].map((i) => Math.min(...boxes.map((box) => box[0][i]))) : [-50, -50, 0];
-  const high = boxes.length > 0 ? [0, 1, 2].map((i) => Math.max(...boxes.map((box) => box[1][i]))) : [50, 50, 10];
-  const middle = low.map((v, i) => (v + high[i]) / 2);
-  scene.centre = middle;
-  scene.radius = Math.max(vec.length(vec.sub(high, low)) / 2, 20);
-  meshes.forEach((mesh) => scene.addChunk(mesh));
-  if (data.ground) {
-    const ground = groundMesh(data.ground, data.origin);
-    const far = boundsOf(ground.positions);
-    scene.groundReach = Math.min(...[0, 1].flatMap((i) => [-far[0][i], far[1][i]]));
-    scene.setGround(ground);
-  }
-  addViewLayers(scene, data);
-  addIssueLayer(scene, data);
-  const aspect = Math.min(canvas.clientWidth / Math.max(canvas.clientHeight, 1), 1.2);
-  // Cities are flat: what stands tall takes some more distance.
-  const flat = Math.max(Math.hypot(high[0] - low[0], high[1] - low[1]) / 2, 20);
-  const away = (2.3 * flat) / aspect + 1.6 * (high[2] - low[2]);
-  home = { target: [middle[0], middle[1], mix(low[2], high[2], 0.4)], yaw: 0.5, pitch: 0.62, distance: away };
+  const [low, high] = fillScene();
+  home = wholeCity(canvas, low, high);
   Object.assign(scene.camera, home);
   const turnCompass = createCompass(byId("compass"));
   scene.onframe = () => turnCompass(scene.camera.yaw);
@@ -61,6 +44,36 @@ function start3d() {
   new ResizeObserver(() => scene.redraw()).observe(canvas);
 }
 
+// Puts everything into the scene; the box around the buildings.
+function fillScene() {
+  const meshes = blocksOf(data.buildings).map((block) => buildingMesh(data.buildings, block, data.origin));
+  const boxes = meshes.map((mesh) => boundsOf(mesh.positions));
+  const low = boxes.length > 0 ? [0, 1, 2].map((i) => Math.min(...boxes.map((box) => box[0][i]))) : [-50, -50, 0];
+  const high = boxes.length > 0 ? [0, 1, 2].map((i) => Math.max(...boxes.map((box) => box[1][i]))) : [50, 50, 10];
+  scene.centre = low.map((v, i) => (v + high[i]) / 2);
+  scene.radius = Math.max(vec.length(vec.sub(high, low)) / 2, 20);
+  meshes.forEach((mesh) => scene.addChunk(mesh));
+  if (data.ground) {
+    const ground = groundMesh(data.ground, data.origin);
+    const far = boundsOf(ground.positions);
+    scene.groundReach = Math.min(...[0, 1].flatMap((i) => [-far[0][i], far[1][i]]));
+    scene.setGround(ground);
+  }
+  addViewLayers(scene, data);
+  addIssueLayer(scene, data);
+  return [low, high];
+}
+
+// Where the camera stands to see all of it.
+function wholeCity(canvas, low, high) {
+  const middle = low.map((v, i) => (v + high[i]) / 2);
+  const aspect = Math.min(canvas.clientWidth / Math.max(canvas.clientHeight, 1), 1.2);
+  // Cities are flat: what stands tall takes some more distance.
+  const flat = Math.max(Math.hypot(high[0] - low[0], high[1] - low[1]) / 2, 20);
+  const away = (2.3 * flat) / aspect + 1.6 * (high[2] - low[2]);
+  return { target: [middle[0], middle[1], mix(low[2], high[2], 0.4)], yaw: 0.5, pitch: 0.62, distance: away };
+}
+
 let hoverTimer = 0;
 function hover(x, y) {
   clearTimeout(hoverTimer);
@@ -70,7 +83,8 @@ function hover(x, y) {
     scene.hovered = found;
     const b = data.buildings[found];
     byId("hint").textContent = b ? `${b.id}: ${metres(b.height)}` : "";
-    scene.redraw();
+    // Where a picture takes long, the words are enough.
+    if (!scene.pace.isSlow) scene.redraw();
   }, 60);
 }
 
@@ -97,7 +111,11 @@ function goTo(b) {
   const middle = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
   const top = (b.ground ?? data.origin[2]) - data.origin[2] + (b.height ?? 0);
   const size = Math.hypot(high[0] - low[0], high[1] - low[1], b.height ?? 0);
-  if (scene) flyTo(scene, { target: [...middle, top / 2], distance: Math.max(3.2 * size, 60), pitch: clamp(scene.camera.pitch, 0.45, 1.0) });
+  if (scene) {
+    sights ??= new Sights(data);
+    const view = { target: [...middle, top / 2], distance: Math.max(3.2 * size, 60), pitch: clamp(scene.camera.pitch, 0.45, 1.0), yaw: scene.camera.yaw };
+    flyTo(scene, sights.clearView(scene, b, data.buildings.indexOf(b), view));
+  }
   map?.goTo(...middle);
 }
 
@@ -129,10 +147,18 @@ function followAddress() {
   if (!wanted) return;
   let id = null;
   try { id = decodeURIComponent(wanted[1]); } catch { return; }
-  const index = data.byId.get(id);
+  // Of a building that was taken apart, the first part.
+  const index = data.byId.get(id) ?? partsOf(data, id)[0];
   if (index === undefined) return;
   pick(index, { fly: true, setHash: false });
   byId("city").scrollIntoView();
+}
+
+// Draws both pictures at once in a theme.
+function drawIn(theme) {
+  document.documentElement.dataset.theme = theme;
+  if (scene) { scene.look = lookOf(isDark()); scene.draw(); }
+  map.draw();
 }
 
 function start() {
@@ -164,7 +190,10 @@ function start() {
     const link = event.target.closest("a");
     if (link && link.hash === location.hash) followAddress();
   });
-  window.addEventListener("beforeprint", () => { scene?.draw(); map.draw(); });
+  // Paper is light.
+  let theme = null;
+  window.addEventListener("beforeprint", () => { theme = document.documentElement.dataset.theme; drawIn("light"); });
+  window.addEventListener("afterprint", () => drawIn(theme));
   followAddress();
 }
 
@@ -179,6 +208,20 @@ window.sizeup = {
     const [x, y] = mat.project(scene.clipFromLocal(), [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, roof]);
     return [((x + 1) / 2) * byId("scene").clientWidth, ((1 - y) / 2) * byId("scene").clientHeight];
   },
+  // The share of a building's roof that is in the picture and not hidden.
+  shows: (id) => {
+    const index = data.byId.get(id);
+    sights ??= new Sights(data);
+    const points = sights.samples(data.buildings[index], index);
+    const isSeen = (point) => {
+      const [x, y, , isAhead] = mat.project(scene.clipFromLocal(), point);
+      if (!isAhead || Math.max(Math.abs(x), Math.abs(y)) > 1) return false;
+      return scene.pick(((x + 1) / 2) * byId("scene").clientWidth, ((1 - y) / 2) * byId("scene").clientHeight) === index;
+    };
+    return points.filter(isSeen).length / Math.max(points.length, 1);
+  },
+  isFlying: () => scene.flight !== null,
   placeOnMap: (id) => map.placeOf(data.byId.get(id)),
   framesPerSecond: (n, effort) => scene.measure(n, effort),
+  turn: (seconds) => scene.turn(seconds),
 };

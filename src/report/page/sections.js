@@ -62,8 +62,11 @@ function drawIssues(data) {
   if (data.issues.length === 0) { section.append(el("p", { text: "None." })); return; }
   const issues = [...data.issues].sort((a, b) => SEVERITIES.indexOf(a.severity) - SEVERITIES.indexOf(b.severity));
   const subject = ({ kind, id }) => {
-    const b = kind === "building" ? data.buildings[data.byId.get(id)] : null;
-    return b ? linkTo(b) : el("span", { text: `${kind === "view" ? "photo" : words(kind)} ${id}` });
+    if (kind !== "building") return el("span", { text: `${kind === "view" ? "photo" : words(kind)} ${id}` });
+    const b = data.buildings[data.byId.get(id)];
+    if (b) return linkTo(b);
+    const parts = partsOf(data, id);
+    return el("span", {}, parts.length > 0 ? [`${id}: `, linksTo(data, parts)] : `building ${id}`);
   };
   const place = (issue) => (issue.place ? `${issue.place[0].toFixed(0)}, ${issue.place[1].toFixed(0)}` : "");
   const text = (issue) => el("span", {}, issue.message, issue.hint ? el("span", { class: "quiet", text: ` ${issue.hint}` }) : null);

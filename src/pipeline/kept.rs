@@ -1,0 +1,76 @@
+//! The priors of a run: what was computed is kept, so that solving again, taking back spill and the pictures at the end
+//! do not ask the network or the matcher a second time.
+
+use std::collections::HashMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use crate::config::RunConfig;
+use crate::prior::{DepthPrior, PriorError, PriorSource as _, Priors};
+use crate::survey::Survey;
+use crate::terrain::Terrain;
+
+use super::PipelineError;
+
+/// What a run keeps of computed priors, bytes: some 350 of 518 × 350 pixels.
+const KEPT_BYTES: usize = 256 << 20;
+
+/// A source of priors that remembers.
+pub(super) struct PriorStore {
+    source: Priors,
+    limit_bytes: usize,
+    kept: Mutex<Kept>,
+}
+
+#[derive(Default)]
+struct Kept {
+    by_view: HashMap<usize, DepthPrior>,
+    n_bytes: usize,
+}
+
+impl PriorStore {
+    /// Of a run.
+    pub fn open(config: &RunConfig, survey: &Survey, terrain: &Terrain) -> Result<Self, PipelineError> {
+        let source = config.prior.open(&survey.views, terrain)?;
+        Ok(Self { source, limit_bytes: KEPT_BYTES, kept: Mutex::default() })
+    }
+
+    /// One that forgets, where memory is counted.
+    pub fn forgetful(source: Priors) -> Self {
+        Self { source, limit_bytes: 0, kept: Mutex::default() }
+    }
+
+    /// Where they come from.
+    pub fn source(&self) -> &Priors {
+        &self.source
+    }
+
+    /// Whether a view's prior can be had without computing it.
+    pub fn is_at_hand(&self, view: usize) -> bool {
+        self.source.are_at_hand() || self.kept().by_view.contains_key(&view)
+    }
+
+    /// The prior of a view by its position, along the optical axis.
+    pub fn load(&self, survey: &Survey, view: usize) -> Result<DepthPrior, PriorError> {
+        if let Some(prior) = self.kept().by_view.get(&view) {
+            return Ok(prior.clone());
+        }
+        let of = &survey.views[view];
+        let prior = self.source.load(of)?.to_z_depth(&of.camera);
+        if !matches!(self.source, Priors::Files(_)) {
+            self.keep(view, &prior);
+        }
+        Ok(prior)
+    }
+
+    fn keep(&self, view: usize, prior: &DepthPrior) {
+        let n_bytes = size_of_val(prior.values.data());
+        let mut kept = self.kept();
+        if kept.n_bytes + n_bytes <= self.limit_bytes && kept.by_view.insert(view, prior.clone()).is_none() {
+            kept.n_bytes += n_bytes;
+        }
+    }
+
+    fn kept(&self) -> MutexGuard<'_, Kept> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
