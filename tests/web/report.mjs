@@ -116,6 +116,9 @@ said.placeholders = await page.evaluate(() => document.documentElement.outerHTML
   const link = (await issue.count()) > 0 ? issue : page.locator("#buildings td a").first();
   said.linked = await link.textContent();
   await link.click();
+  // The browser tells the page of its new address when it comes to it; that it never does shows below.
+  const shows = (id) => document.getElementById("picked-id")?.textContent === id;
+  await page.waitForFunction(shows, said.linked, { timeout: 10000 }).catch(() => {});
   await page.waitForFunction(() => !window.sizeup.isFlying());
   said.pickedByLink = await picked(page);
   said.shownByLink = await page.evaluate((b) => window.sizeup.shows(b), said.linked);
