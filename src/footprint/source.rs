@@ -14,7 +14,7 @@ use super::{AccuracyConfig, CadastreConfig, ConsensusConfig, OutlineKind};
 /// Where the outlines come from. A table without `source` is an existing layer.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "source", rename_all = "snake_case")]
-#[allow(clippy::large_enum_variant)] // there is one of them
+#[expect(clippy::large_enum_variant, reason = "there is one of them")]
 pub enum FootprintSource {
     /// An existing vector layer.
     Layer(FootprintConfig),
@@ -27,7 +27,7 @@ pub enum FootprintSource {
 /// What serde and the schema see.
 #[derive(Deserialize, JsonSchema)]
 #[serde(tag = "source", rename_all = "snake_case")]
-#[allow(clippy::large_enum_variant)] // there is one of them
+#[expect(clippy::large_enum_variant, reason = "there is one of them")]
 enum Tagged {
     /// An existing vector layer; what a table without `source` is.
     Layer(FootprintConfig),

@@ -1,4 +1,4 @@
-//! The heights stage: one scene solved, and solved again, from where it was, where heights change the outlines.
+//! The heights stage: one scene solved, and solved again where heights change the outlines.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
