@@ -68,10 +68,12 @@ pub mod prior;
 pub mod render;
 pub mod scene;
 
-pub mod dtm;
 pub mod ordinal;
 pub mod views;
 
+pub mod photometry;
+
+pub mod dtm;
 pub mod optimise;
 
 pub mod baseline;

@@ -71,6 +71,15 @@ pub fn parabola_peak(middle: f64, spacing: f64, [before, at, after]: [f64; 3]) -
     middle + spacing * (0.5 * (before - after) / curvature).clamp(-1.0, 1.0)
 }
 
+/// Standard error of an estimate from its leave-one-out values (jackknife); `None` for fewer than two.
+#[must_use]
+pub fn jackknife_sigma(leave_one_out: &[f64]) -> Option<f64> {
+    let n = leave_one_out.len() as f64;
+    let mean = mean(leave_one_out)?;
+    let squares: f64 = leave_one_out.iter().map(|h| (h - mean).powi(2)).sum();
+    (leave_one_out.len() > 1).then(|| ((n - 1.0) / n * squares).sqrt())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -223,6 +223,7 @@ fn solved(levels: &[(usize, f64)], height_m: f32, scene: &Scene) -> SolvedHeight
             sigma_m: None,
             views,
             score: None,
+            raised_m: None,
             reasons: vec![Reason::SeenByNoView],
         };
     }
@@ -236,7 +237,15 @@ fn solved(levels: &[(usize, f64)], height_m: f32, scene: &Scene) -> SolvedHeight
     let off: Vec<f64> = levels.iter().map(|l| (l.1 - f64::from(height_m)).abs()).collect();
     let spread = stats::median(&off).map(|mad| SIGMA_PER_MAD * mad / (views.len() as f64).sqrt());
     let sigma_m = spread.filter(|_| views.len() >= FEW_VIEWS);
-    SolvedHeight { height_m: Some(f64::from(height_m)), roof: None, sigma_m, views, score: None, reasons }
+    SolvedHeight {
+        height_m: Some(f64::from(height_m)),
+        roof: None,
+        sigma_m,
+        views,
+        score: None,
+        raised_m: None,
+        reasons,
+    }
 }
 
 /// One round for the history: the loss is the mean spread of the views' heights, metres.

@@ -36,6 +36,7 @@ fn without_views(heights_m: Vec<Option<f64>>) -> Solution {
         sigma_m: None,
         views: Vec::new(),
         score: None,
+        raised_m: None,
         reasons: if height_m.is_none() { vec![Reason::SeenByNoView] } else { Vec::new() },
     };
     Solution {

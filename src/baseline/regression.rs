@@ -110,7 +110,15 @@ pub fn regression(problem: &Problem<'_>, optimise: &OptimiseConfig, config: &Reg
         let is_bound = is_seen && (*height_m <= bounds.min_m || *height_m >= bounds.max_m);
         let reasons = if is_seen { is_bound.then_some(Reason::RangeBound) } else { Some(Reason::SeenByNoView) };
         let height_m = is_seen.then_some(f64::from(*height_m));
-        SolvedHeight { height_m, roof: None, sigma_m: None, views, score: None, reasons: reasons.into_iter().collect() }
+        SolvedHeight {
+            height_m,
+            roof: None,
+            sigma_m: None,
+            views,
+            score: None,
+            raised_m: None,
+            reasons: reasons.into_iter().collect(),
+        }
     };
     let used_views = (0..views.len()).filter(|&v| views[v].is_some()).collect();
     Solution {

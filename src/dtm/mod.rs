@@ -11,6 +11,8 @@
 mod patch;
 mod surface;
 
+use std::sync::Arc;
+
 use geo::{BoundingRect as _, Distance as _, Euclidean};
 use geo_types::{Point, Polygon};
 use glam::DVec2;
@@ -18,7 +20,8 @@ use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::{GeomWithData, Rectangle};
 
-use crate::prior::{Picture, PriorError};
+use crate::photometry::choose;
+use crate::prior::{Album, Picture, PriorError};
 use crate::survey::View;
 use crate::terrain::{Dem, DemError, MapBox};
 
@@ -138,6 +141,8 @@ pub enum DtmError {
     Dem(#[from] DemError),
 }
 
+/// Memory for reduced photos: squares of one row are seen in much the same ones.
+const PICTURE_BYTES: usize = 1 << 30;
 /// Fewer squares than this make no surface.
 const MIN_SQUARES: usize = 12;
 
@@ -158,22 +163,21 @@ pub fn estimate(
     let area = area(&with_photo, outlines, config);
     let places = places(area, outlines, config);
     let chosen: Vec<Vec<usize>> =
-        places.par_iter().map(|at| patch::choose(&with_photo, at.extend(near_m), config)).collect();
-    let mut is_used = vec![false; with_photo.len()];
-    chosen.iter().flatten().for_each(|&view| is_used[view] = true);
-    let load = |(view, is_used): (&&View, &bool)| is_used.then(|| Picture::load(view, config.long_side_px)).transpose();
-    let pictures: Vec<Option<Picture>> = with_photo.par_iter().zip(&is_used).map(load).collect::<Result<_, _>>()?;
+        places.par_iter().map(|at| choose(&with_photo, at.extend(near_m), config.n_views, |_| true)).collect();
+    let album = Album::new(config.long_side_px, PICTURE_BYTES);
     let n_done = std::sync::atomic::AtomicUsize::new(0);
     let found: Vec<Outcome> = places
         .par_iter()
         .zip(&chosen)
         .map(|(at, chosen)| {
-            let seen_in: Vec<&Picture> = chosen.iter().filter_map(|&view| pictures[view].as_ref()).collect();
+            let seen_in: Vec<_> =
+                chosen.iter().map(|&view| album.picture(with_photo[view])).collect::<Result<_, _>>()?;
+            let seen_in: Vec<&Picture> = seen_in.iter().map(|picture: &Arc<Picture>| &**picture).collect();
             let outcome = patch::height(&seen_in, at.extend(near_m), config);
             progress(n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, places.len());
-            outcome
+            Ok(outcome)
         })
-        .collect();
+        .collect::<Result<_, PriorError>>()?;
     let mut squares: Vec<Square> = places.into_iter().zip(found).map(|(at, outcome)| Square { at, outcome }).collect();
     let sigma_m = surface::leave_out_what_stands_above(&mut squares, config.spacing_m);
     let count = |is: fn(&Outcome) -> bool| squares.iter().filter(|s| is(&s.outcome)).count();

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::photometry::PolishConfig;
 use crate::scene::HeightReference;
 use crate::views::ViewsConfig;
 
@@ -39,6 +40,8 @@ pub struct OptimiseConfig {
     pub ordinal: OrdinalConfig,
     /// The local search (`preset = "robust"`).
     pub search: SearchConfig,
+    /// Roofs settled by the photos, after the heights are found.
+    pub polish: PolishConfig,
 }
 
 impl Default for OptimiseConfig {
@@ -53,6 +56,7 @@ impl Default for OptimiseConfig {
             views: None,
             ordinal: OrdinalConfig::default(),
             search: SearchConfig::default(),
+            polish: PolishConfig::default(),
         }
     }
 }

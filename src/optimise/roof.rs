@@ -10,7 +10,7 @@
 //! A flat block that fits a pitched roof's depth edges ends a third of the way from eave to ridge, which is not a height
 //! that anybody means. The forms are tried after the search has settled, with the neighbours flat as they are.
 
-use glam::{Mat2, Vec2};
+use glam::{Mat2, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::config::SearchConfig;
@@ -58,6 +58,38 @@ impl Roof {
     #[must_use]
     pub fn flat(height_m: f64) -> Self {
         Self { form: RoofForm::Flat, eave_m: height_m, ridge_m: height_m, mean_m: height_m }
+    }
+
+    /// The same roof higher up.
+    #[must_use]
+    pub fn raised(self, by_m: f64) -> Self {
+        let Self { form, eave_m, ridge_m, mean_m } = self;
+        Self { form, eave_m: eave_m + by_m, ridge_m: ridge_m + by_m, mean_m: mean_m + by_m }
+    }
+}
+
+/// Places on a roof of a form over a prism, local frame, metres, at least `clear_m` from the walls: some `n` of them, on a
+/// lattice. One set for each way the form can lie; none where the outline is too narrow.
+#[must_use]
+pub fn surfaces(prism: &Prism, roof: &Roof, clear_m: f32, n: usize) -> Vec<Vec<Vec3>> {
+    let (axes, low, high) = smallest_rectangle(prism);
+    let size = high - low;
+    let spacing_m = (size.x * size.y / n as f32).sqrt();
+    let (n_x, n_y) = ((size.x / spacing_m).ceil() as usize, (size.y / spacing_m).ceil() as usize);
+    let lattice = (0..n_y).flat_map(|row| (0..n_x).map(move |col| Vec2::new(col as f32 + 0.5, row as f32 + 0.5)));
+    let inside: Vec<Vec2> = lattice
+        .map(|cell| axes.transpose() * (low + spacing_m * cell))
+        .filter(|p| prism.contains(*p) && distance_to_outline(prism, *p) >= clear_m)
+        .collect();
+    if inside.is_empty() {
+        return Vec::new();
+    }
+    let level = prism.ground_z + roof.eave_m as f32;
+    let rise_m = (roof.ridge_m - roof.eave_m) as f32;
+    let standing = |share: &dyn Fn(Vec2) -> f32| inside.iter().map(|p| p.extend(level + rise_m * share(*p))).collect();
+    match roof.form {
+        RoofForm::Flat => vec![standing(&|_| 0.0)],
+        form => Shape::all(prism).iter().filter(|s| s.form == form).map(|s| standing(&|p| s.at(p))).collect(),
     }
 }
 

@@ -331,12 +331,3 @@ fn apply(m: &[[f64; 3]; 3], v: &[f64; 3]) -> [f64; 3] {
 fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
-
-/// Standard error of an estimate from its leave-one-out values (jackknife); `None` for fewer than two.
-#[must_use]
-pub fn jackknife_sigma(leave_one_out: &[f64]) -> Option<f64> {
-    let n = leave_one_out.len() as f64;
-    let mean = stats::mean(leave_one_out)?;
-    let squares: f64 = leave_one_out.iter().map(|h| (h - mean).powi(2)).sum();
-    (leave_one_out.len() > 1).then(|| ((n - 1.0) / n * squares).sqrt())
-}

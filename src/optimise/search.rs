@@ -14,11 +14,11 @@ use super::calibrate::Calibration;
 use super::config::{CalibrationRays, SearchConfig};
 use super::evidence::Evidence;
 use super::roof::{self, Roof};
-use super::score::{Correlation, Window, jackknife_sigma};
+use super::score::{Correlation, Window};
 use crate::render::PlacedCamera;
 use crate::render::profile::Stops;
 use crate::scene::{HeightBounds, Scene};
-use crate::stats::parabola_peak;
+use crate::stats::{jackknife_sigma, parabola_peak};
 
 /// The stretch of heights a sweep tries for one building.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -52,14 +52,25 @@ pub struct SolvedHeight {
     /// Mean over views of the score at the height, −1 (opposite) to 1 (the prior as rendered); `robust` only.
     #[serde(default)]
     pub score: Option<f64>,
+    /// By how much the photos raised it, metres; `None` where they had no say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub raised_m: Option<f64>,
     /// Why it is doubtful or unknown, sorted.
     pub reasons: Vec<Reason>,
 }
 
 impl SolvedHeight {
+    /// Raises it as the photos say, with a standard deviation to state from now on; metres.
+    pub fn raise(&mut self, by_m: f64, sigma_m: f64) {
+        self.height_m = self.height_m.map(|height_m| height_m + by_m);
+        self.roof = self.roof.map(|roof| roof.raised(by_m));
+        self.sigma_m = Some(sigma_m);
+        self.raised_m = Some(by_m);
+    }
+
     /// A building that no height can be given.
     pub(super) fn unknown(views: Vec<usize>, score: Option<f64>, reason: Reason) -> Self {
-        Self { height_m: None, roof: None, sigma_m: None, views, score, reasons: vec![reason] }
+        Self { height_m: None, roof: None, sigma_m: None, views, score, raised_m: None, reasons: vec![reason] }
     }
 }
 

@@ -491,7 +491,7 @@ impl<'a> State<'a> {
             HeightReference::Mean => roof.mean_m,
             HeightReference::Ridge => roof.ridge_m,
         };
-        SolvedHeight { height_m: Some(height_m), roof: Some(roof), sigma_m, views, score, reasons }
+        SolvedHeight { height_m: Some(height_m), roof: Some(roof), sigma_m, views, score, raised_m: None, reasons }
     }
 }
 

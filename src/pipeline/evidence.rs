@@ -321,6 +321,7 @@ mod tests {
             sigma_m: Some(b as f64),
             views: (3 * b..3 * b + 3).collect(),
             score: None,
+            raised_m: None,
             reasons: if b == 2 { vec![Reason::TooFewViews] } else { Vec::new() },
         };
         let solved: Vec<SolvedHeight> = (0..30).map(solved).collect();

@@ -6,6 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use super::footprints as outlines;
 use super::kept::PriorStore;
+use super::polish::polish;
 use super::stages::SceneStage;
 use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, artefact, levels};
 use crate::config::RunConfig;
@@ -90,6 +91,7 @@ impl HeightSearch<'_> {
             // From scratch: what was found with other outlines hides what stands behind them.
             heights = find(stage, &keeping_whole(&self.config.optimise), &Known::default())?;
         }
+        polish(self.config, self.survey, stage, &mut heights.solution);
         Ok(HeightStage { cuts, ..heights })
     }
 

@@ -23,6 +23,7 @@ mod levels;
 mod look;
 mod overview;
 mod pictures;
+mod polish;
 mod priors;
 mod records;
 mod report;

@@ -7,6 +7,7 @@
 //! | [`PriorKind::Depth`] | `d > 0`, up to scale | high | `1/d` | `d` |
 //! | [`PriorKind::InverseDepth`] | `a/d + b`, `a > 0` | low | the value | minus the value |
 
+mod album;
 mod array;
 mod cache;
 mod check;
@@ -19,6 +20,7 @@ mod pfm;
 mod source;
 pub mod stereo;
 
+pub(crate) use album::Album;
 pub use cache::{CacheConfig, CacheKey, CachedPriors, KeyHasher, PriorCache};
 pub use check::{ground_correlation, judge_tag};
 pub use files::{FilePriorConfig, FilePriors};

@@ -5,12 +5,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Modules by level, lowest first.
-const LEVELS: [&[&str]; 10] = [
+const LEVELS: [&[&str]; 11] = [
     &["files", "frames", "gdal_log", "ids", "issue", "raster", "ray", "seed", "stats", "template"],
     &["camera", "cloud", "crs", "geodata", "onnx", "survey", "terrain"],
     &["footprint", "prior"],
     &["render", "scene"],
     &["ordinal", "views"],
+    &["photometry"],
     &["dtm", "optimise"],
     &["baseline", "evaluate", "output", "report", "simulate"],
     &["config", "pipeline"],

@@ -16,26 +16,23 @@ mod sweep;
 
 pub(crate) use self::picture::Picture;
 
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
-
 use glam::DVec2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::picture::Ideal;
 use self::sweep::Levels;
+use super::album::Album;
 use super::neighbours::Neighbours;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
-use crate::ids::ViewId;
 use crate::raster::Raster;
 use crate::survey::View;
 use crate::terrain::Terrain;
 
 /// Changes whenever the same photos and settings would give another depth.
 const ALGORITHM: &[u8] = b"stereo 2";
-/// Reduced photos kept at a time: neighbours follow each other in a survey.
-const PICTURES_KEPT: usize = 256;
+/// Memory for reduced photos: neighbours follow each other in a survey.
+const PICTURE_BYTES: usize = 128 << 20;
 
 /// How depth is computed from the photos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -109,7 +106,7 @@ pub struct StereoPriors {
     config: StereoConfig,
     survey: Neighbours,
     terrain: Terrain,
-    pictures: Mutex<PictureStore>,
+    pictures: Album,
 }
 
 /// What a view's depth is made from.
@@ -127,10 +124,10 @@ impl StereoPriors {
         config.check()?;
         let views = views.iter().filter(|view| view.image.is_some()).cloned().collect();
         Ok(Self {
+            pictures: Album::new(config.long_side_px, PICTURE_BYTES),
             config,
             survey: Neighbours::new(views, terrain),
             terrain: terrain.clone(),
-            pictures: Mutex::default(),
         })
     }
 
@@ -147,19 +144,6 @@ impl StereoPriors {
             None => refuse("it does not look down at the ground", "stereo needs views below the horizon"),
         }
     }
-
-    /// The reduced photo of a view; a photo that several threads ask for at once is read by one of them.
-    fn picture(&self, view: &View) -> Result<Arc<Picture>, PriorError> {
-        // Pictures are whole or absent, so a panic elsewhere leaves nothing half-done here.
-        let slot = self.pictures.lock().unwrap_or_else(PoisonError::into_inner).slot(&view.id);
-        let mut slot = slot.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(picture) = &*slot {
-            return Ok(Arc::clone(picture));
-        }
-        let picture = Arc::new(Picture::load(view, self.config.long_side_px)?);
-        *slot = Some(Arc::clone(&picture));
-        Ok(picture)
-    }
 }
 
 fn refusal(view: &View, problem: &str, hint: &str) -> PriorError {
@@ -169,8 +153,8 @@ fn refusal(view: &View, problem: &str, hint: &str) -> PriorError {
 impl PriorSource for StereoPriors {
     fn load(&self, view: &View) -> Result<DepthPrior, PriorError> {
         let plan = self.plan(view)?;
-        let reference = self.picture(view)?;
-        let others = plan.others.iter().map(|other| self.picture(other)).collect::<Result<Vec<_>, _>>()?;
+        let reference = self.pictures.picture(view)?;
+        let others = plan.others.iter().map(|other| self.pictures.picture(other)).collect::<Result<Vec<_>, _>>()?;
         let volume = sweep::volume(&reference, &others, &plan.levels, self.config.window_px / 2);
         let chosen = semi_global::choose_levels(&volume, reference.grey(), &self.config);
         drop(volume);
@@ -223,27 +207,4 @@ fn in_photo(reference: &Ideal, view: &View, heights_m: &Raster<f32>) -> Raster<f
 fn nearest(raster: &Raster<f32>, at: DVec2) -> f32 {
     let cell = |v: f64, n: usize| (v.floor().max(0.0) as usize).min(n - 1);
     raster[(cell(at.x, raster.width()), cell(at.y, raster.height()))]
-}
-
-/// Room for one picture.
-type Slot = Arc<Mutex<Option<Arc<Picture>>>>;
-
-/// The pictures used last.
-#[derive(Debug, Default)]
-struct PictureStore {
-    slots: HashMap<ViewId, (u64, Slot)>,
-    clock: u64,
-}
-
-impl PictureStore {
-    fn slot(&mut self, id: &ViewId) -> Slot {
-        self.clock += 1;
-        if self.slots.len() >= PICTURES_KEPT && !self.slots.contains_key(id) {
-            let oldest = self.slots.iter().min_by_key(|(_, (used, _))| *used).map(|(id, _)| id.clone());
-            oldest.map(|id| self.slots.remove(&id));
-        }
-        let (used, slot) = self.slots.entry(id.clone()).or_default();
-        *used = self.clock;
-        Arc::clone(slot)
-    }
 }

@@ -1,0 +1,74 @@
+//! A roof's height settled by the photos that show it.
+
+use glam::DVec3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{Likeness, ground_sample_m};
+use crate::prior::Picture;
+use crate::stats::jackknife_sigma;
+
+/// Fewer places on a roof cannot be compared.
+pub(crate) const MIN_POINTS: usize = 40;
+/// Fewer photos cannot outvote one that is wrong.
+pub(crate) const MIN_PHOTOS: usize = 4;
+
+/// How roof heights are settled by the photos.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct PolishConfig {
+    /// Whether they are; absent: where photos are given, except with `preset = "paper"`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub enabled: Option<bool>,
+    /// How far from the height that the priors give the photos' own is looked for, metres. Above 0.
+    pub within_m: f64,
+    /// Most photos that a roof is compared in, at least 4.
+    pub n_photos: usize,
+    /// Places on a roof that are compared.
+    pub n_points: usize,
+    /// Places keep this far from the walls, metres. At least 0.
+    pub clear_m: f64,
+    /// Longer side that photos are reduced to, pixels.
+    pub long_side_px: u32,
+    /// Least mean correlation of the photos at the height, 0..1.
+    pub min_score: f64,
+    /// By how much it has to be better than at any other height.
+    pub min_lead: f64,
+}
+
+impl Default for PolishConfig {
+    fn default() -> Self {
+        Self {
+            enabled: None,
+            within_m: 3.0,
+            n_photos: 10,
+            n_points: 300,
+            clear_m: 0.7,
+            long_side_px: 2000,
+            min_score: 0.5,
+            min_lead: 0.1,
+        }
+    }
+}
+
+/// What the photos say of a roof.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Settled {
+    /// By how much the roof has to be raised, metres.
+    pub raised_m: f64,
+    /// Standard error over the photos (jackknife), metres.
+    pub sigma_m: f64,
+    /// Mean correlation of the better pairs of photos, −1..1.
+    pub score: f64,
+    /// By how much that is more than at any other height.
+    pub lead: f64,
+}
+
+/// Where the photos that show a surface (map frame, metres) look alike; `None` if that is at no height within reach.
+pub(crate) fn settle(pictures: &[&Picture], surface: &[DVec3], config: &PolishConfig) -> Option<Settled> {
+    let middle = surface.iter().sum::<DVec3>() / surface.len() as f64;
+    let likeness = Likeness::new(pictures, surface, config.within_m, ground_sample_m(pictures, middle));
+    let peak = likeness.peak()?;
+    let sigma_m = jackknife_sigma(&likeness.peaks_without_one()?)?;
+    Some(Settled { raised_m: peak.raised_m, sigma_m, score: peak.score, lead: peak.lead })
+}
