@@ -25,6 +25,6 @@ mod stretches;
 pub use config::{CalibrationRays, Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
 pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
 pub use levels::{LevelGain, OtherLevel};
-pub use roof::{Roof, surfaces};
+pub use roof::{Roof, candidates};
 pub use solution::{EpochRecord, Reason, Solution, SolvedHeight};
 pub use solve::{Problem, Solving, ViewInput, first_selection, solve};

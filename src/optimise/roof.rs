@@ -19,7 +19,7 @@ use super::score::{Correlation, Window};
 use super::stretches::{LANES, Lanes};
 use crate::ray::Ray;
 use crate::render::PlacedCamera;
-use crate::scene::{Prism, RoofForm};
+use crate::scene::{HeightReference, Prism, RoofForm};
 
 /// Samples along a ray's way over the footprint.
 const N_SAMPLES: usize = 8;
@@ -60,6 +60,16 @@ impl Roof {
         Self { form: RoofForm::Flat, eave_m: height_m, ridge_m: height_m, mean_m: height_m }
     }
 
+    /// Which of its heights is meant, metres.
+    #[must_use]
+    pub fn height_m(self, reference: HeightReference) -> f64 {
+        match reference {
+            HeightReference::Eave => self.eave_m,
+            HeightReference::Mean => self.mean_m,
+            HeightReference::Ridge => self.ridge_m,
+        }
+    }
+
     /// The same roof higher up.
     #[must_use]
     pub fn raised(self, by_m: f64) -> Self {
@@ -68,10 +78,11 @@ impl Roof {
     }
 }
 
-/// Places on a roof of a form over a prism, local frame, metres, at least `clear_m` from the walls: some `n` of them, on a
-/// lattice. One set for each way the form can lie; none where the outline is too narrow.
+/// Roofs of all forms and several pitches over a prism whose area mean is at a height above ground, each with places on it
+/// (local frame, metres): some `n` on a lattice, at least `clear_m` from the walls. The flat one comes first; none where the
+/// outline is too narrow.
 #[must_use]
-pub fn surfaces(prism: &Prism, roof: &Roof, clear_m: f32, n: usize) -> Vec<Vec<Vec3>> {
+pub fn candidates(prism: &Prism, mean_m: f64, clear_m: f32, n: usize) -> Vec<(Roof, Vec<Vec3>)> {
     let (axes, low, high) = smallest_rectangle(prism);
     let size = high - low;
     let spacing_m = (size.x * size.y / n as f32).sqrt();
@@ -84,13 +95,21 @@ pub fn surfaces(prism: &Prism, roof: &Roof, clear_m: f32, n: usize) -> Vec<Vec<V
     if inside.is_empty() {
         return Vec::new();
     }
-    let level = prism.ground_z + roof.eave_m as f32;
-    let rise_m = (roof.ridge_m - roof.eave_m) as f32;
-    let standing = |share: &dyn Fn(Vec2) -> f32| inside.iter().map(|p| p.extend(level + rise_m * share(*p))).collect();
-    match roof.form {
-        RoofForm::Flat => vec![standing(&|_| 0.0)],
-        form => Shape::all(prism).iter().filter(|s| s.form == form).map(|s| standing(&|p| s.at(p))).collect(),
+    let level = |p: &Vec2| p.extend(prism.ground_z + mean_m as f32);
+    let mut found = vec![(Roof::flat(mean_m), inside.iter().map(level).collect())];
+    for shape in Shape::all(prism) {
+        let shares: Vec<f32> = inside.iter().map(|p| shape.at(*p) - shape.mean).collect();
+        for rise_m in (1..=N_RISES).map(|i| shape.tallest_m() * i as f32 / N_RISES as f32) {
+            let eave_m = mean_m - f64::from(shape.mean * rise_m);
+            if eave_m <= 0.0 {
+                continue;
+            }
+            let roof = Roof { form: shape.form, eave_m, ridge_m: eave_m + f64::from(rise_m), mean_m };
+            let place = |(p, share): (&Vec2, &f32)| level(p) + Vec3::Z * (rise_m * share);
+            found.push((roof, inside.iter().zip(&shares).map(place).collect()));
+        }
     }
+    found
 }
 
 /// Ways of rays over a footprint, sampled, side by side.

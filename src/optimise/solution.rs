@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::levels::OtherLevel;
 use super::roof::Roof;
+use crate::scene::HeightReference;
 
 /// Why a height is doubtful or unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -60,12 +61,12 @@ pub struct SolvedHeight {
 }
 
 impl SolvedHeight {
-    /// Raises it as the photos say, with a standard deviation to state from now on; metres.
-    pub fn raise(&mut self, by_m: f64, sigma_m: f64) {
-        self.height_m = self.height_m.map(|height_m| height_m + by_m);
-        self.roof = self.roof.map(|roof| roof.raised(by_m));
+    /// Takes the roof that the photos show, with a standard deviation to state from now on, metres.
+    pub fn settle(&mut self, roof: Roof, reference: HeightReference, sigma_m: f64) {
+        self.raised_m = self.roof.map(|before| roof.mean_m - before.mean_m);
+        self.height_m = Some(roof.height_m(reference));
+        self.roof = Some(roof);
         self.sigma_m = Some(sigma_m);
-        self.raised_m = Some(by_m);
     }
 
     /// A building that no height can be given.

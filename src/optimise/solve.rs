@@ -18,7 +18,7 @@ use super::solution::{EpochRecord, Reason, Solution, SolvedHeight};
 use crate::prior::DepthPrior;
 use crate::render::PlacedCamera;
 use crate::render::profile::{CappedScene, Profiles, Sampling};
-use crate::scene::{HeightReference, Scene};
+use crate::scene::Scene;
 use crate::seed;
 use crate::views::{Candidate, Choice, Selection, ViewsConfig, Visibility, in_turn, select, select_each, visibility};
 
@@ -486,11 +486,7 @@ impl<'a> State<'a> {
             reasons.push(Reason::ConflictingViews);
         }
         let roof = self.roofs[building].unwrap_or(Roof::flat(f64::from(height_m)));
-        let height_m = match self.config.height_reference {
-            HeightReference::Eave => roof.eave_m,
-            HeightReference::Mean => roof.mean_m,
-            HeightReference::Ridge => roof.ridge_m,
-        };
+        let height_m = roof.height_m(self.config.height_reference);
         SolvedHeight { height_m: Some(height_m), roof: Some(roof), sigma_m, views, score, raised_m: None, reasons }
     }
 }

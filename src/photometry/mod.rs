@@ -12,7 +12,7 @@
 mod settle;
 
 pub use settle::PolishConfig;
-pub(crate) use settle::{MIN_PHOTOS, MIN_POINTS, Settled, settle};
+pub(crate) use settle::{MIN_PHOTOS, MIN_PLACES, Settled, settle};
 
 use glam::{DVec2, DVec3};
 

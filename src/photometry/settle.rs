@@ -9,7 +9,7 @@ use crate::prior::Picture;
 use crate::stats::jackknife_sigma;
 
 /// Fewer places on a roof cannot be compared.
-pub(crate) const MIN_POINTS: usize = 40;
+pub(crate) const MIN_PLACES: usize = 40;
 /// Fewer photos cannot outvote one that is wrong.
 pub(crate) const MIN_PHOTOS: usize = 4;
 

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
@@ -13,11 +13,11 @@ use rstar::primitives::GeomWithData;
 use super::stages::SceneStage;
 use crate::config::RunConfig;
 use crate::optimise::{self, Preset, Roof, Solution, SolvedHeight};
-use crate::photometry::{self, MIN_PHOTOS, MIN_POINTS, PolishConfig, Settled};
+use crate::photometry::{self, MIN_PHOTOS, MIN_PLACES, PolishConfig, Settled};
 use crate::prior::{Album, Picture};
 use crate::ray::Ray;
 use crate::render::image::SceneTracer;
-use crate::scene::{Prism, Scene};
+use crate::scene::{Prism, RoofForm, Scene};
 use crate::stats;
 use crate::survey::{Survey, View};
 
@@ -40,6 +40,11 @@ const AROUND_M: f64 = 150.0;
 const SPREAD_SHARE: f64 = 2.0;
 const SYSTEMATIC_M: f64 = 0.1;
 
+/// Of a roof's places, every so many tell its pitch.
+const THINNED: usize = 3;
+/// How much more alike the photos have to look on another form of roof than on the one that the priors show.
+const OTHER_FORM_SCORE: f64 = 0.02;
+
 /// Raises and lowers the roofs of a solution to where the photos look alike.
 pub(super) fn polish(config: &RunConfig, survey: &Survey, stage: &SceneStage, solution: &mut Solution) {
     let settings = &config.optimise.polish;
@@ -61,30 +66,32 @@ pub(super) fn polish(config: &RunConfig, survey: &Survey, stage: &SceneStage, so
         }
     }
     let sigmas_m = sigmas_m(&stage.scene, &found);
-    for ((solved, settled), sigma_m) in solution.heights.iter_mut().zip(found).zip(sigmas_m) {
-        let is_clear = |s: &Settled| s.score >= settings.min_score && s.lead >= settings.min_lead;
-        let Some((settled, sigma_m)) = settled.filter(is_clear).zip(sigma_m) else { continue };
+    let is_clear = |s: &Settled| s.score >= settings.min_score && s.lead >= settings.min_lead;
+    for ((solved, found), sigma_m) in solution.heights.iter_mut().zip(found).zip(sigmas_m) {
+        let Some(((roof, settled), sigma_m)) = found.filter(|(_, settled)| is_clear(settled)).zip(sigma_m) else {
+            continue;
+        };
         if solved.sigma_m.is_none_or(|of_priors_m| sigma_m < of_priors_m) {
-            solved.raise(settled.raised_m, sigma_m);
+            solved.settle(roof.raised(settled.raised_m), config.optimise.height_reference, sigma_m);
         }
     }
 }
 
 /// The standard deviation to state for each roof that the photos settle. Poses that are off show in how much photos left out
 /// move the roofs around; a single roof may hide it by chance.
-fn sigmas_m(scene: &Scene, found: &[Option<Settled>]) -> Vec<Option<f64>> {
+fn sigmas_m(scene: &Scene, found: &[Option<(Roof, Settled)>]) -> Vec<Option<f64>> {
     let middle = |prism: &Prism| prism.centre_at(0.0).truncate().as_dvec2().to_array();
     let known = found
         .iter()
         .zip(&scene.prisms)
-        .filter_map(|(settled, prism)| Some(GeomWithData::new(middle(prism), settled.as_ref()?.sigma_m)));
+        .filter_map(|(settled, prism)| Some(GeomWithData::new(middle(prism), settled.as_ref()?.1.sigma_m)));
     let known = RTree::bulk_load(known.collect());
     let around = |at: [f64; 2]| {
         let close: Vec<f64> = known.locate_within_distance(at, AROUND_M * AROUND_M).map(|near| near.data).collect();
         stats::median(&close).unwrap_or(0.0)
     };
-    let of_one = |(settled, prism): (&Option<Settled>, &Prism)| {
-        let spread_m = settled.as_ref()?.sigma_m.max(around(middle(prism)));
+    let of_one = |(settled, prism): (&Option<(Roof, Settled)>, &Prism)| {
+        let spread_m = settled.as_ref()?.1.sigma_m.max(around(middle(prism)));
         Some((SPREAD_SHARE * spread_m).hypot(SYSTEMATIC_M))
     };
     found.iter().zip(&scene.prisms).map(of_one).collect()
@@ -111,28 +118,42 @@ impl Roofs<'_> {
         order
     }
 
-    /// Of the ways that a roof's form can lie the one on which the photos look alike most.
-    fn settle(&self, building: usize, roof: Option<&Roof>) -> Option<Settled> {
-        let (prism, settings) = (&self.stage.scene.prisms[building], self.settings);
-        let surfaces = optimise::surfaces(prism, roof?, settings.clear_m as f32, settings.n_points);
-        let settled = surfaces.iter().filter(|s| s.len() >= MIN_POINTS).filter_map(|s| self.settle_on(building, s));
-        settled.reduce(|best, other| if other.score > best.score { other } else { best })
+    /// The roof on which the photos look alike most, at the height where they do.
+    fn settle(&self, building: usize, roof: Option<&Roof>) -> Option<(Roof, Settled)> {
+        let (prism, settings, found) = (&self.stage.scene.prisms[building], self.settings, roof?);
+        let candidates = optimise::candidates(prism, found.mean_m, settings.clear_m as f32, settings.n_points);
+        let (_, level) = candidates.first().filter(|(_, places)| places.len() >= MIN_PLACES)?;
+        let pictures = self.pictures(building, level)?;
+        let pictures: Vec<&Picture> = pictures.iter().map(|picture| &**picture).collect();
+        let settle = |(roof, places): &(Roof, Vec<Vec3>), every: usize| {
+            let in_map = places.iter().step_by(every).map(|p| p.as_dvec3() + self.stage.scene.origin.0);
+            Some((*roof, photometry::settle(&pictures, &in_map.collect::<Vec<_>>(), settings)?))
+        };
+        // Few places tell the better pitches of a form, all of them the form.
+        let coarse: Vec<Option<f64>> =
+            candidates.iter().map(|candidate| Some(settle(candidate, THINNED)?.1.score)).collect();
+        let best_of = |form: RoofForm| {
+            let of_form = (0..candidates.len()).filter(|&i| candidates[i].0.form == form);
+            of_form
+                .filter(|&i| coarse[i].is_some())
+                .max_by(|&i, &j| coarse[i].partial_cmp(&coarse[j]).expect("numbers"))
+        };
+        let fine = [RoofForm::Flat, RoofForm::Gable, RoofForm::Hip].into_iter().filter_map(best_of);
+        let merit = |(roof, settled): &(Roof, Settled)| {
+            settled.score - if roof.form == found.form { 0.0 } else { OTHER_FORM_SCORE }
+        };
+        let settled = fine.filter_map(|i| settle(&candidates[i], 1));
+        settled.reduce(|best, other| if merit(&other) > merit(&best) { other } else { best })
     }
 
-    fn settle_on(&self, building: usize, surface: &[Vec3]) -> Option<Settled> {
-        let origin = self.stage.scene.origin.0;
-        let in_map: Vec<DVec3> = surface.iter().map(|p| p.as_dvec3() + origin).collect();
-        let middle = in_map.iter().sum::<DVec3>() / in_map.len() as f64;
-        let sees = |photo: usize| self.sees(self.photos[photo], building, surface);
+    /// The photos to compare on a roof: from all sides, those that nothing hides it from.
+    fn pictures(&self, building: usize, level: &[Vec3]) -> Option<Vec<Arc<Picture>>> {
+        let middle = (level.iter().sum::<Vec3>() / level.len() as f32).as_dvec3() + self.stage.scene.origin.0;
+        let sees = |photo: usize| self.sees(self.photos[photo], building, level);
         let chosen = photometry::choose(self.photos, middle, self.settings.n_photos, sees);
-        if chosen.len() < MIN_PHOTOS {
-            return None;
-        }
-        // A photo that cannot be read has been told of where it is the prior's; here the others will do.
-        let pictures: Vec<Arc<Picture>> =
-            chosen.iter().filter_map(|&photo| self.album.picture(self.photos[photo]).ok()).collect();
-        let pictures: Vec<&Picture> = pictures.iter().map(|picture| &**picture).collect();
-        photometry::settle(&pictures, &in_map, self.settings)
+        // A photo that cannot be read is left out: the others will do.
+        let pictures: Vec<_> = chosen.iter().filter_map(|&i| self.album.picture(self.photos[i]).ok()).collect();
+        (pictures.len() >= MIN_PHOTOS).then_some(pictures)
     }
 
     /// Whether nothing hides most of a roof from a photo.
