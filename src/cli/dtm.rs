@@ -8,12 +8,9 @@ use serde::Serialize;
 use super::{Failure, Global, Ui, print_json};
 use crate::config::RunConfig;
 use crate::dtm::{Dtm, DtmConfig, Outcome};
-use crate::geodata::{GridPlace, write_geotiff};
 use crate::output::picture::{relief_map, write_png};
 use crate::pipeline;
 
-/// Written where no ground was found.
-const NODATA: f32 = -9999.0;
 /// Width of the picture, pixels.
 const PICTURE_PX: u32 = 1600;
 
@@ -27,7 +24,8 @@ const COARSE_M: f64 = 0.3;
   sizeup dtm sizeup.toml --output dtm.tif --within 40      for hilly ground
   sizeup run sizeup.toml --set 'terrain={dtm=\"dtm.tif\"}'
 
-The configuration's terrain.constant_m is the rough level to start from. A picture is written beside the model.")]
+The configuration's [terrain] is what it starts from: constant_m, a rough level, or dtm, a coarse or shifted model that the
+photos correct. A picture is written beside the model. With [dtm] in the configuration `sizeup run` does all this itself.")]
 pub struct DtmArgs {
     /// Configuration file (TOML), as that of `sizeup run`; it needs no [prior] here.
     pub config: PathBuf,
@@ -79,8 +77,7 @@ pub(super) fn run(args: &DtmArgs, global: &Global) -> Result<u8, Failure> {
             .map_err(|e| Failure::new(e.exit_code(), &e))?;
     ui.finish();
     let crs = &config.project.crs;
-    let place = GridPlace { corner_m: dtm.dem.corner_m(), cell_m: dtm.dem.cell_m(), crs, nodata: NODATA };
-    write_geotiff(&args.output, dtm.dem.heights_m(), &place).map_err(|e| Failure::new(4, &e))?;
+    pipeline::write_dtm(&dtm, crs, &args.output).map_err(|e| Failure::new(e.exit_code(), &e))?;
     let picture = args.output.with_extension("png");
     let polygons: Vec<_> = outlines.iter().collect();
     write_png(&picture, &relief_map(&dtm, &polygons, crs, PICTURE_PX)).map_err(|e| Failure::new(4, &e))?;

@@ -80,6 +80,7 @@ impl Ui {
     pub fn tell(&self, event: Event) {
         match event {
             Event::Stage(stage) => self.advance(stage.name(), 0, 0),
+            Event::Ground { done, total } => self.advance("looking at the ground", done, total),
             Event::Advance { what, done, total } => {
                 let what = match what {
                     Solving::Tracing => "tracing rays",

@@ -10,6 +10,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::crs::Crs;
+use crate::dtm::DtmConfig;
 use crate::footprint::FootprintSource;
 use crate::optimise::OptimiseConfig;
 use crate::output::cityjson::CityJsonConfig;
@@ -66,6 +67,10 @@ pub struct RunConfig {
     pub footprints: FootprintSource,
     /// The terrain.
     pub terrain: TerrainConfig,
+    /// Make a terrain model from the photos first. `[terrain]` is then what it starts from: a rough level, or a coarse or
+    /// shifted model that the photos correct.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dtm: Option<DtmConfig>,
     /// Which level of the terrain a building's height counts from.
     #[serde(default)]
     pub ground: GroundConfig,

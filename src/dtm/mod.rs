@@ -15,18 +15,21 @@ use std::sync::Arc;
 
 use geo::{BoundingRect as _, Distance as _, Euclidean};
 use geo_types::{Point, Polygon};
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::{GeomWithData, Rectangle};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use crate::photometry::choose;
 use crate::prior::{Album, Picture, PriorError};
 use crate::survey::View;
-use crate::terrain::{Dem, DemError, MapBox};
+use crate::terrain::{Dem, DemError, MapBox, Terrain};
 
 /// How the ground is found.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
 pub struct DtmConfig {
     /// The ground is somewhere within this of the rough level, metres. Above 0.
     pub within_m: f64,
@@ -89,6 +92,17 @@ pub struct Square {
     pub outcome: Outcome,
 }
 
+impl Square {
+    fn raised(self, by_m: f64) -> Self {
+        let outcome = match self.outcome {
+            Outcome::Ground(z_m) => Outcome::Ground(z_m + by_m),
+            Outcome::Outlier(z_m) => Outcome::Outlier(z_m + by_m),
+            outcome => outcome,
+        };
+        Self { outcome, ..self }
+    }
+}
+
 /// A terrain model, and what it was made of.
 #[derive(Debug, Clone)]
 pub struct Dtm {
@@ -146,53 +160,66 @@ const PICTURE_BYTES: usize = 1 << 30;
 /// Fewer squares than this make no surface.
 const MIN_SQUARES: usize = 12;
 
-/// Makes the model around outlines (or under the cameras, where there are none). `near_m` is the rough level of the ground;
-/// `progress` is told how many squares of how many are done.
+/// The area of a model around outlines (or under the cameras, where there are none).
+#[must_use]
+pub fn area(views: &[View], outlines: &[&Polygon<f64>], config: &DtmConfig) -> MapBox {
+    let corners = outlines.iter().filter_map(|o| o.bounding_rect()).flat_map(|r| [r.min().x_y(), r.max().x_y()]);
+    let eyes = views.iter().filter(|v| v.image.is_some()).map(|v| v.camera_from_map.centre()).map(|eye| (eye.x, eye.y));
+    let around = MapBox::around(corners).or_else(|| MapBox::around(eyes));
+    around.unwrap_or(MapBox { west_m: 0.0, south_m: 0.0, east_m: 0.0, north_m: 0.0 }).grown(config.margin_m)
+}
+
+/// Makes the model over an area, away from outlines. `rough` is what is known of the ground: a level, or a coarse or shifted
+/// model, which the photos correct; where they show no ground a model is shifted as it is in the median. `progress` is told
+/// how many squares of how many are done.
 ///
 /// # Errors
 /// [`DtmError`].
 pub fn estimate(
     views: &[View],
     outlines: &[&Polygon<f64>],
-    near_m: f64,
+    rough: &Terrain,
     config: &DtmConfig,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Dtm, DtmError> {
     check(config)?;
     let with_photo: Vec<&View> = views.iter().filter(|view| view.image.is_some()).collect();
-    let area = area(&with_photo, outlines, config);
-    let places = places(area, outlines, config);
-    let chosen: Vec<Vec<usize>> =
-        places.par_iter().map(|at| choose(&with_photo, at.extend(near_m), config.n_views, |_| true)).collect();
+    let area = area(views, outlines, config);
+    let places: Vec<DVec3> = places(area, outlines, config)
+        .into_iter()
+        .filter_map(|at| Some(at.extend(rough.height_at(at.x, at.y)?)))
+        .collect();
     let album = Album::new(config.long_side_px, PICTURE_BYTES);
     let n_done = std::sync::atomic::AtomicUsize::new(0);
-    let found: Vec<Outcome> = places
-        .par_iter()
-        .zip(&chosen)
-        .map(|(at, chosen)| {
-            let seen_in: Vec<_> =
-                chosen.iter().map(|&view| album.picture(with_photo[view])).collect::<Result<_, _>>()?;
-            let seen_in: Vec<&Picture> = seen_in.iter().map(|picture: &Arc<Picture>| &**picture).collect();
-            let outcome = patch::height(&seen_in, at.extend(near_m), config);
-            progress(n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, places.len());
-            Ok(outcome)
-        })
-        .collect::<Result<_, PriorError>>()?;
-    let mut squares: Vec<Square> = places.into_iter().zip(found).map(|(at, outcome)| Square { at, outcome }).collect();
+    let look = |near: &DVec3| {
+        let chosen = choose(&with_photo, *near, config.n_views, |_| true);
+        let seen_in: Vec<_> = chosen.iter().map(|&view| album.picture(with_photo[view])).collect::<Result<_, _>>()?;
+        let seen_in: Vec<&Picture> = seen_in.iter().map(|picture: &Arc<Picture>| &**picture).collect();
+        let outcome = patch::height(&seen_in, *near, config);
+        progress(n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, places.len());
+        Ok(Square { at: near.truncate(), outcome })
+    };
+    let squares = places.par_iter().map(look).collect::<Result<Vec<_>, PriorError>>()?;
+    // All that follows is about what the rough level is off by.
+    let rough_m = |at: DVec2| rough.height_at(at.x, at.y).unwrap_or(f64::NAN);
+    let mut squares: Vec<Square> = squares.into_iter().map(|s| s.raised(-rough_m(s.at))).collect();
     let sigma_m = surface::leave_out_what_stands_above(&mut squares, config.spacing_m);
     let count = |is: fn(&Outcome) -> bool| squares.iter().filter(|s| is(&s.outcome)).count();
     let n_ground = count(|o| matches!(o, Outcome::Ground(_)));
     if n_ground < MIN_SQUARES {
+        let (low_m, high_m) = rough.range().unwrap_or((f64::NAN, f64::NAN));
         return Err(DtmError::TooLittle {
             n_squares: squares.len(),
             n_unseen: count(|o| matches!(o, Outcome::Unseen)),
             n_unclear: count(|o| matches!(o, Outcome::Unclear)),
             n_ground,
-            from_m: near_m - config.within_m,
-            to_m: near_m + config.within_m,
+            from_m: low_m - config.within_m,
+            to_m: high_m + config.within_m,
         });
     }
-    Ok(Dtm { dem: surface::grid(&squares, area, config)?, squares, sigma_m })
+    let dem = surface::model(&squares, rough, area, config)?;
+    let squares = squares.into_iter().map(|s| s.raised(rough_m(s.at))).collect();
+    Ok(Dtm { dem, squares, sigma_m })
 }
 
 fn check(config: &DtmConfig) -> Result<(), DtmError> {
@@ -206,13 +233,6 @@ fn check(config: &DtmConfig) -> Result<(), DtmError> {
         None => Ok(()),
         Some((field, value)) => Err(DtmError::Config { field, value, expected: "above 0" }),
     }
-}
-
-fn area(views: &[&View], outlines: &[&Polygon<f64>], config: &DtmConfig) -> MapBox {
-    let corners = outlines.iter().filter_map(|o| o.bounding_rect()).flat_map(|r| [r.min().x_y(), r.max().x_y()]);
-    let eyes = views.iter().map(|v| v.camera_from_map.centre()).map(|eye| (eye.x, eye.y));
-    let around = MapBox::around(corners).or_else(|| MapBox::around(eyes));
-    around.unwrap_or(MapBox { west_m: 0.0, south_m: 0.0, east_m: 0.0, north_m: 0.0 }).grown(config.margin_m)
 }
 
 /// Middles of squares that keep clear of all outlines, on a grid that depends on nothing but the spacing.

@@ -14,7 +14,7 @@ use rstar::primitives::GeomWithData;
 use super::{DtmConfig, Outcome, Square};
 use crate::raster::Raster;
 use crate::stats;
-use crate::terrain::{Dem, DemError, MapBox};
+use crate::terrain::{Dem, DemError, MapBox, Terrain};
 
 /// Bandwidth `h` in spacings, and how far squares still count, in bandwidths.
 const BANDWIDTH: f64 = 1.8;
@@ -95,8 +95,37 @@ fn leave_out_what_few_agree_with(squares: &mut [Square], bandwidth_m: f64) {
     }
 }
 
-/// The model over an area; no value farther from ground than the squares reach.
-pub(super) fn grid(squares: &[Square], area: MapBox, config: &DtmConfig) -> Result<Dem, DemError> {
+/// The model over an area, from what the squares say that a rough one is off by. A level has no value farther from ground
+/// than the squares reach; a model is shifted there by the median of the squares.
+pub(super) fn model(squares: &[Square], rough: &Terrain, area: MapBox, config: &DtmConfig) -> Result<Dem, DemError> {
+    let off = grid(squares, area, config)?;
+    let (west_m, north_m) = off.corner_m();
+    match rough {
+        Terrain::Constant(level_m) => {
+            let raised = off.heights_m().map(|off_m| off_m + *level_m as f32);
+            Dem::new(raised, west_m, north_m, config.cell_m, config.cell_m)
+        }
+        Terrain::Grid(dem) => {
+            let known: Vec<f64> = heights(squares).iter().map(|square| square.data).collect();
+            let median_m = stats::median(&known).unwrap_or(0.0);
+            let cell_m = dem.cell_m().0.min(dem.cell_m().1).min(config.cell_m);
+            let n = |from: f64, to: f64| ((to - from) / cell_m).ceil().max(1.0) as usize;
+            let (width, height) = (n(area.west_m, area.east_m), n(area.south_m, area.north_m));
+            let value = |i: usize| {
+                let (x, y) =
+                    (west_m + cell_m * ((i % width) as f64 + 0.5), north_m - cell_m * ((i / width) as f64 + 0.5));
+                let rough_m = dem.height_at(x, y)?;
+                Some((rough_m + off.height_at(x, y).unwrap_or(median_m)) as f32)
+            };
+            let values = (0..width * height).into_par_iter().map(|i| value(i).unwrap_or(f32::NAN)).collect();
+            let raster = Raster::from_vec(width, height, values).expect("one value per cell");
+            Dem::new(raster, west_m, north_m, cell_m, cell_m)
+        }
+    }
+}
+
+/// The surface through the squares; no value farther from ground than they reach.
+fn grid(squares: &[Square], area: MapBox, config: &DtmConfig) -> Result<Dem, DemError> {
     let heights = heights(squares);
     let bandwidth_m = BANDWIDTH * config.spacing_m;
     let n = |from: f64, to: f64| ((to - from) / config.cell_m).ceil().max(1.0) as usize;

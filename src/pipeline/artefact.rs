@@ -89,7 +89,7 @@ fn path_of(config: &RunConfig, stage: Stage) -> PathBuf {
 /// Hash of the settings that a stage and those before it depend on.
 fn settings_sha256(config: &RunConfig, stage: Stage) -> String {
     let survey = serde_json::json!([config.project.crs, config.survey]);
-    let footprints = serde_json::json!([config.footprints, config.terrain, config.ground]);
+    let footprints = serde_json::json!([config.footprints, config.terrain, config.dtm, config.ground]);
     let heights = serde_json::json!([config.prior, config.optimise, config.seed]);
     let parts: &[serde_json::Value] = match stage {
         Stage::Survey => &[survey],

@@ -1,11 +1,24 @@
-//! A terrain model from the photos, made before a run that has none.
+//! A terrain model from the photos: made by itself, or before the outlines of a run that asks for it.
+
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
 
 use geo_types::Polygon;
 
-use super::{PipelineError, soundness};
+use super::{Event, PipelineError, Tell, soundness};
 use crate::config::RunConfig;
+use crate::crs::Crs;
 use crate::dtm::{self, Dtm, DtmConfig};
 use crate::footprint::{self, FootprintSource};
+use crate::geodata::{GridPlace, write_geotiff};
+use crate::output::picture::{relief_map, write_png};
+use crate::survey::Survey;
+use crate::terrain::{self, TerrainConfig};
+
+/// Written where no ground was found.
+const NODATA: f32 = -9999.0;
+/// Width of the picture, pixels.
+const PICTURE_PX: u32 = 1600;
 
 /// Makes the model around the configuration's outlines, and gives them too (none where they are yet to be found).
 /// `progress` is told how many squares of how many are done.
@@ -17,20 +30,67 @@ pub fn dtm_of_photos(
     settings: &DtmConfig,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<(Dtm, Vec<Polygon<f64>>), PipelineError> {
-    let Some(near_m) = config.terrain.constant_m else {
+    if (&config.terrain.dtm, config.terrain.constant_m) == (&None, None) {
         return Err(PipelineError::Settings {
             table: "terrain",
             message: "a terrain model from the photos starts from a rough level of the ground".to_owned(),
-            hint: "set terrain.constant_m, in the vertical reference of the poses",
+            hint: "set terrain.constant_m in the vertical reference of the poses, or terrain.dtm to a coarse model",
         });
-    };
+    }
     let reading = soundness::read(config)?;
+    make(config, reading.survey(), settings, progress)
+}
+
+fn make(
+    config: &RunConfig,
+    survey: &Survey,
+    settings: &DtmConfig,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<(Dtm, Vec<Polygon<f64>>), PipelineError> {
     let outlines = match &config.footprints {
         FootprintSource::Layer(layer) => footprint::read(layer, &config.project.crs)?.footprints,
         FootprintSource::Masks(_) | FootprintSource::Network(_) => Vec::new(),
     };
     let outlines: Vec<Polygon<f64>> = outlines.into_iter().map(|f| f.polygon).collect();
     let polygons: Vec<&Polygon<f64>> = outlines.iter().collect();
-    let dtm = dtm::estimate(&reading.survey().views, &polygons, near_m, settings, progress)?;
+    let area = dtm::area(&survey.views, &polygons, settings);
+    let rough = terrain::load(&config.terrain, &config.project.crs, area)?;
+    let dtm = dtm::estimate(&survey.views, &polygons, &rough, settings, progress)?;
     Ok((dtm, outlines))
+}
+
+/// Makes the model that a run asks for, and writes it where [`terrain_in_force`] looks for it.
+pub(super) fn for_run(config: &RunConfig, survey: &Survey, tell: Tell<'_>) -> Result<(), PipelineError> {
+    let Some(settings) = &config.dtm else { return Ok(()) };
+    let (dtm, outlines) = make(config, survey, settings, &|done, total| tell(Event::Ground { done, total }))?;
+    write_dtm(&dtm, &config.project.crs, &path_of(config))?;
+    if config.output.pictures {
+        let outlines: Vec<&Polygon<f64>> = outlines.iter().collect();
+        let picture = relief_map(&dtm, &outlines, &config.project.crs, PICTURE_PX);
+        write_png(&config.project.output.join("pictures").join("dtm.png"), &picture)?;
+    }
+    Ok(())
+}
+
+/// Writes a model (`GeoTIFF`), in the vertical reference of the poses.
+///
+/// # Errors
+/// [`PipelineError`] where it cannot be written.
+pub fn write_dtm(dtm: &Dtm, crs: &Crs, path: &Path) -> Result<(), PipelineError> {
+    let place = GridPlace { corner_m: dtm.dem.corner_m(), cell_m: dtm.dem.cell_m(), crs, nodata: NODATA };
+    write_geotiff(path, dtm.dem.heights_m(), &place)?;
+    Ok(())
+}
+
+fn path_of(config: &RunConfig) -> PathBuf {
+    config.project.output.join("stages").join("dtm.tif")
+}
+
+/// Where the ground of a run is: as configured, or in the model that it makes from the photos.
+pub(super) fn terrain_in_force(config: &RunConfig) -> Cow<'_, TerrainConfig> {
+    if config.dtm.is_none() {
+        return Cow::Borrowed(&config.terrain);
+    }
+    let TerrainConfig { margin_m, min_cell_m, .. } = config.terrain;
+    Cow::Owned(TerrainConfig { margin_m, min_cell_m, ..TerrainConfig::dtm(path_of(config)) })
 }

@@ -7,6 +7,7 @@ use crate::crs::CrsError;
 use crate::dtm::DtmError;
 use crate::files::FileError;
 use crate::footprint::FootprintError;
+use crate::geodata::WriteError;
 use crate::output::OutputError;
 use crate::prior::PriorError;
 use crate::survey::SurveyError;
@@ -89,6 +90,9 @@ pub enum PipelineError {
     /// A result cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// The terrain model made from the photos cannot be written.
+    #[error(transparent)]
+    Model(#[from] WriteError),
     /// A file cannot be read or written.
     #[error(transparent)]
     File(#[from] FileError),
@@ -112,7 +116,7 @@ impl PipelineError {
             | Self::Mismatch { .. }
             | Self::NoPriors { .. }
             | Self::Artefact { .. } => 3,
-            Self::Output(_) | Self::File(_) => 4,
+            Self::Output(_) | Self::Model(_) | Self::File(_) => 4,
         }
     }
 }

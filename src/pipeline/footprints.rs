@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use glam::DVec2;
 
+use super::dtm::terrain_in_force;
 use super::stages::load_terrain;
 use super::{FootprintStage, HeightStage, PipelineError, pictures};
 use crate::config::RunConfig;
@@ -62,12 +63,12 @@ fn terrain_of_views(config: &RunConfig, survey: &Survey) -> Result<Terrain, Pipe
     let nadir = || survey.views.iter().filter(|v| v.kind() == ViewKind::Nadir);
     let centres = nadir().map(|v| v.camera_from_map.centre()).map(|c| (c.x, c.y));
     let Some(below) = MapBox::around(centres) else { return Ok(Terrain::Constant(0.0)) };
-    let first = terrain::load(&config.terrain, &config.project.crs, below)?;
+    let first = terrain::load(&terrain_in_force(config), &config.project.crs, below)?;
     let (Terrain::Grid(_), Some((low, _))) = (&first, first.range()) else { return Ok(first) };
     // Where the images' corners meet the lowest ground under the cameras.
     let corners = nadir().flat_map(|view| corners_on(view, low));
     let Some(seen) = MapBox::around(corners) else { return Ok(first) };
-    Ok(terrain::load(&config.terrain, &config.project.crs, seen)?)
+    Ok(terrain::load(&terrain_in_force(config), &config.project.crs, seen)?)
 }
 
 fn corners_on(view: &View, level_m: f64) -> Vec<(f64, f64)> {

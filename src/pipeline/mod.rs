@@ -32,7 +32,7 @@ mod stages;
 mod tile;
 
 pub use artefact::{FootprintStage, HeightStage};
-pub use dtm::dtm_of_photos;
+pub use dtm::{dtm_of_photos, write_dtm};
 pub use error::PipelineError;
 pub use frame::Frame;
 pub use levels::Cut;
@@ -93,6 +93,13 @@ pub struct RunOptions {
 pub enum Event {
     /// A stage begins.
     Stage(Stage),
+    /// So many of the places are done where the ground is looked for in the photos.
+    Ground {
+        /// How many are done.
+        done: usize,
+        /// How many there are.
+        total: usize,
+    },
     /// So much of some work within a stage is done.
     Advance {
         /// What is being done.

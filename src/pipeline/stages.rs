@@ -7,6 +7,7 @@ use std::time::Instant;
 use geo_types::Polygon;
 use glam::DVec3;
 
+use super::dtm::{self, terrain_in_force};
 use super::frame::{Frame, origin};
 use super::heights::HeightSearch;
 use super::input::{check_settings, check_views, height_bounds};
@@ -68,6 +69,7 @@ pub(super) fn run(
     let start = Instant::now();
     let mut footprints: FootprintStage = if runs(Stage::Footprints) {
         tell(Event::Stage(Stage::Footprints));
+        dtm::for_run(config, &survey, tell)?;
         let (footprints, terrain) = outlines::read(config, &survey)?;
         if matches!(terrain, Terrain::Grid(_)) {
             let reading = reading.take().map_or_else(|| soundness::read(config), Ok)?;
@@ -174,7 +176,7 @@ pub(super) fn load_terrain<'a>(
             hint: "issues of the footprints stage tell why, building by building",
         });
     };
-    Ok(terrain::load(&config.terrain, &config.project.crs, area.grown(margin_m))?)
+    Ok(terrain::load(&terrain_in_force(config), &config.project.crs, area.grown(margin_m))?)
 }
 
 /// Everything that rays meet, and what they are compared with.
@@ -296,7 +298,7 @@ fn lineage(
     files.extend(files_of(&config.survey.path).into_iter().map(|path| ("survey", path)));
     let outline_files = outlines::files(config, survey);
     files.extend(outline_files.iter().flat_map(|path| files_of(path)).map(|path| ("footprints", path)));
-    files.extend(config.terrain.dtm.iter().map(|path| ("terrain", path.clone())));
+    files.extend(terrain_in_force(config).dtm.iter().map(|path| ("terrain", path.clone())));
     for &view in &heights.solution.used_views {
         files.extend(priors.file_of(&survey.views[view])?.map(|path| ("prior", path)));
     }

@@ -47,7 +47,7 @@ fn photos_alone_give_the_ground_to_a_decimetre() {
     let outlines: Vec<_> = layer.footprints.iter().map(|f| &f.polygon).collect();
     // The rough level is 5 m off.
     let config = DtmConfig { margin_m: 40.0, ..DtmConfig::default() };
-    let dtm = estimate(&survey.views, &outlines, BASE_Z_M + 5.0, &config, &|_, _| {}).unwrap();
+    let dtm = estimate(&survey.views, &outlines, &Terrain::Constant(BASE_Z_M + 5.0), &config, &|_, _| {}).unwrap();
     let everywhere = MapBox { west_m: 0.0, south_m: 0.0, east_m: 1e6, north_m: 1e7 };
     let truth = load(&TerrainConfig::dtm(folder.path().join("dtm.tif")), &crs(), everywhere).unwrap();
 
@@ -70,7 +70,8 @@ fn photos_alone_give_the_ground_to_a_decimetre() {
 fn a_level_far_from_the_ground_is_refused_with_the_range_that_was_tried() {
     let folder = tempfile::tempdir().unwrap();
     let survey = scene(folder.path());
-    let refused = estimate(&survey.views, &[], BASE_Z_M - 200.0, &DtmConfig::default(), &|_, _| {}).unwrap_err();
+    let refused = estimate(&survey.views, &[], &Terrain::Constant(BASE_Z_M - 200.0), &DtmConfig::default(), &|_, _| {})
+        .unwrap_err();
     assert!(matches!(refused, DtmError::TooLittle { .. }), "{refused}");
     assert!(refused.to_string().contains("-191.0 and -161.0 m"), "{refused}");
 }
@@ -90,7 +91,7 @@ fn warsaw_stands_on_the_ground_that_its_points_were_measured_on() {
     let outlines: Vec<_> = layer.footprints.iter().map(|f| &f.polygon).collect();
     let config = DtmConfig { margin_m: 40.0, spacing_m: 8.0, ..DtmConfig::default() };
     // The measured ground beside the nine buildings is 110.2 to 111.7 m; the search starts 6 m below it.
-    let dtm = estimate(&survey.views, &outlines, 105.0, &config, &|_, _| {}).unwrap();
+    let dtm = estimate(&survey.views, &outlines, &Terrain::Constant(105.0), &config, &|_, _| {}).unwrap();
     let model = Terrain::Grid(dtm.dem);
     let truth: serde_json::Value =
         serde_json::from_slice(&fs::read(data.join("truth_buildings.geojson")).unwrap()).unwrap();

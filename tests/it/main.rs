@@ -19,6 +19,7 @@ mod networks;
 mod networks_to_heights;
 mod outputs;
 mod parts;
+mod photos;
 mod pictures;
 mod prior_files;
 mod qgis;

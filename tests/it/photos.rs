@@ -1,0 +1,102 @@
+//! What photos add to the order of depths: roofs settled where they look alike, and the ground of a run that has no model.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+use sizeup::crs::Crs;
+use sizeup::evaluate::read::{TruthOptions, read_results, read_truth};
+use sizeup::evaluate::{HeightOptions, evaluate_heights};
+use sizeup::simulate::{SimulateConfig, TownKind, simulate};
+use tempfile::TempDir;
+
+use crate::tiny_scene::{Outcome, sizeup};
+
+/// A small town with photos, poses good to 0.05 m and 0.05°.
+static TOWN: LazyLock<TempDir> = LazyLock::new(|| town(|_| ()));
+
+fn town(change: impl Fn(&mut SimulateConfig)) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = SimulateConfig { seed: 5, ..SimulateConfig::default() };
+    (config.town.kind, config.town.n_buildings) = (TownKind::District, 12);
+    config.flight.n_views = Some(40);
+    (config.camera.width_px, config.camera.height_px) = (640, 480);
+    config.prior.longest_px = 320;
+    change(&mut config);
+    simulate(&config, folder.path(), &|_, _| {}).unwrap();
+    folder
+}
+
+/// Runs the scene with more settings; its results.
+fn run(scene: &Path, name: &str, more: &[&str]) -> PathBuf {
+    let result = scene.join(name);
+    let mut command = sizeup();
+    command.arg("run").arg(scene.join("sizeup.toml")).args(["--set", "output.report.page=false"]);
+    command.arg("--set").arg(format!("project.output={}", result.display()));
+    let outcome: Outcome = command.args(more.iter().flat_map(|set| ["--set", set])).output().unwrap().into();
+    assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
+    result
+}
+
+fn mean_error_m(scene: &Path, result: &Path) -> f64 {
+    let crs = Crs::parse("EPSG:25832").unwrap();
+    let results = read_results(&result.join("city.city.json"), &crs).unwrap();
+    let truth = read_truth(&scene.join("truth.geojson"), &TruthOptions::default(), &crs).unwrap();
+    let evaluation = evaluate_heights(&results, &truth.buildings, &HeightOptions::default()).unwrap();
+    let all = evaluation.all.unwrap();
+    assert_eq!(all.n, truth.buildings.len(), "buildings compared");
+    all.error_mean_m
+}
+
+/// By how much the photos raised each roof that they settled, metres.
+fn raised_m(result: &Path) -> Vec<f64> {
+    let stage: serde_json::Value =
+        serde_json::from_slice(&fs::read(result.join("stages/heights.json")).unwrap()).unwrap();
+    let heights = stage["data"]["solution"]["heights"].as_array().unwrap();
+    heights.iter().filter_map(|height| height["raised_m"].as_f64()).collect()
+}
+
+#[test]
+fn photos_settle_roofs_closer_than_priors_do() {
+    let scene = TOWN.path();
+    let priors = mean_error_m(scene, &run(scene, "priors", &["optimise.polish.enabled=false"]));
+    let result = run(scene, "photos", &[]);
+    let photos = mean_error_m(scene, &result);
+    println!("priors {priors:.2} m, photos too {photos:.2} m");
+    assert!(raised_m(&scene.join("priors")).is_empty());
+    assert!(raised_m(&result).len() >= 6, "{:?}", raised_m(&result));
+    assert!(photos < 0.7 * priors, "{photos} m with photos, {priors} m without");
+}
+
+#[test]
+fn photos_under_poses_that_are_off_have_no_say() {
+    let shaken = town(|config| (config.errors.position_m, config.errors.angle_deg) = (0.4, 0.25));
+    let result = run(shaken.path(), "photos", &[]);
+    assert!(raised_m(&result).len() <= 1, "{:?}", raised_m(&result));
+}
+
+#[test]
+fn the_publications_preset_asks_no_photos() {
+    let result = run(TOWN.path(), "paper", &["optimise.preset=paper"]);
+    assert!(raised_m(&result).is_empty());
+}
+
+#[test]
+fn a_run_without_a_terrain_model_makes_one_from_its_photos() {
+    let scene = TOWN.path();
+    let with_model = mean_error_m(scene, &run(scene, "model", &[]));
+    let config = fs::read_to_string(scene.join("sizeup.toml")).unwrap();
+    assert!(config.contains("dtm = \"dtm.tif\""), "the scene comes with its model");
+    // A level that is some metres off at most places, and a model whose heights count from elsewhere.
+    let level = run(scene, "level", &["terrain={constant_m=22.0}", "dtm={margin_m=60.0}"]);
+    let shifted = run(scene, "shifted", &["terrain.vertical_offset_m=2.5", "dtm={margin_m=60.0}"]);
+    let uncorrected = mean_error_m(scene, &run(scene, "uncorrected", &["terrain.vertical_offset_m=2.5"]));
+    assert!(level.join("stages/dtm.tif").is_file() && level.join("pictures/dtm.png").is_file());
+    let (level, shifted) = (mean_error_m(scene, &level), mean_error_m(scene, &shifted));
+    println!("model {with_model:.2} m, level {level:.2} m, shifted {shifted:.2} m, uncorrected {uncorrected:.2} m");
+    assert!(
+        level < with_model + 0.3 && shifted < with_model + 0.3,
+        "{level} and {shifted} m, {with_model} with the model"
+    );
+    assert!(uncorrected > 1.5, "{uncorrected} m on a model 2.5 m too high");
+}
