@@ -81,6 +81,21 @@ pub enum Gradient {
     Interior,
     /// Exact central difference of each pair's cost, silhouettes included.
     CentralDifference,
+    /// The interior part, and what roof edges pass as they move, sampled along the edges: the derivative of the expected
+    /// loss. A reference to judge the others by; each step loads the view's prior again.
+    EdgeSampled,
+}
+
+/// Whether the derivative knows that the scale of a view's depths (their median absolute deviation) depends on the heights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MadGradient {
+    /// The scale is held fixed.
+    #[default]
+    Detached,
+    /// It is differentiated, for pixels that stay the same. It rests on two pixels of the view (of an even count the lower
+    /// middle is the median) and flips its sign from step to step: for tests and comparisons.
+    Exact,
 }
 
 /// Which pixels are compared.
@@ -113,6 +128,12 @@ pub struct OrdinalConfig {
     pub region: Region,
     /// Which part of the derivative is followed.
     pub gradient: Gradient,
+    /// Whether the scale of a view's rendered depths is differentiated too: `detached` (no) or `exact`.
+    pub mad_gradient: MadGradient,
+    /// Points sampled along each roof edge (`gradient = "edge_sampled"`).
+    pub edge_points: usize,
+    /// Pixels that each of these points is compared with (`gradient = "edge_sampled"`).
+    pub edge_partners: usize,
     /// Half width of the central difference at the first and last step, metres (annealed geometrically).
     pub difference_m: [f32; 2],
     /// Adam's step at the first and last step, metres (annealed geometrically).
@@ -131,6 +152,9 @@ impl Default for OrdinalConfig {
             adaptive_margin: false,
             region: Region::Buildings,
             gradient: Gradient::Interior,
+            mad_gradient: MadGradient::Detached,
+            edge_points: 16,
+            edge_partners: 256,
             difference_m: [10.0, 0.5],
             step_m: [6.0, 0.3],
             reselect_every: 3,

@@ -43,10 +43,7 @@ impl<'a> Evidence<'a> {
     ) -> Self {
         let nearness: Vec<f32> =
             profiles.rays.par_iter().map(|ray| without_spill(placed, prior, ray.centre(), spill_px)).collect();
-        let farness = match prior.kind {
-            PriorKind::Depth => nearness.iter().map(|n| n.recip()).collect(),
-            PriorKind::InverseDepth => nearness.iter().map(|n| -n).collect(),
-        };
+        let farness = nearness.iter().map(|n| farness_of(prior.kind, *n)).collect();
 
         let mut start = vec![0_u32; n_buildings + 1];
         for (_, building) in ray_building_pairs(profiles) {
@@ -77,6 +74,12 @@ impl<'a> Evidence<'a> {
     pub fn ray(&self, placed: &PlacedCamera, ray_idx: u32) -> Ray {
         let centre = self.profiles.rays[ray_idx as usize].centre();
         placed.ray(centre).expect("only pixels that have a ray are sampled")
+    }
+
+    /// The area of the image that so many of the rays stand for, pixels squared.
+    #[must_use]
+    pub fn area_px(&self, n_rays: usize) -> f64 {
+        (n_rays * self.stride_px * self.stride_px) as f64
     }
 
     /// The rays that cross a building's footprint below its greatest height, ascending.
@@ -137,7 +140,20 @@ pub fn nearness_at(placed: &PlacedCamera, prior: &DepthPrior, pixel: DVec2) -> f
     }
 }
 
-/// The same with near sides cut back by `spill_px` (the least value within so many pixels), or grown by as much if
+/// The same as something that grows away from the camera, as the paper's D; `NaN` = none.
+#[must_use]
+pub fn farness_at(placed: &PlacedCamera, prior: &DepthPrior, pixel: DVec2) -> f32 {
+    farness_of(prior.kind, nearness_at(placed, prior, pixel))
+}
+
+fn farness_of(kind: PriorKind, nearness: f32) -> f32 {
+    match kind {
+        PriorKind::Depth => nearness.recip(),
+        PriorKind::InverseDepth => -nearness,
+    }
+}
+
+/// [`nearness_at`] with near sides cut back by `spill_px` (the least value within so many pixels), or grown by as much if
 /// negative.
 fn without_spill(placed: &PlacedCamera, prior: &DepthPrior, pixel: DVec2, spill_px: f64) -> f32 {
     let mut extreme = nearness_at(placed, prior, pixel);

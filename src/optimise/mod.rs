@@ -12,6 +12,7 @@ mod bleed;
 mod calibrate;
 mod config;
 mod evidence;
+mod gradient;
 mod inspect;
 mod levels;
 mod ordinal;
@@ -22,7 +23,7 @@ mod solution;
 mod solve;
 mod stretches;
 
-pub use config::{CalibrationRays, Gradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
+pub use config::{CalibrationRays, Gradient, MadGradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
 pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
 pub use levels::{LevelGain, OtherLevel};
 pub use roof::{Roof, candidates};

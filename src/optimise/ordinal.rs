@@ -1,17 +1,12 @@
-//! One step of the ordinal optimiser: the loss of one view, and its derivative by the buildings' heights.
-//!
-//! Two derivatives, both with median and MAD held fixed:
-//!
-//! - *interior*: a roof pixel gets nearer as its roof rises, `dR/dh = 1/d_z < 0`; walls and ground do not move. What
-//!   automatic differentiation of a hard rasteriser sees.
-//! - *central difference*: `g_b = [l(h_b + δ) − l(h_b − δ)] / 2δ` per pair, for each building on either ray, with both
-//!   rays evaluated anew: silhouettes, where a roof edge passes a pixel, are in it.
+//! One step of the ordinal optimiser: the loss of one view, and its derivative by the buildings' heights from the parts of
+//! [`super::gradient`].
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use super::config::{Gradient, OrdinalConfig, Region};
+use super::config::{Gradient, MadGradient, OrdinalConfig, Region};
 use super::evidence::Evidence;
+use super::gradient::{Slope, central_difference, edge_sampled, interior, scale, sum_by_building};
 use crate::ordinal::{DepthOrder, Normaliser};
 
 /// Loss and derivative of one view.
@@ -27,6 +22,18 @@ pub struct ViewStep {
     pub gradient: Vec<(u32, f64)>,
 }
 
+/// One view and the heights as they stand.
+pub struct StepInput<'a> {
+    /// The view.
+    pub evidence: &'a Evidence<'a>,
+    /// Roof levels in the local frame, one per building.
+    pub roofs: &'a [f32],
+    /// Half width of central differences, metres.
+    pub difference_m: f32,
+    /// What [`Gradient::EdgeSampled`] needs besides; without it, it is the interior part alone.
+    pub outlines: Option<edge_sampled::Outlines<'a>>,
+}
+
 /// The pixels of one view that are compared, with both depths normalised over them.
 pub(super) struct Compared {
     /// Ray of each pixel, ascending.
@@ -34,81 +41,107 @@ pub(super) struct Compared {
     /// Rendered z-depth, metres.
     pub rendered: Vec<f32>,
     /// Which building's roof it is; its depth moves with the height.
-    roof_of: Vec<Option<u32>>,
+    pub roof_of: Vec<Option<u32>>,
     /// Normalised prior, growing away from the camera.
     pub prior: Vec<f32>,
+    /// Brings the prior to its spread in the view.
+    pub of_prior: Normaliser,
     /// Brings rendered depth to its spread in the view.
     pub of_rendered: Normaliser,
 }
 
-/// Loss and derivative of one view for roof levels in the local frame; `None` where nothing can be compared.
-#[must_use]
-pub fn view_step(
-    evidence: &Evidence<'_>,
-    roofs: &[f32],
-    difference_m: f32,
-    config: &OrdinalConfig,
-    rng: &mut ChaCha8Rng,
-) -> Option<ViewStep> {
-    let compared = Compared::new(evidence, roofs, config.region)?;
-    let n = u32::try_from(compared.rays.len()).ok().filter(|&n| n >= 2)?;
-    let mut step = ViewStep { loss: 0.0, n_pairs: 0, n_active: 0, gradient: Vec::new() };
-    let mut slopes: Vec<(u32, f64)> = Vec::new();
-    for _ in 0..config.n_pairs {
-        let (p, q) = (rng.random_range(0..n) as usize, rng.random_range(0..n) as usize);
-        let Some(order) = DepthOrder::from_prior(compared.prior[p], compared.prior[q], config.min_contrast) else {
-            continue;
-        };
-        let margin = if config.adaptive_margin {
-            config.margin.min((compared.prior[q] - compared.prior[p]).abs())
-        } else {
-            config.margin
-        };
-        let cost = |r_p: f32, r_q: f32| order.cost(compared.of_rendered.contrast(r_p, r_q), margin);
-        let here = cost(compared.rendered[p], compared.rendered[q]);
-        step.n_pairs += 1;
-        step.n_active += usize::from(here > 0.0);
-        step.loss += f64::from(here);
-        match config.gradient {
-            Gradient::Interior if here > 0.0 => {
-                let slope = order.sign() / compared.of_rendered.scale;
-                for (at, slope) in [(p, slope), (q, -slope)] {
-                    if let Some(building) = compared.roof_of[at] {
-                        let per_metre = evidence.profiles.rays[compared.rays[at] as usize].dz.recip();
-                        slopes.push((building, f64::from(slope * per_metre)));
-                    }
-                }
-            }
-            Gradient::Interior => {}
-            Gradient::CentralDifference => {
-                central_differences(
-                    evidence,
-                    roofs,
-                    [compared.rays[p], compared.rays[q]],
-                    difference_m,
-                    cost,
-                    &mut slopes,
-                );
-            }
-        }
+/// What the prior says of two pixels, and what their order costs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Vote {
+    pub order: DepthOrder,
+    margin: f32,
+}
+
+impl Vote {
+    /// From two normalised priors; `None` where their contrast is too weak.
+    pub fn of(d_p: f32, d_q: f32, config: &OrdinalConfig) -> Option<Self> {
+        let order = DepthOrder::from_prior(d_p, d_q, config.min_contrast)?;
+        let margin = if config.adaptive_margin { config.margin.min((d_q - d_p).abs()) } else { config.margin };
+        Some(Self { order, margin })
     }
-    if step.n_pairs == 0 {
+
+    /// Cost of a normalised rendered contrast.
+    pub fn cost(&self, rendered_contrast: f32) -> f32 {
+        self.order.cost(rendered_contrast, self.margin)
+    }
+}
+
+/// Two compared pixels with a vote.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pair {
+    pub p: usize,
+    pub q: usize,
+    pub vote: Vote,
+}
+
+impl Pair {
+    /// What it costs for the depths as they are rendered.
+    pub fn cost(&self, compared: &Compared) -> f32 {
+        self.vote.cost(compared.contrast(self))
+    }
+}
+
+/// Loss and derivative of one view; `None` where nothing can be compared.
+#[must_use]
+pub fn view_step(input: &StepInput<'_>, config: &OrdinalConfig, rng: &mut ChaCha8Rng) -> Option<ViewStep> {
+    let StepInput { evidence, roofs, difference_m, .. } = *input;
+    let compared = Compared::new(evidence, roofs, config.region)?;
+    let pairs = draw_pairs(&compared, config, rng);
+    if pairs.is_empty() {
         return None;
     }
-    step.loss /= step.n_pairs as f64;
-    step.gradient = sum_by_building(slopes, step.n_pairs);
-    Some(step)
+    let costs: Vec<f32> = pairs.iter().map(|pair| pair.cost(&compared)).collect();
+    let loss = costs.iter().map(|cost| f64::from(*cost)).sum::<f64>() / pairs.len() as f64;
+    let is_exact = config.mad_gradient == MadGradient::Exact;
+    let by_pair = match config.gradient {
+        Gradient::Interior | Gradient::EdgeSampled => interior::slopes(evidence, &compared, &pairs),
+        Gradient::CentralDifference if is_exact => Vec::new(),
+        Gradient::CentralDifference => central_difference::slopes(evidence, roofs, &compared, &pairs, difference_m),
+    };
+    let mut gradient = sum_by_building(by_pair, pairs.len());
+    let mut add = |part: Vec<Slope>| gradient = sum_by_building(gradient.iter().copied().chain(part).collect(), 1);
+    if is_exact {
+        add(match config.gradient {
+            Gradient::CentralDifference => {
+                central_difference::slopes_with_scale(evidence, roofs, &compared, &pairs, difference_m)
+            }
+            Gradient::Interior | Gradient::EdgeSampled => scale::slopes(evidence, &compared, &pairs),
+        });
+    }
+    if let (Gradient::EdgeSampled, Some(outlines)) = (config.gradient, &input.outlines) {
+        let present = edge_sampled::Loss { mean: loss, vote_share: pairs.len() as f64 / config.n_pairs as f64 };
+        add(edge_sampled::slopes(outlines, evidence, roofs, &compared, present, config, rng));
+    }
+    let n_active = costs.iter().filter(|cost| **cost > 0.0).count();
+    Some(ViewStep { loss, n_pairs: pairs.len(), n_active, gradient })
+}
+
+/// Random pairs of compared pixels; those without a vote are left out.
+pub(super) fn draw_pairs(compared: &Compared, config: &OrdinalConfig, rng: &mut ChaCha8Rng) -> Vec<Pair> {
+    let Some(n) = u32::try_from(compared.rays.len()).ok().filter(|&n| n >= 2) else { return Vec::new() };
+    let draw = |_| {
+        let (p, q) = (rng.random_range(0..n) as usize, rng.random_range(0..n) as usize);
+        Some(Pair { p, q, vote: Vote::of(compared.prior[p], compared.prior[q], config)? })
+    };
+    (0..config.n_pairs).filter_map(draw).collect()
 }
 
 impl Compared {
     pub fn new(evidence: &Evidence<'_>, roofs: &[f32], region: Region) -> Option<Self> {
         let profiles = evidence.profiles;
+        let no_scale = Normaliser { median: 0.0, scale: 1.0 };
         let mut compared = Self {
             rays: Vec::new(),
             rendered: Vec::new(),
             roof_of: Vec::new(),
             prior: Vec::new(),
-            of_rendered: Normaliser { median: 0.0, scale: 1.0 },
+            of_prior: no_scale,
+            of_rendered: no_scale,
         };
         for (ray_idx, &prior) in evidence.farness.iter().enumerate() {
             let sight = profiles.sight(ray_idx, roofs);
@@ -123,45 +156,14 @@ impl Compared {
                 compared.prior.push(prior);
             }
         }
-        let of_prior = Normaliser::from_values(&compared.prior)?;
-        compared.prior.iter_mut().for_each(|d| *d = of_prior.apply(*d));
+        compared.of_prior = Normaliser::from_values(&compared.prior)?;
+        compared.prior.iter_mut().for_each(|d| *d = compared.of_prior.apply(*d));
         compared.of_rendered = Normaliser::from_values(&compared.rendered)?;
         Some(compared)
     }
-}
 
-/// Appends `(building, slope)` for every building whose height can change either ray.
-fn central_differences(
-    evidence: &Evidence<'_>,
-    roofs: &[f32],
-    rays: [u32; 2],
-    difference_m: f32,
-    cost: impl Fn(f32, f32) -> f32,
-    slopes: &mut Vec<(u32, f64)>,
-) {
-    let profiles = evidence.profiles;
-    let mut buildings: Vec<u32> =
-        rays.iter().flat_map(|&r| profiles.crossings(r as usize)).map(|c| c.building).collect();
-    buildings.sort_unstable();
-    buildings.dedup();
-    for building in buildings {
-        let with_roof_moved = |by_m: f32| {
-            let depth =
-                |ray: u32| profiles.sight_with(ray as usize, roofs, building, roofs[building as usize] + by_m).depth;
-            cost(depth(rays[0]), depth(rays[1]))
-        };
-        let slope = (with_roof_moved(difference_m) - with_roof_moved(-difference_m)) / (2.0 * difference_m);
-        if slope != 0.0 {
-            slopes.push((building, f64::from(slope)));
-        }
+    /// Normalised rendered contrast of a pair.
+    pub fn contrast(&self, pair: &Pair) -> f32 {
+        self.of_rendered.contrast(self.rendered[pair.p], self.rendered[pair.q])
     }
-}
-
-/// Adds up the slopes of each building; the stable sort keeps the order of pairs, so the sum is the same every time.
-fn sum_by_building(mut slopes: Vec<(u32, f64)>, n_pairs: usize) -> Vec<(u32, f64)> {
-    slopes.sort_by_key(|&(building, _)| building);
-    slopes
-        .chunk_by(|a, b| a.0 == b.0)
-        .map(|same| (same[0].0, same.iter().map(|s| s.1).sum::<f64>() / n_pairs as f64))
-        .collect()
 }

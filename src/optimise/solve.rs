@@ -7,10 +7,11 @@ use rayon::prelude::*;
 
 use super::adam::Adam;
 use super::bleed;
-use super::config::{OptimiseConfig, Preset};
+use super::config::{Gradient, OptimiseConfig, Preset};
 use super::evidence::Evidence;
+use super::gradient::edge_sampled::Outlines;
 use super::levels::{self, OtherLevel};
-use super::ordinal::{ViewStep, view_step};
+use super::ordinal::{StepInput, ViewStep, view_step};
 use super::roof::Roof;
 use super::score::Correlation;
 use super::search::{Finding, Range, SweepView, find_roofs, sweep};
@@ -391,9 +392,14 @@ impl<'a> State<'a> {
                 let roofs = self.problem.scene.roofs(&self.heights_m);
                 let mut rng = seed::stream(self.problem.seed, "pairs", &[epoch as u64, view as u64]);
                 let evidence = self.evidence[view].as_ref().expect("only loaded views are in the order");
-                let Some(step) = view_step(evidence, &roofs, anneal(config.difference_m), config, &mut rng) else {
-                    continue;
+                let prior = match config.gradient {
+                    Gradient::EdgeSampled => (self.problem.load_prior)(view).ok(),
+                    Gradient::Interior | Gradient::CentralDifference => None,
                 };
+                let (scene, placed) = (self.problem.scene, &self.problem.views[view].placed);
+                let outlines = prior.as_ref().map(|prior| Outlines { scene, placed, prior });
+                let input = StepInput { evidence, roofs: &roofs, difference_m: anneal(config.difference_m), outlines };
+                let Some(step) = view_step(&input, config, &mut rng) else { continue };
                 for &(building, derivative) in &step.gradient {
                     let at = building as usize;
                     let change = adam.change(at, derivative, f64::from(anneal(config.step_m)));

@@ -7,13 +7,13 @@
 //! ```
 //!
 //! `d`: depth prior `D'`. `r`: rendered depth `R'`. Both are unitless and grow away from the camera. `s` is a label;
-//! only `r` carries gradient. The median cancels in `r_q − r_p`. The MAD is held fixed in the gradient: the derivative
-//! of a sample MAD rests on one pixel and flips its sign at random (Hong, Oper. Res. 57:118, 2009).
+//! only `r` carries gradient. The median cancels in `r_q − r_p`. The MAD is held fixed in the gradient unless asked
+//! otherwise: the derivative of a sample MAD rests on one pixel and flips its sign at random (Hong, Oper. Res. 57:118, 2009).
 
 use crate::stats;
 
 /// Keeps a flat sample (MAD = 0) from dividing by zero, relative to the median.
-const EPSILON: f32 = 1e-6;
+pub(crate) const EPSILON: f32 = 1e-6;
 
 /// Where the prior puts `q` relative to `p`, as seen from the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -13,7 +13,7 @@ use crate::scene::{Crossing as Stretch, Scene};
 use crate::seed;
 
 /// Rays flatter than this never sink to a roof within any useful distance (dz per unit of z-depth).
-const FLATTEST_DZ: f32 = -1e-3;
+pub(crate) const FLATTEST_DZ: f32 = -1e-3;
 
 /// One footprint along a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
