@@ -9,6 +9,37 @@ use glam::Vec3;
 
 use crate::ray::{Aabb, Ray};
 
+/// What looks for primitives: one ray, or many at once.
+pub trait Probe {
+    /// Where it first enters a box within its reach, if it does.
+    fn enters(&self, bounds: &Aabb) -> Option<f32>;
+    /// How far it still looks.
+    fn reach(&self) -> f32;
+    /// Looks at a primitive.
+    fn visit(&mut self, primitive: usize);
+}
+
+/// One ray, and what is done with primitives near it.
+struct SingleRay<'a, F> {
+    ray: &'a Ray,
+    t_max: f32,
+    visit: F,
+}
+
+impl<F: FnMut(usize, f32) -> f32> Probe for SingleRay<'_, F> {
+    fn enters(&self, bounds: &Aabb) -> Option<f32> {
+        self.ray.enters(bounds.min, bounds.max, self.t_max)
+    }
+
+    fn reach(&self) -> f32 {
+        self.t_max
+    }
+
+    fn visit(&mut self, primitive: usize) {
+        self.t_max = (self.visit)(primitive, self.t_max);
+    }
+}
+
 /// Split candidates per axis of the binned heuristic.
 const N_BINS: usize = 16;
 /// Below this many primitives a node is a leaf.
@@ -24,6 +55,12 @@ struct Node {
     first: u32,
     max: Vec3,
     count: u32,
+}
+
+impl Node {
+    fn bounds(&self) -> Aabb {
+        Aabb { min: self.min, max: self.max }
+    }
 }
 
 /// The hierarchy; primitives are known by their index in the slice it was built from.
@@ -50,31 +87,36 @@ impl Bvh {
 
     /// Visits the primitives whose boxes the ray enters before `t_max`, near nodes first. `visit` gets a primitive's
     /// index and the present `t_max` and returns the new one: the same to go on, less after a hit, `0` to stop.
-    pub fn traverse(&self, ray: &Ray, mut t_max: f32, mut visit: impl FnMut(usize, f32) -> f32) {
+    pub fn traverse(&self, ray: &Ray, t_max: f32, visit: impl FnMut(usize, f32) -> f32) {
+        self.walk(&mut SingleRay { ray, t_max, visit });
+    }
+
+    /// Shows a probe the primitives that it may meet, near nodes first.
+    pub fn walk(&self, probe: &mut impl Probe) {
         let mut stack = [(0_u32, 0.0_f32); MAX_DEPTH];
         let mut depth = 0;
         let Some(root) = self.nodes.first() else { return };
-        if let Some(enter) = ray.enters(root.min, root.max, t_max) {
+        if let Some(enter) = probe.enters(&root.bounds()) {
             stack[0] = (0, enter);
             depth = 1;
         }
         while depth > 0 {
             depth -= 1;
             let (node_idx, enter) = stack[depth];
-            if enter > t_max {
+            if enter > probe.reach() {
                 continue;
             }
             let node = &self.nodes[node_idx as usize];
             if node.count > 0 {
                 let range = node.first as usize..(node.first + node.count) as usize;
                 for &primitive in &self.primitives[range] {
-                    t_max = visit(primitive as usize, t_max);
+                    probe.visit(primitive as usize);
                 }
                 continue;
             }
             let children = [node.first, node.first + 1].map(|c| {
-                let child = &self.nodes[c as usize];
-                (c, ray.enters(child.min, child.max, t_max))
+                let bounds = self.nodes[c as usize].bounds();
+                (c, probe.enters(&bounds))
             });
             let mut push = |(child, enter): (u32, Option<f32>)| {
                 if let Some(enter) = enter {

@@ -5,10 +5,11 @@ use rayon::prelude::*;
 
 use super::PlacedCamera;
 use super::bvh::Bvh;
+use super::packet::{LANES, TILE, Tile, is_upright};
 use crate::ids::BuildingIdx;
 use crate::raster::Raster;
 use crate::ray::{Aabb, Ray};
-use crate::scene::{Crossing, Scene};
+use crate::scene::{Crossing, Prism, Scene};
 
 /// What a ray meets first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,10 +44,94 @@ pub struct DepthImage {
     pub face: Raster<Face>,
 }
 
+/// Pixels along each side of a tile, and where the rays of one of its packets (4 × 2 pixels) stand.
+const TILE_SIDE: usize = 8;
+const TILE_COLS: [usize; LANES] = [0, 1, 2, 3, 0, 1, 2, 3];
+const TILE_ROWS: [usize; LANES] = [0, 0, 0, 0, 1, 1, 1, 1];
+/// Boxes reach so far beyond what is in them, metres: more than rays are rounded by within kilometres, so that no box is
+/// missed whose prism is met, and what is met does not depend on the order of boxes.
+const BOX_MARGIN_M: f32 = 0.01;
+
+/// What a ray met: its parameter, and a code that a register can hold.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Hit {
+    /// Infinite for nothing.
+    pub t: f32,
+    /// 0 nothing, 1 ground, then wall and roof of every building in turn.
+    pub code: u32,
+}
+
+impl Hit {
+    /// Of a ray that is not there: nothing is nearer.
+    pub const BLOCKED: Self = Self { t: f32::NEG_INFINITY, code: 0 };
+
+    /// The code of a building's wall.
+    pub fn wall(idx: usize) -> u32 {
+        2 + 2 * idx as u32
+    }
+
+    /// The code of a building's roof.
+    pub fn roof(idx: usize) -> u32 {
+        3 + 2 * idx as u32
+    }
+
+    /// This, or what is met of a prism if that is nearer; of two at one place the first in the scene.
+    pub fn or_nearer(self, ray: &Ray, (idx, solid): (usize, &Solid<'_>), scratch: &mut Vec<Crossing>) -> Self {
+        scratch.clear();
+        solid.prism.crossings(ray, scratch);
+        scratch.iter().fold(self, |nearest, crossing| match solid.meet(ray, *crossing) {
+            Some((t, is_roof)) => {
+                let code = if is_roof { Self::roof(idx) } else { Self::wall(idx) };
+                let is_nearer = t < nearest.t || (t == nearest.t && code < nearest.code);
+                if is_nearer { Self { t, code } } else { nearest }
+            }
+            None => nearest,
+        })
+    }
+
+    /// Depth and face as images have them.
+    fn seen(self) -> (f32, Face) {
+        let building = || BuildingIdx::new((self.code as usize - 2) / 2);
+        match self.code {
+            _ if !self.t.is_finite() => (f32::NAN, Face::Nothing),
+            0 => (f32::NAN, Face::Nothing),
+            1 => (self.t, Face::Ground),
+            code if code % 2 == 0 => (self.t, Face::Wall(building())),
+            _ => (self.t, Face::Roof(building())),
+        }
+    }
+}
+
+/// A prism between two levels.
+pub(super) struct Solid<'a> {
+    pub prism: &'a Prism,
+    /// A ray that comes over the outline below this passes under its walls. Well inside the prism's box, so that boxes decide
+    /// nothing.
+    pub foot_z: f32,
+    pub roof_z: f32,
+}
+
+impl Solid<'_> {
+    /// Where a ray meets it within one stretch over its footprint, and whether that is the roof.
+    fn meet(&self, ray: &Ray, crossing: Crossing) -> Option<(f32, bool)> {
+        let (from, dz) = (ray.origin.z, ray.direction.z);
+        let enter = crossing.enter.max(0.0);
+        let level = from + enter * dz;
+        if level <= self.roof_z {
+            // From inside there is no wall to see.
+            return (crossing.enter > 0.0 && level >= self.foot_z).then_some((enter, false));
+        }
+        let roof = (self.roof_z - from) / dz;
+        (dz < 0.0 && roof < crossing.leave).then_some((roof, true))
+    }
+}
+
 /// A scene with one height per building, ready for rays.
 pub struct SceneTracer<'a> {
     scene: &'a Scene,
     roofs: Vec<f32>,
+    /// Around each prism, somewhat larger.
+    boxes: Vec<Aabb>,
     bvh: Bvh,
 }
 
@@ -54,63 +139,98 @@ impl<'a> SceneTracer<'a> {
     /// `heights_m`: metres above each building's ground level, one per building.
     #[must_use]
     pub fn new(scene: &'a Scene, heights_m: &[f32]) -> Self {
-        let roofs = scene.roofs(heights_m);
-        let boxes: Vec<Aabb> = scene.prisms.iter().zip(&roofs).map(|(p, &roof)| p.bounds_below(roof)).collect();
-        Self { scene, roofs, bvh: Bvh::build(&boxes) }
+        Self::with_roofs(scene, scene.roofs(heights_m))
+    }
+
+    /// From roof levels in the local frame, metres, one per building.
+    #[must_use]
+    pub fn with_roofs(scene: &'a Scene, roofs: Vec<f32>) -> Self {
+        let around = |(prism, &roof): (&Prism, &f32)| {
+            let tight = prism.bounds_below(roof);
+            Aabb { min: tight.min - BOX_MARGIN_M, max: tight.max + BOX_MARGIN_M }
+        };
+        let boxes: Vec<Aabb> = scene.prisms.iter().zip(&roofs).map(around).collect();
+        let bvh = Bvh::build(&boxes);
+        Self { scene, roofs, boxes, bvh }
     }
 
     /// The ray parameter of the first thing met, and what it is; `NaN` and [`Face::Nothing`] if there is none.
     /// `scratch` saves an allocation per ray.
     pub fn trace(&self, ray: &Ray, scratch: &mut Vec<Crossing>) -> (f32, Face) {
-        let (mut nearest, mut face) = match self.scene.ground.meets(ray) {
-            Some(t) => (t, Face::Ground),
-            None => (f32::INFINITY, Face::Nothing),
-        };
-        self.bvh.traverse(ray, nearest, |idx, t_max| {
-            scratch.clear();
-            self.scene.prisms[idx].crossings(ray, scratch);
-            for crossing in scratch.iter() {
-                if let Some((t, is_roof)) = meet(ray, *crossing, self.roofs[idx])
-                    && t < nearest
-                {
-                    nearest = t;
-                    let building = BuildingIdx::new(idx);
-                    face = if is_roof { Face::Roof(building) } else { Face::Wall(building) };
-                }
-            }
-            t_max.min(nearest)
+        let mut nearest = self.ground(ray);
+        self.bvh.traverse(ray, nearest.t, |idx, _| {
+            nearest = nearest.or_nearer(ray, (idx, &self.solid(idx)), scratch);
+            nearest.t
         });
-        if nearest.is_finite() { (nearest, face) } else { (f32::NAN, Face::Nothing) }
+        nearest.seen()
     }
 
-    /// Renders a whole image, rows in parallel.
+    /// The same for 64 rays from one point, in packets of eight neighbours (`None` = no ray): the same depths and faces, to the bit.
+    #[must_use]
+    pub fn trace_tile(&self, rays: &[Option<Ray>; TILE]) -> [(f32, Face); TILE] {
+        let mut seen = match Tile::new(self, rays) {
+            Some(tile) => tile.trace().map(Hit::seen),
+            None => [(f32::NAN, Face::Nothing); TILE],
+        };
+        let mut scratch = Vec::new();
+        for (seen, ray) in seen.iter_mut().zip(rays) {
+            if let Some(ray) = ray.as_ref().filter(|ray| is_upright(ray)) {
+                *seen = self.trace(ray, &mut scratch);
+            }
+        }
+        seen
+    }
+
+    /// Renders a whole image, bands of rows in parallel.
     #[must_use]
     pub fn render(&self, placed: &PlacedCamera) -> DepthImage {
         let (width, height) = (placed.camera.width_px as usize, placed.camera.height_px as usize);
         let mut depth = Raster::filled(width, height, f32::NAN);
         let mut face = Raster::filled(width, height, Face::Nothing);
-        depth.data_mut().par_chunks_mut(width).zip(face.data_mut().par_chunks_mut(width)).enumerate().for_each_init(
-            Vec::new,
-            |scratch, (row, (depths, faces))| {
-                for col in 0..width {
-                    let pixel = DVec2::new(col as f64 + 0.5, row as f64 + 0.5);
-                    if let Some(ray) = placed.ray(pixel) {
-                        (depths[col], faces[col]) = self.trace(&ray, scratch);
+        let band = TILE_SIDE * width;
+        depth.data_mut().par_chunks_mut(band).zip(face.data_mut().par_chunks_mut(band)).enumerate().for_each(
+            |(i, (depths, faces))| {
+                let n_rows = depths.len() / width;
+                for col in (0..width).step_by(TILE_SIDE) {
+                    let place = |k: usize| {
+                        (col + TILE_COLS[k % LANES] + 4 * (k / LANES % 2), TILE_ROWS[k % LANES] + 2 * (k / LANES / 2))
+                    };
+                    let ray = |k: usize| {
+                        let (col, row) = place(k);
+                        let pixel = DVec2::new(col as f64 + 0.5, (TILE_SIDE * i + row) as f64 + 0.5);
+                        if col < width && row < n_rows { placed.ray(pixel) } else { None }
+                    };
+                    let seen = self.trace_tile(&std::array::from_fn(ray));
+                    for (k, (depth, face)) in seen.into_iter().enumerate() {
+                        let (col, row) = place(k);
+                        if col < width && row < n_rows {
+                            (depths[row * width + col], faces[row * width + col]) = (depth, face);
+                        }
                     }
                 }
             },
         );
         DepthImage { depth, face }
     }
-}
 
-/// Where a ray meets a prism within one stretch over its footprint, and whether that is the roof.
-fn meet(ray: &Ray, crossing: Crossing, roof_z: f32) -> Option<(f32, bool)> {
-    let (from, dz) = (ray.origin.z, ray.direction.z);
-    let enter = crossing.enter.max(0.0);
-    if from + enter * dz <= roof_z {
-        return (crossing.enter > 0.0).then_some((enter, false)); // from inside there is no wall to see
+    /// Where a ray meets the ground, with nothing on it.
+    pub(super) fn ground(&self, ray: &Ray) -> Hit {
+        match self.scene.ground.meets(ray) {
+            Some(t) => Hit { t, code: 1 },
+            None => Hit { t: f32::INFINITY, code: 0 },
+        }
     }
-    let roof = (roof_z - from) / dz;
-    (dz < 0.0 && roof < crossing.leave).then_some((roof, true))
+
+    pub(super) fn bvh(&self) -> &Bvh {
+        &self.bvh
+    }
+
+    pub(super) fn solid(&self, idx: usize) -> Solid<'a> {
+        let prism = &self.scene.prisms[idx];
+        Solid { prism, foot_z: prism.base_z - 0.5 * BOX_MARGIN_M, roof_z: self.roofs[idx] }
+    }
+
+    pub(super) fn bounds(&self, idx: usize) -> &Aabb {
+        &self.boxes[idx]
+    }
 }

@@ -13,6 +13,7 @@
 
 pub mod bvh;
 pub mod image;
+mod packet;
 pub mod profile;
 
 use glam::{DVec2, DVec3};

@@ -2,6 +2,7 @@
 
 use geo_types::{LineString, Polygon};
 use glam::{Vec2, Vec3};
+use wide::f32x8;
 
 use crate::frames::LocalOrigin;
 use crate::ray::{Aabb, Ray};
@@ -77,7 +78,7 @@ impl Prism {
         let origin = ray.origin.truncate();
         let direction = ray.direction.truncate();
         let length_squared = direction.length_squared();
-        if length_squared < 1e-12 {
+        if Self::is_upright(length_squared) {
             if self.contains(origin) {
                 crossings.push(Crossing { enter: f32::NEG_INFINITY, leave: f32::INFINITY });
             }
@@ -114,6 +115,47 @@ impl Prism {
         crossings.extend(
             meets.chunks_exact(2).filter(|m| m[1] > m[0] && m[1] > 0.0).map(|m| Crossing { enter: m[0], leave: m[1] }),
         );
+    }
+
+    /// Whether a ray counts as upright, by the squared length of its horizontal direction.
+    #[must_use]
+    pub fn is_upright(length_squared: f32) -> bool {
+        length_squared < 1e-12
+    }
+
+    /// The same for eight rays from one point, none of them upright: where each first enters and last leaves the footprint,
+    /// and how many edges it meets. Where it meets two, these are the one stretch there is, to the bit; it counts if it ends
+    /// in front of the origin and is longer than nothing.
+    #[must_use]
+    pub fn crossings_of_eight(&self, origin: Vec2, [x, y]: [f32x8; 2], length_squared: f32x8) -> (f32x8, f32x8, f32x8) {
+        let never = f32x8::splat(f32::INFINITY);
+        let (mut enter, mut leave, mut n) = (never, -never, f32x8::ZERO);
+        for ring in self.rings() {
+            let side_of = |corner: Vec2| x * f32x8::splat(corner.y) - y * f32x8::splat(corner.x);
+            let mut previous = ring[0] - origin;
+            let mut previous_side = side_of(previous);
+            let mut was_left = previous_side.simd_ge(f32x8::ZERO);
+            for &corner in &ring[1..] {
+                let next = corner - origin;
+                let side = side_of(next);
+                let is_left = side.simd_ge(f32x8::ZERO);
+                let meets = was_left ^ is_left;
+                if meets.any() {
+                    let along = previous_side / (previous_side - side);
+                    let edge = next - previous;
+                    let meet_x = f32x8::splat(previous.x) + along * f32x8::splat(edge.x);
+                    let meet_y = f32x8::splat(previous.y) + along * f32x8::splat(edge.y);
+                    let meet = (x * meet_x + y * meet_y) / length_squared;
+                    enter = meets.bitselect(enter.fast_min(meet), enter);
+                    leave = meets.bitselect(leave.fast_max(meet), leave);
+                    n += meets & f32x8::ONE;
+                }
+                previous = next;
+                previous_side = side;
+                was_left = is_left;
+            }
+        }
+        (enter, leave, n)
     }
 
     /// Whether a point lies in the footprint (even-odd rule).
