@@ -54,6 +54,32 @@ pub fn median_and_mad(values: &[f32]) -> Option<(f32, f32)> {
     Some((median, median_low(&mut work)?))
 }
 
+/// A standard deviation per median absolute deviation of a normal distribution.
+pub const SIGMA_PER_MAD: f64 = 1.4826;
+
+/// The standard deviation of residuals as their far side shows it (those of 0 and less), where only the near side is heavy:
+/// what a model leaves out always stands in front of it. `None` if there is no far side.
+#[must_use]
+pub fn far_side_sigma(residuals: impl Iterator<Item = f64>) -> Option<f64> {
+    let far_side: Vec<f64> = residuals.filter(|r| *r <= 0.0).map(f64::abs).collect();
+    Some(SIGMA_PER_MAD * median(&far_side)?)
+}
+
+/// Tukey's biweight of a residual, 1 at 0 and 0 from the cut-off on; `cut_off` in standard deviations, on the near side
+/// (positive residuals) and on the far side.
+///
+/// ```
+/// use sizeup::stats::biweight;
+/// assert_eq!(biweight(0.0, 2.0, [3.0, 4.7]), 1.0);
+/// assert_eq!(biweight(6.0, 2.0, [3.0, 4.7]), 0.0);
+/// assert!(biweight(-6.0, 2.0, [3.0, 4.7]) > 0.3);
+/// ```
+#[must_use]
+pub fn biweight(residual: f64, sigma: f64, [near, far]: [f64; 2]) -> f64 {
+    let u = residual / (sigma * if residual > 0.0 { near } else { far });
+    (1.0 - u * u).max(0.0).powi(2)
+}
+
 /// Arithmetic mean, or `None` for no values.
 #[must_use]
 pub fn mean(values: &[f64]) -> Option<f64> {
@@ -90,6 +116,14 @@ mod tests {
         assert_eq!(quantile(&v, 0.9), Some(37.0));
         assert_eq!(quantile(&v, 0.0), Some(10.0));
         assert_eq!(quantile(&[], 0.5), None);
+    }
+
+    #[test]
+    fn the_far_side_tells_the_spread_whatever_stands_in_front() {
+        let spread = |in_front: f64| far_side_sigma([-2.0, -1.0, 0.0, 1.0, in_front].into_iter());
+        assert_eq!(spread(2.0), Some(SIGMA_PER_MAD));
+        assert_eq!(spread(2.0), spread(1e6));
+        assert_eq!(far_side_sigma([3.0].into_iter()), None);
     }
 
     #[test]

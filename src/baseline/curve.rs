@@ -20,8 +20,6 @@ const ROUNDS: usize = 12;
 const MIN_SAMPLES: usize = 50;
 /// Cut-off of the biweight in standard deviations, on the near side and on the far side.
 const CUT_OFF: [f64; 2] = [3.0, 4.7];
-/// A standard deviation per median absolute deviation of a normal distribution.
-const SIGMA_PER_MAD: f64 = 1.4826;
 /// A curved fit is kept if the spread it leaves is at most this share of a straight line's.
 const CURVED_SPREAD: f64 = 0.5;
 
@@ -120,18 +118,12 @@ fn robust(
     let mut terms = least_squares(samples, &basis, n, &value, |_| 1.0)?;
     let mut spread = 0.0;
     for _ in 0..ROUNDS {
-        let far_side: Vec<f64> =
-            samples.iter().map(|s| residual(s, &terms)).filter(|r| *r <= 0.0).map(f64::abs).collect();
-        spread = SIGMA_PER_MAD * stats::median(&far_side).unwrap_or(0.0);
+        spread = stats::far_side_sigma(samples.iter().map(|s| residual(s, &terms))).unwrap_or(0.0);
         if spread <= 0.0 {
             break;
         }
         let now = terms;
-        let weight = |s: &Sample| {
-            let r = residual(s, &now);
-            let u = r / (spread * if r > 0.0 { CUT_OFF[0] } else { CUT_OFF[1] });
-            (1.0 - u * u).max(0.0).powi(2)
-        };
+        let weight = |s: &Sample| stats::biweight(residual(s, &now), spread, CUT_OFF);
         terms = least_squares(samples, &basis, n, &value, weight)?;
     }
     Some(Fit { terms, spread })

@@ -20,8 +20,6 @@ use crate::render::profile::{CappedScene, Crossing, Profiles, Sampling};
 use crate::scene::Scene;
 use crate::stats;
 
-/// A standard deviation per median absolute deviation of a normal distribution.
-const SIGMA_PER_MAD: f64 = 1.4826;
 /// Percentile of the points over a footprint that the first round takes for the roof's level.
 const FIRST_PERCENTILE: f64 = 0.85;
 /// Fewer views than this make a height doubtful.
@@ -235,7 +233,7 @@ fn solved(levels: &[(usize, f64)], height_m: f32, scene: &Scene) -> SolvedHeight
         reasons.push(Reason::RangeBound);
     }
     let off: Vec<f64> = levels.iter().map(|l| (l.1 - f64::from(height_m)).abs()).collect();
-    let spread = stats::median(&off).map(|mad| SIGMA_PER_MAD * mad / (views.len() as f64).sqrt());
+    let spread = stats::median(&off).map(|mad| stats::SIGMA_PER_MAD * mad / (views.len() as f64).sqrt());
     let sigma_m = spread.filter(|_| views.len() >= FEW_VIEWS);
     SolvedHeight {
         height_m: Some(f64::from(height_m)),

@@ -25,7 +25,6 @@ const MIN_NEIGHBOURS: usize = 5;
 const ROUNDS: usize = 8;
 /// Cut-off of the biweight in standard deviations, above and below the surface.
 const CUT_OFF: [f64; 2] = [2.5, 4.7];
-const SIGMA_PER_MAD: f64 = 1.4826;
 /// The spread is taken to be at least this, metres: matching is no better.
 const LEAST_SIGMA_M: f64 = 0.05;
 /// A square this far from its neighbours' plane is not ground: in standard deviations, and at least in metres.
@@ -67,7 +66,7 @@ pub(super) fn leave_out_what_stands_above(squares: &mut [Square], spacing_m: f64
             Some((off_m, _)) => kept.push(off_m.abs()),
         }
     }
-    SIGMA_PER_MAD * stats::median(&kept).unwrap_or(f64::NAN)
+    stats::SIGMA_PER_MAD * stats::median(&kept).unwrap_or(f64::NAN)
 }
 
 /// Marks squares at odds with the level that most squares around them agree on: false matches are anywhere, ground is not.
@@ -176,14 +175,8 @@ fn robust_level(neighbours: &[(DVec2, f64)], bandwidth_m: f64) -> Option<(f64, f
     let mut sigma_m = LEAST_SIGMA_M;
     for _ in 0..ROUNDS {
         let residual = |(offset, z_m): &(DVec2, f64)| z_m - surface.truncate().dot(*offset) - surface.z;
-        let below: Vec<f64> = neighbours.iter().map(residual).filter(|r| *r <= 0.0).map(f64::abs).collect();
-        sigma_m = (SIGMA_PER_MAD * stats::median(&below)?).max(LEAST_SIGMA_M);
-        let weight = |sample: &(DVec2, f64)| {
-            let r = residual(sample);
-            let u = r / (sigma_m * if r > 0.0 { CUT_OFF[0] } else { CUT_OFF[1] });
-            (1.0 - u * u).max(0.0).powi(2)
-        };
-        surface = plane(neighbours, bandwidth_m, weight)?;
+        sigma_m = stats::far_side_sigma(neighbours.iter().map(residual))?.max(LEAST_SIGMA_M);
+        surface = plane(neighbours, bandwidth_m, |sample| stats::biweight(residual(sample), sigma_m, CUT_OFF))?;
     }
     Some((surface.z, sigma_m))
 }

@@ -22,8 +22,6 @@ const MIN_RAYS: usize = 50;
 const MIN_GROUND_RAYS: usize = 200;
 /// Cut-off of the biweight in standard deviations, on the near side and on the far side.
 const CUT_OFF: [f64; 2] = [3.0, 4.7];
-/// A standard deviation per median absolute deviation of a normal distribution.
-const SIGMA_PER_MAD: f64 = 1.4826;
 
 /// How a view's prior maps to inverse depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,17 +42,11 @@ impl Calibration {
         let mut fit = weighted_line(&samples, |_| 1.0)?;
         for _ in 0..ROUNDS {
             let residual = |&(v, p): &(f64, f64)| p - fit.offset - fit.gain * v;
-            let far_side: Vec<f64> = samples.iter().map(residual).filter(|r| *r <= 0.0).map(f64::abs).collect();
-            let sigma = SIGMA_PER_MAD * stats::median(&far_side)?;
+            let sigma = stats::far_side_sigma(samples.iter().map(residual))?;
             if sigma <= 0.0 {
                 break;
             }
-            let weight = |sample: &(f64, f64)| {
-                let r = residual(sample);
-                let u = r / (sigma * if r > 0.0 { CUT_OFF[0] } else { CUT_OFF[1] });
-                (1.0 - u * u).max(0.0).powi(2)
-            };
-            fit = weighted_line(&samples, weight)?;
+            fit = weighted_line(&samples, |sample| stats::biweight(residual(sample), sigma, CUT_OFF))?;
         }
         (fit.gain > 0.0).then_some(fit)
     }

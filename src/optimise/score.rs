@@ -226,8 +226,7 @@ fn without_unmodelled(
 /// near side is heavy. Tukey's biweight from the first third on, with the spread measured below the present value.
 fn far_side(values: &mut [f64]) -> Option<(f64, f64)> {
     const ROUNDS: usize = 8;
-    const CUT_OFF: f64 = 3.0;
-    const SIGMA_PER_MAD: f64 = 1.4826;
+    const CUT_OFF: [f64; 2] = [3.0; 2];
     if values.len() < MIN_RAYS {
         return None;
     }
@@ -236,14 +235,13 @@ fn far_side(values: &mut [f64]) -> Option<(f64, f64)> {
     let mut sigma = 0.0;
     for _ in 0..ROUNDS {
         let below = &values[..values.partition_point(|v| *v <= level)];
-        sigma = SIGMA_PER_MAD * (level - stats::quantile_of_sorted(below, 0.5)?);
+        sigma = stats::SIGMA_PER_MAD * (level - stats::quantile_of_sorted(below, 0.5)?);
         if sigma <= 0.0 {
             break;
         }
         let (mut sum, mut weights) = (0.0, 0.0);
         for value in values.iter() {
-            let u = (value - level) / (CUT_OFF * sigma);
-            let weight = (1.0 - u * u).max(0.0).powi(2);
+            let weight = stats::biweight(value - level, sigma, CUT_OFF);
             sum += weight * value;
             weights += weight;
         }

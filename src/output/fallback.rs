@@ -10,9 +10,6 @@ use serde_json::Value;
 use super::{BuildingRecord, Status};
 use crate::stats;
 
-/// A standard deviation per median absolute deviation of a normal distribution.
-const SIGMA_PER_MAD: f64 = 1.4826;
-
 /// Where the height of a building comes from that the photos do not tell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -111,7 +108,7 @@ fn of_neighbours(record: &BuildingRecord, measured: &RTree<Place>, n: usize) -> 
     let heights_m: Vec<f64> = nearest.take(n).map(|near| near.data).collect();
     let median_m = stats::median(&heights_m)?;
     let deviations: Vec<f64> = heights_m.iter().map(|h| (h - median_m).abs()).collect();
-    let sigma_m = stats::median(&deviations).map(|mad| SIGMA_PER_MAD * mad).filter(|sigma_m| *sigma_m > 0.0);
+    let sigma_m = stats::median(&deviations).map(|mad| stats::SIGMA_PER_MAD * mad).filter(|sigma_m| *sigma_m > 0.0);
     Some((median_m, sigma_m))
 }
 
@@ -156,7 +153,7 @@ mod tests {
         fill(&mut records, &config);
         let hidden = &records[4];
         assert_eq!((hidden.height_m, hidden.status), (Some(9.0), Status::Fallback));
-        assert!((hidden.height_sigma_m.unwrap() - SIGMA_PER_MAD).abs() < 1e-9);
+        assert!((hidden.height_sigma_m.unwrap() - stats::SIGMA_PER_MAD).abs() < 1e-9);
         assert_eq!(hidden.reasons, ["height_from_neighbours", "seen_by_no_view"]);
         assert_eq!(records[..4], street()[..4], "what is measured stays");
     }
