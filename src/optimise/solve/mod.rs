@@ -1,0 +1,172 @@
+//! A problem, and how both presets go about it: [`views`] chooses and loads, [`epochs`] and [`sweeps`] are the two solvers' loops,
+//! [`outcome`] says what is known in the end.
+
+mod epochs;
+mod outcome;
+mod sweeps;
+mod views;
+
+use super::config::{OptimiseConfig, Preset};
+use super::evidence::Evidence;
+use super::levels::OtherLevel;
+use super::roof::Roof;
+use super::search::Finding;
+use super::solution::{EpochRecord, Solution};
+use crate::prior::DepthPrior;
+use crate::render::PlacedCamera;
+use crate::render::profile::{CappedScene, Profiles, Sampling};
+use crate::scene::Scene;
+use crate::views::ViewsConfig;
+
+/// A view that may take part.
+#[derive(Debug, Clone)]
+pub struct ViewInput {
+    /// The camera at its working resolution, in the local frame.
+    pub placed: PlacedCamera,
+    /// Whether heights may be measured in it (oblique views).
+    pub is_oblique: bool,
+    /// A number for its name ([`seed::key_of`]): random choices about a view do not depend on its company.
+    pub key: u64,
+}
+
+/// What is to be solved.
+pub struct Problem<'a> {
+    /// Footprints on the ground.
+    pub scene: &'a Scene,
+    /// Every view of the survey.
+    pub views: &'a [ViewInput],
+    /// Loads the prior of a view by its position; the text says why it cannot.
+    pub load_prior: &'a (dyn Fn(usize) -> Result<DepthPrior, String> + Sync),
+    /// By building: its height above ground in an earlier solution of almost the same scene, metres; may be empty.
+    pub start_m: &'a [Option<f32>],
+    /// Root seed.
+    pub seed: u64,
+    /// Told what is going on, how much of it is done and how much there is.
+    pub progress: &'a (dyn Fn(Solving, usize, usize) + Sync),
+}
+
+/// What a solver is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Solving {
+    /// Tracing the rays of all views.
+    Tracing,
+    /// Loading the priors of selected views.
+    Priors,
+    /// Passing over buildings or views.
+    Epochs,
+}
+
+/// Finds one height per building.
+#[must_use]
+pub fn solve(problem: &Problem<'_>, config: &OptimiseConfig) -> Solution {
+    let profiles = trace_all(problem, config);
+    let mut state = State::new(problem, config, &profiles);
+    match config.preset {
+        Preset::Paper => state.run_ordinal(),
+        Preset::Robust => state.run_search(),
+    }
+    state.into_solution()
+}
+
+/// The views whose priors a solution asks for first, in ascending order; as heights become known it may ask for a few
+/// more. No prior is loaded.
+#[must_use]
+pub fn first_selection(problem: &Problem<'_>, config: &OptimiseConfig) -> Vec<usize> {
+    let profiles = trace_all(problem, config);
+    let mut state = State::new(problem, config, &profiles);
+    state.set_start_heights();
+    let mut views = state.select(&state.visibilities()).views;
+    views.sort_unstable();
+    views
+}
+
+fn trace_all(problem: &Problem<'_>, config: &OptimiseConfig) -> Vec<Profiles> {
+    let capped = CappedScene::new(problem.scene);
+    let n = problem.views.len();
+    let mut profiles = Vec::with_capacity(n);
+    for (view, input) in problem.views.iter().enumerate() {
+        (problem.progress)(Solving::Tracing, view, n);
+        let sampling = Sampling { stride_px: config.stride_px, seed: problem.seed, view: input.key };
+        profiles.push(if input.is_oblique {
+            Profiles::trace(problem.scene, &capped, &input.placed, sampling)
+        } else {
+            Profiles::none()
+        });
+    }
+    (problem.progress)(Solving::Tracing, n, n);
+    profiles
+}
+
+struct State<'a> {
+    problem: &'a Problem<'a>,
+    config: &'a OptimiseConfig,
+    views_config: ViewsConfig,
+    profiles: &'a [Profiles],
+    /// By view; filled as selection asks for them.
+    evidence: Vec<Option<Evidence<'a>>>,
+    failed: Vec<Option<String>>,
+    heights_m: Vec<f32>,
+    findings: Vec<Option<Finding>>,
+    /// By building: whether the ordinal loss ever had a slope by its height.
+    is_voted_on: Vec<bool>,
+    roofs: Vec<Option<Roof>>,
+    views_of: Vec<Vec<usize>>,
+    history: Vec<EpochRecord>,
+    /// By view: by how many pixels of the working image its prior's near sides spill over their edges.
+    spill_px: Vec<f64>,
+    other_levels: Vec<OtherLevel>,
+}
+
+impl<'a> State<'a> {
+    fn new(problem: &'a Problem<'a>, config: &'a OptimiseConfig, profiles: &'a [Profiles]) -> Self {
+        let (n_views, n_buildings) = (problem.views.len(), problem.scene.prisms.len());
+        Self {
+            problem,
+            config,
+            views_config: config.views_in_force(),
+            profiles,
+            evidence: (0..n_views).map(|_| None).collect(),
+            failed: vec![None; n_views],
+            heights_m: vec![0.0; n_buildings],
+            findings: vec![None; n_buildings],
+            is_voted_on: vec![false; n_buildings],
+            roofs: vec![None; n_buildings],
+            views_of: vec![Vec::new(); n_buildings],
+            history: Vec::new(),
+            spill_px: vec![0.0; n_views],
+            other_levels: Vec::new(),
+        }
+    }
+
+    /// Heights that the search starts from.
+    fn set_start_heights(&mut self) {
+        let bounds = self.problem.scene.bounds;
+        match self.config.preset {
+            Preset::Paper => {
+                self.heights_m =
+                    epochs::initial_heights(self.problem.seed, bounds.min_m, bounds.max_m, self.heights_m.len());
+            }
+            Preset::Robust => {
+                for (b, height_m) in self.heights_m.iter_mut().enumerate() {
+                    let known_m = self.problem.start_m.get(b).copied().flatten();
+                    *height_m = known_m.unwrap_or(self.config.search.start_height_m).clamp(bounds.min_m, bounds.max_m);
+                }
+            }
+        }
+    }
+
+    fn record(&mut self, loss: f64, before: &[f32], n_selected: usize, active_pairs: Option<f64>) {
+        let changes: Vec<f64> = before
+            .iter()
+            .zip(&self.heights_m)
+            .map(|(a, b)| f64::from((b - a).abs() / a.max(f32::MIN_POSITIVE)))
+            .collect();
+        self.history.push(EpochRecord {
+            loss,
+            relative_change: crate::stats::mean(&changes).unwrap_or(0.0),
+            n_selected,
+            active_pairs,
+            heights_m: self.heights_m.clone(),
+        });
+    }
+}

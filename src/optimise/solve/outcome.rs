@@ -1,0 +1,87 @@
+//! What is said of each building in the end.
+
+use super::State;
+use crate::optimise::config::Preset;
+use crate::optimise::roof::Roof;
+use crate::optimise::solution::{Reason, Solution, SolvedHeight};
+
+/// A flat sum of correlations over the tried heights below which the score says nothing.
+const FLAT_SCORE: f64 = 0.02;
+/// A standard error over views above which a height is doubtful, metres.
+const DOUBTFUL_SPREAD_M: f64 = 0.8;
+/// A score below which no height explains the priors, and the same where a single view has a say. Of 315 simulated buildings
+/// under 8 or 14 photos, half of the 21 below were off by more than 7 m, half of those above by less than 1.1 m.
+const HOPELESS_SCORE: f64 = 0.2;
+const HOPELESS_SCORE_ALONE: f64 = 0.6;
+/// What the standard error over views counts for in the stated standard deviation, and what every height is off by
+/// besides, in pixels on the building. Fitted to 640 simulated buildings (8 scenes, 4 levels of prior errors).
+const SPREAD_SHARE: f64 = 0.5;
+const SYSTEMATIC_PX: f64 = 0.65;
+impl State<'_> {
+    pub(super) fn into_solution(self) -> Solution {
+        let heights = (0..self.heights_m.len()).map(|b| self.solved(b)).collect();
+        let used_views: Vec<usize> = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
+        let spills: Vec<f64> = used_views.iter().map(|&v| self.spill_px[v]).collect();
+        let spill_px = crate::stats::median(&spills).unwrap_or(0.0);
+        let failed_views = self.failed.iter().enumerate().filter_map(|(v, why)| Some((v, why.clone()?))).collect();
+        let other_levels = self.other_levels;
+        Solution { heights, history: self.history, used_views, spill_px, spills_px: spills, other_levels, failed_views }
+    }
+
+    /// The standard deviation to state for a standard error over views, which knows nothing of what all views have in
+    /// common, metres.
+    fn calibrated_sigma(&self, building: usize, spread_m: f64) -> f64 {
+        let centre = self.centre(building);
+        let pixel_m = |&view: &usize| {
+            let placed = &self.problem.views[view].placed;
+            (placed.eye() - centre).length() / placed.camera.fx_px
+        };
+        let pixels_m: Vec<f64> = self.views_of[building].iter().map(pixel_m).collect();
+        let systematic_m = SYSTEMATIC_PX * crate::stats::median(&pixels_m).unwrap_or(0.0);
+        (SPREAD_SHARE * spread_m).hypot(systematic_m)
+    }
+
+    fn solved(&self, building: usize) -> SolvedHeight {
+        let views = self.views_of[building].clone();
+        let finding = self.findings[building].as_ref();
+        let is_measured = match self.config.preset {
+            Preset::Paper => !views.is_empty(),
+            // A building may have left all views since a sweep found it: then nothing holds its height up.
+            Preset::Robust => finding.is_some() && !views.is_empty(),
+        };
+        if !is_measured {
+            return SolvedHeight::unknown(Vec::new(), None, Reason::SeenByNoView);
+        }
+        if self.config.preset == Preset::Paper && !self.is_voted_on[building] {
+            // It still stands where it was put at random.
+            return SolvedHeight::unknown(views, None, Reason::FlatScore);
+        }
+        let score = finding.map(|f| f.score);
+        let least_score = if finding.is_some_and(|f| f.n_views < 2) { HOPELESS_SCORE_ALONE } else { HOPELESS_SCORE };
+        if score.is_some_and(|s| s < least_score) {
+            return SolvedHeight::unknown(views, score, Reason::PoorScore);
+        }
+        let mut reasons = Vec::new();
+        let n_views = finding.map_or(views.len(), |f| f.n_views);
+        if n_views < 3 {
+            reasons.push(Reason::TooFewViews);
+        }
+        let bounds = self.problem.scene.bounds;
+        let height_m = self.heights_m[building];
+        let is_at_bound = finding.map_or(height_m <= bounds.min_m || height_m >= bounds.max_m, |f| f.at_bound);
+        if is_at_bound {
+            reasons.push(Reason::RangeBound);
+        }
+        if finding.is_some_and(|f| f.contrast < FLAT_SCORE) {
+            reasons.push(Reason::FlatScore);
+        }
+        let spread_m = finding.and_then(|f| f.sigma_m);
+        let sigma_m = spread_m.map(|spread_m| self.calibrated_sigma(building, spread_m));
+        if spread_m.is_some_and(|s| s > DOUBTFUL_SPREAD_M) {
+            reasons.push(Reason::ConflictingViews);
+        }
+        let roof = self.roofs[building].unwrap_or(Roof::flat(f64::from(height_m)));
+        let height_m = roof.height_m(self.config.height_reference);
+        SolvedHeight { height_m: Some(height_m), roof: Some(roof), sigma_m, views, score, raised_m: None, reasons }
+    }
+}

@@ -1,0 +1,109 @@
+//! The passes of the local search.
+
+use rayon::prelude::*;
+
+use super::{Solving, State};
+use crate::optimise::score::Correlation;
+use crate::optimise::search::{Finding, Range, SweepView, find_roofs, sweep};
+use crate::optimise::{bleed, levels};
+
+/// Spill that is left alone, and the most that is taken back, pixels of the working image.
+const MIN_SPILL_PX: f64 = 0.5;
+const MAX_SPILL_PX: f64 = 4.0;
+
+impl State<'_> {
+    pub(super) fn run_search(&mut self) {
+        let config = &self.config.search;
+        self.set_start_heights();
+        let n_sweeps = config.full_sweeps + config.local_sweeps;
+        let mut n_selected = 0;
+        for i in 0..config.full_sweeps {
+            (self.problem.progress)(Solving::Epochs, i, n_sweeps);
+            if i % config.reselect_every.max(1) == 0 {
+                n_selected = self.reselect().views.len();
+            }
+            self.sweep(Range::Full, Correlation::Linear, n_selected);
+        }
+        if config.split_levels {
+            let (views, known_m) = (self.sweep_views(), self.problem.start_m);
+            self.other_levels =
+                levels::find(self.problem.scene, &views, &self.views_of, &self.heights_m, known_m, config);
+            if !self.other_levels.is_empty() {
+                return; // to be solved again with these outlines taken apart
+            }
+        }
+        if config.take_back_spill {
+            self.take_back_spill();
+        }
+        for i in 0..config.local_sweeps {
+            (self.problem.progress)(Solving::Epochs, config.full_sweeps + i, n_sweeps);
+            let is_rank = i >= config.local_sweeps.saturating_sub(config.rank_sweeps);
+            let correlation = if is_rank { Correlation::Rank } else { Correlation::Linear };
+            self.sweep(Range::Local { share: if i == 0 { 1.0 } else { 0.5 } }, correlation, n_selected);
+        }
+        if config.pitched_roofs {
+            let views = self.sweep_views();
+            self.roofs = find_roofs(self.problem.scene, &views, &self.views_of, &self.heights_m, config);
+        }
+        (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
+    }
+
+    /// Measures how far each prior's near sides spill over known edges, and samples the priors anew without it.
+    fn take_back_spill(&mut self) {
+        let used: Vec<usize> = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
+        let edges = bleed::Edges::new(self.problem.scene, &self.heights_m);
+        let n_buildings = self.heights_m.len();
+        let offsets_of = |&v: &usize| {
+            let (Some(evidence), Ok(prior)) = (&self.evidence[v], (self.problem.load_prior)(v)) else {
+                return Vec::new();
+            };
+            let seen = (0..n_buildings).filter(|&b| !evidence.rays_of(b as u32).is_empty());
+            edges.offsets(&self.problem.views[v].placed, &prior, seen)
+        };
+        let offsets: Vec<Vec<f64>> = used.par_iter().map(offsets_of).collect();
+        let mut changed = Vec::new();
+        for (&v, spill_px) in used.iter().zip(bleed::spills(&offsets)) {
+            if spill_px.abs() >= MIN_SPILL_PX {
+                self.spill_px[v] = spill_px.clamp(-MAX_SPILL_PX, MAX_SPILL_PX);
+                self.evidence[v] = None;
+                changed.push(v);
+            }
+        }
+        self.load(&changed);
+    }
+
+    /// Every view with a prior, with the roofs as they stand.
+    fn sweep_views(&self) -> Vec<Option<SweepView<'_>>> {
+        let roofs = self.problem.scene.roofs(&self.heights_m);
+        let view_of = |v: usize| {
+            let evidence = self.evidence[v].as_ref()?;
+            let placed = &self.problem.views[v].placed;
+            let stops = evidence.profiles.stops(&roofs);
+            Some(SweepView::new(placed, evidence, stops, self.config.search.calibrate_on))
+        };
+        (0..self.evidence.len()).into_par_iter().map(view_of).collect()
+    }
+
+    /// One pass over all buildings: each takes the best height of the range.
+    fn sweep(&mut self, range: Range, correlation: Correlation, n_selected: usize) {
+        let views = self.sweep_views();
+        let (scene, config) = (self.problem.scene, &self.config.search);
+        let found = sweep(scene, &views, &self.views_of, &self.heights_m, range, correlation, config);
+        drop(views);
+        let before = self.heights_m.clone();
+        for (b, finding) in found.into_iter().enumerate() {
+            if let Some(finding) = finding {
+                self.heights_m[b] = finding.height_m;
+                // The full sweeps saw the whole range: only they can tell a flat score.
+                let contrast = match (range, &self.findings[b]) {
+                    (Range::Local { .. }, Some(previous)) => previous.contrast,
+                    _ => finding.contrast,
+                };
+                self.findings[b] = Some(Finding { contrast, ..finding });
+            }
+        }
+        let scores: Vec<f64> = self.findings.iter().flatten().map(|f| f.score).collect();
+        let loss = 1.0 - crate::stats::mean(&scores).unwrap_or(0.0);
+        self.record(loss, &before, n_selected, None);
+    }
+}

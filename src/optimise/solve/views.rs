@@ -1,0 +1,110 @@
+//! Which views take part: selection for the present heights, and loading the priors that it asks for.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{Solving, State};
+use crate::optimise::evidence::Evidence;
+use crate::views::{Candidate, Choice, Selection, Visibility, in_turn, select, select_each, visibility};
+
+impl State<'_> {
+    /// Selects views that see the buildings.
+    pub(super) fn select(&self, visibilities: &[Visibility]) -> Selection {
+        let views = self.problem.views;
+        let n_buildings = self.problem.scene.prisms.len();
+        let axes: Vec<DVec3> = views.iter().map(|v| v.placed.axis()).collect();
+        let ground_z = f64::from(self.problem.scene.prisms.first().map_or(0.0, |p| p.ground_z));
+        let stations: Vec<DVec3> = views.iter().map(|v| v.placed.looks_at(ground_z)).collect();
+        let candidates: Vec<Candidate> = views.iter().map(|v| Candidate { eye: v.placed.eye(), key: v.key }).collect();
+        let centres: Vec<DVec3> = (0..n_buildings).map(|b| self.centre(b)).collect();
+        match self.views_config.choice {
+            Choice::Cover => select(&self.views_config, visibilities, &stations, &axes, n_buildings),
+            Choice::Each => select_each(&self.views_config, visibilities, &candidates, &centres),
+        }
+    }
+
+    /// Selects views for the present heights and loads the priors that are new; a view whose prior cannot be loaded is
+    /// replaced by another.
+    pub(super) fn reselect(&mut self) -> Selection {
+        let mut visibilities = self.visibilities();
+        loop {
+            let selection = self.select(&visibilities);
+            self.load(&selection.views);
+            let failed: Vec<usize> = selection.views.iter().copied().filter(|&v| self.failed[v].is_some()).collect();
+            if failed.is_empty() {
+                let of_building = selection.views_of_building.iter().enumerate();
+                self.views_of = of_building.map(|(b, views)| self.best_views(b, views, &visibilities)).collect();
+                return selection;
+            }
+            for view in failed {
+                visibilities[view] = Visibility::default();
+            }
+        }
+    }
+
+    /// What each view sees with the present heights; views that take no part see nothing.
+    pub(super) fn visibilities(&self) -> Vec<Visibility> {
+        let takes_part = |&v: &usize| self.problem.views[v].is_oblique && self.failed[v].is_none();
+        let taking_part: Vec<usize> = (0..self.problem.views.len()).filter(takes_part).collect();
+        let placed: Vec<_> = taking_part.iter().map(|&v| (&self.problem.views[v].placed, &self.profiles[v])).collect();
+        let seen = visibility(self.problem.scene, &placed, &self.heights_m, self.config.stride_px);
+        let mut visibilities = vec![Visibility::default(); self.problem.views.len()];
+        for (view, seen) in taking_part.into_iter().zip(seen) {
+            visibilities[view] = seen;
+        }
+        visibilities
+    }
+
+    pub(super) fn load(&mut self, views: &[usize]) {
+        let new: Vec<usize> =
+            views.iter().copied().filter(|&v| self.evidence[v].is_none() && self.failed[v].is_none()).collect();
+        let n_buildings = self.problem.scene.prisms.len();
+        let n_done = std::sync::atomic::AtomicUsize::new(0);
+        let loaded: Vec<_> = new
+            .par_iter()
+            .map(|&v| {
+                let evidence = (self.problem.load_prior)(v).map(|prior| {
+                    let placed = &self.problem.views[v].placed;
+                    Evidence::new(
+                        placed,
+                        &self.profiles[v],
+                        &prior,
+                        self.spill_px[v],
+                        self.config.stride_px,
+                        n_buildings,
+                    )
+                });
+                let done = n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+                (self.problem.progress)(Solving::Priors, done, new.len());
+                evidence
+            })
+            .collect();
+        for (v, evidence) in new.into_iter().zip(loaded) {
+            match evidence {
+                Ok(evidence) => self.evidence[v] = Some(evidence),
+                Err(why) => self.failed[v] = Some(why),
+            }
+        }
+    }
+
+    /// The views a building is measured in: from each sector of azimuth in turn the one that sees most of it.
+    fn best_views(&self, building: usize, candidates: &[usize], seen: &[Visibility]) -> Vec<usize> {
+        let centre = self.centre(building);
+        let n_rays = |view: usize| {
+            let sights = &seen[view].buildings;
+            sights.binary_search_by_key(&(building as u32), |s| s.building).map_or(0, |i| sights[i].n_rays)
+        };
+        let loaded = candidates.iter().copied().filter(|&v| self.evidence[v].is_some());
+        let ranked = loaded.map(|view| {
+            let from = self.problem.views[view].placed.eye() - centre;
+            (view, from.truncate(), std::cmp::Reverse(n_rays(view)))
+        });
+        in_turn(ranked, self.config.search.max_views_per_building)
+    }
+
+    /// Middle of a building at its ground, local frame, metres.
+    pub(super) fn centre(&self, building: usize) -> DVec3 {
+        let prism = &self.problem.scene.prisms[building];
+        prism.centre_at(prism.ground_z).as_dvec3()
+    }
+}
