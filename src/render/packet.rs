@@ -68,7 +68,7 @@ impl<'a> Tile<'a> {
         let any = rays.iter().flatten().find(|ray| !is_upright(ray))?;
         let packets = std::array::from_fn(|i| Packet::new(tracer, &rays[LANES * i..LANES * (i + 1)], any));
         let cones = Cones::around(&packets);
-        let reach = Lanes::new(std::array::from_fn(|i| greatest(packets[i].nearest)));
+        let reach = Lanes::new(std::array::from_fn(|i| packets[i].reach()));
         Some(Self { tracer, origin: any.origin, packets, cones, reach, scratch: Vec::new() })
     }
 
@@ -117,7 +117,7 @@ impl Probe for Tile<'_> {
             let i = may_meet.trailing_zeros() as usize;
             may_meet &= may_meet - 1;
             self.packets[i].meet(self.origin, (idx, &solid), &mut self.scratch);
-            self.reach.as_mut_array()[i] = greatest(self.packets[i].nearest);
+            self.reach.as_mut_array()[i] = self.packets[i].reach();
         }
     }
 }
@@ -135,6 +135,11 @@ impl Packet {
             nearest: Lanes::new(ground.map(|hit| hit.t)),
             code: Lanes::new(ground.map(|hit| f32::from_bits(hit.code))),
         }
+    }
+
+    /// The farthest that one of the rays still looks; never infinite, so that a box that no ray can reach is out of it.
+    fn reach(&self) -> f32 {
+        greatest(self.nearest).min(f32::MAX)
     }
 
     /// Meets all rays with one prism.

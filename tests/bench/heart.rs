@@ -1,17 +1,25 @@
 //! The heart: tracing, evaluating and solving, on a grid of buildings like the paper's scenes.
 //!
-//! `cargo bench --bench heart`
+//! `cargo bench --bench heart`; the roofline alone: `cargo bench --bench heart -- roofline`
 
 mod town;
 
 use std::hint::black_box;
+use std::time::Instant;
 
 use criterion::{Criterion, Throughput};
+use sizeup::optimise::ViewInput;
 use sizeup::optimise::{OptimiseConfig, Preset, Problem, solve};
 use sizeup::prior::{DepthPrior, PriorGeometry, PriorKind};
 use sizeup::render::image::SceneTracer;
 use sizeup::render::profile::{CappedScene, Profiles, Sampling};
+use sizeup::scene::Scene;
 use town::town;
+
+/// Memory that bandwidth is measured on, bytes: far more than any cache holds.
+const BANDWIDTH_BYTES: usize = 512 << 20;
+/// The fastest of so many passes counts.
+const PASSES: usize = 7;
 
 fn kernels(c: &mut Criterion) {
     let (scene, truth, views) = town(10, 5);
@@ -41,6 +49,51 @@ fn kernels(c: &mut Criterion) {
     group.throughput(Throughput::Elements(448 * 336));
     group.bench_function("depth image", |b| b.iter(|| pool.install(|| tracer.render(black_box(placed)))));
     group.finish();
+}
+
+/// How far evaluating profiles is from what the memory can deliver, one core, all in one run: views that fit the cache one by
+/// one, and all views of a town in turn, as a pass of the optimiser goes over them.
+fn roofline(scene: &Scene, truth: &[f32], views: &[ViewInput]) {
+    let words = vec![1_u64; BANDWIDTH_BYTES / 8];
+    let mut copy = vec![0_u64; BANDWIDTH_BYTES / 8];
+    let read = BANDWIDTH_BYTES as f64 / least_seconds(|| words.iter().fold(0, |sum: u64, w| sum.wrapping_add(*w)));
+    let copied = 2.0 * BANDWIDTH_BYTES as f64 / least_seconds(|| copy.copy_from_slice(black_box(&words)));
+    drop((words, copy));
+    println!("roofline: this core reads {:.1} GB/s, copies {:.1} GB/s (both ways)", read / 1e9, copied / 1e9);
+
+    let capped = CappedScene::new(scene);
+    let trace = |view: &ViewInput| {
+        Profiles::trace(scene, &capped, &view.placed, Sampling { stride_px: 4, seed: 1, view: view.key })
+    };
+    let all: Vec<Profiles> = views.iter().map(trace).collect();
+    let roofs = scene.roofs(truth);
+    let evaluate =
+        |profiles: &Profiles| (0..profiles.rays.len()).map(|i| profiles.sight(i, black_box(&roofs)).depth).sum::<f32>();
+    let one = [all[views.len() / 2].clone()];
+    for (what, profiles, repeat) in [("one view", &one[..], 100), ("all views", &all[..], 1)] {
+        let n_rays: usize = profiles.iter().map(|p| p.rays.len()).sum();
+        let bytes: usize = profiles.iter().map(Profiles::bytes).sum();
+        let seconds = least_seconds(|| (0..repeat).map(|_| profiles.iter().map(evaluate).sum::<f32>()).sum::<f32>());
+        let evaluations = (repeat * n_rays) as f64 / seconds;
+        let bytes_per_ray = bytes as f64 / n_rays as f64;
+        println!(
+            "roofline: {what}, {:.1} MB: {bytes_per_ray:.1} bytes per ray, {:.0} million evaluations/s, {:.1} GB/s or {:.0} % of \
+             what the core reads",
+            bytes as f64 / 1e6,
+            evaluations / 1e6,
+            evaluations * bytes_per_ray / 1e9,
+            100.0 * evaluations * bytes_per_ray / read
+        );
+    }
+}
+
+fn least_seconds<T>(mut pass: impl FnMut() -> T) -> f64 {
+    let mut timed = || {
+        let start = Instant::now();
+        black_box(pass());
+        start.elapsed().as_secs_f64()
+    };
+    (0..PASSES).map(|_| timed()).fold(f64::INFINITY, f64::min)
 }
 
 fn solving(c: &mut Criterion) {
@@ -81,6 +134,8 @@ fn solving(c: &mut Criterion) {
 }
 
 fn main() {
+    let (scene, truth, views) = town(10, 5);
+    roofline(&scene, &truth, &views);
     let mut criterion = Criterion::default().configure_from_args();
     kernels(&mut criterion);
     solving(&mut criterion);

@@ -137,6 +137,38 @@ fn a_self_crossing_polygon_keeps_its_place_in_the_results() {
 }
 
 #[test]
+fn outlines_without_area_or_with_corners_that_are_no_numbers_are_refused_one_by_one() {
+    const MARK: f64 = 123_456_789.5;
+    let scene = Scene::new();
+    let mut ids = Vec::new();
+    scene.change_footprints(|features| {
+        ids = features[..2].iter().map(|f| f["properties"]["id"].as_str().unwrap().to_owned()).collect();
+        features[0]["geometry"]["coordinates"][0][1][0] = json!(MARK);
+        let ring = features[1]["geometry"]["coordinates"][0].as_array_mut().unwrap();
+        *ring = vec![ring[0].clone(), ring[1].clone(), ring[0].clone(), ring[1].clone(), ring[0].clone()];
+    });
+    scene.edit("footprints.geojson", |text| text.replace(&MARK.to_string(), "NaN"));
+    assert_finished_with_items(&scene, &scene.run(&[]), N_BUILDINGS);
+    for (id, code) in ids.iter().zip(["footprint_not_finite", "footprint_no_area"]) {
+        assert_eq!(status_of(&scene, id), "refused");
+        let issues = scene.issues(code);
+        assert!(issues.iter().any(|issue| issue["subject"]["id"] == id.as_str()), "{code}: {issues:?}");
+    }
+}
+
+#[test]
+fn an_inverted_prior_is_told_and_not_turned_round() {
+    let scene = Scene::new();
+    scene.edit("sizeup.toml", |text| text.replace("kind = \"inverse_depth\"", "kind = \"depth\""));
+    let outcome = scene.run(&[]);
+    assert_finished_with_items(&scene, &outcome, N_BUILDINGS);
+    let issue = &scene.issues("prior_looks_inverted")[0];
+    assert!(issue["hint"].as_str().unwrap().contains("inverse_depth"), "{issue}");
+    // Nothing was turned round: what the priors say fits no height.
+    assert!(scene.statuses().iter().all(|(_, status)| status != "measured"), "{:?}", scene.statuses());
+}
+
+#[test]
 fn repeated_ids_are_told_apart() {
     let scene = Scene::new();
     let id = first_id(&scene);

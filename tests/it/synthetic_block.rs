@@ -181,6 +181,144 @@ fn constant_priors_say_nothing() {
 }
 
 #[test]
+fn the_paper_preset_states_no_height_that_nothing_voted_on() {
+    let block = block();
+    let flat =
+        DepthPrior { values: Raster::filled(224, 168, 5.0), kind: PriorKind::Depth, geometry: PriorGeometry::ZDepth };
+    let solution = block.solve(&vec![flat; block.views.len()], &small(Preset::Paper));
+    assert!(solution.heights.iter().all(|h| h.height_m.is_none() && h.reasons == [Reason::FlatScore]));
+}
+
+/// Heights are within the bounds, or there is a reason why there is none.
+fn assert_every_outcome_is_defined(block: &Block, solution: &Solution) {
+    let bounds = block.scene.bounds;
+    assert_eq!(solution.heights.len(), block.scene.prisms.len());
+    for solved in &solution.heights {
+        match solved.height_m {
+            Some(height_m) => {
+                // The mean of a pitched roof may be beside its flat block.
+                let (least, most) = (f64::from(bounds.min_m) - 1.0, f64::from(bounds.max_m) + 1.0);
+                assert!((least..=most).contains(&height_m), "{solved:?}");
+                assert!(solved.sigma_m.is_none_or(f64::is_finite), "{solved:?}");
+            }
+            None => assert!(!solved.reasons.is_empty(), "{solved:?}"),
+        }
+    }
+}
+
+#[test]
+fn priors_of_two_values_have_no_spread_and_do_no_harm() {
+    // More than half of the pixels have one value, so that the median absolute deviation is zero.
+    let block = block();
+    let priors = block.priors(|d| if d < 150.0 { 1.0 } else { 2.0 });
+    let exact = block.priors(|d| d);
+    for preset in [Preset::Paper, Preset::Robust] {
+        let config = small(preset);
+        assert_every_outcome_is_defined(&block, &block.solve(&priors, &config));
+        let mixed: Vec<DepthPrior> =
+            (0..priors.len()).map(|v| if v % 8 == 0 { priors[v].clone() } else { exact[v].clone() }).collect();
+        let solution = block.solve(&mixed, &config);
+        assert_every_outcome_is_defined(&block, &solution);
+        assert!(mean(&block.errors(&solution)) < 2.5, "one view in eight without relief, {preset:?}");
+    }
+}
+
+#[test]
+fn roofs_at_one_depth_have_no_spread_and_do_no_harm() {
+    // One flat roof under a camera that looks straight down: every pixel of Ω is at one depth.
+    let mut block = block();
+    let down = DMat3::from_rotation_x(PI);
+    let pose = Rigid::from_rotation_and_centre(down, DVec3::new(7.0, 5.0, 100.0));
+    let placed = PlacedCamera::new(Camera::pinhole(64, 48, 900.0), pose, block.scene.origin);
+    block.views = vec![ViewInput { placed, is_oblique: true, key: 1 }];
+    for preset in [Preset::Paper, Preset::Robust] {
+        let solution = block.solve(&block.priors(|d| d), &small(preset));
+        assert_every_outcome_is_defined(&block, &solution);
+        assert!(solution.heights.iter().all(|h| h.height_m.is_none()), "{preset:?}: {:?}", solution.heights[0]);
+    }
+}
+
+#[test]
+fn heights_from_one_view_are_doubtful() {
+    let mut block = block();
+    let centre = block.views.remove(5 * 4);
+    block.views = vec![centre];
+    for preset in [Preset::Paper, Preset::Robust] {
+        let solution = block.solve(&block.priors(|d| d), &small(preset));
+        assert_every_outcome_is_defined(&block, &solution);
+        let stated: Vec<_> = solution.heights.iter().filter(|h| h.height_m.is_some()).collect();
+        assert!(!stated.is_empty(), "{preset:?}");
+        assert!(stated.iter().all(|h| h.reasons.contains(&Reason::TooFewViews)), "{preset:?}: {stated:?}");
+    }
+}
+
+#[test]
+fn inverted_priors_fit_no_height() {
+    let block = block();
+    let priors = block.priors(|d| 300.0 - d);
+    let solution = block.solve(&priors, &small(Preset::Robust));
+    assert!(solution.heights.iter().all(|h| h.height_m.is_none()), "{:?}", solution.heights);
+    // The paper's loss has no place where it could tell: a height is stated, within the bounds.
+    assert_every_outcome_is_defined(&block, &block.solve(&priors, &small(Preset::Paper)));
+}
+
+#[test]
+fn a_building_larger_than_any_view_is_not_measured_by_chance() {
+    let mut block = block();
+    let hall: Polygon<f64> =
+        polygon![(x: -400.0, y: -400.0), (x: 500.0, y: -400.0), (x: 500.0, y: 500.0), (x: -400.0, y: 500.0)];
+    let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+    let views = std::mem::take(&mut block.views);
+    let origin = block.scene.origin;
+    block.scene = Scene::at(origin, &[(&hall, ground)], &Terrain::Constant(0.0), block.scene.bounds, 300.0);
+    block.truth_m = vec![20.0];
+    block.views = views;
+    let priors = block.priors(|d| d);
+    let robust = block.solve(&priors, &small(Preset::Robust));
+    assert_eq!((robust.heights[0].height_m, robust.heights[0].reasons.as_slice()), (None, &[Reason::SeenByNoView][..]));
+    assert_every_outcome_is_defined(&block, &block.solve(&priors, &small(Preset::Paper)));
+}
+
+#[test]
+fn ground_that_is_not_known_leaves_central_differences_finite() {
+    // A terrain that ends within the block: beside it rays that pass a building meet nothing.
+    let block = block();
+    let dem = sizeup::terrain::Dem::new(Raster::filled(12, 12, 0.0), -10.0, 60.0, 5.0, 5.0).unwrap();
+    let polygons: Vec<Polygon<f64>> = block.scene.prisms.iter().map(polygon_of).collect();
+    let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+    let footprints: Vec<_> = polygons.iter().map(|p| (p, ground)).collect();
+    let scene = Scene::at(block.scene.origin, &footprints, &Terrain::Grid(dem), block.scene.bounds, 300.0);
+    let priors = block.priors(|d| d);
+    let block = Block { scene, ..block };
+    let mut config = small(Preset::Paper);
+    config.ordinal.gradient = sizeup::optimise::Gradient::CentralDifference;
+    let solution = block.solve(&priors, &config);
+    assert_every_outcome_is_defined(&block, &solution);
+    assert!(solution.history.iter().flat_map(|pass| &pass.heights_m).all(|height_m| height_m.is_finite()));
+}
+
+/// A prism's outline in the map.
+fn polygon_of(prism: &sizeup::scene::Prism) -> Polygon<f64> {
+    let origin = block().scene.origin.0;
+    let ring = prism.rings().next().unwrap();
+    Polygon::new(ring.iter().map(|c| (f64::from(c.x) + origin.x, f64::from(c.y) + origin.y)).collect(), Vec::new())
+}
+
+#[test]
+fn the_edge_sampled_gradient_runs_the_paper_preset() {
+    let block = block();
+    let mut config = small(Preset::Paper);
+    config.ordinal = OrdinalConfig {
+        margin: 0.05,
+        region: sizeup::optimise::Region::BuildingsAndGround,
+        gradient: sizeup::optimise::Gradient::EdgeSampled,
+        ..OrdinalConfig::default()
+    };
+    let errors = block.errors(&block.solve(&block.priors(|d| d), &config));
+    assert!(mean(&errors) < 1.0, "{errors:.2?}");
+}
+
+#[test]
 fn priors_that_cannot_be_loaded_are_listed() {
     let block = block();
     let priors = block.priors(|d| d);
