@@ -66,7 +66,7 @@ impl Vote {
     }
 
     /// Cost of a normalised rendered contrast.
-    pub fn cost(&self, rendered_contrast: f32) -> f32 {
+    pub fn cost(self, rendered_contrast: f32) -> f32 {
         self.order.cost(rendered_contrast, self.margin)
     }
 }

@@ -221,6 +221,7 @@ mod tests {
     use super::*;
     use crate::camera::Camera;
     use crate::frames::Rigid;
+    use crate::ids::BuildingIdx;
     use crate::raster::Raster;
     use crate::render::PlacedCamera;
     use crate::render::image::Face;
@@ -287,7 +288,7 @@ mod tests {
             let terrain = if is_hilly { hills() } else { Terrain::Constant(0.0) };
             let scene = scene(&terrain);
             // Straight views have rays in the planes of walls, and some upright ones.
-            let (azimuth, tilt) = if is_straight { ((azimuth * 0.63).round() * 1.570_796_326_794_896_6, (tilt * 0.6).round()) } else { (azimuth, tilt) };
+            let (azimuth, tilt) = if is_straight { ((azimuth * 0.63).round() * std::f64::consts::FRAC_PI_2, (tilt * 0.6).round()) } else { (azimuth, tilt) };
             let placed = camera(&scene, azimuth, tilt, height_m);
             let tracer = SceneTracer::new(&scene, &heights);
             let image = tracer.render(&placed);
@@ -300,7 +301,7 @@ mod tests {
                     let all = linear(&tracer, 7, &ray);
                     let is_same = if depth.is_nan() { all.t.is_infinite() } else { all.t.to_bits() == depth.to_bits() };
                     prop_assert!(is_same, "{:?} for {:?}", depth, all);
-                    prop_assert_eq!(face.building().map(|b| b.at()), (all.code >= 2).then(|| (all.code as usize - 2) / 2));
+                    prop_assert_eq!(face.building().map(BuildingIdx::at), (all.code >= 2).then(|| (all.code as usize - 2) / 2));
                 }
             }
         }
