@@ -57,8 +57,8 @@ pub fn median_and_mad(values: &[f32]) -> Option<(f32, f32)> {
 /// A standard deviation per median absolute deviation of a normal distribution.
 pub const SIGMA_PER_MAD: f64 = 1.4826;
 
-/// The standard deviation of residuals as their far side shows it (those of 0 and less), where only the near side is heavy:
-/// what a model leaves out always stands in front of it. `None` if there is no far side.
+/// The standard deviation of residuals as their far side shows it (those of 0 and less), where only the near side is
+/// heavy: what a model leaves out always stands in front of it. `None` if there is no far side.
 #[must_use]
 pub fn far_side_sigma(residuals: impl Iterator<Item = f64>) -> Option<f64> {
     let far_side: Vec<f64> = residuals.filter(|r| *r <= 0.0).map(f64::abs).collect();
@@ -86,8 +86,8 @@ pub fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-/// The place between three evenly spaced ones where the parabola through their values peaks, at most one spacing from the
-/// middle; the middle itself if they have no peak.
+/// The place between three evenly spaced ones where the parabola through their values peaks, at most one spacing from
+/// the middle; the middle itself if they have no peak.
 #[must_use]
 pub fn parabola_peak(middle: f64, spacing: f64, [before, at, after]: [f64; 3]) -> f64 {
     let curvature = before - 2.0 * at + after;

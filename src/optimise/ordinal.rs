@@ -1,5 +1,5 @@
-//! One step of the ordinal optimiser: the loss of one view, and its derivative by the buildings' heights from the parts of
-//! [`super::gradient`].
+//! One step of the ordinal optimiser: the loss of one view, and its derivative by the buildings' heights from the
+//! parts of [`super::gradient`].
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;

@@ -48,8 +48,8 @@ pub struct DepthImage {
 const TILE_SIDE: usize = 8;
 const TILE_COLS: [usize; LANES] = [0, 1, 2, 3, 0, 1, 2, 3];
 const TILE_ROWS: [usize; LANES] = [0, 0, 0, 0, 1, 1, 1, 1];
-/// Boxes reach so far beyond what is in them, metres: more than rays are rounded by within kilometres, so that no box is
-/// missed whose prism is met, and what is met does not depend on the order of boxes.
+/// Boxes reach so far beyond what is in them, metres: more than rays are rounded by within kilometres, so that no box
+/// is missed whose prism is met, and what is met does not depend on the order of boxes.
 const BOX_MARGIN_M: f32 = 0.01;
 
 /// What a ray met: its parameter, and a code that a register can hold.
@@ -105,8 +105,8 @@ impl Hit {
 /// A prism between two levels.
 pub(super) struct Solid<'a> {
     pub prism: &'a Prism,
-    /// A ray that comes over the outline below this passes under its walls. Well inside the prism's box, so that boxes decide
-    /// nothing.
+    /// A ray that comes over the outline below this passes under its walls. Well inside the prism's box, so that boxes
+    /// decide nothing.
     pub foot_z: f32,
     pub roof_z: f32,
 }
@@ -165,7 +165,8 @@ impl<'a> SceneTracer<'a> {
         nearest.seen()
     }
 
-    /// The same for 64 rays from one point, in packets of eight neighbours (`None` = no ray): the same depths and faces, to the bit.
+    /// The same for 64 rays from one point, in packets of eight neighbours (`None` = no ray): the same depths and
+    /// faces, to the bit.
     #[must_use]
     pub fn trace_tile(&self, rays: &[Option<Ray>; TILE]) -> [(f32, Face); TILE] {
         let mut seen = match Tile::new(self, rays) {

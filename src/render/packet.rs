@@ -1,12 +1,12 @@
 //! A tile of an image at once: 64 rays from one point, as eight packets of eight neighbours in vector registers.
 //!
-//! The hierarchy is walked once per tile: each box is held against the cones around all eight packets, one per lane. Prisms
-//! whose boxes a cone may meet are then met by the packet's eight rays, one per lane, with the arithmetic of the single ray
-//! ([`Prism::crossings`]) in its order: depths and faces are the same to the bit. Two ways of one packet over a footprint (courtyards,
-//! L-shaped outlines) are left to the single ray, lane by lane.
+//! The hierarchy is walked once per tile: each box is held against the cones around all eight packets, one per lane.
+//! Prisms whose boxes a cone may meet are then met by the packet's eight rays, one per lane, with the arithmetic of
+//! the single ray ([`Prism::crossings`]) in its order: depths and faces are the same to the bit. Two ways of one
+//! packet over a footprint (courtyards, L-shaped outlines) are left to the single ray, lane by lane.
 //!
-//! Source of the idea: Wald, Slusallek, Benthin, Wagner, "Interactive Rendering with Coherent Ray Tracing", CGF 20:153, 2001;
-//! bounds over many rays as in Reshetov, Soupikov, Hurley, "Multi-Level Ray Tracing", TOG 24:1176, 2005.
+//! Source of the idea: Wald, Slusallek, Benthin, Wagner, "Interactive Rendering with Coherent Ray Tracing", CGF
+//! 20:153, 2001; bounds over many rays as in Reshetov, Soupikov, Hurley, "Multi-Level Ray Tracing", TOG 24:1176, 2005.
 
 use glam::Vec3;
 use wide::f32x8;
@@ -35,7 +35,8 @@ struct Packet {
     code: Lanes,
 }
 
-/// Bounds on where the rays of each packet (a lane) can be, for boxes on either side of their common origin along an axis.
+/// Bounds on where the rays of each packet (a lane) can be, for boxes on either side of their common origin along an
+/// axis.
 #[derive(Clone, Copy)]
 struct Cones {
     /// Times the way to the box's near face: no ray is there before. Infinite where none goes that way.
@@ -228,14 +229,16 @@ mod tests {
     use crate::scene::{HeightBounds, Scene};
     use crate::terrain::{Dem, GroundLevel, Terrain};
 
-    /// Squares, two of them wall to wall and two over one another, a courtyard, an L and a star of many corners, on hills or on a plain.
+    /// Squares, two of them wall to wall and two over one another, a courtyard, an L and a star of many corners, on
+    /// hills or on a plain.
     fn scene(terrain: &Terrain) -> Scene {
-        let square = |x: f64, y: f64, side: f64| polygon![(x: x, y: y), (x: x + side, y: y), (x: x + side, y: y + side), (x: x, y: y + side)];
+        let outline = |corners: &[(f64, f64)]| Polygon::new(corners.to_vec().into(), Vec::new());
+        let square = |x: f64, y: f64, side: f64| outline(&[(x, y), (x + side, y), (x + side, y + side), (x, y + side)]);
         let courtyard = polygon!(
             exterior: [(x: 30.0, y: 0.0), (x: 50.0, y: 0.0), (x: 50.0, y: 20.0), (x: 30.0, y: 20.0)],
             interiors: [[(x: 36.0, y: 6.0), (x: 36.0, y: 14.0), (x: 44.0, y: 14.0), (x: 44.0, y: 6.0)]],
         );
-        let corner = polygon![(x: 30.0, y: 28.0), (x: 52.0, y: 28.0), (x: 52.0, y: 35.0), (x: 38.0, y: 35.0), (x: 38.0, y: 50.0), (x: 30.0, y: 50.0)];
+        let corner = outline(&[(30.0, 28.0), (52.0, 28.0), (52.0, 35.0), (38.0, 35.0), (38.0, 50.0), (30.0, 50.0)]);
         let ray = |i: i32| {
             let at =
                 DVec2::new(-20.0, 20.0) + (7.0 + 5.0 * f64::from(i % 2)) * DVec2::from_angle(f64::from(i) * 0.3142);
@@ -288,7 +291,11 @@ mod tests {
             let terrain = if is_hilly { hills() } else { Terrain::Constant(0.0) };
             let scene = scene(&terrain);
             // Straight views have rays in the planes of walls, and some upright ones.
-            let (azimuth, tilt) = if is_straight { ((azimuth * 0.63).round() * std::f64::consts::FRAC_PI_2, (tilt * 0.6).round()) } else { (azimuth, tilt) };
+            let (azimuth, tilt) = if is_straight {
+                ((azimuth * 0.63).round() * std::f64::consts::FRAC_PI_2, (tilt * 0.6).round())
+            } else {
+                (azimuth, tilt)
+            };
             let placed = camera(&scene, azimuth, tilt, height_m);
             let tracer = SceneTracer::new(&scene, &heights);
             let image = tracer.render(&placed);
@@ -297,11 +304,13 @@ mod tests {
                 for col in 0..75 {
                     let ray = placed.ray(DVec2::new(col as f64 + 0.5, row as f64 + 0.5)).unwrap();
                     let (depth, face) = tracer.trace(&ray, &mut scratch);
-                    prop_assert_eq!((image.depth[(col, row)].to_bits(), image.face[(col, row)]), (depth.to_bits(), face), "{} {}", col, row);
+                    let in_image = (image.depth[(col, row)].to_bits(), image.face[(col, row)]);
+                    prop_assert_eq!(in_image, (depth.to_bits(), face), "{} {}", col, row);
                     let all = linear(&tracer, 7, &ray);
                     let is_same = if depth.is_nan() { all.t.is_infinite() } else { all.t.to_bits() == depth.to_bits() };
                     prop_assert!(is_same, "{:?} for {:?}", depth, all);
-                    prop_assert_eq!(face.building().map(BuildingIdx::at), (all.code >= 2).then(|| (all.code as usize - 2) / 2));
+                    let building = (all.code >= 2).then(|| (all.code as usize - 2) / 2);
+                    prop_assert_eq!(face.building().map(BuildingIdx::at), building);
                 }
             }
         }

@@ -123,9 +123,9 @@ impl Prism {
         length_squared < 1e-12
     }
 
-    /// The same for eight rays from one point, none of them upright: where each first enters and last leaves the footprint,
-    /// and how many edges it meets. Where it meets two, these are the one stretch there is, to the bit; it counts if it ends
-    /// in front of the origin and is longer than nothing.
+    /// The same for eight rays from one point, none of them upright: where each first enters and last leaves the
+    /// footprint, and how many edges it meets. Where it meets two, these are the one stretch there is, to the bit; it
+    /// counts if it ends in front of the origin and is longer than nothing.
     #[must_use]
     pub fn crossings_of_eight(&self, origin: Vec2, [x, y]: [f32x8; 2], length_squared: f32x8) -> (f32x8, f32x8, f32x8) {
         let never = f32x8::splat(f32::INFINITY);

@@ -51,8 +51,8 @@ fn kernels(c: &mut Criterion) {
     group.finish();
 }
 
-/// How far evaluating profiles is from what the memory can deliver, one core, all in one run: views that fit the cache one by
-/// one, and all views of a town in turn, as a pass of the optimiser goes over them.
+/// How far evaluating profiles is from what the memory can deliver, one core, all in one run: views that fit the cache
+/// one by one, and all views of a town in turn, as a pass of the optimiser goes over them.
 fn roofline(scene: &Scene, truth: &[f32], views: &[ViewInput]) {
     let words = vec![1_u64; BANDWIDTH_BYTES / 8];
     let mut copy = vec![0_u64; BANDWIDTH_BYTES / 8];

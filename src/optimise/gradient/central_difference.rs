@@ -11,8 +11,8 @@ use crate::optimise::evidence::Evidence;
 use crate::optimise::ordinal::{Compared, Pair};
 use crate::ordinal::Normaliser;
 
-/// Slopes of every pair by every building on either of its rays, the view's scale held fixed; to be divided by the number
-/// of pairs.
+/// Slopes of every pair by every building on either of its rays, the view's scale held fixed; to be divided by the
+/// number of pairs.
 pub fn slopes(
     evidence: &Evidence<'_>,
     roofs: &[f32],

@@ -5,10 +5,11 @@
 //! a(r) = ∫_Ω k l(e at depth r, q) dq,   b = ∫_Ω k dq,   Den = ∬_Ω² k
 //! ```
 //!
-//! `e`: a point of the roof's edge in the image, `ds` along it; `v_n`: how fast the edge moves towards its far side, pixels per metre of
-//! height; `k`: 1 where the pair has a vote. With a point in Ω the pairs it takes part in come or go, which is what `L b` is for.
-//! Every roof edge is sampled, and both sides of it are traced: only where depth jumps, or one side is not in Ω, does
-//! anything remain, so that no edge has to be classified. The view's normalisation is held fixed.
+//! `e`: a point of the roof's edge in the image, `ds` along it; `v_n`: how fast the edge moves towards its far side,
+//! pixels per metre of height; `k`: 1 where the pair has a vote. With a point in Ω the pairs it takes part in come or
+//! go, which is what `L b` is for. Every roof edge is sampled, and both sides of it are traced: only where depth
+//! jumps, or one side is not in Ω, does anything remain, so that no edge has to be classified. The view's
+//! normalisation is held fixed.
 //!
 //! Source: Li et al., "Differentiable Monte Carlo Ray Tracing through Edge Sampling", TOG 37:222, 2018, for the idea;
 //! the estimator of this loss is our own.

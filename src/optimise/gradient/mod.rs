@@ -1,6 +1,7 @@
 //! The derivative of one view's ordinal loss by the buildings' heights, in parts that stand alone.
 //!
-//! With `R` the rendered depth of a pixel, `M` the scale of the view (median absolute deviation + ε) and `s` a pair's label:
+//! With `R` the rendered depth of a pixel, `M` the scale of the view (median absolute deviation + ε) and `s` a pair's
+//! label:
 //!
 //! | part | what it knows |
 //! |---|---|
@@ -21,8 +22,8 @@ mod tests;
 /// `(building, derivative by its height in metres)`.
 pub(super) type Slope = (u32, f64);
 
-/// Adds up the slopes of each building and divides by `n`; each building once, ascending. The stable sort keeps the order
-/// they came in, so the sum is the same every time.
+/// Adds up the slopes of each building and divides by `n`; each building once, ascending. The stable sort keeps the
+/// order they came in, so the sum is the same every time.
 pub(super) fn sum_by_building(mut slopes: Vec<Slope>, n: usize) -> Vec<Slope> {
     slopes.sort_by_key(|&(building, _)| building);
     slopes

@@ -16,7 +16,8 @@ use crate::scene::{HeightBounds, Scene};
 use crate::seed;
 use crate::terrain::{GroundLevel, Terrain};
 
-/// Twelve buildings of 8 to 30 m under one oblique view, the prior of their true heights, and other heights to be judged.
+/// Twelve buildings of 8 to 30 m under one oblique view, the prior of their true heights, and other heights to be
+/// judged.
 struct Block {
     scene: Scene,
     placed: PlacedCamera,
@@ -208,7 +209,8 @@ fn agreement(estimates: &[f64], expected: &[f64]) -> (f64, f64) {
 
 #[test]
 fn interior_and_edges_together_are_the_slope_of_the_expected_loss() {
-    // Half a difference of 1.5 m sweeps roof edges over 1.6 px or more; heights are 4 m from the truth, where the loss has a kink.
+    // Half a difference of 1.5 m sweeps roof edges over 1.6 px or more; heights are 4 m from the truth, where the loss
+    // has a kink.
     let (delta, off_m) = (1.5_f32, 4.0);
     for (turn, region) in [(0.4, Region::Buildings), (2.2, Region::BuildingsAndGround)] {
         let block = Block::new([480, 360], 1, turn, off_m);

@@ -1,5 +1,5 @@
-//! A problem, and how both presets go about it: [`views`] chooses and loads, [`epochs`] and [`sweeps`] are the two solvers' loops,
-//! [`outcome`] says what is known in the end.
+//! A problem, and how both presets go about it: [`views`] chooses and loads, [`epochs`] and [`sweeps`] are the two
+//! solvers' loops, [`outcome`] says what is known in the end.
 
 mod epochs;
 mod outcome;
