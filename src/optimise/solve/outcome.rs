@@ -17,6 +17,7 @@ const HOPELESS_SCORE_ALONE: f64 = 0.6;
 /// besides, in pixels on the building. Fitted to 640 simulated buildings (8 scenes, 4 levels of prior errors).
 const SPREAD_SHARE: f64 = 0.5;
 const SYSTEMATIC_PX: f64 = 0.65;
+
 impl State<'_> {
     pub(super) fn into_solution(self) -> Solution {
         let heights = (0..self.heights_m.len()).map(|b| self.solved(b)).collect();
