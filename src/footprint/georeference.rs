@@ -143,20 +143,11 @@ impl PlaceError {
     }
 }
 
-/// Size of a pixel on the ground where a view meets it first, from the middle of the image outwards, metres.
+/// Size of a pixel on the ground in the middle of a view, metres.
 pub(super) fn ground_pixel_m(projector: &Projector<'_>, view: &View) -> Option<f64> {
-    /// Shares of the way from the middle to the corners.
-    const OUTWARDS: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 0.95];
-    /// The middle of each side, and the corners.
-    const SIDES: [[f64; 2]; 8] =
-        [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]];
-    let half = [0.5 * f64::from(view.camera.width_px), 0.5 * f64::from(view.camera.height_px)];
-    let size_m = |x: f64, y: f64| {
-        let [a, b] = [0.0, 1.0].map(|d| projector.point(Coord { x: x + d, y }));
-        Some((b? - a?).truncate().length())
-    };
-    let places = OUTWARDS.iter().flat_map(|s| SIDES.map(|[x, y]| [half[0] * (1.0 + s * x), half[1] * (1.0 + s * y)]));
-    places.into_iter().find_map(|[x, y]| size_m(x, y))
+    let (x, y) = (0.5 * f64::from(view.camera.width_px), 0.5 * f64::from(view.camera.height_px));
+    let [a, b] = [0.0, 1.0].map(|d| projector.point(Coord { x: x + d, y }));
+    Some((b? - a?).truncate().length())
 }
 
 #[cfg(test)]

@@ -12,14 +12,14 @@ use sizeup::camera::{Camera, Distortion};
 use sizeup::crs::Crs;
 use sizeup::evaluate::evaluate_footprints;
 use sizeup::footprint::{
-    AccuracyConfig, CadastreConfig, Change, ConsensusConfig, Detection, DetectionSettings, FootprintConfig,
-    FootprintError, FootprintSource, MaskFiles, OutlineKind, OutlineSource, Segmenter, SegmenterConfig, detect, read,
+    Change, Detection, FootprintConfig, FootprintError, FootprintSource, MaskFiles, OutlineSource, Segmenter,
+    SegmenterConfig, detect, read,
 };
 use sizeup::frames::Rigid;
 use sizeup::raster::Raster;
 use sizeup::simulate::{MaskOutline, SimulateConfig, simulate};
 use sizeup::survey::View;
-use sizeup::terrain::{Dem, Terrain};
+use sizeup::terrain::Terrain;
 
 use crate::tiny_scene::{Outcome, sizeup};
 

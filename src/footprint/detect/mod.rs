@@ -268,21 +268,19 @@ fn check(settings: &DetectionSettings<'_>) -> Result<(), FootprintError> {
 
 /// What every single mask allows and all together do not.
 fn suspicious(looked: &[Result<Looked, ViewFault>]) -> Option<Issue> {
-    /// Parts of one building from which on they are several: what stands before a building cuts it in fewer.
-    const MANY_PARTS: usize = 4;
     let outlines = || looked.iter().flatten().flat_map(|l| &l.outlines);
     let warn = |code: &str, message: String, hint: &str| {
         Some(Issue::new(Severity::Warning, code, Subject::Input("footprints".to_owned()), message).hint(hint))
     };
     let n = outlines().count();
-    let n_in_parts = outlines().filter(|(outline, ..)| outline.shape_px.0.len() >= MANY_PARTS).count();
+    let n_in_parts = outlines().filter(|(outline, ..)| outline.shape_px.0.len() > 1).count();
     let n_empty = looked.iter().flatten().filter(|l| l.outlines.is_empty() && l.n_off_terrain == 0).count();
     if n == 0 && n_empty > 0 {
         let message = format!("the masks of all {n_empty} nadir photos are empty: there is no building");
         return warn("masks_empty", message, "check `kind`, `above` and, for COCO, `category` if there are buildings");
     }
     if 2 * n_in_parts > n {
-        let message = format!("{n_in_parts} of {n} instances are in {MANY_PARTS} or more parts each");
+        let message = format!("{n_in_parts} of {n} instances are in several parts each");
         return warn(
             "instances_in_parts",
             message,
