@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{Failure, Global, Ui, print_json};
 use crate::crs::Crs;
-use crate::footprint::{self, FootprintSource};
+use crate::footprint::{self, FootprintSource, MaskConfig, MaskFiles, OutlineSource as _};
 use crate::output::picture;
 use crate::survey::{
-    self, CornerErrors, GroundPolygons, Reading, Site, Survey, SurveyConfig, SurveyReport, Target, View,
+    self, CornerErrors, GroundPolygons, Reading, Site, Survey, SurveyConfig, SurveyReport, Target, View, ViewKind,
 };
 use crate::terrain::{self, MapBox, Terrain, TerrainConfig};
 
@@ -199,6 +199,9 @@ fn inspect(settings: &Settings, args: &InspectArgs, global: &Global) -> Result<I
     let area = area_of(settings, args, &ui)?;
     let reading = Reading::of(&settings.survey, crs).map_err(|e| bad_input(&e))?;
     let ground = terrain_of(settings, reading.survey())?;
+    if let Some(FootprintSource::Masks(masks)) = &settings.footprints {
+        tell_masks(masks, reading.survey(), &ui)?;
+    }
     let report = reading.report(Site { terrain: ground.as_ref(), area: area.as_ref() });
     let corner_errors = match &args.compare_footprints {
         Some(path) => {
@@ -233,6 +236,19 @@ fn area_of(settings: &Settings, args: &InspectArgs, ui: &Ui) -> Result<Option<ge
     let layer = footprint::read(config, &settings.project.crs).map_err(|e| Failure::new(3, &e))?;
     let outlines: Vec<_> = layer.footprints.into_iter().map(|f| f.polygon).collect();
     Ok(Some(geo::MultiPolygon::new(outlines).convex_hull()))
+}
+
+/// How many of the nadir photos have the mask that a run would look for.
+fn tell_masks(masks: &MaskConfig, survey: &Survey, ui: &Ui) -> Result<(), Failure> {
+    let masks = MaskFiles::new(masks.clone()).map_err(|e| Failure::new(3, &e))?;
+    let nadir: Vec<&View> = survey.views.iter().filter(|v| v.kind() == ViewKind::Nadir).collect();
+    let absent: Vec<&&View> = nadir.iter().filter(|view| !masks.is_there(view)).collect();
+    ui.say(format!("masks: {} of {} nadir photos have one", nadir.len() - absent.len(), nadir.len()));
+    if let Some(first) = absent.first() {
+        let place = masks.file_of(first).map_or_else(String::new, |path| format!(": looked for {}", path.display()));
+        ui.say(format!("{} has none{place}", first.id));
+    }
+    Ok(())
 }
 
 fn convert(args: &ConvertArgs, global: &Global) -> Result<u8, Failure> {

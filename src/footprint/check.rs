@@ -4,6 +4,7 @@
 //! walls meet four faces is a non-manifold edge of the solid (val3dity 303). `O(n log n)` through an R-tree of edges.
 
 use geo::kernels::{Kernel as _, Orientation, RobustKernel};
+use geo::line_intersection::{LineIntersection, line_intersection};
 use geo::{Contains as _, Intersects as _};
 use geo_types::{Coord, Line, LineString, Polygon};
 use rstar::RTree;
@@ -20,6 +21,16 @@ pub(super) enum Fault {
     RingContact(Coord<f64>),
     /// A hole lies outside the exterior ring or inside another hole.
     MisplacedHole(Coord<f64>),
+}
+
+impl Fault {
+    /// Where it is; `None` where a ring as a whole is wrong.
+    pub(super) fn place(self) -> Option<Coord<f64>> {
+        match self {
+            Self::SelfContact(place) | Self::RingContact(place) => Some(place),
+            Self::TooFewPoints | Self::MisplacedHole(_) => None,
+        }
+    }
 }
 
 /// Ring (0 = exterior) and position of an edge in it.
@@ -59,7 +70,14 @@ fn contact_between_edges(rings: &[&LineString<f64>]) -> Option<Fault> {
         .intersection_candidates_with_other_tree(&tree)
         .filter(|(a, b)| a.data < b.data && !are_neighbours(a.data, b.data, rings))
         .filter(|(a, b)| line(a).intersects(&line(b)))
-        .map(|(a, b)| (a.data.0 != b.data.0, a.data, b.data, line(a).start))
+        .map(|(a, b)| {
+            let place = match line_intersection(line(a), line(b)) {
+                Some(LineIntersection::SinglePoint { intersection, .. }) => intersection,
+                Some(LineIntersection::Collinear { intersection }) => intersection.start,
+                None => line(a).start,
+            };
+            (a.data.0 != b.data.0, a.data, b.data, place)
+        })
         .collect();
     // The tree's own order is no order: report the first fault along the rings.
     contacts.sort_unstable_by_key(|&(between_rings, a, b, _)| (between_rings, a, b));

@@ -7,8 +7,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use geo::{MapCoords as _, Translate as _};
-use geo_types::{Coord, LineString, MultiPolygon, Polygon};
+use geo::{BooleanOps as _, CoordsIter as _, MakeValid as _, MapCoords as _, Translate as _, Validation as _};
+use geo_types::{Coord, LineString, MultiPolygon, Polygon, Rect};
 use serde::Deserialize;
 
 use super::layer::FootprintError;
@@ -134,20 +134,30 @@ impl CocoFile {
         })
     }
 
+    /// Whether it names a view.
+    pub(super) fn lists(&self, view: &View) -> bool {
+        self.find(view).is_some()
+    }
+
     /// The buildings of a view.
     pub(super) fn outlines(&self, view: &View, look: Look, min_score: f32) -> Result<Vec<Outline>, ViewFault> {
-        let Some(image) = self.find(view) else { return Err(ViewFault::Absent { path: self.path.clone() }) };
+        let Some(image) = self.find(view) else { return Err(ViewFault::Unlisted { path: self.path.clone() }) };
         let scale = super::masks::scale_of((image.width as usize, image.height as usize), view, &self.path)?;
-        let unusable = |reason: String| ViewFault::Unreadable { path: self.path.clone(), reason };
         let mut found = Vec::new();
-        for (shape, score) in image.shapes.iter().filter(|(_, score)| *score >= min_score) {
+        for (i, (shape, score)) in image.shapes.iter().enumerate().filter(|(_, (_, score))| *score >= min_score) {
+            let unusable = |reason: String| ViewFault::Unreadable {
+                path: self.path.clone(),
+                reason: format!("its annotation {} of this photo is {reason}", i + 1),
+            };
             let shape_px = match shape {
-                Segmentation::Polygons(parts) => polygons(parts).map_err(unusable)?,
+                Segmentation::Polygons(parts) => {
+                    within(polygons(parts).map_err(unusable)?, [image.width, image.height])
+                }
                 Segmentation::Runs { size, counts } => {
                     if *size != [image.height, image.width] {
                         return Err(unusable(format!(
-                            "a mask of {size:?} in an image of {:?}",
-                            [image.height, image.width]
+                            "a mask of {} × {} pixels in an image of {} × {}",
+                            size[1], size[0], image.width, image.height
                         )));
                     }
                     let (mask, origin) = decode(*size, counts).map_err(unusable)?;
@@ -178,6 +188,18 @@ impl CocoFile {
     }
 }
 
+/// What lies in the image, as outlines that neither cross themselves nor each other: what they hold an odd number of
+/// times.
+fn within(shape: MultiPolygon<f64>, [width, height]: [u32; 2]) -> MultiPolygon<f64> {
+    let shape =
+        if shape.is_valid() { shape } else { shape.make_valid().unwrap_or_else(|_| MultiPolygon::new(Vec::new())) };
+    let (width, height) = (f64::from(width), f64::from(height));
+    if shape.coords_iter().all(|c| c.x >= 0.0 && c.y >= 0.0 && c.x <= width && c.y <= height) {
+        return shape;
+    }
+    shape.intersection(&Rect::new((0.0, 0.0), (width, height)).to_polygon())
+}
+
 /// Rings as flat lists of x, y.
 fn polygons(parts: &[Vec<f64>]) -> Result<MultiPolygon<f64>, String> {
     let ring = |flat: &Vec<f64>| {
@@ -196,7 +218,7 @@ fn polygons(parts: &[Vec<f64>]) -> Result<MultiPolygon<f64>, String> {
 fn decode([height, width]: [u32; 2], counts: &Counts) -> Result<(Raster<u32>, [usize; 2]), String> {
     let n = u64::from(height) * u64::from(width);
     if n > MAX_PIXELS {
-        return Err(format!("a mask of {width} × {height} pixels"));
+        return Err(format!("a mask of {width} × {height} pixels, too large to be one"));
     }
     let runs = match counts {
         Counts::Plain(runs) => runs.clone(),
@@ -204,7 +226,8 @@ fn decode([height, width]: [u32; 2], counts: &Counts) -> Result<(Raster<u32>, [u
     };
     let total = runs.iter().try_fold(0_u64, |sum, run| sum.checked_add(*run));
     if total != Some(n) {
-        return Err(format!("runs of {total:?} pixels in a mask of {n}"));
+        let total = total.map_or("too many".to_owned(), |t| t.to_string());
+        return Err(format!("runs of {total} pixels in a mask of {n}"));
     }
     let (width, height) = (width as usize, height as usize);
     let spans = || {
@@ -244,10 +267,10 @@ fn decompress(text: &str) -> Result<Vec<u64>, String> {
     while bytes.peek().is_some() {
         let (mut value, mut shift) = (0_i64, 0_u32);
         loop {
-            let byte = bytes.next().ok_or("compressed runs end within a number")?;
+            let byte = bytes.next().ok_or("no run lengths: compressed runs end within a number")?;
             let six = i64::from(byte) - 48;
             if !(0..64).contains(&six) || shift > 50 {
-                return Err(format!("{:?} in compressed runs", char::from(byte)));
+                return Err(format!("no run lengths: {:?} in compressed runs", char::from(byte)));
             }
             value |= (six & 0x1f) << shift;
             shift += 5;

@@ -19,22 +19,20 @@ use std::collections::HashMap;
 
 use geo::line_measures::{Distance as _, Euclidean};
 use geo::{Area as _, BoundingRect as _};
-use geo_types::{Coord, MultiPolygon, Polygon};
+use geo_types::{Coord, Polygon};
 use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::{GeomWithData, Rectangle};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::candidate::{Candidate, SeenGround, bounds, envelope, joint};
+use super::candidate::{Candidate, SeenGround, bounds, envelope};
 use super::cluster::{self, Cluster, Dropped};
-use super::coverage::{Scratch, Window, cover};
+use super::coverage::Scratch;
 use super::partition;
 use super::shape::{self, Rules};
+use super::votes::Votes;
 use crate::raster::Raster;
-
-/// Cells around a building beyond its widest candidate.
-const MARGIN: i64 = 2;
 
 /// How candidates of many views become one outline per building.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -260,58 +258,6 @@ fn groups(clusters: &[Cluster], neighbour_m: f64) -> Vec<Vec<usize>> {
     groups
 }
 
-/// The votes on one building.
-struct Votes {
-    window: Window,
-    share: Vec<f32>,
-    /// Per candidate: how it covers the window, and what its view sees of it where it is cut off.
-    ballots: Vec<(Vec<f32>, Option<Vec<f32>>)>,
-}
-
-impl Votes {
-    fn count(
-        cluster: &Cluster,
-        candidates: &[Candidate],
-        seen: &[SeenGround],
-        cell_m: f64,
-        scratch: &mut Scratch,
-    ) -> Self {
-        let members = || cluster.members.iter().map(|&m| &candidates[m]);
-        let all = members().filter_map(|c| bounds(&c.shape)).reduce(joint).unwrap_or(([0.0; 2], [1.0; 2]));
-        let window = Window::around(all.0, all.1, cell_m, MARGIN);
-        let (mut yes, mut of) = (vec![0.0_f32; window.len()], vec![0.0_f32; window.len()]);
-        let mut whole = 0.0_f32;
-        let ballots = members()
-            .map(|candidate| {
-                let weight = (candidate.weight * f64::from(candidate.score)) as f32;
-                let mut covered = Vec::new();
-                cover(&candidate.shape, &window, scratch, &mut covered);
-                yes.iter_mut().zip(&covered).for_each(|(y, c)| *y += weight * c);
-                if !candidate.is_cut {
-                    whole += weight;
-                    return (covered, None);
-                }
-                let mut sees = Vec::new();
-                let area = MultiPolygon::new(vec![seen[candidate.view].area.clone()]);
-                cover(&area, &window, scratch, &mut sees);
-                of.iter_mut().zip(&sees).for_each(|(o, s)| *o += weight * s);
-                (covered, Some(sees))
-            })
-            .collect();
-        // One view's parts of one building are candidates of their own: they add up, and count once.
-        let share = yes.iter().zip(&of).map(|(y, o)| if y + o + whole > 0.0 { y / (o + whole).max(1e-9) } else { 0.0 });
-        Self { share: share.map(|s| s.min(1.0)).collect(), window, ballots }
-    }
-
-    /// The vote on a cell of the shared grid.
-    fn at(&self, col: i64, row: i64) -> f32 {
-        let (col, row) = (col - self.window.first_col, row - self.window.first_row);
-        let is_inside =
-            col >= 0 && row >= 0 && (col as usize) < self.window.width && (row as usize) < self.window.height;
-        if is_inside { self.share[row as usize * self.window.width + col as usize] } else { 0.0 }
-    }
-}
-
 fn draw_group(
     group: &[&Cluster],
     candidates: &[Candidate],
@@ -388,9 +334,11 @@ fn draw_group(
             let parts = shaped.iter().filter(|s| s.label == label);
             // What hangs on by a corner only is a blot of some mask, not the building.
             let largest = parts.max_by(|a, b| a.polygon.unsigned_area().total_cmp(&b.polygon.unsigned_area()))?;
+            let others: Vec<_> = shaped.iter().filter(|s| s.label != label).map(|s| &s.polygon).collect();
+            let polygon = votes.without_doubtful_holes(&largest.polygon, &others, scratch);
             Some(Consensus {
-                agreement: agreement(&largest.polygon, votes, scratch),
-                polygon: largest.polygon.clone(),
+                agreement: votes.agreement(&polygon, scratch),
+                polygon,
                 members: cluster.members.clone(),
                 n_views: cluster.n_views,
                 n_seen: cluster.n_seen,
@@ -398,21 +346,4 @@ fn draw_group(
             })
         })
         .collect()
-}
-
-/// Mean intersection over union of the ballots with the outline.
-fn agreement(polygon: &Polygon<f64>, votes: &Votes, scratch: &mut Scratch) -> f64 {
-    let mut outline = Vec::new();
-    cover(&MultiPolygon::new(vec![polygon.clone()]), &votes.window, scratch, &mut outline);
-    let of_ballot = |(covered, sees): &(Vec<f32>, Option<Vec<f32>>)| {
-        let (mut shared, mut all) = (0.0_f64, 0.0_f64);
-        for i in 0..outline.len() {
-            let sees = sees.as_ref().map_or(1.0, |s| s[i]);
-            let (a, b) = (covered[i] * sees, outline[i] * sees);
-            shared += f64::from(a.min(b));
-            all += f64::from(a.max(b));
-        }
-        if all > 0.0 { shared / all } else { 0.0 }
-    };
-    votes.ballots.iter().map(of_ballot).sum::<f64>() / votes.ballots.len().max(1) as f64
 }

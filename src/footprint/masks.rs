@@ -110,6 +110,15 @@ impl MaskFiles {
         Ok(Self { config, coco })
     }
 
+    /// Whether there is a mask for a view; what it holds is not looked at.
+    #[must_use]
+    pub fn is_there(&self, view: &View) -> bool {
+        match &self.coco {
+            Some(coco) => coco.lists(view),
+            None => self.path_of(view).is_some_and(|path| is_virtual(&path) || path.exists()),
+        }
+    }
+
     fn path_of(&self, view: &View) -> Option<PathBuf> {
         template::fill(&self.config.path, &view.id.0, None)
     }
@@ -121,7 +130,7 @@ impl OutlineSource for MaskFiles {
             return coco.outlines(view, look, self.config.min_score);
         }
         let path = self.path_of(view).ok_or_else(|| ViewFault::Absent { path: self.config.path.clone().into() })?;
-        if !is_virtual(&path) && !path.exists() {
+        if !self.is_there(view) {
             return Err(ViewFault::Absent { path });
         }
         let unreadable =

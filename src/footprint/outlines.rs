@@ -50,6 +50,12 @@ pub enum ViewFault {
         /// Where it was looked for.
         path: PathBuf,
     },
+    /// The file of all masks does not name the photo.
+    #[error("{} does not list it", path.display())]
+    Unlisted {
+        /// The file.
+        path: PathBuf,
+    },
     /// It is there and cannot be read.
     #[error("its mask {} cannot be used: {reason}", path.display())]
     Unreadable {
@@ -100,6 +106,12 @@ impl ViewFault {
                 "mask_absent",
                 "`path` says where masks are; {stem} is the photo's name without its extension",
             ),
+            Self::Unlisted { .. } => {
+                (Severity::Warning, "mask_absent", "`images` of the COCO file names photos by `file_name`")
+            }
+            Self::Unreadable { path, .. } if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) => {
+                (Severity::Refused, "mask_unreadable", "`segmentation` is polygons or run lengths of the whole photo")
+            }
             Self::Unreadable { .. } => (Severity::Refused, "mask_unreadable", "`gdalinfo` shows what GDAL makes of it"),
             Self::Size { .. } => (
                 Severity::Refused,

@@ -1,38 +1,38 @@
 //! From dense rings to the outlines a planner would draw: few corners, straight walls, shared borders kept shared.
 //!
 //! 1. Rings are cut into *arcs* at junctions, so that a wall between two buildings exists once.
-//! 2. Douglas-Peucker per arc, tolerance in metres on the ground (doi:10.3138/FM57-6770-U75U-7727).
+//! 2. Corners are chosen per arc: see [`simplify`].
 //! 3. Each piece gets the line of least squares through its own points, ends left out, because corners of contours are
 //!    round.
 //! 4. Optionally, lines within a few degrees of their building's main direction or across it are turned into it.
 //! 5. Each corner moves to where its lines meet: `min Σ (nᵢ·(x − cᵢ))² + λ |x − x₀|²`, with the small pull `λ` towards
 //!    the contour that keeps nearly parallel lines from meeting far away.
-//! 6. Where an outline then touches itself or a neighbour, or its area changed too much, its arcs step back: first
-//!    without 4, then without 3 to 5, then with ever smaller tolerances, down to the contour itself.
+//! 6. Where an outline then touches itself or a neighbour, the arcs that meet there step back, and all of its arcs where
+//!    its area changed too much: first without 4, then without 3 to 5, then with ever smaller tolerances, down to the
+//!    contour itself.
 //!
 //! Frame: map, metres, `y` up.
 
 use std::collections::HashMap;
 
-use geo::{Area as _, Contains as _};
-use geo_types::{Coord, LineString, Polygon};
+use geo::line_measures::{Distance as _, Euclidean};
+use geo::{Area as _, BooleanOps as _, BoundingRect as _, Contains as _, Intersects as _, Relate as _};
+use geo_types::{Coord, Geometry, LineString, Point, Polygon};
 
-use super::arcs::{Arc, Arcs};
+use super::arcs::Arcs;
 use super::check;
+use super::lines::{Line, main_direction, meet};
 use super::partition::{Key, Ring};
+use super::simplify::{LAST_LEVEL, Level, ON_CONTOUR, Traced, trace};
 
-/// Pull of a corner towards its place on the contour, against a weight of 1 per line.
-const PULL: f64 = 0.02;
-/// Share of a piece's points left out at each end before its line is fitted.
-const ROUND_END_SHARE: f64 = 0.15;
 /// Corners that turn by less are none, degrees.
 const STRAIGHT_DEG: f64 = 3.0;
 /// Corners that turn by more are spikes, degrees.
 const SPIKE_DEG: f64 = 165.0;
-/// Least share of a building's walls along its main directions for these to be called so.
-const MIN_ALIGNED_SHARE: f64 = 0.5;
-/// Steps back of an arc: see the module.
-const LAST_LEVEL: u8 = 6;
+/// Arcs this close to a fault take part in it, metres.
+const AT_FAULT_M: f64 = 0.01;
+/// Rounds of steps back; more are needed only where faults wander, and then the contours themselves are taken.
+const MAX_ROUNDS: u8 = 4 * LAST_LEVEL;
 
 /// How outlines are drawn.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,35 +61,89 @@ pub(super) struct Shaped {
 /// Draws all regions; a region of several parts gives several outlines, in the order of the rings.
 pub(super) fn shape(rings: &[Ring], rules: Rules) -> Vec<Shaped> {
     let arcs = Arcs::of(rings);
-    let contours = polygons(rings, &arcs, &vec![LAST_LEVEL; arcs.arcs.len()], rules);
-    let contour_m2 =
-        |label: u32, at: usize| contours.iter().find(|c| c.label == label && c.ring == at).map(|c| c.area_m2);
-    let mut levels = vec![u8::from(rules.snap_deg <= 0.0); arcs.arcs.len()];
-    for _ in 0..=usize::from(LAST_LEVEL) {
-        let drawn = polygons(rings, &arcs, &levels, rules);
-        let mut bad: Vec<usize> = Vec::new();
-        for one in &drawn {
-            let changed = contour_m2(one.label, one.ring)
-                .is_none_or(|before| (one.area_m2 - before).abs() > rules.max_area_change * before);
-            if changed || check::fault(&one.polygon).is_some() {
-                bad.extend(&one.arcs);
-            }
-        }
-        // A hole or part that vanished was too small for the tolerance.
-        let is_drawn = |c: &Drawn| drawn.iter().any(|d| d.label == c.label && d.ring == c.ring);
-        bad.extend(contours.iter().filter(|c| !is_drawn(c)).flat_map(|c| &c.arcs));
-        bad.extend(crossings_between(&drawn));
-        bad.sort_unstable();
-        bad.dedup();
-        bad.retain(|&arc| levels[arc] < LAST_LEVEL);
+    let as_they_are = Corners::of(&arcs, &vec![LAST_LEVEL; arcs.arcs.len()], rules);
+    let contours = polygons(rings, &arcs, &as_they_are, rules);
+    let mut levels: Vec<Level> = vec![Level::from(rules.snap_deg <= 0.0); arcs.arcs.len()];
+    for _ in 0..MAX_ROUNDS {
+        let corners = Corners::of(&arcs, &levels, rules);
+        let drawn = polygons(rings, &arcs, &corners, rules);
+        let bad = Faults { contours: &contours, drawn: &drawn, corners: &corners, levels: &levels }.arcs(rules);
         if bad.is_empty() {
-            return drawn.into_iter().map(|d| Shaped { label: d.label, polygon: d.polygon }).collect();
+            return drawn.into_iter().map(Drawn::shaped).collect();
         }
         for arc in bad {
             levels[arc] += 1;
         }
     }
-    contours.into_iter().map(|c| Shaped { label: c.label, polygon: c.polygon }).collect()
+    contours.into_iter().map(Drawn::shaped).collect()
+}
+
+/// What is wrong with a drawing.
+struct Faults<'a> {
+    contours: &'a [Drawn],
+    drawn: &'a [Drawn],
+    corners: &'a Corners,
+    levels: &'a [Level],
+}
+
+impl Faults<'_> {
+    /// The arcs that have to follow their contours more closely.
+    fn arcs(&self, rules: Rules) -> Vec<usize> {
+        let mut bad: Vec<usize> = Vec::new();
+        let mut valid: Vec<&Drawn> = Vec::new();
+        for one in self.drawn {
+            let before = self.contours.iter().find(|c| c.is_same(one)).map(|c| c.area_m2);
+            if before.is_none_or(|before| (one.area_m2 - before).abs() > rules.max_area_change * before) {
+                bad.extend(&one.arcs);
+            }
+            match check::fault(&one.polygon) {
+                Some(fault) => bad.extend(self.at(&one.arcs, fault.place().map(|c| Point::from(c).into()))),
+                None => valid.push(one),
+            }
+        }
+        // A hole or part that vanished was too small for the tolerance.
+        let is_drawn = |c: &Drawn| self.drawn.iter().any(|d| d.is_same(c));
+        bad.extend(self.contours.iter().filter(|c| !is_drawn(c)).flat_map(|c| &c.arcs));
+        for (a, b) in pairs_that_overlap(&valid) {
+            let arcs: Vec<usize> = a.arcs.iter().chain(&b.arcs).copied().collect();
+            let shared = a.polygon.intersection(&b.polygon);
+            bad.extend(self.at(&arcs, (!shared.0.is_empty()).then_some(Geometry::MultiPolygon(shared))));
+        }
+        bad.sort_unstable();
+        bad.dedup();
+        bad.retain(|&arc| self.levels[arc] < LAST_LEVEL);
+        bad
+    }
+
+    /// Those of the arcs that pass by a place and can step back; all of them if none can.
+    fn at(&self, arcs: &[usize], place: Option<Geometry<f64>>) -> Vec<usize> {
+        let Some(place) = place else { return arcs.to_vec() };
+        let passes = |&&arc: &&usize| {
+            let line = LineString::new(self.corners.arcs[arc].clone());
+            self.levels[arc] < LAST_LEVEL && Euclidean.distance(&line, &place) <= AT_FAULT_M
+        };
+        let near: Vec<usize> = arcs.iter().filter(passes).copied().collect();
+        if near.is_empty() { arcs.to_vec() } else { near }
+    }
+}
+
+/// Polygons of different regions that share more than a border.
+fn pairs_that_overlap<'a>(drawn: &[&'a Drawn]) -> Vec<(&'a Drawn, &'a Drawn)> {
+    let boxes: Vec<_> = drawn.iter().map(|d| d.polygon.bounding_rect()).collect();
+    let mut pairs = Vec::new();
+    for (i, &a) in drawn.iter().enumerate() {
+        for (j, &b) in drawn.iter().enumerate().skip(i + 1) {
+            let may_meet = matches!((&boxes[i], &boxes[j]), (Some(p), Some(q)) if p.intersects(q));
+            if !may_meet {
+                continue;
+            }
+            let matrix = a.polygon.relate(&b.polygon);
+            if !(matrix.is_touches() || matrix.is_disjoint()) {
+                pairs.push((a, b));
+            }
+        }
+    }
+    pairs
 }
 
 /// One polygon with where it came from.
@@ -102,31 +156,18 @@ struct Drawn {
     arcs: Vec<usize>,
 }
 
-/// Arcs of polygons of different regions that cross each other.
-fn crossings_between(drawn: &[Drawn]) -> Vec<usize> {
-    use geo::{BoundingRect as _, Intersects as _, Relate as _};
-    let mut bad = Vec::new();
-    for (i, a) in drawn.iter().enumerate() {
-        let Some(box_a) = a.polygon.bounding_rect() else { continue };
-        for b in &drawn[i + 1..] {
-            let Some(box_b) = b.polygon.bounding_rect() else { continue };
-            if !box_a.intersects(&box_b) {
-                continue;
-            }
-            let is_apart = {
-                let matrix = a.polygon.relate(&b.polygon);
-                matrix.is_touches() || matrix.is_disjoint()
-            };
-            if !is_apart {
-                bad.extend(a.arcs.iter().chain(&b.arcs));
-            }
-        }
+impl Drawn {
+    /// Whether both are the same part of the same region.
+    fn is_same(&self, other: &Self) -> bool {
+        self.label == other.label && self.ring == other.ring
     }
-    bad
+
+    fn shaped(self) -> Shaped {
+        Shaped { label: self.label, polygon: self.polygon }
+    }
 }
 
-fn polygons(rings: &[Ring], arcs: &Arcs, levels: &[u8], rules: Rules) -> Vec<Drawn> {
-    let corners = Corners::of(arcs, levels, rules);
+fn polygons(rings: &[Ring], arcs: &Arcs, corners: &Corners, rules: Rules) -> Vec<Drawn> {
     let closed: Vec<(usize, LineString<f64>, f64)> = (0..rings.len())
         .filter_map(|i| {
             let ring = corners.ring(arcs, i);
@@ -173,14 +214,6 @@ fn signed_area(ring: &LineString<f64>) -> f64 {
         .sum::<f64>()
 }
 
-/// A line through a point.
-#[derive(Debug, Clone, Copy)]
-struct Line {
-    centre: Coord<f64>,
-    along: Coord<f64>,
-    length_m: f64,
-}
-
 /// The corners of all arcs.
 struct Corners {
     /// Per arc, positions of the kept points with their final places.
@@ -188,17 +221,13 @@ struct Corners {
 }
 
 impl Corners {
-    fn of(arcs: &Arcs, levels: &[u8], rules: Rules) -> Self {
+    fn of(arcs: &Arcs, levels: &[Level], rules: Rules) -> Self {
         if levels.iter().all(|&level| level >= LAST_LEVEL) {
             return Self { arcs: arcs.arcs.iter().map(|arc| arc.points.clone()).collect() };
         }
-        let kept: Vec<Vec<usize>> = arcs.arcs.iter().zip(levels).map(|(arc, &level)| keep(arc, level, rules)).collect();
-        let mut lines: Vec<Vec<Line>> = arcs
-            .arcs
-            .iter()
-            .zip(&kept)
-            .map(|(arc, kept)| kept.windows(2).map(|w| fit(&arc.points[w[0]..=w[1]])).collect())
-            .collect();
+        let traced: Vec<Traced<'_>> =
+            arcs.arcs.iter().zip(levels).map(|(arc, &level)| trace(arc, level, rules)).collect();
+        let mut lines: Vec<Vec<Line>> = traced.iter().map(|t| t.walls().map(Line::fit).collect()).collect();
         if rules.snap_deg > 0.0 {
             turn(arcs, levels, &mut lines, rules);
         }
@@ -211,7 +240,7 @@ impl Corners {
             }
             for (key, line) in [(arc.first, lines.first()), (arc.last, lines.last())] {
                 at_junction.entry(key).or_default().extend(line.copied());
-                *is_fixed.entry(key).or_default() |= level > 1;
+                *is_fixed.entry(key).or_default() |= level >= ON_CONTOUR;
             }
         }
         let arcs = arcs
@@ -219,21 +248,26 @@ impl Corners {
             .iter()
             .enumerate()
             .map(|(a, arc)| {
-                let (kept, lines) = (&kept[a], &lines[a]);
-                let last = kept.len() - 1;
+                let (traced, lines) = (&traced[a], &lines[a]);
+                let last = traced.corners.len() - 1;
                 let place = |k: usize| {
-                    let on_contour = arc.points[kept[k]];
+                    let on_contour = traced.points[traced.corners[k]];
                     let is_end = k == 0 || k == last;
                     if is_end && !arc.is_closed {
                         let key = if k == 0 { arc.first } else { arc.last };
-                        return if is_fixed[&key] { on_contour } else { meet(&at_junction[&key], on_contour, rules) };
+                        let is_fixed = is_fixed[&key];
+                        return if is_fixed {
+                            on_contour
+                        } else {
+                            meet(&at_junction[&key], on_contour, rules.max_shift_m)
+                        };
                     }
-                    if levels[a] > 1 {
+                    if levels[a] >= ON_CONTOUR {
                         return on_contour;
                     }
                     let before = lines[if k == 0 { last - 1 } else { k - 1 }];
                     let after = lines[if k == last { 0 } else { k }];
-                    meet(&[before, after], on_contour, rules)
+                    meet(&[before, after], on_contour, rules.max_shift_m)
                 };
                 let corners: Vec<Coord<f64>> = (0..=last).map(place).collect();
                 lean(corners, arc.is_closed, 0.25 * rules.tolerance_m)
@@ -294,91 +328,8 @@ fn lean(mut corners: Vec<Coord<f64>>, is_closed: bool, width_m: f64) -> Vec<Coor
     corners
 }
 
-/// Which points of an arc stay, first and last included.
-fn keep(arc: &Arc, level: u8, rules: Rules) -> Vec<usize> {
-    let last = arc.points.len() - 1;
-    let tolerance_m = match level {
-        0..=2 => rules.tolerance_m,
-        3 => 0.5 * rules.tolerance_m,
-        4 => 0.25 * rules.tolerance_m,
-        5 => 0.1 * rules.tolerance_m,
-        _ => return (0..=last).collect(),
-    };
-    let mut kept = vec![0, last];
-    let split = |from: usize, to: usize, kept: &mut Vec<usize>| {
-        let mut open = vec![(from, to)];
-        while let Some((from, to)) = open.pop() {
-            if let Some((far, distance_m)) = farthest(&arc.points, from, to)
-                && distance_m > tolerance_m
-            {
-                kept.push(far);
-                open.extend([(from, far), (far, to)]);
-            }
-        }
-    };
-    if arc.is_closed {
-        // The arc starts at its point farthest from the middle; the point farthest from there is the other anchor.
-        let start = arc.points[0];
-        let distance = |i: &usize| (arc.points[*i] - start).x.hypot((arc.points[*i] - start).y);
-        let anchor = (1..last).max_by(|a, b| distance(a).total_cmp(&distance(b)).then(b.cmp(a))).unwrap_or(last / 2);
-        kept.push(anchor);
-        split(0, anchor, &mut kept);
-        split(anchor, last, &mut kept);
-        if kept.len() < 4 {
-            // Three corners at least.
-            let far = [(0, anchor), (anchor, last)].into_iter().filter_map(|(a, b)| farthest(&arc.points, a, b));
-            kept.extend(far.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i));
-        }
-    } else {
-        split(0, last, &mut kept);
-    }
-    kept.sort_unstable();
-    kept.dedup();
-    kept
-}
-
-/// The point between two that is farthest from the line through them.
-fn farthest(points: &[Coord<f64>], from: usize, to: usize) -> Option<(usize, f64)> {
-    let (a, b) = (points[from], points[to]);
-    let along = b - a;
-    let length = along.x.hypot(along.y);
-    let distance = |p: Coord<f64>| {
-        let q = p - a;
-        if length == 0.0 {
-            return q.x.hypot(q.y);
-        }
-        let t = ((q.x * along.x + q.y * along.y) / (length * length)).clamp(0.0, 1.0);
-        (q.x - t * along.x).hypot(q.y - t * along.y)
-    };
-    (from + 1..to).map(|i| (i, distance(points[i]))).reduce(|best, next| if next.1 > best.1 { next } else { best })
-}
-
-/// The line of total least squares through the inner points of a piece.
-fn fit(points: &[Coord<f64>]) -> Line {
-    let n = points.len();
-    let (first, last) = (points[0], points[n - 1]);
-    let chord = last - first;
-    let length_m = chord.x.hypot(chord.y);
-    let skip = ((n as f64 * ROUND_END_SHARE).ceil() as usize).min(n.saturating_sub(3) / 2);
-    let inner = &points[skip..n - skip];
-    if inner.len() < 3 || length_m == 0.0 {
-        let along = if length_m > 0.0 { chord / length_m } else { Coord { x: 1.0, y: 0.0 } };
-        return Line { centre: (first + last) / 2.0, along, length_m };
-    }
-    let mean = inner.iter().fold(Coord::zero(), |sum, p| sum + *p) / inner.len() as f64;
-    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-    for p in inner {
-        let d = *p - mean;
-        xx += d.x * d.x;
-        xy += d.x * d.y;
-        yy += d.y * d.y;
-    }
-    let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
-    Line { centre: mean, along: Coord { x: angle.cos(), y: angle.sin() }, length_m }
-}
-
 /// Turns the lines of each building into its main directions.
-fn turn(arcs: &Arcs, levels: &[u8], lines: &mut [Vec<Line>], rules: Rules) {
+fn turn(arcs: &Arcs, levels: &[Level], lines: &mut [Vec<Line>], rules: Rules) {
     let mut of_label: HashMap<u32, Option<f64>> = HashMap::new();
     for label in arcs.arcs.iter().flat_map(|arc| [arc.label, arc.beyond]).filter(|&l| l != 0) {
         of_label.entry(label).or_insert_with(|| {
@@ -390,7 +341,7 @@ fn turn(arcs: &Arcs, levels: &[u8], lines: &mut [Vec<Line>], rules: Rules) {
         let direction = [arc.label, arc.beyond].iter().find_map(|label| of_label.get(label).copied().flatten());
         let Some(direction) = direction.filter(|_| level == 0) else { continue };
         for line in lines {
-            let off = off_direction(line, direction);
+            let off = line.off_direction(direction);
             let shift_m = 0.5 * line.length_m * off.sin().abs();
             if off.abs() <= rules.snap_deg.to_radians() && shift_m <= rules.max_shift_m {
                 let angle = line.along.y.atan2(line.along.x) - off;
@@ -398,52 +349,4 @@ fn turn(arcs: &Arcs, levels: &[u8], lines: &mut [Vec<Line>], rules: Rules) {
             }
         }
     }
-}
-
-/// By how much a line is off a direction or across it, radians, −45° to 45°.
-fn off_direction(line: &Line, direction: f64) -> f64 {
-    let quarter = std::f64::consts::FRAC_PI_2;
-    let off = (line.along.y.atan2(line.along.x) - direction).rem_euclid(quarter);
-    if off > 0.5 * quarter { off - quarter } else { off }
-}
-
-/// The direction (radians, modulo a right angle) that most of the walls follow, if any: the mean of the fourfold
-/// angles by length, then the mean of those near it.
-fn main_direction(lines: &[Line], within_deg: f64) -> Option<f64> {
-    let mean_of = |weights: &dyn Fn(&Line) -> f64| {
-        let (mut x, mut y) = (0.0, 0.0);
-        for line in lines {
-            let angle = 4.0 * line.along.y.atan2(line.along.x);
-            x += weights(line) * angle.cos();
-            y += weights(line) * angle.sin();
-        }
-        0.25 * y.atan2(x)
-    };
-    let total: f64 = lines.iter().map(|l| l.length_m).sum();
-    let mut direction = mean_of(&|l| l.length_m * l.length_m);
-    for _ in 0..3 {
-        let is_near = |l: &Line| off_direction(l, direction).abs() <= within_deg.to_radians();
-        direction = mean_of(&|l| if is_near(l) { l.length_m * l.length_m } else { 0.0 });
-    }
-    let aligned: f64 =
-        lines.iter().filter(|l| off_direction(l, direction).abs() <= within_deg.to_radians()).map(|l| l.length_m).sum();
-    (aligned >= MIN_ALIGNED_SHARE * total).then_some(direction)
-}
-
-/// Where lines meet, near `at`.
-fn meet(lines: &[Line], at: Coord<f64>, rules: Rules) -> Coord<f64> {
-    let (mut xx, mut xy, mut yy) = (PULL, 0.0, PULL);
-    let (mut bx, mut by) = (0.0, 0.0);
-    for line in lines {
-        let n = Coord { x: -line.along.y, y: line.along.x };
-        let d = (line.centre.x - at.x) * n.x + (line.centre.y - at.y) * n.y;
-        xx += n.x * n.x;
-        xy += n.x * n.y;
-        yy += n.y * n.y;
-        bx += n.x * d;
-        by += n.y * d;
-    }
-    let det = xx * yy - xy * xy;
-    let shift = Coord { x: (yy * bx - xy * by) / det, y: (xx * by - xy * bx) / det };
-    if shift.x.hypot(shift.y) > rules.max_shift_m { at } else { at + shift }
 }

@@ -25,6 +25,12 @@ pub(super) fn check_views(survey: &Survey, footprints: &FootprintStage) -> Resul
             Some(DVec3::new(centre.x(), centre.y(), (*ground)?.reference_m))
         })
         .collect();
+    if footprints.layer.footprints.is_empty() && footprints.detection.is_some() {
+        return Err(PipelineError::Mismatch {
+            message: "there is no building: none was found in the nadir photos".to_owned(),
+            hint: "look at the layer `candidates` of footprints.gpkg and at issues.json of `sizeup footprints`",
+        });
+    }
     let Some(highest_ground) = targets.iter().map(|t| t.z).reduce(f64::max) else {
         return Err(PipelineError::Mismatch {
             message: format!("none of the {} footprints has a ground level", footprints.layer.footprints.len()),

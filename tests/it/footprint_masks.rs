@@ -12,28 +12,28 @@ use sizeup::camera::{Camera, Distortion};
 use sizeup::crs::Crs;
 use sizeup::evaluate::evaluate_footprints;
 use sizeup::footprint::{
-    AccuracyConfig, CadastreConfig, Change, ConsensusConfig, Detection, DetectionSettings, FootprintConfig,
-    FootprintError, FootprintSource, MaskFiles, OutlineKind, OutlineSource, Segmenter, SegmenterConfig, detect, read,
+    Change, Detection, FootprintConfig, FootprintError, FootprintSource, MaskFiles, OutlineSource, Segmenter,
+    SegmenterConfig, detect, read,
 };
 use sizeup::frames::Rigid;
 use sizeup::raster::Raster;
 use sizeup::simulate::{MaskOutline, SimulateConfig, simulate};
 use sizeup::survey::View;
-use sizeup::terrain::{Dem, Terrain};
+use sizeup::terrain::Terrain;
 
 use crate::tiny_scene::{Outcome, sizeup};
 
-const CENTRE: DVec2 = DVec2::new(565_000.0, 5_932_000.0);
-const SIZE: (u32, u32) = (240, 180);
+pub(super) const CENTRE: DVec2 = DVec2::new(565_000.0, 5_932_000.0);
+pub(super) const SIZE: (u32, u32) = (240, 180);
 /// 100 m above the ground with a focal length of 200 pixels: a pixel is half a metre.
-const PIXEL_M: f64 = 0.5;
+pub(super) const PIXEL_M: f64 = 0.5;
 
-fn crs() -> Crs {
+pub(super) fn crs() -> Crs {
     Crs::parse("EPSG:25832").unwrap()
 }
 
 /// A view straight down, 100 m above the ground, its middle `east` and `north` of [`CENTRE`].
-fn view(name: &str, east: f64, north: f64) -> View {
+pub(super) fn view(name: &str, east: f64, north: f64) -> View {
     let down = DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z);
     let centre = (CENTRE + DVec2::new(east, north)).extend(120.0);
     View {
@@ -44,16 +44,16 @@ fn view(name: &str, east: f64, north: f64) -> View {
     }
 }
 
-const GROUND: Terrain = Terrain::Constant(20.0);
+pub(super) const GROUND: Terrain = Terrain::Constant(20.0);
 
 /// A house by its south-western corner and size, metres from [`CENTRE`].
-fn house(x: f64, y: f64, w: f64, h: f64) -> Polygon<f64> {
+pub(super) fn house(x: f64, y: f64, w: f64, h: f64) -> Polygon<f64> {
     let low = CENTRE + DVec2::new(x, y);
     Rect::new((low.x, low.y), (low.x + w, low.y + h)).to_polygon()
 }
 
 /// Labels of houses as a view sees them on the ground.
-fn mask(view: &View, houses: &[Polygon<f64>]) -> Raster<u16> {
+pub(super) fn mask(view: &View, houses: &[Polygon<f64>]) -> Raster<u16> {
     use geo::Contains as _;
     let mut mask = Raster::filled(SIZE.0 as usize, SIZE.1 as usize, 0);
     let centre = view.camera_from_map.centre();
@@ -71,7 +71,7 @@ fn mask(view: &View, houses: &[Polygon<f64>]) -> Raster<u16> {
     mask
 }
 
-fn save(path: &Path, mask: &Raster<u16>) {
+pub(super) fn save(path: &Path, mask: &Raster<u16>) {
     let (width, height) = (mask.width() as u32, mask.height() as u32);
     let image: ImageBuffer<Luma<u16>, Vec<u16>> = ImageBuffer::from_raw(width, height, mask.data().to_vec()).unwrap();
     image.save(path).unwrap();
@@ -92,13 +92,13 @@ fn write_layer(path: &Path, houses: &[(&str, Polygon<f64>)]) {
     std::fs::write(path, layer.to_string()).unwrap();
 }
 
-fn source_of(folder: &Path, toml: &str) -> FootprintSource {
+pub(super) fn source_of(folder: &Path, toml: &str) -> FootprintSource {
     let mut source: FootprintSource = toml::from_str(toml).unwrap();
     source.resolve_paths(folder);
     source
 }
 
-fn find(source: &FootprintSource, views: &[View], terrain: &Terrain) -> Result<Detection, FootprintError> {
+pub(super) fn find(source: &FootprintSource, views: &[View], terrain: &Terrain) -> Result<Detection, FootprintError> {
     let outlines: Box<dyn OutlineSource> = match source {
         FootprintSource::Masks(masks) => Box::new(MaskFiles::new(masks.clone())?),
         FootprintSource::Network(network) => Box::new(Segmenter::new(network.clone())?),
@@ -107,14 +107,14 @@ fn find(source: &FootprintSource, views: &[View], terrain: &Terrain) -> Result<D
     detect(outlines.as_ref(), views, terrain, source.detection().unwrap(), &crs())
 }
 
-fn polygons(found: &Detection) -> Vec<Polygon<f64>> {
+pub(super) fn polygons(found: &Detection) -> Vec<Polygon<f64>> {
     found.layer.footprints.iter().map(|f| f.polygon.clone()).collect()
 }
 
-const INSTANCES: &str = "source = 'masks'\npath = '{stem}.png'\nkind = 'instance'";
+pub(super) const INSTANCES: &str = "source = 'masks'\npath = '{stem}.png'\nkind = 'instance'";
 
 /// Three views over a pair of row houses, a single house, and a hall that no view shows whole.
-fn town() -> (Vec<View>, Vec<Polygon<f64>>) {
+pub(super) fn town() -> (Vec<View>, Vec<Polygon<f64>>) {
     let views = vec![view("a.jpg", -20.0, 0.0), view("b.jpg", 0.0, 5.0), view("c.jpg", 40.0, 0.0)];
     let houses = vec![
         house(-30.0, -10.0, 8.0, 12.0),
@@ -125,7 +125,7 @@ fn town() -> (Vec<View>, Vec<Polygon<f64>>) {
     (views, houses)
 }
 
-fn with_masks(folder: &Path) -> (Vec<View>, Vec<Polygon<f64>>) {
+pub(super) fn with_masks(folder: &Path) -> (Vec<View>, Vec<Polygon<f64>>) {
     let (views, houses) = town();
     for view in &views {
         save(&folder.join(view.id.0.replace("jpg", "png")), &mask(view, &houses));
@@ -250,74 +250,6 @@ fn coco_run_lengths_and_polygons_are_read_as_masks_are() {
 }
 
 #[test]
-fn every_bad_mask_has_a_name_and_the_others_go_on() {
-    let folder = tempfile::tempdir().unwrap();
-    let (mut views, houses) = with_masks(folder.path());
-    let path = |name: &str| folder.path().join(name);
-    for name in ["wrong_size", "empty", "full", "noise", "text", "absent", "specks"] {
-        views.push(view(&format!("{name}.jpg"), 0.0, 5.0));
-    }
-    save(&path("wrong_size.png"), &Raster::filled(200, 180, 1));
-    save(&path("empty.png"), &Raster::filled(240, 180, 0));
-    save(&path("full.png"), &Raster::filled(240, 180, 9));
-    let noise = (0..240 * 180_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 31) as u16).collect();
-    save(&path("noise.png"), &Raster::from_vec(240, 180, noise).unwrap());
-    let specks = (0..240 * 180_u32).map(|i| u16::from(i % 240 % 6 == 0 && i / 240 % 6 == 0)).collect();
-    save(&path("specks.png"), &Raster::from_vec(240, 180, specks).unwrap());
-    std::fs::write(path("text.png"), "no picture").unwrap();
-    let found = find(&source_of(folder.path(), INSTANCES), &views, &GROUND).unwrap();
-    let codes = |name: &str| -> Vec<String> {
-        let subject = sizeup::issue::Subject::View(format!("{name}.jpg"));
-        found.layer.issues.iter().filter(|i| i.subject == subject).map(|i| i.code.clone()).collect()
-    };
-    for (name, code) in [
-        ("wrong_size", "mask_wrong_size"),
-        ("full", "mask_all_building"),
-        ("noise", "mask_noise"),
-        ("text", "mask_unreadable"),
-        ("absent", "mask_absent"),
-    ] {
-        assert_eq!(codes(name), [code]);
-    }
-    // An empty mask and one of specks are masks: they say that there is no building.
-    assert!(codes("empty").is_empty() && codes("specks").is_empty());
-    assert_eq!((found.summary.n_views, found.summary.n_views_without), (10, 5));
-    assert!(evaluate_footprints(&polygons(&found), &houses[..3]).iou > 0.9);
-    // No usable mask at all is an error with the first one's reason.
-    let none = find(&source_of(folder.path(), INSTANCES), &views[5..6], &GROUND).unwrap_err().to_string();
-    assert!(none.contains("every pixel is a building") && none.contains("hint:"), "{none}");
-    let one_for_all = INSTANCES.replace("{stem}", "a");
-    assert!(
-        find(&source_of(folder.path(), &one_for_all), &views, &GROUND).unwrap_err().to_string().contains("same file")
-    );
-    let mut oblique = views[0].clone();
-    oblique.camera_from_map = sizeup::simulate::pose(DVec3::new(CENTRE.x, CENTRE.y, 120.0), 0.0, 0.7);
-    assert!(
-        find(&source_of(folder.path(), INSTANCES), &[oblique], &GROUND)
-            .unwrap_err()
-            .to_string()
-            .contains("straight down")
-    );
-}
-
-#[test]
-fn what_lies_beyond_the_terrain_is_left_out_and_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let (views, _) = with_masks(folder.path());
-    // Ground west of 20 m east of the centre only: the hall has none.
-    let terrain = |west: f64| {
-        let heights = Raster::filled(40, 80, 20.0_f32);
-        Terrain::Grid(Dem::new(heights, CENTRE.x + west, CENTRE.y + 80.0, 2.0, 2.0).unwrap())
-    };
-    let found = find(&source_of(folder.path(), INSTANCES), &views, &terrain(-60.0)).unwrap();
-    let codes: Vec<&str> = found.layer.issues.iter().map(|i| i.code.as_str()).collect();
-    assert!(codes.contains(&"outlines_off_terrain"), "{codes:?}");
-    assert_eq!(found.layer.footprints.len(), 3);
-    let elsewhere = find(&source_of(folder.path(), INSTANCES), &views, &terrain(5000.0)).unwrap_err().to_string();
-    assert!(elsewhere.contains("sees nothing of the terrain"), "{elsewhere}");
-}
-
-#[test]
 fn a_cadastre_keeps_its_ids_and_changes_are_told() {
     let folder = tempfile::tempdir().unwrap();
     let (views, houses) = with_masks(folder.path());
@@ -424,7 +356,7 @@ fn a_head_over_two_backbones_gets_their_features_by_name() {
 }
 
 /// A scene for the command line, its configuration reading outlines from masks.
-fn scene(folder: &Path, outline: MaskOutline, footprints: &str) {
+pub(super) fn scene(folder: &Path, outline: MaskOutline, footprints: &str) {
     let mut config = SimulateConfig::default();
     config.town.n_buildings = 8;
     config.flight.n_views = Some(40);
@@ -442,7 +374,7 @@ fn scene(folder: &Path, outline: MaskOutline, footprints: &str) {
     std::fs::write(&path, format!("{text}\n[optimise]\nworking_px = 160\n\n[output]\npictures = false\n")).unwrap();
 }
 
-fn run(folder: &Path, args: &[&str]) -> Outcome {
+pub(super) fn run(folder: &Path, args: &[&str]) -> Outcome {
     sizeup().current_dir(folder).args(args).output().unwrap().into()
 }
 
@@ -454,7 +386,7 @@ fn layer(path: &Path) -> Vec<Polygon<f64>> {
     read(&config, &crs()).unwrap().footprints.into_iter().map(|f| f.polygon).collect()
 }
 
-const MASKS: &str = "source = \"masks\"\npath = \"masks/{stem}.png\"\nkind = \"instance\"\n";
+pub(super) const MASKS: &str = "source = \"masks\"\npath = \"masks/{stem}.png\"\nkind = \"instance\"\n";
 
 #[test]
 fn a_run_goes_from_masks_to_heights_and_is_the_same_on_any_number_of_threads() {
@@ -511,29 +443,4 @@ fn roof_outlines_move_to_their_heights() {
     let at_height = evaluate_footprints(&moved, &truth);
     println!("at the guessed height {at_guess}at the height found {at_height}");
     assert!(at_height.iou > at_guess.iou + 0.02 && at_height.iou > 0.85, "{at_guess}{at_height}");
-}
-
-#[test]
-fn settings_out_of_range_are_named() {
-    let (views, _) = town();
-    let accuracy = AccuracyConfig::default();
-    let consensus = ConsensusConfig { cell_m: 0.0, ..ConsensusConfig::default() };
-    let settings =
-        DetectionSettings { outline: OutlineKind::Ground, accuracy: &accuracy, consensus: &consensus, cadastre: None };
-    let folder = tempfile::tempdir().unwrap();
-    let FootprintSource::Masks(masks) = source_of(folder.path(), INSTANCES) else { unreachable!() };
-    let source = MaskFiles::new(masks).unwrap();
-    let error = detect(&source, &views, &GROUND, settings, &crs()).unwrap_err().to_string();
-    assert!(error.contains("cell_m = 0"), "{error}");
-    let consensus = ConsensusConfig::default();
-    let cadastre = CadastreConfig {
-        layer: FootprintConfig::new("none.gpkg"),
-        min_iou: 0.9,
-        same_iou: 0.5,
-        outline_from: sizeup::footprint::OutlineFrom::Layer,
-    };
-    let settings = DetectionSettings { consensus: &consensus, cadastre: Some(&cadastre), ..settings };
-    with_masks(folder.path());
-    let error = detect(&source, &views, &GROUND, settings, &crs()).unwrap_err().to_string();
-    assert!(error.contains("min_iou = 0.9"), "{error}");
 }

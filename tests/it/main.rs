@@ -10,6 +10,7 @@ mod dtm;
 mod evaluation;
 mod evaluation_bodies;
 mod footprint_accuracy;
+mod footprint_bad_masks;
 mod footprint_layers;
 mod footprint_masks;
 mod hostile_inputs;

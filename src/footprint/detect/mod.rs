@@ -145,6 +145,7 @@ pub fn detect(
     let looked: Vec<Result<Looked, ViewFault>> =
         nadir.par_iter().map(|&i| look_at(source, &views[i], terrain, settings)).collect();
     let mut issues = Vec::new();
+    issues.extend(suspicious(&looked));
     let mut seen = Vec::new();
     let (mut candidates, mut tracks, mut placed) = (Vec::new(), Vec::new(), Vec::new());
     let mut summary = DetectionSummary { n_views: nadir.len(), ..DetectionSummary::default() };
@@ -178,10 +179,10 @@ pub fn detect(
         seen.push(SeenGround { area: looked.seen });
     }
     if seen.is_empty() {
-        let first = issues.first().map_or(String::new(), |i| i.message.clone());
+        let (first, hint) = issues.into_iter().next().map_or_else(Default::default, |i| (i.message, i.hint));
         return Err(FootprintError::Masks {
             problem: format!("none of the {} nadir views has usable outlines; of the first, {first}", nadir.len()),
-            hint: "`path` says where masks are; {stem} is the photo's name without its extension".to_owned(),
+            hint: hint.unwrap_or_default(),
         });
     }
     summary.n_candidates = candidates.len();
@@ -263,6 +264,30 @@ fn check(settings: &DetectionSettings<'_>) -> Result<(), FootprintError> {
     within("accuracy.position_m", a.position_m, 0.0, 100.0, "0 to 100 m")?;
     within("accuracy.angle_deg", a.angle_deg, 0.0, 10.0, "0 to 10 degrees")?;
     within("accuracy.terrain_m", a.terrain_m, 0.0, 100.0, "0 to 100 m")
+}
+
+/// What every single mask allows and all together do not.
+fn suspicious(looked: &[Result<Looked, ViewFault>]) -> Option<Issue> {
+    let outlines = || looked.iter().flatten().flat_map(|l| &l.outlines);
+    let warn = |code: &str, message: String, hint: &str| {
+        Some(Issue::new(Severity::Warning, code, Subject::Input("footprints".to_owned()), message).hint(hint))
+    };
+    let n = outlines().count();
+    let n_in_parts = outlines().filter(|(outline, ..)| outline.shape_px.0.len() > 1).count();
+    let n_empty = looked.iter().flatten().filter(|l| l.outlines.is_empty() && l.n_off_terrain == 0).count();
+    if n == 0 && n_empty > 0 {
+        let message = format!("the masks of all {n_empty} nadir photos are empty: there is no building");
+        return warn("masks_empty", message, "check `kind`, `above` and, for COCO, `category` if there are buildings");
+    }
+    if 2 * n_in_parts > n {
+        let message = format!("{n_in_parts} of {n} instances are in several parts each");
+        return warn(
+            "instances_in_parts",
+            message,
+            "`kind = \"instance\"` takes all pixels of one number for one building; if buildings have no numbers, it is \"semantic\"",
+        );
+    }
+    None
 }
 
 /// What was left out, in numbers: single ones are in the layer of candidates.
