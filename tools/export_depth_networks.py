@@ -4,6 +4,7 @@
   depth-anything-v2-small.onnx   from transformers (DepthAnythingForDepthEstimation, the configuration of the small model)
   depth-anything-v2-small-392x518.onnx  the same for photos of 4:3 alone, with everything folded that then is constant
   da3-small-378x504.onnx         from depth-anything-3 (its small any-view network, one photo of 4:3), where that is installed
+  da3-small-3x252x336.onnx       the same network for three photos with their poses and calibration, which gives poses back
 
 The first takes any multiple of 14 per side. Trained weights have their own licences and are not fetched here; the same
 export applies to a model that carries them.
@@ -104,6 +105,25 @@ def depth_anything_3(folder):
     # Its position embeddings are traced for the example's size whatever is declared free, so the size is fixed.
     export(OnePhoto(), ["image"], ["depth"], torch.zeros(1, 3, 378, 504), None, folder / "fixed.onnx")
     fold(folder / "fixed.onnx", folder / "da3-small-378x504.onnx")
+
+
+    class WithPoses(torch.nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.network = network
+
+        def forward(self, image, extrinsics, intrinsics):
+            found = self.network(image, extrinsics, intrinsics)
+            return found["depth"], found["extrinsics"]
+
+    n, height, width = 3, 252, 336
+    poses = torch.eye(4).repeat(1, n, 1, 1)
+    poses[0, 1, 0, 3], poses[0, 2, 1, 3] = 1.0, -1.2
+    calibration = torch.tensor([[350.0, 0.0, width / 2], [0.0, 350.0, height / 2], [0.0, 0.0, 1.0]]).repeat(1, n, 1, 1)
+    example = (torch.zeros(1, n, 3, height, width), poses, calibration)
+    export(WithPoses(), ["image", "extrinsics", "intrinsics"], ["depth", "predicted_extrinsics"], example, None,
+           folder / "fixed.onnx")
+    fold(folder / "fixed.onnx", folder / "da3-small-3x252x336.onnx")
 
 
 if __name__ == "__main__":

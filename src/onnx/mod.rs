@@ -1,13 +1,17 @@
 //! Running ONNX graphs: the only door to inference engines.
 //!
-//! * `rten`, in pure Rust and part of the program: nothing to install. Graphs it cannot run are refused when they are
-//!   opened. It computes `Resize` with cubic interpolation as linear without a word, so it is not given such graphs.
+//! * `rten`, in pure Rust and part of the program: nothing to install. It computes `Resize` with cubic interpolation as
+//!   linear without a word, so it is not given such graphs.
 //! * ONNX Runtime, a shared library that is looked for when it is wanted ([`runtime`]): every operator, faster, and other
 //!   processors than the CPU.
+//!
+//! Left to choose, the first one takes every graph that it can load, and the other one the rest: what the first one
+//! cannot load, and what it loads and then cannot run ([`second`]).
 
 mod embedded;
 mod proto;
 pub mod runtime;
+mod second;
 
 use std::path::{Path, PathBuf};
 
@@ -15,6 +19,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use proto::Outline;
+
+use self::second::SecondChoice;
 
 /// Why a graph cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -61,7 +67,7 @@ pub enum OnnxError {
     #[error(
         "the network {} failed: {reason}\n\
          hint: a graph that was traced with one size of photo may take no other, whatever it declares: export it with that size \
-         fixed; what the embedded engine cannot run, `engine.name = \"onnxruntime\"` may",
+         fixed; what the embedded engine cannot run, ONNX Runtime may: {RUNTIME_HINT}",
         path.display()
     )]
     Run {
@@ -72,6 +78,25 @@ pub enum OnnxError {
     },
 }
 
+impl OnnxError {
+    /// What is the matter, without the file and the hint.
+    fn reason(&self) -> String {
+        match self {
+            Self::Load { reason, .. } | Self::NoRuntime { reason } | Self::Run { reason, .. } => reason.clone(),
+            Self::CubicResize { .. } => "the embedded engine computes its cubic interpolation as linear".to_owned(),
+            Self::NoPort { .. } => self.to_string(),
+        }
+    }
+
+    /// What both engines say about one graph.
+    fn and(&self, mut second: Self) -> Self {
+        if let Self::Load { reason, .. } = &mut second {
+            *reason = format!("the embedded engine: {}; ONNX Runtime: {reason}", self.reason());
+        }
+        second
+    }
+}
+
 /// How to come by ONNX Runtime.
 const RUNTIME_HINT: &str = "`make deps-onnxruntime` fetches ONNX Runtime into target/onnxruntime (the Python package \
                             `onnxruntime` holds the same library); name another place in `engine.library` or ORT_DYLIB_PATH";
@@ -80,7 +105,7 @@ const RUNTIME_HINT: &str = "`make deps-onnxruntime` fetches ONNX Runtime into ta
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum EngineChoice {
-    /// The embedded engine where it can run the graph, else ONNX Runtime where it is found.
+    /// The embedded engine where it can run the graph, else ONNX Runtime where it is found; the log says so.
     #[default]
     Auto,
     /// The embedded engine.
@@ -181,6 +206,8 @@ impl Port {
 #[derive(Debug)]
 pub struct Network {
     graph: Graph,
+    /// Where the choice is free, and the embedded engine has loaded it.
+    second: Option<SecondChoice>,
     path: PathBuf,
     inputs: Vec<Port>,
     outputs: Vec<Port>,
@@ -218,7 +245,11 @@ impl Network {
                 Ok(graph) => graph,
                 // Without the other engine, what the first one says is what helps.
                 Err(error) if runtime::library(config).is_err() => return Err(error),
-                Err(_) => runtime()?,
+                Err(first) => {
+                    let graph = runtime().map_err(|second| first.and(second))?;
+                    tracing::info!("ONNX Runtime runs {}: {}", path.display(), first.reason());
+                    graph
+                }
             },
             _ => embedded()?,
         };
@@ -226,10 +257,12 @@ impl Network {
             Graph::Embedded(graph) => graph.ports(),
             Graph::Runtime(graph) => graph.ports(),
         };
-        Ok(Self { graph, path: path.to_owned(), inputs, outputs })
+        let is_free = config.name == EngineChoice::Auto && matches!(graph, Graph::Embedded(_));
+        let second = is_free.then(|| SecondChoice::new(path, config));
+        Ok(Self { graph, second, path: path.to_owned(), inputs, outputs })
     }
 
-    /// Which engine runs it.
+    /// Which engine has loaded it, and is asked first.
     #[must_use]
     pub fn engine(&self) -> EngineChoice {
         match self.graph {
@@ -275,10 +308,23 @@ impl Network {
             self.port("output", name, &self.outputs)?;
         }
         match &self.graph {
-            Graph::Embedded(graph) => graph.run(&given, outputs),
+            Graph::Embedded(graph) => self.run_embedded(graph, &given, outputs),
             Graph::Runtime(graph) => graph.run(&given, outputs),
         }
         .map_err(failed)
+    }
+
+    fn run_embedded(
+        &self,
+        graph: &embedded::Graph,
+        given: &[(&Port, &Tensor)],
+        outputs: &[&str],
+    ) -> Result<Vec<Tensor>, String> {
+        let Some(second) = &self.second else { return graph.run(given, outputs) };
+        if let Some(graph) = second.graph_for(given) {
+            return graph.run(given, outputs);
+        }
+        graph.run(given, outputs).or_else(|reason| second.take_over(given, outputs, &reason))
     }
 
     fn port<'a>(&self, what: &'static str, name: &str, ports: &'a [Port]) -> Result<&'a Port, OnnxError> {

@@ -1,12 +1,10 @@
 //! Priors ahead of a run: the cache is filled with what the run will ask for.
 //!
-//! Views are worked on in parallel: while one is in the network, others are decoded, prepared and stored. A view that is
-//! in the cache is passed over, so an interrupted work goes on where it stopped, and several processes that start at
-//! different views share it.
+//! A view that is in the cache is passed over, so an interrupted work goes on where it stopped, and several processes
+//! that start at different views share it.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use rayon::prelude::*;
 use serde::Serialize;
 
 use super::heights::view_inputs;
@@ -14,7 +12,7 @@ use super::stages::SceneStage;
 use super::{FootprintStage, PipelineError, RunOptions, Stage, Tell, artefact, run};
 use crate::config::RunConfig;
 use crate::optimise::{Problem, first_selection};
-use crate::prior::{PriorSource as _, Priors};
+use crate::prior::Priors;
 use crate::survey::{Survey, View, ViewKind};
 
 /// Which views' priors are computed.
@@ -90,20 +88,8 @@ fn selected<'a>(config: &RunConfig, survey: &'a Survey, stage: &SceneStage) -> V
 
 fn compute(priors: &Priors, views: &[&View], progress: &(dyn Fn(usize, usize) + Sync)) -> PriorsDone {
     let n_done = AtomicUsize::new(0);
-    // Looked for one by one, just before: another process may have been there meanwhile.
-    let results: Vec<Result<bool, String>> = views
-        .par_iter()
-        .with_max_len(1)
-        .map(|view| {
-            let was_there = priors.is_kept(view).map_err(|e| e.to_string());
-            let result = match was_there {
-                Ok(false) => priors.load(view).map(|_| false).map_err(|e| e.to_string()),
-                known => known,
-            };
-            progress(n_done.fetch_add(1, Ordering::Relaxed) + 1, views.len());
-            result
-        })
-        .collect();
+    let done = || progress(n_done.fetch_add(1, Ordering::Relaxed) + 1, views.len());
+    let results = priors.compute_ahead(views, &done);
     let count = |wanted: bool| results.iter().filter(|result| **result == Ok(wanted)).count();
     let mut failed: Vec<(String, String)> = views
         .iter()

@@ -308,7 +308,8 @@ impl<S: CacheKey> CachedPriors<S> {
         self.cache.is_some()
     }
 
-    fn key(&self, view: &View) -> Result<String, PriorError> {
+    /// What a view's entry is called.
+    pub(super) fn key(&self, view: &View) -> Result<String, PriorError> {
         let mut hasher = KeyHasher::new(std::any::type_name::<S>());
         self.source.feed(view, &mut hasher)?;
         Ok(hasher.finish())
@@ -325,7 +326,8 @@ impl<S: CacheKey> CachedPriors<S> {
         }
     }
 
-    fn keep(&self, key: &str, prior: &DepthPrior) {
+    /// Keeps a prior that was computed, where there is a cache.
+    pub(super) fn keep(&self, key: &str, prior: &DepthPrior) {
         // A cache that cannot be written costs time, not results.
         if let Some(Err(error)) = self.cache.as_ref().map(|cache| cache.put(key, prior)) {
             warn("a prior is not kept", &error);

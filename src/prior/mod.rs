@@ -7,6 +7,7 @@
 //! | [`PriorKind::Depth`] | `d > 0`, up to scale | high | `1/d` | `d` |
 //! | [`PriorKind::InverseDepth`] | `a/d + b`, `a > 0` | low | the value | minus the value |
 
+mod ahead;
 mod album;
 mod array;
 mod cache;
@@ -17,6 +18,7 @@ mod neighbours;
 pub mod network;
 mod npy;
 mod pfm;
+mod recent;
 mod source;
 pub mod stereo;
 

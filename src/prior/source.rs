@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     CachedPriors, DepthPrior, FilePriorConfig, FilePriors, NetworkConfig, NetworkPriors, PriorError, PriorSource,
-    StereoConfig, StereoPriors,
+    StereoConfig, StereoPriors, ahead,
 };
 use crate::ids::ViewId;
 use crate::survey::View;
@@ -116,6 +116,19 @@ impl Priors {
             Self::Files(_) => Ok(true),
             Self::Network(network) => network.is_kept(view),
             Self::Stereo(stereo) => stereo.is_kept(view),
+        }
+    }
+}
+
+impl Priors {
+    /// Computes what is wanted and not kept yet, into the cache: per view whether it was kept, or why there is none.
+    /// `done` is called once per view.
+    #[must_use]
+    pub fn compute_ahead(&self, views: &[&View], done: &(dyn Fn() + Sync)) -> Vec<Result<bool, String>> {
+        match self {
+            Self::Files(_) => views.iter().map(|_| Ok(true)).collect(),
+            Self::Network(network) => ahead::in_stages(network, views, done),
+            Self::Stereo(stereo) => ahead::one_by_one(stereo, views, done),
         }
     }
 }

@@ -2,13 +2,16 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::{DMat3, DVec3};
 use sizeup::camera::Camera;
 use sizeup::frames::Rigid;
 use sizeup::onnx::{EngineChoice, EngineConfig, Network, OnnxError, Tensor};
 use sizeup::prior::network::{NetworkConfig, NetworkPriors, inspect};
-use sizeup::prior::{CacheConfig, CachedPriors, PriorCache, PriorError, PriorKind, PriorSource as _};
+use sizeup::prior::{
+    CacheConfig, CachedPriors, DepthPrior, PriorCache, PriorConfig, PriorError, PriorKind, PriorSource as _,
+};
 use sizeup::survey::View;
 use sizeup::terrain::Terrain;
 
@@ -30,13 +33,7 @@ fn view(folder: &Path) -> View {
 }
 
 fn config(model: PathBuf, profile: &str) -> NetworkConfig {
-    NetworkConfig {
-        model,
-        profile: Some(profile.to_owned()),
-        custom: None,
-        engine: EngineConfig::default(),
-        cache: CacheConfig::default(),
-    }
+    NetworkConfig::new(model, profile)
 }
 
 #[test]
@@ -95,13 +92,7 @@ fn foreign_damaged_and_untagged_graphs_are_refused() {
     let text = folder.path().join("text.onnx");
     std::fs::write(&text, "not a network").unwrap();
     refused(config(text, "da3-mono"), "ONNX file");
-    let untagged = NetworkConfig {
-        model: fixture("depth_of_brightness.onnx"),
-        profile: None,
-        custom: None,
-        engine: EngineConfig::default(),
-        cache: CacheConfig::default(),
-    };
+    let untagged = NetworkConfig { profile: None, ..config(fixture("depth_of_brightness.onnx"), "") };
     assert!(matches!(NetworkPriors::new(untagged, &[], &Terrain::Constant(0.0)), Err(PriorError::Config { .. })));
 }
 
@@ -163,6 +154,165 @@ fn what_the_embedded_engine_cannot_do_goes_to_the_other_one() {
     let cuda = EngineConfig { providers: vec![sizeup::onnx::Provider::Cuda], ..runtime };
     let absent = Network::open_with(&fixture("depth_of_brightness.onnx"), &cuda).unwrap_err().to_string();
     assert!(absent.contains("engine.providers"), "{absent}");
+}
+
+/// `exp` of the mean over the channels, as `pad_by_axes.onnx` has it, of one photo of 3 channels.
+fn exp_of_mean(input: &Tensor) -> Vec<f32> {
+    let n = input.values.len() / 3;
+    (0..n).map(|i| ((input.values[i] + input.values[n + i] + input.values[2 * n + i]) / 3.0).exp()).collect()
+}
+
+#[test]
+fn what_the_embedded_engine_loads_and_cannot_run_goes_to_the_other_one_too() {
+    let Some(runtime) = onnxruntime() else { return };
+    let graph = fixture("pad_by_axes.onnx");
+    let input = some_values(&[1, 3, 14, 28]);
+    let run = |engine: &EngineConfig| Network::open_with(&graph, engine).unwrap().run(("image", &input), "depth");
+    let alone = run(&EngineConfig { name: EngineChoice::Rten, ..runtime.clone() }).unwrap_err().to_string();
+    assert!(alone.contains("axes") && alone.contains("make deps-onnxruntime"), "{alone}");
+    let either = EngineConfig { name: EngineChoice::Auto, ..runtime };
+    let network = Network::open_with(&graph, &either).unwrap();
+    assert_eq!(network.engine(), EngineChoice::Rten, "it loads there");
+    // The first run finds out, the second one knows.
+    for _ in 0..2 {
+        let found = network.run(("image", &input), "depth").unwrap();
+        let worst = found.values.iter().zip(exp_of_mean(&input)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(found.shape == [1, 1, 14, 28] && worst < 1e-5, "{worst}");
+    }
+}
+
+#[test]
+fn where_neither_engine_runs_a_graph_both_say_why() {
+    // Whether a runtime is loaded by another test or not, this one cannot be.
+    let engine = EngineConfig { library: Some("/nowhere/libonnxruntime.so".into()), ..EngineConfig::default() };
+    let network = Network::open_with(&fixture("pad_by_axes.onnx"), &engine).unwrap();
+    let error = network.run(("image", &some_values(&[1, 3, 14, 14])), "depth").unwrap_err().to_string();
+    let (first, second) = (error.find("the embedded engine: "), error.find("; ONNX Runtime: "));
+    assert!(first.is_some() && first < second && error.contains("axes"), "{error}");
+    assert!(error.contains("/nowhere/libonnxruntime.so"), "{error}");
+}
+
+/// A photo of its own, brighter to the right by a tenth of `slope` per pixel.
+fn photo(folder: &Path, name: &str, (width, height): (u32, u32), slope: u32) -> View {
+    let path = folder.join(name);
+    let brightness = |x: u32, y: u32| (90 + x * slope / 10 + y / 4).min(255) as u8;
+    image::RgbImage::from_fn(width, height, |x, y| image::Rgb([brightness(x, y); 3])).save(&path).unwrap();
+    View {
+        id: name.into(),
+        camera: Arc::new(Camera::pinhole(width, height, f64::from(width))),
+        camera_from_map: Rigid::new(DMat3::IDENTITY, DVec3::ZERO),
+        image: Some(path),
+    }
+}
+
+/// Priors computed ahead, by view; a cache of their own.
+fn computed(folder: &Path, views: &[View], network: NetworkConfig) -> Vec<Result<DepthPrior, String>> {
+    let cache = CacheConfig { folder: folder.join(format!("cache-{}", network.batch)), ..CacheConfig::default() };
+    let config = PriorConfig::Network(Box::new(NetworkConfig { cache, ..network }));
+    let priors = config.open(views, &Terrain::Constant(0.0)).unwrap();
+    let n_done = AtomicUsize::new(0);
+    let all: Vec<&View> = views.iter().collect();
+    let outcomes = priors.compute_ahead(&all, &|| {
+        n_done.fetch_add(1, Ordering::Relaxed);
+    });
+    assert_eq!(n_done.into_inner(), views.len());
+    let again = priors.compute_ahead(&all, &|| {});
+    let kept = views.iter().zip(outcomes).zip(again).map(|((view, first), second)| {
+        // Computed now, found then; what failed fails again.
+        let second = second.map_err(|second| assert_eq!(Err(second), first));
+        if second.is_ok() {
+            assert_eq!((first.clone(), second), (Ok(false), Ok(true)));
+        }
+        first.map(|_| priors.load(view).unwrap())
+    });
+    kept.collect()
+}
+
+#[test]
+fn photos_in_one_inference_get_what_single_ones_get() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut views: Vec<View> = (0..7)
+        .map(|i| photo(folder.path(), &format!("{i}.png"), if i == 3 { (90, 120) } else { (120, 90) }, 6 + i))
+        .collect();
+    views[5].image = None;
+    let mut network = config(fixture("depth_of_brightness.onnx"), "da3-mono");
+    let single = computed(folder.path(), &views, network.clone());
+    network.batch = 3;
+    let together = computed(folder.path(), &views, network);
+    for (i, (one, other)) in single.iter().zip(&together).enumerate() {
+        if i == 5 {
+            assert!(one.as_ref().unwrap_err().contains("photo is not known") && one == other, "{other:?}");
+            continue;
+        }
+        let (one, other) = (one.as_ref().unwrap(), other.as_ref().unwrap());
+        assert_eq!((one.values.width(), one.values.height()), (other.values.width(), other.values.height()));
+        for (a, b) in one.values.data().iter().zip(other.values.data()) {
+            // The tolerance of docs/how-to.md.
+            assert!((a.is_nan() && b.is_nan()) || (a - b).abs() <= 1e-5 * a, "view {i}: {a} {b}");
+        }
+    }
+    assert_ne!(single[0], single[1], "photos differ");
+}
+
+#[test]
+fn a_batch_reaches_the_graph_and_one_that_mixes_its_photos_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let views: Vec<View> = (0..3).map(|i| photo(folder.path(), &format!("{i}.png"), (120, 90), 6 + i)).collect();
+    let mixing = NetworkConfig { batch: 2, ..config(fixture("mean_of_batch.onnx"), "da3-mono") };
+    let found = computed(folder.path(), &views, mixing);
+    let refused = |i: usize| found[i].as_ref().unwrap_err();
+    assert!(refused(0).contains("for 2 photos at once") && refused(1).contains("batch = 1"), "{found:?}");
+    assert!(found[2].is_ok(), "the last one goes in alone");
+}
+
+#[test]
+fn a_batch_that_a_graph_cannot_take_is_refused() {
+    let refused = |config: NetworkConfig, words: &str| {
+        let error = NetworkPriors::new(config, &[], &Terrain::Constant(0.0)).unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+    };
+    let batch = |batch: usize, name: &str, profile: &str| NetworkConfig { batch, ..config(fixture(name), profile) };
+    refused(batch(0, "depth_of_brightness.onnx", "da3-mono"), "expected 1 to 256");
+    refused(batch(2, "depth_of_poses.onnx", "da3-anyview"), "fixed to 1");
+    refused(batch(2, "one_photo.onnx", "da3-mono"), "fixed to 1");
+}
+
+/// Looks straight down from 100 m.
+fn down(folder: &Path, name: &str, east_m: f64, north_m: f64, slope: u32) -> View {
+    let rotation = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+    let centre = DVec3::new(634_000.0 + east_m, 485_000.0 + north_m, 100.0);
+    let camera_from_map = Rigid::from_rotation_and_centre(rotation, centre);
+    View { camera_from_map, ..photo(folder, name, (200, 100), slope) }
+}
+
+#[test]
+fn a_network_that_takes_and_gives_poses_gives_metres() {
+    let folder = tempfile::tempdir().unwrap();
+    let views = [
+        down(folder.path(), "a.png", 0.0, 0.0, 6),
+        down(folder.path(), "b.png", 27.0, 0.0, 7),
+        down(folder.path(), "c.png", 0.0, 30.0, 8),
+    ];
+    let terrain = Terrain::Constant(0.0);
+    let prior = |name: &str, profile: &str, views: &[View]| {
+        NetworkPriors::new(config(fixture(name), profile), views, &terrain).unwrap().load(&views[0]).unwrap()
+    };
+    let bright = prior("depth_of_brightness.onnx", "da3-mono", &views);
+    // depth_of_poses.onnx: brightness · size of the translations · mean focal length / 100, poses twice as far apart as
+    // given. Given are metres by the median distance of 0, 27 and 30 m; 200 pixels of focal length become 504.
+    let (unit_m, size) = (27.0_f64, (1.0 + (30.0_f64 / 27.0).powi(2)).sqrt());
+    let factor = size * 5.04 * unit_m / 2.0;
+    let metric = prior("depth_of_poses.onnx", "da3-anyview", &views);
+    assert_eq!((metric.kind, metric.values.width()), (PriorKind::Depth, 504));
+    for (found, bright) in metric.values.data().iter().zip(bright.values.data()).filter(|(_, b)| !b.is_nan()) {
+        let expected = f64::from(*bright) * factor;
+        assert!((f64::from(*found) - expected).abs() < 1e-4 * expected, "{found} {expected}");
+    }
+    // With one neighbour alone: 27 m are the unit and the size.
+    let pair = prior("depth_of_poses.onnx", "da3-anyview", &views[..2]);
+    let expected = f64::from(bright.values[(500, 100)]) * 5.04;
+    // The median of 0 and 27 is the lower one, so the least distance of 0.1 m is the unit: sizes of 270.
+    assert!((f64::from(pair.values[(500, 100)]) - expected * 270.0 * 0.1 / 2.0).abs() < 1e-3 * expected, "{expected}");
 }
 
 #[test]

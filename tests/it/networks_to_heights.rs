@@ -5,7 +5,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 
 use serde_json::Value;
@@ -132,10 +132,29 @@ fn a_networks_depth_becomes_heights_and_what_was_computed_ahead_is_found() {
     sizeup_in(scene.path(), &["run", "sizeup.toml", "-q"]);
     assert!(entries(scene.path()).len() <= before + 4, "a run asks for little more than its first selection");
     let evaluated = sizeup_in(scene.path(), &["evaluate", "result/city.city.json", "truth.geojson"]);
-    let all = evaluated.stdout.lines().find(|line| line.starts_with("all ")).unwrap();
-    let mean_m: f64 = all.split_whitespace().nth(2).unwrap().parse().unwrap();
     // Bytes hold these depths to 0.3 %, half a metre here, as likely too far as too near.
-    assert!(mean_m < 0.7, "{}", evaluated.stdout);
+    assert!(mean_error_m(&evaluated) < 0.7, "{}", evaluated.stdout);
+}
+
+#[test]
+fn a_network_that_takes_neighbours_and_poses_gives_heights() {
+    let scene = copy_of_scene();
+    let path = scene.path().join("sizeup.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    let company = "licence = \"ours\"\ncompany = { n_views = 3, extrinsics = [\"extrinsics\"], intrinsics = [\"intrinsics\"], \
+                   poses_output = [\"predicted_extrinsics\"] }\n";
+    let with_poses = text.replace("depth_of_brightness", "depth_of_poses").replace("licence = \"ours\"\n", company);
+    assert!(with_poses.contains("depth_of_poses") && with_poses.contains("n_views"));
+    fs::write(&path, with_poses).unwrap();
+    sizeup_in(scene.path(), &["run", "sizeup.toml", "-q"]);
+    let evaluated = sizeup_in(scene.path(), &["evaluate", "result/city.city.json", "truth.geojson"]);
+    assert!(mean_error_m(&evaluated) < 0.7, "{}", evaluated.stdout);
+}
+
+/// Mean error of all buildings in what `evaluate` prints, metres.
+fn mean_error_m(evaluated: &Outcome) -> f64 {
+    let all = evaluated.stdout.lines().find(|line| line.starts_with("all ")).unwrap();
+    all.split_whitespace().nth(2).unwrap().parse().unwrap()
 }
 
 #[test]
@@ -156,6 +175,66 @@ fn a_process_killed_while_it_writes_a_prior_leaves_a_cache_that_the_next_one_com
     let next = compute(scene.path());
     assert_eq!(next["n_kept"], next["n_wanted"]);
     assert!(next["failed"].as_array().unwrap().is_empty(), "{next}");
+}
+
+/// What a process has read and the most memory it has had, bytes, as far as the system tells: looked up while it runs.
+fn watch(mut child: Child) -> (u64, u64) {
+    let (mut n_read, mut peak) = (0, 0);
+    let number = |file: &str, key: &str| -> Option<u64> {
+        let text = fs::read_to_string(format!("/proc/{}/{file}", child.id())).ok()?;
+        text.lines().find_map(|line| line.strip_prefix(key)?.split_whitespace().next()?.parse().ok())
+    };
+    let mut look = || {
+        n_read = number("io", "rchar:").unwrap_or(n_read);
+        peak = number("status", "VmHWM:").map_or(peak, |kb| kb * 1024);
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    };
+    for _ in 0..60_000 {
+        look();
+        if fs::read_to_string(format!("/proc/{}/stat", child.id())).is_ok_and(|stat| stat.contains(") Z ")) {
+            break;
+        }
+    }
+    assert!(matches!(child.wait().unwrap().code(), Some(0 | 5)));
+    (n_read, peak)
+}
+
+#[test]
+fn a_photo_of_45_megapixels_is_decoded_once_and_never_whole() {
+    if !Path::new("/proc/self/io").exists() {
+        println!("skipped: this system does not tell what a process reads");
+        return;
+    }
+    let scene = copy_of_scene();
+    let images = scene.path().join("images");
+    let mut photos: Vec<PathBuf> = fs::read_dir(&images).unwrap().map(|entry| entry.unwrap().path()).collect();
+    photos.sort();
+    let large = photos.iter().position(|path| path.to_string_lossy().contains("oblique")).unwrap();
+    for path in &photos {
+        fs::remove_file(path).unwrap();
+    }
+    // Grain, so that the file is as large as those of real cameras are.
+    let grain = |x: u32, y: u32| (x.wrapping_mul(2_654_435_761) ^ y.wrapping_mul(40_503) ^ (x * y)) >> 7 & 63;
+    let (width, height) = (7744, 5808);
+    let photo =
+        image::RgbImage::from_fn(width, height, |x, y| image::Rgb([(60 + x / 60 + grain(x, y)).min(255) as u8; 3]));
+    photo.save_with_format(&photos[large], image::ImageFormat::Jpeg).unwrap();
+    let n_bytes = fs::metadata(&photos[large]).unwrap().len();
+    // All stages before it, so that what is watched is little more than the photo.
+    sizeup_in(scene.path(), &["run", "sizeup.toml", "-q", "--until", "footprints"]);
+    let child = Command::new(env!("CARGO_BIN_EXE_sizeup"))
+        .args(["prior", "compute", "sizeup.toml", "--all", "-q"])
+        .current_dir(scene.path())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let (n_read, peak) = watch(child);
+    assert_eq!(entries(scene.path()).len(), 1);
+    let whole = u64::from(width * height) * 3;
+    println!("photo of {n_bytes} bytes: {n_read} read, {} MB at most, {} MB whole", peak >> 20, whole >> 20);
+    // Once for the name of the cache's entry, once to decode it; libraries and their tables besides.
+    assert!(n_bytes > 10_000_000 && n_read < n_bytes * 5 / 2 + 5_000_000, "{n_read} of {n_bytes}");
+    assert!(peak < whole + 60_000_000, "{peak} of {whole}");
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::io::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 
+use exr::prelude::WritableImage as _;
 use gdal::DriverManager;
 use gdal::raster::Buffer;
 use glam::{DMat3, DVec3};
@@ -78,7 +79,12 @@ fn every_format_gives_the_same_depths() {
     let millimetres: Vec<u16> = DEPTHS.iter().map(|d| (d * 1000.0) as u16).collect();
     image::ImageBuffer::<image::Luma<u16>, _>::from_raw(4, 3, millimetres).unwrap().save(path("a.png")).unwrap();
 
-    for (file, scale) in [("a.npy", 1.0), ("a.npz", 1.0), ("a.pfm", 1.0), ("a.tif", 1.0), ("a.png", 0.001)] {
+    let rows = exr::prelude::FlatSamples::F32(DEPTHS.to_vec());
+    let channels = exr::prelude::AnyChannels::sort([exr::prelude::AnyChannel::new("Z", rows)].into_iter().collect());
+    exr::prelude::Image::from_channels((4, 3), channels).write().to_file(path("a.exr")).unwrap();
+
+    let unscaled = ["a.npy", "a.npz", "a.pfm", "a.tif", "a.exr"].map(|file| (file, 1.0));
+    for (file, scale) in unscaled.into_iter().chain([("a.png", 0.001)]) {
         let prior = load(&path(file), &FilePriorConfig { scale, ..depth() }).unwrap();
         assert_eq!((prior.values.width(), prior.values.height()), (4, 3), "{file}");
         for (found, expected) in prior.values.data().iter().zip(DEPTHS) {
@@ -107,6 +113,31 @@ fn a_stack_needs_names_and_finds_each_photo_by_them() {
     std::fs::write(&names, "b.jpg\n").unwrap();
     let error = load(&stack, &FilePriorConfig { names: Some(names), ..depth() }).unwrap_err().to_string();
     assert!(error.contains("stack of 2") && error.contains("1 photos"), "{error}");
+}
+
+/// `fixtures/priors/da3_mini.npz`, which `NumPy` wrote: compressed, with poses as large as the maps beside them.
+#[test]
+fn an_export_of_depth_anything_3_is_read_by_the_names_beside_it() {
+    let export = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/priors/da3_mini.npz");
+    let folder = tempfile::tempdir().unwrap();
+    let names = folder.path().join("names.txt");
+    // The photo of the tests is the second one.
+    std::fs::write(&names, "north/b.jpg\na.jpg\n").unwrap();
+    let config = FilePriorConfig {
+        names: Some(names.clone()),
+        confidence_key: Some("conf".into()),
+        min_confidence: 1.1,
+        ..depth()
+    };
+    let prior = load(&export, &config).unwrap();
+    assert_eq!((prior.values.width(), prior.values.height()), (4, 3));
+    assert!(prior.values.data()[1].is_nan(), "it is little confident there");
+    assert_eq!((prior.values.data()[0], prior.values.data()[11]), (110.0, 133.0));
+    let error = load(&export, &FilePriorConfig { names: None, ..config.clone() }).unwrap_err().to_string();
+    assert!(error.contains("stack of 2 maps") && error.contains("`names`"), "{error}");
+    std::fs::write(&names, "b.jpg\nc.jpg\n").unwrap();
+    let error = load(&export, &config).unwrap_err().to_string();
+    assert!(error.contains("does not list a.jpg"), "{error}");
 }
 
 #[test]

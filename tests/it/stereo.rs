@@ -68,12 +68,23 @@ fn texture(x: f64, y: f64, surface: u32) -> f64 {
 
 /// Looks from `centre` at the foot of the block.
 fn view(folder: &Path, name: &str, centre: DVec3, distortion: Distortion) -> (View, Raster<f64>) {
+    view_of_size((448, 336), folder, name, centre, distortion)
+}
+
+/// The same view with more pixels, or fewer; each holds the brightness at its middle.
+fn view_of_size(
+    (width, height): (u32, u32),
+    folder: &Path,
+    name: &str,
+    centre: DVec3,
+    distortion: Distortion,
+) -> (View, Raster<f64>) {
     let forward = (DVec3::new(0.0, 0.0, GROUND_Z_M) - centre).normalize();
     let right = forward.cross(DVec3::Z).normalize();
     let rotation = DMat3::from_cols(right, forward.cross(right), forward).transpose();
-    let camera = Camera { distortion, ..Camera::pinhole(448, 336, 480.0) };
-    let mut depths = Raster::filled(448, 336, 0.0);
-    let mut photo = image::GrayImage::new(448, 336);
+    let camera = Camera { distortion, ..Camera::pinhole(width, height, 480.0 / 448.0 * f64::from(width)) };
+    let mut depths = Raster::filled(width as usize, height as usize, 0.0);
+    let mut photo = image::GrayImage::new(width, height);
     for (x, y, pixel) in photo.enumerate_pixels_mut() {
         let ray = camera.unproject(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap();
         let (depth, brightness) = trace(centre, rotation.transpose() * ray);
@@ -129,6 +140,46 @@ fn roofs_and_ground_of_a_known_scene_come_out_to_a_fraction_of_a_metre() {
     let again = one_thread.install(|| priors.load(&views[0])).unwrap();
     let is_same = again.values.data().iter().zip(prior.values.data()).all(|(a, b)| a.to_bits() == b.to_bits());
     assert!(is_same, "the same on one thread as on many, bit by bit");
+}
+
+/// Half a pixel between photo and depth map, or a shift when a photo is reduced, would raise or lower everything: tested
+/// where that is not a whole number of times, by way of a JPEG's own half size (1000 × 750 → 500 × 375 → 448 × 336).
+#[test]
+fn reducing_photos_raises_and_lowers_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    // From one side only: a shift of the image is then a change of height.
+    let places = [(0.0, -60.0), (28.0, -60.0), (14.0, -95.0)];
+    for (size, ending) in [((448, 336), "png"), ((1000, 750), "png"), ((1000, 750), "jpg")] {
+        let views: Vec<View> = places
+            .iter()
+            .enumerate()
+            .map(|(i, &(x, y))| {
+                let name = format!("{i}_{}.{ending}", size.0);
+                view_of_size(size, folder.path(), &name, DVec3::new(x, y, 110.0), Distortion::None).0
+            })
+            .collect();
+        let terrain = Terrain::Constant(GROUND_Z_M);
+        let config = StereoConfig { max_height_m: 40.0, ..StereoConfig::default() };
+        let prior = StereoPriors::new(config, &views, &terrain).unwrap().load(&views[0]).unwrap();
+        let (camera, to_map) = (views[0].camera.resized(448, 336), views[0].camera_from_map.inverse());
+        let rotation = views[0].camera_from_map.rotation.transpose();
+        let (mut on_roof, mut on_ground) = (Vec::new(), Vec::new());
+        for (i, found) in prior.values.data().iter().enumerate().filter(|(_, found)| !found.is_nan()) {
+            let ray = camera.unproject(DVec2::new((i % 448) as f64 + 0.5, (i / 448) as f64 + 0.5)).unwrap();
+            let (depth, _) = trace(DVec3::new(places[0].0, places[0].1, 110.0), rotation * ray);
+            let true_z = to_map.point(depth * ray).z;
+            let error_m = to_map.point(f64::from(*found) * ray).z - true_z;
+            if (true_z - BLOCK_M.1).abs() < 1e-6 {
+                on_roof.push(error_m);
+            } else if (true_z - GROUND_Z_M).abs() < 1e-6 {
+                on_ground.push(error_m);
+            }
+        }
+        let (roof_m, ground_m) = (median(&on_roof).unwrap(), median(&on_ground).unwrap());
+        println!("{} px, {ending}: roof {roof_m:+.3} m, ground {ground_m:+.3} m", size.0);
+        // A pixel is 0.25 m here and rays meet under some 15°: half a pixel is half a metre.
+        assert!(roof_m.abs() < 0.05 && ground_m.abs() < 0.05, "{size:?} {ending}: {roof_m} {ground_m}");
+    }
 }
 
 #[test]

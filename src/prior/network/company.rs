@@ -6,6 +6,14 @@
 //! ```
 //!
 //! `E`: world to camera, the view itself first; `C`: projection centres in the first camera's frame.
+//!
+//! Networks that give poses back give them in the unit of their depth. What one unit is in metres follows from laying
+//! the given centres `gᵢ` over theirs, `pᵢ` (Umeyama 1991, doi:10.1109/34.88573; `align_poses_umeyama`, there with
+//! RANSAC from ten views on, here with all of them), with the singular values `σ` of `H = Σ (pᵢ − p̄)(gᵢ − ḡ)ᵀ`:
+//!
+//! ```text
+//! units per metre = (σ₁ + σ₂ + sign(det H)·σ₃) / Σ |gᵢ − ḡ|²
+//! ```
 
 use glam::{DMat3, DVec3};
 
@@ -51,6 +59,50 @@ pub(super) fn intrinsics(views: &[&View], rows: usize, columns: usize) -> Tensor
     Tensor { shape: vec![1, views.len(), 3, 3], values: views.iter().flat_map(matrix).collect() }
 }
 
+/// How many metres one unit of the network's poses (`1 × n × 3 × 4` or `1 × n × 4 × 4`, world to camera) is.
+pub(super) fn metres_per_unit(views: &[&View], poses: &Tensor) -> Result<f64, String> {
+    let n = views.len();
+    let size = poses.values.len() / n;
+    if poses.values.len() != n * size || !matches!(size, 12 | 16) {
+        return Err(format!("they have shape {:?}, expected 1 × {n} × 3 × 4", poses.shape));
+    }
+    let found: Vec<DVec3> = poses.values.chunks_exact(size).map(centre).collect();
+    let origin = views[0].camera_from_map.centre();
+    let given: Vec<DVec3> = views.iter().map(|view| view.camera_from_map.centre() - origin).collect();
+    let mean = |centres: &[DVec3]| centres.iter().sum::<DVec3>() / n as f64;
+    let (mean_found, mean_given) = (mean(&found), mean(&given));
+    let spread_m2: f64 = given.iter().map(|g| (g - mean_given).length_squared()).sum();
+    let outer = |a: DVec3, b: DVec3| DMat3::from_cols(a * b.x, a * b.y, a * b.z);
+    let h = found.iter().zip(&given).fold(DMat3::ZERO, |sum, (p, g)| sum + outer(p - mean_found, g - mean_given));
+    let [largest, middle, least] = eigenvalues(&(h.transpose() * h)).map(|v| v.max(0.0).sqrt());
+    let metres = spread_m2 / (largest + middle + least.copysign(h.determinant()));
+    if metres.is_finite() && metres > 0.0 {
+        return Ok(metres);
+    }
+    Err(format!("their centres lie {:.3} apart, the cameras {:.3} m", largest.sqrt(), spread_m2.sqrt()))
+}
+
+/// Projection centre of a pose, row-major, world to camera: `−Rᵀ·t`.
+fn centre(pose: &[f32]) -> DVec3 {
+    let at = |row: usize, col: usize| f64::from(pose[row * 4 + col]);
+    let row = |i: usize| DVec3::new(at(i, 0), at(i, 1), at(i, 2));
+    -(0..3).map(|i| row(i) * at(i, 3)).sum::<DVec3>()
+}
+
+/// Of a symmetric matrix, largest first (by the trigonometric solution of its characteristic equation).
+fn eigenvalues(a: &DMat3) -> [f64; 3] {
+    let mean = (a.col(0).x + a.col(1).y + a.col(2).z) / 3.0;
+    let shifted = *a - DMat3::from_diagonal(DVec3::splat(mean));
+    let size = (shifted.to_cols_array().iter().map(|v| v * v).sum::<f64>() / 6.0).sqrt();
+    if size == 0.0 {
+        return [mean; 3];
+    }
+    let angle = ((shifted * (1.0 / size)).determinant() / 2.0).clamp(-1.0, 1.0).acos() / 3.0;
+    let value = |turn: f64| mean + 2.0 * size * (angle + turn).cos();
+    let third = std::f64::consts::TAU / 3.0;
+    [value(0.0), value(2.0 * third), value(third)]
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
@@ -58,6 +110,52 @@ mod tests {
     use super::*;
     use crate::camera::Camera;
     use crate::frames::Rigid;
+
+    fn at(centre: DVec3, rotation: DMat3) -> View {
+        View {
+            id: "a".into(),
+            camera: Arc::new(Camera::pinhole(400, 300, 500.0)),
+            camera_from_map: Rigid::from_rotation_and_centre(rotation, centre),
+            image: None,
+        }
+    }
+
+    /// The same poses in another world: turned, shifted, and 0.02 units per metre; centres `3 × 4`, row-major.
+    fn in_another_world(views: &[&View]) -> Tensor {
+        let turn = DMat3::from_rotation_z(0.7) * DMat3::from_rotation_x(-0.4);
+        let origin = views[0].camera_from_map.centre();
+        let values = views.iter().flat_map(|view| {
+            let centre = turn * (view.camera_from_map.centre() - origin) * 0.02 + DVec3::new(3.0, -1.0, 2.0);
+            let rotation = view.camera_from_map.rotation * turn.transpose();
+            let translation = -(rotation * centre);
+            (0..3).flat_map(move |row| rotation.row(row).to_array().into_iter().chain([translation[row]]))
+        });
+        Tensor { shape: vec![1, views.len(), 3, 4], values: values.map(|v| v as f32).collect() }
+    }
+
+    #[test]
+    fn poses_of_another_world_tell_its_unit_in_metres_also_of_two_views_and_of_a_straight_flight() {
+        let base = DVec3::new(634_000.0, 485_000.0, 300.0);
+        let places =
+            [DVec3::ZERO, DVec3::new(40.0, 5.0, 1.0), DVec3::new(75.0, 60.0, -3.0), DVec3::new(10.0, 80.0, 9.0)];
+        let views: Vec<View> =
+            places.iter().map(|place| at(base + *place, DMat3::from_rotation_x(2.0 + place.x / 100.0))).collect();
+        let straight: Vec<View> = (0..4).map(|i| at(base + f64::from(i) * places[1], DMat3::IDENTITY)).collect();
+        for views in [&views[..], &views[..2], &straight] {
+            let views: Vec<&View> = views.iter().collect();
+            let metres = metres_per_unit(&views, &in_another_world(&views)).unwrap();
+            assert!((metres - 50.0).abs() < 1e-3, "{metres}");
+        }
+    }
+
+    #[test]
+    fn poses_in_one_place_and_of_another_number_are_refused() {
+        let (a, b) = (at(DVec3::ZERO, DMat3::IDENTITY), at(DVec3::X, DMat3::IDENTITY));
+        let mut poses = in_another_world(&[&a, &b]);
+        assert!(metres_per_unit(&[&a, &b, &a], &poses).unwrap_err().contains("1 × 3 × 3 × 4"));
+        poses.values.fill(0.0);
+        assert!(metres_per_unit(&[&a, &b], &poses).unwrap_err().contains("0.000 apart"));
+    }
 
     #[test]
     fn the_first_pose_is_the_world_and_the_median_distance_the_unit() {

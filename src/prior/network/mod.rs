@@ -5,30 +5,35 @@
 //! as the engine may use; meanwhile other threads decode and prepare the next photos.
 
 mod company;
+mod inspect;
+mod output;
+mod photo;
 pub mod preprocess;
 pub mod profile;
 pub mod resize;
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use self::preprocess::{Cut, Prepared};
-use self::profile::{Form, Profile, Wiring};
-use self::resize::Rgb;
-use super::array::MapShape;
+pub use self::inspect::{Inspection, inspect};
+use self::preprocess::{Frame, Prepared};
+use self::profile::{Fit, Form, Profile, Wiring};
 use super::neighbours::Neighbours;
+use super::recent::Recent;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
-use crate::geodata::raster::{RasterFile, Resampling, Window};
-use crate::onnx::{EngineChoice, EngineConfig, Network, Outline, Port, Tensor};
+use crate::ids::ViewId;
+use crate::onnx::{EngineConfig, Network, Outline, Port, Tensor};
 use crate::raster::Raster;
 use crate::survey::View;
 use crate::terrain::Terrain;
 
-/// Longer side above which a photo is decoded at a whole fraction of its size, pixels: eight times what networks see.
-const DECODE_SIDE_PX: usize = 4096;
+/// Prepared photos kept at a time for networks that take several: some 2 MB each.
+const PHOTOS_KEPT: usize = 32;
+/// Most photos in one inference.
+const MAX_BATCH: usize = 256;
 
 /// Which network, and what kind of network it is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -46,12 +51,33 @@ pub struct NetworkConfig {
     /// Which engine computes, and on what.
     #[serde(default)]
     pub engine: EngineConfig,
+    /// Photos in one inference where priors are computed ahead of a run, 1 to 256, for graphs whose first dimension is free. Pays
+    /// on GPUs; last digits can differ from those of single photos.
+    #[serde(default = "one_photo")]
+    pub batch: usize,
     /// Where computed depth is kept, so that each view is computed once.
     #[serde(default)]
     pub cache: CacheConfig,
 }
 
+fn one_photo() -> usize {
+    1
+}
+
 impl NetworkConfig {
+    /// A graph and a built-in profile, with all defaults.
+    #[must_use]
+    pub fn new(model: impl Into<PathBuf>, profile: &str) -> Self {
+        Self {
+            model: model.into(),
+            profile: Some(profile.to_owned()),
+            custom: None,
+            engine: EngineConfig::default(),
+            batch: one_photo(),
+            cache: CacheConfig::default(),
+        }
+    }
+
     /// Makes relative paths relative to `folder`.
     pub(super) fn resolve_paths(&mut self, folder: &Path) {
         self.model = folder.join(&self.model);
@@ -76,36 +102,6 @@ impl NetworkConfig {
     }
 }
 
-/// What a graph wants and gives, and which built-in profiles fit it.
-#[derive(Debug)]
-pub struct Inspection {
-    /// Its inputs.
-    pub inputs: Vec<Port>,
-    /// Its outputs.
-    pub outputs: Vec<Port>,
-    /// The engine that runs it.
-    pub engine: EngineChoice,
-    /// What its file is made of.
-    pub outline: Outline,
-    /// Every built-in profile with its wiring, or why it does not fit.
-    pub profiles: Vec<(Profile, Result<Wiring, String>)>,
-}
-
-/// Looks at a graph without running it.
-///
-/// # Errors
-/// [`PriorError::Network`] if the engine cannot load it.
-pub fn inspect(model: &Path, engine: &EngineConfig) -> Result<Inspection, PriorError> {
-    let network = Network::open_with(model, engine)?;
-    let (inputs, outputs) = (network.inputs().to_vec(), network.outputs().to_vec());
-    let wired = profile::built_in().into_iter().map(|profile| {
-        let wiring = profile.wire(&inputs, &outputs);
-        (profile, wiring)
-    });
-    let profiles = wired.collect();
-    Ok(Inspection { inputs, outputs, engine: network.engine(), outline: Outline::read(model)?, profiles })
-}
-
 /// Depth from a network.
 #[derive(Debug)]
 pub struct NetworkPriors {
@@ -117,8 +113,18 @@ pub struct NetworkPriors {
     files: Vec<PathBuf>,
     /// For networks that take several photos.
     company: Neighbours,
+    /// Photos as they go in, for those networks: each is in the company of several. By rows and columns.
+    prepared: Recent<(ViewId, Option<(usize, usize)>), Prepared>,
     /// Held while the network runs: one inference takes all the memory and cores that it may.
     turn: Mutex<()>,
+}
+
+/// A view as the network takes it.
+#[derive(Debug)]
+pub(super) struct Ready {
+    /// The image first.
+    inputs: Vec<(String, Tensor)>,
+    frame: Frame,
 }
 
 impl NetworkPriors {
@@ -126,7 +132,7 @@ impl NetworkPriors {
     /// photos make use.
     ///
     /// # Errors
-    /// [`PriorError::Network`], or [`PriorError::Config`] where the profile does not fit.
+    /// [`PriorError::Network`], or [`PriorError::Config`] where the profile or the batch does not fit.
     pub fn new(config: NetworkConfig, views: &[View], terrain: &Terrain) -> Result<Self, PriorError> {
         let profile = config.chosen()?;
         profile.check()?;
@@ -135,18 +141,25 @@ impl NetworkPriors {
             problem: format!("profile {:?} does not fit {}: {problem}", profile.name, config.model.display()),
             hint: "`sizeup prior inspect` shows what the graph wants and which profiles fit".to_owned(),
         })?;
+        check_batch(&config, &wiring, network.inputs())?;
         let beside = |file: &PathBuf| config.model.parent().unwrap_or(Path::new("")).join(file);
         let mut files = vec![config.model.clone()];
         files.extend(Outline::read(&config.model)?.external_files.iter().map(beside));
         let is_company = |view: &&View| wiring.n_views > 1 && view.image.is_some();
         let company = Neighbours::new(views.iter().filter(is_company).cloned().collect(), terrain);
-        Ok(Self { network, config, profile, wiring, files, company, turn: Mutex::new(()) })
+        let prepared = Recent::new(PHOTOS_KEPT.max(2 * wiring.n_views));
+        Ok(Self { network, config, profile, wiring, files, company, prepared, turn: Mutex::new(()) })
     }
 
     /// What the weights may be used for, for the log.
     #[must_use]
     pub fn licence(&self) -> &str {
         &self.profile.licence
+    }
+
+    /// Most photos in one inference.
+    pub(super) fn batch(&self) -> usize {
+        self.config.batch
     }
 
     /// The view, and those that go in with it: fewer where the graph leaves the number free and there are no more.
@@ -171,42 +184,67 @@ impl NetworkPriors {
         Ok(party)
     }
 
-    /// Everything that the graph takes for a party, and the view itself as prepared.
-    fn inputs(&self, party: &[&View]) -> Result<(Vec<(String, Tensor)>, Prepared), PriorError> {
-        let first = preprocess::prepare(&self.profile, &decode(party[0])?, self.wiring.fixed_size);
-        let mut values = first.values.clone();
+    /// Rows and columns by the photo's full size, whatever it is decoded at; `None` where the profile has a size.
+    fn size_of(&self, view: &View) -> Option<(usize, usize)> {
+        let is_by_side = matches!(self.profile.fit, Fit::LongestSide | Fit::ShortestSide);
+        let camera = &view.camera;
+        is_by_side.then(|| preprocess::size(&self.profile, camera.width_px as usize, camera.height_px as usize))
+    }
+
+    /// A photo as it goes in, at `size` (rows, columns) where the graph or its company ask for one.
+    fn photo(&self, view: &View, size: Option<(usize, usize)>) -> Result<Arc<Prepared>, PriorError> {
+        let read = || Ok(preprocess::prepare(&self.profile, &photo::decode(view)?, size));
+        // Who goes in alone goes in once.
+        if self.wiring.n_views == 1 { read().map(Arc::new) } else { self.prepared.get(&(view.id.clone(), size), read) }
+    }
+
+    /// Everything that the graph takes for a view: decoding and resizing, but no inference yet.
+    pub(super) fn prepare(&self, view: &View) -> Result<Ready, PriorError> {
+        let party = self.party(view)?;
+        let first = self.photo(view, self.wiring.fixed_size.or_else(|| self.size_of(view)))?;
+        let frame = first.frame;
+        let mut values = Vec::with_capacity(party.len() * first.values.len());
+        values.extend(&first.values);
         for view in &party[1..] {
             // All of one size, as a graph takes them; photos of one camera are, and others are stretched a little.
-            let size = Some((first.rows, first.columns));
-            values.extend(preprocess::prepare(&self.profile, &decode(view)?, size).values);
+            values.extend(&self.photo(view, Some((frame.rows, frame.columns)))?.values);
         }
         let mut shape = vec![1; self.wiring.rank - 3];
         if let Some(n) = shape.get_mut(1) {
             *n = party.len();
         }
-        shape.extend([3, first.rows, first.columns]);
+        shape.extend([3, frame.rows, frame.columns]);
         let mut inputs = vec![(self.wiring.input.clone(), Tensor { shape, values })];
         for name in &self.wiring.constants {
             let value = self.profile.constants.get(name).copied().unwrap_or_default();
             let rank = self.network.inputs().iter().find(|port| port.name == *name).map_or(0, |port| port.shape.len());
             inputs.push((name.clone(), Tensor { shape: vec![1; rank], values: vec![value] }));
         }
-        let extrinsics = self.wiring.extrinsics.iter().map(|name| (name.clone(), company::extrinsics(party)));
+        let extrinsics = self.wiring.extrinsics.iter().map(|name| (name.clone(), company::extrinsics(&party)));
         inputs.extend(extrinsics);
-        let of_size = |name: &String| (name.clone(), company::intrinsics(party, first.rows, first.columns));
+        let of_size = |name: &String| (name.clone(), company::intrinsics(&party, frame.rows, frame.columns));
         inputs.extend(self.wiring.intrinsics.iter().map(of_size));
-        Ok((inputs, first))
+        Ok(Ready { inputs, frame })
     }
 
-    /// Output, then sky and mask where there are any, each cut to the photo.
-    fn run(&self, inputs: &[(String, Tensor)], prepared: &Prepared) -> Result<Vec<Raster<f32>>, PriorError> {
+    /// Outputs that are asked for: depth, then sky, mask and poses where there are any.
+    fn wanted(&self) -> Vec<&str> {
+        let Wiring { output, sky, mask, poses, .. } = &self.wiring;
+        [Some(output), sky.as_ref(), mask.as_ref(), poses.as_ref()].into_iter().flatten().map(String::as_str).collect()
+    }
+
+    /// One inference: the wanted outputs of each of the views, which are all of one size.
+    pub(super) fn infer(&self, ready: &[Ready]) -> Result<Vec<Vec<Tensor>>, PriorError> {
+        let Some((first, more)) = ready.split_first() else { return Ok(Vec::new()) };
+        let mut inputs = first.inputs.clone();
+        let image = &mut inputs[0].1;
+        for other in more {
+            image.shape[0] += 1;
+            image.values.extend(&other.inputs[0].1.values);
+        }
         let given: Vec<(&str, &Tensor)> = inputs.iter().map(|(name, tensor)| (name.as_str(), tensor)).collect();
-        let wanted: Vec<&str> = [Some(&self.wiring.output), self.wiring.sky.as_ref(), self.wiring.mask.as_ref()]
-            .into_iter()
-            .flatten()
-            .map(String::as_str)
-            .collect();
-        let results = {
+        let wanted = self.wanted();
+        let outputs = {
             let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
             // On a thread outside any pool: an engine with a pool of its own would let this thread, if it is a pool's,
             // take up the next view meanwhile, and that one would wait for the turn that this one has.
@@ -214,139 +252,127 @@ impl NetworkPriors {
             std::thread::scope(|scope| scope.spawn(run).join())
                 .unwrap_or_else(|panic| std::panic::resume_unwind(panic))?
         };
-        let form = |name: &str| if name == self.wiring.output { self.profile.form } else { Form::Map };
-        let maps = results.into_iter().zip(wanted).map(|(tensor, name)| {
-            let map = map_of(tensor, form(name)).map_err(|problem| PriorError::File {
+        output::split_batch(outputs, ready.len())
+            .map_err(|problem| PriorError::File { path: self.config.model.clone(), problem })
+    }
+
+    /// The prior in what the network gave for a view.
+    pub(super) fn finish(&self, view: &View, frame: &Frame, outputs: Vec<Tensor>) -> Result<DepthPrior, PriorError> {
+        let mut outputs = outputs.into_iter();
+        let mut map = |name: Option<&String>, form: Form| {
+            let Some((name, tensor)) = name.and_then(|name| Some((name, outputs.next()?))) else { return Ok(None) };
+            let map = output::map_of(tensor, form).map_err(|problem| PriorError::File {
                 path: self.config.model.clone(),
                 problem: format!("output {name:?}: {problem}"),
             })?;
-            Ok(cut_out(&map, prepared))
-        });
-        maps.collect()
-    }
-
-    /// Metres where the profile says how, and what is no value blanked.
-    fn settle(&self, maps: Vec<Raster<f32>>, view: &View, prepared: &Prepared) -> Raster<f32> {
-        let mut maps = maps.into_iter();
-        let mut values = maps.next().expect("the depth output was asked for");
-        let sky = self.wiring.sky.as_ref().and_then(|_| maps.next());
-        let mask = self.wiring.mask.as_ref().and_then(|_| maps.next());
-        let scale = self.profile.metres_at_focal_px.map_or(1.0, |focal_px| {
-            let camera = view.camera.resized(prepared.photo.columns as u32, prepared.photo.rows as u32);
-            (f64::midpoint(camera.fx_px, camera.fy_px) / f64::from(focal_px)) as f32
-        });
+            Ok::<_, PriorError>(Some(output::cut_out(map, frame)))
+        };
+        let depth = map(Some(&self.wiring.output), self.profile.form)?;
+        let sky = map(self.wiring.sky.as_ref(), Form::Map)?;
+        let mask = map(self.wiring.mask.as_ref(), Form::Map)?;
+        let mut values = depth.expect("the depth output was asked for");
+        let unit = self.unit(view, frame, outputs.next().as_ref())?;
         let is_possible = |v: f32| v.is_finite() && (self.profile.kind == PriorKind::InverseDepth || v > 0.0);
         for value in values.data_mut() {
-            *value = if is_possible(*value) { *value * scale } else { f32::NAN };
+            *value = if is_possible(*value) { *value * unit } else { f32::NAN };
         }
         if let Some(sky) = sky {
-            blank(&mut values, &sky, |sky| sky > self.profile.sky_above);
+            output::blank(&mut values, &sky, |sky| sky > self.profile.sky_above);
         }
         if let Some(mask) = mask {
-            blank(&mut values, &mask, |mask| mask < self.profile.mask_least || mask.is_nan());
+            output::blank(&mut values, &mask, |mask| mask < self.profile.mask_least || mask.is_nan());
         }
-        values
+        self.check_content(view, &values)?;
+        Ok(DepthPrior { values, kind: self.profile.kind, geometry: PriorGeometry::ZDepth })
     }
+
+    /// What one in the output is: metres, where the profile says how; 1 where it has no unit.
+    fn unit(&self, view: &View, frame: &Frame, poses: Option<&Tensor>) -> Result<f32, PriorError> {
+        if let Some(focal_px) = self.profile.metres_at_focal_px {
+            let camera = view.camera.resized(frame.photo.columns as u32, frame.photo.rows as u32);
+            return Ok((f64::midpoint(camera.fx_px, camera.fy_px) / f64::from(focal_px)) as f32);
+        }
+        let Some(poses) = poses else { return Ok(1.0) };
+        let party = self.party(view)?;
+        let metres = company::metres_per_unit(&party, poses).map_err(|problem| PriorError::Photo {
+            view: view.id.to_string(),
+            problem: format!("the poses that the network gives cannot be laid over the calibrated ones: {problem}"),
+            hint: "a profile without `poses_output` takes the depth without a unit".to_owned(),
+        });
+        if party.len() < 2 { Ok(1.0) } else { Ok(metres? as f32) }
+    }
+
+    fn check_content(&self, view: &View, values: &Raster<f32>) -> Result<(), PriorError> {
+        let first = values.data().iter().copied().find(|v| !v.is_nan());
+        if values.data().iter().any(|v| !v.is_nan() && Some(*v) != first) {
+            return Ok(());
+        }
+        Err(PriorError::NoInformation {
+            path: self.config.model.clone(),
+            problem: format!("for {} it gives one and the same value everywhere, or none", view.id),
+        })
+    }
+}
+
+impl Ready {
+    /// Shape of the image: what goes into one inference has one shape.
+    pub(super) fn shape(&self) -> &[usize] {
+        &self.inputs[0].1.shape
+    }
+
+    /// Where the photo is in it.
+    pub(super) fn frame(&self) -> Frame {
+        self.frame
+    }
+}
+
+/// Batches are of photos that go in alone, into graphs that leave their number free.
+fn check_batch(config: &NetworkConfig, wiring: &Wiring, inputs: &[Port]) -> Result<(), PriorError> {
+    let refuse = |problem: String, hint: &str| Err(PriorError::Config { problem, hint: hint.to_owned() });
+    let n = config.batch;
+    if !(1..=MAX_BATCH).contains(&n) {
+        return refuse(format!("`batch` is {n}, expected 1 to {MAX_BATCH}"), "photos in one inference");
+    }
+    let first = inputs.iter().find(|port| port.name == wiring.input).and_then(|port| port.shape.first().copied());
+    let is_free = first == Some(None) && wiring.n_views == 1 && wiring.extrinsics.is_none();
+    if n > 1 && !is_free {
+        let found = match first {
+            Some(Some(n)) => format!("its input {} is fixed to {n}", wiring.input),
+            _ => "it takes neighbouring photos together".to_owned(),
+        };
+        return refuse(
+            format!("`batch` is {n}, but {} cannot take several photos at once: {found}", config.model.display()),
+            "`batch = 1`, or export the graph with a free first dimension",
+        );
+    }
+    Ok(())
 }
 
 impl PriorSource for NetworkPriors {
     fn load(&self, view: &View) -> Result<DepthPrior, PriorError> {
-        let party = self.party(view)?;
-        let (inputs, prepared) = self.inputs(&party)?;
-        let maps = self.run(&inputs, &prepared)?;
-        let values = self.settle(maps, view, &prepared);
-        let first = values.data().iter().copied().find(|v| !v.is_nan());
-        let varies = values.data().iter().any(|v| !v.is_nan() && Some(*v) != first);
-        if !varies {
-            return Err(PriorError::NoInformation {
-                path: self.config.model.clone(),
-                problem: format!("for {} it gives one and the same value everywhere, or none", view.id),
-            });
-        }
-        Ok(DepthPrior { values, kind: self.profile.kind, geometry: PriorGeometry::ZDepth })
+        let ready = self.prepare(view)?;
+        let frame = ready.frame;
+        let outputs = self.infer(&[ready])?.remove(0);
+        self.finish(view, &frame, outputs)
     }
 }
 
 impl CacheKey for NetworkPriors {
     fn feed(&self, view: &View, key: &mut KeyHasher) -> Result<(), PriorError> {
-        key.bytes(b"network 2");
+        key.bytes(b"network 3");
         key.json(&self.profile);
-        // Engines and processors round differently.
-        key.json(&(self.network.engine(), &self.config.engine.providers));
+        // Engines and processors round differently. Where the choice is free, the graph and the photo's size decide.
+        key.json(&(self.config.engine.name, self.network.engine(), &self.config.engine.providers));
         for file in &self.files {
             key.file(file)?;
         }
         for member in self.party(view)? {
-            key.json(&(&member.camera, self.wiring.extrinsics.as_ref().map(|_| &member.camera_from_map)));
+            let uses_poses = self.wiring.extrinsics.is_some() || self.wiring.poses.is_some();
+            key.json(&(&member.camera, uses_poses.then_some(&member.camera_from_map)));
             if let Some(image) = &member.image {
                 key.file(image)?;
             }
         }
         Ok(())
     }
-}
-
-/// One map of an output; of several, the first: the view itself.
-fn map_of(tensor: Tensor, form: Form) -> Result<Raster<f32>, String> {
-    if form == Form::Points {
-        let [.., height, width, 3] = tensor.shape[..] else {
-            return Err(format!("its shape is {:?}, expected rows × columns × 3", tensor.shape));
-        };
-        let z = tensor.values.chunks_exact(3).take(height * width).map(|point| point[2]).collect();
-        return Raster::from_vec(width, height, z).ok_or_else(|| "it is empty".to_owned());
-    }
-    let shape = MapShape::of(&tensor.shape)?;
-    let mut values = tensor.values;
-    values.truncate(shape.cells());
-    Ok(shape.raster(values))
-}
-
-/// The part that shows the photo: of a letterbox the middle.
-fn cut_out(map: &Raster<f32>, prepared: &Prepared) -> Raster<f32> {
-    let Cut { col, row, columns, rows } = prepared.photo;
-    if (columns, rows) == (prepared.columns, prepared.rows) {
-        return map.clone();
-    }
-    // Outputs can be smaller than inputs.
-    let at = |n: usize, of: usize, size: usize| (n * size + of / 2) / of;
-    let (left, right) = (at(col, prepared.columns, map.width()), at(col + columns, prepared.columns, map.width()));
-    let (top, bottom) = (at(row, prepared.rows, map.height()), at(row + rows, prepared.rows, map.height()));
-    let lines = (top..bottom).flat_map(|y| (left..right).map(move |x| map[(x, y)]));
-    Raster::from_vec(right - left, bottom - top, lines.collect()).expect("one value per cell")
-}
-
-/// Blanks values by another map of the same shape; another shape says nothing about them.
-fn blank(values: &mut Raster<f32>, by: &Raster<f32>, is_none: impl Fn(f32) -> bool) {
-    if (by.width(), by.height()) == (values.width(), values.height()) {
-        for (value, by) in values.data_mut().iter_mut().zip(by.data()) {
-            if is_none(*by) {
-                *value = f32::NAN;
-            }
-        }
-    }
-}
-
-/// The photo in colour, grey ones three times the same; never whole at once where it is larger than networks see.
-fn decode(view: &View) -> Result<Raster<Rgb>, PriorError> {
-    let path = view.image.as_deref().ok_or_else(|| PriorError::Photo {
-        view: view.id.to_string(),
-        problem: "its photo is not known".to_owned(),
-        hint: "a network needs the photo's file".to_owned(),
-    })?;
-    let file = RasterFile::open(path)?;
-    let (width, height) = file.size();
-    let fraction = width.max(height).div_ceil(DECODE_SIDE_PX);
-    let size = (width.div_ceil(fraction), height.div_ceil(fraction));
-    let whole = Window { col: 0, row: 0, width, height };
-    let resampling = if fraction == 1 { Resampling::Nearest } else { Resampling::Average };
-    let mut photo = Raster::filled(size.0, size.1, [0_u8; 3]);
-    let n_bands = if file.n_bands() >= 3 { 3 } else { 1 };
-    for band in 0..n_bands {
-        let values = file.read_window(band + 1, whole, size, resampling)?;
-        for (pixel, value) in photo.data_mut().iter_mut().zip(values.data()) {
-            let byte = value.round().clamp(0.0, 255.0) as u8; // NaN becomes 0
-            if n_bands == 1 { *pixel = [byte; 3] } else { pixel[band] = byte }
-        }
-    }
-    Ok(photo)
 }

@@ -9,9 +9,16 @@ use crate::raster::Raster;
 pub struct Prepared {
     /// `3 × rows × columns`, normalised.
     pub values: Vec<f32>,
-    /// Rows of it.
+    /// Its size, and what of it is the photo.
+    pub frame: Frame,
+}
+
+/// Where a photo is in what a network takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Frame {
+    /// Rows that the network takes.
     pub rows: usize,
-    /// Columns of it.
+    /// Columns that it takes.
     pub columns: usize,
     /// Where the photo is in it: all of it, but for letterboxes.
     pub photo: Cut,
@@ -91,7 +98,7 @@ pub fn prepare(profile: &Profile, photo: &Raster<Rgb>, fixed_size: Option<(usize
         }
     };
     let channel = |c: usize| brightness.data().iter().map(move |pixel| (pixel[c] - profile.mean[c]) / profile.std[c]);
-    Prepared { values: (0..3).flat_map(channel).collect(), rows, columns, photo: photo_cut }
+    Prepared { values: (0..3).flat_map(channel).collect(), frame: Frame { rows, columns, photo: photo_cut } }
 }
 
 /// As large as fits, in the middle, colour around it.
@@ -148,7 +155,7 @@ mod tests {
         let v2 = by_name("depth-anything-v2").unwrap();
         let grey = Raster::filled(20, 20, [255_u8, 0, 128]);
         let prepared = prepare(&v2, &grey, Some((14, 28)));
-        assert_eq!((prepared.rows, prepared.columns), (14, 28));
+        assert_eq!((prepared.frame.rows, prepared.frame.columns), (14, 28));
         let first = |c: usize| prepared.values[c * 14 * 28];
         assert!((first(0) - (1.0 - 0.485) / 0.229).abs() < 1e-5);
         assert!((first(1) - (0.0 - 0.456) / 0.224).abs() < 1e-5);
@@ -191,7 +198,7 @@ mod tests {
         for (name, (width, height), side_px, size_px, expected) in cases {
             let profile = Profile { side_px, size_px, ..by_name(name).unwrap() };
             let found = prepare(&profile, &photo(width, height), None);
-            assert_eq!(found.values.len(), expected.len(), "{name}: {} × {}", found.columns, found.rows);
+            assert_eq!(found.values.len(), expected.len(), "{name}: {:?}", found.frame);
             let differences = found.values.iter().zip(&expected).map(|(a, b)| (a - b).abs());
             let worst = differences.clone().fold(0.0, f32::max);
             let n_off = differences.filter(|d| *d > 1e-4).count();

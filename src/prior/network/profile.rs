@@ -46,6 +46,10 @@ pub struct Company {
     pub extrinsics: Vec<String>,
     /// Names of an input of calibration matrices, `1 × n × 3 × 3`, in pixels of the resized photos.
     pub intrinsics: Vec<String>,
+    /// Names of an output of poses, `1 × n × 3 × 4` or `1 × n × 4 × 4`: world to camera, in the unit of the depth. Laid
+    /// over the calibrated ones, they bring the depth to metres.
+    #[serde(default)]
+    pub poses_output: Vec<String>,
 }
 
 /// One kind of depth network.
@@ -171,6 +175,8 @@ pub struct Wiring {
     pub sky: Option<String>,
     /// Mask or confidence, if the graph has it.
     pub mask: Option<String>,
+    /// Output of poses, if the graph has it.
+    pub poses: Option<String>,
 }
 
 fn names(ports: &[Port]) -> String {
@@ -252,6 +258,7 @@ impl Profile {
             output,
             sky: optional(&self.sky_output),
             mask: optional(&self.mask_output),
+            poses: self.company.as_ref().and_then(|company| pick(&company.poses_output, outputs)),
         })
     }
 
@@ -303,6 +310,7 @@ mod tests {
         let outputs = ["predicted_depth", "confidence", "extrinsics", "intrinsics"];
         let wiring = of("da3-anyview", &many, &outputs).unwrap();
         assert_eq!((wiring.rank, wiring.n_views, wiring.extrinsics), (5, 4, None));
+        assert_eq!(wiring.poses.as_deref(), Some("extrinsics"));
         assert_eq!(of("da3-anyview", &[image(&[any, Some(2), Some(3), any, any])], &["depth"]).unwrap().n_views, 2);
         assert!(of("da3-mono", &[image(&[any, Some(2), Some(3), any, any])], &["depth"]).is_err());
         let moge = [image(&[any, Some(3), any, any]), Port::floats("num_tokens", &[])];

@@ -1,0 +1,37 @@
+//! What a graph is, before anything is computed with it.
+
+use std::path::Path;
+
+use super::profile::{self, Profile, Wiring};
+use crate::onnx::{EngineChoice, EngineConfig, Network, Outline, Port};
+use crate::prior::PriorError;
+
+/// What a graph wants and gives, and which built-in profiles fit it.
+#[derive(Debug)]
+pub struct Inspection {
+    /// Its inputs.
+    pub inputs: Vec<Port>,
+    /// Its outputs.
+    pub outputs: Vec<Port>,
+    /// The engine that runs it.
+    pub engine: EngineChoice,
+    /// What its file is made of.
+    pub outline: Outline,
+    /// Every built-in profile with its wiring, or why it does not fit.
+    pub profiles: Vec<(Profile, Result<Wiring, String>)>,
+}
+
+/// Looks at a graph without running it.
+///
+/// # Errors
+/// [`PriorError::Network`] if the engine cannot load it.
+pub fn inspect(model: &Path, engine: &EngineConfig) -> Result<Inspection, PriorError> {
+    let network = Network::open_with(model, engine)?;
+    let (inputs, outputs) = (network.inputs().to_vec(), network.outputs().to_vec());
+    let wired = profile::built_in().into_iter().map(|profile| {
+        let wiring = profile.wire(&inputs, &outputs);
+        (profile, wiring)
+    });
+    let profiles = wired.collect();
+    Ok(Inspection { inputs, outputs, engine: network.engine(), outline: Outline::read(model)?, profiles })
+}
