@@ -36,6 +36,8 @@ def cartesian_prod(first, second):
 
 
 torch.meshgrid, torch.cartesian_prod = meshgrid, cartesian_prod
+# The exporter of PyTorch 1.13 does not know this name of a transposition.
+torch.Tensor.mT = property(lambda matrices: matrices.transpose(-2, -1))
 if not hasattr(torch.nn.functional, "scaled_dot_product_attention"):
     torch.nn.functional.scaled_dot_product_attention = attention
 
@@ -105,8 +107,10 @@ def depth_anything_3(folder):
     # Its position embeddings are traced for the example's size whatever is declared free, so the size is fixed.
     export(OnePhoto(), ["image"], ["depth"], torch.zeros(1, 3, 378, 504), None, folder / "fixed.onnx")
     fold(folder / "fixed.onnx", folder / "da3-small-378x504.onnx")
+    depth_anything_3_with_poses(folder, network)
 
 
+def depth_anything_3_with_poses(folder, network):
     class WithPoses(torch.nn.Module):
         def __init__(self):
             super().__init__()

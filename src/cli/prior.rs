@@ -130,7 +130,7 @@ fn print_table(inspection: &Inspection) {
         EngineChoice::Auto | EngineChoice::Rten => "the embedded engine",
     };
     println!(
-        "runs in {engine}; operators of version {}, {} nodes",
+        "loaded by {engine}; operators of version {}, {} nodes",
         outline.opset,
         outline.operators.values().sum::<usize>()
     );

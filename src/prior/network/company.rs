@@ -74,12 +74,13 @@ pub(super) fn metres_per_unit(views: &[&View], poses: &Tensor) -> Result<f64, St
     let spread_m2: f64 = given.iter().map(|g| (g - mean_given).length_squared()).sum();
     let outer = |a: DVec3, b: DVec3| DMat3::from_cols(a * b.x, a * b.y, a * b.z);
     let h = found.iter().zip(&given).fold(DMat3::ZERO, |sum, (p, g)| sum + outer(p - mean_found, g - mean_given));
-    let [largest, middle, least] = eigenvalues(&(h.transpose() * h)).map(|v| v.max(0.0).sqrt());
+    let [largest, middle, least] = singular_values(&h);
     let metres = spread_m2 / (largest + middle + least.copysign(h.determinant()));
     if metres.is_finite() && metres > 0.0 {
         return Ok(metres);
     }
-    Err(format!("their centres lie {:.3} apart, the cameras {:.3} m", largest.sqrt(), spread_m2.sqrt()))
+    let spread: f64 = found.iter().map(|p| (p - mean_found).length_squared()).sum();
+    Err(format!("their centres lie {:.3} units apart, the cameras {:.3} m", spread.sqrt(), spread_m2.sqrt()))
 }
 
 /// Projection centre of a pose, row-major, world to camera: `−Rᵀ·t`.
@@ -89,18 +90,24 @@ fn centre(pose: &[f32]) -> DVec3 {
     -(0..3).map(|i| row(i) * at(i, 3)).sum::<DVec3>()
 }
 
-/// Of a symmetric matrix, largest first (by the trigonometric solution of its characteristic equation).
-fn eigenvalues(a: &DMat3) -> [f64; 3] {
-    let mean = (a.col(0).x + a.col(1).y + a.col(2).z) / 3.0;
-    let shifted = *a - DMat3::from_diagonal(DVec3::splat(mean));
-    let size = (shifted.to_cols_array().iter().map(|v| v * v).sum::<f64>() / 6.0).sqrt();
-    if size == 0.0 {
-        return [mean; 3];
+/// Largest first: columns are turned pairwise until they are at right angles (Hestenes 1958), which keeps the digits of
+/// small ones, as two views and straight flights have.
+fn singular_values(matrix: &DMat3) -> [f64; 3] {
+    const SWEEPS: usize = 12;
+    let mut columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
+    for (i, j) in [(0, 1), (0, 2), (1, 2)].into_iter().cycle().take(3 * SWEEPS) {
+        let (a, b) = (columns[i], columns[j]);
+        let dot = a.dot(b);
+        if dot != 0.0 {
+            let half = (b.length_squared() - a.length_squared()) / (2.0 * dot);
+            let tangent = half.signum() / (half.abs() + half.hypot(1.0));
+            let (cosine, sine) = (1.0 / tangent.hypot(1.0), tangent / tangent.hypot(1.0));
+            (columns[i], columns[j]) = (a * cosine - b * sine, a * sine + b * cosine);
+        }
     }
-    let angle = ((shifted * (1.0 / size)).determinant() / 2.0).clamp(-1.0, 1.0).acos() / 3.0;
-    let value = |turn: f64| mean + 2.0 * size * (angle + turn).cos();
-    let third = std::f64::consts::TAU / 3.0;
-    [value(0.0), value(2.0 * third), value(third)]
+    let mut lengths = columns.map(DVec3::length);
+    lengths.sort_unstable_by(|a, b| b.total_cmp(a));
+    lengths
 }
 
 #[cfg(test)]
@@ -154,7 +161,7 @@ mod tests {
         let mut poses = in_another_world(&[&a, &b]);
         assert!(metres_per_unit(&[&a, &b, &a], &poses).unwrap_err().contains("1 × 3 × 3 × 4"));
         poses.values.fill(0.0);
-        assert!(metres_per_unit(&[&a, &b], &poses).unwrap_err().contains("0.000 apart"));
+        assert!(metres_per_unit(&[&a, &b], &poses).unwrap_err().contains("0.000 units apart"));
     }
 
     #[test]
