@@ -36,8 +36,8 @@ def cartesian_prod(first, second):
 
 
 torch.meshgrid, torch.cartesian_prod = meshgrid, cartesian_prod
-# The exporter of PyTorch 1.13 does not know this name of a transposition.
-torch.Tensor.mT = property(lambda matrices: matrices.transpose(-2, -1))
+# The exporter of PyTorch 1.13 does not know this name of a transposition; here it is only used on 1 × n × 3 × 3.
+torch.onnx.register_custom_op_symbolic("aten::mT", lambda g, matrices: g.op("Transpose", matrices, perm_i=[0, 1, 3, 2]), 9)
 if not hasattr(torch.nn.functional, "scaled_dot_product_attention"):
     torch.nn.functional.scaled_dot_product_attention = attention
 
