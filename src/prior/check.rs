@@ -64,7 +64,7 @@ pub fn judge_tag(correlations: &[(ViewId, f64)]) -> Option<Issue> {
     }
     if median < UNRELATED_BELOW {
         let message = format!("the prior does not follow the ground: {found}, expected it clearly positive");
-        let hint = "do the files belong to these photos, in this order and orientation?";
+        let hint = "is `kind` right, and `nodata` where holes are stored as a number? Do the files belong to these photos, in this order and orientation?";
         return Some(Issue::new(Severity::Warning, "prior_unrelated_to_ground", about, message).hint(hint));
     }
     None
