@@ -4,14 +4,12 @@ use glam::DVec3;
 
 use super::super::cityjson::read::CitySurface;
 use super::super::planar::{cross, is_inside, segments_meet, twice_area};
+use super::groups::Groups;
 use super::snap::Snapped;
 use super::{Code, ValidateConfig};
 
 /// Cells per snap tolerance when positions are rounded within a face.
 const CELLS_PER_TOLERANCE: f64 = 10.0;
-
-/// Triangles smaller than this say nothing about a face's direction, square metres (val3dity leaves out slivers too).
-const MIN_TRIANGLE_M2: f64 = 1e-4;
 
 /// A sound face.
 pub struct Face {
@@ -71,14 +69,17 @@ impl Face {
         indices.chunks_exact(3).map(|t| [corners[t[0]], corners[t[1]], corners[t[2]]]).collect()
     }
 
-    /// 204: a triangle turned out of the face's plane.
+    /// 204: a triangle turned out of the face's plane. One that is no higher than vertices may lie off the plane says nothing
+    /// about a direction.
     fn turned_parts(&self, flat: &[Vec<[i64; 2]>], snapped: &Snapped, config: &ValidateConfig) -> Vec<FaceFault> {
         let min_cosine = config.planarity_normal_deg.to_radians().cos();
         let turned = self.triangles(flat).into_iter().find(|triangle| {
             let [a, b, c] = triangle.map(|i| DVec3::from_array(snapped.points[i]));
             let area = (b - a).cross(c - a);
+            let longest = (b - a).length().max((c - b).length()).max((a - c).length());
             // The triangulation may turn either way round; only the plane counts.
-            area.length() / 2.0 >= MIN_TRIANGLE_M2 && area.normalize().dot(self.normal).abs() < min_cosine
+            area.length() > config.planarity_distance_m * longest
+                && area.normalize().dot(self.normal).abs() < min_cosine
         });
         let fault = |t: [usize; 3]| (Code::NonPlanarPolygonNormalsDeviation, snapped.position(t[0]));
         turned.map(fault).into_iter().collect()
@@ -154,16 +155,36 @@ fn distance_faults(rings: &[Vec<usize>], normal: DVec3, snapped: &Snapped, confi
     farthest.filter(is_off).map(fault).into_iter().collect()
 }
 
+/// 205: rings that touch each other in a circle, as two holes and the exterior in three points, cut the face in two.
+fn cuts_interior(touches: &[(usize, [i64; 2])], n_rings: usize) -> bool {
+    let mut incidences = touches.to_vec();
+    incidences.sort_unstable();
+    incidences.dedup();
+    let mut points: Vec<[i64; 2]> = incidences.iter().map(|(_, point)| *point).collect();
+    points.sort_unstable();
+    points.dedup();
+    let mut groups = Groups::new(n_rings + points.len());
+    // A ring and a point that are joined already: a way round.
+    !incidences
+        .iter()
+        .all(|(ring, point)| points.binary_search(point).is_ok_and(|position| groups.join(*ring, n_rings + position)))
+}
+
 /// 201, 202, 205–208: each hole against the exterior and the holes before it.
 fn between_rings(flat: &[Vec<[i64; 2]>], place: &impl Fn(usize, usize) -> [f64; 3]) -> Vec<FaceFault> {
     let mut faults = Vec::new();
+    let mut touches: Vec<(usize, [i64; 2])> = Vec::new();
     let exterior_turns = twice_area(&flat[0]).signum();
     for (h, hole) in flat.iter().enumerate().skip(1) {
         for (o, other) in flat.iter().enumerate().take(h) {
-            let code = match Contact::between(hole, other) {
+            let contact = Contact::between(hole, other);
+            if let Contact::Touching(points) = &contact {
+                touches.extend(points.iter().flat_map(|&point| [(h, point), (o, point)]));
+            }
+            let code = match contact {
                 Contact::Same => Some(Code::DuplicatedRings),
                 Contact::Crossing => Some(Code::IntersectionRings),
-                Contact::Touching(n) if n > 1 => Some(Code::PolygonInteriorDisconnected),
+                Contact::Touching(points) if points.len() > 1 => Some(Code::PolygonInteriorDisconnected),
                 Contact::Apart | Contact::Touching(_) => match (o, side(hole, other)) {
                     (0, Side::Outside) => Some(Code::InnerRingOutside),
                     (1.., Side::Inside) => Some(Code::InnerRingsNested),
@@ -177,14 +198,17 @@ fn between_rings(flat: &[Vec<[i64; 2]>], place: &impl Fn(usize, usize) -> [f64; 
             faults.push((Code::OrientationRingsSame, place(h, 0)));
         }
     }
+    if faults.is_empty() && cuts_interior(&touches, flat.len()) {
+        faults.push((Code::PolygonInteriorDisconnected, place(flat.len() - 1, 0)));
+    }
     faults
 }
 
 /// How two rings meet.
 enum Contact {
     Apart,
-    /// In this many points, without crossing.
-    Touching(usize),
+    /// In these points, without crossing.
+    Touching(Vec<[i64; 2]>),
     /// They cross, or share a piece of an edge.
     Crossing,
     /// They have the same points.
@@ -228,7 +252,7 @@ impl Contact {
         } else if side(a, b) == Side::Both {
             Self::Crossing
         } else {
-            Self::Touching(touches.len())
+            Self::Touching(touches)
         }
     }
 }
