@@ -114,7 +114,9 @@ fn vertex_faults(faces: &[Face], snapped: &Snapped) -> Vec<Found> {
 fn n_components(n_faces: usize, edges: &BTreeMap<[usize; 2], Uses>) -> usize {
     let mut groups = Groups::new(n_faces);
     for uses in edges.values() {
-        uses.windows(2).for_each(|pair| drop(groups.join(pair[0].0, pair[1].0)));
+        for pair in uses.windows(2) {
+            groups.join(pair[0].0, pair[1].0);
+        }
     }
     groups.count()
 }
