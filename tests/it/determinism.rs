@@ -88,7 +88,11 @@ fn a_result_runs_again_from_its_own_configuration_where_it_was_moved_to() {
     // Looked at from here, under its new name: the settings are those of the run.
     let look = |config: &str| {
         let mut command = sizeup();
-        command.args(["look", "--quiet", "oblique", "--output"]).arg(moved.join("panel.png")).arg(moved.join(config));
+        command
+            .args(["look", "--quiet"])
+            .arg(moved.join(config))
+            .args(["oblique", "--output"])
+            .arg(moved.join("panel.png"));
         command.assert().success();
     };
     look("sizeup.toml");

@@ -11,6 +11,9 @@ use super::{Code, ValidateConfig};
 /// Cells per snap tolerance when positions are rounded within a face.
 const CELLS_PER_TOLERANCE: f64 = 10.0;
 
+/// Triangles smaller than this say nothing about a face's direction, square metres (val3dity leaves out slivers too).
+const MIN_TRIANGLE_M2: f64 = 1e-4;
+
 /// A sound face.
 pub struct Face {
     /// Surface of the shell.
@@ -69,17 +72,14 @@ impl Face {
         indices.chunks_exact(3).map(|t| [corners[t[0]], corners[t[1]], corners[t[2]]]).collect()
     }
 
-    /// 204: a triangle turned out of the face's plane. One that is no higher than vertices may lie off the plane says nothing
-    /// about a direction.
+    /// 204: a triangle turned out of the face's plane.
     fn turned_parts(&self, flat: &[Vec<[i64; 2]>], snapped: &Snapped, config: &ValidateConfig) -> Vec<FaceFault> {
         let min_cosine = config.planarity_normal_deg.to_radians().cos();
         let turned = self.triangles(flat).into_iter().find(|triangle| {
             let [a, b, c] = triangle.map(|i| DVec3::from_array(snapped.points[i]));
             let area = (b - a).cross(c - a);
-            let longest = (b - a).length().max((c - b).length()).max((a - c).length());
             // The triangulation may turn either way round; only the plane counts.
-            area.length() > config.planarity_distance_m * longest
-                && area.normalize().dot(self.normal).abs() < min_cosine
+            area.length() / 2.0 >= MIN_TRIANGLE_M2 && area.normalize().dot(self.normal).abs() < min_cosine
         });
         let fault = |t: [usize; 3]| (Code::NonPlanarPolygonNormalsDeviation, snapped.position(t[0]));
         turned.map(fault).into_iter().collect()

@@ -14,6 +14,8 @@ use super::{Code, Found};
 
 /// Fewest faces that enclose a volume.
 const MIN_FACES: usize = 4;
+/// Faces that come this near, in snap tolerances, touch: what is farther is how bent faces meet beside a long edge.
+const TOUCHING: f64 = 0.01;
 
 /// The uses of one undirected edge: face, and whether in the direction from the lower to the higher index.
 type Uses = Vec<(usize, bool)>;
@@ -167,7 +169,7 @@ fn piercing(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
 fn touching(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
     let point = |i: usize| DVec3::from_array(snapped.points[i]);
     let origin = point(other.rings[0][0]);
-    let is_on_plane = |at: DVec3| (at - origin).dot(other.normal).abs() <= snapped.tolerance_m;
+    let is_on_plane = |at: DVec3| (at - origin).dot(other.normal).abs() <= TOUCHING * snapped.tolerance_m;
     let is_in = |at: &DVec3| is_on_plane(*at) && is_within(*at, other, snapped);
     face_edges(face).find_map(|[a, b]| {
         let (a, b) = (point(a), point(b));
