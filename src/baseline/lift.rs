@@ -95,15 +95,7 @@ pub fn metric_lift(problem: &Problem<'_>, optimise: &OptimiseConfig, config: &Li
     (problem.progress)(Solving::Epochs, config.rounds.max(1), config.rounds.max(1));
     let heights = lifted.iter().zip(&heights_m).map(|(levels, height_m)| solved(levels, *height_m, scene)).collect();
     let used_views = (0..views.len()).filter(|&v| views[v].is_some()).collect();
-    Solution {
-        heights,
-        history,
-        used_views,
-        spill_px: 0.0,
-        spills_px: Vec::new(),
-        other_levels: Vec::new(),
-        failed_views,
-    }
+    Solution { heights, history, used_views, failed_views, ..Solution::default() }
 }
 
 fn median_height(levels: &[(usize, f64)]) -> Option<f64> {

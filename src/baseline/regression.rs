@@ -120,16 +120,9 @@ pub fn regression(problem: &Problem<'_>, optimise: &OptimiseConfig, config: &Reg
             reasons: reasons.into_iter().collect(),
         }
     };
+    let heights = heights_m.iter().zip(seen_in).map(solved).collect();
     let used_views = (0..views.len()).filter(|&v| views[v].is_some()).collect();
-    Solution {
-        heights: heights_m.iter().zip(seen_in).map(solved).collect(),
-        history,
-        used_views,
-        spill_px: 0.0,
-        spills_px: Vec::new(),
-        other_levels: Vec::new(),
-        failed_views,
-    }
+    Solution { heights, history, used_views, failed_views, ..Solution::default() }
 }
 
 fn load(problem: &Problem<'_>, optimise: &OptimiseConfig) -> (Vec<Option<View>>, Vec<(usize, String)>) {

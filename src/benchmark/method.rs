@@ -73,6 +73,27 @@ const INSET_M: f64 = 0.5;
 const MIN_POINTS: usize = 5;
 
 impl Method {
+    /// What it does, in a line.
+    #[must_use]
+    pub fn definition(self) -> &'static str {
+        match self {
+            Self::Paper => "the publication's optimiser: ordinal hinge and Adam",
+            Self::Robust => "local search over the correlation of rendered depth and prior",
+            Self::MetricLift => "each view's prior to metres on free ground, roof pixels lifted, medians per building",
+            Self::RegressionL1 => "absolute differences of normalised inverse depth made small by Adam, in all views",
+            Self::RegressionL2 => "squared differences of normalised inverse depth made small by Adam, in all views",
+            Self::PointsP50 => "median of a point cloud inside each outline, minus the ground",
+            Self::PointsP70 => "70th percentile of a point cloud inside each outline, minus the ground",
+            Self::PointsP90 => "90th percentile of a point cloud inside each outline, minus the ground",
+            Self::Constant => "the median of known heights for every building",
+            Self::Neighbourhood => "the median height of the five nearest known buildings",
+            Self::ConvexHull => "convex hull in space of a point cloud inside each outline",
+            Self::StackedPrisms => {
+                "prisms from slabs of a point cloud, a new one where the hull grows (after ProxyRecon)"
+            }
+        }
+    }
+
     /// All, in the order of the tables.
     pub const ALL: [Self; 12] = [
         Self::Paper,

@@ -7,8 +7,8 @@ use clap::Args;
 
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print_json};
 use crate::benchmark::{Aids, Method};
-use crate::cloud;
 use crate::config::RunConfig;
+use crate::evaluate::cloud_in_project;
 use crate::evaluate::read::{TruthOptions, read_truth};
 use crate::evaluate::solid::write_obj;
 use crate::optimise::{OptimiseConfig, Problem};
@@ -32,7 +32,8 @@ pub struct BaselineArgs {
     /// Folder of the results (not that of a run).
     #[arg(long, short, value_name = "FOLDER")]
     pub output: PathBuf,
-    /// Point cloud (LAS, LAZ, XYZ) in the project's CRS, for the methods that need one.
+    /// Point cloud (LAS, LAZ, XYZ), for the methods that need one. It is brought to the project's CRS; one that states none
+    /// is taken to be in it.
     #[arg(long, value_name = "FILE")]
     pub cloud: Option<PathBuf>,
     /// Layer with known heights, for `constant` (their median) and `neighbourhood`.
@@ -46,8 +47,9 @@ pub struct BaselineArgs {
 /// The methods that are no solver of `sizeup run`.
 fn names() -> clap::builder::PossibleValuesParser {
     let solvers = [Method::Paper, Method::Robust];
-    let names = Method::ALL.into_iter().filter(|m| !solvers.contains(m)).map(Method::name);
-    clap::builder::PossibleValuesParser::new(names)
+    let methods = Method::ALL.into_iter().filter(|method| !solvers.contains(method));
+    let value = |method: Method| clap::builder::PossibleValue::new(method.name()).help(method.definition());
+    clap::builder::PossibleValuesParser::new(methods.map(value))
 }
 
 pub(super) fn run(args: &BaselineArgs, global: &Global) -> Result<u8, Failure> {
@@ -89,7 +91,7 @@ fn aids(method: Method, args: &BaselineArgs, config: &RunConfig) -> Result<Aids,
     let mut aids = Aids::default();
     if method.needs_points() {
         let path = args.cloud.as_ref().ok_or_else(|| needs("--cloud FILE"))?;
-        let cloud = cloud::read(path).map_err(|e| Failure::new(3, &e))?;
+        let cloud = cloud_in_project(path, &config.project.crs).map_err(|e| Failure::new(3, &e))?;
         aids.points = cloud.of_buildings();
     }
     if method.needs_known() {

@@ -38,15 +38,19 @@ pub struct EvaluateArgs {
     /// Level of detail of the reference's geometry (default: its highest).
     #[arg(long, value_name = "LOD")]
     pub lod: Option<String>,
-    /// CRS to compare in (default: the result's).
+    /// CRS to compare in, projected and in metres (default: the result's). Its vertical part says what levels of a result
+    /// count from that does not say so.
     #[arg(long, value_name = "CRS")]
     pub crs: Option<String>,
-    /// CRS of a reference that states none.
+    /// CRS of a reference that states none, or none with a vertical part.
     #[arg(long, value_name = "CRS")]
     pub truth_crs: Option<String>,
     /// Declare that levels of both files count from the same zero, so that surfaces and volumes can be compared.
     #[arg(long)]
     pub same_vertical: bool,
+    /// Metres to add to levels of the reference so that they count from the result's zero, where PROJ lacks the grid.
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true, conflicts_with = "same_vertical")]
+    pub level_shift: Option<f64>,
     /// Compare heights only: no outlines, surfaces and volumes.
     #[arg(long)]
     pub heights_only: bool,
@@ -102,7 +106,7 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
             ..CloudTruthOptions::default()
         },
         heights: HeightOptions::default(),
-        has_same_vertical: args.same_vertical,
+        level_shift_m: args.level_shift.or(args.same_vertical.then_some(0.0)),
         with_shapes: !args.heights_only,
         pictures: args.pictures.clone(),
         seed: 0,

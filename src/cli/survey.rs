@@ -10,6 +10,7 @@ use super::{Failure, Global, Ui, print_json};
 use crate::crs::Crs;
 use crate::footprint::{self, FootprintSource, MaskConfig, MaskFiles, OutlineSource as _};
 use crate::output::picture;
+use crate::paths::resolved;
 use crate::survey::{
     self, CornerErrors, GroundPolygons, Reading, Site, Survey, SurveyConfig, SurveyReport, Target, View, ViewKind,
 };
@@ -328,13 +329,10 @@ fn settings_of(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>
     };
     let mut settings: Settings = crate::config::parse(&text, Some(name), &args.assignments).map_err(|e| usage(&e))?;
     let folder = args.config.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
-    settings.survey.resolve_paths(folder);
-    if let Some(dtm) = settings.terrain.as_mut().and_then(|terrain| terrain.dtm.as_mut()) {
-        *dtm = folder.join(&*dtm);
-    }
-    if let Some(footprints) = &mut settings.footprints {
-        footprints.resolve_paths(folder);
-    }
+    let resolve = &mut |path: &mut PathBuf| *path = resolved(folder, path);
+    settings.survey.visit_paths(resolve);
+    settings.terrain.iter_mut().filter_map(|terrain| terrain.dtm.as_mut()).for_each(&mut *resolve);
+    settings.footprints.iter_mut().for_each(|footprints| footprints.visit_paths(resolve));
     Ok(settings)
 }
 

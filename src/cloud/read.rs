@@ -9,6 +9,9 @@ use glam::DVec3;
 use super::{Cloud, instances};
 use crate::files::{FileError, write_whole};
 
+/// Values of GeoTIFF's key of the vertical system that are EPSG codes.
+const CODES: std::ops::Range<u16> = 1_024..32_767;
+
 /// Why a cloud cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum CloudError {
@@ -109,12 +112,10 @@ fn read_las(path: &Path) -> Result<Cloud, CloudError> {
     let header = reader.header();
     let wkt = header.get_wkt_crs_bytes().and_then(|bytes| std::str::from_utf8(bytes).ok());
     let crs = wkt.map(|text| text.trim_end_matches('\0').to_owned()).or_else(|| {
-        header
-            .get_geotiff_crs()
-            .ok()
-            .flatten()
-            .and_then(|crs| crs.get_projected_crs_geo_key_value())
-            .map(|code| format!("EPSG:{code}"))
+        let keys = header.get_geotiff_crs().ok().flatten()?;
+        let plane = keys.get_projected_crs_geo_key_value()?;
+        let heights = keys.get_vertical_crs_geo_key_value().filter(|code| CODES.contains(code));
+        Some(heights.map_or_else(|| format!("EPSG:{plane}"), |heights| format!("EPSG:{plane}+{heights}")))
     });
     let vlrs = header.vlrs().clone();
     let data = reader.read_all().map_err(failed)?;

@@ -16,6 +16,7 @@ use crate::optimise::OptimiseConfig;
 use crate::output::cityjson::CityJsonConfig;
 use crate::output::fallback::FallbackConfig;
 use crate::output::geopackage::GeoPackageConfig;
+use crate::paths::{OwnPaths, PathVisitor, resolved};
 use crate::prior::PriorConfig;
 use crate::report::ReportConfig;
 use crate::survey::SurveyConfig;
@@ -82,6 +83,9 @@ pub struct RunConfig {
     /// The results.
     #[serde(default)]
     pub output: OutputConfig,
+    /// Which paths were relative in the file.
+    #[serde(skip)]
+    own_paths: OwnPaths,
 }
 
 /// The frame of the project.
@@ -143,10 +147,9 @@ impl RunConfig {
         let text =
             std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(""));
-        Self::from_text(&text, path, assignments).map(|mut config| {
-            config.resolve_paths(folder);
-            config
-        })
+        let mut config: Self = parse(&text, Some(path), assignments)?;
+        config.resolve_paths(folder);
+        Ok(config)
     }
 
     /// As [`Self::load`], for work that needs no depth priors: a file without `[prior]` will do.
@@ -163,24 +166,48 @@ impl RunConfig {
         Self::load(path, &assignments)
     }
 
-    /// Reads the text of a file; `path` is for messages only.
+    /// Reads the text of a file, its paths relative to the working folder; `path` is for messages only.
     ///
     /// # Errors
     /// [`ConfigError`].
     pub fn from_text(text: &str, path: &Path, assignments: &[String]) -> Result<Self, ConfigError> {
-        parse(text, Some(path), assignments)
+        let mut config: Self = parse(text, Some(path), assignments)?;
+        config.resolve_paths(Path::new(""));
+        Ok(config)
     }
 
     fn resolve_paths(&mut self, folder: &Path) {
-        let resolve = |path: &mut PathBuf| *path = folder.join(&*path);
-        resolve(&mut self.project.output);
-        self.survey.resolve_paths(folder);
-        self.footprints.resolve_paths(folder);
-        self.terrain.dtm.iter_mut().for_each(resolve);
-        self.prior.resolve_paths(folder);
+        let mut own = OwnPaths::new(folder);
+        self.project.output = resolved(folder, &self.project.output);
+        self.visit_inputs(&mut |path| own.resolve(path));
+        self.own_paths = own;
     }
 
-    /// As TOML, for the file beside the results.
+    /// Visits every path but that of the results.
+    fn visit_inputs(&mut self, visit: PathVisitor<'_>) {
+        self.survey.visit_paths(visit);
+        self.footprints.visit_paths(visit);
+        self.terrain.dtm.iter_mut().for_each(&mut *visit);
+        self.prior.visit_paths(visit);
+    }
+
+    /// As it is saved beside the results: results go where the file is, and inputs are found from there (see
+    /// [`crate::paths`]). It does not depend on the folder a command was given in, and saving it again changes nothing.
+    #[must_use]
+    pub fn saved(&self) -> Self {
+        let mut saved = self.clone();
+        saved.project.output = PathBuf::from(".");
+        saved.visit_inputs(&mut |path| *path = self.saved_path(path));
+        saved
+    }
+
+    /// How a path of the input is written into the results.
+    #[must_use]
+    pub fn saved_path(&self, path: &Path) -> PathBuf {
+        self.own_paths.saved(path, &self.project.output)
+    }
+
+    /// As TOML.
     ///
     /// # Panics
     /// Never: every field of the configuration is representable in TOML.

@@ -5,11 +5,13 @@
 
 mod convergence;
 mod grids;
+mod levels;
 mod spatial;
 mod transform;
 mod vertical;
 
 pub use convergence::{GridNorth, TrueNorth};
+pub use levels::{LevelTransform, VerticalReference};
 pub use spatial::{Geocentric, Transform3d, enu_from_geocentric};
 pub use transform::Transform;
 pub use vertical::{EllipsoidalHeight, GeoidHeight, HeightAboveGround, HeightAboveTakeoff, OrthometricHeight};
@@ -59,7 +61,8 @@ pub enum CrsError {
     /// The grid file that a height transformation needs is not installed.
     #[error(
         "heights cannot be moved from {from} to {to}: the grid file is not installed: {grids}\n\
-         hint: put it into a folder named by PROJ_DATA, or state `geoid_offset`, or `keep_ellipsoidal`"
+         hint: put it into a folder named by PROJ_DATA (`projsync --file NAME` fetches it), or state the shift: \
+         `geoid_offset` (or `keep_ellipsoidal`) for poses, --geoid-height for 3D Tiles, --level-shift for a reference"
     )]
     MissingGrid {
         /// Source definition.
@@ -209,6 +212,18 @@ impl Crs {
         epsg_of(vertical).or_else(|| Self::epsg_of_name(vertical["name"].as_str()?))
     }
 
+    /// With the heights of `stated`, where it says nothing of heights itself and both have the same plane: many a file says
+    /// where its positions are, and not what its levels are.
+    #[must_use]
+    pub fn with_heights_of(self, stated: Option<&Self>) -> Self {
+        let adds = |stated: &&Self| {
+            self.height_unit_m().is_none()
+                && stated.height_unit_m().is_some()
+                && self.horizontal_epsg() == stated.horizontal_epsg()
+        };
+        stated.filter(adds).cloned().unwrap_or(self)
+    }
+
     /// Whether it has a third axis of ellipsoidal heights.
     #[must_use]
     pub fn is_ellipsoidal_3d(&self) -> bool {
@@ -233,6 +248,14 @@ impl Crs {
         let zone = (((lon_deg + 180.0) / 6.0).floor() as i64).rem_euclid(60) + 1;
         let hemisphere = if lat_deg < 0.0 { 327 } else { 326 };
         format!("EPSG:{hemisphere}{zone:02}")
+    }
+
+    /// Name of the ellipsoid, such as `WGS 84`.
+    fn ellipsoid_name(&self) -> Option<&str> {
+        let crs = self.horizontal_json();
+        let geodetic = if crs["base_crs"].is_null() { crs } else { &crs["base_crs"] };
+        let datum = if geodetic["datum"].is_null() { &geodetic["datum_ensemble"] } else { &geodetic["datum"] };
+        datum["ellipsoid"]["name"].as_str()
     }
 
     /// Whether the horizontal part is projected.

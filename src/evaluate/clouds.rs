@@ -39,6 +39,20 @@ impl Default for CloudTruthOptions {
     }
 }
 
+impl std::fmt::Display for CloudTruthOptions {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "percentile {} of a building's points at least {} m inside its outline, minus ",
+            self.roof_percentile, self.inset_m
+        )?;
+        match self.ground_m {
+            Some(ground_m) => write!(f, "the stated ground at {ground_m} m"),
+            None => write!(f, "the median of ground points within {} m", self.ground_reach_m),
+        }
+    }
+}
+
 /// One building per outline, in their order; one without enough points, or without ground, has no height.
 #[must_use]
 pub fn truth_under_outlines(

@@ -1,25 +1,25 @@
 //! A result's file against a reference's file: every measure that the two allow.
 
+use std::error::Error;
 use std::path::{Path, PathBuf};
 
-use geo_types::MultiPolygon;
-use glam::DVec3;
-
+use super::bodies::bodies;
+use super::cloud_file::read_cloud;
 use super::clouds::{CloudTruthOptions, truth_of_instances, truth_under_outlines};
 use super::footprints::{FootprintEvaluation, evaluate_footprints};
-use super::heights::{HeightEvaluation, HeightOptions, evaluate_heights};
+use super::heights::{HeightOptions, evaluate_heights};
+use super::levels::LevelError;
 use super::parts::joined;
 use super::pictures::write_pictures;
-use super::read::{TruthOptions, crs_of, read_outlines, read_results, read_truth, read_truth_outlines};
+use super::read::{Truth, TruthOptions, crs_of, read_outlines, read_results, read_truth, read_truth_outlines};
 use super::report::EvaluationReport;
-use super::solid::{Facet, SolidError, Solids, read_solids};
-use super::surface::{Target, evaluate_surface};
-use super::volume::evaluate_volume;
+use super::solid::SolidError;
 use super::{EvaluationError, TruthBuilding};
-use crate::cloud::{self, Cloud, CloudError, points_in};
-use crate::crs::{Crs, CrsError, Transform};
-use crate::output::read::{ReadError, height_unit_m};
+use crate::cloud::{self, Cloud, CloudError};
+use crate::crs::{Crs, CrsError, VerticalReference};
+use crate::output::read::ReadError;
 use crate::output::{BuildingRecord, OutputError};
+use geo_types::MultiPolygon;
 
 /// Two files and how to read them.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,8 +36,9 @@ pub struct Comparison {
     pub cloud: CloudTruthOptions,
     /// How buildings are matched.
     pub heights: HeightOptions,
-    /// Whether the user declares that levels of both files count from the same zero.
-    pub has_same_vertical: bool,
+    /// What the user declares to be added to levels of the reference so that they count from the result's zero, metres; 0
+    /// if that is the same. Not declared: by what the files say.
+    pub level_shift_m: Option<f64>,
     /// Whether outlines, surfaces and volumes are compared too.
     pub with_shapes: bool,
     /// Folder for pictures; none by default.
@@ -58,12 +59,24 @@ pub enum CompareError {
     /// A body file cannot be read.
     #[error(transparent)]
     Solid(#[from] SolidError),
+    /// Levels cannot be brought together.
+    #[error(transparent)]
+    Levels(#[from] LevelError),
     /// A picture cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
     /// Nothing matches.
     #[error(transparent)]
     Evaluation(#[from] EvaluationError),
+    /// The CRS to compare in has no metres.
+    #[error("{} cannot be compared in this CRS\nhint: name one to compare in with --crs", path.display())]
+    Frame {
+        /// The result.
+        path: PathBuf,
+        /// Why not.
+        #[source]
+        source: CrsError,
+    },
     /// A CRS that is no CRS, or that nothing leads to.
     #[error("cannot bring {} to the project's CRS", path.display())]
     Crs {
@@ -76,9 +89,9 @@ pub enum CompareError {
 }
 
 /// What the reference is, read.
-enum Reference {
+pub(super) enum Reference {
     /// Points, levels in metres, and what these count from where the file's CRS says so.
-    Cloud(Cloud, Option<String>),
+    Cloud(Cloud, Option<VerticalReference>),
     Solids,
 }
 
@@ -93,14 +106,15 @@ pub fn compare_files(c: &Comparison) -> Result<EvaluationReport, CompareError> {
         None if is_obj(&c.result) => return Err(ReadError::NoCrs { path: c.result.clone() }.into()),
         None => crs_of(&c.result)?,
     };
+    let in_metres = crs.require_projected_metres();
+    in_metres.map_err(|source| CompareError::Frame { path: c.result.clone(), source })?;
     let reference = if cloud::is_cloud(&c.truth) {
         let (cloud, vertical) = read_cloud(&c.truth, stated.as_ref(), &crs)?;
         Reference::Cloud(cloud, vertical)
     } else {
         Reference::Solids
     };
-    let mut report =
-        EvaluationReport { heights: None, footprints: None, surface: None, volume: None, left_out: Vec::new() };
+    let mut report = EvaluationReport::default();
     let results = if is_obj(&c.result) { None } else { Some(results_of(c, &crs, &mut report)?) };
     match &results {
         Some(results) if !is_obj(&c.truth) => {
@@ -135,40 +149,27 @@ pub fn compare_files(c: &Comparison) -> Result<EvaluationReport, CompareError> {
         if report.heights.is_none() && report.footprints.is_none() {
             return Err(why);
         }
-        let why = why.to_string().replace("\nhint:", " (hint:");
+        let why = with_causes(&why).replace("\nhint:", " (hint:");
         let closing = if why.contains("(hint:") { ")" } else { "" };
         report.left_out.push(format!("surfaces and volumes: {why}{closing}"));
     }
     Ok(report)
 }
 
-fn crs_error(path: &Path, source: CrsError) -> CompareError {
+/// An error and what caused it, in one line but for hints.
+fn with_causes(error: &dyn Error) -> String {
+    match error.source() {
+        Some(cause) => format!("{error}: {}", with_causes(cause)),
+        None => error.to_string(),
+    }
+}
+
+pub(super) fn crs_error(path: &Path, source: CrsError) -> CompareError {
     CompareError::Crs { path: path.to_owned(), source }
 }
 
 fn is_obj(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj"))
-}
-
-/// A cloud in the project's CRS, levels in metres, and what these count from.
-fn read_cloud(path: &Path, stated: Option<&Crs>, project: &Crs) -> Result<(Cloud, Option<String>), CompareError> {
-    let mut cloud = cloud::read(path)?;
-    let own = cloud.crs.as_deref().map(Crs::parse).transpose().map_err(|source| crs_error(path, source))?;
-    // Many a file states where its points are, and not what their levels are: users may add that.
-    let adds_heights = |(own, stated): &(&Crs, &Crs)| {
-        own.height_unit_m().is_none()
-            && stated.height_unit_m().is_some()
-            && own.horizontal_epsg() == stated.horizontal_epsg()
-    };
-    let fuller = own.as_ref().zip(stated).filter(adds_heights).map(|(_, stated)| stated);
-    let from = fuller.or(own.as_ref()).or(stated).ok_or_else(|| ReadError::NoCrs { path: path.to_owned() })?;
-    let unit_m = height_unit_m(path, from)?;
-    let transform = Transform::new(from, project).map_err(|source| crs_error(path, source))?;
-    for p in &mut cloud.points {
-        (p.x, p.y) = transform.point(p.x, p.y).map_err(|source| crs_error(path, source))?;
-        p.z *= unit_m;
-    }
-    Ok((cloud, from.vertical_name().map(str::to_owned)))
 }
 
 /// Whether a file has no heights, and outlines alone are wanted too.
@@ -195,17 +196,25 @@ fn truth_of(
     crs: &Crs,
     report: &mut EvaluationReport,
 ) -> Result<Vec<TruthBuilding>, CompareError> {
-    Ok(match reference {
-        Reference::Cloud(cloud, _) if !cloud.instances.is_empty() => truth_of_instances(cloud, &c.cloud),
-        Reference::Cloud(cloud, _) => truth_under_outlines(cloud, &outlines_of(results), &c.cloud),
+    let of_cloud = || format!("point cloud: {}", c.cloud);
+    let truth = match reference {
+        Reference::Cloud(cloud, _) if !cloud.instances.is_empty() => {
+            Truth { buildings: truth_of_instances(cloud, &c.cloud), height_source: of_cloud() }
+        }
+        Reference::Cloud(cloud, _) => {
+            let buildings = truth_under_outlines(cloud, &outlines_of(results), &c.cloud);
+            Truth { buildings, height_source: of_cloud() }
+        }
         Reference::Solids => match read_truth(&c.truth, &c.options, crs) {
             Err(e) if has_outlines_only(c, &e) => {
                 report.left_out.push(format!("heights: {} has none", c.truth.display()));
-                read_truth_outlines(&c.truth, &c.options, crs)?.buildings
+                return Ok(read_truth_outlines(&c.truth, &c.options, crs)?.buildings);
             }
-            read => read?.buildings,
+            read => read?,
         },
-    })
+    };
+    report.truth_heights = Some(truth.height_source);
+    Ok(truth.buildings)
 }
 
 /// Outlines against outlines; parts of one building as one, where the reference has it as one.
@@ -217,84 +226,7 @@ fn footprints(results: &[BuildingRecord], truth: &[TruthBuilding]) -> FootprintE
     evaluate_footprints(&found, &wanted)
 }
 
-fn outlines_of(results: &[BuildingRecord]) -> Vec<(String, MultiPolygon<f64>)> {
+pub(super) fn outlines_of(results: &[BuildingRecord]) -> Vec<(String, MultiPolygon<f64>)> {
     let outline = |r: &BuildingRecord| Some((r.id.clone(), MultiPolygon::new(vec![r.footprint.clone()?])));
     results.iter().filter_map(outline).collect()
-}
-
-/// Surfaces and volumes, into the report.
-fn bodies(
-    c: &Comparison,
-    reference: &Reference,
-    stated: Option<&Crs>,
-    crs: &Crs,
-    results: Option<&[BuildingRecord]>,
-    report: &mut EvaluationReport,
-) -> Result<(), CompareError> {
-    let result = read_solids(&c.result, None, Some(crs), crs)?;
-    let truth = match reference {
-        Reference::Cloud(..) => None,
-        Reference::Solids => Some(read_solids(&c.truth, c.options.lod.as_deref(), stated, crs)?),
-    };
-    let truth_vertical = match (reference, &truth) {
-        (Reference::Cloud(_, vertical), _) => vertical.clone(),
-        (Reference::Solids, solids) => solids.as_ref().and_then(|s| s.vertical.clone()),
-    };
-    if let Some(objection) = vertical_objection(c, result.vertical.as_deref(), truth_vertical.as_deref()) {
-        report.left_out.push(format!("surfaces and volumes: {objection}"));
-        return Ok(());
-    }
-    let facets = |solids: &Solids| solids.solids.iter().flat_map(|s| s.facets.iter().copied()).collect::<Vec<Facet>>();
-    match (reference, &truth) {
-        (Reference::Cloud(cloud, _), _) => {
-            let outlines: Vec<_> = results.map(outlines_of).unwrap_or_default().into_iter().map(|o| o.1).collect();
-            let of_outlines: Vec<DVec3> =
-                points_in(&cloud.of_buildings(), &outlines, 0.0).into_iter().flatten().collect();
-            report.surface = evaluate_surface(&facets(&result), &Target::Points(&of_outlines), c.seed);
-            report.left_out.push("volumes: a point cloud encloses none".to_owned());
-        }
-        (Reference::Solids, Some(truth)) => {
-            report.surface = evaluate_surface(&facets(&result), &Target::Facets(&facets(truth)), c.seed);
-            let matched = matched(report.heights.as_ref(), &result, truth);
-            match evaluate_volume(&result.solids, &truth.solids, &matched) {
-                Ok(volume) => report.volume = Some(volume),
-                Err(why) => report.left_out.push(format!("volumes: {why}")),
-            }
-        }
-        (Reference::Solids, None) => {}
-    }
-    Ok(())
-}
-
-/// Why levels of both files may not be compared.
-fn vertical_objection(c: &Comparison, result: Option<&str>, truth: Option<&str>) -> Option<String> {
-    match (result, truth) {
-        _ if c.has_same_vertical => None,
-        (Some(a), Some(b)) if a == b => None,
-        (Some(a), Some(b)) => Some(format!(
-            "levels of the result count from {a}, those of the reference from {b} (hint: transform one of them, or declare \
-             that they are the same with --same-vertical)"
-        )),
-        (a, _) => Some(format!(
-            "{} does not say what its levels count from (hint: declare that both count from the same zero with \
-             --same-vertical)",
-            if a.is_none() { c.result.display() } else { c.truth.display() }
-        )),
-    }
-}
-
-/// Positions of matched bodies: as the heights were matched, else by id.
-fn matched(heights: Option<&HeightEvaluation>, result: &Solids, truth: &Solids) -> Vec<(usize, usize)> {
-    let position = |solids: &Solids, id: &str| solids.solids.iter().position(|s| s.id == id);
-    match heights {
-        Some(heights) => {
-            let pair =
-                |b: &super::BuildingError| Some((position(result, &b.result_id)?, position(truth, &b.truth_id)?));
-            heights.buildings.iter().filter_map(pair).collect()
-        }
-        None => {
-            let pair = |(i, s): (usize, &super::solid::Solid)| Some((i, position(truth, &s.id)?));
-            result.solids.iter().enumerate().filter_map(pair).collect()
-        }
-    }
 }

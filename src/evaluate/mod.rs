@@ -1,8 +1,8 @@
 //! How good a result is, against a reference: every number is reported with its definition.
 //!
 //! Heights are *differences* (roof minus ground), so the vertical references of result and truth need not agree;
-//! outlines are only compared after both are in one horizontal CRS ([`read`]). Surfaces and volumes compare levels: there
-//! both must count from the same vertical reference.
+//! outlines are only compared after both are in one horizontal CRS ([`read`]). Surfaces and volumes compare levels: those of
+//! the reference are brought to what the result's count from (`levels`).
 //!
 //! | measure | module | compares |
 //! |---|---|---|
@@ -13,11 +13,14 @@
 //!
 //! Bodies come from [`solid`], references from point clouds from `clouds`.
 
+mod bodies;
+mod cloud_file;
 mod clouds;
 mod columns;
 mod compare;
 pub mod footprints;
 mod heights;
+mod levels;
 mod matching;
 mod parts;
 mod pictures;
@@ -32,11 +35,13 @@ mod volume;
 use geo_types::MultiPolygon;
 use serde::{Deserialize, Serialize};
 
+pub use cloud_file::cloud_in_project;
 pub use clouds::{CloudTruthOptions, truth_of_instances, truth_under_outlines};
 pub use columns::{ColumnGrid, Columns};
 pub use compare::{CompareError, Comparison, compare_files};
 pub use footprints::{FOOTPRINT_DEFINITIONS, FootprintEvaluation, evaluate_footprints};
 pub use heights::{BuildingError, GroupStatistics, HeightEvaluation, HeightOptions, MatchCounts, evaluate_heights};
+pub use levels::{Agreement, LevelAgreement, LevelError};
 pub use matching::{Match, Matching, match_buildings};
 pub use pictures::{reliability, write_pictures};
 pub use report::EvaluationReport;

@@ -31,7 +31,7 @@ pub struct TruthOptions {
     pub height_reference: HeightReference,
     /// Level of detail of `CityJSON` geometry; the highest by default.
     pub lod: Option<String>,
-    /// CRS of a file that states none.
+    /// CRS of a file that states none, or none with a vertical part.
     pub crs: Option<String>,
 }
 
@@ -88,10 +88,9 @@ fn read(path: &Path, options: &TruthOptions, project_crs: &Crs, heights: Heights
         lod: options.lod.as_deref(),
     };
     let mut found = FoundBuildings::read(path, &read)?;
-    if let (None, Some(definition)) = (&found.crs, &options.crs) {
-        let failed = |source| ReadError::Crs { path: path.to_owned(), source };
-        found.crs = Some(Crs::parse(definition).map_err(failed)?);
-    }
+    let failed = |source| ReadError::Crs { path: path.to_owned(), source };
+    let stated = options.crs.as_deref().map(Crs::parse).transpose().map_err(failed)?;
+    found.crs = found.crs.map(|own| own.with_heights_of(stated.as_ref())).or(stated);
     let found = found.into_crs(project_crs)?;
     let has = |field: &str| found.buildings.iter().any(|b| b.attributes.contains_key(field));
     let is_measured = found.buildings.iter().any(|b| b.levels.is_some());

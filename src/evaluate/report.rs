@@ -6,17 +6,22 @@ use serde::{Deserialize, Serialize};
 
 use super::footprints::FootprintEvaluation;
 use super::heights::HeightEvaluation;
+use super::levels::LevelAgreement;
 use super::surface::SurfaceEvaluation;
 use super::volume::VolumeEvaluation;
 
 /// What was compared, and how it came out.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct EvaluationReport {
     /// Heights; `None` where one side has bodies only.
     #[serde(flatten)]
     pub heights: Option<HeightEvaluation>,
+    /// Where heights of the reference come from: an attribute, its surfaces or its points.
+    pub truth_heights: Option<String>,
     /// Outlines; `None` where one side has none of its own.
     pub footprints: Option<FootprintEvaluation>,
+    /// How levels were brought together; `None` where none were compared.
+    pub levels: Option<LevelAgreement>,
     /// Surfaces.
     pub surface: Option<SurfaceEvaluation>,
     /// Volumes.
@@ -29,10 +34,16 @@ impl fmt::Display for EvaluationReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(heights) = &self.heights {
             write!(f, "{heights}")?;
+            if let Some(source) = &self.truth_heights {
+                writeln!(f, "h*: {source}")?;
+            }
         }
         if let Some(footprints) = &self.footprints {
             let gap = if self.heights.is_some() { "\n" } else { "" };
             write!(f, "{gap}{footprints}")?;
+        }
+        if let Some(levels) = &self.levels {
+            writeln!(f, "\nLevels: {levels}")?;
         }
         if let Some(s) = &self.surface {
             let percent = |share: f64| format!("{:.1} %", 100.0 * share);

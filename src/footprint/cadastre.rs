@@ -11,7 +11,6 @@
 //! ```
 
 use std::collections::HashSet;
-use std::path::Path;
 
 use geo::{Area as _, BooleanOps as _, BoundingRect as _, Contains as _, InteriorPoint as _};
 use geo_types::Polygon;
@@ -26,6 +25,7 @@ use super::layer::{FootprintConfig, FootprintError};
 use super::{Footprint, layer};
 use crate::crs::Crs;
 use crate::issue::{Issue, Severity, Subject};
+use crate::paths::PathVisitor;
 
 /// Which outline a matched building gets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -64,9 +64,9 @@ fn default_same_iou() -> f64 {
 }
 
 impl CadastreConfig {
-    /// Makes relative paths relative to `folder`.
-    pub fn resolve_paths(&mut self, folder: &Path) {
-        self.layer.path = folder.join(&self.layer.path);
+    /// Visits every path.
+    pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
+        visit(&mut self.layer.path);
     }
 }
 

@@ -14,6 +14,7 @@ use super::outlines::{Look, OutlineKind, OutlineSource, ViewFault};
 use super::vectorise::{Instances, Outline, Vectorising, outlines, outlines_at_level};
 use crate::files::is_virtual;
 use crate::geodata::raster::RasterFile;
+use crate::paths::{PathVisitor, visit_template};
 use crate::raster::Raster;
 use crate::survey::View;
 use crate::template;
@@ -68,11 +69,11 @@ pub struct MaskConfig {
 }
 
 impl MaskConfig {
-    /// Makes relative paths relative to `folder`.
-    pub fn resolve_paths(&mut self, folder: &Path) {
-        self.path = folder.join(&self.path).to_string_lossy().into_owned();
+    /// Visits every path.
+    pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
+        visit_template(&mut self.path, visit);
         if let Some(cadastre) = &mut self.cadastre {
-            cadastre.resolve_paths(folder);
+            cadastre.visit_paths(visit);
         }
     }
 }

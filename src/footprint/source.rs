@@ -1,7 +1,7 @@
 //! Where a project's outlines come from: one choice of the configuration.
 
 use std::borrow::Cow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -10,6 +10,7 @@ use super::layer::FootprintConfig;
 use super::masks::MaskConfig;
 use super::segment::SegmenterConfig;
 use super::{AccuracyConfig, CadastreConfig, ConsensusConfig, OutlineKind};
+use crate::paths::PathVisitor;
 
 /// Where the outlines come from. A table without `source` is an existing layer.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -82,12 +83,12 @@ pub struct DetectionSettings<'a> {
 }
 
 impl FootprintSource {
-    /// Makes relative paths relative to `folder` (that of the configuration file).
-    pub fn resolve_paths(&mut self, folder: &Path) {
+    /// Visits every path.
+    pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         match self {
-            Self::Layer(layer) => layer.path = folder.join(&layer.path),
-            Self::Masks(masks) => masks.resolve_paths(folder),
-            Self::Network(network) => network.resolve_paths(folder),
+            Self::Layer(layer) => visit(&mut layer.path),
+            Self::Masks(masks) => masks.visit_paths(visit),
+            Self::Network(network) => network.visit_paths(visit),
         }
     }
 

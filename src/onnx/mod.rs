@@ -18,6 +18,8 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::paths::PathVisitor;
+
 pub use proto::Outline;
 
 use self::second::SecondChoice;
@@ -148,9 +150,9 @@ pub struct EngineConfig {
 }
 
 impl EngineConfig {
-    /// Makes relative paths relative to `folder`.
-    pub fn resolve_paths(&mut self, folder: &Path) {
-        self.library = self.library.take().map(|library| folder.join(library));
+    /// Visits every path.
+    pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
+        self.library.iter_mut().for_each(visit);
     }
 }
 

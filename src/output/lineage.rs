@@ -42,7 +42,7 @@ pub struct Lineage {
 pub struct InputFile {
     /// What it was read as: `survey`, `footprints`, `terrain`, `prior`, `config`.
     pub role: String,
-    /// Path as the configuration has it.
+    /// Path as the configuration beside the results has it.
     pub path: String,
     /// Size in bytes.
     pub size_bytes: u64,

@@ -86,8 +86,9 @@ fn path_of(config: &RunConfig, stage: Stage) -> PathBuf {
     config.project.output.join("stages").join(format!("{}.json", stage.name()))
 }
 
-/// Hash of the settings that a stage and those before it depend on.
+/// Hash of the settings that a stage and those before it depend on, whatever folder a command was given in.
 fn settings_sha256(config: &RunConfig, stage: Stage) -> String {
+    let config = config.saved();
     let survey = serde_json::json!([config.project.crs, config.survey]);
     let footprints = serde_json::json!([config.footprints, config.terrain, config.dtm, config.ground]);
     let heights = serde_json::json!([config.prior, config.optimise, config.seed]);

@@ -36,7 +36,7 @@ pub(super) fn write(
         survey: survey_report(config),
         evidence: evidence::gather(config, model.survey, stage, heights, priors),
         overview,
-        config: config.to_toml(),
+        config: config.saved().to_toml(),
     };
     Ok(report::write(&folder.join("report.html"), &report)?)
 }

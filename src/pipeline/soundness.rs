@@ -1,5 +1,7 @@
 //! Whether the poses look right, before anything is computed from them.
 
+use std::path::Path;
+
 use super::PipelineError;
 use super::stages::write_json;
 use crate::config::RunConfig;
@@ -26,6 +28,12 @@ pub(super) fn look_over(
 ) -> Result<Survey, PipelineError> {
     let mut report = reading.report(Site { terrain: ground, area: None });
     let mut survey = reading.survey().clone();
+    report.path = config.saved_path(Path::new(&report.path)).display().to_string();
+    for issue in survey.issues.iter_mut().chain(&mut report.issues) {
+        if let Subject::Input(path) = &mut issue.subject {
+            *path = config.saved_path(Path::new(path)).display().to_string();
+        }
+    }
     report.accepted = !report.is_sound() && config.survey.accept_unsound && !survey.views.is_empty();
     let path = config.project.output.join("survey.json");
     write_json(&path, &report)?;
@@ -41,7 +49,7 @@ pub(super) fn look_over(
         return Err(PipelineError::Unsound { findings: findings(&report), report: path });
     }
     let message = format!("the poses look wrong, and were accepted: {}", report.findings.join("; "));
-    let subject = Subject::Input(config.survey.path.display().to_string());
+    let subject = Subject::Input(config.saved_path(&config.survey.path).display().to_string());
     survey.issues.push(Issue::new(Severity::Warning, "survey_unsound_accepted", subject, message));
     Ok(survey)
 }

@@ -302,8 +302,12 @@ fn lineage(
     for &view in &heights.solution.used_views {
         files.extend(priors.file_of(&survey.views[view])?.map(|path| ("prior", path)));
     }
+    let hashed = |(role, path): &(&str, PathBuf)| -> Result<InputFile, FileError> {
+        let path_saved = config.saved_path(path).display().to_string();
+        Ok(InputFile { path: path_saved, ..InputFile::hash(role, path)? })
+    };
     let inputs: Result<Vec<InputFile>, FileError> =
-        files.iter().filter(|(_, path)| path.is_file()).map(|(role, path)| InputFile::hash(role, path)).collect();
+        files.iter().filter(|(_, path)| path.is_file()).map(hashed).collect();
     Ok(lineage_of(config, &options.command, inputs?))
 }
 
@@ -313,7 +317,7 @@ pub(super) fn lineage_of(config: &RunConfig, command: &str, inputs: Vec<InputFil
     Lineage {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         command: command.to_owned(),
-        config_sha256: sha256_hex(config.to_toml().as_bytes()),
+        config_sha256: sha256_hex(config.saved().to_toml().as_bytes()),
         inputs,
         crs: config.project.crs.definition().to_owned(),
         vertical_reference: vertical
@@ -345,9 +349,10 @@ fn write_results(config: &RunConfig, model: &CityModel<'_>, summary: &RunSummary
     geopackage::write_project(&folder.join("city.qgs"), "city.gpkg", model, &config.output.geopackage)?;
     write_json(&folder.join("issues.json"), &model.issues)?;
     write_json(&folder.join("lineage.json"), &model.lineage)?;
-    // Seconds differ from run to run; the file stays the same for the same input.
-    write_json(&folder.join("summary.json"), &RunSummary { seconds: Vec::new(), ..summary.clone() })?;
-    write_whole(&folder.join("config.toml"), |out| out.write_all(config.to_toml().as_bytes()))?;
+    // Seconds and folders differ from run to run; the file stays the same for the same input.
+    let output = PathBuf::from(".");
+    write_json(&folder.join("summary.json"), &RunSummary { seconds: Vec::new(), output, ..summary.clone() })?;
+    write_whole(&folder.join("config.toml"), |out| out.write_all(config.saved().to_toml().as_bytes()))?;
     Ok(())
 }
 

@@ -1,7 +1,7 @@
 //! Where a project's priors come from: one choice of the configuration, one source.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -11,6 +11,7 @@ use super::{
     StereoConfig, StereoPriors, ahead,
 };
 use crate::ids::ViewId;
+use crate::paths::{PathVisitor, visit_template};
 use crate::survey::View;
 use crate::terrain::Terrain;
 
@@ -27,15 +28,15 @@ pub enum PriorConfig {
 }
 
 impl PriorConfig {
-    /// Makes relative paths relative to `folder` (that of the configuration file).
-    pub fn resolve_paths(&mut self, folder: &Path) {
+    /// Visits every path.
+    pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         match self {
             Self::Files(files) => {
-                files.path = folder.join(&files.path).to_string_lossy().into_owned();
-                files.names = files.names.take().map(|names| folder.join(names));
+                visit_template(&mut files.path, visit);
+                files.names.iter_mut().for_each(visit);
             }
-            Self::Network(network) => network.resolve_paths(folder),
-            Self::Stereo(stereo) => stereo.cache.folder = folder.join(&stereo.cache.folder),
+            Self::Network(network) => network.visit_paths(visit),
+            Self::Stereo(stereo) => visit(&mut stereo.cache.folder),
         }
     }
 

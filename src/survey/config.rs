@@ -1,12 +1,13 @@
 //! What the user declares about a survey: its format, place, CRS and, for CSV, every convention.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::angles::{AngleConvention, AngleKind, AngleUnit, CameraAxes, Direction, North, PitchZero, Sequence};
 use crate::crs::Crs;
+use crate::paths::PathVisitor;
 
 /// The file format of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -274,9 +275,9 @@ impl SurveyConfig {
         Self { path: path.into(), ..Self::default() }
     }
 
-    /// Makes relative paths relative to `folder` (that of the configuration file).
-    pub fn resolve_paths(&mut self, folder: &Path) {
-        self.path = folder.join(&self.path);
-        self.images = self.images.take().map(|images| folder.join(images));
+    /// Visits every path.
+    pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
+        visit(&mut self.path);
+        self.images.iter_mut().for_each(visit);
     }
 }

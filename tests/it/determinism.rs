@@ -77,6 +77,43 @@ fn stages_run_one_by_one_write_the_bytes_of_a_single_run() {
 }
 
 #[test]
+fn a_result_runs_again_from_its_own_configuration_where_it_was_moved_to() {
+    let scene = Scene::new();
+    run_stages(&scene, Stage::Survey, Stage::Output);
+    let whole = read_results(&scene);
+    let elsewhere = tempfile::tempdir().unwrap();
+    let moved = elsewhere.path().join("moved");
+    fs::rename(scene.path(""), &moved).unwrap();
+
+    // Looked at from here, under its new name: the settings are those of the run.
+    let look = |config: &str| {
+        let mut command = sizeup();
+        command
+            .args(["look", "--quiet"])
+            .arg(moved.join(config))
+            .args(["oblique", "--output"])
+            .arg(moved.join("panel.png"));
+        command.assert().success();
+    };
+    look("sizeup.toml");
+    look("result/config.toml");
+
+    let config = RunConfig::load(&moved.join("result/config.toml"), &[]).unwrap();
+    let options = RunOptions { from: Stage::Survey, until: Stage::Output, command: "test".to_owned() };
+    pipeline::run(&config, &options, &|_| {}).unwrap();
+    for (name, bytes) in &whole {
+        assert!(fs::read(moved.join("result").join(name)).unwrap() == *bytes, "{name} differs");
+    }
+    // Results elsewhere find the same input, by its full path.
+    let mut config = RunConfig::load(&moved.join("sizeup.toml"), &[]).unwrap();
+    config.project.output = elsewhere.path().join("far/away/result");
+    pipeline::run(&config, &options, &|_| {}).unwrap();
+    let far = RunConfig::load(&config.project.output.join("config.toml"), &[]).unwrap();
+    assert_eq!(far.survey.path, moved.join("sparse"));
+    assert_eq!(far.project.output, config.project.output);
+}
+
+#[test]
 fn a_simulated_scene_is_the_same_from_the_command_line_on_any_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();
     let simulate = |threads: &str| {

@@ -94,7 +94,7 @@ fn write_layer(path: &Path, houses: &[(&str, Polygon<f64>)]) {
 
 pub(super) fn source_of(folder: &Path, toml: &str) -> FootprintSource {
     let mut source: FootprintSource = toml::from_str(toml).unwrap();
-    source.resolve_paths(folder);
+    source.visit_paths(&mut |path| *path = folder.join(&*path));
     source
 }
 

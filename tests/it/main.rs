@@ -9,6 +9,7 @@ mod determinism;
 mod dtm;
 mod evaluation;
 mod evaluation_bodies;
+mod evaluation_levels;
 mod footprint_accuracy;
 mod footprint_bad_masks;
 mod footprint_layers;

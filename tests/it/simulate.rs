@@ -226,7 +226,7 @@ fn real_cameras_see_real_roofs_where_they_are() {
          sequence = 'zyx'\ndirection = 'world_to_camera'",
     )
     .unwrap();
-    survey.resolve_paths(&cameras);
+    survey.visit_paths(&mut |path| *path = cameras.join(&*path));
     let survey = sizeup::survey::read(&survey, &sizeup::crs::Crs::parse("EPSG:7415").unwrap()).unwrap();
     let aim = |v: &View| {
         let (centre, axis) = (v.camera_from_map.centre(), v.axis_in_map());

@@ -536,7 +536,7 @@ fn every_lens_survives_the_formats_that_can_express_it() {
         assert_eq!(written.issues.len(), n_refused, "{:?}", written.issues);
         let settings = folder.path().join(settings);
         let mut config: SurveyConfig = toml::from_str(&fs::read_to_string(&settings).unwrap()).unwrap();
-        config.resolve_paths(settings.parent().unwrap());
+        config.visit_paths(&mut |path| *path = settings.parent().unwrap().join(&*path));
         let back = survey::read(&config, &utm()).unwrap();
         assert_eq!(back.views.len(), survey.views.len() - n_refused);
         for view in &back.views {

@@ -130,6 +130,67 @@ fn faults_between_rings_are_found() {
 }
 
 #[test]
+fn holes_that_touch_in_a_circle_cut_a_face_in_two() {
+    // From the corner (0, 0) to the opposite corner by two holes that share a corner; a chain that ends inside cuts nothing.
+    let (first, second) = ([[0.0, 0.0], [4.0, 6.0], [6.0, 4.0]], [[4.0, 6.0], [5.0, 8.0], [10.0, 10.0]]);
+    assert_eq!(codes(&with_holes(&[&first, &second])), [205]);
+    let inside = [[4.0, 6.0], [5.0, 8.0], [8.0, 8.0]];
+    assert_eq!(codes(&with_holes(&[&first, &inside])), [303], "the corner where the hole's walls would stand");
+}
+
+#[test]
+fn what_hangs_on_or_touches_from_within_is_told_before_what_is_open() {
+    let at = |x: f64, y: f64, z: f64| [x, y, z];
+    // A flag on a corner of the cube: open edges too, but the corner is the matter.
+    let flag = vec![vec![vec![at(10., 10., 10.), at(20., 20., 20.), at(20., 30., 30.)]]];
+    assert_eq!(codes(&[cube(0.0, 0.0, 0.0), flag].concat()), [303]);
+    let apart = vec![vec![vec![at(20., 10., 10.), at(20., 20., 20.), at(20., 30., 15.)]]];
+    assert_eq!(codes(&[cube(0.0, 0.0, 0.0), apart].concat()), [305]);
+    // A roof pulled down until its middle touches the floor.
+    let mut pulled = cube(0.0, 0.0, 0.0);
+    let roof = pulled.remove(1).remove(0);
+    for i in 0..4 {
+        pulled.push(vec![vec![roof[i], roof[(i + 1) % 4], [5.0, 5.0, 0.0]]]);
+    }
+    assert_eq!(codes(&pulled), [306]);
+}
+
+/// A building of parts, each an extruded box: corner, sides and height.
+fn building_of(parts: &[[f64; 6]]) -> CityFile {
+    let mut city = CityFile::default();
+    for (i, [x, y, z, w, d, h]) in parts.iter().enumerate() {
+        let mut part = cube(0.0, 0.0, 0.0);
+        for p in part.iter_mut().flatten().flatten() {
+            *p = [x + p[0] * w / 10.0, y + p[1] * d / 10.0, z + p[2] * h / 10.0];
+        }
+        let one = file(&part);
+        let offset = u32::try_from(city.vertices.len()).unwrap();
+        city.vertices.extend(one.vertices);
+        let mut object = one.objects.into_iter().next().unwrap();
+        object.geometries[0].surfaces.iter_mut().flat_map(|s| &mut s.rings).flatten().for_each(|v| *v += offset);
+        (object.id, object.kind, object.parents) =
+            (format!("part {i}"), "BuildingPart".to_owned(), vec!["a".to_owned()]);
+        city.objects.push(object);
+    }
+    city
+}
+
+#[test]
+fn parts_of_a_building_may_share_walls_and_no_volume() {
+    let found = |parts: &[[f64; 6]]| validate(&building_of(parts), &ValidateConfig::default()).faults;
+    let tower = [0.0, 0.0, 0.0, 10.0, 10.0, 30.0];
+    assert_eq!(found(&[tower, [10.0, 0.0, 0.0, 20.0, 10.0, 8.0]]), [], "side by side");
+    assert_eq!(found(&[tower, [0.0, 0.0, 30.0, 10.0, 10.0, 5.0]]), [], "on top");
+    assert_eq!(found(&[tower, [9.9995, 0.0, 0.0, 20.0, 10.0, 8.0]]), [], "within the tolerance");
+    let shared = found(&[tower, [8.0, 2.0, 1.0, 20.0, 4.0, 8.0]]);
+    assert_eq!(shared.len(), 1);
+    assert_eq!((shared[0].number, shared[0].object.as_str()), (601, "part 1"));
+    assert_eq!(shared[0].position, Some([AT[0] + 9.0, AT[1] + 4.0, AT[2] + 1.0]));
+    // Two bars of one height that cross: no corner of either lies in the other.
+    assert_eq!(found(&[[0.0, 4.0, 0.0, 10.0, 2.0, 5.0], [4.0, 0.0, 0.0, 2.0, 10.0, 5.0]])[0].number, 601);
+}
+
+#[test]
 fn bent_faces_are_found() {
     let mut faces = cube(0.0, 0.0, 0.0);
     for p in faces.iter_mut().flatten().flatten().filter(|p| **p == [10.0, 10.0, 10.0]) {

@@ -10,7 +10,7 @@ use glam::DVec3;
 
 use super::super::read::HEIGHT_FIELDS;
 use super::{Facet, Prism, Solid, normal, triangulate};
-use crate::crs::{Crs, CrsError, Transform};
+use crate::crs::{Crs, CrsError, Transform, VerticalReference};
 use crate::files::{FileError, write_whole};
 use crate::output::cityjson::read::{CityFile, CityObject, CitySurface};
 use crate::output::prism::Surface;
@@ -28,8 +28,8 @@ pub struct Solids {
     pub solids: Vec<Solid>,
     /// Buildings without one: no surfaces, no height, no thickness.
     pub n_without_body: usize,
-    /// What heights count from, where the file's CRS says so.
-    pub vertical: Option<String>,
+    /// What levels count from, where the file's CRS says so.
+    pub vertical: Option<VerticalReference>,
 }
 
 /// Why a file's bodies cannot be used.
@@ -72,8 +72,8 @@ pub enum SolidError {
     },
 }
 
-/// Reads bodies. `stated` is the CRS of a file that has none, which an OBJ never has. Levels become metres, but count from
-/// what they counted from: see [`Solids::vertical`].
+/// Reads bodies. `stated` is the CRS of a file that has none, which an OBJ never has, or adds heights to the file's own.
+/// Levels become metres, but count from what they counted from: see [`Solids::vertical`].
 ///
 /// # Errors
 /// [`SolidError`].
@@ -89,7 +89,7 @@ pub fn read_solids(
         let transform = Transform::new(from, project_crs).map_err(|source| crs_error(path, source))?;
         let unit_m = height_unit_m(path, from)?;
         let solids = moved(read_obj(path)?, &transform, unit_m).map_err(|source| crs_error(path, source))?;
-        Solids { solids, n_without_body: 0, vertical: from.vertical_name().map(str::to_owned) }
+        Solids { solids, n_without_body: 0, vertical: VerticalReference::of(from) }
     } else {
         match CityFile::read(path) {
             Ok(city) if !city.objects.is_empty() => of_city(path, &city, lod, stated, project_crs)?,
@@ -129,10 +129,11 @@ fn of_city(
     stated: Option<&Crs>,
     project_crs: &Crs,
 ) -> Result<Solids, SolidError> {
-    let from = city.crs.as_ref().or(stated).ok_or_else(|| ReadError::NoCrs { path: path.to_owned() })?;
+    let own = city.crs.clone().map(|own| own.with_heights_of(stated)).or_else(|| stated.cloned());
+    let from = own.ok_or_else(|| ReadError::NoCrs { path: path.to_owned() })?;
     let failed = |source| crs_error(path, source);
-    let transform = Transform::new(from, project_crs).map_err(failed)?;
-    let unit_m = height_unit_m(path, from)?;
+    let transform = Transform::new(&from, project_crs).map_err(failed)?;
+    let unit_m = height_unit_m(path, &from)?;
     let moved = |v: &[f64; 3]| transform.point(v[0], v[1]).map(|(x, y)| DVec3::new(x, y, unit_m * v[2]));
     let vertices: Vec<DVec3> = city.vertices.iter().map(moved).collect::<Result<_, _>>().map_err(failed)?;
     // Parts are counted to their parent.
@@ -148,7 +149,7 @@ fn of_city(
     }
     let bodies = order.iter().map(|id| of_surfaces(id, &surfaces_of[id], &vertices));
     let (solids, empty): (Vec<Solid>, Vec<Solid>) = bodies.partition(|s| !s.facets.is_empty());
-    Ok(Solids { solids, n_without_body: empty.len(), vertical: from.vertical_name().map(str::to_owned) })
+    Ok(Solids { solids, n_without_body: empty.len(), vertical: VerticalReference::of(&from) })
 }
 
 fn surfaces<'a>(object: &'a CityObject, lod: Option<&str>) -> impl Iterator<Item = &'a CitySurface> {
@@ -197,8 +198,8 @@ fn prism_under(rings: &[Vec<DVec3>], base_m: f64) -> Option<Prism> {
 
 fn of_layer(path: &Path, stated: Option<&Crs>, project_crs: &Crs) -> Result<Solids, SolidError> {
     let mut found = FoundBuildings::read(path, &ReadOptions::default())?;
-    found.crs = found.crs.or_else(|| stated.cloned());
-    let vertical = found.crs.as_ref().and_then(Crs::vertical_name).map(str::to_owned);
+    found.crs = found.crs.map(|own| own.with_heights_of(stated)).or_else(|| stated.cloned());
+    let vertical = found.crs.as_ref().and_then(VerticalReference::of);
     let found = found.into_crs(project_crs)?;
     let mut solids = Vec::new();
     for building in &found.buildings {

@@ -22,6 +22,7 @@ use super::outlines::{Look, OutlineKind, OutlineSource, ViewFault};
 use super::vectorise::{Instances, MaskFault, Outline, Vectorising, outlines, outlines_at_level};
 use crate::geodata::raster::{RasterFile, Resampling, Window};
 use crate::onnx::{Network, OnnxError, Tensor};
+use crate::paths::PathVisitor;
 use crate::raster::Raster;
 use crate::survey::View;
 
@@ -98,12 +99,12 @@ impl SegmenterConfig {
         }
     }
 
-    /// Makes relative paths relative to `folder`.
-    pub fn resolve_paths(&mut self, folder: &Path) {
-        self.model = folder.join(&self.model);
-        self.backbones.values_mut().for_each(|path| *path = folder.join(&*path));
+    /// Visits every path.
+    pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
+        visit(&mut self.model);
+        self.backbones.values_mut().for_each(&mut *visit);
         if let Some(cadastre) = &mut self.cadastre {
-            cadastre.resolve_paths(folder);
+            cadastre.visit_paths(visit);
         }
     }
 

@@ -339,11 +339,15 @@ pub(super) fn require_version(raw: &RawFile) -> Result<(), String> {
     }
 }
 
-/// `urn:ogc:def:crs:EPSG::7415` or `https://www.opengis.net/def/crs/EPSG/0/7415`.
+/// `urn:ogc:def:crs:EPSG::7415` or `https://www.opengis.net/def/crs/EPSG/0/7415`. Our own files have the vertical part that
+/// no single code stands for in their lineage.
 pub(super) fn crs_of(metadata: &JsonMap<String, Value>) -> Result<Option<Crs>, String> {
     let Some(name) = metadata.get("referenceSystem").and_then(Value::as_str) else { return Ok(None) };
     let code = name.rsplit(['/', ':']).next().unwrap_or_default();
-    Crs::parse(&format!("EPSG:{code}")).map(Some).map_err(|e| format!("referenceSystem {name:?}: {e}"))
+    let crs = Crs::parse(&format!("EPSG:{code}")).map_err(|e| format!("referenceSystem {name:?}: {e}"))?;
+    let of_lineage = metadata.get("sizeup").and_then(|lineage| lineage["crs"].as_str());
+    let of_lineage = of_lineage.and_then(|definition| Crs::parse(definition).ok());
+    Ok(Some(crs.with_heights_of(of_lineage.as_ref())))
 }
 
 impl CityFile {

@@ -77,73 +77,16 @@ pub struct Tile<'a> {
 /// The file of a tile.
 #[must_use]
 pub fn glb(tile: &Tile<'_>, precision: Precision) -> Vec<u8> {
-    let mut buffers = Buffers::default();
-    let mut accessors = Vec::new();
-    let mut accessor = |value: Value| {
-        accessors.push(value);
-        accessors.len() - 1
+    let mut parts = Parts::default();
+    let indices = parts.indices(&tile.mesh.indices);
+    let (node, position, normal) = match precision {
+        Precision::Float => parts.reals(tile.mesh),
+        Precision::Quantised => parts.steps(tile.mesh),
     };
-    let mesh = tile.mesh;
-    let n = mesh.positions.len();
-    let [low, high] = mesh.bounds();
-    let indices: Vec<u8> = mesh.indices.iter().flat_map(|i| i.to_le_bytes()).collect();
-    let view = buffers.view(&indices);
-    buffers.views[view]["target"] = ELEMENT_ARRAY_BUFFER.into();
-    let indices = accessor(json!({ "bufferView": view, "componentType": UNSIGNED_INT, "type": "SCALAR",
-                                   "count": mesh.indices.len() }));
-    let mut node = json!({ "mesh": 0 });
-    let (position, normal) = match precision {
-        Precision::Float => {
-            let origin = (low + high) / 2.0;
-            node["translation"] = json!(origin.to_array());
-            let floats = |points: &[DVec3], origin: DVec3| -> Vec<[f32; 3]> {
-                points.iter().map(|p| (*p - origin).as_vec3().to_array()).collect()
-            };
-            let positions = floats(&mesh.positions, origin);
-            let bytes = |v: &[[f32; 3]]| v.iter().flatten().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>();
-            let view = buffers.vertices(&bytes(&positions), 12);
-            let [min, max] = extremes(&positions);
-            let position = accessor(json!({ "bufferView": view, "componentType": FLOAT, "type": "VEC3", "count": n,
-                                            "min": min, "max": max }));
-            let view = buffers.vertices(&bytes(&floats(&mesh.normals, DVec3::ZERO)), 12);
-            (position, accessor(json!({ "bufferView": view, "componentType": FLOAT, "type": "VEC3", "count": n })))
-        }
-        Precision::Quantised => {
-            let step = ((high - low).max_element() / f64::from(u16::MAX)).max(f64::MIN_POSITIVE);
-            node["translation"] = json!(low.to_array());
-            node["scale"] = json!([step, step, step]);
-            let steps: Vec<[u16; 3]> =
-                mesh.positions.iter().map(|p| ((*p - low) / step).to_array().map(|v| v.round() as u16)).collect();
-            // A fourth component fills each vertex up to a multiple of 4 bytes.
-            let bytes: Vec<u8> = steps.iter().flat_map(|&[x, y, z]| [x, y, z, 0]).flat_map(u16::to_le_bytes).collect();
-            let view = buffers.vertices(&bytes, 8);
-            let [min, max] = extremes(&steps);
-            let position = accessor(json!({ "bufferView": view, "componentType": UNSIGNED_SHORT, "type": "VEC3",
-                                            "count": n, "min": min, "max": max }));
-            let byte = |v: f64| ((v * 127.0).round() as i8).to_le_bytes()[0];
-            let bytes: Vec<u8> = mesh.normals.iter().flat_map(|p| [byte(p.x), byte(p.y), byte(p.z), 0]).collect();
-            let view = buffers.vertices(&bytes, 4);
-            (
-                position,
-                accessor(json!({ "bufferView": view, "componentType": BYTE, "normalized": true,
-                                        "type": "VEC3", "count": n })),
-            )
-        }
-    };
-    // Reals hold every id below 2^24, and unlike 32-bit integers are allowed for attributes.
-    let ids: Vec<u8> = mesh.features.iter().flat_map(|&id| (id as f32).to_le_bytes()).collect();
-    let view = buffers.vertices(&ids, 4);
-    let feature = accessor(json!({ "bufferView": view, "componentType": FLOAT, "type": "SCALAR", "count": n }));
-    let colours: Vec<u8> = mesh
-        .features
-        .iter()
-        .map(|&id| linear(tile.colours[id as usize]))
-        .flat_map(|[r, g, b]| [r, g, b, u8::MAX])
-        .collect();
-    let view = buffers.vertices(&colours, 4);
-    let colour = accessor(json!({ "bufferView": view, "componentType": UNSIGNED_BYTE, "normalized": true,
-                                  "type": "VEC4", "count": n }));
-    let table = tile.properties.table(tile.rows, &mut buffers);
+    let feature = parts.feature_ids(&tile.mesh.features);
+    let colour = parts.colours(&tile.mesh.features, tile.colours);
+    let attributes = json!({ "POSITION": position, "NORMAL": normal, "COLOR_0": colour, "_FEATURE_ID_0": feature });
+    let table = tile.properties.table(tile.rows, &mut parts.buffers);
     let mut extensions = vec!["EXT_mesh_features", "EXT_structural_metadata"];
     let mut json = json!({
         "asset": { "version": "2.0", "generator": concat!("sizeup ", env!("CARGO_PKG_VERSION")) },
@@ -155,8 +98,7 @@ pub fn glb(tile: &Tile<'_>, precision: Precision) -> Vec<u8> {
             "pbrMetallicRoughness": { "baseColorFactor": [1.0, 1.0, 1.0, 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0 },
         }],
         "meshes": [{ "primitives": [{
-            "mode": 4, "material": 0, "indices": indices,
-            "attributes": { "POSITION": position, "NORMAL": normal, "COLOR_0": colour, "_FEATURE_ID_0": feature },
+            "mode": 4, "material": 0, "indices": indices, "attributes": attributes,
             "extensions": { "EXT_mesh_features": { "featureIds": [
                 { "featureCount": tile.rows.len(), "attribute": 0, "propertyTable": 0, "label": "building" },
             ] } },
@@ -164,16 +106,93 @@ pub fn glb(tile: &Tile<'_>, precision: Precision) -> Vec<u8> {
         "extensions": { "EXT_structural_metadata": {
             "schema": tile.properties.schema(), "propertyTables": [table],
         } },
-        "accessors": accessors,
-        "bufferViews": buffers.views,
-        "buffers": [{ "byteLength": buffers.bytes.len() }],
+        "accessors": parts.accessors,
+        "bufferViews": parts.buffers.views,
+        "buffers": [{ "byteLength": parts.buffers.bytes.len() }],
     });
     if precision == Precision::Quantised {
         extensions.push("KHR_mesh_quantization");
         json["extensionsRequired"] = json!(["KHR_mesh_quantization"]);
     }
     json["extensionsUsed"] = json!(extensions);
-    container(&json, buffers.bytes)
+    container(&json, parts.buffers.bytes)
+}
+
+/// The binary chunk and the accessors into it.
+#[derive(Debug, Default)]
+struct Parts {
+    buffers: Buffers,
+    accessors: Vec<Value>,
+}
+
+impl Parts {
+    /// Adds an accessor; its index.
+    fn accessor(&mut self, value: Value) -> usize {
+        self.accessors.push(value);
+        self.accessors.len() - 1
+    }
+
+    fn indices(&mut self, indices: &[u32]) -> usize {
+        let bytes: Vec<u8> = indices.iter().flat_map(|i| i.to_le_bytes()).collect();
+        let view = self.buffers.view(&bytes);
+        self.buffers.views[view]["target"] = ELEMENT_ARRAY_BUFFER.into();
+        self.accessor(
+            json!({ "bufferView": view, "componentType": UNSIGNED_INT, "type": "SCALAR", "count": indices.len() }),
+        )
+    }
+
+    /// The node, and accessors of positions around the tile's middle and of normals.
+    fn reals(&mut self, mesh: &Mesh) -> (Value, usize, usize) {
+        let (n, [low, high]) = (mesh.positions.len(), mesh.bounds());
+        let origin = (low + high) / 2.0;
+        let floats = |points: &[DVec3], origin: DVec3| -> Vec<[f32; 3]> {
+            points.iter().map(|p| (*p - origin).as_vec3().to_array()).collect()
+        };
+        let bytes = |v: &[[f32; 3]]| v.iter().flatten().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>();
+        let positions = floats(&mesh.positions, origin);
+        let [min, max] = extremes(&positions);
+        let view = self.buffers.vertices(&bytes(&positions), 12);
+        let position = self.accessor(json!({ "bufferView": view, "componentType": FLOAT, "type": "VEC3", "count": n,
+                                             "min": min, "max": max }));
+        let view = self.buffers.vertices(&bytes(&floats(&mesh.normals, DVec3::ZERO)), 12);
+        let normal = self.accessor(json!({ "bufferView": view, "componentType": FLOAT, "type": "VEC3", "count": n }));
+        (json!({ "mesh": 0, "translation": origin.to_array() }), position, normal)
+    }
+
+    /// The node, and accessors of positions in steps from the tile's lowest corner and of normals.
+    fn steps(&mut self, mesh: &Mesh) -> (Value, usize, usize) {
+        let (n, [low, high]) = (mesh.positions.len(), mesh.bounds());
+        let step = ((high - low).max_element() / f64::from(u16::MAX)).max(f64::MIN_POSITIVE);
+        let steps: Vec<[u16; 3]> =
+            mesh.positions.iter().map(|p| ((*p - low) / step).to_array().map(|v| v.round() as u16)).collect();
+        // A fourth component fills each vertex up to a multiple of 4 bytes.
+        let bytes: Vec<u8> = steps.iter().flat_map(|&[x, y, z]| [x, y, z, 0]).flat_map(u16::to_le_bytes).collect();
+        let view = self.buffers.vertices(&bytes, 8);
+        let [min, max] = extremes(&steps);
+        let position = self.accessor(json!({ "bufferView": view, "componentType": UNSIGNED_SHORT, "type": "VEC3",
+                                             "count": n, "min": min, "max": max }));
+        let byte = |v: f64| ((v * 127.0).round() as i8).to_le_bytes()[0];
+        let bytes: Vec<u8> = mesh.normals.iter().flat_map(|p| [byte(p.x), byte(p.y), byte(p.z), 0]).collect();
+        let view = self.buffers.vertices(&bytes, 4);
+        let normal = self.accessor(json!({ "bufferView": view, "componentType": BYTE, "normalized": true,
+                                           "type": "VEC3", "count": n }));
+        (json!({ "mesh": 0, "translation": low.to_array(), "scale": [step, step, step] }), position, normal)
+    }
+
+    /// Reals hold every id below 2^24, and unlike 32-bit integers are allowed for attributes.
+    fn feature_ids(&mut self, features: &[u32]) -> usize {
+        let bytes: Vec<u8> = features.iter().flat_map(|&id| (id as f32).to_le_bytes()).collect();
+        let view = self.buffers.vertices(&bytes, 4);
+        self.accessor(json!({ "bufferView": view, "componentType": FLOAT, "type": "SCALAR", "count": features.len() }))
+    }
+
+    fn colours(&mut self, features: &[u32], colours: &[Rgb]) -> usize {
+        let of_vertex = |&id: &u32| linear(colours[id as usize]);
+        let bytes: Vec<u8> = features.iter().map(of_vertex).flat_map(|[r, g, b]| [r, g, b, u8::MAX]).collect();
+        let view = self.buffers.vertices(&bytes, 4);
+        self.accessor(json!({ "bufferView": view, "componentType": UNSIGNED_BYTE, "normalized": true,
+                              "type": "VEC4", "count": features.len() }))
+    }
 }
 
 /// Smallest and largest of each component.

@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::super::cityjson::read::CitySurface;
 use super::super::planar::{cross, is_inside, segments_meet, twice_area};
+use super::groups::Groups;
 use super::snap::Snapped;
 use super::{Code, ValidateConfig};
 
@@ -154,16 +155,36 @@ fn distance_faults(rings: &[Vec<usize>], normal: DVec3, snapped: &Snapped, confi
     farthest.filter(is_off).map(fault).into_iter().collect()
 }
 
+/// 205: rings that touch each other in a circle, as two holes and the exterior in three points, cut the face in two.
+fn cuts_interior(touches: &[(usize, [i64; 2])], n_rings: usize) -> bool {
+    let mut incidences = touches.to_vec();
+    incidences.sort_unstable();
+    incidences.dedup();
+    let mut points: Vec<[i64; 2]> = incidences.iter().map(|(_, point)| *point).collect();
+    points.sort_unstable();
+    points.dedup();
+    let mut groups = Groups::new(n_rings + points.len());
+    // A ring and a point that are joined already: a way round.
+    !incidences
+        .iter()
+        .all(|(ring, point)| points.binary_search(point).is_ok_and(|position| groups.join(*ring, n_rings + position)))
+}
+
 /// 201, 202, 205–208: each hole against the exterior and the holes before it.
 fn between_rings(flat: &[Vec<[i64; 2]>], place: &impl Fn(usize, usize) -> [f64; 3]) -> Vec<FaceFault> {
     let mut faults = Vec::new();
+    let mut touches: Vec<(usize, [i64; 2])> = Vec::new();
     let exterior_turns = twice_area(&flat[0]).signum();
     for (h, hole) in flat.iter().enumerate().skip(1) {
         for (o, other) in flat.iter().enumerate().take(h) {
-            let code = match Contact::between(hole, other) {
+            let contact = Contact::between(hole, other);
+            if let Contact::Touching(points) = &contact {
+                touches.extend(points.iter().flat_map(|&point| [(h, point), (o, point)]));
+            }
+            let code = match contact {
                 Contact::Same => Some(Code::DuplicatedRings),
                 Contact::Crossing => Some(Code::IntersectionRings),
-                Contact::Touching(n) if n > 1 => Some(Code::PolygonInteriorDisconnected),
+                Contact::Touching(points) if points.len() > 1 => Some(Code::PolygonInteriorDisconnected),
                 Contact::Apart | Contact::Touching(_) => match (o, side(hole, other)) {
                     (0, Side::Outside) => Some(Code::InnerRingOutside),
                     (1.., Side::Inside) => Some(Code::InnerRingsNested),
@@ -177,14 +198,17 @@ fn between_rings(flat: &[Vec<[i64; 2]>], place: &impl Fn(usize, usize) -> [f64; 
             faults.push((Code::OrientationRingsSame, place(h, 0)));
         }
     }
+    if faults.is_empty() && cuts_interior(&touches, flat.len()) {
+        faults.push((Code::PolygonInteriorDisconnected, place(flat.len() - 1, 0)));
+    }
     faults
 }
 
 /// How two rings meet.
 enum Contact {
     Apart,
-    /// In this many points, without crossing.
-    Touching(usize),
+    /// In these points, without crossing.
+    Touching(Vec<[i64; 2]>),
     /// They cross, or share a piece of an edge.
     Crossing,
     /// They have the same points.
@@ -228,7 +252,7 @@ impl Contact {
         } else if side(a, b) == Side::Both {
             Self::Crossing
         } else {
-            Self::Touching(touches.len())
+            Self::Touching(touches)
         }
     }
 }

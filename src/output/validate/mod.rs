@@ -5,13 +5,16 @@
 //!
 //! | checked | not checked |
 //! |---|---|
-//! | 101, 102, 104, 201–208, 301–303, 305–307, 405, 902 | 401–404 between shells, 501–503, 601, templates |
+//! | 101, 102, 104, 201–208, 301–303, 305–307, 405, 902 | 401–404 between the shells of a solid, 501–503, templates |
+//! | 601 of parts that are upright prisms | 601 of parts of another form |
 //!
 //! Vertices closer than the snap tolerance count as one. Within a face, positions are projected along the axis nearest
 //! to its normal and rounded to a tenth of the tolerance; all further decisions there are exact.
 
 mod face;
+mod groups;
 mod merge;
+mod parts;
 pub mod schema;
 mod shell;
 mod snap;
@@ -27,6 +30,7 @@ use super::cityjson::Sequence;
 use super::cityjson::read::{CityFile, CityGeometry, CityObject, visit_objects};
 use super::read::is_sequence;
 use face::Face;
+use parts::Part;
 use snap::Snapped;
 
 /// Tolerances of the checks; the defaults are val3dity's.
@@ -87,6 +91,8 @@ pub enum Code {
     PolygonWrongOrientation = 307,
     /// 405: an outer shell faces inwards, or an inner one outwards.
     WrongOrientationShell = 405,
+    /// 601: two parts of one building share volume.
+    BuildingPartsOverlap = 601,
     /// 902: a geometry without faces.
     EmptyPrimitive = 902,
 }
@@ -152,16 +158,49 @@ impl Validation {
         self.faults.is_empty()
     }
 
-    fn add(&mut self, city: &CityFile, object: &CityObject, config: &ValidateConfig) {
-        self.n_without_geometry += usize::from(object.geometries.is_empty());
+    fn record(&mut self, faults: Vec<Fault>) {
+        for fault in &faults {
+            *self.n_by_code.entry(fault.number).or_default() += 1;
+        }
+        self.faults.extend(faults);
+    }
+}
+
+/// Looks at objects one by one, and at the parts of a building when all of them were seen.
+struct Checker<'a> {
+    config: &'a ValidateConfig,
+    outcome: Validation,
+    /// By building.
+    parts: BTreeMap<String, Vec<Part>>,
+}
+
+impl<'a> Checker<'a> {
+    fn new(config: &'a ValidateConfig) -> Self {
+        Self { config, outcome: Validation::default(), parts: BTreeMap::new() }
+    }
+
+    fn object(&mut self, city: &CityFile, object: &CityObject) {
+        self.outcome.n_without_geometry += usize::from(object.geometries.is_empty());
         for geometry in &object.geometries {
-            let faults = check_geometry(city, object, geometry, config);
-            self.n_geometries += 1;
-            self.n_valid += usize::from(faults.is_empty());
-            for fault in &faults {
-                *self.n_by_code.entry(fault.number).or_default() += 1;
+            let faults = check_geometry(city, object, geometry, self.config);
+            self.outcome.n_geometries += 1;
+            self.outcome.n_valid += usize::from(faults.is_empty());
+            let building = object.parents.first().filter(|_| faults.is_empty() && geometry.is_solid);
+            let part = building.and_then(|building| {
+                let part = Part::of(city, object, geometry, self.config)?;
+                Some((building.clone(), part))
+            });
+            if let Some((building, part)) = part {
+                self.parts.entry(building).or_default().push(part);
             }
-            self.faults.extend(faults);
+            self.outcome.record(faults);
+        }
+    }
+
+    /// Compares the parts seen so far: every building's are complete.
+    fn compare_parts(&mut self) {
+        for parts in std::mem::take(&mut self.parts).into_values() {
+            self.outcome.record(parts::overlaps(&parts, self.config));
         }
     }
 }
@@ -169,32 +208,35 @@ impl Validation {
 /// Checks every geometry of a city model.
 #[must_use]
 pub fn validate(city: &CityFile, config: &ValidateConfig) -> Validation {
-    let mut outcome = Validation { n_templates: city.n_templates, ..Validation::default() };
-    city.objects.iter().for_each(|object| outcome.add(city, object, config));
-    outcome
+    let mut checker = Checker::new(config);
+    city.objects.iter().for_each(|object| checker.object(city, object));
+    checker.compare_parts();
+    Validation { n_templates: city.n_templates, ..checker.outcome }
 }
 
-/// Checks every geometry of a file, object by object: of a `CityJSON` file only the vertices are in memory, of a sequence
-/// one feature.
+/// Checks every geometry of a file, object by object: of a `CityJSON` file only the vertices are in memory (and the outlines of
+/// building parts), of a sequence one feature.
 ///
 /// # Errors
 /// [`OutputError`] where the file cannot be read.
 pub fn validate_file(path: &Path, config: &ValidateConfig) -> Result<Validation, OutputError> {
-    let mut outcome = Validation::default();
+    let mut checker = Checker::new(config);
     if is_sequence(path) {
         for feature in Sequence::open(path)? {
             let feature = feature?;
-            feature.objects.iter().for_each(|object| outcome.add(&feature, object, config));
-            outcome.n_templates += feature.n_templates;
+            feature.objects.iter().for_each(|object| checker.object(&feature, object));
+            checker.compare_parts();
+            checker.outcome.n_templates += feature.n_templates;
         }
-        return Ok(outcome);
+        return Ok(checker.outcome);
     }
     let head = CityFile::read_head(path)?;
-    outcome.n_templates = visit_objects(path, &head.vertices, &mut |object| {
-        outcome.add(&head, &object, config);
+    checker.outcome.n_templates = visit_objects(path, &head.vertices, &mut |object| {
+        checker.object(&head, &object);
         Ok(())
     })?;
-    Ok(outcome)
+    checker.compare_parts();
+    Ok(checker.outcome)
 }
 
 /// A fault within one shell, before it knows where the shell stands.

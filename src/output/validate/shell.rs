@@ -8,11 +8,14 @@ use rstar::{AABB, RTree};
 
 use super::super::planar::{cross, is_inside};
 use super::face::{Face, flatten};
+use super::groups::Groups;
 use super::snap::Snapped;
 use super::{Code, Found};
 
 /// Fewest faces that enclose a volume.
 const MIN_FACES: usize = 4;
+/// Faces that come this near, in snap tolerances, touch: what is farther is how bent faces meet beside a long edge.
+const TOUCHING: f64 = 0.01;
 
 /// The uses of one undirected edge: face, and whether in the direction from the lower to the higher index.
 type Uses = Vec<(usize, bool)>;
@@ -23,13 +26,20 @@ pub fn check(faces: &[Face], shell_index: usize, snapped: &Snapped) -> Vec<Found
         return vec![Found { code: Code::TooFewPolygons, surface: None, position: None }];
     }
     let edges = edges(faces);
-    let mut found: Vec<Found> =
-        edges.iter().filter_map(|(edge, uses)| edge_fault(*edge, uses, faces, snapped)).collect();
+    let (crowded, other): (Vec<Found>, Vec<Found>) = edges
+        .iter()
+        .filter_map(|(edge, uses)| edge_fault(*edge, uses, faces, snapped))
+        .partition(|found| found.code == Code::NonManifoldCase);
+    // As val3dity has it: what hangs on by an edge or a vertex, or by nothing, is told before what is open.
+    let mut found = crowded;
     if found.is_empty() {
-        found.extend(vertex_faults(faces, &edges, snapped));
+        found.extend(vertex_faults(faces, snapped));
     }
     if found.is_empty() && n_components(faces.len(), &edges) > 1 {
         found.push(Found { code: Code::MultipleConnectedComponents, surface: None, position: None });
+    }
+    if found.is_empty() {
+        found = other;
     }
     if found.is_empty() {
         found.extend(crossing_faces(faces, snapped));
@@ -69,37 +79,35 @@ fn edge_fault(edge: [usize; 2], uses: &Uses, faces: &[Face], snapped: &Snapped) 
     Some(Found { code, surface: Some(faces[uses[0].0].index), position: Some(((a + b) / 2.0).to_array()) })
 }
 
-/// 303: the faces around a vertex fall into more than one fan.
-fn vertex_faults(faces: &[Face], edges: &BTreeMap<[usize; 2], Uses>, snapped: &Snapped) -> Vec<Found> {
-    let mut faces_at: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+/// 303: the corners of faces around a vertex fall into more than one fan. A face that meets the vertex twice has two corners
+/// there.
+fn vertex_faults(faces: &[Face], snapped: &Snapped) -> Vec<Found> {
+    // Face, and the neighbours of the vertex along its ring.
+    let mut corners_at: BTreeMap<usize, Vec<(usize, [usize; 2])>> = BTreeMap::new();
     for (f, face) in faces.iter().enumerate() {
-        for &vertex in face.rings.iter().flatten() {
-            faces_at.entry(vertex).or_default().push(f);
+        for ring in &face.rings {
+            for (i, &vertex) in ring.iter().enumerate() {
+                let neighbours = [ring[(i + ring.len() - 1) % ring.len()], ring[(i + 1) % ring.len()]];
+                corners_at.entry(vertex).or_default().push((f, neighbours));
+            }
         }
     }
-    let mut links: HashMap<usize, Vec<[usize; 2]>> = HashMap::new();
-    for (edge, uses) in edges {
-        for vertex in edge {
-            links.entry(*vertex).or_default().push([uses[0].0, uses[1].0]);
-        }
-    }
-    let is_pinched = |vertex: usize, around: &[usize]| {
-        let mut around = around.to_vec();
-        around.sort_unstable();
-        around.dedup();
-        let position: HashMap<usize, usize> = around.iter().enumerate().map(|(i, f)| (*f, i)).collect();
-        let mut groups = Groups::new(around.len());
-        for [a, b] in &links[&vertex] {
-            groups.join(position[a], position[b]);
+    let is_pinched = |corners: &[(usize, [usize; 2])]| {
+        let mut groups = Groups::new(corners.len());
+        let mut first_at: HashMap<usize, usize> = HashMap::new();
+        for (c, (_, neighbours)) in corners.iter().enumerate() {
+            for neighbour in neighbours {
+                groups.join(c, *first_at.entry(*neighbour).or_insert(c));
+            }
         }
         groups.count() > 1
     };
-    faces_at
+    corners_at
         .iter()
-        .filter(|(vertex, around)| is_pinched(**vertex, around))
-        .map(|(vertex, around)| Found {
+        .filter(|(_, corners)| is_pinched(corners))
+        .map(|(vertex, corners)| Found {
             code: Code::NonManifoldCase,
-            surface: Some(faces[around[0]].index),
+            surface: Some(faces[corners[0].0].index),
             position: Some(snapped.position(*vertex)),
         })
         .collect()
@@ -108,38 +116,14 @@ fn vertex_faults(faces: &[Face], edges: &BTreeMap<[usize; 2], Uses>, snapped: &S
 fn n_components(n_faces: usize, edges: &BTreeMap<[usize; 2], Uses>) -> usize {
     let mut groups = Groups::new(n_faces);
     for uses in edges.values() {
-        uses.windows(2).for_each(|pair| groups.join(pair[0].0, pair[1].0));
+        for pair in uses.windows(2) {
+            groups.join(pair[0].0, pair[1].0);
+        }
     }
     groups.count()
 }
 
-/// Sets of items that belong together.
-struct Groups(Vec<usize>);
-
-impl Groups {
-    fn new(n: usize) -> Self {
-        Self((0..n).collect())
-    }
-
-    fn root(&mut self, mut i: usize) -> usize {
-        while self.0[i] != i {
-            self.0[i] = self.0[self.0[i]];
-            i = self.0[i];
-        }
-        i
-    }
-
-    fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.0[a.max(b)] = a.min(b);
-    }
-
-    fn count(&mut self) -> usize {
-        (0..self.0.len()).filter(|&i| self.root(i) == i).count()
-    }
-}
-
-/// 306: an edge of one face pierces another face, or two faces in one plane overlap.
+/// 306: an edge of one face pierces another face or lies in it, a vertex touches it, or two faces in one plane overlap.
 fn crossing_faces(faces: &[Face], snapped: &Snapped) -> Vec<Found> {
     let boxes = faces.iter().enumerate().map(|(f, face)| {
         let points = face.rings[0].iter().map(|&i| snapped.points[i]);
@@ -153,7 +137,9 @@ fn crossing_faces(faces: &[Face], snapped: &Snapped) -> Vec<Found> {
             tree.locate_in_envelope_intersecting(&AABB::from_points(points.iter())).map(|b| b.data).collect();
         near.sort_unstable();
         for other in near.into_iter().filter(|&o| o != f) {
-            if let Some(at) = piercing(face, &faces[other], snapped).or_else(|| overlap(face, &faces[other], snapped)) {
+            let other = &faces[other];
+            let meeting = || piercing(face, other, snapped).or_else(|| touching(face, other, snapped));
+            if let Some(at) = meeting().or_else(|| overlap(face, other, snapped)) {
                 let position = std::array::from_fn(|axis| at[axis] + snapped.origin[axis]);
                 found.push(Found {
                     code: Code::ShellSelfIntersection,
@@ -176,6 +162,18 @@ fn piercing(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
         let is_through = above_a * above_b < 0.0 && above_a.abs().min(above_b.abs()) > snapped.tolerance_m;
         let at = point(a).lerp(point(b), above_a / (above_a - above_b));
         (is_through && is_within(at, other, snapped)).then_some(at)
+    })
+}
+
+/// A corner of `face` inside `other`, or the middle of an edge that runs through it from border to border.
+fn touching(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
+    let point = |i: usize| DVec3::from_array(snapped.points[i]);
+    let origin = point(other.rings[0][0]);
+    let is_on_plane = |at: DVec3| (at - origin).dot(other.normal).abs() <= TOUCHING * snapped.tolerance_m;
+    let is_in = |at: &DVec3| is_on_plane(*at) && is_within(*at, other, snapped);
+    face_edges(face).find_map(|[a, b]| {
+        let (a, b) = (point(a), point(b));
+        Some(a).filter(is_in).or_else(|| Some(a.lerp(b, 0.5)).filter(|middle| is_on_plane(a) && is_in(middle)))
     })
 }
 

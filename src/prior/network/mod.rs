@@ -26,6 +26,7 @@ use super::recent::Recent;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
 use crate::ids::ViewId;
 use crate::onnx::{EngineConfig, Network, Outline, Port, Tensor};
+use crate::paths::PathVisitor;
 use crate::raster::Raster;
 use crate::survey::View;
 use crate::terrain::Terrain;
@@ -78,11 +79,11 @@ impl NetworkConfig {
         }
     }
 
-    /// Makes relative paths relative to `folder`.
-    pub(super) fn resolve_paths(&mut self, folder: &Path) {
-        self.model = folder.join(&self.model);
-        self.engine.resolve_paths(folder);
-        self.cache.folder = folder.join(&self.cache.folder);
+    /// Visits every path.
+    pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
+        visit(&mut self.model);
+        self.engine.visit_paths(visit);
+        visit(&mut self.cache.folder);
     }
 
     fn chosen(&self) -> Result<Profile, PriorError> {

@@ -1,0 +1,136 @@
+//! Paths of a configuration: relative to its file when they are read, and to the results when they are saved beside them.
+//!
+//! A path that was relative in the file belongs to the project: it is saved relative to the folder of the results where
+//! these lie in the configuration's folder or beside it, so that the whole can be moved. All other paths are saved as
+//! absolute ones, so that results elsewhere still find their input.
+
+use std::collections::BTreeSet;
+use std::path::{Component, Path, PathBuf};
+
+/// What is done to each path of some settings.
+pub type PathVisitor<'a> = &'a mut dyn FnMut(&mut PathBuf);
+
+/// Visits a path with placeholders, which is text.
+pub fn visit_template(template: &mut String, visit: PathVisitor<'_>) {
+    let mut path = PathBuf::from(std::mem::take(template));
+    visit(&mut path);
+    *template = path.to_string_lossy().into_owned();
+}
+
+/// A path of a file in `folder`; absolute ones stay.
+#[must_use]
+pub fn resolved(folder: &Path, path: &Path) -> PathBuf {
+    if path == Path::new(".") && !folder.as_os_str().is_empty() { folder.to_owned() } else { folder.join(path) }
+}
+
+/// The folder of a configuration and the paths that were relative to it.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct OwnPaths {
+    folder: PathBuf,
+    /// Resolved; of those with placeholders what stands before the first.
+    own: BTreeSet<PathBuf>,
+}
+
+impl OwnPaths {
+    /// Of a configuration in `folder`.
+    #[must_use]
+    pub fn new(folder: &Path) -> Self {
+        Self { folder: folder.to_owned(), own: BTreeSet::new() }
+    }
+
+    /// Resolves a path of the configuration.
+    pub fn resolve(&mut self, path: &mut PathBuf) {
+        let is_own = path.is_relative() && !path.as_os_str().is_empty();
+        *path = resolved(&self.folder, path);
+        if is_own {
+            let is_plain = |part: &Component<'_>| !part.as_os_str().to_string_lossy().contains('{');
+            self.own.insert(path.components().take_while(is_plain).collect());
+        }
+    }
+
+    /// How a path is written beside results in the folder `result`.
+    #[must_use]
+    pub fn saved(&self, path: &Path, result: &Path) -> PathBuf {
+        let is_own = self.own.iter().any(|own| path.starts_with(own));
+        if path.as_os_str().is_empty() || (path.is_absolute() && !is_own) {
+            return path.to_owned();
+        }
+        let [Some(full), Some(result), Some(home)] = [path, result, &self.folder].map(full) else {
+            return path.to_owned();
+        };
+        let moves_along = result.starts_with(home.parent().unwrap_or(&home));
+        if is_own && moves_along { relative(&full, &result) } else { full }
+    }
+}
+
+/// An absolute path without `.` and `..`, by its text alone.
+fn full(path: &Path) -> Option<PathBuf> {
+    let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+    let mut full = PathBuf::new();
+    for part in std::path::absolute(path).ok()?.components() {
+        match part {
+            Component::ParentDir => drop(full.pop()),
+            Component::CurDir => {}
+            part => full.push(part),
+        }
+    }
+    Some(full)
+}
+
+/// The way from a folder to a path, both absolute; the path itself where they have nothing in common.
+fn relative(path: &Path, folder: &Path) -> PathBuf {
+    let n_common = path.components().zip(folder.components()).take_while(|(a, b)| a == b).count();
+    if n_common == 0 {
+        return path.to_owned();
+    }
+    let up = folder.components().skip(n_common).map(|_| Component::ParentDir);
+    let way: PathBuf = up.chain(path.components().skip(n_common)).collect();
+    if way.as_os_str().is_empty() { PathBuf::from(".") } else { way }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn saved(folder: &str, path: &str, result: &str) -> String {
+        let (mut own, mut path) = (OwnPaths::new(Path::new(folder)), PathBuf::from(path));
+        own.resolve(&mut path);
+        own.saved(&path, Path::new(result)).display().to_string()
+    }
+
+    #[test]
+    fn what_lies_with_the_configuration_is_found_from_the_results() {
+        assert_eq!(saved("/town", "sparse/0", "/town/result"), "../sparse/0");
+        assert_eq!(saved("/town", "sparse", "/town/out/a"), "../../sparse");
+        assert_eq!(saved("/town/scene", "dtm.tif", "/town/result"), "../scene/dtm.tif");
+        assert_eq!(saved("/town", "../photos/{stem}.npy", "/town/result"), "../../photos/{stem}.npy");
+        assert_eq!(saved("/town", ".", "/town"), ".");
+        // The same whatever folder the command was given in.
+        assert_eq!(saved("town", "sparse", "town/result"), "../sparse");
+        assert_eq!(saved("", "sparse", "result"), "../sparse");
+    }
+
+    #[test]
+    fn saving_what_was_saved_changes_nothing() {
+        assert_eq!(saved("/town/result", "../sparse/0", "/town/result"), "../sparse/0");
+        assert_eq!(saved("/town/result", "/far/photos", "/town/result"), "/far/photos");
+    }
+
+    #[test]
+    fn paths_that_do_not_move_along_are_absolute() {
+        assert_eq!(saved("/town", "sparse", "/scratch/run"), "/town/sparse");
+        assert_eq!(saved("/town", "/photos/{stem}.npy", "/town/result"), "/photos/{stem}.npy");
+        assert_eq!(saved("/town", "/vsizip/a.zip/b", "/town/result"), "/vsizip/a.zip/b");
+    }
+
+    #[test]
+    fn files_below_an_own_path_are_own() {
+        let mut own = OwnPaths::new(Path::new("/town"));
+        own.resolve(&mut PathBuf::from("priors/{stem}.npy"));
+        assert_eq!(
+            own.saved(Path::new("/town/priors/001.npy"), Path::new("/town/result")),
+            Path::new("../priors/001.npy")
+        );
+        assert_eq!(own.saved(Path::new("/town/else"), Path::new("/town/result")), Path::new("/town/else"));
+    }
+}
