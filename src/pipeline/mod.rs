@@ -39,6 +39,7 @@ pub use frame::Frame;
 pub use input::check_fallback;
 pub use levels::Cut;
 pub use look::look;
+pub use polish::{asks_photo, photo_bytes};
 pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use stages::{files_of, unstated_reference};
 pub use tile::{Part, PartHeights, find_outlines, layer_of, outlines_around, refused_records, survey_of};

@@ -12,6 +12,7 @@ use geo::BoundingRect as _;
 use super::footprints::on_ground;
 use super::heights::HeightSearch;
 use super::kept::PriorStore;
+use super::polish::asks_photo;
 use super::records::records;
 use super::stages::{SceneStage, lineage_of, load_terrain, prior_issues};
 use super::{FootprintStage, Frame, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact};
@@ -196,6 +197,13 @@ impl<'a> Part<'a> {
         let views = self.survey.views.iter().filter(|view| is_wanted(&view.id));
         let files: Result<Vec<_>, _> = views.map(|view| self.priors.source().file_of(view)).collect();
         Ok(files?.into_iter().flatten().collect())
+    }
+
+    /// The photos that its roofs may be settled by, each once, sorted.
+    #[must_use]
+    pub fn photo_files(&self) -> BTreeSet<PathBuf> {
+        let asked = self.survey.views.iter().filter(|view| asks_photo(self.config, view));
+        asked.filter_map(|view| view.image.clone()).collect()
     }
 
     /// Finds the heights. A part that no view sees, or without usable priors, is solved all the same: its buildings are

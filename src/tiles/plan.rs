@@ -18,7 +18,8 @@ use crate::optimise::Preset;
 use crate::output::reports::write_json;
 use crate::output::{InputFile, sha256_hex};
 use crate::pipeline::{
-    self, Event, Frame, PipelineError, RunOptions, Stage, Tell, check_fallback, layer_of, outlines_around,
+    self, Event, Frame, PipelineError, RunOptions, Stage, Tell, asks_photo, check_fallback, layer_of, outlines_around,
+    photo_bytes,
 };
 use crate::prior::PriorConfig;
 use crate::stats;
@@ -229,14 +230,19 @@ impl<'a> City<'a> {
     fn views_of(&self, core: &Core, ground_m: [f64; 2]) -> Vec<usize> {
         let area = core.area().grown(self.view_margin_m);
         let tallest_m = f64::from(self.frame.bounds.max_m);
-        // Stereo matches views of all kinds with each other; otherwise only oblique ones have a say.
-        let takes_part =
-            |view: &View| view.kind() == ViewKind::Oblique || matches!(self.config.prior, PriorConfig::Stereo(_));
+        // Stereo matches views of all kinds with each other, and roofs are settled by photos of all kinds; otherwise only
+        // oblique ones have a say.
+        let takes_part = |view: &View| {
+            view.kind() == ViewKind::Oblique
+                || matches!(self.config.prior, PriorConfig::Stereo(_))
+                || asks_photo(self.config, view)
+        };
         let views = self.survey.views.iter().enumerate();
         let seeing = views.filter(|(_, v)| takes_part(v) && sight::looks_at(v, &area, ground_m, tallest_m));
         seeing.map(|(i, _)| i).collect()
     }
 
+    /// Megabytes that a tile with so many views needs at most.
     fn memory_mb(&self, core: &Core, n_views: usize) -> u64 {
         let halo = core.area().grown(self.halo_m);
         let oblique: Vec<&View> = self.survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique).collect();
@@ -251,6 +257,11 @@ impl<'a> City<'a> {
             slope: stats::mean(&tangents).unwrap_or(1.0),
             cell_m: self.cell_m,
             n_threads: self.settings.n_threads,
+            photo_bytes: if self.survey.views.iter().any(|view| asks_photo(self.config, view)) {
+                photo_bytes(self.config, n_views)
+            } else {
+                0
+            },
         };
         estimate_mb(&counts, &self.config.optimise)
     }

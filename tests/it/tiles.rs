@@ -147,6 +147,43 @@ fn halos_that_cut_through_a_town_leave_its_heights_as_they_are() {
 }
 
 #[test]
+fn photos_of_all_kinds_settle_roofs_in_tiles_as_in_one_piece_and_a_poisoned_one_stops_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = SimulateConfig::default();
+    config.town.n_buildings = N_BUILDINGS;
+    config.flight.n_views = Some(24);
+    (config.camera.width_px, config.camera.height_px) = (800, 600);
+    config.prior.longest_px = 160;
+    config.masks.enabled = false;
+    simulate(&config, folder.path(), &|_, _| {}).unwrap();
+    let sizeup = |args: &[&str]| {
+        let outcome: Outcome = sizeup().current_dir(folder.path()).args(args).output().unwrap().into();
+        assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
+        outcome
+    };
+    let working = ["--set", "optimise.working_px=160", "--set", "output.pictures=false"];
+    sizeup(&[&["run", "sizeup.toml", "--output", "whole"], &working[..]].concat());
+    sizeup(&[&["run", "sizeup.toml", "--output", "tiled", "--tiled", "--size", SIZE], &working[..]].concat());
+    let read = |name: &str| heights(&folder.path().join(name));
+    let whole = read("whole/city.city.json");
+    assert_eq!(whole.len(), N_BUILDINGS);
+    assert_eq!(whole, read("tiled/city.city.jsonl"));
+    // Without photos there are other heights: they had a say.
+    let blind = ["--output", "blind", "--set", "optimise.polish.enabled=false"];
+    sizeup(&[&["run", "sizeup.toml"], &blind[..], &working[..]].concat());
+    assert_ne!(whole, read("blind/city.city.json"));
+
+    let plan: Value = serde_json::from_slice(&fs::read(folder.path().join("tiled/tiles.json")).unwrap()).unwrap();
+    let id = plan["tiles"][0]["id"].as_str().unwrap();
+    let views = fs::read(folder.path().join(format!("tiled/tiles/{id}/views.json"))).unwrap();
+    let views: Value = serde_json::from_slice(&views).unwrap();
+    let photo = views["views"][0]["image"].as_str().unwrap();
+    assert!(sizeup(&["tiles", "run", "tiled", "--tile", id]).stderr.contains("was done already"));
+    fs::write(photo, "not a photo").unwrap();
+    assert!(sizeup(&["tiles", "run", "tiled", "--tile", id]).stderr.contains("is done"));
+}
+
+#[test]
 fn what_is_done_is_not_done_again_and_the_same_plan_is_the_same_bytes() {
     let scene = Scene::new();
     let ids = plan(&scene);
