@@ -110,6 +110,7 @@ pub(super) fn move_roofs(
 }
 
 /// The files that outlines come from, for the lineage.
+#[must_use]
 pub fn files(config: &RunConfig, survey: &Survey) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = config.footprints.file().into_iter().collect();
     if let FootprintSource::Network(network) = &config.footprints {

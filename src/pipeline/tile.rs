@@ -74,8 +74,8 @@ pub fn layer_of(config: &RunConfig) -> Result<Cow<'_, FootprintConfig>, Pipeline
     Ok(Cow::Owned(footprint::plain_config(config.project.output.join(FOUND_OUTLINES))))
 }
 
-/// Finds the outlines of a whole city in its photos, once for all of its parts; what was refused, and issues. `None` for
-/// outlines that are in a layer already.
+/// Finds the outlines of a whole city in its photos, once for all of its parts; returns what was refused, and issues, without
+/// the outlines. `None` for outlines that are in a layer already.
 ///
 /// # Errors
 /// [`PipelineError`], as a run of the stage.
@@ -83,15 +83,16 @@ pub fn find_outlines(
     config: &RunConfig,
     command: &str,
     tell: Tell<'_>,
-) -> Result<Option<(Vec<RefusedFootprint>, Vec<Issue>)>, PipelineError> {
+) -> Result<Option<FootprintLayer>, PipelineError> {
     if matches!(config.footprints, FootprintSource::Layer(_)) {
         return Ok(None);
     }
     let options = RunOptions { from: Stage::Footprints, until: Stage::Footprints, command: command.to_owned() };
     super::run(config, &options, tell)?;
-    let FootprintStage { layer, .. } = artefact::read(config, Stage::Footprints)?;
+    let FootprintStage { mut layer, .. } = artefact::read(config, Stage::Footprints)?;
     footprint::write_plain(&layer_of(config)?.path, &layer, &config.project.crs)?;
-    Ok(Some((layer.refused, layer.issues)))
+    layer.footprints.clear();
+    Ok(Some(layer))
 }
 
 /// The outlines whose middle lies in a box, with the ground under each. `renamed` is what a reading of the whole layer

@@ -71,8 +71,8 @@ pub fn plan(
     let found = pipeline::find_outlines(config, command, tell)?;
     let survey = pipeline::survey_of(config)?;
     let mut outlines = Outlines::read(config)?;
-    if let Some((refused, issues)) = found {
-        (outlines.refused, outlines.issues) = (refused, issues);
+    if let Some(found) = found {
+        (outlines.refused, outlines.issues) = (found.refused, found.issues);
     }
     let places = Places::new(&outlines.middles);
     let city = City::new(config, settings, &survey, &outlines, places)?;
@@ -100,6 +100,13 @@ pub fn plan(
 fn check(config: &RunConfig, settings: &PlanSettings) -> Result<(), TilesError> {
     if config.optimise.preset == Preset::Paper {
         return Err(TilesError::PaperPreset);
+    }
+    if config.dtm.is_some() {
+        return Err(TilesError::Pipeline(PipelineError::Settings {
+            table: "dtm",
+            message: "a terrain model made by the run is not made tile by tile".to_owned(),
+            hint: "make it once with `sizeup dtm`, name it as terrain.dtm, and take [dtm] out",
+        }));
     }
     layer_of(config)?;
     let refuse = |setting, found: String, expected| Err(TilesError::Setting { setting, found, expected });
