@@ -9,7 +9,8 @@
 #   tools/deps.sh onnxruntime ONNX Runtime's shared library in target/onnxruntime (24 MB to load); without it networks run in
 #                         the embedded engine, and the tests that compare the two say "skipped"
 #   tools/deps.sh networks PyTorch and transformers (500 MB on disk), which export real architectures with random weights
-#   tools/deps.sh batch   Snakemake with its plugins for Slurm and Kubernetes, in target/batch, some 300 MB; likewise
+#   tools/deps.sh batch   Snakemake with its plugins for Slurm and Kubernetes, and Kubernetes' schemas, in target/batch, some
+#                         300 MB; likewise
 #   tools/deps.sh web     Node.js, a browser without windows and what drives it, CesiumJS and validators of glTF and 3D Tiles:
 #                         some 170 MB to load, 800 MB on disk; likewise
 #
@@ -17,7 +18,8 @@
 set -euo pipefail
 
 readonly MIN_RUST=94 # Rust 1.94
-readonly SNAKEMAKE=9.27.1 SNAKEMAKE_SLURM=2.8.0 SNAKEMAKE_KUBERNETES=0.5.1
+readonly SNAKEMAKE=9.27.1 SNAKEMAKE_SLURM=2.8.0 SNAKEMAKE_KUBERNETES=0.5.1 SNAKEMAKE_STORAGE=1.1.3
+readonly KUBERNETES_VALIDATE=1.37.0
 readonly ONNXRUNTIME=1.31.1 TRANSFORMERS=4.48.3 ONNX=1.17.0 DEPTH_ANYTHING_3=0.1.1
 readonly CJIO=0.10.1 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1 PLAYWRIGHT=1.65.1
 tools="$(cd "$(dirname "$0")/.." && pwd)/target/tools"
@@ -158,12 +160,15 @@ networks() {
 
 batch() {
   local folder=target/batch
-  "$folder/bin/snakemake" --version 2>/dev/null | grep -qx "$SNAKEMAKE" && return 0
+  "$folder/bin/snakemake" --version 2>/dev/null | grep -qx "$SNAKEMAKE" &&
+    "$folder/bin/kubernetes-validate" --version 2>/dev/null | grep -q "$KUBERNETES_VALIDATE" && return 0
   python3 -c 'import ensurepip' 2>/dev/null || install_packages python3 python3-venv
+  command -v rsync >/dev/null || install_packages rsync # Snakemake's storage on a volume copies with it
   say "installing Snakemake $SNAKEMAKE into $folder"
   python3 -m venv "$folder"
   "$folder/bin/pip" install --quiet --disable-pip-version-check "snakemake==$SNAKEMAKE" \
-    "snakemake-executor-plugin-slurm==$SNAKEMAKE_SLURM" "snakemake-executor-plugin-kubernetes==$SNAKEMAKE_KUBERNETES"
+    "snakemake-executor-plugin-slurm==$SNAKEMAKE_SLURM" "snakemake-executor-plugin-kubernetes==$SNAKEMAKE_KUBERNETES" \
+    "snakemake-storage-plugin-fs==$SNAKEMAKE_STORAGE" "kubernetes-validate==$KUBERNETES_VALIDATE"
 }
 
 case "${1:-build}" in

@@ -15,7 +15,7 @@ use crate::geodata::gpkg::{self, GpkgError};
 use crate::survey::View;
 
 /// The format wants a time; a fixed one keeps equal results equal on disk.
-const TIME_STAMP: &str = "2000-01-01T00:00:00.000Z";
+pub(super) const TIME_STAMP: &str = "2000-01-01T00:00:00.000Z";
 
 /// Default styles by layer, exported from QGIS by `tests/qgis/styles.py`; those drawn first come first.
 const STYLES: [(&str, &str); 3] = [
@@ -210,7 +210,7 @@ fn rounded(value: f64) -> Value {
 }
 
 /// ISO well-known binary, little-endian.
-fn wkb(geometry: &Geometry<f64>) -> Vec<u8> {
+pub(super) fn wkb(geometry: &Geometry<f64>) -> Vec<u8> {
     let mut bytes = Vec::new();
     match geometry {
         Geometry::MultiPolygon(MultiPolygon(parts)) => {

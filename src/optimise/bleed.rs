@@ -27,6 +27,8 @@ const N_LEVEL: usize = 3;
 const LEVELS: [f32; 3] = [0.45, 0.6, 0.75];
 /// Least difference in depth across the edge, as a share of the depth.
 const MIN_JUMP: f32 = 0.015;
+/// Spills are told in steps of this many to a pixel.
+const STEPS_PER_PX: f64 = 10.0;
 /// Fewer profiles do not tell.
 const MIN_PROFILES: usize = 40;
 
@@ -58,10 +60,15 @@ impl<'a> Edges<'a> {
 }
 
 /// The spill of each view: the median of its own offsets where it has enough, of all views' otherwise; 0 where there are
-/// too few in all. A view's own value does not depend on what else the scene holds.
+/// too few in all. A view's own value does not depend on what else the scene holds; and as it is told to a tenth of a
+/// pixel, which is less than its own uncertainty, hardly ever on single heights far away.
 #[must_use]
 pub fn spills(offsets: &[Vec<f64>]) -> Vec<f64> {
-    let median = |offsets: &[f64]| (offsets.len() >= MIN_PROFILES).then(|| stats::median(offsets)).flatten();
+    let told = |spill_px: f64| (spill_px * STEPS_PER_PX).round() / STEPS_PER_PX;
+    let median = |offsets: &[f64]| {
+        let is_enough = offsets.len() >= MIN_PROFILES;
+        is_enough.then(|| stats::median(offsets)).flatten().map(told)
+    };
     let of_all = median(&offsets.concat()).unwrap_or(0.0);
     offsets.iter().map(|of_view| median(of_view).unwrap_or(of_all)).collect()
 }

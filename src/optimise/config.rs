@@ -169,8 +169,8 @@ pub enum CalibrationRays {
     /// All: buildings as they stand, and the ground.
     #[default]
     All,
-    /// Those that meet the ground between the buildings as they stand: what is wrong with a height matters less to all
-    /// others in the view.
+    /// Those that would meet the ground if every building had the height that searches start from: a height depends on
+    /// those of its neighbours alone, not on all others that its photos show.
     Ground,
 }
 

@@ -1,8 +1,11 @@
 //! One view as the optimiser uses it: its ray profiles, and the prior sampled along them.
 
+use std::sync::OnceLock;
+
 use glam::DVec2;
 use rayon::prelude::*;
 
+use super::calibrate::Calibration;
 use crate::prior::{DepthPrior, PriorKind};
 use crate::ray::Ray;
 use crate::render::PlacedCamera;
@@ -20,6 +23,8 @@ pub struct Evidence<'a> {
     pub nearness: Vec<f32>,
     /// Per ray: the prior as something that grows away from the camera, as the paper's D; `NaN` = none.
     pub farness: Vec<f32>,
+    /// How the prior maps to metres by the ground alone, once somebody has asked.
+    pub(super) on_ground: OnceLock<Option<Calibration>>,
     /// For each building, which rays cross its footprint: `rays_of[start[b]..start[b + 1]]`.
     start: Vec<u32>,
     rays_of: Vec<u32>,
@@ -66,7 +71,8 @@ impl<'a> Evidence<'a> {
             let [col, row] = r.pixel.map(|p| usize::from(p) / stride_px);
             blocks[row * blocks_wide + col] = ray;
         }
-        Self { profiles, nearness, farness, start, rays_of, blocks, blocks_wide, stride_px }
+        let on_ground = OnceLock::new();
+        Self { profiles, nearness, farness, on_ground, start, rays_of, blocks, blocks_wide, stride_px }
     }
 
     /// A ray of the view's own camera.

@@ -98,7 +98,8 @@ pub fn inspect(
         .par_iter()
         .map(|(view, evidence)| {
             let stops = evidence.profiles.stops(&roofs);
-            (*view, SweepView::new(&problem.views[*view].placed, evidence, stops, config.search.calibrate_on))
+            let placed = &problem.views[*view].placed;
+            (*view, SweepView::new(problem.scene, placed, evidence, stops, &config.search))
         })
         .collect::<Vec<_>>()
         .into_iter()

@@ -44,6 +44,8 @@ const N_FIRST_VIEWS: usize = 6;
 const N_FOLLOWED: usize = 2;
 /// One level with a lower score is looked at again in a later round.
 const DOUBTFUL_SCORE: f64 = 0.9;
+/// How far from a new part this is done, metres between middles: what hides and is hidden stands closer.
+const NEAR_M: f32 = 100.0;
 /// Heights tried for one level, log-spaced over the whole range.
 const N_HEIGHTS: usize = 24;
 /// Middles and sizes of the first rectangles, as shares of the outline's sides.
@@ -85,7 +87,7 @@ pub struct LevelGain {
 }
 
 /// Buildings that should be taken apart, by index. Those known from a round before have been looked at there: only what one
-/// level explains badly is looked at again.
+/// level explains badly, close to new parts, is looked at again. What is taken apart far away changes nothing here.
 pub(super) fn find(
     scene: &Scene,
     views: SweepViews<'_>,
@@ -94,9 +96,13 @@ pub(super) fn find(
     known_m: &[Option<f32>],
     config: &SearchConfig,
 ) -> Vec<OtherLevel> {
+    let is_known = |building: usize| known_m.get(building).copied().flatten().is_some();
+    let middle = |building: usize| scene.prisms[building].centre_at(0.0).truncate();
+    let parts: Vec<Vec2> = (0..scene.prisms.len()).filter(|&b| !is_known(b)).map(middle).collect();
+    let is_near_part = |building| parts.iter().any(|part| part.distance(middle(building)) <= NEAR_M);
     let of_building = |building: usize| {
         let prism = &scene.prisms[building];
-        if prism.area_m2() < MIN_OUTLINE_M2 {
+        if prism.area_m2() < MIN_OUTLINE_M2 || is_known(building) && !is_near_part(building) {
             return None;
         }
         let of_building = views_of[building].iter().filter_map(|&v| views[v].as_ref());
@@ -107,8 +113,8 @@ pub(super) fn find(
                 Some(SeenIn::new(window, v.placed, v.evidence, &plan))
             })
             .collect();
-        let is_known = known_m.get(building).copied().flatten().is_some();
-        let levels = plan.other_level(&seen, heights_m[building], if is_known { DOUBTFUL_SCORE } else { 1.0 })?;
+        let below_score = if is_known(building) { DOUBTFUL_SCORE } else { 1.0 };
+        let levels = plan.other_level(&seen, heights_m[building], below_score)?;
         Some(OtherLevel {
             building,
             corners: plan.corners(&levels),

@@ -65,10 +65,22 @@ pub struct SweepView<'a> {
 }
 
 impl<'a> SweepView<'a> {
-    /// Calibrates a view for the roofs as they stand.
+    /// Calibrates a view for the roofs as they stand; on the ground alone, for roofs where all searches start, once.
     #[must_use]
-    pub fn new(placed: &'a PlacedCamera, evidence: &'a Evidence<'a>, stops: Stops, rays: CalibrationRays) -> Self {
-        let calibration = Calibration::fit(evidence, &stops, rays);
+    pub fn new(
+        scene: &Scene,
+        placed: &'a PlacedCamera,
+        evidence: &'a Evidence<'a>,
+        stops: Stops,
+        config: &SearchConfig,
+    ) -> Self {
+        let calibration = match config.calibrate_on {
+            CalibrationRays::All => Calibration::fit(evidence, &stops, CalibrationRays::All),
+            CalibrationRays::Ground => *evidence.on_ground.get_or_init(|| {
+                let roofs = scene.roofs(&vec![config.start_height_m; scene.prisms.len()]);
+                Calibration::fit(evidence, &evidence.profiles.stops(&roofs), CalibrationRays::Ground)
+            }),
+        };
         Self { placed, evidence, stops, calibration }
     }
 

@@ -6,7 +6,7 @@ use crate::config::ConfigError;
 use crate::crs::CrsError;
 use crate::dtm::DtmError;
 use crate::files::FileError;
-use crate::footprint::FootprintError;
+use crate::footprint::{FootprintError, WriteFootprintsError};
 use crate::geodata::WriteError;
 use crate::output::OutputError;
 use crate::prior::PriorError;
@@ -96,6 +96,15 @@ pub enum PipelineError {
     /// A file cannot be read or written.
     #[error(transparent)]
     File(#[from] FileError),
+}
+
+impl From<WriteFootprintsError> for PipelineError {
+    fn from(error: WriteFootprintsError) -> Self {
+        match error {
+            WriteFootprintsError::Gpkg(error) => Self::Output(error.into()),
+            WriteFootprintsError::File(error) => Self::File(error),
+        }
+    }
 }
 
 impl PipelineError {

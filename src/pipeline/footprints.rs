@@ -8,9 +8,7 @@ use super::dtm::terrain_in_force;
 use super::stages::load_terrain;
 use super::{FootprintStage, HeightStage, PipelineError, pictures};
 use crate::config::RunConfig;
-use crate::footprint::{
-    self, Detection, FootprintSource, MaskFiles, OutlineKind, OutlineSource, Segmenter, WriteFootprintsError,
-};
+use crate::footprint::{self, Detection, FootprintSource, MaskFiles, OutlineKind, OutlineSource, Segmenter};
 use crate::survey::{Survey, View, ViewKind};
 use crate::terrain::{self, MapBox, Terrain, ground_under};
 
@@ -45,10 +43,7 @@ pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStag
 
 fn write(config: &RunConfig, found: &Detection, survey: &Survey) -> Result<(), PipelineError> {
     let path = config.project.output.join("footprints.gpkg");
-    footprint::write(&path, found, &survey.views, &config.project.crs).map_err(|e| match e {
-        WriteFootprintsError::Gpkg(e) => PipelineError::Output(e.into()),
-        WriteFootprintsError::File(e) => PipelineError::File(e),
-    })
+    Ok(footprint::write(&path, found, &survey.views, &config.project.crs)?)
 }
 
 pub(super) fn on_ground(config: &RunConfig, layer: footprint::FootprintLayer, terrain: &Terrain) -> FootprintStage {
@@ -115,7 +110,8 @@ pub(super) fn move_roofs(
 }
 
 /// The files that outlines come from, for the lineage.
-pub(super) fn files(config: &RunConfig, survey: &Survey) -> Vec<PathBuf> {
+#[must_use]
+pub fn files(config: &RunConfig, survey: &Survey) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = config.footprints.file().into_iter().collect();
     if let FootprintSource::Network(network) = &config.footprints {
         files.extend(network.backbones.values().cloned());

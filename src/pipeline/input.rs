@@ -2,9 +2,11 @@
 
 use geo::{BoundingRect as _, Centroid as _};
 use glam::DVec3;
+use serde_json::{Map as JsonMap, Value};
 
 use super::{FootprintStage, PipelineError};
 use crate::config::RunConfig;
+use crate::output::fallback::FallbackSource;
 use crate::scene::HeightBounds;
 use crate::survey::{Survey, ViewKind};
 
@@ -109,6 +111,27 @@ pub(super) fn check_settings(config: &RunConfig) -> Result<(), PipelineError> {
         message: format!("heights from {min_m} to {max} m: expected 0 < min_height_m < max_height_m"),
         hint: "set min_height_m and max_height_m in metres above ground",
     })
+}
+
+/// Checks that some outline has the attribute that heights are to come from where photos do not tell them.
+///
+/// # Errors
+/// [`PipelineError::Settings`].
+pub fn check_fallback<'a>(
+    config: &RunConfig,
+    mut attributes: impl Iterator<Item = &'a JsonMap<String, Value>>,
+) -> Result<(), PipelineError> {
+    let settings = &config.output.fallback;
+    match (settings.source, &settings.attribute) {
+        (FallbackSource::Attribute, Some(name)) if !attributes.any(|of_one| of_one.contains_key(name)) => {
+            Err(PipelineError::Settings {
+                table: "output.fallback",
+                message: format!("none of the outlines has an attribute {name:?}"),
+                hint: "attributes are named as in the outlines' layer; `ogrinfo -so LAYER` lists them",
+            })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The heights to look for.

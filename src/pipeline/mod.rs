@@ -34,12 +34,15 @@ mod tile;
 pub use artefact::{FootprintStage, HeightStage};
 pub use dtm::{dtm_of_photos, write_dtm};
 pub use error::PipelineError;
+pub use footprints::files as outline_files;
 pub use frame::Frame;
+pub use input::check_fallback;
 pub use levels::Cut;
 pub use look::look;
+pub use polish::{asks_photo, photo_bytes};
 pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use stages::{files_of, unstated_reference};
-pub use tile::{Part, PartHeights, layer_of, outlines_around, refused_records, survey_of};
+pub use tile::{Part, PartHeights, find_outlines, layer_of, outlines_around, refused_records, survey_of};
 
 use std::path::PathBuf;
 

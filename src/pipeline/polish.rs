@@ -45,12 +45,23 @@ const THINNED: usize = 3;
 /// How much more alike the photos have to look on another form of roof than on the one that the priors show.
 const OTHER_FORM_SCORE: f64 = 0.02;
 
+/// Whether the photo of a view, of whatever kind, is asked about roofs.
+#[must_use]
+pub fn asks_photo(config: &RunConfig, view: &View) -> bool {
+    config.optimise.polish.enabled.unwrap_or(config.optimise.preset != Preset::Paper) && view.image.is_some()
+}
+
+/// Memory that this takes at most with so many photos, bytes.
+#[must_use]
+pub fn photo_bytes(config: &RunConfig, n_photos: usize) -> usize {
+    PICTURE_BYTES.min(n_photos.saturating_mul(Album::bytes_of_one(config.optimise.polish.long_side_px)))
+}
+
 /// Raises and lowers the roofs of a solution to where the photos look alike.
 pub(super) fn polish(config: &RunConfig, survey: &Survey, stage: &SceneStage, solution: &mut Solution) {
     let settings = &config.optimise.polish;
-    let photos: Vec<&View> = survey.views.iter().filter(|view| view.image.is_some()).collect();
-    let is_wanted = settings.enabled.unwrap_or(config.optimise.preset != Preset::Paper);
-    if !is_wanted || photos.len() < MIN_PHOTOS {
+    let photos: Vec<&View> = survey.views.iter().filter(|view| asks_photo(config, view)).collect();
+    if photos.len() < MIN_PHOTOS {
         return;
     }
     let roof_m = |solved: &SolvedHeight| solved.roof.map_or(0.0, |roof| roof.mean_m as f32);

@@ -1,12 +1,26 @@
 //! From footprints and solved heights to one record per input building.
 
 use super::{FootprintStage, HeightStage};
+use crate::config::RunConfig;
 use crate::optimise::{Roof, SolvedHeight};
+use crate::output::fallback;
 use crate::output::{BuildingRecord, HeightReference, RoofShape, Status};
 use crate::survey::Survey;
 
-/// Every building of the input, footprints first, in the layer's order.
+/// Every building of the input, footprints first, in the layer's order; heights that are not known come from the
+/// fallback, if one is chosen.
 pub(super) fn records(
+    config: &RunConfig,
+    survey: &Survey,
+    footprints: &FootprintStage,
+    heights: &HeightStage,
+) -> Vec<BuildingRecord> {
+    let mut records = found(survey, footprints, heights, config.optimise.height_reference);
+    fallback::fill(&mut records, &config.output.fallback);
+    records
+}
+
+fn found(
     survey: &Survey,
     footprints: &FootprintStage,
     heights: &HeightStage,

@@ -10,7 +10,7 @@ use glam::DVec3;
 use super::dtm::{self, terrain_in_force};
 use super::frame::{Frame, origin};
 use super::heights::HeightSearch;
-use super::input::{check_settings, check_views, height_bounds};
+use super::input::{check_fallback, check_settings, check_views, height_bounds};
 use super::kept::PriorStore;
 use super::records::records;
 use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
@@ -19,7 +19,6 @@ use crate::config::RunConfig;
 use crate::files::{FileError, write_whole};
 use crate::frames::LocalOrigin;
 use crate::issue::{Issue, Severity, Subject};
-use crate::output::fallback::{self, FallbackSource};
 use crate::output::{BuildingRecord, CityModel, InputFile, Lineage, cityjson, geopackage, sha256_hex};
 use crate::prior::Priors;
 use crate::scene::Scene;
@@ -83,6 +82,7 @@ pub(super) fn run(
     } else {
         artefact::read(config, Stage::Footprints)?
     };
+    check_fallback(config, footprints.layer.footprints.iter().map(|footprint| &footprint.attributes))?;
     summary.n_buildings = footprints.layer.footprints.len() + footprints.layer.refused.len();
     summary.detection.clone_from(&footprints.detection);
     if options.until == Stage::Footprints {
@@ -115,8 +115,7 @@ pub(super) fn run(
 
     let start = Instant::now();
     tell(Event::Stage(Stage::Output));
-    let mut records = records(&survey, &footprints, &heights, config.optimise.height_reference);
-    fill_unknown(config, &mut records)?;
+    let records = records(config, &survey, &footprints, &heights);
     let mut issues = all_issues(config, &survey, &footprints, &heights);
     issues.extend(cityjson::check(&records, &config.output.cityjson)?);
     summary.count_issues(&issues);
@@ -263,21 +262,6 @@ fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, 
     issues.extend(footprints.layer.issues.iter().chain(&footprints.issues).cloned());
     issues.extend(prior_issues(survey, heights).chain(unstated_reference(config)));
     issues
-}
-
-fn fill_unknown(config: &RunConfig, records: &mut [BuildingRecord]) -> Result<(), PipelineError> {
-    let settings = &config.output.fallback;
-    if let (FallbackSource::Attribute, Some(name)) = (settings.source, &settings.attribute)
-        && records.iter().all(|r| !r.attributes.contains_key(name))
-    {
-        return Err(PipelineError::Settings {
-            table: "output.fallback",
-            message: format!("none of the outlines has an attribute {name:?}"),
-            hint: "attributes are named as in the outlines' layer; `ogrinfo -so LAYER` lists them",
-        });
-    }
-    fallback::fill(records, settings);
-    Ok(())
 }
 
 fn count_by_status(records: &[BuildingRecord]) -> BTreeMap<crate::output::Status, usize> {

@@ -3,6 +3,7 @@
 //! What a whole run settles from all of its input (poses in the project's CRS, the local frame, the range of heights) is
 //! given; outlines, terrain and priors are read where the part needs them.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::PathBuf;
 
@@ -11,15 +12,17 @@ use geo::BoundingRect as _;
 use super::footprints::on_ground;
 use super::heights::HeightSearch;
 use super::kept::PriorStore;
+use super::polish::asks_photo;
 use super::records::records;
 use super::stages::{SceneStage, lineage_of, load_terrain, prior_issues};
-use super::{FootprintStage, Frame, HeightStage, PipelineError, Stage, Tell, artefact};
+use super::{FootprintStage, Frame, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact};
 use crate::config::RunConfig;
-use crate::footprint::{FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint};
+use crate::footprint::{
+    self, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, OutlineKind, RefusedFootprint,
+};
 use crate::ids::ViewId;
 use crate::issue::Issue;
 use crate::optimise::solve;
-use crate::output::fallback;
 use crate::output::{BuildingRecord, InputFile, Lineage, sha256_hex};
 use crate::survey::Survey;
 use crate::terrain::{MapBox, Terrain};
@@ -48,19 +51,48 @@ pub struct PartHeights {
     pub used_views: Vec<ViewId>,
 }
 
-/// The layer of a configuration whose outlines are in a file.
+/// Where the outlines of a whole city are kept for its parts, if they were found in photos; in the folder of the results.
+const FOUND_OUTLINES: &str = "tiles/outlines.gpkg";
+
+/// The layer that parts of a city read their outlines from: the configuration's, or the one that [`find_outlines`] leaves
+/// behind.
 ///
 /// # Errors
-/// [`PipelineError::Settings`] for outlines that are found in photos.
-pub fn layer_of(config: &RunConfig) -> Result<&FootprintConfig, PipelineError> {
-    match &config.footprints {
-        FootprintSource::Layer(layer) => Ok(layer),
-        FootprintSource::Masks(_) | FootprintSource::Network(_) => Err(PipelineError::Settings {
+/// [`PipelineError::Settings`] for roof outlines that move with the heights.
+pub fn layer_of(config: &RunConfig) -> Result<Cow<'_, FootprintConfig>, PipelineError> {
+    let found = match (&config.footprints, config.footprints.detection()) {
+        (FootprintSource::Layer(layer), _) => return Ok(Cow::Borrowed(layer)),
+        (_, found) => found,
+    };
+    if found.is_some_and(|found| found.outline == OutlineKind::Roof && found.consensus.roof_rounds > 0) {
+        return Err(PipelineError::Settings {
             table: "footprints",
-            message: "a city is divided by its outlines, and these are yet to be found in photos".to_owned(),
-            hint: "run `sizeup footprints` first, and name its footprints.gpkg (layer \"footprints\") as [footprints]",
-        }),
+            message: "outlines of roofs move with the heights, which tiles find one by one".to_owned(),
+            hint: "set footprints.consensus.roof_rounds = 0: roofs are then laid where the photos' outlines fit best",
+        });
     }
+    Ok(Cow::Owned(footprint::plain_config(config.project.output.join(FOUND_OUTLINES))))
+}
+
+/// Finds the outlines of a whole city in its photos, once for all of its parts; returns what was refused, and issues, without
+/// the outlines. `None` for outlines that are in a layer already.
+///
+/// # Errors
+/// [`PipelineError`], as a run of the stage.
+pub fn find_outlines(
+    config: &RunConfig,
+    command: &str,
+    tell: Tell<'_>,
+) -> Result<Option<FootprintLayer>, PipelineError> {
+    if matches!(config.footprints, FootprintSource::Layer(_)) {
+        return Ok(None);
+    }
+    let options = RunOptions { from: Stage::Footprints, until: Stage::Footprints, command: command.to_owned() };
+    super::run(config, &options, tell)?;
+    let FootprintStage { mut layer, .. } = artefact::read(config, Stage::Footprints)?;
+    footprint::write_plain(&layer_of(config)?.path, &layer, &config.project.crs)?;
+    layer.footprints.clear();
+    Ok(Some(layer))
 }
 
 /// The outlines whose middle lies in a box, with the ground under each. `renamed` is what a reading of the whole layer
@@ -73,7 +105,10 @@ pub fn outlines_around(
     area: MapBox,
     renamed: &BTreeMap<u64, String>,
 ) -> Result<FootprintStage, PipelineError> {
-    let layer = LayerParts::open(layer_of(config)?, &config.project.crs)?.around(area, renamed)?;
+    let mut layer = LayerParts::open(&*layer_of(config)?, &config.project.crs)?.around(area, renamed)?;
+    if !matches!(config.footprints, FootprintSource::Layer(_)) {
+        footprint::unpack(&mut layer.footprints);
+    }
     if layer.footprints.is_empty() {
         let layer = FootprintLayer::default();
         return Ok(FootprintStage::of_layer(layer, Vec::new(), Vec::new()));
@@ -96,7 +131,7 @@ pub fn refused_records(config: &RunConfig, refused: Vec<RefusedFootprint>) -> Ve
     let layer = FootprintLayer { refused, ..FootprintLayer::default() };
     let footprints = FootprintStage::of_layer(layer, Vec::new(), Vec::new());
     let heights = HeightStage::empty();
-    records(&Survey::default(), &footprints, &heights, config.optimise.height_reference)
+    records(config, &Survey::default(), &footprints, &heights)
 }
 
 impl<'a> Part<'a> {
@@ -165,6 +200,13 @@ impl<'a> Part<'a> {
         Ok(files?.into_iter().flatten().collect())
     }
 
+    /// The photos that its roofs may be settled by, each once, sorted.
+    #[must_use]
+    pub fn photo_files(&self) -> BTreeSet<PathBuf> {
+        let asked = self.survey.views.iter().filter(|view| asks_photo(self.config, view));
+        asked.filter_map(|view| view.image.clone()).collect()
+    }
+
     /// Finds the heights. A part that no view sees, or without usable priors, is solved all the same: its buildings are
     /// unknown.
     ///
@@ -182,10 +224,8 @@ impl<'a> Part<'a> {
         let mut issues = footprints.layer.issues.clone();
         issues.extend(footprints.issues.iter().cloned());
         issues.extend(prior_issues(&self.survey, &heights));
-        let mut records = records(&self.survey, &footprints, &heights, self.config.optimise.height_reference);
-        fallback::fill(&mut records, &self.config.output.fallback);
         Ok(PartHeights {
-            records,
+            records: records(self.config, &self.survey, &footprints, &heights),
             issues,
             used_views: heights.solution.used_views.iter().map(|&v| self.survey.views[v].id.clone()).collect(),
         })

@@ -3,7 +3,7 @@
 //! ```text
 //! rays       views · blocks of the working image
 //! crossings  rays · footprints met per ray          met: outlines · mean breadth / area · way below the tallest roof
-//! bytes      base + rays · 40 + crossings · 24 + views · buildings · 5 + threads · (prior + view) + terrain
+//! bytes      base + rays · 40 + crossings · 24 + views · buildings · 5 + threads · (prior + view) + terrain + photos
 //! ```
 
 use crate::optimise::OptimiseConfig;
@@ -50,6 +50,8 @@ pub struct Counts {
     pub cell_m: Option<f64>,
     /// Threads that read priors at the same time.
     pub n_threads: usize,
+    /// What reduced photos take, bytes.
+    pub photo_bytes: usize,
 }
 
 /// Megabytes that a tile needs at most.
@@ -69,7 +71,8 @@ pub fn estimate_mb(counts: &Counts, optimise: &OptimiseConfig) -> u64 {
         + n_buildings * PER_BUILDING
         + n_views * PER_VIEW
         + cells * PER_CELL
-        + counts.n_threads as f64 * PRIOR_PIXELS * PER_PRIOR_PIXEL;
+        + counts.n_threads as f64 * PRIOR_PIXELS * PER_PRIOR_PIXEL
+        + counts.photo_bytes as f64;
     (SAFETY * bytes / 1e6).ceil() as u64
 }
 
@@ -88,6 +91,7 @@ mod tests {
             slope: 1.0,
             cell_m: None,
             n_threads: 2,
+            photo_bytes: 0,
         };
         let mb = |counts: Counts| estimate_mb(&counts, &OptimiseConfig::default());
         let more_views = mb(Counts { n_views: 1000, ..counts });

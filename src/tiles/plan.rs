@@ -11,12 +11,16 @@ use super::manifest::{Common, Layout, Manifest, Tile, TileViews, sweep_litter};
 use super::memory::{Counts, estimate_mb};
 use super::{Lock, TilesError, sight};
 use crate::config::RunConfig;
-use crate::footprint::{FootprintLayer, LayerParts};
+use crate::footprint::{FootprintSource, LayerParts, RefusedFootprint};
 use crate::geodata::raster::RasterFile;
+use crate::issue::Issue;
 use crate::optimise::Preset;
 use crate::output::reports::write_json;
 use crate::output::{InputFile, sha256_hex};
-use crate::pipeline::{self, Event, Frame, PipelineError, RunOptions, Stage, Tell, layer_of, outlines_around};
+use crate::pipeline::{
+    self, Event, Frame, PipelineError, RunOptions, Stage, Tell, asks_photo, check_fallback, layer_of, outlines_around,
+    photo_bytes,
+};
 use crate::prior::PriorConfig;
 use crate::stats;
 use crate::survey::{Survey, View, ViewKind};
@@ -63,9 +67,13 @@ pub fn plan(
     sweep_litter(layout.folder());
     let options = RunOptions { from: Stage::Survey, until: Stage::Survey, command: command.to_owned() };
     pipeline::run(config, &options, tell)?;
-    let survey = pipeline::survey_of(config)?;
     tell(Event::Stage(Stage::Footprints));
-    let outlines = Outlines::read(config)?;
+    let found = pipeline::find_outlines(config, command, tell)?;
+    let survey = pipeline::survey_of(config)?;
+    let mut outlines = Outlines::read(config)?;
+    if let Some(found) = found {
+        (outlines.refused, outlines.issues) = (found.refused, found.issues);
+    }
     let places = Places::new(&outlines.middles);
     let city = City::new(config, settings, &survey, &outlines, places)?;
     let tiles = city.tiles(&layout)?;
@@ -76,15 +84,15 @@ pub fn plan(
         halo_m: city.halo_m,
         view_margin_m: city.view_margin_m,
         config: config.clone(),
-        inputs: shared_inputs(config)?,
+        inputs: shared_inputs(config, &survey)?,
         renamed: outlines.renamed,
         n_buildings: outlines.middles.len(),
         n_views: survey.views.len(),
         tiles,
     };
     let Survey { views, mut issues } = survey;
-    issues.extend(outlines.rest.issues);
-    write_json(&layout.common(), &Common { views, refused: outlines.rest.refused, issues })?;
+    issues.extend(outlines.issues);
+    write_json(&layout.common(), &Common { views, refused: outlines.refused, issues })?;
     write_json(&layout.manifest(), &manifest)?;
     Ok(manifest)
 }
@@ -92,6 +100,13 @@ pub fn plan(
 fn check(config: &RunConfig, settings: &PlanSettings) -> Result<(), TilesError> {
     if config.optimise.preset == Preset::Paper {
         return Err(TilesError::PaperPreset);
+    }
+    if config.dtm.is_some() {
+        return Err(TilesError::Pipeline(PipelineError::Settings {
+            table: "dtm",
+            message: "a terrain model made by the run is not made tile by tile".to_owned(),
+            hint: "make it once with `sizeup dtm`, name it as terrain.dtm, and take [dtm] out",
+        }));
     }
     layer_of(config)?;
     let refuse = |setting, found: String, expected| Err(TilesError::Setting { setting, found, expected });
@@ -114,24 +129,29 @@ struct Outlines {
     middles: Vec<(f64, f64)>,
     extent: MapBox,
     renamed: BTreeMap<u64, String>,
-    /// Refused buildings and issues.
-    rest: FootprintLayer,
+    refused: Vec<RefusedFootprint>,
+    issues: Vec<Issue>,
 }
 
 impl Outlines {
     fn read(config: &RunConfig) -> Result<Self, TilesError> {
         use geo::BoundingRect as _;
-        let (mut middles, mut rest) = (Vec::new(), FootprintLayer::default());
+        let (mut middles, mut refused, mut issues) = (Vec::new(), Vec::new(), Vec::new());
         let mut extent: Option<MapBox> = None;
-        let renamed = LayerParts::open(layer_of(config)?, &config.project.crs)?.visit(&mut |found| {
+        // Holds as soon as one outline has what heights fall back on.
+        let mut fallback = None;
+        let renamed = LayerParts::open(&*layer_of(config)?, &config.project.crs)?.visit(&mut |found| {
+            if !matches!(fallback, Some(Ok(()))) {
+                fallback = Some(check_fallback(config, found.footprints.iter().map(|f| &f.attributes)));
+            }
             for footprint in &found.footprints {
                 middles.extend(footprint.middle());
                 let corners = footprint.polygon.bounding_rect().map(|r: Rect<f64>| [r.min().x_y(), r.max().x_y()]);
                 let known = extent.map(|e| [(e.west_m, e.south_m), (e.east_m, e.north_m)]);
                 extent = MapBox::around(corners.into_iter().chain(known).flatten());
             }
-            rest.refused.extend(found.refused);
-            rest.issues.extend(found.issues);
+            refused.extend(found.refused);
+            issues.extend(found.issues);
         })?;
         let Some(extent) = extent else {
             return Err(TilesError::Pipeline(PipelineError::Mismatch {
@@ -139,7 +159,11 @@ impl Outlines {
                 hint: "`sizeup run --until footprints` tells why, building by building",
             }));
         };
-        Ok(Self { middles, extent, renamed, rest })
+        // Of outlines found in photos the stage that found them has checked it.
+        if matches!(config.footprints, FootprintSource::Layer(_)) {
+            fallback.transpose()?;
+        }
+        Ok(Self { middles, extent, renamed, refused, issues })
     }
 }
 
@@ -213,14 +237,19 @@ impl<'a> City<'a> {
     fn views_of(&self, core: &Core, ground_m: [f64; 2]) -> Vec<usize> {
         let area = core.area().grown(self.view_margin_m);
         let tallest_m = f64::from(self.frame.bounds.max_m);
-        // Stereo matches views of all kinds with each other; otherwise only oblique ones have a say.
-        let takes_part =
-            |view: &View| view.kind() == ViewKind::Oblique || matches!(self.config.prior, PriorConfig::Stereo(_));
+        // Stereo matches views of all kinds with each other, and roofs are settled by photos of all kinds; otherwise only
+        // oblique ones have a say.
+        let takes_part = |view: &View| {
+            view.kind() == ViewKind::Oblique
+                || matches!(self.config.prior, PriorConfig::Stereo(_))
+                || asks_photo(self.config, view)
+        };
         let views = self.survey.views.iter().enumerate();
         let seeing = views.filter(|(_, v)| takes_part(v) && sight::looks_at(v, &area, ground_m, tallest_m));
         seeing.map(|(i, _)| i).collect()
     }
 
+    /// Megabytes that a tile with so many views needs at most.
     fn memory_mb(&self, core: &Core, n_views: usize) -> u64 {
         let halo = core.area().grown(self.halo_m);
         let oblique: Vec<&View> = self.survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique).collect();
@@ -235,6 +264,11 @@ impl<'a> City<'a> {
             slope: stats::mean(&tangents).unwrap_or(1.0),
             cell_m: self.cell_m,
             n_threads: self.settings.n_threads,
+            photo_bytes: if self.survey.views.iter().any(|view| asks_photo(self.config, view)) {
+                photo_bytes(self.config, n_views)
+            } else {
+                0
+            },
         };
         estimate_mb(&counts, &self.config.optimise)
     }
@@ -295,11 +329,11 @@ fn breadth_m(survey: &Survey, [lowest_m, highest_m]: [f64; 2]) -> f64 {
 }
 
 /// The files that all tiles share, hashed once.
-fn shared_inputs(config: &RunConfig) -> Result<Vec<InputFile>, TilesError> {
-    let survey = pipeline::files_of(&config.survey.path).into_iter().map(|path| ("survey", path));
-    let layer = ("footprints", layer_of(config)?.path.clone());
+fn shared_inputs(config: &RunConfig, survey: &Survey) -> Result<Vec<InputFile>, TilesError> {
+    let poses = pipeline::files_of(&config.survey.path).into_iter().map(|path| ("survey", path));
+    let outlines = pipeline::outline_files(config, survey).into_iter().map(|path| ("footprints", path));
     let terrain = config.terrain.dtm.iter().map(|path| ("terrain", path.clone()));
-    let mut files: Vec<_> = survey.chain([layer]).chain(terrain).filter(|(_, path)| path.is_file()).collect();
+    let mut files: Vec<_> = poses.chain(outlines).chain(terrain).filter(|(_, path)| path.is_file()).collect();
     files.sort();
     files.iter().map(|(role, path)| Ok(InputFile::hash(role, path)?)).collect()
 }

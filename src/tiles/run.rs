@@ -122,6 +122,8 @@ fn inputs_of(
 /// files count by what the tile reads of them, so that a change elsewhere in the city leaves it done.
 fn input_sha256(manifest: &Manifest, tile: &Tile, part: &Part<'_>, inputs: &[InputFile]) -> Result<String, TilesError> {
     let priors: Vec<&InputFile> = inputs.iter().filter(|file| file.role == "prior").collect();
+    let photos = part.photo_files();
+    let photos: Vec<InputFile> = photos.iter().filter_map(|path| InputFile::hash("photo", path).ok()).collect();
     let parts = json!({
         "sizeup": manifest.sizeup,
         "settings": settings_sha256(&manifest.config),
@@ -132,6 +134,7 @@ fn input_sha256(manifest: &Manifest, tile: &Tile, part: &Part<'_>, inputs: &[Inp
         "footprints": sha256_hex(&to_bytes(part.footprints())?),
         "terrain": part.terrain_sha256(),
         "priors": priors,
+        "photos": photos,
     });
     Ok(sha256_hex(&to_bytes(&parts)?))
 }

@@ -1,12 +1,12 @@
 //! Cities through real engines: Snakemake on this machine, and through a real Slurm. Skipped where they are not installed
 //! (`make deps-batch`; Debian's slurm-wlm and munge).
 
-use std::fs;
+use std::fs::{self, File, FileTimes};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
-use crate::tiles::{SIZE, assert_same, ids, results, undisturbed};
+use crate::tiles::{SIZE, assert_same, ids, merge, plan, results, undisturbed};
 use crate::tiny_scene::Scene;
 
 fn repository(path: &str) -> PathBuf {
@@ -56,6 +56,27 @@ fn snakemake_makes_the_city_and_has_nothing_to_do_the_second_time() {
     assert_success(&again);
     let said = [&again.stdout[..], &again.stderr[..]].concat();
     assert!(String::from_utf8_lossy(&said).contains("Nothing to be done"), "{}", String::from_utf8_lossy(&said));
+}
+
+#[test]
+fn skewed_clocks_give_snakemake_nothing_to_do() {
+    let Some(snakemake) = snakemake() else { return };
+    let scene = Scene::new();
+    assert_success(&engine(&snakemake, &scene, "local", &LOCAL).output().unwrap());
+    // As a node whose clock is a year behind would have written what is done, and one ahead what it was made from.
+    let touch = |path: PathBuf, time: SystemTime| {
+        File::options().append(true).open(path).unwrap().set_times(FileTimes::new().set_modified(time)).unwrap();
+    };
+    let year = Duration::from_secs(1 << 25);
+    for path in scene.files("city").into_iter().filter(|path| path.extension().is_some_and(|e| e == "ok")) {
+        touch(path, SystemTime::now() - year);
+    }
+    touch(scene.path("sizeup.toml"), SystemTime::now() + year);
+    touch(scene.path("city/tiles.json"), SystemTime::now() + year);
+    let again = engine(&snakemake, &scene, "local", &LOCAL).output().unwrap();
+    assert_success(&again);
+    let said = String::from_utf8_lossy(&[&again.stdout[..], &again.stderr[..]].concat()).into_owned();
+    assert!(said.contains("Nothing to be done"), "{said}");
 }
 
 #[test]
@@ -164,8 +185,167 @@ fn a_slurm_array_runs_the_tiles_without_an_engine() {
     }
     let log = || fs::read_to_string(scene.path("city/logs/merge.log")).unwrap_or_default();
     assert!(is_merged(), "{}", log());
-    let of_tiles = |files: std::collections::BTreeMap<String, Vec<u8>>| {
-        files.into_iter().filter(|(name, _)| name.starts_with("tiles/")).collect()
-    };
     assert_same(&of_tiles(expected), &of_tiles(results(&scene, "city")));
+}
+
+/// A program that `make deps-batch` installs.
+fn of_batch(name: &str) -> Option<PathBuf> {
+    let found = repository("target/batch/bin").join(name);
+    if !found.exists() {
+        println!("skipped: no {name} here (make deps-batch)");
+    }
+    Some(found).filter(|path| path.exists())
+}
+
+/// The official schema, which refuses what it does not know.
+fn validate(validator: &Path, job: &Path) -> Output {
+    Command::new(validator).arg("--strict").arg(job).output().unwrap()
+}
+
+#[test]
+fn the_job_for_kubernetes_follows_its_schema() {
+    let Some(validator) = of_batch("kubernetes-validate") else { return };
+    let job = repository("workflows/kubernetes/job.yaml");
+    assert_success(&validate(&validator, &job));
+    let folder = tempfile::tempdir().unwrap();
+    let text = fs::read_to_string(job).unwrap();
+    for (right, wrong) in
+        [("backoffLimitPerIndex: 2", "backoffLimitPerTile: 2"), ("completions: 64", "completions: all")]
+    {
+        let path = folder.path().join("job.yaml");
+        assert!(text.contains(right));
+        fs::write(&path, text.replace(right, wrong)).unwrap();
+        assert!(!validate(&validator, &path).status.success(), "{wrong} passes");
+    }
+}
+
+/// Results of the tiles, without those of the merge.
+fn of_tiles(results: std::collections::BTreeMap<String, Vec<u8>>) -> std::collections::BTreeMap<String, Vec<u8>> {
+    results.into_iter().filter(|(name, _)| name.starts_with("tiles/")).collect()
+}
+
+#[test]
+fn the_pods_of_the_job_for_kubernetes_run_the_tiles() {
+    let Some(python) = of_batch("python") else { return };
+    let scene = Scene::new();
+    let expected = undisturbed(&scene);
+    let n = plan(&scene).len();
+    let script = "import sys, yaml; job = yaml.safe_load(open(sys.argv[1])); \
+                  print('\\n'.join(job['spec']['template']['spec']['containers'][0]['command']))";
+    let told =
+        Command::new(python).args(["-c", script]).arg(repository("workflows/kubernetes/job.yaml")).output().unwrap();
+    assert_success(&told);
+    let command = String::from_utf8(told.stdout).unwrap();
+    let words: Vec<&str> = command.lines().collect();
+    assert_eq!(words[..2], ["sh", "-c"]);
+    assert!(words[2].contains(" /work/city "), "{command}");
+    // The volume is mounted elsewhere here, and the image's program is ours.
+    let line = words[2].replace("/work/city", &scene.path("city").display().to_string());
+    let program = Path::new(env!("CARGO_BIN_EXE_sizeup")).parent().unwrap();
+    let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap());
+    let pod = |index: usize| {
+        let mut pod = Command::new(words[0]);
+        pod.args([words[1], &line]).env("PATH", &path).env("JOB_COMPLETION_INDEX", index.to_string());
+        pod.output().unwrap()
+    };
+    (0..n).for_each(|index| assert_success(&pod(index)));
+    assert!(!pod(n).status.success(), "there is no tile {n}");
+    assert!([0, 5].contains(&merge(&scene, &[]).code));
+    assert_same(&expected, &results(&scene, "city"));
+}
+
+#[test]
+fn the_tasks_of_a_slurm_array_run_the_tiles_without_slurm_too() {
+    let scene = Scene::new();
+    let expected = undisturbed(&scene);
+    let n = plan(&scene).len();
+    let task = |index: usize| {
+        let mut task = Command::new("bash");
+        task.arg(repository("workflows/slurm/tile.sh")).arg(scene.path("city"));
+        task.env("SIZEUP", env!("CARGO_BIN_EXE_sizeup")).env("SLURM_ARRAY_TASK_ID", index.to_string()).output().unwrap()
+    };
+    (0..n).for_each(|index| assert_success(&task(index)));
+    assert_eq!(task(n).status.code(), Some(2), "there is no tile {n}");
+    assert_same(&of_tiles(expected), &of_tiles(results(&scene, "city")));
+}
+
+/// What of Kubernetes' API Snakemake uses, as processes of this machine; ended on drop.
+struct Kubernetes {
+    api: std::process::Child,
+    config: PathBuf,
+}
+
+impl Kubernetes {
+    fn start(scene: &Scene, python: &Path) -> Self {
+        let port_file = scene.path("port");
+        // Pods find the program, Snakemake and its plugins as in an image that holds them: nothing is left to install.
+        fs::create_dir(scene.path("image")).unwrap();
+        fs::write(scene.path("image/pip"), "#!/bin/sh\nexit 0\n").unwrap();
+        fs::set_permissions(scene.path("image/pip"), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+        let path = [scene.path("image"), repository("target/batch/bin"), PathBuf::from(std::env::var("PATH").unwrap())];
+        let path = path.map(|part| part.display().to_string()).join(":");
+        let log = File::create(scene.path("pods.log")).unwrap();
+        let mut api = Command::new(python);
+        api.arg(repository("tests/kubernetes/api.py")).arg(&port_file).env("PATH", path).env("HOME", scene.path(""));
+        let api = api.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log).spawn().unwrap();
+        let config = scene.path("kubeconfig");
+        let started = Self { api, config };
+        while !port_file.exists() {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        let server = format!("http://127.0.0.1:{}", fs::read_to_string(port_file).unwrap());
+        let text = serde_json::json!({
+            "apiVersion": "v1", "kind": "Config", "current-context": "here",
+            "clusters": [{ "name": "here", "cluster": { "server": server } }],
+            "contexts": [{ "name": "here", "context": { "cluster": "here", "user": "me" } }],
+            "users": [{ "name": "me", "user": { "token": "none" } }],
+        });
+        fs::write(&started.config, text.to_string()).unwrap();
+        started
+    }
+}
+
+impl Drop for Kubernetes {
+    fn drop(&mut self) {
+        let _ = self.api.kill();
+        let _ = self.api.wait();
+    }
+}
+
+/// Without a cluster: the API that Snakemake talks to is ours, and its pods are processes. What they are told to do is real.
+#[test]
+fn the_profile_for_kubernetes_makes_the_city() {
+    let (Some(snakemake), Some(python), Some(_)) = (snakemake(), of_batch("python"), of_batch("kubernetes-validate"))
+    else {
+        return;
+    };
+    if Command::new("rsync").arg("--version").output().is_err() {
+        println!("skipped: no rsync here, which Snakemake's storage needs (make deps-batch)");
+        return;
+    }
+    let scene = Scene::new();
+    let expected = undisturbed(&scene);
+    // Snakemake sends to the pods what lies below its folder.
+    for file in ["Snakefile", "profiles/kubernetes/config.yaml"] {
+        let copy = scene.path("workflows").join(file);
+        fs::create_dir_all(copy.parent().unwrap()).unwrap();
+        fs::copy(repository("workflows").join(file), copy).unwrap();
+    }
+    fs::create_dir(scene.path("storage")).unwrap();
+    let kubernetes = Kubernetes::start(&scene, &python);
+    let mut command = Command::new(snakemake);
+    command.current_dir(scene.path("")).env("HOME", scene.path("")).env("XDG_CACHE_HOME", scene.path("cache"));
+    command.args(["--snakefile", "workflows/Snakefile", "--profile", "workflows/profiles/kubernetes"]);
+    command.args(["--retries", "0", "--latency-wait", "20", "--default-storage-prefix"]).arg(scene.path("storage"));
+    command.args(["--config", "merge=--heights ellipsoidal"]).arg(format!("cut=--size {SIZE}"));
+    let place = |key: &str, name: &str| format!("{key}={}", scene.path(name).display());
+    command.args([place("run", "sizeup.toml"), place("output", "city")]);
+    command.arg(format!("sizeup={}", env!("CARGO_BIN_EXE_sizeup"))).stdin(Stdio::null());
+    let output = command.env("KUBECONFIG", &kubernetes.config).output().unwrap();
+    let pods = fs::read_to_string(scene.path("pods.log")).unwrap();
+    assert!(output.status.success(), "{}\n{pods}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(pods.matches("job snakejob-").count(), ids(&scene).len(), "every tile is a job: {pods}");
+    let of_tiles = |name: &str| !name.starts_with(".snakemake");
+    let made = results(&scene, "city").into_iter().filter(|(name, _)| of_tiles(name)).collect();
+    assert_same(&expected, &made);
 }

@@ -147,6 +147,43 @@ fn halos_that_cut_through_a_town_leave_its_heights_as_they_are() {
 }
 
 #[test]
+fn photos_of_all_kinds_settle_roofs_in_tiles_as_in_one_piece_and_a_poisoned_one_stops_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = SimulateConfig::default();
+    config.town.n_buildings = N_BUILDINGS;
+    config.flight.n_views = Some(24);
+    (config.camera.width_px, config.camera.height_px) = (800, 600);
+    config.prior.longest_px = 160;
+    config.masks.enabled = false;
+    simulate(&config, folder.path(), &|_, _| {}).unwrap();
+    let sizeup = |args: &[&str]| {
+        let outcome: Outcome = sizeup().current_dir(folder.path()).args(args).output().unwrap().into();
+        assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
+        outcome
+    };
+    let working = ["--set", "optimise.working_px=160", "--set", "output.pictures=false"];
+    sizeup(&[&["run", "sizeup.toml", "--output", "whole"], &working[..]].concat());
+    sizeup(&[&["run", "sizeup.toml", "--output", "tiled", "--tiled", "--size", SIZE], &working[..]].concat());
+    let read = |name: &str| heights(&folder.path().join(name));
+    let whole = read("whole/city.city.json");
+    assert_eq!(whole.len(), N_BUILDINGS);
+    assert_eq!(whole, read("tiled/city.city.jsonl"));
+    // Without photos there are other heights: they had a say.
+    let blind = ["--output", "blind", "--set", "optimise.polish.enabled=false"];
+    sizeup(&[&["run", "sizeup.toml"], &blind[..], &working[..]].concat());
+    assert_ne!(whole, read("blind/city.city.json"));
+
+    let plan: Value = serde_json::from_slice(&fs::read(folder.path().join("tiled/tiles.json")).unwrap()).unwrap();
+    let id = plan["tiles"][0]["id"].as_str().unwrap();
+    let views = fs::read(folder.path().join(format!("tiled/tiles/{id}/views.json"))).unwrap();
+    let views: Value = serde_json::from_slice(&views).unwrap();
+    let photo = views["views"][0]["image"].as_str().unwrap();
+    assert!(sizeup(&["tiles", "run", "tiled", "--tile", id]).stderr.contains("was done already"));
+    fs::write(photo, "not a photo").unwrap();
+    assert!(sizeup(&["tiles", "run", "tiled", "--tile", id]).stderr.contains("is done"));
+}
+
+#[test]
 fn what_is_done_is_not_done_again_and_the_same_plan_is_the_same_bytes() {
     let scene = Scene::new();
     let ids = plan(&scene);
@@ -228,21 +265,76 @@ fn every_building_belongs_to_one_tile_also_those_without_an_outline() {
     assert_eq!(whole, tiled);
 }
 
+/// Outlines from the simulated masks of the nadir photos.
+fn find_outlines_in_masks(scene: &Scene, more: &str) {
+    scene.edit("sizeup.toml", |text| {
+        let masks = "source = \"masks\"\npath = \"masks/{stem}.png\"\nkind = \"instance\"\n";
+        text.replace("path = \"footprints.gpkg\"\nid_field = \"id\"", &format!("{masks}{more}"))
+    });
+}
+
 #[test]
-fn the_paper_preset_and_outlines_from_photos_are_refused() {
+fn outlines_found_in_photos_are_the_same_in_tiles_with_the_same_ids() {
+    let scene = Scene::new();
+    find_outlines_in_masks(&scene, "");
+    let whole = scene.run(&["--output", "whole"]);
+    assert!([0, 5].contains(&whole.code), "{}", whole.stderr);
+    undisturbed(&scene);
+    let found = scene.json("whole/stages/footprints.json")["data"]["layer"]["footprints"].clone();
+    let of_whole: BTreeMap<String, Value> = found
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|one| (one["id"].as_str().unwrap().to_owned(), serde_json::json!([one["polygon"], one["attributes"]])))
+        .collect();
+    assert!(of_whole.len() >= N_BUILDINGS - 1, "{} outlines", of_whole.len());
+    let mut of_tiles = BTreeMap::new();
+    let files = scene.files("undisturbed/tiles").into_iter().filter(|path| path.ends_with("buildings.jsonl"));
+    for line in files.flat_map(|path| fs::read_to_string(path).unwrap().lines().map(str::to_owned).collect::<Vec<_>>())
+    {
+        let one: Value = serde_json::from_str(&line).unwrap();
+        let id = one["id"].as_str().unwrap().to_owned();
+        let twice = of_tiles.insert(id, serde_json::json!([one["footprint"], one["attributes"]]));
+        assert!(twice.is_none(), "{line} is in two tiles");
+    }
+    assert_eq!(of_whole, of_tiles, "corners and attributes to the bit");
+    let (whole, tiled) =
+        (heights(&scene.path("whole/city.city.json")), heights(&scene.path("undisturbed/city.city.jsonl")));
+    assert_eq!(whole, tiled);
+}
+
+#[test]
+fn the_paper_preset_and_outlines_that_move_with_heights_are_refused() {
     let scene = Scene::new();
     let refused = scene.sizeup(&["tiles", "plan", "sizeup.toml", "--set", "optimise.preset=paper"]);
     assert_eq!(refused.code, 2);
     assert!(refused.stderr.contains("robust"), "{}", refused.stderr);
-    scene.edit("sizeup.toml", |text| {
-        text.replace(
-            "path = \"footprints.gpkg\"\nid_field = \"id\"",
-            "source = \"masks\"\npath = \"masks/{stem}.png\"\nkind = \"instance\"",
-        )
-    });
+    find_outlines_in_masks(&scene, "outline = \"roof\"\n");
     let refused = scene.sizeup(&["tiles", "plan", "sizeup.toml"]);
     assert_eq!(refused.code, 2);
-    assert!(refused.stderr.contains("sizeup footprints"), "{}", refused.stderr);
+    assert!(refused.stderr.contains("roof_rounds = 0"), "{}", refused.stderr);
+}
+
+#[test]
+fn a_fallback_attribute_that_no_outline_has_is_refused_before_any_work_in_tiles_and_in_one_piece() {
+    let scene = Scene::new();
+    let set = |name: &str| {
+        let name = format!("output.fallback.attribute={name}");
+        ["--set".to_owned(), "output.fallback.source=attribute".to_owned(), "--set".to_owned(), name]
+    };
+    let wrong = set("levels");
+    let wrong: Vec<&str> = wrong.iter().map(String::as_str).collect();
+    let said = "none of the outlines has an attribute \"levels\"";
+    let plan = scene.sizeup(&[&["tiles", "plan", "sizeup.toml", "--output", "city"], &wrong[..]].concat());
+    assert_eq!(plan.code, 2, "{}", plan.stderr);
+    assert!(plan.stderr.contains(said) && !scene.path("city/tiles.json").exists(), "{}", plan.stderr);
+    let whole = scene.run(&[&["--output", "whole"], &wrong[..]].concat());
+    assert_eq!(whole.code, 2, "{}", whole.stderr);
+    assert!(whole.stderr.contains(said) && !scene.path("whole/stages/heights.json").exists(), "{}", whole.stderr);
+    let right = set("type");
+    let right: Vec<&str> = right.iter().map(String::as_str).collect();
+    let plan = scene.sizeup(&[&["tiles", "plan", "sizeup.toml", "--output", "city"], &right[..]].concat());
+    assert_eq!(plan.code, 0, "{}", plan.stderr);
 }
 
 #[test]

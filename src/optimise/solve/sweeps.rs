@@ -7,6 +7,8 @@ use crate::optimise::score::Correlation;
 use crate::optimise::search::{Finding, Range, SweepView, find_roofs, sweep};
 use crate::optimise::{bleed, levels};
 
+/// Heights are kept on a grid of so many steps per metre.
+const STEPS_PER_M: f32 = 1000.0;
 /// Spill that is left alone, and the most that is taken back, pixels of the working image.
 const MIN_SPILL_PX: f64 = 0.5;
 const MAX_SPILL_PX: f64 = 4.0;
@@ -79,7 +81,7 @@ impl State<'_> {
             let evidence = self.evidence[v].as_ref()?;
             let placed = &self.problem.views[v].placed;
             let stops = evidence.profiles.stops(&roofs);
-            Some(SweepView::new(placed, evidence, stops, self.config.search.calibrate_on))
+            Some(SweepView::new(self.problem.scene, placed, evidence, stops, &self.config.search))
         };
         (0..self.evidence.len()).into_par_iter().map(view_of).collect()
     }
@@ -93,7 +95,7 @@ impl State<'_> {
         let before = self.heights_m.clone();
         for (b, finding) in found.into_iter().enumerate() {
             if let Some(finding) = finding {
-                self.heights_m[b] = finding.height_m;
+                self.heights_m[b] = on_grid(finding.height_m).clamp(scene.bounds.min_m, scene.bounds.max_m);
                 // The full sweeps saw the whole range: only they can tell a flat score.
                 let contrast = match (range, &self.findings[b]) {
                     (Range::Local { .. }, Some(previous)) => previous.contrast,
@@ -106,4 +108,9 @@ impl State<'_> {
         let loss = 1.0 - crate::stats::mean(&scores).unwrap_or(0.0);
         self.record(loss, &before, n_selected, None);
     }
+}
+
+/// A height to the millimetre: less than that, such as what far-away neighbours make, does not travel from sweep to sweep.
+fn on_grid(height_m: f32) -> f32 {
+    (height_m * STEPS_PER_M).round() / STEPS_PER_M
 }
