@@ -235,10 +235,6 @@ fn interior_and_edges_together_are_the_slope_of_the_expected_loss() {
         let with_edges = agreement(&block.gradient(&evidence, 0.0, &config), &expected);
         let config = OrdinalConfig { gradient: Gradient::Interior, ..config };
         let interior = agreement(&block.gradient(&evidence, 0.0, &config), &expected);
-        println!(
-            "{region:?}: with edges slope {:.3}, error {:.3}; interior alone {:.3}, {:.3}",
-            with_edges.0, with_edges.1, interior.0, interior.1
-        );
         assert!((with_edges.0 - 1.0).abs() < 0.05 && with_edges.1 < 0.08, "{region:?}: {with_edges:?}");
         assert!(interior.0 < 0.6 && interior.1 > 0.4, "{region:?}: {interior:?}");
     }
