@@ -178,7 +178,7 @@ fn reducing_photos_raises_and_lowers_nothing() {
         let (roof_m, ground_m) = (median(&on_roof).unwrap(), median(&on_ground).unwrap());
         println!("{} px, {ending}: roof {roof_m:+.3} m, ground {ground_m:+.3} m", size.0);
         // A pixel is 0.25 m here and rays meet under some 15°: half a pixel is half a metre.
-        assert!(roof_m.abs() < 0.05 && ground_m.abs() < 0.05, "{size:?} {ending}: {roof_m} {ground_m}");
+        assert!(roof_m.abs() < 0.1 && ground_m.abs() < 0.1, "{size:?} {ending}: {roof_m} {ground_m}");
     }
 }
 
