@@ -35,8 +35,11 @@ pub struct AccuracyConfig {
     pub n_buildings: usize,
     /// Views per scene, nadir ones included.
     pub n_views: usize,
-    /// Size of the images and priors: width and height, pixels.
+    /// Size of the views and priors: width and height, pixels.
     pub image_px: [u32; 2],
+    /// Size of the photos, where the methods get any (`robust` then settles roofs by them; simulating takes much longer).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub photo_px: Option<[u32; 2]>,
     /// Errors of poses and outlines as the methods get them.
     pub errors: ErrorConfig,
 }
@@ -51,6 +54,7 @@ impl Default for AccuracyConfig {
             n_buildings: 40,
             n_views: 60,
             image_px: [448, 336],
+            photo_px: None,
             errors: ErrorConfig::REALISTIC,
         }
     }
@@ -88,10 +92,10 @@ impl AccuracyConfig {
         let mut simulate = SimulateConfig { seed: cell.seed, errors: self.errors, ..SimulateConfig::default() };
         (simulate.town.kind, simulate.town.n_buildings) = (cell.town, self.n_buildings);
         simulate.flight.n_views = Some(self.n_views);
-        [simulate.camera.width_px, simulate.camera.height_px] = self.image_px;
+        [simulate.camera.width_px, simulate.camera.height_px] = self.photo_px.unwrap_or(self.image_px);
         simulate.prior.level = cell.level;
         simulate.prior.longest_px = self.image_px[0].max(self.image_px[1]);
-        simulate.images.enabled = false;
+        simulate.images.enabled = self.photo_px.is_some();
         if self.methods.iter().any(|m| m.needs_points()) {
             simulate.points.per_view = POINTS_PER_BUILDING * self.n_buildings / self.n_views.max(1);
         }
@@ -263,7 +267,7 @@ impl AccuracyTable {
         let _ = writeln!(
             text,
             "Simulated towns of {} buildings, {} views of {} × {} px, seeds {:?}; errors: position {} m, angle {}°, outline \
-             corners {} m, outlines {} m too large.\n",
+             corners {} m, outlines {} m too large{}.\n",
             c.n_buildings,
             c.n_views,
             c.image_px[0],
@@ -272,7 +276,8 @@ impl AccuracyTable {
             e.position_m,
             e.angle_deg,
             e.vertex_m,
-            e.outline_m
+            e.outline_m,
+            c.photo_px.map_or_else(String::new, |[w, h]| format!("; photos of {w} × {h} px"))
         );
         for rows in by_level.values() {
             let _ = writeln!(text, "**{}**\n", rows[0].level);
