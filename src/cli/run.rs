@@ -193,6 +193,9 @@ pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
     for (&status, n) in &summary.by_status {
         ui.say(format!("{n:>8} {}", words(status)));
     }
+    if summary.n_settled > 0 {
+        ui.say(format!("{:>8} roofs settled by the photos", summary.n_settled));
+    }
     if let Some(median) = summary.median_height_m {
         ui.say(format!("median height {median:.1} m"));
     }

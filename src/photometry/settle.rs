@@ -51,6 +51,23 @@ impl Default for PolishConfig {
     }
 }
 
+impl PolishConfig {
+    /// The first setting out of range, and what it may be.
+    #[must_use]
+    pub fn fault(&self) -> Option<(&'static str, &'static str)> {
+        let in_range = [
+            ("within_m", self.within_m > 0.0 && self.within_m <= 20.0, "above 0, at most 20 m"),
+            ("n_photos", (MIN_PHOTOS..=64).contains(&self.n_photos), "4 to 64"),
+            ("n_points", (MIN_PLACES..=10_000).contains(&self.n_points), "40 to 10000"),
+            ("clear_m", self.clear_m >= 0.0 && self.clear_m.is_finite(), "at least 0 m"),
+            ("long_side_px", (64..=20_000).contains(&self.long_side_px), "64 to 20000 pixels"),
+            ("min_score", (0.0..=1.0).contains(&self.min_score), "0 to 1"),
+            ("min_lead", (0.0..=1.0).contains(&self.min_lead), "0 to 1"),
+        ];
+        in_range.into_iter().find(|(_, is_fine, _)| !is_fine).map(|(field, _, expected)| (field, expected))
+    }
+}
+
 /// What the photos say of a roof.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Settled {

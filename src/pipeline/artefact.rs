@@ -56,6 +56,9 @@ pub struct HeightStage {
     pub cuts: Vec<Vec<Cut>>,
     /// The solution, one height per building of `solved`; its views are positions in the survey.
     pub solution: Solution,
+    /// Views whose photo could not be read where roofs were settled by photos, and why.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unread_photos: Vec<(usize, String)>,
     /// What the ground says against the priors' declared direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub doubt: Option<Issue>,
@@ -64,7 +67,13 @@ pub struct HeightStage {
 impl HeightStage {
     /// Without a single building.
     pub(super) fn empty() -> Self {
-        Self { solved: Vec::new(), cuts: Vec::new(), solution: Solution::default(), doubt: None }
+        Self {
+            solved: Vec::new(),
+            cuts: Vec::new(),
+            solution: Solution::default(),
+            unread_photos: Vec::new(),
+            doubt: None,
+        }
     }
 }
 

@@ -91,7 +91,7 @@ impl HeightSearch<'_> {
             // From scratch: what was found with other outlines hides what stands behind them.
             heights = find(stage, &keeping_whole(&self.config.optimise), &Known::default())?;
         }
-        polish(self.config, self.survey, stage, &mut heights.solution);
+        heights.unread_photos = polish(self.config, self.survey, stage, &mut heights.solution);
         Ok(HeightStage { cuts, ..heights })
     }
 
@@ -124,7 +124,13 @@ impl HeightSearch<'_> {
         let solution = (self.solver)(&problem, optimise);
         let correlations = correlations.into_inner().unwrap_or_else(PoisonError::into_inner);
         let named: Vec<_> = correlations.into_iter().map(|(v, r)| (self.survey.views[v].id.clone(), r)).collect();
-        HeightStage { solved: stage.solved.clone(), cuts: Vec::new(), solution, doubt: judge_tag(&named) }
+        HeightStage {
+            solved: stage.solved.clone(),
+            cuts: Vec::new(),
+            solution,
+            unread_photos: Vec::new(),
+            doubt: judge_tag(&named),
+        }
     }
 }
 

@@ -101,6 +101,13 @@ pub(super) fn check_settings(config: &RunConfig) -> Result<(), PipelineError> {
             hint: "source is none, attribute (with attribute = \"storeys\", metres_per_unit = 3.0) or neighbourhood",
         });
     }
+    if let Some((field, expected)) = config.optimise.polish.fault() {
+        return Err(PipelineError::Settings {
+            table: "optimise.polish",
+            message: format!("`{field}` is out of range: expected {expected}"),
+            hint: "leave it out for the default, or set enabled = false to leave the photos out",
+        });
+    }
     let (min_m, max_m) = (config.optimise.min_height_m, config.optimise.max_height_m);
     if min_m > 0.0 && max_m.is_none_or(|max_m| max_m > min_m && max_m.is_finite()) {
         return Ok(());

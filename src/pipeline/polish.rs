@@ -3,7 +3,8 @@
 //! The order of depths finds the roof, to half a metre or so; the photos, laid onto it, say where exactly it is. Photos
 //! alone would not do: within a wider range there are false matches.
 
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -57,18 +58,26 @@ pub fn photo_bytes(config: &RunConfig, n_photos: usize) -> usize {
     PICTURE_BYTES.min(n_photos.saturating_mul(Album::bytes_of_one(config.optimise.polish.long_side_px)))
 }
 
-/// Raises and lowers the roofs of a solution to where the photos look alike.
-pub(super) fn polish(config: &RunConfig, survey: &Survey, stage: &SceneStage, solution: &mut Solution) {
+/// Raises and lowers the roofs of a solution to where the photos look alike. Returns the views whose photo cannot be read, and
+/// why.
+pub(super) fn polish(
+    config: &RunConfig,
+    survey: &Survey,
+    stage: &SceneStage,
+    solution: &mut Solution,
+) -> Vec<(usize, String)> {
     let settings = &config.optimise.polish;
-    let photos: Vec<&View> = survey.views.iter().filter(|view| asks_photo(config, view)).collect();
+    let views: Vec<usize> = (0..survey.views.len()).filter(|&v| asks_photo(config, &survey.views[v])).collect();
+    let photos: Vec<&View> = views.iter().map(|&v| &survey.views[v]).collect();
     if photos.len() < MIN_PHOTOS {
-        return;
+        return Vec::new();
     }
     let roof_m = |solved: &SolvedHeight| solved.roof.map_or(0.0, |roof| roof.mean_m as f32);
     let heights_m: Vec<f32> = solution.heights.iter().map(roof_m).collect();
     let tracer = SceneTracer::new(&stage.scene, &heights_m);
     let album = Album::new(settings.long_side_px, PICTURE_BYTES);
-    let roofs = Roofs { stage, settings, photos: &photos, tracer: &tracer, album: &album };
+    let unread = Mutex::default();
+    let roofs = Roofs { stage, settings, photos: &photos, tracer: &tracer, album: &album, unread: &unread };
     let mut found = vec![None; heights_m.len()];
     for together in roofs.by_square().chunks(N_TOGETHER) {
         let settle = |&b: &usize| (b, roofs.settle(b, solution.heights[b].roof.as_ref()));
@@ -82,10 +91,14 @@ pub(super) fn polish(config: &RunConfig, survey: &Survey, stage: &SceneStage, so
         let Some(((roof, settled), sigma_m)) = found.filter(|(_, settled)| is_clear(settled)).zip(sigma_m) else {
             continue;
         };
-        if solved.sigma_m.is_none_or(|of_priors_m| sigma_m < of_priors_m) {
-            solved.settle(roof.raised(settled.raised_m), config.optimise.height_reference, sigma_m);
+        let roof = roof.raised(settled.raised_m);
+        let is_possible = roof.eave_m > 0.0 && roof.mean_m >= f64::from(stage.scene.bounds.min_m);
+        if is_possible && solved.sigma_m.is_none_or(|of_priors_m| sigma_m < of_priors_m) {
+            solved.settle(roof, config.optimise.height_reference, sigma_m);
         }
     }
+    let unread: BTreeMap<usize, String> = unread.into_inner().unwrap_or_else(PoisonError::into_inner);
+    unread.into_iter().map(|(photo, why)| (views[photo], why)).collect()
 }
 
 /// The standard deviation to state for each roof that the photos settle. Poses that are off show in how much photos left out
@@ -115,6 +128,8 @@ struct Roofs<'a> {
     photos: &'a [&'a View],
     tracer: &'a SceneTracer<'a>,
     album: &'a Album,
+    /// By photo: why it cannot be read.
+    unread: &'a Mutex<BTreeMap<usize, String>>,
 }
 
 impl Roofs<'_> {
@@ -162,8 +177,15 @@ impl Roofs<'_> {
         let middle = (level.iter().sum::<Vec3>() / level.len() as f32).as_dvec3() + self.stage.scene.origin.0;
         let sees = |photo: usize| self.sees(self.photos[photo], building, level);
         let chosen = photometry::choose(self.photos, middle, self.settings.n_photos, sees);
-        // A photo that cannot be read is left out: the others will do.
-        let pictures: Vec<_> = chosen.iter().filter_map(|&i| self.album.picture(self.photos[i]).ok()).collect();
+        // A photo that cannot be read is told of and left out: the others will do.
+        let read = |&photo: &usize| match self.album.picture(self.photos[photo]) {
+            Ok(picture) => Some(picture),
+            Err(why) => {
+                self.unread.lock().unwrap_or_else(PoisonError::into_inner).insert(photo, why.to_string());
+                None
+            }
+        };
+        let pictures: Vec<_> = chosen.iter().filter_map(read).collect();
         (pictures.len() >= MIN_PHOTOS).then_some(pictures)
     }
 

@@ -109,6 +109,7 @@ pub(super) fn run(
         (heights, None)
     };
     summary.n_used_views = heights.solution.used_views.len();
+    summary.n_settled = heights.solution.heights.iter().filter(|solved| solved.raised_m.is_some()).count();
     if options.until == Stage::Heights {
         return Ok(RunSummary { seconds, ..summary });
     }
@@ -148,6 +149,7 @@ fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
         n_views: survey.views.len(),
         n_oblique: survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique).count(),
         n_used_views: 0,
+        n_settled: 0,
         n_buildings: 0,
         detection: None,
         by_status: BTreeMap::new(),
@@ -233,17 +235,20 @@ impl SceneStage {
     }
 }
 
-/// Views whose prior could not be used, and doubts about all of them.
-pub(super) fn prior_issues<'a>(survey: &'a Survey, heights: &'a HeightStage) -> impl Iterator<Item = Issue> + 'a {
-    let failed = heights.solution.failed_views.iter().map(|(view, reason)| {
+/// Views whose prior or photo could not be used, and doubts about all of them.
+pub(super) fn view_issues<'a>(survey: &'a Survey, heights: &'a HeightStage) -> impl Iterator<Item = Issue> + 'a {
+    let told = |severity, code, (view, reason): &(usize, String)| {
         let subject = Subject::View(survey.views[*view].id.0.clone());
         // A reason carries its advice on a line of its own.
         match reason.split_once("\nhint: ") {
-            Some((reason, hint)) => Issue::new(Severity::Refused, "prior_unusable", subject, reason).hint(hint),
-            None => Issue::new(Severity::Refused, "prior_unusable", subject, reason.clone()),
+            Some((reason, hint)) => Issue::new(severity, code, subject, reason).hint(hint),
+            None => Issue::new(severity, code, subject, reason.clone()),
         }
-    });
-    failed.chain(heights.doubt.clone())
+    };
+    let failed = heights.solution.failed_views.iter();
+    let failed = failed.map(move |view| told(Severity::Refused, "prior_unusable", view));
+    let unread = heights.unread_photos.iter().map(move |view| told(Severity::Warning, "photo_unreadable", view));
+    failed.chain(unread).chain(heights.doubt.clone())
 }
 
 /// A word where nobody says what heights count from.
@@ -260,7 +265,7 @@ pub fn unstated_reference(config: &RunConfig) -> Option<Issue> {
 fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, heights: &HeightStage) -> Vec<Issue> {
     let mut issues: Vec<Issue> = survey.issues.clone();
     issues.extend(footprints.layer.issues.iter().chain(&footprints.issues).cloned());
-    issues.extend(prior_issues(survey, heights).chain(unstated_reference(config)));
+    issues.extend(view_issues(survey, heights).chain(unstated_reference(config)));
     issues
 }
 

@@ -14,7 +14,7 @@ use super::heights::HeightSearch;
 use super::kept::PriorStore;
 use super::polish::asks_photo;
 use super::records::records;
-use super::stages::{SceneStage, lineage_of, load_terrain, prior_issues};
+use super::stages::{SceneStage, lineage_of, load_terrain, view_issues};
 use super::{FootprintStage, Frame, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact};
 use crate::config::RunConfig;
 use crate::footprint::{
@@ -223,7 +223,7 @@ impl<'a> Part<'a> {
         };
         let mut issues = footprints.layer.issues.clone();
         issues.extend(footprints.issues.iter().cloned());
-        issues.extend(prior_issues(&self.survey, &heights));
+        issues.extend(view_issues(&self.survey, &heights));
         Ok(PartHeights {
             records: records(self.config, &self.survey, &footprints, &heights),
             issues,

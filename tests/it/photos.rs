@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::LazyLock;
 
 use sizeup::crs::Crs;
@@ -73,6 +74,35 @@ fn photos_under_poses_that_are_off_have_no_say() {
     let shaken = town(|config| (config.errors.position_m, config.errors.angle_deg) = (0.4, 0.25));
     let result = run(shaken.path(), "photos", &[]);
     assert!(raised_m(&result).len() <= 1, "{:?}", raised_m(&result));
+}
+
+#[test]
+fn a_photo_that_cannot_be_read_is_told_of_and_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene");
+    assert!(Command::new("cp").arg("-r").arg(TOWN.path()).arg(&scene).status().unwrap().success());
+    let mut photos: Vec<PathBuf> =
+        fs::read_dir(scene.join("images")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    photos.sort();
+    // Every fourth; not all of them are asked for.
+    photos.iter().step_by(4).for_each(|photo| fs::write(photo, "no photo").unwrap());
+    let result = run(&scene, "spoilt", &[]);
+    assert!(raised_m(&result).len() >= 4, "the others will do: {:?}", raised_m(&result));
+    let issues: serde_json::Value = serde_json::from_slice(&fs::read(result.join("issues.json")).unwrap()).unwrap();
+    let told: Vec<_> = issues.as_array().unwrap().iter().filter(|i| i["code"] == "photo_unreadable").collect();
+    let name = |i: usize| photos[i].file_name().unwrap().to_str().unwrap();
+    let is_of = |i: usize| told.iter().any(|issue| issue.to_string().contains(name(i)));
+    let n_spoilt = (0..photos.len()).step_by(4).filter(|&i| is_of(i)).count();
+    assert!(n_spoilt >= 3 && n_spoilt == told.len(), "{told:?}");
+}
+
+#[test]
+fn settings_that_cannot_be_are_refused_by_name() {
+    let mut command = sizeup();
+    command.arg("run").arg(TOWN.path().join("sizeup.toml")).args(["--set", "optimise.polish.n_photos=2"]);
+    let outcome: Outcome = command.output().unwrap().into();
+    assert_eq!(outcome.code, 2);
+    assert!(outcome.stderr.contains("`n_photos`") && outcome.stderr.contains("4 to 64"), "{}", outcome.stderr);
 }
 
 #[test]
