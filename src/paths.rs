@@ -58,7 +58,9 @@ impl OwnPaths {
         let [Some(full), Some(result), Some(home)] = [path, result, &self.folder].map(full) else {
             return path.to_owned();
         };
-        let moves_along = result.starts_with(home.parent().unwrap_or(&home));
+        // A folder at the root has everything beside it.
+        let around = home.parent().filter(|around| around.parent().is_some()).unwrap_or(&home);
+        let moves_along = result.starts_with(around);
         if is_own && moves_along { relative(&full, &result) } else { full }
     }
 }

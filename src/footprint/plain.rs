@@ -93,10 +93,16 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("outlines.gpkg");
         let crs: Crs = "EPSG:25832".to_owned().try_into().unwrap();
+        // As all outlines are: whole millimetres.
+        let on_grid = |x: f64| (x * 1000.0).round() / 1000.0;
         let house = |x: f64, id: &str| Footprint {
             id: BuildingId(id.to_owned()),
             part_of: id.split_once('#').map(|(whole, _)| BuildingId(whole.to_owned())),
-            polygon: polygon![(x: x, y: 5_932_000.123), (x: x + 10.001, y: 5_932_000.457), (x: x + 3.1, y: 5_932_020.009)],
+            polygon: polygon![
+                (x: x, y: 5_932_000.123),
+                (x: on_grid(x + 10.001), y: 5_932_000.457),
+                (x: on_grid(x + 3.1), y: 5_932_020.009),
+            ],
             attributes: json!({ "id": "another", "storeys": 3, "share": 0.1, "none": null })
                 .as_object()
                 .unwrap()

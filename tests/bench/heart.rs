@@ -57,7 +57,8 @@ fn roofline(scene: &Scene, truth: &[f32], views: &[ViewInput]) {
     let words = vec![1_u64; BANDWIDTH_BYTES / 8];
     let mut copy = vec![0_u64; BANDWIDTH_BYTES / 8];
     let read = BANDWIDTH_BYTES as f64 / least_seconds(|| words.iter().fold(0, |sum: u64, w| sum.wrapping_add(*w)));
-    let copied = 2.0 * BANDWIDTH_BYTES as f64 / least_seconds(|| black_box(&mut copy).copy_from_slice(black_box(&words)));
+    let copied =
+        2.0 * BANDWIDTH_BYTES as f64 / least_seconds(|| black_box(&mut copy).copy_from_slice(black_box(&words)));
     drop((words, copy));
     println!("roofline: this core reads {:.1} GB/s, copies {:.1} GB/s (both ways)", read / 1e9, copied / 1e9);
 
