@@ -15,8 +15,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::curve::{Curve, Sample};
-use crate::optimise::{EpochRecord, OptimiseConfig, Problem, Reason, Solution, SolvedHeight, Solving};
-use crate::render::profile::{CappedScene, Crossing, Profiles, Sampling};
+use crate::optimise::{EpochRecord, Problem, Reason, Solution, SolvedHeight, Solving};
+use crate::render::profile::{Crossing, Profiles};
 use crate::scene::Scene;
 use crate::stats;
 
@@ -48,8 +48,8 @@ impl Default for LiftConfig {
 }
 
 /// One view, traced, with its prior along the rays.
-struct LiftView {
-    profiles: Profiles,
+struct LiftView<'a> {
+    profiles: &'a Profiles,
     /// Per ray: the prior as inverse depth, image position −1..1, metres in plan per metre of z-depth.
     rays: Vec<LiftRay>,
 }
@@ -64,9 +64,9 @@ struct LiftRay {
 
 /// Heights by lifting. `optimise` gives the sampling of rays only.
 #[must_use]
-pub fn metric_lift(problem: &Problem<'_>, optimise: &OptimiseConfig, config: &LiftConfig) -> Solution {
+pub fn metric_lift(problem: &Problem<'_>, config: &LiftConfig) -> Solution {
     let scene = problem.scene;
-    let (views, failed_views) = load(problem, optimise);
+    let (views, failed_views) = load(problem);
     let n = scene.prisms.len();
     let mut heights_m = vec![config.start_height_m.clamp(scene.bounds.min_m, scene.bounds.max_m); n];
     let mut history = Vec::new();
@@ -103,8 +103,7 @@ fn median_height(levels: &[(usize, f64)]) -> Option<f64> {
 }
 
 /// Traces and samples every oblique view.
-fn load(problem: &Problem<'_>, optimise: &OptimiseConfig) -> (Vec<Option<LiftView>>, Vec<(usize, String)>) {
-    let capped = CappedScene::new(problem.scene);
+fn load<'a>(problem: &Problem<'a>) -> (Vec<Option<LiftView<'a>>>, Vec<(usize, String)>) {
     let n = problem.views.len();
     let mut views = Vec::with_capacity(n);
     let mut failed = Vec::new();
@@ -122,8 +121,7 @@ fn load(problem: &Problem<'_>, optimise: &OptimiseConfig) -> (Vec<Option<LiftVie
                 continue;
             }
         };
-        let sampling = Sampling { stride_px: optimise.stride_px, seed: problem.seed, view: input.key };
-        let profiles = Profiles::trace(problem.scene, &capped, &input.placed, sampling);
+        let profiles = problem.profiles(i);
         let camera = &input.placed.camera;
         let disparity = prior.to_disparity();
         let (scale_x, scale_y) = (
@@ -147,7 +145,7 @@ fn load(problem: &Problem<'_>, optimise: &OptimiseConfig) -> (Vec<Option<LiftVie
     (views, failed)
 }
 
-impl LiftView {
+impl LiftView<'_> {
     /// Height above ground of each building's lifted points: their median, or a high percentile in the first round.
     fn lift(&self, scene: &Scene, roofs: &[f32], is_first: bool, config: &LiftConfig) -> Vec<(u32, f64)> {
         let Some(curve) = Curve::fit(&self.free_ground(roofs)) else { return Vec::new() };

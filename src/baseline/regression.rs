@@ -13,8 +13,8 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::optimise::{EpochRecord, OptimiseConfig, Problem, Reason, Solution, SolvedHeight, Solving};
-use crate::render::profile::{CappedScene, Profiles, Sampling};
+use crate::optimise::{EpochRecord, Problem, Reason, Solution, SolvedHeight, Solving};
+use crate::render::profile::Profiles;
 use crate::{seed, stats};
 
 /// Building pixels below which a view says nothing.
@@ -52,18 +52,18 @@ impl Default for RegressionConfig {
     }
 }
 
-struct View {
-    profiles: Profiles,
+struct View<'a> {
+    profiles: &'a Profiles,
     /// Prior along the rays, growing away from the camera.
     farness: Vec<f32>,
 }
 
 /// Heights by regression. `optimise` gives the sampling of rays only.
 #[must_use]
-pub fn regression(problem: &Problem<'_>, optimise: &OptimiseConfig, config: &RegressionConfig) -> Solution {
+pub fn regression(problem: &Problem<'_>, config: &RegressionConfig) -> Solution {
     let bounds = problem.scene.bounds;
     let n = problem.scene.prisms.len();
-    let (views, failed_views) = load(problem, optimise);
+    let (views, failed_views) = load(problem);
     let mut heights_m = vec![config.start_height_m.clamp(bounds.min_m, bounds.max_m); n];
     let (mut mean, mut square, mut steps) = (vec![0.0; n], vec![0.0; n], vec![0_i32; n]);
     let mut seen_in: Vec<Vec<usize>> = vec![Vec::new(); n];
@@ -125,15 +125,13 @@ pub fn regression(problem: &Problem<'_>, optimise: &OptimiseConfig, config: &Reg
     Solution { heights, history, used_views, failed_views, ..Solution::default() }
 }
 
-fn load(problem: &Problem<'_>, optimise: &OptimiseConfig) -> (Vec<Option<View>>, Vec<(usize, String)>) {
-    let capped = CappedScene::new(problem.scene);
+fn load<'a>(problem: &Problem<'a>) -> (Vec<Option<View<'a>>>, Vec<(usize, String)>) {
     let load_one = |(i, input): (usize, &crate::optimise::ViewInput)| {
         if !input.is_oblique {
             return Ok(None);
         }
         let prior = (problem.load_prior)(i).map_err(|why| (i, why))?;
-        let sampling = Sampling { stride_px: optimise.stride_px, seed: problem.seed, view: input.key };
-        let profiles = Profiles::trace(problem.scene, &capped, &input.placed, sampling);
+        let profiles = problem.profiles(i);
         let camera = &input.placed.camera;
         let value = |pixel: [u16; 2]| {
             let at = glam::DVec2::new(f64::from(pixel[0]) + 0.5, f64::from(pixel[1]) + 0.5);
@@ -142,7 +140,7 @@ fn load(problem: &Problem<'_>, optimise: &OptimiseConfig) -> (Vec<Option<View>>,
         let farness = profiles.rays.iter().map(|r| value(r.pixel)).collect();
         Ok(Some(View { profiles, farness }))
     };
-    let loaded: Vec<Result<Option<View>, (usize, String)>> =
+    let loaded: Vec<Result<Option<View<'a>>, (usize, String)>> =
         problem.views.par_iter().enumerate().map(load_one).collect();
     let mut failed = Vec::new();
     let views = loaded
@@ -157,7 +155,7 @@ fn load(problem: &Problem<'_>, optimise: &OptimiseConfig) -> (Vec<Option<View>>,
     (views, failed)
 }
 
-impl View {
+impl View<'_> {
     /// Loss and derivative by building; `None` where too few building pixels have a prior.
     fn step(&self, roofs: &[f32], norm: Norm) -> Option<(f64, Vec<(u32, f64)>)> {
         struct Pixel {

@@ -160,12 +160,11 @@ impl Method {
     pub fn answer(self, problem: &Problem<'_>, config: &OptimiseConfig, aids: &Aids) -> Answer {
         let cut = |inset_m: f64| SegmentedCloud::new(problem.scene, &aids.points, inset_m);
         let of_points = |percent: f64| percentile(problem, &cut(INSET_M), percent, MIN_POINTS);
-        let by_regression =
-            |norm: Norm| regression(problem, config, &RegressionConfig { norm, ..RegressionConfig::default() });
+        let by_regression = |norm: Norm| regression(problem, &RegressionConfig { norm, ..RegressionConfig::default() });
         let known_heights = || aids.known.iter().map(|k| k.1).collect::<Vec<f64>>();
         let solution = match self {
             Self::Paper | Self::Robust => solve(problem, config),
-            Self::MetricLift => metric_lift(problem, config, &LiftConfig::default()),
+            Self::MetricLift => metric_lift(problem, &LiftConfig::default()),
             Self::RegressionL1 => by_regression(Norm::L1),
             Self::RegressionL2 => by_regression(Norm::L2),
             Self::PointsP50 => of_points(50.0),

@@ -11,9 +11,6 @@ use crate::dtm::{Dtm, DtmConfig, Outcome};
 use crate::output::picture::{relief_map, write_png};
 use crate::pipeline;
 
-/// Width of the picture, pixels.
-const PICTURE_PX: u32 = 1600;
-
 /// A standard deviation above this says that one level may serve as well, metres.
 const COARSE_M: f64 = 0.3;
 
@@ -80,7 +77,7 @@ pub(super) fn run(args: &DtmArgs, global: &Global) -> Result<u8, Failure> {
     pipeline::write_dtm(&dtm, crs, &args.output).map_err(|e| Failure::new(e.exit_code(), &e))?;
     let picture = args.output.with_extension("png");
     let polygons: Vec<_> = outlines.iter().collect();
-    write_png(&picture, &relief_map(&dtm, &polygons, crs, PICTURE_PX)).map_err(|e| Failure::new(4, &e))?;
+    write_png(&picture, &relief_map(&dtm, &polygons, crs)).map_err(|e| Failure::new(4, &e))?;
     let found = summary(&dtm);
     ui.say(format!(
         "ground in {} of {} squares of open ground ({} stand out, {} unclear, {} seen by fewer than three photos)",

@@ -16,8 +16,6 @@ use crate::survey::{
 };
 use crate::terrain::{self, MapBox, Terrain, TerrainConfig};
 
-/// Width of the picture, pixels.
-const PICTURE_PX: u32 = 1600;
 /// Finer terrain tells no more about poses, metres per cell.
 const MIN_CELL_M: f64 = 5.0;
 /// Terrain is read so far around the cameras, metres: where oblique photos look.
@@ -221,7 +219,7 @@ fn inspect(settings: &Settings, args: &InspectArgs, global: &Global) -> Result<I
         ui.say(NO_GROUND);
     }
     if let Some(path) = &args.picture {
-        let map = picture::survey_map(reading.survey(), ground.as_ref(), crs, PICTURE_PX);
+        let map = picture::survey_map(reading.survey(), ground.as_ref(), crs);
         picture::write_png(path, &map).map_err(|e| Failure::new(4, &e))?;
     }
     Ok(Inspected { is_sound: report.is_sound(), report, corner_errors })

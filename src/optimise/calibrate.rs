@@ -63,7 +63,7 @@ fn samples(evidence: &Evidence<'_>, stops: &Stops, rays: CalibrationRays) -> Vec
     let profiles = evidence.profiles;
     let known = evidence.nearness.iter().enumerate().filter(|(_, p)| p.is_finite());
     let on_anything = known.filter_map(|(ray, &p)| {
-        let depth = profiles.depth(ray, stops);
+        let depth = stops.depth(ray);
         let is_ground = depth >= profiles.rays[ray].ground;
         depth.is_finite().then(|| (is_ground, (f64::from(depth.recip()), f64::from(p))))
     });

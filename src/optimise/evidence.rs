@@ -111,23 +111,25 @@ impl<'a> Evidence<'a> {
         let (width, height) = (high[0] - low[0] + 1, high[1] - low[1] + 1);
 
         // Dilation by a square, one axis after the other.
-        let mut across = vec![false; width * height];
+        let mut across = vec![0_u16; width * height];
         for &ray in own {
             let [col, row] = block_of(ray);
             let (from, to) = (col.saturating_sub(reach).max(low[0]), (col + reach).min(high[0]));
-            across[(row - low[1]) * width..][from - low[0]..=to - low[0]].fill(true);
+            across[(row - low[1]) * width..][from - low[0]..=to - low[0]].fill(1);
         }
+        let row_of = |row: usize| &across[row * width..(row + 1) * width];
+        let mut n_near = vec![0_u16; width]; // by column: rows within reach that are filled there
         let mut rays = Vec::with_capacity(width * height / 2);
-        for row in 0..height {
-            let near_rows = row.saturating_sub(reach)..(row + reach + 1).min(height);
-            for col in 0..width {
-                if near_rows.clone().any(|r| across[r * width + col]) {
-                    let ray = self.blocks[(row + low[1]) * self.blocks_wide + col + low[0]];
-                    if ray != NO_RAY {
-                        rays.push(ray);
-                    }
-                }
+        for row in 0..height + reach {
+            if row < height {
+                n_near.iter_mut().zip(row_of(row)).for_each(|(n, filled)| *n += filled);
             }
+            if row > 2 * reach {
+                n_near.iter_mut().zip(row_of(row - 2 * reach - 1)).for_each(|(n, filled)| *n -= filled);
+            }
+            let Some(middle) = row.checked_sub(reach) else { continue };
+            let blocks = &self.blocks[(middle + low[1]) * self.blocks_wide + low[0]..][..width];
+            rays.extend(blocks.iter().zip(&n_near).filter(|&(&ray, &n)| n > 0 && ray != NO_RAY).map(|(&ray, _)| ray));
         }
         rays
     }

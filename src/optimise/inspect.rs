@@ -13,7 +13,6 @@ use super::search::SweepView;
 use super::solution::Solution;
 use super::solve::Problem;
 use crate::ordinal::DepthOrder;
-use crate::render::profile::{CappedScene, Profiles, Sampling};
 use crate::seed;
 
 /// Heights that are scored: evenly spaced from the least to somewhat above the height found.
@@ -74,24 +73,18 @@ pub fn inspect(
         None => solution.heights.iter().map(|h| h.height_m.unwrap_or_default() as f32).collect(),
     };
     let roofs = problem.scene.roofs(&heights_m);
-    let capped = CappedScene::new(problem.scene);
     let mut views: Vec<usize> = wanted.iter().flat_map(|(_, views)| views.iter().copied()).collect();
     views.sort_unstable();
     views.dedup();
-    let trace = |&view: &usize| {
-        let sampling = Sampling { stride_px: config.stride_px, seed: problem.seed, view: problem.views[view].key };
-        (view, Profiles::trace(problem.scene, &capped, &problem.views[view].placed, sampling))
-    };
-    let profiles: Vec<(usize, Profiles)> = views.iter().map(trace).collect();
     let n_buildings = problem.scene.prisms.len();
-    let evidence: Vec<(usize, Evidence<'_>)> = profiles
+    let evidence: Vec<(usize, Evidence<'_>)> = views
         .par_iter()
-        .filter_map(|(view, profiles)| {
-            let prior = (problem.load_prior)(*view).ok()?;
-            let placed = &problem.views[*view].placed;
-            let spill_px = solution.spill_of(*view);
+        .filter_map(|&view| {
+            let prior = (problem.load_prior)(view).ok()?;
+            let (placed, profiles) = (&problem.views[view].placed, problem.profiles(view));
+            let spill_px = solution.spill_of(view);
             let evidence = Evidence::new(placed, profiles, &prior, spill_px, config.stride_px, n_buildings);
-            Some((*view, evidence))
+            Some((view, evidence))
         })
         .collect();
     let sweeps: BTreeMap<usize, SweepView<'_>> = evidence

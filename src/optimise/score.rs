@@ -69,33 +69,31 @@ impl Window {
         correlation: Correlation,
     ) -> Option<Self> {
         let profiles = evidence.profiles;
-        let rays: Vec<u32> = evidence
-            .rays_around(building, dilate_px)
-            .into_iter()
-            .filter(|&r| {
-                let ray = &profiles.rays[r as usize];
-                evidence.nearness[r as usize].is_finite() && (ray.ground.is_finite())
-            })
-            .collect();
-        let (rays, unmodelled) = match calibration {
-            Some(calibration) => without_unmodelled(evidence, building, stops, calibration, rays),
-            None => (rays, 0.0),
+        let mut rays = evidence.rays_around(building, dilate_px);
+        rays.retain(|&r| evidence.nearness[r as usize].is_finite() && profiles.rays[r as usize].ground.is_finite());
+        let unmodelled = match calibration {
+            Some(calibration) => leave_out_unmodelled(evidence, building, stops, calibration, &mut rays),
+            None => 0.0,
         };
         if rays.len() < MIN_RAYS {
             return None;
         }
-        let depths: Vec<f32> = rays.iter().map(|&r| profiles.depth_without(r as usize, stops, building)).collect();
+        let mut is_own = within(evidence.rays_of(building));
+        let own: Vec<(usize, u32)> = (0..).zip(rays.iter().copied()).filter(|&(_, r)| is_own(r)).collect();
+        let mut depths: Vec<f32> = rays.iter().map(|&r| stops.depth(r as usize)).collect();
+        for &(at, r) in &own {
+            depths[at] = profiles.depth_without(r as usize, stops, building);
+        }
+        let raw: Vec<f32> = rays.iter().map(|&r| evidence.nearness[r as usize]).collect();
+        let [x, y] = [0, 1].map(|axis| centred_positions(evidence, &rays, axis));
         let reference = depths.iter().sum::<f32>() / depths.len() as f32;
         let v: Vec<f32> = depths.iter().map(|d| reference / d - 1.0).collect();
-        let (x, y) = centred_positions(evidence, &rays);
-        let gram_inverse = gram_inverse(&x, &y)?;
-        let raw: Vec<f32> = rays.iter().map(|&r| evidence.nearness[r as usize]).collect();
-        let (p, p_norm_squared) = residual(&raw, &x, &y, &gram_inverse)?;
+        let Plane { gram_inverse, residual: p, norm_squared: p_norm_squared } = Plane::taken_out(&raw, &x, &y)?;
 
         let mut stretches = Stretches::relative_to(reference);
-        for (at, &r) in rays.iter().enumerate() {
+        for (at, r) in own {
             let per_metre = profiles.rays[r as usize].dz.recip();
-            let lifted = calibration.map_or(f32::NAN, |c| c.inverse_depth(evidence.nearness[r as usize]));
+            let lifted = calibration.map_or(f32::NAN, |c| c.inverse_depth(raw[at]));
             let mut after = f32::NEG_INFINITY;
             for crossing in profiles.crossings(r as usize).iter().filter(|c| c.building == building) {
                 if crossing.enter >= depths[at] {
@@ -119,14 +117,10 @@ impl Window {
             }
         }
         let mut base = Sums::default();
-        for i in 0..v.len() {
+        [base.v, base.vx, base.vy, base.vp, base.vv] = sums(rays.len(), |i| {
             let value = f64::from(v[i]);
-            base.v += value;
-            base.vx += value * f64::from(x[i]);
-            base.vy += value * f64::from(y[i]);
-            base.vp += value * f64::from(p[i]);
-            base.vv += value * value;
-        }
+            [1.0, f64::from(x[i]), f64::from(y[i]), f64::from(p[i]), value].map(|k| value * k)
+        });
         let (p_ranks, p_rank_norm) = match correlation {
             Correlation::Linear => (Vec::new(), 0.0),
             Correlation::Rank => centred_ranks(&p),
@@ -193,33 +187,49 @@ impl Window {
 }
 
 /// Leaves out the rays around a building that look, by the calibrated prior, at something that the scene does not have
-/// there: a building without an outline, a tree. What stands out is told against the open ground close by, so that a
-/// slow drift of the prior does no harm.
-fn without_unmodelled(
+/// there: a building without an outline, a tree; says which share of those around it that was. What stands out is told
+/// against the open ground close by, so that a slow drift of the prior does no harm.
+fn leave_out_unmodelled(
     evidence: &Evidence<'_>,
     building: u32,
     stops: &Stops,
     calibration: Calibration,
-    rays: Vec<u32>,
-) -> (Vec<u32>, f32) {
-    let profiles = evidence.profiles;
-    // By ray: how far above what is rendered the prior lies, metres; the building's own rays are left alone.
-    let excess_m: Vec<Option<f64>> = rays
-        .iter()
-        .map(|&r| {
-            let is_own = profiles.crossings(r as usize).iter().any(|c| c.building == building);
-            let rendered = profiles.depth(r as usize, stops);
-            let seen = calibration.inverse_depth(evidence.nearness[r as usize]).max(f32::MIN_POSITIVE).recip();
-            (!is_own).then(|| f64::from((seen - rendered) * profiles.rays[r as usize].dz))
-        })
-        .collect();
-    let mut around: Vec<f64> = excess_m.iter().flatten().copied().collect();
-    let Some((level, sigma)) = far_side(&mut around) else { return (rays, 0.0) };
+    rays: &mut Vec<u32>,
+) -> f32 {
+    // How far above what is rendered the prior lies, metres.
+    let excess_m = |ray: u32| {
+        let ray = ray as usize;
+        let seen = calibration.inverse_depth(evidence.nearness[ray]).max(f32::MIN_POSITIVE).recip();
+        f64::from((seen - stops.depth(ray)) * evidence.profiles.rays[ray].dz)
+    };
+    let mut is_own = within(evidence.rays_of(building));
+    let around: Vec<f64> = rays.iter().filter(|&&r| !is_own(r)).map(|&r| excess_m(r)).collect();
+    let Some((level, sigma)) = far_side(&mut around.clone()) else { return 0.0 };
     let limit = level + (UNMODELLED_SIGMAS * sigma).max(UNMODELLED_M);
-    let n_around = around.len() as f32;
-    let (kept, left_out): (Vec<_>, Vec<_>) =
-        rays.into_iter().zip(excess_m).partition(|(_, excess)| excess.is_none_or(|e| e <= limit));
-    (kept.into_iter().map(|(r, _)| r).collect(), left_out.len() as f32 / n_around)
+    let n_before = rays.len();
+    // The building's own rays are left alone.
+    let (mut is_own, mut of_around) = (within(evidence.rays_of(building)), around.iter());
+    rays.retain(|&r| is_own(r) || of_around.next().is_some_and(|excess| *excess <= limit));
+    (n_before - rays.len()) as f32 / around.len() as f32
+}
+
+/// Whether a ray is one of some rays, asked in ascending order.
+fn within(ascending: &[u32]) -> impl FnMut(u32) -> bool + '_ {
+    let mut rest = ascending;
+    move |ray| {
+        while rest.first().is_some_and(|&first| first < ray) {
+            rest = &rest[1..];
+        }
+        rest.first() == Some(&ray)
+    }
+}
+
+/// Several sums over the same `n` terms, side by side, each in their order.
+fn sums<const N: usize>(n: usize, terms: impl Fn(usize) -> [f64; N]) -> [f64; N] {
+    (0..n).fold([0.0; N], |mut sums, i| {
+        sums.iter_mut().zip(terms(i)).for_each(|(sum, term)| *sum += term);
+        sums
+    })
 }
 
 /// Where the far side of some residuals gathers, and its standard deviation: what is not modelled is nearer, so only the
@@ -250,51 +260,55 @@ fn far_side(values: &mut [f64]) -> Option<(f64, f64)> {
     Some((level, sigma))
 }
 
-/// Image positions of rays, centred and scaled to about ±1 so that the Gram matrix is well conditioned.
-fn centred_positions(evidence: &Evidence<'_>, rays: &[u32]) -> (Vec<f32>, Vec<f32>) {
-    let axis = |k: usize| {
-        let values: Vec<f32> = rays.iter().map(|&r| f32::from(evidence.profiles.rays[r as usize].pixel[k])).collect();
-        let mean = values.iter().sum::<f32>() / values.len() as f32;
-        let extent = values.iter().fold(1.0_f32, |e, v| e.max((v - mean).abs()));
-        values.into_iter().map(|v| (v - mean) / extent).collect::<Vec<f32>>()
-    };
-    (axis(0), axis(1))
+/// Image positions of rays along an axis, centred and scaled to about ±1 so that the Gram matrix is well conditioned.
+fn centred_positions(evidence: &Evidence<'_>, rays: &[u32], axis: usize) -> Vec<f32> {
+    let mut values: Vec<f32> =
+        rays.iter().map(|&r| f32::from(evidence.profiles.rays[r as usize].pixel[axis])).collect();
+    let mean = values.iter().sum::<f32>() / values.len() as f32;
+    let extent = values.iter().fold(1.0_f32, |e, v| e.max((v - mean).abs()));
+    values.iter_mut().for_each(|v| *v = (*v - mean) / extent);
+    values
 }
 
-fn gram_inverse(x: &[f32], y: &[f32]) -> Option<[[f64; 3]; 3]> {
-    let sum = |f: &dyn Fn(f64, f64) -> f64| x.iter().zip(y).map(|(&x, &y)| f(f64::from(x), f64::from(y))).sum::<f64>();
-    let (n, sx, sy) = (x.len() as f64, sum(&|x, _| x), sum(&|_, y| y));
-    let (xx, xy, yy) = (sum(&|x, _| x * x), sum(&|x, y| x * y), sum(&|_, y| y * y));
-    let gram = glam::DMat3::from_cols_array(&[n, sx, sy, sx, xx, xy, sy, xy, yy]);
-    if gram.determinant().abs() < 1e-9 * n * n * n {
-        return None; // all rays in one row or column
-    }
-    let inverse = gram.inverse();
-    Some([inverse.x_axis.to_array(), inverse.y_axis.to_array(), inverse.z_axis.to_array()])
+/// What `[1, x, y]` does not explain of some values.
+struct Plane {
+    /// Inverse of the Gram matrix of `[1, x, y]`.
+    gram_inverse: [[f64; 3]; 3],
+    residual: Vec<f32>,
+    norm_squared: f64,
 }
 
-/// What `[1, x, y]` does not explain of some values, and its squared norm; `None` if that is nothing.
-fn residual(values: &[f32], x: &[f32], y: &[f32], gram_inverse: &[[f64; 3]; 3]) -> Option<(Vec<f32>, f64)> {
-    let mean = values.iter().map(|&v| f64::from(v)).sum::<f64>() / values.len() as f64;
-    let scale = values.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>().sqrt();
-    if !(scale > 0.0 && scale.is_finite()) {
-        return None;
+impl Plane {
+    /// `None` where all positions are in one line, or nothing is left of the values.
+    fn taken_out(values: &[f32], x: &[f32], y: &[f32]) -> Option<Self> {
+        let n = values.len();
+        let (x, y) = (&x[..n], &y[..n]);
+        let [sum] = sums(n, |i| [f64::from(values[i])]);
+        let mean = sum / n as f64;
+        let [squares] = sums(n, |i| [(f64::from(values[i]) - mean).powi(2)]);
+        let scale = squares.sqrt();
+        let mut centred: Vec<f64> = values.iter().map(|&v| (f64::from(v) - mean) / scale).collect();
+        let c = &centred[..n];
+        let [sx, sy, xx, xy, yy, c_sum, cx, cy] = sums(n, |i| {
+            let (x, y) = (f64::from(x[i]), f64::from(y[i]));
+            [x, y, x * x, x * y, y * y, c[i], c[i] * x, c[i] * y]
+        });
+        let count = n as f64;
+        let gram = glam::DMat3::from_cols_array(&[count, sx, sy, sx, xx, xy, sy, xy, yy]);
+        let is_line = gram.determinant().abs() < 1e-9 * count * count * count;
+        if is_line || !(scale > 0.0 && scale.is_finite()) {
+            return None;
+        }
+        let inverse = gram.inverse();
+        let gram_inverse = [inverse.x_axis, inverse.y_axis, inverse.z_axis].map(|axis| axis.to_array());
+        let plane = apply(&gram_inverse, &[c_sum, cx, cy]);
+        for (value, (&x, &y)) in centred.iter_mut().zip(x.iter().zip(y)) {
+            *value = *value - plane[0] - plane[1] * f64::from(x) - plane[2] * f64::from(y);
+        }
+        let residual: Vec<f32> = centred.iter().map(|&r| r as f32).collect();
+        let [norm_squared] = sums(n, |i| [f64::from(residual[i]).powi(2)]);
+        (norm_squared > FLAT).then_some(Self { gram_inverse, residual, norm_squared })
     }
-    let centred: Vec<f64> = values.iter().map(|&v| (f64::from(v) - mean) / scale).collect();
-    let mut q = [0.0; 3];
-    for ((v, &x), &y) in centred.iter().zip(x).zip(y) {
-        q[0] += v;
-        q[1] += v * f64::from(x);
-        q[2] += v * f64::from(y);
-    }
-    let plane = apply(gram_inverse, &q);
-    let residual: Vec<f32> = centred
-        .iter()
-        .zip(x.iter().zip(y))
-        .map(|(v, (&x, &y))| (v - plane[0] - plane[1] * f64::from(x) - plane[2] * f64::from(y)) as f32)
-        .collect();
-    let norm_squared: f64 = residual.iter().map(|&r| f64::from(r).powi(2)).sum();
-    (norm_squared > FLAT).then_some((residual, norm_squared))
 }
 
 /// Ranks by counting in [`RANK_BINS`] steps of the range, ties sharing their mean rank, centred on 0; and their norm.

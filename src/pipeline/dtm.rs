@@ -17,8 +17,6 @@ use crate::terrain::{self, TerrainConfig};
 
 /// Written where no ground was found.
 const NODATA: f32 = -9999.0;
-/// Width of the picture, pixels.
-const PICTURE_PX: u32 = 1600;
 
 /// Makes the model around the configuration's outlines, and gives them too (none where they are yet to be found).
 /// `progress` is told how many squares of how many are done.
@@ -66,7 +64,7 @@ pub(super) fn for_run(config: &RunConfig, survey: &Survey, tell: Tell<'_>) -> Re
     write_dtm(&dtm, &config.project.crs, &path_of(config))?;
     if config.output.pictures {
         let outlines: Vec<&Polygon<f64>> = outlines.iter().collect();
-        let picture = relief_map(&dtm, &outlines, &config.project.crs, PICTURE_PX);
+        let picture = relief_map(&dtm, &outlines, &config.project.crs);
         write_png(&config.project.output.join("pictures").join("dtm.png"), &picture)?;
     }
     Ok(())

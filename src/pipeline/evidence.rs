@@ -12,7 +12,7 @@ use super::kept::PriorStore;
 use super::stages::SceneStage;
 use super::{HeightStage, pictures};
 use crate::config::RunConfig;
-use crate::optimise::{InspectedView, Inspection, Problem, SolvedHeight, inspect};
+use crate::optimise::{InspectedView, Inspection, Problem, Rays, SolvedHeight, inspect};
 use crate::output::picture::depth_picture;
 use crate::prior::{DepthPrior, PriorKind};
 use crate::raster::Raster;
@@ -53,6 +53,7 @@ pub(super) fn gather(
         views: &view_inputs(config, survey, &stage.scene),
         load_prior: &|view| priors.load(survey, view).map_err(|e| e.to_string()),
         seed: config.seed,
+        rays: &Rays::new(survey.views.len(), config.optimise.stride_px),
         start_m: &[],
         progress: &|_, _, _| {},
     };

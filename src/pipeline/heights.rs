@@ -10,7 +10,7 @@ use super::polish::polish;
 use super::stages::SceneStage;
 use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, artefact, levels};
 use crate::config::RunConfig;
-use crate::optimise::{OptimiseConfig, Problem, SearchConfig, Solution, ViewInput};
+use crate::optimise::{OptimiseConfig, Problem, Rays, SearchConfig, Solution, ViewInput};
 use crate::prior::{ground_correlation, judge_tag};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
@@ -38,7 +38,7 @@ impl HeightSearch<'_> {
     ) -> Result<(HeightStage, PriorStore), PipelineError> {
         // What is computed depends on the terrain.
         let opened: RefCell<Option<(Terrain, PriorStore)>> = RefCell::new(None);
-        let find = |stage: &SceneStage, optimise: &OptimiseConfig, known: &Known| {
+        let find = |stage: &SceneStage, rays: &Rays, optimise: &OptimiseConfig, known: &Known| {
             let mut opened = opened.borrow_mut();
             let kept = opened.take().filter(|(terrain, _)| *terrain == stage.terrain);
             let (_, priors) = match kept {
@@ -47,13 +47,13 @@ impl HeightSearch<'_> {
                     opened.insert((stage.terrain.clone(), PriorStore::open(self.config, self.survey, &stage.terrain)?))
                 }
             };
-            let heights = self.of_scene(stage, priors, optimise, known);
+            let heights = self.of_scene(stage, priors, rays, optimise, known);
             require_priors(self.survey, &heights.solution)?;
             Ok(heights)
         };
         // Roofs move with their heights, and heights are measured under their roofs.
         for _ in 0..outlines::roof_rounds(self.config, footprints) {
-            let heights = find(stage, &keeping_whole(&self.config.optimise), &Known::default())?;
+            let heights = find(stage, &self.untraced(), &keeping_whole(&self.config.optimise), &Known::default())?;
             let has_moved = outlines::move_roofs(self.config, self.survey, footprints, &heights)?;
             *stage = SceneStage::new(self.config, self.survey, footprints)?;
             if !has_moved {
@@ -73,26 +73,33 @@ impl HeightSearch<'_> {
         &self,
         footprints: &mut FootprintStage,
         stage: &mut SceneStage,
-        find: impl Fn(&SceneStage, &OptimiseConfig, &Known) -> Result<HeightStage, PipelineError>,
+        find: impl Fn(&SceneStage, &Rays, &OptimiseConfig, &Known) -> Result<HeightStage, PipelineError>,
     ) -> Result<HeightStage, PipelineError> {
         let mut cuts = Vec::new();
-        let mut heights = find(stage, &self.config.optimise, &Known::default())?;
+        let mut rays = self.untraced();
+        let mut heights = find(stage, &rays, &self.config.optimise, &Known::default())?;
         while cuts.len() < levels::MAX_ROUNDS {
             let round = levels::cuts(stage, &heights.solution);
             let known = Known::of(&heights, footprints.layer.footprints.len());
             let Some(stood) = levels::take_apart(footprints, &round) else { break };
             *stage = SceneStage::in_frame(self.config, &stage.frame(), footprints)?;
+            rays = rays.of_other_outlines();
             cuts.push(round);
             if cuts.len() < levels::MAX_ROUNDS {
-                heights = find(stage, &looking_at_parts(&self.config.optimise), &known.moved(&stood))?;
+                heights = find(stage, &rays, &looking_at_parts(&self.config.optimise), &known.moved(&stood))?;
             }
         }
         if !cuts.is_empty() || !heights.solution.other_levels.is_empty() {
             // From scratch: what was found with other outlines hides what stands behind them.
-            heights = find(stage, &keeping_whole(&self.config.optimise), &Known::default())?;
+            heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &Known::default())?;
         }
         heights.unread_photos = polish(self.config, self.survey, stage, &mut heights.solution);
         Ok(HeightStage { cuts, ..heights })
+    }
+
+    /// Rays of the survey's views through a scene that nobody has looked at yet.
+    fn untraced(&self) -> Rays {
+        Rays::new(self.survey.views.len(), self.config.optimise.stride_px)
     }
 
     /// Heights of the buildings of a scene.
@@ -100,6 +107,7 @@ impl HeightSearch<'_> {
         &self,
         stage: &SceneStage,
         priors: &PriorStore,
+        rays: &Rays,
         optimise: &OptimiseConfig,
         known: &Known,
     ) -> HeightStage {
@@ -118,6 +126,7 @@ impl HeightSearch<'_> {
             views: &views,
             load_prior: &load_prior,
             seed: self.config.seed,
+            rays,
             start_m: &known.of_scene(stage),
             progress: &|what, done, total| (self.tell)(Event::Advance { what, done, total }),
         };

@@ -11,7 +11,7 @@ use super::heights::view_inputs;
 use super::stages::SceneStage;
 use super::{FootprintStage, PipelineError, RunOptions, Stage, Tell, artefact, run};
 use crate::config::RunConfig;
-use crate::optimise::{Problem, first_selection};
+use crate::optimise::{Problem, Rays, first_selection};
 use crate::prior::Priors;
 use crate::survey::{Survey, View, ViewKind};
 
@@ -81,6 +81,7 @@ fn selected<'a>(config: &RunConfig, survey: &'a Survey, stage: &SceneStage) -> V
         load_prior: &|_| Err("no prior is asked for".to_owned()),
         start_m: &[],
         seed: config.seed,
+        rays: &Rays::new(views.len(), config.optimise.stride_px),
         progress: &|_, _, _| {},
     };
     first_selection(&problem, &config.optimise).into_iter().map(|view| &survey.views[view]).collect()

@@ -10,9 +10,6 @@ use crate::output::picture;
 use crate::survey::{Reading, Site, Survey, SurveyReport};
 use crate::terrain::Terrain;
 
-/// Width of the survey's picture, pixels.
-const PICTURE_PX: u32 = 1600;
-
 /// Reads the survey, which tells where its terrain is needed.
 pub(super) fn read(config: &RunConfig) -> Result<Reading, PipelineError> {
     Ok(Reading::of(&config.survey, &config.project.crs)?)
@@ -39,7 +36,7 @@ pub(super) fn look_over(
     write_json(&path, &report)?;
     if config.output.pictures {
         let file = config.project.output.join("pictures").join("survey.png");
-        let picture = picture::survey_map(&survey, ground, &config.project.crs, PICTURE_PX);
+        let picture = picture::survey_map(&survey, ground, &config.project.crs);
         picture::write_png(&file, &picture)?;
     }
     if report.is_sound() {

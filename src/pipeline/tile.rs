@@ -216,8 +216,8 @@ impl<'a> Part<'a> {
         let search = HeightSearch { config: self.config, survey: &self.survey, tell, solver: &solve };
         let mut footprints = self.footprints.clone();
         let heights = match &mut self.scene {
-            Some(scene) => search.taking_apart(&mut footprints, scene, |stage, optimise, known| {
-                Ok(search.of_scene(stage, &self.priors, optimise, known))
+            Some(scene) => search.taking_apart(&mut footprints, scene, |stage, rays, optimise, known| {
+                Ok(search.of_scene(stage, &self.priors, rays, optimise, known))
             })?,
             None => HeightStage::empty(),
         };

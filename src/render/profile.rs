@@ -8,12 +8,14 @@ use rayon::prelude::*;
 
 use super::PlacedCamera;
 use super::bvh::Bvh;
-use crate::ray::Aabb;
+use crate::ray::{Aabb, Ray};
 use crate::scene::{Crossing as Stretch, Scene};
 use crate::seed;
 
 /// Rays flatter than this never sink to a roof within any useful distance (dz per unit of z-depth).
 pub(crate) const FLATTEST_DZ: f32 = -1e-3;
+/// Rays whose ground is known are traced so many at a time.
+const RAYS_AT_ONCE: usize = 512;
 
 /// One footprint along a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,7 +50,7 @@ impl ProfileRay {
 }
 
 /// The sampled rays of one view, row by row.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Profiles {
     /// Height of the projection centre, local frame, metres.
     pub eye_z: f32,
@@ -68,9 +70,22 @@ pub struct Sight {
     pub is_roof: bool,
 }
 
-/// Where each crossing of a view stops its ray, z-depth, in the crossings' order; `+∞` where the ray passes over.
+/// What some roofs make of a view.
 #[derive(Debug, Clone)]
-pub struct Stops(Vec<f32>);
+pub struct Stops {
+    /// Where each crossing stops its ray, z-depth, in the crossings' order; `+∞` where the ray passes over.
+    of_crossings: Vec<f32>,
+    /// z-depth along each ray.
+    depths: Vec<f32>,
+}
+
+impl Stops {
+    /// z-depth along a ray.
+    #[must_use]
+    pub fn depth(&self, ray_idx: usize) -> f32 {
+        self.depths[ray_idx]
+    }
+}
 
 /// Which pixels of a view to sample: one in each `stride × stride` block, at random within it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,38 +99,47 @@ pub struct Sampling {
 }
 
 impl Profiles {
-    /// Those of a view that takes no part.
-    #[must_use]
-    pub fn none() -> Self {
-        Self { eye_z: 0.0, rays: Vec::new(), crossings: Vec::new() }
-    }
-
     /// Traces the sampled rays against the prisms at their greatest height.
     #[must_use]
     pub fn trace(scene: &Scene, capped: &CappedScene, placed: &PlacedCamera, sampling: Sampling) -> Self {
         let (width, height) = (placed.camera.width_px as usize, placed.camera.height_px as usize);
         let stride = sampling.stride_px.max(1);
-        let rows: Vec<_> = (0..height.div_ceil(stride))
-            .into_par_iter()
-            .map(|block_row| {
-                let mut rng = seed::stream(sampling.seed, "rays", &[sampling.view, block_row as u64]);
-                let mut row = (Vec::new(), Vec::new());
-                let mut scratch = Scratch::default();
-                for block_col in 0..width.div_ceil(stride) {
-                    let col = block_col * stride + rng.random_range(0..stride as u32) as usize;
-                    let line = block_row * stride + rng.random_range(0..stride as u32) as usize;
-                    if col < width && line < height {
-                        trace_ray(scene, capped, placed, [col as u16, line as u16], &mut scratch, &mut row);
-                    }
+        let row = |block_row: usize| {
+            let mut rng = seed::stream(sampling.seed, "rays", &[sampling.view, block_row as u64]);
+            let mut row = Tracing::new(scene, capped, placed);
+            for block_col in 0..width.div_ceil(stride) {
+                let col = block_col * stride + rng.random_range(0..stride as u32) as usize;
+                let line = block_row * stride + rng.random_range(0..stride as u32) as usize;
+                if col < width && line < height {
+                    row.trace([col as u16, line as u16], |ray| scene.ground.meets(ray).unwrap_or(f32::INFINITY));
                 }
-                row
-            })
-            .collect();
-        let mut profiles = Self { eye_z: placed.eye().z as f32, rays: Vec::new(), crossings: Vec::new() };
-        for (rays, crossings) in rows {
+            }
+            row.found
+        };
+        Self::joined((0..height.div_ceil(stride)).into_par_iter().map(row).collect(), placed)
+    }
+
+    /// Traces rays whose ground is known, as [`Self::trace`] found it under other prisms.
+    #[must_use]
+    pub fn over(scene: &Scene, capped: &CappedScene, placed: &PlacedCamera, known: &[ProfileRay]) -> Self {
+        let stretch = |rays: &[ProfileRay]| {
+            let mut stretch = Tracing::new(scene, capped, placed);
+            for known in rays {
+                stretch.trace(known.pixel, |_| known.ground);
+            }
+            stretch.found
+        };
+        Self::joined(known.par_chunks(RAYS_AT_ONCE).map(stretch).collect(), placed)
+    }
+
+    fn joined(parts: Vec<Self>, placed: &PlacedCamera) -> Self {
+        let mut profiles = Self { eye_z: placed.eye().z as f32, ..Self::default() };
+        profiles.rays.reserve_exact(parts.iter().map(|part| part.rays.len()).sum());
+        profiles.crossings.reserve_exact(parts.iter().map(|part| part.crossings.len()).sum());
+        for part in parts {
             let offset = profiles.crossings.len() as u32;
-            profiles.rays.extend(rays.into_iter().map(|r: ProfileRay| ProfileRay { first: r.first + offset, ..r }));
-            profiles.crossings.extend(crossings);
+            profiles.rays.extend(part.rays.into_iter().map(|r| ProfileRay { first: r.first + offset, ..r }));
+            profiles.crossings.extend(part.crossings);
         }
         profiles
     }
@@ -142,30 +166,30 @@ impl Profiles {
     /// Where every crossing would stop its ray for roof levels in the local frame, one per building.
     #[must_use]
     pub fn stops(&self, roofs: &[f32]) -> Stops {
+        let mut of_crossings = Vec::with_capacity(self.crossings.len());
         let of_ray = |ray_idx: usize| {
-            let per_dz = self.rays[ray_idx].dz.recip();
-            self.crossings(ray_idx).iter().map(move |c| {
+            let ProfileRay { dz, ground, .. } = self.rays[ray_idx];
+            let per_dz = dz.recip();
+            let stop = |c: &Crossing| {
                 let roof = (roofs[c.building as usize] - self.eye_z) * per_dz;
                 let depth = c.enter.max(roof);
                 // A camera inside a prism (depth 0) looks out of it, as in the tracer.
                 if roof < c.leave && depth > 0.0 { depth } else { f32::INFINITY }
-            })
+            };
+            let first = of_crossings.len();
+            of_crossings.extend(self.crossings(ray_idx).iter().map(stop));
+            of_crossings[first..].iter().copied().fold(ground, f32::min)
         };
-        Stops((0..self.rays.len()).flat_map(of_ray).collect())
+        let depths = (0..self.rays.len()).map(of_ray).collect();
+        Stops { of_crossings, depths }
     }
 
     /// z-depth along a ray when one building is not there.
     #[must_use]
     pub fn depth_without(&self, ray_idx: usize, stops: &Stops, absent: u32) -> f32 {
         let first = self.rays[ray_idx].first as usize;
-        let own = self.crossings(ray_idx).iter().zip(&stops.0[first..]);
+        let own = self.crossings(ray_idx).iter().zip(&stops.of_crossings[first..]);
         own.filter(|(c, _)| c.building != absent).map(|(_, stop)| *stop).fold(self.rays[ray_idx].ground, f32::min)
-    }
-
-    /// z-depth along a ray.
-    #[must_use]
-    pub fn depth(&self, ray_idx: usize, stops: &Stops) -> f32 {
-        self.depth_without(ray_idx, stops, u32::MAX)
     }
 
     #[inline]
@@ -210,45 +234,50 @@ impl CappedScene {
     }
 }
 
-#[derive(Default)]
-struct Scratch {
+/// Some rays of one view being traced.
+struct Tracing<'a> {
+    scene: &'a Scene,
+    capped: &'a CappedScene,
+    placed: &'a PlacedCamera,
+    found: Profiles,
     stretches: Vec<Stretch>,
     crossings: Vec<Crossing>,
 }
 
-fn trace_ray(
-    scene: &Scene,
-    capped: &CappedScene,
-    placed: &PlacedCamera,
-    pixel: [u16; 2],
-    scratch: &mut Scratch,
-    (rays, crossings): &mut (Vec<ProfileRay>, Vec<Crossing>),
-) {
-    let centre = DVec2::new(f64::from(pixel[0]) + 0.5, f64::from(pixel[1]) + 0.5);
-    let Some(ray) = placed.ray(centre) else { return };
-    if ray.direction.z > FLATTEST_DZ {
-        return; // at or above the horizon
+impl<'a> Tracing<'a> {
+    fn new(scene: &'a Scene, capped: &'a CappedScene, placed: &'a PlacedCamera) -> Self {
+        Self { scene, capped, placed, found: Profiles::default(), stretches: Vec::new(), crossings: Vec::new() }
     }
-    let ground = scene.ground.meets(&ray).unwrap_or(f32::INFINITY);
-    scratch.crossings.clear();
-    capped.bvh.traverse(&ray, ground, |idx, t_max| {
-        scratch.stretches.clear();
-        scene.prisms[idx].crossings(&ray, &mut scratch.stretches);
-        let below_cap = (capped.caps[idx] - ray.origin.z) / ray.direction.z;
-        let met = scratch.stretches.iter().map(|s| Crossing {
-            building: idx as u32,
-            enter: s.enter.max(0.0),
-            leave: s.leave.min(ground),
+
+    /// Traces the middle of a pixel; `ground_of` says at what z-depth its ray meets the ground, `+∞` where it does not.
+    fn trace(&mut self, pixel: [u16; 2], ground_of: impl Fn(&Ray) -> f32) {
+        let centre = DVec2::new(f64::from(pixel[0]) + 0.5, f64::from(pixel[1]) + 0.5);
+        let Some(ray) = self.placed.ray(centre) else { return };
+        if ray.direction.z > FLATTEST_DZ {
+            return; // at or above the horizon
+        }
+        let ground = ground_of(&ray);
+        let Self { scene, capped, found, stretches, crossings, .. } = self;
+        crossings.clear();
+        capped.bvh.traverse(&ray, ground, |idx, t_max| {
+            stretches.clear();
+            scene.prisms[idx].crossings(&ray, stretches);
+            let below_cap = (capped.caps[idx] - ray.origin.z) / ray.direction.z;
+            let met = stretches.iter().map(|s| Crossing {
+                building: idx as u32,
+                enter: s.enter.max(0.0),
+                leave: s.leave.min(ground),
+            });
+            crossings.extend(met.filter(|c| c.leave > c.enter && c.leave > below_cap));
+            t_max
         });
-        scratch.crossings.extend(met.filter(|c| c.leave > c.enter && c.leave > below_cap));
-        t_max
-    });
-    if scratch.crossings.is_empty() && ground.is_infinite() {
-        return;
+        if crossings.is_empty() && ground.is_infinite() {
+            return;
+        }
+        crossings.sort_unstable_by(|a, b| a.enter.total_cmp(&b.enter).then(a.building.cmp(&b.building)));
+        found.rays.push(ProfileRay { pixel, dz: ray.direction.z, ground, first: found.crossings.len() as u32 });
+        found.crossings.extend_from_slice(crossings);
     }
-    scratch.crossings.sort_unstable_by(|a, b| a.enter.total_cmp(&b.enter).then(a.building.cmp(&b.building)));
-    rays.push(ProfileRay { pixel, dz: ray.direction.z, ground, first: crossings.len() as u32 });
-    crossings.extend_from_slice(&scratch.crossings);
 }
 
 #[cfg(test)]
@@ -326,7 +355,7 @@ mod tests {
                 let behind = profiles.sight_with(i, &roofs, building, f32::NEG_INFINITY);
                 assert!(behind.depth > sight.depth || behind.building.is_some());
                 assert_ne!(behind.building, Some(building));
-                assert_eq!(profiles.depth(i, &stops), sight.depth);
+                assert_eq!(stops.depth(i), sight.depth);
                 assert_eq!(profiles.depth_without(i, &stops, building), behind.depth);
                 n_behind += 1;
             }

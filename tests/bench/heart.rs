@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use criterion::{Criterion, Throughput};
 use sizeup::optimise::ViewInput;
-use sizeup::optimise::{OptimiseConfig, Preset, Problem, solve};
+use sizeup::optimise::{OptimiseConfig, Preset, Problem, Rays, solve};
 use sizeup::prior::{DepthPrior, PriorGeometry, PriorKind};
 use sizeup::render::image::SceneTracer;
 use sizeup::render::profile::{CappedScene, Profiles, Sampling};
@@ -108,19 +108,24 @@ fn solving(c: &mut Criterion) {
             geometry: PriorGeometry::ZDepth,
         })
         .collect();
-    let problem = Problem {
-        scene: &scene,
-        views: &views,
-        load_prior: &|v| Ok(priors[v].clone()),
-        seed: 1,
-        start_m: &[],
-        progress: &|_, _, _| {},
+    let load_prior = |view: usize| Ok(priors[view].clone());
+    let solved = |config: &OptimiseConfig| {
+        let problem = Problem {
+            scene: &scene,
+            views: &views,
+            load_prior: &load_prior,
+            seed: 1,
+            rays: &Rays::new(views.len(), config.stride_px),
+            start_m: &[],
+            progress: &|_, _, _| {},
+        };
+        solve(&problem, config)
     };
     let mut group = c.benchmark_group("100 buildings, 100 views, all cores");
     group.sample_size(10);
     for preset in [Preset::Paper, Preset::Robust] {
         let config = OptimiseConfig { preset, ..OptimiseConfig::default() };
-        let solution = solve(&problem, &config);
+        let solution = solved(&config);
         let errors: Vec<f64> = solution
             .heights
             .iter()
@@ -129,7 +134,7 @@ fn solving(c: &mut Criterion) {
             .collect();
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
         println!("{preset:?}: mean error {mean:.2} m, {} views used", solution.used_views.len());
-        group.bench_function(format!("{preset:?}").to_lowercase(), |b| b.iter(|| solve(&problem, &config)));
+        group.bench_function(format!("{preset:?}").to_lowercase(), |b| b.iter(|| solved(&config)));
     }
     group.finish();
 }

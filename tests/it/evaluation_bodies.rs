@@ -13,22 +13,9 @@ use sizeup::evaluate::solid::{Solid, write_obj};
 use sizeup::geodata::raster::RasterFile;
 use sizeup::simulate::simulate;
 
+use crate::evaluating::{evaluate, number, report};
 use crate::shared_data::shared_data;
 use crate::tiny_scene::{Outcome, Scene, config, sizeup};
-
-fn evaluate(result: &Path, truth: &Path, more: &[&str]) -> Outcome {
-    sizeup().arg("evaluate").args([result, truth]).args(more).output().unwrap().into()
-}
-
-fn report(result: &Path, truth: &Path, more: &[&str]) -> Value {
-    let outcome = evaluate(result, truth, &[more, &["--json"]].concat());
-    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-    serde_json::from_str(&outcome.stdout).unwrap()
-}
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
-}
 
 /// A house with a gable along x; without a rise it is a box.
 fn house(id: &str, [x, y, z]: [f64; 3], [w, d, eave, rise]: [f64; 4]) -> Solid {

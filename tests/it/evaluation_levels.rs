@@ -4,25 +4,11 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use serde_json::{Value, json};
+use serde_json::json;
 use sizeup::crs::{Crs, Transform};
 use sizeup::evaluate::solid::{Solid, write_obj};
 
-use crate::tiny_scene::{Outcome, sizeup};
-
-fn evaluate(result: &Path, truth: &Path, more: &[&str]) -> Outcome {
-    sizeup().arg("evaluate").args([result, truth]).args(more).output().unwrap().into()
-}
-
-fn report(result: &Path, truth: &Path, more: &[&str]) -> Value {
-    let outcome = evaluate(result, truth, &[more, &["--json"]].concat());
-    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-    serde_json::from_str(&outcome.stdout).unwrap()
-}
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
-}
+use crate::evaluating::{evaluate, number, report};
 
 fn transform(from: &str, to: &str) -> Transform {
     Transform::new(&Crs::parse(from).unwrap(), &Crs::parse(to).unwrap()).unwrap()

@@ -7,6 +7,7 @@ mod consumers;
 mod crash_safety;
 mod determinism;
 mod dtm;
+mod evaluating;
 mod evaluation;
 mod evaluation_bodies;
 mod evaluation_levels;

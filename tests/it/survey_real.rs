@@ -300,7 +300,7 @@ fn the_picture_shows_both_kinds_of_view() {
     let Some((_, config)) = warsaw() else { return };
     let survey = survey::read(&config, &Crs::parse("EPSG:2180").unwrap()).unwrap();
     let ground = sizeup::terrain::Terrain::Constant(110.0);
-    let map = picture::survey_map(&survey, Some(&ground), &Crs::parse("EPSG:2180").unwrap(), 1200);
+    let map = picture::survey_map(&survey, Some(&ground), &Crs::parse("EPSG:2180").unwrap());
     let n_of = |colour: [u8; 3]| map.pixels().filter(|pixel| pixel.0 == colour).count();
     assert!(n_of([0, 114, 178]) > 50 && n_of([213, 94, 0]) > 50, "nadir blue, oblique orange");
     if let Some(keep) = std::env::var_os("SIZEUP_KEEP_PICTURES") {

@@ -6,7 +6,7 @@ use geo_types::{Polygon, polygon};
 use glam::{DMat3, DVec3};
 use sizeup::camera::Camera;
 use sizeup::frames::Rigid;
-use sizeup::optimise::{OptimiseConfig, OrdinalConfig, Preset, Problem, Reason, Solution, ViewInput, solve};
+use sizeup::optimise::{OptimiseConfig, OrdinalConfig, Preset, Problem, Rays, Reason, Solution, ViewInput, solve};
 use sizeup::prior::{DepthPrior, PriorGeometry, PriorKind};
 use sizeup::raster::Raster;
 use sizeup::render::PlacedCamera;
@@ -71,6 +71,7 @@ impl Block {
                 views: &self.views,
                 load_prior: &|view| Ok(priors[view].clone()),
                 seed: 1,
+                rays: &Rays::new(self.views.len(), config.stride_px),
                 start_m: &[],
                 progress: &|_, _, _| {},
             },
@@ -328,6 +329,7 @@ fn priors_that_cannot_be_loaded_are_listed() {
         views: &block.views,
         load_prior: &load,
         seed: 1,
+        rays: &Rays::new(block.views.len(), 2),
         start_m: &[],
         progress: &|_, _, _| {},
     };

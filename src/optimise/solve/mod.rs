@@ -6,15 +6,20 @@ mod outcome;
 mod sweeps;
 mod views;
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+
 use super::config::{OptimiseConfig, Preset};
 use super::evidence::Evidence;
 use super::levels::OtherLevel;
+use super::rays::Rays;
 use super::roof::Roof;
 use super::search::Finding;
 use super::solution::{EpochRecord, Solution};
 use crate::prior::DepthPrior;
 use crate::render::PlacedCamera;
-use crate::render::profile::{CappedScene, Profiles, Sampling};
+use crate::render::profile::Profiles;
 use crate::scene::Scene;
 use crate::views::ViewsConfig;
 
@@ -41,6 +46,8 @@ pub struct Problem<'a> {
     pub start_m: &'a [Option<f32>],
     /// Root seed.
     pub seed: u64,
+    /// The views' rays through the scene, traced by need.
+    pub rays: &'a Rays,
     /// Told what is going on, how much of it is done and how much there is.
     pub progress: &'a (dyn Fn(Solving, usize, usize) + Sync),
 }
@@ -59,8 +66,8 @@ pub enum Solving {
 /// Finds one height per building.
 #[must_use]
 pub fn solve(problem: &Problem<'_>, config: &OptimiseConfig) -> Solution {
-    let profiles = trace_all(problem, config);
-    let mut state = State::new(problem, config, &profiles);
+    problem.trace_oblique();
+    let mut state = State::new(problem, config);
     match config.preset {
         Preset::Paper => state.run_ordinal(),
         Preset::Robust => state.run_search(),
@@ -72,36 +79,39 @@ pub fn solve(problem: &Problem<'_>, config: &OptimiseConfig) -> Solution {
 /// more. No prior is loaded.
 #[must_use]
 pub fn first_selection(problem: &Problem<'_>, config: &OptimiseConfig) -> Vec<usize> {
-    let profiles = trace_all(problem, config);
-    let mut state = State::new(problem, config, &profiles);
+    problem.trace_oblique();
+    let mut state = State::new(problem, config);
     state.set_start_heights();
     let mut views = state.select(&state.visibilities()).views;
     views.sort_unstable();
     views
 }
 
-fn trace_all(problem: &Problem<'_>, config: &OptimiseConfig) -> Vec<Profiles> {
-    let capped = CappedScene::new(problem.scene);
-    let n = problem.views.len();
-    let mut profiles = Vec::with_capacity(n);
-    for (view, input) in problem.views.iter().enumerate() {
-        (problem.progress)(Solving::Tracing, view, n);
-        let sampling = Sampling { stride_px: config.stride_px, seed: problem.seed, view: input.key };
-        profiles.push(if input.is_oblique {
-            Profiles::trace(problem.scene, &capped, &input.placed, sampling)
-        } else {
-            Profiles::none()
+impl<'a> Problem<'a> {
+    /// A view's rays.
+    #[must_use]
+    pub fn profiles(&self, view: usize) -> &'a Profiles {
+        self.rays.of(self, view)
+    }
+
+    /// Traces the rays of all oblique views, and tells of it.
+    fn trace_oblique(&self) {
+        let n = self.views.len();
+        (self.progress)(Solving::Tracing, 0, n);
+        let n_done = AtomicUsize::new(0);
+        (0..n).into_par_iter().for_each(|view| {
+            if self.views[view].is_oblique {
+                let _ = self.profiles(view);
+            }
+            (self.progress)(Solving::Tracing, n_done.fetch_add(1, Ordering::Relaxed) + 1, n);
         });
     }
-    (problem.progress)(Solving::Tracing, n, n);
-    profiles
 }
 
 struct State<'a> {
     problem: &'a Problem<'a>,
     config: &'a OptimiseConfig,
     views_config: ViewsConfig,
-    profiles: &'a [Profiles],
     /// By view; filled as selection asks for them.
     evidence: Vec<Option<Evidence<'a>>>,
     failed: Vec<Option<String>>,
@@ -118,13 +128,12 @@ struct State<'a> {
 }
 
 impl<'a> State<'a> {
-    fn new(problem: &'a Problem<'a>, config: &'a OptimiseConfig, profiles: &'a [Profiles]) -> Self {
+    fn new(problem: &'a Problem<'a>, config: &'a OptimiseConfig) -> Self {
         let (n_views, n_buildings) = (problem.views.len(), problem.scene.prisms.len());
         Self {
             problem,
             config,
             views_config: config.views_in_force(),
-            profiles,
             evidence: (0..n_views).map(|_| None).collect(),
             failed: vec![None; n_views],
             heights_m: vec![0.0; n_buildings],

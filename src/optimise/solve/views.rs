@@ -46,7 +46,8 @@ impl State<'_> {
     pub(super) fn visibilities(&self) -> Vec<Visibility> {
         let takes_part = |&v: &usize| self.problem.views[v].is_oblique && self.failed[v].is_none();
         let taking_part: Vec<usize> = (0..self.problem.views.len()).filter(takes_part).collect();
-        let placed: Vec<_> = taking_part.iter().map(|&v| (&self.problem.views[v].placed, &self.profiles[v])).collect();
+        let placed: Vec<_> =
+            taking_part.iter().map(|&v| (&self.problem.views[v].placed, self.problem.profiles(v))).collect();
         let seen = visibility(self.problem.scene, &placed, &self.heights_m, self.config.stride_px);
         let mut visibilities = vec![Visibility::default(); self.problem.views.len()];
         for (view, seen) in taking_part.into_iter().zip(seen) {
@@ -67,7 +68,7 @@ impl State<'_> {
                     let placed = &self.problem.views[v].placed;
                     Evidence::new(
                         placed,
-                        &self.profiles[v],
+                        self.problem.profiles(v),
                         &prior,
                         self.spill_px[v],
                         self.config.stride_px,

@@ -33,6 +33,9 @@ pub use panel::{PanelConfig, PanelDepths, depth_panel, depth_picture};
 pub use relief::relief_map;
 pub use survey::survey_map;
 
+/// Width of the maps of a survey and of the ground, pixels.
+const SHEET_PX: u32 = 1600;
+
 /// Writes a picture as PNG, whole or not at all.
 ///
 /// # Errors

@@ -3,6 +3,7 @@
 use geo_types::{LineString, Polygon};
 use image::RgbImage;
 
+use super::SHEET_PX;
 use super::canvas::{Align, Pen};
 use super::colour::{ALERT, ColourMap, GREY, INK, Rgb, WHITE};
 use super::plan::{Region, Sheet};
@@ -20,13 +21,13 @@ const BAR: usize = 60;
 
 /// Draws a terrain model with outlines over it. North is up.
 #[must_use]
-pub fn relief_map(dtm: &Dtm, outlines: &[&Polygon<f64>], crs: &Crs, width_px: u32) -> RgbImage {
+pub fn relief_map(dtm: &Dtm, outlines: &[&Polygon<f64>], crs: &Crs) -> RgbImage {
     let (west, north) = dtm.dem.corner_m();
     let (cell_x, cell_y) = dtm.dem.cell_m();
     let heights = dtm.dem.heights_m();
     let (east, south) = (west + cell_x * heights.width() as f64, north - cell_y * heights.height() as f64);
     let region = Region::around([[west, south], [east, north]].into_iter(), 0.0);
-    let mut sheet = Sheet::new(&region, width_px);
+    let mut sheet = Sheet::new(&region, SHEET_PX);
     let (low_m, high_m) = dtm.dem.range();
     let span_m = (high_m - low_m).max(0.1);
     let step = heights.width().max(heights.height()).div_ceil(MAX_CELLS).max(1);

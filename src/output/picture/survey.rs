@@ -5,6 +5,7 @@ use geo_types::{LineString, Polygon};
 use glam::DVec2;
 use image::RgbImage;
 
+use super::SHEET_PX;
 use super::canvas::{Align, Pen};
 use super::colour::{GREY, INK, Rgb, WHITE};
 use super::plan::{Region, Sheet};
@@ -38,7 +39,7 @@ struct Drawn {
 
 /// Draws the survey; image footprints lie on `ground`, at 0 m where none is given. North is up.
 #[must_use]
-pub fn survey_map(survey: &Survey, ground: Option<&Terrain>, crs: &Crs, width_px: u32) -> RgbImage {
+pub fn survey_map(survey: &Survey, ground: Option<&Terrain>, crs: &Crs) -> RgbImage {
     let terrain = ground.unwrap_or(&Terrain::Constant(0.0));
     let step = survey.views.len().div_ceil(MAX_OUTLINES).max(1);
     let outlines = outlines(survey, terrain, step);
@@ -46,7 +47,7 @@ pub fn survey_map(survey: &Survey, ground: Option<&Terrain>, crs: &Crs, width_px
     let cameras = views.iter().flat_map(|view| [Some(view.camera), view.looks_at]).flatten();
     let corners = outlines.iter().flatten().copied();
     let region = Region::around(corners.chain(cameras).map(|p| [p.x, p.y]), MARGIN_SHARE);
-    let mut sheet = Sheet::new(&region, width_px);
+    let mut sheet = Sheet::new(&region, SHEET_PX);
     draw(&mut sheet, &outlines, &views);
     sheet.furnish();
     let n_refused = survey.issues.iter().filter(|issue| issue.severity == Severity::Refused).count();
