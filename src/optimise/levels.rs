@@ -22,6 +22,7 @@ use super::stretches::{LANES, Lanes};
 use crate::ray::Ray;
 use crate::render::PlacedCamera;
 use crate::scene::{HeightBounds, Prism, Scene};
+use crate::views::in_turn;
 
 /// Outlines smaller than this are left whole, m².
 const MIN_OUTLINE_M2: f32 = 200.0;
@@ -105,9 +106,12 @@ pub(super) fn find(
         if prism.area_m2() < MIN_OUTLINE_M2 || is_known(building) && !is_near_part(building) {
             return None;
         }
-        let of_building = views_of[building].iter().filter_map(|&v| views[v].as_ref());
+        // A tall roof as large as the outline leaves most images: what stands below it may be seen in them still.
+        let at_foot = (views_of[building].len() < MIN_VIEWS).then(|| views_of_foot(scene, views, building, config));
+        let of_building = at_foot.as_ref().unwrap_or(&views_of[building]).iter();
         let plan = Plan::new(prism, scene.bounds);
         let seen: Vec<SeenIn> = of_building
+            .filter_map(|&v| views[v].as_ref())
             .filter_map(|v| {
                 let window = v.window(scene, building, config.dilate_px, Correlation::Linear)?;
                 Some(SeenIn::new(window, v.placed, v.evidence, &plan))
@@ -122,6 +126,25 @@ pub(super) fn find(
         })
     };
     (0..scene.prisms.len()).into_par_iter().filter_map(of_building).collect()
+}
+
+/// Views that show the whole outline where it stands on the ground.
+fn views_of_foot(scene: &Scene, views: SweepViews<'_>, building: usize, config: &SearchConfig) -> Vec<usize> {
+    let prism = &scene.prisms[building];
+    let foot = prism.centre_at(prism.ground_z).as_dvec3();
+    let shows_foot = |placed: &PlacedCamera| {
+        let is_inside = |corner: Vec2| {
+            let pixel = placed.project(corner.extend(prism.ground_z).as_dvec3());
+            pixel.is_some_and(|p| placed.camera.contains(p))
+        };
+        prism.edges().all(|(corner, _)| is_inside(corner))
+    };
+    let taking_part = views.iter().enumerate().filter_map(|(v, view)| Some((v, view.as_ref()?)));
+    let ranked = taking_part.filter(|(_, view)| shows_foot(view.placed)).map(|(v, view)| {
+        let n_rays = view.evidence.rays_of(building as u32).len();
+        (v, (view.placed.eye() - foot).truncate(), std::cmp::Reverse(n_rays))
+    });
+    in_turn(ranked, config.max_views_per_building)
 }
 
 /// Ways of rays over the outline, along the plan's axes, side by side.
