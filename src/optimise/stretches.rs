@@ -211,7 +211,10 @@ impl Kernel {
         for block in blocks {
             let roof = block.roof_at_zero + block.per_metre * height_m;
             let stops = roof.simd_ge(block.after) & roof.simd_lt(block.before);
-            self.add(&mut partial, block, stops, roof.fast_max(block.enter));
+            // Most rays over a building pass above its roof, neighbours together: they change nothing.
+            if stops.any() {
+                self.add(&mut partial, block, stops, roof.fast_max(block.enter));
+            }
         }
         total(&partial)
     }
@@ -219,7 +222,10 @@ impl Kernel {
     fn at_depths(&self, blocks: &[Block], depths: &[Lanes]) -> Sums {
         let mut partial = Partial::default();
         for (block, &depth) in blocks.iter().zip(depths) {
-            self.add(&mut partial, block, depth.simd_lt(Lanes::splat(f32::INFINITY)), depth);
+            let stops = depth.simd_lt(Lanes::splat(f32::INFINITY));
+            if stops.any() {
+                self.add(&mut partial, block, stops, depth);
+            }
         }
         total(&partial)
     }

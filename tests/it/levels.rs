@@ -77,7 +77,7 @@ fn towers_are_taken_off_their_podiums_and_nothing_else_is_taken_apart() {
     assert!(mean(&with) < 0.5 * mean(&without), "{:.2} m with, {:.2} m without", mean(&with), mean(&without));
 }
 
-/// One tower of 90 m stands on a podium so wide that hardly a photo holds all of it at the tower's height; most hold
+/// One tower of 116 m stands on a podium so wide that hardly a photo holds all of it at the tower's height; most hold
 /// its foot.
 #[test]
 fn a_podium_that_leaves_the_photos_at_its_towers_height_is_seen_at_its_foot() {
