@@ -99,13 +99,15 @@ impl<'a> Evidence<'a> {
     #[must_use]
     pub fn rays_around(&self, building: u32, dilate_px: usize) -> Vec<u32> {
         let own = self.rays_of(building);
-        let block_of = |ray: u32| self.profiles.rays[ray as usize].pixel.map(|p| usize::from(p) / self.stride_px);
+        let pixel_of = |ray: u32| self.profiles.rays[ray as usize].pixel;
+        let block_of = |pixel: [u16; 2]| pixel.map(|p| usize::from(p) / self.stride_px);
         let reach = dilate_px.div_ceil(self.stride_px);
         let blocks_high = self.blocks.len() / self.blocks_wide;
         let Some(first) = own.first() else { return Vec::new() };
-        let bounds = own.iter().map(|&r| block_of(r)).fold([block_of(*first), block_of(*first)], |[low, high], b| {
-            [[low[0].min(b[0]), low[1].min(b[1])], [high[0].max(b[0]), high[1].max(b[1])]]
+        let bounds = own.iter().map(|&r| pixel_of(r)).fold([pixel_of(*first); 2], |[low, high], p| {
+            [[low[0].min(p[0]), low[1].min(p[1])], [high[0].max(p[0]), high[1].max(p[1])]]
         });
+        let bounds = bounds.map(block_of);
         let low = bounds[0].map(|c| c.saturating_sub(reach));
         let high = [(bounds[1][0] + reach).min(self.blocks_wide - 1), (bounds[1][1] + reach).min(blocks_high - 1)];
         let (width, height) = (high[0] - low[0] + 1, high[1] - low[1] + 1);
@@ -113,7 +115,7 @@ impl<'a> Evidence<'a> {
         // Dilation by a square, one axis after the other.
         let mut across = vec![0_u16; width * height];
         for &ray in own {
-            let [col, row] = block_of(ray);
+            let [col, row] = block_of(pixel_of(ray));
             let (from, to) = (col.saturating_sub(reach).max(low[0]), (col + reach).min(high[0]));
             across[(row - low[1]) * width..][from - low[0]..=to - low[0]].fill(1);
         }

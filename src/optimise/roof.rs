@@ -152,8 +152,11 @@ impl Ways {
         let mut next = clearance_m(N_SAMPLES - 1);
         for k in (1..N_SAMPLES).rev() {
             let previous = clearance_m(k - 1);
-            let steps = Lanes::splat((k - 1) as f32) + previous / (previous - next);
-            depth = next.simd_le(Lanes::ZERO).bitselect(self.enter + steps * self.step, depth);
+            let is_below = next.simd_le(Lanes::ZERO);
+            if is_below.any() {
+                let steps = Lanes::splat((k - 1) as f32) + previous / (previous - next);
+                depth = is_below.bitselect(self.enter + steps * self.step, depth);
+            }
             next = previous;
         }
         next.simd_le(Lanes::ZERO).bitselect(self.enter, depth)
