@@ -28,4 +28,4 @@ pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
 pub use levels::{LevelGain, OtherLevel};
 pub use roof::{Roof, candidates};
 pub use solution::{EpochRecord, Reason, Solution, SolvedHeight};
-pub use solve::{Problem, Solving, ViewInput, first_selection, solve};
+pub use solve::{Problem, Solving, ViewInput, WithoutPrior, first_selection, solve};

@@ -10,7 +10,7 @@ use super::polish::polish;
 use super::stages::SceneStage;
 use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, artefact, levels};
 use crate::config::RunConfig;
-use crate::optimise::{OptimiseConfig, Problem, SearchConfig, Solution, ViewInput};
+use crate::optimise::{OptimiseConfig, Problem, SearchConfig, Solution, Solving, ViewInput};
 use crate::prior::{GroundCorrelation, ground_correlation, judge_tag};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
@@ -116,6 +116,10 @@ impl HeightSearch<'_> {
         let problem = Problem {
             scene: &stage.scene,
             views: &views,
+            expect_priors: &|views| {
+                let done = |done, total| (self.tell)(Event::Advance { what: Solving::Priors, done, total });
+                priors.expect(self.survey, views, &done)
+            },
             load_prior: &load_prior,
             seed: self.config.seed,
             start_m: &known.of_scene(stage),

@@ -111,6 +111,7 @@ fn solving(c: &mut Criterion) {
     let problem = Problem {
         scene: &scene,
         views: &views,
+        expect_priors: &|_| Vec::new(),
         load_prior: &|v| Ok(priors[v].clone()),
         seed: 1,
         start_m: &[],
