@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print_json};
+use super::run::tell_issues;
+use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
 use crate::footprint::DetectionSummary;
 use crate::pipeline::{self, RunOptions, Stage};
@@ -42,13 +43,11 @@ pub(super) fn run(args: &FootprintsArgs, global: &Global) -> Result<u8, Failure>
     let summary =
         pipeline::run(&config, &options, &|event| ui.tell(event)).map_err(|e| Failure::new(e.exit_code(), &e))?;
     ui.finish();
-    ui.say(format!("{} buildings in {}", summary.n_buildings, summary.output.display()));
+    ui.say(format!("{} in {}", counted(summary.n_buildings, "building"), summary.output.display()));
     if let Some(found) = &summary.detection {
         tell_detection(&ui, found);
     }
-    if summary.n_refused + summary.n_warnings > 0 {
-        ui.say(format!("{} items refused, {} warnings: see issues.json", summary.n_refused, summary.n_warnings));
-    }
+    tell_issues(&ui, &summary);
     if global.json {
         print_json(&summary)?;
     }

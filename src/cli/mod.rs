@@ -198,6 +198,11 @@ fn print(text: &impl fmt::Display) -> Result<(), Failure> {
     }
 }
 
+/// A number and what there is of it: "1 building", "2 buildings".
+fn counted(n: usize, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
 /// Says something on stderr; nobody listening is no reason to stop.
 pub fn talk(text: &impl fmt::Display) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");

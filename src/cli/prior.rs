@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Value, json};
 
-use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print_json};
+use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
 use crate::onnx::{EngineChoice, EngineConfig, Port};
 use crate::pipeline::{PriorsDone, Wanted, compute_priors};
@@ -109,12 +109,12 @@ fn run_compute(args: &ComputeArgs, global: &Global) -> Result<u8, Failure> {
 fn tell_done(ui: &Ui, done: &PriorsDone) {
     const MOST_SHOWN: usize = 5;
     let PriorsDone { n_wanted, n_found, n_computed, n_kept, failed } = done;
-    ui.say(format!("{n_wanted} priors wanted: {n_computed} computed, {n_found} found in the cache"));
+    ui.say(format!("{} wanted: {n_computed} computed, {n_found} found in the cache", counted(*n_wanted, "prior")));
     for (view, reason) in failed.iter().take(MOST_SHOWN) {
         ui.say(format!("{view}: {reason}"));
     }
     if failed.len() > MOST_SHOWN {
-        ui.say(format!("… and {} more views without a prior", failed.len() - MOST_SHOWN));
+        ui.say(format!("… and {} more without a prior", counted(failed.len() - MOST_SHOWN, "view")));
     }
     if *n_kept < n_computed + n_found {
         ui.say(format!(

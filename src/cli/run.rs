@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::tiles::{CutArgs, absolute, failed, merge_city, plan_config};
-use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print_json};
+use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
 use crate::output::Status;
 use crate::output::tiles3d::Heights;
@@ -153,8 +153,11 @@ fn run_tiled(mut config: RunConfig, args: &RunArgs, global: &Global) -> Result<u
         ui.say(format!("tile {} failed: see {}", outcome.id, log.display()));
     }
     if !failed_tiles.is_empty() {
-        let n = failed_tiles.len();
-        return Err(Failure::from_text(4, format!("{n} tiles failed\nhint: the same command again runs only these")));
+        let tiles = counted(failed_tiles.len(), "tile");
+        return Err(Failure::from_text(
+            4,
+            format!("{tiles} failed\nhint: the same command again runs only what failed"),
+        ));
     }
     let options = MergeOptions { missing: Missing::Refuse, heights: Heights::default() };
     let merged = merge_city(&layout, &options, global)?;
@@ -180,8 +183,11 @@ pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
     let n_parts: usize = summary.by_status.values().sum();
     let parts = if n_parts > summary.n_buildings { format!(" in {n_parts} parts") } else { String::new() };
     ui.say(format!(
-        "{} buildings{parts}, {} views ({} oblique), {} priors used",
-        summary.n_buildings, summary.n_views, summary.n_oblique, summary.n_used_views
+        "{}{parts}, {} ({} oblique), {} used",
+        counted(summary.n_buildings, "building"),
+        counted(summary.n_views, "view"),
+        summary.n_oblique,
+        counted(summary.n_used_views, "prior")
     ));
     let words = |status: Status| match status {
         Status::Measured => "measured",
@@ -194,15 +200,25 @@ pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
         ui.say(format!("{n:>8} {}", words(status)));
     }
     if summary.n_settled > 0 {
-        ui.say(format!("{:>8} roofs settled by the photos", summary.n_settled));
+        let roofs = if summary.n_settled == 1 { "roof" } else { "roofs" };
+        ui.say(format!("{:>8} {roofs} settled by the photos", summary.n_settled));
     }
     if let Some(median) = summary.median_height_m {
         ui.say(format!("median height {median:.1} m"));
     }
-    if summary.n_refused + summary.n_warnings > 0 {
-        ui.say(format!("{} items refused, {} warnings: see issues.json", summary.n_refused, summary.n_warnings));
+    if let Some(worst) = &summary.worst {
+        ui.say(format!("above all: {worst}"));
     }
+    tell_issues(ui, summary);
     ui.say(format!("{}; results in {}", seconds.join(", "), summary.output.display()));
+}
+
+/// How many issues there are, where there are any.
+pub(super) fn tell_issues(ui: &Ui, summary: &RunSummary) {
+    let (n_refused, n_warnings) = (summary.n_refused, summary.n_warnings);
+    if n_refused + n_warnings > 0 {
+        ui.say(format!("{} refused, {}: see issues.json", counted(n_refused, "item"), counted(n_warnings, "warning")));
+    }
 }
 
 /// The configuration file with its overrides, or one made from flags.

@@ -30,4 +30,4 @@ pub use levels::{LevelGain, OtherLevel};
 pub use rays::Rays;
 pub use roof::{Roof, candidates};
 pub use solution::{EpochRecord, Reason, Solution, SolvedHeight};
-pub use solve::{Problem, Solving, ViewInput, first_selection, solve};
+pub use solve::{Problem, Solving, ViewInput, WithoutPrior, first_selection, solve};

@@ -51,6 +51,7 @@ pub(super) fn gather(
     let problem = Problem {
         scene: &stage.scene,
         views: &view_inputs(config, survey, &stage.scene),
+        expect_priors: &|_| Vec::new(),
         load_prior: &|view| priors.load(survey, view).map_err(|e| e.to_string()),
         seed: config.seed,
         rays: &Rays::new(survey.views.len(), config.optimise.stride_px),

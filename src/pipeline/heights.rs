@@ -10,8 +10,8 @@ use super::polish::polish;
 use super::stages::SceneStage;
 use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, artefact, levels};
 use crate::config::RunConfig;
-use crate::optimise::{OptimiseConfig, Problem, Rays, SearchConfig, Solution, ViewInput};
-use crate::prior::{ground_correlation, judge_tag};
+use crate::optimise::{OptimiseConfig, Problem, Rays, SearchConfig, Solution, Solving, ViewInput};
+use crate::prior::{GroundCorrelation, ground_correlation, judge_tag};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
 use crate::seed;
@@ -113,7 +113,7 @@ impl HeightSearch<'_> {
     ) -> HeightStage {
         let views = view_inputs(self.config, self.survey, &stage.scene);
         // By view, and each once, however often its prior is loaded.
-        let correlations: Mutex<BTreeMap<usize, f64>> = Mutex::default();
+        let correlations: Mutex<BTreeMap<usize, GroundCorrelation>> = Mutex::default();
         let load_prior = |view: usize| {
             let prior = priors.load(self.survey, view).map_err(|e| e.to_string())?;
             if let Some(correlation) = ground_correlation(&prior, &self.survey.views[view], &stage.terrain) {
@@ -124,6 +124,10 @@ impl HeightSearch<'_> {
         let problem = Problem {
             scene: &stage.scene,
             views: &views,
+            expect_priors: &|views| {
+                let done = |done, total| (self.tell)(Event::Advance { what: Solving::Priors, done, total });
+                priors.expect(self.survey, views, &done)
+            },
             load_prior: &load_prior,
             seed: self.config.seed,
             rays,
@@ -132,13 +136,12 @@ impl HeightSearch<'_> {
         };
         let solution = (self.solver)(&problem, optimise);
         let correlations = correlations.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let named: Vec<_> = correlations.into_iter().map(|(v, r)| (self.survey.views[v].id.clone(), r)).collect();
         HeightStage {
             solved: stage.solved.clone(),
             cuts: Vec::new(),
             solution,
             unread_photos: Vec::new(),
-            doubt: judge_tag(&named),
+            doubt: judge_tag(&correlations.into_values().collect::<Vec<_>>()),
         }
     }
 }

@@ -2,11 +2,13 @@
 //! do not ask the network or the matcher a second time.
 
 use std::collections::HashMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::config::RunConfig;
+use crate::optimise::WithoutPrior;
 use crate::prior::{DepthPrior, PriorError, PriorSource as _, Priors};
-use crate::survey::Survey;
+use crate::survey::{Survey, View};
 use crate::terrain::Terrain;
 
 use super::PipelineError;
@@ -60,6 +62,26 @@ impl PriorStore {
             self.keep(view, &prior);
         }
         Ok(prior)
+    }
+
+    /// Computes priors that [`Self::load`] will be asked for, where that is done for several at a time: into the cache.
+    /// Those that cannot be computed, and why.
+    pub fn expect(
+        &self,
+        survey: &Survey,
+        views: &[usize],
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Vec<WithoutPrior> {
+        if !self.source.computes_several() {
+            return Vec::new();
+        }
+        let is_new = |view: &usize| !self.kept().by_view.contains_key(view);
+        let new: Vec<usize> = views.iter().copied().filter(is_new).collect();
+        let of: Vec<&View> = new.iter().map(|&view| &survey.views[view]).collect();
+        let n_done = AtomicUsize::new(0);
+        let done = || progress(n_done.fetch_add(1, Ordering::Relaxed) + 1, new.len());
+        let outcomes = self.source.compute_ahead(&of, &done);
+        new.into_iter().zip(outcomes).filter_map(|(view, outcome)| Some((view, outcome.err()?))).collect()
     }
 
     fn keep(&self, view: usize, prior: &DepthPrior) {

@@ -30,6 +30,7 @@ mod report;
 mod soundness;
 mod stages;
 mod tile;
+mod worst;
 
 pub use artefact::{FootprintStage, HeightStage};
 pub use dtm::{dtm_of_photos, write_dtm};
@@ -144,6 +145,9 @@ pub struct RunSummary {
     pub n_refused: usize,
     /// Warnings of all stages.
     pub n_warnings: usize,
+    /// The most important problem, one sentence; `None` if all is well, or the output stage did not run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub worst: Option<String>,
     /// Seconds per stage that ran.
     pub seconds: Vec<(Stage, f64)>,
 }

@@ -78,6 +78,7 @@ fn selected<'a>(config: &RunConfig, survey: &'a Survey, stage: &SceneStage) -> V
     let problem = Problem {
         scene: &stage.scene,
         views: &views,
+        expect_priors: &|_| Vec::new(),
         load_prior: &|_| Err("no prior is asked for".to_owned()),
         start_m: &[],
         seed: config.seed,

@@ -13,6 +13,7 @@ use super::heights::HeightSearch;
 use super::input::{check_fallback, check_settings, check_views, height_bounds};
 use super::kept::PriorStore;
 use super::records::records;
+use super::worst::worst;
 use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
 use super::{artefact, footprints as outlines, levels, pictures, report, soundness};
 use crate::config::RunConfig;
@@ -120,6 +121,7 @@ pub(super) fn run(
     let mut issues = all_issues(config, &survey, &footprints, &heights);
     issues.extend(cityjson::check(&records, &config.output.cityjson)?);
     summary.count_issues(&issues);
+    summary.worst = worst(&records, &issues);
     summary.by_status = count_by_status(&records);
     let known: Vec<f64> = records.iter().filter_map(|r| r.height_m).collect();
     summary.median_height_m = crate::stats::median(&known);
@@ -156,6 +158,7 @@ fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
         median_height_m: None,
         n_refused: 0,
         n_warnings: 0,
+        worst: None,
         seconds: Vec::new(),
     }
 }

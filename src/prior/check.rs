@@ -3,11 +3,14 @@
 //! In an oblique view of roughly level ground the ground gets farther up the image, and how far is known from the
 //! pose. Buildings disturb this; they do not reverse it. So the rank correlation (Spearman's) between the prior's
 //! farness and the depth of the bare ground says whether the tag can be right. It never sets the tag: it warns.
+//!
+//! Holes stored as a number can hide a wrong tag: 0 in a map of depths is near everything, and read as inverse depth it
+//! is far from everything, against all other values. So a tag is judged without a least or greatest value that many
+//! pixels share, and whether the prior shows the photo at all, with it.
 
 use glam::DVec2;
 
 use super::DepthPrior;
-use crate::ids::ViewId;
 use crate::issue::{Issue, Severity, Subject};
 use crate::stats;
 use crate::survey::View;
@@ -19,17 +22,28 @@ const SAMPLES: usize = 32;
 const LEAST_SPREAD: f64 = 1.1;
 /// Fewest samples a correlation is taken from.
 const FEWEST: usize = 50;
+/// Share of the samples above which the prior's least or greatest value, if they have it to the bit, is a hole's or one
+/// where values were cut off.
+const SHARED: f64 = 0.02;
 /// Median correlation below which a tag looks inverted.
 const INVERTED_BELOW: f64 = -0.2;
 /// Median correlation below which a prior seems to show something else than its photo.
 const UNRELATED_BELOW: f64 = 0.2;
 
-/// Rank correlation, −1 to 1, between a prior's farness and the calibrated depth of the bare ground; `None` where the
-/// view does not tell (nadir, too little ground or prior).
+/// Rank correlations, −1 to 1, between a prior's farness and the calibrated depth of the bare ground in one view.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroundCorrelation {
+    /// Of all samples.
+    pub all: f64,
+    /// Without the least and the greatest value of the prior where many samples share it; of all where too few are left.
+    pub unshared: f64,
+}
+
+/// How a prior follows the ground; `None` where the view does not tell (nadir, too little ground or prior).
 #[must_use]
-pub fn ground_correlation(prior: &DepthPrior, view: &View, terrain: &Terrain) -> Option<f64> {
+pub fn ground_correlation(prior: &DepthPrior, view: &View, terrain: &Terrain) -> Option<GroundCorrelation> {
     let camera = &view.camera;
-    let (mut farness, mut depths) = (Vec::new(), Vec::new());
+    let mut samples = Vec::new();
     for i in 0..SAMPLES * SAMPLES {
         let at = |i: usize, extent: u32| (i as f64 + 0.5) / SAMPLES as f64 * f64::from(extent);
         let pixel = DVec2::new(at(i % SAMPLES, camera.width_px), at(i / SAMPLES, camera.height_px));
@@ -38,32 +52,54 @@ pub fn ground_correlation(prior: &DepthPrior, view: &View, terrain: &Terrain) ->
             continue;
         }
         if let Some(depth) = ground_depth(view, pixel, terrain) {
-            farness.push(f64::from(value));
-            depths.push(depth);
+            samples.push([f64::from(value), depth]);
         }
     }
+    let all = rank_correlation(&samples)?;
+    Some(GroundCorrelation { all, unshared: rank_correlation(&without_shared_ends(samples)).unwrap_or(all) })
+}
+
+/// Of pairs of farness and depth, where these are enough and reach from near to far.
+fn rank_correlation(samples: &[[f64; 2]]) -> Option<f64> {
+    let [farness, depths]: [Vec<f64>; 2] = std::array::from_fn(|i| samples.iter().map(|sample| sample[i]).collect());
     let spread = stats::quantile(&depths, 0.95)? / stats::quantile(&depths, 0.05)?;
-    if farness.len() < FEWEST || spread < LEAST_SPREAD {
+    if samples.len() < FEWEST || spread < LEAST_SPREAD {
         return None;
     }
     correlation(&ranks(&farness), &ranks(&depths))
 }
 
+fn without_shared_ends(mut samples: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    let most = SHARED * samples.len() as f64;
+    for end in [f64::min, f64::max] {
+        let Some(value) = samples.iter().map(|[farness, _]| *farness).reduce(end) else { break };
+        if samples.iter().filter(|[farness, _]| *farness == value).count() as f64 > most {
+            samples.retain(|[farness, _]| *farness != value);
+        }
+    }
+    samples
+}
+
 /// What the views together say about a tag; `None` where all is well or nothing can be said.
 #[must_use]
-pub fn judge_tag(correlations: &[(ViewId, f64)]) -> Option<Issue> {
-    let values: Vec<f64> = correlations.iter().map(|(_, r)| *r).collect();
-    let median = stats::median(&values)?;
+pub fn judge_tag(correlations: &[GroundCorrelation]) -> Option<Issue> {
+    let median = |of: fn(&GroundCorrelation) -> f64| stats::median(&correlations.iter().map(of).collect::<Vec<_>>());
+    let (all, unshared) = (median(|r| r.all)?, median(|r| r.unshared)?);
     let about = Subject::Input("prior".to_owned());
-    let found =
-        format!("rank correlation with the calibrated ground depth {median:.2}, median of {} views", values.len());
-    if median < INVERTED_BELOW {
-        let message = format!("the prior looks inverted: {found}, expected it clearly positive");
+    let found = |median: f64| {
+        let views = if correlations.len() == 1 { "view" } else { "views" };
+        format!(
+            "rank correlation with the calibrated ground depth {median:.2}, median of {} {views}, expected it clearly positive",
+            correlations.len()
+        )
+    };
+    if unshared < INVERTED_BELOW {
+        let message = format!("the prior looks inverted: {}", found(unshared));
         let hint = "the other `kind` (\"depth\" or \"inverse_depth\") may be the right one";
         return Some(Issue::new(Severity::Warning, "prior_looks_inverted", about, message).hint(hint));
     }
-    if median < UNRELATED_BELOW {
-        let message = format!("the prior does not follow the ground: {found}, expected it clearly positive");
+    if all < UNRELATED_BELOW {
+        let message = format!("the prior does not follow the ground: {}", found(all));
         let hint = "is `kind` right, and `nodata` where holes are stored as a number? Do the files belong to these photos, in this order and orientation?";
         return Some(Issue::new(Severity::Warning, "prior_unrelated_to_ground", about, message).hint(hint));
     }
@@ -149,11 +185,38 @@ mod tests {
         let right = ground_correlation(&prior_of_bare_ground(&oblique, PriorKind::Depth), &oblique, &terrain).unwrap();
         let wrong =
             ground_correlation(&prior_of_bare_ground(&oblique, PriorKind::InverseDepth), &oblique, &terrain).unwrap();
-        assert!((right - 1.0).abs() < 1e-3 && (wrong + 1.0).abs() < 1e-3, "{right} {wrong}");
-        assert_eq!(judge_tag(&[("a".into(), right)]), None);
-        assert_eq!(judge_tag(&[("a".into(), wrong)]).unwrap().code, "prior_looks_inverted");
+        assert!((right.all - 1.0).abs() < 1e-3 && (wrong.all + 1.0).abs() < 1e-3, "{right:?} {wrong:?}");
+        assert_eq!(judge_tag(&[right]), None);
+        assert_eq!(judge_tag(&[wrong]).unwrap().code, "prior_looks_inverted");
         let nadir = view(0.0);
         assert_eq!(ground_correlation(&prior_of_bare_ground(&nadir, PriorKind::Depth), &nadir, &terrain), None);
+    }
+
+    /// What is said of a prior of one view whose tag and values were spoilt.
+    fn told(kind: PriorKind, spoil: impl Fn(usize, f32) -> f32) -> Option<String> {
+        let oblique = view(40.0);
+        let mut prior = prior_of_bare_ground(&oblique, kind);
+        prior.values.data_mut().iter_mut().enumerate().for_each(|(i, value)| *value = spoil(i, *value));
+        Some(judge_tag(&[ground_correlation(&prior, &oblique, &Terrain::Constant(20.0))?])?.code)
+    }
+
+    #[test]
+    fn holes_stored_as_a_number_do_not_hide_a_wrong_tag() {
+        let inverted = Some("prior_looks_inverted".to_owned());
+        let unrelated = Some("prior_unrelated_to_ground".to_owned());
+        // Blocks of 25 × 15 cells: every second one in the far half is a hole.
+        let is_hole = |i: usize| i / 100 < 38 && (i % 100 / 25 + i / 1500).is_multiple_of(2);
+        let holes = |i: usize, v: f32| if is_hole(i) { 0.0 } else { v };
+        assert_eq!(told(PriorKind::InverseDepth, holes), inverted, "depth read as inverse depth");
+        // Sound values among holes read as the farthest of all: no direction is wrong, and something is.
+        let near_holes = |i: usize, v: f32| if is_hole(7499 - i) { 0.0 } else { 1.0 / v };
+        assert_eq!(told(PriorKind::InverseDepth, near_holes), unrelated);
+        // What a network cuts off at its far end is no hole.
+        assert_eq!(told(PriorKind::InverseDepth, |i, v| if i / 100 < 15 { 0.0 } else { 1.0 / v }), None);
+        // Neither are the steps of eight bits.
+        assert_eq!(told(PriorKind::InverseDepth, |_, v| (8_000.0 / v).round()), None);
+        // Noise has no direction.
+        assert_eq!(told(PriorKind::Depth, |i, _| (i * 7919 % 1009) as f32 + 1.0), unrelated);
     }
 
     #[test]

@@ -24,7 +24,7 @@ pub mod stereo;
 
 pub(crate) use album::Album;
 pub use cache::{CacheConfig, CacheKey, CachedPriors, KeyHasher, PriorCache};
-pub use check::{ground_correlation, judge_tag};
+pub use check::{GroundCorrelation, ground_correlation, judge_tag};
 pub use files::{FilePriorConfig, FilePriors};
 pub use network::{NetworkConfig, NetworkPriors};
 pub use source::{PriorConfig, Priors};

@@ -113,6 +113,7 @@ fn solving(c: &mut Criterion) {
         let problem = Problem {
             scene: &scene,
             views: &views,
+            expect_priors: &|_| Vec::new(),
             load_prior: &load_prior,
             seed: 1,
             rays: &Rays::new(views.len(), config.stride_px),

@@ -164,6 +164,7 @@ fn an_inverted_prior_is_told_and_not_turned_round() {
     assert_finished_with_items(&scene, &outcome, N_BUILDINGS);
     let issue = &scene.issues("prior_looks_inverted")[0];
     assert!(issue["hint"].as_str().unwrap().contains("inverse_depth"), "{issue}");
+    assert!(outcome.stderr.contains("\nabove all: the prior looks inverted: "), "{}", outcome.stderr);
     // Nothing was turned round: what the priors say fits no height.
     assert!(scene.statuses().iter().all(|(_, status)| status != "measured"), "{:?}", scene.statuses());
 }

@@ -201,17 +201,17 @@ fn a_photo_without_company_is_refused() {
     );
 }
 
-/// Measured depth maps of the same photos.
-fn measured(folder: &Path, views: &[View]) -> FilePriors {
+/// Measured depth maps of the same photos, read as what they are or as what they are not.
+fn measured(folder: &Path, views: &[View], kind: PriorKind) -> FilePriors {
     let template = folder.join("depth_mvs/{stem}.npz").to_str().unwrap().to_owned();
-    FilePriors::new(FilePriorConfig::new(template, PriorKind::Depth), views.iter().map(|v| &v.id)).unwrap()
+    FilePriors::new(FilePriorConfig::new(template, kind), views.iter().map(|v| &v.id)).unwrap()
 }
 
 #[test]
 fn warsaw_from_its_photos_agrees_with_its_measured_depth() {
     let Some(folder) = shared_data("warsaw_ochota_photos") else { return };
     let views = warsaw::views(&folder);
-    let measured = measured(&folder, &views);
+    let measured = measured(&folder, &views, PriorKind::Depth);
     let config = StereoConfig { max_height_m: 40.0, ..StereoConfig::default() };
     let priors = StereoPriors::new(config, &views, &Terrain::Constant(111.0)).unwrap();
     let mut medians = Vec::new();
@@ -259,18 +259,17 @@ fn picture(prior: &DepthPrior, path: &Path) {
 fn a_wrong_tag_on_warsaw_is_caught() {
     let Some(folder) = shared_data("warsaw_ochota_photos") else { return };
     let views = warsaw::views(&folder);
-    let measured = measured(&folder, &views);
     let terrain = Terrain::Constant(111.0);
+    // Its holes are zeros: none of a depth's values, and a value like any other of an inverse depth.
     let correlations = |kind: PriorKind| -> Vec<_> {
-        let judged = views.iter().filter_map(|view| {
-            let prior = DepthPrior { kind, ..measured.load(view).unwrap() };
-            Some((view.id.clone(), ground_correlation(&prior, view, &terrain)?))
-        });
-        judged.collect()
+        let priors = measured(&folder, &views, kind);
+        views.iter().filter_map(|view| ground_correlation(&priors.load(view).unwrap(), view, &terrain)).collect()
     };
     let right = correlations(PriorKind::Depth);
     println!("{right:?}");
     assert!(right.len() >= 7, "all obliques tell");
     assert_eq!(judge_tag(&right), None);
-    assert_eq!(judge_tag(&correlations(PriorKind::InverseDepth)).unwrap().code, "prior_looks_inverted");
+    let wrong = correlations(PriorKind::InverseDepth);
+    println!("{wrong:?}");
+    assert_eq!(judge_tag(&wrong).unwrap().code, "prior_looks_inverted");
 }

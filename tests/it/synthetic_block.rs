@@ -69,6 +69,7 @@ impl Block {
             &Problem {
                 scene: &self.scene,
                 views: &self.views,
+                expect_priors: &|_| Vec::new(),
                 load_prior: &|view| Ok(priors[view].clone()),
                 seed: 1,
                 rays: &Rays::new(self.views.len(), config.stride_px),
@@ -327,6 +328,7 @@ fn priors_that_cannot_be_loaded_are_listed() {
     let problem = Problem {
         scene: &block.scene,
         views: &block.views,
+        expect_priors: &|_| Vec::new(),
         load_prior: &load,
         seed: 1,
         rays: &Rays::new(block.views.len(), 2),

@@ -34,12 +34,18 @@ pub struct ViewInput {
     pub key: u64,
 }
 
+/// A view by its position, and why it has no prior.
+pub type WithoutPrior = (usize, String);
+
 /// What is to be solved.
 pub struct Problem<'a> {
     /// Footprints on the ground.
     pub scene: &'a Scene,
     /// Every view of the survey.
     pub views: &'a [ViewInput],
+    /// Told which views' priors are loaded next, by their positions, so that they can be computed together; those that
+    /// then are known to have none, and why.
+    pub expect_priors: &'a (dyn Fn(&[usize]) -> Vec<WithoutPrior> + Sync),
     /// Loads the prior of a view by its position; the text says why it cannot.
     pub load_prior: &'a (dyn Fn(usize) -> Result<DepthPrior, String> + Sync),
     /// By building: its height above ground in an earlier solution of almost the same scene, metres; may be empty.

@@ -57,8 +57,12 @@ impl State<'_> {
     }
 
     pub(super) fn load(&mut self, views: &[usize]) {
-        let new: Vec<usize> =
+        let mut new: Vec<usize> =
             views.iter().copied().filter(|&v| self.evidence[v].is_none() && self.failed[v].is_none()).collect();
+        for (v, why) in (self.problem.expect_priors)(&new) {
+            self.failed[v] = Some(why);
+        }
+        new.retain(|&v| self.failed[v].is_none());
         let n_buildings = self.problem.scene.prisms.len();
         let n_done = std::sync::atomic::AtomicUsize::new(0);
         let loaded: Vec<_> = new

@@ -52,8 +52,8 @@ pub struct NetworkConfig {
     /// Which engine computes, and on what.
     #[serde(default)]
     pub engine: EngineConfig,
-    /// Photos in one inference where priors are computed ahead of a run, 1 to 256, for graphs whose first dimension is free. Pays
-    /// on GPUs; last digits can differ from those of single photos.
+    /// Photos in one inference, 1 to 256, for graphs whose first dimension is free; counts where priors are kept in a cache.
+    /// For GPUs; last digits can differ from those of single photos.
     #[serde(default = "one_photo")]
     pub batch: usize,
     /// Where computed depth is kept, so that each view is computed once.
