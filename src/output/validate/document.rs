@@ -150,7 +150,7 @@ impl Part {
         };
         let said = said(&text);
         match self {
-            Self::Objects(_) => said.filter(|(check, _)| check != INDICES).collect(),
+            Self::Objects(_) => said.filter(|(check, _)| check != INDICES && check != FAMILIES).collect(),
             Self::Vertices(first, _) => said
                 .filter(|(check, _)| check == SCHEMA)
                 .map(|(check, message)| (check, with_index(&message, *first)))
