@@ -401,7 +401,9 @@ fn a_file_in_parts_has_the_faults_of_the_whole_in_the_same_words() {
         ("schema", &|c| c["type"] = json!("FeatureCollection")),
         ("extensions", &|c| set(c, "/CityObjects/h2499/attributes/+sizeup-height_m", json!("tall"))),
         ("extensions", &|c| {
-            ["h0", "h2499"].iter().for_each(|id| c["CityObjects"][id]["attributes"]["+unheard-of"] = json!(1));
+            for id in ["h0", "h2499"] {
+                c["CityObjects"][id]["attributes"]["+unheard-of"] = json!(1);
+            }
         }),
         ("extensions", &|c| c["+extra"] = json!(1)),
         ("parents_children_consistency", &|c| {

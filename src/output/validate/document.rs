@@ -263,7 +263,9 @@ impl Check {
     fn look(&mut self) {
         let said: Vec<_> = self.parts.par_iter().map(|part| part.look(&self.start)).collect();
         self.parts.clear();
-        said.into_iter().for_each(|said| self.hear(said));
+        for said in said {
+            self.hear(said);
+        }
     }
 
     /// Indices of an object's geometries and addresses that no vertex has; the others are used.
@@ -274,20 +276,26 @@ impl Check {
             match geometry["type"].as_str() {
                 _ if wrong.is_empty() => {}
                 Some("MultiPoint" | "MultiLineString") => {
-                    wrong.iter().for_each(|i| self.tell(INDICES, format!("Vertices {i} don't exist")));
+                    for i in wrong {
+                        self.tell(INDICES, format!("Vertices {i} don't exist"));
+                    }
                 }
                 Some("GeometryInstance") => {
-                    wrong.iter().for_each(|i| self.tell(INDICES, format!("Vertex {i} doesn't exist (in #{id})")));
+                    for i in wrong {
+                        self.tell(INDICES, format!("Vertex {i} doesn't exist (in #{id})"));
+                    }
                 }
                 _ => {
-                    let all: String = wrong.iter().map(|i| format!("#{i}/")).collect();
-                    self.tell(INDICES, format!("vertices {all} don't exist"));
+                    let all: Vec<String> = wrong.iter().map(u64::to_string).collect();
+                    self.tell(INDICES, format!("vertices #{}/ don't exist", all.join("/#")));
                 }
             }
         }
         for address in list("address") {
             let wrong = self.use_vertices(&address["location"]["boundaries"]);
-            wrong.iter().for_each(|i| self.tell(INDICES, format!("Vertices {i} don't exist")));
+            for i in wrong {
+                self.tell(INDICES, format!("Vertices {i} don't exist"));
+            }
         }
     }
 
@@ -325,7 +333,9 @@ impl Check {
         if unused.len() > MOST_NAMED {
             self.tell(UNUSED, format!("{} vertices are unused", unused.len()));
         } else {
-            unused.iter().for_each(|i| self.tell(UNUSED, format!("Vertex #{i} is unused")));
+            for i in unused {
+                self.tell(UNUSED, format!("Vertex #{i} is unused"));
+            }
         }
     }
 
