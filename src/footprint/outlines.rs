@@ -91,6 +91,14 @@ pub enum ViewFault {
         /// Why not.
         reason: String,
     },
+    /// The network stopped at it.
+    #[error("{problem}")]
+    Network {
+        /// What is the matter.
+        problem: String,
+        /// What to try.
+        hint: String,
+    },
     /// None of its pixels meets the terrain.
     #[error("it sees nothing of the terrain")]
     OffTerrain,
@@ -127,6 +135,7 @@ impl ViewFault {
                 "check `kind`: probabilities need `kind = \"probability\"` and `above`",
             ),
             Self::Photo { .. } => (Severity::Refused, "photo_unusable", "a network needs the photo's file"),
+            Self::Network { hint, .. } => (Severity::Refused, "network_failed", hint.as_str()),
             Self::OffTerrain => {
                 (Severity::Warning, "view_off_terrain", "use a terrain model that covers what the views see")
             }

@@ -90,6 +90,13 @@ impl OnnxError {
         }
     }
 
+    /// What is the matter, and what to try.
+    pub(crate) fn problem_and_hint(&self) -> (String, String) {
+        let text = self.to_string();
+        let (problem, hint) = text.split_once("\nhint: ").unwrap_or((&text, ""));
+        (problem.to_owned(), hint.to_owned())
+    }
+
     /// What both engines say about one graph.
     fn and(&self, mut second: Self) -> Self {
         if let Self::Load { reason, .. } = &mut second {

@@ -71,7 +71,7 @@ impl SecondChoice {
         if let Some(graph) = &state.graph {
             return Ok(Arc::clone(graph));
         }
-        let graph = Arc::new(runtime::Graph::open(&self.path, &self.config).map_err(|e| e.to_string())?);
+        let graph = Arc::new(runtime::Graph::open(&self.path, &self.config).map_err(|e| e.reason())?);
         state.graph = Some(Arc::clone(&graph));
         Ok(graph)
     }

@@ -336,6 +336,25 @@ fn a_network_sees_a_photo_in_tiles_and_joins_what_they_cut() {
 }
 
 #[test]
+fn a_network_that_stops_is_told_with_one_hint_and_is_no_fault_of_the_photo() {
+    let folder = tempfile::tempdir().unwrap();
+    let (views, _) = with_photo(folder.path(), &[[230; 3], [230; 3]]);
+    // The embedded engine loads this graph and cannot run it.
+    let source = json!({"source": "network", "model": fixture("pad_by_axes.onnx"), "custom": {
+        "name": "mine", "about": "a test", "inputs": ["image"], "side_px": 64, "mean": [0.0, 0.0, 0.0],
+        "std": [1.0, 1.0, 1.0], "masks": ["depth"], "gives": "semantic", "activation": "none", "licence": "none"}});
+    match find(&serde_json::from_value(source).unwrap(), &views, &GROUND) {
+        Err(FootprintError::Masks { problem, hint }) => {
+            assert!(problem.contains("pad_by_axes.onnx failed: the embedded engine: "), "{problem}");
+            assert!(!problem.contains("its photo") && !problem.contains("hint:"), "{problem}");
+            assert!(hint.contains("make deps-onnxruntime") && !hint.contains("hint:"), "{hint}");
+        }
+        Err(other) => panic!("{other}"),
+        Ok(_) => println!("skipped: this machine has ONNX Runtime, which runs the graph"),
+    }
+}
+
+#[test]
 fn a_head_over_two_backbones_gets_their_features_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let (views, houses) = with_photo(folder.path(), &[[230; 3], [230; 3]]);

@@ -319,6 +319,25 @@ fn a_tileset_is_replaced_whole_and_other_folders_are_left_alone() {
 }
 
 #[test]
+fn tiles_given_as_an_input_are_named_for_what_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let tiles = folder.path().join("tiles");
+    write_deep(&tiles, Precision::Float);
+    let glb = std::fs::read_dir(&tiles)
+        .unwrap()
+        .map(|e| e.unwrap().path())
+        .find(|p| p.extension().is_some_and(|e| e == "glb"));
+    for input in [tiles.clone(), tiles.join("tileset.json"), glb.unwrap_or_else(|| tiles.join("0.glb"))] {
+        let mut sizeup = crate::tiny_scene::sizeup();
+        let outcome = sizeup.arg("export").arg(&input).arg(folder.path().join("city.gpkg")).output().unwrap();
+        let message = String::from_utf8_lossy(&outcome.stderr);
+        assert_eq!(outcome.status.code(), Some(3), "{message}");
+        assert!(message.contains("is 3D Tiles, which are written and not read"), "{message}");
+        assert!(message.contains("hint: give what they were made of"), "{message}");
+    }
+}
+
+#[test]
 fn a_city_without_solids_is_an_empty_tileset() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("tiles");

@@ -334,6 +334,135 @@ fn the_form_of_every_feature_of_a_long_sequence_is_looked_at() {
     assert_eq!((first.n_features, first.n_features_checked), (700, 0));
 }
 
+/// What cjval says of a file as a whole, check by check.
+fn said_of_the_whole(path: &Path) -> Vec<(String, String)> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let mut validator = cjval::CJValidator::from_str(&text);
+    if text.contains("\"Sizeup\"") {
+        validator.add_one_extension_from_str(&cityjson::extension_schema().to_string()).unwrap();
+    }
+    let summaries = validator.validate();
+    let faults = summaries.iter().flat_map(|(check, s)| s.get_errors().iter().map(|m| (check.clone(), m.clone())));
+    sorted(faults.collect())
+}
+
+fn said_of_parts(path: &Path) -> Vec<(String, String)> {
+    let outcome = schema::check(path).unwrap();
+    sorted(outcome.errors.into_iter().chain(outcome.warnings).map(|fault| (fault.check, fault.message)).collect())
+}
+
+fn sorted(mut faults: Vec<(String, String)>) -> Vec<(String, String)> {
+    faults.sort();
+    faults
+}
+
+/// Writes so many houses, each in its own place, that a file of them is several parts; its text.
+fn write_long_town(path: &Path) -> String {
+    let mut town = town();
+    let house = town.records[0].clone();
+    town.records.extend((0..2500).map(|i| sizeup::output::BuildingRecord {
+        id: format!("h{i}"),
+        footprint: house.footprint.as_ref().map(|f| geo::Translate::translate(f, 30.0 * f64::from(i), 500.0)),
+        ..house.clone()
+    }));
+    let extension_url = Some("https://example.org/sizeup.ext.json".to_owned());
+    cityjson::write(path, &town.model(), &CityJsonConfig { extension_url, ..CityJsonConfig::default() }).unwrap();
+    let text = std::fs::read_to_string(path).unwrap();
+    assert!(text.len() > 2 << 20, "{} bytes are one part", text.len());
+    text
+}
+
+type Alter<'a> = &'a dyn Fn(&mut serde_json::Value);
+
+#[test]
+fn a_file_in_parts_has_the_faults_of_the_whole_in_the_same_words() {
+    use serde_json::{Value, json};
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.city.json");
+    let sound: Value = serde_json::from_str(&write_long_town(&path)).unwrap();
+    assert_eq!(said_of_parts(&path), []);
+
+    let set = |c: &mut Value, place: &str, value: Value| *c.pointer_mut(place).unwrap() = value;
+    let n = sound["vertices"].as_array().unwrap().len();
+    let add = |c: &mut Value, i: i32| c["vertices"].as_array_mut().unwrap().push(json!([i, -9, -9]));
+    let last = "/CityObjects/h2499/geometry/0";
+    let faults: [(&str, Alter<'_>); 22] = [
+        ("schema", &|c| set(c, "/CityObjects/h0/type", json!("House"))),
+        ("schema", &|c| set(c, &format!("{last}/lod"), json!(1.2))),
+        ("schema", &|c| set(c, &format!("{last}/boundaries/0/0/0/0"), json!("x"))),
+        ("schema", &|c| c["vertices"][n - 1] = json!([1, 2])),
+        ("schema", &|c| c["vertices"][n - 1] = json!([1, 2, "3"])),
+        ("schema", &|c| set(c, "/transform/scale", json!([1, 1]))),
+        ("schema", &|c| drop(c.as_object_mut().unwrap().remove("transform"))),
+        ("schema", &|c| drop(c.as_object_mut().unwrap().remove("vertices"))),
+        ("schema", &|c| drop(c.as_object_mut().unwrap().remove("CityObjects"))),
+        ("schema", &|c| c["CityObjects"] = json!([1, 2])),
+        ("schema", &|c| c["version"] = json!("3.0")),
+        ("schema", &|c| c["type"] = json!("FeatureCollection")),
+        ("extensions", &|c| set(c, "/CityObjects/h2499/attributes/+sizeup-height_m", json!("tall"))),
+        ("extensions", &|c| {
+            for id in ["h0", "h2499"] {
+                c["CityObjects"][id]["attributes"]["+unheard-of"] = json!(1);
+            }
+        }),
+        ("extensions", &|c| c["+extra"] = json!(1)),
+        ("parents_children_consistency", &|c| {
+            // The first and the last object: never in one part.
+            c["CityObjects"]["h0"]["children"] = json!(["h2499", "nobody"]);
+            c["CityObjects"]["h2499"]["parents"] = json!(["h1", "no one"]);
+        }),
+        ("wrong_vertex_index", &|c| {
+            set(c, "/CityObjects/h0/geometry/0/boundaries/0/1/0/0", json!(n));
+            set(c, "/CityObjects/h0/geometry/0/boundaries/0/1/0/1", json!(n + 7));
+            set(c, &format!("{last}/boundaries/0/0/0/0"), json!(n + 1));
+            let points = json!([{"type": "MultiPoint", "lod": "0", "boundaries": [0, n, n + 2]}]);
+            c["CityObjects"]["h1"]["geometry"] = points;
+        }),
+        ("semantics_arrays", &|c| set(c, &format!("{last}/semantics/values/0/1"), json!(7))),
+        ("extra_root_properties", &|c| c["comment"] = json!("hand-made")),
+        ("duplicate_vertices", &|c| (1..4).for_each(|i| c["vertices"][n - i] = c["vertices"][0].clone())),
+        ("unused_vertices", &|c| (0..3).for_each(|i| add(c, i))),
+        ("unused_vertices", &|c| (0..9).for_each(|i| add(c, i))),
+    ];
+    for (check, alter) in faults {
+        let mut city = sound.clone();
+        alter(&mut city);
+        std::fs::write(&path, city.to_string()).unwrap();
+        let found = said_of_parts(&path);
+        assert!(found.iter().any(|(name, _)| name == check), "{check}: {found:?}");
+        assert_eq!(found, said_of_the_whole(&path), "{check}");
+    }
+}
+
+#[test]
+fn a_broken_file_is_told_in_the_words_for_the_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.city.json");
+    let text = write_long_town(&path);
+    for (what, broken) in [
+        ("an id twice, first and last", text.replacen("\"h2499\":", "\"h0\":", 1)),
+        ("cut off", text[..text.len() / 2].to_owned()),
+        ("more than one document", text.clone() + "}"),
+        ("a brace missing", text.replacen(":{", ":", 1)),
+        ("no document", "[1, 2]".to_owned()),
+    ] {
+        std::fs::write(&path, broken).unwrap();
+        let found = said_of_parts(&path);
+        assert_eq!(found.len(), 1, "{what}: {found:?}");
+        assert_eq!(found, said_of_the_whole(&path), "{what}");
+    }
+}
+
+#[test]
+fn real_files_in_parts_have_the_faults_of_the_whole() {
+    for name in ["rotterdam_lod2/rotterdam_delfshaven.city.json", "delft_lidar_lod1/output/testarea.json"] {
+        let Some(path) = shared_data(name) else { continue };
+        let whole = said_of_the_whole(Path::new(&path));
+        eprintln!("{name}: {} faults and warnings", whole.len());
+        assert_eq!(said_of_parts(Path::new(&path)), whole, "{name}");
+    }
+}
+
 #[test]
 fn a_file_and_a_sequence_are_checked_object_by_object_alike() {
     let folder = tempfile::tempdir().unwrap();

@@ -233,7 +233,10 @@ impl Segmenter {
     /// Masks and, where there are any, scores of a tile.
     fn look(&self, photo: &RasterFile, tile: Window) -> Result<(Tensor, Option<Vec<f32>>, f32), ViewFault> {
         let unusable = |e: &dyn std::error::Error| ViewFault::Photo { reason: e.to_string() };
-        let failed = |e: OnnxError| ViewFault::Photo { reason: e.to_string() };
+        let failed = |e: OnnxError| {
+            let (problem, hint) = e.problem_and_hint();
+            ViewFault::Network { problem, hint }
+        };
         let mut given: Vec<(String, Tensor)> = Vec::new();
         if let Some(inlet) = &self.inlet {
             given.push((inlet.name.clone(), image(photo, tile, inlet).map_err(|e| unusable(&e))?));
@@ -251,7 +254,7 @@ impl Segmenter {
             .map(String::as_str)
             .collect();
         let mut results = self.network.run_many(&inputs, &wanted).map_err(failed)?.into_iter();
-        let masks = results.next().ok_or_else(|| ViewFault::Photo { reason: "no masks".to_owned() })?;
+        let masks = results.next().ok_or_else(|| self.misshapen("nothing"))?;
         let scores = self.scores.as_ref().and_then(|_| results.next()).map(|t| t.values);
         let presence = self.presence.as_ref().and_then(|_| results.next()).and_then(|t| t.values.first().copied());
         let active = |v: f32| self.active(v);
@@ -265,9 +268,16 @@ impl Segmenter {
         }
     }
 
+    fn misshapen(&self, found: &str) -> ViewFault {
+        ViewFault::Network {
+            problem: format!("the network {} gives {found} as its masks", self.config.model.display()),
+            hint: format!("{:?} is expected to be batch × maps × rows × columns, a batch of one", self.masks),
+        }
+    }
+
     /// The maps of a tensor `batch × maps × rows × columns` (leading dimensions may lack), as probabilities.
     fn maps(&self, tensor: &Tensor) -> Result<Vec<Raster<f32>>, ViewFault> {
-        let refuse = || ViewFault::Photo { reason: format!("the network's masks have the shape {:?}", tensor.shape) };
+        let refuse = || self.misshapen(&format!("a tensor of shape {:?}", tensor.shape));
         let (n, rows, columns) = match tensor.shape[..] {
             [rows, columns] => (1, rows, columns),
             [n, rows, columns] | [1, n, rows, columns] => (n, rows, columns),

@@ -6,6 +6,7 @@
 mod metadata;
 mod names;
 mod object;
+pub(super) mod pieces;
 pub mod read;
 mod read_sequence;
 mod sequence;

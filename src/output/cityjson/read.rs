@@ -9,12 +9,13 @@ use std::io::BufReader;
 use std::path::Path;
 
 use indexmap::IndexMap;
-use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde::de::{IgnoredAny, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::{Map as JsonMap, Value};
 
 use super::super::error::{MalformedFile, OutputError};
 use super::super::prism::Surface;
+use super::pieces::{Pieces, read_pieces};
 use super::read_sequence::Sequence;
 use crate::crs::Crs;
 use crate::files::FileError;
@@ -117,7 +118,11 @@ impl CityFile {
     }
 }
 
-fn open(path: &Path) -> Result<BufReader<fs::File>, OutputError> {
+/// Opens a file for reading from its start to its end.
+///
+/// # Errors
+/// [`OutputError::File`].
+pub(in crate::output) fn open(path: &Path) -> Result<BufReader<fs::File>, OutputError> {
     let file = fs::File::open(path).map_err(FileError::on("cannot read", path))?;
     Ok(BufReader::with_capacity(1 << 18, file))
 }
@@ -133,82 +138,33 @@ pub fn visit_objects(
     visit: &mut dyn FnMut(CityObject) -> Result<(), OutputError>,
 ) -> Result<usize, OutputError> {
     let malformed = |reason: String| OutputError::Malformed(MalformedFile { path: path.to_owned(), reason });
-    let mut n_templates = 0;
-    let mut failure = None;
-    let mut take = |id: String, object: RawObject| {
-        let read = object.read(id, 0, vertices.len(), &mut n_templates).map_err(malformed);
-        let outcome = read.and_then(&mut *visit);
-        let is_done = outcome.is_ok();
-        failure = outcome.err();
-        is_done
+    let take = |id: String, object: RawObject, n_templates: &mut usize| {
+        object.read(id, 0, vertices.len(), n_templates).map_err(malformed).and_then(&mut *visit)
     };
-    let mut deserializer = serde_json::Deserializer::from_reader(open(path)?);
-    let outcome = FileSeed(&mut take).deserialize(&mut deserializer);
-    match (failure, outcome) {
+    let mut objects = Objects { take, n_templates: 0, failure: None };
+    let outcome = read_pieces(open(path)?, &mut objects);
+    match (objects.failure, outcome) {
         (Some(failure), _) => Err(failure),
         (None, Err(e)) => Err(malformed(e.to_string())),
-        (None, Ok(())) => Ok(n_templates),
+        (None, Ok(())) => Ok(objects.n_templates),
     }
 }
-
-/// Takes an object; `false` ends the reading.
-type Take<'a> = dyn FnMut(String, RawObject) -> bool + 'a;
 
 /// A file of which only the objects are looked at.
-struct FileSeed<'a, 'b>(&'a mut Take<'b>);
-
-/// Its `CityObjects`.
-struct ObjectsSeed<'a, 'b>(&'a mut Take<'b>);
-
-impl<'de> DeserializeSeed<'de> for FileSeed<'_, '_> {
-    type Value = ();
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
-        deserializer.deserialize_map(self)
-    }
+struct Objects<F> {
+    take: F,
+    n_templates: usize,
+    failure: Option<OutputError>,
 }
 
-impl<'de> Visitor<'de> for FileSeed<'_, '_> {
-    type Value = ();
+impl<F: FnMut(String, RawObject, &mut usize) -> Result<(), OutputError>> Pieces for Objects<F> {
+    type Object = RawObject;
+    type Vertex = IgnoredAny;
+    type Member = IgnoredAny;
 
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a CityJSON object")
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, mut members: A) -> Result<(), A::Error> {
-        while let Some(name) = members.next_key::<String>()? {
-            if name == "CityObjects" {
-                members.next_value_seed(ObjectsSeed(&mut *self.0))?;
-            } else {
-                members.next_value::<IgnoredAny>()?;
-            }
-        }
-        Ok(())
-    }
-}
-
-impl<'de> DeserializeSeed<'de> for ObjectsSeed<'_, '_> {
-    type Value = ();
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
-        deserializer.deserialize_map(self)
-    }
-}
-
-impl<'de> Visitor<'de> for ObjectsSeed<'_, '_> {
-    type Value = ();
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("city objects by id")
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, mut objects: A) -> Result<(), A::Error> {
-        while let Some((id, object)) = objects.next_entry()? {
-            if !(self.0)(id, object) {
-                return Err(serde::de::Error::custom("stopped"));
-            }
-        }
-        Ok(())
+    fn object(&mut self, id: String, object: RawObject) -> bool {
+        self.failure = (self.take)(id, object, &mut self.n_templates).err();
+        self.failure.is_none()
     }
 }
 

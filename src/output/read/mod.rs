@@ -77,6 +77,12 @@ pub enum ReadError {
     /// GDAL cannot read it.
     #[error(transparent)]
     Vector(#[from] VectorError),
+    /// It is what is written and not read.
+    #[error("{} is 3D Tiles, which are written and not read\nhint: give what they were made of, the city's CityJSON (.json, .jsonl) or GeoPackage (.gpkg)", path.display())]
+    Tiles3d {
+        /// The folder or file.
+        path: PathBuf,
+    },
     /// It has no CRS.
     #[error("{} has no CRS, so its outlines cannot be compared\nhint: state it with `ogr2ogr -a_srs EPSG:… out.gpkg {}`, or match by id", path.display(), path.display())]
     NoCrs {
@@ -118,6 +124,7 @@ impl FoundBuildings {
     /// # Errors
     /// [`ReadError`].
     pub fn read(path: &Path, options: &ReadOptions<'_>) -> Result<Self, ReadError> {
+        require_readable(path)?;
         if is_cityjson(path)? {
             let city = CityFile::read(path)?;
             let buildings = surfaces::buildings(&city, options.lod);
@@ -209,6 +216,13 @@ fn open_layer(path: &Path, options: &ReadOptions<'_>) -> Result<(VectorLayer, Op
     };
     let id_field = id_field.map(str::to_owned);
     Ok((layer, id_field))
+}
+
+/// Refuses a folder of 3D Tiles or a file of it, which GDAL would refuse without a word of what it is.
+fn require_readable(path: &Path) -> Result<(), ReadError> {
+    let is_tileset = path.join("tileset.json").is_file() || path.file_name().is_some_and(|name| name == "tileset.json");
+    let is_tile = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("b3dm"));
+    if is_tileset || is_tile { Err(ReadError::Tiles3d { path: path.to_owned() }) } else { Ok(()) }
 }
 
 /// Whether a path names a sequence.

@@ -8,7 +8,7 @@ use super::super::buildings::Records;
 use super::super::cityjson::Sequence;
 use super::super::cityjson::read::{CityFile, visit_objects};
 use super::super::{BuildingRecord, Lineage, OutputError};
-use super::{FoundBuilding, ReadError, ReadOptions, is_cityjson, is_sequence, open_layer, surfaces};
+use super::{FoundBuilding, ReadError, ReadOptions, is_cityjson, is_sequence, open_layer, require_readable, surfaces};
 use crate::crs::Crs;
 
 /// Where GDAL shows the first document of `gpkg_metadata`.
@@ -38,6 +38,7 @@ impl<'a> RecordFile<'a> {
     /// # Errors
     /// [`ReadError`].
     pub fn open(path: &Path, options: ReadOptions<'a>) -> Result<Self, ReadError> {
+        require_readable(path)?;
         let of_metadata = |city: &CityFile| serde_json::from_value(city.metadata.get("sizeup")?.clone()).ok();
         let (crs, lineage, content) = if is_sequence(path) {
             let sequence = Sequence::open(path)?;

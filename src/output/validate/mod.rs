@@ -11,6 +11,7 @@
 //! Vertices closer than the snap tolerance count as one. Within a face, positions are projected along the axis nearest
 //! to its normal and rounded to a tenth of the tolerance; all further decisions there are exact.
 
+mod document;
 mod face;
 mod groups;
 mod merge;

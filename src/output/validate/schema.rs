@@ -2,6 +2,9 @@
 //!
 //! Our own extension is known; of others the types of attributes are not checked, and that is said.
 //!
+//! One file is checked in parts ([`super::document`]), so that it never is in memory as a whole; what is no list of objects and
+//! one of vertices is given to cjval as it stands.
+//!
 //! cjval reads its schema anew for whatever it is given, some hundredths of a second each time. So features of a sequence
 //! are given to it many at a time, merged into one ([`super::merge`]); where it finds anything, the halves are, down to
 //! the single line.
@@ -18,13 +21,14 @@ use serde_json::Value;
 use super::super::OutputError;
 use super::super::cityjson::extension_schema;
 use super::super::error::MalformedFile;
+use super::document;
 use super::merge::merged;
 use crate::files::FileError;
 
 /// Where our extension is declared, its name stands in quotes.
 const EXTENSION_IS_DECLARED: &str = "\"Sizeup\"";
 /// cjval's name of the check of extensions.
-const EXTENSIONS: &str = "extensions";
+pub(super) const EXTENSIONS: &str = "extensions";
 /// Features that are merged into one.
 const AT_ONCE: usize = 256;
 /// Features that are in memory at a time.
@@ -58,7 +62,7 @@ pub struct SchemaCheck {
 /// Checks a file, or every line of a sequence (`….jsonl`).
 ///
 /// # Errors
-/// [`OutputError::File`] if it cannot be read, [`OutputError::Malformed`] if it is no UTF-8.
+/// [`OutputError::File`] if it cannot be read, [`OutputError::Malformed`] if what has to be looked at as a whole is no UTF-8.
 pub fn check(path: &Path) -> Result<SchemaCheck, OutputError> {
     check_until(path, usize::MAX)
 }
@@ -70,6 +74,9 @@ pub fn check(path: &Path) -> Result<SchemaCheck, OutputError> {
 pub fn check_until(path: &Path, max_faults: usize) -> Result<SchemaCheck, OutputError> {
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("jsonl")) {
         return check_sequence(path, max_faults);
+    }
+    if let Some(outcome) = document::check(path)? {
+        return Ok(outcome);
     }
     let bytes = fs::read(path).map_err(FileError::on("cannot read", path))?;
     let text = String::from_utf8(bytes)
@@ -162,7 +169,7 @@ impl Header {
 const FIRST_WITH_FEATURES: i32 = 11;
 
 /// With our own extension, which costs nothing where it is not used.
-fn validator(text: &str) -> CJValidator {
+pub(super) fn validator(text: &str) -> CJValidator {
     let mut validator = CJValidator::from_str(text);
     if text.contains(EXTENSION_IS_DECLARED) {
         // It is valid JSON, so cjval takes it.
@@ -172,7 +179,7 @@ fn validator(text: &str) -> CJValidator {
 }
 
 /// Whether extensions are declared that are not ours.
-fn has_other_extensions(text: &str) -> bool {
+pub(super) fn has_other_extensions(text: &str) -> bool {
     let header: Option<Value> = serde_json::from_str(text).ok();
     let declared = header.as_ref().and_then(|file| file.get("extensions")?.as_object());
     declared.is_some_and(|extensions| extensions.keys().any(|name| name != "Sizeup"))
