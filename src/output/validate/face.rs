@@ -11,9 +11,6 @@ use super::{Code, ValidateConfig};
 /// Cells per snap tolerance when positions are rounded within a face.
 const CELLS_PER_TOLERANCE: f64 = 10.0;
 
-/// Triangles smaller than this say nothing about a face's direction, square metres (val3dity leaves out slivers too).
-const MIN_TRIANGLE_M2: f64 = 1e-4;
-
 /// A sound face.
 pub struct Face {
     /// Surface of the shell.
@@ -74,12 +71,16 @@ impl Face {
 
     /// 204: a triangle turned out of the face's plane.
     fn turned_parts(&self, flat: &[Vec<[i64; 2]>], snapped: &Snapped, config: &ValidateConfig) -> Vec<FaceFault> {
-        let min_cosine = config.planarity_normal_deg.to_radians().cos();
+        let most_turned = config.planarity_normal_deg.to_radians();
+        // A triangle thinner than this may be turned by points as far off the plane as they may be.
+        let least_thick_m = config.planarity_distance_m / most_turned.tan();
         let turned = self.triangles(flat).into_iter().find(|triangle| {
             let [a, b, c] = triangle.map(|i| DVec3::from_array(snapped.points[i]));
             let area = (b - a).cross(c - a);
             // The triangulation may turn either way round; only the plane counts.
-            area.length() / 2.0 >= MIN_TRIANGLE_M2 && area.normalize().dot(self.normal).abs() < min_cosine
+            let longest_m = a.distance(b).max(b.distance(c)).max(c.distance(a));
+            let is_turned = || area.normalize().dot(self.normal).abs() < most_turned.cos();
+            area.length() > least_thick_m * longest_m && is_turned()
         });
         let fault = |t: [usize; 3]| (Code::NonPlanarPolygonNormalsDeviation, snapped.position(t[0]));
         turned.map(fault).into_iter().collect()

@@ -157,9 +157,12 @@ fn crossing_faces(faces: &[Face], snapped: &Snapped) -> Vec<Found> {
 fn piercing(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
     let point = |i: usize| DVec3::from_array(snapped.points[i]);
     let on_plane = point(other.rings[0][0]);
+    let above = |i: usize| (point(i) - on_plane).dot(other.normal);
+    // A face need not be quite plane: what is no farther off than its own corners does not go through it.
+    let bent_m = other.rings.iter().flatten().map(|&i| above(i).abs()).fold(0.0, f64::max);
     face_edges(face).find_map(|[a, b]| {
-        let (above_a, above_b) = ((point(a) - on_plane).dot(other.normal), (point(b) - on_plane).dot(other.normal));
-        let is_through = above_a * above_b < 0.0 && above_a.abs().min(above_b.abs()) > snapped.tolerance_m;
+        let (above_a, above_b) = (above(a), above(b));
+        let is_through = above_a * above_b < 0.0 && above_a.abs().min(above_b.abs()) > bent_m + snapped.tolerance_m;
         let at = point(a).lerp(point(b), above_a / (above_a - above_b));
         (is_through && is_within(at, other, snapped)).then_some(at)
     })
