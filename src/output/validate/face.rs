@@ -72,8 +72,8 @@ impl Face {
     /// 204: a triangle turned out of the face's plane.
     fn turned_parts(&self, flat: &[Vec<[i64; 2]>], snapped: &Snapped, config: &ValidateConfig) -> Vec<FaceFault> {
         let most_turned = config.planarity_normal_deg.to_radians();
-        // A triangle thinner than this may be turned by points as far off the plane as they may be.
-        let least_thick_m = config.planarity_distance_m / most_turned.tan();
+        // A corner, and the edge opposite, are known to half the snap tolerance each: that alone may turn what is thinner.
+        let least_thick_m = std::f64::consts::FRAC_1_SQRT_2 * config.snap_tolerance_m / most_turned.tan();
         let turned = self.triangles(flat).into_iter().find(|triangle| {
             let [a, b, c] = triangle.map(|i| DVec3::from_array(snapped.points[i]));
             let area = (b - a).cross(c - a);
