@@ -52,7 +52,7 @@ pub use parts::LayerParts;
 pub use plain::{plain_config, unpack, write_plain};
 pub use segment::{Segmenter, SegmenterConfig};
 pub use source::{DetectionSettings, FootprintSource};
-pub use split::pieces;
+pub use split::{pieces, with_corners_of};
 pub use vectorise::{Instances, MaskFault, Outline, Vectorising, outlines, outlines_at_level};
 pub use write::{WriteFootprintsError, write};
 

@@ -1,10 +1,13 @@
 //! Outlines taken apart where a building has more than one roof level.
 
-use geo::{Area as _, BooleanOps as _};
-use geo_types::{MultiPolygon, Polygon};
+use geo::{Area as _, BooleanOps as _, CoordsIter as _, Distance as _, Euclidean};
+use geo_types::{Coord, LineString, MultiPolygon, Point, Polygon};
 
 /// Pieces smaller than this go to the other side of the cut, m².
 const MIN_PIECE_M2: f64 = 12.0;
+
+/// Corners this near to an edge are on it, metres: results are written in millimetres.
+const ON_EDGE_M: f64 = 1e-3;
 
 /// The pieces of an outline inside and outside of another polygon, the inner ones first; `None` if either side has none
 /// of a useful size. The pieces share their border and cover the outline.
@@ -25,9 +28,35 @@ fn by_size(pieces: MultiPolygon<f64>) -> (MultiPolygon<f64>, MultiPolygon<f64>) 
     (MultiPolygon::new(large), MultiPolygon::new(small))
 }
 
+/// The outline with corners of its neighbours that lie on its edges made corners of its own, so that rounding moves both
+/// alike: they would overlap by a hair else.
+#[must_use]
+pub fn with_corners_of(neighbours: &[&Polygon<f64>], outline: &Polygon<f64>) -> Polygon<f64> {
+    let corners: Vec<Coord<f64>> = neighbours.iter().flat_map(|n| n.coords_iter()).collect();
+    let ring = |ring: &LineString<f64>| {
+        let mut joined: Vec<Coord<f64>> = Vec::with_capacity(ring.0.len());
+        for edge in ring.lines() {
+            joined.push(edge.start);
+            let along = |c: &Coord<f64>| Euclidean.distance(*c, edge.start);
+            let is_on = |c: &&Coord<f64>| {
+                let is_at = |end: Coord<f64>| Euclidean.distance(**c, end) <= ON_EDGE_M;
+                !is_at(edge.start) && !is_at(edge.end) && Euclidean.distance(&Point(**c), &edge) <= ON_EDGE_M
+            };
+            let mut on_edge: Vec<Coord<f64>> = corners.iter().filter(is_on).copied().collect();
+            on_edge.sort_by(|a, b| along(a).total_cmp(&along(b)));
+            on_edge.dedup_by(|a, b| Euclidean.distance(*a, *b) <= ON_EDGE_M);
+            joined.extend(on_edge);
+        }
+        joined.extend(ring.0.last());
+        LineString::new(joined)
+    };
+    Polygon::new(ring(outline.exterior()), outline.interiors().iter().map(ring).collect())
+}
+
 #[cfg(test)]
 mod tests {
     use geo::{Rect, coord};
+    use geo_types::polygon;
 
     use super::*;
 
@@ -51,6 +80,22 @@ mod tests {
         let area: f64 = pieces.iter().map(geo::Area::unsigned_area).sum();
         assert!((area - 1200.0).abs() < 1e-6, "nothing is lost");
         assert!(pieces.iter().all(|p| p.unsigned_area() > 12.0), "no slivers");
+    }
+
+    #[test]
+    fn corners_of_a_neighbour_on_an_edge_become_its_own() {
+        let west = rectangle(0.0, 0.0, 10.0, 30.0);
+        // Its border to the west has two corners more, one of them a hair off; a third stands apart.
+        let east: Polygon<f64> = polygon![
+            (x: 10.0, y: 0.0), (x: 25.0, y: 0.0), (x: 25.0, y: 30.0), (x: 10.0, y: 30.0),
+            (x: 9.9996, y: 20.0), (x: 18.0, y: 15.0), (x: 10.0, y: 12.0),
+        ];
+        let joined = with_corners_of(&[&east], &west);
+        let corners: Vec<(f64, f64)> = joined.exterior().coords().map(|c| c.x_y()).collect();
+        assert_eq!(corners.len(), west.exterior().0.len() + 2, "{corners:?}");
+        assert!(corners.windows(2).any(|edge| edge.contains(&(10.0, 12.0)) && edge.contains(&(9.9996, 20.0))));
+        assert_eq!(joined.intersection(&east).unsigned_area(), 0.0, "nothing is shared but the border");
+        assert_eq!(with_corners_of(&[&west], &rectangle(40.0, 0.0, 50.0, 9.0)), rectangle(40.0, 0.0, 50.0, 9.0));
     }
 
     #[test]

@@ -1,11 +1,13 @@
 //! Outlines that hold two roof levels: taken apart between two rounds of solving.
 
+use std::collections::BTreeMap;
+
 use geo_types::{LineString, Polygon};
 use serde::{Deserialize, Serialize};
 
 use super::FootprintStage;
 use super::stages::SceneStage;
-use crate::footprint::{Footprint, pieces};
+use crate::footprint::{Footprint, pieces, with_corners_of};
 use crate::ids::BuildingId;
 use crate::issue::{Issue, Severity, Subject};
 use crate::optimise::{LevelGain, Solution};
@@ -63,7 +65,29 @@ pub(super) fn take_apart(stage: &mut FootprintStage, cuts: &[Cut]) -> Option<Vec
             stood.push(None);
         }
     }
+    join_parts(&mut stage.layer.footprints, &stood);
     (stage.layer.footprints.len() > n_before).then_some(stood)
+}
+
+/// Gives parts of one building each other's corners where a part was taken apart once more: those of the new parts lie on
+/// edges of the others.
+fn join_parts(footprints: &mut [Footprint], stood: &[Option<usize>]) {
+    let mut by_whole: BTreeMap<BuildingId, Vec<usize>> = BTreeMap::new();
+    for (at, footprint) in footprints.iter().enumerate() {
+        if let Some(whole) = &footprint.part_of {
+            by_whole.entry(whole.clone()).or_default().push(at);
+        }
+    }
+    let is_new = |at: &usize| stood[*at].is_none();
+    for parts in by_whole.values().filter(|parts| parts.iter().any(is_new) && !parts.iter().all(is_new)) {
+        let joined = parts.iter().map(|&at| {
+            let others: Vec<_> = parts.iter().filter(|&&o| o != at).map(|&o| &footprints[o].polygon).collect();
+            with_corners_of(&others, &footprints[at].polygon)
+        });
+        for (&at, polygon) in parts.iter().zip(joined.collect::<Vec<_>>()) {
+            footprints[at].polygon = polygon;
+        }
+    }
 }
 
 fn part_of(whole: &Footprint, i: usize, polygon: Polygon<f64>) -> Footprint {
