@@ -91,7 +91,7 @@ mod tests {
             (x: 9.9996, y: 20.0), (x: 18.0, y: 15.0), (x: 10.0, y: 12.0),
         ];
         let joined = with_corners_of(&[&east], &west);
-        let corners: Vec<(f64, f64)> = joined.exterior().coords().map(|c| c.x_y()).collect();
+        let corners: Vec<(f64, f64)> = joined.exterior().coords().map(geo_types::Coord::x_y).collect();
         assert_eq!(corners.len(), west.exterior().0.len() + 2, "{corners:?}");
         assert!(corners.windows(2).any(|edge| edge.contains(&(10.0, 12.0)) && edge.contains(&(9.9996, 20.0))));
         assert_eq!(joined.intersection(&east).unsigned_area(), 0.0, "nothing is shared but the border");

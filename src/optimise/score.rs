@@ -266,7 +266,9 @@ fn centred_positions(evidence: &Evidence<'_>, rays: &[u32], axis: usize) -> Vec<
         rays.iter().map(|&r| f32::from(evidence.profiles.rays[r as usize].pixel[axis])).collect();
     let mean = values.iter().sum::<f32>() / values.len() as f32;
     let extent = values.iter().fold(1.0_f32, |e, v| e.max((v - mean).abs()));
-    values.iter_mut().for_each(|v| *v = (*v - mean) / extent);
+    for value in &mut values {
+        *value = (*value - mean) / extent;
+    }
     values
 }
 
