@@ -17,12 +17,12 @@ use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::roof::{is_clear, smallest_rectangle};
 use super::score::{Correlation, Window};
-use super::search::{SweepViews, ViewsOf};
+use super::search::{SweepView, SweepViews, ViewsOf};
 use super::stretches::{LANES, Lanes};
 use crate::ray::Ray;
 use crate::render::PlacedCamera;
 use crate::scene::{HeightBounds, Prism, Scene};
-use crate::views::in_turn;
+use crate::views::{corners_inside, in_turn};
 
 /// Outlines smaller than this are left whole, m².
 const MIN_OUTLINE_M2: f32 = 200.0;
@@ -132,15 +132,9 @@ pub(super) fn find(
 fn views_of_foot(scene: &Scene, views: SweepViews<'_>, building: usize, config: &SearchConfig) -> Vec<usize> {
     let prism = &scene.prisms[building];
     let foot = prism.centre_at(prism.ground_z).as_dvec3();
-    let shows_foot = |placed: &PlacedCamera| {
-        let is_inside = |corner: Vec2| {
-            let pixel = placed.project(corner.extend(prism.ground_z).as_dvec3());
-            pixel.is_some_and(|p| placed.camera.contains(p))
-        };
-        prism.edges().all(|(corner, _)| is_inside(corner))
-    };
+    let shows_foot = |view: &SweepView<'_>| corners_inside(prism, view.placed, prism.ground_z) == 1.0;
     let taking_part = views.iter().enumerate().filter_map(|(v, view)| Some((v, view.as_ref()?)));
-    let ranked = taking_part.filter(|(_, view)| shows_foot(view.placed)).map(|(v, view)| {
+    let ranked = taking_part.filter(|(_, view)| shows_foot(view)).map(|(v, view)| {
         let n_rays = view.evidence.rays_of(building as u32).len();
         (v, (view.placed.eye() - foot).truncate(), std::cmp::Reverse(n_rays))
     });

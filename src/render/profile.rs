@@ -289,9 +289,10 @@ mod tests {
     use super::*;
     use crate::camera::Camera;
     use crate::frames::Rigid;
+    use crate::raster::Raster;
     use crate::render::image::{Face, SceneTracer};
     use crate::scene::HeightBounds;
-    use crate::terrain::{GroundLevel, Terrain};
+    use crate::terrain::{Dem, GroundLevel, Terrain};
 
     fn blocks() -> Scene {
         let square = |x: f64, y: f64, side: f64| polygon![(x: x, y: y), (x: x + side, y: y), (x: x + side, y: y + side), (x: x, y: y + side)];
@@ -337,6 +338,31 @@ mod tests {
                 prop_assert_eq!(sight.is_roof, matches!(face, Face::Roof(_)));
                 prop_assert_eq!(sight.building.is_none(), face == Face::Ground);
             }
+        }
+    }
+
+    /// Rays of one scene, kept for another one that has a building less, against rays traced there from nothing.
+    #[test]
+    fn rays_kept_for_other_prisms_are_those_traced_anew() {
+        let bounds = HeightBounds { min_m: 2.0, max_m: 60.0 };
+        let z = |i: usize| ((i % 60) as f32 * 0.3).sin() + ((i / 60) as f32 * 0.2).cos();
+        let heights = Raster::from_vec(60, 60, (0..3600).map(z).collect()).unwrap();
+        let hills = Terrain::Grid(Dem::new(heights, -110.0, 140.0, 4.0, 4.0).unwrap());
+        let square = |x: f64| polygon![(x: x, y: 0.0), (x: x + 9.0, y: 0.0), (x: x + 9.0, y: 9.0), (x: x, y: 9.0)];
+        let ground = GroundLevel { reference_m: 0.5, lowest_m: -2.0 };
+        // The one in the middle goes: the same piece of terrain is cut out.
+        let [left, middle, right] = [0.0, 14.0, 28.0].map(square);
+        let before = Scene::new(&[(&left, ground), (&middle, ground), (&right, ground)], &hills, bounds, 60.0);
+        let after = Scene::at(before.origin, &[(&left, ground), (&right, ground)], &hills, bounds, 60.0);
+        let sampling = Sampling { stride_px: 1, seed: 5, view: 1 };
+        for placed in [oblique(0.4, 0.6), oblique(-2.0, 0.9)] {
+            let traced = |scene: &Scene| Profiles::trace(scene, &CappedScene::new(scene), &placed, sampling);
+            let kept = Profiles::over(&after, &CappedScene::new(&after), &placed, &traced(&before).rays);
+            let anew = traced(&after);
+            assert!(anew.rays.len() > 1000 && anew.crossings.len() > 20, "{} rays", anew.rays.len());
+            assert_eq!(kept.rays, anew.rays);
+            assert_eq!(kept.crossings, anew.crossings);
+            assert_eq!(kept.eye_z, anew.eye_z);
         }
     }
 

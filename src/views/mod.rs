@@ -15,6 +15,7 @@ mod visibility;
 
 pub use each::{Candidate, in_turn, select_each};
 pub use select::{Selection, select};
+pub(crate) use visibility::corners_inside;
 pub use visibility::{ViewSight, Visibility, visibility};
 
 use schemars::JsonSchema;

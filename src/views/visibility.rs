@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use crate::render::PlacedCamera;
 use crate::render::profile::Profiles;
-use crate::scene::Scene;
+use crate::scene::{Prism, Scene};
 
 /// Steepest stretch of a wall's area by its foreshortening that still counts in full.
 const MIN_WALL_SLANT: f32 = 0.1;
@@ -74,16 +74,17 @@ fn visibility_of(
             building,
             n_rays: on[0],
             n_roof_rays: on[1],
-            corners_inside: corners_inside(scene, placed, building as usize, roofs[building as usize]),
+            corners_inside: corners_inside(&scene.prisms[building as usize], placed, roofs[building as usize]),
         })
         .collect();
     Visibility { buildings, surface_m2 }
 }
 
-fn corners_inside(scene: &Scene, placed: &PlacedCamera, building: usize, roof_z: f32) -> f32 {
+/// Share of an outline's corners that lie inside the image when they are at a level, local frame, metres.
+pub fn corners_inside(prism: &Prism, placed: &PlacedCamera, z: f32) -> f32 {
     let (mut n_inside, mut n) = (0, 0);
-    for (corner, _) in scene.prisms[building].edges() {
-        let pixel = placed.project(corner.extend(roof_z).as_dvec3());
+    for (corner, _) in prism.edges() {
+        let pixel = placed.project(corner.extend(z).as_dvec3());
         n_inside += usize::from(pixel.is_some_and(|p| placed.camera.contains(p)));
         n += 1;
     }
