@@ -202,6 +202,8 @@ pub struct SearchConfig {
     pub local_half_width_share: f32,
     /// Ground around a building's pixels that is compared with them, pixels of the working image.
     pub dilate_px: usize,
+    /// The same in the local sweeps and for roof forms.
+    pub local_dilate_px: usize,
     /// Weight of the agreement of roof pixels with the calibrated prior, against the correlation's 1. 0 = ordering only.
     pub agreement_weight: f32,
     /// The same in the local sweeps and for roof forms: less, as a prior's relief is less exact than its edges.
@@ -232,6 +234,7 @@ impl Default for SearchConfig {
             local_half_width_m: 6.0,
             local_half_width_share: 0.3,
             dilate_px: 12,
+            local_dilate_px: 8,
             agreement_weight: 0.1,
             local_agreement_weight: 0.03,
             unmodelled_agreement_weight: 0.3,

@@ -95,10 +95,9 @@ impl<'a> Evidence<'a> {
         &self.rays_of[self.start[building] as usize..self.start[building + 1] as usize]
     }
 
-    /// The rays of a building and those within `dilate_px` of one of them, ascending.
+    /// Some rays and those within `dilate_px` of one of them, ascending.
     #[must_use]
-    pub fn rays_around(&self, building: u32, dilate_px: usize) -> Vec<u32> {
-        let own = self.rays_of(building);
+    pub fn rays_around(&self, own: &[u32], dilate_px: usize) -> Vec<u32> {
         let pixel_of = |ray: u32| self.profiles.rays[ray as usize].pixel;
         let block_of = |pixel: [u16; 2]| pixel.map(|p| usize::from(p) / self.stride_px);
         let reach = dilate_px.div_ceil(self.stride_px);

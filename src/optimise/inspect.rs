@@ -139,7 +139,8 @@ impl Look<'_> {
         let place = |ray: &u32| compared.rays.binary_search(ray).ok();
         let is_seen = |ray: &&u32| evidence.profiles.sight(**ray as usize, self.roofs).building == Some(building);
         let own: Vec<usize> = evidence.rays_of(building).iter().filter(is_seen).filter_map(place).collect();
-        let around: Vec<usize> = evidence.rays_around(building, AROUND_PX).iter().filter_map(place).collect();
+        let around: Vec<usize> =
+            evidence.rays_around(evidence.rays_of(building), AROUND_PX).iter().filter_map(place).collect();
         if own.is_empty() || around.is_empty() {
             return Vec::new();
         }

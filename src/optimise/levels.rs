@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::roof::{is_clear, smallest_rectangle};
-use super::score::{Correlation, Window};
+use super::score::{Correlation, Scope, Window};
 use super::search::{SweepView, SweepViews, ViewsOf};
 use super::stretches::{LANES, Lanes};
 use crate::ray::Ray;
@@ -113,7 +113,7 @@ pub(super) fn find(
         let seen: Vec<SeenIn> = of_building
             .filter_map(|&v| views[v].as_ref())
             .filter_map(|v| {
-                let window = v.window(scene, building, config.dilate_px, Correlation::Linear)?;
+                let window = v.window(scene, building, Scope::whole(config, Correlation::Linear))?;
                 Some(SeenIn::new(window, v.placed, v.evidence, &plan))
             })
             .collect();

@@ -29,6 +29,10 @@ const GRID: usize = 24;
 const STEEPEST: f32 = 1.4;
 /// Tallest roof above its eave, metres: more is a tower under an outline that is not its own.
 const TALLEST_M: f32 = 8.0;
+/// Highest point of a tried roof above the height that the search has found, at most, metres.
+pub(super) const REACH_M: f32 = TALLEST_M + 2.0;
+/// A roof whose mean is farther than this from the flat height has to be better in whole windows too, metres.
+const FAR_M: f32 = 2.0;
 /// Rises tried besides 0, between nothing and the steepest.
 const N_RISES: usize = 5;
 /// Eaves tried for each rise.
@@ -262,38 +266,72 @@ impl Sampled {
     }
 }
 
+/// A view of one building, with the camera and evidence of it.
+pub(super) type RoofView<'a> = (Window, &'a PlacedCamera, &'a Evidence<'a>);
+
+/// One of the shapes, at a height.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    shape: usize,
+    eave_m: f32,
+    rise_m: f32,
+}
+
+/// A building's views, made ready for roofs of some shapes around a flat one.
+struct Looked<'a> {
+    views: &'a [RoofView<'a>],
+    sampled: Vec<Sampled>,
+    weights: Vec<f64>,
+    flat_m: f32,
+}
+
+impl<'a> Looked<'a> {
+    fn new(views: &'a [RoofView<'a>], shapes: &[Shape<'_>], ground_z: f32, flat_m: f32, config: &SearchConfig) -> Self {
+        let sampled = |(w, placed, evidence): &RoofView<'_>| Sampled::new(w, placed, evidence, shapes, ground_z);
+        let weight = |(w, ..): &RoofView<'_>| {
+            f64::from(config.local_agreement_weight + config.unmodelled_agreement_weight * w.unmodelled)
+        };
+        Self {
+            views,
+            sampled: views.iter().map(sampled).collect(),
+            weights: views.iter().map(weight).collect(),
+            flat_m,
+        }
+    }
+
+    /// By view.
+    fn scores(&self, Candidate { shape, eave_m, rise_m }: Candidate) -> impl Iterator<Item = f64> {
+        self.views.iter().zip(&self.sampled).zip(&self.weights).map(move |(((window, ..), sampled), &weight)| {
+            window.score_where(weight, self.flat_m, |depths| sampled.meets(shape, eave_m, rise_m, depths))
+        })
+    }
+
+    /// Whether a roof explains more than a flat one.
+    fn is_better(&self, candidate: Candidate) -> bool {
+        let flat = |((w, ..), &weight): (&RoofView<'_>, &f64)| w.score(self.flat_m, weight, Correlation::Linear);
+        let flat = self.views.iter().zip(&self.weights).map(flat);
+        let gains: Vec<f64> = self.scores(candidate).zip(flat).map(|(pitched, flat)| pitched - flat).collect();
+        is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS)
+    }
+}
+
 /// Looks for the pitched roof of one building around the height that the search has found; `None` where a flat one is
-/// as good.
-///
-/// `windows` are the building's views, with the camera and evidence of each.
-pub(super) fn find(
+/// as good. What is far from that height has to be better in `whole`, too, which takes in all that the building could hide.
+pub(super) fn find<'a>(
     prism: &Prism,
     height_m: f32,
     config: &SearchConfig,
-    windows: &[(Window, &PlacedCamera, &Evidence<'_>)],
+    near: &[RoofView<'a>],
+    whole: impl FnOnce() -> Vec<RoofView<'a>>,
 ) -> Option<Roof> {
-    if windows.len() < MIN_VIEWS {
+    if near.len() < MIN_VIEWS {
         return None;
     }
     let shapes = Shape::all(prism);
-    let sampled: Vec<Sampled> = windows
-        .iter()
-        .map(|(w, placed, evidence)| Sampled::new(w, placed, evidence, &shapes, prism.ground_z))
-        .collect();
-    let weight_of =
-        |w: &Window| f64::from(config.local_agreement_weight + config.unmodelled_agreement_weight * w.unmodelled);
-    let flat_scores: Vec<f64> =
-        windows.iter().map(|(w, ..)| w.score(height_m, weight_of(w), Correlation::Linear)).collect();
-    let scores = |form: usize, eave_m: f32, rise_m: f32| -> Vec<f64> {
-        windows
-            .iter()
-            .zip(&sampled)
-            .map(|((w, ..), s)| w.score_where(weight_of(w), height_m, |depths| s.meets(form, eave_m, rise_m, depths)))
-            .collect()
-    };
-    let total = |form, eave_m, rise_m| scores(form, eave_m, rise_m).iter().sum::<f64>();
+    let looked = Looked::new(near, &shapes, prism.ground_z, height_m, config);
+    let total = |candidate: Candidate| looked.scores(candidate).sum::<f64>();
     let mut best = (f64::NEG_INFINITY, None);
-    for (form, shape) in shapes.iter().enumerate() {
+    for (at, shape) in shapes.iter().enumerate() {
         for rise_m in (1..=N_RISES).map(|i| shape.tallest_m() * i as f32 / N_RISES as f32) {
             // The flat height lies somewhere between eave and mean.
             for step in 0..N_EAVES {
@@ -301,34 +339,38 @@ pub(super) fn find(
                 if eave_m <= 0.0 {
                     continue;
                 }
-                let total = total(form, eave_m, rise_m);
+                let candidate = Candidate { shape: at, eave_m, rise_m };
+                let total = total(candidate);
                 if total > best.0 {
-                    best = (total, Some((form, eave_m, rise_m)));
+                    best = (total, Some(candidate));
                 }
             }
         }
     }
-    let (_, Some((form, mut eave_m, mut rise_m))) = best else { return None };
+    let (mut best_total, Some(mut best)) = best else { return None };
     // A pattern search settles the two numbers.
-    let mut step_m = [0.5, 0.5 * shapes[form].tallest_m() / N_RISES as f32];
-    let mut best_total = best.0;
+    let shape = &shapes[best.shape];
+    let mut step_m = [0.5, 0.5 * shape.tallest_m() / N_RISES as f32];
     for _ in 0..4 {
         for (de, dr) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-0.5, 1.0), (0.5, -1.0)] {
-            let (e, r) = (eave_m + de * step_m[0], rise_m + dr * step_m[1]);
-            if !(0.0..=shapes[form].tallest_m()).contains(&r) || e <= 0.0 {
+            let moved =
+                Candidate { eave_m: best.eave_m + de * step_m[0], rise_m: best.rise_m + dr * step_m[1], ..best };
+            if !(0.0..=shape.tallest_m()).contains(&moved.rise_m) || moved.eave_m <= 0.0 {
                 continue;
             }
-            let total = total(form, e, r);
+            let total = total(moved);
             if total > best_total {
-                (best_total, eave_m, rise_m) = (total, e, r);
+                (best_total, best) = (total, moved);
             }
         }
         step_m = step_m.map(|s| 0.6 * s);
     }
-    let gains: Vec<f64> = scores(form, eave_m, rise_m).iter().zip(&flat_scores).map(|(a, b)| a - b).collect();
-    let (eave_m, rise_m, mean) = (f64::from(eave_m), f64::from(rise_m), f64::from(shapes[form].mean));
-    let roof = Roof { form: shapes[form].form, eave_m, ridge_m: eave_m + rise_m, mean_m: eave_m + mean * rise_m };
-    is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS).then_some(roof)
+    let (eave_m, rise_m) = (f64::from(best.eave_m), f64::from(best.rise_m));
+    let mean_m = eave_m + f64::from(shape.mean) * rise_m;
+    let is_better_in_whole = || Looked::new(&whole(), &shapes, prism.ground_z, height_m, config).is_better(best);
+    let is_far = (mean_m - f64::from(height_m)).abs() > f64::from(FAR_M);
+    let is_believed = looked.is_better(best) && (!is_far || is_better_in_whole());
+    is_believed.then_some(Roof { form: shape.form, eave_m, ridge_m: eave_m + rise_m, mean_m })
 }
 
 /// Whether the views agree that something is better: their mean gain is large enough and stands clear of its standard

@@ -1,7 +1,8 @@
 //! How well one height of one building explains the prior in one view, blind to what the prior does not know.
 //!
 //! ```text
-//! W      rays that can see the building below its greatest height, and those close to them
+//! W      rays that can see the building below the greatest height asked for, and those close to them; without those
+//!        that show something else which stands higher than that
 //! p      prior's inverse depth,   v(h) = 1 / R(h)   rendered inverse depth
 //! ρ(h) = corr(p⊥, v⊥)             ⊥: what [1, x, y] explains over W is taken out of both
 //! ```
@@ -55,6 +56,20 @@ pub enum Correlation {
     Rank,
 }
 
+/// What will be asked of a window, and so which rays it takes.
+///
+/// The less it holds besides the building, the less it answers to: a tower behind a pavilion varies more in depth than the
+/// pavilion, and errors of the prior in its relief outweigh all that the pavilion's height changes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scope {
+    /// Heights above the building's ground up to this will be asked for, metres.
+    pub up_to_m: f32,
+    /// Ground around the building's pixels that is taken in, pixels of the working image.
+    pub dilate_px: usize,
+    /// Which correlation will be asked for.
+    pub correlation: Correlation,
+}
+
 impl Window {
     /// Prepares a building in a view, with the others' roofs where `stops` has them. `ground_z` is the building's own
     /// ground, local frame. `None` if too few rays have a prior, or the prior is flat here.
@@ -65,24 +80,34 @@ impl Window {
         ground_z: f32,
         stops: &Stops,
         calibration: Option<Calibration>,
-        dilate_px: usize,
-        correlation: Correlation,
+        scope: Scope,
     ) -> Option<Self> {
         let profiles = evidence.profiles;
-        let mut rays = evidence.rays_around(building, dilate_px);
+        let top_z = ground_z + scope.up_to_m;
+        let low_enough = |&r: &u32| profiles.passes_below(r as usize, building, top_z);
+        let own_rays: Vec<u32> = evidence.rays_of(building).iter().copied().filter(low_enough).collect();
+        let mut rays = evidence.rays_around(&own_rays, scope.dilate_px);
         rays.retain(|&r| evidence.nearness[r as usize].is_finite() && profiles.rays[r as usize].ground.is_finite());
         let unmodelled = match calibration {
-            Some(calibration) => leave_out_unmodelled(evidence, building, stops, calibration, &mut rays),
+            Some(calibration) => leave_out_unmodelled(evidence, &own_rays, stops, calibration, &mut rays),
             None => 0.0,
         };
+        // What each ray sees without the building.
+        let mut depths = Vec::with_capacity(rays.len());
+        let mut own: Vec<(usize, u32)> = Vec::with_capacity(own_rays.len());
+        let mut is_own = within(&own_rays);
+        rays.retain(|&r| {
+            let (ray, is_own) = (r as usize, is_own(r));
+            let depth = if is_own { profiles.depth_without(ray, stops, building) } else { stops.depth(ray) };
+            let is_kept = depth >= profiles.rays[ray].ground || profiles.level(ray, depth) < top_z;
+            if is_kept {
+                own.extend(is_own.then_some((depths.len(), r)));
+                depths.push(depth);
+            }
+            is_kept
+        });
         if rays.len() < MIN_RAYS {
             return None;
-        }
-        let mut is_own = within(evidence.rays_of(building));
-        let own: Vec<(usize, u32)> = (0..).zip(rays.iter().copied()).filter(|&(_, r)| is_own(r)).collect();
-        let mut depths: Vec<f32> = rays.iter().map(|&r| stops.depth(r as usize)).collect();
-        for &(at, r) in &own {
-            depths[at] = profiles.depth_without(r as usize, stops, building);
         }
         let raw: Vec<f32> = rays.iter().map(|&r| evidence.nearness[r as usize]).collect();
         let [x, y] = [0, 1].map(|axis| centred_positions(evidence, &rays, axis));
@@ -121,7 +146,7 @@ impl Window {
             let value = f64::from(v[i]);
             [1.0, f64::from(x[i]), f64::from(y[i]), f64::from(p[i]), value].map(|k| value * k)
         });
-        let (p_ranks, p_rank_norm) = match correlation {
+        let (p_ranks, p_rank_norm) = match scope.correlation {
             Correlation::Linear => (Vec::new(), 0.0),
             Correlation::Rank => centred_ranks(&p),
         };
@@ -191,7 +216,7 @@ impl Window {
 /// against the open ground close by, so that a slow drift of the prior does no harm.
 fn leave_out_unmodelled(
     evidence: &Evidence<'_>,
-    building: u32,
+    own: &[u32],
     stops: &Stops,
     calibration: Calibration,
     rays: &mut Vec<u32>,
@@ -202,13 +227,13 @@ fn leave_out_unmodelled(
         let seen = calibration.inverse_depth(evidence.nearness[ray]).max(f32::MIN_POSITIVE).recip();
         f64::from((seen - stops.depth(ray)) * evidence.profiles.rays[ray].dz)
     };
-    let mut is_own = within(evidence.rays_of(building));
+    let mut is_own = within(own);
     let around: Vec<f64> = rays.iter().filter(|&&r| !is_own(r)).map(|&r| excess_m(r)).collect();
     let Some((level, sigma)) = far_side(&mut around.clone()) else { return 0.0 };
     let limit = level + (UNMODELLED_SIGMAS * sigma).max(UNMODELLED_M);
     let n_before = rays.len();
     // The building's own rays are left alone.
-    let (mut is_own, mut of_around) = (within(evidence.rays_of(building)), around.iter());
+    let (mut is_own, mut of_around) = (within(own), around.iter());
     rays.retain(|&r| is_own(r) || of_around.next().is_some_and(|excess| *excess <= limit));
     (n_before - rays.len()) as f32 / around.len() as f32
 }

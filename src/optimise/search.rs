@@ -13,8 +13,8 @@ use rayon::prelude::*;
 use super::calibrate::Calibration;
 use super::config::{CalibrationRays, SearchConfig};
 use super::evidence::Evidence;
-use super::roof::{self, Roof};
-use super::score::{Correlation, Window};
+use super::roof::{self, Roof, RoofView};
+use super::score::{Correlation, Scope, Window};
 use crate::render::PlacedCamera;
 use crate::render::profile::Stops;
 use crate::scene::{HeightBounds, Scene};
@@ -47,6 +47,20 @@ pub struct Finding {
     pub contrast: f64,
     /// The best height is an end of the full range.
     pub at_bound: bool,
+    /// The best height is an end of the tried stretch: the score has no peak there.
+    pub at_end: bool,
+}
+
+impl Scope {
+    /// All heights, with all that they could hide.
+    pub(super) fn whole(config: &SearchConfig, correlation: Correlation) -> Self {
+        Self { up_to_m: f32::INFINITY, dilate_px: config.dilate_px, correlation }
+    }
+
+    /// Heights up to one not far above the present.
+    fn near(up_to_m: f32, config: &SearchConfig, correlation: Correlation) -> Self {
+        Self { up_to_m, dilate_px: config.local_dilate_px, correlation }
+    }
 }
 
 /// The views of every building, as positions in the evidence.
@@ -87,25 +101,18 @@ impl<'a> SweepView<'a> {
     /// The score of each height of one building, as the local sweeps have it; empty where the view cannot tell.
     #[must_use]
     pub fn scores(&self, scene: &Scene, building: usize, heights_m: &[f32], config: &SearchConfig) -> Vec<f64> {
-        let Some(window) = self.window(scene, building, config.dilate_px, Correlation::Linear) else {
-            return Vec::new();
-        };
+        let highest_m = heights_m.iter().copied().fold(0.0, f32::max);
+        let scope = Scope::near(highest_m, config, Correlation::Linear);
+        let Some(window) = self.window(scene, building, scope) else { return Vec::new() };
         let weight = f64::from(config.local_agreement_weight + config.unmodelled_agreement_weight * window.unmodelled);
         let score = |h: &f32| window.score(*h, weight, Correlation::Linear);
         heights_m.iter().map(score).collect()
     }
 
     /// One building in this view; `None` if it has nothing to say.
-    pub(super) fn window(
-        &self,
-        scene: &Scene,
-        building: usize,
-        dilate_px: usize,
-        correlation: Correlation,
-    ) -> Option<Window> {
+    pub(super) fn window(&self, scene: &Scene, building: usize, scope: Scope) -> Option<Window> {
         let ground_z = scene.prisms[building].ground_z;
-        let building = building as u32;
-        Window::new(self.evidence, building, ground_z, &self.stops, self.calibration, dilate_px, correlation)
+        Window::new(self.evidence, building as u32, ground_z, &self.stops, self.calibration, scope)
     }
 }
 
@@ -124,21 +131,56 @@ pub fn sweep(
     config: &SearchConfig,
 ) -> Vec<Option<Finding>> {
     let find = |b: usize| {
-        let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());
-        let windows: Vec<Window> =
-            of_building.filter_map(|v| v.window(scene, b, config.dilate_px, correlation)).collect();
+        let look = |scope: Scope| {
+            let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());
+            let windows = of_building.filter_map(|v| v.window(scene, b, scope)).collect();
+            Looked::new(windows, range, correlation, config)
+        };
+        let whole = || look(Scope::whole(config, correlation));
+        let Range::Local { share } = range else {
+            return whole().map(|looked| full(scene.bounds, config, |h| looked.scores(h)));
+        };
+        let (low, high) = around(heights_m[b], share, scene.bounds, config);
+        let scan = |looked: &Looked| scan(low, high, config.n_fine, scene.bounds, |h| looked.scores(h));
+        // A score that still rises where the stretch ends would go on rising sweep by sweep, as over trees around a low
+        // block: then what the building could hide farther up has a say too.
+        let near = look(Scope::near(high, config, correlation)).map(|looked| scan(&looked));
+        near.filter(|finding| !finding.at_end).or_else(|| whole().map(|looked| scan(&looked)))
+    };
+    (0..scene.prisms.len()).into_par_iter().map(find).collect()
+}
+
+/// A building's views, made ready.
+struct Looked {
+    windows: Vec<Window>,
+    /// Of the agreement in each window.
+    weights: Vec<f64>,
+    correlation: Correlation,
+}
+
+impl Looked {
+    /// `None` without windows.
+    fn new(windows: Vec<Window>, range: Range, correlation: Correlation, config: &SearchConfig) -> Option<Self> {
         let agreement_weight = match range {
             Range::Full => config.agreement_weight,
             Range::Local { .. } => config.local_agreement_weight,
         };
         let weight_of = |w: &Window| f64::from(agreement_weight + config.unmodelled_agreement_weight * w.unmodelled);
-        let score = |h: f32| windows.iter().map(|w| w.score(h, weight_of(w), correlation)).collect::<Vec<f64>>();
-        (!windows.is_empty()).then(|| match range {
-            Range::Full => full(scene.bounds, config, score),
-            Range::Local { share } => local(scene.bounds, heights_m[b], share, config, score),
-        })
-    };
-    (0..scene.prisms.len()).into_par_iter().map(find).collect()
+        let weights = windows.iter().map(weight_of).collect();
+        (!windows.is_empty()).then_some(Self { windows, weights, correlation })
+    }
+
+    /// By view.
+    fn scores(&self, height_m: f32) -> Vec<f64> {
+        let score = |(w, weight): (&Window, &f64)| w.score(height_m, *weight, self.correlation);
+        self.windows.iter().zip(&self.weights).map(score).collect()
+    }
+}
+
+/// The stretch of heights that a local sweep tries, metres.
+fn around(at_m: f32, share: f32, bounds: HeightBounds, config: &SearchConfig) -> (f32, f32) {
+    let half_width = share * (config.local_half_width_m + config.local_half_width_share * at_m);
+    ((at_m - half_width).max(bounds.min_m), (at_m + half_width).min(bounds.max_m))
 }
 
 /// The pitched roof of every building around the height that the sweeps have found; `None` where a flat one is as good.
@@ -151,11 +193,13 @@ pub fn find_roofs(
     config: &SearchConfig,
 ) -> Vec<Option<Roof>> {
     let find = |b: usize| {
-        let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());
-        let windows: Vec<_> = of_building
-            .filter_map(|v| Some((v.window(scene, b, config.dilate_px, Correlation::Linear)?, v.placed, v.evidence)))
-            .collect();
-        roof::find(&scene.prisms[b], heights_m[b], config, &windows)
+        let seen = |scope: Scope| -> Vec<RoofView<'_>> {
+            let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());
+            of_building.filter_map(|v| Some((v.window(scene, b, scope)?, v.placed, v.evidence))).collect()
+        };
+        let near = seen(Scope::near(heights_m[b] + roof::REACH_M, config, Correlation::Linear));
+        let whole = || seen(Scope::whole(config, Correlation::Linear));
+        roof::find(&scene.prisms[b], heights_m[b], config, &near, whole)
     };
     (0..scene.prisms.len()).into_par_iter().map(find).collect()
 }
@@ -171,19 +215,6 @@ fn full(bounds: HeightBounds, config: &SearchConfig, score: impl Fn(f32) -> Vec<
     let fine = scan(low, high, config.n_fine, bounds, &score);
     let fall = totals.iter().copied().fold(f64::INFINITY, f64::min);
     Finding { contrast: (fine.score - fall / fine.n_views as f64).max(0.0), ..fine }
-}
-
-fn local(
-    bounds: HeightBounds,
-    at_m: f32,
-    share: f32,
-    config: &SearchConfig,
-    score: impl Fn(f32) -> Vec<f64>,
-) -> Finding {
-    let half_width = share * (config.local_half_width_m + config.local_half_width_share * at_m);
-    let low = (at_m - half_width).max(bounds.min_m);
-    let high = (at_m + half_width).min(bounds.max_m);
-    scan(low, high, config.n_fine, bounds, &score)
 }
 
 /// Evenly spaced heights, the best one refined by a parabola, its standard error by leaving one view out at a time.
@@ -205,7 +236,8 @@ fn scan(low: f32, high: f32, n: usize, bounds: HeightBounds, score: impl Fn(f32)
             f64::from(peak(&without))
         })
         .collect();
-    let best = totals[argmax(&totals)];
+    let at = argmax(&totals);
+    let best = totals[at];
     let least = totals.iter().copied().fold(f64::INFINITY, f64::min);
     let tolerance = 0.01 * (bounds.max_m - bounds.min_m).min(50.0);
     Finding {
@@ -215,6 +247,7 @@ fn scan(low: f32, high: f32, n: usize, bounds: HeightBounds, score: impl Fn(f32)
         sigma_m: jackknife_sigma(&leave_one_out),
         contrast: (best - least) / n_views as f64,
         at_bound: height_m - bounds.min_m < 0.2 * tolerance || bounds.max_m - height_m < tolerance,
+        at_end: at == 0 || at == n - 1,
     }
 }
 

@@ -184,6 +184,20 @@ impl Profiles {
         Stops { of_crossings, depths }
     }
 
+    /// Level at a z-depth along a ray, local frame, metres.
+    #[must_use]
+    pub fn level(&self, ray_idx: usize, depth: f32) -> f32 {
+        self.eye_z + depth * self.rays[ray_idx].dz
+    }
+
+    /// Whether a ray comes below a level, local frame, within a building's outline.
+    #[must_use]
+    pub fn passes_below(&self, ray_idx: usize, building: u32, z: f32) -> bool {
+        let is_below = |depth: f32| self.level(ray_idx, depth) < z;
+        let over_building = self.crossings(ray_idx).iter().filter(|c| c.building == building);
+        over_building.into_iter().any(|c| is_below(c.enter) || is_below(c.leave))
+    }
+
     /// z-depth along a ray when one building is not there.
     #[must_use]
     pub fn depth_without(&self, ray_idx: usize, stops: &Stops, absent: u32) -> f32 {

@@ -105,6 +105,40 @@ fn robust_finds_heights_from_an_exact_prior() {
     assert!(errors.iter().all(|e| *e < 0.8), "{errors:.2?}");
 }
 
+/// What is far taller varies far more in depth: errors of the prior there would outweigh all that a low roof changes.
+#[test]
+fn wrong_relief_of_towers_leaves_a_pavilion_beside_them_alone() {
+    let mut block = block();
+    let is_low = |b: usize| b == 5;
+    for (b, truth_m) in block.truth_m.iter_mut().enumerate() {
+        *truth_m = if is_low(b) { 4.0 } else { 30.0 };
+    }
+    let tracer = SceneTracer::new(&block.scene, &block.truth_m);
+    let bare = SceneTracer::new(&block.scene, &vec![0.0; block.truth_m.len()]);
+    let prior = |(v, view): (usize, &ViewInput)| {
+        let [seen, ground] = [&tracer, &bare].map(|tracer| tracer.render(&view.placed));
+        let gain = [0.7, 1.2, 0.8, 1.1, 0.9][v % 5];
+        let mut values = seen.depth.clone();
+        for (i, depth) in values.data_mut().iter_mut().enumerate() {
+            if seen.face.data()[i].building().is_some_and(|b| !is_low(b.at())) {
+                let far = ground.depth.data()[i].recip();
+                *depth = (far + gain * (depth.recip() - far)).recip();
+            }
+        }
+        DepthPrior { values, kind: PriorKind::Depth, geometry: PriorGeometry::ZDepth }
+    };
+    let priors: Vec<DepthPrior> = block.views.iter().enumerate().map(prior).collect();
+    let error_after = |local_sweeps: usize| {
+        let mut config = small(Preset::Robust);
+        (config.search.local_sweeps, config.search.pitched_roofs) = (local_sweeps, false);
+        block.errors(&block.solve(&priors, &config)).into_iter().enumerate().find(|(b, _)| is_low(*b)).unwrap().1
+    };
+    // The full sweeps have to look at all that a tower in its place would hide.
+    let (full, local) = (error_after(0), error_after(3));
+    println!("off by {full:.2} m after the full sweeps, {local:.2} m after the local ones");
+    assert!(local < 0.5 && local < 0.7 * full, "{local} {full}");
+}
+
 #[test]
 fn ranks_need_only_the_order_of_the_prior() {
     let block = block();
