@@ -288,9 +288,7 @@ struct Looked<'a> {
 impl<'a> Looked<'a> {
     fn new(views: &'a [RoofView<'a>], shapes: &[Shape<'_>], ground_z: f32, flat_m: f32, config: &SearchConfig) -> Self {
         let sampled = |(w, placed, evidence): &RoofView<'_>| Sampled::new(w, placed, evidence, shapes, ground_z);
-        let weight = |(w, ..): &RoofView<'_>| {
-            f64::from(config.local_agreement_weight + config.unmodelled_agreement_weight * w.unmodelled)
-        };
+        let weight = |(w, ..): &RoofView<'_>| w.agreement_weight(config.local_agreement_weight, config);
         Self {
             views,
             sampled: views.iter().map(sampled).collect(),

@@ -11,6 +11,7 @@
 //! the building does not depend on `h`, so a height costs one pass over the building's own rays.
 
 use super::calibrate::Calibration;
+use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::stretches::{Lanes, Stretch, Stretches, Sums};
 use crate::render::profile::Stops;
@@ -151,6 +152,11 @@ impl Window {
             Correlation::Rank => centred_ranks(&p),
         };
         Some(Self { stretches, rays, x, y, v, p_ranks, p_rank_norm, gram_inverse, p_norm_squared, base, unmodelled })
+    }
+
+    /// The weight of the agreement here, where it has `weight` among surroundings that the scene knows.
+    pub(super) fn agreement_weight(&self, weight: f32, config: &SearchConfig) -> f64 {
+        f64::from(weight + config.unmodelled_agreement_weight * self.unmodelled)
     }
 
     /// ρ and weighted agreement for one height above ground, metres; ρ is 0 where the view cannot tell.

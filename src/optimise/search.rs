@@ -98,13 +98,14 @@ impl<'a> SweepView<'a> {
         Self { placed, evidence, stops, calibration }
     }
 
-    /// The score of each height of one building, as the local sweeps have it; empty where the view cannot tell.
+    /// The score of each height of one building, as a local sweep up to the highest of them has it; empty where the view
+    /// cannot tell.
     #[must_use]
     pub fn scores(&self, scene: &Scene, building: usize, heights_m: &[f32], config: &SearchConfig) -> Vec<f64> {
         let highest_m = heights_m.iter().copied().fold(0.0, f32::max);
         let scope = Scope::near(highest_m, config, Correlation::Linear);
         let Some(window) = self.window(scene, building, scope) else { return Vec::new() };
-        let weight = f64::from(config.local_agreement_weight + config.unmodelled_agreement_weight * window.unmodelled);
+        let weight = window.agreement_weight(config.local_agreement_weight, config);
         let score = |h: &f32| window.score(*h, weight, Correlation::Linear);
         heights_m.iter().map(score).collect()
     }
@@ -165,8 +166,7 @@ impl Looked {
             Range::Full => config.agreement_weight,
             Range::Local { .. } => config.local_agreement_weight,
         };
-        let weight_of = |w: &Window| f64::from(agreement_weight + config.unmodelled_agreement_weight * w.unmodelled);
-        let weights = windows.iter().map(weight_of).collect();
+        let weights = windows.iter().map(|w| w.agreement_weight(agreement_weight, config)).collect();
         (!windows.is_empty()).then_some(Self { windows, weights, correlation })
     }
 

@@ -109,9 +109,9 @@ fn robust_finds_heights_from_an_exact_prior() {
 #[test]
 fn wrong_relief_of_towers_leaves_a_pavilion_beside_them_alone() {
     let mut block = block();
-    let is_low = |b: usize| b == 5;
+    let low = 5;
     for (b, truth_m) in block.truth_m.iter_mut().enumerate() {
-        *truth_m = if is_low(b) { 4.0 } else { 30.0 };
+        *truth_m = if b == low { 4.0 } else { 30.0 };
     }
     let tracer = SceneTracer::new(&block.scene, &block.truth_m);
     let bare = SceneTracer::new(&block.scene, &vec![0.0; block.truth_m.len()]);
@@ -120,7 +120,7 @@ fn wrong_relief_of_towers_leaves_a_pavilion_beside_them_alone() {
         let gain = [0.7, 1.2, 0.8, 1.1, 0.9][v % 5];
         let mut values = seen.depth.clone();
         for (i, depth) in values.data_mut().iter_mut().enumerate() {
-            if seen.face.data()[i].building().is_some_and(|b| !is_low(b.at())) {
+            if seen.face.data()[i].building().is_some_and(|b| b.at() != low) {
                 let far = ground.depth.data()[i].recip();
                 *depth = (far + gain * (depth.recip() - far)).recip();
             }
@@ -131,7 +131,7 @@ fn wrong_relief_of_towers_leaves_a_pavilion_beside_them_alone() {
     let error_after = |local_sweeps: usize| {
         let mut config = small(Preset::Robust);
         (config.search.local_sweeps, config.search.pitched_roofs) = (local_sweeps, false);
-        block.errors(&block.solve(&priors, &config)).into_iter().enumerate().find(|(b, _)| is_low(*b)).unwrap().1
+        block.errors(&block.solve(&priors, &config))[low]
     };
     // The full sweeps have to look at all that a tower in its place would hide.
     let (full, local) = (error_after(0), error_after(3));
