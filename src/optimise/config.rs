@@ -190,8 +190,10 @@ pub struct SearchConfig {
     pub take_back_spill: bool,
     /// Whether outlines that hold two roof levels (a tower on its podium) are taken apart, after the full sweeps.
     pub split_levels: bool,
-    /// Whether pitched roofs are looked for after the sweeps; otherwise all are flat.
+    /// Whether pitched roofs are looked for after the sweeps.
     pub pitched_roofs: bool,
+    /// Whether roofs with a step (a penthouse, a terrace) are looked for after the sweeps. Without either, all are flat.
+    pub stepped_roofs: bool,
     /// Log-spaced heights tried in a full sweep.
     pub n_coarse: usize,
     /// Evenly spaced heights tried around the best one.
@@ -229,6 +231,7 @@ impl Default for SearchConfig {
             take_back_spill: true,
             split_levels: true,
             pitched_roofs: true,
+            stepped_roofs: true,
             n_coarse: 48,
             n_fine: 17,
             local_half_width_m: 6.0,

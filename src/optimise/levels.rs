@@ -1,26 +1,17 @@
 //! Outlines that hold two roof levels (a tower on its podium, a hall beside its office): no single height fits them.
 //!
-//! ```text
-//! z(x, y) = ground + inner   inside of a rectangle along the axes of the outline's smallest rectangle
-//!         = ground + outer   elsewhere
-//! ```
-//!
-//! The six numbers are searched for by the same score as a height: how well the rendered depth agrees with the prior, over
-//! all views of the building. Only the *plan* of the two parts is taken from here, if they are clear, large and well
-//! apart: their heights are then searched as any other's.
+//! Two levels are searched for in all views of the building ([`super::two_levels`]). Only the *plan* of the two parts is
+//! taken from here, if they are clear, large and well apart: their heights are then searched as any other's.
 
-use glam::{Mat2, Vec2};
+use glam::Vec2;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::config::SearchConfig;
-use super::evidence::Evidence;
-use super::roof::{is_clear, smallest_rectangle};
-use super::score::{Correlation, Scope, Window};
+use super::roof::{RoofView, is_clear};
+use super::score::{Correlation, Scope};
 use super::search::{SweepView, SweepViews, ViewsOf};
-use super::stretches::{LANES, Lanes};
-use crate::ray::Ray;
-use crate::render::PlacedCamera;
+use super::two_levels::{Limits, Plan, SeenIn, Step, TwoLevels};
 use crate::scene::{HeightBounds, Prism, Scene};
 use crate::views::{corners_inside, in_turn};
 
@@ -49,18 +40,17 @@ const DOUBTFUL_SCORE: f64 = 0.9;
 const NEAR_M: f32 = 100.0;
 /// Heights tried for one level, log-spaced over the whole range.
 const N_HEIGHTS: usize = 24;
-/// Middles and sizes of the first rectangles, as shares of the outline's sides.
-const FIRST_MIDDLES: [f32; 3] = [0.25, 0.5, 0.75];
-const FIRST_SIZE: f32 = 0.5;
-/// First heights of the two levels, as shares of the height that one level gets.
-const FIRST_SHARES: [[f32; 2]; 6] = [[0.1, 1.0], [0.25, 1.0], [0.5, 1.3], [1.0, 2.5], [1.0, 6.0], [1.0, 0.4]];
-/// Steps of the rectangle's sides as a share of the outline's, for the followed guesses and for the best of them.
-const COARSE_STEPS: [f32; 3] = [0.2, 0.1, 0.05];
-const FINE_STEPS: [f32; 4] = [0.05, 0.025, 0.0125, 0.006];
-/// Steps of the heights as a share of them, for each share of a side.
-const HEIGHT_STEP: f32 = 1.25;
+/// First heights of the inner and the outer level, as shares of the height that one level gets.
+const FIRST_SHARES: [[f32; 2]; 6] = [[1.0, 0.1], [1.0, 0.25], [1.3, 0.5], [2.5, 1.0], [6.0, 1.0], [0.4, 1.0]];
+/// Steps of the search, for the followed guesses and for the best of them.
+const COARSE_STEPS: [Step; 3] = [step(0.2), step(0.1), step(0.05)];
+const FINE_STEPS: [Step; 4] = [step(0.05), step(0.025), step(0.0125), step(0.006)];
 /// A side of the rectangle as near as this to the outline's own is the outline's, metres.
 const SNAP_M: f32 = 2.5;
+
+const fn step(side_share: f32) -> Step {
+    Step { side_share, height_m: 0.0, height_share: 1.25 * side_share }
+}
 
 /// A part of an outline that stands at another level than the rest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -109,21 +99,16 @@ pub(super) fn find(
         // A tall roof as large as the outline leaves most images: what stands below it may be seen in them still.
         let at_foot = (views_of[building].len() < MIN_VIEWS).then(|| views_of_foot(scene, views, building, config));
         let of_building = at_foot.as_ref().unwrap_or(&views_of[building]).iter();
-        let plan = Plan::new(prism, scene.bounds);
-        let seen: Vec<SeenIn> = of_building
+        let plan = Plan::new(prism, Limits { heights: scene.bounds, side_m: MIN_SIDE_M });
+        let views: Vec<RoofView<'_>> = of_building
             .filter_map(|&v| views[v].as_ref())
-            .filter_map(|v| {
-                let window = v.window(scene, building, Scope::whole(config, Correlation::Linear))?;
-                Some(SeenIn::new(window, v.placed, v.evidence, &plan))
-            })
+            .filter_map(|v| v.roof_view(scene, building, Scope::whole(config, Correlation::Linear), config))
             .collect();
+        let seen: Vec<SeenIn<'_>> = views.iter().map(|view| SeenIn::new(view, 0.0, &plan)).collect();
+        let one = OneLevel { height_m: heights_m[building], bounds: scene.bounds };
         let below_score = if is_known(building) { DOUBTFUL_SCORE } else { 1.0 };
-        let levels = plan.other_level(&seen, heights_m[building], below_score)?;
-        Some(OtherLevel {
-            building,
-            corners: plan.corners(&levels),
-            gain: plan.gain(&seen, &levels, heights_m[building]),
-        })
+        let levels = other_level(&plan, &seen, one, below_score)?;
+        Some(OtherLevel { building, corners: corners(&plan, &levels), gain: gain(&seen, &levels, one) })
     };
     (0..scene.prisms.len()).into_par_iter().filter_map(of_building).collect()
 }
@@ -141,270 +126,81 @@ fn views_of_foot(scene: &Scene, views: SweepViews<'_>, building: usize, config: 
     in_turn(ranked, config.max_views_per_building)
 }
 
-/// Ways of rays over the outline, along the plan's axes, side by side.
+/// Where one level for the whole outline is looked for.
 #[derive(Debug, Clone, Copy)]
-struct Ways {
-    /// Position at z-depth 0, and z-depth per metre along the axis.
-    from: [Lanes; 2],
-    per_metre: [Lanes; 2],
-    /// Height above the building's ground at z-depth 0, and z-depth per metre of it.
-    above_m: Lanes,
-    per_metre_up: Lanes,
-    enter: Lanes,
-    leave: Lanes,
-}
-
-impl Ways {
-    /// Lanes that stop no ray.
-    const EMPTY: Self = Self {
-        from: [Lanes::ZERO; 2],
-        per_metre: [Lanes::ONE; 2],
-        above_m: Lanes::ZERO,
-        per_metre_up: Lanes::new([-1.0; LANES]),
-        enter: Lanes::ONE,
-        leave: Lanes::ZERO,
-    };
-
-    fn set(&mut self, lane: usize, ray: &Ray, plan: &Plan<'_>, (enter, leave): (f32, f32)) {
-        let (from, along) = (plan.axes * ray.origin.truncate(), plan.axes * ray.direction.truncate());
-        let set = |lanes: &mut Lanes, value: f32| lanes.as_mut_array()[lane] = value;
-        for axis in 0..2 {
-            set(&mut self.from[axis], from[axis]);
-            set(&mut self.per_metre[axis], along[axis].recip());
-        }
-        set(&mut self.above_m, ray.origin.z - plan.prism.ground_z);
-        set(&mut self.per_metre_up, ray.direction.z.recip());
-        set(&mut self.enter, enter);
-        set(&mut self.leave, leave);
-    }
-
-    /// z-depths at which the rays meet the two levels; `+∞` where they pass over.
-    fn meets(&self, levels: &TwoLevels) -> Lanes {
-        let (enter, leave) = (self.enter, self.leave);
-        // Where the ray enters and leaves the rectangle, within its way over the outline.
-        let (mut within, mut beyond) = (enter, leave);
-        for axis in 0..2 {
-            let a = (Lanes::splat(levels.low[axis]) - self.from[axis]) * self.per_metre[axis];
-            let b = (Lanes::splat(levels.high[axis]) - self.from[axis]) * self.per_metre[axis];
-            within = within.fast_max(a.fast_min(b));
-            beyond = beyond.fast_min(a.fast_max(b));
-        }
-        let misses = within.simd_ge(beyond);
-        within = misses.bitselect(leave, within);
-        beyond = misses.bitselect(leave, beyond);
-        let inner = (Lanes::splat(levels.inner_m) - self.above_m) * self.per_metre_up;
-        let outer = (Lanes::splat(levels.outer_m) - self.above_m) * self.per_metre_up;
-        // From behind: what stops it later counts only where nothing does before.
-        let mut depth = Lanes::splat(f32::INFINITY);
-        for (start, end, roof) in [(beyond, leave, outer), (within, beyond, inner), (enter, within, outer)] {
-            depth = (end.simd_gt(start) & roof.simd_lt(end)).bitselect(roof.fast_max(start), depth);
-        }
-        depth
-    }
-}
-
-/// The building in one view.
-struct SeenIn {
-    window: Window,
-    ways: Vec<Ways>,
-}
-
-impl SeenIn {
-    fn new(window: Window, placed: &PlacedCamera, evidence: &Evidence<'_>, plan: &Plan<'_>) -> Self {
-        let mut ways = Vec::new();
-        for (i, (ray, enter, leave)) in window.own_stretches().enumerate() {
-            if i % LANES == 0 {
-                ways.push(Ways::EMPTY);
-            }
-            ways[i / LANES].set(i % LANES, &evidence.ray(placed, ray), plan, (enter, leave));
-        }
-        Self { window, ways }
-    }
-
-    fn score(&self, levels: &TwoLevels) -> f64 {
-        self.window.score_where(0.0, levels.outer_m, |depths| {
-            self.ways.iter().zip(depths).for_each(|(ways, depth)| *depth = ways.meets(levels));
-        })
-    }
-}
-
-/// A rectangle at one level, everything else at another. Metres; the rectangle along the plan's axes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct TwoLevels {
-    low: Vec2,
-    high: Vec2,
-    inner_m: f32,
-    outer_m: f32,
-}
-
-/// An outline along the axes of its smallest rectangle.
-struct Plan<'a> {
-    prism: &'a Prism,
+struct OneLevel {
+    /// What the search has found, metres.
+    height_m: f32,
     bounds: HeightBounds,
-    axes: Mat2,
-    low: Vec2,
-    high: Vec2,
 }
 
-impl<'a> Plan<'a> {
-    fn new(prism: &'a Prism, bounds: HeightBounds) -> Self {
-        let (axes, low, high) = smallest_rectangle(prism);
-        Self { prism, bounds, axes, low, high }
-    }
-
-    /// The part at another level than the rest; `None` where one level is as good, or scores no less than `below_score`.
-    fn other_level(&self, seen: &[SeenIn], height_m: f32, below_score: f64) -> Option<TwoLevels> {
-        if seen.len() < MIN_VIEWS {
-            return None;
-        }
-        let every = seen.len().div_ceil(N_FIRST_VIEWS);
-        let first: Vec<&SeenIn> = seen.iter().step_by(every).collect();
-        let one_level = self.best_level(&first, height_m);
-        let flat: Vec<f64> = seen.iter().map(|s| s.window.score(one_level, 0.0, Correlation::Linear)).collect();
-        // No score is better than 1: where one level almost has it, two cannot be clearly better.
-        let mean = flat.iter().sum::<f64>() / flat.len() as f64;
-        if mean >= below_score.min(1.0 - MIN_GAIN) {
-            return None;
-        }
-        let total = |seen: &[&SeenIn], levels: &TwoLevels| seen.iter().map(|s| s.score(levels)).sum::<f64>();
-        let mut guesses: Vec<(f64, TwoLevels)> =
-            self.guesses(height_m).map(|guess| (total(&first, &guess), guess)).collect();
-        guesses.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let (score, best) = guesses
-            .into_iter()
-            .take(N_FOLLOWED)
-            .map(|(score, guess)| self.climb(&first, guess, score, &COARSE_STEPS))
-            .max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let first_flat: f64 = flat.iter().step_by(every).sum();
-        if !self.is_part(&best) || score - first_flat < 0.5 * MIN_GAIN * first.len() as f64 {
-            return None;
-        }
-        let all: Vec<&SeenIn> = seen.iter().collect();
-        let (_, best) = self.climb(&all, best, total(&all, &best), &FINE_STEPS);
-        let gains: Vec<f64> = seen.iter().zip(flat).map(|(s, flat)| s.score(&best) - flat).collect();
-        (self.is_part(&best) && is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS)).then_some(best)
-    }
-
-    /// Both explanations side by side.
-    fn gain(&self, seen: &[SeenIn], levels: &TwoLevels, height_m: f32) -> LevelGain {
-        let mean = |score: &dyn Fn(&SeenIn) -> f64| seen.iter().map(score).sum::<f64>() / seen.len().max(1) as f64;
-        let mut heights: Vec<f32> = self.tried_heights().chain([height_m, levels.inner_m, levels.outer_m]).collect();
-        heights.sort_by(f32::total_cmp);
-        LevelGain {
-            heights_m: [levels.inner_m, levels.outer_m],
-            two: mean(&|s| s.score(levels)),
-            one: heights.into_iter().map(|h| (h, mean(&|s| s.window.score(h, 0.0, Correlation::Linear)))).collect(),
-            n_views: seen.len(),
-        }
-    }
-
+impl OneLevel {
     /// Heights over the whole range, log-spaced.
-    fn tried_heights(&self) -> impl Iterator<Item = f32> + use<> {
+    fn tried(self) -> impl Iterator<Item = f32> {
         let HeightBounds { min_m, max_m } = self.bounds;
         (0..N_HEIGHTS).map(move |i| min_m * (max_m / min_m).powf(i as f32 / (N_HEIGHTS - 1) as f32))
     }
 
-    /// The one level that explains most.
-    fn best_level(&self, seen: &[&SeenIn], height_m: f32) -> f32 {
-        let total = |h: f32| seen.iter().map(|s| s.window.score(h, 0.0, Correlation::Linear)).sum::<f64>();
-        let scored = std::iter::once(height_m).chain(self.tried_heights()).map(|h| (total(h), h));
-        scored.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(height_m, |(_, h)| h)
-    }
-
-    fn guesses(&self, height_m: f32) -> impl Iterator<Item = TwoLevels> + '_ {
-        let size = self.high - self.low;
-        let middles = FIRST_MIDDLES.into_iter().flat_map(|x| FIRST_MIDDLES.into_iter().map(move |y| Vec2::new(x, y)));
-        middles.flat_map(move |middle| {
-            FIRST_SHARES.into_iter().map(move |[outer, inner]| {
-                let (middle, half) = (self.low + middle * size, 0.5 * FIRST_SIZE * size);
-                self.within(TwoLevels {
-                    low: middle - half,
-                    high: middle + half,
-                    inner_m: inner * height_m,
-                    outer_m: outer * height_m,
-                })
-            })
-        })
-    }
-
-    fn within(&self, levels: TwoLevels) -> TwoLevels {
-        let in_bounds = |h: f32| h.clamp(self.bounds.min_m, self.bounds.max_m);
-        TwoLevels {
-            low: levels.low.max(self.low),
-            high: levels.high.min(self.high),
-            inner_m: in_bounds(levels.inner_m),
-            outer_m: in_bounds(levels.outer_m),
-        }
-    }
-
-    /// Pattern search: the sides, the place and the levels, with each step until none helps.
-    fn climb(&self, seen: &[&SeenIn], start: TwoLevels, score: f64, steps: &[f32]) -> (f64, TwoLevels) {
-        let (mut best, mut at) = (score, start);
-        for &share in steps {
-            loop {
-                let before = best;
-                for step in moves() {
-                    let moved = self.moved(&at, step, share);
-                    if (moved.high - moved.low).min_element() < MIN_SIDE_M {
-                        continue;
-                    }
-                    let score = seen.iter().map(|s| s.score(&moved)).sum();
-                    if score > best {
-                        (best, at) = (score, moved);
-                    }
-                }
-                if best <= before {
-                    break;
-                }
-            }
-        }
-        (best, at)
-    }
-
-    fn moved(&self, at: &TwoLevels, (low, high, inner, outer): Move, share: f32) -> TwoLevels {
-        let step = share * (self.high - self.low);
-        self.within(TwoLevels {
-            low: at.low + low * step,
-            high: at.high + high * step,
-            inner_m: at.inner_m * (1.0 + inner * share * HEIGHT_STEP),
-            outer_m: at.outer_m * (1.0 + outer * share * HEIGHT_STEP),
-        })
-    }
-
-    /// Whether both parts are large, and well apart.
-    fn is_part(&self, levels: &TwoLevels) -> bool {
-        let inner_m2 = (levels.high - levels.low).element_product();
-        let outline_m2 = self.prism.area_m2();
-        let least_m2 = MIN_PART_M2.max(MIN_PART_SHARE * outline_m2);
-        let (lower, upper) = (levels.inner_m.min(levels.outer_m), levels.inner_m.max(levels.outer_m));
-        inner_m2 >= least_m2
-            && outline_m2 - inner_m2 >= least_m2
-            && upper - lower >= MIN_STEP_M.max(MIN_STEP_SHARE * upper)
-    }
-
-    fn corners(&self, levels: &TwoLevels) -> [[f64; 2]; 4] {
-        // Beyond the outline where it comes close to it, so that no slivers stay.
-        let low = Vec2::select((levels.low - self.low).cmplt(Vec2::splat(SNAP_M)), self.low - SNAP_M, levels.low);
-        let high = Vec2::select((self.high - levels.high).cmplt(Vec2::splat(SNAP_M)), self.high + SNAP_M, levels.high);
-        [low, Vec2::new(high.x, low.y), high, Vec2::new(low.x, high.y)]
-            .map(|corner| (self.axes.transpose() * corner).as_dvec2().to_array())
+    /// The height that explains most.
+    fn best_m(self, seen: &[&SeenIn<'_>]) -> f32 {
+        let total = |h: f32| seen.iter().map(|s| s.one_level(h)).sum::<f64>();
+        let scored = std::iter::once(self.height_m).chain(self.tried()).map(|h| (total(h), h));
+        scored.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(self.height_m, |(_, h)| h)
     }
 }
 
-/// Directions of the rectangle's low and high corner, and of the inner and outer level.
-type Move = (Vec2, Vec2, f32, f32);
+/// The part at another level than the rest; `None` where one level is as good, or scores no less than `below_score`.
+fn other_level(plan: &Plan<'_>, seen: &[SeenIn<'_>], one: OneLevel, below_score: f64) -> Option<TwoLevels> {
+    if seen.len() < MIN_VIEWS {
+        return None;
+    }
+    let every = seen.len().div_ceil(N_FIRST_VIEWS);
+    let first: Vec<&SeenIn<'_>> = seen.iter().step_by(every).collect();
+    let one_level = one.best_m(&first);
+    let flat: Vec<f64> = seen.iter().map(|s| s.one_level(one_level)).collect();
+    // No score is better than 1: where one level almost has it, two cannot be clearly better.
+    let mean = flat.iter().sum::<f64>() / flat.len() as f64;
+    if mean >= below_score.min(1.0 - MIN_GAIN) {
+        return None;
+    }
+    let pairs_m = FIRST_SHARES.map(|pair| pair.map(|share| share * one.height_m));
+    let (score, best) = plan.best_of(plan.guesses(&pairs_m), N_FOLLOWED, &first, &COARSE_STEPS)?;
+    let first_flat: f64 = flat.iter().step_by(every).sum();
+    if !is_part(plan.prism, &best) || score - first_flat < 0.5 * MIN_GAIN * first.len() as f64 {
+        return None;
+    }
+    let all: Vec<&SeenIn<'_>> = seen.iter().collect();
+    let (_, best) = plan.climb(&all, best, &FINE_STEPS);
+    let gains: Vec<f64> = seen.iter().zip(flat).map(|(s, flat)| s.two_levels(&best) - flat).collect();
+    (is_part(plan.prism, &best) && is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS)).then_some(best)
+}
 
-fn moves() -> impl Iterator<Item = Move> {
-    let (x, y, no) = (Vec2::X, Vec2::Y, Vec2::ZERO);
-    let one_way = [
-        (no, no, 1.0, 0.0),
-        (no, no, 0.0, 1.0),
-        (x, no, 0.0, 0.0),
-        (no, x, 0.0, 0.0),
-        (y, no, 0.0, 0.0),
-        (no, y, 0.0, 0.0),
-        (x, x, 0.0, 0.0),
-        (y, y, 0.0, 0.0),
-    ];
-    one_way.into_iter().flat_map(|(low, high, inner, outer)| [(low, high, inner, outer), (-low, -high, -inner, -outer)])
+/// Both explanations side by side.
+fn gain(seen: &[SeenIn<'_>], levels: &TwoLevels, one: OneLevel) -> LevelGain {
+    let mean = |score: &dyn Fn(&SeenIn<'_>) -> f64| seen.iter().map(score).sum::<f64>() / seen.len().max(1) as f64;
+    let mut heights: Vec<f32> = one.tried().chain([one.height_m, levels.inner_m, levels.outer_m]).collect();
+    heights.sort_by(f32::total_cmp);
+    LevelGain {
+        heights_m: [levels.inner_m, levels.outer_m],
+        two: mean(&|s| s.two_levels(levels)),
+        one: heights.into_iter().map(|h| (h, mean(&|s| s.one_level(h)))).collect(),
+        n_views: seen.len(),
+    }
+}
+
+/// Whether both parts are large, and well apart.
+fn is_part(prism: &Prism, levels: &TwoLevels) -> bool {
+    let inner_m2 = (levels.high - levels.low).element_product();
+    let outline_m2 = prism.area_m2();
+    let least_m2 = MIN_PART_M2.max(MIN_PART_SHARE * outline_m2);
+    inner_m2 >= least_m2
+        && outline_m2 - inner_m2 >= least_m2
+        && levels.upper_m() - levels.lower_m() >= MIN_STEP_M.max(MIN_STEP_SHARE * levels.upper_m())
+}
+
+/// The rectangle's; beyond the outline where it comes close to it, so that no slivers stay.
+fn corners(plan: &Plan<'_>, levels: &TwoLevels) -> [[f64; 2]; 4] {
+    let low = Vec2::select((levels.low - plan.low).cmplt(Vec2::splat(SNAP_M)), plan.low - SNAP_M, levels.low);
+    let high = Vec2::select((plan.high - levels.high).cmplt(Vec2::splat(SNAP_M)), plan.high + SNAP_M, levels.high);
+    plan.corners(low, high)
 }

@@ -1,46 +1,25 @@
-//! Pitched roofs: does one of a few simple forms explain the priors better than a flat roof, and how steep is it?
+//! The form of a roof: does another one explain the priors better than a flat one?
 //!
-//! ```text
-//! z(x, y) = ground + eave + rise · t(x, y),     t in 0..1, mean t̄ over the footprint
-//! hip     t = distance to the outline / greatest distance
-//! gable   t = 1 − |v| / half width,  v across one of the two axes of the smallest rectangle around the outline
-//! height  eave + t̄ · rise   (the area mean)
-//! ```
-//!
-//! A flat block that fits a pitched roof's depth edges ends a third of the way from eave to ridge, which is not a height
-//! that anybody means. The forms are tried after the search has settled, with the neighbours flat as they are.
+//! The forms ([`super::pitched`], [`super::stepped`]) are tried after the search has settled, with the neighbours flat as they
+//! are. Of those that are clearly better than a flat roof, the one that explains most is taken.
 
-use glam::{Mat2, Vec2, Vec3};
+use std::cell::LazyCell;
+
+use glam::{DVec2, Mat2, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::config::SearchConfig;
 use super::evidence::Evidence;
+use super::pitched::{self, Shape};
 use super::score::{Correlation, Window};
-use super::stretches::{LANES, Lanes};
-use crate::ray::Ray;
+use super::stepped;
 use crate::render::PlacedCamera;
-use crate::scene::{HeightReference, Prism, RoofForm};
+use crate::scene::{HeightBounds, HeightReference, Prism, RoofForm};
 
-/// Samples along a ray's way over the footprint.
-const N_SAMPLES: usize = 8;
-/// Points per side of the grid that means and greatest distances are taken over.
-const GRID: usize = 24;
-/// Steepest pitch tried: rise over run.
-const STEEPEST: f32 = 1.4;
-/// Tallest roof above its eave, metres: more is a tower under an outline that is not its own.
-const TALLEST_M: f32 = 8.0;
 /// Highest point of a tried roof above the height that the search has found, at most, metres.
-pub(super) const REACH_M: f32 = TALLEST_M + 2.0;
+pub(super) const REACH_M: f32 = pitched::TALLEST_M + 2.0;
 /// A roof whose mean is farther than this from the flat height has to be better in whole windows too, metres.
-const FAR_M: f32 = 2.0;
-/// Rises tried besides 0, between nothing and the steepest.
-const N_RISES: usize = 5;
-/// Eaves tried for each rise.
-const N_EAVES: usize = 9;
-/// A pitched roof is believed if its score beats the flat one's by so many standard errors over views, ...
-const MIN_STANDARD_ERRORS: f64 = 0.7;
-/// ... and by so much per view.
-const MIN_GAIN: f64 = 0.0005;
+const FAR_M: f64 = 2.0;
 /// Fewer views cannot tell a form.
 const MIN_VIEWS: usize = 4;
 
@@ -55,13 +34,37 @@ pub struct Roof {
     pub ridge_m: f64,
     /// Area mean above the building's ground, metres.
     pub mean_m: f64,
+    /// The plan of a stepped one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub terrace: Option<Terrace>,
+}
+
+/// A rectangle at one of the two levels of a stepped roof.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Terrace {
+    /// Its corners, local frame, metres, counter-clockwise; it may reach beyond the outline.
+    pub corners: [[f64; 2]; 4],
+    /// Whether it is the upper level.
+    pub is_upper: bool,
+}
+
+impl Terrace {
+    /// How far inside its nearest side a point lies, metres; negative outside.
+    fn depth_m(&self, point: Vec2) -> f32 {
+        let corner = |i: usize| DVec2::from_array(self.corners[i % 4]).as_vec2();
+        let from_side = |i: usize| {
+            let along = (corner(i + 1) - corner(i)).normalize_or_zero();
+            along.perp_dot(point - corner(i))
+        };
+        (0..4).map(from_side).fold(f32::INFINITY, f32::min)
+    }
 }
 
 impl Roof {
     /// A flat one.
     #[must_use]
     pub fn flat(height_m: f64) -> Self {
-        Self { form: RoofForm::Flat, eave_m: height_m, ridge_m: height_m, mean_m: height_m }
+        Self { form: RoofForm::Flat, eave_m: height_m, ridge_m: height_m, mean_m: height_m, terrace: None }
     }
 
     /// Which of its heights is meant, metres.
@@ -77,16 +80,16 @@ impl Roof {
     /// The same roof higher up.
     #[must_use]
     pub fn raised(self, by_m: f64) -> Self {
-        let Self { form, eave_m, ridge_m, mean_m } = self;
-        Self { form, eave_m: eave_m + by_m, ridge_m: ridge_m + by_m, mean_m: mean_m + by_m }
+        let Self { eave_m, ridge_m, mean_m, .. } = self;
+        Self { eave_m: eave_m + by_m, ridge_m: ridge_m + by_m, mean_m: mean_m + by_m, ..self }
     }
 }
 
-/// Roofs of all forms and several pitches over a prism whose area mean is at a height above ground, each with places on it
-/// (local frame, metres): some `n` on a lattice, at least `clear_m` from the walls. The flat one comes first; none where the
-/// outline is too narrow.
+/// Roofs of all forms and several pitches over a prism, and stepped as `found` if it is, all with its area mean, each with
+/// places on it (local frame, metres): some `n` on a lattice, at least `clear_m` from the walls. The flat one comes first; none
+/// where the outline is too narrow.
 #[must_use]
-pub fn candidates(prism: &Prism, mean_m: f64, clear_m: f32, n: usize) -> Vec<(Roof, Vec<Vec3>)> {
+pub fn candidates(prism: &Prism, found: &Roof, clear_m: f32, n: usize) -> Vec<(Roof, Vec<Vec3>)> {
     let (axes, low, high) = smallest_rectangle(prism);
     let size = high - low;
     let spacing_m = (size.x * size.y / n as f32).sqrt();
@@ -99,224 +102,69 @@ pub fn candidates(prism: &Prism, mean_m: f64, clear_m: f32, n: usize) -> Vec<(Ro
     if inside.is_empty() {
         return Vec::new();
     }
-    let level = |p: &Vec2| p.extend(prism.ground_z + mean_m as f32);
-    let mut found = vec![(Roof::flat(mean_m), inside.iter().map(level).collect())];
+    let mean_m = found.mean_m;
+    let at = |p: &Vec2, height_m: f64| p.extend(prism.ground_z + height_m as f32);
+    let mut roofs = vec![(Roof::flat(mean_m), inside.iter().map(|p| at(p, mean_m)).collect())];
     for shape in Shape::all(prism) {
         let shares: Vec<f32> = inside.iter().map(|p| shape.at(*p) - shape.mean).collect();
-        for rise_m in (1..=N_RISES).map(|i| shape.tallest_m() * i as f32 / N_RISES as f32) {
+        for rise_m in shape.rises_m() {
             let eave_m = mean_m - f64::from(shape.mean * rise_m);
             if eave_m <= 0.0 {
                 continue;
             }
-            let roof = Roof { form: shape.form, eave_m, ridge_m: eave_m + f64::from(rise_m), mean_m };
-            let place = |(p, share): (&Vec2, &f32)| level(p) + Vec3::Z * (rise_m * share);
-            found.push((roof, inside.iter().zip(&shares).map(place).collect()));
+            let roof = Roof { form: shape.form, eave_m, ridge_m: eave_m + f64::from(rise_m), mean_m, terrace: None };
+            let place = |(p, share): (&Vec2, &f32)| at(p, mean_m + f64::from(rise_m * share));
+            roofs.push((roof, inside.iter().zip(&shares).map(place).collect()));
         }
     }
-    found
-}
-
-/// Ways of rays over a footprint, sampled, side by side.
-#[derive(Debug, Clone, Copy)]
-struct Ways {
-    enter: Lanes,
-    /// z-depth from one sample to the next.
-    step: Lanes,
-    /// Height of the ray above the building's ground at each sample, metres.
-    above_m: [Lanes; N_SAMPLES],
-}
-
-/// A roof's `t` along each way.
-type Shares = [Lanes; N_SAMPLES];
-
-impl Ways {
-    /// Lanes that stop no ray.
-    const EMPTY: Self =
-        Self { enter: Lanes::ONE, step: Lanes::ZERO, above_m: [Lanes::new([f32::INFINITY; LANES]); N_SAMPLES] };
-
-    fn set(&mut self, lane: usize, ray: &Ray, (enter, leave): (f32, f32), ground_z: f32) {
-        self.enter.as_mut_array()[lane] = enter;
-        self.step.as_mut_array()[lane] = (leave - enter) / (N_SAMPLES - 1) as f32;
-        for k in 0..N_SAMPLES {
-            let z = ray.origin.z + self.depth(lane, k) * ray.direction.z;
-            self.above_m[k].as_mut_array()[lane] = z - ground_z;
-        }
-    }
-
-    fn depth(&self, lane: usize, k: usize) -> f32 {
-        self.enter.as_array()[lane] + self.step.as_array()[lane] * k as f32
-    }
-
-    /// z-depths at which the rays meet the roof, or the wall in front; `+∞` where they pass over.
-    fn meets(&self, shares: &Shares, eave_m: f32, rise_m: f32) -> Lanes {
-        let (eave_m, rise_m) = (Lanes::splat(eave_m), Lanes::splat(rise_m));
-        let clearance_m = |k: usize| self.above_m[k] - eave_m - rise_m * shares[k];
-        // From behind: what stops it later counts only where nothing does before.
-        let mut depth = Lanes::splat(f32::INFINITY);
-        let mut next = clearance_m(N_SAMPLES - 1);
-        for k in (1..N_SAMPLES).rev() {
-            let previous = clearance_m(k - 1);
-            let is_below = next.simd_le(Lanes::ZERO);
-            if is_below.any() {
-                let steps = Lanes::splat((k - 1) as f32) + previous / (previous - next);
-                depth = is_below.bitselect(self.enter + steps * self.step, depth);
-            }
-            next = previous;
-        }
-        next.simd_le(Lanes::ZERO).bitselect(self.enter, depth)
-    }
-}
-
-/// How high a roof stands at a place, 0 at the eave, 1 at the ridge.
-struct Shape<'a> {
-    form: RoofForm,
-    prism: &'a Prism,
-    /// Local axes of the rectangle around the outline, and its middle along them.
-    axes: Mat2,
-    middle: Vec2,
-    /// Horizontal way from eave to ridge, metres.
-    run_m: f32,
-    /// Mean over the footprint.
-    mean: f32,
-}
-
-impl<'a> Shape<'a> {
-    /// The forms that a footprint can carry.
-    fn all(prism: &'a Prism) -> Vec<Self> {
-        let (axes, low, high) = smallest_rectangle(prism);
-        let middle = 0.5 * (low + high);
-        let half = 0.5 * (high - low);
-        let inside: Vec<Vec2> = grid(low, high).map(|p| axes.transpose() * p).filter(|p| prism.contains(*p)).collect();
-        let deepest = inside.iter().map(|p| distance_to_outline(prism, *p)).fold(0.0, f32::max);
-        let turned = Mat2::from_cols(axes.row(1), -axes.row(0)).transpose();
-        let gable = |axes: Mat2, middle: Vec2, run_m: f32| Self {
-            form: RoofForm::Gable,
-            prism,
-            axes,
-            middle,
-            run_m,
-            mean: 0.0,
+    if let Some(terrace) = found.terrace {
+        let place = |p: &Vec2| {
+            let depth_m = terrace.depth_m(*p);
+            let is_upper = (depth_m > 0.0) == terrace.is_upper;
+            (depth_m.abs() >= clear_m).then(|| at(p, if is_upper { found.ridge_m } else { found.eave_m }))
         };
-        let mut shapes = vec![
-            gable(axes, middle, half.y),
-            gable(turned, Vec2::new(middle.y, -middle.x), half.x),
-            Self { form: RoofForm::Hip, prism, axes, middle, run_m: deepest, mean: 0.0 },
-        ];
-        for shape in &mut shapes {
-            shape.mean = inside.iter().map(|p| shape.at(*p)).sum::<f32>() / inside.len().max(1) as f32;
-        }
-        shapes.retain(|s| s.run_m > 0.5 && s.mean > 0.0);
-        shapes
+        roofs.push((*found, inside.iter().filter_map(place).collect()));
     }
-
-    /// Greatest rise, metres.
-    fn tallest_m(&self) -> f32 {
-        (STEEPEST * self.run_m).min(TALLEST_M)
-    }
-
-    fn at(&self, point: Vec2) -> f32 {
-        let share = match self.form {
-            RoofForm::Flat => 0.0,
-            RoofForm::Gable => 1.0 - ((self.axes * point).y - self.middle.y).abs() / self.run_m,
-            RoofForm::Hip => distance_to_outline(self.prism, point) / self.run_m,
-        };
-        share.clamp(0.0, 1.0)
-    }
+    roofs
 }
 
-/// One view's stretches over the building.
-struct Sampled {
-    ways: Vec<Ways>,
-    /// By shape.
-    shares: Vec<Vec<Shares>>,
+/// A building in one view: what is compared, and how much its agreement weighs.
+pub(super) struct RoofView<'a> {
+    pub window: Window,
+    pub weight: f64,
+    pub placed: &'a PlacedCamera,
+    pub evidence: &'a Evidence<'a>,
 }
 
-impl Sampled {
-    fn new(
-        window: &Window,
-        placed: &PlacedCamera,
-        evidence: &Evidence<'_>,
-        shapes: &[Shape<'_>],
-        ground_z: f32,
-    ) -> Self {
-        let mut sampled = Self { ways: Vec::new(), shares: vec![Vec::new(); shapes.len()] };
-        for (i, (ray, enter, leave)) in window.own_stretches().enumerate() {
-            let (block, lane) = (i / LANES, i % LANES);
-            if lane == 0 {
-                sampled.ways.push(Ways::EMPTY);
-                sampled.shares.iter_mut().for_each(|shares| shares.push([Lanes::ZERO; N_SAMPLES]));
-            }
-            let ray = evidence.ray(placed, ray);
-            sampled.ways[block].set(lane, &ray, (enter, leave), ground_z);
-            for (shares, shape) in sampled.shares.iter_mut().zip(shapes) {
-                for (k, share) in shares[block].iter_mut().enumerate() {
-                    let along = sampled.ways[block].depth(lane, k);
-                    share.as_mut_array()[lane] = shape.at((ray.origin + along * ray.direction).truncate());
-                }
-            }
-        }
-        sampled
-    }
-
-    /// Fills in where the rays meet a form of a shape.
-    fn meets(&self, shape: usize, eave_m: f32, rise_m: f32, depths: &mut [Lanes]) {
-        for ((ways, shares), depth) in self.ways.iter().zip(&self.shares[shape]).zip(depths) {
-            *depth = ways.meets(shares, eave_m, rise_m);
-        }
-    }
-}
-
-/// A view of one building, with the camera and evidence of it.
-pub(super) type RoofView<'a> = (Window, &'a PlacedCamera, &'a Evidence<'a>);
-
-/// One of the shapes, at a height.
+/// By how much a roof has to be better than a flat one over views: on average, and in standard errors of that.
 #[derive(Debug, Clone, Copy)]
-struct Candidate {
-    shape: usize,
-    eave_m: f32,
-    rise_m: f32,
+pub(super) struct Margin {
+    pub gain: f64,
+    pub standard_errors: f64,
 }
 
-/// A building's views, made ready for roofs of some shapes around a flat one.
-struct Looked<'a> {
-    views: &'a [RoofView<'a>],
-    sampled: Vec<Sampled>,
-    weights: Vec<f64>,
-    flat_m: f32,
-}
-
-impl<'a> Looked<'a> {
-    fn new(views: &'a [RoofView<'a>], shapes: &[Shape<'_>], ground_z: f32, flat_m: f32, config: &SearchConfig) -> Self {
-        let sampled = |(w, placed, evidence): &RoofView<'_>| Sampled::new(w, placed, evidence, shapes, ground_z);
-        let weight = |(w, ..): &RoofView<'_>| w.agreement_weight(config.local_agreement_weight, config);
-        Self {
-            views,
-            sampled: views.iter().map(sampled).collect(),
-            weights: views.iter().map(weight).collect(),
-            flat_m,
-        }
-    }
-
+/// The roof of some forms that a building's views show best.
+pub(super) struct Fit<'a> {
+    pub roof: Roof,
+    pub margin: Margin,
     /// By view.
-    fn scores(&self, Candidate { shape, eave_m, rise_m }: Candidate) -> impl Iterator<Item = f64> {
-        self.views.iter().zip(&self.sampled).zip(&self.weights).map(move |(((window, ..), sampled), &weight)| {
-            window.score_where(weight, self.flat_m, |depths| sampled.meets(shape, eave_m, rise_m, depths))
-        })
-    }
+    pub scores: Vec<f64>,
+    /// The same in other views.
+    pub scores_in: Box<dyn Fn(&[RoofView<'_>]) -> Vec<f64> + 'a>,
+}
 
-    /// Whether a roof explains more than a flat one.
-    fn is_better(&self, candidate: Candidate) -> bool {
-        let flat = |((w, ..), &weight): (&RoofView<'_>, &f64)| w.score(self.flat_m, weight, Correlation::Linear);
-        let flat = self.views.iter().zip(&self.weights).map(flat);
-        let gains: Vec<f64> = self.scores(candidate).zip(flat).map(|(pitched, flat)| pitched - flat).collect();
-        is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS)
+impl Fit<'_> {
+    fn is_better(&self, scores: &[f64], flat: &[f64]) -> bool {
+        let gains: Vec<f64> = scores.iter().zip(flat).map(|(score, flat)| score - flat).collect();
+        is_clear(&gains, self.margin.gain, self.margin.standard_errors)
     }
 }
 
-/// Looks for the pitched roof of one building around the height that the search has found; `None` where a flat one is
-/// as good. What is far from that height has to be better in `whole`, too, which takes in all that the building could hide.
+/// Looks for the roof of one building around the height that the search has found; `None` where a flat one is as good. What is
+/// far from that height has to be better in `whole`, too, which takes in all that the building could hide.
 pub(super) fn find<'a>(
     prism: &Prism,
+    bounds: HeightBounds,
     height_m: f32,
     config: &SearchConfig,
     near: &[RoofView<'a>],
@@ -325,50 +173,24 @@ pub(super) fn find<'a>(
     if near.len() < MIN_VIEWS {
         return None;
     }
-    let shapes = Shape::all(prism);
-    let looked = Looked::new(near, &shapes, prism.ground_z, height_m, config);
-    let total = |candidate: Candidate| looked.scores(candidate).sum::<f64>();
-    let mut best = (f64::NEG_INFINITY, None);
-    for (at, shape) in shapes.iter().enumerate() {
-        for rise_m in (1..=N_RISES).map(|i| shape.tallest_m() * i as f32 / N_RISES as f32) {
-            // The flat height lies somewhere between eave and mean.
-            for step in 0..N_EAVES {
-                let eave_m = height_m + 0.5 - rise_m * (shape.mean + 0.25) * step as f32 / (N_EAVES - 1) as f32;
-                if eave_m <= 0.0 {
-                    continue;
-                }
-                let candidate = Candidate { shape: at, eave_m, rise_m };
-                let total = total(candidate);
-                if total > best.0 {
-                    best = (total, Some(candidate));
-                }
-            }
-        }
-    }
-    let (mut best_total, Some(mut best)) = best else { return None };
-    // A pattern search settles the two numbers.
-    let shape = &shapes[best.shape];
-    let mut step_m = [0.5, 0.5 * shape.tallest_m() / N_RISES as f32];
-    for _ in 0..4 {
-        for (de, dr) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-0.5, 1.0), (0.5, -1.0)] {
-            let moved =
-                Candidate { eave_m: best.eave_m + de * step_m[0], rise_m: best.rise_m + dr * step_m[1], ..best };
-            if !(0.0..=shape.tallest_m()).contains(&moved.rise_m) || moved.eave_m <= 0.0 {
-                continue;
-            }
-            let total = total(moved);
-            if total > best_total {
-                (best_total, best) = (total, moved);
-            }
-        }
-        step_m = step_m.map(|s| 0.6 * s);
-    }
-    let (eave_m, rise_m) = (f64::from(best.eave_m), f64::from(best.rise_m));
-    let mean_m = eave_m + f64::from(shape.mean) * rise_m;
-    let is_better_in_whole = || Looked::new(&whole(), &shapes, prism.ground_z, height_m, config).is_better(best);
-    let is_far = (mean_m - f64::from(height_m)).abs() > f64::from(FAR_M);
-    let is_believed = looked.is_better(best) && (!is_far || is_better_in_whole());
-    is_believed.then_some(Roof { form: shape.form, eave_m, ridge_m: eave_m + rise_m, mean_m })
+    let flat_in = |views: &[RoofView<'_>]| -> Vec<f64> {
+        views.iter().map(|v| v.window.score(height_m, v.weight, Correlation::Linear)).collect()
+    };
+    let flat = flat_in(near);
+    let whole = LazyCell::new(|| {
+        let views = whole();
+        let flat = flat_in(&views);
+        (views, flat)
+    });
+    let is_far = |roof: &Roof| (roof.mean_m - f64::from(height_m)).abs() > FAR_M;
+    let is_better_in_whole = |fit: &Fit<'_>| fit.is_better(&(fit.scores_in)(&whole.0), &whole.1);
+    let is_believed =
+        |fit: &Fit<'_>| fit.is_better(&fit.scores, &flat) && (!is_far(&fit.roof) || is_better_in_whole(fit));
+    let pitched = config.pitched_roofs.then(|| pitched::best(prism, height_m, near)).flatten();
+    let stepped = config.stepped_roofs.then(|| stepped::best(prism, bounds, height_m, near)).flatten();
+    let total = |fit: &Fit<'_>| fit.scores.iter().sum::<f64>();
+    let believed = [pitched, stepped].into_iter().flatten().filter(is_believed);
+    believed.max_by(|a, b| total(a).total_cmp(&total(b))).map(|fit| fit.roof)
 }
 
 /// Whether the views agree that something is better: their mean gain is large enough and stands clear of its standard
@@ -399,15 +221,8 @@ pub(super) fn smallest_rectangle(prism: &Prism) -> (Mat2, Vec2, Vec2) {
     (best.1, best.2, best.3)
 }
 
-fn grid(low: Vec2, high: Vec2) -> impl Iterator<Item = Vec2> {
-    (0..GRID * GRID).map(move |i| {
-        let cell = Vec2::new((i % GRID) as f32 + 0.5, (i / GRID) as f32 + 0.5) / GRID as f32;
-        low + (high - low) * cell
-    })
-}
-
 /// Distance of a point to the nearest wall, metres.
-fn distance_to_outline(prism: &Prism, point: Vec2) -> f32 {
+pub(super) fn distance_to_outline(prism: &Prism, point: Vec2) -> f32 {
     prism
         .edges()
         .map(|(a, b)| {

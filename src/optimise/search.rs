@@ -115,6 +115,19 @@ impl<'a> SweepView<'a> {
         let ground_z = scene.prisms[building].ground_z;
         Window::new(self.evidence, building as u32, ground_z, &self.stops, self.calibration, scope)
     }
+
+    /// The same for roofs of any form.
+    pub(super) fn roof_view(
+        &self,
+        scene: &Scene,
+        building: usize,
+        scope: Scope,
+        config: &SearchConfig,
+    ) -> Option<RoofView<'a>> {
+        let window = self.window(scene, building, scope)?;
+        let weight = window.agreement_weight(config.local_agreement_weight, config);
+        Some(RoofView { window, weight, placed: self.placed, evidence: self.evidence })
+    }
 }
 
 /// The views of a sweep by their position in the survey; `None` for those that take no part.
@@ -183,7 +196,7 @@ fn around(at_m: f32, share: f32, bounds: HeightBounds, config: &SearchConfig) ->
     ((at_m - half_width).max(bounds.min_m), (at_m + half_width).min(bounds.max_m))
 }
 
-/// The pitched roof of every building around the height that the sweeps have found; `None` where a flat one is as good.
+/// The pitched or stepped roof of every building around the height that the sweeps have found; `None` where a flat one is as good.
 #[must_use]
 pub fn find_roofs(
     scene: &Scene,
@@ -195,11 +208,11 @@ pub fn find_roofs(
     let find = |b: usize| {
         let seen = |scope: Scope| -> Vec<RoofView<'_>> {
             let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());
-            of_building.filter_map(|v| Some((v.window(scene, b, scope)?, v.placed, v.evidence))).collect()
+            of_building.filter_map(|v| v.roof_view(scene, b, scope, config)).collect()
         };
         let near = seen(Scope::near(heights_m[b] + roof::REACH_M, config, Correlation::Linear));
         let whole = || seen(Scope::whole(config, Correlation::Linear));
-        roof::find(&scene.prisms[b], heights_m[b], config, &near, whole)
+        roof::find(&scene.prisms[b], scene.bounds, heights_m[b], config, &near, whole)
     };
     (0..scene.prisms.len()).into_par_iter().map(find).collect()
 }

@@ -72,9 +72,12 @@ pub const FIELDS: [Field; 15] = {
         Field::new("height_reference", Text, "Which height of a pitched roof: eave, mean or ridge", |b, _| {
             b.height_reference.as_str().into()
         }),
-        Field::new("roof_form", Text, "Form of the roof: flat (or no other form seen), gable or hip", |b, _| {
-            text(b.roof.map(|roof| roof.form.as_str()))
-        }),
+        Field::new(
+            "roof_form",
+            Text,
+            "Form of the roof: flat (or no other form seen), gable, hip or stepped",
+            |b, _| text(b.roof.map(|roof| roof.form.as_str())),
+        ),
         Field::new("eave_height_m", Real, "Lowest edge of the roof above ground level, metres", |b, _| {
             known(b.roof.map(|roof| roof.eave_height_m))
         }),

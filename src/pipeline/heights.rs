@@ -178,6 +178,7 @@ fn looking_at_parts(optimise: &OptimiseConfig) -> OptimiseConfig {
         local_sweeps: 0,
         take_back_spill: false,
         pitched_roofs: false,
+        stepped_roofs: false,
         ..optimise.search.clone()
     };
     OptimiseConfig { search, ..optimise.clone() }

@@ -147,7 +147,7 @@ impl Roofs<'_> {
     /// The roof on which the photos look alike most, at the height where they do.
     fn settle(&self, building: usize, roof: Option<&Roof>) -> Option<(Roof, Settled)> {
         let (prism, settings, found) = (&self.stage.scene.prisms[building], self.settings, roof?);
-        let candidates = optimise::candidates(prism, found.mean_m, settings.clear_m as f32, settings.n_points);
+        let candidates = optimise::candidates(prism, found, settings.clear_m as f32, settings.n_points);
         let (_, level) = candidates.first().filter(|(_, places)| places.len() >= MIN_PLACES)?;
         let pictures = self.pictures(building, level)?;
         let pictures: Vec<&Picture> = pictures.iter().map(|picture| &**picture).collect();
@@ -164,7 +164,7 @@ impl Roofs<'_> {
                 .filter(|&i| coarse[i].is_some())
                 .max_by(|&i, &j| coarse[i].partial_cmp(&coarse[j]).expect("numbers"))
         };
-        let fine = [RoofForm::Flat, RoofForm::Gable, RoofForm::Hip].into_iter().filter_map(best_of);
+        let fine = [RoofForm::Flat, RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped].into_iter().filter_map(best_of);
         let merit = |(roof, settled): &(Roof, Settled)| {
             settled.score - if roof.form == found.form { 0.0 } else { OTHER_FORM_SCORE }
         };

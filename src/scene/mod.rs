@@ -60,16 +60,19 @@ pub enum RoofForm {
     Gable,
     /// Slopes up from every wall.
     Hip,
+    /// Two flat levels: a penthouse, a terrace, a lower annex.
+    Stepped,
 }
 
 impl RoofForm {
-    /// The name in files: `flat`, `gable` or `hip`.
+    /// The name in files: `flat`, `gable`, `hip` or `stepped`.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Flat => "flat",
             Self::Gable => "gable",
             Self::Hip => "hip",
+            Self::Stepped => "stepped",
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What the search does about pitched roofs and about depth edges that spill over, on a simulated village.
+//! What the search does about pitched and stepped roofs and about depth edges that spill over, on simulated towns.
 
 use std::fs;
 use std::path::Path;
@@ -10,8 +10,12 @@ use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
 
 /// A village of pitched roofs, seen from all sides, with one level of prior errors.
 fn village(folder: &Path, level: PriorLevel) {
+    simulated(folder, TownKind::Village, level);
+}
+
+fn simulated(folder: &Path, kind: TownKind, level: PriorLevel) {
     let mut config = SimulateConfig { seed: 5, ..SimulateConfig::default() };
-    config.town.kind = TownKind::Village;
+    config.town.kind = kind;
     config.town.n_buildings = 24;
     config.flight.n_views = Some(60);
     (config.camera.width_px, config.camera.height_px, config.prior.longest_px) = (448, 336, 448);
@@ -102,4 +106,35 @@ fn edges_that_spill_over_are_measured_and_taken_back() {
     assert_eq!(untouched["spill_px"], 0.0);
     let (with_m, without_m) = (error_m(folder.path(), &with, "height_m"), error_m(folder.path(), &without, "height_m"));
     assert!(with_m < 0.8 * without_m, "with {with_m:.2} m, without {without_m:.2} m");
+}
+
+#[test]
+fn a_step_in_a_roof_is_seen_and_its_mean_height_stated() {
+    let folder = tempfile::tempdir().unwrap();
+    simulated(folder.path(), TownKind::Downtown, PriorLevel::Mid);
+    let (with, _) = run(folder.path(), &[]);
+    let (without, _) = run(folder.path(), &["optimise.search.stepped_roofs=false"]);
+    // Those whose outline was left whole.
+    let errors_m = |city: &Value| -> Vec<f64> {
+        let whole = pairs(folder.path(), city).into_iter().filter(|(_, stated)| stated["height_m"].is_f64());
+        let stepped = whole.filter(|(truth, _)| truth["roof"] == "stepped");
+        let height_m = |of: &Value| of["height_m"].as_f64().unwrap();
+        stepped.map(|(truth, stated)| (height_m(stated) - height_m(&truth)).abs()).collect()
+    };
+    let mean = |errors: &[f64]| errors.iter().sum::<f64>() / errors.len() as f64;
+    let (with_m, without_m) = (errors_m(&with), errors_m(&without));
+    let n_stepped = with_m.len();
+    let (with_m, without_m) = (mean(&with_m), mean(&without_m));
+    assert!(with_m < 0.5 * without_m, "with {with_m:.2} m, without {without_m:.2} m");
+    let n_stated = |city: &Value, is_stepped: bool| {
+        let pairs = pairs(folder.path(), city).into_iter();
+        let stated = pairs.filter(|(_, stated)| stated["roof_form"] == "stepped");
+        stated.filter(|(truth, _)| (truth["roof"] == "stepped") == is_stepped).count()
+    };
+    let (right, wrong) = (n_stated(&with, true), n_stated(&with, false));
+    println!(
+        "stepped roofs {with_m:.2} m off, {without_m:.2} m as one level; {right} of {n_stepped} told, {wrong} others"
+    );
+    assert!(2 * right > n_stepped && wrong == 0, "{right} of {n_stepped} stepped roofs told, and {wrong} others");
+    assert_eq!(n_stated(&without, true) + n_stated(&without, false), 0);
 }

@@ -48,8 +48,12 @@ pub fn three_d_bag(record: &BuildingRecord, prism: Option<&Prism>, grid: &Grid) 
         set(name, metres(roof_m));
     }
     if let Some((roof, ground_m)) = record.roof.zip(record.ground_z_m) {
-        let is_flat = roof.form == RoofForm::Flat;
-        set("b3_dak_type", json!(if is_flat { "horizontal" } else { "slanted" }));
+        let kind = match roof.form {
+            RoofForm::Flat => "horizontal",
+            RoofForm::Gable | RoofForm::Hip => "slanted",
+            RoofForm::Stepped => "multiple horizontal",
+        };
+        set("b3_dak_type", json!(kind));
         set("b3_h_dak_min", metres(ground_m + roof.eave_height_m));
         set("b3_h_dak_max", metres(ground_m + roof.ridge_height_m));
     }
@@ -85,7 +89,7 @@ pub fn extension_schema() -> Value {
             match (&*column.name, column.kind) {
                 ("status", _) => json!({ "enum": ["measured", "doubtful", "fallback", "unknown", "refused"] }),
                 ("height_reference", _) => json!({ "enum": ["eave", "mean", "ridge"] }),
-                ("roof_form", _) => json!({ "enum": ["flat", "gable", "hip"] }),
+                ("roof_form", _) => json!({ "enum": ["flat", "gable", "hip", "stepped"] }),
                 (_, ColumnKind::Text) => json!({ "type": "string" }),
                 (_, ColumnKind::Real) => json!({ "type": "number" }),
                 (_, ColumnKind::Integer) => json!({ "type": "integer" }),

@@ -1,0 +1,268 @@
+//! Pitched roofs: a few simple forms over an outline, and how steep they are.
+//!
+//! ```text
+//! z(x, y) = ground + eave + rise · t(x, y),     t in 0..1, mean t̄ over the footprint
+//! hip     t = distance to the outline / greatest distance
+//! gable   t = 1 − |v| / half width,  v across one of the two axes of the smallest rectangle around the outline
+//! height  eave + t̄ · rise   (the area mean)
+//! ```
+//!
+//! A flat block that fits a pitched roof's depth edges ends a third of the way from eave to ridge, which is not a height
+//! that anybody means.
+
+use glam::{Mat2, Vec2};
+
+use super::roof::{Fit, Margin, Roof, RoofView, distance_to_outline, smallest_rectangle};
+use super::stretches::{LANES, Lanes};
+use crate::ray::Ray;
+use crate::scene::{Prism, RoofForm};
+
+/// Samples along a ray's way over the footprint.
+const N_SAMPLES: usize = 8;
+/// Points per side of the grid that means and greatest distances are taken over.
+const GRID: usize = 24;
+/// Steepest pitch tried: rise over run.
+const STEEPEST: f32 = 1.4;
+/// Tallest roof above its eave, metres: more is a tower under an outline that is not its own.
+pub(super) const TALLEST_M: f32 = 8.0;
+/// Rises tried besides 0, between nothing and the steepest.
+const N_RISES: usize = 5;
+/// Eaves tried for each rise.
+const N_EAVES: usize = 9;
+/// What a pitched roof has to be better by than a flat one.
+const MARGIN: Margin = Margin { gain: 0.0005, standard_errors: 0.7 };
+
+/// Ways of rays over a footprint, sampled, side by side.
+#[derive(Debug, Clone, Copy)]
+struct Ways {
+    enter: Lanes,
+    /// z-depth from one sample to the next.
+    step: Lanes,
+    /// Height of the ray above the building's ground at each sample, metres.
+    above_m: [Lanes; N_SAMPLES],
+}
+
+/// A roof's `t` along each way.
+type Shares = [Lanes; N_SAMPLES];
+
+impl Ways {
+    /// Lanes that stop no ray.
+    const EMPTY: Self =
+        Self { enter: Lanes::ONE, step: Lanes::ZERO, above_m: [Lanes::new([f32::INFINITY; LANES]); N_SAMPLES] };
+
+    fn set(&mut self, lane: usize, ray: &Ray, (enter, leave): (f32, f32), ground_z: f32) {
+        self.enter.as_mut_array()[lane] = enter;
+        self.step.as_mut_array()[lane] = (leave - enter) / (N_SAMPLES - 1) as f32;
+        for k in 0..N_SAMPLES {
+            let z = ray.origin.z + self.depth(lane, k) * ray.direction.z;
+            self.above_m[k].as_mut_array()[lane] = z - ground_z;
+        }
+    }
+
+    fn depth(&self, lane: usize, k: usize) -> f32 {
+        self.enter.as_array()[lane] + self.step.as_array()[lane] * k as f32
+    }
+
+    /// z-depths at which the rays meet the roof, or the wall in front; `+∞` where they pass over.
+    fn meets(&self, shares: &Shares, eave_m: f32, rise_m: f32) -> Lanes {
+        let (eave_m, rise_m) = (Lanes::splat(eave_m), Lanes::splat(rise_m));
+        let clearance_m = |k: usize| self.above_m[k] - eave_m - rise_m * shares[k];
+        // From behind: what stops it later counts only where nothing does before.
+        let mut depth = Lanes::splat(f32::INFINITY);
+        let mut next = clearance_m(N_SAMPLES - 1);
+        for k in (1..N_SAMPLES).rev() {
+            let previous = clearance_m(k - 1);
+            let is_below = next.simd_le(Lanes::ZERO);
+            if is_below.any() {
+                let steps = Lanes::splat((k - 1) as f32) + previous / (previous - next);
+                depth = is_below.bitselect(self.enter + steps * self.step, depth);
+            }
+            next = previous;
+        }
+        next.simd_le(Lanes::ZERO).bitselect(self.enter, depth)
+    }
+}
+
+/// How high a roof stands at a place, 0 at the eave, 1 at the ridge.
+pub(super) struct Shape<'a> {
+    pub form: RoofForm,
+    prism: &'a Prism,
+    /// Local axes of the rectangle around the outline, and its middle along them.
+    axes: Mat2,
+    middle: Vec2,
+    /// Horizontal way from eave to ridge, metres.
+    run_m: f32,
+    /// Mean over the footprint.
+    pub mean: f32,
+}
+
+impl<'a> Shape<'a> {
+    /// The forms that a footprint can carry.
+    pub fn all(prism: &'a Prism) -> Vec<Self> {
+        let (axes, low, high) = smallest_rectangle(prism);
+        let middle = 0.5 * (low + high);
+        let half = 0.5 * (high - low);
+        let inside: Vec<Vec2> = grid(low, high).map(|p| axes.transpose() * p).filter(|p| prism.contains(*p)).collect();
+        let deepest = inside.iter().map(|p| distance_to_outline(prism, *p)).fold(0.0, f32::max);
+        let turned = Mat2::from_cols(axes.row(1), -axes.row(0)).transpose();
+        let gable = |axes: Mat2, middle: Vec2, run_m: f32| Self {
+            form: RoofForm::Gable,
+            prism,
+            axes,
+            middle,
+            run_m,
+            mean: 0.0,
+        };
+        let mut shapes = vec![
+            gable(axes, middle, half.y),
+            gable(turned, Vec2::new(middle.y, -middle.x), half.x),
+            Self { form: RoofForm::Hip, prism, axes, middle, run_m: deepest, mean: 0.0 },
+        ];
+        for shape in &mut shapes {
+            shape.mean = inside.iter().map(|p| shape.at(*p)).sum::<f32>() / inside.len().max(1) as f32;
+        }
+        shapes.retain(|s| s.run_m > 0.5 && s.mean > 0.0);
+        shapes
+    }
+
+    /// Greatest rise, metres.
+    fn tallest_m(&self) -> f32 {
+        (STEEPEST * self.run_m).min(TALLEST_M)
+    }
+
+    /// Rises to try, metres.
+    pub fn rises_m(&self) -> impl Iterator<Item = f32> + use<> {
+        let tallest_m = self.tallest_m();
+        (1..=N_RISES).map(move |i| tallest_m * i as f32 / N_RISES as f32)
+    }
+
+    pub fn at(&self, point: Vec2) -> f32 {
+        let share = match self.form {
+            RoofForm::Flat | RoofForm::Stepped => 0.0,
+            RoofForm::Gable => 1.0 - ((self.axes * point).y - self.middle.y).abs() / self.run_m,
+            RoofForm::Hip => distance_to_outline(self.prism, point) / self.run_m,
+        };
+        share.clamp(0.0, 1.0)
+    }
+}
+
+/// One view's stretches over the building.
+struct Sampled {
+    ways: Vec<Ways>,
+    /// By shape.
+    shares: Vec<Vec<Shares>>,
+}
+
+impl Sampled {
+    fn new(view: &RoofView<'_>, shapes: &[Shape<'_>], ground_z: f32) -> Self {
+        let mut sampled = Self { ways: Vec::new(), shares: vec![Vec::new(); shapes.len()] };
+        for (i, (ray, enter, leave)) in view.window.own_stretches().enumerate() {
+            let (block, lane) = (i / LANES, i % LANES);
+            if lane == 0 {
+                sampled.ways.push(Ways::EMPTY);
+                sampled.shares.iter_mut().for_each(|shares| shares.push([Lanes::ZERO; N_SAMPLES]));
+            }
+            let ray = view.evidence.ray(view.placed, ray);
+            sampled.ways[block].set(lane, &ray, (enter, leave), ground_z);
+            for (shares, shape) in sampled.shares.iter_mut().zip(shapes) {
+                for (k, share) in shares[block].iter_mut().enumerate() {
+                    let along = sampled.ways[block].depth(lane, k);
+                    share.as_mut_array()[lane] = shape.at((ray.origin + along * ray.direction).truncate());
+                }
+            }
+        }
+        sampled
+    }
+
+    /// Fills in where the rays meet a form of a shape.
+    fn meets(&self, shape: usize, eave_m: f32, rise_m: f32, depths: &mut [Lanes]) {
+        for ((ways, shares), depth) in self.ways.iter().zip(&self.shares[shape]).zip(depths) {
+            *depth = ways.meets(shares, eave_m, rise_m);
+        }
+    }
+}
+
+/// One of the shapes, at a height.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    shape: usize,
+    eave_m: f32,
+    rise_m: f32,
+}
+
+/// A building's views, made ready for roofs of some shapes around a flat one.
+struct Looked<'a> {
+    views: &'a [RoofView<'a>],
+    sampled: Vec<Sampled>,
+    flat_m: f32,
+}
+
+impl<'a> Looked<'a> {
+    fn new(views: &'a [RoofView<'a>], shapes: &[Shape<'_>], ground_z: f32, flat_m: f32) -> Self {
+        let sampled = views.iter().map(|view| Sampled::new(view, shapes, ground_z)).collect();
+        Self { views, sampled, flat_m }
+    }
+
+    /// By view.
+    fn scores(&self, Candidate { shape, eave_m, rise_m }: Candidate) -> impl Iterator<Item = f64> {
+        self.views.iter().zip(&self.sampled).map(move |(view, sampled)| {
+            view.window.score_where(view.weight, self.flat_m, |depths| sampled.meets(shape, eave_m, rise_m, depths))
+        })
+    }
+}
+
+/// The pitched roof of one building that its views show best around a flat one; `None` where its outline carries none.
+pub(super) fn best<'a>(prism: &'a Prism, flat_m: f32, views: &[RoofView<'_>]) -> Option<Fit<'a>> {
+    let shapes = Shape::all(prism);
+    let looked = Looked::new(views, &shapes, prism.ground_z, flat_m);
+    let total = |candidate: Candidate| looked.scores(candidate).sum::<f64>();
+    let mut best = (f64::NEG_INFINITY, None);
+    for (at, shape) in shapes.iter().enumerate() {
+        for rise_m in shape.rises_m() {
+            // The flat height lies somewhere between eave and mean.
+            for step in 0..N_EAVES {
+                let eave_m = flat_m + 0.5 - rise_m * (shape.mean + 0.25) * step as f32 / (N_EAVES - 1) as f32;
+                if eave_m <= 0.0 {
+                    continue;
+                }
+                let candidate = Candidate { shape: at, eave_m, rise_m };
+                let total = total(candidate);
+                if total > best.0 {
+                    best = (total, Some(candidate));
+                }
+            }
+        }
+    }
+    let (mut best_total, Some(mut best)) = best else { return None };
+    // A pattern search settles the two numbers.
+    let tallest_m = shapes[best.shape].tallest_m();
+    let mut step_m = [0.5, 0.5 * tallest_m / N_RISES as f32];
+    for _ in 0..4 {
+        for (de, dr) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-0.5, 1.0), (0.5, -1.0)] {
+            let moved =
+                Candidate { eave_m: best.eave_m + de * step_m[0], rise_m: best.rise_m + dr * step_m[1], ..best };
+            if !(0.0..=tallest_m).contains(&moved.rise_m) || moved.eave_m <= 0.0 {
+                continue;
+            }
+            let total = total(moved);
+            if total > best_total {
+                (best_total, best) = (total, moved);
+            }
+        }
+        step_m = step_m.map(|s| 0.6 * s);
+    }
+    let scores = looked.scores(best).collect();
+    let (shape, eave_m, rise_m) = (&shapes[best.shape], f64::from(best.eave_m), f64::from(best.rise_m));
+    let mean_m = eave_m + f64::from(shape.mean) * rise_m;
+    let roof = Roof { form: shape.form, eave_m, ridge_m: eave_m + rise_m, mean_m, terrace: None };
+    let scores_in =
+        move |others: &[RoofView<'_>]| Looked::new(others, &shapes, prism.ground_z, flat_m).scores(best).collect();
+    Some(Fit { roof, margin: MARGIN, scores, scores_in: Box::new(scores_in) })
+}
+
+fn grid(low: Vec2, high: Vec2) -> impl Iterator<Item = Vec2> {
+    (0..GRID * GRID).map(move |i| {
+        let cell = Vec2::new((i % GRID) as f32 + 0.5, (i / GRID) as f32 + 0.5) / GRID as f32;
+        low + (high - low) * cell
+    })
+}

@@ -1,0 +1,79 @@
+//! Stepped roofs: a penthouse, a terrace, a lower annex under one outline.
+//!
+//! ```text
+//! height  outer + share · (inner − outer),  share: of the outline's area that lies in the inner rectangle (the area mean)
+//! ```
+//!
+//! One level that fits both ends near the upper one, because its edges stand out most. Steps that are large enough for two
+//! buildings are taken apart before ([`super::levels`]).
+
+use super::roof::{Fit, Margin, Roof, RoofView, Terrace};
+use super::two_levels::{Limits, Plan, SeenIn, Step, TwoLevels};
+use crate::scene::{HeightBounds, Prism, RoofForm};
+
+/// Smaller outlines are one level, m²: a step under them is too small to tell from a slope.
+const MIN_OUTLINE_M2: f32 = 200.0;
+/// Least side of the inner rectangle, metres.
+const MIN_SIDE_M: f32 = 3.0;
+/// Least share of the outline's area on either level.
+const MIN_SHARE: f64 = 0.05;
+/// Least step, metres.
+const MIN_STEP_M: f32 = 1.5;
+/// How far each level may be from the one that the search has found, metres.
+const REACH_M: f32 = 8.0;
+/// Views that the first guesses are tried in, and guesses that are followed up.
+const N_FIRST_VIEWS: usize = 6;
+const N_FOLLOWED: usize = 3;
+/// First inner and outer levels against the one level, metres.
+const FIRST_M: [[f32; 2]; 4] = [[3.0, -1.0], [-3.0, 1.0], [1.0, -2.0], [-1.0, 2.0]];
+/// Steps of the search, for the followed guesses and for the best of them.
+const COARSE_STEPS: [Step; 2] = [step(0.15, 1.0), step(0.07, 0.5)];
+const FINE_STEPS: [Step; 3] = [step(0.05, 0.4), step(0.025, 0.2), step(0.012, 0.1)];
+/// What a stepped roof has to be better by than a flat one.
+const MARGIN: Margin = Margin { gain: 0.002, standard_errors: 1.0 };
+
+const fn step(side_share: f32, height_m: f32) -> Step {
+    Step { side_share, height_m, height_share: 0.0 }
+}
+
+/// The stepped roof of one building that its views show best around a flat one; `None` where there is none to speak of.
+pub(super) fn best<'a>(prism: &'a Prism, bounds: HeightBounds, flat_m: f32, views: &[RoofView<'_>]) -> Option<Fit<'a>> {
+    if prism.area_m2() < MIN_OUTLINE_M2 {
+        return None;
+    }
+    let heights = HeightBounds { min_m: bounds.min_m.max(flat_m - REACH_M), max_m: bounds.max_m.min(flat_m + REACH_M) };
+    let plan = Plan::new(prism, Limits { heights, side_m: MIN_SIDE_M });
+    let seen = seen_in(views, &plan);
+    let all: Vec<&SeenIn<'_>> = seen.iter().collect();
+    let first: Vec<&SeenIn<'_>> = seen.iter().step_by(seen.len().div_ceil(N_FIRST_VIEWS)).collect();
+    let pairs_m = FIRST_M.map(|pair| pair.map(|above_m| flat_m + above_m));
+    let (_, found) = plan.best_of(plan.guesses(&pairs_m), N_FOLLOWED, &first, &COARSE_STEPS)?;
+    let (_, found) = plan.climb(&all, found, &FINE_STEPS);
+    let share = plan.inner_share(&found);
+    if !(MIN_SHARE..=1.0 - MIN_SHARE).contains(&share) || found.upper_m() - found.lower_m() < MIN_STEP_M {
+        return None;
+    }
+    let scores = scores(&seen, &found);
+    let roof = roof(&plan, &found, share);
+    let scores_in = move |others: &[RoofView<'_>]| self::scores(&seen_in(others, &plan), &found);
+    Some(Fit { roof, margin: MARGIN, scores, scores_in: Box::new(scores_in) })
+}
+
+fn seen_in<'v>(views: &'v [RoofView<'_>], plan: &Plan<'_>) -> Vec<SeenIn<'v>> {
+    views.iter().map(|view| SeenIn::new(view, view.weight, plan)).collect()
+}
+
+fn scores(seen: &[SeenIn<'_>], levels: &TwoLevels) -> Vec<f64> {
+    seen.iter().map(|s| s.two_levels(levels)).collect()
+}
+
+fn roof(plan: &Plan<'_>, levels: &TwoLevels, inner_share: f64) -> Roof {
+    let [inner_m, outer_m] = [levels.inner_m, levels.outer_m].map(f64::from);
+    Roof {
+        form: RoofForm::Stepped,
+        eave_m: inner_m.min(outer_m),
+        ridge_m: inner_m.max(outer_m),
+        mean_m: outer_m + inner_share * (inner_m - outer_m),
+        terrace: Some(Terrace { corners: plan.corners(levels.low, levels.high), is_upper: inner_m > outer_m }),
+    }
+}

@@ -1,0 +1,288 @@
+//! Two flat levels under one outline, and how well they explain what the priors show of it.
+//!
+//! ```text
+//! z(x, y) = ground + inner   inside of a rectangle along the axes of the outline's smallest rectangle
+//!         = ground + outer   elsewhere
+//! ```
+//!
+//! The six numbers are searched for by the same score as a height: how well the rendered depth agrees with the prior, over
+//! views of the building.
+
+use glam::{Mat2, Vec2};
+
+use super::roof::{RoofView, smallest_rectangle};
+use super::score::{Correlation, Window};
+use super::stretches::{LANES, Lanes};
+use crate::ray::Ray;
+use crate::scene::{HeightBounds, Prism};
+
+/// Middles of the first rectangles, and their size, as shares of the outline's sides.
+const FIRST_MIDDLES: [f32; 3] = [0.25, 0.5, 0.75];
+const FIRST_SIZE: f32 = 0.5;
+/// Points per side of the grid that the rectangle's share of the outline is counted on.
+const GRID: usize = 40;
+
+/// A rectangle at one level, everything else at another. Metres; the rectangle along the plan's axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct TwoLevels {
+    pub low: Vec2,
+    pub high: Vec2,
+    pub inner_m: f32,
+    pub outer_m: f32,
+}
+
+impl TwoLevels {
+    pub fn lower_m(&self) -> f32 {
+        self.inner_m.min(self.outer_m)
+    }
+
+    pub fn upper_m(&self) -> f32 {
+        self.inner_m.max(self.outer_m)
+    }
+}
+
+/// How far one round of the pattern search moves things.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Step {
+    /// The rectangle's sides, as a share of the outline's.
+    pub side_share: f32,
+    /// The levels: a fixed part, metres, and a share of each.
+    pub height_m: f32,
+    pub height_share: f32,
+}
+
+/// What two levels have to keep to.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Limits {
+    pub heights: HeightBounds,
+    /// Least side of the rectangle, metres.
+    pub side_m: f32,
+}
+
+/// An outline along the axes of its smallest rectangle.
+pub(super) struct Plan<'a> {
+    pub prism: &'a Prism,
+    axes: Mat2,
+    pub low: Vec2,
+    pub high: Vec2,
+    limits: Limits,
+}
+
+impl<'a> Plan<'a> {
+    pub fn new(prism: &'a Prism, limits: Limits) -> Self {
+        let (axes, low, high) = smallest_rectangle(prism);
+        Self { prism, axes, low, high, limits }
+    }
+
+    /// Rectangles over the whole outline, each with several pairs of an inner and an outer level, metres.
+    pub fn guesses<'p>(&'p self, pairs_m: &'p [[f32; 2]]) -> impl Iterator<Item = TwoLevels> + 'p {
+        let size = self.high - self.low;
+        let middles = FIRST_MIDDLES.into_iter().flat_map(|x| FIRST_MIDDLES.into_iter().map(move |y| Vec2::new(x, y)));
+        middles.flat_map(move |middle| {
+            pairs_m.iter().map(move |&[inner_m, outer_m]| {
+                let (middle, half) = (self.low + middle * size, 0.5 * FIRST_SIZE * size);
+                self.within(TwoLevels { low: middle - half, high: middle + half, inner_m, outer_m })
+            })
+        })
+    }
+
+    /// The best of some guesses after the best `n_followed` of them were bettered, with its total score over the views.
+    pub fn best_of(
+        &self,
+        guesses: impl Iterator<Item = TwoLevels>,
+        n_followed: usize,
+        seen: &[&SeenIn<'_>],
+        steps: &[Step],
+    ) -> Option<(f64, TwoLevels)> {
+        let mut guesses: Vec<(f64, TwoLevels)> = guesses.map(|guess| (total(seen, &guess), guess)).collect();
+        guesses.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let followed = guesses.into_iter().take(n_followed);
+        followed.map(|(_, guess)| self.climb(seen, guess, steps)).max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Pattern search: the sides, the place and the levels, with each step until none helps. With the total score.
+    pub fn climb(&self, seen: &[&SeenIn<'_>], start: TwoLevels, steps: &[Step]) -> (f64, TwoLevels) {
+        let (mut best, mut at) = (total(seen, &start), start);
+        for &step in steps {
+            loop {
+                let before = best;
+                for direction in moves() {
+                    let moved = self.moved(&at, direction, step);
+                    if (moved.high - moved.low).min_element() < self.limits.side_m {
+                        continue;
+                    }
+                    let score = total(seen, &moved);
+                    if score > best {
+                        (best, at) = (score, moved);
+                    }
+                }
+                if best <= before {
+                    break;
+                }
+            }
+        }
+        (best, at)
+    }
+
+    fn moved(&self, at: &TwoLevels, (low, high, inner, outer): Move, step: Step) -> TwoLevels {
+        let sides = step.side_share * (self.high - self.low);
+        let level = |h: f32, direction: f32| h + direction * (step.height_m + step.height_share * h);
+        self.within(TwoLevels {
+            low: at.low + low * sides,
+            high: at.high + high * sides,
+            inner_m: level(at.inner_m, inner),
+            outer_m: level(at.outer_m, outer),
+        })
+    }
+
+    fn within(&self, levels: TwoLevels) -> TwoLevels {
+        let HeightBounds { min_m, max_m } = self.limits.heights;
+        TwoLevels {
+            low: levels.low.max(self.low),
+            high: levels.high.min(self.high),
+            inner_m: levels.inner_m.clamp(min_m, max_m),
+            outer_m: levels.outer_m.clamp(min_m, max_m),
+        }
+    }
+
+    /// The part of the outline's area that lies in the rectangle, 0..1.
+    pub fn inner_share(&self, levels: &TwoLevels) -> f64 {
+        let (mut n_inside, mut n_inner) = (0, 0);
+        for i in 0..GRID * GRID {
+            let cell = Vec2::new((i % GRID) as f32 + 0.5, (i / GRID) as f32 + 0.5) / GRID as f32;
+            let at = self.low + cell * (self.high - self.low);
+            if self.prism.contains(self.axes.transpose() * at) {
+                n_inside += 1;
+                n_inner += usize::from(at.cmpge(levels.low).all() && at.cmple(levels.high).all());
+            }
+        }
+        n_inner as f64 / n_inside.max(1) as f64
+    }
+
+    /// The corners of a rectangle along the axes: local frame, metres, counter-clockwise.
+    pub fn corners(&self, low: Vec2, high: Vec2) -> [[f64; 2]; 4] {
+        [low, Vec2::new(high.x, low.y), high, Vec2::new(low.x, high.y)]
+            .map(|corner| (self.axes.transpose() * corner).as_dvec2().to_array())
+    }
+}
+
+fn total(seen: &[&SeenIn<'_>], levels: &TwoLevels) -> f64 {
+    seen.iter().map(|s| s.two_levels(levels)).sum()
+}
+
+/// Directions of the rectangle's low and high corner, and of the inner and outer level.
+type Move = (Vec2, Vec2, f32, f32);
+
+fn moves() -> impl Iterator<Item = Move> {
+    let (x, y, no) = (Vec2::X, Vec2::Y, Vec2::ZERO);
+    let one_way = [
+        (no, no, 1.0, 0.0),
+        (no, no, 0.0, 1.0),
+        (x, no, 0.0, 0.0),
+        (no, x, 0.0, 0.0),
+        (y, no, 0.0, 0.0),
+        (no, y, 0.0, 0.0),
+        (x, x, 0.0, 0.0),
+        (y, y, 0.0, 0.0),
+    ];
+    one_way.into_iter().flat_map(|(low, high, inner, outer)| [(low, high, inner, outer), (-low, -high, -inner, -outer)])
+}
+
+/// The building in one view.
+pub(super) struct SeenIn<'a> {
+    window: &'a Window,
+    /// Of the agreement.
+    weight: f64,
+    ways: Vec<Ways>,
+}
+
+impl<'a> SeenIn<'a> {
+    pub fn new(view: &'a RoofView<'_>, weight: f64, plan: &Plan<'_>) -> Self {
+        Self { window: &view.window, weight, ways: ways(view, plan) }
+    }
+
+    /// The score of one level, metres above the building's ground.
+    pub fn one_level(&self, height_m: f32) -> f64 {
+        self.window.score(height_m, self.weight, Correlation::Linear)
+    }
+
+    pub fn two_levels(&self, levels: &TwoLevels) -> f64 {
+        self.window.score_where(self.weight, levels.outer_m, |depths| {
+            self.ways.iter().zip(depths).for_each(|(ways, depth)| *depth = ways.meets(levels));
+        })
+    }
+}
+
+/// The ways of a view's rays over the outline.
+fn ways(view: &RoofView<'_>, plan: &Plan<'_>) -> Vec<Ways> {
+    let mut ways = Vec::new();
+    for (i, (ray, enter, leave)) in view.window.own_stretches().enumerate() {
+        if i % LANES == 0 {
+            ways.push(Ways::EMPTY);
+        }
+        ways[i / LANES].set(i % LANES, &view.evidence.ray(view.placed, ray), plan, (enter, leave));
+    }
+    ways
+}
+
+/// Ways of rays over the outline, along the plan's axes, side by side.
+#[derive(Debug, Clone, Copy)]
+struct Ways {
+    /// Position at z-depth 0, and z-depth per metre along the axis.
+    from: [Lanes; 2],
+    per_metre: [Lanes; 2],
+    /// Height above the building's ground at z-depth 0, and z-depth per metre of it.
+    above_m: Lanes,
+    per_metre_up: Lanes,
+    enter: Lanes,
+    leave: Lanes,
+}
+
+impl Ways {
+    /// Lanes that stop no ray.
+    const EMPTY: Self = Self {
+        from: [Lanes::ZERO; 2],
+        per_metre: [Lanes::ONE; 2],
+        above_m: Lanes::ZERO,
+        per_metre_up: Lanes::new([-1.0; LANES]),
+        enter: Lanes::ONE,
+        leave: Lanes::ZERO,
+    };
+
+    fn set(&mut self, lane: usize, ray: &Ray, plan: &Plan<'_>, (enter, leave): (f32, f32)) {
+        let (from, along) = (plan.axes * ray.origin.truncate(), plan.axes * ray.direction.truncate());
+        let set = |lanes: &mut Lanes, value: f32| lanes.as_mut_array()[lane] = value;
+        for axis in 0..2 {
+            set(&mut self.from[axis], from[axis]);
+            set(&mut self.per_metre[axis], along[axis].recip());
+        }
+        set(&mut self.above_m, ray.origin.z - plan.prism.ground_z);
+        set(&mut self.per_metre_up, ray.direction.z.recip());
+        set(&mut self.enter, enter);
+        set(&mut self.leave, leave);
+    }
+
+    /// z-depths at which the rays meet the two levels; `+∞` where they pass over.
+    fn meets(&self, levels: &TwoLevels) -> Lanes {
+        let (enter, leave) = (self.enter, self.leave);
+        // Where the ray enters and leaves the rectangle, within its way over the outline.
+        let (mut within, mut beyond) = (enter, leave);
+        for axis in 0..2 {
+            let a = (Lanes::splat(levels.low[axis]) - self.from[axis]) * self.per_metre[axis];
+            let b = (Lanes::splat(levels.high[axis]) - self.from[axis]) * self.per_metre[axis];
+            within = within.fast_max(a.fast_min(b));
+            beyond = beyond.fast_min(a.fast_max(b));
+        }
+        let misses = within.simd_ge(beyond);
+        within = misses.bitselect(leave, within);
+        beyond = misses.bitselect(leave, beyond);
+        let inner = (Lanes::splat(levels.inner_m) - self.above_m) * self.per_metre_up;
+        let outer = (Lanes::splat(levels.outer_m) - self.above_m) * self.per_metre_up;
+        // From behind: what stops it later counts only where nothing does before.
+        let mut depth = Lanes::splat(f32::INFINITY);
+        for (start, end, roof) in [(beyond, leave, outer), (within, beyond, inner), (enter, within, outer)] {
+            depth = (end.simd_gt(start) & roof.simd_lt(end)).bitselect(roof.fast_max(start), depth);
+        }
+        depth
+    }
+}
