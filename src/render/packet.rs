@@ -39,9 +39,11 @@ struct Packet {
 /// axis.
 #[derive(Clone, Copy)]
 struct Cones {
-    /// Times the way to the box's near face: no ray is there before. Infinite where none goes that way.
+    /// Times the way to the box's near face, where the origin is not between the two: no ray is there before. Infinite
+    /// where none goes that way.
     soonest: [Side; 3],
-    /// Times the way to its far face: every ray is past it after. Infinite where one never gets there.
+    /// Times the way to a face that no ray starts beyond: every ray is past it after. Infinite where one never gets
+    /// there.
     latest: [Side; 3],
 }
 
@@ -91,9 +93,13 @@ impl<'a> Tile<'a> {
             let (soonest, latest) = (&self.cones.soonest[axis], &self.cones.latest[axis]);
             if low > 0.0 {
                 enter = enter.fast_max(Lanes::splat(low) * soonest.above);
-                leave = leave.fast_min(Lanes::splat(high) * latest.above);
             } else if high < 0.0 {
                 enter = enter.fast_max(Lanes::splat(high) * soonest.below);
+            }
+            if high > 0.0 {
+                leave = leave.fast_min(Lanes::splat(high) * latest.above);
+            }
+            if low < 0.0 {
                 leave = leave.fast_min(Lanes::splat(low) * latest.below);
             }
         }
