@@ -69,6 +69,7 @@ impl PlacedCamera {
 
     /// The direction of that ray, from [`Self::eye`], local frame; `d · axis = 1`, so that its parameter is z-depth.
     #[must_use]
+    #[inline]
     pub fn direction(&self, pixel: DVec2) -> Option<Vec3> {
         let direction = self.camera_from_local.rotation.transpose() * self.camera.unproject(pixel)?;
         Some(direction.as_vec3())

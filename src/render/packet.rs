@@ -2,9 +2,9 @@
 //!
 //! The hierarchy is walked once per tile: each box is held against the cones around all eight packets, one per lane.
 //! Prisms whose boxes a cone may meet are then met by the packet's eight rays, one per lane, with the arithmetic of
-//! the single ray ([`Prism::crossings`]) in its order: depths and faces are the same to
-//! the bit, however wide registers are. Two ways of one packet over a footprint (courtyards, L-shaped outlines) are
-//! left to the single ray, lane by lane.
+//! the single ray ([`Prism::crossings`]) in its order, no product fused with a sum: depths and faces are the same to the
+//! bit, however wide registers are. Two ways of one ray over a footprint (courtyards, L-shaped outlines) are left to the
+//! single ray.
 //!
 //! Source of the idea: Wald, Slusallek, Benthin, Wagner, "Interactive Rendering with Coherent Ray Tracing", CGF
 //! 20:153, 2001; bounds over many rays as in Reshetov, Soupikov, Hurley, "Multi-Level Ray Tracing", TOG 24:1176, 2005.
@@ -30,10 +30,10 @@ use crate::scene::{Crossing, LocalGround, Prism};
 pub(super) fn trace<S: Simd>(simd: S, tracer: &SceneTracer<'_>, rays: &RayTile) -> (TileHits, u64) {
     let mut hits = TileHits { t: [f32::INFINITY; TILE], code: [0; TILE] };
     let Some(some) = rays.first_slanted() else { return (hits, u64::MAX) };
-    let mut left_out = 0;
-    let mut packets = [Packet::new(simd, tracer, rays, 0, some).0; LANES];
+    let (first, mut left_out) = Packet::new(simd, tracer, rays, 0, some);
+    let mut packets = [first; LANES];
     // No `array::from_fn` nor `map`: what they call is not inlined.
-    for (i, packet) in packets.iter_mut().enumerate() {
+    for (i, packet) in packets.iter_mut().enumerate().skip(1) {
         let without;
         (*packet, without) = Packet::new(simd, tracer, rays, i, some);
         left_out |= without << (LANES * i);
@@ -129,7 +129,7 @@ impl<S: Simd> Packet<S> {
         let y = f32x8::from_slice(simd, &y[from..to]);
         let z = f32x8::from_slice(simd, &z[from..to]);
         // False for `NaN`, where there is no ray.
-        let is_slanted = (x * x + y * y).simd_ge(Prism::UPRIGHT_BELOW);
+        let is_slanted = (x * x + y * y).simd_ge(Prism::UPRIGHT_BELOW) & z.simd_eq(z);
         let x = is_slanted.select(x, f32x8::splat(simd, some.x));
         let y = is_slanted.select(y, f32x8::splat(simd, some.y));
         let z = is_slanted.select(z, f32x8::splat(simd, some.z));
