@@ -362,7 +362,7 @@ mod tests {
             // Coordinates of the scene are those of the map, moved by whole numbers.
             let mut eye = (DVec3::new(eye.0.into(), eye.1.into(), eye.2.into()) - scene.origin.0).as_vec3();
             // In the planes of a box's faces, which bound nothing.
-            for (prism, faces) in at_box {
+            if let Some((prism, faces)) = at_box {
                 let bounds = tracer.bounds(prism);
                 for axis in 0..3 {
                     eye[axis] = match faces[axis] {
@@ -376,8 +376,8 @@ mod tests {
             for level in levels() {
                 tracer.level = level;
                 let seen = tracer.trace_tile(&rays);
-                for k in 0..TILE {
-                    let expected = match directions[k] {
+                for (k, direction) in directions.iter().enumerate() {
+                    let expected = match *direction {
                         Some(direction) => {
                             let ray = Ray::new(eye, direction);
                             let all = linear(&tracer, 7, &ray).seen();
@@ -388,7 +388,7 @@ mod tests {
                         None => (f32::NAN, Face::Nothing),
                     };
                     let found = (seen.depth[k].to_bits(), seen.face[k]);
-                    prop_assert_eq!(found, (expected.0.to_bits(), expected.1), "{} {:?} {:?}", k, directions[k], level);
+                    prop_assert_eq!(found, (expected.0.to_bits(), expected.1), "{} {:?} {:?}", k, direction, level);
                 }
             }
         }

@@ -28,18 +28,26 @@ pub struct TileSeen {
 }
 
 impl RayTile {
-    /// From an origin and one direction of any length per ray; `None` = no ray.
+    /// From an origin and one finite direction of any length per ray, packet by packet; `None` = no ray.
+    ///
+    /// ```
+    /// use glam::Vec3;
+    /// use sizeup::render::tile::RayTile;
+    ///
+    /// // Straight down and ever more aslant, but for the last one.
+    /// let slopes = RayTile::new(Vec3::Z * 100.0, |k| (k < 63).then(|| Vec3::new(k as f32 / 64.0, 0.0, -1.0)));
+    /// ```
     #[must_use]
     #[inline]
     pub fn new(origin: Vec3, mut direction_of: impl FnMut(usize) -> Option<Vec3>) -> Self {
-        let mut direction = [[f32::NAN; TILE]; 3];
+        let mut tile = Self { origin, direction: [[f32::NAN; TILE]; 3] };
         for k in 0..TILE {
             let [x, y, z] = direction_of(k).unwrap_or(Vec3::NAN).to_array();
-            direction[0][k] = x;
-            direction[1][k] = y;
-            direction[2][k] = z;
+            tile.direction[0][k] = x;
+            tile.direction[1][k] = y;
+            tile.direction[2][k] = z;
         }
-        Self { origin, direction }
+        tile
     }
 
     /// The direction of a ray; `None` = no ray.
