@@ -155,10 +155,13 @@ impl Distortion {
 
     /// Ideal position of an observed one; `None` where no valid one exists.
     #[must_use]
+    #[inline]
     pub fn undistort(&self, distorted: DVec2) -> Option<DVec2> {
-        if matches!(self, Self::None) {
-            return Some(distorted);
-        }
+        if matches!(self, Self::None) { Some(distorted) } else { self.search_ideal(distorted) }
+    }
+
+    /// The same for a lens that distorts, by Newton's method.
+    fn search_ideal(&self, distorted: DVec2) -> Option<DVec2> {
         if let Some(series) = self.fisheye() {
             return fisheye::undistort(series, distorted);
         }

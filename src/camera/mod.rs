@@ -110,6 +110,7 @@ impl Camera {
 
     /// The ray through a pixel as `(x, y, 1)` in the camera frame, or `None` outside the lens model's valid domain.
     #[must_use]
+    #[inline]
     pub fn unproject(&self, pixel: DVec2) -> Option<DVec3> {
         let distorted = DVec2::new((pixel.x - self.cx_px) / self.fx_px, (pixel.y - self.cy_px) / self.fy_px);
         Some(self.distortion.undistort(distorted)?.extend(1.0))

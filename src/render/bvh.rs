@@ -92,6 +92,8 @@ impl Bvh {
     }
 
     /// Shows a probe the primitives that it may meet, near nodes first.
+    #[expect(clippy::inline_always, reason = "probes that hold vector registers are compiled with it")]
+    #[inline(always)]
     pub fn walk(&self, probe: &mut impl Probe) {
         let mut stack = [(0_u32, 0.0_f32); MAX_DEPTH];
         let mut depth = 0;
@@ -114,10 +116,9 @@ impl Bvh {
                 }
                 continue;
             }
-            let children = [node.first, node.first + 1].map(|c| {
-                let bounds = self.nodes[c as usize].bounds();
-                (c, probe.enters(&bounds))
-            });
+            let (left, right) = (node.first, node.first + 1);
+            let left = (left, probe.enters(&self.nodes[left as usize].bounds()));
+            let right = (right, probe.enters(&self.nodes[right as usize].bounds()));
             let mut push = |(child, enter): (u32, Option<f32>)| {
                 if let Some(enter) = enter {
                     stack[depth] = (child, enter);
@@ -125,7 +126,6 @@ impl Bvh {
                 }
             };
             // The nearer child goes on top of the stack.
-            let [left, right] = children;
             if left.1.unwrap_or(f32::INFINITY) <= right.1.unwrap_or(f32::INFINITY) {
                 push(right);
                 push(left);

@@ -1,11 +1,13 @@
 //! Whole images of the proxies: z-depth, building and face per pixel.
 
+use fearless_simd::{Level, dispatch};
 use glam::DVec2;
 use rayon::prelude::*;
 
 use super::PlacedCamera;
 use super::bvh::Bvh;
-use super::packet::{LANES, TILE, Tile, is_upright};
+use super::packet;
+use super::tile::{LANES, RayTile, TILE, TileSeen};
 use crate::ids::BuildingIdx;
 use crate::raster::Raster;
 use crate::ray::{Aabb, Ray};
@@ -50,7 +52,7 @@ const TILE_COLS: [usize; LANES] = [0, 1, 2, 3, 0, 1, 2, 3];
 const TILE_ROWS: [usize; LANES] = [0, 0, 0, 0, 1, 1, 1, 1];
 /// Boxes reach so far beyond what is in them, metres: more than rays are rounded by within kilometres, so that no box
 /// is missed whose prism is met, and what is met does not depend on the order of boxes.
-const BOX_MARGIN_M: f32 = 0.01;
+pub(super) const BOX_MARGIN_M: f32 = 0.01;
 
 /// What a ray met: its parameter, and a code that a register can hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,9 +64,6 @@ pub(super) struct Hit {
 }
 
 impl Hit {
-    /// Of a ray that is not there: nothing is nearer.
-    pub const BLOCKED: Self = Self { t: f32::NEG_INFINITY, code: 0 };
-
     /// The code of a building's wall.
     pub fn wall(idx: usize) -> u32 {
         2 + 2 * idx as u32
@@ -90,7 +89,7 @@ impl Hit {
     }
 
     /// Depth and face as images have them.
-    fn seen(self) -> (f32, Face) {
+    pub(super) fn seen(self) -> (f32, Face) {
         let building = || BuildingIdx::new((self.code as usize - 2) / 2);
         match self.code {
             _ if !self.t.is_finite() => (f32::NAN, Face::Nothing),
@@ -133,6 +132,8 @@ pub struct SceneTracer<'a> {
     /// Around each prism, somewhat larger.
     boxes: Vec<Aabb>,
     bvh: Bvh,
+    /// The vector registers that this processor has.
+    pub(super) level: Level,
 }
 
 impl<'a> SceneTracer<'a> {
@@ -151,7 +152,7 @@ impl<'a> SceneTracer<'a> {
         };
         let boxes: Vec<Aabb> = scene.prisms.iter().zip(&roofs).map(around).collect();
         let bvh = Bvh::build(&boxes);
-        Self { scene, roofs, boxes, bvh }
+        Self { scene, roofs, boxes, bvh, level: Level::new() }
     }
 
     /// The ray parameter of the first thing met, and what it is; `NaN` and [`Face::Nothing`] if there is none.
@@ -165,21 +166,28 @@ impl<'a> SceneTracer<'a> {
         nearest.seen()
     }
 
-    /// The same for 64 rays from one point, in packets of eight neighbours (`None` = no ray): the same depths and
-    /// faces, to the bit.
+    /// The same for up to 64 rays from one point: the same depths and faces, to the bit.
     #[must_use]
-    pub fn trace_tile(&self, rays: &[Option<Ray>; TILE]) -> [(f32, Face); TILE] {
-        let mut seen = match Tile::new(self, rays) {
-            Some(tile) => tile.trace().map(Hit::seen),
-            None => [(f32::NAN, Face::Nothing); TILE],
-        };
+    pub fn trace_tile(&self, rays: &RayTile) -> TileSeen {
+        let (hits, left_out) = dispatch!(self.level, simd => packet::trace(simd, self, rays));
+        let mut seen = TileSeen { depth: [f32::NAN; TILE], face: [Face::Nothing; TILE] };
+        for k in 0..TILE {
+            (seen.depth[k], seen.face[k]) = Hit { t: hits.t[k], code: hits.code[k] }.seen();
+        }
+        self.trace_left_out(rays, left_out, &mut seen);
+        seen
+    }
+
+    /// Rays that are not there and upright ones, told as bits.
+    fn trace_left_out(&self, rays: &RayTile, mut left_out: u64, seen: &mut TileSeen) {
         let mut scratch = Vec::new();
-        for (seen, ray) in seen.iter_mut().zip(rays) {
-            if let Some(ray) = ray.as_ref().filter(|ray| is_upright(ray)) {
-                *seen = self.trace(ray, &mut scratch);
+        while left_out != 0 {
+            let k = left_out.trailing_zeros() as usize;
+            left_out &= left_out - 1;
+            if let Some(direction) = rays.direction_of(k) {
+                (seen.depth[k], seen.face[k]) = self.trace(&Ray::new(rays.origin, direction), &mut scratch);
             }
         }
-        seen
     }
 
     /// Renders a whole image, bands of rows in parallel.
@@ -196,16 +204,16 @@ impl<'a> SceneTracer<'a> {
                     let place = |k: usize| {
                         (col + TILE_COLS[k % LANES] + 4 * (k / LANES % 2), TILE_ROWS[k % LANES] + 2 * (k / LANES / 2))
                     };
-                    let ray = |k: usize| {
+                    let direction = |k: usize| {
                         let (col, row) = place(k);
                         let pixel = DVec2::new(col as f64 + 0.5, (TILE_SIDE * i + row) as f64 + 0.5);
-                        if col < width && row < n_rows { placed.ray(pixel) } else { None }
+                        if col < width && row < n_rows { placed.direction(pixel) } else { None }
                     };
-                    let seen = self.trace_tile(&std::array::from_fn(ray));
-                    for (k, (depth, face)) in seen.into_iter().enumerate() {
+                    let seen = self.trace_tile(&RayTile::new(placed.eye().as_vec3(), direction));
+                    for k in 0..TILE {
                         let (col, row) = place(k);
                         if col < width && row < n_rows {
-                            (depths[row * width + col], faces[row * width + col]) = (depth, face);
+                            (depths[row * width + col], faces[row * width + col]) = (seen.depth[k], seen.face[k]);
                         }
                     }
                 }
@@ -220,6 +228,10 @@ impl<'a> SceneTracer<'a> {
             Some(t) => Hit { t, code: 1 },
             None => Hit { t: f32::INFINITY, code: 0 },
         }
+    }
+
+    pub(super) fn scene(&self) -> &'a Scene {
+        self.scene
     }
 
     pub(super) fn bvh(&self) -> &Bvh {

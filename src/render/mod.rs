@@ -12,11 +12,13 @@
 //! Rays have `d · forward = 1`, so the parameter `s` is z-depth. Frame: [`Local`], `f32`.
 
 pub mod bvh;
+mod cones;
 pub mod image;
 mod packet;
 pub mod profile;
+pub mod tile;
 
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3};
 
 use crate::camera::Camera;
 use crate::frames::{Cam, Local, LocalOrigin, Map, Rigid};
@@ -62,8 +64,15 @@ impl PlacedCamera {
     /// The ray through a position in the image; `None` outside the lens model's valid domain.
     #[must_use]
     pub fn ray(&self, pixel: DVec2) -> Option<Ray> {
+        Some(Ray::new(self.eye.as_vec3(), self.direction(pixel)?))
+    }
+
+    /// The direction of that ray, from [`Self::eye`], local frame; `d · axis = 1`, so that its parameter is z-depth.
+    #[must_use]
+    #[inline]
+    pub fn direction(&self, pixel: DVec2) -> Option<Vec3> {
         let direction = self.camera_from_local.rotation.transpose() * self.camera.unproject(pixel)?;
-        Some(Ray::new(self.eye.as_vec3(), direction.as_vec3()))
+        Some(direction.as_vec3())
     }
 
     /// The image position that sees a local point; `None` behind the camera.

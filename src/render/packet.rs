@@ -2,219 +2,206 @@
 //!
 //! The hierarchy is walked once per tile: each box is held against the cones around all eight packets, one per lane.
 //! Prisms whose boxes a cone may meet are then met by the packet's eight rays, one per lane, with the arithmetic of
-//! the single ray ([`Prism::crossings`]) in its order: depths and faces are the same to the bit. Two ways of one
-//! packet over a footprint (courtyards, L-shaped outlines) are left to the single ray, lane by lane.
+//! the single ray ([`Prism::crossings`]) in its order, no product fused with a sum: depths and faces are the same to the
+//! bit, however wide registers are. Two ways of one ray over a footprint (courtyards, L-shaped outlines) are left to the
+//! single ray.
 //!
 //! Source of the idea: Wald, Slusallek, Benthin, Wagner, "Interactive Rendering with Coherent Ray Tracing", CGF
 //! 20:153, 2001; bounds over many rays as in Reshetov, Soupikov, Hurley, "Multi-Level Ray Tracing", TOG 24:1176, 2005.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined where the processor's registers are known is not made for them"
+)]
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8, mask32x8, u32x8};
 use glam::Vec3;
-use wide::f32x8;
 
 use super::bvh::Probe;
+use super::cones::{Cones, greatest_of_packets};
 use super::image::{Hit, SceneTracer, Solid};
+use super::tile::{LANES, RayTile, TILE};
 use crate::ray::{Aabb, Ray};
-use crate::scene::{Crossing, Prism};
+use crate::scene::{Crossing, LocalGround, Prism};
 
-/// Rays of a packet, and packets of a tile.
-pub(super) const LANES: usize = 8;
-/// Rays of a tile.
-pub(super) const TILE: usize = LANES * LANES;
+/// What every ray of a tile meets first; for no ray and upright ones nothing. Also which rays these are, as bits.
+#[inline(always)]
+pub(super) fn trace<S: Simd>(simd: S, tracer: &SceneTracer<'_>, rays: &RayTile) -> (TileHits, u64) {
+    let mut hits = TileHits { t: [f32::INFINITY; TILE], code: [0; TILE] };
+    let Some(some) = rays.first_slanted() else { return (hits, u64::MAX) };
+    let (first, mut left_out) = Packet::new(simd, tracer, rays, 0, some);
+    let mut packets = [first; LANES];
+    // No `array::from_fn` nor `map`: what they call is not inlined.
+    for (i, packet) in packets.iter_mut().enumerate().skip(1) {
+        let without;
+        (*packet, without) = Packet::new(simd, tracer, rays, i, some);
+        left_out |= without << (LANES * i);
+    }
+    let mut tile = Tile::new(simd, tracer, rays.origin, packets);
+    tracer.bvh().walk(&mut tile);
+    for (i, packet) in tile.packets.iter().enumerate() {
+        packet.nearest.store_slice(&mut hits.t[LANES * i..LANES * (i + 1)]);
+        packet.code.store_slice(&mut hits.code[LANES * i..LANES * (i + 1)]);
+    }
+    (hits, left_out)
+}
 
-/// One value per ray of a packet, or per packet of a tile.
-type Lanes = f32x8;
+/// One [`Hit`] per ray of a tile.
+pub(super) struct TileHits {
+    pub t: [f32; TILE],
+    pub code: [u32; TILE],
+}
 
 /// Eight rays and what they met so far.
 #[derive(Clone, Copy)]
-struct Packet {
-    direction: [Lanes; 3],
+struct Packet<S: Simd> {
+    direction: [f32x8<S>; 3],
     /// Of the horizontal direction.
-    length_squared: Lanes,
-    nearest: Lanes,
-    /// [`Hit::code`]s, as bits.
-    code: Lanes,
-}
-
-/// Bounds on where the rays of each packet (a lane) can be, for boxes on either side of their common origin along an
-/// axis.
-#[derive(Clone, Copy)]
-struct Cones {
-    /// Times the way to the box's near face: no ray is there before. Infinite where none goes that way.
-    soonest: [Side; 3],
-    /// Times the way to its far face: every ray is past it after. Infinite where one never gets there.
-    latest: [Side; 3],
-}
-
-/// A factor for boxes above the origin along an axis, and one for those below.
-#[derive(Clone, Copy)]
-struct Side {
-    above: Lanes,
-    below: Lanes,
+    length_squared: f32x8<S>,
+    nearest: f32x8<S>,
+    /// [`Hit::code`]s.
+    code: u32x8<S>,
 }
 
 /// The rays of a tile on their way through a scene.
-pub(super) struct Tile<'a> {
+struct Tile<'a, S: Simd> {
+    simd: S,
     tracer: &'a SceneTracer<'a>,
     origin: Vec3,
-    packets: [Packet; LANES],
-    cones: Cones,
-    /// By packet: the farthest that one of its rays still looks.
-    reach: Lanes,
+    packets: [Packet<S>; LANES],
+    cones: Cones<S>,
+    /// By packet: the farthest that one of its rays still looks; never infinite, so that a box that no ray can reach is
+    /// out of it.
+    reach: f32x8<S>,
     scratch: Vec<Crossing>,
 }
 
-impl<'a> Tile<'a> {
-    /// From 64 rays out of one point, in packets of eight neighbours; `None` = no ray.
-    pub fn new(tracer: &'a SceneTracer<'a>, rays: &[Option<Ray>; TILE]) -> Option<Self> {
-        let any = rays.iter().flatten().find(|ray| !is_upright(ray))?;
-        let packets = std::array::from_fn(|i| Packet::new(tracer, &rays[LANES * i..LANES * (i + 1)], any));
-        let cones = Cones::around(&packets);
-        let reach = Lanes::new(std::array::from_fn(|i| packets[i].reach()));
-        Some(Self { tracer, origin: any.origin, packets, cones, reach, scratch: Vec::new() })
-    }
-
-    /// What every ray meets first; for no ray and upright ones nothing.
-    pub fn trace(mut self) -> [Hit; TILE] {
-        self.tracer.bvh().walk(&mut self);
-        std::array::from_fn(|i| {
-            let packet = &self.packets[i / LANES];
-            let lane = i % LANES;
-            Hit { t: packet.nearest.to_array()[lane], code: packet.code.to_array()[lane].to_bits() }
-        })
-    }
-
-    /// Where the cones enter a box, by packet, and which of them may do so within reach.
-    fn meets(&self, bounds: &Aabb) -> (Lanes, Lanes) {
-        let (mut enter, mut leave) = (Lanes::ZERO, self.reach);
-        for axis in 0..3 {
-            let (low, high) = (bounds.min[axis] - self.origin[axis], bounds.max[axis] - self.origin[axis]);
-            let (soonest, latest) = (&self.cones.soonest[axis], &self.cones.latest[axis]);
-            if low > 0.0 {
-                enter = enter.fast_max(Lanes::splat(low) * soonest.above);
-                leave = leave.fast_min(Lanes::splat(high) * latest.above);
-            } else if high < 0.0 {
-                enter = enter.fast_max(Lanes::splat(high) * soonest.below);
-                leave = leave.fast_min(Lanes::splat(low) * latest.below);
-            }
+impl<'a, S: Simd> Tile<'a, S> {
+    #[inline(always)]
+    fn new(simd: S, tracer: &'a SceneTracer<'a>, origin: Vec3, packets: [Packet<S>; LANES]) -> Self {
+        let [mut x, mut y, mut z] = [[f32x8::splat(simd, 0.0); LANES]; 3];
+        let mut nearest = x;
+        for (i, packet) in packets.iter().enumerate() {
+            [x[i], y[i], z[i]] = packet.direction;
+            nearest[i] = packet.nearest;
         }
-        (enter, enter.simd_le(leave))
+        let cones = Cones::around(simd, [x, y, z]);
+        let reach = greatest_of_packets(simd, nearest).min(f32::MAX);
+        Self { simd, tracer, origin, packets, cones, reach, scratch: Vec::new() }
     }
 }
 
-impl Probe for Tile<'_> {
+impl<S: Simd> Probe for Tile<'_, S> {
+    #[inline(always)]
     fn enters(&self, bounds: &Aabb) -> Option<f32> {
-        let (enter, may_meet) = self.meets(bounds);
-        may_meet.any().then(|| -greatest(-may_meet.select(enter, Lanes::splat(f32::INFINITY))))
+        let (enter, may_meet) = self.cones.meet(bounds, self.origin, self.reach);
+        let never = f32x8::splat(self.simd, f32::INFINITY);
+        if may_meet.any_true() { Some(may_meet.select(enter, never).reduce_min()) } else { None }
     }
 
+    #[inline(always)]
     fn reach(&self) -> f32 {
-        greatest(self.reach)
+        self.reach.reduce_max()
     }
 
+    #[inline(always)]
     fn visit(&mut self, idx: usize) {
-        let mut may_meet = self.meets(self.tracer.bounds(idx)).1.to_bitmask();
+        let mut may_meet = self.cones.meet(self.tracer.bounds(idx), self.origin, self.reach).1.to_bitmask();
         let solid = self.tracer.solid(idx);
         while may_meet != 0 {
             let i = may_meet.trailing_zeros() as usize;
             may_meet &= may_meet - 1;
-            self.packets[i].meet(self.origin, (idx, &solid), &mut self.scratch);
-            self.reach.as_mut_array()[i] = self.packets[i].reach();
+            self.packets[i].meet(self.simd, self.origin, (idx, &solid), &mut self.scratch);
+            self.reach[i] = self.packets[i].nearest.reduce_max().min(f32::MAX);
         }
     }
 }
 
-impl Packet {
-    /// Eight rays, each with the ground in front of it; missing and upright ones look nowhere, along `any`.
-    fn new(tracer: &SceneTracer<'_>, rays: &[Option<Ray>], any: &Ray) -> Self {
-        let rays: [Option<&Ray>; LANES] = std::array::from_fn(|i| rays[i].as_ref().filter(|ray| !is_upright(ray)));
-        let ground = rays.map(|ray| ray.map_or(Hit::BLOCKED, |ray| tracer.ground(ray)));
-        let axis = |axis: usize| Lanes::new(rays.map(|ray| ray.unwrap_or(any).direction[axis]));
-        let [x, y, z] = [axis(0), axis(1), axis(2)];
-        Self {
+impl<S: Simd> Packet<S> {
+    /// The `i`-th eight rays of a tile, each with the ground in front of it. Missing and upright ones look nowhere,
+    /// along `some` other ray; these are told as bits.
+    #[inline(always)]
+    fn new(simd: S, tracer: &SceneTracer<'_>, rays: &RayTile, i: usize, some: Vec3) -> (Self, u64) {
+        let [x, y, z] = &rays.direction;
+        let (from, to) = (LANES * i, LANES * (i + 1));
+        let x = f32x8::from_slice(simd, &x[from..to]);
+        let y = f32x8::from_slice(simd, &y[from..to]);
+        let z = f32x8::from_slice(simd, &z[from..to]);
+        // False for `NaN`, where there is no ray.
+        let is_slanted = (x * x + y * y).simd_ge(Prism::UPRIGHT_BELOW) & z.simd_eq(z);
+        let x = is_slanted.select(x, f32x8::splat(simd, some.x));
+        let y = is_slanted.select(y, f32x8::splat(simd, some.y));
+        let z = is_slanted.select(z, f32x8::splat(simd, some.z));
+        let (ground, code) = meet_ground(simd, tracer, rays.origin, [x, y, z]);
+        let packet = Self {
             direction: [x, y, z],
             length_squared: x * x + y * y,
-            nearest: Lanes::new(ground.map(|hit| hit.t)),
-            code: Lanes::new(ground.map(|hit| f32::from_bits(hit.code))),
-        }
-    }
-
-    /// The farthest that one of the rays still looks; never infinite, so that a box that no ray can reach is out of it.
-    fn reach(&self) -> f32 {
-        greatest(self.nearest).min(f32::MAX)
+            nearest: is_slanted.select(ground, f32x8::splat(simd, f32::NEG_INFINITY)),
+            code: is_slanted.select(code, u32x8::splat(simd, 0)),
+        };
+        (packet, (!is_slanted).to_bitmask())
     }
 
     /// Meets all rays with one prism.
-    fn meet(&mut self, origin: Vec3, (idx, solid): (usize, &Solid<'_>), scratch: &mut Vec<Crossing>) {
+    #[inline(always)]
+    fn meet(&mut self, simd: S, origin: Vec3, (idx, solid): (usize, &Solid<'_>), scratch: &mut Vec<Crossing>) {
         let [x, y, z] = self.direction;
-        let (enter, leave, n) = solid.prism.crossings_of_eight(origin.truncate(), [x, y], self.length_squared);
-        let is_over = n.simd_eq(Lanes::splat(2.0)) & leave.simd_gt(enter) & leave.simd_gt(Lanes::ZERO);
-        let (eye, foot, top) = (Lanes::splat(origin.z), Lanes::splat(solid.foot_z), Lanes::splat(solid.roof_z));
-        let from = enter.fast_max(Lanes::ZERO);
+        let (enter, leave, n) = solid.prism.crossings_of_eight(simd, origin.truncate(), [x, y], self.length_squared);
+        let is_over = n.simd_eq(2.0) & leave.simd_gt(enter) & leave.simd_gt(0.0);
+        let (eye, top) = (f32x8::splat(simd, origin.z), f32x8::splat(simd, solid.roof_z));
+        let from = enter.max(0.0);
         let level = eye + from * z;
         let below_roof = level.simd_le(top);
         let roof = (top - eye) / z;
-        let meets_wall = below_roof & enter.simd_gt(Lanes::ZERO) & level.simd_ge(foot);
-        let meets_roof = !below_roof & z.simd_lt(Lanes::ZERO) & roof.simd_lt(leave);
-        let t = below_roof.bitselect(from, roof);
-        let [wall_code, roof_code] = [Hit::wall(idx), Hit::roof(idx)].map(|code| Lanes::splat(f32::from_bits(code)));
-        self.take(is_over & (meets_wall | meets_roof), t, below_roof.bitselect(wall_code, roof_code));
+        let meets_wall = below_roof & enter.simd_gt(0.0) & level.simd_ge(solid.foot_z);
+        let meets_roof = !below_roof & z.simd_lt(0.0) & roof.simd_lt(leave);
+        let code = below_roof.select(u32x8::splat(simd, Hit::wall(idx)), u32x8::splat(simd, Hit::roof(idx)));
+        self.take(is_over & (meets_wall | meets_roof), below_roof.select(from, roof), code);
 
-        let mut many = n.simd_gt(Lanes::splat(2.0)).to_bitmask();
+        let mut many = n.simd_gt(2.0).to_bitmask();
         while many != 0 {
             let lane = many.trailing_zeros() as usize;
             many &= many - 1;
-            let ray = Ray::new(origin, Vec3::from_array(self.direction.map(|axis| axis.to_array()[lane])));
-            let before = Hit { t: self.nearest.to_array()[lane], code: self.code.to_array()[lane].to_bits() };
+            let ray = Ray::new(origin, Vec3::from_array(self.direction.map(|axis| axis[lane])));
+            let before = Hit { t: self.nearest[lane], code: self.code[lane] };
             let hit = before.or_nearer(&ray, (idx, solid), scratch);
-            self.nearest.as_mut_array()[lane] = hit.t;
-            self.code.as_mut_array()[lane] = f32::from_bits(hit.code);
+            (self.nearest[lane], self.code[lane]) = (hit.t, hit.code);
         }
     }
 
     /// Keeps what is nearer, and of equals the one with the lower code.
-    fn take(&mut self, hits: Lanes, t: Lanes, code: Lanes) {
-        let mut closer = hits & t.simd_lt(self.nearest);
-        let equal = hits & t.simd_eq(self.nearest);
-        if equal.any() {
-            let (ours, theirs) = (self.code.to_array(), code.to_array());
-            let bits = std::array::from_fn(|i| if theirs[i].to_bits() < ours[i].to_bits() { u32::MAX } else { 0 });
-            closer |= equal & Lanes::new(bits.map(f32::from_bits));
-        }
-        self.nearest = closer.bitselect(t, self.nearest);
-        self.code = closer.bitselect(code, self.code);
+    #[inline(always)]
+    fn take(&mut self, hits: mask32x8<S>, t: f32x8<S>, code: u32x8<S>) {
+        let is_first = t.simd_eq(self.nearest) & code.simd_lt(self.code);
+        let is_nearer = hits & (t.simd_lt(self.nearest) | is_first);
+        self.nearest = is_nearer.select(t, self.nearest);
+        self.code = is_nearer.select(code, self.code);
     }
 }
 
-impl Cones {
-    fn around(packets: &[Packet; LANES]) -> Self {
-        let of_axis = |axis: usize| {
-            let least = packets.map(|packet| -greatest(-packet.direction[axis]));
-            let most = packets.map(|packet| greatest(packet.direction[axis]));
-            let positive = |d: f32| if d > 0.0 { d.recip() } else { f32::INFINITY };
-            let negative = |d: f32| if d < 0.0 { d.recip() } else { f32::NEG_INFINITY };
-            let lanes = |values: [f32; LANES]| Lanes::new(values);
-            let soonest = Side { above: lanes(most.map(positive)), below: lanes(least.map(negative)) };
-            let latest = Side { above: lanes(least.map(positive)), below: lanes(most.map(negative)) };
-            (soonest, latest)
-        };
-        let axes = [of_axis(0), of_axis(1), of_axis(2)];
-        Self { soonest: axes.map(|a| a.0), latest: axes.map(|a| a.1) }
+/// Where eight rays meet the ground, as [`SceneTracer::ground`] tells it of one.
+#[inline(always)]
+fn meet_ground<S: Simd>(
+    simd: S,
+    tracer: &SceneTracer<'_>,
+    origin: Vec3,
+    direction: [f32x8<S>; 3],
+) -> (f32x8<S>, u32x8<S>) {
+    if let LocalGround::Level(level_z) = tracer.scene().ground {
+        let t = f32x8::splat(simd, level_z - origin.z) / direction[2];
+        let meets = direction[2].simd_lt(0.0) & t.simd_gt(0.0);
+        let never = f32x8::splat(simd, f32::INFINITY);
+        return (meets.select(t, never), meets.select(u32x8::splat(simd, 1), u32x8::splat(simd, 0)));
     }
-}
-
-/// Whether a ray has no horizontal direction that footprints could be cut along.
-pub(super) fn is_upright(ray: &Ray) -> bool {
-    Prism::is_upright(ray.direction.truncate().length_squared())
-}
-
-fn greatest(lanes: Lanes) -> f32 {
-    let [a, b, c, d, e, f, g, h] = lanes.to_array();
-    let most = |a: f32, b: f32| if a > b { a } else { b };
-    most(most(most(a, b), most(c, d)), most(most(e, f), most(g, h)))
+    let hits: [Hit; LANES] =
+        std::array::from_fn(|i| tracer.ground(&Ray::new(origin, Vec3::from_array(direction.map(|axis| axis[i])))));
+    (f32x8::simd_from(simd, hits.map(|hit| hit.t)), u32x8::simd_from(simd, hits.map(|hit| hit.code)))
 }
 
 #[cfg(test)]
 mod tests {
+    use fearless_simd::Level;
     use geo_types::{Polygon, polygon};
     use glam::{DMat3, DVec2, DVec3};
     use proptest::prelude::*;
@@ -225,7 +212,7 @@ mod tests {
     use crate::ids::BuildingIdx;
     use crate::raster::Raster;
     use crate::render::PlacedCamera;
-    use crate::render::image::Face;
+    use crate::render::image::{BOX_MARGIN_M, Face};
     use crate::scene::{HeightBounds, Scene};
     use crate::terrain::{Dem, GroundLevel, Terrain};
 
@@ -311,6 +298,97 @@ mod tests {
                     prop_assert!(is_same, "{:?} for {:?}", depth, all);
                     let building = (all.code >= 2).then(|| (all.code as usize - 2) / 2);
                     prop_assert_eq!(face.building().map(BuildingIdx::at), building);
+                }
+            }
+        }
+    }
+
+    /// Every kind of vector registers that this processor has.
+    fn levels() -> Vec<Level> {
+        #[cfg(target_arch = "x86_64")]
+        {
+            let best = Level::new();
+            if best.as_avx2().is_none() {
+                println!("skipped: registers of 256 bits, which this processor has not");
+            }
+            let some = [best.as_sse4_2().map(Simd::level), best.as_avx2().map(Simd::level)];
+            [Level::baseline(), best].into_iter().chain(some.into_iter().flatten()).collect()
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        vec![Level::new()]
+    }
+
+    /// A coordinate anywhere, or where walls and the faces of their boxes are.
+    fn coordinate() -> impl Strategy<Value = f32> {
+        let face = prop::sample::select(vec![0.0_f32, 9.0, 12.0, 21.0, 25.0, 28.0, 30.0, 35.0, 36.0, 44.0, 50.0]);
+        let beside = prop::sample::select(vec![0.0_f32, BOX_MARGIN_M, -BOX_MARGIN_M, 0.005]);
+        prop_oneof![-60.0..80.0_f32, (face, beside).prop_map(|(face, beside)| face + beside)]
+    }
+
+    /// Rays a little or a lot apart, among them some along axes, upright ones and gaps: a tile may look all ways round.
+    fn directions() -> impl Strategy<Value = Vec<Option<Vec3>>> {
+        let middle = (-1.0..1.0_f32, -1.0..1.0_f32, prop_oneof![Just(-1.0_f32), -1.0..0.6_f32]);
+        let spread = prop::sample::select(vec![0.0_f32, 0.003, 0.05, 0.6, 4.0]);
+        (middle, spread, any::<bool>()).prop_flat_map(|((x, y, z), spread, is_level)| {
+            let apart = prop::array::uniform3(-1.0..1.0_f32);
+            let ray = (apart, 0..24).prop_map(move |(apart, kind)| {
+                let direction = Vec3::new(x, y, z) + spread * Vec3::from_array(apart);
+                match kind {
+                    0 => None,
+                    1 => Some(Vec3::new(0.0, 0.0, -1.0)),
+                    2 | 3 => Some(direction.with_x(0.0)),
+                    4 | 5 => Some(direction.with_y(-0.0)),
+                    6 if is_level => Some(direction.with_z(0.0)),
+                    _ => Some(direction),
+                }
+            });
+            prop::collection::vec(ray, TILE)
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(400))]
+        #[test]
+        fn tiles_from_anywhere_see_what_single_rays_see_to_the_bit_in_all_registers(
+            heights in prop::array::uniform7(2.0..60.0_f32),
+            // Inside and above buildings, in the planes of walls, and far off.
+            eye in (coordinate(), coordinate(), prop_oneof![0.0..70.0_f32, 70.0..400.0_f32]),
+            at_box in prop::option::of((0..7_usize, prop::array::uniform3(0..4_u8))),
+            directions in directions(), is_hilly in any::<bool>(),
+        ) {
+            let terrain = if is_hilly { hills() } else { Terrain::Constant(0.0) };
+            let scene = scene(&terrain);
+            let mut tracer = SceneTracer::new(&scene, &heights);
+            // Coordinates of the scene are those of the map, moved by whole numbers.
+            let mut eye = (DVec3::new(eye.0.into(), eye.1.into(), eye.2.into()) - scene.origin.0).as_vec3();
+            // In the planes of a box's faces, which bound nothing.
+            if let Some((prism, faces)) = at_box {
+                let bounds = tracer.bounds(prism);
+                for axis in 0..3 {
+                    eye[axis] = match faces[axis] {
+                        0 => bounds.min[axis],
+                        1 => bounds.max[axis],
+                        _ => eye[axis],
+                    };
+                }
+            }
+            let rays = RayTile::new(eye, |k| directions[k]);
+            for level in levels() {
+                tracer.level = level;
+                let seen = tracer.trace_tile(&rays);
+                for (k, direction) in directions.iter().enumerate() {
+                    let expected = match *direction {
+                        Some(direction) => {
+                            let ray = Ray::new(eye, direction);
+                            let all = linear(&tracer, 7, &ray).seen();
+                            let single = tracer.trace(&ray, &mut Vec::new());
+                            prop_assert_eq!((all.0.to_bits(), all.1), (single.0.to_bits(), single.1), "{:?}", ray);
+                            single
+                        }
+                        None => (f32::NAN, Face::Nothing),
+                    };
+                    let found = (seen.depth[k].to_bits(), seen.face[k]);
+                    prop_assert_eq!(found, (expected.0.to_bits(), expected.1), "{} {:?} {:?}", k, direction, level);
                 }
             }
         }

@@ -1,8 +1,8 @@
 //! One building as a vertical prism: a footprint, its ground level, and a height to be found.
 
+use fearless_simd::{Simd, f32x8, prelude::*};
 use geo_types::{LineString, Polygon};
 use glam::{Vec2, Vec3};
-use wide::f32x8;
 
 use crate::frames::LocalOrigin;
 use crate::ray::{Aabb, Ray};
@@ -31,6 +31,9 @@ pub struct Prism {
 }
 
 impl Prism {
+    /// A ray counts as upright if the squared length of its horizontal direction is less.
+    pub(crate) const UPRIGHT_BELOW: f32 = 1e-12;
+
     /// From a map-frame outline.
     #[must_use]
     pub fn new(polygon: &Polygon<f64>, ground: GroundLevel, origin: LocalOrigin) -> Self {
@@ -120,35 +123,42 @@ impl Prism {
     /// Whether a ray counts as upright, by the squared length of its horizontal direction.
     #[must_use]
     pub fn is_upright(length_squared: f32) -> bool {
-        length_squared < 1e-12
+        length_squared < Self::UPRIGHT_BELOW
     }
 
     /// The same for eight rays from one point, none of them upright: where each first enters and last leaves the
     /// footprint, and how many edges it meets. Where it meets two, these are the one stretch there is, to the bit; it
     /// counts if it ends in front of the origin and is longer than nothing.
-    #[must_use]
-    pub fn crossings_of_eight(&self, origin: Vec2, [x, y]: [f32x8; 2], length_squared: f32x8) -> (f32x8, f32x8, f32x8) {
-        let never = f32x8::splat(f32::INFINITY);
-        let (mut enter, mut leave, mut n) = (never, -never, f32x8::ZERO);
+    #[expect(clippy::inline_always, reason = "registers are as wide as where it is inlined")]
+    #[inline(always)]
+    pub(crate) fn crossings_of_eight<S: Simd>(
+        &self,
+        simd: S,
+        origin: Vec2,
+        [x, y]: [f32x8<S>; 2],
+        length_squared: f32x8<S>,
+    ) -> (f32x8<S>, f32x8<S>, f32x8<S>) {
+        let (zero, one) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 1.0));
+        let never = f32x8::splat(simd, f32::INFINITY);
+        let (mut enter, mut leave, mut n) = (never, -never, zero);
         for ring in self.rings() {
-            let side_of = |corner: Vec2| x * f32x8::splat(corner.y) - y * f32x8::splat(corner.x);
             let mut previous = ring[0] - origin;
-            let mut previous_side = side_of(previous);
-            let mut was_left = previous_side.simd_ge(f32x8::ZERO);
+            let mut previous_side = side_of([x, y], previous);
+            let mut was_left = previous_side.simd_ge(zero);
             for &corner in &ring[1..] {
                 let next = corner - origin;
-                let side = side_of(next);
-                let is_left = side.simd_ge(f32x8::ZERO);
+                let side = side_of([x, y], next);
+                let is_left = side.simd_ge(zero);
                 let meets = was_left ^ is_left;
-                if meets.any() {
+                if meets.any_true() {
                     let along = previous_side / (previous_side - side);
                     let edge = next - previous;
-                    let meet_x = f32x8::splat(previous.x) + along * f32x8::splat(edge.x);
-                    let meet_y = f32x8::splat(previous.y) + along * f32x8::splat(edge.y);
+                    let meet_x = along * edge.x + previous.x;
+                    let meet_y = along * edge.y + previous.y;
                     let meet = (x * meet_x + y * meet_y) / length_squared;
-                    enter = meets.bitselect(enter.fast_min(meet), enter);
-                    leave = meets.bitselect(leave.fast_max(meet), leave);
-                    n += meets & f32x8::ONE;
+                    enter = meets.select(enter.min(meet), enter);
+                    leave = meets.select(leave.max(meet), leave);
+                    n = meets.select(n + one, n);
                 }
                 previous = next;
                 previous_side = side;
@@ -174,6 +184,13 @@ impl Prism {
         let twice: f32 = self.edges().map(|(a, b)| a.perp_dot(b)).sum();
         0.5 * twice.abs()
     }
+}
+
+/// On which side of eight directions from the origin a corner lies: positive to their left.
+#[expect(clippy::inline_always, reason = "registers are as wide as where it is inlined")]
+#[inline(always)]
+fn side_of<S: Simd>([x, y]: [f32x8<S>; 2], corner: Vec2) -> f32x8<S> {
+    x * corner.y - y * corner.x
 }
 
 fn local_ring(ring: &LineString<f64>, origin: LocalOrigin) -> impl Iterator<Item = Vec2> + '_ {
