@@ -52,6 +52,7 @@ pub mod paths;
 pub mod raster;
 pub mod ray;
 pub mod seed;
+mod simd;
 pub mod stats;
 mod template;
 

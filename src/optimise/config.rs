@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::photometry::PolishConfig;
-use crate::scene::HeightReference;
+use crate::scene::{HeightReference, RoofForm};
 use crate::views::ViewsConfig;
 
 /// Which height solver runs.
@@ -190,10 +190,8 @@ pub struct SearchConfig {
     pub take_back_spill: bool,
     /// Whether outlines that hold two roof levels (a tower on its podium) are taken apart, after the full sweeps.
     pub split_levels: bool,
-    /// Whether pitched roofs are looked for after the sweeps.
-    pub pitched_roofs: bool,
-    /// Whether roofs with a step (a penthouse, a terrace) are looked for after the sweeps. Without either, all are flat.
-    pub stepped_roofs: bool,
+    /// Forms of roofs that are tried after the sweeps, besides the flat one. None: all are flat.
+    pub roof_forms: Vec<RoofForm>,
     /// Log-spaced heights tried in a full sweep.
     pub n_coarse: usize,
     /// Evenly spaced heights tried around the best one.
@@ -230,8 +228,7 @@ impl Default for SearchConfig {
             rank_sweeps: 0,
             take_back_spill: true,
             split_levels: true,
-            pitched_roofs: true,
-            stepped_roofs: true,
+            roof_forms: vec![RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped],
             n_coarse: 48,
             n_fine: 17,
             local_half_width_m: 6.0,

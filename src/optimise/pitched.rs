@@ -10,12 +10,20 @@
 //! A flat block that fits a pitched roof's depth edges ends a third of the way from eave to ridge, which is not a height
 //! that anybody means.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined where the processor's registers are known is not made for them"
+)]
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8};
 use glam::{Mat2, Vec2};
 
 use super::roof::{Fit, Margin, Roof, RoofView, distance_to_outline, smallest_rectangle};
-use super::stretches::{LANES, Lanes};
+use super::stretches::Form;
 use crate::ray::Ray;
 use crate::scene::{Prism, RoofForm};
+use crate::simd::{LANES, Lanes};
 
 /// Samples along a ray's way over the footprint.
 const N_SAMPLES: usize = 8;
@@ -48,38 +56,58 @@ type Shares = [Lanes; N_SAMPLES];
 impl Ways {
     /// Lanes that stop no ray.
     const EMPTY: Self =
-        Self { enter: Lanes::ONE, step: Lanes::ZERO, above_m: [Lanes::new([f32::INFINITY; LANES]); N_SAMPLES] };
+        Self { enter: Lanes::splat(1.0), step: Lanes::splat(0.0), above_m: [Lanes::splat(f32::INFINITY); N_SAMPLES] };
 
     fn set(&mut self, lane: usize, ray: &Ray, (enter, leave): (f32, f32), ground_z: f32) {
-        self.enter.as_mut_array()[lane] = enter;
-        self.step.as_mut_array()[lane] = (leave - enter) / (N_SAMPLES - 1) as f32;
+        self.enter.set(lane, enter);
+        self.step.set(lane, (leave - enter) / (N_SAMPLES - 1) as f32);
         for k in 0..N_SAMPLES {
             let z = ray.origin.z + self.depth(lane, k) * ray.direction.z;
-            self.above_m[k].as_mut_array()[lane] = z - ground_z;
+            self.above_m[k].set(lane, z - ground_z);
         }
     }
 
     fn depth(&self, lane: usize, k: usize) -> f32 {
-        self.enter.as_array()[lane] + self.step.as_array()[lane] * k as f32
+        self.enter.get(lane) + self.step.get(lane) * k as f32
     }
 
     /// z-depths at which the rays meet the roof, or the wall in front; `+∞` where they pass over.
-    fn meets(&self, shares: &Shares, eave_m: f32, rise_m: f32) -> Lanes {
-        let (eave_m, rise_m) = (Lanes::splat(eave_m), Lanes::splat(rise_m));
-        let clearance_m = |k: usize| self.above_m[k] - eave_m - rise_m * shares[k];
+    #[inline(always)]
+    fn meets<S: Simd>(&self, simd: S, shares: &Shares, eave_m: f32, rise_m: f32) -> f32x8<S> {
+        let (enter, step) = (self.enter.load(simd), self.step.load(simd));
         // From behind: what stops it later counts only where nothing does before.
-        let mut depth = Lanes::splat(f32::INFINITY);
-        let mut next = clearance_m(N_SAMPLES - 1);
+        let mut depth = f32x8::splat(simd, f32::INFINITY);
+        let mut next = self.clearance_m(simd, shares, N_SAMPLES - 1, eave_m, rise_m);
         for k in (1..N_SAMPLES).rev() {
-            let previous = clearance_m(k - 1);
-            let is_below = next.simd_le(Lanes::ZERO);
-            if is_below.any() {
-                let steps = Lanes::splat((k - 1) as f32) + previous / (previous - next);
-                depth = is_below.bitselect(self.enter + steps * self.step, depth);
+            let previous = self.clearance_m(simd, shares, k - 1, eave_m, rise_m);
+            let is_below = next.simd_le(0.0);
+            if is_below.any_true() {
+                let steps = previous / (previous - next) + (k - 1) as f32;
+                depth = is_below.select(enter + steps * step, depth);
             }
             next = previous;
         }
-        next.simd_le(Lanes::ZERO).bitselect(self.enter, depth)
+        next.simd_le(0.0).select(enter, depth)
+    }
+
+    /// How far above the roof the rays are at a sample, metres.
+    #[inline(always)]
+    fn clearance_m<S: Simd>(&self, simd: S, shares: &Shares, k: usize, eave_m: f32, rise_m: f32) -> f32x8<S> {
+        self.above_m[k].load(simd) - eave_m - shares[k].load(simd) * rise_m
+    }
+}
+
+/// One of the shapes over a view's stretches, at a height.
+struct Pitched<'a> {
+    sampled: &'a Sampled,
+    candidate: Candidate,
+}
+
+impl Form for Pitched<'_> {
+    #[inline(always)]
+    fn meets<S: Simd>(&self, simd: S, block: usize) -> f32x8<S> {
+        let Candidate { shape, eave_m, rise_m } = self.candidate;
+        self.sampled.ways[block].meets(simd, &self.sampled.shares[shape][block], eave_m, rise_m)
     }
 }
 
@@ -160,25 +188,18 @@ impl Sampled {
             let (block, lane) = (i / LANES, i % LANES);
             if lane == 0 {
                 sampled.ways.push(Ways::EMPTY);
-                sampled.shares.iter_mut().for_each(|shares| shares.push([Lanes::ZERO; N_SAMPLES]));
+                sampled.shares.iter_mut().for_each(|shares| shares.push([Lanes::splat(0.0); N_SAMPLES]));
             }
             let ray = view.evidence.ray(view.placed, ray);
             sampled.ways[block].set(lane, &ray, (enter, leave), ground_z);
             for (shares, shape) in sampled.shares.iter_mut().zip(shapes) {
                 for (k, share) in shares[block].iter_mut().enumerate() {
                     let along = sampled.ways[block].depth(lane, k);
-                    share.as_mut_array()[lane] = shape.at((ray.origin + along * ray.direction).truncate());
+                    share.set(lane, shape.at((ray.origin + along * ray.direction).truncate()));
                 }
             }
         }
         sampled
-    }
-
-    /// Fills in where the rays meet a form of a shape.
-    fn meets(&self, shape: usize, eave_m: f32, rise_m: f32, depths: &mut [Lanes]) {
-        for ((ways, shares), depth) in self.ways.iter().zip(&self.shares[shape]).zip(depths) {
-            *depth = ways.meets(shares, eave_m, rise_m);
-        }
     }
 }
 
@@ -204,16 +225,18 @@ impl<'a> Looked<'a> {
     }
 
     /// By view.
-    fn scores(&self, Candidate { shape, eave_m, rise_m }: Candidate) -> impl Iterator<Item = f64> {
+    fn scores(&self, candidate: Candidate) -> impl Iterator<Item = f64> {
         self.views.iter().zip(&self.sampled).map(move |(view, sampled)| {
-            view.window.score_where(view.weight, self.flat_m, |depths| sampled.meets(shape, eave_m, rise_m, depths))
+            view.window.score_where(view.weight, self.flat_m, &Pitched { sampled, candidate })
         })
     }
 }
 
-/// The pitched roof of one building that its views show best around a flat one; `None` where its outline carries none.
-pub(super) fn best<'a>(prism: &'a Prism, flat_m: f32, views: &[RoofView<'_>]) -> Option<Fit<'a>> {
-    let shapes = Shape::all(prism);
+/// The pitched roof of one building, of some forms, that its views show best around a flat one; `None` where its outline carries
+/// none.
+pub(super) fn best<'a>(prism: &'a Prism, forms: &[RoofForm], flat_m: f32, views: &[RoofView<'_>]) -> Option<Fit<'a>> {
+    let mut shapes = Shape::all(prism);
+    shapes.retain(|shape| forms.contains(&shape.form));
     let looked = Looked::new(views, &shapes, prism.ground_z, flat_m);
     let total = |candidate: Candidate| looked.scores(candidate).sum::<f64>();
     let mut best = (f64::NEG_INFINITY, None);

@@ -143,14 +143,16 @@ pub(super) struct Margin {
     pub standard_errors: f64,
 }
 
+/// The scores of a roof in other views.
+pub(super) type ScoresIn<'a> = Box<dyn Fn(&[RoofView<'_>]) -> Vec<f64> + 'a>;
+
 /// The roof of some forms that a building's views show best.
 pub(super) struct Fit<'a> {
     pub roof: Roof,
     pub margin: Margin,
     /// By view.
     pub scores: Vec<f64>,
-    /// The same in other views.
-    pub scores_in: Box<dyn Fn(&[RoofView<'_>]) -> Vec<f64> + 'a>,
+    pub scores_in: ScoresIn<'a>,
 }
 
 impl Fit<'_> {
@@ -186,8 +188,10 @@ pub(super) fn find<'a>(
     let is_better_in_whole = |fit: &Fit<'_>| fit.is_better(&(fit.scores_in)(&whole.0), &whole.1);
     let is_believed =
         |fit: &Fit<'_>| fit.is_better(&fit.scores, &flat) && (!is_far(&fit.roof) || is_better_in_whole(fit));
-    let pitched = config.pitched_roofs.then(|| pitched::best(prism, height_m, near)).flatten();
-    let stepped = config.stepped_roofs.then(|| stepped::best(prism, bounds, height_m, near)).flatten();
+    let forms = &config.roof_forms;
+    let pitched = pitched::best(prism, forms, height_m, near);
+    let is_stepped_tried = forms.contains(&RoofForm::Stepped);
+    let stepped = is_stepped_tried.then(|| stepped::best(prism, bounds, height_m, near)).flatten();
     let total = |fit: &Fit<'_>| fit.scores.iter().sum::<f64>();
     let believed = [pitched, stepped].into_iter().flatten().filter(is_believed);
     believed.max_by(|a, b| total(a).total_cmp(&total(b))).map(|fit| fit.roof)

@@ -13,7 +13,7 @@
 use super::calibrate::Calibration;
 use super::config::SearchConfig;
 use super::evidence::Evidence;
-use super::stretches::{Lanes, Stretch, Stretches, Sums};
+use super::stretches::{Form, Stretch, Stretches, Sums};
 use crate::render::profile::Stops;
 use crate::stats;
 
@@ -170,12 +170,9 @@ impl Window {
         order + agreement_weight * sums.agreement()
     }
 
-    /// The same for a roof of any form: `meets` fills in at which z-depth it stops each stretch (in the order of
-    /// [`Self::own_stretches`]), and leaves those that it does not stop. `height_m` sets the agreement's tolerance.
-    pub(super) fn score_where(&self, weight: f64, height_m: f32, meets: impl FnOnce(&mut [Lanes])) -> f64 {
-        let mut depths = vec![Lanes::splat(f32::INFINITY); self.stretches.n_blocks()];
-        meets(&mut depths);
-        let sums = self.stretches.with(height_m, &mut depths);
+    /// The same for a roof of any form over [`Self::own_stretches`]. `height_m` sets the agreement's tolerance.
+    pub(super) fn score_where(&self, weight: f64, height_m: f32, form: &impl Form) -> f64 {
+        let sums = self.stretches.with(height_m, form);
         self.correlation(&sums) + weight * sums.agreement()
     }
 

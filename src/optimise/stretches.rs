@@ -7,15 +7,24 @@
 //! a(h) = Σ exp(−e²/2),  e = (lifted − v) / tolerance     over what is seen of the roof
 //! ```
 //!
-//! Each stretch costs some forty operations in single precision, without branches. Partial sums are kept per lane, so that
-//! all widths of registers give the same bits.
+//! Each stretch costs some forty operations in single precision, without branches, in the widest registers that the
+//! processor has. Partial sums are kept per lane and no product is fused with a sum, so that all widths give the same bits.
 
-use wide::f32x8;
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined where the processor's registers are known is not made for them"
+)]
 
-/// Stretches in one block.
-pub(super) const LANES: usize = 8;
-/// One value per stretch of a block.
-pub(super) type Lanes = f32x8;
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x8, mask32x8};
+
+use crate::simd::{LANES, Lanes};
+
+/// A roof of any form over the stretches of a building in a view.
+pub(super) trait Form {
+    /// z-depths at which it stops the rays of a block; `+∞` where they pass over. To be inlined always.
+    fn meets<S: Simd>(&self, simd: S, block: usize) -> f32x8<S>;
+}
 /// Height tolerance of the agreement: a fixed part, metres, and a share of the height (a prior's relief is off by some
 /// 10 %).
 const AGREEMENT_M: f32 = 0.7;
@@ -64,30 +73,29 @@ struct Block {
 impl Block {
     /// Lanes that never stop a ray.
     const EMPTY: Self = Self {
-        roof_at_zero: Lanes::ZERO,
-        per_metre: Lanes::new([-1.0; LANES]),
-        after: Lanes::new([f32::INFINITY; LANES]),
-        before: Lanes::new([f32::NEG_INFINITY; LANES]),
-        enter: Lanes::ONE,
-        v: Lanes::ZERO,
-        p: Lanes::ZERO,
-        x: Lanes::ZERO,
-        y: Lanes::ZERO,
-        lifted: Lanes::new([f32::NAN; LANES]),
+        roof_at_zero: Lanes::splat(0.0),
+        per_metre: Lanes::splat(-1.0),
+        after: Lanes::splat(f32::INFINITY),
+        before: Lanes::splat(f32::NEG_INFINITY),
+        enter: Lanes::splat(1.0),
+        v: Lanes::splat(0.0),
+        p: Lanes::splat(0.0),
+        x: Lanes::splat(0.0),
+        y: Lanes::splat(0.0),
+        lifted: Lanes::splat(f32::NAN),
     };
 
     fn set(&mut self, lane: usize, stretch: &Stretch) {
-        let set = |lanes: &mut Lanes, value: f32| lanes.as_mut_array()[lane] = value;
-        set(&mut self.roof_at_zero, stretch.roof_at_zero);
-        set(&mut self.per_metre, stretch.per_metre);
-        set(&mut self.after, stretch.after);
-        set(&mut self.before, stretch.before);
-        set(&mut self.enter, stretch.enter);
-        set(&mut self.v, stretch.v);
-        set(&mut self.p, stretch.p);
-        set(&mut self.x, stretch.x);
-        set(&mut self.y, stretch.y);
-        set(&mut self.lifted, stretch.lifted);
+        self.roof_at_zero.set(lane, stretch.roof_at_zero);
+        self.per_metre.set(lane, stretch.per_metre);
+        self.after.set(lane, stretch.after);
+        self.before.set(lane, stretch.before);
+        self.enter.set(lane, stretch.enter);
+        self.v.set(lane, stretch.v);
+        self.p.set(lane, stretch.p);
+        self.x.set(lane, stretch.x);
+        self.y.set(lane, stretch.y);
+        self.lifted.set(lane, stretch.lifted);
     }
 }
 
@@ -116,8 +124,9 @@ impl Sums {
 }
 
 /// All stretches of a building in a view.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Stretches {
+    level: Level,
     blocks: Vec<Block>,
     /// By stretch: position of its ray in the window.
     rays: Vec<u32>,
@@ -130,7 +139,7 @@ pub(super) struct Stretches {
 impl Stretches {
     /// None yet; `reference` is the depth that scaled inverse depth is relative to, metres.
     pub fn relative_to(reference: f32) -> Self {
-        Self { reference, ..Self::default() }
+        Self { level: Level::new(), blocks: Vec::new(), rays: Vec::new(), later: Vec::new(), reference }
     }
 
     pub fn push(&mut self, stretch: &Stretch) {
@@ -145,36 +154,38 @@ impl Stretches {
         self.rays.push(stretch.ray);
     }
 
-    /// In how many blocks they are.
-    pub fn n_blocks(&self) -> usize {
-        self.blocks.len()
-    }
-
     /// Position in the window of each stretch's ray, and z-depths between which the building can stop it.
     pub fn iter(&self) -> impl Iterator<Item = (u32, f32, f32)> + '_ {
         self.rays.iter().enumerate().map(|(i, &ray)| {
             let block = &self.blocks[i / LANES];
-            let [enter, before] = [block.enter, block.before].map(|lanes| lanes.as_array()[i % LANES]);
-            (ray, enter, before)
+            (ray, block.enter.get(i % LANES), block.before.get(i % LANES))
         })
     }
 
     /// The sums for one height above ground, metres.
     pub fn at(&self, height_m: f32) -> Sums {
-        Kernel::new(self.reference, height_m).at_height(&self.blocks, height_m)
+        dispatch!(self.level, simd => Kernel::new(simd, self.reference, height_m).at_height(&self.blocks, height_m))
     }
 
-    /// The sums for a roof of any form: `depths` holds the z-depth at which it stops each stretch, `+∞` where the ray passes
-    /// over; [`Self::n_blocks`] of them. `height_m` sets the agreement's tolerance.
-    pub fn with(&self, height_m: f32, depths: &mut [Lanes]) -> Sums {
+    /// The sums for a roof of any form. `height_m` sets the agreement's tolerance.
+    pub fn with(&self, height_m: f32, form: &impl Form) -> Sums {
+        dispatch!(self.level, simd => self.with_in(simd, height_m, form))
+    }
+
+    #[inline(always)]
+    fn with_in<S: Simd>(&self, simd: S, height_m: f32, form: &impl Form) -> Sums {
+        let mut depths = vec![Lanes::splat(f32::INFINITY); self.blocks.len()];
+        for (block, depth) in depths.iter_mut().enumerate() {
+            depth.store(form.meets(simd, block));
+        }
         for &i in &self.later {
-            let is_stopped = |j: usize| depths[j / LANES].as_array()[j % LANES].is_finite();
-            let of_ray = (0..i).rev().take_while(|&j| self.rays[j] == self.rays[i]);
-            if of_ray.into_iter().any(is_stopped) {
-                depths[i / LANES].as_mut_array()[i % LANES] = f32::INFINITY;
+            let is_stopped = |j: usize| depths[j / LANES].get(j % LANES).is_finite();
+            let mut of_ray = (0..i).rev().take_while(|&j| self.rays[j] == self.rays[i]);
+            if of_ray.any(is_stopped) {
+                depths[i / LANES].set(i % LANES, f32::INFINITY);
             }
         }
-        Kernel::new(self.reference, height_m).at_depths(&self.blocks, depths)
+        Kernel::new(simd, self.reference, height_m).at_depths(&self.blocks, &depths)
     }
 
     /// Each stretch that a height stops: position of its ray in the window, and its scaled inverse depth.
@@ -182,7 +193,7 @@ impl Stretches {
         self.rays.iter().enumerate().filter_map(move |(i, &ray)| {
             let b = &self.blocks[i / LANES];
             let columns = [b.roof_at_zero, b.per_metre, b.after, b.before, b.enter];
-            let [at_zero, per_metre, after, before, enter] = columns.map(|lanes| lanes.as_array()[i % LANES]);
+            let [at_zero, per_metre, after, before, enter] = columns.map(|lanes| lanes.get(i % LANES));
             let roof = at_zero + per_metre * height_m;
             (roof >= after && roof < before).then(|| (ray, self.reference / roof.max(enter) - 1.0))
         })
@@ -190,82 +201,97 @@ impl Stretches {
 }
 
 /// The loops, with what is the same for all stretches.
-struct Kernel {
-    reference: Lanes,
+struct Kernel<S: Simd> {
+    simd: S,
+    reference: f32x8<S>,
     /// Of `e = (lifted − v) · depth² · per_tolerance / m`.
-    per_tolerance: Lanes,
+    per_tolerance: f32x8<S>,
+    /// Partial sums, lane by lane, in the order of [`Sums`].
+    partial: [f32x8<S>; 7],
 }
 
-/// Partial sums, lane by lane, in the order of [`Sums`].
-type Partial = [Lanes; 7];
-
-impl Kernel {
-    fn new(reference: f32, height_m: f32) -> Self {
+impl<S: Simd> Kernel<S> {
+    #[inline(always)]
+    fn new(simd: S, reference: f32, height_m: f32) -> Self {
         let per_tolerance = -1.0 / (reference * (AGREEMENT_M + AGREEMENT_SHARE * height_m));
-        Self { reference: Lanes::splat(reference), per_tolerance: Lanes::splat(per_tolerance) }
+        let splat = |value: f32| f32x8::splat(simd, value);
+        Self { simd, reference: splat(reference), per_tolerance: splat(per_tolerance), partial: [splat(0.0); 7] }
     }
 
-    fn at_height(&self, blocks: &[Block], height_m: f32) -> Sums {
-        let mut partial = Partial::default();
-        let height_m = Lanes::splat(height_m);
+    #[inline(always)]
+    fn at_height(mut self, blocks: &[Block], height_m: f32) -> Sums {
+        let simd = self.simd;
         for block in blocks {
-            let roof = block.roof_at_zero + block.per_metre * height_m;
-            let stops = roof.simd_ge(block.after) & roof.simd_lt(block.before);
+            let roof = block.roof_at_zero.load(simd) + block.per_metre.load(simd) * height_m;
+            let stops = roof.simd_ge(block.after.load(simd)) & roof.simd_lt(block.before.load(simd));
             // Most rays over a building pass above its roof, neighbours together: they change nothing.
-            if stops.any() {
-                self.add(&mut partial, block, stops, roof.fast_max(block.enter));
+            if stops.any_true() {
+                self.add(block, stops, roof.max(block.enter.load(simd)));
             }
         }
-        total(&partial)
+        self.total()
     }
 
-    fn at_depths(&self, blocks: &[Block], depths: &[Lanes]) -> Sums {
-        let mut partial = Partial::default();
-        for (block, &depth) in blocks.iter().zip(depths) {
-            let stops = depth.simd_lt(Lanes::splat(f32::INFINITY));
-            if stops.any() {
-                self.add(&mut partial, block, stops, depth);
+    #[inline(always)]
+    fn at_depths(mut self, blocks: &[Block], depths: &[Lanes]) -> Sums {
+        for (block, depth) in blocks.iter().zip(depths) {
+            let depth = depth.load(self.simd);
+            let stops = depth.simd_lt(f32::INFINITY);
+            if stops.any_true() {
+                self.add(block, stops, depth);
             }
         }
-        total(&partial)
+        self.total()
     }
 
-    #[inline]
-    fn add(&self, partial: &mut Partial, block: &Block, stops: Lanes, depth: Lanes) {
-        let value = stops.bitselect(self.reference / depth - Lanes::ONE, block.v);
-        let change = value - block.v;
-        partial[0] += change;
-        partial[1] += change * block.x;
-        partial[2] += change * block.y;
-        partial[3] += change * block.p;
-        partial[4] += change * (value + block.v);
-        let agrees = stops & depth.simd_gt(block.enter) & block.lifted.simd_ge(Lanes::splat(f32::NEG_INFINITY));
-        let e = (block.lifted - value) * (depth * depth) * (self.per_tolerance / block.per_metre);
-        partial[5] += agrees & bell(e);
-        partial[6] += agrees & Lanes::ONE;
+    #[inline(always)]
+    fn add(&mut self, block: &Block, stops: mask32x8<S>, depth: f32x8<S>) {
+        let simd = self.simd;
+        let (without, lifted) = (block.v.load(simd), block.lifted.load(simd));
+        let value = stops.select(self.reference / depth - 1.0, without);
+        let change = value - without;
+        self.partial[0] += change;
+        self.partial[1] += change * block.x.load(simd);
+        self.partial[2] += change * block.y.load(simd);
+        self.partial[3] += change * block.p.load(simd);
+        self.partial[4] += change * (value + without);
+        let agrees = stops & depth.simd_gt(block.enter.load(simd)) & lifted.simd_eq(lifted);
+        let e = (lifted - value) * (depth * depth) * (self.per_tolerance / block.per_metre.load(simd));
+        let nothing = f32x8::splat(simd, 0.0);
+        self.partial[5] += agrees.select(bell(e), nothing);
+        self.partial[6] += agrees.select(f32x8::splat(simd, 1.0), nothing);
     }
-}
 
-fn total(partial: &Partial) -> Sums {
-    let [v, vx, vy, vp, vv, agreement, n_agreement] =
-        partial.map(|lanes| lanes.as_array().iter().map(|&s| f64::from(s)).sum::<f64>());
-    Sums { v, vx, vy, vp, vv, agreement, n_agreement }
+    #[inline(always)]
+    fn total(self) -> Sums {
+        let mut sums = [0.0; 7];
+        for (sum, partial) in sums.iter_mut().zip(self.partial) {
+            let mut lanes = [0.0_f32; LANES];
+            partial.store_slice(&mut lanes);
+            *sum = lanes.iter().map(|&s| f64::from(s)).sum();
+        }
+        let [v, vx, vy, vp, vv, agreement, n_agreement] = sums;
+        Sums { v, vx, vy, vp, vv, agreement, n_agreement }
+    }
 }
 
 /// `exp(−e²/2)` to 2e-6: `1 / exp(t/16)^16` with Taylor's series, `t = e²/2`.
-#[inline]
-fn bell(e: Lanes) -> Lanes {
+#[inline(always)]
+fn bell<S: Simd>(e: f32x8<S>) -> f32x8<S> {
     /// Beyond this the result is nothing, and its inverse too great for single precision.
     const MOST: f32 = 80.0;
     /// `1 / i!`, from the fifth term to the first.
     const C: [f32; 5] = [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0];
-    let s = (e * e * Lanes::splat(0.5)).fast_min(Lanes::splat(MOST)) * Lanes::splat(1.0 / 16.0);
-    let mut power = C.iter().fold(Lanes::splat(1.0 / 720.0), |sum, &c| sum * s + Lanes::splat(c));
-    power = power * s + Lanes::ONE;
+    let s = (e * e * 0.5).min(MOST) * (1.0 / 16.0);
+    let mut power = f32x8::splat(e.simd, 1.0 / 720.0);
+    for c in C {
+        power = power * s + c;
+    }
+    power = power * s + 1.0;
     for _ in 0..4 {
         power *= power;
     }
-    Lanes::ONE / power
+    1.0 / power
 }
 
 #[cfg(test)]
@@ -278,7 +304,7 @@ mod tests {
         #[test]
         fn the_bell_is_the_library_s(e in -12.0..12.0_f32) {
             let exact = (-0.5 * f64::from(e) * f64::from(e)).exp();
-            let ours = f64::from(bell(Lanes::splat(e)).as_array()[3]);
+            let ours = f64::from(dispatch!(Level::new(), simd => bell(f32x8::splat(simd, e))[3]));
             prop_assert!((ours - exact).abs() < 2e-6, "{ours} {exact}");
         }
 
@@ -287,17 +313,47 @@ mod tests {
         fn packed_sums_are_those_of_each_stretch(n in 0..40_usize, height_m in 2.0..60.0_f32, seed in 0..1000_u64) {
             let stretches = some_stretches(n, seed);
             let by_one = one_by_one(&stretches, height_m);
-            let mut depths = vec![Lanes::splat(f32::INFINITY); stretches.n_blocks()];
-            for (i, depth) in stretches.depths(height_m) {
-                depths[i / LANES].as_mut_array()[i % LANES] = depth;
-            }
-            for packed in [stretches.at(height_m), stretches.with(height_m, &mut depths)] {
+            for packed in [stretches.at(height_m), stretches.with(height_m, &flat(&stretches, height_m))] {
                 let sums = [packed.v, packed.vx, packed.vy, packed.vp, packed.vv, packed.agreement()];
                 for (a, b) in sums.iter().zip(by_one) {
                     prop_assert!((a - b).abs() < 1e-4 * (1.0 + b.abs()), "{a} {b}");
                 }
             }
         }
+
+        /// However wide registers are.
+        #[test]
+        fn all_widths_of_registers_give_the_same_bits(n in 0..60_usize, height_m in 2.0..60.0_f32, seed in 0..1000_u64) {
+            let mut stretches = some_stretches(n, seed);
+            let form = flat(&stretches, height_m);
+            let mut bits = |level: Level| {
+                stretches.level = level;
+                [stretches.at(height_m), stretches.with(height_m, &form)]
+                    .map(|sums| [sums.v, sums.vx, sums.vy, sums.vp, sums.vv, sums.agreement()].map(f64::to_bits))
+            };
+            let widest = bits(Level::new());
+            for level in crate::simd::levels() {
+                prop_assert_eq!(bits(level), widest, "{:?}", level);
+            }
+        }
+    }
+
+    /// A flat roof as one of any form, block by block.
+    struct Flat(Vec<Lanes>);
+
+    impl Form for Flat {
+        #[inline(always)]
+        fn meets<S: Simd>(&self, simd: S, block: usize) -> f32x8<S> {
+            self.0[block].load(simd)
+        }
+    }
+
+    fn flat(stretches: &Stretches, height_m: f32) -> Flat {
+        let mut depths = vec![Lanes::splat(f32::INFINITY); stretches.blocks.len()];
+        for (i, depth) in stretches.depths(height_m) {
+            depths[i / LANES].set(i % LANES, depth);
+        }
+        Flat(depths)
     }
 
     impl Stretches {
@@ -305,7 +361,7 @@ mod tests {
             (0..self.rays.len()).filter_map(move |i| {
                 let b = &self.blocks[i / LANES];
                 let columns = [b.roof_at_zero, b.per_metre, b.after, b.before, b.enter];
-                let [at_zero, per_metre, after, before, enter] = columns.map(|lanes| lanes.as_array()[i % LANES]);
+                let [at_zero, per_metre, after, before, enter] = columns.map(|lanes| lanes.get(i % LANES));
                 let roof = at_zero + per_metre * height_m;
                 (roof >= after && roof < before).then(|| (i, roof.max(enter)))
             })
@@ -318,7 +374,7 @@ mod tests {
         for (i, depth) in stretches.depths(height_m) {
             let b = &stretches.blocks[i / LANES];
             let columns = [b.per_metre, b.enter, b.v, b.p, b.x, b.y, b.lifted];
-            let [per_metre, enter, v, p, x, y, lifted] = columns.map(|lanes| f64::from(lanes.as_array()[i % LANES]));
+            let [per_metre, enter, v, p, x, y, lifted] = columns.map(|lanes| f64::from(lanes.get(i % LANES)));
             let [depth, reference] = [depth, stretches.reference].map(f64::from);
             let value = reference / depth - 1.0;
             for (sum, k) in sums.iter_mut().zip([1.0, x, y, p]) {

@@ -8,13 +8,21 @@
 //! The six numbers are searched for by the same score as a height: how well the rendered depth agrees with the prior, over
 //! views of the building.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined where the processor's registers are known is not made for them"
+)]
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8};
 use glam::{Mat2, Vec2};
 
 use super::roof::{RoofView, smallest_rectangle};
 use super::score::{Correlation, Window};
-use super::stretches::{LANES, Lanes};
+use super::stretches::Form;
 use crate::ray::Ray;
 use crate::scene::{HeightBounds, Prism};
+use crate::simd::{LANES, Lanes};
 
 /// Middles of the first rectangles, and their size, as shares of the outline's sides.
 const FIRST_MIDDLES: [f32; 3] = [0.25, 0.5, 0.75];
@@ -207,9 +215,7 @@ impl<'a> SeenIn<'a> {
     }
 
     pub fn two_levels(&self, levels: &TwoLevels) -> f64 {
-        self.window.score_where(self.weight, levels.outer_m, |depths| {
-            self.ways.iter().zip(depths).for_each(|(ways, depth)| *depth = ways.meets(levels));
-        })
+        self.window.score_where(self.weight, levels.outer_m, &Terraced { ways: &self.ways, levels })
     }
 }
 
@@ -241,48 +247,63 @@ struct Ways {
 impl Ways {
     /// Lanes that stop no ray.
     const EMPTY: Self = Self {
-        from: [Lanes::ZERO; 2],
-        per_metre: [Lanes::ONE; 2],
-        above_m: Lanes::ZERO,
-        per_metre_up: Lanes::new([-1.0; LANES]),
-        enter: Lanes::ONE,
-        leave: Lanes::ZERO,
+        from: [Lanes::splat(0.0); 2],
+        per_metre: [Lanes::splat(1.0); 2],
+        above_m: Lanes::splat(0.0),
+        per_metre_up: Lanes::splat(-1.0),
+        enter: Lanes::splat(1.0),
+        leave: Lanes::splat(0.0),
     };
 
     fn set(&mut self, lane: usize, ray: &Ray, plan: &Plan<'_>, (enter, leave): (f32, f32)) {
         let (from, along) = (plan.axes * ray.origin.truncate(), plan.axes * ray.direction.truncate());
-        let set = |lanes: &mut Lanes, value: f32| lanes.as_mut_array()[lane] = value;
         for axis in 0..2 {
-            set(&mut self.from[axis], from[axis]);
-            set(&mut self.per_metre[axis], along[axis].recip());
+            self.from[axis].set(lane, from[axis]);
+            self.per_metre[axis].set(lane, along[axis].recip());
         }
-        set(&mut self.above_m, ray.origin.z - plan.prism.ground_z);
-        set(&mut self.per_metre_up, ray.direction.z.recip());
-        set(&mut self.enter, enter);
-        set(&mut self.leave, leave);
+        self.above_m.set(lane, ray.origin.z - plan.prism.ground_z);
+        self.per_metre_up.set(lane, ray.direction.z.recip());
+        self.enter.set(lane, enter);
+        self.leave.set(lane, leave);
     }
 
     /// z-depths at which the rays meet the two levels; `+∞` where they pass over.
-    fn meets(&self, levels: &TwoLevels) -> Lanes {
-        let (enter, leave) = (self.enter, self.leave);
+    #[inline(always)]
+    fn meets<S: Simd>(&self, simd: S, levels: &TwoLevels) -> f32x8<S> {
+        let (enter, leave) = (self.enter.load(simd), self.leave.load(simd));
         // Where the ray enters and leaves the rectangle, within its way over the outline.
         let (mut within, mut beyond) = (enter, leave);
         for axis in 0..2 {
-            let a = (Lanes::splat(levels.low[axis]) - self.from[axis]) * self.per_metre[axis];
-            let b = (Lanes::splat(levels.high[axis]) - self.from[axis]) * self.per_metre[axis];
-            within = within.fast_max(a.fast_min(b));
-            beyond = beyond.fast_min(a.fast_max(b));
+            let (from, per_metre) = (self.from[axis].load(simd), self.per_metre[axis].load(simd));
+            let a = (levels.low[axis] - from) * per_metre;
+            let b = (levels.high[axis] - from) * per_metre;
+            within = within.max(a.min(b));
+            beyond = beyond.min(a.max(b));
         }
         let misses = within.simd_ge(beyond);
-        within = misses.bitselect(leave, within);
-        beyond = misses.bitselect(leave, beyond);
-        let inner = (Lanes::splat(levels.inner_m) - self.above_m) * self.per_metre_up;
-        let outer = (Lanes::splat(levels.outer_m) - self.above_m) * self.per_metre_up;
+        within = misses.select(leave, within);
+        beyond = misses.select(leave, beyond);
+        let (above_m, per_metre_up) = (self.above_m.load(simd), self.per_metre_up.load(simd));
+        let inner = (levels.inner_m - above_m) * per_metre_up;
+        let outer = (levels.outer_m - above_m) * per_metre_up;
         // From behind: what stops it later counts only where nothing does before.
-        let mut depth = Lanes::splat(f32::INFINITY);
+        let mut depth = f32x8::splat(simd, f32::INFINITY);
         for (start, end, roof) in [(beyond, leave, outer), (within, beyond, inner), (enter, within, outer)] {
-            depth = (end.simd_gt(start) & roof.simd_lt(end)).bitselect(roof.fast_max(start), depth);
+            depth = (end.simd_gt(start) & roof.simd_lt(end)).select(roof.max(start), depth);
         }
         depth
+    }
+}
+
+/// Two levels over a view's stretches.
+struct Terraced<'a> {
+    ways: &'a [Ways],
+    levels: &'a TwoLevels,
+}
+
+impl Form for Terraced<'_> {
+    #[inline(always)]
+    fn meets<S: Simd>(&self, simd: S, block: usize) -> f32x8<S> {
+        self.ways[block].meets(simd, self.levels)
     }
 }

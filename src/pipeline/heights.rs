@@ -177,8 +177,7 @@ fn looking_at_parts(optimise: &OptimiseConfig) -> OptimiseConfig {
         full_sweeps: RESUMED_SWEEPS.min(optimise.search.full_sweeps),
         local_sweeps: 0,
         take_back_spill: false,
-        pitched_roofs: false,
-        stepped_roofs: false,
+        roof_forms: Vec::new(),
         ..optimise.search.clone()
     };
     OptimiseConfig { search, ..optimise.clone() }

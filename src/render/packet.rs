@@ -201,7 +201,6 @@ fn meet_ground<S: Simd>(
 
 #[cfg(test)]
 mod tests {
-    use fearless_simd::Level;
     use geo_types::{Polygon, polygon};
     use glam::{DMat3, DVec2, DVec3};
     use proptest::prelude::*;
@@ -303,21 +302,6 @@ mod tests {
         }
     }
 
-    /// Every kind of vector registers that this processor has.
-    fn levels() -> Vec<Level> {
-        #[cfg(target_arch = "x86_64")]
-        {
-            let best = Level::new();
-            if best.as_avx2().is_none() {
-                println!("skipped: registers of 256 bits, which this processor has not");
-            }
-            let some = [best.as_sse4_2().map(Simd::level), best.as_avx2().map(Simd::level)];
-            [Level::baseline(), best].into_iter().chain(some.into_iter().flatten()).collect()
-        }
-        #[cfg(not(target_arch = "x86_64"))]
-        vec![Level::new()]
-    }
-
     /// A coordinate anywhere, or where walls and the faces of their boxes are.
     fn coordinate() -> impl Strategy<Value = f32> {
         let face = prop::sample::select(vec![0.0_f32, 9.0, 12.0, 21.0, 25.0, 28.0, 30.0, 35.0, 36.0, 44.0, 50.0]);
@@ -373,7 +357,7 @@ mod tests {
                 }
             }
             let rays = RayTile::new(eye, |k| directions[k]);
-            for level in levels() {
+            for level in crate::simd::levels() {
                 tracer.level = level;
                 let seen = tracer.trace_tile(&rays);
                 for (k, direction) in directions.iter().enumerate() {

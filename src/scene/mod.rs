@@ -29,12 +29,12 @@ pub struct HeightBounds {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HeightReference {
-    /// Where the roof meets the walls.
+    /// Where the roof meets the walls; the lower level of a stepped roof.
     Eave,
     /// The mean height of the roof over its area.
     #[default]
     Mean,
-    /// The highest line of the roof.
+    /// The highest line of the roof; the upper level of a stepped one.
     Ridge,
 }
 
@@ -51,7 +51,7 @@ impl HeightReference {
 }
 
 /// The form of a roof.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RoofForm {
     /// One level; also where the photos support no other form.

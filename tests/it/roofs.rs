@@ -88,7 +88,7 @@ fn each_height_reference_states_its_own_height_of_a_pitched_roof() {
     let (n_right, n) = (n_right.count(), pairs.len());
     println!("pitched or flat told right: {n_right} of {n}; eave {eave_m:.2} m, ridge {ridge_m:.2} m off");
     assert!(10 * n_right >= 9 * n, "pitched or flat: {n_right} of {n} right");
-    let (flat, _) = run(folder.path(), &["optimise.search.pitched_roofs=false"]);
+    let (flat, _) = run(folder.path(), &["optimise.search.roof_forms=[]"]);
     let (pitched, _) = run(folder.path(), &[]);
     let (flat_m, pitched_m) = (error_m(folder.path(), &flat, "height_m"), error_m(folder.path(), &pitched, "height_m"));
     assert!(pitched_m < 0.7 * flat_m, "pitched {pitched_m:.2} m, flat {flat_m:.2} m");
@@ -113,7 +113,7 @@ fn a_step_in_a_roof_is_seen_and_its_mean_height_stated() {
     let folder = tempfile::tempdir().unwrap();
     simulated(folder.path(), TownKind::Downtown, PriorLevel::Mid);
     let (with, _) = run(folder.path(), &[]);
-    let (without, _) = run(folder.path(), &["optimise.search.stepped_roofs=false"]);
+    let (without, _) = run(folder.path(), &["optimise.search.roof_forms=['gable', 'hip']"]);
     // Those whose outline was left whole.
     let errors_m = |city: &Value| -> Vec<f64> {
         let whole = pairs(folder.path(), city).into_iter().filter(|(_, stated)| stated["height_m"].is_f64());

@@ -130,7 +130,7 @@ fn wrong_relief_of_towers_leaves_a_pavilion_beside_them_alone() {
     let priors: Vec<DepthPrior> = block.views.iter().enumerate().map(prior).collect();
     let error_after = |local_sweeps: usize| {
         let mut config = small(Preset::Robust);
-        (config.search.local_sweeps, config.search.pitched_roofs) = (local_sweeps, false);
+        (config.search.local_sweeps, config.search.roof_forms) = (local_sweeps, Vec::new());
         block.errors(&block.solve(&priors, &config))[low]
     };
     // The full sweeps have to look at all that a tower in its place would hide.
@@ -144,7 +144,7 @@ fn ranks_need_only_the_order_of_the_prior() {
     let block = block();
     let mut config = small(Preset::Robust);
     let search = &mut config.search;
-    (search.rank_sweeps, search.pitched_roofs) = (2, false);
+    (search.rank_sweeps, search.roof_forms) = (2, Vec::new());
     (search.agreement_weight, search.local_agreement_weight, search.unmodelled_agreement_weight) = (0.0, 0.0, 0.0);
     let errors = block.errors(&block.solve(&block.priors(|d| (0.01 * d).powi(3)), &config));
     assert!(mean(&errors) < 0.4, "{errors:.2?}");

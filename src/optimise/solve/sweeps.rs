@@ -43,7 +43,7 @@ impl State<'_> {
             let correlation = if is_rank { Correlation::Rank } else { Correlation::Linear };
             self.sweep(Range::Local { share: if i == 0 { 1.0 } else { 0.5 } }, correlation, n_selected);
         }
-        if config.pitched_roofs || config.stepped_roofs {
+        if !config.roof_forms.is_empty() {
             let views = self.sweep_views();
             self.roofs = find_roofs(self.problem.scene, &views, &self.views_of, &self.heights_m, config);
         }

@@ -1,0 +1,65 @@
+//! Eight numbers side by side, as vector registers load them.
+
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined where the processor's registers are known is not made for them"
+)]
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8};
+
+/// How many numbers stand side by side.
+pub const LANES: usize = 8;
+
+/// One number per lane.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(32))]
+pub struct Lanes([f32; LANES]);
+
+impl Lanes {
+    /// The same in every lane.
+    #[must_use]
+    pub const fn splat(value: f32) -> Self {
+        Self([value; LANES])
+    }
+
+    /// What one lane holds.
+    #[must_use]
+    pub fn get(&self, lane: usize) -> f32 {
+        self.0[lane]
+    }
+
+    /// Changes one lane.
+    pub fn set(&mut self, lane: usize, value: f32) {
+        self.0[lane] = value;
+    }
+
+    /// Into a register.
+    #[inline(always)]
+    pub fn load<S: Simd>(&self, simd: S) -> f32x8<S> {
+        f32x8::from_slice(simd, &self.0)
+    }
+
+    /// From a register.
+    #[inline(always)]
+    pub fn store<S: Simd>(&mut self, register: f32x8<S>) {
+        register.store_slice(&mut self.0);
+    }
+}
+
+/// Every kind of vector registers that this processor has.
+#[cfg(test)]
+pub fn levels() -> Vec<fearless_simd::Level> {
+    use fearless_simd::Level;
+    #[cfg(target_arch = "x86_64")]
+    {
+        let best = Level::new();
+        if best.as_avx2().is_none() {
+            println!("skipped: registers of 256 bits, which this processor has not");
+        }
+        let some = [best.as_sse4_2().map(Simd::level), best.as_avx2().map(Simd::level)];
+        [Level::baseline(), best].into_iter().chain(some.into_iter().flatten()).collect()
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    vec![Level::new()]
+}
