@@ -19,7 +19,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 use glam::{Mat2, Vec2};
 
-use super::roof::{Fit, Margin, Roof, RoofView, distance_to_outline, smallest_rectangle};
+use super::roof::{Fit, Margin, Roof, RoofView, distance_to_outline, grid, smallest_rectangle};
 use super::stretches::Form;
 use crate::ray::Ray;
 use crate::scene::{Prism, RoofForm};
@@ -130,7 +130,8 @@ impl<'a> Shape<'a> {
         let (axes, low, high) = smallest_rectangle(prism);
         let middle = 0.5 * (low + high);
         let half = 0.5 * (high - low);
-        let inside: Vec<Vec2> = grid(low, high).map(|p| axes.transpose() * p).filter(|p| prism.contains(*p)).collect();
+        let inside: Vec<Vec2> =
+            grid(low, high, GRID).map(|p| axes.transpose() * p).filter(|p| prism.contains(*p)).collect();
         let deepest = inside.iter().map(|p| distance_to_outline(prism, *p)).fold(0.0, f32::max);
         let turned = Mat2::from_cols(axes.row(1), -axes.row(0)).transpose();
         let gable = |axes: Mat2, middle: Vec2, run_m: f32| Self {
@@ -281,11 +282,4 @@ pub(super) fn best<'a>(prism: &'a Prism, forms: &[RoofForm], flat_m: f32, views:
     let scores_in =
         move |others: &[RoofView<'_>]| Looked::new(others, &shapes, prism.ground_z, flat_m).scores(best).collect();
     Some(Fit { roof, margin: MARGIN, scores, scores_in: Box::new(scores_in) })
-}
-
-fn grid(low: Vec2, high: Vec2) -> impl Iterator<Item = Vec2> {
-    (0..GRID * GRID).map(move |i| {
-        let cell = Vec2::new((i % GRID) as f32 + 0.5, (i / GRID) as f32 + 0.5) / GRID as f32;
-        low + (high - low) * cell
-    })
 }

@@ -225,6 +225,14 @@ pub(super) fn smallest_rectangle(prism: &Prism) -> (Mat2, Vec2, Vec2) {
     (best.1, best.2, best.3)
 }
 
+/// The middles of `n × n` cells of a rectangle.
+pub(super) fn grid(low: Vec2, high: Vec2, n: usize) -> impl Iterator<Item = Vec2> {
+    (0..n * n).map(move |i| {
+        let cell = Vec2::new((i % n) as f32 + 0.5, (i / n) as f32 + 0.5) / n as f32;
+        low + (high - low) * cell
+    })
+}
+
 /// Distance of a point to the nearest wall, metres.
 pub(super) fn distance_to_outline(prism: &Prism, point: Vec2) -> f32 {
     prism
@@ -235,4 +243,37 @@ pub(super) fn distance_to_outline(prism: &Prism, point: Vec2) -> f32 {
             (point - a - along * edge).length()
         })
         .fold(f32::INFINITY, f32::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use geo_types::polygon;
+
+    use super::*;
+    use crate::frames::LocalOrigin;
+    use crate::terrain::GroundLevel;
+
+    #[test]
+    fn a_stepped_roof_is_looked_at_on_both_of_its_levels() {
+        let square = polygon![(x: 0.0, y: 0.0), (x: 20.0, y: 0.0), (x: 20.0, y: 20.0), (x: 0.0, y: 20.0)];
+        let prism =
+            Prism::new(&square, GroundLevel { reference_m: 5.0, lowest_m: 5.0 }, LocalOrigin(glam::DVec3::ZERO));
+        let corners = [[4.0, 4.0], [10.0, 4.0], [10.0, 12.0], [4.0, 12.0]];
+        for is_upper in [true, false] {
+            let terrace = Some(Terrace { corners, is_upper });
+            let found = Roof { form: RoofForm::Stepped, eave_m: 12.0, ridge_m: 15.0, mean_m: 12.4, terrace };
+            let all = candidates(&prism, &found, 1.0, 400);
+            let (roof, places) = all.last().unwrap();
+            assert_eq!(*roof, found);
+            let n_inner = places.iter().filter(|p| (4.0..=10.0).contains(&p.x) && (4.0..=12.0).contains(&p.y)).count();
+            assert!(n_inner >= 20 && places.len() - n_inner >= 100, "{n_inner} of {}", places.len());
+            for p in places {
+                let (beyond_x, beyond_y) = ((p.x - 7.0).abs() - 3.0, (p.y - 8.0).abs() - 4.0);
+                let beyond = beyond_x.max(beyond_y);
+                assert!(beyond.abs() >= 1.0, "a place at the step: {p}");
+                let expected_z = if (beyond < 0.0) == is_upper { 20.0 } else { 17.0 };
+                assert_eq!(p.z, expected_z);
+            }
+        }
+    }
 }

@@ -41,6 +41,7 @@ pub(super) fn best<'a>(prism: &'a Prism, bounds: HeightBounds, flat_m: f32, view
     if prism.area_m2() < MIN_OUTLINE_M2 {
         return None;
     }
+    let flat_m = flat_m.clamp(bounds.min_m, bounds.max_m);
     let heights = HeightBounds { min_m: bounds.min_m.max(flat_m - REACH_M), max_m: bounds.max_m.min(flat_m + REACH_M) };
     let plan = Plan::new(prism, Limits { heights, side_m: MIN_SIDE_M });
     let seen = seen_in(views, &plan);

@@ -17,7 +17,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 use glam::{Mat2, Vec2};
 
-use super::roof::{RoofView, smallest_rectangle};
+use super::roof::{RoofView, grid, smallest_rectangle};
 use super::score::{Correlation, Window};
 use super::stretches::Form;
 use crate::ray::Ray;
@@ -156,9 +156,7 @@ impl<'a> Plan<'a> {
     /// The part of the outline's area that lies in the rectangle, 0..1.
     pub fn inner_share(&self, levels: &TwoLevels) -> f64 {
         let (mut n_inside, mut n_inner) = (0, 0);
-        for i in 0..GRID * GRID {
-            let cell = Vec2::new((i % GRID) as f32 + 0.5, (i / GRID) as f32 + 0.5) / GRID as f32;
-            let at = self.low + cell * (self.high - self.low);
+        for at in grid(self.low, self.high, GRID) {
             if self.prism.contains(self.axes.transpose() * at) {
                 n_inside += 1;
                 n_inner += usize::from(at.cmpge(levels.low).all() && at.cmple(levels.high).all());

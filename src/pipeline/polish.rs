@@ -147,8 +147,10 @@ impl Roofs<'_> {
     /// The roof on which the photos look alike most, at the height where they do.
     fn settle(&self, building: usize, roof: Option<&Roof>) -> Option<(Roof, Settled)> {
         let (prism, settings, found) = (&self.stage.scene.prisms[building], self.settings, roof?);
-        let candidates = optimise::candidates(prism, found, settings.clear_m as f32, settings.n_points);
-        let (_, level) = candidates.first().filter(|(_, places)| places.len() >= MIN_PLACES)?;
+        // A step takes places away: none has more than the flat one, which comes first.
+        let mut candidates = optimise::candidates(prism, found, settings.clear_m as f32, settings.n_points);
+        candidates.retain(|(_, places)| places.len() >= MIN_PLACES);
+        let (_, level) = candidates.first()?;
         let pictures = self.pictures(building, level)?;
         let pictures: Vec<&Picture> = pictures.iter().map(|picture| &**picture).collect();
         let settle = |(roof, places): &(Roof, Vec<Vec3>), every: usize| {

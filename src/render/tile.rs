@@ -6,7 +6,7 @@ use super::image::Face;
 use crate::scene::Prism;
 
 /// Rays of a packet, and packets of a tile.
-pub(super) const LANES: usize = 8;
+pub(super) use crate::simd::LANES;
 /// Rays of a tile.
 pub const TILE: usize = LANES * LANES;
 
