@@ -28,6 +28,8 @@ use clap::{Args, Parser, Subcommand};
 
 pub use ui::Ui;
 
+use crate::limits::Limits;
+
 /// Finished, but some items of the input have no result.
 pub const EXIT_FAILED_ITEMS: u8 = 5;
 
@@ -58,9 +60,15 @@ pub struct Global {
     /// Print a machine-readable summary to stdout.
     #[arg(long, global = true, help_heading = GLOBAL)]
     pub json: bool,
-    /// Threads to use (default: all cores). The result does not depend on it.
+    /// Threads to use (default: all cores, which is also the most). The result does not depend on it.
     #[arg(long, global = true, value_name = "N", help_heading = GLOBAL)]
     pub threads: Option<usize>,
+    /// Most memory that reading one file may take, megabytes (default: the configuration's `limits.input_mb`, 4096).
+    #[arg(long, global = true, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..), help_heading = GLOBAL)]
+    pub input_memory: Option<u64>,
+    /// Let input be on servers (`/vsicurl/…`, `/vsis3/…`), and files refer to such.
+    #[arg(long, global = true, help_heading = GLOBAL)]
+    pub allow_remote: bool,
 }
 
 /// The subcommands.
@@ -147,8 +155,9 @@ impl fmt::Display for Failure {
 pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
     ui::start_logging(&cli.global);
     crate::onnx::runtime::look_in(runtime_places());
+    Limits::insist(cli.global.input_memory, cli.global.allow_remote);
     if let Some(n) = cli.global.threads {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build_global();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads(n, &cli.global)).build_global();
         pool.map_err(|e| Failure::new(4, &e))?;
     }
     match &cli.command {
@@ -171,6 +180,18 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
     }
 }
 
+/// As many threads as are asked for, but not more than the machine runs at once: more are slower, and memory goes with them.
+fn threads(wanted: usize, global: &Global) -> usize {
+    let most = std::thread::available_parallelism().map_or(1, std::num::NonZero::get).max(FEW_THREADS);
+    if wanted > most {
+        Ui::new(global).say(format!("--threads {wanted}: {most} are used, more do not help on this machine"));
+    }
+    wanted.min(most)
+}
+
+/// So many threads are never too many.
+const FEW_THREADS: usize = 8;
+
 /// Where ONNX Runtime's library may be: where the environment says, beside the program, or where `make
 /// deps-onnxruntime` puts it.
 fn runtime_places() -> Vec<std::path::PathBuf> {
@@ -189,10 +210,16 @@ fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
     print(&text)
 }
 
-/// Prints data to stdout. A reader that has seen enough, as in `sizeup evaluate … | head -1`, is no failure.
+/// Prints a line of data to stdout.
 fn print(text: &impl fmt::Display) -> Result<(), Failure> {
+    print_lines(&format_args!("{text}\n"))
+}
+
+/// Prints whole lines of data to stdout: the only place that writes there. A reader that has seen enough, as in
+/// `sizeup evaluate … | head -1`, is no failure.
+fn print_lines(text: &impl fmt::Display) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
-    match writeln!(out, "{text}").and_then(|()| out.flush()) {
+    match write!(out, "{text}").and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Failure::from_text(4, format!("cannot print: {e}"))),
         _ => Ok(()),
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Value, json};
 
-use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
+use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print, print_json};
 use crate::config::RunConfig;
 use crate::onnx::{EngineChoice, EngineConfig, Port};
 use crate::pipeline::{PriorsDone, Wanted, compute_priors};
@@ -84,13 +84,14 @@ fn run_inspect(args: &InspectArgs, global: &Global) -> Result<u8, Failure> {
     if global.json {
         print_json(&as_json(&inspection))?;
     } else {
-        print_table(&inspection);
+        print(&table_of(&inspection))?;
     }
     Ok(0)
 }
 
 fn run_compute(args: &ComputeArgs, global: &Global) -> Result<u8, Failure> {
     let config = RunConfig::load(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    config.limits.set();
     let wanted = if args.all { Wanted::AllOblique } else { Wanted::Selected };
     let ui = Ui::new(global);
     // Processes that share the work begin at different views.
@@ -123,36 +124,30 @@ fn tell_done(ui: &Ui, done: &PriorsDone) {
     }
 }
 
-fn print_table(inspection: &Inspection) {
+/// What a graph is and what it fits, as lines.
+fn table_of(inspection: &Inspection) -> String {
     let outline = &inspection.outline;
     let engine = match inspection.engine {
         EngineChoice::OnnxRuntime => "ONNX Runtime",
         EngineChoice::Auto | EngineChoice::Rten => "the embedded engine",
     };
-    println!(
-        "loaded by {engine}; operators of version {}, {} nodes",
-        outline.opset,
-        outline.operators.values().sum::<usize>()
-    );
-    for file in &outline.external_files {
-        println!("weights in {}", file.display());
-    }
+    let n_nodes: usize = outline.operators.values().sum();
+    let mut lines = vec![format!("loaded by {engine}; operators of version {}, {n_nodes} nodes", outline.opset)];
+    lines.extend(outline.external_files.iter().map(|file| format!("weights in {}", file.display())));
     for (what, ports) in [("input", &inspection.inputs), ("output", &inspection.outputs)] {
-        for port in ports {
-            println!("{what:<8}{} {}", port.name, shape(port));
-        }
+        lines.extend(ports.iter().map(|port| format!("{what:<8}{} {}", port.name, shape(port))));
     }
-    for (profile, wiring) in &inspection.profiles {
-        match wiring {
-            Ok(wiring) => println!("fits    {} ({}; weights: {})", profile.name, wiring.output, profile.licence),
-            Err(reason) => println!("no fit  {}: {reason}", profile.name),
-        }
-    }
-    if inspection.profiles.iter().all(|(_, wiring)| wiring.is_err()) {
-        println!("hint: declare `prior.custom`; `sizeup schema run` lists its keys");
+    lines.extend(inspection.profiles.iter().map(|(profile, wiring)| match wiring {
+        Ok(wiring) => format!("fits    {} ({}; weights: {})", profile.name, wiring.output, profile.licence),
+        Err(reason) => format!("no fit  {}: {reason}", profile.name),
+    }));
+    let hint = if inspection.profiles.iter().all(|(_, wiring)| wiring.is_err()) {
+        "hint: declare `prior.custom`; `sizeup schema run` lists its keys"
     } else {
-        println!("hint: several may fit; choose by where the weights come from, not by the graph");
-    }
+        "hint: several may fit; choose by where the weights come from, not by the graph"
+    };
+    lines.push(hint.to_owned());
+    lines.join("\n")
 }
 
 fn shape(port: &Port) -> String {

@@ -6,9 +6,10 @@ use clap::{Args, Subcommand, ValueEnum};
 use geo::ConvexHull as _;
 use serde::{Deserialize, Serialize};
 
-use super::{Failure, Global, Ui, print_json};
+use super::{Failure, Global, Ui, print, print_json, print_lines};
 use crate::crs::Crs;
 use crate::footprint::{self, FootprintSource, MaskConfig, MaskFiles, OutlineSource as _};
+use crate::limits::Limits;
 use crate::output::picture;
 use crate::paths::resolved;
 use crate::survey::{
@@ -148,6 +149,8 @@ struct Settings {
     terrain: Option<TerrainConfig>,
     #[serde(default)]
     footprints: Option<FootprintSource>,
+    #[serde(default)]
+    limits: Limits,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -210,9 +213,9 @@ fn inspect(settings: &Settings, args: &InspectArgs, global: &Global) -> Result<I
         None => None,
     };
     if !global.json {
-        print!("{report}");
+        print_lines(&report)?;
         if let Some(errors) = &corner_errors {
-            print!("{errors}");
+            print_lines(errors)?;
         }
     }
     if ground.is_none() && (args.picture.is_some() || corner_errors.is_some()) {
@@ -276,7 +279,7 @@ fn convert(args: &ConvertArgs, global: &Global) -> Result<u8, Failure> {
             "issues": survey.issues.iter().chain(&converted.issues).collect::<Vec<_>>(),
         }))?;
     } else {
-        converted.files.iter().for_each(|file| println!("{}", file.display()));
+        converted.files.iter().try_for_each(|file| print(&file.display()))?;
     }
     Ok(0)
 }
@@ -326,6 +329,7 @@ fn settings_of(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>
         table.to_string()
     };
     let mut settings: Settings = crate::config::parse(&text, Some(name), &args.assignments).map_err(|e| usage(&e))?;
+    settings.limits.set();
     let folder = args.config.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
     let resolve = &mut |path: &mut PathBuf| *path = resolved(folder, path);
     settings.survey.visit_paths(resolve);

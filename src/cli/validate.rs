@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
-use super::{Failure, Global, print_json};
+use super::{Failure, Global, print, print_json};
 use crate::output::validate::schema::{self, SchemaCheck, SchemaFault};
 use crate::output::validate::{Fault, ValidateConfig, Validation, validate_file};
 
@@ -48,7 +48,7 @@ pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
     let form = if args.no_schema { None } else { Some(check_form(args)?) };
     let n_printed = if args.all { usize::MAX } else { N_PRINTED };
     if let Some(form) = form.as_ref().filter(|_| !global.json) {
-        print_form(form, n_printed);
+        print(&form_lines(form, n_printed))?;
     }
     let config = ValidateConfig {
         snap_tolerance_m: args.snap_tolerance,
@@ -60,7 +60,7 @@ pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
     if global.json {
         print_json(&Outcome { solids, form })?;
     } else {
-        print_table(&solids, n_printed);
+        print(&solid_lines(&solids, n_printed))?;
     }
     Ok(if is_valid { 0 } else { EXIT_INVALID })
 }
@@ -79,45 +79,45 @@ struct Outcome {
     form: Option<SchemaCheck>,
 }
 
-fn print_form(form: &SchemaCheck, n_printed: usize) {
-    println!("form: {} errors, {} warnings", form.errors.len(), form.warnings.len());
+/// What was found of the form, as lines.
+fn form_lines(form: &SchemaCheck, n_printed: usize) -> String {
+    let mut lines = vec![format!("form: {} errors, {} warnings", form.errors.len(), form.warnings.len())];
     if form.n_features_checked < form.n_features {
-        println!(
+        lines.push(format!(
             "after these, the form of the other features was not looked at: {} out of {}; --all looks at every one",
             form.n_features_checked, form.n_features
-        );
+        ));
     }
-    let print = |what: &str, faults: &[SchemaFault]| {
+    for (what, faults) in [("error", &form.errors), ("warning", &form.warnings)] {
         for SchemaFault { check, line, message } in faults.iter().take(n_printed) {
             let line = line.map_or_else(String::new, |line| format!(" line {line}"));
-            println!("{what} {check}{line}: {message}");
+            lines.push(format!("{what} {check}{line}: {message}"));
         }
-        if faults.len() > n_printed {
-            println!("… and {} more: --all prints them, --json too", faults.len() - n_printed);
-        }
-    };
-    print("error", &form.errors);
-    print("warning", &form.warnings);
+        lines.extend(more(faults.len(), n_printed));
+    }
+    lines.join("\n")
 }
 
-fn print_table(outcome: &Validation, n_printed: usize) {
-    println!(
-        "{} of {} geometries are valid; {} objects have none",
-        outcome.n_valid, outcome.n_geometries, outcome.n_without_geometry
-    );
-    if outcome.n_templates > 0 {
-        println!("{} template instances were not checked", outcome.n_templates);
+/// What was found of the solids, as lines.
+fn solid_lines(outcome: &Validation, n_printed: usize) -> String {
+    let Validation { n_valid, n_geometries, n_without_geometry, n_templates, .. } = outcome;
+    let mut lines =
+        vec![format!("{n_valid} of {n_geometries} geometries are valid; {n_without_geometry} objects have none")];
+    if *n_templates > 0 {
+        lines.push(format!("{n_templates} template instances were not checked"));
     }
     for (number, n) in &outcome.n_by_code {
         let name = outcome.faults.iter().find(|fault| fault.number == *number).map(|fault| fault.code.to_string());
-        println!("{n:>8}  {}", name.unwrap_or_default());
+        lines.push(format!("{n:>8}  {}", name.unwrap_or_default()));
     }
-    for fault in outcome.faults.iter().take(n_printed) {
-        println!("{}", line(fault));
-    }
-    if outcome.faults.len() > n_printed {
-        println!("… and {} more: --all prints them, --json too", outcome.faults.len() - n_printed);
-    }
+    lines.extend(outcome.faults.iter().take(n_printed).map(line));
+    lines.extend(more(outcome.faults.len(), n_printed));
+    lines.join("\n")
+}
+
+/// How many faults are not printed, where some are not.
+fn more(n: usize, n_printed: usize) -> Option<String> {
+    (n > n_printed).then(|| format!("… and {} more: --all prints them, --json too", n - n_printed))
 }
 
 fn line(fault: &Fault) -> String {

@@ -9,23 +9,27 @@
 //! It listens on 127.0.0.1 only, answers `GET` and `HEAD` of requests for its own name only (a page elsewhere whose name
 //! is bent to this machine gets nothing), and leaves its folder neither by `..` nor through links.
 
+use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, BufRead as _, BufReader, Read as _, Write};
-use std::net::{Ipv4Addr, TcpListener, TcpStream};
-use std::path::{Component, Path, PathBuf};
-use std::time::Duration;
+use std::net::{Ipv4Addr, Shutdown, TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use super::page;
 use super::tileset::TILESET;
 use crate::files::FileError;
 use crate::output::OutputError;
 use crate::output::read::ReadError;
+use crate::paths::within;
 
-/// Threads that answer; a browser asks for six files at a time.
-const N_THREADS: usize = 8;
+/// Connections that are attended to at the same time, each by a thread; a browser asks for six files at a time. Whoever
+/// comes on top takes the place of the one that has kept silent for longest.
+const MAX_CONNECTIONS: usize = 64;
 /// A request's head is at most this long, bytes.
 const MAX_HEAD: u64 = 16 << 10;
-/// So long a silent client is waited for.
+/// So long the head of a request may take in all, and each piece of an answer.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// The report beside a tileset.
 const REPORT: &str = "report.html";
@@ -117,43 +121,28 @@ impl Server {
 
     /// Answers until the process ends.
     pub fn run(&self) {
+        let silent = Silent::default();
         std::thread::scope(|scope| {
-            for _ in 0..N_THREADS {
-                scope.spawn(|| {
-                    loop {
-                        // What goes wrong with one client is that client's: it sees its connection closed.
-                        let _ = self.listener.accept().and_then(|(stream, _)| self.attend(&stream));
-                    }
-                });
+            for (number, stream) in self.listener.incoming().enumerate() {
+                // What goes wrong with one client is that client's: it sees its connection closed.
+                let Ok(stream) = stream else { continue };
+                silent.enter(number, &stream);
+                let silent = &silent;
+                let attend = move || {
+                    let head = read_head(&stream);
+                    silent.leave(number);
+                    let _ = head.and_then(|head| head.map_or(Ok(()), |head| self.attend(&stream, &head)));
+                };
+                // Without a thread the connection is closed.
+                let _ = std::thread::Builder::new().stack_size(STACK).spawn_scoped(scope, attend);
             }
         });
     }
 
-    fn attend(&self, stream: &TcpStream) -> io::Result<()> {
-        stream.set_read_timeout(Some(PATIENCE))?;
-        stream.set_write_timeout(Some(PATIENCE))?;
-        let mut head = BufReader::new(stream.take(MAX_HEAD));
-        let mut first = String::new();
-        head.read_line(&mut first)?;
-        let mut host = None;
-        loop {
-            let mut line = String::new();
-            if head.read_line(&mut line)? == 0 {
-                return Ok(()); // cut off, or too long
-            }
-            let line = line.trim_end();
-            if line.is_empty() {
-                break;
-            }
-            if let Some((name, value)) = line.split_once(':')
-                && name.eq_ignore_ascii_case("host")
-            {
-                host = Some(value.trim().to_ascii_lowercase());
-            }
-        }
-        let mut words = first.split_ascii_whitespace();
+    fn attend(&self, stream: &TcpStream, head: &Head) -> io::Result<()> {
+        let mut words = head.first.split_ascii_whitespace();
         let (method, target) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
-        send(stream, self.answer(method, target, host.as_deref()), method == "HEAD")
+        send(stream, self.answer(method, target, head.host.as_deref()), method == "HEAD")
     }
 
     fn answer(&self, method: &str, target: &str, host: Option<&str>) -> Answer {
@@ -180,15 +169,74 @@ impl Server {
 
     /// The file of a name within the tileset, and what it is.
     fn tile(&self, name: &str) -> Option<(PathBuf, &'static str)> {
-        let name = PathBuf::from(decoded(name)?);
-        let stays_below = name.components().all(|part| matches!(part, Component::Normal(_)));
+        let name = decoded(name)?;
+        let name = within(&name)?;
         let media_type = match name.extension()?.to_str()? {
             "json" => "application/json",
             "glb" => "model/gltf-binary",
             _ => return None,
         };
-        let path = self.tiles.join(&name).canonicalize().ok()?;
-        (stays_below && path.starts_with(&self.tiles) && path.is_file()).then_some((path, media_type))
+        let path = self.tiles.join(name).canonicalize().ok()?;
+        (path.starts_with(&self.tiles) && path.is_file()).then_some((path, media_type))
+    }
+}
+
+/// What a client asks.
+struct Head {
+    first: String,
+    host: Option<String>,
+}
+
+/// Stack of a thread that answers, bytes: it holds no more than a head and a piece of a file.
+const STACK: usize = 256 << 10;
+
+/// Reads the head of a request; `None` where it is cut off, too long or too slow.
+fn read_head(stream: &TcpStream) -> io::Result<Option<Head>> {
+    let start = Instant::now();
+    stream.set_read_timeout(Some(PATIENCE))?;
+    stream.set_write_timeout(Some(PATIENCE))?;
+    let mut lines = BufReader::new(stream.take(MAX_HEAD));
+    let mut head = Head { first: String::new(), host: None };
+    lines.read_line(&mut head.first)?;
+    loop {
+        let mut line = String::new();
+        if lines.read_line(&mut line)? == 0 || start.elapsed() > PATIENCE {
+            return Ok(None);
+        }
+        let line = line.trim_end();
+        if line.is_empty() {
+            return Ok(Some(head));
+        }
+        if let Some((name, value)) = line.split_once(':')
+            && name.eq_ignore_ascii_case("host")
+        {
+            head.host = Some(value.trim().to_ascii_lowercase());
+        }
+    }
+}
+
+/// Connections that have not asked for anything yet, oldest first: no number of them keeps others waiting.
+#[derive(Default)]
+struct Silent(Mutex<VecDeque<(usize, TcpStream)>>);
+
+impl Silent {
+    /// One more; the oldest of too many is closed, which ends its thread.
+    fn enter(&self, number: usize, stream: &TcpStream) {
+        let mut silent = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if silent.len() >= MAX_CONNECTIONS
+            && let Some((_, oldest)) = silent.pop_front()
+        {
+            // It may have gone by itself.
+            let _ = oldest.shutdown(Shutdown::Both);
+        }
+        if let Ok(stream) = stream.try_clone() {
+            silent.push_back((number, stream));
+        }
+    }
+
+    /// It has asked, or gone.
+    fn leave(&self, number: usize) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).retain(|(other, _)| *other != number);
     }
 }
 
@@ -297,6 +345,33 @@ mod tests {
             assert_eq!(server.answer("GET", "/", host).status, "421 Misdirected Request", "{host:?}");
         }
         assert_eq!(server.answer("POST", "/", Some(&own)).status, "405 Method Not Allowed");
+    }
+
+    #[test]
+    fn silent_connections_keep_nobody_waiting() {
+        let folder = tempfile::tempdir().unwrap();
+        let server = Box::leak(Box::new(server(folder.path())));
+        let address = ("127.0.0.1", server.port);
+        let host = format!("127.0.0.1:{}", server.port);
+        std::thread::spawn(|| server.run());
+        // Some that say nothing, and some that never come to the end.
+        let silent: Vec<TcpStream> = (0..3 * MAX_CONNECTIONS)
+            .map(|i| {
+                let mut stream = TcpStream::connect(address).unwrap();
+                if i % 2 == 1 {
+                    let _ = stream.write_all(b"GET / HTTP/1.1\r\nA: ");
+                }
+                stream
+            })
+            .collect();
+        let start = Instant::now();
+        let mut stream = TcpStream::connect(address).unwrap();
+        stream.write_all(format!("GET /tiles/tileset.json HTTP/1.1\r\nHost: {host}\r\n\r\n").as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        assert!(answer.starts_with("HTTP/1.1 200 OK") && answer.ends_with("{}"), "{answer}");
+        assert!(start.elapsed() < PATIENCE / 2, "{:?}", start.elapsed());
+        drop(silent);
     }
 
     #[test]
