@@ -23,6 +23,25 @@ pub fn resolved(folder: &Path, path: &Path) -> PathBuf {
     if path == Path::new(".") && !folder.as_os_str().is_empty() { folder.to_owned() } else { folder.join(path) }
 }
 
+/// A name out of a file as a path that stays in the folder it is joined to: relative, and without `..`; `None` for any
+/// other. Every name that a file brings goes through here before it becomes part of a path.
+#[must_use]
+pub fn within(name: &str) -> Option<&Path> {
+    let path = Path::new(name);
+    let is_plain = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
+    // Windows would split at `\\` and take what stands before `:` for a drive.
+    let is_foreign = |part: &str| part == ".." || part.contains('\0');
+    let is_name = path.components().any(|part| matches!(part, Component::Normal(_)));
+    let stays = path.components().all(is_plain) && !name.split(['/', '\\']).any(is_foreign);
+    (is_name && stays).then_some(path)
+}
+
+/// As [`within`], for a name that is one file or folder: without folders of its own.
+#[must_use]
+pub fn single(name: &str) -> Option<&Path> {
+    within(name).filter(|path| path.components().count() == 1 && !name.contains(['/', '\\', ':']))
+}
+
 /// The folder of a configuration and the paths that were relative to it.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct OwnPaths {
@@ -98,6 +117,20 @@ mod tests {
         let (mut own, mut path) = (OwnPaths::new(Path::new(folder)), PathBuf::from(path));
         own.resolve(&mut path);
         own.saved(&path, Path::new(result)).display().to_string()
+    }
+
+    #[test]
+    fn names_that_leave_their_folder_are_none() {
+        for name in ["a.jpg", "flight 1/a.jpg", "./a", "a..b/c", "ä.tif", "C:a"] {
+            assert_eq!(within(name), Some(Path::new(name)));
+        }
+        for name in ["..", "../a", "a/../../b", "/etc/passwd", "", ".", "..\\a", "a\\..\\..\\b", "a\0b"] {
+            assert_eq!(within(name), None, "{name:?}");
+        }
+        assert!(single("e0_n0").is_some());
+        for name in ["a/b", "./a", "a\\b", "C:a", "..", ""] {
+            assert_eq!(single(name), None, "{name:?}");
+        }
     }
 
     #[test]

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::paths;
+
 /// A photo's name without its extension; folders in the name stay.
 pub(crate) fn stem(name: &str) -> &str {
     match name.rsplit_once('.') {
@@ -41,15 +43,17 @@ pub(crate) fn check(template: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// The path for one photo; `None` if the template is wrong or asks for an index that the photo does not have.
+/// The path for one photo; `None` if the template is wrong, asks for an index that the photo does not have, or for a name
+/// that would lead out of the template's folder.
 pub(crate) fn fill(template: &str, name: &str, index: Option<usize>) -> Option<PathBuf> {
+    let name = paths::within(name).map(|_| name);
     let filled: Option<String> = pieces(template)
         .ok()?
         .into_iter()
         .map(|piece| match piece {
             Piece::Text(text) => Some(text.to_owned()),
-            Piece::Placeholder("name") => Some(name.to_owned()),
-            Piece::Placeholder("stem") => Some(stem(name).to_owned()),
+            Piece::Placeholder("name") => name.map(str::to_owned),
+            Piece::Placeholder("stem") => name.map(|name| stem(name).to_owned()),
             Piece::Placeholder("index") => index.map(|i| i.to_string()),
             Piece::Placeholder(_) => None,
         })
@@ -66,6 +70,9 @@ mod tests {
         let filled = fill("d/{stem}_{index}.npy", "cam 1/a.b.jpg", Some(7));
         assert_eq!(filled, Some(PathBuf::from("d/cam 1/a.b_7.npy")));
         assert_eq!(fill("all.npz", "a.jpg", None), Some(PathBuf::from("all.npz")));
+        assert_eq!(fill("d/{stem}.npy", "../../secret/x.jpg", None), None);
+        assert_eq!(fill("d/{name}.npy", "/etc/x.jpg", None), None);
+        assert_eq!(fill("d/{index}.npy", "/data/x.jpg", Some(1)), Some(PathBuf::from("d/1.npy")));
         assert!(check("d/{photo}.npy").unwrap_err().contains("{photo}"));
         assert!(check("d/{stem.npy").is_err());
     }

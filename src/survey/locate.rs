@@ -13,6 +13,7 @@ use crate::crs::{Crs, CrsError, Geocentric, GridNorth, Transform, TrueNorth, enu
 use crate::frames::Rigid;
 use crate::ids::ViewId;
 use crate::issue::{Issue, Severity, Subject};
+use crate::paths::within;
 
 /// What all poses of a survey have in common on their way to the map.
 struct Way {
@@ -214,6 +215,11 @@ fn suggest_projected(poses: &Poses, world: &Crs, project_crs: &Crs) -> Result<()
 }
 
 fn view(way: &Way, pose: Pose) -> Result<(View, GridNorth), Box<Issue>> {
+    let is_absolute = std::path::Path::new(&pose.name).is_absolute();
+    if !is_absolute && within(&pose.name).is_none() {
+        let issue = refused("photo_name_unusable", &pose.name, "its name leads out of the folder of the photos");
+        return Err(Box::new(issue.hint("name photos by file, or by folders and file below one folder")));
+    }
     pose.camera.validate().map_err(|e| Box::new(refused("camera_unusable", &pose.name, e.to_string())))?;
     let located = way.locate(&pose).map_err(|reason| Box::new(refused("pose_unusable", &pose.name, reason)))?;
     let camera_from_map = Rigid::from_rotation_and_centre(located.camera_from_map, located.centre_in_map);

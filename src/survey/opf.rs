@@ -35,6 +35,7 @@ use super::poses::{Pose, Poses, World};
 use crate::camera::{Camera, Distortion};
 use crate::crs::Crs;
 use crate::files::FileError;
+use crate::paths::within;
 
 /// Coefficients of a fisheye's polynomial, p0 included.
 const MAX_FISHEYE_TERMS: usize = 5;
@@ -195,7 +196,11 @@ impl Project {
                 "export a calibrated project: `calibration`, `input_cameras`, `camera_list`, `scene_reference_frame`",
             )
         })?;
-        read_json(&project.with_file_name(&resource.uri))
+        let beside = within(&resource.uri).ok_or_else(|| {
+            let message = format!("the {kind} is in {:?}, outside the project's folder", resource.uri);
+            SurveyError::malformed(project, Place::Whole, message)
+        })?;
+        read_json(&project.with_file_name(beside))
     }
 }
 

@@ -16,6 +16,7 @@ use crate::frames::LocalOrigin;
 use crate::ids::ViewId;
 use crate::issue::Issue;
 use crate::output::{InputFile, Status};
+use crate::paths;
 use crate::pipeline::Frame;
 use crate::scene::HeightBounds;
 use crate::survey::View;
@@ -192,13 +193,19 @@ impl Layout {
             let message = format!("made by sizeup {}, this is {}", manifest.sizeup, env!("CARGO_PKG_VERSION"));
             return Err(TilesError::Plan { path, message });
         }
+        if let Some(tile) = manifest.tiles.iter().find(|tile| paths::single(&tile.id).is_none()) {
+            let message = format!("a tile is called {:?}: expected the name of a folder below tiles/", tile.id);
+            return Err(TilesError::Plan { path, message });
+        }
         Ok(manifest)
     }
 
     /// Reads the word that a tile is done; `None` where there is none, or not a whole one.
     #[must_use]
     pub fn read_done(&self, id: &str) -> Option<Done> {
-        read_json(&self.done(id)).ok()
+        let done: Done = read_json(&self.done(id)).ok()?;
+        let names_its_own = done.tile == id && done.outputs.keys().all(|name| paths::single(name).is_some());
+        names_its_own.then_some(done)
     }
 }
 

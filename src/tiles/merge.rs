@@ -17,6 +17,7 @@ use crate::output::geopackage::{self, TileArea};
 use crate::output::reports::{write_issues, write_json};
 use crate::output::tiles3d::{self, Heights, Tiles3dConfig};
 use crate::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records as _, Status, cityjson, sha256_hex};
+use crate::paths;
 use crate::pipeline::{refused_records, unstated_reference};
 use crate::stats;
 use crate::survey::Survey;
@@ -120,7 +121,7 @@ impl Merged {
     fn is_intact(&self, folder: &Path) -> bool {
         let is_same =
             |(name, sha256): (&String, &String)| hash_of(&folder.join(name)).is_ok_and(|found| found == *sha256);
-        self.outputs.iter().all(is_same)
+        self.outputs.keys().all(|name| paths::within(name).is_some()) && self.outputs.iter().all(is_same)
     }
 }
 

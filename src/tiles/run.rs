@@ -67,6 +67,7 @@ pub(super) struct HaloHeight {
 pub fn run_tile(layout: &Layout, id: &str, wait: &dyn Fn(&str), tell: Tell<'_>) -> Result<TileRun, TilesError> {
     let start = Instant::now();
     let manifest = layout.read_manifest()?;
+    manifest.config.limits.set();
     let tile = manifest.tile(id)?;
     let _lock = Lock::take(&layout.lock(id), wait)?;
     let folder = layout.tile(id);
