@@ -1,8 +1,10 @@
 //! Files that are either whole or absent: write under a temporary name, flush to disk, rename.
 
 use std::fs;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Read as _, Write};
 use std::path::{Path, PathBuf};
+
+use crate::limits;
 
 /// A file operation that failed, with the file it failed on.
 #[derive(Debug, thiserror::Error)]
@@ -90,6 +92,33 @@ pub fn write_whole_by_name<E: From<FileError>>(
     };
     finish().map_err(FileError::on("cannot write", path))?;
     Ok(())
+}
+
+/// Reads a whole file of text or bytes, as long as it may be ([`crate::limits`]); also what has no length of its own, such as
+/// a pipe, ends there.
+///
+/// # Errors
+/// [`FileError`].
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>, FileError> {
+    let limit = limits::Limits::now().input_bytes();
+    let read = || {
+        let file = fs::File::open(path)?;
+        limits::check(file.metadata()?.len(), None).map_err(io::Error::other)?;
+        let mut bytes = Vec::new();
+        file.take(limit.saturating_add(1)).read_to_end(&mut bytes)?;
+        limits::check(bytes.len() as u64, None).map_err(io::Error::other)?;
+        Ok(bytes)
+    };
+    read().map_err(FileError::on("cannot read", path))
+}
+
+/// As [`read_bytes`], for a file in UTF-8.
+///
+/// # Errors
+/// [`FileError`].
+pub fn read_text(path: &Path) -> Result<String, FileError> {
+    let not_text = |e: std::string::FromUtf8Error| io::Error::new(io::ErrorKind::InvalidData, e.utf8_error());
+    String::from_utf8(read_bytes(path)?).map_err(not_text).map_err(FileError::on("cannot read", path))
 }
 
 /// Whether a path names something inside an archive or on a server (`/vsizip/…`, `/vsicurl/…`, `/vsis3/…`): only GDAL

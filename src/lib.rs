@@ -48,6 +48,7 @@ pub mod frames;
 mod gdal_log;
 pub mod ids;
 pub mod issue;
+pub mod limits;
 pub mod paths;
 pub mod raster;
 pub mod ray;

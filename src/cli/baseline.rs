@@ -55,6 +55,7 @@ fn names() -> clap::builder::PossibleValuesParser {
 pub(super) fn run(args: &BaselineArgs, global: &Global) -> Result<u8, Failure> {
     let method = Method::named(&args.method).expect("the parser takes known names only");
     let mut config = RunConfig::load(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    config.limits.set();
     config.project.output.clone_from(&args.output);
     let aids = aids(method, args, &config)?;
     let bodies = RefCell::new(None);

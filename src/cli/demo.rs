@@ -27,6 +27,7 @@ pub(super) fn run(args: &DemoArgs, global: &Global) -> Result<u8, Failure> {
 
     ui.say("2. Finding the heights: this is what `sizeup run` does with your data");
     let mut config = RunConfig::load(&scene.run_config, &[]).map_err(|e| Failure::new(4, &e))?;
+    config.limits.set();
     config.project.output = args.output.join("result");
     let options = RunOptions { from: Stage::Survey, until: Stage::Output, command: "sizeup demo".to_owned() };
     super::run::run_config(&config, &options, global)?;

@@ -61,6 +61,7 @@ struct DtmSummary {
 
 pub(super) fn run(args: &DtmArgs, global: &Global) -> Result<u8, Failure> {
     let config = RunConfig::load_without_prior(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    config.limits.set();
     let settings = DtmConfig {
         within_m: args.within,
         spacing_m: args.spacing,

@@ -31,6 +31,7 @@ pub struct FootprintsArgs {
 
 pub(super) fn run(args: &FootprintsArgs, global: &Global) -> Result<u8, Failure> {
     let mut config = RunConfig::load_without_prior(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    config.limits.set();
     if let Some(output) = &args.output {
         config.project.output.clone_from(output);
     }

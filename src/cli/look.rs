@@ -35,6 +35,7 @@ pub struct LookArgs {
 
 pub(super) fn run(args: &LookArgs, global: &Global) -> Result<u8, Failure> {
     let mut config = RunConfig::load(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    config.limits.set();
     if let Some(result) = &args.result {
         config.project.output.clone_from(result);
     }

@@ -115,6 +115,7 @@ pub enum PriorKindArg {
 
 pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
     let config = config_of(args)?;
+    config.limits.set();
     if args.tiled {
         return run_tiled(config, args, global);
     }

@@ -120,6 +120,7 @@ fn plan(args: &PlanArgs, global: &Global) -> Result<u8, Failure> {
     // Tiles may be run from another folder than this one.
     let path = absolute(&args.config)?;
     let mut config = RunConfig::load(&path, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    config.limits.set();
     if let Some(output) = &args.output {
         config.project.output = absolute(output)?;
     }

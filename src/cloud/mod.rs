@@ -5,6 +5,7 @@
 //! | LAS, LAZ | extra dimension `instance`, `instance_id`, `building` or `building_id`; 0 is none | as stored: 2 ground, 6 building |
 //! | text: `x y z [instance]`, split by spaces, tabs, commas or semicolons | fourth column; 0 is none | none |
 
+mod claims;
 mod instances;
 mod read;
 mod segment;

@@ -1,14 +1,16 @@
 //! Clouds from files.
 
 use std::fs;
-use std::io::Write as _;
+use std::io::{BufReader, Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::{Cloud, instances};
-use crate::files::{FileError, write_whole};
+use super::{Cloud, claims, instances};
+use crate::files::{self, FileError, write_whole};
 
+/// Points that are unpacked at a time.
+const POINTS_AT_ONCE: u64 = 1 << 20;
 /// Values of GeoTIFF's key of the vertical system that are EPSG codes.
 const CODES: std::ops::Range<u16> = 1_024..32_767;
 
@@ -26,6 +28,14 @@ pub enum CloudError {
         /// Why.
         #[source]
         source: las::Error,
+    },
+    /// A header that claims more than there is, or than may be read.
+    #[error("{} is no sound LAS or LAZ: {problem}", path.display())]
+    Claim {
+        /// The file.
+        path: PathBuf,
+        /// What it claims.
+        problem: String,
     },
     /// A line of a text file is no point.
     #[error("{}, line {line}: {text:?} is not `x y z [instance]`\nhint: columns split by spaces, tabs, commas or semicolons", path.display())]
@@ -108,7 +118,10 @@ fn read_tiles(folder: &Path) -> Result<Cloud, CloudError> {
 
 fn read_las(path: &Path) -> Result<Cloud, CloudError> {
     let failed = |source| CloudError::Las { path: path.to_owned(), source };
-    let mut reader = las::Reader::from_path(path).map_err(failed)?;
+    let mut file = BufReader::new(fs::File::open(path).map_err(FileError::on("cannot read", path))?);
+    claims::check(&mut file).map_err(|e| CloudError::Claim { path: path.to_owned(), problem: e.to_string() })?;
+    file.rewind().map_err(FileError::on("cannot read", path))?;
+    let mut reader = las::Reader::new(file).map_err(failed)?;
     let header = reader.header();
     let wkt = header.get_wkt_crs_bytes().and_then(|bytes| std::str::from_utf8(bytes).ok());
     let crs = wkt.map(|text| text.trim_end_matches('\0').to_owned()).or_else(|| {
@@ -118,14 +131,28 @@ fn read_las(path: &Path) -> Result<Cloud, CloudError> {
         Some(heights.map_or_else(|| format!("EPSG:{plane}"), |heights| format!("EPSG:{plane}+{heights}")))
     });
     let vlrs = header.vlrs().clone();
-    let data = reader.read_all().map_err(failed)?;
-    let points = data.x().zip(data.y()).zip(data.z()).map(|((x, y), z)| DVec3::new(x, y, z)).collect();
-    let instances = instances::instances(&vlrs, &data);
-    Ok(Cloud { points, classes: data.classification().collect(), instances, crs })
+    let mut cloud = Cloud { crs, ..Cloud::default() };
+    // Memory grows with the points that come, not with those that are announced.
+    loop {
+        let piece = reader.read_points(POINTS_AT_ONCE).map_err(failed)?;
+        if piece.is_empty() {
+            break;
+        }
+        cloud.points.extend(piece.x().zip(piece.y()).zip(piece.z()).map(|((x, y), z)| DVec3::new(x, y, z)));
+        cloud.classes.extend(piece.classification());
+        let instances = instances::instances(&vlrs, &piece);
+        cloud.instances.extend(instances);
+        cloud.instances.resize(cloud.points.len(), None);
+    }
+    // A column of nothing but 0 names no buildings.
+    if cloud.instances.iter().all(Option::is_none) {
+        cloud.instances.clear();
+    }
+    Ok(cloud)
 }
 
 fn read_text(path: &Path) -> Result<Cloud, CloudError> {
-    let text = fs::read_to_string(path).map_err(FileError::on("cannot read", path))?;
+    let text = files::read_text(path)?;
     let mut cloud = Cloud::default();
     let mut has_instances = None;
     for (i, line) in text.lines().enumerate() {

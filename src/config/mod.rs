@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::crs::Crs;
 use crate::dtm::DtmConfig;
 use crate::footprint::FootprintSource;
+use crate::limits::Limits;
 use crate::optimise::OptimiseConfig;
 use crate::output::cityjson::CityJsonConfig;
 use crate::output::fallback::FallbackConfig;
@@ -83,6 +84,9 @@ pub struct RunConfig {
     /// The results.
     #[serde(default)]
     pub output: OutputConfig,
+    /// What input may take of the machine.
+    #[serde(default)]
+    pub limits: Limits,
     /// Which paths were relative in the file.
     #[serde(skip)]
     own_paths: OwnPaths,

@@ -175,7 +175,9 @@ fn ids(values: &Raster<f32>, path: &Path) -> Result<Raster<u32>, ViewFault> {
 pub(super) fn scale_of(size: (usize, usize), view: &View, path: &Path) -> Result<[f64; 2], ViewFault> {
     let photo = [f64::from(view.camera.width_px), f64::from(view.camera.height_px)];
     let (width, height) = (size.0 as f64, size.1 as f64);
-    let fits = width > 0.0 && height > 0.0 && {
+    // A mask with more than two pixels to the photo's one knows nothing more: it is another photo's, or damaged.
+    let is_finer = width > 2.0 * photo[0] || height > 2.0 * photo[1];
+    let fits = width > 0.0 && height > 0.0 && !is_finer && {
         // The photo's shape at the mask's width.
         (height - photo[1] * width / photo[0]).abs() <= ASPECT_TOLERANCE_PX
             || (width - photo[0] * height / photo[1]).abs() <= ASPECT_TOLERANCE_PX

@@ -12,9 +12,11 @@ pub(crate) mod view_layers;
 mod curve;
 mod geotiff;
 mod layer_writer;
+mod open;
 
 pub use geotiff::{GridPlace, write_geotiff};
 pub use layer_writer::{FieldType, LayerFeature, write_polygon_layer};
+pub use open::Refusal;
 
 use std::path::{Path, PathBuf};
 

@@ -6,11 +6,14 @@ use gdal::Dataset;
 use gdal::errors::GdalError;
 use gdal::raster::{GdalDataType, RasterBand, ResampleAlg};
 
+use super::open::{self, Fault, Kind, Refusal};
 use crate::crs::{Crs, CrsError};
+use crate::gdal_log;
+use crate::limits::{self, Excess};
 use crate::raster::Raster;
 
-/// Most cells one read may return (4 GB as `f32`): beyond that a file's size is a mistake or an attack.
-const MAX_CELLS: usize = 1 << 30;
+/// Formats whose cells are all in the one file: its length tells how many there can be.
+const SELF_CONTAINED: [&str; 9] = ["tif", "tiff", "dng", "png", "jpg", "jpeg", "webp", "jp2", "j2k"];
 
 /// Why a raster cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -24,6 +27,25 @@ pub enum RasterError {
         #[source]
         source: GdalError,
     },
+    /// It is not given to GDAL at all.
+    #[error(transparent)]
+    Refused(#[from] Refusal),
+    /// It claims more cells than it can hold, or than may be read.
+    #[error("raster {}: {excess}", path.display())]
+    Excess {
+        /// The file.
+        path: PathBuf,
+        /// What it claims.
+        excess: Excess,
+    },
+    /// Its pixels are partly made up: the file is cut off or garbled.
+    #[error("{} is damaged: {words}\nhint: copy or export it again", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// The decoder's own words.
+        words: String,
+    },
     /// It opened, and its values cannot be read.
     #[error("cannot read band {band} of {}", path.display())]
     Read {
@@ -35,7 +57,7 @@ pub enum RasterError {
         #[source]
         source: GdalError,
     },
-    /// A window outside the raster, or more cells than anything of ours needs.
+    /// A window outside the raster, or without cells.
     #[error("window {window:?} at {size:?} cells of {}, which has {width} × {height}: {reason}", path.display())]
     Window {
         /// The file.
@@ -121,17 +143,24 @@ pub enum Resampling {
 pub struct RasterFile {
     dataset: Dataset,
     path: PathBuf,
+    /// Length of the file, bytes, where all cells are in it.
+    stored: Option<u64>,
 }
 
 impl RasterFile {
-    /// Opens whatever GDAL can read; `/vsizip/…` and the like work as well.
+    /// Opens a file as what its extension says; `/vsizip/…` and the like work as well.
     ///
     /// # Errors
-    /// [`RasterError::Open`].
+    /// [`RasterError::Open`]; [`RasterError::Refused`] for what is on a server, or has no extension that names a format.
     pub fn open(path: &Path) -> Result<Self, RasterError> {
-        crate::gdal_log::route_messages();
-        let dataset = Dataset::open(path).map_err(|source| RasterError::Open { path: path.to_owned(), source })?;
-        Ok(Self { dataset, path: path.to_owned() })
+        let dataset = open::open(path, Kind::Raster).map_err(|fault| match fault {
+            Fault::Refused(refusal) => refusal.into(),
+            Fault::Gdal(source) => RasterError::Open { path: path.to_owned(), source },
+        })?;
+        let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+        let is_whole = SELF_CONTAINED.contains(&extension.as_str());
+        let stored = std::fs::metadata(path).ok().filter(|_| is_whole).map(|found| found.len());
+        Ok(Self { dataset, path: path.to_owned(), stored })
     }
 
     /// Columns and rows.
@@ -201,7 +230,7 @@ impl RasterFile {
     /// A whole band (from 1); nodata, masked and non-finite cells become `NaN`.
     ///
     /// # Errors
-    /// [`RasterError::Read`] without such a band or with a damaged file, [`RasterError::Window`] beyond 2³⁰ cells.
+    /// [`RasterError::Read`] without such a band or with a damaged file, [`RasterError::Excess`] for one too large.
     pub fn read(&self, band: usize) -> Result<Raster<f32>, RasterError> {
         let (width, height) = self.size();
         self.read_window(band, Window { col: 0, row: 0, width, height }, (width, height), Resampling::Nearest)
@@ -211,8 +240,9 @@ impl RasterFile {
     /// applied; nodata, masked and non-finite cells become `NaN`.
     ///
     /// # Errors
-    /// [`RasterError::Window`] for a window that is empty or leaves the raster, or beyond 2³⁰ cells;
-    /// [`RasterError::Read`] without such a band or with a damaged file.
+    /// [`RasterError::Window`] for a window that is empty or leaves the raster; [`RasterError::Excess`] for more cells than
+    /// the limits allow or the file can hold; [`RasterError::Read`] without such a band or with a damaged file;
+    /// [`RasterError::Damaged`] for a photo whose pixels are partly made up by the decoder.
     ///
     /// # Panics
     /// Never: GDAL fills the buffer it is given.
@@ -232,8 +262,13 @@ impl RasterFile {
             Resampling::Average => ResampleAlg::Average,
         };
         let source = self.band(band)?;
+        self.check_claims(&source, window, size)?;
+        gdal_log::take_damage();
         let (_, mut values) =
             source.read_as::<f32>(from, extent, size, Some(algorithm)).map_err(failed)?.into_shape_and_vec();
+        if let Some(words) = gdal_log::take_damage() {
+            return Err(RasterError::Damaged { path: self.path.clone(), words });
+        }
         blank_nodata(&source, &mut values);
         let flags = source.mask_flags().map_err(failed)?;
         if flags.is_per_dataset() || flags.is_alpha() {
@@ -256,13 +291,29 @@ impl RasterFile {
         let (width, height) = self.size();
         let fits = |from: usize, n: usize, total: usize| n > 0 && from.checked_add(n).is_some_and(|end| end <= total);
         let is_inside = fits(window.col, window.width, width) && fits(window.row, window.height, height);
-        let is_sane = size.0.checked_mul(size.1).is_some_and(|n| 0 < n && n <= MAX_CELLS);
+        let is_sane = size.0 > 0 && size.1 > 0;
         let reason = match (is_inside, is_sane) {
             (true, true) => return Ok(()),
             (false, _) => "it leaves the raster",
-            (true, false) => "it is empty or has more than 2^30 cells",
+            (true, false) => "it is empty",
         };
         Err(RasterError::Window { path: self.path.clone(), window, size, width, height, reason })
+    }
+
+    /// Holds what a read takes (the cells, their mask, and a block of the file at a time) against the limits, and the cells
+    /// of the file that it goes through against the file's length.
+    fn check_claims(&self, band: &RasterBand<'_>, window: Window, size: (usize, usize)) -> Result<(), RasterError> {
+        const CELL_AND_MASK: u64 = 5;
+        let bytes = |(width, height): (usize, usize), each: u64| {
+            (width as u64).saturating_mul(height as u64).saturating_mul(each)
+        };
+        let sample = u64::from(band.band_type().bits().div_ceil(8));
+        let block = bytes(band.block_size(), sample);
+        let taken = bytes(size, CELL_AND_MASK).saturating_add(block);
+        let content = bytes((window.width, window.height), sample).max(block);
+        let checked = limits::check(taken, None)
+            .and_then(|()| self.stored.map_or(Ok(()), |stored| limits::check_content(content, stored)));
+        checked.map_err(|excess| RasterError::Excess { path: self.path.clone(), excess })
     }
 
     fn band(&self, band: usize) -> Result<RasterBand<'_>, RasterError> {

@@ -2,12 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
+use gdal::Metadata as _;
 use gdal::errors::GdalError;
 use gdal::vector::{FieldValue, Geometry, LayerAccess, OGRFieldType, OGRwkbGeometryType as Kind, OwnedLayer};
-use gdal::{Dataset, DatasetOptions, GdalOpenFlags, Metadata as _};
 use geo_types::{Coord, LineString, MultiPolygon, Point, Polygon};
 use serde_json::{Map as JsonMap, Value};
 
+use super::open::{self, Fault, Kind as Open, Refusal};
 use crate::crs::{Crs, CrsError};
 
 /// Why a vector layer cannot be read.
@@ -22,6 +23,9 @@ pub enum VectorError {
         #[source]
         source: GdalError,
     },
+    /// It is not given to GDAL at all.
+    #[error(transparent)]
+    Refused(#[from] Refusal),
     /// The file has several layers, or none, or not the one asked for.
     #[error(
         "{}: {problem}; its layers are {}\nhint: set `layer` to one of them",
@@ -78,15 +82,16 @@ pub struct VectorLayer {
 }
 
 impl VectorLayer {
-    /// Opens a layer by name, or the only one of the file; `/vsizip/…` and the like work as well.
+    /// Opens a layer by name, or the only one of the file, which is read as what its extension says; `/vsizip/…` and the
+    /// like work as well.
     ///
     /// # Errors
-    /// [`VectorError::Open`], or [`VectorError::Layer`] listing the layers there are.
+    /// [`VectorError::Open`]; [`VectorError::Refused`] for what is on a server, or has no extension that names a format; [`VectorError::Layer`] listing the layers there are.
     pub fn open(path: &Path, layer: Option<&str>) -> Result<Self, VectorError> {
-        crate::gdal_log::route_messages();
-        let options = DatasetOptions { open_flags: GdalOpenFlags::GDAL_OF_VECTOR, ..Default::default() };
-        let dataset =
-            Dataset::open_ex(path, options).map_err(|source| VectorError::Open { path: path.to_owned(), source })?;
+        let dataset = open::open(path, Open::Vector).map_err(|fault| match fault {
+            Fault::Refused(refusal) => refusal.into(),
+            Fault::Gdal(source) => VectorError::Open { path: path.to_owned(), source },
+        })?;
         let names: Vec<(usize, String)> = dataset
             .layers()
             .enumerate()

@@ -12,6 +12,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::OnnxError;
+use crate::files;
+use crate::paths::within;
 
 /// Deepest graph within graphs (loops, branches) that is looked at.
 const DEEPEST: usize = 16;
@@ -25,6 +27,8 @@ pub struct Outline {
     pub opset: u64,
     /// Files that hold its weights, relative to it; empty where it holds them itself.
     pub external_files: Vec<PathBuf>,
+    /// Up to where each of them has to reach, bytes.
+    reach: BTreeMap<PathBuf, u64>,
     /// Whether it resizes with cubic interpolation.
     pub has_cubic_resize: bool,
 }
@@ -40,12 +44,25 @@ impl Outline {
             reason,
             hint: "is it an ONNX file, and whole? PyTorch's .pt and .safetensors have to be exported first".to_owned(),
         };
-        let bytes = std::fs::read(path).map_err(|e| failed(e.to_string()))?;
-        Self::of(&bytes).map_err(|problem| failed(format!("it is no sound ONNX file: {problem}")))
+        let bytes = files::read_bytes(path).map_err(|e| failed(e.source.to_string()))?;
+        let outline = Self::of(&bytes).and_then(|outline| outline.check_files(path).map(|()| outline));
+        outline.map_err(|problem| failed(format!("it is no sound ONNX file: {problem}")))
+    }
+
+    /// Holds what is wanted of other files against their lengths; that they are missing is for the engine to say.
+    fn check_files(&self, path: &Path) -> Result<(), String> {
+        for (name, end) in &self.reach {
+            let length = path.with_file_name(name).metadata().map(|found| found.len());
+            if let Some(length) = length.ok().filter(|length| length < end) {
+                return Err(format!("it wants {end} bytes of {}, which has {length}", name.display()));
+            }
+        }
+        Ok(())
     }
 
     /// Of a file's bytes.
     fn of(bytes: &[u8]) -> Result<Self, String> {
+        Message::Model.check(bytes, 0)?;
         let mut outline = Self::default();
         let mut has_graph = false;
         for field in Fields(bytes) {
@@ -119,6 +136,7 @@ impl Outline {
     }
 
     fn look_at_tensor(&mut self, tensor: &[u8]) -> Result<(), String> {
+        let (mut location, mut offset, mut length) = (None, 0_u64, 0_u64);
         for field in Fields(tensor) {
             let (13, Field::Bytes(entry)) = field? else { continue };
             let (mut key, mut value) = (&b""[..], &b""[..]);
@@ -129,8 +147,74 @@ impl Outline {
                     _ => {}
                 }
             }
-            if key == b"location" {
-                self.external_files.push(PathBuf::from(String::from_utf8_lossy(value).into_owned()));
+            let number = || {
+                let number = std::str::from_utf8(value).ok().and_then(|text| text.parse().ok());
+                number.ok_or_else(|| format!("a place in its weights is {:?}", String::from_utf8_lossy(value)))
+            };
+            match key {
+                b"location" => location = Some(String::from_utf8_lossy(value).into_owned()),
+                b"offset" => offset = number()?,
+                b"length" => length = number()?,
+                _ => {}
+            }
+        }
+        if let Some(location) = location {
+            let name =
+                within(&location).ok_or_else(|| format!("its weights are in {location:?}, outside its folder"))?;
+            let end = self.reach.entry(name.to_owned()).or_default();
+            *end = offset.saturating_add(length).max(*end);
+            self.external_files.push(name.to_owned());
+        }
+        Ok(())
+    }
+}
+
+/// The messages that an ONNX file is made of, as far as engines look at them.
+#[derive(Debug, Clone, Copy)]
+enum Message {
+    Model,
+    Graph,
+    Node,
+    Attribute,
+    Tensor,
+    Value,
+    Type,
+    TensorType,
+    Sequence,
+    Shape,
+    /// Without messages of its own.
+    Plain,
+}
+
+impl Message {
+    /// The message in a field; `None` for text, numbers and what is not looked at.
+    fn at(self, field: u64) -> Option<Self> {
+        Some(match (self, field) {
+            (Self::Model, 7) | (Self::Attribute, 6) => Self::Graph,
+            (Self::Model, 8 | 14) | (Self::Tensor, 13) | (Self::Shape, 1) => Self::Plain,
+            (Self::Graph, 1) => Self::Node,
+            (Self::Graph, 5) | (Self::Attribute, 5) => Self::Tensor,
+            (Self::Graph, 11..=13) => Self::Value,
+            (Self::Node, 5) => Self::Attribute,
+            (Self::Value, 2) | (Self::Sequence, 1) => Self::Type,
+            (Self::Type, 1) => Self::TensorType,
+            (Self::Type, 4) => Self::Sequence,
+            (Self::TensorType, 2) => Self::Shape,
+            _ => return None,
+        })
+    }
+
+    /// Checks that whatever is in it ends within it: engines take memory for any length that they read.
+    fn check(self, bytes: &[u8], depth: usize) -> Result<(), String> {
+        // A graph in a graph is four messages deeper.
+        if depth > 4 * DEEPEST {
+            return Err(format!("it nests graphs more than {DEEPEST} deep"));
+        }
+        for field in Fields(bytes) {
+            if let (number, Field::Bytes(inner)) = field?
+                && let Some(message) = self.at(number)
+            {
+                message.check(inner, depth + 1)?;
             }
         }
         Ok(())
@@ -220,6 +304,12 @@ mod tests {
         assert!(outline.has_cubic_resize);
         assert_eq!(outline.operators.keys().collect::<Vec<_>>(), ["If", "Resize"]);
         assert_eq!((outline.opset, outline.external_files), (17, vec![PathBuf::from("a.data")]));
+        // Text within messages that are otherwise passed over: the name of a dimension, longer than all of the file.
+        let huge = [&[2 << 3 | 2][..], &[0xff, 0xff, 0xff, 0xff, 0x7f], b"n"].concat();
+        let value = field(11, &field(2, &field(1, &field(2, &field(1, &huge)))));
+        assert!(Outline::of(&field(7, &value)).unwrap_err().contains("cut off"));
+        let elsewhere = field(5, &field(13, &[field(1, b"location"), field(2, b"../../a.data")].concat()));
+        assert!(Outline::of(&field(7, &elsewhere)).unwrap_err().contains("outside its folder"));
         assert!(Outline::of(&bytes[..bytes.len() / 2]).unwrap_err().contains("cut off"));
         assert!(Outline::of(b"").unwrap_err().contains("no graph"));
     }

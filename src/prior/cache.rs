@@ -21,7 +21,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use super::array::MapShape;
+use super::array::{MOST, MapShape};
 use super::{DepthPrior, PriorError, PriorGeometry, PriorKind, PriorSource};
 use crate::files::{FileError, write_whole};
 use crate::survey::View;
@@ -271,7 +271,7 @@ fn read_entry(file: File) -> Option<DepthPrior> {
     let mut line = Vec::new();
     reader.by_ref().take(MAX_HEADER).read_until(b'\n', &mut line).ok()?;
     let header: Header = serde_json::from_slice(&line).ok()?;
-    let shape = MapShape::of(&[1, header.height, header.width]).ok().filter(|_| header.version == VERSION)?;
+    let shape = MapShape::of(&[1, header.height, header.width], MOST).ok().filter(|_| header.version == VERSION)?;
     let mut data = Vec::new();
     reader.take(shape.cells() as u64 * 4 + 1).read_to_end(&mut data).ok()?;
     if data.len() != shape.cells() * 4 || hex(&Sha256::digest(&data)) != header.sha256 {

@@ -1,22 +1,33 @@
 //! `OpenEXR` depth maps, as renderers and some networks write them: one channel of floats in the first flat layer.
 
-use std::io::{Read, Seek};
+use std::io::{Read, Seek, SeekFrom};
 
 use exr::prelude::{FlatSamples, ReadChannels as _, ReadLayers as _, f16, read};
 
 use super::array::MapShape;
+use crate::limits;
 use crate::raster::Raster;
 
 /// Channels that hold depth where none is named, first come first served.
 const USUAL: [&str; 5] = ["Z", "depth", "Depth", "Y", "R"];
 
 /// Reads a channel: the one named, the only one, or one with a usual name (`Z`, `depth`, `Y`, `R`).
-pub(super) fn read_map(stream: impl Read + Seek + Send, key: Option<&str>) -> Result<Raster<f32>, String> {
-    // The header's size is held against what any camera has before a pixel is unpacked.
+/// It has at most `most` values.
+pub(super) fn read_map(
+    mut stream: impl Read + Seek + Send,
+    most: u64,
+    key: Option<&str>,
+) -> Result<Raster<f32>, String> {
+    let stored = stream.seek(SeekFrom::End(0)).and_then(|length| stream.rewind().map(|()| length));
+    let stored = stored.map_err(|e| format!("it cannot be read: {e}"))?;
+    // The header's claims are held against the photo, the file and the limits before a pixel is unpacked.
     let reader = exr::block::read(stream, false).map_err(|e| format!("it is no sound EXR file: {e}"))?;
     let headers = reader.headers();
     let header = headers.first().ok_or("it has no layer")?;
-    let shape = MapShape::of(&[1, header.layer_size.height(), header.layer_size.width()])?;
+    let shape = MapShape::of(&[1, header.layer_size.height(), header.layer_size.width()], most)?;
+    // All channels are unpacked, and the one that is wanted becomes floats.
+    let of_pixel: u64 = header.channels.list.iter().map(|c| c.sample_type.bytes_per_sample() as u64).sum();
+    limits::check((shape.cells() as u64).saturating_mul(of_pixel + 4), Some(stored)).map_err(|e| e.to_string())?;
     let names: Vec<String> = header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
     let wanted = choose(&names, key)?.to_owned();
     let image = read()
@@ -86,7 +97,8 @@ mod tests {
     fn depth_is_read_by_its_usual_name_by_key_and_alone() {
         let halves = FlatSamples::F16(six().into_iter().map(f16::from_f32).collect());
         let other = FlatSamples::F32(vec![0.0; 6]);
-        let read = |bytes: &[u8], key: Option<&str>| read_map(Cursor::new(bytes), key).map(|r| r.data().to_vec());
+        let read =
+            |bytes: &[u8], key: Option<&str>| read_map(Cursor::new(bytes), 1 << 20, key).map(|r| r.data().to_vec());
         assert_eq!(read(&exr(&[("Z", FlatSamples::F32(six())), ("A", other.clone())]), None), Ok(six()));
         assert_eq!(read(&exr(&[("V", halves.clone())]), None), Ok(six()));
         let colours = exr(&[("R", halves), ("G", other.clone()), ("B", other)]);
@@ -99,7 +111,7 @@ mod tests {
     fn damaged_files_are_refused() {
         let whole = exr(&[("Z", FlatSamples::F32(six()))]);
         for bytes in [&whole[..whole.len() / 2], b"no picture", b""] {
-            assert!(read_map(Cursor::new(bytes), None).is_err());
+            assert!(read_map(Cursor::new(bytes), 1 << 20, None).is_err());
         }
     }
 
@@ -109,7 +121,7 @@ mod tests {
             let mut bytes = exr(&[("Z", FlatSamples::F32(six()))]);
             let at = at % bytes.len();
             bytes[at] = byte;
-            let _ = read_map(Cursor::new(bytes), None);
+            let _ = read_map(Cursor::new(bytes), 1 << 20, None);
         }
     }
 }

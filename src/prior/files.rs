@@ -12,10 +12,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use zip::ZipArchive;
 
+use super::array::{MapShape, most_values};
 use super::{DepthPrior, PriorError, PriorGeometry, PriorKind, PriorSource, exr_map, npy, pfm};
 use crate::files::is_virtual;
 use crate::geodata::raster::RasterFile;
 use crate::ids::ViewId;
+use crate::paths::within;
 use crate::raster::Raster;
 use crate::survey::View;
 use crate::template;
@@ -135,9 +137,17 @@ impl FilePriors {
     /// [`PriorError::Config`] for a photo outside the survey where the path asks for its position.
     pub fn path_of(&self, view: &ViewId) -> Result<PathBuf, PriorError> {
         let index = self.survey_order.get(view).copied();
-        template::fill(&self.config.path, &view.0, index).ok_or_else(|| PriorError::Config {
-            problem: format!("{view} is not a photo of the survey, so it has no {{index}}"),
-            hint: "use {name} or {stem}".to_owned(),
+        let filled = template::fill(&self.config.path, &view.0, index);
+        filled.ok_or_else(|| match within(&view.0) {
+            Some(_) => PriorError::Config {
+                problem: format!("{view} is not a photo of the survey, so it has no {{index}}"),
+                hint: "use {name} or {stem}".to_owned(),
+            },
+            None => PriorError::Photo {
+                view: view.to_string(),
+                problem: "its name would lead out of the folder of the priors".to_owned(),
+                hint: "photos are named by file, or by folders and file below one folder".to_owned(),
+            },
         })
     }
 
@@ -160,7 +170,8 @@ impl FilePriors {
         }
     }
 
-    fn read(&self, path: &Path, view: &ViewId) -> Result<Raster<f32>, PriorError> {
+    fn read(&self, path: &Path, view: &View) -> Result<Raster<f32>, PriorError> {
+        let most = most_values(view.camera.width_px, view.camera.height_px);
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
         let open = || {
             if is_virtual(path) {
@@ -169,17 +180,17 @@ impl FilePriors {
             File::open(path).map(BufReader::new).map_err(|e| e.to_string())
         };
         let values = match extension.as_str() {
-            "npy" => open().and_then(|file| npy::read_map(file, |n| self.index_in_stack(view, n))),
-            "npz" => open().and_then(|file| self.read_npz(file, view)),
-            "pfm" => open().and_then(pfm::read),
-            "exr" => open().and_then(|file| exr_map::read_map(file, self.config.key.as_deref())),
-            "tif" | "tiff" | "png" => return read_image(path),
+            "npy" => open().and_then(|file| npy::read_map(file, most, |n| self.index_in_stack(&view.id, n))),
+            "npz" => open().and_then(|file| self.read_npz(file, most, &view.id)),
+            "pfm" => open().and_then(|file| pfm::read(file, most)),
+            "exr" => open().and_then(|file| exr_map::read_map(file, most, self.config.key.as_deref())),
+            "tif" | "tiff" | "png" => return self.read_image(path, view),
             _ => Err("its format is unknown, expected .npy, .npz, .tif, .tiff, .png (16 bit), .pfm or .exr".to_owned()),
         };
         values.map_err(|problem| PriorError::File { path: path.to_owned(), problem })
     }
 
-    fn read_npz(&self, file: BufReader<File>, view: &ViewId) -> Result<Raster<f32>, String> {
+    fn read_npz(&self, file: BufReader<File>, most: u64, view: &ViewId) -> Result<Raster<f32>, String> {
         let mut archive = ZipArchive::new(file).map_err(|e| format!("it is no .npz archive: {e}"))?;
         let keys: Vec<String> =
             archive.file_names().filter_map(|name| Some(name.ok()?.strip_suffix(".npy")?.to_owned())).collect();
@@ -195,7 +206,7 @@ impl FilePriors {
                 return Err(format!("it has no array {key:?}, but {}", keys.join(", ")));
             }
             let entry = archive.by_name(&format!("{key}.npy")).map_err(|e| e.to_string())?;
-            npy::read_map(entry, |n| self.index_in_stack(view, n)).map_err(|e| format!("array {key:?}: {e}"))
+            npy::read_map(entry, most, |n| self.index_in_stack(view, n)).map_err(|e| format!("array {key:?}: {e}"))
         };
         let mut values = map(&key)?;
         if let Some(confidence_key) = &self.config.confidence_key {
@@ -212,8 +223,27 @@ impl FilePriors {
         Ok(values)
     }
 
-    fn check_shape(&self, path: &Path, values: &Raster<f32>, view: &View) -> Result<(), PriorError> {
-        let (width, height) = (values.width() as f64, values.height() as f64);
+    /// GeoTIFF, TIFF or PNG with one band of at least 16 bits.
+    fn read_image(&self, path: &Path, view: &View) -> Result<Raster<f32>, PriorError> {
+        let refuse = |problem: String| PriorError::File { path: path.to_owned(), problem };
+        let file = RasterFile::open(path)?;
+        let sample = file.sample_type(1)?;
+        if file.n_bands() != 1 || sample.bits < 16 {
+            return Err(refuse(format!(
+                "it has {} bands of {} bits, expected one of at least 16: a picture of a depth map is no depth map",
+                file.n_bands(),
+                sample.bits
+            )));
+        }
+        // Before any of it is read.
+        let size = file.size();
+        self.check_shape(path, size, view)?;
+        MapShape::of(&[1, size.1, size.0], most_values(view.camera.width_px, view.camera.height_px)).map_err(refuse)?;
+        Ok(file.read(1)?)
+    }
+
+    fn check_shape(&self, path: &Path, size: (usize, usize), view: &View) -> Result<(), PriorError> {
+        let (width, height) = (size.0 as f64, size.1 as f64);
         let (photo_width, photo_height) = (f64::from(view.camera.width_px), f64::from(view.camera.height_px));
         let off_px = (width - photo_width * height / photo_height)
             .abs()
@@ -225,8 +255,8 @@ impl FilePriors {
         Err(PriorError::Shape {
             path: path.to_owned(),
             view: view.id.to_string(),
-            width: values.width(),
-            height: values.height(),
+            width: size.0,
+            height: size.1,
             photo_width: view.camera.width_px,
             photo_height: view.camera.height_px,
         })
@@ -247,9 +277,9 @@ impl PriorSource for FilePriors {
         if !is_virtual(&path) && !path.exists() {
             return Err(PriorError::Absent { view: view.id.to_string(), path });
         }
-        let stored = self.read(&path, &view.id)?;
-        self.check_shape(&path, &stored, view)?;
-        let values = stored.map(|v| self.settle(*v));
+        let mut values = self.read(&path, view)?;
+        self.check_shape(&path, (values.width(), values.height()), view)?;
+        values.data_mut().iter_mut().for_each(|value| *value = self.settle(*value));
 
         let mut present = values.data().iter().filter(|v| !v.is_nan());
         let problem = match present.next() {
@@ -259,23 +289,6 @@ impl PriorSource for FilePriors {
         };
         Err(PriorError::NoInformation { path, problem })
     }
-}
-
-/// GeoTIFF, TIFF or PNG with one band of at least 16 bits.
-fn read_image(path: &Path) -> Result<Raster<f32>, PriorError> {
-    let file = RasterFile::open(path)?;
-    let sample = file.sample_type(1)?;
-    if file.n_bands() != 1 || sample.bits < 16 {
-        return Err(PriorError::File {
-            path: path.to_owned(),
-            problem: format!(
-                "it has {} bands of {} bits, expected one of at least 16: a picture of a depth map is no depth map",
-                file.n_bands(),
-                sample.bits
-            ),
-        });
-    }
-    Ok(file.read(1)?)
 }
 
 /// Longest list of names that is read, bytes: some million photos.

@@ -39,13 +39,15 @@ struct Header {
     shape: Vec<usize>,
 }
 
-/// How many maps an array holds, and the one at `index` as `f32`, read from the start of a stream.
+/// How many maps an array holds, and the one at `index` as `f32`, read from the start of a stream; of at most `most`
+/// values.
 pub(super) fn read_map(
     mut stream: impl Read,
+    most: u64,
     index: impl FnOnce(usize) -> Result<usize, String>,
 ) -> Result<Raster<f32>, String> {
     let header = read_header(&mut stream)?;
-    let shape = MapShape::of(&header.shape)?;
+    let shape = MapShape::of(&header.shape, most)?;
     let index = index(shape.n)?;
     if index >= shape.n {
         return Err(format!("it holds {} maps, and map {} was asked for", shape.n, index + 1));
@@ -54,6 +56,7 @@ pub(super) fn read_map(
         return Err("it is a stack in Fortran order; save it with numpy.ascontiguousarray".to_owned());
     }
     let size = header.number.size();
+    shape.check_memory(size as u64 + 4)?;
     let n_skipped = (index as u64).checked_mul((shape.cells() * size) as u64).ok_or("it is impossibly large")?;
     let skipped = std::io::copy(&mut stream.by_ref().take(n_skipped), &mut std::io::sink());
     let skipped = skipped.map_err(|e| e.to_string())?;
@@ -180,6 +183,7 @@ pub(super) mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::prior::array::MOST;
 
     /// A version 1.0 file as numpy writes it.
     pub(in crate::prior) fn npy(descr: &str, is_fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
@@ -194,7 +198,7 @@ pub(super) mod tests {
     }
 
     fn first(bytes: &[u8]) -> Result<Raster<f32>, String> {
-        read_map(bytes, |_| Ok(0))
+        read_map(bytes, MOST, |_| Ok(0))
     }
 
     #[test]
@@ -222,8 +226,8 @@ pub(super) mod tests {
         // numpy.asfortranarray(numpy.arange(6).reshape(2, 3)) stores 0 3 1 4 2 5.
         assert_eq!(first(&npy("|u1", true, "(2, 3)", &[0, 3, 1, 4, 2, 5])).unwrap().data(), [0., 1., 2., 3., 4., 5.]);
         let stack = npy("|u1", false, "(3, 1, 2)", &six);
-        assert_eq!(read_map(stack.as_slice(), |n| Ok(n - 1)).unwrap().data(), [4.0, 5.0]);
-        assert!(read_map(stack.as_slice(), Ok).unwrap_err().contains("holds 3 maps"));
+        assert_eq!(read_map(stack.as_slice(), MOST, |n| Ok(n - 1)).unwrap().data(), [4.0, 5.0]);
+        assert!(read_map(stack.as_slice(), MOST, Ok).unwrap_err().contains("holds 3 maps"));
     }
 
     #[test]
@@ -236,7 +240,7 @@ pub(super) mod tests {
         refused(b"PK\x03\x04 something", "no .npy");
         refused(b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}", "claims 4294967295");
         refused(&npy("<f4", false, "(20000, 20000)", &[0; 8]), "ends after 8 bytes");
-        refused(&npy("<f4", false, "(18446744073709551615, 2)", &[]), "more than any camera");
+        refused(&npy("<f4", false, "(18446744073709551615, 2)", &[]), "more than four times");
         refused(&npy("|O", false, "(2, 2)", &[0; 8]), "of type");
         refused(&npy("<f4", false, "(2, x)", &[]), "no list of lengths");
     }

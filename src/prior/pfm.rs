@@ -6,8 +6,8 @@ use std::io::Read;
 use super::array::MapShape;
 use crate::raster::Raster;
 
-/// Reads a one-channel map; the scale's size is ignored, as everybody does.
-pub(super) fn read(mut stream: impl Read) -> Result<Raster<f32>, String> {
+/// Reads a one-channel map of at most `most` values; the scale's size is ignored, as everybody does.
+pub(super) fn read(mut stream: impl Read, most: u64) -> Result<Raster<f32>, String> {
     let mut word = || next_word(&mut stream);
     match word()?.as_str() {
         "Pf" => {}
@@ -21,7 +21,8 @@ pub(super) fn read(mut stream: impl Read) -> Result<Raster<f32>, String> {
     let (width, height) = (length("width")?, length("height")?);
     let scale = word()?;
     let scale: f32 = scale.parse().map_err(|_| format!("its scale is {scale:?}, expected a number"))?;
-    let shape = MapShape::of(&[height, width])?;
+    let shape = MapShape::of(&[height, width], most)?;
+    shape.check_memory(8)?;
 
     let n_wanted = shape.cells() * 4;
     let mut bytes = Vec::new();
@@ -62,6 +63,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::prior::array::MOST;
 
     #[test]
     fn rows_come_from_the_bottom_in_either_byte_order() {
@@ -69,22 +71,22 @@ mod tests {
         let little = [b"Pf\n2 2\n-1.0\n".to_vec(), values.iter().flat_map(|v| v.to_le_bytes()).collect()].concat();
         let big = [b"Pf\n2 2\n1.0\n".to_vec(), values.iter().flat_map(|v| v.to_be_bytes()).collect()].concat();
         for bytes in [little, big] {
-            assert_eq!(read(bytes.as_slice()).unwrap().data(), [3.0, 4.0, 1.0, 2.0]);
+            assert_eq!(read(bytes.as_slice(), MOST).unwrap().data(), [3.0, 4.0, 1.0, 2.0]);
         }
     }
 
     #[test]
     fn colour_and_short_files_are_refused() {
-        assert!(read(b"PF\n2 2\n-1\n".as_slice()).unwrap_err().contains("colour"));
-        assert!(read(b"Pf\n20000 20000\n-1\n1234".as_slice()).unwrap_err().contains("after 4 bytes"));
-        assert!(read(b"Pf\n99999999999 99999999999\n-1\n".as_slice()).is_err());
+        assert!(read(b"PF\n2 2\n-1\n".as_slice(), MOST).unwrap_err().contains("colour"));
+        assert!(read(b"Pf\n20000 20000\n-1\n1234".as_slice(), MOST).unwrap_err().contains("after 4 bytes"));
+        assert!(read(b"Pf\n99999999999 99999999999\n-1\n".as_slice(), MOST).is_err());
     }
 
     proptest! {
         #[test]
         fn no_bytes_make_it_panic(bytes in prop::collection::vec(any::<u8>(), 0..60)) {
-            let _ = read(bytes.as_slice());
-            let _ = read([b"Pf\n", bytes.as_slice()].concat().as_slice());
+            let _ = read(bytes.as_slice(), MOST);
+            let _ = read([b"Pf\n", bytes.as_slice()].concat().as_slice(), MOST);
         }
     }
 }

@@ -4,14 +4,13 @@
 //! Source: `CityJSON` Specifications 2.0.0, sections 2 (city objects) and 3 (geometry), <https://www.cityjson.org/specs/>.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
 use glam::DVec3;
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::files::FileError;
+use crate::files;
 
 use super::SimulateError;
 
@@ -104,7 +103,7 @@ impl Geometry {
 /// [`SimulateError::File`] if it cannot be read, [`SimulateError::CityJson`] if it is something else.
 pub(super) fn read(path: &Path) -> Result<RawCity, SimulateError> {
     let unusable = |reason: String| SimulateError::CityJson { path: path.to_owned(), reason };
-    let text = fs::read(path).map_err(FileError::on("cannot read", path))?;
+    let text = files::read_bytes(path)?;
     let document: Document = serde_json::from_slice(&text).map_err(|e| unusable(e.to_string()))?;
     if document.kind != "CityJSON" {
         return Err(unusable(format!("its type is {:?}", document.kind)));

@@ -7,7 +7,7 @@
 //! camera's *position* in that CRS. Heights are ellipsoidal. Source: both projects' code.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,7 +21,7 @@ use super::error::Place;
 use super::poses::{FileHeights, Pose, Poses, World};
 use crate::camera::{Camera, Distortion};
 use crate::crs::Crs;
-use crate::files::FileError;
+use crate::files::{self, FileError};
 
 #[derive(Deserialize)]
 struct Reconstruction {
@@ -205,7 +205,7 @@ fn camera_of(camera: &SfmCamera) -> Result<Camera, String> {
 
 /// The second line of `coords.txt`: easting and northing.
 fn odm_offset(path: &Path) -> Result<DVec3, SurveyError> {
-    let text = fs::read_to_string(path).map_err(FileError::on("cannot read", path))?;
+    let text = files::read_text(path)?;
     let numbers: Vec<f64> =
         text.lines().nth(1).unwrap_or_default().split_ascii_whitespace().filter_map(|n| n.parse().ok()).collect();
     match numbers[..] {
@@ -216,7 +216,7 @@ fn odm_offset(path: &Path) -> Result<DVec3, SurveyError> {
 
 fn odm_crs(folder: &Path) -> Result<Crs, SurveyError> {
     let path: PathBuf = folder.join("proj.txt");
-    let text = fs::read_to_string(&path).map_err(FileError::on("cannot read", &path))?;
+    let text = files::read_text(&path)?;
     Ok(crs_of_line(text.trim())?)
 }
 

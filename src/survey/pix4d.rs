@@ -18,7 +18,7 @@ use super::poses::{Pose, Poses, World};
 use super::tables;
 use crate::camera::{Camera, Distortion};
 use crate::crs::Crs;
-use crate::files::FileError;
+use crate::files;
 
 const CALIBRATED: &str = "_calibrated_camera_parameters.txt";
 const EXTERNAL: &str = "_calibrated_external_camera_parameters.txt";
@@ -53,7 +53,7 @@ pub(crate) fn read(path: &Path, camera: Option<&CameraConfig>) -> Result<Poses, 
     };
     let prj = beside("_wkt.prj");
     if prj.is_file() {
-        let wkt = fs::read_to_string(&prj).map_err(FileError::on("cannot read", &prj))?;
+        let wkt = files::read_text(&prj)?;
         poses.world = World::Crs(Crs::parse(wkt.trim())?);
     }
     Ok(poses)
@@ -63,7 +63,7 @@ fn offset(path: &Path) -> Result<DVec3, SurveyError> {
     if !path.is_file() {
         return Ok(DVec3::ZERO);
     }
-    let text = fs::read_to_string(path).map_err(FileError::on("cannot read", path))?;
+    let text = files::read_text(path)?;
     match numbers(&text)[..] {
         [x, y, z] => Ok(DVec3::new(x, y, z)),
         _ => Err(SurveyError::malformed(path, Place::Line(1), "expected the offset as x y z")),
@@ -75,7 +75,7 @@ fn numbers(line: &str) -> Vec<f64> {
 }
 
 fn read_calibrated(path: &Path, offset: DVec3) -> Result<Poses, SurveyError> {
-    let text = fs::read_to_string(path).map_err(FileError::on("cannot read", path))?;
+    let text = files::read_text(path)?;
     let lines: Vec<&str> = text.lines().collect();
     let mut poses = Poses::new();
     let body = lines.get(HEADER_LINES..).unwrap_or_default();

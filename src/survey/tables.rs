@@ -1,7 +1,6 @@
 //! Text tables of other tools, each a declared table of ours: ODM's `geo.txt`, Metashape's export of omega, phi, kappa
 //! and Pix4D's external parameters. None carries a camera: it has to be declared.
 
-use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -14,7 +13,7 @@ use super::opensfm::crs_of_line;
 use super::poses::{FileHeights, Pose, Poses, World};
 use super::{SurveyError, csv};
 use crate::camera::Camera;
-use crate::files::FileError;
+use crate::files;
 
 fn need_camera<'a>(camera: Option<&'a CameraConfig>, format: &str) -> Result<&'a CameraConfig, SurveyError> {
     camera.ok_or_else(|| {
@@ -43,7 +42,7 @@ pub(crate) fn read_pix4d_external(path: &Path, camera: Option<&CameraConfig>) ->
 /// ODM's `geo.txt`: the CRS, then `name x y [z] [yaw pitch roll] [accuracies]`; pitch 0 looks straight down.
 pub(crate) fn read_geo_txt(path: &Path, camera: Option<&CameraConfig>) -> Result<Poses, SurveyError> {
     let camera = Arc::new(camera_of(need_camera(camera, "geo.txt")?)?);
-    let text = fs::read_to_string(path).map_err(FileError::on("cannot read", path))?;
+    let text = files::read_text(path)?;
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let Some((_, crs)) = lines.next() else {
         return Err(SurveyError::malformed(path, Place::Line(1), "empty: expected the CRS on the first line"));

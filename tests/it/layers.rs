@@ -6,7 +6,10 @@ use std::path::{Path, PathBuf};
 
 /// Modules by level, lowest first.
 const LEVELS: [&[&str]; 11] = [
-    &["files", "frames", "gdal_log", "ids", "issue", "paths", "raster", "ray", "seed", "simd", "stats", "template"],
+    &[
+        "files", "frames", "gdal_log", "ids", "issue", "limits", "paths", "raster", "ray", "seed", "simd", "stats",
+        "template",
+    ],
     &["camera", "cloud", "crs", "geodata", "onnx", "survey", "terrain"],
     &["footprint", "prior"],
     &["render", "scene"],

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use geo_types::{Coord, LineString, MultiPolygon, Polygon};
@@ -11,7 +10,7 @@ use glam::DVec3;
 use super::super::read::HEIGHT_FIELDS;
 use super::{Facet, Prism, Solid, normal, triangulate};
 use crate::crs::{Crs, CrsError, Transform, VerticalReference};
-use crate::files::{FileError, write_whole};
+use crate::files::{self, FileError, write_whole};
 use crate::output::cityjson::read::{CityFile, CityObject, CitySurface};
 use crate::output::prism::Surface;
 use crate::output::read::{FoundBuildings, ReadError, ReadOptions, height_unit_m};
@@ -221,7 +220,7 @@ fn of_layer(path: &Path, stated: Option<&Crs>, project_crs: &Crs) -> Result<Soli
 
 /// Faces by object or group; faces before the first are a body of their own.
 fn read_obj(path: &Path) -> Result<Vec<Solid>, SolidError> {
-    let text = fs::read_to_string(path).map_err(FileError::on("cannot read", path))?;
+    let text = files::read_text(path)?;
     let mut vertices: Vec<DVec3> = Vec::new();
     let mut triangles: Vec<(String, Vec<[DVec3; 3]>)> = vec![("mesh".to_owned(), Vec::new())];
     for (i, line) in text.lines().enumerate() {

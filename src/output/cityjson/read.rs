@@ -20,6 +20,9 @@ use super::read_sequence::Sequence;
 use crate::crs::Crs;
 use crate::files::FileError;
 
+/// Coordinates beyond this are no place: the Earth is 4e10 mm around.
+const FARTHEST: f64 = 1e11;
+
 /// A city model as read.
 #[derive(Debug, Clone, Default)]
 pub struct CityFile {
@@ -313,7 +316,13 @@ impl CityFile {
             Some(t) => std::array::from_fn(|axis| v[axis] * t.scale[axis] + t.translate[axis]),
             None => v,
         };
-        self.vertices.extend(raw.vertices.into_iter().map(place));
+        for (i, stored) in raw.vertices.into_iter().enumerate() {
+            let vertex: [f64; 3] = place(stored);
+            if !vertex.iter().all(|v| v.abs() <= FARTHEST) {
+                return Err(format!("vertex {i} lies at {vertex:?}: no place on Earth in any unit"));
+            }
+            self.vertices.push(vertex);
+        }
         let offset = u32::try_from(first).map_err(|_| "more than 2^32 vertices".to_owned())?;
         for (id, object) in raw.objects {
             self.objects.push(object.read(id, offset, self.vertices.len(), &mut self.n_templates)?);

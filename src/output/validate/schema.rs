@@ -23,7 +23,7 @@ use super::super::cityjson::extension_schema;
 use super::super::error::MalformedFile;
 use super::document;
 use super::merge::merged;
-use crate::files::FileError;
+use crate::files::{self, FileError};
 
 /// Where our extension is declared, its name stands in quotes.
 const EXTENSION_IS_DECLARED: &str = "\"Sizeup\"";
@@ -78,7 +78,7 @@ pub fn check_until(path: &Path, max_faults: usize) -> Result<SchemaCheck, Output
     if let Some(outcome) = document::check(path)? {
         return Ok(outcome);
     }
-    let bytes = fs::read(path).map_err(FileError::on("cannot read", path))?;
+    let bytes = files::read_bytes(path)?;
     let text = String::from_utf8(bytes)
         .map_err(|e| MalformedFile { path: path.to_owned(), reason: format!("it is no UTF-8 text: {e}") })?;
     let mut outcome = SchemaCheck::default();

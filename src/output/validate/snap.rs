@@ -45,7 +45,8 @@ impl Snapped {
         let steps = || -1..=1_i64;
         let around = steps().flat_map(|dx| steps().flat_map(move |dy| steps().map(move |dz| [dx, dy, dz])));
         around
-            .filter_map(|step| cells.get(&std::array::from_fn(|axis| cell[axis] + step[axis])))
+            // Far out, with a tiny tolerance, cells end where whole numbers do.
+            .filter_map(|step| cells.get(&std::array::from_fn(|axis| cell[axis].saturating_add(step[axis]))))
             .flatten()
             .copied()
             .filter(|&i| distance(self.points[i], point) <= self.tolerance_m)

@@ -3,7 +3,7 @@
 use super::preprocess::{Cut, Frame};
 use super::profile::Form;
 use crate::onnx::Tensor;
-use crate::prior::array::MapShape;
+use crate::prior::array::{MOST, MapShape};
 use crate::raster::Raster;
 
 /// The outputs of each photo of a batch; `outputs` are those of the batch.
@@ -35,7 +35,7 @@ pub(super) fn map_of(tensor: Tensor, form: Form) -> Result<Raster<f32>, String> 
         let z = tensor.values.chunks_exact(3).take(height * width).map(|point| point[2]).collect();
         return Raster::from_vec(width, height, z).ok_or_else(|| "it is empty".to_owned());
     }
-    let shape = MapShape::of(&tensor.shape)?;
+    let shape = MapShape::of(&tensor.shape, MOST)?;
     let mut values = tensor.values;
     values.truncate(shape.cells());
     Ok(shape.raster(values))

@@ -1,0 +1,260 @@
+//! What the header of a LAS or LAZ file claims, held against the file's length before any memory is taken for it: the
+//! reader behind believes every number (LAS 1.4 R15; LASzip, "chunk table" and "layered chunks").
+//!
+//! ```text
+//! LAS    offset of points + points · record ≤ length
+//! LAZ    chunks ≤ bytes before their table;  layered: the chunks, one after the other, end where their table begins
+//! both   points · (position, class, instance) ≤ what one input may take;  the first extended record ends within the file
+//! ```
+
+use std::io::{Read, Seek, SeekFrom};
+
+use crate::limits::{self, Excess};
+
+/// Bytes that one point takes in memory: position, class, instance.
+const IN_MEMORY: u64 = 24 + 1 + 8;
+/// Bytes of a header of LAS 1.0 to 1.2.
+const SHORTEST_HEADER: usize = 227;
+/// Head of a variable length record, and of an extended one; where their lengths are.
+const RECORD_HEAD: u64 = 54;
+const EXTENDED_HEAD: u64 = 60;
+const LENGTH_AT: usize = 20;
+/// User and number of LASzip's record.
+const LASZIP: (&[u8], u16) = (b"laszip encoded", 22204);
+/// LASzip's compressor whose chunks consist of layers.
+const LAYERED: u16 = 3;
+
+/// Why a file is not handed over.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub(super) enum Claim {
+    /// More than one input may take, or than the file can hold.
+    #[error(transparent)]
+    Excess(#[from] Excess),
+    /// A number that leads out of the file.
+    #[error("{what} {claimed}, the file has {length} bytes\nhint: it is cut off or damaged: copy it again")]
+    Beyond {
+        /// What does.
+        what: &'static str,
+        /// Where it would end.
+        claimed: u64,
+        /// The file's length.
+        length: u64,
+    },
+    /// The file ends early.
+    #[error("it ends within its {0}")]
+    Cut(&'static str),
+}
+
+/// Checks a file from its beginning.
+pub(super) fn check(file: &mut (impl Read + Seek)) -> Result<(), Claim> {
+    let length = file.seek(SeekFrom::End(0)).map_err(|_| Claim::Cut("header"))?;
+    let header = Header::read(file)?;
+    limits::check(header.n_points.saturating_mul(IN_MEMORY), Some(length))?;
+    within("its points begin at byte", u64::from(header.points_at), length)?;
+    if let Some(at) = header.extended_at {
+        let head = bytes::<{ EXTENDED_HEAD as usize }>(file, at).ok_or(Claim::Cut("extended record"))?;
+        let end = at.saturating_add(EXTENDED_HEAD).saturating_add(u64_at(&head, LENGTH_AT));
+        within("an extended record ends at byte", end, length)?;
+    }
+    if header.is_compressed {
+        return check_chunks(file, &header, length);
+    }
+    let points = header.n_points.saturating_mul(u64::from(header.record));
+    within("its points end at byte", points.saturating_add(u64::from(header.points_at)), length)
+}
+
+fn within(what: &'static str, claimed: u64, length: u64) -> Result<(), Claim> {
+    if claimed <= length { Ok(()) } else { Err(Claim::Beyond { what, claimed, length }) }
+}
+
+/// What matters of a header.
+struct Header {
+    header_size: u16,
+    points_at: u32,
+    n_records: u32,
+    is_compressed: bool,
+    record: u16,
+    n_points: u64,
+    extended_at: Option<u64>,
+}
+
+impl Header {
+    fn read(file: &mut (impl Read + Seek)) -> Result<Self, Claim> {
+        let bytes = bytes::<SHORTEST_HEADER>(file, 0).ok_or(Claim::Cut("header"))?;
+        let is_1_4 = bytes[24] == 1 && bytes[25] >= 4;
+        let tail = if is_1_4 { bytes_of_1_4(file)? } else { [0; 20] };
+        let n_extended = u32_at(&tail, 8);
+        let legacy = u64::from(u32_at(&bytes, 107));
+        Ok(Self {
+            header_size: u16_at(&bytes, 94),
+            points_at: u32_at(&bytes, 96),
+            n_records: u32_at(&bytes, 100),
+            is_compressed: bytes[104] & 0xC0 != 0,
+            record: u16_at(&bytes, 105),
+            n_points: legacy.max(u64_at(&tail, 12)),
+            extended_at: (is_1_4 && n_extended > 0).then(|| u64_at(&tail, 0)),
+        })
+    }
+}
+
+/// Where the extended records begin, how many there are, and the number of points.
+fn bytes_of_1_4(file: &mut (impl Read + Seek)) -> Result<[u8; 20], Claim> {
+    bytes(file, 235).ok_or(Claim::Cut("header"))
+}
+
+/// The table of chunks, and the layers of each.
+fn check_chunks(file: &mut (impl Read + Seek), header: &Header, length: u64) -> Result<(), Claim> {
+    let first = u64::from(header.points_at) + 8;
+    let table_at = table_place(file, u64::from(header.points_at), length)?;
+    let Some(table_at) = table_at else { return Ok(()) };
+    within("its chunk table begins at byte", table_at.saturating_add(8), length)?;
+    let head = bytes::<8>(file, table_at).ok_or(Claim::Cut("chunk table"))?;
+    let n_chunks = u64::from(u32_at(&head, 4));
+    // Each chunk begins with a whole point.
+    let least = first.saturating_add(n_chunks.saturating_mul(u64::from(header.record).max(1)));
+    within("its chunks end at byte", least, table_at)?;
+    match layers(file, header)? {
+        Some(n_layers) => check_layers(file, n_chunks, [first, table_at], u64::from(header.record), n_layers),
+        None => Ok(()),
+    }
+}
+
+/// Where the chunk table is: said in front of the points, or by writers that cannot go back at the end; `None` without one.
+fn table_place(file: &mut (impl Read + Seek), points_at: u64, length: u64) -> Result<Option<u64>, Claim> {
+    for at in [points_at, length.saturating_sub(8)] {
+        let place = u64_at(&bytes::<8>(file, at).ok_or(Claim::Cut("chunk table"))?, 0);
+        if place.cast_signed() > points_at.cast_signed() {
+            return Ok(Some(place));
+        }
+    }
+    Ok(None)
+}
+
+/// Goes from chunk to chunk as the reader will: a point, a count, the lengths of the layers, the layers.
+fn check_layers(
+    file: &mut (impl Read + Seek),
+    n_chunks: u64,
+    [mut at, end]: [u64; 2],
+    record: u64,
+    n_layers: u64,
+) -> Result<(), Claim> {
+    for _ in 0..n_chunks {
+        let mut lengths = vec![0; usize::try_from(4 * n_layers).map_err(|_| Claim::Cut("chunk"))?];
+        let lengths_at = at + record + 4;
+        let read = file.seek(SeekFrom::Start(lengths_at)).and_then(|_| file.read_exact(&mut lengths));
+        read.map_err(|_| Claim::Cut("chunk"))?;
+        let layers: u64 = lengths.chunks_exact(4).map(|bytes| u64::from(u32_at(bytes, 0))).sum();
+        at = lengths_at + 4 * n_layers + layers;
+        within("a chunk ends at byte", at, end)?;
+    }
+    Ok(())
+}
+
+/// How many layers a chunk has; `None` where chunks have none.
+fn layers(file: &mut (impl Read + Seek), header: &Header) -> Result<Option<u64>, Claim> {
+    let mut at = u64::from(header.header_size);
+    for _ in 0..header.n_records {
+        let head = bytes::<{ RECORD_HEAD as usize }>(file, at).ok_or(Claim::Cut("records"))?;
+        let length = u16_at(&head, LENGTH_AT);
+        at += RECORD_HEAD;
+        if head[2..].starts_with(LASZIP.0) && u16_at(&head, 18) == LASZIP.1 {
+            let mut record = vec![0; usize::from(length)];
+            let read = file.seek(SeekFrom::Start(at)).and_then(|_| file.read_exact(&mut record));
+            return read.map(|()| layers_of(&record)).map_err(|_| Claim::Cut("records"));
+        }
+        at += u64::from(length);
+    }
+    Ok(None)
+}
+
+/// Layers by what a point is made of: kind, size and version of each item.
+fn layers_of(record: &[u8]) -> Option<u64> {
+    const ITEMS_AT: usize = 34;
+    let is_layered = record.len() >= ITEMS_AT && u16_at(record, 0) == LAYERED;
+    let items = record.get(ITEMS_AT..).unwrap_or_default().chunks_exact(6).take(usize::from(record_items(record)));
+    let n = items.map(|item| match u16_at(item, 0) {
+        10 => 9,                         // point
+        11 | 13 => 1,                    // colour, wave packet
+        12 => 2,                         // colour with near infrared
+        _ => u64::from(u16_at(item, 2)), // extra bytes, each on its own
+    });
+    is_layered.then(|| n.sum())
+}
+
+fn record_items(record: &[u8]) -> u16 {
+    if record.len() >= 34 { u16_at(record, 32) } else { 0 }
+}
+
+fn bytes<const N: usize>(file: &mut (impl Read + Seek), at: u64) -> Option<[u8; N]> {
+    let mut bytes = [0; N];
+    file.seek(SeekFrom::Start(at)).and_then(|_| file.read_exact(&mut bytes)).ok()?;
+    Some(bytes)
+}
+
+fn u16_at(bytes: &[u8], at: usize) -> u16 {
+    u16::from_le_bytes([bytes[at], bytes[at + 1]])
+}
+
+fn u32_at(bytes: &[u8], at: usize) -> u32 {
+    u32::from(u16_at(bytes, at)) | u32::from(u16_at(bytes, at + 2)) << 16
+}
+
+fn u64_at(bytes: &[u8], at: usize) -> u64 {
+    u64::from(u32_at(bytes, at)) | u64::from(u32_at(bytes, at + 4)) << 32
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use las::point::Format;
+    use las::{Builder, Point, Writer};
+
+    use super::*;
+
+    /// A cloud of 1,000 points, of a format, packed or not.
+    fn cloud(format: u8, is_compressed: bool) -> Vec<u8> {
+        let mut builder = Builder::from((1, 4));
+        builder.point_format = Format::new(format).unwrap();
+        builder.point_format.is_compressed = is_compressed;
+        let mut writer = Writer::new(Cursor::new(Vec::new()), builder.into_header().unwrap()).unwrap();
+        let has = Format::new(format).unwrap();
+        for i in 0..1_000_u16 {
+            let x = f64::from(i % 32);
+            let gps_time = has.has_gps_time.then_some(f64::from(i));
+            let color = has.has_color.then(|| las::Color::new(i, i, i));
+            writer.write_point(Point { x, y: x * 0.5, z: 3.0, gps_time, color, ..Point::default() }).unwrap();
+        }
+        writer.close().unwrap();
+        writer.into_inner().unwrap().into_inner()
+    }
+
+    #[test]
+    fn sound_files_of_every_kind_pass() {
+        for (format, is_compressed) in [(0, false), (3, true), (6, false), (6, true), (7, true)] {
+            let bytes = cloud(format, is_compressed);
+            assert_eq!(check(&mut Cursor::new(bytes)), Ok(()), "format {format}, compressed: {is_compressed}");
+        }
+    }
+
+    #[test]
+    fn claims_beyond_the_file_are_refused() {
+        let refused = |mut bytes: Vec<u8>, at: usize, number: &[u8]| {
+            bytes[at..at + number.len()].copy_from_slice(number);
+            check(&mut Cursor::new(bytes)).unwrap_err()
+        };
+        let plain = cloud(6, false);
+        assert!(matches!(refused(plain.clone(), 247, &1_001_u64.to_le_bytes()), Claim::Beyond { .. }));
+        assert!(matches!(refused(plain.clone(), 247, &u64::MAX.to_le_bytes()), Claim::Excess(_)));
+        assert!(matches!(refused(plain.clone(), 96, &u32::MAX.to_le_bytes()), Claim::Beyond { .. }));
+        assert_eq!(check(&mut Cursor::new(&plain[..200])), Err(Claim::Cut("header")));
+        let packed = cloud(7, true);
+        let points_at = u32_at(&packed, 96) as usize;
+        let table_at = u64_at(&packed, points_at) as usize;
+        assert!(matches!(refused(packed.clone(), table_at + 4, &u32::MAX.to_le_bytes()), Claim::Beyond { .. }));
+        // The first layer's length, behind the table's place, a point and a count.
+        let layer_at = points_at + 8 + usize::from(u16_at(&packed, 105)) + 4;
+        assert!(matches!(refused(packed.clone(), layer_at, &u32::MAX.to_le_bytes()), Claim::Beyond { .. }));
+        assert!(check(&mut Cursor::new(&packed[..packed.len() / 2])).is_err());
+    }
+}
