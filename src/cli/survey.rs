@@ -23,6 +23,8 @@ const MIN_CELL_M: f64 = 5.0;
 const AROUND_CAMERAS_M: f64 = 500.0;
 /// What is said where image footprints are wanted and nothing tells the height of the ground.
 const NO_GROUND: &str = "no --dtm or --ground: image footprints are taken on a ground of 0 m";
+/// What to do about poses that look wrong.
+const ACCEPT: &str = "nothing is written\nhint: `--set survey.accept_unsound=true` converts them all the same";
 /// The poses look wrong.
 const EXIT_UNSOUND: u8 = 3;
 
@@ -261,8 +263,13 @@ fn convert(args: &ConvertArgs, global: &Global) -> Result<u8, Failure> {
     let target = args.to.map_or_else(|| Target::of_path(&args.output), Target::from);
     let ui = Ui::new(global);
     let crs = &settings.project.crs;
-    let survey = survey::read(&settings.survey, crs).map_err(|e| Failure::new(3, &e))?;
-    let ground = terrain_of(settings, &survey)?;
+    let reading = Reading::of(&settings.survey, crs).map_err(|e| Failure::new(3, &e))?;
+    let ground = terrain_of(settings, reading.survey())?;
+    let report = reading.report(Site { terrain: ground.as_ref(), area: None });
+    if !report.is_sound() && !settings.survey.accept_unsound {
+        return Err(Failure::from_text(EXIT_UNSOUND, format!("{report}{ACCEPT}")));
+    }
+    let survey = reading.into_survey();
     if ground.is_none() && matches!(target, Target::GeoJson | Target::GeoPackage) {
         ui.say(NO_GROUND);
     }

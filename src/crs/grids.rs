@@ -1,8 +1,8 @@
-//! What PROJ's own database knows: grid files of height transformations, codes of names.
+//! What PROJ's own database knows: grid files of transformations, codes of names.
 
 use gdal::vector::{Feature, LayerAccess as _, sql::Dialect};
 
-use super::Crs;
+use super::{Better, Crs};
 
 /// A grid file.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -38,6 +38,36 @@ fn of_vertical(epsg: u32) -> Option<Vec<Grid>> {
          OR (g.source_crs_auth_name = 'EPSG' AND g.source_crs_code = '{epsg}'))"
     );
     rows(&query, |feature| Some(Grid { name: text(feature, "name")?, url: text(feature, "url").unwrap_or_default() }))
+}
+
+/// Transformations by grid between two geographic systems, by their names, at a longitude and latitude in degrees, the most
+/// accurate first; empty where the database has none or cannot be read.
+pub(super) fn of_planes(from: &str, to: &str, (lon_deg, lat_deg): (f64, f64)) -> Vec<Better> {
+    let list = |name: &str| -> Option<String> {
+        let codes: Vec<String> = codes_of_name(name)?.iter().map(|code| format!("'{code}'")).collect();
+        (!codes.is_empty()).then(|| codes.join(", "))
+    };
+    let (Some(from), Some(to)) = (list(from), list(to)) else { return Vec::new() };
+    let query = format!(
+        "SELECT g.name AS operation, g.accuracy AS accuracy, COALESCE(NULLIF(a.proj_grid_name, ''), g.grid_name) AS grid, \
+         a.url AS url FROM grid_transformation g \
+         LEFT JOIN grid_alternatives a ON a.original_grid_name = g.grid_name \
+         JOIN usage u ON u.object_table_name = 'grid_transformation' AND u.object_auth_name = g.auth_name \
+         AND u.object_code = g.code \
+         JOIN extent e ON e.auth_name = u.extent_auth_name AND e.code = u.extent_code \
+         WHERE g.deprecated = 0 AND g.accuracy IS NOT NULL AND g.source_crs_auth_name = 'EPSG' \
+         AND g.target_crs_auth_name = 'EPSG' \
+         AND ((g.source_crs_code IN ({from}) AND g.target_crs_code IN ({to})) \
+         OR (g.source_crs_code IN ({to}) AND g.target_crs_code IN ({from}))) \
+         AND {lat_deg} BETWEEN e.south_lat AND e.north_lat AND {lon_deg} BETWEEN e.west_lon AND e.east_lon \
+         ORDER BY g.accuracy, g.auth_name, g.code"
+    );
+    let row = |feature: &Feature<'_>| {
+        let grid = Grid { name: text(feature, "grid")?, url: text(feature, "url").unwrap_or_default() };
+        let accuracy_m = text(feature, "accuracy")?.parse().ok()?;
+        Some(Better { name: text(feature, "operation")?, accuracy_m, grid: grid.to_string() })
+    };
+    rows(&query, row).unwrap_or_default()
 }
 
 /// EPSG codes of the systems of a name; `None` where the database cannot be read. PROJ itself would print its own line

@@ -3,6 +3,7 @@
 //! The only door to PROJ. Axis order is always easting, northing or longitude, latitude, whatever the authority says.
 //! Ballpark transformations (PROJ's word for "the datum shift is unknown, so it is left out") are refused.
 
+mod accuracy;
 mod convergence;
 mod grids;
 mod levels;
@@ -10,6 +11,7 @@ mod spatial;
 mod transform;
 mod vertical;
 
+pub use accuracy::{Accuracy, Better};
 pub use convergence::{GridNorth, TrueNorth};
 pub use levels::{LevelTransform, VerticalReference};
 pub use spatial::{Geocentric, Transform3d, enu_from_geocentric};
@@ -126,7 +128,7 @@ impl Crs {
     /// # Errors
     /// [`CrsError::Unknown`] when PROJ cannot read it.
     pub fn parse(definition: &str) -> Result<Self, CrsError> {
-        let definition = definition.trim();
+        let definition = &with_type(definition.trim());
         // PROJ would print its own line about a definition that it does not know; GDAL keeps its messages to itself.
         if !spatial::is_known(definition) {
             let reason = "it is not in PROJ's database, or is no CRS".to_owned();
@@ -250,6 +252,21 @@ impl Crs {
         format!("EPSG:{hemisphere}{zone:02}")
     }
 
+    /// Name of the geodetic datum (or ensemble of datums) of the horizontal part.
+    fn datum_name(&self) -> Option<&str> {
+        let crs = self.horizontal_json();
+        let geodetic = if crs["base_crs"].is_null() { crs } else { &crs["base_crs"] };
+        let datum = if geodetic["datum"].is_null() { &geodetic["datum_ensemble"] } else { &geodetic["datum"] };
+        datum["name"].as_str()
+    }
+
+    /// Whether both count from one geodetic datum, so that only a projection lies between their planes.
+    #[must_use]
+    pub fn has_datum_of(&self, other: &Self) -> bool {
+        let is_unnamed = |name: &str| name.to_ascii_lowercase().starts_with("unknown");
+        self.datum_name().is_some_and(|name| !is_unnamed(name) && Some(name) == other.datum_name())
+    }
+
     /// Name of the ellipsoid, such as `WGS 84`.
     fn ellipsoid_name(&self) -> Option<&str> {
         let crs = self.horizontal_json();
@@ -345,6 +362,12 @@ impl Crs {
     fn is_north_first(&self) -> bool {
         self.axes().first().is_some_and(|axis| axis["direction"] == "north" || axis["direction"] == "south")
     }
+}
+
+/// PROJ strings of older tools (ODM's own) lack `+type=crs`, without which they are operations.
+fn with_type(definition: &str) -> String {
+    let lacks_type = definition.starts_with("+proj") && !definition.contains("+type=crs");
+    if lacks_type { format!("{definition} +type=crs") } else { definition.to_owned() }
 }
 
 fn epsg_of(json: &Value) -> Option<u32> {

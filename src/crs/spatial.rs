@@ -45,6 +45,16 @@ impl Transform3d {
         Ok(Self { operation, from: from.clone(), to: to.clone() })
     }
 
+    /// The source.
+    pub(super) fn from(&self) -> &Crs {
+        &self.from
+    }
+
+    /// The target.
+    pub(super) fn to(&self) -> &Crs {
+        &self.to
+    }
+
     /// Moves one point.
     ///
     /// # Errors

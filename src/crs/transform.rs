@@ -53,6 +53,17 @@ impl Transform {
         self.operation.is_none()
     }
 
+    /// PROJ's operation; `None` where there is nothing to do.
+    pub(super) fn operation(&self) -> Option<&proj::Proj> {
+        self.operation.as_ref()
+    }
+
+    /// The target.
+    #[must_use]
+    pub fn to(&self) -> &Crs {
+        &self.to
+    }
+
     /// The source.
     #[must_use]
     pub fn from(&self) -> &Crs {

@@ -1,9 +1,11 @@
 //! Bentley iTwin Capture / `ContextCapture` `BlocksExchange`: `.xml`, or `.xmlz` (the same, zipped).
 //!
 //! `Pose/Rotation` is world to camera; with `CameraOrientation` `XRightYDown` (the default) its axes are ours, other
-//! orientations are turned. Principal point and focal length are in pixels from the top-left corner, or millimetres on
-//! a sensor whose larger side is `SensorSize`. `Metadata` holds initial values and is used only where a photo has no
-//! `Pose` at all: never. Source: Bentley, `BlocksExchange` XML format 3.2.
+//! orientations are turned. Focal lengths are in pixels, or in millimetres on a sensor whose larger side is
+//! `SensorSize`, or whose pixels are `PixelSize` wide. The principal point counts pixels from the *centre* of the first
+//! pixel, or millimetres (`xmm`, to the right) from the middle of the image: the specification's sample has 4683.755692 px
+//! and -0.18536 mm on 9420 px of 7.2 um, which agree only so. `Metadata` holds initial values and is never used.
+//! Source: Bentley, `BlocksExchange` XML format 3.2.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -203,6 +205,23 @@ fn group_of(group: &Element, tangential: TangentialOrder) -> Group {
     }
 }
 
+/// Shorter focal lengths, of the larger side, are wrong units: 157° from side to side.
+const MIN_FOCAL: f64 = 0.1;
+
+/// From the top-left corner, pixels.
+fn principal_point(point: &Element, pixel_mm: Option<f64>, (width, height): (f64, f64)) -> Result<(f64, f64), String> {
+    const CENTRE_OF_FIRST_PIXEL: f64 = 0.5;
+    if point.child("x").is_some() {
+        return Ok((point.need_number("x")? + CENTRE_OF_FIRST_PIXEL, point.need_number("y")? + CENTRE_OF_FIRST_PIXEL));
+    }
+    let (x_mm, y_mm) = (point.need_number("xmm")?, point.need_number("ymm")?);
+    let pixel_mm = pixel_mm.ok_or("<xmm> without <SensorSize> or <PixelSize>")?;
+    if y_mm != 0.0 {
+        return Err("<ymm> may count up or down: give the principal point as <x>, <y> in pixels".to_owned());
+    }
+    Ok((width / 2.0 + x_mm / pixel_mm, height / 2.0))
+}
+
 fn camera(group: &Element, tangential: TangentialOrder) -> Result<Camera, String> {
     let size = group.child("ImageDimensions").ok_or("the photo group has no <ImageDimensions>")?;
     let (width, height) = (size.need_number("Width")?, size.need_number("Height")?);
@@ -210,16 +229,26 @@ fn camera(group: &Element, tangential: TangentialOrder) -> Result<Camera, String
     if !(is_pixels(width) && is_pixels(height)) {
         return Err(format!("image size {width} × {height}: expected pixels"));
     }
-    let focal_px = match (group.number("FocalLengthPixels")?, group.number("FocalLength")?, group.number("SensorSize")?)
-    {
-        (Some(focal_px), _, _) => focal_px,
-        (None, Some(focal_mm), Some(sensor_mm)) => focal_mm / sensor_mm * width.max(height),
-        _ => return Err("neither <FocalLengthPixels> nor <FocalLength> with <SensorSize>".to_owned()),
+    let pixel_mm = match (group.number("SensorSize")?, group.number("PixelSize")?) {
+        (Some(sensor_mm), _) => Some(sensor_mm / width.max(height)),
+        (None, pixel_mm) => pixel_mm,
     };
+    let focal_px = match (group.number("FocalLengthPixels")?, group.number("FocalLength")?, pixel_mm) {
+        (Some(focal_px), _, _) => focal_px,
+        (None, Some(focal_mm), Some(pixel_mm)) => focal_mm / pixel_mm,
+        _ => {
+            return Err("neither <FocalLengthPixels> nor <FocalLength> with <SensorSize> or <PixelSize>".to_owned());
+        }
+    };
+    if focal_px < MIN_FOCAL * width.max(height) {
+        return Err(format!(
+            "a focal length of {focal_px} px for {width} × {height} px: expected millimetres throughout"
+        ));
+    }
     let fy_px = focal_px * group.number("AspectRatio")?.unwrap_or(1.0);
     let skew = group.number("Skew")?.unwrap_or(0.0) / focal_px;
     let (cx_px, cy_px) = match group.child("PrincipalPoint") {
-        Some(point) => (point.need_number("x")?, point.need_number("y")?),
+        Some(point) => principal_point(point, pixel_mm, (width, height))?,
         None => (width / 2.0, height / 2.0),
     };
     let coefficient = |name: &str| match group.child("Distortion") {

@@ -6,42 +6,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::angles::{AngleConvention, AngleKind, AngleUnit, CameraAxes, Direction, North, PitchZero, Sequence};
+use super::formats::Format;
 use crate::crs::Crs;
 use crate::paths::PathVisitor;
 
-/// The file format of the poses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Format {
-    /// Found from the files' names and first bytes.
-    #[default]
-    Auto,
-    /// A COLMAP model folder, text or binary.
-    Colmap,
-    /// A table with declared columns and conventions, see `[survey.csv]`.
-    Csv,
-    /// Photos with EXIF and XMP: `path` is their folder.
-    Photos,
-    /// Bentley iTwin Capture / ContextCapture BlocksExchange, `.xml` or `.xmlz`.
-    BlocksExchange,
-    /// OpenSfM's reconstruction.json, topocentric or rewritten by ODM.
-    Opensfm,
-    /// ODM's shots.geojson, with cameras.json beside it.
-    Odm,
-    /// ODM's geo.txt, with a declared camera.
-    GeoTxt,
-    /// Agisoft Metashape's cameras.xml.
-    Metashape,
-    /// Metashape's export of omega, phi, kappa, with a declared camera.
-    MetashapeOpk,
-    /// Pix4D's calibrated camera files: the folder of params, or one of them.
-    Pix4d,
-    /// Pix4D's Open Photogrammetry Format: a calibrated `project.opf`, or its folder.
-    Opf,
-}
-
 /// Where the poses come from and what their numbers mean.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SurveyConfig {
     /// File format of the poses; `auto` looks at the files.
@@ -74,9 +44,40 @@ pub struct SurveyConfig {
     /// Columns and conventions of a CSV file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub csv: Option<CsvConfig>,
+    /// Greatest uncertainty of the transformation from the poses' datum to the project's that is accepted, metres. Heights
+    /// from oblique views are off by as much as outlines are beside the photos, so more than a metre is refused.
+    #[serde(default = "max_transform_error_m", skip_serializing_if = "is_default_transform_error")]
+    pub max_transform_error_m: f64,
     /// Go on although the survey report says that the poses look wrong. Recorded as an issue of the result.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub accept_unsound: bool,
+}
+
+fn max_transform_error_m() -> f64 {
+    1.0
+}
+
+fn is_default_transform_error(error_m: &f64) -> bool {
+    *error_m == max_transform_error_m()
+}
+
+impl Default for SurveyConfig {
+    fn default() -> Self {
+        Self {
+            format: Format::Auto,
+            path: PathBuf::new(),
+            images: None,
+            crs: None,
+            offset: [0.0; 3],
+            enu_origin: None,
+            tangential: None,
+            height: HeightConfig::default(),
+            camera: None,
+            csv: None,
+            max_transform_error_m: max_transform_error_m(),
+            accept_unsound: false,
+        }
+    }
 }
 
 /// Which tangential coefficient is the first.

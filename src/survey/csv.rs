@@ -8,10 +8,10 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::SurveyError;
 use super::config::{CameraConfig, CsvConfig, PixelOrigin};
 use super::error::Place;
 use super::poses::{Pose, Poses};
+use super::{SurveyConfig, SurveyError};
 use crate::camera::{Camera, Distortion};
 use crate::files::FileError;
 
@@ -54,6 +54,11 @@ struct Columns {
     /// In the order of [`CAMERA_COLUMNS`].
     camera: [Option<usize>; N_INTRINSICS],
     lens: Option<usize>,
+}
+
+/// Reads a table as the survey declares it.
+pub(crate) fn read_declared(config: &SurveyConfig) -> Result<Poses, SurveyError> {
+    read(&config.path, &config.csv.clone().unwrap_or_default(), config.camera.as_ref())
 }
 
 /// Reads a table of poses.

@@ -1,7 +1,8 @@
 //! From what a survey's heights are counted from to the project's vertical reference.
 //!
 //! Where the file and the configuration leave it open, heights are taken as the project's. Where they are known to be
-//! ellipsoidal, or of no known reference, taking them as they are must be said: a geoid lies up to 107 m off.
+//! ellipsoidal, or of no known reference, taking them as they are must be said: a geoid lies up to 107 m off. A height
+//! beside a longitude and latitude is of no known reference where its CRS has no third axis.
 
 use glam::DVec3;
 
@@ -9,14 +10,16 @@ use super::SurveyError;
 use super::config::{HeightConfig, HeightReference};
 use super::poses::FileHeights;
 use crate::crs::{
-    Crs, CrsError, EllipsoidalHeight, GeoidHeight, HeightAboveGround, HeightAboveTakeoff, OrthometricHeight, Transform,
-    Transform3d,
+    Accuracy, Crs, CrsError, EllipsoidalHeight, GeoidHeight, HeightAboveGround, HeightAboveTakeoff, OrthometricHeight,
+    Transform, Transform3d,
 };
 
 /// How heights reach the project's reference.
 pub(crate) enum Heights {
     /// They are in it, or nobody says otherwise.
     AsTheyAre,
+    /// In a vertical system that the project, which names none, takes over.
+    TakenOver(String),
     /// Ellipsoidal, and the whole project is.
     KeptEllipsoidal,
     /// Ellipsoidal, minus a stated geoid height.
@@ -41,6 +44,9 @@ const CHOICES: &str = "set [survey.height]: `reference = \"project\"` if they ar
                        `geoid_offset` (metres), `keep_ellipsoidal = true`, or a project CRS with a vertical part, \
                        such as \"EPSG:25832+7837\"";
 
+const CHOICES_OF_UNSAID: &str = "name the poses' CRS with its heights, such as \"EPSG:4979\" (ellipsoidal) or \
+                                 \"EPSG:4326+5773\" (EGM96); or set `height.reference` to ellipsoidal or project";
+
 impl Heights {
     /// Decides by what is declared, then by what the file and the CRSs say.
     pub(crate) fn decide(
@@ -62,6 +68,10 @@ impl Heights {
             (None, FileHeights::Ellipsoidal) => HeightReference::Ellipsoidal,
             (None, FileHeights::Unsaid) if world.vertical_epsg().is_some() => HeightReference::Orthometric,
             (None, FileHeights::Unsaid) if world.is_ellipsoidal_3d() => HeightReference::Ellipsoidal,
+            (None, FileHeights::Unsaid) if world.is_geographic() && project_crs.height_unit_m().is_some() => {
+                let message = format!("{world} says nothing of heights, and the project's do count: {project_crs}");
+                return Err(SurveyError::config(message, CHOICES_OF_UNSAID));
+            }
             (None, FileHeights::Unsaid) => HeightReference::Project,
         };
         let base = |what: &str| match config.base {
@@ -108,8 +118,20 @@ impl Heights {
         };
         match project_crs.vertical_epsg() {
             Some(to) if to != from => Self::transformed(&format!("EPSG:4326+{from}"), world, project_crs),
-            Some(_) | None => Ok(Self::AsTheyAre),
+            Some(_) => Ok(Self::AsTheyAre),
+            None => Self::taken_over(config.crs.as_ref().unwrap_or(world), world, project_crs),
         }
+    }
+
+    /// A national grid without heights goes with its own country's: the poses' are the project's. From another datum it
+    /// has to be said.
+    fn taken_over(vertical: &Crs, world: &Crs, project_crs: &Crs) -> Result<Self, SurveyError> {
+        let name = vertical.vertical_name().unwrap_or_else(|| vertical.name()).to_owned();
+        if world.has_datum_of(project_crs) {
+            return Ok(Self::TakenOver(name));
+        }
+        let message = format!("the poses' heights are {name}, and {project_crs} has no vertical reference");
+        Err(SurveyError::config(message, CHOICES))
     }
 
     fn transformed(from: &str, world: &Crs, project_crs: &Crs) -> Result<Self, SurveyError> {
@@ -127,7 +149,7 @@ impl Heights {
     /// The height in the project of a position in the world of the poses.
     pub(crate) fn in_project(&self, at: DVec3) -> Result<f64, CrsError> {
         Ok(match self {
-            Self::AsTheyAre | Self::KeptEllipsoidal => at.z,
+            Self::AsTheyAre | Self::TakenOver(_) | Self::KeptEllipsoidal => at.z,
             Self::Geoid(geoid) => EllipsoidalHeight(at.z).above_geoid(*geoid).0,
             Self::AboveGround(ground) => HeightAboveGround(at.z).over(*ground).0,
             Self::AboveTakeoff(takeoff) => HeightAboveTakeoff(at.z).from_takeoff(*takeoff).0,
@@ -140,7 +162,14 @@ impl Heights {
 
     /// Whether somebody chose or PROJ computed it: worth a line in the output.
     pub(crate) fn is_choice(&self) -> bool {
-        !matches!(self, Self::AsTheyAre)
+        !matches!(self, Self::AsTheyAre | Self::TakenOver(_))
+    }
+
+    /// How well PROJ knows the transformation at a position in the world of the poses; `None` where there is none.
+    pub(crate) fn accuracy_at(&self, at: DVec3) -> Option<Accuracy> {
+        let Self::Transformed(t) = self else { return None };
+        let (lon_deg, lat_deg) = t.lonlat_from_world.point(at.x, at.y).ok()?;
+        Some(t.operation.accuracy_at(lon_deg, lat_deg))
     }
 }
 
@@ -148,6 +177,7 @@ impl std::fmt::Display for Heights {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::AsTheyAre => f.write_str("as given, taken to be in the project's vertical reference"),
+            Self::TakenOver(name) => write!(f, "as given, {name}: the project names no vertical reference"),
             Self::KeptEllipsoidal => f.write_str("ellipsoidal, kept by `keep_ellipsoidal`: the project is ellipsoidal"),
             Self::Geoid(GeoidHeight(n)) => write!(f, "ellipsoidal minus the stated geoid height of {n} m"),
             Self::AboveGround(base) => write!(f, "above ground plus its stated height of {} m", base.0),

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use geo::Contains as _;
 use glam::{DVec2, DVec3};
 
-use super::locate::{Facts, locate};
+use super::locate::{Facts, POSSIBLE_HEIGHTS_M, locate};
 use super::poses::Poses;
 use super::report::{Spread, SurveyReport};
 use super::{Survey, SurveyConfig, SurveyError, View, ViewKind, ground, trials};
@@ -26,6 +26,8 @@ const MAX_OUTSIDE_DEG: f64 = 6.0;
 const LOCAL_WITHIN_M: f64 = 2e4;
 /// Code of the issue of a view that looks up.
 pub(crate) const LOOKS_UP: &str = "view_looks_up";
+/// Code of the issue of a camera too deep or too high.
+pub(crate) const IMPOSSIBLE_HEIGHT: &str = "height_impossible";
 
 /// What is known of the place, to hold a survey against.
 #[derive(Debug, Clone, Copy, Default)]
@@ -170,6 +172,7 @@ fn report_of(reading: &Reading, site: Site<'_>, judgement: Judgement) -> SurveyR
         poses_crs: facts.world.clone(),
         project_crs: project_crs.to_string(),
         heights: facts.heights.clone(),
+        transform: facts.transform.clone(),
         n_poses: facts.n_poses,
         n_views: survey.views.len(),
         n_photos: survey.views.iter().filter(|view| view.image.is_some()).count(),
@@ -204,6 +207,12 @@ fn findings(judgement: Judgement, above_ground_m: Option<Spread>, survey: &Surve
         let share = percent(judgement.looks_down);
         findings
             .push(format!("{share:.0} % of the views look down, expected at least {:.0} %", percent(MIN_LOOKS_DOWN)));
+    }
+    let n_impossible = survey.issues.iter().filter(|issue| issue.code == IMPOSSIBLE_HEIGHT).count();
+    let n_placed = survey.views.len() + n_impossible;
+    if n_impossible as f64 > (1.0 - MIN_LOOKS_DOWN) * n_placed as f64 {
+        let (low, high) = (POSSIBLE_HEIGHTS_M.start(), POSSIBLE_HEIGHTS_M.end());
+        findings.push(format!("{n_impossible} of {n_placed} cameras are not between {low:.0} and {high:.0} m high"));
     }
     if let Some(share) = judgement.sees_area.filter(|&share| share < MIN_SEES_AREA) {
         let (share, least) = (percent(share), percent(MIN_SEES_AREA));

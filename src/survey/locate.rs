@@ -6,14 +6,18 @@ use glam::{DMat3, DVec3};
 
 use super::angles::{North, nearest_rotation};
 use super::heights::Heights;
-use super::inspect::LOOKS_UP;
+use super::inspect::{IMPOSSIBLE_HEIGHT, LOOKS_UP};
 use super::poses::{Counts, FileHeights, Pose, Poses, World, refused};
 use super::{Survey, SurveyConfig, SurveyError, View, ViewKind, photos};
-use crate::crs::{Crs, CrsError, Geocentric, GridNorth, Transform, TrueNorth, enu_from_geocentric};
+use crate::crs::{Accuracy, Crs, CrsError, Geocentric, GridNorth, Transform, TrueNorth, enu_from_geocentric};
 use crate::frames::Rigid;
 use crate::ids::ViewId;
 use crate::issue::{Issue, Severity, Subject};
 use crate::paths::within;
+
+/// Heights a camera over land can have, metres: the Dead Sea's shore (−430 m) with a geoid 70 m below the ellipsoid, and
+/// 10 km above the highest summit.
+pub(crate) const POSSIBLE_HEIGHTS_M: std::ops::RangeInclusive<f64> = -500.0..=18_850.0;
 
 /// What all poses of a survey have in common on their way to the map.
 struct Way {
@@ -42,6 +46,8 @@ pub(crate) struct Facts {
     pub convergence_deg: Vec<f64>,
     /// Point scale between the poses' grid and the project's, where both are grids.
     pub point_scale: Vec<f64>,
+    /// How positions reached the project's plane, and how well that is known.
+    pub transform: String,
     /// Poses in the file.
     pub n_poses: usize,
     /// Sources of focal lengths and states of positioning.
@@ -145,6 +151,12 @@ pub(crate) fn locate(
         counts,
         ..Facts::default()
     };
+    if let Some(first) = poses.first() {
+        facts.transform = accuracy(&way, first.centre + offset, config, &mut issues)?;
+        if let Some(accuracy) = way.heights.accuracy_at(first.centre + offset) {
+            facts.heights = format!("{}, {accuracy}", facts.heights);
+        }
+    }
     let mut views = Vec::with_capacity(poses.len());
     for pose in without_duplicates(poses, &mut issues) {
         match view(&way, pose) {
@@ -182,6 +194,45 @@ pub(crate) fn locate(
     }
     issues.sort_by(|a, b| (&a.subject, &a.code).cmp(&(&b.subject, &b.code)));
     Ok((Survey { views, issues }, facts))
+}
+
+/// How well the way to the project's plane is known; refused where that is not enough.
+fn accuracy(way: &Way, at: DVec3, config: &SurveyConfig, issues: &mut Vec<Issue>) -> Result<String, SurveyError> {
+    let transform = &way.map_from_world;
+    if transform.is_identity() {
+        return Ok("none: the poses are in the project's plane".to_owned());
+    }
+    // A place outside the operation's domain is the pose's trouble.
+    let Ok(accuracy) = transform.accuracy_at(at.x, at.y) else {
+        return Ok("not possible at the first pose".to_owned());
+    };
+    let better = transform.better_at(at.x, at.y);
+    let advice = better.map_or_else(String::new, |better| format!("; {better}"));
+    let (from, to) = (transform.from(), transform.to());
+    let subject = || Subject::Input(config.path.display().to_string());
+    match accuracy {
+        Accuracy::Metres(metres) if metres > config.max_transform_error_m => {
+            let message = format!(
+                "positions reach {to} from {from} only to {metres} m, expected {} m or better{advice}",
+                config.max_transform_error_m
+            );
+            let hint = format!(
+                "install the grid file (`projsync --file NAME`, or a folder named by PROJ_DATA), or accept the shift by \
+                 `survey.max_transform_error_m = {metres}`"
+            );
+            return Err(SurveyError::config(message, hint));
+        }
+        Accuracy::Unknown => {
+            let message = format!("nothing tells how well positions reach {to} from {from}{advice}");
+            issues.push(Issue::new(Severity::Warning, "transform_accuracy_unknown", subject(), message));
+        }
+        Accuracy::Metres(_) if !advice.is_empty() => {
+            let message = format!("positions reach {to} from {from} {accuracy}{advice}");
+            issues.push(Issue::new(Severity::Note, "better_transform_known", subject(), message));
+        }
+        Accuracy::Metres(_) | Accuracy::Exact => {}
+    }
+    Ok(format!("{from} to {to}, {accuracy}{advice}"))
 }
 
 fn names_of(issues: &[Issue]) -> BTreeSet<String> {
@@ -223,6 +274,17 @@ fn view(way: &Way, pose: Pose) -> Result<(View, GridNorth), Box<Issue>> {
     pose.camera.validate().map_err(|e| Box::new(refused("camera_unusable", &pose.name, e.to_string())))?;
     let located = way.locate(&pose).map_err(|reason| Box::new(refused("pose_unusable", &pose.name, reason)))?;
     let camera_from_map = Rigid::from_rotation_and_centre(located.camera_from_map, located.centre_in_map);
+    let height_m = located.centre_in_map.z;
+    if !POSSIBLE_HEIGHTS_M.contains(&height_m) {
+        let message = format!(
+            "its camera is {height_m:.0} m high: expected {:.0} to {:.0} m",
+            POSSIBLE_HEIGHTS_M.start(),
+            POSSIBLE_HEIGHTS_M.end()
+        );
+        let issue = refused(IMPOSSIBLE_HEIGHT, &pose.name, message)
+            .hint("check the unit and the reference of the heights, and the order of the axes");
+        return Err(Box::new(issue));
+    }
     let view = View { id: ViewId(pose.name), camera: pose.camera, camera_from_map, image: None };
     if view.kind() == ViewKind::Upward {
         let message = format!("it looks {:.1}° off the vertical, at or above the horizon", view.off_nadir_deg());

@@ -5,7 +5,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::issue::{Issue, Severity};
+use crate::issue::{Issue, Severity, Subject};
 
 /// Lowest, middle and highest of a set of values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -56,6 +56,9 @@ pub struct SurveyReport {
     pub project_crs: String,
     /// How heights reached the project's vertical reference.
     pub heights: String,
+    /// How positions reached the project's plane, how well that is known, and what would be better.
+    #[serde(default)]
+    pub transform: String,
     /// Photos and poses in the file.
     pub n_poses: usize,
     /// Usable views.
@@ -109,10 +112,42 @@ impl SurveyReport {
         self.findings.is_empty()
     }
 
+    /// Why items were refused or deserve a look: the first few of each kind, the rest counted.
+    fn write_issues(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (code, &n) in &self.issue_counts {
+            let of_code: Vec<&Issue> = self.issues.iter().filter(|issue| issue.code == *code).collect();
+            for issue in of_code.iter().take(N_ISSUES_NAMED) {
+                let name = match &issue.subject {
+                    Subject::View(name) | Subject::Building(name) => format!("{name}: "),
+                    Subject::Input(_) => String::new(),
+                };
+                writeln!(f, "  {}: {name}{}", word(issue.severity), issue.message)?;
+            }
+            if n > N_ISSUES_NAMED {
+                writeln!(f, "    and {} more of {code} (--json lists them)", n - N_ISSUES_NAMED)?;
+            }
+            if let Some(hint) = of_code.iter().find_map(|issue| issue.hint.as_ref()) {
+                writeln!(f, "    hint: {hint}")?;
+            }
+        }
+        Ok(())
+    }
+
     /// Items that could not be used.
     #[must_use]
     pub fn n_refused(&self) -> usize {
         self.issues.iter().filter(|issue| issue.severity == Severity::Refused).count()
+    }
+}
+
+/// Issues of one kind that are written out.
+const N_ISSUES_NAMED: usize = 3;
+
+fn word(severity: Severity) -> &'static str {
+    match severity {
+        Severity::Note => "note",
+        Severity::Warning => "warning",
+        Severity::Refused => "refused",
     }
 }
 
@@ -145,6 +180,7 @@ impl fmt::Display for SurveyReport {
         row("format", &self.format)?;
         row("poses in", &self.poses_crs)?;
         row("project in", &self.project_crs)?;
+        row("transformation", &self.transform)?;
         row("heights", &self.heights)?;
         row(
             "poses",
@@ -176,6 +212,7 @@ impl fmt::Display for SurveyReport {
                 row(label, &counts(map))?;
             }
         }
+        self.write_issues(f)?;
         for trial in &self.equally_plausible {
             writeln!(f, "  note: {trial} as well: compare the image footprints (survey convert) with a map")?;
         }

@@ -9,11 +9,11 @@ use glam::DVec3;
 use super::angles::{AngleConvention, AngleKind, North, PitchZero};
 use super::config::{CameraConfig, CsvConfig, PixelOrigin};
 use super::error::Place;
-use super::opensfm::crs_of_line;
 use super::poses::{FileHeights, Pose, Poses, World};
 use super::{SurveyError, csv};
 use crate::camera::Camera;
 use crate::files;
+use crate::crs::{Crs, CrsError};
 
 fn need_camera<'a>(camera: Option<&'a CameraConfig>, format: &str) -> Result<&'a CameraConfig, SurveyError> {
     camera.ok_or_else(|| {
@@ -47,7 +47,7 @@ pub(crate) fn read_geo_txt(path: &Path, camera: Option<&CameraConfig>) -> Result
     let Some((_, crs)) = lines.next() else {
         return Err(SurveyError::malformed(path, Place::Line(1), "empty: expected the CRS on the first line"));
     };
-    let world = World::Crs(crs_of_line(crs.trim())?);
+    let world = World::Crs(crs_of_line(crs)?);
     let mut poses = Poses { world, north: North::True, heights: FileHeights::Unreliable, ..Poses::new() };
     let convention =
         AngleConvention { angles: AngleKind::Ypr, pitch_zero: PitchZero::Nadir, ..AngleConvention::default() };
@@ -75,6 +75,19 @@ pub(crate) fn read_geo_txt(path: &Path, camera: Option<&CameraConfig>) -> Result
         }
     }
     Ok(poses)
+}
+
+/// A CRS as ODM's text files name it: also in words, `WGS84 UTM 32N`.
+fn crs_of_line(line: &str) -> Result<Crs, CrsError> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    if let ["WGS84", "UTM", zone] = words[..] {
+        let [north, south] = [zone.strip_suffix('N'), zone.strip_suffix('S')];
+        let number = north.or(south).and_then(|number| number.parse::<u32>().ok());
+        if let Some(number @ 1..=60) = number {
+            return Crs::parse(&format!("EPSG:{}", if north.is_some() { 32600 } else { 32700 } + number));
+        }
+    }
+    Crs::parse(line)
 }
 
 fn camera_of(config: &CameraConfig) -> Result<Camera, SurveyError> {

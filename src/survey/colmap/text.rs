@@ -38,20 +38,39 @@ fn camera_row(line: &str) -> Result<(u32, Result<Arc<Camera>, String>), String> 
     Ok((number(fields[0])?, camera))
 }
 
-/// Reads `images.txt`: two lines each, of which the second (the observations) is skipped and may be empty.
+/// Reads `images.txt`: a pose per image, and a line of observations after it, which may be empty. Tools that strip blank
+/// lines leave the empty ones out: a line that is no list of observations is the next image.
 pub(super) fn images(path: &Path, mut take: impl FnMut(ImageRow)) -> Result<(), SurveyError> {
     let mut lines = Lines::open(path)?;
-    while let Some(line) = lines.next_data()? {
-        let row = image_row(line);
-        let row = row.map_err(|message| {
+    let mut is_waiting = lines.next_data()?.is_some();
+    while is_waiting {
+        let row = image_row(lines.text()?).map_err(|message| {
             lines
                 .error(message)
                 .hint("each image has two lines: its pose, and its observations, which may be an empty line")
         })?;
         take(row);
-        lines.skip_one()?;
+        is_waiting = match lines.next_line()? {
+            Some(line) if line.is_empty() || are_observations(line) => lines.next_data()?.is_some(),
+            Some(line) if line.starts_with('#') => lines.next_data()?.is_some(),
+            following => following.is_some(),
+        };
     }
     Ok(())
+}
+
+/// Whether a line lists observations (`X Y POINT3D_ID` each) and no pose: numbers only, in threes. The tenth field of a
+/// pose is a name; so long a line of numbers is no pose whatever follows.
+fn are_observations(line: &str) -> bool {
+    const N_TOLD_APART: usize = 13;
+    let mut n_fields = 0;
+    for field in line.split_ascii_whitespace().take(N_TOLD_APART) {
+        if field.parse::<f64>().is_err() {
+            return false;
+        }
+        n_fields += 1;
+    }
+    n_fields == N_TOLD_APART || n_fields % 3 == 0
 }
 
 /// `ID QW QX QY QZ TX TY TZ CAMERA NAME`; the name is the rest of the line and may hold spaces.
@@ -100,29 +119,32 @@ impl<'a> Lines<'a> {
 
     /// The next line that is neither empty nor a comment.
     fn next_data(&mut self) -> Result<Option<&str>, SurveyError> {
-        loop {
-            self.line.clear();
-            let n = self.reader.read_until(b'\n', &mut self.line).map_err(FileError::on("cannot read", self.path))?;
-            if n == 0 {
-                return Ok(None);
-            }
-            self.number += 1;
+        while self.advance()? {
             let text = self.line.trim_ascii();
             if !text.is_empty() && text[0] != b'#' {
-                break;
+                return self.text().map(Some);
             }
         }
-        match std::str::from_utf8(self.line.trim_ascii()) {
-            Ok(text) => Ok(Some(text)),
-            Err(_) => Err(SurveyError::malformed(self.path, Place::Line(self.number), "not UTF-8 text")),
-        }
+        Ok(None)
     }
 
-    /// Passes over one line without keeping it.
-    fn skip_one(&mut self) -> Result<(), SurveyError> {
-        self.number += 1;
-        self.reader.skip_until(b'\n').map_err(FileError::on("cannot read", self.path))?;
-        Ok(())
+    /// The next line, whatever it holds, without the blanks around it.
+    fn next_line(&mut self) -> Result<Option<&str>, SurveyError> {
+        if self.advance()? { self.text().map(Some) } else { Ok(None) }
+    }
+
+    /// Reads one line; `false` at the end.
+    fn advance(&mut self) -> Result<bool, SurveyError> {
+        self.line.clear();
+        let n = self.reader.read_until(b'\n', &mut self.line).map_err(FileError::on("cannot read", self.path))?;
+        self.number += u64::from(n > 0);
+        Ok(n > 0)
+    }
+
+    /// The line that was read last.
+    fn text(&self) -> Result<&str, SurveyError> {
+        std::str::from_utf8(self.line.trim_ascii())
+            .map_err(|_| SurveyError::malformed(self.path, Place::Line(self.number), "not UTF-8 text"))
     }
 
     fn error(&self, message: impl Into<String>) -> SurveyError {
