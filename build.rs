@@ -19,9 +19,11 @@ fn commit() -> String {
     for path in ["build.rs", "src", "Cargo.toml", "Cargo.lock"] {
         println!("cargo::rerun-if-changed={path}");
     }
-    // HEAD names a branch, whose own file changes with every commit.
+    // Whoever develops is not made to wait for every commit: a name with `+` is right all the same. HEAD names a branch,
+    // whose own file changes with every commit.
+    let is_release = std::env::var("PROFILE").is_ok_and(|profile| profile == "release");
     let branch = git(&["symbolic-ref", "-q", "HEAD"]);
-    for name in ["HEAD", "packed-refs"].into_iter().chain(branch.as_deref()) {
+    for name in ["HEAD", "packed-refs"].into_iter().chain(branch.as_deref()).filter(|_| is_release) {
         if let Some(path) = git(&["rev-parse", "--git-path", name]).filter(|path| Path::new(path).exists()) {
             println!("cargo::rerun-if-changed={path}");
         }

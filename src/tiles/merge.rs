@@ -124,13 +124,8 @@ pub fn merge(layout: &Layout, options: &MergeOptions, wait: &dyn Fn(&str)) -> Re
     let missing = missing.into_iter().map(|(id, _)| id).collect();
     let city = City { layout, manifest: &manifest, done: done.iter().flatten().collect(), missing };
     let merged = city.write(tileset, made_by)?;
-    let outputs: Vec<PathBuf> = merged.outputs.keys().map(|name| layout.folder().join(name)).collect();
-    for path in &outputs {
-        hashes.of(path).map_err(FileError::on("cannot read", path))?;
-    }
-    hashes.save(&layout.hashes("city"), outputs.iter().map(PathBuf::as_path))?;
-    write_json(&layout.merged(), &merged)?;
     unfinished.finish()?;
+    write_json(&layout.merged(), &merged)?;
     Ok(merged)
 }
 

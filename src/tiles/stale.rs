@@ -163,9 +163,24 @@ impl Check<'_> {
     pub fn keep_hashes(&self, tile: &Tile, views: &TileViews, done: &Done) -> Result<(), FileError> {
         let folder = self.layout.tile(&tile.id);
         let outputs = done.outputs.keys().map(|name| folder.join(name));
-        let files: Vec<PathBuf> =
-            files_of_tile(self.manifest, views).into_iter().map(|(_, path)| path).chain(outputs).collect();
+        let read = files_of_tile(self.manifest, views).into_iter().map(|(_, path)| path);
+        let files: Vec<PathBuf> = read.chain(outputs).chain([self.layout.views(&tile.id)]).collect();
         self.hashes.save(&self.layout.hashes(&tile.id), files.iter().map(PathBuf::as_path))
+    }
+
+    /// Leaves what is known of the plan's input and of what was merged behind.
+    ///
+    /// # Errors
+    /// [`FileError`] where it cannot be written.
+    pub fn keep_hashes_of_city(&self, merged: Option<&Merged>) -> Result<(), FileError> {
+        let inputs = self.manifest.inputs.iter().map(|file| PathBuf::from(&file.path));
+        let names = merged.into_iter().flat_map(|merged| merged.outputs.keys());
+        let outputs = names.map(|name| self.layout.folder().join(name));
+        let shared = [self.layout.manifest(), self.layout.common()];
+        for (of, files) in [("plan", inputs.collect::<Vec<_>>()), ("city", outputs.chain(shared).collect())] {
+            self.hashes.save(&self.layout.hashes(of), files.iter().map(PathBuf::as_path))?;
+        }
+        Ok(())
     }
 
     /// Hash of a file, or that it is not there.

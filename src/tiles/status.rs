@@ -112,5 +112,10 @@ pub fn status(layout: &Layout, trust: Trust) -> Result<CityStatus, TilesError> {
             why => (State::Stale, why),
         },
     };
-    Ok(CityStatus { plan_stale: check.plan(), tiles, merge, merge_stale, n_bytes_read: hashes.n_bytes_read() })
+    let plan_stale = check.plan();
+    let n_bytes_read = hashes.n_bytes_read();
+    if n_bytes_read > 0 {
+        check.keep_hashes_of_city(merged.as_ref())?;
+    }
+    Ok(CityStatus { plan_stale, tiles, merge, merge_stale, n_bytes_read })
 }
