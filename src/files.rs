@@ -132,8 +132,10 @@ fn temporary_beside(path: &Path) -> io::Result<tempfile::NamedTempFile> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(folder)?;
     let suffix = path.file_name().and_then(|n| n.to_str()).unwrap_or("out");
+    sweep_litter_of(folder, suffix);
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".partial-");
+    let prefix = partial_prefix();
+    builder.prefix(&prefix);
     let suffix = format!("-{suffix}");
     builder.suffix(&suffix);
     #[cfg(unix)]
@@ -142,6 +144,43 @@ fn temporary_beside(path: &Path) -> io::Result<tempfile::NamedTempFile> {
         builder.permissions(fs::Permissions::from_mode(0o644));
     }
     builder.tempfile_in(folder)
+}
+
+/// How the names of half-written files begin.
+const PARTIAL: &str = ".partial-";
+
+/// How this process begins the name of a half-written file or folder: with the machine and its own number, so that others
+/// can tell whether its writer still lives.
+#[must_use]
+pub fn partial_prefix() -> String {
+    format!("{PARTIAL}{}.{}.", machine(), std::process::id())
+}
+
+/// The machine's name without marks that file names could stumble over.
+fn machine() -> String {
+    let name = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    name.trim().chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect()
+}
+
+/// Removes what writers of a file or folder of this name left in a folder when they were killed. Those of other machines
+/// stay: whether they live is not known here.
+pub fn sweep_litter_of(folder: &Path, name: &str) {
+    let own_machine = machine();
+    let is_dead = |file: &str| {
+        let mut words = file.strip_prefix(PARTIAL)?.splitn(3, '.');
+        let (machine, process, rest) = (words.next()?, words.next()?.parse::<u32>().ok()?, words.next()?);
+        // The engine may have left a journal beside its file.
+        let is_of_name = rest.split_once('-').is_some_and(|(_, of)| of == name || of == format!("{name}-journal"));
+        let can_tell = Path::new("/proc/self").exists();
+        Some(is_of_name && machine == own_machine && can_tell && !Path::new(&format!("/proc/{process}")).exists())
+    };
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        if is_dead(&entry.file_name().to_string_lossy()) == Some(true) {
+            let path = entry.path();
+            // What cannot be removed is left: it is in nobody's way.
+            let _ = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+        }
+    }
 }
 
 fn persist(temporary: tempfile::NamedTempFile, path: &Path) -> io::Result<()> {
@@ -172,6 +211,26 @@ mod tests {
         assert!(failed.is_err());
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn what_a_dead_writer_left_is_swept_and_what_a_living_one_writes_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let partial = |process: u32, of: &str| format!("{PARTIAL}{}.{process}.abc-{of}", machine());
+        // Processes have numbers below 2²² on Linux.
+        let dead = [partial(u32::MAX, "a.gpkg"), partial(u32::MAX, "a.gpkg-journal")];
+        let others = [
+            partial(std::process::id(), "a.gpkg"),
+            partial(u32::MAX, "b.gpkg"),
+            format!("{PARTIAL}elsewhere.1.abc-a.gpkg"),
+            "a.gpkg.partial-x".to_owned(),
+        ];
+        for name in dead.iter().chain(&others) {
+            fs::write(folder.path().join(name), "half").unwrap();
+        }
+        write_whole(&folder.path().join("a.gpkg"), |w| w.write_all(b"whole")).unwrap();
+        assert!(dead.iter().all(|name| !folder.path().join(name).exists()));
+        assert!(others.iter().all(|name| folder.path().join(name).exists()));
     }
 
     #[test]

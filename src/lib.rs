@@ -46,16 +46,19 @@
 pub mod files;
 pub mod frames;
 mod gdal_log;
+pub mod hashes;
 pub mod ids;
 pub mod issue;
 pub mod limits;
 pub mod paths;
 pub mod raster;
 pub mod ray;
+pub mod recipe;
 pub mod seed;
 mod simd;
 pub mod stats;
 mod template;
+pub mod unfinished;
 
 pub mod camera;
 pub mod cloud;

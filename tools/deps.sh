@@ -19,7 +19,7 @@ set -euo pipefail
 
 readonly MIN_RUST=94 # Rust 1.94
 readonly SNAKEMAKE=9.27.1 SNAKEMAKE_SLURM=2.8.0 SNAKEMAKE_KUBERNETES=0.5.1 SNAKEMAKE_STORAGE=1.1.3
-readonly KUBERNETES_VALIDATE=1.37.0
+readonly KUBERNETES_VALIDATE=1.37.0 PYGMENTS=2.21.0
 readonly ONNXRUNTIME=1.31.1 TRANSFORMERS=4.48.3 ONNX=1.17.0 DEPTH_ANYTHING_3=0.1.1
 readonly CJIO=0.10.1 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1 PLAYWRIGHT=1.65.1
 tools="$(cd "$(dirname "$0")/.." && pwd)/target/tools"
@@ -161,6 +161,7 @@ networks() {
 batch() {
   local folder=target/batch
   "$folder/bin/snakemake" --version 2>/dev/null | grep -qx "$SNAKEMAKE" &&
+    "$folder/bin/python" -c 'import pygments' 2>/dev/null && # which `snakemake --report` needs
     "$folder/bin/kubernetes-validate" --version 2>/dev/null | grep -q "$KUBERNETES_VALIDATE" && return 0
   python3 -c 'import ensurepip' 2>/dev/null || install_packages python3 python3-venv
   command -v rsync >/dev/null || install_packages rsync # Snakemake's storage on a volume copies with it
@@ -168,7 +169,8 @@ batch() {
   python3 -m venv "$folder"
   "$folder/bin/pip" install --quiet --disable-pip-version-check "snakemake==$SNAKEMAKE" \
     "snakemake-executor-plugin-slurm==$SNAKEMAKE_SLURM" "snakemake-executor-plugin-kubernetes==$SNAKEMAKE_KUBERNETES" \
-    "snakemake-storage-plugin-fs==$SNAKEMAKE_STORAGE" "kubernetes-validate==$KUBERNETES_VALIDATE"
+    "snakemake-storage-plugin-fs==$SNAKEMAKE_STORAGE" "kubernetes-validate==$KUBERNETES_VALIDATE" \
+    "pygments==$PYGMENTS"
 }
 
 case "${1:-build}" in

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use super::ui::warn_of_unfinished;
 use super::{Failure, Global, print, print_json};
 use crate::crs::Crs;
 use crate::evaluate::read::TruthOptions;
@@ -77,6 +78,7 @@ pub enum HeightReferenceArg {
 }
 
 pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
+    warn_of_unfinished(&args.result, global);
     let parse = |definition: &String| Crs::parse(definition).map_err(|e| Failure::new(2, &e));
     if !(0.0..=100.0).contains(&args.roof_percentile) {
         return Err(Failure::from_text(2, format!("--roof-percentile {}: expected 0 to 100", args.roof_percentile)));

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
+use super::ui::warn_of_unfinished;
 use super::{Failure, Global, Ui, print_json};
 use crate::crs::Crs;
 use crate::output::cityjson::{self, AttributeNames, CityJsonConfig};
@@ -95,6 +96,7 @@ pub enum HeightsArg {
 
 pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
     let format = args.to.map_or_else(|| format_of(&args.output), Ok)?;
+    warn_of_unfinished(&args.input, global);
     let file = RecordFile::open(&args.input, ReadOptions::default()).map_err(|e| Failure::new(3, &e))?;
     let crs = match (file.crs(), &args.crs) {
         (None, Some(definition)) => Crs::parse(definition).map_err(|e| Failure::new(2, &e))?,
@@ -204,6 +206,7 @@ fn lineage(args: &ExportArgs, crs: &Crs, source: Option<Lineage>) -> Result<Line
     let input = InputFile::hash("city", &args.input).map_err(|e| Failure::new(3, &e))?;
     Ok(Lineage {
         version: env!("CARGO_PKG_VERSION").to_owned(),
+        commit: crate::recipe::commit().map(str::to_owned),
         command: std::env::args().collect::<Vec<_>>().join(" "),
         inputs: vec![input],
         crs: crs.definition().to_owned(),

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::ui::warn_of_unfinished;
 use super::{Failure, Global, Ui};
 use crate::config::RunConfig;
 use crate::pipeline;
@@ -39,6 +40,7 @@ pub(super) fn run(args: &LookArgs, global: &Global) -> Result<u8, Failure> {
     if let Some(result) = &args.result {
         config.project.output.clone_from(result);
     }
+    warn_of_unfinished(&config.project.output, global);
     pipeline::look(&config, &args.view, args.pass, &args.output).map_err(|e| Failure::new(e.exit_code(), &e))?;
     Ui::new(global).say(format!("photo, rendered depth, prior and ordinal pairs in {}", args.output.display()));
     Ok(0)

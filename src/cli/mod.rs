@@ -227,7 +227,12 @@ fn print_lines(text: &impl fmt::Display) -> Result<(), Failure> {
 
 /// A number and what there is of it: "1 building", "2 buildings".
 fn counted(n: usize, what: &str) -> String {
-    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+    counted_as(n, what, &format!("{what}s"))
+}
+
+/// The same where several are called otherwise: "1 try", "2 tries".
+fn counted_as(n: usize, one: &str, several: &str) -> String {
+    format!("{n} {}", if n == 1 { one } else { several })
 }
 
 /// Says something on stderr; nobody listening is no reason to stop.

@@ -4,13 +4,12 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::tiles::{CutArgs, absolute, failed, merge_city, plan_config};
+use super::tiles::{CutArgs, TilesetArgs, TrustArgs, absolute, failed, merge_city, plan_config};
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
 use crate::output::Status;
-use crate::output::tiles3d::Heights;
 use crate::pipeline::{self, RunOptions, RunSummary, Stage};
-use crate::tiles::{self, Layout, MergeOptions, Missing, PoolSettings, TileOutcome};
+use crate::tiles::{self, Attempt, Layout, MergeOptions, Missing, PoolSettings, State, Tile, TileOutcome};
 
 /// Where `--help` lists the flags that stand for a configuration file.
 const FLAGS: &str = "Without a configuration file";
@@ -57,6 +56,12 @@ pub struct RunArgs {
     /// How the area is divided.
     #[command(flatten, next_help_heading = TILED)]
     pub cut: CutArgs,
+    /// What 3D Tiles make of heights.
+    #[command(flatten, next_help_heading = TILED)]
+    pub tileset: TilesetArgs,
+    /// What is believed of files.
+    #[command(flatten, next_help_heading = TILED)]
+    pub trust: TrustArgs,
     /// Poses (a COLMAP model folder, a CSV file, …).
     #[arg(long, help_heading = FLAGS, value_name = "PATH", requires_all = ["crs", "footprints", "priors", "prior_kind"])]
     pub survey: Option<PathBuf>,
@@ -119,6 +124,10 @@ pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
     if args.tiled {
         return run_tiled(config, args, global);
     }
+    if args.tileset.tileset().is_some() {
+        let hint = "3D Tiles of one piece are written by `sizeup export --to 3dtiles`, which takes them too";
+        return Err(Failure::from_text(2, format!("--heights and --geoid-height go with --tiled\nhint: {hint}")));
+    }
     let options = RunOptions {
         from: args.from.into(),
         until: args.until.into(),
@@ -142,16 +151,23 @@ fn run_tiled(mut config: RunConfig, args: &RunArgs, global: &Global) -> Result<u
         n_threads: n_cores.div_ceil(n_jobs),
         memory_mb: args.total_memory.or_else(tiles::available_memory_mb).unwrap_or(u64::MAX),
         n_retries: N_RETRIES,
+        trust: args.trust.trust(),
     };
-    let manifest = plan_config(&config, &args.cut, global)?;
+    let config_file = args.config.as_deref().map(absolute).transpose()?;
+    let plan = args.cut.settings(config_file, args.tileset.tileset(), args.trust);
+    let manifest = plan_config(&config, &plan, global)?;
     let (ui, layout) = (Ui::new(global), Layout::new(&config.project.output));
-    let outcomes = tiles::run_all(&layout, &manifest.tiles, &settings, &|done, total| ui.advance("tiles", done, total));
+    let city = tiles::status(&layout, args.trust.trust()).map_err(|e| failed(&e))?;
+    let todo: Vec<Tile> = city.tiles.into_iter().filter(|one| one.state != State::Done).map(|one| one.tile).collect();
+    ui.say(format!("{} of {} are done", manifest.tiles.len() - todo.len(), counted(manifest.tiles.len(), "tile")));
+    let outcomes = tiles::run_all(&layout, &todo, &settings, &|done, total| ui.advance("tiles", done, total));
     ui.finish();
     let failed_tiles: Vec<TileOutcome> =
         outcomes.map_err(|e| failed(&e))?.into_iter().filter(|outcome| !outcome.is_done()).collect();
     for outcome in &failed_tiles {
         let log = layout.tile(&outcome.id).join("log.txt");
-        ui.say(format!("tile {} failed: see {}", outcome.id, log.display()));
+        let cause = Attempt::read(&layout, &outcome.id).map_or_else(String::new, |last| format!(": {}", last.cause));
+        ui.say(format!("tile {} failed{cause}\n  its log: {}", outcome.id, log.display()));
     }
     if !failed_tiles.is_empty() {
         let tiles = counted(failed_tiles.len(), "tile");
@@ -160,7 +176,7 @@ fn run_tiled(mut config: RunConfig, args: &RunArgs, global: &Global) -> Result<u
             format!("{tiles} failed\nhint: the same command again runs only what failed"),
         ));
     }
-    let options = MergeOptions { missing: Missing::Refuse, heights: Heights::default() };
+    let options = MergeOptions { missing: Missing::Refuse, tileset: None, trust: args.trust.trust() };
     let merged = merge_city(&layout, &options, global)?;
     if global.json {
         print_json(&merged)?;

@@ -2,14 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Subcommand};
+use clap::{Args, Subcommand, ValueEnum};
 
-use super::export::HeightsArg;
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print, print_json};
 use crate::config::RunConfig;
 use crate::optimise::CalibrationRays;
 use crate::output::tiles3d::Heights;
-use crate::tiles::{self, Layout, MergeOptions, Merged, Missing, PlanSettings, State, TileRun, TileStatus, TilesError};
+use crate::recipe;
+use crate::tiles::{
+    self, Change, CityStatus, Layout, MergeOptions, Merged, Missing, PlanSettings, State, TileRun, TileStatus,
+    TilesError, Tileset, Trust,
+};
 
 /// The steps of a city.
 #[derive(Debug, Clone, Subcommand)]
@@ -20,19 +23,22 @@ pub enum TilesCommand {
     Run(TileArgs),
     /// Bring the tiles that are done together.
     Merge(MergeArgs),
-    /// Say where each tile stands.
+    /// Say where each tile stands, and why it is not done.
     Status(StatusArgs),
+    /// List the files that a plan reads, with their hashes, for engines that have to know whether to plan again.
+    Inputs(InputsArgs),
 }
 
 /// How a city is cut.
 #[derive(Debug, Clone, Args)]
 pub struct CutArgs {
-    /// Side of the tiles, metres. Without it squares are quartered until they hold few enough buildings.
+    /// Side of the tiles, metres. Without it and --buildings tiles are as large as it takes for their halos to cost no more
+    /// than half as much again as one piece, memory permitting.
     #[arg(long, value_name = "METRES")]
     pub size: Option<f64>,
-    /// Most buildings of a tile.
-    #[arg(long, value_name = "N", default_value_t = 1000, conflicts_with = "size")]
-    pub buildings: usize,
+    /// Most buildings of a tile: squares are quartered until they hold few enough.
+    #[arg(long, value_name = "N", conflicts_with = "size")]
+    pub buildings: Option<usize>,
     /// Width of the ring around a tile whose buildings are solved with it, metres. By default half as
     /// much again as a view shows at once.
     #[arg(long, value_name = "METRES")]
@@ -40,9 +46,58 @@ pub struct CutArgs {
     /// How far around a tile views are taken in, metres. By default a third of the halo.
     #[arg(long, value_name = "METRES")]
     pub view_margin: Option<f64>,
-    /// Most memory of a tile, megabytes; tiles that need more are quartered.
+    /// Most memory of a tile, megabytes; tiles that need more are quartered. 4000 without --size and --buildings.
     #[arg(long, value_name = "MB")]
     pub memory: Option<u64>,
+}
+
+/// What 3D Tiles make of heights.
+#[derive(Debug, Clone, Args)]
+pub struct TilesetArgs {
+    /// 3D Tiles: what heights are. crs: what the CRS says, by PROJ's grids (the default); none: write no 3D Tiles.
+    #[arg(long, value_enum, value_name = "WHAT", conflicts_with = "geoid_height")]
+    pub heights: Option<TileHeightsArg>,
+    /// 3D Tiles: height of the geoid above the ellipsoid for the whole city, metres.
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
+    pub geoid_height: Option<f64>,
+}
+
+/// What heights are, on the command line.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum TileHeightsArg {
+    /// What the CRS says.
+    Crs,
+    /// Above the ellipsoid.
+    Ellipsoidal,
+    /// No 3D Tiles.
+    None,
+}
+
+impl TilesetArgs {
+    /// What was asked for, if anything.
+    pub(super) fn tileset(&self) -> Option<Tileset> {
+        match (self.geoid_height, self.heights) {
+            (Some(geoid_m), _) => Some(Tileset::Written(Heights::GeoidHeight(geoid_m))),
+            (None, Some(TileHeightsArg::Crs)) => Some(Tileset::Written(Heights::Crs)),
+            (None, Some(TileHeightsArg::Ellipsoidal)) => Some(Tileset::Written(Heights::Ellipsoidal)),
+            (None, Some(TileHeightsArg::None)) => Some(Tileset::LeftOut),
+            (None, None) => None,
+        }
+    }
+}
+
+/// How much of what is known of files is believed.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct TrustArgs {
+    /// Read every file again, also those whose size, inode and times say that they have not changed.
+    #[arg(long)]
+    pub rehash: bool,
+}
+
+impl TrustArgs {
+    pub(super) fn trust(self) -> Trust {
+        if self.rehash { Trust::Nothing } else { Trust::Known }
+    }
 }
 
 /// Arguments of `sizeup tiles plan`.
@@ -51,7 +106,9 @@ pub struct CutArgs {
   sizeup tiles plan sizeup.toml
   sizeup tiles plan sizeup.toml --buildings 2000 --memory 4000 --output city
 
-The plan is tiles.json in the folder of the results.")]
+  sizeup tiles plan sizeup.toml --output city --dry-run     what would be run again, why, and what it would cost
+
+The plan is tiles.json in the folder of the results. Planning again keeps all that has not changed.")]
 pub struct PlanArgs {
     /// Configuration file (TOML), as for `sizeup run`.
     pub config: PathBuf,
@@ -61,9 +118,31 @@ pub struct PlanArgs {
     /// Folder of the results, in place of the configuration's.
     #[arg(long, short, value_name = "FOLDER")]
     pub output: Option<PathBuf>,
+    /// Change nothing: say which tiles would be run again, why, and what it would cost.
+    #[arg(long)]
+    pub dry_run: bool,
     /// How the city is cut.
     #[command(flatten)]
     pub cut: CutArgs,
+    /// What 3D Tiles make of heights.
+    #[command(flatten)]
+    pub tileset: TilesetArgs,
+    /// What is believed of files.
+    #[command(flatten)]
+    pub trust: TrustArgs,
+}
+
+/// Arguments of `sizeup tiles inputs`.
+#[derive(Debug, Clone, Args)]
+pub struct InputsArgs {
+    /// Configuration file (TOML), as for `sizeup tiles plan`.
+    pub config: PathBuf,
+    /// Folder of the results, in place of the configuration's.
+    #[arg(long, short, value_name = "FOLDER")]
+    pub output: Option<PathBuf>,
+    /// What is believed of files.
+    #[command(flatten)]
+    pub trust: TrustArgs,
 }
 
 /// Arguments of `sizeup tiles run`.
@@ -71,13 +150,17 @@ pub struct PlanArgs {
 #[command(after_help = "Example:
   sizeup tiles run result --tile e565000_n5932000_s500
 
-Exit codes: 0 done, 5 done and some items have no result, 4 failed (try again), 2 and 3 no use trying again.")]
+Exit codes: 0 done, 5 done and some items have no result, 4 failed (try again), 2 and 3 no use trying again.
+A tile whose input has changed since the plan is refused with 3: plan again.")]
 pub struct TileArgs {
     /// Folder of the plan.
     pub folder: PathBuf,
     /// Name of the tile, or its number in the plan, from 0 (for job arrays).
     #[arg(long, value_name = "ID")]
     pub tile: String,
+    /// What is believed of files.
+    #[command(flatten)]
+    pub trust: TrustArgs,
 }
 
 /// Arguments of `sizeup tiles merge`.
@@ -88,12 +171,12 @@ pub struct MergeArgs {
     /// Merge what is done, although tiles are missing.
     #[arg(long)]
     pub allow_missing: bool,
-    /// 3D Tiles: what heights are. crs: what the CRS says, by PROJ's grids.
-    #[arg(long, value_enum, value_name = "WHAT", default_value = "crs", conflicts_with = "geoid_height")]
-    pub heights: HeightsArg,
-    /// 3D Tiles: height of the geoid above the ellipsoid for the whole city, metres.
-    #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
-    pub geoid_height: Option<f64>,
+    /// What 3D Tiles make of heights; by default what the plan says.
+    #[command(flatten)]
+    pub tileset: TilesetArgs,
+    /// What is believed of files.
+    #[command(flatten)]
+    pub trust: TrustArgs,
 }
 
 /// Arguments of `sizeup tiles status`.
@@ -101,6 +184,12 @@ pub struct MergeArgs {
 pub struct StatusArgs {
     /// Folder of the plan.
     pub folder: PathBuf,
+    /// List only tiles that are not done, each with its number in the plan before its name, for job arrays.
+    #[arg(long)]
+    pub todo: bool,
+    /// What is believed of files.
+    #[command(flatten)]
+    pub trust: TrustArgs,
 }
 
 pub(super) fn run(command: &TilesCommand, global: &Global) -> Result<u8, Failure> {
@@ -109,6 +198,7 @@ pub(super) fn run(command: &TilesCommand, global: &Global) -> Result<u8, Failure
         TilesCommand::Run(args) => run_tile(args, global),
         TilesCommand::Merge(args) => merge(args, global),
         TilesCommand::Status(args) => status(args, global),
+        TilesCommand::Inputs(args) => inputs(args, global),
     }
 }
 
@@ -116,33 +206,100 @@ pub(super) fn failed(error: &TilesError) -> Failure {
     Failure::new(error.exit_code(), error)
 }
 
-fn plan(args: &PlanArgs, global: &Global) -> Result<u8, Failure> {
+fn config_of(path: &Path, assignments: &[String], output: Option<&PathBuf>) -> Result<(RunConfig, PathBuf), Failure> {
     // Tiles may be run from another folder than this one.
-    let path = absolute(&args.config)?;
-    let mut config = RunConfig::load(&path, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    let path = absolute(path)?;
+    let mut config = RunConfig::load(&path, assignments).map_err(|e| Failure::new(2, &e))?;
     config.limits.set();
-    if let Some(output) = &args.output {
-        config.project.output = absolute(output)?;
+    config.project.output = absolute(output.unwrap_or(&config.project.output))?;
+    Ok((config, path))
+}
+
+fn plan(args: &PlanArgs, global: &Global) -> Result<u8, Failure> {
+    let (config, path) = config_of(&args.config, &args.assignments, args.output.as_ref())?;
+    let settings = args.cut.settings(Some(path), args.tileset.tileset(), args.trust);
+    if args.dry_run {
+        return dry_run(&config, &settings, global);
     }
-    let manifest = plan_config(&config, &args.cut, global)?;
+    let manifest = plan_config(&config, &settings, global)?;
     if global.json {
         print_json(&manifest.tiles)?;
     }
     Ok(0)
 }
 
-/// Makes the plan of a configuration, and says what it is.
-pub(super) fn plan_config(config: &RunConfig, cut: &CutArgs, global: &Global) -> Result<tiles::Manifest, Failure> {
+impl CutArgs {
+    /// All that a plan has to know beside the configuration.
+    pub(super) fn settings(
+        &self,
+        config_file: Option<PathBuf>,
+        tileset: Option<Tileset>,
+        trust: TrustArgs,
+    ) -> PlanSettings {
+        PlanSettings {
+            size_m: self.size,
+            n_buildings: self.buildings,
+            halo_m: self.halo,
+            view_margin_m: self.view_margin,
+            memory_mb: self.memory,
+            n_threads: rayon::current_num_threads(),
+            config_file,
+            tileset: tileset.unwrap_or(Tileset::Written(Heights::Crs)),
+            trust: trust.trust(),
+        }
+    }
+}
+
+/// What a plan would change, and what that would cost.
+fn dry_run(config: &RunConfig, settings: &PlanSettings, global: &Global) -> Result<u8, Failure> {
     let ui = Ui::new(global);
-    let settings = PlanSettings {
-        size_m: cut.size,
-        n_buildings: cut.buildings,
-        halo_m: cut.halo,
-        view_margin_m: cut.view_margin,
-        memory_mb: cut.memory,
-        n_threads: rayon::current_num_threads(),
+    let planned = tiles::try_plan(config, settings, "sizeup tiles plan", &|event| ui.tell(event));
+    ui.finish();
+    let planned = planned.map_err(|e| failed(&e))?;
+    if global.json {
+        print_json(&planned)?;
+        return Ok(0);
+    }
+    for Change { tile, why, processor_seconds } in &planned.changes {
+        let cost = processor_seconds.map_or("unknown time".to_owned(), |s| format!("about {s:.1} s"));
+        print(&format!("{}\t{} buildings to solve\t{cost}\t{}", tile.id, tile.n_solved, first_line(why)))?;
+    }
+    let n_solved: usize = planned.changes.iter().map(|change| change.tile.n_solved).sum();
+    let seconds: Option<f64> = planned.changes.iter().map(|change| change.processor_seconds).sum();
+    let cost = match seconds {
+        _ if planned.changes.is_empty() => String::new(),
+        Some(s) => format!(", {n_solved} buildings to solve, about {s:.0} s of processor time by what tiles took here"),
+        None => format!(", {n_solved} buildings to solve; what that takes is known once a tile has been run"),
     };
-    let manifest = tiles::plan(config, &settings, "sizeup tiles plan", &|event| ui.tell(event));
+    ui.say(format!("{} of {} tiles would be run{cost}", planned.changes.len(), planned.n_tiles));
+    Ok(0)
+}
+
+fn inputs(args: &InputsArgs, global: &Global) -> Result<u8, Failure> {
+    let (config, path) = config_of(&args.config, &[], args.output.as_ref())?;
+    let cut = CutArgs { size: None, buildings: None, halo: None, view_margin: None, memory: None };
+    let files = tiles::inputs(&config, &cut.settings(Some(path), None, args.trust)).map_err(|e| failed(&e))?;
+    if global.json {
+        print_json(&serde_json::json!({ "program": recipe::program(), "files": files }))?;
+        return Ok(0);
+    }
+    print(&format!("program\tsizeup\t{}", recipe::program()))?;
+    files.iter().try_for_each(|file| print(&format!("{}\t{}\t{}", file.role, file.path, file.sha256)))?;
+    Ok(0)
+}
+
+fn first_line(text: &str) -> &str {
+    text.lines().next().unwrap_or_default()
+}
+
+/// Makes the plan of a configuration, and says what it is.
+pub(super) fn plan_config(
+    config: &RunConfig,
+    settings: &PlanSettings,
+    global: &Global,
+) -> Result<tiles::Manifest, Failure> {
+    let ui = Ui::new(global);
+    let manifest = tiles::plan(config, settings, "sizeup tiles plan", &|event| ui.tell(event));
     ui.finish();
     let manifest = manifest.map_err(|e| failed(&e))?;
     let most = |of: fn(&tiles::Tile) -> u64| manifest.tiles.iter().map(of).max().unwrap_or(0);
@@ -159,6 +316,11 @@ pub(super) fn plan_config(config: &RunConfig, cut: &CutArgs, global: &Global) ->
         most(|t| t.n_solved as u64),
         most(|t| t.n_views as u64),
         most(|t| t.memory_mb)
+    ));
+    let n_solved: usize = manifest.tiles.iter().map(|tile| tile.n_solved).sum();
+    ui.say(format!(
+        "with their halos the tiles solve {n_solved} buildings, {:.1} times as many as there are",
+        n_solved as f64 / manifest.n_buildings.max(1) as f64
     ));
     if config.optimise.search.calibrate_on == CalibrationRays::All {
         ui.say(
@@ -179,7 +341,7 @@ fn run_tile(args: &TileArgs, global: &Global) -> Result<u8, Failure> {
     let layout = Layout::new(&args.folder);
     let id = name_of(&layout, &args.tile)?;
     let wait = |holder: &str| ui.say(format!("tile {id} is being run by {holder}: waiting for it"));
-    let outcome = tiles::run_tile(&layout, &id, &wait, &|event| ui.tell(event));
+    let outcome = tiles::run_tile(&layout, &id, args.trust.trust(), &wait, &|event| ui.tell(event));
     ui.finish();
     let outcome = outcome.map_err(|e| failed(&e))?;
     let done = outcome.done();
@@ -203,13 +365,9 @@ fn name_of(layout: &Layout, tile: &str) -> Result<String, Failure> {
 }
 
 fn merge(args: &MergeArgs, global: &Global) -> Result<u8, Failure> {
-    let heights = match (args.geoid_height, args.heights) {
-        (Some(geoid_m), _) => Heights::GeoidHeight(geoid_m),
-        (None, HeightsArg::Ellipsoidal) => Heights::Ellipsoidal,
-        (None, HeightsArg::Crs) => Heights::Crs,
-    };
     let missing = if args.allow_missing { Missing::Allow } else { Missing::Refuse };
-    let merged = merge_city(&Layout::new(&args.folder), &MergeOptions { missing, heights }, global)?;
+    let options = MergeOptions { missing, tileset: args.tileset.tileset(), trust: args.trust.trust() };
+    let merged = merge_city(&Layout::new(&args.folder), &options, global)?;
     if global.json {
         print_json(&merged)?;
     }
@@ -243,34 +401,55 @@ pub(super) fn merge_city(layout: &Layout, options: &MergeOptions, global: &Globa
 }
 
 fn status(args: &StatusArgs, global: &Global) -> Result<u8, Failure> {
-    let tiles = tiles::status(&Layout::new(&args.folder)).map_err(|e| failed(&e))?;
+    let city = tiles::status(&Layout::new(&args.folder), args.trust.trust()).map_err(|e| failed(&e))?;
     if global.json {
-        print_json(&tiles)?;
+        print_json(&city)?;
     } else {
-        for one in &tiles {
-            print(&line_of(one))?;
+        for (i, one) in city.tiles.iter().enumerate() {
+            match (args.todo, one.state) {
+                (true, State::Done) => {}
+                (true, _) => print(&format!("{i}\t{}", line_of(one)))?,
+                (false, _) => print(&line_of(one))?,
+            }
         }
     }
-    let count = |state: State| tiles.iter().filter(|one| one.state == state).count();
-    let ui = Ui::new(global);
-    ui.say(format!(
-        "{} tiles: {} done, {} running, {} waiting, {} damaged",
-        tiles.len(),
-        count(State::Done),
-        count(State::Running),
-        count(State::Waiting),
-        count(State::Damaged)
-    ));
+    tell_status(&Ui::new(global), &city);
     Ok(0)
 }
 
+fn tell_status(ui: &Ui, city: &CityStatus) {
+    if let Some(why) = &city.plan_stale {
+        ui.say(format!("the plan is stale: {why}\nhint: plan again; tiles that the change does not touch stay done"));
+    }
+    ui.say(format!(
+        "{} tiles: {} done, {} running, {} stale, {} failed, {} waiting",
+        city.tiles.len(),
+        city.count(State::Done),
+        city.count(State::Running),
+        city.count(State::Stale),
+        city.count(State::Failed),
+        city.count(State::Waiting)
+    ));
+    ui.say(match (city.merge, &city.merge_stale) {
+        (State::Done, _) => "the merge is done".to_owned(),
+        (_, Some(why)) => format!("the merge is stale: {why}"),
+        _ => "nothing has been merged".to_owned(),
+    });
+}
+
 fn line_of(one: &TileStatus) -> String {
+    let why = one.why.as_deref().map(first_line);
     let state = match one.state {
         State::Done if one.exit_code == Some(EXIT_FAILED_ITEMS) => "done, with failed items".to_owned(),
         State::Done => "done".to_owned(),
         State::Running => format!("running, {}", one.runner.as_deref().unwrap_or("somebody")),
-        State::Damaged => "damaged: run it again".to_owned(),
-        State::Waiting => "waiting".to_owned(),
+        State::Stale => format!("stale: {}", why.unwrap_or_default()),
+        State::Failed => {
+            let code = one.exit_code.map_or("no exit code".to_owned(), |code| format!("exit code {code}"));
+            let tries = super::counted_as(one.n_tries, "try", "tries");
+            format!("failed, {code}, {tries}: {}", why.unwrap_or_default())
+        }
+        State::Waiting => why.map_or("waiting".to_owned(), |why| format!("waiting: {why}")),
     };
     let tile = &one.tile;
     format!("{}\t{} buildings\t{} views\t{} MB\t{state}", tile.id, tile.n_buildings, tile.n_views, tile.memory_mb)

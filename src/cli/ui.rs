@@ -22,6 +22,18 @@ pub(super) fn start_logging(global: &Global) {
     let _ = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().try_init();
 }
 
+/// Warns of results that are not of one run, because their writer was killed between two files.
+pub(super) fn warn_of_unfinished(path: &std::path::Path, global: &Global) {
+    if crate::unfinished::is_marked(path) {
+        let name = crate::unfinished::NAME;
+        Ui::new(global).say(format!(
+            "warning: {} is among results that were being replaced when their writer ended: its files may be of two \
+             runs, see {name} beside it",
+            path.display()
+        ));
+    }
+}
+
 /// Talk on stderr.
 pub struct Ui {
     is_quiet: bool,

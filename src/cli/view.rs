@@ -5,6 +5,7 @@ use std::process::{Command, Stdio};
 
 use clap::Args;
 
+use super::ui::warn_of_unfinished;
 use super::{Failure, Global, Ui, print};
 use crate::report::{ServeError, Server, tileset_of};
 
@@ -31,6 +32,7 @@ pub(super) fn run(args: &ViewArgs, global: &Global) -> Result<u8, Failure> {
         ServeError::Port { .. } | ServeError::Tiles(_) => 4,
         _ => 3,
     };
+    warn_of_unfinished(&args.path, global);
     let tiles = tileset_of(&args.path).map_err(|e| Failure::new(code(&e), &e))?;
     let server = Server::bind(&tiles, &args.path, args.port).map_err(|e| Failure::new(code(&e), &e))?;
     print(&server.address())?;

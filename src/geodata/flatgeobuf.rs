@@ -29,7 +29,7 @@ pub fn create<E: From<GpkgError>>(
     crate::gdal_log::route_messages();
     let failed = |action: &str| {
         let (action, path) = (action.to_owned(), path.to_owned());
-        move |source| E::from(GpkgError { action: action.clone(), path: path.clone(), source })
+        move |source| E::from(GpkgError::new(action.clone(), path.clone(), source))
     };
     let mut crs = SpatialRef::from_definition(crs_definition).map_err(failed("use the CRS"))?;
     crs.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);

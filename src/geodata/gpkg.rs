@@ -18,15 +18,37 @@ const LAYER_OPTIONS: [&str; 3] = ["GEOMETRY_NAME=geom", "FID=fid", "SPATIAL_INDE
 
 /// What GDAL could not do, and to which file.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot {action} in {}", path.display())]
-pub struct GpkgError {
-    /// What was being done, as in "create layer buildings".
-    pub action: String,
-    /// To which file.
-    pub path: PathBuf,
-    /// GDAL's words.
-    #[source]
-    pub source: GdalError,
+pub enum GpkgError {
+    /// For a reason that GDAL knows.
+    #[error("cannot {action} in {}", path.display())]
+    Gdal {
+        /// What was being done, as in "create layer buildings".
+        action: String,
+        /// To which file.
+        path: PathBuf,
+        /// GDAL's words.
+        #[source]
+        source: GdalError,
+    },
+    /// There is no room left. What GDAL says of it is the statement that did not fit.
+    #[error("cannot write {}: the disk is full, or a limit of file sizes is reached", path.display())]
+    Full {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// How SQLite calls a write that found no room: a full disk, and a limit of file sizes.
+const NO_ROOM: [&str; 2] = ["disk is full", "disk I/O error"];
+
+impl GpkgError {
+    pub(super) fn new(action: String, path: PathBuf, source: GdalError) -> Self {
+        let text = source.to_string();
+        if NO_ROOM.iter().any(|words| text.contains(words)) {
+            return Self::Full { path };
+        }
+        Self::Gdal { action, path, source }
+    }
 }
 
 /// An open `GeoPackage` inside its transaction.
@@ -52,7 +74,7 @@ pub fn create<E: From<GpkgError>>(
 ) -> Result<(), E> {
     let failed = |action: &str| {
         let (action, path) = (action.to_owned(), path.to_owned());
-        move |source| GpkgError { action, path, source }
+        move |source| GpkgError::new(action, path, source)
     };
     let _options = ThreadOptions::set(timestamp).map_err(failed("set the date"))?;
     let mut crs = SpatialRef::from_definition(crs_definition).map_err(failed("use the CRS"))?;
@@ -136,7 +158,7 @@ impl Writer<'_> {
         fill: impl FnOnce(&mut dyn FnMut(Row) -> Result<(), E>) -> Result<(), E>,
     ) -> Result<(), E> {
         let (action, path) = (format!("write layer {}", spec.name), self.path.clone());
-        let failed = move |source| E::from(GpkgError { action: action.clone(), path: path.clone(), source });
+        let failed = move |source| E::from(GpkgError::new(action.clone(), path.clone(), source));
         let described = [format!("IDENTIFIER={}", spec.name), format!("DESCRIPTION={}", spec.description)];
         let options: Vec<&str> = LAYER_OPTIONS.into_iter().chain(described.iter().map(String::as_str)).collect();
         write_features(self.dataset, &self.crs, spec, &options, &failed, fill)?;
@@ -199,7 +221,7 @@ impl Writer<'_> {
 
     fn failed(&self, action: &str) -> impl FnOnce(GdalError) -> GpkgError + use<> {
         let (action, path) = (action.to_owned(), self.path.clone());
-        move |source| GpkgError { action, path, source }
+        move |source| GpkgError::new(action, path, source)
     }
 }
 

@@ -1,19 +1,21 @@
 //! Where a result comes from: enough to run it again, and nothing that changes from run to run (no clock).
 
-use std::fs::File;
-use std::io::{self, Read};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 use crate::files::FileError;
+use crate::hashes::Content;
+pub use crate::hashes::sha256_hex;
 
 /// The origin of a result, written into every file.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lineage {
     /// Version of sizeup.
     pub version: String,
+    /// The commit that it was built from, with a `+` where files differed from it; `None` where nobody knew.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub commit: Option<String>,
     /// The command line, program name first.
     pub command: String,
     /// SHA-256 of the resolved configuration, hexadecimal.
@@ -56,52 +58,12 @@ impl InputFile {
     /// # Errors
     /// [`FileError`] if it cannot be read.
     pub fn hash(role: &str, path: &Path) -> Result<Self, FileError> {
-        let (size_bytes, sha256) = hash_file(path).map_err(FileError::on("cannot read", path))?;
-        Ok(Self { role: role.to_owned(), path: path.display().to_string(), size_bytes, sha256 })
+        Ok(Self::holding(role, path, Content::of(path).map_err(FileError::on("cannot read", path))?))
     }
-}
 
-fn hash_file(path: &Path) -> io::Result<(u64, String)> {
-    let mut file = File::open(path)?;
-    let mut hasher = Sha256::new();
-    let mut buffer = vec![0_u8; 1 << 20];
-    let mut size_bytes = 0_u64;
-    loop {
-        let n = file.read(&mut buffer)?;
-        if n == 0 {
-            return Ok((size_bytes, hex(&hasher.finalize())));
-        }
-        hasher.update(&buffer[..n]);
-        size_bytes += n as u64;
-    }
-}
-
-/// SHA-256 of bytes, hexadecimal.
-#[must_use]
-pub fn sha256_hex(bytes: &[u8]) -> String {
-    hex(&Sha256::digest(bytes))
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        use std::fmt::Write as _;
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn hashes_are_sha256() {
-        // FIPS 180-2, appendix B.1.
-        assert_eq!(sha256_hex(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("abc");
-        std::fs::write(&path, b"abc").unwrap();
-        let file = InputFile::hash("survey", &path).unwrap();
-        assert_eq!((file.size_bytes, file.sha256), (3, sha256_hex(b"abc")));
+    /// A file whose content is known.
+    #[must_use]
+    pub fn holding(role: &str, path: &Path, Content { size_bytes, sha256 }: Content) -> Self {
+        Self { role: role.to_owned(), path: path.display().to_string(), size_bytes, sha256 }
     }
 }

@@ -11,10 +11,11 @@ use super::{Cut, PipelineError, Stage};
 use crate::config::RunConfig;
 use crate::files::write_whole;
 use crate::footprint::{DetectionSummary, FootprintLayer, Tracks};
+use crate::hashes::Content;
 use crate::ids::BuildingId;
 use crate::issue::Issue;
 use crate::optimise::{LevelGain, Solution};
-use crate::output::sha256_hex;
+use crate::recipe::{ABSENT, Recipe};
 use crate::terrain::GroundLevel;
 
 /// Outlines with their ground.
@@ -79,15 +80,13 @@ impl HeightStage {
 
 #[derive(Serialize)]
 struct Written<'a, T> {
-    sizeup: &'a str,
-    settings_sha256: String,
+    made_by: Recipe,
     data: &'a T,
 }
 
 #[derive(Deserialize)]
 struct Read<T> {
-    sizeup: String,
-    settings_sha256: String,
+    made_by: Recipe,
     data: T,
 }
 
@@ -95,24 +94,36 @@ fn path_of(config: &RunConfig, stage: Stage) -> PathBuf {
     config.project.output.join("stages").join(format!("{}.json", stage.name()))
 }
 
-/// Hash of the settings that a stage and those before it depend on, whatever folder a command was given in.
-fn settings_sha256(config: &RunConfig, stage: Stage) -> String {
-    let config = config.saved();
-    let survey = serde_json::json!([config.project.crs, config.survey]);
-    let footprints = serde_json::json!([config.footprints, config.terrain, config.dtm, config.ground]);
-    let heights = serde_json::json!([config.prior, config.optimise, config.seed]);
-    let parts: &[serde_json::Value] = match stage {
-        Stage::Survey => &[survey],
-        Stage::Footprints => &[survey, footprints],
-        Stage::Heights | Stage::Output => &[survey, footprints, heights],
-    };
-    let text: Vec<String> = parts.iter().map(ToString::to_string).collect();
-    sha256_hex(text.join("\n").as_bytes())
+/// What a stage and those before it are made from: settings, whatever folder a command was given in, and the files that hold
+/// outlines and terrain as a whole. Poses and priors, of which there may be any number, are known by their settings.
+fn recipe(config: &RunConfig, stage: Stage) -> Recipe {
+    let saved = config.saved();
+    let mut settings = serde_json::json!({ "project": { "crs": saved.project.crs }, "survey": saved.survey });
+    let mut files = Vec::new();
+    if stage >= Stage::Footprints {
+        settings["footprints"] = serde_json::json!(saved.footprints);
+        settings["terrain"] = serde_json::json!(saved.terrain);
+        settings["dtm"] = serde_json::json!(saved.dtm);
+        settings["ground"] = serde_json::json!(saved.ground);
+        files.extend(config.footprints.file().map(|path| ("footprints", path)));
+        files.extend(config.terrain.dtm.clone().map(|path| ("terrain", path)));
+    }
+    if stage >= Stage::Heights {
+        settings["prior"] = serde_json::json!(saved.prior);
+        settings["optimise"] = serde_json::json!(saved.optimise);
+        settings["seed"] = serde_json::json!(saved.seed);
+    }
+    let mut recipe = Recipe::new(&settings);
+    for (role, path) in files.iter().filter(|(_, path)| path.is_file()) {
+        let sha256 = Content::of(path).map_or_else(|_| ABSENT.to_owned(), |content| content.sha256);
+        recipe.add(format!("{role} {}", config.saved_path(path).display()), sha256);
+    }
+    recipe
 }
 
 /// Writes what a stage found.
 pub(super) fn write<T: Serialize>(config: &RunConfig, stage: Stage, data: &T) -> Result<(), PipelineError> {
-    let written = Written { sizeup: env!("CARGO_PKG_VERSION"), settings_sha256: settings_sha256(config, stage), data };
+    let written = Written { made_by: recipe(config, stage), data };
     write_whole(&path_of(config, stage), |out| {
         serde_json::to_writer(&mut *out, &written)?;
         out.write_all(b"\n")
@@ -120,17 +131,14 @@ pub(super) fn write<T: Serialize>(config: &RunConfig, stage: Stage, data: &T) ->
     Ok(())
 }
 
-/// Reads what an earlier run of a stage found, if it was made with the same settings by the same version.
+/// Reads what an earlier run of a stage found, if it was made from what there is now.
 pub(super) fn read<T: DeserializeOwned>(config: &RunConfig, stage: Stage) -> Result<T, PipelineError> {
     let path = path_of(config, stage);
     let unusable = |message: String| PipelineError::Artefact { path: path.clone(), message, stage: stage.name() };
     let file = File::open(&path).map_err(|e| unusable(e.to_string()))?;
     let read: Read<T> = serde_json::from_reader(BufReader::new(file)).map_err(|e| unusable(e.to_string()))?;
-    if read.sizeup != env!("CARGO_PKG_VERSION") {
-        return Err(unusable(format!("made by sizeup {}, this is {}", read.sizeup, env!("CARGO_PKG_VERSION"))));
+    match recipe(config, stage).why_stale(&read.made_by) {
+        Some(why) => Err(unusable(format!("stale: {why}"))),
+        None => Ok(read.data),
     }
-    if read.settings_sha256 != settings_sha256(config, stage) {
-        return Err(unusable("made with other settings".to_owned()));
-    }
-    Ok(read.data)
 }

@@ -42,8 +42,10 @@ pub use levels::Cut;
 pub use look::look;
 pub use polish::{asks_photo, photo_bytes};
 pub use priors::{PriorsDone, Wanted, compute_priors};
-pub use stages::{files_of, unstated_reference};
-pub use tile::{Part, PartHeights, find_outlines, layer_of, outlines_around, refused_records, survey_of};
+pub use stages::{files_of, lineage_of, unstated_reference};
+pub use tile::{
+    Part, PartHashes, PartHeights, find_outlines, layer_of, outlines_around, part_settings, refused_records, survey_of,
+};
 
 use std::path::PathBuf;
 

@@ -25,6 +25,7 @@ use crate::prior::Priors;
 use crate::scene::Scene;
 use crate::survey::{Survey, ViewKind};
 use crate::terrain::{self, GroundLevel, MapBox, Terrain};
+use crate::unfinished::Unfinished;
 
 /// How far around the footprints the ground is needed, in greatest heights: rays at 60° off nadir that pass over a
 /// building of greatest height reach the ground 1.7 heights behind it.
@@ -134,6 +135,8 @@ pub(super) fn run(
         issues: &issues,
         survey: &survey,
     };
+    // From here on results of another run may be replaced, one after the other.
+    let unfinished = Unfinished::begin(&config.project.output, &options.command)?;
     write_results(config, &model, &summary)?;
     if config.output.pictures {
         pictures::write(&config.project.output, &model, &stage, &heights, &priors)?;
@@ -141,6 +144,7 @@ pub(super) fn run(
     if config.output.report.page {
         report::write(config, &model, &stage, &heights, &footprints.levels, &priors)?;
     }
+    unfinished.finish()?;
     timed(Stage::Output, start);
     Ok(RunSummary { seconds, ..summary })
 }
@@ -183,6 +187,25 @@ pub(super) fn load_terrain<'a>(
     Ok(terrain::load(&terrain_in_force(config), &config.project.crs, area.grown(margin_m))?)
 }
 
+fn on_known_ground(footprints: &FootprintStage) -> Vec<(&Polygon<f64>, GroundLevel)> {
+    let outlines = footprints.layer.footprints.iter().zip(&footprints.ground);
+    outlines.filter_map(|(footprint, ground)| Some((&footprint.polygon, (*ground)?))).collect()
+}
+
+fn ground_margin_m(frame: &Frame) -> f64 {
+    GROUND_MARGIN_HEIGHTS * f64::from(frame.bounds.max_m)
+}
+
+/// The ground that rays meet around the buildings on known ground; there has to be one.
+pub(super) fn terrain_around(
+    config: &RunConfig,
+    frame: &Frame,
+    footprints: &FootprintStage,
+) -> Result<Terrain, PipelineError> {
+    let outlines = on_known_ground(footprints);
+    load_terrain(config, outlines.iter().map(|(polygon, _)| *polygon), ground_margin_m(frame))
+}
+
 /// Everything that rays meet, and what they are compared with.
 pub(super) struct SceneStage {
     /// The buildings whose ground is known.
@@ -206,15 +229,10 @@ impl SceneStage {
 
     /// The same in a frame that is given.
     pub fn in_frame(config: &RunConfig, frame: &Frame, footprints: &FootprintStage) -> Result<Self, PipelineError> {
-        let bounds = frame.bounds;
         let solved: Vec<usize> = (0..footprints.ground.len()).filter(|&i| footprints.ground[i].is_some()).collect();
-        let on_ground: Vec<(&Polygon<f64>, GroundLevel)> = solved
-            .iter()
-            .filter_map(|&i| Some((&footprints.layer.footprints[i].polygon, footprints.ground[i]?)))
-            .collect();
-        let margin_m = GROUND_MARGIN_HEIGHTS * f64::from(bounds.max_m);
-        let terrain = load_terrain(config, on_ground.iter().map(|(polygon, _)| *polygon), margin_m)?;
-        let scene = Scene::at(frame.origin, &on_ground, &terrain, bounds, margin_m);
+        let terrain = terrain_around(config, frame, footprints)?;
+        let margin_m = ground_margin_m(frame);
+        let scene = Scene::at(frame.origin, &on_known_ground(footprints), &terrain, frame.bounds, margin_m);
         Ok(Self { scene, solved, terrain })
     }
 
@@ -304,10 +322,12 @@ fn lineage(
 }
 
 /// The origin of a result that was made from some files.
-pub(super) fn lineage_of(config: &RunConfig, command: &str, inputs: Vec<InputFile>) -> Lineage {
+#[must_use]
+pub fn lineage_of(config: &RunConfig, command: &str, inputs: Vec<InputFile>) -> Lineage {
     let vertical = config.project.vertical_reference.clone();
     Lineage {
         version: env!("CARGO_PKG_VERSION").to_owned(),
+        commit: crate::recipe::commit().map(str::to_owned),
         command: command.to_owned(),
         config_sha256: sha256_hex(config.saved().to_toml().as_bytes()),
         inputs,

@@ -8,18 +8,19 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::PathBuf;
 
 use geo::BoundingRect as _;
+use serde::{Deserialize, Serialize};
 
 use super::footprints::on_ground;
 use super::heights::HeightSearch;
 use super::kept::PriorStore;
-use super::polish::asks_photo;
 use super::records::records;
-use super::stages::{SceneStage, lineage_of, load_terrain, view_issues};
+use super::stages::{SceneStage, lineage_of, load_terrain, terrain_around, view_issues};
 use super::{FootprintStage, Frame, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact};
 use crate::config::RunConfig;
 use crate::footprint::{
     self, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, OutlineKind, RefusedFootprint,
 };
+use crate::hashes::Content;
 use crate::ids::ViewId;
 use crate::issue::Issue;
 use crate::optimise::solve;
@@ -113,8 +114,64 @@ pub fn outlines_around(
         let layer = FootprintLayer::default();
         return Ok(FootprintStage::of_layer(layer, Vec::new(), Vec::new()));
     }
+    // A part is the same in whatever order the layer lists its buildings.
+    layer.footprints.sort_by(|a, b| a.id.cmp(&b.id));
+    layer.issues.sort_by(|a, b| (&a.subject, &a.code, &a.message).cmp(&(&b.subject, &b.code, &b.message)));
     let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
     Ok(on_ground(config, layer, &terrain))
+}
+
+/// What a part reads of the files that all parts share.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PartHashes {
+    /// Its outlines, each with its ground.
+    pub outlines: Content,
+    /// The terrain around them, as it was read; `None` where no outline has ground.
+    pub terrain: Option<Content>,
+}
+
+impl PartHashes {
+    /// Of a part that will be solved in a frame.
+    ///
+    /// # Errors
+    /// [`PipelineError`] where the terrain cannot be read.
+    pub fn of(config: &RunConfig, frame: &Frame, footprints: &FootprintStage) -> Result<Self, PipelineError> {
+        let has_ground = footprints.ground.iter().any(Option::is_some);
+        let terrain = has_ground.then(|| terrain_around(config, frame, footprints)).transpose()?;
+        Ok(Self::over(footprints, terrain.as_ref()))
+    }
+
+    fn over(footprints: &FootprintStage, terrain: Option<&Terrain>) -> Self {
+        let text = serde_json::json!(footprints).to_string();
+        Self { outlines: Content::of_bytes(text.as_bytes()), terrain: terrain.map(content_of) }
+    }
+}
+
+fn content_of(terrain: &Terrain) -> Content {
+    let bytes: Vec<u8> = match terrain {
+        Terrain::Constant(z_m) => z_m.to_le_bytes().to_vec(),
+        Terrain::Grid(dem) => {
+            let place = [dem.corner_m().0, dem.corner_m().1, dem.cell_m().0, dem.cell_m().1];
+            let heights = dem.heights_m().data().iter().flat_map(|z| z.to_le_bytes());
+            place.into_iter().flat_map(f64::to_le_bytes).chain(heights).collect()
+        }
+    };
+    Content::of_bytes(&bytes)
+}
+
+/// The settings that decide what a part of a city comes out as, a table of tables: not those of the survey, whose views are
+/// given, nor those of what is made of all parts.
+#[must_use]
+pub fn part_settings(config: &RunConfig) -> serde_json::Value {
+    let RunConfig { seed, project, footprints, terrain, ground, prior, optimise, output, .. } = config;
+    let crate::config::ProjectConfig { crs, vertical_reference, reference_date, .. } = project;
+    let crate::config::OutputConfig { fallback, cityjson, .. } = output;
+    serde_json::json!({
+        "seed": seed,
+        "project": { "crs": crs, "vertical_reference": vertical_reference, "reference_date": reference_date },
+        "footprints": footprints, "terrain": terrain, "ground": ground, "prior": prior, "optimise": optimise,
+        "output": { "fallback": fallback, "cityjson": cityjson },
+    })
 }
 
 /// The survey that an earlier run of its stage left behind.
@@ -176,18 +233,10 @@ impl<'a> Part<'a> {
         &self.survey
     }
 
-    /// Hash of the terrain as it was read, hexadecimal; `None` where none was.
+    /// What it has read of the files that all parts share.
     #[must_use]
-    pub fn terrain_sha256(&self) -> Option<String> {
-        let bytes: Vec<u8> = match &self.scene.as_ref()?.terrain {
-            Terrain::Constant(z_m) => z_m.to_le_bytes().to_vec(),
-            Terrain::Grid(dem) => {
-                let place = [dem.corner_m().0, dem.corner_m().1, dem.cell_m().0, dem.cell_m().1];
-                let heights = dem.heights_m().data().iter().flat_map(|z| z.to_le_bytes());
-                place.into_iter().flat_map(f64::to_le_bytes).chain(heights).collect()
-            }
-        };
-        Some(sha256_hex(&bytes))
+    pub fn hashes(&self) -> PartHashes {
+        PartHashes::over(&self.footprints, self.scene.as_ref().map(|scene| &scene.terrain))
     }
 
     /// What the priors of some of its views are made from, each once, sorted.
@@ -198,13 +247,6 @@ impl<'a> Part<'a> {
         let views = self.survey.views.iter().filter(|view| is_wanted(&view.id));
         let files: Result<Vec<_>, _> = views.map(|view| self.priors.source().file_of(view)).collect();
         Ok(files?.into_iter().flatten().collect())
-    }
-
-    /// The photos that its roofs may be settled by, each once, sorted.
-    #[must_use]
-    pub fn photo_files(&self) -> BTreeSet<PathBuf> {
-        let asked = self.survey.views.iter().filter(|view| asks_photo(self.config, view));
-        asked.filter_map(|view| view.image.clone()).collect()
     }
 
     /// Finds the heights. A part that no view sees, or without usable priors, is solved all the same: its buildings are
@@ -244,9 +286,10 @@ impl<'a> Part<'a> {
         }
     }
 
-    /// The origin of its results, made from some files.
+    /// The origin of its results, made from some files by the settings that concern it.
     #[must_use]
     pub fn lineage(&self, command: &str, inputs: Vec<InputFile>) -> Lineage {
-        lineage_of(self.config, command, inputs)
+        let settings = part_settings(self.config).to_string();
+        Lineage { config_sha256: sha256_hex(settings.as_bytes()), ..lineage_of(self.config, command, inputs) }
     }
 }

@@ -40,6 +40,36 @@ impl PriorConfig {
         }
     }
 
+    /// Whether the name of a prior depends on its photo's position in the survey.
+    #[must_use]
+    pub fn asks_for_positions(&self) -> bool {
+        matches!(self, Self::Files(files) if files.path.contains("{index}"))
+    }
+
+    /// Files that all priors depend on: a network's graph, the names in a stack.
+    #[must_use]
+    pub fn shared_files(&self) -> Vec<PathBuf> {
+        match self {
+            Self::Files(files) => files.names.iter().cloned().collect(),
+            Self::Network(network) => vec![network.model.clone()],
+            Self::Stereo(_) => Vec::new(),
+        }
+    }
+
+    /// What each photo's prior is made from: its file, or the photo.
+    ///
+    /// # Errors
+    /// [`PriorError::Config`] for settings that cannot work.
+    pub fn file_of_each(&self, views: &[View]) -> Result<Vec<Option<PathBuf>>, PriorError> {
+        match self {
+            Self::Files(config) => {
+                let files = FilePriors::new(config.clone(), views.iter().map(|view| &view.id))?;
+                views.iter().map(|view| files.path_of(&view.id).map(Some)).collect()
+            }
+            Self::Network(_) | Self::Stereo(_) => Ok(views.iter().map(|view| view.image.clone()).collect()),
+        }
+    }
+
     /// Gets the source ready for a survey over a terrain; no prior is read or computed yet.
     ///
     /// # Errors

@@ -43,10 +43,28 @@ pub enum TilesError {
         /// What was asked for.
         id: String,
     },
+    /// What a plan or a tile was made from has changed.
+    #[error("{what} is stale: {why}\nhint: {hint}")]
+    Stale {
+        /// Which one.
+        what: String,
+        /// What has changed.
+        why: String,
+        /// What to do.
+        hint: &'static str,
+    },
+    /// Something that a tile reads changed while it was run.
+    #[error("while tile {id} was run: {why}\nhint: run it again once nobody writes to its input")]
+    ChangedMeanwhile {
+        /// The tile.
+        id: String,
+        /// What has changed.
+        why: String,
+    },
     /// Tiles that are not done.
     #[error(
         "{} of {n_tiles} tiles are not done, the first of them {first}\nhint: run them, or merge what there is with \
-         --allow-missing",
+         --allow-missing; `sizeup tiles status` tells of each why",
         n_missing
     )]
     Missing {
@@ -54,13 +72,13 @@ pub enum TilesError {
         n_missing: usize,
         /// Of how many.
         n_tiles: usize,
-        /// The first of them.
+        /// The first of them, and why.
         first: String,
     },
     /// A tile that needs more memory than there is.
     #[error(
-        "tile {id} needs about {needs_mb} MB, and {has_mb} MB may be used\nhint: plan smaller tiles, with --buildings or \
-         --memory"
+        "tile {id} needs about {needs_mb} MB, and {has_mb} MB may be used\nhint: allow more with --memory (of a tile) or \
+         --total-memory (of all that run at a time), or plan smaller tiles with --buildings"
     )]
     TooLarge {
         /// Which one.
@@ -69,6 +87,15 @@ pub enum TilesError {
         needs_mb: u64,
         /// What may be used.
         has_mb: u64,
+    },
+    /// 3D Tiles that cannot be placed on the earth.
+    #[error(
+        "3D Tiles of this city cannot be written: {source}\nhint: get the grid, or state what heights are: --geoid-height \
+         45.5, --heights ellipsoidal, or --heights none for a city without 3D Tiles"
+    )]
+    Heights {
+        /// Why.
+        source: OutputError,
     },
     /// A program that cannot be started.
     #[error("cannot start {}", program.display())]
@@ -99,9 +126,13 @@ impl TilesError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Pipeline(error) => error.exit_code(),
-            Self::Setting { .. } | Self::PaperPreset | Self::NoSuchTile { .. } => 2,
-            Self::Plan { .. } | Self::Missing { .. } => 3,
-            Self::TooLarge { .. } | Self::Start { .. } | Self::Output(_) | Self::File(_) => 4,
+            Self::Setting { .. }
+            | Self::PaperPreset
+            | Self::NoSuchTile { .. }
+            | Self::TooLarge { .. }
+            | Self::Heights { .. } => 2,
+            Self::Plan { .. } | Self::Stale { .. } | Self::Missing { .. } => 3,
+            Self::ChangedMeanwhile { .. } | Self::Start { .. } | Self::Output(_) | Self::File(_) => 4,
         }
     }
 }

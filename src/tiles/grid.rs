@@ -10,6 +10,9 @@ use crate::terrain::MapBox;
 /// Side of the smallest tile, metres.
 const SMALLEST_M: f64 = 125.0;
 
+/// Side beyond which squares are not made larger to bound what halos cost, metres.
+const LARGEST_M: f64 = 100_000.0;
+
 /// A square tile's core.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Core {
@@ -83,15 +86,50 @@ pub fn even(places: &Places, side_m: f64) -> Vec<Core> {
     cores
 }
 
-/// Squares that hold at most `n_buildings`, unless they are as small as tiles get.
+/// Side of the squares that a place is first cut into: the least step that is no shorter than it.
 #[must_use]
-pub fn by_count(places: &Places, n_buildings: usize) -> Vec<Core> {
-    let Some(extent) = places.extent() else { return Vec::new() };
+pub fn side_around(places: &Places) -> f64 {
+    let extent = places.extent();
+    step_of(extent.map_or(0.0, |extent| (extent.east_m - extent.west_m).max(extent.north_m - extent.south_m)))
+}
+
+/// The least side of a tile that is no shorter than a length: the smallest tile's, doubled as often as it takes.
+#[must_use]
+pub fn step_of(length_m: f64) -> f64 {
     let mut side_m = SMALLEST_M;
-    while side_m < (extent.east_m - extent.west_m).max(extent.north_m - extent.south_m) {
+    while side_m < length_m {
         side_m *= 2.0;
     }
+    side_m
+}
+
+/// Squares that hold at most `n_buildings`, unless they are as small as tiles get.
+#[must_use]
+pub fn by_count(places: &Places, side_m: f64, n_buildings: usize) -> Vec<Core> {
     split_while(places, even(places, side_m), &|core| places.count(&core.area()) > n_buildings)
+}
+
+/// Buildings that squares of one side solve with their halos, for each building that there is.
+#[must_use]
+pub fn solved_per_building(places: &Places, cores: &[Core], halo_m: f64) -> f64 {
+    let n_solved: usize = cores.iter().map(|core| places.count(&core.area().grown(halo_m))).sum();
+    let n_own: usize = cores.iter().map(|core| places.count(&core.area())).sum();
+    n_solved as f64 / n_own.max(1) as f64
+}
+
+/// Side of squares whose halos solve at most `most` times the buildings that there are: as small as that allows, so that there
+/// are many to share out.
+#[must_use]
+pub fn side_bounded(places: &Places, halo_m: f64, most: f64) -> f64 {
+    // Over an even town a square of side s solves (1 + 2 halo / s)² times its own.
+    let mut side_m = step_of(2.0 * halo_m / (most.sqrt() - 1.0));
+    loop {
+        let cores = even(places, side_m);
+        if cores.len() <= 1 || side_m > LARGEST_M || solved_per_building(places, &cores, halo_m) <= most {
+            return side_m;
+        }
+        side_m *= 2.0;
+    }
 }
 
 /// Quarters squares that are too large, and what comes of them; empty ones are left out. Ordered as [`even`].
@@ -124,15 +162,30 @@ mod tests {
     fn every_building_lies_in_one_core_and_no_core_holds_too_many() {
         let middles = town();
         let places = Places::new(&middles);
-        for cores in [even(&places, 250.0), by_count(&places, 100)] {
+        for cores in [even(&places, 250.0), by_count(&places, 2000.0, 100)] {
             for &middle in &middles {
                 assert_eq!(cores.iter().filter(|core| core.area().holds(middle)).count(), 1, "{middle:?}");
             }
             assert!(cores.iter().all(|core| places.count(&core.area()) > 0));
         }
-        let cores = by_count(&places, 100);
+        let cores = by_count(&places, side_around(&places), 100);
         assert!(cores.iter().all(|core| places.count(&core.area()) <= 100 || core.side_m <= SMALLEST_M));
         assert!(cores.iter().any(|core| core.side_m > 500.0), "the sparse part is not cut up");
+    }
+
+    #[test]
+    fn halos_cost_no_more_than_is_allowed_where_tiles_can_be_large_enough() {
+        // 10,000 houses, 20 m apart.
+        let middles: Vec<(f64, f64)> =
+            (0..10_000).map(|i| (f64::from(i % 100) * 20.0 + 565_000.0, f64::from(i / 100) * 20.0)).collect();
+        let places = Places::new(&middles);
+        for halo_m in [20.0, 100.0, 700.0, 2600.0] {
+            let side_m = side_bounded(&places, halo_m, 1.5);
+            let cores = even(&places, side_m);
+            let cost = solved_per_building(&places, &cores, halo_m);
+            assert!(cost <= 1.5, "{halo_m} m: {cost} in {} tiles of {side_m} m", cores.len());
+            assert!(halo_m > 20.0 || cores.len() > 10, "small halos leave many tiles: {}", cores.len());
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The files of the contract: `tiles.json`, what lies in `tiles/`, and the word that a tile is done.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -13,11 +13,14 @@ use crate::config::RunConfig;
 use crate::files::FileError;
 use crate::footprint::RefusedFootprint;
 use crate::frames::LocalOrigin;
+use crate::hashes::{Content, Hashes};
 use crate::ids::ViewId;
 use crate::issue::Issue;
+use crate::output::tiles3d::Heights;
 use crate::output::{InputFile, Status};
 use crate::paths;
-use crate::pipeline::Frame;
+use crate::pipeline::{Frame, PartHashes};
+use crate::recipe::Recipe;
 use crate::scene::HeightBounds;
 use crate::survey::View;
 use crate::terrain::MapBox;
@@ -25,8 +28,8 @@ use crate::terrain::MapBox;
 /// What there is to do.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// Version of the program that made the plan.
-    pub sizeup: String,
+    /// What it was made from.
+    pub made_by: Recipe,
     /// Origin of the local frame that all tiles share, map frame, metres.
     pub origin_m: [f64; 3],
     /// Least and greatest height that is looked for, metres.
@@ -37,6 +40,8 @@ pub struct Manifest {
     pub view_margin_m: f64,
     /// The configuration, paths resolved.
     pub config: RunConfig,
+    /// What the merge is to make of heights.
+    pub tileset: Tileset,
     /// Files that all tiles share, with their hashes at the time of the plan.
     pub inputs: Vec<InputFile>,
     /// Features whose ids are not what their attribute says, by the layer's own number.
@@ -47,6 +52,16 @@ pub struct Manifest {
     pub n_views: usize,
     /// In the order in which they are merged.
     pub tiles: Vec<Tile>,
+}
+
+/// Whether the city gets 3D Tiles.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Tileset {
+    /// None.
+    LeftOut,
+    /// With heights that are this.
+    Written(Heights),
 }
 
 /// One tile of the plan.
@@ -68,6 +83,8 @@ pub struct Tile {
     pub memory_mb: u64,
     /// Hash of its `views.json`.
     pub views_sha256: String,
+    /// What it reads of the files that all tiles share.
+    pub reads: PartHashes,
 }
 
 /// The views of a tile, poses in the project's CRS.
@@ -75,8 +92,13 @@ pub struct Tile {
 pub struct TileViews {
     /// In the order of the survey.
     pub views: Vec<View>,
-    /// Their positions in the whole survey.
+    /// Their positions in the whole survey, where a prior's name depends on them; else empty, so that a photo more
+    /// elsewhere changes nothing here.
     pub positions: Vec<usize>,
+    /// What their priors are made from, sorted.
+    pub priors: BTreeSet<PathBuf>,
+    /// Photos that roofs may be settled by, sorted.
+    pub photos: BTreeSet<PathBuf>,
 }
 
 impl TileViews {
@@ -101,12 +123,10 @@ pub(super) struct Common {
 /// The word that a tile is done, written last.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Done {
-    /// Version of the program that ran it.
-    pub sizeup: String,
     /// Which tile.
     pub tile: String,
-    /// Hash of everything that it was made from.
-    pub input_sha256: String,
+    /// Everything that it was made from.
+    pub made_by: Recipe,
     /// Its files by name, with their hashes.
     pub outputs: BTreeMap<String, String>,
     /// Buildings that it writes.
@@ -170,6 +190,24 @@ impl Layout {
         self.folder.join("tiles").join(format!("{id}.done.json"))
     }
 
+    /// What became of the last try to run a tile that has not come to its end.
+    #[must_use]
+    pub fn attempt(&self, id: &str) -> PathBuf {
+        self.folder.join("tiles").join(format!("{id}.try.json"))
+    }
+
+    /// What is known of the files that something was made from: a tile, the `"plan"`, or the `"city"`.
+    #[must_use]
+    pub fn hashes(&self, of: &str) -> PathBuf {
+        self.folder.join("tiles").join("hashes").join(format!("{of}.json"))
+    }
+
+    /// What is settled once for the city.
+    #[must_use]
+    pub fn frame(&self) -> PathBuf {
+        self.folder.join("tiles").join("frame.json")
+    }
+
     /// The lock of a tile, or of the whole (`"city"`).
     #[must_use]
     pub fn lock(&self, of: &str) -> PathBuf {
@@ -182,17 +220,13 @@ impl Layout {
         self.folder.join("city.done.json")
     }
 
-    /// Reads the plan.
+    /// Reads the plan, whichever program made it.
     ///
     /// # Errors
-    /// [`TilesError::Plan`] where there is none, or one of another version.
+    /// [`TilesError::Plan`] where there is none, or none that this program can read.
     pub fn read_manifest(&self) -> Result<Manifest, TilesError> {
         let path = self.manifest();
         let manifest: Manifest = read_json(&path)?;
-        if manifest.sizeup != env!("CARGO_PKG_VERSION") {
-            let message = format!("made by sizeup {}, this is {}", manifest.sizeup, env!("CARGO_PKG_VERSION"));
-            return Err(TilesError::Plan { path, message });
-        }
         if let Some(tile) = manifest.tiles.iter().find(|tile| paths::single(&tile.id).is_none()) {
             let message = format!("a tile is called {:?}: expected the name of a folder below tiles/", tile.id);
             return Err(TilesError::Plan { path, message });
@@ -228,12 +262,23 @@ impl Manifest {
 }
 
 impl Done {
-    /// Whether the tile's files are those that were written.
+    /// The first of the tile's files that is not the one that was written, and what is the matter with it.
     #[must_use]
-    pub fn is_intact(&self, layout: &Layout) -> bool {
-        let folder = layout.tile(&self.tile);
-        self.outputs.iter().all(|(name, sha256)| hash_of(&folder.join(name)).is_ok_and(|found| found == *sha256))
+    pub fn fault(&self, layout: &Layout, hashes: &Hashes) -> Option<String> {
+        fault_of(&layout.tile(&self.tile), &self.outputs, hashes)
     }
+}
+
+/// The first of some files, by name and hash, that is not the one that was written, and what is the matter with it.
+pub(super) fn fault_of(folder: &Path, files: &BTreeMap<String, String>, hashes: &Hashes) -> Option<String> {
+    if let Some(name) = files.keys().find(|name| paths::within(name).is_none()) {
+        return Some(format!("damaged: it names {name:?}, which is no file of its folder"));
+    }
+    files.iter().find_map(|(name, sha256)| match hashes.of(&folder.join(name)) {
+        Ok(found) if found.sha256 == *sha256 => None,
+        Ok(_) => Some(format!("damaged: {name} is not the file that was written")),
+        Err(_) => Some(format!("damaged: {name} is missing")),
+    })
 }
 
 /// Reads one of the plan's files.
@@ -245,7 +290,7 @@ pub(super) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, TilesErro
 
 /// SHA-256 of a file, hexadecimal.
 pub(super) fn hash_of(path: &Path) -> Result<String, FileError> {
-    InputFile::hash("", path).map(|file| file.sha256)
+    Content::of(path).map(|content| content.sha256).map_err(FileError::on("cannot read", path))
 }
 
 /// Removes what a writer that was killed left in a folder: only for those who hold its lock.

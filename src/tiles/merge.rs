@@ -6,21 +6,25 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::manifest::{Common, Done, Layout, Manifest, hash_of, read_json, sweep_litter};
+use super::attempt::remove_if_there;
+use super::manifest::{Common, Done, Layout, Manifest, Tileset, hash_of, read_json, sweep_litter};
 use super::merged::TileRecords;
-use super::run::{BUILDINGS, HALO, ISSUES, LINEAGE};
+use super::run::{BUILDINGS, HALO, ISSUES, LINEAGE, PART_OF_FOOTPRINTS, PART_OF_TERRAIN, PLAN_AGAIN};
 use super::seams::{self, SeamReport};
+use super::stale::{Check, Trust, known};
+use super::status::State;
 use super::{Lock, TilesError};
 use crate::files::FileError;
 use crate::issue::{Issue, Severity, Subject};
 use crate::output::geopackage::{self, TileArea};
 use crate::output::reports::{write_issues, write_json};
-use crate::output::tiles3d::{self, Heights, Tiles3dConfig};
-use crate::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records as _, Status, cityjson, sha256_hex};
-use crate::paths;
-use crate::pipeline::{refused_records, unstated_reference};
+use crate::output::tiles3d::{self, Tiles3dConfig};
+use crate::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records as _, Status, cityjson};
+use crate::pipeline::{lineage_of, refused_records, unstated_reference};
+use crate::recipe::Recipe;
 use crate::stats;
 use crate::survey::Survey;
+use crate::unfinished::Unfinished;
 
 /// The city's layer package.
 const GEOPACKAGE: &str = "city.gpkg";
@@ -43,8 +47,10 @@ pub enum Missing {
 pub struct MergeOptions {
     /// Tiles that are not done.
     pub missing: Missing,
-    /// What heights are, for 3D Tiles.
-    pub heights: Heights,
+    /// What 3D Tiles are made of heights; `None`: what the plan says.
+    pub tileset: Option<Tileset>,
+    /// How much of what is known of files is believed.
+    pub trust: Trust,
 }
 
 /// What was merged.
@@ -68,8 +74,10 @@ pub struct Merged {
     pub no_tileset: Option<String>,
     /// Files by name, with their hashes.
     pub outputs: BTreeMap<String, String>,
-    /// Hash of all that it was made from.
-    input_sha256: String,
+    /// What was to be made of heights.
+    pub tileset: Tileset,
+    /// All that it was made from.
+    pub made_by: Recipe,
 }
 
 impl Merged {
@@ -85,44 +93,62 @@ impl Merged {
 /// nothing is done.
 ///
 /// # Errors
-/// [`TilesError`]: no plan, tiles missing, two tiles with one building, files that cannot be written.
+/// [`TilesError`]: no plan, or one whose input has changed since; tiles that are missing, stale or failed; two tiles with
+/// one building; files that cannot be written.
 pub fn merge(layout: &Layout, options: &MergeOptions, wait: &dyn Fn(&str)) -> Result<Merged, TilesError> {
     let manifest = layout.read_manifest()?;
     let _lock = Lock::take(&layout.lock("city"), wait)?;
     sweep_litter(layout.folder());
-    let done: Vec<Option<Done>> =
-        manifest.tiles.iter().map(|tile| layout.read_done(&tile.id).filter(|done| done.is_intact(layout))).collect();
-    let pairs = manifest.tiles.iter().zip(&done);
-    let missing: Vec<String> = pairs.filter(|(_, done)| done.is_none()).map(|(tile, _)| tile.id.clone()).collect();
+    let names = ["plan", "city"].into_iter().chain(manifest.tiles.iter().map(|tile| tile.id.as_str()));
+    let hashes = known(layout, options.trust, names);
+    let check = Check { layout, manifest: &manifest, hashes: &hashes };
+    if let Some(why) = check.plan() {
+        return Err(TilesError::Stale { what: "the plan".to_owned(), why, hint: PLAN_AGAIN });
+    }
+    let (done, missing) = done_tiles(&check);
     if let (Some(first), Missing::Refuse) = (missing.first(), options.missing) {
         let (n_missing, n_tiles) = (missing.len(), done.len());
-        return Err(TilesError::Missing { n_missing, n_tiles, first: first.clone() });
+        let first = format!("{} ({})", first.0, first.1);
+        return Err(TilesError::Missing { n_missing, n_tiles, first });
     }
-    let input_sha256 = input_sha256(layout, &done, options)?;
+    let tileset = options.tileset.unwrap_or(manifest.tileset);
+    let made_by = check.merge(&done, tileset);
     if let Ok(merged) = read_json::<Merged>(&layout.merged())
-        && merged.input_sha256 == input_sha256
-        && merged.is_intact(layout.folder())
+        && check.why_not_merged(&made_by, &merged).is_none()
     {
         return Ok(merged);
     }
+    // From here on its files are being replaced: the old word no longer holds.
+    remove_if_there(&layout.merged())?;
+    let unfinished = Unfinished::begin(layout.folder(), &format!("sizeup tiles merge {}", layout.folder().display()))?;
+    let missing = missing.into_iter().map(|(id, _)| id).collect();
     let city = City { layout, manifest: &manifest, done: done.iter().flatten().collect(), missing };
-    let merged = city.write(options, input_sha256)?;
+    let merged = city.write(tileset, made_by)?;
+    unfinished.finish()?;
     write_json(&layout.merged(), &merged)?;
     Ok(merged)
 }
 
-fn input_sha256(layout: &Layout, done: &[Option<Done>], options: &MergeOptions) -> Result<String, TilesError> {
-    let shared = [hash_of(&layout.manifest())?, hash_of(&layout.common())?];
-    let parts = json!([env!("CARGO_PKG_VERSION"), shared, done, options.heights]);
-    Ok(sha256_hex(parts.to_string().as_bytes()))
-}
-
-impl Merged {
-    fn is_intact(&self, folder: &Path) -> bool {
-        let is_same =
-            |(name, sha256): (&String, &String)| hash_of(&folder.join(name)).is_ok_and(|found| found == *sha256);
-        self.outputs.keys().all(|name| paths::within(name).is_some()) && self.outputs.iter().all(is_same)
-    }
+/// The word of every tile that is done, in the plan's order, and the others with why they are not.
+fn done_tiles(check: &Check<'_>) -> (Vec<Option<Done>>, Vec<(String, String)>) {
+    use rayon::prelude::*;
+    let of_tile = |tile: &super::Tile| {
+        let status = check.status(tile);
+        let done = check.layout.read_done(&tile.id).filter(|_| status.state == State::Done);
+        let why = match (status.state, status.why) {
+            (State::Waiting, None) => "it has not been run".to_owned(),
+            (State::Running, _) => format!("it is being run by {}", status.runner.unwrap_or_default()),
+            (state, why) => {
+                let state = if state == State::Failed { "failed" } else { "stale" };
+                format!("{state}: {}", why.unwrap_or_default().lines().next().unwrap_or_default())
+            }
+        };
+        (tile.id.clone(), done, why)
+    };
+    let all: Vec<_> = check.manifest.tiles.par_iter().map(of_tile).collect();
+    let missing =
+        all.iter().filter(|(_, done, _)| done.is_none()).map(|(id, _, why)| (id.clone(), why.clone())).collect();
+    (all.into_iter().map(|(_, done, _)| done).collect(), missing)
 }
 
 /// A city about to be written.
@@ -134,7 +160,7 @@ struct City<'a> {
 }
 
 impl City<'_> {
-    fn write(self, options: &MergeOptions, input_sha256: String) -> Result<Merged, TilesError> {
+    fn write(self, tileset: Tileset, made_by: Recipe) -> Result<Merged, TilesError> {
         let (config, folder) = (&self.manifest.config, self.layout.folder());
         let common: Common = read_json(&self.layout.common())?;
         let issues = self.issues(common.issues)?;
@@ -147,7 +173,7 @@ impl City<'_> {
         let overview = geopackage::write_divided(&folder.join(GEOPACKAGE), &model, gpkg, &self.areas())?;
         geopackage::write_project(&folder.join("city.qgs"), GEOPACKAGE, &model, gpkg)?;
         cityjson::write_sequence(&folder.join(SEQUENCE), &model, &config.output.cityjson)?;
-        let no_tileset = write_tileset(&folder.join(TILESET), &model, options)?;
+        let no_tileset = write_tileset(&folder.join(TILESET), &model, tileset)?;
         write_issues(&folder.join("issues.json"), &issues)?;
         write_json(&folder.join("lineage.json"), &lineage)?;
         let seams = seams::compare(&records.files, &self.files(HALO))?;
@@ -168,7 +194,8 @@ impl City<'_> {
             seams,
             outputs: outputs(folder, no_tileset.is_none())?,
             no_tileset,
-            input_sha256,
+            tileset,
+            made_by,
         })
     }
 
@@ -193,16 +220,15 @@ impl City<'_> {
         Ok(issues)
     }
 
+    /// The whole files that the plan was made from, of which each tile read its part, and the priors of all tiles.
     fn lineage(&self) -> Result<Lineage, TilesError> {
         let mut inputs: BTreeSet<InputFile> = self.manifest.inputs.iter().cloned().collect();
-        let mut lineage = None;
         for path in self.files(LINEAGE) {
-            let mut of_tile: Lineage = read_json(&path)?;
-            inputs.extend(std::mem::take(&mut of_tile.inputs));
-            lineage.get_or_insert(of_tile);
+            let of_tile: Lineage = read_json(&path)?;
+            let is_whole = |file: &InputFile| ![PART_OF_FOOTPRINTS, PART_OF_TERRAIN].contains(&file.role.as_str());
+            inputs.extend(of_tile.inputs.into_iter().filter(is_whole));
         }
-        let lineage = lineage.unwrap_or_default();
-        Ok(Lineage { command: "sizeup tiles merge".to_owned(), inputs: inputs.into_iter().collect(), ..lineage })
+        Ok(lineage_of(&self.manifest.config, "sizeup tiles merge", inputs.into_iter().collect()))
     }
 
     fn areas(&self) -> Vec<TileArea> {
@@ -224,12 +250,14 @@ impl City<'_> {
 fn write_tileset(
     path: &Path,
     model: &CityModel<'_, TileRecords>,
-    options: &MergeOptions,
+    tileset: Tileset,
 ) -> Result<Option<String>, TilesError> {
-    let config = Tiles3dConfig { heights: options.heights, ..Tiles3dConfig::default() };
+    let Tileset::Written(heights) = tileset else { return Ok(Some("none were asked for".to_owned())) };
+    let config = Tiles3dConfig { heights, ..Tiles3dConfig::default() };
     match tiles3d::write(path, model, &config) {
         Ok(Overview { .. }) => Ok(None),
         Err(reason @ OutputError::HeightsNotStated { .. }) => Ok(Some(reason.to_string())),
+        Err(source @ OutputError::Crs(_)) => Err(TilesError::Heights { source }),
         Err(error) => Err(error.into()),
     }
 }
@@ -244,10 +272,26 @@ fn count(records: &TileRecords) -> Result<(BTreeMap<Status, usize>, Option<f64>)
     Ok((by_status, stats::median(&heights)))
 }
 
+/// Every file of the city, by its name in the folder.
 fn outputs(folder: &Path, has_tileset: bool) -> Result<BTreeMap<String, String>, TilesError> {
-    let names = [GEOPACKAGE, "city.qgs", SEQUENCE, "issues.json", "lineage.json", "summary.json"];
-    let tileset = [format!("{TILESET}/tileset.json")];
-    let names = names.iter().map(|&name| name.to_owned()).chain(tileset.into_iter().filter(|_| has_tileset));
+    let mut names: Vec<String> =
+        [GEOPACKAGE, "city.qgs", SEQUENCE, "issues.json", "lineage.json", "summary.json"].map(str::to_owned).to_vec();
+    if has_tileset {
+        names_below(folder, TILESET, &mut names).map_err(FileError::on("cannot read", &folder.join(TILESET)))?;
+    }
     let hash = |name: String| hash_of(&folder.join(&name)).map(|sha256| (name, sha256));
-    Ok(names.map(hash).collect::<Result<_, FileError>>()?)
+    Ok(names.into_iter().map(hash).collect::<Result<_, FileError>>()?)
+}
+
+fn names_below(folder: &Path, name: &str, names: &mut Vec<String>) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(folder.join(name))? {
+        let entry = entry?;
+        let name = format!("{name}/{}", entry.file_name().to_string_lossy());
+        if entry.file_type()?.is_dir() {
+            names_below(folder, &name, names)?;
+        } else {
+            names.push(name);
+        }
+    }
+    Ok(())
 }

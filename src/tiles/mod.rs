@@ -8,10 +8,13 @@
 //!
 //! A building belongs to the tile whose core holds the middle of its outline (west and south edge belong to the core).
 //! Around the core lies a halo, whose buildings are solved too, because they stand in the way of rays and are what
-//! priors are brought to metres by; only the core's are written. What is done is decided by hashes of contents, never by
-//! times of files.
+//! priors are brought to metres by; only the core's are written. What is done is decided by hashes of contents: the plan,
+//! each tile and the merge keep the recipe that they were made by, and are stale where the recipe of now is another one.
+//! Times of files only tell whether a hash that is known need be taken again.
 
+mod attempt;
 mod error;
+mod frame;
 mod grid;
 mod lock;
 mod manifest;
@@ -23,14 +26,17 @@ mod pool;
 mod run;
 mod seams;
 mod sight;
+mod stale;
 mod status;
 
+pub use attempt::Attempt;
 pub use error::TilesError;
 pub use lock::Lock;
-pub use manifest::{Done, Layout, Manifest, Tile, TileViews};
+pub use manifest::{Done, Layout, Manifest, Tile, TileViews, Tileset};
 pub use merge::{MergeOptions, Merged, Missing, merge};
-pub use plan::{PlanSettings, plan};
+pub use plan::{Change, PlanSettings, Planned, inputs, plan, try_plan};
 pub use pool::{PoolSettings, TileOutcome, available_memory_mb, run_all};
 pub use run::{TileRun, run_tile};
 pub use seams::{SeamClass, SeamReport};
-pub use status::{State, TileStatus, status};
+pub use stale::Trust;
+pub use status::{CityStatus, State, TileStatus, status};

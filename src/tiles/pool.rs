@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use super::TilesError;
 use super::manifest::{Layout, Tile};
 use super::run::write_log;
+use super::{TilesError, Trust};
 use crate::files::FileError;
 
 /// Between two looks at the processes.
@@ -29,6 +29,8 @@ pub struct PoolSettings {
     pub memory_mb: u64,
     /// How often a tile that failed is tried again.
     pub n_retries: usize,
+    /// How much of what is known of files is believed.
+    pub trust: Trust,
 }
 
 /// How a tile ended.
@@ -94,6 +96,11 @@ pub fn run_all(
                 Some(Some(code @ (0 | 5))) => {
                     outcomes.push(TileOutcome { id: one.tile.id.clone(), exit_code: Some(code) });
                 }
+                // Settings and input stay what they are.
+                Some(Some(2 | 3)) => {
+                    let exit_code = one.child.wait().ok().and_then(|status| status.code());
+                    outcomes.push(TileOutcome { id: one.tile.id.clone(), exit_code });
+                }
                 Some(_) if one.n_tries < settings.n_retries => waiting.push_back((one.tile, one.n_tries + 1)),
                 Some(exit_code) => outcomes.push(TileOutcome { id: one.tile.id.clone(), exit_code }),
             }
@@ -126,6 +133,7 @@ fn start(layout: &Layout, tile: &Tile, settings: &PoolSettings) -> Result<Child,
         .args(["tiles", "run"])
         .arg(layout.folder())
         .args(["--tile", &tile.id, "--threads", &settings.n_threads.to_string()])
+        .args((settings.trust == Trust::Nothing).then_some("--rehash"))
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(log)

@@ -5,16 +5,18 @@ use std::path::Path;
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 
-use super::manifest::{Done, Layout, Manifest, Tile, TileViews, hash_of, read_json, sweep_litter};
-use super::plan::settings_sha256;
+use super::attempt::{Attempt, remove_if_there};
+use super::manifest::{Done, Layout, Tile, TileViews, hash_of, sweep_litter};
+use super::stale::{Check, Trust, known};
 use super::{Lock, TilesError};
 use crate::files::{FileError, write_whole, write_whole_unflushed};
+use crate::ids::ViewId;
 use crate::issue::{Severity, Subject};
 use crate::output::reports::{write_issues, write_json};
-use crate::output::{CityModel, InputFile, Status, cityjson, sha256_hex};
-use crate::pipeline::{Part, PartHeights, Tell, outlines_around};
+use crate::output::{CityModel, InputFile, Status, cityjson};
+use crate::pipeline::{Part, PartHeights, Tell, layer_of, outlines_around};
+use crate::recipe::{Recipe, program};
 use crate::survey::Survey;
 
 /// Its buildings, one a line, exactly as they were found.
@@ -28,7 +30,28 @@ pub(super) const LINEAGE: &str = "lineage.json";
 /// Its buildings for others.
 const CITY: &str = "city.city.json";
 /// What it cost: differs from run to run, so it is no result.
-const COST: &str = "cost.json";
+pub(super) const COST: &str = "cost.json";
+/// What it read of the outlines, in its lineage.
+pub(super) const PART_OF_FOOTPRINTS: &str = "footprints, the tile's part";
+/// What it read of the terrain, in its lineage.
+pub(super) const PART_OF_TERRAIN: &str = "terrain, the tile's part";
+
+/// What a tile cost.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Cost {
+    /// From start to end.
+    pub seconds: f64,
+    /// Of all threads, where the system tells.
+    pub processor_seconds: Option<f64>,
+    /// The most memory that it held, megabytes, where the system tells.
+    pub peak_mb: Option<u64>,
+    /// What the plan expected.
+    pub estimate_mb: u64,
+    /// Buildings of core and halo.
+    pub n_solved: usize,
+    /// The program that ran it.
+    pub program: String,
+}
 
 /// What running a tile came to.
 #[derive(Debug, Clone, PartialEq)]
@@ -62,97 +85,125 @@ pub(super) struct HaloHeight {
 /// whom) and finds it done.
 ///
 /// # Errors
-/// [`TilesError`]: a plan that does not fit, input that cannot be read, files that cannot be written. The tile is then
-/// not done, and running it again starts from the beginning.
-pub fn run_tile(layout: &Layout, id: &str, wait: &dyn Fn(&str), tell: Tell<'_>) -> Result<TileRun, TilesError> {
-    let start = Instant::now();
+/// [`TilesError`]: a plan that does not fit, input that cannot be read or has changed since the plan, files that cannot be
+/// written. The tile is then not done, and running it again starts from the beginning.
+pub fn run_tile(
+    layout: &Layout,
+    id: &str,
+    trust: Trust,
+    wait: &dyn Fn(&str),
+    tell: Tell<'_>,
+) -> Result<TileRun, TilesError> {
     let manifest = layout.read_manifest()?;
     manifest.config.limits.set();
     let tile = manifest.tile(id)?;
     let _lock = Lock::take(&layout.lock(id), wait)?;
-    let folder = layout.tile(id);
-    sweep_litter(&folder);
-    let mut part = part_of(layout, &manifest, tile)?;
-    let inputs = inputs_of(&manifest, &part, |_| true)?;
-    let input_sha256 = input_sha256(&manifest, tile, &part, &inputs)?;
-    if let Some(done) = layout.read_done(id).filter(|done| done.input_sha256 == input_sha256)
-        && done.is_intact(layout)
-    {
+    sweep_litter(&layout.tile(id));
+    let hashes = known(layout, trust, ["plan", id].into_iter());
+    let check = Check { layout, manifest: &manifest, hashes: &hashes };
+    let views = check.views(tile)?;
+    if manifest.made_by.program() != program() {
+        let why = format!("made by sizeup {}, this is {}", manifest.made_by.program(), program());
+        return Err(TilesError::Stale { what: "the plan".to_owned(), why, hint: PLAN_AGAIN });
+    }
+    let wanted = check.tile_of(tile, &views);
+    if let Some(done) = layout.read_done(id).filter(|done| check.why_not_done(&wanted, done).is_none()) {
+        // The files may be the same after all: then nobody need read them again.
+        check.keep_hashes(tile, &views, &done)?;
+        Attempt::forget(layout, id)?;
         return Ok(TileRun::WasDone(done));
     }
-    // From here on its files are being replaced: the old word no longer holds.
-    let path = layout.done(id);
-    if path.exists() {
-        std::fs::remove_file(&path).map_err(FileError::on("cannot remove", &path))?;
+    let attempt = Attempt::start(layout, id)?;
+    match run_anew(&check, tile, views, wanted, tell) {
+        Ok(done) => {
+            Attempt::forget(layout, id)?;
+            Ok(TileRun::Ran(done))
+        }
+        Err(error) => {
+            attempt.fail(layout, &error);
+            Err(error)
+        }
     }
-    let heights = part.solve(tell)?;
-    let done = write(layout, &manifest, tile, &part, heights, input_sha256)?;
-    let cost = json!({ "seconds": start.elapsed().as_secs_f64(), "peak_mb": peak_mb(), "estimate_mb": tile.memory_mb });
-    write_json(&folder.join(COST), &cost)?;
-    write_json(&path, &done)?;
-    Ok(TileRun::Ran(done))
 }
 
-fn part_of<'a>(layout: &Layout, manifest: &'a Manifest, tile: &Tile) -> Result<Part<'a>, TilesError> {
-    let path = layout.views(&tile.id);
-    if hash_of(&path)? != tile.views_sha256 {
-        return Err(TilesError::Plan { path, message: "it is not the one that the plan was written with".to_owned() });
+/// What to do where the plan is stale.
+pub(super) const PLAN_AGAIN: &str =
+    "plan again with `sizeup tiles plan`: tiles that the change does not touch stay done";
+
+fn run_anew(
+    check: &Check<'_>,
+    tile: &Tile,
+    views: TileViews,
+    wanted: Recipe,
+    tell: Tell<'_>,
+) -> Result<Done, TilesError> {
+    let (start, layout, manifest) = (Instant::now(), check.layout, check.manifest);
+    let mut part = part_of(check, tile, views.clone())?;
+    // From here on its files are being replaced: the old word no longer holds.
+    let path = layout.done(&tile.id);
+    remove_if_there(&path)?;
+    let heights = part.solve(tell)?;
+    let done = write(check, tile, &part, heights, &wanted)?;
+    if let Some(why) = check.tile_of(tile, &views).why_stale(&wanted) {
+        return Err(TilesError::ChangedMeanwhile { id: tile.id.clone(), why });
     }
-    let views: TileViews = read_json(&path)?;
-    let footprints = outlines_around(&manifest.config, tile.halo, &manifest.renamed)?;
+    let cost = Cost {
+        seconds: start.elapsed().as_secs_f64(),
+        processor_seconds: processor_seconds(),
+        peak_mb: peak_mb(),
+        estimate_mb: tile.memory_mb,
+        n_solved: tile.n_solved,
+        program: manifest.made_by.program().to_owned(),
+    };
+    write_json(&layout.tile(&tile.id).join(COST), &cost)?;
+    check.keep_hashes(tile, &views, &done)?;
+    write_json(&path, &done)?;
+    Ok(done)
+}
+
+fn part_of<'a>(check: &Check<'a>, tile: &Tile, views: TileViews) -> Result<Part<'a>, TilesError> {
+    let manifest = check.manifest;
     let positions = views.positions_by_name();
     let survey = Survey { views: views.views, issues: Vec::new() };
-    Ok(Part::new(&manifest.config, manifest.frame(), survey, positions, footprints)?)
+    let footprints = outlines_around(&manifest.config, tile.halo, &manifest.renamed)?;
+    let part = Part::new(&manifest.config, manifest.frame(), survey, positions, footprints)?;
+    if part.hashes() != tile.reads {
+        let own = || format!("the outlines or the terrain of tile {} are not those of the plan", tile.id);
+        let (what, why) = ("the plan".to_owned(), check.plan().unwrap_or_else(own));
+        return Err(TilesError::Stale { what, why, hint: PLAN_AGAIN });
+    }
+    Ok(part)
 }
 
-/// The shared files as the plan knows them, and the priors of the views that are wanted.
+/// What a tile's result was made from: its part of the files that all tiles share, and the priors of the views that were
+/// used.
 fn inputs_of(
-    manifest: &Manifest,
+    check: &Check<'_>,
+    tile: &Tile,
     part: &Part<'_>,
-    is_wanted: impl Fn(&crate::ids::ViewId) -> bool,
+    used: &HashSet<&ViewId>,
 ) -> Result<Vec<InputFile>, TilesError> {
-    let priors = part.prior_files(is_wanted)?;
-    // A file that cannot be read is an issue of its view, and its absence is part of the input.
-    let hashed = priors.iter().filter_map(|path| InputFile::hash("prior", path).ok());
-    let mut inputs: Vec<InputFile> = manifest.inputs.iter().cloned().chain(hashed).collect();
+    let config = &check.manifest.config;
+    let outlines = layer_of(config)?.path.clone();
+    let terrain = config.terrain.dtm.iter().zip(&tile.reads.terrain);
+    let parts = std::iter::once((PART_OF_FOOTPRINTS, outlines, tile.reads.outlines.clone()))
+        .chain(terrain.map(|(path, content)| (PART_OF_TERRAIN, path.clone(), content.clone())));
+    let parts = parts.map(|(role, path, content)| InputFile::holding(role, &path, content));
+    let priors = part.prior_files(|view| used.contains(view))?;
+    let priors = priors.iter().filter_map(|path| Some(InputFile::holding("prior", path, check.hashes.of(path).ok()?)));
+    let mut inputs: Vec<InputFile> = parts.chain(priors).collect();
     inputs.sort();
     Ok(inputs)
 }
 
-/// Hash of everything that a tile is made from: settings, frame, views, outlines on their ground, and priors. The shared
-/// files count by what the tile reads of them, so that a change elsewhere in the city leaves it done.
-fn input_sha256(manifest: &Manifest, tile: &Tile, part: &Part<'_>, inputs: &[InputFile]) -> Result<String, TilesError> {
-    let priors: Vec<&InputFile> = inputs.iter().filter(|file| file.role == "prior").collect();
-    let photos = part.photo_files();
-    let photos: Vec<InputFile> = photos.iter().filter_map(|path| InputFile::hash("photo", path).ok()).collect();
-    let parts = json!({
-        "sizeup": manifest.sizeup,
-        "settings": settings_sha256(&manifest.config),
-        "frame": [manifest.origin_m.to_vec(), manifest.heights_m.map(f64::from).to_vec()],
-        "core": tile.core,
-        "halo": tile.halo,
-        "views": tile.views_sha256,
-        "footprints": sha256_hex(&to_bytes(part.footprints())?),
-        "terrain": part.terrain_sha256(),
-        "priors": priors,
-        "photos": photos,
-    });
-    Ok(sha256_hex(&to_bytes(&parts)?))
-}
-
-fn to_bytes(value: &impl Serialize) -> Result<Vec<u8>, FileError> {
-    serde_json::to_vec(value).map_err(|e| FileError::on("cannot hash", Path::new("the tile's input"))(e.into()))
-}
-
 fn write(
-    layout: &Layout,
-    manifest: &Manifest,
+    check: &Check<'_>,
     tile: &Tile,
     part: &Part<'_>,
     heights: PartHeights,
-    input_sha256: String,
+    made_by: &Recipe,
 ) -> Result<Done, TilesError> {
-    let folder = layout.tile(&tile.id);
+    let folder = check.layout.tile(&tile.id);
     // Parts of an outline that was taken apart go with the outline.
     let belongs = |id: &str| part.middle_of(id).is_some_and(|middle| tile.core.holds(middle));
     let (own, others): (Vec<_>, Vec<_>) = heights.records.into_iter().partition(|record| belongs(&record.id));
@@ -166,9 +217,9 @@ fn write(
         Subject::View(_) | Subject::Input(_) => true,
     });
     let used: HashSet<_> = heights.used_views.iter().collect();
-    let inputs = inputs_of(manifest, part, |view| used.contains(view))?;
+    let inputs = inputs_of(check, tile, part, &used)?;
     let lineage = part.lineage(&format!("sizeup tiles run --tile {}", tile.id), inputs);
-    let config = &manifest.config;
+    let config = &check.manifest.config;
     issues.extend(cityjson::check(&own, &config.output.cityjson)?);
     let model = CityModel {
         records: own.as_slice(),
@@ -194,9 +245,8 @@ fn write(
         || by_status.contains_key(&Status::Unknown)
         || by_status.contains_key(&Status::Refused);
     Ok(Done {
-        sizeup: manifest.sizeup.clone(),
         tile: tile.id.clone(),
-        input_sha256,
+        made_by: made_by.clone(),
         outputs,
         n_buildings: own.len(),
         n_heights: own.iter().filter(|r| r.height_m.is_some()).count(),
@@ -222,6 +272,17 @@ fn peak_mb() -> Option<u64> {
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kilobytes: u64 = line.split_whitespace().next()?.parse().ok()?;
     Some(kilobytes.div_ceil(1000))
+}
+
+/// Processor time of this process and its threads, seconds, where the system tells.
+fn processor_seconds() -> Option<f64> {
+    /// Ticks of a second in `/proc`, on every Linux in use.
+    const TICKS: f64 = 100.0;
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // The name, in brackets, may hold anything; user and system time are the 12th and 13th word after it.
+    let words: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    let ticks: f64 = words.get(11)?.parse::<f64>().ok()? + words.get(12)?.parse::<f64>().ok()?;
+    Some(ticks / TICKS)
 }
 
 /// Keeps what a tile said while it ran.

@@ -3,19 +3,23 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::manifest::{Layout, Tile};
-use super::{Lock, TilesError};
+use super::TilesError;
+use super::manifest::{Layout, Tile, read_json};
+use super::merge::Merged;
+use super::stale::{Check, Trust, known};
 
-/// Where a tile stands.
+/// Where a tile, or the merge, stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
-    /// Its files are there and whole.
+    /// It is there, whole, and what would be made now.
     Done,
     /// Somebody is at it.
     Running,
-    /// It was done, and its files are not those that were written.
-    Damaged,
+    /// It was made from something else than there is now, or its files are not those that were written.
+    Stale,
+    /// It was tried, and did not come to a good end.
+    Failed,
     /// There is nothing yet.
     Waiting,
 }
@@ -27,28 +31,91 @@ pub struct TileStatus {
     pub tile: Tile,
     /// Where it stands.
     pub state: State,
-    /// 0, or 5 where some items have no result; absent where it is not done.
+    /// Why it is stale, or has failed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub why: Option<String>,
+    /// Of a tile that is done 0, or 5 where some items have no result; of one that failed that of its last try, if it came
+    /// to its end.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exit_code: Option<u8>,
+    /// Tries of one that failed.
+    pub n_tries: usize,
     /// Who is at it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub runner: Option<String>,
+    /// Hash of what it would be made from now.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub input_sha256: Option<String>,
 }
 
-/// Where every tile stands, in the plan's order. Whether a tile's input has changed since is for its next run to see.
+impl TileStatus {
+    /// A tile of which nothing is known yet.
+    pub(super) fn of(tile: &Tile) -> Self {
+        let (why, exit_code, runner, input_sha256) = (None, None, None, None);
+        Self { tile: tile.clone(), state: State::Waiting, why, exit_code, n_tries: 0, runner, input_sha256 }
+    }
+}
+
+/// Where a whole city stands.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CityStatus {
+    /// Why the plan is stale; absent where it is not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plan_stale: Option<String>,
+    /// Every tile, in the plan's order.
+    pub tiles: Vec<TileStatus>,
+    /// The merge.
+    pub merge: State,
+    /// Why the merge is stale.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub merge_stale: Option<String>,
+    /// Bytes that were read to learn what files hold.
+    pub n_bytes_read: u64,
+}
+
+impl CityStatus {
+    /// How many tiles stand somewhere.
+    #[must_use]
+    pub fn count(&self, state: State) -> usize {
+        self.tiles.iter().filter(|one| one.state == state).count()
+    }
+}
+
+/// Where a city stands. Nothing but what is known of files is written.
 ///
 /// # Errors
-/// [`TilesError::Plan`] where there is none.
-pub fn status(layout: &Layout) -> Result<Vec<TileStatus>, TilesError> {
+/// [`TilesError::Plan`] where there is no plan.
+pub fn status(layout: &Layout, trust: Trust) -> Result<CityStatus, TilesError> {
     let manifest = layout.read_manifest()?;
-    let of_tile = |tile: Tile| {
-        let runner = Lock::holder_of(&layout.lock(&tile.id));
-        let done = layout.read_done(&tile.id);
-        let state = match (&runner, &done) {
-            (Some(_), _) => State::Running,
-            (None, Some(done)) if done.is_intact(layout) => State::Done,
-            (None, Some(_)) => State::Damaged,
-            (None, None) => State::Waiting,
-        };
-        TileStatus { tile, state, exit_code: done.map(|done| done.exit_code), runner }
+    let names = ["plan", "city"].into_iter().chain(manifest.tiles.iter().map(|tile| tile.id.as_str()));
+    let hashes = known(layout, trust, names);
+    let check = Check { layout, manifest: &manifest, hashes: &hashes };
+    let of_tile = |tile: &Tile| {
+        let n_before = hashes.n_bytes_read();
+        let status = check.status(tile);
+        // What had to be read need not be read by the next one.
+        if let (true, Some(done), Ok(views)) =
+            (hashes.n_bytes_read() > n_before, layout.read_done(&tile.id), check.views(tile))
+        {
+            check.keep_hashes(tile, &views, &done)?;
+        }
+        Ok(status)
     };
-    Ok(manifest.tiles.into_par_iter().map(of_tile).collect())
+    let tiles: Vec<TileStatus> = manifest.tiles.par_iter().map(of_tile).collect::<Result<_, TilesError>>()?;
+    let done: Vec<_> =
+        tiles.iter().map(|one| (one.state == State::Done).then(|| layout.read_done(&one.tile.id)).flatten()).collect();
+    let merged: Option<Merged> = read_json(&layout.merged()).ok();
+    let (merge, merge_stale) = match &merged {
+        None => (State::Waiting, None),
+        Some(merged) => match check.why_not_merged(&check.merge(&done, merged.tileset), merged) {
+            None => (State::Done, None),
+            why => (State::Stale, why),
+        },
+    };
+    let plan_stale = check.plan();
+    let n_bytes_read = hashes.n_bytes_read();
+    if n_bytes_read > 0 {
+        check.keep_hashes_of_city(merged.as_ref())?;
+    }
+    Ok(CityStatus { plan_stale, tiles, merge, merge_stale, n_bytes_read })
 }

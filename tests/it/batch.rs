@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, SystemTime};
 
-use crate::tiles::{SIZE, assert_same, ids, merge, plan, results, undisturbed};
-use crate::tiny_scene::Scene;
+use crate::tiles::{SIZE, assert_same, heights, ids, merge, plan, results, undisturbed};
+use crate::tiny_scene::{N_BUILDINGS, Scene};
 
 fn repository(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
@@ -102,6 +102,78 @@ fn an_engine_that_is_killed_goes_on_where_it_was() {
     assert_same(&expected, &results(&scene, "city"));
 }
 
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned()
+}
+
+/// Greatest height of the merged city.
+fn tallest_m(scene: &Scene) -> f64 {
+    heights(&scene.path("city/city.city.jsonl")).values().filter_map(|(height_m, _)| *height_m).fold(0.0, f64::max)
+}
+
+#[test]
+fn snakemake_notices_settings_outlines_and_priors_that_have_changed() {
+    let Some(snakemake) = snakemake() else { return };
+    let scene = Scene::new();
+    scene.change_footprints(|_| {});
+    let run = || {
+        let output = engine(&snakemake, &scene, "local", &LOCAL).output().unwrap();
+        assert_success(&output);
+        said(&output)
+    };
+    run();
+    let limit_m = (tallest_m(&scene) * 0.75).floor();
+    // A setting.
+    scene.edit("sizeup.toml", |text| {
+        text.replace("[optimise]\n", &format!("[optimise]\nmax_height_m = {limit_m:.1}\n"))
+    });
+    let ran = run();
+    assert_eq!(ran.matches("rule tile:").count(), ids(&scene).len(), "{ran}");
+    assert!(tallest_m(&scene) < limit_m * 1.5, "{} m where {limit_m} m are looked for", tallest_m(&scene));
+    assert!(run().contains("Nothing to be done"));
+    // A building.
+    let mut layer = scene.json("footprints.geojson");
+    let gone = layer["features"].as_array_mut().unwrap().remove(2)["properties"]["id"].clone();
+    fs::write(scene.path("footprints.geojson"), layer.to_string()).unwrap();
+    run();
+    let left = heights(&scene.path("city/city.city.jsonl"));
+    assert!(left.len() == N_BUILDINGS - 1 && !left.contains_key(gone.as_str().unwrap()), "{left:?}");
+    assert!(run().contains("Nothing to be done"));
+    // A prior: only the tiles that see it.
+    let stem = scene.stems().into_iter().find(|stem| stem.contains("oblique")).unwrap();
+    fs::write(scene.path(&format!("priors/{stem}.npy")), "not a prior").unwrap();
+    assert!(run().contains("rule tile:"));
+    let issues = fs::read_to_string(scene.path("city/issues.json")).unwrap();
+    assert!(issues.contains("prior_unusable"), "{issues}");
+    // A result that was damaged.
+    let damaged = scene.path(&format!("city/tiles/{}/buildings.jsonl", ids(&scene)[0]));
+    fs::write(&damaged, "not what was written").unwrap();
+    assert_eq!(run().matches("rule tile:").count(), 1);
+    assert!(run().contains("Nothing to be done"));
+}
+
+#[test]
+fn snakemake_goes_on_in_a_folder_that_was_planned_by_hand() {
+    let Some(snakemake) = snakemake() else { return };
+    let scene = Scene::new();
+    let expected = undisturbed(&scene);
+    plan(&scene);
+    assert_success(&engine(&snakemake, &scene, "local", &LOCAL).output().unwrap());
+    assert_same(&expected, &results(&scene, "city"));
+}
+
+#[test]
+fn a_tile_has_a_time_limit_on_slurm_also_where_a_partition_is_named() {
+    let Some(snakemake) = snakemake() else { return };
+    let scene = Scene::new();
+    assert_success(&engine(&snakemake, &scene, "local", &LOCAL).output().unwrap());
+    fs::remove_file(scene.path(&format!("city/tiles/{}.done.json", ids(&scene)[0]))).unwrap();
+    let more = ["--default-resources", "slurm_partition=batch", "slurm_account=me", "--dry-run"];
+    let told = said(&engine(&snakemake, &scene, "slurm", &more).output().unwrap());
+    let resources = told.lines().find(|line| line.contains("resources:") && line.contains("mem_mb=")).expect(&told);
+    assert!(resources.contains("runtime=240") && resources.contains("slurm_partition=batch"), "{told}");
+}
+
 /// A Slurm of our own, ended on drop.
 struct Slurm {
     folder: PathBuf,
@@ -169,7 +241,7 @@ fn a_slurm_array_runs_the_tiles_without_an_engine() {
         .args(["sizeup.toml", "city", "--partition=batch"])
         .env("SLURM_CONF", slurm.conf())
         .env("SIZEUP", env!("CARGO_BIN_EXE_sizeup"))
-        .env("CUT", format!("--size {SIZE}"))
+        .env("CUT", format!("--size {SIZE} --heights ellipsoidal"))
         .output()
         .unwrap();
     assert_success(&sent);

@@ -9,6 +9,7 @@ use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::read::{FoundBuildings, ReadOptions};
 
 use crate::outputs::town;
+use crate::tiny_scene::Scene;
 
 const FORMATS: [&str; 4] = ["out.city.json", "out.city.jsonl", "out.gpkg", "out.fgb"];
 
@@ -145,7 +146,48 @@ fn a_full_disk_leaves_the_old_file() {
         let stdout = String::from_utf8_lossy(&outcome.stdout).into_owned();
         let stderr = String::from_utf8_lossy(&outcome.stderr);
         assert_eq!(stdout.lines().collect::<Vec<_>>(), ["code 4", "the old file", name], "{name}: {stderr}");
+        assert!(!stderr.contains("sqlite") && !stderr.contains("INSERT"), "plain words, no statements: {stderr}");
+        let full = ["disk is full", "No space left"];
+        assert!(full.iter().any(|words| stderr.contains(words)), "{name}: {stderr}");
     }
+}
+
+#[test]
+fn the_next_export_sweeps_what_a_killed_one_left() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = input(folder.path(), "a");
+    for name in FORMATS {
+        let results = folder.path().join("results").join(name);
+        std::fs::create_dir_all(&results).unwrap();
+        let output = results.join(name);
+        assert!(!export_limited(&input, &output, "", 4).success());
+        assert!(!names_in(&results).is_empty(), "{name}: a writer that is killed sweeps nothing");
+        assert!(export_limited(&input, &output, "", 100_000).success());
+        assert_eq!(names_in(&results), [name]);
+    }
+}
+
+#[test]
+fn results_whose_writer_did_not_come_to_its_end_are_marked_until_they_are_whole_again() {
+    let scene = Scene::new();
+    assert!([0, 5].contains(&scene.run(&[]).code));
+    let mark = scene.path("result/UNFINISHED.txt");
+    assert!(!mark.exists());
+    // The city model fits the limit, the package, which has pages of its own, does not.
+    let size = std::fs::metadata(scene.path("result/city.city.json")).unwrap().len();
+    let script = format!("ulimit -f {}; exec \"$@\"", size.div_ceil(1024) + 8);
+    let killed = Command::new("bash")
+        .current_dir(scene.path(""))
+        .args(["-c", &script, "bash", env!("CARGO_BIN_EXE_sizeup"), "run", "sizeup.toml", "--from", "output"])
+        .args(["--set", "output.cityjson.scale_m=0.01"])
+        .output()
+        .unwrap();
+    assert!(!killed.status.success());
+    assert!(mark.exists(), "{}", String::from_utf8_lossy(&killed.stderr));
+    let export = || scene.sizeup(&["export", "result/city.gpkg", "again.city.json"]).stderr;
+    assert!(export().contains("warning: result/city.gpkg is among results that were being replaced"), "{}", export());
+    assert!([0, 5].contains(&scene.run(&[]).code));
+    assert!(!mark.exists() && !export().contains("warning"));
 }
 
 #[test]

@@ -7,8 +7,22 @@ use std::path::{Path, PathBuf};
 /// Modules by level, lowest first.
 const LEVELS: [&[&str]; 11] = [
     &[
-        "files", "frames", "gdal_log", "ids", "issue", "limits", "paths", "raster", "ray", "seed", "simd", "stats",
+        "files",
+        "frames",
+        "gdal_log",
+        "hashes",
+        "ids",
+        "issue",
+        "limits",
+        "paths",
+        "raster",
+        "ray",
+        "recipe",
+        "seed",
+        "simd",
+        "stats",
         "template",
+        "unfinished",
     ],
     &["camera", "cloud", "crs", "geodata", "onnx", "survey", "terrain"],
     &["footprint", "prior"],
@@ -23,7 +37,10 @@ const LEVELS: [&[&str]; 11] = [
 ];
 
 /// Imports within a level: who, whom, and why.
-const NEIGHBOURS: [(&str, &str, &str); 11] = [
+const NEIGHBOURS: [(&str, &str, &str); 14] = [
+    ("hashes", "files", "what is known of files is left behind in a file"),
+    ("recipe", "hashes", "a recipe is told by its hash"),
+    ("unfinished", "files", "a mark is a file"),
     ("geodata", "crs", "rasters and layers carry their CRS"),
     ("terrain", "crs", "a DTM is read in its own CRS"),
     ("terrain", "geodata", "a DTM is read through the one door to GDAL"),

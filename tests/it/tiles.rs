@@ -14,7 +14,7 @@ pub const SIZE: &str = "30";
 
 /// Plans the scene's city into the folder `city`.
 pub fn plan(scene: &Scene) -> Vec<String> {
-    let outcome = scene.sizeup(&["tiles", "plan", "sizeup.toml", "--output", "city", "--size", SIZE]);
+    let outcome = scene.sizeup(&["tiles", "plan", "sizeup.toml", "--output", "city", "--size", SIZE, "--heights", "ellipsoidal"]);
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
     ids(scene)
 }
@@ -35,7 +35,7 @@ pub fn run_tile(scene: &Scene, id: &str) -> Outcome {
 
 /// Merges what is done.
 pub fn merge(scene: &Scene, more: &[&str]) -> Outcome {
-    scene.sizeup(&[&["tiles", "merge", "city", "--heights", "ellipsoidal"], more].concat())
+    scene.sizeup(&[&["tiles", "merge", "city"], more].concat())
 }
 
 /// Everything that is a result: not what it cost, what was said, and who holds a lock.
@@ -44,7 +44,8 @@ pub fn results(scene: &Scene, folder: &str) -> BTreeMap<String, Vec<u8>> {
     let name = |path: &Path| path.strip_prefix(&root).unwrap().to_string_lossy().into_owned();
     let is_result = |name: &String| {
         let is_note = [".ok", "cost.json", "log.txt"].iter().any(|end| name.ends_with(end));
-        !(is_note || name.starts_with("tiles/locks") || name.starts_with("logs"))
+        let folders = ["tiles/locks", "tiles/hashes", "logs"];
+        !(is_note || folders.iter().any(|folder| name.starts_with(folder)))
     };
     let files = scene.files(folder).into_iter().map(|path| (name(&path), path));
     files.filter(|(name, _)| is_result(name)).map(|(name, path)| (name, fs::read(path).unwrap())).collect()
@@ -70,7 +71,7 @@ pub fn undisturbed(scene: &Scene) -> BTreeMap<String, Vec<u8>> {
 }
 
 /// Height and status by building, from a CityJSON file or sequence.
-fn heights(path: &Path) -> BTreeMap<String, (Option<f64>, String)> {
+pub fn heights(path: &Path) -> BTreeMap<String, (Option<f64>, String)> {
     let text = fs::read_to_string(path).unwrap();
     let is_sequence = path.extension().is_some_and(|e| e == "jsonl");
     let documents: Vec<Value> = if is_sequence {

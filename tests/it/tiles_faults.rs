@@ -59,7 +59,7 @@ fn tiles_and_merges_that_are_killed_leave_the_city_as_if_they_had_not_been() {
     assert!(n_killed > 0, "nothing was killed while it ran");
     run_rest(&scene);
     for k in 0..6 {
-        kill_after(&scene, &["tiles", "merge", "city", "--heights", "ellipsoidal"], 10 + 30 * k);
+        kill_after(&scene, &["tiles", "merge", "city"], 10 + 30 * k);
     }
     merge(&scene, &[]);
     assert_same(&expected, &results(&scene, "city"));
@@ -78,7 +78,7 @@ fn two_runners_of_one_tile_take_turns() {
         }
     }
     let mergers: Vec<Child> =
-        (0..2).map(|_| start(&scene, &["tiles", "merge", "city", "--heights", "ellipsoidal"])).collect();
+        (0..2).map(|_| start(&scene, &["tiles", "merge", "city"])).collect();
     for mut merger in mergers {
         assert!([0, 5].contains(&merger.wait().unwrap().code().unwrap()));
     }
@@ -169,7 +169,7 @@ fn times_of_files_decide_nothing() {
 }
 
 #[test]
-fn a_tile_whose_buildings_are_gone_is_done_and_empty() {
+fn a_tile_whose_buildings_are_gone_is_done_and_empty_once_that_is_planned() {
     let scene = Scene::new();
     scene.change_footprints(|_| {});
     let ids = plan(&scene);
@@ -178,10 +178,15 @@ fn a_tile_whose_buildings_are_gone_is_done_and_empty() {
     let kept = layer["features"].as_array().unwrap().last().unwrap().clone();
     layer["features"] = Value::Array(vec![kept]);
     fs::write(scene.path("footprints.geojson"), layer.to_string()).unwrap();
-    assert_eq!(run_rest(&scene), ids);
-    let n_buildings: u64 =
-        ids.iter().map(|id| scene.json(&format!("city/tiles/{id}.done.json"))["n_buildings"].as_u64().unwrap()).sum();
-    assert_eq!(n_buildings, 1);
+    for id in &ids {
+        let refused = run_tile(&scene, id);
+        assert_eq!(refused.code, 3, "{}", refused.stderr);
+        assert!(refused.stderr.contains("footprints.geojson has changed"), "{}", refused.stderr);
+    }
+    let planned = scene.sizeup(&["tiles", "plan", "sizeup.toml", "--output", "city", "--size", SIZE]);
+    assert_eq!(planned.code, 0, "{}", planned.stderr);
+    assert_eq!(scene.json("city/tiles.json")["tiles"].as_array().unwrap().len(), 1);
+    assert!([0, 5].contains(&run_tile(&scene, "0").code));
     assert!([0, 5].contains(&merge(&scene, &[]).code));
     assert_eq!(scene.json("city/summary.json")["n_buildings"], 1);
 }
@@ -192,7 +197,7 @@ fn a_pool_of_processes_makes_the_same_city_and_starts_nothing_that_does_not_fit(
     let expected = undisturbed(&scene);
     let tiled = ["--output", "city", "--tiled", "--size", SIZE, "--jobs", "2"];
     let refused = scene.run(&[&tiled[..], &["--total-memory", "10"]].concat());
-    assert_eq!(refused.code, 4);
+    assert_eq!(refused.code, 2);
     assert!(refused.stderr.contains("needs about"), "{}", refused.stderr);
     assert!(scene.files("city/tiles").iter().all(|path| !path.to_string_lossy().ends_with(".done.json")));
 

@@ -90,6 +90,11 @@ impl Scene {
         Self { folder }
     }
 
+    /// One that a test has made itself.
+    pub fn of(folder: TempDir) -> Self {
+        Self { folder }
+    }
+
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }

@@ -2,6 +2,7 @@
 # One tile of a plan as a task of a Slurm job array; workflows/slurm/submit.sh sends it.
 #SBATCH --job-name=sizeup-tile
 #SBATCH --requeue
+#SBATCH --time=04:00:00
 set -uo pipefail
 "${SIZEUP:-sizeup}" tiles run "$1" --tile "$SLURM_ARRAY_TASK_ID" --threads "${SLURM_CPUS_PER_TASK:-1}"
 code=$?

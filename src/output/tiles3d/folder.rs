@@ -4,7 +4,7 @@ use std::path::Path;
 use std::{fs, io};
 
 use super::super::OutputError;
-use crate::files::FileError;
+use crate::files::{FileError, partial_prefix, sweep_litter_of};
 
 /// The file that makes a folder a tileset.
 pub const TILESET: &str = "tileset.json";
@@ -23,7 +23,10 @@ pub fn write_whole(path: &Path, fill: impl FnOnce(&Path) -> Result<(), OutputErr
     }
     let parent = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(parent).map_err(failed)?;
-    let work = tempfile::Builder::new().prefix(".partial-").tempdir_in(parent).map_err(failed)?;
+    let name = path.file_name().map_or_else(|| "out".to_owned(), |name| name.to_string_lossy().into_owned());
+    sweep_litter_of(parent, &name);
+    let (prefix, suffix) = (partial_prefix(), format!("-{name}"));
+    let work = tempfile::Builder::new().prefix(&prefix).suffix(&suffix).tempdir_in(parent).map_err(failed)?;
     let (new, old) = (work.path().join("new"), work.path().join("old"));
     fs::create_dir(&new).map_err(failed)?;
     fill(&new)?;

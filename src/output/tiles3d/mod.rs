@@ -31,6 +31,7 @@ use super::picture::colour::{ColourMap, Rgb};
 use super::prism::Prism;
 use super::reports::write_json;
 use super::{CityModel, OutputError, Overview, Records};
+use crate::crs::Crs;
 use crate::files::{FileError, write_whole_unflushed};
 use crate::stats::quantile;
 pub use glb::Precision;
@@ -63,6 +64,14 @@ impl Default for Tiles3dConfig {
         let (heights, precision) = (Heights::default(), Precision::default());
         Self { heights, max_buildings: 500, precision, scale_m, min_thickness_m }
     }
+}
+
+/// Whether a city of a CRS can be placed on the earth, asked at one place of its map (metres), before any of it is there.
+///
+/// # Errors
+/// As [`write`]: [`OutputError::HeightsNotStated`], or [`OutputError::Crs`] such as a grid that PROJ lacks.
+pub fn check_place(crs: &Crs, heights: Heights, at_m: DVec3) -> Result<(), OutputError> {
+    Place::new(crs, heights, at_m).map(drop)
 }
 
 /// Height that gets the brightest colour: this share of the buildings is lower.
