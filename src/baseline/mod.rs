@@ -3,7 +3,7 @@
 //! | name | from | gives |
 //! |---|---|---|
 //! | [`metric_lift`] | priors, calibrated on free ground | one height per outline |
-//! | [`regression`] | priors, normalised | one height per outline |
+//! | [`regression`] | priors, normalised; the `paper` preset's optimiser | one height per outline |
 //! | [`constant`], [`neighbourhood`] | nothing, or known heights nearby | one height per outline |
 //! | [`percentile`] | a point cloud | one height per outline |
 //! | [`convex_hull`], [`stacked_prisms`] | a point cloud | a body per outline |
@@ -23,7 +23,7 @@ pub use hull::{HullError, convex_hull};
 pub use known::{constant, neighbourhood};
 pub use lift::{LiftConfig, metric_lift};
 pub use points::{SegmentedCloud, percentile};
-pub use regression::{Norm, RegressionConfig, regression};
+pub use regression::{Norm, regression};
 pub use slabs::{Slab, SlabConfig, stacked_prisms};
 
 use crate::optimise::{Reason, Solution, SolvedHeight};

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::reliability::{self, SigmaClass};
-use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, run_scene};
+use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, Variant, run_scene};
 use crate::evaluate::{BuildingError, HeightStatistics};
 use crate::files::write_whole;
 use crate::output::Status;
@@ -102,7 +102,7 @@ impl AccuracyConfig {
         SceneJob {
             name: format!("{}-{}-seed{}", word(&cell.town), word(&cell.level), cell.seed),
             simulate,
-            methods: self.methods.clone(),
+            variants: self.methods.iter().copied().map(Variant::as_it_is).collect(),
             assignments: vec![format!("optimise.working_px={}", self.image_px[0].max(self.image_px[1]))],
             paper_assignments: Vec::new(),
             with_bodies: false,
@@ -111,7 +111,7 @@ impl AccuracyConfig {
 }
 
 /// The name of an enumeration's variant in files.
-fn word(value: &impl Serialize) -> String {
+pub(super) fn word(value: &impl Serialize) -> String {
     serde_json::to_value(value).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }
 

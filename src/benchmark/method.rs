@@ -6,8 +6,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::baseline::{
-    LiftConfig, Norm, RegressionConfig, SegmentedCloud, SlabConfig, constant, convex_hull, metric_lift, neighbourhood,
-    percentile, regression, stacked_prisms,
+    LiftConfig, Norm, SegmentedCloud, SlabConfig, constant, convex_hull, metric_lift, neighbourhood, percentile,
+    regression, stacked_prisms,
 };
 use crate::config::RunConfig;
 use crate::evaluate::TruthBuilding;
@@ -25,9 +25,9 @@ pub enum Method {
     Robust,
     /// Priors to metres on free ground, roofs lifted, medians taken.
     MetricLift,
-    /// Absolute differences of normalised depth, made small.
+    /// Absolute differences of normalised depth, made small as `paper` makes its loss small.
     RegressionL1,
-    /// Squared differences of normalised depth, made small.
+    /// Squared differences of normalised depth, made small as `paper` makes its loss small.
     RegressionL2,
     /// Median of a point cloud inside each outline.
     PointsP50,
@@ -80,8 +80,8 @@ impl Method {
             Self::Paper => "the publication's optimiser: ordinal hinge and Adam",
             Self::Robust => "local search over the correlation of rendered depth and prior",
             Self::MetricLift => "each view's prior to metres on free ground, roof pixels lifted, medians per building",
-            Self::RegressionL1 => "absolute differences of normalised inverse depth made small by Adam, in all views",
-            Self::RegressionL2 => "squared differences of normalised inverse depth made small by Adam, in all views",
+            Self::RegressionL1 => "absolute differences of normalised inverse depth made small, otherwise as `paper`",
+            Self::RegressionL2 => "squared differences of normalised inverse depth made small, otherwise as `paper`",
             Self::PointsP50 => "median of a point cloud inside each outline, minus the ground",
             Self::PointsP70 => "70th percentile of a point cloud inside each outline, minus the ground",
             Self::PointsP90 => "90th percentile of a point cloud inside each outline, minus the ground",
@@ -150,9 +150,15 @@ impl Method {
         matches!(self, Self::Constant | Self::Neighbourhood)
     }
 
+    /// Whether it is the publication's optimiser, or that with another loss.
+    #[must_use]
+    pub fn selects_as_paper(self) -> bool {
+        matches!(self, Self::Paper | Self::RegressionL1 | Self::RegressionL2)
+    }
+
     /// Sets what the method needs in a run's configuration.
     pub(super) fn configure(self, config: &mut RunConfig) {
-        config.optimise.preset = if self == Self::Paper { Preset::Paper } else { Preset::Robust };
+        config.optimise.preset = if self.selects_as_paper() { Preset::Paper } else { Preset::Robust };
     }
 
     /// Heights, and bodies where it makes its own.
@@ -160,7 +166,7 @@ impl Method {
     pub fn answer(self, problem: &Problem<'_>, config: &OptimiseConfig, aids: &Aids) -> Answer {
         let cut = |inset_m: f64| SegmentedCloud::new(problem.scene, &aids.points, inset_m);
         let of_points = |percent: f64| percentile(problem, &cut(INSET_M), percent, MIN_POINTS);
-        let by_regression = |norm: Norm| regression(problem, &RegressionConfig { norm, ..RegressionConfig::default() });
+        let by_regression = |norm: Norm| regression(problem, config, norm);
         let known_heights = || aids.known.iter().map(|k| k.1).collect::<Vec<f64>>();
         let solution = match self {
             Self::Paper | Self::Robust => solve(problem, config),

@@ -3,7 +3,7 @@
 //! | suite | scenes | table |
 //! |---|---|---|
 //! | [`accuracy`] | seeds × towns × levels of prior errors | `accuracy.md` |
-//! | [`paper`] | as the paper's seven scenes, small scenes, a flight without a grid | `paper.md` |
+//! | [`paper`] | as the paper's seven scenes, small scenes, a flight without a grid; [`studies`] | `paper.md`, `studies.md` |
 //!
 //! A suite leaves one file per scene and method behind. A run that was stopped goes on where it was; a file is made anew
 //! if the scene's or the method's settings changed. One that another program made is taken over, since most changes of a
@@ -17,6 +17,7 @@ pub mod paper;
 mod programs;
 mod reliability;
 mod scene;
+pub mod studies;
 
 use std::path::PathBuf;
 
@@ -24,7 +25,8 @@ pub use bodies::BodyScores;
 pub use method::{Aids, Answer, Method};
 pub use programs::Programs;
 pub use reliability::SigmaClass;
-pub use scene::{Outcome, SceneJob, run_scene};
+pub use scene::{Outcome, Pass, SceneJob, Variant, run_scene};
+pub use studies::{Study, StudyConfig, StudyTables};
 
 use crate::config::ConfigError;
 use crate::evaluate::EvaluationError;

@@ -9,7 +9,8 @@ use std::fmt::Write as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, run_scene};
+use super::studies::{self, StudyConfig, StudyTables};
+use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, Variant, run_scene};
 use crate::files::write_whole;
 use crate::simulate::{ErrorConfig, FlightPattern, PriorLevel, SimulateConfig};
 
@@ -141,6 +142,8 @@ pub struct PaperConfig {
     pub seed: u64,
     /// Fewer buildings and views than the scenes have, and this longer side of images in pixels; for a quick look.
     pub shrink: Option<[usize; 3]>,
+    /// One setting of `paper` after the other changed, on scenes of their own.
+    pub studies: StudyConfig,
 }
 
 impl Default for PaperConfig {
@@ -152,6 +155,7 @@ impl Default for PaperConfig {
             errors: ErrorConfig::REALISTIC,
             seed: 1,
             shrink: None,
+            studies: StudyConfig::default(),
         }
     }
 }
@@ -161,7 +165,7 @@ impl PaperConfig {
     #[must_use]
     pub fn small() -> Self {
         let scenes = vec!["mini-village".to_owned(), "free-district".to_owned()];
-        Self { scenes, shrink: Some([8, 24, 160]), ..Self::default() }
+        Self { scenes, shrink: Some([8, 24, 160]), studies: StudyConfig::small(), ..Self::default() }
     }
 
     fn job(&self, scene: &PaperScene) -> Result<SceneJob, BenchmarkError> {
@@ -183,15 +187,9 @@ impl PaperConfig {
         Ok(SceneJob {
             name: scene.name.to_owned(),
             simulate,
-            methods: self.methods.clone(),
+            variants: self.methods.iter().copied().map(Variant::as_it_is).collect(),
             assignments: vec![format!("optimise.working_px={working_px}")],
-            paper_assignments: vec![
-                format!("optimise.views.n_spread={}", scene.n_selected),
-                "optimise.views.gate_percentile=50.0".to_owned(),
-                "optimise.views.min_views_per_building=3".to_owned(),
-                "optimise.views.min_rays=1".to_owned(),
-                "optimise.views.min_corners_inside=0.0".to_owned(),
-            ],
+            paper_assignments: vec![format!("optimise.views.n_spread={}", scene.n_selected)],
             with_bodies: true,
         })
     }
@@ -217,9 +215,12 @@ pub struct PaperTables {
     pub scenes: Vec<PaperResult>,
     /// Which programs made the outcomes.
     pub programs: Programs,
+    /// The studies, if any.
+    pub studies: StudyTables,
 }
 
-/// Runs the suite; after every scene `paper.json` and `paper.md` in the plan's folder hold what there is so far.
+/// Runs the suite; after every scene `paper.json` and `paper.md` in the plan's folder hold what there is so far, and
+/// `studies.json` and `studies.md` after every scene of the studies.
 ///
 /// # Errors
 /// [`BenchmarkError`].
@@ -230,12 +231,18 @@ pub fn run(config: &PaperConfig, plan: &Plan, tell: Tell<'_>) -> Result<PaperTab
         found.ok_or_else(|| BenchmarkError::UnknownScene { name: name.clone(), known: known() })
     };
     let scenes: Vec<&PaperScene> = config.scenes.iter().map(scene).collect::<Result<_, _>>()?;
-    for (setting, n) in [("scenes", scenes.len()), ("methods", config.methods.len())] {
-        if n == 0 {
-            return Err(BenchmarkError::Empty { setting });
-        }
+    if scenes.is_empty() && config.studies.of.is_empty() {
+        return Err(BenchmarkError::Empty { setting: "scenes" });
     }
-    let mut tables = PaperTables { config: config.clone(), scenes: Vec::new(), programs: Programs::default() };
+    if config.methods.is_empty() && !scenes.is_empty() {
+        return Err(BenchmarkError::Empty { setting: "methods" });
+    }
+    let mut tables = PaperTables {
+        config: config.clone(),
+        scenes: Vec::new(),
+        programs: Programs::default(),
+        studies: StudyTables::default(),
+    };
     for (i, scene) in scenes.iter().enumerate() {
         let job = config.job(scene)?;
         let outcomes = run_scene(&job, plan, &|what| tell(i, scenes.len(), &format!("{}: {what}", job.name)))?;
@@ -248,7 +255,7 @@ pub fn run(config: &PaperConfig, plan: &Plan, tell: Tell<'_>) -> Result<PaperTab
         })?;
         write_whole(&plan.folder.join("paper.md"), |out| out.write_all(tables.to_markdown().as_bytes()))?;
     }
-    tell(scenes.len(), scenes.len(), "done");
+    tables.studies = studies::run(&config.studies, plan, tell)?;
     Ok(tables)
 }
 
@@ -257,6 +264,9 @@ impl PaperTables {
     #[must_use]
     pub fn to_markdown(&self) -> String {
         let mut text = String::new();
+        if self.scenes.is_empty() {
+            return self.studies.to_markdown();
+        }
         text.push_str(
             "Heights, on our scenes:\n\n\
              | scene | buildings | views | method | #Sel | #Used | ratio | time s (user s) | err avg m | err 90 % m | acc avg % | acc 90 % % | no height |\n\
@@ -288,6 +298,7 @@ impl PaperTables {
         );
         text.push_str(&self.programs.to_markdown());
         text.push_str(&published());
+        text.push_str(&self.studies.to_markdown());
         text
     }
 }

@@ -15,10 +15,35 @@ use crate::evaluate::read::{TruthOptions, read_results, read_truth};
 use crate::evaluate::solid::Solid;
 use crate::evaluate::{HeightEvaluation, HeightOptions, TruthBuilding, evaluate_heights};
 use crate::files::{FileError, write_whole};
-use crate::optimise::{OptimiseConfig, Problem};
+use crate::optimise::{EpochRecord, OptimiseConfig, Problem};
 use crate::output::sha256_hex;
 use crate::pipeline::{RunOptions, RunSummary, Stage, run_with};
 use crate::simulate::{SimulateConfig, simulate};
+use crate::stats;
+
+/// A method with settings of its own, under a name.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Variant {
+    /// The method.
+    pub method: Method,
+    /// Unique among the scene's runs; empty for the method as it is.
+    pub name: String,
+    /// `table.key=value` settings on top of the job's.
+    pub assignments: Vec<String>,
+}
+
+impl Variant {
+    /// A method with the settings that it has in its job.
+    #[must_use]
+    pub fn as_it_is(method: Method) -> Self {
+        Self { method, name: String::new(), assignments: Vec::new() }
+    }
+
+    fn file_name(&self, scene: &str) -> String {
+        let dash = if self.name.is_empty() { "" } else { "-" };
+        format!("{scene}-{}{dash}{}.json", self.method.name(), self.name)
+    }
+}
 
 /// A scene and what runs on it.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,20 +52,20 @@ pub struct SceneJob {
     pub name: String,
     /// The scene.
     pub simulate: SimulateConfig,
-    /// The methods.
-    pub methods: Vec<Method>,
+    /// What is run.
+    pub variants: Vec<Variant>,
     /// `table.key=value` settings of the runs, on top of the scene's own.
     pub assignments: Vec<String>,
-    /// Settings of the `paper` method's runs only.
+    /// Settings of the runs of `paper` and of what differs from it by the loss alone.
     pub paper_assignments: Vec<String>,
     /// Whether bodies are compared with the true ones too.
     pub with_bodies: bool,
 }
 
 impl SceneJob {
-    fn assignments_of(&self, method: Method) -> Vec<String> {
-        let own = if method == Method::Paper { &*self.paper_assignments } else { &[] };
-        self.assignments.iter().chain(own).cloned().collect()
+    fn assignments_of(&self, variant: &Variant) -> Vec<String> {
+        let own = if variant.method.selects_as_paper() { &*self.paper_assignments } else { &[] };
+        self.assignments.iter().chain(own).chain(&variant.assignments).cloned().collect()
     }
 }
 
@@ -51,6 +76,9 @@ pub struct Outcome {
     pub scene: String,
     /// The method.
     pub method: Method,
+    /// Name of its settings; empty for the method as it is.
+    #[serde(default)]
+    pub variant: String,
     /// Hash of the settings of scene and method.
     pub settings_sha256: String,
     /// The program that made it; empty where that was not written down.
@@ -71,21 +99,49 @@ pub struct Outcome {
     /// Bodies against the true ones, where that was asked for.
     #[serde(default)]
     pub bodies: Option<BodyScores>,
+    /// Pass by pass, for methods that have passes.
+    #[serde(default)]
+    pub passes: Vec<Pass>,
 }
 
-/// The outcomes of a scene, in the order of its methods; from files where they are there and still hold.
+/// One pass over all views or buildings.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Pass {
+    /// Mean loss over the views.
+    pub loss: f64,
+    /// Mean relative change of the heights, 0..1 (the paper's measure of stability).
+    pub relative_change: f64,
+    /// Mean distance of the heights after this pass from those after the last, metres.
+    pub to_last_m: f64,
+}
+
+fn passes(history: &[EpochRecord]) -> Vec<Pass> {
+    let last = history.last().map_or(&[][..], |epoch| &epoch.heights_m);
+    let to_last_m = |heights_m: &[f32]| {
+        let ways: Vec<f64> = heights_m.iter().zip(last).map(|(h, end)| f64::from((h - end).abs())).collect();
+        stats::mean(&ways).unwrap_or(0.0)
+    };
+    let pass = |epoch: &EpochRecord| Pass {
+        loss: epoch.loss,
+        relative_change: epoch.relative_change,
+        to_last_m: to_last_m(&epoch.heights_m),
+    };
+    history.iter().map(pass).collect()
+}
+
+/// The outcomes of a scene, in the order of its variants; from files where they are there and still hold.
 ///
 /// # Errors
 /// [`BenchmarkError`].
 pub fn run_scene(job: &SceneJob, plan: &Plan, tell: &dyn Fn(&str)) -> Result<Vec<Outcome>, BenchmarkError> {
     let mut scene: Option<PathBuf> = None;
     let mut outcomes = Vec::new();
-    for &method in &job.methods {
-        let path = plan.folder.join("outcomes").join(format!("{}-{}.json", job.name, method.name()));
-        let settings_sha256 = settings_sha256(job, method);
+    for variant in &job.variants {
+        let path = plan.folder.join("outcomes").join(variant.file_name(&job.name));
+        let settings_sha256 = settings_sha256(job, variant);
         let is_wanted = |outcome: &Outcome| {
             let is_outdated = plan.again.outdated && outcome.program != plan.program;
-            !(is_outdated || plan.again.methods.contains(&method))
+            !(is_outdated || plan.again.methods.contains(&variant.method))
         };
         let known = read_outcome(&path, &settings_sha256).filter(is_wanted);
         let outcome = match known {
@@ -98,9 +154,9 @@ pub fn run_scene(job: &SceneJob, plan: &Plan, tell: &dyn Fn(&str)) -> Result<Vec
                         scene.insert(simulated(job, plan)?).clone()
                     }
                 };
-                tell(method.name());
+                tell(&format!("{} {}", variant.method.name(), variant.name));
                 let outcome =
-                    run_method(job, method, &folder, Origin { settings_sha256, program: plan.program.clone() })?;
+                    run_variant(job, variant, &folder, Origin { settings_sha256, program: plan.program.clone() })?;
                 write_whole(&path, |out| Ok(serde_json::to_writer(out, &outcome)?))?;
                 outcome
             }
@@ -113,13 +169,13 @@ pub fn run_scene(job: &SceneJob, plan: &Plan, tell: &dyn Fn(&str)) -> Result<Vec
     Ok(outcomes)
 }
 
-fn settings_sha256(job: &SceneJob, method: Method) -> String {
+fn settings_sha256(job: &SceneJob, variant: &Variant) -> String {
     let parts = serde_json::json!([
         env!("CARGO_PKG_VERSION"),
         job.simulate,
-        job.assignments_of(method),
+        job.assignments_of(variant),
         job.with_bodies,
-        method
+        variant.method
     ]);
     sha256_hex(parts.to_string().as_bytes())
 }
@@ -153,8 +209,9 @@ struct Origin {
     program: String,
 }
 
-fn run_method(job: &SceneJob, method: Method, folder: &Path, origin: Origin) -> Result<Outcome, BenchmarkError> {
-    let mut config = RunConfig::load(&folder.join("sizeup.toml"), &job.assignments_of(method))
+fn run_variant(job: &SceneJob, variant: &Variant, folder: &Path, origin: Origin) -> Result<Outcome, BenchmarkError> {
+    let method = variant.method;
+    let mut config = RunConfig::load(&folder.join("sizeup.toml"), &job.assignments_of(variant))
         .map_err(|source| BenchmarkError::Config { scene: job.name.clone(), source })?;
     method.configure(&mut config);
     config.output.pictures = false;
@@ -168,11 +225,12 @@ fn run_method(job: &SceneJob, method: Method, folder: &Path, origin: Origin) -> 
     let crs = config.project.crs.clone();
     let truth = read_truth(&folder.join("truth.geojson"), &TruthOptions::default(), &crs)?;
     let aids = aids(method, folder, &truth.buildings)?;
-    let (n_selected, own_bodies) = (Cell::new(0), RefCell::new(None));
+    let (n_selected, own_bodies, history) = (Cell::new(0), RefCell::new(None), RefCell::new(Vec::new()));
     let solver = |problem: &Problem<'_>, config: &OptimiseConfig| {
         let answer = method.answer(problem, config, &aids);
         n_selected.set(answer.solution.history.last().map_or(0, |epoch| epoch.n_selected));
         own_bodies.replace(answer.bodies);
+        history.replace(passes(&answer.solution.history));
         answer.solution
     };
     let user_before = user_seconds();
@@ -193,6 +251,7 @@ fn run_method(job: &SceneJob, method: Method, folder: &Path, origin: Origin) -> 
     Ok(Outcome {
         scene: job.name.clone(),
         method,
+        variant: variant.name.clone(),
         settings_sha256: origin.settings_sha256,
         program: origin.program,
         heights: evaluate_heights(&results, &truth.buildings, &HeightOptions::default())?,
@@ -202,6 +261,7 @@ fn run_method(job: &SceneJob, method: Method, folder: &Path, origin: Origin) -> 
         heights_s: seconds_of(&summary, Stage::Heights),
         user_s,
         bodies,
+        passes: history.take(),
     })
 }
 

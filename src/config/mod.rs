@@ -348,4 +348,19 @@ mod tests {
         assert_eq!(config.optimise.preset, crate::optimise::Preset::Paper);
         assert!(load(MINIMAL, &["seed"]).is_err());
     }
+
+    #[test]
+    fn one_setting_of_the_view_selection_leaves_the_others_to_the_preset() {
+        use crate::views::{Choice, ViewsConfig};
+        for preset in ["paper", "robust"] {
+            let of = |more: &[&str]| {
+                let preset = format!("optimise.preset={preset}");
+                load(MINIMAL, &[&[preset.as_str()], more].concat()).unwrap().optimise.views_in_force()
+            };
+            let changed = of(&["optimise.views.n_spread=7"]);
+            assert_eq!(changed, ViewsConfig { n_spread: 7, ..of(&[]) }, "{preset}");
+        }
+        let paper = load(MINIMAL, &["optimise.preset=paper", "optimise.views.gate_percentile=0.0"]).unwrap();
+        assert_eq!(paper.optimise.views_in_force().choice, Choice::Cover);
+    }
 }

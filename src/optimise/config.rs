@@ -5,13 +5,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::photometry::PolishConfig;
 use crate::scene::{HeightReference, RoofForm};
-use crate::views::ViewsConfig;
+use crate::views::{ViewsConfig, ViewsSettings};
 
 /// Which height solver runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
-    /// The publication to the letter: ordinal hinge, interior gradient, Adam.
+    /// The publication: dynamic view selection, ordinal hinge, gradient descent. What its text leaves open is listed in
+    /// `docs/concepts.md`, and a setting each.
     Paper,
     /// Ours: local search over an affine-blind correlation per building, then its roof's form.
     #[default]
@@ -34,8 +35,8 @@ pub struct OptimiseConfig {
     pub working_px: u32,
     /// One ray per block of this many pixels squared (4: 9,400 rays in a 448 × 336 view).
     pub stride_px: usize,
-    /// View selection; absent: the preset's own.
-    pub views: Option<ViewsConfig>,
+    /// View selection; what is absent is the preset's own.
+    pub views: ViewsSettings,
     /// The ordinal optimiser (`preset = "paper"`).
     pub ordinal: OrdinalConfig,
     /// The local search (`preset = "robust"`).
@@ -53,7 +54,7 @@ impl Default for OptimiseConfig {
             height_reference: HeightReference::Mean,
             working_px: 448,
             stride_px: 4,
-            views: None,
+            views: ViewsSettings::default(),
             ordinal: OrdinalConfig::default(),
             search: SearchConfig::default(),
             polish: PolishConfig::default(),
@@ -65,7 +66,7 @@ impl OptimiseConfig {
     /// The view selection in force.
     #[must_use]
     pub fn views_in_force(&self) -> ViewsConfig {
-        self.views.clone().unwrap_or_else(|| match self.preset {
+        self.views.over(match self.preset {
             Preset::Paper => ViewsConfig::paper(),
             Preset::Robust => ViewsConfig::robust(),
         })
@@ -109,13 +110,48 @@ pub enum Region {
     BuildingsAndGround,
 }
 
-/// Settings of the ordinal optimiser (`SiZeUp`, "Objective function"); defaults are the paper's where it
-/// states them; it leaves the step open.
+/// What is made small over the pixels of a view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Loss {
+    /// The hinge over pairs of pixels (the paper's).
+    #[default]
+    Ordinal,
+    /// Absolute differences of normalised inverse depth: a yardstick that differs by nothing but this.
+    L1,
+    /// Squared differences of normalised inverse depth: the same.
+    L2,
+}
+
+/// After how much of the loss a step is made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum StepOn {
+    /// The loss of one view, in a random order: as many steps per epoch as there are selected views.
+    #[default]
+    View,
+    /// The sum over all selected views, as the paper's `L = Σ_k L^k` reads: `steps_per_epoch` steps per epoch.
+    AllViews,
+}
+
+/// Settings of the ordinal optimiser (`SiZeUp`, "Objective function"). Defaults are the paper's where it states them (epochs,
+/// pairs, contrast, margin, refresh); what it leaves open says so.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct OrdinalConfig {
-    /// Passes over the selected views, one step per view.
+    /// Passes over the selected views.
     pub epochs: usize,
+    /// What is made small: `ordinal`, or `l1` and `l2` to compare with.
+    pub loss: Loss,
+    /// Whether a step follows one view's loss (`view`) or the sum over all selected ones (`all_views`). Left open.
+    pub step_on: StepOn,
+    /// Steps per epoch (`step_on = "all_views"`). Left open.
+    pub steps_per_epoch: usize,
+    /// Mean of the normal distribution that heights start from, as a share of the range of heights: 0 the least, 1 the
+    /// greatest. Left open.
+    pub start_mean_share: f32,
+    /// Standard deviation of that distribution, as a share of the range of heights. Left open.
+    pub start_sigma_share: f32,
     /// Pixel pairs per view and step.
     pub n_pairs: usize,
     /// Least prior contrast of a pair that has a vote, in median absolute deviations (the paper's `τ_d`).
@@ -126,9 +162,9 @@ pub struct OrdinalConfig {
     pub adaptive_margin: bool,
     /// Which pixels are compared.
     pub region: Region,
-    /// Which part of the derivative is followed.
+    /// Which part of the derivative is followed. Left open.
     pub gradient: Gradient,
-    /// Whether the scale of a view's rendered depths is differentiated too: `detached` (no) or `exact`.
+    /// Whether the scale of a view's rendered depths is differentiated too: `detached` (no) or `exact`. Left open.
     pub mad_gradient: MadGradient,
     /// Points sampled along each roof edge (`gradient = "edge_sampled"`).
     pub edge_points: usize,
@@ -136,7 +172,7 @@ pub struct OrdinalConfig {
     pub edge_partners: usize,
     /// Half width of the central difference at the first and last step, metres (annealed geometrically).
     pub difference_m: [f32; 2],
-    /// Adam's step at the first and last step, metres (annealed geometrically).
+    /// Adam's step at the first and last step, metres (annealed geometrically over the run). Left open.
     pub step_m: [f32; 2],
     /// Views are selected again every so many epochs.
     pub reselect_every: usize,
@@ -146,6 +182,11 @@ impl Default for OrdinalConfig {
     fn default() -> Self {
         Self {
             epochs: 20,
+            loss: Loss::Ordinal,
+            step_on: StepOn::View,
+            steps_per_epoch: 20,
+            start_mean_share: 0.5,
+            start_sigma_share: 0.25,
             n_pairs: 2048,
             min_contrast: 0.05,
             margin: 0.5,

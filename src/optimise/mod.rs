@@ -18,7 +18,9 @@ mod levels;
 mod ordinal;
 mod pitched;
 mod rays;
+mod regression;
 mod roof;
+mod schedule;
 mod score;
 mod search;
 mod solution;
@@ -27,7 +29,9 @@ mod stepped;
 mod stretches;
 mod two_levels;
 
-pub use config::{CalibrationRays, Gradient, MadGradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig};
+pub use config::{
+    CalibrationRays, Gradient, Loss, MadGradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig, StepOn,
+};
 pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
 pub use levels::{LevelGain, OtherLevel};
 pub use rays::Rays;

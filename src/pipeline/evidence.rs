@@ -52,6 +52,7 @@ pub(super) fn gather(
         scene: &stage.scene,
         views: &view_inputs(config, survey, &stage.scene),
         expect_priors: &|_| Vec::new(),
+        without_prior: &|_| None,
         load_prior: &|view| priors.load(survey, view).map_err(|e| e.to_string()),
         seed: config.seed,
         rays: &Rays::new(survey.views.len(), config.optimise.stride_px),

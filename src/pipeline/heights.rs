@@ -128,6 +128,7 @@ impl HeightSearch<'_> {
                 let done = |done, total| (self.tell)(Event::Advance { what: Solving::Priors, done, total });
                 priors.expect(self.survey, views, &done)
             },
+            without_prior: &|view| priors.absence(self.survey, view),
             load_prior: &load_prior,
             seed: self.config.seed,
             rays,

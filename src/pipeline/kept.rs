@@ -51,6 +51,11 @@ impl PriorStore {
         self.source.are_at_hand() || self.kept().by_view.contains_key(&view)
     }
 
+    /// Why a view has no prior, as far as that can be told without reading or computing one.
+    pub fn absence(&self, survey: &Survey, view: usize) -> Option<String> {
+        self.source.absence(&survey.views[view]).map(|e| e.to_string())
+    }
+
     /// The prior of a view by its position, along the optical axis.
     pub fn load(&self, survey: &Survey, view: usize) -> Result<DepthPrior, PriorError> {
         if let Some(prior) = self.kept().by_view.get(&view) {

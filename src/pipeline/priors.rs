@@ -79,6 +79,7 @@ fn selected<'a>(config: &RunConfig, survey: &'a Survey, stage: &SceneStage) -> V
         scene: &stage.scene,
         views: &views,
         expect_priors: &|_| Vec::new(),
+        without_prior: &|_| None,
         load_prior: &|_| Err("no prior is asked for".to_owned()),
         start_m: &[],
         seed: config.seed,

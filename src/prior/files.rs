@@ -151,6 +151,15 @@ impl FilePriors {
         })
     }
 
+    /// The file of a photo, if there is one; in archives and on servers nothing is looked for.
+    pub(super) fn present_path_of(&self, view: &ViewId) -> Result<PathBuf, PriorError> {
+        let path = self.path_of(view)?;
+        if !is_virtual(&path) && !path.exists() {
+            return Err(PriorError::Absent { view: view.to_string(), path });
+        }
+        Ok(path)
+    }
+
     /// Which map of a stack of `n` is the photo's.
     fn index_in_stack(&self, view: &ViewId, n: usize) -> Result<usize, String> {
         match &self.stack_order {
@@ -273,10 +282,7 @@ impl FilePriors {
 
 impl PriorSource for FilePriors {
     fn load(&self, view: &View) -> Result<DepthPrior, PriorError> {
-        let path = self.path_of(&view.id)?;
-        if !is_virtual(&path) && !path.exists() {
-            return Err(PriorError::Absent { view: view.id.to_string(), path });
-        }
+        let path = self.present_path_of(&view.id)?;
         let mut values = self.read(&path, view)?;
         self.check_shape(&path, (values.width(), values.height()), view)?;
         values.data_mut().iter_mut().for_each(|value| *value = self.settle(*value));

@@ -144,6 +144,15 @@ impl Priors {
         matches!(self, Self::Files(_)) || self.has_cache()
     }
 
+    /// Why a view has no prior, as far as that can be told without reading or computing one: its file is missing.
+    #[must_use]
+    pub fn absence(&self, view: &View) -> Option<PriorError> {
+        match self {
+            Self::Files(files) => files.present_path_of(&view.id).err(),
+            Self::Network(_) | Self::Stereo(_) => None,
+        }
+    }
+
     /// Whether a view's prior need not be computed any more: it is in a file, or in the cache.
     ///
     /// # Errors

@@ -26,18 +26,20 @@ pub struct Candidate {
     pub key: u64,
 }
 
-/// Chooses for each building; `candidates[v]` belongs to `visibilities[v]`, `centres` are the buildings' middles.
+/// Chooses for each building; `candidates[v]` belongs to `visibilities[v]` (`None`: the view takes no part), `centres`
+/// are the buildings' middles.
 #[must_use]
 pub fn select_each(
     config: &ViewsConfig,
-    visibilities: &[Visibility],
+    visibilities: &[Option<Visibility>],
     candidates: &[Candidate],
     centres: &[DVec3],
 ) -> Selection {
     let k = config.min_views_per_building;
     let mut seen_by: Vec<Vec<(usize, u32)>> = vec![Vec::new(); centres.len()];
     for (view, visibility) in visibilities.iter().enumerate() {
-        for sight in visibility.buildings.iter().filter(|s| is_informative(config, s)) {
+        let sights = visibility.iter().flat_map(|v| &v.buildings);
+        for sight in sights.filter(|s| is_informative(config, s)) {
             seen_by[sight.building as usize].push((view, sight.n_rays));
         }
     }
@@ -92,9 +94,9 @@ mod tests {
         (0..n).map(at).collect()
     }
 
-    fn sees(buildings: &[u32]) -> Visibility {
+    fn sees(buildings: &[u32]) -> Option<Visibility> {
         let sight = |&building: &u32| ViewSight { building, n_rays: 10, n_roof_rays: 5, corners_inside: 1.0 };
-        Visibility { buildings: buildings.iter().map(sight).collect(), surface_m2: 1.0 }
+        Some(Visibility { buildings: buildings.iter().map(sight).collect(), surface_m2: 1.0 })
     }
 
     #[test]
@@ -112,7 +114,7 @@ mod tests {
     fn views_come_from_all_sides_and_those_that_see_little_come_last() {
         let config = ViewsConfig { min_views_per_building: 8, ..ViewsConfig::robust() };
         let mut visibilities = vec![sees(&[0]); 40];
-        for poor in visibilities.iter_mut().step_by(2) {
+        for poor in visibilities.iter_mut().step_by(2).flatten() {
             poor.buildings[0].n_rays = 4;
         }
         let chosen = select_each(&config, &visibilities, &ring(40), &[DVec3::ZERO]);

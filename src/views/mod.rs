@@ -2,19 +2,19 @@
 //!
 //! 1. [`visibility`]: which buildings each view sees with the present heights, and how much of them.
 //! 2. Gate (`paper`): drop views whose number of visible buildings `Q_N` or visible surface `Q_A` lies below a
-//!    percentile.
+//!    percentile of all views that take part: oblique ones that have a prior.
 //! 3. Spread: farthest point sampling of the rest to a fixed number.
 //! 4. Cover: add views until each building is seen from `k` views, or from as many as there are.
 //!
 //! Only selected views ever need a depth prior, which is what selection saves. Where each building chooses for itself
-//! ([`Choice::Each`]), gate, spread and cover have no part.
+//! ([`Choice::Each`]), or views are drawn ([`Choice::Random`]), gate, spread and cover have no part.
 
 mod each;
 mod select;
 mod visibility;
 
 pub use each::{Candidate, in_turn, select_each};
-pub use select::{Selection, select};
+pub use select::{Selection, drawn, select};
 pub(crate) use visibility::corners_inside;
 pub use visibility::{ViewSight, Visibility, visibility};
 
@@ -31,32 +31,27 @@ pub enum Choice {
     /// Each building for itself, so that its views do not depend on what else the scene holds. Neighbours prefer the
     /// same views, which keeps their number down.
     Each,
+    /// `n_spread` views drawn at random, the same ones throughout: what a selection has to beat.
+    Random,
 }
 
-/// Settings of the view selection.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
+/// How views are selected.
+#[derive(Debug, Clone, PartialEq)]
 pub struct ViewsConfig {
-    /// Who chooses: `cover` (the whole scene at once) or `each` (every building for itself).
+    /// Who chooses.
     pub choice: Choice,
-    /// Views kept by farthest point sampling (the paper's #Sel: 50, 100 or 256).
+    /// Views kept by farthest point sampling (the paper's #Sel: 50, 100 or 256), or drawn at random.
     pub n_spread: usize,
-    /// Drop views below this percentile of `Q_N` or `Q_A`, 0..100 (paper: 50; robust: 0, no gate).
+    /// Views below this percentile of `Q_N` or `Q_A` are dropped, 0..100.
     pub gate_percentile: f64,
-    /// Views that each building should be seen from (paper: 3; robust: 24).
+    /// Views that each building should be seen from (the paper's k).
     pub min_views_per_building: usize,
-    /// Sampled rays on a building from which it counts as seen (paper: 1; robust: 4).
+    /// Sampled rays on a building from which it counts as seen.
     pub min_rays: usize,
-    /// Share of a building's roof corners that must lie inside the image for the view to count, 0..1 (paper: 0).
+    /// Share of a building's roof corners that must lie inside the image for the view to count, 0..1.
     pub min_corners_inside: f64,
-    /// Weight of the viewing direction against the position in the spread, 0 = position only (paper: unstated).
+    /// Weight of the viewing direction against the position in the spread, 0 = position only.
     pub direction_weight: f64,
-}
-
-impl Default for ViewsConfig {
-    fn default() -> Self {
-        Self::robust()
-    }
 }
 
 impl ViewsConfig {
@@ -85,6 +80,53 @@ impl ViewsConfig {
             min_rays: 4,
             min_corners_inside: 0.5,
             direction_weight: 0.5,
+        }
+    }
+}
+
+/// What a configuration says of the view selection; what is absent is the preset's own.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ViewsSettings {
+    /// Who chooses: `cover` (the whole scene at once; `paper`), `each` (every building for itself; `robust`) or `random`
+    /// (`n_spread` views, to compare with).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub choice: Option<Choice>,
+    /// Views kept by farthest point sampling (the paper's #Sel: 50, 100 or 256; here 50), or drawn at random.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub n_spread: Option<usize>,
+    /// Drop views below this percentile of `Q_N` or `Q_A`, taken over the oblique views that have a prior, 0..100 (paper: 50;
+    /// robust: 0, no gate).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gate_percentile: Option<f64>,
+    /// Views that each building should be seen from (paper: 3; robust: 24).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min_views_per_building: Option<usize>,
+    /// Sampled rays on a building from which it counts as seen (paper: 1, unstated; robust: 4).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min_rays: Option<usize>,
+    /// Share of a building's roof corners that must lie inside the image for the view to count, 0..1 (paper: 0, unstated;
+    /// robust: 0.5).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min_corners_inside: Option<f64>,
+    /// Weight of the viewing direction against the position in the spread, 0 = position only (0.5; the paper does not
+    /// state it).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub direction_weight: Option<f64>,
+}
+
+impl ViewsSettings {
+    /// A preset's selection with what these settings say instead.
+    #[must_use]
+    pub fn over(&self, preset: ViewsConfig) -> ViewsConfig {
+        ViewsConfig {
+            choice: self.choice.unwrap_or(preset.choice),
+            n_spread: self.n_spread.unwrap_or(preset.n_spread),
+            gate_percentile: self.gate_percentile.unwrap_or(preset.gate_percentile),
+            min_views_per_building: self.min_views_per_building.unwrap_or(preset.min_views_per_building),
+            min_rays: self.min_rays.unwrap_or(preset.min_rays),
+            min_corners_inside: self.min_corners_inside.unwrap_or(preset.min_corners_inside),
+            direction_weight: self.direction_weight.unwrap_or(preset.direction_weight),
         }
     }
 }

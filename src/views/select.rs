@@ -1,4 +1,4 @@
-//! The selection itself: gate, spread, cover.
+//! The selection for a whole scene: gate, spread, cover; or views drawn at random.
 
 use glam::DVec3;
 
@@ -7,7 +7,7 @@ use super::{ViewsConfig, Visibility};
 use crate::stats;
 
 /// The views to use, and how well they cover the buildings.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Selection {
     /// Positions of the selected views, ascending.
     pub views: Vec<usize>,
@@ -19,12 +19,13 @@ pub struct Selection {
 
 /// Selects views for `n_buildings` buildings.
 ///
-/// `stations[v]` is where view `v`'s optical axis meets the ground (x, y, metres) and `axes[v]` its direction. Ties go to the
+/// `visibilities[v]` is `None` where view `v` takes no part (it is no oblique one, or has no prior): nothing of the selection
+/// depends on such a view. `stations[v]` is where view `v`'s optical axis meets the ground (x, y, metres) and `axes[v]` its direction. Ties go to the
 /// view with the lower position, so the same input gives the same selection.
 #[must_use]
 pub fn select(
     config: &ViewsConfig,
-    visibilities: &[Visibility],
+    visibilities: &[Option<Visibility>],
     stations: &[DVec3],
     axes: &[DVec3],
     n_buildings: usize,
@@ -36,6 +37,20 @@ pub fn select(
     }
     cover(config.min_views_per_building, &seen, &mut selected, n_buildings);
 
+    of_selected(config, &seen, &selected, n_buildings)
+}
+
+/// `n_spread` views out of those that take part, those with the lowest keys; `keys[v]` belongs to `visibilities[v]`.
+#[must_use]
+pub fn drawn(config: &ViewsConfig, visibilities: &[Option<Visibility>], keys: &[u64], n_buildings: usize) -> Selection {
+    let mut taking_part: Vec<usize> = (0..visibilities.len()).filter(|&v| visibilities[v].is_some()).collect();
+    taking_part.sort_by_key(|&v| (keys[v], v));
+    let mut selected = vec![false; visibilities.len()];
+    taking_part.into_iter().take(config.n_spread).for_each(|v| selected[v] = true);
+    of_selected(config, &informative(config, visibilities), &selected, n_buildings)
+}
+
+fn of_selected(config: &ViewsConfig, seen: &[Vec<u32>], selected: &[bool], n_buildings: usize) -> Selection {
     let mut views_of_building = vec![Vec::new(); n_buildings];
     let mut n_candidates = vec![0_usize; n_buildings];
     for (view, buildings) in seen.iter().enumerate() {
@@ -51,29 +66,38 @@ pub fn select(
 }
 
 /// For each view, the buildings it sees well enough.
-fn informative(config: &ViewsConfig, visibilities: &[Visibility]) -> Vec<Vec<u32>> {
-    let of_view =
-        |v: &Visibility| v.buildings.iter().filter(|s| is_informative(config, s)).map(|s| s.building).collect();
+fn informative(config: &ViewsConfig, visibilities: &[Option<Visibility>]) -> Vec<Vec<u32>> {
+    let of_view = |view: &Option<Visibility>| {
+        let sights = view.iter().flat_map(|v| &v.buildings);
+        sights.filter(|s| is_informative(config, s)).map(|s| s.building).collect()
+    };
     visibilities.iter().map(of_view).collect()
 }
 
 /// Gate by percentiles, then farthest point sampling, from the view with the largest visible surface.
-fn spread(config: &ViewsConfig, visibilities: &[Visibility], stations: &[DVec3], axes: &[DVec3]) -> Vec<usize> {
-    let n_buildings: Vec<f64> = visibilities.iter().map(|v| v.buildings.len() as f64).collect();
-    let surfaces: Vec<f64> = visibilities.iter().map(|v| f64::from(v.surface_m2)).collect();
-    let threshold = |values: &[f64]| stats::quantile(values, config.gate_percentile / 100.0).unwrap_or(0.0);
-    let (least_n, least_surface) = (threshold(&n_buildings), threshold(&surfaces));
-    let sees_any = |v: &usize| n_buildings[*v] > 0.0;
-    let passes = |v: &usize| n_buildings[*v] >= least_n && surfaces[*v] >= least_surface;
-    let mut candidates: Vec<usize> = (0..visibilities.len()).filter(sees_any).filter(passes).collect();
+fn spread(config: &ViewsConfig, visibilities: &[Option<Visibility>], stations: &[DVec3], axes: &[DVec3]) -> Vec<usize> {
+    let taking_part = || visibilities.iter().enumerate().filter_map(|(v, seen)| Some((v, seen.as_ref()?)));
+    let n_seen = |seen: &Visibility| seen.buildings.len() as f64;
+    let surface = |seen: &Visibility| f64::from(seen.surface_m2);
+    let threshold = |measure: &dyn Fn(&Visibility) -> f64| {
+        let values: Vec<f64> = taking_part().map(|(_, seen)| measure(seen)).collect();
+        stats::quantile(&values, config.gate_percentile / 100.0).unwrap_or(0.0)
+    };
+    let (least_n, least_surface) = (threshold(&n_seen), threshold(&surface));
+    let those = |passes: &dyn Fn(bool, bool) -> bool| {
+        let is_passed = |seen: &Visibility| passes(n_seen(seen) >= least_n, surface(seen) >= least_surface);
+        let sees_any = taking_part().filter(|(_, seen)| !seen.buildings.is_empty());
+        sees_any.filter(|(_, seen)| is_passed(seen)).map(|(v, _)| v).collect::<Vec<usize>>()
+    };
+    let mut candidates = those(&|n, surface| n && surface);
     if candidates.is_empty() {
-        // No view is above the median in both: fall back to those above it in either.
-        let either = |v: &usize| n_buildings[*v] >= least_n || surfaces[*v] >= least_surface;
-        candidates = (0..visibilities.len()).filter(sees_any).filter(either).collect();
+        // No view reaches both thresholds: fall back to those that reach either.
+        candidates = those(&|n, surface| n || surface);
     }
     if candidates.len() <= config.n_spread {
         return candidates;
     }
+    let surfaces: Vec<f64> = visibilities.iter().map(|seen| seen.as_ref().map_or(0.0, surface)).collect();
     farthest_points(config, &candidates, &surfaces, stations, axes)
 }
 
@@ -141,9 +165,9 @@ mod tests {
     use super::super::ViewSight;
     use super::*;
 
-    fn view_of(buildings: &[u32], surface_m2: f32) -> Visibility {
+    fn view_of(buildings: &[u32], surface_m2: f32) -> Option<Visibility> {
         let sight = |&building: &u32| ViewSight { building, n_rays: 10, n_roof_rays: 5, corners_inside: 1.0 };
-        Visibility { buildings: buildings.iter().map(sight).collect(), surface_m2 }
+        Some(Visibility { buildings: buildings.iter().map(sight).collect(), surface_m2 })
     }
 
     fn line_of_stations(n: usize) -> (Vec<DVec3>, Vec<DVec3>) {
@@ -168,6 +192,26 @@ mod tests {
         let (stations, axes) = line_of_stations(4);
         let config = ViewsConfig { n_spread: 10, min_views_per_building: 0, ..ViewsConfig::paper() };
         assert_eq!(select(&config, &visibilities, &stations, &axes, 3).views, [2]);
+    }
+
+    #[test]
+    fn views_that_take_no_part_do_not_count_at_the_gate() {
+        let taking_part = [view_of(&[0], 1.0), view_of(&[0], 2.0), view_of(&[0, 1], 3.0), view_of(&[0, 1], 4.0)];
+        let config = ViewsConfig { n_spread: 10, min_views_per_building: 0, ..ViewsConfig::paper() };
+        let (stations, axes) = line_of_stations(4);
+        assert_eq!(select(&config, &taking_part, &stations, &axes, 2).views, [2, 3]);
+        // As many again that take none: as zeros they would bring the medians below every other view.
+        let all: Vec<_> = taking_part.into_iter().flat_map(|view| [None, view]).collect();
+        let (stations, axes) = line_of_stations(8);
+        assert_eq!(select(&config, &all, &stations, &axes, 2).views, [5, 7]);
+    }
+
+    #[test]
+    fn views_are_drawn_by_their_keys_out_of_those_that_take_part() {
+        let visibilities = [view_of(&[0], 1.0), None, view_of(&[1], 1.0), view_of(&[0, 1], 1.0)];
+        let config = ViewsConfig { n_spread: 2, ..ViewsConfig::paper() };
+        let selection = drawn(&config, &visibilities, &[7, 1, 9, 8], 2);
+        assert_eq!((selection.views.as_slice(), &selection.views_of_building[1]), (&[0, 3][..], &vec![3]));
     }
 
     #[test]

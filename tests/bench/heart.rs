@@ -114,6 +114,7 @@ fn solving(c: &mut Criterion) {
             scene: &scene,
             views: &views,
             expect_priors: &|_| Vec::new(),
+            without_prior: &|_| None,
             load_prior: &load_prior,
             seed: 1,
             rays: &Rays::new(views.len(), config.stride_px),

@@ -4,9 +4,12 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use geo_types::{Polygon, polygon};
 use glam::{DMat3, DVec3};
+use sizeup::baseline::{Norm, regression};
 use sizeup::camera::Camera;
 use sizeup::frames::Rigid;
-use sizeup::optimise::{OptimiseConfig, OrdinalConfig, Preset, Problem, Rays, Reason, Solution, ViewInput, solve};
+use sizeup::optimise::{
+    OptimiseConfig, OrdinalConfig, Preset, Problem, Rays, Reason, Solution, StepOn, ViewInput, solve,
+};
 use sizeup::prior::{DepthPrior, PriorGeometry, PriorKind};
 use sizeup::raster::Raster;
 use sizeup::render::PlacedCamera;
@@ -65,19 +68,28 @@ impl Block {
     }
 
     fn solve(&self, priors: &[DepthPrior], config: &OptimiseConfig) -> Solution {
-        solve(
-            &Problem {
-                scene: &self.scene,
-                views: &self.views,
-                expect_priors: &|_| Vec::new(),
-                load_prior: &|view| Ok(priors[view].clone()),
-                seed: 1,
-                rays: &Rays::new(self.views.len(), config.stride_px),
-                start_m: &[],
-                progress: &|_, _, _| {},
-            },
-            config,
-        )
+        self.solve_by(priors, &|_| None, &|problem| solve(problem, config), config.stride_px)
+    }
+
+    /// `without_prior` says which views have none; `solver` solves.
+    fn solve_by(
+        &self,
+        priors: &[DepthPrior],
+        without_prior: &(dyn Fn(usize) -> Option<String> + Sync),
+        solver: &dyn Fn(&Problem<'_>) -> Solution,
+        stride_px: usize,
+    ) -> Solution {
+        solver(&Problem {
+            scene: &self.scene,
+            views: &self.views,
+            expect_priors: &|_| Vec::new(),
+            without_prior,
+            load_prior: &|view| without_prior(view).map_or_else(|| Ok(priors[view].clone()), Err),
+            seed: 1,
+            rays: &Rays::new(self.views.len(), stride_px),
+            start_m: &[],
+            progress: &|_, _, _| {},
+        })
     }
 
     fn errors(&self, solution: &Solution) -> Vec<f64> {
@@ -167,6 +179,76 @@ fn the_paper_preset_gets_within_metres_of_an_exact_prior() {
     assert!(mean(&errors) < 2.0, "{errors:.2?}");
     let history = &solution.history;
     assert!(history.last().unwrap().loss < 0.7 * history[0].loss, "the loss falls");
+}
+
+/// Heights of the last pass and the views that were used, by their keys.
+fn heights_and_keys(block: &Block, solution: &Solution) -> (Vec<f32>, Vec<u64>) {
+    let keys = solution.used_views.iter().map(|&v| block.views[v].key).collect();
+    (solution.history.last().unwrap().heights_m.clone(), keys)
+}
+
+#[test]
+fn nadir_photos_of_the_survey_do_not_change_what_the_paper_preset_selects() {
+    let block = block();
+    let config = small(Preset::Paper);
+    let without = heights_and_keys(&block, &block.solve(&block.priors(|d| d), &config));
+
+    let mut with_nadir = self::block();
+    let down = DMat3::from_rotation_x(PI);
+    for i in 0..16 {
+        let eye = DVec3::new(f64::from(i % 4) * 45.0 - 20.0, f64::from(i / 4) * 45.0 - 20.0, 120.0);
+        let pose = Rigid::from_rotation_and_centre(down, eye);
+        let placed = PlacedCamera::new(Camera::pinhole(224, 168, 180.0), pose, block.scene.origin);
+        // Before the others, so that their positions are other ones too.
+        with_nadir.views.insert(0, ViewInput { placed, is_oblique: false, key: 1000 + i as u64 });
+    }
+    let solution = with_nadir.solve(&with_nadir.priors(|d| d), &config);
+    assert_eq!(heights_and_keys(&with_nadir, &solution), without);
+}
+
+#[test]
+fn views_without_a_prior_do_not_change_what_the_paper_preset_selects() {
+    let block = block();
+    let config = small(Preset::Paper);
+    let absent = |view: usize| (view % 2 == 1).then(|| "no such file".to_owned());
+    let half = block.solve_by(&block.priors(|d| d), &absent, &|problem| solve(problem, &config), config.stride_px);
+
+    let mut rest = self::block();
+    rest.views = rest.views.into_iter().step_by(2).collect();
+    let alone = rest.solve(&rest.priors(|d| d), &config);
+    assert_eq!(heights_and_keys(&block, &half), heights_and_keys(&rest, &alone));
+    // Each of them is told, not only those that would have been selected.
+    assert_eq!(half.failed_views.len(), 32);
+}
+
+#[test]
+fn regression_differs_from_the_paper_preset_by_nothing_but_the_loss() {
+    let block = block();
+    let priors = block.priors(|d| d);
+    let mut config = small(Preset::Paper);
+    // One selection, by the heights that both start from.
+    (config.ordinal.epochs, config.ordinal.reselect_every) = (2, 2);
+    let paper = block.solve(&priors, &config);
+    for norm in [Norm::L1, Norm::L2] {
+        // Whatever solver the run is set to.
+        config.preset = Preset::Robust;
+        let by_regression = |problem: &Problem<'_>| regression(problem, &config, norm);
+        let solution = block.solve_by(&priors, &|_| None, &by_regression, config.stride_px);
+        assert_eq!(solution.used_views, paper.used_views);
+        let moved = |s: &Solution| s.history[1].heights_m.iter().zip(&s.history[0].heights_m).any(|(a, b)| a != b);
+        assert!(moved(&solution) && solution.heights.iter().all(|h| h.roof.is_none()));
+    }
+}
+
+#[test]
+fn one_step_along_the_sum_of_a_single_view_is_a_step_on_that_view() {
+    let mut block = block();
+    block.views = vec![block.views.remove(5 * 4)];
+    let priors = block.priors(|d| d);
+    let mut config = small(Preset::Paper);
+    let on_view = block.solve(&priors, &config);
+    (config.ordinal.step_on, config.ordinal.steps_per_epoch) = (StepOn::AllViews, 1);
+    assert!(on_view.used_views.len() == 1 && block.solve(&priors, &config) == on_view);
 }
 
 #[test]
@@ -363,6 +445,7 @@ fn priors_that_cannot_be_loaded_are_listed() {
         scene: &block.scene,
         views: &block.views,
         expect_priors: &|_| Vec::new(),
+        without_prior: &|_| None,
         load_prior: &load,
         seed: 1,
         rays: &Rays::new(block.views.len(), 2),

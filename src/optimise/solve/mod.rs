@@ -21,7 +21,7 @@ use crate::prior::DepthPrior;
 use crate::render::PlacedCamera;
 use crate::render::profile::Profiles;
 use crate::scene::Scene;
-use crate::views::ViewsConfig;
+use crate::views::{Choice, ViewsConfig};
 
 /// A view that may take part.
 #[derive(Debug, Clone)]
@@ -46,6 +46,9 @@ pub struct Problem<'a> {
     /// Told which views' priors are loaded next, by their positions, so that they can be computed together; those that
     /// then are known to have none, and why.
     pub expect_priors: &'a (dyn Fn(&[usize]) -> Vec<WithoutPrior> + Sync),
+    /// Why a view is known to have no prior before anything is loaded or computed (its file is missing); `None`: it may
+    /// have one.
+    pub without_prior: &'a (dyn Fn(usize) -> Option<String> + Sync),
     /// Loads the prior of a view by its position; the text says why it cannot.
     pub load_prior: &'a (dyn Fn(usize) -> Result<DepthPrior, String> + Sync),
     /// By building: its height above ground in an earlier solution of almost the same scene, metres; may be empty.
@@ -136,12 +139,16 @@ struct State<'a> {
 impl<'a> State<'a> {
     fn new(problem: &'a Problem<'a>, config: &'a OptimiseConfig) -> Self {
         let (n_views, n_buildings) = (problem.views.len(), problem.scene.prisms.len());
+        let views_config = config.views_in_force();
+        // A choice for the whole scene hangs on all views that take part, so those that cannot are left out from the start.
+        let is_left_out = |v: &usize| views_config.choice != Choice::Each && problem.views[*v].is_oblique;
+        let why = |v: usize| Some(v).filter(is_left_out).and_then(problem.without_prior);
         Self {
             problem,
             config,
-            views_config: config.views_in_force(),
             evidence: (0..n_views).map(|_| None).collect(),
-            failed: vec![None; n_views],
+            failed: (0..n_views).map(why).collect(),
+            views_config,
             heights_m: vec![0.0; n_buildings],
             findings: vec![None; n_buildings],
             is_voted_on: vec![false; n_buildings],
@@ -159,7 +166,7 @@ impl<'a> State<'a> {
         match self.config.preset {
             Preset::Paper => {
                 self.heights_m =
-                    epochs::initial_heights(self.problem.seed, bounds.min_m, bounds.max_m, self.heights_m.len());
+                    epochs::initial_heights(self.problem.seed, bounds, &self.config.ordinal, self.heights_m.len());
             }
             Preset::Robust => {
                 for (b, height_m) in self.heights_m.iter_mut().enumerate() {

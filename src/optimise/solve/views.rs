@@ -1,15 +1,17 @@
 //! Which views take part: selection for the present heights, and loading the priors that it asks for.
 
 use glam::DVec3;
+use rand::Rng as _;
 use rayon::prelude::*;
 
-use super::{Solving, State};
+use super::{Solving, State, ViewInput};
 use crate::optimise::evidence::Evidence;
-use crate::views::{Candidate, Choice, Selection, Visibility, in_turn, select, select_each, visibility};
+use crate::seed;
+use crate::views::{Candidate, Choice, Selection, Visibility, drawn, in_turn, select, select_each, visibility};
 
 impl State<'_> {
     /// Selects views that see the buildings.
-    pub(super) fn select(&self, visibilities: &[Visibility]) -> Selection {
+    pub(super) fn select(&self, visibilities: &[Option<Visibility>]) -> Selection {
         let views = self.problem.views;
         let n_buildings = self.problem.scene.prisms.len();
         let axes: Vec<DVec3> = views.iter().map(|v| v.placed.axis()).collect();
@@ -20,6 +22,11 @@ impl State<'_> {
         match self.views_config.choice {
             Choice::Cover => select(&self.views_config, visibilities, &stations, &axes, n_buildings),
             Choice::Each => select_each(&self.views_config, visibilities, &candidates, &centres),
+            Choice::Random => {
+                let draw = |v: &ViewInput| seed::stream(self.problem.seed, "drawn views", &[v.key]).random();
+                let keys: Vec<u64> = views.iter().map(draw).collect();
+                drawn(&self.views_config, visibilities, &keys, n_buildings)
+            }
         }
     }
 
@@ -37,21 +44,21 @@ impl State<'_> {
                 return selection;
             }
             for view in failed {
-                visibilities[view] = Visibility::default();
+                visibilities[view] = None;
             }
         }
     }
 
-    /// What each view sees with the present heights; views that take no part see nothing.
-    pub(super) fn visibilities(&self) -> Vec<Visibility> {
+    /// What each view sees with the present heights; `None` where it takes no part.
+    pub(super) fn visibilities(&self) -> Vec<Option<Visibility>> {
         let takes_part = |&v: &usize| self.problem.views[v].is_oblique && self.failed[v].is_none();
         let taking_part: Vec<usize> = (0..self.problem.views.len()).filter(takes_part).collect();
         let placed: Vec<_> =
             taking_part.iter().map(|&v| (&self.problem.views[v].placed, self.problem.profiles(v))).collect();
         let seen = visibility(self.problem.scene, &placed, &self.heights_m, self.config.stride_px);
-        let mut visibilities = vec![Visibility::default(); self.problem.views.len()];
+        let mut visibilities = vec![None; self.problem.views.len()];
         for (view, seen) in taking_part.into_iter().zip(seen) {
-            visibilities[view] = seen;
+            visibilities[view] = Some(seen);
         }
         visibilities
     }
@@ -93,10 +100,10 @@ impl State<'_> {
     }
 
     /// The views a building is measured in: from each sector of azimuth in turn the one that sees most of it.
-    fn best_views(&self, building: usize, candidates: &[usize], seen: &[Visibility]) -> Vec<usize> {
+    fn best_views(&self, building: usize, candidates: &[usize], seen: &[Option<Visibility>]) -> Vec<usize> {
         let centre = self.centre(building);
         let n_rays = |view: usize| {
-            let sights = &seen[view].buildings;
+            let sights = seen[view].as_ref().map_or(&[][..], |seen| &seen.buildings);
             sights.binary_search_by_key(&(building as u32), |s| s.building).map_or(0, |i| sights[i].n_rays)
         };
         let loaded = candidates.iter().copied().filter(|&v| self.evidence[v].is_some());
