@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{Cut, PipelineError, Stage};
+use super::{Cut, GroundTold, PipelineError, Stage};
 use crate::config::RunConfig;
 use crate::files::write_whole;
 use crate::footprint::{DetectionSummary, FootprintLayer, Tracks};
@@ -62,6 +62,9 @@ pub struct HeightStage {
     /// What the ground says against the priors' declared direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub doubt: Option<Issue>,
+    /// What the photos say of the terrain.
+    #[serde(default)]
+    pub ground: GroundTold,
 }
 
 impl HeightStage {
@@ -73,6 +76,7 @@ impl HeightStage {
             solution: Solution::default(),
             unread_photos: Vec::new(),
             doubt: None,
+            ground: GroundTold::default(),
         }
     }
 }
@@ -100,7 +104,7 @@ fn settings_sha256(config: &RunConfig, stage: Stage) -> String {
     let config = config.saved();
     let survey = serde_json::json!([config.project.crs, config.survey]);
     let footprints = serde_json::json!([config.footprints, config.terrain, config.dtm, config.ground]);
-    let heights = serde_json::json!([config.prior, config.optimise, config.seed]);
+    let heights = serde_json::json!([config.heights, *config.prior.chosen(), config.optimise, config.seed]);
     let parts: &[serde_json::Value] = match stage {
         Stage::Survey => &[survey],
         Stage::Footprints => &[survey, footprints],

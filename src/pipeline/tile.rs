@@ -150,7 +150,7 @@ impl<'a> Part<'a> {
         let has_ground = footprints.ground.iter().any(Option::is_some);
         let scene = has_ground.then(|| SceneStage::in_frame(config, &frame, &footprints)).transpose()?;
         let terrain = scene.as_ref().map_or(&Terrain::Constant(0.0), |scene| &scene.terrain);
-        let mut priors = config.prior.open(&survey.views, terrain)?;
+        let mut priors = config.prior.open(&survey.views, terrain, frame.bounds.max_m)?;
         priors.set_positions(positions);
         let priors = PriorStore::forgetful(priors);
         let ids = footprints.layer.footprints.iter().map(|f| f.id.0.clone());

@@ -13,6 +13,7 @@ use super::{Lock, TilesError};
 use crate::files::{FileError, write_whole, write_whole_unflushed};
 use crate::issue::{Severity, Subject};
 use crate::output::reports::{write_issues, write_json};
+use crate::output::unmeasured::unmeasured;
 use crate::output::{CityModel, InputFile, Status, cityjson, sha256_hex};
 use crate::pipeline::{Part, PartHeights, Tell, outlines_around};
 use crate::survey::Survey;
@@ -169,6 +170,7 @@ fn write(
     let lineage = part.lineage(&format!("sizeup tiles run --tile {}", tile.id), inputs);
     let config = &manifest.config;
     issues.extend(cityjson::check(&own, &config.output.cityjson)?);
+    issues.extend(unmeasured(&own, &issues));
     let model = CityModel {
         records: own.as_slice(),
         crs: &config.project.crs,
