@@ -3,6 +3,8 @@
 //! A photo that cannot be used or a building that cannot be solved is an [`Issue`]: it stays in the output, with a
 //! status and a reason, and is never dropped in silence.
 
+use std::cmp::Reverse;
+
 use serde::{Deserialize, Serialize};
 
 /// How much an issue matters to the result.
@@ -48,7 +50,36 @@ pub struct Issue {
     pub place: Option<[f64; 2]>,
 }
 
+/// Issues that are about the result as a whole, or that most others follow from; those that come first in a run first.
+const OF_THE_WHOLE: [&str; 9] = [
+    "result_implausible",
+    "survey_unsound_accepted",
+    "masks_empty",
+    "instances_in_parts",
+    "prior_looks_inverted",
+    "prior_unrelated_to_ground",
+    "terrain_too_high",
+    "terrain_too_low",
+    "terrain_differs",
+];
+/// Of issues of the same severity, heights come before what may only have led to a wrong one.
+const OF_HEIGHTS: [&str; 4] = ["height_unknown", "outline_refused", "height_doubtful", "height_from_fallback"];
+
 impl Issue {
+    /// What an issue is sorted by where the most important come first: about the whole, by severity, heights first. Issues of
+    /// the same weight stay in their order.
+    #[must_use]
+    pub fn weight(&self) -> (usize, Reverse<Severity>, usize) {
+        let place = |codes: &[&str]| codes.iter().position(|code| *code == self.code).unwrap_or(codes.len());
+        (place(&OF_THE_WHOLE), Reverse(self.severity), place(&OF_HEIGHTS))
+    }
+
+    /// Whether it is about the result as a whole, or others follow from it.
+    #[must_use]
+    pub fn is_of_the_whole(&self) -> bool {
+        OF_THE_WHOLE.contains(&self.code.as_str())
+    }
+
     /// An issue without hint or place; add them with [`Self::hint`] and [`Self::at`].
     #[must_use]
     pub fn new(severity: Severity, code: &str, subject: Subject, message: impl Into<String>) -> Self {

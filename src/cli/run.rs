@@ -26,6 +26,7 @@ const N_RETRIES: usize = 1;
   sizeup run sizeup.toml --set optimise.preset=paper --output result-paper
   sizeup run sizeup.toml --from output        write the results again, heights as they are
   sizeup run sizeup.toml --tiled --jobs 4     in parts, for areas that do not fit into memory
+  sizeup run --crs EPSG:25832 --survey sparse --images photos --footprints blocks.gpkg --dtm dtm.tif
   sizeup run --crs EPSG:25832 --survey sparse --footprints blocks.gpkg --dtm dtm.tif \\
              --priors 'depth/{stem}.npz' --prior-kind depth")]
 pub struct RunArgs {
@@ -63,8 +64,11 @@ pub struct RunArgs {
     #[command(flatten, next_help_heading = TILED)]
     pub trust: TrustArgs,
     /// Poses (a COLMAP model folder, a CSV file, …).
-    #[arg(long, help_heading = FLAGS, value_name = "PATH", requires_all = ["crs", "footprints", "priors", "prior_kind"])]
+    #[arg(long, help_heading = FLAGS, value_name = "PATH", requires_all = ["crs", "footprints"])]
     pub survey: Option<PathBuf>,
+    /// Folder of the photos, where the poses do not say it.
+    #[arg(long, help_heading = FLAGS, value_name = "FOLDER", requires = "survey")]
+    pub images: Option<PathBuf>,
     /// The project's projected CRS.
     #[arg(long, help_heading = FLAGS, value_name = "CRS", requires = "survey")]
     pub crs: Option<String>,
@@ -77,12 +81,21 @@ pub struct RunArgs {
     /// One ground height everywhere, metres.
     #[arg(long, help_heading = FLAGS, value_name = "METRES", requires = "survey", allow_negative_numbers = true)]
     pub ground: Option<f64>,
-    /// Depth priors, with {stem} for the photo's name without extension.
-    #[arg(long, help_heading = FLAGS, value_name = "TEMPLATE", requires = "survey")]
-    pub priors: Option<String>,
-    /// What the priors' numbers are.
+    /// Where depth priors come from. By default files where --priors names them, else the best that there is.
     #[arg(long, help_heading = FLAGS, value_enum, requires = "survey")]
+    pub prior_source: Option<PriorSourceArg>,
+    /// Depth priors in files, with {stem} for the photo's name without extension.
+    #[arg(long, help_heading = FLAGS, value_name = "TEMPLATE", requires_all = ["survey", "prior_kind"])]
+    pub priors: Option<String>,
+    /// What the numbers in these files are.
+    #[arg(long, help_heading = FLAGS, value_enum, requires = "priors")]
     pub prior_kind: Option<PriorKindArg>,
+    /// A depth network (ONNX), for --prior-source network or auto.
+    #[arg(long, help_heading = FLAGS, value_name = "FILE", requires_all = ["survey", "profile"], conflicts_with = "priors")]
+    pub model: Option<PathBuf>,
+    /// The network's built-in profile, as `sizeup prior inspect` names it.
+    #[arg(long, help_heading = FLAGS, value_name = "NAME", requires = "model")]
+    pub profile: Option<String>,
 }
 
 /// A stage on the command line.
@@ -118,9 +131,25 @@ pub enum PriorKindArg {
     InverseDepth,
 }
 
+/// Where priors come from, on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PriorSourceArg {
+    /// The best that there is: the network that --model names if its file is there, else stereo.
+    Auto,
+    /// Maps that somebody else computed (--priors).
+    Files,
+    /// A depth network (--model).
+    Network,
+    /// The photos matched with each other.
+    Stereo,
+}
+
 pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
     let config = config_of(args)?;
     config.limits.set();
+    for note in config.notes() {
+        Ui::new(global).say(format!("note: {}", note.message));
+    }
     if args.tiled {
         return run_tiled(config, args, global);
     }
@@ -196,25 +225,34 @@ pub(super) fn run_config(config: &RunConfig, options: &RunOptions, global: &Glob
 
 pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
     let seconds: Vec<String> = summary.seconds.iter().map(|(stage, s)| format!("{} {s:.1} s", stage.name())).collect();
-    // Outlines that were taken apart count part by part below.
-    let n_parts: usize = summary.by_status.values().sum();
-    let parts = if n_parts > summary.n_buildings { format!(" in {n_parts} parts") } else { String::new() };
+    for doubt in &summary.implausible {
+        ui.say(format!("THE RESULT IS IMPLAUSIBLE: {doubt}"));
+    }
     ui.say(format!(
-        "{}{parts}, {} ({} oblique), {} used",
+        "{}, {} ({} oblique), {} used",
         counted(summary.n_buildings, "building"),
         counted(summary.n_views, "view"),
         summary.n_oblique,
         counted(summary.n_used_views, "prior")
     ));
+    if summary.n_used_views > 0 {
+        ui.say(format!("priors from {}", summary.priors_from));
+    }
     let words = |status: Status| match status {
         Status::Measured => "measured",
-        Status::Doubtful => "measured, to be looked at",
-        Status::Fallback => "from the fallback",
-        Status::Unknown => "without a height",
-        Status::Refused => "without a usable outline",
+        Status::Doubtful => "doubtful: measured, to be looked at",
+        Status::Fallback => "fallback: not measured, a height from elsewhere",
+        Status::Unknown => "unknown: without a height",
+        Status::Refused => "refused: without a usable outline",
     };
     for (&status, n) in &summary.by_status {
         ui.say(format!("{n:>8} {}", words(status)));
+    }
+    let n_parts: usize = summary.parts_by_status.values().sum();
+    if n_parts > 0 {
+        let of = summary.parts_by_status.iter().map(|(status, n)| format!("{n} {}", status.as_str()));
+        let of: Vec<String> = of.collect();
+        ui.say(format!("{n_parts:>8} parts of buildings in several pieces: {}", of.join(", ")));
     }
     if summary.n_settled > 0 {
         let roofs = if summary.n_settled == 1 { "roof" } else { "roofs" };
@@ -256,10 +294,6 @@ fn config_of(args: &RunArgs) -> Result<RunConfig, Failure> {
 /// Flags as the configuration file they stand for, so that there is one way to read settings.
 fn text_of_flags(args: &RunArgs) -> Result<String, Failure> {
     let missing = |flag: &str| Failure::from_text(2, format!("--survey needs --{flag} too"));
-    let kind = match args.prior_kind.ok_or_else(|| missing("prior-kind"))? {
-        PriorKindArg::Depth => "depth",
-        PriorKindArg::InverseDepth => "inverse_depth",
-    };
     let mut table = toml::Table::new();
     let mut set = |name: &str, key: &str, value: toml::Value| {
         let entry = table.entry(name).or_insert_with(|| toml::Value::Table(toml::Table::new()));
@@ -276,8 +310,53 @@ fn text_of_flags(args: &RunArgs) -> Result<String, Failure> {
         (None, Some(ground_m)) => set("terrain", "constant_m", ground_m.into()),
         (None, None) => return Err(missing("dtm or --ground")),
     }
-    set("prior", "source", "files".into());
-    set("prior", "path", args.priors.clone().ok_or_else(|| missing("priors"))?.into());
-    set("prior", "kind", kind.into());
+    if let Some(images) = &args.images {
+        set("survey", "images", path(images));
+    }
+    table.insert("prior".to_owned(), toml::Value::Table(prior_of_flags(args)?));
     Ok(table.to_string())
+}
+
+/// The table `[prior]` of flags.
+fn prior_of_flags(args: &RunArgs) -> Result<toml::Table, Failure> {
+    let by_default = if args.priors.is_some() { PriorSourceArg::Files } else { PriorSourceArg::Auto };
+    let source = args.prior_source.unwrap_or(by_default);
+    let needs = |source: &str, flag: &str| Failure::from_text(2, format!("--prior-source {source} needs --{flag} too"));
+    if args.priors.is_some() && source != PriorSourceArg::Files {
+        return Err(Failure::from_text(2, "--priors names files: --prior-source files goes with it".to_owned()));
+    }
+    let mut network = toml::Table::new();
+    if let (Some(model), Some(profile)) = (&args.model, &args.profile) {
+        network.insert("model".to_owned(), model.to_string_lossy().into_owned().into());
+        network.insert("profile".to_owned(), profile.clone().into());
+    }
+    let mut table = toml::Table::new();
+    let name = match source {
+        PriorSourceArg::Files => {
+            table.insert("path".to_owned(), args.priors.clone().ok_or_else(|| needs("files", "priors"))?.into());
+            let kind = match args.prior_kind.ok_or_else(|| needs("files", "prior-kind"))? {
+                PriorKindArg::Depth => "depth",
+                PriorKindArg::InverseDepth => "inverse_depth",
+            };
+            table.insert("kind".to_owned(), kind.into());
+            "files"
+        }
+        PriorSourceArg::Network if network.is_empty() => return Err(needs("network", "model and --profile")),
+        PriorSourceArg::Network => {
+            table.extend(network);
+            "network"
+        }
+        PriorSourceArg::Auto => {
+            if !network.is_empty() {
+                table.insert("network".to_owned(), network.into());
+            }
+            "auto"
+        }
+        PriorSourceArg::Stereo if !network.is_empty() => {
+            return Err(Failure::from_text(2, "--model names a network: stereo has none".to_owned()));
+        }
+        PriorSourceArg::Stereo => "stereo",
+    };
+    table.insert("source".to_owned(), name.into());
+    Ok(table)
 }

@@ -3,6 +3,8 @@
 //! Precedence: defaults, then the file, then `--set table.key=value`. Relative paths are relative to the file. The
 //! resolved configuration is saved beside every result.
 
+mod renamed;
+
 use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
@@ -12,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::crs::Crs;
 use crate::dtm::DtmConfig;
 use crate::footprint::FootprintSource;
+use crate::issue::Issue;
 use crate::limits::Limits;
 use crate::optimise::OptimiseConfig;
 use crate::output::cityjson::CityJsonConfig;
@@ -20,6 +23,7 @@ use crate::output::geopackage::GeoPackageConfig;
 use crate::paths::{OwnPaths, PathVisitor, resolved};
 use crate::prior::PriorConfig;
 use crate::report::ReportConfig;
+use crate::scene::HeightsConfig;
 use crate::survey::SurveyConfig;
 use crate::terrain::{GroundConfig, TerrainConfig};
 
@@ -76,6 +80,9 @@ pub struct RunConfig {
     /// Which level of the terrain a building's height counts from.
     #[serde(default)]
     pub ground: GroundConfig,
+    /// The heights that are looked for, by whatever does.
+    #[serde(default)]
+    pub heights: HeightsConfig,
     /// Depth priors.
     pub prior: PriorConfig,
     /// The height optimisation.
@@ -90,6 +97,9 @@ pub struct RunConfig {
     /// Which paths were relative in the file.
     #[serde(skip)]
     own_paths: OwnPaths,
+    /// What is to be said of the file itself.
+    #[serde(skip)]
+    notes: Vec<Issue>,
 }
 
 /// The frame of the project.
@@ -151,7 +161,7 @@ impl RunConfig {
         let text =
             std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(""));
-        let mut config: Self = parse(&text, Some(path), assignments)?;
+        let mut config = Self::read(&text, path, assignments)?;
         config.resolve_paths(folder);
         Ok(config)
     }
@@ -175,9 +185,26 @@ impl RunConfig {
     /// # Errors
     /// [`ConfigError`].
     pub fn from_text(text: &str, path: &Path, assignments: &[String]) -> Result<Self, ConfigError> {
-        let mut config: Self = parse(text, Some(path), assignments)?;
+        let mut config = Self::read(text, path, assignments)?;
         config.resolve_paths(Path::new(""));
         Ok(config)
+    }
+
+    /// With keys that have another name now.
+    fn read(text: &str, path: &Path, assignments: &[String]) -> Result<Self, ConfigError> {
+        let renamed = assignments.iter().map(|assignment| renamed::in_assignment(assignment));
+        let (assignments, notes): (Vec<String>, Vec<Option<Issue>>) = renamed.unzip();
+        let mut notes: Vec<Issue> = notes.into_iter().flatten().collect();
+        let mut config: Self =
+            parse_with(text, Some(path), &assignments, |table| notes.extend(renamed::in_table(table)))?;
+        config.notes = notes;
+        Ok(config)
+    }
+
+    /// What is to be said of the file itself: keys that have another name now.
+    #[must_use]
+    pub fn notes(&self) -> &[Issue] {
+        &self.notes
     }
 
     fn resolve_paths(&mut self, folder: &Path) {
@@ -226,21 +253,34 @@ impl RunConfig {
 /// # Errors
 /// [`ConfigError::Parse`] with the line underlined, or [`ConfigError::Set`].
 pub fn parse<T: DeserializeOwned>(text: &str, path: Option<&Path>, assignments: &[String]) -> Result<T, ConfigError> {
+    parse_with(text, path, assignments, |_| ())
+}
+
+/// As [`parse`], with the file's table changed before the assignments.
+fn parse_with<T: DeserializeOwned>(
+    text: &str,
+    path: Option<&Path>,
+    assignments: &[String],
+    change: impl FnOnce(&mut toml::Table),
+) -> Result<T, ConfigError> {
     let path = || path.unwrap_or(Path::new("settings")).to_owned();
     let parse_error = |e: toml::de::Error| {
         let message = placed(&e, text).unwrap_or_else(|| e.to_string());
         ConfigError::Parse { path: path(), message }
     };
-    if assignments.is_empty() {
+    let mut table: toml::Table = toml::from_str(text).map_err(parse_error)?;
+    let as_written = table.clone();
+    change(&mut table);
+    if assignments.is_empty() && table == as_written {
         return toml::from_str(text).map_err(parse_error); // keeps the place of every error
     }
-    let mut table: toml::Table = toml::from_str(text).map_err(parse_error)?;
     for assignment in assignments {
         assign(&mut table, assignment)
             .map_err(|message| ConfigError::Set { assignment: assignment.clone(), message })?;
     }
     table.try_into().map_err(|e: toml::de::Error| match toml::from_str::<T>(text) {
         Err(placed) if placed.message() == e.message() => parse_error(placed), // the file's own mistake, with its line
+        _ if assignments.is_empty() => ConfigError::Parse { path: path(), message: e.message().to_owned() },
         _ => ConfigError::Set { assignment: assignments.join(" --set "), message: e.message().to_owned() },
     })
 }
@@ -330,6 +370,28 @@ mod tests {
         let text = MINIMAL.replace("path = \"footprints.gpkg\"", "path = \"a\"\n        id_feild = \"id\"");
         let error = load(&text, &[]).unwrap_err().to_string();
         assert!(error.contains("id_feild = \"id\"") && error.contains("`id_field`"), "{error}");
+    }
+
+    #[test]
+    fn keys_of_older_files_are_read_with_a_note() {
+        let stereo = |prior: &str, optimise: &str| {
+            let files = "source = \"files\"\n        path = \"priors/{stem}.npy\"\n        kind = \"depth\"\n";
+            assert!(MINIMAL.contains(files));
+            MINIMAL.replace(files, &format!("source = \"stereo\"\n{prior}\n[optimise]\n{optimise}\n"))
+        };
+        let codes = |config: &RunConfig| config.notes().iter().map(|n| n.code.clone()).collect::<Vec<_>>();
+        let old = load(&stereo("max_height_m = 80", "min_height_m = 3.0\nmax_height_m = 150.0"), &[]).unwrap();
+        assert_eq!((old.heights.min_m, old.heights.max_m), (3.0, Some(80.0)), "nothing was found above the least");
+        assert_eq!(codes(&old), ["key_renamed"; 3]);
+        let new = load(&old.to_toml(), &[]).unwrap();
+        assert_eq!((new.heights, codes(&new)), (old.heights, Vec::new()), "what is saved has the new keys");
+        let set = load(&stereo("", ""), &["heights.max_m=50", "optimise.max_height_m=40"]).unwrap();
+        assert_eq!((set.heights.max_m, codes(&set).len()), (Some(40.0), 1), "the last assignment counts");
+        let both = load(&format!("{}\n[heights]\nmax_m = 70.0", stereo("", "max_height_m = 20.0")), &[]).unwrap();
+        assert_eq!(both.heights.max_m, Some(70.0));
+        assert!(both.notes()[0].message.contains("does not count beside"), "{:?}", both.notes());
+        let error = load(&stereo("max_height_m = 80", "min_hight_m = 3.0"), &[]).unwrap_err().to_string();
+        assert!(error.contains("min_hight_m"), "{error}");
     }
 
     #[test]

@@ -182,6 +182,39 @@ pub fn estimate(
     config: &DtmConfig,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Dtm, DtmError> {
+    let area = area(views, outlines, config);
+    let (squares, sigma_m) = off_by(views, outlines, rough, config, progress)?;
+    let rough_m = |at: DVec2| rough.height_at(at.x, at.y).unwrap_or(f64::NAN);
+    let count = |is: fn(&Outcome) -> bool| squares.iter().filter(|s| is(&s.outcome)).count();
+    let n_ground = count(|o| matches!(o, Outcome::Ground(_)));
+    if n_ground < MIN_SQUARES {
+        let (low_m, high_m) = rough.range().unwrap_or((f64::NAN, f64::NAN));
+        return Err(DtmError::TooLittle {
+            n_squares: squares.len(),
+            n_unseen: count(|o| matches!(o, Outcome::Unseen)),
+            n_unclear: count(|o| matches!(o, Outcome::Unclear)),
+            n_ground,
+            from_m: low_m - config.within_m,
+            to_m: high_m + config.within_m,
+        });
+    }
+    let dem = surface::model(&squares, rough, area, config)?;
+    let squares = squares.into_iter().map(|s| s.raised(rough_m(s.at))).collect();
+    Ok(Dtm { dem, squares, sigma_m })
+}
+
+/// What the photos say a terrain is off by, in squares of open ground: those with [`Outcome::Ground`] hold by how much the
+/// ground lies above it, metres. Also their spread around their neighbours', metres.
+///
+/// # Errors
+/// [`DtmError`].
+pub fn off_by(
+    views: &[View],
+    outlines: &[&Polygon<f64>],
+    rough: &Terrain,
+    config: &DtmConfig,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<(Vec<Square>, f64), DtmError> {
     check(config)?;
     let with_photo: Vec<&View> = views.iter().filter(|view| view.image.is_some()).collect();
     let area = area(views, outlines, config);
@@ -204,22 +237,7 @@ pub fn estimate(
     let rough_m = |at: DVec2| rough.height_at(at.x, at.y).unwrap_or(f64::NAN);
     let mut squares: Vec<Square> = squares.into_iter().map(|s| s.raised(-rough_m(s.at))).collect();
     let sigma_m = surface::leave_out_what_stands_above(&mut squares, config.spacing_m);
-    let count = |is: fn(&Outcome) -> bool| squares.iter().filter(|s| is(&s.outcome)).count();
-    let n_ground = count(|o| matches!(o, Outcome::Ground(_)));
-    if n_ground < MIN_SQUARES {
-        let (low_m, high_m) = rough.range().unwrap_or((f64::NAN, f64::NAN));
-        return Err(DtmError::TooLittle {
-            n_squares: squares.len(),
-            n_unseen: count(|o| matches!(o, Outcome::Unseen)),
-            n_unclear: count(|o| matches!(o, Outcome::Unclear)),
-            n_ground,
-            from_m: low_m - config.within_m,
-            to_m: high_m + config.within_m,
-        });
-    }
-    let dem = surface::model(&squares, rough, area, config)?;
-    let squares = squares.into_iter().map(|s| s.raised(rough_m(s.at))).collect();
-    Ok(Dtm { dem, squares, sigma_m })
+    Ok((squares, sigma_m))
 }
 
 fn check(config: &DtmConfig) -> Result<(), DtmError> {

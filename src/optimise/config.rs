@@ -25,10 +25,6 @@ pub enum Preset {
 pub struct OptimiseConfig {
     /// Which solver; each reads its own table below and the views' defaults that go with it.
     pub preset: Preset,
-    /// Least height of a building above its ground, metres.
-    pub min_height_m: f32,
-    /// Greatest height above ground, metres; absent: 0.8 of the lowest flying height above ground, at most 150 m.
-    pub max_height_m: Option<f32>,
     /// Which height of a pitched roof the result states (`robust` only: `paper` knows flat roofs alone).
     pub height_reference: HeightReference,
     /// Longer side of the images that rays are sampled in, pixels (priors of another size are interpolated).
@@ -49,8 +45,6 @@ impl Default for OptimiseConfig {
     fn default() -> Self {
         Self {
             preset: Preset::Robust,
-            min_height_m: 2.0,
-            max_height_m: None,
             height_reference: HeightReference::Mean,
             working_px: 448,
             stride_px: 4,

@@ -16,6 +16,7 @@ mod gradient;
 mod inspect;
 mod levels;
 mod ordinal;
+mod peak;
 mod pitched;
 mod rays;
 mod regression;

@@ -77,6 +77,12 @@ impl Roof {
         }
     }
 
+    /// Whether its mean and the height that is stated lie within the range of heights, and no part of it above.
+    #[must_use]
+    pub fn is_within(self, bounds: HeightBounds, reference: HeightReference) -> bool {
+        bounds.hold(self.mean_m) && bounds.hold(self.height_m(reference)) && self.ridge_m <= f64::from(bounds.max_m)
+    }
+
     /// The same roof higher up.
     #[must_use]
     pub fn raised(self, by_m: f64) -> Self {

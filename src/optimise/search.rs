@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use super::calibrate::Calibration;
 use super::config::{CalibrationRays, SearchConfig};
 use super::evidence::Evidence;
+use super::peak::Curve;
 use super::roof::{self, Roof, RoofView};
 use super::score::{Correlation, Scope, Window};
 use crate::render::PlacedCamera;
@@ -49,6 +50,8 @@ pub struct Finding {
     pub at_bound: bool,
     /// The best height is an end of the tried stretch: the score has no peak there.
     pub at_end: bool,
+    /// Mean scores over the full range, as the last full sweep had them.
+    pub whole: Curve,
 }
 
 impl Scope {
@@ -227,7 +230,9 @@ fn full(bounds: HeightBounds, config: &SearchConfig, score: impl Fn(f32) -> Vec<
     let high = coarse[(best + 1).min(n - 1)];
     let fine = scan(low, high, config.n_fine, bounds, &score);
     let fall = totals.iter().copied().fold(f64::INFINITY, f64::min);
-    Finding { contrast: (fine.score - fall / fine.n_views as f64).max(0.0), ..fine }
+    let n_views = fine.n_views as f64;
+    let whole = Curve(coarse.into_iter().zip(totals.iter().map(|total| total / n_views)).collect());
+    Finding { contrast: (fine.score - fall / n_views).max(0.0), whole, ..fine }
 }
 
 /// Evenly spaced heights, the best one refined by a parabola, its standard error by leaving one view out at a time.
@@ -261,6 +266,7 @@ fn scan(low: f32, high: f32, n: usize, bounds: HeightBounds, score: impl Fn(f32)
         contrast: (best - least) / n_views as f64,
         at_bound: height_m - bounds.min_m < 0.2 * tolerance || bounds.max_m - height_m < tolerance,
         at_end: at == 0 || at == n - 1,
+        whole: Curve::default(),
     }
 }
 

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::levels::OtherLevel;
 use super::roof::Roof;
-use crate::scene::HeightReference;
+use crate::scene::{HeightBounds, HeightReference};
 
 /// Why a height is doubtful or unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -14,7 +14,7 @@ pub enum Reason {
     SeenByNoView,
     /// Fewer than three views had a say.
     TooFewViews,
-    /// The best height is the least or the greatest allowed.
+    /// The best height is the least or the greatest allowed, or the score does not fall towards the greatest.
     RangeBound,
     /// All heights explain the priors about equally well.
     FlatScore,
@@ -22,6 +22,12 @@ pub enum Reason {
     ConflictingViews,
     /// Even the best height explains the priors badly.
     PoorScore,
+    /// Another height explains the priors as well.
+    OtherHeight,
+    /// It stands far above all that is around, and the photos have not settled it.
+    AboveAllAround,
+    /// The photos show the ground around it elsewhere than the terrain has it.
+    GroundDiffers,
 }
 
 impl Reason {
@@ -35,6 +41,9 @@ impl Reason {
             Self::FlatScore => "flat_score",
             Self::ConflictingViews => "conflicting_views",
             Self::PoorScore => "poor_score",
+            Self::OtherHeight => "other_height",
+            Self::AboveAllAround => "above_all_around",
+            Self::GroundDiffers => "ground_differs",
         }
     }
 }
@@ -61,12 +70,36 @@ pub struct SolvedHeight {
 }
 
 impl SolvedHeight {
-    /// Takes the roof that the photos show, with a standard deviation to state from now on, metres.
-    pub fn settle(&mut self, roof: Roof, reference: HeightReference, sigma_m: f64) {
+    /// Takes the roof that the photos show, with a standard deviation to state from now on, metres; not if it is not within
+    /// the range of heights.
+    pub fn settle(&mut self, roof: Roof, bounds: HeightBounds, reference: HeightReference, sigma_m: f64) {
+        if !roof.is_within(bounds, reference) {
+            return;
+        }
         self.raised_m = self.roof.map(|before| roof.mean_m - before.mean_m);
         self.height_m = Some(roof.height_m(reference));
         self.roof = Some(roof);
         self.sigma_m = Some(sigma_m);
+    }
+
+    /// Takes a height or a roof that is not within the range back to it, as a flat roof, and says so: whatever found it, no
+    /// height outside is stated.
+    pub fn keep_within(&mut self, bounds: HeightBounds, reference: HeightReference) {
+        let Some(height_m) = self.height_m else { return };
+        let is_within = self.roof.map_or_else(|| bounds.hold(height_m), |roof| roof.is_within(bounds, reference));
+        if is_within {
+            return;
+        }
+        let nearest_m = bounds.nearest(self.roof.map_or(height_m, |roof| roof.mean_m));
+        (self.height_m, self.roof) = (Some(nearest_m), self.roof.map(|_| Roof::flat(nearest_m)));
+        self.doubt(Reason::RangeBound);
+    }
+
+    /// One more reason to look at it again.
+    pub fn doubt(&mut self, reason: Reason) {
+        if let Err(at) = self.reasons.binary_search(&reason) {
+            self.reasons.insert(at, reason);
+        }
     }
 
     /// A building that no height can be given.

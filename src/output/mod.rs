@@ -19,6 +19,7 @@
 pub mod attributes;
 mod buildings;
 pub mod cityjson;
+mod count;
 mod error;
 pub mod fallback;
 pub mod flatgeobuf;
@@ -29,11 +30,13 @@ pub mod outline;
 mod outlines;
 pub mod picture;
 pub mod planar;
+pub mod plausible;
 pub mod prism;
 pub mod read;
 pub(crate) mod record;
 pub mod reports;
 pub mod tiles3d;
+pub mod unmeasured;
 pub mod validate;
 mod wkb;
 
@@ -43,6 +46,7 @@ use crate::survey::Survey;
 
 pub use crate::scene::{HeightReference, RoofForm};
 pub use buildings::{Families, Family, Overview, Records};
+pub use count::StatusCount;
 pub use error::{MalformedFile, OutputError};
 pub use lineage::{InputFile, Lineage, sha256_hex};
 pub use record::{BuildingRecord, RoofShape, Status};

@@ -6,7 +6,7 @@ use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
 use super::attributes::round_m;
-use super::{BuildingRecord, CityModel, Lineage, OutputError, Status};
+use super::{BuildingRecord, CityModel, Lineage, OutputError, Status, StatusCount};
 use crate::files::write_whole;
 use crate::issue::Issue;
 use crate::stats::{mean, quantile};
@@ -19,9 +19,11 @@ const STATUSES: [Status; 5] = [Status::Measured, Status::Doubtful, Status::Fallb
 pub struct Summary {
     /// Buildings of the input.
     pub n_buildings: usize,
-    /// Buildings by what became of them; all statuses, also those without buildings.
+    /// Parts of those that came in several pieces or were taken apart.
+    pub n_parts: usize,
+    /// Buildings by what became of them, one in parts as its worst part; all statuses, also those without buildings.
     pub n_by_status: IndexMap<String, usize>,
-    /// Buildings by reason, the most frequent first, then alphabetical.
+    /// Buildings, and parts of such, by reason, the most frequent first, then alphabetical.
     pub n_by_reason: IndexMap<String, usize>,
     /// Issues by code, the most frequent first, then alphabetical.
     pub n_issues_by_code: IndexMap<String, usize>,
@@ -59,13 +61,16 @@ impl Summary {
     #[must_use]
     pub fn of(model: &CityModel<'_>) -> Self {
         let records = model.records;
-        let count = |status: Status| records.iter().filter(|r| r.status == status).count();
+        let count = StatusCount::of(records);
+        let by_status = count.by_status();
+        let of = |status: &Status| by_status.get(status).copied().unwrap_or(0);
         let mut views: Vec<&str> = records.iter().flat_map(|r| r.views.iter().map(String::as_str)).collect();
         views.sort_unstable();
         views.dedup();
         Self {
-            n_buildings: records.len(),
-            n_by_status: STATUSES.iter().map(|s| (s.as_str().to_owned(), count(*s))).collect(),
+            n_buildings: count.n_buildings(),
+            n_parts: count.n_parts(),
+            n_by_status: STATUSES.iter().map(|s| (s.as_str().to_owned(), of(s))).collect(),
             n_by_reason: tally(records.iter().flat_map(|r| r.reasons.iter().map(String::as_str))),
             n_issues_by_code: tally(model.issues.iter().map(|issue| issue.code.as_str())),
             n_views: model.survey.views.len(),
@@ -111,15 +116,13 @@ pub fn write_summary(path: &Path, summary: &Summary) -> Result<(), OutputError> 
     write_json(path, summary)
 }
 
-/// Writes `issues.json`: a list, refused items first, then by subject and code.
+/// Writes `issues.json`: a list, by weight ([`Issue::weight`]), in their order where that is the same.
 ///
 /// # Errors
 /// [`OutputError::File`].
 pub fn write_issues(path: &Path, issues: &[Issue]) -> Result<(), OutputError> {
     let mut sorted: Vec<&Issue> = issues.iter().collect();
-    sorted.sort_by(|a, b| {
-        b.severity.cmp(&a.severity).then_with(|| a.subject.cmp(&b.subject)).then_with(|| a.code.cmp(&b.code))
-    });
+    sorted.sort_by_key(|issue| issue.weight());
     write_json(path, &sorted)
 }
 

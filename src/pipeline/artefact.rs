@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{Cut, PipelineError, Stage};
+use super::{Cut, GroundTold, PipelineError, Stage};
 use crate::config::RunConfig;
 use crate::files::write_whole;
 use crate::footprint::{DetectionSummary, FootprintLayer, Tracks};
@@ -63,6 +63,9 @@ pub struct HeightStage {
     /// What the ground says against the priors' declared direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub doubt: Option<Issue>,
+    /// What the photos say of the terrain.
+    #[serde(default)]
+    pub ground: GroundTold,
 }
 
 impl HeightStage {
@@ -74,6 +77,7 @@ impl HeightStage {
             solution: Solution::default(),
             unread_photos: Vec::new(),
             doubt: None,
+            ground: GroundTold::default(),
         }
     }
 }
@@ -109,7 +113,8 @@ fn recipe(config: &RunConfig, stage: Stage) -> Recipe {
         files.extend(config.terrain.dtm.clone().map(|path| ("terrain", path)));
     }
     if stage >= Stage::Heights {
-        settings["prior"] = serde_json::json!(saved.prior);
+        settings["heights"] = serde_json::json!(saved.heights);
+        settings["prior"] = serde_json::json!(*saved.prior.chosen());
         settings["optimise"] = serde_json::json!(saved.optimise);
         settings["seed"] = serde_json::json!(saved.seed);
     }

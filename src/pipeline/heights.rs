@@ -4,11 +4,14 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
+use super::above::mark_towers;
 use super::footprints as outlines;
 use super::kept::PriorStore;
 use super::polish::polish;
 use super::stages::SceneStage;
-use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, artefact, levels};
+use super::{
+    Event, FootprintStage, GroundTold, HeightStage, PipelineError, Solver, Stage, Tell, artefact, ground_told, levels,
+};
 use crate::config::RunConfig;
 use crate::optimise::{OptimiseConfig, Problem, Rays, SearchConfig, Solution, Solving, ViewInput};
 use crate::prior::{GroundCorrelation, ground_correlation, judge_tag};
@@ -43,9 +46,7 @@ impl HeightSearch<'_> {
             let kept = opened.take().filter(|(terrain, _)| *terrain == stage.terrain);
             let (_, priors) = match kept {
                 Some(kept) => opened.insert(kept),
-                None => {
-                    opened.insert((stage.terrain.clone(), PriorStore::open(self.config, self.survey, &stage.terrain)?))
-                }
+                None => opened.insert((stage.terrain.clone(), PriorStore::open(self.config, self.survey, stage)?)),
             };
             let heights = self.of_scene(stage, priors, rays, optimise, known);
             require_priors(self.survey, &heights.solution)?;
@@ -63,7 +64,9 @@ impl HeightSearch<'_> {
         if footprints.tracks.is_some() {
             artefact::write(self.config, Stage::Footprints, &footprints)?;
         }
-        let heights = self.taking_apart(footprints, stage, find)?;
+        let mut heights = self.taking_apart(footprints, stage, find)?;
+        heights.ground = ground_told::look(self.config, self.survey, footprints, stage);
+        heights.ground.mark(footprints, &heights.solved, &mut heights.solution);
         let (_, priors) = opened.into_inner().expect("taking apart solves at least once");
         Ok((heights, priors))
     }
@@ -94,6 +97,7 @@ impl HeightSearch<'_> {
             heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &Known::default())?;
         }
         heights.unread_photos = polish(self.config, self.survey, stage, &mut heights.solution);
+        mark_towers(&stage.scene, &mut heights.solution);
         Ok(HeightStage { cuts, ..heights })
     }
 
@@ -135,13 +139,17 @@ impl HeightSearch<'_> {
             start_m: &known.of_scene(stage),
             progress: &|what, done, total| (self.tell)(Event::Advance { what, done, total }),
         };
-        let solution = (self.solver)(&problem, optimise);
+        let mut solution = (self.solver)(&problem, optimise);
+        // Whatever solved it: no height outside the range is stated.
+        let bounds = stage.scene.bounds;
+        solution.heights.iter_mut().for_each(|solved| solved.keep_within(bounds, optimise.height_reference));
         let correlations = correlations.into_inner().unwrap_or_else(PoisonError::into_inner);
         HeightStage {
             solved: stage.solved.clone(),
             cuts: Vec::new(),
             solution,
             unread_photos: Vec::new(),
+            ground: GroundTold::default(),
             doubt: judge_tag(&correlations.into_values().collect::<Vec<_>>()),
         }
     }

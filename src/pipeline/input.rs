@@ -10,10 +10,7 @@ use crate::output::fallback::FallbackSource;
 use crate::scene::HeightBounds;
 use crate::survey::{Survey, ViewKind};
 
-/// Share of the lowest flying height that a building can have at most.
-const MAX_HEIGHT_SHARE: f64 = 0.8;
-/// Greatest height that is looked for without being asked, metres.
-const MAX_HEIGHT_M: f64 = 150.0;
+const RANGE_HINT: &str = "set heights.min_m and heights.max_m in metres above ground";
 
 /// Checks that the views look at the footprints from above; returns the lowest flying height above ground, metres.
 pub(super) fn check_views(survey: &Survey, footprints: &FootprintStage) -> Result<f64, PipelineError> {
@@ -108,16 +105,10 @@ pub(super) fn check_settings(config: &RunConfig) -> Result<(), PipelineError> {
             hint: "leave it out for the default, or set enabled = false to leave the photos out",
         });
     }
-    let (min_m, max_m) = (config.optimise.min_height_m, config.optimise.max_height_m);
-    if min_m > 0.0 && max_m.is_none_or(|max_m| max_m > min_m && max_m.is_finite()) {
-        return Ok(());
+    match config.heights.fault() {
+        None => Ok(()),
+        Some(message) => Err(PipelineError::Settings { table: "heights", message, hint: RANGE_HINT }),
     }
-    let max = max_m.map_or("the default".to_owned(), |max_m| max_m.to_string());
-    Err(PipelineError::Settings {
-        table: "optimise",
-        message: format!("heights from {min_m} to {max} m: expected 0 < min_height_m < max_height_m"),
-        hint: "set min_height_m and max_height_m in metres above ground",
-    })
 }
 
 /// Checks that some outline has the attribute that heights are to come from where photos do not tell them.
@@ -143,17 +134,17 @@ pub fn check_fallback<'a>(
 
 /// The heights to look for.
 pub(super) fn height_bounds(config: &RunConfig, lowest_flight_m: f64) -> Result<HeightBounds, PipelineError> {
-    let min_m = config.optimise.min_height_m;
-    let max_m = config.optimise.max_height_m.unwrap_or((MAX_HEIGHT_SHARE * lowest_flight_m).min(MAX_HEIGHT_M) as f32);
+    let bounds = config.heights.bounds(lowest_flight_m);
+    let HeightBounds { min_m, max_m } = bounds;
     if !(min_m > 0.0 && max_m > min_m && max_m.is_finite()) {
         return Err(PipelineError::Settings {
-            table: "optimise",
+            table: "heights",
             message: format!(
-                "heights from {min_m} to {max_m} m: expected 0 < min_height_m < max_height_m (the lowest oblique view \
-                 is {lowest_flight_m:.0} m above ground)"
+                "heights from {min_m} to {max_m} m: expected 0 < min_m < max_m (the lowest oblique view is \
+                 {lowest_flight_m:.0} m above ground)"
             ),
-            hint: "set min_height_m and max_height_m in metres above ground",
+            hint: RANGE_HINT,
         });
     }
-    Ok(HeightBounds { min_m, max_m })
+    Ok(bounds)
 }

@@ -9,9 +9,9 @@ use crate::config::RunConfig;
 use crate::optimise::WithoutPrior;
 use crate::prior::{DepthPrior, PriorError, PriorSource as _, Priors};
 use crate::survey::{Survey, View};
-use crate::terrain::Terrain;
 
 use super::PipelineError;
+use super::stages::SceneStage;
 
 /// What a run keeps of computed priors, bytes: some 350 of 518 × 350 pixels.
 const KEPT_BYTES: usize = 256 << 20;
@@ -31,8 +31,8 @@ struct Kept {
 
 impl PriorStore {
     /// Of a run.
-    pub fn open(config: &RunConfig, survey: &Survey, terrain: &Terrain) -> Result<Self, PipelineError> {
-        let source = config.prior.open(&survey.views, terrain)?;
+    pub fn open(config: &RunConfig, survey: &Survey, stage: &SceneStage) -> Result<Self, PipelineError> {
+        let source = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
         Ok(Self { source, limit_bytes: KEPT_BYTES, kept: Mutex::default() })
     }
 

@@ -48,7 +48,7 @@ pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) ->
             )
         })?;
     let stage = SceneStage::new(config, &survey, &footprints)?.after(config, &mut footprints, &heights.cuts)?;
-    let priors = config.prior.open(&survey.views, &stage.terrain)?;
+    let priors = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
     let prior = priors.load(found)?.to_z_depth(&found.camera);
     let placed = PlacedCamera::new(found.camera.reduced_to(PICTURE_PX), found.camera_from_map, stage.scene.origin);
     let rendered = SceneTracer::new(&stage.scene, &heights_m).render(&placed);

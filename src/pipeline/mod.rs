@@ -10,12 +10,14 @@
 //! The survey report (`survey.json`, `pictures/survey.png`) lies beside the results; a survey that looks wrong stops the
 //! run. A run can stop after any stage and start at any, from what earlier runs left behind.
 
+mod above;
 mod artefact;
 mod dtm;
 mod error;
 mod evidence;
 mod footprints;
 mod frame;
+mod ground_told;
 mod heights;
 mod input;
 mod kept;
@@ -37,6 +39,7 @@ pub use dtm::{dtm_of_photos, write_dtm};
 pub use error::PipelineError;
 pub use footprints::files as outline_files;
 pub use frame::Frame;
+pub use ground_told::GroundTold;
 pub use input::check_fallback;
 pub use levels::Cut;
 pub use look::look;
@@ -47,6 +50,7 @@ pub use tile::{
     Part, PartHashes, PartHeights, find_outlines, layer_of, outlines_around, part_settings, refused_records, survey_of,
 };
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
@@ -123,8 +127,14 @@ pub type Tell<'a> = &'a (dyn Fn(Event) + Sync);
 /// What a run did.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunSummary {
+    /// What speaks against the result as a whole, one sentence each; empty where nothing does.
+    #[serde(default)]
+    pub implausible: Vec<String>,
     /// Folder of the results.
     pub output: PathBuf,
+    /// Where depth priors come from, in words.
+    #[serde(default)]
+    pub priors_from: String,
     /// Views with a usable pose.
     pub n_views: usize,
     /// Of these, oblique ones, in which heights can be measured.
@@ -139,9 +149,12 @@ pub struct RunSummary {
     /// What was found in the nadir photos, where outlines come from there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detection: Option<crate::footprint::DetectionSummary>,
-    /// Buildings by status; absent where the output stage did not run.
-    pub by_status: std::collections::BTreeMap<Status, usize>,
-    /// Median height above ground of all buildings with one, metres.
+    /// Buildings of the input by status, one in parts as its worst part; empty where the output stage did not run.
+    pub by_status: BTreeMap<Status, usize>,
+    /// Parts of buildings that came in several pieces or were taken apart, by status.
+    #[serde(default)]
+    pub parts_by_status: BTreeMap<Status, usize>,
+    /// Median height above ground of all buildings with one, and parts of such, metres.
     pub median_height_m: Option<f64>,
     /// Issues of all stages by severity.
     pub n_refused: usize,

@@ -1,7 +1,8 @@
 //! The city from above and aside, drawn on the CPU: for print, for documents, and for browsers without WebGL.
 //!
 //! Each pixel is a ray into the scene; its colour is the building's height, shaded by how the face lies to the sun, and
-//! darker where another ray towards the sun meets a building. Edges are where two neighbouring pixels show different faces.
+//! darker where another ray towards the sun meets a building. Edges are where two neighbouring pixels show different faces;
+//! those of doubtful buildings are orange.
 
 use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
 use image::imageops::{FilterType, resize};
@@ -11,12 +12,12 @@ use rayon::prelude::*;
 use crate::camera::Camera;
 use crate::frames::{Map, Rigid};
 use crate::optimise::SolvedHeight;
-use crate::output::picture::colour::{self, ColourMap, INK, NO_VALUE, WHITE};
+use crate::output::picture::HeightScale;
+use crate::output::picture::colour::{self, ALERT, INK, NO_VALUE, WHITE};
 use crate::ray::{Aabb, Ray};
 use crate::render::PlacedCamera;
 use crate::render::image::{Face, SceneTracer};
 use crate::scene::Scene;
-use crate::stats::quantile;
 
 /// Size of the picture, and how much larger it is drawn before it is reduced.
 const SIZE_PX: [u32; 2] = [1200, 720];
@@ -35,13 +36,11 @@ const SKY: f32 = 0.5;
 const SUNLIGHT: f32 = 0.5;
 /// Shadow rays begin this far from the surface, metres.
 const OFF_M: f32 = 0.05;
-/// How dark edges are.
+/// How dark edges are, and how strong those of doubtful buildings.
 const EDGE: f32 = 0.6;
+const ALERT_EDGE: f32 = 1.0;
 /// Colour of the ground.
 const GROUND: colour::Rgb = [236, 233, 226];
-/// Heights that share the last colour, as on the map.
-const TOP_QUANTILE: f64 = 0.98;
-const TOP_MEDIANS: f64 = 2.5;
 /// Distance over which the ground's slope is taken, metres.
 const SLOPE_M: f32 = 2.0;
 
@@ -57,9 +56,11 @@ struct Sight {
 pub(super) fn draw(scene: &Scene, solved: &[SolvedHeight]) -> RgbImage {
     let heights_m: Vec<f32> = solved.iter().map(|s| s.height_m.map_or(scene.bounds.min_m, |h| h as f32)).collect();
     let known: Vec<f64> = solved.iter().filter_map(|s| s.height_m).collect();
-    let median_m = quantile(&known, 0.5).unwrap_or(1.0);
-    let top_m = quantile(&known, TOP_QUANTILE).unwrap_or(1.0).min(TOP_MEDIANS * median_m).max(1.0);
-    let colours = solved.iter().map(|s| s.height_m.map_or(NO_VALUE, |h| ColourMap::Viridis.at(h / top_m))).collect();
+    let scale = HeightScale::of(&known);
+    let colours = solved.iter().map(|s| s.height_m.map_or(NO_VALUE, |h| scale.colour(h))).collect();
+    let is_doubtful = |face: Option<(u32, u32)>| {
+        face.and_then(|(b, _)| solved.get(b as usize)).is_some_and(|s| s.height_m.is_some() && !s.reasons.is_empty())
+    };
     let [width, height] = SIZE_PX.map(|n| (f64::from(n) * OVERSAMPLING) as u32);
     let placed = camera(scene, &heights_m, [width, height]);
     let painter = Painter { scene, tracer: SceneTracer::new(scene, &heights_m), colours };
@@ -68,9 +69,13 @@ pub(super) fn draw(scene: &Scene, solved: &[SolvedHeight]) -> RgbImage {
         let (x, y) = (x as usize, y as usize);
         let here = rows[y][x];
         let beside = [rows[y].get(x + 1), rows.get(y + 1).and_then(|row| row.get(x))];
-        let is_edge = beside.into_iter().flatten().any(|next| next.face != here.face);
-        let darken = |v: f32, ink: u8| if is_edge { v + (f32::from(ink) - v) * EDGE } else { v };
-        Rgb(std::array::from_fn(|c| darken(here.colour[c], INK[c]).round() as u8))
+        let next = beside.into_iter().flatten().find(|next| next.face != here.face);
+        let Some(next) = next else { return Rgb(here.colour.map(|v| v.round() as u8)) };
+        // Edges of what is doubtful are in the colour of doubt.
+        let (ink, share) =
+            if is_doubtful(here.face) || is_doubtful(next.face) { (ALERT, ALERT_EDGE) } else { (INK, EDGE) };
+        let drawn = |c: usize| here.colour[c] + (f32::from(ink[c]) - here.colour[c]) * share;
+        Rgb(std::array::from_fn(|c| drawn(c).round() as u8))
     });
     resize(&sharp, SIZE_PX[0], SIZE_PX[1], FilterType::Triangle)
 }

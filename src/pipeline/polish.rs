@@ -92,9 +92,8 @@ pub(super) fn polish(
             continue;
         };
         let roof = roof.raised(settled.raised_m);
-        let is_possible = roof.eave_m > 0.0 && roof.mean_m >= f64::from(stage.scene.bounds.min_m);
-        if is_possible && solved.sigma_m.is_none_or(|of_priors_m| sigma_m < of_priors_m) {
-            solved.settle(roof, config.optimise.height_reference, sigma_m);
+        if roof.eave_m > 0.0 && solved.sigma_m.is_none_or(|of_priors_m| sigma_m < of_priors_m) {
+            solved.settle(roof, stage.scene.bounds, config.optimise.height_reference, sigma_m);
         }
     }
     let unread: BTreeMap<usize, String> = unread.into_inner().unwrap_or_else(PoisonError::into_inner);

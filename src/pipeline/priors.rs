@@ -56,7 +56,7 @@ pub fn compute_priors(
     let survey: Survey = artefact::read(config, Stage::Survey)?;
     let footprints: FootprintStage = artefact::read(config, Stage::Footprints)?;
     let stage = SceneStage::new(config, &survey, &footprints)?;
-    let priors = config.prior.open(&survey.views, &stage.terrain)?;
+    let priors = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
     if !priors.has_cache() {
         return Err(PipelineError::Settings {
             table: "prior",

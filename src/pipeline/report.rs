@@ -22,7 +22,10 @@ pub(super) fn write(
     priors: &PriorStore,
 ) -> Result<(), PipelineError> {
     let folder = &config.project.output;
-    let overview = config.output.pictures.then(|| overview::draw(&stage.scene, &heights.solution.heights));
+    let implausible: Vec<String> =
+        model.issues.iter().filter(|i| i.code == "result_implausible").map(|i| i.message.clone()).collect();
+    let draw = || picture::warned(overview::draw(&stage.scene, &heights.solution.heights), &implausible);
+    let overview = config.output.pictures.then(draw);
     if let Some(overview) = &overview {
         picture::write_png(&folder.join("pictures").join("overview.png"), overview)?;
     }

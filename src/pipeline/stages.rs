@@ -20,7 +20,9 @@ use crate::config::RunConfig;
 use crate::files::{FileError, write_whole};
 use crate::frames::LocalOrigin;
 use crate::issue::{Issue, Severity, Subject};
-use crate::output::{BuildingRecord, CityModel, InputFile, Lineage, cityjson, geopackage, sha256_hex};
+use crate::output::plausible::Doubts;
+use crate::output::unmeasured::unmeasured;
+use crate::output::{CityModel, InputFile, Lineage, StatusCount, cityjson, geopackage, sha256_hex};
 use crate::prior::Priors;
 use crate::scene::Scene;
 use crate::survey::{Survey, ViewKind};
@@ -85,7 +87,7 @@ pub(super) fn run(
         artefact::read(config, Stage::Footprints)?
     };
     check_fallback(config, footprints.layer.footprints.iter().map(|footprint| &footprint.attributes))?;
-    summary.n_buildings = footprints.layer.footprints.len() + footprints.layer.refused.len();
+    summary.n_buildings = n_buildings(&footprints);
     summary.detection.clone_from(&footprints.detection);
     if options.until == Stage::Footprints {
         // Later stages would write them with their own.
@@ -121,12 +123,19 @@ pub(super) fn run(
     let records = records(config, &survey, &footprints, &heights);
     let mut issues = all_issues(config, &survey, &footprints, &heights);
     issues.extend(cityjson::check(&records, &config.output.cityjson)?);
+    issues.extend(unmeasured(&records, &issues));
+    let implausible = Doubts::of(&records).implausible();
+    summary.implausible = implausible.iter().map(|issue| issue.message.clone()).collect();
+    issues.extend(implausible);
+    issues.sort_by_key(Issue::weight);
     summary.count_issues(&issues);
     summary.worst = worst(&records, &issues);
-    summary.by_status = count_by_status(&records);
+    let count = StatusCount::of(&records);
+    summary.n_buildings = count.n_buildings();
+    (summary.by_status, summary.parts_by_status) = (count.by_status(), count.parts);
     let known: Vec<f64> = records.iter().filter_map(|r| r.height_m).collect();
     summary.median_height_m = crate::stats::median(&known);
-    let priors = priors.map_or_else(|| PriorStore::open(config, &survey, &stage.terrain), Ok)?;
+    let priors = priors.map_or_else(|| PriorStore::open(config, &survey, &stage), Ok)?;
     let lineage = lineage(config, options, &survey, &heights, priors.source())?;
     let model = CityModel {
         records: records.as_slice(),
@@ -151,6 +160,8 @@ pub(super) fn run(
 
 fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
     RunSummary {
+        implausible: Vec::new(),
+        priors_from: config.prior.in_words(),
         output: config.project.output.clone(),
         n_views: survey.views.len(),
         n_oblique: survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique).count(),
@@ -159,6 +170,7 @@ fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
         n_buildings: 0,
         detection: None,
         by_status: BTreeMap::new(),
+        parts_by_status: BTreeMap::new(),
         median_height_m: None,
         n_refused: 0,
         n_warnings: 0,
@@ -269,7 +281,7 @@ pub(super) fn view_issues<'a>(survey: &'a Survey, heights: &'a HeightStage) -> i
     let failed = heights.solution.failed_views.iter();
     let failed = failed.map(move |view| told(Severity::Refused, "prior_unusable", view));
     let unread = heights.unread_photos.iter().map(move |view| told(Severity::Warning, "photo_unreadable", view));
-    failed.chain(unread).chain(heights.doubt.clone())
+    failed.chain(unread).chain(heights.doubt.clone()).chain(heights.ground.issue())
 }
 
 /// A word where nobody says what heights count from.
@@ -287,14 +299,16 @@ fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, 
     let mut issues: Vec<Issue> = survey.issues.clone();
     issues.extend(footprints.layer.issues.iter().chain(&footprints.issues).cloned());
     issues.extend(view_issues(survey, heights).chain(unstated_reference(config)));
+    issues.extend(config.notes().iter().cloned());
     issues
 }
 
-fn count_by_status(records: &[BuildingRecord]) -> BTreeMap<crate::output::Status, usize> {
-    records.iter().fold(BTreeMap::new(), |mut counts, record| {
-        *counts.entry(record.status).or_default() += 1;
-        counts
-    })
+/// Buildings of the input: one in several pieces is one.
+fn n_buildings(footprints: &FootprintStage) -> usize {
+    let layer = &footprints.layer;
+    let found = layer.footprints.iter().map(|f| f.part_of.as_ref().unwrap_or(&f.id));
+    let refused = layer.refused.iter().map(|f| f.part_of.as_ref().unwrap_or(&f.id));
+    found.chain(refused).collect::<BTreeSet<_>>().len()
 }
 
 fn lineage(

@@ -163,13 +163,13 @@ fn content_of(terrain: &Terrain) -> Content {
 /// given, nor those of what is made of all parts.
 #[must_use]
 pub fn part_settings(config: &RunConfig) -> serde_json::Value {
-    let RunConfig { seed, project, footprints, terrain, ground, prior, optimise, output, .. } = config;
+    let RunConfig { seed, project, footprints, terrain, ground, heights, prior, optimise, output, .. } = config;
     let crate::config::ProjectConfig { crs, vertical_reference, reference_date, .. } = project;
     let crate::config::OutputConfig { fallback, cityjson, .. } = output;
     serde_json::json!({
         "seed": seed,
         "project": { "crs": crs, "vertical_reference": vertical_reference, "reference_date": reference_date },
-        "footprints": footprints, "terrain": terrain, "ground": ground, "prior": prior, "optimise": optimise,
+        "footprints": footprints, "terrain": terrain, "ground": ground, "heights": heights, "prior": *prior.chosen(), "optimise": optimise,
         "output": { "fallback": fallback, "cityjson": cityjson },
     })
 }
@@ -207,7 +207,7 @@ impl<'a> Part<'a> {
         let has_ground = footprints.ground.iter().any(Option::is_some);
         let scene = has_ground.then(|| SceneStage::in_frame(config, &frame, &footprints)).transpose()?;
         let terrain = scene.as_ref().map_or(&Terrain::Constant(0.0), |scene| &scene.terrain);
-        let mut priors = config.prior.open(&survey.views, terrain)?;
+        let mut priors = config.prior.open(&survey.views, terrain, frame.bounds.max_m)?;
         priors.set_positions(positions);
         let priors = PriorStore::forgetful(priors);
         let ids = footprints.layer.footprints.iter().map(|f| f.id.0.clone());

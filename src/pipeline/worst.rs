@@ -4,28 +4,24 @@ use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
 use crate::issue::{Issue, Severity, Subject};
+use crate::output::unmeasured::{OF_FALLBACK, in_words};
 use crate::output::{BuildingRecord, Status};
 
-/// Issues that most others can follow from, those that come first in a run first.
-const CAUSES: [&str; 5] = [
-    "survey_unsound_accepted",
-    "masks_empty",
-    "instances_in_parts",
-    "prior_looks_inverted",
-    "prior_unrelated_to_ground",
-];
-/// Reasons that say where a height comes from, not why it was not measured.
-const OF_FALLBACK: [&str; 3] = ["height_from_attribute", "height_from_neighbours", "no_fallback"];
+/// What a height that is not there weighs against one that is doubtful.
+const WEIGHT_WITHOUT: usize = 2;
 
 /// The most important problem in one sentence; `None` where there is none: what others follow from, or heights that
-/// could not be measured, or the gravest of the other issues.
+/// could not be measured or are doubtful, whichever weighs more, or the gravest of the other issues.
 pub(super) fn worst(records: &[BuildingRecord], issues: &[Issue]) -> Option<String> {
-    let cause = CAUSES.iter().find_map(|code| issues.iter().find(|issue| issue.code == *code));
+    // An implausible result has a cause that says more, if one is known.
+    let is_effect = |issue: &Issue| issue.code == "result_implausible";
+    let of_the_whole = issues.iter().filter(|issue| issue.is_of_the_whole());
+    let cause = of_the_whole.min_by_key(|issue| (is_effect(issue), issue.weight()));
     let gravest = || {
         let grave = issues.iter().filter(|issue| issue.severity >= Severity::Warning);
-        grave.min_by_key(|issue| Reverse(issue.severity))
+        grave.min_by_key(|issue| issue.weight())
     };
-    cause.map(told).or_else(|| unmeasured(records)).or_else(|| gravest().map(told))
+    cause.map(told).or_else(|| not_measured(records)).or_else(|| gravest().map(told))
 }
 
 fn told(issue: &Issue) -> String {
@@ -35,36 +31,24 @@ fn told(issue: &Issue) -> String {
     }
 }
 
-/// How many heights could not be measured, and the commonest reason.
-fn unmeasured(records: &[BuildingRecord]) -> Option<String> {
-    let is_measured = |record: &BuildingRecord| matches!(record.status, Status::Measured | Status::Doubtful);
-    let without: Vec<&BuildingRecord> = records.iter().filter(|record| !is_measured(record)).collect();
+/// How many heights could not be measured, or are doubtful, and the commonest reason.
+fn not_measured(records: &[BuildingRecord]) -> Option<String> {
+    let of = |holds: fn(Status) -> bool| -> Vec<&BuildingRecord> {
+        records.iter().filter(|record| holds(record.status)).collect()
+    };
+    let without = of(|status| !matches!(status, Status::Measured | Status::Doubtful));
+    let doubtful = of(|status| status == Status::Doubtful);
+    let (those, are) = match WEIGHT_WITHOUT * without.len() >= doubtful.len() {
+        true => (without, "could not be measured"),
+        false => (doubtful, "are doubtful"),
+    };
     let mut by_reason: BTreeMap<&str, usize> = BTreeMap::new();
-    for reason in without.iter().flat_map(|record| &record.reasons).filter(|r| !OF_FALLBACK.contains(&r.as_str())) {
+    for reason in those.iter().flat_map(|record| &record.reasons).filter(|r| !OF_FALLBACK.contains(&r.as_str())) {
         *by_reason.entry(reason).or_default() += 1;
     }
     let (reason, n) = by_reason.into_iter().min_by_key(|(_, n)| Reverse(*n))?;
-    let of_them = if n < without.len() { format!(", {n} of them") } else { String::new() };
-    Some(format!(
-        "{} of {} heights could not be measured{of_them} because {}",
-        without.len(),
-        records.len(),
-        in_words(reason)
-    ))
-}
-
-fn in_words(reason: &str) -> String {
-    match reason {
-        "seen_by_no_view" => "no oblique photo with a prior sees the building well enough",
-        "too_few_views" => "fewer than three photos have a say",
-        "range_bound" => "the best height is the least or the greatest allowed",
-        "flat_score" => "all heights explain the priors about equally well",
-        "conflicting_views" => "the photos disagree",
-        "poor_score" => "no height explains the priors",
-        "ground_unknown" => "the terrain has no ground there",
-        _ => return format!("the outline cannot be used ({reason})"),
-    }
-    .to_owned()
+    let of_them = if n < those.len() { format!(", {n} of them") } else { String::new() };
+    Some(format!("{} of {} heights {are}{of_them} because {}", those.len(), records.len(), in_words(reason)))
 }
 
 #[cfg(test)]
@@ -97,11 +81,19 @@ mod tests {
         assert_eq!(worst(&bad, &all).unwrap(), "inverted");
         assert_eq!(
             worst(&bad, &all[..2]).unwrap(),
-            "3 of 4 heights could not be measured, 2 of them because no height explains the priors"
+            "3 of 4 heights could not be measured, 2 of them because the priors are explained badly by any height"
         );
         assert_eq!(
             worst(&records(&["ground_unknown", ""]), &all[..2]).unwrap(),
             "1 of 2 heights could not be measured because the terrain has no ground there"
+        );
+        let mut doubtful =
+            records(&["flat_score", "conflicting_views", "conflicting_views", "range_bound", "range_bound", ""]);
+        doubtful[..5].iter_mut().for_each(|record| record.status = Status::Doubtful);
+        let overlap = Issue::new(Severity::Warning, "footprints_overlap", Subject::Building("a".to_owned()), "by 1 %");
+        assert_eq!(
+            worst(&doubtful, &[overlap]).unwrap(),
+            "5 of 6 heights are doubtful, 2 of them because the photos disagree"
         );
         assert_eq!(worst(&sound, &all[..2]).unwrap(), "a.jpg: no depth");
         assert_eq!(worst(&sound, &all[..1]), None);

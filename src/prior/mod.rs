@@ -10,6 +10,7 @@
 mod ahead;
 mod album;
 mod array;
+mod auto;
 mod cache;
 mod check;
 mod exr_map;
@@ -23,6 +24,7 @@ mod source;
 pub mod stereo;
 
 pub(crate) use album::Album;
+pub use auto::AutoConfig;
 pub use cache::{CacheConfig, CacheKey, CachedPriors, KeyHasher, PriorCache};
 pub use check::{GroundCorrelation, ground_correlation, judge_tag};
 pub use files::{FilePriorConfig, FilePriors};

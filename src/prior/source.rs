@@ -1,5 +1,6 @@
 //! Where a project's priors come from: one choice of the configuration, one source.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -7,8 +8,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    CachedPriors, DepthPrior, FilePriorConfig, FilePriors, NetworkConfig, NetworkPriors, PriorError, PriorSource,
-    StereoConfig, StereoPriors, ahead,
+    AutoConfig, CachedPriors, DepthPrior, FilePriorConfig, FilePriors, NetworkConfig, NetworkPriors, PriorError,
+    PriorSource, StereoConfig, StereoPriors, ahead,
 };
 use crate::ids::ViewId;
 use crate::paths::{PathVisitor, visit_template};
@@ -25,6 +26,8 @@ pub enum PriorConfig {
     Network(Box<NetworkConfig>),
     /// No network at all: the photos matched with each other.
     Stereo(StereoConfig),
+    /// The best that there is: a network if its file is in place, else stereo.
+    Auto(AutoConfig),
 }
 
 impl PriorConfig {
@@ -37,13 +40,14 @@ impl PriorConfig {
             }
             Self::Network(network) => network.visit_paths(visit),
             Self::Stereo(stereo) => visit(&mut stereo.cache.folder),
+            Self::Auto(auto) => auto.visit_paths(visit),
         }
     }
 
     /// Whether the name of a prior depends on its photo's position in the survey.
     #[must_use]
     pub fn asks_for_positions(&self) -> bool {
-        matches!(self, Self::Files(files) if files.path.contains("{index}"))
+        matches!(self, Self::Files(files) if files.path.contains("{index}")) // `auto` has no names of files
     }
 
     /// Files that all priors depend on: a network's graph, the names in a stack.
@@ -53,6 +57,7 @@ impl PriorConfig {
             Self::Files(files) => files.names.iter().cloned().collect(),
             Self::Network(network) => vec![network.model.clone()],
             Self::Stereo(_) => Vec::new(),
+            Self::Auto(_) => self.chosen().shared_files(),
         }
     }
 
@@ -66,15 +71,38 @@ impl PriorConfig {
                 let files = FilePriors::new(config.clone(), views.iter().map(|view| &view.id))?;
                 views.iter().map(|view| files.path_of(&view.id).map(Some)).collect()
             }
-            Self::Network(_) | Self::Stereo(_) => Ok(views.iter().map(|view| view.image.clone()).collect()),
+            Self::Auto(_) | Self::Network(_) | Self::Stereo(_) => {
+                Ok(views.iter().map(|view| view.image.clone()).collect())
+            }
         }
     }
 
-    /// Gets the source ready for a survey over a terrain; no prior is read or computed yet.
+    /// The source that priors come from: itself, or what `auto` chooses.
+    #[must_use]
+    pub fn chosen(&self) -> Cow<'_, Self> {
+        match self {
+            Self::Auto(auto) => Cow::Owned(auto.chosen()),
+            Self::Files(_) | Self::Network(_) | Self::Stereo(_) => Cow::Borrowed(self),
+        }
+    }
+
+    /// Where priors come from, in words.
+    #[must_use]
+    pub fn in_words(&self) -> String {
+        match self {
+            Self::Files(_) => "files".to_owned(),
+            Self::Network(network) => format!("the network {}", network.model.display()),
+            Self::Stereo(_) => "stereo, the photos matched with each other".to_owned(),
+            Self::Auto(auto) => format!("{}: {}", self.chosen().in_words(), auto.why()),
+        }
+    }
+
+    /// Gets the source ready for a survey over a terrain; no prior is read or computed yet. What computes metres looks for
+    /// roofs up to `highest_m` above the ground.
     ///
     /// # Errors
     /// [`PriorError`] for settings that cannot work.
-    pub fn open(&self, views: &[View], terrain: &Terrain) -> Result<Priors, PriorError> {
+    pub fn open(&self, views: &[View], terrain: &Terrain, highest_m: f32) -> Result<Priors, PriorError> {
         Ok(match self {
             Self::Files(config) => {
                 Priors::Files(Box::new(FilePriors::new(config.clone(), views.iter().map(|v| &v.id))?))
@@ -84,8 +112,13 @@ impl PriorConfig {
                 Priors::Network(Box::new(CachedPriors::new(network, config.cache.open()?)))
             }
             Self::Stereo(config) => {
-                let stereo = StereoPriors::new(config.clone(), views, terrain)?;
+                let settings = StereoConfig { max_height_m: f64::from(highest_m), ..config.clone() };
+                let stereo = StereoPriors::new(settings, views, terrain)?;
                 Priors::Stereo(Box::new(CachedPriors::new(stereo, config.cache.open()?)))
+            }
+            Self::Auto(auto) => {
+                auto.check(views)?;
+                auto.chosen().open(views, terrain, highest_m)?
             }
         })
     }

@@ -9,7 +9,7 @@ use super::evidence::{EvidenceData, data_uri};
 use super::{Levels, Report, ViewUse};
 use crate::issue::Issue;
 use crate::output::reports::Summary;
-use crate::output::{BuildingRecord, Lineage};
+use crate::output::{BuildingRecord, Lineage, StatusCount};
 use crate::survey::{SurveyReport, View, ViewKind, ground};
 
 /// Heights of single buildings over the passes are in the page up to so many numbers.
@@ -74,7 +74,7 @@ impl<'a> Data<'a> {
         let ground_m = middle_ground(model.records).unwrap_or(origin[2]);
         let n_heights: usize = report.passes.iter().map(|pass| pass.heights_m.len()).sum();
         let mut issues: Vec<&Issue> = model.issues.iter().collect();
-        issues.sort_by(|a, b| b.severity.cmp(&a.severity).then_with(|| a.code.cmp(&b.code)));
+        issues.sort_by_key(|issue| issue.weight());
         Self {
             title: title(report),
             crs: match model.crs.epsg() {
@@ -100,7 +100,7 @@ impl<'a> Data<'a> {
 }
 
 fn title(report: &Report<'_>) -> String {
-    let n = report.model.records.len();
+    let n = StatusCount::of(report.model.records).n_buildings();
     let date = report.model.lineage.reference_date.as_deref().map(|date| format!(", {date}")).unwrap_or_default();
     format!("{n} building{}{date}", if n == 1 { "" } else { "s" })
 }

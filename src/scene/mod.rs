@@ -4,9 +4,11 @@
 
 mod ground;
 mod prism;
+mod range;
 
 pub use ground::LocalGround;
 pub use prism::{Crossing, Prism};
+pub use range::{HeightBounds, HeightsConfig};
 
 use geo_types::Polygon;
 use glam::DVec3;
@@ -15,15 +17,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::frames::LocalOrigin;
 use crate::terrain::{GroundLevel, Terrain};
-
-/// Which heights a building can have, metres above its ground level.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HeightBounds {
-    /// Least height.
-    pub min_m: f32,
-    /// Greatest height.
-    pub max_m: f32,
-}
 
 /// Which height of a pitched roof the stated height is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]

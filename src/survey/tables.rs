@@ -12,8 +12,8 @@ use super::error::Place;
 use super::poses::{FileHeights, Pose, Poses, World};
 use super::{SurveyError, csv};
 use crate::camera::Camera;
-use crate::files;
 use crate::crs::{Crs, CrsError};
+use crate::files;
 
 fn need_camera<'a>(camera: Option<&'a CameraConfig>, format: &str) -> Result<&'a CameraConfig, SurveyError> {
     camera.ok_or_else(|| {

@@ -17,9 +17,12 @@ use super::{Lock, TilesError};
 use crate::files::FileError;
 use crate::issue::{Issue, Severity, Subject};
 use crate::output::geopackage::{self, TileArea};
+use crate::output::plausible::Doubts;
 use crate::output::reports::{write_issues, write_json};
 use crate::output::tiles3d::{self, Tiles3dConfig};
-use crate::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records as _, Status, cityjson};
+use crate::output::{
+    CityModel, InputFile, Lineage, OutputError, Overview, Records as _, Status, StatusCount, cityjson,
+};
 use crate::pipeline::{lineage_of, refused_records, unstated_reference};
 use crate::recipe::Recipe;
 use crate::stats;
@@ -60,9 +63,9 @@ pub struct Merged {
     pub n_tiles: usize,
     /// Tiles that are not done.
     pub missing: Vec<String>,
-    /// Buildings, those without an outline included.
+    /// Buildings of the input, those without an outline included.
     pub n_buildings: usize,
-    /// Buildings by what became of them.
+    /// Buildings by what became of them, one in parts as its worst part.
     pub by_status: BTreeMap<Status, usize>,
     /// Median height above ground, metres.
     pub median_height_m: Option<f64>,
@@ -163,9 +166,15 @@ impl City<'_> {
     fn write(self, tileset: Tileset, made_by: Recipe) -> Result<Merged, TilesError> {
         let (config, folder) = (&self.manifest.config, self.layout.folder());
         let common: Common = read_json(&self.layout.common())?;
-        let issues = self.issues(common.issues)?;
+        let mut issues = self.issues(common.issues)?;
         let survey = Survey { views: common.views, issues: Vec::new() };
         let records = TileRecords { files: self.files(BUILDINGS), rest: refused_records(config, common.refused) };
+        let (count, doubts, median_height_m) = count(&records)?;
+        let implausible = doubts.implausible();
+        let told: Vec<&str> = implausible.iter().map(|issue| issue.message.as_str()).collect();
+        let told = json!(told);
+        issues.extend(implausible);
+        issues.sort_by_key(Issue::weight);
         let lineage = self.lineage()?;
         let crs = &config.project.crs;
         let model = CityModel { records: &records, crs, lineage: &lineage, issues: &issues, survey: &survey };
@@ -177,17 +186,17 @@ impl City<'_> {
         write_issues(&folder.join("issues.json"), &issues)?;
         write_json(&folder.join("lineage.json"), &lineage)?;
         let seams = seams::compare(&records.files, &self.files(HALO))?;
-        let (by_status, median_height_m) = count(&records)?;
+        let by_status = count.by_status();
         let summary = json!({
-            "n_tiles": self.manifest.tiles.len(), "missing_tiles": self.missing, "n_buildings": overview.n_buildings,
-            "n_heights": overview.n_heights, "by_status": by_status, "median_height_m": median_height_m,
+            "implausible": told, "n_tiles": self.manifest.tiles.len(), "missing_tiles": self.missing, "n_buildings": count.n_buildings(),
+            "n_parts": count.n_parts(), "n_heights": overview.n_heights, "by_status": by_status, "median_height_m": median_height_m,
             "n_views": self.manifest.n_views, "seams": seams,
         });
         write_json(&folder.join("summary.json"), &summary)?;
         Ok(Merged {
             n_tiles: self.manifest.tiles.len(),
             missing: self.missing,
-            n_buildings: overview.n_buildings,
+            n_buildings: count.n_buildings(),
             by_status,
             median_height_m,
             n_refused: issues.iter().filter(|issue| issue.severity == Severity::Refused).count(),
@@ -262,14 +271,15 @@ fn write_tileset(
     }
 }
 
-fn count(records: &TileRecords) -> Result<(BTreeMap<Status, usize>, Option<f64>), TilesError> {
-    let (mut by_status, mut heights) = (BTreeMap::new(), Vec::new());
+fn count(records: &TileRecords) -> Result<(StatusCount, Doubts, Option<f64>), TilesError> {
+    let (mut count, mut doubts, mut heights) = (StatusCount::default(), Doubts::default(), Vec::new());
     records.visit(&mut |record| {
-        *by_status.entry(record.status).or_default() += 1;
+        count.add(record);
+        doubts.add(record);
         heights.extend(record.height_m);
         Ok(())
     })?;
-    Ok((by_status, stats::median(&heights)))
+    Ok((count, doubts, stats::median(&heights)))
 }
 
 /// Every file of the city, by its name in the folder.

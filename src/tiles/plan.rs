@@ -406,7 +406,7 @@ impl<'a> City<'a> {
         // oblique ones have a say.
         let takes_part = |view: &View| {
             view.kind() == ViewKind::Oblique
-                || matches!(self.config.prior, PriorConfig::Stereo(_))
+                || matches!(*self.config.prior.chosen(), PriorConfig::Stereo(_))
                 || asks_photo(self.config, view)
         };
         let views = self.survey.views.iter().enumerate();

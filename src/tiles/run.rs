@@ -14,6 +14,7 @@ use crate::files::{FileError, write_whole, write_whole_unflushed};
 use crate::ids::ViewId;
 use crate::issue::{Severity, Subject};
 use crate::output::reports::{write_issues, write_json};
+use crate::output::unmeasured::unmeasured;
 use crate::output::{CityModel, InputFile, Status, cityjson};
 use crate::pipeline::{Part, PartHeights, Tell, layer_of, outlines_around};
 use crate::recipe::{Recipe, program};
@@ -221,6 +222,7 @@ fn write(
     let lineage = part.lineage(&format!("sizeup tiles run --tile {}", tile.id), inputs);
     let config = &check.manifest.config;
     issues.extend(cityjson::check(&own, &config.output.cityjson)?);
+    issues.extend(unmeasured(&own, &issues));
     let model = CityModel {
         records: own.as_slice(),
         crs: &config.project.crs,

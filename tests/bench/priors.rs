@@ -69,7 +69,7 @@ fn compare(name: &str, network: &NetworkConfig, views: &[View]) {
             let cache = CacheConfig { folder: folder.path().to_owned(), ..CacheConfig::default() };
             let network = NetworkConfig { cache, batch: *batch, ..network.clone() };
             let priors =
-                PriorConfig::Network(Box::new(network)).open(views, &Terrain::Constant(0.0)).expect("a network");
+                PriorConfig::Network(Box::new(network)).open(views, &Terrain::Constant(0.0), 80.0).expect("a network");
             let (start, processor) = (Instant::now(), processor_s());
             compute(&priors, &views.iter().collect::<Vec<_>>());
             [start.elapsed().as_secs_f64(), processor_s() - processor]

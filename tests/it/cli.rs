@@ -166,7 +166,7 @@ fn flags_stand_for_a_configuration_file() {
     assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
     assert!(scene.path("flags/city.city.json").exists());
 
-    let missing = scene.sizeup(&flags);
+    let missing = scene.sizeup(&[&flags[..], &["--priors", "priors/{stem}.npy"]].concat());
     assert_eq!(missing.code, 2);
     assert!(missing.stderr.contains("--prior-kind"), "{}", missing.stderr);
 }

@@ -306,8 +306,8 @@ fn a_terrain_elsewhere_is_refused() {
 #[test]
 fn heights_that_cannot_be_are_refused_before_any_work() {
     let scene = Scene::new();
-    let outcome = scene.run(&["--set", "optimise.min_height_m=20", "--set", "optimise.max_height_m=20"]);
-    assert_refused(&scene, &outcome, 2, &["20", "min_height_m", "max_height_m"]);
+    let outcome = scene.run(&["--set", "heights.min_m=20", "--set", "heights.max_m=20"]);
+    assert_refused(&scene, &outcome, 2, &["20", "heights.min_m", "heights.max_m"]);
     assert!(!scene.path("result").exists(), "the settings alone tell");
 }
 

@@ -15,6 +15,7 @@ mod footprint_accuracy;
 mod footprint_bad_masks;
 mod footprint_layers;
 mod footprint_masks;
+mod honest;
 mod hostile_inputs;
 mod layers;
 mod levels;

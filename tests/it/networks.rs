@@ -209,7 +209,7 @@ fn photo(folder: &Path, name: &str, (width, height): (u32, u32), slope: u32) -> 
 fn computed(folder: &Path, views: &[View], network: NetworkConfig) -> Vec<Result<DepthPrior, String>> {
     let cache = CacheConfig { folder: folder.join(format!("cache-{}", network.batch)), ..CacheConfig::default() };
     let config = PriorConfig::Network(Box::new(NetworkConfig { cache, ..network }));
-    let priors = config.open(views, &Terrain::Constant(0.0)).unwrap();
+    let priors = config.open(views, &Terrain::Constant(0.0), 80.0).unwrap();
     let n_done = AtomicUsize::new(0);
     let all: Vec<&View> = views.iter().collect();
     let outcomes = priors.compute_ahead(&all, &|| {

@@ -41,7 +41,7 @@ pub fn warsaw_config(data: &Path, priors: &str, folder: &Path) -> std::path::Pat
          [footprints]\npath = \"{data}/truth_buildings.geojson\"\nid_field = \"id\"\n\n\
          [terrain]\nconstant_m = {WARSAW_GROUND_M}\n\n\
          [prior]\nsource = \"files\"\npath = \"{priors}\"\nkind = \"depth\"\n\n\
-         [optimise]\nmax_height_m = 60.0\n\n[output]\npictures = false\n"
+         [output]\npictures = false\n"
     );
     fs::write(&config, text).unwrap();
     config
@@ -147,7 +147,7 @@ fn warsaws_nine_buildings_from_stereo() {
     let text = fs::read_to_string(&config).unwrap();
     let files = "source = \"files\"\npath = \"\"\nkind = \"depth\"\n";
     assert!(text.contains(files));
-    fs::write(&config, text.replace(files, "source = \"stereo\"\nmax_height_m = 40.0\n")).unwrap();
+    fs::write(&config, text.replace(files, "source = \"stereo\"\n")).unwrap();
     run(&config, &[]);
     let errors = warsaw_roof_errors(&data, &folder.path().join("result"));
     let known: Vec<f64> = errors.values().copied().filter(|e| e.is_finite()).collect();

@@ -3,6 +3,7 @@
 use super::State;
 use crate::optimise::config::Preset;
 use crate::optimise::roof::Roof;
+use crate::optimise::search::Finding;
 use crate::optimise::solution::{Reason, Solution, SolvedHeight};
 
 /// A flat sum of correlations over the tried heights below which the score says nothing.
@@ -70,7 +71,8 @@ impl State<'_> {
         let bounds = self.problem.scene.bounds;
         let height_m = self.heights_m[building];
         let is_at_bound = finding.map_or(height_m <= bounds.min_m || height_m >= bounds.max_m, |f| f.at_bound);
-        if is_at_bound {
+        let has_no_peak = |f: &Finding| f.whole.fall_to_top(height_m).is_some_and(|fall| fall < FLAT_SCORE);
+        if is_at_bound || finding.is_some_and(|f| f.whole.is_at_top(height_m) || has_no_peak(f)) {
             reasons.push(Reason::RangeBound);
         }
         if finding.is_some_and(|f| f.contrast < FLAT_SCORE) {
@@ -83,6 +85,9 @@ impl State<'_> {
         }
         let roof = self.roofs[building].unwrap_or(Roof::flat(f64::from(height_m)));
         let height_m = roof.height_m(self.config.height_reference);
-        SolvedHeight { height_m: Some(height_m), roof: Some(roof), sigma_m, views, score, raised_m: None, reasons }
+        let mut solved =
+            SolvedHeight { height_m: Some(height_m), roof: Some(roof), sigma_m, views, score, raised_m: None, reasons };
+        solved.keep_within(bounds, self.config.height_reference);
+        solved
     }
 }

@@ -96,12 +96,12 @@ impl State<'_> {
         for (b, finding) in found.into_iter().enumerate() {
             if let Some(finding) = finding {
                 self.heights_m[b] = on_grid(finding.height_m).clamp(scene.bounds.min_m, scene.bounds.max_m);
-                // The full sweeps saw the whole range: only they can tell a flat score.
-                let contrast = match (range, &self.findings[b]) {
-                    (Range::Local { .. }, Some(previous)) => previous.contrast,
-                    _ => finding.contrast,
+                // The full sweeps saw the whole range: only they can tell a flat score, or one without a peak.
+                let (contrast, whole) = match (range, self.findings[b].take()) {
+                    (Range::Local { .. }, Some(previous)) => (previous.contrast, previous.whole),
+                    _ => (finding.contrast, finding.whole),
                 };
-                self.findings[b] = Some(Finding { contrast, ..finding });
+                self.findings[b] = Some(Finding { contrast, whole, ..finding });
             }
         }
         let scores: Vec<f64> = self.findings.iter().flatten().map(|f| f.score).collect();

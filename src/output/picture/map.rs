@@ -5,11 +5,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::canvas::{Align, Canvas, Pen};
-use super::colour::{ALERT, ColourMap, GREY, INK, NO_VALUE, Rgb, WHITE};
+use super::colour::{ALERT, ColourMap, GREY, INK, NO_VALUE, WHITE};
 use super::plan::{Frame, Region, Sheet};
-use super::scale;
-use crate::output::{BuildingRecord, CityModel, Status};
-use crate::stats::quantile;
+use super::{HeightScale, warning};
+use crate::output::{BuildingRecord, CityModel, Status, StatusCount};
 use crate::survey::{View, ViewKind};
 
 /// How the map looks.
@@ -34,10 +33,6 @@ impl Default for MapConfig {
 const MARGIN_SHARE: f64 = 0.05;
 /// How far the map grows to take cameras in, share of the buildings' larger side: beyond it the buildings get small.
 const CAMERA_REACH_SHARE: f64 = 0.35;
-/// Heights above this quantile share the last colour, so that one tower does not flatten the town …
-const TOP_QUANTILE: f64 = 0.98;
-/// … nor do a few: neither do the colours reach beyond this multiple of the median.
-const TOP_MEDIANS: f64 = 2.5;
 
 /// Draws the map.
 #[must_use]
@@ -45,16 +40,20 @@ pub fn map(model: &CityModel<'_>, config: &MapConfig) -> RgbImage {
     let views: &[View] = if config.cameras { &model.survey.views } else { &[] };
     let region = region_of(model.records, views);
     let mut sheet = Sheet::new(&region, config.width_px);
-    let range = HeightRange::of(model.records);
+    let heights: Vec<f64> = model.records.iter().filter_map(|r| r.height_m).collect();
+    let scale = HeightScale::of(&heights);
 
-    buildings(&mut sheet, model.records, &range);
+    buildings(&mut sheet, model.records, scale);
     let n_drawn = cameras(&mut sheet, views);
     sheet.furnish();
     headings(&mut sheet, model, config);
     let note =
         (config.cameras && !views.is_empty()).then(|| format!("{n_drawn} of {} cameras in the map", views.len()));
     let (left, unit) = (sheet.legend_left(), sheet.unit);
-    Legend { canvas: &mut sheet.canvas, left, unit }.draw(&sheet.frame, &range, model.records, note.as_deref());
+    Legend { canvas: &mut sheet.canvas, left, unit }.draw(&sheet.frame, scale, model.records, note.as_deref());
+    let told = model.issues.iter().filter(|issue| issue.code == "result_implausible");
+    let told: Vec<String> = told.map(|issue| issue.message.clone()).collect();
+    warning::band(&mut sheet.canvas, [sheet.frame.left, sheet.frame.top], sheet.frame.width, &told);
     sheet.canvas.into_image()
 }
 
@@ -69,35 +68,17 @@ fn region_of(records: &[BuildingRecord], views: &[View]) -> Region {
     Region::around(buildings.corners().into_iter().chain(near), MARGIN_SHARE)
 }
 
-/// The heights that the colours span, metres.
-struct HeightRange {
-    top_m: f64,
-    has_higher: bool,
-}
-
-impl HeightRange {
-    fn of(records: &[BuildingRecord]) -> Self {
-        let heights: Vec<f64> = records.iter().filter_map(|r| r.height_m).collect();
-        let median_m = quantile(&heights, 0.5).unwrap_or(1.0);
-        let wished_m = quantile(&heights, TOP_QUANTILE).unwrap_or(1.0).min(TOP_MEDIANS * median_m).max(1.0);
-        let step = scale::step(0.0, wished_m, 6);
-        let top_m = (wished_m / step).ceil() * step;
-        Self { top_m, has_higher: heights.iter().any(|h| *h > top_m) }
-    }
-
-    fn colour(&self, height_m: f64) -> Rgb {
-        ColourMap::Viridis.at(height_m / self.top_m)
-    }
-}
-
-fn buildings(sheet: &mut Sheet, records: &[BuildingRecord], range: &HeightRange) {
+fn buildings(sheet: &mut Sheet, records: &[BuildingRecord], scale: HeightScale) {
     let Sheet { canvas, to_px, unit, .. } = sheet;
     let unit = *unit;
     for record in records {
         let Some(outline) = &record.footprint else { continue };
         let rings = to_px.rings(outline);
         if let Some(height_m) = record.height_m {
-            canvas.fill_rings(&rings, range.colour(height_m));
+            canvas.fill_rings(&rings, scale.colour(height_m));
+            if is_doubtful(record) {
+                canvas.hatch_rings(&rings, Pen::new(ALERT, 1.6 * unit), 9.0 * unit);
+            }
         } else {
             canvas.fill_rings(&rings, NO_VALUE);
             canvas.hatch_rings(&rings, Pen::new(GREY, 1.0 * unit), 7.0 * unit);
@@ -106,11 +87,16 @@ fn buildings(sheet: &mut Sheet, records: &[BuildingRecord], range: &HeightRange)
     }
 }
 
+/// Whether a height deserves a second look.
+fn is_doubtful(record: &BuildingRecord) -> bool {
+    record.height_m.is_some() && matches!(record.status, Status::Doubtful | Status::Fallback)
+}
+
 fn outline_pen(record: &BuildingRecord, unit: f32) -> Pen {
-    match record.status {
-        Status::Doubtful | Status::Fallback if record.height_m.is_some() => Pen::new(ALERT, 2.2 * unit),
-        _ => Pen { colour: INK, opacity: 0.75, width_px: 0.9 * unit },
+    if is_doubtful(record) {
+        return Pen::new(ALERT, 2.2 * unit);
     }
+    Pen { colour: INK, opacity: 0.75, width_px: 0.9 * unit }
 }
 
 /// Draws the cameras within the frame; returns how many.
@@ -139,10 +125,12 @@ fn cameras(sheet: &mut Sheet, views: &[View]) -> usize {
 }
 
 fn headings(sheet: &mut Sheet, model: &CityModel<'_>, config: &MapConfig) {
-    let n_known = model.records.iter().filter(|r| r.height_m.is_some()).count();
+    let count = StatusCount::of(model.records);
+    let without: usize = count.by_status().iter().filter(|(s, _)| **s >= Status::Unknown).map(|(_, n)| n).sum();
+    let n_known = count.n_buildings() - without;
     let title = config.title.clone().unwrap_or_else(|| "Building heights above ground".to_owned());
     let date = model.lineage.reference_date.as_deref().map(|date| format!(" · {date}")).unwrap_or_default();
-    let below = format!("{n_known} of {} buildings have a height{date}", model.records.len());
+    let below = format!("{n_known} of {} buildings have a height{date}", count.n_buildings());
     sheet.headings(&title, &below, model.crs);
 }
 
@@ -154,22 +142,24 @@ struct Legend<'a> {
 }
 
 impl Legend<'_> {
-    fn draw(mut self, frame: &Frame, range: &HeightRange, records: &[BuildingRecord], note: Option<&str>) {
+    fn draw(mut self, frame: &Frame, scale: HeightScale, records: &[BuildingRecord], note: Option<&str>) {
         let unit = self.unit;
         let bar_top = frame.top + 44.0 * unit;
         let bar_height = (0.45 * frame.height).min(380.0 * unit);
         self.canvas.text("height, m", [self.left, frame.top + 18.0 * unit], 17.0 * unit, INK, Align::Left);
-        self.bar(range, bar_top, bar_height);
+        self.bar(scale, bar_top, bar_height);
         let mut y = bar_top + bar_height + 50.0 * unit;
         let count = |holds: &dyn Fn(&BuildingRecord) -> bool| records.iter().filter(|r| holds(r)).count();
-        let n_doubtful = count(&|r| r.height_m.is_some() && matches!(r.status, Status::Doubtful | Status::Fallback));
+        let n_doubtful = count(&is_doubtful);
         let n_unknown = count(&|r| r.height_m.is_none() && r.footprint.is_some());
         let n_absent = count(&|r| r.footprint.is_none());
         if n_doubtful > 0 {
-            let middle = range.colour(0.4 * range.top_m);
+            let middle = ColourMap::Viridis.at(0.4);
             y = self.entry(y, &format!("doubtful or fallback: {n_doubtful}"), |canvas, swatch| {
-                canvas.fill_rings(std::slice::from_ref(&swatch), middle);
-                canvas.stroke_rings(&[swatch], Pen::new(ALERT, 2.2 * unit));
+                let rings = [swatch];
+                canvas.fill_rings(&rings, middle);
+                canvas.hatch_rings(&rings, Pen::new(ALERT, 1.6 * unit), 9.0 * unit);
+                canvas.stroke_rings(&rings, Pen::new(ALERT, 2.2 * unit));
             });
         }
         if n_unknown > 0 {
@@ -188,7 +178,7 @@ impl Legend<'_> {
         }
     }
 
-    fn bar(&mut self, range: &HeightRange, top: f32, height: f32) {
+    fn bar(&mut self, scale: HeightScale, top: f32, height: f32) {
         let unit = self.unit;
         let (width, n) = (26.0 * unit, height.ceil() as usize);
         for i in 0..n {
@@ -197,13 +187,9 @@ impl Legend<'_> {
         }
         let rim = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]].map(|[x, y]| [self.left + x, top + y]);
         self.canvas.stroke_rings(&[rim.to_vec()], Pen::new(INK, 1.0 * unit));
-        let step = scale::step(0.0, range.top_m, 6);
-        for tick in scale::ticks(0.0, range.top_m, 6) {
-            let y = top + height * (1.0 - (tick / range.top_m) as f32);
-            let is_top = (tick - range.top_m).abs() < 1e-9;
-            let prefix = if is_top && range.has_higher { "≥ " } else { "" };
+        for (tick, label) in scale.ticks() {
+            let y = top + height * (1.0 - scale.share(tick) as f32);
             self.canvas.line(&[[self.left + width, y], [self.left + width + 6.0 * unit, y]], Pen::new(INK, 1.2 * unit));
-            let label = format!("{prefix}{}", scale::label(tick, step));
             self.canvas.text(&label, [self.left + width + 12.0 * unit, y + 5.5 * unit], 15.0 * unit, INK, Align::Left);
         }
     }

@@ -7,6 +7,7 @@ mod canvas;
 mod chart;
 pub mod colour;
 mod error_map;
+mod height_scale;
 mod map;
 mod overlay;
 mod pairs;
@@ -15,6 +16,7 @@ mod plan;
 mod relief;
 mod scale;
 mod survey;
+mod warning;
 
 use std::io::Cursor;
 use std::path::Path;
@@ -26,12 +28,14 @@ use crate::files::{FileError, write_whole};
 
 pub use chart::{AxesKind, Chart, SERIES_COLOURS, Series, Stroke, chart};
 pub use error_map::error_map;
+pub use height_scale::HeightScale;
 pub use map::{MapConfig, map};
 pub use overlay::{OverlayConfig, Polyline, overlay};
 pub use pairs::{PicturedPair, beside, pairs_picture};
 pub use panel::{PanelConfig, PanelDepths, depth_panel, depth_picture};
 pub use relief::relief_map;
 pub use survey::survey_map;
+pub use warning::warned;
 
 /// Width of the maps of a survey and of the ground, pixels.
 const SHEET_PX: u32 = 1600;

@@ -44,7 +44,9 @@ pub struct StereoConfig {
     pub n_neighbours: usize,
     /// Side of the comparison window, pixels, odd, 3 to 15.
     pub window_px: usize,
-    /// Highest roof above the highest ground in the view, metres. Above 0.
+    /// Highest roof above the highest ground in the view, metres. Above 0. A run sets it to the greatest of the heights that
+    /// are looked for.
+    #[serde(skip, default = "default_max_height_m")]
     pub max_height_m: f64,
     /// How far below the lowest ground in the view the search starts, metres. At least 0.
     pub below_ground_m: f64,
@@ -58,6 +60,10 @@ pub struct StereoConfig {
     pub large_step_cost: u16,
     /// Where computed depth is kept, so that each view is matched once.
     pub cache: CacheConfig,
+}
+
+fn default_max_height_m() -> f64 {
+    StereoConfig::default().max_height_m
 }
 
 impl Default for StereoConfig {

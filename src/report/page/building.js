@@ -3,9 +3,13 @@
 const REASONS = {
   seen_by_no_view: "No oblique photo with a depth prior shows enough of it.",
   too_few_views: "Fewer than three photos had a say.",
-  range_bound: "The best height is the least or the greatest that was allowed.",
+  range_bound: "The best height is at an end of the heights that are looked for.",
   flat_score: "All heights explain the depth priors about equally well.",
   conflicting_views: "The photos disagree: leaving one out moves the height by much.",
+  poor_score: "The depth priors are explained badly by any height.",
+  other_height: "Another height explains the depth priors as well.",
+  above_all_around: "It stands far above all that is around.",
+  ground_differs: "The photos show the ground around it elsewhere than the terrain has it.",
   ground_unknown: "The terrain has no height under it.",
 };
 

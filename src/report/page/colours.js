@@ -31,17 +31,19 @@ function colourings(buildings) {
   const heights = known("height");
   const sigmas = known("sigma");
   const views = buildings.map((b) => b.views.length);
-  // One tower does not flatten the town: heights above the end share the last colour.
+  // All heights have a colour of their own; one tower does not flatten the town, as colours then go by the square root.
   const median = quantile(heights, 0.5) ?? 1;
+  const highest = heights.reduce((a, b) => Math.max(a, b), 1);
+  const isRoot = highest > 2.5 * median;
   const top = (values, limit) => Math.max(Math.min(quantile(values, 0.98) ?? 1, limit), 1e-3);
-  const scaled = (title, map, values, key, end, unit) => ({
+  const scaled = (title, map, values, key, end, unit, root = false) => ({
     title,
-    scale: { map, end, unit, more: values.some((v) => v > end) },
-    colour: (b) => (key(b) === null ? NO_VALUE : colourAt(map, key(b) / end)),
+    scale: { map, end, unit, root, more: values.some((v) => v > end) },
+    colour: (b) => (key(b) === null ? NO_VALUE : colourAt(map, root ? Math.sqrt(Math.max(key(b), 0) / end) : key(b) / end)),
   });
   const classes = [...new Set(buildings.map((b) => b.status))].sort();
   return {
-    height: scaled("Height above ground", "viridis", heights, (b) => b.height, Math.ceil(top(heights, 2.5 * median)), "m"),
+    height: scaled("Height above ground", "viridis", heights, (b) => b.height, Math.ceil(highest), "m", isRoot),
     sigma: scaled("Uncertainty: one standard deviation", "cividis", sigmas, (b) => b.sigma,
       Math.ceil(10 * top(sigmas, Infinity)) / 10, "m"),
     status: {

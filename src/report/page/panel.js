@@ -25,7 +25,7 @@ function drawLegend(box, colouring) {
     }));
     return;
   }
-  const { map, end, unit, more } = colouring.scale;
+  const { map, end, unit, root, more } = colouring.scale;
   const ramp = el("canvas", { class: "ramp", width: 128, height: 1, "aria-hidden": "true" });
   const context = ramp.getContext("2d");
   for (let i = 0; i < 128; i += 1) {
@@ -35,7 +35,8 @@ function drawLegend(box, colouring) {
   const swatch = el("span", { class: "swatch" });
   swatch.style.background = css(NO_VALUE);
   box.replaceChildren(el("div", { text: colouring.title }), ramp,
-    el("div", { class: "ends" }, el("span", { text: `0 ${unit}` }), el("span", { text: `${end} ${unit}${more ? " and more" : ""}` })),
+    el("div", { class: "ends" }, el("span", { text: `0 ${unit}` }),
+      root ? el("span", { text: `${number(end / 4, 0)} ${unit}` }) : null, el("span", { text: `${end} ${unit}${more ? " and more" : ""}` })),
     el("div", { class: "class quiet" }, swatch, el("span", { text: "not known" })));
 }
 

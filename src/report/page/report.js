@@ -176,6 +176,7 @@ function start() {
   controlBox(byId("controls"), Object.entries(ways).map(([name, way]) => [name, `colour: ${way.title.toLowerCase()}`]), LAYERS,
     { colour: colourBy, layer: showLayer, reset: () => { if (scene) flyTo(scene, home); map.fit(); } });
   colourBy("height");
+  drawImplausible(data);
   drawSummary(data);
   drawBuildings(data);
   drawIssues(data);

@@ -1,15 +1,23 @@
 // The sections below the pictures: figures, lists, tables.
 
-const SEVERITIES = ["refused", "warning", "note"];
 // More heights over the passes than these are drawn as a band.
 const MOST_TRACKS = 300;
 
 const linkTo = (b) => el("a", { href: `#building=${encodeURIComponent(b.id)}`, text: b.id });
 
+// What speaks against the result as a whole comes before all else.
+function drawImplausible(data) {
+  const told = data.issues.filter((issue) => issue.code === "result_implausible");
+  byId("implausible").hidden = told.length === 0;
+  byId("implausible").replaceChildren(...told.map((issue) =>
+    el("p", {}, el("b", { text: `Implausible: ${issue.message}.` }), el("span", { text: ` ${issue.hint ?? ""}` }))));
+}
+
 function drawSummary(data) {
   const { summary } = data;
   const tile = (value, text) => el("div", { class: "tile" }, el("b", { text: value }), el("span", { class: "quiet", text }));
   const tiles = [tile(summary.n_buildings, "buildings")];
+  if (summary.n_parts > 0) tiles.push(tile(summary.n_parts, "parts of buildings"));
   for (const [status, n] of Object.entries(summary.n_by_status)) if (n > 0) tiles.push(tile(n, words(status)));
   if (summary.heights) {
     tiles.push(tile(metres(summary.heights.median_m), "median height"), tile(metres(summary.heights.max_m), "highest"));
@@ -27,7 +35,7 @@ function drawSummary(data) {
       table(["Reason", "Buildings", ""], reasons.map(([code, n]) => [words(code), String(n), REASONS[code] ?? ""])));
   }
   byId("headline").textContent = summary.heights
-    ? `median height ${metres(summary.heights.median_m)}, ${summary.n_by_status.doubtful ?? 0} doubtful, ${summary.n_buildings - summary.heights.n} without a height`
+    ? `median height ${metres(summary.heights.median_m)}, ${summary.n_by_status.doubtful ?? 0} doubtful, ${(summary.n_by_status.unknown ?? 0) + (summary.n_by_status.refused ?? 0)} without a height`
     : "no building has a height";
   byId("crs").textContent = `${data.crs}. Heights: ${data.lineage.vertical_reference}.`;
 }
@@ -60,7 +68,7 @@ function drawBuildings(data) {
 function drawIssues(data) {
   const section = byId("issues");
   if (data.issues.length === 0) { section.append(el("p", { text: "None." })); return; }
-  const issues = [...data.issues].sort((a, b) => SEVERITIES.indexOf(a.severity) - SEVERITIES.indexOf(b.severity));
+  const { issues } = data; // by weight
   const subject = ({ kind, id }) => {
     if (kind !== "building") return el("span", { text: `${kind === "view" ? "photo" : words(kind)} ${id}` });
     const b = data.buildings[data.byId.get(id)];

@@ -1,0 +1,214 @@
+//! Whether the terrain is where the photos show the ground.
+//!
+//! ```text
+//! d_i      ground in the photos minus terrain, at squares of open ground between the buildings
+//! shift    median d_i                   told from 1 m and three standard errors of it
+//! pattern  median d_i of each ninth of the area, minus the shift; told by the same measure
+//! ```
+//!
+//! An error of the terrain passes one to one into heights, and nothing else tells: the roofs may be right to a few decimetres
+//! meanwhile. Poses and photos are the same for roofs and ground, so what they are off by together cancels here.
+
+use geo::Centroid as _;
+use geo_types::Polygon;
+use glam::DVec2;
+use rstar::RTree;
+use rstar::primitives::GeomWithData;
+use serde::{Deserialize, Serialize};
+
+use super::FootprintStage;
+use super::stages::SceneStage;
+use crate::config::RunConfig;
+use crate::dtm::{self, DtmConfig, Outcome};
+use crate::issue::{Issue, Severity, Subject};
+use crate::optimise::{Reason, Solution};
+use crate::stats;
+use crate::survey::Survey;
+
+/// Squares that are looked at, about: spread evenly, no closer than those of a terrain model, and no farther apart than ground
+/// can be told by its neighbours, metres.
+const N_SQUARES: f64 = 200.0;
+const MOST_SPACING_M: f64 = 40.0;
+/// Around the outlines, metres.
+const MARGIN_M: f64 = 30.0;
+/// Fewer squares with ground say nothing, of the whole or of a ninth of the area.
+const MIN_SQUARES: usize = 12;
+const MIN_OF_NINTH: usize = 4;
+/// Less than this is within what poses and matching are off by, metres; and in standard errors of the median.
+const TOLD_M: f64 = 1.0;
+const STANDARD_ERRORS: f64 = 3.0;
+/// Standard error of a median, in standard errors of a mean, for normal errors.
+const OF_MEDIAN: f64 = 1.2533;
+/// Squares that tell of a building's ground: so many, within so far, metres.
+const N_AROUND: usize = 4;
+const AROUND_M: f64 = 60.0;
+
+/// What the photos say of the terrain.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct GroundTold {
+    /// Where they show the ground, map, and by how much it lies above the terrain, metres.
+    pub off_m: Vec<([f64; 2], f64)>,
+}
+
+/// Looks at open ground in the photos; nothing where there are too few, or the terrain was made from them.
+pub(super) fn look(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, stage: &SceneStage) -> GroundTold {
+    if config.dtm.is_some() || !survey.views.iter().any(|view| view.image.is_some()) {
+        return GroundTold::default();
+    }
+    let outlines: Vec<&Polygon<f64>> = footprints.layer.footprints.iter().map(|f| &f.polygon).collect();
+    let by_default = DtmConfig { margin_m: MARGIN_M, ..DtmConfig::default() };
+    let area = dtm::area(&survey.views, &outlines, &by_default);
+    let area_m2 = (area.east_m - area.west_m) * (area.north_m - area.south_m);
+    let spacing_m = (area_m2 / N_SQUARES).sqrt().clamp(by_default.spacing_m, MOST_SPACING_M);
+    let settings = DtmConfig { spacing_m, ..by_default };
+    // A photo that cannot be read is told of elsewhere.
+    let Ok((squares, _)) = dtm::off_by(&survey.views, &outlines, &stage.terrain, &settings, &|_, _| ()) else {
+        return GroundTold::default();
+    };
+    let ground = squares.iter().filter_map(|square| match square.outcome {
+        Outcome::Ground(off_m) => Some((square.at.to_array(), off_m)),
+        Outcome::Outlier(_) | Outcome::Unclear | Outcome::Unseen => None,
+    });
+    GroundTold { off_m: ground.collect() }
+}
+
+impl GroundTold {
+    /// What is to be said of the terrain as a whole: a shift, or where it differs most.
+    #[must_use]
+    pub fn issue(&self) -> Option<Issue> {
+        if self.off_m.len() < MIN_SQUARES {
+            return None;
+        }
+        let all: Vec<f64> = self.off_m.iter().map(|(_, off_m)| *off_m).collect();
+        let (shift_m, is_shift) = told(&all, 0.0)?;
+        let worst = self.worst_ninth(shift_m);
+        let n = all.len();
+        let (code, message) = match (is_shift, worst) {
+            (true, None) => {
+                let code = if shift_m < 0.0 { "terrain_too_high" } else { "terrain_too_low" };
+                (
+                    code,
+                    format!(
+                        "the ground lies {} the terrain says, the median of {n} places in the photos",
+                        than(shift_m)
+                    ),
+                )
+            }
+            (_, Some((name, median_m, n_there))) => {
+                let rest = format!("the median of all {n} is {} it", against(shift_m));
+                (
+                    "terrain_differs",
+                    format!(
+                        "the ground lies {} the terrain says {name} ({n_there} places in the photos; {rest})",
+                        than(median_m)
+                    ),
+                )
+            }
+            (false, None) => return None,
+        };
+        let subject = Subject::Input("terrain".to_owned());
+        let hint = "heights are off by as much: give a terrain model that fits, or [dtm] to make one from the photos";
+        Some(Issue::new(Severity::Warning, code, subject, message).hint(hint))
+    }
+
+    /// The ninth of the area where the ground differs most from the shift, if it does: its name, median and number of places.
+    fn worst_ninth(&self, shift_m: f64) -> Option<(&'static str, f64, usize)> {
+        const NAMES: [&str; 9] = [
+            "in the south-west",
+            "in the south",
+            "in the south-east",
+            "in the west",
+            "in the middle",
+            "in the east",
+            "in the north-west",
+            "in the north",
+            "in the north-east",
+        ];
+        let at = |i: usize| self.off_m.iter().map(move |(at, _)| at[i]);
+        let low = [0, 1].map(|i| at(i).fold(f64::INFINITY, f64::min));
+        let high = [0, 1].map(|i| at(i).fold(f64::NEG_INFINITY, f64::max));
+        let third = |i: usize, v: f64| ((3.0 * (v - low[i]) / (high[i] - low[i]).max(1.0)) as usize).min(2);
+        let of_ninth = |ninth: usize| -> Vec<f64> {
+            let is_in = |p: &[f64; 2]| third(0, p[0]) + 3 * third(1, p[1]) == ninth;
+            self.off_m.iter().filter(|(p, _)| is_in(p)).map(|(_, off_m)| *off_m).collect()
+        };
+        let told_of = |(ninth, name): (usize, &'static str)| {
+            let off_m = of_ninth(ninth);
+            let (median_m, is_told) = told(&off_m, shift_m).filter(|_| off_m.len() >= MIN_OF_NINTH)?;
+            is_told.then_some((name, median_m, off_m.len()))
+        };
+        let found = NAMES.into_iter().enumerate().filter_map(told_of);
+        found.max_by(|a, b| (a.1 - shift_m).abs().total_cmp(&(b.1 - shift_m).abs()))
+    }
+
+    /// Marks heights over ground that the terrain has elsewhere.
+    pub(super) fn mark(&self, footprints: &FootprintStage, solved: &[usize], solution: &mut Solution) {
+        let places = self.off_m.iter().map(|(at, off_m)| GeomWithData::new(*at, *off_m));
+        let tree: RTree<GeomWithData<[f64; 2], f64>> = RTree::bulk_load(places.collect());
+        for (&at, height) in solved.iter().zip(&mut solution.heights) {
+            let Some(middle) = footprints.layer.footprints[at].polygon.centroid() else { continue };
+            let middle = DVec2::new(middle.x(), middle.y());
+            let near = tree.nearest_neighbor_iter(&middle.to_array()).take(N_AROUND);
+            let near = near.filter(|place| DVec2::from_array(*place.geom()).distance(middle) <= AROUND_M);
+            let off_m: Vec<f64> = near.map(|place| place.data).collect();
+            let is_off = off_m.len() == N_AROUND && stats::median(&off_m).is_some_and(|off_m| off_m.abs() >= TOLD_M);
+            if is_off && height.height_m.is_some() {
+                height.doubt(Reason::GroundDiffers);
+            }
+        }
+    }
+}
+
+/// The median, and whether it is far enough from a level, and surely so.
+fn told(values: &[f64], from_m: f64) -> Option<(f64, bool)> {
+    let median_m = stats::median(values)?;
+    let deviations: Vec<f64> = values.iter().map(|v| (v - median_m).abs()).collect();
+    let sigma_m = stats::SIGMA_PER_MAD * stats::median(&deviations)?;
+    let error_m = OF_MEDIAN * sigma_m / (values.len() as f64).sqrt();
+    let off_m = (median_m - from_m).abs();
+    Some((median_m, off_m >= TOLD_M && off_m >= STANDARD_ERRORS * error_m))
+}
+
+fn than(off_m: f64) -> String {
+    format!("{:.1} m {} than", off_m.abs(), if off_m < 0.0 { "lower" } else { "higher" })
+}
+
+fn against(off_m: f64) -> String {
+    format!("{:.1} m {}", off_m.abs(), if off_m < 0.0 { "below" } else { "above" })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Places 20 m apart over 200 m, each off by what a function says.
+    fn told_of(off_m: impl Fn(f64, f64) -> f64) -> Option<(String, String)> {
+        let places = (0..100).map(|i| (f64::from(i % 10) * 20.0, f64::from(i / 10) * 20.0));
+        // Matching errs by a decimetre or two, in a pattern without a place.
+        let noise = |i: usize| 0.2 * ((i * 7919 % 13) as f64 / 6.0 - 1.0);
+        let off_m = places.enumerate().map(|(i, (x, y))| ([x, y], off_m(x, y) + noise(i))).collect();
+        GroundTold { off_m }.issue().map(|issue| (issue.code, issue.message))
+    }
+
+    #[test]
+    fn a_terrain_that_fits_is_not_told_of_and_one_that_does_not_is_with_its_place() {
+        assert_eq!(told_of(|_, _| 0.0), None);
+        assert_eq!(told_of(|_, _| 0.4), None, "within what poses are off by");
+        let (code, message) = told_of(|_, _| -2.1).unwrap();
+        assert_eq!(code, "terrain_too_high");
+        assert!(
+            message.starts_with("the ground lies 2.1 m lower than the terrain says, the median of 100"),
+            "{message}"
+        );
+        assert_eq!(told_of(|_, _| 3.0).unwrap().0, "terrain_too_low");
+        let (code, message) = told_of(|x, y| if x > 130.0 && y > 130.0 { -2.1 } else { 0.0 }).unwrap();
+        assert_eq!(code, "terrain_differs");
+        assert!(
+            message.starts_with("the ground lies 2.1 m lower than the terrain says in the north-east"),
+            "{message}"
+        );
+        let (code, message) = told_of(|x, _| (x - 90.0) / 10.0).unwrap();
+        assert_eq!(code, "terrain_differs", "{message}");
+        assert_eq!(GroundTold { off_m: vec![([0.0, 0.0], 5.0); 5] }.issue(), None, "five places are too few");
+    }
+}
