@@ -18,6 +18,7 @@ mod footprint_masks;
 mod hostile_inputs;
 mod layers;
 mod levels;
+mod multi_view_networks;
 mod networks;
 mod networks_to_heights;
 mod outputs;
