@@ -11,6 +11,7 @@ mod evaluate;
 mod export;
 mod footprints;
 mod look;
+mod model;
 mod prior;
 mod run;
 mod schema;
@@ -89,6 +90,9 @@ pub enum Command {
     /// Depth priors: what a network wants, and computing them ahead of a run.
     #[command(subcommand)]
     Prior(prior::PriorCommand),
+    /// Networks that sizeup knows: list them, put one in place, check a file.
+    #[command(subcommand)]
+    Model(model::ModelCommand),
     /// Check the solids of a CityJSON file, anybody's: codes as val3dity's, and the place of each fault.
     Validate(validate::ValidateArgs),
     /// Write a city in another format: CityJSON, CityJSONSeq, GeoPackage, FlatGeobuf, 3D Tiles.
@@ -156,6 +160,9 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
     ui::start_logging(&cli.global);
     crate::onnx::runtime::look_in(runtime_places());
     Limits::insist(cli.global.input_memory, cli.global.allow_remote);
+    if let Some(folder) = model::folder() {
+        crate::prior::network::known::look_in(folder);
+    }
     if let Some(n) = cli.global.threads {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads(n, &cli.global)).build_global();
         pool.map_err(|e| Failure::new(4, &e))?;
@@ -167,6 +174,7 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Dtm(args) => dtm::run(args, &cli.global),
         Command::Survey(command) => survey::run(command, &cli.global),
         Command::Prior(command) => prior::run(command, &cli.global),
+        Command::Model(command) => model::run(command, &cli.global),
         Command::Validate(args) => validate::run(args, &cli.global),
         Command::Export(args) => export::run(args, &cli.global),
         Command::Simulate(args) => simulate::run(args, &cli.global),

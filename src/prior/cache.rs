@@ -148,7 +148,8 @@ fn content_hash(path: &Path) -> std::io::Result<[u8; 32]> {
     Ok(hash)
 }
 
-fn hex(bytes: &[u8]) -> String {
+/// Two digits a byte, lower case.
+pub(super) fn hex(bytes: &[u8]) -> String {
     use std::fmt::Write as _;
     bytes.iter().fold(String::new(), |mut text, byte| {
         write!(text, "{byte:02x}").expect("a string takes everything");

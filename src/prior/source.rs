@@ -55,7 +55,7 @@ impl PriorConfig {
     pub fn shared_files(&self) -> Vec<PathBuf> {
         match self {
             Self::Files(files) => files.names.iter().cloned().collect(),
-            Self::Network(network) => vec![network.model.clone()],
+            Self::Network(network) => vec![network.graph()],
             Self::Stereo(_) => Vec::new(),
             Self::Auto(_) => self.chosen().shared_files(),
         }
@@ -108,7 +108,7 @@ impl PriorConfig {
                 Priors::Files(Box::new(FilePriors::new(config.clone(), views.iter().map(|v| &v.id))?))
             }
             Self::Network(config) => {
-                let network = NetworkPriors::new((**config).clone(), views, terrain)?;
+                let network = NetworkPriors::new((**config).clone(), views, terrain, f64::from(highest_m))?;
                 Priors::Network(Box::new(CachedPriors::new(network, config.cache.open()?)))
             }
             Self::Stereo(config) => {

@@ -19,6 +19,7 @@ mod honest;
 mod hostile_inputs;
 mod layers;
 mod levels;
+mod multi_view_networks;
 mod networks;
 mod networks_to_heights;
 mod outputs;

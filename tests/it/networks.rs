@@ -41,7 +41,7 @@ fn a_graph_gives_depth_with_sky_left_out_and_the_cache_keeps_it() {
     let folder = tempfile::tempdir().unwrap();
     let view = view(folder.path());
     let priors =
-        NetworkPriors::new(config(fixture("depth_of_brightness.onnx"), "da3-mono"), &[], &Terrain::Constant(0.0))
+        NetworkPriors::new(config(fixture("depth_of_brightness.onnx"), "da3-mono"), &[], &Terrain::Constant(0.0), 50.0)
             .unwrap();
     let prior = priors.load(&view).unwrap();
     assert_eq!((prior.values.width(), prior.values.height()), (504, 252));
@@ -75,7 +75,7 @@ fn inspection_says_which_profiles_fit() {
 fn foreign_damaged_and_untagged_graphs_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let refused = |config: NetworkConfig, words: &str| {
-        let error = NetworkPriors::new(config, &[], &Terrain::Constant(0.0)).unwrap_err().to_string();
+        let error = NetworkPriors::new(config, &[], &Terrain::Constant(0.0), 50.0).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");
     };
     let embedded = EngineConfig { name: EngineChoice::Rten, ..EngineConfig::default() };
@@ -93,7 +93,7 @@ fn foreign_damaged_and_untagged_graphs_are_refused() {
     std::fs::write(&text, "not a network").unwrap();
     refused(config(text, "da3-mono"), "ONNX file");
     let untagged = NetworkConfig { profile: None, ..config(fixture("depth_of_brightness.onnx"), "") };
-    assert!(matches!(NetworkPriors::new(untagged, &[], &Terrain::Constant(0.0)), Err(PriorError::Config { .. })));
+    assert!(matches!(NetworkPriors::new(untagged, &[], &Terrain::Constant(0.0), 50.0), Err(PriorError::Config { .. })));
 }
 
 /// ONNX Runtime as `make deps-onnxruntime` fetches it, or `None` and a word.
@@ -269,7 +269,7 @@ fn a_batch_reaches_the_graph_and_one_that_mixes_its_photos_is_refused() {
 #[test]
 fn a_batch_that_a_graph_cannot_take_is_refused() {
     let refused = |config: NetworkConfig, words: &str| {
-        let error = NetworkPriors::new(config, &[], &Terrain::Constant(0.0)).unwrap_err().to_string();
+        let error = NetworkPriors::new(config, &[], &Terrain::Constant(0.0), 50.0).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");
     };
     let batch = |batch: usize, name: &str, profile: &str| NetworkConfig { batch, ..config(fixture(name), profile) };
@@ -296,7 +296,7 @@ fn a_network_that_takes_and_gives_poses_gives_metres() {
     ];
     let terrain = Terrain::Constant(0.0);
     let prior = |name: &str, profile: &str, views: &[View]| {
-        NetworkPriors::new(config(fixture(name), profile), views, &terrain).unwrap().load(&views[0]).unwrap()
+        NetworkPriors::new(config(fixture(name), profile), views, &terrain, 50.0).unwrap().load(&views[0]).unwrap()
     };
     let bright = prior("depth_of_brightness.onnx", "da3-mono", &views);
     // depth_of_poses.onnx: brightness · size of the translations · mean focal length / 100, poses twice as far apart as

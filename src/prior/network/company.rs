@@ -17,6 +17,7 @@
 
 use glam::{DMat3, DVec3};
 
+use super::profile::PoseUnit;
 use crate::onnx::Tensor;
 use crate::survey::View;
 
@@ -24,7 +25,7 @@ use crate::survey::View;
 const LEAST_DISTANCE_M: f64 = 0.1;
 
 /// Poses, `1 × n × 4 × 4`.
-pub(super) fn extrinsics(views: &[&View]) -> Tensor {
+pub(super) fn extrinsics(views: &[&View], unit: PoseUnit) -> Tensor {
     let first = views[0].camera_from_map;
     let relative: Vec<(DMat3, DVec3)> = views
         .iter()
@@ -38,7 +39,10 @@ pub(super) fn extrinsics(views: &[&View]) -> Tensor {
     let mut distances: Vec<f64> = relative.iter().map(|(_, shift)| shift.length()).collect();
     distances.sort_unstable_by(f64::total_cmp);
     // PyTorch's median: the lower one of two in the middle.
-    let unit_m = distances[(distances.len() - 1) / 2].max(LEAST_DISTANCE_M);
+    let unit_m = match unit {
+        PoseUnit::MedianDistance => distances[(distances.len() - 1) / 2].max(LEAST_DISTANCE_M),
+        PoseUnit::Metre => 1.0,
+    };
     let mut values = Vec::with_capacity(views.len() * 16);
     for (rotation, shift) in relative {
         for row in 0..3 {
@@ -177,13 +181,15 @@ mod tests {
         };
         let views = [view(0.0, 0.3), view(20.0, 0.3), view(-40.0, 0.8)];
         let views: Vec<&View> = views.iter().collect();
-        let poses = extrinsics(&views);
+        let metres = extrinsics(&views, PoseUnit::Metre);
+        let poses = extrinsics(&views, PoseUnit::MedianDistance);
         assert_eq!(poses.shape, [1, 3, 4, 4]);
         let pose = |i: usize| &poses.values[i * 16..][..16];
         let identity = [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.];
         assert!(pose(0).iter().zip(identity).all(|(a, b)| (a - b).abs() < 1e-6), "{:?}", pose(0));
         // Distances 0, 20, 40: the median is 20. The second camera stands east, so the first lies west of it.
         let length = |i: usize| (0..3).map(|row| pose(i)[row * 4 + 3].powi(2)).sum::<f32>().sqrt();
+        assert!((metres.values[16 + 3].hypot(metres.values[16 + 7]) - 20.0).abs() < 1e-5);
         assert!((length(1) - 1.0).abs() < 1e-6 && (length(2) - 2.0).abs() < 1e-6);
         let west = DMat3::from_rotation_z(0.3) * DVec3::NEG_X;
         assert!((f64::from(pose(1)[3]) - west.x).abs() < 1e-6 && (f64::from(pose(1)[7]) - west.y).abs() < 1e-6);

@@ -5,7 +5,9 @@
 //! as the engine may use; meanwhile other threads decode and prepare the next photos.
 
 mod company;
+mod depth_range;
 mod inspect;
+pub mod known;
 mod output;
 mod photo;
 pub mod preprocess;
@@ -20,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::inspect::{Inspection, inspect};
 use self::preprocess::{Frame, Prepared};
-use self::profile::{Fit, Form, Profile, Wiring};
+use self::profile::{Fit, Form, Lens, PoseUnit, Profile, Wiring};
 use super::neighbours::Neighbours;
 use super::recent::Recent;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
@@ -40,10 +42,10 @@ const MAX_BATCH: usize = 256;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkConfig {
-    /// ONNX file.
+    /// ONNX file; or the name of a network that `sizeup model get` has put in place.
     pub model: PathBuf,
     /// Built-in profile: "da3-mono", "da3-metric", "da3-anyview", "depth-anything-v2", "depth-anything-v2-metric",
-    /// "metric3d", "moge" or "depth-pro". It declares the numbers' direction.
+    /// "metric3d", "moge", "depth-pro" or "itermvs". It declares the numbers' direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profile: Option<String>,
     /// A profile of your own, in place of a built-in one.
@@ -86,6 +88,11 @@ impl NetworkConfig {
         visit(&mut self.cache.folder);
     }
 
+    /// The graph's file.
+    pub(super) fn graph(&self) -> PathBuf {
+        known::in_place(&self.model).unwrap_or_else(|| self.model.clone())
+    }
+
     fn chosen(&self) -> Result<Profile, PriorError> {
         let refuse = |problem: &str| PriorError::Config {
             problem: problem.to_owned(),
@@ -97,7 +104,12 @@ impl NetworkConfig {
         match (&self.profile, &self.custom) {
             (Some(name), None) => profile::by_name(name),
             (None, Some(custom)) => Ok(custom.clone()),
-            (None, None) => Err(refuse("no network profile is set")),
+            (None, None) => {
+                let name = self.model.file_stem().and_then(|name| name.to_str()).unwrap_or_default();
+                known::known_by_name(name)
+                    .map_err(|_| refuse("no network profile is set"))
+                    .and_then(|network| profile::by_name(network.name))
+            }
             (Some(_), Some(_)) => Err(refuse("both `profile` and `custom` are set")),
         }
     }
@@ -114,6 +126,9 @@ pub struct NetworkPriors {
     files: Vec<PathBuf>,
     /// For networks that take several photos.
     company: Neighbours,
+    /// Lowest and highest ground, and how far above it roofs are looked for, metres: for networks that match photos.
+    ground_m: Option<(f64, f64)>,
+    tallest_m: f64,
     /// Photos as they go in, for those networks: each is in the company of several. By rows and columns.
     prepared: Recent<(ViewId, Option<(usize, usize)>), Prepared>,
     /// Held while the network runs: one inference takes all the memory and cores that it may.
@@ -129,14 +144,20 @@ pub(super) struct Ready {
 }
 
 impl NetworkPriors {
-    /// Loads the network and checks that its profile fits. Of the views and the terrain only networks that take several
-    /// photos make use.
+    /// Loads the network and checks that its profile fits. Of the views, the terrain and how far above it roofs are looked
+    /// for (`tallest_m`, metres) only networks that take several photos make use.
     ///
     /// # Errors
     /// [`PriorError::Network`], or [`PriorError::Config`] where the profile or the batch does not fit.
-    pub fn new(config: NetworkConfig, views: &[View], terrain: &Terrain) -> Result<Self, PriorError> {
+    pub fn new(
+        mut config: NetworkConfig,
+        views: &[View],
+        terrain: &Terrain,
+        tallest_m: f64,
+    ) -> Result<Self, PriorError> {
         let profile = config.chosen()?;
         profile.check()?;
+        config.model = config.graph();
         let network = Network::open_with(&config.model, &config.engine)?;
         let wiring = profile.wire(network.inputs(), network.outputs()).map_err(|problem| PriorError::Config {
             problem: format!("profile {:?} does not fit {}: {problem}", profile.name, config.model.display()),
@@ -149,7 +170,19 @@ impl NetworkPriors {
         let is_company = |view: &&View| wiring.n_views > 1 && view.image.is_some();
         let company = Neighbours::new(views.iter().filter(is_company).cloned().collect(), terrain);
         let prepared = Recent::new(PHOTOS_KEPT.max(2 * wiring.n_views));
-        Ok(Self { network, config, profile, wiring, files, company, prepared, turn: Mutex::new(()) })
+        let ground_m = terrain.range();
+        Ok(Self {
+            network,
+            config,
+            profile,
+            wiring,
+            files,
+            company,
+            ground_m,
+            tallest_m,
+            prepared,
+            turn: Mutex::new(()),
+        })
     }
 
     /// What the weights may be used for, for the log.
@@ -171,11 +204,12 @@ impl NetworkPriors {
         let is_fixed = self.network.inputs().iter().any(|port| {
             port.name == self.wiring.input && port.shape.len() == 5 && port.shape[1] == Some(self.wiring.n_views)
         });
-        if is_short && is_fixed {
+        let is_alone = party.len() < 2 && self.wiring.depth_range.is_some();
+        if (is_short && is_fixed) || is_alone {
             return Err(PriorError::Photo {
                 view: view.id.to_string(),
                 problem: format!(
-                    "the network takes {} photos at once, and {} see its ground under a fair angle",
+                    "the network takes {} photos at once, and {} others see its ground under a fair angle",
                     self.wiring.n_views,
                     party.len() - 1
                 ),
@@ -194,7 +228,14 @@ impl NetworkPriors {
 
     /// A photo as it goes in, at `size` (rows, columns) where the graph or its company ask for one.
     fn photo(&self, view: &View, size: Option<(usize, usize)>) -> Result<Arc<Prepared>, PriorError> {
-        let read = || Ok(preprocess::prepare(&self.profile, &photo::decode(view)?, size));
+        let read = || {
+            let photo = photo::decode(view)?;
+            let photo = match self.profile.lens {
+                Lens::AsTaken => photo,
+                Lens::Ideal => photo::straightened(photo, &view.camera),
+            };
+            Ok(preprocess::prepare(&self.profile, &photo, size))
+        };
         // Who goes in alone goes in once.
         if self.wiring.n_views == 1 { read().map(Arc::new) } else { self.prepared.get(&(view.id.clone(), size), read) }
     }
@@ -221,11 +262,31 @@ impl NetworkPriors {
             let rank = self.network.inputs().iter().find(|port| port.name == *name).map_or(0, |port| port.shape.len());
             inputs.push((name.clone(), Tensor { shape: vec![1; rank], values: vec![value] }));
         }
-        let extrinsics = self.wiring.extrinsics.iter().map(|name| (name.clone(), company::extrinsics(&party)));
+        let extrinsics =
+            self.wiring.extrinsics.iter().map(|name| (name.clone(), company::extrinsics(&party, self.pose_unit())));
         inputs.extend(extrinsics);
         let of_size = |name: &String| (name.clone(), company::intrinsics(&party, frame.rows, frame.columns));
         inputs.extend(self.wiring.intrinsics.iter().map(of_size));
+        if let Some(name) = &self.wiring.depth_range {
+            let values = self.depth_range(view)?.map(|depth_m| depth_m as f32).to_vec();
+            inputs.push((name.clone(), Tensor { shape: vec![1, 2], values }));
+        }
         Ok(Ready { inputs, frame })
+    }
+
+    fn pose_unit(&self) -> PoseUnit {
+        self.profile.company.as_ref().map(|company| company.unit).unwrap_or_default()
+    }
+
+    /// Nearest and farthest depth that is looked for in a view, metres.
+    fn depth_range(&self, view: &View) -> Result<[f64; 2], PriorError> {
+        self.ground_m.and_then(|ground_m| depth_range::of(view, ground_m, self.tallest_m)).ok_or_else(|| {
+            PriorError::Photo {
+                view: view.id.to_string(),
+                problem: "it sees no ground, or stands below it: there is no depth to look for".to_owned(),
+                hint: "`sizeup survey inspect` looks poses over".to_owned(),
+            }
+        })
     }
 
     /// Outputs that are asked for: depth, then sky, mask and poses where there are any.
@@ -284,6 +345,9 @@ impl NetworkPriors {
             output::blank(&mut values, &mask, |mask| mask < self.profile.mask_least || mask.is_nan());
         }
         self.check_content(view, &values)?;
+        if self.profile.lens == Lens::Ideal {
+            values = photo::as_taken(values, &view.camera);
+        }
         Ok(DepthPrior { values, kind: self.profile.kind, geometry: PriorGeometry::ZDepth })
     }
 
@@ -366,6 +430,9 @@ impl CacheKey for NetworkPriors {
         key.json(&(self.config.engine.name, self.network.engine(), &self.config.engine.providers));
         for file in &self.files {
             key.file(file)?;
+        }
+        if self.wiring.depth_range.is_some() {
+            key.json(&self.depth_range(view)?);
         }
         for member in self.party(view)? {
             let uses_poses = self.wiring.extrinsics.is_some() || self.wiring.poses.is_some();

@@ -35,15 +35,43 @@ pub enum Form {
     Points,
 }
 
+/// What lengths in the poses that a network takes, and in the depth that it gives, are counted in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PoseUnit {
+    /// The median distance of the photos from the first one.
+    #[default]
+    MedianDistance,
+    /// Metres.
+    Metre,
+}
+
+/// Which photos a network takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Lens {
+    /// As they were taken.
+    #[default]
+    AsTaken,
+    /// As a camera without lens distortion would have taken them; the depth is laid back into the photo as taken.
+    Ideal,
+}
+
 /// Several photos at once, with their poses.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Company {
     /// How many photos, the view itself among them, where the graph does not say; at least 1.
     pub n_views: usize,
-    /// Names of an input of poses, `1 × n × 4 × 4`: world to camera, the first one's as the world, in medians of the
-    /// distances from it.
+    /// Names of an input of poses, `1 × n × 4 × 4`: world to camera, the first one's as the world, in `unit`.
     pub extrinsics: Vec<String>,
+    /// What lengths are counted in.
+    #[serde(default)]
+    pub unit: PoseUnit,
+    /// Names of an input of the nearest and the farthest depth that is looked for in the view, `1 × 2`, in `unit`. A network
+    /// that has it matches photos, and needs one neighbour at least.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub depth_range: Vec<String>,
     /// Names of an input of calibration matrices, `1 × n × 3 × 3`, in pixels of the resized photos.
     pub intrinsics: Vec<String>,
     /// Names of an output of poses, `1 × n × 3 × 4` or `1 × n × 4 × 4`: world to camera, in the unit of the depth. Laid
@@ -69,6 +97,9 @@ pub struct Profile {
     /// What the depth output holds.
     #[serde(default)]
     pub form: Form,
+    /// Which photos it takes.
+    #[serde(default)]
+    pub lens: Lens,
     /// How the photo is resized.
     pub fit: Fit,
     /// Side that `fit` refers to, pixels.
@@ -169,6 +200,8 @@ pub struct Wiring {
     pub extrinsics: Option<String>,
     /// Input of calibration matrices, if the graph has it.
     pub intrinsics: Option<String>,
+    /// Input of the depths that are looked for, if the graph has it.
+    pub depth_range: Option<String>,
     /// Depth output.
     pub output: String,
     /// Sky output, if the graph has it.
@@ -233,10 +266,11 @@ impl Profile {
             |names: fn(&Company) -> &[String]| self.company.as_ref().and_then(|company| pick(names(company), inputs));
         let extrinsics = of_company(|c| &c.extrinsics);
         let intrinsics = of_company(|c| &c.intrinsics);
+        let depth_range = of_company(|c| &c.depth_range);
         let is_fed = |port: &Port| {
             port.name == input.name
                 || self.constants.contains_key(&port.name)
-                || [&extrinsics, &intrinsics].into_iter().flatten().any(|name| *name == port.name)
+                || [&extrinsics, &intrinsics, &depth_range].into_iter().flatten().any(|name| *name == port.name)
         };
         if let Some(unfed) = inputs.iter().find(|port| !is_fed(port)) {
             return Err(format!("nothing is known of its input {}", unfed.name));
@@ -255,6 +289,7 @@ impl Profile {
             constants: constants.cloned().collect(),
             extrinsics,
             intrinsics,
+            depth_range,
             output,
             sky: optional(&self.sky_output),
             mask: optional(&self.mask_output),
