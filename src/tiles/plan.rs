@@ -493,10 +493,8 @@ fn settle(
         (None, Some(_)) => grid::side_around(places),
         (None, None) => grid::side_bounded(places, halo_m, MOST_SOLVED),
     };
-    let optimise = &config.optimise;
-    let heights = [Some(optimise.min_height_m), optimise.max_height_m];
     Ok(CityFrame {
-        asked: json!({ "cut": settings.cut(), "heights_m": heights, "crs": config.project.crs }),
+        asked: json!({ "cut": settings.cut(), "heights": config.heights, "crs": config.project.crs }),
         origin_m: origin.0.to_array(),
         heights_m: [bounds.min_m, bounds.max_m],
         halo_m,

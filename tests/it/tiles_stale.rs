@@ -42,23 +42,23 @@ fn a_city_of_other_settings_is_stale_and_is_not_merged() {
     let scene = city();
     assert!(states(&scene).iter().all(|state| state == "done"));
     assert_eq!(status(&scene, &[])["merge"], "done");
-    let limit = ["--heights", "ellipsoidal", "--set", "optimise.max_height_m=12.0"];
+    let limit = ["--heights", "ellipsoidal", "--set", "heights.max_m=12.0"];
     // First what it would change, then the change.
     let told = plan_with(&scene, &[&limit[..], &["--dry-run"]].concat());
     assert_eq!(told.code, 0, "{}", told.stderr);
     assert_eq!(told.stdout.lines().count(), ids(&scene).len(), "{}", told.stdout);
-    assert!(told.stdout.lines().all(|line| line.contains("optimise.max_height_m is 12.0, was not set")));
+    assert!(told.stdout.lines().all(|line| line.contains("heights.max_m is 12.0, was not set")));
     assert!(told.stderr.contains("s of processor time"), "{}", told.stderr);
     assert!(states(&scene).iter().all(|state| state == "done"), "nothing has been planned yet");
     assert_eq!(plan_with(&scene, &limit).code, 0);
     let tiles = status(&scene, &[])["tiles"].clone();
     for tile in tiles.as_array().unwrap() {
         assert_eq!(tile["state"], "stale");
-        assert!(tile["why"].as_str().unwrap().contains("optimise.max_height_m is 12.0"), "{tile}");
+        assert!(tile["why"].as_str().unwrap().contains("heights.max_m is 12.0"), "{tile}");
     }
     let refused = merge(&scene, &[]);
     assert_eq!(refused.code, 3, "{}", refused.stderr);
-    assert!(refused.stderr.contains("stale: optimise.max_height_m is 12.0"), "{}", refused.stderr);
+    assert!(refused.stderr.contains("stale: heights.max_m is 12.0"), "{}", refused.stderr);
     // As they were: the tiles are done after all.
     plan(&scene);
     assert!(states(&scene).iter().all(|state| state == "done"));
