@@ -13,7 +13,8 @@ use crate::limits::Limits;
 use crate::output::picture;
 use crate::paths::resolved;
 use crate::survey::{
-    self, CornerErrors, GroundPolygons, Reading, Site, Survey, SurveyConfig, SurveyReport, Target, View, ViewKind,
+    self, CornerErrors, Format, GroundPolygons, Reading, Site, Survey, SurveyConfig, SurveyReport, Target, View,
+    ViewKind,
 };
 use crate::terrain::{self, MapBox, Terrain, TerrainConfig};
 
@@ -35,6 +36,8 @@ pub enum SurveyCommand {
     Inspect(InspectArgs),
     /// Write a survey's poses for other tools: COLMAP text, CSV, or GIS layers of cameras, axes, image footprints.
     Convert(ConvertArgs),
+    /// List the formats that can be read, by their names in `survey.format`.
+    Formats,
 }
 
 /// Where the poses are and what their numbers mean: a configuration file, or flags, or flags over a file.
@@ -179,7 +182,20 @@ pub(super) fn run(command: &SurveyCommand, global: &Global) -> Result<u8, Failur
     match command {
         SurveyCommand::Inspect(args) => inspect_all(args, global),
         SurveyCommand::Convert(args) => convert(args, global),
+        SurveyCommand::Formats => formats(global),
     }
+}
+
+fn formats(global: &Global) -> Result<u8, Failure> {
+    let all: Vec<(String, &str)> = Format::all().map(|(format, about)| (format.name(), about)).collect();
+    if global.json {
+        print_json(
+            &all.iter().map(|(name, about)| serde_json::json!({"name": name, "about": about})).collect::<Vec<_>>(),
+        )?;
+    } else {
+        all.iter().for_each(|(name, about)| println!("{name:<18}{about}"));
+    }
+    Ok(0)
 }
 
 fn inspect_all(args: &InspectArgs, global: &Global) -> Result<u8, Failure> {

@@ -60,7 +60,7 @@ pub(super) fn of_planes(from: &str, to: &str, (lon_deg, lat_deg): (f64, f64)) ->
          AND ((g.source_crs_code IN ({from}) AND g.target_crs_code IN ({to})) \
          OR (g.source_crs_code IN ({to}) AND g.target_crs_code IN ({from}))) \
          AND {lat_deg} BETWEEN e.south_lat AND e.north_lat AND {lon_deg} BETWEEN e.west_lon AND e.east_lon \
-         ORDER BY g.accuracy, g.auth_name, g.code"
+         ORDER BY g.accuracy, a.url LIKE 'https://cdn.proj.org/%' DESC, g.auth_name, g.code"
     );
     let row = |feature: &Feature<'_>| {
         let grid = Grid { name: text(feature, "grid")?, url: text(feature, "url").unwrap_or_default() };

@@ -2,17 +2,19 @@
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{BufReader, Read as _};
+use std::io::BufReader;
 use std::path::Path;
 use std::sync::Arc;
 
 use glam::DVec3;
 
 use super::config::{CameraConfig, CsvConfig, PixelOrigin};
+use super::csv_header::{Header, Layout, layout};
 use super::error::Place;
-use super::poses::{Pose, Poses};
+use super::poses::{FileHeights, Pose, Poses, World};
 use super::{SurveyConfig, SurveyError};
 use crate::camera::{Camera, Distortion};
+use crate::crs::Crs;
 use crate::files::FileError;
 
 /// Columns of the intrinsics, with other names they go by.
@@ -54,7 +56,31 @@ struct Columns {
     /// In the order of [`CAMERA_COLUMNS`].
     camera: [Option<usize>; N_INTRINSICS],
     lens: Option<usize>,
+    /// Whether the position is longitude and latitude, by its columns' names.
+    are_degrees: bool,
 }
+
+/// Names that tools give the photo's column.
+const NAME_COLUMNS: [&str; 13] = [
+    "image",
+    "imagename",
+    "image_name",
+    "imageid",
+    "image_id",
+    "photo",
+    "photoid",
+    "photo_id",
+    "photoname",
+    "filename",
+    "file",
+    "label",
+    "id",
+];
+const LONGITUDES: [&str; 4] = ["longitude", "lon", "long", "lng"];
+const X_COLUMNS: [&str; 7] = ["easting", "east", "e", "longitude", "lon", "long", "lng"];
+const Y_COLUMNS: [&str; 5] = ["northing", "north", "n", "latitude", "lat"];
+/// Not `height`, which is the image's.
+const Z_COLUMNS: [&str; 3] = ["altitude", "alt", "elevation"];
 
 /// Reads a table as the survey declares it.
 pub(crate) fn read_declared(config: &SurveyConfig) -> Result<Poses, SurveyError> {
@@ -64,7 +90,7 @@ pub(crate) fn read_declared(config: &SurveyConfig) -> Result<Poses, SurveyError>
 /// Reads a table of poses.
 pub(crate) fn read(path: &Path, config: &CsvConfig, camera: Option<&CameraConfig>) -> Result<Poses, SurveyError> {
     let config = Declared { table: config, camera };
-    let delimiter = delimiter(path, &config.table.delimiter)?;
+    let Layout { delimiter, header } = layout(path, config.table, |header| Columns::find(header, &config).is_ok())?;
     let file = File::open(path).map_err(FileError::on("cannot open", path))?;
     let mut reader = ::csv::ReaderBuilder::new()
         .delimiter(delimiter.unwrap_or(b','))
@@ -74,10 +100,17 @@ pub(crate) fn read(path: &Path, config: &CsvConfig, camera: Option<&CameraConfig
         .trim(::csv::Trim::All)
         .from_reader(OneSpace::new(BufReader::new(file), delimiter.is_none()));
     let mut poses = Poses { north: config.table.north, ..Poses::new() };
-    let mut columns = match &config.table.header {
-        Some(header) => Some(Columns::find(header, &config).map_err(|e| SurveyError::config(e, ""))?),
-        None => None,
-    };
+    let Some(header) = header else { return Ok(poses) };
+    let columns = Columns::find(&header, &config).and_then(|columns| columns.with_camera(&config));
+    let columns = columns.map_err(|e| match config.table.header {
+        Some(_) => SurveyError::config(e, ""),
+        None => SurveyError::malformed(path, Place::Line(1), e).hint(COLUMNS_HINT),
+    })?;
+    if columns.are_degrees {
+        // A receiver's, whose heights may count from anything.
+        (poses.world, poses.heights) = (World::Crs(Crs::parse("EPSG:4326")?), FileHeights::Unreliable);
+    }
+    let mut is_header = header.is_row;
     let mut cameras = CameraCache::default();
     let mut record = ::csv::StringRecord::new();
     loop {
@@ -88,18 +121,14 @@ pub(crate) fn read(path: &Path, config: &CsvConfig, camera: Option<&CameraConfig
             break;
         }
         let line = record.position().map_or(0, ::csv::Position::line);
-        let Some(columns) = &columns else {
-            let header: Vec<String> =
-                record.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
-            let found = Columns::find(&header, &config);
-            columns = Some(found.map_err(|e| SurveyError::malformed(path, Place::Line(line), e).hint(COLUMNS_HINT))?);
+        if std::mem::take(&mut is_header) {
             continue;
-        };
+        }
         let name = record.get(columns.name).unwrap_or_default();
         if name.is_empty() {
             return Err(SurveyError::malformed(path, Place::Line(line), "the row has no name"));
         }
-        match pose(&record, columns, &config, &mut cameras) {
+        match pose(&record, &columns, &config, &mut cameras) {
             Ok(pose) => poses.poses.push(pose),
             Err(reason) => poses.refuse("pose_unusable", name, format!("line {line}: {reason}")),
         }
@@ -113,53 +142,43 @@ fn line_of(error: &::csv::Error) -> u64 {
     error.position().map_or(0, ::csv::Position::line)
 }
 
-/// The separator: `None` is any run of blanks.
-fn delimiter(path: &Path, declared: &str) -> Result<Option<u8>, SurveyError> {
-    match declared {
-        "tab" | "\t" => return Ok(Some(b'\t')),
-        "whitespace" => return Ok(None),
-        "" => {}
-        _ if declared.len() == 1 => return Ok(Some(declared.as_bytes()[0])),
-        _ => {
-            let message = format!("csv.delimiter {declared:?}");
-            return Err(SurveyError::config(message, "one character, or \"tab\" or \"whitespace\""));
-        }
-    }
-    let file = File::open(path).map_err(FileError::on("cannot open", path))?;
-    let mut head = Vec::new();
-    std::io::Read::take(file, HEAD_BYTES).read_to_end(&mut head).map_err(FileError::on("cannot read", path))?;
-    let first = head.split(|&byte| byte == b'\n').find(|line| !line.trim_ascii().is_empty() && line[0] != b'#');
-    Ok(b"\t;,".iter().copied().find(|separator| first.unwrap_or_default().contains(separator)))
-}
-
-/// So much of a file shows its separator.
-const HEAD_BYTES: u64 = 1 << 16;
-
 impl Columns {
-    fn find(header: &[String], declared: &Declared<'_>) -> Result<Self, String> {
+    fn find(header: &Header, declared: &Declared<'_>) -> Result<Self, String> {
         let config = declared.table;
-        let seek = |wanted: &str| header.iter().position(|name| name.eq_ignore_ascii_case(wanted));
-        let need = |wanted: &str| {
-            seek(wanted).ok_or_else(|| format!("there is no column {wanted:?}; the columns are {}", header.join(", ")))
+        let missing =
+            |wanted: &str| format!("there is no column {wanted:?}; the columns are {}", header.names.join(", "));
+        let need = |wanted: &str, own: &str, others: &[&str]| {
+            header.seek_any(wanted, own, others).ok_or_else(|| missing(wanted))
         };
-        let rotation: Result<Vec<usize>, String> = config.angle_columns().iter().map(|name| need(name)).collect();
-        let camera = CAMERA_COLUMNS.map(|(name, others)| seek(name).or_else(|| others.iter().find_map(|o| seek(o))));
+        let rotation: Result<Vec<usize>, String> =
+            config.angle_columns().iter().map(|name| header.seek(name).ok_or_else(|| missing(name))).collect();
+        let rotation = rotation?;
+        header.check_unit(&rotation, config)?;
+        let camera = CAMERA_COLUMNS
+            .map(|(name, others)| header.seek(name).or_else(|| others.iter().find_map(|o| header.seek(o))));
+        let x = need(&config.x, "x", &X_COLUMNS)?;
         let columns = Self {
-            name: need(&config.name)?,
-            position: [need(&config.x)?, need(&config.y)?, need(&config.z)?],
-            rotation: rotation?,
+            name: need(&config.name, "name", &NAME_COLUMNS)?,
+            position: [x, need(&config.y, "y", &Y_COLUMNS)?, need(&config.z, "z", &Z_COLUMNS)?],
+            rotation,
             camera,
-            lens: seek("lens"),
+            lens: header.seek("lens"),
+            are_degrees: LONGITUDES.iter().any(|name| header.names[x].eq_ignore_ascii_case(name)),
         };
         let n_needed = config.angles.n_values();
         if columns.rotation.len() != n_needed {
             return Err(format!("{} angle columns: expected {n_needed}", columns.rotation.len()));
         }
-        let has_camera = camera[..3].iter().all(Option::is_some);
+        Ok(columns)
+    }
+
+    /// Itself, if it or the configuration has a camera.
+    fn with_camera(self, declared: &Declared<'_>) -> Result<Self, String> {
+        let has_camera = self.camera[..3].iter().all(Option::is_some);
         if !has_camera && declared.camera.is_none() {
             return Err("there is no camera: neither columns width, height, fx nor [survey.camera]".to_owned());
         }
-        Ok(columns)
+        Ok(self)
     }
 }
 

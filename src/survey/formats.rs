@@ -10,7 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use super::poses::Poses;
 use super::{SurveyConfig, SurveyError};
-use super::{blocks_exchange, colmap, csv, metashape, odm, opensfm, opf, photo, photos, pix4d, tables};
+use super::{
+    blocks_exchange, colmap, csv, csv_header, metashape, nerfstudio, odm, opensfm, opf, photo, photos, pix4d, tables,
+};
 use crate::files::FileError;
 
 /// What a file or folder is recognised by.
@@ -44,11 +46,6 @@ impl Candidate {
     /// Whether it is a file whose name ends in `.extension`.
     pub(crate) fn has_extension(&self, extension: &str) -> bool {
         !self.is_folder && self.name.rsplit_once('.').is_some_and(|(_, found)| found == extension)
-    }
-
-    /// A file's lines that are neither empty nor comments, the last of the head cut off where the file goes on.
-    pub(crate) fn lines(&self) -> impl Iterator<Item = &str> {
-        self.head.lines().map(str::trim).filter(|line| !line.is_empty())
     }
 }
 
@@ -94,6 +91,8 @@ formats! {
     Metashape: |c| metashape::is_metashape(&c.head), |s| metashape::read(&s.path);
     /// OpenSfM's reconstruction.json, topocentric or rewritten by ODM.
     Opensfm: opensfm::recognises, opensfm::read;
+    /// nerfstudio's transforms.json, or its folder.
+    Nerfstudio: nerfstudio::recognises, |s| nerfstudio::read(&s.path);
     /// Pix4D's calibrated camera files: the folder of params, or one of them.
     Pix4d: |c| pix4d::find(&c.path).is_some(), |s| pix4d::read(&s.path, s.camera.as_ref());
     /// Pix4D's Open Photogrammetry Format: a calibrated `project.opf`, or its folder.
@@ -105,7 +104,7 @@ formats! {
     /// Metashape's export of omega, phi, kappa, with a declared camera.
     MetashapeOpk: |c| !c.is_folder && c.head.contains("PhotoID"), |s| tables::read_metashape_opk(&s.path, s.camera.as_ref());
     /// A table with declared columns and conventions, see `[survey.csv]`.
-    Csv: |c| c.has_extension("csv") || c.has_extension("tsv"), csv::read_declared;
+    Csv: |c| c.has_extension("csv") || c.has_extension("tsv") || (!c.is_folder && csv_header::names_angles(&c.head)), csv::read_declared;
     /// Photos with EXIF and XMP: `path` is their folder.
     Photos: |c| c.is_folder && photos::list(&c.path).is_ok_and(|found| !found.is_empty()), photo::read;
 }

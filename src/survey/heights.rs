@@ -58,7 +58,7 @@ impl Heights {
         let reference = match (config.reference, file) {
             (Some(declared), _) => declared,
             (None, _) if config.geoid_offset.is_some() || config.keep_ellipsoidal => HeightReference::Ellipsoidal,
-            (None, FileHeights::Unreliable) => {
+            (None, FileHeights::Unreliable) if world.height_unit_m().is_none() => {
                 let message = "the photos' heights have no known reference (no RTK: barometric, up to 100 m off)";
                 return Err(SurveyError::config(
                     message,
@@ -66,13 +66,13 @@ impl Heights {
                 ));
             }
             (None, FileHeights::Ellipsoidal) => HeightReference::Ellipsoidal,
-            (None, FileHeights::Unsaid) if world.vertical_epsg().is_some() => HeightReference::Orthometric,
-            (None, FileHeights::Unsaid) if world.is_ellipsoidal_3d() => HeightReference::Ellipsoidal,
-            (None, FileHeights::Unsaid) if world.is_geographic() && project_crs.height_unit_m().is_some() => {
+            (None, _) if world.vertical_epsg().is_some() => HeightReference::Orthometric,
+            (None, _) if world.is_ellipsoidal_3d() => HeightReference::Ellipsoidal,
+            (None, _) if world.is_geographic() && project_crs.height_unit_m().is_some() => {
                 let message = format!("{world} says nothing of heights, and the project's do count: {project_crs}");
                 return Err(SurveyError::config(message, CHOICES_OF_UNSAID));
             }
-            (None, FileHeights::Unsaid) => HeightReference::Project,
+            (None, _) => HeightReference::Project,
         };
         let base = |what: &str| match config.base {
             Some(base_m) if base_m.is_finite() => Ok(OrthometricHeight(base_m)),

@@ -282,7 +282,8 @@ fn view(way: &Way, pose: Pose) -> Result<(View, GridNorth), Box<Issue>> {
             POSSIBLE_HEIGHTS_M.end()
         );
         let issue = refused(IMPOSSIBLE_HEIGHT, &pose.name, message)
-            .hint("check the unit and the reference of the heights, and the order of the axes");
+            .hint("check the unit and the reference of the heights, and the order of the axes")
+            .at(located.centre_in_map.x, located.centre_in_map.y);
         return Err(Box::new(issue));
     }
     let view = View { id: ViewId(pose.name), camera: pose.camera, camera_from_map, image: None };

@@ -65,6 +65,7 @@ pub(super) fn place(
     if config.enu_origin.is_some() {
         return Ok(());
     }
+    let is_named = beside.is_some();
     let grid = match (beside, &config.crs, reference) {
         (Some(grid), _, _) => Some(grid),
         (None, Some(declared), Some(reference)) => Grid::of_reference(declared, reference),
@@ -83,68 +84,75 @@ pub(super) fn place(
     }
     let Some(reference) = reference else { return Ok(()) };
     poses.world = World::Enu(reference);
-    let topocentric = Fit::of(fixes.iter().map(|fix| (fix.centre.truncate(), fix.gps.truncate())));
     match grid {
-        None => refuse_if_turned(path, topocentric),
-        Some(grid) => choose(poses, path, reference, fixes, topocentric, &grid),
+        None => refuse_if_turned(path, Fit::of(fixes.iter().map(|fix| (fix.centre.truncate(), fix.gps.truncate())))),
+        Some(grid) => choose(poses, path, reference, fixes, &grid, is_named),
     }
 }
 
-/// Between east, north, up and a grid, by the GPS positions.
+/// What GPS positions say.
+enum Verdict {
+    Topocentric,
+    Gridded(Fit),
+    Unsure(String),
+}
+
+/// Between east, north, up and a grid, by the GPS positions; a grid that ODM named goes before saying nothing.
 fn choose(
     poses: &mut Poses,
     path: &Path,
     reference: DVec3,
     fixes: &[Fix],
-    topocentric: Option<Fit>,
     grid: &Grid,
+    is_named: bool,
 ) -> Result<(), SurveyError> {
     let apart_m = grid.distance_from_topocentric_m(poses, reference)?;
-    if apart_m < SAME_WITHIN_M {
+    if apart_m < SAME_WITHIN_M && !is_named {
         return Ok(());
     }
-    let in_grid: Result<Vec<(DVec2, DVec2)>, SurveyError> = grid
-        .of_enu(reference, fixes.iter().map(|fix| fix.gps))
-        .map(|predicted| fixes.iter().map(|fix| fix.centre.truncate()).zip(predicted).collect());
-    let (Some(topocentric), Some(gridded)) = (topocentric, Fit::of(in_grid?)) else {
-        let message = format!(
-            "its reference is a whole metre of {}, so ODM made it, and nothing tells whether it was rewritten to that grid: \
-             a difference of up to {apart_m:.1} m",
-            grid.crs
-        );
-        return Err(SurveyError::malformed(path, Place::Whole, message).hint(WAY_OUT));
+    let topocentric = Fit::of(fixes.iter().map(|fix| (fix.centre.truncate(), fix.gps.truncate())));
+    let predicted = grid.of_enu(reference, fixes.iter().map(|fix| fix.gps))?;
+    let gridded = Fit::of(fixes.iter().map(|fix| fix.centre.truncate()).zip(predicted));
+    let reason = match verdict(topocentric, gridded) {
+        Verdict::Topocentric => return Ok(()),
+        Verdict::Gridded(fit) => {
+            format!("its GPS positions are turned by {fit} against east, north, up, and not against the grid")
+        }
+        Verdict::Unsure(_) if is_named => "ODM's folder odm_georeferencing names it".to_owned(),
+        Verdict::Unsure(reason) => {
+            let message = format!(
+                "it may be east, north, up, or rewritten by ODM to {}, up to {apart_m:.1} m apart: {reason}",
+                grid.crs
+            );
+            return Err(SurveyError::malformed(path, Place::Whole, message).hint(WAY_OUT));
+        }
+    };
+    grid.take(poses);
+    let (x, y) = (grid.offset.x, grid.offset.y);
+    let message = format!("read as rewritten by ODM to {} minus ({x}, {y}): {reason}", grid.crs);
+    let subject = Subject::Input(path.display().to_string());
+    poses.issues.push(
+        Issue::new(Severity::Warning, "frame_found", subject, message)
+            .hint("reconstruction.topocentric.json beside it, or `crs` and `offset`, would leave no doubt"),
+    );
+    Ok(())
+}
+
+fn verdict(topocentric: Option<Fit>, gridded: Option<Fit>) -> Verdict {
+    let (Some(topocentric), Some(gridded)) = (topocentric, gridded) else {
+        return Verdict::Unsure("its shots have no GPS positions to tell by".to_owned());
     };
     let is_sure = (topocentric.turn_rad - gridded.turn_rad).abs() > SURE_SIGMAS * topocentric.sigma_rad;
-    if is_sure && gridded.turn_rad.abs() < topocentric.turn_rad.abs() / 3.0 {
-        grid.take(poses);
-        let message = format!(
-            "read as rewritten by ODM to {} minus ({}, {}): its GPS positions are turned by {:.2}° against east, north, up \
-             and by {:.2}° against that grid",
-            grid.crs,
-            grid.offset.x,
-            grid.offset.y,
-            topocentric.turn_rad.to_degrees(),
-            gridded.turn_rad.to_degrees()
-        );
-        let subject = Subject::Input(path.display().to_string());
-        poses.issues.push(
-            Issue::new(Severity::Warning, "frame_found_from_gps", subject, message)
-                .hint("`crs` and `offset`, or the folder odm_georeferencing beside opensfm, would say so"),
-        );
-        return Ok(());
+    let is_clearly_less = |a: Fit, b: Fit| is_sure && a.turn_rad.abs() < b.turn_rad.abs() / 3.0;
+    if is_clearly_less(gridded, topocentric) {
+        Verdict::Gridded(topocentric)
+    } else if is_clearly_less(topocentric, gridded) {
+        Verdict::Topocentric
+    } else {
+        Verdict::Unsure(format!(
+            "its GPS positions are turned by {topocentric} against the one and by {gridded} against the other"
+        ))
     }
-    if is_sure && topocentric.turn_rad.abs() < gridded.turn_rad.abs() / 3.0 {
-        return Ok(());
-    }
-    let message = format!(
-        "its GPS positions do not tell whether ODM rewrote it to {}: turned by {:.2}° ± {:.2}° against east, north, up and by \
-         {:.2}° against the grid, a difference of up to {apart_m:.1} m",
-        grid.crs,
-        topocentric.turn_rad.to_degrees(),
-        topocentric.sigma_rad.to_degrees(),
-        gridded.turn_rad.to_degrees()
-    );
-    Err(SurveyError::malformed(path, Place::Whole, message).hint(WAY_OUT))
 }
 
 fn refuse_if_turned(path: &Path, fit: Option<Fit>) -> Result<(), SurveyError> {
@@ -154,9 +162,8 @@ fn refuse_if_turned(path: &Path, fit: Option<Fit>) -> Result<(), SurveyError> {
         return Ok(());
     }
     let message = format!(
-        "its GPS positions are turned by {:.2}° against its centres ({moved_m:.1} m at the rim): it is not east, north, up \
-         at its reference_lla",
-        fit.turn_rad.to_degrees()
+        "its GPS positions are turned by {fit} against its centres ({moved_m:.1} m at the rim): it is not east, north, up \
+         at its reference_lla"
     );
     Err(SurveyError::malformed(path, Place::Whole, message).hint(WAY_OUT))
 }
@@ -167,6 +174,12 @@ struct Fit {
     turn_rad: f64,
     sigma_rad: f64,
     radius_m: f64,
+}
+
+impl std::fmt::Display for Fit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:.2}° ± {:.2}°", self.turn_rad.to_degrees(), self.sigma_rad.to_degrees())
+    }
 }
 
 impl Fit {

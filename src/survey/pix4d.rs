@@ -1,6 +1,6 @@
 //! Pix4D's calibrated camera parameters, with its offset and CRS files.
 //!
-//! `*_calibrated_camera_parameters.txt`: eight header lines, then ten lines per image: name, width, height; K (3 × 3);
+//! `*_calibrated_camera_parameters.txt`, also without a project's name before it: eight header lines, then ten lines per image: name, width, height; K (3 × 3);
 //! radial R1 R2 R3; tangential T1 T2; position minus offset; world to camera (3 × 3), axes ours. Distortion in OpenCV's
 //! order. `*_offset.xyz` is added; `*_wkt.prj` names the CRS. Source: Pix4D support, "Output files, params".
 
@@ -20,14 +20,17 @@ use crate::camera::{Camera, Distortion};
 use crate::crs::Crs;
 use crate::files;
 
-const CALIBRATED: &str = "_calibrated_camera_parameters.txt";
-const EXTERNAL: &str = "_calibrated_external_camera_parameters.txt";
+const CALIBRATED: &str = "calibrated_camera_parameters.txt";
+const EXTERNAL: &str = "calibrated_external_camera_parameters.txt";
 const HEADER_LINES: usize = 8;
 const LINES_PER_IMAGE: usize = 10;
 
 /// The file of a Pix4D `params` folder to read: complete cameras before external parameters only.
 pub(crate) fn find(path: &Path) -> Option<PathBuf> {
-    let ends = |path: &Path, end: &str| path.file_name().and_then(|n| n.to_str()).is_some_and(|n| n.ends_with(end));
+    let ends = |path: &Path, end: &str| {
+        let prefix = path.file_name().and_then(|name| name.to_str()?.strip_suffix(end));
+        prefix.is_some_and(|prefix| prefix.is_empty() || prefix.ends_with('_'))
+    };
     if path.is_file() {
         return (ends(path, CALIBRATED) || ends(path, EXTERNAL)).then(|| path.to_owned());
     }
@@ -47,11 +50,11 @@ pub(crate) fn read(path: &Path, camera: Option<&CameraConfig>) -> Result<Poses, 
     let beside = |end: &str| file.with_file_name(format!("{prefix}{end}"));
     let is_complete = name.ends_with(CALIBRATED);
     let mut poses = if is_complete {
-        read_calibrated(&file, offset(&beside("_offset.xyz"))?)?
+        read_calibrated(&file, offset(&beside("offset.xyz"))?)?
     } else {
         tables::read_pix4d_external(&file, camera)?
     };
-    let prj = beside("_wkt.prj");
+    let prj = beside("wkt.prj");
     if prj.is_file() {
         let wkt = files::read_text(&prj)?;
         poses.world = World::Crs(Crs::parse(wkt.trim())?);

@@ -42,6 +42,7 @@ mod survey_formats;
 mod survey_fuzz;
 mod survey_hostile;
 mod survey_real;
+mod survey_traps;
 mod synthetic_block;
 mod terrain_files;
 mod tiles;

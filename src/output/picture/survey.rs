@@ -18,6 +18,8 @@ const OUTLINE: Rgb = [130, 134, 140];
 /// Blue and vermilion of the Okabe-Ito palette: told apart by colour-blind readers, and in print.
 const NADIR: Rgb = [0, 114, 178];
 const OBLIQUE: Rgb = [213, 94, 0];
+/// Bluish green of the same palette: photos that were refused.
+const REFUSED: Rgb = [0, 158, 115];
 /// Free margin around what is shown, share of the larger side.
 const MARGIN_SHARE: f64 = 0.03;
 /// Outlines of more photos than this would only fill the map: every n-th is drawn.
@@ -46,9 +48,12 @@ pub fn survey_map(survey: &Survey, ground: Option<&Terrain>, crs: &Crs) -> RgbIm
     let views = drawn(survey, terrain);
     let cameras = views.iter().flat_map(|view| [Some(view.camera), view.looks_at]).flatten();
     let corners = outlines.iter().flatten().copied();
-    let region = Region::around(corners.chain(cameras).map(|p| [p.x, p.y]), MARGIN_SHARE);
+    let refused = refused(survey);
+    let region =
+        Region::around(corners.chain(cameras).chain(refused.iter().copied()).map(|p| [p.x, p.y]), MARGIN_SHARE);
     let mut sheet = Sheet::new(&region, SHEET_PX);
     draw(&mut sheet, &outlines, &views);
+    draw_refused(&mut sheet, &refused);
     sheet.furnish();
     let n_refused = survey.issues.iter().filter(|issue| issue.severity == Severity::Refused).count();
     let height = match ground {
@@ -57,8 +62,21 @@ pub fn survey_map(survey: &Survey, ground: Option<&Terrain>, crs: &Crs) -> RgbIm
     };
     let below = format!("{} usable poses, {n_refused} refused items · {height}", survey.views.len());
     sheet.headings("Cameras and what they look at", &below, crs);
-    legend(&mut sheet, survey, step);
+    legend(&mut sheet, survey, refused.len(), step);
     sheet.canvas.into_image()
+}
+
+/// Where photos stand that have a place and cannot be used.
+fn refused(survey: &Survey) -> Vec<DVec2> {
+    let of_views = survey.issues.iter().filter(|issue| issue.severity == Severity::Refused);
+    of_views.filter_map(|issue| issue.place.map(DVec2::from)).collect()
+}
+
+fn draw_refused(sheet: &mut Sheet, places: &[DVec2]) {
+    let Sheet { canvas, to_px, unit, .. } = sheet;
+    for place in places {
+        canvas.disc(to_px.at(place.x, place.y), MARK_PX * *unit, REFUSED, Pen::new(WHITE, 0.8 * *unit));
+    }
 }
 
 fn outlines(survey: &Survey, terrain: &Terrain, step: usize) -> Vec<Vec<DVec2>> {
@@ -104,15 +122,18 @@ fn draw(sheet: &mut Sheet, outlines: &[Vec<DVec2>], views: &[Drawn]) {
     }
 }
 
-fn legend(sheet: &mut Sheet, survey: &Survey, step: usize) {
+fn legend(sheet: &mut Sheet, survey: &Survey, n_refused: usize, step: usize) {
     let (left, unit) = (sheet.legend_left(), sheet.unit);
     let Sheet { canvas, frame, .. } = sheet;
     let n_nadir = survey.views.iter().filter(|view| view.kind() == ViewKind::Nadir).count();
     let mut y = frame.top + 18.0 * unit;
-    let kinds = [
+    let mut kinds = vec![
         (NADIR, NADIR_RADII, format!("nadir: {n_nadir}")),
         (OBLIQUE, 1.0, format!("oblique: {}", survey.views.len() - n_nadir)),
     ];
+    if n_refused > 0 {
+        kinds.push((REFUSED, 1.0, format!("refused: {n_refused}")));
+    }
     for (colour, radii, label) in kinds {
         canvas.line(&[[left, y], [left + 26.0 * unit, y]], Pen { colour, opacity: 0.8, width_px: 1.3 * unit });
         canvas.disc([left + 5.0 * unit, y], radii * MARK_PX * unit, colour, Pen::new(WHITE, 0.8 * unit));
