@@ -17,7 +17,7 @@ use crate::output::geopackage::{self, TileArea};
 use crate::output::reports::{write_issues, write_json};
 use crate::output::tiles3d::{self, Heights, Tiles3dConfig};
 use crate::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records as _, Status, cityjson, sha256_hex};
-use crate::pipeline::{refused_records, unstated_reference};
+use crate::pipeline::{refused_records, unstated_reference, write_project};
 use crate::stats;
 use crate::survey::Survey;
 
@@ -144,7 +144,7 @@ impl City<'_> {
         let model = CityModel { records: &records, crs, lineage: &lineage, issues: &issues, survey: &survey };
         let gpkg = &config.output.geopackage;
         let overview = geopackage::write_divided(&folder.join(GEOPACKAGE), &model, gpkg, &self.areas())?;
-        geopackage::write_project(&folder.join("city.qgs"), GEOPACKAGE, &model, gpkg)?;
+        write_project(config, folder, GEOPACKAGE, &model)?;
         cityjson::write_sequence(&folder.join(SEQUENCE), &model, &config.output.cityjson)?;
         let no_tileset = write_tileset(&folder.join(TILESET), &model, options)?;
         write_issues(&folder.join("issues.json"), &issues)?;
