@@ -24,6 +24,12 @@ pub enum RasterError {
         #[source]
         source: GdalError,
     },
+    /// There is no such file.
+    #[error("raster {} does not exist\nhint: is the path right? It counts from the folder of the configuration", path.display())]
+    Absent {
+        /// The file.
+        path: PathBuf,
+    },
     /// It opened, and its values cannot be read.
     #[error("cannot read band {band} of {}", path.display())]
     Read {
@@ -130,6 +136,9 @@ impl RasterFile {
     /// [`RasterError::Open`].
     pub fn open(path: &Path) -> Result<Self, RasterError> {
         crate::gdal_log::route_messages();
+        if !crate::files::is_virtual(path) && !path.exists() {
+            return Err(RasterError::Absent { path: path.to_owned() });
+        }
         let dataset = Dataset::open(path).map_err(|source| RasterError::Open { path: path.to_owned(), source })?;
         Ok(Self { dataset, path: path.to_owned() })
     }
