@@ -110,6 +110,7 @@ pub enum PriorKindArg {
     /// Higher is farther.
     Depth,
     /// Higher is nearer.
+    #[value(alias = "inverse_depth")]
     InverseDepth,
 }
 
@@ -191,6 +192,7 @@ pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
     ));
     let words = |status: Status| match status {
         Status::Measured => "measured",
+        Status::Given => "from a model of others",
         Status::Doubtful => "measured, to be looked at",
         Status::Fallback => "from the fallback",
         Status::Unknown => "without a height",

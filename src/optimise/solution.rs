@@ -22,6 +22,8 @@ pub enum Reason {
     ConflictingViews,
     /// Even the best height explains the priors badly.
     PoorScore,
+    /// Nothing was seen of the building itself: the height is that of others.
+    Guessed,
 }
 
 impl Reason {
@@ -35,6 +37,7 @@ impl Reason {
             Self::FlatScore => "flat_score",
             Self::ConflictingViews => "conflicting_views",
             Self::PoorScore => "poor_score",
+            Self::Guessed => "guessed",
         }
     }
 }
