@@ -3,13 +3,13 @@
 use glam::DVec2;
 
 use super::without_views;
-use crate::optimise::{Problem, Solution};
+use crate::optimise::{Problem, Reason, Solution};
 use crate::stats;
 
 /// The same height for every building, metres.
 #[must_use]
 pub fn constant(problem: &Problem<'_>, height_m: f64) -> Solution {
-    without_views(vec![Some(height_m); problem.scene.prisms.len()])
+    without_views(vec![Some(height_m); problem.scene.prisms.len()], Some(Reason::Guessed))
 }
 
 /// Each building gets the median height of the `n` nearest buildings of a reference, itself left out. `reference` holds
@@ -27,5 +27,5 @@ pub fn neighbourhood(problem: &Problem<'_>, reference: &[(DVec2, f64)], n: usize
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
         stats::median(&near.iter().take(n).map(|(_, height_m)| *height_m).collect::<Vec<_>>())
     };
-    without_views(problem.scene.prisms.iter().map(height).collect())
+    without_views(problem.scene.prisms.iter().map(height).collect(), Some(Reason::Guessed))
 }

@@ -28,8 +28,8 @@ pub use slabs::{Slab, SlabConfig, stacked_prisms};
 
 use crate::optimise::{Reason, Solution, SolvedHeight};
 
-/// A solution without views: heights that come from elsewhere; `None` = none.
-fn without_views(heights_m: Vec<Option<f64>>) -> Solution {
+/// A solution without views; `None` = no height. Heights with a `doubt` are never called measured.
+fn without_views(heights_m: Vec<Option<f64>>, doubt: Option<Reason>) -> Solution {
     let solved = |height_m: Option<f64>| SolvedHeight {
         height_m,
         roof: None,
@@ -37,7 +37,7 @@ fn without_views(heights_m: Vec<Option<f64>>) -> Solution {
         views: Vec::new(),
         score: None,
         raised_m: None,
-        reasons: if height_m.is_none() { vec![Reason::SeenByNoView] } else { Vec::new() },
+        reasons: if height_m.is_none() { vec![Reason::SeenByNoView] } else { doubt.into_iter().collect() },
     };
     Solution {
         heights: heights_m.into_iter().map(solved).collect(),

@@ -50,5 +50,5 @@ pub fn percentile(problem: &Problem<'_>, cloud: &SegmentedCloud, percent: f64, m
         let roof_m = stats::quantile(&z, percent / 100.0).filter(|_| z.len() >= min_points)?;
         Some((roof_m - ground_m).clamp(f64::from(bounds.min_m), f64::from(bounds.max_m)))
     };
-    without_views(cloud.points.iter().zip(&cloud.ground_m).map(height).collect())
+    without_views(cloud.points.iter().zip(&cloud.ground_m).map(height).collect(), None)
 }

@@ -9,7 +9,7 @@ use super::{Failure, Global, Ui, print_json};
 use crate::crs::Crs;
 use crate::output::cityjson::{self, AttributeNames, CityJsonConfig};
 use crate::output::flatgeobuf;
-use crate::output::geopackage::{self, GeoPackageConfig};
+use crate::output::geopackage::{self, GeoPackageConfig, ProjectGround};
 use crate::output::read::{ReadOptions, RecordFile};
 use crate::output::tiles3d::{self, Heights, Precision, Tiles3dConfig};
 use crate::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records};
@@ -172,7 +172,8 @@ fn write<R: Records + ?Sized>(
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             if args.project {
                 let config = GeoPackageConfig::default();
-                geopackage::write_project(&path.with_extension("qgs"), &name, model, &config)?;
+                let ground = ProjectGround::LowestWall;
+                geopackage::write_project(&path.with_extension("qgs"), &name, model, &config, ground)?;
             }
             Ok(overview)
         }

@@ -6,6 +6,7 @@
 mod baseline;
 mod benchmark;
 mod demo;
+mod doctor;
 mod dtm;
 mod evaluate;
 mod export;
@@ -109,6 +110,8 @@ pub enum Command {
     View(view::ViewArgs),
     /// Measure accuracy and speed on simulated scenes, every method on each, and write the tables.
     Benchmark(benchmark::BenchmarkArgs),
+    /// Say what this machine has, and what a configuration at hand lacks.
+    Doctor(doctor::DoctorArgs),
     /// Simulate a small town, find its heights, evaluate and picture them.
     Demo(demo::DemoArgs),
     /// Print the JSON Schema of a configuration file.
@@ -183,6 +186,7 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Look(args) => look::run(args, &cli.global),
         Command::View(args) => view::run(args, &cli.global),
         Command::Benchmark(args) => benchmark::run(args, &cli.global),
+        Command::Doctor(args) => doctor::run(args, &cli.global),
         Command::Demo(args) => demo::run(args, &cli.global),
         Command::Schema(args) => schema::run(args),
     }

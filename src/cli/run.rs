@@ -128,6 +128,7 @@ pub enum PriorKindArg {
     /// Higher is farther.
     Depth,
     /// Higher is nearer.
+    #[value(alias = "inverse_depth")]
     InverseDepth,
 }
 
@@ -240,6 +241,7 @@ pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
     }
     let words = |status: Status| match status {
         Status::Measured => "measured",
+        Status::Given => "given: from a model of others",
         Status::Doubtful => "doubtful: measured, to be looked at",
         Status::Fallback => "fallback: not measured, a height from elsewhere",
         Status::Unknown => "unknown: without a height",

@@ -3,6 +3,7 @@
 //! Precedence: defaults, then the file, then `--set table.key=value`. Relative paths are relative to the file. The
 //! resolved configuration is saved beside every result.
 
+mod advice;
 mod renamed;
 
 use std::path::{Path, PathBuf};
@@ -39,22 +40,24 @@ pub enum ConfigError {
         source: std::io::Error,
     },
     /// The file is not valid TOML, or a key or value is not known; the text shows the place.
-    #[error("{}:\n{message}\nhint: `sizeup schema run` prints every key with its type, unit and default", path.display())]
+    #[error("{}:\n{message}\nhint: {hint}", path.display())]
     Parse {
         /// The file.
         path: PathBuf,
         /// What is wrong, with the line underlined.
         message: String,
+        /// What to write.
+        hint: String,
     },
     /// A `--set` that cannot be applied.
-    #[error(
-        "--set {assignment}: {message}\nhint: write it as --set optimise.preset=paper or --set project.crs=EPSG:25832"
-    )]
+    #[error("--set {assignment}: {message}\nhint: {hint}")]
     Set {
         /// What the user wrote.
         assignment: String,
         /// What is wrong with it.
         message: String,
+        /// What to write.
+        hint: String,
     },
 }
 
@@ -265,8 +268,9 @@ fn parse_with<T: DeserializeOwned>(
 ) -> Result<T, ConfigError> {
     let path = || path.unwrap_or(Path::new("settings")).to_owned();
     let parse_error = |e: toml::de::Error| {
-        let message = placed(&e, text).unwrap_or_else(|| e.to_string());
-        ConfigError::Parse { path: path(), message }
+        let (message, hint) = advice::of_file(&e, text);
+        let message = message.or_else(|| placed(&e, text)).unwrap_or_else(|| e.to_string());
+        ConfigError::Parse { path: path(), message, hint }
     };
     let mut table: toml::Table = toml::from_str(text).map_err(parse_error)?;
     let as_written = table.clone();
@@ -275,13 +279,18 @@ fn parse_with<T: DeserializeOwned>(
         return toml::from_str(text).map_err(parse_error); // keeps the place of every error
     }
     for assignment in assignments {
-        assign(&mut table, assignment)
-            .map_err(|message| ConfigError::Set { assignment: assignment.clone(), message })?;
+        assign(&mut table, assignment).map_err(|message| ConfigError::Set {
+            assignment: assignment.clone(),
+            message,
+            hint: advice::FORM.into(),
+        })?;
     }
     table.try_into().map_err(|e: toml::de::Error| match toml::from_str::<T>(text) {
         Err(placed) if placed.message() == e.message() => parse_error(placed), // the file's own mistake, with its line
-        _ if assignments.is_empty() => ConfigError::Parse { path: path(), message: e.message().to_owned() },
-        _ => ConfigError::Set { assignment: assignments.join(" --set "), message: e.message().to_owned() },
+        _ if assignments.is_empty() => {
+            ConfigError::Parse { path: path(), message: e.message().to_owned(), hint: advice::FORM.into() }
+        }
+        _ => advice::of_assignments(&e, assignments),
     })
 }
 
@@ -398,6 +407,37 @@ mod tests {
     fn an_assignment_of_an_unknown_key_is_named() {
         let error = load(MINIMAL, &["optimise.epochz=3"]).unwrap_err().to_string();
         assert!(error.starts_with("--set optimise.epochz=3") && error.contains("epochz"), "{error}");
+    }
+
+    #[test]
+    fn a_missing_table_is_named_as_one_and_not_placed_at_a_comment() {
+        let text = format!("# Our town\n{}", MINIMAL.replace("[terrain]\n        constant_m = 12.0", ""));
+        let error = load(&text, &[]).unwrap_err().to_string();
+        assert!(error.contains("the table [terrain] is missing") && !error.contains("Our town"), "{error}");
+        assert!(error.contains("dtm = ") && error.contains("constant_m = "), "{error}");
+    }
+
+    #[test]
+    fn a_prior_without_a_source_lists_the_three() {
+        let error = load(&MINIMAL.replace("source = \"files\"", ""), &[]).unwrap_err().to_string();
+        for source in ["\"files\"", "\"network\"", "\"stereo\""] {
+            assert!(error.contains(source), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_misspelt_value_lists_what_it_can_be() {
+        let error = load(MINIMAL, &["seed=3", "optimise.preset=papr"]).unwrap_err().to_string();
+        assert!(error.starts_with("--set optimise.preset=papr: "), "only the one to blame: {error}");
+        let hint = error.split_once("hint: ").unwrap().1;
+        assert!(hint.contains("robust") && hint.contains("paper") && !hint.contains("EPSG"), "{error}");
+        let error = load(&MINIMAL.replace("\"depth\"", "\"deepth\""), &[]).unwrap_err().to_string();
+        assert!(error.split_once("hint: ").unwrap().1.contains("inverse_depth"), "{error}");
+    }
+
+    #[test]
+    fn a_hyphen_does_for_the_underscore_of_a_prior_s_kind() {
+        assert!(load(&MINIMAL.replace("\"depth\"", "\"inverse-depth\""), &[]).is_ok());
     }
 
     #[test]

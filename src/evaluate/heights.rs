@@ -138,7 +138,7 @@ pub fn evaluate_heights(
     }
     let (counts, buildings) = compare(results, truth, &matches, options.min_truth_height_m);
     let known_groups: std::collections::BTreeSet<&str> = buildings.iter().filter_map(|b| b.group.as_deref()).collect();
-    let statuses = [Status::Measured, Status::Doubtful, Status::Fallback, Status::Unknown, Status::Refused];
+    let statuses = Status::ALL;
     let group = |name: &str, belongs: &dyn Fn(&BuildingError) -> bool| {
         let statistics = HeightStatistics::of_buildings(buildings.iter().filter(|b| belongs(b)))?;
         Some(GroupStatistics { group: name.to_owned(), statistics })

@@ -68,10 +68,11 @@ fn join(whole: &str, parts: &[&BuildingRecord]) -> BuildingRecord {
 fn severity(status: Status) -> u8 {
     match status {
         Status::Measured => 0,
-        Status::Doubtful => 1,
-        Status::Fallback => 2,
-        Status::Unknown => 3,
-        Status::Refused => 4,
+        Status::Given => 1,
+        Status::Doubtful => 2,
+        Status::Fallback => 3,
+        Status::Unknown => 4,
+        Status::Refused => 5,
     }
 }
 

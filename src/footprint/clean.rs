@@ -6,18 +6,26 @@
 //!    triangulation (`geo::MakeValid`; Ledoux et al. 2014, doi:10.1016/j.cageo.2014.01.009), and accept it only if it
 //!    is the area the outline stated, within a tolerance: a bow-tie is refused, a crossing of a few centimetres is not.
 //! 4. Where a hole touches another ring: draw it in by a centimetre.
+//! 5. Where corners, or a corner and a wall, are nearer than [`LEAST_CLEARANCE_M`] (slits, spikes, necks, corners side by
+//!    side): join them ([`super::clearance`]) and rebuild, so that no reader's tolerance makes them touch.
 
 use geo::buffer::{Buffer as _, BufferStyle, LineJoin};
 use geo::orient::{Direction, Orient as _};
-use geo::{Area as _, MakeValid as _};
+use geo::{Area as _, CoordsIter as _, MakeValid as _, Simplify as _};
 use geo_types::{Coord, LineString, Polygon};
 
 use super::check::{self, Fault};
+use super::clearance;
 
 /// Beyond any projected coordinate on earth, metres: such numbers are damage, and triangulation would choke on them.
 const FARTHEST_M: f64 = 1e9;
-/// How far a hole is drawn in from a ring it touches, metres: below what LOD1 means, above any output grid.
+/// How far a hole is drawn in from a ring it touches, metres: below what LOD1 means, above [`LEAST_CLEARANCE_M`].
 const HOLE_GAP_M: f64 = 0.01;
+/// The same in steps of the grid, where that is coarse: so many that rounding cannot close the gap again.
+const HOLE_GAP_STEPS: f64 = 2.0;
+/// Least distance of a corner from all others and from the edges it does not end, metres: twice the 1 mm that
+/// validators take for one point, and the rounding of two corners to an output grid of 2 mm (1.4 mm each).
+pub const LEAST_CLEARANCE_M: f64 = 0.005;
 /// Holes and left-over parts below this are noise of digitising, m².
 const SLIVER_M2: f64 = 0.01;
 
@@ -50,6 +58,15 @@ pub enum Repair {
     HolesDropped(usize),
     /// A hole touched another ring here, and was drawn in by a centimetre.
     HoleDrawnIn(Coord<f64>),
+    /// It had slits, spikes, necks or corners side by side, narrower than [`LEAST_CLEARANCE_M`], which were closed.
+    Narrow {
+        /// The first of them.
+        place: Coord<f64>,
+        /// Corners fewer than before; negative where a slit became a courtyard.
+        n_corners: i64,
+        /// Area more than before, m².
+        area_m2: f64,
+    },
 }
 
 /// Why an outline cannot be used.
@@ -112,8 +129,15 @@ pub fn clean(polygon: &Polygon<f64>, rules: Rules) -> Result<Cleaned, Defect> {
         repairs.push(Repair::HolesDropped(n_lost));
     }
     let stated_m2 = stated_area_m2(&snapped);
+    let n_corners = |polygons: &[Polygon<f64>]| polygons.iter().map(|p| p.coords_count() as i64).sum::<i64>();
+    let n_stated = n_corners(std::slice::from_ref(&snapped));
     let parts = separate(snapped, rules, &mut repairs);
     let enclosed_m2: f64 = parts.iter().map(Polygon::unsigned_area).sum();
+    for repair in &mut repairs {
+        if let Repair::Narrow { n_corners: n_fewer, area_m2, .. } = repair {
+            (*n_fewer, *area_m2) = (n_stated - n_corners(&parts), enclosed_m2 - stated_m2);
+        }
+    }
 
     if stated_m2.max(enclosed_m2) < SLIVER_M2 {
         return Err(Defect::NoArea);
@@ -121,7 +145,7 @@ pub fn clean(polygon: &Polygon<f64>, rules: Rules) -> Result<Cleaned, Defect> {
     // An area that the repair changed was not the area the outline stated.
     if (enclosed_m2 - stated_m2).abs() > rules.max_area_change * stated_m2.max(enclosed_m2) {
         let place = repairs.iter().find_map(|repair| match repair {
-            Repair::Rebuilt(place) | Repair::HoleDrawnIn(place) => Some(*place),
+            Repair::Rebuilt(place) | Repair::HoleDrawnIn(place) | Repair::Narrow { place, .. } => Some(*place),
             Repair::HolesDropped(_) => None,
         });
         let place = place.unwrap_or(polygon.exterior().0[0]);
@@ -161,21 +185,26 @@ fn snap(polygon: &Polygon<f64>, grid_m: f64) -> Option<Polygon<f64>> {
     Some(Polygon::new(ring(polygon.exterior())?, holes))
 }
 
-/// Repairs until nothing touches: a repair makes new corners, and snapping those can make new contacts.
+/// Repairs until nothing touches or comes too near: a repair makes new corners, and snapping those can make new contacts.
 fn separate(polygon: Polygon<f64>, rules: Rules, repairs: &mut Vec<Repair>) -> Vec<Polygon<f64>> {
-    const ROUNDS: usize = 4;
+    const ROUNDS: usize = 8;
     let mut parts = vec![polygon];
     for _ in 0..ROUNDS {
         let mut next = Vec::with_capacity(parts.len());
         let mut is_done = true;
         for part in parts {
-            let fixed = match check::fault(&part) {
-                None => vec![part],
-                Some(fault) => {
-                    is_done = false;
-                    repair(&part, fault, repairs)
+            let fixed = match (check::fault(&part), clearance::narrow(&part, LEAST_CLEARANCE_M)) {
+                (None, None) => {
+                    next.push(part);
+                    continue;
+                }
+                (Some(fault), _) => repair(&part, fault, rules, repairs),
+                (None, Some(place)) => {
+                    tell(repairs, Repair::Narrow { place, n_corners: 0, area_m2: 0.0 });
+                    widen(&part, rules)
                 }
             };
+            is_done = false;
             next.extend(fixed.iter().filter_map(|p| snap(p, rules.grid_m)).filter(|p| p.unsigned_area() >= SLIVER_M2));
         }
         parts = next;
@@ -183,39 +212,76 @@ fn separate(polygon: Polygon<f64>, rules: Rules, repairs: &mut Vec<Repair>) -> V
             return parts;
         }
     }
-    parts.retain(|part| check::fault(part).is_none());
+    parts.retain(|part| check::fault(part).is_none() && clearance::narrow(part, LEAST_CLEARANCE_M).is_none());
     parts
 }
 
-fn repair(polygon: &Polygon<f64>, fault: Fault, repairs: &mut Vec<Repair>) -> Vec<Polygon<f64>> {
-    let mut tell = |repair: Repair| {
-        let is_told = repairs.iter().any(|told| std::mem::discriminant(told) == std::mem::discriminant(&repair));
-        if !is_told {
-            repairs.push(repair);
-        }
-    };
+/// Each kind of repair is told once.
+fn tell(repairs: &mut Vec<Repair>, repair: Repair) {
+    let is_told = repairs.iter().any(|told| std::mem::discriminant(told) == std::mem::discriminant(&repair));
+    if !is_told {
+        repairs.push(repair);
+    }
+}
+
+fn repair(polygon: &Polygon<f64>, fault: Fault, rules: Rules, repairs: &mut Vec<Repair>) -> Vec<Polygon<f64>> {
     match fault {
         Fault::TooFewPoints => Vec::new(),
         Fault::SelfContact(place) | Fault::MisplacedHole(place) => {
-            tell(Repair::Rebuilt(place));
-            polygon.make_valid().map_or_else(|_| Vec::new(), |rebuilt| rebuilt.0)
+            tell(repairs, Repair::Rebuilt(place));
+            rebuilt(polygon)
         }
         Fault::RingContact(place) => {
             // Rings that cross become rings that touch at most; only then is drawing in enough.
-            let rebuilt = polygon.make_valid().map_or_else(|_| Vec::new(), |rebuilt| rebuilt.0);
-            tell(Repair::HoleDrawnIn(place));
-            rebuilt.into_iter().map(draw_holes_in).collect()
+            tell(repairs, Repair::HoleDrawnIn(place));
+            rebuilt(polygon).into_iter().map(|part| draw_holes_in(part, rules)).collect()
         }
     }
 }
 
+/// By the odd-even rule.
+fn rebuilt(polygon: &Polygon<f64>) -> Vec<Polygon<f64>> {
+    polygon.make_valid().map_or_else(|_| Vec::new(), |rebuilt| rebuilt.0)
+}
+
+/// Joins what is too near; corners that then stand in a straight wall are left out.
+fn widen(polygon: &Polygon<f64>, rules: Rules) -> Vec<Polygon<f64>> {
+    let Some(joined) = clearance::joined(polygon, LEAST_CLEARANCE_M) else { return Vec::new() };
+    let sound = match check::fault(&joined) {
+        Some(Fault::SelfContact(_) | Fault::MisplacedHole(_)) => rebuilt(&joined),
+        // Rings that touch now are for the next round.
+        Some(Fault::RingContact(_) | Fault::TooFewPoints) | None => vec![joined],
+    };
+    let tolerance_m = rules.grid_m.min(LEAST_CLEARANCE_M);
+    sound.into_iter().map(|part| from_corners(part).simplify(tolerance_m)).collect()
+}
+
+/// Rings that begin at a corner far from their middle: where they begin, nothing is ever left out.
+fn from_corners(polygon: Polygon<f64>) -> Polygon<f64> {
+    let turned = |ring: &LineString<f64>| {
+        let mut corners = ring.0[..ring.0.len().saturating_sub(1)].to_vec();
+        let distance2 = |c: &Coord<f64>| (c.x - ring.0[0].x).powi(2) + (c.y - ring.0[0].y).powi(2);
+        let farthest = (0..corners.len()).max_by(|&i, &j| distance2(&corners[i]).total_cmp(&distance2(&corners[j])));
+        corners.rotate_left(farthest.unwrap_or(0));
+        let mut ring = LineString::new(corners);
+        ring.close();
+        ring
+    };
+    Polygon::new(turned(polygon.exterior()), polygon.interiors().iter().map(turned).collect())
+}
+
+/// How far holes are drawn in, metres.
+pub(crate) fn hole_gap_m(rules: Rules) -> f64 {
+    HOLE_GAP_M.max(HOLE_GAP_STEPS * rules.grid_m)
+}
+
 /// Every hole a centimetre smaller all round, so that it touches nothing.
-fn draw_holes_in(polygon: Polygon<f64>) -> Polygon<f64> {
+fn draw_holes_in(polygon: Polygon<f64>, rules: Rules) -> Polygon<f64> {
     if check::fault(&polygon).is_none() {
         return polygon;
     }
     let (exterior, holes) = polygon.into_inner();
-    let inwards = BufferStyle::new(-HOLE_GAP_M).line_join(LineJoin::Miter(0.5));
+    let inwards = BufferStyle::new(-hole_gap_m(rules)).line_join(LineJoin::Miter(0.5));
     let holes = holes
         .into_iter()
         .flat_map(|hole| Polygon::new(hole, Vec::new()).buffer_with_style(inwards.clone()).0)
@@ -283,6 +349,34 @@ mod tests {
     }
 
     #[test]
+    fn slits_and_spikes_thinner_than_a_reader_sees_are_closed_and_told_with_their_area() {
+        let outline = |tip_y: f64, width: f64| {
+            polygon![
+                (x: 0.0, y: 0.0), (x: 5.0, y: 0.0), (x: 5.0, y: tip_y), (x: 5.0 + width, y: 0.0), (x: 10.0, y: 0.0),
+                (x: 10.0, y: 10.0), (x: 0.0, y: 10.0),
+            ]
+        };
+        for (tip_y, width) in [(5.0, 0.001), (5.0, 0.004), (-3.0, 0.001), (-3.0, 0.004)] {
+            let cleaned = clean(&outline(tip_y, width), RULES).unwrap();
+            let [Repair::Narrow { n_corners, area_m2, .. }] = cleaned.repairs[..] else { panic!("{cleaned:?}") };
+            assert_eq!((cleaned.parts.len(), n_corners), (1, 3), "{cleaned:?}");
+            assert!((area_m2 - tip_y * width / 2.0).abs() < 1e-6, "{area_m2}");
+        }
+        let kept = clean(&outline(5.0, 0.02), RULES).unwrap();
+        assert!(kept.repairs.is_empty(), "two centimetres are a joint between houses: {kept:?}");
+    }
+
+    #[test]
+    fn corners_side_by_side_become_one() {
+        let outline = polygon![
+            (x: 0.0, y: 0.0), (x: 10.0, y: 0.0), (x: 10.001, y: 0.0), (x: 10.0, y: 10.0), (x: 0.0, y: 10.0),
+        ];
+        let cleaned = clean(&outline, RULES).unwrap();
+        assert_eq!(cleaned.parts[0].exterior().0.len(), 5);
+        assert!(matches!(cleaned.repairs[..], [Repair::Narrow { n_corners: 1, .. }]), "{cleaned:?}");
+    }
+
+    #[test]
     fn two_halves_that_meet_in_a_point_become_two_parts() {
         let hourglass = polygon![
             (x: 0.0, y: 0.0), (x: 4.0, y: 0.0), (x: 2.0, y: 2.0), (x: 4.0, y: 4.0), (x: 0.0, y: 4.0), (x: 2.0, y: 2.0),
@@ -320,6 +414,7 @@ mod tests {
                 prop_assert!(!cleaned.parts.is_empty());
                 for part in &cleaned.parts {
                     prop_assert_eq!(check::fault(part), None);
+                    prop_assert_eq!(clearance::narrow(part, LEAST_CLEARANCE_M), None);
                     prop_assert!(part.is_valid(), "geo disagrees: {:?}", part);
                     prop_assert_eq!(part.exterior().winding_order(), Some(WindingOrder::CounterClockwise));
                     prop_assert!(part.interiors().iter().all(geo::Winding::is_cw));

@@ -271,6 +271,22 @@ fn tell(repair: &Repair, subject: Subject, otherwise_at: Option<Coord<f64>>) -> 
             "a courtyard touched another ring and was drawn in by a centimetre".to_owned(),
             Some(at),
         ),
+        Repair::Narrow { place, n_corners, area_m2 } => (
+            Severity::Note,
+            "footprint_narrow_detail",
+            format!(
+                "it had slits, spikes or corners narrower than {} mm, which make solids invalid; they were closed: {}, \
+                 area {area_m2:+.3} m²",
+                1000.0 * clean::LEAST_CLEARANCE_M,
+                match n_corners {
+                    1 => "1 corner fewer".to_owned(),
+                    2.. => format!("{n_corners} corners fewer"),
+                    0 => "as many corners".to_owned(),
+                    _ => format!("{} corners more", -n_corners),
+                }
+            ),
+            Some(place),
+        ),
     };
     let issue = Issue::new(severity, code, subject, message);
     match place {

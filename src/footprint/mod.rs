@@ -11,6 +11,7 @@ mod cadastre;
 mod candidate;
 mod check;
 pub mod clean;
+pub mod clearance;
 mod cluster;
 mod coco;
 mod compare;

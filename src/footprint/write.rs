@@ -147,7 +147,12 @@ fn footprint_columns(detection: &Detection) -> Vec<Column> {
             ColumnKind::Text
         }
     };
-    columns.extend(names.into_iter().map(|name| Column { name: name.clone().into(), kind: kind(name), meaning: "" }));
+    columns.extend(names.into_iter().map(|name| Column {
+        name: name.clone().into(),
+        kind: kind(name),
+        title: "",
+        meaning: "",
+    }));
     columns
 }
 

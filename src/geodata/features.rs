@@ -61,6 +61,8 @@ pub struct Column {
     pub name: Cow<'static, str>,
     /// Type.
     pub kind: ColumnKind,
+    /// Name for people, one of its kind in the layer; written to `gpkg_data_columns`. May be empty.
+    pub title: &'static str,
     /// Meaning and unit, one line; written to `gpkg_data_columns`. May be empty.
     pub meaning: &'static str,
 }
@@ -69,7 +71,13 @@ impl Column {
     /// A column whose name is known in advance.
     #[must_use]
     pub const fn new(name: &'static str, kind: ColumnKind, meaning: &'static str) -> Self {
-        Self { name: Cow::Borrowed(name), kind, meaning }
+        Self { name: Cow::Borrowed(name), kind, title: "", meaning }
+    }
+
+    /// The same with a name for people.
+    #[must_use]
+    pub const fn titled(name: &'static str, title: &'static str, kind: ColumnKind, meaning: &'static str) -> Self {
+        Self { name: Cow::Borrowed(name), kind, title, meaning }
     }
 }
 

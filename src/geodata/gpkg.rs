@@ -164,8 +164,11 @@ impl Writer<'_> {
         write_features(self.dataset, &self.crs, spec, &options, &failed, fill)?;
         for column in spec.columns.iter().filter(|column| !column.meaning.is_empty()) {
             let (layer, name, meaning) = (text(spec.name), text(&column.name), text(column.meaning));
+            // GDAL takes the one for the field's alias, other readers the other.
+            let title = if column.title.is_empty() { "NULL".to_owned() } else { text(column.title) };
             self.sql(&format!(
-                "INSERT INTO gpkg_data_columns (table_name, column_name, description) VALUES ({layer}, {name}, {meaning})"
+                "INSERT INTO gpkg_data_columns (table_name, column_name, name, title, description) \
+                 VALUES ({layer}, {name}, {title}, {title}, {meaning})"
             ))?;
         }
         Ok(())

@@ -25,6 +25,7 @@ use gdal::spatial_ref::SpatialRef;
 
 use crate::crs::{Crs, CrsError};
 use crate::files::FileError;
+use crate::gdal_log;
 
 /// What GDAL says about a CRS, as one of ours; `None` for GeoPackage's "undefined" and local engineering systems.
 fn crs_of(spatial_ref: &SpatialRef) -> Result<Option<Crs>, CrsError> {
@@ -42,6 +43,25 @@ fn crs_of(spatial_ref: &SpatialRef) -> Result<Option<Crs>, CrsError> {
     // PROJJSON says more than WKT 1 (axis order, datum ensembles); both are PROJ's own words.
     let definition = spatial_ref.to_projjson().or_else(|_| spatial_ref.to_wkt());
     definition.map_or(Ok(None), |text| Crs::parse(&text).map(Some))
+}
+
+/// GDAL's version.
+#[must_use]
+pub fn gdal_version() -> String {
+    gdal::version::version_info("RELEASE_NAME")
+}
+
+/// Whether GDAL has a driver, by its short name.
+#[must_use]
+pub fn has_driver(name: &str) -> bool {
+    gdal_log::route_messages();
+    gdal::DriverManager::get_driver_by_name(name).is_ok()
+}
+
+/// A CRS as well-known text, `None` where GDAL cannot write it so.
+#[must_use]
+pub fn wkt_of(crs: &Crs) -> Option<String> {
+    SpatialRef::from_definition(crs.definition()).ok()?.to_wkt().ok()
 }
 
 /// Why a file could not be written through GDAL.

@@ -45,6 +45,11 @@ pub enum RasterError {
         path: PathBuf,
         /// The decoder's own words.
         words: String,
+    /// There is no such file.
+    #[error("raster {} does not exist\nhint: is the path right? It counts from the folder of the configuration", path.display())]
+    Absent {
+        /// The file.
+        path: PathBuf,
     },
     /// It opened, and its values cannot be read.
     #[error("cannot read band {band} of {}", path.display())]
@@ -153,6 +158,9 @@ impl RasterFile {
     /// # Errors
     /// [`RasterError::Open`]; [`RasterError::Refused`] for what is on a server, or has no extension that names a format.
     pub fn open(path: &Path) -> Result<Self, RasterError> {
+        if !crate::files::is_virtual(path) && !path.exists() {
+            return Err(RasterError::Absent { path: path.to_owned() });
+        }
         let dataset = open::open(path, Kind::Raster).map_err(|fault| match fault {
             Fault::Refused(refusal) => refusal.into(),
             Fault::Gdal(source) => RasterError::Open { path: path.to_owned(), source },

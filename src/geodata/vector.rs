@@ -119,10 +119,12 @@ impl VectorLayer {
         Ok(Self { layer, path: path.to_owned(), fields })
     }
 
-    /// A metadata item of the whole file, by GDAL's name for it.
+    /// The text in the first column that a query of the file gives; `None` where it fails or gives none.
     #[must_use]
-    pub fn into_file_metadata(self, key: &str) -> Option<String> {
-        self.layer.into_dataset().metadata_item(key, "")
+    pub fn into_text_of(self, query: &str) -> Option<String> {
+        let dataset = self.layer.into_dataset();
+        let mut found = dataset.execute_sql(query, None, gdal::vector::sql::Dialect::DEFAULT).ok()??;
+        found.features().next()?.field_as_string(0).ok()?
     }
 
     /// The layer's name.

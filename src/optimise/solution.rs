@@ -28,6 +28,8 @@ pub enum Reason {
     AboveAllAround,
     /// The photos show the ground around it elsewhere than the terrain has it.
     GroundDiffers,
+    /// Nothing was seen of the building itself: the height is that of others.
+    Guessed,
 }
 
 impl Reason {
@@ -44,6 +46,7 @@ impl Reason {
             Self::OtherHeight => "other_height",
             Self::AboveAllAround => "above_all_around",
             Self::GroundDiffers => "ground_differs",
+            Self::Guessed => "guessed",
         }
     }
 }

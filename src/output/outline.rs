@@ -1,27 +1,33 @@
 //! Outlines on the output grid, valid by construction.
 //!
 //! A [`SnappedOutline`] has rings of at least three distinct points, without repeated points or spikes; no two rings
-//! and no two parts of one ring touch (a touching point would become a vertical edge with four walls, val3dity 303);
-//! holes lie inside the exterior and not inside each other. Exterior counter-clockwise, holes clockwise, seen from
-//! above. All checks are exact integer arithmetic.
+//! and no two parts of one ring touch (a touching point would become a vertical edge with four walls, val3dity 303) or
+//! come nearer than [`CLEARANCE_M`] (a reader would take them for touching); holes lie inside the exterior and not
+//! inside each other. Exterior counter-clockwise, holes clockwise, seen from above. Contacts are found by exact integer
+//! arithmetic.
 //!
-//! Snapping can break an outline that was valid in metres; then the outline is repaired once by the union of its even
-//! parts, and where rings touch by an inset of [`INSET_QUANTA`]. A repair that loses more than
+//! Snapping can break an outline that was valid in metres; then it is cleaned once more as the input was
+//! ([`crate::footprint::clean`]), on this grid, and its main part is kept. A repair that changes more than
 //! [`REPAIR_LOSS_SHARE`] of the area is refused instead.
 
-use geo::orient::Direction;
-use geo::{Area, BooleanOps, Buffer, Orient};
-use geo_types::{Coord, LineString, MultiPolygon, Polygon};
+use geo::Area as _;
+use geo_types::{Coord, LineString, Polygon};
 use serde::{Deserialize, Serialize};
 
 use super::grid::Grid;
 use super::planar::{cross, rings_are_disjoint_and_nested, twice_area};
+use crate::footprint::clean::{self, Rules};
+use crate::footprint::clearance;
 
-/// How far a touching outline is moved inwards, in quanta: two, so that rounding cannot close the gap again.
-const INSET_QUANTA: f64 = 2.0;
+/// Least distance of a corner from all others and from the edges it does not end, metres: twice what validators take for
+/// one point.
+const CLEARANCE_M: f64 = 0.002;
 
-/// Largest share of the area that a repair may lose (slivers, not rooms).
+/// Largest share of the area that a repair may change (slivers, not rooms).
 const REPAIR_LOSS_SHARE: f64 = 1e-3;
+
+/// The same while it is cleaned, where the rim of a hole that is drawn in counts too.
+const CLEANING_CHANGE_SHARE: f64 = 1e-2;
 
 /// Why an outline does not survive on the grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -51,10 +57,8 @@ impl SnappedOutline {
     pub fn new(outline: &Polygon<f64>, grid: &Grid) -> Result<Self, OutlineFault> {
         let snap_ring = |ring: &LineString<f64>| -> Ring { ring.coords().map(|p| grid.snap(*p)).collect() };
         let rings = clean(snap_ring(outline.exterior()), outline.interiors().iter().map(snap_ring))?;
-        if rings_are_disjoint_and_nested(&rings) {
-            return Ok(Self { rings });
-        }
-        repair(&rings)
+        let snapped = Self { rings };
+        if snapped.is_fit(grid) { Ok(snapped) } else { repair(&snapped, grid) }
     }
 
     /// The rings, exterior first.
@@ -68,6 +72,12 @@ impl SnappedOutline {
     pub fn area(&self) -> f64 {
         // The holes are clockwise, so their areas are negative.
         self.rings.iter().map(|ring| twice_area(ring) as f64 / 2.0).sum()
+    }
+
+    /// Whether no rings touch, nest or come too near.
+    fn is_fit(&self, grid: &Grid) -> bool {
+        let unit = Grid { scale_m: grid.scale_m, origin_m: [0.0; 3] };
+        rings_are_disjoint_and_nested(&self.rings) && clearance::narrow(&self.to_polygon(&unit), CLEARANCE_M).is_none()
     }
 
     /// In the map frame, metres; rings closed.
@@ -135,40 +145,27 @@ fn oriented(mut ring: Ring, sign: i128) -> Option<Ring> {
     Some(ring)
 }
 
-/// Rebuilds the region that the rings enclose; keeps its main part if next to nothing else is lost.
-fn repair(rings: &[Ring]) -> Result<SnappedOutline, OutlineFault> {
-    let to_line = |ring: &Ring| -> LineString<f64> {
-        ring.iter().chain(ring.first()).map(|&[x, y]| Coord { x: x as f64, y: y as f64 }).collect()
-    };
-    let broken = Polygon::new(to_line(&rings[0]), rings[1..].iter().map(to_line).collect());
-    // Even-odd, so that both lobes of a bow tie count and losing one of them shows.
-    let nothing = MultiPolygon::<f64>::new(Vec::new());
-    let united = broken.union(&nothing);
-    let wanted = united.unsigned_area();
-    for candidate in [united.clone(), united.buffer(-INSET_QUANTA)] {
-        let Some(main) = largest(&candidate) else { continue };
-        let unit = Grid { scale_m: 1.0, origin_m: [0.0; 3] };
-        let main = main.orient(Direction::Default);
-        let snap_ring = |ring: &LineString<f64>| -> Ring { ring.coords().map(|p| unit.snap(*p)).collect() };
-        let Ok(rings) = clean(snap_ring(main.exterior()), main.interiors().iter().map(snap_ring)) else { continue };
-        let outline = SnappedOutline { rings };
-        // An inset takes a rim of its own width all round, which is no loss of a part.
-        let rim = 2.0 * INSET_QUANTA * perimeter(&main);
-        let is_faithful = (outline.area() - wanted).abs() <= REPAIR_LOSS_SHARE * wanted + rim;
-        if is_faithful && rings_are_disjoint_and_nested(&outline.rings) {
-            return Ok(outline);
-        }
-    }
-    Err(OutlineFault::Invalid)
+/// Cleans the outline on the grid; keeps its main part if next to nothing else is lost.
+fn repair(broken: &SnappedOutline, grid: &Grid) -> Result<SnappedOutline, OutlineFault> {
+    // Relative to the grid's origin, so that its points are multiples of its quantum.
+    let local = Grid { scale_m: grid.scale_m, origin_m: [0.0; 3] };
+    let rules = Rules { grid_m: grid.scale_m, min_area_m2: 0.0, max_area_change: CLEANING_CHANGE_SHARE };
+    let wanted_m2 = broken.to_polygon(&local).unsigned_area();
+    let cleaned = clean::clean(&broken.to_polygon(&local), rules).map_err(|_| OutlineFault::Invalid)?;
+    let main = cleaned.parts.iter().max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area()));
+    let main = main.ok_or(OutlineFault::Invalid)?;
+    let snap_ring = |ring: &LineString<f64>| -> Ring { ring.coords().map(|p| local.snap(*p)).collect() };
+    let rings = clean(snap_ring(main.exterior()), main.interiors().iter().map(snap_ring))?;
+    let outline = SnappedOutline { rings };
+    let is_faithful = (main.unsigned_area() - wanted_m2).abs() <= REPAIR_LOSS_SHARE * wanted_m2 + rim_m2(main, rules);
+    if is_faithful && outline.is_fit(grid) { Ok(outline) } else { Err(OutlineFault::Invalid) }
 }
 
-fn largest(parts: &MultiPolygon<f64>) -> Option<&Polygon<f64>> {
-    parts.iter().max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area()))
-}
-
-fn perimeter(polygon: &Polygon<f64>) -> f64 {
-    let length = |ring: &LineString<f64>| -> f64 { ring.lines().map(|l| l.dx().hypot(l.dy())).sum() };
-    length(polygon.exterior()) + polygon.interiors().iter().map(length).sum::<f64>()
+/// What closing slits and drawing holes in may have changed: a rim along the rings, which is no loss of a part.
+fn rim_m2(polygon: &Polygon<f64>, rules: Rules) -> f64 {
+    let length_m = |ring: &LineString<f64>| -> f64 { ring.lines().map(|l| l.dx().hypot(l.dy())).sum() };
+    let holes_m = polygon.interiors().iter().map(length_m).sum::<f64>();
+    clean::LEAST_CLEARANCE_M * length_m(polygon.exterior()) + 2.0 * clean::hole_gap_m(rules) * holes_m
 }
 
 #[cfg(test)]
@@ -201,6 +198,18 @@ mod tests {
         let snapped = SnappedOutline::new(&outline, &MILLIMETRES).unwrap();
         assert!(rings_are_disjoint_and_nested(snapped.rings()));
         assert!((snapped.area() * 1e-6 - 96.0).abs() < 0.3, "{}", snapped.area() * 1e-6);
+    }
+
+    #[test]
+    fn what_a_reader_would_take_for_touching_is_closed() {
+        // A slit whose mouth is one quantum wide, and a corner one quantum from the next.
+        let slit = polygon![
+            (x: 0.0, y: 0.0), (x: 5.0, y: 0.0), (x: 5.0, y: 5.0), (x: 5.001, y: 0.0), (x: 10.0, y: 0.0),
+            (x: 10.001, y: 0.0), (x: 10.0, y: 10.0), (x: 0.0, y: 10.0),
+        ];
+        let snapped = SnappedOutline::new(&slit, &MILLIMETRES).unwrap();
+        assert_eq!(snapped.rings()[0].len(), 4, "{snapped:?}");
+        assert!((snapped.area() * 1e-6 - 100.0).abs() < 0.02, "{}", snapped.area() * 1e-6);
     }
 
     #[test]

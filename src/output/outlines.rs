@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 use super::attributes::{self, FIELDS, Field, ID};
+use super::facts::SolidFacts;
 use super::grid::Grid;
-use super::prism::{NoSolid, Prism};
 use super::{BuildingRecord, Overview, wkb};
 use crate::geodata::features::{Column, ColumnKind, Row};
 
@@ -28,7 +28,8 @@ impl OutlineRows {
     #[must_use]
     pub fn new(overview: &Overview, grid: Grid, min_thickness_m: f64) -> Self {
         let carried = carried_columns(overview);
-        let theirs = carried.iter().map(|c| Column { name: Cow::Owned(c.column.clone()), kind: c.kind, meaning: "" });
+        let theirs =
+            carried.iter().map(|c| Column { name: Cow::Owned(c.column.clone()), kind: c.kind, title: "", meaning: "" });
         let ours = FIELDS.into_iter().map(|field| field.column);
         let columns = std::iter::once(ID).chain(ours).chain(theirs).collect();
         Self { columns, carried, grid, min_thickness_m }
@@ -37,8 +38,8 @@ impl OutlineRows {
     /// One building.
     #[must_use]
     pub fn row(&self, record: &BuildingRecord) -> Row {
-        let fault = Prism::of(record, &self.grid, self.min_thickness_m).err();
-        let mut values = own_values(record, &FIELDS, fault.map(NoSolid::code));
+        let (_, solid) = SolidFacts::of(record, &self.grid, self.min_thickness_m);
+        let mut values = own_values(record, &FIELDS, &solid);
         values.extend(self.carried.iter().map(|c| record.attributes.get(&c.name).map_or(Value::Null, |v| c.value(v))));
         Row { wkb: record.footprint.as_ref().map(wkb::polygon), values }
     }
@@ -46,8 +47,8 @@ impl OutlineRows {
 
 /// The id and the values of some of our fields, lists as text.
 #[must_use]
-pub fn own_values(record: &BuildingRecord, fields: &[Field], no_solid_reason: Option<&str>) -> Vec<Value> {
-    let values = fields.iter().map(|field| flat(field.value(record, no_solid_reason)));
+pub fn own_values(record: &BuildingRecord, fields: &[Field], solid: &SolidFacts) -> Vec<Value> {
+    let values = fields.iter().map(|field| flat(field.value(record, solid)));
     std::iter::once(record.id.as_str().into()).chain(values).collect()
 }
 

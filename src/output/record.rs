@@ -12,6 +12,8 @@ use crate::scene::{HeightReference, RoofForm};
 pub enum Status {
     /// The height was measured in the photos.
     Measured,
+    /// The height is that of a model of others, which does not say how it was found.
+    Given,
     /// The height was measured, and at least one reason says to look at it again.
     Doubtful,
     /// The height could not be measured; it comes from the fallback the user chose.
@@ -23,11 +25,16 @@ pub enum Status {
 }
 
 impl Status {
+    /// All of them, in the order in which they are reported.
+    pub const ALL: [Self; 6] =
+        [Self::Measured, Self::Given, Self::Doubtful, Self::Fallback, Self::Unknown, Self::Refused];
+
     /// The name in files: `measured`, `doubtful`, ….
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Measured => "measured",
+            Self::Given => "given",
             Self::Doubtful => "doubtful",
             Self::Fallback => "fallback",
             Self::Unknown => "unknown",
@@ -71,6 +78,9 @@ pub struct BuildingRecord {
     /// The form of its roof, where the method looks for one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub roof: Option<RoofShape>,
+    /// Walls that stand against a neighbour's, m², where the neighbours were looked at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub party_wall_m2: Option<f64>,
     /// What became of the building.
     pub status: Status,
     /// Machine-readable reasons behind the status (`too_few_views`, `range_bound`, …), sorted.
@@ -106,6 +116,7 @@ pub(crate) mod tests {
             height_sigma_m: Some(0.25),
             height_reference: HeightReference::Mean,
             roof: None,
+            party_wall_m2: None,
             status: Status::Measured,
             reasons: Vec::new(),
             views: Vec::new(),

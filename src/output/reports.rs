@@ -11,9 +11,6 @@ use crate::files::write_whole;
 use crate::issue::Issue;
 use crate::stats::{mean, quantile};
 
-/// Statuses in the order in which they are reported.
-const STATUSES: [Status; 5] = [Status::Measured, Status::Doubtful, Status::Fallback, Status::Unknown, Status::Refused];
-
 /// A result in numbers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -70,7 +67,7 @@ impl Summary {
         Self {
             n_buildings: count.n_buildings(),
             n_parts: count.n_parts(),
-            n_by_status: STATUSES.iter().map(|s| (s.as_str().to_owned(), of(s))).collect(),
+            n_by_status: Status::ALL.iter().map(|s| (s.as_str().to_owned(), of(s))).collect(),
             n_by_reason: tally(records.iter().flat_map(|r| r.reasons.iter().map(String::as_str))),
             n_issues_by_code: tally(model.issues.iter().map(|issue| issue.code.as_str())),
             n_views: model.survey.views.len(),

@@ -11,7 +11,9 @@ use crate::crs::Crs;
 use crate::dtm::{self, Dtm, DtmConfig};
 use crate::footprint::{self, FootprintSource};
 use crate::geodata::{GridPlace, write_geotiff};
+use crate::output::geopackage::{self, ProjectGround};
 use crate::output::picture::{relief_map, write_png};
+use crate::output::{CityModel, OutputError, Records};
 use crate::survey::Survey;
 use crate::terrain::{self, TerrainConfig};
 
@@ -82,6 +84,29 @@ pub fn write_dtm(dtm: &Dtm, crs: &Crs, path: &Path) -> Result<(), PipelineError>
 
 fn path_of(config: &RunConfig) -> PathBuf {
     config.project.output.join("stages").join("dtm.tif")
+}
+
+/// Writes the QGIS project of a result into its folder, beside its `GeoPackage`, standing on the run's terrain.
+///
+/// # Errors
+/// [`OutputError`].
+pub fn write_project<R: Records + ?Sized>(
+    config: &RunConfig,
+    folder: &Path,
+    geopackage: &str,
+    model: &CityModel<'_, R>,
+) -> Result<(), OutputError> {
+    let terrain = terrain_in_force(config);
+    let path = terrain.dtm.as_ref().map(|path| match path.strip_prefix(folder) {
+        Ok(made) => made.to_owned(),
+        Err(_) => config.saved_path(path),
+    });
+    let ground = match (&path, terrain.constant_m) {
+        (Some(path), _) => ProjectGround::Model { path, offset_m: terrain.vertical_offset_m.unwrap_or(0.0) },
+        (None, Some(level_m)) => ProjectGround::Level(level_m),
+        (None, None) => ProjectGround::LowestWall,
+    };
+    geopackage::write_project(&folder.join("city.qgs"), geopackage, model, &config.output.geopackage, ground)
 }
 
 /// Where the ground of a run is: as configured, or in the model that it makes from the photos.

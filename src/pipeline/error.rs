@@ -27,13 +27,14 @@ pub enum PipelineError {
     Survey(#[from] SurveyError),
     /// The poses look wrong.
     #[error(
-        "[survey] the poses look wrong\n{findings}\nhint: the whole report is in {}; `survey.accept_unsound = true` goes \
-         on nevertheless",
+        "[survey] the poses look wrong\n{findings}\nhint: {cure}; the whole report is in {}",
         report.display()
     )]
     Unsound {
         /// What looks wrong, and which other readings look better; a line each.
         findings: String,
+        /// What may help.
+        cure: &'static str,
         /// The report.
         report: PathBuf,
     },

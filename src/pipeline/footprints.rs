@@ -1,5 +1,6 @@
 //! The footprints stage: outlines from a layer, or found in the nadir photos, and the ground under each.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use glam::DVec2;
@@ -9,6 +10,7 @@ use super::stages::load_terrain;
 use super::{FootprintStage, HeightStage, PipelineError, pictures};
 use crate::config::RunConfig;
 use crate::footprint::{self, Detection, FootprintSource, MaskFiles, OutlineKind, OutlineSource, Segmenter};
+use crate::issue::{Severity, Subject};
 use crate::survey::{Survey, View, ViewKind};
 use crate::terrain::{self, MapBox, Terrain, ground_under};
 
@@ -20,6 +22,7 @@ pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStag
     let source: Box<dyn OutlineSource> = match &config.footprints {
         FootprintSource::Layer(layer) => {
             let layer = footprint::read(layer, &config.project.crs)?;
+            require_outlines(&layer)?;
             let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
             return Ok((on_ground(config, layer, &terrain), terrain));
         }
@@ -39,6 +42,33 @@ pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStag
     stage.tracks = found.tracks;
     stage.detection = Some(found.summary);
     Ok((stage, terrain))
+}
+
+/// Says why, where none of a layer's features can be used: nothing else will.
+fn require_outlines(layer: &footprint::FootprintLayer) -> Result<(), PipelineError> {
+    if !layer.footprints.is_empty() {
+        return Ok(());
+    }
+    let mut n_by_reason: BTreeMap<&str, usize> = BTreeMap::new();
+    for refused in &layer.refused {
+        *n_by_reason.entry(&refused.reason).or_default() += 1;
+    }
+    let reasons: Vec<String> = n_by_reason.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
+    let first = layer.issues.iter().find(|issue| issue.severity == Severity::Refused);
+    let first = first.map_or_else(String::new, |issue| match &issue.subject {
+        Subject::Building(id) => format!("; the first, {id}: {}", issue.message),
+        Subject::View(_) | Subject::Input(_) => format!("; the first: {}", issue.message),
+    });
+    let hint = match n_by_reason.iter().max_by_key(|(_, n)| **n) {
+        Some((&("footprint_not_a_polygon" | "footprint_unsupported_geometry"), _)) => {
+            "outlines have to be polygons; closed lines become polygons with `Lines to polygons` in QGIS"
+        }
+        Some((&"footprint_too_small", _)) => "are the layer's units metres? `footprints.min_area_m2` is the least area",
+        _ => "mend the layer, or name another with `footprints.path`",
+    };
+    let n = layer.refused.len();
+    let message = format!("none of the {n} outlines can be used: {}{first}", reasons.join(", "));
+    Err(PipelineError::Mismatch { message: format!("[footprints] {message}"), hint })
 }
 
 fn write(config: &RunConfig, found: &Detection, survey: &Survey) -> Result<(), PipelineError> {

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::config::RunConfig;
 use crate::optimise::{OptimiseConfig, Problem, Rays, SearchConfig, Solution, Solving, ViewInput};
-use crate::prior::{GroundCorrelation, ground_correlation, judge_tag};
+use crate::prior::{GroundCorrelation, Priors, ground_correlation, judge_tag};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
 use crate::seed;
@@ -46,7 +46,11 @@ impl HeightSearch<'_> {
             let kept = opened.take().filter(|(terrain, _)| *terrain == stage.terrain);
             let (_, priors) = match kept {
                 Some(kept) => opened.insert(kept),
-                None => opened.insert((stage.terrain.clone(), PriorStore::open(self.config, self.survey, stage)?)),
+                None => {
+                    let store = PriorStore::open(self.config, self.survey, stage)?;
+                    require_a_prior(self.survey, &store)?;
+                    opened.insert((stage.terrain.clone(), store))
+                }
             };
             let heights = self.of_scene(stage, priors, rays, optimise, known);
             require_priors(self.survey, &heights.solution)?;
@@ -211,6 +215,26 @@ pub(super) fn view_inputs(config: &RunConfig, survey: &Survey, scene: &Scene) ->
 }
 
 /// Without a single prior there is nothing to solve: the settings are wrong, not single photos.
+/// Looks for one usable prior file of an oblique view, before rays are traced for all of them. Computed priors are told
+/// of as they are computed.
+fn require_a_prior(survey: &Survey, priors: &PriorStore) -> Result<(), PipelineError> {
+    if !matches!(priors.source(), Priors::Files(_)) {
+        return Ok(());
+    }
+    let oblique: Vec<usize> =
+        (0..survey.views.len()).filter(|&view| survey.views[view].kind() == ViewKind::Oblique).collect();
+    let mut first = None;
+    for &view in &oblique {
+        match priors.load(survey, view) {
+            Ok(_) => return Ok(()),
+            Err(error) => drop(first.get_or_insert((view, error.to_string()))),
+        }
+    }
+    first.map_or(Ok(()), |(view, reason)| {
+        Err(PipelineError::NoPriors { n: oblique.len(), view: survey.views[view].id.0.clone(), reason })
+    })
+}
+
 fn require_priors(survey: &Survey, solution: &Solution) -> Result<(), PipelineError> {
     match solution.failed_views.first() {
         Some((view, reason)) if solution.used_views.is_empty() => Err(PipelineError::NoPriors {

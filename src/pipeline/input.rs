@@ -6,24 +6,17 @@ use serde_json::{Map as JsonMap, Value};
 
 use super::{FootprintStage, PipelineError};
 use crate::config::RunConfig;
+use crate::footprint::Footprint;
 use crate::output::fallback::FallbackSource;
 use crate::scene::HeightBounds;
 use crate::survey::{Survey, ViewKind};
+use crate::terrain::GroundLevel;
 
 const RANGE_HINT: &str = "set heights.min_m and heights.max_m in metres above ground";
 
 /// Checks that the views look at the footprints from above; returns the lowest flying height above ground, metres.
 pub(super) fn check_views(survey: &Survey, footprints: &FootprintStage) -> Result<f64, PipelineError> {
-    let targets: Vec<DVec3> = footprints
-        .layer
-        .footprints
-        .iter()
-        .zip(&footprints.ground)
-        .filter_map(|(footprint, ground)| {
-            let centre = footprint.polygon.centroid()?;
-            Some(DVec3::new(centre.x(), centre.y(), (*ground)?.reference_m))
-        })
-        .collect();
+    let targets = targets(footprints);
     if footprints.layer.footprints.is_empty() && footprints.detection.is_some() {
         return Err(PipelineError::Mismatch {
             message: "there is no building: none was found in the nadir photos".to_owned(),
@@ -43,15 +36,29 @@ pub(super) fn check_views(survey: &Survey, footprints: &FootprintStage) -> Resul
             hint: "heights are measured in photos tilted by more than 15°; check the angle convention of the poses",
         });
     }
-    let n_seen = targets.iter().filter(|&&target| {
-        survey.views.iter().any(|view| {
-            view.camera.project(view.camera_from_map.point(target)).is_some_and(|pixel| view.camera.contains(pixel))
-        })
-    });
-    if n_seen.count() == 0 {
-        return Err(no_overlap(survey, footprints));
-    }
+    check_overlap(survey, footprints)?;
     clearance_m(survey, highest_ground)
+}
+
+/// The middle of each footprint on its ground, where that is known.
+fn targets(footprints: &FootprintStage) -> Vec<DVec3> {
+    let grounded = footprints.layer.footprints.iter().zip(&footprints.ground);
+    let target = |(footprint, ground): (&Footprint, &Option<GroundLevel>)| {
+        let centre = footprint.polygon.centroid()?;
+        Some(DVec3::new(centre.x(), centre.y(), (*ground)?.reference_m))
+    };
+    grounded.filter_map(target).collect()
+}
+
+/// Checks that some view, of whatever kind, sees some footprint.
+pub(super) fn check_overlap(survey: &Survey, footprints: &FootprintStage) -> Result<(), PipelineError> {
+    let is_seen = |target: &DVec3| {
+        survey.views.iter().any(|view| {
+            view.camera.project(view.camera_from_map.point(*target)).is_some_and(|pixel| view.camera.contains(pixel))
+        })
+    };
+    let targets = targets(footprints);
+    if targets.is_empty() || targets.iter().any(is_seen) { Ok(()) } else { Err(no_overlap(survey, footprints)) }
 }
 
 /// The lowest oblique view's height above the highest ground, metres.
@@ -91,6 +98,13 @@ fn no_overlap(survey: &Survey, footprints: &FootprintStage) -> PipelineError {
 
 /// Checks what the settings alone can tell, before any work.
 pub(super) fn check_settings(config: &RunConfig) -> Result<(), PipelineError> {
+    if config.project.output.is_file() {
+        return Err(PipelineError::Settings {
+            table: "project",
+            message: format!("output {} is a file, expected a folder", config.project.output.display()),
+            hint: "name another with `--output FOLDER`, or `project.output` in the configuration",
+        });
+    }
     if let Some(fault) = config.output.fallback.fault() {
         return Err(PipelineError::Settings {
             table: "output.fallback",

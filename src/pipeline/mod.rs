@@ -35,7 +35,7 @@ mod tile;
 mod worst;
 
 pub use artefact::{FootprintStage, HeightStage};
-pub use dtm::{dtm_of_photos, write_dtm};
+pub use dtm::{dtm_of_photos, write_dtm, write_project};
 pub use error::PipelineError;
 pub use footprints::files as outline_files;
 pub use frame::Frame;
@@ -160,10 +160,14 @@ pub struct RunSummary {
     pub n_refused: usize,
     /// Warnings of all stages.
     pub n_warnings: usize,
+    /// Photos that the survey names and nobody could read.
+    #[serde(default)]
+    pub n_photos_missing: usize,
     /// The most important problem, one sentence; `None` if all is well, or the output stage did not run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub worst: Option<String>,
-    /// Seconds per stage that ran.
+    /// Seconds per stage that ran; in the results they are in `timing.json`, the only file that differs from run to run.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub seconds: Vec<(Stage, f64)>,
 }
 
@@ -172,12 +176,14 @@ impl RunSummary {
     #[must_use]
     pub fn has_failed_items(&self) -> bool {
         let count = |status| self.by_status.get(&status).copied().unwrap_or(0);
-        self.n_refused > 0 || count(Status::Unknown) > 0 || count(Status::Refused) > 0
+        self.n_refused > 0 || self.n_photos_missing > 0 || count(Status::Unknown) > 0 || count(Status::Refused) > 0
     }
 
     fn count_issues(&mut self, issues: &[Issue]) {
         self.n_refused = issues.iter().filter(|i| i.severity == Severity::Refused).count();
         self.n_warnings = issues.iter().filter(|i| i.severity == Severity::Warning).count();
+        self.n_photos_missing =
+            issues.iter().filter(|i| ["pose_without_photo", "photo_unreadable"].contains(&i.code.as_str())).count();
     }
 }
 
@@ -204,5 +210,9 @@ pub fn run_with(
     tell: Tell<'_>,
     solver: Solver<'_>,
 ) -> Result<RunSummary, PipelineError> {
-    stages::run(config, options, tell, solver)
+    let summary = stages::run(config, options, tell, solver)?;
+    let seconds: std::collections::BTreeMap<&str, f64> =
+        summary.seconds.iter().map(|(stage, seconds)| (stage.name(), *seconds)).collect();
+    stages::write_json(&config.project.output.join("timing.json"), &seconds)?;
+    Ok(summary)
 }

@@ -2,13 +2,13 @@
 
 use super::{FootprintStage, HeightStage};
 use crate::config::RunConfig;
-use crate::optimise::{Roof, SolvedHeight};
-use crate::output::fallback;
+use crate::optimise::{Reason, Roof, SolvedHeight};
 use crate::output::{BuildingRecord, HeightReference, RoofShape, Status};
+use crate::output::{fallback, party_walls};
 use crate::survey::Survey;
 
 /// Every building of the input, footprints first, in the layer's order; heights that are not known come from the
-/// fallback, if one is chosen.
+/// fallback, if one is chosen. Party walls are those between them.
 pub(super) fn records(
     config: &RunConfig,
     survey: &Survey,
@@ -17,6 +17,7 @@ pub(super) fn records(
 ) -> Vec<BuildingRecord> {
     let mut records = found(survey, footprints, heights, config.optimise.height_reference);
     fallback::fill(&mut records, &config.output.fallback);
+    party_walls::fill(&mut records);
     records
 }
 
@@ -41,6 +42,7 @@ fn found(
                 base_z_m: ground.map(|g| g.lowest_m),
                 height_m: solved.and_then(|s| s.height_m),
                 height_sigma_m: solved.and_then(|s| s.sigma_m),
+                party_wall_m2: None,
                 height_reference,
                 // A height that is not known, or comes from a fallback, says nothing of the roof.
                 roof: solved.filter(|s| s.height_m.is_some()).and_then(|s| s.roof).map(roof_shape),
@@ -59,6 +61,7 @@ fn found(
         base_z_m: None,
         height_m: None,
         height_sigma_m: None,
+        party_wall_m2: None,
         height_reference,
         roof: None,
         status: Status::Refused,
@@ -81,6 +84,7 @@ fn status_of(has_ground: bool, solved: Option<&SolvedHeight>) -> (Status, Vec<St
     reasons.sort_unstable();
     let status = match (solved.height_m, reasons.is_empty()) {
         (None, _) => Status::Unknown,
+        (Some(_), _) if solved.reasons.contains(&Reason::Guessed) => Status::Fallback,
         (Some(_), true) => Status::Measured,
         (Some(_), false) => Status::Doubtful,
     };

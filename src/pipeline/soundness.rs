@@ -43,12 +43,22 @@ pub(super) fn look_over(
         return Ok(survey);
     }
     if !report.accepted {
-        return Err(PipelineError::Unsound { findings: findings(&report), report: path });
+        return Err(PipelineError::Unsound { findings: findings(&report), cure: cure(&report), report: path });
     }
     let message = format!("the poses look wrong, and were accepted: {}", report.findings.join("; "));
     let subject = Subject::Input(config.saved_path(&config.survey.path).display().to_string());
     survey.issues.push(Issue::new(Severity::Warning, "survey_unsound_accepted", subject, message));
     Ok(survey)
+}
+
+/// What may help. No run can go on from cameras in the ground, whatever is accepted.
+fn cure(report: &SurveyReport) -> &'static str {
+    if report.above_ground_m.is_some_and(|spread| spread.median <= 0.0) {
+        "cameras and terrain count heights from different levels: say what those of the poses are with `survey.height`, \
+         move the poses with `survey.offset = [0, 0, METRES]`, or the terrain model with `terrain.vertical_offset_m`"
+    } else {
+        "`survey.accept_unsound = true` goes on nevertheless"
+    }
 }
 
 fn findings(report: &SurveyReport) -> String {

@@ -10,7 +10,7 @@ use glam::DVec3;
 use super::dtm::{self, terrain_in_force};
 use super::frame::{Frame, origin};
 use super::heights::HeightSearch;
-use super::input::{check_fallback, check_settings, check_views, height_bounds};
+use super::input::{check_fallback, check_overlap, check_settings, check_views, height_bounds};
 use super::kept::PriorStore;
 use super::records::records;
 use super::worst::worst;
@@ -90,6 +90,7 @@ pub(super) fn run(
     summary.n_buildings = n_buildings(&footprints);
     summary.detection.clone_from(&footprints.detection);
     if options.until == Stage::Footprints {
+        check_overlap(&survey, &footprints)?;
         // Later stages would write them with their own.
         let found: Vec<Issue> =
             survey.issues.iter().chain(&footprints.layer.issues).chain(&footprints.issues).cloned().collect();
@@ -174,6 +175,7 @@ fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
         median_height_m: None,
         n_refused: 0,
         n_warnings: 0,
+        n_photos_missing: 0,
         worst: None,
         seconds: Vec::new(),
     }
@@ -372,7 +374,7 @@ fn write_results(config: &RunConfig, model: &CityModel<'_>, summary: &RunSummary
     let folder = &config.project.output;
     cityjson::write(&folder.join("city.city.json"), model, &config.output.cityjson)?;
     geopackage::write(&folder.join("city.gpkg"), model, &config.output.geopackage)?;
-    geopackage::write_project(&folder.join("city.qgs"), "city.gpkg", model, &config.output.geopackage)?;
+    dtm::write_project(config, folder, "city.gpkg", model)?;
     write_json(&folder.join("issues.json"), &model.issues)?;
     write_json(&folder.join("lineage.json"), &model.lineage)?;
     // Seconds and folders differ from run to run; the file stays the same for the same input.

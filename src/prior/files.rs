@@ -118,6 +118,14 @@ impl FilePriors {
         if !(config.aspect_tolerance_px >= 0.0 && config.aspect_tolerance_px.is_finite()) {
             return Err(refuse("`aspect_tolerance_px` is no length", "pixels, such as 1 or 7"));
         }
+        let folder = Path::new(&config.path);
+        if folder.is_dir() {
+            let example = folder.join("{stem}.npy");
+            return Err(refuse(
+                &format!("`path = {:?}` is a folder, expected the files in it", config.path),
+                &format!("`path = {:?}`, with the extension that your files have", example.display().to_string()),
+            ));
+        }
         template::check(&config.path).map_err(|problem| refuse(&problem, "use {name}, {stem} or {index}"))?;
         let mut names: Vec<&ViewId> = views.into_iter().collect();
         names.sort_unstable();

@@ -53,6 +53,7 @@ pub enum PriorKind {
     /// Depth up to scale: higher is farther (Depth Anything 3, `Metric3D`, MoGe).
     Depth,
     /// Inverse depth (disparity) up to scale and shift: higher is nearer (Depth Anything 2, MiDaS).
+    #[serde(alias = "inverse-depth")]
     InverseDepth,
 }
 

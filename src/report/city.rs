@@ -188,6 +188,7 @@ mod tests {
             base_z_m: None,
             height_m: None,
             height_sigma_m: None,
+            party_wall_m2: None,
             height_reference: crate::output::HeightReference::Mean,
             roof: None,
             status: crate::output::Status::Unknown,

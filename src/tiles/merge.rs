@@ -23,7 +23,7 @@ use crate::output::tiles3d::{self, Tiles3dConfig};
 use crate::output::{
     CityModel, InputFile, Lineage, OutputError, Overview, Records as _, Status, StatusCount, cityjson,
 };
-use crate::pipeline::{lineage_of, refused_records, unstated_reference};
+use crate::pipeline::{lineage_of, refused_records, unstated_reference, write_project};
 use crate::recipe::Recipe;
 use crate::stats;
 use crate::survey::Survey;
@@ -180,7 +180,7 @@ impl City<'_> {
         let model = CityModel { records: &records, crs, lineage: &lineage, issues: &issues, survey: &survey };
         let gpkg = &config.output.geopackage;
         let overview = geopackage::write_divided(&folder.join(GEOPACKAGE), &model, gpkg, &self.areas())?;
-        geopackage::write_project(&folder.join("city.qgs"), GEOPACKAGE, &model, gpkg)?;
+        write_project(config, folder, GEOPACKAGE, &model)?;
         cityjson::write_sequence(&folder.join(SEQUENCE), &model, &config.output.cityjson)?;
         let no_tileset = write_tileset(&folder.join(TILESET), &model, tileset)?;
         write_issues(&folder.join("issues.json"), &issues)?;

@@ -46,6 +46,7 @@ fn house(i: usize, side: usize) -> BuildingRecord {
         base_z_m: Some(100.75),
         height_m: Some(5.0 + (i % 97) as f64 * 0.31),
         height_sigma_m: Some(0.4),
+        party_wall_m2: None,
         height_reference: HeightReference::Mean,
         roof: None,
         status: Status::Measured,

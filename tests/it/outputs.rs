@@ -48,6 +48,7 @@ pub fn building(id: &str, footprint: Option<Polygon<f64>>, height_m: Option<f64>
         base_z_m: Some(11.4),
         height_m,
         height_sigma_m: height_m.map(|_| 0.31),
+        party_wall_m2: None,
         height_reference: HeightReference::Mean,
         roof: None,
         status,
@@ -177,7 +178,7 @@ fn every_building_is_in_the_cityjson_and_says_why_it_has_no_solid() {
     assert_eq!(tower["geographicalExtent"], json!([93000.0, 436_040.0, 11.4, 93012.0, 436_052.0, 73.0]));
     assert_eq!(file["CityObjects"]["unknown"]["attributes"]["no_solid_reason"], "no_height");
     assert_eq!(file["CityObjects"]["no outline"]["attributes"]["no_solid_reason"], "no_outline");
-    assert_eq!(file["CityObjects"]["no outline"].get("geometry"), None);
+    assert_eq!(file["CityObjects"]["no outline"]["geometry"], json!([]));
     // Row houses share the four corners of their party wall: 2 of the ground, and 2 roofs at their own heights.
     // A building without a height has its outline.
     assert_eq!(file["vertices"].as_array().unwrap().len(), 8 + 8 - 2 + 16 + 8 + 4);

@@ -4,7 +4,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
-use sizeup::output::geopackage::{self, GeoPackageConfig};
+use sizeup::crs::Crs;
+use sizeup::geodata::{GridPlace, write_geotiff};
+use sizeup::output::geopackage::{self, GeoPackageConfig, ProjectGround};
+use sizeup::raster::Raster;
 
 use crate::outputs::town;
 use crate::tools::{picture, program};
@@ -51,8 +54,16 @@ fn qgis_opens_the_geopackage_styled_in_place_and_standing_on_the_ground() {
     let legend = buildings["legend"].as_array().unwrap();
     assert_eq!(
         (legend.len(), &legend[0], &legend[9]),
-        (10, &Value::from("below 3 m"), &Value::from("height not known"))
+        (12, &Value::from("below 3 m"), &Value::from("height not known"))
     );
+    assert_eq!((&legend[10], &legend[11]), (&"doubtful: look at it".into(), &"height from a fallback".into()));
+    assert_eq!((&buildings["labels"], &report["cameras"]["labels"]), (&true.into(), &false.into()));
+    // Names and meanings for people, on every field of ours.
+    let fields = buildings["aliases"].as_object().unwrap();
+    assert_eq!((&fields["height_m"], &fields["n_views"]), (&"Height (m)".into(), &"Photos".into()));
+    let nameless: Vec<&String> =
+        fields.iter().filter(|(_, alias)| alias.as_str() == Some("")).map(|(name, _)| name).collect();
+    assert_eq!(nameless, ["fid", "input_height_m", "street", "tags"], "the user's own, and the number of the row");
     let extrusion = serde_json::json!({
         "height": ["\"base_z_m\""],
         "extrusionHeight": ["\"roof_z_m\" - \"base_z_m\""],
@@ -61,9 +72,10 @@ fn qgis_opens_the_geopackage_styled_in_place_and_standing_on_the_ground() {
     assert_eq!(buildings["extrusion"], extrusion);
     assert_eq!(report["cameras"]["legend"][0], "oblique photo");
     assert_eq!(report["qa_issues"]["features"], 2);
-    // The classes of 6.25, 15, and 61 m are on the picture.
+    assert_eq!(report["cameras"]["symbols"], serde_json::json!(["arrow", "circle", "triangle"]));
+    // The classes of 6.25, 15, and 61 m are on the picture; the second is doubtful, and hatched over its colour.
     let colours: Vec<&str> = report["colours"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
-    for colour in ["#3e4989", "#1f9e89", "#fde725"] {
+    for colour in ["#3e4989", "#1f9e89", "#fde725", "#d55e00"] {
         assert!(colours.contains(&colour), "{colour} of {colours:?}");
     }
 }
@@ -77,19 +89,37 @@ fn qgis_opens_the_project_styled_and_in_place() {
     let (gpkg, project) = (folder.path().join("town & co.gpkg"), folder.path().join("town.qgs"));
     let town = town();
     geopackage::write(&gpkg, &town.model(), &GeoPackageConfig::default()).unwrap();
-    geopackage::write_project(&project, "town & co.gpkg", &town.model(), &GeoPackageConfig::default()).unwrap();
-    // Paths are relative: the folder may be moved.
+    let dtm = folder.path().join("dtm.tif");
+    write_slope(&dtm);
+    let ground = ProjectGround::Model { path: Path::new("dtm.tif"), offset_m: 0.5 };
+    let config = GeoPackageConfig::default();
+    geopackage::write_project(&project, "town & co.gpkg", &town.model(), &config, ground).unwrap();
+    // Paths are relative: the folder may be moved. The packed project is the same.
     let moved = tempfile::tempdir().unwrap();
-    for path in [&gpkg, &project] {
+    let packed = project.with_extension("qgz");
+    for path in [&gpkg, &project, &packed, &dtm] {
         std::fs::copy(path, moved.path().join(path.file_name().unwrap())).unwrap();
     }
     drop(folder);
     let report = run("project.py", &[&moved.path().join("town.qgs"), &picture("qgis-project.png")]);
+    let from_packed = run("project.py", &[&moved.path().join("town.qgz"), &picture("qgis-project-packed.png")]);
+    assert_eq!(report, from_packed);
     let report: Value = serde_json::from_str(&report).unwrap();
     assert_eq!((&report["read"], &report["crs"]), (&true.into(), &"EPSG:7415".into()));
-    assert_eq!(report["drawn"], serde_json::json!(["qa_issues", "cameras", "buildings"]));
+    assert_eq!(report["drawn"], serde_json::json!(["qa_issues", "buildings", "terrain"]));
+    assert_eq!(report["groups"], serde_json::json!(["survey"]));
+    assert_eq!(report["layers"]["terrain"]["renderer"], "hillshade");
+    assert_eq!(
+        report["layouts"]["Map, A4"]["items"],
+        serde_json::json!(["legend", "map", "north", "scale", "sources", "title"])
+    );
+    let sources = report["layouts"]["Map, A4"]["sources"].as_str().unwrap();
+    assert!(
+        sources.contains("Outlines: town.gpkg") && sources.contains("NAP") && sources.contains("2025-06-01"),
+        "{sources}"
+    );
     for (layer, features, n_legend) in
-        [("buildings", 6, 10), ("buildings_lod1", 4, 10), ("tiles", 1, 2), ("cameras", 2, 3), ("qa_issues", 2, 3)]
+        [("buildings", 6, 12), ("buildings_lod1", 4, 12), ("tiles", 1, 2), ("cameras", 2, 3), ("qa_issues", 2, 3)]
     {
         let found = &report["layers"][layer];
         assert_eq!((&found["valid"], &found["crs"]), (&true.into(), &"EPSG:7415".into()), "{layer}");
@@ -101,6 +131,36 @@ fn qgis_opens_the_project_styled_and_in_place() {
     for colour in [[0x3e, 0x49, 0x89], [0x1f, 0x9e, 0x89], [0xfd, 0xe7, 0x25]] {
         assert!(image.pixels().any(|p| p.0 == colour), "{colour:?}");
     }
+}
+
+/// A terrain model under the town: 12 m, rising a little to the east.
+fn write_slope(path: &Path) {
+    let heights = (0..30 * 30).map(|i| 12.0 + 0.05 * (i % 30) as f32).collect();
+    let crs = Crs::parse("EPSG:28992").unwrap();
+    let place = GridPlace { corner_m: (92_980.0, 436_080.0), cell_m: (4.0, 4.0), crs: &crs, nodata: -9999.0 };
+    write_geotiff(path, &Raster::from_vec(30, 30, heights).unwrap(), &place).unwrap();
+}
+
+#[test]
+fn qgis_takes_a_compound_crs_without_a_code_and_a_level_for_the_ground() {
+    if !has_qgis() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (gpkg, project) = (folder.path().join("town.gpkg"), folder.path().join("town.qgs"));
+    let town = crate::outputs::Town { crs: Crs::parse("EPSG:25832+7837").unwrap(), ..town() };
+    let config = GeoPackageConfig::default();
+    geopackage::write(&gpkg, &town.model(), &config).unwrap();
+    geopackage::write_project(&project, "town.gpkg", &town.model(), &config, ProjectGround::Level(11.4)).unwrap();
+    let report: Value = serde_json::from_str(&run("project.py", &[&project, &picture("qgis-compound.png")])).unwrap();
+    assert_eq!(
+        (&report["read"], &report["crs"]),
+        (&true.into(), &"EPSG:25832".into()),
+        "3.22 takes the horizontal part"
+    );
+    let text = std::fs::read_to_string(&project).unwrap();
+    assert!(text.contains("COMPD_CS") && text.contains("DHHN2016"), "and newer ones find the whole");
+    assert!(text.contains("elevation-offset=\"11.4\""));
 }
 
 #[test]

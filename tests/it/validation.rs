@@ -109,6 +109,24 @@ fn ring_faults_are_found() {
 }
 
 #[test]
+fn a_wall_as_narrow_as_the_tolerance_is_two_equal_corners_and_crosses_no_other() {
+    // A millimetre of wall at a corner, on the grid of a millimetre, far from the origin.
+    let corners = [[0.0, 0.0], [0.001, 0.0], [9.925, 1.219], [8.707, 11.144], [-1.219, 9.925]];
+    let [low, high] = [0.0, 9.0].map(|z| corners.map(|[x, y]| [x + 500.1, y + 0.2, z]));
+    let mut faces = vec![vec![low.iter().rev().copied().collect()], vec![high.to_vec()]];
+    for i in 0..corners.len() {
+        let j = (i + 1) % corners.len();
+        faces.push(vec![vec![low[i], low[j], high[j], high[i]]]);
+    }
+    assert_eq!(codes(&faces), [102]);
+    // Three millimetres are a wall.
+    for p in faces.iter_mut().flatten().flatten().filter(|p| (p[0] - 500.101).abs() < 1e-9) {
+        p[0] = 500.103;
+    }
+    assert_eq!(codes(&faces), Vec::<u16>::new());
+}
+
+#[test]
 fn faults_between_rings_are_found() {
     let crossing = [[5.0, 5.0], [5.0, 7.0], [12.0, 7.0], [12.0, 5.0]];
     assert_eq!(codes(&with_holes(&[&crossing])), [201]);

@@ -13,7 +13,14 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 from qgis.PyQt.QtCore import QSize
 from qgis.PyQt.QtXml import QDomDocument
-from qgis.core import QgsApplication, QgsMapRendererParallelJob, QgsMapSettings, QgsReadWriteContext, QgsVectorLayer
+from qgis.core import (
+    QgsApplication,
+    QgsMapRendererParallelJob,
+    QgsMapSettings,
+    QgsReadWriteContext,
+    QgsRenderContext,
+    QgsVectorLayer,
+)
 from qgis._3d import Qgs3D
 
 
@@ -52,6 +59,9 @@ def describe(layer):
         "legend": legend,
         "style": style,
         "fields": [field.name() for field in layer.fields()],
+        "aliases": {field.name(): field.alias() for field in layer.fields()},
+        "labels": layer.labelsEnabled(),
+        "symbols": sorted({s.symbolLayer(0).properties().get("name", "") for s in renderer.symbols(QgsRenderContext())}),
         "extrusion": extrusions(layer),
         "index": layer.hasSpatialIndex() == 2,
     }

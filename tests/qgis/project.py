@@ -10,11 +10,32 @@ import sys
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 
-from qgis.core import QgsApplication, QgsMapRendererParallelJob, QgsMapSettings, QgsProject
+from qgis.core import (
+    QgsApplication,
+    QgsLayoutExporter,
+    QgsLayoutItem,
+    QgsMapRendererParallelJob,
+    QgsMapSettings,
+    QgsProject,
+    QgsVectorLayer,
+)
 from qgis.PyQt.QtCore import QSize
 from qgis._3d import Qgs3D
 
 from check import describe
+
+
+def describe_raster(layer):
+    return {"valid": layer.isValid(), "crs": layer.crs().authid(), "renderer": layer.renderer().type()}
+
+
+def describe_layout(layout, picture):
+    """The named items of a page, and the page as a picture."""
+    items = {item.id(): item for item in layout.items() if isinstance(item, QgsLayoutItem) and item.id()}
+    settings = QgsLayoutExporter.ImageExportSettings()
+    settings.dpi = 90
+    QgsLayoutExporter(layout).exportToImage(picture + ".page.png", settings)
+    return {"items": sorted(items), "sources": items["sources"].text(), "scale": round(items["map"].scale())}
 
 
 def main():
@@ -27,7 +48,12 @@ def main():
     report = {"read": project.read(sys.argv[1]), "crs": project.crs().authid(), "title": project.title()}
     drawn = [layer for layer in project.layerTreeRoot().checkedLayers()]
     report["drawn"] = [layer.name() for layer in drawn]
-    report["layers"] = {layer.name(): describe(layer) for layer in project.mapLayers().values()}
+    report["groups"] = [group.name() for group in project.layerTreeRoot().findGroups()]
+    report["layers"] = {
+        layer.name(): describe(layer) if isinstance(layer, QgsVectorLayer) else describe_raster(layer)
+        for layer in project.mapLayers().values()
+    }
+    report["layouts"] = {layout.name(): describe_layout(layout, sys.argv[2]) for layout in project.layoutManager().layouts()}
     settings = QgsMapSettings()
     settings.setLayers(drawn)
     settings.setDestinationCrs(project.crs())

@@ -3,10 +3,13 @@
     /usr/bin/python3 tests/qgis/styles.py src/output/geopackage/styles src/footprint/styles
 
 The first folder is for the layers of `city.gpkg`, the second for those of `footprints.gpkg`.
-Classes and colours are viridis, even in lightness and readable for colour-blind people. A building without a height is
-hatched, never missing. In 3D, outlines stand on `base_z_m` (absolute, not relative to a terrain) and reach `roof_z_m`.
+Classes and colours are viridis, even in lightness and readable for colour-blind people; `src/output/height_classes.json`
+has them, for other pictures of the city too. A building without a height is hatched in grey, never missing; a doubtful one
+is hatched over its colour, and one with a height from a fallback dotted. In 3D, outlines stand on `base_z_m` (absolute, not
+relative to a terrain) and reach `roof_z_m`; doubtful ones have orange edges.
 """
 
+import json
 import os
 import re
 import sys
@@ -17,27 +20,43 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 os.environ.setdefault("QT_HASH_SEED", "0")
 
 from qgis.PyQt.QtCore import Qt
-from qgis.PyQt.QtGui import QColor
+from qgis.PyQt.QtGui import QColor, QFont
 from qgis.PyQt.QtXml import QDomDocument
 from qgis.core import (
     QgsApplication,
     QgsFillSymbol,
+    QgsLayoutItemLabel,
+    QgsLayoutItemLegend,
+    QgsLayoutItemMap,
+    QgsLayoutItemPicture,
+    QgsLayoutItemScaleBar,
+    QgsLayoutPoint,
+    QgsLayoutSize,
     QgsMapLayer,
     QgsMarkerSymbol,
+    QgsPalLayerSettings,
+    QgsPrintLayout,
+    QgsProject,
     QgsProperty,
     QgsPropertyCollection,
     QgsReadWriteContext,
+    QgsRectangle,
     QgsRuleBasedRenderer,
+    QgsScaleBarSettings,
     QgsSymbolLayer,
+    QgsTextBufferSettings,
+    QgsTextFormat,
+    QgsUnitTypes,
     QgsVectorLayer,
+    QgsVectorLayerSimpleLabeling,
 )
 from qgis._3d import Qgs3D, Qgs3DTypes, QgsPhongMaterialSettings, QgsPolygon3DSymbol, QgsRuleBased3DRenderer
 
+ROOT = Path(__file__).resolve().parents[2]
 # Upper bound of each class in metres (None: open) and its viridis colour.
-CLASSES = [
-    (3, "#440154"), (6, "#482878"), (9, "#3e4989"), (12, "#31688e"), (15, "#26828e"),
-    (20, "#1f9e89"), (30, "#35b779"), (60, "#6ece58"), (None, "#fde725"),
-]
+CLASSES = [(entry["below_m"], entry["colour"]) for entry in json.loads((ROOT / "src/output/height_classes.json").read_text())]
+# What deserves a second look.
+ALERT = "213,94,0,255"
 ATTRIBUTES = "field=id:string&field=height_m:double&field=base_z_m:double&field=roof_z_m:double&field=status:string"
 
 
@@ -67,10 +86,41 @@ def height_renderer():
         root.appendChild(QgsRuleBasedRenderer.Rule(symbol, filterExp=expression, label=label))
     unknown = QgsFillSymbol.createSimple({"color": "#8c8c92", "style": "b_diagonal", **outline})
     root.appendChild(QgsRuleBasedRenderer.Rule(unknown, label="height not known", elseRule=True))
-    return QgsRuleBasedRenderer(root)
+    # Over the colour of the class: a second pass, so that no neighbour's filling covers it.
+    for label, status, hatch in [
+        ("doubtful: look at it", "doubtful", {"style": "f_diagonal", "color": ALERT, "outline_color": ALERT, "outline_width": "0.4"}),
+        ("height from a fallback", "fallback", {"style": "dense6", "color": "white", "outline_color": "white", "outline_width": "0.3"}),
+    ]:
+        symbol = QgsFillSymbol.createSimple(hatch)
+        symbol.symbolLayer(0).setRenderingPass(1)
+        root.appendChild(QgsRuleBasedRenderer.Rule(symbol, filterExp=f"\"status\" = '{status}'", label=label))
+    renderer = QgsRuleBasedRenderer(root)
+    renderer.setUsingSymbolLevels(True)
+    return renderer
 
 
-def prism(colour):
+def height_labels():
+    """The height in metres where there is room: labels never cover each other, and doubtful ones ask."""
+    label = QgsPalLayerSettings()
+    label.isExpression = True
+    label.fieldName = "format_number(\"height_m\", 1) || if(\"status\" = 'doubtful', ' ?', '')"
+    label.placement = QgsPalLayerSettings.Horizontal
+    label.fitInPolygonOnly = True
+    label.scaleVisibility = True
+    label.minimumScale, label.maximumScale = 4000, 1
+    text = QgsTextFormat()
+    text.setSize(7)
+    text.setColor(QColor(25, 25, 30))
+    halo = QgsTextBufferSettings()
+    halo.setEnabled(True)
+    halo.setSize(0.7)
+    halo.setColor(QColor("white"))
+    text.setBuffer(halo)
+    label.setFormat(text)
+    return QgsVectorLayerSimpleLabeling(label)
+
+
+def prism(colour, edges):
     """Walls and roof between base_z_m and roof_z_m in one colour."""
     material = QgsPhongMaterialSettings()
     material.setDiffuse(QColor(colour))
@@ -80,7 +130,8 @@ def prism(colour):
     symbol.setCullingMode(Qgs3DTypes.NoCulling)
     symbol.setRenderedFacade(3)
     symbol.setEdgesEnabled(True)
-    symbol.setEdgeColor(QColor(45, 45, 52))
+    symbol.setEdgeColor(edges)
+    symbol.setEdgeWidth(1.0 if edges == QColor(45, 45, 52) else 2.5)
     symbol.setMaterial(material)
     levels = QgsPropertyCollection()
     levels.setProperty(QgsPolygon3DSymbol.PropertyHeight, QgsProperty.fromExpression('"base_z_m"'))
@@ -94,8 +145,12 @@ def prism(colour):
 def extrusion():
     """The classes of the map as prisms; without a height there is nothing to extrude."""
     root = QgsRuleBased3DRenderer.Rule(None)
+    sure, doubtful = "coalesce(\"status\", '') <> 'doubtful'", "\"status\" = 'doubtful'"
     for label, expression, colour in classes():
-        root.appendChild(QgsRuleBased3DRenderer.Rule(prism(colour), expression, label))
+        root.appendChild(QgsRuleBased3DRenderer.Rule(prism(colour, QColor(45, 45, 52)), f"{expression} AND {sure}", label))
+    for label, expression, colour in classes():
+        rule = QgsRuleBased3DRenderer.Rule(prism(colour, QColor(213, 94, 0)), f"{expression} AND {doubtful}", f"{label}, doubtful")
+        root.appendChild(rule)
     return QgsRuleBased3DRenderer(root)
 
 
@@ -103,6 +158,8 @@ def buildings():
     layer = QgsVectorLayer(f"Polygon?crs=EPSG:25832&{ATTRIBUTES}", "buildings", "memory")
     layer.setRenderer(height_renderer())
     layer.setRenderer3D(extrusion())
+    layer.setLabeling(height_labels())
+    layer.setLabelsEnabled(True)
     layer.setDisplayExpression("\"id\" || ': ' || coalesce(format_number(\"height_m\", 1) || ' m', 'height not known')")
     layer.setMapTipTemplate(
         "<b>[% \"id\" %]</b><br>[% coalesce(format_number(\"height_m\", 1) || ' m', 'height not known') %]"
@@ -127,7 +184,8 @@ def cameras():
     dot = QgsMarkerSymbol.createSimple({"name": "circle", "color": "white", "size": "2", "outline_color": "38,38,46,255"})
     root.appendChild(QgsRuleBasedRenderer.Rule(arrow, filterExp="\"kind\" = 'oblique'", label="oblique photo"))
     root.appendChild(QgsRuleBasedRenderer.Rule(dot, filterExp="\"kind\" = 'nadir'", label="nadir photo"))
-    root.appendChild(QgsRuleBasedRenderer.Rule(dot.clone(), label="photo that looks up", elseRule=True))
+    up = QgsMarkerSymbol.createSimple({"name": "triangle", "color": ALERT, "size": "2.6", "outline_color": "white"})
+    root.appendChild(QgsRuleBasedRenderer.Rule(up, label="photo that looks up", elseRule=True))
     layer.setRenderer(QgsRuleBasedRenderer(root))
     layer.setDisplayExpression('"image"')
     return layer
@@ -225,19 +283,84 @@ def vanished():
 def export(layer, folder):
     """Writes the layer's style, with rule keys that do not change from run to run."""
     document = QDomDocument("qgis")
-    categories = QgsMapLayer.Symbology | QgsMapLayer.Symbology3D | QgsMapLayer.MapTips
+    categories = QgsMapLayer.Symbology | QgsMapLayer.Symbology3D | QgsMapLayer.MapTips | QgsMapLayer.Labeling
     message = layer.exportNamedStyle(document, QgsReadWriteContext(), categories)
     if message:
         raise SystemExit(f"cannot export the style of {layer.name()}: {message}")
-    text = document.toString(2)
+    (Path(folder) / f"{layer.name()}.qml").write_text(with_stable_keys(document.toString(2)), encoding="utf-8")
+
+
+def with_stable_keys(text):
     keys = {}
 
     def stable(match):
         keys.setdefault(match.group(0), f"{{00000000-0000-4000-8000-{len(keys):012}}}")
         return keys[match.group(0)]
 
-    text = re.sub(r"\{[0-9a-f]{8}-[0-9a-f-]{27}\}", stable, text)
-    (Path(folder) / f"{layer.name()}.qml").write_text(text, encoding="utf-8")
+    return re.sub(r"\{[0-9a-f]{8}-[0-9a-f-]{27}\}", stable, text)
+
+
+# What the program writes in place of these words.
+TITLE, SOURCES = "SIZEUP_TITLE", "SIZEUP_SOURCES"
+# Frame of the map on an A4 page, millimetres from the upper left: x, y, width, height.
+MAP_FRAME = (10, 22, 210, 168)
+
+
+def layout():
+    """A page with map, legend, scale, north arrow, title and sources; the program sets the map's extent."""
+    page = QgsPrintLayout(QgsProject.instance())
+    page.initializeDefaults()
+    page.setName("Map, A4")
+
+    def place(item, name, x, y, width, height):
+        item.setId(name)
+        page.addLayoutItem(item)
+        item.attemptMove(QgsLayoutPoint(x, y, QgsUnitTypes.LayoutMillimeters))
+        item.attemptResize(QgsLayoutSize(width, height, QgsUnitTypes.LayoutMillimeters))
+        return item
+
+    def label(name, text, size, x, y, width, height):
+        item = QgsLayoutItemLabel(page)
+        item.setText(text)
+        font = QFont("Sans Serif")
+        font.setPointSizeF(size)
+        item.setFont(font)
+        place(item, name, x, y, width, height)
+
+    chart = place(QgsLayoutItemMap(page), "map", *MAP_FRAME)
+    chart.setExtent(QgsRectangle(0, 0, MAP_FRAME[2], MAP_FRAME[3]))
+    chart.setFrameEnabled(True)
+    label("title", TITLE, 16, 10, 8, 277, 10)
+    legend = QgsLayoutItemLegend(page)
+    legend.setLinkedMap(chart)
+    legend.setAutoUpdateModel(True)
+    legend.setLegendFilterByMapEnabled(False)
+    place(legend, "legend", 224, 22, 63, 120)
+    scale = QgsLayoutItemScaleBar(page)
+    scale.setStyle("Single Box")
+    scale.setLinkedMap(chart)
+    scale.setUnits(QgsUnitTypes.DistanceMeters)
+    scale.setUnitLabel("m")
+    scale.setSegmentSizeMode(QgsScaleBarSettings.SegmentSizeFitWidth)
+    scale.setMinimumBarWidth(25)
+    scale.setMaximumBarWidth(55)
+    scale.setNumberOfSegments(2)
+    scale.setNumberOfSegmentsLeft(0)
+    place(scale, "scale", 224, 170, 63, 14)
+    arrow = QgsLayoutItemPicture(page)
+    arrow.setPicturePath(":/images/north_arrows/layout_default_north_arrow.svg")
+    arrow.setLinkedMap(chart)
+    place(arrow, "north", 272, 150, 14, 16)
+    label("sources", SOURCES, 7, 10, 192, 277, 14)
+    return page
+
+
+def write_layout(folder):
+    document = QDomDocument("qgis")
+    root = document.createElement("Layouts")
+    root.appendChild(layout().writeXml(document, QgsReadWriteContext()))
+    document.appendChild(root)
+    (Path(folder) / "layout.xml").write_text(with_stable_keys(document.toString(1)), encoding="utf-8")
 
 
 def main():
@@ -248,6 +371,7 @@ def main():
     Qgs3D.initialize()
     for layer in [buildings(), solids(), tiles(), cameras(), qa_issues()]:
         export(layer, sys.argv[1])
+    write_layout(sys.argv[1])
     for layer in [footprints(), candidates(), vanished()]:
         export(layer, sys.argv[2])
     application.exitQgis()

@@ -5,9 +5,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map as JsonMap, Value, json};
 
 use super::super::attributes::{self, FIELDS, Field, metres};
-use super::super::grid::Grid;
-use super::super::prism::Prism;
-use super::super::{BuildingRecord, HeightReference, RoofForm};
+use super::super::facts::SolidFacts;
+use super::super::{BuildingRecord, HeightReference, RoofForm, Status};
 use crate::geodata::features::ColumnKind;
 
 /// Prefix of our attributes where the file declares our extension: names of an extension begin with `+`.
@@ -25,13 +24,14 @@ pub enum AttributeNames {
     Sizeup,
     /// Ours, and beside them those of the Dutch 3DBAG (docs.3dbag.nl) that mean the same: `identificatie`,
     /// `b3_h_maaiveld`, `b3_h_dak_min`, `b3_h_dak_50p` or `b3_h_dak_max` by what the height stands for, all of them and
-    /// `b3_dak_type` where the roof's form is known, `b3_opp_grond`, `b3_volume_lod12`.
+    /// `b3_dak_type` and `b3_h_dak_70p` where the roof's form is known, `b3_opp_grond`, `b3_opp_buitenmuur`,
+    /// `b3_opp_scheidingsmuur`, `b3_volume_lod12`, `b3_val3dity_lod12`.
     #[serde(rename = "3dbag")]
     ThreeDBag,
 }
 
 /// The attributes of 3DBAG that can be told of a building.
-pub fn three_d_bag(record: &BuildingRecord, prism: Option<&Prism>, grid: &Grid) -> JsonMap<String, Value> {
+pub fn three_d_bag(record: &BuildingRecord, solid: &SolidFacts) -> JsonMap<String, Value> {
     let mut names = JsonMap::new();
     let mut set = |name: &str, value: Value| names.insert(name.to_owned(), value);
     set("identificatie", json!(record.part_of.as_ref().unwrap_or(&record.id)));
@@ -57,11 +57,18 @@ pub fn three_d_bag(record: &BuildingRecord, prism: Option<&Prism>, grid: &Grid) 
         set("b3_h_dak_min", metres(ground_m + roof.eave_height_m));
         set("b3_h_dak_max", metres(ground_m + roof.ridge_height_m));
     }
-    if let Some(prism) = prism {
-        let area_m2 = prism.outline().area() * grid.scale_m.powi(2);
-        let thickness_m = (prism.roof() - prism.base()) as f64 * grid.scale_m;
+    if let Some(roof_m) = attributes::roof_70p_z_m(record) {
+        set("b3_h_dak_70p", metres(roof_m));
+    }
+    if let Some(measures) = solid.measures {
+        let area_m2 = record.footprint.as_ref().map_or(f64::NAN, geo::Area::unsigned_area);
         set("b3_opp_grond", metres(area_m2));
-        set("b3_volume_lod12", metres(area_m2 * thickness_m));
+        set("b3_volume_lod12", metres(measures.volume_m3));
+        set("b3_val3dity_lod12", json!(format!("{:?}", solid.faults)));
+        if let Some(shared_m2) = record.party_wall_m2 {
+            set("b3_opp_scheidingsmuur", metres(shared_m2));
+            set("b3_opp_buitenmuur", metres(measures.walls_m2 - shared_m2));
+        }
     }
     names
 }
@@ -87,7 +94,7 @@ pub fn extension_schema() -> Value {
             json!({ "type": "array", "items": { "type": "string" } })
         } else {
             match (&*column.name, column.kind) {
-                ("status", _) => json!({ "enum": ["measured", "doubtful", "fallback", "unknown", "refused"] }),
+                ("status", _) => json!({ "enum": Status::ALL.map(Status::as_str) }),
                 ("height_reference", _) => json!({ "enum": ["eave", "mean", "ridge"] }),
                 ("roof_form", _) => json!({ "enum": ["flat", "gable", "hip", "stepped"] }),
                 (_, ColumnKind::Text) => json!({ "type": "string" }),

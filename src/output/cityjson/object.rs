@@ -4,9 +4,10 @@ use serde_json::{Map as JsonMap, Value, json};
 
 use super::super::attributes;
 use super::super::buildings::Family;
+use super::super::facts::SolidFacts;
 use super::super::grid::Grid;
 use super::super::outline::SnappedOutline;
-use super::super::prism::{Face, NoSolid, Prism, Surface};
+use super::super::prism::{Face, Surface};
 use super::super::{BuildingRecord, Status};
 use super::names::{self, AttributeNames};
 use super::vertices::VertexPool;
@@ -71,7 +72,7 @@ impl Objects<'_> {
         }
         all.extend(parts.iter().flat_map(attributes::carried));
         let children: Vec<&String> = objects.iter().map(|(id, _)| id).collect();
-        let mut whole = json!({ "type": "Building", "attributes": all, "children": children });
+        let mut whole = json!({ "type": "Building", "attributes": all, "children": children, "geometry": [] });
         let boxes = objects
             .iter()
             .filter_map(|(_, o)| serde_json::from_value::<[f64; 6]>(o["geographicalExtent"].clone()).ok());
@@ -85,13 +86,14 @@ impl Objects<'_> {
 
     /// One object with our own attributes and its solid, or else its outline on the ground.
     fn solid_object(&self, kind: &str, record: &BuildingRecord, pool: &mut VertexPool) -> Value {
-        let prism = Prism::of(record, self.grid, self.config.min_thickness_m);
-        let own = attributes::own(record, prism.as_ref().err().copied().map(NoSolid::code));
+        let (prism, facts) = SolidFacts::of(record, self.grid, self.config.min_thickness_m);
+        let own = attributes::own(record, &facts);
         let mut all = if self.config.extension_url.is_some() { names::extended(own) } else { own };
         if self.config.names == AttributeNames::ThreeDBag {
-            all.extend(names::three_d_bag(record, prism.as_ref().ok(), self.grid));
+            all.extend(names::three_d_bag(record, &facts));
         }
-        let mut object = json!({ "type": kind, "attributes": all });
+        // A member of the object even where empty: readers look for it without asking.
+        let mut object = json!({ "type": kind, "attributes": all, "geometry": [] });
         match prism {
             Ok(prism) => {
                 object["geographicalExtent"] = json!(extent(prism.outline(), prism.base(), prism.roof(), self.grid));

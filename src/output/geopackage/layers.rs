@@ -4,6 +4,7 @@
 use serde_json::Value;
 
 use super::super::attributes::{self, FIELDS, Field, ID};
+use super::super::facts::SolidFacts;
 use super::super::outlines::{OutlineRows, own_values};
 use super::super::prism::Prism;
 use super::super::{BuildingRecord, OutputError, Overview, Records, wkb};
@@ -53,7 +54,10 @@ pub fn solids<R: Records + ?Sized>(
         let in_metres = |ring: &Vec<[i64; 3]>| ring.iter().map(|p| grid.metres(*p).map(attributes::round_m)).collect();
         let faces: Vec<Vec<Vec<[f64; 3]>>> =
             prism.faces().iter().map(|face| face.rings.iter().map(in_metres).collect()).collect();
-        Some(Row { wkb: Some(wkb::multi_polygon_z(&faces)), values: own_values(record, &fields, None) })
+        Some(Row {
+            wkb: Some(wkb::multi_polygon_z(&faces)),
+            values: own_values(record, &fields, &SolidFacts::default()),
+        })
     };
     writer.layer(&spec, |push| records.visit(&mut |record| row(record).map_or(Ok(()), &mut *push)))
 }

@@ -8,13 +8,14 @@
 //! | `cameras` | `PointZ` | projection centres, viewing directions, photo names |
 //! | `qa_issues` | Point | what was wrong with single items of the input |
 //!
-//! Lineage is in `gpkg_metadata`, meanings of the columns in `gpkg_data_columns`, the default style in `layer_styles`.
+//! Lineage is in the table `sizeup_lineage`, meanings of the columns in `gpkg_data_columns`, the default style in `layer_styles`.
 
 mod layers;
 mod project;
 mod tables;
 
-pub use project::write_project;
+pub use project::{ProjectGround, write_project};
+pub use tables::LINEAGE_TABLE;
 
 use std::path::Path;
 
@@ -101,7 +102,7 @@ pub fn write_divided<R: Records + ?Sized>(
             layers::tiles(writer, &overview, areas)?;
             layers::cameras(writer, model.survey)?;
             layers::issues(writer, model.issues)?;
-            tables::lineage(writer, model.lineage, &timestamp)?;
+            tables::lineage(writer, model.lineage)?;
             tables::styles(writer, |layer| config.solids || layer != "buildings_lod1", &timestamp)
         })
     })?;

@@ -2,6 +2,10 @@
 //!
 //! The maps are matplotlib's viridis and magma (S. van der Walt, N. Smith; CC0), sampled at eleven places.
 
+use std::sync::LazyLock;
+
+use serde::Deserialize;
+
 /// Red, green, blue; sRGB.
 pub type Rgb = [u8; 3];
 
@@ -71,9 +75,66 @@ impl ColourMap {
     }
 }
 
+/// A class of heights and its colour.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeightClass {
+    /// Heights below this, metres; infinite for the last.
+    pub below_m: f64,
+    /// Of the class.
+    pub colour: Rgb,
+}
+
+/// The classes of heights, the lowest first: the same on the map in QGIS and in 3D Tiles, for every city alike.
+#[must_use]
+pub fn height_classes() -> &'static [HeightClass] {
+    static CLASSES: LazyLock<Vec<HeightClass>> = LazyLock::new(|| {
+        let entries: Vec<Entry> = serde_json::from_str(include_str!("../height_classes.json")).expect("our own file");
+        let part = |colour: &str, at: usize| u8::from_str_radix(&colour[at..at + 2], 16).expect("#rrggbb");
+        let class = |entry: Entry| HeightClass {
+            below_m: entry.below_m.unwrap_or(f64::INFINITY),
+            colour: [1, 3, 5].map(|at| part(&entry.colour, at)),
+        };
+        entries.into_iter().map(class).collect()
+    });
+    &CLASSES
+}
+
+/// A class as its file has it.
+#[derive(Deserialize)]
+struct Entry {
+    below_m: Option<f64>,
+    colour: String,
+}
+
+/// The colour of the class of a height.
+#[must_use]
+pub fn height_colour(height_m: f64) -> Rgb {
+    let class = height_classes().iter().find(|class| height_m < class.below_m);
+    class.map_or(NO_VALUE, |class| class.colour)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn heights_have_the_colours_of_the_map_in_qgis() {
+        let qml = include_str!("../geopackage/styles/buildings.qml");
+        let mut low_m = 0.0;
+        for class in height_classes() {
+            let [r, g, b] = class.colour;
+            let label = match (low_m, class.below_m) {
+                (0.0, high_m) => format!("below {high_m} m"),
+                (low_m, f64::INFINITY) => format!("{low_m} m and more"),
+                (low_m, high_m) => format!("{low_m} to {high_m} m"),
+            };
+            assert!(qml.contains(&format!("label=\"{label}\"")), "{label}");
+            assert!(qml.contains(&format!("value=\"{r},{g},{b},255\"")), "{label}");
+            low_m = class.below_m;
+        }
+        assert_eq!((height_colour(2.9), height_colour(3.0)), ([0x44, 1, 0x54], [0x48, 0x28, 0x78]));
+        assert_eq!(height_colour(f64::NAN), NO_VALUE);
+    }
 
     #[test]
     fn maps_get_steadily_lighter_or_darker() {

@@ -14,7 +14,7 @@ use super::{FoundBuilding, FoundBuildings};
 
 impl FoundBuildings {
     /// As records. From our own files every field comes back as it was written; from those of others the height is
-    /// measured on the surfaces and the status is `measured` or `unknown`. Of several polygons the largest is kept.
+    /// measured on the surfaces and the status is `given` or `unknown`. Of several polygons the largest is kept.
     #[must_use]
     pub fn to_records(&self) -> Vec<BuildingRecord> {
         self.buildings.iter().map(FoundBuilding::to_record).collect()
@@ -32,7 +32,7 @@ impl FoundBuilding {
             .outline
             .as_ref()
             .and_then(|outline| outline.iter().max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area())));
-        let otherwise = if height_m.is_some() { Status::Measured } else { Status::Unknown };
+        let otherwise = if height_m.is_some() { Status::Given } else { Status::Unknown };
         BuildingRecord {
             id: self.id.clone(),
             part_of: self.part_of.clone(),
@@ -41,6 +41,7 @@ impl FoundBuilding {
             base_z_m: number("base_z_m").or(ground_z_m),
             height_m,
             height_sigma_m: number("height_sigma_m"),
+            party_wall_m2: number("party_wall_area_m2"),
             height_reference: self.named("height_reference").unwrap_or(HeightReference::Mean),
             roof: self.roof(),
             status: self.named("status").unwrap_or(otherwise),

@@ -7,12 +7,10 @@ use std::path::{Path, PathBuf};
 use super::super::buildings::Records;
 use super::super::cityjson::Sequence;
 use super::super::cityjson::read::{CityFile, visit_objects};
+use super::super::geopackage::LINEAGE_TABLE;
 use super::super::{BuildingRecord, Lineage, OutputError};
 use super::{FoundBuilding, ReadError, ReadOptions, is_cityjson, is_sequence, open_layer, require_readable, surfaces};
 use crate::crs::Crs;
-
-/// Where GDAL shows the first document of `gpkg_metadata`.
-const GEOPACKAGE_METADATA: &str = "GPKG_METADATA_ITEM_1";
 
 /// A file whose buildings can be gone through again and again.
 #[derive(Debug)]
@@ -50,8 +48,8 @@ impl<'a> RecordFile<'a> {
         } else {
             let layer = open_layer(path, &options)?.0;
             let crs = layer.crs()?;
-            let metadata = layer.into_file_metadata(GEOPACKAGE_METADATA);
-            (crs, metadata.and_then(|json| serde_json::from_str(&json).ok()), Content::Layer)
+            let lineage = layer.into_text_of(&format!("SELECT lineage FROM {LINEAGE_TABLE}"));
+            (crs, lineage.and_then(|json| serde_json::from_str(&json).ok()), Content::Layer)
         };
         Ok(Self { path: path.to_owned(), options, crs, lineage, content })
     }

@@ -27,13 +27,12 @@ use serde_json::{Value, json};
 use super::cityjson::CityJsonConfig;
 use super::grid::Grid;
 use super::outlines::OutlineRows;
-use super::picture::colour::{ColourMap, Rgb};
+use super::picture::colour::{Rgb, height_colour};
 use super::prism::Prism;
 use super::reports::write_json;
 use super::{CityModel, OutputError, Overview, Records};
 use crate::crs::Crs;
 use crate::files::{FileError, write_whole_unflushed};
-use crate::stats::quantile;
 pub use glb::Precision;
 use mesh::{Block, Mesh};
 use metadata::Properties;
@@ -74,8 +73,8 @@ pub fn check_place(crs: &Crs, heights: Heights, at_m: DVec3) -> Result<(), Outpu
     Place::new(crs, heights, at_m).map(drop)
 }
 
-/// Height that gets the brightest colour: this share of the buildings is lower.
-const BRIGHTEST_QUANTILE: f64 = 0.98;
+/// Where the result comes from, beside the tileset: every globe loads that, and nobody's globe needs this.
+const LINEAGE: &str = "lineage.json";
 
 /// Writes the folder `path` whole or not at all; a tileset that is there already is replaced.
 ///
@@ -103,14 +102,14 @@ pub fn write<R: Records + ?Sized>(
             grid: &grid,
             place: &place,
             properties: &Properties::new(&rows.columns),
-            brightest_m: quantile(&shown.heights_m, BRIGHTEST_QUANTILE).unwrap_or(1.0).max(1.0),
             precision: config.precision,
         };
         let root = match &tree {
             Some(tree) => writer.tile(tree, temporary)?.json,
             None => json!({ "boundingVolume": { "box": [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, "geometricError": 0 }),
         };
-        let tileset = tileset(root, model, &overview, shown.spool.len(), config, &place);
+        let tileset = tileset(root, &overview, shown.spool.len(), config, &place);
+        write_json(&temporary.join(LINEAGE), model.lineage)?;
         write_json(&temporary.join(folder::TILESET), &tileset)
     })?;
     Ok(overview)
@@ -120,7 +119,6 @@ pub fn write<R: Records + ?Sized>(
 struct Shown {
     spool: Spool,
     items: Vec<Item>,
-    heights_m: Vec<f64>,
 }
 
 impl Shown {
@@ -132,16 +130,15 @@ impl Shown {
         config: &Tiles3dConfig,
     ) -> Result<Self, OutputError> {
         let mut writer = SpoolWriter::new(folder)?;
-        let (mut items, mut heights_m) = (Vec::new(), Vec::new());
+        let mut items = Vec::new();
         records.visit(&mut |record| {
             let Ok(prism) = Prism::of(record, grid, config.min_thickness_m) else { return Ok(()) };
             let block = Block { prism, values: rows.row(record).values, height_m: record.height_m.unwrap_or(0.0) };
             items.push(item(items.len(), &block, grid));
-            heights_m.push(block.height_m);
             Ok(writer.push(&block).map_err(FileError::on("cannot write", folder))?)
         })?;
         let spool = writer.finish().map_err(FileError::on("cannot write", folder))?;
-        Ok(Self { spool, items, heights_m })
+        Ok(Self { spool, items })
     }
 }
 
@@ -155,14 +152,7 @@ fn item(idx: usize, block: &Block, grid: &Grid) -> Item {
     Item { idx, centre: [middle.x, middle.y], size_m: (high - low).length() }
 }
 
-fn tileset<R: ?Sized>(
-    mut root: Value,
-    model: &CityModel<'_, R>,
-    overview: &Overview,
-    n_shown: usize,
-    config: &Tiles3dConfig,
-    place: &Place,
-) -> Value {
+fn tileset(mut root: Value, overview: &Overview, n_shown: usize, config: &Tiles3dConfig, place: &Place) -> Value {
     root["transform"] = json!(place.transform());
     root["refine"] = json!("ADD");
     // Without any tile the whole city is missing.
@@ -171,7 +161,7 @@ fn tileset<R: ?Sized>(
         "asset": {
             "version": "1.1",
             "extras": { "sizeup": {
-                "lineage": model.lineage,
+                "lineage": LINEAGE,
                 "heights": config.heights,
                 "n_buildings": overview.n_buildings,
                 "n_without_solid": overview.n_buildings - n_shown,
@@ -188,7 +178,6 @@ struct TileWriter<'a> {
     grid: &'a Grid,
     place: &'a Place,
     properties: &'a Properties,
-    brightest_m: f64,
     precision: Precision,
 }
 
@@ -223,8 +212,7 @@ impl TileWriter<'_> {
         let blocks = self.spool.read(&node.members).map_err(FileError::on("cannot read back for", path))?;
         let mesh = Mesh::of(blocks.iter(), self.grid, self.place)?;
         let rows: Vec<&[Value]> = blocks.iter().map(|block| block.values.as_slice()).collect();
-        let colours: Vec<Rgb> =
-            blocks.iter().map(|block| ColourMap::Viridis.at(block.height_m / self.brightest_m)).collect();
+        let colours: Vec<Rgb> = blocks.iter().map(|block| height_colour(block.height_m)).collect();
         let tile = glb::Tile { mesh: &mesh, rows: &rows, colours: &colours, properties: self.properties };
         let bytes = glb::glb(&tile, self.precision);
         write_whole_unflushed(path, |out| out.write_all(&bytes))?;

@@ -20,7 +20,7 @@ pub mod schema;
 mod shell;
 mod snap;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use schemars::JsonSchema;
@@ -28,7 +28,9 @@ use serde::{Deserialize, Serialize};
 
 use super::OutputError;
 use super::cityjson::Sequence;
-use super::cityjson::read::{CityFile, CityGeometry, CityObject, visit_objects};
+use super::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface, visit_objects};
+use super::grid::Grid;
+use super::prism::Prism;
 use super::read::is_sequence;
 use face::Face;
 use parts::Part;
@@ -213,6 +215,32 @@ pub fn validate(city: &CityFile, config: &ValidateConfig) -> Validation {
     city.objects.iter().for_each(|object| checker.object(city, object));
     checker.compare_parts();
     Validation { n_templates: city.n_templates, ..checker.outcome }
+}
+
+/// Numbers of what is found in one of our own solids, each once, ascending.
+#[must_use]
+pub fn faults_of(prism: &Prism, grid: &Grid) -> Vec<u16> {
+    let mut city = CityFile::default();
+    let mut surfaces = Vec::new();
+    for (i, face) in prism.faces().iter().enumerate() {
+        let ring = |ring: &Vec<[i64; 3]>| {
+            let first = city.vertices.len() as u32;
+            city.vertices.extend(ring.iter().map(|point| grid.metres(*point)));
+            (first..city.vertices.len() as u32).collect()
+        };
+        surfaces.push(CitySurface { place: [0, 0, i], kind: None, rings: face.rings.iter().map(ring).collect() });
+    }
+    let geometry = CityGeometry { lod: String::new(), is_solid: true, surfaces };
+    let object = CityObject {
+        id: String::new(),
+        kind: String::new(),
+        parents: Vec::new(),
+        children: Vec::new(),
+        attributes: serde_json::Map::new(),
+        geometries: Vec::new(),
+    };
+    let faults = check_geometry(&city, &object, &geometry, &ValidateConfig::default());
+    faults.iter().map(|fault| fault.number).collect::<BTreeSet<_>>().into_iter().collect()
 }
 
 /// Checks every geometry of a file, object by object: of a `CityJSON` file only the vertices are in memory (and the outlines of

@@ -202,8 +202,9 @@ fn is_within(at: DVec3, face: &Face, snapped: &Snapped) -> bool {
 fn overlap(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
     let point = |i: usize| DVec3::from_array(snapped.points[i]);
     let on_plane = point(other.rings[0][0]);
+    // A face smaller than the tolerance lies near every plane through it.
     let is_coplanar =
-        face.rings[0].iter().all(|&i| (point(i) - on_plane).dot(other.normal).abs() <= snapped.tolerance_m);
+        face.rings[0].iter().all(|&i| (point(i) - on_plane).dot(other.normal).abs() <= TOUCHING * snapped.tolerance_m);
     if !is_coplanar {
         return None;
     }

@@ -4,6 +4,10 @@ use std::collections::HashMap;
 
 use super::super::cityjson::read::{CityFile, CityGeometry};
 
+/// What coordinates of a CRS lose in double precision, metres: vertices one quantum of a millimetre apart are that far apart
+/// or a little more, and count as one all the same.
+const NOISE_M: f64 = 1e-8;
+
 /// Distinct positions of a geometry, relative to its first vertex.
 pub struct Snapped {
     /// Metres from [`Self::origin`].
@@ -23,13 +27,14 @@ impl Snapped {
         let origin = used().next().map_or([0.0; 3], |i| city.vertices[i as usize]);
         let mut snapped = Self { points: Vec::new(), origin, tolerance_m, index_of: HashMap::new() };
         let mut cells: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
+        let cell_m = tolerance_m + NOISE_M;
         for vertex in used() {
             if snapped.index_of.contains_key(&vertex) {
                 continue;
             }
             let position = city.vertices[vertex as usize];
             let point: [f64; 3] = std::array::from_fn(|axis| position[axis] - origin[axis]);
-            let cell = point.map(|v| (v / tolerance_m).floor() as i64);
+            let cell = point.map(|v| (v / cell_m).floor() as i64);
             let index = snapped.near(point, cell, &cells).unwrap_or_else(|| {
                 snapped.points.push(point);
                 cells.entry(cell).or_default().push(snapped.points.len() - 1);
@@ -49,7 +54,7 @@ impl Snapped {
             .filter_map(|step| cells.get(&std::array::from_fn(|axis| cell[axis].saturating_add(step[axis]))))
             .flatten()
             .copied()
-            .filter(|&i| distance(self.points[i], point) <= self.tolerance_m)
+            .filter(|&i| distance(self.points[i], point) <= self.tolerance_m + NOISE_M)
             .min()
     }
 

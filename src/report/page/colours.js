@@ -10,6 +10,7 @@ const NO_VALUE = [168, 168, 174];
 const ALERT = [213, 94, 0];
 const STATUS_COLOURS = {
   measured: [0, 114, 178],
+  given: [86, 180, 233],
   doubtful: [230, 159, 0],
   fallback: [204, 121, 167],
   unknown: [150, 150, 156],

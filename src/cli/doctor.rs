@@ -1,0 +1,211 @@
+//! `sizeup doctor`: what this machine has, and what a configuration at hand lacks, with the command that brings it.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use glam::DVec3;
+use serde::Serialize;
+
+use super::{Failure, Global, print, print_json};
+use crate::config::RunConfig;
+use crate::crs::{Crs, CrsError, Transform, Transform3d};
+use crate::files::is_virtual;
+use crate::footprint::FootprintSource;
+use crate::geodata;
+use crate::onnx::{EngineChoice, EngineConfig, runtime};
+use crate::prior::PriorConfig;
+use crate::tiles;
+
+/// Formats that a run writes or people bring, by GDAL's names: without the first two no run finishes.
+const DRIVERS: [(&str, bool); 8] = [
+    ("GPKG", true),
+    ("GTiff", true),
+    ("GeoJSON", false),
+    ("FlatGeobuf", false),
+    ("ESRI Shapefile", false),
+    ("JPEG", false),
+    ("PNG", false),
+    ("COG", false),
+];
+
+/// Arguments of `sizeup doctor`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:
+  sizeup doctor
+  sizeup doctor sizeup.toml     also what this run needs; ends with code 3 where something is missing")]
+pub struct DoctorArgs {
+    /// Configuration of a run, to look for what it needs.
+    pub config: Option<PathBuf>,
+    /// Set one key of the configuration. May be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE", requires = "config")]
+    pub assignments: Vec<String>,
+}
+
+/// How something stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum State {
+    /// It is there.
+    Ok,
+    /// It is not there, and nothing that was asked about needs it.
+    Absent,
+    /// It is not there, and a run needs it.
+    Missing,
+}
+
+/// One thing that was looked at.
+#[derive(Debug, Clone, Serialize)]
+struct Finding {
+    what: String,
+    state: State,
+    /// What was found.
+    found: String,
+    /// What brings it, where it is not there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    hint: Option<String>,
+}
+
+impl Finding {
+    fn ok(what: &str, found: impl Into<String>) -> Self {
+        Self { what: what.to_owned(), state: State::Ok, found: found.into(), hint: None }
+    }
+
+    fn lacking(what: &str, is_needed: bool, found: impl Into<String>, hint: impl Into<String>) -> Self {
+        let state = if is_needed { State::Missing } else { State::Absent };
+        Self { what: what.to_owned(), state, found: found.into(), hint: Some(hint.into()) }
+    }
+
+    fn line(&self) -> String {
+        let mark = match self.state {
+            State::Ok => "ok     ",
+            State::Absent => "-      ",
+            State::Missing => "MISSING",
+        };
+        let hint = self.hint.as_ref().map_or_else(String::new, |hint| format!("\n          hint: {hint}"));
+        format!("{mark}  {}: {}{hint}", self.what, self.found)
+    }
+}
+
+pub(super) fn run(args: &DoctorArgs, global: &Global) -> Result<u8, Failure> {
+    let config = args.config.as_ref().map(|path| RunConfig::load(path, &args.assignments));
+    let config = config.transpose().map_err(|e| Failure::new(2, &e))?;
+    let mut findings = of_machine(config.as_ref());
+    findings.extend(config.iter().flat_map(of_config));
+    if global.json {
+        print_json(&findings)?;
+    } else {
+        for finding in &findings {
+            print(&finding.line())?;
+        }
+    }
+    Ok(if findings.iter().any(|finding| finding.state == State::Missing) { 3 } else { 0 })
+}
+
+/// The program, the machine, and the libraries it links.
+fn of_machine(config: Option<&RunConfig>) -> Vec<Finding> {
+    let memory = tiles::available_memory_mb().map_or("not known".to_owned(), |mb| format!("{mb} MB for a run"));
+    let mut findings = vec![
+        Finding::ok("sizeup", env!("CARGO_PKG_VERSION")),
+        Finding::ok("processor", format!("{} threads", rayon::current_num_threads())),
+        Finding::ok("memory", memory),
+        Finding::ok("GDAL", geodata::gdal_version()),
+    ];
+    for (driver, is_needed) in DRIVERS {
+        let what = format!("GDAL's {driver}");
+        findings.push(if geodata::has_driver(driver) {
+            Finding::ok(&what, "there")
+        } else {
+            Finding::lacking(
+                &what,
+                is_needed,
+                "not in this GDAL",
+                "install a GDAL with it: `apt-get install gdal-bin libgdal-dev`",
+            )
+        });
+    }
+    findings.push(Finding::ok("embedded network engine", "built in"));
+    let engine = match config.map(|config| &config.prior) {
+        Some(PriorConfig::Network(network)) => network.engine.clone(),
+        _ => EngineConfig::default(),
+    };
+    findings.push(match runtime::library(&engine) {
+        Ok(path) => Finding::ok("ONNX Runtime", path.display().to_string()),
+        Err(_) => Finding::lacking(
+            "ONNX Runtime",
+            engine.name == EngineChoice::OnnxRuntime,
+            "not found; networks run in the embedded engine",
+            "`make deps-onnxruntime` in a clone of sizeup, or set ORT_DYLIB_PATH to its library",
+        ),
+    });
+    findings
+}
+
+/// What a run needs.
+fn of_config(config: &RunConfig) -> Vec<Finding> {
+    let mut findings = vec![heights_grid(&config.project.crs)];
+    findings.push(file("survey.path", &config.survey.path));
+    findings.extend(config.survey.images.iter().map(|path| file("survey.images", path)));
+    if let FootprintSource::Layer(layer) = &config.footprints {
+        findings.push(file("footprints.path", &layer.path));
+    } else {
+        findings.extend(config.footprints.file().map(|path| file("footprints.model", &path)));
+    }
+    findings.extend(config.terrain.dtm.iter().map(|path| file("terrain.dtm", path)));
+    match &config.prior {
+        PriorConfig::Files(files) => {
+            // What stands before the first placeholder is a folder, whatever the photos are called.
+            let plain = files.path.split('{').next().unwrap_or_default();
+            let folder = if plain.len() == files.path.len() { Path::new(plain) } else { folder_of(plain) };
+            findings.push(file("prior.path", folder));
+        }
+        PriorConfig::Network(network) => findings.push(file("prior.model", &network.model)),
+        PriorConfig::Stereo(_) if config.survey.images.is_none() => findings.push(Finding::lacking(
+            "photos for stereo",
+            true,
+            "`survey.images` is not set",
+            "set survey.images to the folder of the photos",
+        )),
+        PriorConfig::Stereo(_) => {}
+    }
+    findings
+}
+
+fn folder_of(before_placeholder: &str) -> &Path {
+    let path = Path::new(before_placeholder);
+    let folder = if before_placeholder.ends_with('/') { path } else { path.parent().unwrap_or(path) };
+    if folder.as_os_str().is_empty() { Path::new(".") } else { folder }
+}
+
+fn file(what: &str, path: &Path) -> Finding {
+    let shown = path.display().to_string();
+    if is_virtual(path) || path.exists() {
+        Finding::ok(what, shown)
+    } else {
+        let hint = format!("put it there, or set {what} to where it is; paths count from the configuration's folder");
+        Finding::lacking(what, true, format!("{shown} does not exist"), hint)
+    }
+}
+
+/// Whether PROJ can take the project's heights to the ellipsoid, which globes and satellite positions count from. A run
+/// in one height system does without.
+fn heights_grid(crs: &Crs) -> Finding {
+    const WHAT: &str = "PROJ's grid of the heights";
+    if crs.vertical_name().is_none() {
+        return Finding::ok(WHAT, format!("none needed: {crs} has no vertical part"));
+    }
+    let reach = || -> Result<(), CrsError> {
+        let ellipsoid = Transform3d::new(crs, &Crs::parse("EPSG:4979")?)?;
+        let Some([west, south, east, north]) = crs.area_of_use_deg() else { return Ok(()) };
+        let to_map = Transform::new(&Crs::parse("EPSG:4326")?, crs)?;
+        let (x, y) = to_map.point((west + east) / 2.0, (south + north) / 2.0)?;
+        ellipsoid.point(DVec3::new(x, y, 0.0)).map(drop)
+    };
+    match reach() {
+        Ok(()) => Finding::ok(WHAT, format!("there, for {crs}")),
+        Err(error) => {
+            let text = error.to_string();
+            let (found, hint) = text.split_once("\nhint: ").unwrap_or((&text, "`projsync --system-directory --all`"));
+            Finding::lacking(WHAT, false, found, hint)
+        }
+    }
+}

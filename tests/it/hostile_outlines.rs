@@ -1,0 +1,211 @@
+//! Whatever outline comes in: a valid solid goes out, or a reason why there is none.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use geo::{Area as _, Rotate as _, Translate as _};
+use geo_types::{Coord, LineString, Point, Polygon};
+use proptest::prelude::*;
+use proptest::strategy::ValueTree as _;
+use sizeup::crs::Crs;
+use sizeup::footprint::clean::{Rules, clean};
+use sizeup::footprint::{FootprintConfig, read};
+use sizeup::output::cityjson::{self, CityJsonConfig};
+use sizeup::output::validate::{ValidateConfig, validate_file};
+use sizeup::output::{BuildingRecord, CityModel, HeightReference, Lineage, Status};
+use sizeup::survey::Survey;
+
+use crate::shared_data::shared_data;
+
+/// Where the outlines stand: as far from the origin as real ones do.
+const AT: (f64, f64) = (565_450.0, 5_932_450.0);
+
+fn rules() -> Rules {
+    let FootprintConfig { grid_m, min_area_m2, max_area_change, .. } = FootprintConfig::new("");
+    Rules { grid_m, min_area_m2, max_area_change }
+}
+
+fn block(id: &str, outline: Polygon<f64>, height_m: f64) -> BuildingRecord {
+    BuildingRecord {
+        id: id.to_owned(),
+        part_of: None,
+        footprint: Some(outline),
+        ground_z_m: Some(22.0),
+        base_z_m: Some(21.7),
+        height_m: Some(height_m),
+        height_sigma_m: None,
+        height_reference: HeightReference::Mean,
+        roof: None,
+        party_wall_m2: None,
+        status: Status::Measured,
+        reasons: Vec::new(),
+        views: Vec::new(),
+        attributes: serde_json::Map::new(),
+    }
+}
+
+/// Writes blocks, and says what our validator finds in the file: number and building.
+fn faults_of(blocks: &[BuildingRecord], path: &Path) -> Vec<(u16, String)> {
+    let (crs, survey) = (Crs::parse("EPSG:25832").unwrap(), Survey::default());
+    let lineage = Lineage::default();
+    let model = CityModel { records: blocks, crs: &crs, lineage: &lineage, issues: &[], survey: &survey };
+    cityjson::write(path, &model, &CityJsonConfig::default()).unwrap();
+    let found = validate_file(path, &ValidateConfig::default()).unwrap();
+    assert_eq!(found.n_geometries, blocks.len(), "every block has its solid");
+    found.faults.into_iter().map(|fault| (fault.number, fault.object)).collect()
+}
+
+/// A val3dity built from its source, where somebody has one.
+fn val3dity() -> Option<PathBuf> {
+    let named = std::env::var_os("VAL3DITY").map(PathBuf::from);
+    let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/tools/val3dity");
+    let found = named.into_iter().chain([ours]).find(|path| path.is_file());
+    if found.is_none() {
+        eprintln!("skipped: no val3dity (set VAL3DITY to a built one)");
+    }
+    found
+}
+
+/// Asserts that val3dity calls a file valid, where there is one.
+fn assert_valid_to_val3dity(path: &Path) {
+    let Some(program) = val3dity() else { return };
+    let report = path.with_extension("report.json");
+    Command::new(program).arg(path).arg("--report").arg(&report).output().unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
+    assert_eq!(report["validity"], true, "{}: {}", path.display(), report["all_errors"]);
+}
+
+#[test]
+fn slits_spikes_and_corners_side_by_side_become_valid_solids_and_are_told() {
+    let Some(data) = shared_data("hostile") else { return };
+    let config = FootprintConfig {
+        id_field: Some("id".to_owned()),
+        ..FootprintConfig::new(data.join("thin_footprints.geojson"))
+    };
+    let layer = read(&config, &Crs::parse("EPSG:25832").unwrap()).unwrap();
+    assert_eq!((layer.footprints.len(), layer.refused.len()), (12, 0));
+    for footprint in &layer.footprints {
+        // Squares of 10 m: the slits and spikes take and add less than 0.01 m².
+        assert!((footprint.polygon.unsigned_area() - 100.0).abs() < 0.02, "{footprint:?}");
+        assert_eq!(footprint.polygon.exterior().0.len(), 5, "a square again: {footprint:?}");
+        let told = layer.issues.iter().filter(|issue| issue.code == "footprint_narrow_detail");
+        assert_eq!(told.filter(|issue| format!("{:?}", issue.subject).contains(&footprint.id.0)).count(), 1);
+    }
+    let blocks: Vec<BuildingRecord> = layer.footprints.iter().map(|f| block(&f.id.0, f.polygon.clone(), 9.0)).collect();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("thin.city.json");
+    assert_eq!(faults_of(&blocks, &path), []);
+    assert_valid_to_val3dity(&path);
+}
+
+#[test]
+fn outlines_that_were_never_cleaned_become_valid_solids_too() {
+    // As `sizeup export` meets them in files of others.
+    let square = |detail: &[(f64, f64)]| {
+        let mut corners = vec![(0.0, 0.0)];
+        corners.extend(detail);
+        corners.extend([(10.0, 0.0), (10.0, 10.0), (0.0, 10.0)]);
+        Polygon::new(LineString::from(corners), vec![]).translate(AT.0, AT.1)
+    };
+    let blocks = [
+        block("slit", square(&[(5.0, 0.0), (5.0, 5.0), (5.001, 0.0)]), 9.0),
+        block(
+            "spike",
+            square(&[(4.999, 0.0), (5.0, -3.0), (5.001, 0.0)]).rotate_around_point(17.0, Point::new(AT.0, AT.1)),
+            9.0,
+        ),
+        block("twice", square(&[(9.999, 0.0)]), 9.0),
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("foreign.city.json");
+    assert_eq!(faults_of(&blocks, &path), []);
+    assert_valid_to_val3dity(&path);
+}
+
+/// What is wrong with one place of an outline; sizes in metres.
+#[derive(Debug, Clone, Copy)]
+enum Flaw {
+    /// The corner comes again, this far away.
+    Twice(f64),
+    /// A wedge of this width and depth into the wall; outwards where negative.
+    Wedge(f64, f64),
+    /// The wall's middle is pulled in until it is this far from the wall across.
+    Neck(f64),
+}
+
+fn flaws() -> impl Strategy<Value = Flaw> {
+    let width = || prop::sample::select(vec![0.0002, 0.0007, 0.001, 0.0014, 0.002, 0.003, 0.0049, 0.0051, 0.01]);
+    prop_oneof![
+        width().prop_map(Flaw::Twice),
+        (width(), -6.0..6.0_f64).prop_map(|(width, depth)| Flaw::Wedge(width, depth)),
+        width().prop_map(Flaw::Neck),
+    ]
+}
+
+/// A rectangle with a flaw on each wall, and a courtyard near the first, anywhere and turned anyhow.
+fn hostile_outlines() -> impl Strategy<Value = Polygon<f64>> {
+    let sizes = (8.0..40.0_f64, 8.0..25.0_f64);
+    let court = prop::option::of(0.0..0.02_f64);
+    (sizes, prop::collection::vec(flaws(), 4), court, 0.0..360.0_f64, (0.0..1.0_f64, 0.0..1.0_f64)).prop_map(
+        |((width, depth), flaws, court, turn_deg, (dx, dy))| {
+            let corners: [(f64, f64); 4] = [(0.0, 0.0), (width, 0.0), (width, depth), (0.0, depth)];
+            let mut ring = Vec::new();
+            for (i, flaw) in flaws.into_iter().enumerate() {
+                let (a, b) = (corners[i], corners[(i + 1) % 4]);
+                let length = f64::hypot(b.0 - a.0, b.1 - a.1);
+                let (along, inwards) =
+                    (((b.0 - a.0) / length, (b.1 - a.1) / length), (-(b.1 - a.1) / length, (b.0 - a.0) / length));
+                let at = |t: f64, n: f64| Coord {
+                    x: a.0 + t * along.0 + n * inwards.0,
+                    y: a.1 + t * along.1 + n * inwards.1,
+                };
+                ring.push(at(0.0, 0.0));
+                match flaw {
+                    Flaw::Twice(gap) => ring.push(at(gap, 0.0)),
+                    Flaw::Wedge(mouth, deep) => {
+                        ring.extend([
+                            at(0.4 * length, 0.0),
+                            at(0.4 * length + mouth / 2.0, deep),
+                            at(0.4 * length + mouth, 0.0),
+                        ]);
+                    }
+                    Flaw::Neck(left) => {
+                        let across = if i % 2 == 0 { depth } else { width };
+                        ring.extend([at(0.7 * length, 0.0), at(0.75 * length, across - left), at(0.8 * length, 0.0)]);
+                    }
+                }
+            }
+            let hole = court.map(|gap| {
+                let (low, high) = (0.1 * width, 0.3 * width);
+                LineString::from(vec![(low, gap), (low, 2.0), (high, 2.0), (high, gap)])
+            });
+            Polygon::new(LineString::new(ring), hole.into_iter().collect())
+                .rotate_around_point(turn_deg, Point::new(0.0, 0.0))
+                .translate(AT.0 + dx, AT.1 + dy)
+        },
+    )
+}
+
+#[test]
+fn hostile_outlines_of_all_kinds_become_valid_solids_or_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut runner = proptest::test_runner::TestRunner::deterministic();
+    let (mut blocks, mut n_refused) = (Vec::new(), 0);
+    for i in 0..300 {
+        let outline = hostile_outlines().new_tree(&mut runner).unwrap().current();
+        match clean(&outline, rules()) {
+            Ok(cleaned) => {
+                let east = f64::from(i % 20) * 100.0;
+                for (k, part) in cleaned.parts.into_iter().enumerate() {
+                    blocks.push(block(&format!("{i}#{k}"), part.translate(east, f64::from(i / 20) * 100.0), 9.0));
+                }
+            }
+            Err(_) => n_refused += 1,
+        }
+    }
+    // Necks across each other enclose no area that anybody could mean.
+    assert!(n_refused < 100 && blocks.len() >= 200, "{n_refused} refused, {} blocks", blocks.len());
+    let path = folder.path().join("hostile.city.json");
+    assert_eq!(faults_of(&blocks, &path), []);
+    assert_valid_to_val3dity(&path);
+}
