@@ -15,6 +15,7 @@ mod footprint_accuracy;
 mod footprint_bad_masks;
 mod footprint_layers;
 mod footprint_masks;
+mod hostile_files;
 mod hostile_inputs;
 mod layers;
 mod levels;
