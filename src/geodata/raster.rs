@@ -311,8 +311,9 @@ impl RasterFile {
         let block = bytes(band.block_size(), sample);
         let taken = bytes(size, CELL_AND_MASK).saturating_add(block);
         let content = bytes((window.width, window.height), sample).max(block);
-        let checked = limits::check(taken, None)
-            .and_then(|()| self.stored.map_or(Ok(()), |stored| limits::check_content(content, stored)));
+        // What is not there at all says more than that it is too large.
+        let content = self.stored.map_or(Ok(()), |stored| limits::check_content(content, stored));
+        let checked = content.and_then(|()| limits::check(taken, None));
         checked.map_err(|excess| RasterError::Excess { path: self.path.clone(), excess })
     }
 
