@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-networks networks demo test lint bench accuracy-footprints docs schemas clean
+.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-networks networks demo test lint bench accuracy-footprints docs schemas clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -50,6 +50,9 @@ lint: deps ## Check formatting and lints, warnings are errors
 
 bench: deps ## Run the benchmarks
 	$(CARGO) bench --locked
+
+fuzz: deps ## Feed every reader with damaged files for a minute, led by coverage
+	fuzz/run.sh
 
 accuracy-footprints: deps ## Print the table of outlines from masks in docs/accuracy.md
 	$(CARGO) test --locked --test it table_of_accuracy -- --ignored --nocapture

@@ -17,7 +17,7 @@ const TABLES: [(&str, &str); 5] = [
         "terrain",
         "add [terrain] with dtm = \"dtm.tif\", a terrain model, or constant_m = 12.0, one height of the ground",
     ),
-    ("prior", "add [prior] with source = \"files\", \"network\" or \"stereo\""),
+    ("prior", "add [prior] with source = \"auto\", \"files\", \"network\" or \"stereo\""),
 ];
 
 /// A better message for a mistake in a file, where there is one, and a hint.

@@ -288,7 +288,8 @@ fn parse_with<T: DeserializeOwned>(
     table.try_into().map_err(|e: toml::de::Error| match toml::from_str::<T>(text) {
         Err(placed) if placed.message() == e.message() => parse_error(placed), // the file's own mistake, with its line
         _ if assignments.is_empty() => {
-            ConfigError::Parse { path: path(), message: e.message().to_owned(), hint: advice::FORM.into() }
+            let (_, hint) = advice::of_file(&e, text);
+            ConfigError::Parse { path: path(), message: e.message().to_owned(), hint }
         }
         _ => advice::of_assignments(&e, assignments),
     })

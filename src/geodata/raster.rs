@@ -45,6 +45,7 @@ pub enum RasterError {
         path: PathBuf,
         /// The decoder's own words.
         words: String,
+    },
     /// There is no such file.
     #[error("raster {} does not exist\nhint: is the path right? It counts from the folder of the configuration", path.display())]
     Absent {
@@ -319,8 +320,9 @@ impl RasterFile {
         let block = bytes(band.block_size(), sample);
         let taken = bytes(size, CELL_AND_MASK).saturating_add(block);
         let content = bytes((window.width, window.height), sample).max(block);
-        let checked = limits::check(taken, None)
-            .and_then(|()| self.stored.map_or(Ok(()), |stored| limits::check_content(content, stored)));
+        // What is not there at all says more than that it is too large.
+        let content = self.stored.map_or(Ok(()), |stored| limits::check_content(content, stored));
+        let checked = content.and_then(|()| limits::check(taken, None));
         checked.map_err(|excess| RasterError::Excess { path: self.path.clone(), excess })
     }
 

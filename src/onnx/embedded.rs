@@ -30,8 +30,8 @@ impl Graph {
             reason: e.to_string(),
             hint: format!("is all its external data beside it? If it is sound, {}", super::RUNTIME_HINT),
         })?;
-        let pool = || Arc::new(rten::ThreadPool::with_num_threads(config.threads));
-        Ok(Self { model, threads: (config.threads > 0).then(pool) })
+        let pool = |n_threads| Arc::new(rten::ThreadPool::with_num_threads(n_threads));
+        Ok(Self { model, threads: config.n_threads().map(pool) })
     }
 
     /// Inputs and outputs.

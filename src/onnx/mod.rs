@@ -149,7 +149,7 @@ pub struct EngineConfig {
     /// target/onnxruntime and the system's libraries are looked at, in this order.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub library: Option<PathBuf>,
-    /// Threads of one inference, 0 = as the engine likes: all cores.
+    /// Threads of one inference, 0 = as the engine likes: all cores, which is also the most.
     pub threads: usize,
     /// What ONNX Runtime computes on, tried in this order; what none of them can do is left to the CPU. One that the
     /// library does not have is an error.
@@ -157,6 +157,12 @@ pub struct EngineConfig {
 }
 
 impl EngineConfig {
+    /// Threads to start, where a number is given.
+    fn n_threads(&self) -> Option<usize> {
+        let most = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        (self.threads > 0).then(|| self.threads.min(most))
+    }
+
     /// Visits every path.
     pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         self.library.iter_mut().for_each(visit);

@@ -188,6 +188,8 @@ fn descend(boundary: &Value, value: &Value, depth: usize, visit: &mut impl FnMut
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     /// A 2 × 1 m box, 3 m high, as a Solid without semantics.

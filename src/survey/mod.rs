@@ -31,6 +31,7 @@ mod report;
 mod tables;
 mod trials;
 mod view;
+mod whole;
 mod write;
 mod xml;
 

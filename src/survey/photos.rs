@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::View;
+use super::{View, whole};
 use crate::files::FileError;
 use crate::issue::{Issue, Severity, Subject};
 
@@ -49,7 +49,8 @@ pub(crate) fn is_photo(path: &Path) -> bool {
 }
 
 /// Gives each view its photo: by relative path, else by file name, else by file stem (Metashape labels lack the
-/// extension), where that is unique. Poses without a photo and photos without a pose become issues.
+/// extension), where that is unique. Poses without a photo, photos without a pose and photos whose files are damaged become
+/// issues.
 pub(crate) fn attach(
     views: &mut [View],
     already_refused: &BTreeSet<String>,
@@ -69,7 +70,7 @@ pub(crate) fn attach(
     };
     let mut issues = Vec::new();
     let mut is_used = vec![false; files.len()];
-    for view in views {
+    for view in &mut *views {
         if let Some(i) = find(&view.id.0) {
             is_used[i] = true;
             view.image = Some(files[i].clone());
@@ -86,6 +87,7 @@ pub(crate) fn attach(
             issues.push(Issue::new(Severity::Warning, code, subject, message).hint(hint));
         }
     }
+    issues.extend(whole::check(views));
     for name in already_refused {
         if let Some(i) = find(name) {
             is_used[i] = true;

@@ -16,6 +16,7 @@ mod footprint_bad_masks;
 mod footprint_layers;
 mod footprint_masks;
 mod honest;
+mod hostile_files;
 mod hostile_inputs;
 mod hostile_outlines;
 mod layers;

@@ -1,0 +1,37 @@
+#!/usr/bin/env bash
+# Coverage-guided fuzzing of every reader.
+#   fuzz/run.sh                  60 seconds for each reader, for continuous integration
+#   fuzz/run.sh 3600             an hour for each
+#   fuzz/run.sh 600 las exr      ten minutes for some
+# A find (panic, overflow, 10 s, 1 GB) ends that reader and lies in fuzz/finds/READER; it is read again by
+#   READER=las fuzz/target/debug/readers fuzz/finds/las/crash-…
+# What was learnt stays in fuzz/corpus, which a longer run goes on from.
+set -eu
+cd "$(dirname "$0")/.."
+seconds=${1:-60}
+[ $# -gt 0 ] && shift
+readers=("$@")
+if [ ${#readers[@]} -eq 0 ]; then
+    mapfile -t readers < <(sed -n '/^const READERS/,/^];/s/^    ("\([a-z0-9_]*\)", .*/\1/p' fuzz/src/readers.rs)
+fi
+RUSTC_WRAPPER="$PWD/fuzz/instrument.sh" ${CARGO:-cargo} build --quiet --manifest-path fuzz/Cargo.toml
+fuzz/target/debug/seeds fuzz/corpus
+failed=0
+for reader in "${readers[@]}"; do
+    mkdir -p "fuzz/corpus/$reader" "fuzz/finds/$reader"
+    dictionary=text
+    case $reader in colmap_binary|blocks_exchange_zip|photo|photo_tiff|npy|npz|pfm|exr|las) dictionary=binary ;; esac
+    log="fuzz/finds/$reader.log"
+    status=0
+    READER=$reader fuzz/target/debug/readers "fuzz/corpus/$reader" -max_total_time="$seconds" -timeout=10 \
+        -rss_limit_mb=1024 -dict="fuzz/dictionaries/$dictionary.dict" -artifact_prefix="fuzz/finds/$reader/" \
+        -print_final_stats=1 -max_len=16384 > "$log" 2>&1 || status=$?
+    count=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
+    speed=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")
+    memory=$(sed -n 's/^stat::peak_rss_mb: *//p' "$log")
+    printf '%-20s %10s inputs %7s per second %5s MB %s\n' "$reader" "${count:-?}" "${speed:-?}" "${memory:-?}" \
+        "$([ $status -eq 0 ] && echo sound || echo "FIND, see $log")"
+    [ $status -eq 0 ] || failed=1
+    rm -rf /dev/shm/sizeup-fuzz-*
+done
+exit $failed

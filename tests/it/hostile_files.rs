@@ -1,0 +1,418 @@
+//! Files that ask for more than they hold, lead elsewhere or are damaged: refused with a word, and cheaply.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use gdal::DriverManager;
+use gdal::raster::RasterCreationOptions;
+use glam::{DMat3, DVec3};
+use serde_json::json;
+use sizeup::camera::Camera;
+use sizeup::cloud;
+use sizeup::crs::Crs;
+use sizeup::frames::Rigid;
+use sizeup::geodata::raster::RasterFile;
+use sizeup::geodata::vector::VectorLayer;
+use sizeup::onnx::Network;
+use sizeup::prior::{FilePriorConfig, FilePriors, PriorKind, PriorSource as _};
+use sizeup::survey::View;
+use sizeup::terrain::{self, MapBox, TerrainConfig};
+
+use crate::shared_data::shared_data;
+use crate::tiny_scene::{Outcome, Scene, sizeup};
+
+/// No single file may keep anybody waiting for longer: what is refused is refused by its header.
+const SOON: Duration = Duration::from_secs(5);
+
+fn at_once<T>(what: &str, work: impl FnOnce() -> T) -> T {
+    let start = Instant::now();
+    let done = work();
+    assert!(start.elapsed() < SOON, "{what} took {:?}", start.elapsed());
+    done
+}
+
+fn view(name: &str, width_px: u32, height_px: u32) -> View {
+    View {
+        id: name.into(),
+        camera: Arc::new(Camera::pinhole(width_px, height_px, 1000.0)),
+        camera_from_map: Rigid::new(DMat3::IDENTITY, DVec3::ZERO),
+        image: None,
+    }
+}
+
+#[test]
+fn a_header_of_las_that_claims_points_that_are_not_there_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("min.las");
+    let mut bytes = vec![0_u8; 227];
+    bytes[..4].copy_from_slice(b"LASF");
+    (bytes[24], bytes[25]) = (1, 2);
+    bytes[94..96].copy_from_slice(&227_u16.to_le_bytes());
+    bytes[96..100].copy_from_slice(&227_u32.to_le_bytes());
+    bytes[105..107].copy_from_slice(&20_u16.to_le_bytes());
+    bytes[107..111].copy_from_slice(&u32::MAX.to_le_bytes());
+    for scale in [131, 139, 147] {
+        bytes[scale..scale + 8].copy_from_slice(&0.01_f64.to_le_bytes());
+    }
+    fs::write(&path, bytes).unwrap();
+    let refused = at_once("the header", || cloud::read(&path)).unwrap_err().to_string();
+    assert!(refused.contains("min.las") && refused.contains("hint: "), "{refused}");
+}
+
+#[test]
+fn files_that_made_the_program_abort_are_refused() {
+    let Some(folder) = shared_data("hostile") else { return };
+    for name in ["min.las", "abort.laz"] {
+        let refused = at_once(name, || cloud::read(&folder.join(name))).unwrap_err().to_string();
+        assert!(refused.contains(name), "{refused}");
+    }
+    let refused = at_once("abort.onnx", || Network::open(&folder.join("abort.onnx"))).unwrap_err().to_string();
+    assert!(refused.contains("no sound ONNX file"), "{refused}");
+    let path = folder.join("sparse_36000x27000.tif").to_str().unwrap().to_owned();
+    for photo in [view("a.jpg", 400, 300), view("a.jpg", 36_000, 27_000)] {
+        let priors = FilePriors::new(FilePriorConfig::new(path.as_str(), PriorKind::Depth), [&photo.id]).unwrap();
+        let refused = at_once("the sparse prior", || priors.load(&photo)).unwrap_err().to_string();
+        assert!(refused.contains("sparse_36000x27000.tif"), "{refused}");
+    }
+}
+
+/// A GeoTIFF without a single stored cell.
+fn write_sparse(path: &Path, (width, height): (usize, usize), cell_m: f64, options: &[&str]) {
+    let options = RasterCreationOptions::from_iter(["SPARSE_OK=TRUE", "BIGTIFF=YES"].iter().chain(options).copied());
+    let driver = DriverManager::get_driver_by_name("GTiff").unwrap();
+    let mut dataset = driver.create_with_band_type_with_options::<f32, _>(path, width, height, 1, &options).unwrap();
+    dataset.set_geo_transform(&[500_000.0, cell_m, 0.0, 5_700_000.0, 0.0, -cell_m]).unwrap();
+    let crs = gdal::spatial_ref::SpatialRef::from_epsg(25832).unwrap();
+    dataset.set_spatial_ref(&crs).unwrap();
+    dataset.close().unwrap();
+}
+
+#[test]
+fn a_prior_larger_than_its_photo_is_refused_before_it_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.tif");
+    write_sparse(&path, (36_000, 27_000), 1.0, &["BLOCKYSIZE=27000"]);
+    let load = |photo: &View| {
+        let template = folder.path().join("{stem}.tif").to_str().unwrap().to_owned();
+        let priors = FilePriors::new(FilePriorConfig::new(template, PriorKind::Depth), [&photo.id]).unwrap();
+        at_once("the prior", || priors.load(photo)).unwrap_err().to_string()
+    };
+    let refused = load(&view("a.jpg", 400, 300));
+    assert!(refused.contains("a.tif") && refused.contains("four times the photo's pixels"), "{refused}");
+    // A camera that claims as much: the file is too short to hold it.
+    let refused = load(&view("a.jpg", 36_000, 27_000));
+    assert!(refused.contains("nearly all of it is empty") && refused.contains("hint: "), "{refused}");
+}
+
+#[test]
+fn a_terrain_model_of_nothing_is_refused_before_it_is_gone_through() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dtm.tif");
+    write_sparse(&path, (200_000, 200_000), 0.05, &["TILED=YES", "BLOCKXSIZE=4096", "BLOCKYSIZE=4096"]);
+    let crs = Crs::parse("EPSG:25832").unwrap();
+    let area = MapBox { west_m: 500_100.0, south_m: 5_690_100.0, east_m: 509_900.0, north_m: 5_699_900.0 };
+    let refused = at_once("the terrain", || terrain::load(&TerrainConfig::dtm(&path), &crs, area)).unwrap_err();
+    assert!(refused.to_string().contains("dtm.tif") && refused.to_string().contains("hint: "), "{refused}");
+}
+
+/// A server that answers nothing, and whether anybody asked it.
+struct Listener(TcpListener);
+
+impl Listener {
+    fn new() -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        listener.set_nonblocking(true).unwrap();
+        Self(listener)
+    }
+
+    fn url(&self) -> String {
+        format!("http://127.0.0.1:{}/a", self.0.local_addr().unwrap().port())
+    }
+
+    fn assert_unasked(&self, what: &str) {
+        let asked = self.0.accept();
+        assert!(matches!(&asked, Err(e) if e.kind() == ErrorKind::WouldBlock), "{what} asked the server: {asked:?}");
+    }
+}
+
+fn map_server(url: &str) -> String {
+    format!(
+        "<GDAL_WMS><Service name=\"TMS\"><ServerUrl>{url}/${{z}}/${{x}}/${{y}}.png</ServerUrl></Service><DataWindow>\
+         <UpperLeftX>500000</UpperLeftX><UpperLeftY>5700000</UpperLeftY><LowerRightX>500100</LowerRightX>\
+         <LowerRightY>5699900</LowerRightY><SizeX>100</SizeX><SizeY>100</SizeY><TileLevel>1</TileLevel></DataWindow>\
+         <Projection>EPSG:25832</Projection><BandsCount>1</BandsCount></GDAL_WMS>"
+    )
+}
+
+fn virtual_raster(source: &str) -> String {
+    let source = source.replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;");
+    format!(
+        "<VRTDataset rasterXSize=\"9\" rasterYSize=\"9\"><GeoTransform>500000,1,0,5700000,0,-1</GeoTransform>\
+         <VRTRasterBand dataType=\"Float32\" band=\"1\"><SimpleSource><SourceFilename relativeToVRT=\"0\">{source}\
+         </SourceFilename><SourceBand>1</SourceBand><SrcRect xOff=\"0\" yOff=\"0\" xSize=\"9\" ySize=\"9\"/>\
+         <DstRect xOff=\"0\" yOff=\"0\" xSize=\"9\" ySize=\"9\"/></SimpleSource></VRTRasterBand></VRTDataset>"
+    )
+}
+
+#[test]
+fn no_file_reaches_for_the_network() {
+    let (folder, listener) = (tempfile::tempdir().unwrap(), Listener::new());
+    let url = listener.url();
+    let layers = |source: &str| {
+        format!(
+            "<OGRVRTDataSource><OGRVRTLayer name=\"a\"><SrcDataSource>{source}</SrcDataSource></OGRVRTLayer></OGRVRTDataSource>"
+        )
+    };
+    let written = |name: &str, text: String| -> PathBuf {
+        let path = folder.path().join(name);
+        fs::write(&path, text).unwrap();
+        path
+    };
+    let on_server = |system: &str, end: &str| format!("/vsi{system}/{url}{end}");
+    let rasters = [
+        written("dtm.tif", map_server(&url)),
+        written("prior.png", map_server(&url)),
+        written("vrt.tif", virtual_raster(&on_server("curl", ".tif"))),
+        written("wms.xml", map_server(&url)),
+        written("curl.vrt", virtual_raster(&on_server("curl", ".tif"))),
+        written("stream.vrt", virtual_raster(&on_server("curl_streaming", ".tif"))),
+        written("service.vrt", virtual_raster(&map_server(&url))),
+        written("url.vrt", virtual_raster(&url)),
+        PathBuf::from(on_server("curl", ".tif")),
+        PathBuf::from(on_server("curl_streaming", ".tif")),
+        PathBuf::from(format!("/vsizip//vsicurl/{url}.zip/a.tif")),
+        PathBuf::from(&url),
+    ];
+    for path in rasters {
+        let read = RasterFile::open(&path).and_then(|file| file.read(1));
+        assert!(read.is_err(), "{}", path.display());
+        listener.assert_unasked(&path.display().to_string());
+    }
+    let vectors = [
+        written("a.gpkg", layers(&format!("{url}.geojson"))),
+        written("a.geojson", layers(&on_server("curl", ".geojson"))),
+        written("layers.vrt", layers(&format!("{url}.geojson"))),
+        PathBuf::from(on_server("curl", ".gpkg")),
+        PathBuf::from(format!("{url}.geojson")),
+        PathBuf::from(format!("WFS:{url}")),
+    ];
+    for path in vectors {
+        assert!(VectorLayer::open(&path, None).is_err(), "{}", path.display());
+        listener.assert_unasked(&path.display().to_string());
+    }
+    let refused = RasterFile::open(Path::new(&on_server("curl", ".tif"))).unwrap_err().to_string();
+    assert!(refused.contains("--allow-remote"), "{refused}");
+}
+
+#[test]
+fn remote_input_is_asked_for_where_it_is_allowed() {
+    let (folder, listener) = (tempfile::tempdir().unwrap(), Listener::new());
+    let dtm = format!("/vsicurl/{}.tif", listener.url());
+    let scene = Scene::new();
+    scene.edit("sizeup.toml", |text| text.replace("dtm.tif", &dtm));
+    let outcome = scene.run(&[]);
+    assert_eq!(outcome.code, 3, "{}", outcome.stderr);
+    assert!(outcome.stderr.contains("--allow-remote"), "{}", outcome.stderr);
+    listener.assert_unasked("a run");
+    // Somebody has to answer, or GDAL waits.
+    let asked = std::thread::scope(|scope| {
+        let asked = scope.spawn(|| {
+            let start = Instant::now();
+            while start.elapsed() < Duration::from_secs(60) {
+                if let Ok((stream, _)) = listener.0.accept() {
+                    drop(stream);
+                    return true;
+                }
+                std::thread::sleep(Duration::from_millis(10));
+            }
+            false
+        });
+        let outcome = scene.run(&["--allow-remote"]);
+        assert_eq!(outcome.code, 3, "{}", outcome.stderr);
+        asked.join().unwrap()
+    });
+    assert!(asked, "nobody asked");
+    drop(folder);
+}
+
+#[test]
+fn what_one_file_may_take_is_set_by_flag_and_configuration() {
+    let scene = Scene::new();
+    // 400 m of terrain around the town: over a million cells.
+    for more in [&["--input-memory", "1"][..], &["--set", "limits.input_mb=1"]] {
+        let outcome = scene.run(more);
+        assert_eq!(outcome.code, 3, "{}", outcome.stderr);
+        for word in ["dtm.tif", "one input may take 1 MB", "--input-memory", "limits.input_mb"] {
+            assert!(outcome.stderr.contains(word), "{word:?} is missing in: {}", outcome.stderr);
+        }
+    }
+    // The command line goes before the configuration.
+    let outcome = scene.run(&["--until", "footprints", "--set", "limits.input_mb=1", "--input-memory", "4096"]);
+    assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
+}
+
+#[test]
+fn no_more_threads_are_started_than_the_machine_has() {
+    let outcome: Outcome = sizeup().args(["--threads", "100000", "schema", "run"]).output().unwrap().into();
+    assert_eq!(outcome.code, 0);
+    assert!(outcome.stderr.contains("--threads 100000"), "{}", outcome.stderr);
+    let outcome: Outcome = sizeup().args(["--threads", "1", "schema", "run"]).output().unwrap().into();
+    assert_eq!((outcome.code, outcome.stderr.as_str()), (0, ""));
+}
+
+#[test]
+fn a_vertex_that_lies_nowhere_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let city = |far: serde_json::Value| {
+        json!({"type": "CityJSON", "version": "2.0", "transform": {"scale": [1.0, 1.0, 1.0], "translate": [0, 0, 0]},
+            "CityObjects": {"a": {"type": "Building", "geometry": [{"type": "MultiSurface", "lod": "1.2",
+                "boundaries": [[[0, 1, 2]]]}]}},
+            "vertices": [[0, 0, 0], [1, 0, 0], [0, far, 0]]})
+    };
+    let path = folder.path().join("a.city.json");
+    for far in ["1e308", "-1e308", "1e300"] {
+        fs::write(&path, city(serde_json::from_str(far).unwrap()).to_string()).unwrap();
+        let outcome: Outcome = sizeup().args(["validate", "--no-schema"]).arg(&path).output().unwrap().into();
+        assert_eq!(outcome.code, 3, "{}", outcome.stderr);
+        assert!(outcome.stderr.contains("vertex 2") && !outcome.stderr.contains("panicked"), "{}", outcome.stderr);
+    }
+    // A tolerance so small that cells end where whole numbers do.
+    fs::write(&path, city(json!(1000)).to_string()).unwrap();
+    let outcome: Outcome =
+        sizeup().args(["validate", "--no-schema", "--snap-tolerance", "1e-300"]).arg(&path).output().unwrap().into();
+    assert!(!outcome.stderr.contains("panicked"), "{}", outcome.stderr);
+}
+
+#[test]
+fn names_that_lead_out_of_their_folder_are_refused() {
+    let scene = Scene::new();
+    let planned = scene.sizeup(&["tiles", "plan", "sizeup.toml", "--output", "city"]);
+    assert_eq!(planned.code, 0, "{}", planned.stderr);
+    let manifest = scene.json("city/tiles.json");
+    let id = manifest["tiles"][0]["id"].as_str().unwrap().to_owned();
+    for escape in ["../../escaped", "/tmp/escaped", "a/../../../escaped", ".."] {
+        let mut escaping = manifest.clone();
+        escaping["tiles"][0]["id"] = json!(escape);
+        fs::write(scene.path("city/tiles.json"), escaping.to_string()).unwrap();
+        let before = scene.files("").len();
+        for command in
+            [&["tiles", "run", "city", "--tile", "0"][..], &["tiles", "merge", "city"], &["tiles", "status", "city"]]
+        {
+            let outcome = scene.sizeup(command);
+            assert_eq!(outcome.code, 3, "{command:?}: {}", outcome.stderr);
+            assert!(outcome.stderr.contains(escape) && outcome.stderr.contains("hint: "), "{}", outcome.stderr);
+        }
+        assert_eq!(scene.files("").len(), before, "nothing was written");
+    }
+    fs::write(scene.path("city/tiles.json"), manifest.to_string()).unwrap();
+    let outcome = scene.sizeup(&["tiles", "status", "city"]);
+    assert!(outcome.code == 0 && outcome.stdout.contains(&id), "{}", outcome.stderr);
+}
+
+#[test]
+fn a_photo_whose_name_leads_elsewhere_is_an_issue_and_its_prior_is_not_read() {
+    let scene = Scene::new();
+    let stem = scene.stems().remove(0);
+    fs::create_dir(scene.path("secret")).unwrap();
+    fs::rename(scene.path(&format!("priors/{stem}.npy")), scene.path(&format!("secret/{stem}.npy"))).unwrap();
+    scene.edit("sparse/images.txt", |text| text.replace(&format!("{stem}.jpg"), &format!("../secret/{stem}.jpg")));
+    let outcome = scene.run(&[]);
+    assert_eq!(outcome.code, 5, "{}", outcome.stderr);
+    let issue = &scene.issues("photo_name_unusable")[0];
+    assert!(issue["subject"]["id"].as_str().unwrap().contains("../secret") && issue["hint"].is_string(), "{issue}");
+}
+
+#[test]
+fn photos_that_are_cut_short_or_there_twice_are_named() {
+    let scene = Scene::new();
+    fs::create_dir(scene.path("images")).unwrap();
+    let stems = scene.stems();
+    for (i, stem) in stems.iter().enumerate() {
+        let photo = image::RgbImage::from_fn(160, 120, |x, y| image::Rgb([(x * y) as u8, x as u8 ^ i as u8, y as u8]));
+        photo.save(scene.path(&format!("images/{stem}.jpg"))).unwrap();
+    }
+    let photo = |i: usize| scene.path(&format!("images/{}.jpg", stems[i]));
+    for (i, share) in [(0, 0.95), (1, 0.75), (2, 0.5)] {
+        let whole = fs::read(photo(i)).unwrap();
+        fs::write(photo(i), &whole[..(share * whole.len() as f64) as usize]).unwrap();
+    }
+    fs::copy(photo(3), photo(4)).unwrap();
+    scene.edit("sizeup.toml", |text| text.replace("path = \"sparse\"", "path = \"sparse\"\nimages = \"images\""));
+    let outcome = scene.run(&[]);
+    assert_eq!(outcome.code, 5, "{}", outcome.stderr);
+    let mut cut: Vec<String> =
+        scene.issues("photo_cut_short").iter().map(|i| i["subject"]["id"].as_str().unwrap().to_owned()).collect();
+    cut.sort();
+    let expected: Vec<String> = stems[..3].iter().map(|stem| format!("{stem}.jpg")).collect();
+    assert_eq!(cut, expected);
+    let double = scene.issues("duplicate_photo");
+    assert_eq!(double.len(), 1, "{double:?}");
+    assert!(double[0]["message"].as_str().unwrap().contains(&*stems[3]), "{}", double[0]);
+}
+
+#[test]
+fn pixels_that_the_decoder_makes_up_are_not_passed_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.jpg");
+    let mut state = 1_u32;
+    let mut noise = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 24) as u8
+    };
+    let photo = image::RgbImage::from_fn(256, 192, |_, _| image::Rgb([noise(), noise(), noise()]));
+    photo.save(&path).unwrap();
+    let whole = fs::read(&path).unwrap();
+    let read = || RasterFile::open(&path).and_then(|file| file.read(1));
+    assert!(read().is_ok());
+    fs::write(&path, &whole[..whole.len() * 3 / 4]).unwrap();
+    let refused = read().unwrap_err().to_string();
+    assert!(refused.contains("damaged") && refused.contains("hint: "), "{refused}");
+    // Also at reduced size, from the file's own coarser scales.
+    use sizeup::geodata::raster::{Resampling, Window};
+    let window = Window { col: 0, row: 0, width: 256, height: 192 };
+    let reduced = RasterFile::open(&path).unwrap().read_window(1, window, (32, 24), Resampling::Average);
+    assert!(reduced.unwrap_err().to_string().contains("damaged"));
+}
+
+/// Runs a command whose reader is gone before it says a word.
+fn into_closed_pipe(scene: &Scene, args: &[&str]) {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sizeup"));
+    let child =
+        command.current_dir(scene.path("")).args(args).stdin(Stdio::null()).stdout(writer).stderr(Stdio::piped());
+    let output = child.spawn().unwrap().wait_with_output().unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(!stderr.contains("panicked"), "{args:?}: {stderr}");
+    assert!(
+        output.status.code().is_some_and(|code| [0, 3, 5].contains(&code)),
+        "{args:?}: {:?} {stderr}",
+        output.status
+    );
+}
+
+#[test]
+fn a_reader_that_has_gone_is_no_failure() {
+    let scene = Scene::new();
+    assert!([0, 5].contains(&scene.run(&[]).code));
+    let city = "result/city.city.json";
+    let commands: [&[&str]; 9] = [
+        &["validate", city, "--all"],
+        &["validate", city, "--json"],
+        &["survey", "inspect", "--config", "sizeup.toml"],
+        &["survey", "inspect", "--config", "sizeup.toml", "--json"],
+        &["survey", "convert", "sparse", "--crs", "EPSG:25832", "--output", "poses.csv"],
+        &["evaluate", city, "truth.geojson"],
+        &["schema", "run"],
+        &["--help"],
+        &["run", "--help"],
+    ];
+    for command in commands {
+        into_closed_pipe(&scene, command);
+    }
+}
