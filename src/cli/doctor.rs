@@ -151,21 +151,21 @@ fn of_config(config: &RunConfig) -> Vec<Finding> {
         findings.extend(config.footprints.file().map(|path| file("footprints.model", &path)));
     }
     findings.extend(config.terrain.dtm.iter().map(|path| file("terrain.dtm", path)));
-    match &config.prior {
+    match config.prior.chosen().as_ref() {
         PriorConfig::Files(files) => {
             // What stands before the first placeholder is a folder, whatever the photos are called.
             let plain = files.path.split('{').next().unwrap_or_default();
             let folder = if plain.len() == files.path.len() { Path::new(plain) } else { folder_of(plain) };
             findings.push(file("prior.path", folder));
         }
-        PriorConfig::Network(network) => findings.push(file("prior.model", &network.model)),
+        PriorConfig::Network(network) => findings.push(file("prior.model", &network.graph())),
         PriorConfig::Stereo(_) if config.survey.images.is_none() => findings.push(Finding::lacking(
             "photos for stereo",
             true,
             "`survey.images` is not set",
             "set survey.images to the folder of the photos",
         )),
-        PriorConfig::Stereo(_) => {}
+        PriorConfig::Stereo(_) | PriorConfig::Auto(_) => {} // `auto` has chosen one of the others
     }
     findings
 }

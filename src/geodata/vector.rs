@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use gdal::Metadata as _;
 use gdal::errors::GdalError;
 use gdal::vector::{FieldValue, Geometry, LayerAccess, OGRFieldType, OGRwkbGeometryType as Kind, OwnedLayer};
 use geo_types::{Coord, LineString, MultiPolygon, Point, Polygon};

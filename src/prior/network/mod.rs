@@ -89,7 +89,8 @@ impl NetworkConfig {
     }
 
     /// The graph's file.
-    pub(super) fn graph(&self) -> PathBuf {
+    #[must_use]
+    pub fn graph(&self) -> PathBuf {
         known::in_place(&self.model).unwrap_or_else(|| self.model.clone())
     }
 
