@@ -86,6 +86,8 @@ impl Transform3d {
     pub fn accuracy_at(&self, lon_deg: f64, lat_deg: f64) -> Accuracy {
         // GDAL, which moves points with their heights, does not tell; PROJ chooses the same operation.
         let ask = || -> Option<Accuracy> {
+            // The `proj` crate panics where PROJ finds no operation: GDAL has to find one first.
+            self.point(glam::DVec3::new(lon_deg, lat_deg, 0.0)).ok()?;
             let [from, to] = [self.from(), self.to()].map(Crs::definition);
             let to = proj::Proj::new(to).ok()?;
             let operation = proj::Proj::new(from)

@@ -217,7 +217,8 @@ fn accuracy(way: &Way, at: DVec3, config: &SurveyConfig, issues: &mut Vec<Issue>
                 config.max_transform_error_m
             );
             let hint = format!(
-                "install the grid file (`projsync --file NAME`, or a folder named by PROJ_DATA), or accept the shift by \
+                "install the grid file where one is named (`projsync --file NAME`, or a folder named by PROJ_DATA); where a \
+                 base station gave positions in the datum of {to}, declare that by `survey.crs`; or accept the shift by \
                  `survey.max_transform_error_m = {metres}`"
             );
             return Err(SurveyError::config(message, hint));
