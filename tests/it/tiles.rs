@@ -14,7 +14,8 @@ pub const SIZE: &str = "30";
 
 /// Plans the scene's city into the folder `city`.
 pub fn plan(scene: &Scene) -> Vec<String> {
-    let outcome = scene.sizeup(&["tiles", "plan", "sizeup.toml", "--output", "city", "--size", SIZE, "--heights", "ellipsoidal"]);
+    let outcome =
+        scene.sizeup(&["tiles", "plan", "sizeup.toml", "--output", "city", "--size", SIZE, "--heights", "ellipsoidal"]);
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
     ids(scene)
 }

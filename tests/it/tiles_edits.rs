@@ -202,9 +202,8 @@ fn edits_at_random_run_the_tiles_that_they_touch_and_come_to_what_a_run_from_not
         assert_eq!(ran, told, "what was run is what a dry run had told");
         let plan = scene.json("city/tiles.json");
         assert_eq!(plan["origin_m"], plan_before["origin_m"]);
-        let saw = |id: &str| {
-            saw_before.get(id).is_none_or(|views| touched.photos.iter().any(|photo| views.contains(photo)))
-        };
+        let saw =
+            |id: &str| saw_before.get(id).is_none_or(|views| touched.photos.iter().any(|photo| views.contains(photo)));
         let can_notice: BTreeSet<String> = plan["tiles"]
             .as_array()
             .unwrap()

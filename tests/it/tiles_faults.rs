@@ -77,8 +77,7 @@ fn two_runners_of_one_tile_take_turns() {
             assert!([0, 5].contains(&runner.wait().unwrap().code().unwrap()));
         }
     }
-    let mergers: Vec<Child> =
-        (0..2).map(|_| start(&scene, &["tiles", "merge", "city"])).collect();
+    let mergers: Vec<Child> = (0..2).map(|_| start(&scene, &["tiles", "merge", "city"])).collect();
     for mut merger in mergers {
         assert!([0, 5].contains(&merger.wait().unwrap().code().unwrap()));
     }
