@@ -177,7 +177,8 @@ fn artefacts_of_other_settings_are_refused() {
     assert_eq!(scene.run(&["--until", "footprints"]).code, 0);
     let other = scene.run(&["--from", "heights", "--set", "footprints.min_area_m2=5"]);
     assert_eq!(other.code, 3, "{}", other.stderr);
-    for word in ["footprints.json", "other settings", "hint: ", "--from footprints"] {
+    let why = "stale: footprints.min_area_m2 is 5.0, was 1.0";
+    for word in ["footprints.json", why, "hint: ", "--from footprints"] {
         assert!(other.stderr.contains(word), "{word:?} is missing in: {}", other.stderr);
     }
     let absent = scene.run(&["--from", "output"]);
@@ -187,6 +188,19 @@ fn artefacts_of_other_settings_are_refused() {
     let backwards = scene.run(&["--from", "output", "--until", "survey"]);
     assert_eq!(backwards.code, 2, "{}", backwards.stderr);
     scene.assert_no_litter();
+}
+
+#[test]
+fn artefacts_of_outlines_that_have_changed_are_refused() {
+    let scene = Scene::new();
+    scene.change_footprints(|_| {});
+    assert_eq!(scene.run(&["--until", "footprints"]).code, 0);
+    let mut layer = scene.json("footprints.geojson");
+    layer["features"].as_array_mut().unwrap().remove(0);
+    std::fs::write(scene.path("footprints.geojson"), layer.to_string()).unwrap();
+    let other = scene.run(&["--from", "heights"]);
+    assert_eq!(other.code, 3, "{}", other.stderr);
+    assert!(other.stderr.contains("footprints.geojson has changed"), "{}", other.stderr);
 }
 
 #[test]

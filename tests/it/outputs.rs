@@ -97,6 +97,7 @@ pub fn town() -> Town {
         Survey { views: vec![view("a.jpg", look_down, 20.0), view("b.jpg", tilted, 50.0)], issues: Vec::new() };
     let lineage = Lineage {
         version: "0.1.0".to_owned(),
+        commit: None,
         command: "sizeup run town.toml".to_owned(),
         config_sha256: "00".repeat(32),
         inputs: vec![InputFile {
