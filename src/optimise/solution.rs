@@ -22,7 +22,7 @@ pub enum Reason {
     ConflictingViews,
     /// Even the best height explains the priors badly.
     PoorScore,
-    /// Another height explains the priors as well.
+    /// Over the whole range of heights another one explains the priors better.
     OtherHeight,
     /// It stands far above all that is around, and the photos have not settled it.
     AboveAllAround,
