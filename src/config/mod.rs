@@ -394,7 +394,8 @@ mod tests {
         assert_eq!((old.heights.min_m, old.heights.max_m), (3.0, Some(80.0)), "nothing was found above the least");
         assert_eq!(codes(&old), ["key_renamed"; 3]);
         let new = load(&old.to_toml(), &[]).unwrap();
-        assert_eq!((new.heights, codes(&new)), (old.heights, Vec::new()), "what is saved has the new keys");
+        assert_eq!(new.heights, old.heights);
+        assert_eq!(codes(&new), Vec::<String>::new(), "what is saved has the new keys");
         let set = load(&stereo("", ""), &["heights.max_m=50", "optimise.max_height_m=40"]).unwrap();
         assert_eq!((set.heights.max_m, codes(&set).len()), (Some(40.0), 1), "the last assignment counts");
         let both = load(&format!("{}\n[heights]\nmax_m = 70.0", stereo("", "max_height_m = 20.0")), &[]).unwrap();

@@ -35,11 +35,36 @@ impl Curve {
         self.0.len() > 1 && height_m > self.0[self.0.len() - 2].0
     }
 
-    /// By how much the score is better than at every other answer, and the height of the best of these, metres.
-    pub fn lead(&self, height_m: f32) -> Option<(f64, f32)> {
+    /// By how much the score is better than at every other answer.
+    pub fn lead(&self, height_m: f32) -> Option<f64> {
         let is_other = |h: f32| (h - height_m).abs() > SAME_M + SAME_SHARE * height_m;
         let others = self.0.iter().filter(|(h, _)| is_other(*h));
-        let (other_m, other) = others.copied().reduce(|best, next| if next.1 > best.1 { next } else { best })?;
-        Some((self.at(height_m)? - other, other_m))
+        let other = others.map(|(_, score)| *score).reduce(f64::max)?;
+        Some(self.at(height_m)? - other)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// From 2 to 150 m, steps of a tenth.
+    fn curve(score: impl Fn(f32) -> f64) -> Curve {
+        let heights = (0..46).map(|i| 2.0 * 75.0_f32.powf(i as f32 / 45.0));
+        Curve(heights.map(|h| (h, score(h))).collect())
+    }
+
+    #[test]
+    fn a_peak_falls_to_the_top_and_leads_over_all_others() {
+        let bump = |h: f32, at_m: f32| f64::from(1.0 / (1.0 + ((h - at_m) / (0.2 * at_m)).powi(2)));
+        let peak = curve(|h| bump(h, 12.0));
+        assert!(peak.fall_to_top(12.1).unwrap() > 0.8 && peak.lead(12.1).unwrap() > 0.3 && !peak.is_at_top(12.1));
+        let rising = curve(|h| 0.25 + 0.08 * f64::from(h) / 150.0);
+        assert!(rising.fall_to_top(145.4).unwrap() < 0.02 && rising.is_at_top(145.4), "as high as it was let");
+        assert!(rising.fall_to_top(80.0).unwrap() < 0.0, "without a peak");
+        let two = curve(|h| bump(h, 6.0).max(0.9 * bump(h, 40.0)));
+        assert!(two.lead(6.0).unwrap() > 0.0 && two.lead(40.0).unwrap() < 0.0);
+        let single = Curve::default();
+        assert_eq!((single.fall_to_top(5.0), single.lead(5.0), single.is_at_top(5.0)), (None, None, false));
     }
 }

@@ -22,7 +22,7 @@ pub enum Reason {
     ConflictingViews,
     /// Even the best height explains the priors badly.
     PoorScore,
-    /// Another height explains the priors as well.
+    /// Over the whole range of heights another one explains the priors better.
     OtherHeight,
     /// It stands far above all that is around, and the photos have not settled it.
     AboveAllAround,
@@ -155,5 +155,57 @@ impl Solution {
     pub fn spill_of(&self, view: usize) -> f64 {
         let at = self.used_views.binary_search(&view).ok();
         at.and_then(|at| self.spills_px.get(at).copied()).unwrap_or(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::scene::RoofForm;
+
+    const REFERENCES: [HeightReference; 3] = [HeightReference::Eave, HeightReference::Mean, HeightReference::Ridge];
+
+    /// A roof with its eave, mean and ridge in that order.
+    fn roof(mut levels_m: [f64; 3]) -> Roof {
+        levels_m.sort_by(f64::total_cmp);
+        let [eave_m, mean_m, ridge_m] = levels_m;
+        Roof { form: RoofForm::Gable, eave_m, ridge_m, mean_m, terrace: None }
+    }
+
+    fn solved(roof: Roof, reference: HeightReference) -> SolvedHeight {
+        let (height_m, roof) = (Some(roof.height_m(reference)), Some(roof));
+        SolvedHeight { height_m, roof, ..SolvedHeight::unknown(Vec::new(), Some(0.9), Reason::FlatScore) }
+    }
+
+    proptest! {
+        #[test]
+        fn no_height_is_stated_outside_the_range_however_it_was_found(
+            found in [0.1..200.0_f64, 0.1..200.0, 0.1..200.0],
+            settled in [0.1..200.0_f64, 0.1..200.0, 0.1..200.0],
+            min_m in 1.0..10.0_f32, span_m in 1.0..100.0_f32, reference in 0..3_usize
+        ) {
+            let (bounds, reference) = (HeightBounds { min_m, max_m: min_m + span_m }, REFERENCES[reference]);
+            let mut solved = solved(roof(found), reference);
+            let was_within = roof(found).is_within(bounds, reference);
+            solved.keep_within(bounds, reference);
+            prop_assert_eq!(solved.reasons.contains(&Reason::RangeBound), !was_within, "said where it was taken back");
+            solved.settle(roof(settled), bounds, reference, 0.1);
+            let stated = solved.roof.expect("it has a roof");
+            prop_assert!(bounds.hold(solved.height_m.expect("it has a height")) && stated.is_within(bounds, reference));
+            prop_assert_eq!(solved.raised_m.is_some(), roof(settled).is_within(bounds, reference));
+        }
+    }
+
+    #[test]
+    fn a_height_without_a_roof_is_kept_within_too() {
+        let bounds = HeightBounds { min_m: 2.0, max_m: 12.0 };
+        for (found_m, stated_m) in [(0.54, 2.0), (16.7, 12.0), (5.0, 5.0)] {
+            let mut solved =
+                SolvedHeight { height_m: Some(found_m), roof: None, ..solved(roof([1.0; 3]), REFERENCES[1]) };
+            solved.keep_within(bounds, HeightReference::Mean);
+            assert_eq!(solved.height_m, Some(stated_m));
+        }
     }
 }

@@ -12,13 +12,15 @@ const DISAGREEING_SHARE: f64 = 1.0 / 3.0;
 const NOT_MEASURED_SHARE: f64 = 0.5;
 
 /// Doubts about the heights of a result, counted.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Doubts {
     n: usize,
     n_measured: usize,
     n_at_end: usize,
     n_disagreeing: usize,
-    above_all: Vec<(String, String)>,
+    n_above_all: usize,
+    /// The highest of them, metres.
+    highest: Option<(f64, String)>,
 }
 
 impl Doubts {
@@ -41,7 +43,10 @@ impl Doubts {
         self.n_at_end += usize::from(has("range_bound"));
         self.n_disagreeing += usize::from(has("conflicting_views"));
         if let Some(height_m) = record.height_m.filter(|_| has("above_all_around")) {
-            self.above_all.push((record.id.clone(), format!("{height_m:.1} m")));
+            self.n_above_all += 1;
+            if self.highest.as_ref().is_none_or(|(highest_m, _)| height_m > *highest_m) {
+                self.highest = Some((height_m, record.id.clone()));
+            }
         }
     }
 
@@ -55,11 +60,10 @@ impl Doubts {
             let text = format!("{} are at an end of the heights that are looked for", of_all(self.n_at_end));
             told.push((text, "are poses and terrain right, and heights.max_m and heights.min_m?"));
         }
-        if let Some((id, height)) = self.above_all.first() {
-            let n = self.above_all.len();
-            let text = match n {
-                1 => format!("{id} stands at {height}, far above all that is around it"),
-                _ => format!("{} stand far above all that is around them, {id} at {height}", of_all(n)),
+        if let Some((height_m, id)) = &self.highest {
+            let text = match self.n_above_all {
+                1 => format!("{id} stands at {height_m:.1} m, far above all that is around it"),
+                n => format!("{} stand far above all that is around them, {id} at {height_m:.1} m", of_all(n)),
             };
             told.push((text, "if there is no tower, look at its photos: false matches make towers"));
         }

@@ -78,10 +78,15 @@ impl State<'_> {
         if finding.is_some_and(|f| f.contrast < FLAT_SCORE) {
             reasons.push(Reason::FlatScore);
         }
+        let is_outdone = |f: &Finding| f.whole.lead(height_m).is_some_and(|lead| lead < 0.0);
+        let is_outdone = finding.is_some_and(is_outdone);
         let spread_m = finding.and_then(|f| f.sigma_m);
         let sigma_m = spread_m.map(|spread_m| self.calibrated_sigma(building, spread_m));
         if spread_m.is_some_and(|s| s > DOUBTFUL_SPREAD_M) {
             reasons.push(Reason::ConflictingViews);
+        }
+        if is_outdone {
+            reasons.push(Reason::OtherHeight);
         }
         let roof = self.roofs[building].unwrap_or(Roof::flat(f64::from(height_m)));
         let height_m = roof.height_m(self.config.height_reference);

@@ -34,6 +34,9 @@ const MARGIN_SHARE: f64 = 0.05;
 /// How far the map grows to take cameras in, share of the buildings' larger side: beyond it the buildings get small.
 const CAMERA_REACH_SHARE: f64 = 0.35;
 
+/// Room for the north arrow, pixels of the reference width.
+const ARROW: f32 = 50.0;
+
 /// Draws the map.
 #[must_use]
 pub fn map(model: &CityModel<'_>, config: &MapConfig) -> RgbImage {
@@ -45,15 +48,20 @@ pub fn map(model: &CityModel<'_>, config: &MapConfig) -> RgbImage {
 
     buildings(&mut sheet, model.records, scale);
     let n_drawn = cameras(&mut sheet, views);
+    let told = model.issues.iter().filter(|issue| issue.code == "result_implausible");
+    let told: Vec<String> = told.map(|issue| issue.message.clone()).collect();
+    warning::band(
+        &mut sheet.canvas,
+        [sheet.frame.left, sheet.frame.top],
+        sheet.frame.width - ARROW * sheet.unit,
+        &told,
+    );
     sheet.furnish();
     headings(&mut sheet, model, config);
     let note =
         (config.cameras && !views.is_empty()).then(|| format!("{n_drawn} of {} cameras in the map", views.len()));
     let (left, unit) = (sheet.legend_left(), sheet.unit);
     Legend { canvas: &mut sheet.canvas, left, unit }.draw(&sheet.frame, scale, model.records, note.as_deref());
-    let told = model.issues.iter().filter(|issue| issue.code == "result_implausible");
-    let told: Vec<String> = told.map(|issue| issue.message.clone()).collect();
-    warning::band(&mut sheet.canvas, [sheet.frame.left, sheet.frame.top], sheet.frame.width, &told);
     sheet.canvas.into_image()
 }
 
