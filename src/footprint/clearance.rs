@@ -143,7 +143,7 @@ mod tests {
             (x: 0.0, y: 0.0), (x: 10.0, y: 0.0), (x: 10.0, y: 4.0), (x: 5.0, y: 0.003), (x: 0.0, y: 4.0),
         ];
         assert_eq!(narrow(&neck, 0.005), Some(Coord { x: 5.0, y: 0.003 }));
-        assert_eq!(narrow(&neck, 0.003), None);
+        assert_eq!(narrow(&neck, 0.002), None);
     }
 
     #[test]
