@@ -22,6 +22,9 @@ pub enum Reason {
     ConflictingViews,
     /// Even the best height explains the priors badly.
     PoorScore,
+    /// With the heights as found its pixels stand in the wrong order: the pairs it is part of cost the margin or more on
+    /// average, as if all were at one depth (`paper` only).
+    WrongOrder,
 }
 
 impl Reason {
@@ -35,6 +38,7 @@ impl Reason {
             Self::FlatScore => "flat_score",
             Self::ConflictingViews => "conflicting_views",
             Self::PoorScore => "poor_score",
+            Self::WrongOrder => "wrong_order",
         }
     }
 }

@@ -61,6 +61,7 @@ fn in_words(reason: &str) -> String {
         "flat_score" => "all heights explain the priors about equally well",
         "conflicting_views" => "the photos disagree",
         "poor_score" => "no height explains the priors",
+        "wrong_order" => "the heights found leave the depths in the wrong order",
         "ground_unknown" => "the terrain has no ground there",
         _ => return format!("the outline cannot be used ({reason})"),
     }

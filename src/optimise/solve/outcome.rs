@@ -76,6 +76,9 @@ impl State<'_> {
         if finding.is_some_and(|f| f.contrast < FLAT_SCORE) {
             reasons.push(Reason::FlatScore);
         }
+        if self.is_in_wrong_order[building] {
+            reasons.push(Reason::WrongOrder);
+        }
         let spread_m = finding.and_then(|f| f.sigma_m);
         let sigma_m = spread_m.map(|spread_m| self.calibrated_sigma(building, spread_m));
         if spread_m.is_some_and(|s| s > DOUBTFUL_SPREAD_M) {

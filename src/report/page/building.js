@@ -5,6 +5,7 @@ const REASONS = {
   too_few_views: "Fewer than three photos had a say.",
   range_bound: "The best height is the least or the greatest that was allowed.",
   flat_score: "All heights explain the depth priors about equally well.",
+  wrong_order: "With the heights found, the depths stand in the wrong order.",
   conflicting_views: "The photos disagree: leaving one out moves the height by much.",
   ground_unknown: "The terrain has no height under it.",
 };
