@@ -40,6 +40,8 @@ pub(super) struct Compared {
     pub rays: Vec<u32>,
     /// Rendered z-depth, metres.
     pub rendered: Vec<f32>,
+    /// Which building it shows.
+    pub building: Vec<Option<u32>>,
     /// Which building's roof it is; its depth moves with the height.
     pub roof_of: Vec<Option<u32>>,
     /// Normalised prior, growing away from the camera.
@@ -121,6 +123,26 @@ pub fn view_step(input: &StepInput<'_>, config: &OrdinalConfig, rng: &mut ChaCha
     Some(ViewStep { loss, n_pairs: pairs.len(), n_active, gradient })
 }
 
+/// Sum of the costs and number of random pairs with a vote that show each building, by building; nothing is added where
+/// nothing can be compared.
+pub(super) fn add_costs(
+    evidence: &Evidence<'_>,
+    roofs: &[f32],
+    config: &OrdinalConfig,
+    rng: &mut ChaCha8Rng,
+    costs: &mut [(f64, usize)],
+) {
+    let Some(compared) = Compared::new(evidence, roofs, config.region) else { return };
+    for pair in draw_pairs(&compared, config, rng) {
+        let cost = f64::from(pair.cost(&compared));
+        let [of_p, of_q] = [pair.p, pair.q].map(|at| compared.building[at]);
+        for building in of_p.into_iter().chain(of_q.filter(|_| of_q != of_p)) {
+            let (sum, n) = &mut costs[building as usize];
+            (*sum, *n) = (*sum + cost, *n + 1);
+        }
+    }
+}
+
 /// Random pairs of compared pixels; those without a vote are left out.
 pub(super) fn draw_pairs(compared: &Compared, config: &OrdinalConfig, rng: &mut ChaCha8Rng) -> Vec<Pair> {
     let Some(n) = u32::try_from(compared.rays.len()).ok().filter(|&n| n >= 2) else { return Vec::new() };
@@ -138,6 +160,7 @@ impl Compared {
         let mut compared = Self {
             rays: Vec::new(),
             rendered: Vec::new(),
+            building: Vec::new(),
             roof_of: Vec::new(),
             prior: Vec::new(),
             of_prior: no_scale,
@@ -152,6 +175,7 @@ impl Compared {
             if is_compared && prior.is_finite() {
                 compared.rays.push(ray_idx as u32);
                 compared.rendered.push(sight.depth);
+                compared.building.push(sight.building);
                 compared.roof_of.push(sight.building.filter(|_| sight.is_roof));
                 compared.prior.push(prior);
             }

@@ -30,6 +30,9 @@ pub enum Reason {
     GroundDiffers,
     /// Nothing was seen of the building itself: the height is that of others.
     Guessed,
+    /// With the heights as found its pixels stand in the wrong order: the pairs it is part of cost the margin or more on
+    /// average, as if all were at one depth (`paper` only).
+    WrongOrder,
 }
 
 impl Reason {
@@ -47,6 +50,7 @@ impl Reason {
             Self::AboveAllAround => "above_all_around",
             Self::GroundDiffers => "ground_differs",
             Self::Guessed => "guessed",
+            Self::WrongOrder => "wrong_order",
         }
     }
 }

@@ -66,6 +66,7 @@ pub fn in_words(reason: &str) -> String {
         "flat_score" => "all heights explain the priors about equally well",
         "conflicting_views" => "the photos disagree",
         "poor_score" => "the priors are explained badly by any height",
+        "wrong_order" => "the heights found leave its depths in the wrong order",
         "other_height" => "another height explains the priors better",
         "above_all_around" => "it stands far above all that is around",
         "ground_differs" => "the photos show the ground around it elsewhere than the terrain has it",

@@ -251,6 +251,58 @@ fn one_step_along_the_sum_of_a_single_view_is_a_step_on_that_view() {
     assert!(on_view.used_views.len() == 1 && block.solve(&priors, &config) == on_view);
 }
 
+/// Rows of houses wall to wall, 9 to 14 m, under cameras of 28° from 190 m; heights up to 150 m are allowed.
+fn rows_under_narrow_cameras() -> Block {
+    let mut block = block();
+    let mut polygons: Vec<Polygon<f64>> = Vec::new();
+    block.truth_m = Vec::new();
+    for i in 0..60 {
+        let (x, y) = (f64::from(i % 10) * 9.0, f64::from(i / 10) * 18.0);
+        polygons.push(polygon![(x: x, y: y), (x: x + 9.0, y: y), (x: x + 9.0, y: y + 11.0), (x: x, y: y + 11.0)]);
+        block.truth_m.push(9.0 + (i * 7 % 6) as f32);
+    }
+    let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+    let footprints: Vec<_> = polygons.iter().map(|p| (p, ground)).collect();
+    let bounds = HeightBounds { min_m: 2.0, max_m: 150.0 };
+    block.scene = Scene::new(&footprints, &Terrain::Constant(0.0), bounds, 600.0);
+    block.views = Vec::new();
+    for station in 0..9 {
+        for heading in 0..4 {
+            let rotation = DMat3::from_rotation_x(PI - 0.785) * DMat3::from_rotation_z(f64::from(heading) * FRAC_PI_2);
+            let axis = rotation.transpose() * DVec3::Z;
+            let target = DVec3::new(f64::from(station % 3) * 40.0, f64::from(station / 3) * 45.0, 0.0);
+            let pose = Rigid::from_rotation_and_centre(rotation, target - axis * (190.0 / -axis.z));
+            let placed = PlacedCamera::new(Camera::pinhole(224, 168, 449.0), pose, block.scene.origin);
+            block.views.push(ViewInput { placed, is_oblique: true, key: block.views.len() as u64 });
+        }
+    }
+    block
+}
+
+#[test]
+fn a_low_start_finds_houses_under_narrow_cameras_and_one_amid_the_range_is_told_where_it_does_not() {
+    let block = rows_under_narrow_cameras();
+    let priors = block.priors(|d| d);
+    let mut config = small(Preset::Paper);
+    let low = block.solve(&priors, &config);
+    // As under wide cameras (above).
+    assert!(mean(&block.errors(&low)) < 2.0, "{:.2?}", block.errors(&low));
+    assert!(low.heights.iter().all(|h| !h.reasons.contains(&Reason::WrongOrder)));
+
+    // Houses that start half as high as the cameras fly hide each other, and all but the nearest end far too high.
+    (config.ordinal.start_mean_share, config.ordinal.start_sigma_share) = (0.5, 0.25);
+    let high = block.solve(&priors, &config);
+    let is_off = |b: &usize| high.heights[*b].height_m.is_some_and(|h| (h - f64::from(block.truth_m[*b])).abs() > 5.0);
+    let off: Vec<usize> = (0..block.truth_m.len()).filter(is_off).collect();
+    let n_told = off.iter().filter(|b| high.heights[**b].reasons.contains(&Reason::WrongOrder)).count();
+    println!(
+        "started low {:.2} m; amid the range {} off by more than 5 m, {n_told} told",
+        mean(&block.errors(&low)),
+        off.len()
+    );
+    assert!(off.len() > 10 && 2 * n_told > off.len(), "{n_told} of {}", off.len());
+}
+
 #[test]
 fn silhouettes_and_ground_sharpen_the_ordinal_loss() {
     let block = block();
@@ -376,8 +428,14 @@ fn inverted_priors_fit_no_height() {
     let priors = block.priors(|d| 300.0 - d);
     let solution = block.solve(&priors, &small(Preset::Robust));
     assert!(solution.heights.iter().all(|h| h.height_m.is_none()), "{:?}", solution.heights);
-    // The paper's loss has no place where it could tell: a height is stated, within the bounds.
-    assert_every_outcome_is_defined(&block, &block.solve(&priors, &small(Preset::Paper)));
+    // The paper's loss states a height, within the bounds; that the order is wrong shows in what its pairs cost.
+    let solution = block.solve(&priors, &small(Preset::Paper));
+    assert_every_outcome_is_defined(&block, &solution);
+    let stated: Vec<_> = solution.heights.iter().filter(|h| h.height_m.is_some()).collect();
+    let n_told = stated.iter().filter(|h| h.reasons.contains(&Reason::WrongOrder)).count();
+    println!("{n_told} of {} in the wrong order", stated.len());
+    // The order of single houses may hold by chance.
+    assert!(2 * n_told > stated.len(), "{n_told} of {}", stated.len());
 }
 
 #[test]

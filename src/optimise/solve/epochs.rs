@@ -9,7 +9,7 @@ use crate::optimise::adam::Adam;
 use crate::optimise::config::{Gradient, Loss, OrdinalConfig, StepOn};
 use crate::optimise::gradient::edge_sampled::Outlines;
 use crate::optimise::gradient::sum_by_building;
-use crate::optimise::ordinal::{StepInput, ViewStep, view_step};
+use crate::optimise::ordinal::{StepInput, ViewStep, add_costs, view_step};
 use crate::optimise::regression;
 use crate::optimise::schedule::Step;
 use crate::scene::HeightBounds;
@@ -46,7 +46,24 @@ impl State<'_> {
             let active = (config.loss == Loss::Ordinal).then(|| n_active as f64 / n_pairs.max(1) as f64);
             self.record(crate::stats::mean(&losses).unwrap_or(0.0), &before, selection.views.len(), active);
         }
+        if config.loss == Loss::Ordinal {
+            self.is_in_wrong_order = self.wrong_orders(&selection);
+        }
         (self.problem.progress)(Solving::Epochs, config.epochs, config.epochs);
+    }
+
+    /// By building: whether its pairs cost the margin or more on average, with the heights as they are. That is what a pair
+    /// costs whose pixels are rendered at one depth: the order against the rest of the photos is no better than none.
+    fn wrong_orders(&self, selection: &Selection) -> Vec<bool> {
+        let config = &self.config.ordinal;
+        let roofs = self.problem.scene.roofs(&self.heights_m);
+        let mut costs = vec![(0.0, 0_usize); self.heights_m.len()];
+        for &view in &selection.views {
+            let Some(evidence) = &self.evidence[view] else { continue };
+            let mut rng = seed::stream(self.problem.seed, "pairs at the end", &[self.problem.views[view].key]);
+            add_costs(evidence, &roofs, config, &mut rng, &mut costs);
+        }
+        costs.into_iter().map(|(sum, n)| n > 0 && sum >= f64::from(config.margin) * n as f64).collect()
     }
 
     /// One step along the sum of some views' losses; what each view had to say.

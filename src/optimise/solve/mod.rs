@@ -128,6 +128,8 @@ struct State<'a> {
     findings: Vec<Option<Finding>>,
     /// By building: whether the ordinal loss ever had a slope by its height.
     is_voted_on: Vec<bool>,
+    /// By building: whether the heights as found leave its pixels in the wrong order (`paper`).
+    is_in_wrong_order: Vec<bool>,
     roofs: Vec<Option<Roof>>,
     views_of: Vec<Vec<usize>>,
     history: Vec<EpochRecord>,
@@ -152,6 +154,7 @@ impl<'a> State<'a> {
             heights_m: vec![0.0; n_buildings],
             findings: vec![None; n_buildings],
             is_voted_on: vec![false; n_buildings],
+            is_in_wrong_order: vec![false; n_buildings],
             roofs: vec![None; n_buildings],
             views_of: vec![Vec::new(); n_buildings],
             history: Vec::new(),

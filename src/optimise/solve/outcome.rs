@@ -80,6 +80,9 @@ impl State<'_> {
         }
         let is_outdone = |f: &Finding| f.whole.lead(height_m).is_some_and(|lead| lead < 0.0);
         let is_outdone = finding.is_some_and(is_outdone);
+        if self.is_in_wrong_order[building] {
+            reasons.push(Reason::WrongOrder);
+        }
         let spread_m = finding.and_then(|f| f.sigma_m);
         let sigma_m = spread_m.map(|spread_m| self.calibrated_sigma(building, spread_m));
         if spread_m.is_some_and(|s| s > DOUBTFUL_SPREAD_M) {

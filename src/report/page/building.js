@@ -5,6 +5,7 @@ const REASONS = {
   too_few_views: "Fewer than three photos had a say.",
   range_bound: "The best height is at an end of the heights that are looked for.",
   flat_score: "All heights explain the depth priors about equally well.",
+  wrong_order: "With the heights found, the depths stand in the wrong order.",
   conflicting_views: "The photos disagree: leaving one out moves the height by much.",
   poor_score: "The depth priors are explained badly by any height.",
   other_height: "Over the whole range another height explains the depth priors better.",
