@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::reliability::{self, SigmaClass};
-use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, Variant, run_scene};
+use super::{BenchmarkError, Method, Outcome, Plan, Programs, RealTown, SceneJob, Tell, Variant, run_scene};
 use crate::evaluate::{BuildingError, HeightStatistics};
 use crate::files::write_whole;
 use crate::output::Status;
@@ -15,6 +15,8 @@ use crate::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind};
 
 /// Errors above this that carry no flag are counted, metres.
 const GROSS_M: f64 = 5.0;
+/// Errors above this have no business under the status `measured`, metres: two thirds of a storey.
+const MISLEADING_M: f64 = 2.0;
 
 /// Places tried per building for the point cloud; about a fifth becomes a point on a building.
 const POINTS_PER_BUILDING: usize = 3000;
@@ -27,6 +29,9 @@ pub struct AccuracyConfig {
     pub seeds: Vec<u64>,
     /// Kinds of towns.
     pub towns: Vec<TownKind>,
+    /// Towns of real buildings, besides.
+    #[serde(default)]
+    pub real: Vec<RealTown>,
     /// How far priors are from the truth.
     pub levels: Vec<PriorLevel>,
     /// What is run.
@@ -49,6 +54,7 @@ impl Default for AccuracyConfig {
         Self {
             seeds: vec![1, 2, 3, 4, 5],
             towns: vec![TownKind::Village, TownKind::District, TownKind::Downtown],
+            real: Vec::new(),
             levels: vec![PriorLevel::Clean, PriorLevel::Mid, PriorLevel::High, PriorLevel::Bleed],
             methods: Method::MAIN.to_vec(),
             n_buildings: 40,
@@ -75,10 +81,15 @@ impl AccuracyConfig {
         }
     }
 
+    fn all_towns(&self) -> impl Iterator<Item = Town> {
+        let simulated = self.towns.iter().copied().map(Town::Simulated);
+        simulated.chain(self.real.iter().cloned().map(Town::Real))
+    }
+
     fn check(&self) -> Result<(), BenchmarkError> {
         let lists = [
             ("seeds", self.seeds.len()),
-            ("towns", self.towns.len()),
+            ("towns", self.towns.len() + self.real.len()),
             ("levels", self.levels.len()),
             ("methods", self.methods.len()),
         ];
@@ -90,7 +101,15 @@ impl AccuracyConfig {
 
     fn job(&self, cell: &Cell) -> SceneJob {
         let mut simulate = SimulateConfig { seed: cell.seed, errors: self.errors, ..SimulateConfig::default() };
-        (simulate.town.kind, simulate.town.n_buildings) = (cell.town, self.n_buildings);
+        let mut cameras = None;
+        match &cell.town {
+            Town::Simulated(kind) => (simulate.town.kind, simulate.town.n_buildings) = (*kind, self.n_buildings),
+            Town::Real(real) => {
+                simulate.cityjson = Some(real.cityjson.clone());
+                simulate.errors = real.errors;
+                cameras = real.cameras.clone().map(|cameras| (cameras, self.n_views));
+            }
+        }
         simulate.flight.n_views = Some(self.n_views);
         [simulate.camera.width_px, simulate.camera.height_px] = self.photo_px.unwrap_or(self.image_px);
         simulate.prior.level = cell.level;
@@ -100,9 +119,10 @@ impl AccuracyConfig {
             simulate.points.per_view = POINTS_PER_BUILDING * self.n_buildings / self.n_views.max(1);
         }
         SceneJob {
-            name: format!("{}-{}-seed{}", word(&cell.town), word(&cell.level), cell.seed),
+            name: format!("{}-{}-seed{}", cell.town.name(), word(&cell.level), cell.seed),
             simulate,
             variants: self.methods.iter().copied().map(Variant::as_it_is).collect(),
+            cameras,
             assignments: vec![format!("optimise.working_px={}", self.image_px[0].max(self.image_px[1]))],
             paper_assignments: Vec::new(),
             with_bodies: false,
@@ -115,9 +135,25 @@ pub(super) fn word(value: &impl Serialize) -> String {
     serde_json::to_value(value).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
-#[derive(Debug, Clone, Copy)]
+/// What stands in a scene.
+#[derive(Debug, Clone, PartialEq)]
+enum Town {
+    Simulated(TownKind),
+    Real(RealTown),
+}
+
+impl Town {
+    fn name(&self) -> String {
+        match self {
+            Self::Simulated(kind) => word(kind),
+            Self::Real(real) => real.name.clone(),
+        }
+    }
+}
+
+#[derive(Debug, Clone)]
 struct Cell {
-    town: TownKind,
+    town: Town,
     level: PriorLevel,
     seed: u64,
 }
@@ -139,6 +175,9 @@ pub struct AccuracyRow {
     pub n_gross_unflagged: usize,
     /// Buildings off by more than 5 m.
     pub n_gross: usize,
+    /// Buildings off by more than 2 m whose status is `measured`.
+    #[serde(default)]
+    pub n_misleading: usize,
     /// Least and greatest mean error over the scenes of the row, metres.
     pub mean_range_m: [f64; 2],
     /// Seconds per scene from priors on disk to heights, mean over scenes.
@@ -170,7 +209,7 @@ pub fn run(config: &AccuracyConfig, plan: &Plan, tell: Tell<'_>) -> Result<Accur
     // Seeds outermost: a run that is stopped has whole matrices of fewer seeds.
     for &seed in &config.seeds {
         for &level in &config.levels {
-            cells.extend(config.towns.iter().map(|&town| Cell { town, level, seed }));
+            cells.extend(config.all_towns().map(|town| Cell { town, level, seed }));
         }
     }
     let mut outcomes: Vec<(Cell, Outcome)> = Vec::new();
@@ -183,7 +222,7 @@ pub fn run(config: &AccuracyConfig, plan: &Plan, tell: Tell<'_>) -> Result<Accur
     for (i, cell) in cells.iter().enumerate() {
         let job = config.job(cell);
         let found = run_scene(&job, plan, &|what| tell(i, cells.len(), &format!("{}: {what}", job.name)))?;
-        outcomes.extend(found.into_iter().map(|outcome| (*cell, outcome)));
+        outcomes.extend(found.into_iter().map(|outcome| (cell.clone(), outcome)));
         table.rows = rows(config, &outcomes);
         table.reliability = sigma_classes(config, &outcomes);
         table.programs = Programs::of(&plan.program, outcomes.iter().map(|(_, outcome)| outcome));
@@ -205,14 +244,16 @@ fn write(table: &AccuracyTable, plan: &Plan) -> Result<(), BenchmarkError> {
 fn rows(config: &AccuracyConfig, outcomes: &[(Cell, Outcome)]) -> Vec<AccuracyRow> {
     let mut rows = Vec::new();
     for &level in &config.levels {
-        let towns = config.towns.iter().map(|&t| Some(t)).chain((config.towns.len() > 1).then_some(None));
+        let n_towns = config.all_towns().count();
+        let towns = config.all_towns().map(Some).chain((n_towns > 1).then_some(None));
         for town in towns {
             for &method in &config.methods {
                 let belongs = |(cell, outcome): &&(Cell, Outcome)| {
-                    cell.level == level && town.is_none_or(|t| cell.town == t) && outcome.method == method
+                    cell.level == level && town.as_ref().is_none_or(|t| cell.town == *t) && outcome.method == method
                 };
                 let of_row: Vec<&Outcome> = outcomes.iter().filter(belongs).map(|(_, outcome)| outcome).collect();
-                rows.extend(row(town, level, method, &of_row));
+                let name = town.as_ref().map_or_else(|| "all".to_owned(), Town::name);
+                rows.extend(row(name, level, method, &of_row));
             }
         }
     }
@@ -232,20 +273,22 @@ fn sigma_classes(config: &AccuracyConfig, outcomes: &[(Cell, Outcome)]) -> Vec<S
     classes
 }
 
-fn row(town: Option<TownKind>, level: PriorLevel, method: Method, of_row: &[&Outcome]) -> Option<AccuracyRow> {
+fn row(town: String, level: PriorLevel, method: Method, of_row: &[&Outcome]) -> Option<AccuracyRow> {
     let buildings: Vec<&BuildingError> = of_row.iter().flat_map(|o| &o.heights.buildings).collect();
     let is_gross = |b: &&&BuildingError| b.signed_error_m.abs() > GROSS_M;
+    let is_misleading = |b: &&&BuildingError| b.signed_error_m.abs() > MISLEADING_M && b.status == Status::Measured;
     let means: Vec<f64> = of_row.iter().filter_map(|o| o.heights.all.as_ref()).map(|s| s.error_mean_m).collect();
     let n = of_row.len() as f64;
     let user: Option<Vec<f64>> = of_row.iter().map(|o| o.user_s).collect();
     Some(AccuracyRow {
-        town: town.map_or_else(|| "all".to_owned(), |t| word(&t)),
+        town,
         level: word(&level),
         method,
         statistics: HeightStatistics::of_buildings(buildings.iter().copied())?,
         n_without_height: of_row.iter().map(|o| o.heights.counts.n_unobserved).sum(),
         n_gross_unflagged: buildings.iter().filter(is_gross).filter(|b| b.status == Status::Measured).count(),
         n_gross: buildings.iter().filter(is_gross).count(),
+        n_misleading: buildings.iter().filter(is_misleading).count(),
         mean_range_m: [means.iter().copied().fold(f64::INFINITY, f64::min), means.iter().copied().fold(0.0, f64::max)],
         heights_s: of_row.iter().map(|o| o.heights_s).sum::<f64>() / n,
         user_s: user.map(|u| u.iter().sum::<f64>() / n),
@@ -282,8 +325,8 @@ impl AccuracyTable {
         for rows in by_level.values() {
             let _ = writeln!(text, "**{}**\n", rows[0].level);
             text.push_str(
-                "| town | method | n | mean m | scenes' means m | median m | P90 m | max m | bias m | ≤ 1 m | > 5 m, of these not flagged | no height | within 1, 2 σ | s (user) |\n\
-                 |---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
+                "| town | method | n | mean m | scenes' means m | median m | P90 m | max m | bias m | ≤ 1 m | > 2 m and `measured` | > 5 m, of these not flagged | no height | within 1, 2 σ | s (user) |\n\
+                 |---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
             );
             for row in rows {
                 text.push_str(&row.to_markdown());
@@ -308,7 +351,7 @@ impl AccuracyRow {
         let s = &self.statistics;
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         format!(
-            "| {} | `{}` | {} | {:.2} | {:.2}–{:.2} | {:.2} | {:.2} | {:.1} | {:+.2} | {} | {}, {} | {} | {} | {:.1} ({}) |\n",
+            "| {} | `{}` | {} | {:.2} | {:.2}–{:.2} | {:.2} | {:.2} | {:.1} | {:+.2} | {} | {} | {}, {} | {} | {} | {:.1} ({}) |\n",
             self.town,
             self.method.name(),
             s.n,
@@ -320,6 +363,7 @@ impl AccuracyRow {
             s.error_max_m,
             s.bias_m,
             percent(s.within_1m_share),
+            self.n_misleading,
             self.n_gross,
             self.n_gross_unflagged,
             self.n_without_height,

@@ -2,7 +2,7 @@
 //!
 //! | suite | scenes | table |
 //! |---|---|---|
-//! | [`accuracy`] | seeds × towns × levels of prior errors | `accuracy.md` |
+//! | [`accuracy`] | seeds × towns, simulated and real, × levels of prior errors | `accuracy.md` |
 //! | [`paper`] | as the paper's seven scenes, small scenes, a flight without a grid; [`studies`] | `paper.md`, `studies.md` |
 //!
 //! A suite leaves one file per scene and method behind. A run that was stopped goes on where it was; a file is made anew
@@ -15,6 +15,7 @@ mod bodies;
 mod method;
 pub mod paper;
 mod programs;
+mod real;
 mod reliability;
 mod scene;
 pub mod studies;
@@ -24,6 +25,7 @@ use std::path::PathBuf;
 pub use bodies::BodyScores;
 pub use method::{Aids, Answer, Method};
 pub use programs::Programs;
+pub use real::{RealCameras, RealTown};
 pub use reliability::SigmaClass;
 pub use scene::{Outcome, Pass, SceneJob, Variant, run_scene};
 pub use studies::{Study, StudyConfig, StudyTables};
@@ -76,6 +78,14 @@ pub enum BenchmarkError {
         scene: String,
         /// Why.
         source: SimulateError,
+    },
+    /// The cameras of a scene could not be read.
+    #[error("cameras of scene {scene}: {source}")]
+    Cameras {
+        /// Its name.
+        scene: String,
+        /// Why.
+        source: crate::survey::SurveyError,
     },
     /// The configuration of a simulated scene could not be read.
     #[error("scene {scene}: {source}")]

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bodies::{BodyScores, score, true_bodies};
 use super::method::Aids;
-use super::{BenchmarkError, Method, Plan};
+use super::{BenchmarkError, Method, Plan, RealCameras};
 use crate::cloud;
 use crate::config::RunConfig;
 use crate::evaluate::read::{TruthOptions, read_results, read_truth};
@@ -18,7 +18,7 @@ use crate::files::{FileError, write_whole};
 use crate::optimise::{EpochRecord, OptimiseConfig, Problem};
 use crate::output::sha256_hex;
 use crate::pipeline::{RunOptions, RunSummary, Stage, run_with};
-use crate::simulate::{SimulateConfig, simulate};
+use crate::simulate::{SimulateConfig, simulate, simulate_with_views};
 use crate::stats;
 
 /// A method with settings of its own, under a name.
@@ -54,6 +54,8 @@ pub struct SceneJob {
     pub simulate: SimulateConfig,
     /// What is run.
     pub variants: Vec<Variant>,
+    /// Real cameras in place of the scene's flight, and how many of them.
+    pub cameras: Option<(RealCameras, usize)>,
     /// `table.key=value` settings of the runs, on top of the scene's own.
     pub assignments: Vec<String>,
     /// Settings of the runs of `paper` and of what differs from it by the loss alone.
@@ -66,6 +68,14 @@ impl SceneJob {
     fn assignments_of(&self, variant: &Variant) -> Vec<String> {
         let own = if variant.method.selects_as_paper() { &*self.paper_assignments } else { &[] };
         self.assignments.iter().chain(own).chain(&variant.assignments).cloned().collect()
+    }
+
+    /// All that the scene is made from.
+    fn scene_settings(&self) -> serde_json::Value {
+        match &self.cameras {
+            Some(cameras) => serde_json::json!([self.simulate, cameras]),
+            None => serde_json::json!(self.simulate),
+        }
     }
 }
 
@@ -172,7 +182,7 @@ pub fn run_scene(job: &SceneJob, plan: &Plan, tell: &dyn Fn(&str)) -> Result<Vec
 fn settings_sha256(job: &SceneJob, variant: &Variant) -> String {
     let parts = serde_json::json!([
         env!("CARGO_PKG_VERSION"),
-        job.simulate,
+        job.scene_settings(),
         job.assignments_of(variant),
         job.with_bodies,
         variant.method
@@ -190,15 +200,23 @@ fn read_outcome(path: &Path, settings_sha256: &str) -> Option<Outcome> {
 fn simulated(job: &SceneJob, plan: &Plan) -> Result<PathBuf, BenchmarkError> {
     let folder = plan.folder.join("scenes").join(&job.name);
     let stamp = folder.join("settings.sha256");
-    let sha256 = sha256_hex(serde_json::json!([env!("CARGO_PKG_VERSION"), job.simulate]).to_string().as_bytes());
+    let sha256 =
+        sha256_hex(serde_json::json!([env!("CARGO_PKG_VERSION"), job.scene_settings()]).to_string().as_bytes());
     if fs::read_to_string(&stamp).is_ok_and(|found| found == sha256) {
         return Ok(folder);
     }
     if folder.exists() {
         fs::remove_dir_all(&folder).map_err(FileError::on("remove", &folder))?;
     }
-    simulate(&job.simulate, &folder, &|_, _| {})
-        .map_err(|source| BenchmarkError::Simulate { scene: job.name.clone(), source })?;
+    let made = match &job.cameras {
+        Some((cameras, n)) => {
+            let views = cameras.views(*n);
+            let views = views.map_err(|source| BenchmarkError::Cameras { scene: job.name.clone(), source })?;
+            simulate_with_views(&job.simulate, &views, &folder, &|_, _| {})
+        }
+        None => simulate(&job.simulate, &folder, &|_, _| {}),
+    };
+    made.map_err(|source| BenchmarkError::Simulate { scene: job.name.clone(), source })?;
     write_whole(&stamp, |out| out.write_all(sha256.as_bytes()))?;
     Ok(folder)
 }

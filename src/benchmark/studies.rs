@@ -207,7 +207,7 @@ impl StudyConfig {
             name: format!("study-{}-{}-seed{seed}", word(&town), word(&self.level)),
             simulate,
             variants: Vec::new(),
-            assignments: vec![format!("optimise.working_px={}", self.longest_px)],
+            cameras: None,            assignments: vec![format!("optimise.working_px={}", self.longest_px)],
             paper_assignments: Vec::new(),
             with_bodies: false,
         }
