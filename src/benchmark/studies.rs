@@ -84,16 +84,15 @@ impl Study {
             Self::Pairs => &[("optimise.ordinal.n_pairs", &["256", "1024", "8192"])],
             Self::Loss => &[("optimise.ordinal.loss", &["l1", "l2"])],
             Self::Start => &[
-                ("optimise.ordinal.start_mean_share", &["0.0", "0.1", "0.25", "0.5", "0.75"]),
-                ("optimise.ordinal.start_sigma_share", &["0.0", "0.1", "0.25", "0.5"]),
+                ("optimise.ordinal.start_mean_share", &["0.0", "0.25", "0.5", "0.75"]),
+                ("optimise.ordinal.start_sigma_share", &["0.0", "0.1", "0.25"]),
             ],
             Self::Step => &[
-                ("optimise.ordinal.step_on", &["view", "all_views"]),
-                ("optimise.ordinal.steps_per_epoch", &["5", "20", "80"]),
-                ("optimise.ordinal.step_m", &["[3.0,0.3]", "[6.0,0.3]", "[12.0,0.3]", "[1.0,1.0]"]),
+                ("optimise.ordinal.steps_per_epoch", &["5", "10", "20"]),
+                ("optimise.ordinal.step_m", &["[3.0,0.3]", "[12.0,0.3]", "[1.0,1.0]"]),
             ],
             Self::Gradient => &[
-                ("optimise.ordinal.gradient", &["interior", "central_difference", "edge_sampled"]),
+                ("optimise.ordinal.gradient", &["central_difference", "edge_sampled"]),
                 ("optimise.ordinal.mad_gradient", &["exact"]),
             ],
             Self::Range => &[("optimise.max_height_m", &["60.0", "90.0", "150.0"])],
@@ -121,7 +120,12 @@ impl Study {
         let of = |(key, values): &Values| {
             let of_value = |value: &&str| {
                 let short = key.rsplit('.').next().unwrap_or(key);
-                Row { label: format!("{short} = {value}"), assignments: vec![format!("{key}={value}")] }
+                let mut assignments = vec![format!("{key}={value}")];
+                if short == "steps_per_epoch" {
+                    // Counted along the sum over views only.
+                    assignments.push("optimise.ordinal.step_on=all_views".to_owned());
+                }
+                Row { label: format!("{short} = {value}"), assignments }
             };
             values.iter().map(of_value).collect::<Vec<_>>()
         };
