@@ -19,7 +19,9 @@ impl StatusCount {
     #[must_use]
     pub fn of(records: &[BuildingRecord]) -> Self {
         let mut count = Self::default();
-        records.iter().for_each(|record| count.add(record));
+        for record in records {
+            count.add(record);
+        }
         count
     }
 

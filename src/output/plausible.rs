@@ -28,7 +28,9 @@ impl Doubts {
     #[must_use]
     pub fn of(records: &[BuildingRecord]) -> Self {
         let mut doubts = Self::default();
-        records.iter().for_each(|record| doubts.add(record));
+        for record in records {
+            doubts.add(record);
+        }
         doubts
     }
 

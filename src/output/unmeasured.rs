@@ -100,7 +100,7 @@ mod tests {
         let outline = polygon![(x: 0.0, y: 0.0), (x: side_m, y: 0.0), (x: side_m, y: side_m), (x: 0.0, y: side_m)];
         let reasons = reasons.iter().map(|r| (*r).to_owned()).collect();
         let height_m = (status != Status::Unknown).then_some(9.0);
-        BuildingRecord { status, reasons, height_m, ..record(id, outline, 0.0, 0.0, 9.0) }
+        BuildingRecord { height_m, status, reasons, ..record(id, outline, 0.0, 0.0, 9.0) }
     }
 
     #[test]

@@ -22,7 +22,7 @@ use crate::frames::LocalOrigin;
 use crate::issue::{Issue, Severity, Subject};
 use crate::output::plausible::Doubts;
 use crate::output::unmeasured::unmeasured;
-use crate::output::{CityModel, InputFile, Lineage, StatusCount, cityjson, geopackage, sha256_hex};
+use crate::output::{BuildingRecord, CityModel, InputFile, Lineage, StatusCount, cityjson, geopackage, sha256_hex};
 use crate::prior::Priors;
 use crate::scene::Scene;
 use crate::survey::{Survey, ViewKind};
@@ -124,18 +124,7 @@ pub(super) fn run(
     let records = records(config, &survey, &footprints, &heights);
     let mut issues = all_issues(config, &survey, &footprints, &heights);
     issues.extend(cityjson::check(&records, &config.output.cityjson)?);
-    issues.extend(unmeasured(&records, &issues));
-    let implausible = Doubts::of(&records).implausible();
-    summary.implausible = implausible.iter().map(|issue| issue.message.clone()).collect();
-    issues.extend(implausible);
-    issues.sort_by_key(Issue::weight);
-    summary.count_issues(&issues);
-    summary.worst = worst(&records, &issues);
-    let count = StatusCount::of(&records);
-    summary.n_buildings = count.n_buildings();
-    (summary.by_status, summary.parts_by_status) = (count.by_status(), count.parts);
-    let known: Vec<f64> = records.iter().filter_map(|r| r.height_m).collect();
-    summary.median_height_m = crate::stats::median(&known);
+    sum_up(&mut summary, &records, &mut issues);
     let priors = priors.map_or_else(|| PriorStore::open(config, &survey, &stage), Ok)?;
     let lineage = lineage(config, options, &survey, &heights, priors.source())?;
     let model = CityModel {
@@ -303,6 +292,22 @@ fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, 
     issues.extend(view_issues(survey, heights).chain(unstated_reference(config)));
     issues.extend(config.notes().iter().cloned());
     issues
+}
+
+/// Adds the issues that the records tell of, puts all by weight, and counts.
+fn sum_up(summary: &mut RunSummary, records: &[BuildingRecord], issues: &mut Vec<Issue>) {
+    issues.extend(unmeasured(records, issues));
+    let implausible = Doubts::of(records).implausible();
+    summary.implausible = implausible.iter().map(|issue| issue.message.clone()).collect();
+    issues.extend(implausible);
+    issues.sort_by_key(Issue::weight);
+    summary.count_issues(issues);
+    summary.worst = worst(records, issues);
+    let count = StatusCount::of(records);
+    summary.n_buildings = count.n_buildings();
+    (summary.by_status, summary.parts_by_status) = (count.by_status(), count.parts);
+    let known: Vec<f64> = records.iter().filter_map(|r| r.height_m).collect();
+    summary.median_height_m = crate::stats::median(&known);
 }
 
 /// Buildings of the input: one in several pieces is one.

@@ -38,10 +38,8 @@ fn not_measured(records: &[BuildingRecord]) -> Option<String> {
     };
     let without = of(|status| !matches!(status, Status::Measured | Status::Doubtful));
     let doubtful = of(|status| status == Status::Doubtful);
-    let (those, are) = match WEIGHT_WITHOUT * without.len() >= doubtful.len() {
-        true => (without, "could not be measured"),
-        false => (doubtful, "are doubtful"),
-    };
+    let weighs_more = WEIGHT_WITHOUT * without.len() >= doubtful.len();
+    let (those, are) = if weighs_more { (without, "could not be measured") } else { (doubtful, "are doubtful") };
     let mut by_reason: BTreeMap<&str, usize> = BTreeMap::new();
     for reason in those.iter().flat_map(|record| &record.reasons).filter(|r| !OF_FALLBACK.contains(&r.as_str())) {
         *by_reason.entry(reason).or_default() += 1;
