@@ -10,6 +10,7 @@ use crate::config::RunConfig;
 use crate::crs::Crs;
 use crate::dtm::{self, Dtm, DtmConfig};
 use crate::footprint::{self, FootprintSource};
+use crate::geodata::raster::RasterFile;
 use crate::geodata::{GridPlace, write_geotiff};
 use crate::output::geopackage::{self, ProjectGround};
 use crate::output::picture::{relief_map, write_png};
@@ -97,12 +98,16 @@ pub fn write_project<R: Records + ?Sized>(
     model: &CityModel<'_, R>,
 ) -> Result<(), OutputError> {
     let terrain = terrain_in_force(config);
+    let own = terrain.dtm.as_ref().and_then(|path| RasterFile::open(path).ok()?.crs().ok()?);
+    let own = own.or_else(|| terrain.crs.clone());
     let path = terrain.dtm.as_ref().map(|path| match path.strip_prefix(folder) {
         Ok(made) => made.to_owned(),
         Err(_) => config.saved_path(path),
     });
     let ground = match (&path, terrain.constant_m) {
-        (Some(path), _) => ProjectGround::Model { path, offset_m: terrain.vertical_offset_m.unwrap_or(0.0) },
+        (Some(path), _) => {
+            ProjectGround::Model { path, crs: own.as_ref(), offset_m: terrain.vertical_offset_m.unwrap_or(0.0) }
+        }
         (None, Some(level_m)) => ProjectGround::Level(level_m),
         (None, None) => ProjectGround::LowestWall,
     };

@@ -91,7 +91,8 @@ fn qgis_opens_the_project_styled_and_in_place() {
     geopackage::write(&gpkg, &town.model(), &GeoPackageConfig::default()).unwrap();
     let dtm = folder.path().join("dtm.tif");
     write_slope(&dtm);
-    let ground = ProjectGround::Model { path: Path::new("dtm.tif"), offset_m: 0.5 };
+    let dtm_crs = Crs::parse("EPSG:28992").unwrap();
+    let ground = ProjectGround::Model { path: Path::new("dtm.tif"), crs: Some(&dtm_crs), offset_m: 0.5 };
     let config = GeoPackageConfig::default();
     geopackage::write_project(&project, "town & co.gpkg", &town.model(), &config, ground).unwrap();
     // Paths are relative: the folder may be moved. The packed project is the same.
@@ -108,7 +109,8 @@ fn qgis_opens_the_project_styled_and_in_place() {
     assert_eq!((&report["read"], &report["crs"]), (&true.into(), &"EPSG:7415".into()));
     assert_eq!(report["drawn"], serde_json::json!(["qa_issues", "buildings", "terrain"]));
     assert_eq!(report["groups"], serde_json::json!(["survey"]));
-    assert_eq!(report["layers"]["terrain"]["renderer"], "hillshade");
+    let terrain = &report["layers"]["terrain"];
+    assert_eq!((&terrain["renderer"], &terrain["crs"]), (&"hillshade".into(), &"EPSG:28992".into()));
     assert_eq!(
         report["layouts"]["Map, A4"]["items"],
         serde_json::json!(["legend", "map", "north", "scale", "sources", "title"])

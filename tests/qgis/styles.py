@@ -32,6 +32,7 @@ from qgis.core import (
     QgsLayoutItemScaleBar,
     QgsLayoutPoint,
     QgsLayoutSize,
+    QgsLegendStyle,
     QgsMapLayer,
     QgsMarkerSymbol,
     QgsPalLayerSettings,
@@ -89,7 +90,7 @@ def height_renderer():
     # Over the colour of the class: a second pass, so that no neighbour's filling covers it.
     for label, status, hatch in [
         ("doubtful: look at it", "doubtful", {"style": "f_diagonal", "color": ALERT, "outline_color": ALERT, "outline_width": "0.4"}),
-        ("height from a fallback", "fallback", {"style": "dense6", "color": "white", "outline_color": "white", "outline_width": "0.3"}),
+        ("height from a fallback", "fallback", {"style": "dense6", "color": "white", "outline_color": "45,45,52,255", "outline_width": "0.3"}),
     ]:
         symbol = QgsFillSymbol.createSimple(hatch)
         symbol.symbolLayer(0).setRenderingPass(1)
@@ -334,7 +335,15 @@ def layout():
     legend = QgsLayoutItemLegend(page)
     legend.setLinkedMap(chart)
     legend.setAutoUpdateModel(True)
-    legend.setLegendFilterByMapEnabled(False)
+    # Only what is on the map: the page has no room for what is not drawn.
+    legend.setLegendFilterByMapEnabled(True)
+    for style, points in [
+        (QgsLegendStyle.Group, 9), (QgsLegendStyle.Subgroup, 8), (QgsLegendStyle.SymbolLabel, 7)
+    ]:
+        font = QFont("Sans Serif")
+        font.setPointSizeF(points)
+        legend.setStyleFont(style, font)
+    legend.setSymbolHeight(3.2)
     place(legend, "legend", 224, 22, 63, 120)
     scale = QgsLayoutItemScaleBar(page)
     scale.setStyle("Single Box")
@@ -346,11 +355,11 @@ def layout():
     scale.setMaximumBarWidth(55)
     scale.setNumberOfSegments(2)
     scale.setNumberOfSegmentsLeft(0)
-    place(scale, "scale", 224, 170, 63, 14)
+    place(scale, "scale", 224, 176, 63, 14)
     arrow = QgsLayoutItemPicture(page)
     arrow.setPicturePath(":/images/north_arrows/layout_default_north_arrow.svg")
     arrow.setLinkedMap(chart)
-    place(arrow, "north", 272, 150, 14, 16)
+    place(arrow, "north", 273, 158, 14, 16)
     label("sources", SOURCES, 7, 10, 192, 277, 14)
     return page
 

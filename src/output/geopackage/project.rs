@@ -22,7 +22,7 @@ use crate::files::{FileError, write_whole};
 use crate::geodata::wkt_of;
 
 /// What the 3D view of a project stands on.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy)]
 pub enum ProjectGround<'a> {
     /// A plane at the lowest wall, where nothing else is known.
     LowestWall,
@@ -32,6 +32,8 @@ pub enum ProjectGround<'a> {
     Model {
         /// The raster, as seen from the project's folder.
         path: &'a Path,
+        /// Its CRS; QGIS takes it to be the project's without.
+        crs: Option<&'a Crs>,
         /// Added to its heights, metres.
         offset_m: f64,
     },
@@ -256,13 +258,14 @@ impl Project<'_> {
                 style_of(name)
             );
         }
-        if let ProjectGround::Model { path, .. } = self.ground {
+        if let ProjectGround::Model { path, crs: own, .. } = self.ground {
             let path = path.to_string_lossy();
+            let crs = own.map_or_else(|| crs.clone(), spatial_reference);
             let prefix = if path.starts_with(['/', '.']) { "" } else { "./" };
             let _ = writeln!(
                 text,
                 "<maplayer type=\"raster\"><id>{ID_PREFIX}{TERRAIN}</id><datasource>{prefix}{}</datasource>\
-                 <layername>{TERRAIN}</layername><provider>gdal</provider><pipe><rasterrenderer type=\"hillshade\" band=\"1\" \
+                 <layername>{TERRAIN}</layername><srs>{crs}</srs><provider>gdal</provider><pipe><rasterrenderer type=\"hillshade\" band=\"1\" \
                  azimuth=\"315\" angle=\"45\" zfactor=\"1\" multidirection=\"1\" opacity=\"0.5\" alphaBand=\"-1\"/></pipe>\
                  </maplayer>",
                 escape(path.as_ref())
