@@ -37,6 +37,7 @@ fn without_views(heights_m: Vec<Option<f64>>) -> Solution {
         views: Vec::new(),
         score: None,
         raised_m: None,
+        doubts: crate::optimise::Doubts::default(),
         reasons: if height_m.is_none() { vec![Reason::SeenByNoView] } else { Vec::new() },
     };
     Solution {

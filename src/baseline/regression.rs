@@ -117,6 +117,7 @@ pub fn regression(problem: &Problem<'_>, config: &RegressionConfig) -> Solution 
             views,
             score: None,
             raised_m: None,
+            doubts: crate::optimise::Doubts::default(),
             reasons: reasons.into_iter().collect(),
         }
     };

@@ -18,7 +18,6 @@ use crate::output::sha256_hex;
   sizeup benchmark paper --output bench --set scenes=[\"res-1\"]
   sizeup benchmark accuracy --output bench --keep-scenes --again robust --set seeds=[1,2] --set levels=[\"mid\"]
   sizeup benchmark accuracy --output bench --again outdated
-  sizeup benchmark accuracy --output bench --set 'real=[{name="west",cityjson={path="city.json",max_buildings=80}}]'
 
 A run that was stopped goes on where it was: the folder holds one outcome per scene and method. Those that another
 program made are taken over and said so, in the table too, unless `--again outdated` makes them anew.")]
