@@ -212,6 +212,7 @@ fn solved(levels: &[(usize, f64)], height_m: f32, scene: &Scene) -> SolvedHeight
             views,
             score: None,
             raised_m: None,
+            doubts: crate::optimise::Doubts::default(),
             reasons: vec![Reason::SeenByNoView],
         };
     }
@@ -232,6 +233,7 @@ fn solved(levels: &[(usize, f64)], height_m: f32, scene: &Scene) -> SolvedHeight
         views,
         score: None,
         raised_m: None,
+        doubts: crate::optimise::Doubts::default(),
         reasons,
     }
 }

@@ -211,7 +211,8 @@ impl StudyConfig {
             name: format!("study-{}-{}-seed{seed}", word(&town), word(&self.level)),
             simulate,
             variants: Vec::new(),
-            cameras: None,            assignments: vec![format!("optimise.working_px={}", self.longest_px)],
+            cameras: None,
+            assignments: vec![format!("optimise.working_px={}", self.longest_px)],
             paper_assignments: Vec::new(),
             with_bodies: false,
         }

@@ -8,16 +8,14 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::config::SearchConfig;
-use super::roof::{RoofView, is_clear};
+use super::roof::{RoofView, carries, is_clear};
 use super::score::{Correlation, Scope};
 use super::search::{SweepView, SweepViews, ViewsOf};
-use super::two_levels::{Limits, Plan, SeenIn, Step, TwoLevels};
+use super::two_levels::{Limits, N_MORE, Plan, SeenIn, Step, TwoLevels};
 use crate::scene::{HeightBounds, Prism, Scene};
 use crate::views::{corners_inside, in_turn};
 
-/// Outlines smaller than this are left whole, m².
-const MIN_OUTLINE_M2: f32 = 200.0;
-/// Least area of a part, m², and as a share of the outline.
+/// Least area of a part, m², and as a share of the outline; smaller ones are steps of one roof ([`super::stepped`]).
 const MIN_PART_M2: f32 = 40.0;
 const MIN_PART_SHARE: f32 = 0.06;
 /// Least difference of two levels: a fixed part, metres, and a share of the upper one.
@@ -93,7 +91,7 @@ pub(super) fn find(
     let is_near_part = |building| parts.iter().any(|part| part.distance(middle(building)) <= NEAR_M);
     let of_building = |building: usize| {
         let prism = &scene.prisms[building];
-        if prism.area_m2() < MIN_OUTLINE_M2 || is_known(building) && !is_near_part(building) {
+        if prism.area_m2() < 2.0 * MIN_PART_M2 || is_known(building) && !is_near_part(building) {
             return None;
         }
         // A tall roof as large as the outline leaves most images: what stands below it may be seen in them still.
@@ -171,8 +169,11 @@ fn other_level(plan: &Plan<'_>, seen: &[SeenIn<'_>], one: OneLevel, below_score:
     }
     let all: Vec<&SeenIn<'_>> = seen.iter().collect();
     let (_, best) = plan.climb(&all, best, &FINE_STEPS);
-    let gains: Vec<f64> = seen.iter().zip(flat).map(|(s, flat)| s.two_levels(&best) - flat).collect();
-    (is_part(plan.prism, &best) && is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS)).then_some(best)
+    let two: Vec<f64> = seen.iter().map(|s| s.two_levels(&best)).collect();
+    let gains: Vec<f64> = two.iter().zip(&flat).map(|(two, flat)| two - flat).collect();
+    let of_views = seen.iter().zip(flat.iter().zip(&two)).map(|(s, (flat, two))| (s.n_rays(), *flat, *two));
+    let is_believed = is_clear(&gains, MIN_GAIN, MIN_STANDARD_ERRORS) && carries(N_MORE, of_views);
+    (is_part(plan.prism, &best) && is_believed).then_some(best)
 }
 
 /// Both explanations side by side.

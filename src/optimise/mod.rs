@@ -37,5 +37,5 @@ pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
 pub use levels::{LevelGain, OtherLevel};
 pub use rays::Rays;
 pub use roof::{Roof, Terrace, candidates};
-pub use solution::{EpochRecord, Reason, Solution, SolvedHeight};
+pub use solution::{Doubts, EpochRecord, Reason, Solution, SolvedHeight};
 pub use solve::{Problem, Solving, ViewInput, WithoutPrior, first_selection, solve};

@@ -38,7 +38,7 @@ const N_RISES: usize = 5;
 /// Eaves tried for each rise.
 const N_EAVES: usize = 9;
 /// What a pitched roof has to be better by than a flat one.
-const MARGIN: Margin = Margin { gain: 0.0005, standard_errors: 0.7 };
+const MARGIN: Margin = Margin { gain: 0.0005, standard_errors: 0.7, n_more: 0.0 };
 
 /// Ways of rays over a footprint, sampled, side by side.
 #[derive(Debug, Clone, Copy)]

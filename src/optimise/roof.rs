@@ -20,6 +20,8 @@ use crate::scene::{HeightBounds, HeightReference, Prism, RoofForm};
 pub(super) const REACH_M: f32 = pitched::TALLEST_M + 2.0;
 /// A roof whose mean is farther than this from the flat height has to be better in whole windows too, metres.
 const FAR_M: f64 = 2.0;
+/// No roof of a few numbers explains more than all but this of a prior: an outline's corners and a roof's furniture are in it.
+const LEAST_UNEXPLAINED: f64 = 1e-3;
 /// Fewer views cannot tell a form.
 const MIN_VIEWS: usize = 4;
 
@@ -142,11 +144,32 @@ pub(super) struct RoofView<'a> {
     pub evidence: &'a Evidence<'a>,
 }
 
-/// By how much a roof has to be better than a flat one over views: on average, and in standard errors of that.
+/// By how much a roof has to be better than a flat one over views: on average, in standard errors of that, and for the
+/// numbers that describe it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Margin {
     pub gain: f64,
     pub standard_errors: f64,
+    /// Numbers that it takes more than a flat one.
+    pub n_more: f64,
+}
+
+/// Whether rays carry the numbers that one roof takes more than another (Bayes' criterion of information, Schwarz 1978):
+///
+/// ```text
+/// Σ_k n_k / 2 · ln((1 − ρ_k²) / (1 − ρ'_k²))  >  m / 2 · ln Σ_k n_k
+/// ```
+///
+/// `n_k` rays of view k, of whose prior one roof leaves `1 − ρ²` unexplained, the other `1 − ρ'²`; `m` more numbers. Small
+/// parts and far photos have few rays: what tells them apart from chance is this, not their size.
+pub(super) fn carries(n_more: f64, views: impl Iterator<Item = (usize, f64, f64)>) -> bool {
+    let unexplained = |score: f64| (1.0 - score.max(0.0).powi(2)).max(LEAST_UNEXPLAINED);
+    let (mut nats, mut n_rays) = (0.0, 0);
+    for (n, simple, other) in views {
+        nats += 0.5 * n as f64 * (unexplained(simple) / unexplained(other)).ln();
+        n_rays += n;
+    }
+    nats > 0.5 * n_more * (n_rays.max(1) as f64).ln()
 }
 
 /// The scores of a roof in other views.
@@ -162,14 +185,43 @@ pub(super) struct Fit<'a> {
 }
 
 impl Fit<'_> {
-    fn is_better(&self, scores: &[f64], flat: &[f64]) -> bool {
-        let gains: Vec<f64> = scores.iter().zip(flat).map(|(score, flat)| score - flat).collect();
+    /// Whether its scores in some views are clearly better than those of a simpler roof.
+    fn is_better(&self, views: &[RoofView<'_>], scores: &[f64], simple: &[f64]) -> bool {
+        let gains: Vec<f64> = scores.iter().zip(simple).map(|(score, simple)| score - simple).collect();
+        // A score holds the agreement too: its greatest is one and the weight of that.
+        let of_view = |(view, (score, simple)): (&RoofView<'_>, (&f64, &f64))| {
+            let greatest = 1.0 + view.weight;
+            (view.window.n_rays(), simple / greatest, score / greatest)
+        };
+        let of_views = views.iter().zip(scores.iter().zip(simple)).map(of_view);
         is_clear(&gains, self.margin.gain, self.margin.standard_errors)
+            && (self.margin.n_more == 0.0 || carries(self.margin.n_more, of_views))
     }
 }
 
-/// Looks for the roof of one building around the height that the search has found; `None` where a flat one is as good. What is
-/// far from that height has to be better in `whole`, too, which takes in all that the building could hide.
+/// What the views make of a building's roof.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Judged {
+    /// The one that they prefer to a flat one, if any.
+    pub roof: Option<Roof>,
+    /// Those that they do not rule out, with how likely each is against the one that is taken (1: just as likely).
+    pub rivals: Vec<(Roof, f64)>,
+}
+
+/// How likely a roof is against another: by how many standard errors over views its score falls short, as a normal
+/// distribution has it.
+fn likelihood(scores: &[f64], taken: &[f64]) -> f64 {
+    let lost: Vec<f64> = taken.iter().zip(scores).map(|(taken, score)| taken - score).collect();
+    let n = lost.len() as f64;
+    let mean = lost.iter().sum::<f64>() / n;
+    let variance = lost.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let short = mean / (variance / n).sqrt().max(f64::MIN_POSITIVE);
+    (-0.5 * short.max(0.0).powi(2)).exp()
+}
+
+/// Looks for the roof of one building around the height that the search has found: another one than a flat one where that is
+/// clearly better. What is far from that height has to be better in `whole`, too, which takes in all that the building could
+/// hide.
 pub(super) fn find<'a>(
     prism: &Prism,
     bounds: HeightBounds,
@@ -177,9 +229,9 @@ pub(super) fn find<'a>(
     config: &SearchConfig,
     near: &[RoofView<'a>],
     whole: impl FnOnce() -> Vec<RoofView<'a>>,
-) -> Option<Roof> {
+) -> Judged {
     if near.len() < MIN_VIEWS {
-        return None;
+        return Judged::default();
     }
     let flat_in = |views: &[RoofView<'_>]| -> Vec<f64> {
         views.iter().map(|v| v.window.score(height_m, v.weight, Correlation::Linear)).collect()
@@ -191,16 +243,27 @@ pub(super) fn find<'a>(
         (views, flat)
     });
     let is_far = |roof: &Roof| (roof.mean_m - f64::from(height_m)).abs() > FAR_M;
-    let is_better_in_whole = |fit: &Fit<'_>| fit.is_better(&(fit.scores_in)(&whole.0), &whole.1);
+    let is_better_in_whole = |fit: &Fit<'_>| fit.is_better(&whole.0, &(fit.scores_in)(&whole.0), &whole.1);
     let is_believed =
-        |fit: &Fit<'_>| fit.is_better(&fit.scores, &flat) && (!is_far(&fit.roof) || is_better_in_whole(fit));
+        |fit: &Fit<'_>| fit.is_better(near, &fit.scores, &flat) && (!is_far(&fit.roof) || is_better_in_whole(fit));
     let forms = &config.roof_forms;
     let pitched = pitched::best(prism, forms, height_m, near);
     let is_stepped_tried = forms.contains(&RoofForm::Stepped);
     let stepped = is_stepped_tried.then(|| stepped::best(prism, bounds, height_m, near)).flatten();
-    let total = |fit: &Fit<'_>| fit.scores.iter().sum::<f64>();
-    let believed = [pitched, stepped].into_iter().flatten().filter(is_believed);
-    believed.max_by(|a, b| total(a).total_cmp(&total(b))).map(|fit| fit.roof)
+    let by_pitch = pitched.as_ref().filter(|fit| is_believed(fit));
+    let by_step = stepped.as_ref().filter(|fit| is_believed(fit));
+    let taken = match (by_pitch, by_step) {
+        (Some(pitch), Some(step)) => Some(if step.is_better(near, &step.scores, &pitch.scores) { step } else { pitch }),
+        (pitch, step) => pitch.or(step),
+    };
+    let taken_scores = taken.map_or(&flat, |fit| &fit.scores);
+    let flat_roof = Roof::flat(f64::from(height_m));
+    let fits = [&pitched, &stepped].into_iter().flatten();
+    let all = fits.map(|fit| (fit.roof, &fit.scores)).chain([(flat_roof, &flat)]);
+    let taken_roof = taken.map_or(flat_roof, |fit| fit.roof);
+    let rivals =
+        all.filter(|(roof, _)| *roof != taken_roof).map(|(roof, scores)| (roof, likelihood(scores, taken_scores)));
+    Judged { roof: taken.map(|fit| fit.roof), rivals: rivals.collect() }
 }
 
 /// Whether the views agree that something is better: their mean gain is large enough and stands clear of its standard

@@ -154,6 +154,11 @@ impl Window {
         Some(Self { stretches, rays, x, y, v, p_ranks, p_rank_norm, gram_inverse, p_norm_squared, base, unmodelled })
     }
 
+    /// Rays that are compared.
+    pub(super) fn n_rays(&self) -> usize {
+        self.rays.len()
+    }
+
     /// The weight of the agreement here, where it has `weight` among surroundings that the scene knows.
     pub(super) fn agreement_weight(&self, weight: f32, config: &SearchConfig) -> f64 {
         f64::from(weight + config.unmodelled_agreement_weight * self.unmodelled)

@@ -14,7 +14,7 @@ use super::calibrate::Calibration;
 use super::config::{CalibrationRays, SearchConfig};
 use super::evidence::Evidence;
 use super::peak::Curve;
-use super::roof::{self, Roof, RoofView};
+use super::roof::{self, Judged, RoofView};
 use super::score::{Correlation, Scope, Window};
 use crate::render::PlacedCamera;
 use crate::render::profile::Stops;
@@ -199,15 +199,15 @@ fn around(at_m: f32, share: f32, bounds: HeightBounds, config: &SearchConfig) ->
     ((at_m - half_width).max(bounds.min_m), (at_m + half_width).min(bounds.max_m))
 }
 
-/// The pitched or stepped roof of every building around the height that the sweeps have found; `None` where a flat one is as good.
+/// The pitched or stepped roof of every building around the height that the sweeps have found, and its rivals.
 #[must_use]
-pub fn find_roofs(
+pub(super) fn find_roofs(
     scene: &Scene,
     views: SweepViews<'_>,
     views_of: ViewsOf<'_>,
     heights_m: &[f32],
     config: &SearchConfig,
-) -> Vec<Option<Roof>> {
+) -> Vec<Judged> {
     let find = |b: usize| {
         let seen = |scope: Scope| -> Vec<RoofView<'_>> {
             let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());

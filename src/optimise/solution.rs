@@ -55,6 +55,17 @@ impl Reason {
     }
 }
 
+/// What can be wrong with a height, each as one standard deviation in metres; 0 where nothing is known.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Doubts {
+    /// Between views: by how much the height moves when single views are left out (jackknife).
+    pub views_m: f64,
+    /// A pixel of the working image on the building.
+    pub pixel_m: f64,
+    /// Between forms of the roof that the views do not tell apart.
+    pub form_m: f64,
+}
+
 /// The height of one building.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SolvedHeight {
@@ -62,8 +73,11 @@ pub struct SolvedHeight {
     pub height_m: Option<f64>,
     /// The roof that the evidence supports; flat where it supports no other.
     pub roof: Option<Roof>,
-    /// One standard deviation over views, metres, where it can be estimated.
+    /// One standard deviation, metres, where it can be estimated.
     pub sigma_m: Option<f64>,
+    /// What that is made of.
+    #[serde(default)]
+    pub doubts: Doubts,
     /// Positions of the views that had a say.
     pub views: Vec<usize>,
     /// Mean over views of the score at the height, −1 (opposite) to 1 (the prior as rendered); `robust` only.
@@ -111,7 +125,16 @@ impl SolvedHeight {
 
     /// A building that no height can be given.
     pub(super) fn unknown(views: Vec<usize>, score: Option<f64>, reason: Reason) -> Self {
-        Self { height_m: None, roof: None, sigma_m: None, views, score, raised_m: None, reasons: vec![reason] }
+        Self {
+            height_m: None,
+            roof: None,
+            sigma_m: None,
+            doubts: Doubts::default(),
+            views,
+            score,
+            raised_m: None,
+            reasons: vec![reason],
+        }
     }
 }
 

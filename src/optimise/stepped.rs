@@ -8,11 +8,11 @@
 //! buildings are taken apart before ([`super::levels`]).
 
 use super::roof::{Fit, Margin, Roof, RoofView, Terrace};
-use super::two_levels::{Limits, Plan, SeenIn, Step, TwoLevels};
+use super::two_levels::{Limits, N_MORE, Plan, SeenIn, Step, TwoLevels};
 use crate::scene::{HeightBounds, Prism, RoofForm};
 
-/// Smaller outlines are one level, m²: a step under them is too small to tell from a slope.
-const MIN_OUTLINE_M2: f32 = 200.0;
+/// Least area of either level, m²: an annex or a penthouse of one room. Less is a dormer or a bay.
+const MIN_PART_M2: f64 = 15.0;
 /// Least side of the inner rectangle, metres.
 const MIN_SIDE_M: f32 = 3.0;
 /// Least share of the outline's area on either level.
@@ -29,8 +29,8 @@ const FIRST_M: [[f32; 2]; 4] = [[3.0, -1.0], [-3.0, 1.0], [1.0, -2.0], [-1.0, 2.
 /// Steps of the search, for the followed guesses and for the best of them.
 const COARSE_STEPS: [Step; 2] = [step(0.15, 1.0), step(0.07, 0.5)];
 const FINE_STEPS: [Step; 3] = [step(0.05, 0.4), step(0.025, 0.2), step(0.012, 0.1)];
-/// What a stepped roof has to be better by than a flat one.
-const MARGIN: Margin = Margin { gain: 0.002, standard_errors: 1.0 };
+/// What a stepped roof has to be better by than a flat one, and than a pitched one that is believed.
+const MARGIN: Margin = Margin { gain: 0.002, standard_errors: 1.0, n_more: N_MORE };
 
 const fn step(side_share: f32, height_m: f32) -> Step {
     Step { side_share, height_m, height_share: 0.0 }
@@ -38,7 +38,8 @@ const fn step(side_share: f32, height_m: f32) -> Step {
 
 /// The stepped roof of one building that its views show best around a flat one; `None` where there is none to speak of.
 pub(super) fn best<'a>(prism: &'a Prism, bounds: HeightBounds, flat_m: f32, views: &[RoofView<'_>]) -> Option<Fit<'a>> {
-    if prism.area_m2() < MIN_OUTLINE_M2 {
+    let area_m2 = f64::from(prism.area_m2());
+    if area_m2 < 2.0 * MIN_PART_M2 {
         return None;
     }
     let flat_m = flat_m.clamp(bounds.min_m, bounds.max_m);
@@ -51,7 +52,8 @@ pub(super) fn best<'a>(prism: &'a Prism, bounds: HeightBounds, flat_m: f32, view
     let (_, found) = plan.best_of(plan.guesses(&pairs_m), N_FOLLOWED, &first, &COARSE_STEPS)?;
     let (_, found) = plan.climb(&all, found, &FINE_STEPS);
     let share = plan.inner_share(&found);
-    if !(MIN_SHARE..=1.0 - MIN_SHARE).contains(&share) || found.upper_m() - found.lower_m() < MIN_STEP_M {
+    let lesser_share = share.min(1.0 - share);
+    if lesser_share < MIN_SHARE.max(MIN_PART_M2 / area_m2) || found.upper_m() - found.lower_m() < MIN_STEP_M {
         return None;
     }
     let scores = scores(&seen, &found);

@@ -30,6 +30,9 @@ const FIRST_SIZE: f32 = 0.5;
 /// Points per side of the grid that the rectangle's share of the outline is counted on.
 const GRID: usize = 40;
 
+/// Numbers that two levels take more than one: a rectangle, and a level.
+pub(super) const N_MORE: f64 = 5.0;
+
 /// A rectangle at one level, everything else at another. Metres; the rectangle along the plan's axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TwoLevels {
@@ -205,6 +208,11 @@ pub(super) struct SeenIn<'a> {
 impl<'a> SeenIn<'a> {
     pub fn new(view: &'a RoofView<'_>, weight: f64, plan: &Plan<'_>) -> Self {
         Self { window: &view.window, weight, ways: ways(view, plan) }
+    }
+
+    /// Rays of the view that are compared.
+    pub fn n_rays(&self) -> usize {
+        self.window.n_rays()
     }
 
     /// The score of one level, metres above the building's ground.

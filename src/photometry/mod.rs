@@ -12,7 +12,7 @@
 mod settle;
 
 pub use settle::PolishConfig;
-pub(crate) use settle::{MIN_PHOTOS, MIN_PLACES, Settled, settle};
+pub(crate) use settle::{MIN_PHOTOS, MIN_PLACES, Settled, elsewhere_share, settle};
 
 use glam::{DVec2, DVec3};
 
@@ -107,6 +107,12 @@ impl Likeness {
     /// The best height; `None` at an end of the range, or where too few photos show the surface.
     pub fn peak(&self) -> Option<Peak> {
         self.peak_without(None)
+    }
+
+    /// How alike the photos look on the surface raised by so much, metres; of the heights tried the nearest.
+    pub fn score_at(&self, raised_m: f64) -> f64 {
+        let at = ((raised_m - self.low_m) / self.step_m).round().clamp(0.0, (self.of_pairs.len() - 1) as f64) as usize;
+        better_pairs(&self.of_pairs[at], &vec![true; self.pairs.len()])
     }
 
     /// The best height for each photo left out; `None` where there is none for some.

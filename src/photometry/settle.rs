@@ -89,3 +89,38 @@ pub(crate) fn settle(pictures: &[&Picture], surface: &[DVec3], config: &PolishCo
     let sigma_m = jackknife_sigma(&likeness.peaks_without_one()?)?;
     Some(Settled { raised_m: peak.raised_m, sigma_m, score: peak.score, lead: peak.lead })
 }
+
+/// The share of a settled surface's places (map frame, metres) that lie in regions which look clearly better at another
+/// height: where it is large, the surface is not one, and no single shift of it is right.
+///
+/// Regions: the places, halved again and again across their longer side, as long as each half can be compared.
+pub(crate) fn elsewhere_share(
+    pictures: &[&Picture],
+    surface: &[DVec3],
+    settled: &Settled,
+    config: &PolishConfig,
+) -> f64 {
+    let mut regions = vec![surface.to_vec()];
+    let mut finest = Vec::new();
+    while let Some(mut region) = regions.pop() {
+        if region.len() < 2 * MIN_PLACES {
+            finest.push(region);
+            continue;
+        }
+        let (low, high) =
+            region.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
+        let axis = usize::from((high - low).y > (high - low).x);
+        region.sort_by(|a, b| a[axis].total_cmp(&b[axis]));
+        let rest = region.split_off(region.len() / 2);
+        regions.extend([region, rest]);
+    }
+    let is_elsewhere = |region: &&Vec<DVec3>| {
+        let middle = region.iter().sum::<DVec3>() / region.len() as f64;
+        let likeness = Likeness::new(pictures, region, config.within_m, ground_sample_m(pictures, middle));
+        likeness.peak().is_some_and(|peak| {
+            peak.score >= config.min_score && peak.score - likeness.score_at(settled.raised_m) >= config.min_lead
+        })
+    };
+    let n_elsewhere: usize = finest.iter().filter(is_elsewhere).map(Vec::len).sum();
+    n_elsewhere as f64 / surface.len() as f64
+}

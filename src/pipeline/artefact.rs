@@ -55,6 +55,9 @@ pub struct HeightStage {
     /// was left by the round before.
     #[serde(default)]
     pub cuts: Vec<Vec<Cut>>,
+    /// Outlines that were taken apart and joined again, as the heights of their parts did not bear it out.
+    #[serde(default)]
+    pub joined: Vec<String>,
     /// The solution, one height per building of `solved`; its views are positions in the survey.
     pub solution: Solution,
     /// Views whose photo could not be read where roofs were settled by photos, and why.
@@ -74,6 +77,7 @@ impl HeightStage {
         Self {
             solved: Vec::new(),
             cuts: Vec::new(),
+            joined: Vec::new(),
             solution: Solution::default(),
             unread_photos: Vec::new(),
             doubt: None,

@@ -325,6 +325,7 @@ mod tests {
             views: (3 * b..3 * b + 3).collect(),
             score: None,
             raised_m: None,
+            doubts: crate::optimise::Doubts::default(),
             reasons: if b == 2 { vec![Reason::TooFewViews] } else { Vec::new() },
         };
         let solved: Vec<SolvedHeight> = (0..30).map(solved).collect();

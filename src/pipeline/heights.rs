@@ -1,7 +1,7 @@
 //! The heights stage: one scene solved, and solved again where heights change the outlines.
 
 use std::cell::RefCell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
 
 use super::above::mark_towers;
@@ -82,11 +82,12 @@ impl HeightSearch<'_> {
         stage: &mut SceneStage,
         find: impl Fn(&SceneStage, &Rays, &OptimiseConfig, &Known) -> Result<HeightStage, PipelineError>,
     ) -> Result<HeightStage, PipelineError> {
+        let whole = footprints.clone();
         let mut cuts = Vec::new();
         let mut rays = self.untraced();
         let mut heights = find(stage, &rays, &self.config.optimise, &Known::default())?;
         while cuts.len() < levels::MAX_ROUNDS {
-            let round = levels::cuts(stage, &heights.solution);
+            let round = levels::cuts(footprints, stage, &heights.solution);
             let known = Known::of(&heights, footprints.layer.footprints.len());
             let Some(stood) = levels::take_apart(footprints, &round) else { break };
             *stage = SceneStage::in_frame(self.config, &stage.frame(), footprints)?;
@@ -100,9 +101,30 @@ impl HeightSearch<'_> {
             // From scratch: what was found with other outlines hides what stands behind them.
             heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &Known::default())?;
         }
+        let mut joined = BTreeSet::new();
+        loop {
+            let n_before = joined.len();
+            joined.extend(levels::not_borne_out(footprints, &heights, &cuts));
+            if joined.len() == n_before {
+                break;
+            }
+            footprints.clone_from(&whole);
+            let mut kept = Vec::new();
+            for round in &cuts {
+                let round = levels::without(round, footprints, &joined);
+                if levels::take_apart(footprints, &round).is_some() {
+                    kept.push(round);
+                }
+            }
+            cuts = kept;
+            *stage = SceneStage::in_frame(self.config, &stage.frame(), footprints)?;
+            rays = rays.of_other_outlines();
+            heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &Known::default())?;
+        }
         heights.unread_photos = polish(self.config, self.survey, stage, &mut heights.solution);
         mark_towers(&stage.scene, &mut heights.solution);
-        Ok(HeightStage { cuts, ..heights })
+        footprints.issues.extend(joined.iter().map(|id| levels::joined_note(id)));
+        Ok(HeightStage { cuts, joined: joined.into_iter().collect(), ..heights })
     }
 
     /// Rays of the survey's views through a scene that nobody has looked at yet.
@@ -151,6 +173,7 @@ impl HeightSearch<'_> {
         HeightStage {
             solved: stage.solved.clone(),
             cuts: Vec::new(),
+            joined: Vec::new(),
             solution,
             unread_photos: Vec::new(),
             ground: GroundTold::default(),

@@ -1,16 +1,17 @@
 //! Outlines that hold two roof levels: taken apart between two rounds of solving.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
+use geo::{Area as _, Contains as _, InteriorPoint as _};
 use geo_types::{LineString, Polygon};
 use serde::{Deserialize, Serialize};
 
-use super::FootprintStage;
 use super::stages::SceneStage;
+use super::{FootprintStage, HeightStage};
 use crate::footprint::{Footprint, pieces, with_corners_of};
 use crate::ids::BuildingId;
 use crate::issue::{Issue, Severity, Subject};
-use crate::optimise::{LevelGain, Solution};
+use crate::optimise::{LevelGain, Solution, SolvedHeight};
 
 /// Rounds of taking apart: each finds one more level of a building.
 pub(super) const MAX_ROUNDS: usize = 2;
@@ -20,6 +21,9 @@ pub(super) const MAX_ROUNDS: usize = 2;
 pub struct Cut {
     /// Position in the layer, as it was before this round.
     pub footprint: usize,
+    /// Its name there; its parts are called `ID#1`, `ID#2`, …
+    #[serde(default)]
+    pub id: String,
     /// What stands at another level than the rest, map frame.
     pub other: Polygon<f64>,
     /// Why it is cut.
@@ -28,12 +32,13 @@ pub struct Cut {
 }
 
 /// The cuts that a solution asks for.
-pub(super) fn cuts(stage: &SceneStage, solution: &Solution) -> Vec<Cut> {
+pub(super) fn cuts(footprints: &FootprintStage, stage: &SceneStage, solution: &Solution) -> Vec<Cut> {
     let origin = stage.scene.origin.0;
     let of_level = |level: &crate::optimise::OtherLevel| {
         let ring = level.corners.map(|[x, y]| (x + origin.x, y + origin.y));
         Cut {
             footprint: stage.solved[level.building],
+            id: footprints.layer.footprints[stage.solved[level.building]].id.0.clone(),
             other: Polygon::new(LineString::from(ring.to_vec()), Vec::new()),
             gain: level.gain.clone(),
         }
@@ -67,6 +72,80 @@ pub(super) fn take_apart(stage: &mut FootprintStage, cuts: &[Cut]) -> Option<Vec
     }
     join_parts(&mut stage.layer.footprints, &stood);
     (stage.layer.footprints.len() > n_before).then_some(stood)
+}
+
+/// How many standard deviations the step between two solved levels has to stand clear of none.
+const CLEAR_SIGMAS: f64 = 2.0;
+
+/// The cuts that the parts' own heights do not bear out. Where all views agree on two levels, each part comes to stand at
+/// the one that it was cut for: nearer to that than to the other's, and clear of the other part by two standard deviations.
+/// Parts of parts count by their areas.
+pub(super) fn not_borne_out(footprints: &FootprintStage, heights: &HeightStage, cuts: &[Vec<Cut>]) -> BTreeSet<String> {
+    let parts: Vec<(&Footprint, &SolvedHeight)> = heights
+        .solved
+        .iter()
+        .map(|&at| &footprints.layer.footprints[at])
+        .zip(&heights.solution.heights)
+        .filter(|(footprint, _)| footprint.part_of.is_some())
+        .collect();
+    let is_borne_out = |cut: &Cut| {
+        let prefix = format!("{}#", cut.id);
+        let of_cut = || parts.iter().filter(|(footprint, _)| footprint.id.0.starts_with(&prefix));
+        let level_of = |is_inner: bool| {
+            let side = of_cut()
+                .filter(|(f, _)| f.polygon.interior_point().is_some_and(|p| cut.other.contains(&p)) == is_inner);
+            Level::mean(side.filter_map(|(footprint, solved)| Level::of(footprint, solved)))
+        };
+        // What has no height contradicts nothing.
+        let Some((inner, outer)) = level_of(true).zip(level_of(false)) else { return true };
+        let [inner_m, outer_m] = cut.gain.heights_m.map(f64::from);
+        let half_step_m = 0.5 * (inner_m - outer_m).abs();
+        let is_where_cut =
+            (inner.height_m - inner_m).abs() <= half_step_m && (outer.height_m - outer_m).abs() <= half_step_m;
+        let step_m = (inner.height_m - outer.height_m) * (inner_m - outer_m).signum();
+        is_where_cut && step_m > CLEAR_SIGMAS * inner.sigma_m.hypot(outer.sigma_m)
+    };
+    cuts.iter().flatten().filter(|cut| !is_borne_out(cut)).map(|cut| cut.id.clone()).collect()
+}
+
+/// The level of one or several parts.
+#[derive(Debug, Clone, Copy)]
+struct Level {
+    area_m2: f64,
+    height_m: f64,
+    sigma_m: f64,
+}
+
+impl Level {
+    fn of(footprint: &Footprint, solved: &SolvedHeight) -> Option<Self> {
+        let height_m = solved.roof?.mean_m;
+        Some(Self { area_m2: footprint.polygon.unsigned_area(), height_m, sigma_m: solved.sigma_m.unwrap_or(0.0) })
+    }
+
+    /// By area; as if all erred the same way.
+    fn mean(levels: impl Iterator<Item = Self>) -> Option<Self> {
+        levels.reduce(|a, b| {
+            let area_m2 = a.area_m2 + b.area_m2;
+            let mean = |of: fn(&Self) -> f64| (a.area_m2 * of(&a) + b.area_m2 * of(&b)) / area_m2;
+            Self { area_m2, height_m: mean(|level| level.height_m), sigma_m: mean(|level| level.sigma_m) }
+        })
+    }
+}
+
+/// The cuts of one round without those of some outlines and of their parts, for a layer in which these are whole.
+pub(super) fn without(cuts: &[Cut], footprints: &FootprintStage, joined: &BTreeSet<String>) -> Vec<Cut> {
+    let is_of = |cut: &Cut, whole: &String| cut.id == *whole || cut.id.starts_with(&format!("{whole}#"));
+    let kept = cuts.iter().filter(|cut| !joined.iter().any(|whole| is_of(cut, whole)));
+    let layer = &footprints.layer.footprints;
+    let at = |cut: &Cut| layer.iter().position(|footprint| footprint.id.0 == cut.id);
+    kept.filter_map(|cut| Some(Cut { footprint: at(cut)?, ..cut.clone() })).collect()
+}
+
+/// Says of an outline that was taken apart that its parts were joined again.
+pub(super) fn joined_note(id: &str) -> Issue {
+    let message =
+        "its roof looked like two levels, but the heights of its two parts did not bear them out: it was left whole";
+    Issue::new(Severity::Note, "levels_joined_again", Subject::Building(id.to_owned()), message)
 }
 
 /// Gives parts of one building each other's corners where a part was taken apart once more: those of the new parts lie on

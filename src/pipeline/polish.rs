@@ -43,6 +43,9 @@ const SYSTEMATIC_M: f64 = 0.1;
 
 /// Of a roof's places, every so many tell its pitch.
 const THINNED: usize = 3;
+/// A roof of which more than this share looks clearly better at another height has several levels that none of the candidates
+/// has: with a quarter of it wrong, a step of a storey is off by as much as the priors are.
+const MAX_ELSEWHERE_SHARE: f64 = 0.25;
 /// How much more alike the photos have to look on another form of roof than on the one that the priors show.
 const OTHER_FORM_SCORE: f64 = 0.02;
 
@@ -92,7 +95,10 @@ pub(super) fn polish(
             continue;
         };
         let roof = roof.raised(settled.raised_m);
-        if roof.eave_m > 0.0 && solved.sigma_m.is_none_or(|of_priors_m| sigma_m < of_priors_m) {
+        // The photos try all forms themselves: what the priors leave open between them makes no photo more certain.
+        let form_m = solved.doubts.form_m;
+        let of_priors_m = solved.sigma_m.map(|stated_m| (stated_m.powi(2) - form_m.powi(2)).max(0.0).sqrt());
+        if roof.eave_m > 0.0 && of_priors_m.is_none_or(|of_priors_m| sigma_m < of_priors_m) {
             solved.settle(roof, stage.scene.bounds, config.optimise.height_reference, sigma_m);
         }
     }
@@ -169,8 +175,12 @@ impl Roofs<'_> {
         let merit = |(roof, settled): &(Roof, Settled)| {
             settled.score - if roof.form == found.form { 0.0 } else { OTHER_FORM_SCORE }
         };
-        let settled = fine.filter_map(|i| settle(&candidates[i], 1));
-        settled.reduce(|best, other| if merit(&other) > merit(&best) { other } else { best })
+        let all: Vec<(usize, (Roof, Settled))> = fine.filter_map(|i| Some((i, settle(&candidates[i], 1)?))).collect();
+        let (at, (roof, settled)) =
+            all.iter().copied().reduce(|best, other| if merit(&other.1) > merit(&best.1) { other } else { best })?;
+        let in_map: Vec<_> = candidates[at].1.iter().map(|p| p.as_dvec3() + self.stage.scene.origin.0).collect();
+        let elsewhere = photometry::elsewhere_share(&pictures, &in_map, &settled, settings);
+        (elsewhere <= MAX_ELSEWHERE_SHARE).then_some((roof, settled))
     }
 
     /// The photos to compare on a roof: from all sides, those that nothing hides it from.

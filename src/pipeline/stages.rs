@@ -111,6 +111,7 @@ pub(super) fn run(
     } else {
         let heights: HeightStage = artefact::read(config, Stage::Heights)?;
         stage = stage.after(config, &mut footprints, &heights.cuts)?;
+        footprints.issues.extend(heights.joined.iter().map(|id| levels::joined_note(id)));
         (heights, None)
     };
     summary.n_used_views = heights.solution.used_views.len();

@@ -14,7 +14,7 @@ use super::config::{OptimiseConfig, Preset};
 use super::evidence::Evidence;
 use super::levels::OtherLevel;
 use super::rays::Rays;
-use super::roof::Roof;
+use super::roof::Judged;
 use super::search::Finding;
 use super::solution::{EpochRecord, Solution};
 use crate::prior::DepthPrior;
@@ -130,7 +130,7 @@ struct State<'a> {
     is_voted_on: Vec<bool>,
     /// By building: whether the heights as found leave its pixels in the wrong order (`paper`).
     is_in_wrong_order: Vec<bool>,
-    roofs: Vec<Option<Roof>>,
+    roofs: Vec<Judged>,
     views_of: Vec<Vec<usize>>,
     history: Vec<EpochRecord>,
     /// By view: by how many pixels of the working image its prior's near sides spill over their edges.
@@ -155,7 +155,7 @@ impl<'a> State<'a> {
             findings: vec![None; n_buildings],
             is_voted_on: vec![false; n_buildings],
             is_in_wrong_order: vec![false; n_buildings],
-            roofs: vec![None; n_buildings],
+            roofs: vec![Judged::default(); n_buildings],
             views_of: vec![Vec::new(); n_buildings],
             history: Vec::new(),
             spill_px: vec![0.0; n_views],

@@ -4,7 +4,7 @@ use super::State;
 use crate::optimise::config::Preset;
 use crate::optimise::roof::Roof;
 use crate::optimise::search::Finding;
-use crate::optimise::solution::{Reason, Solution, SolvedHeight};
+use crate::optimise::solution::{Doubts, Reason, Solution, SolvedHeight};
 
 /// A flat sum of correlations over the tried heights below which the score says nothing.
 const FLAT_SCORE: f64 = 0.02;
@@ -19,6 +19,11 @@ const HOPELESS_SCORE_ALONE: f64 = 0.6;
 const SPREAD_SHARE: f64 = 0.5;
 const SYSTEMATIC_PX: f64 = 0.65;
 
+/// The standard deviation to state, metres.
+fn stated_sigma_m(doubts: &Doubts) -> f64 {
+    (SPREAD_SHARE * doubts.views_m).hypot(SYSTEMATIC_PX * doubts.pixel_m).hypot(doubts.form_m)
+}
+
 impl State<'_> {
     pub(super) fn into_solution(self) -> Solution {
         let heights = (0..self.heights_m.len()).map(|b| self.solved(b)).collect();
@@ -30,17 +35,25 @@ impl State<'_> {
         Solution { heights, history: self.history, used_views, spill_px, spills_px: spills, other_levels, failed_views }
     }
 
-    /// The standard deviation to state for a standard error over views, which knows nothing of what all views have in
-    /// common, metres.
-    fn calibrated_sigma(&self, building: usize, spread_m: f64) -> f64 {
+    /// How large a pixel of the working image is on a building, metres, median of its views.
+    fn pixel_m(&self, building: usize) -> f64 {
         let centre = self.centre(building);
         let pixel_m = |&view: &usize| {
             let placed = &self.problem.views[view].placed;
             (placed.eye() - centre).length() / placed.camera.fx_px
         };
         let pixels_m: Vec<f64> = self.views_of[building].iter().map(pixel_m).collect();
-        let systematic_m = SYSTEMATIC_PX * crate::stats::median(&pixels_m).unwrap_or(0.0);
-        (SPREAD_SHARE * spread_m).hypot(systematic_m)
+        crate::stats::median(&pixels_m).unwrap_or(0.0)
+    }
+
+    /// The spread of the heights of a building's roofs that its views do not tell apart, each with its likelihood, around
+    /// the one that is taken, metres.
+    fn form_m(&self, building: usize, taken: &Roof) -> f64 {
+        let reference = self.config.height_reference;
+        let rivals = &self.roofs[building].rivals;
+        let squares = rivals.iter().map(|(roof, w)| w * (roof.height_m(reference) - taken.height_m(reference)).powi(2));
+        let weights = 1.0 + rivals.iter().map(|(_, weight)| weight).sum::<f64>();
+        (squares.sum::<f64>() / weights).sqrt()
     }
 
     fn solved(&self, building: usize) -> SolvedHeight {
@@ -84,17 +97,30 @@ impl State<'_> {
             reasons.push(Reason::WrongOrder);
         }
         let spread_m = finding.and_then(|f| f.sigma_m);
-        let sigma_m = spread_m.map(|spread_m| self.calibrated_sigma(building, spread_m));
         if spread_m.is_some_and(|s| s > DOUBTFUL_SPREAD_M) {
             reasons.push(Reason::ConflictingViews);
         }
         if is_outdone {
             reasons.push(Reason::OtherHeight);
         }
-        let roof = self.roofs[building].unwrap_or(Roof::flat(f64::from(height_m)));
+        let roof = self.roofs[building].roof.unwrap_or(Roof::flat(f64::from(height_m)));
+        let doubts = Doubts {
+            views_m: spread_m.unwrap_or(0.0),
+            pixel_m: self.pixel_m(building),
+            form_m: self.form_m(building, &roof),
+        };
+        let sigma_m = spread_m.map(|_| stated_sigma_m(&doubts));
         let height_m = roof.height_m(self.config.height_reference);
-        let mut solved =
-            SolvedHeight { height_m: Some(height_m), roof: Some(roof), sigma_m, views, score, raised_m: None, reasons };
+        let mut solved = SolvedHeight {
+            height_m: Some(height_m),
+            roof: Some(roof),
+            sigma_m,
+            doubts,
+            views,
+            score,
+            raised_m: None,
+            reasons,
+        };
         solved.keep_within(bounds, self.config.height_reference);
         solved
     }
