@@ -66,6 +66,7 @@ mod tests {
             views: Vec::new(),
             score: None,
             raised_m: (settled == Some(i)).then_some(0.1),
+            doubts: crate::optimise::Doubts::default(),
             reasons: Vec::new(),
         };
         let heights = heights_m.iter().enumerate().map(of).collect();
