@@ -285,8 +285,8 @@ fn warsaw_from_its_photos_agrees_with_its_measured_depth() {
         let share = n_found as f64 / (width * height) as f64;
         let within = errors.iter().filter(|e| **e < 0.01).count() as f64 / errors.len() as f64;
         medians.push(median(&errors).unwrap());
-        complete.push(errors.len() as f64 / f64::from(n_known));
-        within_1_m.push(f64::from(n_near) / errors.len() as f64);
+        complete.push(errors.len() as f64 / n_known as f64);
+        within_1_m.push(n_near as f64 / errors.len() as f64);
         println!(
             "{}: {share:.2} of pixels, within 1 m {:.3} of {:.3}, relative error median {:.4}, P90 {:.4}, within 1 % {within:.2}, {wall_s:.2} s",
             view.id,
