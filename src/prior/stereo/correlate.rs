@@ -1,5 +1,4 @@
-//! Zero-mean normalised cross-correlation between a view and a neighbour seen through one plane, a strip of rows at a
-//! time.
+//! Zero-mean normalised cross-correlation between a view and a neighbour seen through one plane, a tile at a time.
 //!
 //! Over a window around a pixel, with the view's brightness `a`, the neighbour's `b`:
 //!
@@ -9,8 +8,14 @@
 //!
 //! The innermost loops run along rows of plain arrays, without cases, so that the compiler uses the processor's vectors.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined where the processor's registers are known is not made for them"
+)]
+
 use std::ops::Range;
 
+use fearless_simd::{Level, dispatch};
 use glam::{DMat3, DVec3};
 
 use crate::raster::Raster;
@@ -92,20 +97,46 @@ fn span(i: usize, radius: usize, n: usize) -> Range<usize> {
 }
 
 /// Sum over a window along a row, cut off at its ends. Plain sums: they vectorise, and nothing accumulates.
+#[inline(always)]
 fn sum_along_row(row: &[f32], radius: usize, sums: &mut [f32]) {
     let width = row.len();
-    sums.fill(0.0);
-    for offset in 0..=2 * radius {
-        // sums[col] += row[col + offset − radius], for all columns where that exists.
-        let (to, from) = (radius.saturating_sub(offset), offset.saturating_sub(radius));
-        let n = width.saturating_sub(to.max(from));
-        for (sum, value) in sums[to.min(width)..].iter_mut().zip(&row[from.min(width)..]).take(n) {
-            *sum += value;
+    let inside = radius.min(width)..width.saturating_sub(radius).max(radius.min(width));
+    if inside.is_empty() {
+        (0..width).for_each(|col| sums[col] = row[span(col, radius, width)].iter().sum());
+        return;
+    }
+    for col in (0..inside.start).chain(inside.end..width) {
+        sums[col] = row[span(col, radius, width)].iter().sum();
+    }
+    let sums = &mut sums[inside];
+    match radius {
+        1 => sum_of::<3>(row, sums),
+        2 => sum_of::<5>(row, sums),
+        3 => sum_of::<7>(row, sums),
+        4 => sum_of::<9>(row, sums),
+        5 => sum_of::<11>(row, sums),
+        6 => sum_of::<13>(row, sums),
+        7 => sum_of::<15>(row, sums),
+        _ => sums.iter_mut().enumerate().for_each(|(i, sum)| *sum = row[i..=i + 2 * radius].iter().sum()),
+    }
+}
+
+/// Sum of the `N` values from each one on: one pass, all in registers.
+#[inline(always)]
+fn sum_of<const N: usize>(row: &[f32], sums: &mut [f32]) {
+    let n = sums.len();
+    let shifted: [&[f32]; N] = std::array::from_fn(|k| &row[k..k + n]);
+    for i in 0..n {
+        let mut sum = 0.0;
+        for shifted in &shifted {
+            sum += shifted[i];
         }
+        sums[i] = sum;
     }
 }
 
 /// Sum over whole rows.
+#[inline(always)]
 fn sum_rows(rows: &[f32], sums: &mut [f32]) {
     sums.fill(0.0);
     for row in rows.chunks_exact(sums.len()) {
@@ -115,13 +146,16 @@ fn sum_rows(rows: &[f32], sums: &mut [f32]) {
     }
 }
 
-/// Some rows of a view, and how well its neighbours agree with them at one level.
+/// A rectangle of a view, and how well its neighbours agree with it at one level.
 #[derive(Debug)]
-pub(super) struct Strip<'a> {
+pub(super) struct Tile<'a> {
+    level: Level,
     view: &'a Windows<'a>,
     rows: Range<usize>,
-    /// The rows that their windows reach.
-    reach: Range<usize>,
+    cols: Range<usize>,
+    /// The rows and columns that their windows reach.
+    row_reach: Range<usize>,
+    col_reach: Range<usize>,
     /// Best correlations so far, best first, `rank × pixel`: as many as can count.
     best: Vec<Vec<f32>>,
     /// How many neighbours see a pixel.
@@ -129,24 +163,31 @@ pub(super) struct Strip<'a> {
     warp: Warp,
     /// Sums of `b`, `b²` and `a·b` along the rows within reach.
     along: [Vec<f32>; 3],
-    /// The columns that the neighbour sees, per row within reach.
+    /// The columns that the neighbour sees, per row within reach, counted from the first within reach.
     seen: Vec<Range<usize>>,
 }
 
-impl<'a> Strip<'a> {
-    pub(super) fn new(view: &'a Windows<'a>, rows: Range<usize>, n_neighbours: usize) -> Self {
+impl<'a> Tile<'a> {
+    pub(super) fn new(view: &'a Windows<'a>, rows: Range<usize>, cols: Range<usize>, n_neighbours: usize) -> Self {
         let (width, height) = (view.grey.width(), view.grey.height());
-        let reach = rows.start.saturating_sub(view.radius_px)..(rows.end + view.radius_px).min(height);
-        let along = || vec![0.0; reach.len() * width];
+        let reach = |part: &Range<usize>, n: usize| {
+            part.start.saturating_sub(view.radius_px)..(part.end + view.radius_px).min(n)
+        };
+        let (row_reach, col_reach) = (reach(&rows, height), reach(&cols, width));
+        let along = || vec![0.0; row_reach.len() * col_reach.len()];
+        let n_pixels = rows.len() * cols.len();
         Self {
+            level: Level::new(),
             view,
-            best: vec![vec![0.0; rows.len() * width]; n_neighbours.div_ceil(2)],
-            n_seen: vec![0.0; rows.len() * width],
-            warp: Warp::new(width),
+            best: vec![vec![0.0; n_pixels]; n_neighbours.div_ceil(2)],
+            n_seen: vec![0.0; n_pixels],
+            warp: Warp::new(col_reach.clone()),
             along: [along(), along(), along()],
-            seen: vec![0..0; reach.len()],
+            seen: vec![0..0; row_reach.len()],
             rows,
-            reach,
+            cols,
+            row_reach,
+            col_reach,
         }
     }
 
@@ -160,18 +201,24 @@ impl<'a> Strip<'a> {
 
     /// Takes in how well a neighbour agrees, seen through a plane: `homography` leads from the view's pixels to its.
     pub(super) fn compare(&mut self, neighbour: &Neighbour, homography: &DMat3) {
-        let width = self.view.grey.width();
-        for (i, row) in self.reach.clone().enumerate() {
+        dispatch!(self.level, _simd => self.compare_wide(neighbour, homography));
+    }
+
+    /// With whatever registers the caller was made for.
+    #[inline(always)]
+    fn compare_wide(&mut self, neighbour: &Neighbour, homography: &DMat3) {
+        let (width, n_cols, radius_px) = (self.view.grey.width(), self.col_reach.len(), self.view.radius_px);
+        for (i, row) in self.row_reach.clone().enumerate() {
             self.seen[i] = self.warp.look(neighbour, homography, row);
-            let a = &self.view.grey.data()[row * width..][..width];
+            let a = &self.view.grey.data()[row * width + self.col_reach.start..][..n_cols];
             let Warp { values: b, products, .. } = &mut self.warp;
             let [of_b, of_squares, of_products] = &mut self.along;
-            let part = i * width..(i + 1) * width;
-            sum_along_row(b, self.view.radius_px, &mut of_b[part.clone()]);
+            let part = i * n_cols..(i + 1) * n_cols;
+            sum_along_row(b, radius_px, &mut of_b[part.clone()]);
             products.iter_mut().zip(&*b).for_each(|(p, b)| *p = b * b);
-            sum_along_row(products, self.view.radius_px, &mut of_squares[part.clone()]);
+            sum_along_row(products, radius_px, &mut of_squares[part.clone()]);
             products.iter_mut().zip(&*b).zip(a).for_each(|((p, b), a)| *p = a * b);
-            sum_along_row(products, self.view.radius_px, &mut of_products[part]);
+            sum_along_row(products, radius_px, &mut of_products[part]);
         }
         for row in self.rows.clone() {
             self.take_in(row);
@@ -179,28 +226,37 @@ impl<'a> Strip<'a> {
     }
 
     /// Correlations of one row, sorted in among the best of their pixels.
+    #[inline(always)]
     fn take_in(&mut self, row: usize) {
         let Self { view, warp, along, .. } = self;
         let (width, height) = (view.grey.width(), view.grey.height());
         let rows = span(row, view.radius_px, height);
+        let (n_cols, n_wide) = (self.cols.len(), self.col_reach.len());
         let per_rows = 1.0 / rows.len() as f32;
-        let reached = (rows.start - self.reach.start) * width..(rows.end - self.reach.start) * width;
+        let reached = (rows.start - self.row_reach.start) * n_wide..(rows.end - self.row_reach.start) * n_wide;
         for (sums, along) in warp.sums.iter_mut().zip(along) {
             sum_rows(&along[reached.clone()], sums);
         }
-        let [of_b, of_squares, of_products] = &warp.sums;
-        let (mean_a, per_deviation) = (&view.mean[row * width..][..width], &view.per_deviation[row * width..][..width]);
-        let scores = &mut warp.values[..width];
-        for col in 0..width {
-            let per_pixels = per_rows * view.per_columns[col];
+        let first_col = self.cols.start - self.col_reach.start;
+        let [of_b, of_squares, of_products] = warp.sums.each_ref().map(|sums| &sums[first_col..][..n_cols]);
+        let of_view = row * width + self.cols.start;
+        let (mean_a, per_deviation) = (&view.mean[of_view..][..n_cols], &view.per_deviation[of_view..][..n_cols]);
+        let per_columns = &view.per_columns[self.cols.clone()];
+        let scores = &mut warp.values[..n_cols];
+        for col in 0..n_cols {
+            let per_pixels = per_rows * per_columns[col];
             let mean = of_b[col] * per_pixels;
             let variance = of_squares[col] * per_pixels - mean * mean;
             let covariance = of_products[col] * per_pixels - mean * mean_a[col];
             let score = covariance * per_deviation[col] / variance.max(LEAST_VARIANCE).sqrt();
             scores[col] = if variance < LEAST_VARIANCE { 0.0 } else { score.clamp(-1.0, 1.0) };
         }
-        let seen = self.seen[row - self.reach.start].clone();
-        let first = (row - self.rows.start) * width;
+        let seen = &self.seen[row - self.row_reach.start];
+        let seen = seen.start.max(first_col) - first_col..seen.end.min(first_col + n_cols).max(first_col) - first_col;
+        if seen.is_empty() {
+            return;
+        }
+        let first = (row - self.rows.start) * n_cols;
         let part = first + seen.start..first + seen.end;
         let scores = &mut scores[seen];
         self.n_seen[part.clone()].iter_mut().for_each(|n| *n += 1.0);
@@ -212,17 +268,16 @@ impl<'a> Strip<'a> {
         }
     }
 
-    /// What the level costs each pixel of the strip: the mean of the better half of the correlations, turned round.
-    pub(super) fn write_costs<'c>(&self, costs: impl Iterator<Item = &'c mut u8>) {
+    /// What the level costs each pixel of the tile, row by row: the mean of the better half of the correlations, turned
+    /// round.
+    pub(super) fn costs(&self) -> Vec<u8> {
         let mut sums = vec![0.0_f32; self.n_seen.len()];
         for (rank, best) in self.best.iter().enumerate() {
             for ((sum, score), n) in sums.iter_mut().zip(best).zip(&self.n_seen) {
                 *sum += if rank as f32 * 2.0 < *n { *score } else { 0.0 };
             }
         }
-        for ((cost, sum), n) in costs.zip(&sums).zip(&self.n_seen) {
-            *cost = cost_of(*sum, *n as u32);
-        }
+        sums.iter().zip(&self.n_seen).map(|(sum, n)| cost_of(*sum, *n as u32)).collect()
     }
 }
 
@@ -239,7 +294,7 @@ pub(super) fn score(cost: u8) -> f64 {
 /// One row of the view as a neighbour sees it, and room to work with it.
 #[derive(Debug)]
 struct Warp {
-    /// 0, 1, 2, …: column numbers as they are computed with.
+    /// Column numbers as they are computed with.
     columns: Vec<f32>,
     x: Vec<f32>,
     y: Vec<f32>,
@@ -250,10 +305,10 @@ struct Warp {
 }
 
 impl Warp {
-    fn new(width: usize) -> Self {
-        let room = || vec![0.0; width];
+    fn new(cols: Range<usize>) -> Self {
+        let room = || vec![0.0; cols.len()];
         Self {
-            columns: (0..width).map(|col| col as f32).collect(),
+            columns: cols.clone().map(|col| col as f32).collect(),
             x: room(),
             y: room(),
             values: room(),
@@ -263,6 +318,7 @@ impl Warp {
     }
 
     /// Looks up a row; the columns that the neighbour sees.
+    #[inline(always)]
     fn look(&mut self, neighbour: &Neighbour, homography: &DMat3, row: usize) -> Range<usize> {
         let seen = self.place(neighbour, homography, row);
         self.values[..seen.start].fill(0.0);
@@ -279,11 +335,13 @@ impl Warp {
 
     /// Where the row's pixels lie in the neighbour, in cells from the first one's centre. A plane's horizon aside, what
     /// it sees of a line is one stretch.
+    #[inline(always)]
     fn place(&mut self, neighbour: &Neighbour, homography: &DMat3, row: usize) -> Range<usize> {
         let start = *homography * DVec3::new(0.5, row as f64 + 0.5, 1.0);
         let step = homography.col(0);
         // Scaled so that single precision holds a thousandth of a pixel anywhere in the row.
-        let scale = 1.0 / start.z.abs().max((start.z + step.z * self.columns.len() as f64).abs());
+        let scale =
+            1.0 / start.z.abs().max((start.z + step.z * f64::from(self.columns[self.columns.len() - 1] + 1.0)).abs());
         let (p, s) = ((start * scale).as_vec3(), (step * scale).as_vec3());
         for ((x, y), col) in self.x.iter_mut().zip(&mut self.y).zip(&self.columns) {
             let z = p.z + col * s.z;
@@ -327,33 +385,36 @@ mod tests {
     }
 
     #[test]
-    fn costs_are_correlations_to_a_255th_also_at_the_border_of_strip_and_picture() {
+    fn costs_are_correlations_to_a_255th_also_at_the_border_of_tile_and_picture() {
         let a = grey(33, 21, noise);
         let b = grey(33, 21, |x, y| 0.5 * noise(x, y) + noise(y, x + 3));
         let windows = Windows::new(&a, 2);
-        let mut strip = Strip::new(&windows, 15..21, 1);
-        strip.forget();
-        strip.compare(&Neighbour::new(&b), &DMat3::IDENTITY);
-        let mut costs = [0; 6 * 33];
-        strip.write_costs(costs.iter_mut());
-        for (col, row) in [(0, 15), (16, 15), (29, 17), (5, 16)] {
-            let (found, expected) = (score(costs[(row - 15) * 33 + col]), expected(&a, &b, col, row, 2));
-            assert!((found - expected).abs() < 1.01 / 255.0, "{col} {row}: {found} {expected}");
+        for cols in [0..33, 0..7, 5..30, 29..33] {
+            let mut tile = Tile::new(&windows, 15..21, cols.clone(), 1);
+            tile.forget();
+            tile.compare(&Neighbour::new(&b), &DMat3::IDENTITY);
+            let costs = tile.costs();
+            let at = |col: usize, row: usize| costs[(row - 15) * cols.len() + col - cols.start];
+            let places = [(0, 15), (16, 15), (29, 17), (5, 16)];
+            for (col, row) in places.into_iter().filter(|(col, _)| cols.contains(col)) {
+                let (found, expected) = (score(at(col, row)), expected(&a, &b, col, row, 2));
+                assert!((found - expected).abs() < 1.01 / 255.0, "{cols:?} {col} {row}: {found} {expected}");
+            }
+            // Between four pixels there is none beyond the last centre.
+            assert!(!cols.contains(&32) || at(32, 15) == WORST);
+            assert_eq!(at(cols.start, 20), WORST);
         }
-        // Between four pixels there is none beyond the last centre.
-        assert_eq!((costs[32], costs[5 * 33 + 4]), (WORST, WORST));
     }
 
     #[test]
     fn a_shift_by_half_a_pixel_is_a_mean() {
         let a = grey(20, 9, |x, y| 0.5 * (noise(x, y) + noise(x + 1, y)));
         let windows = Windows::new(&a, 1);
-        let mut strip = Strip::new(&windows, 3..5, 1);
-        strip.forget();
+        let mut tile = Tile::new(&windows, 3..5, 0..20, 1);
+        tile.forget();
         let half = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(0.5, 0.0, 1.0));
-        strip.compare(&Neighbour::new(&grey(20, 9, noise)), &half);
-        let mut costs = [9; 40];
-        strip.write_costs(costs.iter_mut());
+        tile.compare(&Neighbour::new(&grey(20, 9, noise)), &half);
+        let costs = tile.costs();
         assert!(costs[2..17].iter().all(|cost| *cost == 0), "{costs:?}");
     }
 

@@ -1,6 +1,6 @@
 //! A photo as stereo sees it: small, grey, without lens distortion and without slow brightness changes.
 
-use glam::DVec2;
+use glam::{DMat3, DVec2, DVec3};
 
 use crate::camera::{Camera, Distortion};
 use crate::frames::{Cam, Map, Rigid};
@@ -26,6 +26,21 @@ impl Ideal {
     pub(super) fn of(view: &View, long_side_px: u32) -> Self {
         let camera = Camera { distortion: Distortion::None, ..view.camera.reduced_to(long_side_px) };
         Self { camera, camera_from_map: view.camera_from_map }
+    }
+
+    /// The same camera where another stands.
+    pub(super) fn posed_as(&self, other: &Self) -> Self {
+        Self { camera: self.camera.clone(), camera_from_map: other.camera_from_map }
+    }
+
+    /// Pixels from rays.
+    pub(super) fn calibration(&self) -> DMat3 {
+        let camera = &self.camera;
+        DMat3::from_cols(
+            DVec3::new(camera.fx_px, 0.0, 0.0),
+            DVec3::new(0.0, camera.fy_px, 0.0),
+            DVec3::new(camera.cx_px, camera.cy_px, 1.0),
+        )
     }
 }
 
@@ -70,6 +85,29 @@ impl Picture {
         let ideal = Ideal::of(view, long_side_px);
         let straight = straighten(&grey, &distorted_camera, &ideal.camera);
         Ok(Self { grey: flatten(&straight), ideal })
+    }
+
+    /// Half the size.
+    pub(super) fn half(&self) -> Self {
+        let (width, height) = (self.grey.width() / 2, self.grey.height() / 2);
+        let mean = |i: usize| {
+            let (x, y) = (i % width * 2, i / width * 2);
+            let at = |dx: usize, dy: usize| self.grey[(x + dx, y + dy)];
+            (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)) / 4.0
+        };
+        let grey = Raster::from_vec(width, height, (0..width * height).map(mean).collect()).expect("one per pixel");
+        let camera = &self.ideal.camera;
+        // Exactly half, also where an odd last column or row has gone.
+        let camera = Camera {
+            width_px: width as u32,
+            height_px: height as u32,
+            fx_px: camera.fx_px / 2.0,
+            fy_px: camera.fy_px / 2.0,
+            cx_px: camera.cx_px / 2.0,
+            cy_px: camera.cy_px / 2.0,
+            distortion: Distortion::None,
+        };
+        Self { grey, ideal: Ideal { camera, ..self.ideal.clone() } }
     }
 
     /// Brightness against its surroundings, `H × W`, no gaps.

@@ -9,6 +9,13 @@
 //! Levels are heights, so a level roof or ground costs nothing. `P2` falls across edges of the picture, where heights
 //! change. The winner minimises the sum of `L` over the directions; integers, so that order of summation is nothing.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined where the processor's registers are known is not made for them"
+)]
+
+use fearless_simd::{Level, dispatch};
+
 use super::StereoConfig;
 use super::correlate;
 use super::sweep::{Levels, Volume};
@@ -42,9 +49,11 @@ pub(super) fn choose_levels(volume: &Volume, grey: &Raster<f32>, config: &Stereo
     let cost = |cost: u16| i16::try_from(cost).unwrap_or(i16::MAX / 16);
     let steps = Steps { small: cost(config.small_step_cost), large: cost(config.large_step_cost), grey };
     let mut sums = vec![0_i16; volume.costs.len()];
-    along_rows(volume, &steps, &mut sums);
-    across_rows(volume, &steps, Downwards::Yes, &mut sums);
-    across_rows(volume, &steps, Downwards::No, &mut sums);
+    dispatch!(Level::new(), _simd => {
+        along_rows(volume, &steps, &mut sums);
+        across_rows(volume, &steps, Downwards::Yes, &mut sums);
+        across_rows(volume, &steps, Downwards::No, &mut sums);
+    });
     let n = volume.n_levels;
     let pixels = sums.chunks_exact(n).zip(volume.costs.chunks_exact(n)).map(|(sums, costs)| {
         let least = sums.iter().copied().fold(i16::MAX, i16::min);
@@ -79,6 +88,7 @@ struct Steps<'a> {
 
 impl Steps<'_> {
     /// `P2` between two pixels.
+    #[inline(always)]
     fn large_between(&self, a: usize, b: usize) -> i16 {
         let contrast = (self.grey.data()[a] - self.grey.data()[b]).abs();
         let above_small = f32::from(self.large - self.small) / (1.0 + contrast / EDGE_GREY);
@@ -86,6 +96,7 @@ impl Steps<'_> {
     }
 
     /// One step along a path: `L` of a pixel from its costs and the `L` before it, added to the pixel's sums.
+    #[inline(always)]
     fn advance(&self, costs: &[u8], before: &Path, large: i16, path: &mut Path, sums: &mut [i16]) {
         let n = costs.len();
         let jump = before.least.saturating_add(large);
@@ -122,6 +133,7 @@ impl Path {
     }
 
     /// The first pixel of a path has nothing before it.
+    #[inline(always)]
     fn begin(&mut self, costs: &[u8], sums: &mut [i16]) {
         self.least = i16::MAX;
         for ((l, cost), sum) in self.costs[1..].iter_mut().zip(costs).zip(sums) {
@@ -133,6 +145,7 @@ impl Path {
 }
 
 /// The two directions within rows.
+#[inline(always)]
 fn along_rows(volume: &Volume, steps: &Steps<'_>, sums: &mut [i16]) {
     let (width, n) = (volume.width, volume.n_levels);
     let (mut before, mut path) = (Path::new(n), Path::new(n));
@@ -157,6 +170,7 @@ fn along_rows(volume: &Volume, steps: &Steps<'_>, sums: &mut [i16]) {
 
 /// The three directions that come from one side of a row, straight and diagonal, together: a pixel's costs and sums
 /// are then touched once.
+#[inline(always)]
 fn across_rows(volume: &Volume, steps: &Steps<'_>, downwards: Downwards, sums: &mut [i16]) {
     let (width, n) = (volume.width, volume.n_levels);
     let mut before = vec![[Path::new(n), Path::new(n), Path::new(n)]; width];

@@ -7,21 +7,27 @@
 //! H(z) = (Kₛ·Rₛ·(Cᵣ − Cₛ)) ⊗ m + (z − Cᵣ.z)·B
 //! ```
 
+use std::ops::Range;
 use std::sync::Arc;
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DVec2};
 use serde::Serialize;
 
 use super::StereoConfig;
-use super::correlate::{Neighbour, Strip, Windows};
+use super::correlate::{Neighbour, Tile, WORST, Windows};
 use super::picture::{Ideal, Picture};
-use crate::camera::Camera;
+use crate::raster::Raster;
 use crate::terrain::Terrain;
 
 /// How far a neighbour's pixels may move from one level to the next, pixels: less repeats, more skips.
 const STEP_PX: f64 = 0.75;
-/// Rows compared at a time: what is known of so many pixels stays in the processor's cache.
-const STRIP_ROWS: usize = 24;
+/// Rows and columns compared at a time: what is known of so many pixels stays in the processor's cache, and a tile of a
+/// finer picture holds few surfaces.
+const TILE_PX: [usize; 2] = [28, 84];
+/// Around a height that the coarse picture found, levels of its own that are tried again.
+const AROUND_LEVELS: f64 = 1.5;
+/// Pixels of the coarse picture that make a height worth trying in a tile.
+const LEAST_COARSE_PX: usize = 4;
 
 /// Mismatch per pixel and level: pixel-major, so that a pixel's levels lie together.
 #[derive(Debug)]
@@ -45,6 +51,11 @@ pub(super) struct Levels {
 }
 
 impl Levels {
+    /// From one level to the next, metres.
+    pub(super) fn step_m(&self) -> f64 {
+        (self.to_m - self.from_m) / (self.n - 1) as f64
+    }
+
     /// Height of a level with a fraction.
     pub(super) fn height_m(&self, level: f64) -> f64 {
         self.from_m + (self.to_m - self.from_m) * level / (self.n - 1) as f64
@@ -102,39 +113,95 @@ fn ground_in_sight(reference: &Ideal, terrain: &Terrain) -> Option<(f64, f64)> {
     sees_ground.then(|| range.unwrap_or((lowest, highest)))
 }
 
-/// The mismatch of every pixel with its neighbours at every level. On one thread: views are many, and each takes some
-/// 60 MB meanwhile.
-pub(super) fn volume(reference: &Picture, others: &[Arc<Picture>], levels: &Levels, radius_px: usize) -> Volume {
-    let (width, height) = (reference.grey().width(), reference.grey().height());
-    let windows = Windows::new(reference.grey(), radius_px);
-    let neighbours: Vec<Neighbour> = others.iter().map(|other| Neighbour::new(other.grey())).collect();
-    let mut costs = vec![0; width * height * levels.n];
-    for (i, costs) in costs.chunks_mut(STRIP_ROWS * width * levels.n).enumerate() {
-        let first_row = i * STRIP_ROWS;
-        let mut strip = Strip::new(&windows, first_row..(first_row + STRIP_ROWS).min(height), neighbours.len());
-        for level in 0..levels.n {
-            let z_m = levels.height_m(level as f64);
-            strip.forget();
-            for (neighbour, other) in neighbours.iter().zip(others) {
-                strip.compare(neighbour, &homography(reference.ideal(), other.ideal(), z_m));
-            }
-            strip.write_costs(costs.iter_mut().skip(level).step_by(levels.n));
-        }
-    }
-    Volume { width, height, n_levels: levels.n, costs }
+/// What the picture of half the size has found: of each tile, the heights that are worth trying.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Coarse<'a> {
+    /// Heights, metres; `NaN` where it is in doubt.
+    pub heights_m: &'a Raster<f32>,
+    /// From one of its levels to the next, metres.
+    pub step_m: f64,
 }
 
-fn homography(reference: &Ideal, other: &Ideal, z_m: f64) -> DMat3 {
-    let calibration = |camera: &Camera| {
-        DMat3::from_cols(
-            DVec3::new(camera.fx_px, 0.0, 0.0),
-            DVec3::new(0.0, camera.fy_px, 0.0),
-            DVec3::new(camera.cx_px, camera.cy_px, 1.0),
-        )
-    };
+impl Coarse<'_> {
+    /// Per level whether it is tried in a tile. A tile without any height has all of them.
+    fn wanted(&self, levels: &Levels, rows: &Range<usize>, cols: &Range<usize>) -> Vec<bool> {
+        let part = |r: &Range<usize>, n: usize| (r.start / 2).saturating_sub(2)..(r.end / 2 + 2).min(n);
+        let (rows, cols) = (part(rows, self.heights_m.height()), part(cols, self.heights_m.width()));
+        let mut n_found = vec![0_usize; levels.n];
+        for row in rows.clone() {
+            let heights = &self.heights_m.data()[row * self.heights_m.width()..][cols.clone()];
+            for z in heights.iter().filter(|z| !z.is_nan()) {
+                let level = (f64::from(*z) - levels.from_m) / levels.step_m();
+                n_found[(level.round().max(0.0) as usize).min(levels.n - 1)] += 1;
+            }
+        }
+        let around = (AROUND_LEVELS * self.step_m / levels.step_m()).ceil() as usize;
+        let mut wanted = vec![false; levels.n];
+        for (level, _) in n_found.iter().enumerate().filter(|(_, n)| **n >= LEAST_COARSE_PX) {
+            wanted[level.saturating_sub(around)..(level + around + 1).min(levels.n)].fill(true);
+        }
+        if !wanted.contains(&true) {
+            wanted.fill(true);
+        }
+        wanted
+    }
+}
+
+/// What is swept.
+pub(super) struct Sweep<'a> {
+    /// The view.
+    pub reference: &'a Picture,
+    /// Its neighbours.
+    pub others: &'a [Arc<Picture>],
+    /// Where these looked from: their own poses, or corrected ones.
+    pub ideals: &'a [Ideal],
+    /// The planes.
+    pub levels: &'a Levels,
+    /// What is known already.
+    pub coarse: Option<Coarse<'a>>,
+}
+
+impl Sweep<'_> {
+    /// The mismatch of every pixel with its neighbours at every level; the worst where a level is not tried. On one
+    /// thread: views are many.
+    pub(super) fn volume(&self, radius_px: usize) -> Volume {
+        let Self { reference, others, levels, .. } = *self;
+        let (width, height) = (reference.grey().width(), reference.grey().height());
+        let windows = Windows::new(reference.grey(), radius_px);
+        let neighbours: Vec<Neighbour> = others.iter().map(|other| Neighbour::new(other.grey())).collect();
+        let homographies: Vec<Vec<DMat3>> = (0..levels.n)
+            .map(|level| {
+                let z_m = levels.height_m(level as f64);
+                self.ideals.iter().map(|ideal| homography(reference.ideal(), ideal, z_m)).collect()
+            })
+            .collect();
+        let mut costs = vec![WORST; width * height * levels.n];
+        let starts = |n: usize, step: usize| (0..n).step_by(step).map(move |start| start..(start + step).min(n));
+        for rows in starts(height, TILE_PX[0]) {
+            for cols in starts(width, TILE_PX[1]) {
+                let wanted = self.coarse.map(|coarse| coarse.wanted(levels, &rows, &cols));
+                let mut tile = Tile::new(&windows, rows.clone(), cols.clone(), neighbours.len());
+                for level in (0..levels.n).filter(|level| wanted.as_ref().is_none_or(|wanted| wanted[*level])) {
+                    tile.forget();
+                    for (neighbour, homography) in neighbours.iter().zip(&homographies[level]) {
+                        tile.compare(neighbour, homography);
+                    }
+                    for (row, of_row) in rows.clone().zip(tile.costs().chunks_exact(cols.len())) {
+                        for (col, cost) in cols.clone().zip(of_row) {
+                            costs[(row * width + col) * levels.n + level] = *cost;
+                        }
+                    }
+                }
+            }
+        }
+        Volume { width, height, n_levels: levels.n, costs }
+    }
+}
+
+pub(super) fn homography(reference: &Ideal, other: &Ideal, z_m: f64) -> DMat3 {
     let (here, there) = (&reference.camera_from_map, &other.camera_from_map);
-    let map_from_pixel = here.rotation.transpose() * calibration(&reference.camera).inverse();
-    let pixel_from_map = calibration(&other.camera) * there.rotation;
+    let map_from_pixel = here.rotation.transpose() * reference.calibration().inverse();
+    let pixel_from_map = other.calibration() * there.rotation;
     let shift = pixel_from_map * (here.centre() - there.centre());
     let m = map_from_pixel.row(2);
     let through = pixel_from_map * map_from_pixel;
