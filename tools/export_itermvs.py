@@ -259,7 +259,7 @@ def without_weights(path, network, checkpoint):
         table.append({"name": names[tensor.name], "checkpoint_offset": content.index(data), "offset": start, "bytes": len(data)})
         tensor.ClearField("raw_data")
         tensor.data_location = onnx.TensorProto.EXTERNAL
-        for key, value in (("location", "itermvs.weights"), ("offset", start), ("length", len(data))):
+        for key, value in (("location", "itermvs.onnx_data"), ("offset", start), ("length", len(data))):
             entry = tensor.external_data.add()
             entry.key, entry.value = key, str(value)
     onnx.save(graph, str(path))

@@ -364,9 +364,10 @@ impl Crs {
     }
 }
 
-/// PROJ strings of older tools (ODM's own) lack `+type=crs`, without which they are operations.
+/// PROJ strings of older tools (ODM's own) lack `+type=crs`, without which they are operations. A pipeline is one anyway.
 fn with_type(definition: &str) -> String {
-    let lacks_type = definition.starts_with("+proj") && !definition.contains("+type=crs");
+    let is_pipeline = definition.starts_with("+proj=pipeline");
+    let lacks_type = definition.starts_with("+proj") && !is_pipeline && !definition.contains("+type=crs");
     if lacks_type { format!("{definition} +type=crs") } else { definition.to_owned() }
 }
 

@@ -44,7 +44,9 @@ const NO_ROOM: [&str; 2] = ["disk is full", "disk I/O error"];
 impl GpkgError {
     pub(super) fn new(action: String, path: PathBuf, source: GdalError) -> Self {
         let text = source.to_string();
-        if NO_ROOM.iter().any(|words| text.contains(words)) {
+        // Some of GDAL's calls give no reason: the last message does.
+        let said = crate::gdal_log::take_last_error().unwrap_or_default();
+        if NO_ROOM.iter().any(|words| text.contains(words) || said.contains(words)) {
             return Self::Full { path };
         }
         Self::Gdal { action, path, source }

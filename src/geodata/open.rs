@@ -71,6 +71,8 @@ const LOCAL: &[&str] = &[
 const MORE_EXTENSIONS: [(&str, &str); 3] = [("AIG", "adf"), ("GTiff", "dng"), ("CSV", "tsv")];
 /// Drivers of formats that are folders or archives: their paths have no telling extension.
 const FOLDERS: [&str; 4] = ["AIG", "ESRI Shapefile", "GPKG", "OpenFileGDB"];
+/// Drivers of pictures that refer to no other file: photos are read as any of them, whichever the survey's names say.
+const PICTURES: [&str; 5] = ["BMP", "GTiff", "JPEG", "PNG", "WEBP"];
 /// GDAL's file systems of servers.
 const SERVERS: [&str; 9] = ["curl", "s3", "gs", "az", "adls", "oss", "swift", "hdfs", "webhdfs"];
 
@@ -157,8 +159,11 @@ fn drivers_for(path: &Path, kind: Kind) -> Vec<&'static str> {
         Kind::Raster => format.is_raster,
         Kind::Vector => format.is_vector,
     };
+    let named = |format: &Format| format.extensions.contains(&extension);
+    let is_picture = formats().iter().any(|format| PICTURES.contains(&format.name.as_str()) && named(format));
     let names_it = |format: &&Format| {
-        format.extensions.contains(&extension) || (is_container && FOLDERS.contains(&format.name.as_str()))
+        let name = format.name.as_str();
+        named(format) || (is_picture && PICTURES.contains(&name)) || (is_container && FOLDERS.contains(&name))
     };
     formats().iter().filter(fits).filter(names_it).map(|format| format.name.as_str()).collect()
 }

@@ -161,7 +161,9 @@ fn the_next_export_sweeps_what_a_killed_one_left() {
         std::fs::create_dir_all(&results).unwrap();
         let output = results.join(name);
         assert!(!export_limited(&input, &output, "", 4).success());
-        assert!(!names_in(&results).is_empty(), "{name}: a writer that is killed sweeps nothing");
+        // GDAL writes a FlatGeobuf when all of it is known: there is nothing to leave behind before.
+        let leaves_some = name != "out.fgb";
+        assert_eq!(!names_in(&results).is_empty(), leaves_some, "{name}: a writer that is killed sweeps nothing");
         assert!(export_limited(&input, &output, "", 100_000).success());
         assert_eq!(names_in(&results), [name]);
     }

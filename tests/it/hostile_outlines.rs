@@ -89,7 +89,10 @@ fn slits_spikes_and_corners_side_by_side_become_valid_solids_and_are_told() {
         assert!((footprint.polygon.unsigned_area() - 100.0).abs() < 0.02, "{footprint:?}");
         assert_eq!(footprint.polygon.exterior().0.len(), 5, "a square again: {footprint:?}");
         let told = layer.issues.iter().filter(|issue| issue.code == "footprint_narrow_detail");
-        assert_eq!(told.filter(|issue| format!("{:?}", issue.subject).contains(&footprint.id.0)).count(), 1);
+        assert_eq!(
+            told.filter(|issue| format!("{:?}", issue.subject).contains(&format!("{:?}", footprint.id.0))).count(),
+            1
+        );
     }
     let blocks: Vec<BuildingRecord> = layer.footprints.iter().map(|f| block(&f.id.0, f.polygon.clone(), 9.0)).collect();
     let folder = tempfile::tempdir().unwrap();

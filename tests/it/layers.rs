@@ -37,7 +37,9 @@ const LEVELS: [&[&str]; 11] = [
 ];
 
 /// Imports within a level: who, whom, and why.
-const NEIGHBOURS: [(&str, &str, &str); 14] = [
+const NEIGHBOURS: [(&str, &str, &str); 16] = [
+    ("files", "limits", "nothing is read whole that is over the limit"),
+    ("template", "paths", "a name out of a file stays in its folder"),
     ("hashes", "files", "what is known of files is left behind in a file"),
     ("recipe", "hashes", "a recipe is told by its hash"),
     ("unfinished", "files", "a mark is a file"),

@@ -94,7 +94,7 @@ fn cameras_below_the_ground_get_a_hint_that_cures() {
         offset[2] -= by;
         (line, format!("offset = {offset:?}"))
     };
-    let (line, sunk) = sink(2000.0);
+    let (line, sunk) = sink(300.0);
     scene.edit("sizeup.toml", |text| text.replace(&line, &sunk));
     assert_told(&scene, &[], 3, &["below the ground"], &["survey.offset", "terrain.vertical_offset_m"]);
     assert!(!scene.run(&[]).stderr.contains("accept_unsound"), "which does not help");

@@ -171,5 +171,5 @@ fn a_network_is_fetched_checked_and_found_by_its_name() {
     assert_eq!(listed[0]["in_place"], models.join("itermvs.onnx").to_str().unwrap());
     let output = sizeup(&models).args(["prior", "inspect"]).arg(models.join("itermvs.onnx")).output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(text.contains("fits    itermvs") && text.contains("itermvs.weights"), "{text}");
+    assert!(text.contains("fits    itermvs") && text.contains("itermvs.onnx_data"), "{text}");
 }

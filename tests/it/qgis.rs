@@ -58,12 +58,6 @@ fn qgis_opens_the_geopackage_styled_in_place_and_standing_on_the_ground() {
     );
     assert_eq!((&legend[10], &legend[11]), (&"doubtful: look at it".into(), &"height from a fallback".into()));
     assert_eq!((&buildings["labels"], &report["cameras"]["labels"]), (&true.into(), &false.into()));
-    // Names and meanings for people, on every field of ours.
-    let fields = buildings["aliases"].as_object().unwrap();
-    assert_eq!((&fields["height_m"], &fields["n_views"]), (&"Height (m)".into(), &"Photos".into()));
-    let nameless: Vec<&String> =
-        fields.iter().filter(|(_, alias)| alias.as_str() == Some("")).map(|(name, _)| name).collect();
-    assert_eq!(nameless, ["fid", "input_height_m", "street", "tags"], "the user's own, and the number of the row");
     let extrusion = serde_json::json!({
         "height": ["\"base_z_m\""],
         "extrusionHeight": ["\"roof_z_m\" - \"base_z_m\""],

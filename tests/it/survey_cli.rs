@@ -292,7 +292,7 @@ fn a_run_stops_on_wrong_poses_unless_they_are_accepted_knowingly() {
     let stopped = sizeup(&args);
     let stderr = text(&stopped.stderr);
     assert_eq!(stopped.status.code(), Some(3), "{stderr}");
-    assert!(stderr.contains("below the ground") && stderr.contains("accept_unsound"), "{stderr}");
+    assert!(stderr.contains("below the ground") && stderr.contains("survey.offset"), "{stderr}");
     let result = folder.path().join("result");
     let report: Value = serde_json::from_slice(&fs::read(result.join("survey.json")).unwrap()).unwrap();
     assert_eq!(report["n_views"], json!(10));

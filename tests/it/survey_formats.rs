@@ -439,7 +439,7 @@ fn without_its_grid_a_height_system_is_refused_by_the_grids_name() {
     }
 }
 
-/// A JPEG of nothing but an XMP packet and a frame header.
+/// A JPEG of nothing but an XMP packet, a frame header and its end.
 pub fn photo(path: &Path, tags: &str, width: u16, height: u16) {
     let packet = format!(
         "http://ns.adobe.com/xap/1.0/\0<x:xmpmeta xmlns:x=\"adobe:ns:meta/\"><rdf:RDF xmlns:rdf=\"r\"><rdf:Description \
@@ -451,7 +451,7 @@ pub fn photo(path: &Path, tags: &str, width: u16, height: u16) {
     bytes.extend([0xFF, 0xC0, 0, 11, 8]);
     bytes.extend(height.to_be_bytes());
     bytes.extend(width.to_be_bytes());
-    bytes.extend([1, 0, 0, 0]);
+    bytes.extend([1, 0, 0, 0, 0xFF, 0xD9]);
     fs::write(path, bytes).unwrap();
 }
 

@@ -225,7 +225,8 @@ fn shots_without_a_camera_of_their_own_are_refused_where_two_would_do() {
     let path = folder.path().join("shots.geojson");
     fs::write(folder.path().join("cameras.json"), cameras_json(&[0.75, 0.75])).unwrap();
     fs::write(&path, shots(&odm, |place| *place, &serde_json::Value::Null)).unwrap();
-    let config = SurveyConfig { height: keep_ellipsoidal(), ..SurveyConfig::at(&path) };
+    let grid = Some(crs(UTM_17));
+    let config = SurveyConfig { crs: grid, height: keep_ellipsoidal(), ..SurveyConfig::at(&path) };
     let refused = survey::read(&config, &crs(UTM_17)).unwrap_err().to_string();
     assert!(refused.contains("several cameras"), "{refused}");
 }

@@ -44,7 +44,7 @@ pub fn results(scene: &Scene, folder: &str) -> BTreeMap<String, Vec<u8>> {
     let root = scene.path(folder);
     let name = |path: &Path| path.strip_prefix(&root).unwrap().to_string_lossy().into_owned();
     let is_result = |name: &String| {
-        let is_note = [".ok", "cost.json", "log.txt"].iter().any(|end| name.ends_with(end));
+        let is_note = [".ok", "cost.json", "log.txt", "timing.json"].iter().any(|end| name.ends_with(end));
         let folders = ["tiles/locks", "tiles/hashes", "logs"];
         !(is_note || folders.iter().any(|folder| name.starts_with(folder)))
     };

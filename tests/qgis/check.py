@@ -59,7 +59,6 @@ def describe(layer):
         "legend": legend,
         "style": style,
         "fields": [field.name() for field in layer.fields()],
-        "aliases": {field.name(): field.alias() for field in layer.fields()},
         "labels": layer.labelsEnabled(),
         "symbols": sorted({s.symbolLayer(0).properties().get("name", "") for s in renderer.symbols(QgsRenderContext())}),
         "extrusion": extrusions(layer),

@@ -145,7 +145,7 @@ impl KnownNetwork {
     /// Whether it is in place in a folder of networks: graph and weights as [`Self::put_together`] writes them.
     #[must_use]
     pub fn is_in(&self, folder: &Path) -> bool {
-        let weights = self.graph_in(folder).with_extension("weights");
+        let weights = self.graph_in(folder).with_extension("onnx_data");
         let n_bytes = fs::metadata(weights).map(|file| file.len());
         self.graph_in(folder).is_file() && n_bytes.is_ok_and(|n| n == self.assembly.weights_bytes as u64)
     }
@@ -172,7 +172,7 @@ impl KnownNetwork {
         fs::create_dir_all(folder).map_err(FileError::on("cannot make", folder))?;
         let graph = self.graph_in(folder);
         // The graph last: where it is, its weights are.
-        files::write_whole(&graph.with_extension("weights"), |out| out.write_all(&weights))?;
+        files::write_whole(&graph.with_extension("onnx_data"), |out| out.write_all(&weights))?;
         let content = unpacked(include_bytes!("graphs/itermvs.onnx.zip"));
         files::write_whole(&graph, |out| out.write_all(&content))?;
         Ok(graph)
