@@ -10,18 +10,11 @@ const MADE_UP: [&str; 3] = ["premature end of", "bad huffman code", "corrupt jpe
 thread_local! {
     /// The last such warning of this thread: GDAL reads on the thread that asks.
     static DAMAGE: RefCell<Option<String>> = const { RefCell::new(None) };
-    /// The last error's text.
-    static ERROR: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
 /// What was said since the last time about pixels that are made up.
 pub(crate) fn take_damage() -> Option<String> {
     DAMAGE.take()
-}
-
-/// The last error that GDAL reported on this thread: some of its calls fail without a reason of their own.
-pub(crate) fn take_last_error() -> Option<String> {
-    ERROR.take()
 }
 
 /// Sends GDAL's messages to the log, from the first call on. Errors that matter also come back as error values.
@@ -30,9 +23,6 @@ pub(crate) fn route_messages() {
     ONCE.call_once(|| {
         gdal::config::set_error_handler(|class, number, message| {
             tracing::debug!(?class, number, "GDAL: {message}");
-            if matches!(class, gdal::errors::CplErrType::Failure | gdal::errors::CplErrType::Fatal) {
-                ERROR.set(Some(message.to_owned()));
-            }
             let words = message.to_ascii_lowercase();
             if MADE_UP.iter().any(|known| words.contains(known)) {
                 // GDAL goes on to say how the warning could be made an error.

@@ -41,12 +41,20 @@ pub enum GpkgError {
 /// How SQLite calls a write that found no room: a full disk, and a limit of file sizes.
 const NO_ROOM: [&str; 2] = ["disk is full", "disk I/O error"];
 
+/// Free space below which a database cannot grow by a page, bytes.
+const LEAST_FREE: u64 = 4096;
+
+/// Whether the disk that holds a file is full.
+fn has_no_room(path: &Path) -> bool {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    rustix::fs::statvfs(folder).is_ok_and(|disk| disk.f_bavail.saturating_mul(disk.f_frsize) < LEAST_FREE)
+}
+
 impl GpkgError {
     pub(super) fn new(action: String, path: PathBuf, source: GdalError) -> Self {
         let text = source.to_string();
-        // Some of GDAL's calls give no reason: the last message does.
-        let said = crate::gdal_log::take_last_error().unwrap_or_default();
-        if NO_ROOM.iter().any(|words| text.contains(words) || said.contains(words)) {
+        // Some of GDAL's calls give no reason: then the disk is asked.
+        if NO_ROOM.iter().any(|words| text.contains(words)) || has_no_room(&path) {
             return Self::Full { path };
         }
         Self::Gdal { action, path, source }

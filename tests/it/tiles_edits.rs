@@ -194,6 +194,7 @@ fn edits_at_random_run_the_tiles_that_they_touch_and_come_to_what_a_run_from_not
             .collect();
         let touched = edit(&scene, kind, &mut chance);
         let told = to_run(&scene);
+        println!("edit of kind {kind}: {told:?}");
         let before = costs(&scene);
         run(&scene);
         let after = costs(&scene);
