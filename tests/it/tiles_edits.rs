@@ -51,6 +51,9 @@ fn to_run(scene: &Scene) -> BTreeSet<String> {
     assert_eq!(told.code, 0, "{}", told.stderr);
     let planned: Value = serde_json::from_str(&told.stdout).unwrap();
     let changes = planned["changes"].as_array().unwrap();
+    for change in changes {
+        println!("{}: {}", change["tile"]["id"], change["why"]);
+    }
     changes.iter().map(|change| change["tile"]["id"].as_str().unwrap().to_owned()).collect()
 }
 
@@ -194,7 +197,6 @@ fn edits_at_random_run_the_tiles_that_they_touch_and_come_to_what_a_run_from_not
             .collect();
         let touched = edit(&scene, kind, &mut chance);
         let told = to_run(&scene);
-        println!("edit of kind {kind}: {told:?}");
         let before = costs(&scene);
         run(&scene);
         let after = costs(&scene);
