@@ -31,6 +31,8 @@ fn bounds(footprint: &Footprint) -> Option<AABB<[f64; 2]>> {
 }
 
 fn overlap(a: &Footprint, b: &Footprint, min_area_m2: f64) -> Option<Issue> {
+    // Told of the same one in whatever order the layer lists them.
+    let (a, b) = if a.id <= b.id { (a, b) } else { (b, a) };
     let shared = a.polygon.intersection(&b.polygon);
     let shared_m2 = shared.unsigned_area();
     if shared_m2 < min_area_m2 {

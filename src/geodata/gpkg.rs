@@ -41,8 +41,8 @@ pub enum GpkgError {
 /// How SQLite calls a write that found no room: a full disk, and a limit of file sizes.
 const NO_ROOM: [&str; 2] = ["disk is full", "disk I/O error"];
 
-/// Free space below which a database cannot grow by a page, bytes.
-const LEAST_FREE: u64 = 4096;
+/// Free space below which a disk counts as full, bytes: writers ask for room by buffers of about this size.
+const LEAST_FREE: u64 = 65_536;
 
 /// Whether the disk that holds a file is full.
 fn has_no_room(path: &Path) -> bool {
