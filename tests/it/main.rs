@@ -51,7 +51,6 @@ mod synthetic_block;
 mod terrain_files;
 mod tiles;
 mod tiles3d;
-mod tiles_edits;
 mod tiles_faults;
 mod tiles_stale;
 mod tiny_scene;
