@@ -1,14 +1,9 @@
-//! Finds the system's PROJ, the one GDAL loads too: `proj-sys` is told not to build or bundle its own. Names the commit that
-//! the program is built from.
+//! Names the commit that the program is built from.
 
 use std::path::Path;
 use std::process::Command;
 
 fn main() {
-    pkg_config::Config::new()
-        .atleast_version("9.1")
-        .probe("proj")
-        .expect("PROJ >= 9.1 with headers is needed: run `make deps`, or install libproj-dev");
     println!("cargo::rustc-env=SIZEUP_COMMIT={}", commit());
 }
 
@@ -16,7 +11,7 @@ fn main() {
 /// its history (`SIZEUP_COMMIT`); empty where nobody knows.
 fn commit() -> String {
     println!("cargo::rerun-if-env-changed=SIZEUP_COMMIT");
-    for path in ["build.rs", "src", "Cargo.toml", "Cargo.lock"] {
+    for path in ["build.rs", "src", "crates", "Cargo.toml", "Cargo.lock"] {
         println!("cargo::rerun-if-changed={path}");
     }
     // Whoever develops is not made to wait for every commit: a name with `+` is right all the same. HEAD names a branch,
@@ -34,7 +29,8 @@ fn commit() -> String {
     // A package unpacked inside somebody else's repository is not of that repository's commit.
     let is_ours = git(&["ls-files", "--error-unmatch", "build.rs"]).is_some();
     let Some(commit) = git(&["rev-parse", "--short=12", "HEAD"]).filter(|_| is_ours) else { return String::new() };
-    let is_changed = git(&["status", "--porcelain", "--untracked-files=no", "--", "src", "Cargo.toml", "Cargo.lock"]);
+    let is_changed =
+        git(&["status", "--porcelain", "--untracked-files=no", "--", "src", "crates", "Cargo.toml", "Cargo.lock"]);
     if is_changed.is_some_and(|changes| !changes.is_empty()) { format!("{commit}+") } else { commit }
 }
 

@@ -43,55 +43,18 @@
 //! | #Used | distinct views whose prior was used | [`Solution::used_views`](optimise::Solution::used_views) |
 //! | MAD | median absolute deviation | [X |
 
-pub mod files;
-pub mod frames;
-mod gdal_log;
-pub mod hashes;
-pub mod ids;
-pub mod issue;
-pub mod limits;
-pub mod paths;
-pub mod raster;
-pub mod ray;
-pub mod recipe;
-pub mod seed;
-mod simd;
-pub mod stats;
-mod template;
-pub mod unfinished;
-
-pub mod camera;
-pub mod cloud;
-pub mod crs;
-pub mod geodata;
-pub mod onnx;
-pub mod survey;
-pub mod terrain;
-
-pub mod footprint;
-pub mod prior;
-
-pub mod render;
-pub mod scene;
-
-pub mod ordinal;
-pub mod views;
-
-pub mod photometry;
-
-pub mod dtm;
-pub mod optimise;
-
-pub mod baseline;
-pub mod evaluate;
-pub mod output;
-pub mod report;
-pub mod simulate;
-
-pub mod config;
-pub mod pipeline;
+pub use sizeup_footprints as footprint;
+pub use sizeup_geo::{cloud, crs, files, geodata, hashes, issue, limits, paths, template, terrain, unfinished};
+pub use sizeup_heights as heights;
+pub use sizeup_heights::{camera, frames, ids, optimise, ordinal, raster, ray, render, scene, seed, stats, views};
+pub use sizeup_lab::{baseline, evaluate, simulate};
+pub use sizeup_photos::{dtm, onnx, photometry, prior};
+pub use sizeup_results::{output, report};
+pub use sizeup_survey as survey;
 
 pub mod benchmark;
-pub mod tiles;
-
 pub mod cli;
+pub mod config;
+pub mod pipeline;
+pub mod recipe;
+pub mod tiles;

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::hashes::sha256_hex;
+use sizeup_geo::hashes::sha256_hex;
 
 /// Longest value of a setting that is kept as it is; longer ones are kept as their hash.
 const LONGEST_VALUE: usize = 80;

@@ -12,7 +12,7 @@ any size and number, and uses nothing that inference engines lack.
   depth, confidence  1 × 1 × H × W  along the optical axis; confidence 0 to 1
 
 Written are the graph without its weights, and a table that says where in the checkpoint they are: what `sizeup model get
-itermvs` needs to put the network together, and what lies in src/prior/network/graphs/ (the graph in a ZIP). The weights
+itermvs` needs to put the network together, and what lies in crates/photos/src/prior/network/graphs/ (the graph in a ZIP). The weights
 themselves are nowhere in sizeup. itermvs.f32 is what PyTorch finds in photos that a formula paints, for
 fixtures/onnx/itermvs.f32.
 

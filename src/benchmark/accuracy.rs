@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use super::reliability::{self, SigmaClass};
 use super::{BenchmarkError, Method, Outcome, Plan, Programs, RealTown, SceneJob, Tell, Variant, run_scene};
-use crate::evaluate::{BuildingError, HeightStatistics};
-use crate::files::write_whole;
-use crate::output::Status;
-use crate::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind};
+use sizeup_geo::files::write_whole;
+use sizeup_lab::evaluate::{BuildingError, HeightStatistics};
+use sizeup_lab::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind};
+use sizeup_results::output::Status;
 
 /// Errors above this that carry no flag are counted, metres.
 const GROSS_M: f64 = 5.0;

@@ -5,15 +5,15 @@ use glam::{DVec2, DVec3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::baseline::{
+use crate::config::RunConfig;
+use sizeup_heights::optimise::{OptimiseConfig, Preset, Problem, Solution, solve};
+use sizeup_heights::stats;
+use sizeup_lab::baseline::{
     LiftConfig, Norm, SegmentedCloud, SlabConfig, constant, convex_hull, metric_lift, neighbourhood, percentile,
     regression, stacked_prisms,
 };
-use crate::config::RunConfig;
-use crate::evaluate::TruthBuilding;
-use crate::evaluate::solid::{Prism, Solid};
-use crate::optimise::{OptimiseConfig, Preset, Problem, Solution, solve};
-use crate::stats;
+use sizeup_lab::evaluate::TruthBuilding;
+use sizeup_lab::evaluate::solid::{Prism, Solid};
 
 /// A way from a scene's evidence to one height, or one body, per outline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]

@@ -31,11 +31,11 @@ pub use scene::{Outcome, Pass, SceneJob, Variant, run_scene};
 pub use studies::{Study, StudyConfig, StudyTables};
 
 use crate::config::ConfigError;
-use crate::evaluate::EvaluationError;
-use crate::files::FileError;
-use crate::output::read::ReadError;
 use crate::pipeline::PipelineError;
-use crate::simulate::SimulateError;
+use sizeup_geo::files::FileError;
+use sizeup_lab::evaluate::EvaluationError;
+use sizeup_lab::simulate::SimulateError;
+use sizeup_results::output::read::ReadError;
 
 /// Where a suite works and what it keeps.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -85,7 +85,7 @@ pub enum BenchmarkError {
         /// Its name.
         scene: String,
         /// Why.
-        source: crate::survey::SurveyError,
+        source: sizeup_survey::SurveyError,
     },
     /// The configuration of a simulated scene could not be read.
     #[error("scene {scene}: {source}")]
@@ -115,7 +115,7 @@ pub enum BenchmarkError {
     },
     /// A point cloud could not be read.
     #[error(transparent)]
-    Cloud(#[from] crate::cloud::CloudError),
+    Cloud(#[from] sizeup_geo::cloud::CloudError),
     /// A result could not be read back.
     #[error(transparent)]
     Read(#[from] ReadError),

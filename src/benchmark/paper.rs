@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use super::studies::{self, StudyConfig, StudyTables};
 use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, Variant, run_scene};
-use crate::files::write_whole;
-use crate::simulate::{ErrorConfig, FlightPattern, PriorLevel, SimulateConfig};
+use sizeup_geo::files::write_whole;
+use sizeup_lab::simulate::{ErrorConfig, FlightPattern, PriorLevel, SimulateConfig};
 
 /// Points tried per building for the point cloud.
 const POINTS_PER_BUILDING: usize = 3000;

@@ -4,9 +4,9 @@ use glam::DVec2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::crs::Crs;
-use crate::simulate::{CityJsonConfig, ErrorConfig};
-use crate::survey::{self, SurveyConfig, SurveyError, View, ViewKind};
+use sizeup_geo::crs::Crs;
+use sizeup_lab::simulate::{CityJsonConfig, ErrorConfig};
+use sizeup_survey::{SurveyConfig, SurveyError, View, ViewKind};
 
 /// Buildings from a file in place of a procedural town.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -45,7 +45,7 @@ impl RealCameras {
     /// # Errors
     /// [`SurveyError`] for cameras that cannot be read.
     pub fn views(&self, n: usize) -> Result<Vec<View>, SurveyError> {
-        let views = survey::read(&self.survey, &Crs::parse(&self.crs)?)?.views;
+        let views = sizeup_survey::read(&self.survey, &Crs::parse(&self.crs)?)?.views;
         let place = DVec2::from_array(self.at_m);
         let distance = |view: &View| {
             let (centre, axis) = (view.camera_from_map.centre(), view.axis_in_map());

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use serde::{Deserialize, Serialize};
 
 use super::Method;
-use crate::evaluate::BuildingError;
-use crate::stats;
+use sizeup_heights::stats;
+use sizeup_lab::evaluate::BuildingError;
 
 /// Upper limits of the classes of stated sigma, metres; the last class is above.
 const CLASSES_M: [f64; 4] = [0.2, 0.4, 0.8, 1.6];
@@ -42,7 +42,7 @@ pub(super) fn sigma_classes(level: &str, method: Method, buildings: &[&BuildingE
         let is_in = |b: &&&BuildingError| b.sigma_m.is_some_and(|s| s > from && to.is_none_or(|to| s <= to));
         let of_class: Vec<&BuildingError> = buildings.iter().filter(is_in).copied().collect();
         let errors: Vec<f64> = of_class.iter().map(|b| b.signed_error_m.abs()).collect();
-        let n_measured = of_class.iter().filter(|b| b.status == crate::output::Status::Measured).count();
+        let n_measured = of_class.iter().filter(|b| b.status == sizeup_results::output::Status::Measured).count();
         Some(SigmaClass {
             level: level.to_owned(),
             method,
@@ -90,7 +90,7 @@ pub(super) fn to_markdown(classes: &[SigmaClass]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::Status;
+    use sizeup_results::output::Status;
 
     #[test]
     fn a_class_holds_the_buildings_with_like_sigmas() {

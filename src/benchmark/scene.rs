@@ -9,17 +9,17 @@ use serde::{Deserialize, Serialize};
 use super::bodies::{BodyScores, score, true_bodies};
 use super::method::Aids;
 use super::{BenchmarkError, Method, Plan, RealCameras};
-use crate::cloud;
 use crate::config::RunConfig;
-use crate::evaluate::read::{TruthOptions, read_results, read_truth};
-use crate::evaluate::solid::Solid;
-use crate::evaluate::{HeightEvaluation, HeightOptions, TruthBuilding, evaluate_heights};
-use crate::files::{FileError, write_whole};
-use crate::optimise::{EpochRecord, OptimiseConfig, Problem};
-use crate::output::sha256_hex;
 use crate::pipeline::{RunOptions, RunSummary, Stage, run_with};
-use crate::simulate::{SimulateConfig, simulate, simulate_with_views};
-use crate::stats;
+use sizeup_geo::cloud;
+use sizeup_geo::files::{FileError, write_whole};
+use sizeup_heights::optimise::{EpochRecord, OptimiseConfig, Problem};
+use sizeup_heights::stats;
+use sizeup_lab::evaluate::read::{TruthOptions, read_results, read_truth};
+use sizeup_lab::evaluate::solid::Solid;
+use sizeup_lab::evaluate::{HeightEvaluation, HeightOptions, TruthBuilding, evaluate_heights};
+use sizeup_lab::simulate::{SimulateConfig, simulate, simulate_with_views};
+use sizeup_results::output::sha256_hex;
 
 /// A method with settings of its own, under a name.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -12,10 +12,10 @@ use serde::{Deserialize, Serialize};
 
 use super::accuracy::word;
 use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, Variant, run_scene};
-use crate::evaluate::HeightStatistics;
-use crate::files::{FileError, write_whole};
-use crate::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind};
-use crate::stats;
+use sizeup_geo::files::{FileError, write_whole};
+use sizeup_heights::stats;
+use sizeup_lab::evaluate::HeightStatistics;
+use sizeup_lab::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind};
 
 /// Mean relative change of the heights below which the paper calls an optimisation stable.
 const STABLE_CHANGE: f64 = 0.005;

@@ -8,11 +8,11 @@ use clap::Args;
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print_json};
 use crate::benchmark::{Aids, Method};
 use crate::config::RunConfig;
-use crate::evaluate::cloud_in_project;
-use crate::evaluate::read::{TruthOptions, read_truth};
-use crate::evaluate::solid::write_obj;
-use crate::optimise::{OptimiseConfig, Problem};
 use crate::pipeline::{self, RunOptions, Stage};
+use sizeup_heights::optimise::{OptimiseConfig, Problem};
+use sizeup_lab::evaluate::cloud_in_project;
+use sizeup_lab::evaluate::read::{TruthOptions, read_truth};
+use sizeup_lab::evaluate::solid::write_obj;
 
 /// Arguments of `sizeup baseline`.
 #[derive(Debug, Clone, Args)]

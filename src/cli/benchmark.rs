@@ -8,7 +8,7 @@ use super::{Failure, Global, Ui, print, print_json};
 use crate::benchmark::accuracy::{self, AccuracyConfig};
 use crate::benchmark::paper::{self, PaperConfig};
 use crate::benchmark::{Again, BenchmarkError, Method, Plan, Programs};
-use crate::output::sha256_hex;
+use sizeup_results::output::sha256_hex;
 
 /// Arguments of `sizeup benchmark`.
 #[derive(Debug, Clone, Args)]

@@ -6,10 +6,10 @@ use clap::Args;
 
 use super::{Failure, Global, Ui, print, print_json};
 use crate::config::RunConfig;
-use crate::evaluate::read::{TruthOptions, read_results, read_truth};
-use crate::evaluate::{HeightOptions, evaluate_heights};
 use crate::pipeline::{RunOptions, Stage};
-use crate::simulate::SimulateConfig;
+use sizeup_lab::evaluate::read::{TruthOptions, read_results, read_truth};
+use sizeup_lab::evaluate::{HeightOptions, evaluate_heights};
+use sizeup_lab::simulate::SimulateConfig;
 
 /// Arguments of `sizeup demo`.
 #[derive(Debug, Clone, Args)]

@@ -8,13 +8,13 @@ use serde::Serialize;
 
 use super::{Failure, Global, print, print_json};
 use crate::config::RunConfig;
-use crate::crs::{Crs, CrsError, Transform, Transform3d};
-use crate::files::is_virtual;
-use crate::footprint::FootprintSource;
-use crate::geodata;
-use crate::onnx::{EngineChoice, EngineConfig, runtime};
-use crate::prior::PriorConfig;
 use crate::tiles;
+use sizeup_footprints::FootprintSource;
+use sizeup_geo::crs::{Crs, CrsError, Transform, Transform3d};
+use sizeup_geo::files::is_virtual;
+use sizeup_geo::geodata;
+use sizeup_photos::onnx::{EngineChoice, EngineConfig, runtime};
+use sizeup_photos::prior::PriorConfig;
 
 /// Formats that a run writes or people bring, by GDAL's names: without the first two no run finishes.
 const DRIVERS: [(&str, bool); 8] = [

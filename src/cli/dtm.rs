@@ -7,9 +7,9 @@ use serde::Serialize;
 
 use super::{Failure, Global, Ui, print_json};
 use crate::config::RunConfig;
-use crate::dtm::{Dtm, DtmConfig, Outcome};
-use crate::output::picture::{relief_map, write_png};
 use crate::pipeline;
+use sizeup_photos::dtm::{Dtm, DtmConfig, Outcome};
+use sizeup_results::output::picture::{relief_map, write_png};
 
 /// A standard deviation above this says that one level may serve as well, metres.
 const COARSE_M: f64 = 0.3;

@@ -6,10 +6,10 @@ use clap::{Args, ValueEnum};
 
 use super::ui::warn_of_unfinished;
 use super::{Failure, Global, print, print_json};
-use crate::crs::Crs;
-use crate::evaluate::read::TruthOptions;
-use crate::evaluate::{CloudTruthOptions, Comparison, HeightOptions, compare_files};
-use crate::output::HeightReference;
+use sizeup_geo::crs::Crs;
+use sizeup_lab::evaluate::read::TruthOptions;
+use sizeup_lab::evaluate::{CloudTruthOptions, Comparison, HeightOptions, compare_files};
+use sizeup_results::output::HeightReference;
 
 /// Arguments of `sizeup evaluate`.
 #[derive(Debug, Clone, Args)]

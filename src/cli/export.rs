@@ -6,14 +6,14 @@ use clap::{Args, ValueEnum};
 
 use super::ui::warn_of_unfinished;
 use super::{Failure, Global, Ui, print_json};
-use crate::crs::Crs;
-use crate::output::cityjson::{self, AttributeNames, CityJsonConfig};
-use crate::output::flatgeobuf;
-use crate::output::geopackage::{self, GeoPackageConfig, ProjectGround};
-use crate::output::read::{ReadOptions, RecordFile};
-use crate::output::tiles3d::{self, Heights, Precision, Tiles3dConfig};
-use crate::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records};
-use crate::survey::Survey;
+use sizeup_geo::crs::Crs;
+use sizeup_results::output::cityjson::{self, AttributeNames, CityJsonConfig};
+use sizeup_results::output::flatgeobuf;
+use sizeup_results::output::geopackage::{self, GeoPackageConfig, ProjectGround};
+use sizeup_results::output::read::{ReadOptions, RecordFile};
+use sizeup_results::output::tiles3d::{self, Heights, Precision, Tiles3dConfig};
+use sizeup_results::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records};
+use sizeup_survey::Survey;
 
 /// Arguments of `sizeup export`.
 #[derive(Debug, Clone, Args)]

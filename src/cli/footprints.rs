@@ -7,8 +7,8 @@ use clap::Args;
 use super::run::tell_issues;
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
-use crate::footprint::DetectionSummary;
 use crate::pipeline::{self, RunOptions, Stage};
+use sizeup_footprints::DetectionSummary;
 
 /// Arguments of `sizeup footprints`.
 #[derive(Debug, Clone, Args)]

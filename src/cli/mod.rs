@@ -30,7 +30,7 @@ use clap::{Args, Parser, Subcommand};
 
 pub use ui::Ui;
 
-use crate::limits::Limits;
+use sizeup_geo::limits::Limits;
 
 /// Finished, but some items of the input have no result.
 pub const EXIT_FAILED_ITEMS: u8 = 5;
@@ -161,10 +161,10 @@ impl fmt::Display for Failure {
 /// [`Failure`] with the exit code and the text to print.
 pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
     ui::start_logging(&cli.global);
-    crate::onnx::runtime::look_in(runtime_places());
+    sizeup_photos::onnx::runtime::look_in(runtime_places());
     Limits::insist(cli.global.input_memory, cli.global.allow_remote);
     if let Some(folder) = model::folder() {
-        crate::prior::network::known::look_in(folder);
+        sizeup_photos::prior::network::known::look_in(folder);
     }
     if let Some(n) = cli.global.threads {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads(n, &cli.global)).build_global();

@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 
 use super::{Failure, Global, Ui, print, print_json};
-use crate::prior::network::known::{KnownNetwork, known, known_by_name};
+use sizeup_photos::prior::network::known::{KnownNetwork, known, known_by_name};
 
 /// Subcommands of `sizeup model`.
 #[derive(Debug, Clone, Subcommand)]

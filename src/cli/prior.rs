@@ -7,9 +7,9 @@ use serde_json::{Value, json};
 
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print, print_json};
 use crate::config::RunConfig;
-use crate::onnx::{EngineChoice, EngineConfig, Port};
 use crate::pipeline::{PriorsDone, Wanted, compute_priors};
-use crate::prior::network::{Inspection, inspect};
+use sizeup_photos::onnx::{EngineChoice, EngineConfig, Port};
+use sizeup_photos::prior::network::{Inspection, inspect};
 
 /// Subcommands of `sizeup prior`.
 #[derive(Debug, Clone, Subcommand)]

@@ -7,9 +7,9 @@ use clap::{Args, ValueEnum};
 use super::tiles::{CutArgs, TilesetArgs, TrustArgs, absolute, failed, merge_city, plan_config};
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
-use crate::output::Status;
 use crate::pipeline::{self, RunOptions, RunSummary, Stage};
 use crate::tiles::{self, Attempt, Layout, MergeOptions, Missing, PoolSettings, State, Tile, TileOutcome};
+use sizeup_results::output::Status;
 
 /// Where `--help` lists the flags that stand for a configuration file.
 const FLAGS: &str = "Without a configuration file";

@@ -7,9 +7,9 @@ use serde_json::Value;
 
 use super::{Failure, print_json};
 use crate::config::RunConfig;
-use crate::files::write_whole;
-use crate::output::cityjson::extension_schema;
-use crate::simulate::SimulateConfig;
+use sizeup_geo::files::write_whole;
+use sizeup_lab::simulate::SimulateConfig;
+use sizeup_results::output::cityjson::extension_schema;
 
 /// Arguments of `sizeup schema`.
 #[derive(Debug, Clone, Args)]

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::{Failure, Global, Ui, print_json};
-use crate::simulate::{SimulateConfig, SimulateError, SimulationSummary, simulate};
+use sizeup_lab::simulate::{SimulateConfig, SimulateError, SimulationSummary, simulate};
 
 /// Arguments of `sizeup simulate`.
 #[derive(Debug, Clone, Args)]

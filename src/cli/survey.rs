@@ -7,16 +7,16 @@ use geo::ConvexHull as _;
 use serde::{Deserialize, Serialize};
 
 use super::{Failure, Global, Ui, print, print_json, print_lines};
-use crate::crs::Crs;
-use crate::footprint::{self, FootprintSource, MaskConfig, MaskFiles, OutlineSource as _};
-use crate::limits::Limits;
-use crate::output::picture;
-use crate::paths::resolved;
-use crate::survey::{
+use sizeup_footprints::{FootprintSource, MaskConfig, MaskFiles, OutlineSource as _};
+use sizeup_geo::crs::Crs;
+use sizeup_geo::limits::Limits;
+use sizeup_geo::paths::resolved;
+use sizeup_geo::terrain::{self, MapBox, Terrain, TerrainConfig};
+use sizeup_results::output::picture;
+use sizeup_survey::{
     self, CornerErrors, Format, GroundPolygons, Reading, Site, Survey, SurveyConfig, SurveyReport, Target, View,
     ViewKind,
 };
-use crate::terrain::{self, MapBox, Terrain, TerrainConfig};
 
 /// Finer terrain tells no more about poses, metres per cell.
 const MIN_CELL_M: f64 = 5.0;
@@ -253,7 +253,7 @@ fn area_of(settings: &Settings, args: &InspectArgs, ui: &Ui) -> Result<Option<ge
         ui.say(format!("{} is not there: nothing to hold the image centres against", config.path.display()));
         return Ok(None);
     }
-    let layer = footprint::read(config, &settings.project.crs).map_err(|e| Failure::new(3, &e))?;
+    let layer = sizeup_footprints::read(config, &settings.project.crs).map_err(|e| Failure::new(3, &e))?;
     let outlines: Vec<_> = layer.footprints.into_iter().map(|f| f.polygon).collect();
     Ok(Some(geo::MultiPolygon::new(outlines).convex_hull()))
 }
@@ -290,7 +290,8 @@ fn convert(args: &ConvertArgs, global: &Global) -> Result<u8, Failure> {
         ui.say(NO_GROUND);
     }
     let terrain = ground.unwrap_or(Terrain::Constant(0.0));
-    let converted = survey::write(&survey, crs, &terrain, target, &args.output).map_err(|e| Failure::new(4, &e))?;
+    let converted =
+        sizeup_survey::write(&survey, crs, &terrain, target, &args.output).map_err(|e| Failure::new(4, &e))?;
     for issue in survey.issues.iter().chain(&converted.issues) {
         ui.say(format!("{}: {}", issue.code, issue.message));
     }

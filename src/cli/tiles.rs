@@ -6,13 +6,13 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print, print_json};
 use crate::config::RunConfig;
-use crate::optimise::CalibrationRays;
-use crate::output::tiles3d::Heights;
 use crate::recipe;
 use crate::tiles::{
     self, Change, CityStatus, Layout, MergeOptions, Merged, Missing, PlanSettings, State, TileRun, TileStatus,
     TilesError, Tileset, Trust,
 };
+use sizeup_heights::optimise::CalibrationRays;
+use sizeup_results::output::tiles3d::Heights;
 
 /// The steps of a city.
 #[derive(Debug, Clone, Subcommand)]

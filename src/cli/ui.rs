@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::{Global, talk};
-use crate::optimise::Solving;
 use crate::pipeline::Event;
+use sizeup_heights::optimise::Solving;
 
 /// Between two log lines about the same work.
 const LOG_EVERY: Duration = Duration::from_secs(10);
@@ -24,8 +24,8 @@ pub(super) fn start_logging(global: &Global) {
 
 /// Warns of results that are not of one run, because their writer was killed between two files.
 pub(super) fn warn_of_unfinished(path: &std::path::Path, global: &Global) {
-    if crate::unfinished::is_marked(path) {
-        let name = crate::unfinished::NAME;
+    if sizeup_geo::unfinished::is_marked(path) {
+        let name = sizeup_geo::unfinished::NAME;
         Ui::new(global).say(format!(
             "warning: {} is among results that were being replaced when their writer ended: its files may be of two \
              runs, see {name} beside it",

@@ -6,8 +6,8 @@ use clap::Args;
 use serde::Serialize;
 
 use super::{Failure, Global, print, print_json};
-use crate::output::validate::schema::{self, SchemaCheck, SchemaFault};
-use crate::output::validate::{Fault, ValidateConfig, Validation, validate_file};
+use sizeup_results::output::validate::schema::{self, SchemaCheck, SchemaFault};
+use sizeup_results::output::validate::{Fault, ValidateConfig, Validation, validate_file};
 
 /// Faults that are printed one by one unless all are asked for.
 const N_PRINTED: usize = 20;

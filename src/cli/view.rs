@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::ui::warn_of_unfinished;
 use super::{Failure, Global, Ui, print};
-use crate::report::{ServeError, Server, tileset_of};
+use sizeup_results::report::{ServeError, Server, tileset_of};
 
 /// Arguments of `sizeup view`.
 #[derive(Debug, Clone, Args)]

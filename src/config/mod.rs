@@ -12,21 +12,22 @@ use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::crs::Crs;
-use crate::dtm::DtmConfig;
-use crate::footprint::FootprintSource;
-use crate::issue::Issue;
-use crate::limits::Limits;
-use crate::optimise::OptimiseConfig;
-use crate::output::cityjson::CityJsonConfig;
-use crate::output::fallback::FallbackConfig;
-use crate::output::geopackage::GeoPackageConfig;
-use crate::paths::{OwnPaths, PathVisitor, resolved};
-use crate::prior::PriorConfig;
-use crate::report::ReportConfig;
-use crate::scene::HeightsConfig;
-use crate::survey::SurveyConfig;
-use crate::terrain::{GroundConfig, TerrainConfig};
+use sizeup_footprints::FootprintSource;
+use sizeup_geo::crs::Crs;
+use sizeup_geo::issue::Issue;
+use sizeup_geo::limits::Limits;
+use sizeup_geo::paths::{OwnPaths, PathVisitor, resolved};
+use sizeup_geo::terrain::{GroundConfig, TerrainConfig};
+use sizeup_heights::optimise::OptimiseConfig;
+use sizeup_heights::scene::HeightsConfig;
+use sizeup_photos::dtm::DtmConfig;
+use sizeup_photos::photometry::RefinementConfig;
+use sizeup_photos::prior::PriorConfig;
+use sizeup_results::output::cityjson::CityJsonConfig;
+use sizeup_results::output::fallback::FallbackConfig;
+use sizeup_results::output::geopackage::GeoPackageConfig;
+use sizeup_results::report::ReportConfig;
+use sizeup_survey::SurveyConfig;
 
 /// Why a configuration cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -91,6 +92,9 @@ pub struct RunConfig {
     /// The height optimisation.
     #[serde(default)]
     pub optimise: OptimiseConfig,
+    /// Roof heights refined by the photos, after the solver has found them.
+    #[serde(default)]
+    pub refinement: RefinementConfig,
     /// The results.
     #[serde(default)]
     pub output: OutputConfig,
@@ -226,7 +230,7 @@ impl RunConfig {
     }
 
     /// As it is saved beside the results: results go where the file is, and inputs are found from there (see
-    /// [`crate::paths`]). It does not depend on the folder a command was given in, and saving it again changes nothing.
+    /// [`sizeup_geo::paths`]). It does not depend on the folder a command was given in, and saving it again changes nothing.
     #[must_use]
     pub fn saved(&self) -> Self {
         let mut saved = self.clone();
@@ -449,13 +453,13 @@ mod tests {
         let config = config.unwrap();
         assert_eq!(config.project.crs.epsg(), Some(2180));
         assert_eq!(config.survey.offset, [1.0, 2.0, 3.0]);
-        assert_eq!(config.optimise.preset, crate::optimise::Preset::Paper);
+        assert_eq!(config.optimise.preset, sizeup_heights::optimise::Preset::Paper);
         assert!(load(MINIMAL, &["seed"]).is_err());
     }
 
     #[test]
     fn one_setting_of_the_view_selection_leaves_the_others_to_the_preset() {
-        use crate::views::{Choice, ViewsConfig};
+        use sizeup_heights::views::{Choice, ViewsConfig};
         for preset in ["paper", "robust"] {
             let of = |more: &[&str]| {
                 let preset = format!("optimise.preset={preset}");

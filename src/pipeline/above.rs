@@ -3,8 +3,8 @@
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
-use crate::optimise::{Reason, Solution};
-use crate::scene::{Prism, Scene};
+use sizeup_heights::optimise::{Reason, Solution};
+use sizeup_heights::scene::{Prism, Scene};
 
 /// Buildings within this are around, metres, between middles; of fewer nothing is said.
 const AROUND_M: f64 = 150.0;
@@ -44,9 +44,9 @@ mod tests {
     use geo_types::Polygon;
 
     use super::*;
-    use crate::optimise::SolvedHeight;
-    use crate::scene::HeightBounds;
-    use crate::terrain::{GroundLevel, Terrain};
+    use sizeup_geo::terrain::{GroundLevel, Terrain};
+    use sizeup_heights::optimise::SolvedHeight;
+    use sizeup_heights::scene::HeightBounds;
 
     /// Houses of some heights in a row, 30 m from one to the next.
     fn doubtful(heights_m: &[f64], settled: Option<usize>) -> Vec<usize> {
@@ -66,7 +66,7 @@ mod tests {
             views: Vec::new(),
             score: None,
             raised_m: (settled == Some(i)).then_some(0.1),
-            doubts: crate::optimise::Doubts::default(),
+            doubts: sizeup_heights::optimise::Doubts::default(),
             reasons: Vec::new(),
         };
         let heights = heights_m.iter().enumerate().map(of).collect();

@@ -9,14 +9,14 @@ use serde::{Deserialize, Serialize};
 
 use super::{Cut, GroundTold, PipelineError, Stage};
 use crate::config::RunConfig;
-use crate::files::write_whole;
-use crate::footprint::{DetectionSummary, FootprintLayer, Tracks};
-use crate::hashes::Content;
-use crate::ids::BuildingId;
-use crate::issue::Issue;
-use crate::optimise::{LevelGain, Solution};
 use crate::recipe::{ABSENT, Recipe};
-use crate::terrain::GroundLevel;
+use sizeup_footprints::{DetectionSummary, FootprintLayer, Tracks};
+use sizeup_geo::files::write_whole;
+use sizeup_geo::hashes::Content;
+use sizeup_geo::issue::Issue;
+use sizeup_geo::terrain::GroundLevel;
+use sizeup_heights::ids::BuildingId;
+use sizeup_heights::optimise::{LevelGain, Solution};
 
 /// Outlines with their ground.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

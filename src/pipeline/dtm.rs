@@ -7,16 +7,16 @@ use geo_types::Polygon;
 
 use super::{Event, PipelineError, Tell, soundness};
 use crate::config::RunConfig;
-use crate::crs::Crs;
-use crate::dtm::{self, Dtm, DtmConfig};
-use crate::footprint::{self, FootprintSource};
-use crate::geodata::raster::RasterFile;
-use crate::geodata::{GridPlace, write_geotiff};
-use crate::output::geopackage::{self, ProjectGround};
-use crate::output::picture::{relief_map, write_png};
-use crate::output::{CityModel, OutputError, Records};
-use crate::survey::Survey;
-use crate::terrain::{self, TerrainConfig};
+use sizeup_footprints::FootprintSource;
+use sizeup_geo::crs::Crs;
+use sizeup_geo::geodata::raster::RasterFile;
+use sizeup_geo::geodata::{GridPlace, write_geotiff};
+use sizeup_geo::terrain::{self, TerrainConfig};
+use sizeup_photos::dtm::{self, Dtm, DtmConfig};
+use sizeup_results::output::geopackage::{self, ProjectGround};
+use sizeup_results::output::picture::{relief_map, write_png};
+use sizeup_results::output::{CityModel, OutputError, Records};
+use sizeup_survey::Survey;
 
 /// Written where no ground was found.
 const NODATA: f32 = -9999.0;
@@ -49,7 +49,7 @@ fn make(
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<(Dtm, Vec<Polygon<f64>>), PipelineError> {
     let outlines = match &config.footprints {
-        FootprintSource::Layer(layer) => footprint::read(layer, &config.project.crs)?.footprints,
+        FootprintSource::Layer(layer) => sizeup_footprints::read(layer, &config.project.crs)?.footprints,
         FootprintSource::Masks(_) | FootprintSource::Network(_) => Vec::new(),
     };
     let outlines: Vec<Polygon<f64>> = outlines.into_iter().map(|f| f.polygon).collect();

@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 
 use crate::config::ConfigError;
-use crate::crs::CrsError;
-use crate::dtm::DtmError;
-use crate::files::FileError;
-use crate::footprint::{FootprintError, WriteFootprintsError};
-use crate::geodata::WriteError;
-use crate::output::OutputError;
-use crate::prior::PriorError;
-use crate::survey::SurveyError;
-use crate::terrain::TerrainError;
+use sizeup_footprints::{FootprintError, WriteFootprintsError};
+use sizeup_geo::crs::CrsError;
+use sizeup_geo::files::FileError;
+use sizeup_geo::geodata::WriteError;
+use sizeup_geo::terrain::TerrainError;
+use sizeup_photos::dtm::DtmError;
+use sizeup_photos::prior::PriorError;
+use sizeup_results::output::OutputError;
+use sizeup_survey::SurveyError;
 
 /// What stops a run.
 #[derive(Debug, thiserror::Error)]

@@ -12,15 +12,15 @@ use super::kept::PriorStore;
 use super::stages::SceneStage;
 use super::{HeightStage, pictures};
 use crate::config::RunConfig;
-use crate::optimise::{InspectedView, Inspection, Problem, Rays, SolvedHeight, inspect};
-use crate::output::picture::depth_picture;
-use crate::prior::{DepthPrior, PriorKind};
-use crate::raster::Raster;
-use crate::render::PlacedCamera;
-use crate::render::image::SceneTracer;
-use crate::report::{Crop, Evidence, Line, LineKind, Pair, ReportConfig};
-use crate::scene::Prism;
-use crate::survey::{Survey, View};
+use sizeup_heights::optimise::{InspectedView, Inspection, Problem, Rays, SolvedHeight, inspect};
+use sizeup_heights::raster::Raster;
+use sizeup_heights::render::PlacedCamera;
+use sizeup_heights::render::image::SceneTracer;
+use sizeup_heights::scene::Prism;
+use sizeup_photos::prior::{DepthPrior, PriorKind};
+use sizeup_results::output::picture::depth_picture;
+use sizeup_results::report::{Crop, Evidence, Line, LineKind, Pair, ReportConfig};
+use sizeup_survey::{Survey, View};
 
 /// Photos whose priors are computed anew where neither file nor cache holds them, at most: a network takes seconds for each.
 const MAX_COMPUTED_VIEWS: usize = 12;
@@ -304,7 +304,7 @@ fn pairs(seen: &InspectedView, view: &View, cut: Cut) -> Vec<Pair> {
     let camera = DVec2::new(f64::from(view.camera.width_px), f64::from(view.camera.height_px));
     let place = |end: [f32; 2]| ((Vec2::from(end).as_dvec2() * camera - cut.corner) / cut.size).as_vec2();
     let is_inside = |p: Vec2| (p.cmpge(Vec2::ZERO) & p.cmple(Vec2::ONE)).all();
-    let pair = |pair: &crate::optimise::InspectedPair| {
+    let pair = |pair: &sizeup_heights::optimise::InspectedPair| {
         let ends = pair.ends.map(place);
         ends.iter().all(|&p| is_inside(p)).then(|| Pair { ends: ends.map(|p| p.to_array()), cost: pair.cost })
     };
@@ -314,7 +314,7 @@ fn pairs(seen: &InspectedView, view: &View, cut: Cut) -> Vec<Pair> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optimise::Reason;
+    use sizeup_heights::optimise::Reason;
 
     #[test]
     fn views_at_hand_are_all_looked_at_and_of_the_others_no_more_than_can_be_computed() {
@@ -325,7 +325,7 @@ mod tests {
             views: (3 * b..3 * b + 3).collect(),
             score: None,
             raised_m: None,
-            doubts: crate::optimise::Doubts::default(),
+            doubts: sizeup_heights::optimise::Doubts::default(),
             reasons: if b == 2 { vec![Reason::TooFewViews] } else { Vec::new() },
         };
         let solved: Vec<SolvedHeight> = (0..30).map(solved).collect();

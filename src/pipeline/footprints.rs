@@ -9,10 +9,10 @@ use super::dtm::terrain_in_force;
 use super::stages::load_terrain;
 use super::{FootprintStage, HeightStage, PipelineError, pictures};
 use crate::config::RunConfig;
-use crate::footprint::{self, Detection, FootprintSource, MaskFiles, OutlineKind, OutlineSource, Segmenter};
-use crate::issue::{Severity, Subject};
-use crate::survey::{Survey, View, ViewKind};
-use crate::terrain::{self, MapBox, Terrain, ground_under};
+use sizeup_footprints::{Detection, FootprintSource, MaskFiles, OutlineKind, OutlineSource, Segmenter};
+use sizeup_geo::issue::{Severity, Subject};
+use sizeup_geo::terrain::{self, MapBox, Terrain, ground_under};
+use sizeup_survey::{Survey, View, ViewKind};
 
 /// Movement below which roofs count as settled, metres.
 const SETTLED_M: f64 = 0.02;
@@ -21,7 +21,7 @@ const SETTLED_M: f64 = 0.02;
 pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStage, Terrain), PipelineError> {
     let source: Box<dyn OutlineSource> = match &config.footprints {
         FootprintSource::Layer(layer) => {
-            let layer = footprint::read(layer, &config.project.crs)?;
+            let layer = sizeup_footprints::read(layer, &config.project.crs)?;
             require_outlines(&layer)?;
             let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
             return Ok((on_ground(config, layer, &terrain), terrain));
@@ -33,7 +33,7 @@ pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStag
         unreachable!("masks and networks have detection settings");
     };
     let terrain = terrain_of_views(config, survey)?;
-    let mut found = footprint::detect(source.as_ref(), &survey.views, &terrain, settings, &config.project.crs)?;
+    let mut found = sizeup_footprints::detect(source.as_ref(), &survey.views, &terrain, settings, &config.project.crs)?;
     write(config, &found, survey)?;
     if config.output.pictures {
         pictures::footprints(&config.project.output, &found, survey, &terrain)?;
@@ -45,7 +45,7 @@ pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStag
 }
 
 /// Says why, where none of a layer's features can be used: nothing else will.
-fn require_outlines(layer: &footprint::FootprintLayer) -> Result<(), PipelineError> {
+fn require_outlines(layer: &sizeup_footprints::FootprintLayer) -> Result<(), PipelineError> {
     if !layer.footprints.is_empty() {
         return Ok(());
     }
@@ -73,10 +73,14 @@ fn require_outlines(layer: &footprint::FootprintLayer) -> Result<(), PipelineErr
 
 fn write(config: &RunConfig, found: &Detection, survey: &Survey) -> Result<(), PipelineError> {
     let path = config.project.output.join("footprints.gpkg");
-    Ok(footprint::write(&path, found, &survey.views, &config.project.crs)?)
+    Ok(sizeup_footprints::write(&path, found, &survey.views, &config.project.crs)?)
 }
 
-pub(super) fn on_ground(config: &RunConfig, layer: footprint::FootprintLayer, terrain: &Terrain) -> FootprintStage {
+pub(super) fn on_ground(
+    config: &RunConfig,
+    layer: sizeup_footprints::FootprintLayer,
+    terrain: &Terrain,
+) -> FootprintStage {
     let (ground, issues): (Vec<_>, Vec<_>) =
         layer.footprints.iter().map(|f| ground_under(terrain, &f.id, &f.polygon, config.ground)).unzip();
     let issues = issues.into_iter().flatten().collect();
@@ -131,7 +135,7 @@ pub(super) fn move_roofs(
         let ground = footprints.ground[at];
         roof_z_m[at] = ground.zip(solved.height_m).map(|(g, h)| g.reference_m + h);
     }
-    let moved = footprint::move_roofs(&mut footprints.layer, tracks, &roof_z_m, &survey.views, settings);
+    let moved = sizeup_footprints::move_roofs(&mut footprints.layer, tracks, &roof_z_m, &survey.views, settings);
     let terrain = load_terrain(config, footprints.layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
     let layer = std::mem::take(&mut footprints.layer);
     let fresh = on_ground(config, layer, &terrain);

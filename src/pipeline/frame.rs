@@ -4,10 +4,10 @@ use glam::DVec3;
 
 use super::{PipelineError, input};
 use crate::config::RunConfig;
-use crate::frames::LocalOrigin;
-use crate::scene::HeightBounds;
-use crate::survey::Survey;
-use crate::terrain::MapBox;
+use sizeup_geo::terrain::MapBox;
+use sizeup_heights::frames::LocalOrigin;
+use sizeup_heights::scene::HeightBounds;
+use sizeup_survey::Survey;
 
 /// The local frame and the heights that are looked for.
 #[derive(Debug, Clone, Copy, PartialEq)]

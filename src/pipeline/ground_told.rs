@@ -19,11 +19,11 @@ use serde::{Deserialize, Serialize};
 use super::FootprintStage;
 use super::stages::SceneStage;
 use crate::config::RunConfig;
-use crate::dtm::{self, DtmConfig, Outcome};
-use crate::issue::{Issue, Severity, Subject};
-use crate::optimise::{Reason, Solution};
-use crate::stats;
-use crate::survey::Survey;
+use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_heights::optimise::{Reason, Solution};
+use sizeup_heights::stats;
+use sizeup_photos::dtm::{self, DtmConfig, Outcome};
+use sizeup_survey::Survey;
 
 /// Squares that are looked at, about: spread evenly, no closer than those of a terrain model, and no farther apart than ground
 /// can be told by its neighbours, metres.

@@ -7,19 +7,19 @@ use std::sync::{Mutex, PoisonError};
 use super::above::mark_towers;
 use super::footprints as outlines;
 use super::kept::PriorStore;
-use super::polish::polish;
+use super::refinement::refine;
 use super::stages::SceneStage;
 use super::{
     Event, FootprintStage, GroundTold, HeightStage, PipelineError, Solver, Stage, Tell, artefact, ground_told, levels,
 };
 use crate::config::RunConfig;
-use crate::optimise::{OptimiseConfig, Problem, Rays, SearchConfig, Solution, Solving, ViewInput};
-use crate::prior::{GroundCorrelation, Priors, ground_correlation, judge_tag};
-use crate::render::PlacedCamera;
-use crate::scene::Scene;
-use crate::seed;
-use crate::survey::{Survey, View, ViewKind};
-use crate::terrain::Terrain;
+use sizeup_geo::terrain::Terrain;
+use sizeup_heights::optimise::{OptimiseConfig, Problem, Rays, SearchConfig, Solution, Solving, ViewInput};
+use sizeup_heights::render::PlacedCamera;
+use sizeup_heights::scene::Scene;
+use sizeup_heights::seed;
+use sizeup_photos::prior::{GroundCorrelation, Priors, ground_correlation, judge_tag};
+use sizeup_survey::{Survey, View, ViewKind};
 
 /// Full sweeps that parts get among buildings whose heights are known from the round before.
 const RESUMED_SWEEPS: usize = 2;
@@ -121,7 +121,7 @@ impl HeightSearch<'_> {
             rays = rays.of_other_outlines();
             heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &Known::default())?;
         }
-        heights.unread_photos = polish(self.config, self.survey, stage, &mut heights.solution);
+        heights.unread_photos = refine(self.config, self.survey, stage, &mut heights.solution);
         mark_towers(&stage.scene, &mut heights.solution);
         footprints.issues.extend(joined.iter().map(|id| levels::joined_note(id)));
         Ok(HeightStage { cuts, joined: joined.into_iter().collect(), ..heights })

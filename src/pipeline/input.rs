@@ -6,11 +6,11 @@ use serde_json::{Map as JsonMap, Value};
 
 use super::{FootprintStage, PipelineError};
 use crate::config::RunConfig;
-use crate::footprint::Footprint;
-use crate::output::fallback::FallbackSource;
-use crate::scene::HeightBounds;
-use crate::survey::{Survey, ViewKind};
-use crate::terrain::GroundLevel;
+use sizeup_footprints::Footprint;
+use sizeup_geo::terrain::GroundLevel;
+use sizeup_heights::scene::HeightBounds;
+use sizeup_results::output::fallback::FallbackSource;
+use sizeup_survey::{Survey, ViewKind};
 
 const RANGE_HINT: &str = "set heights.min_m and heights.max_m in metres above ground";
 
@@ -63,7 +63,7 @@ pub(super) fn check_overlap(survey: &Survey, footprints: &FootprintStage) -> Res
 
 /// The lowest oblique view's height above the highest ground, metres.
 pub(super) fn clearance_m(survey: &Survey, highest_ground: f64) -> Result<f64, PipelineError> {
-    let clearance = |view: &crate::survey::View| view.camera_from_map.centre().z - highest_ground;
+    let clearance = |view: &sizeup_survey::View| view.camera_from_map.centre().z - highest_ground;
     let oblique = survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique);
     let lowest = oblique.map(clearance).fold(f64::INFINITY, f64::min);
     if lowest <= 0.0 {
@@ -112,9 +112,9 @@ pub(super) fn check_settings(config: &RunConfig) -> Result<(), PipelineError> {
             hint: "source is none, attribute (with attribute = \"storeys\", metres_per_unit = 3.0) or neighbourhood",
         });
     }
-    if let Some((field, expected)) = config.optimise.polish.fault() {
+    if let Some((field, expected)) = config.refinement.fault() {
         return Err(PipelineError::Settings {
-            table: "optimise.polish",
+            table: "refinement",
             message: format!("`{field}` is out of range: expected {expected}"),
             hint: "leave it out for the default, or set enabled = false to leave the photos out",
         });

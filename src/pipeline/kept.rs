@@ -6,9 +6,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::config::RunConfig;
-use crate::optimise::WithoutPrior;
-use crate::prior::{DepthPrior, PriorError, PriorSource as _, Priors};
-use crate::survey::{Survey, View};
+use sizeup_heights::optimise::WithoutPrior;
+use sizeup_photos::prior::{DepthPrior, PriorError, PriorSource as _, Priors};
+use sizeup_survey::{Survey, View};
 
 use super::PipelineError;
 use super::stages::SceneStage;

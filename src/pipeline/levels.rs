@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use super::stages::SceneStage;
 use super::{FootprintStage, HeightStage};
-use crate::footprint::{Footprint, pieces, with_corners_of};
-use crate::ids::BuildingId;
-use crate::issue::{Issue, Severity, Subject};
-use crate::optimise::{LevelGain, Solution, SolvedHeight};
+use sizeup_footprints::{Footprint, pieces, with_corners_of};
+use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_heights::ids::BuildingId;
+use sizeup_heights::optimise::{LevelGain, Solution, SolvedHeight};
 
 /// Rounds of taking apart: each finds one more level of a building.
 pub(super) const MAX_ROUNDS: usize = 2;
@@ -34,7 +34,7 @@ pub struct Cut {
 /// The cuts that a solution asks for.
 pub(super) fn cuts(footprints: &FootprintStage, stage: &SceneStage, solution: &Solution) -> Vec<Cut> {
     let origin = stage.scene.origin.0;
-    let of_level = |level: &crate::optimise::OtherLevel| {
+    let of_level = |level: &sizeup_heights::optimise::OtherLevel| {
         let ring = level.corners.map(|[x, y]| (x + origin.x, y + origin.y));
         Cut {
             footprint: stage.solved[level.building],

@@ -9,14 +9,14 @@ use rand::Rng as _;
 use super::stages::SceneStage;
 use super::{FootprintStage, HeightStage, PipelineError, Stage, artefact, pictures};
 use crate::config::RunConfig;
-use crate::ordinal::{DepthOrder, Normaliser};
-use crate::output::picture::{PicturedPair, beside, pairs_picture, write_png};
-use crate::prior::{DepthPrior, PriorSource as _};
-use crate::raster::Raster;
-use crate::render::PlacedCamera;
-use crate::render::image::{DepthImage, SceneTracer};
-use crate::seed;
-use crate::survey::Survey;
+use sizeup_heights::ordinal::{DepthOrder, Normaliser};
+use sizeup_heights::raster::Raster;
+use sizeup_heights::render::PlacedCamera;
+use sizeup_heights::render::image::{DepthImage, SceneTracer};
+use sizeup_heights::seed;
+use sizeup_photos::prior::{DepthPrior, PriorSource as _};
+use sizeup_results::output::picture::{PicturedPair, beside, pairs_picture, write_png};
+use sizeup_survey::Survey;
 
 /// Width of each of the four pictures, pixels.
 const PICTURE_PX: u32 = 640;

@@ -25,9 +25,9 @@ mod levels;
 mod look;
 mod overview;
 mod pictures;
-mod polish;
 mod priors;
 mod records;
+mod refinement;
 mod report;
 mod soundness;
 mod stages;
@@ -43,8 +43,8 @@ pub use ground_told::GroundTold;
 pub use input::check_fallback;
 pub use levels::Cut;
 pub use look::look;
-pub use polish::{asks_photo, photo_bytes};
 pub use priors::{PriorsDone, Wanted, compute_priors};
+pub use refinement::{asks_photo, photo_bytes};
 pub use stages::{files_of, lineage_of, unstated_reference};
 pub use tile::{
     Part, PartHashes, PartHeights, find_outlines, layer_of, outlines_around, part_settings, refused_records, survey_of,
@@ -56,9 +56,9 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
-use crate::issue::{Issue, Severity};
-use crate::optimise::{OptimiseConfig, Problem, Solution, Solving, solve};
-use crate::output::Status;
+use sizeup_geo::issue::{Issue, Severity};
+use sizeup_heights::optimise::{OptimiseConfig, Problem, Solution, Solving, solve};
+use sizeup_results::output::Status;
 
 /// A part of the path, in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -148,7 +148,7 @@ pub struct RunSummary {
     pub n_buildings: usize,
     /// What was found in the nadir photos, where outlines come from there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub detection: Option<crate::footprint::DetectionSummary>,
+    pub detection: Option<sizeup_footprints::DetectionSummary>,
     /// Buildings of the input by status, one in parts as its worst part; empty where the output stage did not run.
     pub by_status: BTreeMap<Status, usize>,
     /// Parts of buildings that came in several pieces or were taken apart, by status.

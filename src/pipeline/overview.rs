@@ -9,15 +9,15 @@ use image::imageops::{FilterType, resize};
 use image::{Rgb, RgbImage};
 use rayon::prelude::*;
 
-use crate::camera::Camera;
-use crate::frames::{Map, Rigid};
-use crate::optimise::SolvedHeight;
-use crate::output::picture::HeightScale;
-use crate::output::picture::colour::{self, ALERT, INK, NO_VALUE, WHITE};
-use crate::ray::{Aabb, Ray};
-use crate::render::PlacedCamera;
-use crate::render::image::{Face, SceneTracer};
-use crate::scene::Scene;
+use sizeup_heights::camera::Camera;
+use sizeup_heights::frames::{Map, Rigid};
+use sizeup_heights::optimise::SolvedHeight;
+use sizeup_heights::ray::{Aabb, Ray};
+use sizeup_heights::render::PlacedCamera;
+use sizeup_heights::render::image::{Face, SceneTracer};
+use sizeup_heights::scene::Scene;
+use sizeup_results::output::picture::HeightScale;
+use sizeup_results::output::picture::colour::{self, ALERT, INK, NO_VALUE, WHITE};
 
 /// Size of the picture, and how much larger it is drawn before it is reduced.
 const SIZE_PX: [u32; 2] = [1200, 720];
@@ -96,7 +96,7 @@ fn camera(scene: &Scene, heights_m: &[f32], [width, height]: [u32; 2]) -> Placed
     let right = DVec3::new(cos, -sin, 0.0);
     let rotation = DMat3::from_cols(right, forward.cross(right), forward).transpose();
     let eye = scene.origin.0 + centre - distance_m * forward;
-    let pose: Rigid<crate::frames::Cam, Map> = Rigid::from_rotation_and_centre(rotation, eye);
+    let pose: Rigid<sizeup_heights::frames::Cam, Map> = Rigid::from_rotation_and_centre(rotation, eye);
     PlacedCamera::new(Camera::pinhole(width, height, focal_px), pose, scene.origin)
 }
 
@@ -132,7 +132,7 @@ impl Painter<'_> {
         (0..width).map(at).map(|sight| sight.unwrap_or(sky)).collect()
     }
 
-    fn is_shaded(&self, point: Vec3, scratch: &mut Vec<crate::scene::Crossing>) -> bool {
+    fn is_shaded(&self, point: Vec3, scratch: &mut Vec<sizeup_heights::scene::Crossing>) -> bool {
         self.tracer.trace(&Ray::new(point, SUN), scratch).1.building().is_some()
     }
 

@@ -9,19 +9,19 @@ use rayon::prelude::*;
 use super::kept::PriorStore;
 use super::stages::SceneStage;
 use super::{HeightStage, PipelineError};
-use crate::footprint::Detection;
-use crate::optimise::EpochRecord;
-use crate::output::picture::colour::Rgb;
-use crate::output::picture::{
+use sizeup_footprints::Detection;
+use sizeup_geo::terrain::Terrain;
+use sizeup_heights::optimise::EpochRecord;
+use sizeup_heights::raster::Raster;
+use sizeup_heights::render::PlacedCamera;
+use sizeup_heights::render::image::SceneTracer;
+use sizeup_photos::prior::DepthPrior;
+use sizeup_results::output::picture::colour::Rgb;
+use sizeup_results::output::picture::{
     self, AxesKind, Chart, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline, SERIES_COLOURS, Series, Stroke,
 };
-use crate::output::{CityModel, MalformedFile, OutputError};
-use crate::prior::DepthPrior;
-use crate::raster::Raster;
-use crate::render::PlacedCamera;
-use crate::render::image::SceneTracer;
-use crate::survey::{Survey, View, ViewKind};
-use crate::terrain::Terrain;
+use sizeup_results::output::{CityModel, MalformedFile, OutputError};
+use sizeup_survey::{Survey, View, ViewKind};
 
 /// Photos with the proxies drawn over them.
 const N_OVERLAYS: usize = 3;

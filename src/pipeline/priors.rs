@@ -11,9 +11,9 @@ use super::heights::view_inputs;
 use super::stages::SceneStage;
 use super::{FootprintStage, PipelineError, RunOptions, Stage, Tell, artefact, run};
 use crate::config::RunConfig;
-use crate::optimise::{Problem, Rays, first_selection};
-use crate::prior::Priors;
-use crate::survey::{Survey, View, ViewKind};
+use sizeup_heights::optimise::{Problem, Rays, first_selection};
+use sizeup_photos::prior::Priors;
+use sizeup_survey::{Survey, View, ViewKind};
 
 /// Which views' priors are computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

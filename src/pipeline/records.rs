@@ -2,10 +2,10 @@
 
 use super::{FootprintStage, HeightStage};
 use crate::config::RunConfig;
-use crate::optimise::{Reason, Roof, SolvedHeight};
-use crate::output::{BuildingRecord, HeightReference, RoofShape, Status};
-use crate::output::{fallback, party_walls};
-use crate::survey::Survey;
+use sizeup_heights::optimise::{Reason, Roof, SolvedHeight};
+use sizeup_results::output::{BuildingRecord, HeightReference, RoofShape, Status};
+use sizeup_results::output::{fallback, party_walls};
+use sizeup_survey::Survey;
 
 /// Every building of the input, footprints first, in the layer's order; heights that are not known come from the
 /// fallback, if one is chosen. Party walls are those between them.

@@ -6,11 +6,11 @@ use super::kept::PriorStore;
 use super::stages::SceneStage;
 use super::{HeightStage, PipelineError, evidence, overview};
 use crate::config::RunConfig;
-use crate::ids::BuildingId;
-use crate::optimise::{EpochRecord, LevelGain};
-use crate::output::{CityModel, picture};
-use crate::report::{self, Levels, Pass, Report, ViewUse};
-use crate::survey::{Survey, SurveyReport, ViewKind};
+use sizeup_heights::ids::BuildingId;
+use sizeup_heights::optimise::{EpochRecord, LevelGain};
+use sizeup_results::output::{CityModel, picture};
+use sizeup_results::report::{self, Levels, Pass, Report, ViewUse};
+use sizeup_survey::{Survey, SurveyReport, ViewKind};
 
 /// Writes `report.html` beside the results.
 pub(super) fn write(
@@ -73,7 +73,7 @@ fn pass(pass: &EpochRecord) -> Pass {
 fn uses(survey: &Survey, heights: &HeightStage) -> Vec<ViewUse> {
     let failed: BTreeMap<usize, &String> = heights.solution.failed_views.iter().map(|(v, why)| (*v, why)).collect();
     let used = |i: &usize| heights.solution.used_views.binary_search(i).is_ok();
-    let of = |(i, view): (usize, &crate::survey::View)| match failed.get(&i) {
+    let of = |(i, view): (usize, &sizeup_survey::View)| match failed.get(&i) {
         Some(why) => ViewUse::Failed((*why).clone()),
         None if used(&i) => ViewUse::Measured,
         None if view.kind() == ViewKind::Oblique => ViewUse::NotNeeded,

@@ -5,10 +5,10 @@ use std::path::Path;
 use super::PipelineError;
 use super::stages::write_json;
 use crate::config::RunConfig;
-use crate::issue::{Issue, Severity, Subject};
-use crate::output::picture;
-use crate::survey::{Reading, Site, Survey, SurveyReport};
-use crate::terrain::Terrain;
+use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_geo::terrain::Terrain;
+use sizeup_results::output::picture;
+use sizeup_survey::{Reading, Site, Survey, SurveyReport};
 
 /// Reads the survey, which tells where its terrain is needed.
 pub(super) fn read(config: &RunConfig) -> Result<Reading, PipelineError> {

@@ -17,17 +17,19 @@ use super::worst::worst;
 use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
 use super::{artefact, footprints as outlines, levels, pictures, report, soundness};
 use crate::config::RunConfig;
-use crate::files::{FileError, write_whole};
-use crate::frames::LocalOrigin;
-use crate::issue::{Issue, Severity, Subject};
-use crate::output::plausible::Doubts;
-use crate::output::unmeasured::unmeasured;
-use crate::output::{BuildingRecord, CityModel, InputFile, Lineage, StatusCount, cityjson, geopackage, sha256_hex};
-use crate::prior::Priors;
-use crate::scene::Scene;
-use crate::survey::{Survey, ViewKind};
-use crate::terrain::{self, GroundLevel, MapBox, Terrain};
-use crate::unfinished::Unfinished;
+use sizeup_geo::files::{FileError, write_whole};
+use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_geo::terrain::{self, GroundLevel, MapBox, Terrain};
+use sizeup_geo::unfinished::Unfinished;
+use sizeup_heights::frames::LocalOrigin;
+use sizeup_heights::scene::Scene;
+use sizeup_photos::prior::Priors;
+use sizeup_results::output::plausible::Doubts;
+use sizeup_results::output::unmeasured::unmeasured;
+use sizeup_results::output::{
+    BuildingRecord, CityModel, InputFile, Lineage, StatusCount, cityjson, geopackage, sha256_hex,
+};
+use sizeup_survey::{Survey, ViewKind};
 
 /// How far around the footprints the ground is needed, in greatest heights: rays at 60° off nadir that pass over a
 /// building of greatest height reach the ground 1.7 heights behind it.
@@ -308,7 +310,7 @@ fn sum_up(summary: &mut RunSummary, records: &[BuildingRecord], issues: &mut Vec
     summary.n_buildings = count.n_buildings();
     (summary.by_status, summary.parts_by_status) = (count.by_status(), count.parts);
     let known: Vec<f64> = records.iter().filter_map(|r| r.height_m).collect();
-    summary.median_height_m = crate::stats::median(&known);
+    summary.median_height_m = sizeup_heights::stats::median(&known);
 }
 
 /// Buildings of the input: one in several pieces is one.

@@ -17,16 +17,16 @@ use super::records::records;
 use super::stages::{SceneStage, lineage_of, load_terrain, terrain_around, view_issues};
 use super::{FootprintStage, Frame, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact};
 use crate::config::RunConfig;
-use crate::footprint::{
+use sizeup_footprints::{
     self, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, OutlineKind, RefusedFootprint,
 };
-use crate::hashes::Content;
-use crate::ids::ViewId;
-use crate::issue::Issue;
-use crate::optimise::solve;
-use crate::output::{BuildingRecord, InputFile, Lineage, sha256_hex};
-use crate::survey::Survey;
-use crate::terrain::{MapBox, Terrain};
+use sizeup_geo::hashes::Content;
+use sizeup_geo::issue::Issue;
+use sizeup_geo::terrain::{MapBox, Terrain};
+use sizeup_heights::ids::ViewId;
+use sizeup_heights::optimise::solve;
+use sizeup_results::output::{BuildingRecord, InputFile, Lineage, sha256_hex};
+use sizeup_survey::Survey;
 
 /// A part of a city, ready to be solved.
 pub struct Part<'a> {
@@ -72,7 +72,7 @@ pub fn layer_of(config: &RunConfig) -> Result<Cow<'_, FootprintConfig>, Pipeline
             hint: "set footprints.consensus.roof_rounds = 0: roofs are then laid where the photos' outlines fit best",
         });
     }
-    Ok(Cow::Owned(footprint::plain_config(config.project.output.join(FOUND_OUTLINES))))
+    Ok(Cow::Owned(sizeup_footprints::plain_config(config.project.output.join(FOUND_OUTLINES))))
 }
 
 /// Finds the outlines of a whole city in its photos, once for all of its parts; returns what was refused, and issues, without
@@ -91,7 +91,7 @@ pub fn find_outlines(
     let options = RunOptions { from: Stage::Footprints, until: Stage::Footprints, command: command.to_owned() };
     super::run(config, &options, tell)?;
     let FootprintStage { mut layer, .. } = artefact::read(config, Stage::Footprints)?;
-    footprint::write_plain(&layer_of(config)?.path, &layer, &config.project.crs)?;
+    sizeup_footprints::write_plain(&layer_of(config)?.path, &layer, &config.project.crs)?;
     layer.footprints.clear();
     Ok(Some(layer))
 }
@@ -108,7 +108,7 @@ pub fn outlines_around(
 ) -> Result<FootprintStage, PipelineError> {
     let mut layer = LayerParts::open(&*layer_of(config)?, &config.project.crs)?.around(area, renamed)?;
     if !matches!(config.footprints, FootprintSource::Layer(_)) {
-        footprint::unpack(&mut layer.footprints);
+        sizeup_footprints::unpack(&mut layer.footprints);
     }
     if layer.footprints.is_empty() {
         let layer = FootprintLayer::default();

@@ -3,9 +3,9 @@
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
-use crate::issue::{Issue, Severity, Subject};
-use crate::output::unmeasured::{OF_FALLBACK, in_words};
-use crate::output::{BuildingRecord, Status};
+use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_results::output::unmeasured::{OF_FALLBACK, in_words};
+use sizeup_results::output::{BuildingRecord, Status};
 
 /// What a height that is not there weighs against one that is doubtful.
 const WEIGHT_WITHOUT: usize = 2;
@@ -54,12 +54,11 @@ mod tests {
     use geo_types::polygon;
 
     use super::*;
-    use crate::output::record::tests::record;
 
     fn records(reasons: &[&str]) -> Vec<BuildingRecord> {
         let outline = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)];
         let of = |reason: &&str| {
-            let measured = record("a", outline.clone(), 0.0, 0.0, 9.0);
+            let measured = BuildingRecord::measured("a", outline.clone(), 0.0, 9.0);
             if reason.is_empty() {
                 return measured;
             }

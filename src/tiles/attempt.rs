@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::TilesError;
 use super::manifest::{Layout, read_json};
-use crate::files::FileError;
-use crate::output::reports::write_json;
+use sizeup_geo::files::FileError;
+use sizeup_results::output::reports::write_json;
 
 /// What became of the last try.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::files::FileError;
-use crate::footprint::FootprintError;
-use crate::output::OutputError;
 use crate::pipeline::PipelineError;
+use sizeup_footprints::FootprintError;
+use sizeup_geo::files::FileError;
+use sizeup_results::output::OutputError;
 
 /// What stops a plan, a tile or a merge.
 #[derive(Debug, thiserror::Error)]

@@ -5,7 +5,7 @@
 use rstar::primitives::GeomWithData;
 use rstar::{AABB, RTree};
 
-use crate::terrain::MapBox;
+use sizeup_geo::terrain::MapBox;
 
 /// Side of the smallest tile, metres.
 const SMALLEST_M: f64 = 125.0;

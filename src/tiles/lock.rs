@@ -4,7 +4,7 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read as _, Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 
-use crate::files::FileError;
+use sizeup_geo::files::FileError;
 
 /// A lock that is held until it is dropped, or its process ends. The file stays: removing it would let two others hold
 /// two files of the same name.

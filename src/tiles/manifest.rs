@@ -10,20 +10,20 @@ use serde::{Deserialize, Serialize};
 
 use super::TilesError;
 use crate::config::RunConfig;
-use crate::files::FileError;
-use crate::footprint::RefusedFootprint;
-use crate::frames::LocalOrigin;
-use crate::hashes::{Content, Hashes};
-use crate::ids::ViewId;
-use crate::issue::Issue;
-use crate::output::tiles3d::Heights;
-use crate::output::{InputFile, Status};
-use crate::paths;
 use crate::pipeline::{Frame, PartHashes};
 use crate::recipe::Recipe;
-use crate::scene::HeightBounds;
-use crate::survey::View;
-use crate::terrain::MapBox;
+use sizeup_footprints::RefusedFootprint;
+use sizeup_geo::files::FileError;
+use sizeup_geo::hashes::{Content, Hashes};
+use sizeup_geo::issue::Issue;
+use sizeup_geo::paths;
+use sizeup_geo::terrain::MapBox;
+use sizeup_heights::frames::LocalOrigin;
+use sizeup_heights::ids::ViewId;
+use sizeup_heights::scene::HeightBounds;
+use sizeup_results::output::tiles3d::Heights;
+use sizeup_results::output::{InputFile, Status};
+use sizeup_survey::View;
 
 /// What there is to do.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

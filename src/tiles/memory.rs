@@ -6,7 +6,7 @@
 //! bytes      base + rays · 40 + crossings · 24 + views · buildings · 5 + threads · (prior + view) + terrain + photos
 //! ```
 
-use crate::optimise::OptimiseConfig;
+use sizeup_heights::optimise::OptimiseConfig;
 
 /// The program, its libraries and buffers, bytes.
 const BASE: f64 = 70e6;

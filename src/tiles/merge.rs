@@ -14,20 +14,20 @@ use super::seams::{self, SeamReport};
 use super::stale::{Check, Trust, known};
 use super::status::State;
 use super::{Lock, TilesError};
-use crate::files::FileError;
-use crate::issue::{Issue, Severity, Subject};
-use crate::output::geopackage::{self, TileArea};
-use crate::output::plausible::Doubts;
-use crate::output::reports::{write_issues, write_json};
-use crate::output::tiles3d::{self, Tiles3dConfig};
-use crate::output::{
-    CityModel, InputFile, Lineage, OutputError, Overview, Records as _, Status, StatusCount, cityjson,
-};
 use crate::pipeline::{lineage_of, refused_records, unstated_reference, write_project};
 use crate::recipe::Recipe;
-use crate::stats;
-use crate::survey::Survey;
-use crate::unfinished::Unfinished;
+use sizeup_geo::files::FileError;
+use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_geo::unfinished::Unfinished;
+use sizeup_heights::stats;
+use sizeup_results::output::geopackage::{self, TileArea};
+use sizeup_results::output::plausible::Doubts;
+use sizeup_results::output::reports::{write_issues, write_json};
+use sizeup_results::output::tiles3d::{self, Tiles3dConfig};
+use sizeup_results::output::{
+    CityModel, InputFile, Lineage, OutputError, Overview, Records as _, Status, StatusCount, cityjson,
+};
+use sizeup_survey::Survey;
 
 /// The city's layer package.
 const GEOPACKAGE: &str = "city.gpkg";

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 
 use serde::de::DeserializeOwned;
 
-use crate::files::FileError;
-use crate::output::{BuildingRecord, OutputError, Records};
+use sizeup_geo::files::FileError;
+use sizeup_results::output::{BuildingRecord, OutputError, Records};
 
 /// Buildings from files of one record a line, then some from memory.
 #[derive(Debug)]

@@ -16,25 +16,25 @@ use super::run::{COST, Cost};
 use super::stale::{Check, Trust, known, part_name};
 use super::{Lock, TilesError, sight};
 use crate::config::RunConfig;
-use crate::files::FileError;
-use crate::footprint::{FootprintSource, LayerParts, RefusedFootprint};
-use crate::frames::LocalOrigin;
-use crate::geodata::raster::RasterFile;
-use crate::hashes::Hashes;
-use crate::issue::Issue;
-use crate::optimise::Preset;
-use crate::output::reports::write_json;
-use crate::output::{InputFile, OutputError, tiles3d};
 use crate::pipeline::{
     self, Event, Frame, PartHashes, PipelineError, RunOptions, Stage, Tell, asks_photo, check_fallback, layer_of,
     outlines_around, photo_bytes,
 };
-use crate::prior::PriorConfig;
 use crate::recipe::Recipe;
-use crate::scene::HeightBounds;
-use crate::stats;
-use crate::survey::{Survey, View, ViewKind};
-use crate::terrain::MapBox;
+use sizeup_footprints::{FootprintSource, LayerParts, RefusedFootprint};
+use sizeup_geo::files::FileError;
+use sizeup_geo::geodata::raster::RasterFile;
+use sizeup_geo::hashes::Hashes;
+use sizeup_geo::issue::Issue;
+use sizeup_geo::terrain::MapBox;
+use sizeup_heights::frames::LocalOrigin;
+use sizeup_heights::optimise::Preset;
+use sizeup_heights::scene::HeightBounds;
+use sizeup_heights::stats;
+use sizeup_photos::prior::PriorConfig;
+use sizeup_results::output::reports::write_json;
+use sizeup_results::output::{InputFile, OutputError, tiles3d};
+use sizeup_survey::{Survey, View, ViewKind};
 
 /// Width of the halo in breadths of the median oblique view: what a core's views show, and what hides and measures that.
 const HALO_BREADTHS: f64 = 1.5;

@@ -9,7 +9,7 @@ use std::time::Duration;
 use super::manifest::{Layout, Tile};
 use super::run::write_log;
 use super::{TilesError, Trust};
-use crate::files::FileError;
+use sizeup_geo::files::FileError;
 
 /// Between two looks at the processes.
 const POLL: Duration = Duration::from_millis(50);

@@ -10,15 +10,15 @@ use super::attempt::{Attempt, remove_if_there};
 use super::manifest::{Done, Layout, Tile, TileViews, hash_of, sweep_litter};
 use super::stale::{Check, Trust, known};
 use super::{Lock, TilesError};
-use crate::files::{FileError, write_whole, write_whole_unflushed};
-use crate::ids::ViewId;
-use crate::issue::{Severity, Subject};
-use crate::output::reports::{write_issues, write_json};
-use crate::output::unmeasured::unmeasured;
-use crate::output::{CityModel, InputFile, Status, cityjson};
 use crate::pipeline::{Part, PartHeights, Tell, layer_of, outlines_around};
 use crate::recipe::{Recipe, program};
-use crate::survey::Survey;
+use sizeup_geo::files::{FileError, write_whole, write_whole_unflushed};
+use sizeup_geo::issue::{Severity, Subject};
+use sizeup_heights::ids::ViewId;
+use sizeup_results::output::reports::{write_issues, write_json};
+use sizeup_results::output::unmeasured::unmeasured;
+use sizeup_results::output::{CityModel, InputFile, Status, cityjson};
+use sizeup_survey::Survey;
 
 /// Its buildings, one a line, exactly as they were found.
 pub(super) const BUILDINGS: &str = "buildings.jsonl";

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use super::merged::visit_lines;
 use super::run::HaloHeight;
-use crate::output::{BuildingRecord, OutputError};
-use crate::stats;
+use sizeup_heights::stats;
+use sizeup_results::output::{BuildingRecord, OutputError};
 
 /// Distances from the core that are told apart, metres. Far out a halo has fewer of its views, and is not written.
 const CLASSES_M: [f64; 5] = [25.0, 50.0, 100.0, 200.0, f64::INFINITY];

@@ -3,8 +3,8 @@
 use geo::{ConvexHull as _, Intersects as _};
 use geo_types::{Coord, MultiPoint, Point, Polygon, Rect};
 
-use crate::survey::{View, ground};
-use crate::terrain::MapBox;
+use sizeup_geo::terrain::MapBox;
+use sizeup_survey::{View, ground};
 
 /// Where a building can stand that a view sees: places whose ground lies between `lowest_m` and `highest_m` and whose
 /// roof is at most `tallest_m` above it; `None` where the view sees none.

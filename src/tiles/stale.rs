@@ -9,12 +9,12 @@ use super::attempt::Attempt;
 use super::manifest::{Done, Layout, Manifest, Tile, TileViews, Tileset, fault_of, read_json};
 use super::merge::Merged;
 use super::status::{State, TileStatus};
-use crate::files::FileError;
-use crate::hashes::Hashes;
-use crate::output::sha256_hex;
 use crate::pipeline::{files_of, part_settings};
 use crate::recipe::{ABSENT, Recipe};
 use crate::tiles::Lock;
+use sizeup_geo::files::FileError;
+use sizeup_geo::hashes::Hashes;
+use sizeup_results::output::sha256_hex;
 
 /// How much of what earlier processes knew of files is believed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

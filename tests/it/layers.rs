@@ -1,77 +1,101 @@
-//! The layers of the house: modules import downwards only.
+//! The layers of the house: crates depend, and modules import, downwards only.
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Modules by level, lowest first.
-const LEVELS: [&[&str]; 11] = [
-    &[
-        "files",
-        "frames",
-        "gdal_log",
-        "hashes",
-        "ids",
-        "issue",
-        "limits",
-        "paths",
-        "raster",
-        "ray",
-        "recipe",
-        "seed",
-        "simd",
-        "stats",
-        "template",
-        "unfinished",
-    ],
-    &["camera", "cloud", "crs", "geodata", "onnx", "survey", "terrain"],
-    &["footprint", "prior"],
-    &["render", "scene"],
-    &["ordinal", "views"],
-    &["photometry"],
-    &["dtm", "optimise"],
-    &["baseline", "evaluate", "output", "report", "simulate"],
-    &["config", "pipeline"],
-    &["benchmark", "tiles"],
-    &["cli"],
+/// A crate: its folder, the crates of ours that it may use, and its modules by level, lowest first. A crate without levels is
+/// one room.
+struct Room {
+    name: &'static str,
+    uses: &'static [&'static str],
+    levels: &'static [&'static [&'static str]],
+}
+
+const ROOMS: [Room; 8] = [
+    Room {
+        name: "heights",
+        uses: &[],
+        levels: &[
+            &["frames", "ids", "raster", "ray", "seed", "simd", "stats"],
+            &["camera", "terrain"],
+            &["prior", "scene"],
+            &["render"],
+            &["ordinal", "views"],
+            &["optimise"],
+        ],
+    },
+    Room {
+        name: "geo",
+        uses: &["heights"],
+        levels: &[
+            &["files", "gdal_log", "hashes", "issue", "limits", "paths", "template", "unfinished"],
+            &["cloud", "crs"],
+            &["geodata"],
+            &["terrain"],
+        ],
+    },
+    Room { name: "survey", uses: &["geo", "heights"], levels: &[] },
+    Room {
+        name: "photos",
+        uses: &["geo", "heights", "survey"],
+        levels: &[&["onnx"], &["prior"], &["photometry"], &["dtm"]],
+    },
+    Room { name: "footprints", uses: &["geo", "heights", "photos", "survey"], levels: &[] },
+    Room {
+        name: "results",
+        uses: &["footprints", "geo", "heights", "photos", "survey"],
+        levels: &[&["output"], &["report"]],
+    },
+    Room {
+        name: "lab",
+        uses: &["geo", "heights", "photos", "results", "survey"],
+        levels: &[&["baseline", "evaluate", "simulate"]],
+    },
+    Room {
+        name: PROGRAM,
+        uses: &["footprints", "geo", "heights", "lab", "photos", "results", "survey"],
+        levels: &[&["config", "recipe"], &["pipeline"], &["benchmark", "tiles"], &["cli"]],
+    },
 ];
 
-/// Imports within a level: who, whom, and why.
-const NEIGHBOURS: [(&str, &str, &str); 16] = [
-    ("files", "limits", "nothing is read whole that is over the limit"),
-    ("template", "paths", "a name out of a file stays in its folder"),
-    ("hashes", "files", "what is known of files is left behind in a file"),
-    ("recipe", "hashes", "a recipe is told by its hash"),
-    ("unfinished", "files", "a mark is a file"),
-    ("geodata", "crs", "rasters and layers carry their CRS"),
-    ("terrain", "crs", "a DTM is read in its own CRS"),
-    ("terrain", "geodata", "a DTM is read through the one door to GDAL"),
-    ("survey", "camera", "a view is a camera with a pose"),
-    ("survey", "crs", "poses are moved into the project's CRS"),
-    ("survey", "geodata", "camera positions and image footprints are written as layers"),
-    ("survey", "terrain", "the survey report tells what the views see of the ground"),
-    ("render", "scene", "traces the model, which knows nothing of tracing"),
-    ("evaluate", "output", "compares the records that the writers write"),
-    ("report", "output", "shows the records that the writers write"),
-    ("pipeline", "config", "runs what the configuration says"),
+/// The package at the top of the tree.
+const PROGRAM: &str = "sizeup";
+
+/// Imports within a level: room, who, whom, and why.
+const NEIGHBOURS: [(&str, &str, &str, &str); 5] = [
+    ("geo", "files", "limits", "nothing is read whole that is over the limit"),
+    ("geo", "template", "paths", "a name out of a file stays in its folder"),
+    ("geo", "hashes", "files", "what is known of files is left behind in a file"),
+    ("geo", "unfinished", "files", "a mark is a file"),
+    ("heights", "ray", "frames", "a ray lies in a frame"),
 ];
 
-/// Downward imports that the design forbids all the same.
-const STRANGERS: [(&str, &str); 7] = [
-    ("ordinal", "render"),
-    ("ordinal", "scene"),
-    ("render", "survey"),
-    ("render", "crs"),
-    ("output", "optimise"),
-    ("report", "optimise"),
-    ("simulate", "optimise"),
-];
+/// What a room never touches, and why that is promised.
+const PURE: [&str; 9] = ["gdal", "proj::", "proj_sys", "ort::", "rten", "std::fs", "std::path", "std::env", "std::net"];
 
-/// One mention of `crate::imported` in a module's code.
-struct Import {
-    importer: String,
-    imported: String,
-    place: String,
+/// One source file: its room, its path within the room's `src`, and its text.
+struct Source {
+    room: &'static Room,
+    path: PathBuf,
+    text: String,
+}
+
+impl Source {
+    /// The top-level module: `render/bvh.rs` is of `render`, `files.rs` is `files`.
+    fn module(&self) -> String {
+        let first = self.path.components().next().unwrap();
+        Path::new(first.as_os_str()).file_stem().unwrap().to_string_lossy().into_owned()
+    }
+
+    fn place(&self, line: usize) -> String {
+        format!("{}/{}:{}", folder_of(self.room.name).display(), self.path.display(), line + 1)
+    }
+}
+
+/// The folder of a room's sources, within the project.
+fn folder_of(room: &str) -> PathBuf {
+    if room == PROGRAM { PathBuf::from("src") } else { Path::new("crates").join(room).join("src") }
 }
 
 fn source_files(folder: &Path, found: &mut Vec<PathBuf>) {
@@ -85,19 +109,20 @@ fn source_files(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Each source file's path within `src` and its text.
-fn sources() -> Vec<(PathBuf, String)> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let mut files = Vec::new();
-    source_files(&root, &mut files);
-    files.sort();
-    let read = |path: PathBuf| (path.strip_prefix(&root).unwrap().to_owned(), fs::read_to_string(&path).unwrap());
-    files.into_iter().map(read).collect()
-}
-
-/// The top-level module of a file: `render/bvh.rs` is of `render`, `files.rs` is `files`.
-fn module_of(path: &Path) -> String {
-    Path::new(path.components().next().unwrap().as_os_str()).file_stem().unwrap().to_string_lossy().into_owned()
+fn sources() -> Vec<Source> {
+    let mut sources = Vec::new();
+    for room in &ROOMS {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder_of(room.name));
+        let mut files = Vec::new();
+        source_files(&root, &mut files);
+        files.sort();
+        sources.extend(files.into_iter().map(|path| Source {
+            room,
+            text: fs::read_to_string(&path).unwrap(),
+            path: path.strip_prefix(&root).unwrap().to_owned(),
+        }));
+    }
+    sources
 }
 
 /// The code of a line, without its comment.
@@ -118,15 +143,15 @@ fn names_after_crate(code: &str) -> Vec<String> {
         .collect()
 }
 
-fn imports() -> Vec<Import> {
+/// Who imports whom within the rooms that have levels, and where.
+fn imports() -> Vec<(&'static Room, String, String, String)> {
     let mut imports = Vec::new();
-    for (path, text) in sources() {
-        let importer = module_of(&path);
-        for (i, line) in text.lines().enumerate() {
+    for source in sources().iter().filter(|source| !source.room.levels.is_empty()) {
+        let importer = source.module();
+        for (i, line) in source.text.lines().enumerate() {
             for imported in names_after_crate(code_of(line)) {
-                if imported != importer {
-                    let place = format!("src/{}:{}", path.display(), i + 1);
-                    imports.push(Import { importer: importer.clone(), imported, place });
+                if imported != importer && importer != "lib" {
+                    imports.push((source.room, importer.clone(), imported, source.place(i)));
                 }
             }
         }
@@ -134,61 +159,96 @@ fn imports() -> Vec<Import> {
     imports
 }
 
-fn level_of(module: &str) -> Option<usize> {
-    LEVELS.iter().position(|level| level.contains(&module))
+fn level_of(room: &Room, module: &str) -> Option<usize> {
+    room.levels.iter().position(|level| level.contains(&module))
 }
 
 /// Why an import is forbidden, if it is.
-fn objection(import: &Import) -> Option<String> {
-    let pair = (import.importer.as_str(), import.imported.as_str());
-    let (Some(above), Some(below)) = (level_of(pair.0), level_of(pair.1)) else {
+fn objection(room: &Room, importer: &str, imported: &str) -> Option<String> {
+    let (Some(above), Some(below)) = (level_of(room, importer), level_of(room, imported)) else {
         return Some("a module that is missing from this test's table".to_owned());
     };
     if above < below {
         return Some(format!("level {above} may not import from level {below} above it"));
     }
-    let is_listed = |(who, whom, _): &(&str, &str, &str)| (*who, *whom) == pair;
-    if above == below && !NEIGHBOURS.iter().any(is_listed) {
-        return Some("neighbours on a level do not see each other".to_owned());
+    let is_listed = NEIGHBOURS.iter().any(|(of, who, whom, _)| (*of, *who, *whom) == (room.name, importer, imported));
+    (above == below && !is_listed).then(|| "neighbours on a level do not see each other".to_owned())
+}
+
+#[test]
+fn crates_depend_downwards_only() {
+    let ours: BTreeSet<&str> = ROOMS.iter().map(|room| room.name).collect();
+    let folders = fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("crates")).unwrap();
+    for folder in folders {
+        let name = folder.unwrap().file_name().into_string().unwrap();
+        assert!(ours.contains(&*name), "crates/{name} is missing from the table");
     }
-    STRANGERS.contains(&pair).then(|| "the design keeps these two apart".to_owned())
+    for (i, room) in ROOMS.iter().enumerate() {
+        let manifest = match room.name {
+            PROGRAM => PathBuf::from("Cargo.toml"),
+            name => Path::new("crates").join(name).join("Cargo.toml"),
+        };
+        let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(manifest)).unwrap();
+        let table: toml::Table = text.parse().unwrap();
+        let named: BTreeSet<&str> =
+            table["dependencies"].as_table().unwrap().keys().filter_map(|name| name.strip_prefix("sizeup-")).collect();
+        assert_eq!(named, room.uses.iter().copied().collect(), "{}", room.name);
+        let is_below = |name: &&str| ROOMS[..i].iter().any(|below| below.name == *name);
+        assert!(room.uses.iter().all(|name| is_below(name)), "{} uses a room above it", room.name);
+    }
 }
 
 #[test]
 fn modules_import_downwards_only() {
     let objections: Vec<String> = imports()
         .iter()
-        .filter_map(|i| Some(format!("{}: {} -> {}: {}", i.place, i.importer, i.imported, objection(i)?)))
+        .filter_map(|(room, who, whom, place)| {
+            Some(format!("{place}: {who} -> {whom}: {}", objection(room, who, whom)?))
+        })
         .collect();
     assert!(objections.is_empty(), "\n{}", objections.join("\n"));
 }
 
 #[test]
 fn every_listed_exception_is_needed() {
-    let used: BTreeSet<(String, String)> = imports().into_iter().map(|i| (i.importer, i.imported)).collect();
-    for (who, whom, why) in &NEIGHBOURS {
-        assert!(used.contains(&((*who).to_owned(), (*whom).to_owned())), "{who} -> {whom} ({why}) is no longer used");
+    let used: BTreeSet<(&str, String, String)> =
+        imports().into_iter().map(|(room, who, whom, _)| (room.name, who, whom)).collect();
+    for (room, who, whom, why) in &NEIGHBOURS {
+        assert!(used.contains(&(*room, (*who).to_owned(), (*whom).to_owned())), "{who} -> {whom} ({why}) is not used");
     }
 }
 
 #[test]
 fn every_module_has_its_level() {
-    for (path, _) in sources() {
-        let module = module_of(&path);
+    for source in sources().iter().filter(|source| !source.room.levels.is_empty()) {
+        let module = source.module();
         assert!(
-            matches!(&*module, "lib" | "main") || level_of(&module).is_some(),
-            "{module} is missing from the table"
+            matches!(&*module, "lib" | "main") || level_of(source.room, &module).is_some(),
+            "{} of {} is missing from the table",
+            module,
+            source.room.name
         );
+    }
+}
+
+#[test]
+fn the_method_touches_no_file_and_no_native_library() {
+    for source in sources().iter().filter(|source| source.room.name == "heights") {
+        for (i, line) in source.text.lines().enumerate() {
+            let touched = PURE.iter().find(|word| code_of(line).contains(**word));
+            assert!(touched.is_none(), "{}: {}", source.place(i), touched.unwrap());
+        }
     }
 }
 
 #[test]
 fn only_the_command_line_prints_exits_and_reads_the_environment() {
     const WORDS: [&str; 6] = ["println!", "print!", "dbg!", "process::exit", "env::var", "env::args"];
-    for (path, text) in sources().iter().filter(|(path, _)| !matches!(&*module_of(path), "cli" | "main")) {
-        for (i, line) in text.lines().enumerate() {
+    let says = |source: &Source| source.room.name == PROGRAM && matches!(&*source.module(), "cli" | "main");
+    for source in sources().iter().filter(|source| !says(source)) {
+        for (i, line) in source.text.lines().enumerate() {
             let word = WORDS.iter().find(|word| code_of(line).contains(**word));
-            assert!(word.is_none(), "src/{}:{}: {} outside cli", path.display(), i + 1, word.unwrap());
+            assert!(word.is_none(), "{}: {} outside cli", source.place(i), word.unwrap());
         }
     }
 }
@@ -203,13 +263,13 @@ fn each_native_library_has_one_door() {
         ("gdal_sys::", &["geodata"]),
         ("rten", &["onnx"]),
     ];
-    for (path, text) in sources() {
-        let module = module_of(&path);
-        for (i, line) in text.lines().enumerate() {
+    for source in sources() {
+        let module = source.module();
+        for (i, line) in source.text.lines().enumerate() {
             for (library, doors) in DOORS {
                 let starts_word = |at: usize| !code_of(line)[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_');
                 let is_used = code_of(line).match_indices(library).any(|(at, _)| starts_word(at));
-                assert!(!is_used || doors.contains(&&*module), "src/{}:{}: {library}", path.display(), i + 1);
+                assert!(!is_used || doors.contains(&&*module), "{}: {library}", source.place(i));
             }
         }
     }

@@ -60,7 +60,7 @@ fn raised_m(result: &Path) -> Vec<f64> {
 #[test]
 fn photos_settle_roofs_closer_than_priors_do() {
     let scene = TOWN.path();
-    let priors = mean_error_m(scene, &run(scene, "priors", &["optimise.polish.enabled=false"]));
+    let priors = mean_error_m(scene, &run(scene, "priors", &["refinement.enabled=false"]));
     let result = run(scene, "photos", &[]);
     let photos = mean_error_m(scene, &result);
     println!("priors {priors:.2} m, photos too {photos:.2} m");
@@ -99,7 +99,7 @@ fn a_photo_that_cannot_be_read_is_told_of_and_left_out() {
 #[test]
 fn settings_that_cannot_be_are_refused_by_name() {
     let mut command = sizeup();
-    command.arg("run").arg(TOWN.path().join("sizeup.toml")).args(["--set", "optimise.polish.n_photos=2"]);
+    command.arg("run").arg(TOWN.path().join("sizeup.toml")).args(["--set", "refinement.n_photos=2"]);
     let outcome: Outcome = command.output().unwrap().into();
     assert_eq!(outcome.code, 2);
     assert!(outcome.stderr.contains("`n_photos`") && outcome.stderr.contains("4 to 64"), "{}", outcome.stderr);

@@ -214,7 +214,9 @@ fn the_styles_in_the_repository_are_those_of_the_script() {
         std::fs::create_dir(made).unwrap();
     }
     run("styles.py", &made_in.each_ref().map(PathBuf::as_path));
-    for (made_in, kept_in) in made_in.iter().zip(["src/output/geopackage/styles", "src/footprint/styles"]) {
+    for (made_in, kept_in) in
+        made_in.iter().zip(["crates/results/src/output/geopackage/styles", "crates/footprints/src/styles"])
+    {
         let kept_in = Path::new(env!("CARGO_MANIFEST_DIR")).join(kept_in);
         let names = |folder: &Path| -> Vec<std::ffi::OsString> {
             let mut names: Vec<_> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect();

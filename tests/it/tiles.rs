@@ -171,7 +171,7 @@ fn photos_of_all_kinds_settle_roofs_in_tiles_as_in_one_piece_and_a_poisoned_one_
     assert_eq!(whole.len(), N_BUILDINGS);
     assert_eq!(whole, read("tiled/city.city.jsonl"));
     // Without photos there are other heights: they had a say.
-    let blind = ["--output", "blind", "--set", "optimise.polish.enabled=false"];
+    let blind = ["--output", "blind", "--set", "refinement.enabled=false"];
     sizeup(&[&["run", "sizeup.toml"], &blind[..], &working[..]].concat());
     assert_ne!(whole, read("blind/city.city.json"));
 

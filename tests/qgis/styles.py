@@ -1,9 +1,9 @@
 """Makes the default styles of the GeoPackage's layers in a real QGIS and exports them as QML.
 
-    /usr/bin/python3 tests/qgis/styles.py src/output/geopackage/styles src/footprint/styles
+    /usr/bin/python3 tests/qgis/styles.py crates/results/src/output/geopackage/styles crates/footprints/src/styles
 
 The first folder is for the layers of `city.gpkg`, the second for those of `footprints.gpkg`.
-Classes and colours are viridis, even in lightness and readable for colour-blind people; `src/output/height_classes.json`
+Classes and colours are viridis, even in lightness and readable for colour-blind people; `crates/results/src/output/height_classes.json`
 has them, for other pictures of the city too. A building without a height is hatched in grey, never missing; a doubtful one
 is hatched over its colour, and one with a height from a fallback dotted. In 3D, outlines stand on `base_z_m` (absolute, not
 relative to a terrain) and reach `roof_z_m`; doubtful ones have orange edges.
@@ -55,7 +55,7 @@ from qgis._3d import Qgs3D, Qgs3DTypes, QgsPhongMaterialSettings, QgsPolygon3DSy
 
 ROOT = Path(__file__).resolve().parents[2]
 # Upper bound of each class in metres (None: open) and its viridis colour.
-CLASSES = [(entry["below_m"], entry["colour"]) for entry in json.loads((ROOT / "src/output/height_classes.json").read_text())]
+CLASSES = [(entry["below_m"], entry["colour"]) for entry in json.loads((ROOT / "crates/results/src/output/height_classes.json").read_text())]
 # What deserves a second look.
 ALERT = "213,94,0,255"
 ATTRIBUTES = "field=id:string&field=height_m:double&field=base_z_m:double&field=roof_z_m:double&field=status:string"

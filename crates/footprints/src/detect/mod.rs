@@ -1,0 +1,320 @@
+//! From the outlines that nadir views show to one layer of buildings.
+
+mod build;
+mod look;
+mod roofs;
+
+use std::collections::BTreeMap;
+
+use geo_types::MultiPolygon;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+pub use roofs::move_roofs;
+
+use self::build::Builder;
+use self::look::{Looked, look_at, raised};
+use super::cadastre::{self, Change};
+use super::candidate::{Candidate, SeenGround};
+use super::cluster::Dropped;
+use super::consensus;
+use super::layer::FootprintError;
+use super::outlines::{OutlineKind, OutlineSource, ViewFault};
+use super::source::DetectionSettings;
+use super::{Footprint, FootprintLayer};
+use sizeup_geo::crs::Crs;
+use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_geo::terrain::Terrain;
+use sizeup_survey::{View, ViewKind};
+
+/// How far the image's border is drawn in: contours end on it, pixels.
+const BORDER_PX: f64 = 1.5;
+
+/// A candidate with where it ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlacedCandidate {
+    /// Its view, as a position in the survey.
+    pub view: usize,
+    /// Its outline on the ground; map frame, metres.
+    pub shape: MultiPolygon<f64>,
+    /// What the segmenter gives it.
+    pub score: f32,
+    /// Whether the image's border cuts it off.
+    pub is_cut: bool,
+    /// Standard deviation of its outline, metres.
+    pub sigma_m: f64,
+    /// Position of its building in the layer, if it is in one.
+    pub building: Option<usize>,
+}
+
+/// How a building was seen.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Sighting {
+    /// Views that show it.
+    pub n_views: usize,
+    /// Views that see its place.
+    pub n_seen: usize,
+    /// Mean intersection over union of the views with the outline.
+    pub agreement: f64,
+    /// Share of the views that show it times agreement: 0 to 1, not calibrated.
+    pub confidence: f64,
+    /// Standard deviation of each corner, metres: exterior, then holes, without the repeated last ones.
+    pub corner_sigma_m: Vec<f64>,
+    /// Whether no single view shows it whole.
+    pub is_assembled: bool,
+    /// Against an existing layer.
+    pub change: Option<Change>,
+}
+
+/// How much there was.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct DetectionSummary {
+    /// Nadir views that were looked at.
+    pub n_views: usize,
+    /// Of these, views without usable outlines.
+    pub n_views_without: usize,
+    /// Outlines in all views.
+    pub n_candidates: usize,
+    /// Buildings that better supported ones contradict.
+    pub n_contradicted: usize,
+    /// Buildings that too few views show.
+    pub n_unsupported: usize,
+    /// Buildings below the least area.
+    pub n_small: usize,
+    /// Buildings by what became of them against an existing layer.
+    pub by_change: BTreeMap<Change, usize>,
+}
+
+/// What roofs need to be moved again: the outlines as the photos show them.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Tracks {
+    /// Per building of the layer: position of the view in the survey, and the outline in pixels of its photo.
+    pub buildings: Vec<Vec<Track>>,
+}
+
+/// One outline of one building in one photo.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Track {
+    /// Position of the view in the survey.
+    pub view: usize,
+    /// Pixels of the photo.
+    pub shape_px: MultiPolygon<f64>,
+    /// What the segmenter gives it.
+    pub score: f32,
+    /// Whether the image's border cuts it off.
+    pub is_cut: bool,
+}
+
+/// Buildings found in photos.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Detection {
+    /// The buildings.
+    pub layer: FootprintLayer,
+    /// How each of the layer's footprints was seen, in order.
+    pub sightings: Vec<Sighting>,
+    /// Everything that single views show.
+    pub candidates: Vec<PlacedCandidate>,
+    /// Buildings of an existing layer that are gone.
+    pub vanished: Vec<Footprint>,
+    /// For roof outlines.
+    pub tracks: Option<Tracks>,
+    /// How much there was.
+    pub summary: DetectionSummary,
+}
+
+/// Finds the buildings that the nadir views show.
+///
+/// # Errors
+/// [`FootprintError`] if a setting is out of range, no view looks down, or no view has outlines.
+pub fn detect(
+    source: &dyn OutlineSource,
+    views: &[View],
+    terrain: &Terrain,
+    settings: DetectionSettings<'_>,
+    crs: &Crs,
+) -> Result<Detection, FootprintError> {
+    check(&settings)?;
+    let nadir: Vec<usize> = (0..views.len()).filter(|&i| views[i].kind() == ViewKind::Nadir).collect();
+    if nadir.is_empty() {
+        return Err(FootprintError::Masks {
+            problem: format!("none of the {} views looks straight down", views.len()),
+            hint: "outlines are found in views within 15° of the vertical; check the angle convention of the poses"
+                .to_owned(),
+        });
+    }
+    let looked: Vec<Result<Looked, ViewFault>> =
+        nadir.par_iter().map(|&i| look_at(source, &views[i], terrain, settings)).collect();
+    let mut issues = Vec::new();
+    issues.extend(suspicious(&looked));
+    let mut seen = Vec::new();
+    let (mut candidates, mut tracks, mut placed) = (Vec::new(), Vec::new(), Vec::new());
+    let mut summary = DetectionSummary { n_views: nadir.len(), ..DetectionSummary::default() };
+    for (&view, looked) in nadir.iter().zip(looked) {
+        let looked = match looked {
+            Ok(looked) => looked,
+            Err(fault) => {
+                issues.push(fault.issue(&views[view]));
+                summary.n_views_without += 1;
+                continue;
+            }
+        };
+        if looked.n_off_terrain > 0 {
+            let message = format!("{} of its outlines reach beyond the terrain and are left out", looked.n_off_terrain);
+            let subject = Subject::View(views[view].id.0.clone());
+            issues.push(
+                Issue::new(Severity::Note, "outlines_off_terrain", subject, message)
+                    .hint("use a terrain model that covers what the views see"),
+            );
+        }
+        for (outline, shape, error) in looked.outlines {
+            let sigma_m = error.sigma_m(settings.accuracy);
+            let weight = sigma_m.powi(2).max(1e-6).recip();
+            let (score, is_cut) = (outline.score, outline.is_cut);
+            placed.push(PlacedCandidate { view, shape: shape.clone(), score, is_cut, sigma_m, building: None });
+            candidates.push(Candidate { view: seen.len(), shape, weight, score, is_cut });
+            if settings.outline == OutlineKind::Roof {
+                tracks.push(Track { view, shape_px: outline.shape_px, score, is_cut });
+            }
+        }
+        seen.push(SeenGround { area: looked.seen });
+    }
+    if seen.is_empty() {
+        let (first, hint) = issues.into_iter().next().map_or_else(Default::default, |i| (i.message, i.hint));
+        return Err(FootprintError::Masks {
+            problem: format!("none of the {} nadir views has usable outlines; of the first, {first}", nadir.len()),
+            hint: hint.unwrap_or_default(),
+        });
+    }
+    summary.n_candidates = candidates.len();
+    let agreed = match settings.outline {
+        OutlineKind::Ground => consensus::agree(&candidates, &seen, settings.consensus),
+        OutlineKind::Roof => {
+            let heights_m = &settings.consensus.roof_heights_m;
+            let levels: Vec<Vec<Candidate>> = heights_m
+                .par_iter()
+                .map(|height_m| {
+                    candidates.iter().zip(&tracks).map(|(c, t)| raised(c, t, views, terrain, *height_m)).collect()
+                })
+                .collect();
+            consensus::agree_at_some_level(&levels, &seen, settings.consensus)
+        }
+    };
+    let Dropped { n_contradicted, n_unsupported } = agreed.dropped;
+    (summary.n_contradicted, summary.n_unsupported) = (n_contradicted, n_unsupported);
+
+    let mut builder = Builder { views, terrain, settings, placed, tracks, detection: Detection::default() };
+    let outlines = builder.clean(agreed.buildings, &mut issues, &mut summary);
+    builder.add(outlines);
+    let Builder { mut detection, placed, .. } = builder;
+    detection.candidates = placed;
+    if let Some(config) = settings.cadastre {
+        let found = cadastre::conflate(&mut detection.layer.footprints, &seen, config, crs)?;
+        for (sighting, (change, _)) in detection.sightings.iter_mut().zip(&found.found) {
+            sighting.change = Some(*change);
+            *summary.by_change.entry(*change).or_default() += 1;
+        }
+        if !found.vanished.is_empty() {
+            summary.by_change.insert(Change::Vanished, found.vanished.len());
+        }
+        for old in found.unseen {
+            *summary.by_change.entry(Change::Unseen).or_default() += 1;
+            detection.layer.footprints.push(old);
+            detection.sightings.push(Sighting { change: Some(Change::Unseen), ..Sighting::default() });
+        }
+        if let Some(tracks) = &mut detection.tracks {
+            tracks.buildings.resize(detection.layer.footprints.len(), Vec::new());
+        }
+        detection.vanished = found.vanished;
+        issues.extend(found.issues);
+    }
+    tell(&summary, &mut issues);
+    issues.append(&mut detection.layer.issues);
+    detection.layer.issues = issues;
+    detection.summary = summary;
+    Ok(detection)
+}
+
+fn check(settings: &DetectionSettings<'_>) -> Result<(), FootprintError> {
+    let (c, a) = (settings.consensus, settings.accuracy);
+    let within = |field, value: f64, low: f64, high: f64, expected| {
+        if value >= low && value <= high { Ok(()) } else { Err(FootprintError::Config { field, value, expected }) }
+    };
+    within("consensus.min_iou", c.min_iou, 0.05, 1.0, "a share, 0.05 to 1")?;
+    within("consensus.min_support", c.min_support, 0.0, 1.0, "a share, 0 to 1")?;
+    within("consensus.cell_m", c.cell_m, 0.02, 2.0, "0.02 to 2 m")?;
+    within("consensus.max_cells", c.max_cells as f64, 64.0, 1e8, "64 to 100000000")?;
+    within("consensus.neighbour_m", c.neighbour_m, 0.0, 10.0, "0 to 10 m")?;
+    within("consensus.tolerance_m", c.tolerance_m, 0.01, 10.0, "0.01 to 10 m")?;
+    within("consensus.snap_deg", c.snap_deg, 0.0, 40.0, "0 to 40 degrees")?;
+    within("consensus.max_shift_m", c.max_shift_m, 0.0, 10.0, "0 to 10 m")?;
+    within("consensus.max_area_change", c.max_area_change, 0.0, 1.0, "a share, 0 to 1")?;
+    within("consensus.min_hole_m2", c.min_hole_m2, 0.0, 1e6, "at least 0 m²")?;
+    within("consensus.min_area_m2", c.min_area_m2, 0.1, 1e6, "at least 0.1 m²")?;
+    within("consensus.grid_m", c.grid_m, 1e-6, 1.0, "0.000001 to 1 m")?;
+    if c.roof_heights_m.is_empty() {
+        return Err(FootprintError::Masks {
+            problem: "`consensus.roof_heights_m` is empty".to_owned(),
+            hint: "give at least one height in metres, such as [8]".to_owned(),
+        });
+    }
+    for &height_m in &c.roof_heights_m {
+        within("consensus.roof_heights_m", height_m, 0.0, 1000.0, "0 to 1000 m")?;
+    }
+    within("accuracy.mask_px", a.mask_px, 0.0, 100.0, "0 to 100 pixels")?;
+    within("accuracy.position_m", a.position_m, 0.0, 100.0, "0 to 100 m")?;
+    within("accuracy.angle_deg", a.angle_deg, 0.0, 10.0, "0 to 10 degrees")?;
+    within("accuracy.terrain_m", a.terrain_m, 0.0, 100.0, "0 to 100 m")
+}
+
+/// What every single mask allows and all together do not.
+fn suspicious(looked: &[Result<Looked, ViewFault>]) -> Option<Issue> {
+    let outlines = || looked.iter().flatten().flat_map(|l| &l.outlines);
+    let warn = |code: &str, message: String, hint: &str| {
+        Some(Issue::new(Severity::Warning, code, Subject::Input("footprints".to_owned()), message).hint(hint))
+    };
+    let n = outlines().count();
+    let n_in_parts = outlines().filter(|(outline, ..)| outline.shape_px.0.len() > 1).count();
+    let n_empty = looked.iter().flatten().filter(|l| l.outlines.is_empty() && l.n_off_terrain == 0).count();
+    if n == 0 && n_empty > 0 {
+        let message = format!("the masks of all {n_empty} nadir photos are empty: there is no building");
+        return warn("masks_empty", message, "check `kind`, `above` and, for COCO, `category` if there are buildings");
+    }
+    if 2 * n_in_parts > n {
+        let message = format!("{n_in_parts} of {n} instances are in several parts each");
+        return warn(
+            "instances_in_parts",
+            message,
+            "`kind = \"instance\"` takes all pixels of one number for one building; if buildings have no numbers, it is \"semantic\"",
+        );
+    }
+    None
+}
+
+/// What was left out, in numbers: single ones are in the layer of candidates.
+fn tell(summary: &DetectionSummary, issues: &mut Vec<Issue>) {
+    let mut note = |n: usize, code: &str, what: &str, hint: &str| {
+        if n > 0 {
+            let issue = Issue::new(
+                Severity::Note,
+                code,
+                Subject::Input("footprints".to_owned()),
+                format!("{n} outlines {what}"),
+            );
+            issues.push(issue.hint(hint));
+        }
+    };
+    let look = "the layer `candidates` of footprints.gpkg shows them";
+    note(
+        summary.n_unsupported,
+        "footprint_unsupported",
+        "are shown by too few of the views that see their place",
+        look,
+    );
+    note(summary.n_contradicted, "footprint_contradicted", "are contradicted by others that more views show", look);
+    note(
+        summary.n_small,
+        "footprint_too_small",
+        "are smaller than the least building",
+        "lower `consensus.min_area_m2` to keep them",
+    );
+}

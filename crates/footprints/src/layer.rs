@@ -1,0 +1,305 @@
+//! Footprints from a vector layer, in whatever CRS and shape people keep them.
+//!
+//! Every feature of the layer ends in [`FootprintLayer::footprints`] or [`FootprintLayer::refused`]; what had to be
+//! done to it is an issue with its place.
+
+use std::path::PathBuf;
+
+use geo_types::Coord;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::clean::Rules;
+use super::features::FeatureReader;
+use super::{FootprintLayer, overlaps};
+use sizeup_geo::crs::{Crs, CrsError, Transform};
+use sizeup_geo::geodata::vector::{Feature, FeatureGeometry, VectorError, VectorLayer};
+use sizeup_photos::onnx::OnnxError;
+
+/// Where the footprints are and how to read them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FootprintConfig {
+    /// Vector file: GeoPackage, GeoJSON, Shapefile, FlatGeobuf or anything else GDAL reads.
+    pub path: PathBuf,
+    /// Layer of the file; may be left out where there is only one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub layer: Option<String>,
+    /// Attribute that holds each building's id; the layer's own feature numbers where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub id_field: Option<String>,
+    /// CRS for a layer that has none or states degrees over coordinates that are metres; refused for any other.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<String>")]
+    pub crs: Option<Crs>,
+    /// Least area of a building, m²; smaller ones are refused by name. At least 0.
+    #[serde(default = "default_min_area_m2")]
+    pub min_area_m2: f64,
+    /// Corners are snapped to multiples of this, metres, so that what is valid here is valid in the files. Above 0.
+    #[serde(default = "default_grid_m")]
+    pub grid_m: f64,
+    /// Most that repairing a self-crossing outline may change its area, as a share of it, 0 to 1.
+    #[serde(default = "default_max_area_change")]
+    pub max_area_change: f64,
+    /// Overlaps of two footprints above this are warned of, m². At least 0.
+    #[serde(default = "default_overlap_warning_m2")]
+    pub overlap_warning_m2: f64,
+}
+
+fn default_min_area_m2() -> f64 {
+    1.0
+}
+
+fn default_grid_m() -> f64 {
+    0.001
+}
+
+fn default_max_area_change() -> f64 {
+    0.01
+}
+
+fn default_overlap_warning_m2() -> f64 {
+    1.0
+}
+
+impl FootprintConfig {
+    /// The only layer of a file, with all defaults.
+    #[must_use]
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        Self {
+            path: path.into(),
+            layer: None,
+            id_field: None,
+            crs: None,
+            min_area_m2: default_min_area_m2(),
+            grid_m: default_grid_m(),
+            max_area_change: default_max_area_change(),
+            overlap_warning_m2: default_overlap_warning_m2(),
+        }
+    }
+}
+
+/// Why a layer as a whole cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum FootprintError {
+    /// A setting outside its range.
+    #[error("footprints: {field} = {value}: expected {expected}")]
+    Config {
+        /// Which setting.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it may be.
+        expected: &'static str,
+    },
+    /// It cannot be read.
+    #[error(transparent)]
+    Vector(#[from] VectorError),
+    /// It has no CRS and none was given.
+    #[error(
+        "footprints {}: the layer has no CRS\nhint: set `crs` to the one its coordinates are in, such as \"EPSG:25832\"",
+        path.display()
+    )]
+    NoCrs {
+        /// The file.
+        path: PathBuf,
+    },
+    /// It has a CRS and another one was given.
+    #[error(
+        "footprints {}: the layer is in {layer_crs}, but `crs` says {given}\n\
+         hint: remove `crs`, or correct the layer with `ogr2ogr -a_srs {given} OUTPUT INPUT`",
+        path.display()
+    )]
+    CrsConflict {
+        /// The file.
+        path: PathBuf,
+        /// What the layer says.
+        layer_crs: String,
+        /// What the configuration says.
+        given: String,
+    },
+    /// It claims degrees, and its coordinates are none.
+    #[error(
+        "footprints {}: the layer states {layer_crs}, but ({x}, {y}) are no longitude and latitude\n\
+         hint: {}",
+        path.display(),
+        if y.abs() > 90.0 && y.abs() <= 180.0 && x.abs() <= 90.0 {
+            "the axes look swapped: longitude comes first"
+        } else {
+            "set `crs` to the one its coordinates are in"
+        }
+    )]
+    NotDegrees {
+        /// The file.
+        path: PathBuf,
+        /// What the layer says.
+        layer_crs: String,
+        /// First coordinate of the first offending corner.
+        x: f64,
+        /// Second coordinate of it.
+        y: f64,
+    },
+    /// Latitude first.
+    #[error(
+        "footprints {}: ({x}, {y}) as longitude and latitude is far from where {project_crs} is used, and ({y}, {x}) is not\n\
+         hint: the axes look swapped: longitude comes first",
+        path.display()
+    )]
+    SwappedAxes {
+        /// The file.
+        path: PathBuf,
+        /// First coordinate of the first corner.
+        x: f64,
+        /// Second coordinate of it.
+        y: f64,
+        /// The project's.
+        project_crs: String,
+    },
+    /// No accurate way from its CRS to the project's.
+    #[error("footprints {}", path.display())]
+    Crs {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        #[source]
+        source: CrsError,
+    },
+    /// The attribute for ids does not exist.
+    #[error(
+        "footprints {}: no attribute {field:?}\nhint: set `id_field` to one of {}",
+        path.display(),
+        present.join(", ")
+    )]
+    NoIdField {
+        /// The file.
+        path: PathBuf,
+        /// What was asked for.
+        field: String,
+        /// What there is.
+        present: Vec<String>,
+    },
+    /// Masks or their settings cannot be used.
+    #[error("footprints: {problem}\nhint: {hint}")]
+    Masks {
+        /// What is the matter.
+        problem: String,
+        /// What to do about it.
+        hint: String,
+    },
+    /// A network that cannot be loaded or run.
+    #[error(transparent)]
+    Network(#[from] OnnxError),
+    /// It has no features.
+    #[error(
+        "footprints {}: layer {layer:?} is empty\nhint: is it the right file? `layer` chooses among several in one",
+        path.display()
+    )]
+    Empty {
+        /// The file.
+        path: PathBuf,
+        /// The layer's name.
+        layer: String,
+    },
+}
+
+/// Reads a layer into the project's horizontal CRS, metres. Heights (Z) and measures (M) are dropped, multi-part
+/// features become one footprint per part (`id#1`, `id#2`, …), repeated ids are told apart (`id~2`).
+///
+/// # Errors
+/// [`FootprintError`] where the layer as a whole cannot be used; single features never fail the layer.
+pub fn read(config: &FootprintConfig, project_crs: &Crs) -> Result<FootprintLayer, FootprintError> {
+    check_config(config)?;
+    let mut source = VectorLayer::open(&config.path, config.layer.as_deref())?;
+    let declared = source.crs()?;
+    let features: Vec<Feature> = source.features().collect();
+    if features.is_empty() {
+        return Err(FootprintError::Empty { path: config.path.clone(), layer: source.name() });
+    }
+    if let Some(field) = config.id_field.as_ref().filter(|wanted| !source.field_names().any(|f| f == *wanted)) {
+        let present = source.field_names().map(str::to_owned).collect();
+        return Err(FootprintError::NoIdField { path: config.path.clone(), field: field.clone(), present });
+    }
+    let crs = settle_crs(config, declared, &features, project_crs)?;
+    let to_project = Transform::new(&crs, project_crs)
+        .map_err(|source| FootprintError::Crs { path: config.path.clone(), source })?;
+
+    let rules =
+        Rules { grid_m: config.grid_m, min_area_m2: config.min_area_m2, max_area_change: config.max_area_change };
+    let mut reader = FeatureReader::new(config.id_field.as_deref(), to_project, rules);
+    for (i, feature) in features.iter().enumerate() {
+        reader.add(i, feature);
+    }
+    let mut layer = reader.finish();
+    layer.issues.extend(overlaps(&layer.footprints, config.overlap_warning_m2));
+    Ok(layer)
+}
+
+pub(super) fn check_config(config: &FootprintConfig) -> Result<(), FootprintError> {
+    let refuse = |field, value, expected| Err(FootprintError::Config { field, value, expected });
+    let is_at_least_0 = |v: f64| v.is_finite() && v >= 0.0;
+    if !is_at_least_0(config.min_area_m2) {
+        return refuse("min_area_m2", config.min_area_m2, "at least 0 m²");
+    }
+    if !(1e-6..=1.0).contains(&config.grid_m) {
+        return refuse("grid_m", config.grid_m, "0.000001 to 1 m");
+    }
+    if !(0.0..=1.0).contains(&config.max_area_change) {
+        return refuse("max_area_change", config.max_area_change, "a share, 0 to 1");
+    }
+    if !is_at_least_0(config.overlap_warning_m2) {
+        return refuse("overlap_warning_m2", config.overlap_warning_m2, "at least 0 m²");
+    }
+    Ok(())
+}
+
+/// The layer's own CRS, unless it has none or its coordinates cannot be in it (GeoJSON without a CRS is WGS 84 by its
+/// standard, and many a file is in metres all the same).
+pub(super) fn settle_crs(
+    config: &FootprintConfig,
+    declared: Option<Crs>,
+    features: &[Feature],
+    project_crs: &Crs,
+) -> Result<Crs, FootprintError> {
+    let path = || config.path.clone();
+    let Some(declared) = declared else {
+        return config.crs.clone().ok_or_else(|| FootprintError::NoCrs { path: path() });
+    };
+    let no_degrees = if declared.is_projected() { None } else { corner_beyond_degrees(features) };
+    if no_degrees.is_none()
+        && declared.is_geographic()
+        && let Some(Coord { x, y }) = swapped_corner(features, project_crs)
+    {
+        return Err(FootprintError::SwappedAxes { path: path(), x, y, project_crs: project_crs.to_string() });
+    }
+    match (&config.crs, no_degrees) {
+        (None, None) => Ok(declared),
+        (Some(given), None) if given.horizontal_epsg() == declared.horizontal_epsg() => Ok(declared),
+        (Some(given), None) => {
+            Err(FootprintError::CrsConflict { path: path(), layer_crs: declared.to_string(), given: given.to_string() })
+        }
+        (Some(given), Some(_)) => Ok(given.clone()),
+        (None, Some(Coord { x, y })) => {
+            Err(FootprintError::NotDegrees { path: path(), layer_crs: declared.to_string(), x, y })
+        }
+    }
+}
+
+fn corner_beyond_degrees(features: &[Feature]) -> Option<Coord<f64>> {
+    corners(features).find(|c| c.x.abs() > 360.0 || c.y.abs() > 90.0)
+}
+
+/// The first corner of a layer whose corners all lie in the project's area if latitude comes first, and none otherwise.
+fn swapped_corner(features: &[Feature], project_crs: &Crs) -> Option<Coord<f64>> {
+    let [west, south, east, north] = project_crs.area_of_use_deg()?;
+    let is_in_area = |lon: f64, lat: f64| (west..=east).contains(&lon) && (south..=north).contains(&lat);
+    let is_swapped = corners(features).all(|c| !is_in_area(c.x, c.y) && is_in_area(c.y, c.x));
+    corners(features).next().filter(|_| is_swapped)
+}
+
+fn corners(features: &[Feature]) -> impl Iterator<Item = Coord<f64>> + '_ {
+    let shapes = features.iter().filter_map(|feature| match &feature.geometry {
+        FeatureGeometry::Shape(shape) => Some(shape),
+        FeatureGeometry::Missing | FeatureGeometry::Unsupported(_) => None,
+    });
+    shapes.flat_map(geo::CoordsIter::coords_iter)
+}

@@ -1,0 +1,118 @@
+//! Building footprints: valid polygons in the project's map frame.
+//!
+//! ```text
+//! existing layer ─ layer ─ features ─ clean ──────────────────────────────────────────┐
+//! masks, COCO, network ─ outlines ─ vectorise ─ georeference ─> candidates per view   ├─> FootprintLayer
+//!                       candidates ─ cluster ─ consensus (partition, shape) ─ cadastre ┘
+//! ```
+
+mod arcs;
+mod cadastre;
+mod candidate;
+mod check;
+pub mod clean;
+pub mod clearance;
+mod cluster;
+mod coco;
+mod compare;
+mod consensus;
+mod coverage;
+mod detect;
+mod features;
+mod gather;
+mod georeference;
+mod identity;
+pub mod layer;
+mod lines;
+mod masks;
+mod outlines;
+mod overlap;
+mod partition;
+mod parts;
+mod plain;
+pub mod segment;
+mod shape;
+mod simplify;
+mod source;
+mod split;
+mod vectorise;
+mod votes;
+mod write;
+
+pub use cadastre::{CadastreConfig, Change, OutlineFrom};
+pub use candidate::{Candidate, SeenGround};
+pub use cluster::Dropped;
+pub use consensus::{Agreed, Consensus, ConsensusConfig, agree};
+pub use detect::{Detection, DetectionSummary, PlacedCandidate, Sighting, Track, Tracks, detect, move_roofs};
+pub use georeference::AccuracyConfig;
+pub use layer::{FootprintConfig, FootprintError, read};
+pub use masks::{MaskConfig, MaskFiles, MaskKind};
+pub use outlines::{Look, OutlineKind, OutlineSource, ViewFault};
+pub use overlap::overlaps;
+pub use parts::LayerParts;
+pub use plain::{plain_config, unpack, write_plain};
+pub use segment::{Segmenter, SegmenterConfig};
+pub use source::{DetectionSettings, FootprintSource};
+pub use split::{pieces, with_corners_of};
+pub use vectorise::{Instances, MaskFault, Outline, Vectorising, outlines, outlines_at_level};
+pub use write::{WriteFootprintsError, write};
+
+use geo_types::Polygon;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map as JsonMap, Value};
+
+use sizeup_geo::issue::Issue;
+use sizeup_heights::ids::BuildingId;
+
+/// One building's outline on the ground.
+///
+/// The polygon is valid (simple rings, holes inside, exterior counter-clockwise and holes clockwise seen from above)
+/// and its coordinates are easting, northing in metres.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Footprint {
+    /// Unique id, stable over runs.
+    pub id: BuildingId,
+    /// The feature of the layer that this is a part of, where that falls into several.
+    #[serde(default)]
+    pub part_of: Option<BuildingId>,
+    /// Outline with courtyards as holes; map frame, metres.
+    pub polygon: Polygon<f64>,
+    /// The user's own attributes, carried through.
+    #[serde(default)]
+    pub attributes: JsonMap<String, Value>,
+}
+
+impl Footprint {
+    /// Middle of the box around it, which decides where it belongs when an area is divided.
+    #[must_use]
+    pub fn middle(&self) -> Option<(f64, f64)> {
+        use geo::BoundingRect as _;
+        self.polygon.bounding_rect().map(|rect| rect.center().x_y())
+    }
+}
+
+/// A building of the input that has no usable outline: it is in the output all the same.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RefusedFootprint {
+    /// Its id in the input.
+    pub id: BuildingId,
+    /// The feature of the layer that this is a part of, where that falls into several.
+    #[serde(default)]
+    pub part_of: Option<BuildingId>,
+    /// Why it cannot be used: the code of the issue that tells the rest.
+    pub reason: String,
+    /// The user's own attributes, carried through.
+    #[serde(default)]
+    pub attributes: JsonMap<String, Value>,
+}
+
+/// A layer of footprints as read: every input building is in one of the two lists.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct FootprintLayer {
+    /// Usable footprints in the order of the layer.
+    pub footprints: Vec<Footprint>,
+    /// Buildings without a usable outline.
+    pub refused: Vec<RefusedFootprint>,
+    /// What was repaired or refused, and where.
+    pub issues: Vec<Issue>,
+}

@@ -1,0 +1,377 @@
+//! Buildings from a segmentation network that the user brings as ONNX files.
+//!
+//! What the network wants is a [`SegmenterProfile`]: data, not code. Photos are cut into tiles, each brought to the
+//! network's square; what the tiles say is put together again at the photo's own pixels.
+
+pub mod profile;
+mod tiles;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use self::profile::{Activation, Gives, SegmenterProfile, built_in, port};
+use self::tiles::{Joiner, Mosaic, at_photo_size, split};
+use super::cadastre::CadastreConfig;
+use super::consensus::ConsensusConfig;
+use super::georeference::AccuracyConfig;
+use super::layer::FootprintError;
+use super::outlines::{Look, OutlineKind, OutlineSource, ViewFault};
+use super::vectorise::{Instances, MaskFault, Outline, Vectorising, outlines, outlines_at_level};
+use sizeup_geo::geodata::raster::{RasterFile, Resampling, Window};
+use sizeup_geo::paths::PathVisitor;
+use sizeup_heights::raster::Raster;
+use sizeup_photos::onnx::{Network, OnnxError, Tensor};
+use sizeup_survey::View;
+
+/// Which network, and how it is run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SegmenterConfig {
+    /// ONNX file: the network, or the head where the profile has backbones.
+    pub model: PathBuf,
+    /// ONNX files of the profile's backbones, by their names.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub backbones: BTreeMap<String, PathBuf>,
+    /// Built-in profile: "semantic", "sam3" or "fpsam.v1".
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub profile: Option<String>,
+    /// A profile of your own, in place of a built-in one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub custom: Option<SegmenterProfile>,
+    /// Side of a tile, pixels of the photo; the network's own side where left out, so that nothing is resized.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tile_px: Option<usize>,
+    /// Share of a tile that overlaps the next one, 0 to 0.5.
+    #[serde(default = "default_overlap")]
+    pub overlap: f64,
+    /// Probability above which there is a building, 0 to 1.
+    #[serde(default = "default_above")]
+    pub above: f32,
+    /// Least score of an instance, 0 to 1.
+    #[serde(default = "default_min_score")]
+    pub min_score: f32,
+    /// What the masks outline: "ground", where walls meet the ground, or "roof".
+    #[serde(default)]
+    pub outline: OutlineKind,
+    /// How accurate masks, poses and terrain are.
+    #[serde(default)]
+    pub accuracy: AccuracyConfig,
+    /// How views become one outline per building.
+    #[serde(default)]
+    pub consensus: ConsensusConfig,
+    /// An existing layer whose ids and attributes are kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cadastre: Option<CadastreConfig>,
+}
+
+fn default_overlap() -> f64 {
+    0.2
+}
+
+fn default_above() -> f32 {
+    0.5
+}
+
+fn default_min_score() -> f32 {
+    0.5
+}
+
+impl SegmenterConfig {
+    /// A network with a built-in profile and all defaults.
+    #[must_use]
+    pub fn new(model: impl Into<PathBuf>, profile: &str) -> Self {
+        Self {
+            model: model.into(),
+            backbones: BTreeMap::new(),
+            profile: Some(profile.to_owned()),
+            custom: None,
+            tile_px: None,
+            overlap: default_overlap(),
+            above: default_above(),
+            min_score: default_min_score(),
+            outline: OutlineKind::default(),
+            accuracy: AccuracyConfig::default(),
+            consensus: ConsensusConfig::default(),
+            cadastre: None,
+        }
+    }
+
+    /// Visits every path.
+    pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
+        visit(&mut self.model);
+        self.backbones.values_mut().for_each(&mut *visit);
+        if let Some(cadastre) = &mut self.cadastre {
+            cadastre.visit_paths(visit);
+        }
+    }
+
+    fn chosen(&self) -> Result<SegmenterProfile, FootprintError> {
+        let names = || built_in().into_iter().map(|p| p.name).collect::<Vec<_>>().join(", ");
+        let refuse = |problem: String| FootprintError::Masks { problem, hint: format!("the profiles are {}", names()) };
+        match (&self.profile, &self.custom) {
+            (Some(name), None) => built_in()
+                .into_iter()
+                .find(|p| p.name == *name)
+                .ok_or_else(|| refuse(format!("no segmenter profile {name:?}"))),
+            (None, Some(custom)) => Ok(custom.clone()),
+            (None, None) => Err(refuse("no segmenter profile is set".to_owned())),
+            (Some(_), Some(_)) => Err(refuse("both `profile` and `custom` are set".to_owned())),
+        }
+    }
+}
+
+/// How an image goes into a graph.
+#[derive(Debug, Clone)]
+struct Inlet {
+    name: String,
+    side: (usize, usize),
+    mean: [f32; 3],
+    std: [f32; 3],
+}
+
+/// A segmentation network, ready to run.
+#[derive(Debug)]
+pub struct Segmenter {
+    config: SegmenterConfig,
+    profile: SegmenterProfile,
+    network: Network,
+    /// The network's own image input; none for a head over backbones.
+    inlet: Option<Inlet>,
+    backbones: Vec<(Network, Inlet, Vec<String>)>,
+    masks: String,
+    scores: Option<String>,
+    presence: Option<String>,
+}
+
+impl Segmenter {
+    /// Loads the graphs and checks that they fit the profile and each other.
+    ///
+    /// # Errors
+    /// [`FootprintError::Masks`] or [`FootprintError::Network`].
+    pub fn new(config: SegmenterConfig) -> Result<Self, FootprintError> {
+        let profile = config.chosen()?;
+        let refuse = |problem: String, hint: &str| FootprintError::Masks { problem, hint: hint.to_owned() };
+        let is_share = |v: f32| (0.0..=1.0).contains(&v);
+        if !is_share(config.above) || !is_share(config.min_score) || !(0.0..=0.5).contains(&config.overlap) {
+            let found =
+                format!("above = {}, min_score = {}, overlap = {}", config.above, config.min_score, config.overlap);
+            return Err(refuse(found, "shares from 0 to 1; the overlap from 0 to 0.5"));
+        }
+        if config.tile_px.is_some_and(|tile| tile < 16) {
+            return Err(refuse("`tile_px` is below 16".to_owned(), "a tile is at least 16 pixels wide"));
+        }
+        let network = Network::open(&config.model)?;
+        let names =
+            |ports: &[sizeup_photos::onnx::Port]| ports.iter().map(|p| p.name.clone()).collect::<Vec<_>>().join(", ");
+        let unfit = |what: &str, path: &Path, found: String| {
+            refuse(
+                format!("profile {:?} does not fit {}: no {what} among {found}", profile.name, path.display()),
+                "choose another profile, or describe the graph as `custom`",
+            )
+        };
+        let inlet = |network: &Network, path: &Path, names_of: &[String], side: usize, mean, std| {
+            let input =
+                port(names_of, network.inputs()).ok_or_else(|| unfit("image input", path, names(network.inputs())))?;
+            let side = match input.shape[..] {
+                [_, _, Some(rows), Some(columns)] => (columns, rows),
+                _ => (side, side),
+            };
+            Ok::<Inlet, FootprintError>(Inlet { name: input.name.clone(), side, mean, std })
+        };
+        let own = if profile.backbones.is_empty() {
+            let p = &profile;
+            Some(inlet(&network, &config.model, &p.inputs, p.side_px, p.mean, p.std)?)
+        } else {
+            None
+        };
+        let mut backbones = Vec::new();
+        for b in &profile.backbones {
+            let path = config.backbones.get(&b.name).ok_or_else(|| {
+                refuse(
+                    format!("profile {:?} needs a backbone {:?}", profile.name, b.name),
+                    "set its file under `backbones`",
+                )
+            })?;
+            let graph = Network::open(path)?;
+            // A head takes the features it has inputs for.
+            let wanted: Vec<String> =
+                b.features.iter().filter(|f| network.inputs().iter().any(|i| i.name == **f)).cloned().collect();
+            if let Some(missing) = wanted.iter().find(|f| !graph.outputs().iter().any(|o| o.name == **f)) {
+                return Err(unfit(&format!("output {missing:?}"), path, names(graph.outputs())));
+            }
+            let inlet = inlet(&graph, path, &b.inputs, b.side_px, b.mean, b.std)?;
+            backbones.push((graph, inlet, wanted));
+        }
+        if let Some(open) = network.inputs().iter().find(|i| {
+            !backbones.iter().any(|(_, _, features)| features.contains(&i.name))
+                && own.as_ref().is_none_or(|own| own.name != i.name)
+        }) {
+            return Err(unfit(
+                &format!("source for its input {:?}", open.name),
+                &config.model,
+                names(network.inputs()),
+            ));
+        }
+        let masks = port(&profile.masks, network.outputs())
+            .ok_or_else(|| unfit("mask output", &config.model, names(network.outputs())))?
+            .name
+            .clone();
+        let named = |names: &[String]| port(names, network.outputs()).map(|p| p.name.clone());
+        let (scores, presence) = (named(&profile.scores), named(&profile.presence));
+        Ok(Self { config, profile, network, inlet: own, backbones, masks, scores, presence })
+    }
+
+    fn tile_px(&self) -> usize {
+        let side = |inlet: &Inlet| inlet.side.0.max(inlet.side.1);
+        let own = self.inlet.as_ref().map(side);
+        let first = || self.backbones.first().map_or(self.profile.side_px, |(_, inlet, _)| side(inlet));
+        self.config.tile_px.unwrap_or_else(|| own.unwrap_or_else(first))
+    }
+
+    /// Masks and, where there are any, scores of a tile.
+    fn look(&self, photo: &RasterFile, tile: Window) -> Result<(Tensor, Option<Vec<f32>>, f32), ViewFault> {
+        let unusable = |e: &dyn std::error::Error| ViewFault::Photo { reason: e.to_string() };
+        let failed = |e: OnnxError| {
+            let (problem, hint) = e.problem_and_hint();
+            ViewFault::Network { problem, hint }
+        };
+        let mut given: Vec<(String, Tensor)> = Vec::new();
+        if let Some(inlet) = &self.inlet {
+            given.push((inlet.name.clone(), image(photo, tile, inlet).map_err(|e| unusable(&e))?));
+        }
+        for (graph, inlet, features) in &self.backbones {
+            let input = image(photo, tile, inlet).map_err(|e| unusable(&e))?;
+            let names: Vec<&str> = features.iter().map(String::as_str).collect();
+            let found = graph.run_many(&[(&inlet.name, &input)], &names).map_err(failed)?;
+            given.extend(features.iter().cloned().zip(found));
+        }
+        let inputs: Vec<(&str, &Tensor)> = given.iter().map(|(name, tensor)| (name.as_str(), tensor)).collect();
+        let wanted: Vec<&str> = [Some(&self.masks), self.scores.as_ref(), self.presence.as_ref()]
+            .into_iter()
+            .flatten()
+            .map(String::as_str)
+            .collect();
+        let mut results = self.network.run_many(&inputs, &wanted).map_err(failed)?.into_iter();
+        let masks = results.next().ok_or_else(|| self.misshapen("nothing"))?;
+        let scores = self.scores.as_ref().and_then(|_| results.next()).map(|t| t.values);
+        let presence = self.presence.as_ref().and_then(|_| results.next()).and_then(|t| t.values.first().copied());
+        let active = |v: f32| self.active(v);
+        Ok((masks, scores.map(|s| s.into_iter().map(active).collect()), presence.map_or(1.0, active)))
+    }
+
+    fn active(&self, value: f32) -> f32 {
+        match self.profile.activation {
+            Activation::Sigmoid => 1.0 / (1.0 + (-value).exp()),
+            Activation::None => value,
+        }
+    }
+
+    fn misshapen(&self, found: &str) -> ViewFault {
+        ViewFault::Network {
+            problem: format!("the network {} gives {found} as its masks", self.config.model.display()),
+            hint: format!("{:?} is expected to be batch × maps × rows × columns, a batch of one", self.masks),
+        }
+    }
+
+    /// The maps of a tensor `batch × maps × rows × columns` (leading dimensions may lack), as probabilities.
+    fn maps(&self, tensor: &Tensor) -> Result<Vec<Raster<f32>>, ViewFault> {
+        let refuse = || self.misshapen(&format!("a tensor of shape {:?}", tensor.shape));
+        let (n, rows, columns) = match tensor.shape[..] {
+            [rows, columns] => (1, rows, columns),
+            [n, rows, columns] | [1, n, rows, columns] => (n, rows, columns),
+            _ => return Err(refuse()),
+        };
+        if n * rows * columns != tensor.values.len() || rows * columns == 0 {
+            return Err(refuse());
+        }
+        let map = |values: &[f32]| {
+            Raster::from_vec(columns, rows, values.iter().map(|v| self.active(*v)).collect()).ok_or_else(refuse)
+        };
+        tensor.values.chunks_exact(rows * columns).map(map).collect()
+    }
+}
+
+impl OutlineSource for Segmenter {
+    fn outlines(&self, view: &View, look: Look) -> Result<Vec<Outline>, ViewFault> {
+        let path = view.image.as_deref().ok_or_else(|| ViewFault::Photo { reason: "it is not known".to_owned() })?;
+        let photo = RasterFile::open(path).map_err(|e| ViewFault::Photo { reason: e.to_string() })?;
+        let size = photo.size();
+        if size != (view.camera.width_px as usize, view.camera.height_px as usize) {
+            return Err(ViewFault::Size {
+                path: path.to_owned(),
+                mask: size,
+                photo: (view.camera.width_px, view.camera.height_px),
+            });
+        }
+        let tile_px = self.tile_px();
+        let windows = tiles::tiles(size, tile_px, (self.config.overlap * tile_px as f64) as usize);
+        let how = Vectorising {
+            instances: Instances::ByLabel,
+            min_area_px2: look.min_area_px2,
+            tolerance_px: look.tolerance_px,
+        };
+        let in_photo = |fault: MaskFault| ViewFault::Mask { path: path.to_owned(), fault };
+        match self.profile.gives {
+            Gives::Semantic => {
+                let mut mosaics: Vec<Mosaic> = Vec::new();
+                for tile in windows {
+                    let (masks, _, _) = self.look(&photo, tile)?;
+                    // Of more than two channels, the first is what the profile speaks of.
+                    for (i, map) in self.maps(&masks)?.iter().take(2).enumerate() {
+                        if mosaics.len() == i {
+                            mosaics.push(Mosaic::new(size.0, size.1));
+                        }
+                        mosaics[i].add(tile, &at_photo_size(map, tile));
+                    }
+                }
+                let mut maps = mosaics.into_iter().map(Mosaic::finish);
+                let Some(buildings) = maps.next() else { return Ok(Vec::new()) };
+                match maps.next() {
+                    None => outlines_at_level(&buildings, self.config.above, how).map_err(in_photo),
+                    Some(borders) => outlines(&split(&buildings, &borders, self.config.above), how).map_err(in_photo),
+                }
+            }
+            Gives::Instances => {
+                let mut joiner = Joiner::new(size.0, size.1);
+                for tile in windows {
+                    let (masks, scores, presence) = self.look(&photo, tile)?;
+                    let maps = self.maps(&masks)?;
+                    let scored = maps.into_iter().enumerate().map(|(i, map)| {
+                        let score = presence * scores.as_ref().map_or(1.0, |s| s.get(i).copied().unwrap_or(0.0));
+                        (map, score)
+                    });
+                    let kept = scored.filter(|(_, score)| *score >= self.config.min_score);
+                    joiner.add(tile, kept.map(|(map, score)| (at_photo_size(&map, tile), score)).collect());
+                }
+                let (labels, scores) = joiner.finish();
+                let mut found = outlines(&labels, how).map_err(in_photo)?;
+                for outline in &mut found {
+                    outline.score = scores[outline.label as usize].clamp(0.0, 1.0);
+                }
+                Ok(found)
+            }
+        }
+    }
+
+    fn file_of(&self, view: &View) -> Option<PathBuf> {
+        view.image.clone()
+    }
+}
+
+/// A tile of a photo as `1 × 3 × rows × columns`, normalised.
+fn image(photo: &RasterFile, tile: Window, inlet: &Inlet) -> Result<Tensor, sizeup_geo::geodata::raster::RasterError> {
+    let (columns, rows) = inlet.side;
+    let resampling = if (tile.width, tile.height) == inlet.side { Resampling::Nearest } else { Resampling::Average };
+    let bands = if photo.n_bands() >= 3 { [1, 2, 3] } else { [1; 3] };
+    let mut values = Vec::with_capacity(3 * rows * columns);
+    for (channel, band) in bands.into_iter().enumerate() {
+        let pixels = photo.read_window(band, tile, inlet.side, resampling)?;
+        let (mean, std) = (inlet.mean[channel], inlet.std[channel]);
+        let normal = |v: &f32| (if v.is_nan() { 0.0 } else { *v } / 255.0 - mean) / std;
+        values.extend(pixels.data().iter().map(normal));
+    }
+    Ok(Tensor { shape: vec![1, 3, rows, columns], values })
+}

@@ -1,0 +1,117 @@
+//! Segmenter profiles: what a network wants and gives, as data.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use sizeup_photos::onnx::Port;
+
+/// What a network's masks are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Gives {
+    /// One map: is there a building? A second channel, if there is one, tells borders between buildings.
+    Semantic,
+    /// One map per building, `batch × instances × rows × columns`.
+    Instances,
+}
+
+/// What turns outputs into probabilities.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Activation {
+    /// `1 / (1 + exp(−x))`, for logits.
+    Sigmoid,
+    /// They are probabilities.
+    None,
+}
+
+/// A graph of its own whose outputs are a head's inputs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Backbone {
+    /// What it is called in the configuration.
+    pub name: String,
+    /// Names its image input goes by.
+    pub inputs: Vec<String>,
+    /// Side of its square input, pixels.
+    pub side_px: usize,
+    /// Subtracted from red, green and blue after division by 255.
+    pub mean: [f32; 3],
+    /// Divided by after that.
+    pub std: [f32; 3],
+    /// Its outputs that the head takes, under the same names.
+    pub features: Vec<String>,
+}
+
+/// One kind of segmentation network.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SegmenterProfile {
+    /// What it is called in the configuration.
+    pub name: String,
+    /// Which network, and where its preprocessing was read.
+    pub about: String,
+    /// Names its image input goes by; empty for a head over backbones.
+    #[serde(default)]
+    pub inputs: Vec<String>,
+    /// Side of the square that a tile is brought to, pixels; a fixed size of the graph replaces it.
+    pub side_px: usize,
+    /// Subtracted from red, green and blue after division by 255.
+    pub mean: [f32; 3],
+    /// Divided by after that.
+    pub std: [f32; 3],
+    /// Names its masks go by.
+    pub masks: Vec<String>,
+    /// What the masks are.
+    pub gives: Gives,
+    /// What turns them into probabilities.
+    pub activation: Activation,
+    /// Names of the instances' scores, through the same activation.
+    #[serde(default)]
+    pub scores: Vec<String>,
+    /// Names of a score of the whole image that multiplies the others.
+    #[serde(default)]
+    pub presence: Vec<String>,
+    /// Graphs that run before it.
+    #[serde(default)]
+    pub backbones: Vec<Backbone>,
+    /// What its weights may be used for.
+    pub licence: String,
+}
+
+#[derive(Deserialize)]
+struct Profiles {
+    profile: Vec<SegmenterProfile>,
+}
+
+/// The profiles that come with sizeup.
+///
+/// # Panics
+/// Never: the text is part of the program and tested.
+#[must_use]
+pub fn built_in() -> Vec<SegmenterProfile> {
+    let profiles: Profiles = toml::from_str(include_str!("profiles.toml")).expect("the built-in profiles are valid");
+    profiles.profile
+}
+
+/// The first of some names that a graph has.
+pub(super) fn port<'a>(names: &[String], ports: &'a [Port]) -> Option<&'a Port> {
+    names.iter().find_map(|name| ports.iter().find(|port| port.name == *name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn built_in_profiles_are_valid_and_distinct() {
+        let all = built_in();
+        let mut names: Vec<&str> = all.iter().map(|p| p.name.as_str()).collect();
+        names.dedup();
+        assert_eq!(names.len(), all.len());
+        for profile in &all {
+            assert!(profile.std.iter().all(|s| *s > 0.0) && profile.side_px > 0 && !profile.masks.is_empty());
+            assert_eq!(profile.inputs.is_empty(), !profile.backbones.is_empty(), "{}", profile.name);
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! Files of the GIS world, through the system's GDAL.
+//!
+//! The only doors to GDAL: [`raster`] and [`vector`] read, the others write.
+
+pub mod features;
+pub mod flatgeobuf;
+pub mod gpkg;
+pub mod raster;
+pub mod vector;
+pub mod view_layers;
+
+mod curve;
+mod geotiff;
+mod layer_writer;
+mod open;
+
+pub use geotiff::{GridPlace, write_geotiff};
+pub use layer_writer::{FieldType, LayerFeature, write_polygon_layer};
+pub use open::Refusal;
+
+use std::path::{Path, PathBuf};
+
+use gdal::errors::GdalError;
+use gdal::spatial_ref::SpatialRef;
+
+use crate::crs::{Crs, CrsError};
+use crate::files::FileError;
+use crate::gdal_log;
+
+/// What GDAL says about a CRS, as one of ours; `None` for GeoPackage's "undefined" and local engineering systems.
+fn crs_of(spatial_ref: &SpatialRef) -> Result<Option<Crs>, CrsError> {
+    if spatial_ref.is_local() || spatial_ref.name().is_some_and(|name| name.starts_with("Undefined")) {
+        return Ok(None);
+    }
+    // A registered code reads better in messages than a page of WKT, and both mean the same.
+    let registered = match (spatial_ref.auth_name().as_deref(), spatial_ref.auth_code()) {
+        (Some("EPSG"), Ok(code)) => Crs::parse(&format!("EPSG:{code}")).ok(),
+        _ => None,
+    };
+    if registered.is_some() {
+        return Ok(registered);
+    }
+    // PROJJSON says more than WKT 1 (axis order, datum ensembles); both are PROJ's own words.
+    let definition = spatial_ref.to_projjson().or_else(|_| spatial_ref.to_wkt());
+    definition.map_or(Ok(None), |text| Crs::parse(&text).map(Some))
+}
+
+/// GDAL's version.
+#[must_use]
+pub fn gdal_version() -> String {
+    gdal::version::version_info("RELEASE_NAME")
+}
+
+/// Whether GDAL has a driver, by its short name.
+#[must_use]
+pub fn has_driver(name: &str) -> bool {
+    gdal_log::route_messages();
+    gdal::DriverManager::get_driver_by_name(name).is_ok()
+}
+
+/// A CRS as well-known text, `None` where GDAL cannot write it so.
+#[must_use]
+pub fn wkt_of(crs: &Crs) -> Option<String> {
+    SpatialRef::from_definition(crs.definition()).ok()?.to_wkt().ok()
+}
+
+/// Why a file could not be written through GDAL.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// GDAL refused.
+    #[error("cannot write {}", path.display())]
+    Gdal {
+        /// The file.
+        path: PathBuf,
+        /// GDAL's own words.
+        #[source]
+        source: GdalError,
+    },
+    /// The file system refused.
+    #[error(transparent)]
+    File(#[from] FileError),
+}
+
+impl WriteError {
+    /// Adapter for `map_err`.
+    fn on(path: &Path) -> impl FnOnce(GdalError) -> Self + '_ {
+        move |source| Self::Gdal { path: path.to_owned(), source }
+    }
+}

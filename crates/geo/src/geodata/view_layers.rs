@@ -1,0 +1,102 @@
+//! Layers about views (camera points, view axes, image footprints) as a `GeoPackage`.
+
+use std::path::Path;
+
+use gdal::errors::GdalError;
+use gdal::spatial_ref::{AxisMappingStrategy, SpatialRef};
+use gdal::vector::{Feature, FieldDefn, Geometry, LayerAccess as _, LayerOptions, OGRFieldType, OGRwkbGeometryType};
+use gdal::{Dataset, DriverManager};
+use glam::DVec3;
+
+/// What a feature looks like, in the layer's CRS with heights.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Shape {
+    /// A place.
+    Point(DVec3),
+    /// A path.
+    Line(Vec<DVec3>),
+    /// An open outer ring.
+    Polygon(Vec<DVec3>),
+}
+
+/// What a feature says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Attributes {
+    /// The view's name.
+    pub name: String,
+    /// `nadir` or `oblique`.
+    pub kind: &'static str,
+    /// Named numbers, the same names for all features of a layer.
+    pub numbers: Vec<(&'static str, f64)>,
+}
+
+/// A layer of one kind of shape.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layer {
+    /// The table's name.
+    pub name: &'static str,
+    /// In the order of the views.
+    pub features: Vec<(Shape, Attributes)>,
+}
+
+impl Layer {
+    /// An empty layer.
+    pub fn new(name: &'static str) -> Self {
+        Self { name, features: Vec::new() }
+    }
+}
+
+/// Writes all layers into a new file.
+pub fn write_geopackage(layers: &[Layer], crs: &str, path: &Path) -> Result<(), GdalError> {
+    let mut srs = SpatialRef::from_definition(crs)?;
+    srs.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
+    let mut dataset = DriverManager::get_driver_by_name("GPKG")?.create_vector_only(path)?;
+    for layer in layers {
+        write_layer(&mut dataset, layer, &srs)?;
+    }
+    dataset.close()
+}
+
+fn write_layer(dataset: &mut Dataset, layer: &Layer, srs: &SpatialRef) -> Result<(), GdalError> {
+    let ty = match layer.features.first() {
+        Some((Shape::Line(_), _)) => OGRwkbGeometryType::wkbLineString25D,
+        Some((Shape::Polygon(_), _)) => OGRwkbGeometryType::wkbPolygon25D,
+        Some((Shape::Point(_), _)) | None => OGRwkbGeometryType::wkbPoint25D,
+    };
+    let mut transaction = dataset.start_transaction()?;
+    let table = transaction.create_layer(LayerOptions { name: layer.name, srs: Some(srs), ty, options: None })?;
+    FieldDefn::new("name", OGRFieldType::OFTString)?.add_to_layer(&table)?;
+    FieldDefn::new("kind", OGRFieldType::OFTString)?.add_to_layer(&table)?;
+    for (name, _) in layer.features.first().map_or(&[][..], |(_, attributes)| &attributes.numbers) {
+        FieldDefn::new(name, OGRFieldType::OFTReal)?.add_to_layer(&table)?;
+    }
+    for (shape, attributes) in &layer.features {
+        let mut feature = Feature::new(table.defn())?;
+        feature.set_geometry(geometry(shape)?)?;
+        feature.set_field_string(0, &attributes.name)?;
+        feature.set_field_string(1, attributes.kind)?;
+        for (i, (_, number)) in attributes.numbers.iter().enumerate() {
+            feature.set_field_double(i + 2, *number)?;
+        }
+        feature.create(&table)?;
+    }
+    transaction.commit()?;
+    Ok(())
+}
+
+fn geometry(shape: &Shape) -> Result<Geometry, GdalError> {
+    let line = |ty, points: &mut dyn Iterator<Item = &DVec3>| {
+        let mut line = Geometry::empty(ty)?;
+        points.for_each(|p| line.add_point((p.x, p.y, p.z)));
+        Ok::<Geometry, GdalError>(line)
+    };
+    match shape {
+        Shape::Point(p) => line(OGRwkbGeometryType::wkbPoint25D, &mut std::iter::once(p)),
+        Shape::Line(points) => line(OGRwkbGeometryType::wkbLineString25D, &mut points.iter()),
+        Shape::Polygon(ring) => {
+            let mut polygon = Geometry::empty(OGRwkbGeometryType::wkbPolygon25D)?;
+            polygon.add_geometry(line(OGRwkbGeometryType::wkbLinearRing, &mut ring.iter().chain(ring.first()))?)?;
+            Ok(polygon)
+        }
+    }
+}

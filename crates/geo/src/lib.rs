@@ -1,0 +1,18 @@
+//! Geospatial base of sizeup: where things are, and the files they come from.
+//!
+//! The only doors to PROJ ([`crs`]) and GDAL ([`geodata`]); the terrain in the project's CRS and vertical datum
+//! ([`terrain`]); point clouds ([`cloud`]); files that are written whole or not at all ([`files`]); what is wrong with a
+//! single photo or building ([`issue`]).
+
+pub mod cloud;
+pub mod crs;
+pub mod files;
+mod gdal_log;
+pub mod geodata;
+pub mod hashes;
+pub mod issue;
+pub mod limits;
+pub mod paths;
+pub mod template;
+pub mod terrain;
+pub mod unfinished;

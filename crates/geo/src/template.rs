@@ -1,0 +1,86 @@
+//! Paths with `{name}`, `{stem}` and `{index}` in them.
+
+use std::path::PathBuf;
+
+use crate::paths;
+
+/// A photo's name without its extension; folders in the name stay.
+pub fn stem(name: &str) -> &str {
+    match name.rsplit_once('.') {
+        Some((stem, extension)) if !extension.contains('/') && !stem.is_empty() && !stem.ends_with('/') => stem,
+        _ => name,
+    }
+}
+
+/// Literal text, or a placeholder's name.
+enum Piece<'a> {
+    Text(&'a str),
+    Placeholder(&'a str),
+}
+
+fn pieces(template: &str) -> Result<Vec<Piece<'_>>, String> {
+    let mut pieces = Vec::new();
+    let mut rest = template;
+    while let Some((text, after)) = rest.split_once('{') {
+        let (name, after) =
+            after.split_once('}').ok_or_else(|| format!("`path = {template:?}` has a {{ without }}"))?;
+        pieces.push(Piece::Text(text));
+        pieces.push(Piece::Placeholder(name));
+        rest = after;
+    }
+    pieces.push(Piece::Text(rest));
+    Ok(pieces)
+}
+
+/// Says what is wrong with a template.
+pub fn check(template: &str) -> Result<(), String> {
+    for piece in pieces(template)? {
+        match piece {
+            Piece::Text(_) | Piece::Placeholder("name" | "stem" | "index") => {}
+            Piece::Placeholder(other) => return Err(format!("`path = {template:?}`: {{{other}}} means nothing here")),
+        }
+    }
+    Ok(())
+}
+
+/// The path for one photo; `None` if the template is wrong, asks for an index that the photo does not have, or for a name
+/// that would lead out of the template's folder.
+pub fn fill(template: &str, name: &str, index: Option<usize>) -> Option<PathBuf> {
+    let name = paths::within(name).map(|_| name);
+    let filled: Option<String> = pieces(template)
+        .ok()?
+        .into_iter()
+        .map(|piece| match piece {
+            Piece::Text(text) => Some(text.to_owned()),
+            Piece::Placeholder("name") => name.map(str::to_owned),
+            Piece::Placeholder("stem") => name.map(|name| stem(name).to_owned()),
+            Piece::Placeholder("index") => index.map(|i| i.to_string()),
+            Piece::Placeholder(_) => None,
+        })
+        .collect();
+    filled.map(PathBuf::from)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn placeholders_are_filled_and_unknown_ones_named() {
+        let filled = fill("d/{stem}_{index}.npy", "cam 1/a.b.jpg", Some(7));
+        assert_eq!(filled, Some(PathBuf::from("d/cam 1/a.b_7.npy")));
+        assert_eq!(fill("all.npz", "a.jpg", None), Some(PathBuf::from("all.npz")));
+        assert_eq!(fill("d/{stem}.npy", "../../secret/x.jpg", None), None);
+        assert_eq!(fill("d/{name}.npy", "/etc/x.jpg", None), None);
+        assert_eq!(fill("d/{index}.npy", "/data/x.jpg", Some(1)), Some(PathBuf::from("d/1.npy")));
+        assert!(check("d/{photo}.npy").unwrap_err().contains("{photo}"));
+        assert!(check("d/{stem.npy").is_err());
+    }
+
+    #[test]
+    fn a_stem_keeps_folders_and_dots() {
+        assert_eq!(stem("v1.2/photo"), "v1.2/photo");
+        assert_eq!(stem("a/.hidden"), "a/.hidden");
+        assert_eq!(stem("a.tar.gz"), "a.tar");
+    }
+}

@@ -1,0 +1,12 @@
+//! Terrain of a project, read from a DTM into its CRS and vertical datum, and the ground level under each footprint.
+//!
+//! The surface itself is [`sizeup_heights::terrain`].
+
+mod ground;
+mod load;
+mod reproject;
+
+pub use ground::{GroundConfig, GroundReference, ground_under};
+pub use load::{TerrainConfig, TerrainError, load};
+pub use reproject::MapBox;
+pub use sizeup_heights::terrain::{Dem, DemError, GroundLevel, Terrain};

@@ -1,0 +1,52 @@
+//! What is quick and simple: yardsticks that a method has to beat.
+//!
+//! | name | from | gives |
+//! |---|---|---|
+//! | [`metric_lift`] | priors, calibrated on free ground | one height per outline |
+//! | [`regression`] | priors, normalised; the `paper` preset's optimiser | one height per outline |
+//! | [`constant`], [`neighbourhood`] | nothing, or known heights nearby | one height per outline |
+//! | [`percentile`] | a point cloud | one height per outline |
+//! | [`convex_hull`], [`stacked_prisms`] | a point cloud | a body per outline |
+//!
+//! Those that give one height per outline take the optimiser's [`Problem`](sizeup_heights::optimise::Problem) and answer with its
+//! [`Solution`](sizeup_heights::optimise::Solution), so that the pipeline can run them in its place and write the same results.
+
+mod curve;
+mod hull;
+mod known;
+mod lift;
+mod points;
+mod regression;
+mod slabs;
+
+pub use hull::{HullError, convex_hull};
+pub use known::{constant, neighbourhood};
+pub use lift::{LiftConfig, metric_lift};
+pub use points::{SegmentedCloud, percentile};
+pub use regression::{Norm, regression};
+pub use slabs::{Slab, SlabConfig, stacked_prisms};
+
+use sizeup_heights::optimise::{Reason, Solution, SolvedHeight};
+
+/// A solution without views; `None` = no height. Heights with a `doubt` are never called measured.
+fn without_views(heights_m: Vec<Option<f64>>, doubt: Option<Reason>) -> Solution {
+    let solved = |height_m: Option<f64>| SolvedHeight {
+        height_m,
+        roof: None,
+        sigma_m: None,
+        views: Vec::new(),
+        score: None,
+        raised_m: None,
+        doubts: sizeup_heights::optimise::Doubts::default(),
+        reasons: if height_m.is_none() { vec![Reason::SeenByNoView] } else { doubt.into_iter().collect() },
+    };
+    Solution {
+        heights: heights_m.into_iter().map(solved).collect(),
+        history: Vec::new(),
+        used_views: Vec::new(),
+        spill_px: 0.0,
+        spills_px: Vec::new(),
+        other_levels: Vec::new(),
+        failed_views: Vec::new(),
+    }
+}

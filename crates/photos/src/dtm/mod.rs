@@ -1,0 +1,277 @@
+//! A terrain model from the photos alone, for places that have no other.
+//!
+//! 1. Level squares of open ground, away from the outlines, are laid over the area.
+//! 2. Photos that see a square are laid onto it at many heights; where they look alike is its height ([`patch`]).
+//! 3. Squares that stand above their neighbours (trees, cars, what has no outline) are left out, and a surface is laid
+//!    through the others ([`surface`]).
+//!
+//! Frame: the map; heights in the vertical reference that the poses are in. Heights of buildings are measured from the same
+//! photos, so a datum that the poses share cancels: this model fits them better than one that is exact elsewhere.
+
+mod patch;
+mod surface;
+
+use std::sync::Arc;
+
+use geo::{BoundingRect as _, Distance as _, Euclidean};
+use geo_types::{Point, Polygon};
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+use rstar::RTree;
+use rstar::primitives::{GeomWithData, Rectangle};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::photometry::choose;
+use crate::prior::{Album, Picture, PriorError};
+use sizeup_geo::terrain::{Dem, DemError, MapBox, Terrain};
+use sizeup_survey::View;
+
+/// How the ground is found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DtmConfig {
+    /// The ground is somewhere within this of the rough level, metres. Above 0.
+    pub within_m: f64,
+    /// From one square to the next, metres. Above 0.
+    pub spacing_m: f64,
+    /// Side of a square, metres. Above 0.
+    pub patch_m: f64,
+    /// Squares keep this far from outlines, metres. At least 0.
+    pub clear_m: f64,
+    /// Cells of the model, metres. Above 0.
+    pub cell_m: f64,
+    /// How far beyond the outlines the model reaches, metres. At least 0.
+    pub margin_m: f64,
+    /// Most photos that a square is seen in, at least 3.
+    pub n_views: usize,
+    /// Longer side that photos are reduced to, pixels.
+    pub long_side_px: u32,
+    /// Least correlation of a square that counts, 0..1.
+    pub min_score: f64,
+    /// By how much it has to be better than at any other height.
+    pub min_margin: f64,
+}
+
+impl Default for DtmConfig {
+    fn default() -> Self {
+        Self {
+            within_m: 15.0,
+            spacing_m: 12.0,
+            patch_m: 6.0,
+            clear_m: 1.5,
+            cell_m: 5.0,
+            margin_m: 100.0,
+            n_views: 8,
+            long_side_px: 2400,
+            min_score: 0.6,
+            min_margin: 0.1,
+        }
+    }
+}
+
+/// What came of a square.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Outcome {
+    /// Ground, metres.
+    Ground(f64),
+    /// Something that its neighbours say is not ground, metres.
+    Outlier(f64),
+    /// The photos agree at no height, or at several.
+    Unclear,
+    /// Fewer than three photos see it.
+    Unseen,
+}
+
+/// A square: its middle in the map, and what came of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Square {
+    /// Map position, metres.
+    pub at: DVec2,
+    /// What came of it.
+    pub outcome: Outcome,
+}
+
+impl Square {
+    fn raised(self, by_m: f64) -> Self {
+        let outcome = match self.outcome {
+            Outcome::Ground(z_m) => Outcome::Ground(z_m + by_m),
+            Outcome::Outlier(z_m) => Outcome::Outlier(z_m + by_m),
+            outcome => outcome,
+        };
+        Self { outcome, ..self }
+    }
+}
+
+/// A terrain model, and what it was made of.
+#[derive(Debug, Clone)]
+pub struct Dtm {
+    /// The heights; no value where no ground was found within a few squares.
+    pub dem: Dem,
+    /// All squares.
+    pub squares: Vec<Square>,
+    /// Standard deviation of a square's height against its neighbours', metres.
+    pub sigma_m: f64,
+}
+
+/// Why there is no model.
+#[derive(Debug, thiserror::Error)]
+pub enum DtmError {
+    /// A setting out of range.
+    #[error("terrain from photos: {field} is {value}, expected {expected}")]
+    Config {
+        /// Which.
+        field: &'static str,
+        /// What it is.
+        value: f64,
+        /// What it may be.
+        expected: &'static str,
+    },
+    /// Too little ground was found.
+    #[error(
+        "terrain from photos: of {n_squares} squares of open ground, {n_unseen} are seen by fewer than three photos, \
+         {n_unclear} look alike at no single height between {from_m:.1} and {to_m:.1} m, and only {n_ground} are left\n\
+         hint: is the rough level right (terrain.constant_m)? --within widens the search"
+    )]
+    TooLittle {
+        /// How many were tried.
+        n_squares: usize,
+        /// Those too few photos see.
+        n_unseen: usize,
+        /// Those without a height.
+        n_unclear: usize,
+        /// Those with one.
+        n_ground: usize,
+        /// Lowest height tried, metres.
+        from_m: f64,
+        /// Highest height tried, metres.
+        to_m: f64,
+    },
+    /// A photo cannot be read.
+    #[error(transparent)]
+    Photo(#[from] PriorError),
+    /// The grid cannot be.
+    #[error(transparent)]
+    Dem(#[from] DemError),
+}
+
+/// Memory for reduced photos: squares of one row are seen in much the same ones.
+const PICTURE_BYTES: usize = 1 << 30;
+/// Fewer squares than this make no surface.
+const MIN_SQUARES: usize = 12;
+
+/// The area of a model around outlines (or under the cameras, where there are none).
+#[must_use]
+pub fn area(views: &[View], outlines: &[&Polygon<f64>], config: &DtmConfig) -> MapBox {
+    let corners = outlines.iter().filter_map(|o| o.bounding_rect()).flat_map(|r| [r.min().x_y(), r.max().x_y()]);
+    let eyes = views.iter().filter(|v| v.image.is_some()).map(|v| v.camera_from_map.centre()).map(|eye| (eye.x, eye.y));
+    let around = MapBox::around(corners).or_else(|| MapBox::around(eyes));
+    around.unwrap_or(MapBox { west_m: 0.0, south_m: 0.0, east_m: 0.0, north_m: 0.0 }).grown(config.margin_m)
+}
+
+/// Makes the model over an area, away from outlines. `rough` is what is known of the ground: a level, or a coarse or shifted
+/// model, which the photos correct; where they show no ground a model is shifted as it is in the median. `progress` is told
+/// how many squares of how many are done.
+///
+/// # Errors
+/// [`DtmError`].
+pub fn estimate(
+    views: &[View],
+    outlines: &[&Polygon<f64>],
+    rough: &Terrain,
+    config: &DtmConfig,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Dtm, DtmError> {
+    let area = area(views, outlines, config);
+    let (squares, sigma_m) = off_by(views, outlines, rough, config, progress)?;
+    let rough_m = |at: DVec2| rough.height_at(at.x, at.y).unwrap_or(f64::NAN);
+    let count = |is: fn(&Outcome) -> bool| squares.iter().filter(|s| is(&s.outcome)).count();
+    let n_ground = count(|o| matches!(o, Outcome::Ground(_)));
+    if n_ground < MIN_SQUARES {
+        let (low_m, high_m) = rough.range().unwrap_or((f64::NAN, f64::NAN));
+        return Err(DtmError::TooLittle {
+            n_squares: squares.len(),
+            n_unseen: count(|o| matches!(o, Outcome::Unseen)),
+            n_unclear: count(|o| matches!(o, Outcome::Unclear)),
+            n_ground,
+            from_m: low_m - config.within_m,
+            to_m: high_m + config.within_m,
+        });
+    }
+    let dem = surface::model(&squares, rough, area, config)?;
+    let squares = squares.into_iter().map(|s| s.raised(rough_m(s.at))).collect();
+    Ok(Dtm { dem, squares, sigma_m })
+}
+
+/// What the photos say a terrain is off by, in squares of open ground: those with [`Outcome::Ground`] hold by how much the
+/// ground lies above it, metres. Also their spread around their neighbours', metres.
+///
+/// # Errors
+/// [`DtmError`].
+pub fn off_by(
+    views: &[View],
+    outlines: &[&Polygon<f64>],
+    rough: &Terrain,
+    config: &DtmConfig,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<(Vec<Square>, f64), DtmError> {
+    check(config)?;
+    let with_photo: Vec<&View> = views.iter().filter(|view| view.image.is_some()).collect();
+    let area = area(views, outlines, config);
+    let places: Vec<DVec3> = places(area, outlines, config)
+        .into_iter()
+        .filter_map(|at| Some(at.extend(rough.height_at(at.x, at.y)?)))
+        .collect();
+    let album = Album::new(config.long_side_px, PICTURE_BYTES);
+    let n_done = std::sync::atomic::AtomicUsize::new(0);
+    let look = |near: &DVec3| {
+        let chosen = choose(&with_photo, *near, config.n_views, |_| true);
+        let seen_in: Vec<_> = chosen.iter().map(|&view| album.picture(with_photo[view])).collect::<Result<_, _>>()?;
+        let seen_in: Vec<&Picture> = seen_in.iter().map(|picture: &Arc<Picture>| &**picture).collect();
+        let outcome = patch::height(&seen_in, *near, config);
+        progress(n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, places.len());
+        Ok(Square { at: near.truncate(), outcome })
+    };
+    let squares = places.par_iter().map(look).collect::<Result<Vec<_>, PriorError>>()?;
+    // All that follows is about what the rough level is off by.
+    let rough_m = |at: DVec2| rough.height_at(at.x, at.y).unwrap_or(f64::NAN);
+    let mut squares: Vec<Square> = squares.into_iter().map(|s| s.raised(-rough_m(s.at))).collect();
+    let sigma_m = surface::leave_out_what_stands_above(&mut squares, config.spacing_m);
+    Ok((squares, sigma_m))
+}
+
+fn check(config: &DtmConfig) -> Result<(), DtmError> {
+    let above_0 = [
+        ("within_m", config.within_m),
+        ("spacing_m", config.spacing_m),
+        ("patch_m", config.patch_m),
+        ("cell_m", config.cell_m),
+    ];
+    match above_0.into_iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
+        None => Ok(()),
+        Some((field, value)) => Err(DtmError::Config { field, value, expected: "above 0" }),
+    }
+}
+
+/// Middles of squares that keep clear of all outlines, on a grid that depends on nothing but the spacing.
+fn places(area: MapBox, outlines: &[&Polygon<f64>], config: &DtmConfig) -> Vec<DVec2> {
+    let boxes = outlines.iter().enumerate().filter_map(|(i, outline)| {
+        let rect = outline.bounding_rect()?;
+        let rectangle = Rectangle::from_corners([rect.min().x, rect.min().y], [rect.max().x, rect.max().y]);
+        Some(GeomWithData::new(rectangle, i))
+    });
+    let tree: RTree<GeomWithData<Rectangle<[f64; 2]>, usize>> = RTree::bulk_load(boxes.collect());
+    let reach_m = config.patch_m * std::f64::consts::FRAC_1_SQRT_2 + config.clear_m;
+    let is_open = |at: &DVec2| {
+        let mut close = tree.locate_within_distance([at.x, at.y], reach_m * reach_m);
+        !close.any(|near| Euclidean.distance(outlines[near.data], &Point::new(at.x, at.y)) < reach_m)
+    };
+    let steps = |from: f64, to: f64| {
+        let (first, last) = ((from / config.spacing_m).ceil() as i64, (to / config.spacing_m).floor() as i64);
+        (first..=last).map(|i| i as f64 * config.spacing_m)
+    };
+    steps(area.south_m, area.north_m)
+        .flat_map(|y| steps(area.west_m, area.east_m).map(move |x| DVec2::new(x, y)))
+        .filter(is_open)
+        .collect()
+}

@@ -1,0 +1,353 @@
+//! Running ONNX graphs: the only door to inference engines.
+//!
+//! * `rten`, in pure Rust and part of the program: nothing to install. It computes `Resize` with cubic interpolation as
+//!   linear without a word, so it is not given such graphs.
+//! * ONNX Runtime, a shared library that is looked for when it is wanted ([`runtime`]): every operator, faster, and other
+//!   processors than the CPU.
+//!
+//! Left to choose, the first one takes every graph that it can load, and the other one the rest: what the first one
+//! cannot load, and what it loads and then cannot run ([`second`]).
+
+mod embedded;
+mod proto;
+pub mod runtime;
+mod second;
+
+use std::path::{Path, PathBuf};
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use sizeup_geo::paths::PathVisitor;
+
+pub use proto::Outline;
+
+use self::second::SecondChoice;
+
+/// Why a graph cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum OnnxError {
+    /// It cannot be read, or uses something the engine does not know.
+    #[error("cannot load the network {}: {reason}\nhint: {hint}", path.display())]
+    Load {
+        /// The file.
+        path: PathBuf,
+        /// The engine's own words.
+        reason: String,
+        /// What to try.
+        hint: String,
+    },
+    /// It holds an operation that the engine would compute wrongly.
+    #[error(
+        "the network {} resizes with cubic interpolation, which the embedded engine computes as linear\n\
+         hint: {RUNTIME_HINT}; or export it with linear interpolation",
+        path.display()
+    )]
+    CubicResize {
+        /// The file.
+        path: PathBuf,
+    },
+    /// ONNX Runtime is wanted and not there.
+    #[error("ONNX Runtime cannot be used: {reason}\nhint: {RUNTIME_HINT}")]
+    NoRuntime {
+        /// What was tried.
+        reason: String,
+    },
+    /// It has no input or output of that name.
+    #[error("the network {} has no {what} {name:?}, but {}", path.display(), present.join(", "))]
+    NoPort {
+        /// The file.
+        path: PathBuf,
+        /// "input" or "output".
+        what: &'static str,
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        present: Vec<String>,
+    },
+    /// It stopped while running.
+    #[error(
+        "the network {} failed: {reason}\n\
+         hint: a graph that was traced with one size of photo may take no other, whatever it declares: export it with that size \
+         fixed; what the embedded engine cannot run, ONNX Runtime may: {RUNTIME_HINT}",
+        path.display()
+    )]
+    Run {
+        /// The file.
+        path: PathBuf,
+        /// The engine's own words.
+        reason: String,
+    },
+}
+
+impl OnnxError {
+    /// What is the matter, without the file and the hint.
+    fn reason(&self) -> String {
+        match self {
+            Self::Load { reason, .. } | Self::NoRuntime { reason } | Self::Run { reason, .. } => reason.clone(),
+            Self::CubicResize { .. } => "the embedded engine computes its cubic interpolation as linear".to_owned(),
+            Self::NoPort { .. } => self.to_string(),
+        }
+    }
+
+    /// What is the matter, and what to try.
+    pub fn problem_and_hint(&self) -> (String, String) {
+        let text = self.to_string();
+        let (problem, hint) = text.split_once("\nhint: ").unwrap_or((&text, ""));
+        (problem.to_owned(), hint.to_owned())
+    }
+
+    /// What both engines say about one graph.
+    fn and(&self, mut second: Self) -> Self {
+        if let Self::Load { reason, .. } = &mut second {
+            *reason = format!("the embedded engine: {}; ONNX Runtime: {reason}", self.reason());
+        }
+        second
+    }
+}
+
+/// How to come by ONNX Runtime.
+const RUNTIME_HINT: &str = "`make deps-onnxruntime` fetches ONNX Runtime into target/onnxruntime (the Python package \
+                            `onnxruntime` holds the same library); name another place in `engine.library` or ORT_DYLIB_PATH";
+
+/// Which engine computes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum EngineChoice {
+    /// The embedded engine where it can run the graph, else ONNX Runtime where it is found; the log says so.
+    #[default]
+    Auto,
+    /// The embedded engine.
+    Rten,
+    /// ONNX Runtime.
+    OnnxRuntime,
+}
+
+/// What ONNX Runtime computes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Provider {
+    /// NVIDIA GPUs.
+    Cuda,
+    /// NVIDIA GPUs, with graphs compiled for them.
+    TensorRt,
+    /// Intel processors and GPUs.
+    OpenVino,
+    /// Apple's processors.
+    CoreMl,
+    /// Graphics cards under Windows.
+    DirectMl,
+}
+
+/// Which engine computes, and on what.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct EngineConfig {
+    /// The engine.
+    pub name: EngineChoice,
+    /// ONNX Runtime's shared library (`libonnxruntime.so`); without it `ORT_DYLIB_PATH`, the program's folder,
+    /// target/onnxruntime and the system's libraries are looked at, in this order.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub library: Option<PathBuf>,
+    /// Threads of one inference, 0 = as the engine likes: all cores, which is also the most.
+    pub threads: usize,
+    /// What ONNX Runtime computes on, tried in this order; what none of them can do is left to the CPU. One that the
+    /// library does not have is an error.
+    pub providers: Vec<Provider>,
+}
+
+impl EngineConfig {
+    /// Threads to start, where a number is given.
+    fn n_threads(&self) -> Option<usize> {
+        let most = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        (self.threads > 0).then(|| self.threads.min(most))
+    }
+
+    /// Visits every path.
+    pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
+        self.library.iter_mut().for_each(visit);
+    }
+}
+
+/// Numbers in row-major order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tensor {
+    /// Length of each dimension.
+    pub shape: Vec<usize>,
+    /// Their product of values.
+    pub values: Vec<f32>,
+}
+
+impl Tensor {
+    fn check(&self) -> Result<(), String> {
+        let n_values: usize = self.shape.iter().product();
+        let is_whole = n_values == self.values.len();
+        if is_whole { Ok(()) } else { Err(format!("{} values for shape {:?}", self.values.len(), self.shape)) }
+    }
+}
+
+/// What a port carries, as far as it matters here.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Numbers {
+    /// Floating-point numbers, or the graph does not say.
+    Floats,
+    /// 64-bit (or 32-bit) integers; values are rounded to them.
+    Integers,
+    /// Something that cannot be given or read here, such as strings.
+    Other,
+}
+
+/// An input or output of a graph.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Port {
+    /// Its name in the graph.
+    pub name: String,
+    /// Its dimensions, `None` where they are free; empty where the graph does not say, and for single numbers.
+    pub shape: Vec<Option<usize>>,
+    /// What it carries.
+    pub numbers: Numbers,
+}
+
+impl Port {
+    /// A port of floating-point numbers.
+    #[must_use]
+    pub fn floats(name: &str, shape: &[Option<usize>]) -> Self {
+        Self { name: name.to_owned(), shape: shape.to_vec(), numbers: Numbers::Floats }
+    }
+}
+
+/// A loaded graph.
+#[derive(Debug)]
+pub struct Network {
+    graph: Graph,
+    /// Where the choice is free, and the embedded engine has loaded it.
+    second: Option<SecondChoice>,
+    path: PathBuf,
+    inputs: Vec<Port>,
+    outputs: Vec<Port>,
+}
+
+#[derive(Debug)]
+enum Graph {
+    Embedded(Box<embedded::Graph>),
+    Runtime(runtime::Graph),
+}
+
+impl Network {
+    /// Loads a graph with whichever engine can run it.
+    ///
+    /// # Errors
+    /// [`OnnxError`] but for those of running.
+    pub fn open(path: &Path) -> Result<Self, OnnxError> {
+        Self::open_with(path, &EngineConfig::default())
+    }
+
+    /// Loads a graph with an engine of choice.
+    ///
+    /// # Errors
+    /// [`OnnxError`] but for those of running.
+    pub fn open_with(path: &Path, config: &EngineConfig) -> Result<Self, OnnxError> {
+        let outline = Outline::read(path)?;
+        let embedded = || embedded::Graph::open(path, &outline, config).map(|graph| Graph::Embedded(Box::new(graph)));
+        let runtime = || runtime::Graph::open(path, config).map(Graph::Runtime);
+        // What only ONNX Runtime has is asked for by asking for it.
+        let wants_runtime = config.name == EngineChoice::OnnxRuntime
+            || config.name == EngineChoice::Auto && !config.providers.is_empty();
+        let graph = match config.name {
+            _ if wants_runtime => runtime()?,
+            EngineChoice::Auto => match embedded() {
+                Ok(graph) => graph,
+                // Without the other engine, what the first one says is what helps.
+                Err(error) if runtime::library(config).is_err() => return Err(error),
+                Err(first) => {
+                    let graph = runtime().map_err(|second| first.and(second))?;
+                    tracing::info!("ONNX Runtime runs {}: {}", path.display(), first.reason());
+                    graph
+                }
+            },
+            _ => embedded()?,
+        };
+        let (inputs, outputs) = match &graph {
+            Graph::Embedded(graph) => graph.ports(),
+            Graph::Runtime(graph) => graph.ports(),
+        };
+        let is_free = config.name == EngineChoice::Auto && matches!(graph, Graph::Embedded(_));
+        let second = is_free.then(|| SecondChoice::new(path, config));
+        Ok(Self { graph, second, path: path.to_owned(), inputs, outputs })
+    }
+
+    /// Which engine has loaded it, and is asked first.
+    #[must_use]
+    pub fn engine(&self) -> EngineChoice {
+        match self.graph {
+            Graph::Embedded(_) => EngineChoice::Rten,
+            Graph::Runtime(_) => EngineChoice::OnnxRuntime,
+        }
+    }
+
+    /// What it wants.
+    #[must_use]
+    pub fn inputs(&self) -> &[Port] {
+        &self.inputs
+    }
+
+    /// What it gives.
+    #[must_use]
+    pub fn outputs(&self) -> &[Port] {
+        &self.outputs
+    }
+
+    /// Runs it on one input and reads one output.
+    ///
+    /// # Errors
+    /// [`OnnxError::NoPort`] or [`OnnxError::Run`].
+    pub fn run(&self, input: (&str, &Tensor), output: &str) -> Result<Tensor, OnnxError> {
+        let mut results = self.run_many(&[input], &[output])?;
+        Ok(results.remove(0))
+    }
+
+    /// Runs it on several inputs and reads several outputs, in the order asked for. Values are brought to the number
+    /// type of each input, and from that of each output.
+    ///
+    /// # Errors
+    /// [`OnnxError::NoPort`] or [`OnnxError::Run`].
+    pub fn run_many(&self, inputs: &[(&str, &Tensor)], outputs: &[&str]) -> Result<Vec<Tensor>, OnnxError> {
+        let failed = |reason: String| OnnxError::Run { path: self.path.clone(), reason };
+        let given = inputs.iter().map(|(name, tensor)| {
+            tensor.check().map_err(failed)?;
+            Ok((self.port("input", name, &self.inputs)?, *tensor))
+        });
+        let given = given.collect::<Result<Vec<_>, OnnxError>>()?;
+        for name in outputs {
+            self.port("output", name, &self.outputs)?;
+        }
+        match &self.graph {
+            Graph::Embedded(graph) => self.run_embedded(graph, &given, outputs),
+            Graph::Runtime(graph) => graph.run(&given, outputs),
+        }
+        .map_err(failed)
+    }
+
+    fn run_embedded(
+        &self,
+        graph: &embedded::Graph,
+        given: &[(&Port, &Tensor)],
+        outputs: &[&str],
+    ) -> Result<Vec<Tensor>, String> {
+        let Some(second) = &self.second else { return graph.run(given, outputs) };
+        if let Some(graph) = second.graph_for(given) {
+            return graph.run(given, outputs);
+        }
+        graph.run(given, outputs).or_else(|reason| second.take_over(given, outputs, &reason))
+    }
+
+    fn port<'a>(&self, what: &'static str, name: &str, ports: &'a [Port]) -> Result<&'a Port, OnnxError> {
+        ports.iter().find(|port| port.name == name).ok_or_else(|| OnnxError::NoPort {
+            path: self.path.clone(),
+            what,
+            name: name.to_owned(),
+            present: ports.iter().map(|port| port.name.clone()).collect(),
+        })
+    }
+}

@@ -1,0 +1,121 @@
+//! A roof's height settled by the photos that show it.
+
+use glam::DVec3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{Likeness, ground_sample_m};
+use crate::prior::Picture;
+use sizeup_heights::stats::jackknife_sigma;
+
+/// Fewer places on a roof cannot be compared.
+pub const MIN_PLACES: usize = 40;
+/// Fewer photos cannot outvote one that is wrong.
+pub const MIN_PHOTOS: usize = 4;
+
+/// How roof heights are settled by the photos.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct RefinementConfig {
+    /// Whether they are; absent: where photos are given, except with `preset = "paper"`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub enabled: Option<bool>,
+    /// How far from the height that the priors give the photos' own is looked for, metres. Above 0.
+    pub within_m: f64,
+    /// Most photos that a roof is compared in, at least 4.
+    pub n_photos: usize,
+    /// Places on a roof that are compared.
+    pub n_points: usize,
+    /// Places keep this far from the walls, metres. At least 0.
+    pub clear_m: f64,
+    /// Longer side that photos are reduced to, pixels.
+    pub long_side_px: u32,
+    /// Least mean correlation of the photos at the height, 0..1.
+    pub min_score: f64,
+    /// By how much it has to be better than at any other height.
+    pub min_lead: f64,
+}
+
+impl Default for RefinementConfig {
+    fn default() -> Self {
+        Self {
+            enabled: None,
+            within_m: 3.0,
+            n_photos: 10,
+            n_points: 300,
+            clear_m: 0.7,
+            long_side_px: 2000,
+            min_score: 0.5,
+            min_lead: 0.1,
+        }
+    }
+}
+
+impl RefinementConfig {
+    /// The first setting out of range, and what it may be.
+    #[must_use]
+    pub fn fault(&self) -> Option<(&'static str, &'static str)> {
+        let in_range = [
+            ("within_m", self.within_m > 0.0 && self.within_m <= 20.0, "above 0, at most 20 m"),
+            ("n_photos", (MIN_PHOTOS..=64).contains(&self.n_photos), "4 to 64"),
+            ("n_points", (MIN_PLACES..=10_000).contains(&self.n_points), "40 to 10000"),
+            ("clear_m", self.clear_m >= 0.0 && self.clear_m.is_finite(), "at least 0 m"),
+            ("long_side_px", (64..=20_000).contains(&self.long_side_px), "64 to 20000 pixels"),
+            ("min_score", (0.0..=1.0).contains(&self.min_score), "0 to 1"),
+            ("min_lead", (0.0..=1.0).contains(&self.min_lead), "0 to 1"),
+        ];
+        in_range.into_iter().find(|(_, is_fine, _)| !is_fine).map(|(field, _, expected)| (field, expected))
+    }
+}
+
+/// What the photos say of a roof.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settled {
+    /// By how much the roof has to be raised, metres.
+    pub raised_m: f64,
+    /// Standard error over the photos (jackknife), metres.
+    pub sigma_m: f64,
+    /// Mean correlation of the better pairs of photos, −1..1.
+    pub score: f64,
+    /// By how much that is more than at any other height.
+    pub lead: f64,
+}
+
+/// Where the photos that show a surface (map frame, metres) look alike; `None` if that is at no height within reach.
+pub fn settle(pictures: &[&Picture], surface: &[DVec3], config: &RefinementConfig) -> Option<Settled> {
+    let middle = surface.iter().sum::<DVec3>() / surface.len() as f64;
+    let likeness = Likeness::new(pictures, surface, config.within_m, ground_sample_m(pictures, middle));
+    let peak = likeness.peak()?;
+    let sigma_m = jackknife_sigma(&likeness.peaks_without_one()?)?;
+    Some(Settled { raised_m: peak.raised_m, sigma_m, score: peak.score, lead: peak.lead })
+}
+
+/// The share of a settled surface's places (map frame, metres) that lie in regions which look clearly better at another
+/// height: where it is large, the surface is not one, and no single shift of it is right.
+///
+/// Regions: the places, halved again and again across their longer side, as long as each half can be compared.
+pub fn elsewhere_share(pictures: &[&Picture], surface: &[DVec3], settled: &Settled, config: &RefinementConfig) -> f64 {
+    let mut regions = vec![surface.to_vec()];
+    let mut finest = Vec::new();
+    while let Some(mut region) = regions.pop() {
+        if region.len() < 2 * MIN_PLACES {
+            finest.push(region);
+            continue;
+        }
+        let (low, high) =
+            region.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
+        let axis = usize::from((high - low).y > (high - low).x);
+        region.sort_by(|a, b| a[axis].total_cmp(&b[axis]));
+        let rest = region.split_off(region.len() / 2);
+        regions.extend([region, rest]);
+    }
+    let is_elsewhere = |region: &&Vec<DVec3>| {
+        let middle = region.iter().sum::<DVec3>() / region.len() as f64;
+        let likeness = Likeness::new(pictures, region, config.within_m, ground_sample_m(pictures, middle));
+        likeness.peak().is_some_and(|peak| {
+            peak.score >= config.min_score && peak.score - likeness.score_at(settled.raised_m) >= config.min_lead
+        })
+    };
+    let n_elsewhere: usize = finest.iter().filter(is_elsewhere).map(Vec::len).sum();
+    n_elsewhere as f64 / surface.len() as f64
+}

@@ -1,0 +1,150 @@
+//! Many priors into the cache, one after the other.
+//!
+//! A network's views pass through three stages that overlap: while one lot is in the network, the next is decoded and
+//! prepared on all cores, and the one before is stored.
+//!
+//! ```text
+//! prepare   lot 1 | lot 2 | lot 3 | …
+//! infer           | lot 1 | lot 2 | lot 3 …
+//! store               | lot 1 | lot 2 | …
+//! ```
+//!
+//! Two lots are in memory at a time, whatever the number of views. What goes into one inference together follows
+//! from the list of views and what is kept already, not from who was faster.
+
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+use rayon::prelude::*;
+
+use super::network::{NetworkPriors, Ready};
+use super::{CacheKey, CachedPriors, PriorError, PriorSource as _};
+use crate::onnx::Tensor;
+use sizeup_survey::View;
+
+/// Whether a view's prior was there already, or why there is none.
+pub(super) type Outcome = Result<bool, String>;
+
+/// For sources that use all cores best with a view on each.
+pub(super) fn one_by_one<S: CacheKey + Sync>(
+    priors: &CachedPriors<S>,
+    views: &[&View],
+    done: &(dyn Fn() + Sync),
+) -> Vec<Outcome> {
+    // Looked for one by one, just before: another process may have been there meanwhile.
+    let compute = |view: &&View| {
+        let is_kept = priors.is_kept(view)?;
+        if !is_kept {
+            priors.load(view)?;
+        }
+        Ok(is_kept)
+    };
+    let outcome = |view: &&View| {
+        let outcome = compute(view).map_err(|e: PriorError| e.to_string());
+        done();
+        outcome
+    };
+    views.par_iter().with_max_len(1).map(outcome).collect()
+}
+
+/// A view on its way; nothing where its prior is kept already.
+type Prepared = Result<Option<Ready>, PriorError>;
+
+/// What the network gave for a view, and where in its list it is.
+struct Inferred {
+    place: usize,
+    result: Result<(Ready, Vec<Tensor>), String>,
+}
+
+/// For networks: decoding, inference and storing overlap.
+pub(super) fn in_stages(
+    priors: &CachedPriors<NetworkPriors>,
+    views: &[&View],
+    done: &(dyn Fn() + Sync),
+) -> Vec<Outcome> {
+    let batch = priors.source().batch();
+    let lot = (2 * rayon::current_num_threads()).next_multiple_of(batch);
+    let mut outcomes: Vec<Outcome> = vec![Ok(true); views.len()];
+    std::thread::scope(|scope| {
+        let (to_network, prepared) = sync_channel::<(usize, Vec<Prepared>)>(0);
+        let (to_store, inferred) = sync_channel::<Inferred>(batch);
+        scope.spawn(move || infer(priors.source(), &prepared, &to_store));
+        let storing = scope.spawn(|| store(priors, views, inferred, done));
+        for (i, lot_of_views) in views.chunks(lot).enumerate() {
+            let prepare = |view: &&View| prepare(priors, view, done);
+            let ready: Vec<Prepared> = lot_of_views.par_iter().with_max_len(1).map(prepare).collect();
+            // Fails only where the network has panicked, which comes up at the end of the scope.
+            if to_network.send((i * lot, ready)).is_err() {
+                break;
+            }
+        }
+        drop(to_network);
+        outcomes = storing.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+    });
+    outcomes
+}
+
+fn prepare(priors: &CachedPriors<NetworkPriors>, view: &View, done: &(dyn Fn() + Sync)) -> Prepared {
+    if priors.is_kept(view)? {
+        done();
+        return Ok(None);
+    }
+    priors.source().prepare(view).map(Some)
+}
+
+/// The second stage: as many at once as the batch allows and have one size.
+fn infer(network: &NetworkPriors, lots: &Receiver<(usize, Vec<Prepared>)>, to_store: &SyncSender<Inferred>) {
+    for (first, lot) in lots {
+        let mut waiting: Vec<(usize, Ready)> = Vec::new();
+        for (i, prepared) in lot.into_iter().enumerate() {
+            match prepared {
+                Ok(None) => {}
+                Ok(Some(ready)) => {
+                    let is_full = waiting.len() == network.batch();
+                    if is_full || waiting.first().is_some_and(|(_, other)| other.shape() != ready.shape()) {
+                        infer_together(network, std::mem::take(&mut waiting), to_store);
+                    }
+                    waiting.push((first + i, ready));
+                }
+                Err(error) => send(to_store, first + i, Err(error.to_string())),
+            }
+        }
+        infer_together(network, waiting, to_store);
+    }
+}
+
+fn infer_together(network: &NetworkPriors, views: Vec<(usize, Ready)>, to_store: &SyncSender<Inferred>) {
+    let (places, ready): (Vec<usize>, Vec<Ready>) = views.into_iter().unzip();
+    match network.infer(&ready) {
+        Ok(outputs) => places
+            .into_iter()
+            .zip(ready.into_iter().zip(outputs))
+            .for_each(|(place, result)| send(to_store, place, Ok(result))),
+        Err(error) => places.into_iter().for_each(|place| send(to_store, place, Err(error.to_string()))),
+    }
+}
+
+fn send(to_store: &SyncSender<Inferred>, place: usize, result: Result<(Ready, Vec<Tensor>), String>) {
+    // Fails only where storing has panicked, which comes up when it is joined.
+    let _ = to_store.send(Inferred { place, result });
+}
+
+/// The third stage; what never arrives was kept already.
+fn store(
+    priors: &CachedPriors<NetworkPriors>,
+    views: &[&View],
+    inferred: Receiver<Inferred>,
+    done: &(dyn Fn() + Sync),
+) -> Vec<Outcome> {
+    let mut outcomes: Vec<Outcome> = vec![Ok(true); views.len()];
+    for Inferred { place, result } in inferred {
+        let view = views[place];
+        outcomes[place] = result.and_then(|(ready, outputs)| {
+            let prior = priors.source().finish(view, &ready.frame(), outputs).map_err(|e| e.to_string())?;
+            let key = priors.key(view).map_err(|e| e.to_string())?;
+            priors.keep(&key, &prior);
+            Ok(false)
+        });
+        done();
+    }
+    outcomes
+}

@@ -1,0 +1,447 @@
+//! Depth priors from a network that the user brings as an ONNX file.
+//!
+//! What the network wants is a [`Profile`]: data, not code. The photo is decoded at reduced size, resized exactly as
+//! the network's own code does, and the output is taken as the whole photo. One inference at a time, on as many cores
+//! as the engine may use; meanwhile other threads decode and prepare the next photos.
+
+mod company;
+mod depth_range;
+mod inspect;
+pub mod known;
+mod output;
+mod photo;
+pub mod preprocess;
+pub mod profile;
+pub mod resize;
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+pub use self::inspect::{Inspection, inspect};
+use self::preprocess::{Frame, Prepared};
+use self::profile::{Fit, Form, Lens, PoseUnit, Profile, Wiring};
+use super::neighbours::Neighbours;
+use super::recent::Recent;
+use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
+use crate::onnx::{EngineConfig, Network, Outline, Port, Tensor};
+use sizeup_geo::paths::PathVisitor;
+use sizeup_geo::terrain::Terrain;
+use sizeup_heights::ids::ViewId;
+use sizeup_heights::raster::Raster;
+use sizeup_survey::View;
+
+/// Prepared photos kept at a time for networks that take several: some 2 MB each.
+const PHOTOS_KEPT: usize = 32;
+/// Most photos in one inference.
+const MAX_BATCH: usize = 256;
+
+/// Which network, and what kind of network it is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NetworkConfig {
+    /// ONNX file; or the name of a network that `sizeup model get` has put in place.
+    pub model: PathBuf,
+    /// Built-in profile: "da3-mono", "da3-metric", "da3-anyview", "depth-anything-v2", "depth-anything-v2-metric",
+    /// "metric3d", "moge", "depth-pro" or "itermvs". It declares the numbers' direction.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub profile: Option<String>,
+    /// A profile of your own, in place of a built-in one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub custom: Option<Profile>,
+    /// Which engine computes, and on what.
+    #[serde(default)]
+    pub engine: EngineConfig,
+    /// Photos in one inference, 1 to 256, for graphs whose first dimension is free; counts where priors are kept in a cache.
+    /// For GPUs; last digits can differ from those of single photos.
+    #[serde(default = "one_photo")]
+    pub batch: usize,
+    /// Where computed depth is kept, so that each view is computed once.
+    #[serde(default)]
+    pub cache: CacheConfig,
+}
+
+fn one_photo() -> usize {
+    1
+}
+
+impl NetworkConfig {
+    /// A graph and a built-in profile, with all defaults.
+    #[must_use]
+    pub fn new(model: impl Into<PathBuf>, profile: &str) -> Self {
+        Self {
+            model: model.into(),
+            profile: Some(profile.to_owned()),
+            custom: None,
+            engine: EngineConfig::default(),
+            batch: one_photo(),
+            cache: CacheConfig::default(),
+        }
+    }
+
+    /// Visits every path.
+    pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
+        visit(&mut self.model);
+        self.engine.visit_paths(visit);
+        visit(&mut self.cache.folder);
+    }
+
+    /// The graph's file.
+    #[must_use]
+    pub fn graph(&self) -> PathBuf {
+        known::in_place(&self.model).unwrap_or_else(|| self.model.clone())
+    }
+
+    fn chosen(&self) -> Result<Profile, PriorError> {
+        let refuse = |problem: &str| PriorError::Config {
+            problem: problem.to_owned(),
+            hint:
+                "set `profile` to a built-in one, or `custom` to one of your own; a graph does not tell which way its \
+                   numbers run"
+                    .to_owned(),
+        };
+        match (&self.profile, &self.custom) {
+            (Some(name), None) => profile::by_name(name),
+            (None, Some(custom)) => Ok(custom.clone()),
+            (None, None) => {
+                let name = self.model.file_stem().and_then(|name| name.to_str()).unwrap_or_default();
+                known::known_by_name(name)
+                    .map_err(|_| refuse("no network profile is set"))
+                    .and_then(|network| profile::by_name(network.name))
+            }
+            (Some(_), Some(_)) => Err(refuse("both `profile` and `custom` are set")),
+        }
+    }
+}
+
+/// Depth from a network.
+#[derive(Debug)]
+pub struct NetworkPriors {
+    network: Network,
+    config: NetworkConfig,
+    profile: Profile,
+    wiring: Wiring,
+    /// Files that hold the weights, the graph's own among them.
+    files: Vec<PathBuf>,
+    /// For networks that take several photos.
+    company: Neighbours,
+    /// Lowest and highest ground, and how far above it roofs are looked for, metres: for networks that match photos.
+    ground_m: Option<(f64, f64)>,
+    tallest_m: f64,
+    /// Photos as they go in, for those networks: each is in the company of several. By rows and columns.
+    prepared: Recent<(ViewId, Option<(usize, usize)>), Prepared>,
+    /// Held while the network runs: one inference takes all the memory and cores that it may.
+    turn: Mutex<()>,
+}
+
+/// A view as the network takes it.
+#[derive(Debug)]
+pub(super) struct Ready {
+    /// The image first.
+    inputs: Vec<(String, Tensor)>,
+    frame: Frame,
+}
+
+impl NetworkPriors {
+    /// Loads the network and checks that its profile fits. Of the views, the terrain and how far above it roofs are looked
+    /// for (`tallest_m`, metres) only networks that take several photos make use.
+    ///
+    /// # Errors
+    /// [`PriorError::Network`], or [`PriorError::Config`] where the profile or the batch does not fit.
+    pub fn new(
+        mut config: NetworkConfig,
+        views: &[View],
+        terrain: &Terrain,
+        tallest_m: f64,
+    ) -> Result<Self, PriorError> {
+        let profile = config.chosen()?;
+        profile.check()?;
+        config.model = config.graph();
+        let network = Network::open_with(&config.model, &config.engine)?;
+        let wiring = profile.wire(network.inputs(), network.outputs()).map_err(|problem| PriorError::Config {
+            problem: format!("profile {:?} does not fit {}: {problem}", profile.name, config.model.display()),
+            hint: "`sizeup prior inspect` shows what the graph wants and which profiles fit".to_owned(),
+        })?;
+        check_batch(&config, &wiring, network.inputs())?;
+        let beside = |file: &PathBuf| config.model.parent().unwrap_or(Path::new("")).join(file);
+        let mut files = vec![config.model.clone()];
+        files.extend(Outline::read(&config.model)?.external_files.iter().map(beside));
+        let is_company = |view: &&View| wiring.n_views > 1 && view.image.is_some();
+        let company = Neighbours::new(views.iter().filter(is_company).cloned().collect(), terrain);
+        let prepared = Recent::new(PHOTOS_KEPT.max(2 * wiring.n_views));
+        let ground_m = terrain.range();
+        Ok(Self {
+            network,
+            config,
+            profile,
+            wiring,
+            files,
+            company,
+            ground_m,
+            tallest_m,
+            prepared,
+            turn: Mutex::new(()),
+        })
+    }
+
+    /// What the weights may be used for, for the log.
+    #[must_use]
+    pub fn licence(&self) -> &str {
+        &self.profile.licence
+    }
+
+    /// Most photos in one inference.
+    pub(super) fn batch(&self) -> usize {
+        self.config.batch
+    }
+
+    /// The view, and those that go in with it: fewer where the graph leaves the number free and there are no more.
+    fn party<'a>(&'a self, view: &'a View) -> Result<Vec<&'a View>, PriorError> {
+        let mut party = vec![view];
+        party.extend(self.company.choose(view, self.wiring.n_views - 1));
+        let is_short = party.len() < self.wiring.n_views;
+        let is_fixed = self.network.inputs().iter().any(|port| {
+            port.name == self.wiring.input && port.shape.len() == 5 && port.shape[1] == Some(self.wiring.n_views)
+        });
+        let is_alone = party.len() < 2 && self.wiring.depth_range.is_some();
+        if (is_short && is_fixed) || is_alone {
+            return Err(PriorError::Photo {
+                view: view.id.to_string(),
+                problem: format!(
+                    "the network takes {} photos at once, and {} others see its ground under a fair angle",
+                    self.wiring.n_views,
+                    party.len() - 1
+                ),
+                hint: "photos have to overlap; or use a graph of fewer photos".to_owned(),
+            });
+        }
+        Ok(party)
+    }
+
+    /// Rows and columns by the photo's full size, whatever it is decoded at; `None` where the profile has a size.
+    fn size_of(&self, view: &View) -> Option<(usize, usize)> {
+        let is_by_side = matches!(self.profile.fit, Fit::LongestSide | Fit::ShortestSide);
+        let camera = &view.camera;
+        is_by_side.then(|| preprocess::size(&self.profile, camera.width_px as usize, camera.height_px as usize))
+    }
+
+    /// A photo as it goes in, at `size` (rows, columns) where the graph or its company ask for one.
+    fn photo(&self, view: &View, size: Option<(usize, usize)>) -> Result<Arc<Prepared>, PriorError> {
+        let read = || {
+            let photo = photo::decode(view)?;
+            let photo = match self.profile.lens {
+                Lens::AsTaken => photo,
+                Lens::Ideal => photo::straightened(photo, &view.camera),
+            };
+            Ok(preprocess::prepare(&self.profile, &photo, size))
+        };
+        // Who goes in alone goes in once.
+        if self.wiring.n_views == 1 { read().map(Arc::new) } else { self.prepared.get(&(view.id.clone(), size), read) }
+    }
+
+    /// Everything that the graph takes for a view: decoding and resizing, but no inference yet.
+    pub(super) fn prepare(&self, view: &View) -> Result<Ready, PriorError> {
+        let party = self.party(view)?;
+        let first = self.photo(view, self.wiring.fixed_size.or_else(|| self.size_of(view)))?;
+        let frame = first.frame;
+        let mut values = Vec::with_capacity(party.len() * first.values.len());
+        values.extend(&first.values);
+        for view in &party[1..] {
+            // All of one size, as a graph takes them; photos of one camera are, and others are stretched a little.
+            values.extend(&self.photo(view, Some((frame.rows, frame.columns)))?.values);
+        }
+        let mut shape = vec![1; self.wiring.rank - 3];
+        if let Some(n) = shape.get_mut(1) {
+            *n = party.len();
+        }
+        shape.extend([3, frame.rows, frame.columns]);
+        let mut inputs = vec![(self.wiring.input.clone(), Tensor { shape, values })];
+        for name in &self.wiring.constants {
+            let value = self.profile.constants.get(name).copied().unwrap_or_default();
+            let rank = self.network.inputs().iter().find(|port| port.name == *name).map_or(0, |port| port.shape.len());
+            inputs.push((name.clone(), Tensor { shape: vec![1; rank], values: vec![value] }));
+        }
+        let extrinsics =
+            self.wiring.extrinsics.iter().map(|name| (name.clone(), company::extrinsics(&party, self.pose_unit())));
+        inputs.extend(extrinsics);
+        let of_size = |name: &String| (name.clone(), company::intrinsics(&party, frame.rows, frame.columns));
+        inputs.extend(self.wiring.intrinsics.iter().map(of_size));
+        if let Some(name) = &self.wiring.depth_range {
+            let values = self.depth_range(view)?.map(|depth_m| depth_m as f32).to_vec();
+            inputs.push((name.clone(), Tensor { shape: vec![1, 2], values }));
+        }
+        Ok(Ready { inputs, frame })
+    }
+
+    fn pose_unit(&self) -> PoseUnit {
+        self.profile.company.as_ref().map(|company| company.unit).unwrap_or_default()
+    }
+
+    /// Nearest and farthest depth that is looked for in a view, metres.
+    fn depth_range(&self, view: &View) -> Result<[f64; 2], PriorError> {
+        self.ground_m.and_then(|ground_m| depth_range::of(view, ground_m, self.tallest_m)).ok_or_else(|| {
+            PriorError::Photo {
+                view: view.id.to_string(),
+                problem: "it sees no ground, or stands below it: there is no depth to look for".to_owned(),
+                hint: "`sizeup survey inspect` looks poses over".to_owned(),
+            }
+        })
+    }
+
+    /// Outputs that are asked for: depth, then sky, mask and poses where there are any.
+    fn wanted(&self) -> Vec<&str> {
+        let Wiring { output, sky, mask, poses, .. } = &self.wiring;
+        [Some(output), sky.as_ref(), mask.as_ref(), poses.as_ref()].into_iter().flatten().map(String::as_str).collect()
+    }
+
+    /// One inference: the wanted outputs of each of the views, which are all of one size.
+    pub(super) fn infer(&self, ready: &[Ready]) -> Result<Vec<Vec<Tensor>>, PriorError> {
+        let Some((first, more)) = ready.split_first() else { return Ok(Vec::new()) };
+        let mut inputs = first.inputs.clone();
+        let image = &mut inputs[0].1;
+        for other in more {
+            image.shape[0] += 1;
+            image.values.extend(&other.inputs[0].1.values);
+        }
+        let given: Vec<(&str, &Tensor)> = inputs.iter().map(|(name, tensor)| (name.as_str(), tensor)).collect();
+        let wanted = self.wanted();
+        let outputs = {
+            let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+            // On a thread outside any pool: an engine with a pool of its own would let this thread, if it is a pool's,
+            // take up the next view meanwhile, and that one would wait for the turn that this one has.
+            let run = || self.network.run_many(&given, &wanted);
+            std::thread::scope(|scope| scope.spawn(run).join())
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic))?
+        };
+        output::split_batch(outputs, ready.len())
+            .map_err(|problem| PriorError::File { path: self.config.model.clone(), problem })
+    }
+
+    /// The prior in what the network gave for a view.
+    pub(super) fn finish(&self, view: &View, frame: &Frame, outputs: Vec<Tensor>) -> Result<DepthPrior, PriorError> {
+        let mut outputs = outputs.into_iter();
+        let mut map = |name: Option<&String>, form: Form| {
+            let Some((name, tensor)) = name.and_then(|name| Some((name, outputs.next()?))) else { return Ok(None) };
+            let map = output::map_of(tensor, form).map_err(|problem| PriorError::File {
+                path: self.config.model.clone(),
+                problem: format!("output {name:?}: {problem}"),
+            })?;
+            Ok::<_, PriorError>(Some(output::cut_out(map, frame)))
+        };
+        let depth = map(Some(&self.wiring.output), self.profile.form)?;
+        let sky = map(self.wiring.sky.as_ref(), Form::Map)?;
+        let mask = map(self.wiring.mask.as_ref(), Form::Map)?;
+        let mut values = depth.expect("the depth output was asked for");
+        let unit = self.unit(view, frame, outputs.next().as_ref())?;
+        let is_possible = |v: f32| v.is_finite() && (self.profile.kind == PriorKind::InverseDepth || v > 0.0);
+        for value in values.data_mut() {
+            *value = if is_possible(*value) { *value * unit } else { f32::NAN };
+        }
+        if let Some(sky) = sky {
+            output::blank(&mut values, &sky, |sky| sky > self.profile.sky_above);
+        }
+        if let Some(mask) = mask {
+            output::blank(&mut values, &mask, |mask| mask < self.profile.mask_least || mask.is_nan());
+        }
+        self.check_content(view, &values)?;
+        if self.profile.lens == Lens::Ideal {
+            values = photo::as_taken(values, &view.camera);
+        }
+        Ok(DepthPrior { values, kind: self.profile.kind, geometry: PriorGeometry::ZDepth })
+    }
+
+    /// What one in the output is: metres, where the profile says how; 1 where it has no unit.
+    fn unit(&self, view: &View, frame: &Frame, poses: Option<&Tensor>) -> Result<f32, PriorError> {
+        if let Some(focal_px) = self.profile.metres_at_focal_px {
+            let camera = view.camera.resized(frame.photo.columns as u32, frame.photo.rows as u32);
+            return Ok((f64::midpoint(camera.fx_px, camera.fy_px) / f64::from(focal_px)) as f32);
+        }
+        let Some(poses) = poses else { return Ok(1.0) };
+        let party = self.party(view)?;
+        let metres = company::metres_per_unit(&party, poses).map_err(|problem| PriorError::Photo {
+            view: view.id.to_string(),
+            problem: format!("the poses that the network gives cannot be laid over the calibrated ones: {problem}"),
+            hint: "a profile without `poses_output` takes the depth without a unit".to_owned(),
+        });
+        if party.len() < 2 { Ok(1.0) } else { Ok(metres? as f32) }
+    }
+
+    fn check_content(&self, view: &View, values: &Raster<f32>) -> Result<(), PriorError> {
+        let first = values.data().iter().copied().find(|v| !v.is_nan());
+        if values.data().iter().any(|v| !v.is_nan() && Some(*v) != first) {
+            return Ok(());
+        }
+        Err(PriorError::NoInformation {
+            path: self.config.model.clone(),
+            problem: format!("for {} it gives one and the same value everywhere, or none", view.id),
+        })
+    }
+}
+
+impl Ready {
+    /// Shape of the image: what goes into one inference has one shape.
+    pub(super) fn shape(&self) -> &[usize] {
+        &self.inputs[0].1.shape
+    }
+
+    /// Where the photo is in it.
+    pub(super) fn frame(&self) -> Frame {
+        self.frame
+    }
+}
+
+/// Batches are of photos that go in alone, into graphs that leave their number free.
+fn check_batch(config: &NetworkConfig, wiring: &Wiring, inputs: &[Port]) -> Result<(), PriorError> {
+    let refuse = |problem: String, hint: &str| Err(PriorError::Config { problem, hint: hint.to_owned() });
+    let n = config.batch;
+    if !(1..=MAX_BATCH).contains(&n) {
+        return refuse(format!("`batch` is {n}, expected 1 to {MAX_BATCH}"), "photos in one inference");
+    }
+    let first = inputs.iter().find(|port| port.name == wiring.input).and_then(|port| port.shape.first().copied());
+    let is_free = first == Some(None) && wiring.n_views == 1 && wiring.extrinsics.is_none();
+    if n > 1 && !is_free {
+        let found = match first {
+            Some(Some(n)) => format!("its input {} is fixed to {n}", wiring.input),
+            _ => "it takes neighbouring photos together".to_owned(),
+        };
+        return refuse(
+            format!("`batch` is {n}, but {} cannot take several photos at once: {found}", config.model.display()),
+            "`batch = 1`, or export the graph with a free first dimension",
+        );
+    }
+    Ok(())
+}
+
+impl PriorSource for NetworkPriors {
+    fn load(&self, view: &View) -> Result<DepthPrior, PriorError> {
+        let ready = self.prepare(view)?;
+        let frame = ready.frame;
+        let outputs = self.infer(&[ready])?.remove(0);
+        self.finish(view, &frame, outputs)
+    }
+}
+
+impl CacheKey for NetworkPriors {
+    fn feed(&self, view: &View, key: &mut KeyHasher) -> Result<(), PriorError> {
+        key.bytes(b"network 3");
+        key.json(&self.profile);
+        // Engines and processors round differently. Where the choice is free, the graph and the photo's size decide.
+        key.json(&(self.config.engine.name, self.network.engine(), &self.config.engine.providers));
+        for file in &self.files {
+            key.file(file)?;
+        }
+        if self.wiring.depth_range.is_some() {
+            key.json(&self.depth_range(view)?);
+        }
+        for member in self.party(view)? {
+            let uses_poses = self.wiring.extrinsics.is_some() || self.wiring.poses.is_some();
+            key.json(&(&member.camera, uses_poses.then_some(&member.camera_from_map)));
+            if let Some(image) = &member.image {
+                key.file(image)?;
+            }
+        }
+        Ok(())
+    }
+}

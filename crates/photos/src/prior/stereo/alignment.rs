@@ -1,0 +1,397 @@
+//! Small turns of a view's neighbours, so that photos fit where poses are a little off.
+//!
+//! Patches of the view are looked for in every neighbour, along the line on which their height moves them and a few
+//! pixels across it. A patch that shows in several neighbours has one height. With `mᵢⱼ` the place of patch `i` in
+//! neighbour `j`, `zᵢ` its height, `ωⱼ` a small turn of the neighbour's camera and `π` the projection:
+//!
+//! ```text
+//! least  Σ ρ(|mᵢⱼ − πⱼ(zᵢ, ωⱼ)|) + Σ |ωⱼ|² / σ²        by Gauss–Newton, zᵢ eliminated, ρ Cauchy's
+//! ```
+//!
+//! The view itself stays: what its own pose is off by moves all of its depths together.
+
+use std::sync::Arc;
+
+use glam::{DMat2, DMat3, DVec2, DVec3};
+
+use super::picture::{Ideal, Picture};
+use super::sweep::{Levels, homography};
+use sizeup_heights::frames::Rigid;
+use sizeup_heights::raster::Raster;
+use sizeup_heights::stats::median;
+
+/// Patches per side of the view.
+const GRID: usize = 10;
+/// Half the side of a patch, pixels.
+const RADIUS: i32 = 4;
+/// Halvings of the pictures for the first search.
+const COARSEST: u32 = 1;
+/// How far across the line is searched at first, pixels of the coarsest pictures.
+const ACROSS: i32 = 3;
+/// Least correlation of a patch that is found.
+const LEAST_SCORE: f64 = 0.75;
+/// Least number of patches that a neighbour is turned by.
+const LEAST_PATCHES: usize = 12;
+/// Residuals beyond it count less, pixels.
+const SPREAD_PX: f64 = 0.7;
+/// Turns expected, radians: half a degree.
+const TURN_RAD: f64 = 0.0087;
+/// Steps of the iteration, first for the heights, then for all.
+const N_STEPS: usize = 8;
+/// Median misfit from which neighbours are turned, pixels: 0.15 to 0.28 under the poses of a bundle adjustment (Warsaw).
+const LEAST_MISFIT_PX: f64 = 0.5;
+/// By which factor it has to fall.
+const BETTER: f64 = 0.8;
+
+/// How the neighbours were turned.
+#[derive(Debug, Clone)]
+pub(super) struct Alignment {
+    /// The neighbours as they fit, in their order.
+    pub neighbours: Vec<Ideal>,
+    /// Median distance of patches from where the poses put them, pixels, before and after; `None` for too few patches.
+    pub misfit_px: Option<[f64; 2]>,
+}
+
+impl Alignment {
+    /// Whether the photos do not fit by the poses, and the turned ones fit better.
+    pub(super) fn is_better(&self) -> bool {
+        self.misfit_px.is_some_and(|[before, after]| before > LEAST_MISFIT_PX && after < BETTER * before)
+    }
+}
+
+/// Fits the neighbours to the view.
+pub(super) fn align(view: &Picture, others: &[Arc<Picture>], levels: &Levels) -> Alignment {
+    let pyramid = Pyramid::of(view);
+    let patches = pyramid.patches();
+    let mut fit = Fit::new(view.ideal(), others, patches.len());
+    for (j, other) in others.iter().enumerate() {
+        let there = Pyramid::of(other);
+        for (i, patch) in patches.iter().enumerate() {
+            if let Some((z_m, place)) = find(&pyramid, &there, *patch, levels) {
+                fit.patches[i].push(Seen { neighbour: j, place });
+                fit.heights_m[i].push(z_m);
+            }
+        }
+    }
+    fit.solve(&patches)
+}
+
+/// A picture and its halves.
+struct Pyramid<'a> {
+    picture: &'a Picture,
+    halves: Vec<Picture>,
+}
+
+impl<'a> Pyramid<'a> {
+    fn of(picture: &'a Picture) -> Self {
+        let mut halves: Vec<Picture> = Vec::new();
+        for _ in 0..COARSEST {
+            halves.push(halves.last().unwrap_or(picture).half());
+        }
+        Self { picture, halves }
+    }
+
+    fn grey(&self, halvings: u32) -> &Raster<f32> {
+        halvings.checked_sub(1).map_or(self.picture.grey(), |i| self.halves[i as usize].grey())
+    }
+
+    /// The places with the clearest corner, one per cell of a grid.
+    fn patches(&self) -> Vec<DVec2> {
+        let grey = self.grey(COARSEST);
+        let (width, height) = (grey.width() as i32, grey.height() as i32);
+        let border = RADIUS + 2;
+        let best_of = |cell: usize| {
+            let (col, row) = ((cell % GRID) as i32, (cell / GRID) as i32);
+            let span = |i: i32, n: i32| (i * n / GRID as i32).max(border)..((i + 1) * n / GRID as i32).min(n - border);
+            let places = span(row, height).flat_map(|y| span(col, width).map(move |x| (x, y)));
+            let scored = places.step_by(3).map(|(x, y)| (corner(grey, x, y), x, y));
+            scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|best| best.0 > 1.0)
+        };
+        let scale = f64::from(1 << COARSEST);
+        let place = |(_, x, y): (f32, i32, i32)| scale * DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        (0..GRID * GRID).filter_map(best_of).map(place).collect()
+    }
+}
+
+/// The lesser eigenvalue of the mean gradient's square: how much a patch says in both directions.
+fn corner(grey: &Raster<f32>, x: i32, y: i32) -> f32 {
+    let at = |x: i32, y: i32| grey[(x as usize, y as usize)];
+    let [mut xx, mut xy, mut yy] = [0.0_f32; 3];
+    for dy in -RADIUS..=RADIUS {
+        for dx in -RADIUS..=RADIUS {
+            let (x, y) = (x + dx, y + dy);
+            let (gx, gy) = (at(x + 1, y) - at(x - 1, y), at(x, y + 1) - at(x, y - 1));
+            (xx, xy, yy) = (xx + gx * gx, xy + gx * gy, yy + gy * gy);
+        }
+    }
+    let n = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f32;
+    let (mean, off) = (0.5 * (xx + yy), (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt());
+    (mean - off) / n
+}
+
+/// A patch in a neighbour: its height by that pair alone, and where it is, pixels.
+fn find(here: &Pyramid<'_>, there: &Pyramid<'_>, patch: DVec2, levels: &Levels) -> Option<(f64, DVec2)> {
+    let line = Line::of(here.picture.ideal(), there.picture.ideal(), patch, levels)?;
+    let mut step_px = f64::from(1 << COARSEST);
+    let n = (line.length_px / step_px).ceil() as i32;
+    let all = (0..=n).flat_map(|a| (-ACROSS..=ACROSS).map(move |e| [f64::from(a), f64::from(e)]));
+    let mut best = line.best(here, there, COARSEST, all.map(|p| p.map(|v| v * step_px)))?;
+    for halvings in (0..COARSEST).rev() {
+        step_px /= 2.0;
+        let around = (-2..=2).flat_map(|a| (-2..=2).map(move |e| [f64::from(a), f64::from(e)]));
+        let [along, across] = best.1;
+        best = line.best(here, there, halvings, around.map(|[a, e]| [along + a * step_px, across + e * step_px]))?;
+    }
+    if best.0 < LEAST_SCORE {
+        return None;
+    }
+    let [along, across] = best.1;
+    let score = |a: f64, e: f64| line.score(here, there, 0, [along + a, across + e]).unwrap_or(-1.0);
+    let vertex = |below: f64, above: f64| {
+        let bend = below - 2.0 * best.0 + above;
+        if bend < 0.0 { (0.5 * (below - above) / bend).clamp(-0.5, 0.5) } else { 0.0 }
+    };
+    let along = along + vertex(score(-1.0, 0.0), score(1.0, 0.0));
+    let across = across + vertex(score(0.0, -1.0), score(0.0, 1.0));
+    let (place, _) = line.at(along)?;
+    Some((line.height_m(along), place + across * line.across))
+}
+
+/// Where a neighbour shows a place of the view by its height.
+struct Line<'a> {
+    ideals: [&'a Ideal; 2],
+    patch: DVec2,
+    levels: &'a Levels,
+    length_px: f64,
+    across: DVec2,
+}
+
+impl<'a> Line<'a> {
+    fn of(here: &'a Ideal, there: &'a Ideal, patch: DVec2, levels: &'a Levels) -> Option<Self> {
+        let mut line = Self { ideals: [here, there], patch, levels, length_px: 1.0, across: DVec2::ZERO };
+        let whole = line.place(levels.to_m)? - line.place(levels.from_m)?;
+        line.length_px = whole.length();
+        line.across = whole.normalize_or_zero().perp();
+        (line.length_px > 1.0).then_some(line)
+    }
+
+    fn height_m(&self, along_px: f64) -> f64 {
+        self.levels.from_m + (self.levels.to_m - self.levels.from_m) * along_px / self.length_px
+    }
+
+    fn place(&self, z_m: f64) -> Option<DVec2> {
+        through(&homography(self.ideals[0], self.ideals[1], z_m), self.patch)
+    }
+
+    /// The place, and how a step in the view moves it.
+    fn at(&self, along_px: f64) -> Option<(DVec2, DMat2)> {
+        let homography = homography(self.ideals[0], self.ideals[1], self.height_m(along_px));
+        let place = through(&homography, self.patch)?;
+        let right = through(&homography, self.patch + DVec2::X)? - place;
+        let down = through(&homography, self.patch + DVec2::Y)? - place;
+        Some((place, DMat2::from_cols(right, down)))
+    }
+
+    fn best(
+        &self,
+        here: &Pyramid<'_>,
+        there: &Pyramid<'_>,
+        halvings: u32,
+        places: impl Iterator<Item = [f64; 2]>,
+    ) -> Option<(f64, [f64; 2])> {
+        let scored = places.filter_map(|p| Some((self.score(here, there, halvings, p)?, p)));
+        scored.reduce(|best, next| if next.0 > best.0 { next } else { best })
+    }
+
+    /// Correlation of the patch, so many pixels along the line and across it; `None` outside and without texture.
+    fn score(&self, here: &Pyramid<'_>, there: &Pyramid<'_>, halvings: u32, [along, across]: [f64; 2]) -> Option<f64> {
+        let (place, steps) = self.at(along)?;
+        let scale = f64::from(1 << halvings);
+        let (from, to) = (self.patch / scale, (place + across * self.across) / scale);
+        let (a, b) = (here.grey(halvings), there.grey(halvings));
+        let mut sums = [0.0_f64; 5];
+        let mut n = 0.0;
+        for dy in -RADIUS..=RADIUS {
+            for dx in -RADIUS..=RADIUS {
+                let offset = DVec2::new(f64::from(dx), f64::from(dy));
+                let (p, q) = (from + offset, to + steps * offset);
+                let (p, q) = (f64::from(a.bilinear(p.x, p.y)), f64::from(b.bilinear(q.x, q.y)));
+                for (sum, value) in sums.iter_mut().zip([p, q, p * p, q * q, p * q]) {
+                    *sum += value;
+                }
+                n += 1.0;
+            }
+        }
+        let [p, q, pp, qq, pq] = sums.map(|sum| sum / n);
+        let variances = (pp - p * p) * (qq - q * q);
+        // NaN where the patch leaves a picture.
+        (variances > 1.0).then(|| (pq - p * q) / variances.sqrt())
+    }
+}
+
+fn through(homography: &DMat3, pixel: DVec2) -> Option<DVec2> {
+    let p = *homography * pixel.extend(1.0);
+    (p.z > 0.0).then(|| p.truncate() / p.z)
+}
+
+/// A patch as a neighbour shows it.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    neighbour: usize,
+    place: DVec2,
+}
+
+/// The turns to be found, and what they are found by.
+struct Fit<'a> {
+    view: &'a Ideal,
+    neighbours: Vec<Ideal>,
+    patches: Vec<Vec<Seen>>,
+    /// Of each patch, by each neighbour that shows it.
+    heights_m: Vec<Vec<f64>>,
+}
+
+impl<'a> Fit<'a> {
+    fn new(view: &'a Ideal, others: &[Arc<Picture>], n_patches: usize) -> Self {
+        let neighbours = others.iter().map(|other| other.ideal().clone()).collect();
+        Self { view, neighbours, patches: vec![Vec::new(); n_patches], heights_m: vec![Vec::new(); n_patches] }
+    }
+
+    fn solve(mut self, patches: &[DVec2]) -> Alignment {
+        let mut heights_m: Vec<f64> = self.heights_m.iter().map(|z| median(z).unwrap_or(0.0)).collect();
+        let given = self.neighbours.clone();
+        // Heights first, so that what is left before any turn is known.
+        (0..N_STEPS).for_each(|_| self.step(patches, &mut heights_m, Turns::Held));
+        let before = self.misfit_px(patches, &heights_m);
+        (0..N_STEPS).for_each(|_| self.step(patches, &mut heights_m, Turns::Free));
+        let after = self.misfit_px(patches, &heights_m);
+        for (j, neighbour) in self.neighbours.iter_mut().enumerate() {
+            let n = self.patches.iter().flatten().filter(|seen| seen.neighbour == j).count();
+            if n < LEAST_PATCHES {
+                neighbour.clone_from(&given[j]);
+            }
+        }
+        Alignment { neighbours: self.neighbours, misfit_px: before.zip(after).map(|(before, after)| [before, after]) }
+    }
+
+    /// Median over the patches that more than one neighbour shows: one alone can be explained by its height.
+    fn misfit_px(&self, patches: &[DVec2], heights_m: &[f64]) -> Option<f64> {
+        let off = |(i, seen): (usize, &Seen)| {
+            Some((seen.place - self.project(seen.neighbour, patches[i], heights_m[i])?.0).length())
+        };
+        let all: Vec<f64> = self
+            .patches
+            .iter()
+            .enumerate()
+            .filter(|(_, seen)| seen.len() > 1)
+            .flat_map(|(i, seen)| seen.iter().map(move |seen| (i, seen)))
+            .filter_map(off)
+            .collect();
+        if all.len() < LEAST_PATCHES { None } else { median(&all) }
+    }
+
+    /// Where a neighbour shows a place of the view at a height, how that changes by metre, and by its turn.
+    fn project(&self, neighbour: usize, patch: DVec2, z_m: f64) -> Option<(DVec2, DVec2, [DVec2; 3])> {
+        let pose = &self.view.camera_from_map;
+        let ray = pose.rotation.transpose() * self.view.calibration().inverse() * patch.extend(1.0);
+        let place = pose.centre() + (z_m - pose.centre().z) / ray.z * ray;
+        let there = &self.neighbours[neighbour];
+        let p = there.camera_from_map.point(place);
+        if p.z <= 0.0 {
+            return None;
+        }
+        let camera = &there.camera;
+        let at = DVec2::new(camera.fx_px * p.x / p.z + camera.cx_px, camera.fy_px * p.y / p.z + camera.cy_px);
+        let moved =
+            |d: DVec3| DVec2::new(camera.fx_px * (d.x - p.x / p.z * d.z), camera.fy_px * (d.y - p.y / p.z * d.z)) / p.z;
+        let by_height = moved(there.camera_from_map.rotation * ray / ray.z);
+        Some((at, by_height, [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| moved(axis.cross(p)))))
+    }
+
+    /// One step of Gauss–Newton.
+    fn step(&mut self, patches: &[DVec2], heights_m: &mut [f64], turns: Turns) {
+        let n = 3 * self.neighbours.len();
+        let (mut matrix, mut right) = (vec![0.0; n * n], vec![0.0; n]);
+        (0..n).for_each(|i| matrix[i * n + i] = (SPREAD_PX / TURN_RAD).powi(2));
+        let mut eliminated = Vec::with_capacity(patches.len());
+        for (i, seen) in self.patches.iter().enumerate() {
+            let rows: Vec<_> = seen
+                .iter()
+                .filter_map(|seen| {
+                    let (at, by_height, by_turn) = self.project(seen.neighbour, patches[i], heights_m[i])?;
+                    let off = seen.place - at;
+                    let weight = 1.0 / (1.0 + off.length_squared() / (SPREAD_PX * SPREAD_PX));
+                    Some((seen.neighbour, off, weight, by_height, by_turn))
+                })
+                .collect();
+            let of_height: f64 = rows.iter().map(|(_, _, w, dz, _)| w * dz.length_squared()).sum();
+            let pull: f64 = rows.iter().map(|(_, off, w, dz, _)| w * dz.dot(*off)).sum();
+            if of_height <= 0.0 {
+                eliminated.push((0.0, Vec::new()));
+                continue;
+            }
+            let mut mixed = vec![0.0; n];
+            for (j, off, w, dz, turn) in &rows {
+                for a in 0..3 {
+                    mixed[3 * j + a] += w * turn[a].dot(*dz);
+                    right[3 * j + a] += w * turn[a].dot(*off);
+                    for b in 0..3 {
+                        matrix[(3 * j + a) * n + 3 * j + b] += w * turn[a].dot(turn[b]);
+                    }
+                }
+            }
+            for a in 0..n {
+                right[a] -= mixed[a] * pull / of_height;
+                for b in 0..n {
+                    matrix[a * n + b] -= mixed[a] * mixed[b] / of_height;
+                }
+            }
+            eliminated.push((pull / of_height, mixed.iter().map(|m| m / of_height).collect()));
+        }
+        let turn = match turns {
+            Turns::Held => vec![0.0; n],
+            Turns::Free => solve_positive(matrix, right),
+        };
+        for (z, (pull, mixed)) in heights_m.iter_mut().zip(&eliminated) {
+            *z += pull - mixed.iter().zip(&turn).map(|(m, t)| m * t).sum::<f64>();
+        }
+        for (neighbour, turn) in self.neighbours.iter_mut().zip(turn.chunks_exact(3)) {
+            neighbour.turn(DVec3::new(turn[0], turn[1], turn[2]));
+        }
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Turns {
+    Held,
+    Free,
+}
+
+impl Ideal {
+    /// Turned about its centre by a vector in its own frame, radians.
+    fn turn(&mut self, by: DVec3) {
+        let pose = &self.camera_from_map;
+        let turned = DMat3::from_quat(glam::DQuat::from_scaled_axis(by)) * pose.rotation;
+        self.camera_from_map = Rigid::from_rotation_and_centre(turned, pose.centre());
+    }
+}
+
+/// Solves a symmetric positive definite system by Cholesky's factors.
+fn solve_positive(mut matrix: Vec<f64>, mut right: Vec<f64>) -> Vec<f64> {
+    let n = right.len();
+    for col in 0..n {
+        for row in col..n {
+            let sum: f64 = (0..col).map(|k| matrix[row * n + k] * matrix[col * n + k]).sum();
+            let value = matrix[row * n + col] - sum;
+            matrix[row * n + col] = if row == col { value.max(1e-12).sqrt() } else { value / matrix[col * n + col] };
+        }
+    }
+    for row in 0..n {
+        let sum: f64 = (0..row).map(|k| matrix[row * n + k] * right[k]).sum();
+        right[row] = (right[row] - sum) / matrix[row * n + row];
+    }
+    for row in (0..n).rev() {
+        let sum: f64 = (row + 1..n).map(|k| matrix[k * n + row] * right[k]).sum();
+        right[row] = (right[row] - sum) / matrix[row * n + row];
+    }
+    right
+}

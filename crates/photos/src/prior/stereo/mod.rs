@@ -1,0 +1,309 @@
+//! Depth from the calibrated photos alone, no network: a plane sweep over horizontal planes, from coarse to fine.
+//!
+//! 1. Photos are reduced, turned grey, freed of lens distortion and of slow brightness changes ([`picture`]).
+//! 2. The neighbours that see the same ground under a fair angle are chosen ([`super::neighbours`]); where photos do not
+//!    fit together by their poses, neighbours are turned until they do ([`alignment`]).
+//! 3. For every height level the neighbours are projected through that level into the view ([`sweep`]), and compared
+//!    with it by zero-mean normalised cross-correlation in a window ([`correlate`]); the better half of the neighbours
+//!    counts, so that being hidden in some is no harm. Windows lie *in* the horizontal plane: they fit roofs and ground exactly.
+//! 4. Levels are chosen under a smoothness that costs nothing on level roofs and ground: semi-global matching along
+//!    eight paths (Hirschmüller 2008, doi:10.1109/TPAMI.2007.1166; [`semi_global`]).
+//! 5. Steps 3 and 4 are done at half the size first: at full size only the levels around what that found nearby are tried.
+//! 6. Heights that no other views, matched on their own, have there too are left out; the others are fused with theirs
+//!    ([`consistency`]).
+
+mod alignment;
+mod consistency;
+mod correlate;
+mod picture;
+mod semi_global;
+mod sweep;
+
+pub use self::picture::Picture;
+
+use std::sync::{Arc, Once};
+
+use glam::DVec2;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use self::alignment::Alignment;
+use self::consistency::Surface;
+use self::picture::Ideal;
+use self::sweep::{Coarse, Levels, Sweep};
+use super::album::Album;
+use super::neighbours::Neighbours;
+use super::recent::Recent;
+use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
+use sizeup_geo::terrain::Terrain;
+use sizeup_heights::ids::ViewId;
+use sizeup_heights::raster::Raster;
+use sizeup_survey::View;
+
+/// Changes whenever the same photos and settings would give another depth.
+const ALGORITHM: &[u8] = b"stereo 3";
+/// Memory for reduced photos: neighbours follow each other in a survey.
+const PICTURE_BYTES: usize = 128 << 20;
+/// Memory for surfaces that neighbours are held against.
+const SURFACE_BYTES: usize = 128 << 20;
+
+/// How depth is computed from the photos.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct StereoConfig {
+    /// Longer side of the depth map, pixels, 64 to 2048.
+    pub long_side_px: u32,
+    /// Most neighbours a view is compared with, 1 to 16.
+    pub n_neighbours: usize,
+    /// Side of the comparison window, pixels, odd, 3 to 15.
+    pub window_px: usize,
+    /// Highest roof above the highest ground in the view, metres. Above 0. A run sets it to the greatest of the heights that
+    /// are looked for.
+    #[serde(skip, default = "default_max_height_m")]
+    pub max_height_m: f64,
+    /// How far below the lowest ground in the view the search starts, metres. At least 0.
+    pub below_ground_m: f64,
+    /// Most height levels, 8 to 255: more are finer and slower.
+    pub max_levels: usize,
+    /// Least correlation at which a pixel keeps its depth, −1 to 1.
+    pub min_score: f64,
+    /// Cost of a height change by one level between neighbouring pixels, in 1/255 of a full mismatch.
+    pub small_step_cost: u16,
+    /// Cost of a larger height change, in 1/255 of a full mismatch; less across edges of the photo.
+    pub large_step_cost: u16,
+    /// Neighbours that have to have the same height, by their own matching, or half of them where that is less. 0 believes
+    /// every view by itself.
+    pub min_agreeing: usize,
+    /// Where computed depth is kept, so that each view is matched once.
+    pub cache: CacheConfig,
+}
+
+fn default_max_height_m() -> f64 {
+    StereoConfig::default().max_height_m
+}
+
+impl Default for StereoConfig {
+    fn default() -> Self {
+        Self {
+            long_side_px: 672,
+            n_neighbours: 6,
+            window_px: 9,
+            max_height_m: 80.0,
+            below_ground_m: 5.0,
+            max_levels: 128,
+            min_score: 0.4,
+            small_step_cost: 8,
+            large_step_cost: 48,
+            min_agreeing: 3,
+            cache: CacheConfig::default(),
+        }
+    }
+}
+
+impl StereoConfig {
+    fn check(&self) -> Result<(), PriorError> {
+        let in_range = [
+            ("long_side_px", (64..=2048).contains(&self.long_side_px), "64 to 2048"),
+            ("n_neighbours", (1..=16).contains(&self.n_neighbours), "1 to 16"),
+            ("window_px", (3..=15).contains(&self.window_px) && self.window_px % 2 == 1, "odd, 3 to 15"),
+            ("max_height_m", self.max_height_m.is_finite() && self.max_height_m > 0.0, "above 0 m"),
+            ("below_ground_m", self.below_ground_m.is_finite() && self.below_ground_m >= 0.0, "at least 0 m"),
+            ("max_levels", (8..=255).contains(&self.max_levels), "8 to 255"),
+            ("min_agreeing", self.min_agreeing <= 16, "0 to 16"),
+            ("min_score", (-1.0..=1.0).contains(&self.min_score), "-1 to 1"),
+            ("large_step_cost", self.large_step_cost >= self.small_step_cost, "at least small_step_cost"),
+            ("large_step_cost", self.large_step_cost <= 1024, "at most 1024"),
+        ];
+        match in_range.iter().find(|(_, is_fine, _)| !is_fine) {
+            None => Ok(()),
+            Some((field, _, expected)) => Err(PriorError::Config {
+                problem: format!("stereo: `{field}` is out of range"),
+                hint: format!("expected {expected}"),
+            }),
+        }
+    }
+}
+
+/// Depth from the photos of a survey.
+#[derive(Debug)]
+pub struct StereoPriors {
+    config: StereoConfig,
+    survey: Neighbours,
+    terrain: Terrain,
+    pictures: Album,
+    surfaces: Recent<ViewId, Surface>,
+    misfit_told: Once,
+}
+
+/// What a view's depth is made from.
+struct Plan<'a> {
+    others: Vec<&'a View>,
+    levels: Levels,
+}
+
+impl StereoPriors {
+    /// For a survey over a terrain. Views without a photo take no part.
+    ///
+    /// # Errors
+    /// [`PriorError::Config`] for a setting out of range.
+    pub fn new(config: StereoConfig, views: &[View], terrain: &Terrain) -> Result<Self, PriorError> {
+        config.check()?;
+        let views = views.iter().filter(|view| view.image.is_some()).cloned().collect();
+        Ok(Self {
+            pictures: Album::new(config.long_side_px, PICTURE_BYTES),
+            surfaces: Recent::new((SURFACE_BYTES / Album::bytes_of_one(config.long_side_px).max(1)).max(1)),
+            misfit_told: Once::new(),
+            config,
+            survey: Neighbours::new(views, terrain),
+            terrain: terrain.clone(),
+        })
+    }
+
+    fn plan(&self, view: &View) -> Result<Plan<'_>, PriorError> {
+        let refuse = |problem: &str, hint: &str| Err(refusal(view, problem, hint));
+        let others = self.survey.choose(view, self.config.n_neighbours);
+        if others.is_empty() {
+            return refuse("no other photo sees the same ground under a fair angle", "photos have to overlap");
+        }
+        let ideal = |view: &View| Ideal::of(view, self.config.long_side_px);
+        let ideals: Vec<Ideal> = others.iter().map(|other| ideal(other)).collect();
+        let levels = self.levels(&ideal(view), &ideals).ok_or_else(|| refuse_sky(view))?;
+        Ok(Plan { others, levels })
+    }
+}
+
+fn refusal(view: &View, problem: &str, hint: &str) -> PriorError {
+    PriorError::Photo { view: view.id.to_string(), problem: problem.to_owned(), hint: hint.to_owned() }
+}
+
+impl StereoPriors {
+    /// A view's surface by its own matching, computed once for all that ask soon.
+    fn surface(&self, view: &View) -> Result<Arc<Surface>, PriorError> {
+        self.surfaces.get(&view.id, || self.match_view(view))
+    }
+
+    fn match_view(&self, view: &View) -> Result<Surface, PriorError> {
+        let plan = self.plan(view)?;
+        let reference = self.pictures.picture(view)?;
+        let others = plan.others.iter().map(|other| self.pictures.picture(other)).collect::<Result<Vec<_>, _>>()?;
+        let half = reference.half();
+        let halves: Vec<Arc<Picture>> = others.iter().map(|other| Arc::new(other.half())).collect();
+        let stated: Vec<Ideal> = halves.iter().map(|other| other.ideal().clone()).collect();
+        let levels = self.levels(half.ideal(), &stated).ok_or_else(|| refuse_sky(view))?;
+        let aligned = alignment::align(&half, &halves, &levels);
+        let is_turned = aligned.is_better();
+        if is_turned {
+            self.tell_misfit(view, &aligned);
+        }
+        let ideals = if is_turned { aligned.neighbours } else { stated };
+        let sweep = Sweep { reference: &half, others: &halves, ideals: &ideals, levels: &levels, coarse: None };
+        let coarse = self.choose(&sweep);
+
+        let ideals: Vec<Ideal> = others.iter().zip(&ideals).map(|(other, at)| other.ideal().posed_as(at)).collect();
+        let coarse = Some(Coarse { heights_m: &coarse, step_m: levels.step_m() });
+        let sweep = Sweep { reference: &reference, others: &others, ideals: &ideals, levels: &plan.levels, coarse };
+        let heights_m = self.choose(&sweep);
+        Ok(Surface { ideal: reference.ideal().clone(), heights_m, step_m: plan.levels.step_m(), is_turned })
+    }
+
+    /// Once: all photos of a flight are in the same case.
+    fn tell_misfit(&self, view: &View, aligned: &Alignment) {
+        self.misfit_told.call_once(|| {
+            let [before, after] = aligned.misfit_px.unwrap_or_default();
+            // Measured at half the size.
+            let px = f64::from(view.camera.width_px.max(view.camera.height_px)) / f64::from(self.config.long_side_px);
+            let per_half_px = 2.0 * px.max(1.0);
+            tracing::warn!(
+                "the poses are poorer than the photos: neighbours of {} lie {:.1} pixels of the photo off, {:.1} after small \
+                 turns. Depth is matched with the turned ones; heights stay as good as the poses. A bundle adjustment helps",
+                view.id,
+                before * per_half_px,
+                after * per_half_px
+            );
+        });
+    }
+
+    fn levels(&self, view: &Ideal, others: &[Ideal]) -> Option<Levels> {
+        sweep::levels(view, others, &self.terrain, &self.config)
+    }
+
+    fn choose(&self, sweep: &Sweep<'_>) -> Raster<f32> {
+        let volume = sweep.volume(self.config.window_px / 2);
+        let chosen = semi_global::choose_levels(&volume, sweep.reference.grey(), &self.config);
+        chosen.heights_m(sweep.levels, self.config.min_score)
+    }
+}
+
+fn refuse_sky(view: &View) -> PriorError {
+    refusal(view, "it does not look down at the ground", "stereo needs views below the horizon")
+}
+
+impl PriorSource for StereoPriors {
+    fn load(&self, view: &View) -> Result<DepthPrior, PriorError> {
+        let own = self.surface(view)?;
+        // One that cannot be matched has no say.
+        let others: Vec<_> = self.plan(view)?.others.into_iter().filter_map(|other| self.surface(other).ok()).collect();
+        let heights = consistency::agreed(&own, &others, self.config.min_agreeing);
+        let values = in_photo(&own.ideal, view, &heights);
+        if values.data().iter().all(|d| d.is_nan()) {
+            let problem = "its neighbours agree with it nowhere";
+            return Err(refusal(view, problem, "are poses and photos from the same flight?"));
+        }
+        Ok(DepthPrior { values, kind: PriorKind::Depth, geometry: PriorGeometry::ZDepth })
+    }
+}
+
+impl CacheKey for StereoPriors {
+    /// The terrain only decides where the search starts and ends, and which neighbours serve best: these are in the key.
+    fn feed(&self, view: &View, key: &mut KeyHasher) -> Result<(), PriorError> {
+        key.bytes(ALGORITHM);
+        key.json(&StereoConfig { cache: CacheConfig::default(), ..self.config.clone() });
+        let plan = self.plan(view)?;
+        self.feed_plan(view, &plan, key)?;
+        // Its neighbours are matched on their own, with neighbours of theirs.
+        for other in &plan.others {
+            match self.plan(other) {
+                Ok(plan) => self.feed_plan(other, &plan, key)?,
+                Err(_) => key.bytes(b"not matched"),
+            }
+        }
+        Ok(())
+    }
+}
+
+impl StereoPriors {
+    fn feed_plan(&self, view: &View, plan: &Plan<'_>, key: &mut KeyHasher) -> Result<(), PriorError> {
+        key.json(&plan.levels);
+        for seen in std::iter::once(view).chain(plan.others.iter().copied()) {
+            key.json(&(&seen.camera, &seen.camera_from_map));
+            if let Some(image) = &seen.image {
+                key.file(image)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// From heights in the distortion-free picture to z-depths on the photo's own pixel grid. The lens moves a pixel; it
+/// does not change its depth.
+fn in_photo(reference: &Ideal, view: &View, heights_m: &Raster<f32>) -> Raster<f32> {
+    let (width, height) = (heights_m.width(), heights_m.height());
+    let camera = view.camera.resized(width as u32, height as u32);
+    let to_map = view.camera_from_map.rotation.transpose();
+    let centre_z = view.camera_from_map.centre().z;
+    let depth = |i: usize| {
+        let pixel = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+        let Some(ray) = camera.unproject(pixel) else { return f32::NAN };
+        let Some(ideal) = reference.camera.project(ray) else { return f32::NAN };
+        let z = if reference.camera.contains(ideal) { nearest(heights_m, ideal) } else { f32::NAN };
+        let depth = (f64::from(z) - centre_z) / (to_map * ray).z;
+        if depth > 0.0 { depth as f32 } else { f32::NAN }
+    };
+    Raster::from_vec(width, height, (0..width * height).map(depth).collect()).expect("one value per pixel")
+}
+
+/// A mean of roof and ground would be neither.
+fn nearest(raster: &Raster<f32>, at: DVec2) -> f32 {
+    let cell = |v: f64, n: usize| (v.floor().max(0.0) as usize).min(n - 1);
+    raster[(cell(at.x, raster.width()), cell(at.y, raster.height()))]
+}

@@ -1,0 +1,133 @@
+//! `CityJSON` 2.0 (<https://www.cityjson.org/specs/2.0.1/>): LOD 1.2 solids with semantics, in one file or as a sequence.
+//!
+//! Written building by building; only the list of distinct vertices is kept until the end (some 30 bytes each), and in
+//! a sequence not even that. A building without a solid has its outline as LOD 0 and attributes that say why.
+
+mod metadata;
+mod names;
+mod object;
+pub(super) mod pieces;
+pub mod read;
+mod read_sequence;
+mod sequence;
+mod vertices;
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::buildings::{Families, Overview, Records};
+use super::grid::Grid;
+use super::prism::{NoSolid, Prism};
+use super::{BuildingRecord, CityModel, OutputError};
+pub use names::{AttributeNames, EXTENSION_PREFIX, extension_schema};
+use object::Objects;
+pub use read_sequence::Sequence;
+pub use sequence::write_sequence;
+use sizeup_geo::files::{FileError, write_whole_or};
+use sizeup_geo::issue::{Issue, Severity, Subject};
+use vertices::VertexPool;
+
+/// How `CityJSON` is written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct CityJsonConfig {
+    /// Quantum of all coordinates, metres, 0.0001 to 1 (`transform.scale`; a millimetre by custom of the format).
+    pub scale_m: f64,
+    /// Smallest distance between base and roof of a solid, metres, above 0; a lower building has no geometry.
+    pub min_thickness_m: f64,
+    /// Title in the metadata.
+    pub title: Option<String>,
+    /// Names of the buildings' attributes.
+    pub names: AttributeNames,
+    /// Where `schemas/sizeup.ext.json` is published. If set, the file declares our extension there, and our attributes
+    /// have its names (`+sizeup-height_m`), so that validators check their types.
+    pub extension_url: Option<String>,
+}
+
+impl Default for CityJsonConfig {
+    fn default() -> Self {
+        Self { scale_m: 0.001, min_thickness_m: 0.5, title: None, names: AttributeNames::Sizeup, extension_url: None }
+    }
+}
+
+impl CityJsonConfig {
+    fn require_valid(&self) -> Result<(), OutputError> {
+        let setting = |name, value, expected| Err(OutputError::Setting { name, value, expected });
+        if !(1e-4..=1.0).contains(&self.scale_m) {
+            return setting("cityjson scale_m", self.scale_m, "0.0001 to 1 metre");
+        }
+        if !(self.min_thickness_m > 0.0 && self.min_thickness_m.is_finite()) {
+            return setting("cityjson min_thickness_m", self.min_thickness_m, "a positive number of metres");
+        }
+        Ok(())
+    }
+}
+
+/// Writes `path` (by convention `….city.json`) whole or not at all.
+///
+/// # Errors
+/// [`OutputError`]: duplicate ids, settings out of range, a scene larger than the grid, the file system.
+pub fn write<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    config: &CityJsonConfig,
+) -> Result<Overview, OutputError> {
+    config.require_valid()?;
+    let overview = Overview::of(model.records)?;
+    let grid = overview.grid(config.scale_m)?;
+    let header = metadata::header(model, &overview, &grid, config);
+    let objects = Objects { grid: &grid, config };
+    write_whole_or(path, |out| {
+        let mut pool = VertexPool::default();
+        let mut separator = "\n";
+        let mut write = |out: &mut dyn Write, named: &[object::Named]| -> io::Result<()> {
+            for (id, object) in named {
+                out.write_all(separator.as_bytes())?;
+                separator = ",\n";
+                serde_json::to_writer(&mut *out, id)?;
+                out.write_all(b":")?;
+                serde_json::to_writer(&mut *out, object)?;
+            }
+            Ok(())
+        };
+        let failed = |e| cannot_write(path, e);
+        metadata::write_head(out, &header).map_err(failed)?;
+        let mut families = Families::new(&overview);
+        model.records.visit(&mut |record| match families.add(record) {
+            Some(family) => write(out, &objects.of(&family, &mut pool)).map_err(failed),
+            None => Ok(()),
+        })?;
+        out.write_all(b"\n},\n\"vertices\":[").and_then(|()| pool.write(out)).map_err(failed)?;
+        writeln!(out, "]}}").map_err(failed)
+    })?;
+    Ok(overview)
+}
+
+fn cannot_write(path: &Path, error: io::Error) -> OutputError {
+    FileError::on("cannot write", path)(error).into()
+}
+
+/// What will have no solid although outline and height are known: one issue per such building.
+///
+/// # Errors
+/// As [`write()`], but for the file system.
+pub fn check(records: &[BuildingRecord], config: &CityJsonConfig) -> Result<Vec<Issue>, OutputError> {
+    config.require_valid()?;
+    let (grid, _) = Grid::over(records, config.scale_m)?;
+    let issue = |record: &BuildingRecord| match Prism::of(record, &grid, config.min_thickness_m) {
+        Ok(_) | Err(NoSolid::NoOutline | NoSolid::NoHeight) => None,
+        Err(fault) => {
+            let subject = Subject::Building(record.id.clone());
+            let message = format!("no 3D solid was written: {fault}");
+            let issue = Issue::new(Severity::Warning, fault.code(), subject, message);
+            Some(match record.footprint.as_ref().and_then(|outline| outline.exterior().0.first()) {
+                Some(corner) => issue.at(corner.x, corner.y),
+                None => issue,
+            })
+        }
+    };
+    Ok(records.iter().filter_map(issue).collect())
+}

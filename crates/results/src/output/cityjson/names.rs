@@ -1,0 +1,121 @@
+//! Under which names a building's own attributes stand in `CityJSON`.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map as JsonMap, Value, json};
+
+use super::super::attributes::{self, FIELDS, Field, metres};
+use super::super::facts::SolidFacts;
+use super::super::{BuildingRecord, HeightReference, RoofForm, Status};
+use sizeup_geo::geodata::features::ColumnKind;
+
+/// Prefix of our attributes where the file declares our extension: names of an extension begin with `+`.
+pub const EXTENSION_PREFIX: &str = "+sizeup-";
+
+/// Name of our extension.
+const EXTENSION_NAME: &str = "Sizeup";
+
+/// Names of attributes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+pub enum AttributeNames {
+    /// Ours.
+    #[default]
+    #[serde(rename = "sizeup")]
+    Sizeup,
+    /// Ours, and beside them those of the Dutch 3DBAG (docs.3dbag.nl) that mean the same: `identificatie`,
+    /// `b3_h_maaiveld`, `b3_h_dak_min`, `b3_h_dak_50p` or `b3_h_dak_max` by what the height stands for, all of them and
+    /// `b3_dak_type` and `b3_h_dak_70p` where the roof's form is known, `b3_opp_grond`, `b3_opp_buitenmuur`,
+    /// `b3_opp_scheidingsmuur`, `b3_volume_lod12`, `b3_val3dity_lod12`.
+    #[serde(rename = "3dbag")]
+    ThreeDBag,
+}
+
+/// The attributes of 3DBAG that can be told of a building.
+pub fn three_d_bag(record: &BuildingRecord, solid: &SolidFacts) -> JsonMap<String, Value> {
+    let mut names = JsonMap::new();
+    let mut set = |name: &str, value: Value| names.insert(name.to_owned(), value);
+    set("identificatie", json!(record.part_of.as_ref().unwrap_or(&record.id)));
+    if let Some(ground_m) = record.ground_z_m {
+        set("b3_h_maaiveld", metres(ground_m));
+    }
+    if let Some(roof_m) = record.roof_z_m() {
+        let name = match record.height_reference {
+            HeightReference::Eave => "b3_h_dak_min",
+            // The median over the roof's area: for a box that stands for the mean of a pitched roof, its nearest.
+            HeightReference::Mean => "b3_h_dak_50p",
+            HeightReference::Ridge => "b3_h_dak_max",
+        };
+        set(name, metres(roof_m));
+    }
+    if let Some((roof, ground_m)) = record.roof.zip(record.ground_z_m) {
+        let kind = match roof.form {
+            RoofForm::Flat => "horizontal",
+            RoofForm::Gable | RoofForm::Hip => "slanted",
+            RoofForm::Stepped => "multiple horizontal",
+        };
+        set("b3_dak_type", json!(kind));
+        set("b3_h_dak_min", metres(ground_m + roof.eave_height_m));
+        set("b3_h_dak_max", metres(ground_m + roof.ridge_height_m));
+    }
+    if let Some(roof_m) = attributes::roof_70p_z_m(record) {
+        set("b3_h_dak_70p", metres(roof_m));
+    }
+    if let Some(measures) = solid.measures {
+        let area_m2 = record.footprint.as_ref().map_or(f64::NAN, geo::Area::unsigned_area);
+        set("b3_opp_grond", metres(area_m2));
+        set("b3_volume_lod12", metres(measures.volume_m3));
+        set("b3_val3dity_lod12", json!(format!("{:?}", solid.faults)));
+        if let Some(shared_m2) = record.party_wall_m2 {
+            set("b3_opp_scheidingsmuur", metres(shared_m2));
+            set("b3_opp_buitenmuur", metres(measures.walls_m2 - shared_m2));
+        }
+    }
+    names
+}
+
+/// Our attributes under the names of the extension; `measuredHeight` is `CityGML`'s and stays.
+pub fn extended(attributes: JsonMap<String, Value>) -> JsonMap<String, Value> {
+    let rename =
+        |name: String| if name == attributes::MEASURED_HEIGHT { name } else { EXTENSION_PREFIX.to_owned() + &name };
+    attributes.into_iter().map(|(name, value)| (rename(name), value)).collect()
+}
+
+/// The file's `extensions` member.
+pub fn extensions(url: &str) -> Value {
+    json!({ EXTENSION_NAME: { "url": url, "version": env!("CARGO_PKG_VERSION") } })
+}
+
+/// Our extension (`CityJSON` 2.0, 8): which attributes it has, of which type.
+#[must_use]
+pub fn extension_schema() -> Value {
+    let attribute = |field: &Field| {
+        let column = &field.column;
+        let mut schema = if field.is_list() {
+            json!({ "type": "array", "items": { "type": "string" } })
+        } else {
+            match (&*column.name, column.kind) {
+                ("status", _) => json!({ "enum": Status::ALL.map(Status::as_str) }),
+                ("height_reference", _) => json!({ "enum": ["eave", "mean", "ridge"] }),
+                ("roof_form", _) => json!({ "enum": ["flat", "gable", "hip", "stepped"] }),
+                (_, ColumnKind::Text) => json!({ "type": "string" }),
+                (_, ColumnKind::Real) => json!({ "type": "number" }),
+                (_, ColumnKind::Integer) => json!({ "type": "integer" }),
+            }
+        };
+        schema["description"] = column.meaning.into();
+        (format!("{EXTENSION_PREFIX}{}", column.name), schema)
+    };
+    let attributes: JsonMap<String, Value> = FIELDS.iter().map(attribute).collect();
+    json!({
+        "type": "CityJSONExtension",
+        "name": EXTENSION_NAME,
+        "url": "sizeup.ext.json",
+        "version": env!("CARGO_PKG_VERSION"),
+        "versionCityJSON": "2.0",
+        "description": "Heights of buildings measured in aerial photos, and how well they are known",
+        "extraRootProperties": {},
+        "extraAttributes": { "Building": attributes, "BuildingPart": attributes },
+        "extraCityObjects": {},
+        "extraSemanticSurfaces": {},
+    })
+}

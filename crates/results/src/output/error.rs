@@ -1,0 +1,86 @@
+//! Why a result cannot be written or read.
+
+use std::path::PathBuf;
+
+use sizeup_geo::files::FileError;
+use sizeup_geo::geodata::gpkg::GpkgError;
+
+/// Why a result cannot be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum OutputError {
+    /// Two buildings share an id.
+    #[error("two buildings are called {id:?}\nhint: choose an id attribute that is unique in the layer")]
+    DuplicateId {
+        /// The id.
+        id: String,
+    },
+    /// A coordinate or level that is no number.
+    #[error("building {id:?} has a coordinate or level that is not a finite number")]
+    NotFinite {
+        /// The building.
+        id: String,
+    },
+    /// The scene is larger than the output grid.
+    #[error(
+        "the buildings span {span_m:.0} m, more than the {limit_m:.0} m that whole numbers of {scale_m} m reach\n\
+         hint: look for an outline far from all others, or write tiles"
+    )]
+    TooFarApart {
+        /// Largest side of the scene's box, metres.
+        span_m: f64,
+        /// Largest side that fits, metres.
+        limit_m: f64,
+        /// Quantum, metres.
+        scale_m: f64,
+    },
+    /// A setting outside its range.
+    #[error("{name} is {value}: expected {expected}")]
+    Setting {
+        /// Which setting.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it may be.
+        expected: &'static str,
+    },
+    /// A file is not what it should be.
+    #[error(transparent)]
+    Malformed(#[from] MalformedFile),
+    /// The buildings to write cannot be read.
+    #[error(transparent)]
+    Input(Box<super::read::ReadError>),
+    /// Positions cannot be brought to the earth's frame.
+    #[error(transparent)]
+    Crs(#[from] sizeup_geo::crs::CrsError),
+    /// What heights count from is not known.
+    #[error(
+        "{crs} does not say what its heights count from, and a globe must know\n\
+         hint: state it: the geoid's height there (`--geoid-height 45.5`), or `--heights ellipsoidal`"
+    )]
+    HeightsNotStated {
+        /// The CRS.
+        crs: String,
+    },
+    /// A folder that holds something else.
+    #[error("{} holds other files, and would be replaced\nhint: name a new folder, or one of an earlier export", path.display())]
+    FolderInUse {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// GDAL refused.
+    #[error(transparent)]
+    GeoPackage(#[from] GpkgError),
+    /// The file system refused.
+    #[error(transparent)]
+    File(#[from] FileError),
+}
+
+/// A file that was found but is not what it should be.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot read {}: {reason}", path.display())]
+pub struct MalformedFile {
+    /// Which file.
+    pub path: PathBuf,
+    /// What is wrong with it, and where.
+    pub reason: String,
+}

@@ -1,0 +1,41 @@
+//! `FlatGeobuf`: the `buildings` layer of the [`super::geopackage`] alone, for the web and for streams.
+//!
+//! Readers fetch what lies in a window by range requests. The features are ordered along a Hilbert curve. Buildings
+//! without an outline have no place in it ([`Overview::n_without_outline`] counts them).
+
+use std::path::Path;
+
+use super::geopackage::GeoPackageConfig;
+use super::outlines::OutlineRows;
+use super::{CityModel, OutputError, Overview, Records};
+use sizeup_geo::files::write_whole_by_name;
+use sizeup_geo::geodata::features::{GeometryKind, LayerSpec};
+use sizeup_geo::geodata::flatgeobuf;
+
+/// Writes `path` (`….fgb`) whole or not at all.
+///
+/// # Errors
+/// [`OutputError`]: duplicate ids, a scene larger than the grid, GDAL, the file system.
+pub fn write<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    config: &GeoPackageConfig,
+) -> Result<Overview, OutputError> {
+    let overview = Overview::of(model.records)?;
+    let outlines = OutlineRows::new(&overview, overview.grid(config.scale_m)?, config.min_thickness_m);
+    let spec = LayerSpec {
+        name: "buildings",
+        description: "Outlines with heights",
+        geometry: GeometryKind::Polygon,
+        columns: &outlines.columns,
+    };
+    write_whole_by_name(path, |temporary| {
+        flatgeobuf::create(temporary, model.crs.definition(), &spec, |push| {
+            model.records.visit(&mut |record| match record.footprint {
+                Some(_) => push(outlines.row(record)),
+                None => Ok(()),
+            })
+        })
+    })?;
+    Ok(overview)
+}

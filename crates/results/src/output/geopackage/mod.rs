@@ -1,0 +1,110 @@
+//! `GeoPackage` 1.2 (OGC 12-128r15): what planners open in QGIS.
+//!
+//! | layer | geometry | content |
+//! |---|---|---|
+//! | `buildings` | Polygon | outline and all attributes, one row per building of the input |
+//! | `buildings_lod1` | `MultiPolygonZ` | faces of the solid, where there is one |
+//! | `tiles` | Polygon | areas that were worked on one by one; one row if the run was not divided |
+//! | `cameras` | `PointZ` | projection centres, viewing directions, photo names |
+//! | `qa_issues` | Point | what was wrong with single items of the input |
+//!
+//! Lineage is in the table `sizeup_lineage`, meanings of the columns in `gpkg_data_columns`, the default style in `layer_styles`.
+
+mod layers;
+mod project;
+mod tables;
+
+pub use project::{ProjectGround, write_project};
+pub use tables::LINEAGE_TABLE;
+
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::cityjson::CityJsonConfig;
+use super::grid::Grid;
+use super::outlines::OutlineRows;
+use super::{CityModel, OutputError, Overview, Records};
+use sizeup_geo::files::write_whole_by_name;
+use sizeup_geo::geodata::gpkg;
+
+/// Time of the last change when the lineage has no reference date.
+const NO_DATE: &str = "1970-01-01";
+
+/// How the `GeoPackage` is written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct GeoPackageConfig {
+    /// Whether to write `buildings_lod1`, the faces of the solids, for tools that cannot extrude.
+    pub solids: bool,
+    /// Quantum of the solids' coordinates, metres, 0.0001 to 1.
+    pub scale_m: f64,
+    /// Smallest distance between base and roof of a solid, metres, above 0.
+    pub min_thickness_m: f64,
+}
+
+impl Default for GeoPackageConfig {
+    fn default() -> Self {
+        let CityJsonConfig { scale_m, min_thickness_m, .. } = CityJsonConfig::default();
+        Self { solids: true, scale_m, min_thickness_m }
+    }
+}
+
+/// Writes `path` (`….gpkg`) whole or not at all.
+///
+/// # Errors
+/// [`OutputError`]: duplicate ids, a scene larger than the grid, GDAL, the file system.
+pub fn write<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    config: &GeoPackageConfig,
+) -> Result<Overview, OutputError> {
+    write_divided(path, model, config, &[])
+}
+
+/// An area that was worked on by itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TileArea {
+    /// Its name.
+    pub name: String,
+    /// `done`, or why not.
+    pub status: &'static str,
+    /// West, south, east, north; map frame, metres.
+    pub corners_m: [f64; 4],
+    /// Buildings that it brought.
+    pub n_buildings: usize,
+    /// Of them, those with a height.
+    pub n_heights: usize,
+}
+
+/// As [`write()`], of a run that was divided into `areas`.
+///
+/// # Errors
+/// As [`write()`].
+pub fn write_divided<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    config: &GeoPackageConfig,
+    areas: &[TileArea],
+) -> Result<Overview, OutputError> {
+    let overview = Overview::of(model.records)?;
+    let grid = overview.grid(config.scale_m)?;
+    let outlines = OutlineRows::new(&overview, grid, config.min_thickness_m);
+    let timestamp = format!("{}T00:00:00.000Z", model.lineage.reference_date.as_deref().unwrap_or(NO_DATE));
+    write_whole_by_name(path, |temporary| {
+        gpkg::create(temporary, model.crs.definition(), &timestamp, |writer| {
+            writer.create_data_columns()?;
+            layers::buildings(writer, model.records, &outlines)?;
+            if config.solids {
+                layers::solids(writer, model.records, &grid, config)?;
+            }
+            layers::tiles(writer, &overview, areas)?;
+            layers::cameras(writer, model.survey)?;
+            layers::issues(writer, model.issues)?;
+            tables::lineage(writer, model.lineage)?;
+            tables::styles(writer, |layer| config.solids || layer != "buildings_lod1", &timestamp)
+        })
+    })?;
+    Ok(overview)
+}

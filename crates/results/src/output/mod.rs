@@ -1,0 +1,77 @@
+//! Results on disk: one record per building, and one file per format that writes them.
+//!
+//! | format | writer | for |
+//! |---|---|---|
+//! | CityJSON 2.0 | [`cityjson`] | exchange, 3DCityDB, validators |
+//! | CityJSONSeq 2.0 | [`cityjson::write_sequence`] | streams, tilers |
+//! | GeoPackage 1.2 | [`geopackage`] | QGIS, any GIS |
+//! | FlatGeobuf | [`flatgeobuf`] | outlines and heights over the web |
+//! | 3D Tiles 1.1 | [`tiles3d`] | Cesium, digital twins |
+//! | PNG | [`picture`] | a first look |
+//! | JSON | [`reports`] | pipelines |
+//!
+//! [`read`] brings results and references back, [`validate`] checks the solids of any `CityJSON` file.
+//!
+//! All of them take one [`CityModel`]; every building of the input is in every file, with a status and reasons. Only
+//! `FlatGeobuf` has no place for those without an outline, and 3D Tiles for those without a height. A model's buildings
+//! may be in memory or come from a file one by one ([`Records`]).
+
+pub mod attributes;
+mod buildings;
+pub mod cityjson;
+mod count;
+mod error;
+mod facts;
+pub mod fallback;
+pub mod flatgeobuf;
+pub mod geopackage;
+pub mod grid;
+mod lineage;
+pub mod outline;
+mod outlines;
+pub mod party_walls;
+pub mod picture;
+pub mod planar;
+pub mod plausible;
+pub mod prism;
+pub mod read;
+pub(crate) mod record;
+pub mod reports;
+pub mod tiles3d;
+pub mod unmeasured;
+pub mod validate;
+mod wkb;
+
+use sizeup_geo::crs::Crs;
+use sizeup_geo::issue::Issue;
+use sizeup_survey::Survey;
+
+pub use buildings::{Families, Family, Overview, Records};
+pub use count::StatusCount;
+pub use error::{MalformedFile, OutputError};
+pub use lineage::{InputFile, Lineage, sha256_hex};
+pub use record::{BuildingRecord, RoofShape, Status};
+pub use sizeup_heights::scene::{HeightReference, RoofForm};
+
+/// Everything a writer needs to know of a result.
+#[derive(Debug)]
+pub struct CityModel<'a, R: ?Sized = [BuildingRecord]> {
+    /// Every building of the input, in the order in which it is to be written.
+    pub records: &'a R,
+    /// The project's CRS; may be a compound.
+    pub crs: &'a Crs,
+    /// Where the result comes from.
+    pub lineage: &'a Lineage,
+    /// What was wrong with single items of the input.
+    pub issues: &'a [Issue],
+    /// The photos and their poses.
+    pub survey: &'a Survey,
+}
+
+impl<R: ?Sized> Clone for CityModel<'_, R> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<R: ?Sized> Copy for CityModel<'_, R> {}

@@ -1,0 +1,96 @@
+//! Outlines with all attributes as rows of a table: what `GeoPackage` and `FlatGeobuf` share.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+
+use super::attributes::{self, FIELDS, Field, ID};
+use super::facts::SolidFacts;
+use super::grid::Grid;
+use super::{BuildingRecord, Overview, wkb};
+use sizeup_geo::geodata::features::{Column, ColumnKind, Row};
+
+/// Between the items of a list in a text column.
+pub const LIST_SEPARATOR: &str = "; ";
+
+/// The columns of all buildings, and how a building becomes a row.
+pub struct OutlineRows {
+    /// The id, ours, then the user's.
+    pub columns: Vec<Column>,
+    carried: Vec<Carried>,
+    grid: Grid,
+    min_thickness_m: f64,
+}
+
+impl OutlineRows {
+    /// For the buildings of an overview; grid and thickness tell which have a solid.
+    #[must_use]
+    pub fn new(overview: &Overview, grid: Grid, min_thickness_m: f64) -> Self {
+        let carried = carried_columns(overview);
+        let theirs =
+            carried.iter().map(|c| Column { name: Cow::Owned(c.column.clone()), kind: c.kind, title: "", meaning: "" });
+        let ours = FIELDS.into_iter().map(|field| field.column);
+        let columns = std::iter::once(ID).chain(ours).chain(theirs).collect();
+        Self { columns, carried, grid, min_thickness_m }
+    }
+
+    /// One building.
+    #[must_use]
+    pub fn row(&self, record: &BuildingRecord) -> Row {
+        let (_, solid) = SolidFacts::of(record, &self.grid, self.min_thickness_m);
+        let mut values = own_values(record, &FIELDS, &solid);
+        values.extend(self.carried.iter().map(|c| record.attributes.get(&c.name).map_or(Value::Null, |v| c.value(v))));
+        Row { wkb: record.footprint.as_ref().map(wkb::polygon), values }
+    }
+}
+
+/// The id and the values of some of our fields, lists as text.
+#[must_use]
+pub fn own_values(record: &BuildingRecord, fields: &[Field], solid: &SolidFacts) -> Vec<Value> {
+    let values = fields.iter().map(|field| flat(field.value(record, solid)));
+    std::iter::once(record.id.as_str().into()).chain(values).collect()
+}
+
+/// A list as text; anything else as it is.
+fn flat(value: Value) -> Value {
+    match value {
+        Value::Array(items) => {
+            let words: Vec<&str> = items.iter().filter_map(Value::as_str).collect();
+            words.join(LIST_SEPARATOR).into()
+        }
+        other => other,
+    }
+}
+
+/// A user's attribute as a column.
+struct Carried {
+    /// The user's name.
+    name: String,
+    /// Name of the column.
+    column: String,
+    kind: ColumnKind,
+}
+
+impl Carried {
+    fn value(&self, value: &Value) -> Value {
+        match (self.kind, value) {
+            (ColumnKind::Integer, Value::Bool(flag)) => i64::from(*flag).into(),
+            (ColumnKind::Text, Value::String(_)) | (_, Value::Null | Value::Number(_)) => value.clone(),
+            (_, other) => other.to_string().into(),
+        }
+    }
+}
+
+/// One column per attribute name; names that differ only by case get a number, because the format does not tell them
+/// apart.
+fn carried_columns(overview: &Overview) -> Vec<Carried> {
+    let mut n_used: BTreeMap<String, usize> = BTreeMap::new();
+    let carried = overview.attributes.iter().map(|(name, kind)| {
+        let column = attributes::carried_name(name);
+        let n = n_used.entry(column.to_lowercase()).and_modify(|n| *n += 1).or_insert(1);
+        let column = if *n == 1 { column } else { format!("{column}_{n}") };
+        Carried { name: name.clone(), column, kind: kind.unwrap_or(ColumnKind::Text) }
+    });
+    carried.collect()
+}

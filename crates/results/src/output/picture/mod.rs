@@ -1,0 +1,53 @@
+//! Pictures of a result as PNG: a map of the heights, one of the survey, a depth panel of one view, prism edges over a photo,
+//! charts, and a map of errors.
+//!
+//! Colours come from maps that are even in lightness and readable by colour-blind people ([`colour`]).
+
+mod canvas;
+mod chart;
+pub mod colour;
+mod error_map;
+mod height_scale;
+mod map;
+mod overlay;
+mod pairs;
+mod panel;
+mod plan;
+mod relief;
+mod scale;
+mod survey;
+mod warning;
+
+use std::io::Cursor;
+use std::path::Path;
+
+use image::{ImageFormat, RgbImage};
+
+use super::OutputError;
+use sizeup_geo::files::{FileError, write_whole};
+
+pub use chart::{AxesKind, Chart, SERIES_COLOURS, Series, Stroke, chart};
+pub use error_map::error_map;
+pub use height_scale::HeightScale;
+pub use map::{MapConfig, map};
+pub use overlay::{OverlayConfig, Polyline, overlay};
+pub use pairs::{PicturedPair, beside, pairs_picture};
+pub use panel::{PanelConfig, PanelDepths, depth_panel, depth_picture};
+pub use relief::relief_map;
+pub use survey::survey_map;
+pub use warning::warned;
+
+/// Width of the maps of a survey and of the ground, pixels.
+const SHEET_PX: u32 = 1600;
+
+/// Writes a picture as PNG, whole or not at all.
+///
+/// # Errors
+/// [`OutputError::File`].
+pub fn write_png(path: &Path, picture: &RgbImage) -> Result<(), OutputError> {
+    let mut png = Cursor::new(Vec::new());
+    let encoded = picture.write_to(&mut png, ImageFormat::Png).map_err(std::io::Error::other);
+    encoded.map_err(FileError::on("cannot encode", path))?;
+    write_whole(path, |out| out.write_all(png.get_ref()))?;
+    Ok(())
+}

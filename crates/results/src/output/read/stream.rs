@@ -1,0 +1,92 @@
+//! A file's buildings one by one, for writers: memory does not grow with the file.
+//!
+//! Of `CityJSON` the vertices are kept, 24 bytes each, because they come after what refers to them.
+
+use std::path::{Path, PathBuf};
+
+use super::super::buildings::Records;
+use super::super::cityjson::Sequence;
+use super::super::cityjson::read::{CityFile, visit_objects};
+use super::super::geopackage::LINEAGE_TABLE;
+use super::super::{BuildingRecord, Lineage, OutputError};
+use super::{FoundBuilding, ReadError, ReadOptions, is_cityjson, is_sequence, open_layer, require_readable, surfaces};
+use sizeup_geo::crs::Crs;
+
+/// A file whose buildings can be gone through again and again.
+#[derive(Debug)]
+pub struct RecordFile<'a> {
+    path: PathBuf,
+    options: ReadOptions<'a>,
+    crs: Option<Crs>,
+    lineage: Option<Lineage>,
+    content: Content,
+}
+
+/// Where the buildings are.
+#[derive(Debug)]
+enum Content {
+    City { vertices: Vec<[f64; 3]> },
+    Sequence,
+    Layer,
+}
+
+impl<'a> RecordFile<'a> {
+    /// Opens `CityJSON`, `CityJSONSeq` or a vector layer; see [`super::FoundBuildings::read`].
+    ///
+    /// # Errors
+    /// [`ReadError`].
+    pub fn open(path: &Path, options: ReadOptions<'a>) -> Result<Self, ReadError> {
+        require_readable(path)?;
+        let of_metadata = |city: &CityFile| serde_json::from_value(city.metadata.get("sizeup")?.clone()).ok();
+        let (crs, lineage, content) = if is_sequence(path) {
+            let sequence = Sequence::open(path)?;
+            (sequence.header().crs.clone(), of_metadata(sequence.header()), Content::Sequence)
+        } else if is_cityjson(path)? {
+            let city = CityFile::read_head(path)?;
+            let lineage = of_metadata(&city);
+            (city.crs, lineage, Content::City { vertices: city.vertices })
+        } else {
+            let layer = open_layer(path, &options)?.0;
+            let crs = layer.crs()?;
+            let lineage = layer.into_text_of(&format!("SELECT lineage FROM {LINEAGE_TABLE}"));
+            (crs, lineage.and_then(|json| serde_json::from_str(&json).ok()), Content::Layer)
+        };
+        Ok(Self { path: path.to_owned(), options, crs, lineage, content })
+    }
+
+    /// Its origin, where it is a file of ours.
+    #[must_use]
+    pub fn lineage(&self) -> Option<Lineage> {
+        self.lineage.clone()
+    }
+
+    /// Its CRS, where it states one.
+    #[must_use]
+    pub fn crs(&self) -> Option<&Crs> {
+        self.crs.as_ref()
+    }
+}
+
+impl Records for RecordFile<'_> {
+    fn visit(&self, visit: &mut dyn FnMut(&BuildingRecord) -> Result<(), OutputError>) -> Result<(), OutputError> {
+        match &self.content {
+            Content::City { vertices } => {
+                let (mut gathering, lod) = (surfaces::Gathering::default(), self.options.lod);
+                visit_objects(&self.path, vertices, &mut |object| {
+                    gathering.add(object, vertices, lod).iter().try_for_each(|found| visit(&found.to_record()))
+                })?;
+                gathering.rest(vertices, lod).iter().try_for_each(|found| visit(&found.to_record()))
+            }
+            Content::Sequence => Sequence::open(&self.path)?.try_for_each(|feature| {
+                surfaces::buildings(&feature?, self.options.lod).iter().try_for_each(|found| visit(&found.to_record()))
+            }),
+            Content::Layer => {
+                let read = |e| OutputError::Input(Box::new(e));
+                let (mut layer, id_field) = open_layer(&self.path, &self.options).map_err(read)?;
+                layer.features().try_for_each(|feature| {
+                    visit(&FoundBuilding::from_feature(feature, id_field.as_deref()).to_record())
+                })
+            }
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! What is known of one building at the end of a run: shared by all writers.
+
+use geo_types::Polygon;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map as JsonMap, Value};
+
+use sizeup_heights::scene::{HeightReference, RoofForm};
+
+/// What became of a building.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// The height was measured in the photos.
+    Measured,
+    /// The height is that of a model of others, which does not say how it was found.
+    Given,
+    /// The height was measured, and at least one reason says to look at it again.
+    Doubtful,
+    /// The height could not be measured; it comes from the fallback the user chose.
+    Fallback,
+    /// The height is not known.
+    Unknown,
+    /// The outline could not be used.
+    Refused,
+}
+
+impl Status {
+    /// All of them, in the order in which they are reported.
+    pub const ALL: [Self; 6] =
+        [Self::Measured, Self::Given, Self::Doubtful, Self::Fallback, Self::Unknown, Self::Refused];
+
+    /// The name in files: `measured`, `doubtful`, ….
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Measured => "measured",
+            Self::Given => "given",
+            Self::Doubtful => "doubtful",
+            Self::Fallback => "fallback",
+            Self::Unknown => "unknown",
+            Self::Refused => "refused",
+        }
+    }
+}
+
+/// The roof that the photos support; the solid stays a block whatever its form.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RoofShape {
+    /// Its form.
+    pub form: RoofForm,
+    /// Lowest edge above the ground level, metres.
+    pub eave_height_m: f64,
+    /// Highest line above the ground level, metres.
+    pub ridge_height_m: f64,
+}
+
+/// One building of the result. Heights in metres, positions in the project's map frame and vertical reference.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BuildingRecord {
+    /// Unique id, the input's.
+    pub id: String,
+    /// The building of the input that this is a part of, where its outline came in several pieces. Each piece has its
+    /// own height.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part_of: Option<String>,
+    /// Outline (exterior counter-clockwise seen from above, holes clockwise), `None` if it could not be used.
+    pub footprint: Option<Polygon<f64>>,
+    /// Ground level the height counts from.
+    pub ground_z_m: Option<f64>,
+    /// Lowest ground under the outline: walls go down to here. At most `ground_z_m`.
+    pub base_z_m: Option<f64>,
+    /// Roof level minus ground level.
+    pub height_m: Option<f64>,
+    /// One standard deviation of `height_m`, where it could be estimated.
+    pub height_sigma_m: Option<f64>,
+    /// Which height of a pitched roof `height_m` is.
+    pub height_reference: HeightReference,
+    /// The form of its roof, where the method looks for one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub roof: Option<RoofShape>,
+    /// Walls that stand against a neighbour's, m², where the neighbours were looked at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub party_wall_m2: Option<f64>,
+    /// What became of the building.
+    pub status: Status,
+    /// Machine-readable reasons behind the status (`too_few_views`, `range_bound`, …), sorted.
+    pub reasons: Vec<String>,
+    /// Names of the views its height was measured in.
+    pub views: Vec<String>,
+    /// The user's own attributes, carried through.
+    #[serde(default)]
+    pub attributes: JsonMap<String, Value>,
+}
+
+impl BuildingRecord {
+    /// A measured building: its outline (map frame, metres), ground level and height above it. Walls go down to the ground
+    /// level; everything else is left unknown.
+    #[must_use]
+    pub fn measured(id: impl Into<String>, footprint: Polygon<f64>, ground_z_m: f64, height_m: f64) -> Self {
+        Self {
+            id: id.into(),
+            part_of: None,
+            footprint: Some(footprint),
+            ground_z_m: Some(ground_z_m),
+            base_z_m: Some(ground_z_m),
+            height_m: Some(height_m),
+            height_sigma_m: None,
+            height_reference: HeightReference::Mean,
+            roof: None,
+            party_wall_m2: None,
+            status: Status::Measured,
+            reasons: Vec::new(),
+            views: Vec::new(),
+            attributes: JsonMap::new(),
+        }
+    }
+
+    /// Roof level: ground plus height.
+    #[must_use]
+    pub fn roof_z_m(&self) -> Option<f64> {
+        Some(self.ground_z_m? + self.height_m?)
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A measured building without views and attributes; all metres.
+    pub(crate) fn record(id: &str, outline: Polygon<f64>, ground_z: f64, base_z: f64, height: f64) -> BuildingRecord {
+        BuildingRecord {
+            base_z_m: Some(base_z),
+            height_sigma_m: Some(0.25),
+            ..BuildingRecord::measured(id, outline, ground_z, height)
+        }
+    }
+}

@@ -1,0 +1,231 @@
+//! 3D Tiles 1.1 (OGC 22-025r4): the city for Cesium and other globes, streamed tile by tile.
+//!
+//! A folder with `tileset.json` and one binary glTF per tile of a [`quadtree`]. Every building is one feature with all
+//! its attributes. Buildings without a solid have nothing to show and are left out; the tileset says how many.
+//!
+//! ```text
+//! ecef = tileset transform · node translation · vertex          node and vertex in the city's local frame
+//! ```
+//!
+//! The buildings wait on disk while their tiles are chosen: in memory there is one tile, and some 50 bytes per building.
+
+mod folder;
+mod glb;
+mod mesh;
+mod metadata;
+mod place;
+mod quadtree;
+mod spool;
+
+use std::path::Path;
+
+use glam::DVec3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::cityjson::CityJsonConfig;
+use super::grid::Grid;
+use super::outlines::OutlineRows;
+use super::picture::colour::{Rgb, height_colour};
+use super::prism::Prism;
+use super::reports::write_json;
+use super::{CityModel, OutputError, Overview, Records};
+pub use glb::Precision;
+use mesh::{Block, Mesh};
+use metadata::Properties;
+pub use place::Heights;
+use place::Place;
+use quadtree::{Item, Node};
+use sizeup_geo::crs::Crs;
+use sizeup_geo::files::{FileError, write_whole_unflushed};
+use spool::{Spool, SpoolWriter};
+
+/// How 3D Tiles are written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Tiles3dConfig {
+    /// How heights become heights above the ellipsoid.
+    pub heights: Heights,
+    /// Buildings of a tile, at most; 1 and more.
+    pub max_buildings: usize,
+    /// Precision of vertices.
+    pub precision: Precision,
+    /// Quantum of outlines and levels before they are placed on the earth, metres, 0.0001 to 1.
+    pub scale_m: f64,
+    /// Smallest distance between base and roof of a solid, metres, above 0.
+    pub min_thickness_m: f64,
+}
+
+impl Default for Tiles3dConfig {
+    fn default() -> Self {
+        let CityJsonConfig { scale_m, min_thickness_m, .. } = CityJsonConfig::default();
+        let (heights, precision) = (Heights::default(), Precision::default());
+        Self { heights, max_buildings: 500, precision, scale_m, min_thickness_m }
+    }
+}
+
+/// Whether a city of a CRS can be placed on the earth, asked at one place of its map (metres), before any of it is there.
+///
+/// # Errors
+/// As [`write`]: [`OutputError::HeightsNotStated`], or [`OutputError::Crs`] such as a grid that PROJ lacks.
+pub fn check_place(crs: &Crs, heights: Heights, at_m: DVec3) -> Result<(), OutputError> {
+    Place::new(crs, heights, at_m).map(drop)
+}
+
+/// Where the result comes from, beside the tileset: every globe loads that, and nobody's globe needs this.
+const LINEAGE: &str = "lineage.json";
+
+/// Writes the folder `path` whole or not at all; a tileset that is there already is replaced.
+///
+/// # Errors
+/// [`OutputError`]: duplicate ids, heights that are not stated, a CRS that PROJ cannot bring to the earth's frame, a
+/// folder with other files, the file system.
+pub fn write<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    config: &Tiles3dConfig,
+) -> Result<Overview, OutputError> {
+    let overview = Overview::of(model.records)?;
+    let grid = overview.grid(config.scale_m)?;
+    let rows = OutlineRows::new(&overview, grid, config.min_thickness_m);
+    let centre_m = overview.extent.map_or(DVec3::ZERO, |extent| {
+        let [low, high] = [extent.min_m, extent.max_m].map(DVec3::from_array);
+        ((low + high) / 2.0).with_z(low.z)
+    });
+    let place = Place::new(model.crs, config.heights, centre_m)?;
+    folder::write_whole(path, |temporary| {
+        let shown = Shown::of(model.records, temporary.parent().unwrap_or(temporary), &rows, &grid, config)?;
+        let tree = Node::root(shown.items, config.max_buildings);
+        let writer = TileWriter {
+            spool: &shown.spool,
+            grid: &grid,
+            place: &place,
+            properties: &Properties::new(&rows.columns),
+            precision: config.precision,
+        };
+        let root = match &tree {
+            Some(tree) => writer.tile(tree, temporary)?.json,
+            None => json!({ "boundingVolume": { "box": [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, "geometricError": 0 }),
+        };
+        let tileset = tileset(root, &overview, shown.spool.len(), config, &place);
+        write_json(&temporary.join(LINEAGE), model.lineage)?;
+        write_json(&temporary.join(folder::TILESET), &tileset)
+    })?;
+    Ok(overview)
+}
+
+/// The buildings that have something to show.
+struct Shown {
+    spool: Spool,
+    items: Vec<Item>,
+}
+
+impl Shown {
+    fn of<R: Records + ?Sized>(
+        records: &R,
+        folder: &Path,
+        rows: &OutlineRows,
+        grid: &Grid,
+        config: &Tiles3dConfig,
+    ) -> Result<Self, OutputError> {
+        let mut writer = SpoolWriter::new(folder)?;
+        let mut items = Vec::new();
+        records.visit(&mut |record| {
+            let Ok(prism) = Prism::of(record, grid, config.min_thickness_m) else { return Ok(()) };
+            let block = Block { prism, values: rows.row(record).values, height_m: record.height_m.unwrap_or(0.0) };
+            items.push(item(items.len(), &block, grid));
+            Ok(writer.push(&block).map_err(FileError::on("cannot write", folder))?)
+        })?;
+        let spool = writer.finish().map_err(FileError::on("cannot write", folder))?;
+        Ok(Self { spool, items })
+    }
+}
+
+fn item(idx: usize, block: &Block, grid: &Grid) -> Item {
+    let exterior = &block.prism.outline().rings()[0];
+    let low: [i64; 2] = std::array::from_fn(|a| exterior.iter().map(|p| p[a]).min().unwrap_or(0));
+    let high: [i64; 2] = std::array::from_fn(|a| exterior.iter().map(|p| p[a]).max().unwrap_or(0));
+    let low = DVec3::from_array(grid.metres([low[0], low[1], block.prism.base()]));
+    let high = DVec3::from_array(grid.metres([high[0], high[1], block.prism.roof()]));
+    let middle = (low + high) / 2.0;
+    Item { idx, centre: [middle.x, middle.y], size_m: (high - low).length() }
+}
+
+fn tileset(mut root: Value, overview: &Overview, n_shown: usize, config: &Tiles3dConfig, place: &Place) -> Value {
+    root["transform"] = json!(place.transform());
+    root["refine"] = json!("ADD");
+    // Without any tile the whole city is missing.
+    let size_m = overview.extent.map_or(0.0, |e| (DVec3::from_array(e.max_m) - DVec3::from_array(e.min_m)).length());
+    json!({
+        "asset": {
+            "version": "1.1",
+            "extras": { "sizeup": {
+                "lineage": LINEAGE,
+                "heights": config.heights,
+                "n_buildings": overview.n_buildings,
+                "n_without_solid": overview.n_buildings - n_shown,
+            } },
+        },
+        "geometricError": size_m,
+        "root": root,
+    })
+}
+
+/// Writes tiles from the leaves up, so that each knows the box of those below.
+struct TileWriter<'a> {
+    spool: &'a Spool,
+    grid: &'a Grid,
+    place: &'a Place,
+    properties: &'a Properties,
+    precision: Precision,
+}
+
+/// A tile that is written.
+struct Written {
+    json: Value,
+    /// Box of the tile and all below, in glTF's axes.
+    bounds: [DVec3; 2],
+}
+
+impl TileWriter<'_> {
+    fn tile(&self, node: &Node, folder: &Path) -> Result<Written, OutputError> {
+        let uri = format!("tiles/{}.glb", node.name);
+        let own = self.content(node, &folder.join(&uri))?;
+        let children: Vec<Written> =
+            node.children.iter().map(|child| self.tile(child, folder)).collect::<Result<_, _>>()?;
+        let bounds =
+            children.iter().fold(own, |[low, high], child| [low.min(child.bounds[0]), high.max(child.bounds[1])]);
+        let mut json = json!({
+            "boundingVolume": { "box": bounding_box(bounds) },
+            "geometricError": node.error_m,
+            "content": { "uri": uri, "boundingVolume": { "box": bounding_box(own) } },
+        });
+        if !children.is_empty() {
+            json["children"] = children.into_iter().map(|child| child.json).collect();
+        }
+        Ok(Written { json, bounds })
+    }
+
+    /// Writes what a tile shows itself; its box.
+    fn content(&self, node: &Node, path: &Path) -> Result<[DVec3; 2], OutputError> {
+        let blocks = self.spool.read(&node.members).map_err(FileError::on("cannot read back for", path))?;
+        let mesh = Mesh::of(blocks.iter(), self.grid, self.place)?;
+        let rows: Vec<&[Value]> = blocks.iter().map(|block| block.values.as_slice()).collect();
+        let colours: Vec<Rgb> = blocks.iter().map(|block| height_colour(block.height_m)).collect();
+        let tile = glb::Tile { mesh: &mesh, rows: &rows, colours: &colours, properties: self.properties };
+        let bytes = glb::glb(&tile, self.precision);
+        write_whole_unflushed(path, |out| out.write_all(&bytes))?;
+        Ok(mesh.bounds())
+    }
+}
+
+/// Half a millimetre: rounding to single precision must not put a vertex outside its box.
+const BOX_MARGIN_M: f64 = 5e-4;
+
+/// Centre and half axes in the tileset's axes (z up), from a box in glTF's (y up).
+fn bounding_box([low, high]: [DVec3; 2]) -> [f64; 12] {
+    let enu_from_gltf = |p: DVec3| DVec3::new(p.x, -p.z, p.y);
+    let (centre, half) = (enu_from_gltf((low + high) / 2.0), enu_from_gltf((high - low) / 2.0).abs() + BOX_MARGIN_M);
+    [centre.x, centre.y, centre.z, half.x, 0.0, 0.0, 0.0, half.y, 0.0, 0.0, 0.0, half.z]
+}

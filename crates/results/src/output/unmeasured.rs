@@ -1,0 +1,128 @@
+//! An issue for every building whose height is not `measured`: why, where, and what to do about it.
+
+use std::collections::BTreeSet;
+
+use geo::{Area as _, InteriorPoint as _};
+
+use super::{BuildingRecord, Status};
+use sizeup_geo::issue::{Issue, Severity, Subject};
+
+/// Reasons that say where a height comes from, not why it was not measured.
+pub const OF_FALLBACK: [&str; 3] = ["height_from_attribute", "height_from_neighbours", "no_fallback"];
+
+/// Issues of the buildings that are not `measured`: those without a height first, then the doubtful ones, large outlines
+/// first. Refused outlines that `told` has an issue of are left out.
+#[must_use]
+pub fn unmeasured(records: &[BuildingRecord], told: &[Issue]) -> Vec<Issue> {
+    let refused: BTreeSet<&str> =
+        told.iter().filter(|i| i.severity == Severity::Refused).filter_map(building).collect();
+    let is_told = |record: &BuildingRecord| record.status == Status::Refused && refused.contains(record.id.as_str());
+    let mut found: Vec<&BuildingRecord> =
+        records.iter().filter(|record| record.status != Status::Measured && !is_told(record)).collect();
+    let area_m2 = |record: &BuildingRecord| record.footprint.as_ref().map_or(0.0, geo::Polygon::unsigned_area);
+    found.sort_by(|a, b| b.status.cmp(&a.status).then(area_m2(b).total_cmp(&area_m2(a))));
+    found.into_iter().map(issue).collect()
+}
+
+fn building(issue: &Issue) -> Option<&str> {
+    match &issue.subject {
+        Subject::Building(id) => Some(id),
+        Subject::View(_) | Subject::Input(_) => None,
+    }
+}
+
+fn issue(record: &BuildingRecord) -> Issue {
+    let (severity, code, what) = match (record.status, record.height_m) {
+        (Status::Doubtful, Some(h)) => {
+            (Severity::Warning, "height_doubtful", format!("its height of {h:.1} m is doubtful"))
+        }
+        (Status::Fallback, Some(h)) => {
+            (Severity::Warning, "height_from_fallback", format!("its height of {h:.1} m comes from the fallback"))
+        }
+        (Status::Refused, _) => (Severity::Refused, "outline_refused", "it has no height".to_owned()),
+        _ => (Severity::Refused, "height_unknown", "its height is unknown".to_owned()),
+    };
+    let reasons: Vec<&str> = record.reasons.iter().map(String::as_str).filter(|r| !OF_FALLBACK.contains(r)).collect();
+    let why: Vec<String> = reasons.iter().map(|reason| in_words(reason)).collect();
+    let message = if why.is_empty() { what } else { format!("{what}: {}", why.join("; ")) };
+    let issue = Issue::new(severity, code, Subject::Building(record.id.clone()), message);
+    let issue = match reasons.iter().find_map(|reason| advice(reason)) {
+        Some(hint) => issue.hint(hint),
+        None => issue,
+    };
+    match record.footprint.as_ref().and_then(geo::Polygon::interior_point) {
+        Some(at) => issue.at(at.x(), at.y()),
+        None => issue,
+    }
+}
+
+/// What a reason means.
+#[must_use]
+pub fn in_words(reason: &str) -> String {
+    match reason {
+        "seen_by_no_view" => "no oblique photo with a prior sees the building well enough",
+        "too_few_views" => "fewer than three photos have a say",
+        "range_bound" => "the best height is at an end of the heights that are looked for",
+        "flat_score" => "all heights explain the priors about equally well",
+        "conflicting_views" => "the photos disagree",
+        "poor_score" => "the priors are explained badly by any height",
+        "wrong_order" => "the heights found leave its depths in the wrong order",
+        "other_height" => "another height explains the priors better",
+        "above_all_around" => "it stands far above all that is around",
+        "ground_differs" => "the photos show the ground around it elsewhere than the terrain has it",
+        "ground_unknown" => "the terrain has no ground there",
+        _ => return format!("the outline cannot be used ({reason})"),
+    }
+    .to_owned()
+}
+
+fn advice(reason: &str) -> Option<&'static str> {
+    Some(match reason {
+        "seen_by_no_view" | "too_few_views" => "more oblique photos of it would help",
+        "range_bound" => "if buildings are higher or lower than that, set heights.max_m and heights.min_m",
+        "above_all_around" => "if there is no tower, look at its outline and its photos (`sizeup look`)",
+        "ground_differs" => "give a terrain model that fits, or [dtm] to make one from the photos",
+        "conflicting_views" | "poor_score" | "flat_score" | "other_height" => {
+            "look at its outline, and at pictures/overlay-*.png or the report's photos of it"
+        }
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use geo_types::polygon;
+
+    use super::*;
+    use crate::output::record::tests::record;
+
+    fn of(id: &str, side_m: f64, status: Status, reasons: &[&str]) -> BuildingRecord {
+        let outline = polygon![(x: 0.0, y: 0.0), (x: side_m, y: 0.0), (x: side_m, y: side_m), (x: 0.0, y: side_m)];
+        let reasons = reasons.iter().map(|r| (*r).to_owned()).collect();
+        let height_m = (status != Status::Unknown).then_some(9.0);
+        BuildingRecord { height_m, status, reasons, ..record(id, outline, 0.0, 0.0, 9.0) }
+    }
+
+    #[test]
+    fn every_building_that_is_not_measured_is_an_issue_with_reason_and_place() {
+        let records = [
+            of("small", 5.0, Status::Doubtful, &["conflicting_views"]),
+            of("fine", 9.0, Status::Measured, &[]),
+            of("large", 20.0, Status::Doubtful, &["flat_score", "range_bound"]),
+            of("hidden", 9.0, Status::Unknown, &["no_fallback", "seen_by_no_view"]),
+            of("bad", 9.0, Status::Refused, &["self_crossing"]),
+        ];
+        let told = [Issue::new(Severity::Refused, "x", Subject::Building("bad".to_owned()), "crosses itself")];
+        let issues = unmeasured(&records, &told);
+        let ids: Vec<&str> = issues.iter().filter_map(building).collect();
+        assert_eq!(ids, ["hidden", "large", "small"]);
+        assert_eq!(issues[0].severity, Severity::Refused);
+        assert_eq!(
+            issues[0].message,
+            "its height is unknown: no oblique photo with a prior sees the building well enough"
+        );
+        assert!(issues[1].message.contains("doubtful") && issues[1].message.contains("; the best height is at an end"));
+        assert_eq!(issues[2].place, Some([2.5, 2.5]));
+        assert_eq!(unmeasured(&records, &[]).len(), 4, "a refused outline that nobody told of is told");
+    }
+}

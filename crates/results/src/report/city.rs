@@ -1,0 +1,203 @@
+//! Buildings and ground as the page's script wants them: small whole numbers around an origin.
+
+use std::collections::HashMap;
+
+use geo::BoundingRect as _;
+use geo_types::{LineString, Polygon};
+use serde::Serialize;
+use serde_json::{Map as JsonMap, Value};
+
+use crate::output::BuildingRecord;
+use crate::output::attributes::round_m;
+use sizeup_geo::terrain::Terrain;
+
+/// Steps of an outline's coordinates in a metre: centimetres.
+const PER_METRE: f64 = 100.0;
+/// Ground around the buildings, in their larger side, and at least, metres.
+const MARGIN_SHARE: f64 = 0.35;
+const LEAST_MARGIN_M: f64 = 40.0;
+/// Cells of the ground along its longer side, at most, and their least size, metres.
+const GROUND_CELLS: f64 = 96.0;
+const LEAST_CELL_M: f64 = 2.0;
+
+/// One building.
+#[derive(Debug, Serialize)]
+pub struct Building<'a> {
+    id: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    part_of: Option<&'a str>,
+    /// Centimetres east and north of the origin in turn, rings open; exterior first, counter-clockwise.
+    rings: Vec<Vec<i64>>,
+    /// Corners of the roof's triangles, counted through all rings.
+    triangles: Vec<usize>,
+    ground: Option<f64>,
+    base: Option<f64>,
+    height: Option<f64>,
+    sigma: Option<f64>,
+    status: &'static str,
+    reasons: &'a [String],
+    /// Positions among the views.
+    views: Vec<usize>,
+    #[serde(skip_serializing_if = "JsonMap::is_empty")]
+    attributes: &'a JsonMap<String, Value>,
+}
+
+/// Heights of the ground at the nodes of a grid, row by row from the south-west; `None` = not known.
+#[derive(Debug, Serialize)]
+pub struct Ground {
+    west: f64,
+    south: f64,
+    step: f64,
+    columns: usize,
+    z: Vec<Option<f64>>,
+}
+
+/// To a centimetre: below anything that is seen in a picture.
+pub fn round_cm(value_m: f64) -> f64 {
+    (value_m * PER_METRE).round() / PER_METRE + 0.0
+}
+
+/// The middle of the outlines at the lowest ground, whole metres; zero without outlines.
+pub fn origin(records: &[BuildingRecord]) -> [f64; 3] {
+    let Some([low, high]) = extent(records) else { return [0.0; 3] };
+    let lowest = records.iter().filter_map(|r| r.base_z_m).fold(f64::INFINITY, f64::min);
+    let z = if lowest.is_finite() { lowest.floor() } else { 0.0 };
+    [(0.5 * (low[0] + high[0])).floor(), (0.5 * (low[1] + high[1])).floor(), z]
+}
+
+fn extent(records: &[BuildingRecord]) -> Option<[[f64; 2]; 2]> {
+    let boxes = records.iter().filter_map(|r| r.footprint.as_ref()?.bounding_rect());
+    boxes.map(|b| [[b.min().x, b.min().y], [b.max().x, b.max().y]]).reduce(|[low, high], [other_low, other_high]| {
+        let with = |pick: fn(f64, f64) -> f64, a: [f64; 2], b: [f64; 2]| [pick(a[0], b[0]), pick(a[1], b[1])];
+        [with(f64::min, low, other_low), with(f64::max, high, other_high)]
+    })
+}
+
+impl<'a> Building<'a> {
+    /// Of a record; `views` knows the position of each photo.
+    pub fn of(record: &'a BuildingRecord, origin: [f64; 3], views: &HashMap<&str, usize>) -> Self {
+        let rings = record.footprint.as_ref().map_or_else(Vec::new, |outline| rings(outline, origin));
+        let triangles = triangles(&rings);
+        Self {
+            id: &record.id,
+            part_of: record.part_of.as_deref(),
+            triangles,
+            rings,
+            ground: record.ground_z_m.map(round_m),
+            base: record.base_z_m.map(round_m),
+            height: record.height_m.map(round_m),
+            sigma: record.height_sigma_m.map(round_m),
+            status: record.status.as_str(),
+            reasons: &record.reasons,
+            views: record.views.iter().filter_map(|name| views.get(name.as_str()).copied()).collect(),
+            attributes: &record.attributes,
+        }
+    }
+}
+
+fn rings(outline: &Polygon<f64>, origin: [f64; 3]) -> Vec<Vec<i64>> {
+    let ring = |ring: &LineString<f64>| -> Vec<i64> {
+        let mut corners: Vec<[i64; 2]> =
+            ring.coords().map(|c| [c.x - origin[0], c.y - origin[1]].map(|v| (v * PER_METRE).round() as i64)).collect();
+        corners.dedup();
+        if corners.len() > 1 && corners.first() == corners.last() {
+            corners.pop();
+        }
+        corners.into_iter().flatten().collect()
+    };
+    let rings = std::iter::once(outline.exterior()).chain(outline.interiors()).map(ring);
+    rings.filter(|corners| corners.len() >= 6).collect()
+}
+
+/// Triangles of rings, counter-clockwise seen from above.
+fn triangles(rings: &[Vec<i64>]) -> Vec<usize> {
+    let plan: Vec<f64> = rings.iter().flatten().map(|v| *v as f64).collect();
+    let starts = rings.iter().scan(0, |n, ring| {
+        *n += ring.len() / 2;
+        Some(*n)
+    });
+    let holes: Vec<usize> = starts.take(rings.len().saturating_sub(1)).collect();
+    let mut corners = earcutr::earcut(&plan, &holes, 2).unwrap_or_default();
+    for t in corners.chunks_exact_mut(3) {
+        let at = |i: usize| [plan[2 * i], plan[2 * i + 1]];
+        let [a, b, c] = [at(t[0]), at(t[1]), at(t[2])];
+        if (b[0] - a[0]) * (c[1] - a[1]) < (b[1] - a[1]) * (c[0] - a[0]) {
+            t.swap(1, 2);
+        }
+    }
+    corners
+}
+
+impl Ground {
+    /// Around the outlines; `None` without any.
+    pub fn around(records: &[BuildingRecord], terrain: &Terrain) -> Option<Self> {
+        let [low, high] = extent(records)?;
+        let side_m = (high[0] - low[0]).max(high[1] - low[1]);
+        let margin_m = (MARGIN_SHARE * side_m).max(LEAST_MARGIN_M);
+        let longest_m = side_m + 2.0 * margin_m;
+        let step = match terrain {
+            Terrain::Constant(_) => longest_m,
+            Terrain::Grid(_) => (longest_m / GROUND_CELLS).max(LEAST_CELL_M),
+        };
+        let nodes = |axis: usize| ((high[axis] - low[axis] + 2.0 * margin_m) / step).ceil() as usize + 1;
+        let (columns, rows) = (nodes(0), nodes(1));
+        let (west, south) = (low[0] - margin_m, low[1] - margin_m);
+        let node = |i: usize| {
+            let (column, row) = (i % columns, i / columns);
+            terrain.height_at(west + step * column as f64, south + step * row as f64).map(round_cm)
+        };
+        let z = (0..columns * rows).map(node).collect();
+        Some(Self { west: round_cm(west), south: round_cm(south), step: round_cm(step), columns, z })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use geo_types::polygon;
+
+    use super::*;
+
+    #[test]
+    fn a_courtyard_is_triangulated_around_its_hole() {
+        let outline = polygon!(
+            exterior: [(x: 100.0, y: 200.0), (x: 110.0, y: 200.0), (x: 110.0, y: 210.0), (x: 100.0, y: 210.0)],
+            interiors: [[(x: 103.0, y: 203.0), (x: 103.0, y: 207.0), (x: 107.0, y: 207.0), (x: 107.0, y: 203.0)]],
+        );
+        let rings = rings(&outline, [100.0, 200.0, 0.0]);
+        assert_eq!(rings[0], [0, 0, 1000, 0, 1000, 1000, 0, 1000]);
+        let corners: Vec<i64> = rings.concat();
+        let twice_area: i64 = triangles(&rings)
+            .chunks_exact(3)
+            .map(|t| {
+                let [a, b, c] = [t[0], t[1], t[2]].map(|i| [corners[2 * i], corners[2 * i + 1]]);
+                (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            })
+            .inspect(|twice| assert!(*twice > 0, "clockwise"))
+            .sum();
+        assert_eq!(twice_area, 2 * (1000 * 1000 - 400 * 400));
+    }
+
+    #[test]
+    fn a_level_ground_is_four_nodes_that_hold_every_outline() {
+        let outline = polygon![(x: 0.0, y: 0.0), (x: 60.0, y: 0.0), (x: 60.0, y: 20.0), (x: 0.0, y: 20.0)];
+        let record = BuildingRecord {
+            id: "a".to_owned(),
+            part_of: None,
+            footprint: Some(outline),
+            ground_z_m: None,
+            base_z_m: None,
+            height_m: None,
+            height_sigma_m: None,
+            party_wall_m2: None,
+            height_reference: crate::output::HeightReference::Mean,
+            roof: None,
+            status: crate::output::Status::Unknown,
+            reasons: Vec::new(),
+            views: Vec::new(),
+            attributes: JsonMap::new(),
+        };
+        let ground = Ground::around(&[record], &Terrain::Constant(7.0)).unwrap();
+        assert_eq!((ground.columns, ground.z), (2, vec![Some(7.0); 4]));
+        assert!(ground.west <= 0.0 && ground.south <= 0.0 && ground.west + ground.step >= 60.0);
+    }
+}

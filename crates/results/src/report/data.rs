@@ -1,0 +1,136 @@
+//! The data of the page, which its script reads.
+
+use std::collections::HashMap;
+
+use serde::Serialize;
+
+use super::city::{Building, Ground, origin, round_cm};
+use super::evidence::{EvidenceData, data_uri};
+use super::{Levels, Report, ViewUse};
+use crate::output::reports::Summary;
+use crate::output::{BuildingRecord, Lineage, StatusCount};
+use sizeup_geo::issue::Issue;
+use sizeup_survey::{SurveyReport, View, ViewKind, ground};
+
+/// Heights of single buildings over the passes are in the page up to so many numbers.
+const MAX_PASS_HEIGHTS: usize = 400_000;
+/// Every so many points of a photo's outline on the ground are kept.
+const OUTLINE_STEP: usize = 2;
+
+/// All of it.
+#[derive(Debug, Serialize)]
+pub struct Data<'a> {
+    pub title: String,
+    crs: String,
+    origin: [f64; 3],
+    summary: Summary,
+    buildings: Vec<Building<'a>>,
+    ground: Option<Ground>,
+    views: Vec<ViewData<'a>>,
+    passes: Vec<PassData>,
+    solved: &'a [usize],
+    levels: &'a [Levels],
+    survey: Option<&'a SurveyReport>,
+    issues: Vec<&'a Issue>,
+    evidence: Vec<EvidenceData>,
+    lineage: &'a Lineage,
+    config: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    overview: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct ViewData<'a> {
+    id: &'a str,
+    kind: ViewKind,
+    #[serde(flatten)]
+    used: &'a ViewUse,
+    /// East, north, up; metres.
+    centre: [f64; 3],
+    off_nadir: f64,
+    /// What the photo shows of the ground: east and north in turn, metres.
+    outline: Vec<f64>,
+    has_photo: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct PassData {
+    loss: f64,
+    change: f64,
+    selected: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    active: Option<f64>,
+    /// Decimetres; empty for cities with too many.
+    heights: Vec<i32>,
+}
+
+impl<'a> Data<'a> {
+    /// Of a report.
+    pub fn of(report: &'a Report<'_>) -> Self {
+        let model = &report.model;
+        let origin = origin(model.records);
+        let positions: HashMap<&str, usize> =
+            model.survey.views.iter().enumerate().map(|(i, view)| (view.id.0.as_str(), i)).collect();
+        let ground_m = middle_ground(model.records).unwrap_or(origin[2]);
+        let n_heights: usize = report.passes.iter().map(|pass| pass.heights_m.len()).sum();
+        let mut issues: Vec<&Issue> = model.issues.iter().collect();
+        issues.sort_by_key(|issue| issue.weight());
+        Self {
+            title: title(report),
+            crs: match model.crs.epsg() {
+                Some(_) => format!("{} · {}", model.crs, model.crs.name()),
+                None => model.crs.name().to_owned(),
+            },
+            origin,
+            summary: Summary::of(model),
+            buildings: model.records.iter().map(|record| Building::of(record, origin, &positions)).collect(),
+            ground: Ground::around(model.records, report.terrain),
+            views: model.survey.views.iter().zip(&report.views).map(|(v, used)| view(v, used, ground_m)).collect(),
+            passes: report.passes.iter().map(|pass| pass_data(pass, n_heights <= MAX_PASS_HEIGHTS)).collect(),
+            solved: report.solved,
+            levels: &report.levels,
+            survey: report.survey.as_ref(),
+            issues,
+            evidence: report.evidence.iter().map(EvidenceData::from).collect(),
+            lineage: model.lineage,
+            config: &report.config,
+            overview: report.overview.as_ref().map(data_uri),
+        }
+    }
+}
+
+fn title(report: &Report<'_>) -> String {
+    let n = StatusCount::of(report.model.records).n_buildings();
+    let date = report.model.lineage.reference_date.as_deref().map(|date| format!(", {date}")).unwrap_or_default();
+    format!("{n} building{}{date}", if n == 1 { "" } else { "s" })
+}
+
+fn middle_ground(records: &[BuildingRecord]) -> Option<f64> {
+    let levels: Vec<f64> = records.iter().filter_map(|r| r.ground_z_m).collect();
+    sizeup_heights::stats::median(&levels)
+}
+
+fn view<'a>(view: &'a View, used: &'a ViewUse, ground_m: f64) -> ViewData<'a> {
+    let outline = ground::outline(view, ground_m);
+    ViewData {
+        id: &view.id.0,
+        kind: view.kind(),
+        used,
+        centre: view.camera_from_map.centre().to_array().map(round_cm),
+        off_nadir: (view.off_nadir_deg() * 10.0).round() / 10.0,
+        outline: outline.iter().step_by(OUTLINE_STEP).flat_map(|p| [round_cm(p.x), round_cm(p.y)]).collect(),
+        has_photo: view.image.is_some(),
+    }
+}
+
+fn pass_data(pass: &super::Pass, has_heights: bool) -> PassData {
+    let heights = if has_heights { pass.heights_m.as_slice() } else { &[] };
+    let rounded = |value: f64| (value * 1e5).round() / 1e5;
+    PassData {
+        loss: rounded(pass.loss),
+        change: rounded(pass.relative_change),
+        selected: pass.n_selected,
+        active: pass.active_pairs.map(rounded),
+        heights: heights.iter().map(|h| (h * 10.0).round() as i32).collect(),
+    }
+}

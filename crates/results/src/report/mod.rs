@@ -1,0 +1,118 @@
+//! The page that people judge a result by: one HTML file with the city in 3D, the map, what was measured and in which
+//! photos, and everything that deserves a second look. Nothing is loaded from elsewhere.
+//!
+//! ```text
+//! report.html = page/*.html with page/*.css, page/*.js and the data in it
+//! ```
+//!
+//! What comes from the input (ids, attributes, messages) is data: it stands in a block that no browser runs, escaped so
+//! that it cannot end that block, and the script puts it into the page as text. A content security policy allows the
+//! page's own script and style by their hashes, pictures that are part of the page, and nothing else.
+//!
+//! [`serve()`] shows cities that are too large for one file: it streams the 3D Tiles of a result to the same viewer.
+
+mod city;
+mod config;
+mod data;
+mod evidence;
+mod page;
+mod serve;
+mod tileset;
+
+pub use config::ReportConfig;
+pub use evidence::{Crop, Evidence, Line, LineKind, Pair};
+pub use serve::{ServeError, Server};
+pub use tileset::tileset_of;
+
+use std::path::Path;
+
+use image::RgbImage;
+use serde::Serialize;
+
+use crate::output::CityModel;
+use sizeup_geo::files::{FileError, write_whole};
+use sizeup_geo::terrain::Terrain;
+use sizeup_survey::SurveyReport;
+
+/// Everything that the page shows.
+#[derive(Debug)]
+pub struct Report<'a> {
+    /// The result.
+    pub model: CityModel<'a>,
+    /// The ground.
+    pub terrain: &'a Terrain,
+    /// One per view of the survey: what became of it.
+    pub views: Vec<ViewUse>,
+    /// The passes of the solver.
+    pub passes: Vec<Pass>,
+    /// Position among the records of each building of a pass.
+    pub solved: &'a [usize],
+    /// Outlines that were taken apart, as no single height fits them.
+    pub levels: Vec<Levels>,
+    /// Whether the poses look right, where that is known.
+    pub survey: Option<SurveyReport>,
+    /// Single buildings as the photos show them.
+    pub evidence: Vec<Evidence>,
+    /// The city as a picture, for print and for browsers without WebGL.
+    pub overview: Option<RgbImage>,
+    /// The resolved configuration, TOML.
+    pub config: String,
+}
+
+/// What a view was used for.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case", tag = "use", content = "why")]
+pub enum ViewUse {
+    /// Heights were measured in it, or it was selected to.
+    Measured,
+    /// It sees nothing that others do not see better.
+    NotNeeded,
+    /// It looks straight down, or up.
+    NotOblique,
+    /// It was selected, and its prior could not be used.
+    Failed(String),
+}
+
+/// One pass of the solver over all buildings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pass {
+    /// Mean loss.
+    pub loss: f64,
+    /// Mean relative change of the heights.
+    pub relative_change: f64,
+    /// Views selected.
+    pub n_selected: usize,
+    /// Share of ordinal pairs that cost something, where there are pairs.
+    pub active_pairs: Option<f64>,
+    /// Heights after the pass, metres, one per building of [`Report::solved`].
+    pub heights_m: Vec<f32>,
+}
+
+/// How well one level explains an outline, and how well two do.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Levels {
+    /// The building that was taken apart.
+    pub whole: String,
+    /// Its two levels above ground, metres.
+    #[serde(rename = "heights")]
+    pub heights_m: [f32; 2],
+    /// Mean score over views of both together.
+    pub two: f64,
+    /// The same of one level: height, metres, and score.
+    #[serde(rename = "curve")]
+    pub one: Vec<(f32, f64)>,
+    /// Views that had a say.
+    pub n_views: usize,
+}
+
+/// Writes the page, whole or not at all.
+///
+/// # Errors
+/// [`FileError`].
+pub fn write(path: &Path, report: &Report<'_>) -> Result<(), FileError> {
+    let data = data::Data::of(report);
+    let json =
+        serde_json::to_string(&data).map_err(std::io::Error::other).map_err(FileError::on("cannot write", path))?;
+    let html = page::report(&data.title, &json);
+    write_whole(path, |out| out.write_all(html.as_bytes()))
+}

@@ -1,0 +1,148 @@
+//! The pose formats: one line each, in the order in which a file is held against them. A format is a module with a reader
+//! and what it is recognised by.
+
+use std::fs::File;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::poses::Poses;
+use super::{SurveyConfig, SurveyError};
+use super::{
+    blocks_exchange, colmap, csv, csv_header, metashape, nerfstudio, odm, opensfm, opf, photo, photos, pix4d, tables,
+};
+use sizeup_geo::files::FileError;
+
+/// What a file or folder is recognised by.
+pub(crate) struct Candidate {
+    /// The file or folder.
+    pub path: PathBuf,
+    /// Its name, lower case.
+    pub name: String,
+    /// A file's first bytes; empty for a folder.
+    pub head: String,
+    /// Whether it is a folder.
+    pub is_folder: bool,
+}
+
+/// So much of a file shows its format.
+const HEAD_BYTES: u64 = 1 << 12;
+
+impl Candidate {
+    fn of(path: &Path) -> Result<Self, SurveyError> {
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
+        let is_folder = path.is_dir();
+        let mut head = Vec::new();
+        if !is_folder {
+            let file = File::open(path).map_err(FileError::on("cannot open", path))?;
+            file.take(HEAD_BYTES).read_to_end(&mut head).map_err(FileError::on("cannot read", path))?;
+        }
+        let head = String::from_utf8_lossy(&head).trim_start_matches('\u{feff}').to_owned();
+        Ok(Self { path: path.to_owned(), name, head, is_folder })
+    }
+
+    /// Whether it is a file whose name ends in `.extension`.
+    pub(crate) fn has_extension(&self, extension: &str) -> bool {
+        !self.is_folder && self.name.rsplit_once('.').is_some_and(|(_, found)| found == extension)
+    }
+}
+
+/// How a format is recognised and read.
+struct Reader {
+    recognises: fn(&Candidate) -> bool,
+    read: fn(&SurveyConfig) -> Result<Poses, SurveyError>,
+}
+
+/// From lines `/// what it is`, `Name: recognises, read;` the enum and the table.
+macro_rules! formats {
+    ($($(#[doc = $about:literal])+ $name:ident: $recognises:expr, $read:expr;)+) => {
+        /// The file format of the poses.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+        #[serde(rename_all = "snake_case")]
+        pub enum Format {
+            /// Found from the files' names and first bytes.
+            #[default]
+            Auto,
+            $($(#[doc = $about])+ $name,)+
+        }
+
+        /// Every format with what its path is, in the order in which they are tried.
+        const ABOUT: &[(Format, &str)] = &[$((Format::$name, concat!($($about),+))),+];
+
+        impl Format {
+            fn reader(self) -> Option<Reader> {
+                match self {
+                    Self::Auto => None,
+                    $(Self::$name => Some(Reader { recognises: $recognises, read: $read }),)+
+                }
+            }
+        }
+    };
+}
+
+formats! {
+    /// A COLMAP model folder, text or binary.
+    Colmap: |c| c.is_folder && colmap::is_model(&c.path), |s| colmap::read(&s.path);
+    /// Bentley iTwin Capture / ContextCapture BlocksExchange, `.xml` or `.xmlz`.
+    BlocksExchange: |c| !c.is_folder && blocks_exchange::is_blocks_exchange(&c.path, &c.head), |s| blocks_exchange::read(&s.path, s.tangential);
+    /// Agisoft Metashape's cameras.xml.
+    Metashape: |c| metashape::is_metashape(&c.head), |s| metashape::read(&s.path);
+    /// OpenSfM's reconstruction.json, topocentric or rewritten by ODM.
+    Opensfm: opensfm::recognises, opensfm::read;
+    /// nerfstudio's transforms.json, or its folder.
+    Nerfstudio: nerfstudio::recognises, |s| nerfstudio::read(&s.path);
+    /// Pix4D's calibrated camera files: the folder of params, or one of them.
+    Pix4d: |c| pix4d::find(&c.path).is_some(), |s| pix4d::read(&s.path, s.camera.as_ref());
+    /// Pix4D's Open Photogrammetry Format: a calibrated `project.opf`, or its folder.
+    Opf: |c| c.has_extension("opf") || (c.is_folder && opf::find(&c.path).is_some()), |s| opf::read(&s.path);
+    /// ODM's geo.txt, with a declared camera.
+    GeoTxt: |c| c.name == "geo.txt", |s| tables::read_geo_txt(&s.path, s.camera.as_ref());
+    /// ODM's shots.geojson, with cameras.json beside it.
+    Odm: |c| c.has_extension("geojson") && c.head.contains("\"filename\""), odm::read_shots;
+    /// Metashape's export of omega, phi, kappa, with a declared camera.
+    MetashapeOpk: |c| !c.is_folder && c.head.contains("PhotoID"), |s| tables::read_metashape_opk(&s.path, s.camera.as_ref());
+    /// A table with declared columns and conventions, see `[survey.csv]`.
+    Csv: |c| c.has_extension("csv") || c.has_extension("tsv") || (!c.is_folder && csv_header::names_angles(&c.head)), csv::read_declared;
+    /// Photos with EXIF and XMP: `path` is their folder.
+    Photos: |c| c.is_folder && photos::list(&c.path).is_ok_and(|found| !found.is_empty()), photo::read;
+}
+
+impl Format {
+    /// The name by which the configuration knows it.
+    #[must_use]
+    pub fn name(self) -> String {
+        serde_json::to_value(self).ok().and_then(|name| Some(name.as_str()?.to_owned())).unwrap_or_default()
+    }
+
+    /// Every format that can be read, with what its path is.
+    pub fn all() -> impl Iterator<Item = (Self, &'static str)> {
+        ABOUT.iter().map(|&(format, about)| (format, about.trim()))
+    }
+}
+
+/// The format of a survey: declared, or the first whose recogniser knows the file.
+pub(crate) fn format_of(config: &SurveyConfig) -> Result<Format, SurveyError> {
+    if config.format != Format::Auto {
+        return Ok(config.format);
+    }
+    if config.csv.is_some() {
+        return Ok(Format::Csv);
+    }
+    let candidate = Candidate::of(&config.path)?;
+    let is_it = |format: &Format| format.reader().is_some_and(|reader| (reader.recognises)(&candidate));
+    ABOUT.iter().map(|&(format, _)| format).find(is_it).ok_or_else(|| {
+        let names: Vec<String> = Format::all().map(|(format, _)| format.name()).collect();
+        let message = format!("the format of {} is not recognised", config.path.display());
+        SurveyError::config(message, format!("set `format` to one of {}", names.join(", ")))
+    })
+}
+
+/// The poses as the file has them.
+pub(crate) fn read_poses(config: &SurveyConfig) -> Result<Poses, SurveyError> {
+    match format_of(config)?.reader() {
+        Some(reader) => (reader.read)(config),
+        None => Err(SurveyError::config("the format is not known", "set `format`")),
+    }
+}

@@ -1,0 +1,332 @@
+//! From a file's world to the project's map frame: checks, positions through PROJ, grid convergence per camera.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::{DMat3, DVec3};
+
+use super::angles::{North, nearest_rotation};
+use super::heights::Heights;
+use super::inspect::{IMPOSSIBLE_HEIGHT, LOOKS_UP};
+use super::poses::{Counts, FileHeights, Pose, Poses, World, refused};
+use super::{Survey, SurveyConfig, SurveyError, View, ViewKind, photos};
+use sizeup_geo::crs::{Accuracy, Crs, CrsError, Geocentric, GridNorth, Transform, TrueNorth, enu_from_geocentric};
+use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_geo::paths::within;
+use sizeup_heights::frames::Rigid;
+use sizeup_heights::ids::ViewId;
+
+/// Heights a camera over land can have, metres: the Dead Sea's shore (−430 m) with a geoid 70 m below the ellipsoid, and
+/// 10 km above the highest summit.
+pub(crate) const POSSIBLE_HEIGHTS_M: std::ops::RangeInclusive<f64> = -500.0..=18_850.0;
+
+/// What all poses of a survey have in common on their way to the map.
+struct Way {
+    map_from_world: Transform,
+    /// For rotations that count from true north although positions are in a grid.
+    true_north: Option<TrueNorth>,
+    heights: Heights,
+    offset: DVec3,
+}
+
+/// A pose in the map frame.
+struct Located {
+    camera_from_map: DMat3,
+    centre_in_map: DVec3,
+    north: GridNorth,
+}
+
+/// What was found on the way, for the report.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Facts {
+    /// The CRS the poses came in.
+    pub world: String,
+    /// How heights reached the project's vertical reference.
+    pub heights: String,
+    /// Turn applied to each view for grid convergence, degrees, clockwise.
+    pub convergence_deg: Vec<f64>,
+    /// Point scale between the poses' grid and the project's, where both are grids.
+    pub point_scale: Vec<f64>,
+    /// How positions reached the project's plane, and how well that is known.
+    pub transform: String,
+    /// Poses in the file.
+    pub n_poses: usize,
+    /// Sources of focal lengths and states of positioning.
+    pub counts: Counts,
+}
+
+impl Way {
+    fn locate(&self, pose: &Pose) -> Result<Located, String> {
+        let centre = pose.centre + self.offset;
+        let rotation = nearest_rotation(pose.camera_from_world)?;
+        if !centre.is_finite() {
+            return Err(format!("its position is {centre}: expected finite numbers"));
+        }
+        let (easting, northing) = self.map_from_world.point(centre.x, centre.y).map_err(|e| e.to_string())?;
+        let world_north = self.map_from_world.north_at(centre.x, centre.y).map_err(|e| e.to_string())?;
+        let true_north = match &self.true_north {
+            Some(true_north) => true_north.at(centre.x, centre.y).map_err(|e| e.to_string())?,
+            None => GridNorth::SAME,
+        };
+        let height_m = self.heights.in_project(centre).map_err(|e| e.to_string())?;
+        let azimuth_rad = world_north.azimuth_rad + true_north.azimuth_rad;
+        let north = GridNorth { azimuth_rad, scale: world_north.scale };
+        Ok(Located {
+            camera_from_map: rotation * north.target_from_source().transpose(),
+            centre_in_map: DVec3::new(easting, northing, height_m),
+            north,
+        })
+    }
+}
+
+/// The CRS of the poses (declared, said by the file, or the project's), and the offset still to be added in it.
+fn world_crs(poses: &mut Poses, config: &SurveyConfig, project_crs: &Crs) -> Result<(Crs, DVec3), SurveyError> {
+    let offset = DVec3::from(config.offset);
+    if let Some([lat_deg, lon_deg, height_m]) = config.enu_origin {
+        if config.crs.is_some() {
+            return Err(SurveyError::config(
+                "`crs` and `enu_origin` are both given",
+                "poses are in one frame: keep one",
+            ));
+        }
+        poses.world = World::Enu(DVec3::new(lon_deg, lat_deg, height_m));
+    } else if let Some(declared) = &config.crs {
+        poses.world = World::Crs(declared.clone());
+    }
+    match poses.world.clone() {
+        World::Unsaid => Ok((project_crs.clone(), offset)),
+        World::Crs(crs) if !crs.is_geocentric() => Ok((crs, offset)),
+        world => {
+            to_geodetic(poses, &world, offset)?;
+            Ok((Crs::parse("EPSG:4979")?, DVec3::ZERO))
+        }
+    }
+}
+
+/// Moves poses of an earth-centred or local tangent world to longitude, latitude, ellipsoidal height, and their
+/// rotations to the east, north, up at each camera.
+fn to_geodetic(poses: &mut Poses, world: &World, offset: DVec3) -> Result<(), SurveyError> {
+    let geocentric = Geocentric::new()?;
+    let (axes, origin) = match world {
+        World::Enu(origin) => (enu_from_geocentric(origin.x, origin.y).transpose(), geocentric.geocentric(*origin)?),
+        World::Crs(_) | World::Unsaid => (DMat3::IDENTITY, DVec3::ZERO),
+    };
+    let mut kept = Vec::with_capacity(poses.poses.len());
+    for mut pose in std::mem::take(&mut poses.poses) {
+        match geocentric.geodetic(origin + axes * (pose.centre + offset)) {
+            Ok(geodetic) if pose.centre.is_finite() => {
+                let enu_from_world = enu_from_geocentric(geodetic.x, geodetic.y) * axes;
+                pose.camera_from_world *= enu_from_world.transpose();
+                pose.centre = geodetic;
+                kept.push(pose);
+            }
+            Ok(_) => poses.refuse("pose_unusable", &pose.name, "its position is not finite"),
+            Err(e) => poses.refuse("pose_unusable", &pose.name, e.to_string()),
+        }
+    }
+    poses.poses = kept;
+    poses.heights = FileHeights::Ellipsoidal;
+    Ok(())
+}
+
+/// Turns a file's poses into views in the project's CRS; what cannot be used becomes an issue.
+pub(crate) fn locate(
+    mut poses: Poses,
+    config: &SurveyConfig,
+    project_crs: &Crs,
+) -> Result<(Survey, Facts), SurveyError> {
+    let n_read = poses.poses.len() + poses.issues.len();
+    let (world, offset) = world_crs(&mut poses, config, project_crs)?;
+    suggest_projected(&poses, &world, project_crs)?;
+    let heights = Heights::decide(&config.height, poses.heights, &world, project_crs)?;
+    let true_north = match poses.north {
+        North::True if !world.is_geographic() => Some(TrueNorth::of(&world)?),
+        _ => None,
+    };
+    let way = Way { map_from_world: Transform::new(&world, project_crs)?, true_north, offset, heights };
+    let Poses { poses, mut issues, counts, .. } = poses;
+    let mut facts = Facts {
+        world: world.to_string(),
+        heights: way.heights.to_string(),
+        n_poses: n_read,
+        counts,
+        ..Facts::default()
+    };
+    if let Some(first) = poses.first() {
+        facts.transform = accuracy(&way, first.centre + offset, config, &mut issues)?;
+        if let Some(accuracy) = way.heights.accuracy_at(first.centre + offset) {
+            facts.heights = format!("{}, {accuracy}", facts.heights);
+        }
+    }
+    let mut views = Vec::with_capacity(poses.len());
+    for pose in without_duplicates(poses, &mut issues) {
+        match view(&way, pose) {
+            Ok((view, north)) => {
+                views.push(view);
+                facts.convergence_deg.push(north.azimuth_rad.to_degrees());
+                facts.point_scale.push(north.scale);
+            }
+            Err(issue) => issues.push(*issue),
+        }
+    }
+    views.sort_by(|a, b| a.id.cmp(&b.id));
+    if let Some(folder) = &config.images {
+        if !folder.exists() {
+            let message = format!("there is no folder {}", folder.display());
+            return Err(SurveyError::config(
+                message,
+                "`images` is the folder of the photos; leave it out for poses only",
+            ));
+        }
+        let refused = names_of(&issues);
+        issues.extend(photos::attach(&mut views, &refused, folder)?);
+    }
+    if !world.is_metric() && !way.heights.is_choice() && world.vertical_epsg().is_none() {
+        let message = format!("positions in {world} are counted in feet; the heights are taken as metres all the same");
+        let subject = Subject::Input(config.path.display().to_string());
+        issues.push(
+            Issue::new(Severity::Warning, "height_unit_assumed", subject, message)
+                .hint("if they are feet too, name their vertical system: `crs = \"EPSG:2263+6360\"`"),
+        );
+    }
+    if way.heights.is_choice() {
+        let subject = Subject::Input(config.path.display().to_string());
+        issues.push(Issue::new(Severity::Note, "height_choice", subject, facts.heights.clone()));
+    }
+    issues.sort_by(|a, b| (&a.subject, &a.code).cmp(&(&b.subject, &b.code)));
+    Ok((Survey { views, issues }, facts))
+}
+
+/// How well the way to the project's plane is known; refused where that is not enough.
+fn accuracy(way: &Way, at: DVec3, config: &SurveyConfig, issues: &mut Vec<Issue>) -> Result<String, SurveyError> {
+    let transform = &way.map_from_world;
+    if transform.is_identity() {
+        return Ok("none: the poses are in the project's plane".to_owned());
+    }
+    // A place outside the operation's domain is the pose's trouble.
+    let Ok(accuracy) = transform.accuracy_at(at.x, at.y) else {
+        return Ok("not possible at the first pose".to_owned());
+    };
+    let better = transform.better_at(at.x, at.y);
+    let advice = better.map_or_else(String::new, |better| format!("; {better}"));
+    let (from, to) = (transform.from(), transform.to());
+    let subject = || Subject::Input(config.path.display().to_string());
+    match accuracy {
+        Accuracy::Metres(metres) if metres > config.max_transform_error_m => {
+            let message = format!(
+                "positions reach {to} from {from} only to {metres} m, expected {} m or better{advice}",
+                config.max_transform_error_m
+            );
+            let hint = format!(
+                "install the grid file where one is named (`projsync --file NAME`, or a folder named by PROJ_DATA); where a \
+                 base station gave positions in the datum of {to}, declare that by `survey.crs`; or accept the shift by \
+                 `survey.max_transform_error_m = {metres}`"
+            );
+            return Err(SurveyError::config(message, hint));
+        }
+        Accuracy::Unknown => {
+            let message = format!("nothing tells how well positions reach {to} from {from}{advice}");
+            issues.push(Issue::new(Severity::Warning, "transform_accuracy_unknown", subject(), message));
+        }
+        Accuracy::Metres(_) if !advice.is_empty() => {
+            let message = format!("positions reach {to} from {from} {accuracy}{advice}");
+            issues.push(Issue::new(Severity::Note, "better_transform_known", subject(), message));
+        }
+        Accuracy::Metres(_) | Accuracy::Exact => {}
+    }
+    Ok(format!("{from} to {to}, {accuracy}{advice}"))
+}
+
+fn names_of(issues: &[Issue]) -> BTreeSet<String> {
+    let name = |issue: &Issue| match &issue.subject {
+        Subject::View(name) => Some(name.clone()),
+        _ => None,
+    };
+    issues.iter().filter_map(name).collect()
+}
+
+/// Refuses a project CRS that cannot carry a city, suggesting the UTM zone of the survey's own longitude.
+fn suggest_projected(poses: &Poses, world: &Crs, project_crs: &Crs) -> Result<(), SurveyError> {
+    let Err(refused) = project_crs.require_projected_metres() else { return Ok(()) };
+    let place = || -> Option<(f64, f64)> {
+        // The CRS of poses that nobody named is the refused one: it places them nowhere.
+        let pose = poses.poses.first().filter(|_| poses.world != World::Unsaid || world.is_geographic())?;
+        Transform::new(world, &Crs::parse("EPSG:4326").ok()?).ok()?.point(pose.centre.x, pose.centre.y).ok()
+    };
+    // Metres read as degrees lie nowhere: the project's CRS was taken for the poses' too.
+    let place = || place().filter(|(lon_deg, lat_deg)| lon_deg.abs() <= 180.0 && lat_deg.abs() <= 90.0);
+    match (refused, place()) {
+        (CrsError::NotProjectedInMetres { definition, found, .. }, Some((lon_deg, lat_deg))) => {
+            let zone = Crs::utm_zone(lon_deg, lat_deg);
+            let hint = format!(
+                "the survey lies at {lon_deg:.3}°, {lat_deg:.3}° (longitude, latitude): use {zone} (UTM), or the national grid"
+            );
+            Err(CrsError::NotProjectedInMetres { definition, found, hint }.into())
+        }
+        (refused, _) => Err(refused.into()),
+    }
+}
+
+fn view(way: &Way, pose: Pose) -> Result<(View, GridNorth), Box<Issue>> {
+    let is_absolute = std::path::Path::new(&pose.name).is_absolute();
+    if !is_absolute && within(&pose.name).is_none() {
+        let issue = refused("photo_name_unusable", &pose.name, "its name leads out of the folder of the photos");
+        return Err(Box::new(issue.hint("name photos by file, or by folders and file below one folder")));
+    }
+    pose.camera.validate().map_err(|e| Box::new(refused("camera_unusable", &pose.name, e.to_string())))?;
+    let located = way.locate(&pose).map_err(|reason| Box::new(refused("pose_unusable", &pose.name, reason)))?;
+    let camera_from_map = Rigid::from_rotation_and_centre(located.camera_from_map, located.centre_in_map);
+    let height_m = located.centre_in_map.z;
+    if !POSSIBLE_HEIGHTS_M.contains(&height_m) {
+        let message = format!(
+            "its camera is {height_m:.0} m high: expected {:.0} to {:.0} m",
+            POSSIBLE_HEIGHTS_M.start(),
+            POSSIBLE_HEIGHTS_M.end()
+        );
+        let issue = refused(IMPOSSIBLE_HEIGHT, &pose.name, message)
+            .hint("check the unit and the reference of the heights, and the order of the axes")
+            .at(located.centre_in_map.x, located.centre_in_map.y);
+        return Err(Box::new(issue));
+    }
+    let view = View { id: ViewId(pose.name), camera: pose.camera, camera_from_map, image: None };
+    if view.kind() == ViewKind::Upward {
+        let message = format!("it looks {:.1}° off the vertical, at or above the horizon", view.off_nadir_deg());
+        let place = located.centre_in_map;
+        let issue = refused(LOOKS_UP, &view.id.0, message)
+            .hint("if many views do, the angle sequence, direction or axes are declared wrong")
+            .at(place.x, place.y);
+        return Err(Box::new(issue));
+    }
+    Ok((view, located.north))
+}
+
+/// A name given twice with one pose counts once; with two poses neither can be trusted.
+fn without_duplicates(poses: Vec<Pose>, issues: &mut Vec<Issue>) -> Vec<Pose> {
+    let mut places: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    for (i, pose) in poses.iter().enumerate() {
+        places.entry(&pose.name).or_default().push(i);
+    }
+    let mut is_kept = vec![true; poses.len()];
+    for (name, places) in places.iter().filter(|(_, places)| places.len() > 1) {
+        let first = &poses[places[0]];
+        let is_same = places
+            .iter()
+            .all(|&i| poses[i].centre == first.centre && poses[i].camera_from_world == first.camera_from_world);
+        let subject = Subject::View((*name).to_owned());
+        let n = places.len();
+        if is_same {
+            let message = format!("listed {n} times with the same pose; used once");
+            issues.push(Issue::new(Severity::Warning, "duplicate_name", subject, message));
+        } else {
+            let message = format!("{n} different poses have this name; none is used");
+            issues.push(
+                Issue::new(Severity::Refused, "duplicate_name", subject, message)
+                    .hint("give each photo its own name, for example with its folder"),
+            );
+        }
+        for &i in &places[usize::from(is_same)..] {
+            is_kept[i] = false;
+        }
+    }
+    let mut kept = is_kept.into_iter();
+    poses.into_iter().filter(|_| kept.next().unwrap_or(true)).collect()
+}

@@ -1,0 +1,138 @@
+//! Photos with their own metadata: position and gimbal angles from DJI's XMP, position and lens from EXIF.
+//!
+//! The gimbal's yaw is used (never the aircraft's), with pitch and roll in one product: roll ±180 frames, a few in
+//! every flight past the nadir, come out right without special cases. Yaw counts from true north. Heights are
+//! ellipsoidal where the receiver had a base station (RTK), otherwise of no known reference. Only headers are read.
+//!
+//! The focal length is the declared camera's, else `DewarpData` (a calibration of this very lens), else
+//! `CalibratedFocalLength`, else focal length over pixel pitch, else the 35 mm equivalent, which is 2-8 % wrong on some
+//! sensors. The EXIF orientation flag is not applied: poses refer to the raster as stored.
+
+mod header;
+mod lens;
+mod xmp;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use self::header::Header;
+use super::angles::{AngleConvention, AngleKind, North};
+use super::config::{CameraConfig, HeightReference, SurveyConfig};
+use super::poses::{FileHeights, Pose, Poses, World, refused};
+use super::{SurveyError, photos};
+use sizeup_geo::crs::Crs;
+use sizeup_geo::issue::Issue;
+use sizeup_heights::camera::Camera;
+
+/// RTK flags of DJI at and above which positions come from a base station: 16 single, 32-49 float, 50 fixed.
+const RTK_FLOAT: u32 = 32;
+const RTK_FIXED: u32 = 50;
+const RTK_SINGLE: u32 = 16;
+
+/// What one photo yields.
+struct Reading {
+    pose: Pose,
+    focal: &'static str,
+    rtk: &'static str,
+    is_ellipsoidal: bool,
+}
+
+/// Reads the headers of all photos below a folder, in parallel.
+pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
+    let folder = config.path.as_path();
+    let files = if folder.is_dir() { photos::list(folder)? } else { vec![folder.to_owned()] };
+    if files.is_empty() {
+        return Err(SurveyError::config(format!("{} holds no photos", folder.display()), "jpg, jpeg, tif or tiff"));
+    }
+    let wants_relative = config.height.reference == Some(HeightReference::AboveTakeoff);
+    let readings: Vec<Result<Reading, Box<Issue>>> = files
+        .par_iter()
+        .map(|path| {
+            let name = path.strip_prefix(folder).ok().filter(|p| !p.as_os_str().is_empty());
+            let name = name.unwrap_or_else(|| path.file_name().map_or(path, Path::new));
+            read_one(path, &name.to_string_lossy(), config.camera.as_ref(), wants_relative)
+        })
+        .collect();
+    let mut poses = Poses { world: World::Crs(Crs::parse("EPSG:4326")?), north: North::True, ..Poses::new() };
+    let mut is_ellipsoidal = true;
+    let mut cameras: BTreeMap<String, Arc<Camera>> = BTreeMap::new();
+    for reading in readings {
+        match reading {
+            Ok(Reading { mut pose, focal, rtk, is_ellipsoidal: this }) => {
+                is_ellipsoidal &= this;
+                *poses.counts.focal.entry(focal.to_owned()).or_default() += 1;
+                *poses.counts.rtk.entry(rtk.to_owned()).or_default() += 1;
+                let shared = cameras.entry(format!("{:?}", pose.camera)).or_insert_with(|| Arc::clone(&pose.camera));
+                pose.camera = Arc::clone(shared);
+                poses.poses.push(pose);
+            }
+            Err(issue) => poses.issues.push(*issue),
+        }
+    }
+    poses.heights = if is_ellipsoidal { FileHeights::Ellipsoidal } else { FileHeights::Unreliable };
+    Ok(poses)
+}
+
+fn read_one(
+    path: &Path,
+    name: &str,
+    declared: Option<&CameraConfig>,
+    wants_relative: bool,
+) -> Result<Reading, Box<Issue>> {
+    let unreadable = |reason: String| Box::new(refused("photo_unreadable", name, reason));
+    let header = Header::read(path).map_err(unreadable)?;
+    let tags = header.xmp.as_deref().map(|packet| xmp::tags(packet, path)).transpose();
+    let tags = tags.map_err(|e| unreadable(e.to_string()))?.unwrap_or_default();
+    let lens =
+        lens::of(&header, &tags, declared).map_err(|reason| Box::new(refused("camera_unusable", name, reason)))?;
+    let no_pose = |reason: String| Box::new(refused("photo_without_pose", name, reason));
+    let need = |key: &str| {
+        let value = tags.number(key).map_err(no_pose)?;
+        value.ok_or_else(|| no_pose(format!("its metadata lack {key}: the direction of view is unknown")))
+    };
+    let angles = [need("GimbalYawDegree")?, need("GimbalPitchDegree")?, need("GimbalRollDegree")?];
+    let convention = AngleConvention { angles: AngleKind::Ypr, ..AngleConvention::default() };
+    let camera_from_world = convention.camera_from_world(&angles).map_err(no_pose)?;
+    let (lon_deg, lat_deg) = place(&header, &tags).map_err(no_pose)?;
+    let height_m = if wants_relative {
+        need("RelativeAltitude")?
+    } else {
+        let absolute = tags.number("AbsoluteAltitude").map_err(no_pose)?.or(header.altitude_m());
+        absolute.ok_or_else(|| no_pose("its metadata have no altitude".to_owned()))?
+    };
+    let flag = tags.number("RtkFlag").map_err(no_pose)?.map(|flag| flag as u32);
+    let rtk = match flag {
+        Some(RTK_FIXED) => "fixed",
+        Some(flag) if flag >= RTK_FLOAT => "float",
+        Some(RTK_SINGLE) => "single",
+        _ => "none",
+    };
+    let is_ellipsoidal = matches!(rtk, "fixed" | "float") || tags.text("AltitudeType") == Some("RtkAlt");
+    let centre = DVec3::new(lon_deg, lat_deg, height_m);
+    let pose = Pose { name: name.to_owned(), camera: Arc::new(lens.camera), camera_from_world, centre };
+    Ok(Reading { pose, focal: lens.source, rtk, is_ellipsoidal })
+}
+
+/// Longitude and latitude: XMP has more digits than EXIF, and a spelling mistake of its own.
+fn place(header: &Header, tags: &xmp::Tags) -> Result<(f64, f64), String> {
+    let lat_deg = tags.number("GpsLatitude")?;
+    let lon_deg = match tags.number("GpsLongitude")? {
+        Some(lon_deg) => Some(lon_deg),
+        None => tags.number("GpsLongtitude")?,
+    };
+    let place = match (lon_deg, lat_deg) {
+        (Some(lon_deg), Some(lat_deg)) => (lon_deg, lat_deg),
+        _ => header.place_deg().ok_or("its metadata have no position")?,
+    };
+    let is_on_earth = place.0.abs() <= 180.0 && place.1.abs() <= 90.0;
+    // No fix is written as 0, 0.
+    if is_on_earth && place != (0.0, 0.0) {
+        Ok(place)
+    } else {
+        Err(format!("its position is {place:?}: no satellite fix"))
+    }
+}

@@ -1,0 +1,102 @@
+//! What a reader hands over: poses in the file's own world, conventions already converted.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use glam::{DMat3, DVec3};
+
+use super::angles::North;
+use sizeup_geo::crs::Crs;
+use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_heights::camera::Camera;
+
+/// The world a file's poses live in.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum World {
+    /// The file does not say: the configuration's CRS, else the project's.
+    Unsaid,
+    /// A CRS the file names. Rotations refer to its grid; where it is geographic, to the local east, north, up; where
+    /// it is geocentric, to its axes.
+    Crs(Crs),
+    /// East, north, up at longitude, latitude (degrees) and ellipsoidal height (metres) on WGS 84.
+    Enu(DVec3),
+}
+
+/// What a file says about its heights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum FileHeights {
+    /// Nothing: the project's reference unless declared.
+    Unsaid,
+    /// Above the ellipsoid.
+    Ellipsoidal,
+    /// Barometric or of unknown reference: must be declared.
+    Unreliable,
+}
+
+/// One pose in the file's world.
+#[derive(Debug, Clone)]
+pub(crate) struct Pose {
+    /// The photo's name.
+    pub name: String,
+    /// Its camera, shared.
+    pub camera: Arc<Camera>,
+    /// From the world's axes to ours (x right, y down, z forward).
+    pub camera_from_world: DMat3,
+    /// Projection centre in the world, in its units.
+    pub centre: DVec3,
+}
+
+/// All poses of a file.
+#[derive(Debug, Clone)]
+pub(crate) struct Poses {
+    /// Where they live.
+    pub world: World,
+    /// Which north the rotations count from.
+    pub north: North,
+    /// What its heights are.
+    pub heights: FileHeights,
+    /// In the file's order.
+    pub poses: Vec<Pose>,
+    /// What the reader refused.
+    pub issues: Vec<Issue>,
+    /// How the focal lengths were found, and the positioning quality, counted by name.
+    pub counts: Counts,
+}
+
+/// How many photos have what, by name.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Counts {
+    /// Source of the focal length.
+    pub focal: BTreeMap<String, usize>,
+    /// State of the satellite positioning.
+    pub rtk: BTreeMap<String, usize>,
+}
+
+impl Poses {
+    /// None yet, in a world the file does not name, over grid north.
+    pub(crate) fn new() -> Self {
+        Self {
+            counts: Counts::default(),
+            world: World::Unsaid,
+            north: North::Grid,
+            heights: FileHeights::Unsaid,
+            poses: Vec::new(),
+            issues: Vec::new(),
+        }
+    }
+
+    /// The same world without its poses and issues.
+    pub(crate) fn clone_empty(&self) -> Self {
+        Self { world: self.world.clone(), north: self.north, heights: self.heights, ..Self::new() }
+    }
+
+    /// Records that a pose cannot be used.
+    pub(crate) fn refuse(&mut self, code: &str, name: &str, message: impl Into<String>) {
+        self.issues.push(refused(code, name, message));
+    }
+}
+
+/// An issue of a view that cannot be used.
+pub(crate) fn refused(code: &str, name: &str, message: impl Into<String>) -> Issue {
+    Issue::new(Severity::Refused, code, Subject::View(name.to_owned()), message)
+}

@@ -1,0 +1,79 @@
+//! A photo with its camera and pose, and what it is for.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use sizeup_heights::camera::Camera;
+use sizeup_heights::frames::{Cam, Map, Rigid};
+use sizeup_heights::ids::ViewId;
+
+/// Angle between the optical axis and the downward vertical below which a view is nadir, degrees
+/// (`SiZeUp`, "Preliminaries").
+pub const NADIR_WITHIN_DEG: f64 = 15.0;
+
+/// A photo with a pose.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct View {
+    /// The photo's name as the survey has it, unique in the survey.
+    pub id: ViewId,
+    /// Intrinsics, shared between the photos of one camera.
+    pub camera: Arc<Camera>,
+    /// Pose in the project's projected CRS and vertical reference.
+    pub camera_from_map: Rigid<Cam, Map>,
+    /// The photo's file, where it is known and exists.
+    pub image: Option<PathBuf>,
+}
+
+/// What a view is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ViewKind {
+    /// Looks straight down, within [`NADIR_WITHIN_DEG`]: footprints come from here.
+    Nadir,
+    /// Looks down at an angle: heights come from here.
+    Oblique,
+    /// Looks at or above the horizon: of no use.
+    Upward,
+}
+
+impl View {
+    /// The projection centre in the map frame.
+    #[must_use]
+    pub fn centre(&self) -> DVec3 {
+        self.camera_from_map.centre()
+    }
+
+    /// The optical axis in the map frame, unit length.
+    #[must_use]
+    pub fn axis_in_map(&self) -> DVec3 {
+        self.camera_from_map.rotation.transpose() * DVec3::Z
+    }
+
+    /// Angle between the optical axis and the downward vertical, radians.
+    #[must_use]
+    pub fn off_nadir_rad(&self) -> f64 {
+        (-self.axis_in_map().z).clamp(-1.0, 1.0).acos()
+    }
+
+    /// The same angle in degrees, for files and messages.
+    #[must_use]
+    pub fn off_nadir_deg(&self) -> f64 {
+        self.off_nadir_rad().to_degrees()
+    }
+
+    /// Nadir, oblique or upward.
+    #[must_use]
+    pub fn kind(&self) -> ViewKind {
+        let off_nadir_deg = self.off_nadir_rad().to_degrees();
+        if off_nadir_deg <= NADIR_WITHIN_DEG {
+            ViewKind::Nadir
+        } else if off_nadir_deg < 90.0 {
+            ViewKind::Oblique
+        } else {
+            ViewKind::Upward
+        }
+    }
+}
