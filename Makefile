@@ -42,11 +42,13 @@ demo: deps ## Build, simulate a small town, find its heights, and show the resul
 	target/release/sizeup demo --output $(DEMO_DIR)
 
 test: deps-test ## Run all tests
-	$(CARGO) test --locked
+	@rm -f "$${CARGO_TARGET_DIR:-target}/tmp/skipped.txt"
+	$(CARGO) test --workspace --locked
+	@tools/skipped.sh
 
 lint: deps ## Check formatting and lints, warnings are errors
 	$(CARGO) fmt --check
-	$(CARGO) clippy --locked --all-targets -- -D warnings
+	$(CARGO) clippy --workspace --locked --all-targets -- -D warnings
 
 bench: deps ## Run the benchmarks
 	$(CARGO) bench --locked
@@ -61,7 +63,7 @@ docs: ## Write docs/reference.md anew, and build the API documentation into targ
 	@tools/deps.sh docs
 	$(CARGO) build --release --locked
 	tools/reference.py target/release/sizeup > docs/reference.md
-	RUSTDOCFLAGS="-D warnings -A rustdoc::private_intra_doc_links" $(CARGO) doc --locked --no-deps
+	RUSTDOCFLAGS="-D warnings -A rustdoc::private_intra_doc_links" $(CARGO) doc --workspace --locked --no-deps
 
 schemas: deps ## Write schemas/ anew from the code
 	$(CARGO) run --locked --release -- schema --output schemas

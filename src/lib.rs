@@ -5,7 +5,7 @@
 //! paper below, and a local search of our own over the same evidence.
 //!
 //! # The pipeline
-//! [`pipeline`] runs four stages; the modules below stand in the order in which data flows through them.
+//! [`pipeline`] runs four stages; each is a room, and a crate, of its own.
 //!
 //! 1. [`survey`]: photos and poses, in whatever format, into the project's CRS ([`crs`], [`camera`]).
 //! 2. [`footprint`], [`terrain`]: building outlines, and the ground under each.
@@ -16,32 +16,20 @@
 //! [`simulate`] makes input with known truth; [`evaluate`] compares a result with a truth; [`baseline`] holds the
 //! yardsticks; [`benchmark`] runs all of them and writes the tables of the documentation.
 //!
-//! # Frames
-//! | frame | axes | unit, type |
-//! |---|---|---|
-//! | [`Map`](frames::Map) | easting, northing, up in the project's projected CRS | metres, `f64` |
-//! | [`Local`](frames::Local) | `Map` minus a fixed origin | metres, `f64`; `f32` in [`scene`] and [`render`] |
-//! | [`Cam`](frames::Cam) | x right, y down, z forward | metres, `f64` |
-//! | Image | the top-left pixel's centre is (0.5, 0.5) | pixels, `f64` |
+//! A whole run from Rust:
 //!
-//! A [`Rigid<To, From>`](frames::Rigid) is named `to_from_from`. Depth is z-depth (along the optical axis) unless a name
-//! says `ray_t`.
+//! ```no_run
+//! use sizeup::{config::RunConfig, pipeline};
+//! let config = RunConfig::load("sizeup.toml".as_ref(), &[])?;
+//! let city = pipeline::city(&config, &|_| {})?;
+//! for building in &city.records {
+//!     println!("{} {:?} {}", building.id, building.height_m, building.status.as_str());
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 //!
-//! # Symbols of the paper
-//! | symbol | meaning | here |
-//! |---|---|---|
-//! | `D`, `D'` | depth prior of a view; median/MAD normalised | [`prior::DepthPrior`]; `farness` in `optimise`; `d` in [`ordinal`] |
-//! | `R`, `R'` | depth of the rendered proxies; normalised | [`render::profile::Profiles::sight`]; `r` in [`ordinal`] |
-//! | `Ω_k` | pixels of view `k` that are compared | [`optimise::Region`] |
-//! | `τ_d` | least prior contrast of a pair that has a vote | [`min_contrast`](optimise::OrdinalConfig::min_contrast) |
-//! | `m` | margin of the hinge | [`margin`](optimise::OrdinalConfig::margin) |
-//! | `s = sign(Δd)` | which pixel of a pair is nearer | [`ordinal::DepthOrder`] |
-//! | `Q_N` | buildings a view sees | length of [`Visibility::buildings`](views::Visibility) |
-//! | `Q_A` | surface a view sees, m² | [`Visibility::surface_m2`](views::Visibility) |
-//! | `k` (views) | views each building is to be seen from | [`min_views_per_building`](views::ViewsConfig::min_views_per_building) |
-//! | #Sel | views kept by farthest point sampling | [`n_spread`](views::ViewsConfig::n_spread) |
-//! | #Used | distinct views whose prior was used | [`Solution::used_views`](optimise::Solution::used_views) |
-//! | MAD | median absolute deviation | [X |
+//! The method alone, without files, GDAL or networks, is the crate [`sizeup_heights`](heights), whose front page has the frames
+//! and the symbols of the paper.
 
 pub use sizeup_footprints as footprint;
 pub use sizeup_geo::{cloud, crs, files, geodata, hashes, issue, limits, paths, template, terrain, unfinished};

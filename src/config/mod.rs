@@ -127,6 +127,14 @@ pub struct ProjectConfig {
     pub reference_date: Option<String>,
 }
 
+impl ProjectConfig {
+    /// A project in a CRS, its results in a folder.
+    #[must_use]
+    pub fn new(crs: Crs, output: impl Into<PathBuf>) -> Self {
+        Self { crs, vertical_reference: None, output: output.into(), reference_date: None }
+    }
+}
+
 fn default_output() -> PathBuf {
     PathBuf::from("result")
 }
@@ -160,6 +168,35 @@ impl Default for OutputConfig {
 }
 
 impl RunConfig {
+    /// From what has no default; everything else as in a file that does not mention it. Paths are relative to the working
+    /// folder.
+    #[must_use]
+    pub fn new(
+        project: ProjectConfig,
+        survey: SurveyConfig,
+        footprints: FootprintSource,
+        terrain: TerrainConfig,
+        prior: PriorConfig,
+    ) -> Self {
+        Self {
+            seed: 0,
+            project,
+            survey,
+            footprints,
+            terrain,
+            dtm: None,
+            ground: GroundConfig::default(),
+            heights: HeightsConfig::default(),
+            prior,
+            optimise: OptimiseConfig::default(),
+            refinement: RefinementConfig::default(),
+            output: OutputConfig::default(),
+            limits: Limits::default(),
+            own_paths: OwnPaths::default(),
+            notes: Vec::new(),
+        }
+    }
+
     /// Reads a file, applies `table.key=value` assignments, and makes paths relative to the file's folder.
     ///
     /// # Errors

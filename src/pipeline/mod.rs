@@ -58,7 +58,7 @@ use serde::{Deserialize, Serialize};
 use crate::config::RunConfig;
 use sizeup_geo::issue::{Issue, Severity};
 use sizeup_heights::optimise::{OptimiseConfig, Problem, Solution, Solving, solve};
-use sizeup_results::output::Status;
+use sizeup_results::output::{BuildingRecord, Status};
 
 /// A part of the path, in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -187,6 +187,32 @@ impl RunSummary {
     }
 }
 
+/// The result of a run in memory: what its files say.
+#[derive(Debug, Clone)]
+pub struct City {
+    /// What was done, in numbers.
+    pub summary: RunSummary,
+    /// One per building or part of one, in the order of the input; empty where the output stage did not run.
+    pub records: Vec<BuildingRecord>,
+    /// What was wrong with single items of the input, by weight; empty where the output stage did not run.
+    pub issues: Vec<Issue>,
+}
+
+impl City {
+    fn without_records(summary: RunSummary) -> Self {
+        Self { summary, records: Vec::new(), issues: Vec::new() }
+    }
+}
+
+/// Runs all stages of a configuration, writes the results, and returns them.
+///
+/// # Errors
+/// As [`run`].
+pub fn city(config: &RunConfig, tell: Tell<'_>) -> Result<City, PipelineError> {
+    let options = RunOptions { from: Stage::Survey, until: Stage::Output, command: String::new() };
+    run_timed(config, &options, tell, &solve)
+}
+
 /// Runs the stages of a configuration.
 ///
 /// # Errors
@@ -210,9 +236,18 @@ pub fn run_with(
     tell: Tell<'_>,
     solver: Solver<'_>,
 ) -> Result<RunSummary, PipelineError> {
-    let summary = stages::run(config, options, tell, solver)?;
-    let seconds: std::collections::BTreeMap<&str, f64> =
-        summary.seconds.iter().map(|(stage, seconds)| (stage.name(), *seconds)).collect();
+    Ok(run_timed(config, options, tell, solver)?.summary)
+}
+
+fn run_timed(
+    config: &RunConfig,
+    options: &RunOptions,
+    tell: Tell<'_>,
+    solver: Solver<'_>,
+) -> Result<City, PipelineError> {
+    let city = stages::run(config, options, tell, solver)?;
+    let seconds: BTreeMap<&str, f64> =
+        city.summary.seconds.iter().map(|(stage, seconds)| (stage.name(), *seconds)).collect();
     stages::write_json(&config.project.output.join("timing.json"), &seconds)?;
-    Ok(summary)
+    Ok(city)
 }

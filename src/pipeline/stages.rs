@@ -14,7 +14,7 @@ use super::input::{check_fallback, check_overlap, check_settings, check_views, h
 use super::kept::PriorStore;
 use super::records::records;
 use super::worst::worst;
-use super::{Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
+use super::{City, Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
 use super::{artefact, footprints as outlines, levels, pictures, report, soundness};
 use crate::config::RunConfig;
 use sizeup_geo::files::{FileError, write_whole};
@@ -40,7 +40,7 @@ pub(super) fn run(
     options: &RunOptions,
     tell: Tell<'_>,
     solver: Solver<'_>,
-) -> Result<RunSummary, PipelineError> {
+) -> Result<City, PipelineError> {
     if options.from > options.until {
         return Err(PipelineError::Settings {
             table: "run",
@@ -68,7 +68,7 @@ pub(super) fn run(
     };
     let mut summary = summary_of_survey(config, &survey);
     if options.until == Stage::Survey {
-        return Ok(RunSummary { seconds, ..summary });
+        return Ok(City::without_records(RunSummary { seconds, ..summary }));
     }
 
     let start = Instant::now();
@@ -98,7 +98,7 @@ pub(super) fn run(
             survey.issues.iter().chain(&footprints.layer.issues).chain(&footprints.issues).cloned().collect();
         write_json(&config.project.output.join("issues.json"), &found)?;
         summary.count_issues(&found);
-        return Ok(RunSummary { seconds, ..summary });
+        return Ok(City::without_records(RunSummary { seconds, ..summary }));
     }
 
     let start = Instant::now();
@@ -119,7 +119,7 @@ pub(super) fn run(
     summary.n_used_views = heights.solution.used_views.len();
     summary.n_settled = heights.solution.heights.iter().filter(|solved| solved.raised_m.is_some()).count();
     if options.until == Stage::Heights {
-        return Ok(RunSummary { seconds, ..summary });
+        return Ok(City::without_records(RunSummary { seconds, ..summary }));
     }
 
     let start = Instant::now();
@@ -148,7 +148,7 @@ pub(super) fn run(
     }
     unfinished.finish()?;
     timed(Stage::Output, start);
-    Ok(RunSummary { seconds, ..summary })
+    Ok(City { summary: RunSummary { seconds, ..summary }, records, issues })
 }
 
 fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {

@@ -125,7 +125,7 @@ pub fn merge(layout: &Layout, options: &MergeOptions, wait: &dyn Fn(&str)) -> Re
     remove_if_there(&layout.merged())?;
     let unfinished = Unfinished::begin(layout.folder(), &format!("sizeup tiles merge {}", layout.folder().display()))?;
     let missing = missing.into_iter().map(|(id, _)| id).collect();
-    let city = City { layout, manifest: &manifest, done: done.iter().flatten().collect(), missing };
+    let city = JoinedCity { layout, manifest: &manifest, done: done.iter().flatten().collect(), missing };
     let merged = city.write(tileset, made_by)?;
     unfinished.finish()?;
     write_json(&layout.merged(), &merged)?;
@@ -155,14 +155,14 @@ fn done_tiles(check: &Check<'_>) -> (Vec<Option<Done>>, Vec<(String, String)>) {
 }
 
 /// A city about to be written.
-struct City<'a> {
+struct JoinedCity<'a> {
     layout: &'a Layout,
     manifest: &'a Manifest,
     done: Vec<&'a Done>,
     missing: Vec<String>,
 }
 
-impl City<'_> {
+impl JoinedCity<'_> {
     fn write(self, tileset: Tileset, made_by: Recipe) -> Result<Merged, TilesError> {
         let (config, folder) = (&self.manifest.config, self.layout.folder());
         let common: Common = read_json(&self.layout.common())?;

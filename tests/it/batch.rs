@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, SystemTime};
 
+use crate::skipped::skip;
 use crate::tiles::{SIZE, assert_same, heights, ids, merge, plan, results, undisturbed};
 use crate::tiny_scene::{N_BUILDINGS, Scene};
 
@@ -18,7 +19,7 @@ fn snakemake() -> Option<PathBuf> {
     if found.exists() {
         return Some(found);
     }
-    println!("skipped: no Snakemake here (make deps-batch)");
+    skip("no Snakemake here (make deps-batch)");
     None
 }
 
@@ -187,7 +188,7 @@ impl Slurm {
             return Some(Self { folder });
         }
         let why = String::from_utf8_lossy(&started.stderr).into_owned();
-        println!("skipped: no Slurm here: {}", why.lines().next().unwrap_or("it does not start"));
+        skip(&format!("no Slurm here: {}", why.lines().next().unwrap_or("it does not start")));
         None
     }
 
@@ -264,7 +265,7 @@ fn a_slurm_array_runs_the_tiles_without_an_engine() {
 fn of_batch(name: &str) -> Option<PathBuf> {
     let found = repository("target/batch/bin").join(name);
     if !found.exists() {
-        println!("skipped: no {name} here (make deps-batch)");
+        skip(&format!("no {name} here (make deps-batch)"));
     }
     Some(found).filter(|path| path.exists())
 }
@@ -392,7 +393,7 @@ fn the_profile_for_kubernetes_makes_the_city() {
         return;
     };
     if Command::new("rsync").arg("--version").output().is_err() {
-        println!("skipped: no rsync here, which Snakemake's storage needs (make deps-batch)");
+        skip("no rsync here, which Snakemake's storage needs (make deps-batch)");
         return;
     }
     let scene = Scene::new();

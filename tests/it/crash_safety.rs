@@ -9,6 +9,7 @@ use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::read::{FoundBuildings, ReadOptions};
 
 use crate::outputs::town;
+use crate::skipped::skip;
 use crate::tiny_scene::Scene;
 
 const FORMATS: [&str; 4] = ["out.city.json", "out.city.jsonl", "out.gpkg", "out.fgb"];
@@ -130,7 +131,7 @@ fn a_full_disk_leaves_the_old_file() {
             .output()
     };
     if !in_namespace("true").is_ok_and(|o| o.status.success()) {
-        println!("skipped: this system allows no disk of one's own");
+        skip("this system allows no disk of one's own");
         return;
     }
     for name in FORMATS {

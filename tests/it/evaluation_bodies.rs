@@ -15,6 +15,7 @@ use sizeup::simulate::simulate;
 
 use crate::evaluating::{evaluate, number, report};
 use crate::shared_data::shared_data;
+use crate::skipped::skip;
 use crate::tiny_scene::{Outcome, Scene, config, sizeup};
 
 /// A house with a gable along x; without a rise it is a box.
@@ -62,7 +63,7 @@ fn python() -> Option<PathBuf> {
     };
     let found = [own, PathBuf::from("python3")].into_iter().find(works);
     if found.is_none() {
-        println!("skipped: no Python with trimesh, shapely and scipy (make deps-python)");
+        skip("no Python with trimesh, shapely and scipy (make deps-python)");
     }
     found
 }

@@ -16,6 +16,7 @@ use sizeup::output::{BuildingRecord, CityModel, HeightReference, Lineage, Status
 use sizeup::survey::Survey;
 
 use crate::shared_data::shared_data;
+use crate::skipped::skip;
 
 /// Where the outlines stand: as far from the origin as real ones do.
 const AT: (f64, f64) = (565_450.0, 5_932_450.0);
@@ -61,7 +62,7 @@ fn val3dity() -> Option<PathBuf> {
     let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/tools/val3dity");
     let found = named.into_iter().chain([ours]).find(|path| path.is_file());
     if found.is_none() {
-        eprintln!("skipped: no val3dity (set VAL3DITY to a built one)");
+        skip("no val3dity (set VAL3DITY to a built one)");
     }
     found
 }

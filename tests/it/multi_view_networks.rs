@@ -16,6 +16,8 @@ use sizeup::prior::network::{NetworkConfig, NetworkPriors};
 use sizeup::survey::View;
 use sizeup::terrain::Terrain;
 
+use crate::skipped::skip;
+
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/onnx").join(name)
 }
@@ -155,7 +157,7 @@ fn serve(content: Vec<u8>) -> String {
 #[test]
 fn a_network_is_fetched_checked_and_found_by_its_name() {
     if std::process::Command::new("curl").arg("--version").output().is_err() {
-        println!("skipped: curl is not here");
+        skip("curl is not here");
         return;
     }
     let folder = tempfile::tempdir().unwrap();

@@ -15,6 +15,8 @@ use sizeup::prior::{
 use sizeup::survey::View;
 use sizeup::terrain::Terrain;
 
+use crate::skipped::skip;
+
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/onnx").join(name)
 }
@@ -100,7 +102,7 @@ fn foreign_damaged_and_untagged_graphs_are_refused() {
 fn onnxruntime() -> Option<EngineConfig> {
     let library = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/onnxruntime/libonnxruntime.so");
     if !library.exists() {
-        println!("skipped: `make deps-onnxruntime` fetches ONNX Runtime");
+        skip("`make deps-onnxruntime` fetches ONNX Runtime");
         return None;
     }
     Some(EngineConfig { name: EngineChoice::OnnxRuntime, library: Some(library), ..EngineConfig::default() })

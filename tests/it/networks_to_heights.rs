@@ -12,6 +12,7 @@ use serde_json::Value;
 use sizeup::simulate::simulate;
 use tempfile::TempDir;
 
+use crate::skipped::skip;
 use crate::tiny_scene::{self, Outcome, sizeup};
 
 const SIZE_PX: (usize, usize) = (336, 252);
@@ -234,7 +235,7 @@ fn watch(mut child: Child) -> (u64, u64) {
 #[test]
 fn a_photo_of_45_megapixels_is_decoded_once_and_never_whole() {
     if !Path::new("/proc/self/io").exists() {
-        println!("skipped: this system does not tell what a process reads");
+        skip("this system does not tell what a process reads");
         return;
     }
     let computing = |folder: &Path| {

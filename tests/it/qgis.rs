@@ -10,6 +10,7 @@ use sizeup::output::geopackage::{self, GeoPackageConfig, ProjectGround};
 use sizeup::raster::Raster;
 
 use crate::outputs::town;
+use crate::skipped::skip;
 use crate::tools::{picture, program};
 
 /// Debian's own interpreter: QGIS's bindings belong to it.
@@ -19,7 +20,7 @@ fn has_qgis() -> bool {
     let found =
         Command::new(PYTHON).args(["-c", "import qgis.core, qgis._3d"]).output().is_ok_and(|o| o.status.success());
     if !found {
-        eprintln!("skipped: QGIS is not installed (apt-get install qgis python3-qgis)");
+        skip("QGIS is not installed (apt-get install qgis python3-qgis)");
     }
     found
 }
@@ -205,7 +206,7 @@ fn the_styles_in_the_repository_are_those_of_the_script() {
     let version =
         Command::new(PYTHON).args(["-c", "from qgis.core import Qgis; print(Qgis.QGIS_VERSION_INT // 100)"]).output();
     if String::from_utf8_lossy(&version.unwrap().stdout).trim() != "322" {
-        eprintln!("skipped: the styles were exported from QGIS 3.22, and other versions write other attributes");
+        skip("the styles were exported from QGIS 3.22, and other versions write other attributes");
         return;
     }
     let folder = tempfile::tempdir().unwrap();

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::skipped::skip;
+
 /// A file or folder of the shared data, or `None` and a line that says so.
 ///
 /// It lies in `../shared/data`, or where the environment's `SIZEUP_SHARED_DATA` points.
@@ -11,6 +13,6 @@ pub fn shared_data(path: &str) -> Option<PathBuf> {
     if found.exists() {
         return Some(found);
     }
-    println!("skipped: ../shared/data/{path} is not here");
+    skip(&format!("../shared/data/{path} is not here"));
     None
 }

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
+use crate::skipped::skip;
 use crate::tiles::{SIZE, ids, merge, plan, run_tile};
 use crate::tiny_scene::{Outcome, Scene};
 
@@ -198,7 +199,7 @@ fn a_grid_that_proj_lacks_stops_the_plan_and_not_the_merge() {
     scene.edit("sizeup.toml", |text| text.replace("EPSG:25832", "EPSG:25832+7837"));
     let refused = plan_with(&scene, &[]);
     if refused.code == 0 {
-        println!("skipped: PROJ has the grids of EPSG:7837 here");
+        skip("PROJ has the grids of EPSG:7837 here");
         return;
     }
     assert_eq!(refused.code, 2, "{}", refused.stderr);
@@ -218,7 +219,7 @@ fn a_grid_that_proj_lacks_stops_the_plan_and_not_the_merge() {
 #[test]
 fn results_name_the_commit_of_the_program() {
     let Some(commit) = sizeup::recipe::commit() else {
-        println!("skipped: built without git");
+        skip("built without git");
         return;
     };
     let scene = city();

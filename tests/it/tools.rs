@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::skipped::skip;
+
 /// The folder of what is not a package of the distribution.
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("target/tools")
@@ -10,7 +12,7 @@ fn folder() -> PathBuf {
 
 /// `None`, and a line that says so.
 fn skipped(what: &str, target: &str) -> Option<PathBuf> {
-    println!("skipped: {what} is not installed (make {target})");
+    skip(&format!("{what} is not installed (make {target})"));
     None
 }
 

@@ -93,6 +93,27 @@ impl<To, From> Rigid<To, From> {
     }
 }
 
+impl Rigid<Cam, Map> {
+    /// The pose of a camera at `eye` that looks at `target` with the horizon level; both in metres in the map frame. A camera
+    /// that looks straight down has the top of its image in the north.
+    ///
+    /// ```
+    /// use glam::DVec3;
+    /// use sizeup_heights::frames::Rigid;
+    /// let camera_from_map = Rigid::looking_at(DVec3::new(0.0, -50.0, 100.0), DVec3::new(0.0, 50.0, 0.0));
+    /// let ahead = camera_from_map.point(DVec3::new(0.0, 50.0, 0.0));
+    /// assert!((ahead - DVec3::new(0.0, 0.0, 20_000.0_f64.sqrt())).length() < 1e-9);
+    /// assert!(camera_from_map.vector(DVec3::X).x > 0.999);
+    /// ```
+    #[must_use]
+    pub fn looking_at(eye: DVec3, target: DVec3) -> Self {
+        let forward = (target - eye).normalize_or(-DVec3::Z);
+        let right = forward.cross(DVec3::Z).normalize_or(DVec3::X);
+        let down = forward.cross(right);
+        Self::from_rotation_and_centre(DMat3::from_cols(right, down, forward).transpose(), eye)
+    }
+}
+
 impl<A, B, C> Mul<Rigid<B, C>> for Rigid<A, B> {
     type Output = Rigid<A, C>;
 

@@ -42,7 +42,7 @@ pub use formats::Format;
 use formats::{format_of, read_poses};
 pub use inspect::{Reading, Site, inspect};
 pub use report::{Spread, SurveyReport, Trial};
-pub use view::{NADIR_WITHIN_DEG, View, ViewKind};
+pub use view::{View, ViewKind};
 pub use write::{ColmapModel, Converted, Target, TiePoint, convert, write};
 
 use serde::{Deserialize, Serialize};

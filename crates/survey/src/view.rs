@@ -9,10 +9,7 @@ use serde::{Deserialize, Serialize};
 use sizeup_heights::camera::Camera;
 use sizeup_heights::frames::{Cam, Map, Rigid};
 use sizeup_heights::ids::ViewId;
-
-/// Angle between the optical axis and the downward vertical below which a view is nadir, degrees
-/// (`SiZeUp`, "Preliminaries").
-pub const NADIR_WITHIN_DEG: f64 = 15.0;
+use sizeup_heights::views::NADIR_WITHIN_DEG;
 
 /// A photo with a pose.
 #[derive(Debug, Clone, Serialize, Deserialize)]

@@ -19,6 +19,14 @@ pub struct GroundLevel {
     pub lowest_m: f64,
 }
 
+impl GroundLevel {
+    /// Level ground, metres.
+    #[must_use]
+    pub fn flat(z_m: f64) -> Self {
+        Self { reference_m: z_m, lowest_m: z_m }
+    }
+}
+
 /// The ground surface of a project.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Terrain {

@@ -21,6 +21,10 @@ pub use visibility::{ViewSight, Visibility, visibility};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+/// Off-nadir angle, degrees, up to which a view counts as nadir: footprints come from nadir views, heights from oblique ones
+/// (`SiZeUp`, "Data preparation").
+pub const NADIR_WITHIN_DEG: f64 = 15.0;
+
 /// Who chooses the views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
