@@ -256,9 +256,9 @@ pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
         let of: Vec<String> = of.collect();
         ui.say(format!("{n_parts:>8} parts of buildings in several pieces: {}", of.join(", ")));
     }
-    if summary.n_settled > 0 {
-        let roofs = if summary.n_settled == 1 { "roof" } else { "roofs" };
-        ui.say(format!("{:>8} {roofs} settled by the photos", summary.n_settled));
+    if summary.n_refined > 0 {
+        let roofs = if summary.n_refined == 1 { "roof" } else { "roofs" };
+        ui.say(format!("{:>8} {roofs} refined by the photos", summary.n_refined));
     }
     if let Some(median) = summary.median_height_m {
         ui.say(format!("median height {median:.1} m"));

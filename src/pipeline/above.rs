@@ -13,7 +13,7 @@ const MIN_AROUND: usize = 4;
 const FAR_SHARE: f64 = 3.0;
 const FAR_M: f64 = 25.0;
 
-/// Marks heights that stand far above all around, unless the photos settled them: priors alone show no such thing reliably.
+/// Marks heights that stand far above all around, unless the photos refined them: priors alone show no such thing reliably.
 pub(super) fn mark_towers(scene: &Scene, solution: &mut Solution) {
     let middle = |prism: &Prism| prism.centre_at(0.0).truncate().as_dvec2().to_array();
     let known = scene.prisms.iter().zip(&solution.heights);

@@ -141,9 +141,9 @@ pub struct RunSummary {
     pub n_oblique: usize,
     /// Distinct views whose prior was used (the paper's #Used).
     pub n_used_views: usize,
-    /// Heights that the photos settled.
-    #[serde(default)]
-    pub n_settled: usize,
+    /// Heights that the photos refined.
+    #[serde(default, alias = "n_settled")]
+    pub n_refined: usize,
     /// Buildings of the input.
     pub n_buildings: usize,
     /// What was found in the nadir photos, where outlines come from there.

@@ -1,4 +1,4 @@
-//! Roof heights settled by the photos, where these show the roof and agree on it better than the priors do.
+//! Roof heights refined by the photos, where these show the roof and agree on it better than the priors do.
 //!
 //! The order of depths finds the roof, to half a metre or so; the photos, laid onto it, say where exactly it is. Photos
 //! alone would not do: within a wider range there are false matches.
@@ -18,7 +18,7 @@ use sizeup_heights::ray::Ray;
 use sizeup_heights::render::image::SceneTracer;
 use sizeup_heights::scene::{Prism, RoofForm, Scene};
 use sizeup_heights::stats;
-use sizeup_photos::photometry::{self, MIN_PHOTOS, MIN_PLACES, RefinementConfig, Settled};
+use sizeup_photos::photo_consistency::{self, MIN_PHOTOS, MIN_PLACES, Refined, RefinementConfig};
 use sizeup_photos::prior::{Album, Picture};
 use sizeup_survey::{Survey, View};
 
@@ -83,44 +83,44 @@ pub(super) fn refine(
     let roofs = Roofs { stage, settings, photos: &photos, tracer: &tracer, album: &album, unread: &unread };
     let mut found = vec![None; heights_m.len()];
     for together in roofs.by_square().chunks(N_TOGETHER) {
-        let settle = |&b: &usize| (b, roofs.settle(b, solution.heights[b].roof.as_ref()));
-        for (b, settled) in together.par_iter().map(settle).collect::<Vec<_>>() {
-            found[b] = settled;
+        let refine = |&b: &usize| (b, roofs.refine(b, solution.heights[b].roof.as_ref()));
+        for (b, refined) in together.par_iter().map(refine).collect::<Vec<_>>() {
+            found[b] = refined;
         }
     }
     let sigmas_m = sigmas_m(&stage.scene, &found);
-    let is_clear = |s: &Settled| s.score >= settings.min_score && s.lead >= settings.min_lead;
+    let is_clear = |s: &Refined| s.score >= settings.min_score && s.lead >= settings.min_lead;
     for ((solved, found), sigma_m) in solution.heights.iter_mut().zip(found).zip(sigmas_m) {
-        let Some(((roof, settled), sigma_m)) = found.filter(|(_, settled)| is_clear(settled)).zip(sigma_m) else {
+        let Some(((roof, refined), sigma_m)) = found.filter(|(_, refined)| is_clear(refined)).zip(sigma_m) else {
             continue;
         };
-        let roof = roof.raised(settled.raised_m);
+        let roof = roof.raised(refined.raised_m);
         // The photos try all forms themselves: what the priors leave open between them makes no photo more certain.
         let form_m = solved.doubts.form_m;
         let of_priors_m = solved.sigma_m.map(|stated_m| (stated_m.powi(2) - form_m.powi(2)).max(0.0).sqrt());
         if roof.eave_m > 0.0 && of_priors_m.is_none_or(|of_priors_m| sigma_m < of_priors_m) {
-            solved.settle(roof, stage.scene.bounds, config.optimise.height_reference, sigma_m);
+            solved.refine(roof, stage.scene.bounds, config.optimise.height_reference, sigma_m);
         }
     }
     let unread: BTreeMap<usize, String> = unread.into_inner().unwrap_or_else(PoisonError::into_inner);
     unread.into_iter().map(|(photo, why)| (views[photo], why)).collect()
 }
 
-/// The standard deviation to state for each roof that the photos settle. Poses that are off show in how much photos left out
+/// The standard deviation to state for each roof that the photos refine. Poses that are off show in how much photos left out
 /// move the roofs around; a single roof may hide it by chance.
-fn sigmas_m(scene: &Scene, found: &[Option<(Roof, Settled)>]) -> Vec<Option<f64>> {
+fn sigmas_m(scene: &Scene, found: &[Option<(Roof, Refined)>]) -> Vec<Option<f64>> {
     let middle = |prism: &Prism| prism.centre_at(0.0).truncate().as_dvec2().to_array();
     let known = found
         .iter()
         .zip(&scene.prisms)
-        .filter_map(|(settled, prism)| Some(GeomWithData::new(middle(prism), settled.as_ref()?.1.sigma_m)));
+        .filter_map(|(refined, prism)| Some(GeomWithData::new(middle(prism), refined.as_ref()?.1.sigma_m)));
     let known = RTree::bulk_load(known.collect());
     let around = |at: [f64; 2]| {
         let close: Vec<f64> = known.locate_within_distance(at, AROUND_M * AROUND_M).map(|near| near.data).collect();
         stats::median(&close).unwrap_or(0.0)
     };
-    let of_one = |(settled, prism): (&Option<(Roof, Settled)>, &Prism)| {
-        let spread_m = settled.as_ref()?.1.sigma_m.max(around(middle(prism)));
+    let of_one = |(refined, prism): (&Option<(Roof, Refined)>, &Prism)| {
+        let spread_m = refined.as_ref()?.1.sigma_m.max(around(middle(prism)));
         Some((SPREAD_SHARE * spread_m).hypot(SYSTEMATIC_M))
     };
     found.iter().zip(&scene.prisms).map(of_one).collect()
@@ -150,7 +150,7 @@ impl Roofs<'_> {
     }
 
     /// The roof on which the photos look alike most, at the height where they do.
-    fn settle(&self, building: usize, roof: Option<&Roof>) -> Option<(Roof, Settled)> {
+    fn refine(&self, building: usize, roof: Option<&Roof>) -> Option<(Roof, Refined)> {
         let (prism, settings, found) = (&self.stage.scene.prisms[building], self.settings, roof?);
         // A step takes places away: none has more than the flat one, which comes first.
         let mut candidates = optimise::candidates(prism, found, settings.clear_m as f32, settings.n_points);
@@ -158,13 +158,13 @@ impl Roofs<'_> {
         let (_, level) = candidates.first()?;
         let pictures = self.pictures(building, level)?;
         let pictures: Vec<&Picture> = pictures.iter().map(|picture| &**picture).collect();
-        let settle = |(roof, places): &(Roof, Vec<Vec3>), every: usize| {
+        let refine = |(roof, places): &(Roof, Vec<Vec3>), every: usize| {
             let in_map = places.iter().step_by(every).map(|p| p.as_dvec3() + self.stage.scene.origin.0);
-            Some((*roof, photometry::settle(&pictures, &in_map.collect::<Vec<_>>(), settings)?))
+            Some((*roof, photo_consistency::refine(&pictures, &in_map.collect::<Vec<_>>(), settings)?))
         };
         // Few places tell the better pitches of a form, all of them the form.
         let coarse: Vec<Option<f64>> =
-            candidates.iter().map(|candidate| Some(settle(candidate, THINNED)?.1.score)).collect();
+            candidates.iter().map(|candidate| Some(refine(candidate, THINNED)?.1.score)).collect();
         let best_of = |form: RoofForm| {
             let of_form = (0..candidates.len()).filter(|&i| candidates[i].0.form == form);
             of_form
@@ -172,22 +172,22 @@ impl Roofs<'_> {
                 .max_by(|&i, &j| coarse[i].partial_cmp(&coarse[j]).expect("numbers"))
         };
         let fine = [RoofForm::Flat, RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped].into_iter().filter_map(best_of);
-        let merit = |(roof, settled): &(Roof, Settled)| {
-            settled.score - if roof.form == found.form { 0.0 } else { OTHER_FORM_SCORE }
+        let merit = |(roof, refined): &(Roof, Refined)| {
+            refined.score - if roof.form == found.form { 0.0 } else { OTHER_FORM_SCORE }
         };
-        let all: Vec<(usize, (Roof, Settled))> = fine.filter_map(|i| Some((i, settle(&candidates[i], 1)?))).collect();
-        let (at, (roof, settled)) =
+        let all: Vec<(usize, (Roof, Refined))> = fine.filter_map(|i| Some((i, refine(&candidates[i], 1)?))).collect();
+        let (at, (roof, refined)) =
             all.iter().copied().reduce(|best, other| if merit(&other.1) > merit(&best.1) { other } else { best })?;
         let in_map: Vec<_> = candidates[at].1.iter().map(|p| p.as_dvec3() + self.stage.scene.origin.0).collect();
-        let elsewhere = photometry::elsewhere_share(&pictures, &in_map, &settled, settings);
-        (elsewhere <= MAX_ELSEWHERE_SHARE).then_some((roof, settled))
+        let elsewhere = photo_consistency::elsewhere_share(&pictures, &in_map, &refined, settings);
+        (elsewhere <= MAX_ELSEWHERE_SHARE).then_some((roof, refined))
     }
 
     /// The photos to compare on a roof: from all sides, those that nothing hides it from.
     fn pictures(&self, building: usize, level: &[Vec3]) -> Option<Vec<Arc<Picture>>> {
         let middle = (level.iter().sum::<Vec3>() / level.len() as f32).as_dvec3() + self.stage.scene.origin.0;
         let sees = |photo: usize| self.sees(self.photos[photo], building, level);
-        let chosen = photometry::choose(self.photos, middle, self.settings.n_photos, sees);
+        let chosen = photo_consistency::choose(self.photos, middle, self.settings.n_photos, sees);
         // A photo that cannot be read is told of and left out: the others will do.
         let read = |&photo: &usize| match self.album.picture(self.photos[photo]) {
             Ok(picture) => Some(picture),

@@ -117,7 +117,7 @@ pub(super) fn run(
         (heights, None)
     };
     summary.n_used_views = heights.solution.used_views.len();
-    summary.n_settled = heights.solution.heights.iter().filter(|solved| solved.raised_m.is_some()).count();
+    summary.n_refined = heights.solution.heights.iter().filter(|solved| solved.raised_m.is_some()).count();
     if options.until == Stage::Heights {
         return Ok(City::without_records(RunSummary { seconds, ..summary }));
     }
@@ -159,7 +159,7 @@ fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
         n_views: survey.views.len(),
         n_oblique: survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique).count(),
         n_used_views: 0,
-        n_settled: 0,
+        n_refined: 0,
         n_buildings: 0,
         detection: None,
         by_status: BTreeMap::new(),

@@ -39,7 +39,7 @@ const ROOMS: [Room; 8] = [
     Room {
         name: "photos",
         uses: &["geo", "heights", "survey"],
-        levels: &[&["onnx"], &["prior"], &["photometry"], &["dtm"]],
+        levels: &[&["onnx"], &["prior"], &["photo_consistency"], &["dtm"]],
     },
     Room { name: "footprints", uses: &["geo", "heights", "photos", "survey"], levels: &[] },
     Room {

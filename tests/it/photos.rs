@@ -1,4 +1,4 @@
-//! What photos add to the order of depths: roofs settled where they look alike, and the ground of a run that has no model.
+//! What photos add to the order of depths: roofs refined where they agree, and the ground of a run that has no model.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -49,7 +49,7 @@ fn mean_error_m(scene: &Path, result: &Path) -> f64 {
     all.error_mean_m
 }
 
-/// By how much the photos raised each roof that they settled, metres.
+/// By how much the photos raised each roof that they refined, metres.
 fn raised_m(result: &Path) -> Vec<f64> {
     let stage: serde_json::Value =
         serde_json::from_slice(&fs::read(result.join("stages/heights.json")).unwrap()).unwrap();
@@ -58,7 +58,7 @@ fn raised_m(result: &Path) -> Vec<f64> {
 }
 
 #[test]
-fn photos_settle_roofs_closer_than_priors_do() {
+fn photos_refine_roofs_closer_than_priors_do() {
     let scene = TOWN.path();
     let priors = mean_error_m(scene, &run(scene, "priors", &["refinement.enabled=false"]));
     let result = run(scene, "photos", &[]);

@@ -149,7 +149,7 @@ fn halos_that_cut_through_a_town_leave_its_heights_as_they_are() {
 }
 
 #[test]
-fn photos_of_all_kinds_settle_roofs_in_tiles_as_in_one_piece_and_a_poisoned_one_stops_nothing() {
+fn photos_of_all_kinds_refine_roofs_in_tiles_as_in_one_piece_and_a_poisoned_one_stops_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let mut config = SimulateConfig::default();
     config.town.n_buildings = N_BUILDINGS;

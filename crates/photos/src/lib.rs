@@ -1,10 +1,10 @@
 //! What aerial photos say of depth: priors from files, networks and stereo, photo-consistency, and ground.
 //!
 //! [`onnx`] is the only door to inference engines. [`prior`] turns a view into a
-//! [`DepthPrior`](sizeup_heights::prior::DepthPrior); [`photometry`] compares photos with one another on a surface; [`dtm`]
+//! [`DepthPrior`](sizeup_heights::prior::DepthPrior); [`photo_consistency`] compares photos with one another on a surface; [`dtm`]
 //! finds the ground between buildings.
 
 pub mod dtm;
 pub mod onnx;
-pub mod photometry;
+pub mod photo_consistency;
 pub mod prior;

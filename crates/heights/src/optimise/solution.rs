@@ -24,7 +24,7 @@ pub enum Reason {
     PoorScore,
     /// Over the whole range of heights another one explains the priors better.
     OtherHeight,
-    /// It stands far above all that is around, and the photos have not settled it.
+    /// It stands far above all that is around, and the photos have not refined it.
     AboveAllAround,
     /// The photos show the ground around it elsewhere than the terrain has it.
     GroundDiffers,
@@ -93,7 +93,7 @@ pub struct SolvedHeight {
 impl SolvedHeight {
     /// Takes the roof that the photos show, with a standard deviation to state from now on, metres; not if it is not within
     /// the range of heights.
-    pub fn settle(&mut self, roof: Roof, bounds: HeightBounds, reference: HeightReference, sigma_m: f64) {
+    pub fn refine(&mut self, roof: Roof, bounds: HeightBounds, reference: HeightReference, sigma_m: f64) {
         if !roof.is_within(bounds, reference) {
             return;
         }
@@ -210,7 +210,7 @@ mod tests {
         #[test]
         fn no_height_is_stated_outside_the_range_however_it_was_found(
             found in [0.1..200.0_f64, 0.1..200.0, 0.1..200.0],
-            settled in [0.1..200.0_f64, 0.1..200.0, 0.1..200.0],
+            refined in [0.1..200.0_f64, 0.1..200.0, 0.1..200.0],
             min_m in 1.0..10.0_f32, span_m in 1.0..100.0_f32, reference in 0..3_usize
         ) {
             let (bounds, reference) = (HeightBounds { min_m, max_m: min_m + span_m }, REFERENCES[reference]);
@@ -218,10 +218,10 @@ mod tests {
             let was_within = roof(found).is_within(bounds, reference);
             solved.keep_within(bounds, reference);
             prop_assert_eq!(solved.reasons.contains(&Reason::RangeBound), !was_within, "said where it was taken back");
-            solved.settle(roof(settled), bounds, reference, 0.1);
+            solved.refine(roof(refined), bounds, reference, 0.1);
             let stated = solved.roof.expect("it has a roof");
             prop_assert!(bounds.hold(solved.height_m.expect("it has a height")) && stated.is_within(bounds, reference));
-            prop_assert_eq!(solved.raised_m.is_some(), roof(settled).is_within(bounds, reference));
+            prop_assert_eq!(solved.raised_m.is_some(), roof(refined).is_within(bounds, reference));
         }
     }
 

@@ -22,7 +22,7 @@ use rstar::primitives::{GeomWithData, Rectangle};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::photometry::choose;
+use crate::photo_consistency::choose;
 use crate::prior::{Album, Picture, PriorError};
 use sizeup_geo::terrain::{Dem, DemError, MapBox, Terrain};
 use sizeup_survey::View;

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use super::{DtmConfig, Outcome};
-use crate::photometry::{Likeness, ground_sample_m};
+use crate::photo_consistency::{PhotoConsistency, ground_sample_m};
 use crate::prior::Picture;
 
 /// Samples along a side of the square.
@@ -20,7 +20,7 @@ pub(super) fn height(pictures: &[&Picture], near: DVec3, config: &DtmConfig) -> 
     let square = (0..n_side).flat_map(|row| (0..n_side).map(move |col| (row, col)));
     let square: Vec<DVec3> =
         square.map(|(row, col)| near + DVec2::new(offset_m(col), offset_m(row)).extend(0.0)).collect();
-    match Likeness::new(pictures, &square, config.within_m, gsd_m).peak() {
+    match PhotoConsistency::new(pictures, &square, config.within_m, gsd_m).peak() {
         Some(peak) if peak.score > config.min_score && peak.lead > config.min_margin => {
             Outcome::Ground(near.z + peak.raised_m)
         }

@@ -9,10 +9,10 @@
 //! The better pairs, because something may hide the surface in some photos. Heights are tried in steps that move the photos
 //! against each other by about half a pixel. Frame: the map, metres.
 
-mod settle;
+mod refine;
 
-pub use settle::RefinementConfig;
-pub use settle::{MIN_PHOTOS, MIN_PLACES, Settled, elsewhere_share, settle};
+pub use refine::RefinementConfig;
+pub use refine::{MIN_PHOTOS, MIN_PLACES, Refined, elsewhere_share, refine};
 
 use glam::{DVec2, DVec3};
 
@@ -66,7 +66,7 @@ pub(crate) fn ground_sample_m(pictures: &[&Picture], place: DVec3) -> f64 {
 }
 
 /// How much the photos look alike on a surface that is raised and lowered.
-pub(crate) struct Likeness {
+pub(crate) struct PhotoConsistency {
     /// Of the first height tried against the surface as given, and from one to the next, metres.
     low_m: f64,
     step_m: f64,
@@ -86,7 +86,7 @@ pub(crate) struct Peak {
     pub lead: f64,
 }
 
-impl Likeness {
+impl PhotoConsistency {
     /// Compares pictures over the points of a surface, up to so many metres above and below it; `gsd_m` metres to a pixel.
     pub fn new(pictures: &[&Picture], surface: &[DVec3], within_m: f64, gsd_m: f64) -> Self {
         let middle = surface.iter().sum::<DVec3>() / surface.len() as f64;

@@ -1,10 +1,10 @@
-//! A roof's height settled by the photos that show it.
+//! A roof's height refined by the photos that show it.
 
 use glam::DVec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Likeness, ground_sample_m};
+use super::{PhotoConsistency, ground_sample_m};
 use crate::prior::Picture;
 use sizeup_heights::stats::jackknife_sigma;
 
@@ -13,7 +13,7 @@ pub const MIN_PLACES: usize = 40;
 /// Fewer photos cannot outvote one that is wrong.
 pub const MIN_PHOTOS: usize = 4;
 
-/// How roof heights are settled by the photos.
+/// How roof heights are refined by the photos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RefinementConfig {
@@ -70,7 +70,7 @@ impl RefinementConfig {
 
 /// What the photos say of a roof.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settled {
+pub struct Refined {
     /// By how much the roof has to be raised, metres.
     pub raised_m: f64,
     /// Standard error over the photos (jackknife), metres.
@@ -82,19 +82,19 @@ pub struct Settled {
 }
 
 /// Where the photos that show a surface (map frame, metres) look alike; `None` if that is at no height within reach.
-pub fn settle(pictures: &[&Picture], surface: &[DVec3], config: &RefinementConfig) -> Option<Settled> {
+pub fn refine(pictures: &[&Picture], surface: &[DVec3], config: &RefinementConfig) -> Option<Refined> {
     let middle = surface.iter().sum::<DVec3>() / surface.len() as f64;
-    let likeness = Likeness::new(pictures, surface, config.within_m, ground_sample_m(pictures, middle));
-    let peak = likeness.peak()?;
-    let sigma_m = jackknife_sigma(&likeness.peaks_without_one()?)?;
-    Some(Settled { raised_m: peak.raised_m, sigma_m, score: peak.score, lead: peak.lead })
+    let consistency = PhotoConsistency::new(pictures, surface, config.within_m, ground_sample_m(pictures, middle));
+    let peak = consistency.peak()?;
+    let sigma_m = jackknife_sigma(&consistency.peaks_without_one()?)?;
+    Some(Refined { raised_m: peak.raised_m, sigma_m, score: peak.score, lead: peak.lead })
 }
 
-/// The share of a settled surface's places (map frame, metres) that lie in regions which look clearly better at another
+/// The share of a refined surface's places (map frame, metres) that lie in regions which look clearly better at another
 /// height: where it is large, the surface is not one, and no single shift of it is right.
 ///
 /// Regions: the places, halved again and again across their longer side, as long as each half can be compared.
-pub fn elsewhere_share(pictures: &[&Picture], surface: &[DVec3], settled: &Settled, config: &RefinementConfig) -> f64 {
+pub fn elsewhere_share(pictures: &[&Picture], surface: &[DVec3], refined: &Refined, config: &RefinementConfig) -> f64 {
     let mut regions = vec![surface.to_vec()];
     let mut finest = Vec::new();
     while let Some(mut region) = regions.pop() {
@@ -111,9 +111,9 @@ pub fn elsewhere_share(pictures: &[&Picture], surface: &[DVec3], settled: &Settl
     }
     let is_elsewhere = |region: &&Vec<DVec3>| {
         let middle = region.iter().sum::<DVec3>() / region.len() as f64;
-        let likeness = Likeness::new(pictures, region, config.within_m, ground_sample_m(pictures, middle));
-        likeness.peak().is_some_and(|peak| {
-            peak.score >= config.min_score && peak.score - likeness.score_at(settled.raised_m) >= config.min_lead
+        let consistency = PhotoConsistency::new(pictures, region, config.within_m, ground_sample_m(pictures, middle));
+        consistency.peak().is_some_and(|peak| {
+            peak.score >= config.min_score && peak.score - consistency.score_at(refined.raised_m) >= config.min_lead
         })
     };
     let n_elsewhere: usize = finest.iter().filter(is_elsewhere).map(Vec::len).sum();
