@@ -6,6 +6,7 @@ SHELL := /bin/bash
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
+RUSTDOC_STRICT := -D warnings -A rustdoc::private_intra_doc_links
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-20s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -46,9 +47,10 @@ test: deps-test ## Run all tests
 	$(CARGO) test --workspace --locked
 	@tools/skipped.sh
 
-lint: deps ## Check formatting and lints, warnings are errors
+lint: deps ## Check formatting, lints and the documentation, warnings are errors
 	$(CARGO) fmt --check
 	$(CARGO) clippy --workspace --locked --all-targets -- -D warnings
+	RUSTDOCFLAGS="$(RUSTDOC_STRICT)" $(CARGO) doc --workspace --locked --no-deps
 
 bench: deps ## Run the benchmarks
 	$(CARGO) bench --locked
@@ -63,7 +65,7 @@ docs: ## Write docs/reference.md anew, and build the API documentation into targ
 	@tools/deps.sh docs
 	$(CARGO) build --release --locked
 	tools/reference.py target/release/sizeup > docs/reference.md
-	RUSTDOCFLAGS="-D warnings -A rustdoc::private_intra_doc_links" $(CARGO) doc --workspace --locked --no-deps
+	RUSTDOCFLAGS="$(RUSTDOC_STRICT)" $(CARGO) doc --workspace --locked --no-deps
 
 schemas: deps ## Write schemas/ anew from the code
 	$(CARGO) run --locked --release -- schema --output schemas
