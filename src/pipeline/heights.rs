@@ -13,8 +13,8 @@ use super::{
     Event, FootprintStage, GroundTold, HeightStage, PipelineError, Solver, Stage, Tell, artefact, ground_told, levels,
 };
 use crate::config::RunConfig;
-use crate::optimise::{OptimiseConfig, Problem, Rays, SearchConfig, Solution, Solving, ViewInput};
-use crate::prior::{GroundCorrelation, Priors, ground_correlation, judge_tag};
+use crate::optimise::{CalibrationRays, OptimiseConfig, Problem, Rays, SearchConfig, Solution, Solving, ViewInput};
+use crate::prior::{GroundCorrelation, PriorConfig, Priors, ground_correlation, judge_tag};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
 use crate::seed;
@@ -165,7 +165,7 @@ impl HeightSearch<'_> {
             start_m: &known.of_scene(stage),
             progress: &|what, done, total| (self.tell)(Event::Advance { what, done, total }),
         };
-        let mut solution = (self.solver)(&problem, optimise);
+        let mut solution = (self.solver)(&problem, &for_priors(&self.config.prior, optimise));
         // Whatever solved it: no height outside the range is stated.
         let bounds = stage.scene.bounds;
         solution.heights.iter_mut().for_each(|solved| solved.keep_within(bounds, optimise.height_reference));
@@ -205,6 +205,15 @@ impl Known {
     fn of_scene(&self, stage: &SceneStage) -> Vec<Option<f32>> {
         if self.0.is_empty() { Vec::new() } else { stage.solved.iter().map(|&at| self.0[at]).collect() }
     }
+}
+
+/// Depth in metres is not calibrated.
+pub(super) fn for_priors(priors: &PriorConfig, optimise: &OptimiseConfig) -> OptimiseConfig {
+    let mut optimise = optimise.clone();
+    if priors.is_in_metres() {
+        optimise.search.calibrate_on = CalibrationRays::None;
+    }
+    optimise
 }
 
 /// What it takes to see whether a new part has yet another level.

@@ -86,6 +86,12 @@ impl PriorConfig {
         }
     }
 
+    /// Whether priors are depths in metres as the poses have them, with nothing left to calibrate.
+    #[must_use]
+    pub fn is_in_metres(&self) -> bool {
+        matches!(*self.chosen(), Self::Stereo(_))
+    }
+
     /// Where priors come from, in words.
     #[must_use]
     pub fn in_words(&self) -> String {
