@@ -7,7 +7,7 @@ use image::RgbImage;
 use image::imageops::{FilterType, crop_imm, resize};
 use rayon::prelude::*;
 
-use super::heights::view_inputs;
+use super::heights::{for_priors, view_inputs};
 use super::kept::PriorStore;
 use super::stages::SceneStage;
 use super::{HeightStage, pictures};
@@ -59,7 +59,7 @@ pub(super) fn gather(
         start_m: &[],
         progress: &|_, _, _| {},
     };
-    let inspections = inspect(&problem, &config.optimise, &heights.solution, &wanted);
+    let inspections = inspect(&problem, &for_priors(&config.prior, &config.optimise), &heights.solution, &wanted);
     let by_view = crops_by_view(&inspections, &problem, settings.evidence_views);
     let solved = &heights.solution.heights;
     let heights_m: Vec<f32> =

@@ -14,11 +14,13 @@ use super::{
 };
 use crate::config::RunConfig;
 use sizeup_geo::terrain::Terrain;
-use sizeup_heights::optimise::{OptimiseConfig, Problem, Rays, SearchConfig, Solution, Solving, ViewInput};
+use sizeup_heights::optimise::{
+    CalibrationRays, OptimiseConfig, Problem, Rays, SearchConfig, Solution, Solving, ViewInput,
+};
 use sizeup_heights::render::PlacedCamera;
 use sizeup_heights::scene::Scene;
 use sizeup_heights::seed;
-use sizeup_photos::prior::{GroundCorrelation, Priors, ground_correlation, judge_tag};
+use sizeup_photos::prior::{GroundCorrelation, PriorConfig, Priors, ground_correlation, judge_tag};
 use sizeup_survey::{Survey, View, ViewKind};
 
 /// Full sweeps that parts get among buildings whose heights are known from the round before.
@@ -165,7 +167,7 @@ impl HeightSearch<'_> {
             start_m: &known.of_scene(stage),
             progress: &|what, done, total| (self.tell)(Event::Advance { what, done, total }),
         };
-        let mut solution = (self.solver)(&problem, optimise);
+        let mut solution = (self.solver)(&problem, &for_priors(&self.config.prior, optimise));
         // Whatever solved it: no height outside the range is stated.
         let bounds = stage.scene.bounds;
         solution.heights.iter_mut().for_each(|solved| solved.keep_within(bounds, optimise.height_reference));
@@ -205,6 +207,15 @@ impl Known {
     fn of_scene(&self, stage: &SceneStage) -> Vec<Option<f32>> {
         if self.0.is_empty() { Vec::new() } else { stage.solved.iter().map(|&at| self.0[at]).collect() }
     }
+}
+
+/// Depth in metres is not calibrated.
+pub(super) fn for_priors(priors: &PriorConfig, optimise: &OptimiseConfig) -> OptimiseConfig {
+    let mut optimise = optimise.clone();
+    if priors.is_in_metres() {
+        optimise.search.calibrate_on = CalibrationRays::None;
+    }
+    optimise
 }
 
 /// What it takes to see whether a new part has yet another level.

@@ -8,6 +8,9 @@
 //! its place, so residuals have one heavy side. The fit is re-weighted by Tukey's biweight with the spread measured on
 //! the other side, which drives it to the far envelope: the ground. No terms in image position are fitted: on level
 //! ground `1/R` is itself affine in them, and the fit would collapse.
+//!
+//! Where one end of the photo shows nothing but what the scene does not have, the line tilts towards it all the same. Depth in
+//! metres, as stereo's, is therefore taken as it is.
 
 use super::config::CalibrationRays;
 use super::evidence::Evidence;
@@ -28,9 +31,14 @@ const CUT_OFF: [f64; 2] = [3.0, 4.7];
 pub struct Calibration {
     offset: f64,
     gain: f64,
+    /// Whether the prior is in metres of itself, and nothing had to be fitted.
+    pub(super) is_in_metres: bool,
 }
 
 impl Calibration {
+    /// Of priors that are inverse depths in 1/m as they are.
+    pub(super) const IN_METRES: Self = Self { offset: 0.0, gain: 1.0, is_in_metres: true };
+
     /// Fits a view with every roof where it is now; `None` where there is too little to go by, or where the prior
     /// falls towards the camera.
     #[must_use]
@@ -89,7 +97,7 @@ fn weighted_line(samples: &[(f64, f64)], weight: impl Fn(&(f64, f64)) -> f64) ->
         vp += k * (v - mean_v) * (p - mean_p);
     }
     let gain = vp / vv;
-    gain.is_finite().then_some(Calibration { offset: mean_p - gain * mean_v, gain })
+    gain.is_finite().then_some(Calibration { offset: mean_p - gain * mean_v, gain, is_in_metres: false })
 }
 
 #[cfg(test)]

@@ -203,6 +203,9 @@ pub enum CalibrationRays {
     /// Those that would meet the ground if every building had the height that searches start from: a height depends on
     /// those of its neighbours alone, not on all others that its photos show.
     Ground,
+    /// None: priors are depths in metres as they are. What they show above the ground outside of all outlines is then known
+    /// to be something that the scene does not have. A run sets it for stereo.
+    None,
 }
 
 /// Settings of the local search.
@@ -242,7 +245,7 @@ pub struct SearchConfig {
     /// Weight of the agreement added for surroundings that look wholly at what the scene does not have (buildings without
     /// an outline): edges there are not to be trusted.
     pub unmodelled_agreement_weight: f32,
-    /// Which rays bring a view's prior to metres: `all` or `ground`.
+    /// Which rays bring a view's prior to metres: `all`, `ground`, or `none` for priors that are in metres, as stereo's are.
     pub calibrate_on: CalibrationRays,
     /// Greatest number of views a building is measured in.
     pub max_views_per_building: usize,

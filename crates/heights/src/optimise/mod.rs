@@ -29,6 +29,7 @@ mod solve;
 mod stepped;
 mod stretches;
 mod two_levels;
+mod unmodelled;
 
 pub use config::{
     CalibrationRays, Gradient, Loss, MadGradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig, StepOn,

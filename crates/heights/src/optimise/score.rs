@@ -14,6 +14,7 @@ use super::calibrate::Calibration;
 use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::stretches::{Form, Stretch, Stretches, Sums};
+use super::unmodelled;
 use crate::render::profile::Stops;
 use crate::stats;
 
@@ -22,7 +23,7 @@ const MIN_RAYS: usize = 12;
 /// Residual variance, relative to the window's, below which a view is flat and has no vote.
 const FLAT: f64 = 1e-9;
 /// What stands out from the ground around a building by more than this is something that the scene does not have.
-const UNMODELLED_M: f64 = 3.0;
+pub(super) const UNMODELLED_M: f64 = 3.0;
 /// The same in standard deviations of the prior on open ground.
 const UNMODELLED_SIGMAS: f64 = 3.0;
 /// Ranks are resolved to this many steps of the residuals' range.
@@ -90,6 +91,7 @@ impl Window {
         let mut rays = evidence.rays_around(&own_rays, scope.dilate_px);
         rays.retain(|&r| evidence.nearness[r as usize].is_finite() && profiles.rays[r as usize].ground.is_finite());
         let unmodelled = match calibration {
+            Some(calibration) if calibration.is_in_metres => unmodelled::leave_out(evidence, &own_rays, &mut rays),
             Some(calibration) => leave_out_unmodelled(evidence, &own_rays, stops, calibration, &mut rays),
             None => 0.0,
         };
@@ -247,7 +249,7 @@ fn leave_out_unmodelled(
 }
 
 /// Whether a ray is one of some rays, asked in ascending order.
-fn within(ascending: &[u32]) -> impl FnMut(u32) -> bool + '_ {
+pub(super) fn within(ascending: &[u32]) -> impl FnMut(u32) -> bool + '_ {
     let mut rest = ascending;
     move |ray| {
         while rest.first().is_some_and(|&first| first < ray) {

@@ -97,6 +97,7 @@ impl<'a> SweepView<'a> {
                 let roofs = scene.roofs(&vec![config.start_height_m; scene.prisms.len()]);
                 Calibration::fit(evidence, &evidence.profiles.stops(&roofs), CalibrationRays::Ground)
             }),
+            CalibrationRays::None => Some(Calibration::IN_METRES),
         };
         Self { placed, evidence, stops, calibration }
     }

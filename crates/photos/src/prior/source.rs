@@ -86,6 +86,16 @@ impl PriorConfig {
         }
     }
 
+    /// Whether priors are depths in metres as the poses have them, with nothing left to calibrate.
+    #[must_use]
+    pub fn is_in_metres(&self) -> bool {
+        match &*self.chosen() {
+            Self::Stereo(_) => true,
+            Self::Network(network) => network.matches_in_metres(),
+            Self::Files(_) | Self::Auto(_) => false,
+        }
+    }
+
     /// Where priors come from, in words.
     #[must_use]
     pub fn in_words(&self) -> String {

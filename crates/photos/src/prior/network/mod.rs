@@ -94,6 +94,13 @@ impl NetworkConfig {
         known::in_place(&self.model).unwrap_or_else(|| self.model.clone())
     }
 
+    /// Whether it matches photos of known poses, in metres: its depth is then in metres as stereo's is.
+    #[must_use]
+    pub fn matches_in_metres(&self) -> bool {
+        let company = self.chosen().ok().and_then(|profile| profile.company);
+        company.is_some_and(|company| company.unit == PoseUnit::Metre && !company.depth_range.is_empty())
+    }
+
     fn chosen(&self) -> Result<Profile, PriorError> {
         let refuse = |problem: &str| PriorError::Config {
             problem: problem.to_owned(),
