@@ -23,6 +23,7 @@ const ROOMS: [Room; 8] = [
             &["render"],
             &["ordinal", "views"],
             &["optimise"],
+            &["estimate"],
         ],
     },
     Room {
@@ -63,12 +64,11 @@ const ROOMS: [Room; 8] = [
 const PROGRAM: &str = "sizeup";
 
 /// Imports within a level: room, who, whom, and why.
-const NEIGHBOURS: [(&str, &str, &str, &str); 5] = [
+const NEIGHBOURS: [(&str, &str, &str, &str); 4] = [
     ("geo", "files", "limits", "nothing is read whole that is over the limit"),
     ("geo", "template", "paths", "a name out of a file stays in its folder"),
     ("geo", "hashes", "files", "what is known of files is left behind in a file"),
     ("geo", "unfinished", "files", "a mark is a file"),
-    ("heights", "ray", "frames", "a ray lies in a frame"),
 ];
 
 /// What a room never touches, and why that is promised.
