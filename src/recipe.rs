@@ -95,9 +95,9 @@ impl Recipe {
         });
         let parts = differences(&self.parts, &made_by.parts).map(|(name, now, then)| match (now, then) {
             (Some(now), Some(then)) if name == PROGRAM => format!("made by sizeup {then}, this is {now}"),
-            (None | Some(ABSENT), Some(_)) => format!("{name} is gone"),
-            (Some(_), None | Some(ABSENT)) => format!("{name} is new"),
-            _ => format!("{name} has changed"),
+            (None | Some(ABSENT), Some(_)) => format!("{name} {} gone", if is_plural(name) { "are" } else { "is" }),
+            (Some(_), None | Some(ABSENT)) => format!("{name} {} new", if is_plural(name) { "are" } else { "is" }),
+            _ => format!("{name} {} changed", if is_plural(name) { "have" } else { "has" }),
         });
         let all: Vec<String> = settings.chain(parts).collect();
         let rest = all.len().saturating_sub(N_TOLD);
@@ -108,6 +108,11 @@ impl Recipe {
             _ => Some(format!("{told}; and {rest} more")),
         }
     }
+}
+
+/// Whether a part's name stands for several things: `its views`. A file's name stands for one, however it ends.
+fn is_plural(name: &str) -> bool {
+    name.starts_with("its ") && name.ends_with('s')
 }
 
 type Difference<'a> = (&'a str, Option<&'a str>, Option<&'a str>);
@@ -155,6 +160,9 @@ mod tests {
         assert_eq!(why, "optimise.max_height_m is 12.0, was 150.0; prior b.npy is gone; prior c.npy is gone");
         let more = made_by.clone().with("prior c.npy", "cc").with("views", "ab");
         assert_eq!(more.why_stale(&made_by).unwrap(), "prior c.npy is new; views has changed");
+        let of_tile = |sha256: &str| Recipe::new(&json!({})).with("its footprints", sha256).with("its terrain", sha256);
+        let why = of_tile("aa").why_stale(&of_tile("bb")).unwrap();
+        assert_eq!(why, "its footprints have changed; its terrain has changed");
         assert_ne!(wanted.sha256(), made_by.sha256());
     }
 

@@ -114,8 +114,9 @@ pub fn outlines_around(
         let layer = FootprintLayer::default();
         return Ok(FootprintStage::of_layer(layer, Vec::new(), Vec::new()));
     }
-    // A part is the same in whatever order the layer lists its buildings.
+    // A part is the same in whatever order the layer lists its buildings; their attributes are listed as a reader meets them.
     layer.footprints.sort_by(|a, b| a.id.cmp(&b.id));
+    layer.footprints.iter_mut().for_each(|footprint| footprint.attributes.sort_keys());
     layer.issues.sort_by(|a, b| (&a.subject, &a.code, &a.message).cmp(&(&b.subject, &b.code, &b.message)));
     let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
     Ok(on_ground(config, layer, &terrain))

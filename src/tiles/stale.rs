@@ -91,7 +91,7 @@ impl Check<'_> {
             .with("the frame", hash_of_text(&frame))
             .with("the tile's place", hash_of_text(&(tile.core, tile.halo)))
             .with("its views", &tile.views_sha256)
-            .with("its outlines", &tile.reads.outlines.sha256)
+            .with("its footprints", &tile.reads.outlines.sha256)
             .with("its terrain", terrain);
         for (role, path) in files_of_tile(manifest, views) {
             recipe.add(part_name(role, &path), self.sha256(&path));

@@ -2,7 +2,7 @@
 //! write at once.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 
 use geo::Translate as _;
 use sizeup::output::cityjson::{self, CityJsonConfig};
@@ -37,7 +37,7 @@ fn names_in(folder: &Path) -> Vec<String> {
 }
 
 /// An export under a limit of file size, in blocks of 1 KiB; without `trap` the system kills the writer.
-fn export_limited(input: &Path, output: &Path, trap: &str, blocks: u32) -> std::process::ExitStatus {
+fn export_limited(input: &Path, output: &Path, trap: &str, blocks: u32) -> ExitStatus {
     let script = format!("{trap} ulimit -f {blocks}; exec \"$@\"");
     Command::new("bash")
         .args(["-c", &script, "bash", env!("CARGO_BIN_EXE_sizeup"), "export"])
@@ -48,32 +48,34 @@ fn export_limited(input: &Path, output: &Path, trap: &str, blocks: u32) -> std::
         .unwrap()
 }
 
-#[test]
-fn a_write_that_fails_leaves_the_old_file_and_no_litter() {
+/// An export over an old file that ends as `trap` has it: what came of it, and the names beside the output.
+fn exports_over_an_old_file(trap: &str) -> Vec<(&'static str, ExitStatus, Vec<String>)> {
     let folder = tempfile::tempdir().unwrap();
     let input = input(folder.path(), "a");
-    for name in FORMATS {
+    let export = |name| {
         let results = folder.path().join("results").join(name);
         std::fs::create_dir_all(&results).unwrap();
         let output = results.join(name);
         std::fs::write(&output, "the old file").unwrap();
-        let status = export_limited(&input, &output, "trap '' XFSZ;", 4);
-        assert_eq!(status.code(), Some(4), "{name}");
+        let status = export_limited(&input, &output, trap, 4);
         assert_eq!(std::fs::read_to_string(&output).unwrap(), "the old file", "{name}");
-        assert_eq!(names_in(&results), [name], "no litter");
+        (name, status, names_in(&results))
+    };
+    FORMATS.into_iter().map(export).collect()
+}
+
+#[test]
+fn a_write_that_fails_leaves_the_old_file_and_no_litter() {
+    for (name, status, names) in exports_over_an_old_file("trap '' XFSZ;") {
+        assert_eq!((status.code(), names), (Some(4), vec![name.to_owned()]));
     }
 }
 
 #[test]
 fn a_writer_that_is_killed_leaves_the_old_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let input = input(folder.path(), "a");
-    for name in FORMATS {
-        let output = folder.path().join(name);
-        std::fs::write(&output, "the old file").unwrap();
-        let status = export_limited(&input, &output, "", 4);
-        assert!(!status.success(), "{name}");
-        assert_eq!(std::fs::read_to_string(&output).unwrap(), "the old file", "{name}");
+    for (name, status, names) in exports_over_an_old_file("") {
+        // By a signal: it could not tidy up.
+        assert_eq!(status.code(), None, "{name}: {names:?}");
     }
 }
 

@@ -8,6 +8,7 @@ use sizeup::footprint::{
     AccuracyConfig, CadastreConfig, ConsensusConfig, Detection, DetectionSettings, FootprintConfig, FootprintSource,
     MaskFiles, OutlineKind, detect,
 };
+use sizeup::issue::Subject;
 use sizeup::raster::Raster;
 use sizeup::simulate::MaskOutline;
 use sizeup::terrain::{Dem, Terrain};
@@ -147,14 +148,21 @@ fn with_annotation(segmentation: &Value) -> Detection {
 #[test]
 fn coco_outlines_that_cross_themselves_or_leave_the_photo_are_put_right() {
     // A bow tie holds two triangles that share a corner, of 900 and 300 pixels². No block stands on a corner's width: the
-    // outline is the larger one.
+    // outline is the larger one, and how much the other is, is told.
     let bow_tie = with_annotation(&json!([[100, 50, 160, 110, 160, 50, 120, 90]]));
     let areas: Vec<f64> = polygons(&bow_tie).iter().map(geo::Area::unsigned_area).collect();
     assert_eq!(areas.len(), 1, "{areas:?}");
     assert!((areas[0] - 900.0 * PIXEL_M * PIXEL_M).abs() < 12.0, "{areas:?}");
+    let told = bow_tie.layer.issues.iter().find(|issue| issue.code == "footprint_pieces_left_out").unwrap();
+    assert_eq!(told.subject, Subject::Building(bow_tie.layer.footprints[0].id.to_string()));
+    let left_out_m2 = bow_tie.sightings[0].left_out_m2;
+    assert!((left_out_m2 - 300.0 * PIXEL_M * PIXEL_M).abs() < 12.0, "{left_out_m2}");
+    let words = [format!("{left_out_m2:.1} m²"), "25 % of all".to_owned()];
+    assert!(words.iter().all(|words| told.message.contains(words)), "{}", told.message);
     // Half of this square lies beyond the photo.
     let beyond = with_annotation(&json!([[-40, 50, 40, 50, 40, 100, -40, 100]]));
     let found = &polygons(&beyond)[0];
+    assert!(!codes(&beyond).contains(&"footprint_pieces_left_out"), "{:?}", codes(&beyond));
     assert!((found.unsigned_area() - 40.0 * 50.0 * PIXEL_M * PIXEL_M).abs() < 15.0, "{}", found.unsigned_area());
     assert!(codes(&beyond).contains(&"mask_absent"), "{:?}", codes(&beyond));
     let unlisted = beyond.layer.issues.iter().find(|i| i.code == "mask_absent").unwrap();

@@ -53,6 +53,7 @@ mod synthetic_block;
 mod terrain_files;
 mod tiles;
 mod tiles3d;
+mod tiles_edits;
 mod tiles_faults;
 mod tiles_stale;
 mod tiny_scene;

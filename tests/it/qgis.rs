@@ -9,6 +9,7 @@ use sizeup::geodata::{GridPlace, write_geotiff};
 use sizeup::output::geopackage::{self, GeoPackageConfig, ProjectGround};
 use sizeup::raster::Raster;
 
+use crate::footprint_masks::{GROUND, INSTANCES, crs, find, source_of, with_masks};
 use crate::outputs::town;
 use crate::skipped::skip;
 use crate::tools::{picture, program};
@@ -136,6 +137,42 @@ fn write_slope(path: &Path) {
     let crs = Crs::parse("EPSG:28992").unwrap();
     let place = GridPlace { corner_m: (92_980.0, 436_080.0), cell_m: (4.0, 4.0), crs: &crs, nodata: -9999.0 };
     write_geotiff(path, &Raster::from_vec(30, 30, heights).unwrap(), &place).unwrap();
+}
+
+#[test]
+fn qgis_shows_the_title_of_every_field_of_every_layer() {
+    if !has_qgis() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let town = town();
+    let config = GeoPackageConfig::default();
+    geopackage::write(&path("town.gpkg"), &town.model(), &config).unwrap();
+    geopackage::write_project(&path("town.qgs"), "town.gpkg", &town.model(), &config, ProjectGround::LowestWall)
+        .unwrap();
+    // A file of a run without a cadastre has no layer of what vanished.
+    let (views, _) = with_masks(folder.path());
+    let found = find(&source_of(folder.path(), INSTANCES), &views, &GROUND).unwrap();
+    sizeup::footprint::write(&path("footprints.gpkg"), &found, &views, &crs()).unwrap();
+    let files = ["town.gpkg", "town.qgs", "town.qgz", "footprints.gpkg"].map(path);
+    let report: Value = serde_json::from_str(&run("aliases.py", &files.each_ref().map(PathBuf::as_path))).unwrap();
+
+    let of_town = &report[0]["layers"];
+    assert_eq!((&report[1]["layers"], &report[2]["layers"]), (of_town, of_town), "the project names them alike");
+    for (file, layers) in [(0, 5), (3, 2)] {
+        assert_eq!(report[file]["layers"], report[file]["titles"], "those of gpkg_data_columns, all of them");
+        assert_eq!(report[file]["layers"].as_object().unwrap().len(), layers);
+    }
+    let fields = report.as_array().unwrap().iter().flat_map(|file| file["layers"].as_object().unwrap());
+    for (layer, aliases) in fields {
+        for (field, alias) in aliases.as_object().unwrap() {
+            assert!(alias.as_str().is_some_and(|alias| !alias.is_empty()), "{layer}.{field}");
+        }
+    }
+    let buildings = &of_town["buildings"];
+    assert_eq!((&buildings["fid"], &buildings["roof_z_m"]), (&"Row".into(), &"Roof level (m)".into()));
+    assert_eq!((&buildings["street"], &buildings["input_height_m"]), (&"street".into(), &"height_m (input)".into()));
 }
 
 #[test]

@@ -106,6 +106,8 @@ pub struct Consensus {
     pub agreement: f64,
     /// Whether no single view shows it whole.
     pub is_assembled: bool,
+    /// Area of what views agree on beside the outline, in pieces that touch it in a corner at most, m².
+    pub left_out_m2: f64,
 }
 
 /// All buildings, from west to east, and what was left out.
@@ -331,9 +333,10 @@ fn draw_group(
         .zip(&votes)
         .zip(1_u32..)
         .filter_map(|((cluster, votes), label)| {
-            let parts = shaped.iter().filter(|s| s.label == label);
-            // What hangs on by a corner only is a blot of some mask, not the building.
-            let largest = parts.max_by(|a, b| a.polygon.unsigned_area().total_cmp(&b.polygon.unsigned_area()))?;
+            let parts = || shaped.iter().filter(|s| s.label == label);
+            // What hangs on by a corner only is mostly a blot of some mask; how much it is, is told.
+            let largest = parts().max_by(|a, b| a.polygon.unsigned_area().total_cmp(&b.polygon.unsigned_area()))?;
+            let all_m2: f64 = parts().map(|part| part.polygon.unsigned_area()).sum();
             let others: Vec<_> = shaped.iter().filter(|s| s.label != label).map(|s| &s.polygon).collect();
             let polygon = votes.without_doubtful_holes(&largest.polygon, &others, scratch);
             Some(Consensus {
@@ -343,6 +346,7 @@ fn draw_group(
                 n_views: cluster.n_views,
                 n_seen: cluster.n_seen,
                 is_assembled: cluster.members.iter().all(|&m| candidates[m].is_cut),
+                left_out_m2: all_m2 - largest.polygon.unsigned_area(),
             })
         })
         .collect()

@@ -28,9 +28,9 @@ const GRID_M: f64 = 1e-6;
 /// [`WriteFootprintsError`].
 pub fn write_plain(path: &Path, layer: &FootprintLayer, crs: &Crs) -> Result<(), WriteFootprintsError> {
     let columns = [
-        Column::new(ID, ColumnKind::Text, "Id of the building"),
-        Column::new(PART_OF, ColumnKind::Text, "Id of the building that it is part of"),
-        Column::new(ATTRIBUTES, ColumnKind::Text, "Its attributes, JSON"),
+        Column::new(ID, "Building", ColumnKind::Text, "Id of the building"),
+        Column::new(PART_OF, "Part of", ColumnKind::Text, "Id of the building that it is part of"),
+        Column::new(ATTRIBUTES, "Attributes", ColumnKind::Text, "Its attributes, JSON"),
     ];
     let row = |footprint: &Footprint| Row {
         wkb: Some(wkb(&footprint.polygon.clone().into())),

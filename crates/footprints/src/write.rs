@@ -10,7 +10,7 @@ use super::Detection;
 use super::cadastre::Change;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{FileError, write_whole_by_name};
-use sizeup_geo::geodata::features::{Column, ColumnKind, GeometryKind, LayerSpec, Row};
+use sizeup_geo::geodata::features::{Column, ColumnKind, GeometryKind, LayerSpec, Row, free_title};
 use sizeup_geo::geodata::gpkg::{self, GpkgError};
 use sizeup_survey::View;
 
@@ -63,7 +63,7 @@ pub fn write(path: &Path, detection: &Detection, views: &[View], crs: &Crs) -> R
                 |push| candidate_rows(detection, views).try_for_each(push),
             )?;
             if !detection.vanished.is_empty() {
-                let columns = vec![column("id", ColumnKind::Text, "Id in the existing layer")];
+                let columns = vec![Column::new("id", "Building", ColumnKind::Text, "Id in the existing layer")];
                 let mut rows = detection.vanished.iter().map(|old| Row {
                     wkb: Some(wkb(&old.polygon.clone().into())),
                     values: vec![old.id.0.clone().into()],
@@ -85,10 +85,6 @@ pub fn write(path: &Path, detection: &Detection, views: &[View], crs: &Crs) -> R
     })
 }
 
-fn column(name: &'static str, kind: ColumnKind, meaning: &'static str) -> Column {
-    Column::new(name, kind, meaning)
-}
-
 const OWN: [&str; 9] = [
     "id",
     "n_views",
@@ -103,23 +99,40 @@ const OWN: [&str; 9] = [
 
 fn footprint_columns(detection: &Detection) -> Vec<Column> {
     let mut columns = vec![
-        column("id", ColumnKind::Text, "Id from the building's place, or of the existing layer"),
-        column("n_views", ColumnKind::Integer, "Nadir photos that show it"),
-        column("n_seen", ColumnKind::Integer, "Nadir photos that see its place"),
-        column("agreement", ColumnKind::Real, "Mean intersection over union of the photos' outlines with this one"),
-        column(
+        Column::new("id", "Building", ColumnKind::Text, "Id from the building's place, or of the existing layer"),
+        Column::new("n_views", "Photos", ColumnKind::Integer, "Nadir photos that show it"),
+        Column::new("n_seen", "Photos that see the place", ColumnKind::Integer, "Nadir photos that see its place"),
+        Column::new(
+            "agreement",
+            "Agreement",
+            ColumnKind::Real,
+            "Mean intersection over union of the photos' outlines with this one",
+        ),
+        Column::new(
             "footprint_confidence",
+            "Confidence",
             ColumnKind::Real,
             "Share of photos that show it times agreement, 0 to 1; not calibrated",
         ),
-        column("sigma_m", ColumnKind::Real, "Standard deviation of its corners, root mean square, metres"),
-        column(
+        Column::new(
+            "sigma_m",
+            "Sigma (m)",
+            ColumnKind::Real,
+            "Standard deviation of its corners, root mean square, metres",
+        ),
+        Column::new(
             "corner_sigma_m",
+            "Sigma of each corner (m)",
             ColumnKind::Text,
             "Standard deviation of each corner in the order of the rings, metres",
         ),
-        column("assembled", ColumnKind::Integer, "1 if no single photo shows it whole"),
-        column("cadastre", ColumnKind::Text, "Against the existing layer: matched, changed_outline, new or unseen"),
+        Column::new("assembled", "Assembled", ColumnKind::Integer, "1 if no single photo shows it whole"),
+        Column::new(
+            "cadastre",
+            "Against the layer",
+            ColumnKind::Text,
+            "Against the existing layer: matched, changed_outline, new or unseen",
+        ),
     ];
     // The existing layer's own attributes follow.
     let mut names: Vec<&String> = Vec::new();
@@ -147,12 +160,10 @@ fn footprint_columns(detection: &Detection) -> Vec<Column> {
             ColumnKind::Text
         }
     };
-    columns.extend(names.into_iter().map(|name| Column {
-        name: name.clone().into(),
-        kind: kind(name),
-        title: "",
-        meaning: "",
-    }));
+    for name in names {
+        let title = free_title(name, &columns);
+        columns.push(Column::carried(name.clone(), title, kind(name)));
+    }
     columns
 }
 
@@ -186,11 +197,16 @@ fn footprint_rows<'a>(detection: &'a Detection, columns: &'a [Column]) -> impl I
 
 fn candidate_columns() -> Vec<Column> {
     vec![
-        column("view", ColumnKind::Text, "The photo"),
-        column("building", ColumnKind::Text, "Id of the building it is part of; none where it was left out"),
-        column("score", ColumnKind::Real, "What the segmenter gives it, 0 to 1"),
-        column("cut", ColumnKind::Integer, "1 if the photo's border cuts it off"),
-        column("sigma_m", ColumnKind::Real, "Standard deviation of its outline, metres"),
+        Column::new("view", "Photo", ColumnKind::Text, "The photo"),
+        Column::new(
+            "building",
+            "Building",
+            ColumnKind::Text,
+            "Id of the building it is part of; none where it was left out",
+        ),
+        Column::new("score", "Score", ColumnKind::Real, "What the segmenter gives it, 0 to 1"),
+        Column::new("cut", "Cut off", ColumnKind::Integer, "1 if the photo's border cuts it off"),
+        Column::new("sigma_m", "Sigma (m)", ColumnKind::Real, "Standard deviation of its outline, metres"),
     ]
 }
 

@@ -44,12 +44,16 @@ impl Builder<'_> {
         let consensus = self.settings.consensus;
         let rules = Rules { grid_m: consensus.grid_m, min_area_m2: consensus.min_area_m2, max_area_change: 0.05 };
         let mut kept = Vec::with_capacity(buildings.len());
-        for building in buildings {
+        for mut building in buildings {
             match clean::clean(&building.polygon, rules) {
                 Ok(cleaned) => {
+                    let all_m2: f64 = cleaned.parts.iter().map(geo::Area::unsigned_area).sum();
                     let parts = cleaned.parts.into_iter();
                     let largest = parts.max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area()));
-                    kept.extend(largest.map(|polygon| (polygon, building)));
+                    kept.extend(largest.map(|polygon| {
+                        building.left_out_m2 += all_m2 - polygon.unsigned_area();
+                        (polygon, building)
+                    }));
                 }
                 Err(clean::Defect::TooSmall { .. } | clean::Defect::NoArea) => summary.n_small += 1,
                 Err(defect) => {
@@ -117,6 +121,7 @@ impl Builder<'_> {
             confidence: support.min(1.0) * building.agreement,
             corner_sigma_m,
             is_assembled: building.is_assembled,
+            left_out_m2: building.left_out_m2,
             change: None,
         }
     }

@@ -6,6 +6,7 @@ mod roofs;
 
 use std::collections::BTreeMap;
 
+use geo::Area as _;
 use geo_types::MultiPolygon;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -14,7 +15,7 @@ pub use roofs::move_roofs;
 
 use self::build::Builder;
 use self::look::{Looked, look_at, raised};
-use super::cadastre::{self, Change};
+use super::cadastre::{self, Change, OutlineFrom};
 use super::candidate::{Candidate, SeenGround};
 use super::cluster::Dropped;
 use super::consensus;
@@ -62,6 +63,9 @@ pub struct Sighting {
     pub corner_sigma_m: Vec<f64>,
     /// Whether no single view shows it whole.
     pub is_assembled: bool,
+    /// Area of what views agree on beside its outline, in pieces that touch it in a corner at most, m².
+    #[serde(default)]
+    pub left_out_m2: f64,
     /// Against an existing layer.
     pub change: Option<Change>,
 }
@@ -228,6 +232,7 @@ pub fn detect(
         issues.extend(found.issues);
     }
     tell(&summary, &mut issues);
+    issues.extend(left_out(&detection, &settings));
     issues.append(&mut detection.layer.issues);
     detection.layer.issues = issues;
     detection.summary = summary;
@@ -288,6 +293,34 @@ fn suspicious(looked: &[Result<Looked, ViewFault>]) -> Option<Issue> {
         );
     }
     None
+}
+
+/// Buildings that views show in several pieces, of which the largest became the outline: those that lost as much as a
+/// building. Where a layer's outline is taken, nothing is lost.
+fn left_out(detection: &Detection, settings: &DetectionSettings<'_>) -> Vec<Issue> {
+    let has_own_outline = |change: Option<Change>| {
+        let is_of_layer = settings.cadastre.is_some_and(|config| config.outline_from == OutlineFrom::Layer);
+        !(is_of_layer && change == Some(Change::Matched))
+    };
+    let least_m2 = settings.consensus.min_area_m2;
+    let buildings = detection.layer.footprints.iter().zip(&detection.sightings);
+    let lost = buildings.filter(|(_, seen)| seen.left_out_m2 >= least_m2 && has_own_outline(seen.change));
+    let tell = |(footprint, seen): (&Footprint, &Sighting)| {
+        let (kept_m2, lost_m2) = (footprint.polygon.unsigned_area(), seen.left_out_m2);
+        let message = format!(
+            "the photos show it in pieces that touch in a corner at most: its outline is the largest, {kept_m2:.1} m², and \
+             {lost_m2:.1} m² ({:.0} % of all) are left out",
+            100.0 * lost_m2 / (kept_m2 + lost_m2)
+        );
+        let subject = Subject::Building(footprint.id.to_string());
+        let issue = Issue::new(Severity::Warning, "footprint_pieces_left_out", subject, message)
+            .hint("outline each piece as a building of its own in the masks, or mend masks that cross themselves");
+        match footprint.middle() {
+            Some((x, y)) => issue.at(x, y),
+            None => issue,
+        }
+    };
+    lost.map(tell).collect()
 }
 
 /// What was left out, in numbers: single ones are in the layer of candidates.

@@ -61,24 +61,43 @@ pub struct Column {
     pub name: Cow<'static, str>,
     /// Type.
     pub kind: ColumnKind,
-    /// Name for people, one of its kind in the layer; written to `gpkg_data_columns`. May be empty.
-    pub title: &'static str,
-    /// Meaning and unit, one line; written to `gpkg_data_columns`. May be empty.
+    /// Name for people, one of its kind in the layer; written to `gpkg_data_columns`, and as the alias of QGIS.
+    pub title: Cow<'static, str>,
+    /// Meaning and unit, one line; written to `gpkg_data_columns`.
     pub meaning: &'static str,
 }
 
 impl Column {
     /// A column whose name is known in advance.
     #[must_use]
-    pub const fn new(name: &'static str, kind: ColumnKind, meaning: &'static str) -> Self {
-        Self { name: Cow::Borrowed(name), kind, title: "", meaning }
+    pub const fn new(name: &'static str, title: &'static str, kind: ColumnKind, meaning: &'static str) -> Self {
+        Self { name: Cow::Borrowed(name), kind, title: Cow::Borrowed(title), meaning }
     }
 
-    /// The same with a name for people.
+    /// A column that came with the input, under its own name and what people call it.
     #[must_use]
-    pub const fn titled(name: &'static str, title: &'static str, kind: ColumnKind, meaning: &'static str) -> Self {
-        Self { name: Cow::Borrowed(name), kind, title, meaning }
+    pub const fn carried(name: String, title: String, kind: ColumnKind) -> Self {
+        Self { name: Cow::Owned(name), kind, title: Cow::Owned(title), meaning: "Attribute of the input" }
     }
+}
+
+/// The feature id, which GDAL adds to every layer of a `GeoPackage`.
+pub const FID: Column = Column::new("fid", "Row", ColumnKind::Integer, "Number of the row in the layer");
+
+/// A title for a column that came with the input: what the input calls it, told apart from the names and titles that are
+/// taken.
+#[must_use]
+pub fn free_title(name: &str, taken: &[Column]) -> String {
+    let own = FID;
+    let is_taken = |title: &str| {
+        let mut names = taken.iter().chain([&own]).flat_map(|column| [&column.name, &column.title]);
+        names.any(|other| other.to_lowercase() == title.to_lowercase())
+    };
+    let mut title = name.to_owned();
+    while is_taken(&title) {
+        title.push_str(" (input)");
+    }
+    title
 }
 
 /// A layer to create.

@@ -3,6 +3,7 @@
 //! Everything happens in one transaction (8 times faster than without). Dates that the format demands come from the
 //! caller (GDAL's `OGR_CURRENT_DATE`), so that the same content is the same bytes.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use gdal::config::{clear_thread_local_config_option, set_thread_local_config_option};
@@ -11,7 +12,8 @@ use gdal::spatial_ref::{AxisMappingStrategy, SpatialRef};
 use gdal::vector::sql::Dialect;
 use gdal::{Dataset, DriverManager};
 
-use super::features::{LayerSpec, Row, write_features};
+use super::features::{Column, FID, LayerSpec, Row, write_features};
+use super::qml;
 
 /// How every layer is laid out.
 const LAYER_OPTIONS: [&str; 3] = ["GEOMETRY_NAME=geom", "FID=fid", "SPATIAL_INDEX=YES"];
@@ -66,6 +68,8 @@ pub struct Writer<'a> {
     dataset: &'a mut Dataset,
     path: PathBuf,
     crs: SpatialRef,
+    /// Columns of the layers so far, by layer.
+    columns: BTreeMap<String, Vec<Column>>,
 }
 
 /// Creates `path`, which must not exist, and fills it in one transaction.
@@ -93,7 +97,7 @@ pub fn create<E: From<GpkgError>>(
     let mut dataset = driver.create_vector_only(path).map_err(failed("create the file"))?;
     {
         let mut transaction = dataset.start_transaction().map_err(failed("start a transaction"))?;
-        fill(&mut Writer { dataset: &mut transaction, path: path.to_owned(), crs })?;
+        fill(&mut Writer { dataset: &mut transaction, path: path.to_owned(), crs, columns: BTreeMap::new() })?;
         transaction.commit().map_err(failed("commit the transaction"))?;
     }
     // Spatial indexes are built here.
@@ -128,8 +132,8 @@ impl Drop for ThreadOptions {
 }
 
 impl Writer<'_> {
-    /// Default styles of layers, as (layer, QML), where QGIS looks for them: a table of its own, which must be listed in
-    /// `gpkg_contents`, or QGIS does not see it.
+    /// Default styles of layers that are written, as (layer, QML), where QGIS looks for them: a table of its own, which
+    /// must be listed in `gpkg_contents`, or QGIS does not see it. Titles of the layers' columns become aliases.
     ///
     /// # Errors
     /// [`GpkgError`].
@@ -146,12 +150,13 @@ impl Writer<'_> {
             text(timestamp)
         ))?;
         for (layer, qml) in styles {
+            let qml = qml::with_aliases(qml, self.columns.get(*layer).map_or(&[], Vec::as_slice));
             self.sql(&format!(
                 "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName, \
                  styleQML, styleSLD, useAsDefault, description, owner, ui, update_time) \
                  VALUES ('', '', {layer}, 'geom', {layer}, {qml}, '', 1, 'sizeup default', '', NULL, {timestamp})",
                 layer = text(layer),
-                qml = text(qml),
+                qml = text(&qml),
                 timestamp = text(timestamp),
             ))?;
         }
@@ -172,15 +177,17 @@ impl Writer<'_> {
         let described = [format!("IDENTIFIER={}", spec.name), format!("DESCRIPTION={}", spec.description)];
         let options: Vec<&str> = LAYER_OPTIONS.into_iter().chain(described.iter().map(String::as_str)).collect();
         write_features(self.dataset, &self.crs, spec, &options, &failed, fill)?;
-        for column in spec.columns.iter().filter(|column| !column.meaning.is_empty()) {
+        let columns: Vec<Column> = std::iter::once(FID).chain(spec.columns.iter().cloned()).collect();
+        for column in &columns {
             let (layer, name, meaning) = (text(spec.name), text(&column.name), text(column.meaning));
             // GDAL takes the one for the field's alias, other readers the other.
-            let title = if column.title.is_empty() { "NULL".to_owned() } else { text(column.title) };
+            let title = text(&column.title);
             self.sql(&format!(
                 "INSERT INTO gpkg_data_columns (table_name, column_name, name, title, description) \
                  VALUES ({layer}, {name}, {title}, {title}, {meaning})"
             ))?;
         }
+        self.columns.insert(spec.name.to_owned(), columns);
         Ok(())
     }
 

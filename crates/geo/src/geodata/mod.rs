@@ -1,10 +1,11 @@
 //! Files of the GIS world, through the system's GDAL.
 //!
-//! The only doors to GDAL: [`raster`] and [`vector`] read, the others write.
+//! The only doors to GDAL: [`raster`] and [`vector`] read, the others write. [`qml`] is what QGIS reads beside them.
 
 pub mod features;
 pub mod flatgeobuf;
 pub mod gpkg;
+pub mod qml;
 pub mod raster;
 pub mod vector;
 pub mod view_layers;

@@ -1,6 +1,9 @@
 //! One step of the ordinal optimiser: the loss of one view, and its derivative by the buildings' heights from the
 //! parts of [`super::gradient`].
 
+use std::collections::BTreeMap;
+use std::ops::AddAssign;
+
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
@@ -67,6 +70,11 @@ impl Vote {
         Some(Self { order, margin })
     }
 
+    /// What it costs where both pixels are rendered at one depth: an order that is no better than none.
+    pub fn cost_of_none(self) -> f32 {
+        self.cost(0.0)
+    }
+
     /// Cost of a normalised rendered contrast.
     pub fn cost(self, rendered_contrast: f32) -> f32 {
         self.order.cost(rendered_contrast, self.margin)
@@ -123,24 +131,50 @@ pub fn view_step(input: &StepInput<'_>, config: &OrdinalConfig, rng: &mut ChaCha
     Some(ViewStep { loss, n_pairs: pairs.len(), n_active, gradient })
 }
 
-/// Sum of the costs and number of random pairs with a vote that show each building, by building; nothing is added where
+/// What pairs cost, beside what they would cost if every one were rendered at one depth.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Costs {
+    /// Number of pairs.
+    pub n: usize,
+    paid: f64,
+    of_none: f64,
+}
+
+impl AddAssign for Costs {
+    fn add_assign(&mut self, other: Self) {
+        *self = Self { n: self.n + other.n, paid: self.paid + other.paid, of_none: self.of_none + other.of_none };
+    }
+}
+
+impl Costs {
+    fn add(&mut self, pair: &Pair, compared: &Compared) {
+        *self += Self { n: 1, paid: f64::from(pair.cost(compared)), of_none: f64::from(pair.vote.cost_of_none()) };
+    }
+
+    /// Whether the order is no better than none; not where nothing was compared.
+    pub fn are_no_better_than_none(&self) -> bool {
+        self.of_none > 0.0 && self.paid >= self.of_none
+    }
+}
+
+/// What random pairs of one view cost that have a vote: all of them, and by building those that show it. `None` where
 /// nothing can be compared.
-pub(super) fn add_costs(
+pub(super) fn costs(
     evidence: &Evidence<'_>,
     roofs: &[f32],
     config: &OrdinalConfig,
     rng: &mut ChaCha8Rng,
-    costs: &mut [(f64, usize)],
-) {
-    let Some(compared) = Compared::new(evidence, roofs, config.region) else { return };
+) -> Option<(Costs, BTreeMap<u32, Costs>)> {
+    let compared = Compared::new(evidence, roofs, config.region)?;
+    let (mut of_view, mut of_building) = (Costs::default(), BTreeMap::<u32, Costs>::new());
     for pair in draw_pairs(&compared, config, rng) {
-        let cost = f64::from(pair.cost(&compared));
+        of_view.add(&pair, &compared);
         let [of_p, of_q] = [pair.p, pair.q].map(|at| compared.building[at]);
         for building in of_p.into_iter().chain(of_q.filter(|_| of_q != of_p)) {
-            let (sum, n) = &mut costs[building as usize];
-            (*sum, *n) = (*sum + cost, *n + 1);
+            of_building.entry(building).or_default().add(&pair, &compared);
         }
     }
+    Some((of_view, of_building))
 }
 
 /// Random pairs of compared pixels; those without a vote are left out.

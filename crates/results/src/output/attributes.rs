@@ -34,7 +34,7 @@ impl Field {
         meaning: &'static str,
         value: fn(&BuildingRecord, &SolidFacts) -> Value,
     ) -> Self {
-        Self { column: Column::titled(name, title, kind, meaning), value }
+        Self { column: Column::new(name, title, kind, meaning), value }
     }
 
     /// Its value; [`Value::Null`] if not known. Lists stay lists.
@@ -203,7 +203,7 @@ fn text(value: Option<&str>) -> Value {
 }
 
 /// The id, before [`FIELDS`] in formats that have no place of their own for it.
-pub const ID: Column = Column::titled("id", "Building", ColumnKind::Text, "Id of the building in the input");
+pub const ID: Column = Column::new("id", "Building", ColumnKind::Text, "Id of the building in the input");
 
 /// Names that a format needs for itself, beside [`FIELDS`].
 const RESERVED: [&str; 5] = ["id", "fid", "geom", "measuredheight", "rtree"];

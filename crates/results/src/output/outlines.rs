@@ -1,6 +1,5 @@
 //! Outlines with all attributes as rows of a table: what `GeoPackage` and `FlatGeobuf` share.
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use serde_json::Value;
@@ -9,7 +8,7 @@ use super::attributes::{self, FIELDS, Field, ID};
 use super::facts::SolidFacts;
 use super::grid::Grid;
 use super::{BuildingRecord, Overview, wkb};
-use sizeup_geo::geodata::features::{Column, ColumnKind, Row};
+use sizeup_geo::geodata::features::{Column, ColumnKind, Row, free_title};
 
 /// Between the items of a list in a text column.
 pub const LIST_SEPARATOR: &str = "; ";
@@ -27,12 +26,7 @@ impl OutlineRows {
     /// For the buildings of an overview; grid and thickness tell which have a solid.
     #[must_use]
     pub fn new(overview: &Overview, grid: Grid, min_thickness_m: f64) -> Self {
-        let carried = carried_columns(overview);
-        let theirs =
-            carried.iter().map(|c| Column { name: Cow::Owned(c.column.clone()), kind: c.kind, title: "", meaning: "" });
-        let ours = FIELDS.into_iter().map(|field| field.column);
-        let columns = std::iter::once(ID).chain(ours).chain(theirs).collect();
-        Self { columns, carried, grid, min_thickness_m }
+        Self { columns: columns(overview), carried: carried_columns(overview), grid, min_thickness_m }
     }
 
     /// One building.
@@ -43,6 +37,17 @@ impl OutlineRows {
         values.extend(self.carried.iter().map(|c| record.attributes.get(&c.name).map_or(Value::Null, |v| c.value(v))));
         Row { wkb: record.footprint.as_ref().map(wkb::polygon), values }
     }
+}
+
+/// The columns of the buildings of an overview: the id, ours, then the user's under what the user calls them.
+#[must_use]
+pub fn columns(overview: &Overview) -> Vec<Column> {
+    let mut columns: Vec<Column> = std::iter::once(ID).chain(FIELDS.into_iter().map(|field| field.column)).collect();
+    for Carried { name, column, kind } in carried_columns(overview) {
+        let title = free_title(&name, &columns);
+        columns.push(Column::carried(column, title, kind));
+    }
+    columns
 }
 
 /// The id and the values of some of our fields, lists as text.

@@ -9,7 +9,7 @@ use crate::optimise::adam::Adam;
 use crate::optimise::config::{Gradient, Loss, OrdinalConfig, StepOn};
 use crate::optimise::gradient::edge_sampled::Outlines;
 use crate::optimise::gradient::sum_by_building;
-use crate::optimise::ordinal::{StepInput, ViewStep, add_costs, view_step};
+use crate::optimise::ordinal::{Costs, StepInput, ViewStep, costs, view_step};
 use crate::optimise::regression;
 use crate::optimise::schedule::Step;
 use crate::scene::HeightBounds;
@@ -52,18 +52,28 @@ impl State<'_> {
         (self.problem.progress)(Solving::Epochs, config.epochs, config.epochs);
     }
 
-    /// By building: whether its pairs cost the margin or more on average, with the heights as they are. That is what a pair
-    /// costs whose pixels are rendered at one depth: the order against the rest of the photos is no better than none.
+    /// By building: whether the order that it stands in is no better than none, with the heights as they are. That is where
+    /// its pairs cost on average as much as if each were rendered at one depth, or more; and where most of its pairs are of
+    /// views of which that holds as a whole: to be in order with what is itself misplaced says nothing of a height.
     fn wrong_orders(&self, selection: &Selection) -> Vec<bool> {
         let config = &self.config.ordinal;
         let roofs = self.problem.scene.roofs(&self.heights_m);
-        let mut costs = vec![(0.0, 0_usize); self.heights_m.len()];
+        let mut own = vec![Costs::default(); self.heights_m.len()];
+        // Pairs of each building, and those of them in views that are in the wrong order.
+        let mut n_pairs = vec![[0_usize; 2]; self.heights_m.len()];
         for &view in &selection.views {
             let Some(evidence) = &self.evidence[view] else { continue };
             let mut rng = seed::stream(self.problem.seed, "pairs at the end", &[self.problem.views[view].key]);
-            add_costs(evidence, &roofs, config, &mut rng, &mut costs);
+            let Some((of_view, of_building)) = costs(evidence, &roofs, config, &mut rng) else { continue };
+            let is_wrong = of_view.are_no_better_than_none();
+            for (building, paid) in of_building {
+                own[building as usize] += paid;
+                let [n, n_wrong] = &mut n_pairs[building as usize];
+                (*n, *n_wrong) = (*n + paid.n, *n_wrong + if is_wrong { paid.n } else { 0 });
+            }
         }
-        costs.into_iter().map(|(sum, n)| n > 0 && sum >= f64::from(config.margin) * n as f64).collect()
+        let is_wrong = |(own, [n, n_wrong]): (Costs, [usize; 2])| own.are_no_better_than_none() || 2 * n_wrong > n;
+        own.into_iter().zip(n_pairs).map(is_wrong).collect()
     }
 
     /// One step along the sum of some views' losses; what each view had to say.

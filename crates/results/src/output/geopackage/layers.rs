@@ -5,12 +5,12 @@ use serde_json::Value;
 
 use super::super::attributes::{self, FIELDS, Field, ID};
 use super::super::facts::SolidFacts;
-use super::super::outlines::{OutlineRows, own_values};
+use super::super::outlines::{self, OutlineRows, own_values};
 use super::super::prism::Prism;
 use super::super::{BuildingRecord, OutputError, Overview, Records, wkb};
 use super::{GeoPackageConfig, Grid, TileArea};
 use sizeup_geo::geodata::features::ColumnKind::{Integer, Real, Text};
-use sizeup_geo::geodata::features::{Column, ColumnKind, GeometryKind, LayerSpec, Row};
+use sizeup_geo::geodata::features::{Column, ColumnKind, FID, GeometryKind, LayerSpec, Row};
 use sizeup_geo::geodata::gpkg::Writer;
 use sizeup_geo::issue::{Issue, Subject};
 use sizeup_survey::{Survey, View};
@@ -33,6 +33,29 @@ pub fn buildings<R: Records + ?Sized>(
     writer.layer(&spec, |push| records.visit(&mut |record| push(rows.row(record))))
 }
 
+fn fields_of_solids() -> Vec<Field> {
+    FIELDS.into_iter().filter(|field| FIELDS_OF_SOLIDS.contains(&&*field.column.name)).collect()
+}
+
+fn columns_of_solids() -> Vec<Column> {
+    std::iter::once(ID).chain(fields_of_solids().into_iter().map(|field| field.column)).collect()
+}
+
+/// The columns of a layer of a city, as a reader of the file sees them: the feature id, then its own; none for a layer
+/// that there is not.
+#[must_use]
+pub fn columns_of(layer: &str, overview: &Overview) -> Vec<Column> {
+    let own = match layer {
+        "buildings" => outlines::columns(overview),
+        "buildings_lod1" => columns_of_solids(),
+        "tiles" => tiles_table().columns(),
+        "cameras" => cameras_table().columns(),
+        "qa_issues" => issues_table().columns(),
+        _ => return Vec::new(),
+    };
+    std::iter::once(FID).chain(own).collect()
+}
+
 /// Faces of the solids.
 pub fn solids<R: Records + ?Sized>(
     writer: &mut Writer<'_>,
@@ -40,9 +63,7 @@ pub fn solids<R: Records + ?Sized>(
     grid: &Grid,
     config: &GeoPackageConfig,
 ) -> Result<(), OutputError> {
-    let fields: Vec<Field> =
-        FIELDS.into_iter().filter(|field| FIELDS_OF_SOLIDS.contains(&&*field.column.name)).collect();
-    let columns: Vec<Column> = std::iter::once(ID).chain(fields.iter().map(|field| field.column.clone())).collect();
+    let (fields, columns) = (fields_of_solids(), columns_of_solids());
     let spec = LayerSpec {
         name: "buildings_lod1",
         description: "Faces of the LOD 1.2 solids, for tools that cannot extrude outlines",
@@ -75,11 +96,15 @@ struct Table<'a, T> {
 }
 
 impl<T> Table<'_, T> {
+    fn columns(&self) -> Vec<Column> {
+        self.fields.iter().map(|(column, _)| column.clone()).collect()
+    }
+
     fn write<'t>(&self, writer: &mut Writer<'_>, things: impl Iterator<Item = &'t T>) -> Result<(), OutputError>
     where
         T: 't,
     {
-        let columns: Vec<Column> = self.fields.iter().map(|(column, _)| column.clone()).collect();
+        let columns = self.columns();
         let Self { name, description, geometry, .. } = *self;
         let spec = LayerSpec { name, description, geometry, columns: &columns };
         let row = |thing| Row { wkb: (self.wkb)(thing), values: self.fields.iter().map(|(_, of)| of(thing)).collect() };
@@ -87,83 +112,113 @@ impl<T> Table<'_, T> {
     }
 }
 
-fn field<T>(name: &'static str, kind: ColumnKind, meaning: &'static str, of: fn(&T) -> Value) -> FieldOf<T> {
-    (Column::new(name, kind, meaning), of)
+fn field<T>(
+    name: &'static str,
+    title: &'static str,
+    kind: ColumnKind,
+    meaning: &'static str,
+    of: fn(&T) -> Value,
+) -> FieldOf<T> {
+    (Column::new(name, title, kind, meaning), of)
 }
 
-/// The areas that were worked on one by one; a run that was not divided is one tile, and has none in `areas`.
-pub fn tiles(writer: &mut Writer<'_>, overview: &Overview, areas: &[TileArea]) -> Result<(), OutputError> {
-    let table: Table<'_, TileArea> = Table {
+/// The layer of the areas.
+fn tiles_table() -> Table<'static, TileArea> {
+    Table {
         name: "tiles",
         description: "Areas that were worked on one by one",
         geometry: GeometryKind::Polygon,
         fields: vec![
-            field("tile", Text, "Name of the tile", |area| area.name.as_str().into()),
-            field("status", Text, "done, or why not", |area| area.status.into()),
-            field("n_buildings", Integer, "Buildings of the tile", |area| area.n_buildings.into()),
-            field("n_heights", Integer, "Of them, those with a height", |area| area.n_heights.into()),
+            field("tile", "Tile", Text, "Name of the tile", |area| area.name.as_str().into()),
+            field("status", "Status", Text, "done, or why not", |area| area.status.into()),
+            field("n_buildings", "Buildings", Integer, "Buildings of the tile", |area| area.n_buildings.into()),
+            field("n_heights", "Heights", Integer, "Of them, those with a height", |area| area.n_heights.into()),
         ],
         wkb: |area| {
             let [west, south, east, north] = area.corners_m.map(attributes::round_m);
             Some(wkb::polygon(&geo_types::Rect::new((west, south), (east, north)).to_polygon()))
         },
-    };
+    }
+}
+
+/// The areas that were worked on one by one; a run that was not divided is one tile, and has none in `areas`.
+pub fn tiles(writer: &mut Writer<'_>, overview: &Overview, areas: &[TileArea]) -> Result<(), OutputError> {
     let whole = overview.extent.filter(|_| areas.is_empty()).map(|extent| {
         let ([west, south, _], [east, north, _]) = (extent.min_m, extent.max_m);
         let (n_buildings, n_heights) = (overview.n_buildings, overview.n_heights);
         let corners_m = [west, south, east, north];
         TileArea { name: "all".to_owned(), status: "done", corners_m, n_buildings, n_heights }
     });
-    table.write(writer, areas.iter().chain(&whole))
+    tiles_table().write(writer, areas.iter().chain(&whole))
 }
 
-/// Projection centres with viewing directions.
-pub fn cameras(writer: &mut Writer<'_>, survey: &Survey) -> Result<(), OutputError> {
-    let table: Table<'_, View> = Table {
+/// The layer of the photos.
+fn cameras_table() -> Table<'static, View> {
+    Table {
         name: "cameras",
         description: "Projection centres of the photos",
         geometry: GeometryKind::PointZ,
         fields: vec![
-            field("image", Text, "Name of the photo", |view| view.id.0.as_str().into()),
-            field("kind", Text, "nadir, oblique or upward", |view| {
+            field("image", "Photo", Text, "Name of the photo", |view| view.id.0.as_str().into()),
+            field("kind", "Kind", Text, "nadir, oblique or upward", |view| {
                 serde_json::to_value(view.kind()).unwrap_or_default()
             }),
-            field("yaw_deg", Real, "Direction of view, degrees clockwise from grid north", |view| {
-                attributes::metres(view_direction_deg(view).0)
+            field(
+                "yaw_deg",
+                "Direction (degrees)",
+                Real,
+                "Direction of view, degrees clockwise from grid north",
+                |view| attributes::metres(view_direction_deg(view).0),
+            ),
+            field(
+                "pitch_deg",
+                "Above the horizon (degrees)",
+                Real,
+                "Direction of view above the horizon, degrees; -90 is straight down",
+                |view| attributes::metres(view_direction_deg(view).1),
+            ),
+            field("width_px", "Width (px)", Integer, "Width of the photo, pixels", |view| view.camera.width_px.into()),
+            field("height_px", "Height (px)", Integer, "Height of the photo, pixels", |view| {
+                view.camera.height_px.into()
             }),
-            field("pitch_deg", Real, "Direction of view above the horizon, degrees; -90 is straight down", |view| {
-                attributes::metres(view_direction_deg(view).1)
-            }),
-            field("width_px", Integer, "Width of the photo, pixels", |view| view.camera.width_px.into()),
-            field("height_px", Integer, "Height of the photo, pixels", |view| view.camera.height_px.into()),
         ],
         wkb: |view| {
             let centre = view.camera_from_map.centre();
             Some(wkb::point_z(centre.to_array().map(attributes::round_m)))
         },
-    };
-    table.write(writer, survey.views.iter())
+    }
 }
 
-/// What was wrong with single items of the input; without a place there is no geometry.
-pub fn issues(writer: &mut Writer<'_>, issues: &[Issue]) -> Result<(), OutputError> {
-    let table: Table<'_, Issue> = Table {
+/// Projection centres with viewing directions.
+pub fn cameras(writer: &mut Writer<'_>, survey: &Survey) -> Result<(), OutputError> {
+    cameras_table().write(writer, survey.views.iter())
+}
+
+/// The layer of the issues.
+fn issues_table() -> Table<'static, Issue> {
+    Table {
         name: "qa_issues",
         description: "What was wrong with single items of the input",
         geometry: GeometryKind::Point,
         fields: vec![
-            field("code", Text, "Stable name of the kind of issue", |issue| issue.code.as_str().into()),
-            field("severity", Text, "note, warning or refused", |issue| {
+            field("code", "Code", Text, "Stable name of the kind of issue", |issue| issue.code.as_str().into()),
+            field("severity", "Severity", Text, "note, warning or refused", |issue| {
                 serde_json::to_value(issue.severity).unwrap_or_default()
             }),
-            field("subject_kind", Text, "view, building or input", |issue| subject(issue).0.into()),
-            field("subject", Text, "Name of the photo, building or file", |issue| subject(issue).1.into()),
-            field("message", Text, "What, expected against found", |issue| issue.message.as_str().into()),
-            field("hint", Text, "What to do about it", |issue| issue.hint.as_deref().map_or(Value::Null, Value::from)),
+            field("subject_kind", "Kind of subject", Text, "view, building or input", |issue| subject(issue).0.into()),
+            field("subject", "Subject", Text, "Name of the photo, building or file", |issue| subject(issue).1.into()),
+            field("message", "Message", Text, "What, expected against found", |issue| issue.message.as_str().into()),
+            field("hint", "Hint", Text, "What to do about it", |issue| {
+                issue.hint.as_deref().map_or(Value::Null, Value::from)
+            }),
         ],
         wkb: |issue| issue.place.map(wkb::point),
-    };
-    table.write(writer, issues.iter())
+    }
+}
+
+/// What was wrong with single items of the input; without a place there is no geometry.
+pub fn issues(writer: &mut Writer<'_>, issues: &[Issue]) -> Result<(), OutputError> {
+    issues_table().write(writer, issues.iter())
 }
 
 /// What an issue is about: its kind and its name.

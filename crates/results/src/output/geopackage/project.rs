@@ -1,10 +1,11 @@
 //! A QGIS project beside a `GeoPackage`: opens all layers styled, in order, in the right place and extent.
 //!
-//! The 2D and 3D styles are those of the `GeoPackage`'s own table, so both ways of opening it look the same. The 3D view
+//! The 2D and 3D styles and the names of fields are those of the `GeoPackage`'s own tables, so both ways of opening it look the same. The 3D view
 //! stands on the ground: a terrain model as terrain and hillshade, or a plane at the ground's level. A print layout has
 //! map, legend, scale and sources. QGIS fills in everything that the file leaves out with its defaults;
 //! `tests/qgis/project.py` opens one in a real QGIS.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::io::{Cursor, Write as _};
 use std::path::Path;
@@ -16,9 +17,12 @@ use zip::write::SimpleFileOptions;
 use super::super::grid::Extent;
 use super::super::{CityModel, Lineage, OutputError, Overview, Records};
 use super::GeoPackageConfig;
+use super::layers::columns_of;
 use super::tables::STYLES;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{FileError, write_whole};
+use sizeup_geo::geodata::features::Column;
+use sizeup_geo::geodata::qml::aliases;
 use sizeup_geo::geodata::wkt_of;
 
 /// What the 3D view of a project stands on.
@@ -88,6 +92,7 @@ pub fn write_project<R: Records + ?Sized>(
         geopackage: escape(geopackage).into_owned(),
         crs: spatial_reference(model.crs),
         layers: LEGEND.into_iter().filter(|(name, ..)| config.solids || *name != "buildings_lod1").collect(),
+        columns: LEGEND.iter().map(|(name, ..)| (*name, columns_of(name, &overview))).collect(),
         extent: overview.extent,
         ground,
         sources: escape(sources(model.lineage).as_str()).into_owned(),
@@ -138,6 +143,8 @@ struct Project<'a> {
     geopackage: String,
     crs: String,
     layers: Vec<Entry>,
+    /// Columns by layer, whose titles are the aliases.
+    columns: BTreeMap<&'static str, Vec<Column>>,
     extent: Option<Extent>,
     ground: ProjectGround<'a>,
     sources: String,
@@ -254,8 +261,9 @@ impl Project<'_> {
             let _ = writeln!(
                 text,
                 "<maplayer type=\"vector\"><id>{ID_PREFIX}{name}</id><datasource>./{geopackage}|layername={name}</datasource>\
-                 <layername>{name}</layername><srs>{crs}</srs><provider encoding=\"UTF-8\">ogr</provider>{}</maplayer>",
-                style_of(name)
+                 <layername>{name}</layername><srs>{crs}</srs><provider encoding=\"UTF-8\">ogr</provider>{}{}</maplayer>",
+                style_of(name),
+                aliases(self.columns.get(name).map_or(&[], Vec::as_slice))
             );
         }
         if let ProjectGround::Model { path, crs: own, .. } = self.ground {

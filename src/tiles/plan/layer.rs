@@ -1,0 +1,90 @@
+//! What a plan reads of the outlines and of the ground under them, without holding them.
+
+use std::collections::BTreeMap;
+
+use geo_types::Rect;
+use rayon::prelude::*;
+
+use crate::config::RunConfig;
+use crate::pipeline::{PipelineError, check_fallback, layer_of, outlines_around};
+use crate::tiles::TilesError;
+use crate::tiles::grid::Core;
+use sizeup_footprints::{FootprintSource, LayerParts, RefusedFootprint};
+use sizeup_geo::issue::Issue;
+use sizeup_geo::terrain::MapBox;
+
+/// The layer, gone through once.
+pub(super) struct Outlines {
+    /// Middle of each outline; map frame, metres.
+    pub middles: Vec<(f64, f64)>,
+    /// Around all of them.
+    pub extent: MapBox,
+    /// Features whose ids are not what their attribute says ([`LayerParts::visit`]).
+    pub renamed: BTreeMap<u64, String>,
+    /// Buildings without a usable outline.
+    pub refused: Vec<RefusedFootprint>,
+    /// What was repaired or refused.
+    pub issues: Vec<Issue>,
+}
+
+impl Outlines {
+    /// Goes through the layer.
+    ///
+    /// # Errors
+    /// [`TilesError`] where it cannot be read, or none of its outlines can be used.
+    pub(super) fn read(config: &RunConfig) -> Result<Self, TilesError> {
+        use geo::BoundingRect as _;
+        let (mut middles, mut refused, mut issues) = (Vec::new(), Vec::new(), Vec::new());
+        let mut extent: Option<MapBox> = None;
+        // Holds as soon as one outline has what heights fall back on.
+        let mut fallback = None;
+        let renamed = LayerParts::open(&*layer_of(config)?, &config.project.crs)?.visit(&mut |found| {
+            if !matches!(fallback, Some(Ok(()))) {
+                fallback = Some(check_fallback(config, found.footprints.iter().map(|f| &f.attributes)));
+            }
+            for footprint in &found.footprints {
+                middles.extend(footprint.middle());
+                let corners = footprint.polygon.bounding_rect().map(|r: Rect<f64>| [r.min().x_y(), r.max().x_y()]);
+                let known = extent.map(|e| [(e.west_m, e.south_m), (e.east_m, e.north_m)]);
+                extent = MapBox::around(corners.into_iter().chain(known).flatten());
+            }
+            refused.extend(found.refused);
+            issues.extend(found.issues);
+        })?;
+        let Some(extent) = extent else {
+            return Err(TilesError::Pipeline(PipelineError::Mismatch {
+                message: "none of the input's buildings has a usable outline".to_owned(),
+                hint: "`sizeup run --until footprints` tells why, building by building",
+            }));
+        };
+        // Of outlines found in photos the stage that found them has checked it.
+        if matches!(config.footprints, FootprintSource::Layer(_)) {
+            fallback.transpose()?;
+        }
+        Ok(Self { middles, extent, renamed, refused, issues })
+    }
+}
+
+/// Lowest and highest ground of some squares' buildings.
+pub(super) fn grounds_of(
+    config: &RunConfig,
+    cores: &[Core],
+    renamed: &BTreeMap<u64, String>,
+) -> Result<Vec<Option<[f64; 2]>>, TilesError> {
+    cores.par_iter().map(|core| ground_of(config, core, renamed)).collect()
+}
+
+/// Lowest and highest ground of several areas, metres.
+pub(super) fn range(grounds: &[Option<[f64; 2]>]) -> Option<[f64; 2]> {
+    grounds.iter().flatten().copied().reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+}
+
+/// Lowest and highest ground of a core's buildings.
+fn ground_of(config: &RunConfig, core: &Core, renamed: &BTreeMap<u64, String>) -> Result<Option<[f64; 2]>, TilesError> {
+    if let Some(z_m) = config.terrain.constant_m.filter(|_| config.terrain.dtm.is_none()) {
+        return Ok(Some([z_m, z_m]));
+    }
+    let levels = outlines_around(config, core.area(), renamed)?.ground;
+    let levels = levels.into_iter().flatten().map(|level| level.reference_m);
+    Ok(levels.fold(None, |range: Option<[f64; 2]>, z| range.map_or(Some([z, z]), |[a, b]| Some([a.min(z), b.max(z)]))))
+}

@@ -1,0 +1,236 @@
+//! A city that is edited at random and planned again: only tiles that an edit can touch are run, and the result is that of
+//! a run from nothing, to the byte.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+
+use rand::seq::{IndexedRandom as _, SliceRandom as _};
+use rand::{Rng as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use serde_json::{Value, json};
+use sizeup::simulate::{SimulateConfig, simulate};
+
+use crate::tiles::{assert_same, ids, results};
+use crate::tiny_scene::{Scene, write_npy};
+
+/// Options of every plan: small tiles that do not see each other.
+const CUT: [&str; 10] =
+    ["--size", "60", "--halo", "30", "--view-margin", "5", "--heights", "ellipsoidal", "--jobs", "2"];
+
+/// A town of its own, narrow views over it, outlines as GeoJSON.
+fn town() -> Scene {
+    let mut config = SimulateConfig::default();
+    config.town.n_buildings = 16;
+    config.flight.n_views = Some(24);
+    (config.camera.width_px, config.camera.height_px) = (160, 120);
+    config.prior.longest_px = 160;
+    config.terrain.margin_m = 400.0;
+    config.images.enabled = false;
+    config.masks.enabled = false;
+    let folder = tempfile::tempdir().unwrap();
+    simulate(&config, folder.path(), &|_, _| {}).unwrap();
+    let path = folder.path().join("sizeup.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(&path, format!("{text}\n[optimise]\nworking_px = 80\n\n[output]\npictures = false\n")).unwrap();
+    let scene = Scene::of(folder);
+    scene.change_footprints(|features| {
+        // Attributes that not all have, so that a reader meets them in another order when the listing has another.
+        for (i, feature) in features.iter_mut().enumerate() {
+            for (name, every) in [("floors", 2), ("street", 3)] {
+                if i % every == 0 {
+                    feature["properties"][name] = json!(i);
+                }
+            }
+        }
+    });
+    scene
+}
+
+/// Plans, runs what is not done, merges.
+fn run(scene: &Scene) {
+    let ran = scene.run(&[&["--output", "city", "--tiled"], &CUT[..]].concat());
+    assert!([0, 5].contains(&ran.code), "{}", ran.stderr);
+}
+
+/// Tiles that a plan would run again.
+fn to_run(scene: &Scene) -> BTreeSet<String> {
+    let cut = &CUT[..CUT.len() - 2];
+    let args = [&["tiles", "plan", "sizeup.toml", "--output", "city", "--dry-run", "--json"], cut].concat();
+    let told = scene.sizeup(&args);
+    assert_eq!(told.code, 0, "{}", told.stderr);
+    let planned: Value = serde_json::from_str(&told.stdout).unwrap();
+    let changes = planned["changes"].as_array().unwrap();
+    for change in changes {
+        println!("{}: {}", change["tile"]["id"], change["why"]);
+    }
+    changes.iter().map(|change| change["tile"]["id"].as_str().unwrap().to_owned()).collect()
+}
+
+/// What each tile cost, which tells whether it was run.
+fn costs(scene: &Scene) -> BTreeMap<String, Vec<u8>> {
+    let cost = |id: String| Some((id.clone(), fs::read(scene.path(&format!("city/tiles/{id}/cost.json"))).ok()?));
+    ids(scene).into_iter().filter_map(cost).collect()
+}
+
+/// Where something changed: places of the map, and photos.
+#[derive(Default)]
+struct Touched {
+    places: Vec<[f64; 2]>,
+    photos: Vec<String>,
+}
+
+impl Touched {
+    /// Whether a tile can notice, by what the plan says it reads.
+    fn touches(&self, scene: &Scene, tile: &Value) -> bool {
+        let side = |name: &str| tile["halo"][name].as_f64().unwrap();
+        let holds = |[x, y]: &[f64; 2]| {
+            (side("west_m")..=side("east_m")).contains(x) && (side("south_m")..=side("north_m")).contains(y)
+        };
+        let id = tile["id"].as_str().unwrap();
+        let views = fs::read_to_string(scene.path(&format!("city/tiles/{id}/views.json"))).unwrap();
+        self.places.iter().any(holds) || self.photos.iter().any(|photo| views.contains(photo))
+    }
+}
+
+fn corners(feature: &Value) -> Vec<[f64; 2]> {
+    let ring = feature["geometry"]["coordinates"][0].as_array().unwrap();
+    ring.iter().map(|corner| [corner[0].as_f64().unwrap(), corner[1].as_f64().unwrap()]).collect()
+}
+
+/// Middle of an outline's box.
+fn middle(feature: &Value) -> [f64; 2] {
+    let corners = corners(feature);
+    [0, 1].map(|axis| {
+        let (low, high) = corners
+            .iter()
+            .map(|corner| corner[axis])
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
+        f64::midpoint(low, high)
+    })
+}
+
+fn shift(feature: &mut Value, by: [f64; 2]) {
+    let moved: Vec<Value> = corners(feature).iter().map(|[x, y]| json!([x + by[0], y + by[1]])).collect();
+    feature["geometry"]["coordinates"] = json!([moved]);
+}
+
+/// Makes an edit of some kind; says where.
+fn edit(scene: &Scene, kind: usize, chance: &mut ChaCha8Rng) -> Touched {
+    let mut layer = scene.json("footprints.geojson");
+    let features = layer["features"].as_array_mut().unwrap();
+    let at = chance.random_range(0..features.len());
+    let mut touched = Touched::default();
+    match kind {
+        // Moved a little.
+        0 => {
+            touched.places.push(middle(&features[at]));
+            shift(&mut features[at], [chance.random_range(0.5..2.0), chance.random_range(-2.0..-0.5)]);
+            touched.places.push(middle(&features[at]));
+        }
+        // Gone.
+        1 => touched.places.push(middle(&features.remove(at))),
+        // One more, 30 m outside the rim, listed first.
+        2 => {
+            let east = features.iter().max_by(|a, b| middle(a)[0].total_cmp(&middle(b)[0])).unwrap();
+            let mut more = east.clone();
+            more["properties"]["id"] = json!(format!("more{}", chance.random::<u32>()));
+            shift(&mut more, [30.0, 0.0]);
+            touched.places.push(middle(&more));
+            features.insert(0, more);
+        }
+        // The same in another order.
+        3 => features.shuffle(chance),
+        // Another prior of a photo, or none.
+        4 => {
+            let stem = scene.stems().choose(chance).unwrap().clone();
+            write_npy(&scene.path(&format!("priors/{stem}.npy")), 40, 30, &vec![100.0; 1200]);
+            touched.photos.push(stem);
+        }
+        5 => {
+            let stem = scene.stems().choose(chance).unwrap().clone();
+            fs::remove_file(scene.path(&format!("priors/{stem}.npy"))).unwrap();
+            touched.photos.push(stem);
+        }
+        // Photos listed in another order, one of them no longer.
+        _ => {
+            let path = scene.path("sparse/images.txt");
+            let text = fs::read_to_string(&path).unwrap();
+            let (head, lines): (Vec<&str>, Vec<&str>) = text.lines().partition(|line| line.starts_with('#'));
+            let mut photos: Vec<&[&str]> = lines.chunks(2).collect();
+            photos.shuffle(chance);
+            if kind == 7 {
+                let gone = photos.pop().unwrap()[0].split_whitespace().last().unwrap();
+                touched.photos.push(gone.rsplit_once('.').map_or(gone, |(stem, _)| stem).to_owned());
+            }
+            let lines = head.into_iter().chain(photos.into_iter().flatten().copied());
+            fs::write(&path, lines.map(|line| format!("{line}\n")).collect::<String>()).unwrap();
+        }
+    }
+    fs::write(scene.path("footprints.geojson"), layer.to_string()).unwrap();
+    touched
+}
+
+/// Results without those of tiles that the plan no longer has.
+fn of_plan(scene: &Scene) -> BTreeMap<String, Vec<u8>> {
+    let ids: BTreeSet<String> = ids(scene).into_iter().collect();
+    let is_kept = |name: &String| match name.strip_prefix("tiles/e") {
+        Some(rest) => ids.contains(&format!("e{}", rest.split(['/', '.']).next().unwrap())),
+        None => true,
+    };
+    results(scene, "city").into_iter().filter(|(name, _)| is_kept(name)).collect()
+}
+
+fn assert_as_from_nothing(scene: &Scene, kind: usize) {
+    let kept = of_plan(scene);
+    fs::rename(scene.path("city"), scene.path("kept")).unwrap();
+    run(scene);
+    println!("edit of kind {kind}");
+    assert_same(&results(scene, "city"), &kept);
+    fs::remove_dir_all(scene.path("city")).unwrap();
+    fs::rename(scene.path("kept"), scene.path("city")).unwrap();
+}
+
+#[test]
+fn edits_at_random_run_the_tiles_that_they_touch_and_come_to_what_a_run_from_nothing_does() {
+    let scene = town();
+    run(&scene);
+    let mut chance = ChaCha8Rng::seed_from_u64(26);
+    let mut kinds: Vec<usize> = (0..8).collect();
+    kinds.shuffle(&mut chance);
+    let (mut n_spared, mut n_run) = (0, 0);
+    for (i, kind) in kinds.into_iter().enumerate() {
+        let plan_before = scene.json("city/tiles.json");
+        let saw_before: BTreeMap<String, String> = ids(&scene)
+            .into_iter()
+            .map(|id| (id.clone(), fs::read_to_string(scene.path(&format!("city/tiles/{id}/views.json"))).unwrap()))
+            .collect();
+        let touched = edit(&scene, kind, &mut chance);
+        let told = to_run(&scene);
+        let before = costs(&scene);
+        run(&scene);
+        let after = costs(&scene);
+        let ran: BTreeSet<String> =
+            after.iter().filter(|(id, cost)| before.get(*id) != Some(*cost)).map(|(id, _)| id.clone()).collect();
+        assert_eq!(ran, told, "what was run is what a dry run had told");
+        let plan = scene.json("city/tiles.json");
+        for settled in ["origin_m", "heights_m", "halo_m", "view_margin_m"] {
+            assert_eq!(plan[settled], plan_before[settled], "no edit carries it past a round number: {settled}");
+        }
+        let saw =
+            |id: &str| saw_before.get(id).is_none_or(|views| touched.photos.iter().any(|photo| views.contains(photo)));
+        let can_notice: BTreeSet<String> = plan["tiles"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|tile| saw(tile["id"].as_str().unwrap()) || touched.touches(&scene, tile))
+            .map(|tile| tile["id"].as_str().unwrap().to_owned())
+            .collect();
+        assert!(ran.is_subset(&can_notice), "kind {kind}: {ran:?} were run, {can_notice:?} can notice");
+        (n_run, n_spared) = (n_run + ran.len(), n_spared + after.len() - ran.len());
+        // Each comparison is a run from nothing: every other one, and the last.
+        if i % 2 == 1 {
+            assert_as_from_nothing(&scene, kind);
+        }
+    }
+    assert!(n_run > 0 && n_spared > n_run, "{n_run} tiles run, {n_spared} spared");
+}
