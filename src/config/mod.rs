@@ -116,7 +116,7 @@ pub struct ProjectConfig {
     /// Projected CRS in metres, such as "EPSG:25832" or the compound "EPSG:7415".
     #[schemars(with = "String")]
     pub crs: Crs,
-    /// What heights count from, in words, where the CRS has no vertical part: "NAP", "DHHN2016", "ellipsoid".
+    /// Vertical datum, in words, where the CRS has no vertical part: "NAP", "DHHN2016", "ellipsoid".
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vertical_reference: Option<String>,
     /// Folder of the results.

@@ -6,11 +6,12 @@
 use sizeup_geo::issue::{Issue, Severity, Subject};
 
 /// Old and new keys, and why they changed.
-const RENAMED: [(&str, &str, &str); 4] = [
+const RENAMED: [(&str, &str, &str); 5] = [
     ("optimise.min_height_m", "heights.min_m", ONE_RANGE),
     ("optimise.max_height_m", "heights.max_m", ONE_RANGE),
     ("prior.max_height_m", "heights.max_m", ONE_RANGE),
     ("optimise.polish", "refinement", "it is a stage of its own, after the solver"),
+    ("optimise.search.take_back_spill", "optimise.search.correct_edge_bleeding", "edge bleeding is the field's word"),
 ];
 const ONE_RANGE: &str = "there is one range of heights now";
 
@@ -21,8 +22,7 @@ pub(super) fn in_table(table: &mut toml::Table) -> Vec<Issue> {
     let has = |table: &toml::Table, key: &str| value(table, key).is_some();
     let given: Vec<bool> = RENAMED.iter().map(|(_, new, _)| has(table, new)).collect();
     for ((old, new, why), is_given) in RENAMED.iter().zip(given) {
-        let Some((head, tail)) = old.split_once('.') else { continue };
-        let Some(moved) = table.get_mut(head).and_then(|of| of.as_table_mut()?.remove(tail)) else { continue };
+        let Some(moved) = take(table, old) else { continue };
         notes.push(note(old, new, why, is_given));
         let is_less = |known: &toml::Value| number(&moved) < number(known);
         if !is_given && value(table, new).is_none_or(is_less) {
@@ -54,22 +54,54 @@ fn note(old: &str, new: &str, why: &str, is_given: bool) -> Issue {
 
 fn value<'t>(table: &'t toml::Table, key: &str) -> Option<&'t toml::Value> {
     match key.split_once('.') {
-        Some((head, tail)) => table.get(head)?.as_table()?.get(tail),
+        Some((head, rest)) => value(table.get(head)?.as_table()?, rest),
         None => table.get(key),
     }
 }
 
+fn take(table: &mut toml::Table, key: &str) -> Option<toml::Value> {
+    match key.split_once('.') {
+        Some((head, rest)) => take(table.get_mut(head)?.as_table_mut()?, rest),
+        None => table.remove(key),
+    }
+}
+
 fn set(table: &mut toml::Table, key: &str, value: toml::Value) {
-    let Some((head, tail)) = key.split_once('.') else {
+    let Some((head, rest)) = key.split_once('.') else {
         table.insert(key.to_owned(), value);
         return;
     };
     let of = table.entry(head).or_insert_with(|| toml::Value::Table(toml::Table::new()));
     if let Some(of) = of.as_table_mut() {
-        of.insert(tail.to_owned(), value);
+        set(of, rest, value);
     }
 }
 
 fn number(value: &toml::Value) -> Option<f64> {
     value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn old_keys_are_read_under_their_new_names_however_deep_they_stand() {
+        let text = "[optimise]\nmax_height_m = 40.0\n[optimise.polish]\nenabled = false\n[optimise.search]\ntake_back_spill = false\n";
+        let mut table: toml::Table = text.parse().unwrap();
+        let notes = in_table(&mut table);
+        assert_eq!(notes.len(), 3, "{notes:?}");
+        let new = "[optimise]\n[optimise.search]\ncorrect_edge_bleeding = false\n[heights]\nmax_m = 40.0\n[refinement]\nenabled = false\n";
+        assert_eq!(table, new.parse::<toml::Table>().unwrap());
+        let (assignment, note) = in_assignment("optimise.polish.n_photos=4");
+        assert_eq!(assignment, "refinement.n_photos=4");
+        assert!(note.unwrap().message.contains("`optimise.polish` is read as `refinement`"));
+    }
+
+    #[test]
+    fn a_new_key_counts_beside_an_old_one() {
+        let mut table: toml::Table = "[optimise]\nmax_height_m = 40.0\n[heights]\nmax_m = 60.0\n".parse().unwrap();
+        assert!(in_table(&mut table)[0].message.contains("does not count beside"));
+        assert_eq!(value(&table, "heights.max_m").and_then(toml::Value::as_float), Some(60.0));
+    }
 }

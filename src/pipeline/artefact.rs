@@ -33,7 +33,7 @@ pub struct FootprintStage {
     /// How much was found in photos; `None` for a layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detection: Option<DetectionSummary>,
-    /// Buildings whose outlines were taken apart, and why; filled while heights are found.
+    /// Buildings whose outlines were split, and why; filled while heights are found.
     #[serde(skip)]
     pub levels: Vec<(BuildingId, LevelGain)>,
 }
@@ -51,11 +51,11 @@ impl FootprintStage {
 pub struct HeightStage {
     /// Position in the layer of each building that was solved.
     pub solved: Vec<usize>,
-    /// How outlines were taken apart before the last round of solving, round by round; positions count the layer as it
+    /// How outlines were split before the last round of solving, round by round; positions count the layer as it
     /// was left by the round before.
     #[serde(default)]
     pub cuts: Vec<Vec<Cut>>,
-    /// Outlines that were taken apart and joined again, as the heights of their parts did not bear it out.
+    /// Outlines that were split and joined again, as the heights of their parts did not bear it out.
     #[serde(default)]
     pub joined: Vec<String>,
     /// The solution, one height per building of `solved`; its views are positions in the survey.

@@ -91,7 +91,7 @@ impl HeightSearch<'_> {
         while cuts.len() < levels::MAX_ROUNDS {
             let round = levels::cuts(footprints, stage, &heights.solution);
             let known = Known::of(&heights, footprints.layer.footprints.len());
-            let Some(stood) = levels::take_apart(footprints, &round) else { break };
+            let Some(stood) = levels::split_footprints(footprints, &round) else { break };
             *stage = SceneStage::in_frame(self.config, &stage.frame(), footprints)?;
             rays = rays.of_other_outlines();
             cuts.push(round);
@@ -114,7 +114,7 @@ impl HeightSearch<'_> {
             let mut kept = Vec::new();
             for round in &cuts {
                 let round = levels::without(round, footprints, &joined);
-                if levels::take_apart(footprints, &round).is_some() {
+                if levels::split_footprints(footprints, &round).is_some() {
                     kept.push(round);
                 }
             }
@@ -223,7 +223,7 @@ fn looking_at_parts(optimise: &OptimiseConfig) -> OptimiseConfig {
     let search = SearchConfig {
         full_sweeps: RESUMED_SWEEPS.min(optimise.search.full_sweeps),
         local_sweeps: 0,
-        take_back_spill: false,
+        correct_edge_bleeding: false,
         roof_forms: Vec::new(),
         ..optimise.search.clone()
     };

@@ -1,4 +1,4 @@
-//! The priors of a run: what was computed is kept, so that solving again, taking back spill and the pictures at the end
+//! The priors of a run: what was computed is kept, so that solving again, correcting edge bleeding and the pictures at the end
 //! do not ask the network or the matcher a second time.
 
 use std::collections::HashMap;

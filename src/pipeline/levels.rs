@@ -1,4 +1,4 @@
-//! Outlines that hold two roof levels: taken apart between two rounds of solving.
+//! Outlines that hold two roof levels: split between two rounds of solving.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -48,7 +48,7 @@ pub(super) fn cuts(footprints: &FootprintStage, stage: &SceneStage, solution: &S
 
 /// Replaces the outlines that are cut by their parts: `ID#1`, `ID#2`, …, on the ground of the whole. Returns where each
 /// outline stood before, nothing for parts; `None` if no outline was cut.
-pub(super) fn take_apart(stage: &mut FootprintStage, cuts: &[Cut]) -> Option<Vec<Option<usize>>> {
+pub(super) fn split_footprints(stage: &mut FootprintStage, cuts: &[Cut]) -> Option<Vec<Option<usize>>> {
     let mut cuts = cuts.iter().peekable();
     let whole = std::mem::take(&mut stage.layer.footprints);
     let grounds = std::mem::take(&mut stage.ground);
@@ -141,14 +141,14 @@ pub(super) fn without(cuts: &[Cut], footprints: &FootprintStage, joined: &BTreeS
     kept.filter_map(|cut| Some(Cut { footprint: at(cut)?, ..cut.clone() })).collect()
 }
 
-/// Says of an outline that was taken apart that its parts were joined again.
+/// Says of an outline that was split that its parts were joined again.
 pub(super) fn joined_note(id: &str) -> Issue {
     let message =
         "its roof looked like two levels, but the heights of its two parts did not bear them out: it was left whole";
     Issue::new(Severity::Note, "levels_joined_again", Subject::Building(id.to_owned()), message)
 }
 
-/// Gives parts of one building each other's corners where a part was taken apart once more: those of the new parts lie on
+/// Gives parts of one building each other's corners where a part was split once more: those of the new parts lie on
 /// edges of the others.
 fn join_parts(footprints: &mut [Footprint], stood: &[Option<usize>]) {
     let mut by_whole: BTreeMap<BuildingId, Vec<usize>> = BTreeMap::new();
@@ -184,10 +184,10 @@ fn note(footprint: &Footprint, n_parts: usize, gain: &LevelGain) -> Issue {
     let [inner_m, outer_m] = gain.heights_m;
     let (low_m, high_m) = (inner_m.min(outer_m), inner_m.max(outer_m));
     let message = format!(
-        "its outline holds roofs at two levels, about {low_m:.0} and {high_m:.0} m, and was taken apart into {n_parts} parts: \
+        "its outline holds roofs at two levels, about {low_m:.0} and {high_m:.0} m, and was split into {n_parts} parts: \
          over {} photos two levels score {:.2}, one level {one:.2} at best",
         gain.n_views, gain.two
     );
-    let note = Issue::new(Severity::Note, "levels_taken_apart", subject, message);
+    let note = Issue::new(Severity::Note, "footprint_split", subject, message);
     note.hint("optimise.search.split_levels = false keeps outlines whole")
 }

@@ -151,7 +151,7 @@ pub struct RunSummary {
     pub detection: Option<sizeup_footprints::DetectionSummary>,
     /// Buildings of the input by status, one in parts as its worst part; empty where the output stage did not run.
     pub by_status: BTreeMap<Status, usize>,
-    /// Parts of buildings that came in several pieces or were taken apart, by status.
+    /// Parts of buildings that came in several pieces or were split, by status.
     #[serde(default)]
     pub parts_by_status: BTreeMap<Status, usize>,
     /// Median height above ground of all buildings with one, and parts of such, metres.

@@ -132,7 +132,7 @@ impl Painter<'_> {
         (0..width).map(at).map(|sight| sight.unwrap_or(sky)).collect()
     }
 
-    fn is_shaded(&self, point: Vec3, scratch: &mut Vec<sizeup_heights::scene::Crossing>) -> bool {
+    fn is_shaded(&self, point: Vec3, scratch: &mut Vec<sizeup_heights::scene::RayInterval>) -> bool {
         self.tracer.trace(&Ray::new(point, SUN), scratch).1.building().is_some()
     }
 

@@ -242,7 +242,7 @@ impl SceneStage {
         Ok(Self { scene, solved, terrain })
     }
 
-    /// The scene after outlines were taken apart.
+    /// The scene after outlines were split.
     pub fn after(
         self,
         config: &RunConfig,
@@ -251,7 +251,7 @@ impl SceneStage {
     ) -> Result<Self, PipelineError> {
         let mut is_changed = false;
         for round in cuts {
-            is_changed |= levels::take_apart(footprints, round).is_some();
+            is_changed |= levels::split_footprints(footprints, round).is_some();
         }
         if is_changed { Self::in_frame(config, &self.frame(), footprints) } else { Ok(self) }
     }
@@ -278,12 +278,12 @@ pub(super) fn view_issues<'a>(survey: &'a Survey, heights: &'a HeightStage) -> i
     failed.chain(unread).chain(heights.doubt.clone()).chain(heights.ground.issue())
 }
 
-/// A word where nobody says what heights count from.
+/// A note where the vertical datum is not stated.
 #[must_use]
 pub fn unstated_reference(config: &RunConfig) -> Option<Issue> {
     (config.project.vertical_reference.is_none() && config.project.crs.vertical_name().is_none()).then(|| {
         let subject = Subject::Input("project".to_owned());
-        let message = format!("{} has no vertical part, so what heights count from is not stated", config.project.crs);
+        let message = format!("{} has no vertical part, so the vertical datum is not stated", config.project.crs);
         Issue::new(Severity::Note, "vertical_reference_not_stated", subject, message)
             .hint("set project.vertical_reference, or use a compound CRS such as EPSG:7415")
     })

@@ -254,7 +254,7 @@ impl<'a> Part<'a> {
     /// unknown.
     ///
     /// # Errors
-    /// [`PipelineError`] where the terrain cannot be read again after outlines were taken apart.
+    /// [`PipelineError`] where the terrain cannot be read again after outlines were split.
     pub fn solve(&mut self, tell: Tell<'_>) -> Result<PartHeights, PipelineError> {
         let search = HeightSearch { config: self.config, survey: &self.survey, tell, solver: &solve };
         let mut footprints = self.footprints.clone();
@@ -275,7 +275,7 @@ impl<'a> Part<'a> {
     }
 
     /// Middle of the outline that a building of the result comes from, by the building's id: its own, or that of the
-    /// outline that was taken apart into it.
+    /// outline that was split into it.
     #[must_use]
     pub fn middle_of(&self, id: &str) -> Option<(f64, f64)> {
         let mut name = id;

@@ -255,7 +255,7 @@ impl JoinedCity<'_> {
     }
 }
 
-/// Writes 3D Tiles; where nobody says what heights count from, the reason why not.
+/// Writes 3D Tiles; where nobody says the vertical datum, the reason why not.
 fn write_tileset(
     path: &Path,
     model: &CityModel<'_, TileRecords>,

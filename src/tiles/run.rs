@@ -205,7 +205,7 @@ fn write(
     made_by: &Recipe,
 ) -> Result<Done, TilesError> {
     let folder = check.layout.tile(&tile.id);
-    // Parts of an outline that was taken apart go with the outline.
+    // Parts of an outline that was split go with the outline.
     let belongs = |id: &str| part.middle_of(id).is_some_and(|middle| tile.core.holds(middle));
     let (own, others): (Vec<_>, Vec<_>) = heights.records.into_iter().partition(|record| belongs(&record.id));
     let halo = others.into_iter().filter_map(|record| {

@@ -30,9 +30,9 @@ fn kernels(c: &mut Criterion) {
 
     let mut group = c.benchmark_group("one core");
     let profiles = Profiles::trace(&scene, &capped, placed, sampling);
-    let n_crossings: usize = (0..profiles.rays.len()).map(|i| profiles.crossings(i).len()).sum();
+    let n_crossings: usize = (0..profiles.rays.len()).map(|i| profiles.intervals(i).len()).sum();
     println!(
-        "{} rays, {:.2} crossings per ray, {:.1} bytes per ray",
+        "{} rays, {:.2} intervals per ray, {:.1} bytes per ray",
         profiles.rays.len(),
         n_crossings as f64 / profiles.rays.len() as f64,
         profiles.bytes() as f64 / profiles.rays.len() as f64

@@ -1,4 +1,4 @@
-//! Outlines that hold two roof levels are taken apart: towers on podiums, on a simulated downtown.
+//! Outlines that hold two roof levels are split: towers on podiums, on a simulated downtown.
 
 use std::fs;
 use std::path::Path;

@@ -203,7 +203,7 @@ fn parts_of_a_building_that_was_taken_apart_lead_to_each_other() {
         (record.id, record.part_of) = (format!("row#{}", i + 1), Some("row".to_owned()));
     }
     let subject = Subject::Building("row".to_owned());
-    town.issues = vec![Issue::new(Severity::Note, "levels_taken_apart", subject, "taken apart into 2 parts")];
+    town.issues = vec![Issue::new(Severity::Note, "footprint_split", subject, "split into 2 parts")];
     let path = folder.path().join("report.html");
     let gain = Levels {
         whole: "row".to_owned(),

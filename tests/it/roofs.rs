@@ -1,4 +1,4 @@
-//! What the search does about pitched and stepped roofs and about depth edges that spill over, on simulated towns.
+//! What the search does about pitched and stepped roofs and about depth edges that bleed over, on simulated towns.
 
 use std::fs;
 use std::path::Path;
@@ -99,11 +99,11 @@ fn edges_that_spill_over_are_measured_and_taken_back() {
     let folder = tempfile::tempdir().unwrap();
     village(folder.path(), PriorLevel::Bleed);
     let (with, solution) = run(folder.path(), &[]);
-    let (without, untouched) = run(folder.path(), &["optimise.search.take_back_spill=false"]);
+    let (without, untouched) = run(folder.path(), &["optimise.search.correct_edge_bleeding=false"]);
     // Simulated near sides grow by 2 to 3 px; walls a few pixels wide in the image hide a part of that.
-    let spill_px = solution["spill_px"].as_f64().unwrap();
-    assert!((0.5..4.0).contains(&spill_px), "{spill_px:.2} px");
-    assert_eq!(untouched["spill_px"], 0.0);
+    let bleeding_px = solution["bleeding_px"].as_f64().unwrap();
+    assert!((0.5..4.0).contains(&bleeding_px), "{bleeding_px:.2} px");
+    assert_eq!(untouched["bleeding_px"], 0.0);
     let (with_m, without_m) = (error_m(folder.path(), &with, "height_m"), error_m(folder.path(), &without, "height_m"));
     assert!(with_m < 0.8 * without_m, "with {with_m:.2} m, without {without_m:.2} m");
 }

@@ -36,7 +36,7 @@ pub fn write_deep(folder: &Path, precision: Precision) -> (Town, Value) {
     (town, tileset)
 }
 
-/// A binary glTF taken apart.
+/// A binary glTF split.
 struct Glb {
     json: Value,
     bin: Vec<u8>,

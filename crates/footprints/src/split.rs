@@ -1,4 +1,4 @@
-//! Outlines taken apart where a building has more than one roof level.
+//! Outlines split where a building has more than one roof level.
 
 use geo::{Area as _, BooleanOps as _, CoordsIter as _, Distance as _, Euclidean};
 use geo_types::{Coord, LineString, MultiPolygon, Point, Polygon};

@@ -1,4 +1,4 @@
-//! How far a prior's near sides spill over their edges, measured where the edges are known without any height.
+//! How far a prior's near sides bleed over their edges, measured where the edges are known without any height.
 //!
 //! ```text
 //! area(p) = Σ (p − far) / (near − far) · dx      over −W..W pixels across a vertical wall corner, near side first
@@ -6,8 +6,8 @@
 //! ```
 //!
 //! A corner's vertical edge that is the building's side in a view stays where it is whatever the height, so a depth edge
-//! seen beside it is the prior's own doing. The area under the profile is blind to a symmetric blur. Priors that spill
-//! over make every building wider *and taller*; [`super::evidence`] takes the spill back before heights are compared.
+//! seen beside it is the prior's own doing. The area under the profile is blind to a symmetric blur. Priors that bleed
+//! over make every building wider *and taller*; [`super::evidence`] takes the bleeding back before heights are compared.
 
 use glam::{DVec2, Vec2};
 
@@ -47,7 +47,7 @@ impl<'a> Edges<'a> {
     }
 
     /// The offsets of one view's depth edges from the walls of some buildings, pixels of the working image, positive
-    /// where near sides spill over.
+    /// where near sides bleed over.
     pub fn offsets(
         &self,
         placed: &PlacedCamera,
@@ -59,12 +59,12 @@ impl<'a> Edges<'a> {
     }
 }
 
-/// The spill of each view: the median of its own offsets where it has enough, of all views' otherwise; 0 where there are
+/// The bleeding of each view: the median of its own offsets where it has enough, of all views' otherwise; 0 where there are
 /// too few in all. A view's own value does not depend on what else the scene holds; and as it is told to a tenth of a
 /// pixel, which is less than its own uncertainty, hardly ever on single heights far away.
 #[must_use]
-pub fn spills(offsets: &[Vec<f64>]) -> Vec<f64> {
-    let told = |spill_px: f64| (spill_px * STEPS_PER_PX).round() / STEPS_PER_PX;
+pub fn bleedings(offsets: &[Vec<f64>]) -> Vec<f64> {
+    let told = |bleeding_px: f64| (bleeding_px * STEPS_PER_PX).round() / STEPS_PER_PX;
     let median = |offsets: &[f64]| {
         let is_enough = offsets.len() >= MIN_PROFILES;
         is_enough.then(|| stats::median(offsets)).flatten().map(told)

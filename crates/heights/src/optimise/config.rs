@@ -221,8 +221,8 @@ pub struct SearchConfig {
     /// Of the local sweeps, the last so many compare ranks only.
     pub rank_sweeps: usize,
     /// Whether depth edges that lie beside the walls they belong to are moved back, after the full sweeps.
-    pub take_back_spill: bool,
-    /// Whether outlines that hold two roof levels (a tower on its podium) are taken apart, after the full sweeps.
+    pub correct_edge_bleeding: bool,
+    /// Whether outlines that hold two roof levels (a tower on its podium) are split, after the full sweeps.
     pub split_levels: bool,
     /// Forms of roofs that are tried after the sweeps, besides the flat one. None: all are flat.
     pub roof_forms: Vec<RoofForm>,
@@ -260,7 +260,7 @@ impl Default for SearchConfig {
             full_sweeps: 5,
             local_sweeps: 3,
             rank_sweeps: 0,
-            take_back_spill: true,
+            correct_edge_bleeding: true,
             split_levels: true,
             roof_forms: vec![RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped],
             n_coarse: 48,

@@ -35,19 +35,19 @@ pub struct Evidence<'a> {
 }
 
 impl<'a> Evidence<'a> {
-    /// Samples a prior along a view's rays. `n_buildings` is the length of the scene; `spill_px` is by how many pixels of
-    /// the working image near sides spill over their edges, see [`super::bleed`].
+    /// Samples a prior along a view's rays. `n_buildings` is the length of the scene; `bleeding_px` is by how many pixels of
+    /// the working image near sides bleed over their edges, see [`super::bleed`].
     #[must_use]
     pub fn new(
         placed: &PlacedCamera,
         profiles: &'a Profiles,
         prior: &DepthPrior,
-        spill_px: f64,
+        bleeding_px: f64,
         stride_px: usize,
         n_buildings: usize,
     ) -> Self {
         let nearness: Vec<f32> =
-            profiles.rays.par_iter().map(|ray| without_spill(placed, prior, ray.centre(), spill_px)).collect();
+            profiles.rays.par_iter().map(|ray| without_bleeding(placed, prior, ray.centre(), bleeding_px)).collect();
         let farness = nearness.iter().map(|n| farness_of(prior.kind, *n)).collect();
 
         let mut start = vec![0_u32; n_buildings + 1];
@@ -162,18 +162,18 @@ fn farness_of(kind: PriorKind, nearness: f32) -> f32 {
     }
 }
 
-/// [`nearness_at`] with near sides cut back by `spill_px` (the least value within so many pixels), or grown by as much if
+/// [`nearness_at`] with near sides cut back by `bleeding_px` (the least value within so many pixels), or grown by as much if
 /// negative.
-fn without_spill(placed: &PlacedCamera, prior: &DepthPrior, pixel: DVec2, spill_px: f64) -> f32 {
+fn without_bleeding(placed: &PlacedCamera, prior: &DepthPrior, pixel: DVec2, bleeding_px: f64) -> f32 {
     let mut extreme = nearness_at(placed, prior, pixel);
-    let mut radius = spill_px.abs();
+    let mut radius = bleeding_px.abs();
     while radius > 0.0 {
         let n = (std::f64::consts::TAU * radius).ceil();
         for k in 0..n as usize {
             let around = pixel + radius * DVec2::from_angle(std::f64::consts::TAU * k as f64 / n);
             let value = nearness_at(placed, prior, around);
             // Comparisons with NaN are false: places without a prior have no say.
-            if (spill_px > 0.0 && value < extreme) || (spill_px < 0.0 && value > extreme) {
+            if (bleeding_px > 0.0 && value < extreme) || (bleeding_px < 0.0 && value > extreme) {
                 extreme = value;
             }
         }
@@ -185,8 +185,8 @@ fn without_spill(placed: &PlacedCamera, prior: &DepthPrior, pixel: DVec2, spill_
 /// Each (ray, building) once, by ray.
 fn ray_building_pairs(profiles: &Profiles) -> impl Iterator<Item = (u32, u32)> + '_ {
     (0..profiles.rays.len()).flat_map(|ray| {
-        let crossings = profiles.crossings(ray);
-        let is_first = move |i: &usize| crossings[..*i].iter().all(|c| c.building != crossings[*i].building);
-        (0..crossings.len()).filter(is_first).map(move |i| (ray as u32, crossings[i].building))
+        let intervals = profiles.intervals(ray);
+        let is_first = move |i: &usize| intervals[..*i].iter().all(|c| c.building != intervals[*i].building);
+        (0..intervals.len()).filter(is_first).map(move |i| (ray as u32, intervals[i].building))
     })
 }

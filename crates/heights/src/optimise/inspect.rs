@@ -82,8 +82,8 @@ pub fn inspect(
         .filter_map(|&view| {
             let prior = (problem.load_prior)(view).ok()?;
             let (placed, profiles) = (&problem.views[view].placed, problem.profiles(view));
-            let spill_px = solution.spill_of(view);
-            let evidence = Evidence::new(placed, profiles, &prior, spill_px, config.stride_px, n_buildings);
+            let bleeding_px = solution.bleeding_of(view);
+            let evidence = Evidence::new(placed, profiles, &prior, bleeding_px, config.stride_px, n_buildings);
             Some((view, evidence))
         })
         .collect();

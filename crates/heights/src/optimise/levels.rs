@@ -75,8 +75,8 @@ pub struct LevelGain {
     pub n_views: usize,
 }
 
-/// Buildings that should be taken apart, by index. Those known from a round before have been looked at there: only what one
-/// level explains badly, close to new parts, is looked at again. What is taken apart far away changes nothing here.
+/// Buildings that should be split, by index. Those known from a round before have been looked at there: only what one
+/// level explains badly, close to new parts, is looked at again. What is split far away changes nothing here.
 pub(super) fn find(
     scene: &Scene,
     views: SweepViews<'_>,

@@ -14,6 +14,7 @@ mod config;
 mod evidence;
 mod gradient;
 mod inspect;
+mod intervals;
 mod levels;
 mod ordinal;
 mod peak;
@@ -27,7 +28,6 @@ mod search;
 mod solution;
 mod solve;
 mod stepped;
-mod stretches;
 mod two_levels;
 mod unmodelled;
 

@@ -204,7 +204,7 @@ impl Compared {
             let sight = profiles.sight(ray_idx, roofs);
             let is_compared = match region {
                 Region::Buildings => sight.building.is_some(),
-                Region::BuildingsAndGround => !profiles.crossings(ray_idx).is_empty() && sight.depth.is_finite(),
+                Region::BuildingsAndGround => !profiles.intervals(ray_idx).is_empty() && sight.depth.is_finite(),
             };
             if is_compared && prior.is_finite() {
                 compared.rays.push(ray_idx as u32);

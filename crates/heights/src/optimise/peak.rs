@@ -6,7 +6,7 @@
 //! lead              S(h) − max S(x) over all x that are not the same answer as h: |x − h| > SAME_M + SAME_SHARE · h
 //! ```
 //!
-//! Local sweeps look at a short stretch in small windows, and find a best height in it whatever lies beyond. A score that does not
+//! Local sweeps look at a short interval in small windows, and find a best height in it whatever lies beyond. A score that does not
 //! fall towards an end of the range has no peak that could be told from "as high as you let me".
 
 /// Heights closer than this are the same answer: a fixed part, metres, and a share of the height.

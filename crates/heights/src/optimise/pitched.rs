@@ -19,8 +19,8 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 use glam::{Mat2, Vec2};
 
+use super::intervals::Form;
 use super::roof::{Fit, Margin, Roof, RoofView, distance_to_outline, grid, smallest_rectangle};
-use super::stretches::Form;
 use crate::ray::Ray;
 use crate::scene::{Prism, RoofForm};
 use crate::simd::{LANES, Lanes};
@@ -97,7 +97,7 @@ impl Ways {
     }
 }
 
-/// One of the shapes over a view's stretches, at a height.
+/// One of the shapes over a view's intervals, at a height.
 struct Pitched<'a> {
     sampled: &'a Sampled,
     candidate: Candidate,
@@ -175,7 +175,7 @@ impl<'a> Shape<'a> {
     }
 }
 
-/// One view's stretches over the building.
+/// One view's intervals over the building.
 struct Sampled {
     ways: Vec<Ways>,
     /// By shape.

@@ -13,7 +13,7 @@
 use super::calibrate::Calibration;
 use super::config::SearchConfig;
 use super::evidence::Evidence;
-use super::stretches::{Form, Stretch, Stretches, Sums};
+use super::intervals::{Form, Intervals, PackedInterval, Sums};
 use super::unmodelled;
 use crate::render::profile::Stops;
 use crate::stats;
@@ -32,7 +32,7 @@ const RANK_BINS: usize = 2048;
 /// One building in one view.
 #[derive(Debug)]
 pub struct Window {
-    stretches: Stretches,
+    intervals: Intervals,
     /// All rays of the window: position in the view, image position, scaled inverse depth without the building.
     rays: Vec<u32>,
     x: Vec<f32>,
@@ -118,23 +118,23 @@ impl Window {
         let v: Vec<f32> = depths.iter().map(|d| reference / d - 1.0).collect();
         let Plane { gram_inverse, residual: p, norm_squared: p_norm_squared } = Plane::taken_out(&raw, &x, &y)?;
 
-        let mut stretches = Stretches::relative_to(reference);
+        let mut intervals = Intervals::relative_to(reference);
         for (at, r) in own {
             let per_metre = profiles.rays[r as usize].dz.recip();
             let lifted = calibration.map_or(f32::NAN, |c| c.inverse_depth(raw[at]));
             let mut after = f32::NEG_INFINITY;
-            for crossing in profiles.crossings(r as usize).iter().filter(|c| c.building == building) {
-                if crossing.enter >= depths[at] {
+            for interval in profiles.intervals(r as usize).iter().filter(|c| c.building == building) {
+                if interval.enter >= depths[at] {
                     break;
                 }
-                let before = crossing.leave.min(depths[at]);
-                stretches.push(&Stretch {
+                let before = interval.leave.min(depths[at]);
+                intervals.push(&PackedInterval {
                     ray: at as u32,
                     roof_at_zero: (ground_z - profiles.eye_z) * per_metre,
                     per_metre,
                     after,
                     before,
-                    enter: crossing.enter,
+                    enter: interval.enter,
                     v: v[at],
                     p: p[at],
                     x: x[at],
@@ -153,7 +153,7 @@ impl Window {
             Correlation::Linear => (Vec::new(), 0.0),
             Correlation::Rank => centred_ranks(&p),
         };
-        Some(Self { stretches, rays, x, y, v, p_ranks, p_rank_norm, gram_inverse, p_norm_squared, base, unmodelled })
+        Some(Self { intervals, rays, x, y, v, p_ranks, p_rank_norm, gram_inverse, p_norm_squared, base, unmodelled })
     }
 
     /// Rays that are compared.
@@ -169,7 +169,7 @@ impl Window {
     /// ρ and weighted agreement for one height above ground, metres; ρ is 0 where the view cannot tell.
     #[must_use]
     pub fn score(&self, height_m: f32, agreement_weight: f64, correlation: Correlation) -> f64 {
-        let sums = self.stretches.at(height_m);
+        let sums = self.intervals.at(height_m);
         let order = match correlation {
             Correlation::Linear => self.correlation(&sums),
             Correlation::Rank => self.rank(height_m, &sums),
@@ -179,13 +179,13 @@ impl Window {
 
     /// The same for a roof of any form over [`Self::own_stretches`]. `height_m` sets the agreement's tolerance.
     pub(super) fn score_where(&self, weight: f64, height_m: f32, form: &impl Form) -> f64 {
-        let sums = self.stretches.with(height_m, form);
+        let sums = self.intervals.with(height_m, form);
         self.correlation(&sums) + weight * sums.agreement()
     }
 
-    /// The building's own stretches: ray, and z-depths between which it can stop the ray.
+    /// The building's own intervals: ray, and z-depths between which it can stop the ray.
     pub(super) fn own_stretches(&self) -> impl Iterator<Item = (u32, f32, f32)> + '_ {
-        self.stretches.iter().map(|(ray, enter, before)| (self.rays[ray as usize], enter, before))
+        self.intervals.iter().map(|(ray, enter, before)| (self.rays[ray as usize], enter, before))
     }
 
     /// Linear correlation, from what a roof changes.
@@ -206,7 +206,7 @@ impl Window {
     fn rank(&self, height_m: f32, change: &Sums) -> f64 {
         let plane = apply(&self.gram_inverse, &self.plane_sums(change)).map(|b| b as f32);
         let mut v = self.v.clone();
-        for (ray, value) in self.stretches.stopped_at(height_m) {
+        for (ray, value) in self.intervals.stopped_at(height_m) {
             v[ray as usize] = value;
         }
         for (value, (x, y)) in v.iter_mut().zip(self.x.iter().zip(&self.y)) {

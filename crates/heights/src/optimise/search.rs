@@ -21,7 +21,7 @@ use crate::render::profile::Stops;
 use crate::scene::{HeightBounds, Scene};
 use crate::stats::{jackknife_sigma, parabola_peak};
 
-/// The stretch of heights a sweep tries for one building.
+/// The interval of heights a sweep tries for one building.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Range {
     /// From the least to the greatest height.
@@ -44,11 +44,11 @@ pub struct Finding {
     pub n_views: usize,
     /// Standard error over views (jackknife), metres.
     pub sigma_m: Option<f64>,
-    /// How far the mean correlation falls within the tried stretch: 0 = flat.
+    /// How far the mean correlation falls within the tried interval: 0 = flat.
     pub contrast: f64,
     /// The best height is an end of the full range.
     pub at_bound: bool,
-    /// The best height is an end of the tried stretch: the score has no peak there.
+    /// The best height is an end of the tried interval: the score has no peak there.
     pub at_end: bool,
     /// Mean scores over the full range, as the last full sweep had them.
     pub whole: Curve,
@@ -160,7 +160,7 @@ pub fn sweep(
         };
         let (low, high) = around(heights_m[b], share, scene.bounds, config);
         let scan = |looked: &Looked| scan(low, high, config.n_fine, scene.bounds, |h| looked.scores(h));
-        // A score that still rises where the stretch ends would go on rising sweep by sweep, as over trees around a low
+        // A score that still rises where the interval ends would go on rising sweep by sweep, as over trees around a low
         // block: then what the building could hide farther up has a say too.
         let near = look(Scope::near(high, config, correlation)).map(|looked| scan(&looked));
         near.filter(|finding| !finding.at_end).or_else(|| whole().map(|looked| scan(&looked)))
@@ -194,7 +194,7 @@ impl Looked {
     }
 }
 
-/// The stretch of heights that a local sweep tries, metres.
+/// The interval of heights that a local sweep tries, metres.
 fn around(at_m: f32, share: f32, bounds: HeightBounds, config: &SearchConfig) -> (f32, f32) {
     let half_width = share * (config.local_half_width_m + config.local_half_width_share * at_m);
     ((at_m - half_width).max(bounds.min_m), (at_m + half_width).min(bounds.max_m))

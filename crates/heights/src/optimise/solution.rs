@@ -162,14 +162,14 @@ pub struct Solution {
     pub history: Vec<EpochRecord>,
     /// Distinct views whose prior was used, ascending (the paper's #Used).
     pub used_views: Vec<usize>,
-    /// By how many pixels of the working image the priors' near sides were taken to spill over their edges, median of
+    /// By how many pixels of the working image the priors' near sides were taken to bleed over their edges, median of
     /// the views.
-    pub spill_px: f64,
+    pub bleeding_px: f64,
     /// The same of each of `used_views`; empty where none was measured.
     #[serde(default)]
-    pub spills_px: Vec<f64>,
+    pub bleedings_px: Vec<f64>,
     /// Buildings with a second roof level, which no single height fits. Where there are any, the search ended with them: the
-    /// heights are provisional until these are taken apart and the scene is solved again.
+    /// heights are provisional until these are split and the scene is solved again.
     #[serde(default)]
     pub other_levels: Vec<OtherLevel>,
     /// Selected views whose prior could not be loaded, and why.
@@ -177,11 +177,11 @@ pub struct Solution {
 }
 
 impl Solution {
-    /// The spill that was taken back from a view's prior, pixels of the working image.
+    /// The edge bleeding that was taken back from a view's prior, pixels of the working image.
     #[must_use]
-    pub fn spill_of(&self, view: usize) -> f64 {
+    pub fn bleeding_of(&self, view: usize) -> f64 {
         let at = self.used_views.binary_search(&view).ok();
-        at.and_then(|at| self.spills_px.get(at).copied()).unwrap_or(0.0)
+        at.and_then(|at| self.bleedings_px.get(at).copied()).unwrap_or(0.0)
     }
 }
 

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! One level that fits both ends near the upper one, because its edges stand out most. Steps that are large enough for two
-//! buildings are taken apart before ([`super::levels`]).
+//! buildings are split before ([`super::levels`]).
 
 use super::roof::{Fit, Margin, Roof, RoofView, Terrace};
 use super::two_levels::{Limits, N_MORE, Plan, SeenIn, Step, TwoLevels};

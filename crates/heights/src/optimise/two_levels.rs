@@ -17,9 +17,9 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 use glam::{Mat2, Vec2};
 
+use super::intervals::Form;
 use super::roof::{RoofView, grid, smallest_rectangle};
 use super::score::{Correlation, Window};
-use super::stretches::Form;
 use crate::ray::Ray;
 use crate::scene::{HeightBounds, Prism};
 use crate::simd::{LANES, Lanes};
@@ -301,7 +301,7 @@ impl Ways {
     }
 }
 
-/// Two levels over a view's stretches.
+/// Two levels over a view's intervals.
 struct Terraced<'a> {
     ways: &'a [Ways],
     levels: &'a TwoLevels,

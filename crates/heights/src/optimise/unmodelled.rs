@@ -34,5 +34,5 @@ fn shows_unmodelled(profiles: &Profiles, ray: usize, depth: f32) -> bool {
     let margin_m = UNMODELLED_M as f32;
     let above_m = (depth - profiles.rays[ray].ground) * profiles.rays[ray].dz;
     let is_over = |enter: f32, leave: f32| depth > enter - margin_m && depth < leave + margin_m;
-    above_m > margin_m && !profiles.crossings(ray).iter().any(|c| is_over(c.enter, c.leave))
+    above_m > margin_m && !profiles.intervals(ray).iter().any(|c| is_over(c.enter, c.leave))
 }

@@ -11,7 +11,7 @@ use super::tile::{LANES, RayTile, TILE, TileSeen};
 use crate::ids::BuildingIdx;
 use crate::raster::Raster;
 use crate::ray::{Aabb, Ray};
-use crate::scene::{Crossing, Prism, Scene};
+use crate::scene::{Prism, RayInterval, Scene};
 
 /// What a ray meets first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,10 +75,10 @@ impl Hit {
     }
 
     /// This, or what is met of a prism if that is nearer; of two at one place the first in the scene.
-    pub fn or_nearer(self, ray: &Ray, (idx, solid): (usize, &Solid<'_>), scratch: &mut Vec<Crossing>) -> Self {
+    pub fn or_nearer(self, ray: &Ray, (idx, solid): (usize, &Solid<'_>), scratch: &mut Vec<RayInterval>) -> Self {
         scratch.clear();
-        solid.prism.crossings(ray, scratch);
-        scratch.iter().fold(self, |nearest, crossing| match solid.meet(ray, *crossing) {
+        solid.prism.intervals(ray, scratch);
+        scratch.iter().fold(self, |nearest, interval| match solid.meet(ray, *interval) {
             Some((t, is_roof)) => {
                 let code = if is_roof { Self::roof(idx) } else { Self::wall(idx) };
                 let is_nearer = t < nearest.t || (t == nearest.t && code < nearest.code);
@@ -111,17 +111,17 @@ pub(super) struct Solid<'a> {
 }
 
 impl Solid<'_> {
-    /// Where a ray meets it within one stretch over its footprint, and whether that is the roof.
-    fn meet(&self, ray: &Ray, crossing: Crossing) -> Option<(f32, bool)> {
+    /// Where a ray meets it within one interval over its footprint, and whether that is the roof.
+    fn meet(&self, ray: &Ray, interval: RayInterval) -> Option<(f32, bool)> {
         let (from, dz) = (ray.origin.z, ray.direction.z);
-        let enter = crossing.enter.max(0.0);
+        let enter = interval.enter.max(0.0);
         let level = from + enter * dz;
         if level <= self.roof_z {
             // From inside there is no wall to see.
-            return (crossing.enter > 0.0 && level >= self.foot_z).then_some((enter, false));
+            return (interval.enter > 0.0 && level >= self.foot_z).then_some((enter, false));
         }
         let roof = (self.roof_z - from) / dz;
-        (dz < 0.0 && roof < crossing.leave).then_some((roof, true))
+        (dz < 0.0 && roof < interval.leave).then_some((roof, true))
     }
 }
 
@@ -157,7 +157,7 @@ impl<'a> SceneTracer<'a> {
 
     /// The ray parameter of the first thing met, and what it is; `NaN` and [`Face::Nothing`] if there is none.
     /// `scratch` saves an allocation per ray.
-    pub fn trace(&self, ray: &Ray, scratch: &mut Vec<Crossing>) -> (f32, Face) {
+    pub fn trace(&self, ray: &Ray, scratch: &mut Vec<RayInterval>) -> (f32, Face) {
         let mut nearest = self.ground(ray);
         self.bvh.traverse(ray, nearest.t, |idx, _| {
             nearest = nearest.or_nearer(ray, (idx, &self.solid(idx)), scratch);

@@ -1,12 +1,12 @@
 //! Rays against the scene, on the CPU.
 //!
-//! Footprints never move, only heights do. So a ray's list of footprint crossings is found once ([`profile`]) and the
+//! Footprints never move, only heights do. So a ray's list of footprint intervals is found once ([`profile`]) and the
 //! depth along it is evaluated for any heights after that, without tracing. Whole images for pictures, view selection
 //! and evaluation come from [`image`].
 //!
 //! ```text
 //! roof parameter   s_b(h) = (ground_b + h − o_z) / d_z
-//! depth            min over stretches (b, s0, s1) with s_b(h) < s1 of max(s0, s_b(h)), else the ground's s_T
+//! depth            min over intervals (b, s0, s1) with s_b(h) < s1 of max(s0, s_b(h)), else the ground's s_T
 //! ```
 //!
 //! Rays have `d · forward = 1`, so the parameter `s` is z-depth. Frame: [`Local`], `f32`.

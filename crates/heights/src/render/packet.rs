@@ -2,7 +2,7 @@
 //!
 //! The hierarchy is walked once per tile: each box is held against the cones around all eight packets, one per lane.
 //! Prisms whose boxes a cone may meet are then met by the packet's eight rays, one per lane, with the arithmetic of
-//! the single ray ([`Prism::crossings`]) in its order, no product fused with a sum: depths and faces are the same to the
+//! the single ray ([`Prism::intervals`]) in its order, no product fused with a sum: depths and faces are the same to the
 //! bit, however wide registers are. Two ways of one ray over a footprint (courtyards, L-shaped outlines) are left to the
 //! single ray.
 //!
@@ -23,7 +23,7 @@ use super::cones::{Cones, greatest_of_packets};
 use super::image::{Hit, SceneTracer, Solid};
 use super::tile::{LANES, RayTile, TILE};
 use crate::ray::{Aabb, Ray};
-use crate::scene::{Crossing, LocalGround, Prism};
+use crate::scene::{LocalGround, Prism, RayInterval};
 
 /// What every ray of a tile meets first; for no ray and upright ones nothing. Also which rays these are, as bits.
 #[inline(always)]
@@ -74,7 +74,7 @@ struct Tile<'a, S: Simd> {
     /// By packet: the farthest that one of its rays still looks; never infinite, so that a box that no ray can reach is
     /// out of it.
     reach: f32x8<S>,
-    scratch: Vec<Crossing>,
+    scratch: Vec<RayInterval>,
 }
 
 impl<'a, S: Simd> Tile<'a, S> {
@@ -145,9 +145,9 @@ impl<S: Simd> Packet<S> {
 
     /// Meets all rays with one prism.
     #[inline(always)]
-    fn meet(&mut self, simd: S, origin: Vec3, (idx, solid): (usize, &Solid<'_>), scratch: &mut Vec<Crossing>) {
+    fn meet(&mut self, simd: S, origin: Vec3, (idx, solid): (usize, &Solid<'_>), scratch: &mut Vec<RayInterval>) {
         let [x, y, z] = self.direction;
-        let (enter, leave, n) = solid.prism.crossings_of_eight(simd, origin.truncate(), [x, y], self.length_squared);
+        let (enter, leave, n) = solid.prism.intervals_of_eight(simd, origin.truncate(), [x, y], self.length_squared);
         let is_over = n.simd_eq(2.0) & leave.simd_gt(enter) & leave.simd_gt(0.0);
         let (eye, top) = (f32x8::splat(simd, origin.z), f32x8::splat(simd, solid.roof_z));
         let from = enter.max(0.0);

@@ -1,6 +1,6 @@
 //! Ray profiles: the footprints along each sampled ray of a view, found once and evaluated for any heights.
 //!
-//! Memory: 20 bytes per ray and 12 per crossing; a view of 448 × 336 px sampled every 4 px holds 9,400 rays.
+//! Memory: 20 bytes per ray and 12 per interval; a view of 448 × 336 px sampled every 4 px holds 9,400 rays.
 
 use glam::DVec2;
 use rand::Rng;
@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::PlacedCamera;
 use super::bvh::Bvh;
 use crate::ray::{Aabb, Ray};
-use crate::scene::{Crossing as Stretch, Scene};
+use crate::scene::{RayInterval, Scene};
 use crate::seed;
 
 /// Rays flatter than this never sink to a roof within any useful distance (dz per unit of z-depth).
@@ -19,7 +19,7 @@ const RAYS_AT_ONCE: usize = 512;
 
 /// One footprint along a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Crossing {
+pub struct PrismInterval {
     /// Which building, as a dense index.
     pub building: u32,
     /// z-depth where the ray enters the footprint.
@@ -37,7 +37,7 @@ pub struct ProfileRay {
     pub dz: f32,
     /// z-depth of the ground; `+∞` where none is known.
     pub ground: f32,
-    /// Where its crossings start.
+    /// Where its intervals start.
     first: u32,
 }
 
@@ -56,7 +56,7 @@ pub struct Profiles {
     pub eye_z: f32,
     /// One per sampled pixel that looks at the ground or at a building.
     pub rays: Vec<ProfileRay>,
-    crossings: Vec<Crossing>,
+    intervals: Vec<PrismInterval>,
 }
 
 /// What a ray sees for some heights.
@@ -64,7 +64,7 @@ pub struct Profiles {
 pub struct Sight {
     /// z-depth, metres.
     pub depth: f32,
-    /// The crossing that stops the ray; `None` is the ground.
+    /// The interval that stops the ray; `None` is the ground.
     pub building: Option<u32>,
     /// Whether it is a roof (its depth changes with the height) or a wall.
     pub is_roof: bool,
@@ -73,8 +73,8 @@ pub struct Sight {
 /// What some roofs make of a view.
 #[derive(Debug, Clone)]
 pub struct Stops {
-    /// Where each crossing stops its ray, z-depth, in the crossings' order; `+∞` where the ray passes over.
-    of_crossings: Vec<f32>,
+    /// Where each interval stops its ray, z-depth, in the intervals' order; `+∞` where the ray passes over.
+    of_intervals: Vec<f32>,
     /// z-depth along each ray.
     depths: Vec<f32>,
 }
@@ -122,33 +122,33 @@ impl Profiles {
     /// Traces rays whose ground is known, as [`Self::trace`] found it under other prisms.
     #[must_use]
     pub fn over(scene: &Scene, capped: &CappedScene, placed: &PlacedCamera, known: &[ProfileRay]) -> Self {
-        let stretch = |rays: &[ProfileRay]| {
-            let mut stretch = Tracing::new(scene, capped, placed);
+        let batch = |rays: &[ProfileRay]| {
+            let mut tracing = Tracing::new(scene, capped, placed);
             for known in rays {
-                stretch.trace(known.pixel, |_| known.ground);
+                tracing.trace(known.pixel, |_| known.ground);
             }
-            stretch.found
+            tracing.found
         };
-        Self::joined(known.par_chunks(RAYS_AT_ONCE).map(stretch).collect(), placed)
+        Self::joined(known.par_chunks(RAYS_AT_ONCE).map(batch).collect(), placed)
     }
 
     fn joined(parts: Vec<Self>, placed: &PlacedCamera) -> Self {
         let mut profiles = Self { eye_z: placed.eye().z as f32, ..Self::default() };
         profiles.rays.reserve_exact(parts.iter().map(|part| part.rays.len()).sum());
-        profiles.crossings.reserve_exact(parts.iter().map(|part| part.crossings.len()).sum());
+        profiles.intervals.reserve_exact(parts.iter().map(|part| part.intervals.len()).sum());
         for part in parts {
-            let offset = profiles.crossings.len() as u32;
+            let offset = profiles.intervals.len() as u32;
             profiles.rays.extend(part.rays.into_iter().map(|r| ProfileRay { first: r.first + offset, ..r }));
-            profiles.crossings.extend(part.crossings);
+            profiles.intervals.extend(part.intervals);
         }
         profiles
     }
 
     /// The footprints along a ray, by where they begin.
     #[must_use]
-    pub fn crossings(&self, ray_idx: usize) -> &[Crossing] {
-        let end = self.rays.get(ray_idx + 1).map_or(self.crossings.len(), |next| next.first as usize);
-        &self.crossings[self.rays[ray_idx].first as usize..end]
+    pub fn intervals(&self, ray_idx: usize) -> &[PrismInterval] {
+        let end = self.rays.get(ray_idx + 1).map_or(self.intervals.len(), |next| next.first as usize);
+        &self.intervals[self.rays[ray_idx].first as usize..end]
     }
 
     /// What a ray sees for roof levels in the local frame, one per building.
@@ -163,25 +163,25 @@ impl Profiles {
         self.first_met(ray_idx, |building| if building == moved { roof_z } else { roofs[building as usize] })
     }
 
-    /// Where every crossing would stop its ray for roof levels in the local frame, one per building.
+    /// Where every interval would stop its ray for roof levels in the local frame, one per building.
     #[must_use]
     pub fn stops(&self, roofs: &[f32]) -> Stops {
-        let mut of_crossings = Vec::with_capacity(self.crossings.len());
+        let mut of_intervals = Vec::with_capacity(self.intervals.len());
         let of_ray = |ray_idx: usize| {
             let ProfileRay { dz, ground, .. } = self.rays[ray_idx];
             let per_dz = dz.recip();
-            let stop = |c: &Crossing| {
+            let stop = |c: &PrismInterval| {
                 let roof = (roofs[c.building as usize] - self.eye_z) * per_dz;
                 let depth = c.enter.max(roof);
                 // A camera inside a prism (depth 0) looks out of it, as in the tracer.
                 if roof < c.leave && depth > 0.0 { depth } else { f32::INFINITY }
             };
-            let first = of_crossings.len();
-            of_crossings.extend(self.crossings(ray_idx).iter().map(stop));
-            of_crossings[first..].iter().copied().fold(ground, f32::min)
+            let first = of_intervals.len();
+            of_intervals.extend(self.intervals(ray_idx).iter().map(stop));
+            of_intervals[first..].iter().copied().fold(ground, f32::min)
         };
         let depths = (0..self.rays.len()).map(of_ray).collect();
-        Stops { of_crossings, depths }
+        Stops { of_intervals, depths }
     }
 
     /// Level at a z-depth along a ray, local frame, metres.
@@ -194,7 +194,7 @@ impl Profiles {
     #[must_use]
     pub fn passes_below(&self, ray_idx: usize, building: u32, z: f32) -> bool {
         let is_below = |depth: f32| self.level(ray_idx, depth) < z;
-        let over_building = self.crossings(ray_idx).iter().filter(|c| c.building == building);
+        let over_building = self.intervals(ray_idx).iter().filter(|c| c.building == building);
         over_building.into_iter().any(|c| is_below(c.enter) || is_below(c.leave))
     }
 
@@ -202,7 +202,7 @@ impl Profiles {
     #[must_use]
     pub fn depth_without(&self, ray_idx: usize, stops: &Stops, absent: u32) -> f32 {
         let first = self.rays[ray_idx].first as usize;
-        let own = self.crossings(ray_idx).iter().zip(&stops.of_crossings[first..]);
+        let own = self.intervals(ray_idx).iter().zip(&stops.of_intervals[first..]);
         own.filter(|(c, _)| c.building != absent).map(|(_, stop)| *stop).fold(self.rays[ray_idx].ground, f32::min)
     }
 
@@ -211,15 +211,15 @@ impl Profiles {
         let ray = &self.rays[ray_idx];
         let per_dz = ray.dz.recip();
         let mut sight = Sight { depth: ray.ground, building: None, is_roof: false };
-        for crossing in self.crossings(ray_idx) {
-            if crossing.enter >= sight.depth {
+        for interval in self.intervals(ray_idx) {
+            if interval.enter >= sight.depth {
                 break;
             }
-            let roof = (roof_of(crossing.building) - self.eye_z) * per_dz;
-            let depth = crossing.enter.max(roof);
+            let roof = (roof_of(interval.building) - self.eye_z) * per_dz;
+            let depth = interval.enter.max(roof);
             // A camera inside a prism (depth 0) looks out of it, as in the tracer.
-            if roof < crossing.leave && depth < sight.depth && depth > 0.0 {
-                sight = Sight { depth, building: Some(crossing.building), is_roof: roof > crossing.enter };
+            if roof < interval.leave && depth < sight.depth && depth > 0.0 {
+                sight = Sight { depth, building: Some(interval.building), is_roof: roof > interval.enter };
             }
         }
         sight
@@ -228,7 +228,7 @@ impl Profiles {
     /// Bytes held, for memory reports.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        size_of_val(self.rays.as_slice()) + size_of_val(self.crossings.as_slice())
+        size_of_val(self.rays.as_slice()) + size_of_val(self.intervals.as_slice())
     }
 }
 
@@ -254,13 +254,13 @@ struct Tracing<'a> {
     capped: &'a CappedScene,
     placed: &'a PlacedCamera,
     found: Profiles,
-    stretches: Vec<Stretch>,
-    crossings: Vec<Crossing>,
+    over_footprint: Vec<RayInterval>,
+    intervals: Vec<PrismInterval>,
 }
 
 impl<'a> Tracing<'a> {
     fn new(scene: &'a Scene, capped: &'a CappedScene, placed: &'a PlacedCamera) -> Self {
-        Self { scene, capped, placed, found: Profiles::default(), stretches: Vec::new(), crossings: Vec::new() }
+        Self { scene, capped, placed, found: Profiles::default(), over_footprint: Vec::new(), intervals: Vec::new() }
     }
 
     /// Traces the middle of a pixel; `ground_of` says at what z-depth its ray meets the ground, `+∞` where it does not.
@@ -271,26 +271,26 @@ impl<'a> Tracing<'a> {
             return; // at or above the horizon
         }
         let ground = ground_of(&ray);
-        let Self { scene, capped, found, stretches, crossings, .. } = self;
-        crossings.clear();
+        let Self { scene, capped, found, over_footprint, intervals, .. } = self;
+        intervals.clear();
         capped.bvh.traverse(&ray, ground, |idx, t_max| {
-            stretches.clear();
-            scene.prisms[idx].crossings(&ray, stretches);
+            over_footprint.clear();
+            scene.prisms[idx].intervals(&ray, over_footprint);
             let below_cap = (capped.caps[idx] - ray.origin.z) / ray.direction.z;
-            let met = stretches.iter().map(|s| Crossing {
+            let met = over_footprint.iter().map(|s| PrismInterval {
                 building: idx as u32,
                 enter: s.enter.max(0.0),
                 leave: s.leave.min(ground),
             });
-            crossings.extend(met.filter(|c| c.leave > c.enter && c.leave > below_cap));
+            intervals.extend(met.filter(|c| c.leave > c.enter && c.leave > below_cap));
             t_max
         });
-        if crossings.is_empty() && ground.is_infinite() {
+        if intervals.is_empty() && ground.is_infinite() {
             return;
         }
-        crossings.sort_unstable_by(|a, b| a.enter.total_cmp(&b.enter).then(a.building.cmp(&b.building)));
-        found.rays.push(ProfileRay { pixel, dz: ray.direction.z, ground, first: found.crossings.len() as u32 });
-        found.crossings.extend_from_slice(crossings);
+        intervals.sort_unstable_by(|a, b| a.enter.total_cmp(&b.enter).then(a.building.cmp(&b.building)));
+        found.rays.push(ProfileRay { pixel, dz: ray.direction.z, ground, first: found.intervals.len() as u32 });
+        found.intervals.extend_from_slice(intervals);
     }
 }
 
@@ -331,7 +331,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]
-        /// The evaluator against the tracer, which shares only the footprint crossing with it.
+        /// The evaluator against the tracer, which shares only the footprint interval with it.
         #[test]
         fn profiles_see_what_the_tracer_sees(
             heights in prop::array::uniform4(2.0..60.0_f32),
@@ -373,9 +373,9 @@ mod tests {
             let traced = |scene: &Scene| Profiles::trace(scene, &CappedScene::new(scene), &placed, sampling);
             let kept = Profiles::over(&after, &CappedScene::new(&after), &placed, &traced(&before).rays);
             let anew = traced(&after);
-            assert!(anew.rays.len() > 1000 && anew.crossings.len() > 20, "{} rays", anew.rays.len());
+            assert!(anew.rays.len() > 1000 && anew.intervals.len() > 20, "{} rays", anew.rays.len());
             assert_eq!(kept.rays, anew.rays);
-            assert_eq!(kept.crossings, anew.crossings);
+            assert_eq!(kept.intervals, anew.intervals);
             assert_eq!(kept.eye_z, anew.eye_z);
         }
     }

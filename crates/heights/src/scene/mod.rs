@@ -7,7 +7,7 @@ mod prism;
 mod range;
 
 pub use ground::LocalGround;
-pub use prism::{Crossing, Prism};
+pub use prism::{Prism, RayInterval};
 pub use range::{HeightBounds, HeightsConfig};
 
 use geo_types::Polygon;

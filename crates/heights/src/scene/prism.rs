@@ -8,9 +8,9 @@ use crate::frames::LocalOrigin;
 use crate::ray::{Aabb, Ray};
 use crate::terrain::GroundLevel;
 
-/// A stretch of a ray inside a footprint, in the ray's own parameter.
+/// Ray-prism interval: the part of a ray inside a footprint, in the ray's own parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Crossing {
+pub struct RayInterval {
     /// Where the ray enters the footprint (−∞ for a vertical ray inside it).
     pub enter: f32,
     /// Where it leaves (+∞ for a vertical ray inside it).
@@ -71,11 +71,11 @@ impl Prism {
         (0.5 * (b.min + b.max)).truncate().extend(z)
     }
 
-    /// The stretches of a ray over the footprint, in order, pushed to `crossings`.
+    /// The intervals of a ray over the footprint, in order, pushed to `intervals`.
     ///
     /// A ray meets a ring's edges an even number of times, by a half-open rule on which side of the ray the corners
-    /// lie; sorted meeting points pair up to stretches inside (even-odd rule, so holes cut them).
-    pub fn crossings(&self, ray: &Ray, crossings: &mut Vec<Crossing>) {
+    /// lie; sorted meeting points pair up to intervals inside (even-odd rule, so holes cut them).
+    pub fn intervals(&self, ray: &Ray, intervals: &mut Vec<RayInterval>) {
         /// Most edges that a typical outline's ray meets; more spill to the heap.
         const INLINE: usize = 16;
         let origin = ray.origin.truncate();
@@ -83,7 +83,7 @@ impl Prism {
         let length_squared = direction.length_squared();
         if Self::is_upright(length_squared) {
             if self.contains(origin) {
-                crossings.push(Crossing { enter: f32::NEG_INFINITY, leave: f32::INFINITY });
+                intervals.push(RayInterval { enter: f32::NEG_INFINITY, leave: f32::INFINITY });
             }
             return;
         }
@@ -115,8 +115,11 @@ impl Prism {
         }
         let meets = if n <= INLINE { &mut meets[..n] } else { &mut spill[..] };
         meets.sort_unstable_by(f32::total_cmp);
-        crossings.extend(
-            meets.chunks_exact(2).filter(|m| m[1] > m[0] && m[1] > 0.0).map(|m| Crossing { enter: m[0], leave: m[1] }),
+        intervals.extend(
+            meets
+                .chunks_exact(2)
+                .filter(|m| m[1] > m[0] && m[1] > 0.0)
+                .map(|m| RayInterval { enter: m[0], leave: m[1] }),
         );
     }
 
@@ -127,11 +130,11 @@ impl Prism {
     }
 
     /// The same for eight rays from one point, none of them upright: where each first enters and last leaves the
-    /// footprint, and how many edges it meets. Where it meets two, these are the one stretch there is, to the bit; it
+    /// footprint, and how many edges it meets. Where it meets two, these are the one interval there is, to the bit; it
     /// counts if it ends in front of the origin and is longer than nothing.
     #[expect(clippy::inline_always, reason = "registers are as wide as where it is inlined")]
     #[inline(always)]
-    pub(crate) fn crossings_of_eight<S: Simd>(
+    pub(crate) fn intervals_of_eight<S: Simd>(
         &self,
         simd: S,
         origin: Vec2,
@@ -211,26 +214,26 @@ mod tests {
         Prism::new(&polygon, GroundLevel { reference_m: 1.0, lowest_m: 0.0 }, LocalOrigin(glam::DVec3::ZERO))
     }
 
-    fn crossings(origin: [f32; 3], direction: [f32; 3]) -> Vec<(f32, f32)> {
+    fn intervals(origin: [f32; 3], direction: [f32; 3]) -> Vec<(f32, f32)> {
         let mut found = Vec::new();
-        courtyard().crossings(&Ray::new(origin.into(), direction.into()), &mut found);
+        courtyard().intervals(&Ray::new(origin.into(), direction.into()), &mut found);
         found.into_iter().map(|c| (c.enter, c.leave)).collect()
     }
 
     #[test]
     fn a_courtyard_cuts_the_ray_in_two() {
-        assert_eq!(crossings([-5.0, 5.0, 9.0], [1.0, 0.0, -0.1]), [(5.0, 8.0), (12.0, 15.0)]);
+        assert_eq!(intervals([-5.0, 5.0, 9.0], [1.0, 0.0, -0.1]), [(5.0, 8.0), (12.0, 15.0)]);
     }
 
     #[test]
     fn a_ray_along_the_diagonal_through_corners_pairs_up() {
-        assert_eq!(crossings([-1.0, -1.0, 9.0], [1.0, 1.0, -1.0]), [(1.0, 4.0), (8.0, 11.0)]);
+        assert_eq!(intervals([-1.0, -1.0, 9.0], [1.0, 1.0, -1.0]), [(1.0, 4.0), (8.0, 11.0)]);
     }
 
     #[test]
     fn a_vertical_ray_is_inside_or_outside_for_ever() {
-        assert_eq!(crossings([1.0, 1.0, 9.0], [0.0, 0.0, -1.0]), [(f32::NEG_INFINITY, f32::INFINITY)]);
-        assert_eq!(crossings([5.0, 5.0, 9.0], [0.0, 0.0, -1.0]), []);
+        assert_eq!(intervals([1.0, 1.0, 9.0], [0.0, 0.0, -1.0]), [(f32::NEG_INFINITY, f32::INFINITY)]);
+        assert_eq!(intervals([5.0, 5.0, 9.0], [0.0, 0.0, -1.0]), []);
     }
 
     #[test]

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::curve::{Curve, Sample};
 use sizeup_heights::optimise::{EpochRecord, Problem, Reason, Solution, SolvedHeight, Solving};
-use sizeup_heights::render::profile::{Crossing, Profiles};
+use sizeup_heights::render::profile::{PrismInterval, Profiles};
 use sizeup_heights::scene::Scene;
 use sizeup_heights::stats;
 
@@ -35,7 +35,7 @@ pub struct LiftConfig {
     pub rounds: usize,
     /// Points nearer than this to where the ray enters or leaves the footprint are left out, metres in plan.
     pub edge_m: f32,
-    /// At most this share of a ray's stretch over the footprint is left out at each end, 0 to 0.5.
+    /// At most this share of a ray's interval over the footprint is left out at each end, 0 to 0.5.
     pub edge_share: f32,
     /// Lifted points below which a view has no say in a building.
     pub min_points: usize,
@@ -184,21 +184,21 @@ impl LiftView<'_> {
 
     /// The building whose footprint a lifted point lies over, away from its walls.
     fn lifted_over(&self, i: usize, depth: f32, config: &LiftConfig) -> Option<u32> {
-        self.profiles.crossings(i).iter().find(|c| self.is_inside(i, c, depth, config)).map(|c| c.building)
+        self.profiles.intervals(i).iter().find(|c| self.is_inside(i, c, depth, config)).map(|c| c.building)
     }
 
     /// The building whose roof a ray sees with the present roof levels, away from its edges.
     fn roof_seen(&self, i: usize, roofs: &[f32], config: &LiftConfig) -> Option<u32> {
         let sight = self.profiles.sight(i, roofs);
         let building = sight.building.filter(|_| sight.is_roof)?;
-        let of_building = self.profiles.crossings(i).iter().filter(|c| c.building == building);
+        let of_building = self.profiles.intervals(i).iter().filter(|c| c.building == building);
         of_building.into_iter().any(|c| self.is_inside(i, c, sight.depth, config)).then_some(building)
     }
 
-    fn is_inside(&self, i: usize, stretch: &Crossing, depth: f32, config: &LiftConfig) -> bool {
+    fn is_inside(&self, i: usize, interval: &PrismInterval, depth: f32, config: &LiftConfig) -> bool {
         let edge = config.edge_m / self.rays[i].plan_per_depth;
-        let edge = edge.min(config.edge_share * (stretch.leave - stretch.enter));
-        depth > stretch.enter + edge && depth < stretch.leave - edge
+        let edge = edge.min(config.edge_share * (interval.leave - interval.enter));
+        depth > interval.enter + edge && depth < interval.leave - edge
     }
 }
 

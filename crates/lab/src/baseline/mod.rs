@@ -44,8 +44,8 @@ fn without_views(heights_m: Vec<Option<f64>>, doubt: Option<Reason>) -> Solution
         heights: heights_m.into_iter().map(solved).collect(),
         history: Vec::new(),
         used_views: Vec::new(),
-        spill_px: 0.0,
-        spills_px: Vec::new(),
+        bleeding_px: 0.0,
+        bleedings_px: Vec::new(),
         other_levels: Vec::new(),
         failed_views: Vec::new(),
     }

@@ -42,7 +42,7 @@ impl StatusCount {
         self.single.values().sum::<usize>() + self.whole.len()
     }
 
-    /// Parts of buildings that came in several pieces or were taken apart.
+    /// Parts of buildings that came in several pieces or were split.
     #[must_use]
     pub fn n_parts(&self) -> usize {
         self.parts.values().sum()

@@ -52,7 +52,7 @@ pub enum OutputError {
     /// Positions cannot be brought to the earth's frame.
     #[error(transparent)]
     Crs(#[from] sizeup_geo::crs::CrsError),
-    /// What heights count from is not known.
+    /// Vertical datum is not known.
     #[error(
         "{crs} does not say what its heights count from, and a globe must know\n\
          hint: state it: the geoid's height there (`--geoid-height 45.5`), or `--heights ellipsoidal`"

@@ -16,7 +16,7 @@ use sizeup_heights::stats::{mean, quantile};
 pub struct Summary {
     /// Buildings of the input.
     pub n_buildings: usize,
-    /// Parts of those that came in several pieces or were taken apart.
+    /// Parts of those that came in several pieces or were split.
     pub n_parts: usize,
     /// Buildings by what became of them, one in parts as its worst part; all statuses, also those without buildings.
     pub n_by_status: IndexMap<String, usize>,

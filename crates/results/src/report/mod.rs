@@ -47,7 +47,7 @@ pub struct Report<'a> {
     pub passes: Vec<Pass>,
     /// Position among the records of each building of a pass.
     pub solved: &'a [usize],
-    /// Outlines that were taken apart, as no single height fits them.
+    /// Outlines that were split, as no single height fits them.
     pub levels: Vec<Levels>,
     /// Whether the poses look right, where that is known.
     pub survey: Option<SurveyReport>,
@@ -91,7 +91,7 @@ pub struct Pass {
 /// How well one level explains an outline, and how well two do.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Levels {
-    /// The building that was taken apart.
+    /// The building that was split.
     pub whole: String,
     /// Its two levels above ground, metres.
     #[serde(rename = "heights")]

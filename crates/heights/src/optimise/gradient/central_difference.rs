@@ -25,7 +25,7 @@ pub fn slopes(
     for pair in pairs {
         let rays = [compared.rays[pair.p], compared.rays[pair.q]];
         let mut buildings: Vec<u32> =
-            rays.iter().flat_map(|&r| profiles.crossings(r as usize)).map(|c| c.building).collect();
+            rays.iter().flat_map(|&r| profiles.intervals(r as usize)).map(|c| c.building).collect();
         buildings.sort_unstable();
         buildings.dedup();
         for building in buildings {

@@ -169,7 +169,7 @@ impl<'a> ExpectedLoss<'a> {
         let compared = Compared::new(evidence, roofs, config.region).unwrap();
         let profiles = evidence.profiles;
         let pool: Vec<u32> = (0..profiles.rays.len() as u32)
-            .filter(|r| !profiles.crossings(*r as usize).is_empty() && evidence.farness[*r as usize].is_finite())
+            .filter(|r| !profiles.intervals(*r as usize).is_empty() && evidence.farness[*r as usize].is_finite())
             .collect();
         let mut rng = seed::stream(11, "common pairs", &[]);
         let draw = |_| {

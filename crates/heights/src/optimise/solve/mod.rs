@@ -133,8 +133,8 @@ struct State<'a> {
     roofs: Vec<Judged>,
     views_of: Vec<Vec<usize>>,
     history: Vec<EpochRecord>,
-    /// By view: by how many pixels of the working image its prior's near sides spill over their edges.
-    spill_px: Vec<f64>,
+    /// By view: by how many pixels of the working image its prior's near sides bleed over their edges.
+    bleeding_px: Vec<f64>,
     other_levels: Vec<OtherLevel>,
 }
 
@@ -158,7 +158,7 @@ impl<'a> State<'a> {
             roofs: vec![Judged::default(); n_buildings],
             views_of: vec![Vec::new(); n_buildings],
             history: Vec::new(),
-            spill_px: vec![0.0; n_views],
+            bleeding_px: vec![0.0; n_views],
             other_levels: Vec::new(),
         }
     }

@@ -28,11 +28,19 @@ impl State<'_> {
     pub(super) fn into_solution(self) -> Solution {
         let heights = (0..self.heights_m.len()).map(|b| self.solved(b)).collect();
         let used_views: Vec<usize> = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
-        let spills: Vec<f64> = used_views.iter().map(|&v| self.spill_px[v]).collect();
-        let spill_px = crate::stats::median(&spills).unwrap_or(0.0);
+        let spills: Vec<f64> = used_views.iter().map(|&v| self.bleeding_px[v]).collect();
+        let bleeding_px = crate::stats::median(&spills).unwrap_or(0.0);
         let failed_views = self.failed.iter().enumerate().filter_map(|(v, why)| Some((v, why.clone()?))).collect();
         let other_levels = self.other_levels;
-        Solution { heights, history: self.history, used_views, spill_px, spills_px: spills, other_levels, failed_views }
+        Solution {
+            heights,
+            history: self.history,
+            used_views,
+            bleeding_px,
+            bleedings_px: spills,
+            other_levels,
+            failed_views,
+        }
     }
 
     /// How large a pixel of the working image is on a building, metres, median of its views.

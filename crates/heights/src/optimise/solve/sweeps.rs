@@ -10,8 +10,8 @@ use crate::optimise::{bleed, levels};
 /// Heights are kept on a grid of so many steps per metre.
 const STEPS_PER_M: f32 = 1000.0;
 /// Spill that is left alone, and the most that is taken back, pixels of the working image.
-const MIN_SPILL_PX: f64 = 0.5;
-const MAX_SPILL_PX: f64 = 4.0;
+const MIN_BLEEDING_PX: f64 = 0.5;
+const MAX_BLEEDING_PX: f64 = 4.0;
 
 impl State<'_> {
     pub(super) fn run_search(&mut self) {
@@ -31,11 +31,11 @@ impl State<'_> {
             self.other_levels =
                 levels::find(self.problem.scene, &views, &self.views_of, &self.heights_m, known_m, config);
             if !self.other_levels.is_empty() {
-                return; // to be solved again with these outlines taken apart
+                return; // to be solved again with these outlines split
             }
         }
-        if config.take_back_spill {
-            self.take_back_spill();
+        if config.correct_edge_bleeding {
+            self.correct_edge_bleeding();
         }
         for i in 0..config.local_sweeps {
             (self.problem.progress)(Solving::Epochs, config.full_sweeps + i, n_sweeps);
@@ -50,8 +50,8 @@ impl State<'_> {
         (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
     }
 
-    /// Measures how far each prior's near sides spill over known edges, and samples the priors anew without it.
-    fn take_back_spill(&mut self) {
+    /// Measures how far each prior's near sides bleed over known edges, and samples the priors anew without it.
+    fn correct_edge_bleeding(&mut self) {
         let used: Vec<usize> = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
         let edges = bleed::Edges::new(self.problem.scene, &self.heights_m);
         let n_buildings = self.heights_m.len();
@@ -64,9 +64,9 @@ impl State<'_> {
         };
         let offsets: Vec<Vec<f64>> = used.par_iter().map(offsets_of).collect();
         let mut changed = Vec::new();
-        for (&v, spill_px) in used.iter().zip(bleed::spills(&offsets)) {
-            if spill_px.abs() >= MIN_SPILL_PX {
-                self.spill_px[v] = spill_px.clamp(-MAX_SPILL_PX, MAX_SPILL_PX);
+        for (&v, bleeding_px) in used.iter().zip(bleed::bleedings(&offsets)) {
+            if bleeding_px.abs() >= MIN_BLEEDING_PX {
+                self.bleeding_px[v] = bleeding_px.clamp(-MAX_BLEEDING_PX, MAX_BLEEDING_PX);
                 self.evidence[v] = None;
                 changed.push(v);
             }

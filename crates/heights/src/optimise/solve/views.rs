@@ -81,7 +81,7 @@ impl State<'_> {
                         placed,
                         self.problem.profiles(v),
                         &prior,
-                        self.spill_px[v],
+                        self.bleeding_px[v],
                         self.config.stride_px,
                         n_buildings,
                     )

@@ -1,4 +1,4 @@
-//! The stretches of rays over one building in one view, packed for vector registers: the solver's inner loop.
+//! The intervals of rays over one building in one view, packed for vector registers: the solver's inner loop.
 //!
 //! ```text
 //! r(h) = roof₀ + m · h                    z-depth at which a ray sinks to the roof of height h
@@ -7,7 +7,7 @@
 //! a(h) = Σ exp(−e²/2),  e = (lifted − v) / tolerance     over what is seen of the roof
 //! ```
 //!
-//! Each stretch costs some forty operations in single precision, without branches, in the widest registers that the
+//! Each interval costs some forty operations in single precision, without branches, in the widest registers that the
 //! processor has. Partial sums are kept per lane and no product is fused with a sum, so that all widths give the same bits.
 
 #![expect(
@@ -20,7 +20,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x8, mask32x8};
 
 use crate::simd::{LANES, Lanes};
 
-/// A roof of any form over the stretches of a building in a view.
+/// A roof of any form over the intervals of a building in a view.
 pub(super) trait Form {
     /// z-depths at which it stops the rays of a block; `+∞` where they pass over. To be inlined always.
     fn meets<S: Simd>(&self, simd: S, block: usize) -> f32x8<S>;
@@ -34,7 +34,7 @@ const FEW_RAYS: f64 = 2.0;
 
 /// One ray's way over the building.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Stretch {
+pub(super) struct PackedInterval {
     /// Position of the ray in the window.
     pub ray: u32,
     /// z-depth of the roof at height 0, and its change per metre.
@@ -55,7 +55,7 @@ pub(super) struct Stretch {
     pub lifted: f32,
 }
 
-/// [`Stretch`]es side by side.
+/// [`PackedInterval`]es side by side.
 #[derive(Debug, Clone, Copy)]
 struct Block {
     roof_at_zero: Lanes,
@@ -85,21 +85,21 @@ impl Block {
         lifted: Lanes::splat(f32::NAN),
     };
 
-    fn set(&mut self, lane: usize, stretch: &Stretch) {
-        self.roof_at_zero.set(lane, stretch.roof_at_zero);
-        self.per_metre.set(lane, stretch.per_metre);
-        self.after.set(lane, stretch.after);
-        self.before.set(lane, stretch.before);
-        self.enter.set(lane, stretch.enter);
-        self.v.set(lane, stretch.v);
-        self.p.set(lane, stretch.p);
-        self.x.set(lane, stretch.x);
-        self.y.set(lane, stretch.y);
-        self.lifted.set(lane, stretch.lifted);
+    fn set(&mut self, lane: usize, interval: &PackedInterval) {
+        self.roof_at_zero.set(lane, interval.roof_at_zero);
+        self.per_metre.set(lane, interval.per_metre);
+        self.after.set(lane, interval.after);
+        self.before.set(lane, interval.before);
+        self.enter.set(lane, interval.enter);
+        self.v.set(lane, interval.v);
+        self.p.set(lane, interval.p);
+        self.x.set(lane, interval.x);
+        self.y.set(lane, interval.y);
+        self.lifted.set(lane, interval.lifted);
     }
 }
 
-/// What a height changes, summed over the stretches.
+/// What a height changes, summed over the intervals.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Sums {
     /// Of v, v·x, v·y, v·p, v².
@@ -108,7 +108,7 @@ pub(super) struct Sums {
     pub vy: f64,
     pub vp: f64,
     pub vv: f64,
-    /// Of the agreement, and over how many stretches.
+    /// Of the agreement, and over how many intervals.
     agreement: f64,
     n_agreement: f64,
 }
@@ -123,38 +123,38 @@ impl Sums {
     }
 }
 
-/// All stretches of a building in a view.
+/// All intervals of a building in a view.
 #[derive(Debug)]
-pub(super) struct Stretches {
+pub(super) struct Intervals {
     level: Level,
     blocks: Vec<Block>,
-    /// By stretch: position of its ray in the window.
+    /// By interval: position of its ray in the window.
     rays: Vec<u32>,
-    /// Stretches whose ray has one before them.
+    /// Intervals whose ray has one before them.
     later: Vec<usize>,
     /// Depth that scaled inverse depth is relative to, metres.
     reference: f32,
 }
 
-impl Stretches {
+impl Intervals {
     /// None yet; `reference` is the depth that scaled inverse depth is relative to, metres.
     pub fn relative_to(reference: f32) -> Self {
         Self { level: Level::new(), blocks: Vec::new(), rays: Vec::new(), later: Vec::new(), reference }
     }
 
-    pub fn push(&mut self, stretch: &Stretch) {
+    pub fn push(&mut self, interval: &PackedInterval) {
         let lane = self.rays.len() % LANES;
         if lane == 0 {
             self.blocks.push(Block::EMPTY);
         }
-        self.blocks.last_mut().expect("one was just made").set(lane, stretch);
-        if self.rays.last() == Some(&stretch.ray) {
+        self.blocks.last_mut().expect("one was just made").set(lane, interval);
+        if self.rays.last() == Some(&interval.ray) {
             self.later.push(self.rays.len());
         }
-        self.rays.push(stretch.ray);
+        self.rays.push(interval.ray);
     }
 
-    /// Position in the window of each stretch's ray, and z-depths between which the building can stop it.
+    /// Position in the window of each interval's ray, and z-depths between which the building can stop it.
     pub fn iter(&self) -> impl Iterator<Item = (u32, f32, f32)> + '_ {
         self.rays.iter().enumerate().map(|(i, &ray)| {
             let block = &self.blocks[i / LANES];
@@ -188,7 +188,7 @@ impl Stretches {
         Kernel::new(simd, self.reference, height_m).at_depths(&self.blocks, &depths)
     }
 
-    /// Each stretch that a height stops: position of its ray in the window, and its scaled inverse depth.
+    /// Each interval that a height stops: position of its ray in the window, and its scaled inverse depth.
     pub fn stopped_at(&self, height_m: f32) -> impl Iterator<Item = (u32, f32)> + '_ {
         self.rays.iter().enumerate().filter_map(move |(i, &ray)| {
             let b = &self.blocks[i / LANES];
@@ -200,7 +200,7 @@ impl Stretches {
     }
 }
 
-/// The loops, with what is the same for all stretches.
+/// The loops, with what is the same for all intervals.
 struct Kernel<S: Simd> {
     simd: S,
     reference: f32x8<S>,
@@ -308,12 +308,12 @@ mod tests {
             prop_assert!((ours - exact).abs() < 2e-6, "{ours} {exact}");
         }
 
-        /// The packed loops against one that goes stretch by stretch in double precision.
+        /// The packed loops against one that goes interval by interval in double precision.
         #[test]
         fn packed_sums_are_those_of_each_stretch(n in 0..40_usize, height_m in 2.0..60.0_f32, seed in 0..1000_u64) {
-            let stretches = some_stretches(n, seed);
-            let by_one = one_by_one(&stretches, height_m);
-            for packed in [stretches.at(height_m), stretches.with(height_m, &flat(&stretches, height_m))] {
+            let intervals = some_stretches(n, seed);
+            let by_one = one_by_one(&intervals, height_m);
+            for packed in [intervals.at(height_m), intervals.with(height_m, &flat(&intervals, height_m))] {
                 let sums = [packed.v, packed.vx, packed.vy, packed.vp, packed.vv, packed.agreement()];
                 for (a, b) in sums.iter().zip(by_one) {
                     prop_assert!((a - b).abs() < 1e-4 * (1.0 + b.abs()), "{a} {b}");
@@ -324,11 +324,11 @@ mod tests {
         /// However wide registers are.
         #[test]
         fn all_widths_of_registers_give_the_same_bits(n in 0..60_usize, height_m in 2.0..60.0_f32, seed in 0..1000_u64) {
-            let mut stretches = some_stretches(n, seed);
-            let form = flat(&stretches, height_m);
+            let mut intervals = some_stretches(n, seed);
+            let form = flat(&intervals, height_m);
             let mut bits = |level: Level| {
-                stretches.level = level;
-                [stretches.at(height_m), stretches.with(height_m, &form)]
+                intervals.level = level;
+                [intervals.at(height_m), intervals.with(height_m, &form)]
                     .map(|sums| [sums.v, sums.vx, sums.vy, sums.vp, sums.vv, sums.agreement()].map(f64::to_bits))
             };
             let widest = bits(Level::new());
@@ -348,15 +348,15 @@ mod tests {
         }
     }
 
-    fn flat(stretches: &Stretches, height_m: f32) -> Flat {
-        let mut depths = vec![Lanes::splat(f32::INFINITY); stretches.blocks.len()];
-        for (i, depth) in stretches.depths(height_m) {
+    fn flat(intervals: &Intervals, height_m: f32) -> Flat {
+        let mut depths = vec![Lanes::splat(f32::INFINITY); intervals.blocks.len()];
+        for (i, depth) in intervals.depths(height_m) {
             depths[i / LANES].set(i % LANES, depth);
         }
         Flat(depths)
     }
 
-    impl Stretches {
+    impl Intervals {
         fn depths(&self, height_m: f32) -> impl Iterator<Item = (usize, f32)> + '_ {
             (0..self.rays.len()).filter_map(move |i| {
                 let b = &self.blocks[i / LANES];
@@ -368,14 +368,14 @@ mod tests {
         }
     }
 
-    fn one_by_one(stretches: &Stretches, height_m: f32) -> [f64; 6] {
+    fn one_by_one(intervals: &Intervals, height_m: f32) -> [f64; 6] {
         let mut sums = [0.0; 5];
         let (mut agreement, mut n) = (0.0, 0.0);
-        for (i, depth) in stretches.depths(height_m) {
-            let b = &stretches.blocks[i / LANES];
+        for (i, depth) in intervals.depths(height_m) {
+            let b = &intervals.blocks[i / LANES];
             let columns = [b.per_metre, b.enter, b.v, b.p, b.x, b.y, b.lifted];
             let [per_metre, enter, v, p, x, y, lifted] = columns.map(|lanes| f64::from(lanes.get(i % LANES)));
-            let [depth, reference] = [depth, stretches.reference].map(f64::from);
+            let [depth, reference] = [depth, intervals.reference].map(f64::from);
             let value = reference / depth - 1.0;
             for (sum, k) in sums.iter_mut().zip([1.0, x, y, p]) {
                 *sum += (value - v) * k;
@@ -391,13 +391,13 @@ mod tests {
         [sums[0], sums[1], sums[2], sums[3], sums[4], agreement / (n + FEW_RAYS)]
     }
 
-    fn some_stretches(n: usize, seed: u64) -> Stretches {
+    fn some_stretches(n: usize, seed: u64) -> Intervals {
         use rand::Rng as _;
-        let mut rng = crate::seed::stream(seed, "stretches", &[]);
-        let mut stretches = Stretches::relative_to(150.0);
+        let mut rng = crate::seed::stream(seed, "intervals", &[]);
+        let mut intervals = Intervals::relative_to(150.0);
         for ray in 0..n as u32 {
             let enter = rng.random_range(100.0..160.0_f32);
-            stretches.push(&Stretch {
+            intervals.push(&PackedInterval {
                 ray,
                 roof_at_zero: rng.random_range(140.0..200.0),
                 per_metre: rng.random_range(-2.0..-1.0),
@@ -411,6 +411,6 @@ mod tests {
                 lifted: if ray % 7 == 0 { f32::NAN } else { rng.random_range(-0.4..0.4) },
             });
         }
-        stretches
+        intervals
     }
 }
