@@ -83,7 +83,7 @@ impl AccuracyConfig {
 
     fn all_towns(&self) -> impl Iterator<Item = Town> {
         let simulated = self.towns.iter().copied().map(Town::Simulated);
-        simulated.chain(self.real.iter().cloned().map(Town::Real))
+        simulated.chain(self.real.iter().cloned().map(|real| Town::Real(Box::new(real))))
     }
 
     fn check(&self) -> Result<(), BenchmarkError> {
@@ -139,7 +139,7 @@ pub(super) fn word(value: &impl Serialize) -> String {
 #[derive(Debug, Clone, PartialEq)]
 enum Town {
     Simulated(TownKind),
-    Real(RealTown),
+    Real(Box<RealTown>),
 }
 
 impl Town {

@@ -197,7 +197,7 @@ fn heights_grid(crs: &Crs) -> Finding {
         let ellipsoid = Transform3d::new(crs, &Crs::parse("EPSG:4979")?)?;
         let Some([west, south, east, north]) = crs.area_of_use_deg() else { return Ok(()) };
         let to_map = Transform::new(&Crs::parse("EPSG:4326")?, crs)?;
-        let (x, y) = to_map.point((west + east) / 2.0, (south + north) / 2.0)?;
+        let (x, y) = to_map.point(f64::midpoint(west, east), f64::midpoint(south, north))?;
         ellipsoid.point(DVec3::new(x, y, 0.0)).map(drop)
     };
     match reach() {

@@ -115,7 +115,7 @@ pub fn run_tile(
         return Ok(TileRun::WasDone(done));
     }
     let attempt = Attempt::start(layout, id)?;
-    match run_anew(&check, tile, views, wanted, tell) {
+    match run_anew(&check, tile, &views, &wanted, tell) {
         Ok(done) => {
             Attempt::forget(layout, id)?;
             Ok(TileRun::Ran(done))
@@ -134,8 +134,8 @@ pub(super) const PLAN_AGAIN: &str =
 fn run_anew(
     check: &Check<'_>,
     tile: &Tile,
-    views: TileViews,
-    wanted: Recipe,
+    views: &TileViews,
+    wanted: &Recipe,
     tell: Tell<'_>,
 ) -> Result<Done, TilesError> {
     let (start, layout, manifest) = (Instant::now(), check.layout, check.manifest);
@@ -144,8 +144,8 @@ fn run_anew(
     let path = layout.done(&tile.id);
     remove_if_there(&path)?;
     let heights = part.solve(tell)?;
-    let done = write(check, tile, &part, heights, &wanted)?;
-    if let Some(why) = check.tile_of(tile, &views).why_stale(&wanted) {
+    let done = write(check, tile, &part, heights, wanted)?;
+    if let Some(why) = check.tile_of(tile, views).why_stale(wanted) {
         return Err(TilesError::ChangedMeanwhile { id: tile.id.clone(), why });
     }
     let cost = Cost {
@@ -157,7 +157,7 @@ fn run_anew(
         program: manifest.made_by.program().to_owned(),
     };
     write_json(&layout.tile(&tile.id).join(COST), &cost)?;
-    check.keep_hashes(tile, &views, &done)?;
+    check.keep_hashes(tile, views, &done)?;
     write_json(&path, &done)?;
     Ok(done)
 }

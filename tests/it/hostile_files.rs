@@ -17,7 +17,7 @@ use sizeup::camera::Camera;
 use sizeup::cloud;
 use sizeup::crs::Crs;
 use sizeup::frames::Rigid;
-use sizeup::geodata::raster::RasterFile;
+use sizeup::geodata::raster::{RasterFile, Resampling, Window};
 use sizeup::geodata::vector::VectorLayer;
 use sizeup::onnx::Network;
 use sizeup::prior::{FilePriorConfig, FilePriors, PriorKind, PriorSource as _};
@@ -84,7 +84,7 @@ fn files_that_made_the_program_abort_are_refused() {
 
 /// A GeoTIFF without a single stored cell.
 fn write_sparse(path: &Path, (width, height): (usize, usize), cell_m: f64, options: &[&str]) {
-    let options = RasterCreationOptions::from_iter(["SPARSE_OK=TRUE", "BIGTIFF=YES"].iter().chain(options).copied());
+    let options = ["SPARSE_OK=TRUE", "BIGTIFF=YES"].iter().chain(options).copied().collect::<RasterCreationOptions>();
     let driver = DriverManager::get_driver_by_name("GTiff").unwrap();
     let mut dataset = driver.create_with_band_type_with_options::<f32, _>(path, width, height, 1, &options).unwrap();
     dataset.set_geo_transform(&[500_000.0, cell_m, 0.0, 5_700_000.0, 0.0, -cell_m]).unwrap();
@@ -390,7 +390,6 @@ fn pixels_that_the_decoder_makes_up_are_not_passed_on() {
     let refused = read().unwrap_err().to_string();
     assert!(refused.contains("damaged") && refused.contains("hint: "), "{refused}");
     // Also at reduced size, from the file's own coarser scales.
-    use sizeup::geodata::raster::{Resampling, Window};
     let window = Window { col: 0, row: 0, width: 256, height: 192 };
     let reduced = RasterFile::open(&path).unwrap().read_window(1, window, (32, 24), Resampling::Average);
     assert!(reduced.unwrap_err().to_string().contains("damaged"));

@@ -79,7 +79,7 @@ fn painted(n: usize, rows: usize, columns: usize) -> Tensor {
     Tensor { shape: vec![1, n, 3, rows, columns], values: pixels.collect() }
 }
 
-/// Depth and confidence of the embedded engine against PyTorch's, which `fixtures/onnx/itermvs.f32` holds.
+/// Depth and confidence of the embedded engine against `PyTorch`'s, which `fixtures/onnx/itermvs.f32` holds.
 #[test]
 fn itermvs_put_together_from_its_checkpoint_computes_what_pytorch_does() {
     const TOLERANCE: f32 = 1e-4; // of the depth: six digits of f32, less what 40 layers lose

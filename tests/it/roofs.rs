@@ -125,7 +125,9 @@ fn a_step_in_a_roof_is_seen_and_its_mean_height_stated() {
     let (with_m, without_m) = (errors_m(&with), errors_m(&without));
     let n_stepped = with_m.len();
     let (with_m, without_m) = (mean(&with_m), mean(&without_m));
-    assert!(with_m < 0.5 * without_m, "with {with_m:.2} m, without {without_m:.2} m");
+    // As one level a step of a storey is off by up to half of it; found, it leaves what all roofs of a downtown are off by under
+    // moderate errors (docs/accuracy.md), half a metre at most.
+    assert!(with_m < 0.5 && with_m < without_m, "with {with_m:.2} m, without {without_m:.2} m");
     let n_stated = |city: &Value, is_stepped: bool| {
         let pairs = pairs(folder.path(), city).into_iter();
         let stated = pairs.filter(|(_, stated)| stated["roof_form"] == "stepped");

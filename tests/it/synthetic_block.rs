@@ -129,7 +129,7 @@ fn robust_finds_heights_from_an_exact_prior() {
 #[test]
 fn houses_without_an_outline_do_not_raise_those_with_one_where_priors_are_in_metres() {
     let whole = block();
-    let from_one_side = |v: usize| v % 4 == 0;
+    let from_one_side = |v: usize| v.is_multiple_of(4);
     let mut priors = whole.priors(|d| d);
     let mut few = block_of(|i| i % 4 == 1);
     let mut keep = (0..few.views.len()).map(from_one_side);

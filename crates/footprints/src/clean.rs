@@ -253,11 +253,11 @@ fn widen(polygon: &Polygon<f64>, rules: Rules) -> Vec<Polygon<f64>> {
         Some(Fault::RingContact(_) | Fault::TooFewPoints) | None => vec![joined],
     };
     let tolerance_m = rules.grid_m.min(LEAST_CLEARANCE_M);
-    sound.into_iter().map(|part| from_corners(part).simplify(tolerance_m)).collect()
+    sound.into_iter().map(|part| from_corners(&part).simplify(tolerance_m)).collect()
 }
 
 /// Rings that begin at a corner far from their middle: where they begin, nothing is ever left out.
-fn from_corners(polygon: Polygon<f64>) -> Polygon<f64> {
+fn from_corners(polygon: &Polygon<f64>) -> Polygon<f64> {
     let turned = |ring: &LineString<f64>| {
         let mut corners = ring.0[..ring.0.len().saturating_sub(1)].to_vec();
         let distance2 = |c: &Coord<f64>| (c.x - ring.0[0].x).powi(2) + (c.y - ring.0[0].y).powi(2);
@@ -271,6 +271,7 @@ fn from_corners(polygon: Polygon<f64>) -> Polygon<f64> {
 }
 
 /// How far holes are drawn in, metres.
+#[must_use]
 pub fn hole_gap_m(rules: Rules) -> f64 {
     HOLE_GAP_M.max(HOLE_GAP_STEPS * rules.grid_m)
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use crate::paths;
 
 /// A photo's name without its extension; folders in the name stay.
+#[must_use]
 pub fn stem(name: &str) -> &str {
     match name.rsplit_once('.') {
         Some((stem, extension)) if !extension.contains('/') && !stem.is_empty() && !stem.ends_with('/') => stem,
@@ -33,6 +34,9 @@ fn pieces(template: &str) -> Result<Vec<Piece<'_>>, String> {
 }
 
 /// Says what is wrong with a template.
+///
+/// # Errors
+/// A brace without its other half, or a placeholder that is not known.
 pub fn check(template: &str) -> Result<(), String> {
     for piece in pieces(template)? {
         match piece {

@@ -57,6 +57,7 @@ fn max_transform_error_m() -> f64 {
     1.0
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde asks for it")]
 fn is_default_transform_error(error_m: &f64) -> bool {
     *error_m == max_transform_error_m()
 }

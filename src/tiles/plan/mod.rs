@@ -81,7 +81,7 @@ pub fn try_plan(
     let city = Layout::new(&config.project.output);
     let aside = tempfile::tempdir().map_err(FileError::on("cannot create", Path::new("a temporary folder")))?;
     let layout = Layout::new(aside.path());
-    if let Some(frame) = read_json::<CityFrame>(&city.frame()).ok() {
+    if let Ok(frame) = read_json::<CityFrame>(&city.frame()) {
         write_json(&layout.frame(), &frame)?;
     }
     // What is known of files need not be read again; without it, it is.
@@ -91,7 +91,7 @@ pub fn try_plan(
         let _ = std::fs::copy(city.hashes("plan"), &known_of_plan);
     }
     let mut elsewhere = config.clone();
-    elsewhere.project.output = aside.path().to_owned();
+    aside.path().clone_into(&mut elsewhere.project.output);
     let manifest = make(&elsewhere, settings, &layout, command, tell)?;
     let names = ["plan"].into_iter().chain(manifest.tiles.iter().map(|tile| tile.id.as_str()));
     let hashes = known(&city, settings.trust, names);

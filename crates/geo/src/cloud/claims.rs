@@ -1,5 +1,5 @@
 //! What the header of a LAS or LAZ file claims, held against the file's length before any memory is taken for it: the
-//! reader behind believes every number (LAS 1.4 R15; LASzip, "chunk table" and "layered chunks").
+//! reader behind believes every number (LAS 1.4 R15; `LASzip`, "chunk table" and "layered chunks").
 //!
 //! ```text
 //! LAS    offset of points + points · record ≤ length
@@ -19,9 +19,9 @@ const SHORTEST_HEADER: usize = 227;
 const RECORD_HEAD: u64 = 54;
 const EXTENDED_HEAD: u64 = 60;
 const LENGTH_AT: usize = 20;
-/// User and number of LASzip's record.
+/// User and number of `LASzip`'s record.
 const LASZIP: (&[u8], u16) = (b"laszip encoded", 22204);
-/// LASzip's compressor whose chunks consist of layers.
+/// `LASzip`'s compressor whose chunks consist of layers.
 const LAYERED: u16 = 3;
 
 /// Why a file is not handed over.

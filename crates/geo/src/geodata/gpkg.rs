@@ -40,7 +40,7 @@ pub enum GpkgError {
     },
 }
 
-/// How SQLite calls a write that found no room: a full disk, and a limit of file sizes.
+/// How `SQLite` calls a write that found no room: a full disk, and a limit of file sizes.
 const NO_ROOM: [&str; 2] = ["disk is full", "disk I/O error"];
 
 /// Free space below which a disk counts as full, bytes: writers ask for room by buffers of about this size.

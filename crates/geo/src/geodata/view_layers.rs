@@ -41,12 +41,16 @@ pub struct Layer {
 
 impl Layer {
     /// An empty layer.
+    #[must_use]
     pub fn new(name: &'static str) -> Self {
         Self { name, features: Vec::new() }
     }
 }
 
 /// Writes all layers into a new file.
+///
+/// # Errors
+/// GDAL's: a CRS that it does not know, a file that cannot be written.
 pub fn write_geopackage(layers: &[Layer], crs: &str, path: &Path) -> Result<(), GdalError> {
     let mut srs = SpatialRef::from_definition(crs)?;
     srs.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);

@@ -56,7 +56,7 @@ impl OptimiseConfig {
     /// The view selection in force.
     #[must_use]
     pub fn views_in_force(&self) -> ViewsConfig {
-        self.views.over(match self.preset {
+        self.views.over(&match self.preset {
             Preset::Paper => ViewsConfig::paper(),
             Preset::Robust => ViewsConfig::robust(),
         })

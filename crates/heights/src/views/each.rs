@@ -94,6 +94,7 @@ mod tests {
         (0..n).map(at).collect()
     }
 
+    #[expect(clippy::unnecessary_wraps, reason = "as the selection takes them")]
     fn sees(buildings: &[u32]) -> Option<Visibility> {
         let sight = |&building: &u32| ViewSight { building, n_rays: 10, n_roof_rays: 5, corners_inside: 1.0 };
         Some(Visibility { buildings: buildings.iter().map(sight).collect(), surface_m2: 1.0 })

@@ -122,7 +122,7 @@ pub struct ViewsSettings {
 impl ViewsSettings {
     /// A preset's selection with what these settings say instead.
     #[must_use]
-    pub fn over(&self, preset: ViewsConfig) -> ViewsConfig {
+    pub fn over(&self, preset: &ViewsConfig) -> ViewsConfig {
         ViewsConfig {
             choice: self.choice.unwrap_or(preset.choice),
             n_spread: self.n_spread.unwrap_or(preset.n_spread),

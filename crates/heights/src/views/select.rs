@@ -165,6 +165,7 @@ mod tests {
     use super::super::ViewSight;
     use super::*;
 
+    #[expect(clippy::unnecessary_wraps, reason = "as the selection takes them")]
     fn view_of(buildings: &[u32], surface_m2: f32) -> Option<Visibility> {
         let sight = |&building: &u32| ViewSight { building, n_rays: 10, n_roof_rays: 5, corners_inside: 1.0 };
         Some(Visibility { buildings: buildings.iter().map(sight).collect(), surface_m2 })

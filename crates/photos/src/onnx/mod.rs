@@ -91,6 +91,7 @@ impl OnnxError {
     }
 
     /// What is the matter, and what to try.
+    #[must_use]
     pub fn problem_and_hint(&self) -> (String, String) {
         let text = self.to_string();
         let (problem, hint) = text.split_once("\nhint: ").unwrap_or((&text, ""));

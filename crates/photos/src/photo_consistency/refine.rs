@@ -82,6 +82,7 @@ pub struct Refined {
 }
 
 /// Where the photos that show a surface (map frame, metres) look alike; `None` if that is at no height within reach.
+#[must_use]
 pub fn refine(pictures: &[&Picture], surface: &[DVec3], config: &RefinementConfig) -> Option<Refined> {
     let middle = surface.iter().sum::<DVec3>() / surface.len() as f64;
     let consistency = PhotoConsistency::new(pictures, surface, config.within_m, ground_sample_m(pictures, middle));

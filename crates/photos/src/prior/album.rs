@@ -17,18 +17,23 @@ pub struct Album {
 
 impl Album {
     /// An empty one: longer side of its pictures, pixels, and the most memory they may take (but for those in use), bytes.
+    #[must_use]
     pub fn new(long_side_px: u32, max_bytes: usize) -> Self {
         let max_pictures = (max_bytes / Self::bytes_of_one(long_side_px).max(1)).max(1);
         Self { long_side_px, pictures: Recent::new(max_pictures) }
     }
 
     /// Memory of one picture, bytes.
+    #[must_use]
     pub fn bytes_of_one(long_side_px: u32) -> usize {
         // Photos are hardly ever narrower than 3 : 2.
         (long_side_px as usize).pow(2) * 2 / 3 * size_of::<f32>()
     }
 
     /// The reduced photo of a view; one that several threads ask for at once is read by one of them.
+    ///
+    /// # Errors
+    /// [`PriorError`]: a photo that is not there or cannot be read.
     pub fn picture(&self, view: &View) -> Result<Arc<Picture>, PriorError> {
         self.pictures.get(&view.id, || Picture::load(view, self.long_side_px))
     }

@@ -184,6 +184,7 @@ pub const FIELDS: [Field; 22] = {
 };
 
 /// The level below which 70 % of a roof's area lies. On a gable the area between eave and ridge is even in height.
+#[must_use]
 pub fn roof_70p_z_m(record: &BuildingRecord) -> Option<f64> {
     const SHARE: f64 = 0.7;
     let (roof, ground_z_m) = (record.roof?, record.ground_z_m?);

@@ -33,7 +33,6 @@ pub struct SolidFacts {
 
 impl SolidFacts {
     /// The solid on a grid, and what is known of it.
-    #[must_use]
     pub fn of(record: &BuildingRecord, grid: &Grid, min_thickness_m: f64) -> (Result<Prism, NoSolid>, Self) {
         let prism = Prism::of(record, grid, min_thickness_m);
         let facts = match &prism {

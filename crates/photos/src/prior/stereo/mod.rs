@@ -259,11 +259,11 @@ impl CacheKey for StereoPriors {
         key.bytes(ALGORITHM);
         key.json(&StereoConfig { cache: CacheConfig::default(), ..self.config.clone() });
         let plan = self.plan(view)?;
-        self.feed_plan(view, &plan, key)?;
+        Self::feed_plan(view, &plan, key)?;
         // Its neighbours are matched on their own, with neighbours of theirs.
         for other in &plan.others {
             match self.plan(other) {
-                Ok(plan) => self.feed_plan(other, &plan, key)?,
+                Ok(plan) => Self::feed_plan(other, &plan, key)?,
                 Err(_) => key.bytes(b"not matched"),
             }
         }
@@ -272,7 +272,7 @@ impl CacheKey for StereoPriors {
 }
 
 impl StereoPriors {
-    fn feed_plan(&self, view: &View, plan: &Plan<'_>, key: &mut KeyHasher) -> Result<(), PriorError> {
+    fn feed_plan(view: &View, plan: &Plan<'_>, key: &mut KeyHasher) -> Result<(), PriorError> {
         key.json(&plan.levels);
         for seen in std::iter::once(view).chain(plan.others.iter().copied()) {
             key.json(&(&seen.camera, &seen.camera_from_map));

@@ -248,8 +248,8 @@ impl Project<'_> {
              <terrain exaggeration=\"1\" texture-size=\"512\" max-terrain-error=\"3\" max-ground-error=\"1\" \
              shading-enabled=\"0\" terrain-rendering-enabled=\"1\" map-theme=\"\" show-labels=\"0\" \
              elevation-offset=\"{offset_m}\"><layers>{shown}</layers>{generator}</terrain></qgis3d></view></mapViewDocks3D>",
-            (west + east) / 2.0,
-            (south + north) / 2.0,
+            f64::midpoint(west, east),
+            f64::midpoint(south, north),
         );
     }
 
@@ -299,7 +299,7 @@ impl Project<'_> {
         // As large as fits into the frame, with room around.
         let scale = ((east - west) / width_mm).max((north - south) / height_mm).max(f64::MIN_POSITIVE)
             * (1.0 + 2.0 * MARGIN_SHARE);
-        let (x, y) = ((west + east) / 2.0, (south + north) / 2.0);
+        let (x, y) = (f64::midpoint(west, east), f64::midpoint(south, north));
         let (half_x, half_y) = (scale * width_mm / 2.0, scale * height_mm / 2.0);
         let _ = writeln!(
             text,
