@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-networks networks demo test lint bench accuracy-footprints docs schemas clean
+.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-networks networks demo test lint bench accuracy-footprints docs schemas qgis-plugin clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -69,6 +69,9 @@ docs: ## Write docs/reference.md anew, and build the API documentation into targ
 
 schemas: deps ## Write schemas/ anew from the code
 	$(CARGO) run --locked --release -- schema --output schemas
+
+qgis-plugin: ## Pack the QGIS plugin into target/sizeup-qgis-VERSION.zip
+	@tools/qgis_plugin.sh
 
 clean: ## Remove build output and the demo
 	$(CARGO) clean

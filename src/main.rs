@@ -3,15 +3,11 @@
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use sizeup::cli::{Cli, dispatch, talk};
+use sizeup::cli::{Cli, conclude, conclude_unread};
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    match dispatch(&cli) {
-        Ok(code) => ExitCode::from(code),
-        Err(failure) => {
-            talk(&failure);
-            ExitCode::from(failure.exit_code)
-        }
-    }
+    ExitCode::from(match Cli::try_parse() {
+        Ok(cli) => conclude(&cli),
+        Err(error) => conclude_unread(&error, &std::env::args_os().skip(1).collect::<Vec<_>>()),
+    })
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
+use super::ui::GROUND;
 use super::{Failure, Global, Ui, print_json};
 use crate::config::RunConfig;
 use crate::pipeline;
@@ -71,7 +72,7 @@ pub(super) fn run(args: &DtmArgs, global: &Global) -> Result<u8, Failure> {
     };
     let ui = Ui::new(global);
     let (dtm, outlines) =
-        pipeline::dtm_of_photos(&config, &settings, &|done, total| ui.advance("looking at the ground", done, total))
+        pipeline::dtm_of_photos(&config, &settings, &|done, total| ui.advance_named(GROUND, done, total))
             .map_err(|e| Failure::new(e.exit_code(), &e))?;
     ui.finish();
     let crs = &config.project.crs;

@@ -14,6 +14,7 @@ mod footprints;
 mod look;
 mod model;
 mod prior;
+mod progress;
 mod run;
 mod schema;
 mod simulate;
@@ -23,11 +24,13 @@ mod ui;
 mod validate;
 mod view;
 
+use std::ffi::OsString;
 use std::fmt;
 use std::io::{ErrorKind, Write as _};
 
 use clap::{Args, Parser, Subcommand};
 
+pub use progress::{Level, ProgressEvent, ProgressForm};
 pub use ui::Ui;
 
 use sizeup_geo::limits::Limits;
@@ -62,6 +65,9 @@ pub struct Global {
     /// Print a machine-readable summary to stdout.
     #[arg(long, global = true, help_heading = GLOBAL)]
     pub json: bool,
+    /// How progress is told on stderr: bars and lines to read, or one JSON object a line for programs.
+    #[arg(long, global = true, value_enum, value_name = "FORM", default_value = "text", help_heading = GLOBAL)]
+    pub progress: ProgressForm,
     /// Threads to use (default: all cores, which is also the most). The result does not depend on it.
     #[arg(long, global = true, value_name = "N", help_heading = GLOBAL)]
     pub threads: Option<usize>,
@@ -118,6 +124,9 @@ pub enum Command {
     Schema(schema::SchemaArgs),
 }
 
+/// What comes before the advice in the text of an error.
+const HINT: &str = "\nhint: ";
+
 /// What ended a command, ready to print.
 #[derive(Debug)]
 pub struct Failure {
@@ -146,6 +155,16 @@ impl Failure {
     #[must_use]
     pub fn from_text(exit_code: u8, text: impl fmt::Display) -> Self {
         Self { exit_code, message: format!("error: {text}") }
+    }
+
+    /// What is wrong, and what to do about it where that is known.
+    #[must_use]
+    pub fn message_and_hint(&self) -> (String, Option<String>) {
+        let text = self.message.trim_start_matches("error: ").trim();
+        match text.split_once(HINT) {
+            Some((message, hint)) => (message.to_owned(), Some(hint.to_owned())),
+            None => (text.to_owned(), None),
+        }
     }
 }
 
@@ -190,6 +209,33 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Demo(args) => demo::run(args, &cli.global),
         Command::Schema(args) => schema::run(args),
     }
+}
+
+/// Runs a command and tells how it ended; the number is the exit code.
+#[must_use]
+pub fn conclude(cli: &Cli) -> u8 {
+    let outcome = dispatch(cli);
+    match (&outcome, cli.global.progress) {
+        (&Ok(code), ProgressForm::Json) => ProgressEvent::Done { code }.emit(),
+        (Err(failure), ProgressForm::Json) => ProgressEvent::of_failure(failure).emit(),
+        (Ok(_), ProgressForm::Text) => {}
+        (Err(failure), ProgressForm::Text) => talk(failure),
+    }
+    outcome.unwrap_or_else(|failure| failure.exit_code)
+}
+
+/// Says what is wrong with a command line that cannot be read, or prints the help it asks for; the number is the exit code.
+#[must_use]
+pub fn conclude_unread(error: &clap::Error, arguments: &[OsString]) -> u8 {
+    let is_json = arguments.windows(2).any(|pair| pair == ["--progress", "json"])
+        || arguments.iter().any(|argument| argument == "--progress=json");
+    if is_json && error.use_stderr() {
+        ProgressEvent::of_failure(&Failure::from_text(2, error.render())).emit();
+    } else {
+        // Nobody listening is no reason to stop.
+        let _ = error.print();
+    }
+    u8::try_from(error.exit_code()).unwrap_or(2)
 }
 
 /// As many threads as are asked for, but not more than the machine runs at once: more are slower, and memory goes with them.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Value, json};
 
+use super::ui::PRIORS;
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print, print_json};
 use crate::config::RunConfig;
 use crate::pipeline::{PriorsDone, Wanted, compute_priors};
@@ -96,7 +97,7 @@ fn run_compute(args: &ComputeArgs, global: &Global) -> Result<u8, Failure> {
     let ui = Ui::new(global);
     // Processes that share the work begin at different views.
     let start = std::process::id() as usize;
-    let progress = |done: usize, total: usize| ui.advance("computing priors", done, total);
+    let progress = |done: usize, total: usize| ui.advance_named(PRIORS, done, total);
     let done = compute_priors(&config, wanted, start, &|event| ui.tell(event), &progress)
         .map_err(|e| Failure::new(e.exit_code(), &e))?;
     ui.finish();

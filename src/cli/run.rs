@@ -241,6 +241,7 @@ pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
     }
     let words = |status: Status| match status {
         Status::Measured => "measured",
+        Status::Reviewed => "reviewed: confirmed or corrected by a person",
         Status::Given => "given: from a model of others",
         Status::Doubtful => "doubtful: measured, to be looked at",
         Status::Fallback => "fallback: not measured, a height from elsewhere",

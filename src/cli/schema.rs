@@ -1,11 +1,12 @@
-//! `sizeup schema`: what a configuration file or a city of ours can hold, from the code that reads and writes it.
+//! `sizeup schema`: what a configuration file, a city of ours or a line of progress can hold, from the code that reads and
+//! writes it.
 
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use serde_json::Value;
 
-use super::{Failure, print_json};
+use super::{Failure, ProgressEvent, print_json};
 use crate::config::RunConfig;
 use sizeup_geo::files::write_whole;
 use sizeup_lab::simulate::SimulateConfig;
@@ -29,6 +30,8 @@ pub enum SchemaName {
     Run,
     /// Of `sizeup simulate`.
     Simulate,
+    /// Of a line that `--progress json` writes.
+    Progress,
     /// Our extension of CityJSON: names and types of the attributes that a city of ours has.
     CityjsonExtension,
 }
@@ -41,6 +44,7 @@ pub fn schema(name: SchemaName) -> Value {
     match name {
         SchemaName::Run => readable(schemars::schema_for!(RunConfig)),
         SchemaName::Simulate => readable(schemars::schema_for!(SimulateConfig)),
+        SchemaName::Progress => readable(schemars::schema_for!(ProgressEvent)),
         SchemaName::CityjsonExtension => extension_schema(),
     }
 }
@@ -51,6 +55,7 @@ impl SchemaName {
         match self {
             Self::Run => "run.schema.json",
             Self::Simulate => "simulate.schema.json",
+            Self::Progress => "progress.schema.json",
             Self::CityjsonExtension => "sizeup.ext.json",
         }
     }

@@ -1,4 +1,4 @@
-//! What people see while they wait: bars on a terminal, log lines elsewhere.
+//! What people see while they wait: bars on a terminal, log lines elsewhere; for programs see `progress`.
 
 use std::io::IsTerminal as _;
 use std::sync::Mutex;
@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use super::progress::{Level, LogLines, Pace, ProgressEvent, ProgressForm};
 use super::{Global, talk};
 use crate::pipeline::Event;
 use sizeup_heights::optimise::Solving;
@@ -18,8 +19,12 @@ pub(super) fn start_logging(global: &Global) {
     use tracing_subscriber::EnvFilter;
     let level = if global.quiet { "error" } else { "warn" };
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
+    let log = tracing_subscriber::fmt().with_env_filter(filter).without_time();
     // A second start, as in tests that call the library twice, keeps the first.
-    let _ = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().try_init();
+    let _ = match global.progress {
+        ProgressForm::Text => log.with_writer(std::io::stderr).try_init(),
+        ProgressForm::Json => log.with_writer(LogLines).with_ansi(false).with_level(false).try_init(),
+    };
 }
 
 /// Warns of results that are not of one run, because their writer was killed between two files.
@@ -37,22 +42,30 @@ pub(super) fn warn_of_unfinished(path: &std::path::Path, global: &Global) {
 /// Talk on stderr.
 pub struct Ui {
     is_quiet: bool,
-    bar: Option<ProgressBar>,
-    last: Mutex<Option<(String, Instant)>>,
+    voice: Voice,
+}
+
+/// How it is talked.
+enum Voice {
+    /// A bar on a terminal, and lines above it.
+    Bar(ProgressBar),
+    /// Lines of text.
+    Lines(Mutex<Option<(String, Instant)>>),
+    /// Events for programs.
+    Events(Pace),
 }
 
 impl Ui {
-    /// A bar where stderr is a terminal, log lines elsewhere, nothing if asked for quiet.
+    /// Events if programs ask for them; else a bar where stderr is a terminal, log lines elsewhere. Nothing if asked for
+    /// quiet.
     #[must_use]
     pub fn new(global: &Global) -> Self {
-        let is_terminal = std::io::stderr().is_terminal();
-        let bar = (!global.quiet && is_terminal).then(|| {
-            let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
-            let style = ProgressStyle::with_template("{msg:>20} {wide_bar:.cyan/black} {pos}/{len} {elapsed}");
-            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-            bar
-        });
-        Self { is_quiet: global.quiet, bar, last: Mutex::new(None) }
+        let voice = match global.progress {
+            ProgressForm::Json => Voice::Events(Pace::default()),
+            ProgressForm::Text if !global.quiet && std::io::stderr().is_terminal() => Voice::Bar(new_bar()),
+            ProgressForm::Text => Voice::Lines(Mutex::new(None)),
+        };
+        Self { is_quiet: global.quiet, voice }
     }
 
     /// One line of talk.
@@ -60,54 +73,85 @@ impl Ui {
         if self.is_quiet {
             return;
         }
-        match &self.bar {
-            Some(bar) => bar.suspend(|| talk(&text)),
-            None => talk(&text),
+        match &self.voice {
+            Voice::Bar(bar) => bar.suspend(|| talk(&text)),
+            Voice::Lines(_) => talk(&text),
+            Voice::Events(_) => ProgressEvent::Message { level: Level::Info, message: text.to_string() }.emit(),
         }
     }
 
-    /// So much of some work is done.
+    /// So much of some work is done; `what` is for people and for programs.
     pub fn advance(&self, what: &str, done: usize, total: usize) {
         if self.is_quiet {
             return;
         }
-        if let Some(bar) = &self.bar {
-            bar.set_length(total as u64);
-            bar.set_position(done as u64);
-            bar.set_message(what.to_owned());
-            return;
-        }
-        let Ok(mut last) = self.last.lock() else { return };
-        let is_due = match &*last {
-            Some((name, at)) if name == what => at.elapsed() >= LOG_EVERY,
-            _ => total > 0,
-        };
-        if is_due {
-            talk(&format_args!("{what}: {done} of {total}"));
-            *last = Some((what.to_owned(), Instant::now()));
+        match &self.voice {
+            Voice::Bar(bar) => {
+                bar.set_length(total as u64);
+                bar.set_position(done as u64);
+                bar.set_message(what.to_owned());
+            }
+            Voice::Lines(last) => advance_in_lines(last, what, done, total),
+            Voice::Events(pace) if pace.is_due(what, done, total) => {
+                ProgressEvent::Advance { what: what.to_owned(), done, total }.emit();
+            }
+            Voice::Events(_) => {}
         }
     }
 
     /// What a run tells.
     pub fn tell(&self, event: Event) {
-        match event {
-            Event::Stage(stage) => self.advance(stage.name(), 0, 0),
-            Event::Ground { done, total } => self.advance("looking at the ground", done, total),
-            Event::Advance { what, done, total } => {
-                let what = match what {
-                    Solving::Tracing => "tracing rays",
-                    Solving::Priors => "loading priors",
-                    Solving::Epochs => "finding heights",
-                };
-                self.advance(what, done, total);
-            }
+        if let (Voice::Events(_), Event::Stage(stage), false) = (&self.voice, event, self.is_quiet) {
+            ProgressEvent::Stage { stage }.emit();
+            return;
         }
+        let (work, done, total) = match event {
+            Event::Stage(stage) => return self.advance(stage.name(), 0, 0),
+            Event::Ground { done, total } => (GROUND, done, total),
+            Event::Advance { what: Solving::Tracing, done, total } => (("tracing", "tracing rays"), done, total),
+            Event::Advance { what: Solving::Priors, done, total } => (("priors", "loading priors"), done, total),
+            Event::Advance { what: Solving::Epochs, done, total } => (("epochs", "finding heights"), done, total),
+        };
+        self.advance_named(work, done, total);
+    }
+
+    /// So much of some work is done that has a name for programs and words for people.
+    pub(super) fn advance_named(&self, (name, words): Work, done: usize, total: usize) {
+        let what = if matches!(self.voice, Voice::Events(_)) { name } else { words };
+        self.advance(what, done, total);
     }
 
     /// Takes the bar away.
     pub fn finish(&self) {
-        if let Some(bar) = &self.bar {
+        if let Voice::Bar(bar) = &self.voice {
             bar.finish_and_clear();
         }
+    }
+}
+
+/// Some work: its name for programs, and words for people.
+pub(super) type Work = (&'static str, &'static str);
+
+/// Looking for the ground in the photos.
+pub(super) const GROUND: Work = ("ground", "looking at the ground");
+/// Computing priors ahead of a run.
+pub(super) const PRIORS: Work = ("priors", "computing priors");
+
+fn new_bar() -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+    let style = ProgressStyle::with_template("{msg:>20} {wide_bar:.cyan/black} {pos}/{len} {elapsed}");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar
+}
+
+fn advance_in_lines(last: &Mutex<Option<(String, Instant)>>, what: &str, done: usize, total: usize) {
+    let Ok(mut last) = last.lock() else { return };
+    let is_due = match &*last {
+        Some((name, at)) if name == what => at.elapsed() >= LOG_EVERY,
+        _ => total > 0,
+    };
+    if is_due {
+        talk(&format_args!("{what}: {done} of {total}"));
+        *last = Some((what.to_owned(), Instant::now()));
     }
 }

@@ -26,6 +26,7 @@ use sizeup_photos::prior::PriorConfig;
 use sizeup_results::output::cityjson::CityJsonConfig;
 use sizeup_results::output::fallback::FallbackConfig;
 use sizeup_results::output::geopackage::GeoPackageConfig;
+use sizeup_results::output::reviews::ReviewsConfig;
 use sizeup_results::report::ReportConfig;
 use sizeup_survey::SurveyConfig;
 
@@ -95,6 +96,9 @@ pub struct RunConfig {
     /// Roof heights refined by the photos, after the solver has found them.
     #[serde(default)]
     pub refinement: RefinementConfig,
+    /// Decisions of people about single buildings, which count for more than what was found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reviews: Option<ReviewsConfig>,
     /// The results.
     #[serde(default)]
     pub output: OutputConfig,
@@ -190,6 +194,7 @@ impl RunConfig {
             prior,
             optimise: OptimiseConfig::default(),
             refinement: RefinementConfig::default(),
+            reviews: None,
             output: OutputConfig::default(),
             limits: Limits::default(),
             own_paths: OwnPaths::default(),
@@ -264,6 +269,7 @@ impl RunConfig {
         self.footprints.visit_paths(visit);
         self.terrain.dtm.iter_mut().for_each(&mut *visit);
         self.prior.visit_paths(visit);
+        self.reviews.iter_mut().for_each(|reviews| visit(&mut reviews.path));
     }
 
     /// As it is saved beside the results: results go where the file is, and inputs are found from there (see

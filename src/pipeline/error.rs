@@ -11,6 +11,7 @@ use sizeup_geo::terrain::TerrainError;
 use sizeup_photos::dtm::DtmError;
 use sizeup_photos::prior::PriorError;
 use sizeup_results::output::OutputError;
+use sizeup_results::output::reviews::ReviewsError;
 use sizeup_survey::SurveyError;
 
 /// What stops a run.
@@ -50,6 +51,9 @@ pub enum PipelineError {
     /// The priors.
     #[error("[prior] {0}")]
     Prior(#[from] PriorError),
+    /// Decisions of people.
+    #[error("[reviews] {0}")]
+    Reviews(#[from] ReviewsError),
     /// The settings of a stage contradict each other or the data.
     #[error("[{table}] {message}\nhint: {hint}")]
     Settings {
@@ -122,6 +126,7 @@ impl PipelineError {
             | Self::Footprints(_)
             | Self::Terrain(_)
             | Self::Prior(_)
+            | Self::Reviews(_)
             | Self::Dtm(_)
             | Self::Mismatch { .. }
             | Self::NoPriors { .. }

@@ -53,6 +53,7 @@ pub use tile::{
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
@@ -61,7 +62,7 @@ use sizeup_heights::optimise::{OptimiseConfig, Problem, Solution, Solving, solve
 use sizeup_results::output::{BuildingRecord, Status};
 
 /// A part of the path, in order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
     /// Poses into the project's CRS.

@@ -3,19 +3,22 @@
 use super::{FootprintStage, HeightStage};
 use crate::config::RunConfig;
 use sizeup_heights::optimise::{Reason, Roof, SolvedHeight};
+use sizeup_results::output::reviews::Reviews;
 use sizeup_results::output::{BuildingRecord, HeightReference, RoofShape, Status};
 use sizeup_results::output::{fallback, party_walls};
 use sizeup_survey::Survey;
 
-/// Every building of the input, footprints first, in the layer's order; heights that are not known come from the
-/// fallback, if one is chosen. Party walls are those between them.
+/// Every building of the input, footprints first, in the layer's order. What people decided counts for more than what was
+/// found; heights that are not known then come from the fallback, if one is chosen. Party walls are those between them.
 pub(super) fn records(
     config: &RunConfig,
     survey: &Survey,
     footprints: &FootprintStage,
     heights: &HeightStage,
+    reviews: &Reviews,
 ) -> Vec<BuildingRecord> {
     let mut records = found(survey, footprints, heights, config.optimise.height_reference);
+    reviews.apply(&mut records);
     fallback::fill(&mut records, &config.output.fallback);
     party_walls::fill(&mut records);
     records

@@ -25,6 +25,7 @@ use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::Priors;
 use sizeup_results::output::plausible::Doubts;
+use sizeup_results::output::reviews::Reviews;
 use sizeup_results::output::unmeasured::unmeasured;
 use sizeup_results::output::{
     BuildingRecord, CityModel, InputFile, Lineage, StatusCount, cityjson, geopackage, sha256_hex,
@@ -49,12 +50,12 @@ pub(super) fn run(
         });
     }
     check_settings(config)?;
+    let reviews = reviews_of(config)?;
     let mut seconds = Vec::new();
     let mut timed = |stage: Stage, start: Instant| seconds.push((stage, start.elapsed().as_secs_f64()));
     let runs = |stage: Stage| options.from <= stage && stage <= options.until;
 
-    let start = Instant::now();
-    let mut reading = None;
+    let (start, mut reading) = (Instant::now(), None);
     let mut survey: Survey = if runs(Stage::Survey) {
         tell(Event::Stage(Stage::Survey));
         // A terrain model is read around the footprints: with it, the survey is looked over once more.
@@ -124,9 +125,9 @@ pub(super) fn run(
 
     let start = Instant::now();
     tell(Event::Stage(Stage::Output));
-    let records = records(config, &survey, &footprints, &heights);
+    let records = records(config, &survey, &footprints, &heights, &reviews);
     let mut issues = all_issues(config, &survey, &footprints, &heights);
-    issues.extend(cityjson::check(&records, &config.output.cityjson)?);
+    issues.extend(reviews.unmatched(&records).into_iter().chain(cityjson::check(&records, &config.output.cityjson)?));
     sum_up(&mut summary, &records, &mut issues);
     let priors = priors.map_or_else(|| PriorStore::open(config, &survey, &stage), Ok)?;
     let lineage = lineage(config, options, &survey, &heights, priors.source())?;
@@ -149,6 +150,11 @@ pub(super) fn run(
     unfinished.finish()?;
     timed(Stage::Output, start);
     Ok(City { summary: RunSummary { seconds, ..summary }, records, issues })
+}
+
+/// What people decided; read first, so that a file that cannot be used is told before hours of computing.
+fn reviews_of(config: &RunConfig) -> Result<Reviews, PipelineError> {
+    Ok(config.reviews.as_ref().map(|reviews| Reviews::read(&reviews.path)).transpose()?.unwrap_or_default())
 }
 
 fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
@@ -333,6 +339,7 @@ fn lineage(
     let outline_files = outlines::files(config, survey);
     files.extend(outline_files.iter().flat_map(|path| files_of(path)).map(|path| ("footprints", path)));
     files.extend(terrain_in_force(config).dtm.iter().map(|path| ("terrain", path.clone())));
+    files.extend(config.reviews.iter().map(|reviews| ("reviews", reviews.path.clone())));
     for &view in &heights.solution.used_views {
         files.extend(priors.file_of(&survey.views[view])?.map(|path| ("prior", path)));
     }

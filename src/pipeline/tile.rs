@@ -25,6 +25,7 @@ use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::{MapBox, Terrain};
 use sizeup_heights::ids::ViewId;
 use sizeup_heights::optimise::solve;
+use sizeup_results::output::reviews::Reviews;
 use sizeup_results::output::{BuildingRecord, InputFile, Lineage, sha256_hex};
 use sizeup_survey::Survey;
 
@@ -189,7 +190,7 @@ pub fn refused_records(config: &RunConfig, refused: Vec<RefusedFootprint>) -> Ve
     let layer = FootprintLayer { refused, ..FootprintLayer::default() };
     let footprints = FootprintStage::of_layer(layer, Vec::new(), Vec::new());
     let heights = HeightStage::empty();
-    records(config, &Survey::default(), &footprints, &heights)
+    records(config, &Survey::default(), &footprints, &heights, &Reviews::default())
 }
 
 impl<'a> Part<'a> {
@@ -268,7 +269,7 @@ impl<'a> Part<'a> {
         issues.extend(footprints.issues.iter().cloned());
         issues.extend(view_issues(&self.survey, &heights));
         Ok(PartHeights {
-            records: records(self.config, &self.survey, &footprints, &heights),
+            records: records(self.config, &self.survey, &footprints, &heights, &Reviews::default()),
             issues,
             used_views: heights.solution.used_views.iter().map(|&v| self.survey.views[v].id.clone()).collect(),
         })

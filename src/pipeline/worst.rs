@@ -36,7 +36,7 @@ fn not_measured(records: &[BuildingRecord]) -> Option<String> {
     let of = |holds: fn(Status) -> bool| -> Vec<&BuildingRecord> {
         records.iter().filter(|record| holds(record.status)).collect()
     };
-    let without = of(|status| !matches!(status, Status::Measured | Status::Doubtful));
+    let without = of(|status| !matches!(status, Status::Measured | Status::Reviewed | Status::Doubtful));
     let doubtful = of(|status| status == Status::Doubtful);
     let weighs_more = WEIGHT_WITHOUT * without.len() >= doubtful.len();
     let (those, are) = if weighs_more { (without, "could not be measured") } else { (doubtful, "are doubtful") };

@@ -3,15 +3,18 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use serde_json::Value;
+use serde_json::{Value, json};
+use sizeup::camera::Distortion;
 use sizeup::crs::Crs;
 use sizeup::geodata::{GridPlace, write_geotiff};
 use sizeup::output::geopackage::{self, GeoPackageConfig, ProjectGround};
 use sizeup::raster::Raster;
+use sizeup::simulate::simulate;
 
 use crate::footprint_masks::{GROUND, INSTANCES, crs, find, source_of, with_masks};
 use crate::outputs::town;
 use crate::skipped::skip;
+use crate::tiny_scene;
 use crate::tools::{picture, program};
 
 /// Debian's own interpreter: QGIS's bindings belong to it.
@@ -56,9 +59,10 @@ fn qgis_opens_the_geopackage_styled_in_place_and_standing_on_the_ground() {
     let legend = buildings["legend"].as_array().unwrap();
     assert_eq!(
         (legend.len(), &legend[0], &legend[9]),
-        (12, &Value::from("below 3 m"), &Value::from("height not known"))
+        (13, &Value::from("below 3 m"), &Value::from("height not known"))
     );
-    assert_eq!((&legend[10], &legend[11]), (&"doubtful: look at it".into(), &"height from a fallback".into()));
+    let over = ["doubtful: look at it", "reviewed by a person", "height from a fallback"];
+    assert_eq!(legend[10..], over.map(Value::from));
     assert_eq!((&buildings["labels"], &report["cameras"]["labels"]), (&true.into(), &false.into()));
     let extrusion = serde_json::json!({
         "height": ["\"base_z_m\""],
@@ -117,7 +121,7 @@ fn qgis_opens_the_project_styled_and_in_place() {
         "{sources}"
     );
     for (layer, features, n_legend) in
-        [("buildings", 6, 12), ("buildings_lod1", 4, 12), ("tiles", 1, 2), ("cameras", 2, 3), ("qa_issues", 2, 3)]
+        [("buildings", 6, 13), ("buildings_lod1", 4, 13), ("tiles", 1, 2), ("cameras", 2, 3), ("qa_issues", 2, 3)]
     {
         let found = &report["layers"][layer];
         assert_eq!((&found["valid"], &found["crs"]), (&true.into(), &"EPSG:7415".into()), "{layer}");
@@ -270,4 +274,65 @@ fn the_styles_in_the_repository_are_those_of_the_script() {
             );
         }
     }
+}
+
+/// Places of the ideal image and where lenses bend them to, for the plugin to do the same.
+fn bent_places() -> Value {
+    let lenses = [
+        Distortion::None,
+        Distortion::Brown { k1: -0.0445, k2: 0.0188, k3: -0.002, p1: 5.96e-4, p2: 4.9e-5 },
+        Distortion::BrownAffine { k1: -0.04, k2: 0.02, k3: -0.004, k4: 1e-3, p1: 6e-4, p2: 5e-5, skew: 3e-4 },
+        Distortion::Rational { k1: 0.3, k2: 0.05, k3: 0.001, k4: 0.32, k5: 0.07, k6: 0.002, p1: 1e-4, p2: -2e-4 },
+        Distortion::Fisheye { k1: -0.02, k2: 0.004, k3: -0.001, k4: 2e-4 },
+        Distortion::FisheyeSeries { k1: 0.0097, k2: -0.065, k3: 0.01 },
+        // Folds back at 1.05.
+        Distortion::Brown { k1: -0.3, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 },
+    ];
+    let places = [[0.0, 0.0], [0.31, -0.42], [-0.6, 0.2], [0.0, 0.71], [1.4, 0.3]];
+    let of = |lens: &Distortion, ideal: [f64; 2]| {
+        let bent = lens.distort(ideal.into()).map(|at| [at.x, at.y]);
+        json!({ "lens": lens, "ideal": ideal, "bent": bent })
+    };
+    lenses.iter().flat_map(|lens| places.map(|ideal| of(lens, ideal))).collect()
+}
+
+#[test]
+fn the_plugin_runs_the_program_tells_mistakes_and_keeps_reviews() {
+    if !has_qgis() {
+        return;
+    }
+    let folder = tempfile::Builder::new().prefix("Szene für QGIS ").tempdir().unwrap();
+    let mut config = tiny_scene::config();
+    config.images.enabled = true;
+    simulate(&config, folder.path(), &|_, _| {}).unwrap();
+    std::fs::write(folder.path().join("cameras.json"), bent_places().to_string()).unwrap();
+    let output = Command::new(PYTHON)
+        .args(["-W", "ignore"])
+        .arg(script("plugin.py"))
+        .args([folder.path(), Path::new(env!("CARGO_BIN_EXE_sizeup")), picture("qgis-review.png").parent().unwrap()])
+        .output()
+        .unwrap();
+    let said = [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).join("\n");
+    assert!(output.status.success(), "{said}");
+}
+
+#[test]
+fn the_plugin_is_packed_the_same_each_time_in_the_program_s_version() {
+    let packed: Vec<Vec<u8>> = (0..2)
+        .map(|_| {
+            let folder = tempfile::tempdir().unwrap();
+            let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tools/qgis_plugin.sh");
+            let said = crate::tools::run(Command::new(script).arg(folder.path()));
+            let name = format!("sizeup-qgis-{}.zip", env!("CARGO_PKG_VERSION"));
+            assert!(said.trim().ends_with(&name), "{said}");
+            std::fs::read(folder.path().join(name)).unwrap()
+        })
+        .collect();
+    assert!(packed[0] == packed[1]);
+    let archive = zip::ZipArchive::new(std::io::Cursor::new(&packed[0])).unwrap();
+    let names: Vec<&str> = archive.file_names().collect();
+    for name in ["metadata.txt", "__init__.py", "icon.svg", "LICENSE", "review/dock.py"] {
+        assert!(names.contains(&format!("sizeup/{name}").as_str()), "{names:?}");
+    }
+    assert!(names.iter().all(|name| name.starts_with("sizeup/") && !name.contains("__pycache__")), "{names:?}");
 }

@@ -5,7 +5,7 @@
 The first folder is for the layers of `city.gpkg`, the second for those of `footprints.gpkg`.
 Classes and colours are viridis, even in lightness and readable for colour-blind people; `crates/results/src/output/height_classes.json`
 has them, for other pictures of the city too. A building without a height is hatched in grey, never missing; a doubtful one
-is hatched over its colour, and one with a height from a fallback dotted. In 3D, outlines stand on `base_z_m` (absolute, not
+is hatched over its colour, one with a height from a fallback dotted, and one that a person has reviewed edged in green. In 3D, outlines stand on `base_z_m` (absolute, not
 relative to a terrain) and reach `roof_z_m`; doubtful ones have orange edges.
 """
 
@@ -90,6 +90,7 @@ def height_renderer():
     # Over the colour of the class: a second pass, so that no neighbour's filling covers it.
     for label, status, hatch in [
         ("doubtful: look at it", "doubtful", {"style": "f_diagonal", "color": ALERT, "outline_color": ALERT, "outline_width": "0.4"}),
+        ("reviewed by a person", "reviewed", {"style": "no", "outline_color": "0,158,115,255", "outline_width": "0.6"}),
         ("height from a fallback", "fallback", {"style": "dense6", "color": "white", "outline_color": "45,45,52,255", "outline_width": "0.3"}),
     ]:
         symbol = QgsFillSymbol.createSimple(hatch)

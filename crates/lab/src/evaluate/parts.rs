@@ -68,11 +68,12 @@ fn join(whole: &str, parts: &[&BuildingRecord]) -> BuildingRecord {
 fn severity(status: Status) -> u8 {
     match status {
         Status::Measured => 0,
-        Status::Given => 1,
-        Status::Doubtful => 2,
-        Status::Fallback => 3,
-        Status::Unknown => 4,
-        Status::Refused => 5,
+        Status::Reviewed => 1,
+        Status::Given => 2,
+        Status::Doubtful => 3,
+        Status::Fallback => 4,
+        Status::Unknown => 5,
+        Status::Refused => 6,
     }
 }
 

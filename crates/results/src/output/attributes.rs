@@ -143,16 +143,20 @@ pub const FIELDS: [Field; 22] = {
             "Of the walls, those that stand against a neighbour's, m2; empty where neighbours were not looked at",
             |b, solid| known(b.party_wall_m2.filter(|_| solid.measures.is_some())),
         ),
-        Field::new("status", "Status", Text, "measured, given, doubtful, fallback, unknown or refused", |b, _| {
-            b.status.as_str().into()
-        }),
+        Field::new(
+            "status",
+            "Status",
+            Text,
+            "measured, reviewed, given, doubtful, fallback, unknown or refused",
+            |b, _| b.status.as_str().into(),
+        ),
         Field::new(
             "quality_ok",
             "Fit for use",
             Integer,
-            "1 where the height is measured or given without doubt and the solid is valid, else 0",
+            "1 where the height is measured, reviewed or given without doubt and the solid is valid, else 0",
             |b, solid| {
-                let is_known = matches!(b.status, Status::Measured | Status::Given);
+                let is_known = matches!(b.status, Status::Measured | Status::Reviewed | Status::Given);
                 i64::from(is_known && solid.is_valid()).into()
             },
         ),

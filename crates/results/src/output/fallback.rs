@@ -19,7 +19,7 @@ pub enum FallbackSource {
     None,
     /// From an attribute of the outline.
     Attribute,
-    /// The median of the nearest measured buildings.
+    /// The median of the nearest buildings that were measured or reviewed.
     Neighbourhood,
 }
 
@@ -85,7 +85,7 @@ pub fn fill(records: &mut [BuildingRecord], config: &FallbackConfig) {
 type Place = GeomWithData<[f64; 2], f64>;
 
 fn measured_height(record: &BuildingRecord) -> Option<Place> {
-    let height_m = record.height_m.filter(|_| record.status == Status::Measured)?;
+    let height_m = record.height_m.filter(|_| matches!(record.status, Status::Measured | Status::Reviewed))?;
     Some(Place::new(place(record)?, height_m))
 }
 

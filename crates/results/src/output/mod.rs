@@ -37,6 +37,7 @@ pub mod prism;
 pub mod read;
 pub(crate) mod record;
 pub mod reports;
+pub mod reviews;
 pub mod tiles3d;
 pub mod unmeasured;
 pub mod validate;

@@ -41,7 +41,7 @@ impl Doubts {
         }
         let has = |reason: &str| record.reasons.iter().any(|r| r == reason);
         self.n += 1;
-        self.n_measured += usize::from(record.status == Status::Measured);
+        self.n_measured += usize::from(matches!(record.status, Status::Measured | Status::Reviewed));
         self.n_at_end += usize::from(has("range_bound"));
         self.n_disagreeing += usize::from(has("conflicting_views"));
         if let Some(height_m) = record.height_m.filter(|_| has("above_all_around")) {

@@ -12,6 +12,8 @@ use sizeup_heights::scene::{HeightReference, RoofForm};
 pub enum Status {
     /// The height was measured in the photos.
     Measured,
+    /// A person looked at the building and confirmed or corrected its height.
+    Reviewed,
     /// The height is that of a model of others, which does not say how it was found.
     Given,
     /// The height was measured, and at least one reason says to look at it again.
@@ -26,14 +28,15 @@ pub enum Status {
 
 impl Status {
     /// All of them, in the order in which they are reported.
-    pub const ALL: [Self; 6] =
-        [Self::Measured, Self::Given, Self::Doubtful, Self::Fallback, Self::Unknown, Self::Refused];
+    pub const ALL: [Self; 7] =
+        [Self::Measured, Self::Reviewed, Self::Given, Self::Doubtful, Self::Fallback, Self::Unknown, Self::Refused];
 
     /// The name in files: `measured`, `doubtful`, ….
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Measured => "measured",
+            Self::Reviewed => "reviewed",
             Self::Given => "given",
             Self::Doubtful => "doubtful",
             Self::Fallback => "fallback",

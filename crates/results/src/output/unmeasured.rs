@@ -1,4 +1,4 @@
-//! An issue for every building whose height is not `measured`: why, where, and what to do about it.
+//! An issue for every building whose height is neither `measured` nor `reviewed`: why, where, and what to do about it.
 
 use std::collections::BTreeSet;
 
@@ -10,7 +10,7 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 /// Reasons that say where a height comes from, not why it was not measured.
 pub const OF_FALLBACK: [&str; 3] = ["height_from_attribute", "height_from_neighbours", "no_fallback"];
 
-/// Issues of the buildings that are not `measured`: those without a height first, then the doubtful ones, large outlines
+/// Issues of the buildings that are neither `measured` nor `reviewed`: those without a height first, then the doubtful ones, large outlines
 /// first. Refused outlines that `told` has an issue of are left out.
 #[must_use]
 pub fn unmeasured(records: &[BuildingRecord], told: &[Issue]) -> Vec<Issue> {
@@ -18,10 +18,15 @@ pub fn unmeasured(records: &[BuildingRecord], told: &[Issue]) -> Vec<Issue> {
         told.iter().filter(|i| i.severity == Severity::Refused).filter_map(building).collect();
     let is_told = |record: &BuildingRecord| record.status == Status::Refused && refused.contains(record.id.as_str());
     let mut found: Vec<&BuildingRecord> =
-        records.iter().filter(|record| record.status != Status::Measured && !is_told(record)).collect();
+        records.iter().filter(|record| !is_settled(record.status) && !is_told(record)).collect();
     let area_m2 = |record: &BuildingRecord| record.footprint.as_ref().map_or(0.0, geo::Polygon::unsigned_area);
     found.sort_by(|a, b| b.status.cmp(&a.status).then(area_m2(b).total_cmp(&area_m2(a))));
     found.into_iter().map(issue).collect()
+}
+
+/// Whether nobody has to look at it.
+fn is_settled(status: Status) -> bool {
+    matches!(status, Status::Measured | Status::Reviewed)
 }
 
 fn building(issue: &Issue) -> Option<&str> {
@@ -71,6 +76,8 @@ pub fn in_words(reason: &str) -> String {
         "above_all_around" => "it stands far above all that is around",
         "ground_differs" => "the photos show the ground around it elsewhere than the terrain has it",
         "ground_unknown" => "the terrain has no ground there",
+        "reviewed" => "a person looked at it and settled its height",
+        "reviewed_wrong" => "a person looked at it and found its height wrong",
         _ => return format!("the outline cannot be used ({reason})"),
     }
     .to_owned()
@@ -82,6 +89,7 @@ fn advice(reason: &str) -> Option<&'static str> {
         "range_bound" => "if buildings are higher or lower than that, set heights.max_m and heights.min_m",
         "above_all_around" => "if there is no tower, look at its outline and its photos (`sizeup look`)",
         "ground_differs" => "give a terrain model that fits, or [dtm] to make one from the photos",
+        "reviewed_wrong" => "correct its height in the review, or give it one with [output.fallback]",
         "conflicting_views" | "poor_score" | "flat_score" | "other_height" => {
             "look at its outline, and at pictures/overlay-*.png or the report's photos of it"
         }

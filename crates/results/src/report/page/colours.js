@@ -10,12 +10,16 @@ const NO_VALUE = [168, 168, 174];
 const ALERT = [213, 94, 0];
 const STATUS_COLOURS = {
   measured: [0, 114, 178],
+  reviewed: [0, 158, 115],
   given: [86, 180, 233],
   doubtful: [230, 159, 0],
   fallback: [204, 121, 167],
   unknown: [150, 150, 156],
   refused: [90, 90, 96],
 };
+
+// Whether nobody has to look at a building: it was measured, or somebody has looked.
+const isSettled = (b) => b.status === "measured" || b.status === "reviewed";
 
 function colourAt(map, t) {
   const stops = MAPS[map];

@@ -1,0 +1,10 @@
+"""The algorithms, one module each."""
+
+from .export import ExportCity
+from .footprints import FindFootprints
+from .heights import EstimateHeights
+from .inspect import InspectSurvey
+from .review import ApplyReviews
+from .validate import ValidateCity
+
+ALGORITHMS = (InspectSurvey, FindFootprints, EstimateHeights, ApplyReviews, ValidateCity, ExportCity)

@@ -1,0 +1,241 @@
+"""What all algorithms share: parameters by name, the program with progress and cancel, results in the project."""
+
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Sequence
+
+from qgis.core import (
+    QgsProcessing,
+    QgsProcessingAlgorithm,
+    QgsProcessingException,
+    QgsProcessingParameterBoolean,
+    QgsProcessingParameterCrs,
+    QgsProcessingParameterDefinition,
+    QgsProcessingParameterFeatureSource,
+    QgsProcessingParameterField,
+    QgsProcessingParameterFile,
+    QgsProcessingParameterNumber,
+    QgsProcessingParameterRasterLayer,
+    QgsProcessingParameterString,
+)
+from qgis.PyQt.QtGui import QIcon
+
+from .. import program, settings
+from ..config import ConfigError, Layer, RunSettings, three_numbers
+from ..layers import Outlines, crs_text, project_crs, raster_file
+from ..progress import Progress
+from ..words import Speaks
+
+ICON = Path(__file__).parents[1] / "icon.svg"
+# Where the settings and copies of layers lie, within the folder of results.
+INPUT = "input"
+# Finished, but some items of the input have no result.
+FAILED_ITEMS = 5
+# The program's mark of results that were being replaced when it ended.
+UNFINISHED = "UNFINISHED.txt"
+
+
+class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
+    """An algorithm that runs the program."""
+
+    # Words of the toolbox, without `tr`: each class has its own.
+    NAME = ""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._program = ""
+        self._folder: Optional[Path] = None
+
+    def createInstance(self):  # noqa: N802, the name is QGIS's
+        return type(self)()
+
+    def name(self) -> str:
+        return self.NAME
+
+    def icon(self) -> QIcon:
+        return QIcon(str(ICON))
+
+    def svgIconPath(self) -> str:  # noqa: N802, the name is QGIS's
+        return str(ICON)
+
+    def shortDescription(self) -> str:  # noqa: N802, the name is QGIS's
+        return self.shortHelpString().strip().split("\n")[0]
+
+    def canExecute(self):  # noqa: N802, the name is QGIS's
+        """The dialog says at once where the program is missing."""
+        try:
+            program.find(settings.ProcessingConfig.getSetting(settings.PROGRAM) or "")
+        except program.ProgramError as error:
+            return False, str(error)
+        return True, ""
+
+    def advanced(self, parameter: QgsProcessingParameterDefinition) -> None:
+        """Adds a parameter that is folded away."""
+        parameter.setFlags(parameter.flags() | QgsProcessingParameterDefinition.FlagAdvanced)
+        self.addParameter(parameter)
+
+    def find_program(self) -> None:
+        """Looks for the program before anything else is done."""
+        try:
+            self._program = settings.sizeup()
+        except program.ProgramError as error:
+            raise QgsProcessingException(str(error)) from error
+
+    def run_program(self, arguments: Sequence[str], feedback) -> Optional[program.Outcome]:
+        """Runs the program; None where the user stopped it. Raises QgsProcessingException where it failed."""
+        feedback.pushCommandInfo(" ".join(["sizeup", *(_quoted(argument) for argument in arguments)]))
+        progress = Progress()
+
+        def tell(event: program.Event) -> None:
+            words = progress.take(event)
+            feedback.setProgress(progress.percent)
+            if words:
+                feedback.setProgressText(self.in_words(words))
+            if event["event"] == "message":
+                level = event.get("level", "info")
+                show = {"error": feedback.reportError, "warning": feedback.pushWarning}.get(level, feedback.pushInfo)
+                show(event["message"])
+
+        try:
+            return program.run(self._program, arguments, tell, feedback.isCanceled)
+        except program.Cancelled:
+            feedback.pushInfo(self.tr("Stopped. Nothing is loaded; every file is whole, or absent."))
+            if self._folder is not None and (self._folder / UNFINISHED).is_file():
+                feedback.pushWarning(self.tr("The files in {} are of two runs: run it again.").format(self._folder))
+            return None
+        except program.ProgramError as error:
+            raise QgsProcessingException(str(error)) from error
+
+    def in_words(self, work: str) -> str:
+        """What a stage or work of the program is called."""
+        return {
+            "survey": self.tr("Reading the survey"), "footprints": self.tr("Laying outlines on the ground"),
+            "heights": self.tr("Finding heights"), "output": self.tr("Writing the results"),
+            "ground": self.tr("Looking for the ground in the photos"), "tracing": self.tr("Tracing rays"),
+            "priors": self.tr("Depth of the photos"), "epochs": self.tr("Moving roofs"),
+        }.get(work, work)
+
+    def folder(self, parameters, name: str, context) -> Path:
+        """A folder to write to. Asked for once: a temporary one is another each time."""
+        return Path(self.parameterAsFileOutput(parameters, name, context))
+
+
+class SurveyAlgorithm(SizeupAlgorithm):
+    """An algorithm about photos with poses on their ground."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._run: Optional[RunSettings] = None
+        self._outlines: Optional[Outlines] = None
+
+    def add_survey(self) -> None:
+        """Parameters: the poses, the photos, the CRS."""
+        self.addParameter(QgsProcessingParameterFile(
+            "SURVEY_FOLDER", self.tr("Survey: folder of a model (COLMAP, OpenSfM) or of photos"),
+            behavior=QgsProcessingParameterFile.Folder, optional=True,
+        ))
+        self.addParameter(QgsProcessingParameterFile(
+            "SURVEY", self.tr("… or survey: file of poses (XML, CSV, JSON, …)"), optional=True,
+        ))
+        self.addParameter(QgsProcessingParameterFile(
+            "IMAGES", self.tr("Folder of the photos"), behavior=QgsProcessingParameterFile.Folder, optional=True,
+        ))
+        self.addParameter(QgsProcessingParameterCrs(
+            "CRS", self.tr("CRS of the results (projected, metres)"), defaultValue="ProjectCrs",
+        ))
+
+    def add_ground(self) -> None:
+        """Parameters: a terrain model, or one height."""
+        self.addParameter(QgsProcessingParameterRasterLayer("DTM", self.tr("Terrain model (DTM)"), optional=True))
+        self.addParameter(QgsProcessingParameterNumber(
+            "GROUND", self.tr("… or one height of the ground everywhere, metres"),
+            type=QgsProcessingParameterNumber.Double, optional=True,
+        ))
+
+    def add_outlines(self, name: str, label: str, optional: bool = False) -> None:
+        """Parameters: a layer of outlines and its field of ids."""
+        self.addParameter(QgsProcessingParameterFeatureSource(
+            name, label, [QgsProcessing.TypeVectorPolygon], optional=optional,
+        ))
+        self.addParameter(QgsProcessingParameterField(
+            f"{name}_ID", self.tr("Field of the buildings' ids"), parentLayerParameterName=name, optional=True,
+        ))
+
+    def add_more(self) -> None:
+        """Parameters that few people need."""
+        self.advanced(QgsProcessingParameterCrs("POSE_CRS", self.tr("CRS of the poses, if another"), optional=True))
+        self.advanced(QgsProcessingParameterString(
+            "OFFSET", self.tr("Offset added to the poses: x, y, z (metres)"), optional=True,
+        ))
+        self.advanced(QgsProcessingParameterString(
+            "MORE", self.tr("Further settings, one a line, as in heights.max_m=60"), multiLine=True, optional=True,
+        ))
+
+    def add_load(self) -> None:
+        """Parameter: whether results go into the project."""
+        self.addParameter(QgsProcessingParameterBoolean(
+            "LOAD", self.tr("Load the results, styled, as a group"), defaultValue=True,
+        ))
+
+    def survey_settings(self, parameters, context, output: str) -> RunSettings:
+        """What the parameters say of photos, poses, ground and CRS. Raises QgsProcessingException."""
+        file = self.parameterAsFile(parameters, "SURVEY", context)
+        folder = self.parameterAsFile(parameters, "SURVEY_FOLDER", context)
+        if bool(file) == bool(folder):
+            raise QgsProcessingException(self.tr("Give the survey as a file or as a folder, one of the two."))
+        if not Path(file or folder).exists():
+            raise QgsProcessingException(self.tr("The survey {} is not there.").format(file or folder))
+        pose_crs = self.parameterAsCrs(parameters, "POSE_CRS", context)
+        try:
+            return RunSettings(
+                crs=project_crs(self.parameterAsCrs(parameters, "CRS", context)),
+                output=output,
+                survey=file or folder,
+                images=self.parameterAsFile(parameters, "IMAGES", context) or None,
+                pose_crs=crs_text(pose_crs) if pose_crs.isValid() else None,
+                offset=three_numbers(self.parameterAsString(parameters, "OFFSET", context)),
+                dtm=raster_file(self.parameterAsRasterLayer(parameters, "DTM", context)),
+                ground_m=self._number(parameters, "GROUND", context),
+                more=[self.parameterAsString(parameters, "MORE", context)],
+            )
+        except ConfigError as error:
+            raise QgsProcessingException(str(error)) from error
+
+    def outlines(self, parameters, name: str, context) -> Optional[Outlines]:
+        """The layer of a parameter, looked at on the main thread; None where none is chosen."""
+        if parameters.get(name) in (None, ""):
+            return None
+        source = self.parameterAsSource(parameters, name, context)
+        if source is None:
+            raise QgsProcessingException(self.invalidSourceError(parameters, name))
+        fields = self.parameterAsFields(parameters, f"{name}_ID", context)
+        return Outlines(
+            self.parameterAsVectorLayer(parameters, name, context), source, parameters[name],
+            fields[0] if fields else None, context.transformContext(),
+        )
+
+    def layer_file(self, outlines: Outlines, folder: Path, feedback, name: str = "footprints.gpkg") -> Layer:
+        """The file of a layer, exported into the results where it is none."""
+        if outlines.is_exported:
+            feedback.pushInfo(self.tr("The outlines are exported for the program: they are no plain file, or a part of one."))
+        return outlines.file(folder / INPUT / name)
+
+    def write_config(self, run: RunSettings, folder: Path) -> List[str]:
+        """Writes `sizeup.toml`; the arguments that name it and the further settings."""
+        try:
+            text, assignments = run.to_toml(), run.assignments()
+        except ConfigError as error:
+            raise QgsProcessingException(str(error)) from error
+        path = folder / INPUT / "sizeup.toml"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        more = [part for assignment in assignments for part in ("--set", assignment)]
+        return [str(path), *more]
+
+    def _number(self, parameters: Dict[str, Any], name: str, context) -> Optional[float]:
+        if parameters.get(name) in (None, ""):
+            return None
+        return self.parameterAsDouble(parameters, name, context)
+
+
+def _quoted(argument: str) -> str:
+    return f"'{argument}'" if " " in argument else argument

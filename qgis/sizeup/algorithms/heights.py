@@ -1,0 +1,136 @@
+"""Estimate heights: the whole run."""
+
+from qgis.core import (
+    QgsProcessingException,
+    QgsProcessingOutputFile,
+    QgsProcessingOutputNumber,
+    QgsProcessingParameterEnum,
+    QgsProcessingParameterFolderDestination,
+    QgsProcessingParameterString,
+)
+
+from .. import results
+from ..config import PRIOR_KINDS, PRIOR_SOURCES, ConfigError, Prior
+from ..review.reviews import FILE_NAME
+from .base import FAILED_ITEMS, SurveyAlgorithm
+
+PROFILES = (
+    "", "da3-mono", "da3-metric", "da3-anyview", "depth-anything-v2", "depth-anything-v2-metric", "metric3d", "moge",
+    "depth-pro", "itermvs",
+)
+
+
+class EstimateHeights(SurveyAlgorithm):
+    """Finds one height per building: a LOD1 city."""
+
+    NAME = "heights"
+
+    def displayName(self) -> str:  # noqa: N802, the name is QGIS's
+        return self.tr("Estimate heights")
+
+    def shortHelpString(self) -> str:  # noqa: N802, the name is QGIS's
+        return self.tr(
+            "Finds one height per building outline in oblique photos, and writes a LOD1 city: GeoPackage, CityJSON, report.\n"
+            "\n"
+            "It takes photos with known poses, building outlines, and the ground: a terrain model, not a surface model, or one "
+            "height where it is flat. Outlines may be in any CRS; results are in the CRS that is chosen here, projected and in "
+            "metres. Of a layer with a filter or a selection, what is filtered or selected is taken.\n"
+            "\n"
+            "Depth of the photos comes from:\n"
+            "- “automatic”: a network where one is named and in place, else stereo\n"
+            "- “stereo”: the photos matched with each other\n"
+            "- “files”: one depth map per photo, priors/{stem}.npy, from any network\n"
+            "- “network”: an ONNX file, or the name of one that `sizeup model get` has put in place\n"
+            "\n"
+            "The layers are loaded styled: buildings by height, doubtful ones hatched, issues as points, cameras. Open "
+            "report.html in the folder for photos and evidence, and look at doubtful buildings with Plugins > sizeup > Review "
+            "buildings. Decisions that lie in the folder (reviews.geojson) are applied when it is run again.\n"
+            "\n"
+            "Where it is stopped, nothing is loaded, and every file in the folder is whole, of this run or the one before."
+        )
+
+    def initAlgorithm(self, configuration=None) -> None:  # noqa: N802, the name is QGIS's
+        self.add_outlines("FOOTPRINTS", self.tr("Building outlines"))
+        self.add_survey()
+        self.add_ground()
+        self.addParameter(QgsProcessingParameterEnum(
+            "PRIOR_SOURCE", self.tr("Depth comes from"),
+            [self.tr("automatic"), self.tr("stereo"), self.tr("files"), self.tr("a network")], defaultValue=0,
+        ))
+        self.addParameter(QgsProcessingParameterString(
+            "PRIOR_FILES", self.tr("Files: path with {stem} for the photo's name"), optional=True,
+        ))
+        self.addParameter(QgsProcessingParameterEnum(
+            "PRIOR_KIND", self.tr("Files: numbers are"),
+            [self.tr("depth (higher is farther)"), self.tr("inverse depth (higher is nearer)")], defaultValue=0,
+        ))
+        self.addParameter(QgsProcessingParameterString(
+            "MODEL", self.tr("Network: ONNX file or name"), optional=True,
+        ))
+        self.addParameter(QgsProcessingParameterEnum(
+            "PROFILE", self.tr("Network: profile"), [self.tr("by its name"), *PROFILES[1:]], defaultValue=0,
+        ))
+        self.advanced(QgsProcessingParameterString(
+            "VERTICAL", self.tr("What heights count from, in words (DHHN2016, NAP, …)"), optional=True,
+        ))
+        self.add_more()
+        self.add_load()
+        self.addParameter(QgsProcessingParameterFolderDestination("OUTPUT", self.tr("Folder of the results")))
+        self.addOutput(QgsProcessingOutputFile("GEOPACKAGE", self.tr("GeoPackage")))
+        self.addOutput(QgsProcessingOutputFile("CITYJSON", self.tr("CityJSON")))
+        self.addOutput(QgsProcessingOutputFile("REPORT", self.tr("Report")))
+        self.addOutput(QgsProcessingOutputNumber("CODE", self.tr("Exit code")))
+
+    def prepareAlgorithm(self, parameters, context, feedback) -> bool:  # noqa: N802, the name is QGIS's
+        self.find_program()
+        self._folder = self.folder(parameters, "OUTPUT", context)
+        self._run = self.survey_settings(parameters, context, str(self._folder))
+        self._run.prior = self._prior(parameters, context)
+        self._run.vertical_reference = self.parameterAsString(parameters, "VERTICAL", context) or None
+        self._outlines = self.outlines(parameters, "FOOTPRINTS", context)
+        if self._outlines is None:
+            raise QgsProcessingException(self.tr("Choose a layer of building outlines."))
+        if self._run.dtm is None and self._run.ground_m is None:
+            raise QgsProcessingException(self.tr("Give a terrain model, or one height of the ground."))
+        if (self._folder / FILE_NAME).is_file():
+            self._run.reviews = str(self._folder / FILE_NAME)
+        try:
+            self._run.tables()
+        except ConfigError as error:
+            raise QgsProcessingException(str(error)) from error
+        results.refuse_edited(self._folder, context.project())
+        self._load = self.parameterAsBool(parameters, "LOAD", context)
+        self._file = None
+        return True
+
+    def _prior(self, parameters, context) -> Prior:
+        return Prior(
+            source=PRIOR_SOURCES[self.parameterAsEnum(parameters, "PRIOR_SOURCE", context)],
+            path=self.parameterAsString(parameters, "PRIOR_FILES", context) or None,
+            kind=PRIOR_KINDS[self.parameterAsEnum(parameters, "PRIOR_KIND", context)],
+            model=self.parameterAsString(parameters, "MODEL", context) or None,
+            profile=PROFILES[self.parameterAsEnum(parameters, "PROFILE", context)] or None,
+        )
+
+    def processAlgorithm(self, parameters, context, feedback):  # noqa: N802, the name is QGIS's
+        folder = self._folder
+        folder.mkdir(parents=True, exist_ok=True)
+        self._run.footprints = self.layer_file(self._outlines, folder, feedback)
+        outcome = self.run_program(["run", *self.write_config(self._run, folder)], feedback)
+        if outcome is None:
+            return {}
+        if outcome.code == FAILED_ITEMS:
+            feedback.pushWarning(
+                self.tr("Some buildings or photos have no result: see the layer qa_issues, or issues.json in the folder.")
+            )
+        self._file = folder / "city.gpkg"
+        return {
+            "OUTPUT": str(folder), "GEOPACKAGE": str(self._file), "CITYJSON": str(folder / "city.city.json"),
+            "REPORT": str(folder / "report.html"), "CODE": outcome.code,
+        }
+
+    def postProcessAlgorithm(self, context, feedback):  # noqa: N802, the name is QGIS's
+        if self._load and self._file is not None and context.project() is not None:
+            if not results.load(self._file, results.CITY_LAYERS, self._folder, context.project()):
+                raise QgsProcessingException(self.tr("Cannot load {}").format(self._file))
+        return {}
