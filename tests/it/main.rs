@@ -43,6 +43,7 @@ mod shared_data;
 mod simulate;
 mod skipped;
 mod stereo;
+mod survey_agencies;
 mod survey_cli;
 mod survey_conventions;
 mod survey_crs;

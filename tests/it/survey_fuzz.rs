@@ -303,6 +303,21 @@ fn tiff() -> Vec<u8> {
 }
 
 #[test]
+fn mapping_agencies() {
+    let prj = "$PROJECT 15.0.0\n  $LINEAR_UNITS_OF_OBJECT : m\n$END\n$CAMERA_DEFINITION\n  $ID : A\n  $CCD_COLUMNS : 400\n  \
+               $CCD_ROWS : 300\n  $CCD_INTERIOR_ORIENTATION :\n    100 0 199.5\n    0 -100 149.5\n  $FOCAL_LENGTH : 50\n$END\n\
+               $PHOTO\n  $PHOTO_NUM : 1\n  $CAMERA_ID : A\n  $EXT_ORI : 12:00:00 01/01/2026\n    50 5e5 57e5 100\n    \
+               1 0 0\n    0 1 0\n    0 0 1\n$END\n";
+    one_file(Format::Inpho, "block.prj", prj);
+    let item = serde_json::json!({"type": "Feature", "stac_version": "1.0.0", "id": "a", "properties": {
+        "pers:perspective_center": [5e5, 57e5, 1000.0], "pers:crs": 25832, "pers:omega": 0.0, "pers:phi": 0.0,
+        "pers:kappa": 0.0, "pers:rotation_matrix": [1, 0, 0, 0, 1, 0, 0, 0, 1], "proj:shape": [300, 400],
+        "pers:interior_orientation": {"sensor_array_dimensions": [400, 300], "pixel_spacing": [0.01, 0.01],
+            "focal_length": 50.0, "principal_point_offset": [0.1, 0.2], "radial_distortion": [0, 0, 0, 0]}}});
+    one_file(Format::Stac, "item.json", item.to_string());
+}
+
+#[test]
 fn photos() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.jpg");
@@ -311,6 +326,12 @@ fn photos() {
         drone-dji:DewarpData=\"2020-01-01;3700,3701,12,-8,-0.1,0.02,1e-4,2e-4,-3e-3\"";
     photo(&path, tags, 5280, 3956);
     torture(&config(Format::Photos, path.clone()), &[path]);
+    let log = folder.path().join("a_Timestamp.MRK");
+    let line = "31\t1.5\t[2364]\t-339,N\t-361,E\t348,V\t52.0,Lat\t10.0,Lon\t310.25,Ellh\t0.012, 0.010, 0.020\t50,Q\n";
+    fs::write(&log, line).unwrap();
+    let numbered = folder.path().join("a_0031.jpg");
+    fs::copy(&path, &numbered).unwrap();
+    torture(&config(Format::Photos, numbered), &[log]);
     let mut without_camera = config(Format::Photos, folder.path().join("b.tif"));
     without_camera.camera = None;
     fs::write(&without_camera.path, tiff()).unwrap();

@@ -11,7 +11,8 @@ use serde::{Deserialize, Serialize};
 use super::poses::Poses;
 use super::{SurveyConfig, SurveyError};
 use super::{
-    blocks_exchange, colmap, csv, csv_header, metashape, nerfstudio, odm, opensfm, opf, photo, photos, pix4d, tables,
+    blocks_exchange, colmap, csv, csv_header, inpho, metashape, nerfstudio, odm, opensfm, opf, photo, photos, pix4d,
+    stac, tables,
 };
 use sizeup_geo::files::FileError;
 
@@ -31,7 +32,8 @@ pub(crate) struct Candidate {
 const HEAD_BYTES: u64 = 1 << 12;
 
 impl Candidate {
-    fn of(path: &Path) -> Result<Self, SurveyError> {
+    /// Looks at a file or folder.
+    pub(crate) fn of(path: &Path) -> Result<Self, SurveyError> {
         let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
         let is_folder = path.is_dir();
         let mut head = Vec::new();
@@ -97,6 +99,10 @@ formats! {
     Pix4d: |c| pix4d::find(&c.path).is_some(), |s| pix4d::read(&s.path, s.camera.as_ref());
     /// Pix4D's Open Photogrammetry Format: a calibrated `project.opf`, or its folder.
     Opf: |c| c.has_extension("opf") || (c.is_folder && opf::find(&c.path).is_some()), |s| opf::read(&s.path);
+    /// Trimble INPHO's project, `.prj`.
+    Inpho: inpho::recognises, inpho::read;
+    /// STAC items of perspective imagery: an item, a page of items, or a folder of them.
+    Stac: stac::recognises, stac::read;
     /// ODM's geo.txt, with a declared camera.
     GeoTxt: |c| c.name == "geo.txt", |s| tables::read_geo_txt(&s.path, s.camera.as_ref());
     /// ODM's shots.geojson, with cameras.json beside it.

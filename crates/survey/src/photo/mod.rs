@@ -2,7 +2,8 @@
 //!
 //! The gimbal's yaw is used (never the aircraft's), with pitch and roll in one product: roll ±180 frames, a few in
 //! every flight past the nadir, come out right without special cases. Yaw counts from true north. Heights are
-//! ellipsoidal where the receiver had a base station (RTK), otherwise of no known reference. Only headers are read.
+//! ellipsoidal where the receiver had a base station (RTK), otherwise of no known reference. Only headers are read. Where
+//! DJI's image log (MRK) lies beside the photos, positions by a base station are its; angles stay the gimbal's.
 //!
 //! The focal length is the declared camera's, else `DewarpData` (a calibration of this very lens), else
 //! `CalibratedFocalLength`, else focal length over pixel pitch, else the 35 mm equivalent, which is 2-8 % wrong on some
@@ -10,6 +11,7 @@
 
 mod header;
 mod lens;
+mod mrk;
 mod xmp;
 
 use std::collections::BTreeMap;
@@ -20,12 +22,13 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use self::header::Header;
+use self::mrk::{Logs, Record};
 use super::angles::{AngleConvention, AngleKind, North};
 use super::config::{CameraConfig, HeightReference, SurveyConfig};
 use super::poses::{FileHeights, Pose, Poses, World, refused};
 use super::{SurveyError, photos};
 use sizeup_geo::crs::Crs;
-use sizeup_geo::issue::Issue;
+use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::camera::Camera;
 
 /// RTK flags of DJI at and above which positions come from a base station: 16 single, 32-49 float, 50 fixed.
@@ -39,6 +42,10 @@ struct Reading {
     focal: &'static str,
     rtk: &'static str,
     is_ellipsoidal: bool,
+    /// Why the image log's line is not used.
+    mismatch: Option<String>,
+    /// Standard deviation of the image log's position, metres, horizontal and vertical, where it is used.
+    sigma_m: Option<(f64, f64)>,
 }
 
 /// Reads the headers of all photos below a folder, in parallel.
@@ -48,22 +55,31 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     if files.is_empty() {
         return Err(SurveyError::config(format!("{} holds no photos", folder.display()), "jpg, jpeg, tif or tiff"));
     }
+    let mut logs = Logs::beside(&files)?;
     let wants_relative = config.height.reference == Some(HeightReference::AboveTakeoff);
     let readings: Vec<Result<Reading, Box<Issue>>> = files
         .par_iter()
         .map(|path| {
             let name = path.strip_prefix(folder).ok().filter(|p| !p.as_os_str().is_empty());
             let name = name.unwrap_or_else(|| path.file_name().map_or(path, Path::new));
-            read_one(path, &name.to_string_lossy(), config.camera.as_ref(), wants_relative)
+            let record = logs.of(path).filter(|_| !wants_relative);
+            read_one(path, &name.to_string_lossy(), config.camera.as_ref(), wants_relative, record)
         })
         .collect();
     let mut poses = Poses { world: World::Crs(Crs::parse("EPSG:4326")?), north: North::True, ..Poses::new() };
+    poses.issues.append(&mut logs.issues);
     let mut is_ellipsoidal = true;
+    let mut sigmas_m = Vec::new();
     let mut cameras: BTreeMap<String, Arc<Camera>> = BTreeMap::new();
     for reading in readings {
         match reading {
-            Ok(Reading { mut pose, focal, rtk, is_ellipsoidal: this }) => {
+            Ok(Reading { mut pose, focal, rtk, is_ellipsoidal: this, mismatch, sigma_m }) => {
                 is_ellipsoidal &= this;
+                sigmas_m.extend(sigma_m);
+                if let Some(message) = mismatch {
+                    let subject = Subject::View(pose.name.clone());
+                    poses.issues.push(Issue::new(Severity::Warning, "mrk_disagrees", subject, message));
+                }
                 *poses.counts.focal.entry(focal.to_owned()).or_default() += 1;
                 *poses.counts.rtk.entry(rtk.to_owned()).or_default() += 1;
                 let shared = cameras.entry(format!("{:?}", pose.camera)).or_insert_with(|| Arc::clone(&pose.camera));
@@ -73,6 +89,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
             Err(issue) => poses.issues.push(*issue),
         }
     }
+    poses.issues.extend(mrk::remark(folder, &sigmas_m));
     poses.heights = if is_ellipsoidal { FileHeights::Ellipsoidal } else { FileHeights::Unreliable };
     Ok(poses)
 }
@@ -82,6 +99,7 @@ fn read_one(
     name: &str,
     declared: Option<&CameraConfig>,
     wants_relative: bool,
+    record: Option<&Record>,
 ) -> Result<Reading, Box<Issue>> {
     let unreadable = |reason: String| Box::new(refused("photo_unreadable", name, reason));
     let header = Header::read(path).map_err(unreadable)?;
@@ -105,16 +123,25 @@ fn read_one(
         absolute.ok_or_else(|| no_pose("its metadata have no altitude".to_owned()))?
     };
     let flag = tags.number("RtkFlag").map_err(no_pose)?.map(|flag| flag as u32);
-    let rtk = match flag {
+    let mut rtk = match flag {
         Some(RTK_FIXED) => "fixed",
         Some(flag) if flag >= RTK_FLOAT => "float",
         Some(RTK_SINGLE) => "single",
         _ => "none",
     };
-    let is_ellipsoidal = matches!(rtk, "fixed" | "float") || tags.text("AltitudeType") == Some("RtkAlt");
-    let centre = DVec3::new(lon_deg, lat_deg, height_m);
+    let mut is_ellipsoidal = matches!(rtk, "fixed" | "float") || tags.text("AltitudeType") == Some("RtkAlt");
+    let mut centre = DVec3::new(lon_deg, lat_deg, height_m);
+    let record = record.filter(|record| record.is_rtk());
+    let mismatch = record.and_then(|record| record.disagrees_with((lon_deg, lat_deg)));
+    let record = record.filter(|_| mismatch.is_none());
+    if let Some(record) = record {
+        centre = record.place;
+        is_ellipsoidal = true;
+        rtk = if record.state == RTK_FIXED { "fixed" } else { "float" };
+    }
+    let sigma_m = record.map(|record| (record.sigma_m.x.hypot(record.sigma_m.y), record.sigma_m.z));
     let pose = Pose { name: name.to_owned(), camera: Arc::new(lens.camera), camera_from_world, centre };
-    Ok(Reading { pose, focal: lens.source, rtk, is_ellipsoidal })
+    Ok(Reading { pose, focal: lens.source, rtk, is_ellipsoidal, mismatch, sigma_m })
 }
 
 /// Longitude and latitude: XMP has more digits than EXIF, and a spelling mistake of its own.
