@@ -178,7 +178,7 @@ fn a_stac_item_is_recognised_alone_and_in_a_folder_and_its_angles_do_without_the
 fn stac_items_that_contradict_themselves_are_refused_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("item.json");
-    let mut refused = |change: fn(&mut serde_json::Value), expected: &str| {
+    let refused = |change: fn(&mut serde_json::Value), expected: &str| {
         let mut json = item(&PUBLISHED[0]);
         json["properties"].as_object_mut().unwrap().remove("pers:vertical_crs");
         change(&mut json["properties"]);
@@ -275,7 +275,8 @@ fn a_projects_own_grid_goes_before_the_runs() {
                PROJECTION[\"Transverse_Mercator\"],PARAMETER[\"latitude_of_origin\",0],PARAMETER[\"central_meridian\",15],\
                PARAMETER[\"scale_factor\",0.9996],PARAMETER[\"false_easting\",500000],PARAMETER[\"false_northing\",0],\
                UNIT[\"metre\",1],AUTHORITY[\"EPSG\",\"25833\"]]";
-    let block = format!("$COORDINATE_SYSTEM_SET\n  $ID : a\n  $COORDINATE_SYSTEM : {wkt}\n$END_COORDINATE_SYSTEM\n$PHOTO\n");
+    let block =
+        format!("$COORDINATE_SYSTEM_SET\n  $ID : a\n  $COORDINATE_SYSTEM : {wkt}\n$END_COORDINATE_SYSTEM\n$PHOTO\n");
     let text = project("c", UPRIGHT, 51.68294).replacen("$PHOTO\n", &block, 1);
     let path = written(folder.path(), "block.prj", &text);
     let survey = survey::read(&SurveyConfig::at(&path), &Crs::parse("EPSG:25833").unwrap()).unwrap();
@@ -302,7 +303,9 @@ fn an_image_log_beside_drone_photos_places_them() {
     }
     // The second is 1.1 km off: another flight's. The third has no line.
     let line = |number: u32, lat_deg: f64| {
-        format!("{number}\t1.5\t[2364]\t  -339,N\t  -361,E\t   348,V\t{lat_deg},Lat\t{lon_deg},Lon\t310.25,Ellh\t0.012, 0.010, 0.020\t50,Q\n")
+        format!(
+            "{number}\t1.5\t[2364]\t  -339,N\t  -361,E\t   348,V\t{lat_deg},Lat\t{lon_deg},Lon\t310.25,Ellh\t0.012, 0.010, 0.020\t50,Q\n"
+        )
     };
     let log = line(31, lat_deg + 1e-6) + &line(32, lat_deg + 0.01) + "33\tbroken\n";
     fs::write(folder.path().join("DJI_202505021412_007_Timestamp.MRK"), log).unwrap();
@@ -324,6 +327,7 @@ fn other_formats_are_not_taken_for_these() {
     // A CRS in a .prj, and STAC items without perspective imagery.
     let prj = written(folder.path(), "a_wkt.prj", "PROJCS[\"UTM\"]");
     assert!(error(&prj).contains("not recognised"), "{}", error(&prj));
-    let satellite = written(folder.path(), "s2.json", "{\"type\": \"Feature\", \"stac_version\": \"1.0.0\", \"id\": \"a\"}");
+    let satellite =
+        written(folder.path(), "s2.json", "{\"type\": \"Feature\", \"stac_version\": \"1.0.0\", \"id\": \"a\"}");
     assert!(error(&satellite).contains("not recognised"), "{}", error(&satellite));
 }

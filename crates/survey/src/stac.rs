@@ -94,9 +94,8 @@ struct Interior {
 /// A JSON file of items with perspective imagery, or a folder of them.
 pub(crate) fn recognises(candidate: &Candidate) -> bool {
     if candidate.is_folder {
-        return items_in(&candidate.path).is_ok_and(|files| {
-            files.first().is_some_and(|file| Candidate::of(file).is_ok_and(|file| is_stac(&file)))
-        });
+        return items_in(&candidate.path)
+            .is_ok_and(|files| files.first().is_some_and(|file| Candidate::of(file).is_ok_and(|file| is_stac(&file))));
     }
     is_stac(candidate)
 }
@@ -199,7 +198,9 @@ impl Reading {
     fn share_world(&mut self, definition: String) -> Result<(), String> {
         match &self.world {
             Some(first) if *first == definition => Ok(()),
-            Some(first) => Err(format!("its CRS is {definition}, that of the first item {first}: expected one for all")),
+            Some(first) => {
+                Err(format!("its CRS is {definition}, that of the first item {first}: expected one for all"))
+            }
             None => {
                 let crs = Crs::parse(&definition).map_err(|e| format!("its CRS: {e}"))?;
                 if crs.is_geographic() {

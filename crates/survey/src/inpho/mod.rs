@@ -67,8 +67,12 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
         return Err(SurveyError::malformed(path, Place::Line(open.line), message).hint("it is truncated"));
     }
     if !blocks.iter().any(|block| block.name == "PHOTO") {
-        return Err(SurveyError::malformed(path, Place::Whole, "no $PHOTO: expected an INPHO project with oriented photos")
-            .hint("a .prj that holds a CRS only is no project"));
+        return Err(SurveyError::malformed(
+            path,
+            Place::Whole,
+            "no $PHOTO: expected an INPHO project with oriented photos",
+        )
+        .hint("a .prj that holds a CRS only is no project"));
     }
     in_metres(path, &blocks)?;
     let mut poses = Poses::new();
@@ -126,7 +130,8 @@ fn world(path: &Path, blocks: &[Block<'_>]) -> Result<World, SurveyError> {
 /// What the reader leaves to the user's judgement.
 fn remarks(path: &Path, blocks: &[Block<'_>]) -> Vec<Issue> {
     let mut remarks = Vec::new();
-    let is_on = |key: &str| blocks.iter().filter_map(|block| block.text(key)).any(|value| value.eq_ignore_ascii_case("on"));
+    let is_on =
+        |key: &str| blocks.iter().filter_map(|block| block.text(key)).any(|value| value.eq_ignore_ascii_case("on"));
     let subject = || Subject::Input(path.display().to_string());
     if is_on("CURV_CORR_DEFAULT") || is_on("REFRACT_CORR_DEFAULT") {
         let message = "the block was adjusted with corrections for the Earth's curvature or refraction, which are not \

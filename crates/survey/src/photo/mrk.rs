@@ -94,7 +94,8 @@ impl Logs {
             let of_folder = photos.iter().filter(|photo| photo.parent() == Some(folder.as_path()));
             let n_without = of_folder.filter(|photo| log_of(logs, photo).is_none()).count();
             if n_without > 0 {
-                let message = format!("{} image logs (MRK), and {n_without} photos that none is named after", logs.len());
+                let message =
+                    format!("{} image logs (MRK), and {n_without} photos that none is named after", logs.len());
                 let subject = Subject::Input(folder.display().to_string());
                 let issue = Issue::new(Severity::Warning, "mrk_ambiguous", subject, message);
                 self.issues.push(issue.hint("keep each flight in a folder of its own, with its log"));
