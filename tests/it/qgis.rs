@@ -332,7 +332,7 @@ fn the_plugin_is_packed_the_same_each_time_in_the_program_s_version() {
     let archive = zip::ZipArchive::new(std::io::Cursor::new(&packed[0])).unwrap();
     let names: Vec<String> = archive.file_names().map(|name| name.unwrap().into_owned()).collect();
     for name in ["metadata.txt", "__init__.py", "icon.svg", "LICENSE", "review/dock.py"] {
-        assert!(names.contains(&format!("sizeup/{name}").as_str()), "{names:?}");
+        assert!(names.contains(&format!("sizeup/{name}")), "{names:?}");
     }
     assert!(names.iter().all(|name| name.starts_with("sizeup/") && !name.contains("__pycache__")), "{names:?}");
 }
