@@ -8,8 +8,8 @@ use rand_chacha::ChaCha8Rng;
 ///
 /// ```
 /// use rand::Rng;
-/// let mut a = sizeup::seed::stream(7, "pairs", &[3, 12]);
-/// let mut b = sizeup::seed::stream(7, "pairs", &[3, 12]);
+/// let mut a = sizeup_heights::seed::stream(7, "pairs", &[3, 12]);
+/// let mut b = sizeup_heights::seed::stream(7, "pairs", &[3, 12]);
 /// assert_eq!(a.random::<u64>(), b.random::<u64>());
 /// ```
 #[must_use]

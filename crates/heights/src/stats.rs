@@ -4,7 +4,7 @@
 /// `NaN`s are left out; `None` when nothing is left.
 ///
 /// ```
-/// assert_eq!(sizeup::stats::quantile(&[4.0, 1.0, 3.0, 2.0], 0.5), Some(2.5));
+/// assert_eq!(sizeup_heights::stats::quantile(&[4.0, 1.0, 3.0, 2.0], 0.5), Some(2.5));
 /// ```
 #[must_use]
 pub fn quantile(values: &[f64], q: f64) -> Option<f64> {
@@ -69,7 +69,7 @@ pub fn far_side_sigma(residuals: impl Iterator<Item = f64>) -> Option<f64> {
 /// (positive residuals) and on the far side.
 ///
 /// ```
-/// use sizeup::stats::biweight;
+/// use sizeup_heights::stats::biweight;
 /// assert_eq!(biweight(0.0, 2.0, [3.0, 4.7]), 1.0);
 /// assert_eq!(biweight(6.0, 2.0, [3.0, 4.7]), 0.0);
 /// assert!(biweight(-6.0, 2.0, [3.0, 4.7]) > 0.3);

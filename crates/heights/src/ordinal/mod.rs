@@ -51,7 +51,7 @@ impl DepthOrder {
     /// Cost of a pair whose rendered contrast is `r_q − r_p`.
     ///
     /// ```
-    /// use sizeup::ordinal::DepthOrder;
+    /// use sizeup_heights::ordinal::DepthOrder;
     /// assert_eq!(DepthOrder::Farther.cost(0.8, 0.5), 0.0);
     /// assert_eq!(DepthOrder::Farther.cost(-0.2, 0.5), 0.7);
     /// ```

@@ -32,7 +32,7 @@ impl RayTile {
     ///
     /// ```
     /// use glam::Vec3;
-    /// use sizeup::render::tile::RayTile;
+    /// use sizeup_heights::render::tile::RayTile;
     ///
     /// // Straight down and ever more aslant, but for the last one.
     /// let slopes = RayTile::new(Vec3::Z * 100.0, |k| (k < 63).then(|| Vec3::new(k as f32 / 64.0, 0.0, -1.0)));
