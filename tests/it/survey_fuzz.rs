@@ -325,7 +325,7 @@ fn photos() {
         drone-dji:GimbalYawDegree=\"1\" drone-dji:GimbalPitchDegree=\"-60\" drone-dji:GimbalRollDegree=\"0\" \
         drone-dji:DewarpData=\"2020-01-01;3700,3701,12,-8,-0.1,0.02,1e-4,2e-4,-3e-3\"";
     photo(&path, tags, 5280, 3956);
-    torture(&config(Format::Photos, path.clone()), &[path.clone()]);
+    torture(&config(Format::Photos, path.clone()), std::slice::from_ref(&path));
     let log = folder.path().join("a_Timestamp.MRK");
     let line = "31\t1.5\t[2364]\t-339,N\t-361,E\t348,V\t52.0,Lat\t10.0,Lon\t310.25,Ellh\t0.012, 0.010, 0.020\t50,Q\n";
     fs::write(&log, line).unwrap();

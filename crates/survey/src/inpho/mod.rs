@@ -1,4 +1,4 @@
-//! Trimble INPHO project files, `.prj`, as MATCH-AT, ApplicationsMaster and national mapping agencies hand them out.
+//! Trimble INPHO project files, `.prj`, as MATCH-AT, `ApplicationsMaster` and national mapping agencies hand them out.
 //!
 //! A `$PHOTO` has `$EXT_ORI`: a time stamp, then focal length (mm) and projection centre (m), then a rotation matrix by
 //! rows. Its `$CAMERA_ID` names a `$CAMERA_DEFINITION` (`$ID`) or, in older files, a `$CAMERA` (`$TYPE`).
@@ -11,8 +11,8 @@
 //! `$PIXEL_REFERENCE : CenterTopLeft` counts from the first pixel's centre. An affine map whose axes are exchanged (a camera
 //! that is mounted turned) turns the camera by the same quarter.
 //!
-//! Sources that agree on the matrix: MicMac's convention `eConvMatrixInpho` (not camera to world, columns 1, −1, −1); a
-//! space agency's program that writes such projects for OrthoMaster (transposed product of its ω, φ, κ); a German city's
+//! Sources that agree on the matrix: `MicMac`'s convention `eConvMatrixInpho` (not camera to world, columns 1, −1, −1); a
+//! space agency's program that writes such projects for `OrthoMaster` (transposed product of its ω, φ, κ); a German city's
 //! reader of its oblique project (world to camera, axis −z). One hobby program reads it the other way round, without a
 //! check. On the affine map: the last, and the pixel pitch of published cameras (217.39 per mm at 4.6 µm).
 //!
