@@ -19,7 +19,6 @@ use sizeup_heights::optimise::{
 };
 use sizeup_heights::render::PlacedCamera;
 use sizeup_heights::scene::Scene;
-use sizeup_heights::seed;
 use sizeup_photos::prior::{GroundCorrelation, PriorConfig, Priors, ground_correlation, judge_tag};
 use sizeup_survey::{Survey, View, ViewKind};
 
@@ -236,14 +235,10 @@ fn keeping_whole(optimise: &OptimiseConfig) -> OptimiseConfig {
 
 /// Every view of a survey at its working resolution.
 pub(super) fn view_inputs(config: &RunConfig, survey: &Survey, scene: &Scene) -> Vec<ViewInput> {
-    let of = |view: &View| ViewInput {
-        placed: PlacedCamera::new(
-            view.camera.reduced_to(config.optimise.working_px),
-            view.camera_from_map,
-            scene.origin,
-        ),
-        is_oblique: view.kind() == ViewKind::Oblique,
-        key: seed::key_of(&view.id.0),
+    let of = |view: &View| {
+        let camera = view.camera.reduced_to(config.optimise.working_px);
+        let placed = PlacedCamera::new(camera, view.camera_from_map, scene.origin);
+        ViewInput::new(&view.id.0, placed, view.kind() == ViewKind::Oblique)
     };
     survey.views.iter().map(of).collect()
 }

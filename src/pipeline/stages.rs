@@ -32,10 +32,6 @@ use sizeup_results::output::{
 };
 use sizeup_survey::{Survey, ViewKind};
 
-/// How far around the footprints the ground is needed, in greatest heights: rays at 60° off nadir that pass over a
-/// building of greatest height reach the ground 1.7 heights behind it.
-const GROUND_MARGIN_HEIGHTS: f64 = 2.0;
-
 pub(super) fn run(
     config: &RunConfig,
     options: &RunOptions,
@@ -204,10 +200,6 @@ fn on_known_ground(footprints: &FootprintStage) -> Vec<(&Polygon<f64>, GroundLev
     outlines.filter_map(|(footprint, ground)| Some((&footprint.polygon, (*ground)?))).collect()
 }
 
-fn ground_margin_m(frame: &Frame) -> f64 {
-    GROUND_MARGIN_HEIGHTS * f64::from(frame.bounds.max_m)
-}
-
 /// The ground that rays meet around the buildings on known ground; there has to be one.
 pub(super) fn terrain_around(
     config: &RunConfig,
@@ -215,7 +207,7 @@ pub(super) fn terrain_around(
     footprints: &FootprintStage,
 ) -> Result<Terrain, PipelineError> {
     let outlines = on_known_ground(footprints);
-    load_terrain(config, outlines.iter().map(|(polygon, _)| *polygon), ground_margin_m(frame))
+    load_terrain(config, outlines.iter().map(|(polygon, _)| *polygon), frame.bounds.ground_margin_m())
 }
 
 /// Everything that rays meet, and what they are compared with.
@@ -243,7 +235,7 @@ impl SceneStage {
     pub fn in_frame(config: &RunConfig, frame: &Frame, footprints: &FootprintStage) -> Result<Self, PipelineError> {
         let solved: Vec<usize> = (0..footprints.ground.len()).filter(|&i| footprints.ground[i].is_some()).collect();
         let terrain = terrain_around(config, frame, footprints)?;
-        let margin_m = ground_margin_m(frame);
+        let margin_m = frame.bounds.ground_margin_m();
         let scene = Scene::at(frame.origin, &on_known_ground(footprints), &terrain, frame.bounds, margin_m);
         Ok(Self { scene, solved, terrain })
     }

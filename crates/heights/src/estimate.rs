@@ -4,7 +4,6 @@
 //! they are asked for, rays that are kept from one scene to the next, progress.
 
 use geo_types::Polygon;
-use glam::DVec3;
 
 use crate::camera::Camera;
 use crate::frames::{Cam, Map, Rigid};
@@ -12,12 +11,8 @@ use crate::optimise::{OptimiseConfig, Problem, Rays, SolvedHeight, ViewInput, so
 use crate::prior::DepthPrior;
 use crate::render::PlacedCamera;
 use crate::scene::{HeightsConfig, Scene};
-use crate::seed;
 use crate::terrain::{GroundLevel, Terrain};
 use crate::views::NADIR_WITHIN_DEG;
-
-/// Ground beyond the footprints that rays meet, in greatest heights: a ray past a roof of that height at 30° ends there.
-const GROUND_MARGIN_HEIGHTS: f64 = 2.0;
 
 /// One building whose height is wanted.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,8 +40,8 @@ impl View {
     /// Whether heights are measured in it: it looks down, by more than 15° from straight down.
     #[must_use]
     pub fn is_oblique(&self) -> bool {
-        let down = -(self.camera_from_map.rotation.transpose() * DVec3::Z).z;
-        down > 0.0 && down.min(1.0).acos().to_degrees() > NADIR_WITHIN_DEG
+        let off_nadir_deg = self.camera_from_map.off_nadir_rad().to_degrees();
+        off_nadir_deg > NADIR_WITHIN_DEG && off_nadir_deg < 90.0
     }
 }
 
@@ -78,14 +73,14 @@ pub fn estimate_heights(
     let clearance_m = (eyes.fold(f64::INFINITY, f64::min) - highest_m).max(f64::from(settings.heights.min_m));
     let bounds = settings.heights.bounds(clearance_m);
     let footprints: Vec<_> = buildings.iter().map(|b| (&b.footprint, b.ground)).collect();
-    let scene = Scene::new(&footprints, terrain, bounds, GROUND_MARGIN_HEIGHTS * f64::from(bounds.max_m));
+    let scene = Scene::new(&footprints, terrain, bounds, bounds.ground_margin_m());
     let optimise = &settings.optimise;
     let inputs: Vec<ViewInput> = views
         .iter()
-        .map(|view| ViewInput {
-            placed: PlacedCamera::new(view.camera.reduced_to(optimise.working_px), view.camera_from_map, scene.origin),
-            is_oblique: view.is_oblique(),
-            key: seed::key_of(&view.name),
+        .map(|view| {
+            let camera = view.camera.reduced_to(optimise.working_px);
+            let placed = PlacedCamera::new(camera, view.camera_from_map, scene.origin);
+            ViewInput::new(&view.name, placed, view.is_oblique())
         })
         .collect();
     let absent = || "it has none".to_owned();

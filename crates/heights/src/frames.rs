@@ -94,6 +94,18 @@ impl<To, From> Rigid<To, From> {
 }
 
 impl Rigid<Cam, Map> {
+    /// The optical axis in the map frame, unit length.
+    #[must_use]
+    pub fn axis_in_map(&self) -> DVec3 {
+        self.rotation.transpose() * DVec3::Z
+    }
+
+    /// Angle between the optical axis and the downward vertical, radians.
+    #[must_use]
+    pub fn off_nadir_rad(&self) -> f64 {
+        (-self.axis_in_map().z).clamp(-1.0, 1.0).acos()
+    }
+
     /// The pose of a camera at `eye` that looks at `target` with the horizon level; both in metres in the map frame. A camera
     /// that looks straight down has the top of its image in the north.
     ///

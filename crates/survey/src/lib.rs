@@ -50,7 +50,7 @@ pub use write::{ColmapModel, Converted, Target, TiePoint, convert, write};
 use serde::{Deserialize, Serialize};
 
 use sizeup_geo::crs::Crs;
-use sizeup_geo::issue::Issue;
+use sizeup_geo::issue::{Issue, Severity};
 
 /// All usable views, in the order of their names, and what was refused.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -70,7 +70,10 @@ pub fn read(config: &SurveyConfig, project_crs: &Crs) -> Result<Survey, SurveyEr
     let config = &with_own_photos(config)?;
     let (survey, facts) = locate::locate(read_poses(config)?, config, project_crs)?;
     if survey.views.is_empty() {
-        let first = survey.issues.first().map_or("the file lists none", |issue| issue.message.as_str()).to_owned();
+        // A photo that never had a pose says nothing of those that cannot be used.
+        let without = |issue: &&Issue| issue.code != "photo_without_pose" && issue.severity == Severity::Refused;
+        let first = survey.issues.iter().find(without).or(survey.issues.first());
+        let first = first.map_or("the file lists none", |issue| issue.message.as_str()).to_owned();
         let hint = "check the survey's format, CRS and angle convention".into();
         return Err(SurveyError::NothingUsable { path: config.path.clone(), n_poses: facts.n_poses, first, hint });
     }

@@ -46,13 +46,13 @@ impl View {
     /// The optical axis in the map frame, unit length.
     #[must_use]
     pub fn axis_in_map(&self) -> DVec3 {
-        self.camera_from_map.rotation.transpose() * DVec3::Z
+        self.camera_from_map.axis_in_map()
     }
 
     /// Angle between the optical axis and the downward vertical, radians.
     #[must_use]
     pub fn off_nadir_rad(&self) -> f64 {
-        (-self.axis_in_map().z).clamp(-1.0, 1.0).acos()
+        self.camera_from_map.off_nadir_rad()
     }
 
     /// The same angle in degrees, for files and messages.

@@ -21,6 +21,7 @@ use crate::prior::DepthPrior;
 use crate::render::PlacedCamera;
 use crate::render::profile::Profiles;
 use crate::scene::Scene;
+use crate::seed;
 use crate::views::{Choice, ViewsConfig};
 
 /// A view that may take part.
@@ -32,6 +33,14 @@ pub struct ViewInput {
     pub is_oblique: bool,
     /// A number for its name ([`seed::key_of`]): random choices about a view do not depend on its company.
     pub key: u64,
+}
+
+impl ViewInput {
+    /// From its name and its camera at the working resolution.
+    #[must_use]
+    pub fn new(name: &str, placed: PlacedCamera, is_oblique: bool) -> Self {
+        Self { placed, is_oblique, key: seed::key_of(name) }
+    }
 }
 
 /// A view by its position, and why it has no prior.
