@@ -112,8 +112,9 @@ fn edges_that_spill_over_are_measured_and_taken_back() {
 fn a_step_in_a_roof_is_seen_and_its_mean_height_stated() {
     let folder = tempfile::tempdir().unwrap();
     simulated(folder.path(), TownKind::Downtown, PriorLevel::Mid);
-    let (with, _) = run(folder.path(), &[]);
-    let (without, _) = run(folder.path(), &["optimise.search.roof_forms=['gable', 'hip']"]);
+    const ONE_LEVEL: &str = "optimise.search.roof_forms=['gable', 'hip']";
+    let both = |more: &[&str]| (run(folder.path(), more).0, run(folder.path(), &[more, &[ONE_LEVEL]].concat()).0);
+    let (with, without) = both(&[]);
     // Those whose outline was left whole.
     let errors_m = |city: &Value| -> Vec<f64> {
         let whole = pairs(folder.path(), city).into_iter().filter(|(_, stated)| stated["height_m"].is_f64());
@@ -121,13 +122,17 @@ fn a_step_in_a_roof_is_seen_and_its_mean_height_stated() {
         let height_m = |of: &Value| of["height_m"].as_f64().unwrap();
         stepped.map(|(truth, stated)| (height_m(stated) - height_m(&truth)).abs()).collect()
     };
+    let n_stepped = errors_m(&with).len();
+    // Where the steps of the search stand is chance, and few roofs are stepped: three ranges of heights tell more than one.
+    let (mut with_m, mut without_m) = (errors_m(&with), errors_m(&without));
+    for range in ["heights.max_m=90", "heights.max_m=100"] {
+        let (with, without) = both(&[range]);
+        with_m.extend(errors_m(&with));
+        without_m.extend(errors_m(&without));
+    }
     let mean = |errors: &[f64]| errors.iter().sum::<f64>() / errors.len() as f64;
-    let (with_m, without_m) = (errors_m(&with), errors_m(&without));
-    let n_stepped = with_m.len();
     let (with_m, without_m) = (mean(&with_m), mean(&without_m));
-    // As one level a step of a storey is off by up to half of it; found, it leaves what all roofs of a downtown are off by under
-    // moderate errors (docs/accuracy.md), half a metre at most.
-    assert!(with_m < 0.5 && with_m < without_m, "with {with_m:.2} m, without {without_m:.2} m");
+    assert!(with_m < 0.5 * without_m, "with {with_m:.2} m, without {without_m:.2} m");
     let n_stated = |city: &Value, is_stepped: bool| {
         let pairs = pairs(folder.path(), city).into_iter();
         let stated = pairs.filter(|(_, stated)| stated["roof_form"] == "stepped");
