@@ -7,8 +7,8 @@ use crate::raster::Raster;
 use crate::ray::Ray;
 use crate::terrain::Terrain;
 
-/// Cells along a side of the blocks that a ray can skip at once.
-const BLOCK: usize = 16;
+/// Cells along a side of the blocks that a ray can skip at once, the largest first.
+const BLOCK_SIZES: [usize; 2] = [16, 4];
 /// Anchors are rounded to this, metres.
 const ANCHOR_STEP_M: f64 = 1e-6;
 
@@ -31,9 +31,35 @@ pub struct Grid {
     /// The south-western node, counted from the anchor; whole numbers.
     first: Vec2,
     cell: Vec2,
-    /// Highest node of each block of cells; −∞ where nothing is known.
-    block_tops: Raster<f32>,
+    /// By size, the highest node of each block of cells; −∞ where nothing is known.
+    block_tops: [Raster<f32>; BLOCK_SIZES.len()],
     top: f32,
+}
+
+/// A ray over the grid, in cells from the south-western node.
+struct Walk<'a> {
+    ray: &'a Ray,
+    origin: Vec2,
+    direction: Vec2,
+    inverse: Vec2,
+}
+
+impl Walk<'_> {
+    /// Where the ray leaves the square of `size` cells that it is in at `t`, with a nudge so that it always moves on.
+    fn exit(&self, t: f32, size: f32) -> f32 {
+        let nudge = 1e-4 * self.inverse.abs().min_element();
+        let inside = self.origin + (t + nudge) * self.direction;
+        let square = (inside / size).floor() * size;
+        let far = Vec2::select(self.direction.cmpgt(Vec2::ZERO), square + size, square);
+        let exits = (far - self.origin) * self.inverse;
+        let exits = Vec2::select(self.direction.abs().cmpgt(Vec2::splat(1e-9)), exits, Vec2::INFINITY);
+        exits.min_element().max(t + nudge)
+    }
+
+    /// Its position in cells, half-way between two distances.
+    fn between(&self, t: f32, next: f32) -> Vec2 {
+        self.origin + 0.5 * (t + next) * self.direction
+    }
 }
 
 impl LocalGround {
@@ -100,22 +126,8 @@ impl LocalGround {
 
 impl Grid {
     fn new(heights: Raster<f32>, anchor: Vec2, first: Vec2, cell: Vec2) -> Self {
-        let n_blocks = |n: usize| n.saturating_sub(1).div_ceil(BLOCK).max(1);
-        let (width, height) = (heights.width(), heights.height());
-        let mut block_tops = Raster::filled(n_blocks(width), n_blocks(height), f32::NEG_INFINITY);
-        for row in 0..height {
-            for col in 0..width {
-                // A node on a block's border belongs to the cells, and so to the blocks, on both sides.
-                let blocks = |i: usize, n: usize| [i.saturating_sub(1) / BLOCK, (i / BLOCK).min(n - 1)];
-                for block_row in blocks(row, block_tops.height()) {
-                    for block_col in blocks(col, block_tops.width()) {
-                        let top = &mut block_tops[(block_col, block_row)];
-                        *top = top.max(heights[(col, row)]);
-                    }
-                }
-            }
-        }
-        let top = block_tops.data().iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let block_tops = BLOCK_SIZES.map(|size| highest_of_blocks(&heights, size));
+        let top = block_tops[0].data().iter().copied().fold(f32::NEG_INFINITY, f32::max);
         Self { heights, anchor, first, cell, block_tops, top }
     }
 
@@ -153,46 +165,72 @@ impl Grid {
             let t = (self.height_at(ray.origin.truncate()) - ray.origin.z) / ray.direction.z;
             return (t > 0.0).then_some(t); // false for NaN, where no ground is known
         }
-        let inverse = direction.recip();
+        let walk = Walk { ray, origin, direction, inverse: direction.recip() };
         // The stretch of the ray over the grid.
-        let (a, b) = (-origin * inverse, (extent - origin) * inverse);
+        let (a, b) = (-origin * walk.inverse, (extent - origin) * walk.inverse);
         let enter = a.min(b).max_element().max((self.top - ray.origin.z) / ray.direction.z).max(0.0);
         let leave = a.max(b).min_element();
-        let mut t = enter;
-        let clearance = |t: f32| ray.at(t).z - self.height_at(ray.at(t).truncate());
-        if t <= leave && clearance(t) <= 0.0 && t > 0.0 {
-            return Some(t);
+        if enter <= leave && self.clearance(ray, enter) <= 0.0 && enter > 0.0 {
+            return Some(enter);
         }
-        // Where the ray leaves the square of `size` cells it is in at `t`, with a nudge so that it always moves on.
-        let exit = |t: f32, size: f32| {
-            let nudge = 1e-4;
-            let inside = origin + (t + nudge * inverse.abs().min_element()) * direction;
-            let square = (inside / size).floor() * size;
-            let far = Vec2::select(direction.cmpgt(Vec2::ZERO), square + size, square);
-            let exits = (far - origin) * inverse;
-            let exits = Vec2::select(direction.abs().cmpgt(Vec2::splat(1e-9)), exits, Vec2::INFINITY);
-            exits.min_element().max(t + nudge * inverse.abs().min_element())
-        };
-        while t < leave {
-            let block_exit = exit(t, BLOCK as f32).min(leave);
-            let inside = origin + 0.5 * (t + block_exit) * direction;
-            let block = |p: f32, n: usize| ((p.max(0.0) / BLOCK as f32) as usize).min(n - 1);
-            let block_top =
-                self.block_tops[(block(inside.x, self.block_tops.width()), block(inside.y, self.block_tops.height()))];
-            if ray.at(block_exit).z > block_top {
-                t = block_exit;
-                continue;
-            }
-            while t < block_exit {
-                let next = exit(t, 1.0).min(block_exit);
-                if clearance(next) <= 0.0 {
-                    return Some(sinks_below(t, next, clearance));
+        self.meets_within(&walk, 0, enter, leave)
+    }
+
+    /// The same between two distances, looking at blocks of this size and then at smaller ones.
+    fn meets_within(&self, walk: &Walk<'_>, size_idx: usize, from: f32, until: f32) -> Option<f32> {
+        let mut t = from;
+        while t < until {
+            let Some(size) = BLOCK_SIZES.get(size_idx) else {
+                let next = walk.exit(t, 1.0).min(until);
+                if self.clearance(walk.ray, next) <= 0.0 {
+                    return Some(sinks_below(t, next, |t| self.clearance(walk.ray, t)));
                 }
                 t = next;
+                continue;
+            };
+            let next = walk.exit(t, *size as f32).min(until);
+            if walk.ray.at(next).z <= self.block_top(size_idx, walk.between(t, next)) {
+                let met = self.meets_within(walk, size_idx + 1, t, next);
+                if met.is_some() {
+                    return met;
+                }
             }
+            t = next;
         }
         None
     }
+
+    /// How far above the ground a ray is; `NaN` where no ground is known.
+    fn clearance(&self, ray: &Ray, t: f32) -> f32 {
+        let at = ray.at(t);
+        at.z - self.height_at(at.truncate())
+    }
+
+    fn block_top(&self, size_idx: usize, in_cells: Vec2) -> f32 {
+        let (tops, size) = (&self.block_tops[size_idx], BLOCK_SIZES[size_idx] as f32);
+        let block = |p: f32, n: usize| ((p.max(0.0) / size) as usize).min(n - 1);
+        tops[(block(in_cells.x, tops.width()), block(in_cells.y, tops.height()))]
+    }
+}
+
+/// Highest node of each block of so many cells; −∞ where nothing is known.
+fn highest_of_blocks(heights: &Raster<f32>, size: usize) -> Raster<f32> {
+    let n_blocks = |n: usize| n.saturating_sub(1).div_ceil(size).max(1);
+    let (width, height) = (heights.width(), heights.height());
+    let mut tops = Raster::filled(n_blocks(width), n_blocks(height), f32::NEG_INFINITY);
+    for row in 0..height {
+        for col in 0..width {
+            // A node on a block's border belongs to the cells, and so to the blocks, on both sides.
+            let blocks = |i: usize, n: usize| [i.saturating_sub(1) / size, (i / size).min(n - 1)];
+            for block_row in blocks(row, tops.height()) {
+                for block_col in blocks(col, tops.width()) {
+                    let top = &mut tops[(block_col, block_row)];
+                    *top = top.max(heights[(col, row)]);
+                }
+            }
+        }
+    }
+    tops
 }
 
 /// Where a ray sinks below the ground between `low` (above it) and `high` (not above), as exactly as numbers go, so that the

@@ -158,11 +158,19 @@ fn flatten(grey: &Raster<f32>) -> Raster<f32> {
 }
 
 fn mean_along_rows(values: &[f32], width: usize) -> Vec<f32> {
-    let mean = |row: &[f32], col: usize| {
-        let window = &row[col.saturating_sub(SLOW_RADIUS_PX)..(col + SLOW_RADIUS_PX + 1).min(width)];
-        window.iter().sum::<f32>() / window.len() as f32
-    };
-    values.chunks_exact(width).flat_map(|row| (0..width).map(move |col| mean(row, col))).collect()
+    let mut means = Vec::with_capacity(values.len());
+    // Grey levels are small and few: their sums in 64 bits are as good as exact.
+    let mut sums_before = vec![0.0_f64; width + 1];
+    for row in values.chunks_exact(width) {
+        for (col, value) in row.iter().enumerate() {
+            sums_before[col + 1] = sums_before[col] + f64::from(*value);
+        }
+        means.extend((0..width).map(|col| {
+            let (first, end) = (col.saturating_sub(SLOW_RADIUS_PX), (col + SLOW_RADIUS_PX + 1).min(width));
+            ((sums_before[end] - sums_before[first]) / (end - first) as f64) as f32
+        }));
+    }
+    means
 }
 
 fn transpose(values: &[f32], width: usize) -> Vec<f32> {
