@@ -10,12 +10,14 @@
 //!
 //! The view itself stays: what its own pose is off by moves all of its depths together.
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
+use super::levels::Levels;
 use super::picture::{Ideal, Picture};
-use super::sweep::{Levels, homography};
+use super::sweep::homography;
 use sizeup_heights::frames::Rigid;
 use sizeup_heights::raster::Raster;
 use sizeup_heights::stats::median;
@@ -28,6 +30,8 @@ const RADIUS: i32 = 4;
 const COARSEST: u32 = 1;
 /// How far across the line is searched at first, pixels of the coarsest pictures.
 const ACROSS: i32 = 3;
+/// Variance below which a patch has no texture, grey levels².
+const LEAST_VARIANCE: f32 = 1.0;
 /// Least correlation of a patch that is found.
 const LEAST_SCORE: f64 = 0.75;
 /// Least number of patches that a neighbour is turned by.
@@ -132,29 +136,28 @@ fn corner(grey: &Raster<f32>, x: i32, y: i32) -> f32 {
 /// A patch in a neighbour: its height by that pair alone, and where it is, pixels.
 fn find(here: &Pyramid<'_>, there: &Pyramid<'_>, patch: DVec2, levels: &Levels) -> Option<(f64, DVec2)> {
     let line = Line::of(here.picture.ideal(), there.picture.ideal(), patch, levels)?;
+    let search = |halvings: u32| Some(Search { template: Template::of(here.grey(halvings), patch, halvings)?, there });
     let mut step_px = f64::from(1 << COARSEST);
     let n = (line.length_px / step_px).ceil() as i32;
-    let all = (0..=n).flat_map(|a| (-ACROSS..=ACROSS).map(move |e| [f64::from(a), f64::from(e)]));
-    let mut best = line.best(here, there, COARSEST, all.map(|p| p.map(|v| v * step_px)))?;
+    let mut best = search(COARSEST)?.best(&line, [0.0; 2], step_px, [0..=n, -ACROSS..=ACROSS])?;
     for halvings in (0..COARSEST).rev() {
         step_px /= 2.0;
-        let around = (-2..=2).flat_map(|a| (-2..=2).map(move |e| [f64::from(a), f64::from(e)]));
-        let [along, across] = best.1;
-        best = line.best(here, there, halvings, around.map(|[a, e]| [along + a * step_px, across + e * step_px]))?;
+        best = search(halvings)?.best(&line, best.1, step_px, [-2..=2, -2..=2])?;
     }
     if best.0 < LEAST_SCORE {
         return None;
     }
     let [along, across] = best.1;
-    let score = |a: f64, e: f64| line.score(here, there, 0, [along + a, across + e]).unwrap_or(-1.0);
-    let vertex = |below: f64, above: f64| {
+    let finest = search(0)?;
+    let score = |a: f64, e: f64| Some(f64::from(finest.score(&line.at(along + a)?, across + e, &line)?));
+    let vertex = |below: Option<f64>, above: Option<f64>| {
+        let (below, above) = (below.unwrap_or(-1.0), above.unwrap_or(-1.0));
         let bend = below - 2.0 * best.0 + above;
         if bend < 0.0 { (0.5 * (below - above) / bend).clamp(-0.5, 0.5) } else { 0.0 }
     };
-    let along = along + vertex(score(-1.0, 0.0), score(1.0, 0.0));
     let across = across + vertex(score(0.0, -1.0), score(0.0, 1.0));
-    let (place, _) = line.at(along)?;
-    Some((line.height_m(along), place + across * line.across))
+    let along = along + vertex(score(-1.0, 0.0), score(1.0, 0.0));
+    Some((line.height_m(along), line.at(along)?.place + across * line.across))
 }
 
 /// Where a neighbour shows a place of the view by its height.
@@ -164,6 +167,13 @@ struct Line<'a> {
     levels: &'a Levels,
     length_px: f64,
     across: DVec2,
+}
+
+/// A place on a line.
+struct OnLine {
+    place: DVec2,
+    /// How a step in the view moves it.
+    steps: DMat2,
 }
 
 impl<'a> Line<'a> {
@@ -176,56 +186,102 @@ impl<'a> Line<'a> {
     }
 
     fn height_m(&self, along_px: f64) -> f64 {
-        self.levels.from_m + (self.levels.to_m - self.levels.from_m) * along_px / self.length_px
+        self.levels.height_m((self.levels.n - 1) as f64 * along_px / self.length_px)
     }
 
     fn place(&self, z_m: f64) -> Option<DVec2> {
         through(&homography(self.ideals[0], self.ideals[1], z_m), self.patch)
     }
 
-    /// The place, and how a step in the view moves it.
-    fn at(&self, along_px: f64) -> Option<(DVec2, DMat2)> {
+    fn at(&self, along_px: f64) -> Option<OnLine> {
         let homography = homography(self.ideals[0], self.ideals[1], self.height_m(along_px));
         let place = through(&homography, self.patch)?;
         let right = through(&homography, self.patch + DVec2::X)? - place;
         let down = through(&homography, self.patch + DVec2::Y)? - place;
-        Some((place, DMat2::from_cols(right, down)))
+        Some(OnLine { place, steps: DMat2::from_cols(right, down) })
     }
+}
 
+/// Pixels of a patch, as steps from its middle.
+fn offsets() -> impl Iterator<Item = DVec2> {
+    let side = -RADIUS..=RADIUS;
+    side.clone().flat_map(move |dy| side.clone().map(move |dx| DVec2::new(f64::from(dx), f64::from(dy))))
+}
+
+/// A patch as the view shows it, with mean 0 and mean square 1.
+struct Template {
+    halvings: u32,
+    values: Vec<f32>,
+}
+
+impl Template {
+    /// `None` without texture, and at the view's border.
+    fn of(grey: &Raster<f32>, patch: DVec2, halvings: u32) -> Option<Self> {
+        let middle = patch / f64::from(1 << halvings);
+        let mut values: Vec<f32> = offsets().map(|o| middle + o).map(|p| grey.bilinear(p.x, p.y)).collect();
+        let n = values.len() as f32;
+        let mean = values.iter().sum::<f32>() / n;
+        values.iter_mut().for_each(|v| *v -= mean);
+        let variance = values.iter().map(|v| v * v).sum::<f32>() / n;
+        // NaN where the patch leaves the picture.
+        (variance > LEAST_VARIANCE).then(|| {
+            let per_deviation = variance.sqrt().recip();
+            values.iter_mut().for_each(|v| *v *= per_deviation);
+            Self { halvings, values }
+        })
+    }
+}
+
+/// A patch looked for in a neighbour.
+struct Search<'a> {
+    template: Template,
+    there: &'a Pyramid<'a>,
+}
+
+impl Search<'_> {
+    /// The best place on a grid: its correlation, and pixels along the line and across it.
     fn best(
         &self,
-        here: &Pyramid<'_>,
-        there: &Pyramid<'_>,
-        halvings: u32,
-        places: impl Iterator<Item = [f64; 2]>,
+        line: &Line<'_>,
+        from_px: [f64; 2],
+        step_px: f64,
+        [along, across]: [RangeInclusive<i32>; 2],
     ) -> Option<(f64, [f64; 2])> {
-        let scored = places.filter_map(|p| Some((self.score(here, there, halvings, p)?, p)));
-        scored.reduce(|best, next| if next.0 > best.0 { next } else { best })
-    }
-
-    /// Correlation of the patch, so many pixels along the line and across it; `None` outside and without texture.
-    fn score(&self, here: &Pyramid<'_>, there: &Pyramid<'_>, halvings: u32, [along, across]: [f64; 2]) -> Option<f64> {
-        let (place, steps) = self.at(along)?;
-        let scale = f64::from(1 << halvings);
-        let (from, to) = (self.patch / scale, (place + across * self.across) / scale);
-        let (a, b) = (here.grey(halvings), there.grey(halvings));
-        let mut sums = [0.0_f64; 5];
-        let mut n = 0.0;
-        for dy in -RADIUS..=RADIUS {
-            for dx in -RADIUS..=RADIUS {
-                let offset = DVec2::new(f64::from(dx), f64::from(dy));
-                let (p, q) = (from + offset, to + steps * offset);
-                let (p, q) = (f64::from(a.bilinear(p.x, p.y)), f64::from(b.bilinear(q.x, q.y)));
-                for (sum, value) in sums.iter_mut().zip([p, q, p * p, q * q, p * q]) {
-                    *sum += value;
+        let mut best: Option<(f32, [f64; 2])> = None;
+        for along in along {
+            let along_px = from_px[0] + f64::from(along) * step_px;
+            let Some(on_line) = line.at(along_px) else { continue };
+            for across in across.clone() {
+                let across_px = from_px[1] + f64::from(across) * step_px;
+                let Some(score) = self.score(&on_line, across_px, line) else { continue };
+                if best.is_none_or(|best| score > best.0) {
+                    best = Some((score, [along_px, across_px]));
                 }
-                n += 1.0;
             }
         }
-        let [p, q, pp, qq, pq] = sums.map(|sum| sum / n);
-        let variances = (pp - p * p) * (qq - q * q);
-        // NaN where the patch leaves a picture.
-        (variances > 1.0).then(|| (pq - p * q) / variances.sqrt())
+        best.map(|(score, at)| (f64::from(score), at))
+    }
+
+    /// Correlation of the patch so many pixels beside a place on the line; `None` outside and without texture.
+    fn score(&self, on_line: &OnLine, across_px: f64, line: &Line<'_>) -> Option<f32> {
+        let there = self.there.grey(self.template.halvings);
+        let middle = (on_line.place + across_px * line.across) / f64::from(1 << self.template.halvings);
+        let reach = f64::from(RADIUS) * (on_line.steps.x_axis.abs() + on_line.steps.y_axis.abs());
+        let size = DVec2::new(there.width() as f64, there.height() as f64);
+        if !((middle - reach).cmpge(DVec2::ZERO).all() && (middle + reach).cmple(size).all()) {
+            return None;
+        }
+        let [mut sum, mut squares, mut products] = [0.0_f32; 3];
+        for (offset, value) in offsets().zip(&self.template.values) {
+            let place = middle + on_line.steps * offset;
+            let seen = there.bilinear(place.x, place.y);
+            sum += seen;
+            squares += seen * seen;
+            products += seen * value;
+        }
+        let n = self.template.values.len() as f32;
+        let variance = squares / n - (sum / n) * (sum / n);
+        (variance > LEAST_VARIANCE).then(|| products / n / variance.sqrt())
     }
 }
 

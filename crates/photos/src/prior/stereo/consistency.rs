@@ -12,6 +12,7 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 
+use super::levels::Levels;
 use super::picture::Ideal;
 use sizeup_heights::raster::Raster;
 use sizeup_heights::stats::median;
@@ -23,8 +24,8 @@ pub(super) struct Surface {
     pub ideal: Ideal,
     /// Heights, metres; `NaN` where it has none.
     pub heights_m: Raster<f32>,
-    /// From one level to the next, metres: what a pixel of parallax is, more or less.
-    pub step_m: f64,
+    /// The planes that they were chosen from: from one to the next is a pixel of parallax, more or less.
+    pub levels: Levels,
     /// Whether its neighbours had to be turned: the whole may then be a little off.
     pub is_turned: bool,
 }
@@ -45,7 +46,7 @@ pub(super) fn agreed(view: &Surface, others: &[Arc<Surface>], min_agreeing: usiz
     let others: Vec<Projection<'_>> = others.iter().map(|other| Projection::of(other, view, &seen)).collect();
     let fused = |i: usize| {
         let Some(place) = seen.place(i) else { return f32::NAN };
-        let agreeing = others.iter().filter_map(|other| other.look(place, other.tolerance_m));
+        let agreeing = others.iter().filter_map(|other| other.look(place, TOLERANCE_LEVELS));
         let (sum, n) = agreeing.fold((place.z, 1), |(sum, n), theirs| (sum + theirs, n + 1));
         if n > min_agreeing { (sum / n as f64) as f32 } else { f32::NAN }
     };
@@ -80,7 +81,7 @@ struct Projection<'a> {
     surface: &'a Surface,
     centre: DVec3,
     pixel_from_map: DMat3,
-    tolerance_m: f64,
+    view_levels: Levels,
     /// How far it lies above the view's surface as a whole, metres: 0 where poses are good.
     above_m: f64,
 }
@@ -88,14 +89,13 @@ struct Projection<'a> {
 impl<'a> Projection<'a> {
     fn of(surface: &'a Surface, view: &Surface, seen: &Seen<'_>) -> Self {
         let pose = &surface.ideal.camera_from_map;
-        let step_m = view.step_m.max(surface.step_m);
         let pixel_from_map = surface.ideal.calibration() * pose.rotation;
-        let tolerance_m = TOLERANCE_LEVELS * step_m;
-        let mut projection = Self { surface, centre: pose.centre(), pixel_from_map, tolerance_m, above_m: 0.0 };
+        let view_levels = view.levels;
+        let mut projection = Self { surface, centre: pose.centre(), pixel_from_map, view_levels, above_m: 0.0 };
         if view.is_turned || surface.is_turned {
             let apart = |i: usize| {
                 let place = seen.place(i)?;
-                Some(projection.look(place, APART_LEVELS * step_m)? - place.z)
+                Some(projection.look(place, APART_LEVELS)? - place.z)
             };
             let all: Vec<f64> = (0..seen.heights_m.data().len()).step_by(APART_STEP).filter_map(apart).collect();
             projection.above_m = median(&all).unwrap_or(0.0);
@@ -105,7 +105,8 @@ impl<'a> Projection<'a> {
 
     /// The height there that is closest to the place's, if it is close enough, metres: of the four pixels around, since a
     /// wall has many heights in one.
-    fn look(&self, place: DVec3, tolerance_m: f64) -> Option<f64> {
+    fn look(&self, place: DVec3, within_levels: f64) -> Option<f64> {
+        let tolerance_m = within_levels * self.view_levels.step_m(place.z).max(self.surface.levels.step_m(place.z));
         let p = self.pixel_from_map * (place + self.above_m * DVec3::Z - self.centre);
         let heights = &self.surface.heights_m;
         let (x, y) = (p.x / p.z - 0.5, p.y / p.z - 0.5);
@@ -135,9 +136,10 @@ mod tests {
             camera: Camera::pinhole(40, 20, 100.0),
             camera_from_map: Rigid::from_rotation_and_centre(rotation, centre),
         };
+        let levels = Levels::every_metre(100.0);
         let mut heights_m = Raster::filled(40, 20, 0.0);
         spot.into_iter().for_each(|(i, z)| heights_m.data_mut()[i] = z);
-        Surface { ideal, heights_m, step_m: 1.0, is_turned: false }
+        Surface { ideal, heights_m, levels, is_turned: false }
     }
 
     #[test]

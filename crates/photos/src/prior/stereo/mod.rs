@@ -8,15 +8,19 @@
 //!    counts, so that being hidden in some is no harm. Windows lie *in* the horizontal plane: they fit roofs and ground exactly.
 //! 4. Levels are chosen under a smoothness that costs nothing on level roofs and ground: semi-global matching along
 //!    eight paths (Hirschmüller 2008, doi:10.1109/TPAMI.2007.1166; [`semi_global`]).
-//! 5. Steps 3 and 4 are done at half the size first: at full size only the levels around what that found nearby are tried.
+//! 5. Steps 3 and 4 are done at a quarter and at half the size first ([`levels`]): the first says between which heights there are
+//!    surfaces at all, the second which heights are worth trying nearby. What holds together over less than a window is no
+//!    surface ([`speckles`]).
 //! 6. Heights that no other views, matched on their own, have there too are left out; the others are fused with theirs
 //!    ([`consistency`]).
 
 mod alignment;
 mod consistency;
 mod correlate;
+mod levels;
 mod picture;
 mod semi_global;
+mod speckles;
 mod sweep;
 
 pub use self::picture::Picture;
@@ -29,8 +33,9 @@ use serde::{Deserialize, Serialize};
 
 use self::alignment::Alignment;
 use self::consistency::Surface;
+use self::levels::Levels;
 use self::picture::Ideal;
-use self::sweep::{Coarse, Levels, Sweep};
+use self::sweep::{Coarse, Sweep};
 use super::album::Album;
 use super::neighbours::Neighbours;
 use super::recent::Recent;
@@ -41,7 +46,9 @@ use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
 
 /// Changes whenever the same photos and settings would give another depth.
-const ALGORITHM: &[u8] = b"stereo 3";
+const ALGORITHM: &[u8] = b"stereo 4";
+/// A picture whose shorter side has fewer pixels is not asked between which heights there are surfaces.
+const LEAST_SIDE_PX: usize = 60;
 /// Memory for reduced photos: neighbours follow each other in a survey.
 const PICTURE_BYTES: usize = 128 << 20;
 /// Memory for surfaces that neighbours are held against.
@@ -190,6 +197,7 @@ impl StereoPriors {
         let halves: Vec<Arc<Picture>> = others.iter().map(|other| Arc::new(other.half())).collect();
         let stated: Vec<Ideal> = halves.iter().map(|other| other.ideal().clone()).collect();
         let levels = self.levels(half.ideal(), &stated).ok_or_else(|| refuse_sky(view))?;
+        let levels = self.with_surfaces(&levels, &half, &halves);
         let aligned = alignment::align(&half, &halves, &levels);
         let is_turned = aligned.is_better();
         if is_turned {
@@ -200,10 +208,25 @@ impl StereoPriors {
         let coarse = self.choose(&sweep);
 
         let ideals: Vec<Ideal> = others.iter().zip(&ideals).map(|(other, at)| other.ideal().posed_as(at)).collect();
-        let coarse = Some(Coarse { heights_m: &coarse, step_m: levels.step_m() });
-        let sweep = Sweep { reference: &reference, others: &others, ideals: &ideals, levels: &plan.levels, coarse };
+        let fine = plan.levels.around(&coarse, reference.ideal(), &ideals, &self.config);
+        let coarse = Some(Coarse { heights_m: &coarse, levels: &levels });
+        let sweep = Sweep { reference: &reference, others: &others, ideals: &ideals, levels: &fine, coarse };
         let heights_m = self.choose(&sweep);
-        Ok(Surface { ideal: reference.ideal().clone(), heights_m, step_m: plan.levels.step_m(), is_turned })
+        Ok(Surface { ideal: reference.ideal().clone(), heights_m, levels: fine, is_turned })
+    }
+
+    /// The levels between which pictures of half the size show surfaces. They do not have to be precise for that, and poses
+    /// that are a little off do no harm.
+    fn with_surfaces(&self, levels: &Levels, view: &Picture, others: &[Arc<Picture>]) -> Levels {
+        let half = view.half();
+        if half.grey().width().min(half.grey().height()) < LEAST_SIDE_PX {
+            return *levels;
+        }
+        let halves: Vec<Arc<Picture>> = others.iter().map(|other| Arc::new(other.half())).collect();
+        let ideals = |pictures: &[Arc<Picture>]| -> Vec<Ideal> { pictures.iter().map(|p| p.ideal().clone()).collect() };
+        let Some(all) = self.levels(half.ideal(), &ideals(&halves)) else { return *levels };
+        let sweep = Sweep { reference: &half, others: &halves, ideals: &ideals(&halves), levels: &all, coarse: None };
+        levels.around(&self.choose(&sweep), view.ideal(), &ideals(others), &self.config)
     }
 
     /// Once: all photos of a flight are in the same case.
@@ -224,13 +247,17 @@ impl StereoPriors {
     }
 
     fn levels(&self, view: &Ideal, others: &[Ideal]) -> Option<Levels> {
-        sweep::levels(view, others, &self.terrain, &self.config)
+        Levels::of(view, others, &self.terrain, &self.config)
     }
 
     fn choose(&self, sweep: &Sweep<'_>) -> Raster<f32> {
         let volume = sweep.volume(self.config.window_px / 2);
         let chosen = semi_global::choose_levels(&volume, sweep.reference.grey(), &self.config);
-        chosen.heights_m(sweep.levels, self.config.min_score)
+        let mut heights_m = chosen.heights_m(sweep.levels, self.config.min_score);
+        // Half a window of pixels that agree by chance share half of what they were compared by.
+        let least_px = self.config.window_px * self.config.window_px / 2;
+        speckles::leave_out(&mut heights_m, sweep.levels, least_px);
+        heights_m
     }
 }
 

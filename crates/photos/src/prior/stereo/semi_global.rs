@@ -18,7 +18,8 @@ use fearless_simd::{Level, dispatch};
 
 use super::StereoConfig;
 use super::correlate;
-use super::sweep::{Levels, Volume};
+use super::levels::Levels;
+use super::sweep::Volume;
 use sizeup_heights::raster::Raster;
 
 /// Grey difference at which `P2` has fallen half-way to `P1`.

@@ -1,0 +1,153 @@
+//! The heights of the planes that a view is swept with.
+//!
+//! A neighbour sees a point at height `z` move along a line as `z` changes, by much more near the camera than near the
+//! ground. Levels therefore lie evenly in the inverse of the distance below the camera, in which steps on that line are
+//! even too:
+//!
+//! ```text
+//! 1 / (C.z − z(k)) = 1 / (C.z − z(0)) + k · step        C: the view's projection centre
+//! ```
+
+use std::ops::RangeInclusive;
+
+use glam::DVec2;
+use serde::Serialize;
+
+use super::StereoConfig;
+use super::picture::Ideal;
+use super::sweep::{homography, position};
+use sizeup_geo::terrain::Terrain;
+use sizeup_heights::raster::Raster;
+
+/// How far a neighbour's pixels may move from one level to the next, pixels: less repeats, more skips.
+const STEP_PX: f64 = 0.75;
+/// Fewest levels.
+const LEAST_LEVELS: usize = 8;
+/// Share of its clearance above the highest ground within which a camera sees no roof from above.
+const BESIDE_CAMERA_SHARE: f64 = 0.05;
+/// Share of the clearance above the ground that surfaces found at half the size may be off by.
+const SPARE_SHARE: f64 = 0.02;
+
+/// Heights of planes, ascending, evenly spaced in the inverse of the distance below the camera.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(super) struct Levels {
+    /// Of the view's projection centre, metres.
+    camera_z_m: f64,
+    /// The lowest, metres.
+    pub from_m: f64,
+    /// The highest, metres; below the camera.
+    pub to_m: f64,
+    /// How many, at least two.
+    pub n: usize,
+}
+
+impl Levels {
+    /// The planes of a view, `None` if it has no ground in sight. Their ends are whole metres: a part of a terrain model
+    /// gives the same ones as the whole, most of the time.
+    pub(super) fn of(reference: &Ideal, others: &[Ideal], terrain: &Terrain, config: &StereoConfig) -> Option<Self> {
+        let (lowest, highest) = ground_in_sight(reference, terrain)?;
+        let camera_z_m = reference.camera_from_map.centre().z;
+        let from_m = (lowest - config.below_ground_m).floor();
+        let beside_camera_m = camera_z_m - BESIDE_CAMERA_SHARE * (camera_z_m - highest).abs();
+        let to_m = (highest + config.max_height_m).ceil().min(beside_camera_m);
+        (to_m > from_m).then(|| Self::between(from_m, to_m, reference, others, config.max_levels))
+    }
+
+    /// As many as it takes for no neighbour to move by more than a fraction of a pixel from one to the next.
+    fn between(from_m: f64, to_m: f64, reference: &Ideal, others: &[Ideal], max_levels: usize) -> Self {
+        let camera = &reference.camera;
+        let middle = DVec2::new(f64::from(camera.width_px), f64::from(camera.height_px)) / 2.0;
+        let moved_px = others.iter().filter_map(|other| {
+            let at = |z: f64| position(&homography(reference, other, z), middle);
+            Some((at(to_m)? - at(from_m)?).length())
+        });
+        let longest_px = moved_px.fold(0.0, f64::max);
+        let n = ((longest_px / STEP_PX).ceil() as usize + 1).clamp(LEAST_LEVELS, max_levels);
+        Self { camera_z_m: reference.camera_from_map.centre().z, from_m, to_m, n }
+    }
+
+    /// The part in which a picture of half the size found surfaces, with planes as fine as this picture needs; all of them
+    /// where it found nothing.
+    pub(super) fn around(
+        &self,
+        found_m: &Raster<f32>,
+        reference: &Ideal,
+        others: &[Ideal],
+        config: &StereoConfig,
+    ) -> Self {
+        let found = found_m.data().iter().filter(|z| !z.is_nan()).map(|z| f64::from(*z));
+        let [least, most] = found.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, m], z| [l.min(z), m.max(z)]);
+        if least > most {
+            return *self;
+        }
+        let spare_m = SPARE_SHARE * (self.camera_z_m - least);
+        let from_m = (least - spare_m).floor().max(self.from_m);
+        let to_m = (most + spare_m).ceil().min(self.to_m);
+        Self::between(from_m, to_m, reference, others, config.max_levels)
+    }
+
+    /// Height of a level with a fraction.
+    pub(super) fn height_m(&self, level: f64) -> f64 {
+        self.camera_z_m - 1.0 / (self.inverse(self.from_m) + level * self.step())
+    }
+
+    /// The level of a height, with a fraction; outside the levels where the height is.
+    pub(super) fn level(&self, z_m: f64) -> f64 {
+        (self.inverse(z_m.min(self.to_m)) - self.inverse(self.from_m)) / self.step()
+    }
+
+    /// From one level to the next around a height, metres.
+    pub(super) fn step_m(&self, z_m: f64) -> f64 {
+        (self.camera_z_m - z_m).powi(2) * self.step()
+    }
+
+    /// The levels that lie within so many steps of coarser ones around a level.
+    pub(super) fn near(&self, level: usize, n_steps: f64, coarser: &Self) -> RangeInclusive<usize> {
+        let around = (n_steps * coarser.step() / self.step()).ceil() as usize;
+        level.saturating_sub(around)..=(level + around).min(self.n - 1)
+    }
+
+    /// About a metre apart at height 0, for a camera so high above it.
+    #[cfg(test)]
+    pub(super) fn every_metre(camera_z_m: f64) -> Self {
+        Self { camera_z_m, from_m: -2.0, to_m: 20.0, n: 28 }
+    }
+
+    fn step(&self) -> f64 {
+        (self.inverse(self.to_m) - self.inverse(self.from_m)) / (self.n - 1) as f64
+    }
+
+    fn inverse(&self, z_m: f64) -> f64 {
+        1.0 / (self.camera_z_m - z_m)
+    }
+}
+
+/// Lowest and highest ground where the view looks; the whole terrain's where it says nothing there.
+fn ground_in_sight(reference: &Ideal, terrain: &Terrain) -> Option<(f64, f64)> {
+    const SIDE: u32 = 16;
+    let (lowest, highest) = terrain.range()?;
+    let pose = &reference.camera_from_map;
+    let (centre, to_map) = (pose.centre(), pose.rotation.transpose());
+    let camera = &reference.camera;
+    let mut sees_ground = false;
+    let mut range: Option<(f64, f64)> = None;
+    for i in 0..SIDE * SIDE {
+        let at = |i: u32, extent: u32| (f64::from(i) + 0.5) / f64::from(SIDE) * f64::from(extent);
+        let pixel = DVec2::new(at(i % SIDE, camera.width_px), at(i / SIDE, camera.height_px));
+        let Some(ray) = camera.unproject(pixel).map(|ray| to_map * ray) else { continue };
+        // Both ends of the terrain's range, since the ray may meet the ground anywhere between.
+        for z in [lowest, highest] {
+            let depth = (z - centre.z) / ray.z;
+            if depth <= 0.0 || !depth.is_finite() {
+                continue;
+            }
+            sees_ground = true;
+            let place = centre + depth * ray;
+            if let Some(ground) = terrain.height_at(place.x, place.y) {
+                let (low, high) = range.unwrap_or((ground, ground));
+                range = Some((low.min(ground), high.max(ground)));
+            }
+        }
+    }
+    sees_ground.then(|| range.unwrap_or((lowest, highest)))
+}
