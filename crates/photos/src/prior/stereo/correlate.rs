@@ -268,25 +268,40 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// What the level costs each pixel of the tile, row by row: the mean of the better half of the correlations, turned
-    /// round.
-    pub(super) fn costs(&self) -> Vec<u8> {
+    /// What the neighbours say of each pixel of the tile at the level, row by row.
+    pub(super) fn votes(&self) -> impl Iterator<Item = Vote> + '_ {
         let mut sums = vec![0.0_f32; self.n_seen.len()];
         for (rank, best) in self.best.iter().enumerate() {
             for ((sum, score), n) in sums.iter_mut().zip(best).zip(&self.n_seen) {
                 *sum += if rank as f32 * 2.0 < *n { *score } else { 0.0 };
             }
         }
-        sums.iter().zip(&self.n_seen).map(|(sum, n)| cost_of(*sum, *n as u32)).collect()
+        sums.into_iter().zip(&self.n_seen).map(|(sum, n)| Vote { sum, n_seen: *n as u8 })
     }
 }
 
-/// Cost of the sum of the better half of `n` correlations.
-fn cost_of(sum: f32, n: u32) -> u8 {
-    if n == 0 { WORST } else { ((1.0 - sum / n.div_ceil(2) as f32) * (0.5 * f32::from(WORST)) + 0.5) as u8 }
+/// What the neighbours say of a pixel at a level.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Vote {
+    /// Of the better half of the correlations.
+    sum: f32,
+    /// How many neighbours see it.
+    pub n_seen: u8,
 }
 
-/// Correlation that a cost stands for: the inverse of [`cost_of`].
+impl Vote {
+    /// What the level costs a pixel that `n_most` neighbours see at some level: the mean of the better half of the
+    /// correlations, turned round. Neighbours that leave the picture at this level agree with nothing: where one is left,
+    /// it would look alike somewhere by chance.
+    pub(super) fn cost(self, n_most: u8) -> u8 {
+        if self.n_seen == 0 {
+            return WORST;
+        }
+        ((1.0 - self.sum / f32::from(n_most.div_ceil(2))) * (0.5 * f32::from(WORST)) + 0.5) as u8
+    }
+}
+
+/// Correlation that a cost stands for: the inverse of [`Vote::cost`].
 pub(super) fn score(cost: u8) -> f64 {
     1.0 - 2.0 * f64::from(cost) / f64::from(WORST)
 }
@@ -393,7 +408,7 @@ mod tests {
             let mut tile = Tile::new(&windows, 15..21, cols.clone(), 1);
             tile.forget();
             tile.compare(&Neighbour::new(&b), &DMat3::IDENTITY);
-            let costs = tile.costs();
+            let costs: Vec<u8> = tile.votes().map(|vote| vote.cost(1)).collect();
             let at = |col: usize, row: usize| costs[(row - 15) * cols.len() + col - cols.start];
             let places = [(0, 15), (16, 15), (29, 17), (5, 16)];
             for (col, row) in places.into_iter().filter(|(col, _)| cols.contains(col)) {
@@ -414,16 +429,24 @@ mod tests {
         tile.forget();
         let half = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(0.5, 0.0, 1.0));
         tile.compare(&Neighbour::new(&grey(20, 9, noise)), &half);
-        let costs = tile.costs();
+        let costs: Vec<u8> = tile.votes().map(|vote| vote.cost(1)).collect();
         assert!(costs[2..17].iter().all(|cost| *cost == 0), "{costs:?}");
     }
 
     #[test]
     fn the_better_half_decides() {
-        assert_eq!(cost_of(2.0, 4), 0);
-        assert_eq!(cost_of(2.0, 3), 0);
-        assert_eq!(cost_of(-1.0, 1), WORST);
-        assert_eq!(cost_of(0.0, 0), WORST);
-        assert!((score(cost_of(0.5, 2)) - 0.5).abs() < 0.005);
+        let cost = |sum: f32, n_seen: u8| Vote { sum, n_seen }.cost(n_seen);
+        assert_eq!(cost(2.0, 4), 0);
+        assert_eq!(cost(2.0, 3), 0);
+        assert_eq!(cost(-1.0, 1), WORST);
+        assert_eq!(cost(0.0, 0), WORST);
+        assert!((score(cost(0.5, 2)) - 0.5).abs() < 0.005);
+    }
+
+    #[test]
+    fn one_neighbour_that_is_left_of_six_counts_for_one_of_the_three_that_would_have_to_agree() {
+        let alone = Vote { sum: 0.9, n_seen: 1 };
+        assert!((score(alone.cost(1)) - 0.9).abs() < 0.005);
+        assert!((score(alone.cost(6)) - 0.3).abs() < 0.005);
     }
 }

@@ -10,7 +10,7 @@
 
 use std::ops::RangeInclusive;
 
-use glam::DVec2;
+use glam::{DMat3, DVec2};
 use serde::Serialize;
 
 use super::StereoConfig;
@@ -21,6 +21,10 @@ use sizeup_heights::raster::Raster;
 
 /// How far a neighbour's pixels may move from one level to the next, pixels: less repeats, more skips.
 const STEP_PX: f64 = 0.75;
+/// Levels at which it is probed how far pixels move.
+const N_PROBES: usize = 65;
+/// Pixels along a side of the view for which it is probed.
+const PROBED_SIDE: usize = 4;
 /// Fewest levels.
 const LEAST_LEVELS: usize = 8;
 /// Share of its clearance above the highest ground within which a camera sees no roof from above.
@@ -55,15 +59,27 @@ impl Levels {
 
     /// As many as it takes for no neighbour to move by more than a fraction of a pixel from one to the next.
     fn between(from_m: f64, to_m: f64, reference: &Ideal, others: &[Ideal], max_levels: usize) -> Self {
-        let camera = &reference.camera;
-        let middle = DVec2::new(f64::from(camera.width_px), f64::from(camera.height_px)) / 2.0;
-        let moved_px = others.iter().filter_map(|other| {
-            let at = |z: f64| position(&homography(reference, other, z), middle);
-            Some((at(to_m)? - at(from_m)?).length())
-        });
-        let longest_px = moved_px.fold(0.0, f64::max);
-        let n = ((longest_px / STEP_PX).ceil() as usize + 1).clamp(LEAST_LEVELS, max_levels);
-        Self { camera_z_m: reference.camera_from_map.centre().z, from_m, to_m, n }
+        let few = Self { camera_z_m: reference.camera_from_map.centre().z, from_m, to_m, n: N_PROBES };
+        let longest_px = others.iter().map(|other| few.longest_step_px(reference, other)).fold(0.0, f64::max);
+        let n = (longest_px * (N_PROBES - 1) as f64 / STEP_PX).ceil() as usize + 1;
+        Self { n: n.clamp(LEAST_LEVELS, max_levels), ..few }
+    }
+
+    /// How far a pixel of the view moves at most in a neighbour from one level to the next, while it sees it.
+    fn longest_step_px(&self, reference: &Ideal, other: &Ideal) -> f64 {
+        let size = |ideal: &Ideal| DVec2::new(f64::from(ideal.camera.width_px), f64::from(ideal.camera.height_px));
+        let homographies: Vec<DMat3> =
+            (0..self.n).map(|level| homography(reference, other, self.height_m(level as f64))).collect();
+        let of_pixel = |i: usize| {
+            let share = (DVec2::new((i % PROBED_SIDE) as f64, (i / PROBED_SIDE) as f64) + 0.5) / PROBED_SIDE as f64;
+            let place = |homography: &DMat3| {
+                let place = position(homography, share * size(reference))?;
+                (place.cmpge(DVec2::ZERO).all() && place.cmple(size(other)).all()).then_some(place)
+            };
+            let places: Vec<Option<DVec2>> = homographies.iter().map(place).collect();
+            places.windows(2).filter_map(|pair| Some((pair[1]? - pair[0]?).length())).fold(0.0, f64::max)
+        };
+        (0..PROBED_SIDE * PROBED_SIDE).map(of_pixel).fold(0.0, f64::max)
     }
 
     /// The part in which a picture of half the size found surfaces, with planes as fine as this picture needs; all of them

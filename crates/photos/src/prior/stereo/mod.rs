@@ -209,6 +209,15 @@ impl StereoPriors {
 
         let ideals: Vec<Ideal> = others.iter().zip(&ideals).map(|(other, at)| other.ideal().posed_as(at)).collect();
         let fine = plan.levels.around(&coarse, reference.ideal(), &ideals, &self.config);
+        if std::env::var_os("DBG").is_some() {
+            eprintln!(
+                "DBG {} full {:?} quarter {:?} fine {:?}",
+                view.id,
+                self.levels(half.ideal(), &ideals),
+                levels,
+                fine
+            );
+        }
         let coarse = Some(Coarse { heights_m: &coarse, levels: &levels });
         let sweep = Sweep { reference: &reference, others: &others, ideals: &ideals, levels: &fine, coarse };
         let heights_m = self.choose(&sweep);

@@ -101,15 +101,25 @@ impl Sweep<'_> {
             for cols in starts(width, TILE_PX[1]) {
                 let wanted = self.coarse.map(|coarse| coarse.wanted(levels, &rows, &cols));
                 let mut tile = Tile::new(&windows, rows.clone(), cols.clone(), neighbours.len());
-                for level in (0..levels.n).filter(|level| wanted.as_ref().is_none_or(|wanted| wanted[*level])) {
+                let n_pixels = rows.len() * cols.len();
+                let tried: Vec<usize> =
+                    (0..levels.n).filter(|level| wanted.as_ref().is_none_or(|wanted| wanted[*level])).collect();
+                let mut votes = Vec::with_capacity(tried.len() * n_pixels);
+                for level in &tried {
                     tile.forget();
-                    for (neighbour, homography) in neighbours.iter().zip(&homographies[level]) {
+                    for (neighbour, homography) in neighbours.iter().zip(&homographies[*level]) {
                         tile.compare(neighbour, homography);
                     }
-                    for (row, of_row) in rows.clone().zip(tile.costs().chunks_exact(cols.len())) {
-                        for (col, cost) in cols.clone().zip(of_row) {
-                            costs[(row * width + col) * levels.n + level] = *cost;
-                        }
+                    votes.extend(tile.votes());
+                }
+                let mut n_most = vec![0_u8; n_pixels];
+                for of_level in votes.chunks_exact(n_pixels) {
+                    n_most.iter_mut().zip(of_level).for_each(|(most, vote)| *most = vote.n_seen.max(*most));
+                }
+                for (level, of_level) in tried.iter().zip(votes.chunks_exact(n_pixels)) {
+                    for (i, (vote, n_most)) in of_level.iter().zip(&n_most).enumerate() {
+                        let (row, col) = (rows.start + i / cols.len(), cols.start + i % cols.len());
+                        costs[(row * width + col) * levels.n + level] = vote.cost(*n_most);
                     }
                 }
             }
