@@ -82,11 +82,12 @@ impl Levels {
         (0..PROBED_SIDE * PROBED_SIDE).map(of_pixel).fold(0.0, f64::max)
     }
 
-    /// The part in which a picture of half the size found surfaces, with planes as fine as this picture needs; all of them
-    /// where it found nothing.
+    /// The part in which a picture of half the size found surfaces, and a share of their range above them, with planes as
+    /// fine as this picture needs; all of them where it found nothing.
     pub(super) fn around(
         &self,
         found_m: &Raster<f32>,
+        above_share: f64,
         reference: &Ideal,
         others: &[Ideal],
         config: &StereoConfig,
@@ -98,7 +99,7 @@ impl Levels {
         }
         let spare_m = SPARE_SHARE * (self.camera_z_m - least);
         let from_m = (least - spare_m).floor().max(self.from_m);
-        let to_m = (most + spare_m).ceil().min(self.to_m);
+        let to_m = (most + above_share * (most - least) + spare_m).ceil().min(self.to_m);
         Self::between(from_m, to_m, reference, others, config.max_levels)
     }
 

@@ -49,6 +49,10 @@ use sizeup_survey::View;
 const ALGORITHM: &[u8] = b"stereo 4";
 /// A picture whose shorter side has fewer pixels is not asked between which heights there are surfaces.
 const LEAST_SIDE_PX: usize = 60;
+/// Surfaces of so many windows are sure enough to say between which heights there are any, and what is higher than all of them by
+/// less than this share of their range is looked for too.
+const SURE_WINDOWS: usize = 2;
+const TALLER_SHARE: f64 = 0.5;
 /// Memory for reduced photos: neighbours follow each other in a survey.
 const PICTURE_BYTES: usize = 128 << 20;
 /// Memory for surfaces that neighbours are held against.
@@ -208,7 +212,7 @@ impl StereoPriors {
         let coarse = self.choose(&sweep);
 
         let ideals: Vec<Ideal> = others.iter().zip(&ideals).map(|(other, at)| other.ideal().posed_as(at)).collect();
-        let fine = plan.levels.around(&coarse, reference.ideal(), &ideals, &self.config);
+        let fine = plan.levels.around(&coarse, 0.0, reference.ideal(), &ideals, &self.config);
         if std::env::var_os("DBG").is_some() {
             eprintln!(
                 "DBG {} full {:?} quarter {:?} fine {:?}",
@@ -235,7 +239,9 @@ impl StereoPriors {
         let ideals = |pictures: &[Arc<Picture>]| -> Vec<Ideal> { pictures.iter().map(|p| p.ideal().clone()).collect() };
         let Some(all) = self.levels(half.ideal(), &ideals(&halves)) else { return *levels };
         let sweep = Sweep { reference: &half, others: &halves, ideals: &ideals(&halves), levels: &all, coarse: None };
-        levels.around(&self.choose(&sweep), view.ideal(), &ideals(others), &self.config)
+        let mut found_m = self.choose(&sweep);
+        speckles::leave_out(&mut found_m, &all, SURE_WINDOWS * self.config.window_px * self.config.window_px);
+        levels.around(&found_m, TALLER_SHARE, view.ideal(), &ideals(others), &self.config)
     }
 
     /// Once: all photos of a flight are in the same case.
