@@ -290,9 +290,8 @@ pub(super) struct Vote {
 }
 
 impl Vote {
-    /// What the level costs a pixel that `n_most` neighbours see at some level: the mean of the better half of the
-    /// correlations, turned round. Neighbours that leave the picture at this level agree with nothing: where one is left,
-    /// it would look alike somewhere by chance.
+    /// What the level costs: the mean of the better half of the correlations, turned round. `n_most` neighbours count, those
+    /// that see the pixel at this level or more; the others agree with nothing.
     pub(super) fn cost(self, n_most: u8) -> u8 {
         if self.n_seen == 0 {
             return WORST;

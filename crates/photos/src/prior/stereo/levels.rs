@@ -168,3 +168,62 @@ fn ground_in_sight(reference: &Ideal, terrain: &Terrain) -> Option<(f64, f64)> {
     }
     sees_ground.then(|| range.unwrap_or((lowest, highest)))
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use sizeup_heights::camera::Camera;
+    use sizeup_heights::frames::Rigid;
+
+    /// Straight down from 100 m, so far east; 400 × 300 pixels, 300 of them to a metre at a metre.
+    fn above(east_m: f64) -> Ideal {
+        let rotation = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+        Ideal {
+            camera: Camera::pinhole(400, 300, 300.0),
+            camera_from_map: Rigid::from_rotation_and_centre(rotation, DVec3::new(east_m, 0.0, 100.0)),
+        }
+    }
+
+    fn levels(other: &Ideal, max_height_m: f64) -> Levels {
+        let config = StereoConfig { max_height_m, max_levels: 255, ..StereoConfig::default() };
+        Levels::of(&above(0.0), std::slice::from_ref(other), &Terrain::Constant(0.0), &config).unwrap()
+    }
+
+    #[test]
+    fn every_level_moves_a_neighbours_pixels_by_the_same() {
+        let (here, there) = (above(0.0), above(20.0));
+        let levels = levels(&there, 60.0);
+        let place = |k: usize| {
+            position(&homography(&here, &there, levels.height_m(k as f64)), DVec2::new(200.0, 150.0)).unwrap()
+        };
+        let steps: Vec<f64> = (1..levels.n).map(|k| (place(k) - place(k - 1)).length()).collect();
+        assert!(steps.iter().all(|step| (step - steps[0]).abs() < 1e-9 && *step <= STEP_PX), "{steps:?}");
+        assert_eq!([levels.height_m(0.0), levels.height_m((levels.n - 1) as f64)].map(f64::round), [-5.0, 60.0]);
+        // By the intercept theorem a metre is 0.6 px on the ground and 3.75 px 60 m above it.
+        assert!((levels.step_m(0.0) / levels.step_m(60.0) - 6.25).abs() < 1e-9);
+        assert!((levels.level(levels.height_m(7.3)) - 7.3).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_neighbour_that_does_not_see_the_middle_of_the_view_asks_for_levels_too() {
+        let aside = levels(&above(90.0), 30.0);
+        assert!(aside.n > 50, "{aside:?}");
+    }
+
+    #[test]
+    fn levels_keep_to_where_surfaces_were_found_and_to_all_where_there_were_none() {
+        let (here, there) = (above(0.0), above(20.0));
+        let all = levels(&there, 60.0);
+        let mut found = Raster::filled(4, 4, f32::NAN);
+        let config = StereoConfig { max_levels: 255, ..StereoConfig::default() };
+        let around =
+            |found: &Raster<f32>, share: f64| all.around(found, share, &here, std::slice::from_ref(&there), &config);
+        assert_eq!(around(&found, 0.5), all);
+        found.data_mut()[..2].copy_from_slice(&[0.0, 20.0]);
+        let part = around(&found, 0.5);
+        assert_eq!((part.from_m, part.to_m), (-2.0, 32.0));
+        assert!(part.n < all.n && (part.step_m(0.0) / all.step_m(0.0) - 1.0).abs() < 0.05, "{part:?} of {all:?}");
+    }
+}

@@ -35,7 +35,7 @@ use self::alignment::Alignment;
 use self::consistency::Surface;
 use self::levels::Levels;
 use self::picture::Ideal;
-use self::sweep::{Coarse, Sweep};
+use self::sweep::{Coarse, Sweep, Unseen};
 use super::album::Album;
 use super::neighbours::Neighbours;
 use super::recent::Recent;
@@ -49,6 +49,9 @@ use sizeup_survey::View;
 const ALGORITHM: &[u8] = b"stereo 4";
 /// A picture whose shorter side has fewer pixels is not asked between which heights there are surfaces.
 const LEAST_SIDE_PX: usize = 60;
+/// What holds together over less than this part of a window is no surface: pixels so close share most of what they were
+/// compared by.
+const SPECKLE_DIVISOR: usize = 4;
 /// Surfaces of so many windows are sure enough to say between which heights there are any, and what is higher than all of them by
 /// less than this share of their range is looked for too.
 const SURE_WINDOWS: usize = 2;
@@ -208,22 +211,27 @@ impl StereoPriors {
             self.tell_misfit(view, &aligned);
         }
         let ideals = if is_turned { aligned.neighbours } else { stated };
-        let sweep = Sweep { reference: &half, others: &halves, ideals: &ideals, levels: &levels, coarse: None };
+        let sweep = Sweep {
+            reference: &half,
+            others: &halves,
+            ideals: &ideals,
+            levels: &levels,
+            coarse: None,
+            unseen: Unseen::IsNothing,
+        };
         let coarse = self.choose(&sweep);
 
         let ideals: Vec<Ideal> = others.iter().zip(&ideals).map(|(other, at)| other.ideal().posed_as(at)).collect();
         let fine = plan.levels.around(&coarse, 0.0, reference.ideal(), &ideals, &self.config);
-        if std::env::var_os("DBG").is_some() {
-            eprintln!(
-                "DBG {} full {:?} quarter {:?} fine {:?}",
-                view.id,
-                self.levels(half.ideal(), &ideals),
-                levels,
-                fine
-            );
-        }
         let coarse = Some(Coarse { heights_m: &coarse, levels: &levels });
-        let sweep = Sweep { reference: &reference, others: &others, ideals: &ideals, levels: &fine, coarse };
+        let sweep = Sweep {
+            reference: &reference,
+            others: &others,
+            ideals: &ideals,
+            levels: &fine,
+            coarse,
+            unseen: Unseen::IsNothing,
+        };
         let heights_m = self.choose(&sweep);
         Ok(Surface { ideal: reference.ideal().clone(), heights_m, levels: fine, is_turned })
     }
@@ -238,7 +246,15 @@ impl StereoPriors {
         let halves: Vec<Arc<Picture>> = others.iter().map(|other| Arc::new(other.half())).collect();
         let ideals = |pictures: &[Arc<Picture>]| -> Vec<Ideal> { pictures.iter().map(|p| p.ideal().clone()).collect() };
         let Some(all) = self.levels(half.ideal(), &ideals(&halves)) else { return *levels };
-        let sweep = Sweep { reference: &half, others: &halves, ideals: &ideals(&halves), levels: &all, coarse: None };
+        let ideals_there = ideals(&halves);
+        let sweep = Sweep {
+            reference: &half,
+            others: &halves,
+            ideals: &ideals_there,
+            levels: &all,
+            coarse: None,
+            unseen: Unseen::IsAgainst,
+        };
         let mut found_m = self.choose(&sweep);
         speckles::leave_out(&mut found_m, &all, SURE_WINDOWS * self.config.window_px * self.config.window_px);
         levels.around(&found_m, TALLER_SHARE, view.ideal(), &ideals(others), &self.config)
@@ -269,8 +285,7 @@ impl StereoPriors {
         let volume = sweep.volume(self.config.window_px / 2);
         let chosen = semi_global::choose_levels(&volume, sweep.reference.grey(), &self.config);
         let mut heights_m = chosen.heights_m(sweep.levels, self.config.min_score);
-        // Half a window of pixels that agree by chance share half of what they were compared by.
-        let least_px = self.config.window_px * self.config.window_px / 2;
+        let least_px = self.config.window_px * self.config.window_px / SPECKLE_DIVISOR;
         speckles::leave_out(&mut heights_m, sweep.levels, least_px);
         heights_m
     }

@@ -41,3 +41,22 @@ pub(super) fn leave_out(heights_m: &mut Raster<f32>, levels: &Levels, least_px: 
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_few_pixels_far_from_all_around_them_go_and_a_sloping_surface_stays() {
+        let levels = Levels::every_metre(100.0);
+        // Rising by a tenth of a level from pixel to pixel.
+        let mut heights = Raster::from_vec(20, 5, (0..100).map(|i| (i % 20) as f32 * 0.1).collect()).unwrap();
+        for i in [43, 44, 63, 64] {
+            heights.data_mut()[i] = 15.0;
+        }
+        heights.data_mut()[0] = f32::NAN;
+        leave_out(&mut heights, &levels, 5);
+        let gone: Vec<usize> = (0..100).filter(|i| heights.data()[*i].is_nan()).collect();
+        assert_eq!(gone, [0, 43, 44, 63, 64]);
+    }
+}

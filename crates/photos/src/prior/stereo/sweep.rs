@@ -79,6 +79,17 @@ pub(super) struct Sweep<'a> {
     pub levels: &'a Levels,
     /// What is known already.
     pub coarse: Option<Coarse<'a>>,
+    /// Of a level that some neighbours do not see.
+    pub unseen: Unseen,
+}
+
+/// What neighbours say of a level at which a pixel leaves their picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Unseen {
+    /// Nothing: roofs at the border, which fewer see than the ground under them, are found.
+    IsNothing,
+    /// That it is not there: high levels that one neighbour is left for look like it somewhere by chance, and are not found.
+    IsAgainst,
 }
 
 impl Sweep<'_> {
@@ -113,13 +124,15 @@ impl Sweep<'_> {
                     votes.extend(tile.votes());
                 }
                 let mut n_most = vec![0_u8; n_pixels];
-                for of_level in votes.chunks_exact(n_pixels) {
-                    n_most.iter_mut().zip(of_level).for_each(|(most, vote)| *most = vote.n_seen.max(*most));
+                if self.unseen == Unseen::IsAgainst {
+                    for of_level in votes.chunks_exact(n_pixels) {
+                        n_most.iter_mut().zip(of_level).for_each(|(most, vote)| *most = vote.n_seen.max(*most));
+                    }
                 }
                 for (level, of_level) in tried.iter().zip(votes.chunks_exact(n_pixels)) {
                     for (i, (vote, n_most)) in of_level.iter().zip(&n_most).enumerate() {
                         let (row, col) = (rows.start + i / cols.len(), cols.start + i % cols.len());
-                        costs[(row * width + col) * levels.n + level] = vote.cost(*n_most);
+                        costs[(row * width + col) * levels.n + level] = vote.cost(vote.n_seen.max(*n_most));
                     }
                 }
             }
