@@ -11,6 +11,7 @@ pub mod config;
 pub mod dataset;
 pub mod error;
 pub mod export;
+pub mod measure;
 pub mod network;
 pub mod train;
 

@@ -7,11 +7,16 @@ use clap::{Parser, Subcommand};
 use candle_core::Device;
 use sizeup_training::config::read_toml;
 use sizeup_training::dataset::load::Set;
-use sizeup_training::dataset::{DatasetConfig, make};
+use sizeup_training::dataset::{DatasetConfig, Split, make};
+use sizeup_training::measure::{self, Row};
 use sizeup_training::train::TrainConfig;
 use sizeup_training::train::checkpoint::Checkpoint;
 use sizeup_training::train::run::Training;
 use sizeup_training::{TrainError, export};
+
+// Activations come and go by the hundred megabytes; the system's allocator gives them back to the system each time.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// Trains networks that find where buildings meet the ground.
 #[derive(Parser)]
@@ -53,6 +58,32 @@ enum Command {
         #[arg(long, default_value_t = 256)]
         tile: usize,
     },
+    /// Compares networks, and what other programs found, with the outlines of a set: precision, recall, F1 and IoU.
+    Measure {
+        /// Folder of the set.
+        #[arg(short, long)]
+        set: PathBuf,
+        /// Which scenes: train, val or test.
+        #[arg(long, default_value = "test")]
+        split: String,
+        /// A network to measure, as NAME=FILE: ONNX or a checkpoint. May be repeated.
+        #[arg(long, value_name = "NAME=FILE")]
+        network: Vec<String>,
+        /// Outlines of another program to measure, as NAME=FILE: COCO. May be repeated.
+        #[arg(long, value_name = "NAME=FILE")]
+        coco: Vec<String>,
+        /// Side of a tile for checkpoints, pixels.
+        #[arg(long, default_value_t = 256)]
+        tile: usize,
+        /// Folder for the table as JSON, and pictures.
+        #[arg(short, long)]
+        output: Option<PathBuf>,
+    },
+    /// Prints the JSON Schema of a configuration file.
+    Schema {
+        /// Which: dataset or train.
+        which: String,
+    },
 }
 
 fn main() -> ExitCode {
@@ -84,6 +115,40 @@ fn run(command: Command) -> Result<(), TrainError> {
         Command::Export { checkpoint, output, tile } => {
             let network = Checkpoint::read(&checkpoint, &Device::Cpu)?;
             export::write(&network, tile, &output)
+        }
+        Command::Measure { set, split, network, coco, tile, output } => {
+            let split = Split::ALL.into_iter().find(|s| s.name() == split).ok_or_else(|| {
+                TrainError::config(format!("no split is called {split:?}"), "train, val or test")
+            })?;
+            let named = |text: &String| match text.split_once('=') {
+                Some((name, path)) if !name.is_empty() => Ok((name.to_owned(), PathBuf::from(path))),
+                _ => Err(TrainError::config(format!("{text:?} is no NAME=FILE"), "--network both=best.safetensors")),
+            };
+            let mut rows = vec![Row::Roofs, Row::Visible];
+            for text in &network {
+                let (name, path) = named(text)?;
+                rows.push(Row::Network { name, path, tile });
+            }
+            for text in &coco {
+                let (name, path) = named(text)?;
+                rows.push(Row::Coco { name, path });
+            }
+            let measured = measure::measure(&Set::open(&set)?, split, &rows, output.as_deref())?;
+            if let Some(folder) = output {
+                let path = folder.join("table.json");
+                sizeup_geo::files::write_whole(&path, |w| Ok(serde_json::to_writer_pretty(w, &measured)?))?;
+            }
+            print!("{}", measure::table(&measured));
+            Ok(())
+        }
+        Command::Schema { which } => {
+            let schema = match which.as_str() {
+                "dataset" => schemars::schema_for!(DatasetConfig),
+                "train" => schemars::schema_for!(TrainConfig),
+                _ => return Err(TrainError::config(format!("no configuration is called {which:?}"), "dataset or train")),
+            };
+            println!("{}", serde_json::to_string_pretty(&schema).expect("plain data"));
+            Ok(())
         }
     }
 }

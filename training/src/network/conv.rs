@@ -11,8 +11,10 @@
 use candle_core::{CpuStorage, CustomOp3, DType, Device, Layout, Result, Shape, Tensor, WithDType, bail};
 use rayon::prelude::*;
 
-/// Values of an unfolded block of rows that stay in a core's cache.
-const BLOCK_VALUES: usize = 1 << 16;
+use super::norm::sum_of;
+
+/// Values of an unfolded block of rows: small enough for the cache, large enough for a product to be worth its start.
+const BLOCK_VALUES: usize = 1 << 19;
 
 /// `y = w * x + b`, zeros beyond the border; rows and columns of `y` are those of `x` over the stride, rounded up.
 ///
@@ -88,24 +90,29 @@ impl Sizes {
     }
 
     /// The unfolded image of some output rows: `(in · side · side) × (rows · out_columns)`.
-    fn unfold<T: WithDType>(&self, x: &[T], block: std::ops::Range<usize>, into: &mut Vec<T>) {
+    fn unfold<T: WithDType>(&self, x: &[T], block: std::ops::Range<usize>) -> Result<Tensor> {
         let n = block.len() * self.out_columns;
-        into.clear();
-        into.resize(self.strides().2 * n, T::zero());
-        self.each_tap(|line, channel, ky, kx| {
+        // Filled from the front, so that nothing is zeroed first or copied after.
+        let mut into = Vec::with_capacity(self.strides().2 * n);
+        self.each_tap(|_, channel, ky, kx| {
             let (first, end) = self.span(kx);
-            for (i, row) in block.clone().enumerate() {
-                let Some(source) = self.tap(row, ky) else { continue };
+            for row in block.clone() {
+                let Some(source) = self.tap(row, ky) else {
+                    into.resize(into.len() + self.out_columns, T::zero());
+                    continue;
+                };
+                into.resize(into.len() + first, T::zero());
                 let from = &x[(channel * self.rows + source) * self.columns..][..self.columns];
-                let to = &mut into[line * n + i * self.out_columns..][first..end];
                 let start = first * self.stride + kx - self.side / 2;
                 if self.stride == 1 {
-                    to.copy_from_slice(&from[start..start + to.len()]);
+                    into.extend_from_slice(&from[start..start + end - first]);
                 } else {
-                    to.iter_mut().zip(from[start..].iter().step_by(self.stride)).for_each(|(t, f)| *t = *f);
+                    into.extend(from[start..].iter().step_by(self.stride).take(end - first).copied());
                 }
+                into.resize(into.len() + self.out_columns - end, T::zero());
             }
         });
+        Tensor::from_vec(into, (self.strides().2, n), &Device::Cpu)
     }
 
     /// The reverse: adds what the unfolded rows hold to where it came from.
@@ -151,11 +158,9 @@ fn forward<T: WithDType>(sizes: Sizes, x: &[T], w: &[T], b: &[T]) -> Result<Vec<
     let mut y = vec![T::zero(); sizes.batch * per_out];
     y.par_chunks_mut(per_out).zip(x.par_chunks(per_in)).try_for_each(|(y, x)| {
         let w = matrix(w, sizes.n_out, per_column)?;
-        let mut unfolded = Vec::new();
         for block in sizes.blocks() {
-            sizes.unfold(x, block.clone(), &mut unfolded);
             let n = block.len() * sizes.out_columns;
-            let product: Vec<T> = values(&w.matmul(&matrix(&unfolded, per_column, n)?)?)?;
+            let product: Vec<T> = values(&w.matmul(&sizes.unfold(x, block.clone())?)?)?;
             for (o, line) in product.chunks_exact(n).enumerate() {
                 let to = &mut y[o * area + block.start * sizes.out_columns..][..n];
                 to.iter_mut().zip(line).for_each(|(t, v)| *t = *v + b[o]);
@@ -173,18 +178,16 @@ fn backward_of_one<T: WithDType>(sizes: Sizes, x: &[T], w: &Tensor, dy: &[T]) ->
     let mut dx = vec![T::zero(); per_in];
     let mut dw = vec![T::zero(); sizes.n_out * per_column];
     let mut db = vec![T::zero(); sizes.n_out];
-    let (mut unfolded, mut lines) = (Vec::new(), Vec::new());
     for block in sizes.blocks() {
         let n = block.len() * sizes.out_columns;
-        lines.clear();
+        let mut lines = Vec::with_capacity(sizes.n_out * n);
         for (o, sum) in db.iter_mut().enumerate() {
             let line = &dy[o * area + block.start * sizes.out_columns..][..n];
-            line.iter().for_each(|v| *sum += *v);
+            *sum += T::from_f64(sum_of(line, line, |v, _| v));
             lines.extend_from_slice(line);
         }
-        let dy = matrix(&lines, sizes.n_out, n)?;
-        sizes.unfold(x, block.clone(), &mut unfolded);
-        let part: Vec<T> = values(&dy.matmul(&matrix(&unfolded, per_column, n)?.t()?)?)?;
+        let dy = Tensor::from_vec(lines, (sizes.n_out, n), &Device::Cpu)?;
+        let part: Vec<T> = values(&dy.matmul(&sizes.unfold(x, block.clone())?.t()?)?)?;
         dw.iter_mut().zip(part).for_each(|(sum, v)| *sum += v);
         let back: Vec<T> = values(&w.t()?.matmul(&dy)?)?;
         sizes.fold(&back, block, &mut dx);

@@ -46,11 +46,34 @@ fn sizes(shape: &Shape, n_groups: usize) -> Result<(usize, usize, usize)> {
     Ok((batch, channels, rows * columns))
 }
 
-/// Mean and one over the deviation of a group, summed in double precision.
+/// Values that are summed in their own precision before they go into a double one: eight sums side by side, which the
+/// processor adds at once.
+const BLOCK: usize = 512;
+const LANES: usize = 8;
+
+/// `sum of f(a, b)` over two slices, in a fixed order.
+pub(super) fn sum_of<T: WithDType>(a: &[T], b: &[T], f: impl Fn(T, T) -> T) -> f64 {
+    let mut total = 0.0;
+    for (a, b) in a.chunks(BLOCK).zip(b.chunks(BLOCK)) {
+        let mut lanes = [T::zero(); LANES];
+        for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
+            for k in 0..LANES {
+                lanes[k] += f(a[k], b[k]);
+            }
+        }
+        let rest = a.len() / LANES * LANES;
+        total += lanes.iter().map(|v| v.to_f64()).sum::<f64>();
+        total += a[rest..].iter().zip(&b[rest..]).map(|(a, b)| f(*a, *b).to_f64()).sum::<f64>();
+    }
+    total
+}
+
+/// Mean and one over the deviation of a group.
 fn moments<T: WithDType>(group: &[T]) -> (f64, f64) {
     let n = group.len() as f64;
-    let mean = group.iter().map(|v| v.to_f64()).sum::<f64>() / n;
-    let variance = group.iter().map(|v| (v.to_f64() - mean).powi(2)).sum::<f64>() / n;
+    let mean = sum_of(group, group, |v, _| v) / n;
+    let middle = T::from_f64(mean);
+    let variance = sum_of(group, group, |v, _| (v - middle) * (v - middle)) / n;
     (mean, 1.0 / (variance + EPSILON).sqrt())
 }
 
@@ -89,27 +112,28 @@ fn backward<T: WithDType>(
             let part = i * size..(i + 1) * size;
             let (x, y, dy) = (&x[part.clone()], &y[part.clone()], &dy[part]);
             let (mean, scale) = moments(x);
-            let normal = |v: T| (v.to_f64() - mean) * scale;
+            let (middle, width) = (T::from_f64(mean), T::from_f64(scale));
             // Per channel: sums of dy and of dy · n, where the rectifier lets through.
-            let mut sums = vec![(0.0, 0.0); per_group];
-            for (k, sum) in sums.iter_mut().enumerate() {
-                for p in k * pixels..(k + 1) * pixels {
-                    if y[p] > T::zero() {
-                        let v = dy[p].to_f64();
-                        sum.0 += v;
-                        sum.1 += v * normal(x[p]);
-                    }
-                }
-            }
+            let channel = |k: usize| k * pixels..(k + 1) * pixels;
+            let mut through = dy.to_vec();
+            through.iter_mut().zip(y).for_each(|(d, y)| *d = if *y > T::zero() { *d } else { T::zero() });
+            let sums: Vec<(f64, f64)> = (0..per_group)
+                .map(|k| {
+                    let (x, d) = (&x[channel(k)], &through[channel(k)]);
+                    (sum_of(d, d, |d, _| d), sum_of(d, x, |d, x| d * ((x - middle) * width)))
+                })
+                .collect();
             let gain = |k: usize| g[i % n_groups * per_group + k].to_f64();
             let n = size as f64;
             let total: f64 = sums.iter().enumerate().map(|(k, s)| gain(k) * s.0).sum::<f64>() / n;
             let total_n: f64 = sums.iter().enumerate().map(|(k, s)| gain(k) * s.1).sum::<f64>() / n;
+            let (shift, slope) = (T::from_f64(scale * total), T::from_f64(scale * total_n));
             for k in 0..per_group {
-                for p in k * pixels..(k + 1) * pixels {
-                    let through = if y[p] > T::zero() { gain(k) * dy[p].to_f64() } else { 0.0 };
-                    dx[p] = T::from_f64(scale * (through - total - normal(x[p]) * total_n));
-                }
+                let factor = T::from_f64(scale * gain(k));
+                let (x, d) = (&x[channel(k)], &through[channel(k)]);
+                dx[channel(k)].iter_mut().zip(x).zip(d).for_each(|((dx, x), d)| {
+                    *dx = *d * factor - shift - (*x - middle) * width * slope;
+                });
             }
             sums
         })
