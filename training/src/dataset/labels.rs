@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 
 use glam::DVec2;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::raster::Raster;
 use sizeup_lab::simulate::{Seen, Sight, World, ground_contact, roofs};
@@ -98,9 +100,21 @@ fn instances(ground: &Raster<u16>, seen: &Raster<Seen>) -> Vec<Instance> {
     found.into_values().map(finish).collect()
 }
 
-/// Pixels of a building within `reach_px` of another building: where a network has to tell neighbours apart.
+/// What a border is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Borders {
+    /// Where buildings touch.
+    Touching,
+    /// All around every building, on its inside.
+    #[default]
+    Around,
+}
+
+/// Pixels of a building within `reach_px` of another building, or with [`Borders::Around`] of its own end: where a network has
+/// to tell neighbours apart.
 #[must_use]
-pub fn borders(ground: &Raster<u16>, reach_px: usize) -> Vec<bool> {
+pub fn borders(ground: &Raster<u16>, reach_px: usize, which: Borders) -> Vec<bool> {
     let (width, height) = (ground.width(), ground.height());
     let is_building = |label: u16| label != 0 && label != UNKNOWN;
     // Per pixel and window: does it hold another label? Rows first, then columns, as the lowest and highest label.
@@ -118,10 +132,12 @@ pub fn borders(ground: &Raster<u16>, reach_px: usize) -> Vec<bool> {
         }
         out
     };
-    let own: Vec<Option<(u16, u16)>> = ground.data().iter().map(|&l| is_building(l).then_some((l, l))).collect();
+    let counts = |l: u16| is_building(l) || (l == 0 && which == Borders::Around);
+    let own: Vec<Option<(u16, u16)>> = ground.data().iter().map(|&l| counts(l).then_some((l, l))).collect();
     let along = span(&own, width, 1, height, width);
     let around = span(&along, height, width, width, 1);
-    own.iter().zip(around).map(|(own, around)| own.is_some() && around.is_some_and(|(low, high)| low != high)).collect()
+    let is_border = |(&label, around): (&u16, Option<(u16, u16)>)| is_building(label) && around.is_some_and(|(l, h)| l != h);
+    ground.data().iter().zip(around).map(is_border).collect()
 }
 
 #[cfg(test)]
@@ -129,18 +145,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn borders_lie_where_buildings_touch_and_nowhere_else() {
+    fn borders_lie_where_buildings_touch_or_all_around_them() {
         let label = |i: usize| match (i % 12, i / 12) {
-            (1..4, 1..5) => 7,
-            (4..7, 1..5) => 9,
-            (9..11, 1..5) => 3,
-            (0..12, 6) => UNKNOWN,
+            (1..=3, 1..=4) => 7,
+            (4..=6, 1..=4) => 9,
+            (9..=10, 1..=4) => 3,
+            (0..=11, 6) => UNKNOWN,
             _ => 0,
         };
         let ground = Raster::from_vec(12, 7, (0..84).map(label).collect()).unwrap();
-        let found = borders(&ground, 1);
-        let row: String = (24..36).map(|i| if found[i] { 'x' } else { '.' }).collect();
-        assert_eq!(row, "...xx.......");
-        assert!(found[60..].iter().all(|b| !b));
+        for (which, expected) in [(Borders::Touching, "...xx......."), (Borders::Around, ".x.xx.x..xx.")] {
+            let found = borders(&ground, 1, which);
+            let row: String = (24..36).map(|i| if found[i] { 'x' } else { '.' }).collect();
+            assert_eq!(row, expected);
+            assert!(found[60..].iter().all(|b| !b));
+        }
     }
 }

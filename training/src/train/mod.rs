@@ -14,6 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
+use crate::dataset::labels::Borders;
 use crate::network::NetworkConfig;
 
 /// All of a training but its set.
@@ -75,7 +76,9 @@ pub struct LossConfig {
     pub dice: f64,
     /// Weight of borders beside buildings.
     pub border: f64,
-    /// Pixels of a building this near to another one are a border, pixels.
+    /// What a border is: `touching`, where buildings touch, or `around` every building.
+    pub borders: Borders,
+    /// Pixels of a building this near to another one, or to its own end, are a border, pixels.
     pub border_reach_px: usize,
     /// How much more a border's pixel counts in the cross-entropy than one without: they are rare.
     pub border_gain: f64,
@@ -83,7 +86,7 @@ pub struct LossConfig {
 
 impl Default for LossConfig {
     fn default() -> Self {
-        Self { dice: 1.0, border: 0.5, border_reach_px: 2, border_gain: 4.0 }
+        Self { dice: 1.0, border: 0.5, borders: Borders::default(), border_reach_px: 2, border_gain: 2.0 }
     }
 }
 

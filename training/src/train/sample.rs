@@ -19,10 +19,8 @@ use crate::network::parameters::normal;
 pub const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 /// See [`MEAN`].
 pub const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
-/// Tries for a crop that shows buildings.
-const TRIES: usize = 4;
-/// Share of a crop that has to be built over to count as showing buildings.
-const BUILT: f64 = 0.02;
+/// Share of crops around a building.
+const BUILT: f64 = 0.85;
 
 /// A photo ready to be cropped.
 #[derive(Debug)]
@@ -31,6 +29,8 @@ pub struct Scene {
     pub photo: Photo,
     /// Per pixel: whether it is a border between buildings.
     pub border: Vec<bool>,
+    /// Its pixels in buildings.
+    built: Vec<u32>,
 }
 
 impl Scene {
@@ -44,8 +44,14 @@ impl Scene {
             let problem = format!("{} has no depth, and the network takes it", without.image.file_name);
             return Err(TrainError::config(problem, "give the scene a `prior`, or leave \"depth\" out of `network.inputs`"));
         }
-        let reach = config.loss.border_reach_px;
-        Ok(photos.into_iter().map(|photo| Self { border: borders(&photo.ground, reach), photo }).collect())
+        let (reach, which) = (config.loss.border_reach_px, config.loss.borders);
+        let ready = |photo: Photo| {
+            let is_building = |i: &u32| !matches!(photo.ground.data()[*i as usize], 0 | UNKNOWN);
+            let built = (0..photo.ground.data().len() as u32).filter(is_building).collect();
+            Self { border: borders(&photo.ground, reach, which), built, photo }
+        };
+        use rayon::prelude::*;
+        Ok(photos.into_par_iter().map(ready).collect())
     }
 }
 
@@ -159,16 +165,20 @@ impl Placement {
         Self { centre: DVec2::new(columns as f64, rows as f64) * 0.5, zoom: 1.0, flip: false, quarters: 0 }
     }
 
-    fn random(photo: &Photo, side: usize, zoom: f64, rng: &mut impl Rng) -> Self {
+    /// Around a pixel of a building that is chosen anew, mostly; anywhere in the photo otherwise.
+    fn random(scene: &Scene, side: usize, zoom: f64, rng: &mut impl Rng) -> Self {
         let zoom = (1.0 + zoom).powf(rng.random_range(-1.0..=1.0));
         let reach = 0.5 * side as f64 * zoom;
-        let mut within = |n: usize| {
-            let (low, high) = (reach.min(0.5 * n as f64), (n as f64 - reach).max(0.5 * n as f64));
-            let at: f64 = if high > low { rng.random_range(low..high) } else { low };
-            // On a pixel's border, so that a crop without zoom needs no interpolation.
-            at.round()
-        };
-        let centre = DVec2::new(within(photo.size.0), within(photo.size.1));
+        let (columns, rows) = scene.photo.size;
+        let mut middle = DVec2::new(rng.random_range(0.0..columns as f64), rng.random_range(0.0..rows as f64));
+        if rng.random_bool(BUILT) && !scene.built.is_empty() {
+            let pixel = scene.built[rng.random_range(0..scene.built.len())] as usize;
+            let aside = DVec2::new(rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0));
+            middle = DVec2::new((pixel % columns) as f64, (pixel / columns) as f64) + 0.6 * reach * aside;
+        }
+        // On a pixel's border, so that a crop without zoom needs no interpolation.
+        let within = |at: f64, n: f64| at.clamp(reach.min(0.5 * n), (n - reach).max(0.5 * n)).round();
+        let centre = DVec2::new(within(middle.x, columns as f64), within(middle.y, rows as f64));
         Self { centre, zoom, flip: rng.random(), quarters: rng.random_range(0..4) }
     }
 }
@@ -305,13 +315,7 @@ pub fn of_step(scenes: &[Scene], config: &TrainConfig, step: usize, device: &Dev
         .map(|i| {
             let mut rng = seed::stream(config.seed, "crop", &[step as u64, i as u64]);
             let scene = &scenes[rng.random_range(0..scenes.len())];
-            let mut place = Placement::random(&scene.photo, side, config.augment.zoom, &mut rng);
-            for _ in 1..TRIES {
-                if built(scene, &place, side) >= BUILT {
-                    break;
-                }
-                place = Placement::random(&scene.photo, side, config.augment.zoom, &mut rng);
-            }
+            let place = Placement::random(scene, side, config.augment.zoom, &mut rng);
             let looks = Looks::random(config, &mut rng);
             let mut draft = Draft::new(&config.network.inputs, (side, side));
             draft.add(scene, &place, &looks);
@@ -326,22 +330,6 @@ pub fn of_step(scenes: &[Scene], config: &TrainConfig, step: usize, device: &Dev
         all.n += 1;
     }
     all.finish(device)
-}
-
-/// Share of a crop that is built over, from a few of its pixels.
-fn built(scene: &Scene, place: &Placement, side: usize) -> f64 {
-    const STEPS: usize = 24;
-    let photo = &scene.photo;
-    let reach = 0.5 * side as f64 * place.zoom;
-    let n = (0..STEPS * STEPS)
-        .filter(|i| {
-            let share = |k: usize| (k as f64 + 0.5) / STEPS as f64 * 2.0 - 1.0;
-            let p = place.centre + reach * DVec2::new(share(i % STEPS), share(i / STEPS));
-            let label = (p.x >= 0.0 && p.y >= 0.0).then(|| photo.ground.get(p.x as usize, p.y as usize)).flatten();
-            label.is_some_and(|l| *l != 0 && *l != UNKNOWN)
-        })
-        .count();
-    n as f64 / (STEPS * STEPS) as f64
 }
 
 /// A whole photo without any change, cut down to multiples of `multiple`.

@@ -12,7 +12,7 @@ pub const VILLAGES: &str = r#"
 name = "a"
 split = "train"
 licence = "CC0-1.0: simulated"
-simulate = { seed = 1, town = { kind = "village", n_buildings = 14 }, flight = { height_m = 70.0, n_views = 20 }, camera = { width_px = 160, height_px = 128 }, terrain = { margin_m = 150.0 }, prior = { longest_px = 160 } }
+simulate = { seed = 5, town = { kind = "village", n_buildings = 16 }, flight = { height_m = 70.0, n_views = 20 }, camera = { width_px = 160, height_px = 128 }, terrain = { margin_m = 150.0 }, prior = { longest_px = 160 } }
 
 [[scene]]
 name = "b"
