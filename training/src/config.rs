@@ -14,6 +14,10 @@ use crate::TrainError;
 pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, TrainError> {
     let text = files::read_text(path)?;
     toml::from_str(&text).map_err(|e| {
-        TrainError::set(path, e.to_string(), "`sizeup-train schema dataset` and `sizeup-train schema train` list all keys")
+        TrainError::set(
+            path,
+            e.to_string(),
+            "`sizeup-train schema dataset` and `sizeup-train schema train` list all keys",
+        )
     })
 }

@@ -44,7 +44,9 @@ pub enum TrainError {
         problem: String,
     },
     /// A file that cannot be read or written.
-    #[error("{0}\nhint: is there room on the disk, and may the folder be written to? What was there before is still whole")]
+    #[error(
+        "{0}\nhint: is there room on the disk, and may the folder be written to? What was there before is still whole"
+    )]
     File(#[from] FileError),
     /// A computation that did not work out.
     #[error("the network cannot be computed: {0}")]

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
 use candle_core::Device;
+use clap::{Parser, Subcommand};
 use sizeup_training::config::read_toml;
 use sizeup_training::dataset::load::Set;
 use sizeup_training::dataset::{DatasetConfig, Split, make};
@@ -117,9 +117,10 @@ fn run(command: Command) -> Result<(), TrainError> {
             export::write(&network, tile, &output)
         }
         Command::Measure { set, split, network, coco, tile, output } => {
-            let split = Split::ALL.into_iter().find(|s| s.name() == split).ok_or_else(|| {
-                TrainError::config(format!("no split is called {split:?}"), "train, val or test")
-            })?;
+            let split = Split::ALL
+                .into_iter()
+                .find(|s| s.name() == split)
+                .ok_or_else(|| TrainError::config(format!("no split is called {split:?}"), "train, val or test"))?;
             let named = |text: &String| match text.split_once('=') {
                 Some((name, path)) if !name.is_empty() => Ok((name.to_owned(), PathBuf::from(path))),
                 _ => Err(TrainError::config(format!("{text:?} is no NAME=FILE"), "--network both=best.safetensors")),
@@ -145,7 +146,9 @@ fn run(command: Command) -> Result<(), TrainError> {
             let schema = match which.as_str() {
                 "dataset" => schemars::schema_for!(DatasetConfig),
                 "train" => schemars::schema_for!(TrainConfig),
-                _ => return Err(TrainError::config(format!("no configuration is called {which:?}"), "dataset or train")),
+                _ => {
+                    return Err(TrainError::config(format!("no configuration is called {which:?}"), "dataset or train"));
+                }
             };
             println!("{}", serde_json::to_string_pretty(&schema).expect("plain data"));
             Ok(())

@@ -134,7 +134,13 @@ mod tests {
     #[test]
     fn run_lengths_give_back_the_mask() {
         for (label, bounds) in [(5, [2, 1, 5, 4]), (6, [0, 0, 6, 4])] {
-            let inside = |col: usize, row: usize| if label == 5 { (2..5).contains(&col) && (1..4).contains(&row) && (col, row) != (3, 2) } else { col != 3 };
+            let inside = |col: usize, row: usize| {
+                if label == 5 {
+                    (2..5).contains(&col) && (1..4).contains(&row) && (col, row) != (3, 2)
+                } else {
+                    col != 3
+                }
+            };
             let value = |i: usize| if inside(i % 6, i / 6) { label } else { 0 };
             let labels = Raster::from_vec(6, 4, (0..24).map(value).collect()).unwrap();
             let instance = Instance { label, area_px: 8, visible_share: 1.0, bounds, is_cut: false };

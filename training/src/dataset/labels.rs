@@ -136,7 +136,8 @@ pub fn borders(ground: &Raster<u16>, reach_px: usize, which: Borders) -> Vec<boo
     let own: Vec<Option<(u16, u16)>> = ground.data().iter().map(|&l| counts(l).then_some((l, l))).collect();
     let along = span(&own, width, 1, height, width);
     let around = span(&along, height, width, width, 1);
-    let is_border = |(&label, around): (&u16, Option<(u16, u16)>)| is_building(label) && around.is_some_and(|(l, h)| l != h);
+    let is_border =
+        |(&label, around): (&u16, Option<(u16, u16)>)| is_building(label) && around.is_some_and(|(l, h)| l != h);
     ground.data().iter().zip(around).map(is_border).collect()
 }
 

@@ -11,11 +11,11 @@ use sizeup_heights::prior::{DepthPrior, PriorGeometry};
 use sizeup_heights::raster::Raster;
 use sizeup_heights::views::NADIR_WITHIN_DEG;
 
+use super::Split;
 use super::coco::{CocoImage, CocoSet};
+use super::labels::UNKNOWN;
 use super::manifest::{FILE, FORMAT, FileEntry, Manifest};
 use super::sources::read_photo;
-use super::Split;
-use super::labels::UNKNOWN;
 use crate::TrainError;
 
 /// A set whose files are those that its manifest lists.
@@ -99,15 +99,19 @@ impl Set {
         let mut instances: BTreeMap<usize, usize> = coco.images.iter().map(|i| (i.id, 0)).collect();
         for annotation in &coco.annotations {
             let Some(n) = instances.get_mut(&annotation.image_id) else {
-                let problem = format!("instance {} is in photo {}, which it does not list", annotation.id, annotation.image_id);
+                let problem =
+                    format!("instance {} is in photo {}, which it does not list", annotation.id, annotation.image_id);
                 return Err(TrainError::set(&path, problem, "`image_id` names one of `images`"));
             };
             *n += 1;
         }
         for image in &coco.images {
-            let refuse = |problem: String, hint: &str| Err(TrainError::set(&path, format!("{}: {problem}", image.file_name), hint));
+            let refuse = |problem: String, hint: &str| {
+                Err(TrainError::set(&path, format!("{}: {problem}", image.file_name), hint))
+            };
             if image.off_nadir_deg > NADIR_WITHIN_DEG {
-                let found = format!("it looks {:.1}° off the nadir, expected {NADIR_WITHIN_DEG}° at most", image.off_nadir_deg);
+                let found =
+                    format!("it looks {:.1}° off the nadir, expected {NADIR_WITHIN_DEG}° at most", image.off_nadir_deg);
                 return refuse(found, "outlines on the ground are learned from near-nadir photos: leave it out");
             }
             if instances.get(&image.id) == Some(&0) {
@@ -164,7 +168,11 @@ impl Set {
     pub fn labels(&self, name: &str, size: (usize, usize)) -> Result<Raster<u16>, TrainError> {
         let path = self.root.join(name);
         let image::DynamicImage::ImageLuma16(labels) = read_photo(&path)? else {
-            return Err(TrainError::set(&path, "expected 16-bit labels of one channel, found another kind", "make the set anew"));
+            return Err(TrainError::set(
+                &path,
+                "expected 16-bit labels of one channel, found another kind",
+                "make the set anew",
+            ));
         };
         let found = (labels.width() as usize, labels.height() as usize);
         let misfits = || misfit(&path, size, found);
@@ -191,13 +199,18 @@ impl Photo {
 }
 
 fn misfit(path: &Path, expected: (usize, usize), found: (usize, usize)) -> TrainError {
-    let problem = format!("expected the photo's {} × {} pixels, found {} × {}", expected.0, expected.1, found.0, found.1);
+    let problem =
+        format!("expected the photo's {} × {} pixels, found {} × {}", expected.0, expected.1, found.0, found.1);
     TrainError::set(path, problem, "labels and depth are of the whole photo, never cropped or turned")
 }
 
 fn read_npy(path: &Path) -> Result<Raster<f32>, TrainError> {
     let unusable = |reason: String| {
-        TrainError::set(path, format!("it cannot be read as depth: {reason}"), "expected a .npy of 32-bit floats, rows × columns")
+        TrainError::set(
+            path,
+            format!("it cannot be read as depth: {reason}"),
+            "expected a .npy of 32-bit floats, rows × columns",
+        )
     };
     let bytes = files::read_bytes(path)?;
     let npy = npyz::NpyFile::new(&bytes[..]).map_err(|e| unusable(e.to_string()))?;

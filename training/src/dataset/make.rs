@@ -56,7 +56,10 @@ fn check(config: &DatasetConfig, out: &Path) -> Result<(), TrainError> {
         return Err(TrainError::set(out, "there is a set already", "choose another folder, or remove this one first"));
     }
     if config.scene.is_empty() {
-        return Err(TrainError::config("the set has no scenes", "write a [[scene]] for each; docs/footprint-network.md has one"));
+        return Err(TrainError::config(
+            "the set has no scenes",
+            "write a [[scene]] for each; docs/footprint-network.md has one",
+        ));
     }
     let mut names = BTreeSet::new();
     for scene in &config.scene {

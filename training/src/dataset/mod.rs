@@ -14,8 +14,8 @@
 pub mod coco;
 pub mod labels;
 pub mod load;
-pub mod manifest;
 pub mod make;
+pub mod manifest;
 mod sources;
 
 use std::path::{Path, PathBuf};

@@ -146,13 +146,17 @@ fn photo_into(view: &mut View, longest_px: Option<u32>, folder: &Path, scene: &s
     if (photo.width(), photo.height()) != expected {
         let problem = format!(
             "expected {} × {} pixels as its camera has, found {} × {}",
-            expected.0, expected.1, photo.width(), photo.height()
+            expected.0,
+            expected.1,
+            photo.width(),
+            photo.height()
         );
         return Err(TrainError::set(&from, problem, "photos are taken as they are stored, never turned or resized"));
     }
     let camera = longest_px.map_or_else(|| (*view.camera).clone(), |longest| view.camera.reduced_to(longest));
     let (width, height) = (camera.width_px, camera.height_px);
-    let reduced = if (width, height) == expected { photo } else { photo.resize_exact(width, height, FilterType::Triangle) };
+    let reduced =
+        if (width, height) == expected { photo } else { photo.resize_exact(width, height, FilterType::Triangle) };
     let id = ViewId(format!("{}.png", stem(&view.id)));
     let path = folder.join("images").join(&id.0);
     let rgb = reduced.to_rgb8();
@@ -164,7 +168,11 @@ fn photo_into(view: &mut View, longest_px: Option<u32>, folder: &Path, scene: &s
 /// Opens a photo; what cannot be decoded is named.
 pub(super) fn read_photo(path: &Path) -> Result<DynamicImage, TrainError> {
     let unusable = |reason: String| {
-        TrainError::set(path, format!("it cannot be read as a photo: {reason}"), "is the file whole? Copy it anew, or leave it out")
+        TrainError::set(
+            path,
+            format!("it cannot be read as a photo: {reason}"),
+            "is the file whole? Copy it anew, or leave it out",
+        )
     };
     let reader = image::ImageReader::open(path).map_err(|e| unusable(e.to_string()))?;
     reader.with_guessed_format().map_err(|e| unusable(e.to_string()))?.decode().map_err(|e| unusable(e.to_string()))

@@ -22,9 +22,9 @@ use sizeup_footprints::Look;
 use sizeup_heights::raster::Raster;
 
 use crate::TrainError;
+use crate::dataset::Split;
 use crate::dataset::load::{Photo, Set};
 use crate::dataset::make::write_png;
-use crate::dataset::Split;
 
 /// Smaller instances count for nothing, pixels: corners at a photo's border.
 pub const LEAST_PX: usize = 64;
@@ -84,7 +84,9 @@ impl Measured {
 /// The table as text for people, its figures in per cent.
 #[must_use]
 pub fn table(rows: &[Measured]) -> String {
-    let mut text = String::from("| | IoU | precision | recall | F1 | IoU of pairs | found / true |\n|---|---|---|---|---|---|---|\n");
+    let mut text = String::from(
+        "| | IoU | precision | recall | F1 | IoU of pairs | found / true |\n|---|---|---|---|---|---|---|\n",
+    );
     for row in rows {
         let [iou, p, r, f1, pairs] =
             [row.iou, row.precision, row.recall, row.f1, row.iou_of_pairs].map(|v| format!("{:.1}", 100.0 * v));
@@ -97,15 +99,14 @@ pub fn table(rows: &[Measured]) -> String {
 ///
 /// # Errors
 /// [`TrainError`] for a row that cannot be computed.
-pub fn measure(
-    set: &Set,
-    split: Split,
-    rows: &[Row],
-    pictures: Option<&Path>,
-) -> Result<Vec<Measured>, TrainError> {
+pub fn measure(set: &Set, split: Split, rows: &[Row], pictures: Option<&Path>) -> Result<Vec<Measured>, TrainError> {
     let photos = set.photos(split)?;
     if photos.is_empty() {
-        return Err(TrainError::set(&set.root, format!("it has no photos for {:?}", split.name()), "choose another split"));
+        return Err(TrainError::set(
+            &set.root,
+            format!("it has no photos for {:?}", split.name()),
+            "choose another split",
+        ));
     }
     rows.iter().map(|row| measure_row(set, &photos, row, pictures)).collect()
 }

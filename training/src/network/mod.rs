@@ -170,7 +170,8 @@ impl NetworkConfig {
         if !self.features.is_empty() && !self.inputs.is_empty() {
             return Some(("both `inputs` and `features`".to_owned(), "one of them; `inputs = []` with features"));
         }
-        let widths = [&self.texture[..], &self.geometry[..], &self.widths[..], &[self.projected, self.decoder]].concat();
+        let widths =
+            [&self.texture[..], &self.geometry[..], &self.widths[..], &[self.projected, self.decoder]].concat();
         let is_odd = |w: &usize| *w == 0 || *w > 4096 || (*w > GROUP && *w % 4 != 0);
         if let Some(width) = widths.iter().find(|w| is_odd(w)) {
             return Some((format!("a layer of {width} channels"), "1 to 4096 channels, from 8 on a multiple of 4"));
@@ -260,7 +261,8 @@ pub fn network<B: Builder>(
     let named = |input: Input| given.iter().find(|(name, _)| name == input.name()).map(|(_, v)| v.clone());
     let lean = named(Input::Lean);
     let mut features = Vec::new();
-    let branches = [(Input::Image, "texture", "tex", &config.texture), (Input::Depth, "geometry", "geo", &config.geometry)];
+    let branches =
+        [(Input::Image, "texture", "tex", &config.texture), (Input::Depth, "geometry", "geo", &config.geometry)];
     for (input, name, short, widths) in branches {
         let Some(x) = named(input) else { continue };
         let x = match &lean {

@@ -78,7 +78,8 @@ impl Checkpoint {
     /// [`TrainError::File`]: what was there before is still there.
     pub fn write(&self, path: &Path) -> Result<(), TrainError> {
         let mut tensors: Vec<(String, Tensor)> = Vec::new();
-        let mut keep = |kind: &str, name: &str, tensor: &Tensor| tensors.push((format!("{kind}/{name}"), tensor.clone()));
+        let mut keep =
+            |kind: &str, name: &str, tensor: &Tensor| tensors.push((format!("{kind}/{name}"), tensor.clone()));
         for (name, var) in &self.best.vars {
             keep("best", name, var.as_tensor());
         }
@@ -98,7 +99,9 @@ impl Checkpoint {
                 Ok((name, t.dims().to_vec(), values.iter().flat_map(|v| v.to_le_bytes()).collect()))
             })
             .collect::<Result<_, TrainError>>()?;
-        let fault = |e: safetensors::SafeTensorError| refuse(path, format!("it cannot be put together: {e}"), "this is a fault of the program");
+        let fault = |e: safetensors::SafeTensorError| {
+            refuse(path, format!("it cannot be put together: {e}"), "this is a fault of the program")
+        };
         let views = raw.iter().map(|(name, shape, bytes)| {
             Ok((name.clone(), TensorView::new(Dtype::F32, shape.clone(), bytes).map_err(fault)?))
         });
@@ -120,10 +123,16 @@ impl Checkpoint {
     /// [`TrainError::Checkpoint`] for a file that is none, is damaged, or whose tensors are not those of its network.
     pub fn read(path: &Path, device: &Device) -> Result<Self, TrainError> {
         let bytes = files::read_bytes(path)?;
-        let damaged = |e: String| refuse(path, format!("it cannot be read: {e}"), "is it a checkpoint of sizeup-train, and whole?");
+        let damaged = |e: String| {
+            refuse(path, format!("it cannot be read: {e}"), "is it a checkpoint of sizeup-train, and whole?")
+        };
         let (_, head) = SafeTensors::read_metadata(&bytes).map_err(|e| damaged(e.to_string()))?;
         let text = head.metadata().as_ref().and_then(|m| m.get(KEY)).ok_or_else(|| {
-            refuse(path, format!("it holds no {KEY:?} in its metadata"), "other programs' weights have to be brought into this form")
+            refuse(
+                path,
+                format!("it holds no {KEY:?} in its metadata"),
+                "other programs' weights have to be brought into this form",
+            )
         })?;
         let about: About = serde_json::from_str(text).map_err(|e| damaged(e.to_string()))?;
         if about.format != FORMAT {
@@ -137,7 +146,13 @@ impl Checkpoint {
                 match file.tensor(&format!("{kind}/{name}")) {
                     Ok(view) => found.insert(name.clone(), tensor(path, &name, &view, &shape, device)?),
                     Err(_) if found.is_empty() => return Ok(None),
-                    Err(_) => return Err(refuse(path, format!("it lacks {kind}/{name}"), "it is of another head: train anew")),
+                    Err(_) => {
+                        return Err(refuse(
+                            path,
+                            format!("it lacks {kind}/{name}"),
+                            "it is of another head: train anew",
+                        ));
+                    }
                 };
             }
             Ok(Some(found))
@@ -146,7 +161,9 @@ impl Checkpoint {
             let vars = tensors.into_iter().map(|(name, t)| Ok((name, Var::from_tensor(&t)?)));
             Ok(Parameters { vars: vars.collect::<Result<_, TrainError>>()? })
         };
-        let best = group("best")?.ok_or_else(|| refuse(path, "it lacks the network's parameters".to_owned(), "it is of another head: train anew"))?;
+        let best = group("best")?.ok_or_else(|| {
+            refuse(path, "it lacks the network's parameters".to_owned(), "it is of another head: train anew")
+        })?;
         let moments = match (group("first")?, group("second")?) {
             (Some(first), Some(mut second)) => {
                 let both = first.into_iter().map(|(name, f)| {
@@ -183,7 +200,8 @@ impl Checkpoint {
             return Err(refuse(path, problem, anew));
         }
         if self.config != *config {
-            let problem = "it was made with other settings (seed, crops, steps, loss, augmentation or looks)".to_owned();
+            let problem =
+                "it was made with other settings (seed, crops, steps, loss, augmentation or looks)".to_owned();
             return Err(refuse(path, problem, anew));
         }
         if self.set != set {
@@ -208,8 +226,7 @@ fn tensor(
         let problem = format!("{name}: expected {shape:?} of F32, found {:?} of {:?}", view.shape(), view.dtype());
         return Err(refuse(path, problem, "it is of another head: train anew"));
     }
-    let values: Vec<f32> =
-        view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    let values: Vec<f32> = view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
     Ok(Tensor::from_vec(values, shape, device)?)
 }
 

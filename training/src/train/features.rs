@@ -50,7 +50,10 @@ pub fn read(path: &Path, wanted: &[FeatureConfig], device: &Device) -> Result<Ve
         if channels != feature.channels || rows * columns == 0 || !is_known {
             let problem = format!(
                 "{}: expected {} × rows × columns of F32 or F16, found {:?} of {:?}",
-                feature.name, feature.channels, view.shape(), view.dtype()
+                feature.name,
+                feature.channels,
+                view.shape(),
+                view.dtype()
             );
             return Err(TrainError::set(path, problem, again));
         }
@@ -72,7 +75,8 @@ pub fn batch(scenes: &[&Scene], config: &TrainConfig, device: &Device) -> Result
     let mut by_name: Vec<(String, Vec<Tensor>)> = Vec::new();
     let (mut targets, mut weights) = (Vec::new(), Vec::new());
     for scene in scenes {
-        for (i, (name, map)) in read(&path_of(folder, scene), &config.network.features, device)?.into_iter().enumerate() {
+        for (i, (name, map)) in read(&path_of(folder, scene), &config.network.features, device)?.into_iter().enumerate()
+        {
             match by_name.get_mut(i) {
                 Some((_, maps)) => maps.push(map),
                 None => by_name.push((name, vec![map])),

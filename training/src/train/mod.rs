@@ -176,7 +176,10 @@ impl TrainConfig {
             ("stop.patience", self.stop.patience as f64, 1.0, 1e8),
         ] {
             if !within(value, low, high) {
-                return Err(TrainError::config(format!("{name} = {value}: expected {low} to {high}"), "docs/footprint-network.md"));
+                return Err(TrainError::config(
+                    format!("{name} = {value}: expected {low} to {high}"),
+                    "docs/footprint-network.md",
+                ));
             }
         }
         Ok(())

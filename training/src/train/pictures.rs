@@ -81,7 +81,12 @@ pub(super) fn overlays(shown: &[(&Scene, Tensor)], path: &Path) -> Result<(), Tr
             Ok(Raster::from_vec(width, height, values.iter().map(|v| *v > 0.0).collect()).expect("one per pixel"))
         };
         let (found, border) = (map(0)?, map(1)?);
-        let labels = Raster::from_vec(width, height, (0..width * height).map(|i| scene.photo.ground[(i % width, i / width)]).collect()).expect("one per pixel");
+        let labels = Raster::from_vec(
+            width,
+            height,
+            (0..width * height).map(|i| scene.photo.ground[(i % width, i / width)]).collect(),
+        )
+        .expect("one per pixel");
         for row in 0..height {
             for col in 0..width {
                 let grey = scene.photo.rgb[row * scene.photo.size.0 + col];

@@ -56,7 +56,11 @@ impl Training {
             let photos = set.photos(split)?;
             if photos.is_empty() {
                 let problem = format!("no photos for {:?}", split.name());
-                return Err(TrainError::set(&set.root, problem, "a set needs a scene with `split = \"train\"` and one with \"val\""));
+                return Err(TrainError::set(
+                    &set.root,
+                    problem,
+                    "a set needs a scene with `split = \"train\"` and one with \"val\"",
+                ));
             }
             Scene::ready(photos, &config)
         };
@@ -118,7 +122,9 @@ impl Training {
         state.check(path, &self.config, &self.set)?;
         // The log may be ahead of the checkpoint by a line.
         let log = files::read_text(&self.out.join(LOG)).unwrap_or_else(|_| HEADER.to_owned());
-        let is_done = |line: &&str| line.split(',').next().and_then(|s| s.parse().ok()).is_none_or(|s: usize| s <= state.progress.step);
+        let is_done = |line: &&str| {
+            line.split(',').next().and_then(|s| s.parse().ok()).is_none_or(|s: usize| s <= state.progress.step)
+        };
         let kept: String = log.lines().filter(is_done).map(|line| format!("{line}\n")).collect();
         files::write_whole(&self.out.join(LOG), |w| w.write_all(kept.as_bytes()))?;
         Ok(state)
@@ -208,8 +214,9 @@ impl Training {
 
 /// Parameters of their own with the same values.
 fn copy(parameters: &Parameters) -> Result<Parameters, TrainError> {
-    let vars = parameters.vars.iter().map(|(name, var)| {
-        Ok((name.clone(), candle_core::Var::from_tensor(&var.as_tensor().copy()?.detach())?))
-    });
+    let vars = parameters
+        .vars
+        .iter()
+        .map(|(name, var)| Ok((name.clone(), candle_core::Var::from_tensor(&var.as_tensor().copy()?.detach())?)));
     Ok(Parameters { vars: vars.collect::<Result<_, TrainError>>()? })
 }

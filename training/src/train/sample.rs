@@ -42,7 +42,10 @@ impl Scene {
         let takes_depth = config.network.inputs.contains(&Input::Depth);
         if let Some(without) = photos.iter().find(|p| takes_depth && p.relief.is_empty()) {
             let problem = format!("{} has no depth, and the network takes it", without.image.file_name);
-            return Err(TrainError::config(problem, "give the scene a `prior`, or leave \"depth\" out of `network.inputs`"));
+            return Err(TrainError::config(
+                problem,
+                "give the scene a `prior`, or leave \"depth\" out of `network.inputs`",
+            ));
         }
         let (reach, which) = (config.loss.border_reach_px, config.loss.borders);
         let ready = |photo: Photo| {

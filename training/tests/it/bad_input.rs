@@ -51,7 +51,9 @@ fn a_set_with_something_wrong_says_what_and_where() {
 
     let labels = std::fs::read(root.join(&image.ground)).unwrap();
     let mut small = std::io::Cursor::new(Vec::new());
-    image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(80, 64, image::Luma([1])).write_to(&mut small, image::ImageFormat::Png).unwrap();
+    image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(80, 64, image::Luma([1]))
+        .write_to(&mut small, image::ImageFormat::Png)
+        .unwrap();
     replace(&root, &image.ground, small.get_ref());
     refused(Set::open(&root).unwrap().photos(Split::Train), &[&image.ground, "160 × 128", "80 × 64"]);
     replace(&root, &image.ground, &labels);
@@ -64,7 +66,9 @@ fn a_set_with_something_wrong_says_what_and_where() {
         Set::open(&root).unwrap().coco(Split::Train)
     };
     refused(changed(&|c| c["images"][0]["off_nadir_deg"] = 31.0.into()), &["31.0° off the nadir", "15°"]);
-    let without = |c: &mut serde_json::Value| c["annotations"].as_array_mut().unwrap().retain(|a| a["image_id"] != image.id as u64);
+    let without = |c: &mut serde_json::Value| {
+        c["annotations"].as_array_mut().unwrap().retain(|a| a["image_id"] != image.id as u64)
+    };
     refused(changed(&without), &[&image.file_name, "has no outlines"]);
     refused(changed(&|c| c["annotations"][0]["image_id"] = 999.into()), &["photo 999"]);
     refused(changed(&|c| c["images"][0]["scene"] = "b".into()), &["not in the split \"train\""]);
@@ -79,7 +83,8 @@ fn scenes_that_cannot_be_are_refused_before_anything_is_made() {
     refused(make(&format!("{one}{one}")), &["two scenes are called \"a\""]);
     refused(make(one), &["both `simulate` and `photos`, or neither"]);
     refused(make(&one.replace("\"a\"", "\"../a\"")), &["letters, digits"]);
-    let oblique = toml::from_str::<DatasetConfig>(&format!("{one}simulate = {{ seed = \"x\" }}")).unwrap_err().to_string();
+    let oblique =
+        toml::from_str::<DatasetConfig>(&format!("{one}simulate = {{ seed = \"x\" }}")).unwrap_err().to_string();
     assert!(oblique.contains("seed"), "{oblique}");
 }
 
@@ -96,7 +101,11 @@ fn photos_of_ones_own_become_a_set_and_oblique_ones_do_not() {
              survey = {{ format = \"colmap\", path = {poses:?}, images = {:?}, offset = {} }}\n\
              footprints = {{ path = {:?}, id_field = \"id\" }}\nterrain = {{ dtm = {:?} }}\n\
              prior = {{ path = {:?}, kind = \"inverse_depth\" }}\n",
-            georef["crs"], scene.join("images"), georef["offset"], scene.join("truth.geojson"), scene.join("dtm.tif"),
+            georef["crs"],
+            scene.join("images"),
+            georef["offset"],
+            scene.join("truth.geojson"),
+            scene.join("dtm.tif"),
             scene.join("priors/{stem}.npy"),
         )
     };
@@ -194,12 +203,18 @@ fn a_full_disk_leaves_the_last_checkpoint_whole() {
     let before = std::fs::read(out.join(LAST)).unwrap();
     let program = env!("CARGO_BIN_EXE_sizeup-train");
     let limit_kib = before.len() / 2048;
-    let script = format!("trap '' XFSZ; ulimit -f {limit_kib}; exec {program:?} train {config:?} --set {root:?} --output {out:?}");
+    let script = format!(
+        "trap '' XFSZ; ulimit -f {limit_kib}; exec {program:?} train {config:?} --set {root:?} --output {out:?}"
+    );
     let outcome = Command::new("bash").args(["-c", &script]).output().unwrap();
     let said = String::from_utf8_lossy(&outcome.stderr);
     assert_eq!(outcome.status.code(), Some(4), "{said}");
     assert!(said.contains("hint: is there room on the disk"), "{said}");
     assert_eq!(std::fs::read(out.join(LAST)).unwrap(), before);
-    let litter: Vec<_> = std::fs::read_dir(&out).unwrap().map(|f| f.unwrap().file_name()).filter(|n| n.to_string_lossy().contains("partial")).collect();
+    let litter: Vec<_> = std::fs::read_dir(&out)
+        .unwrap()
+        .map(|f| f.unwrap().file_name())
+        .filter(|n| n.to_string_lossy().contains("partial"))
+        .collect();
     assert!(litter.is_empty(), "{litter:?}");
 }

@@ -54,7 +54,9 @@ fn var(shape: &[usize], key: f64) -> Var {
 
 #[test]
 fn convolutions_of_any_side_and_stride() {
-    for (side, stride, rows, columns) in [(3, 1, 7, 6), (3, 2, 8, 6), (3, 2, 7, 9), (1, 1, 5, 4), (5, 2, 9, 8), (3, 3, 10, 7)] {
+    for (side, stride, rows, columns) in
+        [(3, 1, 7, 6), (3, 2, 8, 6), (3, 2, 7, 9), (1, 1, 5, 4), (5, 2, 9, 8), (3, 3, 10, 7)]
+    {
         let (x, w, b) = (var(&[2, 3, rows, columns], 1.0), var(&[4, 3, side, side], 2.0), var(&[4], 3.0));
         check(&[&x, &w, &b], &|| conv2d(x.as_tensor(), w.as_tensor(), b.as_tensor(), stride));
     }
@@ -91,7 +93,11 @@ fn resizing_up_down_and_by_odd_ratios() {
 fn losses_with_unknown_pixels() {
     let logits = var(&[2, 2, 4, 5], 1.0);
     let step = |t: Tensor| t.gt(0.0).unwrap().to_dtype(DType::F64).unwrap();
-    let batch = Batch { inputs: Vec::new(), target: step(tensor(&[2, 2, 4, 5], 5.0)), weight: step(tensor(&[2, 1, 4, 5], 6.0)) };
+    let batch = Batch {
+        inputs: Vec::new(),
+        target: step(tensor(&[2, 2, 4, 5], 5.0)),
+        weight: step(tensor(&[2, 1, 4, 5], 6.0)),
+    };
     check(&[&logits], &|| loss(logits.as_tensor(), &batch, &LossConfig::default()));
 }
 
@@ -104,9 +110,10 @@ fn the_whole_network_down_to_its_first_kernel() {
         .iter()
         .map(|i| (i.name().to_owned(), tensor(&[2, i.channels(), 16, 24], 1.0 + i.channels() as f64)))
         .collect();
-    let some: Vec<&Var> = ["texture.0.down.weight", "geometry.0.same.bias", "head.project.tex1.weight", "head.up.0.norm.gain"]
-        .into_iter()
-        .map(|name| &parameters.vars[name])
-        .collect();
+    let some: Vec<&Var> =
+        ["texture.0.down.weight", "geometry.0.same.bias", "head.project.tex1.weight", "head.up.0.norm.gain"]
+            .into_iter()
+            .map(|name| &parameters.vars[name])
+            .collect();
     check(&some, &|| logits(&config, &parameters, &given, (16, 24)));
 }

@@ -60,8 +60,7 @@ fn one_photo_is_learned_by_heart_and_its_row_houses_stay_apart_in_sizeup() {
     let path = folder.path().join("heart.safetensors");
     checkpoint(config, parameters).write(&path).unwrap();
     set.manifest.files.retain(|name, _| !name.ends_with(".json"));
-    let mut coco: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(root.join("train.json")).unwrap()).unwrap();
+    let mut coco: serde_json::Value = serde_json::from_slice(&std::fs::read(root.join("train.json")).unwrap()).unwrap();
     let id = scene.photo.image.id as u64;
     coco["images"].as_array_mut().unwrap().retain(|i| i["id"] == id);
     coco["annotations"].as_array_mut().unwrap().retain(|i| i["image_id"] == id);
@@ -104,7 +103,8 @@ fn apart(a: &[f32], b: &[f32]) -> f32 {
 
 fn noise(shape: &[usize], key: f32) -> Tensor {
     let n: usize = shape.iter().product();
-    let values: Vec<f32> = (0..n).map(|i| ((i as f32 + key) * 0.7).sin() + 0.3 * ((i as f32) * 0.031 * key).cos()).collect();
+    let values: Vec<f32> =
+        (0..n).map(|i| ((i as f32 + key) * 0.7).sin() + 0.3 * ((i as f32) * 0.031 * key).cos()).collect();
     Tensor::from_vec(values, shape, &Device::Cpu).unwrap()
 }
 
@@ -132,7 +132,8 @@ fn the_exported_network_says_the_same_to_a_ten_thousandth() {
             .iter()
             .map(|i| (i.name().to_owned(), noise(&[1, i.channels(), 96, 96], 1.0 + i.channels() as f32)))
             .collect();
-        let here = logits(&config, &parameters, &given, (96, 96)).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        let here =
+            logits(&config, &parameters, &given, (96, 96)).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
         let checkpoint = checkpoint(TrainConfig { network: config, ..TrainConfig::default() }, parameters);
         let there = in_onnx(&export::bytes(&checkpoint, 96).unwrap(), &given);
         assert!(apart(&here, &there) < 1e-4, "{}", apart(&here, &there));
@@ -146,13 +147,17 @@ fn a_head_takes_features_of_any_stride_and_width_and_says_the_same_in_onnx() {
     let features = [("tex0", 6, 32), ("tex1", 5, 16), ("tex2", 7, 8), ("geo", 9, 8)];
     let config = NetworkConfig {
         inputs: Vec::new(),
-        features: features.iter().map(|(name, channels, _)| FeatureConfig { name: (*name).to_owned(), channels: *channels }).collect(),
+        features: features
+            .iter()
+            .map(|(name, channels, _)| FeatureConfig { name: (*name).to_owned(), channels: *channels })
+            .collect(),
         ..small_network()
     };
     let parameters = Parameters::new(&config, 5, DType::F32, &Device::Cpu).unwrap();
     let given: Vec<(String, Tensor)> =
         features.iter().map(|(name, c, side)| ((*name).to_owned(), noise(&[1, *c, *side, *side], *c as f32))).collect();
-    let here = logits(&config, &parameters, &given, (112, 112)).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+    let here =
+        logits(&config, &parameters, &given, (112, 112)).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
     let checkpoint = checkpoint(TrainConfig { network: config, ..TrainConfig::default() }, parameters);
     let sizes: Vec<(usize, usize)> = features.iter().map(|(_, _, side)| (*side, *side)).collect();
     let there = in_onnx(&export::head_bytes(&checkpoint, &sizes, 112).unwrap(), &given);

@@ -234,9 +234,8 @@ impl Segmenter {
         let depth = match (given(&profile.depth), &config.depth) {
             (None, _) => None,
             (Some(name), Some(files)) => {
-                let files = FilePriors::new(files.clone(), []).map_err(|e| {
-                    refuse(format!("`depth`: {e}"), "as under [prior] with `source = \"files\"`")
-                })?;
+                let files = FilePriors::new(files.clone(), [])
+                    .map_err(|e| refuse(format!("`depth`: {e}"), "as under [prior] with `source = \"files\"`"))?;
                 Some((name, files))
             }
             (Some(name), None) => {
@@ -309,7 +308,12 @@ impl Segmenter {
     }
 
     /// Masks and, where there are any, scores of a tile.
-    fn look(&self, photo: &RasterFile, geometry: &Geometry, tile: Window) -> Result<(Tensor, Option<Vec<f32>>, f32), ViewFault> {
+    fn look(
+        &self,
+        photo: &RasterFile,
+        geometry: &Geometry,
+        tile: Window,
+    ) -> Result<(Tensor, Option<Vec<f32>>, f32), ViewFault> {
         let unusable = |e: &dyn std::error::Error| ViewFault::Photo { reason: e.to_string() };
         let failed = |e: OnnxError| {
             let (problem, hint) = e.problem_and_hint();
