@@ -147,7 +147,10 @@ fn run(command: Command) -> Result<(), TrainError> {
                 "dataset" => schemars::schema_for!(DatasetConfig),
                 "train" => schemars::schema_for!(TrainConfig),
                 _ => {
-                    return Err(TrainError::config(format!("no configuration is called {which:?}"), "dataset or train"));
+                    return Err(TrainError::config(
+                        format!("no configuration is called {which:?}"),
+                        "dataset or train",
+                    ));
                 }
             };
             println!("{}", serde_json::to_string_pretty(&schema).expect("plain data"));

@@ -54,10 +54,10 @@ pub struct SegmenterProfile {
     /// Names its image input goes by; empty for a head over backbones.
     #[serde(default)]
     pub inputs: Vec<String>,
-    /// Names its input for depth goes by: `1 × 1 × rows × columns`, as [`super::geometry::relief`] gives it.
+    /// Names its input for depth goes by: one channel, how far things stand out of the ground's plane.
     #[serde(default)]
     pub depth: Vec<String>,
-    /// Names its input for the lean of what stands upright goes by: `1 × 2 × rows × columns`, [`super::geometry::Lean`].
+    /// Names its input for the lean of upright things goes by: two channels, (pixel − nadir) over the focal length.
     #[serde(default)]
     pub lean: Vec<String>,
     /// Side of the square that a tile is brought to, pixels; a fixed size of the graph replaces it.
