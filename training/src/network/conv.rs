@@ -4,9 +4,8 @@
 //! y[o, p] = b[o] + sum over i, k of  w[o, i, k] · x[i, s·p + k − h]        s: stride, h = side / 2 (zeros outside)
 //! ```
 //!
-//! candle's own convolution keeps the unfolded image of the whole batch for the way back, nine times the activations, and
-//! its backward pass is a transposed convolution without blocking; here the unfolded rows stay in the cache and are made
-//! anew. Sums run in the order of the batch, so that the number of threads changes no bit. On a GPU candle's own is used.
+//! The unfolded rows are made anew on the way back, so that nothing but activations is kept between the two ways. Sums run in
+//! the order of the batch, so that the number of threads changes no bit. On a GPU candle's own is used.
 
 use candle_core::{CpuStorage, CustomOp3, DType, Device, Layout, Result, Shape, Tensor, WithDType, bail};
 use rayon::prelude::*;
