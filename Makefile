@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-networks networks demo test lint bench accuracy-footprints docs schemas qgis-plugin clean
+.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-networks networks demo test lint bench accuracy-footprints docs schemas qgis-plugin train-test clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -46,6 +46,13 @@ test: deps-test ## Run all tests
 	@rm -f "$${CARGO_TARGET_DIR:-target}/tmp/skipped.txt"
 	$(CARGO) test --workspace --locked
 	@tools/skipped.sh
+
+# The training of footprint networks is a package of its own: the program builds and passes its tests without it. A continuous
+# integration runs this beside `make test`, with the same cache of `target`.
+train-test: deps ## Run the tests of training/ (footprint networks), and its lints
+	cd training && CARGO_TARGET_DIR=$(CURDIR)/target $(CARGO) fmt --check
+	cd training && CARGO_TARGET_DIR=$(CURDIR)/target $(CARGO) clippy --release --locked --all-targets -- -D warnings
+	cd training && CARGO_TARGET_DIR=$(CURDIR)/target $(CARGO) test --release --locked
 
 lint: deps ## Check formatting, lints and the documentation, warnings are errors
 	$(CARGO) fmt --check

@@ -3,6 +3,7 @@
 //! What the network wants is a [`SegmenterProfile`]: data, not code. Photos are cut into tiles, each brought to the
 //! network's square; what the tiles say is put together again at the photo's own pixels.
 
+pub mod geometry;
 pub mod profile;
 mod tiles;
 
@@ -12,6 +13,7 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::geometry::{Lean, relief};
 use self::profile::{Activation, Gives, SegmenterProfile, built_in, port};
 use self::tiles::{Joiner, Mosaic, at_photo_size, split};
 use super::cadastre::CadastreConfig;
@@ -21,9 +23,10 @@ use super::layer::FootprintError;
 use super::outlines::{Look, OutlineKind, OutlineSource, ViewFault};
 use super::vectorise::{Instances, MaskFault, Outline, Vectorising, outlines, outlines_at_level};
 use sizeup_geo::geodata::raster::{RasterFile, Resampling, Window};
-use sizeup_geo::paths::PathVisitor;
+use sizeup_geo::paths::{PathVisitor, visit_template};
 use sizeup_heights::raster::Raster;
 use sizeup_photos::onnx::{Network, OnnxError, Tensor};
+use sizeup_photos::prior::{FilePriorConfig, FilePriors, PriorSource as _};
 use sizeup_survey::View;
 
 /// Which network, and how it is run.
@@ -35,7 +38,7 @@ pub struct SegmenterConfig {
     /// ONNX files of the profile's backbones, by their names.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub backbones: BTreeMap<String, PathBuf>,
-    /// Built-in profile: "semantic", "sam3" or "fpsam.v1".
+    /// Built-in profile: "semantic", "small.v1", "sam3" or "fpsam.v1".
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profile: Option<String>,
     /// A profile of your own, in place of a built-in one.
@@ -56,6 +59,9 @@ pub struct SegmenterConfig {
     /// What the masks outline: "ground", where walls meet the ground, or "roof".
     #[serde(default)]
     pub outline: OutlineKind,
+    /// Depth of every photo from files, for networks that take it; by `{stem}` or `{name}`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth: Option<FilePriorConfig>,
     /// How accurate masks, poses and terrain are.
     #[serde(default)]
     pub accuracy: AccuracyConfig,
@@ -93,6 +99,7 @@ impl SegmenterConfig {
             above: default_above(),
             min_score: default_min_score(),
             outline: OutlineKind::default(),
+            depth: None,
             accuracy: AccuracyConfig::default(),
             consensus: ConsensusConfig::default(),
             cadastre: None,
@@ -103,6 +110,9 @@ impl SegmenterConfig {
     pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         visit(&mut self.model);
         self.backbones.values_mut().for_each(&mut *visit);
+        if let Some(depth) = &mut self.depth {
+            visit_template(&mut depth.path, visit);
+        }
         if let Some(cadastre) = &mut self.cadastre {
             cadastre.visit_paths(visit);
         }
@@ -132,6 +142,12 @@ struct Inlet {
     std: [f32; 3],
 }
 
+/// What is known of a photo besides its colours.
+struct Geometry {
+    relief: Option<Raster<f32>>,
+    lean: Lean,
+}
+
 /// A segmentation network, ready to run.
 #[derive(Debug)]
 pub struct Segmenter {
@@ -141,6 +157,9 @@ pub struct Segmenter {
     /// The network's own image input; none for a head over backbones.
     inlet: Option<Inlet>,
     backbones: Vec<(Network, Inlet, Vec<String>)>,
+    /// Inputs for depth and lean, where the graph has them.
+    depth: Option<(String, FilePriors)>,
+    lean: Option<String>,
     masks: String,
     scores: Option<String>,
     presence: Option<String>,
@@ -181,7 +200,12 @@ impl Segmenter {
             };
             Ok::<Inlet, FootprintError>(Inlet { name: input.name.clone(), side, mean, std })
         };
-        let own = if profile.backbones.is_empty() {
+        let is_own = profile.backbones.is_empty() && {
+            // A network that goes by depth alone has no image.
+            let by_depth_alone = port(&profile.depth, network.inputs()).is_some();
+            !by_depth_alone || port(&profile.inputs, network.inputs()).is_some()
+        };
+        let own = if is_own {
             let p = &profile;
             Some(inlet(&network, &config.model, &p.inputs, p.side_px, p.mean, p.std)?)
         } else {
@@ -205,7 +229,24 @@ impl Segmenter {
             let inlet = inlet(&graph, path, &b.inputs, b.side_px, b.mean, b.std)?;
             backbones.push((graph, inlet, wanted));
         }
-        if let Some(open) = network.inputs().iter().find(|i| {
+        let given = |names: &[String]| port(names, network.inputs()).map(|p| p.name.clone());
+        let lean = given(&profile.lean);
+        let depth = match (given(&profile.depth), &config.depth) {
+            (None, _) => None,
+            (Some(name), Some(files)) => {
+                let files = FilePriors::new(files.clone(), [])
+                    .map_err(|e| refuse(format!("`depth`: {e}"), "as under [prior] with `source = \"files\"`"))?;
+                Some((name, files))
+            }
+            (Some(name), None) => {
+                return Err(refuse(
+                    format!("{} takes depth ({name:?}), and `depth` is not set", config.model.display()),
+                    "`depth = { path = \"priors/{stem}.npy\", kind = \"inverse_depth\" }`; or a network without depth",
+                ));
+            }
+        };
+        let is_geometry = |name: &String| lean.as_ref() == Some(name) || depth.as_ref().is_some_and(|(d, _)| d == name);
+        if let Some(open) = network.inputs().iter().filter(|i| !is_geometry(&i.name)).find(|i| {
             !backbones.iter().any(|(_, _, features)| features.contains(&i.name))
                 && own.as_ref().is_none_or(|own| own.name != i.name)
         }) {
@@ -221,18 +262,58 @@ impl Segmenter {
             .clone();
         let named = |names: &[String]| port(names, network.outputs()).map(|p| p.name.clone());
         let (scores, presence) = (named(&profile.scores), named(&profile.presence));
-        Ok(Self { config, profile, network, inlet: own, backbones, masks, scores, presence })
+        Ok(Self { config, profile, network, inlet: own, backbones, depth, lean, masks, scores, presence })
+    }
+
+    /// Columns and rows that depth and lean have in a tile: the image's, or the graph's own.
+    fn geometry_side(&self) -> (usize, usize) {
+        let names = [self.depth.as_ref().map(|(name, _)| name), self.lean.as_ref()];
+        let own = names.into_iter().flatten().find_map(|name| {
+            match self.network.inputs().iter().find(|p| p.name == *name)?.shape[..] {
+                [_, _, Some(rows), Some(columns)] => Some((columns, rows)),
+                _ => None,
+            }
+        });
+        let square = (self.profile.side_px, self.profile.side_px);
+        own.or_else(|| self.inlet.as_ref().map(|inlet| inlet.side)).unwrap_or(square)
+    }
+
+    /// What a view's pose and depth say, for networks that take it.
+    fn geometry_of(&self, view: &View) -> Result<Geometry, ViewFault> {
+        let lean = Lean::of(view).ok_or_else(|| ViewFault::Network {
+            problem: "its nadir lies beyond the lens model".to_owned(),
+            hint: "networks that outline the ground see photos that look nearly straight down".to_owned(),
+        })?;
+        let relief = match &self.depth {
+            None => None,
+            Some((_, files)) => {
+                let prior = files.load(view).map_err(|e| ViewFault::Network {
+                    problem: format!("its depth cannot be used: {e}"),
+                    hint: "`depth` of the network's configuration says where it is".to_owned(),
+                })?;
+                Some(relief(&prior))
+            }
+        };
+        Ok(Geometry { relief, lean })
     }
 
     fn tile_px(&self) -> usize {
         let side = |inlet: &Inlet| inlet.side.0.max(inlet.side.1);
         let own = self.inlet.as_ref().map(side);
-        let first = || self.backbones.first().map_or(self.profile.side_px, |(_, inlet, _)| side(inlet));
+        let first = || {
+            let (columns, rows) = self.geometry_side();
+            self.backbones.first().map_or(columns.max(rows), |(_, inlet, _)| side(inlet))
+        };
         self.config.tile_px.unwrap_or_else(|| own.unwrap_or_else(first))
     }
 
     /// Masks and, where there are any, scores of a tile.
-    fn look(&self, photo: &RasterFile, tile: Window) -> Result<(Tensor, Option<Vec<f32>>, f32), ViewFault> {
+    fn look(
+        &self,
+        photo: &RasterFile,
+        geometry: &Geometry,
+        tile: Window,
+    ) -> Result<(Tensor, Option<Vec<f32>>, f32), ViewFault> {
         let unusable = |e: &dyn std::error::Error| ViewFault::Photo { reason: e.to_string() };
         let failed = |e: OnnxError| {
             let (problem, hint) = e.problem_and_hint();
@@ -247,6 +328,15 @@ impl Segmenter {
             let names: Vec<&str> = features.iter().map(String::as_str).collect();
             let found = graph.run_many(&[(&inlet.name, &input)], &names).map_err(failed)?;
             given.extend(features.iter().cloned().zip(found));
+        }
+        let side = self.geometry_side();
+        if let (Some((name, _)), Some(relief)) = (&self.depth, &geometry.relief) {
+            let values = geometry::resample(relief, photo.size(), tile, side);
+            given.push((name.clone(), Tensor { shape: vec![1, 1, side.1, side.0], values }));
+        }
+        if let Some(name) = &self.lean {
+            let values = geometry.lean.of_tile(tile, side);
+            given.push((name.clone(), Tensor { shape: vec![1, 2, side.1, side.0], values }));
         }
         let inputs: Vec<(&str, &Tensor)> = given.iter().map(|(name, tensor)| (name.as_str(), tensor)).collect();
         let wanted: Vec<&str> = [Some(&self.masks), self.scores.as_ref(), self.presence.as_ref()]
@@ -306,6 +396,7 @@ impl OutlineSource for Segmenter {
                 photo: (view.camera.width_px, view.camera.height_px),
             });
         }
+        let geometry = self.geometry_of(view)?;
         let tile_px = self.tile_px();
         let windows = tiles::tiles(size, tile_px, (self.config.overlap * tile_px as f64) as usize);
         let how = Vectorising {
@@ -318,7 +409,7 @@ impl OutlineSource for Segmenter {
             Gives::Semantic => {
                 let mut mosaics: Vec<Mosaic> = Vec::new();
                 for tile in windows {
-                    let (masks, _, _) = self.look(&photo, tile)?;
+                    let (masks, _, _) = self.look(&photo, &geometry, tile)?;
                     // Of more than two channels, the first is what the profile speaks of.
                     for (i, map) in self.maps(&masks)?.iter().take(2).enumerate() {
                         if mosaics.len() == i {
@@ -337,7 +428,7 @@ impl OutlineSource for Segmenter {
             Gives::Instances => {
                 let mut joiner = Joiner::new(size.0, size.1);
                 for tile in windows {
-                    let (masks, scores, presence) = self.look(&photo, tile)?;
+                    let (masks, scores, presence) = self.look(&photo, &geometry, tile)?;
                     let maps = self.maps(&masks)?;
                     let scored = maps.into_iter().enumerate().map(|(i, map)| {
                         let score = presence * scores.as_ref().map_or(1.0, |s| s.get(i).copied().unwrap_or(0.0));

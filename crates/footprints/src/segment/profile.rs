@@ -54,6 +54,12 @@ pub struct SegmenterProfile {
     /// Names its image input goes by; empty for a head over backbones.
     #[serde(default)]
     pub inputs: Vec<String>,
+    /// Names its input for depth goes by: one channel, how far things stand out of the ground's plane.
+    #[serde(default)]
+    pub depth: Vec<String>,
+    /// Names its input for the lean of upright things goes by: two channels, (pixel − nadir) over the focal length.
+    #[serde(default)]
+    pub lean: Vec<String>,
     /// Side of the square that a tile is brought to, pixels; a fixed size of the graph replaces it.
     pub side_px: usize,
     /// Subtracted from red, green and blue after division by 255.

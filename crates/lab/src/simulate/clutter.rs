@@ -9,6 +9,7 @@ use rstar::{AABB, RTree, primitives::GeomWithData, primitives::Rectangle};
 use sizeup_heights::seed;
 
 use super::chance::{between, happens};
+use super::config::SimulateConfig;
 use super::streets::{Land, PAVEMENT_M};
 use super::town::World;
 
@@ -43,6 +44,15 @@ pub(super) struct Piece {
 pub(super) struct Amounts {
     pub n_trees: usize,
     pub n_cars: usize,
+}
+
+impl Amounts {
+    /// As many as a configuration asks for in its world.
+    pub fn of(config: &SimulateConfig, world: &World) -> Self {
+        let n = |per_building: f64| (per_building * world.buildings.len() as f64).round() as usize;
+        let per_building = config.cityjson.as_ref().map_or(config.town.trees_per_building, |c| c.trees_per_building);
+        Self { n_trees: n(per_building), n_cars: n(config.town.cars_per_building) }
+    }
 }
 
 /// Trees in yards and along streets, cars on carriageways, none of them in a building.

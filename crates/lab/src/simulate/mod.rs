@@ -35,6 +35,7 @@ mod real;
 mod relief;
 mod run;
 mod scene;
+mod sight;
 mod streets;
 mod texture;
 mod tie_points;
@@ -55,6 +56,7 @@ pub use masks::{ground_contact, roofs};
 pub use relief::Extent;
 pub use run::{SimulationSummary, simulate, simulate_with_views, world};
 pub use scene::Seen;
+pub use sight::Sight;
 pub use town::World;
 pub use trace::TrueDepth;
 

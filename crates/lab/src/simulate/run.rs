@@ -122,9 +122,7 @@ fn write_scene(
     }
     let crs = Crs::parse(&world.crs)?;
     crs.require_projected_metres()?;
-    let n = |per_building: f64| (per_building * world.buildings.len() as f64).round() as usize;
-    let trees_per_building = config.cityjson.as_ref().map_or(config.town.trees_per_building, |c| c.trees_per_building);
-    let amounts = clutter::Amounts { n_trees: n(trees_per_building), n_cars: n(config.town.cars_per_building) };
+    let amounts = clutter::Amounts::of(config, world);
     let scene = Scene::new(world, &clutter::scatter(world, amounts, config.seed));
     let palette = Palette::new(world, scene.origin.0.truncate(), config);
     let studio = Photographer {

@@ -1,0 +1,160 @@
+//! `sizeup-train`: sets, training, export, measuring.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use candle_core::Device;
+use clap::{Parser, Subcommand};
+use sizeup_training::config::read_toml;
+use sizeup_training::dataset::load::Set;
+use sizeup_training::dataset::{DatasetConfig, Split, make};
+use sizeup_training::measure::{self, Row};
+use sizeup_training::train::TrainConfig;
+use sizeup_training::train::checkpoint::Checkpoint;
+use sizeup_training::train::run::Training;
+use sizeup_training::{TrainError, export};
+
+// Activations come and go by the hundred megabytes; the system's allocator gives them back to the system each time.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+/// Trains networks that find where buildings meet the ground.
+#[derive(Parser)]
+#[command(version)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Makes a set to learn from: photos with outlines on the ground.
+    Dataset {
+        /// Scenes, as TOML.
+        config: PathBuf,
+        /// Folder of the set; it may not hold one yet.
+        #[arg(short, long)]
+        output: PathBuf,
+    },
+    /// Trains a network on a set, or goes on where it stopped.
+    Train {
+        /// Settings, as TOML.
+        config: PathBuf,
+        /// Folder of the set.
+        #[arg(short, long)]
+        set: PathBuf,
+        /// Folder of checkpoints, log and pictures.
+        #[arg(short, long)]
+        output: PathBuf,
+    },
+    /// Writes a trained network as ONNX, for `sizeup footprints`.
+    Export {
+        /// A checkpoint: `best.safetensors`.
+        checkpoint: PathBuf,
+        /// The file to write.
+        #[arg(short, long)]
+        output: PathBuf,
+        /// Side of a tile, pixels: what the network sees at once.
+        #[arg(long, default_value_t = 256)]
+        tile: usize,
+    },
+    /// Compares networks, and what other programs found, with the outlines of a set: precision, recall, F1 and IoU.
+    Measure {
+        /// Folder of the set.
+        #[arg(short, long)]
+        set: PathBuf,
+        /// Which scenes: train, val or test.
+        #[arg(long, default_value = "test")]
+        split: String,
+        /// A network to measure, as NAME=FILE: ONNX or a checkpoint. May be repeated.
+        #[arg(long, value_name = "NAME=FILE")]
+        network: Vec<String>,
+        /// Outlines of another program to measure, as NAME=FILE: COCO. May be repeated.
+        #[arg(long, value_name = "NAME=FILE")]
+        coco: Vec<String>,
+        /// Side of a tile for checkpoints, pixels.
+        #[arg(long, default_value_t = 256)]
+        tile: usize,
+        /// Folder for the table as JSON, and pictures.
+        #[arg(short, long)]
+        output: Option<PathBuf>,
+    },
+    /// Prints the JSON Schema of a configuration file.
+    Schema {
+        /// Which: dataset or train.
+        which: String,
+    },
+}
+
+fn main() -> ExitCode {
+    match run(Arguments::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(match error {
+                TrainError::Config { .. } => 2,
+                TrainError::Set { .. } | TrainError::Scene { .. } | TrainError::Checkpoint { .. } => 3,
+                TrainError::File(_) | TrainError::Tensor(_) => 4,
+            })
+        }
+    }
+}
+
+fn run(command: Command) -> Result<(), TrainError> {
+    match command {
+        Command::Dataset { config, output } => {
+            make::make(&DatasetConfig::read(&config)?, &output, &|line| eprintln!("{line}"))?;
+            Ok(())
+        }
+        Command::Train { config, set, output } => {
+            let config: TrainConfig = read_toml(&config)?;
+            let training = Training::new(config, &Set::open(&set)?, &output)?;
+            training.run(None, &|line| eprintln!("{line}"))?;
+            Ok(())
+        }
+        Command::Export { checkpoint, output, tile } => {
+            let network = Checkpoint::read(&checkpoint, &Device::Cpu)?;
+            export::write(&network, tile, &output)
+        }
+        Command::Measure { set, split, network, coco, tile, output } => {
+            let split = Split::ALL
+                .into_iter()
+                .find(|s| s.name() == split)
+                .ok_or_else(|| TrainError::config(format!("no split is called {split:?}"), "train, val or test"))?;
+            let named = |text: &String| match text.split_once('=') {
+                Some((name, path)) if !name.is_empty() => Ok((name.to_owned(), PathBuf::from(path))),
+                _ => Err(TrainError::config(format!("{text:?} is no NAME=FILE"), "--network both=best.safetensors")),
+            };
+            let mut rows = vec![Row::Roofs, Row::Visible];
+            for text in &network {
+                let (name, path) = named(text)?;
+                rows.push(Row::Network { name, path, tile });
+            }
+            for text in &coco {
+                let (name, path) = named(text)?;
+                rows.push(Row::Coco { name, path });
+            }
+            let measured = measure::measure(&Set::open(&set)?, split, &rows, output.as_deref())?;
+            if let Some(folder) = output {
+                let path = folder.join("table.json");
+                sizeup_geo::files::write_whole(&path, |w| Ok(serde_json::to_writer_pretty(w, &measured)?))?;
+            }
+            print!("{}", measure::table(&measured));
+            Ok(())
+        }
+        Command::Schema { which } => {
+            let schema = match which.as_str() {
+                "dataset" => schemars::schema_for!(DatasetConfig),
+                "train" => schemars::schema_for!(TrainConfig),
+                _ => {
+                    return Err(TrainError::config(
+                        format!("no configuration is called {which:?}"),
+                        "dataset or train",
+                    ));
+                }
+            };
+            println!("{}", serde_json::to_string_pretty(&schema).expect("plain data"));
+            Ok(())
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! The paper's Table 1: per photo, instances found against instances on the ground.
+//!
+//! Two instances are one building if their intersection over union is a half or more; as instances of a photo do not overlap,
+//! no building has two partners. Per photo, over its instances of at least [`LEAST_PX`] pixels:
+//!
+//! ```text
+//! precision = pairs / found,   recall = pairs / true,   F1 = 2 pairs / (found + true),   IoU: of all buildings' pixels
+//! ```
+//!
+//! and then the mean over photos. Outlines come through the same code as in `sizeup footprints`: tiles, borders, contours.
+
+mod matching;
+mod sources;
+
+pub use matching::{Counts, compare};
+pub use sources::{Row, fill};
+
+use std::path::Path;
+
+use serde::Serialize;
+use sizeup_footprints::Look;
+use sizeup_heights::raster::Raster;
+
+use crate::TrainError;
+use crate::dataset::Split;
+use crate::dataset::load::{Photo, Set};
+use crate::dataset::make::write_png;
+
+/// Smaller instances count for nothing, pixels: corners at a photo's border.
+pub const LEAST_PX: usize = 64;
+/// How contours are drawn.
+const LOOK: Look = Look { min_area_px2: LEAST_PX as f64, tolerance_px: 0.5 };
+/// Pictures per row and scene.
+const SHOWN: usize = 3;
+
+/// One row of the table.
+#[derive(Debug, Clone, Serialize)]
+pub struct Measured {
+    /// What was measured.
+    pub name: String,
+    /// Photos.
+    pub n_photos: usize,
+    /// Buildings in photos.
+    pub n_true: usize,
+    /// What was found in them.
+    pub n_found: usize,
+    /// Pairs of the two.
+    pub n_pairs: usize,
+    /// Mean over photos, shares of 1.
+    pub iou: f64,
+    /// Mean over photos.
+    pub precision: f64,
+    /// Mean over photos.
+    pub recall: f64,
+    /// Mean over photos.
+    pub f1: f64,
+    /// Mean intersection over union of the pairs.
+    pub iou_of_pairs: f64,
+}
+
+impl Measured {
+    /// The mean over photos.
+    #[must_use]
+    pub fn of(name: &str, photos: &[Counts]) -> Self {
+        let n = photos.len().max(1) as f64;
+        let mean = |f: fn(&Counts) -> f64| photos.iter().map(f).sum::<f64>() / n;
+        let sum = |f: fn(&Counts) -> usize| photos.iter().map(f).sum::<usize>();
+        let (n_true, n_found, n_pairs) = (sum(|c| c.n_true), sum(|c| c.n_found), sum(|c| c.n_pairs));
+        Self {
+            name: name.to_owned(),
+            n_photos: photos.len(),
+            n_true,
+            n_found,
+            n_pairs,
+            iou: mean(Counts::iou),
+            precision: mean(Counts::precision),
+            recall: mean(Counts::recall),
+            f1: mean(Counts::f1),
+            iou_of_pairs: photos.iter().map(|c| c.iou_of_pairs).sum::<f64>() / n_pairs.max(1) as f64,
+        }
+    }
+}
+
+/// The table as text for people, its figures in per cent.
+#[must_use]
+pub fn table(rows: &[Measured]) -> String {
+    let mut text = String::from(
+        "| | IoU | precision | recall | F1 | IoU of pairs | found / true |\n|---|---|---|---|---|---|---|\n",
+    );
+    for row in rows {
+        let [iou, p, r, f1, pairs] =
+            [row.iou, row.precision, row.recall, row.f1, row.iou_of_pairs].map(|v| format!("{:.1}", 100.0 * v));
+        text += &format!("| {} | {iou} | {p} | {r} | {f1} | {pairs} | {} / {} |\n", row.name, row.n_found, row.n_true);
+    }
+    text
+}
+
+/// Measures rows on a split, with a few pictures of each where a folder for them is given.
+///
+/// # Errors
+/// [`TrainError`] for a row that cannot be computed.
+pub fn measure(set: &Set, split: Split, rows: &[Row], pictures: Option<&Path>) -> Result<Vec<Measured>, TrainError> {
+    let photos = set.photos(split)?;
+    if photos.is_empty() {
+        return Err(TrainError::set(
+            &set.root,
+            format!("it has no photos for {:?}", split.name()),
+            "choose another split",
+        ));
+    }
+    rows.iter().map(|row| measure_row(set, &photos, row, pictures)).collect()
+}
+
+fn measure_row(set: &Set, photos: &[Photo], row: &Row, pictures: Option<&Path>) -> Result<Measured, TrainError> {
+    let mut counts = Vec::new();
+    let mut n_shown = std::collections::BTreeMap::new();
+    for scene in &set.manifest.scenes {
+        let of_scene: Vec<&Photo> = photos.iter().filter(|p| p.image.scene == scene.name).collect();
+        let Some(first) = of_scene.first() else { continue };
+        let source = row.open(set, &scene.name, first)?;
+        for photo in of_scene {
+            let found = match &source {
+                None => row.labels(set, photo)?,
+                Some(source) => {
+                    let view = sources::view_of(set, photo);
+                    let outlines = source.outlines(&view, LOOK).map_err(|e| TrainError::Scene {
+                        scene: scene.name.clone(),
+                        problem: format!("{} on {}: {e}", row.name(), photo.image.file_name),
+                    })?;
+                    let shapes: Vec<_> = outlines.into_iter().map(|o| o.shape_px).collect();
+                    fill(&shapes, photo.size)
+                }
+            };
+            counts.push(compare(&photo.ground, &found, LEAST_PX));
+            let n = n_shown.entry(&scene.name).or_insert(0);
+            if let Some(folder) = pictures.filter(|_| *n < SHOWN) {
+                let name = format!("{}-{}-{n}.png", row.name().replace(' ', "-"), scene.name);
+                picture(photo, &found, &folder.join(name))?;
+                *n += 1;
+            }
+        }
+    }
+    Ok(Measured::of(row.name(), &counts))
+}
+
+/// A photo with true outlines in white and found ones in red.
+fn picture(photo: &Photo, found: &Raster<u32>, path: &Path) -> Result<(), TrainError> {
+    let (width, height) = photo.size;
+    let mut bytes = Vec::with_capacity(3 * width * height);
+    for row in 0..height {
+        for col in 0..width {
+            let colour = if is_edge(found, col, row) {
+                [255, 50, 20]
+            } else if is_edge(&photo.ground, col, row) {
+                [255; 3]
+            } else {
+                photo.rgb[row * width + col]
+            };
+            bytes.extend(colour);
+        }
+    }
+    write_png(path, &bytes, (width as u32, height as u32), image::ExtendedColorType::Rgb8)
+}
+
+fn is_edge<T: PartialEq>(map: &Raster<T>, col: usize, row: usize) -> bool {
+    let here = &map[(col, row)];
+    map.get(col + 1, row).is_some_and(|v| v != here) || map.get(col, row + 1).is_some_and(|v| v != here)
+}

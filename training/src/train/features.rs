@@ -1,0 +1,125 @@
+//! Features of frozen networks, computed once and kept: `FOLDER/SCENE/PHOTO.safetensors`, a tensor per feature map.
+//!
+//! A map is of the whole photo, brought to a square or not: positions are shares of the photo's width and height, so maps of
+//! any stride go together. Labels are brought to `crop_px` rows and columns the same way. There is no augmentation: a
+//! feature of a turned photo is not the turned feature.
+
+use std::path::{Path, PathBuf};
+
+use candle_core::{DType, Device, Tensor};
+use rand::Rng as _;
+use safetensors::SafeTensors;
+use safetensors::tensor::Dtype;
+use sizeup_geo::files;
+use sizeup_heights::seed;
+
+use super::TrainConfig;
+use super::sample::{Batch, Scene};
+use crate::TrainError;
+use crate::dataset::labels::UNKNOWN;
+use crate::network::FeatureConfig;
+
+/// The file of a photo's features.
+#[must_use]
+pub fn path_of(folder: &Path, scene: &Scene) -> PathBuf {
+    let image = &scene.photo.image;
+    let stem = Path::new(&image.file_name).file_stem().unwrap_or_default();
+    folder.join(&image.scene).join(stem).with_extension("safetensors")
+}
+
+/// Reads a photo's feature maps, `1 × channels × rows × columns` each.
+///
+/// # Errors
+/// [`TrainError::Set`] for a file that is missing or damaged, and for a map of another shape.
+pub fn read(path: &Path, wanted: &[FeatureConfig], device: &Device) -> Result<Vec<(String, Tensor)>, TrainError> {
+    let again = "compute the features anew; `network.features` lists their names and channels";
+    let bytes = files::read_bytes(path)?;
+    let file = SafeTensors::deserialize(&bytes)
+        .map_err(|e| TrainError::set(path, format!("it cannot be read as features: {e}"), again))?;
+    let mut maps = Vec::new();
+    for feature in wanted {
+        let view = file.tensor(&feature.name).map_err(|_| {
+            let names = file.names().join(", ");
+            TrainError::set(path, format!("expected a feature {:?}, found {names}", feature.name), again)
+        })?;
+        let (channels, rows, columns) = match *view.shape() {
+            [channels, rows, columns] | [1, channels, rows, columns] => (channels, rows, columns),
+            _ => (0, 0, 0),
+        };
+        let is_known = matches!(view.dtype(), Dtype::F32 | Dtype::F16);
+        if channels != feature.channels || rows * columns == 0 || !is_known {
+            let problem = format!(
+                "{}: expected {} × rows × columns of F32 or F16, found {:?} of {:?}",
+                feature.name,
+                feature.channels,
+                view.shape(),
+                view.dtype()
+            );
+            return Err(TrainError::set(path, problem, again));
+        }
+        let kind = if view.dtype() == Dtype::F16 { DType::F16 } else { DType::F32 };
+        let map = Tensor::from_raw_buffer(view.data(), kind, &[1, channels, rows, columns], device)?;
+        maps.push((feature.name.clone(), map.to_dtype(DType::F32)?));
+    }
+    Ok(maps)
+}
+
+/// Whole photos with their features.
+///
+/// # Errors
+/// As [`read`]; photos of a batch whose maps differ in size.
+pub fn batch(scenes: &[&Scene], config: &TrainConfig, device: &Device) -> Result<Batch, TrainError> {
+    let Some(folder) = &config.features else {
+        return Err(TrainError::config("`features` is not set", "the folder of the feature files"));
+    };
+    let mut by_name: Vec<(String, Vec<Tensor>)> = Vec::new();
+    let (mut targets, mut weights) = (Vec::new(), Vec::new());
+    for scene in scenes {
+        for (i, (name, map)) in read(&path_of(folder, scene), &config.network.features, device)?.into_iter().enumerate()
+        {
+            match by_name.get_mut(i) {
+                Some((_, maps)) => maps.push(map),
+                None => by_name.push((name, vec![map])),
+            }
+        }
+        let (target, weight) = labels(scene, config.crop_px);
+        targets.extend(target);
+        weights.extend(weight);
+    }
+    let (n, side) = (scenes.len(), config.crop_px);
+    let inputs = by_name.into_iter().map(|(name, maps)| Ok((name, Tensor::cat(&maps, 0)?)));
+    Ok(Batch {
+        inputs: inputs.collect::<Result<_, TrainError>>()?,
+        target: Tensor::from_vec(targets, (n, 2, side, side), device)?,
+        weight: Tensor::from_vec(weights, (n, 1, side, side), device)?,
+    })
+}
+
+/// A photo's labels at `side × side` cells.
+fn labels(scene: &Scene, side: usize) -> (Vec<f32>, Vec<f32>) {
+    let (columns, rows) = scene.photo.size;
+    let cell = |i: usize| {
+        let at = |k: usize, n: usize| ((k as f64 + 0.5) / side as f64 * n as f64) as usize;
+        at(i / side, rows) * columns + at(i % side, columns)
+    };
+    let as_float = |b: bool| f32::from(u8::from(b));
+    let label = |i: usize| scene.photo.ground.data()[cell(i)];
+    let all = 0..side * side;
+    let building = all.clone().map(|i| as_float(!matches!(label(i), 0 | UNKNOWN)));
+    let border = all.clone().map(|i| as_float(scene.border[cell(i)]));
+    (building.chain(border).collect(), all.map(|i| as_float(label(i) != UNKNOWN)).collect())
+}
+
+/// The photos of one step.
+///
+/// # Errors
+/// As [`batch`].
+pub fn of_step(scenes: &[Scene], config: &TrainConfig, step: usize, device: &Device) -> Result<Batch, TrainError> {
+    let chosen: Vec<&Scene> = (0..config.batch)
+        .map(|i| {
+            let mut rng = seed::stream(config.seed, "crop", &[step as u64, i as u64]);
+            &scenes[rng.random_range(0..scenes.len())]
+        })
+        .collect();
+    batch(&chosen, config, device)
+}

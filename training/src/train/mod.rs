@@ -1,0 +1,188 @@
+//! Training: what it is told, what it sees, how it steps, what it keeps.
+
+pub mod checkpoint;
+pub mod features;
+pub mod loss;
+pub mod optimise;
+pub mod pictures;
+pub mod run;
+pub mod sample;
+
+use std::path::PathBuf;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+use crate::dataset::labels::Borders;
+use crate::network::NetworkConfig;
+
+/// All of a training but its set.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrainConfig {
+    /// Root of every random choice: the same seed and set give the same network, to the bit, on the same machine.
+    pub seed: u64,
+    /// How large the network is and what it sees.
+    pub network: NetworkConfig,
+    /// Folder of feature files, for a network with `features`: `FOLDER/SCENE/PHOTO.safetensors`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub features: Option<PathBuf>,
+    /// Side of what a network sees at once, pixels; a multiple of what its levels ask for, 32 with all defaults. With features
+    /// the side that whole photos are brought to.
+    pub crop_px: usize,
+    /// Crops in a step.
+    pub batch: usize,
+    /// Steps in all, unless it stops early.
+    pub steps: usize,
+    /// Of the optimiser, at its highest.
+    pub learning_rate: f64,
+    /// Steps until it is at its highest; after that it falls as a cosine to nothing.
+    pub warm_up: usize,
+    /// How much weights shrink in a step, per learning rate.
+    pub weight_decay: f64,
+    /// What is made small.
+    pub loss: LossConfig,
+    /// How crops vary.
+    pub augment: AugmentConfig,
+    /// When to look, and when to stop.
+    pub stop: StopConfig,
+}
+
+impl Default for TrainConfig {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            network: NetworkConfig::default(),
+            features: None,
+            crop_px: 192,
+            batch: 8,
+            steps: 1000,
+            learning_rate: 3e-3,
+            warm_up: 40,
+            weight_decay: 1e-3,
+            loss: LossConfig::default(),
+            augment: AugmentConfig::default(),
+            stop: StopConfig::default(),
+        }
+    }
+}
+
+/// What is made small: `BCE + dice · (1 − Dice)` of buildings, and `border` times the same of borders.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct LossConfig {
+    /// Weight of the Dice term beside the cross-entropy.
+    pub dice: f64,
+    /// Weight of borders beside buildings.
+    pub border: f64,
+    /// What a border is: `touching`, where buildings touch, or `around` every building.
+    pub borders: Borders,
+    /// Pixels of a building this near to another one, or to its own end, are a border, pixels.
+    pub border_reach_px: usize,
+    /// How much more a border's pixel counts in the cross-entropy than one without. Above 1 borders come out too wide, and where
+    /// they fill a house, it falls to its neighbour.
+    pub border_gain: f64,
+}
+
+impl Default for LossConfig {
+    fn default() -> Self {
+        Self { dice: 1.0, border: 0.5, borders: Borders::default(), border_reach_px: 2, border_gain: 1.0 }
+    }
+}
+
+/// How crops vary. Flips and quarter turns are always there; they turn the lean along.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct AugmentConfig {
+    /// Most that a crop is enlarged or reduced, as a share of 1, 0 to 0.5.
+    pub zoom: f64,
+    /// Standard deviation of the gain of each colour and of all, as a share of 1.
+    pub colour: f64,
+    /// Standard deviation of the exponent of the grey levels, as a share of 1.
+    pub gamma: f64,
+    /// Share of crops without colour.
+    pub grey: f64,
+    /// Most standard deviation of noise, grey levels.
+    pub noise: f64,
+    /// Share of crops that are blurred by a box of three pixels.
+    pub blur: f64,
+    /// Standard deviation of the gain of the relief, as a share of 1.
+    pub relief: f64,
+    /// Share of crops in which colours, or where there is depth that, are left out altogether; never both.
+    pub drop: f64,
+}
+
+impl Default for AugmentConfig {
+    fn default() -> Self {
+        Self { zoom: 0.25, colour: 0.2, gamma: 0.2, grey: 0.1, noise: 6.0, blur: 0.2, relief: 0.2, drop: 0.0 }
+    }
+}
+
+/// When to look, and when to stop.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct StopConfig {
+    /// Steps between looks at the scenes for validation; a checkpoint is written at each.
+    pub every: usize,
+    /// Looks without a better one after which it stops.
+    pub patience: usize,
+}
+
+impl Default for StopConfig {
+    fn default() -> Self {
+        Self { every: 100, patience: 8 }
+    }
+}
+
+impl TrainConfig {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// [`TrainError::Config`] for the first setting out of range.
+    pub fn validate(&self) -> Result<(), TrainError> {
+        if let Some((found, expected)) = self.network.fault() {
+            return Err(TrainError::config(format!("network: {found}"), &format!("expected {expected}")));
+        }
+        let multiple = self.network.multiple();
+        if self.network.features.is_empty() && (self.crop_px == 0 || !self.crop_px.is_multiple_of(multiple)) {
+            let problem = format!("crop_px = {}: expected a multiple of {multiple}", self.crop_px);
+            return Err(TrainError::config(problem, "each level of the network halves the grid"));
+        }
+        if self.network.features.is_empty() == self.features.is_some() {
+            let problem = "`features` and `network.features` go together: one is set without the other";
+            return Err(TrainError::config(problem, "the folder of feature files, and their names and channels"));
+        }
+        let within = |value: f64, low: f64, high: f64| value >= low && value <= high;
+        let (a, l) = (&self.augment, &self.loss);
+        for (name, value, low, high) in [
+            ("crop_px", self.crop_px as f64, 16.0, 4096.0),
+            ("batch", self.batch as f64, 1.0, 1024.0),
+            ("steps", self.steps as f64, 1.0, 1e8),
+            ("learning_rate", self.learning_rate, 1e-8, 1.0),
+            ("weight_decay", self.weight_decay, 0.0, 1.0),
+            ("loss.dice", l.dice, 0.0, 100.0),
+            ("loss.border", l.border, 0.0, 100.0),
+            ("loss.border_reach_px", l.border_reach_px as f64, 1.0, 50.0),
+            ("loss.border_gain", l.border_gain, 1.0, 1000.0),
+            ("augment.zoom", a.zoom, 0.0, 0.5),
+            ("augment.colour", a.colour, 0.0, 1.0),
+            ("augment.gamma", a.gamma, 0.0, 1.0),
+            ("augment.grey", a.grey, 0.0, 1.0),
+            ("augment.noise", a.noise, 0.0, 100.0),
+            ("augment.blur", a.blur, 0.0, 1.0),
+            ("augment.relief", a.relief, 0.0, 1.0),
+            ("augment.drop", a.drop, 0.0, 0.9),
+            ("stop.every", self.stop.every as f64, 1.0, 1e8),
+            ("stop.patience", self.stop.patience as f64, 1.0, 1e8),
+        ] {
+            if !within(value, low, high) {
+                return Err(TrainError::config(
+                    format!("{name} = {value}: expected {low} to {high}"),
+                    "docs/footprint-network.md",
+                ));
+            }
+        }
+        Ok(())
+    }
+}

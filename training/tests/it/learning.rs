@@ -1,0 +1,185 @@
+//! A network learns what it is shown, goes on after a kill to the same bits, and does the same in ONNX.
+
+use std::path::Path;
+
+use candle_core::{DType, Device, Tensor};
+use sizeup_photos::onnx::{Network, Tensor as Values};
+use sizeup_training::dataset::Split;
+use sizeup_training::dataset::load::Set;
+use sizeup_training::export;
+use sizeup_training::measure::{Row, measure};
+use sizeup_training::network::evaluate::logits;
+use sizeup_training::network::parameters::Parameters;
+use sizeup_training::network::{FeatureConfig, NetworkConfig};
+use sizeup_training::train::checkpoint::{Checkpoint, Progress};
+use sizeup_training::train::loss::{loss, overlap};
+use sizeup_training::train::optimise::Moments;
+use sizeup_training::train::run::{LAST, LOG, Training};
+use sizeup_training::train::sample::{Scene, whole};
+use sizeup_training::train::{LossConfig, TrainConfig};
+
+use crate::scene::{quick, small_network, villages};
+
+fn checkpoint(config: TrainConfig, parameters: Parameters) -> Checkpoint {
+    let progress = Progress { step: 0, best_loss: None, best_step: 0, best_iou: 0.0, n_since: 0, loss_sum: (0.0, 0) };
+    let best = parameters.clone();
+    Checkpoint { config, progress, set: "of a test".to_owned(), parameters, best, moments: None }
+}
+
+#[test]
+fn one_photo_is_learned_by_heart_and_sizeup_draws_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("set");
+    villages(&root);
+    let mut set = Set::open(&root).unwrap();
+    let config = TrainConfig {
+        learning_rate: 1e-2,
+        steps: 160,
+        loss: LossConfig { border: 1.0, ..LossConfig::default() },
+        ..quick()
+    };
+    let photos = set.photos(Split::Train).unwrap();
+    let n_borders = |s: &Scene| s.border.iter().filter(|b| **b).count();
+    let scenes = Scene::ready(photos, &config).unwrap();
+    let scene = scenes.iter().max_by_key(|s| n_borders(s)).unwrap();
+    assert!(n_borders(scene) > 50, "there is a row of houses: {}", n_borders(scene));
+    let batch = whole(scene, &config.network.inputs, config.network.multiple(), &Device::Cpu).unwrap();
+    let size = (batch.target.dim(2).unwrap(), batch.target.dim(3).unwrap());
+    let parameters = Parameters::new(&config.network, 1, DType::F32, &Device::Cpu).unwrap();
+    let mut moments = Moments::new(&parameters).unwrap();
+    for step in 1..=config.steps {
+        let found = logits(&config.network, &parameters, &batch.inputs, size).unwrap();
+        let gradients = loss(&found, &batch, &config.loss).unwrap().backward().unwrap();
+        moments.step(&parameters, &gradients, &config, step).unwrap();
+    }
+    let found = logits(&config.network, &parameters, &batch.inputs, size).unwrap();
+    let (both, either) = overlap(&found, &batch).unwrap();
+    assert!(both / either > 0.93, "IoU {}", both / either);
+
+    // Through sizeup's own code, on that photo alone.
+    let path = folder.path().join("heart.safetensors");
+    checkpoint(config, parameters).write(&path).unwrap();
+    set.manifest.files.retain(|name, _| !name.ends_with(".json"));
+    let mut coco: serde_json::Value = serde_json::from_slice(&std::fs::read(root.join("train.json")).unwrap()).unwrap();
+    let id = scene.photo.image.id as u64;
+    coco["images"].as_array_mut().unwrap().retain(|i| i["id"] == id);
+    coco["annotations"].as_array_mut().unwrap().retain(|i| i["image_id"] == id);
+    std::fs::write(root.join("train.json"), coco.to_string()).unwrap();
+    let entry = sizeup_training::dataset::manifest::FileEntry::of(&root.join("train.json")).unwrap();
+    set.manifest.files.insert("train.json".to_owned(), entry);
+    let rows = [Row::Network { name: "by heart".to_owned(), path, tile: 128 }];
+    let measured = &measure(&set, Split::Train, &rows, None).unwrap()[0];
+    // That its row houses stay apart takes more steps than a test has: only the area is held here.
+    assert!(measured.n_true >= 4 && measured.iou > 0.9, "{measured:?}");
+}
+
+fn run(set: &Set, out: &Path, most_steps: Option<usize>) -> Checkpoint {
+    Training::new(quick(), set, out).unwrap().run(most_steps, &|_| ()).unwrap()
+}
+
+#[test]
+fn a_training_that_was_killed_goes_on_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    villages(&folder.path().join("set"));
+    let set = Set::open(&folder.path().join("set")).unwrap();
+    let (whole, killed) = (folder.path().join("whole"), folder.path().join("killed"));
+    run(&set, &whole, None);
+    // Killed at step 3, so that the step since the checkpoint at 2 is lost; then at 5.
+    run(&set, &killed, Some(3));
+    run(&set, &killed, Some(3));
+    let state = run(&set, &killed, None);
+    assert_eq!(state.progress.step, 6);
+    for file in [LAST, LOG, "best.safetensors", "curve.png", "val.png"] {
+        let read = |folder: &Path| std::fs::read(folder.join(file)).unwrap();
+        assert!(read(&whole) == read(&killed), "{file} differs");
+    }
+}
+
+/// Largest difference of two maps' probabilities.
+fn apart(a: &[f32], b: &[f32]) -> f32 {
+    let p = |v: &f32| 1.0 / (1.0 + (-v).exp());
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| (p(a) - p(b)).abs()).fold(0.0, f32::max)
+}
+
+fn noise(shape: &[usize], key: f32) -> Tensor {
+    let n: usize = shape.iter().product();
+    let values: Vec<f32> =
+        (0..n).map(|i| ((i as f32 + key) * 0.7).sin() + 0.3 * ((i as f32) * 0.031 * key).cos()).collect();
+    Tensor::from_vec(values, shape, &Device::Cpu).unwrap()
+}
+
+fn in_onnx(bytes: &[u8], given: &[(String, Tensor)]) -> Vec<f32> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("network.onnx");
+    std::fs::write(&path, bytes).unwrap();
+    let network = Network::open(&path).unwrap();
+    let values: Vec<(String, Values)> = given
+        .iter()
+        .map(|(name, t)| {
+            (name.clone(), Values { shape: t.dims().to_vec(), values: t.flatten_all().unwrap().to_vec1().unwrap() })
+        })
+        .collect();
+    let inputs: Vec<(&str, &Values)> = values.iter().map(|(name, v)| (name.as_str(), v)).collect();
+    network.run_many(&inputs, &["logits"]).unwrap().remove(0).values
+}
+
+#[test]
+fn the_exported_network_says_the_same_to_a_ten_thousandth() {
+    for config in [NetworkConfig::default(), small_network()] {
+        let parameters = Parameters::new(&config, 5, DType::F32, &Device::Cpu).unwrap();
+        let given: Vec<(String, Tensor)> = config
+            .inputs
+            .iter()
+            .map(|i| (i.name().to_owned(), noise(&[1, i.channels(), 96, 96], 1.0 + i.channels() as f32)))
+            .collect();
+        let here =
+            logits(&config, &parameters, &given, (96, 96)).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        let checkpoint = checkpoint(TrainConfig { network: config, ..TrainConfig::default() }, parameters);
+        let there = in_onnx(&export::bytes(&checkpoint, 96).unwrap(), &given);
+        assert!(apart(&here, &there) < 1e-4, "{}", apart(&here, &there));
+        assert!(here.iter().any(|v| v.abs() > 0.1), "it says something");
+    }
+}
+
+/// Feature maps as SAM 3 and Depth Anything 3 give them, in small: strides 3.5, 7, 14, and 14 again.
+#[test]
+fn a_head_takes_features_of_any_stride_and_width_and_says_the_same_in_onnx() {
+    let features = [("tex0", 6, 32), ("tex1", 5, 16), ("tex2", 7, 8), ("geo", 9, 8)];
+    let config = NetworkConfig {
+        inputs: Vec::new(),
+        features: features
+            .iter()
+            .map(|(name, channels, _)| FeatureConfig { name: (*name).to_owned(), channels: *channels })
+            .collect(),
+        ..small_network()
+    };
+    let parameters = Parameters::new(&config, 5, DType::F32, &Device::Cpu).unwrap();
+    let given: Vec<(String, Tensor)> =
+        features.iter().map(|(name, c, side)| ((*name).to_owned(), noise(&[1, *c, *side, *side], *c as f32))).collect();
+    let here =
+        logits(&config, &parameters, &given, (112, 112)).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+    let checkpoint = checkpoint(TrainConfig { network: config, ..TrainConfig::default() }, parameters);
+    let sizes: Vec<(usize, usize)> = features.iter().map(|(_, _, side)| (*side, *side)).collect();
+    let there = in_onnx(&export::head_bytes(&checkpoint, &sizes, 112).unwrap(), &given);
+    assert_eq!(here.len(), 2 * 112 * 112);
+    assert!(apart(&here, &there) < 1e-4, "{}", apart(&here, &there));
+}
+
+#[test]
+fn one_thread_and_many_train_the_same_network() {
+    let folder = tempfile::tempdir().unwrap();
+    let set = folder.path().join("set");
+    villages(&set);
+    let config = folder.path().join("train.toml");
+    std::fs::write(&config, toml::to_string(&TrainConfig { steps: 3, ..quick() }).unwrap()).unwrap();
+    let trained = |threads: &str| {
+        let out = folder.path().join(threads);
+        let mut program = std::process::Command::new(env!("CARGO_BIN_EXE_sizeup-train"));
+        program.env("RAYON_NUM_THREADS", threads).arg("train").arg(&config);
+        let outcome = program.arg("--set").arg(&set).arg("--output").arg(&out).output().unwrap();
+        assert!(outcome.status.success(), "{}", String::from_utf8_lossy(&outcome.stderr));
+        std::fs::read(out.join(LAST)).unwrap()
+    };
+    assert!(trained("1") == trained("3"));
+}
