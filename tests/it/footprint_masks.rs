@@ -371,7 +371,7 @@ fn a_head_over_two_backbones_gets_their_features_by_name() {
     let wrong = Segmenter::new(config).unwrap_err().to_string();
     assert!(wrong.contains("\"geo\"") && wrong.contains("fpsam_texture.onnx"), "{wrong}");
     let unknown = SegmenterConfig::new(fixture("fpsam_head.onnx"), "sam4");
-    assert!(Segmenter::new(unknown).unwrap_err().to_string().contains("semantic, sam3, fpsam.v1"));
+    assert!(Segmenter::new(unknown).unwrap_err().to_string().contains("semantic, small.v1, sam3, fpsam.v1"));
 }
 
 /// A scene for the command line, its configuration reading outlines from masks.
