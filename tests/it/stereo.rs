@@ -182,9 +182,10 @@ fn reducing_photos_raises_and_lowers_nothing() {
         assert!(roof_m.abs() < 0.1 && ground_m.abs() < 0.1, "{size:?} {ending}: {roof_m} {ground_m}");
         found_m.push((roof_m, ground_m));
     }
-    // What the sizes have in common is of the matching; what reducing does must not be seen.
+    // What the sizes have in common is of the matching. Each photo says between which heights its planes lie, and a height
+    // between two planes half a metre apart is right to a tenth of that: a tenth of what half a pixel would do.
     for (roof_m, ground_m) in &found_m {
-        assert!((roof_m - found_m[0].0).abs() < 0.01 && (ground_m - found_m[0].1).abs() < 0.01, "{found_m:?}");
+        assert!((roof_m - found_m[0].0).abs() < 0.05 && (ground_m - found_m[0].1).abs() < 0.05, "{found_m:?}");
     }
 }
 
