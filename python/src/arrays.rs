@@ -91,16 +91,18 @@ pub(crate) fn estimate_heights(
         // Nobody waits any more after Ctrl-C.
         let _ = answer.send(serde_json::to_string(&heights).unwrap_or_default());
     });
-    loop {
-        match py.detach(|| answered.recv_timeout(ASK_EVERY)) {
-            Ok(heights) => return Ok(heights),
-            Err(RecvTimeoutError::Timeout) => py.check_signals()?,
-            Err(RecvTimeoutError::Disconnected) => {
-                let words = "the method ended without an answer: this is a fault of sizeup's\nhint: please report it with the input";
-                return Err(told(py, Failure::from_text(words)));
+    py.detach(move || {
+        loop {
+            match answered.recv_timeout(ASK_EVERY) {
+                Ok(heights) => return Ok(heights),
+                Err(RecvTimeoutError::Timeout) => Python::attach(|py| py.check_signals())?,
+                Err(RecvTimeoutError::Disconnected) => {
+                    let words = "the method ended without an answer: this is a fault of sizeup's\nhint: please report it with the input";
+                    return Err(Python::attach(|py| told(py, Failure::from_text(words))));
+                }
             }
         }
-    }
+    })
 }
 
 /// What is wrong with a setting or a camera. Where it stands in text that nobody has seen is left out.

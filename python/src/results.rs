@@ -6,7 +6,7 @@ use geo_types::{LineString, Polygon};
 use pyo3::prelude::*;
 use serde_json::{Value, json};
 use sizeup::output::read::{ReadOptions, RecordFile};
-use sizeup::output::{BuildingRecord, OutputError, Records as _};
+use sizeup::output::{BuildingRecord, Records as _};
 
 use crate::failure::{Failure, told};
 
@@ -20,7 +20,7 @@ fn city(path: &std::path::Path) -> Result<String, Failure> {
     let file = RecordFile::open(path, ReadOptions::default()).map_err(|e| Failure::of_file(&e))?;
     let mut buildings = Vec::new();
     file.visit(&mut |record| {
-        buildings.push(building(record)?);
+        buildings.push(building(record));
         Ok(())
     })
     .map_err(|e| Failure::of_file(&e))?;
@@ -29,15 +29,14 @@ fn city(path: &std::path::Path) -> Result<String, Failure> {
 }
 
 /// A building's record, its outline as GeoJSON: exterior counter-clockwise, holes clockwise, first point repeated.
-fn building(record: &BuildingRecord) -> Result<Value, OutputError> {
-    let as_input = |e: serde_json::Error| OutputError::Input(Box::new(e));
-    let mut value = serde_json::to_value(record).map_err(as_input)?;
+fn building(record: &BuildingRecord) -> Value {
+    let mut value = serde_json::to_value(record).expect("a record is what files of results hold as JSON");
     if let Some(fields) = value.as_object_mut() {
         fields.remove("footprint");
         fields.insert("roof_z_m".to_owned(), json!(record.roof_z_m()));
         fields.insert("geometry".to_owned(), record.footprint.as_ref().map_or(Value::Null, geojson));
     }
-    Ok(value)
+    value
 }
 
 fn geojson(outline: &Polygon<f64>) -> Value {
