@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-networks networks demo test lint bench accuracy-footprints docs schemas qgis-plugin train-test clean
+.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-networks networks demo test lint bench accuracy-footprints docs schemas qgis-plugin train-test deb wheel test-python test-packages clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -79,6 +79,21 @@ schemas: deps ## Write schemas/ anew from the code
 
 qgis-plugin: ## Pack the QGIS plugin into target/sizeup-qgis-VERSION.zip
 	@tools/qgis_plugin.sh
+
+deb: deps ## Pack target/packages/sizeup_VERSION_ARCHITECTURE.deb for this Debian or Ubuntu
+	@packaging/deb.sh
+
+wheel: ## Build the Python wheel that brings the program with GDAL and PROJ (long the first time)
+	@tools/deps.sh wheel
+	@packaging/wheel.sh
+
+test-python: deps ## Build the Python package with this system's GDAL and PROJ, and run its tests and example
+	@packaging/test_python.sh
+
+test-packages: deb wheel ## Install both packages in a bare Debian, as root, and run the demo there; says times and sizes
+	packaging/test_python.sh "$$(ls -t "$${CARGO_TARGET_DIR:-target}"/packages/sizeup-*manylinux*.whl | head -1)"
+	packaging/bare_root.sh deb "$$(ls -t "$${CARGO_TARGET_DIR:-target}"/packages/sizeup_*.deb | head -1)"
+	packaging/bare_root.sh wheel "$$(ls -t "$${CARGO_TARGET_DIR:-target}"/packages/sizeup-*manylinux*.whl | head -1)"
 
 clean: ## Remove build output and the demo
 	$(CARGO) clean

@@ -3,6 +3,7 @@
 #
 #   tools/deps.sh build   what it takes to build and run sizeup
 #   tools/deps.sh test    the independent tools that tests compare with: GDAL's programs, cjio, QGIS, a browser (web)
+#   tools/deps.sh wheel   what builds GDAL and PROJ from source for the Python wheel: cmake, sqlite3, libtiff
 #   tools/deps.sh docs    Python, which writes docs/reference.md
 #   tools/deps.sh python trimesh, shapely and scipy in target/python; without them the tests that need them say "skipped"
 #   tools/deps.sh qgis    QGIS alone: 220 MB to load, 1 GB on disk; without it the tests that need it say "skipped"
@@ -65,6 +66,18 @@ build_tools() {
     rust_is_new_enough || fail "Rust 1.$MIN_RUST or newer is needed, found: $(rustc --version 2>/dev/null || echo none).
 deps: Debian bookworm has it in its security updates (bookworm-security main in the sources of apt); else see https://rustup.rs"
   fi
+}
+
+wheel_tools() {
+  local missing=()
+  command -v cc >/dev/null || missing+=(gcc libc6-dev)
+  command -v c++ >/dev/null || missing+=(g++)
+  command -v cmake >/dev/null || missing+=(cmake make)
+  command -v sqlite3 >/dev/null || missing+=(sqlite3)
+  command -v pkg-config >/dev/null || missing+=(pkg-config)
+  { command -v pkg-config >/dev/null && pkg-config --exists libtiff-4; } || missing+=(libtiff-dev)
+  python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3 python3-venv)
+  install_packages ${missing[@]+"${missing[@]}"}
 }
 
 test_tools() {
@@ -183,5 +196,6 @@ case "${1:-build}" in
   batch) batch ;;
   onnxruntime) onnxruntime ;;
   networks) networks ;;
-  *) fail "usage: tools/deps.sh build|test|python|qgis|web|batch|onnxruntime|networks|docs" ;;
+  wheel) wheel_tools ;;
+  *) fail "usage: tools/deps.sh build|test|wheel|python|qgis|web|batch|onnxruntime|networks|docs" ;;
 esac

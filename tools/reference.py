@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 COMMANDS = ["run", "footprints", "dtm", "survey inspect", "survey convert", "prior inspect", "prior compute", "evaluate", "baseline"]
-COMMANDS += ["look", "view", "benchmark", "tiles plan", "tiles run", "tiles merge", "tiles status", "validate", "export", "simulate", "demo", "schema"]
+COMMANDS += ["look", "view", "benchmark", "tiles plan", "tiles run", "tiles merge", "tiles status", "validate", "export", "simulate", "demo", "schema", "completions"]
 
 
 def say(*arguments):

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print_json};
+use super::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, print_json};
 use crate::benchmark::{Aids, Method};
 use crate::config::RunConfig;
 use crate::pipeline::{self, RunOptions, Stage};
@@ -64,11 +64,7 @@ pub(super) fn run(args: &BaselineArgs, global: &Global) -> Result<u8, Failure> {
         bodies.replace(answer.bodies);
         answer.solution
     };
-    let options = RunOptions {
-        from: Stage::Survey,
-        until: Stage::Output,
-        command: std::env::args().collect::<Vec<_>>().join(" "),
-    };
+    let options = RunOptions { from: Stage::Survey, until: Stage::Output, command: Call::this().line() };
     let ui = Ui::new(global);
     let summary = pipeline::run_with(&config, &options, &|event| ui.tell(event), &solver)
         .map_err(|e| Failure::new(e.exit_code(), &e))?;

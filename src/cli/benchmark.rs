@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::{Failure, Global, Ui, print, print_json};
+use super::{Call, Failure, Global, Ui, print, print_json};
 use crate::benchmark::accuracy::{self, AccuracyConfig};
 use crate::benchmark::paper::{self, PaperConfig};
 use crate::benchmark::{Again, BenchmarkError, Method, Plan, Programs};
@@ -115,7 +115,7 @@ fn again(names: &[String]) -> Result<Again, Failure> {
 
 /// Version and hash of the running program: two builds of one version may find different heights.
 fn this_program() -> Result<String, Failure> {
-    let bytes = std::env::current_exe().and_then(std::fs::read);
+    let bytes = std::fs::read(&Call::this().code);
     let bytes = bytes.map_err(|e| Failure::from_text(4, format!("cannot read the program itself: {e}")))?;
     Ok(format!("sizeup {} ({})", env!("CARGO_PKG_VERSION"), &sha256_hex(&bytes)[..HASH_DIGITS]))
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::ui::warn_of_unfinished;
-use super::{Failure, Global, Ui, print_json};
+use super::{Call, Failure, Global, Ui, print_json};
 use sizeup_geo::crs::Crs;
 use sizeup_results::output::cityjson::{self, AttributeNames, CityJsonConfig};
 use sizeup_results::output::flatgeobuf;
@@ -208,7 +208,7 @@ fn lineage(args: &ExportArgs, crs: &Crs, source: Option<Lineage>) -> Result<Line
     Ok(Lineage {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         commit: crate::recipe::commit().map(str::to_owned),
-        command: std::env::args().collect::<Vec<_>>().join(" "),
+        command: Call::this().line(),
         inputs: vec![input],
         crs: crs.definition().to_owned(),
         vertical_reference: stated(|l| &l.vertical_reference, crs.vertical_name().unwrap_or("as in the input")),

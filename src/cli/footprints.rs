@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::run::tell_issues;
-use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
+use super::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
 use crate::pipeline::{self, RunOptions, Stage};
 use sizeup_footprints::DetectionSummary;
@@ -35,11 +35,7 @@ pub(super) fn run(args: &FootprintsArgs, global: &Global) -> Result<u8, Failure>
     if let Some(output) = &args.output {
         config.project.output.clone_from(output);
     }
-    let options = RunOptions {
-        from: Stage::Survey,
-        until: Stage::Footprints,
-        command: std::env::args().collect::<Vec<_>>().join(" "),
-    };
+    let options = RunOptions { from: Stage::Survey, until: Stage::Footprints, command: Call::this().line() };
     let ui = Ui::new(global);
     let summary =
         pipeline::run(&config, &options, &|event| ui.tell(event)).map_err(|e| Failure::new(e.exit_code(), &e))?;

@@ -5,6 +5,7 @@
 
 mod baseline;
 mod benchmark;
+mod call;
 mod demo;
 mod doctor;
 mod dtm;
@@ -12,6 +13,7 @@ mod evaluate;
 mod export;
 mod footprints;
 mod look;
+mod manual;
 mod model;
 mod prior;
 mod progress;
@@ -30,6 +32,7 @@ use std::io::{ErrorKind, Write as _};
 
 use clap::{Args, Parser, Subcommand};
 
+pub use call::{Call, answer, answer_call};
 pub use progress::{Level, ProgressEvent, ProgressForm};
 pub use ui::Ui;
 
@@ -122,6 +125,11 @@ pub enum Command {
     Demo(demo::DemoArgs),
     /// Print the JSON Schema of a configuration file.
     Schema(schema::SchemaArgs),
+    /// Print what a shell needs to complete sizeup's commands and options.
+    Completions(manual::CompletionsArgs),
+    /// Write manual pages, for packages.
+    #[command(hide = true)]
+    Man(manual::ManArgs),
 }
 
 /// What comes before the advice in the text of an error.
@@ -208,6 +216,8 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Doctor(args) => doctor::run(args, &cli.global),
         Command::Demo(args) => demo::run(args, &cli.global),
         Command::Schema(args) => schema::run(args),
+        Command::Completions(args) => manual::complete(args),
+        Command::Man(args) => manual::write_pages(args),
     }
 }
 
@@ -255,8 +265,7 @@ const FEW_THREADS: usize = 8;
 fn runtime_places() -> Vec<std::path::PathBuf> {
     let file = format!("{}onnxruntime{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX);
     let named = std::env::var_os("ORT_DYLIB_PATH").filter(|path| !path.is_empty()).map(Into::into);
-    let program = std::env::current_exe().ok();
-    let folder = program.as_deref().and_then(std::path::Path::parent);
+    let folder = Call::this().code.parent();
     let beside = folder.map(|folder| folder.join(&file));
     let of_make = folder.map(|folder| folder.join("../onnxruntime").join(&file));
     named.into_iter().chain(beside).chain(of_make).collect()

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::tiles::{CutArgs, TilesetArgs, TrustArgs, absolute, failed, merge_city, plan_config};
-use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
+use super::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
 use crate::pipeline::{self, RunOptions, RunSummary, Stage};
 use crate::tiles::{self, Attempt, Layout, MergeOptions, Missing, PoolSettings, State, Tile, TileOutcome};
@@ -30,7 +30,7 @@ const N_RETRIES: usize = 1;
   sizeup run --crs EPSG:25832 --survey sparse --footprints blocks.gpkg --dtm dtm.tif \\
              --priors 'depth/{stem}.npz' --prior-kind depth")]
 pub struct RunArgs {
-    /// Configuration file (TOML). `sizeup schema run` lists its keys.
+    /// Configuration file (TOML), or - for standard input, its paths relative to this folder. `sizeup schema run` lists its keys.
     #[arg(required_unless_present = "survey", conflicts_with = "survey")]
     pub config: Option<PathBuf>,
     /// Set one key of the configuration, as in `--set optimise.preset=paper`. May be repeated.
@@ -158,11 +158,7 @@ pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
         let hint = "3D Tiles of one piece are written by `sizeup export --to 3dtiles`, which takes them too";
         return Err(Failure::from_text(2, format!("--heights and --geoid-height go with --tiled\nhint: {hint}")));
     }
-    let options = RunOptions {
-        from: args.from.into(),
-        until: args.until.into(),
-        command: std::env::args().collect::<Vec<_>>().join(" "),
-    };
+    let options = RunOptions { from: args.from.into(), until: args.until.into(), command: Call::this().line() };
     let summary = run_config(&config, &options, global)?;
     if global.json {
         print_json(&summary)?;
@@ -176,7 +172,7 @@ fn run_tiled(mut config: RunConfig, args: &RunArgs, global: &Global) -> Result<u
     let n_cores = rayon::current_num_threads();
     let n_jobs = args.jobs.unwrap_or(n_cores.div_ceil(2)).max(1);
     let settings = PoolSettings {
-        program: std::env::current_exe().map_err(|e| Failure::new(4, &e))?,
+        program: Call::this().program.clone(),
         n_jobs,
         n_threads: n_cores.div_ceil(n_jobs),
         memory_mb: args.total_memory.or_else(tiles::available_memory_mb).unwrap_or(u64::MAX),
@@ -282,6 +278,9 @@ pub(super) fn tell_issues(ui: &Ui, summary: &RunSummary) {
 /// The configuration file with its overrides, or one made from flags.
 fn config_of(args: &RunArgs) -> Result<RunConfig, Failure> {
     let mut config = match &args.config {
+        Some(path) if path.as_os_str() == "-" => {
+            RunConfig::from_text(&text_of_stdin(args)?, std::path::Path::new("standard input"), &args.assignments)
+        }
         // Tiles may be run again from another folder than this one.
         Some(path) if args.tiled => RunConfig::load(&absolute(path)?, &args.assignments),
         Some(path) => RunConfig::load(path, &args.assignments),
@@ -292,6 +291,16 @@ fn config_of(args: &RunArgs) -> Result<RunConfig, Failure> {
         config.project.output.clone_from(output);
     }
     Ok(config)
+}
+
+/// The text of a configuration that another program writes here.
+fn text_of_stdin(args: &RunArgs) -> Result<String, Failure> {
+    if args.tiled {
+        let hint = "save the configuration as a file: tiles are run again from it";
+        return Err(Failure::from_text(2, format!("--tiled takes no configuration from standard input\nhint: {hint}")));
+    }
+    let cannot = |e| Failure::from_text(2, format!("cannot read the configuration from standard input: {e}"));
+    std::io::read_to_string(std::io::stdin()).map_err(cannot)
 }
 
 /// Flags as the configuration file they stand for, so that there is one way to read settings.

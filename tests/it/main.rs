@@ -28,6 +28,7 @@ mod multi_view_networks;
 mod networks;
 mod networks_to_heights;
 mod outputs;
+mod packages;
 mod parts;
 mod photos;
 mod pictures;

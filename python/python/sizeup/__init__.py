@@ -1,0 +1,36 @@
+"""Heights of buildings from oblique aerial photos: the program `sizeup`, its results, and its method on arrays.
+
+>>> import sizeup
+>>> city = sizeup.run("sizeup.toml")                      # as `sizeup run sizeup.toml`
+>>> city.to_geodataframe()[["id", "height_m", "status"]]  # with geopandas
+>>> sizeup.read("result").buildings[0].height_m           # of an earlier run
+>>> heights = sizeup.estimate_heights(footprints, views, ground_m=48.0)   # arrays in memory
+
+Every error is a :class:`SizeupError` with a ``message`` and, where it is known what helps, a ``hint``.
+"""
+
+from ._arrays import Camera, Grid, Height, Pose, View, estimate_heights
+from ._errors import ConfigurationError, InputError, RunError, SizeupError
+from ._native import version as _version
+from ._results import Building, City, read
+from ._run import Progress, run
+
+__version__: str = _version()
+
+__all__ = [
+    "Building",
+    "Camera",
+    "City",
+    "ConfigurationError",
+    "Grid",
+    "Height",
+    "InputError",
+    "Pose",
+    "Progress",
+    "RunError",
+    "SizeupError",
+    "View",
+    "estimate_heights",
+    "read",
+    "run",
+]

@@ -1,0 +1,157 @@
+"""The package as installed: `python -m unittest discover python/tests`."""
+
+import json
+import pathlib
+import runpy
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+
+import sizeup
+
+SQUARE = [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]]
+CAMERA = sizeup.Camera(width_px=40, height_px=30, fx_px=38.0)
+POSE = sizeup.Pose.looking_at([5.0, -60.0, 80.0], [5.0, 5.0, 0.0])
+
+
+def view(**changes):
+    return sizeup.View(**{"name": "a", "camera": CAMERA, "camera_from_map": POSE, "depth": np.ones((30, 40)), **changes})
+
+
+def program(*words, **options):
+    return subprocess.run([sys.executable, "-m", "sizeup", *words], capture_output=True, encoding="utf-8", check=False, **options)
+
+
+class Arrays(unittest.TestCase):
+    def test_the_example_finds_its_heights(self):
+        runpy.run_path(str(pathlib.Path(__file__).parents[1] / "examples" / "heights_from_arrays.py"))
+
+    def test_a_building_that_no_view_sees_says_so(self):
+        (height,) = sizeup.estimate_heights([SQUARE], [view(depth=None)], ground_m=0.0)
+        self.assertIsNone(height.height_m)
+        self.assertEqual(height.reasons, ("seen_by_no_view",))
+
+    def test_a_pose_puts_its_target_in_the_middle(self):
+        point = np.array(POSE.rotation) @ [5.0, 5.0, 0.0] + POSE.translation
+        np.testing.assert_allclose(point[:2], 0.0, atol=1e-9)
+        self.assertGreater(point[2], 0.0)
+
+    def test_geojson_holes_and_shapes_with_an_interface_are_outlines(self):
+        hole = [[4.0, 4.0], [4.0, 6.0], [6.0, 6.0], [6.0, 4.0]]
+        polygon = {"type": "Polygon", "coordinates": [SQUARE, hole]}
+        shape = type("Shape", (), {"__geo_interface__": polygon})()
+        found = [sizeup.estimate_heights([one], [view()], ground_m=0.0) for one in ([SQUARE, hole], polygon, shape)]
+        self.assertEqual(found[0], found[1])
+        self.assertEqual(found[0], found[2])
+
+    def test_what_cannot_be_used_is_named_with_its_place_and_a_hint(self):
+        bowtie = [SQUARE[0], SQUARE[2], SQUARE[1], SQUARE[3]]
+        skewed = sizeup.Pose([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0]], [0.0, 0.0, 0.0])
+        wrong = [
+            (r"footprints\[1\]: ", dict(footprints=[SQUARE, bowtie])),
+            (r"footprints\[0\]: expected an n × 2 array", dict(footprints=[[1.0, 2.0, 3.0]])),
+            (r"footprints\[0\]: expected a Polygon, found MultiPolygon", dict(footprints=[{"type": "MultiPolygon", "coordinates": []}])),
+            (r"views\[0\] \('a'\): depth: expected rows × columns", dict(views=[view(depth=np.ones((1, 30, 40)))])),
+            (r"views\[0\] \(.a.\): camera_from_map: expected a rotation", dict(views=[view(camera_from_map=skewed)])),
+            (r"views\[0\] \(.a.\): camera: focal length", dict(views=[view(camera=sizeup.Camera(40, 30, -1.0))])),
+            (r"views\[0\] \('a'\): kind: expected depth or inverse_depth, found 'disparity'", dict(views=[view(kind="disparity")])),
+            (r"views: a more than once", dict(views=[view(), view()])),
+            (r"ground_m: expected one number or 1, one per footprint, found shape \(2,\)", dict(ground_m=[1.0, 2.0])),
+            (r"ground of footprints\[0\]", dict(ground_m=float("nan"))),
+        ]
+        for message, changes in wrong:
+            with self.subTest(message), self.assertRaisesRegex(sizeup.InputError, message) as caught:
+                sizeup.estimate_heights(**{"footprints": [SQUARE], "views": [view()], "ground_m": 0.0, **changes})
+            self.assertTrue(caught.exception.hint)
+        for settings in ({"heights": {"most": 3}}, {"solver": {}}, {"heights": {"min_m": 9, "max_m": 3}}, {"optimise": {"stride_px": 0}}):
+            with self.subTest(settings), self.assertRaises(sizeup.ConfigurationError) as caught:
+                sizeup.estimate_heights([SQUARE], [view()], ground_m=0.0, settings=settings)
+            self.assertTrue(caught.exception.hint)
+
+    def test_an_error_is_a_value_error_and_says_its_hint(self):
+        with self.assertRaises(ValueError) as caught:
+            sizeup.estimate_heights([[[0.0, 0.0]]], [view()], ground_m=0.0)
+        self.assertIn("\nhint: ", str(caught.exception))
+
+
+class Program(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory()
+        cls.demo = pathlib.Path(cls.folder.name) / "demo"
+        done = program("demo", "--output", str(cls.demo))
+        assert done.returncode == 0, done.stderr
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.folder.cleanup()
+
+    def test_it_is_the_program_with_its_exit_codes(self):
+        self.assertEqual(program("--version").stdout, f"sizeup {sizeup.__version__}\n")
+        self.assertEqual(program("run").returncode, 2)
+
+    def test_a_city_is_read_as_features_with_all_that_is_known(self):
+        city = sizeup.read(self.demo / "result")
+        self.assertEqual((len(city), city.crs), (43, "EPSG:25832"))
+        self.assertEqual(len(city.__geo_interface__["features"]), 43)
+        building = city.buildings[0]
+        self.assertEqual(building.geometry["type"], "Polygon")
+        self.assertAlmostEqual(building.roof_z_m, building.ground_z_m + building.height_m)
+        self.assertEqual(building.properties["id"], building.id)
+        self.assertEqual(city.summary["n_buildings"], 41)
+        layer = sizeup.read(self.demo / "result" / "city.gpkg")
+        self.assertEqual([b.id for b in layer], [b.id for b in city])
+
+    def test_a_run_from_a_mapping_tells_its_progress_and_gives_the_files_heights(self):
+        scene = self.demo / "scene"
+        told = []
+        config = {
+            "seed": 1,
+            "project": {"crs": "EPSG:25832"},
+            "survey": {"path": scene / "sparse", "images": scene / "images", "offset": [565000.0, 5932000.0, 0.0]},
+            "footprints": {"path": scene / "footprints.gpkg", "id_field": "id"},
+            "terrain": {"dtm": scene / "dtm.tif"},
+            "prior": {"source": "files", "path": str(scene / "priors" / "{stem}.npy"), "kind": "inverse_depth"},
+        }
+        city = sizeup.run(
+            config, output=self.demo / "of mapping ü", settings={"refinement.enabled": False}, tell=told.append
+        )
+        self.assertEqual(city.summary["n_buildings"], 41)
+        self.assertEqual([p.stage for p in told if p.event == "stage"], ["survey", "footprints", "heights", "output"])
+
+    def test_errors_of_a_run_are_those_of_the_command_line(self):
+        config = self.demo / "scene" / "sizeup.toml"
+        with self.assertRaisesRegex(sizeup.ConfigurationError, "--set optimise.presett") as caught:
+            sizeup.run(config, settings={"optimise.presett": "paper"})
+        self.assertTrue(caught.exception.hint)
+        with self.assertRaisesRegex(sizeup.InputError, "footprints") as caught:
+            sizeup.run(config, settings={"footprints.path": str(self.demo / "nowhere.gpkg")}, output=self.demo / "none")
+        self.assertEqual(caught.exception.code, 3)
+        with self.assertRaisesRegex(sizeup.ConfigurationError, "cannot be written down"):
+            sizeup.run({"seed": object()})
+
+    def test_an_error_while_it_tells_stops_the_run(self):
+        def tell(_):
+            raise KeyboardInterrupt
+
+        with self.assertRaises(KeyboardInterrupt):
+            sizeup.run(self.demo / "scene" / "sizeup.toml", output=self.demo / "stopped", tell=tell)
+        self.assertFalse((self.demo / "stopped" / "city.gpkg").exists())
+
+    def test_what_is_no_city_is_refused(self):
+        with self.assertRaisesRegex(sizeup.InputError, "no city.city.json"):
+            sizeup.read(self.folder.name)
+        with self.assertRaises(sizeup.InputError):
+            sizeup.read(self.demo / "nowhere.gpkg")
+
+    def test_tiles_are_run_by_the_same_program(self):
+        done = program("run", str(self.demo / "scene" / "sizeup.toml"), "--tiled", "--output", str(self.demo / "tiled"), "--json")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertTrue(json.loads(done.stdout))
+
+
+if __name__ == "__main__":
+    unittest.main()

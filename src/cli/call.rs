@@ -1,0 +1,63 @@
+//! How the program was called. A binary is told by its system; in a module of Python it is Python that was called, so the
+//! module says it here.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+use clap::Parser as _;
+
+use super::{Cli, conclude, conclude_unread};
+
+/// A call of the program.
+#[derive(Debug, Clone)]
+pub struct Call {
+    /// What starts the program once more, as runs in tiles do.
+    pub program: PathBuf,
+    /// The file with the compiled code: libraries that are brought later lie beside it.
+    pub code: PathBuf,
+    /// What was typed, the program's name first.
+    pub arguments: Vec<OsString>,
+}
+
+/// Set once: a process is one call.
+static CALL: OnceLock<Call> = OnceLock::new();
+
+impl Call {
+    /// The call of this process's own binary.
+    fn of_process() -> Self {
+        let arguments: Vec<OsString> = std::env::args_os().collect();
+        let named = || arguments.first().cloned().unwrap_or_default().into();
+        let program = std::env::current_exe().unwrap_or_else(|_| named());
+        Self { code: program.clone(), program, arguments }
+    }
+
+    /// The call that is being answered.
+    pub(super) fn this() -> &'static Self {
+        CALL.get_or_init(Self::of_process)
+    }
+
+    /// The command line, for the lineage of results.
+    pub(super) fn line(&self) -> String {
+        let words: Vec<_> = self.arguments.iter().map(|word| word.to_string_lossy()).collect();
+        words.join(" ")
+    }
+}
+
+/// Answers the call of this process's own binary; the number is the exit code.
+#[must_use]
+pub fn answer() -> u8 {
+    answer_call(Call::of_process())
+}
+
+/// Answers a call; the number is the exit code. Only the first call of a process counts for where its code lies.
+#[must_use]
+pub fn answer_call(call: Call) -> u8 {
+    let arguments = call.arguments.clone();
+    // A second one comes from a test that calls the library twice: the first stays.
+    let _ = CALL.set(call);
+    match Cli::try_parse_from(&arguments) {
+        Ok(cli) => conclude(&cli),
+        Err(error) => conclude_unread(&error, arguments.get(1..).unwrap_or_default()),
+    }
+}
