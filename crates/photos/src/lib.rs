@@ -4,6 +4,7 @@
 //! [`DepthPrior`](sizeup_heights::prior::DepthPrior); [`photo_consistency`] compares photos with one another on a surface; [`dtm`]
 //! finds the ground between buildings.
 
+pub mod align;
 pub mod dtm;
 pub mod onnx;
 pub mod photo_consistency;

@@ -23,6 +23,7 @@ pub use auto::AutoConfig;
 pub use cache::{CacheConfig, CacheKey, CachedPriors, KeyHasher, PriorCache};
 pub use check::{GroundCorrelation, ground_correlation, judge_tag};
 pub use files::{FilePriorConfig, FilePriors};
+pub(crate) use neighbours::Neighbours;
 pub use network::{NetworkConfig, NetworkPriors};
 pub use source::{PriorConfig, Priors};
 pub use stereo::Picture;

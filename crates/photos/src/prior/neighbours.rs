@@ -22,7 +22,7 @@ const GRID: usize = 5;
 
 /// Views of a survey that can be each other's neighbours.
 #[derive(Debug)]
-pub(super) struct Neighbours {
+pub(crate) struct Neighbours {
     views: Vec<View>,
     /// What each can see of the ground at `ground_z_m`; `None` where that has no end.
     extents: Vec<Option<Extent>>,
@@ -31,7 +31,7 @@ pub(super) struct Neighbours {
 }
 
 impl Neighbours {
-    pub(super) fn new(views: Vec<View>, terrain: &Terrain) -> Self {
+    pub(crate) fn new(views: Vec<View>, terrain: &Terrain) -> Self {
         let ground_z_m = terrain.range().map(|(lowest, highest)| f64::midpoint(lowest, highest).round());
         let extents = views.iter().map(|view| Extent::of(view, ground_z_m?)).collect();
         Self { views, extents, ground_z_m }
@@ -39,7 +39,7 @@ impl Neighbours {
 
     /// Up to `n` views, best first; the view itself is never one. Each is chosen for what it adds: ground that others
     /// see already counts by the square root, so that the view's corners get neighbours too.
-    pub(super) fn choose(&self, view: &View, n: usize) -> Vec<&View> {
+    pub(crate) fn choose(&self, view: &View, n: usize) -> Vec<&View> {
         let Some(ground_z_m) = self.ground_z_m else { return Vec::new() };
         let ground = ground_points(view, ground_z_m);
         let sees_some = |extent: &Option<Extent>| {

@@ -1,0 +1,290 @@
+//! Poses from the drone as they are, brought to agree with the photos: guided matching and bundle adjustment.
+//!
+//! It is no structure from motion: poses that are nearly right say where to look.
+//!
+//! 1. Corners are spread over every photo ([`patches`]), at a quarter of the size first.
+//! 2. Each is looked for in the photo's neighbours, between the ground and the highest roof, as far beside that line as poses may be off
+//!    ([`matching`]); what three photos show is a point ([`tracks`]).
+//! 3. Poses and points are adjusted together, with the given poses as observations ([`bundle`]).
+//! 4. Sightings that do not fit go, and steps 2 and 3 are done at half and at full size, now near where the points are.
+//!
+//! What the photos cannot tell, position and turn of the block as a whole, stays the mean of the given poses.
+
+mod bundle;
+mod error;
+mod matching;
+mod patches;
+mod reduced;
+mod report;
+mod tracks;
+
+pub use error::AlignError;
+pub use report::{AlignReport, LeftAlone, PhotoCorrection, Residuals};
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use self::bundle::{Bundle, Moving, Sigmas, Station, Track};
+use self::tracks::Search;
+use crate::prior::Neighbours;
+use sizeup_geo::terrain::Terrain;
+use sizeup_heights::ids::ViewId;
+use sizeup_survey::View;
+
+/// Fewest photos worth adjusting.
+const LEAST_PHOTOS: usize = 3;
+/// Fewest points that a photo is moved by.
+const LEAST_TRACKS: usize = 12;
+/// Fewest photos that show a point.
+const LEAST_SIGHTINGS: usize = 3;
+/// Sizes that are gone through, as divisors of the largest.
+const DIVISORS: [u32; 3] = [4, 2, 1];
+/// Expected error of a sighting, pixels at the size it was found at.
+const SIGHTING_PX: f64 = 0.3;
+/// Residuals over the median from which a sighting is none, and the least such residual, pixels at the size it was found at.
+const OUTLIER_PER_MEDIAN: f64 = 4.0;
+const OUTLIER_PX: f64 = 1.0;
+/// By which factor the median residual has to fall for the adjusted poses to be taken.
+const BETTER: f64 = 0.8;
+
+/// How poses are brought to agree with the photos.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct AlignConfig {
+    /// Longer side of the photos at the last size, pixels, 320 to 8192; never more than the photo has.
+    pub long_side_px: u32,
+    /// Most neighbours that a photo's patches are looked for in, 2 to 24.
+    pub n_neighbours: usize,
+    /// Patches along each side of a photo, 4 to 64.
+    pub patches_per_side: usize,
+    /// Least correlation of a patch that is found, 0.5 to 1.
+    pub min_score: f64,
+    /// Expected error of the given positions along each axis, metres, 0.001 to 10.
+    pub position_sigma_m: f64,
+    /// Expected error of the given rotations about each axis, degrees, 0.001 to 5.
+    pub angle_sigma_deg: f64,
+    /// Highest roof above the highest ground in a photo, metres. Above 0.
+    pub max_height_m: f64,
+    /// How far below the lowest ground in a photo points may be, metres. At least 0.
+    pub below_ground_m: f64,
+}
+
+impl Default for AlignConfig {
+    fn default() -> Self {
+        Self {
+            long_side_px: 1600,
+            n_neighbours: 8,
+            patches_per_side: 14,
+            min_score: 0.75,
+            position_sigma_m: 0.3,
+            angle_sigma_deg: 0.5,
+            max_height_m: 60.0,
+            below_ground_m: 5.0,
+        }
+    }
+}
+
+impl AlignConfig {
+    fn check(&self) -> Result<(), AlignError> {
+        let in_range = [
+            ("long_side_px", (320..=8192).contains(&self.long_side_px), "320 to 8192"),
+            ("n_neighbours", (2..=24).contains(&self.n_neighbours), "2 to 24"),
+            ("patches_per_side", (4..=64).contains(&self.patches_per_side), "4 to 64"),
+            ("min_score", (0.5..=1.0).contains(&self.min_score), "0.5 to 1"),
+            ("position_sigma_m", (0.001..=10.0).contains(&self.position_sigma_m), "0.001 to 10 m"),
+            ("angle_sigma_deg", (0.001..=5.0).contains(&self.angle_sigma_deg), "0.001 to 5 degrees"),
+            ("max_height_m", self.max_height_m.is_finite() && self.max_height_m > 0.0, "above 0 m"),
+            ("below_ground_m", self.below_ground_m.is_finite() && self.below_ground_m >= 0.0, "at least 0 m"),
+        ];
+        match in_range.iter().find(|(_, is_fine, _)| !is_fine) {
+            None => Ok(()),
+            Some((field, _, expected)) => Err(AlignError::Config { field, expected }),
+        }
+    }
+
+    fn sigmas(&self, sighting_px: f64) -> Sigmas {
+        Sigmas { sighting_px, position_m: self.position_sigma_m, angle_rad: self.angle_sigma_deg.to_radians() }
+    }
+}
+
+/// A survey whose poses agree with its photos.
+#[derive(Debug, Clone)]
+pub struct Aligned {
+    /// All views in their order; those that were left alone as they came.
+    pub views: Vec<View>,
+    /// What was done.
+    pub report: AlignReport,
+}
+
+/// Brings the poses of a survey to agree with its photos. `tell` hears of sizes that are done, and of how many there are.
+///
+/// # Errors
+/// [`AlignError`]: nothing that could be aligned. A photo that cannot is left as it came, and the report says why.
+pub fn align(
+    views: &[View],
+    terrain: &Terrain,
+    config: &AlignConfig,
+    tell: &dyn Fn(usize, usize),
+) -> Result<Aligned, AlignError> {
+    config.check()?;
+    if terrain.range().is_none() {
+        return Err(AlignError::NoTerrain);
+    }
+    let taking_part: Vec<View> = views.iter().filter(|view| view.image.is_some()).cloned().collect();
+    if taking_part.len() < LEAST_PHOTOS {
+        return Err(AlignError::FewPhotos { n_photos: taking_part.len(), n_views: views.len() });
+    }
+    let neighbours = neighbours(&taking_part, terrain, config.n_neighbours);
+    if neighbours.iter().all(Vec::is_empty) {
+        return Err(AlignError::NoOverlap { n_photos: taking_part.len() });
+    }
+    let mut block = Block::new(&taking_part, &neighbours, config);
+    for (i, divisor) in DIVISORS.into_iter().enumerate() {
+        tell(i, DIVISORS.len());
+        block.pass(divisor, terrain)?;
+    }
+    tell(DIVISORS.len(), DIVISORS.len());
+    Ok(block.into_aligned(views))
+}
+
+/// The neighbours of each view, by index.
+fn neighbours(views: &[View], terrain: &Terrain, n: usize) -> Vec<Vec<usize>> {
+    let index: BTreeMap<&ViewId, usize> = views.iter().enumerate().map(|(i, view)| (&view.id, i)).collect();
+    let survey = Neighbours::new(views.to_vec(), terrain);
+    views.iter().map(|view| survey.choose(view, n).iter().map(|other| index[&other.id]).collect()).collect()
+}
+
+/// The photos that take part, as far as they are adjusted.
+struct Block<'a> {
+    views: &'a [View],
+    neighbours: &'a [Vec<usize>],
+    config: &'a AlignConfig,
+    bundle: Bundle,
+    /// Why a photo could not be read.
+    unreadable: BTreeMap<usize, String>,
+}
+
+impl<'a> Block<'a> {
+    fn new(views: &'a [View], neighbours: &'a [Vec<usize>], config: &'a AlignConfig) -> Self {
+        let station = |view: &View| Station {
+            focal_px: glam::DVec2::new(view.camera.fx_px, view.camera.fy_px),
+            given: view.camera_from_map,
+            pose: view.camera_from_map,
+            is_free: true,
+        };
+        let stations = views.iter().map(station).collect();
+        let bundle = Bundle { stations, tracks: Vec::new(), sigmas: config.sigmas(1.0) };
+        Self { views, neighbours, config, bundle, unreadable: BTreeMap::new() }
+    }
+
+    /// Matches and adjusts at one size.
+    fn pass(&mut self, divisor: u32, terrain: &Terrain) -> Result<(), AlignError> {
+        let largest = self.views.iter().map(|view| view.camera.width_px.max(view.camera.height_px)).max().unwrap_or(1);
+        let long_side_px = self.config.long_side_px.min(largest) / divisor;
+        let per_px = f64::from(largest) / f64::from(long_side_px);
+        self.bundle.sigmas = self.config.sigmas(SIGHTING_PX * per_px);
+        let search = Search::new(
+            self.views,
+            &self.bundle.stations,
+            self.neighbours,
+            self.config,
+            self.bundle.sigmas,
+            long_side_px,
+        );
+        let tracks = if self.bundle.tracks.is_empty() {
+            let mut tracks = Vec::new();
+            for (view, found) in search.first(terrain).into_iter().enumerate() {
+                match found {
+                    Ok(found) => tracks.extend(found),
+                    Err(problem) => drop(self.unreadable.insert(view, problem.to_string())),
+                }
+            }
+            tracks
+        } else {
+            search.again(&self.bundle.tracks)
+        };
+        self.bundle.tracks = tracks;
+        self.hold_back();
+        if self.bundle.tracks.is_empty() {
+            return Err(AlignError::NothingMatches {
+                n_photos: self.views.len(),
+                n_unreadable: self.unreadable.len(),
+                first: self.unreadable.values().next().cloned(),
+            });
+        }
+        tracing::debug!("align: {} points at {long_side_px} px", self.bundle.tracks.len());
+        self.bundle.adjust(Moving::PointsAndPoses);
+        self.throw_out(OUTLIER_PX * per_px);
+        self.hold_back();
+        Ok(())
+    }
+
+    /// Leaves out sightings that do not fit.
+    fn throw_out(&mut self, least_px: f64) {
+        let limit_px = self.bundle.median_px().map_or(0.0, |median| OUTLIER_PER_MEDIAN * median).max(least_px);
+        let fits = |bundle: &Bundle, track: &Track| -> Option<Track> {
+            let is_fine =
+                |i: &usize| bundle.off_px(track, &track.sightings[*i]).is_some_and(|off| off.length() <= limit_px);
+            // Without the photo that it was chosen in, nothing is known of where else it is.
+            let kept: Vec<usize> = (0..track.sightings.len()).filter(is_fine).collect();
+            (kept.first() == Some(&0))
+                .then(|| Track { sightings: kept.iter().map(|i| track.sightings[*i]).collect(), ..track.clone() })
+        };
+        self.bundle.tracks = self.bundle.tracks.iter().filter_map(|track| fits(&self.bundle, track)).collect();
+    }
+
+    /// Photos with too few points stay as they are and say nothing, until all others have enough.
+    fn hold_back(&mut self) {
+        for station in &mut self.bundle.stations {
+            station.is_free = true;
+        }
+        loop {
+            self.bundle.tracks.retain(|track| track.sightings.len() >= LEAST_SIGHTINGS);
+            let counts = self.n_tracks();
+            let is_short = |view: usize| counts[view] < LEAST_TRACKS;
+            let mut has_changed = false;
+            for (view, station) in self.bundle.stations.iter_mut().enumerate() {
+                has_changed |= station.is_free && is_short(view);
+                station.is_free &= !is_short(view);
+                if !station.is_free {
+                    station.pose = station.given;
+                }
+            }
+            if !has_changed {
+                return;
+            }
+            let stations = &self.bundle.stations;
+            self.bundle.tracks.retain(|track| stations[track.sightings[0].view].is_free);
+            for track in &mut self.bundle.tracks {
+                track.sightings.retain(|sighting| stations[sighting.view].is_free);
+            }
+        }
+    }
+
+    /// How many points each photo shows.
+    fn n_tracks(&self) -> Vec<usize> {
+        let mut counts = vec![0; self.views.len()];
+        for sighting in self.bundle.tracks.iter().flat_map(|track| &track.sightings) {
+            counts[sighting.view] += 1;
+        }
+        counts
+    }
+
+    fn into_aligned(self, views: &[View]) -> Aligned {
+        let mut given = self.bundle.clone();
+        given.stations.iter_mut().for_each(|station| station.pose = station.given);
+        given.adjust(Moving::Points);
+        let residuals = [&given, &self.bundle].map(|bundle| Residuals::of(&bundle.residuals_px()));
+        let is_better = residuals[1].median_px < BETTER * residuals[0].median_px;
+        let report = self.report(views, residuals, is_better);
+        let stations: BTreeMap<&ViewId, &Station> =
+            self.views.iter().map(|view| &view.id).zip(&self.bundle.stations).collect();
+        let moved = |view: &View| match stations.get(&view.id) {
+            Some(station) if is_better => View { camera_from_map: station.pose, ..view.clone() },
+            _ => view.clone(),
+        };
+        Aligned { views: views.iter().map(moved).collect(), report }
+    }
+}
