@@ -6,12 +6,15 @@ use clap::{Args, Subcommand, ValueEnum};
 use geo::ConvexHull as _;
 use serde::{Deserialize, Serialize};
 
+use super::ui::ALIGNING;
 use super::{Failure, Global, Ui, print, print_json, print_lines};
 use sizeup_footprints::{FootprintSource, MaskConfig, MaskFiles, OutlineSource as _};
 use sizeup_geo::crs::Crs;
+use sizeup_geo::files::write_whole;
 use sizeup_geo::limits::Limits;
 use sizeup_geo::paths::resolved;
 use sizeup_geo::terrain::{self, MapBox, Terrain, TerrainConfig};
+use sizeup_photos::align::{self, AlignConfig, AlignError, AlignReport, Aligned};
 use sizeup_results::output::picture;
 use sizeup_survey::{
     self, CornerErrors, Format, GroundPolygons, Reading, Site, Survey, SurveyConfig, SurveyReport, Target, View,
@@ -34,6 +37,8 @@ const EXIT_UNSOUND: u8 = 3;
 pub enum SurveyCommand {
     /// Say what a survey holds and whether its poses look right. Exit code 3 if they do not.
     Inspect(InspectArgs),
+    /// Bring poses that are nearly right to agree with the photos: guided matching and bundle adjustment.
+    Align(AlignArgs),
     /// Write a survey's poses for other tools: COLMAP text, CSV, or GIS layers of cameras, axes, image footprints.
     Convert(ConvertArgs),
     /// List the formats that can be read, by their names in `survey.format`.
@@ -121,6 +126,23 @@ pub struct ConvertArgs {
     output: PathBuf,
 }
 
+/// Arguments of `sizeup survey align`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:
+  sizeup survey align --config sizeup.toml --output aligned
+  sizeup survey align photos --crs EPSG:25832 --ground 80 --output aligned
+  sizeup survey align --config sizeup.toml --output aligned --set align.position_sigma_m=0.1 --set align.angle_sigma_deg=0.3
+
+The folder gets a COLMAP text model with the survey.toml that reads it, poses.csv and align.json, the report. Poses that the photos do
+not better stay as they came. It is no structure from motion: poses have to be right to a metre and a degree or so.")]
+pub struct AlignArgs {
+    #[command(flatten)]
+    source: SourceArgs,
+    /// Folder to write.
+    #[arg(long, short, value_name = "FOLDER")]
+    output: PathBuf,
+}
+
 /// A target on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum TargetArg {
@@ -156,6 +178,8 @@ struct Settings {
     footprints: Option<FootprintSource>,
     #[serde(default)]
     limits: Limits,
+    #[serde(default)]
+    align: AlignConfig,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -181,6 +205,7 @@ struct Inspected {
 pub(super) fn run(command: &SurveyCommand, global: &Global) -> Result<u8, Failure> {
     match command {
         SurveyCommand::Inspect(args) => inspect_all(args, global),
+        SurveyCommand::Align(args) => align(args, global),
         SurveyCommand::Convert(args) => convert(args, global),
         SurveyCommand::Formats => formats(global),
     }
@@ -306,6 +331,53 @@ fn convert(args: &ConvertArgs, global: &Global) -> Result<u8, Failure> {
         converted.files.iter().try_for_each(|file| print(&file.display()))?;
     }
     Ok(0)
+}
+
+fn align(args: &AlignArgs, global: &Global) -> Result<u8, Failure> {
+    let all = settings(&args.source, None)?;
+    let [settings] = all.as_slice() else {
+        return Err(Failure::from_text(2, "align takes one survey at a time"));
+    };
+    let (ui, crs) = (Ui::new(global), &settings.project.crs);
+    let survey = sizeup_survey::read(&settings.survey, crs).map_err(|e| Failure::new(3, &e))?;
+    let Some(terrain) = terrain_of(settings, &survey)? else {
+        return Err(Failure::new(3, &AlignError::NoTerrain));
+    };
+    let started = std::time::Instant::now();
+    let tell = |done, total| ui.advance_named(ALIGNING, done, total);
+    let aligned = align::align(&survey.views, &terrain, &settings.align, &tell);
+    ui.finish();
+    let Aligned { views, report } = aligned.map_err(|e| Failure::new(if e.is_usage() { 2 } else { 3 }, &e))?;
+    let survey = Survey { views, issues: survey.issues };
+    write_aligned(&survey, &report, &terrain, crs, &args.output)?;
+    if global.json {
+        print_json(&report)?;
+    } else {
+        print_lines(&report)?;
+    }
+    ui.say(format!("{:.0} s", started.elapsed().as_secs_f64()));
+    ui.say(format!("next: the [survey] table of {}", args.output.join("survey.toml").display()));
+    Ok(0)
+}
+
+/// The model, the table and the report.
+fn write_aligned(
+    survey: &Survey,
+    report: &AlignReport,
+    terrain: &Terrain,
+    crs: &Crs,
+    folder: &Path,
+) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder)
+        .map_err(|e| Failure::from_text(4, format!("cannot make the folder {}: {e}", folder.display())))?;
+    for (target, path) in [(Target::Colmap, folder.to_owned()), (Target::Csv, folder.join("poses.csv"))] {
+        sizeup_survey::write(survey, crs, terrain, target, &path).map_err(|e| Failure::new(4, &e))?;
+    }
+    write_whole(&folder.join("align.json"), |out| {
+        serde_json::to_writer_pretty(&mut *out, report)?;
+        out.write_all(b"\n")
+    })
+    .map_err(|e| Failure::new(4, &e))
 }
 
 /// The ground around the cameras, where one is given.

@@ -132,6 +132,8 @@ impl Ui {
 /// Some work: its name for programs, and words for people.
 pub(super) type Work = (&'static str, &'static str);
 
+/// Aligning a survey.
+pub(super) const ALIGNING: Work = ("align", "matching and adjusting, sizes of the photos");
 /// Looking for the ground in the photos.
 pub(super) const GROUND: Work = ("ground", "looking at the ground");
 /// Computing priors ahead of a run.

@@ -52,3 +52,11 @@ pub enum AlignError {
         first: Option<String>,
     },
 }
+
+impl AlignError {
+    /// Whether the settings are at fault, not the survey.
+    #[must_use]
+    pub fn is_usage(&self) -> bool {
+        matches!(self, Self::Config { .. })
+    }
+}
