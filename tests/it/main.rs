@@ -1,5 +1,6 @@
 //! Behaviour of sizeup seen from outside, one module per topic.
 
+mod align;
 mod annexes;
 mod batch;
 mod benchmark;

@@ -2,7 +2,7 @@
 //!
 //! [`onnx`] is the only door to inference engines. [`prior`] turns a view into a
 //! [`DepthPrior`](sizeup_heights::prior::DepthPrior); [`photo_consistency`] compares photos with one another on a surface; [`dtm`]
-//! finds the ground between buildings.
+//! finds the ground between buildings; [`align`] brings poses that are nearly right to agree with the photos.
 
 pub mod align;
 pub mod dtm;

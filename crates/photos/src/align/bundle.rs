@@ -328,3 +328,107 @@ fn outer(a: DVec3, b: DVec3) -> DMat3 {
 fn along(mixed: &[DVec3; SIX], step: &Six) -> DVec3 {
     mixed.iter().zip(step).map(|(of, by)| *of * *by).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(seed: usize) -> f64 {
+        let x = ((seed as f64 + 1.0) * 12.9898).sin() * 43_758.545_3;
+        2.0 * (x - x.floor()) - 1.0
+    }
+
+    fn noise_vec(seed: usize) -> DVec3 {
+        DVec3::new(noise(3 * seed), noise(3 * seed + 1), noise(3 * seed + 2))
+    }
+
+    /// Nine photos from 80 m over 60 points, each seen by all; the given poses are off by `position_m` and `angle_rad`.
+    fn block(position_m: f64, angle_rad: f64) -> (Bundle, Vec<Rigid<Cam, Map>>) {
+        let origin = DVec3::new(634_000.0, 485_000.0, 110.0);
+        let looking = |i: usize| {
+            let eye = origin + DVec3::new((i % 3) as f64 * 30.0, (i / 3) as f64 * 30.0, 80.0);
+            Rigid::looking_at(eye, origin + DVec3::new(30.0, 30.0, 0.0) + 8.0 * noise_vec(i + 500))
+        };
+        let truth: Vec<Rigid<Cam, Map>> = (0..9).map(looking).collect();
+        let sighting = |view: usize, point: DVec3| {
+            let p = truth[view].point(point);
+            Sighting { view, ray: p.truncate() / p.z }
+        };
+        let track = |i: usize| {
+            let point = origin + DVec3::new(30.0, 30.0, 5.0) + noise_vec(i) * DVec3::new(30.0, 30.0, 10.0);
+            Track {
+                point: point + 0.2 * noise_vec(i + 900),
+                sightings: (0..9).map(|view| sighting(view, point)).collect(),
+            }
+        };
+        let station = |(i, pose): (usize, &Rigid<Cam, Map>)| {
+            let turn = DMat3::from_quat(DQuat::from_scaled_axis(angle_rad * noise_vec(i + 100)));
+            let centre = pose.centre() + position_m * noise_vec(i + 200);
+            let given = Rigid::from_rotation_and_centre(turn * pose.rotation, centre);
+            Station { focal_px: DVec2::new(1000.0, 1010.0), given, pose: given, is_free: true }
+        };
+        let stations = truth.iter().enumerate().map(station).collect();
+        let sigmas = Sigmas { sighting_px: 0.3, position_m: 0.3, angle_rad: 0.01 };
+        (Bundle { stations, tracks: (0..60).map(track).collect(), sigmas }, truth)
+    }
+
+    #[test]
+    fn derivatives_are_those_of_finite_differences() {
+        let (bundle, _) = block(0.3, 0.01);
+        let (track, step) = (&bundle.tracks[3], 1e-4);
+        let sighting = &track.sightings[4];
+        let linear = bundle.linear(sighting, track.point).unwrap();
+        let off_of = |bundle: &Bundle, track: &Track| bundle.off_px(track, sighting).unwrap();
+        let close = |found: f64, expected: f64| (found - expected).abs() < 1e-4 * (1.0 + expected.abs());
+        for unknown in 0..SIX {
+            let moved = |by: f64| {
+                let mut moved = bundle.clone();
+                let mut step = [0.0; SIX];
+                step[unknown] = by;
+                moved.stations[4].pose = bundle.stations[4].moved(&step);
+                off_of(&moved, track)
+            };
+            let slope = (moved(-step) - moved(step)) / (2.0 * step);
+            assert!((0..2).all(|axis| close(linear.by_pose[axis][unknown], slope[axis])), "{unknown}: {slope}");
+        }
+        for axis in 0..3 {
+            let moved =
+                |by: f64| off_of(&bundle, &Track { point: track.point + DVec3::AXES[axis] * by, ..track.clone() });
+            let slope = (moved(-step) - moved(step)) / (2.0 * step);
+            assert!((0..2).all(|row| close(linear.by_point[row][axis], slope[row])), "{axis}: {slope}");
+        }
+    }
+
+    #[test]
+    fn exact_sightings_bring_back_exact_poses_where_some_are_held() {
+        let (mut bundle, truth) = block(0.3, 0.01);
+        // Two held poses are a gauge; nothing else pulls.
+        for (station, pose) in bundle.stations.iter_mut().zip(&truth).take(2) {
+            *station = Station { given: *pose, pose: *pose, is_free: false, ..station.clone() };
+        }
+        bundle.sigmas = Sigmas { sighting_px: 0.3, position_m: 1e6, angle_rad: 1e6 };
+        (0..6).for_each(|_| bundle.iterate(1.0, Moving::PointsAndPoses));
+        for (station, pose) in bundle.stations.iter().zip(&truth) {
+            let turn = (station.pose.rotation - pose.rotation).abs();
+            let turn = [turn.x_axis, turn.y_axis, turn.z_axis].map(DVec3::max_element).into_iter().fold(0.0, f64::max);
+            let shift_m = station.pose.centre().distance(pose.centre());
+            assert!(shift_m < 1e-6 && turn < 1e-6, "{shift_m} {turn}");
+        }
+    }
+
+    #[test]
+    fn one_wrong_sighting_in_five_does_little_harm() {
+        let (mut bundle, _) = block(0.3, 0.01);
+        let before = bundle.median_px().unwrap();
+        for (i, track) in bundle.tracks.iter_mut().enumerate() {
+            for (k, sighting) in track.sightings.iter_mut().enumerate() {
+                if (i * 9 + k) % 5 == 0 {
+                    sighting.ray += 0.03 * noise_vec(i * 9 + k + 3000).truncate();
+                }
+            }
+        }
+        bundle.adjust(Moving::PointsAndPoses);
+        let after = bundle.median_px().unwrap();
+        assert!(before > 2.0 && after < 0.1, "{before} {after}");
+    }
+}

@@ -1,0 +1,107 @@
+//! `sizeup survey align`, from outside: poses of a simulated survey that are off come back.
+
+use std::fs;
+use std::path::Path;
+use std::process::Output;
+
+use assert_cmd::Command;
+use glam::{DQuat, DVec3};
+use serde_json::Value;
+
+fn sizeup(args: &[&str], threads: &str) -> Output {
+    Command::cargo_bin("sizeup").unwrap().args(args).env("RAYON_NUM_THREADS", threads).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Rotation and translation of each photo of a COLMAP model.
+fn poses(model: &Path) -> Vec<(String, DQuat, DVec3)> {
+    let text = fs::read_to_string(model.join("images.txt")).unwrap();
+    let pose = |line: &str| {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let n: Vec<f64> = words[1..8].iter().map(|word| word.parse().unwrap()).collect();
+        let turn = DQuat::from_xyzw(n[1], n[2], n[3], n[0]).normalize();
+        (words[9].to_owned(), turn, -(turn.inverse() * DVec3::new(n[4], n[5], n[6])))
+    };
+    text.lines().filter(|line| line.ends_with(".jpg")).map(pose).collect()
+}
+
+/// Medians of position and rotation errors, metres and degrees.
+fn errors(found: &Path, truth: &Path) -> [f64; 2] {
+    let (found, truth) = (poses(found), poses(truth));
+    assert_eq!(found.len(), truth.len());
+    let middle = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let pairs = || found.iter().zip(&truth);
+    [
+        middle(pairs().map(|(a, b)| a.2.distance(b.2)).collect()),
+        middle(pairs().map(|(a, b)| a.1.angle_between(b.1).to_degrees()).collect()),
+    ]
+}
+
+fn simulate(folder: &Path, position_m: &str, angle_deg: &str) {
+    let position = format!("errors.position_m={position_m}");
+    let angle = format!("errors.angle_deg={angle_deg}");
+    let settings =
+        ["seed=5", "town.n_buildings=12", "flight.n_views=24", "camera.width_px=600", "camera.height_px=450"];
+    let mut args = vec!["simulate", "--preset", "district", "--output", folder.to_str().unwrap()];
+    settings.iter().chain([&position.as_str(), &angle.as_str()]).for_each(|setting| args.extend(["--set", setting]));
+    let made = sizeup(&args, "2");
+    assert!(made.status.success(), "{}", text(&made.stderr));
+}
+
+#[test]
+fn poses_that_are_off_come_back_and_are_read_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let [given, truth, aligned, again] = ["given", "truth", "aligned", "again"].map(|name| folder.path().join(name));
+    simulate(&given, "0.3", "0.5");
+    simulate(&truth, "0", "0");
+    let config = given.join("sizeup.toml");
+    let align = |output: &Path, threads: &str| {
+        let args = ["survey", "align", "--config", config.to_str().unwrap(), "--json", "--output"];
+        let done = sizeup(&[&args[..], &[output.to_str().unwrap()]].concat(), threads);
+        assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+        done
+    };
+    let report: Value = serde_json::from_slice(&align(&aligned, "2").stdout).unwrap();
+    align(&again, "1");
+    for file in ["images.txt", "poses.csv", "align.json"] {
+        assert_eq!(fs::read(aligned.join(file)).unwrap(), fs::read(again.join(file)).unwrap(), "{file}");
+    }
+    let [before, after] = [&given.join("sparse"), &aligned].map(|model| errors(model, &truth.join("sparse")));
+    assert!(after[0] < before[0] / 2.0 && after[1] < before[1] / 5.0, "{before:?} {after:?}");
+    assert_eq!(report["is_taken"], true);
+    let fall = |key: &str| report[key]["median_px"].as_f64().unwrap();
+    assert!(fall("after") < 0.2 * fall("before"), "{} {}", report["before"], report["after"]);
+    let table = aligned.join("poses.csv");
+    let args =
+        ["survey", "inspect", table.to_str().unwrap(), "--crs", "EPSG:25832", "--set", "survey.csv.angles=quaternion"];
+    let read = sizeup(&[&args[..], &["--json"]].concat(), "2");
+    assert_eq!(read.status.code(), Some(0), "{}{}", text(&read.stdout), text(&read.stderr));
+}
+
+#[test]
+fn what_cannot_be_aligned_is_refused_with_a_hint_and_nothing_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let (poses, output) = (folder.path().join("poses.csv"), folder.path().join("aligned"));
+    let rows = "name,x,y,z,omega,phi,kappa,width,height,fx,cx,cy\n\
+        a.jpg,566000,5763000,180,5,0,0,400,300,500,200,150\nb.jpg,566010,5763000,180,5,0,0,400,300,500,200,150\n";
+    fs::write(&poses, rows).unwrap();
+    let align = |more: &[&str]| {
+        let args =
+            ["survey", "align", poses.to_str().unwrap(), "--crs", "EPSG:25832", "--output", output.to_str().unwrap()];
+        let refused = sizeup(&[&args[..], more].concat(), "2");
+        assert!(!output.exists());
+        (refused.status.code(), text(&refused.stderr))
+    };
+    let (code, told) = align(&[]);
+    assert!(code == Some(3) && told.contains("how high the ground is") && told.contains("hint"), "{told}");
+    let (code, told) = align(&["--ground", "80"]);
+    assert!(code == Some(3) && told.contains("0 of 2 poses have a photo") && told.contains("--images"), "{told}");
+    let (code, told) = align(&["--ground", "80", "--set", "align.n_neighbours=1"]);
+    assert!(code == Some(2) && told.contains("n_neighbours") && told.contains("2 to 24"), "{told}");
+}
