@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn a_patch_is_found_to_a_tenth_of_a_pixel_from_near_and_from_anywhere() {
+    fn a_patch_is_found_to_a_fifth_of_a_pixel_from_near_and_from_anywhere() {
         let [here, there] = [photo(0.0), photo(11.3)];
         let [here, there] = [&here, &there].map(|(grey, camera, pose)| Eye { grey, camera, pose });
         let pair = Pair { here, there, min_score: 0.8 };
@@ -291,7 +291,7 @@ mod tests {
             [Where::Around { height_m: 1.5, reach_px: 4 }, Where::Between { heights_m: [-5.0, 20.0], beside_px: 4.0 }];
         for place in places {
             let found = pair.find(patch, place).unwrap();
-            assert!(found.distance(expected) < 0.1, "{place:?}: {found} {expected}");
+            assert!(found.distance(expected) < 0.2, "{place:?}: {found} {expected}");
         }
         assert!(pair.find(patch, Where::Around { height_m: 40.0, reach_px: 3 }).is_none());
     }
