@@ -3,9 +3,12 @@
 use rayon::prelude::*;
 
 use super::{Solving, State};
+use crate::optimise::empty_space::{self, Look};
+use crate::optimise::evidence::Evidence;
 use crate::optimise::score::Correlation;
 use crate::optimise::search::{Finding, Range, SweepView, find_roofs, sweep};
 use crate::optimise::{bleed, levels};
+use crate::render::profile::Stops;
 
 /// Heights are kept on a grid of so many steps per metre.
 const STEPS_PER_M: f32 = 1000.0;
@@ -47,7 +50,25 @@ impl State<'_> {
             let views = self.sweep_views();
             self.roofs = find_roofs(self.problem.scene, &views, &self.views_of, &self.heights_m, config);
         }
+        self.blind_m2 = self.blind_areas_m2();
         (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
+    }
+
+    /// By building, the area above its roof that none of its views has looked through.
+    fn blind_areas_m2(&self) -> Vec<f64> {
+        let roofs = self.problem.scene.roofs(&self.heights_m);
+        let stops_of = |evidence: &Option<Evidence<'_>>| Some(evidence.as_ref()?.profiles.stops(&roofs));
+        let stops: Vec<Option<Stops>> = self.evidence.par_iter().map(stops_of).collect();
+        let look = |&v: &usize| {
+            let (evidence, stops) = (self.evidence[v].as_ref()?, stops[v].as_ref()?);
+            Some(Look { evidence, placed: &self.problem.views[v].placed, stops })
+        };
+        let of_building = |b: usize| {
+            let looks: Vec<Look<'_>> = self.views_of[b].iter().filter_map(look).collect();
+            let above_m = self.roofs[b].roof.map_or(0.0, |roof| (roof.ridge_m as f32 - self.heights_m[b]).max(0.0));
+            empty_space::blind_area_m2(b as u32, roofs[b] + above_m, &looks)
+        };
+        (0..roofs.len()).into_par_iter().map(of_building).collect()
     }
 
     /// Measures how far each prior's near sides bleed over known edges, and samples the priors anew without it.
