@@ -234,3 +234,23 @@ fn mean_height_m(buildings: &[&Building<'_>]) -> Option<f64> {
     let known_m2: f64 = known().map(|(area_m2, _)| area_m2).sum();
     (known_m2 > 0.0).then(|| known().map(|(area_m2, height_m)| area_m2 * height_m).sum::<f64>() / known_m2)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_roof_that_moves_with_its_ground_is_no_building_that_was_raised() {
+        let decision = Decision { n_sigmas: 3.0, least_m: 2.0 };
+        let told = |roof_m: f64, height_m: f64| {
+            combined(&Difference { height_m, roof_z_m: Some(roof_m), sigma_m: 0.3 }, &decision)
+        };
+        assert_eq!(told(3.0, 3.0), (Verdict::Up, Reason::RoofMoved));
+        assert_eq!(told(-3.0, -3.0), (Verdict::Down, Reason::RoofMoved));
+        assert_eq!(told(0.1, -3.0), (Verdict::Same, Reason::GroundDiffers));
+        assert_eq!(told(3.0, 0.1), (Verdict::Unsure, Reason::GroundMoved));
+        assert_eq!(told(3.0, -3.0), (Verdict::Unsure, Reason::GroundMoved));
+        let of_heights = Difference { height_m: 3.0, roof_z_m: None, sigma_m: 0.3 };
+        assert_eq!(combined(&of_heights, &decision), (Verdict::Up, Reason::RoofMoved));
+    }
+}
