@@ -2,15 +2,15 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::ui::warn_of_unfinished;
 use super::{Call, Failure, Global, Ui, print_json, print_lines};
 use sizeup_geo::files::FileError;
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_results::changes::{
-    ChangesConfig, ChangesError, ChangesReport, LevelRule, ResultPair, ShiftRule, SigmaRule, changes_map, compare,
-    write_layer,
+    AreaRule, ChangesConfig, ChangesError, ChangesReport, LevelRule, ResultPair, ShiftRule, SigmaRule, changes_map,
+    compare, write_layer,
 };
 use sizeup_results::output::picture::write_png;
 use sizeup_results::output::{Lineage, OutputError};
@@ -50,6 +50,9 @@ pub struct ChangesArgs {
     /// How far beyond its outlines a result is taken to have looked, metres.
     #[arg(long, value_name = "METRES", default_value_t = ChangesConfig::default().margin_m)]
     pub margin: f64,
+    /// What else says where a result looked: a building beyond is neither new nor gone.
+    #[arg(long, value_enum, value_name = "WHICH", default_value = "photos")]
+    pub area: AreaArg,
     /// Leave a shift that is common to all buildings in the differences; it is reported all the same.
     #[arg(long)]
     pub keep_shift: bool,
@@ -61,6 +64,15 @@ pub struct ChangesArgs {
     pub heights_only: bool,
 }
 
+/// Where a result looked, on the command line.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum AreaArg {
+    /// Within the hull of its photos' projection centres too, where its GeoPackage has them.
+    Photos,
+    /// Around its outlines only: for layers that cover less than the flight.
+    Outlines,
+}
+
 impl ChangesArgs {
     fn config(&self) -> ChangesConfig {
         ChangesConfig {
@@ -70,6 +82,10 @@ impl ChangesArgs {
             new_sigma_m: self.new_sigma,
             outline_sigma_m: self.outline_sigma,
             margin_m: self.margin,
+            area: match self.area {
+                AreaArg::Photos => AreaRule::Photos,
+                AreaArg::Outlines => AreaRule::Outlines,
+            },
             shift: if self.keep_shift { ShiftRule::Keep } else { ShiftRule::TakeOff },
             sigmas: if self.stated_sigmas { SigmaRule::Stated } else { SigmaRule::Widen },
             levels: if self.heights_only { LevelRule::HeightsOnly } else { LevelRule::Compare },
@@ -86,7 +102,7 @@ pub(super) fn run(args: &ChangesArgs, global: &Global) -> Result<u8, Failure> {
     // Levels are compared where both results say what they count from.
     let levels = if pair.level_reference.is_some() { LevelRule::Compare } else { LevelRule::HeightsOnly };
     let config = ChangesConfig { levels, ..config };
-    let comparison = compare(&pair.old.records, &pair.new.records, &config);
+    let comparison = compare(&pair.old.compared(), &pair.new.compared(), &config);
     let command = Call::this().line();
     let report = ChangesReport::new(&pair, comparison, &config, env!("CARGO_PKG_VERSION"), &command);
     write(args, &pair, &report).map_err(|e| Failure::new(4, &e))?;

@@ -6,14 +6,16 @@ use std::path::Path;
 use geo::MapCoords as _;
 use geo_types::{Coord, Rect};
 use serde_json::Value;
-use sizeup::changes::{Change, ChangesConfig, ChangesReport, Class, Reason, compare, write_layer};
+use sizeup::changes::{
+    Change, ChangesConfig, ChangesReport, Class, Compared, LevelRule, Reason, ResultPair, compare, write_layer,
+};
 use sizeup::crs::{Crs, Transform};
 use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::read::{FoundBuildings, ReadOptions};
 use sizeup::output::{BuildingRecord, CityModel, Lineage, Status};
 use sizeup::survey::Survey;
 
-use crate::tiny_scene::{N_BUILDINGS, Outcome, Scene, sizeup};
+use crate::tiny_scene::{N_BUILDINGS, N_VIEWS, Outcome, Scene, sizeup};
 use crate::two_epochs::{compare_files, write_result};
 
 const CRS: &str = "EPSG:25832";
@@ -84,6 +86,22 @@ fn each_kind_of_change_is_told_with_its_reason_and_both_ids() {
     assert!(raised.explanation.contains("roof level +3.00 m, sigma 0.35 m"), "{}", raised.explanation);
     assert_eq!((raised.iou, raised.old_area_m2, raised.new_area_m2), (Some(1.0), Some(120.0), Some(120.0)));
     assert_eq!(report.level_reference.as_deref(), Some(NORMAL));
+}
+
+#[test]
+fn a_building_beyond_the_old_outlines_is_new_where_the_old_photos_looked() {
+    let (old, mut new) = (street("o", 3), street("n", 3));
+    new.push(house("edge", [30.0, 60.0, 10.0, 10.0], 8.0));
+    let (west, south) = (CORNER[0], CORNER[1]);
+    let cameras =
+        [[west, south - 90.0], [west, south + 90.0], [west + 90.0, south + 90.0], [west + 90.0, south - 90.0]];
+    let class = |cameras: &[[f64; 2]], area: AreaRule| {
+        let config = ChangesConfig { area, ..ChangesConfig::default() };
+        let old = Compared { records: &old, cameras };
+        compare(&old, &Compared { records: &new, cameras: &[] }, &config).changes[3].class
+    };
+    assert_eq!(class(&cameras, AreaRule::Photos), Class::New);
+    assert_eq!((class(&cameras, AreaRule::Outlines), class(&[], AreaRule::Photos)), (Class::Outside, Class::Outside));
 }
 
 #[test]
@@ -249,11 +267,14 @@ fn one_thread_or_many_come_to_the_same_bytes() {
     for (i, record) in new.iter_mut().enumerate() {
         record.height_m = Some(8.0 + 0.37 * i as f64);
     }
+    fn side(records: &[BuildingRecord]) -> Compared<'_> {
+        Compared { records, cameras: &[] }
+    }
     let folder = tempfile::tempdir().unwrap();
     let crs = Crs::parse(CRS).unwrap();
     let bytes = [1, 4].map(|n_threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
-        let comparison = pool.install(|| compare(&old, &new, &ChangesConfig::default()));
+        let comparison = pool.install(|| compare(&side(&old), &side(&new), &ChangesConfig::default()));
         let path = folder.path().join(format!("{n_threads}.gpkg"));
         write_layer(&path, &comparison.changes, &crs, &Lineage::default()).unwrap();
         (fs::read(path).unwrap(), comparison)
@@ -288,4 +309,7 @@ fn two_runs_of_a_town_find_the_building_that_was_torn_down() {
     assert_eq!(report.changes.len(), N_BUILDINGS);
     assert_eq!((row(&report, &id).class, report.counts["gone"], report.counts["new"]), (Class::Gone, 1, 0));
     assert!(outcome.stdout.contains("1  gone"), "{}", outcome.stdout);
+    // Where a flight looked is told by its photos too.
+    let pair = ResultPair::read(&scene.path("result"), &scene.path("later"), LevelRule::Compare).unwrap();
+    assert_eq!((pair.old.cameras.len(), pair.new.cameras.len()), (N_VIEWS, N_VIEWS));
 }

@@ -65,6 +65,8 @@ pub struct ChangesConfig {
     pub outline_sigma_m: f64,
     /// How far beyond the hull of its outlines a result is taken to have looked, metres, 0 or more.
     pub margin_m: f64,
+    /// What else says where a result looked.
+    pub area: AreaRule,
     /// What becomes of a shift that is common to all buildings.
     pub shift: ShiftRule,
     /// What becomes of sigmas that are smaller than differences scatter.
@@ -82,6 +84,7 @@ impl Default for ChangesConfig {
             new_sigma_m: None,
             outline_sigma_m: 0.3,
             margin_m: 25.0,
+            area: AreaRule::Photos,
             shift: ShiftRule::TakeOff,
             sigmas: SigmaRule::Widen,
             levels: LevelRule::Compare,
@@ -109,6 +112,17 @@ pub enum LevelRule {
     Compare,
     /// Heights above ground only.
     HeightsOnly,
+}
+
+/// Where a result looked, beside what lies around its outlines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum AreaRule {
+    /// Within the hull of its photos' projection centres, where it has them (its GeoPackage).
+    #[default]
+    Photos,
+    /// Nowhere else: for layers of outlines that cover less than the flight.
+    Outlines,
 }
 
 /// A setting outside its range.
@@ -183,15 +197,24 @@ pub struct Comparison {
     pub spread: Option<f64>,
 }
 
+/// One of two results, as it is compared.
+#[derive(Debug, Clone, Copy)]
+pub struct Compared<'a> {
+    /// Its buildings.
+    pub records: &'a [BuildingRecord],
+    /// Projection centres of its photos (easting, northing), where they are known.
+    pub cameras: &'a [[f64; 2]],
+}
+
 /// Compares two results whose outlines are in one frame and whose levels, if compared, count from one zero.
 #[must_use]
-pub fn compare(old: &[BuildingRecord], new: &[BuildingRecord], config: &ChangesConfig) -> Comparison {
-    let new_buildings = buildings(new, [0.0; 2]);
-    let (mut old_buildings, mut shift) = (buildings(old, [0.0; 2]), CommonShift::default());
+pub fn compare(old: &Compared<'_>, new: &Compared<'_>, config: &ChangesConfig) -> Comparison {
+    let new_buildings = buildings(new.records, [0.0; 2]);
+    let (mut old_buildings, mut shift) = (buildings(old.records, [0.0; 2]), CommonShift::default());
     let mut matched = groups(&old_buildings, &new_buildings);
     (shift.east, shift.north) = plan_shift(&old_buildings, &new_buildings, &matched, config.shift);
     if shift.east.is_taken_off || shift.north.is_taken_off {
-        old_buildings = buildings(old, [shift.east.taken_m(), shift.north.taken_m()]);
+        old_buildings = buildings(old.records, [shift.east.taken_m(), shift.north.taken_m()]);
         matched = groups(&old_buildings, &new_buildings);
     }
     let unstated = config.unstated();
@@ -208,11 +231,14 @@ pub fn compare(old: &[BuildingRecord], new: &[BuildingRecord], config: &ChangesC
     }
     let spread = scatter(&differences, &shift, config);
     let widening = if config.sigmas == SigmaRule::Widen { spread.unwrap_or(1.0).max(1.0) } else { 1.0 };
+    let area = |buildings: &[Building<'_>], cameras: &[[f64; 2]]| {
+        SeenArea::of(buildings, config.margin_m, if config.area == AreaRule::Photos { cameras } else { &[] })
+    };
     let scene = Scene {
         old: &old_buildings,
         new: &new_buildings,
-        old_area: SeenArea::of(&old_buildings, config.margin_m),
-        new_area: SeenArea::of(&new_buildings, config.margin_m),
+        old_area: area(&old_buildings, old.cameras),
+        new_area: area(&new_buildings, new.cameras),
         config,
         shift,
         widening,

@@ -6,15 +6,20 @@
 
 use std::path::{Path, PathBuf};
 
-use sizeup_geo::crs::{Crs, CrsError, VerticalReference};
+use geo_types::Geometry;
+use sizeup_geo::crs::{Crs, CrsError, Transform, VerticalReference};
 use sizeup_geo::files::FileError;
+use sizeup_geo::geodata::vector::{FeatureGeometry, VectorLayer};
 
-use super::{LevelRule, SettingError};
+use super::{Compared, LevelRule, SettingError};
 use crate::output::read::{FoundBuildings, ReadError, ReadOptions, RecordFile};
 use crate::output::{BuildingRecord, InputFile, Lineage, OutputError};
 
 /// What a result's folder holds, in the order in which it is looked for.
 const IN_FOLDER: [&str; 3] = ["city.gpkg", "city.city.jsonl", "city.city.json"];
+
+/// The layer of the photos in our GeoPackages.
+const CAMERAS: &str = "cameras";
 
 /// What lineages say of a vertical reference that nobody stated.
 const NOT_STATED: [&str; 3] = ["", "not stated", "as in the input"];
@@ -98,6 +103,8 @@ pub struct ResultFile {
     pub file: InputFile,
     /// Its buildings, in the frame of the comparison.
     pub records: Vec<BuildingRecord>,
+    /// Projection centres of its photos (easting, northing), in the frame of the comparison; only GeoPackages have them.
+    pub cameras: Vec<[f64; 2]>,
     /// Its own CRS.
     pub crs: Crs,
     /// Where it comes from, if it is ours.
@@ -145,9 +152,17 @@ impl ResultFile {
             return Err(ChangesError::Empty { epoch, path: path.to_owned(), n_buildings });
         }
         let crs = found.crs.clone().ok_or_else(|| ReadError::NoCrs { path: path.to_owned() })?;
-        let records = found.into_crs(frame.unwrap_or(&crs))?.to_records();
+        let frame = frame.unwrap_or(&crs);
+        let records = found.into_crs(frame)?.to_records();
         let lineage = RecordFile::open(path, ReadOptions::default())?.lineage();
-        Ok(Self { file: InputFile::hash(epoch, path)?, records, crs, lineage })
+        let cameras = cameras(path, frame).map_err(|source| ReadError::Crs { path: path.to_owned(), source })?;
+        Ok(Self { file: InputFile::hash(epoch, path)?, records, cameras, crs, lineage })
+    }
+
+    /// As it is compared.
+    #[must_use]
+    pub fn compared(&self) -> Compared<'_> {
+        Compared { records: &self.records, cameras: &self.cameras }
     }
 
     /// Path of the file.
@@ -162,6 +177,21 @@ impl ResultFile {
         let of_lineage = || self.lineage.as_ref().map(|lineage| lineage.vertical_reference.clone());
         of_crs.or_else(of_lineage).filter(|words| !NOT_STATED.contains(&words.as_str()))
     }
+}
+
+/// Projection centres from the layer that a GeoPackage of ours has; none from any other file.
+fn cameras(path: &Path, frame: &Crs) -> Result<Vec<[f64; 2]>, CrsError> {
+    let is_geopackage = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gpkg"));
+    let Some(mut layer) = is_geopackage.then(|| VectorLayer::open(path, Some(CAMERAS)).ok()).flatten() else {
+        return Ok(Vec::new());
+    };
+    let Ok(Some(crs)) = layer.crs() else { return Ok(Vec::new()) };
+    let transform = Transform::new(&crs, frame)?;
+    let centres = layer.features().filter_map(|feature| match feature.geometry {
+        FeatureGeometry::Shape(Geometry::Point(at)) => Some(at),
+        _ => None,
+    });
+    centres.map(|at| transform.point(at.x(), at.y()).map(<[f64; 2]>::from)).collect()
 }
 
 /// What levels of both count from, if both say it.
