@@ -7,7 +7,8 @@ use geo::MapCoords as _;
 use geo_types::{Coord, Rect};
 use serde_json::Value;
 use sizeup::changes::{
-    Change, ChangesConfig, ChangesReport, Class, Compared, LevelRule, Reason, ResultPair, compare, write_layer,
+    AreaRule, Change, ChangesConfig, ChangesReport, Class, Compared, LevelRule, Reason, ResultPair, compare,
+    write_layer,
 };
 use sizeup::crs::{Crs, Transform};
 use sizeup::output::cityjson::{self, CityJsonConfig};

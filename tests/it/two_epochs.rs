@@ -111,11 +111,13 @@ fn measured(
     [ground_z_m, height_m]: [f64; 2],
 ) -> BuildingRecord {
     let sigma_m = rng.random_range(0.15..0.4);
-    let outline =
-        outline.map_coords(|c| Coord { x: c.x + CORNER_SIGMA_M * normal(rng), y: c.y + CORNER_SIGMA_M * normal(rng) });
+    let mut off_m = || CORNER_SIGMA_M * normal(rng);
     // The ring's last corner is its first.
-    let closed = |ring: &LineString<f64>| LineString::from(ring.0[..ring.0.len() - 1].to_vec());
-    let outline = Polygon::new(closed(outline.exterior()), outline.interiors().iter().map(closed).collect());
+    let mut disturbed = |ring: &LineString<f64>| -> LineString<f64> {
+        ring.0[..ring.0.len() - 1].iter().map(|c| Coord { x: c.x + off_m(), y: c.y + off_m() }).collect()
+    };
+    let exterior = disturbed(outline.exterior());
+    let outline = Polygon::new(exterior, outline.interiors().iter().map(disturbed).collect());
     BuildingRecord {
         height_sigma_m: Some(sigma_m),
         ..BuildingRecord::measured(id, outline, ground_z_m, height_m + sigma_m * normal(rng))
