@@ -6,11 +6,11 @@ use clap::{Args, ValueEnum};
 
 use super::ui::warn_of_unfinished;
 use super::{Call, Failure, Global, Ui, print_json, print_lines};
-use sizeup_geo::files::FileError;
+use sizeup_geo::files::{FileError, read_bytes, write_whole};
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_results::changes::{
     AreaRule, ChangesConfig, ChangesError, ChangesReport, LevelRule, ResultPair, ShiftRule, SigmaRule, changes_map,
-    compare, write_layer,
+    changes_page, compare, write_layer,
 };
 use sizeup_results::output::picture::write_png;
 use sizeup_results::output::{Lineage, OutputError};
@@ -22,14 +22,15 @@ use sizeup_results::output::{Lineage, OutputError};
   sizeup changes old.gpkg new.city.json --output changes --least-m 3 --json
   sizeup changes lod1.city.json result --output changes --old-sigma 0.5     heights of others state no sigma
 
-changes.gpkg has a row per building, styled by class for QGIS; changes.json the same with the summary; changes.png a map.
+changes.html is a page to read, changes.png its map; changes.gpkg has a row per building, styled by class for QGIS;
+changes.json the same with the summary.
 Buildings are matched by place; ids of the new result are kept, and those of the old one stand beside them.")]
 pub struct ChangesArgs {
     /// Earlier result: the folder of a run or of a merged city, or its CityJSON or GeoPackage.
     pub old: PathBuf,
     /// Later result, likewise.
     pub new: PathBuf,
-    /// Folder to write changes.gpkg, changes.json and changes.png into.
+    /// Folder to write changes.html, changes.gpkg, changes.json and changes.png into.
     #[arg(long, short, value_name = "FOLDER")]
     pub output: PathBuf,
     /// Least difference worth telling, up, down or sideways, metres.
@@ -106,7 +107,8 @@ pub(super) fn run(args: &ChangesArgs, global: &Global) -> Result<u8, Failure> {
     let command = Call::this().line();
     let report = ChangesReport::new(&pair, comparison, &config, env!("CARGO_PKG_VERSION"), &command);
     write(args, &pair, &report).map_err(|e| Failure::new(4, &e))?;
-    Ui::new(global).say(format!("changes.gpkg, changes.json and changes.png in {}", args.output.display()));
+    Ui::new(global)
+        .say(format!("changes.html, changes.gpkg, changes.json and changes.png in {}", args.output.display()));
     if global.json {
         print_json(&report.summary())?;
     } else {
@@ -128,7 +130,10 @@ fn write(args: &ChangesArgs, pair: &ResultPair, report: &ChangesReport) -> Resul
     let crs = &pair.new.crs;
     let mark = Unfinished::begin(folder, &report.command)?;
     write_layer(&folder.join("changes.gpkg"), &report.changes, crs, &lineage(pair, report))?;
-    write_png(&folder.join("changes.png"), &changes_map(report, crs))?;
+    let map = folder.join("changes.png");
+    write_png(&map, &changes_map(report, crs))?;
+    let page = changes_page(report, &read_bytes(&map)?);
+    write_whole(&folder.join("changes.html"), |out| out.write_all(page.as_bytes()))?;
     report.write(&folder.join("changes.json"))?;
     Ok(mark.finish()?)
 }

@@ -44,6 +44,11 @@ fn changes(old: &[BuildingRecord], new: &[BuildingRecord], more: &[&str]) -> Cha
     compare_files(folder.path(), "old.gpkg", "new.gpkg", more)
 }
 
+/// Records as a result that says nothing of its photos.
+fn without_photos(records: &[BuildingRecord]) -> Compared<'_> {
+    Compared { records, cameras: &[] }
+}
+
 /// The row of a building of the new result, or of the old one.
 fn row<'r>(report: &'r ChangesReport, id: &str) -> &'r Change {
     let is_about = |change: &&Change| change.new_ids.iter().chain(&change.old_ids).any(|own| own == id);
@@ -99,7 +104,7 @@ fn a_building_beyond_the_old_outlines_is_new_where_the_old_photos_looked() {
     let class = |cameras: &[[f64; 2]], area: AreaRule| {
         let config = ChangesConfig { area, ..ChangesConfig::default() };
         let old = Compared { records: &old, cameras };
-        compare(&old, &Compared { records: &new, cameras: &[] }, &config).changes[3].class
+        compare(&old, &without_photos(&new), &config).changes[3].class
     };
     assert_eq!(class(&cameras, AreaRule::Photos), Class::New);
     assert_eq!((class(&cameras, AreaRule::Outlines), class(&[], AreaRule::Photos)), (Class::Outside, Class::Outside));
@@ -178,7 +183,7 @@ fn the_layer_opens_with_styles_lineage_and_a_row_per_building() {
         names.sort();
         names
     };
-    assert_eq!(names, ["changes.gpkg", "changes.json", "changes.png"]);
+    assert_eq!(names, ["changes.gpkg", "changes.html", "changes.json", "changes.png"]);
     let path = folder.path().join("out/of/changes.gpkg");
     let found = FoundBuildings::read(&path, &ReadOptions::default()).unwrap();
     assert_eq!(found.crs.unwrap().horizontal_epsg(), Some(25832));
@@ -193,6 +198,21 @@ fn the_layer_opens_with_styles_lineage_and_a_row_per_building() {
     assert!(style.contains("outline_changed"));
     let lineage: Lineage = serde_json::from_str(&text_of("SELECT lineage FROM sizeup_lineage")).unwrap();
     assert_eq!(lineage.inputs.iter().map(|input| input.role.as_str()).collect::<Vec<_>>(), ["old", "new"]);
+}
+
+#[test]
+fn the_page_lists_what_has_changed_whatever_ids_are_called() {
+    let folder = tempfile::tempdir().unwrap();
+    let (old, mut new) = (street("o", 3), street("n", 3));
+    new[1].id = "<b>&\"1\"".to_owned();
+    new[1].height_m = Some(12.0);
+    write_result(&folder.path().join("old.gpkg"), &old, CRS, NORMAL);
+    write_result(&folder.path().join("new.gpkg"), &new, CRS, NORMAL);
+    compare_files(folder.path(), "old.gpkg", "new.gpkg", &[]);
+    let page = fs::read_to_string(folder.path().join("changes/changes.html")).unwrap();
+    assert!(page.contains("<td>&lt;b&gt;&amp;&quot;1&quot;</td><td>o1</td>") && !page.contains("<b>&"), "{page}");
+    assert!(page.contains("<td class=\"n\">+4.00</td>") && page.contains("data:image/png;base64,"));
+    assert!(!page.contains("<td>o0</td>"), "what is the same is counted only");
 }
 
 #[test]
@@ -268,14 +288,12 @@ fn one_thread_or_many_come_to_the_same_bytes() {
     for (i, record) in new.iter_mut().enumerate() {
         record.height_m = Some(8.0 + 0.37 * i as f64);
     }
-    fn side(records: &[BuildingRecord]) -> Compared<'_> {
-        Compared { records, cameras: &[] }
-    }
     let folder = tempfile::tempdir().unwrap();
     let crs = Crs::parse(CRS).unwrap();
     let bytes = [1, 4].map(|n_threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
-        let comparison = pool.install(|| compare(&side(&old), &side(&new), &ChangesConfig::default()));
+        let comparison =
+            pool.install(|| compare(&without_photos(&old), &without_photos(&new), &ChangesConfig::default()));
         let path = folder.path().join(format!("{n_threads}.gpkg"));
         write_layer(&path, &comparison.changes, &crs, &Lineage::default()).unwrap();
         (fs::read(path).unwrap(), comparison)

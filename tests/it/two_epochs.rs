@@ -12,6 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use sizeup::changes::{Change, ChangesReport, Class};
 use sizeup::crs::Crs;
 use sizeup::output::geopackage::{self, GeoPackageConfig};
+use sizeup::output::read::{FoundBuildings, ReadOptions};
 use sizeup::output::{BuildingRecord, CityModel, Lineage};
 use sizeup::simulate::{SimulateConfig, TownKind, world};
 use sizeup::survey::Survey;
@@ -293,7 +294,7 @@ fn every_building_of_both_towns_is_in_one_row() {
         ids
     };
     let records = |name: &str| {
-        let found = sizeup::output::read::FoundBuildings::read(&town.folder.path().join(name), &Default::default());
+        let found = FoundBuildings::read(&town.folder.path().join(name), &ReadOptions::default());
         let mut ids: Vec<String> = found.unwrap().buildings.into_iter().map(|building| building.id).collect();
         ids.sort();
         ids

@@ -219,7 +219,7 @@ mod tests {
         let old = BuildingRecord { status: Status::Doubtful, ..house("a", [0.0, 0.0, 9.0, 9.0], 8.0) };
         let new = BuildingRecord { height_sigma_m: None, ..house("b", [0.0, 0.0, 9.0, 9.0], 8.0) };
         let missing = Evidence::Missing(BTreeSet::from([Reason::OldDoubtful, Reason::NewSigmaUnknown]));
-        assert_eq!(compared(&[old], &[new.clone()]), missing);
+        assert_eq!(compared(&[old], std::slice::from_ref(&new)), missing);
         let unstated = Unstated { old_m: None, new_m: Some(0.4) };
         assert_eq!(unstated.height(&new, Epoch::New), Ok((8.0, 0.4)));
     }

@@ -16,6 +16,7 @@ mod heights;
 mod layer;
 mod matching;
 mod outlines;
+mod page;
 mod picture;
 mod read;
 mod report;
@@ -37,6 +38,7 @@ use crate::output::BuildingRecord;
 
 pub use change::{Change, Class, Reason};
 pub use layer::write as write_layer;
+pub use page::changes_page;
 pub use picture::changes_map;
 pub use read::{ChangesError, ResultFile, ResultPair};
 pub use report::{ChangesReport, ComparedResult};

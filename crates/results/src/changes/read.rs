@@ -18,7 +18,7 @@ use crate::output::{BuildingRecord, InputFile, Lineage, OutputError};
 /// What a result's folder holds, in the order in which it is looked for.
 const IN_FOLDER: [&str; 3] = ["city.gpkg", "city.city.jsonl", "city.city.json"];
 
-/// The layer of the photos in our GeoPackages.
+/// The layer of the photos in our `GeoPackage` files.
 const CAMERAS: &str = "cameras";
 
 /// What lineages say of a vertical reference that nobody stated.
@@ -103,7 +103,7 @@ pub struct ResultFile {
     pub file: InputFile,
     /// Its buildings, in the frame of the comparison.
     pub records: Vec<BuildingRecord>,
-    /// Projection centres of its photos (easting, northing), in the frame of the comparison; only GeoPackages have them.
+    /// Projection centres of its photos (easting, northing), in the frame of the comparison; only a `GeoPackage` has them.
     pub cameras: Vec<[f64; 2]>,
     /// Its own CRS.
     pub crs: Crs,
