@@ -3,6 +3,7 @@
 mod annexes;
 mod batch;
 mod benchmark;
+mod changes;
 mod cli;
 mod consumers;
 mod crash_safety;
@@ -62,5 +63,6 @@ mod tiles_faults;
 mod tiles_stale;
 mod tiny_scene;
 mod tools;
+mod two_epochs;
 mod validation;
 mod warsaw;
