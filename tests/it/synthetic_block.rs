@@ -562,7 +562,7 @@ fn a_tower_that_priors_have_gaps_for_is_not_measured_as_a_low_block() {
             let (image, behind) = (whole.render(&view.placed), cut.render(&view.placed).depth);
             let hides = |i: usize| image.face.data()[i].building().is_some_and(|b| b.0 as usize == tower);
             let seen = |i: usize| match hides(i) {
-                true if i % 31 == 0 => behind.data()[i],
+                true if i.is_multiple_of(31) => behind.data()[i],
                 true if is_gap(i) => f32::NAN,
                 _ => image.depth.data()[i],
             };
