@@ -2,13 +2,13 @@
 //! photos could not be matched, and a tower whose roof and walls could not looks like the low block that explains what is
 //! left: what nobody has seen to be empty may be the rest of the building.
 //!
-//! The space above a roof is cut into cells, `CELL_M` across and `STOREY_M` high. A ray that nothing stops before it is through a
-//! cell has seen it to be empty if its prior has a depth, for all that could have been in the cell was matched with something:
+//! The first `N_STOREYS` above a roof are cut into cells, `CELL_M` across and `STOREY_M` high. A ray with a depth that goes through a
+//! cell, by the roofs found, shows it empty; one without a depth shows nothing:
 //!
 //! ```text
-//! seen(cell)  = rays with a depth / rays, through the cell
-//! blind cell:   rays ≥ LEAST_RAYS  and  seen(cell) ≤ BLIND_SHARE · seen(all rays of these views)
-//! blind column: blind cells right above the roof, LEAST_STOREYS of them or more
+//! known(cell) = rays with a depth / rays, through the cell
+//! blind cell:   rays ≥ LEAST_RAYS  and  known(cell) ≤ BLIND_SHARE · known(all rays of these views)
+//! blind column: all its cells are blind
 //! ```
 //!
 //! Frame: [`crate::frames::Local`], metres.
@@ -23,8 +23,8 @@ use crate::render::profile::Stops;
 const CELL_M: f32 = 4.0;
 /// Height of a cell, metres.
 const STOREY_M: f32 = 3.0;
-/// Storeys that are missed for a column to count: a wrong storey is told by other means.
-const LEAST_STOREYS: usize = 3;
+/// Storeys above the roof that are looked at: that one is missing is told by other means.
+const N_STOREYS: usize = 3;
 /// How far above the roof the first cell begins, metres: roofs are not flat, and depths not exact.
 const ABOVE_ROOF_M: f32 = 1.5;
 /// Rays through a cell for it to be told.
@@ -32,24 +32,33 @@ const LEAST_RAYS: u32 = 6;
 /// A cell is blind if it has less than this part of the usual share of depths.
 const BLIND_SHARE: f64 = 0.25;
 
-/// A view of a building, with the roofs as found.
+/// A view with the roofs as found.
 pub(super) struct Look<'a> {
     /// Rays and prior.
     pub evidence: &'a Evidence<'a>,
     /// Camera.
     pub placed: &'a PlacedCamera,
     /// Where its rays end.
-    pub stops: &'a Stops,
+    pub stops: Stops,
+    /// All its rays.
+    pub all: Known,
 }
 
-/// Rays through a cell, and those of them with a depth.
+/// Some rays, and those of them with a depth.
 #[derive(Debug, Clone, Copy, Default)]
-struct Seen {
+pub(super) struct Known {
     n_rays: u32,
     n_known: u32,
 }
 
-impl Seen {
+impl Known {
+    /// Of all rays of a view.
+    pub(super) fn of(evidence: &Evidence<'_>) -> Self {
+        let mut all = Self::default();
+        evidence.nearness.iter().for_each(|nearness| all.add(!nearness.is_nan()));
+        all
+    }
+
     fn add(&mut self, is_known: bool) {
         self.n_rays += 1;
         self.n_known += u32::from(is_known);
@@ -61,24 +70,27 @@ impl Seen {
 }
 
 /// The area above a building's roof that no view has looked through, metres squared. `top_z`: the roof's highest level.
-pub(super) fn blind_area_m2(building: u32, top_z: f32, looks: &[Look<'_>]) -> f64 {
-    let mut usual = Seen::default();
-    let mut cells: BTreeMap<[i32; 2], Vec<Seen>> = BTreeMap::new();
+pub(super) fn blind_area_m2(building: u32, top_z: f32, looks: &[&Look<'_>]) -> f64 {
+    let usual = looks.iter().fold(Known::default(), |sum, look| Known {
+        n_rays: sum.n_rays + look.all.n_rays,
+        n_known: sum.n_known + look.all.n_known,
+    });
+    if usual.n_known == usual.n_rays {
+        return 0.0; // priors without gaps
+    }
+    let mut columns: BTreeMap<[i32; 2], [Known; N_STOREYS]> = BTreeMap::new();
     for look in looks {
-        look.evidence.nearness.iter().for_each(|n| usual.add(!n.is_nan()));
         for &ray in look.evidence.rays_of(building) {
-            look.through(ray, building, top_z + ABOVE_ROOF_M, &mut cells);
+            look.through(ray, building, top_z + ABOVE_ROOF_M, &mut columns);
         }
     }
-    let is_blind = |seen: &Seen| seen.n_rays >= LEAST_RAYS && seen.share() <= BLIND_SHARE * usual.share();
-    let is_blind_column =
-        |column: &&Vec<Seen>| column.len() >= LEAST_STOREYS && column[..LEAST_STOREYS].iter().all(is_blind);
-    cells.values().filter(is_blind_column).count() as f64 * f64::from(CELL_M * CELL_M)
+    let is_blind = |cell: &Known| cell.n_rays >= LEAST_RAYS && cell.share() <= BLIND_SHARE * usual.share();
+    columns.values().filter(|cells| cells.iter().all(is_blind)).count() as f64 * f64::from(CELL_M * CELL_M)
 }
 
 impl Look<'_> {
     /// Counts a ray in every cell above `from_z` over the building that it passes through.
-    fn through(&self, ray: u32, building: u32, from_z: f32, cells: &mut BTreeMap<[i32; 2], Vec<Seen>>) {
+    fn through(&self, ray: u32, building: u32, from_z: f32, columns: &mut BTreeMap<[i32; 2], [Known; N_STOREYS]>) {
         let profiles = self.evidence.profiles;
         let is_known = !self.evidence.nearness[ray as usize].is_nan();
         let (dz, end) = (profiles.rays[ray as usize].dz, self.stops.depth(ray as usize));
@@ -97,12 +109,9 @@ impl Look<'_> {
                 let place = at(interval.enter + (leave - interval.enter) * (step as f32 + 0.5) / n_steps);
                 let column = [place.x, place.y].map(|x| (x / CELL_M).floor() as i32);
                 let storey = ((place.z - from_z) / STOREY_M) as usize;
-                if last.replace((column, storey)) == Some((column, storey)) {
-                    continue;
+                if storey < N_STOREYS && last.replace((column, storey)) != Some((column, storey)) {
+                    columns.entry(column).or_default()[storey].add(is_known);
                 }
-                let column = cells.entry(column).or_default();
-                column.resize(column.len().max(storey + 1), Seen::default());
-                column[storey].add(is_known);
             }
         }
     }

@@ -3,12 +3,10 @@
 use rayon::prelude::*;
 
 use super::{Solving, State};
-use crate::optimise::empty_space::{self, Look};
-use crate::optimise::evidence::Evidence;
+use crate::optimise::empty_space::{self, Known, Look};
 use crate::optimise::score::Correlation;
 use crate::optimise::search::{Finding, Range, SweepView, find_roofs, sweep};
 use crate::optimise::{bleed, levels};
-use crate::render::profile::Stops;
 
 /// Heights are kept on a grid of so many steps per metre.
 const STEPS_PER_M: f32 = 1000.0;
@@ -57,14 +55,14 @@ impl State<'_> {
     /// By building, the area above its roof that none of its views has looked through.
     fn blind_areas_m2(&self) -> Vec<f64> {
         let roofs = self.problem.scene.roofs(&self.heights_m);
-        let stops_of = |evidence: &Option<Evidence<'_>>| Some(evidence.as_ref()?.profiles.stops(&roofs));
-        let stops: Vec<Option<Stops>> = self.evidence.par_iter().map(stops_of).collect();
-        let look = |&v: &usize| {
-            let (evidence, stops) = (self.evidence[v].as_ref()?, stops[v].as_ref()?);
-            Some(Look { evidence, placed: &self.problem.views[v].placed, stops })
+        let look_of = |v: usize| {
+            let evidence = self.evidence[v].as_ref()?;
+            let (placed, stops) = (&self.problem.views[v].placed, evidence.profiles.stops(&roofs));
+            Some(Look { evidence, placed, stops, all: Known::of(evidence) })
         };
+        let all: Vec<Option<Look<'_>>> = (0..self.evidence.len()).into_par_iter().map(look_of).collect();
         let of_building = |b: usize| {
-            let looks: Vec<Look<'_>> = self.views_of[b].iter().filter_map(look).collect();
+            let looks: Vec<&Look<'_>> = self.views_of[b].iter().filter_map(|&v| all[v].as_ref()).collect();
             let above_m = self.roofs[b].roof.map_or(0.0, |roof| (roof.ridge_m as f32 - self.heights_m[b]).max(0.0));
             empty_space::blind_area_m2(b as u32, roofs[b] + above_m, &looks)
         };
