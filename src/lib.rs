@@ -37,7 +37,7 @@ pub use sizeup_heights as heights;
 pub use sizeup_heights::{camera, frames, ids, optimise, ordinal, raster, ray, render, scene, seed, stats, views};
 pub use sizeup_lab::{baseline, evaluate, simulate};
 pub use sizeup_photos::{dtm, onnx, photo_consistency, prior};
-pub use sizeup_results::{output, report};
+pub use sizeup_results::{changes, output, report};
 pub use sizeup_survey as survey;
 
 pub mod benchmark;

@@ -18,6 +18,7 @@ from .words import Speaks
 # Layers of a city's GeoPackage from the top to the bottom, and whether they are drawn at once.
 CITY_LAYERS = (("qa_issues", True), ("cameras", False), ("buildings", True), ("buildings_lod1", False))
 FOOTPRINT_LAYERS = (("vanished", True), ("footprints", True), ("candidates", False))
+CHANGES_LAYERS = (("changes", True),)
 SURVEY_LAYERS = (("camera_points", True), ("view_axes", True), ("image_footprints", True))
 
 
@@ -60,7 +61,7 @@ def load(file: Path, names: Sequence, folder: Path, project: QgsProject) -> List
         # Set before it is in the tree: the panel takes what is there then.
         node = QgsLayerTreeLayer(layer)
         node.setItemVisibilityChecked(is_drawn)
-        node.setExpanded(name in ("buildings", "footprints"))
+        node.setExpanded(name in ("buildings", "footprints", "changes"))
         group.addChildNode(node)
         loaded.append(layer)
     return loaded

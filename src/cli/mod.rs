@@ -6,6 +6,7 @@
 mod baseline;
 mod benchmark;
 mod call;
+mod changes;
 mod demo;
 mod doctor;
 mod dtm;
@@ -111,6 +112,8 @@ pub enum Command {
     Simulate(simulate::SimulateArgs),
     /// Compare a result with a reference and print how far off it is.
     Evaluate(evaluate::EvaluateArgs),
+    /// Tell what changed between two results: new, gone, raised, lowered, outline changed, same.
+    Changes(changes::ChangesArgs),
     /// Find heights in a quick and simple way, to compare with: from priors, a point cloud, or known heights.
     Baseline(baseline::BaselineArgs),
     /// Picture one view of a finished run: photo, rendered depth, prior and ordinal pairs.
@@ -209,6 +212,7 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Export(args) => export::run(args, &cli.global),
         Command::Simulate(args) => simulate::run(args, &cli.global),
         Command::Evaluate(args) => evaluate::run(args, &cli.global),
+        Command::Changes(args) => changes::run(args, &cli.global),
         Command::Baseline(args) => baseline::run(args, &cli.global),
         Command::Look(args) => look::run(args, &cli.global),
         Command::View(args) => view::run(args, &cli.global),

@@ -1,4 +1,4 @@
-//! `sizeup schema`: what a configuration file, a city of ours or a line of progress can hold, from the code that reads and
+//! `sizeup schema`: what a configuration file, a city of ours, a list of changes or a line of progress can hold, from the code that reads and
 //! writes it.
 
 use std::path::PathBuf;
@@ -10,6 +10,7 @@ use super::{Failure, ProgressEvent, print_json};
 use crate::config::RunConfig;
 use sizeup_geo::files::write_whole;
 use sizeup_lab::simulate::SimulateConfig;
+use sizeup_results::changes::ChangesReport;
 use sizeup_results::output::cityjson::extension_schema;
 
 /// Arguments of `sizeup schema`.
@@ -30,6 +31,8 @@ pub enum SchemaName {
     Run,
     /// Of `sizeup simulate`.
     Simulate,
+    /// Of `changes.json`, which `sizeup changes` writes.
+    Changes,
     /// Of a line that `--progress json` writes.
     Progress,
     /// Our extension of CityJSON: names and types of the attributes that a city of ours has.
@@ -44,6 +47,7 @@ pub fn schema(name: SchemaName) -> Value {
     match name {
         SchemaName::Run => readable(schemars::schema_for!(RunConfig)),
         SchemaName::Simulate => readable(schemars::schema_for!(SimulateConfig)),
+        SchemaName::Changes => readable(schemars::schema_for!(ChangesReport)),
         SchemaName::Progress => readable(schemars::schema_for!(ProgressEvent)),
         SchemaName::CityjsonExtension => extension_schema(),
     }
@@ -55,6 +59,7 @@ impl SchemaName {
         match self {
             Self::Run => "run.schema.json",
             Self::Simulate => "simulate.schema.json",
+            Self::Changes => "changes.schema.json",
             Self::Progress => "progress.schema.json",
             Self::CityjsonExtension => "sizeup.ext.json",
         }

@@ -46,7 +46,7 @@ const ROOMS: [Room; 8] = [
     Room {
         name: "results",
         uses: &["footprints", "geo", "heights", "photos", "survey"],
-        levels: &[&["output"], &["report"]],
+        levels: &[&["output"], &["changes", "report"]],
     },
     Room {
         name: "lab",

@@ -251,14 +251,16 @@ fn the_styles_in_the_repository_are_those_of_the_script() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let made_in = ["city", "footprints"].map(|name| folder.path().join(name));
+    let made_in = ["city", "footprints", "changes"].map(|name| folder.path().join(name));
     for made in &made_in {
         std::fs::create_dir(made).unwrap();
     }
     run("styles.py", &made_in.each_ref().map(PathBuf::as_path));
-    for (made_in, kept_in) in
-        made_in.iter().zip(["crates/results/src/output/geopackage/styles", "crates/footprints/src/styles"])
-    {
+    for (made_in, kept_in) in made_in.iter().zip([
+        "crates/results/src/output/geopackage/styles",
+        "crates/footprints/src/styles",
+        "crates/results/src/changes/styles",
+    ]) {
         let kept_in = Path::new(env!("CARGO_MANIFEST_DIR")).join(kept_in);
         let names = |folder: &Path| -> Vec<std::ffi::OsString> {
             let mut names: Vec<_> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect();

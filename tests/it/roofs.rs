@@ -110,9 +110,9 @@ fn edges_that_spill_over_are_measured_and_taken_back() {
 
 #[test]
 fn a_step_in_a_roof_is_seen_and_its_mean_height_stated() {
+    const ONE_LEVEL: &str = "optimise.search.roof_forms=['gable', 'hip']";
     let folder = tempfile::tempdir().unwrap();
     simulated(folder.path(), TownKind::Downtown, PriorLevel::Mid);
-    const ONE_LEVEL: &str = "optimise.search.roof_forms=['gable', 'hip']";
     let both = |more: &[&str]| (run(folder.path(), more).0, run(folder.path(), &[more, &[ONE_LEVEL]].concat()).0);
     let (with, without) = both(&[]);
     // Those whose outline was left whole.

@@ -547,3 +547,44 @@ fn priors_that_cannot_be_loaded_are_listed() {
     assert!(solution.failed_views.iter().all(|(view, why)| *view < 10 && why == "gone"));
     assert!(solution.used_views.iter().all(|view| *view >= 10));
 }
+
+/// Depth from photos has gaps. Where a tower's roof and walls could not be matched, and a few pixels were matched with the ground,
+/// a low block explains what is left as well as any.
+#[test]
+fn a_tower_that_priors_have_gaps_for_is_not_measured_as_a_low_block() {
+    let block = block();
+    let tower = (0..block.truth_m.len()).max_by(|a, b| block.truth_m[*a].total_cmp(&block.truth_m[*b])).unwrap();
+    let with_gap = |is_gap: &dyn Fn(usize) -> bool| -> Vec<DepthPrior> {
+        let without: Vec<f32> =
+            (0..block.truth_m.len()).map(|b| if b == tower { 2.0 } else { block.truth_m[b] }).collect();
+        let (whole, cut) = (SceneTracer::new(&block.scene, &block.truth_m), SceneTracer::new(&block.scene, &without));
+        let prior = |view: &ViewInput| {
+            let (image, behind) = (whole.render(&view.placed), cut.render(&view.placed).depth);
+            let hides = |i: usize| image.face.data()[i].building().is_some_and(|b| b.0 as usize == tower);
+            let seen = |i: usize| match hides(i) {
+                true if i.is_multiple_of(31) => behind.data()[i],
+                true if is_gap(i) => f32::NAN,
+                _ => image.depth.data()[i],
+            };
+            let (width, height) = (image.depth.width(), image.depth.height());
+            let values = Raster::from_vec(width, height, (0..width * height).map(seen).collect()).unwrap();
+            DepthPrior { values, kind: PriorKind::Depth, geometry: PriorGeometry::ZDepth }
+        };
+        block.views.iter().map(prior).collect()
+    };
+    let config = small(Preset::Robust);
+    let seen = block.solve(&with_gap(&|_| false), &config);
+    assert!(!seen.heights[tower].reasons.contains(&Reason::UnseenAbove), "{:?}", seen.heights[tower]);
+    let unseen = block.solve(&with_gap(&|_| true), &config);
+    let others_are_sure = |b: usize| b == tower || !unseen.heights[b].reasons.contains(&Reason::UnseenAbove);
+    assert!((0..block.truth_m.len()).all(others_are_sure));
+    let solved = &unseen.heights[tower];
+    println!("{:?} of {} m: {:?}", solved.height_m, block.truth_m[tower], solved.reasons);
+    assert!(
+        solved.reasons.contains(&Reason::UnseenAbove),
+        "{:?} of {} m: {:?}",
+        solved.height_m,
+        block.truth_m[tower],
+        solved.reasons
+    );
+}

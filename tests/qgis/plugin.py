@@ -509,6 +509,27 @@ class Algorithms(Case):
         again = {"INPUT": answer["CITYJSON"], "FORMAT": 2, "OUTPUT": str(self.folder / "stadt.gpkg")}
         self.refused("export", again, "is open in this project")
 
+    def test_what_changed_between_two_results_is_told_and_loaded(self):
+        for name, ids in [("before", ("b001", "b002", "b003", "b004")), ("after", ("b001", "b002", "b003", "b004", "b005"))]:
+            layer = footprints()
+            layer.setSubsetString(f"\"id\" IN {ids}")
+            run("heights", heights(self.folder / name, FOOTPRINTS=layer, LOAD=False))
+        told, output = Told(), self.folder / "Änderungen"
+        cities = {"OLD": str(self.folder / "before" / "city.gpkg"), "NEW": str(self.folder / "after" / "city.gpkg")}
+        answer = run("changes", {**cities, "OUTPUT": str(output)}, told)
+        layers = QgsProject.instance().mapLayersByName("changes")
+        self.assertEqual(len(layers), 1)
+        rows = {feature["new_id"]: feature for feature in layers[0].getFeatures()}
+        self.assertEqual((len(rows), rows["b001"]["old_id"]), (5, "b001"))
+        self.assertIn(rows["b005"]["class"], ("new", "outside"))
+        self.assertIn("old result", rows["b005"]["explanation"])
+        changed = [row for row in rows.values() if row["class"] in ("new", "gone", "raised", "lowered", "outline_changed")]
+        self.assertEqual(answer["N_CHANGED"], len(changed))
+        labels = [rule.label() for rule in layers[0].renderer().rootRule().children()]
+        self.assertIn("raised", labels)
+        self.assertTrue(any("same" in line for line in told.lines), told.lines)
+        self.refused("changes", {**cities, "NEW": cities["OLD"], "OUTPUT": str(output)}, "same file")
+
     def test_results_may_go_to_a_temporary_folder(self):
         answer = run("heights", heights("TEMPORARY_OUTPUT", LOAD=False))
         self.assertTrue(Path(answer["GEOPACKAGE"]).is_file())
@@ -518,7 +539,7 @@ class Algorithms(Case):
     def test_all_algorithms_have_help_and_an_icon(self):
         provider = QgsApplication.processingRegistry().providerById("sizeup")
         names = sorted(algorithm.name() for algorithm in provider.algorithms())
-        self.assertEqual(names, ["applyreviews", "export", "footprints", "heights", "inspectsurvey", "validate"])
+        self.assertEqual(names, ["applyreviews", "changes", "export", "footprints", "heights", "inspectsurvey", "validate"])
         for algorithm in provider.algorithms():
             self.assertGreater(len(algorithm.shortHelpString()), 100)
             self.assertFalse(algorithm.icon().isNull())

@@ -1,8 +1,8 @@
 """Makes the default styles of the GeoPackage's layers in a real QGIS and exports them as QML.
 
-    /usr/bin/python3 tests/qgis/styles.py crates/results/src/output/geopackage/styles crates/footprints/src/styles
+    /usr/bin/python3 tests/qgis/styles.py crates/results/src/output/geopackage/styles crates/footprints/src/styles crates/results/src/changes/styles
 
-The first folder is for the layers of `city.gpkg`, the second for those of `footprints.gpkg`.
+The first folder is for the layers of `city.gpkg`, the second for those of `footprints.gpkg`, the third for that of `changes.gpkg`.
 Classes and colours are viridis, even in lightness and readable for colour-blind people; `crates/results/src/output/height_classes.json`
 has them, for other pictures of the city too. A building without a height is hatched in grey, never missing; a doubtful one
 is hatched over its colour, one with a height from a fallback dotted, and one that a person has reviewed edged in green. In 3D, outlines stand on `base_z_m` (absolute, not
@@ -282,6 +282,34 @@ def vanished():
     return layer
 
 
+def changes():
+    """What became of each building: Okabe and Ito's colours for what has changed, grey for what has not."""
+
+    def fill(colour):
+        return {"color": f"{colour},255", "outline_color": "45,45,52,255", "outline_width": "0.2"}
+
+    classes = [
+        ("new", "new", "0,158,115"),
+        ("gone", "gone", "213,94,0"),
+        ("raised", "raised", "0,114,178"),
+        ("lowered", "lowered", "86,180,233"),
+        ("other outline", "outline_changed", "204,121,167"),
+        ("same", "same", "225,225,222"),
+        ("unsure", "unsure", "240,228,66"),
+        ("outside the other result", "outside", "170,170,175"),
+    ]
+    layer = polygon_rules(
+        "changes",
+        "field=class:string&field=new_id:string&field=old_id:string&field=explanation:string",
+        [(label, f"\"class\" = '{name}'", fill(colour)) for label, name, colour in classes],
+    )
+    layer.setDisplayExpression("\"class\" || ': ' || coalesce(\"new_id\", \"old_id\")")
+    layer.setMapTipTemplate(
+        "<b>[% \"class\" %]</b> [% coalesce(\"new_id\", '') %]<br>was: [% coalesce(\"old_id\", 'nothing') %]<br>[% \"explanation\" %]"
+    )
+    return layer
+
+
 def export(layer, folder):
     """Writes the layer's style, with rule keys that do not change from run to run."""
     document = QDomDocument("qgis")
@@ -374,7 +402,7 @@ def write_layout(folder):
 
 
 def main():
-    if len(sys.argv) != 3:
+    if len(sys.argv) != 4:
         raise SystemExit(__doc__)
     application = QgsApplication([], False)
     application.initQgis()
@@ -384,6 +412,7 @@ def main():
     write_layout(sys.argv[1])
     for layer in [footprints(), candidates(), vanished()]:
         export(layer, sys.argv[2])
+    export(changes(), sys.argv[3])
     application.exitQgis()
 
 

@@ -1,5 +1,6 @@
 """The algorithms, one module each."""
 
+from .changes import CompareResults
 from .export import ExportCity
 from .footprints import FindFootprints
 from .heights import EstimateHeights
@@ -7,4 +8,4 @@ from .inspect import InspectSurvey
 from .review import ApplyReviews
 from .validate import ValidateCity
 
-ALGORITHMS = (InspectSurvey, FindFootprints, EstimateHeights, ApplyReviews, ValidateCity, ExportCity)
+ALGORITHMS = (InspectSurvey, FindFootprints, EstimateHeights, ApplyReviews, CompareResults, ValidateCity, ExportCity)

@@ -1,5 +1,6 @@
 """What all algorithms share: parameters by name, the program with progress and cancel, results in the project."""
 
+import json
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence
 
@@ -104,6 +105,13 @@ class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
             return None
         except program.ProgramError as error:
             raise QgsProcessingException(str(error)) from error
+
+    def read_answer(self, outcome: program.Outcome) -> Dict[str, Any]:
+        """The JSON that the program printed. Raises QgsProcessingException where it is none."""
+        try:
+            return json.loads(outcome.stdout)
+        except ValueError as error:
+            raise QgsProcessingException(self.tr("The program's answer cannot be read: {}").format(error)) from error
 
     def in_words(self, work: str) -> str:
         """What a stage or work of the program is called."""

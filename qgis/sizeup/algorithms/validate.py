@@ -13,7 +13,6 @@ from qgis.core import (
     QgsGeometry,
     QgsPoint,
     QgsProcessing,
-    QgsProcessingException,
     QgsProcessingOutputBoolean,
     QgsProcessingOutputNumber,
     QgsProcessingParameterFeatureSink,
@@ -65,10 +64,7 @@ class ValidateCity(SizeupAlgorithm):
         outcome = self.run_program(["--json", "validate", path, "--all"], feedback)
         if outcome is None:
             return {}
-        try:
-            found = json.loads(outcome.stdout)
-        except ValueError as error:
-            raise QgsProcessingException(self.tr("The program's answer cannot be read: {}").format(error)) from error
+        found = self.read_answer(outcome)
         self._tell(found, feedback)
         fields = QgsFields()
         for name in COLUMNS:

@@ -40,11 +40,12 @@ pub fn relief(prior: &DepthPrior) -> Raster<f32> {
         let v = values.data()[i];
         if v.is_finite() { ((f64::from(v) - plane.dot(at(i))) / spread) as f32 } else { 0.0 }
     };
-    let cut = (0..width * height).map(|i| value(i).clamp(-MOST, MOST)).collect();
-    Raster::from_vec(width, height, cut).expect("one value per pixel")
+    let mut relief = Raster::filled(width, height, 0.0);
+    relief.data_mut().iter_mut().enumerate().for_each(|(i, cut)| *cut = value(i).clamp(-MOST, MOST));
+    relief
 }
 
-/// Least squares with weights that fall with the residual (Geman and McClure), and above the plane faster than below it:
+/// Least squares with weights that fall with the residual (Geman and `McClure`), and above the plane faster than below it:
 /// buildings stand on the ground. The spread is the root mean square of what is left.
 fn ground_plane(sample: &[(DVec3, f64)]) -> (DVec3, f64) {
     let mut plane = DVec3::ZERO;

@@ -11,6 +11,7 @@ mod adam;
 mod bleed;
 mod calibrate;
 mod config;
+mod empty_space;
 mod evidence;
 mod gradient;
 mod inspect;

@@ -24,6 +24,8 @@ pub enum Reason {
     PoorScore,
     /// Over the whole range of heights another one explains the priors better.
     OtherHeight,
+    /// Nothing was seen through the space above it: its photos could not be matched there, and it may go on.
+    UnseenAbove,
     /// It stands far above all that is around, and the photos have not refined it.
     AboveAllAround,
     /// The photos show the ground around it elsewhere than the terrain has it.
@@ -47,6 +49,7 @@ impl Reason {
             Self::ConflictingViews => "conflicting_views",
             Self::PoorScore => "poor_score",
             Self::OtherHeight => "other_height",
+            Self::UnseenAbove => "unseen_above",
             Self::AboveAllAround => "above_all_around",
             Self::GroundDiffers => "ground_differs",
             Self::Guessed => "guessed",

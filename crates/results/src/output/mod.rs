@@ -41,7 +41,7 @@ pub mod reviews;
 pub mod tiles3d;
 pub mod unmeasured;
 pub mod validate;
-mod wkb;
+pub(crate) mod wkb;
 
 use sizeup_geo::crs::Crs;
 use sizeup_geo::issue::Issue;

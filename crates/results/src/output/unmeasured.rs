@@ -73,6 +73,7 @@ pub fn in_words(reason: &str) -> String {
         "poor_score" => "the priors are explained badly by any height",
         "wrong_order" => "the heights found leave its depths in the wrong order",
         "other_height" => "another height explains the priors better",
+        "unseen_above" => "no photo's depth looks through the space above it: it may be taller",
         "above_all_around" => "it stands far above all that is around",
         "ground_differs" => "the photos show the ground around it elsewhere than the terrain has it",
         "ground_unknown" => "the terrain has no ground there",
@@ -90,7 +91,7 @@ fn advice(reason: &str) -> Option<&'static str> {
         "above_all_around" => "if there is no tower, look at its outline and its photos (`sizeup look`)",
         "ground_differs" => "give a terrain model that fits, or [dtm] to make one from the photos",
         "reviewed_wrong" => "correct its height in the review, or give it one with [output.fallback]",
-        "conflicting_views" | "poor_score" | "flat_score" | "other_height" => {
+        "unseen_above" | "conflicting_views" | "poor_score" | "flat_score" | "other_height" => {
             "look at its outline, and at pictures/overlay-*.png or the report's photos of it"
         }
         _ => return None,

@@ -1,6 +1,6 @@
 //! ISO well-known binary, little-endian (OGC 06-103r4, 8.2): the few shapes that are written here.
 
-use geo_types::{LineString, Polygon};
+use geo_types::{LineString, MultiPolygon, Polygon};
 
 const LITTLE_ENDIAN: u8 = 1;
 const POINT: u32 = 1;
@@ -36,6 +36,15 @@ pub fn polygon(polygon: &Polygon<f64>) -> Vec<u8> {
     };
     ring(&mut wkb, polygon.exterior());
     polygon.interiors().iter().for_each(|hole| ring(&mut wkb, hole));
+    wkb
+}
+
+/// A 2D multipolygon, rings closed.
+#[must_use]
+pub fn multi_polygon(polygons: &MultiPolygon<f64>) -> Vec<u8> {
+    let mut wkb = header(MULTI_POLYGON);
+    count(&mut wkb, polygons.0.len());
+    polygons.iter().for_each(|part| wkb.extend(polygon(part)));
     wkb
 }
 

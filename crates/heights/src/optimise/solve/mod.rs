@@ -140,6 +140,8 @@ struct State<'a> {
     /// By building: whether the heights as found leave its pixels in the wrong order (`paper`).
     is_in_wrong_order: Vec<bool>,
     roofs: Vec<Judged>,
+    /// By building: the area above its roof that no view has looked through, metres squared (`robust`).
+    blind_m2: Vec<f64>,
     views_of: Vec<Vec<usize>>,
     history: Vec<EpochRecord>,
     /// By view: by how many pixels of the working image its prior's near sides bleed over their edges.
@@ -165,6 +167,7 @@ impl<'a> State<'a> {
             is_voted_on: vec![false; n_buildings],
             is_in_wrong_order: vec![false; n_buildings],
             roofs: vec![Judged::default(); n_buildings],
+            blind_m2: vec![0.0; n_buildings],
             views_of: vec![Vec::new(); n_buildings],
             history: Vec::new(),
             bleeding_px: vec![0.0; n_views],

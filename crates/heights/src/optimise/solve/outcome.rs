@@ -14,6 +14,9 @@ const DOUBTFUL_SPREAD_M: f64 = 0.8;
 /// under 8 or 14 photos, half of the 21 below were off by more than 7 m, half of those above by less than 1.1 m.
 const HOPELESS_SCORE: f64 = 0.2;
 const HOPELESS_SCORE_ALONE: f64 = 0.6;
+/// Share of an outline, and metres squared, above which nobody has looked through: a roof of its own, and no chimney.
+const BLIND_SHARE: f64 = 0.15;
+const BLIND_M2: f64 = 30.0;
 /// What the standard error over views counts for in the stated standard deviation, and what every height is off by
 /// besides, in pixels on the building. Fitted to 640 simulated buildings (8 scenes, 4 levels of prior errors).
 const SPREAD_SHARE: f64 = 0.5;
@@ -110,6 +113,10 @@ impl State<'_> {
         }
         if is_outdone {
             reasons.push(Reason::OtherHeight);
+        }
+        let area_m2 = f64::from(self.problem.scene.prisms[building].area_m2());
+        if self.blind_m2[building] > (BLIND_SHARE * area_m2).max(BLIND_M2) {
+            reasons.push(Reason::UnseenAbove);
         }
         let roof = self.roofs[building].roof.unwrap_or(Roof::flat(f64::from(height_m)));
         let doubts = Doubts {

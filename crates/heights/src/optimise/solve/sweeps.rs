@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::{Solving, State};
+use crate::optimise::empty_space::{self, Known, Look};
 use crate::optimise::score::Correlation;
 use crate::optimise::search::{Finding, Range, SweepView, find_roofs, sweep};
 use crate::optimise::{bleed, levels};
@@ -47,7 +48,25 @@ impl State<'_> {
             let views = self.sweep_views();
             self.roofs = find_roofs(self.problem.scene, &views, &self.views_of, &self.heights_m, config);
         }
+        self.blind_m2 = self.blind_areas_m2();
         (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
+    }
+
+    /// By building, the area above its roof that none of its views has looked through.
+    fn blind_areas_m2(&self) -> Vec<f64> {
+        let roofs = self.problem.scene.roofs(&self.heights_m);
+        let look_of = |v: usize| {
+            let evidence = self.evidence[v].as_ref()?;
+            let (placed, stops) = (&self.problem.views[v].placed, evidence.profiles.stops(&roofs));
+            Some(Look { evidence, placed, stops, all: Known::of(evidence) })
+        };
+        let all: Vec<Option<Look<'_>>> = (0..self.evidence.len()).into_par_iter().map(look_of).collect();
+        let of_building = |b: usize| {
+            let looks: Vec<&Look<'_>> = self.views_of[b].iter().filter_map(|&v| all[v].as_ref()).collect();
+            let above_m = self.roofs[b].roof.map_or(0.0, |roof| (roof.ridge_m as f32 - self.heights_m[b]).max(0.0));
+            empty_space::blind_area_m2(b as u32, roofs[b] + above_m, &looks)
+        };
+        (0..roofs.len()).into_par_iter().map(of_building).collect()
     }
 
     /// Measures how far each prior's near sides bleed over known edges, and samples the priors anew without it.

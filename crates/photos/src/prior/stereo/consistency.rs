@@ -30,6 +30,8 @@ pub(super) struct Surface {
     pub is_turned: bool,
 }
 
+/// Views that have to agree on a place, however few have it in their picture.
+const LEAST_AGREEING: usize = 2;
 /// Heights as far apart as so many levels are the same.
 const TOLERANCE_LEVELS: f64 = 1.5;
 /// Where views were turned, their surfaces may lie so many levels apart as a whole.
@@ -37,15 +39,16 @@ const APART_LEVELS: f64 = 8.0;
 /// Every how manieth pixel is asked for that.
 const APART_STEP: usize = 61;
 
-/// The heights of a view that `min_agreeing` others agree with, or half of them where that is less, fused with theirs;
-/// `NaN` elsewhere.
+/// The heights of a view that `min_agreeing` others agree with, or half of those that have the place in their picture where
+/// that is less (two at least, unless there is one other in all), fused with theirs; `NaN` elsewhere.
 pub(super) fn agreed(view: &Surface, others: &[Arc<Surface>], min_agreeing: usize) -> Raster<f32> {
     let (width, height) = (view.heights_m.width(), view.heights_m.height());
-    let min_agreeing = min_agreeing.min(others.len().div_ceil(2));
     let seen = Seen::of(view);
     let others: Vec<Projection<'_>> = others.iter().map(|other| Projection::of(other, view, &seen)).collect();
     let fused = |i: usize| {
         let Some(place) = seen.place(i) else { return f32::NAN };
+        let n_looking = others.iter().filter(|other| other.pixel(place).is_some()).count();
+        let min_agreeing = min_agreeing.min(n_looking.div_ceil(2).max(LEAST_AGREEING)).min(others.len());
         let agreeing = others.iter().filter_map(|other| other.look(place, TOLERANCE_LEVELS));
         let (sum, n) = agreeing.fold((place.z, 1), |(sum, n), theirs| (sum + theirs, n + 1));
         if n > min_agreeing { (sum / n as f64) as f32 } else { f32::NAN }
@@ -103,18 +106,21 @@ impl<'a> Projection<'a> {
         projection
     }
 
-    /// The height there that is closest to the place's, if it is close enough, metres: of the four pixels around, since a
-    /// wall has many heights in one.
-    fn look(&self, place: DVec3, within_levels: f64) -> Option<f64> {
-        let tolerance_m = within_levels * self.view_levels.step_m(place.z).max(self.surface.levels.step_m(place.z));
+    /// Column and row of the first of the four pixels around a place; `None` where it is not in the picture.
+    fn pixel(&self, place: DVec3) -> Option<[usize; 2]> {
         let p = self.pixel_from_map * (place + self.above_m * DVec3::Z - self.centre);
         let heights = &self.surface.heights_m;
         let (x, y) = (p.x / p.z - 0.5, p.y / p.z - 0.5);
         let is_inside = x >= 0.0 && y >= 0.0 && x < (heights.width() - 1) as f64 && y < (heights.height() - 1) as f64;
-        if p.z <= 0.0 || !is_inside {
-            return None;
-        }
-        let (col, row) = (x as usize, y as usize);
+        (p.z > 0.0 && is_inside).then_some([x as usize, y as usize])
+    }
+
+    /// The height there that is closest to the place's, if it is close enough, metres: of the four pixels around, since a
+    /// wall has many heights in one.
+    fn look(&self, place: DVec3, within_levels: f64) -> Option<f64> {
+        let tolerance_m = within_levels * self.view_levels.step_m(place.z).max(self.surface.levels.step_m(place.z));
+        let heights = &self.surface.heights_m;
+        let [col, row] = self.pixel(place)?;
         let around = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| f64::from(heights[(col + dx, row + dy)]));
         let off = |z: &f64| (z - self.above_m - place.z).abs();
         let nearest = around.into_iter().filter(|z| !z.is_nan()).min_by(|a, b| off(a).total_cmp(&off(b)));
@@ -152,8 +158,25 @@ mod tests {
         assert!(heights.data()[middle].is_nan());
         assert!((heights.data()[aside] - 0.3).abs() < 1e-6);
         assert_eq!(heights.data()[5 * 40 + 20], 0.0);
-        // The first columns are seen by the western view alone, which is half of the others.
-        assert_eq!(heights.data()[10 * 40 + 1], 0.0);
+        // The first columns are seen by the western view alone: by chance it may believe the same.
+        assert!(heights.data()[10 * 40 + 1].is_nan());
+        assert_eq!(agreed(&view, &others[..1], 2).data()[10 * 40 + 30], 0.0, "there is no more than one");
+    }
+
+    #[test]
+    fn who_does_not_have_a_place_in_the_picture_is_not_asked() {
+        let view = flat(0.0, None);
+        let at_the_border = 10 * 40 + 1;
+        let others = |west: [f32; 2]| -> Vec<Arc<Surface>> {
+            let raised = |(east_m, by_m): (f64, f32)| {
+                let mut surface = flat(east_m, None);
+                surface.heights_m = surface.heights_m.map(|z| z + by_m);
+                Arc::new(surface)
+            };
+            [(-5.0, west[0]), (-4.0, west[1]), (30.0, 0.0), (31.0, 0.0), (32.0, 0.0), (33.0, 0.0)].map(raised).to_vec()
+        };
+        assert_eq!(agreed(&view, &others([0.0, 0.0]), 3).data()[at_the_border], 0.0, "both that see it agree");
+        assert!(agreed(&view, &others([0.0, 12.0]), 3).data()[at_the_border].is_nan(), "one of two does not");
     }
 
     #[test]

@@ -46,7 +46,7 @@ use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
 
 /// Changes whenever the same photos and settings would give another depth.
-const ALGORITHM: &[u8] = b"stereo 4";
+const ALGORITHM: &[u8] = b"stereo 5";
 /// A picture whose shorter side has fewer pixels is not asked between which heights there are surfaces.
 const LEAST_SIDE_PX: usize = 60;
 /// What holds together over less than this part of a window is no surface: pixels so close share most of what they were
@@ -85,8 +85,8 @@ pub struct StereoConfig {
     pub small_step_cost: u16,
     /// Cost of a larger height change, in 1/255 of a full mismatch; less across edges of the photo.
     pub large_step_cost: u16,
-    /// Neighbours that have to have the same height, by their own matching, or half of them where that is less. 0 believes
-    /// every view by itself.
+    /// Neighbours that have to have the same height, by their own matching, or half of those that have the place in their
+    /// picture where that is less, but two at least. 0 believes every view by itself.
     pub min_agreeing: usize,
     /// Where computed depth is kept, so that each view is matched once.
     pub cache: CacheConfig,

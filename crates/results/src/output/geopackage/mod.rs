@@ -16,6 +16,7 @@ mod tables;
 
 pub use project::{ProjectGround, write_project};
 pub use tables::LINEAGE_TABLE;
+pub(crate) use tables::lineage as write_lineage;
 
 use std::path::Path;
 
@@ -30,7 +31,7 @@ use sizeup_geo::files::write_whole_by_name;
 use sizeup_geo::geodata::gpkg;
 
 /// Time of the last change when the lineage has no reference date.
-const NO_DATE: &str = "1970-01-01";
+pub(crate) const NO_DATE: &str = "1970-01-01";
 
 /// How the `GeoPackage` is written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -5,6 +5,7 @@
 
 mod canvas;
 mod chart;
+mod class_map;
 pub mod colour;
 mod error_map;
 mod height_scale;
@@ -27,6 +28,7 @@ use super::OutputError;
 use sizeup_geo::files::{FileError, write_whole};
 
 pub use chart::{AxesKind, Chart, SERIES_COLOURS, Series, Stroke, chart};
+pub use class_map::{MapClass, MapHeadings, class_map};
 pub use error_map::error_map;
 pub use height_scale::HeightScale;
 pub use map::{MapConfig, map};

@@ -9,6 +9,7 @@ const REASONS = {
   conflicting_views: "The photos disagree: leaving one out moves the height by much.",
   poor_score: "The depth priors are explained badly by any height.",
   other_height: "Over the whole range another height explains the depth priors better.",
+  unseen_above: "No photo's depth looks through the space above it: it may be taller.",
   above_all_around: "It stands far above all that is around.",
   ground_differs: "The photos show the ground around it elsewhere than the terrain has it.",
   ground_unknown: "The terrain has no height under it.",

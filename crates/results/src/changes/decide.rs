@@ -1,0 +1,256 @@
+//! From what is known of a group of buildings to what became of it.
+//!
+//! | roof level | height above ground | class |
+//! |---|---|---|
+//! | up, down | the same way, or unsure | raised, lowered |
+//! | up, down | same, or the other way | unsure: the ground has moved too |
+//! | same | any | same; a height that differs is the ground's |
+//! | unsure | any | unsure |
+//!
+//! Where levels are not compared the height decides alone. Another outline makes `same` and `unsure` an `outline_changed`.
+
+use std::collections::BTreeSet;
+
+use geo::Area as _;
+use geo_types::{MultiPolygon, Polygon};
+
+use super::building::{Building, joined};
+use super::change::{Change, Class, Reason};
+use super::heights::{Difference, Epoch, Evidence};
+use super::matching::Group;
+use super::outlines::{LEAST_M2, OutlineDifference};
+use super::seen::SeenArea;
+use super::verdict::{Decision, Verdict};
+use super::{ChangesConfig, CommonShift};
+use crate::output::attributes::round_m;
+
+/// Both results, and what counts for all buildings.
+pub struct Scene<'a> {
+    pub old: &'a [Building<'a>],
+    pub new: &'a [Building<'a>],
+    pub old_area: SeenArea,
+    pub new_area: SeenArea,
+    pub config: &'a ChangesConfig,
+    pub shift: CommonShift,
+    /// What sigmas are multiplied with, 1 or more.
+    pub widening: f64,
+}
+
+/// What heights say: a verdict with its reasons and the difference that decided.
+struct HeightFinding {
+    verdict: Verdict,
+    reasons: Vec<Reason>,
+    difference: Option<Difference>,
+    ground_m: Option<f64>,
+}
+
+impl Scene<'_> {
+    /// What became of a group.
+    pub fn change(&self, group: &Group, evidence: &Evidence) -> Change {
+        let old: Vec<&Building<'_>> = group.old.iter().map(|&o| &self.old[o]).collect();
+        let new: Vec<&Building<'_>> = group.new.iter().map(|&n| &self.new[n]).collect();
+        let mut change = blank(&old, &new);
+        if old.is_empty() || new.is_empty() {
+            let (class, reasons) = self.alone(group, &change.outline, old.first().or(new.first()).copied());
+            change.conclude(class, reasons);
+        } else {
+            self.compare(&old, &new, evidence, &mut change);
+        }
+        change
+    }
+
+    /// Of a building that none of the other result stands for.
+    fn alone(
+        &self,
+        group: &Group,
+        outline: &MultiPolygon<f64>,
+        building: Option<&Building<'_>>,
+    ) -> (Class, Vec<Reason>) {
+        let (epoch, class, beyond, absent, other_area) = if group.old.is_empty() {
+            (Epoch::New, Class::New, Reason::OutsideOld, Reason::NotInOld, &self.old_area)
+        } else {
+            (Epoch::Old, Class::Gone, Reason::OutsideNew, Reason::NotInNew, &self.new_area)
+        };
+        if outline.0.is_empty() {
+            return (Class::Unsure, vec![Reason::NoOutline]);
+        }
+        if !other_area.holds(outline) {
+            return (Class::Outside, vec![beyond]);
+        }
+        let first = if group.is_replaced { Reason::Replaced } else { absent };
+        let parts = building.into_iter().flat_map(|building| &building.parts);
+        let lacks = parts.filter_map(|part| self.config.unstated().height(part.record, epoch).err());
+        (class, std::iter::once(first).chain(lacks.collect::<BTreeSet<_>>()).collect())
+    }
+
+    /// Of buildings that stand for each other.
+    fn compare(&self, old: &[&Building<'_>], new: &[&Building<'_>], evidence: &Evidence, change: &mut Change) {
+        let decision = self.config.decision();
+        let heights = self.heights(evidence, &decision);
+        let outlines = self.outlines(old, new, &decision);
+        change.iou = Some(round_m(outlines.iou));
+        change.gained_m2 = Some(round_m(outlines.gained_m2));
+        change.lost_m2 = Some(round_m(outlines.lost_m2));
+        if let Some(difference) = heights.difference {
+            let decisive_m = difference.roof_z_m.unwrap_or(difference.height_m);
+            change.d_height_m = Some(round_m(difference.height_m));
+            change.d_roof_z_m = difference.roof_z_m.map(round_m);
+            change.d_ground_z_m = heights.ground_m.map(round_m);
+            change.sigma_m = Some(round_m(difference.sigma_m));
+            change.z = (difference.sigma_m > 0.0).then(|| round_m(decisive_m / difference.sigma_m));
+        }
+        let outline_reasons: Vec<Reason> =
+            [(outlines.gained_m2, Reason::OutlineGrew), (outlines.lost_m2, Reason::OutlineShrank)]
+                .into_iter()
+                .filter(|(area_m2, _)| *area_m2 >= LEAST_M2)
+                .map(|(_, reason)| reason)
+                .collect();
+        let (class, first) = self.class(heights.verdict, !outline_reasons.is_empty(), change);
+        let mut reasons: Vec<Reason> = first.into_iter().collect();
+        let of_outline = class == Class::OutlineChanged;
+        let (before, after) =
+            if of_outline { (outline_reasons, heights.reasons) } else { (heights.reasons, outline_reasons) };
+        reasons.extend(before.into_iter().chain(after));
+        reasons.extend((new.len() > old.len()).then_some(Reason::Split));
+        reasons.extend((old.len() > new.len()).then_some(Reason::Merged));
+        change.conclude(class, reasons);
+    }
+
+    /// The class, and the reason that comes before all others where there is one.
+    fn class(&self, verdict: Verdict, is_other_outline: bool, change: &Change) -> (Class, Option<Reason>) {
+        let is_flat = |height_m: Option<f64>| height_m.is_some_and(|height_m| height_m < self.config.least_m);
+        match verdict {
+            Verdict::Up if is_flat(change.old_height_m) => (Class::New, Some(Reason::FlatBefore)),
+            Verdict::Down if is_flat(change.new_height_m) => (Class::Gone, Some(Reason::FlatNow)),
+            Verdict::Up => (Class::Raised, None),
+            Verdict::Down => (Class::Lowered, None),
+            Verdict::Same | Verdict::Unsure if is_other_outline => (Class::OutlineChanged, None),
+            Verdict::Same => (Class::Same, None),
+            Verdict::Unsure => (Class::Unsure, None),
+        }
+    }
+
+    fn heights(&self, evidence: &Evidence, decision: &Decision) -> HeightFinding {
+        let (mean, parts) = match evidence {
+            Evidence::Known { mean, parts } => (mean, parts),
+            Evidence::Missing(reasons) => {
+                let reasons = reasons.iter().copied().collect();
+                return HeightFinding { verdict: Verdict::Unsure, reasons, difference: None, ground_m: None };
+            }
+        };
+        let finding = |raw: &Difference, reason: Option<Reason>| {
+            let difference = self.common_taken_off(raw);
+            let (verdict, own) = combined(&difference, decision);
+            let ground_m = difference.roof_z_m.and(raw.roof_z_m).map(|roof_m| roof_m - raw.height_m);
+            HeightFinding { verdict, reasons: vec![reason.unwrap_or(own)], difference: Some(difference), ground_m }
+        };
+        let whole = finding(mean, None);
+        if matches!(whole.verdict, Verdict::Up | Verdict::Down) {
+            return whole;
+        }
+        let moved = parts.iter().map(|part| finding(part, Some(Reason::PartMoved)));
+        let moved = moved.filter(|part| matches!(part.verdict, Verdict::Up | Verdict::Down));
+        let size = |part: &HeightFinding| part.difference.map_or(0.0, |d| d.height_m.abs() / d.sigma_m);
+        moved.max_by(|a, b| size(a).total_cmp(&size(b))).unwrap_or(whole)
+    }
+
+    /// Without what is common to all buildings, with the sigma that belongs to it.
+    fn common_taken_off(&self, raw: &Difference) -> Difference {
+        let CommonShift { height, roof_z, .. } = &self.shift;
+        let deciding = if self.config.compares_levels() { roof_z } else { height };
+        let levels = raw.roof_z_m.filter(|_| self.config.compares_levels());
+        Difference {
+            height_m: raw.height_m - height.taken_m(),
+            roof_z_m: levels.map(|roof_m| roof_m - roof_z.taken_m()),
+            sigma_m: (self.widening * raw.sigma_m).hypot(deciding.added_sigma_m()),
+        }
+    }
+
+    fn outlines(&self, old: &[&Building<'_>], new: &[&Building<'_>], decision: &Decision) -> OutlineDifference {
+        let sigma_m = |buildings: &[&Building<'_>]| {
+            let each = buildings.iter().map(|building| building.outline_sigma_m(self.config.outline_sigma_m));
+            each.fold(0.0, f64::max)
+        };
+        let tolerance_m = decision.reach_m(sigma_m(old).hypot(sigma_m(new)));
+        OutlineDifference::of(&outline_of(old), &outline_of(new), tolerance_m)
+    }
+}
+
+/// What roof and height say together; see the module.
+fn combined(difference: &Difference, decision: &Decision) -> (Verdict, Reason) {
+    let of_height = decision.verdict(difference.height_m, difference.sigma_m);
+    let of_roof = difference.roof_z_m.map_or(of_height, |roof_m| decision.verdict(roof_m, difference.sigma_m));
+    match (of_roof, of_height) {
+        (Verdict::Same, Verdict::Same) => (Verdict::Same, Reason::WithinLeast),
+        (Verdict::Same, _) => (Verdict::Same, Reason::GroundDiffers),
+        (Verdict::Unsure, _) => (Verdict::Unsure, Reason::SigmasTooWide),
+        (moved, other) if other == moved || other == Verdict::Unsure => (moved, Reason::RoofMoved),
+        _ => (Verdict::Unsure, Reason::GroundMoved),
+    }
+}
+
+fn outline_of(buildings: &[&Building<'_>]) -> MultiPolygon<f64> {
+    match buildings {
+        [only] => only.outline.clone(),
+        several => joined(
+            several.iter().flat_map(|building| building.outline.iter()).collect::<Vec<&Polygon<f64>>>().into_iter(),
+        ),
+    }
+}
+
+/// Ids, heights and areas, before anything is decided.
+fn blank(old: &[&Building<'_>], new: &[&Building<'_>]) -> Change {
+    let ids = |of: &[&Building<'_>]| of.iter().map(|building| building.id.to_owned()).collect();
+    let (old_outline, new_outline) = (outline_of(old), outline_of(new));
+    let area = |outline: &MultiPolygon<f64>| (!outline.0.is_empty()).then(|| round_m(outline.unsigned_area()));
+    Change {
+        class: Class::Unsure,
+        reasons: Vec::new(),
+        explanation: String::new(),
+        new_ids: ids(new),
+        old_ids: ids(old),
+        d_height_m: None,
+        d_roof_z_m: None,
+        d_ground_z_m: None,
+        sigma_m: None,
+        z: None,
+        old_height_m: mean_height_m(old).map(round_m),
+        new_height_m: mean_height_m(new).map(round_m),
+        old_area_m2: area(&old_outline),
+        new_area_m2: area(&new_outline),
+        iou: None,
+        gained_m2: None,
+        lost_m2: None,
+        outline: if new.is_empty() { old_outline } else { new_outline },
+    }
+}
+
+/// Over the area of the buildings that have a height.
+fn mean_height_m(buildings: &[&Building<'_>]) -> Option<f64> {
+    if let [only] = buildings {
+        return only.height_m();
+    }
+    let known = || buildings.iter().filter_map(|b| Some((b.outline.unsigned_area(), b.height_m()?)));
+    let known_m2: f64 = known().map(|(area_m2, _)| area_m2).sum();
+    (known_m2 > 0.0).then(|| known().map(|(area_m2, height_m)| area_m2 * height_m).sum::<f64>() / known_m2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_roof_that_moves_with_its_ground_is_no_building_that_was_raised() {
+        let decision = Decision { n_sigmas: 3.0, least_m: 2.0 };
+        let told = |roof_m: f64, height_m: f64| {
+            combined(&Difference { height_m, roof_z_m: Some(roof_m), sigma_m: 0.3 }, &decision)
+        };
+        assert_eq!(told(3.0, 3.0), (Verdict::Up, Reason::RoofMoved));
+        assert_eq!(told(-3.0, -3.0), (Verdict::Down, Reason::RoofMoved));
+        assert_eq!(told(0.1, -3.0), (Verdict::Same, Reason::GroundDiffers));
+        assert_eq!(told(3.0, 0.1), (Verdict::Unsure, Reason::GroundMoved));
+        assert_eq!(told(3.0, -3.0), (Verdict::Unsure, Reason::GroundMoved));
+        let of_heights = Difference { height_m: 3.0, roof_z_m: None, sigma_m: 0.3 };
+        assert_eq!(combined(&of_heights, &decision), (Verdict::Up, Reason::RoofMoved));
+    }
+}
