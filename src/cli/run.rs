@@ -232,6 +232,9 @@ pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
         summary.n_oblique,
         counted(summary.n_used_views, "prior")
     ));
+    if let Some(poses) = &summary.poses {
+        ui.say(format!("poses: {poses}"));
+    }
     if summary.n_used_views > 0 {
         ui.say(format!("priors from {}", summary.priors_from));
     }

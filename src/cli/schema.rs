@@ -1,5 +1,5 @@
-//! `sizeup schema`: what a configuration file, a city of ours, a list of changes or a line of progress can hold, from the code that reads and
-//! writes it.
+//! `sizeup schema`: what a configuration file, a city of ours, a list of changes, a report on aligned poses or a line of progress
+//! can hold, from the code that reads and writes it.
 
 use std::path::PathBuf;
 
@@ -10,6 +10,7 @@ use super::{Failure, ProgressEvent, print_json};
 use crate::config::RunConfig;
 use sizeup_geo::files::write_whole;
 use sizeup_lab::simulate::SimulateConfig;
+use sizeup_photos::align::AlignReport;
 use sizeup_results::changes::ChangesReport;
 use sizeup_results::output::cityjson::extension_schema;
 
@@ -33,6 +34,8 @@ pub enum SchemaName {
     Simulate,
     /// Of `changes.json`, which `sizeup changes` writes.
     Changes,
+    /// Of `align.json`, which `sizeup survey align` and runs that align write.
+    Align,
     /// Of a line that `--progress json` writes.
     Progress,
     /// Our extension of CityJSON: names and types of the attributes that a city of ours has.
@@ -48,6 +51,7 @@ pub fn schema(name: SchemaName) -> Value {
         SchemaName::Run => readable(schemars::schema_for!(RunConfig)),
         SchemaName::Simulate => readable(schemars::schema_for!(SimulateConfig)),
         SchemaName::Changes => readable(schemars::schema_for!(ChangesReport)),
+        SchemaName::Align => readable(schemars::schema_for!(AlignReport)),
         SchemaName::Progress => readable(schemars::schema_for!(ProgressEvent)),
         SchemaName::CityjsonExtension => extension_schema(),
     }
@@ -60,6 +64,7 @@ impl SchemaName {
             Self::Run => "run.schema.json",
             Self::Simulate => "simulate.schema.json",
             Self::Changes => "changes.schema.json",
+            Self::Align => "align.schema.json",
             Self::Progress => "progress.schema.json",
             Self::CityjsonExtension => "sizeup.ext.json",
         }

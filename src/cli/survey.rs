@@ -8,12 +8,13 @@ use serde::{Deserialize, Serialize};
 
 use super::ui::ALIGNING;
 use super::{Failure, Global, Ui, print, print_json, print_lines};
+use crate::pipeline;
 use sizeup_footprints::{FootprintSource, MaskConfig, MaskFiles, OutlineSource as _};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::write_whole;
 use sizeup_geo::limits::Limits;
 use sizeup_geo::paths::resolved;
-use sizeup_geo::terrain::{self, MapBox, Terrain, TerrainConfig};
+use sizeup_geo::terrain::{Terrain, TerrainConfig};
 use sizeup_photos::align::{self, AlignConfig, AlignError, AlignReport, Aligned};
 use sizeup_results::output::picture;
 use sizeup_survey::{
@@ -21,10 +22,6 @@ use sizeup_survey::{
     ViewKind,
 };
 
-/// Finer terrain tells no more about poses, metres per cell.
-const MIN_CELL_M: f64 = 5.0;
-/// Terrain is read so far around the cameras, metres: where oblique photos look.
-const AROUND_CAMERAS_M: f64 = 500.0;
 /// What is said where image footprints are wanted and nothing tells the height of the ground.
 const NO_GROUND: &str = "no --dtm or --ground: image footprints are taken on a ground of 0 m";
 /// What to do about poses that look wrong.
@@ -356,7 +353,10 @@ fn align(args: &AlignArgs, global: &Global) -> Result<u8, Failure> {
         print_lines(&report)?;
     }
     ui.say(format!("{:.0} s", started.elapsed().as_secs_f64()));
-    ui.say(format!("next: the [survey] table of {}", args.output.join("survey.toml").display()));
+    ui.say(format!(
+        "next: put {} in place of [survey] in the configuration",
+        args.output.join("survey.toml").display()
+    ));
     Ok(0)
 }
 
@@ -383,14 +383,7 @@ fn write_aligned(
 /// The ground around the cameras, where one is given.
 fn terrain_of(settings: &Settings, survey: &Survey) -> Result<Option<Terrain>, Failure> {
     let Some(config) = &settings.terrain else { return Ok(None) };
-    if let Some(height_m) = config.constant_m.filter(|_| config.dtm.is_none()) {
-        return Ok(Some(Terrain::Constant(height_m)));
-    }
-    let cameras = survey.views.iter().map(View::centre);
-    let Some(area) = MapBox::around(cameras.map(|centre| (centre.x, centre.y))) else { return Ok(None) };
-    let config = TerrainConfig { min_cell_m: config.min_cell_m.max(MIN_CELL_M), ..config.clone() };
-    let terrain = terrain::load(&config, &settings.project.crs, area.grown(AROUND_CAMERAS_M));
-    terrain.map(Some).map_err(|e| Failure::new(3, &e))
+    pipeline::terrain_around(config, &settings.project.crs, &survey.views).map_err(|e| Failure::new(3, &e))
 }
 
 /// The settings of each path, or those of the configuration file.

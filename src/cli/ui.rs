@@ -107,6 +107,7 @@ impl Ui {
         }
         let (work, done, total) = match event {
             Event::Stage(stage) => return self.advance(stage.name(), 0, 0),
+            Event::Align { done, total } => (ALIGNING, done, total),
             Event::Ground { done, total } => (GROUND, done, total),
             Event::Advance { what: Solving::Tracing, done, total } => (("tracing", "tracing rays"), done, total),
             Event::Advance { what: Solving::Priors, done, total } => (("priors", "loading priors"), done, total),

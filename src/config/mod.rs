@@ -20,6 +20,7 @@ use sizeup_geo::paths::{OwnPaths, PathVisitor, resolved};
 use sizeup_geo::terrain::{GroundConfig, TerrainConfig};
 use sizeup_heights::optimise::OptimiseConfig;
 use sizeup_heights::scene::HeightsConfig;
+use sizeup_photos::align::AlignConfig;
 use sizeup_photos::dtm::DtmConfig;
 use sizeup_photos::photo_consistency::RefinementConfig;
 use sizeup_photos::prior::PriorConfig;
@@ -74,6 +75,9 @@ pub struct RunConfig {
     pub project: ProjectConfig,
     /// Photos and their poses.
     pub survey: SurveyConfig,
+    /// Poses brought to agree with the photos, where they do not.
+    #[serde(default)]
+    pub align: AlignConfig,
     /// Building outlines.
     pub footprints: FootprintSource,
     /// The terrain.
@@ -186,6 +190,7 @@ impl RunConfig {
             seed: 0,
             project,
             survey,
+            align: AlignConfig::default(),
             footprints,
             terrain,
             dtm: None,

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{Cut, GroundTold, PipelineError, Stage};
+use super::{Cut, GroundTold, PipelineError, Stage, poses};
 use crate::config::RunConfig;
 use crate::recipe::{ABSENT, Recipe};
 use sizeup_footprints::{DetectionSummary, FootprintLayer, Tracks};
@@ -108,6 +108,9 @@ fn recipe(config: &RunConfig, stage: Stage) -> Recipe {
     let saved = config.saved();
     let mut settings = serde_json::json!({ "project": { "crs": saved.project.crs }, "survey": saved.survey });
     let mut files = Vec::new();
+    if poses::asks(config) {
+        settings["align"] = serde_json::json!({ "settings": saved.align, "ground": saved.terrain });
+    }
     if stage >= Stage::Footprints {
         settings["footprints"] = serde_json::json!(saved.footprints);
         settings["terrain"] = serde_json::json!(saved.terrain);

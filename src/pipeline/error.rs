@@ -8,6 +8,7 @@ use sizeup_geo::crs::CrsError;
 use sizeup_geo::files::FileError;
 use sizeup_geo::geodata::WriteError;
 use sizeup_geo::terrain::TerrainError;
+use sizeup_photos::align::AlignError;
 use sizeup_photos::dtm::DtmError;
 use sizeup_photos::prior::PriorError;
 use sizeup_results::output::OutputError;
@@ -39,6 +40,9 @@ pub enum PipelineError {
         /// The report.
         report: PathBuf,
     },
+    /// The poses were to be aligned, and cannot be.
+    #[error(transparent)]
+    Align(#[from] AlignError),
     /// The footprints.
     #[error("[footprints] {0}")]
     Footprints(#[from] FootprintError),
@@ -117,6 +121,7 @@ impl PipelineError {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
+            Self::Align(e) if e.is_usage() => 2,
             Self::Config(_)
             | Self::Crs(_)
             | Self::Settings { .. }
@@ -128,6 +133,7 @@ impl PipelineError {
             | Self::Prior(_)
             | Self::Reviews(_)
             | Self::Dtm(_)
+            | Self::Align(_)
             | Self::Mismatch { .. }
             | Self::NoPriors { .. }
             | Self::Artefact { .. } => 3,

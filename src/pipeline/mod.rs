@@ -25,6 +25,7 @@ mod levels;
 mod look;
 mod overview;
 mod pictures;
+mod poses;
 mod priors;
 mod records;
 mod refinement;
@@ -43,6 +44,7 @@ pub use ground_told::GroundTold;
 pub use input::check_fallback;
 pub use levels::Cut;
 pub use look::look;
+pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use refinement::{asks_photo, photo_bytes};
 pub use stages::{files_of, lineage_of, unstated_reference};
@@ -104,6 +106,13 @@ pub struct RunOptions {
 pub enum Event {
     /// A stage begins.
     Stage(Stage),
+    /// So many sizes of the photos are done where poses are brought to agree with them.
+    Align {
+        /// How many are done.
+        done: usize,
+        /// How many there are.
+        total: usize,
+    },
     /// So many of the places are done where the ground is looked for in the photos.
     Ground {
         /// How many are done.
@@ -133,6 +142,9 @@ pub struct RunSummary {
     pub implausible: Vec<String>,
     /// Folder of the results.
     pub output: PathBuf,
+    /// What was done to the poses where they did not fit the photos, in words.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub poses: Option<String>,
     /// Where depth priors come from, in words.
     #[serde(default)]
     pub priors_from: String,

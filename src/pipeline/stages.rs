@@ -15,7 +15,7 @@ use super::kept::PriorStore;
 use super::records::records;
 use super::worst::worst;
 use super::{City, Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
-use super::{artefact, footprints as outlines, levels, pictures, report, soundness};
+use super::{artefact, footprints as outlines, levels, pictures, poses, report, soundness};
 use crate::config::RunConfig;
 use sizeup_geo::files::{FileError, write_whole};
 use sizeup_geo::issue::{Issue, Severity, Subject};
@@ -57,6 +57,7 @@ pub(super) fn run(
         // A terrain model is read around the footprints: with it, the survey is looked over once more.
         let ground = config.terrain.constant_m.map(Terrain::Constant);
         let survey = soundness::look_over(config, reading.insert(soundness::read(config)?), ground.as_ref())?;
+        let survey = poses::fitted(config, survey, tell)?;
         artefact::write(config, Stage::Survey, &survey)?;
         timed(Stage::Survey, start);
         survey
@@ -75,7 +76,7 @@ pub(super) fn run(
         let (footprints, terrain) = outlines::read(config, &survey)?;
         if matches!(terrain, Terrain::Grid(_)) {
             let reading = reading.take().map_or_else(|| soundness::read(config), Ok)?;
-            survey = soundness::look_over(config, &reading, Some(&terrain))?;
+            survey = poses::as_before(soundness::look_over(config, &reading, Some(&terrain))?, survey);
             // What the ground told of the poses, and was accepted, is for the later stages too.
             artefact::write(config, Stage::Survey, &survey)?;
         }
@@ -156,6 +157,7 @@ fn reviews_of(config: &RunConfig) -> Result<Reviews, PipelineError> {
 fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
     RunSummary {
         implausible: Vec::new(),
+        poses: poses::in_words(survey),
         priors_from: config.prior.in_words(),
         output: config.project.output.clone(),
         n_views: survey.views.len(),

@@ -5,14 +5,14 @@ use std::path::Path;
 use std::process::Output;
 
 use assert_cmd::Command;
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use serde_json::Value;
 
 fn sizeup(args: &[&str], threads: &str) -> Output {
     Command::cargo_bin("sizeup").unwrap().args(args).env("RAYON_NUM_THREADS", threads).output().unwrap()
 }
 
-fn text(bytes: &[u8]) -> String {
+fn text_of(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
@@ -28,14 +28,15 @@ fn poses(model: &Path) -> Vec<(String, DQuat, DVec3)> {
     text.lines().filter(|line| line.ends_with(".jpg")).map(pose).collect()
 }
 
+fn middle(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
 /// Medians of position and rotation errors, metres and degrees.
 fn errors(found: &Path, truth: &Path) -> [f64; 2] {
     let (found, truth) = (poses(found), poses(truth));
     assert_eq!(found.len(), truth.len());
-    let middle = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
     let pairs = || found.iter().zip(&truth);
     [
         middle(pairs().map(|(a, b)| a.2.distance(b.2)).collect()),
@@ -51,7 +52,7 @@ fn simulate(folder: &Path, position_m: &str, angle_deg: &str) {
     let mut args = vec!["simulate", "--preset", "district", "--output", folder.to_str().unwrap()];
     settings.iter().chain([&position.as_str(), &angle.as_str()]).for_each(|setting| args.extend(["--set", setting]));
     let made = sizeup(&args, "2");
-    assert!(made.status.success(), "{}", text(&made.stderr));
+    assert!(made.status.success(), "{}", text_of(&made.stderr));
 }
 
 #[test]
@@ -64,7 +65,7 @@ fn poses_that_are_off_come_back_and_are_read_again() {
     let align = |output: &Path, threads: &str| {
         let args = ["survey", "align", "--config", config.to_str().unwrap(), "--json", "--output"];
         let done = sizeup(&[&args[..], &[output.to_str().unwrap()]].concat(), threads);
-        assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+        assert_eq!(done.status.code(), Some(0), "{}", text_of(&done.stderr));
         done
     };
     let report: Value = serde_json::from_slice(&align(&aligned, "2").stdout).unwrap();
@@ -81,7 +82,54 @@ fn poses_that_are_off_come_back_and_are_read_again() {
     let args =
         ["survey", "inspect", table.to_str().unwrap(), "--crs", "EPSG:25832", "--set", "survey.csv.angles=quaternion"];
     let read = sizeup(&[&args[..], &["--json"]].concat(), "2");
-    assert_eq!(read.status.code(), Some(0), "{}{}", text(&read.stdout), text(&read.stderr));
+    assert_eq!(read.status.code(), Some(0), "{}{}", text_of(&read.stdout), text_of(&read.stderr));
+}
+
+/// A run from stereo up to its poses: what it says of them, and the poses' stage.
+fn run_until_survey(scene: &Path, output: &Path, more: &[&str]) -> (Value, Value) {
+    let config = scene.join("stereo.toml");
+    let text = fs::read_to_string(scene.join("sizeup.toml")).unwrap();
+    let (others, _) = text.split_once("[prior]").unwrap();
+    fs::write(&config, format!("{others}[prior]\nsource = \"stereo\"\n")).unwrap();
+    let args = ["run", config.to_str().unwrap(), "--until", "survey", "--json", "--output", output.to_str().unwrap()];
+    let done = sizeup(&[&args[..], more].concat(), "2");
+    assert_eq!(done.status.code(), Some(0), "{}", text_of(&done.stderr));
+    let stage = fs::read(output.join("stages").join("survey.json")).unwrap();
+    (serde_json::from_slice(&done.stdout).unwrap(), serde_json::from_slice(&stage).unwrap())
+}
+
+#[test]
+fn a_run_from_stereo_aligns_poses_that_the_photos_do_not_fit_and_no_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let [given, truth] = ["given", "truth"].map(|name| folder.path().join(name));
+    simulate(&given, "0.3", "0.5");
+    simulate(&truth, "0", "0");
+    let [aligned, exact, as_given] = ["aligned", "exact", "as_given"].map(|name| folder.path().join(name));
+
+    let (summary, stage) = run_until_survey(&given, &aligned, &[]);
+    let told = summary["poses"].as_str().unwrap();
+    assert!(told.contains("of 24 were aligned"), "{told}");
+    let report: Value = serde_json::from_slice(&fs::read(aligned.join("align.json")).unwrap()).unwrap();
+    assert_eq!(report["is_taken"], true);
+    let codes: Vec<&str> =
+        stage["data"]["issues"].as_array().unwrap().iter().map(|issue| issue["code"].as_str().unwrap()).collect();
+    assert!(codes.contains(&"poses_aligned"), "{codes:?}");
+
+    let (summary, exact_stage) = run_until_survey(&truth, &exact, &[]);
+    assert!(summary["poses"].is_null() && !exact.join("align.json").exists(), "{summary}");
+    let (summary, given_stage) = run_until_survey(&given, &as_given, &["--set", "align.when=never"]);
+    assert!(summary["poses"].is_null(), "{summary}");
+    let rotations = |stage: &Value| -> Vec<DMat3> {
+        let views = stage["data"]["views"].as_array().unwrap();
+        views.iter().map(|view| serde_json::from_value(view["camera_from_map"]["rotation"].clone()).unwrap()).collect()
+    };
+    let off_deg = |stage: &Value| {
+        let pairs = rotations(stage).into_iter().zip(rotations(&exact_stage));
+        let turns = pairs.map(|(a, b)| DQuat::from_mat3(&(a * b.transpose())).normalize().to_scaled_axis().length());
+        middle(turns.map(f64::to_degrees).collect())
+    };
+    let (before, after) = (off_deg(&given_stage), off_deg(&stage));
+    assert!(before > 0.5 && after < before / 5.0, "{before} {after}");
 }
 
 #[test]
@@ -96,7 +144,7 @@ fn what_cannot_be_aligned_is_refused_with_a_hint_and_nothing_is_written() {
             ["survey", "align", poses.to_str().unwrap(), "--crs", "EPSG:25832", "--output", output.to_str().unwrap()];
         let refused = sizeup(&[&args[..], more].concat(), "2");
         assert!(!output.exists());
-        (refused.status.code(), text(&refused.stderr))
+        (refused.status.code(), text_of(&refused.stderr))
     };
     let (code, told) = align(&[]);
     assert!(code == Some(3) && told.contains("how high the ground is") && told.contains("hint"), "{told}");

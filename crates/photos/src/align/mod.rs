@@ -9,6 +9,8 @@
 //! 4. Sightings that do not fit go, and steps 2 and 3 are done at half and at full size, now near where the points are.
 //!
 //! What the photos cannot tell, position and turn of the block as a whole, stays the mean of the given poses.
+//!
+//! Whether that is worth while is told beforehand by a few photos ([`misfit_px`]).
 
 mod bundle;
 mod error;
@@ -49,10 +51,32 @@ const OUTLIER_PX: f64 = 1.0;
 /// By which factor the median residual has to fall for the adjusted poses to be taken.
 const BETTER: f64 = 0.8;
 
+/// Photos that [`misfit_px`] is found from, and by how much they are reduced.
+const N_SAMPLED: usize = 8;
+const SAMPLE_DIVISOR: u32 = 2;
+
+/// When a run aligns its poses before it uses them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum AlignWhen {
+    /// Where depth comes from photos matched with each other, and a few of them lie more than `max_misfit_px` off.
+    #[default]
+    Auto,
+    /// In any case.
+    Always,
+    /// Not at all.
+    Never,
+}
+
 /// How poses are brought to agree with the photos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AlignConfig {
+    /// When `sizeup run` does it by itself; `sizeup survey align` always does.
+    pub when: AlignWhen,
+    /// Median distance between where a few photos show points and where the poses put them from which `when = "auto"` aligns,
+    /// pixels of a photo reduced to `long_side_px`. Above 0.
+    pub max_misfit_px: f64,
     /// Longer side of the photos at the last size, pixels, 320 to 8192; never more than the photo has.
     pub long_side_px: u32,
     /// Most neighbours that a photo's patches are looked for in, 2 to 24.
@@ -74,6 +98,8 @@ pub struct AlignConfig {
 impl Default for AlignConfig {
     fn default() -> Self {
         Self {
+            when: AlignWhen::default(),
+            max_misfit_px: 1.0,
             long_side_px: 1600,
             n_neighbours: 8,
             patches_per_side: 14,
@@ -89,6 +115,7 @@ impl Default for AlignConfig {
 impl AlignConfig {
     fn check(&self) -> Result<(), AlignError> {
         let in_range = [
+            ("max_misfit_px", self.max_misfit_px.is_finite() && self.max_misfit_px > 0.0, "above 0 pixels"),
             ("long_side_px", (320..=8192).contains(&self.long_side_px), "320 to 8192"),
             ("n_neighbours", (2..=24).contains(&self.n_neighbours), "2 to 24"),
             ("patches_per_side", (4..=64).contains(&self.patches_per_side), "4 to 64"),
@@ -128,6 +155,42 @@ pub fn align(
     config: &AlignConfig,
     tell: &dyn Fn(usize, usize),
 ) -> Result<Aligned, AlignError> {
+    let (taking_part, neighbours) = overlapping(views, terrain, config)?;
+    let mut block = Block::new(&taking_part, &neighbours, config);
+    for (i, divisor) in DIVISORS.into_iter().enumerate() {
+        tell(i, DIVISORS.len());
+        block.pass(divisor, terrain)?;
+    }
+    tell(DIVISORS.len(), DIVISORS.len());
+    Ok(block.into_aligned(views))
+}
+
+/// How far photos lie from where the poses put them: the median over points that a few photos and their neighbours show, each at the place
+/// that fits best, in pixels of a photo reduced to `long_side_px`. `None` where too few points are found to tell.
+///
+/// # Errors
+/// As [`align`].
+pub fn misfit_px(views: &[View], terrain: &Terrain, config: &AlignConfig) -> Result<Option<f64>, AlignError> {
+    let (taking_part, neighbours) = overlapping(views, terrain, config)?;
+    let with_neighbours: Vec<usize> = (0..taking_part.len()).filter(|view| !neighbours[*view].is_empty()).collect();
+    let n = with_neighbours.len().min(N_SAMPLED);
+    let sample: Vec<usize> = (0..n).map(|i| with_neighbours[(2 * i + 1) * with_neighbours.len() / (2 * n)]).collect();
+    let mut block = Block::new(&taking_part, &neighbours, config);
+    let size = block.at(SAMPLE_DIVISOR);
+    block.bundle.tracks =
+        block.search(&size).first(&sample, terrain).into_iter().filter_map(Result::ok).flatten().collect();
+    block.bundle.adjust(Moving::Points);
+    let is_enough = block.bundle.tracks.len() >= LEAST_TRACKS;
+    let per_px = f64::from(config.long_side_px.min(block.largest_px())) / f64::from(block.largest_px());
+    Ok(block.bundle.median_px().filter(|_| is_enough).map(|median| median * per_px))
+}
+
+/// The views with a photo, and the neighbours of each.
+fn overlapping(
+    views: &[View],
+    terrain: &Terrain,
+    config: &AlignConfig,
+) -> Result<(Vec<View>, Vec<Vec<usize>>), AlignError> {
     config.check()?;
     if terrain.range().is_none() {
         return Err(AlignError::NoTerrain);
@@ -140,13 +203,7 @@ pub fn align(
     if neighbours.iter().all(Vec::is_empty) {
         return Err(AlignError::NoOverlap { n_photos: taking_part.len() });
     }
-    let mut block = Block::new(&taking_part, &neighbours, config);
-    for (i, divisor) in DIVISORS.into_iter().enumerate() {
-        tell(i, DIVISORS.len());
-        block.pass(divisor, terrain)?;
-    }
-    tell(DIVISORS.len(), DIVISORS.len());
-    Ok(block.into_aligned(views))
+    Ok((taking_part, neighbours))
 }
 
 /// The neighbours of each view, by index.
@@ -166,6 +223,14 @@ struct Block<'a> {
     unreadable: BTreeMap<usize, String>,
 }
 
+/// A size of the photos.
+#[derive(Debug, Clone, Copy)]
+struct Size {
+    long_side_px: u32,
+    /// Pixels of the largest photo per pixel of this size.
+    per_px: f64,
+}
+
 impl<'a> Block<'a> {
     fn new(views: &'a [View], neighbours: &'a [Vec<usize>], config: &'a AlignConfig) -> Self {
         let station = |view: &View| Station {
@@ -179,23 +244,33 @@ impl<'a> Block<'a> {
         Self { views, neighbours, config, bundle, unreadable: BTreeMap::new() }
     }
 
+    /// The longer side of the largest photo.
+    fn largest_px(&self) -> u32 {
+        self.views.iter().map(|view| view.camera.width_px.max(view.camera.height_px)).max().unwrap_or(1)
+    }
+
+    /// Gets ready for photos of one size.
+    fn at(&mut self, divisor: u32) -> Size {
+        let largest = self.largest_px();
+        let long_side_px = self.config.long_side_px.min(largest) / divisor;
+        let size = Size { long_side_px, per_px: f64::from(largest) / f64::from(long_side_px) };
+        self.bundle.sigmas = self.config.sigmas(SIGHTING_PX * size.per_px);
+        size
+    }
+
+    fn search(&self, size: &Size) -> Search<'_> {
+        let (stations, sigmas) = (&self.bundle.stations, self.bundle.sigmas);
+        Search::new(self.views, stations, self.neighbours, self.config, sigmas, size.long_side_px)
+    }
+
     /// Matches and adjusts at one size.
     fn pass(&mut self, divisor: u32, terrain: &Terrain) -> Result<(), AlignError> {
-        let largest = self.views.iter().map(|view| view.camera.width_px.max(view.camera.height_px)).max().unwrap_or(1);
-        let long_side_px = self.config.long_side_px.min(largest) / divisor;
-        let per_px = f64::from(largest) / f64::from(long_side_px);
-        self.bundle.sigmas = self.config.sigmas(SIGHTING_PX * per_px);
-        let search = Search::new(
-            self.views,
-            &self.bundle.stations,
-            self.neighbours,
-            self.config,
-            self.bundle.sigmas,
-            long_side_px,
-        );
+        let size = self.at(divisor);
+        let search = self.search(&size);
         let tracks = if self.bundle.tracks.is_empty() {
             let mut tracks = Vec::new();
-            for (view, found) in search.first(terrain).into_iter().enumerate() {
+            let all: Vec<usize> = (0..self.views.len()).collect();
+            for (view, found) in search.first(&all, terrain).into_iter().enumerate() {
                 match found {
                     Ok(found) => tracks.extend(found),
                     Err(problem) => drop(self.unreadable.insert(view, problem.to_string())),
@@ -214,9 +289,9 @@ impl<'a> Block<'a> {
                 first: self.unreadable.values().next().cloned(),
             });
         }
-        tracing::debug!("align: {} points at {long_side_px} px", self.bundle.tracks.len());
+        tracing::debug!("align: {} points at {} px", self.bundle.tracks.len(), size.long_side_px);
         self.bundle.adjust(Moving::PointsAndPoses);
-        self.throw_out(OUTLIER_PX * per_px);
+        self.throw_out(OUTLIER_PX * size.per_px);
         self.hold_back();
         Ok(())
     }

@@ -1,5 +1,6 @@
 //! What aligning did, as a document and in words.
 
+use std::collections::BTreeSet;
 use std::fmt;
 
 use glam::DVec3;
@@ -66,6 +67,8 @@ pub struct AlignReport {
     pub n_tracks: usize,
     /// Places where photos show them.
     pub n_sightings: usize,
+    /// Groups of adjusted photos that share no point: these lie to one another as the given poses say.
+    pub n_blocks: usize,
     /// Under the given poses, with points where these fit best.
     pub before: Residuals,
     /// Under the adjusted poses.
@@ -107,6 +110,7 @@ impl Block<'_> {
             n_photos: photos.len(),
             n_tracks: self.bundle.tracks.len(),
             n_sightings: self.bundle.tracks.iter().map(|track| track.sightings.len()).sum(),
+            n_blocks: self.n_blocks(),
             before,
             after,
             common_shift_m: mean_of(&|view| stations[view].shift_m()).to_array(),
@@ -116,6 +120,23 @@ impl Block<'_> {
             photos,
             left_alone: self.left_alone(views, &counts),
         }
+    }
+
+    fn n_blocks(&self) -> usize {
+        let mut block: Vec<usize> = (0..self.views.len()).collect();
+        let mut has_changed = true;
+        while has_changed {
+            has_changed = false;
+            for track in &self.bundle.tracks {
+                let least = track.sightings.iter().map(|s| block[s.view]).min().unwrap_or_default();
+                for sighting in &track.sightings {
+                    has_changed |= block[sighting.view] > least;
+                    block[sighting.view] = least;
+                }
+            }
+        }
+        let free = block.iter().zip(&self.bundle.stations).filter(|(_, station)| station.is_free);
+        free.map(|(block, _)| block).collect::<BTreeSet<_>>().len()
     }
 
     fn residuals_by_photo(&self) -> Vec<Vec<f64>> {
@@ -164,6 +185,13 @@ impl fmt::Display for AlignReport {
         row("photos moved by", &format!("{:.3} m, {:.3} degrees (medians)", self.shift_m, self.turn_deg))?;
         let [x, y, z] = self.common_shift_m;
         row("all of them by", &format!("{x:.3}, {y:.3}, {z:.3} m, {:.3} degrees (means)", self.common_turn_deg))?;
+        if self.n_blocks > 1 {
+            writeln!(
+                f,
+                "  the photos fall into {} groups that share no point: these lie to one another as given",
+                self.n_blocks
+            )?;
+        }
         for left in self.left_alone.iter().take(N_NAMED) {
             writeln!(f, "  left alone: {}: {}", left.view, left.reason)?;
         }

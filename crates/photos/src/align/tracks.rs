@@ -51,9 +51,9 @@ impl<'a> Search<'a> {
         Self { views, stations, neighbours, config, sigmas, album: Album::new(long_side_px, ALBUM_BYTES) }
     }
 
-    /// Tracks of patches anywhere between the ground and the highest roof, by photo, or why a photo has none.
-    pub fn first(&self, terrain: &Terrain) -> Vec<Result<Vec<Track>, PriorError>> {
-        let of_view = |view: usize| {
+    /// Tracks of patches of some photos, anywhere between the ground and the highest roof, or why a photo has none.
+    pub fn first(&self, of: &[usize], terrain: &Terrain) -> Vec<Result<Vec<Track>, PriorError>> {
+        let of_view = |&view: &usize| {
             let picture = self.album.picture(&self.views[view])?;
             let Some(heights_m) = self.heights_m(view, terrain) else { return Ok(Vec::new()) };
             let patches = corners(picture.grey(), self.config.patches_per_side);
@@ -62,7 +62,7 @@ impl<'a> Search<'a> {
                 Where::Between { heights_m, beside_px }
             }))
         };
-        (0..self.views.len()).into_par_iter().map(of_view).collect()
+        of.par_iter().map(of_view).collect()
     }
 
     /// The same points, looked for again in photos of this size and in all neighbours.

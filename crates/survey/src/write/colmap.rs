@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3};
 
-use super::{Converted, write_config};
+use super::{Converted, images_folder, write_config};
 use crate::angles::quaternion_wxyz;
 use crate::poses::refused;
 use crate::{Format, Survey, SurveyConfig, SurveyError, View};
@@ -129,6 +129,7 @@ pub(super) fn write(survey: &Survey, project_crs: &Crs, folder: &Path) -> Result
     let config = SurveyConfig {
         format: Format::Colmap,
         path: ".".into(),
+        images: images_folder(&survey.views),
         crs: Some(project_crs.clone()),
         offset: offset.to_array(),
         ..SurveyConfig::default()

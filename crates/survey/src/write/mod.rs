@@ -11,7 +11,7 @@ pub use colmap::{ColmapModel, TiePoint};
 
 use std::path::{Path, PathBuf};
 
-use super::{Format, Survey, SurveyConfig, SurveyError};
+use super::{Format, Survey, SurveyConfig, SurveyError, View};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::write_whole;
 use sizeup_geo::issue::Issue;
@@ -84,6 +84,15 @@ pub fn write(
         Target::GeoJson => layers::write_geojson(survey, project_crs, terrain, path),
         Target::GeoPackage => layers::write_geopackage(survey, project_crs, terrain, path),
     }
+}
+
+/// The folder that holds all photos, from the root, where they are known.
+fn images_folder(views: &[View]) -> Option<PathBuf> {
+    let mut folders =
+        views.iter().filter_map(|view| Some(std::path::absolute(view.image.as_ref()?).ok()?.parent()?.to_owned()));
+    let first = folders.next()?;
+    folders
+        .try_fold(first, |shared, folder| Some(shared.ancestors().find(|above| folder.starts_with(above))?.to_owned()))
 }
 
 /// The configuration that reads a conversion back, beside it.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{Converted, write_config};
+use super::{Converted, images_folder, write_config};
 use crate::angles::{AngleKind, opk_deg, quaternion_wxyz};
 use crate::csv::LENS_COLUMNS;
 use crate::{CsvConfig, Format, Survey, SurveyConfig, SurveyError};
@@ -28,6 +28,7 @@ pub(super) fn write(survey: &Survey, project_crs: &Crs, path: &Path) -> Result<C
     let config = SurveyConfig {
         format: Format::Csv,
         path: path.file_name().map(Into::into).unwrap_or_default(),
+        images: images_folder(&survey.views),
         crs: Some(project_crs.clone()),
         csv: Some(CsvConfig { angles: AngleKind::Quaternion, ..CsvConfig::default() }),
         ..SurveyConfig::default()

@@ -269,7 +269,7 @@ impl StereoPriors {
             let per_half_px = 2.0 * px.max(1.0);
             tracing::warn!(
                 "the poses are poorer than the photos: neighbours of {} lie {:.1} pixels of the photo off, {:.1} after small \
-                 turns. Depth is matched with the turned ones; heights stay as good as the poses. A bundle adjustment helps",
+                 turns. Depth is matched with the turned ones; heights stay as good as the poses. `sizeup survey align` mends them",
                 view.id,
                 before * per_half_px,
                 after * per_half_px

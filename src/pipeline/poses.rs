@@ -1,0 +1,122 @@
+//! Poses brought to agree with the photos, where depth comes from photos that do not fit.
+
+use super::stages::write_json;
+use super::{Event, PipelineError, Tell};
+use crate::config::RunConfig;
+use sizeup_geo::crs::Crs;
+use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_geo::terrain::{self, MapBox, Terrain, TerrainConfig, TerrainError};
+use sizeup_photos::align::{self, AlignError, AlignReport, AlignWhen, Aligned};
+use sizeup_survey::{Survey, View};
+
+/// Codes of what is told here.
+const ALIGNED: &str = "poses_aligned";
+const LEFT_ALONE: &str = "pose_not_aligned";
+const POOR: &str = "poses_poorer_than_photos";
+/// Terrain is read so far around the cameras, metres: where oblique photos look.
+const AROUND_CAMERAS_M: f64 = 500.0;
+/// Finer terrain tells no more about poses, metres per cell.
+const MIN_CELL_M: f64 = 5.0;
+
+/// Whether a run looks at how well its poses fit the photos.
+pub(super) fn asks(config: &RunConfig) -> bool {
+    match config.align.when {
+        AlignWhen::Auto => config.prior.is_in_metres(),
+        AlignWhen::Always => true,
+        AlignWhen::Never => false,
+    }
+}
+
+/// The survey with poses that fit its photos, as far as the settings want that and the photos are better than the poses.
+pub(super) fn fitted(config: &RunConfig, survey: Survey, tell: Tell<'_>) -> Result<Survey, PipelineError> {
+    let has_photos = survey.views.iter().any(|view| view.image.is_some());
+    let is_wanted = config.align.when == AlignWhen::Always;
+    if !asks(config) || !(has_photos || is_wanted) {
+        return Ok(survey);
+    }
+    let Some(ground) = terrain_around(&config.terrain, &config.project.crs, &survey.views)? else { return Ok(survey) };
+    let misfit_px = match align::misfit_px(&survey.views, &ground, &config.align) {
+        Ok(misfit_px) => misfit_px,
+        // What cannot be told needs no mending, unless somebody asks for it.
+        Err(e) if is_wanted || e.is_usage() => return Err(e.into()),
+        Err(_) => return Ok(survey),
+    };
+    let is_poor = misfit_px.is_some_and(|misfit_px| misfit_px > config.align.max_misfit_px);
+    if !is_poor && !is_wanted {
+        return Ok(survey);
+    }
+    let tell_size = |done, total| tell(Event::Align { done, total });
+    let aligned = align::align(&survey.views, &ground, &config.align, &tell_size);
+    match aligned {
+        Ok(aligned) => applied(config, survey, aligned),
+        Err(e) if is_wanted => Err(e.into()),
+        Err(e) => Ok(with_doubt(survey, misfit_px, &e)),
+    }
+}
+
+fn applied(config: &RunConfig, survey: Survey, aligned: Aligned) -> Result<Survey, PipelineError> {
+    let Aligned { views, report } = aligned;
+    write_json(&config.project.output.join("align.json"), &report)?;
+    let issues = survey.issues.into_iter().chain(issues(&report)).collect();
+    Ok(Survey { views, issues })
+}
+
+/// What was done, and to which photos it was not.
+fn issues(report: &AlignReport) -> Vec<Issue> {
+    let about = || Subject::Input("survey".to_owned());
+    let (before, after) = (report.before.median_px, report.after.median_px);
+    if !report.is_taken {
+        let message = format!(
+            "the photos fit no better under other poses (median {before:.1} pixels off, {after:.1} after adjusting): the given ones are kept"
+        );
+        return vec![Issue::new(Severity::Note, ALIGNED, about(), message)];
+    }
+    let message = format!(
+        "the photos did not fit under the given poses (median {before:.1} pixels off); {} of {} were aligned ({after:.1} pixels), moved by \
+         {:.2} m and {:.2} degrees (medians)",
+        report.n_photos, report.n_views, report.shift_m, report.turn_deg
+    );
+    let done = Issue::new(Severity::Note, ALIGNED, about(), message)
+        .hint("align.json lists each photo; `align.when = \"never\"` takes poses as they are");
+    let left = report.left_alone.iter().map(|left| {
+        let message = format!("its pose was left as it came: {}", left.reason);
+        Issue::new(Severity::Warning, LEFT_ALONE, Subject::View(left.view.clone()), message)
+    });
+    std::iter::once(done).chain(left).collect()
+}
+
+fn with_doubt(mut survey: Survey, misfit_px: Option<f64>, why: &AlignError) -> Survey {
+    let message = format!(
+        "the photos lie {:.1} pixels off under the given poses (median), and these could not be aligned: {why}",
+        misfit_px.unwrap_or_default()
+    );
+    survey.issues.push(Issue::new(Severity::Warning, POOR, Subject::Input("survey".to_owned()), message));
+    survey
+}
+
+/// The survey with the poses that an earlier look at it came to.
+pub(super) fn as_before(mut again: Survey, before: Survey) -> Survey {
+    again
+        .issues
+        .extend(before.issues.into_iter().filter(|issue| [ALIGNED, LEFT_ALONE, POOR].contains(&issue.code.as_str())));
+    Survey { views: before.views, ..again }
+}
+
+/// What was done to the poses, in a sentence; `None` where nothing was.
+pub(super) fn in_words(survey: &Survey) -> Option<String> {
+    survey.issues.iter().find(|issue| [ALIGNED, POOR].contains(&issue.code.as_str())).map(|issue| issue.message.clone())
+}
+
+/// The ground around cameras, where one is given.
+///
+/// # Errors
+/// [`TerrainError`].
+pub fn terrain_around(config: &TerrainConfig, crs: &Crs, views: &[View]) -> Result<Option<Terrain>, TerrainError> {
+    if let Some(height_m) = config.constant_m.filter(|_| config.dtm.is_none()) {
+        return Ok(Some(Terrain::Constant(height_m)));
+    }
+    let cameras = views.iter().map(View::centre);
+    let Some(area) = MapBox::around(cameras.map(|centre| (centre.x, centre.y))) else { return Ok(None) };
+    let config = TerrainConfig { min_cell_m: config.min_cell_m.max(MIN_CELL_M), ..config.clone() };
+    terrain::load(&config, crs, area.grown(AROUND_CAMERAS_M)).map(Some)
+}
