@@ -16,14 +16,18 @@ fn text_of(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Rotation and translation of each photo of a COLMAP model.
-fn poses(model: &Path) -> Vec<(String, DQuat, DVec3)> {
+/// Name, rotation and centre of each photo of a COLMAP model whose `[survey]` table is in a file.
+fn poses(model: &Path, config: &Path) -> Vec<(String, DQuat, DVec3)> {
+    let table: toml::Table = fs::read_to_string(config).unwrap().parse().unwrap();
+    let survey = table.get("survey").and_then(toml::Value::as_table).unwrap_or(&table);
+    let offset: Vec<f64> =
+        survey["offset"].as_array().unwrap().iter().map(|axis| axis.to_string().parse().unwrap()).collect();
     let text = fs::read_to_string(model.join("images.txt")).unwrap();
     let pose = |line: &str| {
         let words: Vec<&str> = line.split_whitespace().collect();
         let n: Vec<f64> = words[1..8].iter().map(|word| word.parse().unwrap()).collect();
         let turn = DQuat::from_xyzw(n[1], n[2], n[3], n[0]).normalize();
-        (words[9].to_owned(), turn, -(turn.inverse() * DVec3::new(n[4], n[5], n[6])))
+        (words[9].to_owned(), turn, DVec3::from_slice(&offset) - turn.inverse() * DVec3::new(n[4], n[5], n[6]))
     };
     text.lines().filter(|line| line.ends_with(".jpg")).map(pose).collect()
 }
@@ -34,10 +38,9 @@ fn middle(mut values: Vec<f64>) -> f64 {
 }
 
 /// Medians of position and rotation errors, metres and degrees.
-fn errors(found: &Path, truth: &Path) -> [f64; 2] {
-    let (found, truth) = (poses(found), poses(truth));
+fn errors(found: &[(String, DQuat, DVec3)], truth: &[(String, DQuat, DVec3)]) -> [f64; 2] {
     assert_eq!(found.len(), truth.len());
-    let pairs = || found.iter().zip(&truth);
+    let pairs = || found.iter().zip(truth);
     [
         middle(pairs().map(|(a, b)| a.2.distance(b.2)).collect()),
         middle(pairs().map(|(a, b)| a.1.angle_between(b.1).to_degrees()).collect()),
@@ -73,7 +76,9 @@ fn poses_that_are_off_come_back_and_are_read_again() {
     for file in ["images.txt", "poses.csv", "align.json"] {
         assert_eq!(fs::read(aligned.join(file)).unwrap(), fs::read(again.join(file)).unwrap(), "{file}");
     }
-    let [before, after] = [&given.join("sparse"), &aligned].map(|model| errors(model, &truth.join("sparse")));
+    let of_scene = |scene: &Path| poses(&scene.join("sparse"), &scene.join("sizeup.toml"));
+    let found = poses(&aligned, &aligned.join("survey.toml"));
+    let [before, after] = [&of_scene(&given), &found].map(|found| errors(found, &of_scene(&truth)));
     assert!(after[0] < before[0] / 2.0 && after[1] < before[1] / 5.0, "{before:?} {after:?}");
     assert_eq!(report["is_taken"], true);
     let fall = |key: &str| report[key]["median_px"].as_f64().unwrap();
