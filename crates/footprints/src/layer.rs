@@ -209,7 +209,7 @@ pub enum FootprintError {
 /// [`FootprintError`] where the layer as a whole cannot be used; single features never fail the layer.
 pub fn read(config: &FootprintConfig, project_crs: &Crs) -> Result<FootprintLayer, FootprintError> {
     check_config(config)?;
-    let mut source = osm::open(config)?;
+    let mut source = osm::open_layer(config)?;
     let declared = source.crs()?;
     let features: Vec<Feature> = source.features().collect();
     if features.is_empty() {

@@ -24,7 +24,10 @@ pub fn is_osm(path: &Path) -> bool {
 }
 
 /// Opens the layer of outlines: of an OpenStreetMap file its buildings, unless another layer is asked for.
-pub(super) fn open(config: &FootprintConfig) -> Result<VectorLayer, VectorError> {
+///
+/// # Errors
+/// As [`VectorLayer::open`].
+pub fn open_layer(config: &FootprintConfig) -> Result<VectorLayer, VectorError> {
     if !asks_for_buildings(config) {
         return VectorLayer::open(&config.path, config.layer.as_deref());
     }

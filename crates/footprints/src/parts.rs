@@ -32,7 +32,7 @@ impl<'a> LayerParts<'a> {
     /// As [`read`].
     pub fn open(config: &'a FootprintConfig, project_crs: &'a Crs) -> Result<Self, FootprintError> {
         check_config(config)?;
-        let mut source = osm::open(config)?;
+        let mut source = osm::open_layer(config)?;
         if let Some(field) = config.id_field.as_ref().filter(|wanted| !source.field_names().any(|f| f == *wanted)) {
             let present = source.field_names().map(str::to_owned).collect();
             return Err(FootprintError::NoIdField { path: config.path.clone(), field: field.clone(), present });

@@ -9,7 +9,7 @@ use super::formats::{Candidate, format_of, read_poses, recognised};
 use super::inspect::{LOCAL_WITHIN_M, looks_earth_centred, looks_like_degrees};
 use super::poses::{FileHeights, Poses, World};
 use super::{Format, SurveyConfig, SurveyError};
-use sizeup_geo::crs::{Crs, Geocentric, Transform};
+use sizeup_geo::crs::{Crs, Geocentric, Transform, enu_from_geocentric};
 use sizeup_geo::issue::Issue;
 
 /// Poses as their file has them.
@@ -23,10 +23,10 @@ pub struct FirstLook {
     pub world: PoseWorld,
     /// What their heights count from.
     pub heights: StatedHeights,
-    /// Middle of the positions, longitude and latitude in degrees, where the file tells.
-    pub middle_deg: Option<(f64, f64)>,
-    /// Middle of the positions in the file's own world, offset included.
-    pub middle: DVec3,
+    /// Positions in the file's own world, offset included, in the order of the names.
+    pub positions: Vec<DVec3>,
+    /// Their longitudes and latitudes, degrees; empty where the file does not say where on the earth it is.
+    pub places_deg: Vec<(f64, f64)>,
     /// States of satellite positioning, counted; empty where the format does not tell.
     pub rtk: BTreeMap<String, usize>,
     /// Sources of focal lengths, counted; empty where the format brings complete cameras.
@@ -87,9 +87,8 @@ pub fn first_look(config: &SurveyConfig) -> Result<FirstLook, SurveyError> {
     let poses = read_poses(config)?;
     let world = world_of(&poses, config);
     let offset = DVec3::from(config.offset);
-    let sum: DVec3 = poses.poses.iter().map(|pose| pose.centre + offset).sum();
-    let middle = sum / poses.poses.len().max(1) as f64;
-    let middle_deg = if poses.poses.is_empty() { None } else { middle_deg(&poses, config, middle) };
+    let positions: Vec<DVec3> = poses.poses.iter().map(|pose| pose.centre + offset).collect();
+    let places_deg = places_deg(&poses, config, &positions).unwrap_or_default();
     let heights = match (poses.heights, &world) {
         (FileHeights::Unreliable, _) => StatedHeights::Unreliable,
         (FileHeights::Ellipsoidal, _) | (_, PoseWorld::Local) => StatedHeights::Ellipsoidal,
@@ -99,7 +98,8 @@ pub fn first_look(config: &SurveyConfig) -> Result<FirstLook, SurveyError> {
     };
     let Poses { poses, issues, counts, .. } = poses;
     let names = poses.into_iter().map(|pose| pose.name).collect();
-    Ok(FirstLook { format, names, world, heights, middle_deg, middle, rtk: counts.rtk, focal: counts.focal, issues })
+    let (rtk, focal) = (counts.rtk, counts.focal);
+    Ok(FirstLook { format, names, world, heights, positions, places_deg, rtk, focal, issues })
 }
 
 fn world_of(poses: &Poses, config: &SurveyConfig) -> PoseWorld {
@@ -134,18 +134,28 @@ fn spread(poses: &Poses) -> f64 {
     low.zip(high).map_or(0.0, |(low, high)| (high - low).max_element())
 }
 
-fn middle_deg(poses: &Poses, config: &SurveyConfig, middle: DVec3) -> Option<(f64, f64)> {
-    if let Some([lat_deg, lon_deg, _]) = config.enu_origin {
-        return Some((lon_deg, lat_deg));
-    }
+fn places_deg(poses: &Poses, config: &SurveyConfig, positions: &[DVec3]) -> Option<Vec<(f64, f64)>> {
     let crs = match (&config.crs, &poses.world) {
+        _ if config.enu_origin.is_some() => {
+            let [lat_deg, lon_deg, height_m] = config.enu_origin?;
+            return around(DVec3::new(lon_deg, lat_deg, height_m), positions);
+        }
         (Some(crs), _) | (None, World::Crs(crs)) => crs,
-        (None, World::Enu(origin)) => return Some((origin.x, origin.y)),
+        (None, World::Enu(origin)) => return around(*origin, positions),
         (None, World::Unsaid) => return None,
     };
     if crs.is_geocentric() {
-        let geodetic = Geocentric::new().ok()?.geodetic(middle).ok()?;
-        return Some((geodetic.x, geodetic.y));
+        let geocentric = Geocentric::new().ok()?;
+        return Some(positions.iter().filter_map(|p| geocentric.geodetic(*p).ok()).map(|p| (p.x, p.y)).collect());
     }
-    Transform::new(crs, &Crs::parse("EPSG:4326").ok()?).ok()?.point(middle.x, middle.y).ok()
+    let lonlat = Transform::new(crs, &Crs::parse("EPSG:4326").ok()?).ok()?;
+    Some(positions.iter().filter_map(|p| lonlat.point(p.x, p.y).ok()).collect())
+}
+
+/// Longitudes and latitudes of positions east and north of an origin.
+fn around(origin: DVec3, positions: &[DVec3]) -> Option<Vec<(f64, f64)>> {
+    let geocentric = Geocentric::new().ok()?;
+    let (centre, axes) = (geocentric.geocentric(origin).ok()?, enu_from_geocentric(origin.x, origin.y).transpose());
+    let place = |p: &DVec3| geocentric.geodetic(centre + axes * *p).ok().map(|p| (p.x, p.y));
+    Some(positions.iter().filter_map(place).collect())
 }

@@ -188,6 +188,12 @@ impl VectorLayer {
         self.layer.set_spatial_filter_rect(west, south, east, north);
     }
 
+    /// How many features it shows, where the file tells without being gone through.
+    #[must_use]
+    pub fn n_features(&self) -> Option<u64> {
+        self.layer.try_feature_count()
+    }
+
     /// Shows only what fulfils a condition on attributes, in OGR's SQL, from here on.
     ///
     /// # Errors
