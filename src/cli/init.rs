@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::survey::three_numbers;
 use super::{Failure, Global, Ui, print_json};
-use crate::init::{Beginning, InitRequest, begin};
+use crate::init::{Beginning, InitRequest, Lack, begin};
 use sizeup_geo::files::write_whole;
 
 /// Something is missing before the project can be run.
@@ -77,17 +77,15 @@ pub(super) fn run(args: &InitArgs, global: &Global) -> Result<u8, Failure> {
 }
 
 fn tell(begun: &Beginning, ui: &Ui) {
-    // What makes a flight useless comes before all praise of it.
-    for lack in begun.missing.iter().filter(|lack| lack.is_of_flight()) {
-        ui.say(format!("{}: {}", lack.what, lack.why));
-    }
+    let say_lack = |lack: &Lack| ui.say(format!("missing: {}: {}\n    how: {}", lack.what, lack.why, lack.how));
+    // What makes a flight useless comes before all that is said of it.
+    let (of_flight, others): (Vec<&Lack>, Vec<&Lack>) = begun.missing.iter().partition(|lack| lack.is_of_flight());
+    of_flight.into_iter().for_each(say_lack);
     tell_found(begun, ui);
     for warning in &begun.warnings {
         ui.say(format!("warning: {warning}"));
     }
-    for lack in &begun.missing {
-        ui.say(format!("missing: {}: {}\n    how: {}", lack.what, lack.why, lack.how));
-    }
+    others.into_iter().for_each(say_lack);
     ui.say(format!("{} written", begun.config.display()));
     if begun.is_complete {
         ui.say(format!("next: {}", begun.next));

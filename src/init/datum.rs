@@ -13,10 +13,14 @@ use super::ground::TerrainFile;
 use super::project::Lack;
 use glam::DVec3;
 use sizeup_geo::crs::{Crs, Transform3d};
+use sizeup_photos::dtm::DtmConfig;
 use sizeup_survey::{HeightConfig, HeightReference, StatedHeights};
 
 /// A terrain model that lies this near the take-off counts from what the poses count from, metres, beyond its own relief.
 const SAME_LEVEL_M: f64 = 15.0;
+
+/// Where the geoid is from.
+const GEOID: &str = "the geoid EGM96 here, which national zeros follow to within a metre or two";
 
 /// What is known of heights.
 pub(super) struct Known<'a> {
@@ -45,6 +49,15 @@ pub(super) enum Ground<'a> {
     Nothing,
 }
 
+impl Ground<'_> {
+    fn level(&self) -> Option<Level> {
+        match self {
+            Self::Model(_, level) => Some(*level),
+            Self::Given(_) | Self::Nothing => None,
+        }
+    }
+}
+
 /// How heights are brought together.
 #[derive(Debug, Default)]
 pub(super) struct Datum {
@@ -60,6 +73,8 @@ pub(super) struct Datum {
     pub offset_m: Option<f64>,
     /// Whether the photos put the ground right.
     pub is_sharpened: bool,
+    /// How far the ground may be from the level that the photos start from, metres.
+    pub within_m: f64,
     /// What the project's heights count from, in words.
     pub vertical_reference: Option<String>,
     /// What the ground is, in a line.
@@ -79,6 +94,14 @@ pub(super) fn geoid_m((lon_deg, lat_deg): (f64, f64)) -> Option<f64> {
 
 /// Brings the heights together.
 pub(super) fn settle(known: &Known<'_>) -> Datum {
+    let mut datum = by_ground(known);
+    let spreads = [known.takeoff.map(|level| level.spread_m), known.ground.level().map(|level| level.spread_m)];
+    let unsure_m = 2.0 * spreads.into_iter().flatten().fold(0.0, f64::max);
+    datum.within_m = DtmConfig::default().within_m.max(unsure_m.ceil());
+    datum
+}
+
+fn by_ground(known: &Known<'_>) -> Datum {
     match known.ground {
         Ground::Model(file, level) => on_model(known, file, level),
         Ground::Given(level_m) => {
@@ -112,14 +135,14 @@ fn as_they_are(known: &Known<'_>) -> Datum {
                 "heights stay above the ellipsoid, as the receiver gave them; national heights differ by up to 107 m";
             datum.height_entries.push(Entry::new("keep_ellipsoidal", "true", why));
             datum.vertical_reference = Some("ellipsoid".to_owned());
-            datum.in_words = "ellipsoidal, in poses and results".to_owned();
+            "ellipsoidal, in poses and results".clone_into(&mut datum.in_words);
         }
         StatedHeights::Unreliable => {
             datum.height.reference = Some(HeightReference::Project);
             let why = "heights stay as the drone counted them (barometer, no base station): right beside each other, not absolutely";
             datum.height_entries.push(Entry::new("reference", "\"project\"", why));
             datum.vertical_reference = Some("the drone's own altitude".to_owned());
-            datum.in_words = "the drone's own altitude, in poses and results; no national heights".to_owned();
+            "the drone's own altitude, in poses and results; no national heights".clone_into(&mut datum.in_words);
         }
         StatedHeights::ByCrs | StatedHeights::Unsaid => {
             let why = known.why_not.clone().unwrap_or_default();
@@ -190,7 +213,7 @@ fn on_model(known: &Known<'_>, file: &TerrainFile, level: Level) -> Datum {
             ));
         }
         StatedHeights::Ellipsoidal | StatedHeights::ByCrs => {
-            datum.in_words = "the poses' reach the project's vertical reference by PROJ".to_owned();
+            "the poses' reach the project's vertical reference by PROJ".clone_into(&mut datum.in_words);
             if file.vertical.is_none() {
                 datum.warnings.push(format!(
                     "{} does not say what its heights count from: it is taken to be the project's vertical reference",
@@ -204,21 +227,11 @@ fn on_model(known: &Known<'_>, file: &TerrainFile, level: Level) -> Datum {
 }
 
 fn from_ellipsoid(datum: &mut Datum, known: &Known<'_>, level: Level) {
-    let by_takeoff =
-        known.takeoff.map(|takeoff| (takeoff.median_m - level.median_m, takeoff.spread_m + level.spread_m));
-    let told = match (known.geoid_m, by_takeoff) {
-        (Some(geoid_m), _) => {
-            Some((geoid_m, "the geoid EGM96 here, which national zeros follow to within a metre or two".to_owned()))
-        }
-        (None, Some((shift_m, within_m))) => Some((
-            shift_m,
-            format!(
-                "the take-off by the photos minus the terrain model under the cameras, good to {:.0} m",
-                within_m.max(2.0)
-            ),
-        )),
-        (None, None) => None,
-    };
+    let by_takeoff = known.takeoff.map(|takeoff| Shift::of(takeoff, level));
+    let geoid = known.geoid_m.filter(|geoid_m| by_takeoff.is_none_or(|takeoff| takeoff.allows(*geoid_m)));
+    let told = geoid
+        .map(|geoid_m| (geoid_m, GEOID.to_owned()))
+        .or_else(|| by_takeoff.map(|takeoff| (takeoff.metres, takeoff.in_words())));
     let Some((shift_m, source)) = told else {
         let how = "state how far the zero of the terrain model lies above the ellipsoid: geoid_offset in [survey.height]; or a --crs \
                    with heights, such as EPSG:25832+7837";
@@ -244,13 +257,37 @@ fn from_ellipsoid(datum: &mut Datum, known: &Known<'_>, level: Level) {
         "the poses' heights are ellipsoidal and the terrain model's are not said: {shift_m} m are taken off, estimated ({source}); the \
          photos put the rest right. State the true geoid_offset for exact levels"
     ));
-    if let Some((other_m, within_m)) =
-        by_takeoff.filter(|(other_m, within_m)| (other_m - shift_m).abs() > SAME_LEVEL_M + within_m)
-    {
+    let contradicted = known.geoid_m.zip(by_takeoff).filter(|(geoid_m, takeoff)| !takeoff.allows(*geoid_m));
+    if let Some((geoid_m, takeoff)) = contradicted {
         datum.warnings.push(format!(
-            "the take-off lies {other_m:.0} m (± {within_m:.0} m) above the terrain model, not {shift_m} m: is the terrain model ellipsoidal, \
-             or another one?"
+            "the take-off lies {:.0} m (± {:.0} m) above the terrain model, and the geoid {geoid_m:.0} m above the ellipsoid: the poses' \
+             heights may not be ellipsoidal, or the terrain model's are",
+            takeoff.metres, takeoff.within_m
         ));
+    }
+}
+
+/// What the poses' heights are above a terrain model's.
+#[derive(Debug, Clone, Copy)]
+struct Shift {
+    metres: f64,
+    /// How well it is known: the relief under the cameras, and what the photos differ by.
+    within_m: f64,
+}
+
+impl Shift {
+    fn of(takeoff: Level, model: Level) -> Self {
+        Self { metres: takeoff.median_m - model.median_m, within_m: takeoff.spread_m + model.spread_m }
+    }
+
+    /// Whether another figure for it can be right as well.
+    fn allows(self, metres: f64) -> bool {
+        (self.metres - metres).abs() <= SAME_LEVEL_M + self.within_m
+    }
+
+    fn in_words(self) -> String {
+        let within_m = self.within_m.max(2.0);
+        format!("the take-off by the photos minus the terrain model under the cameras, good to {within_m:.0} m")
     }
 }
 
@@ -285,22 +322,22 @@ fn from_barometer(datum: &mut Datum, known: &Known<'_>, level: Level) {
 /// Poses that do not say what their heights count from, or say the terrain's.
 fn unsaid(datum: &mut Datum, known: &Known<'_>, level: Level) {
     let Some(takeoff) = known.takeoff else {
-        datum.in_words = "the poses do not say: taken to be the terrain model's".to_owned();
+        "the poses do not say: taken to be the terrain model's".clone_into(&mut datum.in_words);
         datum.warnings.push(
             "what the poses' heights count from is not said: they are taken to count from what the terrain model counts from".to_owned(),
         );
         return;
     };
-    let shift_m = takeoff.median_m - level.median_m;
-    let within_m = takeoff.spread_m + level.spread_m;
-    if shift_m.abs() <= SAME_LEVEL_M + within_m {
+    let shift = Shift::of(takeoff, level);
+    let within_m = shift.within_m;
+    if shift.allows(0.0) {
         datum.in_words = format!(
             "the poses do not say: taken to be the terrain model's, which the take-off confirms to {:.0} m (± {within_m:.0} m)",
-            shift_m.abs()
+            shift.metres.abs()
         );
         return;
     }
-    let shift_m = (10.0 * shift_m).round() / 10.0;
+    let shift_m = (10.0 * shift.metres).round() / 10.0;
     datum.offset_m = Some(shift_m);
     datum.is_sharpened = true;
     datum.vertical_reference = None;

@@ -45,13 +45,14 @@ pub(super) fn why(inventory: &Inventory, facts: &[PhotoFacts], passed: &[Passed]
     let n = facts.len();
     let n_unreadable = facts.iter().filter(|photo| photo.fault.is_some()).count();
     let n_placed = facts.iter().filter(|photo| photo.place_deg.is_some()).count();
-    let mut found = match n_placed {
+    let found = match n_placed {
         0 => format!("{n} photos without position and direction in their metadata"),
         _ => format!("{n} photos, {n_placed} of them with a position, none with a direction of view"),
     };
-    if n_unreadable > 0 {
-        let first = facts.iter().find_map(|photo| photo.fault.as_deref()).unwrap_or_default();
-        found += &format!("; {n_unreadable} cannot be read, the first: {first}");
-    }
+    let first = facts.iter().find_map(|photo| photo.fault.as_deref());
+    let found = match first {
+        Some(first) => format!("{found}; {n_unreadable} cannot be read, the first: {first}"),
+        None => found,
+    };
     InitError::NoPoses { path, found, hint: ALIGN_THEM.to_owned() }
 }

@@ -1,5 +1,6 @@
 //! What a flight is like: how many photos look where, from how high, how fine, and how often a place is seen.
 
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -81,20 +82,16 @@ impl Flight {
     /// In a line.
     #[must_use]
     pub fn in_words(&self) -> String {
-        let mut words = format!(
-            "{} photos, {} with a usable pose: {} straight down, {} oblique",
-            self.n_photos, self.n_views, self.n_nadir, self.n_oblique
-        );
-        if let Some(height) = self.above_ground_m {
-            words += &format!("; {:.0} m above ground", height.median);
-        }
-        if let Some(pixel_m) = self.pixel_m {
-            words += &format!(", {:.1} cm per pixel", 100.0 * pixel_m);
-        }
-        if let (Some(all), Some(oblique)) = (self.seen_by, self.seen_by_oblique) {
-            words += &format!("; a place is seen by {all:.0} photos, {oblique:.0} of them oblique (median)");
-        }
-        words
+        let Self { n_photos, n_views, n_nadir, n_oblique, .. } = self;
+        let s = if *n_photos == 1 { "" } else { "s" };
+        let counts =
+            format!("{n_photos} photo{s}, {n_views} with a usable pose: {n_nadir} straight down, {n_oblique} oblique");
+        let above = self.above_ground_m.map(|height| format!("{:.0} m above ground", height.median));
+        let pixel = self.pixel_m.map(|pixel_m| format!("{:.1} cm per pixel", 100.0 * pixel_m));
+        let seen = self.seen_by.zip(self.seen_by_oblique);
+        let seen =
+            seen.map(|(all, oblique)| format!("photos per place: {all:.0}, {oblique:.0} of them oblique (median)"));
+        [Some(counts), above, pixel, seen].into_iter().flatten().collect::<Vec<_>>().join("; ")
     }
 
     /// How well positions are known, in a line; `None` where nothing tells.
@@ -145,14 +142,12 @@ fn overlap(views: &[View], ground: &Terrain) -> (Option<f64>, Option<f64>) {
 /// The folder that holds the photos of poses: most of them, and as little else as can be.
 pub(super) fn folder_of_photos(inventory: &Inventory, names: &[String]) -> Option<PathBuf> {
     let counted = inventory.folders.iter().filter_map(|folder| {
-        let below: Vec<PathBuf> = inventory.photos.iter().filter(|photo| photo.starts_with(folder)).cloned().collect();
-        let n_known = Names::of(&below).count(names);
-        (n_known > 0).then_some((n_known, below.len(), folder))
+        let below = || inventory.photos.iter().map(PathBuf::as_path).filter(|photo| photo.starts_with(folder));
+        let n_known = Names::of(below()).count(names);
+        let depth = folder.components().count();
+        (n_known > 0).then(|| ((n_known, Reverse(below().count()), depth), folder))
     });
-    let best = counted.max_by(|a, b| {
-        (a.0, b.1).cmp(&(b.0, a.1)).then_with(|| a.2.components().count().cmp(&b.2.components().count()))
-    });
-    best.map(|(_, _, folder)| folder.clone())
+    counted.max_by_key(|(merit, _)| *merit).map(|(_, folder)| folder.clone())
 }
 
 /// A height that many photos tell, metres.

@@ -22,14 +22,12 @@ pub(super) struct Frame {
     pub definition: String,
     /// Where it is from.
     pub why: String,
-    /// Whether somebody asked for it.
-    pub is_asked: bool,
 }
 
 impl Frame {
     fn new(crs: Crs, why: impl Into<String>) -> Self {
         let definition = short(&crs);
-        Self { crs, definition, why: why.into(), is_asked: false }
+        Self { crs, definition, why: why.into() }
     }
 }
 
@@ -65,14 +63,17 @@ pub(super) fn asked(definition: &str, place: &Place) -> Result<Frame, InitError>
     };
     crs.require_projected_metres().map_err(better)?;
     let definition = definition.trim().to_owned();
-    Ok(Frame { crs, definition, why: "as asked for by --crs".to_owned(), is_asked: true })
+    Ok(Frame { crs, definition, why: "as asked for by --crs".to_owned() })
 }
 
 /// What the CRS may be where none is asked for, the best first.
 pub(super) fn candidates(source: &PoseSource, neighbours: &[Neighbour<'_>], photos_at: &Place) -> Vec<Frame> {
     let is_fit = |crs: &Crs| crs.require_projected_metres().is_ok();
     let own = match &source.look.world {
-        PoseWorld::Named(crs) if is_fit(crs) => Some(Frame::new(crs.clone(), "the CRS of the poses")),
+        PoseWorld::Named(crs) if is_fit(crs) => {
+            let by = source.placed_by.as_ref().map_or_else(String::new, |by| format!(", by {by}"));
+            Some(Frame::new(crs.clone(), format!("the CRS of the poses{by}")))
+        }
         _ => None,
     };
     let coded = |near: &&Neighbour<'_>| is_fit(near.crs) && near.crs.horizontal_epsg().is_some();

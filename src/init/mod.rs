@@ -10,6 +10,7 @@
 //! Nothing is guessed in silence: what is not said by the files is left out and asked for, or taken from what the photos say
 //! with its uncertainty beside it.
 
+mod checks;
 mod datum;
 mod empty;
 mod error;
@@ -20,6 +21,7 @@ mod frame;
 mod ground;
 mod outlines;
 mod place;
+mod placing;
 mod poses;
 mod project;
 mod sheet;

@@ -229,17 +229,16 @@ impl Evidence<'_> {
             -1
         };
         let score = size + 3 * i32::from(is_named) + 2 * i32::from(is_told) - 3 * i32::from(is_other);
-        let n = self.n_polygons;
-        let mut why = format!("{n} {}", if n == 1 { "polygon" } else { "polygons" });
-        why += &format!(" where the photos are, of {:.0} m² (median)", self.median_area_m2);
+        let (n, area_m2) = (self.n_polygons, self.median_area_m2);
+        let s = if n == 1 { "" } else { "s" };
+        let seen = format!("{n} polygon{s} where the photos are, of {area_m2:.0} m² (median)");
         let reasons = [
             (is_named, "named as buildings"),
             (is_told, "attributes of buildings"),
             (is_other, "named as something else"),
         ];
-        for (_, reason) in reasons.iter().filter(|(holds, _)| *holds) {
-            why += &format!(", {reason}");
-        }
+        let reasons = reasons.into_iter().filter(|(holds, _)| *holds).map(|(_, reason)| reason);
+        let why = std::iter::once(seen.as_str()).chain(reasons).collect::<Vec<_>>().join(", ");
         (score, why)
     }
 

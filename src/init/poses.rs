@@ -2,7 +2,7 @@
 //! before what the drone wrote into its photos.
 
 use std::cmp::Reverse;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -107,7 +107,7 @@ fn preference(format: Format) -> usize {
 
 /// Reads what may be poses and chooses.
 pub(super) fn choose(inventory: &Inventory, facts: &[PhotoFacts], offset: Option<[f64; 3]>) -> PoseChoice {
-    let names = Names::of(&inventory.photos);
+    let names = Names::of(inventory.photos.iter().map(PathBuf::as_path));
     let mut passed = Vec::new();
     let mut sources = Vec::new();
     for (path, format) in candidates(inventory, facts) {
@@ -242,28 +242,32 @@ fn georeference(path: &Path) -> Option<(String, Option<Crs>, [f64; 3])> {
     })
 }
 
-/// Names of photos, to hold those of poses against.
-pub(super) struct Names {
-    names: BTreeSet<String>,
+/// Photos by name, to hold those of poses against.
+pub(super) struct Names<'a> {
+    by_name: BTreeMap<String, Vec<&'a Path>>,
     stems: BTreeSet<String>,
 }
 
-impl Names {
-    pub(super) fn of(photos: &[PathBuf]) -> Self {
-        let stem = |path: &PathBuf| path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
-        Self {
-            names: photos.iter().map(|path| name_of(path)).collect(),
-            stems: photos.iter().filter_map(stem).collect(),
+impl<'a> Names<'a> {
+    pub(super) fn of(photos: impl Iterator<Item = &'a Path>) -> Self {
+        let mut names = Self { by_name: BTreeMap::new(), stems: BTreeSet::new() };
+        for photo in photos {
+            names.by_name.entry(name_of(photo)).or_default().push(photo);
+            names.stems.extend(photo.file_stem().map(|stem| stem.to_string_lossy().into_owned()));
         }
+        names
     }
 
-    /// How many of these are here, by their names or, where these lack it, without their extension.
+    /// How many of these are here: by their path where they have one, by their name, or without the extension that some lack.
     pub(super) fn count(&self, poses: &[String]) -> usize {
         poses.iter().filter(|name| self.has(Path::new(name))).count()
     }
 
     fn has(&self, pose: &Path) -> bool {
-        self.names.contains(&name_of(pose))
-            || pose.file_stem().is_some_and(|stem| self.stems.contains(&*stem.to_string_lossy()))
+        match self.by_name.get(&name_of(pose)) {
+            // Cards number their photos anew in each folder.
+            Some(photos) => photos.len() == 1 || photos.iter().any(|photo| photo.ends_with(pose)),
+            None => pose.file_stem().is_some_and(|stem| self.stems.contains(&*stem.to_string_lossy())),
+        }
     }
 }

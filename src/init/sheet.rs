@@ -5,8 +5,8 @@ use std::path::Path;
 use super::InitRequest;
 use super::file::{Entry, Sheet, quoted};
 use super::folder::name_of;
-use super::project::{Findings, Placed, Story, home_of, why_these};
-use sizeup_photos::dtm::DtmConfig;
+use super::placing::Placed;
+use super::project::{Findings, Story, home_of};
 use sizeup_survey::Format;
 
 /// The configuration with its comments.
@@ -30,12 +30,12 @@ fn head(sheet: &mut Sheet, request: &InitRequest, story: &Story) {
     sheet.note(&story.flight.in_words());
     story.flight.positioning_in_words().iter().for_each(|words| sheet.note(words));
     let lacks: Vec<String> =
-        story.lacks.iter().map(|lack| format!("{}: {}. How: {}", lack.what, lack.why, lack.how)).collect();
+        story.notes.lacks.iter().map(|lack| format!("{}: {}. How: {}", lack.what, lack.why, lack.how)).collect();
     if lacks.is_empty() {
         sheet.note(&format!("Nothing is missing: sizeup run {output}"));
     }
     sheet.list("MISSING, before it can be run:", &lacks);
-    sheet.list("To know of:", &story.warnings);
+    sheet.list("To know of:", &story.notes.warnings);
     let unused = &story.flight.unused;
     sheet.list(&format!("{} photos or poses are not used, such as:", story.flight.n_unused), unused);
 }
@@ -69,12 +69,12 @@ fn survey(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Plac
     sheet.table("survey");
     let mut entries = vec![
         Entry::new("format", quoted(&config.format.name()), ""),
-        Entry::path("path", &config.path, home, why_these(found)),
+        Entry::path("path", &config.path, home, found.why_these_poses()),
     ];
     match &found.images {
         Some(images) if config.format == Format::Photos && images.starts_with(&config.path) => {}
         Some(images) => {
-            entries.push(Entry::path("images", images, home, "folder of the photos, matched to the poses by name"))
+            entries.push(Entry::path("images", images, home, "folder of the photos, matched to the poses by name"));
         }
         None => entries.push(Entry::off("images", "\"photos\"", "MISSING: the folder of the photos")),
     }
@@ -96,9 +96,9 @@ fn survey(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Plac
     if !height.is_empty() {
         let is_set = placed.is_some_and(|placed| placed.datum.lacks.is_empty());
         if is_set {
-            sheet.table("survey.height")
+            sheet.table("survey.height");
         } else {
-            sheet.table_off("survey.height")
+            sheet.table_off("survey.height");
         }
         sheet.entries(height);
     }
@@ -154,6 +154,9 @@ fn terrain(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Pla
     let is_known = model.is_some() || datum.is_some_and(|datum| datum.constant_m.is_some());
     if !is_known {
         sheet.table_off("terrain");
+        if placed.is_none_or(|placed| placed.survey.views.is_empty()) {
+            sheet.note("The photos may tell the ground once the poses are in place: then run `sizeup init` again with --force.");
+        }
         sheet.note("MISSING: where the ground is. Take the # off one of these.");
         sheet.entries(&[
             Entry::off("dtm", "\"dtm.tif\"", "a terrain model (not a surface model)"),
@@ -169,15 +172,11 @@ fn terrain(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Pla
     }
     sheet.entries(datum.map(|datum| datum.terrain_entries.as_slice()).unwrap_or_default());
     sheet.list("Also here, not used:", &others);
-    let within = Entry::new(
-        "within_m",
-        format!("{:?}", DtmConfig::default().within_m),
-        "the ground is looked for so far above and below; more for hilly places",
-    );
-    if datum.is_some_and(|datum| datum.is_sharpened) {
+    if let Some(datum) = datum.filter(|datum| datum.is_sharpened) {
         sheet.table("dtm");
         sheet.note("The run finds the terrain in the photos, starting from [terrain].");
-        sheet.entries(&[within]);
+        let about = "metres above and below in which it looks; more for hilly places";
+        sheet.entries(&[Entry::new("within_m", format!("{:?}", datum.within_m), about)]);
     } else if model.is_none() {
         sheet.table_off("dtm");
         sheet.note("With this table the run finds the terrain in the photos, starting from [terrain].");
