@@ -39,7 +39,7 @@ pub(super) fn why(inventory: &Inventory, facts: &[PhotoFacts], passed: &[Passed]
         photo.place_deg.is_none() && photo.size_px.is_some_and(|(width, height)| width.max(height) <= THUMBNAIL_PX)
     };
     if facts.iter().all(is_thumbnail) {
-        let found = format!("{} thumbnails of up to {THUMBNAIL_PX} pixels", facts.len());
+        let found = format!("only thumbnails ({}, of up to {THUMBNAIL_PX} pixels)", facts.len());
         return none(found, "copy the photos themselves from the drone's card");
     }
     let n = facts.len();
