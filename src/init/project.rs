@@ -138,7 +138,10 @@ impl Findings {
         if source.is_adjusted() {
             format!("{n} poses adjusted with the photos ({format}){world}{placed}")
         } else if source.config.format == Format::Photos {
-            format!("{n} photos with position and direction in their EXIF and XMP; no adjusted poses lie here")
+            let s = if n == 1 { "" } else { "s" };
+            let others =
+                if self.passed.is_empty() { "no adjusted poses lie here" } else { "nothing better can be used" };
+            format!("{n} photo{s} with position and direction in EXIF and XMP; {others}")
         } else {
             format!("{n} poses from a table ({format}){world}{placed}")
         }

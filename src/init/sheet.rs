@@ -7,7 +7,7 @@ use super::file::{Entry, Sheet, quoted};
 use super::folder::name_of;
 use super::placing::Placed;
 use super::project::{Findings, Story, home_of};
-use sizeup_survey::Format;
+use sizeup_survey::{Format, PoseWorld};
 
 /// The configuration with its comments.
 pub(super) fn text(request: &InitRequest, story: &Story) -> String {
@@ -82,6 +82,7 @@ fn survey(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Plac
         let by = found.source.placed_by.as_deref().unwrap_or("what the positions look like");
         entries.push(Entry::new("crs", quoted(&super::frame::short(crs)), format!("of the poses, by {by}")));
     }
+    entries.extend(placed.and_then(|placed| datum_to_declare(found, placed)));
     if config.offset != [0.0; 3] {
         let by = found.source.placed_by.as_deref().unwrap_or_default();
         entries.push(Entry::new("offset", format!("{:?}", config.offset), format!("added to every position, by {by}")));
@@ -102,6 +103,14 @@ fn survey(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Plac
         }
         sheet.entries(height);
     }
+}
+
+/// What may bring the poses into a CRS that they do not reach as they are: the datum that they were really taken in.
+fn datum_to_declare(found: &Findings, placed: &Placed) -> Option<Entry> {
+    let is_on_earth = matches!(&found.source.look.world, PoseWorld::Named(crs) if crs.is_geographic());
+    let base = placed.frame.crs.geographic_base().ok().filter(|_| placed.survey.views.is_empty() && is_on_earth)?;
+    let about = "of the poses, if a base station gave them in the datum of the project's CRS";
+    Some(Entry::off("crs", quoted(&super::frame::short(&base)), about))
 }
 
 /// What settings beside the poses declare of a table: written as they are.
