@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::InitError;
 use sizeup_geo::files::FileError;
 use sizeup_geo::geodata::raster::RasterFile;
-use sizeup_survey::is_photo;
+use sizeup_survey::{is_photo, is_result};
 
 /// Folders nested deeper than this below the one that is named are not looked into: `flight/1_initial/params` is two deep.
 const MAX_DEPTH: usize = 3;
@@ -35,8 +35,6 @@ const RASTERS: [&str; 5] = ["tif", "tiff", "asc", "img", "hgt"];
 const POSES: [&str; 9] = ["xml", "xmlz", "json", "geojson", "opf", "prj", "csv", "tsv", "txt"];
 /// Extensions of videos.
 const VIDEOS: [&str; 8] = ["mp4", "mov", "avi", "mkv", "m4v", "mts", "lrv", "lrf"];
-/// Files that a result of sizeup has, and hardly any other folder.
-const OF_RESULT: [&str; 2] = ["lineage.json", "summary.json"];
 
 /// What may be of use in a folder, each list sorted.
 #[derive(Debug, Default)]
@@ -88,7 +86,7 @@ impl Inventory {
             Err(_) if depth > 0 => return Ok(()),
             Err(error) => return Err(error.into()),
         };
-        if OF_RESULT.iter().all(|name| folder.join(name).is_file()) {
+        if is_result(folder) {
             return Ok(());
         }
         self.folders.push(folder.to_owned());

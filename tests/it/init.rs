@@ -502,6 +502,24 @@ fn barometric_heights_over_a_terrain_model_count_from_the_take_off() {
 }
 
 #[test]
+fn a_project_within_the_folder_of_its_photos_runs_again() {
+    let desk = Desk::new();
+    desk.photos("", &Drone::default());
+    desk.bring("footprints.gpkg", "footprints.gpkg");
+    let within =
+        |args: &[&str]| -> Outcome { sizeup().current_dir(desk.path("flight")).args(args).output().unwrap().into() };
+    assert_eq!(within(&["init", "."]).code, 0);
+    for _ in 0..2 {
+        // The pictures of the first run are no photos of the second.
+        let run = within(&["run", "sizeup.toml", "--until", "survey", "--json"]);
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        let survey: Value = serde_json::from_slice(&fs::read(desk.path("flight/result/survey.json")).unwrap()).unwrap();
+        assert_eq!((&survey["n_views"], &survey["issue_counts"]["photo_unreadable"]), (&json!(N_PHOTOS), &Value::Null));
+    }
+    assert_eq!(within(&["init", ".", "--force"]).code, 0);
+}
+
+#[test]
 fn photos_in_several_folders_of_a_card_are_one_flight() {
     let desk = Desk::new();
     desk.photos("DCIM/100MEDIA", &Drone { n_photos: 12, ..Drone::default() });
@@ -526,10 +544,8 @@ fn parcels_are_no_buildings_and_results_no_input() {
     let fields = [("number", FieldType::Text)];
     write_polygon_layer(&desk.path("flight/flurstuecke.gpkg"), "parcels", &crs, &fields, &[feature]).unwrap();
     // What a run of an earlier day has left.
-    for name in ["lineage.json", "summary.json"] {
-        fs::create_dir_all(desk.path("flight/result")).unwrap();
-        fs::write(desk.path("flight/result").join(name), "{}").unwrap();
-    }
+    fs::create_dir_all(desk.path("flight/result/stages")).unwrap();
+    fs::write(desk.path("flight/result/survey.json"), "{}").unwrap();
     write_outlines(&desk.path("flight/result/buildings.gpkg"), CRS);
     let (summary, outcome) = desk.init(&[]);
     assert_eq!(missing(&summary), ["building outlines"], "{}", outcome.stderr);

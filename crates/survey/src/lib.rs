@@ -46,7 +46,7 @@ pub use formats::Format;
 use formats::{format_of, read_poses};
 pub use inspect::{Reading, Site, inspect};
 pub use photo::{PhotoFacts, photo_facts};
-pub use photos::is_photo;
+pub use photos::{is_photo, is_result};
 pub use report::{Spread, SurveyReport, Trial};
 pub use view::{View, ViewKind};
 pub use write::{ColmapModel, Converted, Target, TiePoint, convert, write};

@@ -32,7 +32,7 @@ fn collect(folder: &Path, depth: usize, photos: &mut Vec<PathBuf>) -> Result<(),
     for entry in fs::read_dir(folder).map_err(FileError::on("cannot read folder", folder))? {
         let path = entry.map_err(FileError::on("cannot read folder", folder))?.path();
         if path.is_dir() {
-            if depth < MAX_DEPTH {
+            if depth < MAX_DEPTH && !is_result(&path) {
                 collect(&path, depth + 1, photos)?;
             }
         } else if is_photo(&path) {
@@ -40,6 +40,12 @@ fn collect(folder: &Path, depth: usize, photos: &mut Vec<PathBuf>) -> Result<(),
         }
     }
     Ok(())
+}
+
+/// Whether a folder holds results of sizeup, whose pictures are no photos.
+#[must_use]
+pub fn is_result(folder: &Path) -> bool {
+    folder.join("survey.json").is_file() && folder.join("stages").is_dir()
 }
 
 /// Whether a file is a map rather than a photo: a raster that says where on the earth it lies.
