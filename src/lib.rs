@@ -43,6 +43,7 @@ pub use sizeup_survey as survey;
 pub mod benchmark;
 pub mod cli;
 pub mod config;
+pub mod init;
 pub mod pipeline;
 pub mod recipe;
 pub mod tiles;

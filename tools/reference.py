@@ -7,7 +7,7 @@ import json
 import subprocess
 import sys
 
-COMMANDS = ["run", "footprints", "dtm", "survey inspect", "survey align", "survey convert", "prior inspect", "prior compute"]
+COMMANDS = ["init", "run", "footprints", "dtm", "survey inspect", "survey align", "survey convert", "prior inspect", "prior compute"]
 COMMANDS += ["evaluate", "changes", "baseline"]
 COMMANDS += ["look", "view", "benchmark", "tiles plan", "tiles run", "tiles merge", "tiles status", "validate", "export", "simulate", "demo", "schema", "completions"]
 

@@ -13,6 +13,7 @@ mod dtm;
 mod evaluate;
 mod export;
 mod footprints;
+mod init;
 mod look;
 mod manual;
 mod model;
@@ -45,7 +46,7 @@ pub const EXIT_FAILED_ITEMS: u8 = 5;
 /// Find the heights of buildings in oblique aerial photos.
 ///
 /// sizeup reads photos' poses, building outlines and depth priors, finds one height per building, and writes a
-/// georeferenced LOD1 city as CityJSON and GeoPackage. Start with `sizeup demo`.
+/// georeferenced LOD1 city as CityJSON and GeoPackage. Start with `sizeup demo`, or with `sizeup init` and your photos.
 #[derive(Debug, Parser)]
 #[command(name = "sizeup", version, propagate_version = true, arg_required_else_help = true)]
 pub struct Cli {
@@ -86,6 +87,8 @@ pub struct Global {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Begin a project from a folder of photos: look what is there, write sizeup.toml, say what is missing.
+    Init(init::InitArgs),
     /// Find the heights of buildings: poses, outlines and priors in, a LOD1 city out.
     Run(run::RunArgs),
     /// Run a city in tiles: plan, run each, merge.
@@ -201,6 +204,7 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         pool.map_err(|e| Failure::new(4, &e))?;
     }
     match &cli.command {
+        Command::Init(args) => init::run(args, &cli.global),
         Command::Run(args) => run::run(args, &cli.global),
         Command::Tiles(command) => tiles::run(command, &cli.global),
         Command::Footprints(args) => footprints::run(args, &cli.global),

@@ -184,7 +184,7 @@ struct Project {
     crs: Crs,
 }
 
-fn three_numbers(text: &str) -> Result<[f64; 3], String> {
+pub(super) fn three_numbers(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
     numbers.ok().and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| "expected x,y,z".to_owned())
 }

@@ -16,8 +16,19 @@ fn outcome(args: &[&str]) -> Outcome {
 fn help_of_every_subcommand_reads_well() {
     let overview = outcome(&["--help"]);
     assert_eq!((overview.code, &*overview.stderr), (0, ""));
-    let commands =
-        ["run", "footprints", "simulate", "evaluate", "changes", "baseline", "look", "benchmark", "demo", "schema"];
+    let commands = [
+        "init",
+        "run",
+        "footprints",
+        "simulate",
+        "evaluate",
+        "changes",
+        "baseline",
+        "look",
+        "benchmark",
+        "demo",
+        "schema",
+    ];
     for command in commands {
         assert!(overview.stdout.lines().any(|line| line.trim_start().starts_with(command)), "{}", overview.stdout);
         let help = outcome(&[command, "--help"]);

@@ -56,7 +56,7 @@ const ROOMS: [Room; 8] = [
     Room {
         name: PROGRAM,
         uses: &["footprints", "geo", "heights", "lab", "photos", "results", "survey"],
-        levels: &[&["config", "recipe"], &["pipeline"], &["benchmark", "tiles"], &["cli"]],
+        levels: &[&["config", "recipe"], &["pipeline"], &["benchmark", "init", "tiles"], &["cli"]],
     },
 ];
 

@@ -23,6 +23,7 @@ mod honest;
 mod hostile_files;
 mod hostile_inputs;
 mod hostile_outlines;
+mod init;
 mod layers;
 mod levels;
 mod mistakes;

@@ -7,15 +7,26 @@ use geo_types::{Coord, Geometry, Polygon};
 use serde_json::Value;
 
 use super::clean::{self, Defect, Repair, Rules};
-use super::{Footprint, FootprintLayer, RefusedFootprint};
+use super::{Footprint, FootprintLayer, RefusedFootprint, osm};
 use sizeup_geo::crs::{CrsError, Transform};
 use sizeup_geo::geodata::vector::{Feature, FeatureGeometry};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::ids::BuildingId;
 
+/// What buildings are called.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Ids<'a> {
+    /// The layer's own numbers.
+    Numbers,
+    /// What an attribute holds.
+    Field(&'a str),
+    /// What OpenStreetMap calls them: ways and relations have numbers of their own.
+    OpenStreetMap,
+}
+
 /// Turns features into footprints, one after the other.
 pub(super) struct FeatureReader<'a> {
-    id_field: Option<&'a str>,
+    ids_from: Ids<'a>,
     to_project: Transform,
     rules: Rules,
     ids: HashSet<String>,
@@ -27,9 +38,9 @@ pub(super) struct FeatureReader<'a> {
 }
 
 impl<'a> FeatureReader<'a> {
-    pub(super) fn new(id_field: Option<&'a str>, to_project: Transform, rules: Rules) -> Self {
+    pub(super) fn new(ids_from: Ids<'a>, to_project: Transform, rules: Rules) -> Self {
         Self {
-            id_field,
+            ids_from,
             to_project,
             rules,
             ids: HashSet::new(),
@@ -88,11 +99,15 @@ impl<'a> FeatureReader<'a> {
     }
 
     fn stated_id(&self, feature: &Feature) -> Option<String> {
-        self.id_field.map(|field| match feature.attributes.get(field) {
-            Some(Value::String(text)) => text.trim().to_owned(),
-            Some(Value::Null) | None => String::new(),
-            Some(value) => value.to_string(),
-        })
+        match self.ids_from {
+            Ids::Numbers => None,
+            Ids::OpenStreetMap => Some(osm::id_of(feature)),
+            Ids::Field(field) => Some(match feature.attributes.get(field) {
+                Some(Value::String(text)) => text.trim().to_owned(),
+                Some(Value::Null) | None => String::new(),
+                Some(value) => value.to_string(),
+            }),
+        }
     }
 
     fn id_from(&mut self, stated: Option<String>, position: usize, feature: &Feature) -> String {

@@ -11,21 +11,21 @@ use serde::{Deserialize, Serialize};
 
 use super::clean::Rules;
 use super::features::FeatureReader;
-use super::{FootprintLayer, overlaps};
+use super::{FootprintLayer, osm, overlaps};
 use sizeup_geo::crs::{Crs, CrsError, Transform};
-use sizeup_geo::geodata::vector::{Feature, FeatureGeometry, VectorError, VectorLayer};
+use sizeup_geo::geodata::vector::{Feature, FeatureGeometry, VectorError};
 use sizeup_photos::onnx::OnnxError;
 
 /// Where the footprints are and how to read them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FootprintConfig {
-    /// Vector file: GeoPackage, GeoJSON, Shapefile, FlatGeobuf or anything else GDAL reads.
+    /// Vector file: GeoPackage, GeoJSON, Shapefile, FlatGeobuf, OpenStreetMap (`.osm`, `.osm.pbf`) or anything else GDAL reads.
     pub path: PathBuf,
-    /// Layer of the file; may be left out where there is only one.
+    /// Layer of the file; may be left out where there is only one. Of an OpenStreetMap file the buildings where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub layer: Option<String>,
-    /// Attribute that holds each building's id; the layer's own feature numbers where left out.
+    /// Attribute that holds each building's id; where left out the layer's own feature numbers, `way/123` of OpenStreetMap.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub id_field: Option<String>,
     /// CRS for a layer that has none or states degrees over coordinates that are metres; refused for any other.
@@ -209,7 +209,7 @@ pub enum FootprintError {
 /// [`FootprintError`] where the layer as a whole cannot be used; single features never fail the layer.
 pub fn read(config: &FootprintConfig, project_crs: &Crs) -> Result<FootprintLayer, FootprintError> {
     check_config(config)?;
-    let mut source = VectorLayer::open(&config.path, config.layer.as_deref())?;
+    let mut source = osm::open_layer(config)?;
     let declared = source.crs()?;
     let features: Vec<Feature> = source.features().collect();
     if features.is_empty() {
@@ -225,7 +225,7 @@ pub fn read(config: &FootprintConfig, project_crs: &Crs) -> Result<FootprintLaye
 
     let rules =
         Rules { grid_m: config.grid_m, min_area_m2: config.min_area_m2, max_area_change: config.max_area_change };
-    let mut reader = FeatureReader::new(config.id_field.as_deref(), to_project, rules);
+    let mut reader = FeatureReader::new(osm::ids(config), to_project, rules);
     for (i, feature) in features.iter().enumerate() {
         reader.add(i, feature);
     }

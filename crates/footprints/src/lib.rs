@@ -25,6 +25,7 @@ mod identity;
 pub mod layer;
 mod lines;
 mod masks;
+mod osm;
 mod outlines;
 mod overlap;
 mod partition;
@@ -47,6 +48,7 @@ pub use detect::{Detection, DetectionSummary, PlacedCandidate, Sighting, Track, 
 pub use georeference::AccuracyConfig;
 pub use layer::{FootprintConfig, FootprintError, read};
 pub use masks::{MaskConfig, MaskFiles, MaskKind};
+pub use osm::{is_osm, open_layer};
 pub use outlines::{Look, OutlineKind, OutlineSource, ViewFault};
 pub use overlap::overlaps;
 pub use parts::LayerParts;

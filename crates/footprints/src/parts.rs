@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::clean::Rules;
 use super::features::FeatureReader;
 use super::layer::{check_config, settle_crs};
-use super::{FootprintConfig, FootprintError, FootprintLayer, overlaps};
+use super::{FootprintConfig, FootprintError, FootprintLayer, osm, overlaps};
 use sizeup_geo::crs::{Crs, Transform};
 use sizeup_geo::geodata::vector::{Feature, VectorLayer};
 use sizeup_geo::terrain::MapBox;
@@ -32,7 +32,7 @@ impl<'a> LayerParts<'a> {
     /// As [`read`].
     pub fn open(config: &'a FootprintConfig, project_crs: &'a Crs) -> Result<Self, FootprintError> {
         check_config(config)?;
-        let mut source = VectorLayer::open(&config.path, config.layer.as_deref())?;
+        let mut source = osm::open_layer(config)?;
         if let Some(field) = config.id_field.as_ref().filter(|wanted| !source.field_names().any(|f| f == *wanted)) {
             let present = source.field_names().map(str::to_owned).collect();
             return Err(FootprintError::NoIdField { path: config.path.clone(), field: field.clone(), present });
@@ -51,7 +51,7 @@ impl<'a> LayerParts<'a> {
         let config = self.config;
         let rules =
             Rules { grid_m: config.grid_m, min_area_m2: config.min_area_m2, max_area_change: config.max_area_change };
-        Ok(FeatureReader::new(config.id_field.as_deref(), to_project, rules))
+        Ok(FeatureReader::new(osm::ids(config), to_project, rules))
     }
 
     fn transform(&self, from: &Crs, to: &Crs) -> Result<Transform, FootprintError> {

@@ -31,6 +31,16 @@ pub enum Subject {
     Input(String),
 }
 
+impl Subject {
+    /// Its name, id or path.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        match self {
+            Self::View(name) | Self::Building(name) | Self::Input(name) => name,
+        }
+    }
+}
+
 /// One item, what is wrong with it, and what to do about it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Issue {

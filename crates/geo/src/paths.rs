@@ -84,6 +84,17 @@ impl OwnPaths {
     }
 }
 
+/// How a file in `folder` names a path: relative where both lie in one place, else from the root.
+#[must_use]
+pub fn named_from(folder: &Path, path: &Path) -> PathBuf {
+    let (Some(to), Some(from)) = (full(path), full(folder)) else { return path.to_owned() };
+    // What two paths share of a root says nothing of their belonging together.
+    let n_shared = to.components().zip(from.components()).take_while(|(a, b)| a == b).count();
+    let n_own = from.components().filter(|part| matches!(part, Component::Normal(_))).count();
+    let is_one_place = n_shared > 1 || n_own <= 1;
+    if is_one_place { relative(&to, &from) } else { to }
+}
+
 /// An absolute path without `.` and `..`, by its text alone.
 fn full(path: &Path) -> Option<PathBuf> {
     let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
@@ -156,6 +167,16 @@ mod tests {
         assert_eq!(saved("/town", "sparse", "/scratch/run"), "/town/sparse");
         assert_eq!(saved("/town", "/photos/{stem}.npy", "/town/result"), "/photos/{stem}.npy");
         assert_eq!(saved("/town", "/vsizip/a.zip/b", "/town/result"), "/vsizip/a.zip/b");
+    }
+
+    #[test]
+    fn a_file_names_what_lies_near_by_a_relative_path() {
+        let named = |folder: &str, path: &str| named_from(Path::new(folder), Path::new(path)).display().to_string();
+        assert_eq!(named("/town", "/town/photos/a"), "photos/a");
+        assert_eq!(named("/town", "/town"), ".");
+        assert_eq!(named("/home/me/town", "/home/me/photos"), "../photos");
+        assert_eq!(named("/home/me", "/media/card/DCIM"), "/media/card/DCIM");
+        assert_eq!(named("", "photos/../dtm.tif"), "dtm.tif");
     }
 
     #[test]

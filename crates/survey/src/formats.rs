@@ -136,13 +136,17 @@ pub(crate) fn format_of(config: &SurveyConfig) -> Result<Format, SurveyError> {
     if config.csv.is_some() {
         return Ok(Format::Csv);
     }
-    let candidate = Candidate::of(&config.path)?;
-    let is_it = |format: &Format| format.reader().is_some_and(|reader| (reader.recognises)(&candidate));
-    ABOUT.iter().map(|&(format, _)| format).find(is_it).ok_or_else(|| {
+    recognised(&Candidate::of(&config.path)?).ok_or_else(|| {
         let names: Vec<String> = Format::all().map(|(format, _)| format.name()).collect();
         let message = format!("the format of {} is not recognised", config.path.display());
         SurveyError::config(message, format!("set `format` to one of {}", names.join(", ")))
     })
+}
+
+/// The first format whose recogniser knows a file or folder.
+pub(crate) fn recognised(candidate: &Candidate) -> Option<Format> {
+    let is_it = |format: &Format| format.reader().is_some_and(|reader| (reader.recognises)(candidate));
+    ABOUT.iter().map(|&(format, _)| format).find(is_it)
 }
 
 /// The poses as the file has them.

@@ -23,7 +23,7 @@ const MAX_ABOVE_GROUND_M: f64 = 10_000.0;
 /// Views further outside the area that a CRS is meant for, degrees, are not in it. Grids are often used beyond their zone.
 const MAX_OUTSIDE_DEG: f64 = 6.0;
 /// Projected positions this near the origin are local, metres: no national grid has land there.
-const LOCAL_WITHIN_M: f64 = 2e4;
+pub(crate) const LOCAL_WITHIN_M: f64 = 2e4;
 /// Code of the issue of a view that looks up.
 pub(crate) const LOOKS_UP: &str = "view_looks_up";
 /// Code of the issue of a camera too deep or too high.

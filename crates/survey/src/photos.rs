@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::{View, whole};
 use sizeup_geo::files::FileError;
+use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 
 /// Extensions of files that are photos, lower case.
@@ -31,7 +32,7 @@ fn collect(folder: &Path, depth: usize, photos: &mut Vec<PathBuf>) -> Result<(),
     for entry in fs::read_dir(folder).map_err(FileError::on("cannot read folder", folder))? {
         let path = entry.map_err(FileError::on("cannot read folder", folder))?.path();
         if path.is_dir() {
-            if depth < MAX_DEPTH {
+            if depth < MAX_DEPTH && !is_result(&path) {
                 collect(&path, depth + 1, photos)?;
             }
         } else if is_photo(&path) {
@@ -41,8 +42,21 @@ fn collect(folder: &Path, depth: usize, photos: &mut Vec<PathBuf>) -> Result<(),
     Ok(())
 }
 
+/// Whether a folder holds results of sizeup, whose pictures are no photos.
+#[must_use]
+pub fn is_result(folder: &Path) -> bool {
+    folder.join("survey.json").is_file() && folder.join("stages").is_dir()
+}
+
+/// Whether a file is a map rather than a photo: a raster that says where on the earth it lies.
+pub(crate) fn is_map(path: &Path) -> bool {
+    let may_be = path.extension().is_some_and(|e| ["tif", "tiff", "jp2"].iter().any(|map| e.eq_ignore_ascii_case(map)));
+    may_be && RasterFile::open(path).is_ok_and(|file| file.grid().is_ok() && file.crs().is_ok_and(|crs| crs.is_some()))
+}
+
 /// Whether a path has a photo's extension.
-pub(crate) fn is_photo(path: &Path) -> bool {
+#[must_use]
+pub fn is_photo(path: &Path) -> bool {
     path.extension()
         .and_then(|e| e.to_str())
         .is_some_and(|e| PHOTO_EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
@@ -93,7 +107,7 @@ pub(crate) fn attach(
             is_used[i] = true;
         }
     }
-    for (path, _) in files.iter().zip(is_used).filter(|(_, used)| !used) {
+    for (path, _) in files.iter().zip(is_used).filter(|(path, used)| !used && !is_map(path)) {
         let name = path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned();
         let message = "the survey has no pose for this photo".to_owned();
         issues.push(

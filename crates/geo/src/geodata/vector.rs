@@ -72,6 +72,42 @@ pub enum FeatureGeometry {
     Unsupported(String),
 }
 
+/// GDAL's driver of OpenStreetMap files, whose layers are views of one stream of features.
+const OSM: &str = "OSM";
+
+/// A layer of a file, before it is opened.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LayerInfo {
+    /// Its name.
+    pub name: String,
+    /// Whether it may hold polygons: so it says, or it does not say.
+    pub may_hold_polygons: bool,
+}
+
+/// The layers of a file that hold geometry, in the file's order.
+///
+/// # Errors
+/// [`VectorError::Open`]; [`VectorError::Refused`] as [`VectorLayer::open`].
+pub fn layers_of(path: &Path) -> Result<Vec<LayerInfo>, VectorError> {
+    let dataset = open_dataset(path)?;
+    let info = |layer: gdal::vector::Layer<'_>| {
+        let kind = gdal::vector::geometry_type_flatten(layer.defn().geometry_type());
+        let may_hold_polygons = !matches!(
+            kind,
+            Kind::wkbPoint | Kind::wkbMultiPoint | Kind::wkbLineString | Kind::wkbMultiLineString | Kind::wkbMultiCurve
+        );
+        (kind != Kind::wkbNone).then(|| LayerInfo { name: layer.name(), may_hold_polygons })
+    };
+    Ok(dataset.layers().filter_map(info).collect())
+}
+
+fn open_dataset(path: &Path) -> Result<gdal::Dataset, VectorError> {
+    open::open(path, Open::Vector).map_err(|fault| match fault {
+        Fault::Refused(refusal) => refusal.into(),
+        Fault::Gdal(source) => VectorError::Open { path: path.to_owned(), source },
+    })
+}
+
 /// An open layer.
 #[derive(Debug)]
 pub struct VectorLayer {
@@ -87,10 +123,8 @@ impl VectorLayer {
     /// # Errors
     /// [`VectorError::Open`]; [`VectorError::Refused`] for what is on a server, or has no extension that names a format; [`VectorError::Layer`] listing the layers there are.
     pub fn open(path: &Path, layer: Option<&str>) -> Result<Self, VectorError> {
-        let dataset = open::open(path, Open::Vector).map_err(|fault| match fault {
-            Fault::Refused(refusal) => refusal.into(),
-            Fault::Gdal(source) => VectorError::Open { path: path.to_owned(), source },
-        })?;
+        let dataset = open_dataset(path)?;
+        let is_osm = dataset.driver().short_name() == OSM;
         let names: Vec<(usize, String)> = dataset
             .layers()
             .enumerate()
@@ -112,6 +146,9 @@ impl VectorLayer {
             (None, []) => return Err(refuse("it has no layer with geometry".to_owned())),
             (None, several) => return Err(refuse(format!("it has {} layers", several.len()))),
         };
+        if is_osm {
+            silence(&dataset, chosen.0);
+        }
         let layer =
             dataset.into_layer(chosen.0).map_err(|source| VectorError::Open { path: path.to_owned(), source })?;
         let fields = layer.defn().fields().map(|field| (field.name(), field.field_type())).collect();
@@ -151,6 +188,21 @@ impl VectorLayer {
         self.layer.set_spatial_filter_rect(west, south, east, north);
     }
 
+    /// How many features it shows, where the file tells without being gone through.
+    #[must_use]
+    pub fn n_features(&self) -> Option<u64> {
+        self.layer.try_feature_count()
+    }
+
+    /// Shows only what fulfils a condition on attributes, in OGR's SQL, from here on.
+    ///
+    /// # Errors
+    /// [`VectorError::Open`] for a condition that is none.
+    pub fn only_where(&mut self, condition: &str) -> Result<(), VectorError> {
+        let failed = |source| VectorError::Open { path: self.path.clone(), source };
+        self.layer.set_attribute_filter(condition).map_err(failed)
+    }
+
     /// All features, in the layer's order.
     pub fn features(&mut self) -> impl Iterator<Item = Feature> {
         let fields = &self.fields;
@@ -159,6 +211,16 @@ impl VectorLayer {
             geometry: feature.geometry().map_or(FeatureGeometry::Missing, shape_of_feature),
             attributes: attributes(&feature, fields),
         })
+    }
+}
+
+/// Lets the other layers of an OpenStreetMap file take nothing in: GDAL keeps what it comes across for a layer that may be read
+/// later, and gives up when that gets too much.
+fn silence(dataset: &gdal::Dataset, chosen: usize) {
+    const NOTHING: &str = "osm_id = 'none'";
+    for (_, mut layer) in dataset.layers().enumerate().filter(|(i, _)| *i != chosen) {
+        // A layer that does not know the attribute is read as a whole, as without this.
+        let _ = layer.set_attribute_filter(NOTHING);
     }
 }
 

@@ -9,6 +9,7 @@
 //! `CalibratedFocalLength`, else focal length over pixel pitch, else the 35 mm equivalent, which is 2-8 % wrong on some
 //! sensors. The EXIF orientation flag is not applied: poses refer to the raster as stored.
 
+mod facts;
 mod header;
 mod lens;
 mod mrk;
@@ -21,6 +22,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use rayon::prelude::*;
 
+pub use self::facts::{PhotoFacts, photo_facts};
 use self::header::Header;
 use self::mrk::{Logs, Record};
 use super::angles::{AngleConvention, AngleKind, North};
@@ -71,7 +73,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let mut is_ellipsoidal = true;
     let mut sigmas_m = Vec::new();
     let mut cameras: BTreeMap<String, Arc<Camera>> = BTreeMap::new();
-    for reading in readings {
+    for (path, reading) in files.iter().zip(readings) {
         match reading {
             Ok(Reading { mut pose, focal, rtk, is_ellipsoidal: this, mismatch, sigma_m }) => {
                 is_ellipsoidal &= this;
@@ -86,6 +88,8 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
                 pose.camera = Arc::clone(shared);
                 poses.poses.push(pose);
             }
+            // A terrain model or an orthophoto beside the photos is none of them.
+            Err(_) if photos::is_map(path) => {}
             Err(issue) => poses.issues.push(*issue),
         }
     }
@@ -122,13 +126,8 @@ fn read_one(
         let absolute = tags.number("AbsoluteAltitude").map_err(no_pose)?.or(header.altitude_m());
         absolute.ok_or_else(|| no_pose("its metadata have no altitude".to_owned()))?
     };
-    let flag = tags.number("RtkFlag").map_err(no_pose)?.map(|flag| flag as u32);
-    let mut rtk = match flag {
-        Some(RTK_FIXED) => "fixed",
-        Some(flag) if flag >= RTK_FLOAT => "float",
-        Some(RTK_SINGLE) => "single",
-        _ => "none",
-    };
+    let flag = tags.number("RtkFlag").map_err(no_pose)?;
+    let mut rtk = flag.map_or("none", |flag| rtk_word(flag as u32));
     let mut is_ellipsoidal = matches!(rtk, "fixed" | "float") || tags.text("AltitudeType") == Some("RtkAlt");
     let mut centre = DVec3::new(lon_deg, lat_deg, height_m);
     let record = record.filter(|record| record.is_rtk());
@@ -142,6 +141,16 @@ fn read_one(
     let sigma_m = record.map(|record| (record.sigma_m.x.hypot(record.sigma_m.y), record.sigma_m.z));
     let pose = Pose { name: name.to_owned(), camera: Arc::new(lens.camera), camera_from_world, centre };
     Ok(Reading { pose, focal: lens.source, rtk, is_ellipsoidal, mismatch, sigma_m })
+}
+
+/// A flag of DJI in a word.
+fn rtk_word(flag: u32) -> &'static str {
+    match flag {
+        RTK_FIXED => "fixed",
+        flag if flag >= RTK_FLOAT => "float",
+        RTK_SINGLE => "single",
+        _ => "none",
+    }
 }
 
 /// Longitude and latitude: XMP has more digits than EXIF, and a spelling mistake of its own.

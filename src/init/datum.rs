@@ -1,0 +1,353 @@
+//! What heights count from: those of the poses and those of the ground have to count from one level, and a receiver's count from
+//! the ellipsoid, up to 107 m from sea level. What the files do not say is estimated where something tells it, with the
+//! uncertainty, and asked for where nothing does.
+//!
+//! ```text
+//! take-off = height of a photo − its height above take-off     (in what the poses count from)
+//! shift    = take-off − terrain model under the cameras        (to within the relief and the barometer)
+//! ```
+
+use super::file::Entry;
+use super::flight::Level;
+use super::ground::TerrainFile;
+use super::project::Lack;
+use glam::DVec3;
+use sizeup_geo::crs::{Crs, Transform3d};
+use sizeup_photos::dtm::DtmConfig;
+use sizeup_survey::{HeightConfig, HeightReference, StatedHeights};
+
+/// A terrain model that lies this near the take-off counts from what the poses count from, metres, beyond its own relief.
+const SAME_LEVEL_M: f64 = 15.0;
+
+/// Where the geoid is from.
+const GEOID: &str = "the geoid EGM96 here, which national zeros follow to within a metre or two";
+
+/// What is known of heights.
+pub(super) struct Known<'a> {
+    /// What the poses say of theirs.
+    pub stated: StatedHeights,
+    /// Whether they reach the project's vertical reference as they are, by PROJ or because both are one.
+    pub is_reached: bool,
+    /// Why not.
+    pub why_not: Option<String>,
+    /// Where the drone took off, in the poses' heights.
+    pub takeoff: Option<Level>,
+    /// Height of the geoid above the ellipsoid, metres.
+    pub geoid_m: Option<f64>,
+    /// What lies there as ground.
+    pub ground: Ground<'a>,
+}
+
+/// What lies there as ground.
+#[derive(Clone, Copy)]
+pub(super) enum Ground<'a> {
+    /// A terrain model, and its level under the cameras.
+    Model(&'a TerrainFile, Level),
+    /// One height that somebody gave.
+    Given(f64),
+    /// Nothing.
+    Nothing,
+}
+
+impl Ground<'_> {
+    fn level(&self) -> Option<Level> {
+        match self {
+            Self::Model(_, level) => Some(*level),
+            Self::Given(_) | Self::Nothing => None,
+        }
+    }
+}
+
+/// How heights are brought together.
+#[derive(Debug, Default)]
+pub(super) struct Datum {
+    /// What the poses' heights count from, as the survey takes it.
+    pub height: HeightConfig,
+    /// The same as entries of the configuration.
+    pub height_entries: Vec<Entry>,
+    /// Entries of `[terrain]`.
+    pub terrain_entries: Vec<Entry>,
+    /// One height of the ground, metres.
+    pub constant_m: Option<f64>,
+    /// Added to a terrain model, metres.
+    pub offset_m: Option<f64>,
+    /// Whether the photos put the ground right.
+    pub is_sharpened: bool,
+    /// How far the ground may be from the level that the photos start from, metres.
+    pub within_m: f64,
+    /// What the project's heights count from, in words.
+    pub vertical_reference: Option<String>,
+    /// What the ground is, in a line.
+    pub ground_in_words: String,
+    /// What heights count from, in a line.
+    pub in_words: String,
+    pub warnings: Vec<String>,
+    pub lacks: Vec<Lack>,
+}
+
+/// The geoid (EGM96) above the ellipsoid at a place, metres, where PROJ has its grid.
+pub(super) fn geoid_m((lon_deg, lat_deg): (f64, f64)) -> Option<f64> {
+    let (from, to) = (Crs::parse("EPSG:4979").ok()?, Crs::parse("EPSG:4326+5773").ok()?);
+    let on_ellipsoid = DVec3::new(lon_deg, lat_deg, 0.0);
+    Some(-Transform3d::new(&from, &to).ok()?.point(on_ellipsoid).ok()?.z)
+}
+
+/// Brings the heights together.
+pub(super) fn settle(known: &Known<'_>) -> Datum {
+    let mut datum = by_ground(known);
+    let spreads = [known.takeoff.map(|level| level.spread_m), known.ground.level().map(|level| level.spread_m)];
+    let unsure_m = 2.0 * spreads.into_iter().flatten().fold(0.0, f64::max);
+    datum.within_m = DtmConfig::default().within_m.max(unsure_m.ceil());
+    datum
+}
+
+fn by_ground(known: &Known<'_>) -> Datum {
+    match known.ground {
+        Ground::Model(file, level) => on_model(known, file, level),
+        Ground::Given(level_m) => {
+            let mut datum = as_they_are(known);
+            datum.constant_m = Some(level_m);
+            datum.ground_in_words = format!("{level_m} m everywhere, as given by --ground");
+            datum.terrain_entries.push(Entry::new("constant_m", format!("{level_m:?}"), datum.ground_in_words.clone()));
+            doubt_given(&mut datum, known, level_m);
+            datum
+        }
+        Ground::Nothing => from_takeoff(known),
+    }
+}
+
+/// The poses' heights as they are, and the project's with them.
+fn as_they_are(known: &Known<'_>) -> Datum {
+    let mut datum = Datum::default();
+    if known.is_reached {
+        datum.in_words = match known.stated {
+            StatedHeights::Ellipsoidal | StatedHeights::ByCrs => {
+                "the poses' reach the project's vertical reference".to_owned()
+            }
+            _ => "what the poses' heights count from is not said: the project counts from the same".to_owned(),
+        };
+        return datum;
+    }
+    match known.stated {
+        StatedHeights::Ellipsoidal => {
+            datum.height.keep_ellipsoidal = true;
+            let why =
+                "heights stay above the ellipsoid, as the receiver gave them; national heights differ by up to 107 m";
+            datum.height_entries.push(Entry::new("keep_ellipsoidal", "true", why));
+            datum.vertical_reference = Some("ellipsoid".to_owned());
+            "ellipsoidal, in poses and results".clone_into(&mut datum.in_words);
+        }
+        StatedHeights::Unreliable => {
+            datum.height.reference = Some(HeightReference::Project);
+            let why = "heights stay as the drone counted them (barometer, no base station): right beside each other, not absolutely";
+            datum.height_entries.push(Entry::new("reference", "\"project\"", why));
+            datum.vertical_reference = Some("the drone's own altitude".to_owned());
+            "the drone's own altitude, in poses and results; no national heights".clone_into(&mut datum.in_words);
+        }
+        StatedHeights::ByCrs | StatedHeights::Unsaid => {
+            let why = known.why_not.clone().unwrap_or_default();
+            datum.lacks.push(Lack::new(
+                "the poses' heights",
+                why,
+                "set [survey.height], or a --crs with the heights of the poses",
+            ));
+        }
+    }
+    datum
+}
+
+/// The ground that the photos tell: the level of the take-off.
+fn from_takeoff(known: &Known<'_>) -> Datum {
+    let mut datum = as_they_are(known);
+    let Some(level) = known.takeoff else {
+        let how = "a terrain model (DTM) from the national survey, put into the folder or named by --dtm; or the rough height of the \
+                   ground by --ground METRES, counted from what the poses' heights count from";
+        let why = "no terrain model lies here, and the photos do not tell how high they are above take-off";
+        datum.lacks.push(Lack::new("the ground", why, how));
+        return datum;
+    };
+    let Level { median_m, spread_m, n } = level;
+    let level_m = (10.0 * median_m).round() / 10.0;
+    datum.constant_m = Some(level_m);
+    datum.is_sharpened = true;
+    datum.ground_in_words = format!(
+        "about {level_m:.1} m, the place of take-off by {n} photos (within {spread_m:.1} m of each other; the ground elsewhere may \
+         differ by the relief); the photos find the terrain from there"
+    );
+    datum.terrain_entries.push(Entry::new("constant_m", format!("{level_m:?}"), datum.ground_in_words.clone()));
+    datum
+}
+
+/// Says so where the given height of the ground and the take-off are not of one level.
+fn doubt_given(datum: &mut Datum, known: &Known<'_>, level_m: f64) {
+    if let Some(takeoff) = known.takeoff.filter(|takeoff| (takeoff.median_m - level_m).abs() > SAME_LEVEL_M) {
+        datum.warnings.push(format!(
+            "--ground {level_m} is {:.0} m from the take-off at {:.1} m in the poses' heights: does it count from another level \
+             (sea level against the ellipsoid)?",
+            (takeoff.median_m - level_m).abs(),
+            takeoff.median_m
+        ));
+    }
+}
+
+/// Poses over a terrain model.
+fn on_model(known: &Known<'_>, file: &TerrainFile, level: Level) -> Datum {
+    let mut datum = Datum { vertical_reference: file.vertical.clone(), ..Datum::default() };
+    datum.ground_in_words =
+        format!("{:.1} m under the cameras (± {:.1} m); {}", level.median_m, level.spread_m, file.why);
+    if !file.is_named {
+        datum.warnings.push(format!(
+            "nothing says whether {} is terrain or a surface model with roofs on it: look at it before you trust heights",
+            super::folder::name_of(&file.path)
+        ));
+    }
+    match known.stated {
+        StatedHeights::Ellipsoidal if !known.is_reached => from_ellipsoid(&mut datum, known, level),
+        StatedHeights::Unreliable if !known.is_reached => from_barometer(&mut datum, known, level),
+        _ if !known.is_reached => {
+            let why = known.why_not.clone().unwrap_or_default();
+            datum.lacks.push(Lack::new(
+                "the poses' heights",
+                why,
+                "set [survey.height], or a --crs with the heights of the poses",
+            ));
+        }
+        StatedHeights::Ellipsoidal | StatedHeights::ByCrs => {
+            "the poses' reach the project's vertical reference by PROJ".clone_into(&mut datum.in_words);
+            if file.vertical.is_none() {
+                datum.warnings.push(format!(
+                    "{} does not say what its heights count from: it is taken to be the project's vertical reference",
+                    super::folder::name_of(&file.path)
+                ));
+            }
+        }
+        _ => unsaid(&mut datum, known, level),
+    }
+    datum
+}
+
+fn from_ellipsoid(datum: &mut Datum, known: &Known<'_>, level: Level) {
+    let by_takeoff = known.takeoff.map(|takeoff| Shift::of(takeoff, level));
+    let geoid = known.geoid_m.filter(|geoid_m| by_takeoff.is_none_or(|takeoff| takeoff.allows(*geoid_m)));
+    let told = geoid
+        .map(|geoid_m| (geoid_m, GEOID.to_owned()))
+        .or_else(|| by_takeoff.map(|takeoff| (takeoff.metres, takeoff.in_words())));
+    let Some((shift_m, source)) = told else {
+        let how = "state how far the zero of the terrain model lies above the ellipsoid: geoid_offset in [survey.height]; or a --crs \
+                   with heights, such as EPSG:25832+7837";
+        let why = "the poses' heights are ellipsoidal, the terrain model's are not said";
+        datum.height_entries.push(Entry::off(
+            "geoid_offset",
+            "44.0",
+            "metres; national surveys and geoid calculators tell it",
+        ));
+        datum.lacks.push(Lack::new("what heights count from", why, how));
+        return;
+    };
+    let shift_m = (10.0 * shift_m).round() / 10.0;
+    datum.height.geoid_offset = Some(shift_m);
+    datum.height_entries.push(Entry::new(
+        "geoid_offset",
+        format!("{shift_m:?}"),
+        format!("metres, ESTIMATED: {source}"),
+    ));
+    datum.is_sharpened = true;
+    datum.in_words = format!("ellipsoidal minus {shift_m} m, into those of the terrain model");
+    datum.warnings.push(format!(
+        "the poses' heights are ellipsoidal and the terrain model's are not said: {shift_m} m are taken off, estimated ({source}); the \
+         photos put the rest right. State the true geoid_offset for exact levels"
+    ));
+    let contradicted = known.geoid_m.zip(by_takeoff).filter(|(geoid_m, takeoff)| !takeoff.allows(*geoid_m));
+    if let Some((geoid_m, takeoff)) = contradicted {
+        datum.warnings.push(format!(
+            "the take-off lies {:.0} m (± {:.0} m) above the terrain model, and the geoid {geoid_m:.0} m above the ellipsoid: the poses' \
+             heights may not be ellipsoidal, or the terrain model's are",
+            takeoff.metres, takeoff.within_m
+        ));
+    }
+}
+
+/// What the poses' heights are above a terrain model's.
+#[derive(Debug, Clone, Copy)]
+struct Shift {
+    metres: f64,
+    /// How well it is known: the relief under the cameras, and what the photos differ by.
+    within_m: f64,
+}
+
+impl Shift {
+    fn of(takeoff: Level, model: Level) -> Self {
+        Self { metres: takeoff.median_m - model.median_m, within_m: takeoff.spread_m + model.spread_m }
+    }
+
+    /// Whether another figure for it can be right as well.
+    fn allows(self, metres: f64) -> bool {
+        (self.metres - metres).abs() <= SAME_LEVEL_M + self.within_m
+    }
+
+    fn in_words(self) -> String {
+        let within_m = self.within_m.max(2.0);
+        format!("the take-off by the photos minus the terrain model under the cameras, good to {within_m:.0} m")
+    }
+}
+
+fn from_barometer(datum: &mut Datum, known: &Known<'_>, level: Level) {
+    if known.takeoff.is_none() {
+        let why = "the poses' heights have no known reference (no base station), and the photos do not tell theirs above take-off";
+        let how = "set [survey.height], as in reference = \"above_takeoff\" with base, the height of the take-off in the terrain model";
+        datum.height_entries.push(Entry::off("reference", "\"above_takeoff\"", ""));
+        datum.height_entries.push(Entry::off("base", format!("{:.1}", level.median_m), "metres"));
+        datum.lacks.push(Lack::new("what heights count from", why, how));
+        return;
+    }
+    let base_m = (10.0 * level.median_m).round() / 10.0;
+    datum.height =
+        HeightConfig { reference: Some(HeightReference::AboveTakeoff), base: Some(base_m), ..HeightConfig::default() };
+    let why = "the drone's heights have no known zero (no base station): those above take-off are used";
+    datum.height_entries.push(Entry::new("reference", "\"above_takeoff\"", why));
+    let why = format!(
+        "metres, ESTIMATED: the terrain model under the cameras (± {:.1} m); better: its height where the drone took off",
+        level.spread_m
+    );
+    datum.height_entries.push(Entry::new("base", format!("{base_m:?}"), why));
+    datum.is_sharpened = true;
+    datum.in_words = format!("above take-off, taken to be at {base_m} m in the terrain model");
+    datum.warnings.push(format!(
+        "the drone's heights have no known zero: the take-off is taken to be at {base_m} m, the terrain model under the cameras (± {:.1} m); \
+         the photos put the rest right. State the true survey.height.base for exact levels",
+        level.spread_m
+    ));
+}
+
+/// Poses that do not say what their heights count from, or say the terrain's.
+fn unsaid(datum: &mut Datum, known: &Known<'_>, level: Level) {
+    let Some(takeoff) = known.takeoff else {
+        "the poses do not say: taken to be the terrain model's".clone_into(&mut datum.in_words);
+        datum.warnings.push(
+            "what the poses' heights count from is not said: they are taken to count from what the terrain model counts from".to_owned(),
+        );
+        return;
+    };
+    let shift = Shift::of(takeoff, level);
+    let within_m = shift.within_m;
+    if shift.allows(0.0) {
+        datum.in_words = format!(
+            "the poses do not say: taken to be the terrain model's, which the take-off confirms to {:.0} m (± {within_m:.0} m)",
+            shift.metres.abs()
+        );
+        return;
+    }
+    let shift_m = (10.0 * shift.metres).round() / 10.0;
+    datum.offset_m = Some(shift_m);
+    datum.is_sharpened = true;
+    datum.vertical_reference = None;
+    let why = format!(
+        "metres, ESTIMATED: the take-off by the photos lies so much above the terrain model (± {within_m:.0} m)"
+    );
+    datum.terrain_entries.push(Entry::new("vertical_offset_m", format!("{shift_m:?}"), why));
+    datum.in_words = format!("those of the poses, {shift_m} m from the terrain model's");
+    datum.warnings.push(format!(
+        "the poses' heights and the terrain model's count from different levels: the take-off lies {shift_m} m (± {within_m:.0} m) above the \
+         model; the model is moved by that (vertical_offset_m), and the photos put the rest right"
+    ));
+}

@@ -1,0 +1,136 @@
+//! Which CRS a project gets: the one that is asked for, that of the poses, that of the outlines or the terrain, else the UTM zone
+//! of the photos.
+
+use super::InitError;
+use super::place::Place;
+use super::poses::PoseSource;
+use glam::DVec3;
+use sizeup_geo::crs::{Crs, CrsError, Transform};
+use sizeup_survey::{Numbers, PoseWorld};
+
+/// Numbers that a zone gives for where the photos are differ from the poses' by less, metres: satellite positions.
+const SAME_PLACE_M: f64 = 500.0;
+/// Zones in which ETRS89 is used.
+const ETRS89_ZONES: std::ops::RangeInclusive<i64> = 28..=38;
+
+/// A CRS that the project may have.
+#[derive(Debug, Clone)]
+pub(super) struct Frame {
+    /// The CRS.
+    pub crs: Crs,
+    /// As it is written in the configuration.
+    pub definition: String,
+    /// Where it is from.
+    pub why: String,
+}
+
+impl Frame {
+    fn new(crs: Crs, why: impl Into<String>) -> Self {
+        let definition = short(&crs);
+        Self { crs, definition, why: why.into() }
+    }
+}
+
+/// A file whose CRS may be the project's.
+pub(super) struct Neighbour<'a> {
+    /// What it is, in words.
+    pub name: String,
+    /// Its CRS.
+    pub crs: &'a Crs,
+}
+
+/// A CRS as a person would write it.
+pub(super) fn short(crs: &Crs) -> String {
+    match (crs.epsg(), crs.horizontal_epsg(), crs.vertical_epsg()) {
+        (Some(code), ..) => format!("EPSG:{code}"),
+        (None, Some(plane), Some(heights)) => format!("EPSG:{plane}+{heights}"),
+        _ => crs.definition().to_owned(),
+    }
+}
+
+/// The CRS that is asked for.
+pub(super) fn asked(definition: &str, place: &Place) -> Result<Frame, InitError> {
+    let crs = Crs::parse(definition)?;
+    let better = |error| match (error, place.middle_deg()) {
+        (CrsError::NotProjectedInMetres { definition, found, .. }, Some((lon, lat))) => {
+            let zone = utm(lon, lat).map_or_else(|| Crs::utm_zone(lon, lat), |crs| short(&crs));
+            let hint = format!(
+                "the photos lie at {lon:.3}°, {lat:.3}° (longitude, latitude): use {zone} (UTM), the national grid, or leave --crs out"
+            );
+            CrsError::NotProjectedInMetres { definition, found, hint }
+        }
+        (error, _) => error,
+    };
+    crs.require_projected_metres().map_err(better)?;
+    let definition = definition.trim().to_owned();
+    Ok(Frame { crs, definition, why: "as asked for by --crs".to_owned() })
+}
+
+/// What the CRS may be where none is asked for, the best first.
+pub(super) fn candidates(source: &PoseSource, neighbours: &[Neighbour<'_>], photos_at: &Place) -> Vec<Frame> {
+    let is_fit = |crs: &Crs| crs.require_projected_metres().is_ok();
+    let own = match &source.look.world {
+        PoseWorld::Named(crs) if is_fit(crs) => {
+            let by = source.placed_by.as_ref().map_or_else(String::new, |by| format!(", by {by}"));
+            Some(Frame::new(crs.clone(), format!("the CRS of the poses{by}")))
+        }
+        _ => None,
+    };
+    let coded = |near: &&Neighbour<'_>| is_fit(near.crs) && near.crs.horizontal_epsg().is_some();
+    let near = neighbours.iter().filter(coded);
+    let near = near.map(|near| Frame::new(near.crs.clone(), format!("the CRS of {}", near.name)));
+    let place = Place::of(&source.look);
+    let zone = place.middle_deg().and_then(|(lon, lat)| {
+        let why = format!("the UTM zone of the photos, at {lon:.4}°, {lat:.4}° (longitude, latitude)");
+        Some(Frame::new(utm(lon, lat)?, why))
+    });
+    let confirmed = confirmed(source, photos_at);
+    own.into_iter().chain(near).chain(zone).chain(confirmed).collect()
+}
+
+/// The zone in which the photos' own positions are where poses of an unnamed grid are.
+fn confirmed(source: &PoseSource, photos_at: &Place) -> Option<Frame> {
+    if source.look.world != PoseWorld::Unsaid(Numbers::Projected) {
+        return None;
+    }
+    let (lon, lat) = photos_at.middle_deg()?;
+    let n = source.look.positions.len().max(1) as f64;
+    let middle = source.look.positions.iter().sum::<DVec3>() / n;
+    let crs = utm(lon, lat)?;
+    let (x, y) = Transform::new(&Crs::parse("EPSG:4326").ok()?, &crs).ok()?.point(lon, lat).ok()?;
+    let is_there = (middle.x - x).hypot(middle.y - y) < SAME_PLACE_M;
+    is_there.then(|| Frame::new(crs, "the UTM zone in which the photos' own positions and the poses agree"))
+}
+
+/// The UTM zone of a place: on ETRS89 where that grid is meant for it, else on WGS 84.
+fn utm(lon_deg: f64, lat_deg: f64) -> Option<Crs> {
+    let zone = (((lon_deg + 180.0) / 6.0).floor() as i64).rem_euclid(60) + 1;
+    let european = ETRS89_ZONES.contains(&zone).then(|| Crs::parse(&format!("EPSG:258{zone}")).ok()).flatten();
+    let holds = |crs: &Crs| {
+        crs.area_of_use_deg().is_some_and(|[west, south, east, north]| {
+            (west..=east).contains(&lon_deg) && (south..=north).contains(&lat_deg)
+        })
+    };
+    european.filter(holds).or_else(|| Crs::parse(&Crs::utm_zone(lon_deg, lat_deg)).ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn zones_are_european_where_that_grid_is_meant_for() {
+        let zone = |lon, lat| short(&utm(lon, lat).unwrap());
+        assert_eq!(zone(9.18, 48.78), "EPSG:25832");
+        assert_eq!(zone(18.07, 59.33), "EPSG:25834");
+        assert_eq!(zone(-87.63, 41.88), "EPSG:32616");
+        assert_eq!(zone(-70.67, -33.44), "EPSG:32719");
+        assert_eq!(zone(139.7, 35.7), "EPSG:32654");
+    }
+
+    #[test]
+    fn compound_systems_are_written_by_their_codes() {
+        assert_eq!(short(&Crs::parse("EPSG:25832+7837").unwrap()), "EPSG:25832+7837");
+        assert_eq!(short(&Crs::parse("EPSG:7415").unwrap()), "EPSG:7415");
+    }
+}

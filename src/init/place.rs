@@ -1,0 +1,61 @@
+//! Where the photos were taken, as far as their poses tell before there is a project: on the earth, or in numbers of a CRS that
+//! nobody names.
+
+use glam::{DVec2, DVec3};
+
+use sizeup_geo::crs::{Crs, Transform};
+use sizeup_geo::terrain::MapBox;
+use sizeup_heights::stats::median;
+use sizeup_survey::{FirstLook, Numbers, PoseWorld};
+
+/// Photos look so far around where they were taken, metres and degrees.
+const AROUND_M: f64 = 150.0;
+const AROUND_DEG: f64 = 0.0015;
+/// Points along each side of a box that is moved to another CRS.
+const PER_SIDE: usize = 8;
+
+/// Where the photos were taken.
+#[derive(Debug, Clone)]
+pub(super) enum Place {
+    /// Longitudes and latitudes, degrees.
+    OnEarth(Vec<(f64, f64)>),
+    /// Eastings and northings of a CRS that is not named.
+    Numbers(Vec<DVec2>),
+    /// Not said.
+    Nowhere,
+}
+
+impl Place {
+    /// As poses tell it.
+    pub(super) fn of(look: &FirstLook) -> Self {
+        let plane = |positions: &[DVec3]| positions.iter().map(|p| p.truncate()).collect();
+        match &look.world {
+            _ if !look.places_deg.is_empty() => Self::OnEarth(look.places_deg.clone()),
+            PoseWorld::Unsaid(Numbers::Degrees) => Self::OnEarth(look.positions.iter().map(|p| (p.x, p.y)).collect()),
+            PoseWorld::Unsaid(Numbers::Projected) => Self::Numbers(plane(&look.positions)),
+            _ => Self::Nowhere,
+        }
+    }
+
+    /// Middle longitude and latitude, degrees.
+    pub(super) fn middle_deg(&self) -> Option<(f64, f64)> {
+        let Self::OnEarth(places) = self else { return None };
+        let (lon, lat): (Vec<f64>, Vec<f64>) = places.iter().copied().unzip();
+        median(&lon).zip(median(&lat))
+    }
+
+    /// The box around what was photographed, in the units of a CRS; `None` where that is not known.
+    pub(super) fn bounds_in(&self, crs: &Crs) -> Option<MapBox> {
+        match self {
+            Self::OnEarth(places) => {
+                let around = MapBox::around(places.iter().copied())?.grown(AROUND_DEG);
+                let moved = Transform::new(&Crs::parse("EPSG:4326").ok()?, crs).ok()?;
+                MapBox::around(around.outline(PER_SIDE).filter_map(|(x, y)| moved.point(x, y).ok()))
+            }
+            Self::Numbers(numbers) if crs.is_projected() => {
+                Some(MapBox::around(numbers.iter().map(|p| (p.x, p.y)))?.grown(AROUND_M))
+            }
+            Self::Numbers(_) | Self::Nowhere => None,
+        }
+    }
+}

@@ -1,0 +1,284 @@
+//! From a folder to a configuration: each step takes what the ones before it found.
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use super::checks::{check_outlines, doubts_of_flight, flight_of, lacks_of_flight, surface_by_name};
+use super::flight::{Flight, folder_of_photos};
+use super::folder::{Inventory, name_of};
+use super::ground::{self, GroundChoice, TerrainFile};
+use super::outlines::{self, OutlineChoice, OutlineLayer};
+use super::place::Place;
+use super::placing::{Placed, frame_of, lack_of_frame, place_in};
+use super::poses::{self, Passed, PoseChoice, PoseSource};
+use super::sheet;
+use super::{InitError, InitRequest};
+use crate::config::RunConfig;
+use sizeup_survey::{Format, PhotoFacts, PoseWorld, photo_facts};
+
+/// Something without which no run can be.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Lack {
+    /// What is missing.
+    pub what: String,
+    /// Why it is not there.
+    pub why: String,
+    /// How to get it.
+    pub how: String,
+    /// Whether it is the flight itself.
+    #[serde(skip)]
+    is_of_flight: bool,
+}
+
+impl Lack {
+    pub(super) fn new(what: &str, why: impl Into<String>, how: impl Into<String>) -> Self {
+        Self { what: what.to_owned(), why: why.into(), how: how.into(), is_of_flight: false }
+    }
+
+    /// As one of the flight itself.
+    pub(super) fn of_flight(self) -> Self {
+        Self { is_of_flight: true, ..self }
+    }
+
+    /// Whether the flight itself lacks it, so that no file can bring it.
+    #[must_use]
+    pub fn is_of_flight(&self) -> bool {
+        self.is_of_flight
+    }
+}
+
+/// Where the poses are from.
+#[derive(Debug, Clone, Serialize)]
+pub struct PosesFound {
+    /// File or folder.
+    pub path: PathBuf,
+    /// Its format.
+    pub format: String,
+    /// Whether they were adjusted together with the photos.
+    pub is_adjusted: bool,
+    /// Why these.
+    pub why: String,
+    /// What is there and not taken.
+    pub passed: Vec<Passed>,
+}
+
+/// The project's CRS.
+#[derive(Debug, Clone, Serialize)]
+pub struct CrsFound {
+    /// As it is written.
+    pub definition: String,
+    /// Its name.
+    pub name: String,
+    /// Why this one.
+    pub why: String,
+}
+
+/// A project begun: what was found and chosen, what is missing, and the configuration.
+#[derive(Debug, Serialize)]
+pub struct Beginning {
+    /// The configuration's file.
+    pub config: PathBuf,
+    /// Whether it can be run as it is.
+    pub is_complete: bool,
+    /// What the flight is like.
+    pub flight: Flight,
+    /// Where the poses are from.
+    pub poses: PosesFound,
+    /// The project's CRS, where it is known.
+    pub crs: Option<CrsFound>,
+    /// What heights count from.
+    pub heights: String,
+    /// The outlines.
+    pub footprints: Option<OutlineLayer>,
+    /// Layers that are not taken.
+    pub other_layers: Vec<outlines::PassedLayer>,
+    /// The terrain model.
+    pub terrain: Option<TerrainFile>,
+    /// One height of the ground, metres.
+    pub ground_m: Option<f64>,
+    /// Whether a run finds the terrain in the photos, from what is given.
+    pub ground_from_photos: bool,
+    /// The ground, in words.
+    pub ground: String,
+    /// Rasters that are not taken.
+    pub other_rasters: Vec<ground::PassedRaster>,
+    /// What to know of.
+    pub warnings: Vec<String>,
+    /// What is missing.
+    pub missing: Vec<Lack>,
+    /// What to type next.
+    pub next: String,
+    /// The configuration.
+    #[serde(skip)]
+    pub text: String,
+}
+
+/// What has been found before there is a frame.
+pub(super) struct Findings {
+    pub facts: Vec<PhotoFacts>,
+    pub source: PoseSource,
+    pub passed: Vec<Passed>,
+    pub images: Option<PathBuf>,
+    pub outlines: OutlineChoice,
+    pub ground: GroundChoice,
+}
+
+impl Findings {
+    /// Why these poses, in words.
+    pub(super) fn why_these_poses(&self) -> String {
+        let source = &self.source;
+        let placed = source.placed_by.as_ref().map_or_else(String::new, |by| format!(", placed by {by}"));
+        let n = source.look.names.len();
+        let format = source.config.format.name();
+        let world = match &source.look.world {
+            PoseWorld::Named(crs) => format!(" in {}", crs.name()),
+            _ => String::new(),
+        };
+        if source.is_adjusted() {
+            format!("{n} poses adjusted with the photos ({format}){world}{placed}")
+        } else if source.config.format == Format::Photos {
+            let s = if n == 1 { "" } else { "s" };
+            let others =
+                if self.passed.is_empty() { "no adjusted poses lie here" } else { "nothing better can be used" };
+            format!("{n} photo{s} with position and direction in EXIF and XMP; {others}")
+        } else {
+            format!("{n} poses from a table ({format}){world}{placed}")
+        }
+    }
+}
+
+/// What is to be known, and what is missing.
+#[derive(Debug, Default)]
+pub(super) struct Notes {
+    pub warnings: Vec<String>,
+    pub lacks: Vec<Lack>,
+}
+
+/// All that is to be told.
+pub(super) struct Story {
+    pub found: Findings,
+    pub placed: Option<Placed>,
+    pub flight: Flight,
+    pub notes: Notes,
+}
+
+/// Looks into a folder and makes a configuration of what is there. Nothing is written.
+///
+/// # Errors
+/// [`InitError`] where the folder holds no photos with poses, or what was asked for cannot be used.
+pub fn begin(request: &InitRequest) -> Result<Beginning, InitError> {
+    let found = find(request)?;
+    let place = Place::of(&found.source.look);
+    let mut notes = Notes { warnings: surface_by_name(request), lacks: Vec::new() };
+    let placed = match frame_of(request, &found, &place, &mut notes)? {
+        Some(frame) => Some(place_in(request, &found, frame, &mut notes)?),
+        None => {
+            notes.lacks.push(lack_of_frame(&found.source));
+            None
+        }
+    };
+    let flight = flight_of(&found, placed.as_ref());
+    notes.lacks.splice(0..0, lacks_of_flight(&flight));
+    notes.warnings.extend(doubts_of_flight(&found, &flight));
+    check_outlines(&found, placed.as_ref(), &mut notes);
+    if found.images.is_none() {
+        let why = format!("{} lies here without the photos it is of", name_of(&found.source.config.path));
+        notes.lacks.push(Lack::new(
+            "the photos",
+            why,
+            "put the photos into the folder, or set survey.images to theirs",
+        ));
+    }
+    if let Some(placed) = &placed {
+        notes.warnings.extend(placed.datum.warnings.iter().cloned());
+        notes.lacks.extend(placed.datum.lacks.iter().cloned());
+    }
+    conclude(request, Story { found, placed, flight, notes })
+}
+
+fn find(request: &InitRequest) -> Result<Findings, InitError> {
+    let home = home_of(&request.output);
+    let beside = std::path::absolute(&request.folder).ok().and_then(|folder| folder.parent().map(Path::to_owned));
+    let is_beside = beside.is_some() && beside == std::path::absolute(&home).ok();
+    let inventory = Inventory::of(&request.folder, is_beside.then_some(home.as_path()))?;
+    let facts = photo_facts(&inventory.photos);
+    let PoseChoice { chosen, passed } = poses::choose(&inventory, &facts, request.offset);
+    let source = chosen.ok_or_else(|| super::empty::why(&inventory, &facts, &passed))?;
+    let images = images_of(&source, &inventory);
+    // Pictures elsewhere in the folder are none of the flight's.
+    let is_of_flight = |photo: &PhotoFacts| images.as_ref().is_none_or(|folder| photo.path.starts_with(folder));
+    let facts = facts.into_iter().filter(is_of_flight).collect();
+    let place = Place::of(&source.look);
+    let outlines = match &request.footprints {
+        Some(path) => OutlineChoice { chosen: Some(outlines::named(path, &place)?), passed: Vec::new() },
+        None => outlines::choose(&inventory, &place),
+    };
+    let ground = match (&request.dtm, request.ground_m) {
+        (Some(path), _) => GroundChoice { chosen: Some(ground::named(path, &place)?), passed: Vec::new() },
+        (None, Some(_)) => GroundChoice::default(),
+        (None, None) => ground::choose(&inventory, &place),
+    };
+    Ok(Findings { facts, source, passed, images, outlines, ground })
+}
+
+/// The folder of the photos.
+fn images_of(source: &PoseSource, inventory: &Inventory) -> Option<PathBuf> {
+    if source.config.format == Format::Photos {
+        return Some(source.config.path.clone());
+    }
+    let own = source.config.images.clone().filter(|folder| folder.is_dir());
+    folder_of_photos(inventory, &source.look.names).or(own)
+}
+
+/// The folder of a file.
+pub(super) fn home_of(file: &Path) -> PathBuf {
+    file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned()
+}
+
+/// What is written and told in the end.
+fn conclude(request: &InitRequest, story: Story) -> Result<Beginning, InitError> {
+    let text = sheet::text(request, &story);
+    let Story { found, placed, flight, notes } = story;
+    let is_complete = notes.lacks.is_empty();
+    if is_complete {
+        check_text(&text, &request.output)?;
+    }
+    let (datum, frame) = placed.map(|placed| (placed.datum, placed.frame)).unzip();
+    let datum = datum.unwrap_or_default();
+    Ok(Beginning {
+        config: request.output.clone(),
+        is_complete,
+        flight,
+        poses: PosesFound {
+            path: found.source.config.path.clone(),
+            format: found.source.config.format.name(),
+            is_adjusted: found.source.is_adjusted(),
+            why: found.why_these_poses(),
+            passed: found.passed,
+        },
+        crs: frame.map(|f| CrsFound { name: f.crs.name().to_owned(), definition: f.definition, why: f.why }),
+        heights: datum.in_words,
+        footprints: found.outlines.chosen,
+        other_layers: found.outlines.passed,
+        terrain: found.ground.chosen.filter(|_| datum.constant_m.is_none()),
+        ground_m: datum.constant_m,
+        ground_from_photos: datum.is_sharpened,
+        ground: datum.ground_in_words,
+        other_rasters: found.ground.passed,
+        warnings: notes.warnings,
+        missing: notes.lacks,
+        next: format!("sizeup run {}", request.output.display()),
+        text,
+    })
+}
+
+/// Whatever was found, what is written has to be a configuration.
+fn check_text(text: &str, path: &Path) -> Result<(), InitError> {
+    let refuse = |error: crate::config::ConfigError| InitError::Named {
+        option: "configuration",
+        path: path.to_owned(),
+        reason: error.to_string(),
+    };
+    RunConfig::from_text(text, path, &[]).map(drop).map_err(refuse)
+}

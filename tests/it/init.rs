@@ -1,0 +1,669 @@
+//! A folder of photos as a project: what is chosen and why, what is missing, and that what is written runs.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use geo_types::Geometry;
+use serde_json::{Value, json};
+use sizeup::config::RunConfig;
+use sizeup::crs::{Crs, Transform};
+use sizeup::geodata::vector::{FeatureGeometry, VectorLayer};
+use sizeup::geodata::{FieldType, LayerFeature, write_polygon_layer};
+use sizeup::simulate::{SimulateConfig, simulate};
+use sizeup::survey::{Survey, SurveyConfig, View};
+use tempfile::TempDir;
+
+use crate::shared_data::shared_data;
+use crate::tiny_scene::{Outcome, sizeup};
+
+/// Buildings of the scene.
+const N_BUILDINGS: usize = 6;
+/// Its photos.
+const N_PHOTOS: usize = 24;
+/// The CRS that it is simulated in.
+const CRS: &str = "EPSG:25832";
+/// The scene's mean ground, metres.
+const GROUND_M: f64 = 23.0;
+/// EGM96 above the ellipsoid at the scene in Hamburg, metres: <https://geographiclib.sourceforge.io/cgi-bin/GeoidEval>.
+const GEOID_M: f64 = 39.9;
+
+/// A scene with photos, as `sizeup simulate` leaves it.
+fn scene() -> &'static Path {
+    static SCENE: OnceLock<TempDir> = OnceLock::new();
+    let scene = SCENE.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let mut config = SimulateConfig::preset("demo").unwrap();
+        config.town.n_buildings = N_BUILDINGS;
+        config.flight.n_views = Some(N_PHOTOS);
+        simulate(&config, folder.path(), &|_, _| {}).unwrap();
+        folder
+    });
+    scene.path()
+}
+
+/// The scene's true poses.
+fn survey() -> Survey {
+    let georef: Value = serde_json::from_slice(&fs::read(scene().join("georef.json")).unwrap()).unwrap();
+    let offset = serde_json::from_value(georef["offset"].clone()).unwrap();
+    let config = SurveyConfig { offset, ..SurveyConfig::at(scene().join("sparse")) };
+    sizeup::survey::read(&config, &Crs::parse(CRS).unwrap()).unwrap()
+}
+
+/// A place where a user would work: a folder `flight`, and commands given beside it.
+struct Desk {
+    folder: TempDir,
+}
+
+impl Desk {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("flight")).unwrap();
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn run(&self, args: &[&str]) -> Outcome {
+        sizeup().current_dir(self.folder.path()).args(args).output().unwrap().into()
+    }
+
+    /// `sizeup init flight` and more, its summary, and its exit code. What is complete has to be a configuration.
+    fn init(&self, more: &[&str]) -> (Value, Outcome) {
+        let outcome = self.run(&[&["init", "flight", "--json", "--force"], more].concat());
+        let summary: Value = serde_json::from_str(&outcome.stdout).unwrap_or_default();
+        if outcome.code == 0 {
+            RunConfig::load(&self.path("sizeup.toml"), &[]).unwrap();
+            assert_eq!(summary["is_complete"], true);
+        }
+        (summary, outcome)
+    }
+
+    fn text(&self) -> String {
+        fs::read_to_string(self.path("sizeup.toml")).unwrap()
+    }
+
+    /// Brings a file or folder of the scene.
+    fn bring(&self, name: &str, to: &str) {
+        copy(&scene().join(name), &self.path("flight").join(to));
+    }
+
+    /// Photos as a drone would have written them.
+    fn photos(&self, to: &str, drone: &Drone) {
+        drone.write(&self.path("flight").join(to));
+    }
+}
+
+fn copy(from: &Path, to: &Path) {
+    if !from.is_dir() {
+        fs::create_dir_all(to.parent().unwrap()).unwrap();
+        fs::copy(from, to).unwrap();
+        return;
+    }
+    for entry in fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        copy(&entry.path(), &to.join(entry.file_name()));
+    }
+}
+
+/// What a drone writes into its photos.
+struct Drone {
+    /// Whether a base station gives positions.
+    is_rtk: bool,
+    /// Its zero of heights below the scene's, metres.
+    zero_m: f64,
+    /// Only photos up to this number.
+    n_photos: usize,
+    /// Whether it writes directions of view.
+    has_angles: bool,
+}
+
+impl Default for Drone {
+    fn default() -> Self {
+        Self { is_rtk: false, zero_m: 0.0, n_photos: N_PHOTOS, has_angles: true }
+    }
+}
+
+impl Drone {
+    fn write(&self, folder: &Path) {
+        fs::create_dir_all(folder).unwrap();
+        let to_degrees = Transform::new(&Crs::parse(CRS).unwrap(), &Crs::parse("EPSG:4326").unwrap()).unwrap();
+        for (i, view) in survey().views.iter().take(self.n_photos).enumerate() {
+            let jpeg = fs::read(scene().join("images").join(&view.id.0)).unwrap();
+            let centre = view.centre();
+            let packet = self.packet(view, to_degrees.point(centre.x, centre.y).unwrap());
+            let payload = [b"http://ns.adobe.com/xap/1.0/\0".as_slice(), packet.as_bytes()].concat();
+            let length = u16::try_from(payload.len() + 2).unwrap().to_be_bytes();
+            let photo = [&jpeg[..2], &[0xFF, 0xE1], &length, &payload, &jpeg[2..]].concat();
+            fs::write(folder.join(format!("DJI_{:04}.JPG", i + 1)), photo).unwrap();
+        }
+    }
+
+    fn packet(&self, view: &View, (lon_deg, lat_deg): (f64, f64)) -> String {
+        let axis = view.axis_in_map();
+        let up = view.camera_from_map.inverse().vector(-glam::DVec3::Y);
+        let ahead = if axis.z < -0.999 { up } else { axis };
+        // The zone's middle is 9° east: grid north is off true north by the meridians' convergence.
+        let convergence_deg = ((lon_deg - 9.0).to_radians().tan() * lat_deg.to_radians().sin()).atan().to_degrees();
+        let yaw_deg = ahead.x.atan2(ahead.y).to_degrees() + convergence_deg;
+        let pitch_deg = axis.z.asin().to_degrees();
+        let height_m = view.centre().z;
+        let mut tags = vec![
+            ("GpsLatitude", lat_deg),
+            ("GpsLongitude", lon_deg),
+            ("AbsoluteAltitude", height_m + self.zero_m),
+            ("RelativeAltitude", height_m - GROUND_M),
+            ("CalibratedFocalLength", view.camera.fx_px),
+        ];
+        if self.has_angles {
+            tags.extend([("GimbalYawDegree", yaw_deg), ("GimbalPitchDegree", pitch_deg), ("GimbalRollDegree", 0.0)]);
+        }
+        if self.is_rtk {
+            tags.extend([("RtkFlag", 50.0), ("RtkStdLon", 0.012), ("RtkStdLat", 0.016), ("RtkStdHgt", 0.025)]);
+        }
+        let tags: Vec<String> = tags.iter().map(|(name, value)| format!("drone-dji:{name}=\"{value:+.9}\"")).collect();
+        format!(
+            "<x:xmpmeta xmlns:x=\"adobe:ns:meta/\"><rdf:RDF xmlns:rdf=\"http://www.w3.org/1999/02/22-rdf-syntax-ns#\">\
+             <rdf:Description xmlns:drone-dji=\"http://www.dji.com/drone-dji/1.0/\" {}/></rdf:RDF></x:xmpmeta>",
+            tags.join(" ")
+        )
+    }
+}
+
+/// The scene's outlines, in longitude and latitude.
+fn outlines_deg() -> Vec<Vec<(f64, f64)>> {
+    let mut layer = VectorLayer::open(&scene().join("footprints.gpkg"), None).unwrap();
+    let to_degrees = Transform::new(&Crs::parse(CRS).unwrap(), &Crs::parse("EPSG:4326").unwrap()).unwrap();
+    let ring = |geometry: &FeatureGeometry| match geometry {
+        FeatureGeometry::Shape(Geometry::Polygon(polygon)) => polygon.exterior().clone(),
+        FeatureGeometry::Shape(Geometry::MultiPolygon(parts)) => parts.0[0].exterior().clone(),
+        other => panic!("{other:?}"),
+    };
+    let outline = |geometry: &FeatureGeometry| {
+        let corners = ring(geometry).0;
+        corners[..corners.len() - 1].iter().map(|c| to_degrees.point(c.x, c.y).unwrap()).collect()
+    };
+    layer.features().map(|feature| outline(&feature.geometry)).collect()
+}
+
+/// An OpenStreetMap file as the website exports one: buildings as ways, one as a relation, and a park around them.
+fn osm() -> String {
+    let outlines = outlines_deg();
+    let (mut nodes, mut ways) = (String::new(), String::new());
+    let mut n_nodes = 0;
+    let mut way = |id: usize, ring: &[(f64, f64)], tags: &str| {
+        let first = n_nodes + 1;
+        for (lon, lat) in ring {
+            n_nodes += 1;
+            nodes += &format!(" <node id=\"{n_nodes}\" version=\"1\" lat=\"{lat:.9}\" lon=\"{lon:.9}\"/>\n");
+        }
+        let members: Vec<String> = (first..=n_nodes).chain([first]).map(|id| format!("<nd ref=\"{id}\"/>")).collect();
+        ways += &format!(" <way id=\"{id}\" version=\"1\">{}{tags}</way>\n", members.join(""));
+    };
+    for (i, ring) in outlines.iter().enumerate() {
+        // The last is the outer ring of a relation.
+        let is_relation = i + 1 == outlines.len();
+        way(100 + i, ring, if is_relation { "" } else { "<tag k=\"building\" v=\"yes\"/>" });
+    }
+    let corners = || outlines.iter().flatten().copied();
+    let (west, east) = (corners().map(|c| c.0).fold(180.0, f64::min), corners().map(|c| c.0).fold(-180.0, f64::max));
+    let (south, north) = (corners().map(|c| c.1).fold(90.0, f64::min), corners().map(|c| c.1).fold(-90.0, f64::max));
+    let park = [(west, south), (east, south), (east, north), (west, north)];
+    way(900, &park, "<tag k=\"leisure\" v=\"park\"/>");
+    let outer = 100 + outlines.len() - 1;
+    let relation = format!(
+        " <relation id=\"100\" version=\"1\"><member type=\"way\" ref=\"{outer}\" role=\"outer\"/>\
+         <tag k=\"type\" v=\"multipolygon\"/><tag k=\"building\" v=\"apartments\"/></relation>\n"
+    );
+    format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<osm version=\"0.6\">\n{nodes}{ways}{relation}</osm>\n")
+}
+
+/// The scene's outlines in another CRS, one attribute and a name that tells nothing.
+fn write_outlines(path: &Path, crs: &str) {
+    let crs = Crs::parse(crs).unwrap();
+    let to_map = Transform::new(&Crs::parse("EPSG:4326").unwrap(), &crs).unwrap();
+    let polygon = |ring: &Vec<(f64, f64)>| {
+        let corners: Vec<(f64, f64)> = ring.iter().map(|(lon, lat)| to_map.point(*lon, *lat).unwrap()).collect();
+        geo_types::Polygon::new(corners.into(), Vec::new())
+    };
+    let polygons: Vec<_> = outlines_deg().iter().map(polygon).collect();
+    let feature = |polygon| LayerFeature { polygon, texts: Vec::new(), numbers: vec![3.0] };
+    let features: Vec<_> = polygons.iter().map(feature).collect();
+    write_polygon_layer(path, "layer", &crs, &[("storeys", FieldType::Number)], &features).unwrap();
+}
+
+fn missing(summary: &Value) -> Vec<String> {
+    let missing = summary["missing"].as_array().unwrap().iter();
+    missing.map(|lack| lack["what"].as_str().unwrap().to_owned()).collect()
+}
+
+fn warnings(summary: &Value) -> String {
+    summary["warnings"].to_string()
+}
+
+#[test]
+fn photos_of_a_drone_and_openstreetmap_alone_become_measured_heights() {
+    let desk = Desk::new();
+    desk.photos("DCIM/100MEDIA", &Drone { zero_m: -35.0, ..Drone::default() });
+    fs::write(desk.path("flight/map.osm"), osm()).unwrap();
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert!(outcome.stderr.contains("next: sizeup run sizeup.toml"), "{}", outcome.stderr);
+    assert_eq!(summary["poses"]["format"], "photos");
+    assert_eq!(summary["footprints"]["n_polygons"], N_BUILDINGS, "the park is none: {summary:#}");
+    assert_eq!(summary["crs"]["definition"], CRS, "the zone of Hamburg");
+    assert_eq!(summary["ground_m"], GROUND_M - 35.0, "in the drone's own heights");
+    assert_eq!(summary["ground_from_photos"], true);
+    assert!(desk.text().contains("[dtm]"), "{}", desk.text());
+
+    let run = desk.run(&["run", "sizeup.toml", "--set", "output.pictures=false", "--json"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let of_run: Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_eq!(of_run["n_buildings"], N_BUILDINGS);
+    // Four and six of six in two such flights: stereo from photos of 640 × 480 pixels leaves doubts.
+    assert!(of_run["by_status"]["measured"].as_u64().unwrap() >= N_BUILDINGS as u64 / 2, "{of_run:#}");
+    let truth = scene().join("truth.geojson");
+    let evaluated = desk.run(&["evaluate", "result/city.city.json", truth.to_str().unwrap(), "--json"]);
+    let evaluated: Value = serde_json::from_str(&evaluated.stdout).unwrap();
+    let all = if evaluated["all"].is_null() { &evaluated["heights"]["all"] } else { &evaluated["all"] };
+    println!("{all:#}");
+    assert_eq!(all["n"], N_BUILDINGS);
+    // A pixel is 0.39 m.
+    assert!(all["error_mean_m"].as_f64().unwrap() < 0.5, "{evaluated:#}");
+}
+
+#[test]
+fn an_openstreetmap_file_gives_its_buildings_with_ids_of_their_own() {
+    let desk = Desk::new();
+    desk.bring("sparse", "sparse");
+    desk.bring("images", "images");
+    desk.bring("georef.json", "georef.json");
+    desk.bring("dtm.tif", "dtm.tif");
+    fs::write(desk.path("flight/map.osm"), osm()).unwrap();
+    let (_, outcome) = desk.init(&[]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let run = desk.run(&["run", "sizeup.toml", "--until", "footprints", "--json"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let config = sizeup::footprint::FootprintConfig::new(desk.path("flight/map.osm"));
+    let layer = sizeup::footprint::read(&config, &Crs::parse(CRS).unwrap()).unwrap();
+    let mut ids: Vec<String> = layer.footprints.iter().map(|footprint| footprint.id.0.clone()).collect();
+    ids.sort();
+    let mut expected: Vec<String> = (0..N_BUILDINGS - 1).map(|i| format!("way/{}", 100 + i)).collect();
+    expected.insert(0, "relation/100".to_owned());
+    assert_eq!(ids, expected, "way 100 and relation 100 are two");
+    assert!(layer.refused.is_empty() && layer.issues.is_empty(), "{:?}", layer.issues);
+}
+
+#[test]
+fn adjusted_poses_come_before_those_of_the_photos_and_both_are_told() {
+    let desk = Desk::new();
+    desk.bring("sparse", "sparse");
+    desk.bring("dtm.tif", "dtm.tif");
+    desk.bring("footprints.gpkg", "footprints.gpkg");
+    desk.bring("images", "images");
+    desk.photos("images", &Drone::default());
+    // The photos of the model are those that the drone's names are not of: give both the model's.
+    for (i, view) in survey().views.iter().enumerate() {
+        fs::rename(
+            desk.path(&format!("flight/images/DJI_{:04}.JPG", i + 1)),
+            desk.path("flight/images").join(&view.id.0),
+        )
+        .unwrap();
+    }
+    // The model alone does not say where it is: the photos do.
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!((outcome.code, &summary["poses"]["format"]), (0, &json!("photos")), "{}", outcome.stderr);
+    assert!(summary["poses"]["passed"][0]["why"].as_str().unwrap().contains("local"), "{summary:#}");
+    assert!(desk.text().contains("flight/sparse (colmap): its positions are local"), "{}", desk.text());
+    // With a georeference beside it, it is the better one.
+    desk.bring("georef.json", "georef.json");
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!((outcome.code, &summary["poses"]["format"]), (0, &json!("colmap")), "{}", outcome.stderr);
+    assert!(summary["poses"]["why"].as_str().unwrap().contains("georef.json"));
+    assert_eq!(summary["poses"]["passed"][0]["format"], "photos");
+    assert!(summary["heights"].as_str().unwrap().contains("take-off confirms"), "{summary:#}");
+    let run = desk.run(&["run", "sizeup.toml", "--until", "footprints"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+}
+
+#[test]
+fn a_model_in_local_coordinates_takes_its_offset_from_the_command_line() {
+    let desk = Desk::new();
+    for name in ["sparse", "images", "dtm.tif", "footprints.gpkg"] {
+        desk.bring(name, name);
+    }
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(outcome.code, 3);
+    assert_eq!(missing(&summary), ["the place of the poses"], "{}", outcome.stderr);
+    assert!(outcome.stderr.contains("--offset X,Y,Z"), "{}", outcome.stderr);
+    assert!(desk.text().contains("# offset = ["), "{}", desk.text());
+    let (summary, outcome) = desk.init(&["--offset", "565000,5932000,0"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert_eq!(summary["crs"]["why"], "the CRS of footprints.gpkg", "which lies where the poses' numbers are");
+    assert!(desk.text().contains("offset = [565000.0, 5932000.0, 0.0]"), "{}", desk.text());
+}
+
+#[test]
+fn what_survey_align_and_convert_write_is_taken_with_its_settings() {
+    let desk = Desk::new();
+    let config = scene().join("sizeup.toml");
+    let model = desk.path("flight/model");
+    let args = ["survey", "convert", "--config", config.to_str().unwrap(), "--output", model.to_str().unwrap()];
+    assert_eq!(desk.run(&args).code, 0);
+    desk.bring("images", "images");
+    desk.bring("footprints.gpkg", "footprints.gpkg");
+    desk.bring("dtm.tif", "dtm.tif");
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert!(summary["poses"]["why"].as_str().unwrap().contains("survey.toml"), "{summary:#}");
+    assert!(desk.text().contains("images = \"flight/images\""), "{}", desk.text());
+    assert_eq!(desk.run(&["run", "sizeup.toml", "--until", "footprints"]).code, 0);
+}
+
+#[test]
+fn the_crs_is_the_one_asked_for_then_the_outlines_then_the_zone() {
+    let desk = Desk::new();
+    desk.photos("", &Drone { n_photos: 6, ..Drone::default() });
+    write_outlines(&desk.path("flight/buildings.gpkg"), "EPSG:3035");
+    let crs = |more: &[&str]| {
+        let (summary, outcome) = desk.init(more);
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        assert!(desk.text().contains(&format!("crs = {}", summary["crs"]["definition"])), "{}", desk.text());
+        (summary["crs"]["definition"].as_str().unwrap().to_owned(), summary["crs"]["why"].as_str().unwrap().to_owned())
+    };
+    assert_eq!(crs(&["--crs", "EPSG:25833"]), ("EPSG:25833".to_owned(), "as asked for by --crs".to_owned()));
+    assert_eq!(crs(&[]), ("EPSG:3035".to_owned(), "the CRS of buildings.gpkg".to_owned()));
+    write_outlines(&desk.path("flight/buildings.gpkg"), "EPSG:4326");
+    let (definition, why) = crs(&[]);
+    assert!(definition == CRS && why.contains("UTM zone of the photos"), "{definition}: {why}");
+}
+
+#[test]
+fn what_is_missing_is_told_written_and_left_to_be_filled_in() {
+    let desk = Desk::new();
+    for name in ["sparse", "images", "georef.json"] {
+        desk.bring(name, name);
+    }
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!((outcome.code, summary["is_complete"].clone()), (3, json!(false)));
+    assert_eq!(missing(&summary), ["building outlines", "the ground"], "{}", outcome.stderr);
+    for word in ["OpenStreetMap", "--footprints", "docs/footprints.md", "--dtm", "--ground"] {
+        assert!(outcome.stderr.contains(word), "{word}: {}", outcome.stderr);
+    }
+    assert!(outcome.stderr.contains("next: add what is missing, then sizeup run sizeup.toml"), "{}", outcome.stderr);
+    let run = desk.run(&["run", "sizeup.toml"]);
+    assert_eq!(run.code, 2);
+    assert!(run.stderr.contains("[footprints] is missing"), "{}", run.stderr);
+    // The # taken off, and the files put where they are said to be, it is a configuration.
+    let mut text = desk.text();
+    for line in ["[footprints]", "path = \"buildings.gpkg\"", "[terrain]", "dtm = \"dtm.tif\""] {
+        assert!(text.contains(&format!("\n# {line}")), "{line}: {text}");
+        text = text.replace(&format!("\n# {line}"), &format!("\n{line}"));
+    }
+    fs::write(desk.path("sizeup.toml"), text).unwrap();
+    RunConfig::load(&desk.path("sizeup.toml"), &[]).unwrap();
+    fs::copy(scene().join("footprints.gpkg"), desk.path("buildings.gpkg")).unwrap();
+    fs::copy(scene().join("dtm.tif"), desk.path("dtm.tif")).unwrap();
+    assert_eq!(desk.run(&["run", "sizeup.toml", "--until", "footprints"]).code, 0);
+    // Layers beside the photos' folder, where the project's file is, are found as well.
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert_eq!(summary["footprints"]["path"], "./buildings.gpkg");
+    // Given on the command line, nothing is missing either.
+    let truth = scene().join("truth.geojson");
+    let (summary, outcome) = desk.init(&["--footprints", truth.to_str().unwrap(), "--ground", "23"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert!(summary["ground_m"] == 23.0 && summary["terrain"].is_null(), "{summary:#}");
+    assert!(desk.text().contains("# [dtm]"), "left to the user: {}", desk.text());
+}
+
+#[test]
+fn photos_that_look_straight_down_are_refused_before_all_else() {
+    let desk = Desk::new();
+    let survey = survey();
+    let nadir = survey.views.iter().filter(|view| view.off_nadir_deg() <= 15.0);
+    let all = desk.path("all");
+    Drone::default().write(&all);
+    for view in nadir {
+        let i = survey.views.iter().position(|v| v.id == view.id).unwrap() + 1;
+        let name = format!("DJI_{i:04}.JPG");
+        fs::copy(all.join(&name), desk.path("flight").join(&name)).unwrap();
+    }
+    write_outlines(&desk.path("flight/buildings.gpkg"), CRS);
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(outcome.code, 3);
+    assert_eq!(missing(&summary), ["oblique photos"]);
+    let first = outcome.stderr.lines().next().unwrap();
+    assert!(first.contains("oblique photos") && first.contains("straight down"), "{first}");
+}
+
+#[test]
+fn an_existing_file_is_not_overwritten() {
+    let desk = Desk::new();
+    desk.photos("", &Drone { n_photos: 4, ..Drone::default() });
+    fs::write(desk.path("sizeup.toml"), "mine").unwrap();
+    let refused = desk.run(&["init", "flight"]);
+    assert_eq!(refused.code, 2);
+    assert!(refused.stderr.contains("sizeup.toml exists") && refused.stderr.contains("--force"), "{}", refused.stderr);
+    assert_eq!(desk.text(), "mine");
+    let elsewhere = desk.run(&["init", "flight", "--output", "town/project.toml"]);
+    assert_eq!(elsewhere.code, 3, "no outlines: {}", elsewhere.stderr);
+    let text = fs::read_to_string(desk.path("town/project.toml")).unwrap();
+    assert!(text.contains("path = \"../flight\""), "named from its own folder: {text}");
+    assert_eq!(desk.run(&["init", "flight", "--force"]).code, 3);
+    assert_ne!(desk.text(), "mine");
+}
+
+#[test]
+fn heights_of_a_receiver_and_of_a_terrain_model_are_brought_together_and_told() {
+    let desk = Desk::new();
+    desk.photos("photos", &Drone { is_rtk: true, zero_m: GEOID_M, ..Drone::default() });
+    desk.bring("footprints.gpkg", "footprints.gpkg");
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert!(desk.text().contains("keep_ellipsoidal = true"), "{}", desk.text());
+    assert_eq!(summary["flight"]["positioning"], json!({ "fixed": N_PHOTOS }));
+    let sigma = &summary["flight"]["position_sigma_m"];
+    assert!((sigma[0].as_f64().unwrap() - 0.02).abs() < 1e-6 && sigma[1] == 0.025, "{sigma}");
+    // A surface model is no ground.
+    desk.bring("dtm.tif", "dsm.tif");
+    let (summary, _) = desk.init(&[]);
+    assert!(summary["terrain"].is_null() && summary["other_rasters"][0]["why"].as_str().unwrap().contains("surface"));
+    // A terrain model that does not say what its heights count from.
+    desk.bring("dtm.tif", "dtm.tif");
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let config = RunConfig::load(&desk.path("sizeup.toml"), &[]).unwrap();
+    let geoid_m = config.survey.height.geoid_offset.unwrap();
+    assert!((geoid_m - GEOID_M).abs() < 2.0, "{geoid_m}");
+    assert!(config.dtm.is_some(), "the photos put the rest right");
+    assert!(desk.text().contains("ESTIMATED") && warnings(&summary).contains("estimated"), "{}", desk.text());
+}
+
+#[test]
+fn barometric_heights_over_a_terrain_model_count_from_the_take_off() {
+    let desk = Desk::new();
+    desk.photos("", &Drone { zero_m: 180.0, ..Drone::default() });
+    desk.bring("footprints.gpkg", "footprints.gpkg");
+    // Photos and terrain in one folder: the terrain is no photo that lacks a pose.
+    desk.bring("dtm.tif", "dtm.tif");
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert_eq!(summary["flight"]["n_photos"], N_PHOTOS);
+    let config = RunConfig::load(&desk.path("sizeup.toml"), &[]).unwrap();
+    let base_m = config.survey.height.base.unwrap();
+    // The relief of the simulated ground is 3 m.
+    assert!((base_m - GROUND_M).abs() < 2.0, "{base_m}");
+    assert!(warnings(&summary).contains("no known zero"), "{summary:#}");
+    let run = desk.run(&["run", "sizeup.toml", "--until", "survey", "--json"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+}
+
+#[test]
+fn a_project_within_the_folder_of_its_photos_runs_again() {
+    let desk = Desk::new();
+    desk.photos("", &Drone::default());
+    desk.bring("footprints.gpkg", "footprints.gpkg");
+    let within =
+        |args: &[&str]| -> Outcome { sizeup().current_dir(desk.path("flight")).args(args).output().unwrap().into() };
+    assert_eq!(within(&["init", "."]).code, 0);
+    for _ in 0..2 {
+        // The pictures of the first run are no photos of the second.
+        let run = within(&["run", "sizeup.toml", "--until", "survey", "--json"]);
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        let survey: Value = serde_json::from_slice(&fs::read(desk.path("flight/result/survey.json")).unwrap()).unwrap();
+        assert_eq!((&survey["n_views"], &survey["issue_counts"]["photo_unreadable"]), (&json!(N_PHOTOS), &Value::Null));
+    }
+    assert_eq!(within(&["init", ".", "--force"]).code, 0);
+}
+
+#[test]
+fn photos_in_several_folders_of_a_card_are_one_flight() {
+    let desk = Desk::new();
+    desk.photos("DCIM/100MEDIA", &Drone { n_photos: 12, ..Drone::default() });
+    desk.photos("DCIM/101MEDIA", &Drone { n_photos: 12, zero_m: 0.001, ..Drone::default() });
+    write_outlines(&desk.path("flight/buildings.gpkg"), CRS);
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert_eq!((&summary["flight"]["n_photos"], &summary["flight"]["n_views"]), (&json!(24), &json!(24)));
+    assert!(desk.text().contains("path = \"flight/DCIM\""), "{}", desk.text());
+}
+
+#[test]
+fn parcels_are_no_buildings_and_results_no_input() {
+    let desk = Desk::new();
+    desk.photos("photos", &Drone { n_photos: 6, ..Drone::default() });
+    // A parcel around everything.
+    let crs = Crs::parse(CRS).unwrap();
+    let (x, y) = (565_500.0, 5_932_500.0);
+    let corners = [(-300.0, -300.0), (300.0, -300.0), (300.0, 300.0), (-300.0, 300.0)].map(|(dx, dy)| (x + dx, y + dy));
+    let parcel = geo_types::Polygon::new(corners.to_vec().into(), Vec::new());
+    let feature = LayerFeature { polygon: &parcel, texts: vec!["12/3".to_owned()], numbers: Vec::new() };
+    let fields = [("number", FieldType::Text)];
+    write_polygon_layer(&desk.path("flight/flurstuecke.gpkg"), "parcels", &crs, &fields, &[feature]).unwrap();
+    // What a run of an earlier day has left.
+    fs::create_dir_all(desk.path("flight/result/stages")).unwrap();
+    fs::write(desk.path("flight/result/survey.json"), "{}").unwrap();
+    write_outlines(&desk.path("flight/result/buildings.gpkg"), CRS);
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(missing(&summary), ["building outlines"], "{}", outcome.stderr);
+    assert_eq!(summary["other_layers"].as_array().unwrap().len(), 1, "{summary:#}");
+    write_outlines(&desk.path("flight/outlines.gpkg"), CRS);
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert!(summary["footprints"]["path"].as_str().unwrap().ends_with("outlines.gpkg"), "{summary:#}");
+    assert!(desk.text().contains("flurstuecke.gpkg"), "the other is named: {}", desk.text());
+}
+
+/// Asserts how a command ends and what it says before and in its hint; nothing is written.
+fn assert_refused(desk: &Desk, more: &[&str], code: i32, message: &[&str], hint: &[&str]) {
+    let outcome = desk.run(&[&["init"], more].concat());
+    assert_eq!(outcome.code, code, "{more:?}: {}", outcome.stderr);
+    let (said, advice) = outcome.stderr.split_once("hint: ").unwrap_or_else(|| panic!("no hint: {}", outcome.stderr));
+    for word in message {
+        assert!(said.contains(word), "{word:?} is missing before the hint: {}", outcome.stderr);
+    }
+    for word in hint {
+        assert!(advice.contains(word), "{word:?} is missing in the hint: {}", outcome.stderr);
+    }
+    assert!(!desk.path("sizeup.toml").exists());
+}
+
+#[test]
+fn folders_that_hold_no_flight_are_told_what_they_hold() {
+    let desk = Desk::new();
+    assert_refused(&desk, &["nowhere"], 3, &["nowhere", "expected a folder"], &["path"]);
+    fs::write(desk.path("a.jpg"), "x").unwrap();
+    assert_refused(&desk, &["a.jpg"], 3, &["a.jpg", "found a file"], &["folder"]);
+    assert_refused(&desk, &["flight"], 3, &["flight", "an empty folder"], &["right folder"]);
+    fs::write(desk.path("flight/DJI_0001.MP4"), "video").unwrap();
+    assert_refused(&desk, &["flight"], 3, &["1 video and no photos"], &["photos"]);
+    let thumbnail = image::RgbImage::new(160, 120);
+    thumbnail.save(desk.path("flight/DJI_0001.jpg")).unwrap();
+    assert_refused(&desk, &["flight"], 3, &["only thumbnails"], &["card"]);
+    desk.bring("images", "images");
+    assert_refused(&desk, &["flight"], 3, &["without position and direction"], &["OpenDroneMap", "XMP"]);
+    fs::remove_dir_all(desk.path("flight")).unwrap();
+    desk.photos("", &Drone { has_angles: false, n_photos: 3, ..Drone::default() });
+    assert_refused(&desk, &["flight"], 3, &["3 of them with a position, none with a direction"], &["photogrammetry"]);
+    fs::write(desk.path("flight/DJI_0009.JPG"), "not a photo").unwrap();
+    assert_refused(&desk, &["flight"], 3, &["1 cannot be read"], &[]);
+    fs::write(desk.path("flight/reconstruction.json"), "[{\"cameras\": ").unwrap();
+    assert_refused(&desk, &["flight"], 3, &["reconstruction.json", "opensfm", "cannot be read"], &["inspect"]);
+}
+
+#[test]
+fn what_is_asked_for_and_cannot_be_used_is_told() {
+    let desk = Desk::new();
+    desk.photos("", &Drone { n_photos: 4, ..Drone::default() });
+    assert_refused(&desk, &["flight", "--crs", "EPSG:4326"], 2, &["--crs", "EPSG:4326", "projected"], &["EPSG:25832"]);
+    assert_refused(&desk, &["flight", "--crs", "EPSG:99"], 2, &["--crs", "EPSG:99"], &["EPSG:25832"]);
+    assert_refused(&desk, &["flight", "--footprints", "no.gpkg"], 3, &["--footprints no.gpkg"], &["ogrinfo"]);
+    fs::write(desk.path("broken.gpkg"), "no database").unwrap();
+    assert_refused(&desk, &["flight", "--footprints", "broken.gpkg"], 3, &["broken.gpkg", "cannot open"], &["ogrinfo"]);
+    fs::write(desk.path("broken.tif"), "no raster").unwrap();
+    assert_refused(&desk, &["flight", "--dtm", "broken.tif"], 3, &["--dtm broken.tif"], &["gdalinfo"]);
+    assert_refused(&desk, &["flight", "--dtm", "no.tif"], 3, &["no.tif", "does not exist"], &["gdalinfo"]);
+    // A broken layer that nobody named is named, and the rest goes on.
+    fs::write(desk.path("flight/broken.gpkg"), "no database").unwrap();
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(outcome.code, 3);
+    assert!(summary["other_layers"][0]["name"] == "broken.gpkg", "{summary:#}");
+    // A CRS that positions reach only to 2 m: the file says so.
+    let (summary, _) = desk.init(&["--crs", "EPSG:27700"]);
+    assert!(missing(&summary)[0].contains("EPSG:27700"), "{summary:#}");
+}
+
+#[test]
+fn real_photos_that_look_straight_down_get_their_ground_and_no_run() {
+    let Some(folder) = shared_data("dji_xmp_photos") else { return };
+    let desk = Desk::new();
+    copy(&folder, &desk.path("flight"));
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(missing(&summary), ["oblique photos", "building outlines"], "{}", outcome.stderr);
+    assert_eq!((&summary["flight"]["n_views"], &summary["flight"]["n_nadir"]), (&json!(4), &json!(4)));
+    assert_eq!(summary["crs"]["definition"], "EPSG:32615");
+    // The photos' AbsoluteAltitude is 198 m, their RelativeAltitude 40 m.
+    assert!((summary["ground_m"].as_f64().unwrap() - 158.0).abs() < 1.0, "{summary:#}");
+    let height_m = summary["flight"]["above_ground_m"]["median"].as_f64().unwrap();
+    assert!((height_m - 40.0).abs() < 1.0, "{height_m}");
+    assert!(desk.text().contains("reference = \"project\""), "{}", desk.text());
+}
+
+#[test]
+fn a_real_photo_with_a_base_station_states_its_accuracy() {
+    let Some(folder) = shared_data("dji_rtk_photo") else { return };
+    let desk = Desk::new();
+    copy(&folder, &desk.path("flight"));
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(missing(&summary), ["oblique photos", "photos", "building outlines"], "{}", outcome.stderr);
+    assert_eq!(summary["flight"]["positioning"], json!({ "fixed": 1 }));
+    assert!(summary["flight"]["position_sigma_m"][1].as_f64().unwrap() < 0.05);
+    assert!(desk.text().contains("keep_ellipsoidal = true"), "{}", desk.text());
+    // China's grid, to which PROJ knows no accurate way from WGS 84: written all the same, with what to declare.
+    let (summary, _) = desk.init(&["--crs", "EPSG:4547"]);
+    assert!(missing(&summary).iter().any(|what| what.contains("EPSG:4547")), "{summary:#}");
+    assert!(outcome.code == 3 && desk.text().contains("# crs = \"EPSG:4490\""), "{}", desk.text());
+}
+
+#[test]
+fn a_real_block_runs_once_its_ground_is_given() {
+    let Some(folder) = shared_data("warsaw_ochota_photos") else { return };
+    let desk = Desk::new();
+    for name in ["images", "sparse", "georef.json", "truth_buildings.geojson"] {
+        copy(&folder.join(name), &desk.path("flight").join(name));
+    }
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!((outcome.code, missing(&summary)), (3, vec!["the ground".to_owned()]), "{}", outcome.stderr);
+    assert_eq!((&summary["flight"]["n_nadir"], &summary["flight"]["n_oblique"]), (&json!(5), &json!(7)));
+    assert_eq!(summary["crs"]["definition"], "EPSG:2180");
+    let (summary, outcome) = desk.init(&["--ground", "111.6"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert!(summary["footprints"]["path"].as_str().unwrap().ends_with("truth_buildings.geojson"));
+    let run = desk.run(&["run", "sizeup.toml", "--until", "footprints", "--json"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let of_run: Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_eq!((&of_run["n_buildings"], &of_run["n_views"]), (&json!(9), &json!(12)));
+}
