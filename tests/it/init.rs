@@ -1,5 +1,6 @@
 //! A folder of photos as a project: what is chosen and why, what is missing, and that what is written runs.
 
+use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -197,10 +198,10 @@ fn osm() -> String {
         let first = n_nodes + 1;
         for (lon, lat) in ring {
             n_nodes += 1;
-            nodes += &format!(" <node id=\"{n_nodes}\" version=\"1\" lat=\"{lat:.9}\" lon=\"{lon:.9}\"/>\n");
+            writeln!(nodes, " <node id=\"{n_nodes}\" version=\"1\" lat=\"{lat:.9}\" lon=\"{lon:.9}\"/>").unwrap();
         }
         let members: Vec<String> = (first..=n_nodes).chain([first]).map(|id| format!("<nd ref=\"{id}\"/>")).collect();
-        ways += &format!(" <way id=\"{id}\" version=\"1\">{}{tags}</way>\n", members.join(""));
+        writeln!(ways, " <way id=\"{id}\" version=\"1\">{}{tags}</way>", members.join("")).unwrap();
     };
     for (i, ring) in outlines.iter().enumerate() {
         // The last is the outer ring of a relation.
