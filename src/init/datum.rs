@@ -7,6 +7,8 @@
 //! shift    = take-off − terrain model under the cameras        (to within the relief and the barometer)
 //! ```
 
+use std::fmt::Write as _;
+
 use super::file::Entry;
 use super::flight::Level;
 use super::ground::TerrainFile;
@@ -16,8 +18,11 @@ use sizeup_geo::crs::{Crs, Transform3d};
 use sizeup_photos::dtm::DtmConfig;
 use sizeup_survey::{HeightConfig, HeightReference, StatedHeights};
 
-/// A terrain model that lies this near the take-off counts from what the poses count from, metres, beyond its own relief.
-const SAME_LEVEL_M: f64 = 15.0;
+/// A ground within this of the take-off is confirmed by it, metres, beyond the relief: what a barometer drifts in a flight.
+const CONFIRMED_M: f64 = 3.0;
+/// A ground farther than this from the take-off counts from another level, metres, beyond the relief. Between the two the drone may
+/// have started from a roof or a hill, or the levels may differ: the photos have to tell.
+const OTHER_LEVEL_M: f64 = 15.0;
 
 /// Where the geoid is from.
 const GEOID: &str = "the geoid EGM96 here, which national zeros follow to within a metre or two";
@@ -75,6 +80,8 @@ pub(super) struct Datum {
     pub is_sharpened: bool,
     /// How far the ground may be from the level that the photos start from, metres.
     pub within_m: f64,
+    /// How far the take-off is from that level, where it neither confirms nor refutes it, metres.
+    gap_m: f64,
     /// What the project's heights count from, in words.
     pub vertical_reference: Option<String>,
     /// What the ground is, in a line.
@@ -97,7 +104,7 @@ pub(super) fn settle(known: &Known<'_>) -> Datum {
     let mut datum = by_ground(known);
     let spreads = [known.takeoff.map(|level| level.spread_m), known.ground.level().map(|level| level.spread_m)];
     let unsure_m = 2.0 * spreads.into_iter().flatten().fold(0.0, f64::max);
-    datum.within_m = DtmConfig::default().within_m.max(unsure_m.ceil());
+    datum.within_m = DtmConfig::default().within_m.max((unsure_m + datum.gap_m).ceil());
     datum
 }
 
@@ -180,13 +187,21 @@ fn from_takeoff(known: &Known<'_>) -> Datum {
 
 /// Says so where the given height of the ground and the take-off are not of one level.
 fn doubt_given(datum: &mut Datum, known: &Known<'_>, level_m: f64) {
-    if let Some(takeoff) = known.takeoff.filter(|takeoff| (takeoff.median_m - level_m).abs() > SAME_LEVEL_M) {
-        datum.warnings.push(format!(
-            "--ground {level_m} is {:.0} m from the take-off at {:.1} m in the poses' heights: does it count from another level \
-             (sea level against the ellipsoid)?",
-            (takeoff.median_m - level_m).abs(),
-            takeoff.median_m
-        ));
+    let given = Level { median_m: level_m, spread_m: 0.0, n: 1 };
+    let Some((takeoff, shift)) = known.takeoff.map(|takeoff| (takeoff, Shift::of(takeoff, given))) else { return };
+    let what =
+        format!("--ground {level_m} is {:.0} m from the take-off at {:.1} m", shift.metres.abs(), takeoff.median_m);
+    match shift.verdict() {
+        Verdict::Same => {}
+        Verdict::Unclear => {
+            datum.leave_to_photos(shift);
+            datum
+                .warnings
+                .push(format!("{what} in the poses' heights: the photos look for the ground between ([dtm])"));
+        }
+        Verdict::Other => datum.warnings.push(format!(
+            "{what} in the poses' heights: does it count from another level (sea level against the ellipsoid)?"
+        )),
     }
 }
 
@@ -214,6 +229,9 @@ fn on_model(known: &Known<'_>, file: &TerrainFile, level: Level) -> Datum {
         }
         StatedHeights::Ellipsoidal | StatedHeights::ByCrs => {
             "the poses' reach the project's vertical reference by PROJ".clone_into(&mut datum.in_words);
+            if let Some(takeoff) = known.takeoff {
+                hold_against(&mut datum, Shift::of(takeoff, level));
+            }
             if file.vertical.is_none() {
                 datum.warnings.push(format!(
                     "{} does not say what its heights count from: it is taken to be the project's vertical reference",
@@ -252,6 +270,7 @@ fn from_ellipsoid(datum: &mut Datum, known: &Known<'_>, level: Level) {
         format!("metres, ESTIMATED: {source}"),
     ));
     datum.is_sharpened = true;
+    datum.gap_m = by_takeoff.map_or(0.0, |takeoff| (takeoff.metres - shift_m).abs());
     datum.in_words = format!("ellipsoidal minus {shift_m} m, into those of the terrain model");
     datum.warnings.push(format!(
         "the poses' heights are ellipsoidal and the terrain model's are not said: {shift_m} m are taken off, estimated ({source}); the \
@@ -282,12 +301,40 @@ impl Shift {
 
     /// Whether another figure for it can be right as well.
     fn allows(self, metres: f64) -> bool {
-        (self.metres - metres).abs() <= SAME_LEVEL_M + self.within_m
+        (self.metres - metres).abs() <= OTHER_LEVEL_M + self.within_m
+    }
+
+    /// What it says of a ground that is taken to be of one level with the poses.
+    fn verdict(self) -> Verdict {
+        match self.metres.abs() - self.within_m {
+            gap if gap <= CONFIRMED_M => Verdict::Same,
+            _ if self.allows(0.0) => Verdict::Unclear,
+            _ => Verdict::Other,
+        }
     }
 
     fn in_words(self) -> String {
         let within_m = self.within_m.max(2.0);
         format!("the take-off by the photos minus the terrain model under the cameras, good to {within_m:.0} m")
+    }
+}
+
+/// What the take-off says of the ground.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Verdict {
+    /// Both count from one level.
+    Same,
+    /// They may, or not.
+    Unclear,
+    /// They count from different levels.
+    Other,
+}
+
+impl Datum {
+    /// The photos look for the ground, as far off as the take-off is.
+    fn leave_to_photos(&mut self, shift: Shift) {
+        self.is_sharpened = true;
+        self.gap_m = shift.metres.abs();
     }
 }
 
@@ -329,25 +376,41 @@ fn unsaid(datum: &mut Datum, known: &Known<'_>, level: Level) {
         return;
     };
     let shift = Shift::of(takeoff, level);
-    let within_m = shift.within_m;
-    if shift.allows(0.0) {
-        datum.in_words = format!(
-            "the poses do not say: taken to be the terrain model's, which the take-off confirms to {:.0} m (± {within_m:.0} m)",
-            shift.metres.abs()
-        );
-        return;
+    "the poses do not say: taken to be the terrain model's".clone_into(&mut datum.in_words);
+    hold_against(datum, shift);
+    if shift.verdict() == Verdict::Same {
+        let said = format!(", which the take-off confirms to {:.0} m (± {:.0} m)", shift.metres.abs(), shift.within_m);
+        datum.in_words.push_str(&said);
     }
-    let shift_m = (10.0 * shift.metres).round() / 10.0;
-    datum.offset_m = Some(shift_m);
-    datum.is_sharpened = true;
-    datum.vertical_reference = None;
-    let why = format!(
-        "metres, ESTIMATED: the take-off by the photos lies so much above the terrain model (± {within_m:.0} m)"
-    );
-    datum.terrain_entries.push(Entry::new("vertical_offset_m", format!("{shift_m:?}"), why));
-    datum.in_words = format!("those of the poses, {shift_m} m from the terrain model's");
-    datum.warnings.push(format!(
-        "the poses' heights and the terrain model's count from different levels: the take-off lies {shift_m} m (± {within_m:.0} m) above the \
-         model; the model is moved by that (vertical_offset_m), and the photos put the rest right"
-    ));
+}
+
+/// Holds the terrain model against the take-off: it confirms it, leaves it to the photos, or moves it.
+fn hold_against(datum: &mut Datum, shift: Shift) {
+    let (shift_m, within_m) = ((10.0 * shift.metres).round() / 10.0, shift.within_m);
+    match shift.verdict() {
+        Verdict::Same => {}
+        Verdict::Unclear => {
+            datum.leave_to_photos(shift);
+            let _ = write!(datum.in_words, "; the take-off lies {shift_m} m (± {within_m:.0} m) above it");
+            datum.warnings.push(format!(
+                "the take-off lies {shift_m} m (± {within_m:.0} m) above the terrain model under the cameras: the drone started from \
+                 another height than the ground of the photos (a roof, a hill), or the model counts from another level. The photos look \
+                 for the ground around the model ([dtm]); where they do not find it, heights may be off by so much"
+            ));
+        }
+        Verdict::Other => {
+            datum.offset_m = Some(shift_m);
+            datum.is_sharpened = true;
+            datum.vertical_reference = None;
+            let why = format!(
+                "metres, ESTIMATED: the take-off by the photos lies so much above the terrain model (± {within_m:.0} m)"
+            );
+            datum.terrain_entries.push(Entry::new("vertical_offset_m", format!("{shift_m:?}"), why));
+            datum.in_words = format!("those of the poses, {shift_m} m from the terrain model's");
+            datum.warnings.push(format!(
+                "the poses' heights and the terrain model's count from different levels: the take-off lies {shift_m} m (± {within_m:.0} m) \
+                 above the model; the model is moved by that (vertical_offset_m), and the photos put the rest right"
+            ));
+        }
+    }
 }

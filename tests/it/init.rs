@@ -503,6 +503,39 @@ fn barometric_heights_over_a_terrain_model_count_from_the_take_off() {
 }
 
 #[test]
+fn a_terrain_model_that_the_take_off_does_not_confirm_is_left_to_the_photos() {
+    /// How far the poses stand above the terrain model's level, metres: less than what tells two levels apart for certain.
+    const APART_M: f64 = 12.0;
+    let desk = Desk::new();
+    for name in ["sparse", "dtm.tif", "footprints.gpkg", "images"] {
+        desk.bring(name, name);
+    }
+    desk.photos("images", &Drone::default());
+    for (i, view) in survey().views.iter().enumerate() {
+        let images = desk.path("flight/images");
+        fs::rename(images.join(format!("DJI_{:04}.JPG", i + 1)), images.join(&view.id.0)).unwrap();
+    }
+    let (summary, outcome) = desk.init(&["--offset", &format!("565000,5932000,{APART_M}")]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert!(!summary["heights"].as_str().unwrap().contains("confirms"), "{summary:#}");
+    assert!(warnings(&summary).contains("above the terrain model under the cameras"), "{summary:#}");
+    let config = RunConfig::load(&desk.path("sizeup.toml"), &[]).unwrap();
+    assert!(config.dtm.is_some_and(|dtm| dtm.within_m >= APART_M), "{}", desk.text());
+
+    let run = desk.run(&["run", "sizeup.toml", "--set", "output.pictures=false", "--json"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let truth = scene().join("truth.geojson");
+    let evaluated = desk.run(&["evaluate", "result/city.city.json", truth.to_str().unwrap(), "--json"]);
+    let evaluated: Value = serde_json::from_str(&evaluated.stdout).unwrap();
+    let all = if evaluated["all"].is_null() { &evaluated["heights"]["all"] } else { &evaluated["all"] };
+    println!("{all:#}");
+    assert!(all["n"] == N_BUILDINGS && all["error_mean_m"].as_f64().unwrap() < 0.5, "{evaluated:#}");
+    // A height of the ground by hand is held against the take-off as well.
+    let (summary, _) = desk.init(&["--offset", "565000,5932000,0", "--ground", "13"]);
+    assert!(warnings(&summary).contains("from the take-off") && summary["ground_from_photos"] == true, "{summary:#}");
+}
+
+#[test]
 fn a_project_within_the_folder_of_its_photos_runs_again() {
     let desk = Desk::new();
     desk.photos("", &Drone::default());
