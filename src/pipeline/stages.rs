@@ -90,11 +90,7 @@ pub(super) fn run(
     summary.n_buildings = n_buildings(&footprints);
     summary.detection.clone_from(&footprints.detection);
     if options.until == Stage::Footprints {
-        check_overlap(&survey, &footprints)?;
-        // Later stages would write them with their own.
-        let found: Vec<Issue> =
-            survey.issues.iter().chain(&footprints.layer.issues).chain(&footprints.issues).cloned().collect();
-        write_json(&config.project.output.join("issues.json"), &found)?;
+        let found = written_without_heights(config, &survey, &footprints)?;
         summary.count_issues(&found);
         return Ok(City::without_records(RunSummary { seconds, ..summary }));
     }
@@ -147,6 +143,19 @@ pub(super) fn run(
     unfinished.finish()?;
     timed(Stage::Output, start);
     Ok(City { summary: RunSummary { seconds, ..summary }, records, issues })
+}
+
+/// The issues of a run that ends with the footprints, as a file: later stages would write them with their own.
+fn written_without_heights(
+    config: &RunConfig,
+    survey: &Survey,
+    footprints: &FootprintStage,
+) -> Result<Vec<Issue>, PipelineError> {
+    check_overlap(survey, footprints)?;
+    let all = survey.issues.iter().chain(&footprints.layer.issues).chain(&footprints.issues);
+    let found: Vec<Issue> = all.cloned().collect();
+    write_json(&config.project.output.join("issues.json"), &found)?;
+    Ok(found)
 }
 
 /// What people decided; read first, so that a file that cannot be used is told before hours of computing.

@@ -23,7 +23,7 @@ use sizeup_heights::raster::Raster;
 /// Cost of a full mismatch, or of a level that no neighbour can see.
 pub(super) const WORST: u8 = 255;
 /// Variance below which a window has no texture to compare, grey levels².
-const LEAST_VARIANCE: f32 = 0.05;
+pub(super) const LEAST_VARIANCE: f32 = 0.05;
 
 /// A neighbour's brightness, ready for interpolation: per pixel its value, what it changes by to the right and
 /// downwards, and what is left diagonally. One read per lookup instead of four.
@@ -44,6 +44,20 @@ impl Neighbour {
             [a, b - a, c - a, (d - c) - (b - a)]
         };
         Self { width, height, corners: (0..width * height).map(corner).collect() }
+    }
+
+    /// Where its last column and row are; brightness is known before them.
+    pub(super) fn last(&self) -> (f32, f32) {
+        (self.width as f32 - 1.0, self.height as f32 - 1.0)
+    }
+
+    /// Brightness between pixels, in cells from the first one's centre, from 0 to less than the last.
+    #[inline(always)]
+    pub(super) fn at(&self, x: f32, y: f32) -> f32 {
+        let (col, row) = (x as i32, y as i32);
+        let (fx, fy) = (x - col as f32, y - row as f32);
+        let [here, right, below, diagonal] = self.corners[row as usize * self.width + col as usize];
+        here + fx * right + fy * (below + fx * diagonal)
     }
 }
 
@@ -339,10 +353,7 @@ impl Warp {
         self.values[seen.end..].fill(0.0);
         let positions = self.x[seen.clone()].iter().zip(&self.y[seen.clone()]);
         for (value, (x, y)) in self.values[seen.clone()].iter_mut().zip(positions) {
-            let (col, row) = (*x as i32, *y as i32);
-            let (fx, fy) = (x - col as f32, y - row as f32);
-            let [here, right, below, diagonal] = neighbour.corners[row as usize * neighbour.width + col as usize];
-            *value = here + fx * right + fy * (below + fx * diagonal);
+            *value = neighbour.at(*x, *y);
         }
         seen
     }
@@ -364,7 +375,7 @@ impl Warp {
             *x = (p.x + col * s.x) * per_z - 0.5;
             *y = (p.y + col * s.y) * per_z - 0.5;
         }
-        let (last_x, last_y) = (neighbour.width as f32 - 1.0, neighbour.height as f32 - 1.0);
+        let (last_x, last_y) = neighbour.last();
         let is_seen = |(x, y): (&f32, &f32)| *x >= 0.0 && *y >= 0.0 && *x < last_x && *y < last_y;
         let first = self.x.iter().zip(&self.y).position(is_seen).unwrap_or(0);
         let n = self.x[first..].iter().zip(&self.y[first..]).take_while(|(x, y)| is_seen((x, y))).count();

@@ -20,6 +20,7 @@ mod correlate;
 mod levels;
 mod picture;
 mod semi_global;
+mod slanted;
 mod speckles;
 mod sweep;
 
@@ -35,6 +36,7 @@ use self::alignment::Alignment;
 use self::consistency::Surface;
 use self::levels::Levels;
 use self::picture::Ideal;
+use self::slanted::Slopes;
 use self::sweep::{Coarse, Sweep, Unseen};
 use super::album::Album;
 use super::neighbours::Neighbours;
@@ -232,7 +234,18 @@ impl StereoPriors {
             coarse,
             unseen: Unseen::IsNothing,
         };
-        let heights_m = self.choose(&sweep);
+        let level_m = self.choose(&sweep);
+        let slopes = Slopes {
+            reference: &reference,
+            others: &others,
+            ideals: &ideals,
+            levels: &fine,
+            radius_px: self.config.window_px / 2,
+            min_score: self.config.min_score,
+        };
+        let mut heights_m = if std::env::var_os("NO_SLOPES").is_some() { level_m } else { slopes.find(&level_m) };
+        let least_px = self.config.window_px * self.config.window_px / SPECKLE_DIVISOR;
+        speckles::leave_out(&mut heights_m, &fine, least_px);
         Ok(Surface { ideal: reference.ideal().clone(), heights_m, levels: fine, is_turned })
     }
 

@@ -87,6 +87,15 @@ impl Picture {
         Ok(Self { grey: flatten(&straight), ideal })
     }
 
+    /// Of a camera and what it sees, by pixel.
+    #[cfg(test)]
+    pub(super) fn painted(ideal: Ideal, brightness: impl Fn(DVec2) -> f32) -> Self {
+        let (width, height) = (ideal.camera.width_px as usize, ideal.camera.height_px as usize);
+        let at = |i: usize| brightness(DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5));
+        let grey = Raster::from_vec(width, height, (0..width * height).map(at).collect()).expect("one per pixel");
+        Self { grey, ideal }
+    }
+
     /// Half the size.
     pub(super) fn half(&self) -> Self {
         let (width, height) = (self.grey.width() / 2, self.grey.height() / 2);
