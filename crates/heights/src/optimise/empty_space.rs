@@ -3,10 +3,11 @@
 //! left: what nobody has seen to be empty may be the rest of the building.
 //!
 //! The first `N_STOREYS` above a roof are cut into cells, `CELL_M` across and `STOREY_M` high. A ray with a depth that goes through a
-//! cell, by the roofs found, shows it empty; one without a depth shows nothing:
+//! cell, by the roofs found, shows it empty; one without a depth shows nothing. Where depth is in metres, one that ends before the
+//! cell does not show it empty either, but that something stands there:
 //!
 //! ```text
-//! known(cell) = rays with a depth / rays, through the cell
+//! known(cell) = rays with a depth behind the cell / rays, through the cell
 //! blind cell:   rays ≥ LEAST_RAYS  and  known(cell) ≤ BLIND_SHARE · known(all rays of these views)
 //! blind column: all its cells are blind
 //! ```
@@ -29,6 +30,8 @@ const N_STOREYS: usize = 3;
 const ABOVE_ROOF_M: f32 = 1.5;
 /// Rays through a cell for it to be told.
 const LEAST_RAYS: u32 = 6;
+/// A ray that looks so far into a cell shows it empty, metres of z-depth: more than depth in metres is off by.
+const INTO_CELL_M: f32 = 1.0;
 /// A cell is blind if it has less than this part of the usual share of depths.
 const BLIND_SHARE: f64 = 0.25;
 
@@ -42,6 +45,8 @@ pub(super) struct Look<'a> {
     pub stops: Stops,
     /// All its rays.
     pub all: Known,
+    /// Whether its prior's depth is in metres of itself.
+    pub is_in_metres: bool,
 }
 
 /// Some rays, and those of them with a depth.
@@ -92,7 +97,9 @@ impl Look<'_> {
     /// Counts a ray in every cell above `from_z` over the building that it passes through.
     fn through(&self, ray: u32, building: u32, from_z: f32, columns: &mut BTreeMap<[i32; 2], [Known; N_STOREYS]>) {
         let profiles = self.evidence.profiles;
-        let is_known = !self.evidence.nearness[ray as usize].is_nan();
+        // How far the ray looks, z-depth: relative depth does not say, but that it looks.
+        let nearness = self.evidence.nearness[ray as usize];
+        let looks_to = if self.is_in_metres || nearness.is_nan() { nearness.recip() } else { f32::INFINITY };
         let (dz, end) = (profiles.rays[ray as usize].dz, self.stops.depth(ray as usize));
         let line = self.evidence.ray(self.placed, ray);
         // The ray's own measure of its direction: z-depth by height, since both fall along it in proportion.
@@ -106,11 +113,13 @@ impl Look<'_> {
             }
             let n_steps = (2.0 * length_m / STOREY_M).ceil();
             for step in 0..n_steps as usize {
-                let place = at(interval.enter + (leave - interval.enter) * (step as f32 + 0.5) / n_steps);
+                let depth = interval.enter + (leave - interval.enter) * (step as f32 + 0.5) / n_steps;
+                let place = at(depth);
                 let column = [place.x, place.y].map(|x| (x / CELL_M).floor() as i32);
                 let storey = ((place.z - from_z) / STOREY_M) as usize;
                 if storey < N_STOREYS && last.replace((column, storey)) != Some((column, storey)) {
-                    columns.entry(column).or_default()[storey].add(is_known);
+                    // NaN looks nowhere.
+                    columns.entry(column).or_default()[storey].add(looks_to > depth + INTO_CELL_M);
                 }
             }
         }

@@ -31,6 +31,7 @@ mod solve;
 mod stepped;
 mod two_levels;
 mod unmodelled;
+mod wings;
 
 pub use config::{
     CalibrationRays, Gradient, Loss, MadGradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig, StepOn,

@@ -3,7 +3,8 @@
 //! ```text
 //! z(x, y) = ground + eave + rise · t(x, y),     t in 0..1, mean t̄ over the footprint
 //! hip     t = distance to the outline / greatest distance
-//! gable   t = 1 − |v| / half width,  v across one of the two axes of the smallest rectangle around the outline
+//! gable   t = 1 − |v| / half width,  v across one of the two axes of the smallest rectangle around the outline; over a main body
+//!         with wings that of the highest of their gables ([`super::wings`])
 //! height  eave + t̄ · rise   (the area mean)
 //! ```
 //!
@@ -21,6 +22,7 @@ use glam::{Mat2, Vec2};
 
 use super::intervals::Form;
 use super::roof::{Fit, Margin, Roof, RoofView, distance_to_outline, grid, smallest_rectangle};
+use super::wings::Wings;
 use crate::ray::Ray;
 use crate::scene::{Prism, RoofForm};
 use crate::simd::{LANES, Lanes};
@@ -120,6 +122,8 @@ pub(super) struct Shape<'a> {
     middle: Vec2,
     /// Horizontal way from eave to ridge, metres.
     run_m: f32,
+    /// Of a gable over more than a rectangle.
+    wings: Option<Wings>,
     /// Mean over the footprint.
     pub mean: f32,
 }
@@ -140,13 +144,17 @@ impl<'a> Shape<'a> {
             axes,
             middle,
             run_m,
+            wings: None,
             mean: 0.0,
         };
-        let mut shapes = vec![
-            gable(axes, middle, half.y),
-            gable(turned, Vec2::new(middle.y, -middle.x), half.x),
-            Self { form: RoofForm::Hip, prism, axes, middle, run_m: deepest, mean: 0.0 },
-        ];
+        let wings = Wings::of(prism, axes);
+        let mut shapes = if wings.is_empty() {
+            vec![gable(axes, middle, half.y), gable(turned, Vec2::new(middle.y, -middle.x), half.x)]
+        } else {
+            let winged = |wings: Wings| Self { wings: Some(wings.clone()), ..gable(axes, middle, wings.run_m()) };
+            wings.into_iter().map(winged).collect()
+        };
+        shapes.push(Self { form: RoofForm::Hip, ..gable(axes, middle, deepest) });
         for shape in &mut shapes {
             shape.mean = inside.iter().map(|p| shape.at(*p)).sum::<f32>() / inside.len().max(1) as f32;
         }
@@ -168,7 +176,10 @@ impl<'a> Shape<'a> {
     pub fn at(&self, point: Vec2) -> f32 {
         let share = match self.form {
             RoofForm::Flat | RoofForm::Stepped => 0.0,
-            RoofForm::Gable => 1.0 - ((self.axes * point).y - self.middle.y).abs() / self.run_m,
+            RoofForm::Gable => match &self.wings {
+                Some(wings) => wings.rise_m(self.axes * point) / self.run_m,
+                None => 1.0 - ((self.axes * point).y - self.middle.y).abs() / self.run_m,
+            },
             RoofForm::Hip => distance_to_outline(self.prism, point) / self.run_m,
         };
         share.clamp(0.0, 1.0)

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::{Solving, State};
+use crate::optimise::config::CalibrationRays;
 use crate::optimise::empty_space::{self, Known, Look};
 use crate::optimise::score::Correlation;
 use crate::optimise::search::{Finding, Range, SweepView, find_roofs, sweep};
@@ -55,10 +56,11 @@ impl State<'_> {
     /// By building, the area above its roof that none of its views has looked through.
     fn blind_areas_m2(&self) -> Vec<f64> {
         let roofs = self.problem.scene.roofs(&self.heights_m);
+        let is_in_metres = self.config.search.calibrate_on == CalibrationRays::None;
         let look_of = |v: usize| {
             let evidence = self.evidence[v].as_ref()?;
             let (placed, stops) = (&self.problem.views[v].placed, evidence.profiles.stops(&roofs));
-            Some(Look { evidence, placed, stops, all: Known::of(evidence) })
+            Some(Look { evidence, placed, stops, all: Known::of(evidence), is_in_metres })
         };
         let all: Vec<Option<Look<'_>>> = (0..self.evidence.len()).into_par_iter().map(look_of).collect();
         let of_building = |b: usize| {

@@ -130,6 +130,12 @@ impl Levels {
         Self { camera_z_m, from_m: -2.0, to_m: 20.0, n: 28 }
     }
 
+    /// Some between two heights.
+    #[cfg(test)]
+    pub(super) fn from_to(camera_z_m: f64, from_m: f64, to_m: f64) -> Self {
+        Self { camera_z_m, from_m, to_m, n: 50 }
+    }
+
     fn step(&self) -> f64 {
         (self.inverse(self.to_m) - self.inverse(self.from_m)) / (self.n - 1) as f64
     }

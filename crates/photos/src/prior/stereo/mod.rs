@@ -11,7 +11,8 @@
 //! 5. Steps 3 and 4 are done at a quarter and at half the size first ([`levels`]): the first says between which heights there are
 //!    surfaces at all, the second which heights are worth trying nearby. What holds together over less than a window is no
 //!    surface ([`speckles`]).
-//! 6. Heights that no other views, matched on their own, have there too are left out; the others are fused with theirs
+//! 6. Where level planes explain the pictures badly, planes of any slope are handed from pixel to pixel: pitched roofs ([`slanted`]).
+//! 7. Heights that no other views, matched on their own, have there too are left out; the others are fused with theirs
 //!    ([`consistency`]).
 
 mod alignment;
@@ -48,7 +49,7 @@ use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
 
 /// Changes whenever the same photos and settings would give another depth.
-const ALGORITHM: &[u8] = b"stereo 5";
+const ALGORITHM: &[u8] = b"stereo 6";
 /// A picture whose shorter side has fewer pixels is not asked between which heights there are surfaces.
 const LEAST_SIDE_PX: usize = 60;
 /// What holds together over less than this part of a window is no surface: pixels so close share most of what they were
@@ -234,7 +235,7 @@ impl StereoPriors {
             coarse,
             unseen: Unseen::IsNothing,
         };
-        let level_m = self.choose(&sweep);
+        let heights_m = self.choose(&sweep);
         let slopes = Slopes {
             reference: &reference,
             others: &others,
@@ -243,9 +244,7 @@ impl StereoPriors {
             radius_px: self.config.window_px / 2,
             min_score: self.config.min_score,
         };
-        let mut heights_m = if std::env::var_os("NO_SLOPES").is_some() { level_m } else { slopes.find(&level_m) };
-        let least_px = self.config.window_px * self.config.window_px / SPECKLE_DIVISOR;
-        speckles::leave_out(&mut heights_m, &fine, least_px);
+        let heights_m = self.without_speckles(slopes.find(&heights_m), &fine);
         Ok(Surface { ideal: reference.ideal().clone(), heights_m, levels: fine, is_turned })
     }
 
@@ -297,9 +296,12 @@ impl StereoPriors {
     fn choose(&self, sweep: &Sweep<'_>) -> Raster<f32> {
         let volume = sweep.volume(self.config.window_px / 2);
         let chosen = semi_global::choose_levels(&volume, sweep.reference.grey(), &self.config);
-        let mut heights_m = chosen.heights_m(sweep.levels, self.config.min_score);
+        self.without_speckles(chosen.heights_m(sweep.levels, self.config.min_score), sweep.levels)
+    }
+
+    fn without_speckles(&self, mut heights_m: Raster<f32>, levels: &Levels) -> Raster<f32> {
         let least_px = self.config.window_px * self.config.window_px / SPECKLE_DIVISOR;
-        speckles::leave_out(&mut heights_m, sweep.levels, least_px);
+        speckles::leave_out(&mut heights_m, levels, least_px);
         heights_m
     }
 }

@@ -9,9 +9,10 @@
 //! u lies in a neighbour at  A·u + w(u)·b           A = Kₛ·Rₛ·M,  b = Kₛ·Rₛ·(Cᵣ − Cₛ)
 //! ```
 //!
-//! A level plane starts at every height that was chosen. Pixels that it does not explain well take over their neighbours' planes,
-//! try others nearby, and keep what correlates best, by the same rule as levels: the mean of the better half of the neighbours. A
-//! slope has to pay: it is kept where it correlates better by [`LEAST_GAIN`].
+//! A level plane starts at every height that was chosen. Pixels that it does not explain well take over the planes of those beside
+//! them, try others nearby, and keep what correlates best, by the same rule as levels: the mean of the better half of the neighbours.
+//! A slope has to pay: it is kept where it correlates better by [`LEAST_GAIN`]. Numbers of chance hang on the pixel alone, so that
+//! the same photos give the same depth.
 
 #![expect(
     clippy::inline_always,
@@ -32,8 +33,33 @@ use sizeup_heights::raster::Raster;
 const SIDE: usize = 5;
 /// Samples of a window.
 const N: usize = SIDE * SIDE;
+/// As many numbers as the processor's vectors hold at a time; those beyond the samples repeat the middle.
+const LANES: usize = 32;
+/// Columns and rows of the samples from the middle.
+const COLS: [f32; LANES] = steps(false);
+const ROWS: [f32; LANES] = steps(true);
+
+const fn steps(are_rows: bool) -> [f32; LANES] {
+    let mut steps = [0.0; LANES];
+    let mut i = 0;
+    while i < N {
+        let at = if are_rows { i / SIDE } else { i % SIDE };
+        steps[i] = at as f32 - (SIDE / 2) as f32;
+        i += 1;
+    }
+    steps
+}
 /// A level plane that correlates so well is not doubted.
 const EXPLAINED: f32 = 0.85;
+/// Nor is one that correlates so well amid heights that differ by so few levels.
+const EXPLAINED_AMID_SAME: f32 = 0.65;
+const SAME_LEVELS: f64 = 1.5;
+/// How far around a pixel that is asked, pixels.
+const AMID_PX: usize = 2;
+/// Planes near one that correlates worse are not tried.
+const WORTH_TRYING: f32 = 0.3;
+/// Planes that are nearer, as a share of depth over the window, are one.
+const SAME_PLANE: f32 = 2e-4;
 /// A slope has to correlate so much better than the level plane.
 const LEAST_GAIN: f32 = 0.05;
 /// And so much better than what the least correlation asks for where there was no level plane.
@@ -58,6 +84,14 @@ struct Plane {
 
 impl Plane {
     const NONE: Self = Self { w: f32::NAN, right: 0.0, down: 0.0 };
+
+    /// Whether nobody could tell them apart within so many pixels.
+    #[inline(always)]
+    fn is_like(self, other: Self, within_px: f32) -> bool {
+        let apart = |a: f32, b: f32| (a - b).abs();
+        let slopes = apart(self.right, other.right) + apart(self.down, other.down);
+        apart(self.w, other.w) + within_px * slopes < SAME_PLANE * self.w
+    }
 
     /// The same plane seen from a pixel so far aside.
     fn from_aside(self, cols: f32, rows: f32) -> Self {
@@ -136,19 +170,21 @@ impl Judge<'_> {
 #[inline(always)]
 fn correlation(way: &Way<'_>, pixel: Vec3, step_px: f32, window: &Window, plane: Plane) -> Option<f32> {
     let middle = way.a * pixel + way.b * plane.w;
-    let (right, down) = (way.a.x_axis + way.b * plane.right, way.a.y_axis + way.b * plane.down);
-    let (mut x, mut y) = ([0.0_f32; N], [0.0_f32; N]);
-    for i in 0..N {
-        let (dx, dy) = ((i % SIDE) as f32 - (SIDE / 2) as f32, (i / SIDE) as f32 - (SIDE / 2) as f32);
-        let p = middle + (dx * step_px) * right + (dy * step_px) * down;
+    let right = step_px * (way.a.x_axis + way.b * plane.right);
+    let down = step_px * (way.a.y_axis + way.b * plane.down);
+    let (mut x, mut y) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+    for i in 0..LANES {
+        let z = middle.z + COLS[i] * right.z + ROWS[i] * down.z;
         // Behind the camera is nowhere.
-        let per_z = if p.z > 0.0 { 1.0 / p.z } else { f32::NAN };
-        x[i] = p.x * per_z - 0.5;
-        y[i] = p.y * per_z - 0.5;
+        let per_z = if z > 0.0 { 1.0 / z } else { f32::NAN };
+        x[i] = (middle.x + COLS[i] * right.x + ROWS[i] * down.x) * per_z - 0.5;
+        y[i] = (middle.y + COLS[i] * right.y + ROWS[i] * down.y) * per_z - 0.5;
     }
     let (last_x, last_y) = way.neighbour.last();
-    let is_seen =
-        x.iter().zip(&y).fold(true, |all, (x, y)| all & (*x >= 0.0) & (*y >= 0.0) & (*x < last_x) & (*y < last_y));
+    let mut is_seen = true;
+    for i in 0..LANES {
+        is_seen &= (x[i] >= 0.0) & (y[i] >= 0.0) & (x[i] < last_x) & (y[i] < last_y);
+    }
     if !is_seen {
         return None;
     }
@@ -246,17 +282,19 @@ impl Slopes<'_> {
     fn hand_on(&self, frame: &Frame, judge: &Judge<'_>, heights_m: &Raster<f32>) -> Raster<f32> {
         let mut field = Field::of(frame, judge, heights_m);
         let level_scores = field.scores.clone();
+        let is_explained: Vec<bool> =
+            level_scores.iter().enumerate().map(|(i, score)| self.is_explained(heights_m, i, *score)).collect();
         let n = level_scores.len();
         for pass in 0..N_PASSES {
             let is_forth = pass % 2 == 0;
             for k in 0..n {
                 let i = if is_forth { k } else { n - 1 - k };
-                if level_scores[i] >= EXPLAINED {
+                if is_explained[i] {
                     continue;
                 }
                 let Some(window) = judge.window(i % field.width, i / field.width) else { continue };
                 field.take_over(judge, i, &window, is_forth);
-                if field.scores[i] > 0.0 {
+                if field.scores[i] > WORTH_TRYING {
                     self.try_nearby(frame, judge, &mut field, i, &window, pass);
                 }
             }
@@ -272,6 +310,25 @@ impl Slopes<'_> {
             if self.is_roof(z_m, slope) { z_m as f32 } else { level_m }
         };
         Raster::from_vec(field.width, heights_m.height(), (0..n).map(settled).collect()).expect("one per pixel")
+    }
+
+    /// Whether a level plane that correlates so is left as it is.
+    fn is_explained(&self, heights_m: &Raster<f32>, i: usize, score: f32) -> bool {
+        if score < EXPLAINED_AMID_SAME || score >= EXPLAINED {
+            return score >= EXPLAINED;
+        }
+        let (col, row) = (i % heights_m.width(), i / heights_m.width());
+        let around = |at: usize, n: usize| at.saturating_sub(AMID_PX)..(at + AMID_PX + 1).min(n);
+        let mut range_m = [f32::INFINITY, f32::NEG_INFINITY];
+        for row in around(row, heights_m.height()) {
+            for z in &heights_m.data()[row * heights_m.width()..][around(col, heights_m.width())] {
+                if z.is_nan() {
+                    return false;
+                }
+                range_m = [range_m[0].min(*z), range_m[1].max(*z)];
+            }
+        }
+        f64::from(range_m[1] - range_m[0]) < SAME_LEVELS * self.levels.step_m(f64::from(range_m[0]))
     }
 
     /// Tries planes near the one at hand, nearer from pass to pass.
@@ -335,8 +392,11 @@ impl Field {
         // Whole windows keep away from the border: there is a pixel on every side.
         let (beside, above, sign) = if is_forth { (i - 1, i - self.width, 1.0) } else { (i + 1, i + self.width, -1.0) };
         for (from, cols, rows) in [(beside, sign, 0.0), (above, 0.0, sign)] {
-            if self.scores[from] > self.scores[i].max(0.0) {
-                self.attempt(judge, i, window, self.planes[from].from_aside(cols, rows));
+            let plane = self.planes[from].from_aside(cols, rows);
+            let within_px = (judge.step_px * (SIDE / 2) as i32) as f32;
+            // A plane that is there already is none to try, and NaN is like nothing.
+            if self.scores[from] > self.scores[i].max(0.0) && !plane.is_like(self.planes[i], within_px) {
+                self.attempt(judge, i, window, plane);
             }
         }
     }
@@ -420,7 +480,7 @@ mod tests {
         let paint = |ideal: &Ideal| Picture::painted(ideal.clone(), |pixel| tiles(place(ideal, pixel)));
         let (reference, others) = (paint(&here), [Arc::new(paint(&west)), Arc::new(paint(&east))]);
         let ideals = [west, east];
-        let levels = Levels { from_m: -15.0, to_m: 30.0, ..Levels::every_metre(60.0) };
+        let levels = Levels::from_to(60.0, -15.0, 30.0);
         let slopes = Slopes {
             reference: &reference,
             others: &others,
