@@ -144,9 +144,17 @@ impl Lattice {
         let (n_cols, n_rows) = (self.n_cols(), self.ys.len() - 1);
         let ways = |n: usize| (0..n).flat_map(move |from| (from + 1..=n).map(move |to| [from, to]));
         let all = ways(n_cols).flat_map(|cols| ways(n_rows).map(move |rows| [cols[0], cols[1], rows[0], rows[1]]));
+        let is_within = |cells: &Cells| Self::of_cells(*cells, n_cols).all(|i| self.is_inside[i]);
+        // Half of a rectangle is no main body: it reaches as far as it can every way.
+        let can_grow = |&[from_col, to_col, from_row, to_row]: &Cells| {
+            from_col > 0 && is_within(&[from_col - 1, from_col, from_row, to_row])
+                || to_col < n_cols && is_within(&[to_col, to_col + 1, from_row, to_row])
+                || from_row > 0 && is_within(&[from_col, to_col, from_row - 1, from_row])
+                || to_row < n_rows && is_within(&[from_col, to_col, to_row, to_row + 1])
+        };
         let is_main = |cells: &Cells| {
             let size = self.size(*cells);
-            (size.x >= size.y) == is_along_x && Self::of_cells(*cells, n_cols).all(|i| self.is_inside[i])
+            (size.x >= size.y) == is_along_x && is_within(cells) && !can_grow(cells)
         };
         let area = |cells: &Cells| self.size(*cells).element_product();
         let main = all.filter(is_main).max_by(|a, b| area(a).total_cmp(&area(b)))?;
@@ -250,8 +258,9 @@ mod tests {
             let at = |x: f32, y: f32| axes * Vec2::new(cos * x - sin * y, sin * x + cos * y);
             // The main body is 12 by 8 m: its ridge, 4 m within, runs along the 12. Either axis of the rectangle may be that.
             let wings = Wings::of(&prism, axes);
-            let of_house: Vec<&Wings> = wings.iter().filter(|w| (w.rise_m(at(11.0, 4.0)) - 4.0).abs() < 0.01).collect();
-            let [house] = of_house[..] else { panic!("{wings:?}") };
+            let has_eave_in_the_north = |w: &&Wings| (w.rise_m(at(1.5, 7.5)) - 0.5).abs() < 0.01;
+            let house = wings.iter().find(has_eave_in_the_north).unwrap();
+            assert_eq!(wings.len(), 2, "the 13 by 6 m from north to south may be the main body as well");
             assert!((house.run_m() - 4.0).abs() < 1e-3);
             let rises = [
                 ((9.0, 1.0), 1.0),  // on the slope beside the wing
