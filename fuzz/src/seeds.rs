@@ -10,6 +10,7 @@ use gdal::DriverManager;
 use gdal::raster::Buffer;
 use gdal::spatial_ref::SpatialRef;
 use gdal::vector::{Geometry, LayerAccess as _, LayerOptions, OGRwkbGeometryType};
+use sizeup::prior::{DepthPrior, PriorCache, PriorGeometry, PriorKind};
 
 const BLOCK: &str = "<BlocksExchange version=\"3.2\"><SpatialReferenceSystems><SRS><Id>0</Id><Definition>EPSG:25832</Definition>\
     </SRS></SpatialReferenceSystems><Block><SRSId>0</SRSId><Photogroups><Photogroup><ImageDimensions><Width>40</Width>\
@@ -40,17 +41,21 @@ const LAYER: &str = r#"{"type":"FeatureCollection","crs":{"type":"name","propert
 const COCO: &str = r#"{"images":[{"id":1,"file_name":"a.jpg","width":64,"height":48}],"categories":[{"id":1,"name":"building"}],
     "annotations":[{"id":1,"image_id":1,"category_id":1,"score":0.9,"segmentation":[[1,1,9,1,9,9,1,9]]},{"id":2,"image_id":1,
     "category_id":1,"segmentation":{"size":[48,64],"counts":[100,20,2952]}}]}"#;
-const TILES: &str = r#"{"sizeup":"0.1.0","origin_m":[0,0,0],"heights_m":[1,99],"halo_m":9,"view_margin_m":3,"config":{"project":
-    {"crs":"EPSG:25832"},"survey":{"path":"s"},"footprints":{"path":"f"},"terrain":{"constant_m":1.0},"prior":{"source":"stereo"}},
-    "inputs":[],"renamed":{},"n_buildings":1,"n_views":1,"tiles":[{"id":"e0_n0","core":{"west_m":0,"south_m":0,"east_m":1,
-    "north_m":1},"halo":{"west_m":0,"south_m":0,"east_m":1,"north_m":1},"n_buildings":1,"n_solved":1,"n_views":1,"memory_mb":9,
-    "views_sha256":""}]}"#;
+const TILES: &str = r#"{"made_by":{"settings":{},"parts":{}},"origin_m":[0,0,0],"heights_m":[1,99],"halo_m":9,"view_margin_m":3,"config":
+    {"project":{"crs":"EPSG:25832"},"survey":{"path":"s"},"footprints":{"path":"f"},"terrain":{"constant_m":1.0},"prior":{"source":"stereo"}},
+    "tileset":{"written":{"geoid_height":44.0}},"inputs":[],"renamed":{"7":"b"},"n_buildings":1,"n_views":1,"tiles":[{"id":"e0_n0","core":
+    {"west_m":0,"south_m":0,"east_m":1,"north_m":1},"halo":{"west_m":0,"south_m":0,"east_m":1,"north_m":1},"n_buildings":1,"n_solved":1,
+    "n_views":1,"memory_mb":9,"views_sha256":"","reads":{"outlines":{"size_bytes":1,"sha256":"00"},"terrain":null}}]}"#;
 const CONFIG: &str = "seed = 3\n[project]\ncrs = \"EPSG:25832\"\n[survey]\npath = \"s\"\n[survey.csv]\nangles = \"ypr\"\n[footprints]\n\
     path = \"f.gpkg\"\n[terrain]\nconstant_m = 12.0\n[prior]\nsource = \"files\"\npath = \"d/{stem}.npy\"\nkind = \"depth\"\n";
-const OPF: &str = r#"{"format":"application/opf-project+json","version":"1.0","id":"a","name":"p","items":[{"id":"b","type":
-    "camera_list","resources":[{"uri":"project.opf","format":"application/opf-camera-list+json"}]},{"id":"c","type":"calibration",
-    "resources":[{"uri":"project.opf","format":"application/opf-calibrated-cameras+json"}]}],"cameras":[{"id":1,"uri":"a.jpg"}],
-    "sensors":[]}"#;
+const OPF: &str = r#"{"format":"application/opf-project+json","version":"1.0","items":[{"id":"b","type":"camera_list","resources":[
+    {"uri":"project.opf","format":"application/opf-camera-list+json"}]},{"id":"i","type":"input_cameras","resources":[
+    {"uri":"project.opf","format":"application/opf-input-cameras+json"}]},{"id":"f","type":"scene_reference_frame","resources":[
+    {"uri":"project.opf","format":"application/opf-scene-reference-frame+json"}]},{"id":"c","type":"calibration","resources":[{"uri":"project.opf",
+    "format":"application/opf-calibrated-cameras+json"}]}],"cameras":[{"id":1,"uri":"a.jpg","sensor_id":1,"position":[5e5,57e5,100],
+    "orientation_deg":[1,2,3]}],"sensors":[{"id":1,"image_size_px":[40,30],"internals":{"type":"perspective","principal_point_px":[20,15],
+    "focal_length_px":30,"radial_distortion":[0.1,0,0],"tangential_distortion":[1e-3,0]}}],"captures":[],"base_to_canonical":{
+    "shift":[0,0,0],"scale":[1,1,1],"swap_xy":false},"crs":{"definition":"EPSG:25832"}}"#;
 
 const INPHO: &str = "$PROJECT 15.0.0\n  $PROJECT_NAME : a\n  $LINEAR_UNITS_OF_OBJECT : m\n$END\n$PHOTO\n  $PHOTO_NUM : 17\n  \
     $PHOTO_FILE : D:\\b 1\\a.tif\n  $CAMERA_ID : c\n  $EXT_ORI : 19:07:49 17/08/2018\n   100.5 500000.0 5700000.0 900.0\n   1 0 0 0 1 0 0 0 1\n\
@@ -58,7 +63,7 @@ const INPHO: &str = "$PROJECT 15.0.0\n  $PROJECT_NAME : a\n  $LINEAR_UNITS_OF_OB
     $CCD_COLUMNS : 11608\n  $CCD_ROWS : 8708\n  $PIXEL_REFERENCE : CenterTopLeft\n  $FOCAL_LENGTH : 100.5\n  $PRINCIPAL_POINT_PPA : 0 0\n  \
     $RADIAL_COEFFS :\n   0 0 0\n  $END\n$END\n";
 const STAC: &str = r#"{"type":"Feature","stac_version":"1.0.0","stac_extensions":["https://stac-extensions.github.io/perspective-imagery/v1.0.0/schema.json"],
-    "id":"a","properties":{"proj:shape":[8578,11478],"pers:omega":1,"pers:phi":2,"pers:kappa":3,"pers:perspective_center":[5e5,57e5,1504],
+    "id":"a","properties":{"proj:shape":[8578,11478],"pers:omega":0,"pers:phi":0,"pers:kappa":0,"pers:perspective_center":[5e5,57e5,1504],
     "pers:crs":25832,"pers:rotation_matrix":[1,0,0,0,1,0,0,0,1],"pers:interior_orientation":{"camera_id":"c","focal_length":108,
     "pixel_spacing":[0.0046,0.0046],"principal_point_offset":[0,0],"sensor_array_dimensions":[11478,8578]}},"assets":{},"links":[]}"#;
 const NERFSTUDIO: &str = r#"{"w":40,"h":30,"fl_x":30,"fl_y":30,"cx":20,"cy":15,"k1":0.1,"camera_model":"OPENCV","applied_transform":
@@ -68,14 +73,19 @@ const OSM: &str = r#"<?xml version="1.0"?><osm version="0.6"><node id="1" lat="5
     <node id="3" lat="51.401" lon="9"/><way id="4"><nd ref="1"/><nd ref="2"/><nd ref="3"/><nd ref="1"/><tag k="building" v="yes"/></way>
     <relation id="5"><member type="way" ref="4" role="outer"/><tag k="type" v="multipolygon"/><tag k="building" v="yes"/></relation></osm>"#;
 
+fn npy() -> Vec<u8> {
+    let mut npy = b"\x93NUMPY\x01\x00\x76\x00{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4), }".to_vec();
+    npy.resize(127, b' ');
+    npy.push(b'\n');
+    npy.extend((1..=12_u8).flat_map(|depth| f32::from(depth).to_le_bytes()));
+    npy
+}
+
 /// What cannot be written as text.
 fn binaries() -> Vec<(&'static str, Vec<u8>)> {
     let number = |values: &[f32]| -> Vec<u8> { values.iter().flat_map(|v| v.to_le_bytes()).collect() };
     let depths: Vec<f32> = (1..=12_u8).map(f32::from).collect();
-    let mut npy = b"\x93NUMPY\x01\x00\x76\x00{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4), }".to_vec();
-    npy.resize(127, b' ');
-    npy.push(b'\n');
-    npy.extend(number(&depths));
+    let npy = npy();
     let mut images = Vec::new();
     images.extend(1_u64.to_le_bytes());
     images.extend(1_u32.to_le_bytes());
@@ -102,15 +112,14 @@ fn binaries() -> Vec<(&'static str, Vec<u8>)> {
     photo.extend(u16::try_from(xmp.len() + 2).unwrap_or(2).to_be_bytes());
     photo.extend(xmp);
     photo.extend([0xFF, 0xC0, 0, 11, 8, 0, 30, 0, 40, 1, 0, 0, 0, 0xFF, 0xD9]);
-    let tiff =
-        b"II*\0\x08\0\0\0\x02\0\0\x01\x04\0\x01\0\0\0\x28\0\0\0\x01\x01\x04\0\x01\0\0\0\x1e\0\0\0\0\0\0\0".to_vec();
-    let kept = [
-        br#"{"version":2,"kind":"depth","geometry":"z_depth","width":4,"height":3,"sha256":""}"#.as_slice(),
-        b"\n",
-        &number(&depths),
-    ];
+    let mut tiff =
+        b"II*\0\x08\0\0\0\x03\0\0\x01\x04\0\x01\0\0\0\x28\0\0\0\x01\x01\x04\0\x01\0\0\0\x1e\0\0\0\xbc\x02\x01\0"
+            .to_vec();
+    let packet = xmp.splitn(2, |&byte| byte == 0).nth(1).unwrap_or_default();
+    tiff.extend(u32::try_from(packet.len()).unwrap_or_default().to_le_bytes());
+    tiff.extend([50, 0, 0, 0, 0, 0, 0, 0]);
+    tiff.extend(packet);
     vec![
-        ("kept_prior", kept.concat()),
         ("npy", npy),
         ("pfm", [b"Pf\n4 3\n-1.0\n".to_vec(), number(&depths)].concat()),
         ("colmap_binary", images),
@@ -121,12 +130,10 @@ fn binaries() -> Vec<(&'static str, Vec<u8>)> {
 }
 
 /// Files that tests compare with.
-const FIXTURES: [(&str, &str); 7] = [
-    ("npz", "priors/da3_mini.npz"),
+const FIXTURES: [(&str, &str); 5] = [
     ("onnx", "onnx/depth_in_range.onnx"),
     ("onnx", "onnx/depth_of_poses.onnx"),
     ("onnx", "onnx/fpsam_head.onnx"),
-    ("onnx", "onnx/cubic_resize.onnx"),
     ("onnx", "onnx/pad_by_axes.onnx"),
     ("onnx", "onnx/buildings_of_brightness.onnx"),
 ];
@@ -227,6 +234,14 @@ fn written(folder: &Path) -> Result<Vec<(&'static str, Vec<u8>)>, Box<dyn Error>
         all.push((reader, fs::read(folder.join(name))?));
     }
     all.push(("osm_pbf", osm_pbf()));
+    let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
+    zip.start_file("depth.npy", zip::write::SimpleFileOptions::default())?;
+    zip.write_all(&npy())?;
+    all.push(("npz", zip.finish()?.into_inner()));
+    let values = sizeup::raster::Raster::from_vec(4, 3, (1..=12_u8).map(f32::from).collect()).ok_or("a raster")?;
+    let prior = DepthPrior { values, kind: PriorKind::Depth, geometry: PriorGeometry::default() };
+    PriorCache::open(folder, 1 << 30)?.put("a", &prior)?;
+    all.push(("kept_prior", fs::read(folder.join("a.prior"))?));
     Ok(all)
 }
 
@@ -257,7 +272,10 @@ pub fn write(folder: &Path) -> Result<(), Box<dyn Error>> {
         ("inpho", INPHO),
         ("stac", STAC),
         ("nerfstudio", NERFSTUDIO),
-        ("recognised", "# ImageID X Y Z Omega Phi Kappa\na 5e5 57e5 100 1 2 3\nb 5e5 57e5 100 4 5 6\n"),
+        (
+            "recognised",
+            "# ImageID X Y Z Omega Phi Kappa width height fx\na 5e5 57e5 100 1 2 3 40 30 30\nb 5e5 57e5 100 4 5 6 40 30 30\n",
+        ),
         (
             "image_log",
             "31\t1.5\t[2364]\t  -339,N\t  -361,E\t   348,V\t52.00001,Lat\t9.0,Lon\t310.25,Ellh\t0.012, 0.010, 0.020\t50,Q\n",
@@ -270,11 +288,11 @@ pub fn write(folder: &Path) -> Result<(), Box<dyn Error>> {
         (
             "reviews",
             r#"{"type":"FeatureCollection","features":[{"type":"Feature","geometry":null,"properties":{"building_id":"a",
-            "decision":"set","height_m":9.5,"sigma_m":0.2}}]}"#,
+            "decision":"corrected","height_m":9.5,"sigma_m":0.2}}]}"#,
         ),
         (
             "tile_done",
-            r#"{"tile":"a","made_by":{},"outputs":{"a.json":"00"},"n_buildings":1,"n_heights":1,"by_status":{"solved":1},
+            r#"{"tile":"a","made_by":{"settings":{},"parts":{"a":"00"}},"outputs":{"a.json":"00"},"n_buildings":1,"n_heights":1,"by_status":{"measured":1},
             "n_used_views":1,"exit_code":0}"#,
         ),
         ("tile_attempt", r#"{"tile":"a","n_tries":1,"exit_code":3,"cause":"x"}"#),
