@@ -15,17 +15,20 @@ if [ ${#readers[@]} -eq 0 ]; then
     mapfile -t readers < <(sed -n '/^const READERS/,/^];/s/^    ("\([a-z0-9_]*\)", .*/\1/p' fuzz/src/readers.rs)
 fi
 RUSTC_WRAPPER="$PWD/fuzz/instrument.sh" ${CARGO:-cargo} build --quiet --manifest-path fuzz/Cargo.toml
-fuzz/target/debug/seeds fuzz/corpus
+SEEDS=fuzz/corpus fuzz/target/debug/readers
 failed=0
 for reader in "${readers[@]}"; do
     mkdir -p "fuzz/corpus/$reader" "fuzz/finds/$reader"
-    dictionary=text
-    case $reader in colmap_binary|blocks_exchange_zip|photo|photo_tiff|npy|npz|pfm|exr|las) dictionary=binary ;; esac
+    dictionary=text length=16384
+    case $reader in
+        *gpkg) dictionary=binary length=131072 ;; # SQLite begins with 98 kB
+        colmap_binary|*_zip|photo*|*png|*tiff|dtm|npy|npz|pfm|exr|kept_prior|onnx|la[sz]|*fgb|osm_pbf) dictionary=binary ;;
+    esac
     log="fuzz/finds/$reader.log"
     status=0
     READER=$reader fuzz/target/debug/readers "fuzz/corpus/$reader" -max_total_time="$seconds" -timeout=10 \
         -rss_limit_mb=1024 -dict="fuzz/dictionaries/$dictionary.dict" -artifact_prefix="fuzz/finds/$reader/" \
-        -print_final_stats=1 -max_len=16384 > "$log" 2>&1 || status=$?
+        -print_final_stats=1 -max_len=$length > "$log" 2>&1 || status=$?
     count=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
     speed=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")
     memory=$(sed -n 's/^stat::peak_rss_mb: *//p' "$log")

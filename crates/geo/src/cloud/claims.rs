@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! LAS    offset of points + points · record ≤ length
-//! LAZ    chunks ≤ bytes before their table;  layered: the chunks, one after the other, end where their table begins
+//! LAZ    chunks ≤ bytes before their table;  layered: every chunk ends before their table begins, however many the table counts
 //! both   points · (position, class, instance) ≤ what one input may take;  the first extended record ends within the file
 //! ```
 
@@ -45,8 +45,8 @@ pub(super) enum Claim {
     Cut(&'static str),
 }
 
-/// Checks a file from its beginning.
-pub(super) fn check(file: &mut (impl Read + Seek)) -> Result<(), Claim> {
+/// Checks a file from its beginning. Returns where its points end at the latest.
+pub(super) fn check(file: &mut (impl Read + Seek)) -> Result<u64, Claim> {
     let length = file.seek(SeekFrom::End(0)).map_err(|_| Claim::Cut("header"))?;
     let header = Header::read(file)?;
     limits::check(header.n_points.saturating_mul(IN_MEMORY), Some(length))?;
@@ -60,7 +60,7 @@ pub(super) fn check(file: &mut (impl Read + Seek)) -> Result<(), Claim> {
         return check_chunks(file, &header, length);
     }
     let points = header.n_points.saturating_mul(u64::from(header.record));
-    within("its points end at byte", points.saturating_add(u64::from(header.points_at)), length)
+    within("its points end at byte", points.saturating_add(u64::from(header.points_at)), length).map(|()| length)
 }
 
 fn within(what: &'static str, claimed: u64, length: u64) -> Result<(), Claim> {
@@ -103,20 +103,24 @@ fn bytes_of_1_4(file: &mut (impl Read + Seek)) -> Result<[u8; 20], Claim> {
 }
 
 /// The table of chunks, and the layers of each.
-fn check_chunks(file: &mut (impl Read + Seek), header: &Header, length: u64) -> Result<(), Claim> {
+fn check_chunks(file: &mut (impl Read + Seek), header: &Header, length: u64) -> Result<u64, Claim> {
     let first = u64::from(header.points_at) + 8;
-    let table_at = table_place(file, u64::from(header.points_at), length)?;
-    let Some(table_at) = table_at else { return Ok(()) };
-    within("its chunk table begins at byte", table_at.saturating_add(8), length)?;
-    let head = bytes::<8>(file, table_at).ok_or(Claim::Cut("chunk table"))?;
-    let n_chunks = u64::from(u32_at(&head, 4));
-    // Each chunk begins with a whole point.
-    let least = first.saturating_add(n_chunks.saturating_mul(u64::from(header.record).max(1)));
-    within("its chunks end at byte", least, table_at)?;
-    match layers(file, header)? {
-        Some(n_layers) => check_layers(file, n_chunks, [first, table_at], u64::from(header.record), n_layers),
-        None => Ok(()),
+    let end = match table_place(file, u64::from(header.points_at), length)? {
+        Some(table_at) => {
+            within("its chunk table begins at byte", table_at.saturating_add(8), length)?;
+            let head = bytes::<8>(file, table_at).ok_or(Claim::Cut("chunk table"))?;
+            let n_chunks = u64::from(u32_at(&head, 4));
+            // Each chunk begins with a whole point.
+            let least = first.saturating_add(n_chunks.saturating_mul(u64::from(header.record).max(1)));
+            within("its chunks end at byte", least, table_at)?;
+            table_at
+        }
+        None => length,
+    };
+    if let Some(n_layers) = layers(file, header)? {
+        check_layers(file, [first, end], u64::from(header.record), n_layers)?;
     }
+    Ok(end)
 }
 
 /// Where the chunk table is: said in front of the points, or by writers that cannot go back at the end; `None` without one.
@@ -130,24 +134,66 @@ fn table_place(file: &mut (impl Read + Seek), points_at: u64, length: u64) -> Re
     Ok(None)
 }
 
-/// Goes from chunk to chunk as the reader will: a point, a count, the lengths of the layers, the layers.
+/// Goes from chunk to chunk as the reader will: a point, a count, the lengths of the layers, the layers. The reader asks no
+/// table how many there are, so this goes on as long as there is room for one more.
 fn check_layers(
     file: &mut (impl Read + Seek),
-    n_chunks: u64,
     [mut at, end]: [u64; 2],
     record: u64,
     n_layers: u64,
 ) -> Result<(), Claim> {
-    for _ in 0..n_chunks {
-        let mut lengths = vec![0; usize::try_from(4 * n_layers).map_err(|_| Claim::Cut("chunk"))?];
-        let lengths_at = at + record + 4;
-        let read = file.seek(SeekFrom::Start(lengths_at)).and_then(|_| file.read_exact(&mut lengths));
+    let mut lengths = vec![0; usize::try_from(4 * n_layers).map_err(|_| Claim::Cut("chunk"))?];
+    loop {
+        let layers_at = at + record + 4 + 4 * n_layers;
+        if layers_at > end {
+            return Ok(());
+        }
+        let read = file.seek(SeekFrom::Start(at + record + 4)).and_then(|_| file.read_exact(&mut lengths));
         read.map_err(|_| Claim::Cut("chunk"))?;
         let layers: u64 = lengths.chunks_exact(4).map(|bytes| u64::from(u32_at(bytes, 0))).sum();
-        at = lengths_at + 4 * n_layers + layers;
+        at = layers_at + layers;
         within("a chunk ends at byte", at, end)?;
     }
-    Ok(())
+}
+
+/// A file whose points end somewhere: who comes there by reading finds nothing more; who goes there finds what is there. So a
+/// chunk table is not taken for one more chunk, which would be as long as its bytes happen to say.
+pub(super) struct UpTo<R> {
+    file: R,
+    at: u64,
+    end: u64,
+    is_over: bool,
+}
+
+impl<R> UpTo<R> {
+    /// From the beginning of a file.
+    pub(super) fn new(file: R, end: u64) -> Self {
+        Self { file, at: 0, end, is_over: false }
+    }
+}
+
+impl<R: Read> Read for UpTo<R> {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        if self.is_over {
+            return Ok(0);
+        }
+        let left = self.end.checked_sub(self.at).filter(|left| *left > 0);
+        let most = left.map_or(into.len(), |left| into.len().min(usize::try_from(left).unwrap_or(usize::MAX)));
+        let n = self.file.read(&mut into[..most])?;
+        self.at += n as u64;
+        self.is_over = left == Some(n as u64);
+        Ok(n)
+    }
+}
+
+impl<R: Seek> Seek for UpTo<R> {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        let at = self.file.seek(to)?;
+        // To ask where one is moves nothing.
+        self.is_over &= at == self.at;
+        self.at = at;
+        Ok(at)
+    }
 }
 
 /// How many layers a chunk has; `None` where chunks have none.
@@ -233,7 +279,7 @@ mod tests {
     fn sound_files_of_every_kind_pass() {
         for (format, is_compressed) in [(0, false), (3, true), (6, false), (6, true), (7, true)] {
             let bytes = cloud(format, is_compressed);
-            assert_eq!(check(&mut Cursor::new(bytes)), Ok(()), "format {format}, compressed: {is_compressed}");
+            assert!(check(&mut Cursor::new(bytes)).is_ok(), "format {format}, compressed: {is_compressed}");
         }
     }
 
@@ -256,5 +302,55 @@ mod tests {
         let layer_at = points_at + 8 + usize::from(u16_at(&packed, 105)) + 4;
         assert!(matches!(refused(packed.clone(), layer_at, &u32::MAX.to_le_bytes()), Claim::Beyond { .. }));
         assert!(check(&mut Cursor::new(&packed[..packed.len() / 2])).is_err());
+        // A table that counts no chunks does not keep the reader from reading them, nor does a table that is nowhere.
+        let mut uncounted = packed.clone();
+        uncounted[table_at + 4..table_at + 8].fill(0);
+        assert!(matches!(refused(uncounted, layer_at, &u32::MAX.to_le_bytes()), Claim::Beyond { .. }));
+        let mut placeless = packed.clone();
+        placeless[points_at..points_at + 8].fill(0);
+        placeless.extend([0; 8]);
+        assert!(matches!(refused(placeless, layer_at, &u32::MAX.to_le_bytes()), Claim::Beyond { .. }));
+    }
+
+    #[test]
+    fn a_chunk_table_is_not_read_as_a_chunk() {
+        let mut packed = cloud(6, true);
+        let points_at = u32_at(&packed, 96) as usize;
+        let table_at = u64_at(&packed, points_at) as usize;
+        // Chunks of one point, so that a second is looked for where the table lies. There it would be one without layers; other
+        // bytes would make it one of gigabytes.
+        let record_at = packed.windows(LASZIP.0.len()).position(|found| found == LASZIP.0).unwrap() - 2;
+        packed[record_at + 54 + 12..record_at + 54 + 16].copy_from_slice(&1_u32.to_le_bytes());
+        packed.truncate(table_at);
+        packed.extend([0; 400]);
+        let end = check(&mut Cursor::new(&packed)).unwrap();
+        assert_eq!(end, table_at as u64);
+        let mut reader = las::Reader::new(UpTo::new(Cursor::new(packed), end)).unwrap();
+        let mut n_read = 0;
+        let error = loop {
+            match reader.read_points(1) {
+                Ok(points) if points.is_empty() => panic!("all were read"),
+                Ok(_) => n_read += 1,
+                Err(error) => break error.to_string(),
+            }
+        };
+        assert_eq!(n_read, 1, "{error}");
+    }
+
+    #[test]
+    fn an_end_holds_for_those_who_read_on() {
+        let mut file = UpTo::new(Cursor::new((0..10_u8).collect::<Vec<_>>()), 6);
+        let mut found = Vec::new();
+        file.read_to_end(&mut found).unwrap();
+        assert_eq!(found, [0, 1, 2, 3, 4, 5]);
+        assert_eq!(file.stream_position().unwrap(), 6);
+        assert_eq!(file.read(&mut [0; 4]).unwrap(), 0);
+        for from in [6, 8] {
+            file.seek(SeekFrom::Start(9)).unwrap();
+            file.seek(SeekFrom::Start(from)).unwrap();
+            found.clear();
+            file.read_to_end(&mut found).unwrap();
+            assert_eq!(found, ((from as u8)..10).collect::<Vec<_>>());
+        }
     }
 }

@@ -119,9 +119,10 @@ fn read_tiles(folder: &Path) -> Result<Cloud, CloudError> {
 fn read_las(path: &Path) -> Result<Cloud, CloudError> {
     let failed = |source| CloudError::Las { path: path.to_owned(), source };
     let mut file = BufReader::new(fs::File::open(path).map_err(FileError::on("cannot read", path))?);
-    claims::check(&mut file).map_err(|e| CloudError::Claim { path: path.to_owned(), problem: e.to_string() })?;
+    let checked = claims::check(&mut file);
+    let end = checked.map_err(|e| CloudError::Claim { path: path.to_owned(), problem: e.to_string() })?;
     file.rewind().map_err(FileError::on("cannot read", path))?;
-    let mut reader = las::Reader::new(file).map_err(failed)?;
+    let mut reader = las::Reader::new(claims::UpTo::new(file, end)).map_err(failed)?;
     let header = reader.header();
     let wkt = header.get_wkt_crs_bytes().and_then(|bytes| std::str::from_utf8(bytes).ok());
     let crs = wkt.map(|text| text.trim_end_matches('\0').to_owned()).or_else(|| {

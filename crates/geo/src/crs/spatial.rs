@@ -3,6 +3,8 @@
 //! Ballpark operations are refused: without its grid, PROJ would hand ellipsoidal heights through unchanged and call
 //! that a success.
 
+use std::path::Path;
+
 use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, CoordTransformOptions, SpatialRef};
 use glam::{DMat3, DVec3};
 
@@ -114,10 +116,32 @@ pub(super) fn why_impossible(from: &str, to: &str) -> Option<String> {
     build().err().map(|e| e.to_string())
 }
 
-/// Whether GDAL, and PROJ below it, can read a definition. Addresses are left to PROJ: GDAL would fetch them.
+/// Whether GDAL, and PROJ below it, can read a definition.
 pub(super) fn is_known(definition: &str) -> bool {
     route_messages();
-    definition.starts_with("http") || (is_strict(definition) && SpatialRef::from_definition(definition).is_ok())
+    is_definition(definition)
+        && (is_address(definition) || is_strict(definition) && SpatialRef::from_definition(definition).is_ok())
+}
+
+/// OGC's addresses of CRS, which PROJ reads off: nobody is asked.
+fn is_address(definition: &str) -> bool {
+    ["http://www.opengis.net/", "https://www.opengis.net/", "http://opengis.net/", "https://opengis.net/"]
+        .iter()
+        .any(|start| definition.starts_with(start))
+}
+
+/// Whether a text is a definition by its looks. GDAL takes all others for the place of one: it fetches addresses and opens
+/// files, among them such as `/vsicurl/…` and `/vsistdin/`, and a survey's file may hold any text.
+fn is_definition(definition: &str) -> bool {
+    let starts = |start: &str| definition.get(..start.len()).is_some_and(|found| found.eq_ignore_ascii_case(start));
+    let is_word =
+        |word: &str| !word.is_empty() && word.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_');
+    let is_wkt = definition.split_once(['[', '(']).is_some_and(|(keyword, _)| is_word(keyword.trim_end()));
+    let leads_away = ["/", "\\", ".", "DICT:", "ESRI::", "FILE:"].iter().any(|start| starts(start))
+        || definition.contains("://")
+        || definition.to_ascii_lowercase().contains("/vsi");
+    let is_file = || Path::new(definition).exists();
+    is_address(definition) || is_wkt || starts("+") || starts("{") || !(leads_away || is_file())
 }
 
 /// GDAL reads the number of `EPSG:25832 and more` and passes over the rest.
@@ -185,6 +209,41 @@ pub fn enu_from_geocentric(lon_deg: f64, lat_deg: f64) -> DMat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_definition_is_never_fetched_or_opened() {
+        let server = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        server.set_nonblocking(true).unwrap();
+        let place = server.local_addr().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("crs.txt");
+        std::fs::write(&file, "EPSG:25832").unwrap();
+        let file = file.display().to_string();
+        let hostile = [
+            format!("http://{place}/crs"),
+            format!("HTTP://{place}/crs"),
+            format!("hTTps://{place}/crs"),
+            format!("http://{place}/crs[a(b"),
+            format!("/vsicurl/http://{place}/crs"),
+            format!("ESRI::HTTP://{place}/crs"),
+            format!("ESRI::/vsicurl/http://{place}/crs"),
+            format!("DICT:/vsicurl/http://{place}/crs,1"),
+            "/vsistdin/".to_owned(),
+            file.clone(),
+            format!("ESRI::{file}"),
+        ];
+        for definition in hostile {
+            assert!(!is_known(&definition), "{definition}");
+            assert!(Crs::parse(&definition).is_err(), "{definition}");
+            assert!(server.accept().is_err(), "{definition} was asked for");
+        }
+        for address in ["http://www.opengis.net/def/crs/EPSG/0/28992", "https://www.opengis.net/def/crs/EPSG/0/28992"] {
+            assert_eq!(Crs::parse(address).unwrap().epsg(), Some(28992), "{address}");
+        }
+        for definition in ["urn:ogc:def:crs:EPSG::25832", "OGC:CRS84", "+proj=utm +zone=32 +type=crs"] {
+            assert!(Crs::parse(definition).is_ok(), "{definition}");
+        }
+    }
 
     #[test]
     fn geocentric_coordinates_of_a_published_point() {
