@@ -141,7 +141,7 @@ static CASE: LazyLock<Case> = LazyLock::new(|| {
     Case { file: folder.join(name), read: *read }
 });
 
-/// What was read. With `SOUND` set, as run.sh does for its seeds, an error is a find: they are to get past the door.
+/// What was read. With `SOUND` set an error is a find: that tells, by hand, whether seeds get past the door.
 fn read<T, E: std::fmt::Display>(result: Result<T, E>) -> Option<T> {
     static SOUND: LazyLock<bool> = LazyLock::new(|| std::env::var_os("SOUND").is_some());
     match result {

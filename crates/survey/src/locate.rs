@@ -19,6 +19,10 @@ use sizeup_heights::ids::ViewId;
 /// 10 km above the highest summit.
 pub(crate) const POSSIBLE_HEIGHTS_M: std::ops::RangeInclusive<f64> = -500.0..=18_850.0;
 
+/// Farther from the origin of a grid, metres, lies nothing: the earth is 4e7 round, and eastings that begin with the zone's
+/// number reach 6.1e7.
+const FARTHEST_M: f64 = 1e8;
+
 /// What all poses of a survey have in common on their way to the map.
 struct Way {
     map_from_world: Transform,
@@ -67,6 +71,11 @@ impl Way {
             Some(true_north) => true_north.at(centre.x, centre.y).map_err(|e| e.to_string())?,
             None => GridNorth::SAME,
         };
+        if easting.abs().max(northing.abs()) > FARTHEST_M {
+            return Err(format!(
+                "its position is {easting:e}, {northing:e}: expected metres of at most {FARTHEST_M:e}"
+            ));
+        }
         let height_m = self.heights.in_project(centre).map_err(|e| e.to_string())?;
         let azimuth_rad = world_north.azimuth_rad + true_north.azimuth_rad;
         let north = GridNorth { azimuth_rad, scale: world_north.scale };
@@ -137,7 +146,11 @@ pub(crate) fn locate(
     let n_read = poses.poses.len() + poses.issues.len();
     let (world, offset) = world_crs(&mut poses, config, project_crs)?;
     suggest_projected(&poses, &world, project_crs)?;
-    let heights = Heights::decide(&config.height, poses.heights, &world, project_crs)?;
+    let heights = match Heights::decide(&config.height, poses.heights, &world, project_crs) {
+        // What is wrong with each photo says more than heights that none of them has.
+        Err(_) if poses.poses.is_empty() => return Ok(nothing(poses, &world, n_read)),
+        heights => heights?,
+    };
     let true_north = match poses.north {
         North::True if !world.is_geographic() => Some(TrueNorth::of(&world)?),
         _ => None,
@@ -194,6 +207,21 @@ pub(crate) fn locate(
     }
     issues.sort_by(|a, b| (&a.subject, &a.code).cmp(&(&b.subject, &b.code)));
     Ok((Survey { views, issues }, facts))
+}
+
+/// Of a file without a pose: why.
+fn nothing(poses: Poses, world: &Crs, n_poses: usize) -> (Survey, Facts) {
+    let Poses { mut issues, counts, .. } = poses;
+    issues.sort_by(|a, b| (&a.subject, &a.code).cmp(&(&b.subject, &b.code)));
+    let facts = Facts {
+        world: world.to_string(),
+        heights: "none".to_owned(),
+        transform: "none".to_owned(),
+        n_poses,
+        counts,
+        ..Facts::default()
+    };
+    (Survey { views: Vec::new(), issues }, facts)
 }
 
 /// How well the way to the project's plane is known; refused where that is not enough.
@@ -329,4 +357,46 @@ fn without_duplicates(poses: Vec<Pose>, issues: &mut Vec<Issue>) -> Vec<Pose> {
     }
     let mut kept = is_kept.into_iter();
     poses.into_iter().filter(|_| kept.next().unwrap_or(true)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write as _;
+    use std::fs;
+
+    use super::*;
+    use crate::{Reading, Site};
+
+    #[test]
+    fn a_position_off_the_earth_is_refused_and_spoils_no_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("poses.csv");
+        let mut table = "name,x,y,z,omega,phi,kappa,width,height,fx\n".to_owned();
+        for i in 0..20 {
+            writeln!(table, "{i}.jpg,{},5763000,180,10,0,0,400,300,500", 566_000 + 10 * i).unwrap();
+        }
+        // The last lies in a grid whose eastings begin with the zone's number.
+        table += "far.jpg,1e99,5763000,180,10,0,0,400,300,500\nback.jpg,566000,-1e9,180,10,0,0,400,300,500\n\
+            zone.jpg,60566000,5763000,180,10,0,0,400,300,500\n";
+        fs::write(&path, table).unwrap();
+        let crs = Crs::parse("EPSG:25832").unwrap();
+        let reading = Reading::of(&SurveyConfig::at(&path), &crs).unwrap();
+        let refused: Vec<String> = reading.survey().issues.iter().map(|issue| format!("{:?}", issue.subject)).collect();
+        assert_eq!(refused, [r#"View("back.jpg")"#, r#"View("far.jpg")"#]);
+        assert!(reading.survey().issues[1].message.contains("1e99"), "{}", reading.survey().issues[1].message);
+        let report = reading.report(Site::default());
+        assert!(report.is_sound() && report.height_m.unwrap().min > 179.0, "{report}");
+    }
+
+    #[test]
+    fn photos_without_a_pose_are_told_why_before_their_heights_are_asked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let size = b"II*\0\x08\0\0\0\x02\0\0\x01\x04\0\x01\0\0\0\x28\0\0\0\x01\x01\x04\0\x01\0\0\0\x1e\0\0\0\0\0\0\0";
+        fs::write(folder.path().join("a.tif"), size).unwrap();
+        let crs = Crs::parse("EPSG:25832").unwrap();
+        let reading = Reading::of(&SurveyConfig::at(folder.path()), &crs).unwrap();
+        let report = reading.report(Site::default());
+        assert!(!report.is_sound() && report.n_refused() == 1, "{report}");
+        assert!(report.to_string().contains("refused: a.tif: no focal length in its metadata"), "{report}");
+    }
 }

@@ -40,6 +40,14 @@ pub(super) enum Claim {
         /// The file's length.
         length: u64,
     },
+    /// What it says of its compression contradicts itself.
+    #[error(
+        "its points are said to be compressed as {compressor}, its items are those of {LAYERED}\nhint: it is damaged: copy it again"
+    )]
+    Mixed {
+        /// The compressor.
+        compressor: u16,
+    },
     /// The file ends early.
     #[error("it ends within its {0}")]
     Cut(&'static str),
@@ -206,25 +214,36 @@ fn layers(file: &mut (impl Read + Seek), header: &Header) -> Result<Option<u64>,
         if head[2..].starts_with(LASZIP.0) && u16_at(&head, 18) == LASZIP.1 {
             let mut record = vec![0; usize::from(length)];
             let read = file.seek(SeekFrom::Start(at)).and_then(|_| file.read_exact(&mut record));
-            return read.map(|()| layers_of(&record)).map_err(|_| Claim::Cut("records"));
+            read.map_err(|_| Claim::Cut("records"))?;
+            return layers_of(&record);
         }
         at += u64::from(length);
     }
     Ok(None)
 }
 
-/// Layers by what a point is made of: kind, size and version of each item.
-fn layers_of(record: &[u8]) -> Option<u64> {
+/// Layers by what a point is made of: kind, size and version of each item. The reader goes by the items whether there are layers,
+/// whatever the compressor is called.
+fn layers_of(record: &[u8]) -> Result<Option<u64>, Claim> {
     const ITEMS_AT: usize = 34;
-    let is_layered = record.len() >= ITEMS_AT && u16_at(record, 0) == LAYERED;
-    let items = record.get(ITEMS_AT..).unwrap_or_default().chunks_exact(6).take(usize::from(record_items(record)));
-    let n = items.map(|item| match u16_at(item, 0) {
+    /// The first kind of item that only layers hold, and the first version of items in layers.
+    const LAYERED_ITEMS: [u16; 2] = [10, 3];
+    if record.len() < ITEMS_AT {
+        return Ok(None);
+    }
+    let compressor = u16_at(record, 0);
+    let items = || record[ITEMS_AT..].chunks_exact(6).take(usize::from(record_items(record)));
+    let is_layered = items().any(|item| u16_at(item, 0) >= LAYERED_ITEMS[0] || u16_at(item, 4) >= LAYERED_ITEMS[1]);
+    if is_layered && compressor != LAYERED {
+        return Err(Claim::Mixed { compressor });
+    }
+    let n = items().map(|item| match u16_at(item, 0) {
         10 => 9,                         // point
         11 | 13 => 1,                    // colour, wave packet
         12 => 2,                         // colour with near infrared
         _ => u64::from(u16_at(item, 2)), // extra bytes, each on its own
     });
-    is_layered.then(|| n.sum())
+    Ok((compressor == LAYERED).then(|| n.sum()))
 }
 
 fn record_items(record: &[u8]) -> u16 {
@@ -302,6 +321,12 @@ mod tests {
         let layer_at = points_at + 8 + usize::from(u16_at(&packed, 105)) + 4;
         assert!(matches!(refused(packed.clone(), layer_at, &u32::MAX.to_le_bytes()), Claim::Beyond { .. }));
         assert!(check(&mut Cursor::new(&packed[..packed.len() / 2])).is_err());
+        // The compressor of other point formats, over items that come in layers.
+        let record_at = packed.windows(LASZIP.0.len()).position(|found| found == LASZIP.0).unwrap() - 2;
+        for compressor in [1_u16, 2] {
+            let mixed = refused(packed.clone(), record_at + 54, &compressor.to_le_bytes());
+            assert_eq!(mixed, Claim::Mixed { compressor });
+        }
         // A table that counts no chunks does not keep the reader from reading them, nor does a table that is nowhere.
         let mut uncounted = packed.clone();
         uncounted[table_at + 4..table_at + 8].fill(0);

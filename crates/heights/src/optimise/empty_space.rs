@@ -49,7 +49,7 @@ pub(super) struct Look<'a> {
     pub is_in_metres: bool,
 }
 
-/// Some rays, and those of them with a depth.
+/// Some rays, and those of them with a depth (of a cell: behind it).
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Known {
     n_rays: u32,

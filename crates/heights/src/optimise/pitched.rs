@@ -151,7 +151,7 @@ impl<'a> Shape<'a> {
         let mut shapes = if wings.is_empty() {
             vec![gable(axes, middle, half.y), gable(turned, Vec2::new(middle.y, -middle.x), half.x)]
         } else {
-            let winged = |wings: Wings| Self { wings: Some(wings.clone()), ..gable(axes, middle, wings.run_m()) };
+            let winged = |wings: Wings| Self { run_m: wings.run_m(), wings: Some(wings), ..gable(axes, middle, 0.0) };
             wings.into_iter().map(winged).collect()
         };
         shapes.push(Self { form: RoofForm::Hip, ..gable(axes, middle, deepest) });

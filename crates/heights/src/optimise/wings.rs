@@ -1,13 +1,13 @@
-//! Outlines as a main body with wings: L, T, U and their like, whose gables run into each other.
+//! Footprints as a main body with wings: L, T, U and their like, whose gables run into each other.
 //!
 //! ```text
-//! main body   the largest rectangle of the outline that is longer one way; its ridge runs along it
+//! main body   the largest rectangle of the footprint that is longer one way; its ridge runs along it
 //! wing        a rectangle that is left beside it; its ridge leaves the main body at right angles
 //! rise(p)     greatest of  half width − |p across the ridge|  over those whose rectangle p lies in;
 //!             a wing's reaches into the main body as far as its ridge
 //! ```
 //!
-//! Coordinates are along the axes of the smallest rectangle around the outline, metres.
+//! Coordinates are along the axes of the smallest rectangle around the footprint, metres.
 
 use glam::{Mat2, Vec2};
 
@@ -15,11 +15,11 @@ use crate::scene::Prism;
 
 /// Corners whose coordinates differ by less lie on one line, metres.
 const SAME_LINE_M: f32 = 0.6;
-/// Lines either way at most: more is no simple outline.
+/// Lines either way at most: more is no simple footprint.
 const MOST_LINES: usize = 8;
-/// The part of an outline that rectangles may leave out or add.
+/// The part of a footprint that rectangles may leave out or add.
 const MOST_OFF: f32 = 0.1;
-/// The least part of an outline that is a main body.
+/// The least part of a footprint that is a main body.
 const LEAST_MAIN: f32 = 0.3;
 
 /// A gable over a rectangle.
@@ -61,7 +61,7 @@ impl Wings {
         self.0.iter().map(|gable| gable.rise_m(at)).fold(0.0, f32::max)
     }
 
-    /// Of an outline: with the main body along either axis, where there is one; none of a plain rectangle, of an outline with a
+    /// Of a footprint: with the main body along either axis, where there is one; none of a plain rectangle, of a footprint with a
     /// courtyard or with walls askew.
     pub fn of(prism: &Prism, axes: Mat2) -> Vec<Self> {
         Lattice::of(prism, axes).map_or_else(Vec::new, |lattice| {
@@ -70,7 +70,7 @@ impl Wings {
     }
 }
 
-/// An outline on the lines that its walls lie on.
+/// A footprint on the lines that its walls lie on.
 struct Lattice {
     xs: Vec<f32>,
     ys: Vec<f32>,
@@ -238,7 +238,7 @@ mod tests {
     use crate::optimise::roof::smallest_rectangle;
     use crate::terrain::GroundLevel;
 
-    /// An outline, turned by some angle as houses are.
+    /// A footprint, turned by some angle as houses are.
     fn prism(corners: &[(f64, f64)], turn_rad: f64) -> Prism {
         let (sin, cos) = turn_rad.sin_cos();
         let turned = |&(x, y): &(f64, f64)| Coord { x: cos * x - sin * y, y: sin * x + cos * y };
