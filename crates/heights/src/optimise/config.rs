@@ -262,7 +262,7 @@ impl Default for SearchConfig {
             rank_sweeps: 0,
             correct_edge_bleeding: true,
             split_levels: true,
-            roof_forms: vec![RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped],
+            roof_forms: vec![RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped, RoofForm::Mixed],
             n_coarse: 48,
             n_fine: 17,
             local_half_width_m: 6.0,

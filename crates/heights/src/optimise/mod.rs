@@ -17,6 +17,7 @@ mod gradient;
 mod inspect;
 mod intervals;
 mod levels;
+mod mixed;
 mod ordinal;
 mod peak;
 mod pitched;

@@ -28,11 +28,11 @@ use crate::scene::{Prism, RoofForm};
 use crate::simd::{LANES, Lanes};
 
 /// Samples along a ray's way over the footprint.
-const N_SAMPLES: usize = 8;
+pub(super) const N_SAMPLES: usize = 8;
 /// Points per side of the grid that means and greatest distances are taken over.
 const GRID: usize = 24;
 /// Steepest pitch tried: rise over run.
-const STEEPEST: f32 = 1.4;
+pub(super) const STEEPEST: f32 = 1.4;
 /// Tallest roof above its eave, metres: more is a tower under an outline that is not its own.
 pub(super) const TALLEST_M: f32 = 8.0;
 /// Rises tried besides 0, between nothing and the steepest.
@@ -44,7 +44,7 @@ const MARGIN: Margin = Margin { gain: 0.0005, standard_errors: 0.7, n_more: 0.0 
 
 /// Ways of rays over a footprint, sampled, side by side.
 #[derive(Debug, Clone, Copy)]
-struct Ways {
+pub(super) struct Ways {
     enter: Lanes,
     /// z-depth from one sample to the next.
     step: Lanes,
@@ -75,13 +75,13 @@ impl Ways {
 
     /// z-depths at which the rays meet the roof, or the wall in front; `+∞` where they pass over.
     #[inline(always)]
-    fn meets<S: Simd>(&self, simd: S, shares: &Shares, eave_m: f32, rise_m: f32) -> f32x8<S> {
+    pub fn meets<S: Simd>(&self, simd: S, surface: &impl Surface) -> f32x8<S> {
         let (enter, step) = (self.enter.load(simd), self.step.load(simd));
         // From behind: what stops it later counts only where nothing does before.
         let mut depth = f32x8::splat(simd, f32::INFINITY);
-        let mut next = self.clearance_m(simd, shares, N_SAMPLES - 1, eave_m, rise_m);
+        let mut next = surface.clearance_m(simd, self.above_m[N_SAMPLES - 1].load(simd), N_SAMPLES - 1);
         for k in (1..N_SAMPLES).rev() {
-            let previous = self.clearance_m(simd, shares, k - 1, eave_m, rise_m);
+            let previous = surface.clearance_m(simd, self.above_m[k - 1].load(simd), k - 1);
             let is_below = next.simd_le(0.0);
             if is_below.any_true() {
                 let steps = previous / (previous - next) + (k - 1) as f32;
@@ -91,11 +91,42 @@ impl Ways {
         }
         next.simd_le(0.0).select(enter, depth)
     }
+}
 
-    /// How far above the roof the rays are at a sample, metres.
+/// The ways of a view's rays over its building; `at` hears of each sample: block, lane, which one, and where, local frame, metres.
+pub(super) fn ways(view: &RoofView<'_>, ground_z: f32, mut at: impl FnMut(usize, usize, usize, Vec2)) -> Vec<Ways> {
+    let mut ways = Vec::new();
+    for (i, (ray, enter, leave)) in view.window.own_stretches().enumerate() {
+        let (block, lane) = (i / LANES, i % LANES);
+        if lane == 0 {
+            ways.push(Ways::EMPTY);
+        }
+        let ray = view.evidence.ray(view.placed, ray);
+        ways[block].set(lane, &ray, (enter, leave), ground_z);
+        for k in 0..N_SAMPLES {
+            at(block, lane, k, (ray.origin + ways[block].depth(lane, k) * ray.direction).truncate());
+        }
+    }
+    ways
+}
+
+/// A roof's surface over sampled ways.
+pub(super) trait Surface {
+    /// How far above it the rays are that are so far above the ground at their sample `k`, metres. To be inlined always.
+    fn clearance_m<S: Simd>(&self, simd: S, above_m: f32x8<S>, k: usize) -> f32x8<S>;
+}
+
+/// A roof of some shape over ways.
+struct Raised<'a> {
+    shares: &'a Shares,
+    eave_m: f32,
+    rise_m: f32,
+}
+
+impl Surface for Raised<'_> {
     #[inline(always)]
-    fn clearance_m<S: Simd>(&self, simd: S, shares: &Shares, k: usize, eave_m: f32, rise_m: f32) -> f32x8<S> {
-        self.above_m[k].load(simd) - eave_m - shares[k].load(simd) * rise_m
+    fn clearance_m<S: Simd>(&self, simd: S, above_m: f32x8<S>, k: usize) -> f32x8<S> {
+        above_m - self.eave_m - self.shares[k].load(simd) * self.rise_m
     }
 }
 
@@ -109,7 +140,7 @@ impl Form for Pitched<'_> {
     #[inline(always)]
     fn meets<S: Simd>(&self, simd: S, block: usize) -> f32x8<S> {
         let Candidate { shape, eave_m, rise_m } = self.candidate;
-        self.sampled.ways[block].meets(simd, &self.sampled.shares[shape][block], eave_m, rise_m)
+        self.sampled.ways[block].meets(simd, &Raised { shares: &self.sampled.shares[shape][block], eave_m, rise_m })
     }
 }
 
@@ -175,7 +206,7 @@ impl<'a> Shape<'a> {
 
     pub fn at(&self, point: Vec2) -> f32 {
         let share = match self.form {
-            RoofForm::Flat | RoofForm::Stepped => 0.0,
+            RoofForm::Flat | RoofForm::Stepped | RoofForm::Mixed => 0.0,
             RoofForm::Gable => match &self.wings {
                 Some(wings) => wings.rise_m(self.axes * point) / self.run_m,
                 None => 1.0 - ((self.axes * point).y - self.middle.y).abs() / self.run_m,
@@ -195,23 +226,16 @@ struct Sampled {
 
 impl Sampled {
     fn new(view: &RoofView<'_>, shapes: &[Shape<'_>], ground_z: f32) -> Self {
-        let mut sampled = Self { ways: Vec::new(), shares: vec![Vec::new(); shapes.len()] };
-        for (i, (ray, enter, leave)) in view.window.own_stretches().enumerate() {
-            let (block, lane) = (i / LANES, i % LANES);
-            if lane == 0 {
-                sampled.ways.push(Ways::EMPTY);
-                sampled.shares.iter_mut().for_each(|shares| shares.push([Lanes::splat(0.0); N_SAMPLES]));
-            }
-            let ray = view.evidence.ray(view.placed, ray);
-            sampled.ways[block].set(lane, &ray, (enter, leave), ground_z);
-            for (shares, shape) in sampled.shares.iter_mut().zip(shapes) {
-                for (k, share) in shares[block].iter_mut().enumerate() {
-                    let along = sampled.ways[block].depth(lane, k);
-                    share.set(lane, shape.at((ray.origin + along * ray.direction).truncate()));
+        let mut shares: Vec<Vec<Shares>> = vec![Vec::new(); shapes.len()];
+        let ways = ways(view, ground_z, |block, lane, k, at| {
+            for (shares, shape) in shares.iter_mut().zip(shapes) {
+                if shares.len() <= block {
+                    shares.push([Lanes::splat(0.0); N_SAMPLES]);
                 }
+                shares[block][k].set(lane, shape.at(at));
             }
-        }
-        sampled
+        });
+        Self { ways, shares }
     }
 }
 

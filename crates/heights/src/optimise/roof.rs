@@ -1,6 +1,6 @@
 //! The form of a roof: does another one explain the priors better than a flat one?
 //!
-//! The forms ([`super::pitched`], [`super::stepped`]) are tried after the search has settled, with the neighbours flat as they
+//! The forms ([`super::pitched`], [`super::stepped`], [`super::mixed`]) are tried after the search has settled, with the neighbours flat as they
 //! are. Of those that are clearly better than a flat roof, the one that explains most is taken.
 
 use std::cell::LazyCell;
@@ -10,9 +10,11 @@ use serde::{Deserialize, Serialize};
 
 use super::config::SearchConfig;
 use super::evidence::Evidence;
+use super::mixed;
 use super::pitched::{self, Shape};
 use super::score::{Correlation, Window};
 use super::stepped;
+use super::two_levels::N_MORE;
 use crate::render::PlacedCamera;
 use crate::scene::{HeightBounds, HeightReference, Prism, RoofForm};
 
@@ -36,7 +38,7 @@ pub struct Roof {
     pub ridge_m: f64,
     /// Area mean above the building's ground, metres.
     pub mean_m: f64,
-    /// The plan of a stepped one.
+    /// The plan of a stepped or a mixed one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub terrace: Option<Terrace>,
 }
@@ -48,6 +50,18 @@ pub struct Terrace {
     pub corners: [[f64; 2]; 4],
     /// Whether it is the upper level.
     pub is_upper: bool,
+    /// What stands over it in place of a flat upper level.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gable: Option<Gable>,
+}
+
+/// A gable over the rectangle of a mixed roof; its ridge is the roof's.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Gable {
+    /// Its eave above the building's ground, metres.
+    pub eave_m: f64,
+    /// Whether its ridge runs along the rectangle's first side.
+    pub is_ridge_along_first: bool,
 }
 
 impl Terrace {
@@ -59,6 +73,21 @@ impl Terrace {
             along.perp_dot(point - corner(i))
         };
         (0..4).map(from_side).fold(f32::INFINITY, f32::min)
+    }
+
+    /// Its low and high corner along some axes that its sides lie along, metres.
+    pub(super) fn across(&self, axes: Mat2) -> [Vec2; 2] {
+        let corners = self.corners.map(|corner| axes * DVec2::from_array(corner).as_vec2());
+        [corners.into_iter().fold(Vec2::INFINITY, Vec2::min), corners.into_iter().fold(Vec2::NEG_INFINITY, Vec2::max)]
+    }
+
+    /// How high a gable over it stands at a point, 0 at the eave, 1 at the ridge.
+    fn gable_share(&self, gable: Gable, point: Vec2) -> f64 {
+        let corner = |i: usize| DVec2::from_array(self.corners[i]);
+        let (first, second) = (corner(1) - corner(0), corner(3) - corner(0));
+        let across = if gable.is_ridge_along_first { second } else { first };
+        let off = (point.as_dvec2() - corner(0)).dot(across) / across.length_squared();
+        (1.0 - 2.0 * (off - 0.5).abs()).clamp(0.0, 1.0)
     }
 }
 
@@ -89,7 +118,23 @@ impl Roof {
     #[must_use]
     pub fn raised(self, by_m: f64) -> Self {
         let Self { eave_m, ridge_m, mean_m, .. } = self;
-        Self { eave_m: eave_m + by_m, ridge_m: ridge_m + by_m, mean_m: mean_m + by_m, ..self }
+        let gable_raised = |gable: Gable| Gable { eave_m: gable.eave_m + by_m, ..gable };
+        let terrace_raised = |terrace: Terrace| Terrace { gable: terrace.gable.map(gable_raised), ..terrace };
+        let terrace = self.terrace.map(terrace_raised);
+        Self { eave_m: eave_m + by_m, ridge_m: ridge_m + by_m, mean_m: mean_m + by_m, terrace, ..self }
+    }
+
+    /// The level of a stepped or mixed roof at a point, above the building's ground, metres; `None` nearer than so much to the
+    /// step.
+    fn level_m(&self, terrace: &Terrace, point: Vec2, clear_m: f32) -> Option<f64> {
+        let depth_m = terrace.depth_m(point);
+        let is_upper = (depth_m > 0.0) == terrace.is_upper;
+        let upper_m = || {
+            terrace.gable.map_or(self.ridge_m, |gable| {
+                gable.eave_m + terrace.gable_share(gable, point) * (self.ridge_m - gable.eave_m)
+            })
+        };
+        (depth_m.abs() >= clear_m).then(|| if is_upper { upper_m() } else { self.eave_m })
     }
 }
 
@@ -126,12 +171,12 @@ pub fn candidates(prism: &Prism, found: &Roof, clear_m: f32, n: usize) -> Vec<(R
         }
     }
     if let Some(terrace) = found.terrace {
-        let place = |p: &Vec2| {
-            let depth_m = terrace.depth_m(*p);
-            let is_upper = (depth_m > 0.0) == terrace.is_upper;
-            (depth_m.abs() >= clear_m).then(|| at(p, if is_upper { found.ridge_m } else { found.eave_m }))
-        };
-        roofs.push((*found, inside.iter().filter_map(place).collect()));
+        let variants = mixed::variants(prism, found, &terrace);
+        for roof in std::iter::once(*found).chain(variants) {
+            let plan = roof.terrace.unwrap_or(terrace);
+            let place = |p: &Vec2| Some(at(p, roof.level_m(&plan, *p, clear_m)?));
+            roofs.push((roof, inside.iter().filter_map(place).collect()));
+        }
     }
     roofs
 }
@@ -187,6 +232,10 @@ pub(super) struct Fit<'a> {
 impl Fit<'_> {
     /// Whether its scores in some views are clearly better than those of a simpler roof.
     fn is_better(&self, views: &[RoofView<'_>], scores: &[f64], simple: &[f64]) -> bool {
+        self.is_better_by(self.margin, views, scores, simple)
+    }
+
+    fn is_better_by(&self, margin: Margin, views: &[RoofView<'_>], scores: &[f64], simple: &[f64]) -> bool {
         let gains: Vec<f64> = scores.iter().zip(simple).map(|(score, simple)| score - simple).collect();
         // A score holds the agreement too: its greatest is one and the weight of that.
         let of_view = |(view, (score, simple)): (&RoofView<'_>, (&f64, &f64))| {
@@ -194,8 +243,8 @@ impl Fit<'_> {
             (view.window.n_rays(), simple / greatest, score / greatest)
         };
         let of_views = views.iter().zip(scores.iter().zip(simple)).map(of_view);
-        is_clear(&gains, self.margin.gain, self.margin.standard_errors)
-            && (self.margin.n_more == 0.0 || carries(self.margin.n_more, of_views))
+        is_clear(&gains, margin.gain, margin.standard_errors)
+            && (margin.n_more == 0.0 || carries(margin.n_more, of_views))
     }
 }
 
@@ -250,15 +299,27 @@ pub(super) fn find<'a>(
     let pitched = pitched::best(prism, forms, height_m, near);
     let is_stepped_tried = forms.contains(&RoofForm::Stepped);
     let stepped = is_stepped_tried.then(|| stepped::best(prism, bounds, height_m, near)).flatten();
+    let mixed = stepped
+        .as_ref()
+        .filter(|_| forms.contains(&RoofForm::Mixed))
+        .and_then(|step| mixed::best(prism, height_m, &step.roof, near));
     let by_pitch = pitched.as_ref().filter(|fit| is_believed(fit));
     let by_step = stepped.as_ref().filter(|fit| is_believed(fit));
     let taken = match (by_pitch, by_step) {
         (Some(pitch), Some(step)) => Some(if step.is_better(near, &step.scores, &pitch.scores) { step } else { pitch }),
         (pitch, step) => pitch.or(step),
     };
+    // A gable beside a flat part takes one number more than two levels, and as they stand for it many more than the others.
+    let simple = taken.map_or(&flat, |fit| &fit.scores);
+    let n_more = if taken.is_some_and(|fit| fit.roof.form == RoofForm::Stepped) { 1.0 } else { 1.0 + N_MORE };
+    let is_believed_mixed = |fit: &&Fit<'_>| {
+        fit.is_better_by(Margin { n_more, ..fit.margin }, near, &fit.scores, simple)
+            && (!is_far(&fit.roof) || is_better_in_whole(fit))
+    };
+    let taken = mixed.as_ref().filter(is_believed_mixed).or(taken);
     let taken_scores = taken.map_or(&flat, |fit| &fit.scores);
     let flat_roof = Roof::flat(f64::from(height_m));
-    let fits = [&pitched, &stepped].into_iter().flatten();
+    let fits = [&pitched, &stepped, &mixed].into_iter().flatten();
     let all = fits.map(|fit| (fit.roof, &fit.scores)).chain([(flat_roof, &flat)]);
     let taken_roof = taken.map_or(flat_roof, |fit| fit.roof);
     let rivals =
@@ -329,11 +390,10 @@ mod tests {
             Prism::new(&square, GroundLevel { reference_m: 5.0, lowest_m: 5.0 }, LocalOrigin(glam::DVec3::ZERO));
         let corners = [[4.0, 4.0], [10.0, 4.0], [10.0, 12.0], [4.0, 12.0]];
         for is_upper in [true, false] {
-            let terrace = Some(Terrace { corners, is_upper });
+            let terrace = Some(Terrace { corners, is_upper, gable: None });
             let found = Roof { form: RoofForm::Stepped, eave_m: 12.0, ridge_m: 15.0, mean_m: 12.4, terrace };
             let all = candidates(&prism, &found, 1.0, 400);
-            let (roof, places) = all.last().unwrap();
-            assert_eq!(*roof, found);
+            let (_, places) = all.iter().find(|(roof, _)| *roof == found).unwrap();
             let n_inner = places.iter().filter(|p| (4.0..=10.0).contains(&p.x) && (4.0..=12.0).contains(&p.y)).count();
             assert!(n_inner >= 20 && places.len() - n_inner >= 100, "{n_inner} of {}", places.len());
             for p in places {

@@ -77,6 +77,10 @@ fn roof(plan: &Plan<'_>, levels: &TwoLevels, inner_share: f64) -> Roof {
         eave_m: inner_m.min(outer_m),
         ridge_m: inner_m.max(outer_m),
         mean_m: outer_m + inner_share * (inner_m - outer_m),
-        terrace: Some(Terrace { corners: plan.corners(levels.low, levels.high), is_upper: inner_m > outer_m }),
+        terrace: Some(Terrace {
+            corners: plan.corners(levels.low, levels.high),
+            is_upper: inner_m > outer_m,
+            gable: None,
+        }),
     }
 }

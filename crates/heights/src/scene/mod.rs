@@ -55,10 +55,12 @@ pub enum RoofForm {
     Hip,
     /// Two flat levels: a penthouse, a terrace, a lower annex.
     Stepped,
+    /// A gable, and beside it a flat part at its own level: a house with an annex.
+    Mixed,
 }
 
 impl RoofForm {
-    /// The name in files: `flat`, `gable`, `hip` or `stepped`.
+    /// The name in files: `flat`, `gable`, `hip`, `stepped` or `mixed`.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -66,6 +68,7 @@ impl RoofForm {
             Self::Gable => "gable",
             Self::Hip => "hip",
             Self::Stepped => "stepped",
+            Self::Mixed => "mixed",
         }
     }
 }

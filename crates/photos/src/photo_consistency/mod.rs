@@ -9,8 +9,10 @@
 //! The better pairs, because something may hide the surface in some photos. Heights are tried in steps that move the photos
 //! against each other by about half a pixel. Frame: the map, metres.
 
+mod local;
 mod refine;
 
+pub use local::{Agreement, agreement};
 pub use refine::RefinementConfig;
 pub use refine::{MIN_PHOTOS, MIN_PLACES, Refined, elsewhere_share, refine};
 
@@ -97,7 +99,11 @@ impl PhotoConsistency {
         let mut seen = vec![Vec::new(); pictures.len()];
         let of_pairs = (0..n_levels).map(|i| {
             let raised_m = step_m * i as f64 - within_m;
-            shown.iter().zip(&mut seen).for_each(|(shown, values)| shown.sample(raised_m, values));
+            for (shown, values) in shown.iter().zip(&mut seen) {
+                values.clear();
+                values.extend(shown.greys(raised_m));
+                normalise(values);
+            }
             pairs.iter().map(|&[a, b]| correlation(&seen[a], &seen[b])).collect()
         });
         let of_pairs = of_pairs.collect();
@@ -190,26 +196,28 @@ impl<'a> Shown<'a> {
         }
     }
 
-    /// The surface raised by so much as the picture shows it, with mean 0 and norm 1; nothing if a point lies outside, or
-    /// if there is no texture.
-    fn sample(&self, raised_m: f64, values: &mut Vec<f32>) {
+    /// The grey levels of the surface's points raised by so much; `NaN` outside the picture.
+    fn greys(&self, raised_m: f64) -> impl Iterator<Item = f32> {
         let raised = raised_m * self.per_metre;
-        values.clear();
-        values.extend(self.at_zero.iter().map(|at_zero| {
+        self.at_zero.iter().map(move |at_zero| {
             let p = *at_zero + raised;
             bilinear(self.grey, p.x / p.z, p.y / p.z)
-        }));
-        let n = values.len() as f32;
-        let mean = values.iter().sum::<f32>() / n;
-        let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f32>() / n;
-        if variance.is_nan() || variance <= LEAST_VARIANCE {
-            values.clear(); // also for `NaN`, where the surface leaves the photo
-            return;
-        }
-        let scale = (n * variance).sqrt().recip();
-        for value in values.iter_mut() {
-            *value = (*value - mean) * scale;
-        }
+        })
+    }
+}
+
+/// Grey levels with mean 0 and norm 1; nothing where one lies outside its picture, or where there is no texture.
+fn normalise(values: &mut Vec<f32>) {
+    let n = values.len() as f32;
+    let mean = values.iter().sum::<f32>() / n;
+    let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f32>() / n;
+    if variance.is_nan() || variance <= LEAST_VARIANCE {
+        values.clear(); // also for `NaN`, where the surface leaves the photo
+        return;
+    }
+    let scale = (n * variance).sqrt().recip();
+    for value in values.iter_mut() {
+        *value = (*value - mean) * scale;
     }
 }
 

@@ -94,7 +94,7 @@ pub const FIELDS: [Field; 22] = {
             "roof_form",
             "Roof form",
             Text,
-            "Form of the roof: flat (or no other form seen), gable, hip or stepped",
+            "Form of the roof: flat (or no other form seen), gable, hip, stepped or mixed (a gable and a flat part)",
             |b, _| text(b.roof.map(|roof| roof.form.as_str())),
         ),
         Field::new(
@@ -195,7 +195,7 @@ pub fn roof_70p_z_m(record: &BuildingRecord) -> Option<f64> {
     match roof.form {
         RoofForm::Flat => record.roof_z_m(),
         RoofForm::Gable => Some(ground_z_m + roof.eave_height_m + SHARE * (roof.ridge_height_m - roof.eave_height_m)),
-        RoofForm::Hip | RoofForm::Stepped => None,
+        RoofForm::Hip | RoofForm::Stepped | RoofForm::Mixed => None,
     }
 }
 

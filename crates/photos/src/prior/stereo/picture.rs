@@ -96,6 +96,22 @@ impl Picture {
         Self { grey, ideal }
     }
 
+    /// Of a camera without distortion that sees brightness along each ray: centre and direction, map frame.
+    #[cfg(test)]
+    pub(crate) fn seeing(
+        camera: Camera,
+        camera_from_map: Rigid<Cam, Map>,
+        brightness: impl Fn(DVec3, DVec3) -> f32,
+    ) -> Self {
+        let to_map = camera_from_map.rotation.inverse();
+        let (centre, rays) = (camera_from_map.centre(), camera.clone());
+        let at = |pixel: DVec2| {
+            let ray = DVec3::new((pixel.x - rays.cx_px) / rays.fx_px, (pixel.y - rays.cy_px) / rays.fy_px, 1.0);
+            brightness(centre, to_map * ray)
+        };
+        Self::painted(Ideal { camera, camera_from_map }, at)
+    }
+
     /// Half the size.
     pub(super) fn half(&self) -> Self {
         let (width, height) = (self.grey.width() / 2, self.grey.height() / 2);
