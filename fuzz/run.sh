@@ -18,7 +18,11 @@ readers=("$@")
 if [ ${#readers[@]} -eq 0 ]; then
     mapfile -t readers < <(sed -n '/^const READERS/,/^];/s/^    ("\([a-z0-9_]*\)", .*/\1/p' fuzz/src/readers.rs)
 fi
-clean() { rm -rf /dev/shm/sizeup-fuzz-*; }
+# Files in memory, in a folder of this run: others may run beside it.
+PLACE=$(mktemp -d "$([ -d /dev/shm ] && echo /dev/shm || echo "${TMPDIR:-/tmp}")/sizeup-fuzz-XXXXXX")
+export PLACE
+trap 'rm -rf "$PLACE"' EXIT
+clean() { rm -rf "${PLACE:?}"/*; }
 RUSTC_WRAPPER="$PWD/fuzz/instrument.sh" ${CARGO:-cargo} build --quiet --manifest-path fuzz/Cargo.toml
 SEEDS=fuzz/corpus fuzz/target/debug/readers
 failed=0

@@ -1,7 +1,6 @@
 //! What the stages of a run leave behind, read back by a run that starts at its last stage.
 
 use std::fs;
-use std::path::Path;
 use std::sync::LazyLock;
 
 use serde_json::Value;
@@ -23,9 +22,8 @@ pub struct Project {
 impl Project {
     /// Simulates and runs it.
     pub fn new() -> Self {
-        let memory = Path::new("/dev/shm");
-        let place = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
-        let folder = tempfile::Builder::new().prefix("sizeup-fuzz-").tempdir_in(place).expect("a folder can be made");
+        let folder =
+            tempfile::Builder::new().prefix("sizeup-fuzz-").tempdir_in(super::place()).expect("a folder can be made");
         let mut town = SimulateConfig::default();
         town.town.n_buildings = 2;
         town.flight.n_views = Some(6);

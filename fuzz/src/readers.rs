@@ -136,16 +136,21 @@ const SHOTS: &str = r#"{"features":[{"properties":{"filename":"a.jpg","rotation"
 const PIX4D: &str = "h\nh\nh\nh\nh\nh\nh\nh\na.jpg 40 30\n30 0 20\n0 30 15\n0 0 1\n-0.1 0.02 0\n1e-4 0\n1 2 100\n1 0 0\n0 -1 0\n0 0 -1\n";
 const IMAGES: &str = "1 0 1 0 0 -5e5 57e5 100 1 a.jpg\n\n";
 
+/// Where files go: what `PLACE` says, else into memory.
+fn place() -> PathBuf {
+    let memory = Path::new("/dev/shm");
+    let usual = || if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
+    std::env::var_os("PLACE").map_or_else(usual, PathBuf::from)
+}
+
 static CASE: LazyLock<Case> = LazyLock::new(|| {
     let wanted = std::env::var("READER").unwrap_or_default();
     let Some((_, name, read, beside)) = READERS.iter().find(|(reader, ..)| *reader == wanted) else {
         let names: Vec<&str> = READERS.iter().map(|(name, ..)| *name).collect();
         panic!("READER={wanted:?}: expected one of {}", names.join(", "));
     };
-    let memory = Path::new("/dev/shm");
-    let place = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
     let folder =
-        tempfile::Builder::new().prefix("sizeup-fuzz-").tempdir_in(place).expect("a folder can be made").keep();
+        tempfile::Builder::new().prefix("sizeup-fuzz-").tempdir_in(place()).expect("a folder can be made").keep();
     for (name, text) in *beside {
         std::fs::write(folder.join(name), text).expect("a file in memory can be written");
     }

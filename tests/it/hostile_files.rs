@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use gdal::DriverManager;
 use gdal::raster::RasterCreationOptions;
+use gdal::vector::LayerAccess as _;
 use glam::{DMat3, DVec3};
 use serde_json::json;
 use sizeup::camera::Camera;
@@ -20,6 +21,7 @@ use sizeup::frames::Rigid;
 use sizeup::geodata::raster::{RasterFile, Resampling, Window};
 use sizeup::geodata::vector::VectorLayer;
 use sizeup::onnx::Network;
+use sizeup::output::read::{FoundBuildings, ReadOptions};
 use sizeup::prior::{FilePriorConfig, FilePriors, PriorKind, PriorSource as _};
 use sizeup::survey::View;
 use sizeup::terrain::{self, MapBox, TerrainConfig};
@@ -461,6 +463,29 @@ fn a_vertex_that_lies_nowhere_is_named() {
     let outcome: Outcome =
         sizeup().args(["validate", "--no-schema", "--snap-tolerance", "1e-300"]).arg(&path).output().unwrap().into();
     assert!(!outcome.stderr.contains("panicked"), "{}", outcome.stderr);
+}
+
+#[test]
+fn corners_of_results_that_are_no_numbers_outline_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.fgb");
+    let mut dataset = DriverManager::get_driver_by_name("FlatGeobuf").unwrap().create_vector_only(&path).unwrap();
+    let crs = gdal::spatial_ref::SpatialRef::from_epsg(25832).unwrap();
+    let ty = gdal::vector::OGRwkbGeometryType::wkbPolygon;
+    let options = gdal::vector::LayerOptions { name: "a", srs: Some(&crs), ty, ..Default::default() };
+    let mut layer = dataset.create_layer(options).unwrap();
+    let outline = "POLYGON ((500000 5700000, 500009 5700000, 500009 5700007, 500000 5700000))";
+    layer.create_feature(gdal::vector::Geometry::from_wkt(outline).unwrap()).unwrap();
+    dataset.close().unwrap();
+    let read = || FoundBuildings::read(&path, &ReadOptions::default()).unwrap().to_records();
+    assert!(read()[0].footprint.is_some());
+    // A northing of the last corner but one, behind those of the header and the index.
+    let mut bytes = fs::read(&path).unwrap();
+    let northing = 5_700_007.0_f64.to_le_bytes();
+    let at = bytes.windows(8).rposition(|window| window == northing).unwrap();
+    bytes[at..at + 8].copy_from_slice(&f64::NAN.to_le_bytes());
+    fs::write(&path, bytes).unwrap();
+    assert_eq!((read().len(), &read()[0].footprint), (1, &None));
 }
 
 #[test]
