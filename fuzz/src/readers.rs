@@ -4,7 +4,9 @@
 //! overflow, ten seconds or a gigabyte are finds. With `SEEDS` set, files to begin with are written to that folder, and that is all.
 #![no_main]
 
+mod project;
 mod seeds;
+mod shapefile;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock};
@@ -23,7 +25,9 @@ use sizeup::onnx;
 use sizeup::output::read::{FoundBuildings, ReadOptions};
 use sizeup::output::reviews::Reviews;
 use sizeup::output::validate::{ValidateConfig, validate_file};
+use sizeup::pipeline::Stage;
 use sizeup::prior::{FilePriorConfig, FilePriors, PriorCache, PriorKind, PriorSource as _};
+use sizeup::report::Server;
 use sizeup::simulate::SimulateConfig;
 use sizeup::survey::{self, CameraConfig, Format, HeightConfig, SurveyConfig, View};
 use sizeup::terrain::{self, MapBox, TerrainConfig};
@@ -55,7 +59,7 @@ const CAMERAS: &str = "1 PINHOLE 40 30 30 30 20 15\n";
 const CAMERAS_JSON: &str = r#"{"c":{"projection_type":"brown","width":40,"height":30,"focal_x":0.8}}"#;
 
 #[rustfmt::skip] // a table, which run.sh takes the names from
-const READERS: [Known; 59] = [
+const READERS: [Known; 67] = [
     ("colmap_text", "images.txt", |path, _| poses(Format::Colmap, folder(path)), &[("cameras.txt", CAMERAS)]),
     ("colmap_cameras", "cameras.txt", |path, _| poses(Format::Colmap, folder(path)), &[("images.txt", IMAGES)]),
     ("colmap_binary", "images.bin", |path, _| colmap_binary(path), &[]),
@@ -98,10 +102,14 @@ const READERS: [Known; 59] = [
     ("onnx", "a.onnx", |path, _| network(path), &[]),
     ("las", "a.las", |path, _| cloud(path), &[]),
     ("laz", "a.laz", |path, _| cloud(path), &[]),
+    ("cloud_text", "a.xyz", |path, _| cloud(path), &[]),
     ("dtm", "dtm.tif", |path, _| ground(path), &[]),
     ("geojson", "a.geojson", |path, _| layer(path), &[]),
     ("gpkg", "a.gpkg", |path, _| layer(path), &[]),
     ("fgb", "a.fgb", |path, _| layer(path), &[]),
+    ("shp", "a.shp", |path, _| shapefile::read(path), &[]),
+    ("shx", "a.shx", |path, _| shapefile::read(path), &[]),
+    ("dbf", "a.dbf", |path, _| shapefile::read(path), &[]),
     ("osm", "a.osm", |path, _| layer(path), &[]),
     ("osm_pbf", "a.osm.pbf", |path, _| layer(path), &[]),
     ("coco", "a.json", |path, _| masks(path, "coco"), &[]),
@@ -110,6 +118,10 @@ const READERS: [Known; 59] = [
     ("tiles", "tiles.json", |path, _| drop(read(Layout::new(folder(path)).read_manifest())), &[]),
     ("tile_done", "tiles/a.done.json", |path, _| drop(read(above(path).read_done("a").ok_or("not done"))), &[]),
     ("tile_attempt", "tiles/a.try.json", |path, _| drop(read(Attempt::read(&above(path), "a").ok_or("no try"))), &[]),
+    ("stage_survey", "survey", |_, bytes| project::read_stage(Stage::Survey, bytes), &[]),
+    ("stage_footprints", "footprints", |_, bytes| project::read_stage(Stage::Footprints, bytes), &[]),
+    ("stage_heights", "heights", |_, bytes| project::read_stage(Stage::Heights, bytes), &[]),
+    ("http", "request.txt", |_, bytes| request(bytes), &[]),
     ("hashes", "hashes.json", |path, _| Hashes::new().load(path), &[]),
     ("config", "sizeup.toml", |path, bytes| run_config(path, bytes), &[]),
     ("survey_config", "survey.toml", |_, bytes| drop(text(bytes).map(|text| read(toml::from_str::<SurveyConfig>(text)))), &[]),
@@ -124,16 +136,21 @@ const SHOTS: &str = r#"{"features":[{"properties":{"filename":"a.jpg","rotation"
 const PIX4D: &str = "h\nh\nh\nh\nh\nh\nh\nh\na.jpg 40 30\n30 0 20\n0 30 15\n0 0 1\n-0.1 0.02 0\n1e-4 0\n1 2 100\n1 0 0\n0 -1 0\n0 0 -1\n";
 const IMAGES: &str = "1 0 1 0 0 -5e5 57e5 100 1 a.jpg\n\n";
 
+/// Where files go: what `PLACE` says, else into memory.
+fn place() -> PathBuf {
+    let memory = Path::new("/dev/shm");
+    let usual = || if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
+    std::env::var_os("PLACE").map_or_else(usual, PathBuf::from)
+}
+
 static CASE: LazyLock<Case> = LazyLock::new(|| {
     let wanted = std::env::var("READER").unwrap_or_default();
     let Some((_, name, read, beside)) = READERS.iter().find(|(reader, ..)| *reader == wanted) else {
         let names: Vec<&str> = READERS.iter().map(|(name, ..)| *name).collect();
         panic!("READER={wanted:?}: expected one of {}", names.join(", "));
     };
-    let memory = Path::new("/dev/shm");
-    let place = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
     let folder =
-        tempfile::Builder::new().prefix("sizeup-fuzz-").tempdir_in(place).expect("a folder can be made").keep();
+        tempfile::Builder::new().prefix("sizeup-fuzz-").tempdir_in(place()).expect("a folder can be made").keep();
     for (name, text) in *beside {
         std::fs::write(folder.join(name), text).expect("a file in memory can be written");
     }
@@ -141,11 +158,16 @@ static CASE: LazyLock<Case> = LazyLock::new(|| {
     Case { file: folder.join(name), read: *read }
 });
 
-/// What was read. With `SOUND` set an error is a find: that tells, by hand, whether seeds get past the door.
-fn read<T, E: std::fmt::Display>(result: Result<T, E>) -> Option<T> {
+/// Whether an error is a find: that tells whether seeds get past the door.
+fn is_sound_expected() -> bool {
     static SOUND: LazyLock<bool> = LazyLock::new(|| std::env::var_os("SOUND").is_some());
+    *SOUND
+}
+
+/// What was read. With `SOUND` set an error is a find.
+fn read<T, E: std::fmt::Display>(result: Result<T, E>) -> Option<T> {
     match result {
-        Err(error) if *SOUND => panic!("{error}"),
+        Err(error) if is_sound_expected() => panic!("{error}"),
         result => result.ok(),
     }
 }
@@ -192,8 +214,12 @@ fn poses(format: Format, path: &Path) {
     let camera =
         CameraConfig { width: 400, height: 300, fx: 300.0, fy: None, cx: None, cy: None, k: [0.0; 3], p: [0.0; 2] };
     let height = HeightConfig { keep_ellipsoidal: true, ..HeightConfig::default() };
-    let config = SurveyConfig { format, camera: Some(camera), height, ..SurveyConfig::at(path) };
-    for view in read(survey::read(&config, utm())).map(|survey| survey.views).unwrap_or_default() {
+    // Photos have places in degrees, most inputs have any, and PROJ takes 50 ms to make a way to the project for each: none is asked for.
+    let crs = (format == Format::Photos).then(|| utm().clone());
+    let config = SurveyConfig { format, camera: Some(camera), crs, height, ..SurveyConfig::at(path) };
+    let views = read(survey::read(&config, utm())).map(|survey| survey.views).unwrap_or_default();
+    assert!(!(is_sound_expected() && views.is_empty()), "no pose");
+    for view in views {
         assert!(view.centre().is_finite(), "{view:?}");
         assert!((view.camera_from_map.rotation.determinant() - 1.0).abs() < 1e-9, "{view:?}");
         assert!(view.camera.validate().is_ok(), "{view:?}");
@@ -207,6 +233,47 @@ fn recognised(path: &Path) {
         poses(Format::Auto, path);
     }
 }
+
+/// A request to the viewer; `HOST` in it is the server's own name, which it has to be asked by. What it serves lies in one folder.
+fn request(bytes: &[u8]) {
+    static SERVER: LazyLock<Server> = LazyLock::new(|| {
+        let home = folder(&CASE.file);
+        let tiles = home.join("tileset");
+        std::fs::create_dir_all(tiles.join("tiles")).expect("a folder can be made");
+        for (path, text) in [
+            ("tileset/tileset.json", "{}"),
+            ("tileset/tiles/a b.glb", "glTF"),
+            ("secret.json", SECRET),
+            ("tileset/notes.txt", SECRET),
+        ] {
+            std::fs::write(home.join(path), text).expect("a file in memory can be written");
+        }
+        Server::bind(&tiles, home, 0).expect("a port is free")
+    });
+    let address = SERVER.address();
+    let host = address.trim_start_matches("http://").trim_end_matches('/').as_bytes();
+    let mut request = Vec::new();
+    let mut rest = bytes;
+    while let Some((first, after)) = rest.split_first() {
+        match rest.strip_prefix(b"HOST") {
+            Some(after) => {
+                request.extend(host);
+                rest = after;
+            }
+            None => {
+                request.push(*first);
+                rest = after;
+            }
+        }
+    }
+    let mut reply = Vec::new();
+    read(SERVER.answer_one(request.as_slice(), &mut reply));
+    assert!(reply.is_empty() || reply.starts_with(b"HTTP/1.1 "), "{reply:?}");
+    assert!(!reply.windows(SECRET.len()).any(|part| part == SECRET.as_bytes()), "a file that is not the tileset's");
+    assert!(!is_sound_expected() || reply.starts_with(b"HTTP/1.1 200"), "{}", String::from_utf8_lossy(&reply));
+}
+
+const SECRET: &str = "not for you";
 
 /// A log beside a photo that it may place.
 fn image_log(path: &Path) {
@@ -305,7 +372,9 @@ fn prior(path: &Path) {
 }
 
 fn layer(path: &Path) {
-    let config: FootprintConfig = toml::from_str(&format!("path = {path:?}")).expect("the settings are sound");
+    // A shapefile's own CRS would be looked for among all that PROJ knows, 20 ms for every input; `crs` reads such text.
+    let crs = if path.extension().is_some_and(|e| e == "shp") { "crs = \"EPSG:25832\"" } else { "" };
+    let config: FootprintConfig = toml::from_str(&format!("path = {path:?}\n{crs}")).expect("the settings are sound");
     if let Some(found) = read(footprint::read(&config, utm())) {
         assert!(found.footprints.len() <= 1 << 20);
     }

@@ -12,6 +12,9 @@ use gdal::spatial_ref::SpatialRef;
 use gdal::vector::{Geometry, LayerAccess as _, LayerOptions, OGRwkbGeometryType};
 use sizeup::prior::{DepthPrior, PriorCache, PriorGeometry, PriorKind};
 
+use crate::project::{self, Project};
+use crate::shapefile;
+
 const BLOCK: &str = "<BlocksExchange version=\"3.2\"><SpatialReferenceSystems><SRS><Id>0</Id><Definition>EPSG:25832</Definition>\
     </SRS></SpatialReferenceSystems><Block><SRSId>0</SRSId><Photogroups><Photogroup><ImageDimensions><Width>40</Width>\
     <Height>30</Height></ImageDimensions><FocalLengthPixels>30</FocalLengthPixels><PrincipalPoint><x>20</x><y>15</y>\
@@ -299,8 +302,11 @@ pub fn write(folder: &Path) -> Result<(), Box<dyn Error>> {
         ("hashes", r#"{"a":{"length":1,"sha256":"00"}}"#),
         (
             "survey_config",
-            "path = \"s\"\ncrs = \"EPSG:25832\"\noffset = [1, 2, 3]\n[csv]\nangles = \"ypr\"\n[camera]\nwidth = 40\n",
+            "path = \"s\"\ncrs = \"EPSG:25832\"\noffset = [1, 2, 3]\n[csv]\nangles = \"ypr\"\n[camera]\nwidth = 40\nheight = 30\nfx = 30\n[height]\n\
+             geoid_offset = 44.1\n",
         ),
+        ("cloud_text", "x y z instance\n500000.5 5700000.25 12.5 1\n# a\n5e5;57e5;9;0\n5e5,57e5,9,2\n"),
+        ("http", "GET /tiles/tiles/a%20b.glb?v=1 HTTP/1.1\r\nHost: HOST\r\nAccept: */*\r\n\r\n"),
         ("simulate_config", "seed = 3\n[town]\n"),
         ("assignment", "heights.max_m=99.5"),
         ("cityjson", CITY),
@@ -319,9 +325,17 @@ pub fn write(folder: &Path) -> Result<(), Box<dyn Error>> {
     binaries().iter().try_for_each(|(reader, bytes)| write(reader, "seed", bytes))?;
     let place = tempfile::tempdir()?;
     written(place.path())?.iter().try_for_each(|(reader, bytes)| write(reader, "seed-written", bytes))?;
+    shapefile::write(place.path())?;
+    for part in shapefile::PARTS {
+        write(part, "seed", &fs::read(place.path().join(format!("a.{part}")))?)?;
+    }
+    let project = Project::new();
+    for (stage, _) in project::STAGES {
+        write(&format!("stage_{stage}"), "seed", project.artefact(stage)["data"].to_string().as_bytes())?;
+    }
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures");
     for (reader, file) in FIXTURES {
-        write(reader, &file.replace('/', "-"), &fs::read(fixtures.join(file))?)?;
+        write(reader, &format!("seed-{}", file.replace('/', "-")), &fs::read(fixtures.join(file))?)?;
     }
     Ok(())
 }

@@ -11,7 +11,7 @@ use super::{Failure, Global, Ui, print, print_json, print_lines};
 use crate::pipeline;
 use sizeup_footprints::{FootprintSource, MaskConfig, MaskFiles, OutlineSource as _};
 use sizeup_geo::crs::Crs;
-use sizeup_geo::files::write_whole;
+use sizeup_geo::files::{is_virtual, write_whole};
 use sizeup_geo::limits::Limits;
 use sizeup_geo::paths::resolved;
 use sizeup_geo::terrain::{Terrain, TerrainConfig};
@@ -447,7 +447,9 @@ type Flag = (&'static str, &'static str, toml::Value);
 /// What the flags stand for: table, key, value. Paths become absolute: those of a file are relative to the file.
 fn flags(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>) -> Result<Vec<Flag>, Failure> {
     let absolute = |path: &Path| -> Result<toml::Value, Failure> {
-        let path = std::path::absolute(path).map_err(|e| Failure::new(2, &e))?;
+        // An address would lose one of its slashes.
+        let path = if is_virtual(path) { Ok(path.to_owned()) } else { std::path::absolute(path) };
+        let path = path.map_err(|e| Failure::new(2, &e))?;
         Ok(path.to_string_lossy().into_owned().into())
     };
     let mut flags: Vec<Flag> = Vec::new();

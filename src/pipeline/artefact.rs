@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::PathBuf;
 
+use geo_types::{LineString, Polygon};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -17,6 +18,7 @@ use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::GroundLevel;
 use sizeup_heights::ids::BuildingId;
 use sizeup_heights::optimise::{LevelGain, Solution};
+use sizeup_survey::Survey;
 
 /// Outlines with their ground.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -143,14 +145,102 @@ pub(super) fn write<T: Serialize>(config: &RunConfig, stage: Stage, data: &T) ->
     Ok(())
 }
 
-/// Reads what an earlier run of a stage found, if it was made from what there is now.
-pub(super) fn read<T: DeserializeOwned>(config: &RunConfig, stage: Stage) -> Result<T, PipelineError> {
+/// Reads what an earlier run of a stage found, if it was made from what there is now and holds together.
+pub(super) fn read<T: DeserializeOwned + Coherent>(config: &RunConfig, stage: Stage) -> Result<T, PipelineError> {
     let path = path_of(config, stage);
-    let unusable = |message: String| PipelineError::Artefact { path: path.clone(), message, stage: stage.name() };
+    let unusable = |message: String| unusable(config, stage, message);
     let file = File::open(&path).map_err(|e| unusable(e.to_string()))?;
     let read: Read<T> = serde_json::from_reader(BufReader::new(file)).map_err(|e| unusable(e.to_string()))?;
     match recipe(config, stage).why_stale(&read.made_by) {
         Some(why) => Err(unusable(format!("stale: {why}"))),
-        None => Ok(read.data),
+        None => read.data.check().map_err(|why| unusable(format!("altered: {why}"))).map(|()| read.data),
+    }
+}
+
+/// What a stage left behind cannot be used.
+fn unusable(config: &RunConfig, stage: Stage, message: String) -> PipelineError {
+    PipelineError::Artefact { path: path_of(config, stage), message, stage: stage.name() }
+}
+
+/// Farther from the origin no projected CRS has land, metres.
+const MOST_M: f64 = 1e8;
+/// Largest difference of a rotation's determinant from 1.
+const ROTATION_WITHIN: f64 = 1e-6;
+
+/// What a run left behind is a file that anybody may have altered: whatever later stages take for granted is held against it.
+pub(super) trait Coherent {
+    /// Says what does not fit.
+    fn check(&self) -> Result<(), String>;
+}
+
+impl Coherent for Survey {
+    fn check(&self) -> Result<(), String> {
+        for view in &self.views {
+            view.camera.validate().map_err(|e| format!("{}: {e}", view.id))?;
+            let is_rotation = (view.camera_from_map.rotation.determinant() - 1.0).abs() < ROTATION_WITHIN;
+            if !(is_rotation && view.centre().abs().max_element() < MOST_M) {
+                return Err(format!("the pose of {}", view.id));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Coherent for FootprintStage {
+    fn check(&self) -> Result<(), String> {
+        let n_footprints = self.layer.footprints.len();
+        if self.ground.len() != n_footprints {
+            return Err(format!("{n_footprints} outlines, ground under {}", self.ground.len()));
+        }
+        let is_near = |number: f64| number.abs() < MOST_M;
+        let is_ring = |ring: &LineString| {
+            ring.0.len() >= 4 && ring.is_closed() && ring.coords().all(|c| is_near(c.x) && is_near(c.y))
+        };
+        let is_sound = |polygon: &Polygon| is_ring(polygon.exterior()) && polygon.interiors().iter().all(is_ring);
+        if let Some(footprint) = self.layer.footprints.iter().find(|footprint| !is_sound(&footprint.polygon)) {
+            return Err(format!("the outline of {}", footprint.id.0));
+        }
+        let is_nowhere = |ground: &&GroundLevel| !(is_near(ground.reference_m) && is_near(ground.lowest_m));
+        match self.ground.iter().flatten().find(is_nowhere) {
+            Some(ground) => Err(format!("a ground of {} m", ground.reference_m)),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Coherent for HeightStage {
+    fn check(&self) -> Result<(), String> {
+        let n_heights = self.solution.heights.len();
+        if self.solved.len() == n_heights {
+            Ok(())
+        } else {
+            Err(format!("{n_heights} heights of {}", self.solved.len()))
+        }
+    }
+}
+
+impl HeightStage {
+    /// Whether all its positions are those of views of the survey, and of outlines as they are once split.
+    ///
+    /// # Errors
+    /// [`PipelineError::Artefact`].
+    pub(super) fn check_positions(
+        &self,
+        config: &RunConfig,
+        survey: &Survey,
+        footprints: &FootprintStage,
+    ) -> Result<(), PipelineError> {
+        let solution = &self.solution;
+        let told = solution.failed_views.iter().chain(&self.unread_photos).map(|(view, _)| view);
+        let said = solution.heights.iter().flat_map(|height| &height.views).chain(&solution.used_views);
+        let (n_views, n_footprints) = (survey.views.len(), footprints.layer.footprints.len());
+        let message = if let Some(view) = said.chain(told).find(|&&view| view >= n_views) {
+            format!("altered: view {view} of {n_views}")
+        } else if let Some(at) = self.solved.iter().find(|&&at| at >= n_footprints) {
+            format!("altered: outline {at} of {n_footprints}")
+        } else {
+            return Ok(());
+        };
+        Err(unusable(config, Stage::Heights, message))
     }
 }

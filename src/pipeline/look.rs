@@ -48,6 +48,12 @@ pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) ->
             )
         })?;
     let stage = SceneStage::new(config, &survey, &footprints)?.after(config, &mut footprints, &heights.cuts)?;
+    heights.check_positions(config, &survey, &footprints)?;
+    if heights_m.len() != stage.solved.len() {
+        let message =
+            format!("pass {pass} has {} heights, the scene {} buildings", heights_m.len(), stage.solved.len());
+        return Err(wrong(message, "run again from the heights stage (--from heights)"));
+    }
     let priors = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
     let prior = priors.load(found)?.to_z_depth(&found.camera);
     let placed = PlacedCamera::new(found.camera.reduced_to(PICTURE_PX), found.camera_from_map, stage.scene.origin);

@@ -107,6 +107,7 @@ pub(super) fn run(
     } else {
         let heights: HeightStage = artefact::read(config, Stage::Heights)?;
         stage = stage.after(config, &mut footprints, &heights.cuts)?;
+        heights.check_positions(config, &survey, &footprints)?;
         footprints.issues.extend(heights.joined.iter().map(|id| levels::joined_note(id)));
         (heights, None)
     };

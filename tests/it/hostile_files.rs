@@ -1,8 +1,8 @@
 //! Files that ask for more than they hold, lead elsewhere or are damaged: refused with a word, and cheaply.
 
 use std::fs;
-use std::io::ErrorKind;
-use std::net::TcpListener;
+use std::io::{BufRead as _, BufReader, ErrorKind, Write as _};
+use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use gdal::DriverManager;
 use gdal::raster::RasterCreationOptions;
+use gdal::vector::LayerAccess as _;
 use glam::{DMat3, DVec3};
 use serde_json::json;
 use sizeup::camera::Camera;
@@ -20,6 +21,7 @@ use sizeup::frames::Rigid;
 use sizeup::geodata::raster::{RasterFile, Resampling, Window};
 use sizeup::geodata::vector::VectorLayer;
 use sizeup::onnx::Network;
+use sizeup::output::read::{FoundBuildings, ReadOptions};
 use sizeup::prior::{FilePriorConfig, FilePriors, PriorKind, PriorSource as _};
 use sizeup::survey::View;
 use sizeup::terrain::{self, MapBox, TerrainConfig};
@@ -238,6 +240,164 @@ fn remote_input_is_asked_for_where_it_is_allowed() {
     assert!(n_asked.into_inner() > 0, "nobody asked");
 }
 
+/// Serves the files of a folder on this machine, in whole or in ranges, until it is dropped.
+struct FileServer {
+    address: String,
+    n_asked: Arc<AtomicUsize>,
+    is_over: Arc<AtomicBool>,
+}
+
+impl FileServer {
+    fn of(folder: PathBuf) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        listener.set_nonblocking(true).unwrap();
+        let address = format!("http://127.0.0.1:{}", listener.local_addr().unwrap().port());
+        let (n_asked, is_over) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicBool::new(false)));
+        let (count, over) = (Arc::clone(&n_asked), Arc::clone(&is_over));
+        std::thread::spawn(move || {
+            while !over.load(Ordering::Relaxed) {
+                match listener.accept() {
+                    Ok((stream, _)) => {
+                        count.fetch_add(1, Ordering::Relaxed);
+                        stream.set_nonblocking(false).unwrap();
+                        // A client that has gone is its own affair.
+                        let _ = answer(&stream, &folder);
+                    }
+                    Err(_) => std::thread::sleep(Duration::from_millis(1)),
+                }
+            }
+        });
+        Self { address, n_asked, is_over }
+    }
+}
+
+impl Drop for FileServer {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+    }
+}
+
+fn answer(mut stream: &TcpStream, folder: &Path) -> std::io::Result<()> {
+    let mut lines = BufReader::new(stream).lines();
+    let first = lines.next().transpose()?.unwrap_or_default();
+    let head: Vec<String> = lines.map_while(Result::ok).take_while(|line| !line.is_empty()).collect();
+    let mut words = first.split(' ');
+    let (method, target) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
+    let name = target.trim_start_matches('/').replace("%20", " ");
+    let Ok(file) = fs::read(folder.join(name)) else {
+        return stream.write_all(b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\nConnection: close\r\n\r\n");
+    };
+    let range = head.iter().find_map(|line| line.to_ascii_lowercase().strip_prefix("range: bytes=").map(str::to_owned));
+    let ends = range.and_then(|range| {
+        let (first, last) = range.split_once('-')?;
+        Some((first.parse::<usize>().ok()?, last.parse::<usize>().ok()?.min(file.len() - 1)))
+    });
+    let (status, part) = match ends {
+        Some((first, last)) if first <= last => ("206 Partial Content", &file[first..=last]),
+        _ => ("200 OK", &file[..]),
+    };
+    let place = ends.map_or_else(String::new, |(a, b)| format!("Content-Range: bytes {a}-{b}/{}\r\n", file.len()));
+    let length = part.len();
+    let head = format!(
+        "HTTP/1.1 {status}\r\n{place}Content-Length: {length}\r\nAccept-Ranges: bytes\r\nConnection: close\r\n\r\n"
+    );
+    stream.write_all(head.as_bytes())?;
+    if method == "HEAD" { Ok(()) } else { stream.write_all(part) }
+}
+
+#[test]
+fn photos_on_a_server_are_read_where_that_is_allowed_and_mean_the_same() {
+    let scene = Scene::new();
+    fs::create_dir(scene.path("images")).unwrap();
+    for (i, stem) in scene.stems().iter().enumerate() {
+        let photo = image::RgbImage::from_fn(160, 120, |x, y| image::Rgb([(x * y) as u8, x as u8 ^ i as u8, y as u8]));
+        photo.save(scene.path(&format!("images/{stem}.jpg"))).unwrap();
+    }
+    let server = FileServer::of(scene.path("images"));
+    let on_server = format!("images = \"/vsicurl/{}/{{name}}\"", server.address);
+    let city = || scene.json("result/city.city.json")["CityObjects"].take();
+    scene.edit("sizeup.toml", |text| text.replace("path = \"sparse\"", "path = \"sparse\"\nimages = \"images\""));
+    let of_folder = scene.run(&[]);
+    assert!([0, 5].contains(&of_folder.code), "{}", of_folder.stderr);
+    let of_folder_city = city();
+
+    scene.edit("sizeup.toml", |text| text.replace("images = \"images\"", &on_server));
+    let refused = scene.run(&[]);
+    assert_eq!(refused.code, 3, "{}", refused.stderr);
+    assert!(refused.stderr.contains("on a server") && refused.stderr.contains("--allow-remote"), "{}", refused.stderr);
+    let inspected = scene.sizeup(&["survey", "inspect", "--config", "sizeup.toml"]);
+    assert_eq!(inspected.code, 3, "{}", inspected.stdout);
+    let address = format!("/vsicurl/{}", server.address);
+    let by_flag = scene.sizeup(&["survey", "inspect", "sparse", "--crs", "EPSG:25832", "--images", &address]);
+    assert!(by_flag.code == 3 && by_flag.stderr.contains(&address), "{}", by_flag.stderr);
+    assert_eq!(server.n_asked.load(Ordering::Relaxed), 0, "nobody was asked");
+
+    let allowed = scene.run(&["--allow-remote"]);
+    assert_eq!(allowed.code, of_folder.code, "{}", allowed.stderr);
+    assert!(server.n_asked.load(Ordering::Relaxed) > 0, "the photos were asked for");
+    assert_eq!(city(), of_folder_city);
+}
+
+#[test]
+fn photos_in_an_archive_are_named_by_a_template_and_absent_ones_are_told() {
+    let scene = Scene::new();
+    let stems = scene.stems();
+    let mut zip = zip::ZipWriter::new(fs::File::create(scene.path("photos.zip")).unwrap());
+    // Every second photo is not there.
+    for (i, stem) in stems.iter().enumerate().step_by(2) {
+        let photo = image::RgbImage::from_fn(160, 120, |x, y| image::Rgb([(x * y) as u8, x as u8 ^ i as u8, y as u8]));
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        photo.write_to(&mut bytes, image::ImageFormat::Jpeg).unwrap();
+        zip.start_file(format!("{stem}.jpg"), zip::write::SimpleFileOptions::default()).unwrap();
+        zip.write_all(bytes.get_ref()).unwrap();
+    }
+    zip.finish().unwrap();
+    let images = format!("path = \"sparse\"\nimages = \"/vsizip/{}/{{stem}}.jpg\"", scene.path("photos.zip").display());
+    scene.edit("sizeup.toml", |text| text.replace("path = \"sparse\"", &images));
+    let outcome = scene.run(&[]);
+    assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
+    let unread = scene.issues("photo_unreadable");
+    let is_absent = |name: &str| stems.iter().skip(1).step_by(2).any(|stem| name == format!("{stem}.jpg"));
+    assert!(!unread.is_empty(), "{}", outcome.stderr);
+    assert!(unread.iter().all(|issue| is_absent(issue["subject"]["id"].as_str().unwrap())), "{unread:?}");
+    let wrong =
+        scene.sizeup(&["survey", "inspect", "sparse", "--crs", "EPSG:25832", "--images", "/vsizip/a.zip/{photo}"]);
+    assert!(wrong.code == 3 && wrong.stderr.contains("{photo}"), "{}", wrong.stderr);
+}
+
+#[test]
+fn what_a_run_left_behind_is_held_against_what_it_belongs_to() {
+    let scene = Scene::new();
+    assert!([0, 5].contains(&scene.run(&[]).code));
+    let altered = |name: &str, alter: &dyn Fn(&mut serde_json::Value), expected: &str| {
+        let path = format!("result/stages/{name}.json");
+        let before = scene.json(&path);
+        let mut artefact = before.clone();
+        alter(&mut artefact["data"]);
+        assert_ne!(artefact, before, "{name}: nothing is altered");
+        fs::write(scene.path(&path), artefact.to_string()).unwrap();
+        let outcome = scene.run(&["--from", "output"]);
+        fs::write(scene.path(&path), before.to_string()).unwrap();
+        assert_eq!(outcome.code, 3, "{expected}: {}", outcome.stderr);
+        for word in [expected, "hint: ", &format!("--from {name}")] {
+            assert!(outcome.stderr.contains(word), "{word:?} is missing in: {}", outcome.stderr);
+        }
+    };
+    altered("heights", &|data| data["solved"][0] = json!(9999), "outline 9999");
+    altered("heights", &|data| data["solution"]["heights"][0]["views"] = json!([777]), "view 777");
+    altered("heights", &|data| data["solution"]["used_views"][0] = json!(888), "view 888");
+    altered("heights", &|data| data["unread_photos"] = json!([[999, "x"]]), "view 999");
+    altered("heights", &|data| drop(data["solved"].as_array_mut().unwrap().pop()), "heights of");
+    altered("footprints", &|data| drop(data["ground"].as_array_mut().unwrap().pop()), "ground under");
+    altered("footprints", &|data| data["ground"][0]["lowest_m"] = json!(1e300), "a ground of");
+    let outline = |data: &mut serde_json::Value, to: serde_json::Value| {
+        data["layer"]["footprints"][0]["polygon"]["exterior"][0] = to;
+    };
+    altered("footprints", &|data| outline(data, json!({"x": 1e300, "y": 0.0})), "the outline of");
+    altered("survey", &|data| data["views"][0]["camera"]["width_px"] = json!(0), "0 ×");
+    assert!([0, 5].contains(&scene.run(&["--from", "output"]).code), "as it was");
+}
+
 /// Rewrites a terrain model five times as fine and in one block, which is read as a whole: 4 bytes a cell, some megabytes.
 fn write_in_one_block(path: &Path) {
     let coarse = gdal::Dataset::open(path).unwrap();
@@ -303,6 +463,29 @@ fn a_vertex_that_lies_nowhere_is_named() {
     let outcome: Outcome =
         sizeup().args(["validate", "--no-schema", "--snap-tolerance", "1e-300"]).arg(&path).output().unwrap().into();
     assert!(!outcome.stderr.contains("panicked"), "{}", outcome.stderr);
+}
+
+#[test]
+fn corners_of_results_that_are_no_numbers_outline_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.fgb");
+    let mut dataset = DriverManager::get_driver_by_name("FlatGeobuf").unwrap().create_vector_only(&path).unwrap();
+    let crs = gdal::spatial_ref::SpatialRef::from_epsg(25832).unwrap();
+    let ty = gdal::vector::OGRwkbGeometryType::wkbPolygon;
+    let options = gdal::vector::LayerOptions { name: "a", srs: Some(&crs), ty, ..Default::default() };
+    let mut layer = dataset.create_layer(options).unwrap();
+    let outline = "POLYGON ((500000 5700000, 500009 5700000, 500009 5700007, 500000 5700000))";
+    layer.create_feature(gdal::vector::Geometry::from_wkt(outline).unwrap()).unwrap();
+    dataset.close().unwrap();
+    let read = || FoundBuildings::read(&path, &ReadOptions::default()).unwrap().to_records();
+    assert!(read()[0].footprint.is_some());
+    // A northing of the last corner but one, behind those of the header and the index.
+    let mut bytes = fs::read(&path).unwrap();
+    let northing = 5_700_007.0_f64.to_le_bytes();
+    let at = bytes.windows(8).rposition(|window| window == northing).unwrap();
+    bytes[at..at + 8].copy_from_slice(&f64::NAN.to_le_bytes());
+    fs::write(&path, bytes).unwrap();
+    assert_eq!((read().len(), &read()[0].footprint), (1, &None));
 }
 
 #[test]

@@ -63,6 +63,30 @@ fn cameras_below_the_ground_are_told_and_pictures_drawn() {
 }
 
 #[test]
+fn refused_poses_are_on_the_picture_and_in_the_text() {
+    let folder = tempfile::tempdir().unwrap();
+    let (poses, picture) = (folder.path().join("poses.csv"), folder.path().join("survey.png"));
+    let rows = "a.jpg,699000,5764000,4e10,0,0,0,400,300,300\nb.jpg,699050,5764000,300,180,0,0,400,300,300\n";
+    std::fs::write(&poses, format!("name,x,y,z,omega,phi,kappa,width,height,fx\n{rows}")).unwrap();
+    let args =
+        ["survey", "inspect", poses.to_str().unwrap(), "--crs", "EPSG:25832", "--picture", picture.to_str().unwrap()];
+    let told = sizeup(&args);
+    assert_eq!(told.status.code(), Some(3), "{}", text(&told.stderr));
+    for why in ["a.jpg: its camera is 40000000000 m high", "b.jpg: it looks 180.0° off the vertical", "2 refused items"]
+    {
+        assert!(text(&told.stdout).contains(why), "{why:?} is missing in: {}", text(&told.stdout));
+    }
+    // Bluish green of the Okabe-Ito palette: two dots on the map and one in the legend.
+    let map = image::open(&picture).unwrap().into_rgb8();
+    let is_green = |x: u32, y: u32| map.get_pixel(x, y).0 == [0, 158, 115];
+    let (width, height) = map.dimensions();
+    let starts = |x: &u32, y: u32| is_green(*x, y) && (*x == 0 || !is_green(x - 1, y));
+    let columns: std::collections::BTreeSet<u32> =
+        (0..height).flat_map(|y| (0..width).filter(move |x| starts(x, y)).map(|x| x / 40)).collect();
+    assert!(columns.len() >= 3, "{columns:?}");
+}
+
+#[test]
 fn outlines_still_to_come_do_not_keep_the_poses_from_being_looked_at() {
     let folder = tempfile::tempdir().unwrap();
     table(&folder.path().join("poses.csv"), 10, 10.0);

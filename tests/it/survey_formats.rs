@@ -489,6 +489,101 @@ fn rtk_photos_with_dewarp_data() {
     assert!(survey.issues.iter().any(|issue| issue.message.contains("focal length")), "{:?}", survey.issues);
 }
 
+/// One entry of a TIFF directory, little-endian.
+fn entry(tag: u16, kind: u16, n: usize, value: [u8; 4]) -> Vec<u8> {
+    [&tag.to_le_bytes()[..], &kind.to_le_bytes(), &u32::try_from(n).unwrap().to_le_bytes(), &value].concat()
+}
+
+/// A JPEG of a camera's make, a place, a height and a maker note, without XMP.
+fn photo_with_maker_note(make: &[u8; 4], geodetic: DVec3, note: &[u8]) -> Vec<u8> {
+    const EXIF_AT: usize = 8 + 2 + 3 * 12 + 4;
+    const GPS_AT: usize = EXIF_AT + 2 + 12 + 4;
+    const DATA_AT: usize = GPS_AT + 2 + 5 * 12 + 4;
+    let at = |offset: usize| u32::try_from(offset).unwrap().to_le_bytes();
+    // Degrees over 10^7, no minutes and seconds.
+    let angle = |degrees: f64| {
+        let numbers = [(degrees.abs() * 1e7).round() as u32, 10_000_000, 0, 1, 0, 1];
+        numbers.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>()
+    };
+    let height = [(geodetic.z * 1e3).round() as u32, 1000].iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>();
+    let data = [angle(geodetic.y), angle(geodetic.x), height, note.to_vec()];
+    let place_of = |i: usize| at(DATA_AT + data[..i].iter().map(Vec::len).sum::<usize>());
+    let directories = [
+        vec![entry(0x010F, 2, 4, *make), entry(0x8769, 4, 1, at(EXIF_AT)), entry(0x8825, 4, 1, at(GPS_AT))],
+        vec![entry(0x927C, 7, note.len(), place_of(3))],
+        vec![
+            entry(1, 2, 2, *b"N\0\0\0"),
+            entry(2, 5, 3, place_of(0)),
+            entry(3, 2, 2, *b"E\0\0\0"),
+            entry(4, 5, 3, place_of(1)),
+            entry(6, 5, 1, place_of(2)),
+        ],
+    ];
+    let mut tiff = b"II*\0\x08\0\0\0".to_vec();
+    for directory in directories {
+        tiff.extend(u16::try_from(directory.len()).unwrap().to_le_bytes());
+        tiff.extend(directory.concat());
+        tiff.extend([0; 4]);
+    }
+    assert_eq!(tiff.len(), DATA_AT);
+    let segment = [b"Exif\0\0".to_vec(), tiff, data.concat()].concat();
+    let length = u16::try_from(segment.len() + 2).unwrap().to_be_bytes();
+    [
+        &[0xFF, 0xD8, 0xFF, 0xE1][..],
+        &length,
+        &segment,
+        &[0xFF, 0xC0, 0, 11, 8, 11, 184, 15, 160, 1, 0, 0, 0, 0xFF, 0xD9],
+    ]
+    .concat()
+}
+
+#[test]
+fn drone_photos_without_xmp_are_read_by_their_maker_notes_and_others_are_refused_with_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let (geodetic, _) = geodetic();
+    let wgs84 = Crs::parse("EPSG:4326").unwrap();
+    let north = Transform::new(&wgs84, &utm()).unwrap().north_at(geodetic.x, geodetic.y).unwrap();
+    let yaw = 30.0 - north.azimuth_rad.to_degrees();
+    // Tags 9 to 11, and the aircraft's own angles before them, as floats.
+    let note = |is_little: bool| -> Vec<u8> {
+        let angles = [(6, 3.0), (7, 77.0), (8, -2.0), (9, -45.0), (10, yaw), (11, 5.0)];
+        let order = |mut bytes: Vec<u8>| {
+            if !is_little {
+                bytes.reverse();
+            }
+            bytes
+        };
+        let entry = |(tag, angle): (u16, f64)| {
+            let fields = [tag.to_le_bytes().to_vec(), 11_u16.to_le_bytes().to_vec(), 1_u32.to_le_bytes().to_vec()];
+            fields.into_iter().chain([(angle as f32).to_le_bytes().to_vec()]).flat_map(order).collect::<Vec<u8>>()
+        };
+        order(6_u16.to_le_bytes().to_vec())
+            .into_iter()
+            .chain(angles.into_iter().flat_map(entry))
+            .chain([0; 4])
+            .collect()
+    };
+    let write = |name: &str, photo: Vec<u8>| fs::write(folder.path().join(name), photo).unwrap();
+    write("little.jpg", photo_with_maker_note(b"DJI\0", geodetic, &note(true)));
+    write("big.jpg", photo_with_maker_note(b"DJI\0", geodetic, &note(false)));
+    write("other_make.jpg", photo_with_maker_note(b"FLY\0", geodetic, &note(true)));
+    write("other_note.jpg", photo_with_maker_note(b"DJI\0", geodetic, b"[ae_dbg_info:abcdefghijklmnop]"));
+    write("short.jpg", photo_with_maker_note(b"DJI\0", geodetic, &note(true)[..40]));
+    let config = SurveyConfig { height: keep_ellipsoidal(), camera: Some(camera()), ..SurveyConfig::at(folder.path()) };
+    let survey = survey::read(&config, &utm()).unwrap();
+    let names: Vec<&str> = survey.views.iter().map(|view| view.id.0.as_str()).collect();
+    assert_eq!(names, ["big.jpg", "little.jpg"], "{:?}", survey.issues);
+    for view in &survey.views {
+        // Angles have two digits behind the point: 0.005 degrees.
+        let off = (view.camera_from_map.rotation - golden_rotation()).to_cols_array();
+        assert!(off.iter().all(|off| off.abs() < 1e-4), "{}: {off:?}", view.id);
+        assert!((view.centre() - CENTRE).length() < 0.02, "{}", view.centre());
+    }
+    let refused: Vec<_> = survey.issues.iter().filter(|issue| issue.code == "photo_without_pose").collect();
+    assert_eq!(refused.len(), 3, "{:?}", survey.issues);
+    assert!(refused.iter().all(|issue| issue.message.contains("lack GimbalYawDegree")), "{refused:?}");
+}
+
 #[test]
 fn misspelt_options_are_refused_and_the_schema_documents_each() {
     let refused = toml::from_str::<SurveyConfig>("path = \"x\"\nformt = \"csv\"").unwrap_err().to_string();

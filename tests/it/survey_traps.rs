@@ -4,10 +4,11 @@ use std::fs;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
+use sizeup::camera::Camera;
 use sizeup::crs::{Crs, Geocentric, Transform, enu_from_geocentric};
 use sizeup::survey::{
     self, CameraConfig, CsvConfig, Format, HeightConfig, HeightReference, Reading, Site, Survey, SurveyConfig,
-    SurveyReport,
+    SurveyError, SurveyReport,
 };
 
 use crate::skipped::skip;
@@ -233,32 +234,70 @@ fn shots_without_a_camera_of_their_own_are_refused_where_two_would_do() {
     assert!(refused.contains("several cameras"), "{refused}");
 }
 
-#[test]
-fn the_principal_point_of_blocks_exchange_is_the_same_in_pixels_and_millimetres() {
-    // The format's own sample: 4683.755692 px and -0.18536 mm, of 9420 columns of 7.2 um.
-    let read = |point: &str, size: &str| {
-        let xml =
-            super::survey_formats::blocks_exchange("XRightYDown", "<Omega>180</Omega><Phi>0</Phi><Kappa>0</Kappa>");
-        let xml = xml
+/// A block of Bentley's with the sample's sensor, 9420 x 14430 px of 7.2 um, in some axes and of some size and principal point.
+fn bentley_camera(axes: &str, size: &str, point: &str) -> Result<Camera, SurveyError> {
+    // Straight down: of axes with z backward by no turn.
+    let omega = if axes == "XRightYDown" { 180 } else { 0 };
+    let xml =
+        super::survey_formats::blocks_exchange(axes, &format!("<Omega>{omega}</Omega><Phi>0</Phi><Kappa>0</Kappa>"))
             .replace("<Width>4000</Width><Height>3000</Height>", "<Width>9420</Width><Height>14430</Height>")
             .replace("<FocalLength>24</FocalLength><SensorSize>32</SensorSize>", size)
             .replace("<x>2001</x><y>1499</y>", point);
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("block.xml");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("block.xml");
+    fs::write(&path, xml).unwrap();
+    survey::read(&SurveyConfig::at(&path), &crs("EPSG:25832")).map(|survey| (*survey.views[0].camera).clone())
+}
+
+#[test]
+fn the_principal_point_of_blocks_exchange_is_the_same_in_pixels_and_millimetres() {
+    // The format's own sample has both, and its sensor's size.
+    let size = "<FocalLength>100.735601903992</FocalLength><PixelSize>0.0072</PixelSize>";
+    let read = |size, point| bentley_camera("XRightYDown", size, point).unwrap();
+    let pixels = read(size, "<x>4683.755692</x><y>7223.0141002</y>");
+    let millimetres = read(size, "<xmm>-0.1853590176</xmm><ymm>0.06130152144</ymm>");
+    let off = |a: &Camera, b: &Camera| (a.cx_px - b.cx_px).abs().max((a.cy_px - b.cy_px).abs());
+    assert!(off(&pixels, &millimetres) < 1e-6, "{pixels:?} {millimetres:?}");
+    // In pixels too, from the centre of the first, and the focal length with the sensor's larger side.
+    assert_eq!((pixels.cx_px, pixels.cy_px), (4684.255_692, 7223.514_100_2));
+    let by_sensor = size.replace("<PixelSize>0.0072</PixelSize>", "<SensorSize>103.896</SensorSize>");
+    let middle = "<x>4709.5</x><y>7214.5</y>";
+    let in_pixels = read("<FocalLengthPixels>13991.05582</FocalLengthPixels>", middle);
+    for same in [read(&by_sensor, middle), in_pixels, pixels.clone()] {
+        assert!((same.fx_px - 13_991.055_82).abs() < 1e-4, "{same:?}");
+    }
+    // In other axes the millimetres are counted along those.
+    for (axes, point) in [
+        ("XRightYUp", "<xmm>-0.1853590176</xmm><ymm>-0.06130152144</ymm>"),
+        ("XDownYRight", "<xmm>0.06130152144</xmm><ymm>-0.1853590176</ymm>"),
+    ] {
+        assert!(off(&pixels, &bentley_camera(axes, size, point).unwrap()) < 1e-6, "{axes}");
+    }
+}
+
+#[test]
+fn bentleys_yaw_pitch_roll_are_read_and_what_has_no_formula_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("block.xml");
+    let read = |xml: &str| {
         fs::write(&path, xml).unwrap();
-        survey::read(&SurveyConfig::at(&path), &crs("EPSG:25832")).map(|survey| survey.views[0].camera.clone())
+        Reading::of(&SurveyConfig::at(&path), &crs("EPSG:25832")).unwrap().into_survey()
     };
-    let size = "<FocalLength>100.5</FocalLength><PixelSize>0.0072</PixelSize>";
-    let pixels = read("<x>4683.755692</x><y>7214.5</y>", size).unwrap();
-    let millimetres = read("<xmm>-0.18536</xmm><ymm>0</ymm>", size).unwrap();
-    // -0.18536 mm is given to 5e-6 mm, 7e-4 px.
-    assert!((pixels.cx_px - millimetres.cx_px).abs() < 7e-4, "{} {}", pixels.cx_px, millimetres.cx_px);
-    assert_eq!((pixels.cy_px, millimetres.cy_px), (7215.0, 7215.0));
-    let by_sensor =
-        read("<x>4683.755692</x><y>7214.5</y>", "<FocalLength>100.5</FocalLength><SensorSize>103.896</SensorSize>");
-    assert!((pixels.fx_px - by_sensor.unwrap().fx_px).abs() < 1e-6);
-    let refused = read("<xmm>-0.18536</xmm><ymm>0.1</ymm>", size).unwrap_err().to_string();
-    assert!(refused.contains("ymm"), "{refused}");
+    let angles = "<Yaw>30</Yaw><Pitch>-45</Pitch><Roll>5</Roll>";
+    let view = &read(&super::survey_formats::blocks_exchange("XRightYDown", angles)).views[0];
+    let golden = DMat3::from_cols_array_2d(&super::survey_formats::ROWS).transpose();
+    assert!((view.camera_from_map.rotation - golden).to_cols_array().iter().all(|off| off.abs() < 4e-6), "{view:?}");
+    let says_why = |xml: &str, expected: &str| {
+        let survey = read(xml);
+        let reasons: Vec<&str> = survey.issues.iter().map(|issue| issue.message.as_str()).collect();
+        assert!(survey.views.is_empty() && reasons.iter().any(|reason| reason.contains(expected)), "{reasons:?}");
+    };
+    let heading = super::survey_formats::blocks_exchange("XRightYDown", &angles.replace("Yaw", "Heading"));
+    says_why(&heading, "export the rotation as a matrix");
+    let fisheye = super::survey_formats::blocks_exchange("XRightYDown", angles)
+        .replace("<CameraModelType>Perspective", "<CameraModelType>Fisheye")
+        .replace("<Distortion>", "<FisheyeFocalMatrix><M_00>1960</M_00></FisheyeFocalMatrix><Distortion>");
+    says_why(&fisheye, "camera model Fisheye: undistort the photos");
 }
 
 #[test]
@@ -459,10 +498,13 @@ fn pix4ds_files_need_no_project_name() {
     let header = "fileName imageWidth imageHeight\n\n\n\n\n\n\n\n";
     let body = "a.jpg 4000 3000\n3000 0 2000\n0 3000 1500\n0 0 1\n0 0 0\n0 0\n10 20 300\n1 0 0\n0 -1 0\n0 0 -1\n";
     fs::write(folder.path().join("calibrated_camera_parameters.txt"), format!("{header}{body}")).unwrap();
-    fs::write(folder.path().join("offset.xyz"), "699000 5764000 0\n").unwrap();
-    for path in [folder.path().to_owned(), folder.path().join("calibrated_camera_parameters.txt")] {
-        let survey = survey::read(&SurveyConfig::at(path), &crs("EPSG:25832")).unwrap();
-        assert_eq!(survey.views[0].centre(), DVec3::new(699_010.0, 5_764_020.0, 300.0));
+    // The offset on one line, and on four.
+    for offset in ["699000 5764000 0\n", "offset:\n699000\n5764000\n0\n"] {
+        fs::write(folder.path().join("offset.xyz"), offset).unwrap();
+        for path in [folder.path().to_owned(), folder.path().join("calibrated_camera_parameters.txt")] {
+            let survey = survey::read(&SurveyConfig::at(path), &crs("EPSG:25832")).unwrap();
+            assert_eq!(survey.views[0].centre(), DVec3::new(699_010.0, 5_764_020.0, 300.0));
+        }
     }
 }
 

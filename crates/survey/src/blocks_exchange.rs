@@ -3,8 +3,10 @@
 //! `Pose/Rotation` is world to camera; with `CameraOrientation` `XRightYDown` (the default) its axes are ours, other
 //! orientations are turned. Focal lengths are in pixels, or in millimetres on a sensor whose larger side is
 //! `SensorSize`, or whose pixels are `PixelSize` wide. The principal point counts pixels from the *centre* of the first
-//! pixel, or millimetres (`xmm`, to the right) from the middle of the image: the specification's sample has 4683.755692 px
-//! and -0.18536 mm on 9420 px of 7.2 um, which agree only so. `Metadata` holds initial values and is never used.
+//! pixel, or millimetres (`xmm`, `ymm`, in the axes of `CameraOrientation`) from the middle of the image: the specification's
+//! sample has 4683.755692, 7223.0141002 px and -0.1853590176, 0.06130152144 mm on 9420 x 14430 px of 7.2 um, which agree only so.
+//! `Metadata` holds initial values and is never used. Not read, as no text gives their formulas: fisheyes, and the deprecated
+//! `Heading`, `Pitch`, `Roll`.
 //! Source: Bentley, `BlocksExchange` XML format 3.2.
 
 use std::collections::BTreeMap;
@@ -182,6 +184,9 @@ fn angles(rotation: &Element) -> Result<DMat3, String> {
         let values = [rotation.need_number("Yaw")?, rotation.need_number("Pitch")?, rotation.need_number("Roll")?];
         return convention(AngleKind::Ypr, None).camera_from_world(&values);
     }
+    if rotation.child("Heading").is_some() {
+        return Err("<Heading>, <Pitch>, <Roll> (deprecated) are not read: export the rotation as a matrix".to_owned());
+    }
     Err("<Rotation> holds neither M_00…M_22, nor Omega, Phi, Kappa, nor Yaw, Pitch, Roll".to_owned())
 }
 
@@ -199,7 +204,8 @@ fn group_of(group: &Element, tangential: TangentialOrder) -> Group {
     };
     match axes {
         Ok(axes) => {
-            Group { camera: camera(group, tangential).map(Arc::new), camera_from_axes: axes.camera_from_axes() }
+            let camera_from_axes = axes.camera_from_axes();
+            Group { camera: camera(group, camera_from_axes, tangential).map(Arc::new), camera_from_axes }
         }
         Err(reason) => Group { camera: Err(reason), camera_from_axes: DMat3::IDENTITY },
     }
@@ -209,20 +215,23 @@ fn group_of(group: &Element, tangential: TangentialOrder) -> Group {
 const MIN_FOCAL: f64 = 0.1;
 
 /// From the top-left corner, pixels.
-fn principal_point(point: &Element, pixel_mm: Option<f64>, (width, height): (f64, f64)) -> Result<(f64, f64), String> {
+fn principal_point(
+    point: &Element,
+    pixel_mm: Option<f64>,
+    (width, height): (f64, f64),
+    camera_from_axes: DMat3,
+) -> Result<(f64, f64), String> {
     const CENTRE_OF_FIRST_PIXEL: f64 = 0.5;
     if point.child("x").is_some() {
         return Ok((point.need_number("x")? + CENTRE_OF_FIRST_PIXEL, point.need_number("y")? + CENTRE_OF_FIRST_PIXEL));
     }
-    let (x_mm, y_mm) = (point.need_number("xmm")?, point.need_number("ymm")?);
     let pixel_mm = pixel_mm.ok_or("<xmm> without <SensorSize> or <PixelSize>")?;
-    if y_mm != 0.0 {
-        return Err("<ymm> may count up or down: give the principal point as <x>, <y> in pixels".to_owned());
-    }
-    Ok((width / 2.0 + x_mm / pixel_mm, height / 2.0))
+    let from_middle =
+        camera_from_axes * DVec3::new(point.need_number("xmm")?, point.need_number("ymm")?, 0.0) / pixel_mm;
+    Ok((width / 2.0 + from_middle.x, height / 2.0 + from_middle.y))
 }
 
-fn camera(group: &Element, tangential: TangentialOrder) -> Result<Camera, String> {
+fn camera(group: &Element, camera_from_axes: DMat3, tangential: TangentialOrder) -> Result<Camera, String> {
     let size = group.child("ImageDimensions").ok_or("the photo group has no <ImageDimensions>")?;
     let (width, height) = (size.need_number("Width")?, size.need_number("Height")?);
     let is_pixels = |n: f64| (1.0..=f64::from(u32::MAX)).contains(&n);
@@ -248,7 +257,7 @@ fn camera(group: &Element, tangential: TangentialOrder) -> Result<Camera, String
     let fy_px = focal_px * group.number("AspectRatio")?.unwrap_or(1.0);
     let skew = group.number("Skew")?.unwrap_or(0.0) / focal_px;
     let (cx_px, cy_px) = match group.child("PrincipalPoint") {
-        Some(point) => principal_point(point, pixel_mm, (width, height))?,
+        Some(point) => principal_point(point, pixel_mm, (width, height), camera_from_axes)?,
         None => (width / 2.0, height / 2.0),
     };
     let coefficient = |name: &str| match group.child("Distortion") {

@@ -19,7 +19,8 @@ pub struct SurveyConfig {
     pub format: Format,
     /// The poses' file, or the folder of a model or of photos.
     pub path: PathBuf,
-    /// Folder of the photos, matched to the poses by name. Without it no photo is looked for.
+    /// Folder of the photos, matched to the poses by name. Without it no photo is looked for. In an archive or on a server:
+    /// `/vsizip/photos.zip/{name}`, `/vsicurl/https://…/{stem}.jpg` (servers only with `--allow-remote`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub images: Option<PathBuf>,
     /// CRS of the poses as `EPSG:n`, WKT or PROJ string. Default: what the file says, else the project's CRS.

@@ -10,6 +10,7 @@ use super::inspect::{IMPOSSIBLE_HEIGHT, LOOKS_UP};
 use super::poses::{Counts, FileHeights, Pose, Poses, World, refused};
 use super::{Survey, SurveyConfig, SurveyError, View, ViewKind, photos};
 use sizeup_geo::crs::{Accuracy, Crs, CrsError, Geocentric, GridNorth, Transform, TrueNorth, enu_from_geocentric};
+use sizeup_geo::files::is_virtual;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::paths::within;
 use sizeup_heights::frames::Rigid;
@@ -182,12 +183,14 @@ pub(crate) fn locate(
         }
     }
     views.sort_by(|a, b| a.id.cmp(&b.id));
-    if let Some(folder) = &config.images {
+    if let Some(place) = config.images.as_deref().filter(|images| is_virtual(images)) {
+        photos::address(&mut views, place)?;
+    } else if let Some(folder) = &config.images {
         if !folder.exists() {
             let message = format!("there is no folder {}", folder.display());
             return Err(SurveyError::config(
                 message,
-                "`images` is the folder of the photos; leave it out for poses only",
+                "`images` is the folder of the photos, on a server `/vsicurl/https://…`; leave it out for poses only",
             ));
         }
         let refused = names_of(&issues);

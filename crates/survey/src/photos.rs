@@ -4,10 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::{View, whole};
+use super::{SurveyError, View, whole};
 use sizeup_geo::files::FileError;
+use sizeup_geo::geodata::may_be_asked;
 use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_geo::template;
 
 /// Extensions of files that are photos, lower case.
 const PHOTO_EXTENSIONS: [&str; 8] = ["jpg", "jpeg", "tif", "tiff", "png", "webp", "jp2", "dng"];
@@ -117,6 +119,44 @@ pub(crate) fn attach(
         );
     }
     Ok(issues)
+}
+
+/// Gives each view its photo in an archive or on a server, where nothing can be listed: by a template with `{name}` or `{stem}`, or by
+/// a folder. Whether it is there shows when it is wanted.
+///
+/// # Errors
+/// [`SurveyError`] for a template without sense, and for a server where none may be asked.
+pub(crate) fn address(views: &mut [View], images: &Path) -> Result<(), SurveyError> {
+    let text = images.to_string_lossy();
+    if let Err(refusal) = may_be_asked(images) {
+        let message = refusal.to_string();
+        let (message, hint) = message.split_once("\nhint: ").unwrap_or((&message, ""));
+        return Err(SurveyError::config(message, hint));
+    }
+    let template =
+        if text.contains('{') { text.into_owned() } else { format!("{}/{{name}}", text.trim_end_matches('/')) };
+    template::check(&template).map_err(|e| SurveyError::config(e, "`{name}` and `{stem}` stand for a photo's name"))?;
+    for view in views {
+        let name = if template.starts_with(CURL) { in_url(&view.id.0) } else { view.id.0.clone() };
+        view.image = template::fill(&template, &name, None);
+    }
+    Ok(())
+}
+
+/// GDAL's file system of web servers, whose paths are addresses.
+const CURL: &str = "/vsicurl/";
+
+/// A name as it stands in an address (RFC 3986, 2.3); folders stay.
+fn in_url(name: &str) -> String {
+    let mut address = String::with_capacity(name.len());
+    for byte in name.bytes() {
+        if byte.is_ascii_alphanumeric() || b"-._~/".contains(&byte) {
+            address.push(char::from(byte));
+        } else {
+            address.push_str(&format!("%{byte:02X}"));
+        }
+    }
+    address
 }
 
 /// Index by a part of the path; `None` where several files share it.

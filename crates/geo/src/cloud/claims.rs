@@ -94,7 +94,8 @@ impl Header {
         let n_extended = u32_at(&tail, 8);
         let legacy = u64::from(u32_at(&bytes, 107));
         Ok(Self {
-            header_size: u16_at(&bytes, 94),
+            // The reader goes by the version where the header says to be shorter.
+            header_size: u16_at(&bytes, 94).max(size_of_version([bytes[24], bytes[25]])),
             points_at: u32_at(&bytes, 96),
             n_records: u32_at(&bytes, 100),
             is_compressed: bytes[104] & 0xC0 != 0,
@@ -102,6 +103,15 @@ impl Header {
             n_points: legacy.max(u64_at(&tail, 12)),
             extended_at: (is_1_4 && n_extended > 0).then(|| u64_at(&tail, 0)),
         })
+    }
+}
+
+/// Bytes of a version's header.
+fn size_of_version(version: [u8; 2]) -> u16 {
+    match version {
+        [1, minor] if minor >= 4 => 375,
+        [1, 3] => 235,
+        _ => SHORTEST_HEADER as u16,
     }
 }
 
@@ -321,6 +331,11 @@ mod tests {
         let layer_at = points_at + 8 + usize::from(u16_at(&packed, 105)) + 4;
         assert!(matches!(refused(packed.clone(), layer_at, &u32::MAX.to_le_bytes()), Claim::Beyond { .. }));
         assert!(check(&mut Cursor::new(&packed[..packed.len() / 2])).is_err());
+        // The same behind a header that says to be shorter than its version's, which would hide the record of the compression.
+        let mut short = packed.clone();
+        short[94..96].copy_from_slice(&119_u16.to_le_bytes());
+        assert!(check(&mut Cursor::new(&short)).is_ok());
+        assert!(matches!(refused(short, layer_at, &u32::MAX.to_le_bytes()), Claim::Beyond { .. }));
         // The compressor of other point formats, over items that come in layers.
         let record_at = packed.windows(LASZIP.0.len()).position(|found| found == LASZIP.0).unwrap() - 2;
         for compressor in [1_u16, 2] {

@@ -6,6 +6,7 @@
 mod accuracy;
 mod convergence;
 mod grids;
+mod kept;
 mod levels;
 mod spatial;
 mod transform;
@@ -20,6 +21,8 @@ pub use vertical::{EllipsoidalHeight, GeoidHeight, HeightAboveGround, HeightAbov
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+
+use self::kept::Kept;
 
 /// Why a CRS or a transformation cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -128,7 +131,12 @@ impl Crs {
     /// # Errors
     /// [`CrsError::Unknown`] when PROJ cannot read it.
     pub fn parse(definition: &str) -> Result<Self, CrsError> {
+        static PARSED: Kept<Crs> = Kept::new();
         let definition = &with_type(definition.trim());
+        PARSED.get(definition, || Self::parse_anew(definition))
+    }
+
+    fn parse_anew(definition: &str) -> Result<Self, CrsError> {
         // PROJ would print its own line about a definition that it does not know; GDAL keeps its messages to itself.
         if !spatial::is_known(definition) {
             let reason = "it is not in PROJ's database, or is no CRS".to_owned();

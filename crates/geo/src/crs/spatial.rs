@@ -8,6 +8,7 @@ use std::path::Path;
 use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, CoordTransformOptions, SpatialRef};
 use glam::{DMat3, DVec3};
 
+use super::kept::Kept;
 use super::{Crs, CrsError, grids};
 use crate::gdal_log::route_messages;
 
@@ -106,6 +107,11 @@ fn missing(from: &Crs, to: &Crs, grids: &[grids::Grid]) -> CrsError {
 /// Why there is no accurate operation between two definitions, if there is none. The `proj` crate cannot be asked: it
 /// panics where PROJ finds nothing without calling that an error.
 pub(super) fn why_impossible(from: &str, to: &str) -> Option<String> {
+    static POSSIBLE: Kept<()> = Kept::new();
+    POSSIBLE.get(&format!("{from}\n{to}"), || why_impossible_anew(from, to).map_or(Ok(()), Err)).err()
+}
+
+fn why_impossible_anew(from: &str, to: &str) -> Option<String> {
     route_messages();
     let build = || -> Result<CoordTransform, gdal::errors::GdalError> {
         let mut options = CoordTransformOptions::new()?;

@@ -17,7 +17,7 @@ mod open;
 
 pub use geotiff::{GridPlace, write_geotiff};
 pub use layer_writer::{FieldType, LayerFeature, write_polygon_layer};
-pub use open::Refusal;
+pub use open::{Refusal, may_be_asked};
 
 use std::path::{Path, PathBuf};
 

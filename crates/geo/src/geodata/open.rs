@@ -121,10 +121,7 @@ pub(super) enum Fault {
 pub(super) fn open(path: &Path, kind: Kind) -> Result<Dataset, Fault> {
     crate::gdal_log::route_messages();
     shut_doors();
-    let is_remote_allowed = Limits::now().allow_remote;
-    if !is_remote_allowed && is_remote(path) {
-        return Err(Fault::Refused(Refusal::Remote { path: path.to_owned() }));
-    }
+    may_be_asked(path).map_err(Fault::Refused)?;
     let drivers = drivers_for(path, kind);
     if drivers.is_empty() {
         let what = if kind == Kind::Raster { "rasters" } else { "layers" };
@@ -137,6 +134,15 @@ pub(super) fn open(path: &Path, kind: Kind) -> Result<Dataset, Fault> {
     } | GdalOpenFlags::GDAL_OF_VERBOSE_ERROR;
     let options = DatasetOptions { open_flags, allowed_drivers: Some(&drivers), ..DatasetOptions::default() };
     Dataset::open_ex(path, options).map_err(Fault::Gdal)
+}
+
+/// Holds a path against what input may ask of servers.
+///
+/// # Errors
+/// [`Refusal::Remote`] for one that is on a server where that is not allowed.
+pub fn may_be_asked(path: &Path) -> Result<(), Refusal> {
+    let is_refused = !Limits::now().allow_remote && is_remote(path);
+    if is_refused { Err(Refusal::Remote { path: path.to_owned() }) } else { Ok(()) }
 }
 
 /// Whether a path leads to a server, also from within an archive.

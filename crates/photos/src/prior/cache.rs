@@ -23,7 +23,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::array::{MOST, MapShape};
 use super::{DepthPrior, PriorError, PriorGeometry, PriorKind, PriorSource};
-use sizeup_geo::files::{FileError, write_whole};
+use sizeup_geo::files::{FileError, is_virtual, write_whole};
 use sizeup_survey::View;
 
 /// Changes whenever the same key would no longer mean the same content.
@@ -113,11 +113,15 @@ impl KeyHasher {
         self.bytes(text.as_bytes());
     }
 
-    /// The content of a file.
+    /// The content of a file; of one in an archive or on a server its name, which has to stand for it.
     ///
     /// # Errors
     /// [`PriorError::Cache`] if it cannot be read.
     pub fn file(&mut self, path: &Path) -> Result<(), PriorError> {
+        if is_virtual(path) {
+            self.bytes(path.to_string_lossy().as_bytes());
+            return Ok(());
+        }
         self.bytes(&content_hash(path).map_err(FileError::on("cannot read", path))?);
         Ok(())
     }

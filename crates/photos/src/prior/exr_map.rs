@@ -25,6 +25,10 @@ pub(super) fn read_map(
     let headers = reader.headers();
     let header = headers.first().ok_or("it has no layer")?;
     let shape = MapShape::of(&[1, header.layer_size.height(), header.layer_size.width()], most)?;
+    // A block is read as a whole, and a tile may be larger than its layer.
+    for header in headers {
+        limits::check(header.max_block_byte_size() as u64, Some(stored)).map_err(|e| e.to_string())?;
+    }
     // All channels are unpacked, and the one that is wanted becomes floats.
     let of_pixel: u64 = header.channels.list.iter().map(|c| c.sample_type.bytes_per_sample() as u64).sum();
     limits::check((shape.cells() as u64).saturating_mul(of_pixel + 4), Some(stored)).map_err(|e| e.to_string())?;
@@ -73,7 +77,7 @@ mod tests {
     use std::io::Cursor;
 
     use exr::prelude::{
-        AnyChannel, AnyChannels, Encoding, Image, Layer, LayerAttributes, SmallVec, WritableImage as _,
+        AnyChannel, AnyChannels, Blocks, Encoding, Image, Layer, LayerAttributes, SmallVec, Vec2, WritableImage as _,
     };
     use proptest::prelude::*;
 
@@ -113,6 +117,27 @@ mod tests {
         for bytes in [&whole[..whole.len() / 2], b"no picture", b""] {
             assert!(read_map(Cursor::new(bytes), 1 << 20, None).is_err());
         }
+    }
+
+    #[test]
+    fn tiles_much_larger_than_the_file_are_refused() {
+        let tiled = |side: usize| {
+            let samples = FlatSamples::F32(six());
+            let blocks = Blocks::Tiles(Vec2(side, side));
+            let encoding = Encoding { blocks, ..Encoding::UNCOMPRESSED };
+            let list: SmallVec<[AnyChannel<FlatSamples>; 4]> = [AnyChannel::new("Z", samples)].into_iter().collect();
+            let layer = Layer::new((3, 2), LayerAttributes::named("depth"), encoding, AnyChannels::sort(list));
+            let mut bytes = Cursor::new(Vec::new());
+            Image::from_layer(layer).write().to_buffered(&mut bytes).unwrap();
+            bytes.into_inner()
+        };
+        assert_eq!(read_map(Cursor::new(tiled(64)), 1 << 20, None).map(|map| map.data().to_vec()), Ok(six()));
+        // The tile's height, of 4 GB.
+        let mut bytes = tiled(64);
+        let at = bytes.windows(8).position(|found| found == b"tiledesc").unwrap() + 9 + 4 + 4;
+        bytes[at..at + 4].copy_from_slice(&16_318_528_u32.to_le_bytes());
+        let refused = read_map(Cursor::new(bytes), 1 << 20, None).unwrap_err();
+        assert!(refused.contains("claim to hold"), "{refused}");
     }
 
     proptest! {

@@ -11,7 +11,7 @@
 
 use std::collections::VecDeque;
 use std::fs::File;
-use std::io::{self, BufRead as _, BufReader, Read as _, Write};
+use std::io::{self, BufRead as _, BufReader, Read, Write};
 use std::net::{Ipv4Addr, Shutdown, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -129,7 +129,7 @@ impl Server {
                 silent.enter(number, &stream);
                 let silent = &silent;
                 let attend = move || {
-                    let head = read_head(&stream);
+                    let head = patient(&stream).and_then(|()| read_head(&stream));
                     silent.leave(number);
                     let _ = head.and_then(|head| head.map_or(Ok(()), |head| self.attend(&stream, &head)));
                 };
@@ -139,10 +139,18 @@ impl Server {
         });
     }
 
-    fn attend(&self, stream: &TcpStream, head: &Head) -> io::Result<()> {
+    /// Answers one request.
+    ///
+    /// # Errors
+    /// Where the request cannot be read as text, or the answer not be written. One that is cut off or too long has no answer.
+    pub fn answer_one(&self, request: impl Read, reply: impl Write) -> io::Result<()> {
+        read_head(request)?.map_or(Ok(()), |head| self.attend(reply, &head))
+    }
+
+    fn attend(&self, reply: impl Write, head: &Head) -> io::Result<()> {
         let mut words = head.first.split_ascii_whitespace();
         let (method, target) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
-        send(stream, self.answer(method, target, head.host.as_deref()), method == "HEAD")
+        send(reply, self.answer(method, target, head.host.as_deref()), method == "HEAD")
     }
 
     fn answer(&self, method: &str, target: &str, host: Option<&str>) -> Answer {
@@ -190,12 +198,16 @@ struct Head {
 /// Stack of a thread that answers, bytes: it holds no more than a head and a piece of a file.
 const STACK: usize = 256 << 10;
 
-/// Reads the head of a request; `None` where it is cut off, too long or too slow.
-fn read_head(stream: &TcpStream) -> io::Result<Option<Head>> {
-    let start = Instant::now();
+/// Waits so long for a client and no longer.
+fn patient(stream: &TcpStream) -> io::Result<()> {
     stream.set_read_timeout(Some(PATIENCE))?;
-    stream.set_write_timeout(Some(PATIENCE))?;
-    let mut lines = BufReader::new(stream.take(MAX_HEAD));
+    stream.set_write_timeout(Some(PATIENCE))
+}
+
+/// Reads the head of a request; `None` where it is cut off, too long or too slow.
+fn read_head(request: impl Read) -> io::Result<Option<Head>> {
+    let start = Instant::now();
+    let mut lines = BufReader::new(request.take(MAX_HEAD));
     let mut head = Head { first: String::new(), host: None };
     lines.read_line(&mut head.first)?;
     loop {
@@ -249,7 +261,7 @@ impl Answer {
     }
 }
 
-fn send(mut stream: &TcpStream, answer: Answer, is_head: bool) -> io::Result<()> {
+fn send(mut stream: impl Write, answer: Answer, is_head: bool) -> io::Result<()> {
     let length = match &answer.body {
         Body::Text(text) => text.len() as u64,
         Body::File(_, length) => *length,

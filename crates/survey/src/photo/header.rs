@@ -12,6 +12,10 @@ const BUFFER_BYTES: usize = 1 << 15;
 const APP1: u8 = 0xE1;
 const EXIF_SIGNATURE: &[u8] = b"Exif\0\0";
 const XMP_SIGNATURE: &[u8] = b"http://ns.adobe.com/xap/1.0/\0";
+/// Entries of a maker note's directory at most: DJI writes eleven.
+const MAX_NOTES: usize = 64;
+/// Type of a 32 bit floating-point number in a TIFF directory.
+const TIFF_FLOAT: u16 = 11;
 /// TIFF tag of an XMP packet.
 const TIFF_XMP: Tag = Tag(Context::Tiff, 700);
 
@@ -122,6 +126,24 @@ impl Header {
         }
     }
 
+    /// A number of DJI's maker note, by its tag.
+    ///
+    /// The note is a bare TIFF directory. Its byte order is its own: programs that rewrite EXIF the other way round copy it as it is,
+    /// and only one order gives a plausible count of entries.
+    pub(super) fn maker_note(&self, wanted: u16) -> Option<f64> {
+        let Value::Undefined(note, _) = &self.field(Tag::MakerNote)?.value else { return None };
+        self.text(Tag::Make).filter(|make| make == "DJI")?;
+        let (n_entries, entries) = note.split_first_chunk::<2>()?;
+        let is_little = usize::from(u16::from_le_bytes(*n_entries)) <= MAX_NOTES;
+        let short = |bytes: [u8; 2]| if is_little { u16::from_le_bytes(bytes) } else { u16::from_be_bytes(bytes) };
+        entries.as_chunks::<12>().0.iter().take(usize::from(short(*n_entries)).min(MAX_NOTES)).find_map(|entry| {
+            let [t0, t1, k0, k1, _, _, _, _, value @ ..] = *entry;
+            let value = if is_little { f32::from_le_bytes(value) } else { f32::from_be_bytes(value) };
+            let is_it = short([t0, t1]) == wanted && short([k0, k1]) == TIFF_FLOAT && value.is_finite();
+            is_it.then(|| in_hundredths(value))
+        })
+    }
+
     /// Longitude and latitude of the EXIF GPS tags, degrees.
     pub(super) fn place_deg(&self) -> Option<(f64, f64)> {
         let angle = |tag, reference, negative: &str| {
@@ -141,4 +163,9 @@ impl Header {
         let altitude_m = self.number(Tag::GPSAltitude)?;
         Some(if is_below { -altitude_m } else { altitude_m })
     }
+}
+
+/// A number that was written with two digits behind the point and kept in 32 bits.
+fn in_hundredths(value: f32) -> f64 {
+    (f64::from(value) * 100.0).round() / 100.0
 }

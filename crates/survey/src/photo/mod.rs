@@ -1,7 +1,8 @@
 //! Photos with their own metadata: position and gimbal angles from DJI's XMP, position and lens from EXIF.
 //!
 //! The gimbal's yaw is used (never the aircraft's), with pitch and roll in one product: roll ±180 frames, a few in
-//! every flight past the nadir, come out right without special cases. Yaw counts from true north. Heights are
+//! every flight past the nadir, come out right without special cases. Yaw counts from true north. Photos whose XMP was lost keep
+//! the same three angles in DJI's maker note (ExifTool's table of its tags; equal to the XMP's in four real photos). Heights are
 //! ellipsoidal where the receiver had a base station (RTK), otherwise of no known reference. Only headers are read. Where
 //! DJI's image log (MRK) lies beside the photos, positions by a base station are its; angles stay the gimbal's.
 //!
@@ -37,6 +38,9 @@ use sizeup_heights::camera::Camera;
 const RTK_FLOAT: u32 = 32;
 const RTK_FIXED: u32 = 50;
 const RTK_SINGLE: u32 = 16;
+
+/// The gimbal's yaw, pitch and roll: names in XMP, and tags of DJI's maker note.
+const GIMBAL: [(&str, u16); 3] = [("GimbalYawDegree", 0x0A), ("GimbalPitchDegree", 0x09), ("GimbalRollDegree", 0x0B)];
 
 /// What one photo yields.
 struct Reading {
@@ -112,16 +116,13 @@ fn read_one(
     let lens =
         lens::of(&header, &tags, declared).map_err(|reason| Box::new(refused("camera_unusable", name, reason)))?;
     let no_pose = |reason: String| Box::new(refused("photo_without_pose", name, reason));
-    let need = |key: &str| {
-        let value = tags.number(key).map_err(no_pose)?;
-        value.ok_or_else(|| no_pose(format!("its metadata lack {key}: the direction of view is unknown")))
-    };
-    let angles = [need("GimbalYawDegree")?, need("GimbalPitchDegree")?, need("GimbalRollDegree")?];
+    let angles = gimbal_deg(&header, &tags).map_err(no_pose)?;
     let convention = AngleConvention { angles: AngleKind::Ypr, ..AngleConvention::default() };
     let camera_from_world = convention.camera_from_world(&angles).map_err(no_pose)?;
     let (lon_deg, lat_deg) = place(&header, &tags).map_err(no_pose)?;
     let height_m = if wants_relative {
-        need("RelativeAltitude")?
+        let relative = tags.number("RelativeAltitude").map_err(no_pose)?;
+        relative.ok_or_else(|| no_pose("its metadata lack RelativeAltitude".to_owned()))?
     } else {
         let absolute = tags.number("AbsoluteAltitude").map_err(no_pose)?.or(header.altitude_m());
         absolute.ok_or_else(|| no_pose("its metadata have no altitude".to_owned()))?
@@ -151,6 +152,23 @@ fn rtk_word(flag: u32) -> &'static str {
         RTK_SINGLE => "single",
         _ => "none",
     }
+}
+
+/// The gimbal's angles, all three of one source: XMP, or where it has none of them, the maker note.
+fn gimbal_deg(header: &Header, tags: &xmp::Tags) -> Result<[f64; 3], String> {
+    let mut angles = [None; 3];
+    for (angle, (name, _)) in angles.iter_mut().zip(GIMBAL) {
+        *angle = tags.number(name)?;
+    }
+    if angles == [None; 3] {
+        angles = GIMBAL.map(|(_, tag)| header.maker_note(tag));
+    }
+    if let [Some(yaw), Some(pitch), Some(roll)] = angles {
+        return Ok([yaw, pitch, roll]);
+    }
+    let missing = GIMBAL.iter().zip(angles).find(|(_, angle)| angle.is_none());
+    let name = missing.map_or("the gimbal's angles", |((name, _), _)| name);
+    Err(format!("its metadata lack {name}: the direction of view is unknown"))
 }
 
 /// Longitude and latitude: XMP has more digits than EXIF, and a spelling mistake of its own.

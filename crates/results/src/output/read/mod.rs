@@ -12,7 +12,7 @@ mod surfaces;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
-use geo::MapCoords;
+use geo::{CoordsIter as _, MapCoords};
 use geo_types::{Coord, Geometry, MultiPolygon};
 use serde_json::{Map as JsonMap, Value};
 
@@ -178,6 +178,9 @@ impl FoundBuilding {
             FeatureGeometry::Shape(Geometry::MultiPolygon(polygons)) => Some(polygons),
             FeatureGeometry::Shape(_) | FeatureGeometry::Missing | FeatureGeometry::Unsupported(_) => None,
         };
+        // Corners that are no numbers outline nothing.
+        let is_number = |c: Coord<f64>| c.x.is_finite() && c.y.is_finite();
+        let outline = outline.filter(|outline| outline.coords_iter().all(is_number));
         let part_of = feature.attributes.get("part_of").and_then(Value::as_str);
         let part_of = part_of.filter(|whole| !whole.is_empty()).map(str::to_owned);
         Self { id, part_of, outline, levels: None, attributes: feature.attributes }
