@@ -394,6 +394,7 @@ fn what_a_run_left_behind_is_held_against_what_it_belongs_to() {
         data["layer"]["footprints"][0]["polygon"]["exterior"][0] = to;
     };
     altered("footprints", &|data| outline(data, json!({"x": 1e300, "y": 0.0})), "the outline of");
+    altered("footprints", &|data| outline(data, json!({"x": 0.0, "y": 0.0})), "the outline of"); // no longer closed
     altered("survey", &|data| data["views"][0]["camera"]["width_px"] = json!(0), "0 ×");
     assert!([0, 5].contains(&scene.run(&["--from", "output"]).code), "as it was");
 }

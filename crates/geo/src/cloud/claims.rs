@@ -48,6 +48,9 @@ pub(super) enum Claim {
         /// The compressor.
         compressor: u16,
     },
+    /// It does not say what its compressed points are made of.
+    #[error("its points are compressed, and nothing says what they are made of\nhint: it is damaged: copy it again")]
+    NoItems,
     /// The file ends early.
     #[error("it ends within its {0}")]
     Cut(&'static str),
@@ -241,6 +244,9 @@ fn layers_of(record: &[u8]) -> Result<Option<u64>, Claim> {
     if record.len() < ITEMS_AT {
         return Ok(None);
     }
+    if record_items(record) == 0 {
+        return Err(Claim::NoItems);
+    }
     let compressor = u16_at(record, 0);
     let items = || record[ITEMS_AT..].chunks_exact(6).take(usize::from(record_items(record)));
     let is_layered = items().any(|item| u16_at(item, 0) >= LAYERED_ITEMS[0] || u16_at(item, 4) >= LAYERED_ITEMS[1]);
@@ -342,6 +348,8 @@ mod tests {
             let mixed = refused(packed.clone(), record_at + 54, &compressor.to_le_bytes());
             assert_eq!(mixed, Claim::Mixed { compressor });
         }
+        // No items, which the reader takes for granted.
+        assert_eq!(refused(packed.clone(), record_at + 54 + 32, &0_u16.to_le_bytes()), Claim::NoItems);
         // A table that counts no chunks does not keep the reader from reading them, nor does a table that is nowhere.
         let mut uncounted = packed.clone();
         uncounted[table_at + 4..table_at + 8].fill(0);

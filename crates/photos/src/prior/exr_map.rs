@@ -2,7 +2,10 @@
 
 use std::io::{Read, Seek, SeekFrom};
 
-use exr::prelude::{FlatSamples, ReadChannels as _, ReadLayers as _, f16, read};
+use exr::block::chunk::CompressedBlock;
+use exr::meta::BlockDescription;
+use exr::meta::attribute::LevelMode;
+use exr::prelude::{FlatSamples, ReadChannels as _, ReadLayers as _, Vec2, f16, read};
 
 use super::array::MapShape;
 use sizeup_geo::limits;
@@ -21,19 +24,30 @@ pub(super) fn read_map(
     let stored = stream.seek(SeekFrom::End(0)).and_then(|length| stream.rewind().map(|()| length));
     let stored = stored.map_err(|e| format!("it cannot be read: {e}"))?;
     // The header's claims are held against the photo, the file and the limits before a pixel is unpacked.
-    let reader = exr::block::read(stream, false).map_err(|e| format!("it is no sound EXR file: {e}"))?;
+    let reader = exr::block::read(&mut stream, false).map_err(|e| format!("it is no sound EXR file: {e}"))?;
     let headers = reader.headers();
     let header = headers.first().ok_or("it has no layer")?;
     let shape = MapShape::of(&[1, header.layer_size.height(), header.layer_size.width()], most)?;
     // A block is read as a whole, and a tile may be larger than its layer.
     for header in headers {
         limits::check(header.max_block_byte_size() as u64, Some(stored)).map_err(|e| e.to_string())?;
+        if matches!(header.blocks, BlockDescription::Tiles(tiles) if tiles.level_mode != LevelMode::Singular) {
+            return Err("it holds several resolutions\nhint: write it with one".to_owned());
+        }
     }
     // All channels are unpacked, and the one that is wanted becomes floats.
     let of_pixel: u64 = header.channels.list.iter().map(|c| c.sample_type.bytes_per_sample() as u64).sum();
     limits::check((shape.cells() as u64).saturating_mul(of_pixel + 4), Some(stored)).map_err(|e| e.to_string())?;
+    let is_tiled = matches!(header.blocks, BlockDescription::Tiles(_));
     let names: Vec<String> = header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
     let wanted = choose(&names, key)?.to_owned();
+    let reader = if is_tiled {
+        check_tiles(reader)?;
+        stream.rewind().map_err(|e| format!("it cannot be read: {e}"))?;
+        exr::block::read(&mut stream, false).map_err(|e| format!("it is no sound EXR file: {e}"))?
+    } else {
+        reader
+    };
     let image = read()
         .no_deep_data()
         .largest_resolution_level()
@@ -53,6 +67,18 @@ pub(super) fn read_map(
     let n = values.len();
     Raster::from_vec(shape.width, shape.height, values)
         .ok_or_else(|| format!("channel {wanted:?} has {n} values, expected {} × {}", shape.width, shape.height))
+}
+
+/// Each tile says itself of which resolution it is, and the reader believes it.
+fn check_tiles(reader: exr::block::reader::Reader<impl Read + Seek>) -> Result<(), String> {
+    for chunk in reader.all_chunks(false).map_err(|e| format!("it cannot be read: {e}"))? {
+        let chunk = chunk.map_err(|e| format!("it cannot be read: {e}"))?;
+        if matches!(chunk.compressed_block, CompressedBlock::Tile(tile) if tile.coordinates.level_index != Vec2(0, 0)) {
+            return Err("one of its tiles is of another resolution than the file\nhint: it is damaged: copy it again"
+                .to_owned());
+        }
+    }
+    Ok(())
 }
 
 fn choose<'a>(names: &'a [String], key: Option<&str>) -> Result<&'a str, String> {
@@ -77,7 +103,7 @@ mod tests {
     use std::io::Cursor;
 
     use exr::prelude::{
-        AnyChannel, AnyChannels, Blocks, Encoding, Image, Layer, LayerAttributes, SmallVec, Vec2, WritableImage as _,
+        AnyChannel, AnyChannels, Blocks, Encoding, Image, Layer, LayerAttributes, SmallVec, WritableImage as _,
     };
     use proptest::prelude::*;
 
@@ -120,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn tiles_much_larger_than_the_file_are_refused() {
+    fn tiles_that_contradict_the_file_are_refused() {
         let tiled = |side: usize| {
             let samples = FlatSamples::F32(six());
             let blocks = Blocks::Tiles(Vec2(side, side));
@@ -132,6 +158,12 @@ mod tests {
             bytes.into_inner()
         };
         assert_eq!(read_map(Cursor::new(tiled(64)), 1 << 20, None).map(|map| map.data().to_vec()), Ok(six()));
+        // The resolution that the only tile says to be of, before its 24 bytes and their number.
+        let mut bytes = tiled(64);
+        let at = bytes.len() - 24 - 4 - 8;
+        bytes[at] = 4;
+        let refused = read_map(Cursor::new(bytes), 1 << 20, None).unwrap_err();
+        assert!(refused.contains("another resolution"), "{refused}");
         // The tile's height, of 4 GB.
         let mut bytes = tiled(64);
         let at = bytes.windows(8).position(|found| found == b"tiledesc").unwrap() + 9 + 4 + 4;
