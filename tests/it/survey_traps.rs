@@ -548,3 +548,65 @@ fn every_format_is_listed_with_what_its_path_is() {
         assert!(listed.lines().any(|line| line.starts_with(name)), "{name}: {listed}");
     }
 }
+
+/// Two blocks of one photo each; the systems that they name, and the definitions of systems 1 and 2.
+fn blocks(named: [&str; 2], defined: [&str; 2]) -> String {
+    let system = |(i, definition): (usize, &str)| {
+        format!("<SRS><Id>{}</Id><Name>s</Name><Definition>{definition}</Definition></SRS>", i + 1)
+    };
+    let systems: String = defined.into_iter().enumerate().map(system).collect();
+    let block = |(i, named): (usize, &str)| {
+        format!(
+            "<Block><Name>b{i}</Name><SRSId>{named}</SRSId><Photogroups><Photogroup><Name>g</Name>\
+             <ImageDimensions><Width>4000</Width><Height>3000</Height></ImageDimensions>\
+             <CameraOrientation>XRightYDown</CameraOrientation><FocalLength>24</FocalLength><SensorSize>32</SensorSize>\
+             <Photo><Id>{i}</Id><ImagePath>{i}.jpg</ImagePath><Pose><Rotation><Omega>180</Omega><Phi>0</Phi><Kappa>0</Kappa></Rotation>\
+             <Center><x>50000{i}</x><y>5700000</y><z>300</z></Center></Pose></Photo></Photogroup></Photogroups></Block>"
+        )
+    };
+    let blocks: String = named.into_iter().enumerate().map(block).collect();
+    format!(
+        "<?xml version=\"1.0\"?><BlocksExchange version=\"3.2\"><SpatialReferenceSystems>{systems}\
+         </SpatialReferenceSystems>{blocks}</BlocksExchange>"
+    )
+}
+
+#[test]
+fn blocks_in_a_system_that_is_not_defined_or_in_two_are_not_taken_for_the_projects() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("blocks.xml");
+    let refused = |text: String, config: &SurveyConfig| {
+        fs::write(&path, text).unwrap();
+        survey::read(config, &crs("EPSG:25832")).err().map(|e| e.to_string())
+    };
+    let config = SurveyConfig { height: keep_ellipsoidal(), ..SurveyConfig::at(&path) };
+    // One system under two numbers is one.
+    assert_eq!(refused(blocks(["1", "2"], ["EPSG:25832", "EPSG:25832"]), &config), None);
+    let undefined = blocks(["7", "7"], ["EPSG:25833", "EPSG:25833"]);
+    let why = refused(undefined.clone(), &config).unwrap();
+    assert!(why.contains("system \"7\", which the file does not define"), "{why}");
+    assert_eq!(refused(undefined, &SurveyConfig { crs: Some(crs("EPSG:25832")), ..config.clone() }), None);
+    let why = refused(blocks(["1", "2"], ["EPSG:25832", "EPSG:25833"]), &config).unwrap();
+    assert!(why.contains("different systems (EPSG:25832, EPSG:25833)"), "{why}");
+}
+
+#[test]
+fn parts_of_a_reconstruction_with_origins_of_their_own_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("reconstruction.json");
+    let part = |longitude: f64, name: &str| {
+        serde_json::json!({
+            "cameras": { "c": { "projection_type": "perspective", "width": 4000, "height": 3000, "focal": 0.8, "k1": 0, "k2": 0 } },
+            "shots": { name: { "rotation": [3.14, 0, 0], "translation": [0, 0, 100], "camera": "c" } },
+            "reference_lla": { "latitude": 51.0, "longitude": longitude, "altitude": 0.0 },
+        })
+    };
+    let read = |second: f64| {
+        fs::write(&path, serde_json::json!([part(7.0, "a.jpg"), part(second, "b.jpg")]).to_string()).unwrap();
+        let config = SurveyConfig { height: keep_ellipsoidal(), ..SurveyConfig::at(&path) };
+        survey::read(&config, &crs("EPSG:25832"))
+    };
+    assert_eq!(read(7.0).unwrap().views.len(), 2);
+    let why = read(7.1).unwrap_err().to_string();
+    assert!(why.contains("origins of their own") && why.contains("7.1"), "{why}");
+}

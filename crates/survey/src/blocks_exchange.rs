@@ -9,7 +9,7 @@
 //! `Heading`, `Pitch`, `Roll`.
 //! Source: Bentley, `BlocksExchange` XML format 3.2.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -67,7 +67,7 @@ fn read_xml(reader: impl BufRead, path: &Path, tangential: Option<TangentialOrde
     let mut xml = Xml::new(reader, path);
     let mut poses = Poses::new();
     let mut systems: BTreeMap<String, String> = BTreeMap::new();
-    let mut block_system = None;
+    let mut block_systems = BTreeSet::new();
     let mut group = Element::default();
     let mut shared: Option<Group> = None;
     loop {
@@ -80,7 +80,9 @@ fn read_xml(reader: impl BufRead, path: &Path, tangential: Option<TangentialOrde
                     let text = |name| system.text_of(name).unwrap_or_default().to_owned();
                     systems.insert(text("Id"), text("Definition"));
                 }
-                "SRSId" if block_system.is_none() => block_system = Some(xml.element(start)?.text.trim().to_owned()),
+                "SRSId" => {
+                    block_systems.insert(xml.element(start)?.text.trim().to_owned());
+                }
                 "Photo" => {
                     let photo = xml.element(start)?;
                     take_photo(
@@ -113,10 +115,24 @@ fn read_xml(reader: impl BufRead, path: &Path, tangential: Option<TangentialOrde
             .hint("set `tangential` to opencv or metashape; the difference is a pixel or so in the corners"),
         );
     }
-    if let Some(definition) = block_system.and_then(|id| systems.remove(&id)) {
-        poses.world = world(&definition).map_err(|e| SurveyError::malformed(path, Place::Whole, e))?;
-    }
+    poses.world = block_world(&block_systems, &systems).map_err(|e| SurveyError::malformed(path, Place::Whole, e))?;
     Ok(poses)
+}
+
+/// The frame of the blocks by the systems that they name, and by what the file defines: identifier and definition.
+fn block_world(named: &BTreeSet<String>, defined: &BTreeMap<String, String>) -> Result<World, String> {
+    if let Some(id) = named.iter().find(|id| !defined.contains_key(*id)) {
+        return Ok(World::Unclear(format!("the file's block is in system {id:?}, which the file does not define")));
+    }
+    let definitions: BTreeSet<&String> = named.iter().map(|id| &defined[id]).collect();
+    let mut all = definitions.iter();
+    match (all.next(), all.next()) {
+        (None, _) => Ok(World::Unsaid),
+        (Some(definition), None) => world(definition),
+        (Some(one), Some(other)) => Err(format!(
+            "its blocks are in different systems ({one}, {other}): expected one\nhint: export each block on its own, or all in one system"
+        )),
+    }
 }
 
 fn is_tangential(camera: &Camera) -> bool {

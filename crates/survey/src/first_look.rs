@@ -107,7 +107,7 @@ fn world_of(poses: &Poses, config: &SurveyConfig) -> PoseWorld {
         _ if config.enu_origin.is_some() => PoseWorld::Local,
         (Some(crs), _) | (None, World::Crs(crs)) => PoseWorld::Named(crs.clone()),
         (None, World::Enu(_)) => PoseWorld::Local,
-        (None, World::Unsaid) => PoseWorld::Unsaid(numbers_of(poses, DVec3::from(config.offset))),
+        (None, World::Unsaid | World::Unclear(_)) => PoseWorld::Unsaid(numbers_of(poses, DVec3::from(config.offset))),
     }
 }
 
@@ -142,7 +142,7 @@ fn places_deg(poses: &Poses, config: &SurveyConfig, positions: &[DVec3]) -> Opti
         }
         (Some(crs), _) | (None, World::Crs(crs)) => crs,
         (None, World::Enu(origin)) => return around(*origin, positions),
-        (None, World::Unsaid) => return None,
+        (None, World::Unsaid | World::Unclear(_)) => return None,
     };
     if crs.is_geocentric() {
         let geocentric = Geocentric::new().ok()?;

@@ -104,6 +104,7 @@ fn world_crs(poses: &mut Poses, config: &SurveyConfig, project_crs: &Crs) -> Res
     }
     match poses.world.clone() {
         World::Unsaid => Ok((project_crs.clone(), offset)),
+        World::Unclear(why) => Err(SurveyError::config(why, "state `survey.crs`")),
         World::Crs(crs) if !crs.is_geocentric() => Ok((crs, offset)),
         world => {
             to_geodetic(poses, &world, offset)?;
@@ -118,7 +119,7 @@ fn to_geodetic(poses: &mut Poses, world: &World, offset: DVec3) -> Result<(), Su
     let geocentric = Geocentric::new()?;
     let (axes, origin) = match world {
         World::Enu(origin) => (enu_from_geocentric(origin.x, origin.y).transpose(), geocentric.geocentric(*origin)?),
-        World::Crs(_) | World::Unsaid => (DMat3::IDENTITY, DVec3::ZERO),
+        World::Crs(_) | World::Unsaid | World::Unclear(_) => (DMat3::IDENTITY, DVec3::ZERO),
     };
     let mut kept = Vec::with_capacity(poses.poses.len());
     for mut pose in std::mem::take(&mut poses.poses) {

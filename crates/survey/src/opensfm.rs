@@ -96,6 +96,15 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
         let beside: ReferenceLla = json(&folder.join("reference_lla.json"))?;
         reference = Some(beside.lon_lat_height());
     }
+    let mut origins = parts.iter().filter_map(|part| part.reference_lla.as_ref()).map(ReferenceLla::lon_lat_height);
+    if let Some(other) = origins.find(|origin| Some(*origin) != reference) {
+        let first = reference.unwrap_or(other);
+        let message = format!(
+            "its parts have origins of their own (longitude, latitude {}, {} and {}, {}): expected one\nhint: export each part on its own",
+            first.x, first.y, other.x, other.y
+        );
+        return Err(SurveyError::malformed(path, Place::Whole, message));
+    }
     let mut fixes = Vec::new();
     for part in parts {
         let cameras = cameras_of(part.cameras);

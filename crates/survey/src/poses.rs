@@ -15,6 +15,8 @@ use sizeup_heights::camera::Camera;
 pub(crate) enum World {
     /// The file does not say: the configuration's CRS, else the project's.
     Unsaid,
+    /// The file says it in a way that cannot be followed, and why: the configuration's CRS, or none.
+    Unclear(String),
     /// A CRS the file names. Rotations refer to its grid; where it is geographic, to the local east, north, up; where
     /// it is geocentric, to its axes.
     Crs(Crs),
