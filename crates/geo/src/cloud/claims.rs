@@ -9,6 +9,8 @@
 
 use std::io::{Read, Seek, SeekFrom};
 
+use laz::laszip::{ChunkTable, LazVlr};
+
 use crate::limits::{self, Excess};
 
 /// Bytes that one point takes in memory: position, class, instance.
@@ -47,6 +49,14 @@ pub(super) enum Claim {
     Mixed {
         /// The compressor.
         compressor: u16,
+    },
+    /// Its chunks have fewer points than the file.
+    #[error("its chunks have {counted} points, the file {n_points}\nhint: it is damaged: copy it again")]
+    Uncounted {
+        /// Points by the table of chunks.
+        counted: u64,
+        /// Points by the header.
+        n_points: u64,
     },
     /// It does not say what its compressed points are made of.
     #[error("its points are compressed, and nothing says what they are made of\nhint: it is damaged: copy it again")]
@@ -138,10 +148,24 @@ fn check_chunks(file: &mut (impl Read + Seek), header: &Header, length: u64) -> 
         }
         None => length,
     };
-    if let Some(n_layers) = layers(file, header)? {
+    let Some(record) = laszip_record(file, header)? else { return Ok(end) };
+    if let Some(n_layers) = layers_of(&record)? {
         check_layers(file, [first, end], u64::from(header.record), n_layers)?;
     }
+    check_points(file, header, &record)?;
     Ok(end)
+}
+
+/// Where chunks have any number of points, the reader asks their table for each, and goes beyond it where points are left.
+fn check_points(file: &mut (impl Read + Seek), header: &Header, record: &[u8]) -> Result<(), Claim> {
+    // What cannot be read here the reader refuses itself, or does without.
+    let Ok(record) = LazVlr::from_buffer(record) else { return Ok(()) };
+    if !record.uses_variable_size_chunks() || file.seek(SeekFrom::Start(u64::from(header.points_at))).is_err() {
+        return Ok(());
+    }
+    let Ok(table) = ChunkTable::read_from(file, &record) else { return Ok(()) };
+    let counted = table.as_ref().iter().fold(0_u64, |sum, chunk| sum.saturating_add(chunk.point_count));
+    if counted < header.n_points { Err(Claim::Uncounted { counted, n_points: header.n_points }) } else { Ok(()) }
 }
 
 /// Where the chunk table is: said in front of the points, or by writers that cannot go back at the end; `None` without one.
@@ -217,8 +241,8 @@ impl<R: Seek> Seek for UpTo<R> {
     }
 }
 
-/// How many layers a chunk has; `None` where chunks have none.
-fn layers(file: &mut (impl Read + Seek), header: &Header) -> Result<Option<u64>, Claim> {
+/// What `LASzip` says of its compression; `None` where it says nothing.
+fn laszip_record(file: &mut (impl Read + Seek), header: &Header) -> Result<Option<Vec<u8>>, Claim> {
     let mut at = u64::from(header.header_size);
     for _ in 0..header.n_records {
         let head = bytes::<{ RECORD_HEAD as usize }>(file, at).ok_or(Claim::Cut("records"))?;
@@ -228,14 +252,14 @@ fn layers(file: &mut (impl Read + Seek), header: &Header) -> Result<Option<u64>,
             let mut record = vec![0; usize::from(length)];
             let read = file.seek(SeekFrom::Start(at)).and_then(|_| file.read_exact(&mut record));
             read.map_err(|_| Claim::Cut("records"))?;
-            return layers_of(&record);
+            return Ok(Some(record));
         }
         at += u64::from(length);
     }
     Ok(None)
 }
 
-/// Layers by what a point is made of: kind, size and version of each item. The reader goes by the items whether there are layers,
+/// How many layers a chunk has; `None` where chunks have none. By what a point is made of: kind, size and version of each item. The reader goes by the items whether there are layers,
 /// whatever the compressor is called.
 fn layers_of(record: &[u8]) -> Result<Option<u64>, Claim> {
     const ITEMS_AT: usize = 34;
@@ -350,6 +374,11 @@ mod tests {
         }
         // No items, which the reader takes for granted.
         assert_eq!(refused(packed.clone(), record_at + 54 + 32, &0_u16.to_le_bytes()), Claim::NoItems);
+        // Chunks of any number of points, and a table that counts none of them.
+        let mut any_size = packed.clone();
+        any_size[record_at + 54 + 12..record_at + 54 + 16].copy_from_slice(&u32::MAX.to_le_bytes());
+        let uncounted = refused(any_size, table_at + 4, &0_u32.to_le_bytes());
+        assert_eq!(uncounted, Claim::Uncounted { counted: 0, n_points: 1_000 });
         // A table that counts no chunks does not keep the reader from reading them, nor does a table that is nowhere.
         let mut uncounted = packed.clone();
         uncounted[table_at + 4..table_at + 8].fill(0);
