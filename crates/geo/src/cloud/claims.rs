@@ -150,7 +150,9 @@ fn check_chunks(file: &mut (impl Read + Seek), header: &Header, length: u64) -> 
     };
     let Some(record) = laszip_record(file, header)? else { return Ok(end) };
     if let Some(n_layers) = layers_of(&record)? {
-        check_layers(file, [first, end], u64::from(header.record), n_layers)?;
+        // The reader goes by the items, whatever length of a point the header says.
+        let point = items(&record).map(|item| u64::from(u16_at(item, 2))).sum();
+        check_layers(file, [first, end], point, n_layers)?;
     }
     check_points(file, header, &record)?;
     Ok(end)
@@ -262,7 +264,6 @@ fn laszip_record(file: &mut (impl Read + Seek), header: &Header) -> Result<Optio
 /// How many layers a chunk has; `None` where chunks have none. By what a point is made of: kind, size and version of each item. The reader goes by the items whether there are layers,
 /// whatever the compressor is called.
 fn layers_of(record: &[u8]) -> Result<Option<u64>, Claim> {
-    const ITEMS_AT: usize = 34;
     /// The first kind of item that only layers hold, and the first version of items in layers.
     const LAYERED_ITEMS: [u16; 2] = [10, 3];
     if record.len() < ITEMS_AT {
@@ -272,12 +273,12 @@ fn layers_of(record: &[u8]) -> Result<Option<u64>, Claim> {
         return Err(Claim::NoItems);
     }
     let compressor = u16_at(record, 0);
-    let items = || record[ITEMS_AT..].chunks_exact(6).take(usize::from(record_items(record)));
-    let is_layered = items().any(|item| u16_at(item, 0) >= LAYERED_ITEMS[0] || u16_at(item, 4) >= LAYERED_ITEMS[1]);
+    let is_layered =
+        items(record).any(|item| u16_at(item, 0) >= LAYERED_ITEMS[0] || u16_at(item, 4) >= LAYERED_ITEMS[1]);
     if is_layered && compressor != LAYERED {
         return Err(Claim::Mixed { compressor });
     }
-    let n = items().map(|item| match u16_at(item, 0) {
+    let n = items(record).map(|item| match u16_at(item, 0) {
         10 => 9,                         // point
         11 | 13 => 1,                    // colour, wave packet
         12 => 2,                         // colour with near infrared
@@ -286,8 +287,16 @@ fn layers_of(record: &[u8]) -> Result<Option<u64>, Claim> {
     Ok((compressor == LAYERED).then(|| n.sum()))
 }
 
+/// Where `LASzip`'s record lists what a point is made of.
+const ITEMS_AT: usize = 34;
+
+/// Kind, size and version of each item of a point.
+fn items(record: &[u8]) -> impl Iterator<Item = &[u8]> {
+    record.get(ITEMS_AT..).unwrap_or_default().chunks_exact(6).take(usize::from(record_items(record)))
+}
+
 fn record_items(record: &[u8]) -> u16 {
-    if record.len() >= 34 { u16_at(record, 32) } else { 0 }
+    if record.len() >= ITEMS_AT { u16_at(record, 32) } else { 0 }
 }
 
 fn bytes<const N: usize>(file: &mut (impl Read + Seek), at: u64) -> Option<[u8; N]> {
@@ -372,6 +381,10 @@ mod tests {
             let mixed = refused(packed.clone(), record_at + 54, &compressor.to_le_bytes());
             assert_eq!(mixed, Claim::Mixed { compressor });
         }
+        // The same under a header that says that points are longer than their items, which would hide the lengths too.
+        let mut long = packed.clone();
+        long[105..107].copy_from_slice(&60_u16.to_le_bytes());
+        assert!(matches!(refused(long, layer_at, &u32::MAX.to_le_bytes()), Claim::Beyond { .. }));
         // No items, which the reader takes for granted.
         assert_eq!(refused(packed.clone(), record_at + 54 + 32, &0_u16.to_le_bytes()), Claim::NoItems);
         // Chunks of any number of points, and a table that counts none of them.
