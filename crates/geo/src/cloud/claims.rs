@@ -58,6 +58,22 @@ pub(super) enum Claim {
         /// Points by the header.
         n_points: u64,
     },
+    /// A part of a point that is longer or shorter than its kind.
+    #[error("its points have an item of kind {kind} with {size} bytes\nhint: it is damaged: copy it again")]
+    Item {
+        /// The kind.
+        kind: u16,
+        /// What is said to be its size, bytes.
+        size: u16,
+    },
+    /// Points that are longer or shorter than what they are made of.
+    #[error("its points have {record} bytes, what they are made of {items}\nhint: it is damaged: copy it again")]
+    Record {
+        /// Length of a point by the header, bytes.
+        record: u16,
+        /// Length of its items, bytes.
+        items: u64,
+    },
     /// It does not say what its compressed points are made of.
     #[error("its points are compressed, and nothing says what they are made of\nhint: it is damaged: copy it again")]
     NoItems,
@@ -150,8 +166,11 @@ fn check_chunks(file: &mut (impl Read + Seek), header: &Header, length: u64) -> 
     };
     let Some(record) = laszip_record(file, header)? else { return Ok(end) };
     if let Some(n_layers) = layers_of(&record)? {
-        // The reader goes by the items, whatever length of a point the header says.
+        // The reader goes by the items in one place, and by the header in another.
         let point = items(&record).map(|item| u64::from(u16_at(item, 2))).sum();
+        if point != u64::from(header.record) {
+            return Err(Claim::Record { record: header.record, items: point });
+        }
         check_layers(file, [first, end], point, n_layers)?;
     }
     check_points(file, header, &record)?;
@@ -272,6 +291,12 @@ fn layers_of(record: &[u8]) -> Result<Option<u64>, Claim> {
     if record_items(record) == 0 {
         return Err(Claim::NoItems);
     }
+    // The reader goes by the kind in one place, and by the size in another.
+    if let Some(item) =
+        items(record).find(|item| size_of_kind(u16_at(item, 0)).is_some_and(|size| size != u16_at(item, 2)))
+    {
+        return Err(Claim::Item { kind: u16_at(item, 0), size: u16_at(item, 2) });
+    }
     let compressor = u16_at(record, 0);
     let is_layered =
         items(record).any(|item| u16_at(item, 0) >= LAYERED_ITEMS[0] || u16_at(item, 4) >= LAYERED_ITEMS[1]);
@@ -293,6 +318,18 @@ const ITEMS_AT: usize = 34;
 /// Kind, size and version of each item of a point.
 fn items(record: &[u8]) -> impl Iterator<Item = &[u8]> {
     record.get(ITEMS_AT..).unwrap_or_default().chunks_exact(6).take(usize::from(record_items(record)))
+}
+
+/// Bytes of an item; `None` for extra bytes, of which there are any number.
+fn size_of_kind(kind: u16) -> Option<u16> {
+    match kind {
+        6 => Some(20),      // point
+        7 | 12 => Some(8),  // time; colour with near infrared
+        8 | 11 => Some(6),  // colour
+        9 | 13 => Some(29), // wave packet
+        10 => Some(30),     // point in layers
+        _ => None,
+    }
 }
 
 fn record_items(record: &[u8]) -> u16 {
@@ -381,10 +418,15 @@ mod tests {
             let mixed = refused(packed.clone(), record_at + 54, &compressor.to_le_bytes());
             assert_eq!(mixed, Claim::Mixed { compressor });
         }
-        // The same under a header that says that points are longer than their items, which would hide the lengths too.
-        let mut long = packed.clone();
-        long[105..107].copy_from_slice(&60_u16.to_le_bytes());
-        assert!(matches!(refused(long, layer_at, &u32::MAX.to_le_bytes()), Claim::Beyond { .. }));
+        // Points that the header has longer than their items, which would hide the lengths too.
+        let long = refused(packed.clone(), 105, &60_u16.to_le_bytes());
+        assert_eq!(long, Claim::Record { record: 60, items: 36 });
+        // A point whose size is not that of its kind would hide them too.
+        let mut small = packed.clone();
+        let size_at =
+            packed.windows(LASZIP.0.len()).position(|found| found == LASZIP.0).unwrap() - 2 + 54 + ITEMS_AT + 2;
+        small[size_at..size_at + 2].copy_from_slice(&20_u16.to_le_bytes());
+        assert_eq!(check(&mut Cursor::new(small)), Err(Claim::Item { kind: 10, size: 20 }));
         // No items, which the reader takes for granted.
         assert_eq!(refused(packed.clone(), record_at + 54 + 32, &0_u16.to_le_bytes()), Claim::NoItems);
         // Chunks of any number of points, and a table that counts none of them.

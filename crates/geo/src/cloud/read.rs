@@ -10,8 +10,8 @@ use super::contained::contained;
 use super::{Cloud, claims, instances};
 use crate::files::{self, FileError, write_whole};
 
-/// Points that are unpacked at a time.
-const POINTS_AT_ONCE: u64 = 1 << 20;
+/// Points are unpacked so many bytes at a time: a million of the usual ones, and few of those that say to have 65 kB each.
+const BYTES_AT_ONCE: u64 = 32 << 20;
 /// Values of GeoTIFF's key of the vertical system that are EPSG codes.
 const CODES: std::ops::Range<u16> = 1_024..32_767;
 
@@ -139,10 +139,11 @@ fn read_las(path: &Path) -> Result<Cloud, CloudError> {
         Some(heights.map_or_else(|| format!("EPSG:{plane}"), |heights| format!("EPSG:{plane}+{heights}")))
     });
     let vlrs = header.vlrs().clone();
+    let n_at_once = (BYTES_AT_ONCE / u64::from(header.point_format().len().max(1))).max(1);
     let mut cloud = Cloud { crs, ..Cloud::default() };
     // Memory grows with the points that come, not with those that are announced.
     loop {
-        let piece = contained(|| reader.read_points(POINTS_AT_ONCE)).map_err(garbled)?.map_err(failed)?;
+        let piece = contained(|| reader.read_points(n_at_once)).map_err(garbled)?.map_err(failed)?;
         if piece.is_empty() {
             break;
         }
