@@ -58,6 +58,22 @@ pub(super) enum Claim {
         /// Points by the header.
         n_points: u64,
     },
+    /// A part of a point that is longer or shorter than its kind.
+    #[error("its points have an item of kind {kind} with {size} bytes\nhint: it is damaged: copy it again")]
+    Item {
+        /// The kind.
+        kind: u16,
+        /// What is said to be its size, bytes.
+        size: u16,
+    },
+    /// Points that are longer or shorter than what they are made of.
+    #[error("its points have {record} bytes, what they are made of {items}\nhint: it is damaged: copy it again")]
+    Record {
+        /// Length of a point by the header, bytes.
+        record: u16,
+        /// Length of its items, bytes.
+        items: u64,
+    },
     /// It does not say what its compressed points are made of.
     #[error("its points are compressed, and nothing says what they are made of\nhint: it is damaged: copy it again")]
     NoItems,
@@ -150,7 +166,12 @@ fn check_chunks(file: &mut (impl Read + Seek), header: &Header, length: u64) -> 
     };
     let Some(record) = laszip_record(file, header)? else { return Ok(end) };
     if let Some(n_layers) = layers_of(&record)? {
-        check_layers(file, [first, end], u64::from(header.record), n_layers)?;
+        // The reader goes by the items in one place, and by the header in another.
+        let point = items(&record).map(|item| u64::from(u16_at(item, 2))).sum();
+        if point != u64::from(header.record) {
+            return Err(Claim::Record { record: header.record, items: point });
+        }
+        check_layers(file, [first, end], point, n_layers)?;
     }
     check_points(file, header, &record)?;
     Ok(end)
@@ -262,7 +283,6 @@ fn laszip_record(file: &mut (impl Read + Seek), header: &Header) -> Result<Optio
 /// How many layers a chunk has; `None` where chunks have none. By what a point is made of: kind, size and version of each item. The reader goes by the items whether there are layers,
 /// whatever the compressor is called.
 fn layers_of(record: &[u8]) -> Result<Option<u64>, Claim> {
-    const ITEMS_AT: usize = 34;
     /// The first kind of item that only layers hold, and the first version of items in layers.
     const LAYERED_ITEMS: [u16; 2] = [10, 3];
     if record.len() < ITEMS_AT {
@@ -271,13 +291,19 @@ fn layers_of(record: &[u8]) -> Result<Option<u64>, Claim> {
     if record_items(record) == 0 {
         return Err(Claim::NoItems);
     }
+    // The reader goes by the kind in one place, and by the size in another.
+    if let Some(item) =
+        items(record).find(|item| size_of_kind(u16_at(item, 0)).is_some_and(|size| size != u16_at(item, 2)))
+    {
+        return Err(Claim::Item { kind: u16_at(item, 0), size: u16_at(item, 2) });
+    }
     let compressor = u16_at(record, 0);
-    let items = || record[ITEMS_AT..].chunks_exact(6).take(usize::from(record_items(record)));
-    let is_layered = items().any(|item| u16_at(item, 0) >= LAYERED_ITEMS[0] || u16_at(item, 4) >= LAYERED_ITEMS[1]);
+    let is_layered =
+        items(record).any(|item| u16_at(item, 0) >= LAYERED_ITEMS[0] || u16_at(item, 4) >= LAYERED_ITEMS[1]);
     if is_layered && compressor != LAYERED {
         return Err(Claim::Mixed { compressor });
     }
-    let n = items().map(|item| match u16_at(item, 0) {
+    let n = items(record).map(|item| match u16_at(item, 0) {
         10 => 9,                         // point
         11 | 13 => 1,                    // colour, wave packet
         12 => 2,                         // colour with near infrared
@@ -286,8 +312,28 @@ fn layers_of(record: &[u8]) -> Result<Option<u64>, Claim> {
     Ok((compressor == LAYERED).then(|| n.sum()))
 }
 
+/// Where `LASzip`'s record lists what a point is made of.
+const ITEMS_AT: usize = 34;
+
+/// Kind, size and version of each item of a point.
+fn items(record: &[u8]) -> impl Iterator<Item = &[u8]> {
+    record.get(ITEMS_AT..).unwrap_or_default().chunks_exact(6).take(usize::from(record_items(record)))
+}
+
+/// Bytes of an item; `None` for extra bytes, of which there are any number.
+fn size_of_kind(kind: u16) -> Option<u16> {
+    match kind {
+        6 => Some(20),      // point
+        7 | 12 => Some(8),  // time; colour with near infrared
+        8 | 11 => Some(6),  // colour
+        9 | 13 => Some(29), // wave packet
+        10 => Some(30),     // point in layers
+        _ => None,
+    }
+}
+
 fn record_items(record: &[u8]) -> u16 {
-    if record.len() >= 34 { u16_at(record, 32) } else { 0 }
+    if record.len() >= ITEMS_AT { u16_at(record, 32) } else { 0 }
 }
 
 fn bytes<const N: usize>(file: &mut (impl Read + Seek), at: u64) -> Option<[u8; N]> {
@@ -372,6 +418,15 @@ mod tests {
             let mixed = refused(packed.clone(), record_at + 54, &compressor.to_le_bytes());
             assert_eq!(mixed, Claim::Mixed { compressor });
         }
+        // Points that the header has longer than their items, which would hide the lengths too.
+        let long = refused(packed.clone(), 105, &60_u16.to_le_bytes());
+        assert_eq!(long, Claim::Record { record: 60, items: 36 });
+        // A point whose size is not that of its kind would hide them too.
+        let mut small = packed.clone();
+        let size_at =
+            packed.windows(LASZIP.0.len()).position(|found| found == LASZIP.0).unwrap() - 2 + 54 + ITEMS_AT + 2;
+        small[size_at..size_at + 2].copy_from_slice(&20_u16.to_le_bytes());
+        assert_eq!(check(&mut Cursor::new(small)), Err(Claim::Item { kind: 10, size: 20 }));
         // No items, which the reader takes for granted.
         assert_eq!(refused(packed.clone(), record_at + 54 + 32, &0_u16.to_le_bytes()), Claim::NoItems);
         // Chunks of any number of points, and a table that counts none of them.

@@ -6,6 +6,7 @@
 //! | text: `x y z [instance]`, split by spaces, tabs, commas or semicolons | fourth column; 0 is none | none |
 
 mod claims;
+mod contained;
 mod instances;
 mod read;
 mod segment;

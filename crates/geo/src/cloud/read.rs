@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use super::contained::contained;
 use super::{Cloud, claims, instances};
 use crate::files::{self, FileError, write_whole};
 
-/// Points that are unpacked at a time.
-const POINTS_AT_ONCE: u64 = 1 << 20;
+/// Points are unpacked so many bytes at a time: a million of the usual ones, and few of those that say to have 65 kB each.
+const BYTES_AT_ONCE: u64 = 32 << 20;
 /// Values of GeoTIFF's key of the vertical system that are EPSG codes.
 const CODES: std::ops::Range<u16> = 1_024..32_767;
 
@@ -117,12 +118,18 @@ fn read_tiles(folder: &Path) -> Result<Cloud, CloudError> {
 }
 
 fn read_las(path: &Path) -> Result<Cloud, CloudError> {
-    let failed = |source| CloudError::Las { path: path.to_owned(), source };
     let mut file = BufReader::new(fs::File::open(path).map_err(FileError::on("cannot read", path))?);
     let checked = claims::check(&mut file);
     let end = checked.map_err(|e| CloudError::Claim { path: path.to_owned(), problem: e.to_string() })?;
     file.rewind().map_err(FileError::on("cannot read", path))?;
-    let mut reader = las::Reader::new(claims::UpTo::new(file, end)).map_err(failed)?;
+    let failed = |source| CloudError::Las { path: path.to_owned(), source };
+    // Whether packed points make sense shows when they are unpacked.
+    let garbled = |words: String| {
+        let problem = format!("its points are garbled ({words})\nhint: copy it again");
+        CloudError::Claim { path: path.to_owned(), problem }
+    };
+    let file = claims::UpTo::new(file, end);
+    let mut reader = contained(|| las::Reader::new(file)).map_err(garbled)?.map_err(failed)?;
     let header = reader.header();
     let wkt = header.get_wkt_crs_bytes().and_then(|bytes| std::str::from_utf8(bytes).ok());
     let crs = wkt.map(|text| text.trim_end_matches('\0').to_owned()).or_else(|| {
@@ -132,10 +139,11 @@ fn read_las(path: &Path) -> Result<Cloud, CloudError> {
         Some(heights.map_or_else(|| format!("EPSG:{plane}"), |heights| format!("EPSG:{plane}+{heights}")))
     });
     let vlrs = header.vlrs().clone();
+    let n_at_once = (BYTES_AT_ONCE / u64::from(header.point_format().len().max(1))).max(1);
     let mut cloud = Cloud { crs, ..Cloud::default() };
     // Memory grows with the points that come, not with those that are announced.
     loop {
-        let piece = reader.read_points(POINTS_AT_ONCE).map_err(failed)?;
+        let piece = contained(|| reader.read_points(n_at_once)).map_err(garbled)?.map_err(failed)?;
         if piece.is_empty() {
             break;
         }
@@ -232,5 +240,39 @@ mod tests {
         assert!(bad.contains("line 2") && bad.contains("hint:"), "{bad}");
         assert!(matches!(written("# nothing\n"), Err(CloudError::Empty { .. })));
         assert!(matches!(written("1 2 3 4\n1 2 3\n"), Err(CloudError::Line { line: 2, .. })));
+    }
+
+    #[test]
+    fn garbled_points_are_refused_however_their_decoder_ends() {
+        let mut builder = las::Builder::from((1, 4));
+        builder.point_format = las::point::Format::new(6).unwrap();
+        builder.point_format.is_compressed = true;
+        let mut writer = las::Writer::new(std::io::Cursor::new(Vec::new()), builder.into_header().unwrap()).unwrap();
+        for i in 0..2_000_u16 {
+            let place = f64::from(i).sin() * 1e3;
+            writer.write_point(las::Point { x: place, y: place, gps_time: Some(place), ..Default::default() }).unwrap();
+        }
+        writer.close().unwrap();
+        let sound = writer.into_inner().unwrap().into_inner();
+        // Behind header, record, place of the table, point, count and lengths of layers.
+        let points_at = u32::from_le_bytes(sound[96..100].try_into().unwrap()) as usize;
+        let (from, to) = (points_at + 8 + 30 + 4 + 36, sound.len() - 40);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.laz");
+        let mut state = 1_u32;
+        let mut noise = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as usize
+        };
+        let mut endings = Vec::new();
+        for _ in 0..300 {
+            let mut garbled = sound.clone();
+            for _ in 0..40 {
+                garbled[from + noise() % (to - from)] = noise() as u8;
+            }
+            fs::write(&path, garbled).unwrap();
+            endings.extend(read(&path).err().map(|e| e.to_string()));
+        }
+        assert!(endings.iter().any(|ending| ending.contains("its points are garbled")), "{endings:?}");
     }
 }
