@@ -47,7 +47,7 @@ pub use look::look;
 pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use refinement::{asks_photo, photo_bytes};
-pub use stages::{files_of, lineage_of, unstated_reference};
+pub use stages::{files_of, lineage_of, reviews_of, unstated_reference};
 pub use tile::{
     Part, PartHashes, PartHeights, find_outlines, layer_of, outlines_around, part_settings, refused_records, survey_of,
 };

@@ -121,7 +121,8 @@ pub(super) fn run(
     tell(Event::Stage(Stage::Output));
     let records = records(config, &survey, &footprints, &heights, &reviews);
     let mut issues = all_issues(config, &survey, &footprints, &heights);
-    issues.extend(reviews.unmatched(&records).into_iter().chain(cityjson::check(&records, &config.output.cityjson)?));
+    issues.extend(reviews.unmatched(records.as_slice())?);
+    issues.extend(cityjson::check(&records, &config.output.cityjson)?);
     sum_up(&mut summary, &records, &mut issues);
     let priors = priors.map_or_else(|| PriorStore::open(config, &survey, &stage), Ok)?;
     let lineage = lineage(config, options, &survey, &heights, priors.source())?;
@@ -160,7 +161,11 @@ fn written_without_heights(
 }
 
 /// What people decided; read first, so that a file that cannot be used is told before hours of computing.
-fn reviews_of(config: &RunConfig) -> Result<Reviews, PipelineError> {
+/// What people decided about single buildings.
+///
+/// # Errors
+/// [`PipelineError::Reviews`].
+pub fn reviews_of(config: &RunConfig) -> Result<Reviews, PipelineError> {
     Ok(config.reviews.as_ref().map(|reviews| Reviews::read(&reviews.path)).transpose()?.unwrap_or_default())
 }
 

@@ -4,7 +4,7 @@
 //! given; outlines, terrain and priors are read where the part needs them.
 
 use std::borrow::Cow;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::PathBuf;
 
 use geo::BoundingRect as _;
@@ -14,7 +14,7 @@ use super::footprints::on_ground;
 use super::heights::HeightSearch;
 use super::kept::PriorStore;
 use super::records::records;
-use super::stages::{SceneStage, lineage_of, load_terrain, terrain_around, view_issues};
+use super::stages::{SceneStage, lineage_of, load_terrain, reviews_of, terrain_around, view_issues};
 use super::{FootprintStage, Frame, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact};
 use crate::config::RunConfig;
 use sizeup_footprints::{
@@ -40,6 +40,8 @@ pub struct Part<'a> {
     priors: PriorStore,
     /// Outlines of the layer by their ids.
     by_id: HashMap<String, usize>,
+    /// What people decided about its buildings.
+    reviews: Reviews,
 }
 
 /// What was found for a part.
@@ -130,6 +132,8 @@ pub struct PartHashes {
     pub outlines: Content,
     /// The terrain around them, as it was read; `None` where no outline has ground.
     pub terrain: Option<Content>,
+    /// What people decided about them; `None` where nothing was decided.
+    pub reviews: Option<Content>,
 }
 
 impl PartHashes {
@@ -137,16 +141,33 @@ impl PartHashes {
     ///
     /// # Errors
     /// [`PipelineError`] where the terrain cannot be read.
-    pub fn of(config: &RunConfig, frame: &Frame, footprints: &FootprintStage) -> Result<Self, PipelineError> {
+    pub fn of(
+        config: &RunConfig,
+        frame: &Frame,
+        footprints: &FootprintStage,
+        reviews: &Reviews,
+    ) -> Result<Self, PipelineError> {
         let has_ground = footprints.ground.iter().any(Option::is_some);
         let terrain = has_ground.then(|| terrain_around(config, frame, footprints)).transpose()?;
-        Ok(Self::over(footprints, terrain.as_ref()))
+        Ok(Self::over(footprints, terrain.as_ref(), &about(footprints, reviews)))
     }
 
-    fn over(footprints: &FootprintStage, terrain: Option<&Terrain>) -> Self {
-        let text = serde_json::json!(footprints).to_string();
-        Self { outlines: Content::of_bytes(text.as_bytes()), terrain: terrain.map(content_of) }
+    fn over(footprints: &FootprintStage, terrain: Option<&Terrain>, reviews: &Reviews) -> Self {
+        let of_text = |value: serde_json::Value| Content::of_bytes(value.to_string().as_bytes());
+        Self {
+            outlines: of_text(serde_json::json!(footprints)),
+            terrain: terrain.map(content_of),
+            reviews: (!reviews.is_empty()).then(|| of_text(serde_json::json!(reviews))),
+        }
     }
+}
+
+/// What was decided about the outlines of a part.
+fn about(footprints: &FootprintStage, reviews: &Reviews) -> Reviews {
+    let layer = &footprints.layer;
+    let ids = layer.footprints.iter().map(|f| &f.id).chain(layer.refused.iter().map(|refused| &refused.id));
+    let ids: HashSet<&str> = ids.map(|id| id.0.as_str()).collect();
+    reviews.about(|id| ids.contains(id))
 }
 
 fn content_of(terrain: &Terrain) -> Content {
@@ -198,7 +219,7 @@ impl<'a> Part<'a> {
     /// survey.
     ///
     /// # Errors
-    /// [`PipelineError`] where the terrain cannot be read or the priors' settings cannot work.
+    /// [`PipelineError`] where terrain or decisions cannot be read, or the priors' settings cannot work.
     pub fn new(
         config: &'a RunConfig,
         frame: Frame,
@@ -214,7 +235,8 @@ impl<'a> Part<'a> {
         let priors = PriorStore::forgetful(priors);
         let ids = footprints.layer.footprints.iter().map(|f| f.id.0.clone());
         let by_id = ids.zip(0..).collect();
-        Ok(Self { config, frame, survey, footprints, scene, priors, by_id })
+        let reviews = about(&footprints, &reviews_of(config)?);
+        Ok(Self { config, frame, survey, footprints, scene, priors, by_id, reviews })
     }
 
     /// The frame it lies in.
@@ -238,7 +260,7 @@ impl<'a> Part<'a> {
     /// What it has read of the files that all parts share.
     #[must_use]
     pub fn hashes(&self) -> PartHashes {
-        PartHashes::over(&self.footprints, self.scene.as_ref().map(|scene| &scene.terrain))
+        PartHashes::over(&self.footprints, self.scene.as_ref().map(|scene| &scene.terrain), &self.reviews)
     }
 
     /// What the priors of some of its views are made from, each once, sorted.
@@ -269,7 +291,7 @@ impl<'a> Part<'a> {
         issues.extend(footprints.issues.iter().cloned());
         issues.extend(view_issues(&self.survey, &heights));
         Ok(PartHeights {
-            records: records(self.config, &self.survey, &footprints, &heights, &Reviews::default()),
+            records: records(self.config, &self.survey, &footprints, &heights, &self.reviews),
             issues,
             used_views: heights.solution.used_views.iter().map(|&v| self.survey.views[v].id.clone()).collect(),
         })

@@ -9,12 +9,12 @@ use serde_json::json;
 use super::attempt::remove_if_there;
 use super::manifest::{Common, Done, Layout, Manifest, Tileset, hash_of, read_json, sweep_litter};
 use super::merged::TileRecords;
-use super::run::{BUILDINGS, HALO, ISSUES, LINEAGE, PART_OF_FOOTPRINTS, PART_OF_TERRAIN, PLAN_AGAIN};
+use super::run::{BUILDINGS, HALO, ISSUES, LINEAGE, PART_OF_FOOTPRINTS, PART_OF_REVIEWS, PART_OF_TERRAIN, PLAN_AGAIN};
 use super::seams::{self, SeamReport};
 use super::stale::{Check, Trust, known};
 use super::status::State;
 use super::{Lock, TilesError};
-use crate::pipeline::{lineage_of, refused_records, unstated_reference, write_project};
+use crate::pipeline::{lineage_of, refused_records, reviews_of, unstated_reference, write_project};
 use crate::recipe::Recipe;
 use sizeup_geo::files::FileError;
 use sizeup_geo::issue::{Issue, Severity, Subject};
@@ -174,6 +174,7 @@ impl JoinedCity<'_> {
         let told: Vec<&str> = implausible.iter().map(|issue| issue.message.as_str()).collect();
         let told = json!(told);
         issues.extend(implausible);
+        issues.extend(reviews_of(config)?.unmatched(&records)?);
         issues.sort_by_key(Issue::weight);
         let lineage = self.lineage()?;
         let crs = &config.project.crs;
@@ -234,7 +235,8 @@ impl JoinedCity<'_> {
         let mut inputs: BTreeSet<InputFile> = self.manifest.inputs.iter().cloned().collect();
         for path in self.files(LINEAGE) {
             let of_tile: Lineage = read_json(&path)?;
-            let is_whole = |file: &InputFile| ![PART_OF_FOOTPRINTS, PART_OF_TERRAIN].contains(&file.role.as_str());
+            let parts = [PART_OF_FOOTPRINTS, PART_OF_TERRAIN, PART_OF_REVIEWS];
+            let is_whole = |file: &InputFile| !parts.contains(&file.role.as_str());
             inputs.extend(of_tile.inputs.into_iter().filter(is_whole));
         }
         Ok(lineage_of(&self.manifest.config, "sizeup tiles merge", inputs.into_iter().collect()))

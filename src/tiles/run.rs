@@ -36,6 +36,8 @@ pub(super) const COST: &str = "cost.json";
 pub(super) const PART_OF_FOOTPRINTS: &str = "footprints, the tile's part";
 /// What it read of the terrain, in its lineage.
 pub(super) const PART_OF_TERRAIN: &str = "terrain, the tile's part";
+/// What it read of the reviews, in its lineage.
+pub(super) const PART_OF_REVIEWS: &str = "reviews, the tile's part";
 
 /// What a tile cost.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -169,7 +171,7 @@ fn part_of<'a>(check: &Check<'a>, tile: &Tile, views: TileViews) -> Result<Part<
     let footprints = outlines_around(&manifest.config, tile.halo, &manifest.renamed)?;
     let part = Part::new(&manifest.config, manifest.frame(), survey, positions, footprints)?;
     if part.hashes() != tile.reads {
-        let own = || format!("the outlines or the terrain of tile {} are not those of the plan", tile.id);
+        let own = || format!("the outlines, the terrain or the reviews of tile {} are not those of the plan", tile.id);
         let (what, why) = ("the plan".to_owned(), check.plan().unwrap_or_else(own));
         return Err(TilesError::Stale { what, why, hint: PLAN_AGAIN });
     }
@@ -187,8 +189,10 @@ fn inputs_of(
     let config = &check.manifest.config;
     let outlines = layer_of(config)?.path.clone();
     let terrain = config.terrain.dtm.iter().zip(&tile.reads.terrain);
+    let reviews = config.reviews.iter().zip(&tile.reads.reviews);
     let parts = std::iter::once((PART_OF_FOOTPRINTS, outlines, tile.reads.outlines.clone()))
-        .chain(terrain.map(|(path, content)| (PART_OF_TERRAIN, path.clone(), content.clone())));
+        .chain(terrain.map(|(path, content)| (PART_OF_TERRAIN, path.clone(), content.clone())))
+        .chain(reviews.map(|(reviews, content)| (PART_OF_REVIEWS, reviews.path.clone(), content.clone())));
     let parts = parts.map(|(role, path, content)| InputFile::holding(role, &path, content));
     let priors = part.prior_files(|view| used.contains(view))?;
     let priors = priors.iter().filter_map(|path| Some(InputFile::holding("prior", path, check.hashes.of(path).ok()?)));

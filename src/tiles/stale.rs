@@ -13,7 +13,7 @@ use crate::pipeline::{files_of, part_settings};
 use crate::recipe::{ABSENT, Recipe};
 use crate::tiles::Lock;
 use sizeup_geo::files::FileError;
-use sizeup_geo::hashes::Hashes;
+use sizeup_geo::hashes::{Content, Hashes};
 use sizeup_results::output::sha256_hex;
 
 /// How much of what earlier processes knew of files is believed.
@@ -86,13 +86,14 @@ impl Check<'_> {
     pub fn tile_of(&self, tile: &Tile, views: &TileViews) -> Recipe {
         let manifest = self.manifest;
         let frame = (manifest.origin_m, manifest.heights_m);
-        let terrain = tile.reads.terrain.as_ref().map_or(ABSENT, |terrain| &terrain.sha256);
+        let part = |of: &Option<Content>| of.as_ref().map_or_else(|| ABSENT.to_owned(), |part| part.sha256.clone());
         let mut recipe = Recipe::new(&part_settings(&manifest.config))
             .with("the frame", hash_of_text(&frame))
             .with("the tile's place", hash_of_text(&(tile.core, tile.halo)))
             .with("its views", &tile.views_sha256)
             .with("its footprints", &tile.reads.outlines.sha256)
-            .with("its terrain", terrain);
+            .with("its terrain", part(&tile.reads.terrain))
+            .with("its reviews", part(&tile.reads.reviews));
         for (role, path) in files_of_tile(manifest, views) {
             recipe.add(part_name(role, &path), self.sha256(&path));
         }

@@ -6,11 +6,12 @@ use serde_json::{Value, json};
 
 use crate::tiny_scene::Scene;
 
-fn decide(scene: &Scene, reviews: &[Value]) {
+/// Writes decisions into a file of the scene.
+pub fn decide(scene: &Scene, file: &str, reviews: &[Value]) {
     let feature = |properties: &Value| json!({ "type": "Feature", "geometry": null, "properties": properties });
     let all: Vec<Value> = reviews.iter().map(feature).collect();
     let text = json!({ "type": "FeatureCollection", "features": all }).to_string();
-    fs::write(scene.path("result/reviews.geojson"), text).unwrap();
+    fs::write(scene.path(file), text).unwrap();
 }
 
 /// Attributes of a building of the result.
@@ -25,6 +26,7 @@ fn decisions_are_applied_without_computing_heights_again_and_outlive_a_whole_run
     let heights = fs::read(scene.path("result/stages/heights.json")).unwrap();
     decide(
         &scene,
+        "result/reviews.geojson",
         &[
             json!({ "building_id": "b001", "decision": "corrected", "height_m": 12.5, "sigma_m": 0.1, "author": "Änne" }),
             json!({ "building_id": "b002", "decision": "wrong" }),
@@ -66,11 +68,4 @@ fn a_file_that_holds_no_decisions_stops_the_run_before_it_begins() {
         assert!(outcome.stderr.contains("[reviews]") && outcome.stderr.contains(said), "{}", outcome.stderr);
         assert!(!scene.path("result/stages").exists());
     }
-}
-
-#[test]
-fn tiles_say_that_they_take_no_decisions() {
-    let scene = Scene::new();
-    let outcome = scene.run(&["--tiled", "--set", "reviews.path='reviews.geojson'"]);
-    assert!(outcome.code == 2 && outcome.stderr.contains("[reviews]"), "{}: {}", outcome.code, outcome.stderr);
 }

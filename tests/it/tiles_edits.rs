@@ -10,7 +10,8 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
 use sizeup::simulate::{SimulateConfig, simulate};
 
-use crate::tiles::{assert_same, ids, results};
+use crate::reviews::decide;
+use crate::tiles::{assert_same, heights, ids, results};
 use crate::tiny_scene::{Scene, write_npy};
 
 /// Options of every plan: small tiles that do not see each other.
@@ -233,4 +234,55 @@ fn edits_at_random_run_the_tiles_that_they_touch_and_come_to_what_a_run_from_not
         }
     }
     assert!(n_run > 0 && n_spared > n_run, "{n_run} tiles run, {n_spared} spared");
+}
+
+#[test]
+fn decisions_about_buildings_reach_their_tiles_and_outlive_another_tiling() {
+    let scene = town();
+    run(&scene);
+    let first = heights(&scene.path("city/city.city.jsonl"));
+    let whole = |id: &&String| first[*id].0.is_some() && !id.contains('#');
+    let mut measured = first.keys().filter(whole);
+    let (corrected, wrong) = (measured.next().unwrap(), measured.next_back().unwrap());
+    scene.edit("sizeup.toml", |text| format!("{text}\n[reviews]\npath = \"reviews.geojson\"\n"));
+    let decided = [
+        json!({ "building_id": corrected, "decision": "corrected", "height_m": 12.5 }),
+        json!({ "building_id": wrong, "decision": "wrong" }),
+        json!({ "building_id": "nobody", "decision": "wrong" }),
+    ];
+    let expected = || {
+        let mut expected = first.clone();
+        expected.insert(corrected.clone(), (Some(12.5), "reviewed".to_owned()));
+        expected.insert(wrong.clone(), (None, "unknown".to_owned()));
+        expected
+    };
+    // None yet: a file without decisions changes no tile.
+    decide(&scene, "reviews.geojson", &[]);
+    assert!(to_run(&scene).is_empty());
+    decide(&scene, "reviews.geojson", &decided);
+    let touched = to_run(&scene);
+    assert!(!touched.is_empty() && touched.len() < ids(&scene).len(), "{touched:?}");
+    run(&scene);
+    assert_eq!(heights(&scene.path("city/city.city.jsonl")), expected());
+    assert_eq!(issues_of(&scene, "review_unmatched"), ["nobody"]);
+    // The city as it was, once the decisions are taken back.
+    decide(&scene, "reviews.geojson", &[]);
+    assert_eq!(to_run(&scene), touched);
+    run(&scene);
+    assert_eq!(heights(&scene.path("city/city.city.jsonl")), first);
+    // Other tiles, and one piece.
+    decide(&scene, "reviews.geojson", &decided);
+    let other = scene.run(&["--output", "other", "--tiled", "--size", "150", "--halo", "60"]);
+    assert!([0, 5].contains(&other.code), "{}", other.stderr);
+    let other = heights(&scene.path("other/city.city.jsonl"));
+    for id in [corrected, wrong] {
+        assert_eq!(other[id], expected()[id]);
+    }
+}
+
+/// Buildings that the city has an issue of this code about.
+fn issues_of(scene: &Scene, code: &str) -> Vec<String> {
+    let issues = scene.json("city/issues.json");
+    let of_code = issues.as_array().unwrap().iter().filter(|issue| issue["code"] == code);
+    of_code.map(|issue| issue["subject"]["id"].as_str().unwrap_or_default().to_owned()).collect()
 }

@@ -9,7 +9,7 @@ use serde_json::json;
 use super::PlanSettings;
 use super::layer::{Outlines, grounds_of, range};
 use crate::config::RunConfig;
-use crate::pipeline::{Frame, PartHashes, PipelineError, asks_photo, outlines_around, photo_bytes};
+use crate::pipeline::{Frame, PartHashes, PipelineError, asks_photo, outlines_around, photo_bytes, reviews_of};
 use crate::tiles::frame::CityFrame;
 use crate::tiles::grid::{self, Core, Places};
 use crate::tiles::manifest::{self, Layout, Tile, TileViews};
@@ -21,6 +21,7 @@ use sizeup_heights::scene::HeightBounds;
 use sizeup_heights::stats;
 use sizeup_photos::prior::PriorConfig;
 use sizeup_results::output::reports::write_json;
+use sizeup_results::output::reviews::Reviews;
 use sizeup_survey::{Survey, View, ViewKind};
 
 /// Width of the halo in breadths of the median oblique view: what a core's views show, and what hides and measures that.
@@ -52,6 +53,8 @@ pub(super) struct City<'a> {
     cell_m: Option<f64>,
     /// What each view's prior is made from.
     priors: Vec<Option<PathBuf>>,
+    /// What people decided about single buildings.
+    reviews: Reviews,
 }
 
 impl<'a> City<'a> {
@@ -86,9 +89,9 @@ impl<'a> City<'a> {
         };
         let cell_m = config.terrain.dtm.as_ref().map(|path| cell_m(path).max(config.terrain.min_cell_m));
         let priors = config.prior.file_of_each(&survey.views).map_err(PipelineError::from)?;
-        let grounds = Vec::new();
+        let (grounds, reviews) = (Vec::new(), reviews_of(config)?);
         let mut city =
-            Self { config, settings, survey, places, cores, grounds, renamed, settled, frame, cell_m, priors };
+            Self { config, settings, survey, places, cores, grounds, renamed, settled, frame, cell_m, priors, reviews };
         city.quarter_until_it_fits(all)?;
         let grounds = grounds_of(config, &city.cores, &city.renamed)?;
         city.grounds = grounds.into_iter().map(|ground| ground.unwrap_or(all)).collect();
@@ -170,7 +173,12 @@ impl<'a> City<'a> {
         write_json(&path, &TileViews { views, positions, priors, photos })?;
         let views_sha256 = manifest::hash_of(&path)?;
         let halo = area.grown(self.settled.halo_m);
-        let reads = PartHashes::of(self.config, &self.frame, &outlines_around(self.config, halo, &self.renamed)?)?;
+        let reads = PartHashes::of(
+            self.config,
+            &self.frame,
+            &outlines_around(self.config, halo, &self.renamed)?,
+            &self.reviews,
+        )?;
         Ok(Tile {
             id,
             core: area,

@@ -212,7 +212,8 @@ fn shared_inputs(
     let poses = pipeline::files_of(&config.survey.path).into_iter().map(|path| ("survey", path));
     let outlines = pipeline::outline_files(config, survey.unwrap_or(&none)).into_iter();
     let terrain = config.terrain.dtm.iter().map(|path| ("terrain", path.clone()));
-    let all = own.chain(poses).chain(outlines.map(|path| ("footprints", path))).chain(terrain);
+    let reviews = config.reviews.iter().map(|reviews| ("reviews", reviews.path.clone()));
+    let all = own.chain(poses).chain(outlines.map(|path| ("footprints", path))).chain(terrain).chain(reviews);
     let mut files: Vec<(&str, PathBuf)> = all.filter(|(_, path)| path.is_file()).collect();
     files.sort();
     files.dedup();

@@ -72,13 +72,6 @@ pub(super) fn check(config: &RunConfig, settings: &PlanSettings) -> Result<(), T
             hint: "make it once with `sizeup dtm`, name it as terrain.dtm, and take [dtm] out",
         }));
     }
-    if config.reviews.is_some() {
-        return Err(TilesError::Pipeline(PipelineError::Settings {
-            table: "reviews",
-            message: "decisions about buildings are applied to runs of one piece, not to tiles".to_owned(),
-            hint: "take [reviews] out, or run without --tiled",
-        }));
-    }
     layer_of(config)?;
     let refuse = |setting, found: String, expected| Err(TilesError::Setting { setting, found, expected });
     let is_within = |m: f64, low: f64| m.is_finite() && m >= low && m <= LARGEST_TILE_M;

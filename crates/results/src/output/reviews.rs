@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{BuildingRecord, Status};
+use super::{BuildingRecord, OutputError, Records, Status};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 
 /// Heights closer than this are the same: files keep millimetres, metres.
@@ -29,7 +29,7 @@ pub struct ReviewsConfig {
 }
 
 /// What was decided about a building.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Decision {
     /// The height that was found is right.
@@ -40,7 +40,7 @@ enum Decision {
     Wrong,
 }
 
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 struct Review {
     building_id: String,
     decision: Decision,
@@ -84,7 +84,7 @@ pub enum ReviewsError {
 }
 
 /// Decisions by the building's id.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct Reviews {
     by_id: BTreeMap<String, Review>,
 }
@@ -130,17 +130,41 @@ impl Reviews {
         }
     }
 
-    /// Issues of the decisions that fit no building of a result.
+    /// Those about some outlines and the parts that outlines are split into (`outline#1`).
     #[must_use]
-    pub fn unmatched(&self, records: &[BuildingRecord]) -> Vec<Issue> {
-        let ids: BTreeSet<&str> = records.iter().map(|record| record.id.as_str()).collect();
-        let lost = self.by_id.keys().filter(|id| !ids.contains(id.as_str()));
-        lost.map(|id| {
+    pub fn about(&self, is_outline: impl Fn(&str) -> bool) -> Self {
+        let is_about = |id: &String| {
+            let mut wholes = std::iter::successors(Some(id.as_str()), |id| Some(id.rsplit_once('#')?.0));
+            wholes.any(&is_outline)
+        };
+        let of_them = self.by_id.iter().filter(|(id, _)| is_about(id));
+        Self { by_id: of_them.map(|(id, review)| (id.clone(), review.clone())).collect() }
+    }
+
+    /// Whether nothing was decided.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.by_id.is_empty()
+    }
+
+    /// Issues of the decisions that fit no building of a result.
+    ///
+    /// # Errors
+    /// [`OutputError`] where the buildings cannot be read.
+    pub fn unmatched<R: Records + ?Sized>(&self, records: &R) -> Result<Vec<Issue>, OutputError> {
+        let mut lost: BTreeSet<&str> = self.by_id.keys().map(String::as_str).collect();
+        if !lost.is_empty() {
+            records.visit(&mut |record| {
+                lost.remove(record.id.as_str());
+                Ok(())
+            })?;
+        }
+        let of_lost = lost.into_iter().map(|id| {
             let message = "it was reviewed, and is not among the buildings of this result".to_owned();
-            Issue::new(Severity::Warning, "review_unmatched", Subject::Building(id.clone()), message)
+            Issue::new(Severity::Warning, "review_unmatched", Subject::Building(id.to_owned()), message)
                 .hint("decisions are matched by id: name the same footprints.id_field as when it was reviewed")
-        })
-        .collect()
+        });
+        Ok(of_lost.collect())
     }
 }
 
@@ -213,7 +237,7 @@ mod tests {
     #[test]
     fn a_decision_about_a_building_that_is_not_there_is_told() {
         let lost = of(&feature(r#""building_id": "z", "decision": "wrong""#)).unwrap();
-        let issues = lost.unmatched(&records());
+        let issues = lost.unmatched(records().as_slice()).unwrap();
         assert_eq!((issues.len(), issues[0].code.as_str()), (1, "review_unmatched"));
     }
 
