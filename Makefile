@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-networks networks demo test lint bench accuracy-footprints docs schemas qgis-plugin train-test deb wheel test-python test-packages clean
+.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-networks networks demo test lint bench accuracy accuracy-footprints docs schemas qgis-plugin train-test deb wheel test-python test-packages clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -64,6 +64,11 @@ bench: deps ## Run the benchmarks
 
 fuzz: deps ## Feed every reader with damaged files for a minute, led by coverage
 	fuzz/run.sh
+
+accuracy: deps ## Measure the tables of docs/accuracy.md and write them there (an hour; real towns too with DATA=folder)
+	$(CARGO) build --release --locked
+	tools/accuracy.py measure target/release/sizeup target/accuracy $(DATA)
+	tools/accuracy.py write target/accuracy
 
 accuracy-footprints: deps ## Print the table of outlines from masks in docs/accuracy.md
 	$(CARGO) test --locked --test it table_of_accuracy -- --ignored --nocapture

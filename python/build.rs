@@ -1,7 +1,7 @@
 //! One libtiff in the module: PROJ reads its grids (most are TIFF) with the copy inside GDAL, so that the wheel needs none of the
 //! system's, with all that hangs on it.
 
-/// What PROJ 9.6 uses of libtiff: `nm -u libproj.a`. A name that is missing here makes the module need the system's libtiff.
+/// What PROJ 9.6 uses of libtiff: `nm -u libproj.a | grep -o 'TIFF[A-Za-z0-9]*' | sort -u`. A name that is missing here makes the module need the system's libtiff.
 const OF_TIFF: [&str; 14] = [
     "TIFFClientOpen",
     "TIFFClose",
@@ -15,8 +15,8 @@ const OF_TIFF: [&str; 14] = [
     "TIFFReadEncodedTile",
     "TIFFSetSubDirectory",
     "TIFFSetTagExtender",
-    "TIFFStripSize",
-    "TIFFTileSize",
+    "TIFFStripSize64",
+    "TIFFTileSize64",
 ];
 
 fn main() {

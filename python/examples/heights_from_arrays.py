@@ -5,9 +5,11 @@
 
 # %%
 import numpy as np
+from numpy.typing import NDArray
 
 import sizeup
 
+Floats = NDArray[np.float64]
 GROUND_M = 48.0
 
 # %% [markdown]
@@ -26,13 +28,13 @@ TRUE_HEIGHTS_M = {"house": 9.0, "tower": 21.5}
 BLOCKS = [(house, TRUE_HEIGHTS_M["house"]), (tower, TRUE_HEIGHTS_M["tower"])]
 
 
-def depth_of(camera: sizeup.Camera, eye: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+def depth_of(camera: sizeup.Camera, eye: Floats, rotation: Floats) -> Floats:
     """Depth along the optical axis for every pixel, metres."""
     x, y = np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
     right, down = (x - camera.width_px / 2) / camera.fx_px, (y - camera.height_px / 2) / camera.fx_px
     in_camera = np.stack([right, down, np.ones_like(x)], axis=-1)
     rays = in_camera @ rotation  # rotation takes map to camera, so rows times it go back
-    depth: np.ndarray = np.where(rays[..., 2] < 0, (GROUND_M - eye[2]) / rays[..., 2], np.nan)  # no ground in the sky
+    depth: Floats = np.where(rays[..., 2] < 0, (GROUND_M - eye[2]) / rays[..., 2], np.nan)  # no ground in the sky
     for outline, height_m in BLOCKS:
         low = np.array([*outline.min(axis=0), GROUND_M])
         high = np.array([*outline.max(axis=0), GROUND_M + height_m])

@@ -8,11 +8,11 @@ use super::ui::warn_of_unfinished;
 use super::{Call, Failure, Global, Ui, print_json};
 use sizeup_geo::crs::Crs;
 use sizeup_results::output::cityjson::{self, AttributeNames, CityJsonConfig};
-use sizeup_results::output::flatgeobuf;
 use sizeup_results::output::geopackage::{self, GeoPackageConfig, ProjectGround};
 use sizeup_results::output::read::{ReadOptions, RecordFile};
 use sizeup_results::output::tiles3d::{self, Heights, Precision, Tiles3dConfig};
 use sizeup_results::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records};
+use sizeup_results::output::{flatgeobuf, geojson};
 use sizeup_survey::Survey;
 
 /// Arguments of `sizeup export`.
@@ -20,6 +20,7 @@ use sizeup_survey::Survey;
 #[command(after_help = "Examples:
   sizeup export result/city.city.json city.gpkg
   sizeup export result/city.gpkg city.city.jsonl
+  sizeup export result/city.gpkg city.geojson      longitude and latitude, for web maps
   sizeup export lod2.city.json lod1.city.json      anybody's file: blocks of the mean roof height
   sizeup export result/city.city.json tiles --to 3dtiles --geoid-height 45.5
 
@@ -29,7 +30,7 @@ pub struct ExportArgs {
     pub input: PathBuf,
     /// File to write, or the folder of 3D Tiles.
     pub output: PathBuf,
-    /// Format. By default the file's extension says it: .json, .jsonl, .gpkg, .fgb.
+    /// Format. By default the file's extension says it: .json, .jsonl, .gpkg, .fgb, .geojson.
     #[arg(long, value_enum, value_name = "FORMAT")]
     pub to: Option<Format>,
     /// CRS, for an input that does not state one.
@@ -70,6 +71,9 @@ pub enum Format {
     /// FlatGeobuf, outlines with all attributes.
     #[value(name = "flatgeobuf")]
     FlatGeobuf,
+    /// GeoJSON in longitude and latitude, outlines with all attributes.
+    #[value(name = "geojson")]
+    GeoJson,
     /// 3D Tiles 1.1, a folder.
     #[value(name = "3dtiles")]
     Tiles3d,
@@ -133,6 +137,7 @@ fn format_of(path: &Path) -> Result<Format, Failure> {
         "jsonl" => Ok(Format::CityJsonSeq),
         "gpkg" => Ok(Format::GeoPackage),
         "fgb" => Ok(Format::FlatGeobuf),
+        "geojson" => Ok(Format::GeoJson),
         "parquet" | "geoparquet" => Err(Failure::from_text(
             2,
             format!(
@@ -145,7 +150,9 @@ fn format_of(path: &Path) -> Result<Format, Failure> {
         )),
         _ => Err(Failure::from_text(
             2,
-            format!("cannot write {name}\nhint: .city.json, .city.jsonl, .gpkg or .fgb, or name the format with --to"),
+            format!(
+                "cannot write {name}\nhint: .city.json, .city.jsonl, .gpkg, .fgb or .geojson, or name the format with --to"
+            ),
         )),
     }
 }
@@ -178,6 +185,7 @@ fn write<R: Records + ?Sized>(
             Ok(overview)
         }
         Format::FlatGeobuf => flatgeobuf::write(path, model, &GeoPackageConfig::default()),
+        Format::GeoJson => geojson::write(path, model, &GeoPackageConfig::default()),
         Format::Tiles3d => {
             let heights = match (args.geoid_height, args.heights) {
                 (Some(geoid_m), _) => Heights::GeoidHeight(geoid_m),

@@ -5,9 +5,9 @@ use std::process::Command;
 
 use serde_json::Value;
 use sizeup::output::cityjson::{self, CityJsonConfig};
-use sizeup::output::flatgeobuf;
 use sizeup::output::geopackage::{self, GeoPackageConfig};
 use sizeup::output::tiles3d::{self, Precision};
+use sizeup::output::{flatgeobuf, geojson};
 
 use crate::outputs::{assert_valid_cityjson, town};
 use crate::tiles3d::{config, write_deep};
@@ -90,6 +90,48 @@ fn ogrinfo_reads_our_layers_with_crs_and_comments() {
     assert!(indexes.contains("= 5"), "{indexes}");
     let tile = sql("SELECT tile, n_buildings, n_heights FROM tiles");
     assert!(tile.contains("n_buildings (Integer64) = 6") || tile.contains("n_buildings (Integer) = 6"), "{tile}");
+}
+
+/// Rings of a feature from their lowest corner on, so that it does not matter where they begin.
+fn rings(feature: &Value) -> Vec<Vec<[f64; 2]>> {
+    let ring = |ring: &Value| {
+        let mut corners: Vec<[f64; 2]> =
+            ring.as_array().unwrap().iter().map(|at| [at[0].as_f64().unwrap(), at[1].as_f64().unwrap()]).collect();
+        assert_eq!(corners.first(), corners.last(), "rings are closed");
+        corners.pop();
+        let first = (0..corners.len()).min_by(|&a, &b| corners[a].partial_cmp(&corners[b]).unwrap()).unwrap();
+        corners.rotate_left(first);
+        corners
+    };
+    feature["geometry"]["coordinates"].as_array().into_iter().flatten().map(ring).collect()
+}
+
+#[test]
+fn our_geojson_is_what_gdal_makes_of_our_geopackage() {
+    let Some(ogr2ogr) = program("ogr2ogr", "deps-test") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let (gpkg, ours, theirs) =
+        (folder.path().join("a.gpkg"), folder.path().join("a.geojson"), folder.path().join("b.geojson"));
+    let town = town();
+    geopackage::write(&gpkg, &town.model(), &GeoPackageConfig::default()).unwrap();
+    geojson::write(&ours, &town.model(), &GeoPackageConfig::default()).unwrap();
+    run(Command::new(&ogr2ogr)
+        .args(["-f", "GeoJSON", "-lco", "RFC7946=YES", "-lco", "COORDINATE_PRECISION=10"])
+        .args([&theirs, &gpkg])
+        .arg("buildings"));
+    let (ours, theirs) = (json(&ours), json(&theirs));
+    let (ours, theirs) = (ours["features"].as_array().unwrap(), theirs["features"].as_array().unwrap());
+    assert_eq!((ours.len(), theirs.len()), (6, 6));
+    for (our, their) in ours.iter().zip(theirs) {
+        assert_eq!(our["id"], our["properties"]["id"]);
+        assert_eq!(our["properties"], their["properties"]);
+        assert_eq!(our["geometry"].is_null(), their["geometry"].is_null());
+        let (our, their) = (rings(our), rings(their));
+        assert_eq!(our.iter().map(Vec::len).collect::<Vec<_>>(), their.iter().map(Vec::len).collect::<Vec<_>>());
+        for (a, b) in our.iter().flatten().zip(their.iter().flatten()) {
+            assert!((a[0] - b[0]).abs() < 2e-9 && (a[1] - b[1]).abs() < 2e-9, "{a:?} {b:?}");
+        }
+    }
 }
 
 #[test]

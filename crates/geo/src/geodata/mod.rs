@@ -1,9 +1,11 @@
-//! Files of the GIS world, through the system's GDAL.
+//! Files of the GIS world, through GDAL.
 //!
-//! The only doors to GDAL: [`raster`] and [`vector`] read, the others write. [`qml`] is what QGIS reads beside them.
+//! The only doors to GDAL: [`raster`] and [`vector`] read, the others write. [`qml`] is what QGIS reads beside them, and
+//! [`geojson`] does without GDAL.
 
 pub mod features;
 pub mod flatgeobuf;
+pub mod geojson;
 pub mod gpkg;
 pub mod qml;
 pub mod raster;

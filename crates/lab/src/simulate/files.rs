@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{FileError, write_whole, write_whole_unflushed};
+use sizeup_geo::geodata::geojson::{self, Feature, GeometryValue, JsonObject, Position};
 use sizeup_geo::geodata::{FieldType, GridPlace, LayerFeature, write_geotiff, write_polygon_layer};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::raster::Raster;
@@ -54,35 +55,31 @@ pub(super) fn write_dtm(path: &Path, crs: &Crs, terrain: &Terrain) -> Result<(),
 /// What is true of every building, as `GeoJSON` in the project's CRS (with the `crs` member of the 2008 draft, which
 /// GDAL and QGIS still read).
 pub(super) fn write_truth(path: &Path, crs: &Crs, buildings: &[Building]) -> Result<(), FileError> {
-    let features: Vec<Value> = buildings.iter().map(truth_feature).collect();
-    let mut collection = json!({ "type": "FeatureCollection", "name": "truth" });
+    let mut members = JsonObject::from_iter([("name".to_owned(), "truth".into())]);
     if let Some(code) = crs.epsg() {
-        collection["crs"] =
-            json!({ "type": "name", "properties": { "name": format!("urn:ogc:def:crs:EPSG::{code}") } });
+        let name = json!({ "name": format!("urn:ogc:def:crs:EPSG::{code}") });
+        members.insert("crs".to_owned(), json!({ "type": "name", "properties": name }));
     }
-    collection["features"] = Value::Array(features);
-    write_whole(path, |w| Ok(serde_json::to_writer(w, &collection)?))
+    geojson::write(path, &members, |push| buildings.iter().try_for_each(|b| push(&truth_feature(b))))
 }
 
-fn truth_feature(b: &Building) -> Value {
+fn truth_feature(b: &Building) -> Feature {
     let millimetres = |v: f64| (v * 1e3).round() / 1e3;
-    let ring = |r: &geo_types::LineString<f64>| -> Value {
-        r.0.iter().map(|c| json!([millimetres(c.x), millimetres(c.y)])).collect()
+    let ring = |r: &geo_types::LineString<f64>| {
+        r.0.iter().map(|c| Position::from([millimetres(c.x), millimetres(c.y)])).collect()
     };
-    let rings: Vec<Value> = std::iter::once(b.footprint.exterior()).chain(b.footprint.interiors()).map(ring).collect();
-    json!({
-        "type": "Feature",
-        "properties": {
-            "id": b.id.0,
-            "height_m": millimetres(b.height_m),
-            "eave_m": millimetres(b.eave_m),
-            "ridge_m": millimetres(b.ridge_m),
-            "ground_z_m": millimetres(b.ground_z_m),
-            "roof": b.roof.as_str(),
-            "type": b.kind.as_str(),
-        },
-        "geometry": { "type": "Polygon", "coordinates": rings },
-    })
+    let rings = std::iter::once(b.footprint.exterior()).chain(b.footprint.interiors()).map(ring);
+    let attributes: [(&str, Value); 7] = [
+        ("id", b.id.0.as_str().into()),
+        ("height_m", millimetres(b.height_m).into()),
+        ("eave_m", millimetres(b.eave_m).into()),
+        ("ridge_m", millimetres(b.ridge_m).into()),
+        ("ground_z_m", millimetres(b.ground_z_m).into()),
+        ("roof", b.roof.as_str().into()),
+        ("type", b.kind.as_str().into()),
+    ];
+    let properties = attributes.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
+    geojson::feature(None, Some(GeometryValue::Polygon { coordinates: rings.collect() }), properties)
 }
 
 /// `H × W` values as `.npy`, 32-bit floats.

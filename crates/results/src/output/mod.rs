@@ -6,6 +6,7 @@
 //! | CityJSONSeq 2.0 | [`cityjson::write_sequence`] | streams, tilers |
 //! | GeoPackage 1.2 | [`geopackage`] | QGIS, any GIS |
 //! | FlatGeobuf | [`flatgeobuf`] | outlines and heights over the web |
+//! | GeoJSON | [`geojson`] | outlines and heights in longitude and latitude, for web maps |
 //! | 3D Tiles 1.1 | [`tiles3d`] | Cesium, digital twins |
 //! | PNG | [`picture`] | a first look |
 //! | JSON | [`reports`] | pipelines |
@@ -24,6 +25,7 @@ mod error;
 mod facts;
 pub mod fallback;
 pub mod flatgeobuf;
+pub mod geojson;
 pub mod geopackage;
 pub mod grid;
 mod lineage;

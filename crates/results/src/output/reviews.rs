@@ -8,8 +8,10 @@ use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::{BuildingRecord, OutputError, Records, Status};
+use sizeup_geo::geodata::geojson::FeatureCollection;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 
 /// Heights closer than this are the same: files keep millimetres, metres.
@@ -52,16 +54,6 @@ struct Review {
     sigma_m: Option<f64>,
 }
 
-#[derive(Deserialize)]
-struct Collection {
-    features: Vec<Feature>,
-}
-
-#[derive(Deserialize)]
-struct Feature {
-    properties: Review,
-}
-
 /// Why decisions cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReviewsError {
@@ -101,9 +93,11 @@ impl Reviews {
     }
 
     fn parse(text: &str) -> Result<Self, String> {
-        let collection: Collection = serde_json::from_str(text).map_err(|e| e.to_string())?;
+        let collection = text.parse::<FeatureCollection>().map_err(|e| e.to_string())?;
         let mut by_id = BTreeMap::new();
-        for Feature { properties: review } in collection.features {
+        for feature in collection.features {
+            let properties = Value::Object(feature.properties.unwrap_or_default());
+            let review: Review = serde_json::from_value(properties).map_err(|e| e.to_string())?;
             let id = review.building_id.clone();
             let is_length = |metres: f64| metres > 0.0 && metres.is_finite();
             if review.decision != Decision::Wrong && !review.height_m.is_some_and(is_length) {

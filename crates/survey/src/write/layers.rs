@@ -5,19 +5,16 @@
 use std::path::Path;
 
 use glam::{DVec2, DVec3};
-use serde_json::{Value, json};
 
 use super::Converted;
 use crate::angles::opk_deg;
 use crate::{Survey, SurveyError, View, ViewKind, ground};
-use sizeup_geo::crs::{Crs, CrsError, Transform};
-use sizeup_geo::files::{write_whole, write_whole_by_name};
+use sizeup_geo::crs::{Crs, CrsError};
+use sizeup_geo::files::write_whole_by_name;
+use sizeup_geo::geodata::geojson::{self, Feature, GeometryValue, JsonObject, LonLat, Winding};
 use sizeup_geo::geodata::view_layers::{self, Attributes, Layer, Shape};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::Terrain;
-
-/// Decimals of a degree in `GeoJSON`: 1e-9° is 0.1 mm.
-const DEGREE_DECIMALS: f64 = 1e9;
 
 /// The three layers in the project's CRS.
 fn layers(survey: &Survey, terrain: &Terrain) -> Vec<Layer> {
@@ -83,52 +80,36 @@ pub(super) fn write_geojson(
     // `survey.geojson` names a folder `survey`: three layers do not fit one file.
     let folder = folder.with_extension("");
     let mut converted = Converted::default();
-    let lonlat_from_map = if let Ok(transform) = Transform::new(project_crs, &Crs::parse("EPSG:4326")?) {
-        transform
+    let lonlat = if let Ok(lonlat) = LonLat::wgs84(project_crs) {
+        lonlat
     } else {
         let base = project_crs.geographic_base()?;
         let message = format!("no accurate way from {project_crs} to WGS 84: longitudes and latitudes are in {base}");
         let subject = Subject::Input(folder.display().to_string());
         converted.issues.push(Issue::new(Severity::Warning, "geojson_datum", subject, message));
-        Transform::new(project_crs, &base)?
+        LonLat::new(project_crs, &base)?
     };
     for layer in layers(survey, terrain) {
-        let features: Result<Vec<Value>, CrsError> =
-            layer.features.iter().map(|(shape, attributes)| feature(shape, attributes, &lonlat_from_map)).collect();
-        let collection = json!({ "type": "FeatureCollection", "name": layer.name, "features": features? });
         let path = folder.join(layer.name).with_extension("geojson");
-        write_whole(&path, |file| {
-            serde_json::to_writer(&mut *file, &collection)?;
-            writeln!(file)
+        let members = JsonObject::from_iter([("name".to_owned(), layer.name.into())]);
+        geojson::write(&path, &members, |push| -> Result<(), SurveyError> {
+            layer.features.iter().try_for_each(|(shape, attributes)| push(&feature(shape, attributes, &lonlat)?))
         })?;
         converted.files.push(path);
     }
     Ok(converted)
 }
 
-fn feature(shape: &Shape, attributes: &Attributes, lonlat_from_map: &Transform) -> Result<Value, CrsError> {
-    let position = |p: &DVec3| -> Result<Value, CrsError> {
-        let (lon_deg, lat_deg) = lonlat_from_map.point(p.x, p.y)?;
-        let rounded = |degrees: f64| (degrees * DEGREE_DECIMALS).round() / DEGREE_DECIMALS;
-        Ok(json!([rounded(lon_deg), rounded(lat_deg), (p.z * 1e4).round() / 1e4]))
-    };
-    let positions = |points: &[DVec3]| points.iter().map(position).collect::<Result<Vec<Value>, CrsError>>();
+fn feature(shape: &Shape, attributes: &Attributes, lonlat: &LonLat) -> Result<Feature, CrsError> {
+    let places = |points: &[DVec3]| points.iter().map(|point| point.to_array()).collect::<Vec<_>>();
     let geometry = match shape {
-        Shape::Point(p) => json!({ "type": "Point", "coordinates": position(p)? }),
-        Shape::Line(points) => json!({ "type": "LineString", "coordinates": positions(points)? }),
+        Shape::Point(place) => GeometryValue::Point { coordinates: lonlat.position(&place.to_array())? },
+        Shape::Line(points) => GeometryValue::LineString { coordinates: lonlat.line(places(points))? },
         Shape::Polygon(ring) => {
-            let mut ring = positions(ring)?;
-            ring.extend(ring.first().cloned());
-            // RFC 7946: outer rings run counterclockwise; an image's outline seen from above runs clockwise.
-            ring.reverse();
-            json!({ "type": "Polygon", "coordinates": [ring] })
+            GeometryValue::Polygon { coordinates: vec![lonlat.ring(places(ring), Winding::Counterclockwise)?] }
         }
     };
-    let mut properties = serde_json::Map::new();
-    properties.insert("name".to_owned(), attributes.name.clone().into());
-    properties.insert("kind".to_owned(), attributes.kind.into());
-    for (name, number) in &attributes.numbers {
-        properties.insert((*name).to_owned(), (*number).into());
-    }
-    Ok(json!({ "type": "Feature", "properties": properties, "geometry": geometry }))
+    let numbers = attributes.numbers.iter().map(|(name, number)| ((*name).to_owned(), (*number).into()));
+    let words = [("name".to_owned(), attributes.name.as_str().into()), ("kind".to_owned(), attributes.kind.into())];
+    Ok(geojson::feature(None, Some(geometry), words.into_iter().chain(numbers).collect()))
 }

@@ -1,0 +1,149 @@
+#!/usr/bin/env python3
+"""Measures the tables of docs/accuracy.md, and writes them there.
+
+tools/accuracy.py measure PROGRAM FOLDER [DATA]   every suite below into FOLDER; what is there already is not run again.
+                                                  DATA: the folder of real data, without which suites that need it are left out
+tools/accuracy.py write FOLDER [DOCUMENT]         the tables between `<!-- NAME -->` and `<!-- /NAME -->` of docs/accuracy.md
+
+No setting of the program was chosen on these seeds, nor on the eastern half of Rotterdam, nor on Delft.
+"""
+import json
+import pathlib
+import subprocess
+import sys
+
+LEVELS = ["clean", "mid", "high", "bleed"]
+TOWNS = ["village", "district", "downtown"]
+METHODS = ["robust", "paper", "metric_lift", "regression_l1", "regression_l2"]
+PHOTOS = "photo_px=[800,600]"
+# Errors of poses: metres and degrees.
+POSES = {"exact": (0, 0), "RTK": (0.1, 0.3), "poor RTK": (0.3, 0.5), "GNSS": (0.3, 1.0)}
+ROTTERDAM = "rotterdam_lod2/rotterdam_delfshaven.city.json"
+CAMERAS = "rotterdam_oblique_cameras/camera_parameters.txt"
+DELFT = "delft_lidar_lod1/output/testarea.json"
+
+
+def real(data):
+    """The towns of real buildings, as `sizeup benchmark` takes them."""
+    city = f'path="{data / ROTTERDAM}",bounds_m=[90830,435400,91350,436100],max_buildings=80,trees_per_building=1'
+    survey = f'path="{data / CAMERAS}",crs="EPSG:7415",csv={{name="image_id",angles="opk",sequence="zyx",direction="world_to_camera"}}'
+    cameras = f'survey={{{survey}}},crs="EPSG:7415",at_m=[90597,437641]'
+    return ",".join([
+        f'{{name="Rotterdam, real cameras",cityjson={{{city},translation_m=[-493,1891,0]}},cameras={{{cameras}}}}}',
+        f'{{name="Rotterdam, simulated flight",cityjson={{{city}}}}}',
+        f'{{name="Delft, simulated flight",cityjson={{path="{data / DELFT}",max_buildings=160,trees_per_building=1}}}}',
+    ])
+
+
+def run(*arguments):
+    print(" ".join(map(str, arguments)), file=sys.stderr, flush=True)
+    return subprocess.run(list(map(str, arguments)), check=True, capture_output=True, text=True).stdout
+
+
+def benchmark(program, folder, *settings):
+    run(program, "benchmark", "accuracy", "--output", folder, *(part for setting in settings for part in ("--set", setting)))
+
+
+def alone(program, folder, kind, poses):
+    """A town from its photos alone: what `sizeup evaluate` says of it."""
+    told = folder / "told.json"
+    if told.exists():
+        return
+    position_m, angle_deg = POSES[poses]
+    scene = {"seed": 71, "town.n_buildings": 30, "flight.n_views": 70, "camera.width_px": 800, "camera.height_px": 600,
+             "errors.position_m": position_m, "errors.angle_deg": angle_deg}
+    run(program, "simulate", "--preset", kind, *(part for key, value in scene.items() for part in ("--set", f"{key}={value}")), "--output", folder)
+    text = (folder / "sizeup.toml").read_text()
+    before, rest = text.split("[prior]", 1)
+    after = rest[rest.index("\n["):] if "\n[" in rest else "\n"
+    (folder / "photos.toml").write_text(f'{before}[prior]\nsource = "stereo"\n{after}')
+    done = subprocess.run([program, "run", folder / "photos.toml", "--output", folder / "result"], capture_output=True, text=True)
+    if done.returncode not in (0, 5):
+        sys.exit(done.stderr)
+    evaluated = json.loads(run(program, "evaluate", folder / "result/city.city.json", folder / "truth.geojson", "--json"))
+    evaluated["was_aligned"] = (folder / "result/align.json").exists()
+    told.write_text(json.dumps(evaluated))
+
+
+def measure(program, folder, data):
+    folder.mkdir(parents=True, exist_ok=True)
+    held_out = "seeds=[71,72,73,74,75]"
+    benchmark(program, folder / "towns", held_out, f"methods={json.dumps(METHODS)}")
+    robust = 'methods=["robust"]'
+    benchmark(program, folder / "photos", "seeds=[71,72]", PHOTOS, robust, 'levels=["mid","high"]')
+    for kind in ["village", "district"]:
+        for poses in POSES:
+            alone(program, folder / f"alone-{kind}-{poses.replace(' ', '-')}", kind, poses)
+    if data:
+        towns = ["towns=[]", f"real=[{real(data)}]", robust]
+        benchmark(program, folder / "real", "seeds=[1,2]", *towns)
+        benchmark(program, folder / "real-photos", "seeds=[1]", PHOTOS, 'levels=["mid","high"]', *towns)
+
+
+def percent(share):
+    return "–" if share is None else f"{100 * share:.0f}"
+
+
+COLUMNS = ["n", "mean m", "median m", "P90 m", "max m", "bias m", "≤ 1 m", "> 2 m and `measured`", "no height", "within 1, 2 σ"]
+
+
+def cells(statistics, n_misleading, n_without):
+    s = statistics
+    lengths = [f"{s[key]:.2f}" for key in ["error_mean_m", "error_median_m", "error_p90_m", "error_max_m"]]
+    sigmas = [percent(s.get(f"within_{k}_sigma_share")) for k in (1, 2)]
+    within = "–" if "–" in sigmas else f"{sigmas[0]}, {sigmas[1]} %"
+    return [s["n"], *lengths, f"{s['bias_m']:+.2f}", f"{percent(s['within_1m_share'])} %", n_misleading, n_without, within]
+
+
+def table(names, rows):
+    lines = ["| " + " | ".join(names + COLUMNS) + " |", "|" + "---|" * len(names) + "---:|" * len(COLUMNS)]
+    return "\n".join(lines + ["| " + " | ".join(map(str, row)) + " |" for row in rows])
+
+
+def of_suite(folder, keys, wanted=lambda row: True):
+    """The rows of a suite, by level and then as it has them."""
+    told = json.loads((folder / "accuracy.json").read_text())
+    rows = [row for row in told["rows"] if wanted(row)]
+    rows.sort(key=lambda row: LEVELS.index(row["level"]))
+    name = lambda row, key: f"`{row[key]}`" if key == "method" else row[key]
+    return [[name(row, key) for key in keys] + cells(row["statistics"], row["n_misleading"], row["n_without_height"]) for row in rows]
+
+
+def tables(folder):
+    is_all = lambda row: row["town"] == "all"
+    robust = lambda row: row["method"] == "robust"
+    yield "towns", table(["priors", "town"], of_suite(folder / "towns", ["level", "town"], robust))
+    yield "methods", table(["priors", "method"], of_suite(folder / "towns", ["level", "method"], is_all))
+    yield "photos", table(["priors", "town"], of_suite(folder / "photos", ["level", "town"]))
+    rows = []
+    for kind in ["village", "district"]:
+        for poses, (position_m, angle_deg) in POSES.items():
+            told = json.loads((folder / f"alone-{kind}-{poses.replace(' ', '-')}" / "told.json").read_text())
+            misleading = [b for b in told["buildings"] if b["status"] == "measured" and abs(b["signed_error_m"]) > 2]
+            error = "exact" if poses == "exact" else f"{position_m} m, {angle_deg}°"
+            rows.append([kind, error, "yes" if told["was_aligned"] else "no"] + cells(told["all"], len(misleading), told["counts"]["n_unobserved"]))
+    yield "alone", table(["town", "poses off by", "aligned by the run"], rows)
+    if (folder / "real").exists():
+        yield "real", table(["priors", "buildings and cameras"], of_suite(folder / "real", ["level", "town"], lambda row: not is_all(row)))
+        yield "real-photos", table(["priors", "buildings and cameras"], of_suite(folder / "real-photos", ["level", "town"], lambda row: not is_all(row)))
+
+
+def write(folder, document):
+    text = document.read_text()
+    for name, body in tables(folder):
+        start, end = f"<!-- {name} -->", f"<!-- /{name} -->"
+        if start not in text:
+            sys.exit(f"{document} has no {start}")
+        head, rest = text.split(start, 1)
+        text = head + start + "\n" + body + "\n" + end + rest.split(end, 1)[1]
+    document.write_text(text)
+
+
+if __name__ == "__main__":
+    match sys.argv[1:]:
+        case ["measure", program, folder, *data]:
+            measure(pathlib.Path(program).absolute(), pathlib.Path(folder), pathlib.Path(data[0]).absolute() if data else None)
+        case ["write", folder, *document]:
+            write(pathlib.Path(folder), pathlib.Path(document[0] if document else "docs/accuracy.md"))
+        case _:
+            sys.exit(__doc__)
