@@ -86,7 +86,7 @@ if [ "$kind" = deb ]; then
   in_root "test -s /usr/share/man/man1/sizeup-run.1.gz && bash -n /usr/share/bash-completion/completions/sizeup"
   in_root "apt-get remove -y -qq sizeup >/dev/null 2>&1 && ! command -v sizeup"
 else
-  in_root "/root/venv/bin/pip install -q --disable-pip-version-check numpy" >&2
+  in_root "PIP_CERT=/etc/ssl/certs/ca-certificates.crt /root/venv/bin/pip install -q --disable-pip-version-check numpy" >&2
   cp "$here/python/examples/heights_from_arrays.py" "$root/root/"
   in_root "cd /root && /root/venv/bin/python heights_from_arrays.py" >&2
   in_root "cd /root && /root/venv/bin/python -c 'import sizeup; city = sizeup.read(\"sizeup-demo/result\"); assert len(city) == 43, len(city); print(city.crs, city.buildings[0])'" >&2

@@ -49,6 +49,7 @@ class Arrays(unittest.TestCase):
 
     def test_what_cannot_be_used_is_named_with_its_place_and_a_hint(self):
         bowtie = [SQUARE[0], SQUARE[2], SQUARE[1], SQUARE[3]]
+        nowhere = sizeup.Pose([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0, float("nan"), 0.0])
         skewed = sizeup.Pose([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0]], [0.0, 0.0, 0.0])
         wrong = [
             (r"footprints\[1\]: ", dict(footprints=[SQUARE, bowtie])),
@@ -61,6 +62,7 @@ class Arrays(unittest.TestCase):
             (r"views: a more than once", dict(views=[view(), view()])),
             (r"ground_m: expected one number or 1, one per footprint, found shape \(2,\)", dict(ground_m=[1.0, 2.0])),
             (r"ground of footprints\[0\]", dict(ground_m=float("nan"))),
+            (r"views\[0\] \(.a.\): camera_from_map.translation: expected finite numbers", dict(views=[view(camera_from_map=nowhere)])),
         ]
         for message, changes in wrong:
             with self.subTest(message), self.assertRaisesRegex(sizeup.InputError, message) as caught:

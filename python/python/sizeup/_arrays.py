@@ -219,15 +219,17 @@ def _grid(terrain: Grid, shape: tuple[int, int]) -> dict[str, Any]:
 
 
 def _ground(ground_m: float | Sequence[float], n: int) -> list[float]:
-    levels = _array(ground_m, "ground_m", "f8")
-    if levels.ndim == 0:
-        return [float(levels)] * n
-    if levels.shape != (n,):
+    found = _array(ground_m, "ground_m", "f8")
+    levels = [float(found)] * n if found.ndim == 0 else [float(level) for level in found.flat]
+    if found.ndim > 0 and found.shape != (n,):
         raise InputError(
-            f"ground_m: expected one number or {n}, one per footprint, found shape {levels.shape}",
+            f"ground_m: expected one number or {n}, one per footprint, found shape {found.shape}",
             "sample the terrain at each footprint, in their order",
         )
-    return [float(level) for level in levels]
+    for i, level in enumerate(levels):
+        if not math.isfinite(level):
+            raise InputError(f"ground of footprints[{i}]: expected metres, found {level}", "leave out footprints without ground")
+    return levels
 
 
 def _rings(outline: Any, where: str) -> list[bytes]:
@@ -292,14 +294,21 @@ def _rows(values: Any, n: int, where: str) -> list[list[float]]:
     found = _array(values, where, "f8")
     if found.shape != (n, n):
         raise InputError(f"{where}: expected {n} × {n} numbers, found shape {found.shape}", "Pose.looking_at makes a pose")
-    return [[float(x) for x in row] for row in found]
+    return [_finite(row, where) for row in found]
 
 
 def _numbers(values: Any, n: int, where: str) -> list[float]:
     found = _array(values, where, "f8")
     if found.shape != (n,):
         raise InputError(f"{where}: expected {n} numbers, found shape {found.shape}", "a flat list, metres")
-    return [float(x) for x in found]
+    return _finite(found, where)
+
+
+def _finite(values: Any, where: str) -> list[float]:
+    numbers = [float(x) for x in values]
+    if not all(map(math.isfinite, numbers)):
+        raise InputError(f"{where}: expected finite numbers, found {numbers}", "leave out photos without a pose")
+    return numbers
 
 
 def _json(question: Any) -> str:

@@ -120,7 +120,7 @@ pub(super) fn best<'a>(prism: &'a Prism, flat_m: f32, step: &Roof, views: &[Roof
             let rise_m = house.tallest_m() * i as f32 / N_RISES as f32;
             // The upper level lies somewhere between eave and mean.
             let eave_m = step.ridge_m as f32 + 0.5 - 0.75 * rise_m * k as f32 / (N_EAVES - 1) as f32;
-            let tried = House { rise_m, eave_m, ..house };
+            let tried = House { eave_m, rise_m, ..house };
             if tried.is_sound() {
                 let total = total(&tried);
                 if best.is_none_or(|(best, _)| total > best) {

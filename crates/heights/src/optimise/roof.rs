@@ -199,6 +199,20 @@ pub(super) struct Margin {
     pub n_more: f64,
 }
 
+impl Margin {
+    /// Whether the scores of a roof in some views are better by it than those of a simpler one.
+    fn is_passed(self, views: &[RoofView<'_>], scores: &[f64], simple: &[f64]) -> bool {
+        let gains: Vec<f64> = scores.iter().zip(simple).map(|(score, simple)| score - simple).collect();
+        // A score holds the agreement too: its greatest is one and the weight of that.
+        let of_view = |(view, (score, simple)): (&RoofView<'_>, (&f64, &f64))| {
+            let greatest = 1.0 + view.weight;
+            (view.window.n_rays(), simple / greatest, score / greatest)
+        };
+        let of_views = views.iter().zip(scores.iter().zip(simple)).map(of_view);
+        is_clear(&gains, self.gain, self.standard_errors) && (self.n_more == 0.0 || carries(self.n_more, of_views))
+    }
+}
+
 /// Whether rays carry the numbers that one roof takes more than another (Bayes' criterion of information, Schwarz 1978):
 ///
 /// ```text
@@ -232,19 +246,7 @@ pub(super) struct Fit<'a> {
 impl Fit<'_> {
     /// Whether its scores in some views are clearly better than those of a simpler roof.
     fn is_better(&self, views: &[RoofView<'_>], scores: &[f64], simple: &[f64]) -> bool {
-        self.is_better_by(self.margin, views, scores, simple)
-    }
-
-    fn is_better_by(&self, margin: Margin, views: &[RoofView<'_>], scores: &[f64], simple: &[f64]) -> bool {
-        let gains: Vec<f64> = scores.iter().zip(simple).map(|(score, simple)| score - simple).collect();
-        // A score holds the agreement too: its greatest is one and the weight of that.
-        let of_view = |(view, (score, simple)): (&RoofView<'_>, (&f64, &f64))| {
-            let greatest = 1.0 + view.weight;
-            (view.window.n_rays(), simple / greatest, score / greatest)
-        };
-        let of_views = views.iter().zip(scores.iter().zip(simple)).map(of_view);
-        is_clear(&gains, margin.gain, margin.standard_errors)
-            && (margin.n_more == 0.0 || carries(margin.n_more, of_views))
+        self.margin.is_passed(views, scores, simple)
     }
 }
 
@@ -313,7 +315,7 @@ pub(super) fn find<'a>(
     let simple = taken.map_or(&flat, |fit| &fit.scores);
     let n_more = if taken.is_some_and(|fit| fit.roof.form == RoofForm::Stepped) { 1.0 } else { 1.0 + N_MORE };
     let is_believed_mixed = |fit: &&Fit<'_>| {
-        fit.is_better_by(Margin { n_more, ..fit.margin }, near, &fit.scores, simple)
+        Margin { n_more, ..fit.margin }.is_passed(near, &fit.scores, simple)
             && (!is_far(&fit.roof) || is_better_in_whole(fit))
     };
     let taken = mixed.as_ref().filter(is_believed_mixed).or(taken);

@@ -81,6 +81,11 @@ struct Lattice {
 /// Cells of a lattice: columns and rows, from and to (exclusive).
 type Cells = [usize; 4];
 
+/// Whether both ends of every wall are on one line.
+fn walls_are_straight(corners: &[Vec2]) -> bool {
+    corners.windows(2).all(|wall| (wall[1] - wall[0]).abs().min_element() <= SAME_LINE_M)
+}
+
 impl Lattice {
     fn of(prism: &Prism, axes: Mat2) -> Option<Self> {
         let mut rings = prism.rings();
@@ -102,14 +107,8 @@ impl Lattice {
         let lattice = Self { is_inside, ..lattice };
         let of_cells = lattice.area_m2(|_| true);
         // By walls that are askew the two differ: both ways, since cells are inside by their middles.
-        let is_rectangular =
-            (of_cells - prism.area_m2()).abs() <= MOST_OFF * of_cells && lattice.walls_are_straight(&corners);
+        let is_rectangular = (of_cells - prism.area_m2()).abs() <= MOST_OFF * of_cells && walls_are_straight(&corners);
         is_rectangular.then_some(lattice)
-    }
-
-    /// Whether both ends of every wall are on one line.
-    fn walls_are_straight(&self, corners: &[Vec2]) -> bool {
-        corners.windows(2).all(|wall| (wall[1] - wall[0]).abs().min_element() <= SAME_LINE_M)
     }
 
     fn corners(&self, [from_col, to_col, from_row, to_row]: Cells) -> (Vec2, Vec2) {
