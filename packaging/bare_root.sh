@@ -42,6 +42,8 @@ cp /etc/resolv.conf "$root/etc/resolv.conf"
 cp "$package" "$root/root/"
 # Registries behind an organisation's certificates.
 mkdir -p "$root/etc/ssl/certs" && cp -L /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"
+# That of the distribution takes its place once Python is installed.
+cp -L /etc/ssl/certs/ca-certificates.crt "$root/root/registries.crt"
 file=/root/$(basename "$package")
 for tool in cc gcc g++ rustc cargo ogrinfo gdalinfo; do
   ! in_root "command -v $tool" >/dev/null || fail "this root is not bare: it has $tool"
@@ -86,7 +88,7 @@ if [ "$kind" = deb ]; then
   in_root "test -s /usr/share/man/man1/sizeup-run.1.gz && bash -n /usr/share/bash-completion/completions/sizeup"
   in_root "apt-get remove -y -qq sizeup >/dev/null 2>&1 && ! command -v sizeup"
 else
-  in_root "PIP_CERT=/etc/ssl/certs/ca-certificates.crt /root/venv/bin/pip install -q --disable-pip-version-check numpy" >&2
+  in_root "PIP_CERT=/root/registries.crt /root/venv/bin/pip install -q --disable-pip-version-check numpy" >&2
   cp "$here/python/examples/heights_from_arrays.py" "$root/root/"
   in_root "cd /root && /root/venv/bin/python heights_from_arrays.py" >&2
   in_root "cd /root && /root/venv/bin/python -c 'import sizeup; city = sizeup.read(\"sizeup-demo/result\"); assert len(city) == 43, len(city); print(city.crs, city.buildings[0])'" >&2

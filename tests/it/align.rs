@@ -29,7 +29,7 @@ fn poses(model: &Path, config: &Path) -> Vec<(String, DQuat, DVec3)> {
         let turn = DQuat::from_xyzw(n[1], n[2], n[3], n[0]).normalize();
         (words[9].to_owned(), turn, DVec3::from_slice(&offset) - turn.inverse() * DVec3::new(n[4], n[5], n[6]))
     };
-    text.lines().filter(|line| line.ends_with(".jpg")).map(pose).collect()
+    text.lines().filter(|line| line.contains(".jpg")).map(pose).collect()
 }
 
 fn middle(mut values: Vec<f64>) -> f64 {

@@ -495,7 +495,7 @@ fn entry(tag: u16, kind: u16, n: usize, value: [u8; 4]) -> Vec<u8> {
 }
 
 /// A JPEG of a camera's make, a place, a height and a maker note, without XMP.
-fn photo_with_maker_note(make: &[u8; 4], geodetic: DVec3, note: &[u8]) -> Vec<u8> {
+fn photo_with_maker_note(make: [u8; 4], geodetic: DVec3, note: &[u8]) -> Vec<u8> {
     const EXIF_AT: usize = 8 + 2 + 3 * 12 + 4;
     const GPS_AT: usize = EXIF_AT + 2 + 12 + 4;
     const DATA_AT: usize = GPS_AT + 2 + 5 * 12 + 4;
@@ -509,7 +509,7 @@ fn photo_with_maker_note(make: &[u8; 4], geodetic: DVec3, note: &[u8]) -> Vec<u8
     let data = [angle(geodetic.y), angle(geodetic.x), height, note.to_vec()];
     let place_of = |i: usize| at(DATA_AT + data[..i].iter().map(Vec::len).sum::<usize>());
     let directories = [
-        vec![entry(0x010F, 2, 4, *make), entry(0x8769, 4, 1, at(EXIF_AT)), entry(0x8825, 4, 1, at(GPS_AT))],
+        vec![entry(0x010F, 2, 4, make), entry(0x8769, 4, 1, at(EXIF_AT)), entry(0x8825, 4, 1, at(GPS_AT))],
         vec![entry(0x927C, 7, note.len(), place_of(3))],
         vec![
             entry(1, 2, 2, *b"N\0\0\0"),
@@ -564,11 +564,11 @@ fn drone_photos_without_xmp_are_read_by_their_maker_notes_and_others_are_refused
             .collect()
     };
     let write = |name: &str, photo: Vec<u8>| fs::write(folder.path().join(name), photo).unwrap();
-    write("little.jpg", photo_with_maker_note(b"DJI\0", geodetic, &note(true)));
-    write("big.jpg", photo_with_maker_note(b"DJI\0", geodetic, &note(false)));
-    write("other_make.jpg", photo_with_maker_note(b"FLY\0", geodetic, &note(true)));
-    write("other_note.jpg", photo_with_maker_note(b"DJI\0", geodetic, b"[ae_dbg_info:abcdefghijklmnop]"));
-    write("short.jpg", photo_with_maker_note(b"DJI\0", geodetic, &note(true)[..40]));
+    write("little.jpg", photo_with_maker_note(*b"DJI\0", geodetic, &note(true)));
+    write("big.jpg", photo_with_maker_note(*b"DJI\0", geodetic, &note(false)));
+    write("other_make.jpg", photo_with_maker_note(*b"FLY\0", geodetic, &note(true)));
+    write("other_note.jpg", photo_with_maker_note(*b"DJI\0", geodetic, b"[ae_dbg_info:abcdefghijklmnop]"));
+    write("short.jpg", photo_with_maker_note(*b"DJI\0", geodetic, &note(true)[..40]));
     let config = SurveyConfig { height: keep_ellipsoidal(), camera: Some(camera()), ..SurveyConfig::at(folder.path()) };
     let survey = survey::read(&config, &utm()).unwrap();
     let names: Vec<&str> = survey.views.iter().map(|view| view.id.0.as_str()).collect();

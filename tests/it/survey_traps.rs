@@ -259,7 +259,7 @@ fn the_principal_point_of_blocks_exchange_is_the_same_in_pixels_and_millimetres(
     let off = |a: &Camera, b: &Camera| (a.cx_px - b.cx_px).abs().max((a.cy_px - b.cy_px).abs());
     assert!(off(&pixels, &millimetres) < 1e-6, "{pixels:?} {millimetres:?}");
     // In pixels too, from the centre of the first, and the focal length with the sensor's larger side.
-    assert_eq!((pixels.cx_px, pixels.cy_px), (4684.255_692, 7223.514_100_2));
+    assert_eq!((pixels.cx_px, pixels.cy_px), (4_684.255_692, 7_223.514_100_2));
     let by_sensor = size.replace("<PixelSize>0.0072</PixelSize>", "<SensorSize>103.896</SensorSize>");
     let middle = "<x>4709.5</x><y>7214.5</y>";
     let in_pixels = read("<FocalLengthPixels>13991.05582</FocalLengthPixels>", middle);
@@ -597,7 +597,7 @@ fn parts_of_a_reconstruction_with_origins_of_their_own_are_refused() {
     let part = |longitude: f64, name: &str| {
         serde_json::json!({
             "cameras": { "c": { "projection_type": "perspective", "width": 4000, "height": 3000, "focal": 0.8, "k1": 0, "k2": 0 } },
-            "shots": { name: { "rotation": [3.14, 0, 0], "translation": [0, 0, 100], "camera": "c" } },
+            "shots": { name: { "rotation": [3.1, 0, 0], "translation": [0, 0, 100], "camera": "c" } },
             "reference_lla": { "latitude": 51.0, "longitude": longitude, "altitude": 0.0 },
         })
     };

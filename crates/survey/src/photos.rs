@@ -148,15 +148,9 @@ const CURL: &str = "/vsicurl/";
 
 /// A name as it stands in an address (RFC 3986, 2.3); folders stay.
 fn in_url(name: &str) -> String {
-    let mut address = String::with_capacity(name.len());
-    for byte in name.bytes() {
-        if byte.is_ascii_alphanumeric() || b"-._~/".contains(&byte) {
-            address.push(char::from(byte));
-        } else {
-            address.push_str(&format!("%{byte:02X}"));
-        }
-    }
-    address
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~/".contains(&byte);
+    let in_address = |byte| if is_plain(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") };
+    name.bytes().map(in_address).collect()
 }
 
 /// Index by a part of the path; `None` where several files share it.

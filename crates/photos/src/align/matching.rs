@@ -191,7 +191,7 @@ fn clear_best(candidates: &[Candidate]) -> Option<Candidate> {
 
 /// The pixel that holds a place; `None` left of or above the photo.
 fn pixel_of(place: DVec2) -> Option<[usize; 2]> {
-    place.cmpge(DVec2::ZERO).all().then(|| [place.x as usize, place.y as usize])
+    place.cmpge(DVec2::ZERO).all().then_some([place.x as usize, place.y as usize])
 }
 
 /// A patch laid out on the pixels of another photo: mean 0, sum of squares 1.

@@ -126,8 +126,8 @@ fn inverse(block: &Block) -> Block {
             l[row][col] = if row == col { value.max(f64::MIN_POSITIVE).sqrt() } else { value / l[col][col] };
         }
     }
-    let mut inverse = [[0.0; SIX]; SIX];
-    for col in 0..SIX {
+    // The inverse is symmetric: its columns are its rows.
+    std::array::from_fn(|col| {
         let mut x = [0.0; SIX];
         for row in 0..SIX {
             let unit = if row == col { 1.0 } else { 0.0 };
@@ -136,7 +136,6 @@ fn inverse(block: &Block) -> Block {
         for row in (0..SIX).rev() {
             x[row] = (x[row] - (row + 1..SIX).map(|k| l[k][row] * x[k]).sum::<f64>()) / l[row][row];
         }
-        (0..SIX).for_each(|row| inverse[row][col] = x[row]);
-    }
-    inverse
+        x
+    })
 }

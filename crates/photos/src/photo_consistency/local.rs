@@ -44,16 +44,18 @@ pub fn agreement(pictures: &[&Picture], surface: &[DVec3], min_score: f64, min_l
     let windows = windows(surface);
     let shown: Vec<Shown<'_>> = pictures.iter().map(|picture| Shown::new(picture, surface)).collect();
     let counts = vec![true; pairs.len()];
-    let scores: Vec<Vec<f64>> = (0..n_levels)
-        .map(|level| {
-            let greys: Vec<Vec<f32>> = shown.iter().map(|shown| shown.greys(raised_m(level)).collect()).collect();
-            windows.iter().map(|window| better_pairs(&correlations(&greys, window, &pairs), &counts)).collect()
-        })
-        .collect();
+    // By window, level by level.
+    let mut scores = vec![Vec::with_capacity(n_levels); windows.len()];
+    for level in 0..n_levels {
+        let greys: Vec<Vec<f32>> = shown.iter().map(|shown| shown.greys(raised_m(level)).collect()).collect();
+        for (of_window, window) in scores.iter_mut().zip(&windows) {
+            of_window.push(better_pairs(&correlations(&greys, window, &pairs), &counts));
+        }
+    }
     let same = (SAME_M / step_m).max(SAME_PX / STEP_PX).ceil() as usize;
     let (mut n_known, mut n_same) = (0, 0);
-    for place in 0..windows.len() {
-        let at = |level: usize| scores[level][place];
+    for of_window in &scores {
+        let at = |level: usize| of_window[level];
         let best = (0..n_levels).fold(0, |best, i| if at(i) > at(best) { i } else { best });
         let others = (0..n_levels).filter(|i| i.abs_diff(best) > same).map(at).fold(-1.0, f64::max);
         if at(best) >= min_score && at(best) - others >= min_lead {

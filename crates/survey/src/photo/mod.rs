@@ -2,7 +2,7 @@
 //!
 //! The gimbal's yaw is used (never the aircraft's), with pitch and roll in one product: roll ±180 frames, a few in
 //! every flight past the nadir, come out right without special cases. Yaw counts from true north. Photos whose XMP was lost keep
-//! the same three angles in DJI's maker note (ExifTool's table of its tags; equal to the XMP's in four real photos). Heights are
+//! the same three angles in DJI's maker note (`ExifTool`'s table of its tags; equal to the XMP's in four real photos). Heights are
 //! ellipsoidal where the receiver had a base station (RTK), otherwise of no known reference. Only headers are read. Where
 //! DJI's image log (MRK) lies beside the photos, positions by a base station are its; angles stay the gimbal's.
 //!

@@ -101,7 +101,7 @@ pub(super) fn write_geojson(
 }
 
 fn feature(shape: &Shape, attributes: &Attributes, lonlat: &LonLat) -> Result<Feature, CrsError> {
-    let places = |points: &[DVec3]| points.iter().map(|point| point.to_array()).collect::<Vec<_>>();
+    let places = |points: &[DVec3]| points.iter().map(DVec3::to_array).collect::<Vec<_>>();
     let geometry = match shape {
         Shape::Point(place) => GeometryValue::Point { coordinates: lonlat.position(&place.to_array())? },
         Shape::Line(points) => GeometryValue::LineString { coordinates: lonlat.line(places(points))? },

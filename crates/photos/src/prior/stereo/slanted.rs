@@ -1,4 +1,4 @@
-//! Sloping surfaces: planes of any slope are handed from pixel to pixel where a level one explains the pictures badly (PatchMatch
+//! Sloping surfaces: planes of any slope are handed from pixel to pixel where a level one explains the pictures badly (`PatchMatch`
 //! stereo: Bleyer, Rhemann and Rother 2011, doi:10.5244/C.25.14).
 //!
 //! A plane is the inverse of depth, which is linear over the picture. With `M = Rᵣᵀ·Kᵣ⁻¹` (pixel to direction in the map), the
@@ -94,7 +94,7 @@ impl Plane {
     }
 
     /// The same plane seen from a pixel so far aside.
-    fn from_aside(self, cols: f32, rows: f32) -> Self {
+    fn seen_from_aside(self, cols: f32, rows: f32) -> Self {
         Self { w: self.w + cols * self.right + rows * self.down, ..self }
     }
 }
@@ -183,7 +183,9 @@ fn correlation(way: &Way<'_>, pixel: Vec3, step_px: f32, window: &Window, plane:
     let (last_x, last_y) = way.neighbour.last();
     let mut is_seen = true;
     for i in 0..LANES {
-        is_seen &= (x[i] >= 0.0) & (y[i] >= 0.0) & (x[i] < last_x) & (y[i] < last_y);
+        #[expect(clippy::needless_bitwise_bool, reason = "a branch would keep the loop from the vector unit")]
+        let is_inside = (x[i] >= 0.0) & (y[i] >= 0.0) & (x[i] < last_x) & (y[i] < last_y);
+        is_seen &= is_inside;
     }
     if !is_seen {
         return None;
@@ -314,7 +316,7 @@ impl Slopes<'_> {
 
     /// Whether a level plane that correlates so is left as it is.
     fn is_explained(&self, heights_m: &Raster<f32>, i: usize, score: f32) -> bool {
-        if score < EXPLAINED_AMID_SAME || score >= EXPLAINED {
+        if !(EXPLAINED_AMID_SAME..EXPLAINED).contains(&score) {
             return score >= EXPLAINED;
         }
         let (col, row) = (i % heights_m.width(), i / heights_m.width());
@@ -392,7 +394,7 @@ impl Field {
         // Whole windows keep away from the border: there is a pixel on every side.
         let (beside, above, sign) = if is_forth { (i - 1, i - self.width, 1.0) } else { (i + 1, i + self.width, -1.0) };
         for (from, cols, rows) in [(beside, sign, 0.0), (above, 0.0, sign)] {
-            let plane = self.planes[from].from_aside(cols, rows);
+            let plane = self.planes[from].seen_from_aside(cols, rows);
             let within_px = (judge.step_px * (SIDE / 2) as i32) as f32;
             // A plane that is there already is none to try, and NaN is like nothing.
             if self.scores[from] > self.scores[i].max(0.0) && !plane.is_like(self.planes[i], within_px) {
@@ -451,7 +453,7 @@ mod tests {
         let (z_m, slope) = frame.height_and_slope(pixel, plane);
         assert!((z_m - place(&ideal, pixel).z).abs() < 1e-3 && (slope - SLOPE).length() < 1e-3, "{z_m} {slope}");
         // Seen from another pixel it is the same roof.
-        let aside = frame.height_and_slope(pixel + DVec2::new(12.0, -20.0), plane.from_aside(12.0, -20.0));
+        let aside = frame.height_and_slope(pixel + DVec2::new(12.0, -20.0), plane.seen_from_aside(12.0, -20.0));
         let there = place(&ideal, pixel + DVec2::new(12.0, -20.0)).z;
         assert!((aside.0 - there).abs() < 1e-3 && (aside.1 - SLOPE).length() < 1e-3, "{aside:?} {there}");
     }
@@ -491,7 +493,7 @@ mod tests {
         };
         let truth = |i: usize| place(&here, DVec2::new((i % 96) as f64 + 0.5, (i / 96) as f64 + 0.5)).z;
         // One pixel of thirty has a height, to the next metre.
-        let known = |i: usize| if i * 7919 % 30 == 0 { truth(i).round() as f32 } else { f32::NAN };
+        let known = |i: usize| if (i * 7919).is_multiple_of(30) { truth(i).round() as f32 } else { f32::NAN };
         let start = Raster::from_vec(96, 72, (0..96 * 72).map(known).collect()).unwrap();
         let found = slopes.find(&start);
         // Where both neighbours see the whole window.
