@@ -28,7 +28,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The method alone, without files, GDAL or networks, is the crate [`sizeup_heights`](heights), whose front page has the frames
+//! The method alone, without files, GDAL or networks, is the crate [`sizeup_heights`], whose front page has the frames
 //! and the symbols of the paper.
 
 pub use sizeup_footprints as footprint;

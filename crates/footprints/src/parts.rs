@@ -16,7 +16,7 @@ const WINDOW_MARGIN_M: f64 = 1.0;
 const N_HEAD: usize = 1000;
 
 /// A layer read in parts: one feature after the other, or the surroundings of a place. Ids are the same as in
-/// [`read`].
+/// [`crate::read`].
 #[derive(Debug)]
 pub struct LayerParts<'a> {
     config: &'a FootprintConfig,
@@ -29,7 +29,7 @@ impl<'a> LayerParts<'a> {
     /// Opens the layer and settles its CRS; its features are not read yet.
     ///
     /// # Errors
-    /// As [`read`].
+    /// As [`crate::read`].
     pub fn open(config: &'a FootprintConfig, project_crs: &'a Crs) -> Result<Self, FootprintError> {
         check_config(config)?;
         let mut source = osm::open_layer(config)?;
@@ -62,7 +62,7 @@ impl<'a> LayerParts<'a> {
     /// the layer's own number for them.
     ///
     /// # Errors
-    /// As [`read`].
+    /// As [`crate::read`].
     pub fn visit(mut self, visit: &mut dyn FnMut(FootprintLayer)) -> Result<BTreeMap<u64, String>, FootprintError> {
         let mut reader = self.reader()?;
         for (i, feature) in self.source.features().enumerate() {
@@ -76,7 +76,7 @@ impl<'a> LayerParts<'a> {
     /// [`Self::visit`] returned for the whole layer. What was refused is left out: it may have no place.
     ///
     /// # Errors
-    /// As [`read`].
+    /// As [`crate::read`].
     pub fn around(mut self, area: MapBox, renamed: &BTreeMap<u64, String>) -> Result<FootprintLayer, FootprintError> {
         let to_layer = self.transform(self.project_crs, &self.crs)?;
         let corners = area.grown(WINDOW_MARGIN_M).outline(8).filter_map(|(x, y)| to_layer.point(x, y).ok());

@@ -16,7 +16,7 @@ use sizeup_survey::View;
 /// Returns how far the corners' mean moved, metres, per building.
 ///
 /// # Errors
-/// Never for tracks that [`detect`] made over the same views.
+/// Never for tracks that [`crate::detect()`] made over the same views.
 pub fn move_roofs(
     layer: &mut FootprintLayer,
     tracks: &Tracks,

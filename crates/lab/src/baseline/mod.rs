@@ -9,7 +9,7 @@
 //! | [`convex_hull`], [`stacked_prisms`] | a point cloud | a body per outline |
 //!
 //! Those that give one height per outline take the optimiser's [`Problem`](sizeup_heights::optimise::Problem) and answer with its
-//! [`Solution`](sizeup_heights::optimise::Solution), so that the pipeline can run them in its place and write the same results.
+//! [`Solution`], so that the pipeline can run them in its place and write the same results.
 
 mod curve;
 mod hull;

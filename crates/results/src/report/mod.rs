@@ -9,7 +9,7 @@
 //! that it cannot end that block, and the script puts it into the page as text. A content security policy allows the
 //! page's own script and style by their hashes, pictures that are part of the page, and nothing else.
 //!
-//! [`serve()`] shows cities that are too large for one file: it streams the 3D Tiles of a result to the same viewer.
+//! [`Server`] shows cities that are too large for one file: it streams the 3D Tiles of a result to the same viewer.
 
 mod city;
 mod config;

@@ -68,7 +68,7 @@ impl Default for Tiles3dConfig {
 /// Whether a city of a CRS can be placed on the earth, asked at one place of its map (metres), before any of it is there.
 ///
 /// # Errors
-/// As [`write`]: [`OutputError::HeightsNotStated`], or [`OutputError::Crs`] such as a grid that PROJ lacks.
+/// As [`write()`]: [`OutputError::HeightsNotStated`], or [`OutputError::Crs`] such as a grid that PROJ lacks.
 pub fn check_place(crs: &Crs, heights: Heights, at_m: DVec3) -> Result<(), OutputError> {
     Place::new(crs, heights, at_m).map(drop)
 }
