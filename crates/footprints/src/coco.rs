@@ -14,6 +14,7 @@ use serde::Deserialize;
 use super::layer::FootprintError;
 use super::outlines::{Look, ViewFault};
 use super::vectorise::{Instances, Outline, Vectorising, outlines};
+use sizeup_geo::paths;
 use sizeup_geo::template;
 use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
@@ -123,7 +124,7 @@ pub(super) fn read(path: &Path, category: Option<&str>) -> Result<CocoFile, Foot
 impl CocoFile {
     /// By the photo's name, else by its name without folder, else by its stem.
     fn find(&self, view: &View) -> Option<&Buildings> {
-        let last = |name: &str| name.rsplit(['/', '\\']).next().unwrap_or(name).to_owned();
+        let last = |name: &str| paths::file_name(name).to_owned();
         let name = &view.id.0;
         self.by_name.get(name).or_else(|| {
             let same = |f: &dyn Fn(&str) -> String| {

@@ -32,6 +32,7 @@ use super::coverage::Scratch;
 use super::partition;
 use super::shape::{self, Rules};
 use super::votes::Votes;
+use sizeup_geo::groups::Groups;
 use sizeup_heights::raster::Raster;
 
 /// How candidates of many views become one outline per building.
@@ -215,15 +216,6 @@ pub(super) fn draw_fixed(
     drawn.into_iter().filter_map(|c| Some((number(&c.members)?, c.polygon))).collect()
 }
 
-/// The representative of a set in a forest of sets, paths halved on the way.
-fn find(root: &mut [usize], mut i: usize) -> usize {
-    while root[i] != i {
-        root[i] = root[root[i]];
-        i = root[i];
-    }
-    i
-}
-
 /// Clusters that may touch, directly or through others.
 fn groups(clusters: &[Cluster], neighbour_m: f64) -> Vec<Vec<usize>> {
     let boxes: Vec<_> = clusters.iter().map(|c| bounds(&c.shape)).collect();
@@ -243,18 +235,15 @@ fn groups(clusters: &[Cluster], neighbour_m: f64) -> Vec<Vec<usize>> {
             close
         })
         .collect();
-    let mut root: Vec<usize> = (0..clusters.len()).collect();
+    let mut sets = Groups::new(clusters.len());
     for (i, close) in pairs.iter().enumerate() {
         for &j in close {
-            let (a, b) = (find(&mut root, i), find(&mut root, j));
-            // The lower one stays, whatever the order.
-            root[a.max(b)] = a.min(b);
+            sets.join(i, j);
         }
     }
     let mut groups: Vec<Vec<usize>> = vec![Vec::new(); clusters.len()];
     for i in 0..clusters.len() {
-        let at = find(&mut root, i);
-        groups[at].push(i);
+        groups[sets.first_of(i)].push(i);
     }
     groups.retain(|g| !g.is_empty());
     groups

@@ -9,6 +9,7 @@ pub mod crs;
 pub mod files;
 mod gdal_log;
 pub mod geodata;
+pub mod groups;
 pub mod hashes;
 pub mod issue;
 pub mod limits;

@@ -23,6 +23,13 @@ pub fn resolved(folder: &Path, path: &Path) -> PathBuf {
     if path == Path::new(".") && !folder.as_os_str().is_empty() { folder.to_owned() } else { folder.join(path) }
 }
 
+/// The last part of a path out of a file that any system may have written; all of it where it ends in a separator or has
+/// none.
+#[must_use]
+pub fn file_name(path: &str) -> &str {
+    path.rsplit(['/', '\\']).next().filter(|name| !name.is_empty()).unwrap_or(path)
+}
+
 /// A name out of a file as a path that stays in the folder it is joined to: relative, and without `..`; `None` for any
 /// other. Every name that a file brings goes through here before it becomes part of a path.
 #[must_use]
@@ -128,6 +135,14 @@ mod tests {
         let (mut own, mut path) = (OwnPaths::new(Path::new(folder)), PathBuf::from(path));
         own.resolve(&mut path);
         own.saved(&path, Path::new(result)).display().to_string()
+    }
+
+    #[test]
+    fn the_name_of_a_file_is_the_last_part_of_a_path_of_any_system() {
+        for path in ["C:\\flight\\a b.jpg", "/flight/a b.jpg", "a b.jpg", "C:\\flight/a b.jpg"] {
+            assert_eq!(file_name(path), "a b.jpg");
+        }
+        assert_eq!((file_name("folder/"), file_name("")), ("folder/", ""));
     }
 
     #[test]

@@ -26,6 +26,7 @@ use super::xml::{Element, Step, Xml};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::FileError;
 use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_geo::paths;
 use sizeup_heights::camera::{Camera, Distortion};
 
 /// An unzipped `.xmlz` larger than this is refused; 100,000 photos take 0.2 GB.
@@ -155,7 +156,7 @@ fn world(definition: &str) -> Result<World, String> {
 fn take_photo(photo: &Element, group: &Group, poses: &mut Poses) {
     let name = photo.text_of("ImagePath").map_or_else(
         || format!("photo {}", photo.text_of("Id").unwrap_or("without id")),
-        |path| path.rsplit(['/', '\\']).next().unwrap_or(path).to_owned(),
+        |path| paths::file_name(path).to_owned(),
     );
     let Some(pose) = photo.child("Pose").filter(|pose| pose.child("Center").is_some()) else {
         return poses.refuse("photo_without_pose", &name, "the photo has no pose (it was not aligned)");

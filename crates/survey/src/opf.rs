@@ -34,7 +34,7 @@ use super::error::Place;
 use super::poses::{Pose, Poses, World};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::FileError;
-use sizeup_geo::paths::within;
+use sizeup_geo::paths::{self, within};
 use sizeup_heights::camera::{Camera, Distortion};
 
 /// Coefficients of a fisheye's polynomial, p0 included.
@@ -213,7 +213,7 @@ fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, SurveyError> {
 /// The photo's name in a URI, page of a TIFF left out.
 fn file_name(uri: &str) -> &str {
     let path = uri.split('#').next().unwrap_or(uri);
-    path.rsplit(['/', '\\']).next().unwrap_or(path)
+    paths::file_name(path)
 }
 
 fn world(path: &Path, frame: &SceneFrame) -> Result<World, SurveyError> {

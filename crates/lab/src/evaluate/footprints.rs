@@ -23,6 +23,7 @@ use rstar::primitives::{GeomWithData, Rectangle};
 use rstar::{AABB, RTree};
 use serde::{Deserialize, Serialize};
 
+use sizeup_geo::groups::Groups;
 use sizeup_heights::stats::{mean, quantile};
 
 /// Intersection over union from which a pair is a hit.
@@ -189,26 +190,16 @@ pub fn match_outlines(results: &[MultiPolygon<f64>], truth: &[MultiPolygon<f64>]
     pairs
 }
 
-/// The representative of a set in a forest of sets, paths halved on the way.
-fn find(root: &mut [usize], mut i: usize) -> usize {
-    while root[i] != i {
-        root[i] = root[root[i]];
-        i = root[i];
-    }
-    i
-}
-
 /// Overlaps that share buildings, directly or through others: each island is assigned on its own.
 fn islands(overlaps: &[Vec<OutlinePair>], n_results: usize) -> Vec<Vec<OutlinePair>> {
     let n = overlaps.len();
-    let mut root: Vec<usize> = (0..n + n_results).collect();
+    let mut groups = Groups::new(n + n_results);
     for pair in overlaps.iter().flatten() {
-        let (a, b) = (find(&mut root, pair.truth), find(&mut root, n + pair.result));
-        root[a.max(b)] = a.min(b);
+        groups.join(pair.truth, n + pair.result);
     }
     let mut islands: Vec<Vec<OutlinePair>> = vec![Vec::new(); n + n_results];
     for pair in overlaps.iter().flatten() {
-        islands[find(&mut root, pair.truth)].push(*pair);
+        islands[groups.first_of(pair.truth)].push(*pair);
     }
     islands.retain(|island| !island.is_empty());
     islands

@@ -35,6 +35,7 @@ use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files;
 use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_geo::paths;
 use sizeup_heights::camera::{Camera, Distortion};
 
 /// An entry of the affine map below this part of the greatest counts as 0: a hundredth of a pixel across 10,000 pixels.
@@ -224,7 +225,7 @@ fn raster([col_by_x, col_by_y, _, row_by_x, row_by_y, _]: [f64; 6]) -> Result<(f
 /// The file's name, without folders; blanks in it are written `\ `.
 fn photo_name(block: &Block<'_>) -> String {
     let file = block.text("PHOTO_FILE").unwrap_or_default().replace("\\ ", " ");
-    let name = file.rsplit(['/', '\\']).next().unwrap_or_default();
+    let name = paths::file_name(&file);
     if name.is_empty() { block.text("PHOTO_NUM").unwrap_or("without number").to_owned() } else { name.to_owned() }
 }
 

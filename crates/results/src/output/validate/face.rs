@@ -4,9 +4,9 @@ use glam::DVec3;
 
 use super::super::cityjson::read::CitySurface;
 use super::super::planar::{cross, is_inside, segments_meet, twice_area};
-use super::groups::Groups;
 use super::snap::Snapped;
 use super::{Code, ValidateConfig};
+use sizeup_geo::groups::Groups;
 
 /// Cells per snap tolerance when positions are rounded within a face.
 const CELLS_PER_TOLERANCE: f64 = 10.0;

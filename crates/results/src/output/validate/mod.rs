@@ -13,7 +13,6 @@
 
 mod document;
 mod face;
-mod groups;
 mod merge;
 mod parts;
 pub mod schema;

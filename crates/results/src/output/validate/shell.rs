@@ -8,9 +8,9 @@ use rstar::{AABB, RTree};
 
 use super::super::planar::{cross, is_inside};
 use super::face::{Face, flatten};
-use super::groups::Groups;
 use super::snap::Snapped;
 use super::{Code, Found};
+use sizeup_geo::groups::Groups;
 
 /// Fewest faces that enclose a volume.
 const MIN_FACES: usize = 4;
