@@ -6,16 +6,18 @@ use clap::{Args, Subcommand, ValueEnum};
 use geo::ConvexHull as _;
 use serde::{Deserialize, Serialize};
 
-use super::ui::ALIGNING;
+use super::ui::{ALIGNING, PHOTOS};
 use super::{Failure, Global, Ui, print, print_json, print_lines};
 use crate::pipeline;
 use sizeup_footprints::{FootprintSource, MaskConfig, MaskFiles, OutlineSource as _};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{is_virtual, write_whole};
+use sizeup_geo::issue::Issue;
 use sizeup_geo::limits::Limits;
 use sizeup_geo::paths::resolved;
 use sizeup_geo::terrain::{Terrain, TerrainConfig};
 use sizeup_photos::align::{self, AlignConfig, AlignError, AlignReport, Aligned};
+use sizeup_photos::quality;
 use sizeup_results::output::picture;
 use sizeup_survey::{
     self, CornerErrors, Format, GroundPolygons, Reading, Site, Survey, SurveyConfig, SurveyReport, Target, View,
@@ -96,6 +98,9 @@ pub struct InspectArgs {
     /// Draw the cameras, what they look at and their image footprints as a map.
     #[arg(long, value_name = "FILE.png")]
     picture: Option<PathBuf>,
+    /// Look at every photo too, and name those that are blurred, burnt out or black.
+    #[arg(long)]
+    photos: bool,
     /// Polygons of where the photos are known to look: say how far the image corners are from theirs.
     #[arg(long, value_name = "FILE")]
     compare_footprints: Option<PathBuf>,
@@ -244,7 +249,10 @@ fn inspect(settings: &Settings, args: &InspectArgs, global: &Global) -> Result<I
     if let Some(FootprintSource::Masks(masks)) = &settings.footprints {
         tell_masks(masks, reading.survey(), &ui)?;
     }
-    let report = reading.report(Site { terrain: ground.as_ref(), area: area.as_ref() });
+    let mut report = reading.report(Site { terrain: ground.as_ref(), area: area.as_ref() });
+    if args.photos {
+        report.issues.extend(looked_at(&reading.survey().views, &ui)?);
+    }
     let corner_errors = match &args.compare_footprints {
         Some(path) => {
             let polygons = GroundPolygons::read(path, &args.id_field, crs).map_err(|e| bad_input(&e))?;
@@ -266,6 +274,16 @@ fn inspect(settings: &Settings, args: &InspectArgs, global: &Global) -> Result<I
         picture::write_png(path, &map).map_err(|e| Failure::new(4, &e))?;
     }
     Ok(Inspected { is_sound: report.is_sound(), report, corner_errors })
+}
+
+/// What the photos themselves show.
+fn looked_at(views: &[View], ui: &Ui) -> Result<Vec<Issue>, Failure> {
+    if views.iter().all(|view| view.image.is_none()) {
+        return Err(Failure::from_text(2, "--photos: the survey names no photos\nhint: `--images FOLDER` says where they are"));
+    }
+    let told = quality::look(views, &|done, total| ui.advance_named(PHOTOS, done, total));
+    ui.finish();
+    Ok(told)
 }
 
 /// The hull of the outlines. A configuration may name outlines that are still to come: then there is no area.

@@ -109,6 +109,7 @@ impl Ui {
             Event::Stage(stage) => return self.advance(stage.name(), 0, 0),
             Event::Align { done, total } => (ALIGNING, done, total),
             Event::Ground { done, total } => (GROUND, done, total),
+            Event::Photos { done, total } => (PHOTOS, done, total),
             Event::Advance { what: Solving::Tracing, done, total } => (("tracing", "tracing rays"), done, total),
             Event::Advance { what: Solving::Priors, done, total } => (("priors", "loading priors"), done, total),
             Event::Advance { what: Solving::Epochs, done, total } => (("epochs", "finding heights"), done, total),
@@ -133,6 +134,8 @@ impl Ui {
 /// Some work: its name for programs, and words for people.
 pub(super) type Work = (&'static str, &'static str);
 
+/// Looking for blur and exposure.
+pub(super) const PHOTOS: Work = ("photos", "looking at the photos");
 /// Aligning a survey.
 pub(super) const ALIGNING: Work = ("align", "matching and adjusting, sizes of the photos");
 /// Looking for the ground in the photos.

@@ -113,6 +113,13 @@ pub enum Event {
         /// How many there are.
         total: usize,
     },
+    /// So many photos were looked at for blur and exposure.
+    Photos {
+        /// How many are done.
+        done: usize,
+        /// How many there are.
+        total: usize,
+    },
     /// So many of the places are done where the ground is looked for in the photos.
     Ground {
         /// How many are done.

@@ -1,4 +1,4 @@
-//! Poses brought to agree with the photos, where depth comes from photos that do not fit.
+//! Photos and poses that depth is matched from: bad photos are named, and poses are brought to agree with photos that do not fit.
 
 use super::stages::write_json;
 use super::{Event, PipelineError, Tell};
@@ -7,6 +7,7 @@ use sizeup_geo::crs::Crs;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{self, MapBox, Terrain, TerrainConfig, TerrainError};
 use sizeup_photos::align::{self, AlignError, AlignReport, AlignWhen, Aligned};
+use sizeup_photos::quality;
 use sizeup_survey::{Survey, View};
 
 /// Codes of what is told here.
@@ -25,6 +26,15 @@ pub(super) fn asks(config: &RunConfig) -> bool {
         AlignWhen::Always => true,
         AlignWhen::Never => false,
     }
+}
+
+/// The survey with what is told of its photos, where depth is matched from them.
+pub(super) fn looked_at(config: &RunConfig, mut survey: Survey, tell: Tell<'_>) -> Survey {
+    if config.prior.is_in_metres() {
+        let told = quality::look(&survey.views, &|done, total| tell(Event::Photos { done, total }));
+        survey.issues.extend(told);
+    }
+    survey
 }
 
 /// The survey with poses that fit its photos, as far as the settings want that and the photos are better than the poses.
@@ -96,9 +106,8 @@ fn with_doubt(mut survey: Survey, misfit_px: Option<f64>, why: &AlignError) -> S
 
 /// The survey with the poses that an earlier look at it came to.
 pub(super) fn as_before(mut again: Survey, before: Survey) -> Survey {
-    again
-        .issues
-        .extend(before.issues.into_iter().filter(|issue| [ALIGNED, LEFT_ALONE, POOR].contains(&issue.code.as_str())));
+    let was_told = |code: &str| [ALIGNED, LEFT_ALONE, POOR].contains(&code) || quality::CODES.contains(&code);
+    again.issues.extend(before.issues.into_iter().filter(|issue| was_told(&issue.code)));
     Survey { views: before.views, ..again }
 }
 

@@ -57,7 +57,7 @@ pub(super) fn run(
         // A terrain model is read around the footprints: with it, the survey is looked over once more.
         let ground = config.terrain.constant_m.map(Terrain::Constant);
         let survey = soundness::look_over(config, reading.insert(soundness::read(config)?), ground.as_ref())?;
-        let survey = poses::fitted(config, survey, tell)?;
+        let survey = poses::fitted(config, poses::looked_at(config, survey, tell), tell)?;
         artefact::write(config, Stage::Survey, &survey)?;
         timed(Stage::Survey, start);
         survey

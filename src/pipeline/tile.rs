@@ -23,7 +23,7 @@ use sizeup_footprints::{
 use sizeup_geo::hashes::Content;
 use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::{MapBox, Terrain};
-use sizeup_heights::ids::ViewId;
+use sizeup_heights::ids::{ViewId, with_wholes};
 use sizeup_heights::optimise::solve;
 use sizeup_results::output::reviews::Reviews;
 use sizeup_results::output::{BuildingRecord, InputFile, Lineage, sha256_hex};
@@ -301,13 +301,8 @@ impl<'a> Part<'a> {
     /// outline that was split into it.
     #[must_use]
     pub fn middle_of(&self, id: &str) -> Option<(f64, f64)> {
-        let mut name = id;
-        loop {
-            if let Some(&at) = self.by_id.get(name) {
-                return self.footprints.layer.footprints[at].polygon.bounding_rect().map(|rect| rect.center().x_y());
-            }
-            name = name.rsplit_once('#')?.0;
-        }
+        let at = *with_wholes(id).find_map(|id| self.by_id.get(id))?;
+        self.footprints.layer.footprints[at].polygon.bounding_rect().map(|rect| rect.center().x_y())
     }
 
     /// The origin of its results, made from some files by the settings that concern it.

@@ -1,5 +1,6 @@
 //! What photos add to the order of depths: roofs refined where they agree, and the ground of a run that has no model.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -11,6 +12,8 @@ use sizeup::evaluate::{HeightOptions, evaluate_heights};
 use sizeup::simulate::{SimulateConfig, TownKind, simulate};
 use tempfile::TempDir;
 
+use crate::real_data::warsaw_config;
+use crate::shared_data::shared_data;
 use crate::tiny_scene::{Outcome, sizeup};
 
 /// A small town with photos, poses good to 0.05 m and 0.05°.
@@ -129,4 +132,61 @@ fn a_run_without_a_terrain_model_makes_one_from_its_photos() {
         "{level} and {shifted} m, {with_model} with the model"
     );
     assert!(uncorrected > 1.5, "{uncorrected} m on a model 2.5 m too high");
+}
+
+/// What `survey inspect --photos` tells of photos: codes by photo.
+fn told_of_photos(config: &Path) -> BTreeMap<String, String> {
+    let outcome: Outcome =
+        sizeup().args(["survey", "inspect", "--photos", "--json", "--config"]).arg(config).output().unwrap().into();
+    let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
+    let issues = report["issues"].as_array().unwrap().iter();
+    let about_photos = issues.filter(|issue| issue["code"].as_str().unwrap().starts_with("photo_"));
+    let text = |value: &serde_json::Value| value.as_str().unwrap().to_owned();
+    about_photos.map(|issue| (text(&issue["subject"]["id"]), text(&issue["code"]))).collect()
+}
+
+#[test]
+fn blurred_burnt_out_and_black_photos_are_named_and_good_ones_are_not() {
+    let town = town(|config| config.flight.n_views = Some(12));
+    let config = town.path().join("sizeup.toml");
+    assert_eq!(told_of_photos(&config), BTreeMap::new(), "as they were made");
+    let mut photos: Vec<PathBuf> =
+        fs::read_dir(town.path().join("images")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    photos.sort();
+    let change = |path: &Path, change: &dyn Fn(image::RgbImage) -> image::RgbImage| {
+        change(image::open(path).unwrap().into_rgb8()).save(path).unwrap();
+    };
+    change(&photos[1], &|photo| image::imageops::blur(&photo, 1.5));
+    change(&photos[4], &|mut photo| {
+        photo.pixels_mut().for_each(|pixel| pixel.0 = pixel.0.map(|value| value.saturating_mul(3)));
+        photo
+    });
+    change(&photos[7], &|mut photo| {
+        photo.pixels_mut().for_each(|pixel| pixel.0 = pixel.0.map(|value| value / 40));
+        photo
+    });
+    let told: Vec<(String, String)> = told_of_photos(&config).into_iter().collect();
+    let name = |i: usize| photos[i].file_name().unwrap().to_str().unwrap().to_owned();
+    let expected = [(1, "photo_blurred"), (4, "photo_overexposed"), (7, "photo_underexposed")];
+    assert_eq!(told, expected.map(|(i, code)| (name(i), code.to_owned())));
+}
+
+#[test]
+fn real_photos_are_good_ones_until_they_are_blurred() {
+    let Some(data) = shared_data("warsaw_ochota_photos") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let config = warsaw_config(&data, "{stem}.npy", folder.path());
+    assert_eq!(told_of_photos(&config), BTreeMap::new());
+    let images = folder.path().join("images");
+    fs::create_dir(&images).unwrap();
+    for entry in fs::read_dir(data.join("images")).unwrap() {
+        let path = entry.unwrap().path();
+        let photo = image::open(&path).unwrap().into_rgb8();
+        let blurred = if path.ends_with("img_3163.jpg") { image::imageops::blur(&photo, 2.0) } else { photo };
+        blurred.save(images.join(path.file_name().unwrap())).unwrap();
+    }
+    let text = fs::read_to_string(&config).unwrap();
+    fs::write(&config, text.replace(&format!("{}/images", data.display()), &images.display().to_string())).unwrap();
+    let told = told_of_photos(&config);
+    assert_eq!(told, BTreeMap::from([("img_3163.jpg".to_owned(), "photo_blurred".to_owned())]));
 }

@@ -489,6 +489,58 @@ fn rtk_photos_with_dewarp_data() {
     assert!(survey.issues.iter().any(|issue| issue.message.contains("focal length")), "{:?}", survey.issues);
 }
 
+#[test]
+fn photos_of_a_flight_that_was_too_fast_for_its_shutter_are_told_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let tags = |speed: f64, shutter: &str| {
+        format!(
+            "drone-dji:GpsLatitude=\"+52.1\" drone-dji:GpsLongitude=\"+9.2\" drone-dji:AbsoluteAltitude=\"+120\" \
+             drone-dji:RelativeAltitude=\"+100\" drone-dji:GimbalYawDegree=\"0\" drone-dji:GimbalPitchDegree=\"-90\" \
+             drone-dji:GimbalRollDegree=\"0\" drone-dji:RtkFlag=\"50\" drone-dji:CalibratedFocalLength=\"3600\" \
+             drone-dji:FlightXSpeed=\"+{speed}\" drone-dji:FlightYSpeed=\"-{}\" drone-dji:FlightZSpeed=\"0.0\" \
+             drone-dji:ShutterType=\"{shutter}\"",
+            0.75 * speed
+        )
+    };
+    // 15 m/s for 1/125 s at 36 pixels a metre: 4.3 pixels.
+    let exposed = |name: &str, tags: &str| {
+        let path = folder.path().join(name);
+        photo(&path, tags, 5280, 3956);
+        let bytes = fs::read(&path).unwrap();
+        let ifd = |n: u8| [&[n, 0][..]].concat();
+        let exif = [
+            &b"Exif\0\0II\x2A\0\x08\0\0\0"[..],
+            &ifd(1),
+            &entry(0x8769, 4, 1, 26_u32.to_le_bytes()),
+            &[0; 4],
+            &ifd(1),
+            &entry(0x829A, 5, 1, 44_u32.to_le_bytes()),
+            &[0; 4],
+            &1_u32.to_le_bytes(),
+            &125_u32.to_le_bytes(),
+        ]
+        .concat();
+        let length = u16::try_from(exif.len() + 2).unwrap().to_be_bytes();
+        fs::write(&path, [&bytes[..2], &[0xFF, 0xE1], &length, &exif, &bytes[2..]].concat()).unwrap();
+    };
+    let told = || {
+        let config = SurveyConfig { height: keep_ellipsoidal(), ..SurveyConfig::at(folder.path()) };
+        let issues = survey::read(&config, &utm()).unwrap().issues;
+        let about_motion = issues.into_iter().filter(|i| ["motion_blur", "rolling_shutter"].contains(&i.code.as_str()));
+        about_motion.map(|issue| (issue.code, issue.message)).collect::<Vec<_>>()
+    };
+    exposed("hovering.jpg", &tags(0.1, "Mechanical"));
+    photo(&folder.path().join("untimed.jpg"), &tags(12.0, "Mechanical"), 5280, 3956);
+    exposed("mechanical.jpg", &tags(12.0, "Mechanical"));
+    let one = told();
+    assert_eq!(one.len(), 1, "{one:?}");
+    assert!(one[0].1.contains("1 of 3 photos") && one[0].1.contains("4.3 at most"), "{one:?}");
+    exposed("electronic.jpg", &tags(12.0, "Electronic"));
+    let both = told();
+    assert_eq!(both.iter().map(|(code, _)| code.as_str()).collect::<Vec<_>>(), ["motion_blur", "rolling_shutter"]);
+    assert!(both[1].1.contains("1 of 4 photos") && both[1].1.contains("15.0 m/s"), "{both:?}");
+}
+
 /// One entry of a TIFF directory, little-endian.
 fn entry(tag: u16, kind: u16, n: usize, value: [u8; 4]) -> Vec<u8> {
     [&tag.to_le_bytes()[..], &kind.to_le_bytes(), &u32::try_from(n).unwrap().to_le_bytes(), &value].concat()

@@ -21,8 +21,7 @@ pub fn write<R: Records + ?Sized>(
     model: &CityModel<'_, R>,
     config: &GeoPackageConfig,
 ) -> Result<Overview, OutputError> {
-    let overview = Overview::of(model.records)?;
-    let outlines = OutlineRows::new(&overview, overview.grid(config.scale_m)?, config.min_thickness_m);
+    let (overview, outlines) = OutlineRows::of(model.records, config.scale_m, config.min_thickness_m)?;
     let spec = LayerSpec {
         name: "buildings",
         description: "Outlines with heights",

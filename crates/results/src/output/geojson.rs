@@ -19,8 +19,7 @@ pub fn write<R: Records + ?Sized>(
     model: &CityModel<'_, R>,
     config: &GeoPackageConfig,
 ) -> Result<Overview, OutputError> {
-    let overview = Overview::of(model.records)?;
-    let outlines = OutlineRows::new(&overview, overview.grid(config.scale_m)?, config.min_thickness_m);
+    let (overview, outlines) = OutlineRows::of(model.records, config.scale_m, config.min_thickness_m)?;
     let lonlat = LonLat::wgs84(model.crs)?;
     let members = JsonObject::from_iter([("name".to_owned(), "buildings".into())]);
     write_features(path, &members, |push| {

@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::attributes::{self, FIELDS, Field, ID};
 use super::facts::SolidFacts;
 use super::grid::Grid;
-use super::{BuildingRecord, Overview, wkb};
+use super::{BuildingRecord, OutputError, Overview, Records, wkb};
 use sizeup_geo::geodata::features::{Column, ColumnKind, Row, free_title};
 
 /// Between the items of a list in a text column.
@@ -27,6 +27,20 @@ impl OutlineRows {
     #[must_use]
     pub fn new(overview: &Overview, grid: Grid, min_thickness_m: f64) -> Self {
         Self { columns: columns(overview), carried: carried_columns(overview), grid, min_thickness_m }
+    }
+
+    /// For all buildings of a model on a grid of this scale, and what there is of them.
+    ///
+    /// # Errors
+    /// [`OutputError`]: duplicate ids, a scene larger than the grid.
+    pub fn of<R: Records + ?Sized>(
+        records: &R,
+        scale_m: f64,
+        min_thickness_m: f64,
+    ) -> Result<(Overview, Self), OutputError> {
+        let overview = Overview::of(records)?;
+        let outlines = Self::new(&overview, overview.grid(scale_m)?, min_thickness_m);
+        Ok((overview, outlines))
     }
 
     /// One building.

@@ -13,6 +13,7 @@ use serde_json::Value;
 use super::{BuildingRecord, OutputError, Records, Status};
 use sizeup_geo::geodata::geojson::FeatureCollection;
 use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_heights::ids::with_wholes;
 
 /// Heights closer than this are the same: files keep millimetres, metres.
 const SAME_M: f64 = 0.002;
@@ -127,11 +128,7 @@ impl Reviews {
     /// Those about some outlines and the parts that outlines are split into (`outline#1`).
     #[must_use]
     pub fn about(&self, is_outline: impl Fn(&str) -> bool) -> Self {
-        let is_about = |id: &String| {
-            let mut wholes = std::iter::successors(Some(id.as_str()), |id| Some(id.rsplit_once('#')?.0));
-            wholes.any(&is_outline)
-        };
-        let of_them = self.by_id.iter().filter(|(id, _)| is_about(id));
+        let of_them = self.by_id.iter().filter(|(id, _)| with_wholes(id).any(&is_outline));
         Self { by_id: of_them.map(|(id, review)| (id.clone(), review.clone())).collect() }
     }
 

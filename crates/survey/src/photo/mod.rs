@@ -13,6 +13,7 @@
 mod facts;
 mod header;
 mod lens;
+mod motion;
 mod mrk;
 mod xmp;
 
@@ -25,6 +26,7 @@ use rayon::prelude::*;
 
 pub use self::facts::{PhotoFacts, photo_facts};
 use self::header::Header;
+use self::motion::Motion;
 use self::mrk::{Logs, Record};
 use super::angles::{AngleConvention, AngleKind, North};
 use super::config::{CameraConfig, HeightReference, SurveyConfig};
@@ -52,6 +54,8 @@ struct Reading {
     mismatch: Option<String>,
     /// Standard deviation of the image log's position, metres, horizontal and vertical, where it is used.
     sigma_m: Option<(f64, f64)>,
+    /// How it moved while the photo was exposed, where that is told.
+    motion: Option<Motion>,
 }
 
 /// Reads the headers of all photos below a folder, in parallel.
@@ -76,12 +80,14 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     poses.issues.append(&mut logs.issues);
     let mut is_ellipsoidal = true;
     let mut sigmas_m = Vec::new();
+    let mut motions = Vec::new();
     let mut cameras: BTreeMap<String, Arc<Camera>> = BTreeMap::new();
     for (path, reading) in files.iter().zip(readings) {
         match reading {
-            Ok(Reading { mut pose, focal, rtk, is_ellipsoidal: this, mismatch, sigma_m }) => {
+            Ok(Reading { mut pose, focal, rtk, is_ellipsoidal: this, mismatch, sigma_m, motion }) => {
                 is_ellipsoidal &= this;
                 sigmas_m.extend(sigma_m);
+                motions.extend(motion);
                 if let Some(message) = mismatch {
                     let subject = Subject::View(pose.name.clone());
                     poses.issues.push(Issue::new(Severity::Warning, "mrk_disagrees", subject, message));
@@ -98,6 +104,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
         }
     }
     poses.issues.extend(mrk::remark(folder, &sigmas_m));
+    poses.issues.extend(motion::remark(&motions, poses.poses.len()));
     poses.heights = if is_ellipsoidal { FileHeights::Ellipsoidal } else { FileHeights::Unreliable };
     Ok(poses)
 }
@@ -140,8 +147,9 @@ fn read_one(
         rtk = if record.state == RTK_FIXED { "fixed" } else { "float" };
     }
     let sigma_m = record.map(|record| (record.sigma_m.x.hypot(record.sigma_m.y), record.sigma_m.z));
+    let motion = Motion::of(&header, &tags, lens.camera.fx_px, angles[1]);
     let pose = Pose { name: name.to_owned(), camera: Arc::new(lens.camera), camera_from_world, centre };
-    Ok(Reading { pose, focal: lens.source, rtk, is_ellipsoidal, mismatch, sigma_m })
+    Ok(Reading { pose, focal: lens.source, rtk, is_ellipsoidal, mismatch, sigma_m, motion })
 }
 
 /// A flag of DJI in a word.
