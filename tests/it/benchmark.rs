@@ -121,3 +121,24 @@ fn the_papers_tables_have_every_method_and_keep_its_own_numbers_apart() {
         .into();
     assert!(unknown.code == 2 && unknown.stderr.contains("mini-village"), "{}", unknown.stderr);
 }
+
+#[test]
+fn the_papers_studies_change_what_they_say() {
+    let folder = tempfile::tempdir().unwrap();
+    let outcome: Outcome = sizeup()
+        .args(["benchmark", "paper", "--small", "--set", "scenes=[\"mini-village\"]"])
+        .args(["--set", "studies.of=[\"cover\",\"range\"]", "--output"])
+        .arg(folder.path())
+        .output()
+        .unwrap()
+        .into();
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let tables: Value = serde_json::from_slice(&fs::read(folder.path().join("studies.json")).unwrap()).unwrap();
+    let rows = |study: usize| tables["studies"][study][1].as_array().unwrap().clone();
+    // More views per building are more views, where no others are selected.
+    let selected: Vec<f64> = rows(0)[1..].iter().map(|row| row["n_selected"].as_f64().unwrap()).collect();
+    assert!(selected.len() == 5 && selected.is_sorted() && selected[4] > selected[0] + 2.0, "{selected:?}");
+    // A range that was set is the one that heights are started from.
+    let means: Vec<f64> = rows(1).iter().map(|row| row["statistics"]["error_mean_m"].as_f64().unwrap()).collect();
+    assert!(means[1..].iter().all(|mean| *mean != means[0]), "{means:?}");
+}

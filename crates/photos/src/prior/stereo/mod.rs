@@ -27,6 +27,7 @@ mod sweep;
 
 pub use self::picture::Picture;
 
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Once};
 
 use glam::DVec2;
@@ -49,7 +50,7 @@ use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
 
 /// Changes whenever the same photos and settings would give another depth.
-const ALGORITHM: &[u8] = b"stereo 6";
+const ALGORITHM: &[u8] = b"stereo 7";
 /// A picture whose shorter side has fewer pixels is not asked between which heights there are surfaces.
 const LEAST_SIDE_PX: usize = 60;
 /// What holds together over less than this part of a window is no surface: pixels so close share most of what they were
@@ -59,6 +60,9 @@ const SPECKLE_DIVISOR: usize = 4;
 /// less than this share of their range is looked for too.
 const SURE_WINDOWS: usize = 2;
 const TALLER_SHARE: f64 = 0.5;
+/// So many views whose neighbours had to be turned, and one of so many that were matched, are no chance.
+const MANY_TURNED: usize = 3;
+const MANY_TURNED_OF: usize = 4;
 /// Memory for reduced photos: neighbours follow each other in a survey.
 const PICTURE_BYTES: usize = 128 << 20;
 /// Memory for surfaces that neighbours are held against.
@@ -149,7 +153,25 @@ pub struct StereoPriors {
     terrain: Terrain,
     pictures: Album,
     surfaces: Recent<ViewId, Surface>,
-    misfit_told: Once,
+    misfits: Misfits,
+}
+
+/// Views that were matched, and those of them whose neighbours had to be turned. Of exact poses single views are, too, where
+/// patches were mistaken for others.
+#[derive(Debug)]
+struct Misfits {
+    n_views: AtomicUsize,
+    n_turned: AtomicUsize,
+    told: Once,
+}
+
+impl Misfits {
+    /// Counts a view; whether it is one of many by now that had to be turned.
+    fn are_many(&self, is_turned: bool) -> bool {
+        let n_views = 1 + self.n_views.fetch_add(1, Ordering::Relaxed);
+        let n_turned = usize::from(is_turned) + self.n_turned.fetch_add(usize::from(is_turned), Ordering::Relaxed);
+        is_turned && n_turned >= MANY_TURNED && n_turned * MANY_TURNED_OF >= n_views
+    }
 }
 
 /// What a view's depth is made from.
@@ -169,7 +191,7 @@ impl StereoPriors {
         Ok(Self {
             pictures: Album::new(config.long_side_px, PICTURE_BYTES),
             surfaces: Recent::new((SURFACE_BYTES / Album::bytes_of_one(config.long_side_px).max(1)).max(1)),
-            misfit_told: Once::new(),
+            misfits: Misfits { n_views: AtomicUsize::new(0), n_turned: AtomicUsize::new(0), told: Once::new() },
             config,
             survey: Neighbours::new(views, terrain),
             terrain: terrain.clone(),
@@ -210,7 +232,7 @@ impl StereoPriors {
         let levels = self.with_surfaces(&levels, &half, &halves);
         let aligned = alignment::align(&half, &halves, &levels);
         let is_turned = aligned.is_better();
-        if is_turned {
+        if self.misfits.are_many(is_turned) {
             self.tell_misfit(view, &aligned);
         }
         let ideals = if is_turned { aligned.neighbours } else { stated };
@@ -272,9 +294,9 @@ impl StereoPriors {
         levels.around(&found_m, TALLER_SHARE, view.ideal(), &ideals(others), &self.config)
     }
 
-    /// Once: all photos of a flight are in the same case.
+    /// Once: the photos of a flight are in the same case.
     fn tell_misfit(&self, view: &View, aligned: &Alignment) {
-        self.misfit_told.call_once(|| {
+        self.misfits.told.call_once(|| {
             let [before, after] = aligned.misfit_px.unwrap_or_default();
             // Measured at half the size.
             let px = f64::from(view.camera.width_px.max(view.camera.height_px)) / f64::from(self.config.long_side_px);
@@ -378,4 +400,18 @@ fn in_photo(reference: &Ideal, view: &View, heights_m: &Raster<f32>) -> Raster<f
 fn nearest(raster: &Raster<f32>, at: DVec2) -> f32 {
     let cell = |v: f64, n: usize| (v.floor().max(0.0) as usize).min(n - 1);
     raster[(cell(at.x, raster.width()), cell(at.y, raster.height()))]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn single_views_that_were_turned_are_no_misfit_of_the_flight() {
+        let misfits = Misfits { n_views: AtomicUsize::new(0), n_turned: AtomicUsize::new(0), told: Once::new() };
+        let told: Vec<bool> = (0..30).map(|i| misfits.are_many(i % 10 == 0)).collect();
+        assert_eq!(told, [false; 30], "one of ten");
+        let told: Vec<bool> = (0..30).map(|i| misfits.are_many(i % 2 == 0)).collect();
+        assert!(told.contains(&true) && !told[1], "then every other one: {told:?}");
+    }
 }

@@ -64,6 +64,8 @@ const SAME_PLANE: f32 = 2e-4;
 const LEAST_GAIN: f32 = 0.05;
 /// And so much better than what the least correlation asks for where there was no level plane.
 const LEAST_GAIN_OF_NEW: f64 = 0.1;
+/// A plane that the neighbours who speak for another one like so much less is not asked of the rest.
+const ASIDE: f32 = 0.05;
 /// Steepest roof, as the tangent of its slope: 56 degrees. Walls are no surfaces to look for.
 const STEEPEST: f64 = 1.5;
 /// Times that planes are handed on, each the other way round.
@@ -142,28 +144,52 @@ impl Judge<'_> {
         (squares > LEAST_VARIANCE * N as f32).then(|| Window { values, per_norm: 1.0 / squares.sqrt() })
     }
 
-    /// Mean of the better half of the correlations, −1 where no neighbour sees the whole window.
+    /// How well a plane explains the pictures at a pixel; `None` where it is worse than what is there already.
+    ///
+    /// The neighbours that speak for what is there are asked first: others are asked only if these do not speak against the plane.
     #[inline(always)]
-    fn score(&self, col: usize, row: usize, window: &Window, plane: Plane) -> f32 {
-        /// Most neighbours of a view.
-        const MOST: usize = 16;
-        let mut found = [-1.0_f32; MOST];
-        let mut n = 0;
+    fn verdict(&self, (col, row): (usize, usize), window: &Window, plane: Plane, there: Verdict) -> Option<Verdict> {
         let pixel = Vec3::new(col as f32 + 0.5, row as f32 + 0.5, 1.0);
-        for way in self.ways.iter().take(MOST) {
-            if let Some(score) = correlation(way, pixel, self.step_px as f32, window, plane) {
-                found[n] = score;
-                n += 1;
+        let mut found = [(-1.0_f32, 0_u16); MOST_WAYS];
+        let mut n = 0;
+        for is_first in [true, false] {
+            for (k, way) in self.ways.iter().take(MOST_WAYS).enumerate() {
+                let way_bit = 1 << k;
+                if (there.speaking & way_bit != 0) == is_first
+                    && let Some(score) = correlation(way, pixel, self.step_px as f32, window, plane)
+                {
+                    found[n] = (score, way_bit);
+                    n += 1;
+                }
+            }
+            let sum: f32 = found[..n].iter().map(|(score, _)| score).sum();
+            if is_first && n > 0 && sum < (there.score - ASIDE) * n as f32 {
+                return None;
             }
         }
-        if n == 0 {
-            return -1.0;
-        }
         let found = &mut found[..n];
-        found.sort_unstable_by(|a, b| b.total_cmp(a));
+        found.sort_unstable_by(|(a, _), (b, _)| b.total_cmp(a));
         let half = &found[..n.div_ceil(2)];
-        half.iter().sum::<f32>() / half.len() as f32
+        let score = half.iter().map(|(score, _)| score).sum::<f32>() / half.len().max(1) as f32;
+        let speaking = half.iter().fold(0, |all, (_, way_bit)| all | way_bit);
+        (n > 0 && score > there.score).then_some(Verdict { score, speaking })
     }
+}
+
+/// Most neighbours of a view.
+const MOST_WAYS: usize = 16;
+
+/// How well a plane explains the pictures.
+#[derive(Debug, Clone, Copy)]
+struct Verdict {
+    /// Mean of the better half of the correlations, −1 where no neighbour sees the whole window.
+    score: f32,
+    /// The neighbours of that half, a bit each.
+    speaking: u16,
+}
+
+impl Verdict {
+    const NONE: Self = Self { score: -1.0, speaking: 0 };
 }
 
 /// Of a window with what a neighbour sees of the plane; `None` where it does not see all of it.
@@ -283,7 +309,7 @@ impl Slopes<'_> {
     #[inline(always)]
     fn hand_on(&self, frame: &Frame, judge: &Judge<'_>, heights_m: &Raster<f32>) -> Raster<f32> {
         let mut field = Field::of(frame, judge, heights_m);
-        let level_scores = field.scores.clone();
+        let level_scores: Vec<f32> = field.verdicts.iter().map(|verdict| verdict.score).collect();
         let is_explained: Vec<bool> =
             level_scores.iter().enumerate().map(|(i, score)| self.is_explained(heights_m, i, *score)).collect();
         let n = level_scores.len();
@@ -296,7 +322,7 @@ impl Slopes<'_> {
                 }
                 let Some(window) = judge.window(i % field.width, i / field.width) else { continue };
                 field.take_over(judge, i, &window, is_forth);
-                if field.scores[i] > WORTH_TRYING {
+                if field.verdicts[i].score > WORTH_TRYING {
                     self.try_nearby(frame, judge, &mut field, i, &window, pass);
                 }
             }
@@ -305,7 +331,7 @@ impl Slopes<'_> {
             let level_m = heights_m.data()[i];
             let new = (self.min_score + LEAST_GAIN_OF_NEW) as f32;
             let least = if level_m.is_nan() { new } else { level_scores[i] + LEAST_GAIN };
-            if field.scores[i] < least {
+            if field.verdicts[i].score < least {
                 return level_m;
             }
             let (z_m, slope) = frame.height_and_slope(field.pixel(i), field.planes[i]);
@@ -358,7 +384,7 @@ impl Slopes<'_> {
 struct Field {
     width: usize,
     planes: Vec<Plane>,
-    scores: Vec<f32>,
+    verdicts: Vec<Verdict>,
 }
 
 impl Field {
@@ -366,7 +392,7 @@ impl Field {
     #[inline(always)]
     fn of(frame: &Frame, judge: &Judge<'_>, heights_m: &Raster<f32>) -> Self {
         let (width, n) = (heights_m.width(), heights_m.data().len());
-        let mut field = Self { width, planes: vec![Plane::NONE; n], scores: vec![-1.0; n] };
+        let mut field = Self { width, planes: vec![Plane::NONE; n], verdicts: vec![Verdict::NONE; n] };
         for (i, z) in heights_m.data().iter().enumerate().filter(|(_, z)| !z.is_nan()) {
             let plane = frame.plane(field.pixel(i), f64::from(*z), DVec2::ZERO);
             if let Some(window) = judge.window(i % width, i / width) {
@@ -382,9 +408,9 @@ impl Field {
 
     #[inline(always)]
     fn attempt(&mut self, judge: &Judge<'_>, i: usize, window: &Window, plane: Plane) {
-        let score = judge.score(i % self.width, i / self.width, window, plane);
-        if score > self.scores[i] {
-            (self.planes[i], self.scores[i]) = (plane, score);
+        let at = (i % self.width, i / self.width);
+        if let Some(verdict) = judge.verdict(at, window, plane, self.verdicts[i]) {
+            (self.planes[i], self.verdicts[i]) = (plane, verdict);
         }
     }
 
@@ -397,7 +423,7 @@ impl Field {
             let plane = self.planes[from].seen_from_aside(cols, rows);
             let within_px = (judge.step_px * (SIDE / 2) as i32) as f32;
             // A plane that is there already is none to try, and NaN is like nothing.
-            if self.scores[from] > self.scores[i].max(0.0) && !plane.is_like(self.planes[i], within_px) {
+            if self.verdicts[from].score > self.verdicts[i].score.max(0.0) && !plane.is_like(self.planes[i], within_px) {
                 self.attempt(judge, i, window, plane);
             }
         }
@@ -471,7 +497,10 @@ mod tests {
         let judge = Judge { grey: reference.grey(), ways: vec![way], step_px: 2 };
         let window = judge.window(48, 36).unwrap();
         let pixel = DVec2::new(48.5, 36.5);
-        let score = |slope: DVec2| judge.score(48, 36, &window, frame.plane(pixel, place(&here, pixel).z, slope));
+        let score = |slope: DVec2| {
+            let plane = frame.plane(pixel, place(&here, pixel).z, slope);
+            judge.verdict((48, 36), &window, plane, Verdict::NONE).map_or(-1.0, |verdict| verdict.score)
+        };
         assert!(score(SLOPE) > 0.97, "{}", score(SLOPE));
         assert!(score(DVec2::ZERO) < score(SLOPE) - 0.03, "{} {}", score(DVec2::ZERO), score(SLOPE));
     }
