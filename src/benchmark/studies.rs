@@ -420,7 +420,8 @@ fn stability(runs: &[Outcome]) -> Vec<StabilityRow> {
             epoch: epoch + 1,
             loss: mean(&|pass| pass.loss),
             relative_change: mean(&|pass| pass.relative_change),
-            stable_share: runs.iter().filter(|run| is_stable_by(run, epoch + 1)).count() as f64 / runs.len().max(1) as f64,
+            stable_share: runs.iter().filter(|run| is_stable_by(run, epoch + 1)).count() as f64
+                / runs.len().max(1) as f64,
             to_last_m: mean(&|pass| pass.to_last_m),
         }
     };

@@ -61,12 +61,15 @@ pub(super) fn lacks_of_flight(flight: &Flight) -> Vec<Lack> {
     lacks.into_iter().map(Lack::of_flight).collect()
 }
 
+/// Photos whose focal length is known to some per cent only.
+pub(super) fn n_uncalibrated(found: &Findings) -> Option<usize> {
+    found.source.look.focal.get("35 mm equivalent").copied()
+}
+
 /// What makes heights poor, and does not forbid a run.
 pub(super) fn doubts_of_flight(found: &Findings, flight: &Flight) -> Vec<String> {
     /// Fewer oblique photos of a place leave walls unseen.
     const FEW_OBLIQUE: f64 = 4.0;
-    /// The focal length's source that is off by some per cent.
-    const EQUIVALENT: &str = "35 mm equivalent";
     let mut doubts = Vec::new();
     if let Some(n) = flight.seen_by_oblique.filter(|n| *n < FEW_OBLIQUE && flight.n_oblique > 0) {
         doubts.push(format!(
@@ -81,10 +84,10 @@ pub(super) fn doubts_of_flight(found: &Findings, flight: &Flight) -> Vec<String>
                 .to_owned(),
         );
     }
-    if let Some(n) = found.source.look.focal.get(EQUIVALENT) {
+    if let Some(n) = n_uncalibrated(found) {
         doubts.push(format!(
-            "the focal length of {n} photos is known from its 35 mm equivalent only, 2 to 8 % off: heights are off by as much. State the \
-             calibrated one in [survey.camera], or take poses of photogrammetry"
+            "the focal length of {n} photos is known from its 35 mm equivalent only, 2 to 8 % off: the run finds it with the poses. \
+             Calibrated cameras are better: state them in [survey.camera], or take poses of photogrammetry"
         ));
     }
     doubts

@@ -37,6 +37,20 @@ impl Place {
         }
     }
 
+    /// Numbers whose CRS is named after all: poses that do not say are in the project's.
+    pub(super) fn read_in(self, crs: Option<&str>) -> Self {
+        let Self::Numbers(numbers) = &self else { return self };
+        let places_deg = || {
+            let crs = Crs::parse(crs?).ok().filter(Crs::is_projected)?;
+            let lonlat = Transform::new(&crs, &Crs::parse("EPSG:4326").ok()?).ok()?;
+            numbers.iter().map(|p| lonlat.point(p.x, p.y).ok()).collect::<Option<Vec<_>>>()
+        };
+        match places_deg() {
+            Some(places) => Self::OnEarth(places),
+            None => self,
+        }
+    }
+
     /// Middle longitude and latitude, degrees.
     pub(super) fn middle_deg(&self) -> Option<(f64, f64)> {
         let Self::OnEarth(places) = self else { return None };

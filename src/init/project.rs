@@ -169,7 +169,7 @@ pub(super) struct Story {
 /// [`InitError`] where the folder holds no photos with poses, or what was asked for cannot be used.
 pub fn begin(request: &InitRequest) -> Result<Beginning, InitError> {
     let found = find(request)?;
-    let place = Place::of(&found.source.look);
+    let place = Place::of(&found.source.look).read_in(request.crs.as_deref());
     let mut notes = Notes { warnings: surface_by_name(request), lacks: Vec::new() };
     let placed = match frame_of(request, &found, &place, &mut notes)? {
         Some(frame) => Some(place_in(request, &found, frame, &mut notes)?),
@@ -209,7 +209,7 @@ fn find(request: &InitRequest) -> Result<Findings, InitError> {
     // Pictures elsewhere in the folder are none of the flight's.
     let is_of_flight = |photo: &PhotoFacts| images.as_ref().is_none_or(|folder| photo.path.starts_with(folder));
     let facts = facts.into_iter().filter(is_of_flight).collect();
-    let place = Place::of(&source.look);
+    let place = Place::of(&source.look).read_in(request.crs.as_deref());
     let outlines = match &request.footprints {
         Some(path) => OutlineChoice { chosen: Some(outlines::named(path, &place)?), passed: Vec::new() },
         None => outlines::choose(&inventory, &place),

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::InitRequest;
+use super::checks::n_uncalibrated;
 use super::file::{Entry, Sheet, quoted};
 use super::folder::name_of;
 use super::placing::Placed;
@@ -21,6 +22,11 @@ pub(super) fn text(request: &InitRequest, story: &Story) -> String {
     sheet.table("prior");
     let about = "depth: a network if one is in place (`sizeup model list`), else stereo from the photos";
     sheet.entries(&[Entry::new("source", "\"auto\"", about)]);
+    if n_uncalibrated(&story.found).is_some() {
+        sheet.table("align");
+        let about = "the cameras are not calibrated: their focal length is found with the poses";
+        sheet.entries(&[Entry::new("focal_sigma_percent", "5.0", about)]);
+    }
     sheet.into_text()
 }
 

@@ -6,7 +6,7 @@ use crate::config::RunConfig;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{self, MapBox, Terrain, TerrainConfig, TerrainError};
-use sizeup_photos::align::{self, AlignError, AlignReport, AlignWhen, Aligned};
+use sizeup_photos::align::{self, AlignError, AlignReport, AlignWhen, Aligned, CameraCorrection};
 use sizeup_photos::quality;
 use sizeup_survey::{Survey, View};
 
@@ -52,7 +52,9 @@ pub(super) fn fitted(config: &RunConfig, survey: Survey, tell: Tell<'_>) -> Resu
         Err(_) => return Ok(survey),
     };
     let is_poor = misfit_px.is_some_and(|misfit_px| misfit_px > config.align.max_misfit_px);
-    if !is_poor && !is_wanted {
+    // A focal length that is off hides in the heights of points.
+    let is_calibrated = config.align.focal_sigma_percent == 0.0;
+    if !is_poor && !is_wanted && is_calibrated {
         return Ok(survey);
     }
     let tell_size = |done, total| tell(Event::Align { done, total });
@@ -86,6 +88,13 @@ fn issues(report: &AlignReport) -> Vec<Issue> {
          {:.2} m and {:.2} degrees (medians)",
         report.n_photos, report.n_views, report.shift_m, report.turn_deg
     );
+    let focal = |camera: &CameraCorrection| {
+        format!(
+            "; focal length of {} photos {:.1} -> {:.1} pixels",
+            camera.n_photos, camera.given_focal_px, camera.focal_px
+        )
+    };
+    let message = message + &report.cameras.iter().map(focal).collect::<String>();
     let done = Issue::new(Severity::Note, ALIGNED, about(), message)
         .hint("align.json lists each photo; `align.when = \"never\"` takes poses as they are");
     let left = report.left_alone.iter().map(|left| {

@@ -104,8 +104,7 @@ pub(super) fn refine(
         };
         let roof = roof.raised(refined.raised_m);
         // The photos try all forms themselves: what the priors leave open between them makes no photo more certain.
-        let form_m = solved.doubts.form_m;
-        let of_priors_m = solved.sigma_m.map(|stated_m| (stated_m.powi(2) - form_m.powi(2)).max(0.0).sqrt());
+        let of_priors_m = solved.sigma_m.map(|_| solved.doubts.sigma_of_known_form_m());
         if roof.eave_m > 0.0 && of_priors_m.is_none_or(|of_priors_m| sigma_m < of_priors_m) {
             // Where the two part by more than both allow, one of them is wrong (Birge's ratio).
             let parted = solved

@@ -90,6 +90,50 @@ fn poses_that_are_off_come_back_and_are_read_again() {
     assert_eq!(read.status.code(), Some(0), "{}{}", text_of(&read.stdout), text_of(&read.stderr));
 }
 
+#[test]
+fn a_focal_length_that_is_off_is_found_where_the_camera_is_not_calibrated() {
+    const TOO_LONG: f64 = 1.03;
+    let folder = tempfile::tempdir().unwrap();
+    let [scene, held, found] = ["scene", "held", "found"].map(|name| folder.path().join(name));
+    simulate(&scene, "0.02", "0.1");
+    let cameras = scene.join("sparse/cameras.txt");
+    let focal_of = |path: &Path| -> f64 {
+        let text = fs::read_to_string(path).unwrap();
+        let line = text.lines().find(|line| !line.starts_with('#') && !line.trim().is_empty()).unwrap();
+        line.split_whitespace().nth(4).unwrap().parse().unwrap()
+    };
+    let truth_px = focal_of(&cameras);
+    let text = fs::read_to_string(&cameras).unwrap();
+    let longer = |word: &str| match word.parse::<f64>() {
+        Ok(value) if (value - truth_px).abs() < 1e-6 => format!("{}", value * TOO_LONG),
+        _ => word.to_owned(),
+    };
+    let lines: Vec<String> =
+        text.lines().map(|line| line.split(' ').map(longer).collect::<Vec<_>>().join(" ")).collect();
+    fs::write(&cameras, lines.join("\n") + "\n").unwrap();
+    assert!((focal_of(&cameras) / truth_px - TOO_LONG).abs() < 1e-9, "{text}");
+    let config = scene.join("sizeup.toml");
+    let align = |output: &Path, more: &[&str]| -> Value {
+        let args = ["survey", "align", "--config", config.to_str().unwrap(), "--json", "--output"];
+        let sigma = ["--set", "align.position_sigma_m=0.03"];
+        let done = sizeup(&[&args[..], &[output.to_str().unwrap()], &sigma, more].concat(), "2");
+        assert_eq!(done.status.code(), Some(0), "{}", text_of(&done.stderr));
+        serde_json::from_slice(&done.stdout).unwrap()
+    };
+    let of_held = align(&held, &[]);
+    let of_found = align(&found, &["--set", "align.focal_sigma_percent=5"]);
+    let after = |report: &Value| report["after"]["median_px"].as_f64().unwrap();
+    assert!(after(&of_found) < 0.7 * after(&of_held), "{} {}", after(&of_found), after(&of_held));
+    assert!(of_held["cameras"].is_null(), "a calibrated camera stays as it is");
+    let camera = &of_found["cameras"][0];
+    assert_eq!(camera["n_photos"], 24, "{camera}");
+    // The written model has it too; a pinhole's first numbers are its focal lengths.
+    let [held_px, found_px] = [&held, &found].map(|model| focal_of(&model.join("cameras.txt")));
+    println!("focal length {truth_px:.1} px, given {held_px:.1}, found {found_px:.1}");
+    assert!((found_px / truth_px - 1.0).abs() < 0.002, "{truth_px} {found_px}");
+    assert!((camera["focal_px"].as_f64().unwrap() - found_px).abs() < 0.1, "{camera} {found_px}");
+}
+
 /// A run from stereo up to its poses: what it says of them, and the poses' stage.
 fn run_until_survey(scene: &Path, output: &Path, more: &[&str]) -> (Value, Value) {
     let config = scene.join("stereo.toml");

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use geo_types::Geometry;
+use glam::DVec3;
 use serde_json::{Value, json};
 use sizeup::config::RunConfig;
-use sizeup::crs::{Crs, Transform};
+use sizeup::crs::{Crs, Geocentric, Transform};
 use sizeup::geodata::vector::{FeatureGeometry, VectorLayer};
 use sizeup::geodata::{FieldType, LayerFeature, write_polygon_layer};
 use sizeup::simulate::{SimulateConfig, simulate};
@@ -144,7 +145,7 @@ impl Drone {
 
     fn packet(&self, view: &View, (lon_deg, lat_deg): (f64, f64)) -> String {
         let axis = view.axis_in_map();
-        let up = view.camera_from_map.inverse().vector(-glam::DVec3::Y);
+        let up = view.camera_from_map.inverse().vector(-DVec3::Y);
         let ahead = if axis.z < -0.999 { up } else { axis };
         // The zone's middle is 9° east: grid north is off true north by the meridians' convergence.
         let convergence_deg = ((lon_deg - 9.0).to_radians().tan() * lat_deg.to_radians().sin()).atan().to_degrees();
@@ -344,6 +345,107 @@ fn a_model_in_local_coordinates_takes_its_offset_from_the_command_line() {
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
     assert_eq!(summary["crs"]["why"], "the CRS of footprints.gpkg", "which lies where the poses' numbers are");
     assert!(desk.text().contains("offset = [565000.0, 5932000.0, 0.0]"), "{}", desk.text());
+    // With their CRS named, longitudes and latitudes can be held against them too.
+    fs::remove_file(desk.path("flight/footprints.gpkg")).unwrap();
+    fs::write(desk.path("flight/map.osm"), osm()).unwrap();
+    let (summary, outcome) = desk.init(&["--offset", "565000,5932000,0", "--crs", CRS]);
+    assert_eq!((outcome.code, &summary["footprints"]["n_polygons"]), (0, &json!(N_BUILDINGS)), "{}", outcome.stderr);
+}
+
+/// The scene's views as a run of this configuration has them; positions and rotations have to be the true ones, to a centimetre and
+/// 0.01 degrees, but for the level that heights count from.
+fn assert_true_poses(desk: &Desk) {
+    let config = RunConfig::load(&desk.path("sizeup.toml"), &[]).unwrap();
+    let read = sizeup::survey::read(&config.survey, &config.project.crs).unwrap();
+    let truth = survey();
+    assert_eq!(read.views.len(), truth.views.len());
+    for view in &read.views {
+        // Metashape's labels have no extension.
+        let stem = |view: &View| Path::new(&view.id.0).file_stem().unwrap().to_owned();
+        let of_truth = truth.views.iter().find(|other| stem(other) == stem(view)).unwrap();
+        let off_m = view.centre().truncate().distance(of_truth.centre().truncate());
+        let turn = view.camera_from_map.rotation * of_truth.camera_from_map.rotation.transpose();
+        let turn_rad = glam::DQuat::from_mat3(&turn).normalize().to_scaled_axis().length();
+        assert!(off_m < 0.01 && turn_rad < 2e-4, "{}: {off_m} m, {turn_rad} rad", view.id);
+        assert!((view.camera.fx_px - of_truth.camera.fx_px).abs() < 1e-6, "{}", view.id);
+    }
+}
+
+#[test]
+fn a_folder_of_odm_is_a_project() {
+    let desk = Desk::new();
+    desk.bring("images", "images");
+    desk.bring("dtm.tif", "odm_dem/dtm.tif");
+    fs::write(desk.path("flight/map.osm"), osm()).unwrap();
+    let truth = survey();
+    let camera = &truth.views[0].camera;
+    let normalised = camera.fx_px / f64::from(camera.width_px.max(camera.height_px));
+    let of_odm = json!({"projection_type": "perspective", "width": camera.width_px, "height": camera.height_px,
+        "focal": normalised, "k1": 0.0, "k2": 0.0});
+    let to_degrees = Transform::new(&Crs::parse(CRS).unwrap(), &Crs::parse("EPSG:4326").unwrap()).unwrap();
+    let shot = |view: &View| {
+        let centre = view.centre();
+        let place = to_degrees.point(centre.x, centre.y).unwrap();
+        let rotation = glam::DQuat::from_mat3(&view.camera_from_map.rotation).to_scaled_axis();
+        json!({"type": "Feature", "geometry": {"type": "Point", "coordinates": [place.0, place.1, centre.z]},
+            "properties": {"filename": view.id.0, "camera": "v2 c", "rotation": rotation.to_array(),
+                "translation": centre.to_array()}})
+    };
+    let shots: Vec<Value> = truth.views.iter().map(shot).collect();
+    for folder in ["odm_report", "odm_georeferencing"] {
+        fs::create_dir_all(desk.path("flight").join(folder)).unwrap();
+    }
+    let shots = json!({"type": "FeatureCollection", "features": shots});
+    fs::write(desk.path("flight/odm_report/shots.geojson"), shots.to_string()).unwrap();
+    fs::write(desk.path("flight/cameras.json"), json!({ "c": of_odm }).to_string()).unwrap();
+    let proj = "+proj=utm +zone=32 +datum=WGS84 +units=m +no_defs +type=crs";
+    fs::write(desk.path("flight/odm_georeferencing/proj.txt"), proj).unwrap();
+    let (summary, outcome) = desk.init(&["--crs", CRS]);
+    assert_eq!((outcome.code, &summary["poses"]["format"]), (0, &json!("odm")), "{}", outcome.stderr);
+    assert_eq!(summary["footprints"]["n_polygons"], N_BUILDINGS, "{summary:#}");
+    assert!(desk.text().contains("odm_dem/dtm.tif"), "{}", desk.text());
+    assert_true_poses(&desk);
+}
+
+#[test]
+fn a_folder_with_cameras_of_metashape_is_a_project() {
+    let desk = Desk::new();
+    for name in ["images", "dtm.tif", "footprints.gpkg"] {
+        desk.bring(name, name);
+    }
+    let truth = survey();
+    let camera = &truth.views[0].camera;
+    let (width, height) = (camera.width_px, camera.height_px);
+    let (map, earth) = (Crs::parse(CRS).unwrap(), Crs::parse("EPSG:4326").unwrap());
+    let (to_degrees, geocentric) = (Transform::new(&map, &earth).unwrap(), Geocentric::new().unwrap());
+    let on_earth = |place: DVec3| {
+        let degrees = to_degrees.point(place.x, place.y).unwrap();
+        geocentric.geocentric(DVec3::new(degrees.0, degrees.1, place.z)).unwrap()
+    };
+    let pose = |(i, view): (usize, &View)| {
+        let (centre, to_map) = (view.centre(), view.camera_from_map.rotation.transpose());
+        // The camera's axes as they point on the earth, over a metre each.
+        let axes = [to_map.x_axis, to_map.y_axis, to_map.z_axis];
+        let axes = axes.map(|axis| (on_earth(centre + axis) - on_earth(centre)).normalize());
+        let place = on_earth(centre);
+        let row = |k: usize| format!("{} {} {} {}", axes[0][k], axes[1][k], axes[2][k], place[k]);
+        let matrix = [row(0), row(1), row(2)].join(" ");
+        let label = Path::new(&view.id.0).file_stem().unwrap().to_str().unwrap();
+        format!("<camera id=\"{i}\" sensor_id=\"0\" label=\"{label}\"><transform>{matrix} 0 0 0 1</transform></camera>")
+    };
+    let cameras: String = truth.views.iter().enumerate().map(pose).collect();
+    let xml = format!(
+        "<?xml version=\"1.0\"?><document version=\"2.0.0\"><chunk><sensors><sensor id=\"0\" type=\"frame\">\
+         <resolution width=\"{width}\" height=\"{height}\"/><calibration type=\"frame\" class=\"adjusted\">\
+         <resolution width=\"{width}\" height=\"{height}\"/><f>{}</f></calibration></sensor></sensors>\
+         <cameras>{cameras}</cameras><transform><rotation>1 0 0 0 1 0 0 0 1</rotation><translation>0 0 0</translation>\
+         <scale>1</scale></transform><reference>GEOGCS[&quot;WGS 84&quot;]</reference></chunk></document>",
+        camera.fx_px
+    );
+    fs::write(desk.path("flight/cameras.xml"), xml).unwrap();
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!((outcome.code, &summary["poses"]["format"]), (0, &json!("metashape")), "{}", outcome.stderr);
+    assert_true_poses(&desk);
 }
 
 #[test]

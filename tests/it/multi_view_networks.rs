@@ -139,6 +139,22 @@ fn a_file_that_is_not_the_published_checkpoint_is_refused_and_nothing_is_put_in_
     assert!(String::from_utf8_lossy(&output.stderr).contains("there are itermvs"));
 }
 
+#[test]
+fn a_run_that_wants_a_known_network_says_how_to_get_it() {
+    let scene = crate::tiny_scene::Scene::new();
+    scene.edit("sizeup.toml", |text| {
+        let (others, _) = text.split_once("[prior]").unwrap();
+        format!("{others}[prior]\nsource = \"network\"\nmodel = \"itermvs\"\n")
+    });
+    let output = sizeup(&scene.path("no models")).arg("run").arg(scene.path("sizeup.toml")).output().unwrap();
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_ne!(output.status.code(), Some(0), "{message}");
+    assert!(
+        message.contains("itermvs is not on this machine") && message.contains("sizeup model get itermvs"),
+        "{message}"
+    );
+}
+
 /// A server on the loopback that answers every request with one file.
 fn serve(content: Vec<u8>) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

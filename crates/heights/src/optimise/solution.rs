@@ -67,6 +67,43 @@ pub struct Doubts {
     pub pixel_m: f64,
     /// Between forms of the roof that the views do not tell apart.
     pub form_m: f64,
+    /// Share of the priors' relief around the building that its height does not explain, as a standard deviation: √(1 − score²), 0
+    /// to 1. Errors that all views share leave it, and the views agree nevertheless.
+    #[serde(default)]
+    pub unexplained: f64,
+    /// Edge bleeding that was corrected, on the building: what is left of it is common to all views.
+    #[serde(default)]
+    pub bleeding_m: f64,
+}
+
+/// What each doubt counts for in the stated standard deviation. Fitted for 68 and 95 % within one and two of them, in each of 20 cells
+/// (three kinds of towns, real roofs under real cameras and under a simulated flight; four levels of prior errors; 2,609 buildings),
+/// seeds 31 to 33 and the western half of Rotterdam.
+const VIEWS_SHARE: f64 = 0.45;
+const PIXEL_SHARE: f64 = 0.25;
+const FORM_SHARE: f64 = 0.6;
+const UNEXPLAINED_M: f64 = 0.85;
+const BLEEDING_SHARE: f64 = 0.45;
+
+impl Doubts {
+    /// One standard deviation of the height, metres.
+    #[must_use]
+    pub fn sigma_m(&self) -> f64 {
+        self.sigma_of_known_form_m().hypot(FORM_SHARE * self.form_m)
+    }
+
+    /// The same if the form of the roof were known, metres.
+    #[must_use]
+    pub fn sigma_of_known_form_m(&self) -> f64 {
+        [
+            VIEWS_SHARE * self.views_m,
+            PIXEL_SHARE * self.pixel_m,
+            UNEXPLAINED_M * self.unexplained,
+            BLEEDING_SHARE * self.bleeding_m,
+        ]
+        .into_iter()
+        .fold(0.0, f64::hypot)
+    }
 }
 
 /// The height of one building.

@@ -10,6 +10,9 @@
 //!
 //! by Levenberg–Marquardt with weights `1/(1 + r²/c²)`. Points are eliminated (Schur's complement); what is left, six unknowns per
 //! photo, is solved in [`super::reduced`]. The given poses hold what photos cannot tell: where the block lies as a whole.
+//!
+//! Where lenses may change, the photos of a camera share two more unknowns, its rays being `m (1 + a + b |m|²)` in place of `m`, and
+//! `Σ a²/σ_a² + b²/σ_b²` is added.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
@@ -43,6 +46,33 @@ pub(super) struct Station {
     pub pose: Rigid<Cam, Map>,
     /// Whether the pose may change.
     pub is_free: bool,
+    /// The lens that it was taken with, by index.
+    pub lens: usize,
+}
+
+/// How a camera's rays differ from the given ones.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Lens {
+    /// Share that the rays of sightings are longer by (`a`): the focal length is so much too long.
+    pub scale: f64,
+    /// The same times the square of their length (`b`).
+    pub radial: f64,
+    /// What is in the rays of sightings already.
+    pub applied: [f64; 2],
+    /// Whether it may change.
+    pub is_free: bool,
+}
+
+impl Lens {
+    /// A ray as the lens has it.
+    pub fn ray(&self, ray: DVec2) -> DVec2 {
+        ray * (1.0 + self.scale + self.radial * ray.length_squared())
+    }
+
+    /// Since the given camera: scale and radial part.
+    pub fn total(&self) -> [f64; 2] {
+        [(1.0 + self.applied[0]) * (1.0 + self.scale) - 1.0, self.applied[1] + self.radial]
+    }
 }
 
 impl Station {
@@ -91,6 +121,24 @@ pub(super) struct Sigmas {
     pub position_m: f64,
     /// Of a given rotation about each axis, radians.
     pub angle_rad: f64,
+    /// Of the given lenses; `None` where these stay as they are.
+    pub lens: Option<LensSigmas>,
+}
+
+/// How far given lenses are expected to be off.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct LensSigmas {
+    /// Of the focal length, a share of it.
+    pub scale: f64,
+    /// Of the radial part at 45 degrees off the axis, a share.
+    pub radial: f64,
+}
+
+impl LensSigmas {
+    fn cost(&self, lens: &Lens) -> f64 {
+        let [scale, radial] = lens.total();
+        (scale / self.scale).powi(2) + (radial / self.radial).powi(2)
+    }
 }
 
 /// What may move.
@@ -104,6 +152,7 @@ pub(super) enum Moving {
 #[derive(Debug, Clone)]
 pub(super) struct Bundle {
     pub stations: Vec<Station>,
+    pub lenses: Vec<Lens>,
     pub tracks: Vec<Track>,
     pub sigmas: Sigmas,
 }
@@ -113,6 +162,8 @@ struct Linear {
     off_px: DVec2,
     /// By turn and shift of the photo: one row per axis of the image.
     by_pose: [Six; 2],
+    /// By scale and radial part of the lens, in the first two.
+    by_lens: [Six; 2],
     /// By the point.
     by_point: [DVec3; 2],
 }
@@ -121,7 +172,7 @@ struct Linear {
 struct Eliminated {
     inverse: DMat3,
     pull: DVec3,
-    /// Photo, and mixed terms of its six unknowns with the point.
+    /// Photo, or lens counted on from the last photo, and mixed terms of its unknowns with the point.
     mixed: Vec<(usize, [DVec3; SIX])>,
 }
 
@@ -169,17 +220,19 @@ impl Bundle {
     }
 
     fn stepped(&self, width_px: f64, moving: Moving, damping: f64) -> Self {
-        let mut reduced = Reduced::new(self.stations.len());
         let poses_move = moving == Moving::PointsAndPoses;
+        let n_lenses = if poses_move && self.sigmas.lens.is_some() { self.lenses.len() } else { 0 };
+        let mut reduced = Reduced::new(self.stations.len() + n_lenses);
         if poses_move {
             self.add_given(&mut reduced);
+            self.add_given_lenses(&mut reduced);
         }
         let eliminated: Vec<Option<Eliminated>> = self
             .tracks
             .iter()
             .map(|track| self.eliminate(track, width_px, damping, poses_move, &mut reduced))
             .collect();
-        let steps = if poses_move { reduced.solve(damping) } else { vec![[0.0; SIX]; self.stations.len()] };
+        let steps = if poses_move { reduced.solve(damping) } else { vec![[0.0; SIX]; self.stations.len() + n_lenses] };
         let mut next = self.clone();
         for (track, eliminated) in next.tracks.iter_mut().zip(&eliminated) {
             if let Some(point) = eliminated {
@@ -190,7 +243,25 @@ impl Bundle {
         for (station, step) in next.stations.iter_mut().zip(&steps).filter(|(station, _)| station.is_free) {
             station.pose = station.moved(step);
         }
+        for (lens, step) in next.lenses.iter_mut().zip(&steps[self.stations.len()..]) {
+            (lens.scale, lens.radial) = (lens.scale + step[0], lens.radial + step[1]);
+        }
         next
+    }
+
+    /// The given lenses as observations. The unknowns that a lens does not have stay 0.
+    fn add_given_lenses(&self, reduced: &mut Reduced) {
+        let Some(sigmas) = self.sigmas.lens else { return };
+        let per = [sigmas.scale, sigmas.radial].map(|sigma| sigma.powi(-2));
+        for (i, lens) in self.lenses.iter().enumerate() {
+            let mut block: Block = std::array::from_fn(|a| std::array::from_fn(|b| if a == b { 1.0 } else { 0.0 }));
+            let mut right = [0.0; SIX];
+            for (k, total) in lens.total().into_iter().enumerate() {
+                (block[k][k], right[k]) = (per[k], -per[k] * total);
+            }
+            reduced.add(self.stations.len() + i, self.stations.len() + i, &block);
+            reduced.add_right(self.stations.len() + i, &right);
+        }
     }
 
     /// The given poses as observations.
@@ -219,30 +290,31 @@ impl Bundle {
         reduced: &mut Reduced,
     ) -> Option<Eliminated> {
         let (mut square, mut pull) = (DMat3::ZERO, DVec3::ZERO);
-        let mut mixed: Vec<(usize, [DVec3; SIX])> = Vec::with_capacity(track.sightings.len());
+        let mut mixed: Vec<(usize, [DVec3; SIX])> = Vec::with_capacity(track.sightings.len() + 1);
+        let lenses_move = poses_move && self.sigmas.lens.is_some();
         for sighting in &track.sightings {
             let Some(linear) = self.linear(sighting, track.point) else { continue };
+            let station = &self.stations[sighting.view];
             let weight = self.weight(linear.off_px, width_px);
-            let mut of_pose = [DVec3::ZERO; SIX];
-            let (mut block, mut right): (Block, Six) = ([[0.0; SIX]; SIX], [0.0; SIX]);
-            for (axis, by_point) in linear.by_point.iter().enumerate() {
-                let (by_pose, off) = (&linear.by_pose[axis], weight * linear.off_px[axis]);
+            for (by_point, off_px) in linear.by_point.iter().zip(linear.off_px.to_array()) {
                 square += outer(*by_point * weight, *by_point);
-                pull += *by_point * off;
-                for a in 0..SIX {
-                    of_pose[a] += *by_point * (weight * by_pose[a]);
-                    right[a] += by_pose[a] * off;
-                    for b in 0..SIX {
-                        block[a][b] += weight * by_pose[a] * by_pose[b];
-                    }
+                pull += *by_point * (weight * off_px);
+            }
+            let is_moved = poses_move && station.is_free;
+            let unknowns = [
+                is_moved.then_some((sighting.view, &linear.by_pose)),
+                lenses_move.then_some((self.stations.len() + station.lens, &linear.by_lens)),
+            ];
+            for (i, unknown) in unknowns.iter().enumerate() {
+                let Some((row, by)) = unknown else { continue };
+                reduced.add_right(*row, &right_of(by, linear.off_px, weight));
+                add_mixed(&mut mixed, *row, &mixed_of(by, &linear.by_point, weight));
+                for (col, with) in unknowns[i..].iter().flatten() {
+                    reduced.add(*row, *col, &block_of(by, with, weight));
                 }
             }
-            if poses_move && self.stations[sighting.view].is_free {
-                reduced.add(sighting.view, sighting.view, &block);
-                reduced.add_right(sighting.view, &right);
-                mixed.push((sighting.view, of_pose));
-            }
         }
+        mixed.sort_unstable_by_key(|(row, _)| *row);
         let damped =
             square + DMat3::from_diagonal(DVec3::new(square.x_axis.x, square.y_axis.y, square.z_axis.z) * damping);
         let inverse = damped.inverse();
@@ -253,9 +325,8 @@ impl Bundle {
             let scaled = of_view.map(|of| inverse * of);
             reduced.add_right(*view, &scaled.map(|of| -of.dot(pull)));
             for (other, of_other) in &mixed[i..] {
-                let (first, second) = if view <= other { (&scaled, of_other) } else { (of_other, &scaled) };
-                let block: Block = first.map(|of| second.map(|with| -of.dot(with)));
-                reduced.add(*view.min(other), *view.max(other), &block);
+                let block: Block = scaled.map(|of| of_other.map(|with| -of.dot(with)));
+                reduced.add(*view, *other, &block);
             }
         }
         Some(Eliminated { inverse, pull, mixed })
@@ -277,7 +348,13 @@ impl Bundle {
             let (turn, shift) = (p.cross(by_camera_point[axis]), -by_point[axis]);
             [turn.x, turn.y, turn.z, shift.x, shift.y, shift.z]
         });
-        Some(Linear { off_px: focal * (sighting.ray - seen), by_pose, by_point })
+        let ray = sighting.ray;
+        let by_lens = [0, 1].map(|axis| {
+            let by_scale = if self.lenses[station.lens].is_free { -focal[axis] * ray[axis] } else { 0.0 };
+            [by_scale, by_scale * ray.length_squared(), 0.0, 0.0, 0.0, 0.0]
+        });
+        let off_px = focal * (self.lenses[station.lens].ray(ray) - seen);
+        Some(Linear { off_px, by_pose, by_lens, by_point })
     }
 
     fn weight(&self, off_px: DVec2, width_px: f64) -> f64 {
@@ -288,7 +365,7 @@ impl Bundle {
     pub fn off_px(&self, track: &Track, sighting: &Sighting) -> Option<DVec2> {
         let station = &self.stations[sighting.view];
         let p = station.pose.point(track.point);
-        (p.z > 0.0).then(|| station.focal_px * (sighting.ray - p.truncate() / p.z))
+        (p.z > 0.0).then(|| station.focal_px * (self.lenses[station.lens].ray(sighting.ray) - p.truncate() / p.z))
     }
 
     fn cost(&self, width_px: f64) -> f64 {
@@ -299,13 +376,27 @@ impl Bundle {
             squared * (off / squared).ln_1p()
         };
         let of_track = |track: &Track| track.sightings.iter().map(|s| of_sighting(track, s)).sum::<f64>();
-        let Sigmas { sighting_px, position_m, angle_rad } = self.sigmas;
+        let Sigmas { sighting_px, position_m, angle_rad, lens } = self.sigmas;
         let of_station = |station: &Station| {
             station.shift_m().length_squared() / (position_m * position_m)
                 + station.turn_rad().length_squared() / (angle_rad * angle_rad)
         };
         self.tracks.iter().map(of_track).sum::<f64>() / (sighting_px * sighting_px)
             + self.stations.iter().map(of_station).sum::<f64>()
+            + lens.map_or(0.0, |sigmas| self.lenses.iter().map(|lens| sigmas.cost(lens)).sum())
+    }
+
+    /// Takes what was found of the lenses into the rays of the sightings, for cameras that are changed alike.
+    pub fn apply_lenses(&mut self) {
+        for sighting in self.tracks.iter_mut().flat_map(|track| &mut track.sightings) {
+            sighting.ray = self.lenses[self.stations[sighting.view].lens].ray(sighting.ray);
+        }
+        for station in &mut self.stations {
+            station.focal_px /= 1.0 + self.lenses[station.lens].scale;
+        }
+        for lens in &mut self.lenses {
+            *lens = Lens { applied: lens.total(), is_free: lens.is_free, ..Lens::default() };
+        }
     }
 
     /// Lengths of all residuals, pixels of the photo.
@@ -318,6 +409,29 @@ impl Bundle {
 
     pub fn median_px(&self) -> Option<f64> {
         median(&self.residuals_px())
+    }
+}
+
+/// What a sighting's residual pulls some unknowns by, of derivatives by them, a row per axis of the image.
+fn right_of(by: &[Six; 2], off_px: DVec2, weight: f64) -> Six {
+    std::array::from_fn(|a| weight * (by[0][a] * off_px.x + by[1][a] * off_px.y))
+}
+
+/// Mixed terms of unknowns with the point.
+fn mixed_of(by: &[Six; 2], by_point: &[DVec3; 2], weight: f64) -> [DVec3; SIX] {
+    std::array::from_fn(|a| (by_point[0] * by[0][a] + by_point[1] * by[1][a]) * weight)
+}
+
+/// Terms of some unknowns with others.
+fn block_of(by: &[Six; 2], with: &[Six; 2], weight: f64) -> Block {
+    std::array::from_fn(|a| std::array::from_fn(|b| weight * (by[0][a] * with[0][b] + by[1][a] * with[1][b])))
+}
+
+/// Adds to the mixed terms of a row; photos that share a lens share its row.
+fn add_mixed(mixed: &mut Vec<(usize, [DVec3; SIX])>, row: usize, terms: &[DVec3; SIX]) {
+    match mixed.iter_mut().find(|(known, _)| *known == row) {
+        Some((_, sum)) => sum.iter_mut().zip(terms).for_each(|(sum, term)| *sum += *term),
+        None => mixed.push((row, *terms)),
     }
 }
 
@@ -365,11 +479,12 @@ mod tests {
             let turn = DMat3::from_quat(DQuat::from_scaled_axis(angle_rad * noise_vec(i + 100)));
             let centre = pose.centre() + position_m * noise_vec(i + 200);
             let given = Rigid::from_rotation_and_centre(turn * pose.rotation, centre);
-            Station { focal_px: DVec2::new(1000.0, 1010.0), given, pose: given, is_free: true }
+            Station { focal_px: DVec2::new(1000.0, 1010.0), given, pose: given, is_free: true, lens: 0 }
         };
         let stations = truth.iter().enumerate().map(station).collect();
-        let sigmas = Sigmas { sighting_px: 0.3, position_m: 0.3, angle_rad: 0.01 };
-        (Bundle { stations, tracks: (0..60).map(track).collect(), sigmas }, truth)
+        let sigmas = Sigmas { sighting_px: 0.3, position_m: 0.3, angle_rad: 0.01, lens: None };
+        let lenses = vec![Lens { is_free: true, ..Lens::default() }];
+        (Bundle { stations, lenses, tracks: (0..60).map(track).collect(), sigmas }, truth)
     }
 
     #[test]
@@ -391,6 +506,16 @@ mod tests {
             let slope = (moved(-step) - moved(step)) / (2.0 * step);
             assert!((0..2).all(|axis| close(linear.by_pose[axis][unknown], slope[axis])), "{unknown}: {slope}");
         }
+        for unknown in 0..2 {
+            let moved = |by: f64| {
+                let mut moved = bundle.clone();
+                let lens = &mut moved.lenses[0];
+                *(if unknown == 0 { &mut lens.scale } else { &mut lens.radial }) += by;
+                off_of(&moved, track)
+            };
+            let slope = (moved(-step) - moved(step)) / (2.0 * step);
+            assert!((0..2).all(|axis| close(linear.by_lens[axis][unknown], slope[axis])), "{unknown}: {slope}");
+        }
         for axis in 0..3 {
             let moved =
                 |by: f64| off_of(&bundle, &Track { point: track.point + DVec3::AXES[axis] * by, ..track.clone() });
@@ -406,7 +531,7 @@ mod tests {
         for (station, pose) in bundle.stations.iter_mut().zip(&truth).take(2) {
             *station = Station { given: *pose, pose: *pose, is_free: false, ..station.clone() };
         }
-        bundle.sigmas = Sigmas { sighting_px: 0.3, position_m: 1e6, angle_rad: 1e6 };
+        bundle.sigmas = Sigmas { sighting_px: 0.3, position_m: 1e6, angle_rad: 1e6, lens: None };
         (0..6).for_each(|_| bundle.iterate(1.0, Moving::PointsAndPoses));
         for (station, pose) in bundle.stations.iter().zip(&truth) {
             let turn = (station.pose.rotation - pose.rotation).abs();
@@ -414,6 +539,35 @@ mod tests {
             let shift_m = station.pose.centre().distance(pose.centre());
             assert!(shift_m < 1e-6 && turn < 1e-6, "{shift_m} {turn}");
         }
+    }
+
+    #[test]
+    fn a_lens_that_is_off_comes_back_with_the_poses() {
+        let (mut bundle, truth) = block(0.05, 0.01);
+        let (scale, radial) = (0.03, -0.04);
+        // Sightings as a camera has them whose focal length and radial part are off.
+        let given = |ray: DVec2| (0..20).fold(ray, |m, _| ray / (1.0 + scale + radial * m.length_squared()));
+        for sighting in bundle.tracks.iter_mut().flat_map(|track| &mut track.sightings) {
+            sighting.ray = given(sighting.ray);
+        }
+        bundle.sigmas = Sigmas { sighting_px: 0.3, position_m: 0.05, angle_rad: 0.01, lens: None };
+        let off_m = |bundle: &Bundle| {
+            let off = bundle.stations.iter().zip(&truth).map(|(s, pose)| s.pose.centre().distance(pose.centre()));
+            median(&off.collect::<Vec<f64>>()).unwrap()
+        };
+        let mut held = bundle.clone();
+        held.adjust(Moving::PointsAndPoses);
+        bundle.sigmas.lens = Some(LensSigmas { scale: 0.05, radial: 0.1 });
+        bundle.adjust(Moving::PointsAndPoses);
+        let [found_scale, found_radial] = bundle.lenses[0].total();
+        assert!((found_scale - scale).abs() < 2e-3 && (found_radial - radial).abs() < 4e-3, "{:?}", bundle.lenses);
+        assert!(bundle.median_px().unwrap() < 0.02 && off_m(&bundle) < 0.05, "{}", off_m(&bundle));
+        assert!(off_m(&held) > 2.0 * off_m(&bundle), "{} {}", off_m(&held), off_m(&bundle));
+        let before = bundle.median_px().unwrap();
+        bundle.apply_lenses();
+        // The focal length that residuals are counted in has changed with it.
+        assert!((bundle.median_px().unwrap() * (1.0 + found_scale) - before).abs() < 1e-9, "the same rays, taken in");
+        assert!((bundle.lenses[0].total()[0] - found_scale).abs() < 1e-12);
     }
 
     #[test]

@@ -8,12 +8,16 @@
 //! 3. Poses and points are adjusted together, with the given poses as observations ([`bundle`]).
 //! 4. Sightings that do not fit go, and steps 2 and 3 are done at half and at full size, now near where the points are.
 //!
+//! Cameras stay as they are given, or, where they are not calibrated, focal length and radial distortion are found with the poses
+//! ([`lenses`]).
+//!
 //! What the photos cannot tell, position and turn of the block as a whole, stays the mean of the given poses.
 //!
 //! Whether that is worth while is told beforehand by a few photos ([`misfit_px`]).
 
 mod bundle;
 mod error;
+mod lenses;
 mod matching;
 mod patches;
 mod reduced;
@@ -21,14 +25,14 @@ mod report;
 mod tracks;
 
 pub use error::AlignError;
-pub use report::{AlignReport, LeftAlone, PhotoCorrection, Residuals};
+pub use report::{AlignReport, CameraCorrection, LeftAlone, PhotoCorrection, Residuals};
 
 use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use self::bundle::{Bundle, Moving, Sigmas, Station, Track};
+use self::bundle::{Bundle, LensSigmas, Moving, Sigmas, Station, Track};
 use self::tracks::Search;
 use crate::prior::Neighbours;
 use sizeup_geo::terrain::Terrain;
@@ -48,6 +52,8 @@ const SIGHTING_PX: f64 = 0.3;
 /// Residuals over the median from which a sighting is none, and the least such residual, pixels at the size it was found at.
 const OUTLIER_PER_MEDIAN: f64 = 4.0;
 const OUTLIER_PX: f64 = 1.0;
+/// Radial distortion that is expected where none is known, a share at 45 degrees off the axis: wide lenses of drones have up to 0.1.
+const RADIAL_SIGMA: f64 = 0.1;
 /// By which factor the median residual has to fall for the adjusted poses to be taken.
 const BETTER: f64 = 0.8;
 
@@ -89,6 +95,9 @@ pub struct AlignConfig {
     pub position_sigma_m: f64,
     /// Expected error of the given rotations about each axis, degrees, 0.001 to 5.
     pub angle_sigma_deg: f64,
+    /// Expected error of the given focal lengths, percent, 0 to 20. 0: cameras are calibrated, and stay as they are. Above 0 focal
+    /// length and radial distortion are found too, one of each for all photos of a camera.
+    pub focal_sigma_percent: f64,
     /// Highest roof above the highest ground in a photo, metres. Above 0.
     pub max_height_m: f64,
     /// How far below the lowest ground in a photo points may be, metres. At least 0.
@@ -106,6 +115,7 @@ impl Default for AlignConfig {
             min_score: 0.75,
             position_sigma_m: 0.3,
             angle_sigma_deg: 0.5,
+            focal_sigma_percent: 0.0,
             max_height_m: 60.0,
             below_ground_m: 5.0,
         }
@@ -122,6 +132,7 @@ impl AlignConfig {
             ("min_score", (0.5..=1.0).contains(&self.min_score), "0.5 to 1"),
             ("position_sigma_m", (0.001..=10.0).contains(&self.position_sigma_m), "0.001 to 10 m"),
             ("angle_sigma_deg", (0.001..=5.0).contains(&self.angle_sigma_deg), "0.001 to 5 degrees"),
+            ("focal_sigma_percent", (0.0..=20.0).contains(&self.focal_sigma_percent), "0 to 20 percent"),
             ("max_height_m", self.max_height_m.is_finite() && self.max_height_m > 0.0, "above 0 m"),
             ("below_ground_m", self.below_ground_m.is_finite() && self.below_ground_m >= 0.0, "at least 0 m"),
         ];
@@ -132,7 +143,13 @@ impl AlignConfig {
     }
 
     fn sigmas(&self, sighting_px: f64) -> Sigmas {
-        Sigmas { sighting_px, position_m: self.position_sigma_m, angle_rad: self.angle_sigma_deg.to_radians() }
+        let scale = 0.01 * self.focal_sigma_percent;
+        Sigmas {
+            sighting_px,
+            position_m: self.position_sigma_m,
+            angle_rad: self.angle_sigma_deg.to_radians(),
+            lens: (scale > 0.0).then_some(LensSigmas { scale, radial: RADIAL_SIGMA }),
+        }
     }
 }
 
@@ -215,7 +232,8 @@ fn neighbours(views: &[View], terrain: &Terrain, n: usize) -> Vec<Vec<usize>> {
 
 /// The photos that take part, as far as they are adjusted.
 struct Block<'a> {
-    views: &'a [View],
+    /// With their cameras as they are now.
+    views: Vec<View>,
     neighbours: &'a [Vec<usize>],
     config: &'a AlignConfig,
     bundle: Bundle,
@@ -232,16 +250,18 @@ struct Size {
 }
 
 impl<'a> Block<'a> {
-    fn new(views: &'a [View], neighbours: &'a [Vec<usize>], config: &'a AlignConfig) -> Self {
-        let station = |view: &View| Station {
+    fn new(views: &[View], neighbours: &'a [Vec<usize>], config: &'a AlignConfig) -> Self {
+        let (lens_of, lenses) = lenses::of(views);
+        let station = |(view, lens): (&View, usize)| Station {
             focal_px: glam::DVec2::new(view.camera.fx_px, view.camera.fy_px),
             given: view.camera_from_map,
             pose: view.camera_from_map,
             is_free: true,
+            lens,
         };
-        let stations = views.iter().map(station).collect();
-        let bundle = Bundle { stations, tracks: Vec::new(), sigmas: config.sigmas(1.0) };
-        Self { views, neighbours, config, bundle, unreadable: BTreeMap::new() }
+        let stations = views.iter().zip(lens_of).map(station).collect();
+        let bundle = Bundle { stations, lenses, tracks: Vec::new(), sigmas: config.sigmas(1.0) };
+        Self { views: views.to_vec(), neighbours, config, bundle, unreadable: BTreeMap::new() }
     }
 
     /// The longer side of the largest photo.
@@ -260,7 +280,7 @@ impl<'a> Block<'a> {
 
     fn search(&self, size: &Size) -> Search<'_> {
         let (stations, sigmas) = (&self.bundle.stations, self.bundle.sigmas);
-        Search::new(self.views, stations, self.neighbours, self.config, sigmas, size.long_side_px)
+        Search::new(&self.views, stations, self.neighbours, self.config, sigmas, size.long_side_px)
     }
 
     /// Matches and adjusts at one size.
@@ -291,6 +311,7 @@ impl<'a> Block<'a> {
         }
         tracing::debug!("align: {} points at {} px", self.bundle.tracks.len(), size.long_side_px);
         self.bundle.adjust(Moving::PointsAndPoses);
+        lenses::apply(&mut self.views, &mut self.bundle);
         self.throw_out(OUTLIER_PX * size.per_px);
         self.hold_back();
         Ok(())
@@ -350,14 +371,17 @@ impl<'a> Block<'a> {
     fn into_aligned(self, views: &[View]) -> Aligned {
         let mut given = self.bundle.clone();
         given.stations.iter_mut().for_each(|station| station.pose = station.given);
+        lenses::take_back(&mut given);
         given.adjust(Moving::Points);
         let residuals = [&given, &self.bundle].map(|bundle| Residuals::of(&bundle.residuals_px()));
         let is_better = residuals[1].median_px < BETTER * residuals[0].median_px;
         let report = self.report(views, residuals, is_better);
-        let stations: BTreeMap<&ViewId, &Station> =
-            self.views.iter().map(|view| &view.id).zip(&self.bundle.stations).collect();
-        let moved = |view: &View| match stations.get(&view.id) {
-            Some(station) if is_better => View { camera_from_map: station.pose, ..view.clone() },
+        let adjusted: BTreeMap<&ViewId, (&View, &Station)> =
+            self.views.iter().map(|view| &view.id).zip(self.views.iter().zip(&self.bundle.stations)).collect();
+        let moved = |view: &View| match adjusted.get(&view.id) {
+            Some((own, station)) if is_better => {
+                View { camera: own.camera.clone(), camera_from_map: station.pose, ..view.clone() }
+            }
             _ => view.clone(),
         };
         Aligned { views: views.iter().map(moved).collect(), report }

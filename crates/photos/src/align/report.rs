@@ -7,6 +7,7 @@ use glam::DVec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::bundle::Lens;
 use super::{Block, LEAST_TRACKS};
 use sizeup_heights::stats::{median, quantile};
 use sizeup_survey::View;
@@ -45,6 +46,21 @@ pub struct PhotoCorrection {
     pub residual_px: f64,
 }
 
+/// What was done to a camera that was not calibrated.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CameraCorrection {
+    /// Its first photo's name.
+    pub view: String,
+    /// Photos taken with it.
+    pub n_photos: usize,
+    /// Focal length as it came, pixels.
+    pub given_focal_px: f64,
+    /// Focal length as it was found, pixels.
+    pub focal_px: f64,
+    /// What rays 45 degrees off the axis were lengthened by beyond that, a share.
+    pub radial: f64,
+}
+
 /// A photo that was not moved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LeftAlone {
@@ -81,6 +97,9 @@ pub struct AlignReport {
     pub shift_m: f64,
     /// Median angle that a photo was turned by, degrees.
     pub turn_deg: f64,
+    /// Cameras that were adjusted; none where they are taken as calibrated.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cameras: Vec<CameraCorrection>,
     /// Adjusted photos, in the order of the views.
     pub photos: Vec<PhotoCorrection>,
     /// The others.
@@ -117,9 +136,26 @@ impl Block<'_> {
             common_turn_deg: mean_of(&in_map).length().to_degrees(),
             shift_m: median_of(&photos, |photo| DVec3::from(photo.shift_m).length()),
             turn_deg: median_of(&photos, |photo| photo.turn_deg),
+            cameras: self.cameras(),
             photos,
             left_alone: self.left_alone(views, &counts),
         }
+    }
+
+    fn cameras(&self) -> Vec<CameraCorrection> {
+        let of = |(i, lens): (usize, &Lens)| {
+            let mut taken = self.bundle.stations.iter().zip(&self.views).filter(|(station, _)| station.lens == i);
+            let (first, n_others) = (taken.next()?, taken.count());
+            let [scale, radial] = lens.total();
+            (lens.is_free && self.config.focal_sigma_percent > 0.0).then(|| CameraCorrection {
+                view: first.1.id.to_string(),
+                n_photos: 1 + n_others,
+                given_focal_px: first.0.focal_px.x * (1.0 + scale),
+                focal_px: first.0.focal_px.x,
+                radial,
+            })
+        };
+        self.bundle.lenses.iter().enumerate().filter_map(of).collect()
     }
 
     fn n_blocks(&self) -> usize {
@@ -185,6 +221,13 @@ impl fmt::Display for AlignReport {
         row("photos moved by", &format!("{:.3} m, {:.3} degrees (medians)", self.shift_m, self.turn_deg))?;
         let [x, y, z] = self.common_shift_m;
         row("all of them by", &format!("{x:.3}, {y:.3}, {z:.3} m, {:.3} degrees (means)", self.common_turn_deg))?;
+        for camera in &self.cameras {
+            let CameraCorrection { given_focal_px, focal_px, radial, n_photos, .. } = camera;
+            writeln!(
+                f,
+                "  camera of {n_photos} photos: focal length {given_focal_px:.1} -> {focal_px:.1} px, radial {radial:+.4}"
+            )?;
+        }
         if self.n_blocks > 1 {
             writeln!(
                 f,

@@ -17,16 +17,6 @@ const HOPELESS_SCORE_ALONE: f64 = 0.6;
 /// Share of an outline, and metres squared, above which nobody has looked through: a roof of its own, and no chimney.
 const BLIND_SHARE: f64 = 0.15;
 const BLIND_M2: f64 = 30.0;
-/// What the standard error over views counts for in the stated standard deviation, and what every height is off by
-/// besides, in pixels on the building. Fitted to 640 simulated buildings (8 scenes, 4 levels of prior errors).
-const SPREAD_SHARE: f64 = 0.5;
-const SYSTEMATIC_PX: f64 = 0.65;
-
-/// The standard deviation to state, metres.
-fn stated_sigma_m(doubts: &Doubts) -> f64 {
-    (SPREAD_SHARE * doubts.views_m).hypot(SYSTEMATIC_PX * doubts.pixel_m).hypot(doubts.form_m)
-}
-
 impl State<'_> {
     pub(super) fn into_solution(self) -> Solution {
         let heights = (0..self.heights_m.len()).map(|b| self.solved(b)).collect();
@@ -55,6 +45,12 @@ impl State<'_> {
         };
         let pixels_m: Vec<f64> = self.views_of[building].iter().map(pixel_m).collect();
         crate::stats::median(&pixels_m).unwrap_or(0.0)
+    }
+
+    /// Edge bleeding in a building's views, pixels, median; 0 where surfaces shrink.
+    fn bleeding_px(&self, building: usize) -> f64 {
+        let of_views: Vec<f64> = self.views_of[building].iter().map(|&view| self.bleeding_px[view]).collect();
+        crate::stats::median(&of_views).unwrap_or(0.0).max(0.0)
     }
 
     /// The spread of the heights of a building's roofs that its views do not tell apart, each with its likelihood, around
@@ -119,12 +115,15 @@ impl State<'_> {
             reasons.push(Reason::UnseenAbove);
         }
         let roof = self.roofs[building].roof.unwrap_or(Roof::flat(f64::from(height_m)));
+        let pixel_m = self.pixel_m(building);
         let doubts = Doubts {
             views_m: spread_m.unwrap_or(0.0),
-            pixel_m: self.pixel_m(building),
+            pixel_m,
             form_m: self.form_m(building, &roof),
+            unexplained: score.map_or(1.0, |score| (1.0 - score.clamp(0.0, 1.0).powi(2)).sqrt()),
+            bleeding_m: self.bleeding_px(building) * pixel_m,
         };
-        let sigma_m = spread_m.map(|_| stated_sigma_m(&doubts));
+        let sigma_m = spread_m.map(|_| doubts.sigma_m());
         let height_m = roof.height_m(self.config.height_reference);
         let mut solved = SolvedHeight {
             height_m: Some(height_m),

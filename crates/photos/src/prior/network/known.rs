@@ -104,6 +104,11 @@ pub fn in_place(model: &Path) -> Option<PathBuf> {
     (!model.exists() && network.is_in(folder)).then(|| network.graph_in(folder))
 }
 
+/// The known network that `model` names, if it is no file and not in place.
+pub(super) fn absent(model: &Path) -> Option<KnownNetwork> {
+    known_by_name(model.file_name()?.to_str()?).ok().filter(|_| !model.exists() && in_place(model).is_none())
+}
+
 /// The networks that sizeup knows.
 ///
 /// # Panics

@@ -166,6 +166,12 @@ impl NetworkPriors {
         let profile = config.chosen()?;
         profile.check()?;
         config.model = config.graph();
+        if let Some(known) = known::absent(&config.model) {
+            return Err(PriorError::Config {
+                problem: format!("the network {} is not on this machine", known.name),
+                hint: format!("`sizeup model get {}` puts it in place", known.name),
+            });
+        }
         let network = Network::open_with(&config.model, &config.engine)?;
         let wiring = profile.wire(network.inputs(), network.outputs()).map_err(|problem| PriorError::Config {
             problem: format!("profile {:?} does not fit {}: {problem}", profile.name, config.model.display()),

@@ -35,6 +35,8 @@ const SIDE: usize = 5;
 const N: usize = SIDE * SIDE;
 /// As many numbers as the processor's vectors hold at a time; those beyond the samples repeat the middle.
 const LANES: usize = 32;
+/// Sums that are kept apart until the end.
+const SIDE_BY_SIDE: usize = 8;
 /// Columns and rows of the samples from the middle.
 const COLS: [f32; LANES] = steps(false);
 const ROWS: [f32; LANES] = steps(true);
@@ -64,8 +66,6 @@ const SAME_PLANE: f32 = 2e-4;
 const LEAST_GAIN: f32 = 0.05;
 /// And so much better than what the least correlation asks for where there was no level plane.
 const LEAST_GAIN_OF_NEW: f64 = 0.1;
-/// A plane that the neighbours who speak for another one like so much less is not asked of the rest.
-const ASIDE: f32 = 0.05;
 /// Steepest roof, as the tangent of its slope: 56 degrees. Walls are no surfaces to look for.
 const STEEPEST: f64 = 1.5;
 /// Times that planes are handed on, each the other way round.
@@ -118,7 +118,8 @@ struct Judge<'a> {
 
 /// The samples of a window in the view: mean 0, and one by the root of their sum of squares; `None` without texture.
 struct Window {
-    values: [f32; N],
+    /// 0 behind the samples.
+    values: [f32; LANES],
     per_norm: f32,
 }
 
@@ -131,65 +132,42 @@ impl Judge<'_> {
         if !is_inside {
             return None;
         }
-        let mut values = [0.0; N];
-        for (i, line) in values.chunks_exact_mut(SIDE).enumerate() {
+        let mut samples = [0.0; N];
+        for (i, line) in samples.chunks_exact_mut(SIDE).enumerate() {
             let row = row - reach + i * self.step_px as usize;
             for (j, value) in line.iter_mut().enumerate() {
                 *value = self.grey[(col - reach + j * self.step_px as usize, row)];
             }
         }
-        let mean = values.iter().sum::<f32>() / N as f32;
-        values.iter_mut().for_each(|v| *v -= mean);
+        let mean = samples.iter().sum::<f32>() / N as f32;
+        let mut values = [0.0; LANES];
+        values.iter_mut().zip(&samples).for_each(|(value, sample)| *value = sample - mean);
         let squares = values.iter().map(|v| v * v).sum::<f32>();
         (squares > LEAST_VARIANCE * N as f32).then(|| Window { values, per_norm: 1.0 / squares.sqrt() })
     }
 
-    /// How well a plane explains the pictures at a pixel; `None` where it is worse than what is there already.
-    ///
-    /// The neighbours that speak for what is there are asked first: others are asked only if these do not speak against the plane.
+    /// Mean of the better half of the correlations, −1 where no neighbour sees the whole window.
     #[inline(always)]
-    fn verdict(&self, (col, row): (usize, usize), window: &Window, plane: Plane, there: Verdict) -> Option<Verdict> {
-        let pixel = Vec3::new(col as f32 + 0.5, row as f32 + 0.5, 1.0);
-        let mut found = [(-1.0_f32, 0_u16); MOST_WAYS];
+    fn score(&self, col: usize, row: usize, window: &Window, plane: Plane) -> f32 {
+        /// Most neighbours of a view.
+        const MOST: usize = 16;
+        let mut found = [-1.0_f32; MOST];
         let mut n = 0;
-        for is_first in [true, false] {
-            for (k, way) in self.ways.iter().take(MOST_WAYS).enumerate() {
-                let way_bit = 1 << k;
-                if (there.speaking & way_bit != 0) == is_first
-                    && let Some(score) = correlation(way, pixel, self.step_px as f32, window, plane)
-                {
-                    found[n] = (score, way_bit);
-                    n += 1;
-                }
-            }
-            let sum: f32 = found[..n].iter().map(|(score, _)| score).sum();
-            if is_first && n > 0 && sum < (there.score - ASIDE) * n as f32 {
-                return None;
+        let pixel = Vec3::new(col as f32 + 0.5, row as f32 + 0.5, 1.0);
+        for way in self.ways.iter().take(MOST) {
+            if let Some(score) = correlation(way, pixel, self.step_px as f32, window, plane) {
+                found[n] = score;
+                n += 1;
             }
         }
+        if n == 0 {
+            return -1.0;
+        }
         let found = &mut found[..n];
-        found.sort_unstable_by(|(a, _), (b, _)| b.total_cmp(a));
+        found.sort_unstable_by(|a, b| b.total_cmp(a));
         let half = &found[..n.div_ceil(2)];
-        let score = half.iter().map(|(score, _)| score).sum::<f32>() / half.len().max(1) as f32;
-        let speaking = half.iter().fold(0, |all, (_, way_bit)| all | way_bit);
-        (n > 0 && score > there.score).then_some(Verdict { score, speaking })
+        half.iter().sum::<f32>() / half.len() as f32
     }
-}
-
-/// Most neighbours of a view.
-const MOST_WAYS: usize = 16;
-
-/// How well a plane explains the pictures.
-#[derive(Debug, Clone, Copy)]
-struct Verdict {
-    /// Mean of the better half of the correlations, −1 where no neighbour sees the whole window.
-    score: f32,
-    /// The neighbours of that half, a bit each.
-    speaking: u16,
-}
-
-impl Verdict {
-    const NONE: Self = Self { score: -1.0, speaking: 0 };
 }
 
 /// Of a window with what a neighbour sees of the plane; `None` where it does not see all of it.
@@ -216,16 +194,19 @@ fn correlation(way: &Way<'_>, pixel: Vec3, step_px: f32, window: &Window, plane:
     if !is_seen {
         return None;
     }
-    let mut b = [0.0_f32; N];
-    for i in 0..N {
-        b[i] = way.neighbour.at(x[i], y[i]);
+    let mut b = [0.0_f32; LANES];
+    let seen: [f32; N] = way.neighbour.at(x.first_chunk()?, y.first_chunk()?);
+    b[..N].copy_from_slice(&seen);
+    // Summed side by side: one after the other, each would wait for the one before.
+    let mut sums = [[0.0_f32; SIDE_BY_SIDE]; 3];
+    for (b, a) in b.as_chunks::<SIDE_BY_SIDE>().0.iter().zip(window.values.as_chunks::<SIDE_BY_SIDE>().0) {
+        for i in 0..SIDE_BY_SIDE {
+            sums[0][i] += b[i];
+            sums[1][i] += b[i] * b[i];
+            sums[2][i] += a[i] * b[i];
+        }
     }
-    let (mut sum, mut squares, mut products) = (0.0, 0.0, 0.0);
-    for (b, a) in b.iter().zip(&window.values) {
-        sum += b;
-        squares += b * b;
-        products += a * b;
-    }
+    let [sum, squares, products] = sums.map(|sums| sums.iter().sum::<f32>());
     let spread = squares - sum * sum / N as f32;
     Some(if spread > LEAST_VARIANCE * N as f32 { products * window.per_norm / spread.sqrt() } else { 0.0 })
 }
@@ -309,7 +290,7 @@ impl Slopes<'_> {
     #[inline(always)]
     fn hand_on(&self, frame: &Frame, judge: &Judge<'_>, heights_m: &Raster<f32>) -> Raster<f32> {
         let mut field = Field::of(frame, judge, heights_m);
-        let level_scores: Vec<f32> = field.verdicts.iter().map(|verdict| verdict.score).collect();
+        let level_scores = field.scores.clone();
         let is_explained: Vec<bool> =
             level_scores.iter().enumerate().map(|(i, score)| self.is_explained(heights_m, i, *score)).collect();
         let n = level_scores.len();
@@ -322,7 +303,7 @@ impl Slopes<'_> {
                 }
                 let Some(window) = judge.window(i % field.width, i / field.width) else { continue };
                 field.take_over(judge, i, &window, is_forth);
-                if field.verdicts[i].score > WORTH_TRYING {
+                if field.scores[i] > WORTH_TRYING {
                     self.try_nearby(frame, judge, &mut field, i, &window, pass);
                 }
             }
@@ -331,7 +312,7 @@ impl Slopes<'_> {
             let level_m = heights_m.data()[i];
             let new = (self.min_score + LEAST_GAIN_OF_NEW) as f32;
             let least = if level_m.is_nan() { new } else { level_scores[i] + LEAST_GAIN };
-            if field.verdicts[i].score < least {
+            if field.scores[i] < least {
                 return level_m;
             }
             let (z_m, slope) = frame.height_and_slope(field.pixel(i), field.planes[i]);
@@ -384,7 +365,7 @@ impl Slopes<'_> {
 struct Field {
     width: usize,
     planes: Vec<Plane>,
-    verdicts: Vec<Verdict>,
+    scores: Vec<f32>,
 }
 
 impl Field {
@@ -392,7 +373,7 @@ impl Field {
     #[inline(always)]
     fn of(frame: &Frame, judge: &Judge<'_>, heights_m: &Raster<f32>) -> Self {
         let (width, n) = (heights_m.width(), heights_m.data().len());
-        let mut field = Self { width, planes: vec![Plane::NONE; n], verdicts: vec![Verdict::NONE; n] };
+        let mut field = Self { width, planes: vec![Plane::NONE; n], scores: vec![-1.0; n] };
         for (i, z) in heights_m.data().iter().enumerate().filter(|(_, z)| !z.is_nan()) {
             let plane = frame.plane(field.pixel(i), f64::from(*z), DVec2::ZERO);
             if let Some(window) = judge.window(i % width, i / width) {
@@ -408,9 +389,9 @@ impl Field {
 
     #[inline(always)]
     fn attempt(&mut self, judge: &Judge<'_>, i: usize, window: &Window, plane: Plane) {
-        let at = (i % self.width, i / self.width);
-        if let Some(verdict) = judge.verdict(at, window, plane, self.verdicts[i]) {
-            (self.planes[i], self.verdicts[i]) = (plane, verdict);
+        let score = judge.score(i % self.width, i / self.width, window, plane);
+        if score > self.scores[i] {
+            (self.planes[i], self.scores[i]) = (plane, score);
         }
     }
 
@@ -423,7 +404,7 @@ impl Field {
             let plane = self.planes[from].seen_from_aside(cols, rows);
             let within_px = (judge.step_px * (SIDE / 2) as i32) as f32;
             // A plane that is there already is none to try, and NaN is like nothing.
-            if self.verdicts[from].score > self.verdicts[i].score.max(0.0) && !plane.is_like(self.planes[i], within_px) {
+            if self.scores[from] > self.scores[i].max(0.0) && !plane.is_like(self.planes[i], within_px) {
                 self.attempt(judge, i, window, plane);
             }
         }
@@ -497,10 +478,7 @@ mod tests {
         let judge = Judge { grey: reference.grey(), ways: vec![way], step_px: 2 };
         let window = judge.window(48, 36).unwrap();
         let pixel = DVec2::new(48.5, 36.5);
-        let score = |slope: DVec2| {
-            let plane = frame.plane(pixel, place(&here, pixel).z, slope);
-            judge.verdict((48, 36), &window, plane, Verdict::NONE).map_or(-1.0, |verdict| verdict.score)
-        };
+        let score = |slope: DVec2| judge.score(48, 36, &window, frame.plane(pixel, place(&here, pixel).z, slope));
         assert!(score(SLOPE) > 0.97, "{}", score(SLOPE));
         assert!(score(DVec2::ZERO) < score(SLOPE) - 0.03, "{} {}", score(DVec2::ZERO), score(SLOPE));
     }
