@@ -1,9 +1,9 @@
-//! Building heights from the order of depths in oblique aerial photos: the height method of sizeup, without files, GDAL or
+//! Building heights from depths of unknown scale in oblique aerial photos: the height method of sizeup, without files, GDAL or
 //! networks.
 //!
 //! A footprint becomes a prism of unknown height. Its rays are traced once through the scene; for any height they say what a
-//! photo would show, and a depth prior (a network's or a matcher's) says what it does show. Only the *order* of the prior's
-//! depths is trusted, or its values up to scale and shift, so that a prior need not be in metres.
+//! photo would show, and a depth prior (a network's or a matcher's) says what it does show. The two are correlated (`robust`, the
+//! default) or compared by the order of their depths (`paper`), so that a prior need not be in metres.
 //!
 //! ```
 //! use geo_types::polygon;
