@@ -13,7 +13,7 @@ use rstar::primitives::GeomWithData;
 
 use super::stages::SceneStage;
 use crate::config::RunConfig;
-use sizeup_heights::optimise::{self, Preset, Roof, Solution, SolvedHeight};
+use sizeup_heights::optimise::{self, Doubts, Preset, Roof, Solution, SolvedHeight};
 use sizeup_heights::ray::Ray;
 use sizeup_heights::render::image::SceneTracer;
 use sizeup_heights::scene::{Prism, RoofForm, Scene};
@@ -34,6 +34,10 @@ const MIN_SEEN: f64 = 0.7;
 /// Of the way to a place, the part that has to be free.
 const FREE_WAY: f32 = 0.99;
 
+/// Photos have a say where they are more certain than priors can be: this share of the jackknife over views and so many of its pixels,
+/// however well heights explain a prior.
+const PRIOR_VIEWS_SHARE: f64 = 0.5;
+const PRIOR_PX: f64 = 0.65;
 /// Roofs within this tell of the poses, metres.
 const AROUND_M: f64 = 150.0;
 /// What the standard error over photos counts for in the stated standard deviation: fitted to 180 simulated roofs, half of them
@@ -104,7 +108,10 @@ pub(super) fn refine(
         };
         let roof = roof.raised(refined.raised_m);
         // The photos try all forms themselves: what the priors leave open between them makes no photo more certain.
-        let of_priors_m = solved.sigma_m.map(|_| solved.doubts.sigma_of_known_form_m());
+        let of_priors_m = solved.sigma_m.map(|_| {
+            let Doubts { views_m, pixel_m, .. } = solved.doubts;
+            solved.doubts.sigma_of_known_form_m().max((PRIOR_VIEWS_SHARE * views_m).hypot(PRIOR_PX * pixel_m))
+        });
         if roof.eave_m > 0.0 && of_priors_m.is_none_or(|of_priors_m| sigma_m < of_priors_m) {
             // Where the two part by more than both allow, one of them is wrong (Birge's ratio).
             let parted = solved

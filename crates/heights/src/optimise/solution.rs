@@ -74,6 +74,9 @@ pub struct Doubts {
     /// Edge bleeding that was corrected, on the building: what is left of it is common to all views.
     #[serde(default)]
     pub bleeding_m: f64,
+    /// Whether the priors are in metres, by photos matched with each other: these agree with heights that are off by a pixel.
+    #[serde(default)]
+    pub is_in_metres: bool,
 }
 
 /// What each doubt counts for in the stated standard deviation. Fitted for 68 and 95 % within one and two of them, in each of 20 cells
@@ -81,6 +84,7 @@ pub struct Doubts {
 /// seeds 31 to 33 and the western half of Rotterdam.
 const VIEWS_SHARE: f64 = 0.45;
 const PIXEL_SHARE: f64 = 0.25;
+const PIXEL_SHARE_IN_METRES: f64 = 0.65;
 const FORM_SHARE: f64 = 0.6;
 const UNEXPLAINED_M: f64 = 0.85;
 const BLEEDING_SHARE: f64 = 0.45;
@@ -97,7 +101,7 @@ impl Doubts {
     pub fn sigma_of_known_form_m(&self) -> f64 {
         [
             VIEWS_SHARE * self.views_m,
-            PIXEL_SHARE * self.pixel_m,
+            if self.is_in_metres { PIXEL_SHARE_IN_METRES } else { PIXEL_SHARE } * self.pixel_m,
             UNEXPLAINED_M * self.unexplained,
             BLEEDING_SHARE * self.bleeding_m,
         ]

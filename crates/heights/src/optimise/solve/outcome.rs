@@ -1,7 +1,7 @@
 //! What is said of each building in the end.
 
 use super::State;
-use crate::optimise::config::Preset;
+use crate::optimise::config::{CalibrationRays, Preset};
 use crate::optimise::roof::Roof;
 use crate::optimise::search::Finding;
 use crate::optimise::solution::{Doubts, Reason, Solution, SolvedHeight};
@@ -122,6 +122,7 @@ impl State<'_> {
             form_m: self.form_m(building, &roof),
             unexplained: score.map_or(1.0, |score| (1.0 - score.clamp(0.0, 1.0).powi(2)).sqrt()),
             bleeding_m: self.bleeding_px(building) * pixel_m,
+            is_in_metres: self.config.search.calibrate_on == CalibrationRays::None,
         };
         let sigma_m = spread_m.map(|_| doubts.sigma_m());
         let height_m = roof.height_m(self.config.height_reference);
