@@ -220,7 +220,7 @@ fn formats(global: &Global) -> Result<u8, Failure> {
             &all.iter().map(|(name, about)| serde_json::json!({"name": name, "about": about})).collect::<Vec<_>>(),
         )?;
     } else {
-        all.iter().for_each(|(name, about)| println!("{name:<18}{about}"));
+        all.iter().try_for_each(|(name, about)| print(&format_args!("{name:<18}{about}")))?;
     }
     Ok(0)
 }

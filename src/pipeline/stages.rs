@@ -155,13 +155,14 @@ fn written_without_heights(
 ) -> Result<Vec<Issue>, PipelineError> {
     check_overlap(survey, footprints)?;
     let all = survey.issues.iter().chain(&footprints.layer.issues).chain(&footprints.issues);
-    let found: Vec<Issue> = all.cloned().collect();
+    let mut found: Vec<Issue> = all.cloned().collect();
+    found.sort_by_key(Issue::weight);
     write_json(&config.project.output.join("issues.json"), &found)?;
     Ok(found)
 }
 
-/// What people decided; read first, so that a file that cannot be used is told before hours of computing.
-/// What people decided about single buildings.
+/// What people decided about single buildings; read first, so that a file that cannot be used is told before hours of
+/// computing.
 ///
 /// # Errors
 /// [`PipelineError::Reviews`].

@@ -1,5 +1,7 @@
 //! Behaviour of sizeup seen from outside, one module per topic.
 
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a test says what it measured")]
+
 mod align;
 mod annexes;
 mod batch;

@@ -172,16 +172,6 @@ impl AngleUnit {
             Self::Rad => angle,
         }
     }
-
-    /// An angle in this unit from radians.
-    #[must_use]
-    pub fn from_radians(self, angle_rad: f64) -> f64 {
-        match self {
-            Self::Deg => angle_rad.to_degrees(),
-            Self::Gon => angle_rad.to_degrees() / 0.9,
-            Self::Rad => angle_rad,
-        }
-    }
 }
 
 impl Sequence {
