@@ -64,7 +64,7 @@ pub enum ConfigError {
     },
 }
 
-/// What a run needs to know.
+/// The configuration of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RunConfig {
@@ -106,7 +106,7 @@ pub struct RunConfig {
     /// The results.
     #[serde(default)]
     pub output: OutputConfig,
-    /// What input may take of the machine.
+    /// Limits of the memory and servers that input may use.
     #[serde(default)]
     pub limits: Limits,
     /// Which paths were relative in the file.
@@ -153,7 +153,7 @@ fn default_output() -> PathBuf {
 pub struct OutputConfig {
     /// Whether to draw pictures: a map, proxies over photos, one view's depth beside its prior.
     pub pictures: bool,
-    /// What becomes of buildings whose height is not known.
+    /// Treatment of buildings whose height is not known.
     pub fallback: FallbackConfig,
     /// `CityJSON`.
     pub cityjson: CityJsonConfig,

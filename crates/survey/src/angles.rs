@@ -16,7 +16,7 @@ use glam::{DMat3, DQuat, DVec3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What the rotation columns hold.
+/// Kind of the rotation columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum AngleKind {
@@ -46,7 +46,7 @@ pub enum AngleUnit {
     Rad,
 }
 
-/// What the rotation maps to what.
+/// Direction of the rotation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Direction {

@@ -78,6 +78,18 @@ impl Camera {
         }
     }
 
+    /// Whether the lens bends nothing.
+    #[must_use]
+    pub fn is_ideal(&self) -> bool {
+        self.distortion == Distortion::None
+    }
+
+    /// The same camera behind a lens that bends nothing.
+    #[must_use]
+    pub fn ideal(&self) -> Self {
+        Self { distortion: Distortion::None, ..self.clone() }
+    }
+
     /// Checks what no camera can have.
     ///
     /// # Errors

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::attributes::round_m;
 use super::{BuildingRecord, CityModel, OutputError, Status, StatusCount};
-use sizeup_geo::files::write_whole;
+pub use sizeup_geo::files::write_json;
 use sizeup_geo::issue::Issue;
 use sizeup_heights::stats::{mean, quantile};
 
@@ -112,19 +112,7 @@ fn tally<'a>(names: impl Iterator<Item = &'a str>) -> IndexMap<String, usize> {
 pub fn write_issues(path: &Path, issues: &[Issue]) -> Result<(), OutputError> {
     let mut sorted: Vec<&Issue> = issues.iter().collect();
     sorted.sort_by_key(|issue| issue.weight());
-    write_json(path, &sorted)
-}
-
-/// Writes any of our serialisable types as indented JSON with a final newline.
-///
-/// # Errors
-/// [`OutputError::File`].
-pub fn write_json<T: Serialize + ?Sized>(path: &Path, value: &T) -> Result<(), OutputError> {
-    write_whole(path, |out| {
-        serde_json::to_writer_pretty(&mut *out, value)?;
-        out.write_all(b"\n")
-    })?;
-    Ok(())
+    Ok(write_json(path, &sorted)?)
 }
 
 #[cfg(test)]

@@ -41,8 +41,8 @@ use self::slanted::Slopes;
 use self::sweep::{Coarse, Sweep, Unseen};
 use super::album::Album;
 use super::neighbours::Neighbours;
-use super::recent::Recent;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
+use sizeup_geo::kept::Kept;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::ViewId;
 use sizeup_heights::raster::Raster;
@@ -67,8 +67,10 @@ const SURFACE_BYTES: usize = 128 << 20;
 /// How depth is computed from the photos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(extend("x-expert" = true))]
 pub struct StereoConfig {
     /// Longer side of the depth map, pixels, 64 to 2048.
+    #[schemars(extend("x-expert" = false))]
     pub long_side_px: u32,
     /// Most neighbours a view is compared with, 1 to 16.
     pub n_neighbours: usize,
@@ -92,6 +94,7 @@ pub struct StereoConfig {
     /// picture where that is less, but two at least. 0 believes every view by itself.
     pub min_agreeing: usize,
     /// Where computed depth is kept, so that each view is matched once.
+    #[schemars(extend("x-expert" = false))]
     pub cache: CacheConfig,
 }
 
@@ -148,7 +151,7 @@ pub struct StereoPriors {
     survey: Neighbours,
     terrain: Terrain,
     pictures: Album,
-    surfaces: Recent<ViewId, Surface>,
+    surfaces: Kept<ViewId, Surface>,
     misfit_told: Once,
 }
 
@@ -168,7 +171,7 @@ impl StereoPriors {
         let views = views.iter().filter(|view| view.image.is_some()).cloned().collect();
         Ok(Self {
             pictures: Album::new(config.long_side_px, PICTURE_BYTES),
-            surfaces: Recent::new((SURFACE_BYTES / Album::bytes_of_one(config.long_side_px).max(1)).max(1)),
+            surfaces: Kept::up_to((SURFACE_BYTES / Album::bytes_of_one(config.long_side_px).max(1)).max(1)),
             misfit_told: Once::new(),
             config,
             survey: Neighbours::new(views, terrain),
