@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::camera::Camera;
 use crate::raster::Raster;
 
-/// What a prior's numbers are.
+/// Meaning of a prior's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PriorKind {
