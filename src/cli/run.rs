@@ -311,19 +311,19 @@ fn text_of_stdin(args: &RunArgs) -> Result<String, Failure> {
 /// Flags as the configuration file they stand for, so that there is one way to read settings.
 fn text_of_flags(args: &RunArgs) -> Result<String, Failure> {
     let missing = |flag: &str| Failure::from_text(2, format!("--survey needs --{flag} too"));
-    let path = |path: &Option<PathBuf>| path.as_deref().map(text_of);
+    let path = |path: Option<&PathBuf>| path.map(|path| text_of(path));
     let needed = |flag: &str, value: Option<String>| value.ok_or_else(|| missing(flag)).map(Some);
-    let ground = || match (path(&args.dtm), args.ground) {
+    let ground = || match (path(args.dtm.as_ref()), args.ground) {
         (Some(dtm), _) => Ok(flag("terrain", "dtm", Some(dtm))),
         (None, Some(ground_m)) => Ok(flag("terrain", "constant_m", Some(ground_m))),
         (None, None) => Err(missing("dtm or --ground")),
     };
     let settings = [
         flag("project", "crs", needed("crs", args.crs.clone())?),
-        flag("survey", "path", needed("survey", path(&args.survey))?),
-        flag("footprints", "path", needed("footprints", path(&args.footprints))?),
+        flag("survey", "path", needed("survey", path(args.survey.as_ref()))?),
+        flag("footprints", "path", needed("footprints", path(args.footprints.as_ref()))?),
         ground()?,
-        flag("survey", "images", path(&args.images)),
+        flag("survey", "images", path(args.images.as_ref())),
     ];
     let mut table = toml::Table::new();
     put(&mut table, settings.into_iter().flatten());

@@ -47,19 +47,19 @@ pub enum ConfigError {
     Parse {
         /// The file.
         path: PathBuf,
-        /// What is wrong, with the line underlined.
+        /// The problem, with the line underlined.
         message: String,
-        /// What to write.
+        /// Advice.
         hint: String,
     },
     /// A `--set` that cannot be applied.
     #[error("--set {assignment}: {message}\nhint: {hint}")]
     Set {
-        /// What the user wrote.
+        /// The assignment as the user wrote it.
         assignment: String,
-        /// What is wrong with it.
+        /// The problem with it.
         message: String,
-        /// What to write.
+        /// Advice.
         hint: String,
     },
 }
@@ -112,7 +112,7 @@ pub struct RunConfig {
     /// Which paths were relative in the file.
     #[serde(skip)]
     own_paths: OwnPaths,
-    /// What is to be said of the file itself.
+    /// Issues of the file itself.
     #[serde(skip)]
     notes: Vec<Issue>,
 }
@@ -255,7 +255,7 @@ impl RunConfig {
         Ok(config)
     }
 
-    /// What is to be said of the file itself: keys that have another name now.
+    /// Issues of the file itself: keys that have another name now.
     #[must_use]
     pub fn notes(&self) -> &[Issue] {
         &self.notes

@@ -41,7 +41,7 @@ pub enum PriorGeometry {
 pub struct DepthPrior {
     /// `H × W`, row-major; `NaN` = no value (sky, holes).
     pub values: Raster<f32>,
-    /// What the numbers are.
+    /// Meaning of the numbers.
     pub kind: PriorKind,
     /// Along which line they are measured.
     pub geometry: PriorGeometry,

@@ -121,13 +121,13 @@ pub enum North {
 /// A declared rotation convention.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AngleConvention {
-    /// What the numbers are.
+    /// Meaning of the numbers.
     pub angles: AngleKind,
     /// Their unit, where they are angles.
     pub unit: AngleUnit,
     /// Order of the product; `None` is the kind's own (`xyz`, `yxz`, `zyx`).
     pub sequence: Option<Sequence>,
-    /// What maps to what; `None` is the kind's own (angles: camera to world; quaternion, matrix: world to camera).
+    /// Direction of the rotation; `None` is the kind's own (angles: camera to world; quaternion, matrix: world to camera).
     pub direction: Option<Direction>,
     /// Camera axes; `None` is the kind's own (opk, pok: y up; quaternion, matrix: y down). Not used by `ypr`.
     pub camera_axes: Option<CameraAxes>,

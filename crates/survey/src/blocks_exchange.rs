@@ -58,7 +58,7 @@ pub(crate) fn read(path: &Path, tangential: Option<TangentialOrder>) -> Result<P
     read_xml(BufReader::new(std::io::Read::take(entry, MAX_UNZIPPED_BYTES)), path, tangential)
 }
 
-/// What photos of a group share.
+/// Camera and axes that the photos of a group share.
 struct Group {
     camera: Result<Arc<Camera>, String>,
     camera_from_axes: DMat3,

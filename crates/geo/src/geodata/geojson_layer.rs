@@ -6,8 +6,8 @@
 //! and 0, objects are their JSON.
 //!
 //! What is no such collection is left to GDAL, which says what is wrong with it: text that is no JSON, positions that are none,
-//! a `crs` that names nothing, ids of several kinds, columns of times or of lists, heights without a
-//! `crs`.
+//! a `crs` that names nothing, ids of several kinds, columns of times or of lists or that
+//! the first feature has not, heights without a `crs`, nothing at all.
 
 use std::collections::{BTreeSet, HashMap};
 use std::fs::File;
@@ -131,7 +131,7 @@ fn crs_of(member: Option<&Value>) -> Option<Crs> {
 /// The number of each feature: its own, or its position where none has one; `None` where some have and others have not, or one
 /// comes twice.
 fn numbers(features: &[geojson::Feature]) -> Option<Vec<u64>> {
-    let own: Vec<u64> = features.iter().filter_map(|feature| number_of(feature)).collect();
+    let own: Vec<u64> = features.iter().filter_map(number_of).collect();
     let is_one_each = own.len() == features.len() && own.iter().collect::<BTreeSet<_>>().len() == own.len();
     match own.len() {
         0 => Some((0..features.len() as u64).collect()),
@@ -228,8 +228,13 @@ impl Columns {
                 add(name, Kind::of(value)?);
             }
         }
-        let n_named = features.iter().filter(|feature| matches!(feature.id, Some(Id::String(_)))).count();
-        (n_named == 0 || n_named == features.len()).then_some(Self(columns))
+        let is_named = |feature: &&geojson::Feature| matches!(feature.id, Some(Id::String(_)));
+        let n_named = features.iter().filter(is_named).count();
+        let first = features.first()?;
+        // A column that comes up later has a place among the others that GDAL works out.
+        let n_first = first.properties.as_ref().map_or(0, |own| own.len()) + usize::from(is_named(&first));
+        let is_plain = columns.len() == n_first && (n_named == 0 || n_named == features.len());
+        is_plain.then_some(Self(columns))
     }
 
     fn feature(&self, feature: geojson::Feature, fid: u64) -> Feature {

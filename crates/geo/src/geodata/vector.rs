@@ -254,16 +254,15 @@ impl VectorLayer {
     }
 
     /// All features, in the layer's order.
-    pub fn features(&mut self) -> impl Iterator<Item = Feature> {
-        let features: Box<dyn Iterator<Item = Feature>> = match &mut self.source {
+    pub fn features(&mut self) -> Box<dyn Iterator<Item = Feature> + '_> {
+        match &mut self.source {
             Source::Gdal { layer, fields } => Box::new(layer.features().map(|feature| Feature {
                 fid: feature.fid(),
                 geometry: feature.geometry().map_or(FeatureGeometry::Missing, shape_of_feature),
                 attributes: attributes(&feature, fields),
             })),
             Source::GeoJson(own) => Box::new(own.features()),
-        };
-        features
+        }
     }
 }
 

@@ -31,7 +31,7 @@ pub enum CameraError {
     NotFinite {
         /// Which parameter.
         name: &'static str,
-        /// Its value.
+        /// The value.
         value: f64,
     },
     /// An image without pixels.
