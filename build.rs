@@ -1,5 +1,7 @@
 //! Names the commit that the program is built from.
 
+#![allow(clippy::print_stdout, reason = "that is how a build script speaks")]
+
 use std::path::Path;
 use std::process::Command;
 

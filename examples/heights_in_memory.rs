@@ -2,6 +2,8 @@
 //!
 //! `cargo run --release --example heights_in_memory`. The depth maps are rendered here; a program of yours has a network's.
 
+#![allow(clippy::print_stdout, reason = "an example prints what it found")]
+
 use geo_types::{Polygon, polygon};
 use glam::DVec3;
 use sizeup::heights::prelude::*;

@@ -2,6 +2,8 @@
 //!
 //! `cargo run --release --example paper_beside_robust`.
 
+#![allow(clippy::print_stdout, reason = "an example prints what it found")]
+
 use sizeup::config::RunConfig;
 use sizeup::evaluate::read::{TruthOptions, read_truth};
 use sizeup::evaluate::{HeightOptions, evaluate_heights};

@@ -3,6 +3,8 @@
 //! `cargo run --release --example photo_footprints -- sizeup.toml 112.5`: a configuration whose `[survey]` names the poses, in
 //! any of the formats that `sizeup survey formats` lists, and the height of the ground in metres.
 
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints what it found")]
+
 use glam::{DVec2, DVec3};
 use sizeup::config::RunConfig;
 use sizeup::survey::{self, View};

@@ -2,6 +2,8 @@
 //!
 //! `cargo run --release --example write_cityjson`.
 
+#![allow(clippy::print_stdout, reason = "an example prints what it found")]
+
 use geo_types::polygon;
 use sizeup::crs::Crs;
 use sizeup::output::cityjson::{self, CityJsonConfig};

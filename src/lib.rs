@@ -28,6 +28,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! A configuration is built in code with [`config::RunConfig::new`]; `examples/run_configured_in_code.rs` does so.
+//!
 //! The method alone, without files, GDAL or networks, is the crate [`sizeup_heights`], whose front page has the frames
 //! and the symbols of the paper.
 

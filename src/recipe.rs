@@ -14,7 +14,7 @@ use sizeup_geo::hashes::sha256_hex;
 const LONGEST_VALUE: usize = 80;
 /// Differences that are told one by one.
 const N_TOLD: usize = 3;
-/// What stands for a file that is not there.
+/// Stand-in for a file that is not there.
 pub const ABSENT: &str = "absent";
 /// The program's name among the parts.
 const PROGRAM: &str = "program";
@@ -44,7 +44,7 @@ pub struct Recipe {
 }
 
 impl Recipe {
-    /// Of this program with some settings, a table of tables.
+    /// The recipe of this program with some settings, a table of tables.
     #[must_use]
     pub fn new(settings: &Value) -> Self {
         let mut flat = BTreeMap::new();

@@ -4,8 +4,10 @@
 Usage: tools/reference.py PROGRAM > docs/reference.md
 """
 import json
+import re
 import subprocess
 import sys
+from dataclasses import dataclass
 
 COMMANDS = ["init", "run", "footprints", "dtm", "survey inspect", "survey align", "survey convert", "prior inspect", "prior compute"]
 COMMANDS += ["evaluate", "changes", "baseline"]
@@ -64,43 +66,136 @@ def default(schema, required):
     return "–" if value is None else f"`{json.dumps(value, ensure_ascii=False)}`"
 
 
-def table(name, schema, defs, defaults=None, head=None):
-    """Rows for the plain keys of a table, then its sub-tables."""
-    rows, below = [], []
-    for key, raw in schema.get("properties", {}).items():
-        field = resolved(raw, defs)
-        if defaults and key in defaults:
-            field = {**field, "default": defaults[key]}
-        path = f"{name}.{key}" if name else key
-        variants = [v for v in field.get("oneOf", []) if "source" in v.get("properties", {})]
-        if variants:
-            for variant in variants:
-                full = resolved(variant, defs)
-                merged = {**full, **variant, "properties": {**full.get("properties", {}), **variant["properties"]}}
-                source = merged["properties"].pop("source")["const"]
-                below.append((path, merged, None, f'with `source = "{source}"`: {text(variant)}'))
-        elif "properties" in field:
-            below.append((path, field, field.get("default"), text(field)))
-        else:
-            words = "<br>".join(f"`{w}`: {t}" if t else f"`{w}`" for w, t in choices(field))
-            meaning = text(field) + (f"<br>{words}" if words else "")
-            rows.append(f"| `{key}` | {kind(field, defs)} | {default(field, key in schema.get('required', []))} | {meaning} |")
-    if rows:
-        print(f"### {f'[{name}]' if name else 'Top level'}\n")
-        if head:
-            print(f"{head}\n")
-        print("| key | type | default | meaning |\n|---|---|---|---|")
-        print("\n".join(rows) + "\n")
-    for part in below:
-        table(part[0], part[1], defs, part[2], part[3])
+def sub_tables(path, field, defs):
+    """The tables below a key: itself, or one for each `source`; each with its name in the schema, its keys and what to say of it."""
+    variants = [v for v in field.get("oneOf", []) if "source" in v.get("properties", {})]
+    for variant in variants:
+        full = resolved(variant, defs)
+        keys = {**full.get("properties", {}), **variant["properties"]}
+        source = keys.pop("source")["const"]
+        head = f'with `source = "{source}"`: {text(variant)}'
+        required = set(full.get("required", [])) | set(variant.get("required", []))
+        yield Table(path, named_as(keys, defs) or f"{path}/{source}", keys, required, {}, is_expert(full, is_expert(field, False)), head)
+    if not variants and "properties" in field:
+        defaults = field.get("default") or {}
+        yield Table(path, field["ref"], field["properties"], set(field.get("required", [])), defaults, field["x-expert"], text(field))
+
+
+@dataclass
+class Table:
+    """A table of a configuration."""
+
+    path: str
+    ref: str
+    keys: dict
+    required: set
+    defaults: dict
+    expert: bool
+    head: str
+
+    @property
+    def title(self):
+        return f"[{self.path}]" if self.path else "Top level"
+
+    def fields(self, defs):
+        """Each key with what is known of it, defaults and marks of the table included."""
+        for key, raw in self.keys.items():
+            field = resolved(raw, defs)
+            field["ref"] = ref_of(raw) or f"{self.ref}/{key}"
+            field["x-expert"] = is_expert(field, self.expert)
+            if self.defaults and key in self.defaults:
+                field["default"] = self.defaults[key]
+            yield key, f"{self.path}.{key}" if self.path else key, field
+
+    def below(self, defs):
+        """The tables in this one."""
+        return [table for _, path, field in self.fields(defs) for table in sub_tables(path, field, defs)]
+
+
+def named_as(keys, defs):
+    """The structure that has these keys, where one does: the schema writes variants out."""
+    return next((f"#/$defs/{name}" for name, schema in defs.items() if set(schema.get("properties", {})) == set(keys)), None)
+
+
+def ref_of(raw):
+    """The name in the schema of what a key holds, where it has one."""
+    options = [s for s in raw.get("anyOf", []) if s.get("type") != "null"]
+    return raw.get("$ref") or (options[0].get("$ref") if len(options) == 1 else None)
+
+
+def is_expert(schema, around):
+    """Whether a key or table is for experts: as it says itself, else as what it lies in."""
+    return schema.get("x-expert", around)
+
+
+def all_tables(root, defs):
+    """A table and all below it, in order."""
+    found = [root]
+    for table in root.below(defs):
+        found += all_tables(table, defs)
+    return found
+
+
+def row(key, field, defs, required):
+    words = "<br>".join(f"`{w}`: {t}" if t else f"`{w}`" for w, t in choices(field))
+    meaning = text(field) + (f"<br>{words}" if words else "")
+    return f"| `{key}` | {kind(field, defs)} | {default(field, key in required)} | {meaning} |"
+
+
+def tables(root, defs, wants_expert):
+    """The tables with the keys that are for experts, or with those that are not; what occurs in several places once."""
+    everything = all_tables(root, defs)
+    # What occurs several times is written where its path is shortest.
+    first = {}
+    for table in sorted(everything, key=lambda t: t.path.count(".")):
+        first.setdefault(table.ref, table)
+    is_first = lambda table: (first[table.ref].path, first[table.ref].head) == (table.path, table.head)
+    written = set()
+    for table in everything:
+        if not is_first(table) or table.ref in written:
+            continue
+        written.add(table.ref)
+        rows, others = [], []
+        for key, path, field in table.fields(defs):
+            below = list(sub_tables(path, field, defs))
+            again = [t for t in below if not is_first(t)]
+            if below and not again:
+                continue
+            if field["x-expert"] != wants_expert:
+                others += [] if below else [key]
+            elif below:
+                rows.append(f"| `{key}` | table | {default(field, key in table.required)} | {text(field)} Keys as in {place(first[again[0].ref])}. |")
+            else:
+                rows.append(row(key, field, defs, table.required))
+        if rows:
+            print(f"### {table.title}\n\n{table.head}".rstrip() + "\n")
+            print("| key | type | default | meaning |\n|---|---|---|---|")
+            print("\n".join(rows) + "\n")
+            if others and not wants_expert:
+                print(f"For experts: {', '.join(f'`{key}`' for key in others)}.\n")
+
+
+def place(table):
+    source = re.match(r"with (`source = .*?`)", table.head)
+    return f"`{table.title}`" + (f" with {source[1]}" if source else "")
+
+
+def settings(which):
+    schema = json.loads(say("schema", which))
+    defs = schema.get("$defs", {})
+    root = Table("", "", schema["properties"], set(schema.get("required", [])), {}, False, "")
+    print(f"## Configuration of `sizeup {which}`\n")
+    print(f"The same as JSON Schema, for editors: `sizeup schema {which}`. `–`: not set unless you set it.\n")
+    tables(root, defs, False)
+    if any(field["x-expert"] for table in all_tables(root, defs) for _, _, field in table.fields(defs)):
+        print(f"## Expert settings of `sizeup {which}`\n")
+        print("Thresholds, weights and forms of files that are rare. They stand in the same tables as the keys above, and no run needs them.\n")
+        tables(root, defs, True)
 
 
 print("# Reference\n\nWritten by `make docs` from the program itself; do not edit.\n\n## Commands\n")
 print(f"```\n{say('--help')}\n```\n")
 for command in COMMANDS:
     print(f"### sizeup {command}\n\n```\n{say(*command.split(), '--help')}\n```\n")
-for which in ["run", "simulate"]:
-    schema = json.loads(say("schema", which))
-    print(f"## Configuration of `sizeup {which}`\n")
-    print("The same as JSON Schema, for editors: " f"`sizeup schema {which}`. `–`: not set unless you set it.\n")
-    table("", schema, schema.get("$defs", {}))
+for name in ["run", "simulate"]:
+    settings(name)

@@ -1,6 +1,8 @@
 //! Finds the system's PROJ, the one GDAL loads too: `proj-sys` is told not to build or bundle its own. With
 //! `bundled-libraries` there is nothing to find: `proj-sys` builds PROJ, and `gdal-src` a GDAL that uses it.
 
+#![allow(clippy::print_stdout, reason = "that is how a build script speaks")]
+
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     let has = |feature: &str| std::env::var_os(format!("CARGO_FEATURE_{feature}")).is_some();

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::reliability::{self, SigmaClass};
 use super::{BenchmarkError, Method, Outcome, Plan, Programs, RealTown, SceneJob, Tell, Variant, run_scene};
-use sizeup_geo::files::write_whole;
+use sizeup_geo::files::{write_json, write_whole};
 use sizeup_lab::evaluate::{BuildingError, HeightStatistics};
 use sizeup_lab::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind};
 use sizeup_results::output::Status;
@@ -233,10 +233,7 @@ pub fn run(config: &AccuracyConfig, plan: &Plan, tell: Tell<'_>) -> Result<Accur
 }
 
 fn write(table: &AccuracyTable, plan: &Plan) -> Result<(), BenchmarkError> {
-    write_whole(&plan.folder.join("accuracy.json"), |out| {
-        serde_json::to_writer_pretty(&mut *out, table)?;
-        out.write_all(b"\n")
-    })?;
+    write_json(&plan.folder.join("accuracy.json"), table)?;
     write_whole(&plan.folder.join("accuracy.md"), |out| out.write_all(table.to_markdown().as_bytes()))?;
     Ok(())
 }

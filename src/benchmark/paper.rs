@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::studies::{self, StudyConfig, StudyTables};
 use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, Variant, run_scene};
-use sizeup_geo::files::write_whole;
+use sizeup_geo::files::{write_json, write_whole};
 use sizeup_lab::simulate::{ErrorConfig, FlightPattern, PriorLevel, SimulateConfig};
 
 /// Points tried per building for the point cloud.
@@ -250,10 +250,7 @@ pub fn run(config: &PaperConfig, plan: &Plan, tell: Tell<'_>) -> Result<PaperTab
         let n_buildings = job.simulate.town.n_buildings;
         tables.scenes.push(PaperResult { scene: job.name.clone(), n_buildings, outcomes });
         tables.programs = Programs::of(&plan.program, tables.scenes.iter().flat_map(|s| &s.outcomes));
-        write_whole(&plan.folder.join("paper.json"), |out| {
-            serde_json::to_writer_pretty(&mut *out, &tables)?;
-            out.write_all(b"\n")
-        })?;
+        write_json(&plan.folder.join("paper.json"), &tables)?;
         write_whole(&plan.folder.join("paper.md"), |out| out.write_all(tables.to_markdown().as_bytes()))?;
     }
     tables.studies = studies::run(&config.studies, plan, tell)?;

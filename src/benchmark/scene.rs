@@ -290,7 +290,7 @@ fn aids(method: Method, folder: &Path, truth: &[TruthBuilding]) -> Result<Aids, 
 }
 
 fn seconds_of(summary: &RunSummary, stage: Stage) -> f64 {
-    summary.seconds.iter().filter(|(s, _)| *s == stage).map(|(_, seconds)| seconds).sum()
+    summary.seconds.iter().filter(|(s, _)| s == stage.name()).map(|(_, seconds)| seconds).sum()
 }
 
 /// Processor seconds that this process spent in user mode, from Linux' `/proc`, in hundredths (`USER_HZ` is 100

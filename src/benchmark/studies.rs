@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::accuracy::word;
 use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, Variant, run_scene};
-use sizeup_geo::files::{FileError, write_whole};
+use sizeup_geo::files::{FileError, write_json, write_whole};
 use sizeup_heights::stats;
 use sizeup_lab::evaluate::HeightStatistics;
 use sizeup_lab::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind};
@@ -311,10 +311,7 @@ pub fn run(config: &StudyConfig, plan: &Plan, tell: Tell<'_>) -> Result<StudyTab
             stability: stability(&outcomes[AS_IT_IS]),
             programs: Programs::of(&plan.program, outcomes.values().flatten()),
         };
-        write_whole(&plan.folder.join("studies.json"), |out| {
-            serde_json::to_writer_pretty(&mut *out, &tables)?;
-            out.write_all(b"\n")
-        })?;
+        write_json(&plan.folder.join("studies.json"), &tables)?;
         write_whole(&plan.folder.join("studies.md"), |out| out.write_all(tables.to_markdown().as_bytes()))?;
     }
     tell(towns.len(), towns.len(), "done");

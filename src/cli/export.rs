@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::ui::warn_of_unfinished;
-use super::{Call, Failure, Global, Ui, print_json};
+use super::{Call, Failure, Global, Ui, counted, print_json};
 use sizeup_geo::crs::Crs;
 use sizeup_results::output::cityjson::{self, AttributeNames, CityJsonConfig};
 use sizeup_results::output::geopackage::{self, GeoPackageConfig, ProjectGround};
@@ -21,10 +21,11 @@ use sizeup_survey::Survey;
   sizeup export result/city.city.json city.gpkg
   sizeup export result/city.gpkg city.city.jsonl
   sizeup export result/city.gpkg city.geojson      longitude and latitude, for web maps
+  sizeup export result/city.gpkg issues.geojson --layer qa_issues
   sizeup export lod2.city.json lod1.city.json      anybody's file: blocks of the mean roof height
   sizeup export result/city.city.json tiles --to 3dtiles --geoid-height 45.5
 
-Cameras and issues are only in the files of a run: an export has the buildings with all their attributes.")]
+An export has the buildings with all their attributes; cameras, issues and tiles go one by one, with --layer.")]
 pub struct ExportArgs {
     /// CityJSON (.json), CityJSONSeq (.jsonl), GeoPackage or FlatGeobuf; ours, or anybody's with heights.
     pub input: PathBuf,
@@ -36,6 +37,9 @@ pub struct ExportArgs {
     /// CRS, for an input that does not state one.
     #[arg(long, value_name = "CRS")]
     pub crs: Option<String>,
+    /// GeoJSON: another layer of the input than the buildings, such as qa_issues, cameras, or a city's tiles.
+    #[arg(long, value_name = "LAYER")]
+    pub layer: Option<String>,
     /// GeoPackage: also write a QGIS project beside it, with the extension .qgs.
     #[arg(long)]
     pub project: bool,
@@ -101,6 +105,9 @@ pub enum HeightsArg {
 pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
     let format = args.to.map_or_else(|| format_of(&args.output), Ok)?;
     warn_of_unfinished(&args.input, global);
+    if let Some(layer) = &args.layer {
+        return export_layer(args, format, layer, global);
+    }
     let file = RecordFile::open(&args.input, ReadOptions::default()).map_err(|e| Failure::new(3, &e))?;
     let crs = match (file.crs(), &args.crs) {
         (None, Some(definition)) => Crs::parse(definition).map_err(|e| Failure::new(2, &e))?,
@@ -125,6 +132,21 @@ pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
     ui.say(format!("{n_buildings} buildings, {n_heights} with a height, in {}", args.output.display()));
     if global.json {
         print_json(&serde_json::json!({ "n_buildings": n_buildings, "n_heights": n_heights, "output": args.output }))?;
+    }
+    Ok(0)
+}
+
+/// A layer beside the buildings, as GeoJSON.
+fn export_layer(args: &ExportArgs, format: Format, layer: &str, global: &Global) -> Result<u8, Failure> {
+    if format != Format::GeoJson {
+        return Err(Failure::from_text(2, "--layer writes GeoJSON\nhint: name a file that ends with .geojson"));
+    }
+    let stated = args.crs.as_deref().map(Crs::parse).transpose().map_err(|e| Failure::new(2, &e))?;
+    let n_features = geojson::write_layer(&args.output, &args.input, layer, stated.as_ref())
+        .map_err(|e| Failure::new(exit_code(&e), &e))?;
+    Ui::new(global).say(format!("{} of {layer} in {}", counted(n_features, "feature"), args.output.display()));
+    if global.json {
+        print_json(&serde_json::json!({ "n_features": n_features, "output": args.output }))?;
     }
     Ok(0)
 }

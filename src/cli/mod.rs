@@ -12,6 +12,7 @@ mod doctor;
 mod dtm;
 mod evaluate;
 mod export;
+mod flags;
 mod footprints;
 mod init;
 mod look;

@@ -41,18 +41,18 @@ pub enum Level {
     Error,
 }
 
-/// What is told while a command works: one line each.
+/// Events of a command at work: one line each.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum ProgressEvent {
     /// A stage of a run begins: survey, footprints, heights, output.
     Stage {
-        /// Its name.
+        /// The name.
         stage: Stage,
     },
     /// So much of some work is done. The same work can begin again, from 0.
     Advance {
-        /// What is being done: `ground`, `tracing`, `priors`, `epochs`, `tiles`, or words.
+        /// The work: `ground`, `tracing`, `priors`, `epochs`, `tiles`, or words.
         what: String,
         /// How much is done, at most `total`.
         done: usize,
@@ -75,9 +75,9 @@ pub enum ProgressEvent {
     Error {
         /// The exit code: 2 usage or configuration, 3 the input cannot be used, 4 failed.
         code: u8,
-        /// What is wrong.
+        /// The problem.
         message: String,
-        /// What to do about it, where that is known.
+        /// Advice, where there is any.
         #[serde(skip_serializing_if = "Option::is_none")]
         hint: Option<String>,
     },

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use super::flags::{flag, put, text_of};
 use super::tiles::{CutArgs, TilesetArgs, TrustArgs, absolute, failed, merge_city, plan_config};
 use super::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
@@ -221,7 +222,7 @@ pub(super) fn run_config(config: &RunConfig, options: &RunOptions, global: &Glob
 }
 
 pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
-    let seconds: Vec<String> = summary.seconds.iter().map(|(stage, s)| format!("{} {s:.1} s", stage.name())).collect();
+    let seconds: Vec<String> = summary.seconds.iter().map(|(stage, s)| format!("{stage} {s:.1} s")).collect();
     for doubt in &summary.implausible {
         ui.say(format!("THE RESULT IS IMPLAUSIBLE: {doubt}"));
     }
@@ -256,9 +257,10 @@ pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
         let of: Vec<String> = of.collect();
         ui.say(format!("{n_parts:>8} parts of buildings in several pieces: {}", of.join(", ")));
     }
-    if summary.n_refined > 0 {
-        let roofs = if summary.n_refined == 1 { "roof" } else { "roofs" };
-        ui.say(format!("{:>8} {roofs} refined by the photos", summary.n_refined));
+    let n_refined = summary.n_refined.unwrap_or(0);
+    if n_refined > 0 {
+        let roofs = if n_refined == 1 { "roof" } else { "roofs" };
+        ui.say(format!("{n_refined:>8} {roofs} refined by the photos"));
     }
     if let Some(median) = summary.median_height_m {
         ui.say(format!("median height {median:.1} m"));
@@ -309,25 +311,22 @@ fn text_of_stdin(args: &RunArgs) -> Result<String, Failure> {
 /// Flags as the configuration file they stand for, so that there is one way to read settings.
 fn text_of_flags(args: &RunArgs) -> Result<String, Failure> {
     let missing = |flag: &str| Failure::from_text(2, format!("--survey needs --{flag} too"));
-    let mut table = toml::Table::new();
-    let mut set = |name: &str, key: &str, value: toml::Value| {
-        let entry = table.entry(name).or_insert_with(|| toml::Value::Table(toml::Table::new()));
-        if let Some(table) = entry.as_table_mut() {
-            table.insert(key.to_owned(), value);
-        }
+    let path = |path: Option<&PathBuf>| path.map(|path| text_of(path));
+    let needed = |flag: &str, value: Option<String>| value.ok_or_else(|| missing(flag)).map(Some);
+    let ground = || match (path(args.dtm.as_ref()), args.ground) {
+        (Some(dtm), _) => Ok(flag("terrain", "dtm", Some(dtm))),
+        (None, Some(ground_m)) => Ok(flag("terrain", "constant_m", Some(ground_m))),
+        (None, None) => Err(missing("dtm or --ground")),
     };
-    let path = |path: &PathBuf| toml::Value::String(path.to_string_lossy().into_owned());
-    set("project", "crs", args.crs.clone().ok_or_else(|| missing("crs"))?.into());
-    set("survey", "path", path(args.survey.as_ref().ok_or_else(|| missing("survey"))?));
-    set("footprints", "path", path(args.footprints.as_ref().ok_or_else(|| missing("footprints"))?));
-    match (&args.dtm, args.ground) {
-        (Some(dtm), _) => set("terrain", "dtm", path(dtm)),
-        (None, Some(ground_m)) => set("terrain", "constant_m", ground_m.into()),
-        (None, None) => return Err(missing("dtm or --ground")),
-    }
-    if let Some(images) = &args.images {
-        set("survey", "images", path(images));
-    }
+    let settings = [
+        flag("project", "crs", needed("crs", args.crs.clone())?),
+        flag("survey", "path", needed("survey", path(args.survey.as_ref()))?),
+        flag("footprints", "path", needed("footprints", path(args.footprints.as_ref()))?),
+        ground()?,
+        flag("survey", "images", path(args.images.as_ref())),
+    ];
+    let mut table = toml::Table::new();
+    put(&mut table, settings.into_iter().flatten());
     table.insert("prior".to_owned(), toml::Value::Table(prior_of_flags(args)?));
     Ok(table.to_string())
 }

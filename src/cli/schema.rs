@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::{Failure, ProgressEvent, print_json};
 use crate::config::RunConfig;
-use sizeup_geo::files::write_whole;
+use sizeup_geo::files::write_json;
 use sizeup_lab::simulate::SimulateConfig;
 use sizeup_photos::align::AlignReport;
 use sizeup_results::changes::ChangesReport;
@@ -77,11 +77,7 @@ pub(super) fn run(args: &SchemaArgs) -> Result<u8, Failure> {
     }
     if let Some(folder) = &args.output {
         for name in SchemaName::value_variants() {
-            write_whole(&folder.join(name.file_name()), |out| {
-                serde_json::to_writer_pretty(&mut *out, &schema(*name))?;
-                out.write_all(b"\n")
-            })
-            .map_err(|e| Failure::new(4, &e))?;
+            write_json(&folder.join(name.file_name()), &schema(*name)).map_err(|e| Failure::new(4, &e))?;
         }
     }
     Ok(0)

@@ -6,12 +6,13 @@ use clap::{Args, Subcommand, ValueEnum};
 use geo::ConvexHull as _;
 use serde::{Deserialize, Serialize};
 
+use super::flags::{Flag, flag, put, text_of};
 use super::ui::{ALIGNING, PHOTOS};
 use super::{Failure, Global, Ui, print, print_json, print_lines};
 use crate::pipeline;
 use sizeup_footprints::{FootprintSource, MaskConfig, MaskFiles, OutlineSource as _};
 use sizeup_geo::crs::Crs;
-use sizeup_geo::files::{is_virtual, write_whole};
+use sizeup_geo::files::{is_virtual, write_json};
 use sizeup_geo::issue::Issue;
 use sizeup_geo::limits::Limits;
 use sizeup_geo::paths::resolved;
@@ -220,7 +221,7 @@ fn formats(global: &Global) -> Result<u8, Failure> {
             &all.iter().map(|(name, about)| serde_json::json!({"name": name, "about": about})).collect::<Vec<_>>(),
         )?;
     } else {
-        all.iter().for_each(|(name, about)| println!("{name:<18}{about}"));
+        all.iter().try_for_each(|(name, about)| print(&format_args!("{name:<18}{about}")))?;
     }
     Ok(0)
 }
@@ -394,11 +395,7 @@ fn write_aligned(
     for (target, path) in [(Target::Colmap, folder.to_owned()), (Target::Csv, folder.join("poses.csv"))] {
         sizeup_survey::write(survey, crs, terrain, target, &path).map_err(|e| Failure::new(4, &e))?;
     }
-    write_whole(&folder.join("align.json"), |out| {
-        serde_json::to_writer_pretty(&mut *out, report)?;
-        out.write_all(b"\n")
-    })
-    .map_err(|e| Failure::new(4, &e))
+    write_json(&folder.join("align.json"), report).map_err(|e| Failure::new(4, &e))
 }
 
 /// The ground around the cameras, where one is given.
@@ -430,12 +427,7 @@ fn settings_of(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>
     } else {
         let mut table: toml::Table = crate::config::parse(&text, Some(name), &[]).map_err(|e| usage(&e))?;
         make_room(&mut table, args, footprints);
-        for (table_name, key, value) in flags {
-            let entry = table.entry(table_name).or_insert_with(|| toml::Table::new().into());
-            if let Some(entry) = entry.as_table_mut() {
-                entry.insert(key.to_owned(), value);
-            }
-        }
+        put(&mut table, flags);
         table.to_string()
     };
     let mut settings: Settings = crate::config::parse(&text, Some(name), &args.assignments).map_err(|e| usage(&e))?;
@@ -463,31 +455,24 @@ fn make_room(table: &mut toml::Table, args: &SourceArgs, footprints: Option<&Pat
     }
 }
 
-type Flag = (&'static str, &'static str, toml::Value);
-
 /// What the flags stand for: table, key, value. Paths become absolute: those of a file are relative to the file.
 fn flags(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>) -> Result<Vec<Flag>, Failure> {
-    let absolute = |path: &Path| -> Result<toml::Value, Failure> {
+    let absolute = |path: &Path| -> Result<String, Failure> {
         // An address would lose one of its slashes.
         let path = if is_virtual(path) { Ok(path.to_owned()) } else { std::path::absolute(path) };
         let path = path.map_err(|e| Failure::new(2, &e))?;
-        Ok(path.to_string_lossy().into_owned().into())
+        Ok(text_of(&path))
     };
-    let mut flags: Vec<Flag> = Vec::new();
-    let paths = [
-        ("survey", "path", path),
-        ("survey", "images", args.images.as_deref()),
-        ("terrain", "dtm", args.dtm.as_deref()),
-        ("footprints", "path", footprints),
+    let all = [
+        flag("survey", "path", path.map(absolute).transpose()?),
+        flag("survey", "images", args.images.as_deref().map(absolute).transpose()?),
+        flag("terrain", "dtm", args.dtm.as_deref().map(absolute).transpose()?),
+        flag("footprints", "path", footprints.map(absolute).transpose()?),
+        flag("project", "crs", args.crs.clone()),
+        flag("survey", "crs", args.pose_crs.clone()),
+        flag("survey", "format", args.format.clone()),
+        flag("survey", "offset", args.offset.map(|offset| offset.to_vec())),
+        flag("terrain", "constant_m", args.ground),
     ];
-    for (table, key, path) in paths {
-        if let Some(path) = path {
-            flags.push((table, key, absolute(path)?));
-        }
-    }
-    let words = [("project", "crs", &args.crs), ("survey", "crs", &args.pose_crs), ("survey", "format", &args.format)];
-    flags.extend(words.into_iter().filter_map(|(table, key, word)| Some((table, key, word.clone()?.into()))));
-    flags.extend(args.offset.map(|offset| ("survey", "offset", offset.to_vec().into())));
-    flags.extend(args.ground.map(|height_m| ("terrain", "constant_m", height_m.into())));
-    Ok(flags)
+    Ok(all.into_iter().flatten().collect())
 }

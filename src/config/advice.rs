@@ -49,7 +49,7 @@ pub(super) fn of_assignments(error: &toml::de::Error, assignments: &[String]) ->
     ConfigError::Set { assignment, message, hint }
 }
 
-/// What a word can be that is none of them.
+/// The words that are allowed where another stands.
 fn values(message: &str) -> Option<String> {
     let expected = message.strip_prefix("unknown variant `")?.split_once("expected ")?.1;
     let words: Vec<&str> = expected.split('`').skip(1).step_by(2).collect();

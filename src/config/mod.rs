@@ -47,24 +47,24 @@ pub enum ConfigError {
     Parse {
         /// The file.
         path: PathBuf,
-        /// What is wrong, with the line underlined.
+        /// The problem, with the line underlined.
         message: String,
-        /// What to write.
+        /// Advice.
         hint: String,
     },
     /// A `--set` that cannot be applied.
     #[error("--set {assignment}: {message}\nhint: {hint}")]
     Set {
-        /// What the user wrote.
+        /// The assignment as the user wrote it.
         assignment: String,
-        /// What is wrong with it.
+        /// The problem with it.
         message: String,
-        /// What to write.
+        /// Advice.
         hint: String,
     },
 }
 
-/// What a run needs to know.
+/// The configuration of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RunConfig {
@@ -106,13 +106,13 @@ pub struct RunConfig {
     /// The results.
     #[serde(default)]
     pub output: OutputConfig,
-    /// What input may take of the machine.
+    /// Limits of the memory and servers that input may use.
     #[serde(default)]
     pub limits: Limits,
     /// Which paths were relative in the file.
     #[serde(skip)]
     own_paths: OwnPaths,
-    /// What is to be said of the file itself.
+    /// Issues of the file itself.
     #[serde(skip)]
     notes: Vec<Issue>,
 }
@@ -153,7 +153,7 @@ fn default_output() -> PathBuf {
 pub struct OutputConfig {
     /// Whether to draw pictures: a map, proxies over photos, one view's depth beside its prior.
     pub pictures: bool,
-    /// What becomes of buildings whose height is not known.
+    /// Treatment of buildings whose height is not known.
     pub fallback: FallbackConfig,
     /// `CityJSON`.
     pub cityjson: CityJsonConfig,
@@ -255,7 +255,7 @@ impl RunConfig {
         Ok(config)
     }
 
-    /// What is to be said of the file itself: keys that have another name now.
+    /// Issues of the file itself: keys that have another name now.
     #[must_use]
     pub fn notes(&self) -> &[Issue] {
         &self.notes

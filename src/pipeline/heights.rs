@@ -243,9 +243,8 @@ pub(super) fn view_inputs(config: &RunConfig, survey: &Survey, scene: &Scene) ->
     survey.views.iter().map(of).collect()
 }
 
-/// Without a single prior there is nothing to solve: the settings are wrong, not single photos.
-/// Looks for one usable prior file of an oblique view, before rays are traced for all of them. Computed priors are told
-/// of as they are computed.
+/// Looks for one usable prior file of an oblique view, before rays are traced for all of them: without a single one there
+/// is nothing to solve, and the settings are wrong, not single photos. Computed priors are told of as they are computed.
 fn require_a_prior(survey: &Survey, priors: &PriorStore) -> Result<(), PipelineError> {
     if !matches!(priors.source(), Priors::Files(_)) {
         return Ok(());

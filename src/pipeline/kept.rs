@@ -1,11 +1,10 @@
 //! The priors of a run: what was computed is kept, so that solving again, correcting edge bleeding and the pictures at the end
 //! do not ask the network or the matcher a second time.
 
-use std::collections::HashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::config::RunConfig;
+use sizeup_geo::kept::Kept;
 use sizeup_heights::optimise::WithoutPrior;
 use sizeup_photos::prior::{DepthPrior, PriorError, PriorSource as _, Priors};
 use sizeup_survey::{Survey, View};
@@ -19,26 +18,20 @@ const KEPT_BYTES: usize = 256 << 20;
 /// A source of priors that remembers.
 pub(super) struct PriorStore {
     source: Priors,
-    limit_bytes: usize,
-    kept: Mutex<Kept>,
-}
-
-#[derive(Default)]
-struct Kept {
-    by_view: HashMap<usize, DepthPrior>,
-    n_bytes: usize,
+    /// By the view's position, weighed in bytes.
+    kept: Kept<usize, DepthPrior>,
 }
 
 impl PriorStore {
     /// Of a run.
     pub fn open(config: &RunConfig, survey: &Survey, stage: &SceneStage) -> Result<Self, PipelineError> {
         let source = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
-        Ok(Self { source, limit_bytes: KEPT_BYTES, kept: Mutex::default() })
+        Ok(Self { source, kept: Kept::up_to(KEPT_BYTES) })
     }
 
     /// One that forgets, where memory is counted.
     pub fn forgetful(source: Priors) -> Self {
-        Self { source, limit_bytes: 0, kept: Mutex::default() }
+        Self { source, kept: Kept::up_to(0) }
     }
 
     /// Where they come from.
@@ -48,7 +41,7 @@ impl PriorStore {
 
     /// Whether a view's prior can be had without computing it.
     pub fn is_at_hand(&self, view: usize) -> bool {
-        self.source.are_at_hand() || self.kept().by_view.contains_key(&view)
+        self.source.are_at_hand() || self.kept.find(&view).is_some()
     }
 
     /// Why a view has no prior, as far as that can be told without reading or computing one.
@@ -58,13 +51,13 @@ impl PriorStore {
 
     /// The prior of a view by its position, along the optical axis.
     pub fn load(&self, survey: &Survey, view: usize) -> Result<DepthPrior, PriorError> {
-        if let Some(prior) = self.kept().by_view.get(&view) {
-            return Ok(prior.clone());
+        if let Some(prior) = self.kept.find(&view) {
+            return Ok(prior.as_ref().clone());
         }
         let of = &survey.views[view];
         let prior = self.source.load(of)?.to_z_depth(&of.camera);
         if !matches!(self.source, Priors::Files(_)) {
-            self.keep(view, &prior);
+            self.kept.add(view, prior.clone(), size_of_val(prior.values.data()));
         }
         Ok(prior)
     }
@@ -80,24 +73,12 @@ impl PriorStore {
         if !self.source.computes_several() {
             return Vec::new();
         }
-        let is_new = |view: &usize| !self.kept().by_view.contains_key(view);
+        let is_new = |view: &usize| self.kept.find(view).is_none();
         let new: Vec<usize> = views.iter().copied().filter(is_new).collect();
         let of: Vec<&View> = new.iter().map(|&view| &survey.views[view]).collect();
         let n_done = AtomicUsize::new(0);
         let done = || progress(n_done.fetch_add(1, Ordering::Relaxed) + 1, new.len());
         let outcomes = self.source.compute_ahead(&of, &done);
         new.into_iter().zip(outcomes).filter_map(|(view, outcome)| Some((view, outcome.err()?))).collect()
-    }
-
-    fn keep(&self, view: usize, prior: &DepthPrior) {
-        let n_bytes = size_of_val(prior.values.data());
-        let mut kept = self.kept();
-        if kept.n_bytes + n_bytes <= self.limit_bytes && kept.by_view.insert(view, prior.clone()).is_none() {
-            kept.n_bytes += n_bytes;
-        }
-    }
-
-    fn kept(&self) -> MutexGuard<'_, Kept> {
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

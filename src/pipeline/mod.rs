@@ -53,15 +53,16 @@ pub use tile::{
 };
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
-use sizeup_geo::issue::{Issue, Severity};
+use sizeup_geo::files::write_json;
+use sizeup_geo::issue::Issue;
 use sizeup_heights::optimise::{OptimiseConfig, Problem, Solution, Solving, solve};
-use sizeup_results::output::{BuildingRecord, Status};
+use sizeup_results::output::BuildingRecord;
+pub use sizeup_results::output::RunSummary;
 
 /// A part of the path, in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
@@ -141,72 +142,6 @@ pub enum Event {
 /// Told about every [`Event`], from any thread.
 pub type Tell<'a> = &'a (dyn Fn(Event) + Sync);
 
-/// What a run did.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct RunSummary {
-    /// What speaks against the result as a whole, one sentence each; empty where nothing does.
-    #[serde(default)]
-    pub implausible: Vec<String>,
-    /// Folder of the results.
-    pub output: PathBuf,
-    /// What was done to the poses where they did not fit the photos, in words.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub poses: Option<String>,
-    /// Where depth priors come from, in words.
-    #[serde(default)]
-    pub priors_from: String,
-    /// Views with a usable pose.
-    pub n_views: usize,
-    /// Of these, oblique ones, in which heights can be measured.
-    pub n_oblique: usize,
-    /// Distinct views whose prior was used (the paper's #Used).
-    pub n_used_views: usize,
-    /// Heights that the photos refined.
-    #[serde(default, alias = "n_settled")]
-    pub n_refined: usize,
-    /// Buildings of the input.
-    pub n_buildings: usize,
-    /// What was found in the nadir photos, where outlines come from there.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub detection: Option<sizeup_footprints::DetectionSummary>,
-    /// Buildings of the input by status, one in parts as its worst part; empty where the output stage did not run.
-    pub by_status: BTreeMap<Status, usize>,
-    /// Parts of buildings that came in several pieces or were split, by status.
-    #[serde(default)]
-    pub parts_by_status: BTreeMap<Status, usize>,
-    /// Median height above ground of all buildings with one, and parts of such, metres.
-    pub median_height_m: Option<f64>,
-    /// Issues of all stages by severity.
-    pub n_refused: usize,
-    /// Warnings of all stages.
-    pub n_warnings: usize,
-    /// Photos that the survey names and nobody could read.
-    #[serde(default)]
-    pub n_photos_missing: usize,
-    /// The most important problem, one sentence; `None` if all is well, or the output stage did not run.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub worst: Option<String>,
-    /// Seconds per stage that ran; in the results they are in `timing.json`, the only file that differs from run to run.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub seconds: Vec<(Stage, f64)>,
-}
-
-impl RunSummary {
-    /// Whether some items of the input have no result.
-    #[must_use]
-    pub fn has_failed_items(&self) -> bool {
-        let count = |status| self.by_status.get(&status).copied().unwrap_or(0);
-        self.n_refused > 0 || self.n_photos_missing > 0 || count(Status::Unknown) > 0 || count(Status::Refused) > 0
-    }
-
-    fn count_issues(&mut self, issues: &[Issue]) {
-        self.n_refused = issues.iter().filter(|i| i.severity == Severity::Refused).count();
-        self.n_warnings = issues.iter().filter(|i| i.severity == Severity::Warning).count();
-        self.n_photos_missing =
-            issues.iter().filter(|i| ["pose_without_photo", "photo_unreadable"].contains(&i.code.as_str())).count();
-    }
-}
-
 /// The result of a run in memory: what its files say.
 #[derive(Debug, Clone)]
 pub struct City {
@@ -267,7 +202,7 @@ fn run_timed(
 ) -> Result<City, PipelineError> {
     let city = stages::run(config, options, tell, solver)?;
     let seconds: BTreeMap<&str, f64> =
-        city.summary.seconds.iter().map(|(stage, seconds)| (stage.name(), *seconds)).collect();
-    stages::write_json(&config.project.output.join("timing.json"), &seconds)?;
+        city.summary.seconds.iter().map(|(stage, seconds)| (stage.as_str(), *seconds)).collect();
+    write_json(&config.project.output.join("timing.json"), &seconds)?;
     Ok(city)
 }

@@ -12,6 +12,7 @@ use super::{HeightStage, PipelineError};
 use sizeup_footprints::Detection;
 use sizeup_geo::files::is_virtual;
 use sizeup_geo::geodata::raster::{RasterError, RasterFile};
+use sizeup_geo::template::bare_stem;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::optimise::EpochRecord;
 use sizeup_heights::raster::Raster;
@@ -59,8 +60,7 @@ pub(super) fn write(
     }
     let with_photo = views.iter().map(|&v| &model.survey.views[v]).filter(|view| view.image.is_some());
     for view in with_photo.take(N_OVERLAYS) {
-        let stem = std::path::Path::new(&view.id.0).file_stem().map(|s| s.to_string_lossy().into_owned());
-        let name = format!("overlay-{}.png", stem.unwrap_or_else(|| "view".to_owned()));
+        let name = format!("overlay-{}.png", bare_stem(&view.id.0));
         let lines = proxy_lines(view, stage, heights);
         let key = [("roof", ROOF), ("wall, ground", WALL)];
         let overlay = picture::overlay(&photo_of(view)?, &lines, &key, &OverlayConfig::default());
@@ -89,8 +89,7 @@ pub(super) fn footprints(
         for footprint in &found.layer.footprints {
             lines.extend(ground_lines(view, &footprint.polygon, terrain, OUTLINE));
         }
-        let stem = std::path::Path::new(&view.id.0).file_stem().map(|s| s.to_string_lossy().into_owned());
-        let name = format!("footprints-{}.png", stem.unwrap_or_else(|| format!("view-{i}")));
+        let name = format!("footprints-{}.png", bare_stem(&view.id.0));
         let key = [("footprint", OUTLINE), ("this photo's mask", CANDIDATE)];
         let overlay = picture::overlay(&photo_of(view)?, &lines, &key, &OverlayConfig::default());
         picture::write_png(&folder.join(name), &overlay).map_err(PipelineError::from)

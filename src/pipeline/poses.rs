@@ -1,9 +1,9 @@
 //! Photos and poses that depth is matched from: bad photos are named, and poses are brought to agree with photos that do not fit.
 
-use super::stages::write_json;
 use super::{Event, PipelineError, Tell};
 use crate::config::RunConfig;
 use sizeup_geo::crs::Crs;
+use sizeup_geo::files::write_json;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{self, MapBox, Terrain, TerrainConfig, TerrainError};
 use sizeup_photos::align::{self, AlignError, AlignReport, AlignWhen, Aligned, CameraCorrection};

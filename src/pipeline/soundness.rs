@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use super::PipelineError;
-use super::stages::write_json;
 use crate::config::RunConfig;
+use sizeup_geo::files::write_json;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::Terrain;
 use sizeup_results::output::picture;

@@ -1,6 +1,6 @@
 //! The stages, one function each, and the loop over them.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -17,7 +17,7 @@ use super::worst::worst;
 use super::{City, Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
 use super::{artefact, footprints as outlines, levels, pictures, poses, report, soundness};
 use crate::config::RunConfig;
-use sizeup_geo::files::{FileError, write_whole};
+use sizeup_geo::files::{FileError, write_json, write_whole};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{self, GroundLevel, MapBox, Terrain};
 use sizeup_geo::unfinished::Unfinished;
@@ -48,7 +48,8 @@ pub(super) fn run(
     check_settings(config)?;
     let reviews = reviews_of(config)?;
     let mut seconds = Vec::new();
-    let mut timed = |stage: Stage, start: Instant| seconds.push((stage, start.elapsed().as_secs_f64()));
+    let mut timed =
+        |stage: Stage, start: Instant| seconds.push((stage.name().to_owned(), start.elapsed().as_secs_f64()));
     let runs = |stage: Stage| options.from <= stage && stage <= options.until;
 
     let (start, mut reading) = (Instant::now(), None);
@@ -112,7 +113,7 @@ pub(super) fn run(
         (heights, None)
     };
     summary.n_used_views = heights.solution.used_views.len();
-    summary.n_refined = heights.solution.heights.iter().filter(|solved| solved.raised_m.is_some()).count();
+    summary.n_refined = Some(heights.solution.heights.iter().filter(|solved| solved.raised_m.is_some()).count());
     if options.until == Stage::Heights {
         return Ok(City::without_records(RunSummary { seconds, ..summary }));
     }
@@ -155,13 +156,14 @@ fn written_without_heights(
 ) -> Result<Vec<Issue>, PipelineError> {
     check_overlap(survey, footprints)?;
     let all = survey.issues.iter().chain(&footprints.layer.issues).chain(&footprints.issues);
-    let found: Vec<Issue> = all.cloned().collect();
+    let mut found: Vec<Issue> = all.cloned().collect();
+    found.sort_by_key(Issue::weight);
     write_json(&config.project.output.join("issues.json"), &found)?;
     Ok(found)
 }
 
-/// What people decided; read first, so that a file that cannot be used is told before hours of computing.
-/// What people decided about single buildings.
+/// What people decided about single buildings; read first, so that a file that cannot be used is told before hours of
+/// computing.
 ///
 /// # Errors
 /// [`PipelineError::Reviews`].
@@ -171,24 +173,13 @@ pub fn reviews_of(config: &RunConfig) -> Result<Reviews, PipelineError> {
 
 fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
     RunSummary {
-        implausible: Vec::new(),
         poses: poses::in_words(survey),
         priors_from: config.prior.in_words(),
         output: config.project.output.clone(),
         n_views: survey.views.len(),
         n_oblique: survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique).count(),
-        n_used_views: 0,
-        n_refined: 0,
-        n_buildings: 0,
-        detection: None,
-        by_status: BTreeMap::new(),
-        parts_by_status: BTreeMap::new(),
-        median_height_m: None,
-        n_refused: 0,
-        n_warnings: 0,
-        n_photos_missing: 0,
-        worst: None,
-        seconds: Vec::new(),
+        n_refined: Some(0),
+        ..RunSummary::default()
     }
 }
 
@@ -401,17 +392,7 @@ fn write_results(config: &RunConfig, model: &CityModel<'_>, summary: &RunSummary
     dtm::write_project(config, folder, "city.gpkg", model)?;
     write_json(&folder.join("issues.json"), &model.issues)?;
     write_json(&folder.join("lineage.json"), &model.lineage)?;
-    // Seconds and folders differ from run to run; the file stays the same for the same input.
-    let output = PathBuf::from(".");
-    write_json(&folder.join("summary.json"), &RunSummary { seconds: Vec::new(), output, ..summary.clone() })?;
+    summary.write(folder)?;
     write_whole(&folder.join("config.toml"), |out| out.write_all(config.saved().to_toml().as_bytes()))?;
-    Ok(())
-}
-
-pub(super) fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), PipelineError> {
-    write_whole(path, |out| {
-        serde_json::to_writer_pretty(&mut *out, value)?;
-        out.write_all(b"\n")
-    })?;
     Ok(())
 }

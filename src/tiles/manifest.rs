@@ -13,7 +13,7 @@ use crate::config::RunConfig;
 use crate::pipeline::{Frame, PartHashes};
 use crate::recipe::Recipe;
 use sizeup_footprints::RefusedFootprint;
-use sizeup_geo::files::FileError;
+use sizeup_geo::files::{FileError, remove_litter};
 use sizeup_geo::hashes::{Content, Hashes};
 use sizeup_geo::issue::Issue;
 use sizeup_geo::paths;
@@ -131,7 +131,7 @@ pub struct Done {
     pub outputs: BTreeMap<String, String>,
     /// Buildings that it writes.
     pub n_buildings: usize,
-    /// Of them, those with a height.
+    /// Buildings with a height.
     pub n_heights: usize,
     /// Buildings by what became of them.
     pub by_status: BTreeMap<Status, usize>,
@@ -297,9 +297,7 @@ pub(super) fn hash_of(path: &Path) -> Result<String, FileError> {
 pub(super) fn sweep_litter(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         if entry.file_name().to_string_lossy().starts_with(".partial-") {
-            let path = entry.path();
-            // What cannot be removed is left: it is in nobody's way.
-            let _ = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+            remove_litter(&entry.path());
         }
     }
 }

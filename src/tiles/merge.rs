@@ -25,9 +25,10 @@ use sizeup_results::output::plausible::Doubts;
 use sizeup_results::output::reports::{write_issues, write_json};
 use sizeup_results::output::tiles3d::{self, Tiles3dConfig};
 use sizeup_results::output::{
-    CityModel, InputFile, Lineage, OutputError, Overview, Records as _, Status, StatusCount, cityjson,
+    CityModel, InputFile, Lineage, OutputError, Overview, Records as _, RunSummary, Status, StatusCount, TilesSummary,
+    cityjson,
 };
-use sizeup_survey::Survey;
+use sizeup_survey::{Survey, ViewKind};
 
 /// The city's layer package.
 const GEOPACKAGE: &str = "city.gpkg";
@@ -171,8 +172,7 @@ impl JoinedCity<'_> {
         let records = TileRecords { files: self.files(BUILDINGS), rest: refused_records(config, common.refused) };
         let (count, doubts, median_height_m) = count(&records)?;
         let implausible = doubts.implausible();
-        let told: Vec<&str> = implausible.iter().map(|issue| issue.message.as_str()).collect();
-        let told = json!(told);
+        let told: Vec<String> = implausible.iter().map(|issue| issue.message.clone()).collect();
         issues.extend(implausible);
         issues.extend(reviews_of(config)?.unmatched(&records)?);
         issues.sort_by_key(Issue::weight);
@@ -188,19 +188,34 @@ impl JoinedCity<'_> {
         write_json(&folder.join("lineage.json"), &lineage)?;
         let seams = seams::compare(&records.files, &self.files(HALO))?;
         let by_status = count.by_status();
-        let summary = json!({
-            "implausible": told, "n_tiles": self.manifest.tiles.len(), "missing_tiles": self.missing, "n_buildings": count.n_buildings(),
-            "n_parts": count.n_parts(), "n_heights": overview.n_heights, "by_status": by_status, "median_height_m": median_height_m,
-            "n_views": self.manifest.n_views, "seams": seams,
-        });
-        write_json(&folder.join("summary.json"), &summary)?;
+        let mut summary = RunSummary {
+            implausible: told,
+            priors_from: config.prior.in_words(),
+            n_views: self.manifest.n_views,
+            n_oblique: survey.views.iter().filter(|view| view.kind() == ViewKind::Oblique).count(),
+            n_used_views: n_used_views(&records)?,
+            n_buildings: count.n_buildings(),
+            by_status: by_status.clone(),
+            parts_by_status: count.parts.clone(),
+            median_height_m,
+            tiles: Some(TilesSummary {
+                n_tiles: self.manifest.tiles.len(),
+                missing_tiles: self.missing.clone(),
+                n_parts: count.n_parts(),
+                n_heights: overview.n_heights,
+                seams: json!(seams),
+            }),
+            ..RunSummary::default()
+        };
+        summary.count_issues(&issues);
+        summary.write(folder)?;
         Ok(Merged {
             n_tiles: self.manifest.tiles.len(),
             missing: self.missing,
             n_buildings: count.n_buildings(),
             by_status,
             median_height_m,
-            n_refused: issues.iter().filter(|issue| issue.severity == Severity::Refused).count(),
+            n_refused: summary.n_refused,
             seams,
             outputs: outputs(folder, no_tileset.is_none())?,
             no_tileset,
@@ -282,6 +297,16 @@ fn count(records: &TileRecords) -> Result<(StatusCount, Doubts, Option<f64>), Ti
         Ok(())
     })?;
     Ok((count, doubts, stats::median(&heights)))
+}
+
+/// Distinct photos in which heights were measured.
+fn n_used_views(records: &TileRecords) -> Result<usize, TilesError> {
+    let mut used: BTreeSet<String> = BTreeSet::new();
+    records.visit(&mut |record| {
+        used.extend(record.views.iter().cloned());
+        Ok(())
+    })?;
+    Ok(used.len())
 }
 
 /// Every file of the city, by its name in the folder.

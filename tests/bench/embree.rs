@@ -2,6 +2,8 @@
 //!
 //! `cargo bench --bench embree`; needs `libembree-dev` and a C++ compiler, which nothing else here does.
 
+#![allow(clippy::print_stdout, reason = "a benchmark prints what it measured")]
+
 mod town;
 
 use std::path::{Path, PathBuf};

@@ -2,6 +2,8 @@
 //!
 //! `cargo bench --bench heart`; the roofline alone: `cargo bench --bench heart -- roofline`
 
+#![allow(clippy::print_stdout, reason = "a benchmark prints what it measured")]
+
 mod town;
 
 use std::hint::black_box;

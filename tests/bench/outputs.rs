@@ -3,6 +3,8 @@
 //! `SIZEUP_BENCH_BUILDINGS=1000000` streams that many through every writer once instead, and back, and prints seconds
 //! and peak memory: the houses are made one by one and never all in memory.
 
+#![allow(clippy::print_stdout, reason = "a benchmark prints what it measured")]
+
 use std::path::Path;
 use std::time::Instant;
 

@@ -3,6 +3,8 @@
 //! `cargo bench --bench priors`. The photos are simulated into target/bench-photos at the first time. A network that costs nothing, and a
 //! real architecture where `make networks deps-onnxruntime` has left one.
 
+#![allow(clippy::print_stdout, reason = "a benchmark prints what it measured")]
+
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 

@@ -5,6 +5,7 @@ use std::io::{BufRead as _, BufReader};
 use std::process::{Command as Process, Stdio};
 
 use serde_json::Value;
+use sizeup::issue::{Issue, Severity};
 
 use crate::tiny_scene::{N_BUILDINGS, Outcome, Scene, sizeup};
 
@@ -121,6 +122,23 @@ fn nobody_listening_to_the_talk_is_no_failure() {
         .unwrap();
     drop(child.stderr.take());
     assert!(child.wait().unwrap().success());
+}
+
+#[test]
+fn the_issues_of_a_run_that_ends_with_the_footprints_come_by_weight_too() {
+    let scene = Scene::new();
+    scene.change_footprints(|features| {
+        let rings = features[0]["geometry"]["coordinates"].as_array_mut().unwrap();
+        let flat = vec![rings[0][0].clone(), rings[0][1].clone(), rings[0][0].clone(), rings[0][0].clone()];
+        rings.push(flat.into());
+        let last = features.last_mut().unwrap()["geometry"]["coordinates"][0].as_array_mut().unwrap();
+        *last = vec![last[0].clone(), last[1].clone(), last[0].clone(), last[1].clone(), last[0].clone()];
+    });
+    assert_eq!(scene.run(&["--until", "footprints"]).code, 5);
+    let issues: Vec<Issue> = serde_json::from_value(scene.json("result/issues.json")).unwrap();
+    let severities: Vec<Severity> = issues.iter().map(|issue| issue.severity).collect();
+    assert!(severities.contains(&Severity::Note) && severities.contains(&Severity::Refused), "{issues:?}");
+    assert!(issues.is_sorted_by_key(Issue::weight), "{issues:?}");
 }
 
 #[test]

@@ -38,6 +38,13 @@ fn photos_show_where_they_look() {
 }
 
 #[test]
+fn a_run_needs_no_configuration_file() {
+    let lines = lines(&example("run_configured_in_code", &[]));
+    assert_eq!(lines.len(), 6, "{lines:?}");
+    assert!(lines.iter().all(|line| line.ends_with("ok") || line.ends_with("doubtful")), "{lines:?}");
+}
+
+#[test]
 fn the_paper_stands_beside_ours() {
     let lines = lines(&example("paper_beside_robust", &[]));
     assert!(lines[0].starts_with("Robust: mean error") && lines[1].starts_with("Paper: mean error"), "{lines:?}");

@@ -601,7 +601,7 @@ fn a_reader_that_has_gone_is_no_failure() {
     let scene = Scene::new();
     assert!([0, 5].contains(&scene.run(&[]).code));
     let city = "result/city.city.json";
-    let commands: [&[&str]; 9] = [
+    let commands: [&[&str]; 12] = [
         &["validate", city, "--all"],
         &["validate", city, "--json"],
         &["survey", "inspect", "--config", "sizeup.toml"],
@@ -609,6 +609,9 @@ fn a_reader_that_has_gone_is_no_failure() {
         &["survey", "convert", "sparse", "--crs", "EPSG:25832", "--output", "poses.csv"],
         &["evaluate", city, "truth.geojson"],
         &["schema", "run"],
+        &["survey", "formats"],
+        &["survey", "formats", "--json"],
+        &["completions", "bash"],
         &["--help"],
         &["run", "--help"],
     ];

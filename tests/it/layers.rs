@@ -30,7 +30,7 @@ const ROOMS: [Room; 8] = [
         name: "geo",
         uses: &["heights"],
         levels: &[
-            &["files", "gdal_log", "groups", "hashes", "issue", "limits", "paths", "template", "unfinished"],
+            &["files", "gdal_log", "groups", "hashes", "issue", "kept", "limits", "paths", "template", "unfinished"],
             &["cloud", "crs"],
             &["geodata"],
             &["terrain"],

@@ -1,5 +1,7 @@
 //! Behaviour of sizeup seen from outside, one module per topic.
 
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a test says what it measured")]
+
 mod align;
 mod annexes;
 mod batch;
@@ -9,6 +11,7 @@ mod cli;
 mod consumers;
 mod crash_safety;
 mod determinism;
+mod doc_lines;
 mod dtm;
 mod evaluating;
 mod evaluation;
@@ -19,6 +22,7 @@ mod footprint_accuracy;
 mod footprint_bad_masks;
 mod footprint_layers;
 mod footprint_masks;
+mod geojson_files;
 mod honest;
 mod hostile_files;
 mod hostile_inputs;

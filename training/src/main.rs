@@ -1,10 +1,13 @@
 //! `sizeup-train`: sets, training, export, measuring.
 
-use std::path::PathBuf;
+use std::fmt;
+use std::io::{ErrorKind, Write as _};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use candle_core::Device;
 use clap::{Parser, Subcommand};
+use sizeup_geo::files::FileError;
 use sizeup_training::config::read_toml;
 use sizeup_training::dataset::load::Set;
 use sizeup_training::dataset::{DatasetConfig, Split, make};
@@ -90,7 +93,7 @@ fn main() -> ExitCode {
     match run(Arguments::parse().command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            talk(&format_args!("error: {error}"));
             ExitCode::from(match error {
                 TrainError::Config { .. } => 2,
                 TrainError::Set { .. } | TrainError::Scene { .. } | TrainError::Checkpoint { .. } => 3,
@@ -103,13 +106,13 @@ fn main() -> ExitCode {
 fn run(command: Command) -> Result<(), TrainError> {
     match command {
         Command::Dataset { config, output } => {
-            make::make(&DatasetConfig::read(&config)?, &output, &|line| eprintln!("{line}"))?;
+            make::make(&DatasetConfig::read(&config)?, &output, &|line| talk(&line))?;
             Ok(())
         }
         Command::Train { config, set, output } => {
             let config: TrainConfig = read_toml(&config)?;
             let training = Training::new(config, &Set::open(&set)?, &output)?;
-            training.run(None, &|line| eprintln!("{line}"))?;
+            training.run(None, &|line| talk(&line))?;
             Ok(())
         }
         Command::Export { checkpoint, output, tile } => {
@@ -139,8 +142,7 @@ fn run(command: Command) -> Result<(), TrainError> {
                 let path = folder.join("table.json");
                 sizeup_geo::files::write_whole(&path, |w| Ok(serde_json::to_writer_pretty(w, &measured)?))?;
             }
-            print!("{}", measure::table(&measured));
-            Ok(())
+            print(&measure::table(&measured))
         }
         Command::Schema { which } => {
             let schema = match which.as_str() {
@@ -153,8 +155,23 @@ fn run(command: Command) -> Result<(), TrainError> {
                     ));
                 }
             };
-            println!("{}", serde_json::to_string_pretty(&schema).expect("plain data"));
-            Ok(())
+            print(&format_args!("{}\n", serde_json::to_string_pretty(&schema).expect("plain data")))
         }
     }
+}
+
+/// Prints whole lines of data to stdout. A reader that has seen enough is no failure.
+fn print(text: &impl fmt::Display) -> Result<(), TrainError> {
+    let mut out = std::io::stdout().lock();
+    match write!(out, "{text}").and_then(|()| out.flush()) {
+        Err(source) if source.kind() != ErrorKind::BrokenPipe => {
+            Err(FileError::on("cannot print to", Path::new("stdout"))(source).into())
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Says something on stderr; nobody listening is no reason to stop.
+fn talk(text: &impl fmt::Display) {
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
 }

@@ -46,9 +46,11 @@ pub struct CadastreConfig {
     pub layer: FootprintConfig,
     /// Least intersection over union of a building and its counterpart, 0 to 1.
     #[serde(default = "default_min_iou")]
+    #[schemars(extend("x-expert" = true))]
     pub min_iou: f64,
     /// Intersection over union from which on the outline counts as the same, 0 to 1.
     #[serde(default = "default_same_iou")]
+    #[schemars(extend("x-expert" = true))]
     pub same_iou: f64,
     /// Which outline matched buildings get: "layer" or "photos".
     #[serde(default)]

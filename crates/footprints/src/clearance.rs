@@ -49,7 +49,8 @@ pub fn joined(polygon: &Polygon<f64>, least_m: f64) -> Option<Polygon<f64>> {
     Some(Polygon::new(exterior, rings.filter(|ring| ring.0.len() > 3).collect()))
 }
 
-fn rings(polygon: &Polygon<f64>) -> impl Iterator<Item = &LineString<f64>> {
+/// The exterior and the holes.
+pub(super) fn rings(polygon: &Polygon<f64>) -> impl Iterator<Item = &LineString<f64>> {
     std::iter::once(polygon.exterior()).chain(polygon.interiors())
 }
 

@@ -38,6 +38,7 @@ use sizeup_heights::raster::Raster;
 /// How candidates of many views become one outline per building.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(extend("x-expert" = true))]
 pub struct ConsensusConfig {
     /// Least intersection over union of two candidates that are the same building, 0 to 1.
     pub min_iou: f64,

@@ -9,7 +9,9 @@
 //! then is the coverage (Green's theorem, cell by cell). Costs one step per crossed cell and one per cell of the window.
 //! Frame: map; row 0 of a window is the *southernmost*.
 
-use geo_types::{Coord, LineString, MultiPolygon, Polygon};
+use geo_types::{Coord, MultiPolygon};
+
+use super::clearance::rings;
 
 /// Squares of a grid that all windows share: cell `(i, j)` spans `cell_m · [i, i + 1] × cell_m · [j, j + 1]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,10 +77,6 @@ pub(super) fn cover(shape: &MultiPolygon<f64>, window: &Window, scratch: &mut Sc
             *covered = if sum > 1e-5 { sum.min(1.0) } else { 0.0 };
         }
     }
-}
-
-fn rings(polygon: &Polygon<f64>) -> impl Iterator<Item = &LineString<f64>> {
-    std::iter::once(polygon.exterior()).chain(polygon.interiors())
 }
 
 /// Adds one edge: pieces between rows, then between columns.

@@ -20,14 +20,15 @@ use sizeup_survey::View;
 /// How accurate what goes into an outline is: standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(extend("x-expert" = true))]
 pub struct AccuracyConfig {
-    /// Of a mask's border, pixels.
+    /// Standard deviation of a mask's border, pixels.
     pub mask_px: f64,
-    /// Of a camera's position, metres.
+    /// Standard deviation of a camera's position, metres.
     pub position_m: f64,
-    /// Of a camera's attitude, degrees.
+    /// Standard deviation of a camera's attitude, degrees.
     pub angle_deg: f64,
-    /// Of the terrain's height, metres.
+    /// Standard deviation of the terrain's height, metres.
     pub terrain_m: f64,
 }
 

@@ -37,12 +37,15 @@ pub struct FootprintConfig {
     pub min_area_m2: f64,
     /// Corners are snapped to multiples of this, metres, so that what is valid here is valid in the files. Above 0.
     #[serde(default = "default_grid_m")]
+    #[schemars(extend("x-expert" = true))]
     pub grid_m: f64,
     /// Most that repairing a self-crossing outline may change its area, as a share of it, 0 to 1.
     #[serde(default = "default_max_area_change")]
+    #[schemars(extend("x-expert" = true))]
     pub max_area_change: f64,
     /// Overlaps of two footprints above this are warned of, m². At least 0.
     #[serde(default = "default_overlap_warning_m2")]
+    #[schemars(extend("x-expert" = true))]
     pub overlap_warning_m2: f64,
 }
 

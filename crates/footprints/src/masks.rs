@@ -22,7 +22,7 @@ use sizeup_survey::View;
 /// Largest difference between a mask's shape and its photo's, pixels of the mask.
 const ASPECT_TOLERANCE_PX: f64 = 1.5;
 
-/// What a mask's numbers are.
+/// Meaning of a mask's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MaskKind {
@@ -43,18 +43,20 @@ pub struct MaskConfig {
     /// Mask files (PNG, GeoTIFF or anything else GDAL reads), with `{stem}` for the photo's name without extension and
     /// `{name}` for its whole name; for `kind = "coco"` the JSON file.
     pub path: String,
-    /// What the numbers are.
+    /// Meaning of the numbers.
     pub kind: MaskKind,
     /// For semantic masks and probabilities: above this there is a building, in the file's own numbers.
     #[serde(default)]
+    #[schemars(extend("x-expert" = true))]
     pub above: f32,
     /// For COCO: name or number of the category that is a building; all of them where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub category: Option<String>,
     /// Least score of an instance, 0 to 1, where the masks have scores.
     #[serde(default)]
+    #[schemars(extend("x-expert" = true))]
     pub min_score: f32,
-    /// What the masks outline: "ground", where walls meet the ground, or "roof".
+    /// The part that the masks outline: "ground", where walls meet the ground, or "roof".
     #[serde(default)]
     pub outline: OutlineKind,
     /// How accurate masks, poses and terrain are.

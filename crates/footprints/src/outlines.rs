@@ -9,7 +9,7 @@ use super::vectorise::{MaskFault, Outline};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_survey::View;
 
-/// What masks outline.
+/// The part of a building that masks outline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OutlineKind {

@@ -25,7 +25,7 @@ pub enum FootprintSource {
     Network(SegmenterConfig),
 }
 
-/// What serde and the schema see.
+/// Source of the footprints, as a configuration states it.
 #[derive(Deserialize, JsonSchema)]
 #[serde(tag = "source", rename_all = "snake_case")]
 #[expect(clippy::large_enum_variant, reason = "there is one of them")]

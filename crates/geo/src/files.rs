@@ -4,6 +4,8 @@ use std::fs;
 use std::io::{self, BufWriter, Read as _, Write};
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
+
 use crate::limits;
 
 /// A file operation that failed, with the file it failed on.
@@ -32,6 +34,22 @@ impl FileError {
 /// [`FileError`] when the folder cannot be written, the disk is full, or `fill` fails; the old file then stays.
 pub fn write_whole(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), FileError> {
     write_whole_or(path, |out| fill(out).map_err(FileError::on("cannot write", path)))
+}
+
+/// Writes anything serialisable as indented JSON with a final newline.
+///
+/// # Errors
+/// As [`write_whole`].
+pub fn write_json(path: &Path, value: &(impl Serialize + ?Sized)) -> Result<(), FileError> {
+    write_whole(path, |out| {
+        serde_json::to_writer_pretty(&mut *out, value)?;
+        out.write_all(b"\n")
+    })
+}
+
+/// Removes a file or a folder with all that is in it; what cannot be removed is left: it is in nobody's way.
+pub fn remove_litter(path: &Path) {
+    let _ = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
 }
 
 /// Like [`write_whole`], where `fill` can fail for reasons of its own.
@@ -176,9 +194,7 @@ pub fn sweep_litter_of(folder: &Path, name: &str) {
     };
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         if is_dead(&entry.file_name().to_string_lossy()) == Some(true) {
-            let path = entry.path();
-            // What cannot be removed is left: it is in nobody's way.
-            let _ = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+            remove_litter(&entry.path());
         }
     }
 }

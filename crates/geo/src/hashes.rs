@@ -42,6 +42,13 @@ impl Content {
         Self { size_bytes: bytes.len() as u64, sha256: sha256_hex(bytes) }
     }
 
+    /// The 32 bytes of the hash.
+    #[must_use]
+    pub fn digest(&self) -> Vec<u8> {
+        let digits = self.sha256.as_bytes().chunks(2).filter_map(|pair| std::str::from_utf8(pair).ok());
+        digits.filter_map(|pair| u8::from_str_radix(pair, 16).ok()).collect()
+    }
+
     /// Reads a file once.
     ///
     /// # Errors
@@ -62,7 +69,9 @@ impl Content {
     }
 }
 
-fn hex(bytes: &[u8]) -> String {
+/// Two digits a byte, lower case.
+#[must_use]
+pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
         use std::fmt::Write as _;
         let _ = write!(text, "{byte:02x}");
@@ -190,7 +199,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("abc");
         fs::write(&path, b"abc").unwrap();
-        assert_eq!(Content::of(&path).unwrap(), Content { size_bytes: 3, sha256: abc.to_owned() });
+        let content = Content::of(&path).unwrap();
+        assert_eq!(content, Content { size_bytes: 3, sha256: abc.to_owned() });
+        assert_eq!(hex(&content.digest()), abc);
     }
 
     fn set_time(path: &Path, time: SystemTime) {

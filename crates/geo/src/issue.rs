@@ -52,7 +52,7 @@ pub struct Issue {
     pub subject: Subject,
     /// What, expected against found; one sentence.
     pub message: String,
-    /// What to do about it, where we know.
+    /// Advice, where there is any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hint: Option<String>,
     /// Where, in the project's CRS: easting, northing (metres).

@@ -12,6 +12,7 @@ pub mod geodata;
 pub mod groups;
 pub mod hashes;
 pub mod issue;
+pub mod kept;
 pub mod limits;
 pub mod paths;
 pub mod template;

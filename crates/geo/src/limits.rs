@@ -29,7 +29,7 @@ static REMOTE: AtomicBool = AtomicBool::new(false);
 static INSISTED: AtomicU64 = AtomicU64::new(0);
 static REMOTE_INSISTED: AtomicBool = AtomicBool::new(false);
 
-/// What input may take of the machine.
+/// Limits of the memory and servers that input may use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {

@@ -13,6 +13,12 @@ pub fn stem(name: &str) -> &str {
     }
 }
 
+/// A photo's name without folders and extension: what files about it are called.
+#[must_use]
+pub fn bare_stem(name: &str) -> &str {
+    stem(paths::file_name(name))
+}
+
 /// Literal text, or a placeholder's name.
 enum Piece<'a> {
     Text(&'a str),

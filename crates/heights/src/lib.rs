@@ -87,7 +87,7 @@ pub mod views;
 
 pub use estimate::{Building, Settings, View, estimate_heights};
 
-/// What a program needs that calls [`estimate_heights`].
+/// Names that a program needs that calls [`estimate_heights`].
 pub mod prelude {
     pub use crate::camera::Camera;
     pub use crate::frames::{Cam, Map, Rigid};

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::camera::Camera;
 use crate::raster::Raster;
 
-/// What a prior's numbers are.
+/// Meaning of a prior's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PriorKind {
@@ -41,7 +41,7 @@ pub enum PriorGeometry {
 pub struct DepthPrior {
     /// `H × W`, row-major; `NaN` = no value (sky, holes).
     pub values: Raster<f32>,
-    /// What the numbers are.
+    /// Meaning of the numbers.
     pub kind: PriorKind,
     /// Along which line they are measured.
     pub geometry: PriorGeometry,

@@ -28,7 +28,7 @@ impl Aabb {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// Its middle.
+    /// The middle.
     #[must_use]
     pub fn centre(&self) -> Vec3 {
         0.5 * (self.min + self.max)

@@ -23,7 +23,7 @@ impl Lanes {
         Self([value; LANES])
     }
 
-    /// What one lane holds.
+    /// Number in one lane.
     #[must_use]
     pub fn get(&self, lane: usize) -> f32 {
         self.0[lane]

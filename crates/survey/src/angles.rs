@@ -16,7 +16,7 @@ use glam::{DMat3, DQuat, DVec3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What the rotation columns hold.
+/// Kind of the rotation columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum AngleKind {
@@ -46,7 +46,7 @@ pub enum AngleUnit {
     Rad,
 }
 
-/// What the rotation maps to what.
+/// Direction of the rotation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Direction {
@@ -121,13 +121,13 @@ pub enum North {
 /// A declared rotation convention.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AngleConvention {
-    /// What the numbers are.
+    /// Meaning of the numbers.
     pub angles: AngleKind,
     /// Their unit, where they are angles.
     pub unit: AngleUnit,
     /// Order of the product; `None` is the kind's own (`xyz`, `yxz`, `zyx`).
     pub sequence: Option<Sequence>,
-    /// What maps to what; `None` is the kind's own (angles: camera to world; quaternion, matrix: world to camera).
+    /// Direction of the rotation; `None` is the kind's own (angles: camera to world; quaternion, matrix: world to camera).
     pub direction: Option<Direction>,
     /// Camera axes; `None` is the kind's own (opk, pok: y up; quaternion, matrix: y down). Not used by `ypr`.
     pub camera_axes: Option<CameraAxes>,
@@ -170,16 +170,6 @@ impl AngleUnit {
             Self::Deg => angle.to_radians(),
             Self::Gon => (angle * 0.9).to_radians(),
             Self::Rad => angle,
-        }
-    }
-
-    /// An angle in this unit from radians.
-    #[must_use]
-    pub fn from_radians(self, angle_rad: f64) -> f64 {
-        match self {
-            Self::Deg => angle_rad.to_degrees(),
-            Self::Gon => angle_rad.to_degrees() / 0.9,
-            Self::Rad => angle_rad,
         }
     }
 }

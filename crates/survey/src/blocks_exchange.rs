@@ -58,7 +58,7 @@ pub(crate) fn read(path: &Path, tangential: Option<TangentialOrder>) -> Result<P
     read_xml(BufReader::new(std::io::Read::take(entry, MAX_UNZIPPED_BYTES)), path, tangential)
 }
 
-/// What photos of a group share.
+/// Camera and axes that the photos of a group share.
 struct Group {
     camera: Result<Arc<Camera>, String>,
     camera_from_axes: DMat3,
@@ -287,10 +287,8 @@ fn camera(group: &Element, camera_from_axes: DMat3, tangential: TangentialOrder)
             let [p1, p2] = tangential.opencv([coefficient("P1")?, coefficient("P2")?]);
             if skew != 0.0 {
                 Distortion::BrownAffine { k1, k2, k3, k4: 0.0, p1, p2, skew }
-            } else if [k1, k2, k3, p1, p2].iter().all(|&c| c == 0.0) {
-                Distortion::None
             } else {
-                Distortion::Brown { k1, k2, k3, p1, p2 }
+                Distortion::brown([k1, k2, k3], [p1, p2])
             }
         }
         other => return Err(format!("camera model {other}: undistort the photos, only Perspective is read")),

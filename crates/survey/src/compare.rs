@@ -30,7 +30,7 @@ pub struct CornerErrors {
     pub n_compared: usize,
     /// Views without one.
     pub n_without_polygon: usize,
-    /// Of these views' worst corners, metres; absent without any.
+    /// Worst corners of these views, metres; absent without any.
     pub worst_corner_m: Option<Spread>,
     /// 99 % of the worst corners are nearer than this, metres.
     pub p99_m: Option<f64>,

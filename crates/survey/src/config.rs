@@ -32,11 +32,13 @@ pub struct SurveyConfig {
     pub offset: [f64; 3],
     /// Origin of poses in a local east, north, up frame: latitude, longitude (degrees, WGS 84), ellipsoidal height (m).
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = true))]
     pub enu_origin: Option<[f64; 3]>,
     /// Order of P1 and P2 in `BlocksExchange` files, which do not say. Default: OpenCV's, with a warning.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = true))]
     pub tangential: Option<TangentialOrder>,
-    /// What the poses' heights are counted from, and how they reach the project's vertical reference.
+    /// Vertical datum of the poses' heights, and how they reach the project's.
     #[serde(default)]
     pub height: HeightConfig,
     /// One camera for all photos, for formats that carry none; what a file says goes before it.
@@ -48,6 +50,7 @@ pub struct SurveyConfig {
     /// Greatest uncertainty of the transformation from the poses' datum to the project's that is accepted, metres. Heights
     /// from oblique views are off by as much as outlines are beside the photos, so more than a metre is refused.
     #[serde(default = "max_transform_error_m", skip_serializing_if = "is_default_transform_error")]
+    #[schemars(extend("x-expert" = true))]
     pub max_transform_error_m: f64,
     /// Go on although the survey report says that the poses look wrong. Recorded as an issue of the result.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -103,7 +106,7 @@ impl TangentialOrder {
     }
 }
 
-/// What heights are counted from.
+/// Vertical datum of heights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HeightReference {
@@ -123,7 +126,7 @@ pub enum HeightReference {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HeightConfig {
-    /// What the poses' heights are counted from. Default: what the file says, else the project's reference.
+    /// Vertical datum of the poses' heights. Default: what the file says, else the project's reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<HeightReference>,
     /// Vertical CRS of `orthometric` heights, such as `EPSG:5773` (EGM96).
@@ -138,6 +141,7 @@ pub struct HeightConfig {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geoid_offset: Option<f64>,
     /// Use ellipsoidal heights as they are: the project, its terrain included, is ellipsoidal.
+    #[schemars(extend("x-expert" = true))]
     pub keep_ellipsoidal: bool,
 }
 
@@ -146,6 +150,7 @@ pub struct HeightConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct CsvConfig {
     /// Column separator: one character, or `tab` or `whitespace`. Empty: found from the first line.
+    #[schemars(extend("x-expert" = true))]
     pub delimiter: String,
     /// Names of the columns, where the file has no header line.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -158,7 +163,7 @@ pub struct CsvConfig {
     pub y: String,
     /// Column of the height, metres.
     pub z: String,
-    /// What the rotation columns hold.
+    /// Kind of the rotation columns.
     pub angles: AngleKind,
     /// Columns of the rotation. Empty: omega, phi, kappa; yaw, pitch, roll; qw..qz; r11..r33.
     pub angle_columns: Vec<String>,
@@ -167,17 +172,21 @@ pub struct CsvConfig {
     /// Order of the matrix product, left to right. Default: opk `xyz`, pok `yxz`, ypr `zyx`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sequence: Option<Sequence>,
-    /// What the rotation maps to what. Default: angles camera to world, quaternion and matrix world to camera.
+    /// Direction of the rotation. Default: angles camera to world, quaternion and matrix world to camera.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub direction: Option<Direction>,
     /// Camera axes. Default: opk, pok x right, y up; quaternion, matrix x right, y down.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = true))]
     pub camera_axes: Option<CameraAxes>,
     /// Where the camera looks at pitch 0, for `ypr`.
+    #[schemars(extend("x-expert" = true))]
     pub pitch_zero: PitchZero,
     /// Which north the angles count from.
+    #[schemars(extend("x-expert" = true))]
     pub north: North,
     /// Where pixel coordinates (cx, cy) have their origin.
+    #[schemars(extend("x-expert" = true))]
     pub pixel_origin: PixelOrigin,
 }
 

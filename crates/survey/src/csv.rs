@@ -279,9 +279,9 @@ fn distortion_of(
     let [k1, k2, k3, p1, p2] = [0, 1, 2, 3, 4].map(|i| row[6 + i].unwrap_or(of_declared[i]));
     let [k4, k5, k6, skew] = [11, 12, 13, 14].map(|i| row[i].unwrap_or(0.0));
     Ok(match lens {
-        "" if [k1, k2, k3, p1, p2].iter().all(|&c| c == 0.0) => Distortion::None,
+        "" => Distortion::brown([k1, k2, k3], [p1, p2]),
         "none" => Distortion::None,
-        "" | "brown" => Distortion::Brown { k1, k2, k3, p1, p2 },
+        "brown" => Distortion::Brown { k1, k2, k3, p1, p2 },
         "brown_affine" => Distortion::BrownAffine { k1, k2, k3, k4, p1, p2, skew },
         "rational" => Distortion::Rational { k1, k2, k3, k4, k5, k6, p1, p2 },
         "fisheye" => Distortion::Fisheye { k1, k2, k3, k4 },

@@ -27,7 +27,7 @@ pub(super) struct Layout {
 pub(super) struct Header {
     /// Names without quotes and units.
     pub names: Vec<String>,
-    /// What stands in brackets behind them.
+    /// Units that stand in brackets behind them.
     units: Vec<String>,
     /// Whether it is the first row rather than a comment.
     pub is_row: bool,

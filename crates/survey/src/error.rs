@@ -23,7 +23,7 @@ pub enum SurveyError {
         place: Place,
         /// What, expected against found.
         message: String,
-        /// What to do about it.
+        /// Advice.
         hint: Hint,
     },
     /// The configuration contradicts itself or lacks something.
@@ -31,7 +31,7 @@ pub enum SurveyError {
     Config {
         /// What, expected against found.
         message: String,
-        /// What to do about it.
+        /// Advice.
         hint: Hint,
     },
     /// No pose could be used.
@@ -43,7 +43,7 @@ pub enum SurveyError {
         n_poses: usize,
         /// Why the first was refused.
         first: String,
-        /// What to do about it.
+        /// Advice.
         hint: Hint,
     },
 }

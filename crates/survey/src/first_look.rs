@@ -21,7 +21,7 @@ pub struct FirstLook {
     pub names: Vec<String>,
     /// The world that they are in.
     pub world: PoseWorld,
-    /// What their heights count from.
+    /// Vertical datum of their heights.
     pub heights: StatedHeights,
     /// Positions in the file's own world, offset included, in the order of the names.
     pub positions: Vec<DVec3>,
@@ -31,7 +31,7 @@ pub struct FirstLook {
     pub rtk: BTreeMap<String, usize>,
     /// Sources of focal lengths, counted; empty where the format brings complete cameras.
     pub focal: BTreeMap<String, usize>,
-    /// What the reader refused or remarks on.
+    /// Issues of the reader.
     pub issues: Vec<Issue>,
 }
 
@@ -46,7 +46,7 @@ pub enum PoseWorld {
     Unsaid(Numbers),
 }
 
-/// What positions of an unknown world look like.
+/// A guess at the positions of an unknown world.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Numbers {
     /// Eastings and northings of a projected CRS.
@@ -59,7 +59,7 @@ pub enum Numbers {
     Local,
 }
 
-/// What a file says of its heights.
+/// Heights as a file states them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StatedHeights {
     /// Nothing.

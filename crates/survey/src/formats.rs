@@ -16,11 +16,11 @@ use super::{
 };
 use sizeup_geo::files::FileError;
 
-/// What a file or folder is recognised by.
+/// Marks by which a file or folder is recognised.
 pub(crate) struct Candidate {
     /// The file or folder.
     pub path: PathBuf,
-    /// Its name, lower case.
+    /// The name, lower case.
     pub name: String,
     /// A file's first bytes; empty for a folder.
     pub head: String,

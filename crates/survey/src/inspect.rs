@@ -29,7 +29,7 @@ pub(crate) const LOOKS_UP: &str = "view_looks_up";
 /// Code of the issue of a camera too deep or too high.
 pub(crate) const IMPOSSIBLE_HEIGHT: &str = "height_impossible";
 
-/// What is known of the place, to hold a survey against.
+/// The place as far as it is known, to hold a survey against.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Site<'a> {
     /// The ground.
@@ -124,7 +124,7 @@ impl Reading {
         self.survey
     }
 
-    /// What it holds and whether it looks right. A survey that looks wrong has [`SurveyReport::is_sound`] false and
+    /// The content, and whether it looks right. A survey that looks wrong has [`SurveyReport::is_sound`] false and
     /// the readings that look better: the caller decides to stop.
     #[must_use]
     pub fn report(&self, site: Site<'_>) -> SurveyReport {
@@ -267,7 +267,7 @@ pub(crate) fn looks_earth_centred(position: DVec3) -> bool {
     EARTH_RADII_M.contains(&position.length()) && position.z.abs() > LOCAL_WITHIN_M
 }
 
-/// What positions alone give away about their CRS.
+/// Hints at the CRS that positions alone give away.
 fn hints_of_positions(poses: &Poses, config: &SurveyConfig) -> Option<String> {
     let first = poses.poses.first()?.centre;
     if config.crs.is_some() || poses.world != super::poses::World::Unsaid {

@@ -24,7 +24,7 @@ pub(crate) const POSSIBLE_HEIGHTS_M: std::ops::RangeInclusive<f64> = -500.0..=18
 /// number reach 6.1e7.
 const FARTHEST_M: f64 = 1e8;
 
-/// What all poses of a survey have in common on their way to the map.
+/// The way to the map that all poses of a survey have in common.
 struct Way {
     map_from_world: Transform,
     /// For rotations that count from true north although positions are in a grid.
@@ -40,7 +40,7 @@ struct Located {
     north: GridNorth,
 }
 
-/// What was found on the way, for the report.
+/// Facts found on the way, for the report.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Facts {
     /// The CRS the poses came in.
@@ -213,7 +213,7 @@ pub(crate) fn locate(
     Ok((Survey { views, issues }, facts))
 }
 
-/// Of a file without a pose: why.
+/// The survey of a file without a pose, and why.
 fn nothing(poses: Poses, world: &Crs, n_poses: usize) -> (Survey, Facts) {
     let Poses { mut issues, counts, .. } = poses;
     issues.sort_by(|a, b| (&a.subject, &a.code).cmp(&(&b.subject, &b.code)));

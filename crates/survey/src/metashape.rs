@@ -232,10 +232,8 @@ fn camera_of(sensor: &Element) -> Result<Camera, String> {
         "frame" => {
             // Metashape's P1, P2 are OpenCV's p2, p1.
             let (p1, p2) = (number("p2")?, number("p1")?);
-            if [k1, k2, k3, k4, p1, p2, b2_px].iter().all(|&c| c == 0.0) {
-                Distortion::None
-            } else if k4 == 0.0 && b2_px == 0.0 {
-                Distortion::Brown { k1, k2, k3, p1, p2 }
+            if k4 == 0.0 && b2_px == 0.0 {
+                Distortion::brown([k1, k2, k3], [p1, p2])
             } else {
                 Distortion::BrownAffine { k1, k2, k3, k4, p1, p2, skew: b2_px / fx_px }
             }

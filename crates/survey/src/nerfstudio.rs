@@ -41,7 +41,7 @@ struct Frame {
     camera: Intrinsics,
 }
 
-/// Of the file, or of a frame, whose own go first.
+/// Intrinsics of the file, or of a frame, whose own go first.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(default)]
 struct Intrinsics {

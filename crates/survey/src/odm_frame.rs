@@ -90,7 +90,7 @@ pub(super) fn place(
     }
 }
 
-/// What GPS positions say.
+/// Verdict of the GPS positions.
 enum Verdict {
     Topocentric,
     Gridded(Fit),
@@ -183,7 +183,7 @@ impl std::fmt::Display for Fit {
 }
 
 impl Fit {
-    /// Of pairs of centre and GPS position; `None` where they are too few to fit.
+    /// The fit of pairs of centre and GPS position; `None` where they are too few.
     fn of(pairs: impl IntoIterator<Item = (DVec2, DVec2)>) -> Option<Self> {
         const MIN_FIXES: usize = 4;
         let pairs: Vec<(DVec2, DVec2)> = pairs.into_iter().collect();
@@ -207,7 +207,7 @@ impl Fit {
 }
 
 impl Grid {
-    /// What ODM wrote into `odm_georeferencing`, looked for in the folder, in it, and beside it.
+    /// The files that ODM wrote into `odm_georeferencing`, looked for in the folder, in it, and beside it.
     pub(super) fn beside(folder: &Path) -> Result<Option<Self>, SurveyError> {
         let name = "odm_georeferencing";
         let places = [folder.join("..").join(name), folder.join(name), folder.to_owned()];

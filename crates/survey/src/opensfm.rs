@@ -45,9 +45,9 @@ struct Shot {
     rotation: [f64; 3],
     translation: [f64; 3],
     camera: String,
-    /// Of the satellite receiver, east, north, up at `reference_lla`, metres.
+    /// Position by the satellite receiver, east, north, up at `reference_lla`, metres.
     gps_position: Option<[f64; 3]>,
-    /// Its accuracy, metres; huge where there is no position.
+    /// Accuracy of that position, metres; huge where there is none.
     gps_dop: Option<f64>,
 }
 
@@ -163,7 +163,7 @@ impl SfmCamera {
         self.numbers.get(name).and_then(serde_json::Value::as_f64)
     }
 
-    /// Its horizontal focal length over the image's larger side.
+    /// The horizontal focal length over the image's larger side.
     pub(super) fn focal(&self) -> Option<f64> {
         self.number("focal_x").or_else(|| self.number("focal"))
     }

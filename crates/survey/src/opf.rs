@@ -237,9 +237,7 @@ fn camera(internals: &Internals, size_px: Option<[f64; 2]>) -> Result<Camera, St
     let (centre_px, focal_px, distortion) = match internals {
         Internals::Perspective { principal_point_px, focal_length_px, radial_distortion, tangential_distortion } => {
             let ([k1, k2, k3], [p1, p2]) = (*radial_distortion, *tangential_distortion);
-            let is_ideal = [k1, k2, k3, p1, p2].iter().all(|&c| c == 0.0);
-            let lens = if is_ideal { Distortion::None } else { Distortion::Brown { k1, k2, k3, p1, p2 } };
-            (principal_point_px, [*focal_length_px; 2], lens)
+            (principal_point_px, [*focal_length_px; 2], Distortion::brown([k1, k2, k3], [p1, p2]))
         }
         Internals::Fisheye { principal_point_px, affine, polynomial } => {
             let (focal_px, lens) = fisheye(*affine, polynomial)?;

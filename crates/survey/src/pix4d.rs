@@ -107,11 +107,10 @@ fn pose(name: &str, block: &[&str], offset: DVec3) -> Result<Pose, String> {
     let ([fx_px, skew_px, cx_px], [_, fy_px, cy_px]) = (row(1)?, row(2)?);
     let [k1, k2, k3] = row(4)?;
     let [p1, p2] = numbers(block[5]).try_into().map_err(|_| "row 6 of the image: expected two numbers")?;
-    let is_ideal = [k1, k2, k3, p1, p2].iter().all(|&c| c == 0.0);
-    let distortion = match (skew_px == 0.0, is_ideal) {
-        (true, true) => Distortion::None,
-        (true, false) => Distortion::Brown { k1, k2, k3, p1, p2 },
-        (false, _) => Distortion::BrownAffine { k1, k2, k3, k4: 0.0, p1, p2, skew: skew_px / fx_px },
+    let distortion = if skew_px == 0.0 {
+        Distortion::brown([k1, k2, k3], [p1, p2])
+    } else {
+        Distortion::BrownAffine { k1, k2, k3, k4: 0.0, p1, p2, skew: skew_px / fx_px }
     };
     let camera = Camera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion };
     camera.validate().map_err(|e| e.to_string())?;

@@ -24,7 +24,7 @@ pub(crate) enum World {
     Enu(DVec3),
 }
 
-/// What a file says about its heights.
+/// Heights as a file describes them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FileHeights {
     /// Nothing: the project's reference unless declared.
@@ -40,7 +40,7 @@ pub(crate) enum FileHeights {
 pub(crate) struct Pose {
     /// The photo's name.
     pub name: String,
-    /// Its camera, shared.
+    /// The camera, shared.
     pub camera: Arc<Camera>,
     /// From the world's axes to ours (x right, y down, z forward).
     pub camera_from_world: DMat3,
@@ -55,11 +55,11 @@ pub(crate) struct Poses {
     pub world: World,
     /// Which north the rotations count from.
     pub north: North,
-    /// What its heights are.
+    /// Kind of its heights.
     pub heights: FileHeights,
     /// In the file's order.
     pub poses: Vec<Pose>,
-    /// What the reader refused.
+    /// Poses that the reader refused.
     pub issues: Vec<Issue>,
     /// How the focal lengths were found, and the positioning quality, counted by name.
     pub counts: Counts,

@@ -19,7 +19,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of the finite values among these; `None` where there are none.
+    /// The spread of the finite values among these; `None` where there are none.
     #[must_use]
     pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
         let mut values: Vec<f64> = values.into_iter().filter(|value| value.is_finite()).collect();
@@ -32,7 +32,7 @@ impl Spread {
 /// Another reading of the same file that was tried because the declared one looks wrong.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
-    /// What to declare, such as `csv.angles = "pok"`.
+    /// Setting to declare, such as `csv.angles = "pok"`.
     pub change: String,
     /// Share of views that then look down, 0..1.
     pub looks_down: f64,
@@ -43,12 +43,12 @@ pub struct Trial {
     pub above_ground: Option<f64>,
 }
 
-/// What a survey holds and whether it looks right.
+/// The content of a survey, and whether it looks right.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SurveyReport {
     /// Where it was read from.
     pub path: String,
-    /// Its format.
+    /// Name of the format.
     pub format: String,
     /// The CRS of the poses as they came.
     pub poses_crs: String,
@@ -92,9 +92,9 @@ pub struct SurveyReport {
     /// Whether poses that look wrong were accepted all the same (`survey.accept_unsound`).
     #[serde(default)]
     pub accepted: bool,
-    /// What looks wrong; empty for a sound survey.
+    /// Findings that look wrong; empty for a sound survey.
     pub findings: Vec<String>,
-    /// What is not wrong but worth a look.
+    /// Remarks that are not wrong but worth a look.
     #[serde(default)]
     pub notes: Vec<String>,
     /// Readings that look better, the best first.

@@ -137,7 +137,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     Ok(poses)
 }
 
-/// What has been read so far.
+/// State of the reading.
 struct Reading {
     poses: Poses,
     cameras: Vec<(Interior, Result<Arc<Camera>, String>)>,

@@ -24,7 +24,7 @@ pub struct View {
     pub image: Option<PathBuf>,
 }
 
-/// What a view is for.
+/// Purpose of a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ViewKind {

@@ -67,7 +67,7 @@ pub(crate) fn parse_number(name: &str, text: &str) -> Result<f64, String> {
     if number.is_finite() { Ok(number) } else { Err(format!("<{name}> is {number}: expected a finite number")) }
 }
 
-/// What comes next on the top level of the walk.
+/// The next step on the top level of the walk.
 pub(crate) enum Step {
     /// An element opens: take it with [`Xml::element`], or let the walk go on inside it.
     Start(Element),

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 use sizeup_geo::files;
+use sizeup_geo::hashes::sha256_hex;
 
 use super::{SceneConfig, Split};
 use crate::TrainError;
@@ -67,7 +67,6 @@ impl FileEntry {
     /// One that cannot be read.
     pub fn of(path: &Path) -> Result<Self, TrainError> {
         let bytes = files::read_bytes(path)?;
-        let digest = Sha256::digest(&bytes);
-        Ok(Self { bytes: bytes.len() as u64, sha256: digest.iter().map(|b| format!("{b:02x}")).collect() })
+        Ok(Self { bytes: bytes.len() as u64, sha256: sha256_hex(&bytes) })
     }
 }

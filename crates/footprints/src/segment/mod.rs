@@ -37,26 +37,32 @@ pub struct SegmenterConfig {
     pub model: PathBuf,
     /// ONNX files of the profile's backbones, by their names.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(extend("x-expert" = true))]
     pub backbones: BTreeMap<String, PathBuf>,
     /// Built-in profile: "semantic", "small.v1", "sam3" or "fpsam.v1".
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profile: Option<String>,
     /// A profile of your own, in place of a built-in one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = true))]
     pub custom: Option<SegmenterProfile>,
     /// Side of a tile, pixels of the photo; the network's own side where left out, so that nothing is resized.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = true))]
     pub tile_px: Option<usize>,
     /// Share of a tile that overlaps the next one, 0 to 0.5.
     #[serde(default = "default_overlap")]
+    #[schemars(extend("x-expert" = true))]
     pub overlap: f64,
     /// Probability above which there is a building, 0 to 1.
     #[serde(default = "default_above")]
+    #[schemars(extend("x-expert" = true))]
     pub above: f32,
     /// Least score of an instance, 0 to 1.
     #[serde(default = "default_min_score")]
+    #[schemars(extend("x-expert" = true))]
     pub min_score: f32,
-    /// What the masks outline: "ground", where walls meet the ground, or "roof".
+    /// The part that the masks outline: "ground", where walls meet the ground, or "roof".
     #[serde(default)]
     pub outline: OutlineKind,
     /// Depth of every photo from files, for networks that take it; by `{stem}` or `{name}`.

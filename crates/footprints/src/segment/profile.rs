@@ -3,9 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use sizeup_photos::onnx::Port;
+use sizeup_photos::onnx::{Port, profiles};
 
-/// What a network's masks are.
+/// Kind of masks that a network gives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Gives {
@@ -15,7 +15,7 @@ pub enum Gives {
     Instances,
 }
 
-/// What turns outputs into probabilities.
+/// Function that turns outputs into probabilities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Activation {
@@ -29,7 +29,7 @@ pub enum Activation {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Backbone {
-    /// What it is called in the configuration.
+    /// Name in the configuration.
     pub name: String,
     /// Names its image input goes by.
     pub inputs: Vec<String>,
@@ -39,15 +39,16 @@ pub struct Backbone {
     pub mean: [f32; 3],
     /// Divided by after that.
     pub std: [f32; 3],
-    /// Its outputs that the head takes, under the same names.
+    /// Outputs that the head takes, under the same names.
     pub features: Vec<String>,
 }
 
 /// One kind of segmentation network.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(extend("x-expert" = true))]
 pub struct SegmenterProfile {
-    /// What it is called in the configuration.
+    /// Name in the configuration.
     pub name: String,
     /// Which network, and where its preprocessing was read.
     pub about: String,
@@ -68,9 +69,9 @@ pub struct SegmenterProfile {
     pub std: [f32; 3],
     /// Names its masks go by.
     pub masks: Vec<String>,
-    /// What the masks are.
+    /// Kind of the masks.
     pub gives: Gives,
-    /// What turns them into probabilities.
+    /// Function that turns them into probabilities.
     pub activation: Activation,
     /// Names of the instances' scores, through the same activation.
     #[serde(default)]
@@ -81,13 +82,8 @@ pub struct SegmenterProfile {
     /// Graphs that run before it.
     #[serde(default)]
     pub backbones: Vec<Backbone>,
-    /// What its weights may be used for.
+    /// Licence of its weights.
     pub licence: String,
-}
-
-#[derive(Deserialize)]
-struct Profiles {
-    profile: Vec<SegmenterProfile>,
 }
 
 /// The profiles that come with sizeup.
@@ -96,8 +92,7 @@ struct Profiles {
 /// Never: the text is part of the program and tested.
 #[must_use]
 pub fn built_in() -> Vec<SegmenterProfile> {
-    let profiles: Profiles = toml::from_str(include_str!("profiles.toml")).expect("the built-in profiles are valid");
-    profiles.profile
+    profiles(include_str!("profiles.toml")).expect("the built-in profiles are valid")
 }
 
 /// The first of some names that a graph has.

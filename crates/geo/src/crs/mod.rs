@@ -6,7 +6,6 @@
 mod accuracy;
 mod convergence;
 mod grids;
-mod kept;
 mod levels;
 mod spatial;
 mod transform;
@@ -19,10 +18,12 @@ pub use spatial::{Geocentric, Transform3d, enu_from_geocentric};
 pub use transform::Transform;
 pub use vertical::{EllipsoidalHeight, GeoidHeight, HeightAboveGround, HeightAboveTakeoff, OrthometricHeight};
 
+use std::sync::LazyLock;
+
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use self::kept::Kept;
+use crate::kept::Kept;
 
 /// Why a CRS or a transformation cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -125,15 +126,23 @@ impl std::fmt::Display for Crs {
     }
 }
 
+/// A run has to do with a handful of systems: so many are kept once PROJ and GDAL have told of them, which takes milliseconds.
+const MOST_KEPT: usize = 64;
+/// Longer definitions, bytes, are read each time: PROJ's own have some kilobytes.
+const LONGEST_KEPT: usize = 1 << 16;
+
 impl Crs {
     /// Reads `EPSG:n`, `EPSG:h+v`, WKT, PROJJSON or a PROJ string.
     ///
     /// # Errors
     /// [`CrsError::Unknown`] when PROJ cannot read it.
     pub fn parse(definition: &str) -> Result<Self, CrsError> {
-        static PARSED: Kept<Crs> = Kept::new();
-        let definition = &with_type(definition.trim());
-        PARSED.get(definition, || Self::parse_anew(definition))
+        static PARSED: LazyLock<Kept<String, Crs>> = LazyLock::new(|| Kept::up_to(MOST_KEPT));
+        let definition = with_type(definition.trim());
+        if definition.len() > LONGEST_KEPT {
+            return Self::parse_anew(&definition);
+        }
+        PARSED.get(&definition, || Self::parse_anew(&definition)).map(|crs| crs.as_ref().clone())
     }
 
     fn parse_anew(definition: &str) -> Result<Self, CrsError> {
@@ -260,27 +269,24 @@ impl Crs {
         format!("EPSG:{hemisphere}{zone:02}")
     }
 
-    /// Name of the geodetic datum (or ensemble of datums) of the horizontal part.
-    fn datum_name(&self) -> Option<&str> {
+    /// The geodetic datum (or ensemble of datums) of the horizontal part.
+    fn datum(&self) -> &Value {
         let crs = self.horizontal_json();
         let geodetic = if crs["base_crs"].is_null() { crs } else { &crs["base_crs"] };
-        let datum = if geodetic["datum"].is_null() { &geodetic["datum_ensemble"] } else { &geodetic["datum"] };
-        datum["name"].as_str()
+        if geodetic["datum"].is_null() { &geodetic["datum_ensemble"] } else { &geodetic["datum"] }
     }
 
     /// Whether both count from one geodetic datum, so that only a projection lies between their planes.
     #[must_use]
     pub fn has_datum_of(&self, other: &Self) -> bool {
         let is_unnamed = |name: &str| name.to_ascii_lowercase().starts_with("unknown");
-        self.datum_name().is_some_and(|name| !is_unnamed(name) && Some(name) == other.datum_name())
+        let (own, theirs) = (self.datum()["name"].as_str(), other.datum()["name"].as_str());
+        own.is_some_and(|name| !is_unnamed(name)) && own == theirs
     }
 
     /// Name of the ellipsoid, such as `WGS 84`.
     fn ellipsoid_name(&self) -> Option<&str> {
-        let crs = self.horizontal_json();
-        let geodetic = if crs["base_crs"].is_null() { crs } else { &crs["base_crs"] };
-        let datum = if geodetic["datum"].is_null() { &geodetic["datum_ensemble"] } else { &geodetic["datum"] };
-        datum["ellipsoid"]["name"].as_str()
+        self.datum()["ellipsoid"]["name"].as_str()
     }
 
     /// Whether the horizontal part is projected.

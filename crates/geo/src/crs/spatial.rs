@@ -4,13 +4,14 @@
 //! that a success.
 
 use std::path::Path;
+use std::sync::LazyLock;
 
 use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, CoordTransformOptions, SpatialRef};
 use glam::{DMat3, DVec3};
 
-use super::kept::Kept;
-use super::{Crs, CrsError, grids};
+use super::{Crs, CrsError, LONGEST_KEPT, MOST_KEPT, grids};
 use crate::gdal_log::route_messages;
+use crate::kept::Kept;
 
 /// A transformation of easting or longitude, northing or latitude, height. Neither `Send` nor `Sync`.
 pub struct Transform3d {
@@ -107,8 +108,10 @@ fn missing(from: &Crs, to: &Crs, grids: &[grids::Grid]) -> CrsError {
 /// Why there is no accurate operation between two definitions, if there is none. The `proj` crate cannot be asked: it
 /// panics where PROJ finds nothing without calling that an error.
 pub(super) fn why_impossible(from: &str, to: &str) -> Option<String> {
-    static POSSIBLE: Kept<()> = Kept::new();
-    POSSIBLE.get(&format!("{from}\n{to}"), || why_impossible_anew(from, to).map_or(Ok(()), Err)).err()
+    static POSSIBLE: LazyLock<Kept<String, ()>> = LazyLock::new(|| Kept::up_to(MOST_KEPT));
+    let ask = || why_impossible_anew(from, to).map_or(Ok(()), Err);
+    let question = format!("{from}\n{to}");
+    if question.len() > LONGEST_KEPT { ask().err() } else { POSSIBLE.get(&question, ask).err() }
 }
 
 fn why_impossible_anew(from: &str, to: &str) -> Option<String> {

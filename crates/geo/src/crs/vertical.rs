@@ -36,14 +36,6 @@ impl EllipsoidalHeight {
     }
 }
 
-impl OrthometricHeight {
-    /// `h = H + N`.
-    #[must_use]
-    pub fn above_ellipsoid(self, geoid: GeoidHeight) -> EllipsoidalHeight {
-        EllipsoidalHeight(self.0 + geoid.0)
-    }
-}
-
 impl HeightAboveGround {
     /// With the ground's own height.
     #[must_use]

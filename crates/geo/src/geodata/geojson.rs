@@ -91,6 +91,34 @@ impl LonLat {
         Ok(ring)
     }
 
+    /// A shape of the map: points, lines, polygons, and collections of such.
+    ///
+    /// # Errors
+    /// [`CrsError`] outside of the CRS.
+    pub fn geometry(&self, shape: &geo_types::Geometry<f64>) -> Result<GeometryValue, CrsError> {
+        use geo_types::Geometry as Shape;
+        let part = |part: &Shape<f64>| self.geometry(part).map(Geometry::from);
+        Ok(match shape {
+            Shape::Point(point) => GeometryValue::Point { coordinates: self.position(&[point.x(), point.y()])? },
+            Shape::LineString(line) => {
+                GeometryValue::LineString { coordinates: self.line(line.coords().map(|c| [c.x, c.y]))? }
+            }
+            Shape::Polygon(polygon) => self.polygon(polygon)?,
+            Shape::MultiPolygon(parts) => {
+                let rings = parts.iter().map(|part| match self.polygon(part)? {
+                    GeometryValue::Polygon { coordinates } => Ok(coordinates),
+                    _ => Ok(Vec::new()),
+                });
+                GeometryValue::MultiPolygon { coordinates: rings.collect::<Result<_, CrsError>>()? }
+            }
+            Shape::GeometryCollection(parts) => {
+                GeometryValue::GeometryCollection { geometries: parts.iter().map(part).collect::<Result<_, _>>()? }
+            }
+            // No file gives any other.
+            _ => GeometryValue::GeometryCollection { geometries: Vec::new() },
+        })
+    }
+
     /// A polygon of the map.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! Files of the GIS world, through GDAL.
 //!
-//! The only doors to GDAL: [`raster`] and [`vector`] read, the others write. [`qml`] is what QGIS reads beside them, and
-//! [`geojson`] does without GDAL.
+//! The only doors to GDAL: [`raster`] and [`vector`] read, the others write. [`qml`] is what QGIS reads beside them;
+//! `GeoJSON` is read and written without GDAL.
 
 pub mod features;
 pub mod flatgeobuf;
@@ -13,6 +13,7 @@ pub mod vector;
 pub mod view_layers;
 
 mod curve;
+mod geojson_layer;
 mod geotiff;
 mod layer_writer;
 mod open;

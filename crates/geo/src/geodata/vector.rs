@@ -1,4 +1,5 @@
-//! Reading vector layers: GeoPackage, GeoJSON, Shapefile, FlatGeobuf and whatever else GDAL/OGR knows.
+//! Reading vector layers: GeoPackage, Shapefile, FlatGeobuf and whatever else GDAL/OGR knows; GeoJSON without GDAL where it is
+//! plain.
 
 use std::path::{Path, PathBuf};
 
@@ -7,6 +8,7 @@ use gdal::vector::{FieldValue, Geometry, LayerAccess, OGRFieldType, OGRwkbGeomet
 use geo_types::{Coord, LineString, MultiPolygon, Point, Polygon};
 use serde_json::{Map as JsonMap, Value};
 
+use super::geojson_layer::GeoJsonLayer;
 use super::open::{self, Fault, Kind as Open, Refusal};
 use crate::crs::{Crs, CrsError};
 
@@ -111,9 +113,17 @@ fn open_dataset(path: &Path) -> Result<gdal::Dataset, VectorError> {
 /// An open layer.
 #[derive(Debug)]
 pub struct VectorLayer {
-    layer: OwnedLayer,
+    source: Source,
     path: PathBuf,
-    fields: Vec<(String, OGRFieldType::Type)>,
+}
+
+/// Who reads the layer.
+#[derive(Debug)]
+enum Source {
+    /// GDAL, with the attributes' names and kinds.
+    Gdal { layer: OwnedLayer, fields: Vec<(String, OGRFieldType::Type)> },
+    /// We ourselves.
+    GeoJson(GeoJsonLayer),
 }
 
 impl VectorLayer {
@@ -123,6 +133,18 @@ impl VectorLayer {
     /// # Errors
     /// [`VectorError::Open`]; [`VectorError::Refused`] for what is on a server, or has no extension that names a format; [`VectorError::Layer`] listing the layers there are.
     pub fn open(path: &Path, layer: Option<&str>) -> Result<Self, VectorError> {
+        let own = GeoJsonLayer::read(path).filter(|own| layer.is_none_or(|name| name == own.name));
+        match own {
+            Some(own) => Ok(Self { source: Source::GeoJson(own), path: path.to_owned() }),
+            None => Self::open_with_gdal(path, layer),
+        }
+    }
+
+    /// As [`Self::open`], through GDAL also where we could read the file ourselves: to compare with.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_with_gdal(path: &Path, layer: Option<&str>) -> Result<Self, VectorError> {
         let dataset = open_dataset(path)?;
         let is_osm = dataset.driver().short_name() == OSM;
         let names: Vec<(usize, String)> = dataset
@@ -152,13 +174,20 @@ impl VectorLayer {
         let layer =
             dataset.into_layer(chosen.0).map_err(|source| VectorError::Open { path: path.to_owned(), source })?;
         let fields = layer.defn().fields().map(|field| (field.name(), field.field_type())).collect();
-        Ok(Self { layer, path: path.to_owned(), fields })
+        Ok(Self { source: Source::Gdal { layer, fields }, path: path.to_owned() })
+    }
+
+    /// Whether GDAL reads it.
+    #[must_use]
+    pub fn is_read_by_gdal(&self) -> bool {
+        matches!(self.source, Source::Gdal { .. })
     }
 
     /// The text in the first column that a query of the file gives; `None` where it fails or gives none.
     #[must_use]
     pub fn into_text_of(self, query: &str) -> Option<String> {
-        let dataset = self.layer.into_dataset();
+        let Source::Gdal { layer, .. } = self.source else { return None };
+        let dataset = layer.into_dataset();
         let mut found = dataset.execute_sql(query, None, gdal::vector::sql::Dialect::DEFAULT).ok()??;
         found.features().next()?.field_as_string(0).ok()?
     }
@@ -166,7 +195,10 @@ impl VectorLayer {
     /// The layer's name.
     #[must_use]
     pub fn name(&self) -> String {
-        self.layer.name()
+        match &self.source {
+            Source::Gdal { layer, .. } => layer.name(),
+            Source::GeoJson(own) => own.name.clone(),
+        }
     }
 
     /// Its CRS, `None` where the layer has none. A GeoJSON file without one is in WGS 84 by its standard.
@@ -174,43 +206,63 @@ impl VectorLayer {
     /// # Errors
     /// [`VectorError::Crs`] where it has one that PROJ does not understand.
     pub fn crs(&self) -> Result<Option<Crs>, VectorError> {
-        let Some(spatial_ref) = self.layer.spatial_ref() else { return Ok(None) };
+        let layer = match &self.source {
+            Source::Gdal { layer, .. } => layer,
+            Source::GeoJson(own) => return Ok(Some(own.crs.clone())),
+        };
+        let Some(spatial_ref) = layer.spatial_ref() else { return Ok(None) };
         super::crs_of(&spatial_ref).map_err(|source| VectorError::Crs { path: self.path.clone(), source })
     }
 
     /// Names of its attributes, in order.
     pub fn field_names(&self) -> impl Iterator<Item = &str> {
-        self.fields.iter().map(|(name, _)| name.as_str())
+        let names: Vec<&str> = match &self.source {
+            Source::Gdal { fields, .. } => fields.iter().map(|(name, _)| name.as_str()).collect(),
+            Source::GeoJson(own) => own.fields.iter().map(String::as_str).collect(),
+        };
+        names.into_iter()
     }
 
     /// Shows only what meets a rectangle of the layer's own CRS from here on: west, south, east, north.
     pub fn look_at(&mut self, [west, south, east, north]: [f64; 4]) {
-        self.layer.set_spatial_filter_rect(west, south, east, north);
+        match &mut self.source {
+            Source::Gdal { layer, .. } => layer.set_spatial_filter_rect(west, south, east, north),
+            Source::GeoJson(own) => own.window = Some([west, south, east, north]),
+        }
     }
 
     /// How many features it shows, where the file tells without being gone through.
     #[must_use]
     pub fn n_features(&self) -> Option<u64> {
-        self.layer.try_feature_count()
+        match &self.source {
+            Source::Gdal { layer, .. } => layer.try_feature_count(),
+            Source::GeoJson(own) => Some(own.n_features()),
+        }
     }
 
-    /// Shows only what fulfils a condition on attributes, in OGR's SQL, from here on.
+    /// Shows only what fulfils a condition on attributes, in OGR's SQL, from here on; nothing is asked of a layer that GDAL does
+    /// not read.
     ///
     /// # Errors
     /// [`VectorError::Open`] for a condition that is none.
     pub fn only_where(&mut self, condition: &str) -> Result<(), VectorError> {
         let failed = |source| VectorError::Open { path: self.path.clone(), source };
-        self.layer.set_attribute_filter(condition).map_err(failed)
+        match &mut self.source {
+            Source::Gdal { layer, .. } => layer.set_attribute_filter(condition).map_err(failed),
+            Source::GeoJson(_) => Ok(()),
+        }
     }
 
     /// All features, in the layer's order.
-    pub fn features(&mut self) -> impl Iterator<Item = Feature> {
-        let fields = &self.fields;
-        self.layer.features().map(|feature| Feature {
-            fid: feature.fid(),
-            geometry: feature.geometry().map_or(FeatureGeometry::Missing, shape_of_feature),
-            attributes: attributes(&feature, fields),
-        })
+    pub fn features(&mut self) -> Box<dyn Iterator<Item = Feature> + '_> {
+        match &mut self.source {
+            Source::Gdal { layer, fields } => Box::new(layer.features().map(|feature| Feature {
+                fid: feature.fid(),
+                geometry: feature.geometry().map_or(FeatureGeometry::Missing, shape_of_feature),
+                attributes: attributes(&feature, fields),
+            })),
+            Source::GeoJson(own) => Box::new(own.features()),
+        }
     }
 }
 

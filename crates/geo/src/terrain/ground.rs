@@ -37,8 +37,10 @@ pub struct GroundConfig {
     /// Which level heights count from: "lowest", "mean" or { percentile = 10 }.
     pub reference: GroundReference,
     /// Distance between samples, metres; wider under very large buildings. Above 0.
+    #[schemars(extend("x-expert" = true))]
     pub spacing_m: f64,
     /// Where the terrain has no value under a building, how far around it to look for one, metres. 0 = do not.
+    #[schemars(extend("x-expert" = true))]
     pub search_m: f64,
 }
 

@@ -29,10 +29,13 @@ pub struct TerrainConfig {
     #[schemars(with = "Option<String>")]
     pub crs: Option<Crs>,
     /// Band of the DTM that holds the heights, from 1.
+    #[schemars(extend("x-expert" = true))]
     pub band: usize,
     /// How far beyond the project's area the DTM is read, metres. At least 0.
+    #[schemars(extend("x-expert" = true))]
     pub margin_m: f64,
     /// Cells smaller than this are averaged on reading, metres. Above 0.
+    #[schemars(extend("x-expert" = true))]
     pub min_cell_m: f64,
 }
 

@@ -116,6 +116,12 @@ fn polynomial(t: f64, coefficients: &[f64]) -> (f64, f64) {
 }
 
 impl Distortion {
+    /// Brown's lens of radial and tangential coefficients, or none where all of them are 0.
+    #[must_use]
+    pub fn brown([k1, k2, k3]: [f64; 3], [p1, p2]: [f64; 2]) -> Self {
+        if [k1, k2, k3, p1, p2].iter().all(|&c| c == 0.0) { Self::None } else { Self::Brown { k1, k2, k3, p1, p2 } }
+    }
+
     /// The coefficients with their names.
     pub fn coefficients(&self) -> impl Iterator<Item = (&'static str, f64)> + use<> {
         match *self {

@@ -31,7 +31,7 @@ pub enum CameraError {
     NotFinite {
         /// Which parameter.
         name: &'static str,
-        /// Its value.
+        /// The value.
         value: f64,
     },
     /// An image without pixels.
@@ -76,6 +76,18 @@ impl Camera {
             cy_px: f64::from(height_px) / 2.0,
             distortion: Distortion::None,
         }
+    }
+
+    /// Whether the lens bends nothing.
+    #[must_use]
+    pub fn is_ideal(&self) -> bool {
+        self.distortion == Distortion::None
+    }
+
+    /// The same camera behind a lens that bends nothing.
+    #[must_use]
+    pub fn ideal(&self) -> Self {
+        Self { distortion: Distortion::None, ..self.clone() }
     }
 
     /// Checks what no camera can have.

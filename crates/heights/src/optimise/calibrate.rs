@@ -36,7 +36,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Of priors that are inverse depths in 1/m as they are.
+    /// The line of priors that are inverse depths in 1/m as they are.
     pub(super) const IN_METRES: Self = Self { offset: 0.0, gain: 1.0, is_in_metres: true };
 
     /// Fits a view with every roof where it is now; `None` where there is too little to go by, or where the prior

@@ -21,12 +21,15 @@ pub enum Preset {
 /// Settings of the height optimisation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[schemars(extend("x-expert" = true))]
 pub struct OptimiseConfig {
     /// Which solver; each reads its own table below and the views' defaults that go with it.
+    #[schemars(extend("x-expert" = false))]
     pub preset: Preset,
     /// Which height of a pitched roof the result states (`robust` only: `paper` knows flat roofs alone).
     pub height_reference: HeightReference,
     /// Longer side of the images that rays are sampled in, pixels (priors of another size are interpolated).
+    #[schemars(extend("x-expert" = false))]
     pub working_px: u32,
     /// One ray per block of this many pixels squared (4: 9,400 rays in a 448 × 336 view).
     pub stride_px: usize,
@@ -100,7 +103,7 @@ pub enum Region {
     BuildingsAndGround,
 }
 
-/// What is made small over the pixels of a view.
+/// Loss over the pixels of a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Loss {
@@ -131,7 +134,7 @@ pub enum StepOn {
 pub struct OrdinalConfig {
     /// Passes over the selected views.
     pub epochs: usize,
-    /// What is made small: `ordinal`, or `l1` and `l2` to compare with.
+    /// Loss: `ordinal`, or `l1` and `l2` to compare with.
     pub loss: Loss,
     /// Whether a step follows one view's loss (`view`) or the sum over all selected ones (`all_views`). Left open.
     pub step_on: StepOn,
@@ -218,7 +221,7 @@ pub struct SearchConfig {
     pub full_sweeps: usize,
     /// Sweeps close to the present height, after the full ones.
     pub local_sweeps: usize,
-    /// Of the local sweeps, the last so many compare ranks only.
+    /// Number of the last local sweeps, which compare ranks only.
     pub rank_sweeps: usize,
     /// Whether depth edges that lie beside the walls they belong to are moved back, after the full sweeps.
     pub correct_edge_bleeding: bool,

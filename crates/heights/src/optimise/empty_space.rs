@@ -57,7 +57,7 @@ pub(super) struct Known {
 }
 
 impl Known {
-    /// Of all rays of a view.
+    /// Rays of a view, those with a prior and those without.
     pub(super) fn of(evidence: &Evidence<'_>) -> Self {
         let mut all = Self::default();
         evidence.nearness.iter().for_each(|nearness| all.add(!nearness.is_nan()));

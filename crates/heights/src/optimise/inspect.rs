@@ -29,7 +29,7 @@ const AROUND_PX: usize = 16;
 /// One building.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inspection {
-    /// Its position in the scene.
+    /// Position in the scene.
     pub building: usize,
     /// Heights above ground, metres, ascending.
     pub heights_m: Vec<f32>,
@@ -101,7 +101,7 @@ pub fn inspect(
     wanted.par_iter().map(|(b, views)| look.at(*b, heights_m[*b], views)).collect()
 }
 
-/// What all buildings are looked at with.
+/// Means by which all buildings are looked at.
 struct Look<'a> {
     problem: &'a Problem<'a>,
     config: &'a OptimiseConfig,

@@ -99,16 +99,16 @@ impl Block {
     }
 }
 
-/// What a height changes, summed over the intervals.
+/// Sums over the intervals that a height changes.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Sums {
-    /// Of v, v·x, v·y, v·p, v².
+    /// Sums of v, v·x, v·y, v·p, v².
     pub v: f64,
     pub vx: f64,
     pub vy: f64,
     pub vp: f64,
     pub vv: f64,
-    /// Of the agreement, and over how many intervals.
+    /// Sum of the agreement, and over how many intervals.
     agreement: f64,
     n_agreement: f64,
 }
@@ -204,7 +204,7 @@ impl Intervals {
 struct Kernel<S: Simd> {
     simd: S,
     reference: f32x8<S>,
-    /// Of `e = (lifted − v) · depth² · per_tolerance / m`.
+    /// Factor of `e = (lifted − v) · depth² · per_tolerance / m`.
     per_tolerance: f32x8<S>,
     /// Partial sums, lane by lane, in the order of [`Sums`].
     partial: [f32x8<S>; 7],

@@ -127,7 +127,7 @@ fn views_of_foot(scene: &Scene, views: SweepViews<'_>, building: usize, config: 
 /// Where one level for the whole outline is looked for.
 #[derive(Debug, Clone, Copy)]
 struct OneLevel {
-    /// What the search has found, metres.
+    /// Height that the search has found, metres.
     height_m: f32,
     bounds: HeightBounds,
 }

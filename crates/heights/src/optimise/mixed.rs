@@ -32,7 +32,7 @@ const MIN_FLAT_M2: f64 = 15.0;
 const MIN_SHARE: f64 = 0.05;
 /// The eave is so much above the flat part at least, metres: less is a dormer.
 const MIN_STEP_M: f32 = 0.5;
-/// Of the rectangle around all that is not the terrace, the part that has to be so.
+/// Least part, of the rectangle around all that is not the terrace, that has to be so.
 const MIN_BODY: f64 = 0.85;
 /// Rises tried, between nothing and the steepest, and eaves for each.
 const N_RISES: usize = 5;
@@ -40,7 +40,7 @@ const N_EAVES: usize = 7;
 /// First moves of the pattern search, metres: of the heights, and of the main body's sides.
 const FIRST_M: [f32; 2] = [0.6, 0.8];
 const N_ROUNDS: usize = 5;
-/// What such a roof has to be better by than a simpler one.
+/// Lead that such a roof needs over a simpler one.
 const MARGIN: Margin = Margin { gain: 0.002, standard_errors: 1.0, n_more: 1.0 };
 
 /// A gable over a rectangle, all else at one level. Metres, along the axes of the smallest rectangle around the footprint.

@@ -19,7 +19,7 @@ pub struct ViewStep {
     pub loss: f64,
     /// Pairs that have a vote.
     pub n_pairs: usize,
-    /// Of these, pairs that cost something.
+    /// Pairs among these that cost something.
     pub n_active: usize,
     /// `(building, dL/dh)` by metre, each building once, ascending.
     pub gradient: Vec<(u32, f64)>,
@@ -33,7 +33,7 @@ pub struct StepInput<'a> {
     pub roofs: &'a [f32],
     /// Half width of central differences, metres.
     pub difference_m: f32,
-    /// What [`Gradient::EdgeSampled`] needs besides; without it, it is the interior part alone.
+    /// Input that [`Gradient::EdgeSampled`] needs besides; without it, it is the interior part alone.
     pub outlines: Option<edge_sampled::Outlines<'a>>,
 }
 
@@ -55,7 +55,7 @@ pub(super) struct Compared {
     pub of_rendered: Normaliser,
 }
 
-/// What the prior says of two pixels, and what their order costs.
+/// Order of two pixels in the prior, and the cost of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Vote {
     pub order: DepthOrder,
@@ -70,7 +70,7 @@ impl Vote {
         Some(Self { order, margin })
     }
 
-    /// What it costs where both pixels are rendered at one depth: an order that is no better than none.
+    /// Cost where both pixels are rendered at one depth: an order that is no better than none.
     pub fn cost_of_none(self) -> f32 {
         self.cost(0.0)
     }
@@ -90,7 +90,7 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    /// What it costs for the depths as they are rendered.
+    /// Cost for the depths as they are rendered.
     pub fn cost(&self, compared: &Compared) -> f32 {
         self.vote.cost(compared.contrast(self))
     }
@@ -131,7 +131,7 @@ pub fn view_step(input: &StepInput<'_>, config: &OrdinalConfig, rng: &mut ChaCha
     Some(ViewStep { loss, n_pairs: pairs.len(), n_active, gradient })
 }
 
-/// What pairs cost, beside what they would cost if every one were rendered at one depth.
+/// Cost of pairs, beside that of every one rendered at one depth.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Costs {
     /// Number of pairs.
@@ -157,7 +157,7 @@ impl Costs {
     }
 }
 
-/// What random pairs of one view cost that have a vote: all of them, and by building those that show it. `None` where
+/// Cost of random pairs of one view that have a vote: all of them, and by building those that show it. `None` where
 /// nothing can be compared.
 pub(super) fn costs(
     evidence: &Evidence<'_>,

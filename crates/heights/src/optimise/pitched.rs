@@ -39,7 +39,7 @@ pub(super) const TALLEST_M: f32 = 8.0;
 const N_RISES: usize = 5;
 /// Eaves tried for each rise.
 const N_EAVES: usize = 9;
-/// What a pitched roof has to be better by than a flat one.
+/// Lead that a pitched roof needs over a flat one.
 const MARGIN: Margin = Margin { gain: 0.0005, standard_errors: 0.7, n_more: 0.0 };
 
 /// Ways of rays over a footprint, sampled, side by side.
@@ -153,7 +153,7 @@ pub(super) struct Shape<'a> {
     middle: Vec2,
     /// Horizontal way from eave to ridge, metres.
     run_m: f32,
-    /// Of a gable over more than a rectangle.
+    /// Wings of a gable over more than a rectangle.
     wings: Option<Wings>,
     /// Mean over the footprint.
     pub mean: f32,

@@ -30,7 +30,7 @@ const MIN_VIEWS: usize = 4;
 /// A roof as the evidence has it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Roof {
-    /// Its form.
+    /// Form of the roof.
     pub form: RoofForm,
     /// Lowest edge above the building's ground, metres.
     pub eave_m: f64,
@@ -46,11 +46,11 @@ pub struct Roof {
 /// A rectangle at one of the two levels of a stepped roof.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Terrace {
-    /// Its corners, local frame, metres, counter-clockwise; it may reach beyond the outline.
+    /// Corners, local frame, metres, counter-clockwise; it may reach beyond the outline.
     pub corners: [[f64; 2]; 4],
     /// Whether it is the upper level.
     pub is_upper: bool,
-    /// What stands over it in place of a flat upper level.
+    /// Gable that stands over it in place of a flat upper level.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gable: Option<Gable>,
 }
@@ -58,7 +58,7 @@ pub struct Terrace {
 /// A gable over the rectangle of a mixed roof; its ridge is the roof's.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Gable {
-    /// Its eave above the building's ground, metres.
+    /// Eave above the building's ground, metres.
     pub eave_m: f64,
     /// Whether its ridge runs along the rectangle's first side.
     pub is_ridge_along_first: bool,
@@ -75,7 +75,7 @@ impl Terrace {
         (0..4).map(from_side).fold(f32::INFINITY, f32::min)
     }
 
-    /// Its low and high corner along some axes that its sides lie along, metres.
+    /// Low and high corner along some axes that the sides lie along, metres.
     pub(super) fn across(&self, axes: Mat2) -> [Vec2; 2] {
         let corners = self.corners.map(|corner| axes * DVec2::from_array(corner).as_vec2());
         [corners.into_iter().fold(Vec2::INFINITY, Vec2::min), corners.into_iter().fold(Vec2::NEG_INFINITY, Vec2::max)]
@@ -250,7 +250,7 @@ impl Fit<'_> {
     }
 }
 
-/// What the views make of a building's roof.
+/// A building's roof as the views judge it.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Judged {
     /// The one that they prefer to a flat one, if any.

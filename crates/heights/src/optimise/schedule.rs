@@ -12,9 +12,9 @@
 /// One step of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Step {
-    /// Its epoch, from 0, and how many there are.
+    /// Epoch, from 0, and how many there are.
     pub epoch: [usize; 2],
-    /// Its place in the epoch, from 0, and how many steps the epoch has.
+    /// Place in the epoch, from 0, and how many steps the epoch has.
     pub place: [usize; 2],
 }
 
@@ -25,7 +25,7 @@ impl Step {
         ((epoch * n + place) as f64 / (n_epochs * n).saturating_sub(1).max(1) as f64).min(1.0)
     }
 
-    /// What goes geometrically from the first of two values to the second, at this step.
+    /// Value that goes geometrically from the first of two to the second, at this step.
     #[must_use]
     pub fn anneal(self, [first, last]: [f32; 2]) -> f32 {
         first * (last / first).powf(self.progress() as f32)

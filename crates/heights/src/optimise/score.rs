@@ -22,7 +22,7 @@ use crate::stats;
 const MIN_RAYS: usize = 12;
 /// Residual variance, relative to the window's, below which a view is flat and has no vote.
 const FLAT: f64 = 1e-9;
-/// What stands out from the ground around a building by more than this is something that the scene does not have.
+/// Height from which something that stands out from the ground around a building is not in the scene.
 pub(super) const UNMODELLED_M: f64 = 3.0;
 /// The same in standard deviations of the prior on open ground.
 const UNMODELLED_SIGMAS: f64 = 3.0;
@@ -52,13 +52,13 @@ pub struct Window {
 /// Which correlation is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Correlation {
-    /// Of the residuals themselves.
+    /// Correlation of the residuals themselves.
     Linear,
-    /// Of their ranks: purely ordinal.
+    /// Correlation of their ranks: purely ordinal.
     Rank,
 }
 
-/// What will be asked of a window, and so which rays it takes.
+/// Questions that will be asked of a window, and so the rays it takes.
 ///
 /// The less it holds besides the building, the less it answers to: a tower behind a pavilion varies more in depth than the
 /// pavilion, and errors of the prior in its relief outweigh all that the pavilion's height changes.
@@ -307,7 +307,7 @@ fn centred_positions(evidence: &Evidence<'_>, rays: &[u32], axis: usize) -> Vec<
     values
 }
 
-/// What `[1, x, y]` does not explain of some values.
+/// Residuals that `[1, x, y]` does not explain of some values.
 struct Plane {
     /// Inverse of the Gram matrix of `[1, x, y]`.
     gram_inverse: [[f64; 3]; 3],

@@ -33,7 +33,7 @@ pub enum Range {
     },
 }
 
-/// What a sweep finds for one building.
+/// Finding of a sweep for one building.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
     /// Best height above ground, metres.
@@ -73,7 +73,7 @@ pub type ViewsOf<'a> = &'a [Vec<usize>];
 pub struct SweepView<'a> {
     /// The camera.
     pub placed: &'a PlacedCamera,
-    /// Its rays and prior.
+    /// The view's rays and prior.
     pub evidence: &'a Evidence<'a>,
     /// Where the roofs as they stand stop the rays.
     pub stops: Stops,
@@ -171,7 +171,7 @@ pub fn sweep(
 /// A building's views, made ready.
 struct Looked {
     windows: Vec<Window>,
-    /// Of the agreement in each window.
+    /// Weights of the agreement in each window.
     weights: Vec<f64>,
     correlation: Correlation,
 }

@@ -58,7 +58,7 @@ impl Reason {
     }
 }
 
-/// What can be wrong with a height, each as one standard deviation in metres; 0 where nothing is known.
+/// Errors that a height can have, each as one standard deviation in metres; 0 where nothing is known.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Doubts {
     /// Between views: by how much the height moves when single views are left out (jackknife).
@@ -119,7 +119,7 @@ pub struct SolvedHeight {
     pub roof: Option<Roof>,
     /// One standard deviation, metres, where it can be estimated.
     pub sigma_m: Option<f64>,
-    /// What that is made of.
+    /// Parts that it is made of.
     #[serde(default)]
     pub doubts: Doubts,
     /// Positions of the views that had a say.
@@ -197,7 +197,7 @@ pub struct EpochRecord {
     pub heights_m: Vec<f32>,
 }
 
-/// What was solved.
+/// Result of a solver.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Solution {
     /// One per building of the scene.

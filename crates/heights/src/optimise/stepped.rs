@@ -29,7 +29,7 @@ const FIRST_M: [[f32; 2]; 4] = [[3.0, -1.0], [-3.0, 1.0], [1.0, -2.0], [-1.0, 2.
 /// Steps of the search, for the followed guesses and for the best of them.
 const COARSE_STEPS: [Step; 2] = [step(0.15, 1.0), step(0.07, 0.5)];
 const FINE_STEPS: [Step; 3] = [step(0.05, 0.4), step(0.025, 0.2), step(0.012, 0.1)];
-/// What a stepped roof has to be better by than a flat one, and than a pitched one that is believed.
+/// Lead that a stepped roof needs over a flat one, and over a pitched one that is believed.
 const MARGIN: Margin = Margin { gain: 0.002, standard_errors: 1.0, n_more: N_MORE };
 
 const fn step(side_share: f32, height_m: f32) -> Step {

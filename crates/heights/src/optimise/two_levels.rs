@@ -62,7 +62,7 @@ pub(super) struct Step {
     pub height_share: f32,
 }
 
-/// What two levels have to keep to.
+/// Limits of two levels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Limits {
     pub heights: HeightBounds,
@@ -200,7 +200,7 @@ fn moves() -> impl Iterator<Item = Move> {
 /// The building in one view.
 pub(super) struct SeenIn<'a> {
     window: &'a Window,
-    /// Of the agreement.
+    /// Weight of the agreement.
     weight: f64,
     ways: Vec<Ways>,
 }

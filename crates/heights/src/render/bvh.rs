@@ -9,7 +9,7 @@ use glam::Vec3;
 
 use crate::ray::{Aabb, Ray};
 
-/// What looks for primitives: one ray, or many at once.
+/// A search for primitives: one ray, or many at once.
 pub trait Probe {
     /// Where it first enters a box within its reach, if it does.
     fn enters(&self, bounds: &Aabb) -> Option<f32>;

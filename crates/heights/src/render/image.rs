@@ -13,7 +13,7 @@ use crate::raster::Raster;
 use crate::ray::{Aabb, Ray};
 use crate::scene::{Prism, RayInterval, Scene};
 
-/// What a ray meets first.
+/// First thing that a ray meets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Face {
     /// Sky, or ground that is not known.
@@ -42,7 +42,7 @@ impl Face {
 pub struct DepthImage {
     /// z-depth in metres; `NaN` = nothing there.
     pub depth: Raster<f32>,
-    /// What is seen.
+    /// Face that is seen.
     pub face: Raster<Face>,
 }
 
@@ -54,7 +54,7 @@ const TILE_ROWS: [usize; LANES] = [0, 0, 0, 0, 1, 1, 1, 1];
 /// is missed whose prism is met, and what is met does not depend on the order of boxes.
 pub(super) const BOX_MARGIN_M: f32 = 0.01;
 
-/// What a ray met: its parameter, and a code that a register can hold.
+/// Hit of a ray: its parameter, and a code that a register can hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Hit {
     /// Infinite for nothing.

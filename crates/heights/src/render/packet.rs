@@ -25,7 +25,7 @@ use super::tile::{LANES, RayTile, TILE};
 use crate::ray::{Aabb, Ray};
 use crate::scene::{LocalGround, Prism, RayInterval};
 
-/// What every ray of a tile meets first; for no ray and upright ones nothing. Also which rays these are, as bits.
+/// First hits of every ray of a tile; for no ray and upright ones nothing. Also which rays these are, as bits.
 #[inline(always)]
 pub(super) fn trace<S: Simd>(simd: S, tracer: &SceneTracer<'_>, rays: &RayTile) -> (TileHits, u64) {
     let mut hits = TileHits { t: [f32::INFINITY; TILE], code: [0; TILE] };
@@ -57,7 +57,7 @@ pub(super) struct TileHits {
 #[derive(Clone, Copy)]
 struct Packet<S: Simd> {
     direction: [f32x8<S>; 3],
-    /// Of the horizontal direction.
+    /// Squared length of the horizontal direction.
     length_squared: f32x8<S>,
     nearest: f32x8<S>,
     /// [`Hit::code`]s.

@@ -59,7 +59,7 @@ pub struct Profiles {
     intervals: Vec<PrismInterval>,
 }
 
-/// What a ray sees for some heights.
+/// Sight of a ray for some heights.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sight {
     /// z-depth, metres.
@@ -70,7 +70,7 @@ pub struct Sight {
     pub is_roof: bool,
 }
 
-/// What some roofs make of a view.
+/// Stops of a view's rays at some roofs.
 #[derive(Debug, Clone)]
 pub struct Stops {
     /// Where each interval stops its ray, z-depth, in the intervals' order; `+∞` where the ray passes over.
@@ -151,13 +151,13 @@ impl Profiles {
         &self.intervals[self.rays[ray_idx].first as usize..end]
     }
 
-    /// What a ray sees for roof levels in the local frame, one per building.
+    /// Sight of a ray for roof levels in the local frame, one per building.
     #[must_use]
     pub fn sight(&self, ray_idx: usize, roofs: &[f32]) -> Sight {
         self.first_met(ray_idx, |building| roofs[building as usize])
     }
 
-    /// What a ray sees when one building's roof is elsewhere.
+    /// Sight of a ray when one building's roof is elsewhere.
     #[must_use]
     pub fn sight_with(&self, ray_idx: usize, roofs: &[f32], moved: u32, roof_z: f32) -> Sight {
         self.first_met(ray_idx, |building| if building == moved { roof_z } else { roofs[building as usize] })

@@ -18,12 +18,12 @@ pub struct RayTile {
     pub(super) direction: [[f32; TILE]; 3],
 }
 
-/// What the rays of a tile see.
+/// Sight of the rays of a tile.
 #[derive(Debug, Clone)]
 pub struct TileSeen {
     /// The ray parameter of the first thing met (z-depth in metres, for rays of a camera); `NaN` = nothing there.
     pub depth: [f32; TILE],
-    /// What it is.
+    /// Face of each.
     pub face: [Face; TILE],
 }
 

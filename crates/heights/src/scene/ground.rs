@@ -56,7 +56,7 @@ impl Walk<'_> {
         exits.min_element().max(t + nudge)
     }
 
-    /// Its position in cells, half-way between two distances.
+    /// Position in cells, half-way between two distances.
     fn between(&self, t: f32, next: f32) -> Vec2 {
         self.origin + 0.5 * (t + next) * self.direction
     }

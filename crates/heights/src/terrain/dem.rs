@@ -16,7 +16,7 @@ pub enum DemError {
         cell_x_m: f64,
         /// Cell height, metres.
         cell_y_m: f64,
-        /// What is wrong with it.
+        /// The problem with it.
         reason: &'static str,
     },
 }

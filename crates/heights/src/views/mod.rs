@@ -88,7 +88,7 @@ impl ViewsConfig {
     }
 }
 
-/// What a configuration says of the view selection; what is absent is the preset's own.
+/// Settings of the view selection; what is absent is the preset's own.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ViewsSettings {

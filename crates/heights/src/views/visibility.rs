@@ -16,13 +16,13 @@ pub struct ViewSight {
     pub building: u32,
     /// Sampled rays that end on it.
     pub n_rays: u32,
-    /// Of these, on its roof.
+    /// Rays among these on its roof.
     pub n_roof_rays: u32,
     /// Share of its roof's corners that lie inside the image, 0..1.
     pub corners_inside: f32,
 }
 
-/// What one view sees.
+/// Visibility in one view.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Visibility {
     /// The buildings seen by at least one ray, by index.

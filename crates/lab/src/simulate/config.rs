@@ -37,7 +37,7 @@ pub struct SimulateConfig {
     pub prior: PriorConfig,
     /// A sparse point cloud as multi-view matching leaves it.
     pub points: PointConfig,
-    /// What is wrong with poses and footprints as the user gets them.
+    /// Errors of poses and footprints as the user gets them.
     pub errors: ErrorConfig,
 }
 
@@ -61,7 +61,7 @@ impl Default for SimulateConfig {
     }
 }
 
-/// What a town is made of.
+/// Kind of town.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TownKind {
@@ -80,7 +80,7 @@ pub enum TownKind {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TownConfig {
-    /// What it is made of.
+    /// Kind of town.
     pub kind: TownKind,
     /// Exactly so many buildings, 1 to 20000.
     pub n_buildings: usize,
@@ -243,7 +243,7 @@ impl Default for ImageConfig {
     }
 }
 
-/// What masks outline.
+/// The part of a building that masks outline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MaskOutline {
@@ -260,7 +260,7 @@ pub enum MaskOutline {
 pub struct MaskConfig {
     /// Whether they are written.
     pub enabled: bool,
-    /// What they outline.
+    /// The part of a building that they outline.
     pub outline: MaskOutline,
     /// How far they are from the truth; only for outlines on the ground.
     pub level: MaskLevel,
@@ -339,11 +339,11 @@ impl Default for PointConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ErrorConfig {
-    /// Of camera positions, per axis, metres.
+    /// Error of camera positions, per axis, metres.
     pub position_m: f64,
-    /// Of camera attitudes, per axis, degrees.
+    /// Error of camera attitudes, per axis, degrees.
     pub angle_deg: f64,
-    /// Of footprint vertices, per axis, metres.
+    /// Error of footprint vertices, per axis, metres.
     pub vertex_m: f64,
     /// By how much every outline is too large (negative: too small), metres.
     pub outline_m: f64,

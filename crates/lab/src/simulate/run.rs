@@ -12,6 +12,7 @@ use serde::Serialize;
 
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{FileError, write_whole_unflushed};
+use sizeup_geo::template::bare_stem;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::ViewId;
 use sizeup_survey::{ColmapModel, View, ViewKind};
@@ -107,7 +108,7 @@ pub fn world(config: &SimulateConfig) -> Result<World, SimulateError> {
 }
 
 fn stem(view: &View) -> String {
-    Path::new(&view.id.0).file_stem().map_or_else(|| view.id.0.clone(), |s| s.to_string_lossy().into_owned())
+    bare_stem(&view.id.0).to_owned()
 }
 
 fn write_scene(

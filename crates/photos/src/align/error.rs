@@ -6,7 +6,7 @@ pub enum AlignError {
     /// A setting out of range.
     #[error("align: `{field}` is out of range\nhint: expected {expected}")]
     Config {
-        /// Its name.
+        /// The name.
         field: &'static str,
         /// What it can be.
         expected: &'static str,

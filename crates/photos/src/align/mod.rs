@@ -77,8 +77,10 @@ pub enum AlignWhen {
 /// How poses are brought to agree with the photos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(extend("x-expert" = true))]
 pub struct AlignConfig {
     /// When `sizeup run` does it by itself; `sizeup survey align` always does.
+    #[schemars(extend("x-expert" = false))]
     pub when: AlignWhen,
     /// Median distance between where a few photos show points and where the poses put them from which `when = "auto"` aligns,
     /// pixels of a photo reduced to `long_side_px`. Above 0.
@@ -92,8 +94,10 @@ pub struct AlignConfig {
     /// Least correlation of a patch that is found, 0.5 to 1.
     pub min_score: f64,
     /// Expected error of the given positions along each axis, metres, 0.001 to 10.
+    #[schemars(extend("x-expert" = false))]
     pub position_sigma_m: f64,
     /// Expected error of the given rotations about each axis, degrees, 0.001 to 5.
+    #[schemars(extend("x-expert" = false))]
     pub angle_sigma_deg: f64,
     /// Expected error of the given focal lengths, percent, 0 to 20. 0: cameras are calibrated, and stay as they are. Above 0 focal
     /// length and radial distortion are found too, one of each for all photos of a camera.

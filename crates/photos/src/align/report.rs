@@ -31,7 +31,7 @@ impl Residuals {
     }
 }
 
-/// What was done to the pose of a photo.
+/// Correction of the pose of a photo.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PhotoCorrection {
     /// The photo's name.
@@ -70,7 +70,7 @@ pub struct LeftAlone {
     pub reason: String,
 }
 
-/// What aligning did.
+/// Report of an alignment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AlignReport {
     /// Whether the adjusted poses were taken: they are if residuals fall by a fifth. Otherwise the given ones are kept.

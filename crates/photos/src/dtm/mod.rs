@@ -30,8 +30,10 @@ use sizeup_survey::View;
 /// How the ground is found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[schemars(extend("x-expert" = true))]
 pub struct DtmConfig {
     /// The ground is somewhere within this of the rough level, metres. Above 0.
+    #[schemars(extend("x-expert" = false))]
     pub within_m: f64,
     /// From one square to the next, metres. Above 0.
     pub spacing_m: f64,

@@ -13,9 +13,11 @@ mod proto;
 pub mod runtime;
 mod second;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use sizeup_geo::paths::PathVisitor;
@@ -124,7 +126,7 @@ pub enum EngineChoice {
     OnnxRuntime,
 }
 
-/// What ONNX Runtime computes on.
+/// A processor that ONNX Runtime computes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Provider {
@@ -140,6 +142,15 @@ pub enum Provider {
     DirectMl,
 }
 
+/// The profiles of networks, `[[profile]]` each, of a text.
+///
+/// # Errors
+/// Where it is not valid.
+pub fn profiles<P: DeserializeOwned>(text: &str) -> Result<Vec<P>, toml::de::Error> {
+    let mut all: BTreeMap<String, Vec<P>> = toml::from_str(text)?;
+    Ok(all.remove("profile").unwrap_or_default())
+}
+
 /// Which engine computes, and on what.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -149,11 +160,14 @@ pub struct EngineConfig {
     /// ONNX Runtime's shared library (`libonnxruntime.so`); without it `ORT_DYLIB_PATH`, the program's folder,
     /// target/onnxruntime and the system's libraries are looked at, in this order.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = true))]
     pub library: Option<PathBuf>,
     /// Threads of one inference, 0 = as the engine likes: all cores, which is also the most.
+    #[schemars(extend("x-expert" = true))]
     pub threads: usize,
-    /// What ONNX Runtime computes on, tried in this order; what none of them can do is left to the CPU. One that the
+    /// Processors that ONNX Runtime computes on, tried in this order; what none of them can do is left to the CPU. One that the
     /// library does not have is an error.
+    #[schemars(extend("x-expert" = true))]
     pub providers: Vec<Provider>,
 }
 

@@ -16,9 +16,11 @@ pub const MIN_PHOTOS: usize = 4;
 /// How roof heights are refined by the photos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[schemars(extend("x-expert" = true))]
 pub struct RefinementConfig {
     /// Whether they are; absent: where photos are given, except with `preset = "paper"`.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = false))]
     pub enabled: Option<bool>,
     /// How far from the height that the priors give the photos' own is looked for, metres. Above 0.
     pub within_m: f64,

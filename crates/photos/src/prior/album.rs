@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::PriorError;
-use super::recent::Recent;
 use super::stereo::Picture;
+use sizeup_geo::kept::Kept;
 use sizeup_heights::ids::ViewId;
 use sizeup_survey::View;
 
@@ -12,7 +12,7 @@ use sizeup_survey::View;
 #[derive(Debug)]
 pub struct Album {
     long_side_px: u32,
-    pictures: Recent<ViewId, Picture>,
+    pictures: Kept<ViewId, Picture>,
 }
 
 impl Album {
@@ -20,7 +20,7 @@ impl Album {
     #[must_use]
     pub fn new(long_side_px: u32, max_bytes: usize) -> Self {
         let max_pictures = (max_bytes / Self::bytes_of_one(long_side_px).max(1)).max(1);
-        Self { long_side_px, pictures: Recent::new(max_pictures) }
+        Self { long_side_px, pictures: Kept::up_to(max_pictures) }
     }
 
     /// Memory of one picture, bytes.

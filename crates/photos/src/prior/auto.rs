@@ -14,7 +14,7 @@ pub struct AutoConfig {
     /// A network, used where its file exists.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub network: Option<Box<NetworkConfig>>,
-    /// What else is done: photos matched with each other.
+    /// Matching of photos with each other, used otherwise.
     pub stereo: StereoConfig,
 }
 

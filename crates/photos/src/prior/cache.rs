@@ -9,12 +9,11 @@
 //! f32 little-endian, H × W row-major, NaN = no value
 //! ```
 
-use std::collections::HashMap;
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{LazyLock, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use schemars::JsonSchema;
@@ -24,6 +23,7 @@ use sha2::{Digest as _, Sha256};
 use super::array::{MOST, MapShape};
 use super::{DepthPrior, PriorError, PriorGeometry, PriorKind, PriorSource};
 use sizeup_geo::files::{FileError, is_virtual, write_whole};
+use sizeup_geo::hashes::{Hashes, hex, sha256_hex};
 use sizeup_survey::View;
 
 /// Changes whenever the same key would no longer mean the same content.
@@ -122,7 +122,8 @@ impl KeyHasher {
             self.bytes(path.to_string_lossy().as_bytes());
             return Ok(());
         }
-        self.bytes(&content_hash(path).map_err(FileError::on("cannot read", path))?);
+        let content = CONTENTS.of(path).map_err(FileError::on("cannot read", path))?;
+        self.bytes(&content.digest());
         Ok(())
     }
 
@@ -131,35 +132,8 @@ impl KeyHasher {
     }
 }
 
-/// A file as it was when it was read.
-type FileState = (PathBuf, u64, Option<SystemTime>);
-
 /// Files already read by this process: photos are neighbours of many, and a network belongs to every key.
-static CONTENT_HASHES: LazyLock<Mutex<HashMap<FileState, [u8; 32]>>> = LazyLock::new(Mutex::default);
-
-/// SHA-256 of a file, read again only where its size or time has changed.
-fn content_hash(path: &Path) -> std::io::Result<[u8; 32]> {
-    let known = || CONTENT_HASHES.lock().unwrap_or_else(PoisonError::into_inner);
-    let metadata = fs::metadata(path)?;
-    let state = (path.to_owned(), metadata.len(), metadata.modified().ok());
-    if let Some(hash) = known().get(&state) {
-        return Ok(*hash);
-    }
-    let mut of_file = Sha256::new();
-    std::io::copy(&mut File::open(path)?, &mut of_file)?;
-    let hash = of_file.finalize().into();
-    known().insert(state, hash);
-    Ok(hash)
-}
-
-/// Two digits a byte, lower case.
-pub(super) fn hex(bytes: &[u8]) -> String {
-    use std::fmt::Write as _;
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        write!(text, "{byte:02x}").expect("a string takes everything");
-        text
-    })
-}
+static CONTENTS: LazyLock<Hashes> = LazyLock::new(Hashes::new);
 
 /// First line of an entry.
 #[derive(Debug, Serialize, Deserialize)]
@@ -226,7 +200,7 @@ impl PriorCache {
             geometry: prior.geometry,
             width: prior.values.width(),
             height: prior.values.height(),
-            sha256: hex(&Sha256::digest(&data)),
+            sha256: sha256_hex(&data),
         };
         write_whole(&self.path(key), |writer| {
             serde_json::to_writer(&mut *writer, &header)?;
@@ -279,7 +253,7 @@ fn read_entry(file: File) -> Option<DepthPrior> {
     let shape = MapShape::of(&[1, header.height, header.width], MOST).ok().filter(|_| header.version == VERSION)?;
     let mut data = Vec::new();
     reader.take(shape.cells() as u64 * 4 + 1).read_to_end(&mut data).ok()?;
-    if data.len() != shape.cells() * 4 || hex(&Sha256::digest(&data)) != header.sha256 {
+    if data.len() != shape.cells() * 4 || sha256_hex(&data) != header.sha256 {
         return None;
     }
     let values = data.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();

@@ -29,7 +29,7 @@ pub struct FilePriorConfig {
     /// Path of a photo's file: `{name}` is the photo's name as the survey has it, `{stem}` the same without its
     /// extension, `{index}` its position in the sorted survey, from 0. Without any of these, one stack for all.
     pub path: String,
-    /// What the numbers are: "depth" (higher is farther) or `inverse_depth` (higher is nearer). Never guessed.
+    /// Meaning of the numbers: "depth" (higher is farther) or `inverse_depth` (higher is nearer). Never guessed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<PriorKind>,
     /// Along which line depth is measured: `z_depth` (the optical axis, as networks do) or "range" (the pixel's ray).
@@ -53,9 +53,11 @@ pub struct FilePriorConfig {
     pub nodata: Option<f64>,
     /// Name of an array of confidences in the same .npz, of the same shape ("conf" in Depth Anything 3's export).
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = true))]
     pub confidence_key: Option<String>,
     /// Values whose confidence is below this are left out. In the unit of that array.
     #[serde(default)]
+    #[schemars(extend("x-expert" = true))]
     pub min_confidence: f64,
     /// How far the shape may be off the photo's, pixels of the prior. 1 covers rounding; 7 covers networks that round
     /// sides to a multiple of 14. At least 0.

@@ -14,7 +14,6 @@ mod neighbours;
 pub mod network;
 mod npy;
 mod pfm;
-mod recent;
 mod source;
 pub mod stereo;
 

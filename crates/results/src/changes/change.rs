@@ -6,7 +6,7 @@ use geo_types::MultiPolygon;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What became of a building, or of several that stand for each other.
+/// The change of a building, or of several that stand for each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Class {
@@ -14,11 +14,11 @@ pub enum Class {
     New,
     /// It stands in the old result only, or is flat now.
     Gone,
-    /// Its roof is higher.
+    /// The roof is higher.
     Raised,
-    /// Its roof is lower.
+    /// The roof is lower.
     Lowered,
-    /// Its roof is where it was, or nothing is known of it, and its outline is another.
+    /// The roof is where it was, or nothing is known of it, and the outline is another.
     OutlineChanged,
     /// Nothing has changed that is worth telling.
     Same,
@@ -192,15 +192,15 @@ impl Reason {
 /// new result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Change {
-    /// What became of it.
+    /// The kind of change.
     pub class: Class,
     /// Why, the decisive one first.
     pub reasons: Vec<Reason>,
     /// The same in words, with the figures.
     pub explanation: String,
-    /// Its ids in the new result, which are kept.
+    /// Ids in the new result, which are kept.
     pub new_ids: Vec<String>,
-    /// Its ids in the old result.
+    /// Ids in the old result.
     pub old_ids: Vec<String>,
     /// New height above ground minus the old one, without what is common to all buildings, metres.
     pub d_height_m: Option<f64>,
@@ -222,9 +222,9 @@ pub struct Change {
     pub new_area_m2: Option<f64>,
     /// Intersection over union of the two outlines.
     pub iou: Option<f64>,
-    /// What the outline has won beyond the outlines' own accuracy, m².
+    /// Area that the outline has won beyond the outlines' own accuracy, m².
     pub gained_m2: Option<f64>,
-    /// What the outline has lost beyond the outlines' own accuracy, m².
+    /// Area that the outline has lost beyond the outlines' own accuracy, m².
     pub lost_m2: Option<f64>,
     /// The new outline; of what is gone, the old one where the common shift puts it.
     #[serde(skip, default = "nowhere")]

@@ -6,12 +6,12 @@ use serde_json::Value;
 
 use super::{Change, Class};
 use crate::output::attributes::round_m;
-use crate::output::geopackage::{NO_DATE, write_lineage};
+use crate::output::geopackage::{FieldOf, NO_DATE, field, write_lineage};
 use crate::output::{Lineage, OutputError, wkb};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::write_whole_by_name;
 use sizeup_geo::geodata::features::ColumnKind::{Integer, Real, Text};
-use sizeup_geo::geodata::features::{Column, ColumnKind, GeometryKind, LayerSpec, Row};
+use sizeup_geo::geodata::features::{GeometryKind, LayerSpec, Row};
 use sizeup_geo::geodata::gpkg;
 
 /// Name of the layer.
@@ -24,17 +24,7 @@ const STYLE: &str = include_str!("styles/changes.qml");
 const SEPARATOR: &str = "; ";
 
 /// A column and how to fill it.
-type Field = (Column, fn(&Change) -> Value);
-
-const fn field(
-    name: &'static str,
-    title: &'static str,
-    kind: ColumnKind,
-    meaning: &'static str,
-    of: fn(&Change) -> Value,
-) -> Field {
-    (Column::new(name, title, kind, meaning), of)
-}
+type Field = FieldOf<Change>;
 
 /// The columns, in their order.
 const FIELDS: [Field; 19] = [

@@ -67,11 +67,11 @@ pub struct ChangesConfig {
     pub outline_sigma_m: f64,
     /// How far beyond the hull of its outlines a result is taken to have looked, metres, 0 or more.
     pub margin_m: f64,
-    /// What else says where a result looked.
+    /// Another area in which a result looked.
     pub area: AreaRule,
-    /// What becomes of a shift that is common to all buildings.
+    /// Treatment of a shift that is common to all buildings.
     pub shift: ShiftRule,
-    /// What becomes of sigmas that are smaller than differences scatter.
+    /// Treatment of sigmas that are smaller than differences scatter.
     pub sigmas: SigmaRule,
     /// Whether levels are compared.
     pub levels: LevelRule,
@@ -94,7 +94,7 @@ impl Default for ChangesConfig {
     }
 }
 
-/// What becomes of stated sigmas where the buildings' differences scatter more than these say.
+/// Treatment of stated sigmas where the buildings' differences scatter more than these say.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SigmaRule {
@@ -175,16 +175,16 @@ impl ChangesConfig {
     }
 }
 
-/// What all buildings have in common; new minus old.
+/// The shift that all buildings have in common; new minus old.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct CommonShift {
-    /// Of outlines, eastwards.
+    /// Shift of outlines, eastwards.
     pub east: Shift,
-    /// Of outlines, northwards.
+    /// Shift of outlines, northwards.
     pub north: Shift,
-    /// Of levels of roofs; of nothing where levels are not compared.
+    /// Shift of levels of roofs; none where levels are not compared.
     pub roof_z: Shift,
-    /// Of heights above ground.
+    /// Shift of heights above ground.
     pub height: Shift,
 }
 

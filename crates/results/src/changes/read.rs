@@ -105,7 +105,7 @@ pub struct ResultFile {
     pub records: Vec<BuildingRecord>,
     /// Projection centres of its photos (easting, northing), in the frame of the comparison; only a `GeoPackage` has them.
     pub cameras: Vec<[f64; 2]>,
-    /// Its own CRS.
+    /// The result's own CRS.
     pub crs: Crs,
     /// Where it comes from, if it is ours.
     pub lineage: Option<Lineage>,

@@ -26,17 +26,17 @@ pub struct ComparedResult {
     pub size_bytes: u64,
     /// SHA-256 of the content, hexadecimal.
     pub sha256: String,
-    /// Its own CRS.
+    /// The result's own CRS.
     pub crs: String,
     /// The day that it stands for, where it says so.
     pub reference_date: Option<String>,
     /// Buildings, and parts of such.
     pub n_records: usize,
-    /// Of them, those with a height.
+    /// Buildings with a height.
     pub n_heights: usize,
 }
 
-/// What changed between two results.
+/// Changes between two results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ChangesReport {
     /// Version of sizeup.
@@ -49,16 +49,16 @@ pub struct ChangesReport {
     pub new: ComparedResult,
     /// How they were compared.
     pub config: ChangesConfig,
-    /// What levels of both count from; `null`: only heights above ground were compared.
+    /// Vertical datum of both; `null`: only heights above ground were compared.
     pub level_reference: Option<String>,
-    /// What is common to all buildings, and whether it was taken off.
+    /// The shift common to all buildings, and whether it was taken off.
     pub common_shift: CommonShift,
     /// Scatter of the differences in stated sigmas: 1 where these are right; `null` for too few buildings.
     pub spread: Option<f64>,
     /// Buildings, or groups that stand for each other, by class.
     #[schemars(with = "BTreeMap<String, usize>")]
     pub counts: IndexMap<String, usize>,
-    /// What a reader of the counts has to know.
+    /// Notes that a reader of the counts has to know.
     pub notes: Vec<String>,
     /// Every building of both results, exactly once.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -109,7 +109,7 @@ impl ChangesReport {
     /// # Errors
     /// [`OutputError::File`].
     pub fn write(&self, path: &Path) -> Result<(), OutputError> {
-        write_json(path, self)
+        Ok(write_json(path, self)?)
     }
 }
 

@@ -248,14 +248,6 @@ pub fn is_taken(name: &str) -> bool {
     RESERVED.contains(&lower.as_str()) || FIELDS.iter().any(|field| field.column.name == lower)
 }
 
-/// All attributes as a JSON object: ours where known, `measuredHeight` for `CityGML` readers, then the user's.
-#[must_use]
-pub fn to_json(record: &BuildingRecord, solid: &SolidFacts) -> JsonMap<String, Value> {
-    let mut attributes = own(record, solid);
-    attributes.extend(carried(record));
-    attributes
-}
-
 /// Our own attributes where known, and `measuredHeight`.
 #[must_use]
 pub fn own(record: &BuildingRecord, solid: &SolidFacts) -> JsonMap<String, Value> {

@@ -31,7 +31,7 @@ impl Records for [BuildingRecord] {
 pub struct Overview {
     /// Buildings there are.
     pub n_buildings: usize,
-    /// Of them, those with a height.
+    /// Buildings with a height.
     pub n_heights: usize,
     /// Of them, those without an outline.
     pub n_without_outline: usize,

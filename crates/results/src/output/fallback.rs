@@ -23,7 +23,7 @@ pub enum FallbackSource {
     Neighbourhood,
 }
 
-/// What becomes of buildings whose height is not known.
+/// Treatment of buildings whose height is not known.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FallbackConfig {
@@ -34,6 +34,7 @@ pub struct FallbackConfig {
     /// Metres per unit of the attribute: 1 for heights in metres, about 3 for storeys.
     pub metres_per_unit: f64,
     /// Nearest measured buildings that the median is taken over (`source = "neighbourhood"`).
+    #[schemars(extend("x-expert" = true))]
     pub n_neighbours: usize,
 }
 

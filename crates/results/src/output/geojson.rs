@@ -7,8 +7,11 @@ use std::path::Path;
 
 use super::geopackage::GeoPackageConfig;
 use super::outlines::OutlineRows;
+use super::read::ReadError;
 use super::{CityModel, OutputError, Overview, Records};
+use sizeup_geo::crs::Crs;
 use sizeup_geo::geodata::geojson::{JsonObject, LonLat, feature, write as write_features};
+use sizeup_geo::geodata::vector::{FeatureGeometry, VectorLayer};
 
 /// Writes `path` (`….geojson`) whole or not at all.
 ///
@@ -30,4 +33,31 @@ pub fn write<R: Records + ?Sized>(
         })
     })?;
     Ok(overview)
+}
+
+/// Writes any layer of a file, with its attributes, in longitude and latitude: the issues of a result, or the areas of its tiles.
+/// `stated` is the CRS of a file that has none. How many features there are.
+///
+/// # Errors
+/// As [`write`]; [`OutputError::Input`] where there is no such layer.
+pub fn write_layer(path: &Path, input: &Path, layer: &str, stated: Option<&Crs>) -> Result<usize, OutputError> {
+    let unreadable = |error: ReadError| OutputError::Input(Box::new(error));
+    let mut source = VectorLayer::open(input, Some(layer)).map_err(|e| unreadable(e.into()))?;
+    let own = source.crs().map_err(|e| unreadable(e.into()))?;
+    let crs = own.or_else(|| stated.cloned()).ok_or_else(|| unreadable(ReadError::NoCrs { path: input.to_owned() }))?;
+    let lonlat = LonLat::wgs84(&crs)?;
+    let members = JsonObject::from_iter([("name".to_owned(), layer.into())]);
+    let mut n_features = 0;
+    write_features(path, &members, |push| -> Result<(), OutputError> {
+        for thing in source.features() {
+            let geometry = match &thing.geometry {
+                FeatureGeometry::Shape(shape) => Some(lonlat.geometry(shape)?),
+                FeatureGeometry::Missing | FeatureGeometry::Unsupported(_) => None,
+            };
+            push(&feature(None, geometry, thing.attributes))?;
+            n_features += 1;
+        }
+        Ok(())
+    })?;
+    Ok(n_features)
 }

@@ -40,6 +40,7 @@ pub mod read;
 pub(crate) mod record;
 pub mod reports;
 pub mod reviews;
+mod summary;
 pub mod tiles3d;
 pub mod unmeasured;
 pub mod validate;
@@ -55,6 +56,7 @@ pub use error::{MalformedFile, OutputError};
 pub use lineage::{InputFile, Lineage, sha256_hex};
 pub use record::{BuildingRecord, RoofShape, Status};
 pub use sizeup_heights::scene::{HeightReference, RoofForm};
+pub use summary::{RunSummary, TilesSummary};
 
 /// Everything a writer needs to know of a result.
 #[derive(Debug)]

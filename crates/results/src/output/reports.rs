@@ -6,8 +6,8 @@ use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
 use super::attributes::round_m;
-use super::{BuildingRecord, CityModel, Lineage, OutputError, Status, StatusCount};
-use sizeup_geo::files::write_whole;
+use super::{BuildingRecord, CityModel, OutputError, Status, StatusCount};
+pub use sizeup_geo::files::write_json;
 use sizeup_geo::issue::Issue;
 use sizeup_heights::stats::{mean, quantile};
 
@@ -105,14 +105,6 @@ fn tally<'a>(names: impl Iterator<Item = &'a str>) -> IndexMap<String, usize> {
     counts
 }
 
-/// Writes `summary.json`.
-///
-/// # Errors
-/// [`OutputError::File`].
-pub fn write_summary(path: &Path, summary: &Summary) -> Result<(), OutputError> {
-    write_json(path, summary)
-}
-
 /// Writes `issues.json`: a list, by weight ([`Issue::weight`]), in their order where that is the same.
 ///
 /// # Errors
@@ -120,27 +112,7 @@ pub fn write_summary(path: &Path, summary: &Summary) -> Result<(), OutputError> 
 pub fn write_issues(path: &Path, issues: &[Issue]) -> Result<(), OutputError> {
     let mut sorted: Vec<&Issue> = issues.iter().collect();
     sorted.sort_by_key(|issue| issue.weight());
-    write_json(path, &sorted)
-}
-
-/// Writes `lineage.json`.
-///
-/// # Errors
-/// [`OutputError::File`].
-pub fn write_lineage(path: &Path, lineage: &Lineage) -> Result<(), OutputError> {
-    write_json(path, lineage)
-}
-
-/// Writes any of our serialisable types as indented JSON with a final newline.
-///
-/// # Errors
-/// [`OutputError::File`].
-pub fn write_json<T: Serialize + ?Sized>(path: &Path, value: &T) -> Result<(), OutputError> {
-    write_whole(path, |out| {
-        serde_json::to_writer_pretty(&mut *out, value)?;
-        out.write_all(b"\n")
-    })?;
-    Ok(())
+    Ok(write_json(path, &sorted)?)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What the report holds.
+/// Content of the report.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ReportConfig {
@@ -11,10 +11,13 @@ pub struct ReportConfig {
     pub page: bool,
     /// Buildings shown with photos, depths and score curves, at most: doubtful ones first, then the least certain. Each
     /// adds some 100 kB to the page.
+    #[schemars(extend("x-expert" = true))]
     pub evidence_buildings: usize,
     /// Photos of each of them, at most.
+    #[schemars(extend("x-expert" = true))]
     pub evidence_views: usize,
     /// Width of their cut-outs, pixels, at most.
+    #[schemars(extend("x-expert" = true))]
     pub picture_px: u32,
 }
 

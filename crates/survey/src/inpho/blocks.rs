@@ -3,7 +3,7 @@
 
 /// A block.
 pub(super) struct Block<'a> {
-    /// Its name without the `$`, such as `PHOTO`.
+    /// The name without the `$`, such as `PHOTO`.
     pub name: &'a str,
     /// Where it begins, counted from 1.
     pub line: u64,

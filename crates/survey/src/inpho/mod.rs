@@ -128,7 +128,7 @@ fn world(path: &Path, blocks: &[Block<'_>]) -> Result<World, SurveyError> {
     }
 }
 
-/// What the reader leaves to the user's judgement.
+/// Remarks on what the reader leaves to the user's judgement.
 fn remarks(path: &Path, blocks: &[Block<'_>]) -> Vec<Issue> {
     let mut remarks = Vec::new();
     let is_on =

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::header::Header;
 use super::{gimbal_deg, place, rtk_word, xmp};
 
-/// What one photo's header says.
+/// Facts in one photo's header.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PhotoFacts {
     /// The file.

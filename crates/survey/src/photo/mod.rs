@@ -44,7 +44,7 @@ const RTK_SINGLE: u32 = 16;
 /// The gimbal's yaw, pitch and roll: names in XMP, and tags of DJI's maker note.
 const GIMBAL: [(&str, u16); 3] = [("GimbalYawDegree", 0x0A), ("GimbalPitchDegree", 0x09), ("GimbalRollDegree", 0x0B)];
 
-/// What one photo yields.
+/// The yield of one photo.
 struct Reading {
     pose: Pose,
     focal: &'static str,

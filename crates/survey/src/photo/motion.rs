@@ -44,7 +44,7 @@ impl Motion {
     }
 }
 
-/// What is told of a flight's motions; `n_photos` with and without.
+/// Issues of a flight's motions; `n_photos` with and without.
 pub(super) fn remark(motions: &[Motion], n_photos: usize) -> Vec<Issue> {
     let about = || Subject::Input("survey".to_owned());
     let smeared: Vec<f64> = motions.iter().filter_map(|motion| motion.smear_px).filter(|px| *px > SMEARED_PX).collect();

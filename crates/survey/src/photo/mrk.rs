@@ -157,7 +157,7 @@ fn log_of<'a>(logs: &'a [Log], photo: &Path) -> Option<&'a Log> {
     })
 }
 
-/// What is told of the positions that come from logs, whose standard deviations (horizontal, vertical) are in metres.
+/// The issue on positions that come from logs, whose standard deviations (horizontal, vertical) are in metres.
 pub(super) fn remark(folder: &Path, sigmas_m: &[(f64, f64)]) -> Option<Issue> {
     let median = |part: fn(&(f64, f64)) -> f64| {
         let mut values: Vec<f64> = sigmas_m.iter().map(part).collect();

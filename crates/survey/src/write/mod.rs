@@ -17,7 +17,7 @@ use sizeup_geo::files::write_whole;
 use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::Terrain;
 
-/// What to write.
+/// A form to write.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Target {
     /// A COLMAP text model, positions minus a rounded offset: `path` is its folder.
@@ -43,7 +43,7 @@ impl Target {
     }
 }
 
-/// What was written.
+/// Files written, and what could not be.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Converted {
     /// Files, in the order they were written.

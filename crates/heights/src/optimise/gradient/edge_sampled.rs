@@ -35,7 +35,7 @@ const SAME_SURFACE_M: f32 = 0.1;
 /// Half width of the differences that the motion of image points is taken from, metres.
 const STEP_M: f64 = 0.01;
 
-/// What edges are sampled from, besides the view's rays.
+/// Outlines that edges are sampled from, besides the view's rays.
 #[derive(Clone, Copy)]
 pub struct Outlines<'a> {
     /// The buildings.
@@ -144,7 +144,7 @@ impl Boundary<'_> {
         })
     }
 
-    /// What is seen at a position of the image.
+    /// The look at a position of the image.
     fn look(&self, pixel: DVec2) -> Option<Look> {
         let ray = self.outlines.placed.ray(pixel)?;
         let mut scratch = Vec::new();
@@ -179,7 +179,7 @@ impl Boundary<'_> {
     }
 }
 
-/// What one side of an edge shows.
+/// One side of an edge.
 #[derive(Debug, Clone, Copy)]
 struct Look {
     /// `+∞` = nothing.

@@ -46,7 +46,7 @@ impl ViewInput {
 /// A view by its position, and why it has no prior.
 pub type WithoutPrior = (usize, String);
 
-/// What is to be solved.
+/// Task of a solver.
 pub struct Problem<'a> {
     /// Footprints on the ground.
     pub scene: &'a Scene,
@@ -70,7 +70,7 @@ pub struct Problem<'a> {
     pub progress: &'a (dyn Fn(Solving, usize, usize) + Sync),
 }
 
-/// What a solver is doing.
+/// Work of a solver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Solving {
     /// Tracing the rays of all views.

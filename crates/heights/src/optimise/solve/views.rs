@@ -49,7 +49,7 @@ impl State<'_> {
         }
     }
 
-    /// What each view sees with the present heights; `None` where it takes no part.
+    /// Visibility in each view with the present heights; `None` where it takes no part.
     pub(super) fn visibilities(&self) -> Vec<Option<Visibility>> {
         let takes_part = |&v: &usize| self.problem.views[v].is_oblique && self.failed[v].is_none();
         let taking_part: Vec<usize> = (0..self.problem.views.len()).filter(takes_part).collect();

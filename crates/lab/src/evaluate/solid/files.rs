@@ -11,7 +11,7 @@ use super::super::read::HEIGHT_FIELDS;
 use super::{Facet, Prism, Solid, normal, triangulate};
 use sizeup_geo::crs::{Crs, CrsError, Transform, VerticalReference};
 use sizeup_geo::files::{self, FileError, write_whole};
-use sizeup_results::output::cityjson::read::{CityFile, CityObject, CitySurface};
+use sizeup_results::output::cityjson::read::{CityFile, CitySurface};
 use sizeup_results::output::prism::Surface;
 use sizeup_results::output::read::{FoundBuildings, ReadError, ReadOptions, height_unit_m};
 
@@ -144,19 +144,11 @@ fn of_city(
             order.push(owner);
             Vec::new()
         });
-        known.extend(surfaces(object, lod));
+        known.extend(object.surfaces(lod));
     }
     let bodies = order.iter().map(|id| of_surfaces(id, &surfaces_of[id], &vertices));
     let (solids, empty): (Vec<Solid>, Vec<Solid>) = bodies.partition(|s| !s.facets.is_empty());
     Ok(Solids { solids, n_without_body: empty.len(), vertical: VerticalReference::of(&from) })
-}
-
-fn surfaces<'a>(object: &'a CityObject, lod: Option<&str>) -> impl Iterator<Item = &'a CitySurface> {
-    let geometry = match lod {
-        Some(lod) => object.geometries.iter().find(|g| g.lod == lod),
-        None => object.geometries.iter().max_by(|a, b| a.lod.cmp(&b.lod)),
-    };
-    geometry.into_iter().flat_map(|g| &g.surfaces)
 }
 
 fn of_surfaces(id: &str, surfaces: &[&CitySurface], vertices: &[DVec3]) -> Solid {

@@ -9,10 +9,9 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest as _, Sha256};
 
-use crate::prior::cache::hex;
 use sizeup_geo::files::{self, FileError};
+use sizeup_geo::hashes::sha256_hex;
 
 /// Where networks are put in place on this machine.
 static FOLDER: OnceLock<PathBuf> = OnceLock::new();
@@ -24,7 +23,7 @@ pub struct KnownNetwork {
     pub name: &'static str,
     /// What it does.
     pub about: &'static str,
-    /// What its weights may be used for.
+    /// Licence of its weights.
     pub licence: &'static str,
     /// Where its authors publish the weights.
     pub source: &'static str,
@@ -190,7 +189,7 @@ impl KnownNetwork {
         let mut content = Vec::new();
         // Never more than the published size, whatever lies there.
         file.take(self.bytes + 1).read_to_end(&mut content).map_err(FileError::on("cannot read", path))?;
-        let found = hex(&Sha256::digest(&content));
+        let found = sha256_hex(&content);
         if found_bytes == self.bytes && found == self.sha256 {
             return Ok(content);
         }

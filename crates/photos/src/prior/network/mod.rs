@@ -24,9 +24,9 @@ pub use self::inspect::{Inspection, inspect};
 use self::preprocess::{Frame, Prepared};
 use self::profile::{Fit, Form, Lens, PoseUnit, Profile, Wiring};
 use super::neighbours::Neighbours;
-use super::recent::Recent;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
 use crate::onnx::{EngineConfig, Network, Outline, Port, Tensor};
+use sizeup_geo::kept::Kept;
 use sizeup_geo::paths::PathVisitor;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::ViewId;
@@ -50,6 +50,7 @@ pub struct NetworkConfig {
     pub profile: Option<String>,
     /// A profile of your own, in place of a built-in one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = true))]
     pub custom: Option<Profile>,
     /// Which engine computes, and on what.
     #[serde(default)]
@@ -57,6 +58,7 @@ pub struct NetworkConfig {
     /// Photos in one inference, 1 to 256, for graphs whose first dimension is free; counts where priors are kept in a cache.
     /// For GPUs; last digits can differ from those of single photos.
     #[serde(default = "one_photo")]
+    #[schemars(extend("x-expert" = true))]
     pub batch: usize,
     /// Where computed depth is kept, so that each view is computed once.
     #[serde(default)]
@@ -138,7 +140,7 @@ pub struct NetworkPriors {
     ground_m: Option<(f64, f64)>,
     tallest_m: f64,
     /// Photos as they go in, for those networks: each is in the company of several. By rows and columns.
-    prepared: Recent<(ViewId, Option<(usize, usize)>), Prepared>,
+    prepared: Kept<(ViewId, Option<(usize, usize)>), Prepared>,
     /// Held while the network runs: one inference takes all the memory and cores that it may.
     turn: Mutex<()>,
 }
@@ -183,7 +185,7 @@ impl NetworkPriors {
         files.extend(Outline::read(&config.model)?.external_files.iter().map(beside));
         let is_company = |view: &&View| wiring.n_views > 1 && view.image.is_some();
         let company = Neighbours::new(views.iter().filter(is_company).cloned().collect(), terrain);
-        let prepared = Recent::new(PHOTOS_KEPT.max(2 * wiring.n_views));
+        let prepared = Kept::up_to(PHOTOS_KEPT.max(2 * wiring.n_views));
         let ground_m = terrain.range();
         Ok(Self {
             network,

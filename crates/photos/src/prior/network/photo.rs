@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::resize::Rgb;
 use crate::prior::PriorError;
 use sizeup_geo::geodata::raster::{RasterFile, Resampling, Window};
-use sizeup_heights::camera::{Camera, Distortion};
+use sizeup_heights::camera::Camera;
 use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
 
@@ -41,12 +41,12 @@ pub(super) fn decode(view: &View) -> Result<Raster<Rgb>, PriorError> {
 
 /// The photo as a camera without lens distortion would have taken it, its border repeated where the photo ends.
 pub(super) fn straightened(photo: Raster<Rgb>, camera: &Camera) -> Raster<Rgb> {
-    if camera.distortion == Distortion::None {
+    if camera.is_ideal() {
         return photo;
     }
     let (width, height) = (photo.width(), photo.height());
     let as_taken = camera.resized(width as u32, height as u32);
-    let ideal = Camera { distortion: Distortion::None, ..as_taken.clone() };
+    let ideal = as_taken.ideal();
     let most = DVec2::new(width as f64 - 1.0, height as f64 - 1.0);
     let seen = |i: usize| {
         let pixel = middle_of(i, width);
@@ -69,12 +69,12 @@ pub(super) fn straightened(photo: Raster<Rgb>, camera: &Camera) -> Raster<Rgb> {
 /// What belongs to the photo without distortion, laid into the photo as taken: the nearest value, since means over an edge
 /// of depth are depths where nothing is. NaN where the photo without distortion does not reach.
 pub(super) fn as_taken(values: Raster<f32>, camera: &Camera) -> Raster<f32> {
-    if camera.distortion == Distortion::None {
+    if camera.is_ideal() {
         return values;
     }
     let (width, height) = (values.width(), values.height());
     let as_taken = camera.resized(width as u32, height as u32);
-    let ideal = Camera { distortion: Distortion::None, ..as_taken.clone() };
+    let ideal = as_taken.ideal();
     let value = |i: usize| {
         let there = as_taken.unproject(middle_of(i, width)).and_then(|ray| ideal.project(ray));
         let cell = there.filter(|place| place.cmpge(DVec2::ZERO).all());
@@ -90,6 +90,8 @@ fn middle_of(i: usize, width: usize) -> DVec2 {
 
 #[cfg(test)]
 mod tests {
+    use sizeup_heights::camera::Distortion;
+
     use super::*;
 
     /// Lines that a lens bends are straight in the picture without distortion, and what is laid back lies on them again.
@@ -97,7 +99,7 @@ mod tests {
     fn a_value_comes_back_to_the_pixel_whose_ray_it_belongs_to() {
         let distortion = Distortion::Brown { k1: -0.12, k2: 0.02, k3: 0.0, p1: 0.001, p2: -0.0005 };
         let camera = Camera { distortion, ..Camera::pinhole(160, 120, 110.0) };
-        let ideal = Camera { distortion: Distortion::None, ..camera.clone() };
+        let ideal = camera.ideal();
         // Red is where the pixel's ray points to.
         let slope = |camera: &Camera, i: usize| camera.unproject(middle_of(i, 160)).unwrap().x;
         let red = |x: f64| (127.0 + 127.0 * x).round() as u8;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::onnx::{Numbers, Port};
+use crate::onnx::{Numbers, Port, profiles};
 use crate::prior::{PriorError, PriorKind};
 
 /// How the photo is brought to the network's size.
@@ -24,7 +24,7 @@ pub enum Fit {
     Stretch,
 }
 
-/// What the depth output holds.
+/// Form of the depth output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Form {
@@ -35,7 +35,7 @@ pub enum Form {
     Points,
 }
 
-/// What lengths in the poses that a network takes, and in the depth that it gives, are counted in.
+/// Unit of lengths in the poses that a network takes, and in the depth that it gives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PoseUnit {
@@ -65,7 +65,7 @@ pub struct Company {
     pub n_views: usize,
     /// Names of an input of poses, `1 × n × 4 × 4`: world to camera, the first one's as the world, in `unit`.
     pub extrinsics: Vec<String>,
-    /// What lengths are counted in.
+    /// Unit of lengths.
     #[serde(default)]
     pub unit: PoseUnit,
     /// Names of an input of the nearest and the farthest depth that is looked for in the view, `1 × 2`, in `unit`. A network
@@ -83,8 +83,9 @@ pub struct Company {
 /// One kind of depth network.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(extend("x-expert" = true))]
 pub struct Profile {
-    /// What it is called in the configuration.
+    /// Name in the configuration.
     pub name: String,
     /// Which network, and where its preprocessing was read.
     pub about: String,
@@ -92,9 +93,9 @@ pub struct Profile {
     pub inputs: Vec<String>,
     /// Names its depth output goes by.
     pub outputs: Vec<String>,
-    /// What its numbers are.
+    /// Meaning of its numbers.
     pub kind: PriorKind,
-    /// What the depth output holds.
+    /// Form of the depth output.
     #[serde(default)]
     pub form: Form,
     /// Which photos it takes.
@@ -111,10 +112,10 @@ pub struct Profile {
     /// Both sides are multiples of this, pixels: the patch size.
     #[serde(default = "one_pixel")]
     pub multiple_of: usize,
-    /// What is around a letterboxed photo, red, green and blue, 0 to 255.
+    /// Colour around a letterboxed photo, red, green and blue, 0 to 255.
     #[serde(default)]
     pub pad: [f32; 3],
-    /// What full brightness is before `mean` and `std` apply: 1, or 255 where the graph takes bytes' values.
+    /// Full brightness before `mean` and `std` apply: 1, or 255 where the graph takes bytes' values.
     #[serde(default = "one")]
     pub white: f32,
     /// Subtracted from red, green and blue.
@@ -143,7 +144,7 @@ pub struct Profile {
     /// one. Left out where the output has no unit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub metres_at_focal_px: Option<f32>,
-    /// What its weights may be used for.
+    /// Licence of its weights.
     pub licence: String,
 }
 
@@ -155,19 +156,13 @@ fn one_pixel() -> usize {
     1
 }
 
-#[derive(Deserialize)]
-struct Profiles {
-    profile: Vec<Profile>,
-}
-
 /// The profiles that come with sizeup.
 ///
 /// # Panics
 /// Never: the text is part of the program and tested.
 #[must_use]
 pub fn built_in() -> Vec<Profile> {
-    let profiles: Profiles = toml::from_str(include_str!("profiles.toml")).expect("the built-in profiles are valid");
-    profiles.profile
+    profiles(include_str!("profiles.toml")).expect("the built-in profiles are valid")
 }
 
 /// A built-in profile by name.

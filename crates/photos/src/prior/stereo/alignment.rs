@@ -17,7 +17,7 @@ use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use super::levels::Levels;
 use super::picture::{Ideal, Picture};
-use super::sweep::homography;
+use super::sweep::{homography, position};
 use sizeup_heights::frames::Rigid;
 use sizeup_heights::raster::Raster;
 use sizeup_heights::stats::median;
@@ -190,14 +190,14 @@ impl<'a> Line<'a> {
     }
 
     fn place(&self, z_m: f64) -> Option<DVec2> {
-        through(&homography(self.ideals[0], self.ideals[1], z_m), self.patch)
+        position(&homography(self.ideals[0], self.ideals[1], z_m), self.patch)
     }
 
     fn at(&self, along_px: f64) -> Option<OnLine> {
         let homography = homography(self.ideals[0], self.ideals[1], self.height_m(along_px));
-        let place = through(&homography, self.patch)?;
-        let right = through(&homography, self.patch + DVec2::X)? - place;
-        let down = through(&homography, self.patch + DVec2::Y)? - place;
+        let place = position(&homography, self.patch)?;
+        let right = position(&homography, self.patch + DVec2::X)? - place;
+        let down = position(&homography, self.patch + DVec2::Y)? - place;
         Some(OnLine { place, steps: DMat2::from_cols(right, down) })
     }
 }
@@ -283,11 +283,6 @@ impl Search<'_> {
         let variance = squares / n - (sum / n) * (sum / n);
         (variance > LEAST_VARIANCE).then(|| products / n / variance.sqrt())
     }
-}
-
-fn through(homography: &DMat3, pixel: DVec2) -> Option<DVec2> {
-    let p = *homography * pixel.extend(1.0);
-    (p.z > 0.0).then(|| p.truncate() / p.z)
 }
 
 /// A patch as a neighbour shows it.

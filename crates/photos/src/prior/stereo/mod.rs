@@ -42,8 +42,8 @@ use self::slanted::Slopes;
 use self::sweep::{Coarse, Sweep, Unseen};
 use super::album::Album;
 use super::neighbours::Neighbours;
-use super::recent::Recent;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
+use sizeup_geo::kept::Kept;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::ViewId;
 use sizeup_heights::raster::Raster;
@@ -71,8 +71,10 @@ const SURFACE_BYTES: usize = 128 << 20;
 /// How depth is computed from the photos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(extend("x-expert" = true))]
 pub struct StereoConfig {
     /// Longer side of the depth map, pixels, 64 to 2048.
+    #[schemars(extend("x-expert" = false))]
     pub long_side_px: u32,
     /// Most neighbours a view is compared with, 1 to 16.
     pub n_neighbours: usize,
@@ -96,6 +98,7 @@ pub struct StereoConfig {
     /// picture where that is less, but two at least. 0 believes every view by itself.
     pub min_agreeing: usize,
     /// Where computed depth is kept, so that each view is matched once.
+    #[schemars(extend("x-expert" = false))]
     pub cache: CacheConfig,
 }
 
@@ -152,7 +155,7 @@ pub struct StereoPriors {
     survey: Neighbours,
     terrain: Terrain,
     pictures: Album,
-    surfaces: Recent<ViewId, Surface>,
+    surfaces: Kept<ViewId, Surface>,
     misfits: Misfits,
 }
 
@@ -171,7 +174,6 @@ impl Misfits {
         let n_views = 1 + self.n_views.fetch_add(1, Ordering::Relaxed);
         let n_turned = usize::from(is_turned) + self.n_turned.fetch_add(usize::from(is_turned), Ordering::Relaxed);
         is_turned && n_turned >= MANY_TURNED && n_turned * MANY_TURNED_OF >= n_views
-    }
 }
 
 /// What a view's depth is made from.
@@ -190,7 +192,7 @@ impl StereoPriors {
         let views = views.iter().filter(|view| view.image.is_some()).cloned().collect();
         Ok(Self {
             pictures: Album::new(config.long_side_px, PICTURE_BYTES),
-            surfaces: Recent::new((SURFACE_BYTES / Album::bytes_of_one(config.long_side_px).max(1)).max(1)),
+            surfaces: Kept::up_to((SURFACE_BYTES / Album::bytes_of_one(config.long_side_px).max(1)).max(1)),
             misfits: Misfits { n_views: AtomicUsize::new(0), n_turned: AtomicUsize::new(0), told: Once::new() },
             config,
             survey: Neighbours::new(views, terrain),

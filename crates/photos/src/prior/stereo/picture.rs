@@ -4,7 +4,7 @@ use glam::{DMat3, DVec2, DVec3};
 
 use crate::prior::PriorError;
 use sizeup_geo::geodata::raster::{RasterFile, Resampling, Window};
-use sizeup_heights::camera::{Camera, Distortion};
+use sizeup_heights::camera::Camera;
 use sizeup_heights::frames::{Cam, Map, Rigid};
 use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
@@ -24,7 +24,7 @@ pub(super) struct Ideal {
 impl Ideal {
     /// Of a view, whose photo need not be read for that.
     pub(super) fn of(view: &View, long_side_px: u32) -> Self {
-        let camera = Camera { distortion: Distortion::None, ..view.camera.reduced_to(long_side_px) };
+        let camera = view.camera.reduced_to(long_side_px).ideal();
         Self { camera, camera_from_map: view.camera_from_map }
     }
 
@@ -130,7 +130,7 @@ impl Picture {
             fy_px: camera.fy_px / 2.0,
             cx_px: camera.cx_px / 2.0,
             cy_px: camera.cy_px / 2.0,
-            distortion: Distortion::None,
+            ..camera.ideal()
         };
         Self { grey, ideal: Ideal { camera, ..self.ideal.clone() } }
     }
@@ -158,7 +158,7 @@ impl Picture {
 
 /// What a camera without distortion would have seen; its border repeated where the photo ends.
 fn straighten(grey: &Raster<f32>, distorted: &Camera, ideal: &Camera) -> Raster<f32> {
-    if distorted.distortion == Distortion::None {
+    if distorted.is_ideal() {
         return grey.map(|v| if v.is_nan() { 0.0 } else { *v });
     }
     let (width, height) = (grey.width(), grey.height());

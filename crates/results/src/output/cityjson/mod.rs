@@ -33,12 +33,14 @@ use vertices::VertexPool;
 /// How `CityJSON` is written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[schemars(extend("x-expert" = true))]
 pub struct CityJsonConfig {
     /// Quantum of all coordinates, metres, 0.0001 to 1 (`transform.scale`; a millimetre by custom of the format).
     pub scale_m: f64,
     /// Smallest distance between base and roof of a solid, metres, above 0; a lower building has no geometry.
     pub min_thickness_m: f64,
     /// Title in the metadata.
+    #[schemars(extend("x-expert" = false))]
     pub title: Option<String>,
     /// Names of the buildings' attributes.
     pub names: AttributeNames,

@@ -55,6 +55,18 @@ pub struct CityObject {
     pub geometries: Vec<CityGeometry>,
 }
 
+impl CityObject {
+    /// The surfaces at a level of detail, or at the highest.
+    pub fn surfaces(&self, lod: Option<&str>) -> impl Iterator<Item = &CitySurface> + use<'_> {
+        let geometry = match lod {
+            Some(lod) => self.geometries.iter().find(|g| g.lod == lod),
+            // As text: "1.2" < "2" < "2.2".
+            None => self.geometries.iter().max_by(|a, b| a.lod.cmp(&b.lod)),
+        };
+        geometry.into_iter().flat_map(|g| &g.surfaces)
+    }
+}
+
 /// One geometry of an object, as a flat list of surfaces.
 #[derive(Debug, Clone)]
 pub struct CityGeometry {
@@ -233,13 +245,13 @@ struct RawGeometry {
 #[derive(Deserialize)]
 struct RawSemantics {
     #[serde(default)]
-    surfaces: Vec<RawSurface>,
+    surfaces: Vec<SurfaceKind>,
     #[serde(default)]
     values: Value,
 }
 
 #[derive(Deserialize)]
-struct RawSurface {
+struct SurfaceKind {
     #[serde(rename = "type")]
     kind: String,
 }

@@ -84,7 +84,7 @@ pub fn solids<R: Records + ?Sized>(
 }
 
 /// A column and how to fill it.
-type FieldOf<T> = (Column, fn(&T) -> Value);
+pub(crate) type FieldOf<T> = (Column, fn(&T) -> Value);
 
 /// A layer whose rows come from things of one kind.
 struct Table<'a, T> {
@@ -112,7 +112,8 @@ impl<T> Table<'_, T> {
     }
 }
 
-fn field<T>(
+/// A column and what fills it.
+pub(crate) const fn field<T>(
     name: &'static str,
     title: &'static str,
     kind: ColumnKind,

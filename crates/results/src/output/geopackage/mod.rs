@@ -14,6 +14,7 @@ mod layers;
 mod project;
 mod tables;
 
+pub(crate) use layers::{FieldOf, field};
 pub use project::{ProjectGround, write_project};
 pub use tables::LINEAGE_TABLE;
 pub(crate) use tables::lineage as write_lineage;
@@ -36,6 +37,7 @@ pub(crate) const NO_DATE: &str = "1970-01-01";
 /// How the `GeoPackage` is written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[schemars(extend("x-expert" = true))]
 pub struct GeoPackageConfig {
     /// Whether to write `buildings_lod1`, the faces of the solids, for tools that cannot extrude.
     pub solids: bool,
@@ -75,7 +77,7 @@ pub struct TileArea {
     pub corners_m: [f64; 4],
     /// Buildings that it brought.
     pub n_buildings: usize,
-    /// Of them, those with a height.
+    /// Buildings with a height.
     pub n_heights: usize,
 }
 

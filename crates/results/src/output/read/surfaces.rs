@@ -15,7 +15,7 @@ use geo_types::{Coord, LineString, MultiPolygon, Polygon};
 use indexmap::IndexMap;
 
 use super::super::cityjson::EXTENSION_PREFIX;
-use super::super::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface};
+use super::super::cityjson::read::{CityFile, CityObject, CitySurface};
 use super::super::prism::Surface;
 use super::FoundBuilding;
 use super::own::is_ours;
@@ -126,8 +126,7 @@ fn of_group(
     lod: Option<&str>,
 ) -> Vec<FoundBuilding> {
     let found = |named: &CityObject, objects: &[&CityObject]| {
-        let surfaces: Vec<&CitySurface> =
-            objects.iter().filter_map(|o| geometry(o, lod)).flat_map(|g| &g.surfaces).collect();
+        let surfaces: Vec<&CitySurface> = objects.iter().flat_map(|object| object.surfaces(lod)).collect();
         let (levels, outline) = measure(&surfaces, vertices);
         let (id, attributes) = (named.id.clone(), named.attributes.clone());
         FoundBuilding { id, part_of: None, outline, levels, attributes }
@@ -149,15 +148,6 @@ fn of_group(
 
 fn has_own_status(object: &CityObject) -> bool {
     ["status".to_owned(), format!("{EXTENSION_PREFIX}status")].iter().any(|name| object.attributes.contains_key(name))
-}
-
-/// The geometry at a level of detail, or the highest.
-fn geometry<'a>(object: &'a CityObject, lod: Option<&str>) -> Option<&'a CityGeometry> {
-    match lod {
-        Some(lod) => object.geometries.iter().find(|g| g.lod == lod),
-        // As text: "1.2" < "2" < "2.2".
-        None => object.geometries.iter().max_by(|a, b| a.lod.cmp(&b.lod)),
-    }
 }
 
 /// Levels and outline of one building from its surfaces.

@@ -110,7 +110,7 @@ pub fn write<R: Records + ?Sized>(
         };
         let tileset = tileset(root, &overview, shown.spool.len(), config, &place);
         write_json(&temporary.join(LINEAGE), model.lineage)?;
-        write_json(&temporary.join(folder::TILESET), &tileset)
+        Ok(write_json(&temporary.join(folder::TILESET), &tileset)?)
     })?;
     Ok(overview)
 }

@@ -22,7 +22,7 @@ function partsByWhole(buildings) {
   return parts;
 }
 
-// The parts of a building that was taken apart: all of it, or of a part that was taken apart once more (`ID#1`).
+// The parts of a building that was split: all of it, or of a part that was split once more (`ID#1`).
 function partsOf(data, id) {
   const all = data.parts.get(id);
   if (all) return all;
@@ -98,7 +98,7 @@ function charts(data, b, index, evidence) {
   return drawn;
 }
 
-// What one level for the whole outline explains, and what two do: why it was taken apart.
+// What one level for the whole outline explains, and what two do: why it was split.
 function levelCharts(data, b) {
   const found = data.levels.filter((levels) => b.part_of && (levels.whole === b.part_of || b.id.startsWith(`${levels.whole}#`)));
   return found.map((levels) => {

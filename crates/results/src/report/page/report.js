@@ -147,7 +147,7 @@ function followAddress() {
   if (!wanted) return;
   let id = null;
   try { id = decodeURIComponent(wanted[1]); } catch { return; }
-  // Of a building that was taken apart, the first part.
+  // The first part of a building that was split.
   const index = data.byId.get(id) ?? partsOf(data, id)[0];
   if (index === undefined) return;
   pick(index, { fly: true, setHash: false });
