@@ -174,6 +174,7 @@ impl Misfits {
         let n_views = 1 + self.n_views.fetch_add(1, Ordering::Relaxed);
         let n_turned = usize::from(is_turned) + self.n_turned.fetch_add(usize::from(is_turned), Ordering::Relaxed);
         is_turned && n_turned >= MANY_TURNED && n_turned * MANY_TURNED_OF >= n_views
+    }
 }
 
 /// What a view's depth is made from.
