@@ -47,19 +47,20 @@ pub use look::look;
 pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use refinement::{asks_photo, photo_bytes};
+pub use report::write_city_report;
 pub use stages::{files_of, lineage_of, reviews_of, unstated_reference};
 pub use tile::{
     Part, PartHashes, PartHeights, find_outlines, layer_of, outlines_around, part_settings, refused_records, survey_of,
 };
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
-use sizeup_geo::issue::{Issue, Severity};
+use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::optimise::{OptimiseConfig, Problem, Solution, Solving, solve};
 use sizeup_results::output::{BuildingRecord, Status};
 
@@ -126,6 +127,11 @@ pub enum Event {
         done: usize,
         /// How many there are.
         total: usize,
+    },
+    /// The first priors do not follow the ground: told before the work that rests on them.
+    PriorsDoubted {
+        /// How many views were looked at.
+        n_views: usize,
     },
     /// So much of some work within a stage is done.
     Advance {
@@ -202,9 +208,19 @@ impl RunSummary {
     fn count_issues(&mut self, issues: &[Issue]) {
         self.n_refused = issues.iter().filter(|i| i.severity == Severity::Refused).count();
         self.n_warnings = issues.iter().filter(|i| i.severity == Severity::Warning).count();
-        self.n_photos_missing =
-            issues.iter().filter(|i| ["pose_without_photo", "photo_unreadable"].contains(&i.code.as_str())).count();
+        self.n_photos_missing = n_photos_missing(issues);
     }
+}
+
+/// Codes of the issues of photos that nobody could read.
+const PHOTO_MISSING: [&str; 2] = ["pose_without_photo", "photo_unreadable"];
+
+/// Photos that the survey names and nobody could read.
+#[must_use]
+pub fn n_photos_missing(issues: &[Issue]) -> usize {
+    let photos: BTreeSet<&Subject> =
+        issues.iter().filter(|i| PHOTO_MISSING.contains(&i.code.as_str())).map(|i| &i.subject).collect();
+    photos.len()
 }
 
 /// The result of a run in memory: what its files say.
