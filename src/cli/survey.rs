@@ -279,7 +279,10 @@ fn inspect(settings: &Settings, args: &InspectArgs, global: &Global) -> Result<I
 /// What the photos themselves show.
 fn looked_at(views: &[View], ui: &Ui) -> Result<Vec<Issue>, Failure> {
     if views.iter().all(|view| view.image.is_none()) {
-        return Err(Failure::from_text(2, "--photos: the survey names no photos\nhint: `--images FOLDER` says where they are"));
+        return Err(Failure::from_text(
+            2,
+            "--photos: the survey names no photos\nhint: `--images FOLDER` says where they are",
+        ));
     }
     let told = quality::look(views, &|done, total| ui.advance_named(PHOTOS, done, total));
     ui.finish();

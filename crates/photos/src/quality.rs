@@ -124,7 +124,11 @@ pub fn look(views: &[View], progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<Iss
 fn judge(views: &[View], qualities: &[Option<PhotoQuality>]) -> Vec<Issue> {
     let known: Vec<f64> = qualities.iter().flatten().filter_map(|quality| quality.sharpness).collect();
     let usual = stats::median(&known).unwrap_or(f64::INFINITY);
-    views.iter().zip(qualities).flat_map(|(view, quality)| quality.iter().flat_map(|it| it.doubts(view, usual))).collect()
+    views
+        .iter()
+        .zip(qualities)
+        .flat_map(|(view, quality)| quality.iter().flat_map(|it| it.doubts(view, usual)))
+        .collect()
 }
 
 impl PhotoQuality {

@@ -104,6 +104,13 @@ pub fn in_place(model: &Path) -> Option<PathBuf> {
     (!model.exists() && network.is_in(folder)).then(|| network.graph_in(folder))
 }
 
+/// The command that puts a network in place which is named as sizeup knows it; `None` for other files.
+#[must_use]
+pub fn how_to_get(model: &Path) -> Option<String> {
+    let network = known_by_name(model.file_name()?.to_str()?).ok()?;
+    Some(format!("`sizeup model get {}` brings it", network.name))
+}
+
 /// The networks that sizeup knows.
 ///
 /// # Panics
