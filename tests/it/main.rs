@@ -9,6 +9,7 @@ mod cli;
 mod consumers;
 mod crash_safety;
 mod determinism;
+mod documents;
 mod dtm;
 mod evaluating;
 mod evaluation;
