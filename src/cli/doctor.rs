@@ -15,6 +15,7 @@ use sizeup_geo::files::is_virtual;
 use sizeup_geo::geodata;
 use sizeup_photos::onnx::{EngineChoice, EngineConfig, runtime};
 use sizeup_photos::prior::PriorConfig;
+use sizeup_photos::prior::network::known::{self, KnownNetwork};
 
 /// Formats that a run writes or people bring, by GDAL's names: without the first two no run finishes.
 const DRIVERS: [(&str, bool); 8] = [
@@ -137,7 +138,22 @@ fn of_machine(config: Option<&RunConfig>) -> Vec<Finding> {
             "`make deps-onnxruntime` in a clone of sizeup, or set ORT_DYLIB_PATH to its library",
         ),
     });
+    findings.extend(known::known().iter().map(network_in_place));
     findings
+}
+
+/// Whether a network that sizeup knows by name is in place: a run that needs it says so itself.
+fn network_in_place(network: &KnownNetwork) -> Finding {
+    let what = format!("network {}", network.name);
+    match known::in_place(Path::new(network.name)) {
+        Some(path) => Finding::ok(&what, path.display().to_string()),
+        None => Finding::lacking(
+            &what,
+            false,
+            "not in place; depth comes from files or from stereo without it",
+            format!("`sizeup model get {}`", network.name),
+        ),
+    }
 }
 
 /// What a run needs.
@@ -147,18 +163,22 @@ fn of_config(config: &RunConfig) -> Vec<Finding> {
     findings.extend(config.survey.images.iter().map(|path| file("survey.images", path)));
     if let FootprintSource::Layer(layer) = &config.footprints {
         findings.push(file("footprints.path", &layer.path));
+    } else if let FootprintSource::Masks(masks) = &config.footprints {
+        findings.push(file("footprints.path", before_placeholder(&masks.path)));
     } else {
         findings.extend(config.footprints.file().map(|path| file("footprints.model", &path)));
     }
     findings.extend(config.terrain.dtm.iter().map(|path| file("terrain.dtm", path)));
     match config.prior.chosen().as_ref() {
         PriorConfig::Files(files) => {
-            // What stands before the first placeholder is a folder, whatever the photos are called.
-            let plain = files.path.split('{').next().unwrap_or_default();
-            let folder = if plain.len() == files.path.len() { Path::new(plain) } else { folder_of(plain) };
-            findings.push(file("prior.path", folder));
+            findings.push(file("prior.path", before_placeholder(&files.path)));
         }
-        PriorConfig::Network(network) => findings.push(file("prior.model", &network.graph())),
+        PriorConfig::Network(network) => {
+            let mut model = file("prior.model", &network.graph());
+            let is_missing = model.state == State::Missing;
+            model.hint = known::how_to_get(&network.graph()).filter(|_| is_missing).or(model.hint);
+            findings.push(model);
+        }
         PriorConfig::Stereo(_) if config.survey.images.is_none() => findings.push(Finding::lacking(
             "photos for stereo",
             true,
@@ -167,7 +187,32 @@ fn of_config(config: &RunConfig) -> Vec<Finding> {
         )),
         PriorConfig::Stereo(_) | PriorConfig::Auto(_) => {} // `auto` has chosen one of the others
     }
+    findings.extend(config.reviews.iter().map(|reviews| file("reviews.path", &reviews.path)));
+    findings.push(output(&config.project.output));
     findings
+}
+
+/// Whether results can be written: into the folder, or the nearest one above it that is there.
+fn output(folder: &Path) -> Finding {
+    const WHAT: &str = "project.output";
+    let there = folder.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
+    let there = if there.as_os_str().is_empty() { Path::new(".") } else { there };
+    match tempfile::Builder::new().prefix(".partial-").tempfile_in(there) {
+        Ok(_) => Finding::ok(WHAT, format!("{} can be written", folder.display())),
+        Err(error) => Finding::lacking(
+            WHAT,
+            true,
+            format!("nothing can be written in {}: {error}", there.display()),
+            "name another folder with `--output FOLDER`, or allow writing there",
+        ),
+    }
+}
+
+/// The part of a path that is the same for all photos: what stands before the first placeholder is a folder, whatever
+/// the photos are called.
+fn before_placeholder(path: &str) -> &Path {
+    let plain = path.split('{').next().unwrap_or_default();
+    if plain.len() == path.len() { Path::new(plain) } else { folder_of(plain) }
 }
 
 fn folder_of(before_placeholder: &str) -> &Path {

@@ -393,6 +393,9 @@ pub(super) fn merge_city(layout: &Layout, options: &MergeOptions, global: &Globa
             nearest.max_m
         ));
     }
+    if merged.n_photos_missing > 0 {
+        ui.say(format!("{} missing: issues.json names them", super::counted(merged.n_photos_missing, "photo")));
+    }
     if let Some(why) = &merged.no_tileset {
         ui.say(format!("no 3D Tiles: {why}"));
     }

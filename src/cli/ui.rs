@@ -107,6 +107,12 @@ impl Ui {
         }
         let (work, done, total) = match event {
             Event::Stage(stage) => return self.advance(stage.name(), 0, 0),
+            Event::PriorsDoubted { n_views } => {
+                return self.say(format!(
+                    "warning: the depth priors of {n_views} photos looked at do not follow the ground: is `prior.kind` \
+                     right, and do the files belong to these photos?"
+                ));
+            }
             Event::Align { done, total } => (ALIGNING, done, total),
             Event::Ground { done, total } => (GROUND, done, total),
             Event::Photos { done, total } => (PHOTOS, done, total),

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
+use super::ui::warn_of_unfinished;
 use super::{Failure, Global, print, print_json};
 use sizeup_results::output::validate::schema::{self, SchemaCheck, SchemaFault};
 use sizeup_results::output::validate::{Fault, ValidateConfig, Validation, validate_file};
@@ -45,6 +46,7 @@ pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
     if !(args.snap_tolerance > 0.0 && args.planarity_distance > 0.0) {
         return Err(Failure::from_text(2, "tolerances are lengths in metres, above 0"));
     }
+    warn_of_unfinished(&args.file, global);
     let form = if args.no_schema { None } else { Some(check_form(args)?) };
     let n_printed = if args.all { usize::MAX } else { N_PRINTED };
     if let Some(form) = form.as_ref().filter(|_| !global.json) {

@@ -30,8 +30,9 @@ pub(super) fn of_file(error: &toml::de::Error, text: &str) -> (Option<String>, S
     }
     let prior = table.get("prior").and_then(toml::Value::as_table);
     if missing == Some("source") && prior.is_some_and(|prior| !prior.contains_key("source")) {
-        let hint = "source is \"files\" (depth maps computed elsewhere), \"network\" (an ONNX file that you bring) or \
-                    \"stereo\" (no network: the photos are matched with each other)";
+        let hint = "source is \"files\" (depth maps computed elsewhere), \"network\" (an ONNX file that you bring), \
+                    \"stereo\" (no network: the photos are matched with each other) or \"auto\" (a network where one is in place, \
+                    else stereo)";
         return (None, hint.to_owned());
     }
     (None, values(error.message()).unwrap_or_else(|| KEYS.to_owned()))

@@ -35,7 +35,7 @@ use sizeup_survey::SurveyConfig;
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file cannot be read.
-    #[error("cannot read the configuration {}: {source}", path.display())]
+    #[error("cannot read the configuration {}: {source}\nhint: it is a text file of settings; `sizeup init FOLDER` writes one for a folder of photos", path.display())]
     Read {
         /// The file.
         path: PathBuf,

@@ -25,6 +25,9 @@ use sizeup_survey::{Survey, View, ViewKind};
 /// Full sweeps that parts get among buildings whose heights are known from the round before.
 const RESUMED_SWEEPS: usize = 2;
 
+/// Views whose priors are held against the ground before any ray is traced.
+const N_SAMPLED: usize = 5;
+
 /// What heights are found with.
 pub(super) struct HeightSearch<'a> {
     pub config: &'a RunConfig,
@@ -49,7 +52,7 @@ impl HeightSearch<'_> {
                 Some(kept) => opened.insert(kept),
                 None => {
                     let store = PriorStore::open(self.config, self.survey, stage)?;
-                    require_a_prior(self.survey, &store)?;
+                    require_a_prior(self.survey, &store, &stage.terrain, self.tell)?;
                     opened.insert((stage.terrain.clone(), store))
                 }
             };
@@ -243,26 +246,61 @@ pub(super) fn view_inputs(config: &RunConfig, survey: &Survey, scene: &Scene) ->
     survey.views.iter().map(of).collect()
 }
 
-/// Looks for one usable prior file of an oblique view, before rays are traced for all of them: without a single one there
-/// is nothing to solve, and the settings are wrong, not single photos. Computed priors are told of as they are computed.
-fn require_a_prior(survey: &Survey, priors: &PriorStore) -> Result<(), PipelineError> {
+/// Looks at some priors of oblique views before rays are traced for all of them: whether one can be used (without a single one there
+/// is nothing to solve, and the settings are wrong, not single photos), and whether they follow the ground. Computed priors are told
+/// of as they are computed; what they need is photos.
+fn require_a_prior(
+    survey: &Survey,
+    priors: &PriorStore,
+    terrain: &Terrain,
+    tell: Tell<'_>,
+) -> Result<(), PipelineError> {
     if !matches!(priors.source(), Priors::Files(_)) {
-        return Ok(());
+        return require_photos(survey);
     }
-    let oblique: Vec<usize> =
+    let mut oblique: Vec<usize> =
         (0..survey.views.len()).filter(|&view| survey.views[view].kind() == ViewKind::Oblique).collect();
-    let mut first = None;
-    for &view in &oblique {
+    // Those of the sample first, spread evenly; the sort is stable.
+    let step = oblique.len().div_ceil(N_SAMPLED).max(1);
+    let sample: BTreeSet<usize> = oblique.iter().copied().step_by(step).collect();
+    oblique.sort_by_key(|view| !sample.contains(view));
+    let (mut first, mut n_usable, mut correlations) = (None, 0, Vec::new());
+    for (i, &view) in oblique.iter().enumerate() {
+        if i >= sample.len() && n_usable > 0 {
+            break;
+        }
         match priors.load(survey, view) {
-            Ok(_) => return Ok(()),
+            Ok(prior) => {
+                n_usable += 1;
+                correlations.extend(ground_correlation(&prior, &survey.views[view], terrain));
+            }
             Err(error) => drop(first.get_or_insert((view, error.to_string()))),
         }
     }
-    first.map_or(Ok(()), |(view, reason)| {
-        Err(PipelineError::NoPriors { n: oblique.len(), view: survey.views[view].id.0.clone(), reason })
+    if judge_tag(&correlations).is_some() {
+        tell(Event::PriorsDoubted { n_views: correlations.len() });
+    }
+    match first {
+        Some((view, reason)) if n_usable == 0 => {
+            Err(PipelineError::NoPriors { n: oblique.len(), view: survey.views[view].id.0.clone(), reason })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Priors that are computed are computed from photos.
+fn require_photos(survey: &Survey) -> Result<(), PipelineError> {
+    if survey.views.iter().any(|view| view.image.is_some()) {
+        return Ok(());
+    }
+    Err(PipelineError::Settings {
+        table: "prior",
+        message: "depth is to be computed from the photos, and the survey names none".to_owned(),
+        hint: "set survey.images to the folder of the photos, or bring depth maps with source = \"files\"",
     })
 }
 
+/// Without a single prior there is nothing to solve: the settings are wrong, not single photos.
 fn require_priors(survey: &Survey, solution: &Solution) -> Result<(), PipelineError> {
     match solution.failed_views.first() {
         Some((view, reason)) if solution.used_views.is_empty() => Err(PipelineError::NoPriors {

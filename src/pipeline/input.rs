@@ -2,16 +2,20 @@
 
 use geo::{BoundingRect as _, Centroid as _};
 use glam::DVec3;
+use rayon::prelude::*;
 use serde_json::{Map as JsonMap, Value};
 
 use super::{FootprintStage, PipelineError};
 use crate::config::RunConfig;
 use sizeup_footprints::Footprint;
+use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::GroundLevel;
 use sizeup_heights::scene::HeightBounds;
 use sizeup_results::output::fallback::FallbackSource;
 use sizeup_survey::{Survey, ViewKind};
 
+/// Code of the issue of footprints that are in no photo.
+pub(super) const UNSEEN: &str = "footprints_unseen";
 const RANGE_HINT: &str = "set heights.min_m and heights.max_m in metres above ground";
 
 /// Checks that the views look at the footprints from above; returns the lowest flying height above ground, metres.
@@ -51,14 +55,35 @@ fn targets(footprints: &FootprintStage) -> Vec<DVec3> {
 }
 
 /// Checks that some view, of whatever kind, sees some footprint.
-pub(super) fn check_overlap(survey: &Survey, footprints: &FootprintStage) -> Result<(), PipelineError> {
-    let is_seen = |target: &DVec3| {
-        survey.views.iter().any(|view| {
-            view.camera.project(view.camera_from_map.point(*target)).is_some_and(|pixel| view.camera.contains(pixel))
-        })
-    };
+fn check_overlap(survey: &Survey, footprints: &FootprintStage) -> Result<(), PipelineError> {
     let targets = targets(footprints);
+    let is_seen = |target: &DVec3| is_in_a_photo(survey, *target);
     if targets.is_empty() || targets.iter().any(is_seen) { Ok(()) } else { Err(no_overlap(survey, footprints)) }
+}
+
+/// A warning where footprints are in no photo.
+///
+/// # Errors
+/// [`PipelineError::Mismatch`] where all are.
+pub(super) fn unseen(survey: &Survey, footprints: &FootprintStage) -> Result<Option<Issue>, PipelineError> {
+    let targets = targets(footprints);
+    let n_unseen = targets.par_iter().filter(|target| !is_in_a_photo(survey, **target)).count();
+    if n_unseen == targets.len() && n_unseen > 0 {
+        return Err(no_overlap(survey, footprints));
+    }
+    let message = format!("{n_unseen} of {} footprints are in no photo", targets.len());
+    let subject = Subject::Input("footprints".to_owned());
+    Ok((n_unseen > 0).then(|| {
+        Issue::new(Severity::Warning, UNSEEN, subject, message)
+            .hint("a flight smaller than the layer, or poses that are off: look at pictures/survey.png")
+    }))
+}
+
+fn is_in_a_photo(survey: &Survey, place: DVec3) -> bool {
+    survey.views.iter().any(|view| {
+        let pixel = view.camera.project(view.camera_from_map.point(place));
+        pixel.is_some_and(|pixel| view.camera.contains(pixel))
+    })
 }
 
 /// The lowest oblique view's height above the highest ground, metres.

@@ -47,6 +47,7 @@ pub use look::look;
 pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use refinement::{asks_photo, photo_bytes};
+pub use report::write_city_report;
 pub use stages::{files_of, lineage_of, reviews_of, unstated_reference};
 pub use tile::{
     Part, PartHashes, PartHeights, find_outlines, layer_of, outlines_around, part_settings, refused_records, survey_of,
@@ -127,6 +128,11 @@ pub enum Event {
         done: usize,
         /// How many there are.
         total: usize,
+    },
+    /// The first priors do not follow the ground: told before the work that rests on them.
+    PriorsDoubted {
+        /// How many views were looked at.
+        n_views: usize,
     },
     /// So much of some work within a stage is done.
     Advance {

@@ -1,16 +1,17 @@
 //! The report of a run, from what its stages found.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 use super::kept::PriorStore;
-use super::stages::SceneStage;
+use super::stages::{SceneStage, load_terrain};
 use super::{HeightStage, PipelineError, evidence, overview};
 use crate::config::RunConfig;
 use sizeup_heights::ids::BuildingId;
 use sizeup_heights::optimise::{EpochRecord, LevelGain};
 use sizeup_results::output::{CityModel, picture};
 use sizeup_results::report::{self, Levels, Pass, Report, ViewUse};
-use sizeup_survey::{Survey, SurveyReport, ViewKind};
+use sizeup_survey::{Survey, SurveyReport, View, ViewKind};
 
 /// Writes `report.html` beside the results.
 pub(super) fn write(
@@ -39,6 +40,39 @@ pub(super) fn write(
         survey: survey_report(config),
         evidence: evidence::gather(config, model.survey, stage, heights, priors),
         overview,
+        config: config.saved().to_toml(),
+    };
+    Ok(report::write(&folder.join("report.html"), &report)?)
+}
+
+/// Cells of the ground in the page of a city are at least so wide, metres.
+const CITY_CELL_M: f64 = 5.0;
+
+/// Writes `report.html` of a city that was made in parts: without the passes and the photos of single buildings, which
+/// stay with the parts.
+///
+/// # Errors
+/// [`PipelineError`]: the terrain cannot be read, or the page not be written.
+pub fn write_city_report(config: &RunConfig, folder: &Path, model: &CityModel<'_>) -> Result<(), PipelineError> {
+    let mut coarse = config.clone();
+    coarse.terrain.min_cell_m = coarse.terrain.min_cell_m.max(CITY_CELL_M);
+    let terrain = load_terrain(&coarse, model.records.iter().filter_map(|r| r.footprint.as_ref()), 0.0)?;
+    let asked: BTreeSet<&str> = model.records.iter().flat_map(|r| &r.views).map(String::as_str).collect();
+    let used = |view: &View| match view.kind() {
+        _ if asked.contains(view.id.0.as_str()) => ViewUse::Measured,
+        ViewKind::Oblique => ViewUse::NotNeeded,
+        _ => ViewUse::NotOblique,
+    };
+    let report = Report {
+        model: *model,
+        terrain: &terrain,
+        views: model.survey.views.iter().map(used).collect(),
+        passes: Vec::new(),
+        solved: &[],
+        levels: Vec::new(),
+        survey: survey_report(config),
+        evidence: Vec::new(),
+        overview: None,
         config: config.saved().to_toml(),
     };
     Ok(report::write(&folder.join("report.html"), &report)?)

@@ -10,7 +10,7 @@ use glam::DVec3;
 use super::dtm::{self, terrain_in_force};
 use super::frame::{Frame, origin};
 use super::heights::HeightSearch;
-use super::input::{check_fallback, check_overlap, check_settings, check_views, height_bounds};
+use super::input::{UNSEEN, check_fallback, check_settings, check_views, height_bounds, unseen};
 use super::kept::PriorStore;
 use super::records::records;
 use super::worst::worst;
@@ -93,6 +93,8 @@ pub(super) fn run(
     if options.until == Stage::Footprints {
         let found = written_without_heights(config, &survey, &footprints)?;
         summary.count_issues(&found);
+        let unseen = found.iter().find(|issue| issue.code == UNSEEN);
+        summary.worst = unseen.map(|issue| issue.message.clone());
         return Ok(City::without_records(RunSummary { seconds, ..summary }));
     }
 
@@ -154,9 +156,9 @@ fn written_without_heights(
     survey: &Survey,
     footprints: &FootprintStage,
 ) -> Result<Vec<Issue>, PipelineError> {
-    check_overlap(survey, footprints)?;
+    let unseen = unseen(survey, footprints)?;
     let all = survey.issues.iter().chain(&footprints.layer.issues).chain(&footprints.issues);
-    let mut found: Vec<Issue> = all.cloned().collect();
+    let mut found: Vec<Issue> = all.cloned().chain(unseen).collect();
     found.sort_by_key(Issue::weight);
     write_json(&config.project.output.join("issues.json"), &found)?;
     Ok(found)

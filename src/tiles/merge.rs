@@ -14,7 +14,9 @@ use super::seams::{self, SeamReport};
 use super::stale::{Check, Trust, known};
 use super::status::State;
 use super::{Lock, TilesError};
-use crate::pipeline::{lineage_of, refused_records, reviews_of, unstated_reference, write_project};
+use crate::pipeline::{
+    lineage_of, refused_records, reviews_of, unstated_reference, write_city_report, write_project,
+};
 use crate::recipe::Recipe;
 use sizeup_geo::files::FileError;
 use sizeup_geo::issue::{Issue, Severity, Subject};
@@ -36,6 +38,10 @@ const GEOPACKAGE: &str = "city.gpkg";
 const SEQUENCE: &str = "city.city.jsonl";
 /// Its tileset.
 const TILESET: &str = "3dtiles";
+/// Its page, for cities of up to [`MAX_PAGE_BUILDINGS`].
+const PAGE: &str = "report.html";
+/// Larger cities make pages that browsers are slow with: `sizeup view` shows them.
+const MAX_PAGE_BUILDINGS: usize = 20_000;
 
 /// What becomes of tiles that are not done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,6 +78,9 @@ pub struct Merged {
     pub median_height_m: Option<f64>,
     /// Issues that are refusals.
     pub n_refused: usize,
+    /// Photos that the survey names and nobody could read.
+    #[serde(default)]
+    pub n_photos_missing: usize,
     /// How well neighbours agree.
     pub seams: SeamReport,
     /// Why there are no 3D Tiles, if so.
@@ -89,7 +98,8 @@ impl Merged {
     #[must_use]
     pub fn has_failed_items(&self) -> bool {
         let count = |status| self.by_status.get(&status).copied().unwrap_or(0);
-        !self.missing.is_empty() || self.n_refused > 0 || count(Status::Unknown) + count(Status::Refused) > 0
+        let n_lacking = self.n_refused + self.n_photos_missing + count(Status::Unknown) + count(Status::Refused);
+        !self.missing.is_empty() || n_lacking > 0
     }
 }
 
@@ -184,6 +194,7 @@ impl JoinedCity<'_> {
         write_project(config, folder, GEOPACKAGE, &model)?;
         cityjson::write_sequence(&folder.join(SEQUENCE), &model, &config.output.cityjson)?;
         let no_tileset = write_tileset(&folder.join(TILESET), &model, tileset)?;
+        let has_page = self.write_page(&model, count.n_buildings())?;
         write_issues(&folder.join("issues.json"), &issues)?;
         write_json(&folder.join("lineage.json"), &lineage)?;
         let seams = seams::compare(&records.files, &self.files(HALO))?;
@@ -216,12 +227,33 @@ impl JoinedCity<'_> {
             by_status,
             median_height_m,
             n_refused: summary.n_refused,
+            n_photos_missing: summary.n_photos_missing,
             seams,
-            outputs: outputs(folder, no_tileset.is_none())?,
+            outputs: outputs(folder, no_tileset.is_none(), has_page)?,
             no_tileset,
             tileset,
             made_by,
         })
+    }
+
+    /// The page, unless there are too many buildings for one, none, or it is not asked for.
+    fn write_page(&self, model: &CityModel<'_, TileRecords>, n_buildings: usize) -> Result<bool, TilesError> {
+        let (config, folder) = (&self.manifest.config, self.layout.folder());
+        let mut records = Vec::new();
+        if config.output.report.page && n_buildings <= MAX_PAGE_BUILDINGS {
+            model.records.visit(&mut |record| {
+                records.push(record.clone());
+                Ok(())
+            })?;
+        }
+        if records.iter().all(|record| record.footprint.is_none()) {
+            remove_if_there(&folder.join(PAGE))?;
+            return Ok(false);
+        }
+        let CityModel { crs, lineage, issues, survey, .. } = *model;
+        let model = CityModel { records: records.as_slice(), crs, lineage, issues, survey };
+        write_city_report(config, folder, &model)?;
+        Ok(true)
     }
 
     fn files(&self, name: &str) -> Vec<PathBuf> {
@@ -310,9 +342,12 @@ fn n_used_views(records: &TileRecords) -> Result<usize, TilesError> {
 }
 
 /// Every file of the city, by its name in the folder.
-fn outputs(folder: &Path, has_tileset: bool) -> Result<BTreeMap<String, String>, TilesError> {
+fn outputs(folder: &Path, has_tileset: bool, has_page: bool) -> Result<BTreeMap<String, String>, TilesError> {
     let mut names: Vec<String> =
-        [GEOPACKAGE, "city.qgs", SEQUENCE, "issues.json", "lineage.json", "summary.json"].map(str::to_owned).to_vec();
+        [GEOPACKAGE, "city.qgs", "city.qgz", SEQUENCE, "issues.json", "lineage.json", "summary.json"]
+            .map(str::to_owned)
+            .to_vec();
+    names.extend(has_page.then(|| PAGE.to_owned()));
     if has_tileset {
         names_below(folder, TILESET, &mut names).map_err(FileError::on("cannot read", &folder.join(TILESET)))?;
     }

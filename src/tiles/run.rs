@@ -17,7 +17,7 @@ use sizeup_geo::issue::{Severity, Subject};
 use sizeup_heights::ids::ViewId;
 use sizeup_results::output::reports::{write_issues, write_json};
 use sizeup_results::output::unmeasured::unmeasured;
-use sizeup_results::output::{CityModel, InputFile, Status, cityjson};
+use sizeup_results::output::{CityModel, InputFile, Overview, Status, StatusCount, cityjson, n_photos_missing};
 use sizeup_survey::Survey;
 
 /// Its buildings, one a line, exactly as they were found.
@@ -243,19 +243,18 @@ fn write(
     let names = [CITY, BUILDINGS, HALO, ISSUES, LINEAGE];
     let hash = |name: &str| Ok((name.to_owned(), hash_of(&folder.join(name))?));
     let outputs = names.into_iter().map(hash).collect::<Result<BTreeMap<_, _>, FileError>>()?;
-    let mut by_status: BTreeMap<Status, usize> = BTreeMap::new();
-    for record in &own {
-        *by_status.entry(record.status).or_default() += 1;
-    }
+    let (count, overview) = (StatusCount::of(&own), Overview::of(own.as_slice())?);
+    let by_status = count.by_status();
     let has_failed = issues.iter().any(|issue| issue.severity == Severity::Refused)
+        || n_photos_missing(&issues) > 0
         || by_status.contains_key(&Status::Unknown)
         || by_status.contains_key(&Status::Refused);
     Ok(Done {
         tile: tile.id.clone(),
         made_by: made_by.clone(),
         outputs,
-        n_buildings: own.len(),
-        n_heights: own.iter().filter(|r| r.height_m.is_some()).count(),
+        n_buildings: count.n_buildings(),
+        n_heights: overview.n_heights,
         by_status,
         n_used_views: heights.used_views.len(),
         exit_code: if has_failed { 5 } else { 0 },

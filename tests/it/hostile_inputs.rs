@@ -162,6 +162,8 @@ fn an_inverted_prior_is_told_and_not_turned_round() {
     scene.edit("sizeup.toml", |text| text.replace("kind = \"inverse_depth\"", "kind = \"depth\""));
     let outcome = scene.run(&[]);
     assert_finished_with_items(&scene, &outcome, N_BUILDINGS);
+    let (early, late) = outcome.stderr.split_once("tracing rays").expect("rays are traced");
+    assert!(early.contains("do not follow the ground") && !late.contains("do not follow"), "{}", outcome.stderr);
     let issue = &scene.issues("prior_looks_inverted")[0];
     assert!(issue["hint"].as_str().unwrap().contains("inverse_depth"), "{issue}");
     assert!(outcome.stderr.contains("\nabove all: the prior looks inverted: "), "{}", outcome.stderr);

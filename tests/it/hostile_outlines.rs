@@ -213,3 +213,18 @@ fn hostile_outlines_of_all_kinds_become_valid_solids_or_are_refused() {
     assert_eq!(faults_of(&blocks, &path), []);
     assert_valid_to_val3dity(&path);
 }
+
+#[test]
+fn an_outline_that_is_mended_on_the_output_grid_is_named() {
+    let at = |corners: &[(f64, f64)]| {
+        Polygon::new(corners.iter().map(|(x, y)| Coord { x: AT.0 + x, y: AT.1 + y }).collect(), Vec::new())
+    };
+    let plain = at(&[(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)]);
+    // A slit whose mouth is one millimetre wide.
+    let slit = at(&[(20.0, 0.0), (25.0, 0.0), (25.0, 5.0), (25.001, 0.0), (30.0, 0.0), (30.0, 10.0), (20.0, 10.0)]);
+    let blocks = [block("plain", plain, 5.0), block("slit", slit, 5.0)];
+    let issues = cityjson::check(&blocks, &CityJsonConfig::default()).unwrap();
+    let told: Vec<_> = issues.iter().map(|issue| (issue.code.as_str(), issue.subject.name(), issue.severity)).collect();
+    assert_eq!(told, [("outline_mended_on_grid", "slit", sizeup::issue::Severity::Note)]);
+    assert!(issues[0].message.contains("its area changed by") && issues[0].place.is_some(), "{:?}", issues[0]);
+}

@@ -12,6 +12,7 @@ mod consumers;
 mod crash_safety;
 mod determinism;
 mod doc_lines;
+mod documents;
 mod dtm;
 mod evaluating;
 mod evaluation;

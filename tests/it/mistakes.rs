@@ -6,125 +6,470 @@ use serde_json::json;
 
 use crate::tiny_scene::{N_BUILDINGS, Scene};
 
-/// Asserts that a run ends with a code, and what its message and its hint say.
-fn assert_told(scene: &Scene, more: &[&str], code: i32, message: &[&str], hint: &[&str]) {
-    let outcome = scene.run(more);
-    assert_eq!(outcome.code, code, "{}", outcome.stderr);
-    let (said, advice) = outcome.stderr.split_once("hint: ").unwrap_or_else(|| panic!("no hint: {}", outcome.stderr));
-    for word in message {
-        assert!(said.contains(word), "{word:?} is missing before the hint: {}", outcome.stderr);
-    }
-    for word in hint {
-        assert!(advice.contains(word), "{word:?} is missing in the hint: {}", outcome.stderr);
-    }
-    assert!(!scene.path("result/city.gpkg").exists(), "nothing half-written");
+/// One mistake: how it is made, what is called, and what is said of it.
+struct Mistake {
+    made: &'static str,
+    make: fn(&Scene),
+    args: &'static [&'static str],
+    code: i32,
+    /// Words of the message, before the hint.
+    says: &'static [&'static str],
+    /// Words of the hint.
+    hint: &'static [&'static str],
 }
 
-#[test]
-fn points_in_place_of_outlines() {
-    let scene = Scene::new();
+const RUN: &[&str] = &["run", "sizeup.toml"];
+
+fn nothing(_: &Scene) {}
+
+/// Writes something else into the configuration.
+fn set(scene: &Scene, from: &str, to: &str) {
+    scene.edit("sizeup.toml", |text| text.replace(from, to));
+}
+
+fn points(scene: &Scene) {
     scene.change_footprints(|features| {
         for feature in features {
             let corner = feature["geometry"]["coordinates"][0][0].clone();
             feature["geometry"] = json!({ "type": "Point", "coordinates": corner });
         }
     });
-    let message = format!("none of the {N_BUILDINGS} outlines can be used: {N_BUILDINGS} footprint_not_a_polygon");
-    assert_told(&scene, &[], 3, &["[footprints]", &message, "its geometry is not a polygon"], &["polygons"]);
 }
 
-#[test]
-fn a_terrain_model_that_is_not_there() {
-    let scene = Scene::new();
-    fs::remove_file(scene.path("dtm.tif")).unwrap();
-    assert_told(&scene, &[], 3, &["[terrain]", "dtm.tif does not exist"], &["path"]);
-    assert!(!scene.run(&[]).stderr.contains("NULL"));
-}
-
-#[test]
-fn a_table_that_is_missing_is_no_mistake_of_the_comment_above() {
-    let scene = Scene::new();
+fn without_terrain(scene: &Scene) {
     scene.edit("sizeup.toml", |text| {
         let table = text.find("[terrain]").unwrap();
         let next = text[table + 1..].find("\n[").map_or(text.len(), |at| table + 1 + at);
         format!("# Our town, from the air\n{}{}", &text[..table], &text[next..])
     });
-    assert_told(&scene, &[], 2, &["the table [terrain] is missing"], &["dtm = ", "constant_m = "]);
-    assert!(!scene.run(&[]).stderr.contains("Our town"));
+}
+
+/// Moves the poses, metres.
+fn offset(scene: &Scene, by: [f64; 3]) {
+    let text = fs::read_to_string(scene.path("sizeup.toml")).unwrap();
+    let line = text.lines().find(|line| line.starts_with("offset")).unwrap();
+    let numbers = line.split_once('[').unwrap().1.trim_end_matches(']');
+    let offset = numbers.split(',').zip(by).map(|(number, by)| number.trim().parse::<f64>().unwrap() + by);
+    set(scene, line, &format!("offset = {:?}", offset.collect::<Vec<f64>>()));
+}
+
+fn elsewhere(scene: &Scene) {
+    offset(scene, [5000.0, 0.0, 0.0]);
+    // A constant ground everywhere: the terrain model would not reach there.
+    set(scene, "dtm = \"dtm.tif\"", "constant_m = 0.0");
+}
+
+fn square_priors(scene: &Scene) {
+    for stem in scene.stems() {
+        scene.write_prior(&stem, 100, 100, &vec![1.0; 100 * 100]);
+    }
+}
+
+fn outlines_as_table(scene: &Scene) {
+    fs::write(scene.path("outlines.csv"), "id;WKT\na;\"POLYGON ((0 0, 9 0, 9 9, 0 9, 0 0))\"\n").unwrap();
+    set(scene, "footprints.gpkg", "outlines.csv");
+}
+
+fn metres_as_degrees(scene: &Scene) {
+    let mut layer = scene.json("truth.geojson");
+    layer.as_object_mut().unwrap().remove("crs");
+    fs::write(scene.path("footprints.geojson"), layer.to_string()).unwrap();
+    set(scene, "footprints.gpkg", "footprints.geojson");
+}
+
+fn poses_without_angles(scene: &Scene) {
+    fs::write(scene.path("poses.csv"), "name,x,y,z\na.jpg,565000,5932000,100\n").unwrap();
+    set(scene, "format = \"colmap\"", "format = \"csv\"");
+    set(scene, "\"sparse\"", "\"poses.csv\"");
+}
+
+/// The mistakes of a first hour.
+const MISTAKES: [Mistake; 38] = [
+    Mistake {
+        made: "points in place of outlines",
+        make: points,
+        args: RUN,
+        code: 3,
+        says: &[
+            "[footprints]",
+            "none of the 6 outlines can be used: 6 footprint_not_a_polygon",
+            "its geometry is not a polygon",
+        ],
+        hint: &["polygons"],
+    },
+    Mistake {
+        made: "a terrain model that is not there",
+        make: |scene| fs::remove_file(scene.path("dtm.tif")).unwrap(),
+        args: RUN,
+        code: 3,
+        says: &["[terrain]", "dtm.tif does not exist"],
+        hint: &["path"],
+    },
+    Mistake {
+        made: "a table left out, below a comment",
+        make: without_terrain,
+        args: RUN,
+        code: 2,
+        says: &["the table [terrain] is missing"],
+        hint: &["dtm = ", "constant_m = "],
+    },
+    Mistake {
+        made: "a prior without its source",
+        make: |scene| set(scene, "source = \"files\"\n", ""),
+        args: RUN,
+        code: 2,
+        says: &["source"],
+        hint: &["\"files\"", "\"network\"", "\"stereo\"", "\"auto\""],
+    },
+    Mistake {
+        made: "a misspelt preset",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "optimise.preset=papr"],
+        code: 2,
+        says: &["--set optimise.preset=papr"],
+        hint: &["robust", "paper"],
+    },
+    Mistake {
+        made: "a misspelt kind of prior in the file",
+        make: |scene| set(scene, "inverse_depth", "invrese_depth"),
+        args: RUN,
+        code: 2,
+        says: &["sizeup.toml", "invrese_depth"],
+        hint: &["depth, inverse-depth"],
+    },
+    Mistake {
+        made: "an output that is a file",
+        make: |scene| fs::write(scene.path("notes.txt"), "mine").unwrap(),
+        args: &["run", "sizeup.toml", "--output", "notes.txt"],
+        code: 2,
+        says: &["notes.txt is a file", "folder"],
+        hint: &["--output"],
+    },
+    Mistake {
+        made: "a folder in place of the priors' files",
+        make: |scene| set(scene, "priors/{stem}.npy", "priors"),
+        args: RUN,
+        code: 3,
+        says: &["[prior]", "is a folder"],
+        hint: &["priors/{stem}.npy"],
+    },
+    Mistake {
+        made: "cameras below the ground",
+        make: |scene| offset(scene, [0.0, 0.0, -300.0]),
+        args: RUN,
+        code: 3,
+        says: &["below the ground"],
+        hint: &["survey.offset", "terrain.vertical_offset_m"],
+    },
+    Mistake {
+        made: "poses five kilometres off",
+        make: elsewhere,
+        args: &["run", "sizeup.toml", "--until", "footprints"],
+        code: 3,
+        says: &["no view sees any footprint"],
+        hint: &["offset", "CRS"],
+    },
+    Mistake {
+        made: "priors of another shape",
+        make: square_priors,
+        args: RUN,
+        code: 3,
+        says: &["none of the", "priors", "100 × 100"],
+        hint: &["resized photos"],
+    },
+    Mistake {
+        made: "degrees as the project's CRS",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "project.crs=EPSG:4326"],
+        code: 2,
+        says: &["EPSG:4326", "WGS 84", "projected CRS in metres"],
+        hint: &["UTM"],
+    },
+    Mistake {
+        made: "Web Mercator as the project's CRS",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "project.crs=EPSG:3857"],
+        code: 2,
+        says: &["EPSG:3857", "Web Mercator"],
+        hint: &["UTM"],
+    },
+    Mistake {
+        made: "a CRS that nobody knows",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "project.crs=EPSG:99999999"],
+        code: 2,
+        says: &["unknown CRS", "EPSG:99999999"],
+        hint: &["EPSG:25832"],
+    },
+    Mistake {
+        made: "the neighbouring zone",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "project.crs=EPSG:25833"],
+        code: 3,
+        says: &["no view sees any footprint", "the cameras in E"],
+        hint: &["CRS"],
+    },
+    Mistake {
+        made: "outlines without a CRS",
+        make: outlines_as_table,
+        args: RUN,
+        code: 3,
+        says: &["outlines.csv", "no CRS"],
+        hint: &["`crs`"],
+    },
+    Mistake {
+        made: "metres that claim to be degrees",
+        make: metres_as_degrees,
+        args: RUN,
+        code: 3,
+        says: &["footprints.geojson", "no longitude and latitude"],
+        hint: &["`crs`"],
+    },
+    Mistake {
+        made: "a layer without a feature",
+        make: |scene| scene.change_footprints(Vec::clear),
+        args: RUN,
+        code: 3,
+        says: &["footprints.geojson", "is empty"],
+        hint: &["`layer`"],
+    },
+    Mistake {
+        made: "outlines that are not there",
+        make: |scene| fs::remove_file(scene.path("footprints.gpkg")).unwrap(),
+        args: RUN,
+        code: 3,
+        says: &["[footprints]", "footprints.gpkg does not exist"],
+        hint: &["path"],
+    },
+    Mistake {
+        made: "a field of ids that is not there",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "footprints.id_field=gml_id"],
+        code: 3,
+        says: &["footprints.gpkg", "gml_id"],
+        hint: &["id_field", "id"],
+    },
+    Mistake {
+        made: "a layer of the file that is not there",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "footprints.layer=houses"],
+        code: 3,
+        says: &["no layer \"houses\"", "footprints"],
+        hint: &["layer"],
+    },
+    Mistake {
+        made: "a raster in place of outlines",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "footprints.path=dtm.tif"],
+        code: 3,
+        says: &["dtm.tif", "no format of layers"],
+        hint: &["extension"],
+    },
+    Mistake {
+        made: "a misspelt key",
+        make: |scene| set(scene, "path = \"sparse\"", "pth = \"sparse\""),
+        args: RUN,
+        code: 2,
+        says: &["sizeup.toml", "unknown field `pth`", "`path`"],
+        hint: &["sizeup schema run"],
+    },
+    Mistake {
+        made: "a misspelt table",
+        make: |scene| set(scene, "[ground]", "[gruond]"),
+        args: RUN,
+        code: 2,
+        says: &["unknown field `gruond`", "`ground`"],
+        hint: &["sizeup schema run"],
+    },
+    Mistake {
+        made: "a key without a value",
+        make: |scene| set(scene, "seed = 1", "seed ="),
+        args: RUN,
+        code: 2,
+        says: &["sizeup.toml", "line 2"],
+        hint: &["sizeup schema run"],
+    },
+    Mistake {
+        made: "a configuration that is not there",
+        make: nothing,
+        args: &["run", "absent.toml"],
+        code: 2,
+        says: &["cannot read the configuration absent.toml"],
+        hint: &["sizeup init FOLDER"],
+    },
+    Mistake {
+        made: "a raster in place of the configuration",
+        make: nothing,
+        args: &["run", "dtm.tif"],
+        code: 2,
+        says: &["cannot read the configuration dtm.tif"],
+        hint: &["text file"],
+    },
+    Mistake {
+        made: "a setting without a value",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "optimise.preset"],
+        code: 2,
+        says: &["--set optimise.preset", "key=value"],
+        hint: &["--set optimise.preset=paper"],
+    },
+    Mistake {
+        made: "a setting that there is none of",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "optimise.prest=paper"],
+        code: 2,
+        says: &["unknown field `prest`", "`preset`"],
+        hint: &["sizeup schema run"],
+    },
+    Mistake {
+        made: "heights that cannot be",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "heights.min_m=20", "--set", "heights.max_m=20"],
+        code: 2,
+        says: &["heights from 20 to 20 m"],
+        hint: &["heights.min_m", "heights.max_m"],
+    },
+    Mistake {
+        made: "a fallback without its attribute",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "output.fallback.source=attribute"],
+        code: 2,
+        says: &["no attribute is named"],
+        hint: &["storeys"],
+    },
+    Mistake {
+        made: "a fallback from an attribute of no outline",
+        make: nothing,
+        args: &[
+            "run",
+            "sizeup.toml",
+            "--set",
+            "output.fallback={source=\"attribute\",attribute=\"storeys\",metres_per_unit=3}",
+        ],
+        code: 2,
+        says: &["none of the outlines has an attribute", "storeys"],
+        hint: &["ogrinfo"],
+    },
+    Mistake {
+        made: "a folder of photos that is not there",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "survey.images=imagse"],
+        code: 3,
+        says: &["no folder imagse"],
+        hint: &["folder of the photos"],
+    },
+    Mistake {
+        made: "poses that are not there",
+        make: |scene| fs::remove_dir_all(scene.path("sparse")).unwrap(),
+        args: RUN,
+        code: 3,
+        says: &["sparse", "images.txt"],
+        hint: &["folder of the model"],
+    },
+    Mistake {
+        made: "poses without angles",
+        make: poses_without_angles,
+        args: RUN,
+        code: 3,
+        says: &["poses.csv, line 1", "no column", "omega"],
+        hint: &["[survey.csv]"],
+    },
+    Mistake {
+        made: "two kinds of ground",
+        make: |scene| set(scene, "dtm = \"dtm.tif\"", "dtm = \"dtm.tif\"\nconstant_m = 3.0"),
+        args: RUN,
+        code: 3,
+        says: &["both `dtm` and `constant_m`"],
+        hint: &["one of them"],
+    },
+    Mistake {
+        made: "stages in the wrong order",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--from", "output", "--until", "survey"],
+        code: 2,
+        says: &["--from output comes after --until survey"],
+        hint: &["survey, footprints, heights, output"],
+    },
+    Mistake {
+        made: "stereo without photos",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "prior={source=\"stereo\"}"],
+        code: 2,
+        says: &["[prior]", "computed from the photos"],
+        hint: &["survey.images"],
+    },
+];
+
+impl Mistake {
+    /// What is wrong with the answer to it.
+    fn faults(&self) -> Vec<String> {
+        let scene = Scene::new();
+        (self.make)(&scene);
+        let outcome = scene.sizeup(self.args);
+        let (said, advice) = outcome.stderr.split_once("hint: ").unwrap_or((&outcome.stderr, ""));
+        let mut faults = Vec::new();
+        if outcome.code != self.code {
+            faults.push(format!("code {}, expected {}", outcome.code, self.code));
+        }
+        let lacks = |text: &str, words: &[&str]| -> Vec<String> {
+            words.iter().filter(|word| !text.contains(**word)).map(|word| format!("{word:?} is missing")).collect()
+        };
+        faults.extend(lacks(said, self.says).into_iter().chain(lacks(advice, self.hint)));
+        let noise = ["NULL", "panicked", "Our town", "`survey.accept_unsound", "tracing rays"];
+        let told = noise.iter().filter(|word| outcome.stderr.contains(**word));
+        faults.extend(told.map(|word| format!("{word:?} is said")));
+        if scene.path("result/city.gpkg").exists() || scene.path("result/stages/heights.json").exists() {
+            faults.push("something was computed".to_owned());
+        }
+        faults.iter().map(|fault| format!("{}: {fault}: {}", self.made, outcome.stderr)).collect()
+    }
 }
 
 #[test]
-fn a_prior_without_its_source() {
-    let scene = Scene::new();
-    scene.edit("sizeup.toml", |text| text.replace("source = \"files\"\n", ""));
-    assert_told(&scene, &[], 2, &["source"], &["\"files\"", "\"network\"", "\"stereo\""]);
+fn each_of_the_mistakes_has_its_message_hint_and_exit_code() {
+    let faults: Vec<String> = MISTAKES.iter().flat_map(Mistake::faults).collect();
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
 }
 
 #[test]
-fn a_misspelt_preset_and_a_hyphen() {
+fn a_hyphen_is_no_mistake() {
     let scene = Scene::new();
-    assert_told(&scene, &["--set", "optimise.preset=papr"], 2, &["--set optimise.preset=papr"], &["robust", "paper"]);
     let hyphen = scene.run(&["--set", "prior.kind=inverse-depth", "--until", "survey"]);
     assert_eq!(hyphen.code, 0, "{}", hyphen.stderr);
 }
 
 #[test]
-fn an_output_that_is_a_file() {
+fn footprints_that_no_photo_shows_are_counted_before_the_heights() {
     let scene = Scene::new();
-    fs::write(scene.path("notes.txt"), "mine").unwrap();
-    assert_told(&scene, &["--output", "notes.txt"], 2, &["notes.txt is a file", "folder"], &["--output"]);
-    assert_eq!(fs::read_to_string(scene.path("notes.txt")).unwrap(), "mine");
-}
-
-#[test]
-fn a_folder_in_place_of_the_priors_files() {
-    let scene = Scene::new();
-    scene.edit("sizeup.toml", |text| text.replace("priors/{stem}.npy", "priors"));
-    assert_told(&scene, &[], 3, &["[prior]", "is a folder"], &["priors/{stem}.npy"]);
-}
-
-#[test]
-fn cameras_below_the_ground_get_a_hint_that_cures() {
-    let scene = Scene::new();
-    let sink = |by: f64| {
-        let text = fs::read_to_string(scene.path("sizeup.toml")).unwrap();
-        let line = text.lines().find(|line| line.starts_with("offset")).unwrap().to_owned();
-        let numbers = line.split_once('[').unwrap().1.trim_end_matches(']');
-        let mut offset: Vec<f64> = numbers.split(',').map(|number| number.trim().parse().unwrap()).collect();
-        offset[2] -= by;
-        (line, format!("offset = {offset:?}"))
-    };
-    let (line, sunk) = sink(300.0);
-    scene.edit("sizeup.toml", |text| text.replace(&line, &sunk));
-    assert_told(&scene, &[], 3, &["below the ground"], &["survey.offset", "terrain.vertical_offset_m"]);
-    assert!(!scene.run(&[]).stderr.contains("accept_unsound"), "which does not help");
-}
-
-#[test]
-fn poses_a_kilometre_off_are_told_before_the_heights() {
-    let scene = Scene::new();
-    let text = fs::read_to_string(scene.path("sizeup.toml")).unwrap();
-    let line = text.lines().find(|line| line.starts_with("offset")).unwrap().to_owned();
-    let numbers = line.split_once('[').unwrap().1.trim_end_matches(']');
-    let mut offset: Vec<f64> = numbers.split(',').map(|number| number.trim().parse().unwrap()).collect();
-    offset[0] += 5000.0;
-    scene.edit("sizeup.toml", |text| text.replace(&line, &format!("offset = {offset:?}")));
-    // A constant ground everywhere: the terrain model would not reach there.
+    scene.change_footprints(|features| {
+        let mut far = features[0].clone();
+        let corners = far["geometry"]["coordinates"][0].as_array_mut().unwrap();
+        corners.iter_mut().for_each(|at| at[0] = json!(at[0].as_f64().unwrap() + 5000.0));
+        far["properties"]["id"] = json!("far");
+        features.push(far);
+    });
     scene.edit("sizeup.toml", |text| text.replace("dtm = \"dtm.tif\"", "constant_m = 0.0"));
     let outcome = scene.run(&["--until", "footprints"]);
-    assert_eq!(outcome.code, 3, "{}", outcome.stderr);
-    assert!(outcome.stderr.contains("no view sees any footprint"), "{}", outcome.stderr);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let message = format!("1 of {} footprints are in no photo", N_BUILDINGS + 1);
+    assert!(outcome.stderr.contains(&format!("above all: {message}")), "{}", outcome.stderr);
+    assert_eq!(scene.issues("footprints_unseen")[0]["message"], message);
 }
 
 #[test]
-fn priors_of_another_shape_are_told_before_any_ray_is_traced() {
+fn photos_that_are_missing_are_failed_items_of_a_tiled_run_too() {
     let scene = Scene::new();
-    for stem in scene.stems() {
-        scene.write_prior(&stem, 100, 100, &vec![1.0; 100 * 100]);
+    fs::create_dir(scene.path("images")).unwrap();
+    let stems = scene.stems();
+    for stem in &stems[1..] {
+        fs::write(scene.path(&format!("images/{stem}.jpg")), b"").unwrap();
     }
-    assert_told(&scene, &[], 3, &["none of the", "priors", "100 × 100"], &["resized photos"]);
-    let stages = scene.files("result/stages");
-    assert!(!stages.iter().any(|path| path.ends_with("heights.json")), "{stages:?}");
+    scene.edit("sizeup.toml", |text| text.replace("path = \"sparse\"", "path = \"sparse\"\nimages = \"images\""));
+    scene.edit("sizeup.toml", |text| text.replace("[optimise]\n", "[optimise]\npolish = { enabled = false }\n"));
+    let outcome = scene.run(&["--tiled"]);
+    assert_eq!(outcome.code, 5, "{}", outcome.stderr);
+    assert!(outcome.stderr.contains("1 photo missing"), "{}", outcome.stderr);
+    assert_eq!(scene.json("result/summary.json")["n_photos_missing"], 1);
 }
 
 #[test]
@@ -159,6 +504,46 @@ fn the_doctor_names_what_a_configuration_lacks() {
         serde_json::from_str(&scene.sizeup(&["doctor", "sizeup.toml", "--json"]).stdout).unwrap();
     let states: Vec<&str> = json.as_array().unwrap().iter().filter_map(|f| f["state"].as_str()).collect();
     assert_eq!(states.iter().filter(|state| **state == "missing").count(), 1, "{json}");
+}
+
+#[test]
+fn the_doctor_names_networks_masks_and_a_folder_that_nobody_can_write() {
+    let scene = Scene::new();
+    let of = |more: &[&str]| {
+        let networks = scene.path("networks").to_string_lossy().into_owned();
+        let args = [&["doctor", "sizeup.toml", "--json"], more].concat();
+        let output = crate::tiny_scene::sizeup()
+            .current_dir(scene.path(""))
+            .env("SIZEUP_MODELS", networks)
+            .args(args)
+            .output()
+            .unwrap();
+        let found: Vec<serde_json::Value> = serde_json::from_slice(&output.stdout).unwrap();
+        let of_name = move |what: &str| {
+            let found = found.iter().find(|one| one["what"] == what).unwrap_or_else(|| panic!("{what}: {found:?}"));
+            [&found["state"], &found["hint"]].map(|word| word.as_str().unwrap_or_default().to_owned())
+        };
+        (output.status.code(), of_name)
+    };
+    let (code, found) = of(&[]);
+    assert_eq!(
+        (code, found("network itermvs")),
+        (Some(0), ["absent", "`sizeup model get itermvs`"].map(str::to_owned))
+    );
+    assert_eq!(found("project.output")[0], "ok");
+    let network = "prior={source=\"network\",model=\"itermvs\"}";
+    let (code, found) = of(&["--set", network]);
+    assert_eq!((code, found("prior.model")[0].as_str()), (Some(3), "missing"));
+    assert!(found("prior.model")[1].contains("sizeup model get itermvs"), "{:?}", found("prior.model"));
+    let masks = "footprints={source=\"masks\",path=\"nowhere/{stem}.png\",kind=\"instance\"}";
+    let (code, found) = of(&["--set", masks]);
+    assert_eq!((code, found("footprints.path")[0].as_str()), (Some(3), "missing"));
+    fs::write(scene.path("file"), "mine").unwrap();
+    let (code, found) = of(&["--set", "project.output=file/result"]);
+    assert_eq!((code, found("project.output")[0].as_str()), (Some(3), "missing"));
+    let outcome = scene.run(&["--set", network]);
+    assert_eq!(outcome.code, 3, "{}", outcome.stderr);
+    assert!(outcome.stderr.contains("hint: `sizeup model get itermvs` brings it"), "{}", outcome.stderr);
 }
 
 #[test]

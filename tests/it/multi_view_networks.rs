@@ -150,7 +150,7 @@ fn a_run_that_wants_a_known_network_says_how_to_get_it() {
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_ne!(output.status.code(), Some(0), "{message}");
     assert!(
-        message.contains("itermvs is not on this machine") && message.contains("sizeup model get itermvs"),
+        message.contains("is not in place") && message.contains("sizeup model get itermvs"),
         "{message}"
     );
 }

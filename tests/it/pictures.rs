@@ -87,6 +87,24 @@ fn the_map_shows_every_status_and_is_the_same_every_time() {
 }
 
 #[test]
+fn only_doubtful_heights_are_marked_on_the_map_and_no_camera_is_drawn() {
+    // Vermilion, as it is drawn over whatever is below.
+    let n_marked = |town: &Town| {
+        let picture = map(&town.model(), &MapConfig::default());
+        picture.pixels().filter(|p| p[0] > 180 && p[1].abs_diff(94) < 40 && p[2] < 60).count()
+    };
+    let mut town = large_town();
+    let of_status = |town: &mut Town, status| town.records.iter_mut().for_each(|record| record.status = status);
+    of_status(&mut town, Status::Fallback);
+    assert_eq!(n_marked(&town), 0);
+    town.records[0].status = Status::Doubtful;
+    assert!(n_marked(&town) > 50, "{}", n_marked(&town));
+    let with_cameras = map(&town.model(), &MapConfig::default());
+    town.survey.views.clear();
+    assert_eq!(with_cameras, map(&town.model(), &MapConfig::default()));
+}
+
+#[test]
 fn a_map_of_nothing_is_still_a_map() {
     let mut town = town();
     town.records.clear();

@@ -71,6 +71,8 @@ fn qgis_opens_the_geopackage_styled_in_place_and_standing_on_the_ground() {
     });
     assert_eq!(buildings["extrusion"], extrusion);
     assert_eq!(report["cameras"]["legend"][0], "oblique photo");
+    // A GeoPackage dragged into a project shows the town, and cameras once one is near.
+    assert_eq!((&report["cameras"]["shown_from"], &buildings["shown_from"]), (&1000.0.into(), &Value::Null));
     assert_eq!(report["qa_issues"]["features"], 2);
     assert_eq!(report["cameras"]["symbols"], serde_json::json!(["arrow", "circle", "triangle"]));
     // The classes of 6.25, 15, and 61 m are on the picture; the second is doubtful, and hatched over its colour.

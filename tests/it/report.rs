@@ -19,6 +19,7 @@ use sizeup::terrain::Terrain;
 use crate::outputs::{Town, building, town};
 use crate::real_data::warsaw_config;
 use crate::shared_data::shared_data;
+use crate::skipped::skip;
 use crate::tiny_scene::sizeup;
 use crate::tools::{chromium, node_modules, npm, picture, run};
 
@@ -320,4 +321,25 @@ fn the_viewer_makes_tiles_of_a_result_and_answers_only_those_who_ask_for_it() {
     // A head without an end gets no answer, and the next one is answered all the same.
     assert_eq!(viewer.ask(&format!("GET / HTTP/1.1\r\nX: {}", "x".repeat(20_000))), "");
     assert_eq!(viewer.ask("GET / HTTP/1.1\r\nHost: HOST\r\n\r\n"), "HTTP/1.1 200 OK");
+}
+
+#[test]
+fn the_worst_come_first_and_the_extremes_are_named() {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/crates/results/src/report/page/doubt.js");
+    let script = fs::read_to_string(script).unwrap();
+    let buildings = r#"[
+        { "id": "plain", "status": "measured", "height": 9, "sigma": 0.1 },
+        { "id": "wide", "status": "measured", "height": 8, "sigma": 3.0 },
+        { "id": "tower", "status": "reviewed", "height": 60, "sigma": 0.2 },
+        { "id": "odd", "status": "doubtful", "height": 4, "sigma": 0.3 },
+        { "id": "odder", "status": "doubtful", "height": 5, "sigma": 0.9 },
+        { "id": "none", "status": "unknown", "height": null, "sigma": null }]"#;
+    let ask = format!(
+        "{script}\nconst all = {buildings};\nconst {{ highest, unlikely }} = extremes(all);\n\
+         console.log([...all.sort(byDoubt), highest, unlikely].map((b) => b.id).join(' '));"
+    );
+    let Ok(said) = Command::new("node").args(["-e", &ask]).output() else { return skip("node is not installed") };
+    assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
+    let said = String::from_utf8(said.stdout).unwrap();
+    assert_eq!(said.trim(), "none odder odd wide tower plain tower odder");
 }

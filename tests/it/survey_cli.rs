@@ -112,6 +112,50 @@ fn outlines_still_to_come_do_not_keep_the_poses_from_being_looked_at() {
     assert!(text(&seen.stdout).contains("see the area            100 %"), "{}", text(&seen.stdout));
 }
 
+/// A configuration over poses 60 m by 80 m wide on the ground, and a block of an outline `corners` (eastings, northings).
+fn block(folder: &Path, [west, south, east, north]: [f64; 4]) -> std::path::PathBuf {
+    let ring = json!([[west, south], [east, south], [east, north], [west, north], [west, south]]);
+    let crs = json!({ "type": "name", "properties": { "name": "urn:ogc:def:crs:EPSG::25832" } });
+    let layer = json!({ "type": "FeatureCollection", "crs": crs, "features": [{ "type": "Feature",
+        "properties": { "id": "a" }, "geometry": { "type": "Polygon", "coordinates": [ring] } }] });
+    fs::write(folder.join("block.geojson"), layer.to_string()).unwrap();
+    let config = folder.join("sizeup.toml");
+    let settings = "project = { crs = \"EPSG:25832\" }\nsurvey = { path = \"poses.csv\" }\n\
+                    terrain = { constant_m = 80.0 }\nfootprints = { path = \"block.geojson\", id_field = \"id\" }\n";
+    fs::write(&config, settings).unwrap();
+    config
+}
+
+#[test]
+fn a_good_flight_larger_than_its_block_is_right_and_one_beside_it_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    table(&folder.path().join("poses.csv"), 100, 0.0);
+    let inspect = |corners: [f64; 4]| {
+        let config = block(folder.path(), corners);
+        let told = sizeup(&["survey", "inspect", "--config", config.to_str().unwrap(), "--json"]);
+        (told.status.code(), serde_json::from_slice::<Value>(&told.stdout).unwrap())
+    };
+    let (code, report) = inspect([566_300.0, 5_762_990.0, 566_400.0, 5_763_010.0]);
+    assert!(report["sees_area"].as_f64().unwrap() < 0.2, "{report}");
+    assert_eq!((code, &report["area_seen"], &report["findings"]), (Some(0), &json!(1.0), &json!([])), "{report}");
+    let (code, report) = inspect([566_300.0, 5_763_990.0, 566_400.0, 5_764_010.0]);
+    assert_eq!((code, &report["area_seen"]), (Some(3), &json!(0.0)), "{report}");
+    let finding = report["findings"][0].as_str().unwrap();
+    assert!(finding.contains("expected at least 50 %") && finding.contains("0 % of it is in a photo"), "{finding}");
+}
+
+#[test]
+fn a_flight_above_its_block_that_looks_elsewhere_is_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    // All photos look 58 m to the side of the flight line, past the block that most of them show the rim of.
+    table(&folder.path().join("poses.csv"), 100, 30.0);
+    let config = block(folder.path(), [566_000.0, 5_762_998.0, 567_000.0, 5_763_057.0]);
+    let told = sizeup(&["survey", "inspect", "--config", config.to_str().unwrap(), "--json"]);
+    let report: Value = serde_json::from_slice(&told.stdout).unwrap();
+    assert!(report["area_seen"].as_f64().unwrap() > 0.5, "{report}");
+    assert_eq!((told.status.code(), &report["sees_area"]), (Some(3), &json!(0.0)), "{report}");
+}
+
 #[test]
 fn an_unknown_crs_is_told_by_us_alone() {
     let folder = tempfile::tempdir().unwrap();

@@ -106,6 +106,32 @@ fn tiles_find_the_heights_of_a_run_in_one_piece() {
 }
 
 #[test]
+fn a_city_in_tiles_has_a_page_and_a_packed_project_that_are_made_again_where_they_are_gone() {
+    let scene = Scene::new();
+    for id in plan(&scene) {
+        assert!([0, 5].contains(&run_tile(&scene, &id).code));
+    }
+    assert!([0, 5].contains(&merge(&scene, &[]).code));
+    let page = fs::read_to_string(scene.path("city/report.html")).unwrap();
+    for id in heights(&scene.path("city/city.city.jsonl")).keys() {
+        assert!(page.contains(&format!("\"id\":\"{id}\"")), "{id} is not in the page");
+    }
+    for name in ["report.html", "city.qgz"] {
+        let before = fs::read(scene.path(&format!("city/{name}"))).unwrap();
+        fs::remove_file(scene.path(&format!("city/{name}"))).unwrap();
+        assert!([0, 5].contains(&merge(&scene, &[]).code));
+        assert!(fs::read(scene.path(&format!("city/{name}"))).unwrap() == before, "{name} differs");
+    }
+    scene.edit("sizeup.toml", |text| text.replace("[output]\n", "[output]\nreport = { page = false }\n"));
+    plan(&scene);
+    for id in ids(&scene) {
+        assert!([0, 5].contains(&run_tile(&scene, &id).code));
+    }
+    assert!([0, 5].contains(&merge(&scene, &[]).code));
+    assert!(!scene.path("city/report.html").exists(), "a page of before is not left behind");
+}
+
+#[test]
 fn halos_that_cut_through_a_town_leave_its_heights_as_they_are() {
     let folder = tempfile::tempdir().unwrap();
     let mut config = SimulateConfig::default();

@@ -60,6 +60,7 @@ def describe(layer):
         "style": style,
         "fields": [field.name() for field in layer.fields()],
         "labels": layer.labelsEnabled(),
+        "shown_from": layer.minimumScale() if layer.hasScaleBasedVisibility() else None,
         "symbols": sorted({s.symbolLayer(0).properties().get("name", "") for s in renderer.symbols(QgsRenderContext())}),
         "extrusion": extrusions(layer),
         "index": layer.hasSpatialIndex() == 2,

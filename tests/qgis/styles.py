@@ -190,6 +190,9 @@ def cameras():
     root.appendChild(QgsRuleBasedRenderer.Rule(up, label="photo that looks up", elseRule=True))
     layer.setRenderer(QgsRuleBasedRenderer(root))
     layer.setDisplayExpression('"image"')
+    # Over a town they lie on what people look for.
+    layer.setScaleBasedVisibility(True)
+    layer.setMinimumScale(1000)
     return layer
 
 
@@ -314,6 +317,8 @@ def export(layer, folder):
     """Writes the layer's style, with rule keys that do not change from run to run."""
     document = QDomDocument("qgis")
     categories = QgsMapLayer.Symbology | QgsMapLayer.Symbology3D | QgsMapLayer.MapTips | QgsMapLayer.Labeling
+    if layer.hasScaleBasedVisibility():
+        categories |= QgsMapLayer.Rendering
     message = layer.exportNamedStyle(document, QgsReadWriteContext(), categories)
     if message:
         raise SystemExit(f"cannot export the style of {layer.name()}: {message}")

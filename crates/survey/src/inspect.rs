@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use geo::Contains as _;
+use geo::{BoundingRect as _, Contains as _};
 use glam::{DVec2, DVec3};
 
 use super::locate::{Facts, POSSIBLE_HEIGHTS_M, locate};
@@ -15,9 +15,17 @@ use sizeup_geo::terrain::Terrain;
 
 /// Fewer views than this share looking down, or above the ground, and the poses are wrong.
 const MIN_LOOKS_DOWN: f64 = 0.9;
-/// Fewer image centres than this share in the area of interest, and the survey is of somewhere else. Flights reach
+/// Fewer image centres than this share in the area of interest, and the survey may be of somewhere else. Flights reach
 /// beyond their area: oblique views at its rim look outward.
 const MIN_SEES_AREA: f64 = 0.5;
+/// A flight much larger than the area shows at least this share of it.
+const MIN_AREA_SEEN: f64 = 0.5;
+/// Image centres in the area per camera above it, at least: photos of a flight over it look there as often as elsewhere.
+const MIN_LOOKS_PER_CAMERA: f64 = 0.5;
+/// So few cameras above an area say nothing of where they look.
+const FEW_CAMERAS: usize = 10;
+/// Places along each side of the area's box at which it is asked whether a photo shows them.
+const AREA_STEPS: usize = 12;
 /// Drones and survey aircraft fly lower above the ground than this, metres.
 const MAX_ABOVE_GROUND_M: f64 = 10_000.0;
 /// Views further outside the area that a CRS is meant for, degrees, are not in it. Grids are often used beyond their zone.
@@ -43,7 +51,51 @@ pub struct Site<'a> {
 pub(crate) struct Judgement {
     pub looks_down: f64,
     pub sees_area: Option<f64>,
+    pub of_area: Option<AreaSeen>,
     pub above_ground: Option<f64>,
+}
+
+/// The area of interest in the photos of a flight that may be larger.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct AreaSeen {
+    /// Share of its places that some photo shows.
+    pub share: f64,
+    /// Whether photos taken above it look at it as often as elsewhere.
+    is_looked_at: bool,
+}
+
+impl AreaSeen {
+    fn of(views: &[View], area: &geo::Polygon, terrain: &Terrain, n_looks: usize) -> Self {
+        let contains = |place: DVec2| area.contains(&geo::Point::new(place.x, place.y));
+        let n_above = views.iter().filter(|view| contains(view.camera_from_map.centre().truncate())).count();
+        let is_looked_at = n_above < FEW_CAMERAS || n_looks as f64 >= MIN_LOOKS_PER_CAMERA * n_above as f64;
+        let places = places_in(area);
+        let is_shown = |place: &&DVec2| {
+            let Some(ground_m) = terrain.height_at(place.x, place.y) else { return false };
+            views.iter().any(|view| {
+                let pixel = view.camera.project(view.camera_from_map.point(place.extend(ground_m)));
+                pixel.is_some_and(|pixel| view.camera.contains(pixel))
+            })
+        };
+        let n_shown = places.iter().filter(is_shown).count();
+        Self { share: if places.is_empty() { 0.0 } else { n_shown as f64 / places.len() as f64 }, is_looked_at }
+    }
+
+    fn is_enough(self) -> bool {
+        self.is_looked_at && self.share >= MIN_AREA_SEEN
+    }
+}
+
+/// Places spread evenly over an area.
+fn places_in(area: &geo::Polygon) -> Vec<DVec2> {
+    let Some(rect) = area.bounding_rect() else { return Vec::new() };
+    let at = |step: usize, low: f64, size: f64| low + (step as f64 + 0.5) / AREA_STEPS as f64 * size;
+    let place = |i: usize| {
+        let (column, row) = (i % AREA_STEPS, i / AREA_STEPS);
+        DVec2::new(at(column, rect.min().x, rect.width()), at(row, rect.min().y, rect.height()))
+    };
+    let is_in = |place: &DVec2| area.contains(&geo::Point::new(place.x, place.y));
+    (0..AREA_STEPS * AREA_STEPS).map(place).filter(is_in).collect()
 }
 
 impl Judgement {
@@ -58,25 +110,35 @@ impl Judgement {
             (!heights_m.is_empty()).then(|| share(n, heights_m.len()))
         });
         let flat = Terrain::Constant(0.0);
-        let sees = site.area.map(|area| {
-            let terrain = site.terrain.unwrap_or(&flat);
-            let is_in = |place: DVec2| area.contains(&geo::Point::new(place.x, place.y));
-            let n =
-                survey.views.iter().filter_map(|view| ground::centre_on_ground(view, terrain)).filter(|&p| is_in(p));
-            share(n.count(), n_views + n_up)
+        let terrain = site.terrain.unwrap_or(&flat);
+        let n_looks = site.area.map(|area| {
+            let is_in = |place: &DVec2| area.contains(&geo::Point::new(place.x, place.y));
+            survey.views.iter().filter_map(|view| ground::centre_on_ground(view, terrain)).filter(is_in).count()
         });
-        Self { looks_down: share(n_views, n_views + n_up), sees_area: sees, above_ground: above }
+        Self {
+            looks_down: share(n_views, n_views + n_up),
+            sees_area: n_looks.map(|n| share(n, n_views + n_up)),
+            of_area: site.area.zip(n_looks).map(|(area, n)| AreaSeen::of(&survey.views, area, terrain, n)),
+            above_ground: above,
+        }
     }
 
     pub(crate) fn is_sound(&self) -> bool {
         self.looks_down >= MIN_LOOKS_DOWN
-            && self.sees_area.is_none_or(|share| share >= MIN_SEES_AREA)
+            && self.sees_enough()
             && self.above_ground.is_none_or(|share| share >= MIN_LOOKS_DOWN)
     }
 
-    /// For comparing readings of one survey.
+    /// Whether the photos are of the area: most look there, or they show most of it and much around it.
+    fn sees_enough(&self) -> bool {
+        self.sees_area.is_none_or(|share| share >= MIN_SEES_AREA) || self.of_area.is_some_and(AreaSeen::is_enough)
+    }
+
+    /// For comparing readings of one survey. An area that is shown by photos that mostly look elsewhere counts less.
     pub(crate) fn score(&self) -> f64 {
-        self.looks_down * self.sees_area.unwrap_or(1.0) * self.above_ground.unwrap_or(1.0)
+        let shown = self.of_area.filter(|seen| seen.is_enough()).map_or(0.0, |seen| MIN_SEES_AREA * seen.share);
+        let sees = self.sees_area.map_or(1.0, |share| share.max(shown));
+        self.looks_down * sees * self.above_ground.unwrap_or(1.0)
     }
 }
 
@@ -181,6 +243,7 @@ fn report_of(reading: &Reading, site: Site<'_>, judgement: Judgement) -> SurveyR
         n_cameras: cameras.len(),
         looks_down: judgement.looks_down,
         sees_area: judgement.sees_area,
+        area_seen: judgement.of_area.map(|seen| seen.share),
         height_m: Spread::of(survey.views.iter().map(|view| view.camera_from_map.centre().z)),
         above_ground_m,
         convergence_deg: Spread::of(facts.convergence_deg.iter().copied()),
@@ -214,10 +277,11 @@ fn findings(judgement: Judgement, above_ground_m: Option<Spread>, survey: &Surve
         let (low, high) = (POSSIBLE_HEIGHTS_M.start(), POSSIBLE_HEIGHTS_M.end());
         findings.push(format!("{n_impossible} of {n_placed} cameras are not between {low:.0} and {high:.0} m high"));
     }
-    if let Some(share) = judgement.sees_area.filter(|&share| share < MIN_SEES_AREA) {
-        let (share, least) = (percent(share), percent(MIN_SEES_AREA));
+    if let (Some(share), Some(seen)) = (judgement.sees_area.filter(|_| !judgement.sees_enough()), judgement.of_area) {
+        let (share, least, shown) = (percent(share), percent(MIN_SEES_AREA), percent(seen.share));
         findings.push(format!(
-            "{share:.0} % of the image centres lie in the area of interest, expected at least {least:.0} %"
+            "{share:.0} % of the image centres lie in the area of interest, expected at least {least:.0} %, or a larger \
+             flight that shows the area: {shown:.0} % of it is in a photo"
         ));
     }
     if let Some(spread) = above_ground_m {

@@ -75,6 +75,9 @@ pub struct SurveyReport {
     pub looks_down: f64,
     /// Share of the views whose image centre lies in the area of interest, 0..1; absent without an area.
     pub sees_area: Option<f64>,
+    /// Share of the area of interest that some photo shows, 0..1; absent without an area.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub area_seen: Option<f64>,
     /// Heights of the cameras in the project, metres.
     pub height_m: Option<Spread>,
     /// Heights above the ground, metres; absent without terrain.
@@ -192,6 +195,9 @@ impl fmt::Display for SurveyReport {
         row("look down", &percent(self.looks_down))?;
         if let Some(share) = self.sees_area {
             row("see the area", &percent(share))?;
+        }
+        if let Some(share) = self.area_seen {
+            row("area in photos", &percent(share))?;
         }
         let spreads = [
             ("height", self.height_m, "m", 1),

@@ -51,7 +51,7 @@ pub(crate) fn run(
 }
 
 fn trial(change: String, judgement: Judgement) -> Trial {
-    let Judgement { looks_down, sees_area, above_ground } = judgement;
+    let Judgement { looks_down, sees_area, above_ground, .. } = judgement;
     Trial { change, looks_down, sees_area, above_ground }
 }
 

@@ -24,6 +24,12 @@ pub enum VectorError {
         #[source]
         source: GdalError,
     },
+    /// There is no such file.
+    #[error("layer {} does not exist\nhint: is the path right? It counts from the folder of the configuration", path.display())]
+    Absent {
+        /// The file.
+        path: PathBuf,
+    },
     /// It is not given to GDAL at all.
     #[error(transparent)]
     Refused(#[from] Refusal),
@@ -89,7 +95,7 @@ pub struct LayerInfo {
 /// The layers of a file that hold geometry, in the file's order.
 ///
 /// # Errors
-/// [`VectorError::Open`]; [`VectorError::Refused`] as [`VectorLayer::open`].
+/// [`VectorError::Open`], [`VectorError::Absent`]; [`VectorError::Refused`] as [`VectorLayer::open`].
 pub fn layers_of(path: &Path) -> Result<Vec<LayerInfo>, VectorError> {
     let dataset = open_dataset(path)?;
     let info = |layer: gdal::vector::Layer<'_>| {
@@ -104,6 +110,9 @@ pub fn layers_of(path: &Path) -> Result<Vec<LayerInfo>, VectorError> {
 }
 
 fn open_dataset(path: &Path) -> Result<gdal::Dataset, VectorError> {
+    if !crate::files::is_virtual(path) && !path.exists() {
+        return Err(VectorError::Absent { path: path.to_owned() });
+    }
     open::open(path, Open::Vector).map_err(|fault| match fault {
         Fault::Refused(refusal) => refusal.into(),
         Fault::Gdal(source) => VectorError::Open { path: path.to_owned(), source },
@@ -131,7 +140,7 @@ impl VectorLayer {
     /// like work as well.
     ///
     /// # Errors
-    /// [`VectorError::Open`]; [`VectorError::Refused`] for what is on a server, or has no extension that names a format; [`VectorError::Layer`] listing the layers there are.
+    /// [`VectorError::Open`], [`VectorError::Absent`]; [`VectorError::Refused`] for what is on a server, or has no extension that names a format; [`VectorError::Layer`] listing the layers there are.
     pub fn open(path: &Path, layer: Option<&str>) -> Result<Self, VectorError> {
         let own = GeoJsonLayer::read(path).filter(|own| layer.is_none_or(|name| name == own.name));
         match own {

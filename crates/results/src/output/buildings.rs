@@ -29,11 +29,11 @@ impl Records for [BuildingRecord] {
 /// What the head of a file says of all buildings. The ids are kept while they are checked, nothing else per building.
 #[derive(Debug, Clone, Default)]
 pub struct Overview {
-    /// Buildings there are.
+    /// Buildings of the input: one in parts counts once.
     pub n_buildings: usize,
-    /// Buildings with a height.
+    /// Of them, those with a height in all their parts.
     pub n_heights: usize,
-    /// Of them, those without an outline.
+    /// Of them, those without an outline, or with a part without.
     pub n_without_outline: usize,
     /// The box around all outlines, base to roof.
     pub extent: Option<Extent>,
@@ -52,6 +52,7 @@ impl Overview {
     pub fn of<R: Records + ?Sized>(records: &R) -> Result<Self, OutputError> {
         let mut overview = Self::default();
         let mut ids: HashSet<Box<str>> = HashSet::new();
+        let (mut without_height, mut without_outline) = (Wholes::default(), Wholes::default());
         records.visit(&mut |record| {
             if !ids.insert(record.id.as_str().into()) {
                 return Err(OutputError::DuplicateId { id: record.id.clone() });
@@ -68,11 +69,14 @@ impl Overview {
                     None => drop(overview.attributes.insert(name.clone(), ColumnKind::wider(None, value))),
                 }
             }
-            overview.n_buildings += 1;
-            overview.n_heights += usize::from(record.height_m.is_some());
-            overview.n_without_outline += usize::from(record.footprint.is_none());
+            overview.n_buildings += usize::from(record.part_of.is_none());
+            without_height.add_if(record.height_m.is_none(), record);
+            without_outline.add_if(record.footprint.is_none(), record);
             Ok(())
         })?;
+        overview.n_buildings += overview.n_parts.len();
+        overview.n_heights = overview.n_buildings - without_height.n();
+        overview.n_without_outline = without_outline.n();
         match overview.n_parts.keys().filter(|whole| ids.contains(whole.as_str())).min() {
             Some(whole) => Err(OutputError::DuplicateId { id: whole.clone() }),
             None => Ok(overview),
@@ -85,6 +89,30 @@ impl Overview {
     /// [`OutputError::TooFarApart`].
     pub fn grid(&self, scale_m: f64) -> Result<Grid, OutputError> {
         Grid::around(self.extent.as_ref(), scale_m)
+    }
+}
+
+/// Buildings that something is said of, each once however many of its parts it is said of.
+#[derive(Debug, Default)]
+pub(super) struct Wholes {
+    n_single: usize,
+    in_parts: HashSet<String>,
+}
+
+impl Wholes {
+    /// Adds the building of a record where the record is such.
+    pub(super) fn add_if(&mut self, is_such: bool, record: &BuildingRecord) {
+        match &record.part_of {
+            _ if !is_such => {}
+            None => self.n_single += 1,
+            Some(whole) if self.in_parts.contains(whole) => {}
+            Some(whole) => drop(self.in_parts.insert(whole.clone())),
+        }
+    }
+
+    /// How many they are.
+    pub(super) fn n(&self) -> usize {
+        self.n_single + self.in_parts.len()
     }
 }
 
@@ -120,5 +148,33 @@ impl<'a> Families<'a> {
             return None;
         }
         self.waiting.remove(whole).map(|parts| Family::Parts(whole.clone(), parts))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use geo::{Rect, coord};
+
+    use super::*;
+    use crate::output::record::tests::record;
+
+    #[test]
+    fn a_building_in_parts_counts_once_and_lacks_what_one_of_its_parts_lacks() {
+        let outline = Rect::new(coord! { x: 0.0, y: 0.0 }, coord! { x: 9.0, y: 9.0 }).to_polygon();
+        let of = |id: &str, whole: Option<&str>, height_m| BuildingRecord {
+            part_of: whole.map(str::to_owned),
+            height_m,
+            ..record(id, outline.clone(), 3.0, 2.0, 9.0)
+        };
+        let records = [
+            of("a", None, Some(7.0)),
+            of("b#1", Some("b"), Some(7.0)),
+            of("b#2", Some("b"), None),
+            of("b#3", Some("b"), None),
+            of("c#1", Some("c"), Some(7.0)),
+            of("c#2", Some("c"), Some(7.0)),
+        ];
+        let overview = Overview::of(records.as_slice()).unwrap();
+        assert_eq!((overview.n_buildings, overview.n_heights, overview.n_without_outline), (3, 2, 0));
     }
 }

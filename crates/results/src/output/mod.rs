@@ -56,7 +56,7 @@ pub use error::{MalformedFile, OutputError};
 pub use lineage::{InputFile, Lineage, sha256_hex};
 pub use record::{BuildingRecord, RoofShape, Status};
 pub use sizeup_heights::scene::{HeightReference, RoofForm};
-pub use summary::{RunSummary, TilesSummary};
+pub use summary::{RunSummary, TilesSummary, n_photos_missing};
 
 /// Everything a writer needs to know of a result.
 #[derive(Debug)]

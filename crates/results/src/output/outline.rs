@@ -61,6 +61,15 @@ impl SnappedOutline {
         if snapped.is_fit(grid) { Ok(snapped) } else { repair(&snapped, grid) }
     }
 
+    /// Whether an outline touches itself once it is on the grid, so that [`Self::new`] changes more of it than rounding
+    /// does.
+    #[must_use]
+    pub fn is_repaired(outline: &Polygon<f64>, grid: &Grid) -> bool {
+        let snap_ring = |ring: &LineString<f64>| -> Ring { ring.coords().map(|p| grid.snap(*p)).collect() };
+        let rings = clean(snap_ring(outline.exterior()), outline.interiors().iter().map(snap_ring));
+        rings.is_ok_and(|rings| !Self { rings }.is_fit(grid))
+    }
+
     /// The rings, exterior first.
     #[must_use]
     pub fn rings(&self) -> &[Ring] {

@@ -1,6 +1,6 @@
 //! `summary.json`: a result in numbers, of a run and of a city of tiles.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -9,7 +9,18 @@ use serde_json::Value;
 use super::Status;
 use sizeup_footprints::DetectionSummary;
 use sizeup_geo::files::{FileError, write_json};
-use sizeup_geo::issue::{Issue, Severity};
+use sizeup_geo::issue::{Issue, Severity, Subject};
+
+/// Codes of the issues of photos that nobody could read.
+const PHOTO_MISSING: [&str; 2] = ["pose_without_photo", "photo_unreadable"];
+
+/// Photos that the survey names and nobody could read.
+#[must_use]
+pub fn n_photos_missing(issues: &[Issue]) -> usize {
+    let photos: BTreeSet<&Subject> =
+        issues.iter().filter(|i| PHOTO_MISSING.contains(&i.code.as_str())).map(|i| &i.subject).collect();
+    photos.len()
+}
 
 /// A result in numbers. A city of tiles leaves out what its tiles do not tell.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -91,8 +102,7 @@ impl RunSummary {
     pub fn count_issues(&mut self, issues: &[Issue]) {
         self.n_refused = issues.iter().filter(|i| i.severity == Severity::Refused).count();
         self.n_warnings = issues.iter().filter(|i| i.severity == Severity::Warning).count();
-        self.n_photos_missing =
-            issues.iter().filter(|i| ["pose_without_photo", "photo_unreadable"].contains(&i.code.as_str())).count();
+        self.n_photos_missing = n_photos_missing(issues);
     }
 
     /// Writes `summary.json` into the folder of the results. Seconds and folders differ from run to run and stay away: the file

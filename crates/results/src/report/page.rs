@@ -12,10 +12,11 @@ const STAGE: &str = include_str!("page/stage.html");
 const STYLE: &str = include_str!("page/style.css");
 
 /// Scripts that both pages share, then those of each; all of a page make one closed scope.
-const SHARED: [&str; 10] = [
+const SHARED: [&str; 11] = [
     include_str!("page/maths.js"),
     include_str!("page/dom.js"),
     include_str!("page/colours.js"),
+    include_str!("page/doubt.js"),
     include_str!("page/mesh.js"),
     include_str!("page/shaders.js"),
     include_str!("page/gpu.js"),

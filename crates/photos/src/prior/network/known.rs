@@ -103,9 +103,11 @@ pub fn in_place(model: &Path) -> Option<PathBuf> {
     (!model.exists() && network.is_in(folder)).then(|| network.graph_in(folder))
 }
 
-/// The known network that `model` names, if it is no file and not in place.
-pub(super) fn absent(model: &Path) -> Option<KnownNetwork> {
-    known_by_name(model.file_name()?.to_str()?).ok().filter(|_| !model.exists() && in_place(model).is_none())
+/// The command that puts a network in place which is named as sizeup knows it; `None` for other files.
+#[must_use]
+pub fn how_to_get(model: &Path) -> Option<String> {
+    let network = known_by_name(model.file_name()?.to_str()?).ok()?;
+    Some(format!("`sizeup model get {}` brings it", network.name))
 }
 
 /// The networks that sizeup knows.

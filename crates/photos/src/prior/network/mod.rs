@@ -168,11 +168,9 @@ impl NetworkPriors {
         let profile = config.chosen()?;
         profile.check()?;
         config.model = config.graph();
-        if let Some(known) = known::absent(&config.model) {
-            return Err(PriorError::Config {
-                problem: format!("the network {} is not on this machine", known.name),
-                hint: format!("`sizeup model get {}` puts it in place", known.name),
-            });
+        if let (false, Some(hint)) = (config.model.exists(), known::how_to_get(&config.model)) {
+            let problem = format!("the network {} is not in place", config.model.display());
+            return Err(PriorError::Config { problem, hint });
         }
         let network = Network::open_with(&config.model, &config.engine)?;
         let wiring = profile.wire(network.inputs(), network.outputs()).map_err(|problem| PriorError::Config {

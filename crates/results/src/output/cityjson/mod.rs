@@ -15,11 +15,13 @@ mod vertices;
 use std::io::{self, Write};
 use std::path::Path;
 
+use geo::Area as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::buildings::{Families, Overview, Records};
 use super::grid::Grid;
+use super::outline::SnappedOutline;
 use super::prism::{NoSolid, Prism};
 use super::{BuildingRecord, CityModel, OutputError};
 pub use names::{AttributeNames, EXTENSION_PREFIX, extension_schema};
@@ -112,24 +114,36 @@ fn cannot_write(path: &Path, error: io::Error) -> OutputError {
     FileError::on("cannot write", path)(error).into()
 }
 
-/// What will have no solid although outline and height are known: one issue per such building.
+/// Code of the note of an outline that had to be mended on the output grid.
+const OUTLINE_MENDED: &str = "outline_mended_on_grid";
+
+/// What will have no solid although outline and height are known, and outlines that the output grid changes by more than
+/// rounding: one issue per such building.
 ///
 /// # Errors
 /// As [`write()`], but for the file system.
 pub fn check(records: &[BuildingRecord], config: &CityJsonConfig) -> Result<Vec<Issue>, OutputError> {
     config.require_valid()?;
     let (grid, _) = Grid::over(records, config.scale_m)?;
+    let told = |record: &BuildingRecord, severity, code: &str, message: String| {
+        let issue = Issue::new(severity, code, Subject::Building(record.id.clone()), message);
+        Some(match record.footprint.as_ref().and_then(|outline| outline.exterior().0.first()) {
+            Some(corner) => issue.at(corner.x, corner.y),
+            None => issue,
+        })
+    };
     let issue = |record: &BuildingRecord| match Prism::of(record, &grid, config.min_thickness_m) {
-        Ok(_) | Err(NoSolid::NoOutline | NoSolid::NoHeight) => None,
-        Err(fault) => {
-            let subject = Subject::Building(record.id.clone());
-            let message = format!("no 3D solid was written: {fault}");
-            let issue = Issue::new(Severity::Warning, fault.code(), subject, message);
-            Some(match record.footprint.as_ref().and_then(|outline| outline.exterior().0.first()) {
-                Some(corner) => issue.at(corner.x, corner.y),
-                None => issue,
-            })
+        Ok(prism) => {
+            let outline = record.footprint.as_ref().filter(|o| SnappedOutline::is_repaired(o, &grid))?;
+            let change_m2 = prism.outline().to_polygon(&grid).unsigned_area() - outline.unsigned_area();
+            let scale_mm = 1e3 * grid.scale_m;
+            let message = format!(
+                "its outline touches itself once rounded to {scale_mm} mm, and was mended: its area changed by {change_m2:+.3} m²"
+            );
+            told(record, Severity::Note, OUTLINE_MENDED, message)
         }
+        Err(NoSolid::NoOutline | NoSolid::NoHeight) => None,
+        Err(fault) => told(record, Severity::Warning, fault.code(), format!("no 3D solid was written: {fault}")),
     };
     Ok(records.iter().filter_map(issue).collect())
 }

@@ -17,7 +17,7 @@ use sizeup_survey::{View, ViewKind};
 pub struct MapConfig {
     /// Width of the picture, pixels, 600 to 8000.
     pub width_px: u32,
-    /// Whether to draw the cameras.
+    /// Whether to draw the cameras over the buildings; `pictures/survey.png` shows them by themselves.
     pub cameras: bool,
     /// Heading; the number of buildings by default.
     pub title: Option<String>,
@@ -25,7 +25,7 @@ pub struct MapConfig {
 
 impl Default for MapConfig {
     fn default() -> Self {
-        Self { width_px: 1600, cameras: true, title: None }
+        Self { width_px: 1600, cameras: false, title: None }
     }
 }
 
@@ -84,8 +84,10 @@ fn buildings(sheet: &mut Sheet, records: &[BuildingRecord], scale: HeightScale) 
         let rings = to_px.rings(outline);
         if let Some(height_m) = record.height_m {
             canvas.fill_rings(&rings, scale.colour(height_m));
-            if is_doubtful(record) {
-                canvas.hatch_rings(&rings, Pen::new(ALERT, 1.6 * unit), 9.0 * unit);
+            match record.status {
+                Status::Doubtful => canvas.hatch_rings(&rings, Pen::new(ALERT, 1.6 * unit), 9.0 * unit),
+                Status::Fallback => canvas.hatch_rings(&rings, Pen::new(GREY, 1.0 * unit), 7.0 * unit),
+                _ => {}
             }
         } else {
             canvas.fill_rings(&rings, NO_VALUE);
@@ -97,7 +99,7 @@ fn buildings(sheet: &mut Sheet, records: &[BuildingRecord], scale: HeightScale) 
 
 /// Whether a height deserves a second look.
 fn is_doubtful(record: &BuildingRecord) -> bool {
-    record.height_m.is_some() && matches!(record.status, Status::Doubtful | Status::Fallback)
+    record.height_m.is_some() && record.status == Status::Doubtful
 }
 
 fn outline_pen(record: &BuildingRecord, unit: f32) -> Pen {
@@ -159,15 +161,25 @@ impl Legend<'_> {
         let mut y = bar_top + bar_height + 50.0 * unit;
         let count = |holds: &dyn Fn(&BuildingRecord) -> bool| records.iter().filter(|r| holds(r)).count();
         let n_doubtful = count(&is_doubtful);
+        let n_fallback = count(&|r| r.height_m.is_some() && r.status == Status::Fallback);
         let n_unknown = count(&|r| r.height_m.is_none() && r.footprint.is_some());
         let n_absent = count(&|r| r.footprint.is_none());
         if n_doubtful > 0 {
             let middle = ColourMap::Viridis.at(0.4);
-            y = self.entry(y, &format!("doubtful or fallback: {n_doubtful}"), |canvas, swatch| {
+            y = self.entry(y, &format!("doubtful: {n_doubtful}"), |canvas, swatch| {
                 let rings = [swatch];
                 canvas.fill_rings(&rings, middle);
                 canvas.hatch_rings(&rings, Pen::new(ALERT, 1.6 * unit), 9.0 * unit);
                 canvas.stroke_rings(&rings, Pen::new(ALERT, 2.2 * unit));
+            });
+        }
+        if n_fallback > 0 {
+            let middle = ColourMap::Viridis.at(0.4);
+            y = self.entry(y, &format!("not measured: {n_fallback}"), |canvas, swatch| {
+                let rings = [swatch];
+                canvas.fill_rings(&rings, middle);
+                canvas.hatch_rings(&rings, Pen::new(GREY, 1.0 * unit), 7.0 * unit);
+                canvas.stroke_rings(&rings, Pen::new(INK, 0.9 * unit));
             });
         }
         if n_unknown > 0 {

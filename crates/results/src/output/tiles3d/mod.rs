@@ -24,6 +24,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::buildings::Wholes;
 use super::cityjson::CityJsonConfig;
 use super::grid::Grid;
 use super::outlines::OutlineRows;
@@ -108,7 +109,7 @@ pub fn write<R: Records + ?Sized>(
             Some(tree) => writer.tile(tree, temporary)?.json,
             None => json!({ "boundingVolume": { "box": [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, "geometricError": 0 }),
         };
-        let tileset = tileset(root, &overview, shown.spool.len(), config, &place);
+        let tileset = tileset(root, &overview, shown.hidden.n(), config, &place);
         write_json(&temporary.join(LINEAGE), model.lineage)?;
         Ok(write_json(&temporary.join(folder::TILESET), &tileset)?)
     })?;
@@ -119,6 +120,8 @@ pub fn write<R: Records + ?Sized>(
 struct Shown {
     spool: Spool,
     items: Vec<Item>,
+    /// The others, and those of which a part has nothing.
+    hidden: Wholes,
 }
 
 impl Shown {
@@ -130,15 +133,17 @@ impl Shown {
         config: &Tiles3dConfig,
     ) -> Result<Self, OutputError> {
         let mut writer = SpoolWriter::new(folder)?;
-        let mut items = Vec::new();
+        let (mut items, mut hidden) = (Vec::new(), Wholes::default());
         records.visit(&mut |record| {
-            let Ok(prism) = Prism::of(record, grid, config.min_thickness_m) else { return Ok(()) };
+            let prism = Prism::of(record, grid, config.min_thickness_m);
+            hidden.add_if(prism.is_err(), record);
+            let Ok(prism) = prism else { return Ok(()) };
             let block = Block { prism, values: rows.row(record).values, height_m: record.height_m.unwrap_or(0.0) };
             items.push(item(items.len(), &block, grid));
             Ok(writer.push(&block).map_err(FileError::on("cannot write", folder))?)
         })?;
         let spool = writer.finish().map_err(FileError::on("cannot write", folder))?;
-        Ok(Self { spool, items })
+        Ok(Self { spool, items, hidden })
     }
 }
 
@@ -152,7 +157,13 @@ fn item(idx: usize, block: &Block, grid: &Grid) -> Item {
     Item { idx, centre: [middle.x, middle.y], size_m: (high - low).length() }
 }
 
-fn tileset(mut root: Value, overview: &Overview, n_shown: usize, config: &Tiles3dConfig, place: &Place) -> Value {
+fn tileset(
+    mut root: Value,
+    overview: &Overview,
+    n_without_solid: usize,
+    config: &Tiles3dConfig,
+    place: &Place,
+) -> Value {
     root["transform"] = json!(place.transform());
     root["refine"] = json!("ADD");
     // Without any tile the whole city is missing.
@@ -164,7 +175,7 @@ fn tileset(mut root: Value, overview: &Overview, n_shown: usize, config: &Tiles3
                 "lineage": LINEAGE,
                 "heights": config.heights,
                 "n_buildings": overview.n_buildings,
-                "n_without_solid": overview.n_buildings - n_shown,
+                "n_without_solid": n_without_solid,
             } },
         },
         "geometricError": size_m,

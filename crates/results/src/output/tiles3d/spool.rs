@@ -57,12 +57,6 @@ impl SpoolWriter {
 }
 
 impl Spool {
-    /// How many blocks there are.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.starts.len() - 1
-    }
-
     /// The blocks at some positions.
     ///
     /// # Errors
@@ -110,7 +104,7 @@ mod tests {
             writer.push(block).unwrap();
         }
         let spool = writer.finish().unwrap();
-        assert_eq!((spool.len(), std::fs::read_dir(folder.path()).unwrap().count()), (30, 0));
+        assert_eq!((spool.starts.len() - 1, std::fs::read_dir(folder.path()).unwrap().count()), (30, 0));
         let positions = [29, 3, 0, 17, 3];
         let expected: Vec<Block> = positions.iter().map(|&at| blocks[at].clone()).collect();
         assert_eq!(spool.read(&positions).unwrap(), expected);

@@ -18,9 +18,6 @@ const STATUS_COLOURS = {
   refused: [90, 90, 96],
 };
 
-// Whether nobody has to look at a building: it was measured, or somebody has looked.
-const isSettled = (b) => b.status === "measured" || b.status === "reviewed";
-
 function colourAt(map, t) {
   const stops = MAPS[map];
   const at = clamp(t, 0, 1) * (stops.length - 1);

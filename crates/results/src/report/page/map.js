@@ -59,7 +59,7 @@ function createMap(canvas, data, on) {
       trace(rings);
       context.fillStyle = css(map.colours[i] ?? NO_VALUE);
       context.fill("evenodd");
-      const isDoubtful = !isSettled(data.buildings[i]);
+      const isDoubtful = data.buildings[i].status === "doubtful";
       context.strokeStyle = isDoubtful ? css(ALERT) : ink;
       context.lineWidth = isDoubtful ? 1.6 : thin;
       context.stroke();

@@ -171,8 +171,7 @@ function start() {
   map = createMap(byId("plan"), data, { pick: (b) => pick(b) });
   map.fit();
   new ResizeObserver(() => map.redraw()).observe(byId("plan"));
-  const doubt = (b) => (isSettled(b) ? 0 : 1e6) + (b.sigma ?? 1e3);
-  order = data.buildings.map((_, i) => i).sort((a, b) => doubt(data.buildings[b]) - doubt(data.buildings[a]));
+  order = data.buildings.map((_, i) => i).sort((a, b) => byDoubt(data.buildings[a], data.buildings[b]));
   controlBox(byId("controls"), Object.entries(ways).map(([name, way]) => [name, `colour: ${way.title.toLowerCase()}`]), LAYERS,
     { colour: colourBy, layer: showLayer, reset: () => { if (scene) flyTo(scene, home); map.fit(); } });
   colourBy("height");

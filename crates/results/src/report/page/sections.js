@@ -37,6 +37,13 @@ function drawSummary(data) {
   byId("headline").textContent = summary.heights
     ? `median height ${metres(summary.heights.median_m)}, ${summary.n_by_status.doubtful ?? 0} doubtful, ${(summary.n_by_status.unknown ?? 0) + (summary.n_by_status.refused ?? 0)} without a height`
     : "no building has a height";
+  const { highest, unlikely } = extremes(data.buildings);
+  if (highest) byId("headline").append("; highest ", linkTo(highest), ` with ${metres(highest.height)}`);
+  if (unlikely) {
+    const why = unlikely.reasons.length > 0 ? `: ${unlikely.reasons.map(words).join(", ")}` : "";
+    const sigma = (unlikely.sigma ?? null) === null ? "" : ` ± ${number(unlikely.sigma, 2)} m`;
+    byId("headline").append("; most unlikely ", linkTo(unlikely), ` with ${metres(unlikely.height)}${sigma} (${words(unlikely.status)}${why})`);
+  }
   byId("crs").textContent = `${data.crs}. Heights: ${data.lineage.vertical_reference}.`;
 }
 
@@ -47,7 +54,7 @@ function drawBuildings(data) {
   const statuses = [...new Set(data.buildings.map((b) => b.status))].sort();
   const status = el("select", { "aria-label": "Status" }, el("option", { value: "", text: "all" }), statuses.map((s) => el("option", { value: s, text: words(s) })));
   const orders = {
-    worst: ["least certain first", (a, b) => (b.sigma ?? Infinity) - (a.sigma ?? Infinity)],
+    worst: ["worst first", byDoubt],
     highest: ["highest first", (a, b) => (b.height ?? -1) - (a.height ?? -1)],
     lowest: ["lowest first", (a, b) => (a.height ?? Infinity) - (b.height ?? Infinity)],
   };

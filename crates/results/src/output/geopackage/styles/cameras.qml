@@ -1,5 +1,5 @@
 <!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>
-<qgis labelsEnabled="0" version="3.22.16-Białowieża" styleCategories="Symbology|Symbology3D|Labeling|MapTips">
+<qgis simplifyDrawingTol="1" labelsEnabled="0" simplifyLocal="1" simplifyDrawingHints="1" simplifyAlgorithm="0" simplifyMaxScale="1" symbologyReferenceScale="-1" minScale="1000" version="3.22.16-Białowieża" styleCategories="Symbology|Symbology3D|Labeling|MapTips|Rendering" hasScaleBasedVisibilityFlag="1" maxScale="0">
   <renderer-v2 type="RuleRenderer" referencescale="-1" enableorderby="0" forceraster="0" symbollevels="0">
     <rules key="{00000000-0000-4000-8000-000000000000}">
       <rule filter="&quot;kind&quot; = 'oblique'" symbol="0" label="oblique photo" key="{00000000-0000-4000-8000-000000000001}"/>
@@ -191,6 +191,7 @@
   </renderer-v2>
   <blendMode>0</blendMode>
   <featureBlendMode>0</featureBlendMode>
+  <layerOpacity>1</layerOpacity>
   <mapTip></mapTip>
   <layerGeometryType>0</layerGeometryType>
 </qgis>
