@@ -142,6 +142,8 @@ mod tests {
     use geo_types::polygon;
     use proptest::prelude::*;
 
+    use geo_types::Polygon;
+
     use super::*;
 
     fn covered(shape: &Polygon<f64>, window: &Window) -> Vec<f32> {
