@@ -15,7 +15,7 @@ use sizeup_results::output::fallback::FallbackSource;
 use sizeup_survey::{Survey, ViewKind};
 
 /// Code of the issue of footprints that are in no photo.
-pub(super) const UNSEEN: &str = "footprints_unseen";
+const UNSEEN: &str = "footprints_unseen";
 const RANGE_HINT: &str = "set heights.min_m and heights.max_m in metres above ground";
 
 /// Checks that the views look at the footprints from above; returns the lowest flying height above ground, metres.

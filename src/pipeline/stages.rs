@@ -10,7 +10,7 @@ use glam::DVec3;
 use super::dtm::{self, terrain_in_force};
 use super::frame::{Frame, origin};
 use super::heights::HeightSearch;
-use super::input::{UNSEEN, check_fallback, check_settings, check_views, height_bounds, unseen};
+use super::input::{check_fallback, check_settings, check_views, height_bounds, unseen};
 use super::kept::PriorStore;
 use super::records::records;
 use super::worst::worst;
@@ -91,10 +91,7 @@ pub(super) fn run(
     summary.n_buildings = n_buildings(&footprints);
     summary.detection.clone_from(&footprints.detection);
     if options.until == Stage::Footprints {
-        let found = written_without_heights(config, &survey, &footprints)?;
-        summary.count_issues(&found);
-        let unseen = found.iter().find(|issue| issue.code == UNSEEN);
-        summary.worst = unseen.map(|issue| issue.message.clone());
+        sum_up_without_heights(config, &survey, &footprints, &mut summary)?;
         return Ok(City::without_records(RunSummary { seconds, ..summary }));
     }
 
@@ -150,18 +147,20 @@ pub(super) fn run(
     Ok(City { summary: RunSummary { seconds, ..summary }, records, issues })
 }
 
-/// The issues of a run that ends with the footprints, as a file: later stages would write them with their own.
-fn written_without_heights(
+/// Writes and counts the issues of a run that ends with the footprints: later stages would write them with their own.
+fn sum_up_without_heights(
     config: &RunConfig,
     survey: &Survey,
     footprints: &FootprintStage,
-) -> Result<Vec<Issue>, PipelineError> {
+    summary: &mut RunSummary,
+) -> Result<(), PipelineError> {
     let unseen = unseen(survey, footprints)?;
+    summary.worst = unseen.as_ref().map(|issue| issue.message.clone());
     let all = survey.issues.iter().chain(&footprints.layer.issues).chain(&footprints.issues);
     let mut found: Vec<Issue> = all.cloned().chain(unseen).collect();
     found.sort_by_key(Issue::weight);
-    write_json(&config.project.output.join("issues.json"), &found)?;
-    Ok(found)
+    summary.count_issues(&found);
+    Ok(write_json(&config.project.output.join("issues.json"), &found)?)
 }
 
 /// What people decided about single buildings; read first, so that a file that cannot be used is told before hours of

@@ -38,12 +38,13 @@ function drawSummary(data) {
     ? `median height ${metres(summary.heights.median_m)}, ${summary.n_by_status.doubtful ?? 0} doubtful, ${(summary.n_by_status.unknown ?? 0) + (summary.n_by_status.refused ?? 0)} without a height`
     : "no building has a height";
   const { highest, unlikely } = extremes(data.buildings);
-  if (highest) byId("headline").append("; highest ", linkTo(highest), ` with ${metres(highest.height)}`);
+  const told = highest ? ["Highest: ", linkTo(highest), ` with ${metres(highest.height)}. `] : [];
   if (unlikely) {
     const why = unlikely.reasons.length > 0 ? `: ${unlikely.reasons.map(words).join(", ")}` : "";
     const sigma = (unlikely.sigma ?? null) === null ? "" : ` ± ${number(unlikely.sigma, 2)} m`;
-    byId("headline").append("; most unlikely ", linkTo(unlikely), ` with ${metres(unlikely.height)}${sigma} (${words(unlikely.status)}${why})`);
+    told.push("Most unlikely: ", linkTo(unlikely), ` with ${metres(unlikely.height)}${sigma} (${words(unlikely.status)}${why}).`);
   }
+  byId("extremes").replaceChildren(...told);
   byId("crs").textContent = `${data.crs}. Heights: ${data.lineage.vertical_reference}.`;
 }
 
