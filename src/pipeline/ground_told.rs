@@ -20,15 +20,20 @@ use super::FootprintStage;
 use super::stages::SceneStage;
 use crate::config::RunConfig;
 use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_geo::terrain::MapBox;
 use sizeup_heights::optimise::{Reason, Solution};
 use sizeup_heights::stats;
 use sizeup_photos::dtm::{self, DtmConfig, Outcome};
+use sizeup_photos::prior::Album;
 use sizeup_survey::Survey;
 
 /// Squares that are looked at, about: spread evenly, no closer than those of a terrain model, and no farther apart than ground
-/// can be told by its neighbours, metres.
+/// can be told by its neighbours, metres; in round numbers, so that a house more leaves them where they are.
 const N_SQUARES: f64 = 200.0;
 const MOST_SPACING_M: f64 = 40.0;
+const SPACING_STEP_M: f64 = 4.0;
+/// Squares that a square's neighbours are taken from, in spacings around it.
+const NEIGHBOURS: f64 = 5.4;
 /// Around the outlines, metres.
 const MARGIN_M: f64 = 30.0;
 /// Fewer squares with ground say nothing, of the whole or of a ninth of the area.
@@ -50,19 +55,43 @@ pub struct GroundTold {
     pub off_m: Vec<([f64; 2], f64)>,
 }
 
-/// Looks at open ground in the photos; nothing where there are too few, or the terrain was made from them.
-pub(super) fn look(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, stage: &SceneStage) -> GroundTold {
-    if config.dtm.is_some() || !survey.views.iter().any(|view| view.image.is_some()) {
+/// Distance from one square to the next over a city whose outlines lie within a box, metres: the same in all of its parts.
+pub(super) fn spacing_m(outlines: MapBox) -> f64 {
+    let area = outlines.grown(MARGIN_M);
+    let area_m2 = (area.east_m - area.west_m) * (area.north_m - area.south_m);
+    let spacing_m = (area_m2 / N_SQUARES).sqrt().clamp(DtmConfig::default().spacing_m, MOST_SPACING_M);
+    (spacing_m / SPACING_STEP_M).ceil() * SPACING_STEP_M
+}
+
+/// Whether the terrain is held against photos, where there are any: not where it is made from them.
+pub(super) fn asks(config: &RunConfig) -> bool {
+    config.dtm.is_none()
+}
+
+/// Memory that looking at the ground takes at most with so many photos, bytes.
+pub(super) fn photo_bytes(n_photos: usize) -> usize {
+    dtm::PICTURE_BYTES.min(n_photos.saturating_mul(Album::bytes_of_one(DtmConfig::default().long_side_px)))
+}
+
+/// Looks at open ground in the photos; nothing where there are too few, or the terrain was made from them. Of a part of a city
+/// it looks at the part's core and as far around it as its buildings' ground is told by.
+pub(super) fn look(
+    config: &RunConfig,
+    survey: &Survey,
+    footprints: &FootprintStage,
+    stage: &SceneStage,
+    core: Option<MapBox>,
+) -> GroundTold {
+    if !asks(config) || !survey.views.iter().any(|view| view.image.is_some()) {
         return GroundTold::default();
     }
     let outlines: Vec<&Polygon<f64>> = footprints.layer.footprints.iter().map(|f| &f.polygon).collect();
-    let by_default = DtmConfig { margin_m: MARGIN_M, ..DtmConfig::default() };
-    let area = dtm::area(&survey.views, &outlines, &by_default);
-    let area_m2 = (area.east_m - area.west_m) * (area.north_m - area.south_m);
-    let spacing_m = (area_m2 / N_SQUARES).sqrt().clamp(by_default.spacing_m, MOST_SPACING_M);
-    let settings = DtmConfig { spacing_m, ..by_default };
+    let spacing_m = stage.ground_spacing_m;
+    let settings = DtmConfig { margin_m: MARGIN_M, spacing_m, ..DtmConfig::default() };
+    let area = dtm::area(&survey.views, &outlines, &settings);
+    let area = core.map_or(area, |core| core.grown(AROUND_M + NEIGHBOURS * spacing_m).shared_with(&area));
     // A photo that cannot be read is told of elsewhere.
-    let Ok((squares, _)) = dtm::off_by(&survey.views, &outlines, &stage.terrain, &settings, &|_, _| ()) else {
+    let Ok((squares, _)) = dtm::off_by(&survey.views, &outlines, &stage.terrain, area, &settings, &|_, _| ()) else {
         return GroundTold::default();
     };
     let ground = squares.iter().filter_map(|square| match square.outcome {
@@ -73,6 +102,12 @@ pub(super) fn look(config: &RunConfig, survey: &Survey, footprints: &FootprintSt
 }
 
 impl GroundTold {
+    /// Those of its places that lie in a box.
+    #[must_use]
+    pub(super) fn within(&self, area: &MapBox) -> Self {
+        Self { off_m: self.off_m.iter().filter(|(at, _)| area.holds((at[0], at[1]))).copied().collect() }
+    }
+
     /// What is to be said of the terrain as a whole: a shift, or where it differs most.
     #[must_use]
     pub fn issue(&self) -> Option<Issue> {

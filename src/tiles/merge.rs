@@ -9,12 +9,14 @@ use serde_json::json;
 use super::attempt::remove_if_there;
 use super::manifest::{Common, Done, Layout, Manifest, Tileset, hash_of, read_json, sweep_litter};
 use super::merged::TileRecords;
-use super::run::{BUILDINGS, HALO, ISSUES, LINEAGE, PART_OF_FOOTPRINTS, PART_OF_REVIEWS, PART_OF_TERRAIN, PLAN_AGAIN};
+use super::run::{
+    BUILDINGS, GROUND, HALO, ISSUES, LINEAGE, PART_OF_FOOTPRINTS, PART_OF_REVIEWS, PART_OF_TERRAIN, PLAN_AGAIN,
+};
 use super::seams::{self, SeamReport};
 use super::stale::{Check, Trust, known};
 use super::status::State;
 use super::{Lock, TilesError};
-use crate::pipeline::{lineage_of, refused_records, reviews_of, unstated_reference, write_project};
+use crate::pipeline::{GroundTold, lineage_of, refused_records, reviews_of, unstated_reference, write_project};
 use crate::recipe::Recipe;
 use sizeup_geo::files::FileError;
 use sizeup_geo::issue::{Issue, Severity, Subject};
@@ -222,12 +224,22 @@ impl JoinedCity<'_> {
             issues.extend(of_tile.into_iter().filter(|issue| known.insert(json!(issue).to_string())));
         }
         issues.extend(unstated_reference(&self.manifest.config));
+        issues.extend(self.ground()?.issue());
         issues.extend(self.missing.iter().map(|id| {
             let message = "the tile is not done: its buildings are missing";
             Issue::new(Severity::Refused, "tile_missing", Subject::Input(id.clone()), message)
                 .hint("run it with `sizeup tiles run`, and merge again")
         }));
         Ok(issues)
+    }
+
+    /// What the photos of all tiles say of the terrain.
+    fn ground(&self) -> Result<GroundTold, TilesError> {
+        let mut ground = GroundTold::default();
+        for path in self.files(GROUND) {
+            ground.off_m.extend(read_json::<GroundTold>(&path)?.off_m);
+        }
+        Ok(ground)
     }
 
     /// The whole files that the plan was made from, of which each tile read its part, and the priors of all tiles.
