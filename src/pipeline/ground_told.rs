@@ -9,6 +9,8 @@
 //! An error of the terrain passes one to one into heights, and nothing else tells: the roofs may be right to a few decimetres
 //! meanwhile. Poses and photos are the same for roofs and ground, so what they are off by together cancels here.
 
+use std::collections::BTreeMap;
+
 use geo::Centroid as _;
 use geo_types::Polygon;
 use glam::DVec2;
@@ -102,10 +104,28 @@ pub(super) fn look(
 }
 
 impl GroundTold {
-    /// Those of its places that lie in a box.
-    #[must_use]
-    pub(super) fn within(&self, area: &MapBox) -> Self {
+    /// Those of its places that tell of the ground of buildings in a core.
+    pub(super) fn around(&self, core: &MapBox) -> Self {
+        let area = core.grown(AROUND_M);
         Self { off_m: self.off_m.iter().filter(|(at, _)| area.holds((at[0], at[1]))).copied().collect() }
+    }
+
+    /// What the parts of a city, each with its core, say together: of a place that several looked at, the part says it whose
+    /// core is closest, the first of equals.
+    #[must_use]
+    pub fn of_parts(parts: impl IntoIterator<Item = (MapBox, Self)>) -> Self {
+        let mut told: BTreeMap<[u64; 2], ([f64; 2], f64, f64)> = BTreeMap::new();
+        for (core, part) in parts {
+            for (at, off_m) in part.off_m {
+                let distance_m = core.distance_m((at[0], at[1]));
+                // Squares lie on one grid: places are the same to the bit.
+                let known = told.entry(at.map(f64::to_bits)).or_insert((at, distance_m, off_m));
+                if distance_m < known.1 {
+                    *known = (at, distance_m, off_m);
+                }
+            }
+        }
+        Self { off_m: told.into_values().map(|(at, _, off_m)| (at, off_m)).collect() }
     }
 
     /// What is to be said of the terrain as a whole: a shift, or where it differs most.
@@ -223,6 +243,17 @@ mod tests {
         let noise = |i: usize| 0.2 * ((i * 7919 % 13) as f64 / 6.0 - 1.0);
         let off_m = places.enumerate().map(|(i, (x, y))| ([x, y], off_m(x, y) + noise(i))).collect();
         GroundTold { off_m }.issue().map(|issue| (issue.code, issue.message))
+    }
+
+    #[test]
+    fn of_a_place_that_two_parts_saw_the_closer_one_tells() {
+        let core = |west_m: f64| MapBox { west_m, south_m: 0.0, east_m: west_m + 40.0, north_m: 40.0 };
+        let part = |off_m: f64| GroundTold { off_m: vec![([36.0, 12.0], off_m), ([48.0, 12.0], off_m)] };
+        let both = [(core(0.0), part(1.0)), (core(40.0), part(2.0))];
+        let told = GroundTold::of_parts(both.clone()).off_m;
+        assert_eq!(told, [([36.0, 12.0], 1.0), ([48.0, 12.0], 2.0)]);
+        let [one, other] = both;
+        assert_eq!(GroundTold::of_parts([other, one]).off_m, told, "in whatever order");
     }
 
     #[test]

@@ -56,7 +56,7 @@ pub struct PartHeights {
     pub issues: Vec<Issue>,
     /// Views whose prior was used.
     pub used_views: Vec<ViewId>,
-    /// What the photos say of the terrain in the core.
+    /// What the photos say of the terrain in the core and close to it.
     pub ground: GroundTold,
 }
 
@@ -290,7 +290,7 @@ impl<'a> Part<'a> {
             records: records(self.config, &self.survey, &footprints, &heights, &self.reviews),
             issues,
             used_views: heights.solution.used_views.iter().map(|&v| self.survey.views[v].id.clone()).collect(),
-            ground: ground.within(core),
+            ground: ground.around(core),
         })
     }
 

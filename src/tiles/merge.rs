@@ -20,6 +20,7 @@ use crate::pipeline::{GroundTold, lineage_of, refused_records, reviews_of, unsta
 use crate::recipe::Recipe;
 use sizeup_geo::files::FileError;
 use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_geo::terrain::MapBox;
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_heights::stats;
 use sizeup_results::output::geopackage::{self, TileArea};
@@ -235,11 +236,12 @@ impl JoinedCity<'_> {
 
     /// What the photos of all tiles say of the terrain.
     fn ground(&self) -> Result<GroundTold, TilesError> {
-        let mut ground = GroundTold::default();
-        for path in self.files(GROUND) {
-            ground.off_m.extend(read_json::<GroundTold>(&path)?.off_m);
-        }
-        Ok(ground)
+        let of_tile = |done: &&Done| -> Result<_, TilesError> {
+            let core = self.manifest.tile(&done.tile)?.core;
+            Ok((core, read_json::<GroundTold>(&self.layout.tile(&done.tile).join(GROUND))?))
+        };
+        let parts: Vec<(MapBox, GroundTold)> = self.done.iter().map(of_tile).collect::<Result<_, _>>()?;
+        Ok(GroundTold::of_parts(parts))
     }
 
     /// The whole files that the plan was made from, of which each tile read its part, and the priors of all tiles.

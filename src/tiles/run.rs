@@ -26,7 +26,7 @@ pub(super) const BUILDINGS: &str = "buildings.jsonl";
 pub(super) const HALO: &str = "halo.jsonl";
 /// What was wrong with its buildings and photos.
 pub(super) const ISSUES: &str = "issues.json";
-/// What its photos say of the terrain in its core.
+/// What its photos say of the terrain in its core and close to it.
 pub(super) const GROUND: &str = "ground.json";
 /// Where it comes from.
 pub(super) const LINEAGE: &str = "lineage.json";

@@ -237,16 +237,16 @@ fn artefacts_of_poses_priors_and_terrain_that_have_changed_are_refused() {
     *other.last_mut().unwrap() ^= 1;
     std::fs::write(&prior, other).unwrap();
     std::fs::File::options().append(true).open(&prior).unwrap().set_modified(time).unwrap();
-    refused("output", &format!("prior priors/{stem}.npy has changed"), "heights");
+    refused("output", &format!("priors/{stem}.npy has changed"), "heights");
     std::fs::remove_file(&prior).unwrap();
-    refused("output", &format!("prior priors/{stem}.npy is gone"), "heights");
+    refused("output", &format!("priors/{stem}.npy is gone"), "heights");
     std::fs::write(&prior, bytes).unwrap();
     assert!([0, 5].contains(&scene.run(&["--from", "output"]).code), "as it was");
     // What lies beside the terrain is read with it.
     std::fs::write(scene.path("dtm.tif.aux.xml"), "<PAMDataset></PAMDataset>").unwrap();
-    refused("heights", "terrain dtm.tif.aux.xml is new", "footprints");
+    refused("heights", "dtm.tif.aux.xml is new", "footprints");
     scene.edit("sparse/images.txt", |text| text.replacen("# ", "#  ", 1));
-    refused("footprints", "survey sparse/images.txt has changed", "survey");
+    refused("footprints", "sparse/images.txt has changed", "survey");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
+use sizeup::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind, simulate};
 
 use crate::tiny_scene::{N_BUILDINGS, Outcome, Scene, sizeup};
 
@@ -398,13 +398,14 @@ fn priors_that_bleed_over_edges_give_the_same_heights_in_any_tiling() {
     (config.camera.width_px, config.camera.height_px) = (448, 336);
     (config.prior.level, config.prior.longest_px) = (PriorLevel::Bleed, 448);
     (config.images.enabled, config.masks.enabled) = (false, false);
+    config.errors = ErrorConfig::REALISTIC;
     let folder = tempfile::tempdir().unwrap();
     simulate(&config, folder.path(), &|_, _| {}).unwrap();
     let scene = Scene::of(folder);
     // Every tile has all buildings in its halo; its views are those that look at its core.
     let tiled = |name: &str, size: &str, margin: &str| {
         let cut = ["--tiled", "--jobs", "2", "--size", size, "--halo", "1500", "--view-margin", margin];
-        let more = ["--output", name, "--heights", "none", "--set", "output.pictures=false"];
+        let more = ["--output", name, "--heights", "none", "--set", "optimise.working_px=448"];
         let ran = scene.run(&[&cut[..], &more].concat());
         assert!([0, 5].contains(&ran.code), "{}", ran.stderr);
     };

@@ -265,7 +265,7 @@ fn assert_as_from_nothing(scene: &Scene, kind: usize) {
 
 #[test]
 fn edits_at_random_run_the_tiles_that_they_touch_and_come_to_what_a_run_from_nothing_does() {
-    let scene = town(40);
+    let scene = town(46);
     run(&scene);
     assert!(ids(&scene).len() >= LEAST_TILES, "{}", ids(&scene).len());
     let mut chance = ChaCha8Rng::seed_from_u64(26);

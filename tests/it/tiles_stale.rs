@@ -147,7 +147,7 @@ fn a_prior_that_changes_while_a_tile_is_being_run_is_told_and_the_tile_is_not_do
     fs::write(&at, bytes).unwrap();
     let ended = running.wait_with_output().unwrap();
     let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-    assert_eq!(ended.status.code(), Some(3), "{said}");
+    assert_eq!(ended.status.code(), Some(4), "{said}");
     assert!(said.contains("has changed") && said.contains(&id), "{said}");
     assert!(!scene.path(&format!("city/tiles/{id}.done.json")).exists());
     assert_eq!(states(&scene)[0], "failed");
