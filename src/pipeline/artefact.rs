@@ -8,12 +8,11 @@ use geo_types::{LineString, Polygon};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{Cut, GroundTold, PipelineError, Stage, poses};
+use super::{Cut, GroundTold, PipelineError, Stage, contents, settings};
 use crate::config::RunConfig;
-use crate::recipe::{ABSENT, Recipe};
+use crate::recipe::Recipe;
 use sizeup_footprints::{DetectionSummary, FootprintLayer, Tracks};
 use sizeup_geo::files::write_whole;
-use sizeup_geo::hashes::Content;
 use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::GroundLevel;
 use sizeup_heights::ids::BuildingId;
@@ -104,40 +103,21 @@ fn path_of(config: &RunConfig, stage: Stage) -> PathBuf {
     config.project.output.join("stages").join(format!("{}.json", stage.name()))
 }
 
-/// What a stage and those before it are made from: settings, whatever folder a command was given in, and the files that hold
-/// outlines and terrain as a whole. Poses and priors, of which there may be any number, are known by their settings.
-fn recipe(config: &RunConfig, stage: Stage) -> Recipe {
-    let saved = config.saved();
-    let mut settings = serde_json::json!({ "project": { "crs": saved.project.crs }, "survey": saved.survey });
-    let mut files = Vec::new();
-    if poses::asks(config) {
-        settings["align"] = serde_json::json!({ "settings": saved.align, "ground": saved.terrain });
-    }
-    if stage >= Stage::Footprints {
-        settings["footprints"] = serde_json::json!(saved.footprints);
-        settings["terrain"] = serde_json::json!(saved.terrain);
-        settings["dtm"] = serde_json::json!(saved.dtm);
-        settings["ground"] = serde_json::json!(saved.ground);
-        files.extend(config.footprints.file().map(|path| ("footprints", path)));
-        files.extend(config.terrain.dtm.clone().map(|path| ("terrain", path)));
-    }
-    if stage >= Stage::Heights {
-        settings["heights"] = serde_json::json!(saved.heights);
-        settings["prior"] = serde_json::json!(*saved.prior.chosen());
-        settings["optimise"] = serde_json::json!(saved.optimise);
-        settings["seed"] = serde_json::json!(saved.seed);
-    }
-    let mut recipe = Recipe::new(&settings);
-    for (role, path) in files.iter().filter(|(_, path)| path.is_file()) {
-        let sha256 = Content::of(path).map_or_else(|_| ABSENT.to_owned(), |content| content.sha256);
-        recipe.add(format!("{role} {}", config.saved_path(path).display()), sha256);
-    }
+/// What a stage and those before it are made from: settings, whatever folder a command was given in, and what their files hold.
+fn recipe(config: &RunConfig, stage: Stage, survey: &Survey) -> Recipe {
+    let mut recipe = Recipe::new(&settings::of_stage(config, stage));
+    contents::add(&mut recipe, config, stage, survey);
     recipe
 }
 
-/// Writes what a stage found.
-pub(super) fn write<T: Serialize>(config: &RunConfig, stage: Stage, data: &T) -> Result<(), PipelineError> {
-    let written = Written { made_by: recipe(config, stage), data };
+/// Writes what a stage found with a survey.
+pub(super) fn write<T: Serialize>(
+    config: &RunConfig,
+    stage: Stage,
+    survey: &Survey,
+    data: &T,
+) -> Result<(), PipelineError> {
+    let written = Written { made_by: recipe(config, stage, survey), data };
     write_whole(&path_of(config, stage), |out| {
         serde_json::to_writer(&mut *out, &written)?;
         out.write_all(b"\n")
@@ -145,15 +125,34 @@ pub(super) fn write<T: Serialize>(config: &RunConfig, stage: Stage, data: &T) ->
     Ok(())
 }
 
-/// Reads what an earlier run of a stage found, if it was made from what there is now and holds together.
-pub(super) fn read<T: DeserializeOwned + Coherent>(config: &RunConfig, stage: Stage) -> Result<T, PipelineError> {
-    let path = path_of(config, stage);
-    let unusable = |message: String| unusable(config, stage, message);
-    let file = File::open(&path).map_err(|e| unusable(e.to_string()))?;
-    let read: Read<T> = serde_json::from_reader(BufReader::new(file)).map_err(|e| unusable(e.to_string()))?;
-    match recipe(config, stage).why_stale(&read.made_by) {
-        Some(why) => Err(unusable(format!("stale: {why}"))),
-        None => read.data.check().map_err(|why| unusable(format!("altered: {why}"))).map(|()| read.data),
+/// Reads what an earlier run of a stage found with a survey, if it was made from what there is now and holds together.
+pub(super) fn read<T: DeserializeOwned + Coherent>(
+    config: &RunConfig,
+    stage: Stage,
+    survey: &Survey,
+) -> Result<T, PipelineError> {
+    let read = read_any(config, stage)?;
+    check(config, stage, &read, survey)?;
+    Ok(read.data)
+}
+
+/// Reads the survey that an earlier run left behind, as [`read`].
+pub(super) fn read_survey(config: &RunConfig) -> Result<Survey, PipelineError> {
+    let read: Read<Survey> = read_any(config, Stage::Survey)?;
+    check(config, Stage::Survey, &read, &read.data)?;
+    Ok(read.data)
+}
+
+fn read_any<T: DeserializeOwned>(config: &RunConfig, stage: Stage) -> Result<Read<T>, PipelineError> {
+    let file = File::open(path_of(config, stage)).map_err(|e| unusable(config, stage, e.to_string()))?;
+    serde_json::from_reader(BufReader::new(file)).map_err(|e| unusable(config, stage, e.to_string()))
+}
+
+/// Refuses what was made by another recipe than the one of now, and what does not hold together.
+fn check<T: Coherent>(config: &RunConfig, stage: Stage, read: &Read<T>, survey: &Survey) -> Result<(), PipelineError> {
+    match recipe(config, stage, survey).why_stale(&read.made_by) {
+        Some(why) => Err(unusable(config, stage, format!("stale: {why}"))),
+        None => read.data.check().map_err(|why| unusable(config, stage, format!("altered: {why}"))),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{PipelineError, input};
+use super::{PipelineError, ground_told, input};
 use crate::config::RunConfig;
 use sizeup_geo::terrain::MapBox;
 use sizeup_heights::frames::LocalOrigin;
@@ -16,6 +16,8 @@ pub struct Frame {
     pub origin: LocalOrigin,
     /// The range of heights of every building.
     pub bounds: HeightBounds,
+    /// From one place where the ground is looked at in the photos to the next, metres.
+    pub ground_spacing_m: f64,
 }
 
 impl Frame {
@@ -30,7 +32,8 @@ impl Frame {
         highest_ground_m: f64,
     ) -> Result<Self, PipelineError> {
         let lowest_flight_m = input::clearance_m(survey, highest_ground_m)?;
-        Ok(Self { origin: origin(survey, area), bounds: input::height_bounds(config, lowest_flight_m)? })
+        let bounds = input::height_bounds(config, lowest_flight_m)?;
+        Ok(Self { origin: origin(survey, area), bounds, ground_spacing_m: ground_told::spacing_m(area) })
     }
 }
 

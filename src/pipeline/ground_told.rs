@@ -9,6 +9,8 @@
 //! An error of the terrain passes one to one into heights, and nothing else tells: the roofs may be right to a few decimetres
 //! meanwhile. Poses and photos are the same for roofs and ground, so what they are off by together cancels here.
 
+use std::collections::BTreeMap;
+
 use geo::Centroid as _;
 use geo_types::Polygon;
 use glam::DVec2;
@@ -20,15 +22,20 @@ use super::FootprintStage;
 use super::stages::SceneStage;
 use crate::config::RunConfig;
 use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_geo::terrain::MapBox;
 use sizeup_heights::optimise::{Reason, Solution};
 use sizeup_heights::stats;
 use sizeup_photos::dtm::{self, DtmConfig, Outcome};
+use sizeup_photos::prior::Album;
 use sizeup_survey::Survey;
 
 /// Squares that are looked at, about: spread evenly, no closer than those of a terrain model, and no farther apart than ground
-/// can be told by its neighbours, metres.
+/// can be told by its neighbours, metres; in round numbers, so that a house more leaves them where they are.
 const N_SQUARES: f64 = 200.0;
 const MOST_SPACING_M: f64 = 40.0;
+const SPACING_STEP_M: f64 = 4.0;
+/// Squares that a square's neighbours are taken from, in spacings around it.
+const NEIGHBOURS: f64 = 5.4;
 /// Around the outlines, metres.
 const MARGIN_M: f64 = 30.0;
 /// Fewer squares with ground say nothing, of the whole or of a ninth of the area.
@@ -50,19 +57,43 @@ pub struct GroundTold {
     pub off_m: Vec<([f64; 2], f64)>,
 }
 
-/// Looks at open ground in the photos; nothing where there are too few, or the terrain was made from them.
-pub(super) fn look(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, stage: &SceneStage) -> GroundTold {
-    if config.dtm.is_some() || !survey.views.iter().any(|view| view.image.is_some()) {
+/// Distance from one square to the next over a city whose outlines lie within a box, metres: the same in all of its parts.
+pub(super) fn spacing_m(outlines: MapBox) -> f64 {
+    let area = outlines.grown(MARGIN_M);
+    let area_m2 = (area.east_m - area.west_m) * (area.north_m - area.south_m);
+    let spacing_m = (area_m2 / N_SQUARES).sqrt().clamp(DtmConfig::default().spacing_m, MOST_SPACING_M);
+    (spacing_m / SPACING_STEP_M).ceil() * SPACING_STEP_M
+}
+
+/// Whether the terrain is held against photos, where there are any: not where it is made from them.
+pub(super) fn asks(config: &RunConfig) -> bool {
+    config.dtm.is_none()
+}
+
+/// Memory that looking at the ground takes at most with so many photos, bytes.
+pub(super) fn photo_bytes(n_photos: usize) -> usize {
+    dtm::PICTURE_BYTES.min(n_photos.saturating_mul(Album::bytes_of_one(DtmConfig::default().long_side_px)))
+}
+
+/// Looks at open ground in the photos; nothing where there are too few, or the terrain was made from them. Of a part of a city
+/// it looks at the part's core and as far around it as its buildings' ground is told by.
+pub(super) fn look(
+    config: &RunConfig,
+    survey: &Survey,
+    footprints: &FootprintStage,
+    stage: &SceneStage,
+    core: Option<MapBox>,
+) -> GroundTold {
+    if !asks(config) || !survey.views.iter().any(|view| view.image.is_some()) {
         return GroundTold::default();
     }
     let outlines: Vec<&Polygon<f64>> = footprints.layer.footprints.iter().map(|f| &f.polygon).collect();
-    let by_default = DtmConfig { margin_m: MARGIN_M, ..DtmConfig::default() };
-    let area = dtm::area(&survey.views, &outlines, &by_default);
-    let area_m2 = (area.east_m - area.west_m) * (area.north_m - area.south_m);
-    let spacing_m = (area_m2 / N_SQUARES).sqrt().clamp(by_default.spacing_m, MOST_SPACING_M);
-    let settings = DtmConfig { spacing_m, ..by_default };
+    let spacing_m = stage.ground_spacing_m;
+    let settings = DtmConfig { margin_m: MARGIN_M, spacing_m, ..DtmConfig::default() };
+    let area = dtm::area(&survey.views, &outlines, &settings);
+    let area = core.map_or(area, |core| core.grown(AROUND_M + NEIGHBOURS * spacing_m).shared_with(&area));
     // A photo that cannot be read is told of elsewhere.
-    let Ok((squares, _)) = dtm::off_by(&survey.views, &outlines, &stage.terrain, &settings, &|_, _| ()) else {
+    let Ok((squares, _)) = dtm::off_by(&survey.views, &outlines, &stage.terrain, area, &settings, &|_, _| ()) else {
         return GroundTold::default();
     };
     let ground = squares.iter().filter_map(|square| match square.outcome {
@@ -73,6 +104,30 @@ pub(super) fn look(config: &RunConfig, survey: &Survey, footprints: &FootprintSt
 }
 
 impl GroundTold {
+    /// Those of its places that tell of the ground of buildings in a core.
+    pub(super) fn around(&self, core: &MapBox) -> Self {
+        let area = core.grown(AROUND_M);
+        Self { off_m: self.off_m.iter().filter(|(at, _)| area.holds((at[0], at[1]))).copied().collect() }
+    }
+
+    /// What the parts of a city, each with its core, say together: of a place that several looked at, the part says it whose
+    /// core is closest, the first of equals.
+    #[must_use]
+    pub fn of_parts(parts: impl IntoIterator<Item = (MapBox, Self)>) -> Self {
+        let mut told: BTreeMap<[u64; 2], ([f64; 2], f64, f64)> = BTreeMap::new();
+        for (core, part) in parts {
+            for (at, off_m) in part.off_m {
+                let distance_m = core.distance_m((at[0], at[1]));
+                // Squares lie on one grid: places are the same to the bit.
+                let known = told.entry(at.map(f64::to_bits)).or_insert((at, distance_m, off_m));
+                if distance_m < known.1 {
+                    *known = (at, distance_m, off_m);
+                }
+            }
+        }
+        Self { off_m: told.into_values().map(|(at, _, off_m)| (at, off_m)).collect() }
+    }
+
     /// What is to be said of the terrain as a whole: a shift, or where it differs most.
     #[must_use]
     pub fn issue(&self) -> Option<Issue> {
@@ -188,6 +243,17 @@ mod tests {
         let noise = |i: usize| 0.2 * ((i * 7919 % 13) as f64 / 6.0 - 1.0);
         let off_m = places.enumerate().map(|(i, (x, y))| ([x, y], off_m(x, y) + noise(i))).collect();
         GroundTold { off_m }.issue().map(|issue| (issue.code, issue.message))
+    }
+
+    #[test]
+    fn of_a_place_that_two_parts_saw_the_closer_one_tells() {
+        let core = |west_m: f64| MapBox { west_m, south_m: 0.0, east_m: west_m + 40.0, north_m: 40.0 };
+        let part = |off_m: f64| GroundTold { off_m: vec![([36.0, 12.0], off_m), ([48.0, 12.0], off_m)] };
+        let both = [(core(0.0), part(1.0)), (core(40.0), part(2.0))];
+        let told = GroundTold::of_parts(both.clone()).off_m;
+        assert_eq!(told, [([36.0, 12.0], 1.0), ([48.0, 12.0], 2.0)]);
+        let [one, other] = both;
+        assert_eq!(GroundTold::of_parts([other, one]).off_m, told, "in whatever order");
     }
 
     #[test]

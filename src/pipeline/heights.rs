@@ -70,10 +70,10 @@ impl HeightSearch<'_> {
             }
         }
         if footprints.tracks.is_some() {
-            artefact::write(self.config, Stage::Footprints, &footprints)?;
+            artefact::write(self.config, Stage::Footprints, self.survey, &footprints)?;
         }
         let mut heights = self.taking_apart(footprints, stage, find)?;
-        heights.ground = ground_told::look(self.config, self.survey, footprints, stage);
+        heights.ground = ground_told::look(self.config, self.survey, footprints, stage, None);
         heights.ground.mark(footprints, &heights.solved, &mut heights.solution);
         let (_, priors) = opened.into_inner().expect("taking apart solves at least once");
         Ok((heights, priors))

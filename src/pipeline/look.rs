@@ -26,9 +26,9 @@ const PICTURE_PX: u32 = 640;
 /// # Errors
 /// [`PipelineError`]: no run in the output folder, no such view or pass, or a file that cannot be read or written.
 pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) -> Result<(), PipelineError> {
-    let survey: Survey = artefact::read(config, Stage::Survey)?;
-    let mut footprints: FootprintStage = artefact::read(config, Stage::Footprints)?;
-    let heights: HeightStage = artefact::read(config, Stage::Heights)?;
+    let survey: Survey = artefact::read_survey(config)?;
+    let mut footprints: FootprintStage = artefact::read(config, Stage::Footprints, &survey)?;
+    let heights: HeightStage = artefact::read(config, Stage::Heights, &survey)?;
     let wrong = |message: String, hint| PipelineError::Settings { table: "look", message, hint };
     let found =
         survey.views.iter().find(|v| v.id.0 == view).or_else(|| survey.views.iter().find(|v| v.id.0.contains(view)));

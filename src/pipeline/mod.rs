@@ -12,6 +12,7 @@
 
 mod above;
 mod artefact;
+mod contents;
 mod dtm;
 mod error;
 mod evidence;
@@ -30,6 +31,7 @@ mod priors;
 mod records;
 mod refinement;
 mod report;
+mod settings;
 mod soundness;
 mod stages;
 mod tile;
@@ -46,12 +48,11 @@ pub use levels::Cut;
 pub use look::look;
 pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
-pub use refinement::{asks_photo, photo_bytes};
+pub use refinement::{photo_bytes, reads_photo};
 pub use report::write_city_report;
+pub use settings::part_settings;
 pub use stages::{files_of, lineage_of, reviews_of, unstated_reference};
-pub use tile::{
-    Part, PartHashes, PartHeights, find_outlines, layer_of, outlines_around, part_settings, refused_records, survey_of,
-};
+pub use tile::{Part, PartHashes, PartHeights, find_outlines, layer_of, outlines_around, refused_records, survey_of};
 
 use std::collections::BTreeMap;
 

@@ -53,8 +53,8 @@ pub fn compute_priors(
 ) -> Result<PriorsDone, PipelineError> {
     let options = RunOptions { from: Stage::Survey, until: Stage::Footprints, command: String::new() };
     run(config, &options, tell)?;
-    let survey: Survey = artefact::read(config, Stage::Survey)?;
-    let footprints: FootprintStage = artefact::read(config, Stage::Footprints)?;
+    let survey: Survey = artefact::read_survey(config)?;
+    let footprints: FootprintStage = artefact::read(config, Stage::Footprints, &survey)?;
     let stage = SceneStage::new(config, &survey, &footprints)?;
     let priors = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
     if !priors.has_cache() {

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
+use super::ground_told;
 use super::stages::SceneStage;
 use crate::config::RunConfig;
 use sizeup_heights::optimise::{self, Doubts, Preset, Roof, Solution, SolvedHeight};
@@ -62,15 +63,21 @@ const MIN_SAME_OF_STEPPED: f64 = 0.95;
 const OTHER_FORM_SCORE: f64 = 0.02;
 
 /// Whether the photo of a view, of whatever kind, is asked about roofs.
-#[must_use]
-pub fn asks_photo(config: &RunConfig, view: &View) -> bool {
+fn asks_photo(config: &RunConfig, view: &View) -> bool {
     config.refinement.enabled.unwrap_or(config.optimise.preset != Preset::Paper) && view.image.is_some()
 }
 
-/// Memory that this takes at most with so many photos, bytes.
+/// Whether the photo of a view, of whatever kind, is read while heights are found: for the roofs, or for the ground.
+#[must_use]
+pub fn reads_photo(config: &RunConfig, view: &View) -> bool {
+    asks_photo(config, view) || (ground_told::asks(config) && view.image.is_some())
+}
+
+/// Memory that photos take at most where there are so many, bytes: those of roofs, then those of the ground.
 #[must_use]
 pub fn photo_bytes(config: &RunConfig, n_photos: usize) -> usize {
-    PICTURE_BYTES.min(n_photos.saturating_mul(Album::bytes_of_one(config.refinement.long_side_px)))
+    let of_roofs = n_photos.saturating_mul(Album::bytes_of_one(config.refinement.long_side_px));
+    PICTURE_BYTES.min(of_roofs).max(ground_told::photo_bytes(n_photos))
 }
 
 /// Raises and lowers the roofs of a solution to where the photos look alike. Returns the views whose photo cannot be read, and

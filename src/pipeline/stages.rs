@@ -15,9 +15,10 @@ use super::kept::PriorStore;
 use super::records::records;
 use super::worst::worst;
 use super::{City, Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
-use super::{artefact, footprints as outlines, levels, pictures, poses, report, soundness};
+use super::{artefact, footprints as outlines, ground_told, levels, pictures, poses, report, soundness};
 use crate::config::RunConfig;
 use sizeup_geo::files::{FileError, write_json, write_whole};
+use sizeup_geo::geodata::source;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{self, GroundLevel, MapBox, Terrain};
 use sizeup_geo::unfinished::Unfinished;
@@ -59,11 +60,11 @@ pub(super) fn run(
         let ground = config.terrain.constant_m.map(Terrain::Constant);
         let survey = soundness::look_over(config, reading.insert(soundness::read(config)?), ground.as_ref())?;
         let survey = poses::fitted(config, poses::looked_at(config, survey, tell), tell)?;
-        artefact::write(config, Stage::Survey, &survey)?;
+        artefact::write(config, Stage::Survey, &survey, &survey)?;
         timed(Stage::Survey, start);
         survey
     } else {
-        artefact::read(config, Stage::Survey)?
+        artefact::read_survey(config)?
     };
     let mut summary = summary_of_survey(config, &survey);
     if options.until == Stage::Survey {
@@ -79,13 +80,13 @@ pub(super) fn run(
             let reading = reading.take().map_or_else(|| soundness::read(config), Ok)?;
             survey = poses::as_before(soundness::look_over(config, &reading, Some(&terrain))?, survey);
             // What the ground told of the poses, and was accepted, is for the later stages too.
-            artefact::write(config, Stage::Survey, &survey)?;
+            artefact::write(config, Stage::Survey, &survey, &survey)?;
         }
-        artefact::write(config, Stage::Footprints, &footprints)?;
+        artefact::write(config, Stage::Footprints, &survey, &footprints)?;
         timed(Stage::Footprints, start);
         footprints
     } else {
-        artefact::read(config, Stage::Footprints)?
+        artefact::read(config, Stage::Footprints, &survey)?
     };
     check_fallback(config, footprints.layer.footprints.iter().map(|footprint| &footprint.attributes))?;
     summary.n_buildings = n_buildings(&footprints);
@@ -101,11 +102,11 @@ pub(super) fn run(
         tell(Event::Stage(Stage::Heights));
         let search = HeightSearch { config, survey: &survey, tell, solver };
         let (heights, priors) = search.in_rounds(&mut footprints, &mut stage)?;
-        artefact::write(config, Stage::Heights, &heights)?;
+        artefact::write(config, Stage::Heights, &survey, &heights)?;
         timed(Stage::Heights, start);
         (heights, Some(priors))
     } else {
-        let heights: HeightStage = artefact::read(config, Stage::Heights)?;
+        let heights: HeightStage = artefact::read(config, Stage::Heights, &survey)?;
         stage = stage.after(config, &mut footprints, &heights.cuts)?;
         heights.check_positions(config, &survey, &footprints)?;
         footprints.issues.extend(heights.joined.iter().map(|id| levels::joined_note(id)));
@@ -227,17 +228,17 @@ pub(super) struct SceneStage {
     pub solved: Vec<usize>,
     /// The ground around them.
     pub terrain: Terrain,
+    /// From one place where the ground is looked at in the photos to the next, metres.
+    pub ground_spacing_m: f64,
 }
 
 impl SceneStage {
     pub fn new(config: &RunConfig, survey: &Survey, footprints: &FootprintStage) -> Result<Self, PipelineError> {
         let bounds = height_bounds(config, check_views(survey, footprints)?)?;
         let area = extent(footprints.layer.footprints.iter().map(|f| &f.polygon));
-        Self::in_frame(
-            config,
-            &Frame { origin: area.map_or(LocalOrigin(DVec3::ZERO), |area| origin(survey, area)), bounds },
-            footprints,
-        )
+        let (origin, ground_spacing_m) =
+            area.map_or((LocalOrigin(DVec3::ZERO), 0.0), |area| (origin(survey, area), ground_told::spacing_m(area)));
+        Self::in_frame(config, &Frame { origin, bounds, ground_spacing_m }, footprints)
     }
 
     /// The same in a frame that is given.
@@ -246,7 +247,7 @@ impl SceneStage {
         let terrain = terrain_around(config, frame, footprints)?;
         let margin_m = frame.bounds.ground_margin_m();
         let scene = Scene::at(frame.origin, &on_known_ground(footprints), &terrain, frame.bounds, margin_m);
-        Ok(Self { scene, solved, terrain })
+        Ok(Self { scene, solved, terrain, ground_spacing_m: frame.ground_spacing_m })
     }
 
     /// The scene after outlines were split.
@@ -265,7 +266,7 @@ impl SceneStage {
 
     /// Where it lies.
     pub fn frame(&self) -> Frame {
-        Frame { origin: self.scene.origin, bounds: self.scene.bounds }
+        Frame { origin: self.scene.origin, bounds: self.scene.bounds, ground_spacing_m: self.ground_spacing_m }
     }
 }
 
@@ -338,8 +339,9 @@ fn lineage(
     let mut files: BTreeSet<(&str, PathBuf)> = BTreeSet::new();
     files.extend(files_of(&config.survey.path).into_iter().map(|path| ("survey", path)));
     let outline_files = outlines::files(config, survey);
-    files.extend(outline_files.iter().flat_map(|path| files_of(path)).map(|path| ("footprints", path)));
-    files.extend(terrain_in_force(config).dtm.iter().map(|path| ("terrain", path.clone())));
+    files.extend(outline_files.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path)));
+    let terrain = terrain_in_force(config);
+    files.extend(terrain.dtm.iter().flat_map(|path| source::files_of(path)).map(|path| ("terrain", path)));
     files.extend(config.reviews.iter().map(|reviews| ("reviews", reviews.path.clone())));
     for &view in &heights.solution.used_views {
         files.extend(priors.file_of(&survey.views[view])?.map(|path| ("prior", path)));

@@ -14,8 +14,11 @@ use super::footprints::on_ground;
 use super::heights::HeightSearch;
 use super::kept::PriorStore;
 use super::records::records;
+use super::settings::part_settings;
 use super::stages::{SceneStage, lineage_of, load_terrain, reviews_of, terrain_around, view_issues};
-use super::{FootprintStage, Frame, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact};
+use super::{
+    FootprintStage, Frame, GroundTold, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact, ground_told,
+};
 use crate::config::RunConfig;
 use sizeup_footprints::{
     self, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, OutlineKind, RefusedFootprint,
@@ -53,6 +56,8 @@ pub struct PartHeights {
     pub issues: Vec<Issue>,
     /// Views whose prior was used.
     pub used_views: Vec<ViewId>,
+    /// What the photos say of the terrain in the core and close to it.
+    pub ground: GroundTold,
 }
 
 /// Where the outlines of a whole city are kept for its parts, if they were found in photos; in the folder of the results.
@@ -93,7 +98,7 @@ pub fn find_outlines(
     }
     let options = RunOptions { from: Stage::Footprints, until: Stage::Footprints, command: command.to_owned() };
     super::run(config, &options, tell)?;
-    let FootprintStage { mut layer, .. } = artefact::read(config, Stage::Footprints)?;
+    let FootprintStage { mut layer, .. } = artefact::read(config, Stage::Footprints, &survey_of(config)?)?;
     sizeup_footprints::write_plain(&layer_of(config)?.path, &layer, &config.project.crs)?;
     layer.footprints.clear();
     Ok(Some(layer))
@@ -182,27 +187,12 @@ fn content_of(terrain: &Terrain) -> Content {
     Content::of_bytes(&bytes)
 }
 
-/// The settings that decide what a part of a city comes out as, a table of tables: not those of the survey, whose views are
-/// given, nor those of what is made of all parts.
-#[must_use]
-pub fn part_settings(config: &RunConfig) -> serde_json::Value {
-    let RunConfig { seed, project, footprints, terrain, ground, heights, prior, optimise, output, .. } = config;
-    let crate::config::ProjectConfig { crs, vertical_reference, reference_date, .. } = project;
-    let crate::config::OutputConfig { fallback, cityjson, .. } = output;
-    serde_json::json!({
-        "seed": seed,
-        "project": { "crs": crs, "vertical_reference": vertical_reference, "reference_date": reference_date },
-        "footprints": footprints, "terrain": terrain, "ground": ground, "heights": heights, "prior": *prior.chosen(), "optimise": optimise,
-        "output": { "fallback": fallback, "cityjson": cityjson },
-    })
-}
-
 /// The survey that an earlier run of its stage left behind.
 ///
 /// # Errors
 /// [`PipelineError::Artefact`].
 pub fn survey_of(config: &RunConfig) -> Result<Survey, PipelineError> {
-    artefact::read(config, Stage::Survey)
+    artefact::read_survey(config)
 }
 
 /// Buildings without a usable outline, as they are written.
@@ -273,18 +263,24 @@ impl<'a> Part<'a> {
         Ok(files?.into_iter().flatten().collect())
     }
 
-    /// Finds the heights. A part that no view sees, or without usable priors, is solved all the same: its buildings are
-    /// unknown.
+    /// Finds the heights; those of its core are the part's. A part that no view sees, or without usable priors, is solved all
+    /// the same: its buildings are unknown. What the photos say of the terrain is told of the whole city, not here.
     ///
     /// # Errors
     /// [`PipelineError`] where the terrain cannot be read again after outlines were split.
-    pub fn solve(&mut self, tell: Tell<'_>) -> Result<PartHeights, PipelineError> {
+    pub fn solve(&mut self, core: &MapBox, tell: Tell<'_>) -> Result<PartHeights, PipelineError> {
         let search = HeightSearch { config: self.config, survey: &self.survey, tell, solver: &solve };
         let mut footprints = self.footprints.clone();
+        let mut ground = GroundTold::default();
         let heights = match &mut self.scene {
-            Some(scene) => search.taking_apart(&mut footprints, scene, |stage, rays, optimise, known| {
-                Ok(search.of_scene(stage, &self.priors, rays, optimise, known))
-            })?,
+            Some(scene) => {
+                let mut heights = search.taking_apart(&mut footprints, scene, |stage, rays, optimise, known| {
+                    Ok(search.of_scene(stage, &self.priors, rays, optimise, known))
+                })?;
+                ground = ground_told::look(self.config, &self.survey, &footprints, scene, Some(*core));
+                ground.mark(&footprints, &heights.solved, &mut heights.solution);
+                heights
+            }
             None => HeightStage::empty(),
         };
         let mut issues = footprints.layer.issues.clone();
@@ -294,6 +290,7 @@ impl<'a> Part<'a> {
             records: records(self.config, &self.survey, &footprints, &heights, &self.reviews),
             issues,
             used_views: heights.solution.used_views.iter().map(|&v| self.survey.views[v].id.clone()).collect(),
+            ground: ground.around(core),
         })
     }
 

@@ -13,7 +13,7 @@ const ORIGIN_LEEWAY_M: [f64; 3] = [2000.0, 2000.0, 300.0];
 /// How much smaller or larger the settled halo and greatest height may be than those that would be chosen now: the greatest
 /// height that is chosen is 0.8 of the lowest flight, and a quarter more just reaches it.
 const LEEWAY: f64 = 1.25;
-/// The same for the side of the grid's largest squares: one step.
+/// The same for the side of the grid's largest squares, one step, and for the places where the ground is looked at.
 const SIDE_LEEWAY: f64 = 2.0;
 
 /// What is settled for a city.
@@ -31,6 +31,8 @@ pub struct CityFrame {
     pub view_margin_m: f64,
     /// Side of the grid's largest squares, metres.
     pub side_m: f64,
+    /// From one place where the ground is looked at in the photos to the next, metres.
+    pub ground_spacing_m: f64,
 }
 
 impl CityFrame {
@@ -49,6 +51,7 @@ impl CityFrame {
             && near(f64::from(self.heights_m[1]), f64::from(before.heights_m[1]), LEEWAY)
             && near(self.halo_m, before.halo_m, LEEWAY)
             && near(self.side_m, before.side_m, SIDE_LEEWAY)
+            && near(self.ground_spacing_m, before.ground_spacing_m, SIDE_LEEWAY)
     }
 }
 
@@ -64,6 +67,7 @@ mod tests {
             halo_m: 700.0,
             view_margin_m: 234.0,
             side_m: 8000.0,
+            ground_spacing_m: 40.0,
         }
     }
 

@@ -34,6 +34,8 @@ pub struct Manifest {
     pub origin_m: [f64; 3],
     /// Least and greatest height that is looked for, metres.
     pub heights_m: [f32; 2],
+    /// From one place where the ground is looked at in the photos to the next, metres.
+    pub ground_spacing_m: f64,
     /// Width of the halo, metres.
     pub halo_m: f64,
     /// How far around a core views are taken in, metres.
@@ -44,6 +46,8 @@ pub struct Manifest {
     pub tileset: Tileset,
     /// Files that all tiles share, with their hashes at the time of the plan.
     pub inputs: Vec<InputFile>,
+    /// Files that all priors depend on: a network's graph and its weights.
+    pub prior_files: Vec<PathBuf>,
     /// Features whose ids are not what their attribute says, by the layer's own number.
     pub renamed: BTreeMap<u64, String>,
     /// Buildings with an outline.
@@ -97,7 +101,7 @@ pub struct TileViews {
     pub positions: Vec<usize>,
     /// What their priors are made from, sorted.
     pub priors: BTreeSet<PathBuf>,
-    /// Photos that roofs may be settled by, sorted.
+    /// Photos that roofs and ground may be told by, sorted.
     pub photos: BTreeSet<PathBuf>,
 }
 
@@ -257,7 +261,11 @@ impl Manifest {
     #[must_use]
     pub fn frame(&self) -> Frame {
         let [min_m, max_m] = self.heights_m;
-        Frame { origin: LocalOrigin(self.origin_m.into()), bounds: HeightBounds { min_m, max_m } }
+        Frame {
+            origin: LocalOrigin(self.origin_m.into()),
+            bounds: HeightBounds { min_m, max_m },
+            ground_spacing_m: self.ground_spacing_m,
+        }
     }
 }
 

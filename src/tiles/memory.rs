@@ -3,7 +3,7 @@
 //! ```text
 //! rays       views · blocks of the working image
 //! crossings  rays · footprints met per ray          met: outlines · mean breadth / area · way below the tallest roof
-//! bytes      base + rays · 40 + crossings · 24 + views · buildings · 5 + threads · (prior + view) + terrain + photos
+//! bytes      base + rays · 40 + crossings · 24 + threads · (prior + view) + terrain + photos
 //! ```
 
 use sizeup_heights::optimise::OptimiseConfig;
@@ -14,8 +14,6 @@ const BASE: f64 = 70e6;
 const PER_RAY: f64 = 40.0;
 /// Per crossing: its profile (12), the index of its building (4), where it stops its ray (4).
 const PER_CROSSING: f64 = 24.0;
-/// Per view and building: where the building's rays start.
-const PER_VIEW_AND_BUILDING: f64 = 5.0;
 /// Per building: outline, attributes, records, results being written.
 const PER_BUILDING: f64 = 12e3;
 /// Per view: pose, name, its share of what is read.
@@ -67,7 +65,6 @@ pub fn estimate_mb(counts: &Counts, optimise: &OptimiseConfig) -> u64 {
     let bytes = BASE
         + rays * PER_RAY
         + crossings * PER_CROSSING
-        + n_views * n_buildings * PER_VIEW_AND_BUILDING
         + n_buildings * PER_BUILDING
         + n_views * PER_VIEW
         + cells * PER_CELL

@@ -9,17 +9,20 @@ use serde_json::json;
 use super::attempt::remove_if_there;
 use super::manifest::{Common, Done, Layout, Manifest, Tileset, hash_of, read_json, sweep_litter};
 use super::merged::TileRecords;
-use super::run::{BUILDINGS, HALO, ISSUES, LINEAGE, PART_OF_FOOTPRINTS, PART_OF_REVIEWS, PART_OF_TERRAIN, PLAN_AGAIN};
+use super::run::{
+    BUILDINGS, GROUND, HALO, ISSUES, LINEAGE, PART_OF_FOOTPRINTS, PART_OF_REVIEWS, PART_OF_TERRAIN, PLAN_AGAIN,
+};
 use super::seams::{self, SeamReport};
 use super::stale::{Check, Trust, known};
 use super::status::State;
 use super::{Lock, TilesError};
 use crate::pipeline::{
-    lineage_of, refused_records, reviews_of, unstated_reference, write_city_report, write_project,
+    GroundTold, lineage_of, refused_records, reviews_of, unstated_reference, write_city_report, write_project,
 };
 use crate::recipe::Recipe;
 use sizeup_geo::files::FileError;
 use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_geo::terrain::MapBox;
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_heights::stats;
 use sizeup_results::output::geopackage::{self, TileArea};
@@ -269,12 +272,23 @@ impl JoinedCity<'_> {
             issues.extend(of_tile.into_iter().filter(|issue| known.insert(json!(issue).to_string())));
         }
         issues.extend(unstated_reference(&self.manifest.config));
+        issues.extend(self.ground()?.issue());
         issues.extend(self.missing.iter().map(|id| {
             let message = "the tile is not done: its buildings are missing";
             Issue::new(Severity::Refused, "tile_missing", Subject::Input(id.clone()), message)
                 .hint("run it with `sizeup tiles run`, and merge again")
         }));
         Ok(issues)
+    }
+
+    /// What the photos of all tiles say of the terrain.
+    fn ground(&self) -> Result<GroundTold, TilesError> {
+        let of_tile = |done: &&Done| -> Result<_, TilesError> {
+            let core = self.manifest.tile(&done.tile)?.core;
+            Ok((core, read_json::<GroundTold>(&self.layout.tile(&done.tile).join(GROUND))?))
+        };
+        let parts: Vec<(MapBox, GroundTold)> = self.done.iter().map(of_tile).collect::<Result<_, _>>()?;
+        Ok(GroundTold::of_parts(parts))
     }
 
     /// The whole files that the plan was made from, of which each tile read its part, and the priors of all tiles.

@@ -26,6 +26,8 @@ pub(super) const BUILDINGS: &str = "buildings.jsonl";
 pub(super) const HALO: &str = "halo.jsonl";
 /// What was wrong with its buildings and photos.
 pub(super) const ISSUES: &str = "issues.json";
+/// What its photos say of the terrain in its core and close to it.
+pub(super) const GROUND: &str = "ground.json";
 /// Where it comes from.
 pub(super) const LINEAGE: &str = "lineage.json";
 /// Its buildings for others.
@@ -145,7 +147,7 @@ fn run_anew(
     // From here on its files are being replaced: the old word no longer holds.
     let path = layout.done(&tile.id);
     remove_if_there(&path)?;
-    let heights = part.solve(tell)?;
+    let heights = part.solve(&tile.core, tell)?;
     let done = write(check, tile, &part, heights, wanted)?;
     if let Some(why) = check.tile_of(tile, views).why_stale(wanted) {
         return Err(TilesError::ChangedMeanwhile { id: tile.id.clone(), why });
@@ -238,9 +240,10 @@ fn write(
     write_lines(&folder.join(BUILDINGS), own.iter())?;
     write_lines(&folder.join(HALO), halo)?;
     write_issues(&folder.join(ISSUES), &issues)?;
+    write_json(&folder.join(GROUND), &heights.ground)?;
     write_json(&folder.join(LINEAGE), &lineage)?;
 
-    let names = [CITY, BUILDINGS, HALO, ISSUES, LINEAGE];
+    let names = [CITY, BUILDINGS, HALO, GROUND, ISSUES, LINEAGE];
     let hash = |name: &str| Ok((name.to_owned(), hash_of(&folder.join(name))?));
     let outputs = names.into_iter().map(hash).collect::<Result<BTreeMap<_, _>, FileError>>()?;
     let (count, overview) = (StatusCount::of(&own), Overview::of(own.as_slice())?);

@@ -13,6 +13,7 @@ use crate::pipeline::{files_of, part_settings};
 use crate::recipe::{ABSENT, Recipe};
 use crate::tiles::Lock;
 use sizeup_geo::files::FileError;
+use sizeup_geo::geodata::source;
 use sizeup_geo::hashes::{Content, Hashes};
 use sizeup_results::output::sha256_hex;
 
@@ -49,10 +50,17 @@ impl Check<'_> {
     }
 
     fn wanted_plan(&self) -> Recipe {
+        let config = &self.manifest.config;
         let inputs = self.manifest.inputs.iter().map(|file| (file.role.clone(), PathBuf::from(&file.path)));
-        // A folder of poses may have got more.
-        let poses = files_of(&self.manifest.config.survey.path).into_iter().filter(|path| path.is_file());
-        let all: BTreeSet<(String, PathBuf)> = inputs.chain(poses.map(|path| ("survey".to_owned(), path))).collect();
+        // A folder of poses may have got more, and so may what lies beside layers and terrain.
+        let poses = files_of(&config.survey.path).into_iter().filter(|path| path.is_file());
+        let sources = [("footprints", config.footprints.file()), ("terrain", config.terrain.dtm.clone())];
+        let beside = sources.into_iter().flat_map(|(role, path)| {
+            let files = path.map(|path| source::files_of(&path)).unwrap_or_default();
+            files.into_iter().map(move |path| (role.to_owned(), path))
+        });
+        let poses = poses.map(|path| ("survey".to_owned(), path));
+        let all: BTreeSet<(String, PathBuf)> = inputs.chain(poses).chain(beside).collect();
         let mut wanted = self.manifest.made_by.clone().by_this_program();
         for (role, path) in &all {
             wanted.add(part_name(role, path), self.sha256(path));
@@ -85,7 +93,9 @@ impl Check<'_> {
 
     pub fn tile_of(&self, tile: &Tile, views: &TileViews) -> Recipe {
         let manifest = self.manifest;
-        let frame = (manifest.origin_m, manifest.heights_m);
+        // Without photos nobody looks at the ground.
+        let ground_spacing_m = (!views.photos.is_empty()).then_some(manifest.ground_spacing_m);
+        let frame = (manifest.origin_m, manifest.heights_m, ground_spacing_m);
         let part = |of: &Option<Content>| of.as_ref().map_or_else(|| ABSENT.to_owned(), |part| part.sha256.clone());
         let mut recipe = Recipe::new(&part_settings(&manifest.config))
             .with("the frame", hash_of_text(&frame))
@@ -192,7 +202,7 @@ impl Check<'_> {
 
 /// Files that a tile is made from, apart from those that all tiles share.
 fn files_of_tile(manifest: &Manifest, views: &TileViews) -> Vec<(&'static str, PathBuf)> {
-    let shared = manifest.config.prior.shared_files().into_iter().map(|path| ("prior", path));
+    let shared = manifest.prior_files.iter().map(|path| ("prior", path.clone()));
     let priors = views.priors.iter().map(|path| ("prior", path.clone()));
     let photos = views.photos.iter().map(|path| ("photo", path.clone()));
     shared.chain(priors).chain(photos).collect()

@@ -234,6 +234,40 @@ fn artefacts_of_outlines_that_have_changed_are_refused() {
 }
 
 #[test]
+fn artefacts_of_poses_priors_and_terrain_that_have_changed_are_refused() {
+    let scene = Scene::new();
+    assert!([0, 5].contains(&scene.run(&[]).code));
+    let refused = |from: &str, why: &str, again: &str| {
+        let other = scene.run(&["--from", from]);
+        assert_eq!(other.code, 3, "{why}: {}", other.stderr);
+        for word in [why, "stale: ", &format!("--from {again}")] {
+            assert!(other.stderr.contains(word), "{word:?} is missing in: {}", other.stderr);
+        }
+    };
+    assert!([0, 5].contains(&scene.run(&["--from", "output"]).code), "nothing has changed");
+    let refinement = scene.run(&["--from", "output", "--set", "refinement.min_score=0.9"]);
+    assert!(refinement.stderr.contains("stale: refinement.min_score is 0.9, was 0.5"), "{}", refinement.stderr);
+    // A prior, with the time of before, as copying tools keep it.
+    let stem = scene.stems().into_iter().find(|stem| stem.contains("oblique")).unwrap();
+    let prior = scene.path(&format!("priors/{stem}.npy"));
+    let (bytes, time) = (std::fs::read(&prior).unwrap(), std::fs::metadata(&prior).unwrap().modified().unwrap());
+    let mut other = bytes.clone();
+    *other.last_mut().unwrap() ^= 1;
+    std::fs::write(&prior, other).unwrap();
+    std::fs::File::options().append(true).open(&prior).unwrap().set_modified(time).unwrap();
+    refused("output", &format!("priors/{stem}.npy has changed"), "heights");
+    std::fs::remove_file(&prior).unwrap();
+    refused("output", &format!("priors/{stem}.npy is gone"), "heights");
+    std::fs::write(&prior, bytes).unwrap();
+    assert!([0, 5].contains(&scene.run(&["--from", "output"]).code), "as it was");
+    // What lies beside the terrain is read with it.
+    std::fs::write(scene.path("dtm.tif.aux.xml"), "<PAMDataset></PAMDataset>").unwrap();
+    refused("heights", "dtm.tif.aux.xml is new", "footprints");
+    scene.edit("sparse/images.txt", |text| text.replacen("# ", "#  ", 1));
+    refused("footprints", "sparse/images.txt has changed", "survey");
+}
+
+#[test]
 fn evaluating_what_cannot_be_compared_is_bad_input() {
     let scene = Scene::new();
     let absent = scene.sizeup(&["evaluate", "nothing.city.json", "truth.geojson"]);

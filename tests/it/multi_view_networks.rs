@@ -149,10 +149,7 @@ fn a_run_that_wants_a_known_network_says_how_to_get_it() {
     let output = sizeup(&scene.path("no models")).arg("run").arg(scene.path("sizeup.toml")).output().unwrap();
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_ne!(output.status.code(), Some(0), "{message}");
-    assert!(
-        message.contains("is not in place") && message.contains("sizeup model get itermvs"),
-        "{message}"
-    );
+    assert!(message.contains("is not in place") && message.contains("sizeup model get itermvs"), "{message}");
 }
 
 /// A server on the loopback that answers every request with one file.

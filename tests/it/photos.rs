@@ -1,6 +1,6 @@
 //! What photos add to the order of depths: roofs refined where they agree, and the ground of a run that has no model.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -9,6 +9,7 @@ use std::sync::LazyLock;
 use sizeup::crs::Crs;
 use sizeup::evaluate::read::{TruthOptions, read_results, read_truth};
 use sizeup::evaluate::{HeightOptions, evaluate_heights};
+use sizeup::output::read::{FoundBuildings, ReadOptions};
 use sizeup::simulate::{SimulateConfig, TownKind, simulate};
 use tempfile::TempDir;
 
@@ -132,6 +133,35 @@ fn a_run_without_a_terrain_model_makes_one_from_its_photos() {
         "{level} and {shifted} m, {with_model} with the model"
     );
     assert!(uncorrected > 1.5, "{uncorrected} m on a model 2.5 m too high");
+}
+
+/// Buildings of a result whose ground the photos show elsewhere, and what was said of its terrain.
+fn told_of_ground(result: &Path) -> (BTreeSet<String>, Vec<String>) {
+    let issues: serde_json::Value = serde_json::from_slice(&fs::read(result.join("issues.json")).unwrap()).unwrap();
+    let codes = issues.as_array().unwrap().iter().map(|issue| issue["code"].as_str().unwrap().to_owned());
+    let found = FoundBuildings::read(&result.join("city.gpkg"), &ReadOptions::default()).unwrap();
+    let is_off = |reasons: &serde_json::Value| reasons.to_string().contains("ground_differs");
+    let differs = found.buildings.into_iter().filter(|found| found.attributes.get("reasons").is_some_and(is_off));
+    (differs.map(|found| found.id).collect(), codes.filter(|code| code.starts_with("terrain_")).collect())
+}
+
+#[test]
+fn ground_that_differs_from_the_terrain_is_told_in_tiles_as_in_one_piece() {
+    let scene = TOWN.path();
+    let shifted = "terrain.vertical_offset_m=2.5";
+    let (whole, said) = told_of_ground(&run(scene, "whole", &[shifted]));
+    assert_eq!(said, ["terrain_too_high"]);
+    assert!(whole.len() >= 6, "{whole:?}");
+    for size in ["60", "5000"] {
+        let mut command = sizeup();
+        let config = scene.join("sizeup.toml");
+        let result = scene.join(format!("tiles{size}"));
+        command.arg("run").arg(config).args(["--tiled", "--heights", "none", "--jobs", "2", "--size", size]);
+        command.args(["--set", shifted, "--output"]).arg(&result);
+        let outcome: Outcome = command.output().unwrap().into();
+        assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
+        assert_eq!(told_of_ground(&result), (whole.clone(), said.clone()), "tiles of {size} m");
+    }
 }
 
 /// What `survey inspect --photos` tells of photos: codes by photo.

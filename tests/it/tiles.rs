@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use sizeup::simulate::{SimulateConfig, simulate};
+use sizeup::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind, simulate};
 
 use crate::tiny_scene::{N_BUILDINGS, Outcome, Scene, sizeup};
 
@@ -44,7 +44,8 @@ pub fn results(scene: &Scene, folder: &str) -> BTreeMap<String, Vec<u8>> {
     let root = scene.path(folder);
     let name = |path: &Path| path.strip_prefix(&root).unwrap().to_string_lossy().into_owned();
     let is_result = |name: &String| {
-        let is_note = [".ok", "cost.json", "log.txt", "timing.json"].iter().any(|end| name.ends_with(end));
+        let is_note =
+            [".ok", "cost.json", "log.txt", "timing.json", "stages/hashes.json"].iter().any(|end| name.ends_with(end));
         let folders = ["tiles/locks", "tiles/hashes", "logs"];
         !(is_note || folders.iter().any(|folder| name.starts_with(folder)))
     };
@@ -404,4 +405,39 @@ fn a_tile_needs_no_more_memory_than_the_plan_says_and_not_much_less() {
         let (peak_mb, estimate_mb) = (cost["peak_mb"].as_u64().unwrap(), cost["estimate_mb"].as_u64().unwrap());
         assert!(peak_mb <= estimate_mb && estimate_mb < 4 * peak_mb, "{cost}");
     }
+}
+
+/// Greatest difference of heights between two cities, metres.
+fn greatest_difference_m(scene: &Scene, [one, other]: [&str; 2]) -> f64 {
+    let of = |folder: &str| heights(&scene.path(&format!("{folder}/city.city.jsonl")));
+    let (one, other) = (of(one), of(other));
+    assert_eq!(one.keys().collect::<Vec<_>>(), other.keys().collect::<Vec<_>>());
+    let known = one.iter().filter_map(|(id, (height_m, _))| Some((*height_m)? - other[id].0?));
+    known.map(f64::abs).fold(0.0, f64::max)
+}
+
+#[test]
+fn priors_that_bleed_over_edges_give_the_same_heights_in_any_tiling() {
+    let mut config = SimulateConfig { seed: 1, ..SimulateConfig::default() };
+    (config.town.kind, config.town.n_buildings) = (TownKind::Village, 24);
+    config.flight.n_views = Some(60);
+    (config.camera.width_px, config.camera.height_px) = (448, 336);
+    (config.prior.level, config.prior.longest_px) = (PriorLevel::Bleed, 448);
+    (config.images.enabled, config.masks.enabled) = (false, false);
+    config.errors = ErrorConfig::REALISTIC;
+    let folder = tempfile::tempdir().unwrap();
+    simulate(&config, folder.path(), &|_, _| {}).unwrap();
+    let scene = Scene::of(folder);
+    // Every tile has all buildings in its halo; its views are those that look at its core.
+    let tiled = |name: &str, size: &str, margin: &str| {
+        let cut = ["--tiled", "--jobs", "2", "--size", size, "--halo", "1500", "--view-margin", margin];
+        let more = ["--output", name, "--heights", "none", "--set", "optimise.working_px=448"];
+        let ran = scene.run(&[&cut[..], &more].concat());
+        assert!([0, 5].contains(&ran.code), "{}", ran.stderr);
+    };
+    tiled("one", "3000", "0");
+    tiled("many", "200", "25");
+    let far_m = greatest_difference_m(&scene, ["one", "many"]);
+    println!("{far_m} m");
+    assert!(far_m <= 0.01, "{far_m} m between two tilings");
 }

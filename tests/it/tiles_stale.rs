@@ -125,6 +125,52 @@ fn a_prior_that_changes_between_two_tiles_is_not_merged_as_two() {
 }
 
 #[test]
+fn a_prior_that_changes_while_a_tile_is_being_run_is_told_and_the_tile_is_not_done() {
+    let scene = Scene::new();
+    let id = plan(&scene)[0].clone();
+    let views = scene.json(&format!("city/tiles/{id}/views.json"));
+    let prior = std::path::PathBuf::from(views["priors"][0].as_str().unwrap());
+    let at = scene.path("").join(prior);
+    let mut running = Command::new(env!("CARGO_BIN_EXE_sizeup"))
+        .current_dir(scene.path(""))
+        .args(["tiles", "run", "city", "--tile", &id])
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    // It writes down that it tries once it knows what it is made from.
+    while !scene.path(&format!("city/tiles/{id}.try.json")).exists() {
+        assert!(running.try_wait().unwrap().is_none(), "it is still being run");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let mut bytes = fs::read(&at).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    fs::write(&at, bytes).unwrap();
+    let ended = running.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert_eq!(ended.status.code(), Some(4), "{said}");
+    assert!(said.contains("has changed") && said.contains(&id), "{said}");
+    assert!(!scene.path(&format!("city/tiles/{id}.done.json")).exists());
+    assert_eq!(states(&scene)[0], "failed");
+    assert!([0, 5].contains(&run_tile(&scene, &id).code));
+    assert_eq!(states(&scene)[0], "done");
+}
+
+#[test]
+fn what_lies_beside_the_terrain_and_the_outlines_is_input_of_the_plan() {
+    let scene = city();
+    let plan_stale = || status(&scene, &[])["plan_stale"].as_str().unwrap_or_default().to_owned();
+    assert_eq!(plan_stale(), "");
+    fs::write(scene.path("dtm.tif.aux.xml"), "<PAMDataset></PAMDataset>").unwrap();
+    assert!(plan_stale().contains("dtm.tif.aux.xml is new"), "{}", plan_stale());
+    assert_eq!(merge(&scene, &[]).code, 3);
+    plan(&scene);
+    assert_eq!(plan_stale(), "");
+    assert!(states(&scene).iter().all(|state| state == "done"), "the terrain is the same");
+    fs::remove_file(scene.path("dtm.tif.aux.xml")).unwrap();
+    assert!(plan_stale().contains("dtm.tif.aux.xml is gone"), "{}", plan_stale());
+}
+
+#[test]
 fn what_has_not_changed_is_not_read_again_unless_asked() {
     let scene = city();
     // Until the clock has left the moment in which all was written.

@@ -170,6 +170,14 @@ impl Hashes {
         Ok(content)
     }
 
+    /// The files whose content is known, sorted.
+    #[must_use]
+    pub fn paths(&self) -> Vec<PathBuf> {
+        let mut paths: Vec<PathBuf> = self.known().keys().cloned().collect();
+        paths.sort();
+        paths
+    }
+
     /// Bytes that were read to learn what files hold.
     #[must_use]
     pub fn n_bytes_read(&self) -> u64 {

@@ -9,7 +9,7 @@ use serde_json::json;
 use super::PlanSettings;
 use super::layer::{Outlines, grounds_of, range};
 use crate::config::RunConfig;
-use crate::pipeline::{Frame, PartHashes, PipelineError, asks_photo, outlines_around, photo_bytes, reviews_of};
+use crate::pipeline::{Frame, PartHashes, PipelineError, outlines_around, photo_bytes, reads_photo, reviews_of};
 use crate::tiles::frame::CityFrame;
 use crate::tiles::grid::{self, Core, Places};
 use crate::tiles::manifest::{self, Layout, Tile, TileViews};
@@ -81,7 +81,8 @@ impl<'a> City<'a> {
         };
         let settled = settle(config, settings, survey, outlines, &places, all)?.or_kept(earlier);
         let [min_m, max_m] = settled.heights_m;
-        let frame = Frame { origin: LocalOrigin(settled.origin_m.into()), bounds: HeightBounds { min_m, max_m } };
+        let (origin, bounds) = (LocalOrigin(settled.origin_m.into()), HeightBounds { min_m, max_m });
+        let frame = Frame { origin, bounds, ground_spacing_m: settled.ground_spacing_m };
         let cores = match (settings.size_m, settings.n_buildings) {
             (Some(size_m), _) => grid::even(&places, size_m),
             (None, Some(n_buildings)) => grid::by_count(&places, settled.side_m, n_buildings),
@@ -115,12 +116,12 @@ impl<'a> City<'a> {
     fn views_of(&self, core: &Core, ground_m: [f64; 2]) -> Vec<usize> {
         let area = core.area().grown(self.settled.view_margin_m);
         let tallest_m = f64::from(self.frame.bounds.max_m);
-        // Stereo matches views of all kinds with each other, and roofs are settled by photos of all kinds; otherwise only
-        // oblique ones have a say.
+        // Stereo matches views of all kinds with each other, and roofs and ground are told by photos of all kinds; otherwise
+        // only oblique ones have a say.
         let takes_part = |view: &View| {
             view.kind() == ViewKind::Oblique
                 || matches!(*self.config.prior.chosen(), PriorConfig::Stereo(_))
-                || asks_photo(self.config, view)
+                || reads_photo(self.config, view)
         };
         let views = self.survey.views.iter().enumerate();
         let seeing = views.filter(|(_, v)| takes_part(v) && sight::looks_at(v, &area, ground_m, tallest_m));
@@ -142,7 +143,7 @@ impl<'a> City<'a> {
             slope: stats::mean(&tangents).unwrap_or(1.0),
             cell_m: self.cell_m,
             n_threads: self.settings.n_threads,
-            photo_bytes: if self.survey.views.iter().any(|view| asks_photo(self.config, view)) {
+            photo_bytes: if self.survey.views.iter().any(|view| reads_photo(self.config, view)) {
                 photo_bytes(self.config, n_views)
             } else {
                 0
@@ -166,8 +167,8 @@ impl<'a> City<'a> {
         let views: Vec<View> = positions.iter().map(|&i| self.survey.views[i].clone()).collect();
         let (id, area, n_views) = (core.id(), core.area(), views.len());
         let priors = positions.iter().filter_map(|&i| self.priors[i].clone()).collect();
-        let asked = views.iter().filter(|view| asks_photo(self.config, view));
-        let photos = asked.filter_map(|view| view.image.clone()).collect();
+        let read = views.iter().filter(|view| reads_photo(self.config, view));
+        let photos = read.filter_map(|view| view.image.clone()).collect();
         let positions = if self.config.prior.asks_for_positions() { positions } else { Vec::new() };
         let path = layout.views(&id);
         write_json(&path, &TileViews { views, positions, priors, photos })?;
@@ -202,7 +203,7 @@ fn settle(
     places: &Places,
     ground_m: [f64; 2],
 ) -> Result<CityFrame, TilesError> {
-    let Frame { origin, bounds } = Frame::of_city(config, survey, outlines.extent, ground_m[1])?;
+    let Frame { origin, bounds, ground_spacing_m } = Frame::of_city(config, survey, outlines.extent, ground_m[1])?;
     let halo_m = settings.halo_m.unwrap_or_else(|| {
         let halo_m = HALO_BREADTHS * breadth_m(survey, ground_m);
         (halo_m / HALO_STEP_M).ceil() * HALO_STEP_M
@@ -219,6 +220,7 @@ fn settle(
         halo_m,
         view_margin_m: settings.view_margin_m.unwrap_or_else(|| (VIEW_MARGIN_SHARE * halo_m).ceil()),
         side_m,
+        ground_spacing_m,
     })
 }
 

@@ -24,6 +24,7 @@ use crate::config::RunConfig;
 use crate::pipeline::{self, Event, RunOptions, Stage, Tell};
 use crate::recipe::Recipe;
 use sizeup_geo::files::FileError;
+use sizeup_geo::geodata::source;
 use sizeup_geo::hashes::Hashes;
 use sizeup_results::output::reports::write_json;
 use sizeup_results::output::{InputFile, OutputError, tiles3d};
@@ -153,11 +154,13 @@ fn make(
         made_by: recipe_of(config, settings, &inputs),
         origin_m: city.frame.origin.0.to_array(),
         heights_m: [city.frame.bounds.min_m, city.frame.bounds.max_m],
+        ground_spacing_m: city.settled.ground_spacing_m,
         halo_m: city.settled.halo_m,
         view_margin_m: city.settled.view_margin_m,
         config: config.clone(),
         tileset: settings.tileset,
         inputs,
+        prior_files: config.prior.shared_files(),
         renamed: outlines.renamed,
         n_buildings: outlines.middles.len(),
         n_views: survey.views.len(),
@@ -210,10 +213,12 @@ fn shared_inputs(
     let none = Survey::default();
     let own = settings.config_file.iter().map(|path| ("config", path.clone()));
     let poses = pipeline::files_of(&config.survey.path).into_iter().map(|path| ("survey", path));
-    let outlines = pipeline::outline_files(config, survey.unwrap_or(&none)).into_iter();
-    let terrain = config.terrain.dtm.iter().map(|path| ("terrain", path.clone()));
-    let reviews = config.reviews.iter().map(|reviews| ("reviews", reviews.path.clone()));
-    let all = own.chain(poses).chain(outlines.map(|path| ("footprints", path))).chain(terrain).chain(reviews);
+    let outlines = pipeline::outline_files(config, survey.unwrap_or(&none));
+    let outlines = outlines.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path));
+    let terrain = config.terrain.dtm.iter().flat_map(|path| source::files_of(path)).map(|path| ("terrain", path));
+    let reviews = config.reviews.iter().flat_map(|reviews| source::files_of(&reviews.path));
+    let reviews = reviews.map(|path| ("reviews", path));
+    let all = own.chain(poses).chain(outlines).chain(terrain).chain(reviews);
     let mut files: Vec<(&str, PathBuf)> = all.filter(|(_, path)| path.is_file()).collect();
     files.sort();
     files.dedup();

@@ -9,6 +9,7 @@ pub mod geojson;
 pub mod gpkg;
 pub mod qml;
 pub mod raster;
+pub mod source;
 pub mod vector;
 pub mod view_layers;
 

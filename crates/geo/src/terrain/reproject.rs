@@ -45,6 +45,14 @@ impl MapBox {
         }
     }
 
+    /// The part that it shares with another; of no size where they share nothing.
+    #[must_use]
+    pub fn shared_with(&self, other: &Self) -> Self {
+        let (west_m, south_m) = (self.west_m.max(other.west_m), self.south_m.max(other.south_m));
+        let (east_m, north_m) = (self.east_m.min(other.east_m), self.north_m.min(other.north_m));
+        Self { west_m, south_m, east_m: east_m.max(west_m), north_m: north_m.max(south_m) }
+    }
+
     /// Whether a position lies in it; western and southern edge belong to it, the others do not, so that boxes side by
     /// side share no position.
     #[must_use]

@@ -29,8 +29,9 @@ const LEVELS: [f32; 3] = [0.45, 0.6, 0.75];
 const MIN_JUMP: f32 = 0.015;
 /// Spills are told in steps of this many to a pixel.
 const STEPS_PER_PX: f64 = 10.0;
-/// Fewer profiles do not tell.
-const MIN_PROFILES: usize = 40;
+/// Fewer profiles do not tell. With 40, and the median of all views for the others, simulated priors that bleed gave the same
+/// accuracy (and 0 for the others less: 0.7 m in place of 0.5 m), but a height then depended on the views of its tile.
+const MIN_PROFILES: usize = 20;
 
 /// Roofs as they stand, to look for edges in.
 pub struct Edges<'a> {
@@ -59,18 +60,13 @@ impl<'a> Edges<'a> {
     }
 }
 
-/// The bleeding of each view: the median of its own offsets where it has enough, of all views' otherwise; 0 where there are
-/// too few in all. A view's own value does not depend on what else the scene holds; and as it is told to a tenth of a
-/// pixel, which is less than its own uncertainty, hardly ever on single heights far away.
+/// The bleeding of a view: the median of its offsets, 0 where it has too few to tell. No other view has a say, so a view's
+/// value does not depend on what else is solved with it; and as it is told to a tenth of a pixel, which is less than its own
+/// uncertainty, hardly ever on single heights far away.
 #[must_use]
-pub fn bleedings(offsets: &[Vec<f64>]) -> Vec<f64> {
-    let told = |bleeding_px: f64| (bleeding_px * STEPS_PER_PX).round() / STEPS_PER_PX;
-    let median = |offsets: &[f64]| {
-        let is_enough = offsets.len() >= MIN_PROFILES;
-        is_enough.then(|| stats::median(offsets)).flatten().map(told)
-    };
-    let of_all = median(&offsets.concat()).unwrap_or(0.0);
-    offsets.iter().map(|of_view| median(of_view).unwrap_or(of_all)).collect()
+pub fn bleeding_px(offsets: &[f64]) -> f64 {
+    let median_px = Some(offsets).filter(|offsets| offsets.len() >= MIN_PROFILES).and_then(stats::median);
+    median_px.map_or(0.0, |median_px| (median_px * STEPS_PER_PX).round() / STEPS_PER_PX)
 }
 
 /// A place on a wall corner's vertical edge that is the side of a building in a view.
@@ -144,4 +140,17 @@ fn area(profile: &[f64]) -> Option<f64> {
     let near = stats::mean(&profile[..N_LEVEL])?;
     let far = stats::mean(&profile[profile.len() - N_LEVEL..])?;
     (near > far).then(|| profile.iter().map(|p| (p - far) / (near - far)).sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_view_bleeds_by_the_median_of_its_own_edges_if_it_has_enough_of_them() {
+        let offsets: Vec<f64> = (0..MIN_PROFILES).map(|i| 1.26 + 0.1 * (i % 3) as f64 - 0.1).collect();
+        assert_eq!(bleeding_px(&offsets), 1.3);
+        assert_eq!(bleeding_px(&offsets[1..]), 0.0);
+        assert_eq!(bleeding_px(&[]), 0.0);
+    }
 }

@@ -25,7 +25,9 @@ pub struct Evidence<'a> {
     pub farness: Vec<f32>,
     /// How the prior maps to metres by the ground alone, once somebody has asked.
     pub(super) on_ground: OnceLock<Option<Calibration>>,
-    /// For each building, which rays cross its footprint: `rays_of[start[b]..start[b + 1]]`.
+    /// The buildings whose footprints rays cross, ascending: those of a view, not those of the scene.
+    crossed: Vec<u32>,
+    /// Which rays cross the footprint of `crossed[i]`: `rays_of[start[i]..start[i + 1]]`.
     start: Vec<u32>,
     rays_of: Vec<u32>,
     /// Ray of each block of `stride × stride` pixels, row by row, or [`NO_RAY`].
@@ -35,8 +37,8 @@ pub struct Evidence<'a> {
 }
 
 impl<'a> Evidence<'a> {
-    /// Samples a prior along a view's rays. `n_buildings` is the length of the scene; `bleeding_px` is by how many pixels of
-    /// the working image near sides bleed over their edges, see [`super::bleed`].
+    /// Samples a prior along a view's rays. `bleeding_px` is by how many pixels of the working image near sides bleed over
+    /// their edges, see [`super::bleed`].
     #[must_use]
     pub fn new(
         placed: &PlacedCamera,
@@ -44,25 +46,22 @@ impl<'a> Evidence<'a> {
         prior: &DepthPrior,
         bleeding_px: f64,
         stride_px: usize,
-        n_buildings: usize,
     ) -> Self {
         let nearness: Vec<f32> =
             profiles.rays.par_iter().map(|ray| without_bleeding(placed, prior, ray.centre(), bleeding_px)).collect();
         let farness = nearness.iter().map(|n| farness_of(prior.kind, *n)).collect();
 
-        let mut start = vec![0_u32; n_buildings + 1];
-        for (_, building) in ray_building_pairs(profiles) {
-            start[building as usize + 1] += 1;
+        let mut pairs: Vec<(u32, u32)> = ray_building_pairs(profiles).map(|(ray, building)| (building, ray)).collect();
+        pairs.sort_unstable();
+        let (mut crossed, mut start) = (Vec::new(), Vec::new());
+        for (at, (building, _)) in (0..).zip(&pairs) {
+            if crossed.last() != Some(building) {
+                crossed.push(*building);
+                start.push(at);
+            }
         }
-        for b in 0..n_buildings {
-            start[b + 1] += start[b];
-        }
-        let mut rays_of = vec![0; start[n_buildings] as usize];
-        let mut next = start.clone();
-        for (ray, building) in ray_building_pairs(profiles) {
-            rays_of[next[building as usize] as usize] = ray;
-            next[building as usize] += 1;
-        }
+        start.push(pairs.len() as u32);
+        let rays_of = pairs.into_iter().map(|(_, ray)| ray).collect();
 
         let blocks_wide = (placed.camera.width_px as usize).div_ceil(stride_px);
         let blocks_high = (placed.camera.height_px as usize).div_ceil(stride_px);
@@ -72,7 +71,7 @@ impl<'a> Evidence<'a> {
             blocks[row * blocks_wide + col] = ray;
         }
         let on_ground = OnceLock::new();
-        Self { profiles, nearness, farness, on_ground, start, rays_of, blocks, blocks_wide, stride_px }
+        Self { profiles, nearness, farness, on_ground, crossed, start, rays_of, blocks, blocks_wide, stride_px }
     }
 
     /// A ray of the view's own camera.
@@ -91,8 +90,16 @@ impl<'a> Evidence<'a> {
     /// The rays that cross a building's footprint below its greatest height, ascending.
     #[must_use]
     pub fn rays_of(&self, building: u32) -> &[u32] {
-        let building = building as usize;
-        &self.rays_of[self.start[building] as usize..self.start[building + 1] as usize]
+        match self.crossed.binary_search(&building) {
+            Ok(at) => &self.rays_of[self.start[at] as usize..self.start[at + 1] as usize],
+            Err(_) => &[],
+        }
+    }
+
+    /// The buildings whose footprints some rays cross, ascending.
+    #[must_use]
+    pub fn crossed(&self) -> &[u32] {
+        &self.crossed
     }
 
     /// Some rays and those within `dilate_px` of one of them, ascending.

@@ -76,14 +76,13 @@ pub fn inspect(
     let mut views: Vec<usize> = wanted.iter().flat_map(|(_, views)| views.iter().copied()).collect();
     views.sort_unstable();
     views.dedup();
-    let n_buildings = problem.scene.prisms.len();
     let evidence: Vec<(usize, Evidence<'_>)> = views
         .par_iter()
         .filter_map(|&view| {
             let prior = (problem.load_prior)(view).ok()?;
             let (placed, profiles) = (&problem.views[view].placed, problem.profiles(view));
             let bleeding_px = solution.bleeding_of(view);
-            let evidence = Evidence::new(placed, profiles, &prior, bleeding_px, config.stride_px, n_buildings);
+            let evidence = Evidence::new(placed, profiles, &prior, bleeding_px, config.stride_px);
             Some((view, evidence))
         })
         .collect();

@@ -39,8 +39,13 @@ pub(super) const TALLEST_M: f32 = 8.0;
 const N_RISES: usize = 5;
 /// Eaves tried for each rise.
 const N_EAVES: usize = 9;
-/// Lead that a pitched roof needs over a flat one.
-const MARGIN: Margin = Margin { gain: 0.0005, standard_errors: 0.7, n_more: 0.0 };
+/// Lead of a pitched roof over a flat one from which it is believed: it takes its rise more, and a choice among forms. Of 360 flat roofs
+/// (six simulated towns, seeds 31 and 32, four levels of prior errors) a gain of 0.0005 at 0.7 standard errors, without a price for
+/// numbers, called 238 pitched, mostly low hips that make up for outlines a little too large; this calls 59 so, and of 387 gables 383
+/// stay gables. Mean error of all 1,597 heights, those of Rotterdam's western half among them: 0.371 to 0.358 m.
+const MARGIN: Margin = Margin { gain: 0.002, standard_errors: 1.0, n_more: 2.0 };
+/// Flatter is flat: rise over run, 8.5 degrees.
+const FLATTEST: f32 = 0.15;
 
 /// Ways of rays over a footprint, sampled, side by side.
 #[derive(Debug, Clone, Copy)]
@@ -309,6 +314,9 @@ pub(super) fn best<'a>(prism: &'a Prism, forms: &[RoofForm], flat_m: f32, views:
             }
         }
         step_m = step_m.map(|s| 0.6 * s);
+    }
+    if best.rise_m < FLATTEST * shapes[best.shape].run_m {
+        return None;
     }
     let scores = looked.scores(best).collect();
     let (shape, eave_m, rise_m) = (&shapes[best.shape], f64::from(best.eave_m), f64::from(best.rise_m));

@@ -157,8 +157,11 @@ pub enum DtmError {
     Dem(#[from] DemError),
 }
 
-/// Memory for reduced photos: squares of one row are seen in much the same ones.
-const PICTURE_BYTES: usize = 1 << 30;
+/// Memory for reduced photos, bytes: squares of one block are seen in much the same ones.
+pub const PICTURE_BYTES: usize = 1 << 30;
+/// Squares are looked at block by block of this side, metres, and so many together.
+const BLOCK_M: f64 = 250.0;
+const N_TOGETHER: usize = 64;
 /// Fewer squares than this make no surface.
 const MIN_SQUARES: usize = 12;
 
@@ -185,7 +188,7 @@ pub fn estimate(
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Dtm, DtmError> {
     let area = area(views, outlines, config);
-    let (squares, sigma_m) = off_by(views, outlines, rough, config, progress)?;
+    let (squares, sigma_m) = off_by(views, outlines, rough, area, config, progress)?;
     let rough_m = |at: DVec2| rough.height_at(at.x, at.y).unwrap_or(f64::NAN);
     let count = |is: fn(&Outcome) -> bool| squares.iter().filter(|s| is(&s.outcome)).count();
     let n_ground = count(|o| matches!(o, Outcome::Ground(_)));
@@ -205,8 +208,9 @@ pub fn estimate(
     Ok(Dtm { dem, squares, sigma_m })
 }
 
-/// What the photos say a terrain is off by, in squares of open ground: those with [`Outcome::Ground`] hold by how much the
-/// ground lies above it, metres. Also their spread around their neighbours', metres.
+/// What the photos say a terrain is off by, in squares of open ground of an area: those with [`Outcome::Ground`] hold by how
+/// much the ground lies above it, metres. Also their spread around their neighbours', metres. The squares lie where they do
+/// whatever the area, so that areas side by side find what their union does, but for what neighbours say along the seam.
 ///
 /// # Errors
 /// [`DtmError`].
@@ -214,12 +218,12 @@ pub fn off_by(
     views: &[View],
     outlines: &[&Polygon<f64>],
     rough: &Terrain,
+    area: MapBox,
     config: &DtmConfig,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<(Vec<Square>, f64), DtmError> {
     check(config)?;
     let with_photo: Vec<&View> = views.iter().filter(|view| view.image.is_some()).collect();
-    let area = area(views, outlines, config);
     let places: Vec<DVec3> = places(area, outlines, config)
         .into_iter()
         .filter_map(|at| Some(at.extend(rough.height_at(at.x, at.y)?)))
@@ -234,12 +238,28 @@ pub fn off_by(
         progress(n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, places.len());
         Ok(Square { at: near.truncate(), outcome })
     };
-    let squares = places.par_iter().map(look).collect::<Result<Vec<_>, PriorError>>()?;
+    let mut squares = vec![None; places.len()];
+    for together in by_block(&places).chunks(N_TOGETHER) {
+        let looked: Vec<(usize, Square)> = together
+            .par_iter()
+            .map(|&i| look(&places[i]).map(|square| (i, square)))
+            .collect::<Result<_, PriorError>>()?;
+        looked.into_iter().for_each(|(i, square)| squares[i] = Some(square));
+    }
+    let squares: Vec<Square> = squares.into_iter().flatten().collect();
     // All that follows is about what the rough level is off by.
     let rough_m = |at: DVec2| rough.height_at(at.x, at.y).unwrap_or(f64::NAN);
     let mut squares: Vec<Square> = squares.into_iter().map(|s| s.raised(-rough_m(s.at))).collect();
     let sigma_m = surface::leave_out_what_stands_above(&mut squares, config.spacing_m);
     Ok((squares, sigma_m))
+}
+
+/// Places in an order in which neighbours are together.
+fn by_block(places: &[DVec3]) -> Vec<usize> {
+    let block = |at: &DVec3| ((at.y / BLOCK_M).floor() as i64, (at.x / BLOCK_M).floor() as i64);
+    let mut order: Vec<usize> = (0..places.len()).collect();
+    order.sort_by_key(|&i| block(&places[i]));
+    order
 }
 
 fn check(config: &DtmConfig) -> Result<(), DtmError> {

@@ -50,12 +50,12 @@ impl PriorConfig {
         matches!(self, Self::Files(files) if files.path.contains("{index}")) // `auto` has no names of files
     }
 
-    /// Files that all priors depend on: a network's graph, the names in a stack.
+    /// Files that all priors depend on: a network's graph and its weights beside it, the names in a stack.
     #[must_use]
     pub fn shared_files(&self) -> Vec<PathBuf> {
         match self {
             Self::Files(files) => files.names.iter().cloned().collect(),
-            Self::Network(network) => vec![network.graph()],
+            Self::Network(network) => network.files(),
             Self::Stereo(_) => Vec::new(),
             Self::Auto(_) => self.chosen().shared_files(),
         }

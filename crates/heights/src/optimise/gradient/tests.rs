@@ -55,7 +55,7 @@ impl Block {
     }
 
     fn evidence(&self, stride_px: usize) -> Evidence<'_> {
-        Evidence::new(&self.placed, &self.profiles, &self.prior, 0.0, stride_px, self.scene.prisms.len())
+        Evidence::new(&self.placed, &self.profiles, &self.prior, 0.0, stride_px)
     }
 
     fn gradient(&self, evidence: &Evidence<'_>, difference_m: f32, config: &OrdinalConfig) -> Vec<f64> {

@@ -75,17 +75,16 @@ impl State<'_> {
     fn correct_edge_bleeding(&mut self) {
         let used: Vec<usize> = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
         let edges = bleed::Edges::new(self.problem.scene, &self.heights_m);
-        let n_buildings = self.heights_m.len();
-        let offsets_of = |&v: &usize| {
+        let bleeding_of = |&v: &usize| {
             let (Some(evidence), Ok(prior)) = (&self.evidence[v], (self.problem.load_prior)(v)) else {
-                return Vec::new();
+                return 0.0;
             };
-            let seen = (0..n_buildings).filter(|&b| !evidence.rays_of(b as u32).is_empty());
-            edges.offsets(&self.problem.views[v].placed, &prior, seen)
+            let seen = evidence.crossed().iter().map(|&b| b as usize);
+            bleed::bleeding_px(&edges.offsets(&self.problem.views[v].placed, &prior, seen))
         };
-        let offsets: Vec<Vec<f64>> = used.par_iter().map(offsets_of).collect();
+        let bleedings_px: Vec<f64> = used.par_iter().map(bleeding_of).collect();
         let mut changed = Vec::new();
-        for (&v, bleeding_px) in used.iter().zip(bleed::bleedings(&offsets)) {
+        for (&v, bleeding_px) in used.iter().zip(bleedings_px) {
             if bleeding_px.abs() >= MIN_BLEEDING_PX {
                 self.bleeding_px[v] = bleeding_px.clamp(-MAX_BLEEDING_PX, MAX_BLEEDING_PX);
                 self.evidence[v] = None;

@@ -70,21 +70,13 @@ impl State<'_> {
             self.failed[v] = Some(why);
         }
         new.retain(|&v| self.failed[v].is_none());
-        let n_buildings = self.problem.scene.prisms.len();
         let n_done = std::sync::atomic::AtomicUsize::new(0);
         let loaded: Vec<_> = new
             .par_iter()
             .map(|&v| {
                 let evidence = (self.problem.load_prior)(v).map(|prior| {
                     let placed = &self.problem.views[v].placed;
-                    Evidence::new(
-                        placed,
-                        self.problem.profiles(v),
-                        &prior,
-                        self.bleeding_px[v],
-                        self.config.stride_px,
-                        n_buildings,
-                    )
+                    Evidence::new(placed, self.problem.profiles(v), &prior, self.bleeding_px[v], self.config.stride_px)
                 });
                 let done = n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
                 (self.problem.progress)(Solving::Priors, done, new.len());

@@ -14,7 +14,7 @@ pub mod preprocess;
 pub mod profile;
 pub mod resize;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use schemars::JsonSchema;
@@ -94,6 +94,15 @@ impl NetworkConfig {
     #[must_use]
     pub fn graph(&self) -> PathBuf {
         known::in_place(&self.model).unwrap_or_else(|| self.model.clone())
+    }
+
+    /// The graph's file, and those beside it that hold its weights; a graph that cannot be read is refused by its engine.
+    #[must_use]
+    pub fn files(&self) -> Vec<PathBuf> {
+        let graph = self.graph();
+        let outline = Outline::read(&graph).unwrap_or_default();
+        let beside = outline.external_files.iter().map(|name| graph.with_file_name(name));
+        std::iter::once(graph.clone()).chain(beside).collect()
     }
 
     /// Whether it matches photos of known poses, in metres: its depth is then in metres as stereo's is.
@@ -178,9 +187,9 @@ impl NetworkPriors {
             hint: "`sizeup prior inspect` shows what the graph wants and which profiles fit".to_owned(),
         })?;
         check_batch(&config, &wiring, network.inputs())?;
-        let beside = |file: &PathBuf| config.model.parent().unwrap_or(Path::new("")).join(file);
-        let mut files = vec![config.model.clone()];
-        files.extend(Outline::read(&config.model)?.external_files.iter().map(beside));
+        // A graph that is not sound is refused here, with why.
+        Outline::read(&config.model)?;
+        let files = config.files();
         let is_company = |view: &&View| wiring.n_views > 1 && view.image.is_some();
         let company = Neighbours::new(views.iter().filter(is_company).cloned().collect(), terrain);
         let prepared = Kept::up_to(PHOTOS_KEPT.max(2 * wiring.n_views));

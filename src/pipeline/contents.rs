@@ -1,0 +1,77 @@
+//! The files that stages are made from, by what they hold: parts of their recipes.
+//!
+//! What a file holds is known from `stages/hashes.json` while its size, inode and times are those at which it was hashed, so
+//! that a run that starts late reads no photo to learn that none has changed.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+
+use super::{Stage, footprints as outlines, poses, reads_photo, stages};
+use crate::config::RunConfig;
+use crate::recipe::{ABSENT, Recipe};
+use sizeup_footprints::FootprintSource;
+use sizeup_geo::files::FileError;
+use sizeup_geo::geodata::source;
+use sizeup_geo::hashes::Hashes;
+use sizeup_photos::prior::PriorConfig;
+use sizeup_survey::{Survey, View, ViewKind};
+
+fn path_of_hashes(config: &RunConfig) -> PathBuf {
+    config.project.output.join("stages").join("hashes.json")
+}
+
+/// Adds the files that a stage and those before it are made from to its recipe.
+pub(super) fn add(recipe: &mut Recipe, config: &RunConfig, stage: Stage, survey: &Survey) {
+    let files: Vec<(&str, PathBuf)> = files(config, stage, survey).into_iter().collect();
+    let (path, hashes) = (path_of_hashes(config), Hashes::new());
+    hashes.load(&path);
+    let sha256 = |path: &Path| hashes.of(path).map_or_else(|_| ABSENT.to_owned(), |content| content.sha256);
+    let hashed: Vec<String> = files.par_iter().map(|(_, path)| sha256(path)).collect();
+    for ((role, path), sha256) in files.iter().zip(hashed) {
+        recipe.add(format!("{role} {}", config.saved_path(path).display()), sha256);
+    }
+    if hashes.n_bytes_read() > 0
+        && let Err(error) = keep(&hashes, &path)
+    {
+        // Then they are read again the next time.
+        tracing::warn!("{error}");
+    }
+}
+
+fn keep(hashes: &Hashes, path: &Path) -> Result<(), FileError> {
+    let all = hashes.paths();
+    hashes.save(path, all.iter().map(PathBuf::as_path))
+}
+
+fn files(config: &RunConfig, stage: Stage, survey: &Survey) -> BTreeSet<(&'static str, PathBuf)> {
+    let mut files = BTreeSet::new();
+    let poses = stages::files_of(&config.survey.path);
+    files.extend(poses.into_iter().filter(|path| path.is_file()).map(|path| ("survey", path)));
+    let photos = |is_read: &dyn Fn(&View) -> bool| -> Vec<(&'static str, PathBuf)> {
+        let read = survey.views.iter().filter(|view| is_read(view));
+        read.filter_map(|view| Some(("photo", view.image.clone()?))).collect()
+    };
+    if poses::asks(config) || config.prior.is_in_metres() {
+        files.extend(photos(&|_| true));
+    }
+    if stage >= Stage::Footprints {
+        let layers = outlines::files(config, survey);
+        files.extend(layers.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path)));
+        files.extend(config.terrain.dtm.iter().flat_map(|path| source::files_of(path)).map(|path| ("terrain", path)));
+        let finds = matches!(config.footprints, FootprintSource::Network(_));
+        files.extend(photos(&|view| config.dtm.is_some() || (finds && view.kind() == ViewKind::Nadir)));
+    }
+    if stage >= Stage::Heights {
+        files.extend(config.prior.shared_files().into_iter().map(|path| ("prior", path)));
+        // Settings that cannot work are refused where priors are read.
+        let priors = config.prior.file_of_each(&survey.views).unwrap_or_default();
+        let from_all = matches!(*config.prior.chosen(), PriorConfig::Stereo(_));
+        let of_views = survey.views.iter().zip(priors);
+        let used = of_views.filter(|(view, _)| from_all || view.kind() == ViewKind::Oblique);
+        files.extend(used.filter_map(|(_, path)| Some(("prior", path?))));
+        files.extend(photos(&|view| reads_photo(config, view)));
+    }
+    files
+}
