@@ -37,7 +37,7 @@ pub struct ExportArgs {
     /// CRS, for an input that does not state one.
     #[arg(long, value_name = "CRS")]
     pub crs: Option<String>,
-    /// GeoJSON: another layer of the input than the buildings, such as qa_issues, cameras, or a city's tiles.
+    /// GeoJSON: another layer of the input than the buildings, such as `qa_issues`, cameras, or a city's tiles.
     #[arg(long, value_name = "LAYER")]
     pub layer: Option<String>,
     /// GeoPackage: also write a QGIS project beside it, with the extension .qgs.

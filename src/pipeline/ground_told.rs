@@ -62,7 +62,8 @@ pub(super) fn spacing_m(outlines: MapBox) -> f64 {
     let area = outlines.grown(MARGIN_M);
     let area_m2 = (area.east_m - area.west_m) * (area.north_m - area.south_m);
     let spacing_m = (area_m2 / N_SQUARES).sqrt().clamp(DtmConfig::default().spacing_m, MOST_SPACING_M);
-    (spacing_m / SPACING_STEP_M).ceil() * SPACING_STEP_M
+    // Rather closer: a building is told of by the squares around it.
+    (spacing_m / SPACING_STEP_M).floor().max(1.0) * SPACING_STEP_M
 }
 
 /// Whether the terrain is held against photos, where there are any: not where it is made from them.

@@ -25,9 +25,9 @@ fn tables(config: &RunConfig) -> Map<String, Value> {
     tables
 }
 
-/// Takes keys out of a table.
-fn without(table: Option<&mut Value>, keys: &[&str]) {
-    if let Some(Value::Object(table)) = table {
+/// Takes keys out of one of the tables.
+fn without(tables: &mut Map<String, Value>, table: &str, keys: &[&str]) {
+    if let Some(Value::Object(table)) = tables.get_mut(table) {
         keys.iter().for_each(|&key| drop(table.remove(key)));
     }
 }
@@ -38,7 +38,7 @@ pub(super) fn of_stage(config: &RunConfig, stage: Stage) -> Value {
     let mut tables = tables(&saved);
     tables.retain(|name, _| first_stage(name) <= stage && first_stage(name) < Stage::Output);
     // Results go where they go; the day and the name of the datum are for writers.
-    without(tables.get_mut("project"), &["output", "vertical_reference", "reference_date"]);
+    without(&mut tables, "project", &["output", "vertical_reference", "reference_date"]);
     if poses::asks(config) {
         tables.insert("ground of poses".to_owned(), json!(saved.terrain));
     } else {
@@ -58,8 +58,8 @@ pub fn part_settings(config: &RunConfig) -> Value {
     for given in ["survey", "align", "reviews", "limits"] {
         tables.remove(given);
     }
-    without(tables.get_mut("project"), &["output"]);
-    without(tables.get_mut("output"), &["pictures", "geopackage", "report"]);
+    without(&mut tables, "project", &["output"]);
+    without(&mut tables, "output", &["pictures", "geopackage", "report"]);
     Value::Object(tables)
 }
 

@@ -30,8 +30,10 @@ fn read(name: &str) -> Document {
 /// The README and all of `docs`.
 fn documents() -> Vec<Document> {
     let names = fs::read_dir(root().join("docs")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
-    let mut names: Vec<String> =
-        names.filter(|name| name.ends_with(".md")).map(|name| format!("docs/{name}")).collect();
+    let mut names: Vec<String> = names
+        .filter(|name| Path::new(name).extension().is_some_and(|e| e == "md"))
+        .map(|name| format!("docs/{name}"))
+        .collect();
     names.push("README.md".to_owned());
     names.sort();
     names.iter().map(|name| read(name)).collect()

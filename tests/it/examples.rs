@@ -41,7 +41,7 @@ fn photos_show_where_they_look() {
 fn a_run_needs_no_configuration_file() {
     let lines = lines(&example("run_configured_in_code", &[]));
     assert_eq!(lines.len(), 6, "{lines:?}");
-    assert!(lines.iter().all(|line| line.ends_with("ok") || line.ends_with("doubtful")), "{lines:?}");
+    assert!(lines.iter().all(|line| line.ends_with("measured") || line.ends_with("doubtful")), "{lines:?}");
 }
 
 #[test]

@@ -22,13 +22,27 @@ fn both(name: &str, text: &str) -> Vec<Feature> {
     assert_eq!(own.crs().unwrap(), gdal.crs().unwrap());
     assert_eq!(own.field_names().collect::<Vec<_>>(), gdal.field_names().collect::<Vec<_>>());
     let found: Vec<Feature> = own.features().collect();
-    assert_eq!(found, gdal.features().collect::<Vec<_>>(), "{text}");
+    assert_eq!(found, gdal.features().map(as_we_have_it).collect::<Vec<_>>(), "{text}");
     let window = [2.0, 2.0, 3.0, 3.0];
     own.look_at(window);
     gdal.look_at(window);
-    assert_eq!(own.features().collect::<Vec<_>>(), gdal.features().collect::<Vec<_>>(), "in {window:?}: {text}");
+    let of_gdal: Vec<Feature> = gdal.features().map(as_we_have_it).collect();
+    assert_eq!(own.features().collect::<Vec<_>>(), of_gdal, "in {window:?}: {text}");
     assert_eq!(own.n_features(), Some(own.features().count() as u64));
     found
+}
+
+/// GDAL's reading as ours: its binding has no text that is missing but an empty one, and spaces in objects.
+fn as_we_have_it(mut feature: Feature) -> Feature {
+    for value in feature.attributes.values_mut() {
+        let object = value.as_str().filter(|text| text.starts_with('{')).map(serde_json::from_str::<Value>);
+        match object {
+            Some(Ok(object)) => *value = object.to_string().into(),
+            _ if value == "" => *value = Value::Null,
+            _ => {}
+        }
+    }
+    feature
 }
 
 fn collection(members: &str, features: &[(&str, &str, &str)]) -> String {

@@ -285,10 +285,10 @@ fn camera(group: &Element, camera_from_axes: DMat3, tangential: TangentialOrder)
         "Perspective" => {
             let [k1, k2, k3] = [coefficient("K1")?, coefficient("K2")?, coefficient("K3")?];
             let [p1, p2] = tangential.opencv([coefficient("P1")?, coefficient("P2")?]);
-            if skew != 0.0 {
-                Distortion::BrownAffine { k1, k2, k3, k4: 0.0, p1, p2, skew }
-            } else {
+            if skew == 0.0 {
                 Distortion::brown([k1, k2, k3], [p1, p2])
+            } else {
+                Distortion::BrownAffine { k1, k2, k3, k4: 0.0, p1, p2, skew }
             }
         }
         other => return Err(format!("camera model {other}: undistort the photos, only Perspective is read")),

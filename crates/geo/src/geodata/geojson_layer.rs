@@ -232,7 +232,7 @@ impl Columns {
         let n_named = features.iter().filter(is_named).count();
         let first = features.first()?;
         // A column that comes up later has a place among the others that GDAL works out.
-        let n_first = first.properties.as_ref().map_or(0, |own| own.len()) + usize::from(is_named(&first));
+        let n_first = first.properties.as_ref().map_or(0, serde_json::Map::len) + usize::from(is_named(&first));
         let is_plain = columns.len() == n_first && (n_named == 0 || n_named == features.len());
         is_plain.then_some(Self(columns))
     }
@@ -289,7 +289,7 @@ fn shape(geometry: &GeometryValue) -> Option<geo_types::Geometry<f64>> {
 
 fn collection(parts: impl Iterator<Item = geo_types::Geometry<f64>>) -> Option<geo_types::Geometry<f64>> {
     let parts: Vec<_> = parts.collect();
-    (!parts.is_empty()).then(|| geo_types::Geometry::GeometryCollection(GeometryCollection(parts)))
+    (!parts.is_empty()).then_some(geo_types::Geometry::GeometryCollection(GeometryCollection(parts)))
 }
 
 fn polygon(rings: &[Vec<Position>]) -> Option<Polygon<f64>> {
