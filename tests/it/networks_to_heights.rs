@@ -268,15 +268,16 @@ fn a_photo_of_45_megapixels_is_decoded_once_and_never_whole() {
     photo.save_with_format(&photos[large], image::ImageFormat::Jpeg).unwrap();
     let n_bytes = fs::metadata(&photos[large]).unwrap().len();
     // Of a file that has just been written the hash is not remembered: it may change within the same second.
-    let hour_ago = SystemTime::now() - Duration::from_secs(3600);
+    let hour_ago = SystemTime::now() - Duration::from_hours(1);
     fs::File::options().append(true).open(&photos[large]).unwrap().set_modified(hour_ago).unwrap();
     let (n_read, peak) = computing(scene.path());
     assert_eq!(entries(scene.path()).len(), 1);
     let whole = u64::from(width * height) * 3;
     let [of_photo, besides_mb, whole_mb] = [peak.saturating_sub(besides), besides, whole].map(|bytes| bytes >> 20);
     println!("photo of {n_bytes} bytes: {n_read} read, {of_photo} MB on top of {besides_mb}, {whole_mb} MB whole");
-    // Once for the name of the cache's entry, once to decode it; libraries and their tables besides.
-    assert!(n_bytes > 10_000_000 && n_read < n_bytes * 5 / 2 + 5_000_000, "{n_read} of {n_bytes}");
+    // Once for the name of the cache's entry, once to decode it, twice for the recipes of the stages before; libraries and their
+    // tables besides.
+    assert!(n_bytes > 10_000_000 && n_read < n_bytes * 9 / 2 + 5_000_000, "{n_read} of {n_bytes}");
     assert!(peak < besides + whole, "{peak} of {whole} on top of {besides}");
 }
 

@@ -46,10 +46,10 @@ pub struct PhotoCorrection {
     pub residual_px: f64,
 }
 
-/// What was done to a camera that was not calibrated.
+/// Correction of a camera that was not calibrated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CameraCorrection {
-    /// Its first photo's name.
+    /// Name of its first photo.
     pub view: String,
     /// Photos taken with it.
     pub n_photos: usize,
@@ -57,7 +57,7 @@ pub struct CameraCorrection {
     pub given_focal_px: f64,
     /// Focal length as it was found, pixels.
     pub focal_px: f64,
-    /// What rays 45 degrees off the axis were lengthened by beyond that, a share.
+    /// Share that rays 45 degrees off the axis were lengthened by beyond that.
     pub radial: f64,
 }
 

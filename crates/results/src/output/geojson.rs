@@ -39,7 +39,7 @@ pub fn write<R: Records + ?Sized>(
 /// `stated` is the CRS of a file that has none. How many features there are.
 ///
 /// # Errors
-/// As [`write`]; [`OutputError::Input`] where there is no such layer.
+/// As [`write()`]; [`OutputError::Input`] where there is no such layer.
 pub fn write_layer(path: &Path, input: &Path, layer: &str, stated: Option<&Crs>) -> Result<usize, OutputError> {
     let unreadable = |error: ReadError| OutputError::Input(Box::new(error));
     let mut source = VectorLayer::open(input, Some(layer)).map_err(|e| unreadable(e.into()))?;

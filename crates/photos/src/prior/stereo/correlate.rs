@@ -25,11 +25,6 @@ pub(super) const WORST: u8 = 255;
 /// Variance below which a window has no texture to compare, grey levels².
 pub(super) const LEAST_VARIANCE: f32 = 0.05;
 
-/// Added to a number, it leaves the nearest whole one in its last bits: 1.5 · 2²³. Casts look for what is out of range, one by one.
-const TO_WHOLE: f32 = 12_582_912.0;
-/// Pixels that are looked up together.
-const TOGETHER: usize = 16;
-
 /// A neighbour's brightness, ready for interpolation: per pixel its value, what it changes by to the right and
 /// downwards, and what is left diagonally. One read per lookup instead of four.
 #[derive(Debug)]
@@ -56,25 +51,13 @@ impl Neighbour {
         (self.width as f32 - 1.0, self.height as f32 - 1.0)
     }
 
-    /// Brightness between pixels, in cells from the first one's centre, each from 0 to less than the last.
-    ///
-    /// Cells and places in them are found for many pixels at once: only the looking up is done one by one.
+    /// Brightness between pixels, in cells from the first one's centre, from 0 to less than the last.
     #[inline(always)]
-    pub(super) fn at<const N: usize>(&self, x: &[f32; N], y: &[f32; N]) -> [f32; N] {
-        let (mut fx, mut fy, mut cells) = ([0.0_f32; N], [0.0_f32; N], [0_u32; N]);
-        let width = self.width as u32;
-        for i in 0..N {
-            let (col, row) = (x[i] - 0.5 + TO_WHOLE, y[i] - 0.5 + TO_WHOLE);
-            (fx[i], fy[i]) = (x[i] - (col - TO_WHOLE), y[i] - (row - TO_WHOLE));
-            let whole = |number: f32| number.to_bits().wrapping_sub(TO_WHOLE.to_bits());
-            cells[i] = whole(row).wrapping_mul(width).wrapping_add(whole(col));
-        }
-        let mut values = [0.0; N];
-        for i in 0..N {
-            let [here, right, below, diagonal] = self.corners[cells[i] as usize];
-            values[i] = here + fx[i] * right + fy[i] * (below + fx[i] * diagonal);
-        }
-        values
+    pub(super) fn at(&self, x: f32, y: f32) -> f32 {
+        let (col, row) = (x as i32, y as i32);
+        let (fx, fy) = (x - col as f32, y - row as f32);
+        let [here, right, below, diagonal] = self.corners[row as usize * self.width + col as usize];
+        here + fx * right + fy * (below + fx * diagonal)
     }
 }
 
@@ -368,14 +351,9 @@ impl Warp {
         let seen = self.place(neighbour, homography, row);
         self.values[..seen.start].fill(0.0);
         self.values[seen.end..].fill(0.0);
-        let (x, rest_x) = self.x[seen.clone()].as_chunks::<TOGETHER>();
-        let (y, rest_y) = self.y[seen.clone()].as_chunks::<TOGETHER>();
-        let (values, rest) = self.values[seen.clone()].as_chunks_mut::<TOGETHER>();
-        for (values, (x, y)) in values.iter_mut().zip(x.iter().zip(y)) {
-            *values = neighbour.at(x, y);
-        }
-        for (value, (x, y)) in rest.iter_mut().zip(rest_x.iter().zip(rest_y)) {
-            [*value] = neighbour.at(&[*x], &[*y]);
+        let positions = self.x[seen.clone()].iter().zip(&self.y[seen.clone()]);
+        for (value, (x, y)) in self.values[seen.clone()].iter_mut().zip(positions) {
+            *value = neighbour.at(*x, *y);
         }
         seen
     }
@@ -450,26 +428,6 @@ mod tests {
             // Between four pixels there is none beyond the last centre.
             assert!(!cols.contains(&32) || at(32, 15) == WORST);
             assert_eq!(at(cols.start, 20), WORST);
-        }
-    }
-
-    #[test]
-    fn brightness_between_pixels_is_theirs_by_nearness_up_to_the_last() {
-        let (width, height) = (301, 17);
-        let map = grey(width, height, noise);
-        let neighbour = Neighbour::new(&map);
-        let (last_x, last_y) = neighbour.last();
-        for x in [0.0, 0.25, 1.0, 2.5, 17.999, 254.0, 255.75, last_x - 1.0, last_x.next_down()] {
-            for y in [0.0, 0.5, 3.0, 6.125, last_y.next_down()] {
-                let (col, row) = (x.floor() as usize, y.floor() as usize);
-                let (fx, fy) = (f64::from(x) - col as f64, f64::from(y) - row as f64);
-                let of = |dx: usize, dy: usize| f64::from(map[((col + dx).min(width - 1), (row + dy).min(height - 1))]);
-                let upper = of(0, 0) * (1.0 - fx) + of(1, 0) * fx;
-                let lower = of(0, 1) * (1.0 - fx) + of(1, 1) * fx;
-                let expected = upper * (1.0 - fy) + lower * fy;
-                let [found] = neighbour.at(&[x], &[y]);
-                assert!((f64::from(found) - expected).abs() < 1e-2, "{x} {y}: {found} {expected}");
-            }
         }
     }
 

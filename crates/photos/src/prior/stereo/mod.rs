@@ -50,7 +50,7 @@ use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
 
 /// Changes whenever the same photos and settings would give another depth.
-const ALGORITHM: &[u8] = b"stereo 7";
+const ALGORITHM: &[u8] = b"stereo 6";
 /// A picture whose shorter side has fewer pixels is not asked between which heights there are surfaces.
 const LEAST_SIDE_PX: usize = 60;
 /// What holds together over less than this part of a window is no surface: pixels so close share most of what they were

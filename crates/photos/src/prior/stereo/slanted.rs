@@ -35,8 +35,6 @@ const SIDE: usize = 5;
 const N: usize = SIDE * SIDE;
 /// As many numbers as the processor's vectors hold at a time; those beyond the samples repeat the middle.
 const LANES: usize = 32;
-/// Sums that are kept apart until the end.
-const SIDE_BY_SIDE: usize = 8;
 /// Columns and rows of the samples from the middle.
 const COLS: [f32; LANES] = steps(false);
 const ROWS: [f32; LANES] = steps(true);
@@ -118,8 +116,7 @@ struct Judge<'a> {
 
 /// The samples of a window in the view: mean 0, and one by the root of their sum of squares; `None` without texture.
 struct Window {
-    /// 0 behind the samples.
-    values: [f32; LANES],
+    values: [f32; N],
     per_norm: f32,
 }
 
@@ -132,16 +129,15 @@ impl Judge<'_> {
         if !is_inside {
             return None;
         }
-        let mut samples = [0.0; N];
-        for (i, line) in samples.chunks_exact_mut(SIDE).enumerate() {
+        let mut values = [0.0; N];
+        for (i, line) in values.chunks_exact_mut(SIDE).enumerate() {
             let row = row - reach + i * self.step_px as usize;
             for (j, value) in line.iter_mut().enumerate() {
                 *value = self.grey[(col - reach + j * self.step_px as usize, row)];
             }
         }
-        let mean = samples.iter().sum::<f32>() / N as f32;
-        let mut values = [0.0; LANES];
-        values.iter_mut().zip(&samples).for_each(|(value, sample)| *value = sample - mean);
+        let mean = values.iter().sum::<f32>() / N as f32;
+        values.iter_mut().for_each(|v| *v -= mean);
         let squares = values.iter().map(|v| v * v).sum::<f32>();
         (squares > LEAST_VARIANCE * N as f32).then(|| Window { values, per_norm: 1.0 / squares.sqrt() })
     }
@@ -194,19 +190,16 @@ fn correlation(way: &Way<'_>, pixel: Vec3, step_px: f32, window: &Window, plane:
     if !is_seen {
         return None;
     }
-    let mut b = [0.0_f32; LANES];
-    let seen: [f32; N] = way.neighbour.at(x.first_chunk()?, y.first_chunk()?);
-    b[..N].copy_from_slice(&seen);
-    // Summed side by side: one after the other, each would wait for the one before.
-    let mut sums = [[0.0_f32; SIDE_BY_SIDE]; 3];
-    for (b, a) in b.as_chunks::<SIDE_BY_SIDE>().0.iter().zip(window.values.as_chunks::<SIDE_BY_SIDE>().0) {
-        for i in 0..SIDE_BY_SIDE {
-            sums[0][i] += b[i];
-            sums[1][i] += b[i] * b[i];
-            sums[2][i] += a[i] * b[i];
-        }
+    let mut b = [0.0_f32; N];
+    for i in 0..N {
+        b[i] = way.neighbour.at(x[i], y[i]);
     }
-    let [sum, squares, products] = sums.map(|sums| sums.iter().sum::<f32>());
+    let (mut sum, mut squares, mut products) = (0.0, 0.0, 0.0);
+    for (b, a) in b.iter().zip(&window.values) {
+        sum += b;
+        squares += b * b;
+        products += a * b;
+    }
     let spread = squares - sum * sum / N as f32;
     Some(if spread > LEAST_VARIANCE * N as f32 { products * window.per_norm / spread.sqrt() } else { 0.0 })
 }
