@@ -277,7 +277,7 @@ fn inspect(settings: &Settings, args: &InspectArgs, global: &Global) -> Result<I
     Ok(Inspected { is_sound: report.is_sound(), report, corner_errors })
 }
 
-/// What the photos themselves show.
+/// Issues that the photos themselves show.
 fn looked_at(views: &[View], ui: &Ui) -> Result<Vec<Issue>, Failure> {
     if views.iter().all(|view| view.image.is_none()) {
         return Err(Failure::from_text(

@@ -25,13 +25,13 @@ const BLURRED: f64 = 0.18;
 /// Less sharp is blurred where the flight's photos are mostly sharper by so much.
 const LESS_SHARP: f64 = 0.25;
 const THAN_THE_FLIGHT: f64 = 0.5;
-/// Of 255: brighter is burnt out, darker is black. Nothing can be told apart there.
+/// Least brightness, of 255, that is burnt out, and greatest that is black. Nothing can be told apart there.
 const WHITE: f32 = 250.0;
 const BLACK: f32 = 5.0;
 /// Share of a photo that may be so.
 const LOST_SHARE: f64 = 0.25;
 
-/// What a photo's pixels say.
+/// Quality of a photo by its pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhotoQuality {
     /// 1/16 (smooth) to 1 and more; `None` where there is nothing to tell it from.
@@ -43,7 +43,7 @@ pub struct PhotoQuality {
 }
 
 impl PhotoQuality {
-    /// Of a grey picture as small as it is matched. `has_bytes`: its samples are 0 to 255, so that white and black are known.
+    /// Quality of a grey picture as small as it is matched. `has_bytes`: its samples are 0 to 255, so that white and black are known.
     #[must_use]
     pub fn of(grey: &Raster<f32>, has_bytes: bool) -> Self {
         let n = grey.data().len().max(1) as f64;
@@ -132,7 +132,7 @@ fn judge(views: &[View], qualities: &[Option<PhotoQuality>]) -> Vec<Issue> {
 }
 
 impl PhotoQuality {
-    /// What is told of a photo in a flight with a usual sharpness.
+    /// Issues of a photo in a flight with a usual sharpness.
     fn doubts(&self, view: &View, usual: f64) -> impl Iterator<Item = Issue> {
         let told = |code: &str, message: String, hint: &str| {
             Issue::new(Severity::Warning, code, Subject::View(view.id.0.clone()), message).hint(hint)

@@ -57,7 +57,7 @@ pub(super) struct Lens {
     pub scale: f64,
     /// The same times the square of their length (`b`).
     pub radial: f64,
-    /// What is in the rays of sightings already.
+    /// Scale and radial part that are in the rays of sightings already.
     pub applied: [f64; 2],
     /// Whether it may change.
     pub is_free: bool,
@@ -121,16 +121,16 @@ pub(super) struct Sigmas {
     pub position_m: f64,
     /// Of a given rotation about each axis, radians.
     pub angle_rad: f64,
-    /// Of the given lenses; `None` where these stay as they are.
+    /// Errors of the given lenses; `None` where these stay as they are.
     pub lens: Option<LensSigmas>,
 }
 
 /// How far given lenses are expected to be off.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LensSigmas {
-    /// Of the focal length, a share of it.
+    /// Error of the focal length, a share of it.
     pub scale: f64,
-    /// Of the radial part at 45 degrees off the axis, a share.
+    /// Error of the radial part at 45 degrees off the axis, a share.
     pub radial: f64,
 }
 
@@ -412,7 +412,7 @@ impl Bundle {
     }
 }
 
-/// What a sighting's residual pulls some unknowns by, of derivatives by them, a row per axis of the image.
+/// Pull of a sighting's residual on some unknowns, from derivatives by them, a row per axis of the image.
 fn right_of(by: &[Six; 2], off_px: DVec2, weight: f64) -> Six {
     std::array::from_fn(|a| weight * (by[0][a] * off_px.x + by[1][a] * off_px.y))
 }

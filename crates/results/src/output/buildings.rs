@@ -31,9 +31,9 @@ impl Records for [BuildingRecord] {
 pub struct Overview {
     /// Buildings of the input: one in parts counts once.
     pub n_buildings: usize,
-    /// Of them, those with a height in all their parts.
+    /// Buildings with a height in all their parts.
     pub n_heights: usize,
-    /// Of them, those without an outline, or with a part without.
+    /// Buildings without an outline, or with a part without.
     pub n_without_outline: usize,
     /// The box around all outlines, base to roof.
     pub extent: Option<Extent>,
