@@ -5,6 +5,7 @@ use std::io::BufReader;
 use std::path::PathBuf;
 
 use geo_types::{LineString, Polygon};
+use glam::DVec3;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +16,7 @@ use sizeup_footprints::{DetectionSummary, FootprintLayer, Tracks};
 use sizeup_geo::files::write_whole;
 use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::GroundLevel;
+use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::ids::BuildingId;
 use sizeup_heights::optimise::{LevelGain, Solution};
 use sizeup_survey::Survey;
@@ -50,6 +52,8 @@ impl FootprintStage {
 /// Heights of the buildings whose ground is known.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct HeightStage {
+    /// Where the local frame of the solution's roofs lies in the map.
+    pub origin: LocalOrigin,
     /// Position in the layer of each building that was solved.
     pub solved: Vec<usize>,
     /// How outlines were split before the last round of solving, round by round; positions count the layer as it
@@ -76,6 +80,7 @@ impl HeightStage {
     /// Without a single building.
     pub(super) fn empty() -> Self {
         Self {
+            origin: LocalOrigin(DVec3::ZERO),
             solved: Vec::new(),
             cuts: Vec::new(),
             joined: Vec::new(),

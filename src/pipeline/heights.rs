@@ -175,6 +175,7 @@ impl HeightSearch<'_> {
         solution.heights.iter_mut().for_each(|solved| solved.keep_within(bounds, optimise.height_reference));
         let correlations = correlations.into_inner().unwrap_or_else(PoisonError::into_inner);
         HeightStage {
+            origin: stage.scene.origin,
             solved: stage.solved.clone(),
             cuts: Vec::new(),
             joined: Vec::new(),

@@ -2,7 +2,8 @@
 
 use super::{FootprintStage, HeightStage};
 use crate::config::RunConfig;
-use sizeup_heights::optimise::{Reason, Roof, SolvedHeight};
+use sizeup_heights::frames::LocalOrigin;
+use sizeup_heights::optimise::{Reason, Roof, SolvedHeight, Terrace};
 use sizeup_results::output::reviews::Reviews;
 use sizeup_results::output::{BuildingRecord, HeightReference, RoofShape, Status};
 use sizeup_results::output::{fallback, party_walls};
@@ -48,7 +49,10 @@ fn found(
                 party_wall_m2: None,
                 height_reference,
                 // A height that is not known, or comes from a fallback, says nothing of the roof.
-                roof: solved.filter(|s| s.height_m.is_some()).and_then(|s| s.roof).map(roof_shape),
+                roof: solved
+                    .filter(|s| s.height_m.is_some())
+                    .and_then(|s| s.roof)
+                    .map(|roof| roof_shape(roof, heights.origin)),
                 status,
                 reasons,
                 views: solved
@@ -75,8 +79,15 @@ fn found(
     with_outline.chain(without).collect()
 }
 
-fn roof_shape(roof: Roof) -> RoofShape {
-    RoofShape { form: roof.form, eave_height_m: roof.eave_m, ridge_height_m: roof.ridge_m }
+/// A roof of the local frame in the map.
+fn roof_shape(roof: Roof, origin: LocalOrigin) -> RoofShape {
+    let azimuth_deg = |[east, north]: [f64; 2]| east.atan2(north).to_degrees().rem_euclid(180.0);
+    let moved = |corners: [[f64; 2]; 4]| corners.map(|[x, y]| [x + origin.0.x, y + origin.0.y]);
+    RoofShape {
+        ridge_azimuth_deg: roof.ridge_along.map(azimuth_deg),
+        step: roof.terrace.map(|step| Terrace { corners: moved(step.corners), ..step }),
+        ..RoofShape::new(roof.form, roof.eave_m, roof.ridge_m)
+    }
 }
 
 fn status_of(has_ground: bool, solved: Option<&SolvedHeight>) -> (Status, Vec<String>) {

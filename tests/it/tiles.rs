@@ -56,9 +56,9 @@ pub fn results(scene: &Scene, folder: &str) -> BTreeMap<String, Vec<u8>> {
 /// Panics where two results differ, and says in which file.
 pub fn assert_same(one: &BTreeMap<String, Vec<u8>>, other: &BTreeMap<String, Vec<u8>>) {
     assert_eq!(one.keys().collect::<Vec<_>>(), other.keys().collect::<Vec<_>>());
-    for (name, bytes) in one {
-        assert!(bytes == &other[name], "{name} differs");
-    }
+    let differ: Vec<&String> =
+        one.iter().filter(|(name, bytes)| **bytes != other[*name]).map(|(name, _)| name).collect();
+    assert!(differ.is_empty(), "different: {differ:?}");
 }
 
 /// A city that nothing has gone wrong with, in the folder `undisturbed`.

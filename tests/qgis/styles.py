@@ -122,8 +122,8 @@ def height_labels():
     return QgsVectorLayerSimpleLabeling(label)
 
 
-def prism(colour, edges):
-    """Walls and roof between base_z_m and roof_z_m in one colour."""
+def solid(colour, edges):
+    """Faces where they are, in one colour."""
     material = QgsPhongMaterialSettings()
     material.setDiffuse(QColor(colour))
     material.setAmbient(QColor(colour).darker(180))
@@ -135,6 +135,12 @@ def prism(colour, edges):
     symbol.setEdgeColor(edges)
     symbol.setEdgeWidth(1.0 if edges == QColor(45, 45, 52) else 2.5)
     symbol.setMaterial(material)
+    return symbol
+
+
+def prism(colour, edges):
+    """Walls and roof between base_z_m and roof_z_m in one colour."""
+    symbol = solid(colour, edges)
     levels = QgsPropertyCollection()
     levels.setProperty(QgsPolygon3DSymbol.PropertyHeight, QgsProperty.fromExpression('"base_z_m"'))
     levels.setProperty(
@@ -144,14 +150,14 @@ def prism(colour, edges):
     return symbol
 
 
-def extrusion():
-    """The classes of the map as prisms; without a height there is nothing to extrude."""
+def in_3d(symbol):
+    """The classes of the map as solids; without a height there are none."""
     root = QgsRuleBased3DRenderer.Rule(None)
     sure, doubtful = "coalesce(\"status\", '') <> 'doubtful'", "\"status\" = 'doubtful'"
     for label, expression, colour in classes():
-        root.appendChild(QgsRuleBased3DRenderer.Rule(prism(colour, QColor(45, 45, 52)), f"{expression} AND {sure}", label))
+        root.appendChild(QgsRuleBased3DRenderer.Rule(symbol(colour, QColor(45, 45, 52)), f"{expression} AND {sure}", label))
     for label, expression, colour in classes():
-        rule = QgsRuleBased3DRenderer.Rule(prism(colour, QColor(213, 94, 0)), f"{expression} AND {doubtful}", f"{label}, doubtful")
+        rule = QgsRuleBased3DRenderer.Rule(symbol(colour, QColor(213, 94, 0)), f"{expression} AND {doubtful}", f"{label}, doubtful")
         root.appendChild(rule)
     return QgsRuleBased3DRenderer(root)
 
@@ -159,7 +165,7 @@ def extrusion():
 def buildings():
     layer = QgsVectorLayer(f"Polygon?crs=EPSG:25832&{ATTRIBUTES}", "buildings", "memory")
     layer.setRenderer(height_renderer())
-    layer.setRenderer3D(extrusion())
+    layer.setRenderer3D(in_3d(prism))
     layer.setLabeling(height_labels())
     layer.setLabelsEnabled(True)
     layer.setDisplayExpression("\"id\" || ': ' || coalesce(format_number(\"height_m\", 1) || ' m', 'height not known')")
@@ -170,9 +176,16 @@ def buildings():
     return layer
 
 
-def solids():
+def blocks():
     layer = QgsVectorLayer(f"MultiPolygonZ?crs=EPSG:25832&{ATTRIBUTES}", "buildings_lod1", "memory")
     layer.setRenderer(height_renderer())
+    return layer
+
+
+def roofed():
+    layer = QgsVectorLayer(f"MultiPolygonZ?crs=EPSG:25832&{ATTRIBUTES}", "buildings_lod2", "memory")
+    layer.setRenderer(height_renderer())
+    layer.setRenderer3D(in_3d(solid))
     return layer
 
 
@@ -412,7 +425,7 @@ def main():
     application = QgsApplication([], False)
     application.initQgis()
     Qgs3D.initialize()
-    for layer in [buildings(), solids(), tiles(), cameras(), qa_issues()]:
+    for layer in [buildings(), blocks(), roofed(), tiles(), cameras(), qa_issues()]:
         export(layer, sys.argv[1])
     write_layout(sys.argv[1])
     for layer in [footprints(), candidates(), vanished()]:

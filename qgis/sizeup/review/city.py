@@ -91,7 +91,7 @@ def is_result(layer: object) -> bool:
         return False
     path = file_of(layer)
     has_fields = all(layer.fields().indexFromName(name) >= 0 for name in FIELDS)
-    return path is not None and has_fields and layer.geometryType() == 2 and layer.name() != "buildings_lod1" and (
+    return path is not None and has_fields and layer.geometryType() == 2 and not layer.name().startswith("buildings_lod") and (
         path.parent / "stages" / "survey.json"
     ).is_file()
 

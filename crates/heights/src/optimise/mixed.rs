@@ -157,7 +157,8 @@ pub(super) fn best<'a>(prism: &'a Prism, flat_m: f32, step: &Roof, views: &[Roof
     let scores = scores(views, &seen, flat_m, &best);
     let scores_in =
         move |others: &[RoofView<'_>]| self::scores(others, &seen_in(others, axes, prism.ground_z), flat_m, &best);
-    Some(Fit { roof: roof(&best, axes, body_share), margin: MARGIN, scores, scores_in: Box::new(scores_in) })
+    let roof = roof(&best, axes, body_share);
+    Some(Fit { roof, is_told: true, margin: MARGIN, scores, scores_in: Box::new(scores_in) })
 }
 
 /// Directions of flat part, eave and rise, and of the main body's low and high corner.
@@ -187,6 +188,7 @@ fn roof(house: &House, axes: Mat2, body_share: f64) -> Roof {
         ridge_m: eave_m + rise_m,
         mean_m: flat_m + body_share * (eave_m + 0.5 * rise_m - flat_m),
         terrace: Some(Terrace { corners, is_upper: true, gable: Some(gable) }),
+        ridge_along: None,
     }
 }
 

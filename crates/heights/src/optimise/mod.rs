@@ -21,6 +21,7 @@ mod mixed;
 mod ordinal;
 mod peak;
 mod pitched;
+mod planes;
 mod rays;
 mod regression;
 mod roof;
@@ -39,7 +40,8 @@ pub use config::{
 };
 pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
 pub use levels::{LevelGain, OtherLevel};
+pub use planes::{RoofPlane, RoofPlanes, Rule};
 pub use rays::Rays;
-pub use roof::{Roof, Terrace, candidates};
+pub use roof::{Gable, Roof, Terrace, candidates};
 pub use solution::{Doubts, EpochRecord, Reason, Solution, SolvedHeight};
 pub use solve::{Problem, Solving, ViewInput, WithoutPrior, first_selection, solve};

@@ -41,6 +41,9 @@ pub struct Roof {
     /// The plan of a stepped or a mixed one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub terrace: Option<Terrace>,
+    /// Where the ridge of a gable runs, the main body's where there are wings: east and north, of length one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ridge_along: Option<[f64; 2]>,
 }
 
 /// A rectangle at one of the two levels of a stepped roof.
@@ -95,7 +98,14 @@ impl Roof {
     /// A flat one.
     #[must_use]
     pub fn flat(height_m: f64) -> Self {
-        Self { form: RoofForm::Flat, eave_m: height_m, ridge_m: height_m, mean_m: height_m, terrace: None }
+        Self {
+            form: RoofForm::Flat,
+            eave_m: height_m,
+            ridge_m: height_m,
+            mean_m: height_m,
+            terrace: None,
+            ridge_along: None,
+        }
     }
 
     /// Which of its heights is meant, metres.
@@ -165,7 +175,7 @@ pub fn candidates(prism: &Prism, found: &Roof, clear_m: f32, n: usize) -> Vec<(R
             if eave_m <= 0.0 {
                 continue;
             }
-            let roof = Roof { form: shape.form, eave_m, ridge_m: eave_m + f64::from(rise_m), mean_m, terrace: None };
+            let roof = shape.roof(eave_m, f64::from(rise_m), mean_m);
             let place = |(p, share): (&Vec2, &f32)| at(p, mean_m + f64::from(rise_m * share));
             roofs.push((roof, inside.iter().zip(&shares).map(place).collect()));
         }
@@ -237,6 +247,8 @@ pub(super) type ScoresIn<'a> = Box<dyn Fn(&[RoofView<'_>]) -> Vec<f64> + 'a>;
 /// The roof of some forms that a building's views show best.
 pub(super) struct Fit<'a> {
     pub roof: Roof,
+    /// Whether it is more than a flat one by its shape.
+    pub is_told: bool,
     pub margin: Margin,
     /// By view.
     pub scores: Vec<f64>,
@@ -305,12 +317,12 @@ pub(super) fn find<'a>(
         .as_ref()
         .filter(|_| forms.contains(&RoofForm::Mixed))
         .and_then(|step| mixed::best(prism, height_m, &step.roof, near));
-    let by_pitch = pitched.as_ref().filter(|fit| is_believed(fit));
-    let by_step = stepped.as_ref().filter(|fit| is_believed(fit));
-    let taken = match (by_pitch, by_step) {
-        (Some(pitch), Some(step)) => Some(if step.is_better(near, &step.scores, &pitch.scores) { step } else { pitch }),
-        (pitch, step) => pitch.or(step),
-    };
+    let by_pitch = pitched.as_ref().filter(|fit| fit.is_told && is_believed(fit));
+    // Six numbers fit a slope too: a step has to be clearly better than the best slope, whether that is believed or not.
+    let is_no_slope =
+        |step: &&Fit<'_>| pitched.as_ref().is_none_or(|pitch| step.is_better(near, &step.scores, &pitch.scores));
+    let by_step = stepped.as_ref().filter(|fit| is_believed(fit)).filter(is_no_slope);
+    let taken = by_step.or(by_pitch);
     // A gable beside a flat part takes one number more than two levels, and as they stand for it many more than the others.
     let simple = taken.map_or(&flat, |fit| &fit.scores);
     let n_more = if taken.is_some_and(|fit| fit.roof.form == RoofForm::Stepped) { 1.0 } else { 1.0 + N_MORE };
@@ -393,7 +405,8 @@ mod tests {
         let corners = [[4.0, 4.0], [10.0, 4.0], [10.0, 12.0], [4.0, 12.0]];
         for is_upper in [true, false] {
             let terrace = Some(Terrace { corners, is_upper, gable: None });
-            let found = Roof { form: RoofForm::Stepped, eave_m: 12.0, ridge_m: 15.0, mean_m: 12.4, terrace };
+            let found =
+                Roof { form: RoofForm::Stepped, eave_m: 12.0, ridge_m: 15.0, mean_m: 12.4, terrace, ridge_along: None };
             let all = candidates(&prism, &found, 1.0, 400);
             let (_, places) = all.iter().find(|(roof, _)| *roof == found).unwrap();
             let n_inner = places.iter().filter(|p| (4.0..=10.0).contains(&p.x) && (4.0..=12.0).contains(&p.y)).count();

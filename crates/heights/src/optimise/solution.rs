@@ -242,7 +242,7 @@ mod tests {
     fn roof(mut levels_m: [f64; 3]) -> Roof {
         levels_m.sort_by(f64::total_cmp);
         let [eave_m, mean_m, ridge_m] = levels_m;
-        Roof { form: RoofForm::Gable, eave_m, ridge_m, mean_m, terrace: None }
+        Roof { form: RoofForm::Gable, eave_m, ridge_m, mean_m, terrace: None, ridge_along: None }
     }
 
     fn solved(roof: Roof, reference: HeightReference) -> SolvedHeight {

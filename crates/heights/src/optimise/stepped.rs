@@ -59,7 +59,7 @@ pub(super) fn best<'a>(prism: &'a Prism, bounds: HeightBounds, flat_m: f32, view
     let scores = scores(&seen, &found);
     let roof = roof(&plan, &found, share);
     let scores_in = move |others: &[RoofView<'_>]| self::scores(&seen_in(others, &plan), &found);
-    Some(Fit { roof, margin: MARGIN, scores, scores_in: Box::new(scores_in) })
+    Some(Fit { roof, is_told: true, margin: MARGIN, scores, scores_in: Box::new(scores_in) })
 }
 
 fn seen_in<'v>(views: &'v [RoofView<'_>], plan: &Plan<'_>) -> Vec<SeenIn<'v>> {
@@ -82,5 +82,6 @@ fn roof(plan: &Plan<'_>, levels: &TwoLevels, inner_share: f64) -> Roof {
             is_upper: inner_m > outer_m,
             gable: None,
         }),
+        ridge_along: None,
     }
 }

@@ -14,7 +14,7 @@ use glam::{Mat2, Vec2};
 use crate::scene::Prism;
 
 /// Corners whose coordinates differ by less lie on one line, metres.
-const SAME_LINE_M: f32 = 0.6;
+pub(super) const SAME_LINE_M: f32 = 0.6;
 /// Lines either way at most: more is no simple footprint.
 const MOST_LINES: usize = 8;
 /// The part of a footprint that rectangles may leave out or add.
@@ -24,22 +24,30 @@ const LEAST_MAIN: f32 = 0.3;
 
 /// A gable over a rectangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Gable {
-    low: Vec2,
-    high: Vec2,
+pub(super) struct Gable {
+    pub low: Vec2,
+    pub high: Vec2,
+    /// Low and high corner of where it is the roof: beyond the rectangle where walls lie a little off its lines, but not where it
+    /// ends in another one's.
+    pub reach: [Vec2; 2],
     /// Whether the ridge runs along the first axis.
-    is_along_x: bool,
+    pub is_along_x: bool,
 }
 
 impl Gable {
-    fn half_width_m(&self) -> f32 {
+    /// Over a rectangle that stands alone.
+    pub fn new(low: Vec2, high: Vec2, is_along_x: bool) -> Self {
+        Self { low, high, reach: [low - SAME_LINE_M, high + SAME_LINE_M], is_along_x }
+    }
+
+    pub fn half_width_m(&self) -> f32 {
         let size = self.high - self.low;
         0.5 * if self.is_along_x { size.y } else { size.x }
     }
 
     /// How far within the nearer eave a place of the rectangle is, metres; 0 beside the rectangle.
     fn rise_m(&self, at: Vec2) -> f32 {
-        let is_within = at.cmpge(self.low - SAME_LINE_M).all() && at.cmple(self.high + SAME_LINE_M).all();
+        let is_within = at.cmpge(self.reach[0]).all() && at.cmple(self.reach[1]).all();
         let off = (at - 0.5 * (self.low + self.high)).abs();
         let across = if self.is_along_x { off.y } else { off.x };
         if is_within { (self.half_width_m() - across).max(0.0) } else { 0.0 }
@@ -54,6 +62,11 @@ impl Wings {
     /// Half the width of the widest, metres: how far the highest ridge is from its eaves.
     pub fn run_m(&self) -> f32 {
         self.0.iter().map(Gable::half_width_m).fold(0.0, f32::max)
+    }
+
+    /// The main body's gable, then the wings'.
+    pub fn gables(&self) -> &[Gable] {
+        &self.0
     }
 
     /// How far within the eaves a place is, metres.
@@ -161,13 +174,13 @@ impl Lattice {
             return None;
         }
         let (low, high) = self.corners(main);
-        let mut gables = vec![Gable { low, high, is_along_x }];
+        let mut gables = vec![Gable::new(low, high, is_along_x)];
         let mut is_taken = vec![false; self.is_inside.len()];
         Self::of_cells(main, n_cols).for_each(|i| is_taken[i] = true);
         while let Some(first) = (0..is_taken.len()).find(|i| self.is_inside[*i] && !is_taken[*i]) {
             gables.push(self.wing(first, main, &gables[0], &mut is_taken)?);
         }
-        (gables.len() > 1).then_some(Wings(gables))
+        (gables.len() > 1).then(|| Wings((0..gables.len()).map(|i| among(i, &gables)).collect()))
     }
 
     /// The wing that a cell belongs to; `None` if it is no rectangle, or does not lie beside the main body.
@@ -210,8 +223,29 @@ impl Lattice {
                 low[axis] = middle[axis];
             }
         }
-        is_beside.then_some(Gable { low, high, is_along_x: leaves_along_x })
+        is_beside.then(|| Gable::new(low, high, leaves_along_x))
     }
+}
+
+/// One of several gables, which ends at a side of its rectangle that lies in another one's.
+fn among(i: usize, gables: &[Gable]) -> Gable {
+    let mut gable = gables[i];
+    for axis in 0..2 {
+        for (side, end, way) in [(0, gable.low, -1.0), (1, gable.high, 1.0)] {
+            let (mut from, mut to) = (gable.low, gable.high);
+            from[axis] = end[axis] + way * 0.5 * SAME_LINE_M;
+            to[axis] = from[axis];
+            // Walls that are in line lie a little off it.
+            let lies_in = |at: Vec2, other: &Gable| {
+                at.cmpge(other.low - SAME_LINE_M).all() && at.cmple(other.high + SAME_LINE_M).all()
+            };
+            let goes_on = |(j, other): (usize, &Gable)| j != i && lies_in(from, other) && lies_in(to, other);
+            if gables.iter().enumerate().any(goes_on) {
+                gable.reach[side][axis] = end[axis];
+            }
+        }
+    }
+    gable
 }
 
 /// The lines on which coordinates lie, ascending.

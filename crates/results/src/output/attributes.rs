@@ -8,6 +8,7 @@ use serde_json::{Map as JsonMap, Number, Value};
 use super::facts::SolidFacts;
 use super::{BuildingRecord, RoofForm, Status};
 use sizeup_geo::geodata::features::{Column, ColumnKind};
+use sizeup_heights::optimise::{Gable, Terrace};
 
 /// Decimals of a metre in files.
 const DECIMALS_M: i32 = 3;
@@ -52,7 +53,7 @@ impl Field {
 
 /// Our own attributes in the order in which they are written; the id comes before them. Names are told apart by their
 /// first ten characters, which is all that a Shapefile keeps.
-pub const FIELDS: [Field; 22] = {
+pub const FIELDS: [Field; 24] = {
     use ColumnKind::{Integer, Real, Text};
     [
         Field::new(
@@ -110,6 +111,21 @@ pub const FIELDS: [Field; 22] = {
             Real,
             "Highest line of the roof above ground level, metres",
             |b, _| known(b.roof.map(|roof| roof.ridge_height_m)),
+        ),
+        Field::new(
+            "ridge_azimuth_deg",
+            "Direction of the ridge (degrees)",
+            Real,
+            "Where the ridge of a gable runs, the main body's where there are wings: degrees clockwise from grid north, 0 to 180",
+            |b, _| known(b.roof.and_then(|roof| roof.ridge_azimuth_deg)),
+        ),
+        Field::new(
+            "roof_step",
+            "Plan of the roof's step",
+            Text,
+            "Of a stepped or mixed roof, JSON: the rectangle (`corners`, map coordinates) of the upper level (`is_upper`) or the lower \
+             one; over it a `gable` with its eave above ground level and whether its ridge runs along the first side",
+            |b, _| b.roof.and_then(|roof| roof.step).map_or(Value::Null, |step| roof_step(step).into()),
         ),
         Field::new(
             "roof_70p_z_m",
@@ -186,6 +202,13 @@ pub const FIELDS: [Field; 22] = {
         ),
     ]
 };
+
+/// A step as text, rounded as all metres are.
+fn roof_step(step: Terrace) -> String {
+    let corners = step.corners.map(|corner| corner.map(round_m));
+    let gable = step.gable.map(|gable| Gable { eave_m: round_m(gable.eave_m), ..gable });
+    serde_json::to_string(&Terrace { corners, gable, ..step }).unwrap_or_default()
+}
 
 /// The level below which 70 % of a roof's area lies. On a gable the area between eave and ridge is even in height.
 #[must_use]
@@ -297,9 +320,9 @@ mod tests {
         let outline = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0)];
         let mut house = crate::output::record::tests::record("a", outline, 100.0, 99.0, 7.0);
         assert_eq!(roof_70p_z_m(&house), None, "nobody looked at the roof");
-        house.roof = Some(RoofShape { form: RoofForm::Gable, eave_height_m: 4.0, ridge_height_m: 9.0 });
+        house.roof = Some(RoofShape::new(RoofForm::Gable, 4.0, 9.0));
         assert_eq!(roof_70p_z_m(&house), Some(107.5));
-        house.roof = Some(RoofShape { form: RoofForm::Hip, eave_height_m: 4.0, ridge_height_m: 9.0 });
+        house.roof = Some(RoofShape::new(RoofForm::Hip, 4.0, 9.0));
         assert_eq!(roof_70p_z_m(&house), None);
     }
 

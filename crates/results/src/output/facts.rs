@@ -39,7 +39,7 @@ impl SolidFacts {
             Ok(prism) => Self {
                 no_solid_reason: None,
                 measures: Some(Measures::of(prism, grid)),
-                faults: validate::faults_of(prism, grid),
+                faults: validate::faults_of(&prism.faces(), grid),
             },
             Err(reason) => Self { no_solid_reason: Some(reason.code()), ..Self::default() },
         };

@@ -86,7 +86,7 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// The box of a building's outline between base and roof; flat at the ground (or 0) where a level is unknown.
+    /// The box of a building's outline between base and roof or ridge; flat at the ground (or 0) where a level is unknown.
     /// `None` without an outline.
     ///
     /// # Errors
@@ -94,7 +94,8 @@ impl Extent {
     pub fn of(record: &BuildingRecord) -> Result<Option<Self>, OutputError> {
         let Some(outline) = &record.footprint else { return Ok(None) };
         let known = record.base_z_m.or(record.ground_z_m).unwrap_or(0.0);
-        let (low, high) = (known, record.roof_z_m().unwrap_or(known));
+        let ridge_m = record.roof.zip(record.ground_z_m).map(|(roof, ground_z_m)| ground_z_m + roof.ridge_height_m);
+        let (low, high) = (known, record.roof_z_m().into_iter().chain(ridge_m).reduce(f64::max).unwrap_or(known));
         let mut extent = Self { min_m: [f64::INFINITY, f64::INFINITY, low], max_m: [f64::NEG_INFINITY; 3] };
         extent.max_m[2] = high.max(low);
         for point in

@@ -11,7 +11,8 @@
 //! | PNG | [`picture`] | a first look |
 //! | JSON | [`reports`] | pipelines |
 //!
-//! [`read`] brings results and references back, [`validate`] checks the solids of any `CityJSON` file.
+//! [`read`] brings results and references back, [`validate`] checks the solids of any `CityJSON` file. Solids
+//! are blocks ([`prism`]), and beside them those with roofs ([`roof_solid`]).
 //!
 //! All of them take one [`CityModel`]; every building of the input is in every file, with a status and reasons. Only
 //! `FlatGeobuf` has no place for those without an outline, and 3D Tiles for those without a height. A model's buildings
@@ -40,8 +41,10 @@ pub mod read;
 pub(crate) mod record;
 pub mod reports;
 pub mod reviews;
+pub mod roof_solid;
 mod summary;
 pub mod tiles3d;
+pub(crate) mod triangles;
 pub mod unmeasured;
 pub mod validate;
 pub(crate) mod wkb;

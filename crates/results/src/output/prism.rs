@@ -11,7 +11,7 @@ use super::grid::Grid;
 use super::outline::{OutlineFault, SnappedOutline};
 
 /// What a face of the solid is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Surface {
     /// Bottom face, seen from below.
     Ground,
@@ -22,7 +22,7 @@ pub enum Surface {
 }
 
 /// A planar face: exterior ring, then holes; rings on the grid, not closed.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Face {
     /// What it is.
     pub surface: Surface,
@@ -126,7 +126,7 @@ impl Prism {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::collections::HashMap;
 
     use geo::{Area, Rotate, polygon};
@@ -137,7 +137,7 @@ mod tests {
     use crate::output::record::tests::record;
 
     /// Six times the volume, by the divergence theorem over fans of the faces; exact.
-    fn six_volumes(faces: &[Face]) -> i128 {
+    pub(in crate::output) fn six_volumes(faces: &[Face]) -> i128 {
         let determinant = |a: [i64; 3], b: [i64; 3], c: [i64; 3]| {
             let [a, b, c] = [a, b, c].map(|p| p.map(i128::from));
             a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
@@ -147,7 +147,7 @@ mod tests {
     }
 
     /// Every directed edge once, and its opposite once: closed, 2-manifold along edges, consistently oriented.
-    fn is_closed_manifold(faces: &[Face]) -> bool {
+    pub(in crate::output) fn is_closed_manifold(faces: &[Face]) -> bool {
         let mut edges: HashMap<([i64; 3], [i64; 3]), u32> = HashMap::new();
         for ring in faces.iter().flat_map(|face| &face.rings) {
             for (i, &from) in ring.iter().enumerate() {

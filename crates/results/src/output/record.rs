@@ -4,6 +4,7 @@ use geo_types::Polygon;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map as JsonMap, Value};
 
+use sizeup_heights::optimise::Terrace;
 use sizeup_heights::scene::{HeightReference, RoofForm};
 
 /// What became of a building.
@@ -46,7 +47,7 @@ impl Status {
     }
 }
 
-/// The roof that the photos support; the solid stays a block whatever its form.
+/// The roof that the photos support.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RoofShape {
     /// Its form.
@@ -55,6 +56,20 @@ pub struct RoofShape {
     pub eave_height_m: f64,
     /// Highest line above the ground level, metres.
     pub ridge_height_m: f64,
+    /// Direction of a gable's ridge, the main body's where there are wings: degrees clockwise from grid north, 0 to 180.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ridge_azimuth_deg: Option<f64>,
+    /// Plan of a stepped or mixed roof, its corners in the map frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub step: Option<Terrace>,
+}
+
+impl RoofShape {
+    /// A shape of which only form and heights are known.
+    #[must_use]
+    pub fn new(form: RoofForm, eave_height_m: f64, ridge_height_m: f64) -> Self {
+        Self { form, eave_height_m, ridge_height_m, ridge_azimuth_deg: None, step: None }
+    }
 }
 
 /// One building of the result. Heights in metres, positions in the project's map frame and vertical reference.

@@ -7,8 +7,10 @@ use geo_types::{LineString, Polygon};
 use serde::Serialize;
 use serde_json::{Map as JsonMap, Value};
 
-use crate::output::BuildingRecord;
 use crate::output::attributes::round_m;
+use crate::output::grid::Grid;
+use crate::output::prism::{Face, Prism, Surface};
+use crate::output::{BuildingRecord, roof_solid, triangles};
 use sizeup_geo::terrain::Terrain;
 
 /// Steps of an outline's coordinates in a metre: centimetres.
@@ -30,6 +32,9 @@ pub struct Building<'a> {
     rings: Vec<Vec<i64>>,
     /// Corners of the roof's triangles, counted through all rings.
     triangles: Vec<usize>,
+    /// Faces with the roof's form, the floor left out; empty where the building is a block.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    faces: Vec<SolidFace>,
     ground: Option<f64>,
     base: Option<f64>,
     height: Option<f64>,
@@ -40,6 +45,17 @@ pub struct Building<'a> {
     views: Vec<usize>,
     #[serde(skip_serializing_if = "JsonMap::is_empty")]
     attributes: &'a JsonMap<String, Value>,
+}
+
+/// A face of a solid with a roof.
+#[derive(Debug, Serialize)]
+struct SolidFace {
+    /// Centimetres east and north of the origin and above the base in turn, ring by ring.
+    corners: Vec<i64>,
+    /// Number of corners of each ring.
+    rings: Vec<usize>,
+    /// Corners of its triangles, counter-clockwise seen from outside.
+    triangles: Vec<usize>,
 }
 
 /// Heights of the ground at the nodes of a grid, row by row from the south-west; `None` = not known.
@@ -75,14 +91,15 @@ fn extent(records: &[BuildingRecord]) -> Option<[[f64; 2]; 2]> {
 
 impl<'a> Building<'a> {
     /// Of a record; `views` knows the position of each photo.
-    pub fn of(record: &'a BuildingRecord, origin: [f64; 3], views: &HashMap<&str, usize>) -> Self {
+    pub fn of(record: &'a BuildingRecord, origin: [f64; 3], grid: &Grid, views: &HashMap<&str, usize>) -> Self {
         let rings = record.footprint.as_ref().map_or_else(Vec::new, |outline| rings(outline, origin));
-        let triangles = triangles(&rings);
+        let triangles = triangles_of(&rings);
         Self {
             id: &record.id,
             part_of: record.part_of.as_deref(),
             triangles,
             rings,
+            faces: faces(record, origin, grid),
             ground: record.ground_z_m.map(round_m),
             base: record.base_z_m.map(round_m),
             height: record.height_m.map(round_m),
@@ -93,6 +110,22 @@ impl<'a> Building<'a> {
             attributes: &record.attributes,
         }
     }
+}
+
+fn faces(record: &BuildingRecord, [east_m, north_m, _]: [f64; 3], grid: &Grid) -> Vec<SolidFace> {
+    let Ok(block) = Prism::of(record, grid, grid.scale_m) else { return Vec::new() };
+    let [_, _, base_m] = grid.metres([0, 0, block.base()]);
+    let corner = |p: &[i64; 3]| -> [i64; 3] {
+        let [x, y, z] = grid.metres(*p);
+        [x - east_m, y - north_m, z - base_m].map(|v| (v * PER_METRE).round() as i64)
+    };
+    let face = |face: Face| SolidFace {
+        corners: face.rings.iter().flatten().flat_map(corner).collect(),
+        rings: face.rings.iter().map(Vec::len).collect(),
+        triangles: triangles::of_face(&face).into_iter().flatten().collect(),
+    };
+    let faces = roof_solid::faces(record, &block, grid).into_iter().flatten();
+    faces.filter(|face| face.surface != Surface::Ground).map(face).collect()
 }
 
 fn rings(outline: &Polygon<f64>, origin: [f64; 3]) -> Vec<Vec<i64>> {
@@ -110,7 +143,7 @@ fn rings(outline: &Polygon<f64>, origin: [f64; 3]) -> Vec<Vec<i64>> {
 }
 
 /// Triangles of rings, counter-clockwise seen from above.
-fn triangles(rings: &[Vec<i64>]) -> Vec<usize> {
+fn triangles_of(rings: &[Vec<i64>]) -> Vec<usize> {
     let plan: Vec<f64> = rings.iter().flatten().map(|v| *v as f64).collect();
     let starts = rings.iter().scan(0, |n, ring| {
         *n += ring.len() / 2;
@@ -166,7 +199,7 @@ mod tests {
         let rings = rings(&outline, [100.0, 200.0, 0.0]);
         assert_eq!(rings[0], [0, 0, 1000, 0, 1000, 1000, 0, 1000]);
         let corners: Vec<i64> = rings.concat();
-        let twice_area: i64 = triangles(&rings)
+        let twice_area: i64 = triangles_of(&rings)
             .chunks_exact(3)
             .map(|t| {
                 let [a, b, c] = [t[0], t[1], t[2]].map(|i| [corners[2 * i], corners[2 * i + 1]]);

@@ -7,6 +7,8 @@ use serde::Serialize;
 use super::city::{Building, Ground, origin, round_cm};
 use super::evidence::{EvidenceData, data_uri};
 use super::{Levels, Report, ViewUse};
+use crate::output::cityjson::CityJsonConfig;
+use crate::output::grid::Grid;
 use crate::output::reports::Summary;
 use crate::output::{BuildingRecord, Lineage, StatusCount};
 use sizeup_geo::issue::Issue;
@@ -69,6 +71,8 @@ impl<'a> Data<'a> {
     pub fn of(report: &'a Report<'_>) -> Self {
         let model = &report.model;
         let origin = origin(model.records);
+        // Whole metres around zero hold any city: indices are 64 bits wide.
+        let grid = Grid { scale_m: CityJsonConfig::default().scale_m, origin_m: origin };
         let positions: HashMap<&str, usize> =
             model.survey.views.iter().enumerate().map(|(i, view)| (view.id.0.as_str(), i)).collect();
         let ground_m = middle_ground(model.records).unwrap_or(origin[2]);
@@ -83,7 +87,7 @@ impl<'a> Data<'a> {
             },
             origin,
             summary: Summary::of(model),
-            buildings: model.records.iter().map(|record| Building::of(record, origin, &positions)).collect(),
+            buildings: model.records.iter().map(|record| Building::of(record, origin, &grid, &positions)).collect(),
             ground: Ground::around(model.records, report.terrain),
             views: model.survey.views.iter().zip(&report.views).map(|(v, used)| view(v, used, ground_m)).collect(),
             passes: report.passes.iter().map(|pass| pass_data(pass, n_heights <= MAX_PASS_HEIGHTS)).collect(),

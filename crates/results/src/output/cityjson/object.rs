@@ -8,6 +8,7 @@ use super::super::facts::SolidFacts;
 use super::super::grid::Grid;
 use super::super::outline::SnappedOutline;
 use super::super::prism::{Face, Surface};
+use super::super::roof_solid;
 use super::super::{BuildingRecord, Status};
 use super::names::{self, AttributeNames};
 use super::vertices::VertexPool;
@@ -96,8 +97,17 @@ impl Objects<'_> {
         let mut object = json!({ "type": kind, "attributes": all, "geometry": [] });
         match prism {
             Ok(prism) => {
-                object["geographicalExtent"] = json!(extent(prism.outline(), prism.base(), prism.roof(), self.grid));
-                object["geometry"] = json!([solid(&prism.faces(), pool)]);
+                let block = prism.faces();
+                let roofed = roof_solid::faces(record, &prism, self.grid);
+                let top = roofed.iter().flatten().flat_map(|face| face.rings.iter().flatten()).map(|p| p[2]);
+                let top = top.fold(prism.roof(), i64::max);
+                object["geographicalExtent"] = json!(extent(prism.outline(), prism.base(), top, self.grid));
+                let mut geometry = vec![solid("1.2", &block, pool)];
+                if record.roof.is_some() {
+                    // A block where the roof is flat, or makes no solid with the outline: who takes this level has all buildings.
+                    geometry.push(solid("2.0", roofed.as_ref().unwrap_or(&block), pool));
+                }
+                object["geometry"] = Value::Array(geometry);
             }
             Err(_) => {
                 if let Some((outline, level)) = self.footprint(record) {
@@ -129,7 +139,7 @@ fn surface(outline: &SnappedOutline, level: i64, pool: &mut VertexPool) -> Value
 }
 
 /// A `Solid` of one shell, with one semantic surface per kind.
-fn solid(faces: &[Face], pool: &mut VertexPool) -> Value {
+fn solid(lod: &str, faces: &[Face], pool: &mut VertexPool) -> Value {
     let mut shell: Vec<Vec<Vec<u32>>> = Vec::with_capacity(faces.len());
     let mut kinds: Vec<u8> = Vec::with_capacity(faces.len());
     for face in faces {
@@ -141,7 +151,7 @@ fn solid(faces: &[Face], pool: &mut VertexPool) -> Value {
         });
     }
     json!({
-        "type": "Solid", "lod": "1.2", "boundaries": [shell],
+        "type": "Solid", "lod": lod, "boundaries": [shell],
         "semantics": {
             "surfaces": [{ "type": "GroundSurface" }, { "type": "RoofSurface" }, { "type": "WallSurface" }],
             "values": [kinds],

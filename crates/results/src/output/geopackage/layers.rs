@@ -6,7 +6,8 @@ use serde_json::Value;
 use super::super::attributes::{self, FIELDS, Field, ID};
 use super::super::facts::SolidFacts;
 use super::super::outlines::{self, OutlineRows, own_values};
-use super::super::prism::Prism;
+use super::super::prism::{Face, Prism};
+use super::super::roof_solid;
 use super::super::{BuildingRecord, OutputError, Overview, Records, wkb};
 use super::{GeoPackageConfig, Grid, TileArea};
 use sizeup_geo::geodata::features::ColumnKind::{Integer, Real, Text};
@@ -47,7 +48,7 @@ fn columns_of_solids() -> Vec<Column> {
 pub fn columns_of(layer: &str, overview: &Overview) -> Vec<Column> {
     let own = match layer {
         "buildings" => outlines::columns(overview),
-        "buildings_lod1" => columns_of_solids(),
+        "buildings_lod1" | "buildings_lod2" => columns_of_solids(),
         "tiles" => tiles_table().columns(),
         "cameras" => cameras_table().columns(),
         "qa_issues" => issues_table().columns(),
@@ -56,25 +57,46 @@ pub fn columns_of(layer: &str, overview: &Overview) -> Vec<Column> {
     std::iter::once(FID).chain(own).collect()
 }
 
-/// Faces of the solids.
-pub fn solids<R: Records + ?Sized>(
+/// Faces of the solids as blocks.
+pub fn blocks<R: Records + ?Sized>(
     writer: &mut Writer<'_>,
     records: &R,
     grid: &Grid,
     config: &GeoPackageConfig,
 ) -> Result<(), OutputError> {
-    let (fields, columns) = (fields_of_solids(), columns_of_solids());
-    let spec = LayerSpec {
-        name: "buildings_lod1",
-        description: "Faces of the LOD 1.2 solids, for tools that cannot extrude outlines",
-        geometry: GeometryKind::MultiPolygonZ,
-        columns: &columns,
+    let description = "Faces of the LOD 1.2 solids, for tools that cannot extrude outlines";
+    let faces = |record: &BuildingRecord| Some(Prism::of(record, grid, config.min_thickness_m).ok()?.faces());
+    solids(writer, ("buildings_lod1", description), records, grid, faces)
+}
+
+/// Faces of the solids with their roofs; blocks where no form of the roof was found.
+pub fn roofed<R: Records + ?Sized>(
+    writer: &mut Writer<'_>,
+    records: &R,
+    grid: &Grid,
+    config: &GeoPackageConfig,
+) -> Result<(), OutputError> {
+    let description = "Faces of the LOD 2.0 solids: roofs of the form that was found, else blocks";
+    let faces = |record: &BuildingRecord| {
+        let block = Prism::of(record, grid, config.min_thickness_m).ok()?;
+        Some(roof_solid::faces(record, &block, grid).unwrap_or_else(|| block.faces()))
     };
+    solids(writer, ("buildings_lod2", description), records, grid, faces)
+}
+
+fn solids<R: Records + ?Sized>(
+    writer: &mut Writer<'_>,
+    (name, description): (&str, &str),
+    records: &R,
+    grid: &Grid,
+    faces: impl Fn(&BuildingRecord) -> Option<Vec<Face>>,
+) -> Result<(), OutputError> {
+    let (fields, columns) = (fields_of_solids(), columns_of_solids());
+    let spec = LayerSpec { name, description, geometry: GeometryKind::MultiPolygonZ, columns: &columns };
     let row = |record: &BuildingRecord| {
-        let prism = Prism::of(record, grid, config.min_thickness_m).ok()?;
         let in_metres = |ring: &Vec<[i64; 3]>| ring.iter().map(|p| grid.metres(*p).map(attributes::round_m)).collect();
         let faces: Vec<Vec<Vec<[f64; 3]>>> =
-            prism.faces().iter().map(|face| face.rings.iter().map(in_metres).collect()).collect();
+            faces(record)?.iter().map(|face| face.rings.iter().map(in_metres).collect()).collect();
         Some(Row {
             wkb: Some(wkb::multi_polygon_z(&faces)),
             values: own_values(record, &fields, &SolidFacts::default()),

@@ -3,7 +3,8 @@
 //! | layer | geometry | content |
 //! |---|---|---|
 //! | `buildings` | Polygon | outline and all attributes, one row per building of the input |
-//! | `buildings_lod1` | `MultiPolygonZ` | faces of the solid, where there is one |
+//! | `buildings_lod1` | `MultiPolygonZ` | faces of the solid as a block, where there is one |
+//! | `buildings_lod2` | `MultiPolygonZ` | faces of the solid with its roof, a block where no other form was found |
 //! | `tiles` | Polygon | areas that were worked on one by one; one row if the run was not divided |
 //! | `cameras` | `PointZ` | projection centres, viewing directions, photo names |
 //! | `qa_issues` | Point | what was wrong with single items of the input |
@@ -34,12 +35,16 @@ use sizeup_geo::geodata::gpkg;
 /// Time of the last change when the lineage has no reference date.
 pub(crate) const NO_DATE: &str = "1970-01-01";
 
+/// The layers of solids.
+const SOLIDS: [&str; 2] = ["buildings_lod1", "buildings_lod2"];
+
 /// How the `GeoPackage` is written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 #[schemars(extend("x-expert" = true))]
 pub struct GeoPackageConfig {
-    /// Whether to write `buildings_lod1`, the faces of the solids, for tools that cannot extrude.
+    /// Whether to write the faces of the solids: `buildings_lod1`, blocks for tools that cannot extrude, and `buildings_lod2`, with
+    /// roofs.
     pub solids: bool,
     /// Quantum of the solids' coordinates, metres, 0.0001 to 1.
     pub scale_m: f64,
@@ -100,13 +105,14 @@ pub fn write_divided<R: Records + ?Sized>(
             writer.create_data_columns()?;
             layers::buildings(writer, model.records, &outlines)?;
             if config.solids {
-                layers::solids(writer, model.records, &grid, config)?;
+                layers::blocks(writer, model.records, &grid, config)?;
+                layers::roofed(writer, model.records, &grid, config)?;
             }
             layers::tiles(writer, &overview, areas)?;
             layers::cameras(writer, model.survey)?;
             layers::issues(writer, model.issues)?;
             tables::lineage(writer, model.lineage)?;
-            tables::styles(writer, |layer| config.solids || layer != "buildings_lod1", &timestamp)
+            tables::styles(writer, |layer| config.solids || !SOLIDS.contains(&layer), &timestamp)
         })
     })?;
     Ok(overview)

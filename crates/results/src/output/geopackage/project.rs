@@ -16,9 +16,9 @@ use zip::write::SimpleFileOptions;
 
 use super::super::grid::Extent;
 use super::super::{CityModel, Lineage, OutputError, Overview, Records};
-use super::GeoPackageConfig;
 use super::layers::columns_of;
 use super::tables::STYLES;
+use super::{GeoPackageConfig, SOLIDS};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{FileError, write_whole};
 use sizeup_geo::geodata::features::Column;
@@ -50,10 +50,11 @@ type Entry = (&'static str, bool, Option<&'static str>);
 const SURVEY_GROUP: &str = "survey";
 
 /// Layers from the top of the legend down.
-const LEGEND: [Entry; 5] = [
+const LEGEND: [Entry; 6] = [
     ("qa_issues", true, None),
     ("buildings", true, None),
     ("buildings_lod1", false, None),
+    ("buildings_lod2", true, None),
     ("cameras", true, Some(SURVEY_GROUP)),
     ("tiles", false, Some(SURVEY_GROUP)),
 ];
@@ -91,7 +92,7 @@ pub fn write_project<R: Records + ?Sized>(
         title: escape(title.as_str()).into_owned(),
         geopackage: escape(geopackage).into_owned(),
         crs: spatial_reference(model.crs),
-        layers: LEGEND.into_iter().filter(|(name, ..)| config.solids || *name != "buildings_lod1").collect(),
+        layers: LEGEND.into_iter().filter(|(name, ..)| config.solids || !SOLIDS.contains(name)).collect(),
         columns: LEGEND.iter().map(|(name, ..)| (*name, columns_of(name, &overview))).collect(),
         extent: overview.extent,
         ground,
@@ -218,7 +219,7 @@ impl Project<'_> {
                     "<terrainProvider type=\"raster\"><TerrainProvider offset=\"{offset_m}\" scale=\"1\" \
                      layer=\"{ID_PREFIX}{TERRAIN}\"/></terrainProvider>"
                 ),
-                layers(&["buildings", TERRAIN]),
+                layers(&["buildings", "buildings_lod2", TERRAIN]),
             ),
             ProjectGround::Level(_) | ProjectGround::LowestWall => {
                 let level_m = if let ProjectGround::Level(level_m) = self.ground { level_m } else { lowest };
@@ -231,7 +232,7 @@ impl Project<'_> {
                     format!(
                         "<terrainProvider type=\"flat\"><TerrainProvider offset=\"{level_m}\" scale=\"1\"/></terrainProvider>"
                     ),
-                    layers(&["buildings"]),
+                    layers(&["buildings", "buildings_lod2"]),
                 )
             }
         };
@@ -262,7 +263,7 @@ impl Project<'_> {
                 text,
                 "<maplayer type=\"vector\"><id>{ID_PREFIX}{name}</id><datasource>./{geopackage}|layername={name}</datasource>\
                  <layername>{name}</layername><srs>{crs}</srs><provider encoding=\"UTF-8\">ogr</provider>{}{}</maplayer>",
-                style_of(name),
+                style_of(name, self.layers.iter().any(|(name, ..)| SOLIDS.contains(name))),
                 aliases(self.columns.get(name).map_or(&[], Vec::as_slice))
             );
         }
@@ -342,8 +343,23 @@ fn canvas(extent: &Extent) -> String {
 }
 
 /// What is inside the root element of a layer's style.
-fn style_of(layer: &str) -> &'static str {
+fn style_of(layer: &str, has_solids: bool) -> String {
     let qml = STYLES.iter().find(|(name, _)| *name == layer).map_or("", |(_, qml)| *qml);
     let inside = qml.find("<qgis").and_then(|start| qml[start..].find('>').map(|end| &qml[start + end + 1..]));
-    inside.and_then(|text| text.rfind("</qgis>").map(|end| &text[..end])).unwrap_or("")
+    let style = inside.and_then(|text| text.rfind("</qgis>").map(|end| &text[..end])).unwrap_or("");
+    // The solids with roofs are what the 3D view shows, the outlines what the map does.
+    match layer {
+        "buildings" if has_solids => without(style, "renderer-3d", ""),
+        "buildings_lod2" => without(style, "renderer-v2", "<renderer-v2 type=\"nullSymbol\"/>"),
+        _ => style.to_owned(),
+    }
+}
+
+/// A style with another element in place of that of a name.
+fn without(style: &str, element: &str, other: &str) -> String {
+    let (opening, closing) = (format!("<{element}"), format!("</{element}>"));
+    match (style.find(&opening), style.find(&closing)) {
+        (Some(start), Some(end)) => format!("{}{other}{}", &style[..start], &style[end + closing.len()..]),
+        _ => style.to_owned(),
+    }
 }

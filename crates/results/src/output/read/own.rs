@@ -54,7 +54,11 @@ impl FoundBuilding {
     fn roof(&self) -> Option<RoofShape> {
         let number = |name: &str| self.own(name).and_then(Value::as_f64);
         let (eave_height_m, ridge_height_m) = (number("eave_height_m")?, number("ridge_height_m")?);
-        Some(RoofShape { form: self.named("roof_form")?, eave_height_m, ridge_height_m })
+        Some(RoofShape {
+            ridge_azimuth_deg: number("ridge_azimuth_deg"),
+            step: self.own("roof_step").and_then(Value::as_str).and_then(|text| serde_json::from_str(text).ok()),
+            ..RoofShape::new(self.named("roof_form")?, eave_height_m, ridge_height_m)
+        })
     }
 
     /// One of our attributes, also under its name in our extension.

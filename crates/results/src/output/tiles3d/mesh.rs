@@ -8,14 +8,17 @@ use serde_json::Value;
 
 use super::super::OutputError;
 use super::super::grid::Grid;
-use super::super::prism::Prism;
+use super::super::prism::{Face, Prism};
+use super::super::triangles;
 use super::place::Place;
 
 /// One building, ready to be placed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Block {
-    /// The solid on the output grid.
+    /// The solid on the output grid, as a block.
     pub prism: Prism,
+    /// Its faces with its roof, where that has another form.
+    pub roofed: Option<Vec<Face>>,
     /// Its attributes, in the order of the columns.
     pub values: Vec<Value>,
     /// What colours it, metres.
@@ -48,7 +51,10 @@ impl Mesh {
     pub fn of<'a>(blocks: impl Iterator<Item = &'a Block>, grid: &Grid, place: &Place) -> Result<Self, OutputError> {
         let mut mesh = Self::default();
         for (feature, block) in blocks.enumerate() {
-            mesh.add(&block.prism, feature as u32, grid, place)?;
+            match &block.roofed {
+                Some(faces) => mesh.add_faces(faces, feature as u32, grid, place)?,
+                None => mesh.add(&block.prism, feature as u32, grid, place)?,
+            }
         }
         Ok(mesh)
     }
@@ -65,7 +71,7 @@ impl Mesh {
         }
         let (base, roof) = points.split_at(n);
 
-        let triangles = triangulate(rings, &corners);
+        let triangles = triangles::of_rings(rings);
         let up = (roof[0] - base[0]).normalize();
         self.flat(roof, up, feature, &triangles);
         let turned: Vec<[usize; 3]> = triangles.iter().map(|&[a, b, c]| [a, c, b]).collect();
@@ -79,6 +85,20 @@ impl Mesh {
                 self.flat(&wall, normal, feature, &[[0, 1, 2], [0, 2, 3]]);
             }
             first += ring.len();
+        }
+        Ok(())
+    }
+
+    fn add_faces(&mut self, faces: &[Face], feature: u32, grid: &Grid, place: &Place) -> Result<(), OutputError> {
+        for face in faces {
+            let corners = face.rings.iter().flatten();
+            let mut points: Vec<DVec3> = corners.map(|p| DVec3::from_array(grid.metres(*p))).collect();
+            place.to_local(&mut points)?;
+            for point in &mut points {
+                *point = gltf_from_enu(*point);
+            }
+            let normal = triangles::newell(&points[..face.rings[0].len()]).normalize_or_zero();
+            self.flat(&points, normal, feature, &triangles::of_face(face));
         }
         Ok(())
     }
@@ -99,22 +119,4 @@ impl Mesh {
         let high = self.positions.iter().copied().reduce(DVec3::max);
         [low.unwrap_or_default(), high.unwrap_or_default()]
     }
-}
-
-/// Triangles of an outline, counter-clockwise seen from above, as positions in `corners`.
-fn triangulate(rings: &[Vec<[i64; 2]>], corners: &[[i64; 2]]) -> Vec<[usize; 3]> {
-    // From the first corner, so that no precision is lost far from the origin.
-    let [x0, y0] = corners[0];
-    let plan: Vec<f64> = corners.iter().flat_map(|&[x, y]| [(x - x0) as f64, (y - y0) as f64]).collect();
-    let starts = rings.iter().scan(0, |n, ring| {
-        *n += ring.len();
-        Some(*n)
-    });
-    let holes: Vec<usize> = starts.take(rings.len() - 1).collect();
-    let indices = earcutr::earcut(&plan, &holes, 2).unwrap_or_default();
-    let counter_clockwise = |t: &[usize]| {
-        let [a, b, c] = [t[0], t[1], t[2]];
-        if super::super::planar::cross(corners[a], corners[b], corners[c]) < 0 { [a, c, b] } else { [a, b, c] }
-    };
-    indices.chunks_exact(3).map(counter_clockwise).collect()
 }

@@ -31,6 +31,7 @@ use super::outlines::OutlineRows;
 use super::picture::colour::{Rgb, height_colour};
 use super::prism::Prism;
 use super::reports::write_json;
+use super::roof_solid;
 use super::{CityModel, OutputError, Overview, Records};
 pub use glb::Precision;
 use mesh::{Block, Mesh};
@@ -138,7 +139,9 @@ impl Shown {
             let prism = Prism::of(record, grid, config.min_thickness_m);
             hidden.add_if(prism.is_err(), record);
             let Ok(prism) = prism else { return Ok(()) };
-            let block = Block { prism, values: rows.row(record).values, height_m: record.height_m.unwrap_or(0.0) };
+            let roofed = roof_solid::faces(record, &prism, grid);
+            let height_m = record.height_m.unwrap_or(0.0);
+            let block = Block { prism, roofed, values: rows.row(record).values, height_m };
             items.push(item(items.len(), &block, grid));
             Ok(writer.push(&block).map_err(FileError::on("cannot write", folder))?)
         })?;
@@ -152,7 +155,8 @@ fn item(idx: usize, block: &Block, grid: &Grid) -> Item {
     let low: [i64; 2] = std::array::from_fn(|a| exterior.iter().map(|p| p[a]).min().unwrap_or(0));
     let high: [i64; 2] = std::array::from_fn(|a| exterior.iter().map(|p| p[a]).max().unwrap_or(0));
     let low = DVec3::from_array(grid.metres([low[0], low[1], block.prism.base()]));
-    let high = DVec3::from_array(grid.metres([high[0], high[1], block.prism.roof()]));
+    let top = block.roofed.iter().flatten().flat_map(|face| face.rings.iter().flatten()).map(|p| p[2]);
+    let high = DVec3::from_array(grid.metres([high[0], high[1], top.fold(block.prism.roof(), i64::max)]));
     let middle = (low + high) / 2.0;
     Item { idx, centre: [middle.x, middle.y], size_m: (high - low).length() }
 }

@@ -92,6 +92,7 @@ mod tests {
             let outline = polygon![(x: x, y: 0.0), (x: x + 9.7, y: 0.0), (x: x + 3.3, y: 7.1)];
             let prism = Prism::of(&record("a", outline, 1.0, 1.0, 5.0 + i as f64), &grid, 0.1).unwrap();
             Block {
+                roofed: None,
                 prism,
                 values: vec![Value::from(0.1 + i as f64), Value::from("Ä\n")],
                 height_m: 1.0 / (i + 3) as f64,

@@ -29,7 +29,7 @@ use super::OutputError;
 use super::cityjson::Sequence;
 use super::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface, visit_objects};
 use super::grid::Grid;
-use super::prism::Prism;
+use super::prism;
 use super::read::is_sequence;
 use face::Face;
 use parts::Part;
@@ -218,10 +218,10 @@ pub fn validate(city: &CityFile, config: &ValidateConfig) -> Validation {
 
 /// Numbers of what is found in one of our own solids, each once, ascending.
 #[must_use]
-pub fn faults_of(prism: &Prism, grid: &Grid) -> Vec<u16> {
+pub fn faults_of(faces: &[prism::Face], grid: &Grid) -> Vec<u16> {
     let mut city = CityFile::default();
     let mut surfaces = Vec::new();
-    for (i, face) in prism.faces().iter().enumerate() {
+    for (i, face) in faces.iter().enumerate() {
         let ring = |ring: &Vec<[i64; 3]>| {
             let first = city.vertices.len() as u32;
             city.vertices.extend(ring.iter().map(|point| grid.metres(*point)));

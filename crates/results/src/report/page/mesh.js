@@ -1,4 +1,4 @@
-// Blocks from outlines: roof and walls as triangles with flat normals, and the edges between them.
+// Blocks from outlines, and solids with roofs: roof and walls as triangles with flat normals, and the edges between them.
 
 // A plate this thick stands for a building whose height is not known, metres.
 const PLATE_M = 0.3;
@@ -15,17 +15,26 @@ const BLOCK_BUILDINGS = 250;
 // both its triangles end with, and walls share corners; roofs have corners of their own.
 function buildingMesh(buildings, chosen, origin) {
   let nCorners = 0;
+  let nOfFaces = 0;
   let nRoof = 0;
   for (const i of chosen) {
+    if (buildings[i].faces) {
+      for (const face of buildings[i].faces) {
+        nOfFaces += face.corners.length / 3;
+        nRoof += face.triangles.length;
+      }
+      continue;
+    }
     nCorners += buildings[i].rings.reduce((n, ring) => n + ring.length / 2, 0);
     nRoof += buildings[i].triangles.length;
   }
+  const nVertices = 3 * nCorners + nOfFaces;
   const mesh = {
-    positions: new Float32Array(9 * nCorners),
-    normals: new Int8Array(12 * nCorners),
-    features: new Float32Array(3 * nCorners),
+    positions: new Float32Array(3 * nVertices),
+    normals: new Int8Array(4 * nVertices),
+    features: new Float32Array(nVertices),
     indices: new Uint32Array(6 * nCorners + nRoof),
-    edges: new Uint32Array(4 * nCorners),
+    edges: new Uint32Array(4 * nCorners + 2 * nOfFaces),
   };
   let vertex = 0;
   let index = 0;
@@ -41,6 +50,22 @@ function buildingMesh(buildings, chosen, origin) {
       mesh.features[vertex] = feature;
       vertex += 1;
     };
+    if (b.faces) {
+      for (const face of b.faces) {
+        const [first, up] = [vertex, normalOf(face)];
+        for (let i = 0; i < face.corners.length; i += 3) {
+          const [x, y, z] = [0, 1, 2].map((axis) => face.corners[i + axis] / 100);
+          put(x, y, z === 0 ? base : z + base + SKIRT_M, ...up);
+        }
+        for (const corner of face.triangles) { mesh.indices[index] = first + corner; index += 1; }
+        let start = first;
+        for (const n of face.rings) {
+          for (let i = 0; i < n; i += 1) { mesh.edges.set([start + i, start + ((i + 1) % n)], edge); edge += 2; }
+          start += n;
+        }
+      }
+      continue;
+    }
     const first = vertex;
     for (const ring of b.rings) for (let i = 0; i < ring.length; i += 2) put(ring[i] / 100, ring[i + 1] / 100, roof, 0, 0, 127);
     for (const corner of b.triangles) { mesh.indices[index] = first + corner; index += 1; }
@@ -63,6 +88,21 @@ function buildingMesh(buildings, chosen, origin) {
     }
   }
   return mesh;
+}
+
+// Where a face of a solid with a roof looks, in bytes.
+function normalOf({ corners, rings }) {
+  const at = (i) => [0, 1, 2].map((axis) => corners[3 * i + axis] - corners[axis]);
+  const sum = [0, 0, 0];
+  for (let i = 1; i + 1 < rings[0]; i += 1) {
+    const [a, b] = [at(i), at(i + 1)];
+    for (let axis = 0; axis < 3; axis += 1) {
+      const [j, k] = [(axis + 1) % 3, (axis + 2) % 3];
+      sum[axis] += a[j] * b[k] - a[k] * b[j];
+    }
+  }
+  const scale = 127 / (Math.hypot(...sum) || 1);
+  return sum.map((v) => Math.round(v * scale));
 }
 
 // Buildings that stand together, at most so many in a block.

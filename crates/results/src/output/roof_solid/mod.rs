@@ -1,0 +1,312 @@
+//! Solids whose roofs have the form that was found: gables, hips, levels (LOD 2.0), as faces on the output grid.
+//!
+//! ```text
+//! planes   of the roof over the outline ([`sizeup_heights::optimise::RoofPlanes`])
+//! patches  parts of the outline under one plane each; together they cover it, none twice ([`patches`])
+//! nodes    corners of patches and of the outline; every edge ends at the nodes that lie on it ([`plan`])
+//! levels   of a plane at a node; those of several planes that nearly meet there are one
+//! walls    from base to roof along the outline; upright between patches where one is higher than the other ([`walls`])
+//! ```
+//!
+//! A solid is given only where it is closed and nothing is found in it by [`super::validate`]; other buildings stay blocks
+//! ([`super::prism`]).
+
+mod patches;
+mod plan;
+mod walls;
+
+use geo_types::{Coord, LineString, Polygon};
+use glam::{DVec2, DVec3};
+
+use sizeup_heights::frames::LocalOrigin;
+use sizeup_heights::optimise::{Roof, RoofPlanes, Terrace};
+use sizeup_heights::scene::{Prism as ScenePrism, RoofForm};
+use sizeup_heights::terrain::GroundLevel;
+
+use super::grid::Grid;
+use super::outline::{Ring, SnappedOutline};
+use super::prism::{Face, Prism, Surface};
+use super::{BuildingRecord, RoofShape, validate};
+use plan::{Levels, Plan};
+
+/// Least height of a wall, metres.
+const LEAST_WALL_M: f64 = 0.2;
+
+/// A position on the grid.
+type Point = [i64; 2];
+
+/// Faces of the solid of a building with its roof, ground first, then roof, then walls; `None` where its roof is flat or not
+/// known, or makes no valid solid with its outline.
+#[must_use]
+pub fn faces(record: &BuildingRecord, block: &Prism, grid: &Grid) -> Option<Vec<Face>> {
+    let (shape, ground_z_m) = (record.roof?, record.ground_z_m?);
+    if shape.form == RoofForm::Flat {
+        return None;
+    }
+    let outline = block.outline();
+    let frame = Frame { grid, origin: outline.rings()[0][0] };
+    let polygon = frame.polygon(outline);
+    let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+    let scene = ScenePrism::new(&polygon, ground, LocalOrigin(DVec3::ZERO));
+    let planes = RoofPlanes::of(&roof(shape, frame.corner_m()), &scene)?;
+    let plan = Plan::of(outline, &patches::of(&polygon, &planes)?, &frame)?;
+    let levels = Levels::of(&plan, &planes.planes, ground_z_m, &frame);
+    let least = block.base() + (LEAST_WALL_M / grid.scale_m) as i64;
+    if levels.lowest()? < least {
+        return None;
+    }
+    let floor = outline.rings().iter().map(|ring| ring.iter().rev().map(|[x, y]| [*x, *y, block.base()]).collect());
+    let mut faces = vec![Face { surface: Surface::Ground, rings: floor.collect() }];
+    faces.extend(plan.patches.iter().map(|patch| {
+        let ring = |ring: &Ring| ring.iter().map(|node| levels.at(*node, patch.plane)).collect();
+        Face { surface: Surface::Roof, rings: patch.rings.iter().map(ring).collect() }
+    }));
+    faces.extend(walls::outer(&plan, &levels, block.base()));
+    faces.extend(walls::inner(&plan, &levels)?);
+    validate::faults_of(&faces, grid).is_empty().then_some(faces)
+}
+
+/// The roof in a frame that begins at a place of the map, metres.
+fn roof(shape: RoofShape, [east_m, north_m]: [f64; 2]) -> Roof {
+    let RoofShape { form, eave_height_m: eave_m, ridge_height_m: ridge_m, ridge_azimuth_deg, step } = shape;
+    let along = |azimuth_deg: f64| {
+        let (sin, cos) = azimuth_deg.to_radians().sin_cos();
+        [sin, cos]
+    };
+    let moved = |step: Terrace| Terrace { corners: step.corners.map(|[x, y]| [x - east_m, y - north_m]), ..step };
+    let mean_m = f64::midpoint(eave_m, ridge_m);
+    Roof { form, eave_m, ridge_m, mean_m, terrace: step.map(moved), ridge_along: ridge_azimuth_deg.map(along) }
+}
+
+/// A building's own frame: metres from a corner of its outline.
+struct Frame<'a> {
+    grid: &'a Grid,
+    origin: Point,
+}
+
+impl Frame<'_> {
+    /// Its origin in the map, metres.
+    fn corner_m(&self) -> [f64; 2] {
+        let [x, y, _] = self.grid.metres([self.origin[0], self.origin[1], 0]);
+        [x, y]
+    }
+
+    fn metres(&self, point: Point) -> DVec2 {
+        let of = |axis: usize| (point[axis] - self.origin[axis]) as f64 * self.grid.scale_m;
+        DVec2::new(of(0), of(1))
+    }
+
+    fn point(&self, at: DVec2) -> Point {
+        let of = |axis: usize| (at[axis] / self.grid.scale_m).round() as i64 + self.origin[axis];
+        [of(0), of(1)]
+    }
+
+    fn polygon(&self, outline: &SnappedOutline) -> Polygon<f64> {
+        let ring = |ring: &Ring| -> LineString<f64> {
+            let closed = ring.iter().chain(ring.first());
+            closed.map(|p| self.metres(*p)).map(|p| Coord { x: p.x, y: p.y }).collect()
+        };
+        let mut rings = outline.rings().iter().map(ring);
+        let exterior = rings.next().unwrap_or_else(|| LineString::new(Vec::new()));
+        Polygon::new(exterior, rings.collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use geo::{Area as _, Contains as _, Rotate as _};
+    use geo_types::{Point, polygon};
+    use proptest::prelude::*;
+
+    use sizeup_heights::optimise::Gable;
+
+    use super::super::prism::tests::{is_closed_manifold, six_volumes};
+    use super::super::record::tests::record;
+    use super::*;
+
+    const MAP_M: [f64; 2] = [389_412.0, 5_819_874.0];
+    const GROUND_M: f64 = 34.2;
+    const BASE_M: f64 = 33.9;
+
+    fn in_map(outline: &Polygon<f64>, turn_deg: f64) -> Polygon<f64> {
+        use geo::MapCoords as _;
+        let turned = outline.rotate_around_point(turn_deg, Point::new(0.0, 0.0));
+        turned.map_coords(|c| Coord { x: c.x + MAP_M[0], y: c.y + MAP_M[1] })
+    }
+
+    /// A roof's volume above the base by a second way: its planes looked at on a lattice, as if it were rain that falls on it.
+    fn rained_m3(record: &BuildingRecord, step_m: f64) -> f64 {
+        let outline = record.footprint.as_ref().unwrap();
+        let (min, max) = {
+            use geo::BoundingRect as _;
+            let around = outline.bounding_rect().unwrap();
+            (around.min(), around.max())
+        };
+        let scene = {
+            use geo::MapCoords as _;
+            let local = outline.map_coords(|c| Coord { x: c.x - min.x, y: c.y - min.y });
+            let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+            ScenePrism::new(&local, ground, LocalOrigin(DVec3::ZERO))
+        };
+        let planes = RoofPlanes::of(&roof(record.roof.unwrap(), [min.x, min.y]), &scene).unwrap();
+        let mut volume_m3 = 0.0;
+        let (n_x, n_y) = (((max.x - min.x) / step_m) as usize, ((max.y - min.y) / step_m) as usize);
+        for (i, j) in (0..=n_y).flat_map(|j| (0..=n_x).map(move |i| (i, j))) {
+            let at = DVec2::new((i as f64 + 0.5) * step_m, (j as f64 + 0.5) * step_m);
+            if outline.contains(&Point::new(at.x + min.x, at.y + min.y)) {
+                let height_m = planes.height_m(at).unwrap_or(record.roof.unwrap().eave_height_m);
+                volume_m3 += (GROUND_M + height_m - BASE_M) * step_m * step_m;
+            }
+        }
+        volume_m3
+    }
+
+    fn solid(record: &BuildingRecord) -> Option<(Vec<Face>, f64)> {
+        let (grid, _) = Grid::over(std::slice::from_ref(record), 0.001).unwrap();
+        let block = Prism::of(record, &grid, 0.1).unwrap();
+        let faces = faces(record, &block, &grid)?;
+        assert!(is_closed_manifold(&faces), "{faces:?}");
+        let volume_m3 = six_volumes(&faces) as f64 / 6.0 * 1e-9;
+        Some((faces, volume_m3))
+    }
+
+    fn house(outline: &Polygon<f64>, turn_deg: f64, shape: RoofShape) -> BuildingRecord {
+        let mean_m = f64::midpoint(shape.eave_height_m, shape.ridge_height_m);
+        let mut house = record("a", in_map(outline, turn_deg), GROUND_M, BASE_M, mean_m);
+        house.roof = Some(shape);
+        house
+    }
+
+    /// A direction as an azimuth, of an angle from the east, counter-clockwise.
+    fn azimuth_deg(turn_deg: f64) -> Option<f64> {
+        Some((90.0 - turn_deg).rem_euclid(180.0))
+    }
+
+    fn rectangle() -> Polygon<f64> {
+        polygon![(x: 0.0, y: 0.0), (x: 12.0, y: 0.0), (x: 12.0, y: 8.0), (x: 0.0, y: 8.0)]
+    }
+
+    fn n_roofs(faces: &[Face]) -> usize {
+        faces.iter().filter(|face| face.surface == Surface::Roof).count()
+    }
+
+    #[test]
+    fn a_gable_has_two_slopes_and_gable_ends_of_five_corners() {
+        let shape = RoofShape { ridge_azimuth_deg: azimuth_deg(0.0), ..RoofShape::new(RoofForm::Gable, 4.0, 8.0) };
+        let (faces, volume_m3) = solid(&house(&rectangle(), 0.0, shape)).unwrap();
+        assert_eq!((n_roofs(&faces), faces.len()), (2, 7));
+        let mut corners: Vec<usize> =
+            faces.iter().filter(|f| f.surface == Surface::Wall).map(|f| f.rings[0].len()).collect();
+        corners.sort_unstable();
+        assert_eq!(corners, [4, 4, 5, 5]);
+        // 96 m2, 6 m high in the mean above ground, which is 0.3 m above the base.
+        assert!((volume_m3 - 96.0 * 6.3).abs() < 0.1, "{volume_m3}");
+        let across = RoofShape { ridge_azimuth_deg: azimuth_deg(90.0), ..shape };
+        let (_, volume_m3) = solid(&house(&rectangle(), 0.0, across)).unwrap();
+        assert!((volume_m3 - 96.0 * 6.3).abs() < 0.1, "{volume_m3}");
+    }
+
+    #[test]
+    fn a_hip_has_a_slope_to_every_wall() {
+        let shape = RoofShape::new(RoofForm::Hip, 4.0, 8.0);
+        let (faces, volume_m3) = solid(&house(&rectangle(), 20.0, shape)).unwrap();
+        assert_eq!((n_roofs(&faces), faces.len()), (4, 9));
+        // Over a rectangle a · b, b the lesser: rise · b (3 a − b) / 6. The farthest place is known to some centimetres.
+        let above_eave_m3 = 4.0 * 8.0 * (3.0 * 12.0 - 8.0) / 6.0;
+        assert!((volume_m3 - 96.0 * 4.3 - above_eave_m3).abs() < 0.02 * above_eave_m3, "{volume_m3}");
+        let winged = polygon![
+            (x: 0.0, y: -5.0), (x: 6.0, y: -5.0), (x: 6.0, y: 0.0), (x: 12.0, y: 0.0), (x: 12.0, y: 8.0), (x: 0.0, y: 8.0),
+        ];
+        assert!(solid(&house(&winged, 0.0, shape)).is_none(), "a hip with a valley stays a block");
+    }
+
+    #[test]
+    fn a_house_with_a_courtyard_and_a_gable_has_walls_to_it() {
+        let mut outline = rectangle();
+        let yard = [(3.0, 2.0), (3.0, 6.0), (6.0, 6.0), (6.0, 2.0), (3.0, 2.0)];
+        outline.interiors_push(yard.iter().map(|&(x, y)| Coord { x, y }).collect::<LineString<f64>>());
+        let shape = RoofShape { ridge_azimuth_deg: azimuth_deg(30.0), ..RoofShape::new(RoofForm::Gable, 4.0, 8.0) };
+        let house = house(&outline, 30.0, shape);
+        let (_, volume_m3) = solid(&house).unwrap();
+        let expected_m3 = rained_m3(&house, 0.02);
+        assert!((volume_m3 / expected_m3 - 1.0).abs() < 0.01, "{volume_m3} {expected_m3}");
+    }
+
+    #[test]
+    fn flat_roofs_and_those_without_their_plan_stay_blocks() {
+        for form in [RoofForm::Flat, RoofForm::Gable, RoofForm::Stepped, RoofForm::Mixed] {
+            assert!(solid(&house(&rectangle(), 0.0, RoofShape::new(form, 4.0, 8.0))).is_none(), "{form:?}");
+        }
+    }
+
+    /// Houses as layers have them: rectangles, L and T with corners a little off, turned any way, some with many more
+    /// corners on their walls.
+    fn outlines() -> impl Strategy<Value = Polygon<f64>> {
+        let off = prop::collection::vec(-0.25..0.25_f64, 20);
+        (0..4_usize, 6.0..30.0_f64, 5.0..18.0_f64, 0.2..0.8_f64, off, any::<bool>()).prop_map(
+            |(kind, width, depth, share, off, is_exact)| {
+                let (x, y) = (share * width, -0.6 * depth);
+                let corners: Vec<(f64, f64)> = match kind {
+                    0 => vec![(0.0, 0.0), (width, 0.0), (width, depth), (0.0, depth)],
+                    1 => vec![(0.0, y), (x, y), (x, 0.0), (width, 0.0), (width, depth), (0.0, depth)],
+                    2 => {
+                        let (from, to) = (0.2 * width, 0.7 * width);
+                        vec![
+                            (0.0, 0.0),
+                            (from, 0.0),
+                            (from, y),
+                            (to, y),
+                            (to, 0.0),
+                            (width, 0.0),
+                            (width, depth),
+                            (0.0, depth),
+                        ]
+                    }
+                    _ => vec![(0.0, 0.0), (x, -0.02), (width, 0.0), (width, 0.5 * depth), (width, depth), (0.0, depth)],
+                };
+                let moved = corners.iter().enumerate().map(|(i, (x, y))| {
+                    let by = if is_exact { [0.0; 2] } else { [off[2 * i], off[2 * i + 1]] };
+                    Coord { x: x + by[0], y: y + by[1] }
+                });
+                Polygon::new(moved.collect::<LineString<f64>>(), Vec::new())
+            },
+        )
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn any_house_is_a_closed_solid_of_its_roofs_volume(
+            outline in outlines(), form in 0..4_usize, turn_deg in 0.0..180.0_f64, eave_m in 2.5..12.0_f64,
+            rise_m in 0.8..6.0_f64, is_along_first in any::<bool>(), is_upper in any::<bool>(),
+            part in [0.1..0.9_f64, 0.1..0.9],
+        ) {
+            let turn = turn_deg.to_radians();
+            let at = |x: f64, y: f64| [turn.cos() * x - turn.sin() * y + MAP_M[0], turn.sin() * x + turn.cos() * y + MAP_M[1]];
+            let (x, y) = (12.0 * part[0], 9.0 * part[1]);
+            let corners = [at(-1.0, -12.0), at(x, -12.0), at(x, y), at(-1.0, y)];
+            let gable = (form == 3).then_some(Gable { eave_m: eave_m + 0.4, is_ridge_along_first: is_along_first });
+            let step = (form >= 2).then_some(Terrace { corners, is_upper: is_upper || form == 3, gable });
+            let roof_form = [RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped, RoofForm::Mixed][form];
+            let shape = RoofShape {
+                ridge_azimuth_deg: azimuth_deg(if is_along_first { turn_deg } else { turn_deg + 90.0 }),
+                step,
+                ..RoofShape::new(roof_form, eave_m, eave_m + rise_m + 0.4)
+            };
+            let house = house(&outline, turn_deg, shape);
+            prop_assume!(geo::Validation::is_valid(house.footprint.as_ref().unwrap()));
+            let is_convex = geo::IsConvex::is_convex(outline.exterior());
+            match solid(&house) {
+                Some((faces, volume_m3)) => {
+                    let expected_m3 = rained_m3(&house, 0.2);
+                    let area_m2 = house.footprint.as_ref().unwrap().unsigned_area();
+                    // Corners off their wing's lines: the planes go on there, where the fitted roof ends at the eave.
+                    prop_assert!((volume_m3 - expected_m3).abs() < 0.02 * expected_m3 + 0.1 * area_m2, "{volume_m3} {expected_m3} {house:?}");
+                    prop_assert!(n_roofs(&faces) >= 1);
+                }
+                None => prop_assert!(form == 1 && !is_convex, "no solid: {house:?}"),
+            }
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! Patches on the grid: every edge of one is an edge of its neighbour or of the outline, and ends where theirs do.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use geo::orient::{Direction, Orient as _};
+use geo_types::{LineString, MultiPolygon};
+use glam::DVec2;
+
+use sizeup_heights::optimise::RoofPlane;
+
+use super::super::outline::{Ring, SnappedOutline};
+use super::{Frame, Point};
+
+/// Corners nearer to each other, or to an edge, are one, metres: well below what a validator lets a face bend by.
+const MERGE_M: f64 = 0.004;
+/// Planes whose levels at a node differ by less meet there, metres.
+const MEET_M: f64 = 0.05;
+
+/// A part of the outline under one plane.
+pub(super) struct Patch {
+    /// Which.
+    pub plane: usize,
+    /// Exterior counter-clockwise, holes clockwise.
+    pub rings: Vec<Ring>,
+}
+
+/// All patches of an outline.
+pub(super) struct Plan {
+    pub patches: Vec<Patch>,
+    /// The plane to the left of each edge, either way.
+    pub left_of: BTreeMap<[Point; 2], usize>,
+    /// Each edge of the outline as the nodes along it, both ends among them.
+    pub outline: Vec<Vec<Point>>,
+}
+
+impl Plan {
+    /// `None` where the patches do not fit together on the grid.
+    pub fn of(outline: &SnappedOutline, patches: &[MultiPolygon<f64>], frame: &Frame<'_>) -> Option<Self> {
+        let mut nodes = Nodes::of(outline, frame);
+        let mut drawn: Vec<(usize, Vec<Ring>)> = Vec::new();
+        for (plane, patch) in patches.iter().enumerate() {
+            for polygon in patch {
+                let polygon = polygon.orient(Direction::Default);
+                let mut ring = |ring: &LineString<f64>| -> Ring {
+                    let corners = ring.coords().skip(1).map(|c| DVec2::new(c.x, c.y));
+                    corners.map(|corner| nodes.nearest_or_new(corner)).collect()
+                };
+                let rings = std::iter::once(polygon.exterior()).chain(polygon.interiors()).map(&mut ring).collect();
+                drawn.push((plane, rings));
+            }
+        }
+        let mut plan = Self { patches: Vec::new(), left_of: BTreeMap::new(), outline: Vec::new() };
+        for (plane, rings) in drawn {
+            let mut rings = rings.iter().map(|ring| nodes.along_ring(ring)).filter(|ring| ring.len() >= 3).peekable();
+            if rings.peek().is_none() {
+                continue;
+            }
+            let rings: Vec<Ring> = rings.collect();
+            for edge in rings.iter().flat_map(|ring| edges(ring)) {
+                if plan.left_of.insert(edge, plane).is_some() {
+                    return None;
+                }
+            }
+            plan.patches.push(Patch { plane, rings });
+        }
+        plan.outline = outline.rings().iter().flat_map(|ring| edges(ring)).map(|[a, b]| nodes.along(a, b)).collect();
+        plan.is_whole().then_some(plan)
+    }
+
+    /// Whether each edge has a patch on its left, and another one or the outline's outside on its right.
+    fn is_whole(&self) -> bool {
+        let rim: BTreeSet<[Point; 2]> =
+            self.outline.iter().flat_map(|nodes| nodes.windows(2).map(|edge| [edge[0], edge[1]])).collect();
+        let has_other_side = |edge: &[Point; 2]| self.left_of.contains_key(&[edge[1], edge[0]]) != rim.contains(edge);
+        rim.iter().all(|edge| self.left_of.contains_key(edge)) && self.left_of.keys().all(has_other_side)
+    }
+}
+
+/// The edges of a ring.
+pub(super) fn edges(ring: &Ring) -> impl Iterator<Item = [Point; 2]> {
+    ring.iter().zip(ring.iter().cycle().skip(1)).map(|(from, to)| [*from, *to])
+}
+
+/// Where edges end.
+struct Nodes<'a> {
+    frame: &'a Frame<'a>,
+    /// Those of the outline first.
+    all: Vec<Point>,
+    outline: Vec<[DVec2; 2]>,
+}
+
+impl<'a> Nodes<'a> {
+    fn of(outline: &SnappedOutline, frame: &'a Frame<'a>) -> Self {
+        let walls = outline.rings().iter().flat_map(|ring| edges(ring)).map(|edge| edge.map(|p| frame.metres(p)));
+        Self { frame, all: outline.rings().iter().flatten().copied().collect(), outline: walls.collect() }
+    }
+
+    fn nearest_or_new(&mut self, at: DVec2) -> Point {
+        if let Some(node) = self.near(at) {
+            return node;
+        }
+        // A corner beside the outline lies on it.
+        let on_wall = |[from, to]: &[DVec2; 2]| {
+            let along = *to - *from;
+            let share = ((at - *from).dot(along) / along.length_squared()).clamp(0.0, 1.0);
+            Some(*from + share * along).filter(|foot| foot.distance(at) <= MERGE_M)
+        };
+        let node = self.frame.point(self.outline.iter().find_map(on_wall).unwrap_or(at));
+        self.near(self.frame.metres(node)).unwrap_or_else(|| {
+            self.all.push(node);
+            node
+        })
+    }
+
+    fn near(&self, at: DVec2) -> Option<Point> {
+        let distances = self.all.iter().map(|node| (self.frame.metres(*node).distance(at), *node));
+        let nearest = distances.min_by(|(a, _), (b, _)| a.total_cmp(b));
+        nearest.filter(|(distance, _)| *distance <= MERGE_M).map(|(_, node)| node)
+    }
+
+    /// The nodes from one to another, both among them.
+    fn along(&self, from: Point, to: Point) -> Vec<Point> {
+        let [a, b] = [from, to].map(|p| self.frame.metres(p));
+        let (length, along) = ((b - a).length(), (b - a).normalize_or_zero());
+        let on_edge = |node: &Point| {
+            let off = self.frame.metres(*node) - a;
+            let way = off.dot(along);
+            let is_on = way > 0.0 && way < length && off.perp_dot(along).abs() <= MERGE_M;
+            (is_on && *node != from && *node != to).then_some((way, *node))
+        };
+        let mut between: Vec<(f64, Point)> = self.all.iter().filter_map(on_edge).collect();
+        between.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+        let between = between.into_iter().map(|(_, node)| node);
+        std::iter::once(from).chain(between).chain(std::iter::once(to)).collect()
+    }
+
+    /// A ring with all nodes on its edges, without repeated ones and without ways there and back.
+    fn along_ring(&self, ring: &Ring) -> Ring {
+        let mut nodes: Ring = Vec::new();
+        for [from, to] in edges(ring) {
+            for node in self.along(from, to).into_iter().skip(1) {
+                match nodes.len() {
+                    n if n > 0 && nodes[n - 1] == node => {}
+                    n if n > 1 && nodes[n - 2] == node => {
+                        nodes.pop();
+                    }
+                    _ => nodes.push(node),
+                }
+            }
+        }
+        // The seam.
+        while nodes.len() >= 3 {
+            let n = nodes.len();
+            if nodes[0] == nodes[n - 1] || nodes[n - 2] == nodes[0] {
+                nodes.pop();
+            } else if nodes[n - 1] == nodes[1] {
+                nodes.remove(0);
+            } else {
+                break;
+            }
+        }
+        nodes
+    }
+}
+
+/// The levels of the planes at the nodes that their patches touch, on the grid.
+pub(super) struct Levels {
+    by_node: BTreeMap<Point, BTreeMap<usize, i64>>,
+}
+
+impl Levels {
+    pub fn of(plan: &Plan, planes: &[RoofPlane], ground_z_m: f64, frame: &Frame<'_>) -> Self {
+        let mut touching: BTreeMap<Point, BTreeSet<usize>> = BTreeMap::new();
+        for patch in &plan.patches {
+            for node in patch.rings.iter().flatten() {
+                touching.entry(*node).or_default().insert(patch.plane);
+            }
+        }
+        let at_node = |(node, touching): (Point, BTreeSet<usize>)| {
+            let height_m = |plane: &usize| planes[*plane].height_m(frame.metres(node));
+            let mut heights: Vec<(f64, usize)> = touching.iter().map(|plane| (height_m(plane), *plane)).collect();
+            heights.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+            let meet = |a: &(f64, usize), b: &(f64, usize)| b.0 - a.0 < MEET_M;
+            let levels = heights.chunk_by(meet).flat_map(|group| {
+                let mean_m = group.iter().map(|(height_m, _)| height_m).sum::<f64>() / group.len() as f64;
+                let level = frame.grid.level(ground_z_m + mean_m);
+                group.iter().map(move |(_, plane)| (*plane, level))
+            });
+            (node, levels.collect())
+        };
+        Self { by_node: touching.into_iter().map(at_node).collect() }
+    }
+
+    /// A plane at a node.
+    pub fn level(&self, node: Point, plane: usize) -> i64 {
+        self.by_node[&node][&plane]
+    }
+
+    /// The corner of a plane at a node.
+    pub fn at(&self, node: Point, plane: usize) -> [i64; 3] {
+        [node[0], node[1], self.level(node, plane)]
+    }
+
+    /// The corners of all planes at a node strictly between two levels, from the first to the second.
+    pub fn between(&self, node: Point, from: i64, to: i64) -> Vec<[i64; 3]> {
+        let levels: BTreeSet<i64> = self.by_node[&node].values().copied().collect();
+        let within = levels.into_iter().filter(|level| *level > from.min(to) && *level < from.max(to));
+        let mut within: Vec<[i64; 3]> = within.map(|level| [node[0], node[1], level]).collect();
+        if from > to {
+            within.reverse();
+        }
+        within
+    }
+
+    /// The lowest of all.
+    pub fn lowest(&self) -> Option<i64> {
+        self.by_node.values().flat_map(BTreeMap::values).copied().min()
+    }
+}
