@@ -12,6 +12,7 @@
 
 mod above;
 mod artefact;
+mod backdrop;
 mod contents;
 mod dtm;
 mod error;

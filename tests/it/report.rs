@@ -90,6 +90,7 @@ fn the_report_of_the_demo_works_in_a_browser() {
     assert!((shown_m(&said["pickedInScene"]) - height_m).abs() < 0.051, "{said:#}");
     let linked = said["linked"].as_str().unwrap();
     assert!((shown_m(&said["pickedByLink"]) - heights_m[linked]).abs() < 0.051, "{said:#}");
+    assert_eq!(said["backdrop"], true, "the photos under the map are seen, and can be hidden");
     // Four photos of the linked one, which is the most doubtful, each with its depth and its prior.
     assert_eq!(said["crops"], 12);
     let steps: Vec<f64> = evidence_gaps_m(&result.join("report.html"));
@@ -143,6 +144,7 @@ fn plain_report(town: &Town) -> Report<'_> {
         survey: None,
         evidence: Vec::new(),
         overview: None,
+        backdrop: None,
         config: "# </script> {{script}}\n".to_owned(),
     }
 }
