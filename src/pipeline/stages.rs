@@ -394,7 +394,7 @@ pub fn lineage_of(config: &RunConfig, command: &str, inputs: Vec<InputFile>) -> 
             .unwrap_or_else(|| "not stated".to_owned()),
         height_definition: format!(
             "roof level minus ground level; ground level: {}; roof level: mean over the roof",
-            serde_json::to_string(&config.ground.reference).unwrap_or_default()
+            serde_json::to_string(&config.ground.reference).unwrap_or_default().trim_matches('"')
         ),
         seed: config.seed,
         reference_date: config.project.reference_date.clone(),

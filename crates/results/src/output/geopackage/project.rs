@@ -117,9 +117,11 @@ fn packed(name: &str, text: &str) -> zip::result::ZipResult<Vec<u8>> {
 /// What a map of the city has to name: inputs, program, frame and day.
 fn sources(lineage: &Lineage) -> String {
     let mut text = String::new();
-    for (role, word) in [("footprints", "Outlines"), ("survey", "Photos"), ("terrain", "Terrain"), ("city", "City")] {
-        let names: Vec<&str> =
-            lineage.inputs.iter().filter(|input| input.role == role).map(|i| i.path.as_str()).collect();
+    // On paper folders of somebody's machine tell nothing; `lineage.json` has them.
+    let name = |path: &'_ str| path.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
+    for (role, word) in [("footprints", "Outlines"), ("survey", "Poses"), ("terrain", "Terrain"), ("city", "City")] {
+        let names: Vec<String> =
+            lineage.inputs.iter().filter(|input| input.role == role).map(|input| name(&input.path)).collect();
         match names.as_slice() {
             [] => {}
             [only] => drop(write!(text, "{word}: {only}. ")),
@@ -346,4 +348,34 @@ fn style_of(layer: &str) -> &'static str {
     let qml = STYLES.iter().find(|(name, _)| *name == layer).map_or("", |(_, qml)| *qml);
     let inside = qml.find("<qgis").and_then(|start| qml[start..].find('>').map(|end| &qml[start + end + 1..]));
     inside.and_then(|text| text.rfind("</qgis>").map(|end| &text[..end])).unwrap_or("")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::InputFile;
+
+    #[test]
+    fn a_printed_map_names_files_and_no_folders() {
+        let input = |role: &str, path: &str| InputFile {
+            role: role.to_owned(),
+            path: path.to_owned(),
+            size_bytes: 1,
+            sha256: String::new(),
+        };
+        let lineage = Lineage {
+            inputs: vec![
+                input("footprints", "/home/somebody/block 7/outlines.gpkg"),
+                input("survey", "sparse/cameras.txt"),
+                input("survey", "sparse/images.txt"),
+                input("terrain", "C:\\data\\dtm.tif"),
+            ],
+            ..Lineage::default()
+        };
+        let text = sources(&lineage);
+        assert!(
+            text.starts_with("Outlines: outlines.gpkg. Poses: cameras.txt and 1 more. Terrain: dtm.tif. "),
+            "{text}"
+        );
+    }
 }
