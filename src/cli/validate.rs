@@ -80,7 +80,7 @@ struct Outcome {
     solids: Validation,
     #[serde(skip_serializing_if = "Option::is_none")]
     form: Option<SchemaCheck>,
-    /// What the mark of a writer that has not come to its end says.
+    /// The first line of the mark of a writer that has not come to its end.
     #[serde(skip_serializing_if = "Option::is_none")]
     unfinished: Option<String>,
 }

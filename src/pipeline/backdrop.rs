@@ -177,7 +177,7 @@ impl<'a> Photo<'a> {
     }
 }
 
-/// What the photo shows whose camera stands closest to above a place.
+/// The colour of a place in the photo whose camera stands closest to above it.
 fn colour(photos: &[Photo<'_>], place: DVec3) -> Option<[u8; 3]> {
     let aside = |photo: &Photo<'_>| (photo.view.centre() - place).truncate().length_squared();
     let seeing = photos.iter().filter_map(|photo| Some((photo, pixel_of(photo.view, place)?)));

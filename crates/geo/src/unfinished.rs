@@ -12,9 +12,9 @@ use crate::files::{FileError, read_text, write_whole};
 /// The mark's name.
 pub const NAME: &str = "UNFINISHED.txt";
 
-/// What a mark says whose writer has replaced nothing yet.
+/// The first line of a mark whose writer has replaced nothing yet.
 const STARTED: &str = "a run was started and has not come to its end: what else is here is of an earlier one";
-/// What it says from then on.
+/// The first line from then on.
 const REPLACING: &str =
     "these results may be of two runs: they were being replaced, and the writer has not come to its end";
 
@@ -24,7 +24,7 @@ const REPLACING: &str =
 pub struct Unfinished {
     path: PathBuf,
     command: String,
-    /// What the mark says now.
+    /// The mark as it is now.
     text: String,
     /// The mark of an earlier writer that had begun to replace results.
     before: Option<String>,
@@ -124,7 +124,7 @@ impl Unfinished {
     }
 }
 
-/// What the mark says of results, in one line: of a folder's, or of those of the folder that a file of results lies in.
+/// The first line of a mark on results: of a folder's, or of those of the folder that a file of results lies in.
 /// `None` where they are finished.
 #[must_use]
 pub fn told_of(path: &Path) -> Option<String> {

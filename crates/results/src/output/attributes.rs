@@ -363,7 +363,8 @@ mod tests {
         let hip = counted_70p_z_m(|x, y| to_wall(x, y) / 4.0);
         for (form, mean_m, expected) in [(RoofForm::Gable, 6.5, gable), (RoofForm::Hip, 6.083, hip)] {
             let found = roof_70p_z_m(&house(form, mean_m)).unwrap();
-            assert!((found - expected).abs() < 0.02, "{form:?}: {found} for {expected}");
+            // Places 5 cm apart: levels are counted in steps of 6 cm.
+            assert!((found - expected).abs() < 0.035, "{form:?}: {found} for {expected}");
         }
         // Lower over three quarters, and over half of the area.
         for (x, expected) in [(12.0, 104.0), (8.0, 109.0)] {
