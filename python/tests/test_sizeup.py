@@ -143,6 +143,17 @@ class Program(unittest.TestCase):
             sizeup.run(self.demo / "scene" / "sizeup.toml", output=self.demo / "stopped", tell=tell)
         self.assertFalse((self.demo / "stopped" / "city.gpkg").exists())
 
+    def test_results_whose_writer_has_not_come_to_its_end_are_warned_of_once(self):
+        mark = self.demo / "result" / "UNFINISHED.txt"
+        mark.write_text("a run was started and has not come to its end\nmore\n", encoding="utf-8")
+        try:
+            for path in (self.demo / "result", self.demo / "result" / "city.gpkg"):
+                with self.assertWarnsRegex(UserWarning, "is not finished: a run was started") as caught:
+                    self.assertEqual(len(sizeup.read(path)), 43)
+                self.assertEqual(len(caught.warnings), 1)
+        finally:
+            mark.unlink()
+
     def test_what_is_no_city_is_refused(self):
         with self.assertRaisesRegex(sizeup.InputError, "no city.city.json"):
             sizeup.read(self.folder.name)

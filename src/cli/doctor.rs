@@ -10,12 +10,18 @@ use super::{Failure, Global, print, print_json};
 use crate::config::RunConfig;
 use crate::tiles;
 use sizeup_footprints::FootprintSource;
-use sizeup_geo::crs::{Crs, CrsError, Transform, Transform3d};
+use sizeup_geo::crs::{self, Crs, CrsError, Grid, Transform, Transform3d};
 use sizeup_geo::files::is_virtual;
 use sizeup_geo::geodata;
+use sizeup_geo::geodata::raster::RasterFile;
+use sizeup_geo::geodata::vector::VectorLayer;
 use sizeup_photos::onnx::{EngineChoice, EngineConfig, runtime};
 use sizeup_photos::prior::PriorConfig;
 use sizeup_photos::prior::network::known::{self, KnownNetwork};
+use sizeup_survey::HeightReference;
+
+/// Longitude, latitude and height above the ellipsoid (WGS 84).
+const ELLIPSOIDAL: &str = "EPSG:4979";
 
 /// Formats that a run writes or people bring, by GDAL's names: without the first two no run finishes.
 const DRIVERS: [(&str, bool); 8] = [
@@ -111,6 +117,7 @@ fn of_machine(config: Option<&RunConfig>) -> Vec<Finding> {
         Finding::ok("memory", memory),
         Finding::ok("GDAL", geodata::gdal_version()),
     ];
+    findings.extend(proj());
     for (driver, is_needed) in DRIVERS {
         let what = format!("GDAL's {driver}");
         findings.push(if geodata::has_driver(driver) {
@@ -158,7 +165,8 @@ fn network_in_place(network: &KnownNetwork) -> Finding {
 
 /// What a run needs.
 fn of_config(config: &RunConfig) -> Vec<Finding> {
-    let mut findings = vec![heights_grid(&config.project.crs)];
+    let mut findings = vec![heights_grid(config)];
+    findings.extend(planes(config));
     findings.push(file("survey.path", &config.survey.path));
     findings.extend(config.survey.images.iter().map(|path| file("survey.images", path)));
     if let FootprintSource::Layer(layer) = &config.footprints {
@@ -231,26 +239,97 @@ fn file(what: &str, path: &Path) -> Finding {
     }
 }
 
+/// PROJ itself, and the grid files that it finds.
+fn proj() -> [Finding; 2] {
+    let folders: Vec<String> = crs::data_folders().iter().map(|folder| folder.display().to_string()).collect();
+    let grids = crs::grids_present();
+    let present = if grids.is_empty() { "none".to_owned() } else { grids.join(", ") };
+    [
+        Finding::ok("PROJ", format!("{}, its files in {}", crs::proj_version(), folders.join(", "))),
+        Finding::ok("PROJ's grids", present),
+    ]
+}
+
+/// How well positions of the poses, the outlines and the terrain reach the project's plane, and the grid that would bring
+/// them there better.
+fn planes(config: &RunConfig) -> Vec<Finding> {
+    let outlines = match &config.footprints {
+        FootprintSource::Layer(layer) => layer.crs.clone().or_else(|| {
+            let source = VectorLayer::open(&layer.path, layer.layer.as_deref()).ok()?;
+            source.crs().ok().flatten()
+        }),
+        _ => None,
+    };
+    let terrain = config
+        .terrain
+        .crs
+        .clone()
+        .or_else(|| RasterFile::open(config.terrain.dtm.as_ref()?).ok()?.crs().ok().flatten());
+    let systems = [("survey.crs", config.survey.crs.clone()), ("footprints", outlines), ("terrain.dtm", terrain)];
+    let known = systems.into_iter().filter_map(|(what, crs)| Some((what, crs?)));
+    known.filter_map(|(what, from)| plane(what, &from, &config.project.crs)).collect()
+}
+
+/// The same of one of them; `None` where nothing has to be done.
+fn plane(what: &str, from: &Crs, to: &Crs) -> Option<Finding> {
+    let what = format!("PROJ's way from {what} ({from})");
+    let transform = match Transform::new(from, to) {
+        Ok(transform) if transform.is_identity() => return None,
+        Ok(transform) => transform,
+        Err(error) => {
+            let text = error.to_string();
+            let (found, hint) = text.split_once("\nhint: ").unwrap_or((&text, "`projsync --all`"));
+            return Some(Finding::lacking(&what, true, found, hint));
+        }
+    };
+    // In the middle of where the project's system is used.
+    let [west, south, east, north] = to.area_of_use_deg()?;
+    let middle = (f64::midpoint(west, east), f64::midpoint(south, north));
+    let (x, y) = Transform::new(&Crs::parse("EPSG:4326").ok()?, from).ok()?.point(middle.0, middle.1).ok()?;
+    let found = format!("to {to}: {}", transform.accuracy_at(x, y).ok()?);
+    Some(match transform.better_at(x, y) {
+        Some(better) => {
+            let hint = how_to_get(&better.grid);
+            Finding::lacking(&what, false, format!("{found}; {better}"), hint)
+        }
+        None => Finding::ok(&what, found),
+    })
+}
+
+/// The command that brings a grid, or where it comes from.
+fn how_to_get(grid: &Grid) -> String {
+    match grid.command() {
+        Some(command) => format!("`{command}` brings it (`projsync` is in Debian's package proj-bin)"),
+        None => format!("put {grid} into a folder named by PROJ_DATA"),
+    }
+}
+
 /// Whether PROJ can take the project's heights to the ellipsoid, which globes and satellite positions count from. A run
-/// in one height system does without.
-fn heights_grid(crs: &Crs) -> Finding {
+/// in one height system does without; one whose poses have ellipsoidal heights does not.
+fn heights_grid(config: &RunConfig) -> Finding {
     const WHAT: &str = "PROJ's grid of the heights";
+    let (crs, height) = (&config.project.crs, &config.survey.height);
     if crs.vertical_name().is_none() {
         return Finding::ok(WHAT, format!("none needed: {crs} has no vertical part"));
     }
     let reach = || -> Result<(), CrsError> {
-        let ellipsoid = Transform3d::new(crs, &Crs::parse("EPSG:4979")?)?;
+        let ellipsoid = Transform3d::new(crs, &Crs::parse(ELLIPSOIDAL)?)?;
         let Some([west, south, east, north]) = crs.area_of_use_deg() else { return Ok(()) };
         let to_map = Transform::new(&Crs::parse("EPSG:4326")?, crs)?;
         let (x, y) = to_map.point(f64::midpoint(west, east), f64::midpoint(south, north))?;
         ellipsoid.point(DVec3::new(x, y, 0.0)).map(drop)
     };
-    match reach() {
-        Ok(()) => Finding::ok(WHAT, format!("there, for {crs}")),
-        Err(error) => {
-            let text = error.to_string();
-            let (found, hint) = text.split_once("\nhint: ").unwrap_or((&text, "`projsync --system-directory --all`"));
-            Finding::lacking(WHAT, false, found, hint)
-        }
-    }
+    let Err(error) = reach() else { return Finding::ok(WHAT, format!("there, for {crs}")) };
+    let is_shift_given = height.geoid_offset.is_some() || height.keep_ellipsoidal;
+    let is_needed = height.reference == Some(HeightReference::Ellipsoidal) && !is_shift_given;
+    let text = error.to_string();
+    let (found, advice) = text.split_once("\nhint: ").unwrap_or((&text, ""));
+    let grids = Crs::parse(ELLIPSOIDAL).map(|ellipsoid| crs::height_grids(crs, &ellipsoid)).unwrap_or_default();
+    // PROJ hands out its own; what agencies call the same file is second best.
+    let best = grids.iter().find(|grid| grid.command().is_some()).or(grids.first());
+    let hint = best.map_or_else(
+        || advice.to_owned(),
+        |grid| format!("{}; or state the shift: geoid_offset for poses, --geoid-height for 3D Tiles", how_to_get(grid)),
+    );
+    Finding::lacking(WHAT, is_needed, found, hint)
 }

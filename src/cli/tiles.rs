@@ -435,6 +435,8 @@ fn tell_status(ui: &Ui, city: &CityStatus) {
     ));
     ui.say(match (city.merge, &city.merge_stale) {
         (State::Done, _) => "the merge is done".to_owned(),
+        (State::Running, _) => "the merge is running".to_owned(),
+        (State::Failed, Some(why)) => format!("the merge is not finished: {why}\nhint: merge again"),
         (_, Some(why)) => format!("the merge is stale: {why}"),
         _ => "nothing has been merged".to_owned(),
     });

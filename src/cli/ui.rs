@@ -27,15 +27,11 @@ pub(super) fn start_logging(global: &Global) {
     };
 }
 
-/// Warns of results that are not of one run, because their writer was killed between two files.
+/// Warns of results whose writer was killed before its end, or is still at it.
 pub(super) fn warn_of_unfinished(path: &std::path::Path, global: &Global) {
-    if sizeup_geo::unfinished::is_marked(path) {
+    if let Some(told) = sizeup_geo::unfinished::told_of(path) {
         let name = sizeup_geo::unfinished::NAME;
-        Ui::new(global).say(format!(
-            "warning: {} is among results that were being replaced when their writer ended: its files may be of two \
-             runs, see {name} beside it",
-            path.display()
-        ));
+        Ui::new(global).say(format!("warning: {} is not finished: {told}; see {name} beside it", path.display()));
     }
 }
 

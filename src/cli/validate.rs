@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::ui::warn_of_unfinished;
 use super::{Failure, Global, print, print_json};
+use sizeup_geo::unfinished::told_of;
 use sizeup_results::output::validate::schema::{self, SchemaCheck, SchemaFault};
 use sizeup_results::output::validate::{Fault, ValidateConfig, Validation, validate_file};
 
@@ -60,7 +61,7 @@ pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
     let solids = validate_file(&args.file, &config).map_err(|e| Failure::new(3, &e))?;
     let is_valid = solids.is_valid() && form.as_ref().is_none_or(|form| form.errors.is_empty());
     if global.json {
-        print_json(&Outcome { solids, form })?;
+        print_json(&Outcome { solids, form, unfinished: told_of(&args.file) })?;
     } else {
         print(&solid_lines(&solids, n_printed))?;
     }
@@ -79,6 +80,9 @@ struct Outcome {
     solids: Validation,
     #[serde(skip_serializing_if = "Option::is_none")]
     form: Option<SchemaCheck>,
+    /// The first line of the mark of a writer that has not come to its end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    unfinished: Option<String>,
 }
 
 /// What was found of the form, as lines.

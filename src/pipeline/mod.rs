@@ -12,6 +12,7 @@
 
 mod above;
 mod artefact;
+mod backdrop;
 mod contents;
 mod dtm;
 mod error;
@@ -54,13 +55,10 @@ pub use settings::part_settings;
 pub use stages::{files_of, lineage_of, reviews_of, unstated_reference};
 pub use tile::{Part, PartHashes, PartHeights, find_outlines, layer_of, outlines_around, refused_records, survey_of};
 
-use std::collections::BTreeMap;
-
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
-use sizeup_geo::files::write_json;
 use sizeup_geo::issue::Issue;
 use sizeup_heights::optimise::{OptimiseConfig, Problem, Solution, Solving, solve};
 use sizeup_results::output::BuildingRecord;
@@ -172,7 +170,7 @@ impl City {
 /// As [`run`].
 pub fn city(config: &RunConfig, tell: Tell<'_>) -> Result<City, PipelineError> {
     let options = RunOptions { from: Stage::Survey, until: Stage::Output, command: String::new() };
-    run_timed(config, &options, tell, &solve)
+    stages::run(config, &options, tell, &solve)
 }
 
 /// Runs the stages of a configuration.
@@ -198,18 +196,5 @@ pub fn run_with(
     tell: Tell<'_>,
     solver: Solver<'_>,
 ) -> Result<RunSummary, PipelineError> {
-    Ok(run_timed(config, options, tell, solver)?.summary)
-}
-
-fn run_timed(
-    config: &RunConfig,
-    options: &RunOptions,
-    tell: Tell<'_>,
-    solver: Solver<'_>,
-) -> Result<City, PipelineError> {
-    let city = stages::run(config, options, tell, solver)?;
-    let seconds: BTreeMap<&str, f64> =
-        city.summary.seconds.iter().map(|(stage, seconds)| (stage.as_str(), *seconds)).collect();
-    write_json(&config.project.output.join("timing.json"), &seconds)?;
-    Ok(city)
+    Ok(stages::run(config, options, tell, solver)?.summary)
 }

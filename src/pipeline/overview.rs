@@ -16,8 +16,7 @@ use sizeup_heights::ray::{Aabb, Ray};
 use sizeup_heights::render::PlacedCamera;
 use sizeup_heights::render::image::{Face, SceneTracer};
 use sizeup_heights::scene::Scene;
-use sizeup_results::output::picture::HeightScale;
-use sizeup_results::output::picture::colour::{self, ALERT, INK, NO_VALUE, WHITE};
+use sizeup_results::output::picture::colour::{self, ALERT, INK, NO_VALUE, WHITE, height_colour};
 
 /// Size of the picture, and how much larger it is drawn before it is reduced.
 const SIZE_PX: [u32; 2] = [1200, 720];
@@ -55,9 +54,7 @@ struct Sight {
 /// Draws a scene with its heights; buildings without one as low grey blocks.
 pub(super) fn draw(scene: &Scene, solved: &[SolvedHeight]) -> RgbImage {
     let heights_m: Vec<f32> = solved.iter().map(|s| s.height_m.map_or(scene.bounds.min_m, |h| h as f32)).collect();
-    let known: Vec<f64> = solved.iter().filter_map(|s| s.height_m).collect();
-    let scale = HeightScale::of(&known);
-    let colours = solved.iter().map(|s| s.height_m.map_or(NO_VALUE, |h| scale.colour(h))).collect();
+    let colours = solved.iter().map(|s| s.height_m.map_or(NO_VALUE, height_colour)).collect();
     let is_doubtful = |face: Option<(u32, u32)>| {
         face.and_then(|(b, _)| solved.get(b as usize)).is_some_and(|s| s.height_m.is_some() && !s.reasons.is_empty())
     };

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::kept::PriorStore;
 use super::stages::{SceneStage, load_terrain};
-use super::{HeightStage, PipelineError, evidence, overview};
+use super::{HeightStage, PipelineError, backdrop, evidence, overview};
 use crate::config::RunConfig;
 use sizeup_heights::ids::BuildingId;
 use sizeup_heights::optimise::{EpochRecord, LevelGain};
@@ -40,6 +40,7 @@ pub(super) fn write(
         survey: survey_report(config),
         evidence: evidence::gather(config, model.survey, stage, heights, priors),
         overview,
+        backdrop: backdrop::lay(&model.survey.views, model.records, &stage.terrain, config.output.report.backdrop_px),
         config: config.saved().to_toml(),
     };
     Ok(report::write(&folder.join("report.html"), &report)?)
@@ -48,8 +49,7 @@ pub(super) fn write(
 /// Cells of the ground in the page of a city are at least so wide, metres.
 const CITY_CELL_M: f64 = 5.0;
 
-/// Writes `report.html` of a city that was made in parts: without the passes and the photos of single buildings, which
-/// stay with the parts.
+/// Writes `report.html` of a city that was made in parts: without the passes and the photos, which stay with the parts.
 ///
 /// # Errors
 /// [`PipelineError`]: the terrain cannot be read, or the page not be written.
@@ -73,6 +73,7 @@ pub fn write_city_report(config: &RunConfig, folder: &Path, model: &CityModel<'_
         survey: survey_report(config),
         evidence: Vec::new(),
         overview: None,
+        backdrop: None,
         config: config.saved().to_toml(),
     };
     Ok(report::write(&folder.join("report.html"), &report)?)

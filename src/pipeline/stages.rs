@@ -1,6 +1,6 @@
 //! The stages, one function each, and the loop over them.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -48,6 +48,30 @@ pub(super) fn run(
     }
     check_settings(config)?;
     let reviews = reviews_of(config)?;
+    // Whoever looks into the folder before the end is told, and so is who looks there after a run was killed.
+    let mut mark = Unfinished::start(&config.project.output, &options.command)?;
+    let city = run_marked(config, options, &reviews, (tell, solver), &mut mark).and_then(|city| {
+        let seconds: BTreeMap<&str, f64> = city.summary.seconds.iter().map(|(stage, s)| (stage.as_str(), *s)).collect();
+        write_json(&config.project.output.join("timing.json"), &seconds)?;
+        Ok(city)
+    });
+    match (&city, mark.is_replacing()) {
+        (Ok(_), true) => mark.finish()?,
+        (Err(_), true) => {}
+        // What was not replaced is what it was.
+        (_, false) => mark.withdraw()?,
+    }
+    city
+}
+
+/// The stages themselves, in a folder that is marked.
+fn run_marked(
+    config: &RunConfig,
+    options: &RunOptions,
+    reviews: &Reviews,
+    (tell, solver): (Tell<'_>, Solver<'_>),
+    mark: &mut Unfinished,
+) -> Result<City, PipelineError> {
     let mut seconds = Vec::new();
     let mut timed =
         |stage: Stage, start: Instant| seconds.push((stage.name().to_owned(), start.elapsed().as_secs_f64()));
@@ -120,7 +144,7 @@ pub(super) fn run(
 
     let start = Instant::now();
     tell(Event::Stage(Stage::Output));
-    let records = records(config, &survey, &footprints, &heights, &reviews);
+    let records = records(config, &survey, &footprints, &heights, reviews);
     let mut issues = all_issues(config, &survey, &footprints, &heights);
     issues.extend(reviews.unmatched(records.as_slice())?);
     issues.extend(cityjson::check(&records, &config.output.cityjson)?);
@@ -135,7 +159,7 @@ pub(super) fn run(
         survey: &survey,
     };
     // From here on results of another run may be replaced, one after the other.
-    let unfinished = Unfinished::begin(&config.project.output, &options.command)?;
+    mark.replace()?;
     write_results(config, &model, &summary)?;
     if config.output.pictures {
         pictures::write(&config.project.output, &model, &stage, &heights, &priors)?;
@@ -143,7 +167,6 @@ pub(super) fn run(
     if config.output.report.page {
         report::write(config, &model, &stage, &heights, &footprints.levels, &priors)?;
     }
-    unfinished.finish()?;
     timed(Stage::Output, start);
     Ok(City { summary: RunSummary { seconds, ..summary }, records, issues })
 }
@@ -371,7 +394,7 @@ pub fn lineage_of(config: &RunConfig, command: &str, inputs: Vec<InputFile>) -> 
             .unwrap_or_else(|| "not stated".to_owned()),
         height_definition: format!(
             "roof level minus ground level; ground level: {}; roof level: mean over the roof",
-            serde_json::to_string(&config.ground.reference).unwrap_or_default()
+            serde_json::to_string(&config.ground.reference).unwrap_or_default().trim_matches('"')
         ),
         seed: config.seed,
         reference_date: config.project.reference_date.clone(),

@@ -3,10 +3,11 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::TilesError;
 use super::manifest::{Layout, Tile, read_json};
 use super::merge::Merged;
 use super::stale::{Check, Trust, known};
+use super::{Lock, TilesError};
+use sizeup_geo::unfinished::told_of;
 
 /// Where a tile, or the merge, stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -66,7 +67,7 @@ pub struct CityStatus {
     pub tiles: Vec<TileStatus>,
     /// The merge.
     pub merge: State,
-    /// Why the merge is stale.
+    /// Why the merge is stale, or not finished.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub merge_stale: Option<String>,
     /// Bytes that were read to learn what files hold.
@@ -105,9 +106,12 @@ pub fn status(layout: &Layout, trust: Trust) -> Result<CityStatus, TilesError> {
     let done: Vec<_> =
         tiles.iter().map(|one| (one.state == State::Done).then(|| layout.read_done(&one.tile.id)).flatten()).collect();
     let merged: Option<Merged> = read_json(&layout.merged()).ok();
-    let (merge, merge_stale) = match &merged {
-        None => (State::Waiting, None),
-        Some(merged) => match check.why_not_merged(&check.merge(&done, merged.tileset), merged) {
+    let (merge, merge_stale) = match (told_of(layout.folder()), &merged) {
+        // Whoever is at it, or was killed there, has begun to replace what was merged.
+        (Some(_), _) if Lock::holder_of(&layout.lock("city")).is_some() => (State::Running, None),
+        (told @ Some(_), _) => (State::Failed, told),
+        (None, None) => (State::Waiting, None),
+        (None, Some(merged)) => match check.why_not_merged(&check.merge(&done, merged.tileset), merged) {
             None => (State::Done, None),
             why => (State::Stale, why),
         },

@@ -190,9 +190,60 @@ fn results_whose_writer_did_not_come_to_its_end_are_marked_until_they_are_whole_
     assert!(!killed.status.success());
     assert!(mark.exists(), "{}", String::from_utf8_lossy(&killed.stderr));
     let export = || scene.sizeup(&["export", "result/city.gpkg", "again.city.json"]).stderr;
-    assert!(export().contains("warning: result/city.gpkg is among results that were being replaced"), "{}", export());
+    assert!(
+        export().contains("warning: result/city.gpkg is not finished: these results may be of two runs"),
+        "{}",
+        export()
+    );
     assert!([0, 5].contains(&scene.run(&[]).code));
     assert!(!mark.exists() && !export().contains("warning"));
+}
+
+/// Starts a command in the scene's folder and kills it as soon as something is there; whether it was still running.
+fn kill_when(scene: &Scene, args: &[&str], is_there: impl Fn() -> bool) -> bool {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_sizeup"))
+        .current_dir(scene.path(""))
+        .args(args)
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    while !is_there() && child.try_wait().unwrap().is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    // SIGKILL: nothing in the program gets to know.
+    child.kill().unwrap();
+    child.wait().unwrap().code().is_none()
+}
+
+#[test]
+fn a_run_that_is_killed_before_it_replaces_anything_is_seen_beside_the_older_result() {
+    let scene = Scene::new();
+    assert!([0, 5].contains(&scene.run(&[]).code));
+    let read = |name: &str| std::fs::read(scene.path(name)).unwrap();
+    let mark = scene.path("result/UNFINISHED.txt");
+    let written = |name: &str| std::fs::metadata(scene.path(name)).and_then(|file| file.modified()).unwrap();
+    let (city, outlines) = (read("result/city.gpkg"), written("result/stages/footprints.json"));
+    let again = ["run", "sizeup.toml", "--set", "seed=7"];
+    assert!(kill_when(&scene, &again, || mark.exists()), "it was killed at its start");
+    assert!(mark.exists() && written("result/stages/footprints.json") == outlines);
+    let is_solving = || written("result/stages/footprints.json") != outlines;
+    assert!(kill_when(&scene, &again, is_solving), "it was killed while it solved");
+    assert!(mark.exists() && read("result/city.gpkg") == city);
+
+    let told = scene.sizeup(&["validate", "result/city.city.json"]);
+    let expected = "warning: result/city.city.json is not finished: a run was started and has not come to its end";
+    assert!(told.code == 0 && told.stderr.contains(expected), "{}", told.stderr);
+    let told = scene.sizeup(&["validate", "result/city.city.json", "--json", "--quiet"]);
+    let told: serde_json::Value = serde_json::from_str(&told.stdout).unwrap();
+    assert!(told["unfinished"].as_str().unwrap().contains("of an earlier one"), "{told}");
+    // A run of which it is known why it failed leaves what it found.
+    assert_eq!(scene.run(&["--set", "survey.path='nowhere'"]).code, 3);
+    assert!(!mark.exists(), "the older result is whole");
+    assert!(kill_when(&scene, &again, || mark.exists()));
+    assert!([0, 5].contains(&scene.run(&["--set", "seed=7"]).code));
+    assert!(!mark.exists());
+    let told = scene.sizeup(&["validate", "result/city.city.json", "--json"]);
+    assert!(!told.stdout.contains("unfinished") && !told.stderr.contains("warning"), "{}", told.stderr);
 }
 
 #[test]

@@ -276,6 +276,53 @@ fn photos_of_a_drone_and_openstreetmap_alone_become_measured_heights() {
     assert!(all["error_mean_m"].as_f64().unwrap() < 0.5, "{evaluated:#}");
 }
 
+/// The lines of the first block of shell commands in a section of a document, without their comments.
+fn shell_lines(document: &str, section: &str) -> Vec<String> {
+    let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(document)).unwrap();
+    let (_, from) = text.split_once(&format!("\n## {section}\n")).unwrap_or_else(|| panic!("{document}: {section}"));
+    let section = from.split("\n## ").next().unwrap();
+    let (_, block) = section.split_once("```sh\n").unwrap();
+    let lines =
+        block.split("```").next().unwrap().lines().map(|line| line.split(" #").next().unwrap().trim().to_owned());
+    lines.filter(|line| !line.is_empty()).collect()
+}
+
+#[test]
+fn the_commands_on_the_first_screen_of_the_readme_run_as_they_stand() {
+    let commands = shell_lines("README.md", "Run it on your own data");
+    assert_eq!(commands.len(), 2, "{commands:?}");
+    let desk = Desk::new();
+    for name in ["images", "sparse", "georef.json", "dtm.tif"] {
+        desk.bring(name, name);
+    }
+    fs::write(desk.path("flight/map.osm"), osm()).unwrap();
+    // Copied into a shell, with the program on its path.
+    let program = Path::new(env!("CARGO_BIN_EXE_sizeup")).parent().unwrap();
+    let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap());
+    for command in &commands {
+        let mut shell = std::process::Command::new("sh");
+        let output = shell.args(["-c", command]).env("PATH", &path).current_dir(desk.path("")).output().unwrap();
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert!([Some(0), Some(5)].contains(&output.status.code()), "{command}: {told}");
+    }
+    for result in ["report.html", "city.city.json", "city.gpkg", "pictures/map.png"] {
+        assert!(desk.path("result").join(result).is_file(), "{result}");
+    }
+}
+
+#[test]
+fn the_targets_on_the_first_screen_of_the_readme_are_there() {
+    let lines = shell_lines("README.md", "Install");
+    assert_eq!(lines, ["make demo", "make test"]);
+    for line in lines {
+        let mut shell = std::process::Command::new("sh");
+        shell.args(["-c", &format!("{line} --dry-run")]).current_dir(env!("CARGO_MANIFEST_DIR"));
+        let told = shell.output().unwrap();
+        assert!(told.status.success(), "{line}: {}", String::from_utf8_lossy(&told.stderr));
+        assert!(String::from_utf8_lossy(&told.stdout).contains("cargo"), "{line}");
+    }
+}
+
 #[test]
 fn an_openstreetmap_file_gives_its_buildings_with_ids_of_their_own() {
     let desk = Desk::new();

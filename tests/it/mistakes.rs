@@ -506,6 +506,61 @@ fn the_doctor_names_what_a_configuration_lacks() {
     assert_eq!(states.iter().filter(|state| **state == "missing").count(), 1, "{json}");
 }
 
+/// An empty folder of PROJ's, with its database alone.
+fn proj_without_grids() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let database = sizeup::crs::data_folders().into_iter().map(|f| f.join("proj.db")).find(|f| f.is_file()).unwrap();
+    fs::copy(database, folder.path().join("proj.db")).unwrap();
+    folder
+}
+
+#[test]
+fn the_doctor_lists_projs_grids_and_names_the_one_that_a_configuration_lacks_with_what_brings_it() {
+    let scene = Scene::new();
+    let bare = proj_without_grids();
+    let doctor = |more: &[&str], folder: &std::path::Path| -> (Option<i32>, Vec<serde_json::Value>) {
+        let mut command = crate::tiny_scene::sizeup();
+        command
+            .current_dir(scene.path(""))
+            .env("PROJ_DATA", folder)
+            .env("PROJ_LIB", folder)
+            .env("PROJ_USER_WRITABLE_DIRECTORY", folder);
+        let output = command.args([&["doctor", "sizeup.toml", "--json"], more].concat()).output().unwrap();
+        (output.status.code(), serde_json::from_slice(&output.stdout).unwrap())
+    };
+    let of = |found: &[serde_json::Value], what: &str| -> [String; 3] {
+        let found = found.iter().find(|one| one["what"].as_str().unwrap().starts_with(what));
+        let found = found.unwrap_or_else(|| panic!("{what}"));
+        ["state", "found", "hint"].map(|key| found[key].as_str().unwrap_or_default().to_owned())
+    };
+    let (_, found) = doctor(&[], bare.path());
+    assert_eq!(of(&found, "PROJ's grids")[1], "none");
+    assert!(of(&found, "PROJ")[1].contains(bare.path().to_str().unwrap()), "{found:?}");
+
+    // Heights above Amsterdam's zero need a grid where positions come from satellites, and only there.
+    let dutch = ["--set", "project.crs=EPSG:7415"];
+    let (_, found) = doctor(&dutch, bare.path());
+    let [state, _, hint] = of(&found, "PROJ's grid of the heights");
+    assert!(state == "absent" && hint.contains("`projsync --file nl_nsgi_nlgeo2018.tif`"), "{state}: {hint}");
+    let satellites = [&dutch[..], &["--set", "survey.height={reference=\"ellipsoidal\"}"]].concat();
+    let (code, found) = doctor(&satellites, bare.path());
+    assert_eq!((code, of(&found, "PROJ's grid of the heights")[0].as_str()), (Some(3), "missing"));
+    let stated = [&dutch[..], &["--set", "survey.height={reference=\"ellipsoidal\",geoid_offset=43.5}"]].concat();
+    assert_eq!(of(&doctor(&stated, bare.path()).1, "PROJ's grid of the heights")[0], "absent");
+
+    // Great Britain's plane is known to 2 m without its grid.
+    let british = ["--set", "project.crs=EPSG:27700", "--set", "survey.crs=EPSG:4258"];
+    let (_, found) = doctor(&british, bare.path());
+    let [state, told, hint] = of(&found, "PROJ's way from survey.crs");
+    assert!(
+        state == "absent" && told.contains("OSTN15") && hint.contains("`projsync --file uk_os_OSTN15"),
+        "{told}: {hint}"
+    );
+
+    fs::write(bare.path().join("any.tif"), "a grid").unwrap();
+    assert_eq!(of(&doctor(&[], bare.path()).1, "PROJ's grids")[1], "any.tif");
+}
+
 #[test]
 fn the_doctor_names_networks_masks_and_a_folder_that_nobody_can_write() {
     let scene = Scene::new();

@@ -7,11 +7,14 @@ use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
+use gdal::vector::LayerAccess as _;
 use geo::polygon;
 use serde_json::Value;
 use sizeup::issue::{Issue, Severity, Subject};
 use sizeup::output::Status;
 use sizeup::output::cityjson::{self, CityJsonConfig};
+use sizeup::output::geopackage::{self, GeoPackageConfig};
+use sizeup::output::picture::{MapConfig, map};
 use sizeup::output::tiles3d::{self, Tiles3dConfig};
 use sizeup::report::{self, Levels, Report, ViewUse};
 use sizeup::terrain::Terrain;
@@ -20,6 +23,7 @@ use crate::outputs::{Town, building, town};
 use crate::real_data::warsaw_config;
 use crate::shared_data::shared_data;
 use crate::skipped::skip;
+use crate::tiles3d::{Glb, config as tiles_config};
 use crate::tiny_scene::sizeup;
 use crate::tools::{chromium, node_modules, npm, picture, run};
 
@@ -90,6 +94,7 @@ fn the_report_of_the_demo_works_in_a_browser() {
     assert!((shown_m(&said["pickedInScene"]) - height_m).abs() < 0.051, "{said:#}");
     let linked = said["linked"].as_str().unwrap();
     assert!((shown_m(&said["pickedByLink"]) - heights_m[linked]).abs() < 0.051, "{said:#}");
+    assert_eq!(said["backdrop"], true, "the photos under the map are seen, and can be hidden");
     // Four photos of the linked one, which is the most doubtful, each with its depth and its prior.
     assert_eq!(said["crops"], 12);
     let steps: Vec<f64> = evidence_gaps_m(&result.join("report.html"));
@@ -143,8 +148,114 @@ fn plain_report(town: &Town) -> Report<'_> {
         survey: None,
         evidence: Vec::new(),
         overview: None,
+        backdrop: None,
         config: "# </script> {{script}}\n".to_owned(),
     }
+}
+
+#[test]
+fn a_height_has_one_colour_on_the_map_of_the_page_in_the_picture_in_qgis_and_in_tiles() {
+    let folder = tempfile::tempdir().unwrap();
+    // A house of every class, each in a street of its own.
+    let heights_m = [2.0, 4.5, 7.0, 10.0, 13.0, 17.0, 25.0, 45.0, 80.0, 145.4];
+    let classes: Value =
+        serde_json::from_str(include_str!("../../crates/results/src/output/height_classes.json")).unwrap();
+    assert_eq!(classes.as_array().unwrap().len(), heights_m.len());
+    let houses = |heights_m: &[f64]| -> Town {
+        let mut town = town();
+        town.issues.clear();
+        let house = |(i, height_m): (usize, &f64)| {
+            let (x, y) = (93_000.0 + 40.0 * (i % 4) as f64, 436_000.0 + 40.0 * (i / 4) as f64);
+            let outline = polygon![(x: x, y: y), (x: x + 20.0, y: y), (x: x + 20.0, y: y + 20.0), (x: x, y: y + 20.0)];
+            building(&format!("h{i}"), Some(outline), Some(*height_m), Status::Measured)
+        };
+        town.records = heights_m.iter().enumerate().map(house).collect();
+        town
+    };
+    let all = houses(&heights_m);
+    let in_qgis = colours_in_qgis(&all, folder.path(), &heights_m);
+    let in_tiles = colours_in_tiles(&all, folder.path());
+    let in_picture =
+        heights_m.map(|height_m| most_frequent_colour(&map(&houses(&[height_m]).model(), &MapConfig::default())));
+    assert_eq!(in_picture.as_slice(), in_qgis);
+    // Colours of glTF are linear (IEC 61966-2-1), in bytes.
+    let linear = |byte: u8| match f64::from(byte) / 255.0 {
+        low if low <= 0.040_45 => low / 12.92,
+        value => ((value + 0.055) / 1.055).powf(2.4),
+    };
+    let in_linear: Vec<[u8; 3]> =
+        in_qgis.iter().map(|rgb| rgb.map(|byte| (255.0 * linear(byte)).round() as u8)).collect();
+    assert_eq!(in_tiles, in_linear);
+    let path = folder.path().join("report.html");
+    write_report(&all, &path);
+    let Some(said) = use_report(&path, "colours", "h9") else { return };
+    for (i, height_m) in heights_m.iter().enumerate() {
+        assert_eq!(said["onMap"][format!("h{i}")], serde_json::json!(in_qgis[i]), "{height_m} m on the page");
+    }
+}
+
+/// The colours of heights by the style that a GeoPackage brings: those of the first rule that holds for each.
+fn colours_in_qgis(town: &Town, folder: &Path, heights_m: &[f64]) -> Vec<[u8; 3]> {
+    let path = folder.join("city.gpkg");
+    geopackage::write(&path, &town.model(), &GeoPackageConfig::default()).unwrap();
+    let package = gdal::Dataset::open(&path).unwrap();
+    let styles = "SELECT styleQML FROM layer_styles WHERE f_table_name = 'buildings'";
+    let mut styles = package.execute_sql(styles, None, gdal::vector::sql::Dialect::DEFAULT).unwrap().unwrap();
+    let qml = styles.features().next().unwrap().field_as_string(0).unwrap().unwrap();
+    let between = |text: &str, from: &str, to: &str| -> Option<String> {
+        Some(text.split_once(from)?.1.split_once(to)?.0.to_owned())
+    };
+    // What is drawn from above; the 3D view has rules of its own.
+    let qml = qml.split_once("<renderer-v2").unwrap().1;
+    let rules = between(qml, "<rules", "</rules>").unwrap();
+    let symbols = between(qml, "<symbols", "</symbols>").unwrap();
+    // (lower bound, upper bound, symbol) of each rule about heights.
+    let bounds = |rule: &str| -> Option<(f64, f64, String)> {
+        let filter = between(rule, "filter=\"", "\"")?;
+        let number = |after: &str, or: f64| {
+            let text = filter.split_once(after).map(|(_, rest)| rest.trim().split(' ').next().unwrap().to_owned());
+            text.map_or(or, |text| text.parse().unwrap())
+        };
+        let is_of_heights = filter.contains("height_m") && !filter.contains("status");
+        let symbol = between(rule, "symbol=\"", "\"")?;
+        is_of_heights.then(|| (number(">=", f64::NEG_INFINITY), number("&lt;", f64::INFINITY), symbol))
+    };
+    let rules: Vec<(f64, f64, String)> = rules.split("<rule ").filter_map(bounds).collect();
+    let colour = |height_m: &f64| {
+        let (_, _, name) = rules.iter().find(|(low, high, _)| low <= height_m && height_m < high).unwrap();
+        let symbol = symbols.split("<symbol ").find(|symbol| symbol.contains(&format!(" name=\"{name}\""))).unwrap();
+        let fill = symbol.split("<Option ").find(|option| option.contains("name=\"color\"")).unwrap();
+        let parts = between(fill, "value=\"", "\"").unwrap();
+        let parts: Vec<u8> = parts.split(',').take(3).map(|part| part.parse().unwrap()).collect();
+        [parts[0], parts[1], parts[2]]
+    };
+    heights_m.iter().map(colour).collect()
+}
+
+/// The colours of h0, h1, … in the tiles of a town, linear.
+fn colours_in_tiles(town: &Town, folder: &Path) -> Vec<[u8; 3]> {
+    let tiles = folder.join("tiles");
+    tiles3d::write(&tiles, &town.model(), &tiles_config()).unwrap();
+    let glbs: Vec<Glb> =
+        fs::read_dir(tiles.join("tiles/0")).unwrap().map(|entry| Glb::read(&entry.unwrap().path())).collect();
+    let [glb] = glbs.as_slice() else { panic!("a small town is one tile") };
+    let ids = glb.column("id");
+    let [of, colours] = ["_FEATURE_ID_0", "COLOR_0"].map(|name| glb.accessor(&glb.primitive()["attributes"][name]));
+    let colour = |i: usize| {
+        let feature = ids.iter().position(|id| id == &Value::from(format!("h{i}"))).unwrap();
+        let vertex = of.iter().position(|id| id[0] == feature as f64).unwrap();
+        [0, 1, 2].map(|c| (255.0 * colours[vertex][c]).round() as u8)
+    };
+    (0..town.records.len()).map(colour).collect()
+}
+
+/// The colour of most pixels that are neither paper nor grey.
+fn most_frequent_colour(picture: &image::RgbImage) -> [u8; 3] {
+    let mut counts: BTreeMap<[u8; 3], usize> = BTreeMap::new();
+    for pixel in picture.pixels().filter(|p| p[0] != p[1] || p[1] != p[2]) {
+        *counts.entry(pixel.0).or_default() += 1;
+    }
+    counts.into_iter().max_by_key(|(_, n)| *n).unwrap().0
 }
 
 /// Text that becomes markup, or script, wherever it is not treated as text.

@@ -37,13 +37,13 @@ pub fn write_deep(folder: &Path, precision: Precision) -> (Town, Value) {
 }
 
 /// A binary glTF split.
-struct Glb {
+pub struct Glb {
     json: Value,
     bin: Vec<u8>,
 }
 
 impl Glb {
-    fn read(path: &Path) -> Self {
+    pub fn read(path: &Path) -> Self {
         let bytes = std::fs::read(path).unwrap();
         let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
         assert_eq!((&bytes[..4], word(4), word(8)), (&b"glTF"[..], 2, bytes.len()));
@@ -59,7 +59,7 @@ impl Glb {
     }
 
     /// Components of an accessor as numbers, one list per element; normalised integers are brought to -1..1.
-    fn accessor(&self, index: &Value) -> Vec<Vec<f64>> {
+    pub fn accessor(&self, index: &Value) -> Vec<Vec<f64>> {
         let accessor = &self.json["accessors"][index.as_u64().unwrap() as usize];
         let view = &self.json["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
         let n = match accessor["type"].as_str().unwrap() {
@@ -80,7 +80,7 @@ impl Glb {
         (0..count).map(|i| (0..n).map(|c| read(&bytes[i * stride + c * size..])).collect()).collect()
     }
 
-    fn primitive(&self) -> &Value {
+    pub fn primitive(&self) -> &Value {
         &self.json["meshes"][0]["primitives"][0]
     }
 
@@ -100,7 +100,7 @@ impl Glb {
     }
 
     /// A column of the property table.
-    fn column(&self, name: &str) -> Vec<Value> {
+    pub fn column(&self, name: &str) -> Vec<Value> {
         let extension = &self.json["extensions"]["EXT_structural_metadata"];
         let table = &extension["propertyTables"][0];
         let kind = &extension["schema"]["classes"]["building"]["properties"][name]["type"];

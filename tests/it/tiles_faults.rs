@@ -67,6 +67,32 @@ fn tiles_and_merges_that_are_killed_leave_the_city_as_if_they_had_not_been() {
 }
 
 #[test]
+fn a_merge_that_is_killed_is_seen_in_the_status_until_it_is_merged_again() {
+    let scene = Scene::new();
+    plan(&scene);
+    run_rest(&scene);
+    merge(&scene, &[]);
+    let merge_of =
+        || serde_json::from_str::<Value>(&scene.sizeup(&["tiles", "status", "city", "--json"]).stdout).unwrap();
+    assert_eq!(merge_of()["merge"], "done");
+    // Another tileset: it is merged anew. A package has more than 40 KiB: the system kills the writer.
+    let script = "ulimit -f 40; exec \"$@\"";
+    let killed = Command::new("bash")
+        .current_dir(scene.path(""))
+        .args(["-c", script, "bash", env!("CARGO_BIN_EXE_sizeup"), "tiles", "merge", "city", "--geoid-height", "40"])
+        .stderr(Stdio::null())
+        .status()
+        .unwrap();
+    assert_eq!(killed.code(), None, "by a signal");
+    let told = merge_of();
+    assert!(told["merge"] == "failed" && told["merge_stale"].as_str().unwrap().contains("of two runs"), "{told}");
+    let told = scene.sizeup(&["tiles", "status", "city"]);
+    assert!(told.stderr.contains("the merge is not finished: these results may be of two runs"), "{}", told.stderr);
+    merge(&scene, &[]);
+    assert_eq!(merge_of()["merge"], "done");
+}
+
+#[test]
 fn two_runners_of_one_tile_take_turns() {
     let scene = Scene::new();
     let expected = undisturbed(&scene);

@@ -3,8 +3,8 @@
 //     node tests/web/report.mjs NODE_MODULES CHROMIUM ADDRESS OUT_FOLDER BUILDING_ID
 //     node tests/web/report.mjs NODE_MODULES CHROMIUM ADDRESS OUT_FOLDER --frames
 //
-// Prints JSON: what was asked for beyond the page itself, errors on its console, what the picture is made of, and what
-// picking the building by the picture, the map and a link says. Leaves screenshots of a desktop and of a phone, and the
+// Prints JSON: what was asked for beyond the page itself, errors on its console, what the picture is made of, the colours
+// in the middle of buildings on the map, whether the photos under it can be hidden, and what picking the building by the picture, the map and a link says. Leaves screenshots of a desktop and of a phone, and the
 // page as it is printed. With --frames: seconds until the page is ready, and for pictures at rest, for simple ones and
 // for a city that turns: frames per second, and milliseconds of processor time that the browser spends on each.
 
@@ -152,6 +152,28 @@ await page.selectOption("#colour", "status");
 await page.waitForTimeout(250);
 said.recolours = (await picture(page)) !== before;
 await page.selectOption("#colour", "height");
+// The map, with the photos under it and without.
+const plan = page.locator("#plan");
+const hasBackdrop = (await page.locator("#show-backdrop").count()) > 0;
+if (hasBackdrop) {
+  await page.waitForFunction(() => window.sizeup.hasBackdrop());
+  await page.waitForTimeout(250);
+  await plan.screenshot({ path: join(out, "map-photo.png") });
+  const shown = await plan.evaluate((canvas) => canvas.toDataURL());
+  await page.click("#show-backdrop");
+  await page.waitForTimeout(250);
+  said.backdrop = (await plan.evaluate((canvas) => canvas.toDataURL())) !== shown;
+}
+await plan.screenshot({ path: join(out, "map.png") });
+said.onMap = await plan.evaluate((canvas) => {
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  const density = canvas.width / canvas.clientWidth;
+  const at = (id) => window.sizeup.placeOnMap(id).map((v) => Math.round(v * density));
+  const places = window.sizeup.data.buildings.slice(0, 100).map((b) => [b.id, at(b.id)]);
+  const known = places.filter(([, place]) => place.every(Number.isFinite));
+  return Object.fromEntries(known.map(([id, [x, y]]) => [id, [...data.slice(4 * (y * canvas.width + x), 4 * (y * canvas.width + x) + 3)]]));
+});
+if (hasBackdrop) await page.click("#show-backdrop");
 await page.screenshot({ path: join(out, "page.png"), fullPage: true });
 await page.pdf({ path: join(out, "page.pdf"), format: "A4" });
 await page.emulateMedia({ media: "print" });

@@ -1,52 +1,138 @@
-//! A mark in a folder whose results are being replaced: laid before the first of them is, taken away after the last.
+//! A mark in a folder of results while they are made: laid before anything in it changes, taken away after the last.
 //!
-//! Each file is whole or absent, but a writer that is killed between two leaves files of two runs side by side. The mark
-//! that it leaves too says so to whoever reads them.
+//! Each file is whole or absent, but a writer that is killed before its end leaves results of an earlier one, or between
+//! two files of its own those of both, side by side. The mark that it leaves too says so to whoever reads them.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use crate::files::{FileError, write_whole};
+use crate::files::{FileError, read_text, write_whole};
 
 /// The mark's name.
 pub const NAME: &str = "UNFINISHED.txt";
 
-/// A folder whose results are being replaced. Dropped without [`Self::finish`], the mark stays.
+/// The first line of a mark whose writer has replaced nothing yet.
+const STARTED: &str = "a run was started and has not come to its end: what else is here is of an earlier one";
+/// The first line from then on.
+const REPLACING: &str =
+    "these results may be of two runs: they were being replaced, and the writer has not come to its end";
+
+/// A folder whose results are being made. Dropped without [`Self::finish`] or [`Self::withdraw`], the mark stays.
 #[derive(Debug)]
 #[must_use = "the mark stays until the results are finished"]
 pub struct Unfinished {
     path: PathBuf,
+    command: String,
+    /// The mark as it is now.
+    text: String,
+    /// The mark of an earlier writer that had begun to replace results.
+    before: Option<String>,
+    /// The folder and those above it that were not there before, the innermost first.
+    made: Vec<PathBuf>,
+    is_replacing: bool,
 }
 
 impl Unfinished {
-    /// Lays the mark.
+    /// Lays the mark before anything is computed: results that are in the folder are of an earlier writer.
+    ///
+    /// # Errors
+    /// [`FileError`] where the folder cannot be written.
+    pub fn start(folder: &Path, command: &str) -> Result<Self, FileError> {
+        let path = folder.join(NAME);
+        let mut mark = Self {
+            command: command.to_owned(),
+            text: String::new(),
+            before: read_text(&path).ok().filter(|text| text.starts_with(REPLACING)),
+            made: folder.ancestors().take_while(|f| !f.as_os_str().is_empty() && !f.exists()).map(Into::into).collect(),
+            is_replacing: false,
+            path,
+        };
+        mark.say(STARTED)?;
+        Ok(mark)
+    }
+
+    /// Lays the mark before the first result is replaced.
     ///
     /// # Errors
     /// [`FileError`] where the folder cannot be written.
     pub fn begin(folder: &Path, command: &str) -> Result<Self, FileError> {
-        let path = folder.join(NAME);
-        let text = format!(
-            "These results are not of one run: they were being replaced, and the writer has not come to its end.\n\
-             If nothing is running, do it again: {command}\n"
-        );
-        write_whole(&path, |out| out.write_all(text.as_bytes()))?;
-        Ok(Self { path })
+        let mut mark = Self::start(folder, command)?;
+        mark.replace()?;
+        Ok(mark)
     }
 
-    /// Takes the mark away: the results are whole.
+    /// Says in the mark that from now on results are replaced, one after the other.
+    ///
+    /// # Errors
+    /// [`FileError`] where the folder cannot be written.
+    pub fn replace(&mut self) -> Result<(), FileError> {
+        self.is_replacing = true;
+        self.say(REPLACING)
+    }
+
+    /// Whether results may have been replaced.
+    #[must_use]
+    pub fn is_replacing(&self) -> bool {
+        self.is_replacing
+    }
+
+    fn say(&mut self, what: &str) -> Result<(), FileError> {
+        let process = std::process::id();
+        let command = &self.command;
+        let text = format!("{what}\nUnless process {process} is still at it, do it again: {command}\n");
+        write_whole(&self.path, |out| out.write_all(text.as_bytes()))?;
+        self.text = text;
+        Ok(())
+    }
+
+    /// Takes the mark away: the results are whole. Another writer's that came since stays.
     ///
     /// # Errors
     /// [`FileError`] where it cannot be removed.
     pub fn finish(self) -> Result<(), FileError> {
-        fs::remove_file(&self.path).map_err(FileError::on("cannot remove", &self.path))
+        if self.is_own() { self.remove() } else { Ok(()) }
+    }
+
+    /// Leaves things as they were found, where no result was replaced: with the mark of an earlier writer that had begun to,
+    /// or without, and without a folder that was made for the mark alone.
+    ///
+    /// # Errors
+    /// [`FileError`] where it cannot be written or removed.
+    pub fn withdraw(self) -> Result<(), FileError> {
+        if !self.is_own() {
+            return Ok(());
+        }
+        if let Some(before) = &self.before {
+            return write_whole(&self.path, |out| out.write_all(before.as_bytes()));
+        }
+        self.remove()?;
+        // The first that holds something ends it.
+        let _ = self.made.iter().try_for_each(fs::remove_dir);
+        Ok(())
+    }
+
+    fn is_own(&self) -> bool {
+        read_text(&self.path).is_ok_and(|text| text == self.text)
+    }
+
+    fn remove(&self) -> Result<(), FileError> {
+        match fs::remove_file(&self.path) {
+            Err(e) if e.kind() != ErrorKind::NotFound => Err(FileError::on("cannot remove", &self.path)(e)),
+            _ => Ok(()),
+        }
     }
 }
 
-/// Whether results are marked: a folder's, or those of the folder that a file of results lies in.
+/// The first line of a mark on results: of a folder's, or of those of the folder that a file of results lies in.
+/// `None` where they are finished.
 #[must_use]
-pub fn is_marked(path: &Path) -> bool {
+pub fn told_of(path: &Path) -> Option<String> {
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
-    folder.join(NAME).is_file()
+    let mark = folder.join(NAME);
+    let text = mark.is_file().then(|| read_text(&mark).unwrap_or_default())?;
+    let line = text.lines().next().filter(|line| !line.is_empty());
+    Some(line.unwrap_or("their writer has not come to its end").to_owned())
 }
 
 #[cfg(test)]
@@ -58,10 +144,39 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("city.gpkg");
         let mark = Unfinished::begin(folder.path(), "sizeup run").unwrap();
-        assert!(is_marked(folder.path()) && is_marked(&file));
+        assert!([folder.path(), &file].iter().all(|path| told_of(path).unwrap().contains("may be of two runs")));
         mark.finish().unwrap();
-        assert!(!is_marked(&file));
-        drop(Unfinished::begin(folder.path(), "sizeup run").unwrap());
-        assert!(is_marked(&file));
+        assert_eq!(told_of(&file), None);
+        drop(Unfinished::start(folder.path(), "sizeup run").unwrap());
+        assert!(told_of(&file).unwrap().contains("of an earlier one"));
+    }
+
+    #[test]
+    fn a_writer_that_replaced_nothing_leaves_what_it_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let results = folder.path().join("of").join("a run");
+        Unfinished::start(&results, "sizeup run").unwrap().withdraw().unwrap();
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "nor folders");
+
+        drop(Unfinished::begin(&results, "the first").unwrap());
+        let text = fs::read_to_string(results.join(NAME)).unwrap();
+        Unfinished::start(&results, "the second").unwrap().withdraw().unwrap();
+        assert_eq!(fs::read_to_string(results.join(NAME)).unwrap(), text, "the first had begun to");
+
+        fs::remove_file(results.join(NAME)).unwrap();
+        drop(Unfinished::start(&results, "the first").unwrap());
+        Unfinished::start(&results, "the second").unwrap().withdraw().unwrap();
+        assert_eq!(told_of(&results), None, "the first had not");
+    }
+
+    #[test]
+    fn a_mark_of_a_later_writer_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = Unfinished::start(folder.path(), "the first").unwrap();
+        let second = Unfinished::begin(folder.path(), "the second").unwrap();
+        first.finish().unwrap();
+        assert!(told_of(folder.path()).is_some());
+        second.finish().unwrap();
+        assert!(told_of(folder.path()).is_none());
     }
 }

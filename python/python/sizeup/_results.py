@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -110,12 +111,22 @@ class City:
 def read(path: str | os.PathLike[str]) -> City:
     """Reads a city: the folder of a run, its GeoPackage or CityJSON, or anybody's file with heights.
 
+    Warns of results whose writer was killed before its end, or is still at it: they may be of two runs, or of an earlier one.
+
     Raises:
         InputError: there is no such file, or it holds no buildings that can be read.
     """
     path = Path(path)
+    mark = (path if path.is_dir() else path.parent) / "UNFINISHED.txt"
+    if mark.is_file():
+        told = (mark.read_text(encoding="utf-8").splitlines() or ["its writer has not come to its end"])[0]
+        warnings.warn(f"{path} is not finished: {told}", stacklevel=2)
     if path.is_dir():
         return _read_run(path)
+    return _read_file(path)
+
+
+def _read_file(path: Path) -> City:
     found = json.loads(_native.read_city(path))
     buildings = tuple(_building(record) for record in found["buildings"])
     return City(path=path, crs=found["crs"], buildings=buildings, lineage=found["lineage"])
@@ -128,7 +139,7 @@ def _read_run(folder: Path) -> City:
             f"{folder} has no city.city.json: expected the folder of a finished run",
             "give the folder that `sizeup run` names at its end, or a file",
         )
-    found = read(city)
+    found = _read_file(city)
     summary = _json(folder / "summary.json")
     issues = tuple(_json(folder / "issues.json") or ())
     return City(city, found.crs, found.buildings, found.lineage, summary, issues)

@@ -1,7 +1,7 @@
 //! How well a transformation is known, and the better ones for which a grid file is missing. Source: PROJ's database, after
 //! EPSG's "operation accuracy".
 
-use super::{Crs, CrsError, Transform, Transform3d, grids};
+use super::{Crs, CrsError, Grid, Transform, Transform3d, grids};
 
 /// How far a transformation may be off.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,7 +40,7 @@ pub struct Better {
     /// Its accuracy, metres.
     pub accuracy_m: f64,
     /// The file, and where to get it.
-    pub grid: String,
+    pub grid: Grid,
 }
 
 impl std::fmt::Display for Better {
@@ -131,7 +131,7 @@ mod tests {
         match to_britain.accuracy_at(-1.5, 52.5).unwrap() {
             Accuracy::Metres(metres) if metres > 1.0 => {
                 let better = better.unwrap();
-                assert!(better.accuracy_m < 1.0 && better.grid.contains("OSTN15"), "{better}");
+                assert!(better.accuracy_m < 1.0 && better.grid.name.contains("OSTN15"), "{better}");
             }
             accuracy => assert!(better.is_none(), "the grid is installed: {accuracy}"),
         }

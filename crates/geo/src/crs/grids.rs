@@ -1,14 +1,63 @@
 //! What PROJ's own database knows: grid files of transformations, codes of names.
 
+use std::path::PathBuf;
+
 use gdal::vector::{Feature, LayerAccess as _, sql::Dialect};
 
 use super::{Better, Crs};
 
-/// A grid file.
+/// Where PROJ's own grid files are handed out, and `projsync` gets them.
+const HANDED_OUT: &str = "https://cdn.proj.org/";
+/// How names of grid files end.
+const ENDINGS: [&str; 4] = ["tif", "gsb", "gtx", "ct2"];
+
+/// A grid file of a transformation.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Grid {
-    name: String,
-    url: String,
+pub struct Grid {
+    /// The file's name.
+    pub name: String,
+    /// Where it is handed out; empty where PROJ's database does not know.
+    pub url: String,
+}
+
+impl Grid {
+    /// Whether it lies in one of PROJ's folders.
+    #[must_use]
+    pub fn is_present(&self) -> bool {
+        data_folders().iter().any(|folder| folder.join(&self.name).is_file())
+    }
+
+    /// The command that brings it; `None` for one that PROJ does not hand out.
+    #[must_use]
+    pub fn command(&self) -> Option<String> {
+        self.url.starts_with(HANDED_OUT).then(|| format!("projsync --file {}", self.name))
+    }
+}
+
+/// Folders that PROJ looks for its database and for grids in, the first first.
+#[must_use]
+pub fn data_folders() -> Vec<PathBuf> {
+    let Ok(info) = proj::ProjBuilder::new().lib_info() else { return Vec::new() };
+    let separator = if cfg!(windows) { ';' } else { ':' };
+    info.searchpath.split(separator).filter(|folder| !folder.is_empty()).map(PathBuf::from).collect()
+}
+
+/// The version of PROJ; empty where it does not say.
+#[must_use]
+pub fn proj_version() -> String {
+    proj::ProjBuilder::new().lib_info().map(|info| info.version).unwrap_or_default()
+}
+
+/// Names of the grid files in PROJ's folders, in order.
+#[must_use]
+pub fn grids_present() -> Vec<String> {
+    let entries = data_folders().into_iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten();
+    let is_grid = |path: &PathBuf| path.extension().is_some_and(|end| ENDINGS.iter().any(|known| end == *known));
+    let files = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(is_grid);
+    let mut names: Vec<String> = files.filter_map(|path| Some(path.file_name()?.to_str()?.to_owned())).collect();
+    names.sort();
+    names.dedup();
+    names
 }
 
 impl std::fmt::Display for Grid {
@@ -17,9 +66,10 @@ impl std::fmt::Display for Grid {
     }
 }
 
-/// Grids between the ellipsoid and the vertical systems of either side; empty where neither has one or the database
-/// cannot be read.
-pub(super) fn of_heights(from: &Crs, to: &Crs) -> Vec<Grid> {
+/// Grids between the ellipsoid and the vertical systems of either side, any one of which does; empty where neither has one
+/// or the database cannot be read.
+#[must_use]
+pub fn of_heights(from: &Crs, to: &Crs) -> Vec<Grid> {
     let mut grids: Vec<Grid> = [from, to]
         .into_iter()
         .filter_map(Crs::vertical_epsg)
@@ -65,7 +115,7 @@ pub(super) fn of_planes(from: &str, to: &str, (lon_deg, lat_deg): (f64, f64)) ->
     let row = |feature: &Feature<'_>| {
         let grid = Grid { name: text(feature, "grid")?, url: text(feature, "url").unwrap_or_default() };
         let accuracy_m = text(feature, "accuracy")?.parse().ok()?;
-        Some(Better { name: text(feature, "operation")?, accuracy_m, grid: grid.to_string() })
+        Some(Better { name: text(feature, "operation")?, accuracy_m, grid })
     };
     rows(&query, row).unwrap_or_default()
 }
@@ -83,9 +133,7 @@ pub(super) fn codes_of_name(name: &str) -> Option<Vec<u32>> {
 /// What a query of PROJ's database yields; `None` where the database cannot be read.
 fn rows<T>(query: &str, row: impl Fn(&Feature<'_>) -> Option<T>) -> Option<Vec<T>> {
     crate::gdal_log::route_messages();
-    let folders = proj::ProjBuilder::new().lib_info().ok()?.searchpath;
-    let separator = if cfg!(windows) { ';' } else { ':' };
-    let database = folders.split(separator).map(|f| std::path::Path::new(f).join("proj.db")).find(|f| f.is_file())?;
+    let database = data_folders().into_iter().map(|folder| folder.join("proj.db")).find(|file| file.is_file())?;
     let dataset = gdal::Dataset::open(&database).ok()?;
     let Some(mut found) = dataset.execute_sql(query, None, Dialect::DEFAULT).ok()? else { return Some(Vec::new()) };
     Some(found.features().filter_map(|feature| row(&feature)).collect())
@@ -94,4 +142,23 @@ fn rows<T>(query: &str, row: impl Fn(&Feature<'_>) -> Option<T>) -> Option<Vec<T
 fn text(feature: &Feature<'_>, field: &str) -> Option<String> {
     let index = feature.field_index(field).ok()?;
     feature.field_as_string(index).ok().flatten()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_grid_says_whether_it_is_there_and_what_brings_it() {
+        let heights = of_heights(&Crs::parse("EPSG:7415").unwrap(), &Crs::parse("EPSG:4979").unwrap());
+        assert!(heights.iter().any(|grid| grid.name == "nl_nsgi_nlgeo2018.tif"), "{heights:?}");
+        for grid in &heights {
+            assert_eq!(grid.is_present(), grids_present().contains(&grid.name), "{grid}");
+            let command = grid.command().unwrap_or_default();
+            assert_eq!(command.ends_with(&grid.name), grid.url.starts_with(HANDED_OUT), "{grid}: {command}");
+        }
+        let nobody = Grid { name: "nobody_has_it.tif".to_owned(), url: String::new() };
+        assert_eq!((nobody.is_present(), nobody.command()), (false, None));
+        assert!(proj_version().contains('.') && !data_folders().is_empty());
+    }
 }

@@ -3,10 +3,12 @@
 //! Numbers in metres are rounded to [`DECIMALS_M`] decimals (a millimetre), below anything that is measured here.
 //! The user's own attributes follow under their own names; one that would hide ours is written as `input_<name>`.
 
+use geo::{Area as _, MinimumRotatedRect as _};
+use geo_types::Polygon;
 use serde_json::{Map as JsonMap, Number, Value};
 
 use super::facts::SolidFacts;
-use super::{BuildingRecord, RoofForm, Status};
+use super::{BuildingRecord, HeightReference, RoofForm, Status};
 use sizeup_geo::geodata::features::{Column, ColumnKind};
 use sizeup_heights::optimise::{Gable, Terrace};
 
@@ -131,8 +133,9 @@ pub const FIELDS: [Field; 24] = {
             "roof_70p_z_m",
             "Roof level, 70th percentile (m)",
             Real,
-            "Level that 70 % of the roof's area lies below, metres in the vertical reference: the roof level of a flat roof, \
-             eave + 0.7 (ridge - eave) of a gable; empty for other forms",
+            "Level that 70 % of the roof's area lies below, metres in the vertical reference: of flat and stepped roofs, and of \
+             gables and hips over rectangles; empty where the roof's form is not known or does not tell it (mixed roofs, other \
+             outlines)",
             |b, _| known(roof_70p_z_m(b)),
         ),
         Field::new(
@@ -210,16 +213,56 @@ fn roof_step(step: Terrace) -> String {
     serde_json::to_string(&Terrace { corners, gable, ..step }).unwrap_or_default()
 }
 
-/// The level below which 70 % of a roof's area lies. On a gable the area between eave and ridge is even in height.
+/// An outline that fills this share of the smallest rectangle around it is one: the rest moves a percentile of a slope by no
+/// more than the same share of its rise.
+const RECTANGLE_SHARE: f64 = 0.98;
+
+/// The level below which 70 % of a roof's area lies, metres in the vertical reference, where its form tells it.
+///
+/// ```text
+/// flat      the roof level
+/// stepped   the lower level where it holds 70 % of the area, else the upper one;
+///           the lower one's share is (ridge − mean) / (ridge − eave)
+/// gable     eave + 0.7 (ridge − eave)                              over a rectangle
+/// hip       eave + t (ridge − eave),  (1 − t)(1 − k t) = 0.3         over a rectangle, k: its shorter side by its longer
+/// ```
+/// Over other outlines the area between eave and ridge depends on where the ridge lies, and on a mixed roof on where its
+/// gable begins, which a record does not tell: `None`.
 #[must_use]
 pub fn roof_70p_z_m(record: &BuildingRecord) -> Option<f64> {
     const SHARE: f64 = 0.7;
     let (roof, ground_z_m) = (record.roof?, record.ground_z_m?);
-    match roof.form {
-        RoofForm::Flat => record.roof_z_m(),
-        RoofForm::Gable => Some(ground_z_m + roof.eave_height_m + SHARE * (roof.ridge_height_m - roof.eave_height_m)),
-        RoofForm::Hip | RoofForm::Stepped | RoofForm::Mixed => None,
-    }
+    let rise_m = roof.ridge_height_m - roof.eave_height_m;
+    let height_m = match roof.form {
+        RoofForm::Flat => return record.roof_z_m(),
+        RoofForm::Stepped if record.height_reference == HeightReference::Mean => {
+            let lower_share = (roof.ridge_height_m - record.height_m?) / rise_m;
+            // A mean beside both levels is not of this roof.
+            (0.0..=1.0).contains(&lower_share).then_some(())?;
+            if lower_share >= SHARE { roof.eave_height_m } else { roof.ridge_height_m }
+        }
+        RoofForm::Gable => {
+            rectangle_sides_m(record.footprint.as_ref()?)?;
+            roof.eave_height_m + SHARE * rise_m
+        }
+        RoofForm::Hip => {
+            let [shorter_m, longer_m] = rectangle_sides_m(record.footprint.as_ref()?)?;
+            let k = shorter_m / longer_m;
+            let t = (1.0 + k - ((1.0 + k).powi(2) - 4.0 * SHARE * k).sqrt()) / (2.0 * k);
+            roof.eave_height_m + t * rise_m
+        }
+        RoofForm::Stepped | RoofForm::Mixed => return None,
+    };
+    Some(ground_z_m + height_m)
+}
+
+/// The shorter and the longer side of an outline that is a rectangle, metres; `None` for one that is not.
+fn rectangle_sides_m(outline: &Polygon<f64>) -> Option<[f64; 2]> {
+    let rectangle = outline.minimum_rotated_rect()?;
+    let corners = &rectangle.exterior().0;
+    let side = |from: usize| (corners[from + 1].x - corners[from].x).hypot(corners[from + 1].y - corners[from].y);
+    let sides = [side(0).min(side(1)), side(0).max(side(1))];
+    (outline.unsigned_area() >= RECTANGLE_SHARE * sides[0] * sides[1] && sides[0] > 0.0).then_some(sides)
 }
 
 fn known(value_m: Option<f64>) -> Value {
@@ -313,17 +356,61 @@ mod tests {
         assert!(FIELDS.iter().all(|field| !field.column.title.is_empty()));
     }
 
+    use crate::output::RoofShape;
+    use geo_types::polygon;
+
+    /// A house of 16 m by 8 m, turned by 30°, on ground at 100 m, with a roof from 4 m to 9 m and a mean height.
+    fn house(form: RoofForm, mean_m: f64) -> BuildingRecord {
+        let turned = |x: f64, y: f64| (0.866_025_4 * x - 0.5 * y, 0.5 * x + 0.866_025_4 * y);
+        let outline = Polygon::new(
+            [(0.0, 0.0), (16.0, 0.0), (16.0, 8.0), (0.0, 8.0)].map(|(x, y)| turned(x, y)).to_vec().into(),
+            vec![],
+        );
+        let roof = RoofShape::new(form, 4.0, 9.0);
+        BuildingRecord { roof: Some(roof), ..crate::output::record::tests::record("a", outline, 100.0, 99.0, mean_m) }
+    }
+
+    /// The level below which 70 % of a roof lies that rises from 4 m to 9 m by shares of a house of 16 m by 8 m, counted.
+    fn counted_70p_z_m(rise_share: impl Fn(f64, f64) -> f64) -> f64 {
+        let middles = |n: usize| (0..n).map(|i| i as f64 + 0.5);
+        let places = middles(320).flat_map(|x| middles(160).map(move |y| (x / 20.0, y / 20.0)));
+        let mut levels: Vec<f64> = places.map(|(x, y)| 104.0 + 5.0 * rise_share(x, y)).collect();
+        levels.sort_by(f64::total_cmp);
+        levels[levels.len() * 7 / 10]
+    }
+
     #[test]
-    fn seventy_percent_of_a_gable_lies_below_seven_tenths_of_its_rise() {
-        use crate::output::RoofShape;
-        use geo_types::polygon;
-        let outline = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0)];
-        let mut house = crate::output::record::tests::record("a", outline, 100.0, 99.0, 7.0);
-        assert_eq!(roof_70p_z_m(&house), None, "nobody looked at the roof");
-        house.roof = Some(RoofShape::new(RoofForm::Gable, 4.0, 9.0));
-        assert_eq!(roof_70p_z_m(&house), Some(107.5));
-        house.roof = Some(RoofShape::new(RoofForm::Hip, 4.0, 9.0));
-        assert_eq!(roof_70p_z_m(&house), None);
+    fn seventy_percent_of_a_roof_lie_below_its_70th_percentile() {
+        let to_wall = |x: f64, y: f64| x.min(16.0 - x).min(y).min(8.0 - y);
+        let gable = counted_70p_z_m(|_, y| 1.0 - (y - 4.0).abs() / 4.0);
+        let hip = counted_70p_z_m(|x, y| to_wall(x, y) / 4.0);
+        for (form, mean_m, expected) in [(RoofForm::Gable, 6.5, gable), (RoofForm::Hip, 6.083, hip)] {
+            let found = roof_70p_z_m(&house(form, mean_m)).unwrap();
+            // Places 5 cm apart: levels are counted in steps of 6 cm.
+            assert!((found - expected).abs() < 0.035, "{form:?}: {found} for {expected}");
+        }
+        // Lower over three quarters, and over half of the area.
+        for (x, expected) in [(12.0, 104.0), (8.0, 109.0)] {
+            assert_eq!(counted_70p_z_m(|at, _| if at < x { 0.0 } else { 1.0 }), expected);
+            let mean_m = 4.0 + 5.0 * (1.0 - x / 16.0);
+            assert_eq!(roof_70p_z_m(&house(RoofForm::Stepped, mean_m)), Some(expected));
+        }
+        assert_eq!(roof_70p_z_m(&house(RoofForm::Flat, 6.5)), Some(106.5));
+    }
+
+    #[test]
+    fn a_percentile_that_the_record_does_not_tell_is_left_out() {
+        let unseen = BuildingRecord { roof: None, ..house(RoofForm::Gable, 6.5) };
+        let of_ridge = BuildingRecord { height_reference: HeightReference::Ridge, ..house(RoofForm::Stepped, 9.0) };
+        for record in [unseen, of_ridge, house(RoofForm::Mixed, 6.0), house(RoofForm::Stepped, 12.0)] {
+            assert_eq!(roof_70p_z_m(&record), None, "{record:?}");
+        }
+        // Over an L the ridge of a gable may lie anywhere.
+        let l = polygon![(x: 0.0, y: 0.0), (x: 16.0, y: 0.0), (x: 16.0, y: 4.0), (x: 6.0, y: 4.0), (x: 6.0, y: 8.0), (x: 0.0, y: 8.0)];
+        for form in [RoofForm::Gable, RoofForm::Hip] {
+            let record = BuildingRecord { footprint: Some(l.clone()), ..house(form, 6.0) };
+            assert_eq!(roof_70p_z_m(&record), None, "{form:?}");
+        }
     }
 
     #[test]

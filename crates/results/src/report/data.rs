@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use serde::Serialize;
 
+use super::backdrop::BackdropData;
 use super::city::{Building, Ground, origin, round_cm};
 use super::evidence::{EvidenceData, data_uri};
 use super::{Levels, Report, ViewUse};
@@ -39,6 +40,8 @@ pub struct Data<'a> {
     config: &'a str,
     #[serde(skip_serializing_if = "Option::is_none")]
     overview: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    backdrop: Option<BackdropData<'a>>,
 }
 
 #[derive(Debug, Serialize)]
@@ -99,6 +102,7 @@ impl<'a> Data<'a> {
             lineage: model.lineage,
             config: &report.config,
             overview: report.overview.as_ref().map(data_uri),
+            backdrop: report.backdrop.as_ref().map(BackdropData::from),
         }
     }
 }

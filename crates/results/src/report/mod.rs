@@ -11,6 +11,7 @@
 //!
 //! [`Server`] shows cities that are too large for one file: it streams the 3D Tiles of a result to the same viewer.
 
+mod backdrop;
 mod city;
 mod config;
 mod data;
@@ -19,6 +20,7 @@ mod page;
 mod serve;
 mod tileset;
 
+pub use backdrop::Backdrop;
 pub use config::ReportConfig;
 pub use evidence::{Crop, Evidence, Line, LineKind, Pair};
 pub use serve::{ServeError, Server};
@@ -55,6 +57,8 @@ pub struct Report<'a> {
     pub evidence: Vec<Evidence>,
     /// The city as a picture, for print and for browsers without WebGL.
     pub overview: Option<RgbImage>,
+    /// The ground as photos show it, under the map.
+    pub backdrop: Option<Backdrop>,
     /// The resolved configuration, TOML.
     pub config: String,
 }

@@ -12,7 +12,10 @@ const STAGE: &str = include_str!("page/stage.html");
 const STYLE: &str = include_str!("page/style.css");
 
 /// Scripts that both pages share, then those of each; all of a page make one closed scope.
-const SHARED: [&str; 11] = [
+const SHARED: [&str; 14] = [
+    "const HEIGHT_CLASSES =",
+    include_str!("../output/height_classes.json"),
+    ";",
     include_str!("page/maths.js"),
     include_str!("page/dom.js"),
     include_str!("page/colours.js"),

@@ -118,9 +118,11 @@ fn packed(name: &str, text: &str) -> zip::result::ZipResult<Vec<u8>> {
 /// What a map of the city has to name: inputs, program, frame and day.
 fn sources(lineage: &Lineage) -> String {
     let mut text = String::new();
-    for (role, word) in [("footprints", "Outlines"), ("survey", "Photos"), ("terrain", "Terrain"), ("city", "City")] {
-        let names: Vec<&str> =
-            lineage.inputs.iter().filter(|input| input.role == role).map(|i| i.path.as_str()).collect();
+    // On paper folders of somebody's machine tell nothing; `lineage.json` has them.
+    let name = |path: &'_ str| path.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
+    for (role, word) in [("footprints", "Outlines"), ("survey", "Poses"), ("terrain", "Terrain"), ("city", "City")] {
+        let names: Vec<String> =
+            lineage.inputs.iter().filter(|input| input.role == role).map(|input| name(&input.path)).collect();
         match names.as_slice() {
             [] => {}
             [only] => drop(write!(text, "{word}: {only}. ")),
@@ -361,5 +363,35 @@ fn without(style: &str, element: &str, other: &str) -> String {
     match (style.find(&opening), style.find(&closing)) {
         (Some(start), Some(end)) => format!("{}{other}{}", &style[..start], &style[end + closing.len()..]),
         _ => style.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::InputFile;
+
+    #[test]
+    fn a_printed_map_names_files_and_no_folders() {
+        let input = |role: &str, path: &str| InputFile {
+            role: role.to_owned(),
+            path: path.to_owned(),
+            size_bytes: 1,
+            sha256: String::new(),
+        };
+        let lineage = Lineage {
+            inputs: vec![
+                input("footprints", "/home/somebody/block 7/outlines.gpkg"),
+                input("survey", "sparse/cameras.txt"),
+                input("survey", "sparse/images.txt"),
+                input("terrain", "C:\\data\\dtm.tif"),
+            ],
+            ..Lineage::default()
+        };
+        let text = sources(&lineage);
+        assert!(
+            text.starts_with("Outlines: outlines.gpkg. Poses: cameras.txt and 1 more. Terrain: dtm.tif. "),
+            "{text}"
+        );
     }
 }

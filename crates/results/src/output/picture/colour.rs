@@ -84,7 +84,8 @@ pub struct HeightClass {
     pub colour: Rgb,
 }
 
-/// The classes of heights, the lowest first: the same on the map in QGIS and in 3D Tiles, for every city alike.
+/// The classes of heights, the lowest first: the same in pictures, in the report, on the map in QGIS and in 3D Tiles, for
+/// every city alike, so that a colour means one height wherever it is seen.
 #[must_use]
 pub fn height_classes() -> &'static [HeightClass] {
     static CLASSES: LazyLock<Vec<HeightClass>> = LazyLock::new(|| {
@@ -134,6 +135,12 @@ mod tests {
         }
         assert_eq!((height_colour(2.9), height_colour(3.0)), ([0x44, 1, 0x54], [0x48, 0x28, 0x78]));
         assert_eq!(height_colour(f64::NAN), NO_VALUE);
+    }
+
+    #[test]
+    fn low_blocks_and_towers_differ_alike() {
+        let colours = [2.5, 5.6, 10.0, 12.0, 19.0, 25.0, 48.0, 70.0, 145.4].map(height_colour);
+        assert!(colours.windows(2).all(|pair| pair[0] != pair[1]), "{colours:?}");
     }
 
     #[test]

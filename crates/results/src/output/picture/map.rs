@@ -1,13 +1,13 @@
-//! A plan of the buildings, coloured by height.
+//! A plan of the buildings, in the colours of the classes of heights.
 
 use image::RgbImage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::canvas::{Align, Canvas, Pen};
-use super::colour::{ALERT, ColourMap, GREY, INK, NO_VALUE, WHITE};
+use super::colour::{ALERT, GREY, INK, NO_VALUE, Rgb, WHITE, height_classes, height_colour};
 use super::plan::{Frame, Region, Sheet};
-use super::{HeightScale, warning};
+use super::warning;
 use crate::output::{BuildingRecord, CityModel, Status, StatusCount};
 use sizeup_survey::{View, ViewKind};
 
@@ -43,10 +43,7 @@ pub fn map(model: &CityModel<'_>, config: &MapConfig) -> RgbImage {
     let views: &[View] = if config.cameras { &model.survey.views } else { &[] };
     let region = region_of(model.records, views);
     let mut sheet = Sheet::new(&region, config.width_px);
-    let heights: Vec<f64> = model.records.iter().filter_map(|r| r.height_m).collect();
-    let scale = HeightScale::of(&heights);
-
-    buildings(&mut sheet, model.records, scale);
+    buildings(&mut sheet, model.records);
     let n_drawn = cameras(&mut sheet, views);
     let told = model.issues.iter().filter(|issue| issue.code == "result_implausible");
     let told: Vec<String> = told.map(|issue| issue.message.clone()).collect();
@@ -61,7 +58,7 @@ pub fn map(model: &CityModel<'_>, config: &MapConfig) -> RgbImage {
     let note =
         (config.cameras && !views.is_empty()).then(|| format!("{n_drawn} of {} cameras in the map", views.len()));
     let (left, unit) = (sheet.legend_left(), sheet.unit);
-    Legend { canvas: &mut sheet.canvas, left, unit }.draw(&sheet.frame, scale, model.records, note.as_deref());
+    Legend { canvas: &mut sheet.canvas, left, unit }.draw(&sheet.frame, model.records, note.as_deref());
     sheet.canvas.into_image()
 }
 
@@ -76,14 +73,14 @@ fn region_of(records: &[BuildingRecord], views: &[View]) -> Region {
     Region::around(buildings.corners().into_iter().chain(near), MARGIN_SHARE)
 }
 
-fn buildings(sheet: &mut Sheet, records: &[BuildingRecord], scale: HeightScale) {
+fn buildings(sheet: &mut Sheet, records: &[BuildingRecord]) {
     let Sheet { canvas, to_px, unit, .. } = sheet;
     let unit = *unit;
     for record in records {
         let Some(outline) = &record.footprint else { continue };
         let rings = to_px.rings(outline);
         if let Some(height_m) = record.height_m {
-            canvas.fill_rings(&rings, scale.colour(height_m));
+            canvas.fill_rings(&rings, height_colour(height_m));
             match record.status {
                 Status::Doubtful => canvas.hatch_rings(&rings, Pen::new(ALERT, 1.6 * unit), 9.0 * unit),
                 Status::Fallback => canvas.hatch_rings(&rings, Pen::new(GREY, 1.0 * unit), 7.0 * unit),
@@ -95,6 +92,12 @@ fn buildings(sheet: &mut Sheet, records: &[BuildingRecord], scale: HeightScale) 
         }
         canvas.stroke_rings(&rings, outline_pen(record, unit));
     }
+}
+
+/// A colour for swatches that stand for any height.
+fn middle_colour() -> Rgb {
+    let classes = height_classes();
+    classes[classes.len() / 2].colour
 }
 
 /// Whether a height deserves a second look.
@@ -152,12 +155,12 @@ struct Legend<'a> {
 }
 
 impl Legend<'_> {
-    fn draw(mut self, frame: &Frame, scale: HeightScale, records: &[BuildingRecord], note: Option<&str>) {
+    fn draw(mut self, frame: &Frame, records: &[BuildingRecord], note: Option<&str>) {
         let unit = self.unit;
         let bar_top = frame.top + 44.0 * unit;
         let bar_height = (0.45 * frame.height).min(380.0 * unit);
         self.canvas.text("height, m", [self.left, frame.top + 18.0 * unit], 17.0 * unit, INK, Align::Left);
-        self.bar(scale, bar_top, bar_height);
+        self.bar(bar_top, bar_height);
         let mut y = bar_top + bar_height + 50.0 * unit;
         let count = |holds: &dyn Fn(&BuildingRecord) -> bool| records.iter().filter(|r| holds(r)).count();
         let n_doubtful = count(&is_doubtful);
@@ -165,7 +168,7 @@ impl Legend<'_> {
         let n_unknown = count(&|r| r.height_m.is_none() && r.footprint.is_some());
         let n_absent = count(&|r| r.footprint.is_none());
         if n_doubtful > 0 {
-            let middle = ColourMap::Viridis.at(0.4);
+            let middle = middle_colour();
             y = self.entry(y, &format!("doubtful: {n_doubtful}"), |canvas, swatch| {
                 let rings = [swatch];
                 canvas.fill_rings(&rings, middle);
@@ -174,7 +177,7 @@ impl Legend<'_> {
             });
         }
         if n_fallback > 0 {
-            let middle = ColourMap::Viridis.at(0.4);
+            let middle = middle_colour();
             y = self.entry(y, &format!("not measured: {n_fallback}"), |canvas, swatch| {
                 let rings = [swatch];
                 canvas.fill_rings(&rings, middle);
@@ -198,20 +201,23 @@ impl Legend<'_> {
         }
     }
 
-    fn bar(&mut self, scale: HeightScale, top: f32, height: f32) {
+    /// The classes as blocks, the lowest at the bottom, with their bounds.
+    fn bar(&mut self, top: f32, height: f32) {
         let unit = self.unit;
-        let (width, n) = (26.0 * unit, height.ceil() as usize);
-        for i in 0..n {
-            let colour = ColourMap::Viridis.at(1.0 - (i as f64 + 0.5) / n as f64);
-            self.canvas.fill_rect([self.left, top + i as f32], [width, (height - i as f32).min(1.0)], colour);
+        let classes = height_classes();
+        let (width, step) = (26.0 * unit, height / classes.len() as f32);
+        let left = self.left;
+        for (i, class) in classes.iter().enumerate() {
+            let y = top + height - (i + 1) as f32 * step;
+            self.canvas.fill_rect([left, y], [width, step], class.colour);
+            if class.below_m.is_finite() {
+                self.canvas.line(&[[left + width, y], [left + width + 6.0 * unit, y]], Pen::new(INK, 1.2 * unit));
+                let at = [left + width + 12.0 * unit, y + 5.5 * unit];
+                self.canvas.text(&format!("{}", class.below_m), at, 15.0 * unit, INK, Align::Left);
+            }
         }
-        let rim = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]].map(|[x, y]| [self.left + x, top + y]);
+        let rim = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]].map(|[x, y]| [left + x, top + y]);
         self.canvas.stroke_rings(&[rim.to_vec()], Pen::new(INK, 1.0 * unit));
-        for (tick, label) in scale.ticks() {
-            let y = top + height * (1.0 - scale.share(tick) as f32);
-            self.canvas.line(&[[self.left + width, y], [self.left + width + 6.0 * unit, y]], Pen::new(INK, 1.2 * unit));
-            self.canvas.text(&label, [self.left + width + 12.0 * unit, y + 5.5 * unit], 15.0 * unit, INK, Align::Left);
-        }
     }
 
     /// A swatch with a label; returns the next line's height.

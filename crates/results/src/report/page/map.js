@@ -1,5 +1,28 @@
 // The map: outlines from above, north up, with a scale bar. Drag to move, wheel or pinch to zoom, click to pick.
 
+// How much of a building's colour covers the photo below it.
+const OVER_PHOTO = 0.62;
+
+const pictureOf = async (src) => {
+  const picture = new Image();
+  picture.src = src;
+  await picture.decode();
+  return picture;
+};
+
+// Photos laid on the ground, transparent where none shows it.
+async function loadBackdrop({ picture, shown }) {
+  const photo = await pictureOf(picture);
+  if (!shown) return photo;
+  const mask = await pictureOf(shown);
+  const canvas = el("canvas", { width: photo.naturalWidth, height: photo.naturalHeight });
+  const context = canvas.getContext("2d");
+  context.drawImage(photo, 0, 0);
+  context.globalCompositeOperation = "destination-in";
+  context.drawImage(mask, 0, 0);
+  return canvas;
+}
+
 function createMap(canvas, data, on) {
   const context = canvas.getContext("2d");
   const [ox, oy] = data.origin;
@@ -15,9 +38,12 @@ function createMap(canvas, data, on) {
   const whole = boxes.filter((b) => Number.isFinite(b[0])).reduce(
     (w, b) => [Math.min(w[0], b[0]), Math.min(w[1], b[1]), Math.max(w[2], b[2]), Math.max(w[3], b[3])],
     [Infinity, Infinity, -Infinity, -Infinity]);
-  const map = { selected: -1, colours: [], show: { cameras: false, photos: false, issues: true }, sights: [] };
+  const map = { selected: -1, colours: [], show: { cameras: false, photos: false, issues: true, backdrop: true }, sights: [] };
   const view = { x: 0, y: 0, perPixel: 1 };
   let isDirty = false;
+  let backdrop = null;
+  if (data.backdrop) loadBackdrop(data.backdrop).then((picture) => { backdrop = picture; map.redraw(); }, () => {});
+  map.hasBackdrop = () => backdrop !== null;
 
   map.fit = () => {
     if (!Number.isFinite(whole[0])) return;
@@ -49,7 +75,16 @@ function createMap(canvas, data, on) {
     }
   }
 
+  function drawBackdrop() {
+    if (!backdrop || !map.show.backdrop) return;
+    const [west, south, east, north] = data.backdrop.bounds;
+    const [left, top] = place(west - ox, north - oy);
+    const [right, bottom] = place(east - ox, south - oy);
+    context.drawImage(backdrop, left, top, right - left, bottom - top);
+  }
+
   function drawBuildings(ink) {
+    const isOverPhoto = backdrop && map.show.backdrop;
     const thin = view.perPixel > 1.5 ? 0.35 : 0.8;
     outlines.forEach((rings, i) => {
       if (rings.length === 0) return;
@@ -58,7 +93,9 @@ function createMap(canvas, data, on) {
       if (right < 0 || bottom < 0 || left > canvas.clientWidth || top > canvas.clientHeight) return;
       trace(rings);
       context.fillStyle = css(map.colours[i] ?? NO_VALUE);
+      context.globalAlpha = isOverPhoto ? OVER_PHOTO : 1;
       context.fill("evenodd");
+      context.globalAlpha = 1;
       const isDoubtful = data.buildings[i].status === "doubtful";
       context.strokeStyle = isDoubtful ? css(ALERT) : ink;
       context.lineWidth = isDoubtful ? 1.6 : thin;
@@ -148,6 +185,7 @@ function createMap(canvas, data, on) {
     context.setTransform(density, 0, 0, density, 0, 0);
     context.fillStyle = paper;
     context.fillRect(0, 0, canvas.clientWidth, canvas.clientHeight);
+    drawBackdrop();
     drawBuildings(ink);
     drawViews(ink);
     drawIssues();

@@ -25,19 +25,30 @@ function drawLegend(box, colouring) {
     }));
     return;
   }
-  const { map, end, unit, root, more } = colouring.scale;
+  const swatch = el("span", { class: "swatch" });
+  swatch.style.background = css(NO_VALUE);
+  const unknown = el("div", { class: "class quiet" }, swatch, el("span", { text: "not known" }));
+  if (colouring.steps) {
+    box.replaceChildren(el("div", { text: colouring.title }), drawSteps(colouring.steps), unknown);
+    return;
+  }
+  const { map, end, unit, more } = colouring.scale;
   const ramp = el("canvas", { class: "ramp", width: 128, height: 1, "aria-hidden": "true" });
   const context = ramp.getContext("2d");
   for (let i = 0; i < 128; i += 1) {
     context.fillStyle = css(colourAt(map, i / 127));
     context.fillRect(i, 0, 1, 1);
   }
-  const swatch = el("span", { class: "swatch" });
-  swatch.style.background = css(NO_VALUE);
   box.replaceChildren(el("div", { text: colouring.title }), ramp,
-    el("div", { class: "ends" }, el("span", { text: `0 ${unit}` }),
-      root ? el("span", { text: `${number(end / 4, 0)} ${unit}` }) : null, el("span", { text: `${end} ${unit}${more ? " and more" : ""}` })),
-    el("div", { class: "class quiet" }, swatch, el("span", { text: "not known" })));
+    el("div", { class: "ends" }, el("span", { text: `0 ${unit}` }), el("span", { text: `${end} ${unit}${more ? " and more" : ""}` })), unknown);
+}
+
+// Classes as blocks, the lowest first, with the bounds between them.
+function drawSteps(steps) {
+  const width = 20;
+  return svg("svg", { class: "steps", viewBox: `0 0 ${steps.length * width} 24`, role: "img", "aria-label": "Classes of heights" },
+    ...steps.map(([, rgb], i) => svg("rect", { x: i * width, width, height: 11, fill: css(rgb) })),
+    ...steps.slice(0, -1).map(([below], i) => svg("text", { x: (i + 1) * width, y: 22, "text-anchor": "middle", "font-size": 10, fill: "currentColor", text: String(below) })));
 }
 
 // A needle that points north; returns what turns it.

@@ -154,6 +154,18 @@ function followAddress() {
   byId("city").scrollIntoView();
 }
 
+// The switch of the photos under the map.
+function drawBackdropSwitch() {
+  if (!data.backdrop) return;
+  const check = el("input", { type: "checkbox", id: "show-backdrop", onchange: () => showLayer("backdrop", check.checked) });
+  check.checked = true;
+  const { photos } = data.backdrop;
+  const named = photos.length > 4 ? `${photos.length} photos` : photos.join(", ");
+  byId("backdrop").replaceChildren(el("label", {}, check, el("span", { text: " photos under the map" })),
+    el("span", { class: "quiet", text: ` ${named}, laid on the ground: what stands on it leans away from the camera` }));
+  byId("backdrop").hidden = false;
+}
+
 // Draws both pictures at once in a theme.
 function drawIn(theme) {
   document.documentElement.dataset.theme = theme;
@@ -175,6 +187,7 @@ function start() {
   controlBox(byId("controls"), Object.entries(ways).map(([name, way]) => [name, `colour: ${way.title.toLowerCase()}`]), LAYERS,
     { colour: colourBy, layer: showLayer, reset: () => { if (scene) flyTo(scene, home); map.fit(); } });
   colourBy("height");
+  drawBackdropSwitch();
   drawImplausible(data);
   drawSummary(data);
   drawBuildings(data);
@@ -221,6 +234,7 @@ window.sizeup = {
     return points.filter(isSeen).length / Math.max(points.length, 1);
   },
   isFlying: () => scene.flight !== null,
+  hasBackdrop: () => map.hasBackdrop(),
   placeOnMap: (id) => map.placeOf(data.byId.get(id)),
   framesPerSecond: (n, effort) => scene.measure(n, effort),
   turn: (seconds) => scene.turn(seconds),

@@ -10,11 +10,12 @@
       <rule filter="&quot;height_m&quot; >= 15 AND &quot;height_m&quot; &lt; 20" symbol="5" label="15 to 20 m" key="{00000000-0000-4000-8000-000000000006}"/>
       <rule filter="&quot;height_m&quot; >= 20 AND &quot;height_m&quot; &lt; 30" symbol="6" label="20 to 30 m" key="{00000000-0000-4000-8000-000000000007}"/>
       <rule filter="&quot;height_m&quot; >= 30 AND &quot;height_m&quot; &lt; 60" symbol="7" label="30 to 60 m" key="{00000000-0000-4000-8000-000000000008}"/>
-      <rule filter="&quot;height_m&quot; >= 60" symbol="8" label="60 m and more" key="{00000000-0000-4000-8000-000000000009}"/>
-      <rule filter="ELSE" symbol="9" label="height not known" key="{00000000-0000-4000-8000-000000000010}"/>
-      <rule filter="&quot;status&quot; = 'doubtful'" symbol="10" label="doubtful: look at it" key="{00000000-0000-4000-8000-000000000011}"/>
-      <rule filter="&quot;status&quot; = 'reviewed'" symbol="11" label="reviewed by a person" key="{00000000-0000-4000-8000-000000000012}"/>
-      <rule filter="&quot;status&quot; = 'fallback'" symbol="12" label="height from a fallback" key="{00000000-0000-4000-8000-000000000013}"/>
+      <rule filter="&quot;height_m&quot; >= 60 AND &quot;height_m&quot; &lt; 100" symbol="8" label="60 to 100 m" key="{00000000-0000-4000-8000-000000000009}"/>
+      <rule filter="&quot;height_m&quot; >= 100" symbol="9" label="100 m and more" key="{00000000-0000-4000-8000-000000000010}"/>
+      <rule filter="ELSE" symbol="10" label="height not known" key="{00000000-0000-4000-8000-000000000011}"/>
+      <rule filter="&quot;status&quot; = 'doubtful'" symbol="11" label="doubtful: look at it" key="{00000000-0000-4000-8000-000000000012}"/>
+      <rule filter="&quot;status&quot; = 'reviewed'" symbol="12" label="reviewed by a person" key="{00000000-0000-4000-8000-000000000013}"/>
+      <rule filter="&quot;status&quot; = 'fallback'" symbol="13" label="height from a fallback" key="{00000000-0000-4000-8000-000000000014}"/>
     </rules>
     <symbols>
       <symbol type="fill" force_rhr="0" clip_to_extent="1" alpha="1" name="0">
@@ -109,6 +110,48 @@
             <Option type="QString" name="type" value="collection"/>
           </Option>
         </data_defined_properties>
+        <layer class="SimpleFill" enabled="1" locked="0" pass="0">
+          <Option type="Map">
+            <Option type="QString" name="border_width_map_unit_scale" value="3x:0,0,0,0,0,0"/>
+            <Option type="QString" name="color" value="140,140,146,255"/>
+            <Option type="QString" name="joinstyle" value="bevel"/>
+            <Option type="QString" name="offset" value="0,0"/>
+            <Option type="QString" name="offset_map_unit_scale" value="3x:0,0,0,0,0,0"/>
+            <Option type="QString" name="offset_unit" value="MM"/>
+            <Option type="QString" name="outline_color" value="45,45,52,255"/>
+            <Option type="QString" name="outline_style" value="solid"/>
+            <Option type="QString" name="outline_width" value="0.15"/>
+            <Option type="QString" name="outline_width_unit" value="MM"/>
+            <Option type="QString" name="style" value="b_diagonal"/>
+          </Option>
+          <prop k="border_width_map_unit_scale" v="3x:0,0,0,0,0,0"/>
+          <prop k="color" v="140,140,146,255"/>
+          <prop k="joinstyle" v="bevel"/>
+          <prop k="offset" v="0,0"/>
+          <prop k="offset_map_unit_scale" v="3x:0,0,0,0,0,0"/>
+          <prop k="offset_unit" v="MM"/>
+          <prop k="outline_color" v="45,45,52,255"/>
+          <prop k="outline_style" v="solid"/>
+          <prop k="outline_width" v="0.15"/>
+          <prop k="outline_width_unit" v="MM"/>
+          <prop k="style" v="b_diagonal"/>
+          <data_defined_properties>
+            <Option type="Map">
+              <Option type="QString" name="name" value=""/>
+              <Option name="properties"/>
+              <Option type="QString" name="type" value="collection"/>
+            </Option>
+          </data_defined_properties>
+        </layer>
+      </symbol>
+      <symbol type="fill" force_rhr="0" clip_to_extent="1" alpha="1" name="11">
+        <data_defined_properties>
+          <Option type="Map">
+            <Option type="QString" name="name" value=""/>
+            <Option name="properties"/>
+            <Option type="QString" name="type" value="collection"/>
+          </Option>
+        </data_defined_properties>
         <layer class="SimpleFill" enabled="1" locked="0" pass="1">
           <Option type="Map">
             <Option type="QString" name="border_width_map_unit_scale" value="3x:0,0,0,0,0,0"/>
@@ -143,7 +186,7 @@
           </data_defined_properties>
         </layer>
       </symbol>
-      <symbol type="fill" force_rhr="0" clip_to_extent="1" alpha="1" name="11">
+      <symbol type="fill" force_rhr="0" clip_to_extent="1" alpha="1" name="12">
         <data_defined_properties>
           <Option type="Map">
             <Option type="QString" name="name" value=""/>
@@ -185,7 +228,7 @@
           </data_defined_properties>
         </layer>
       </symbol>
-      <symbol type="fill" force_rhr="0" clip_to_extent="1" alpha="1" name="12">
+      <symbol type="fill" force_rhr="0" clip_to_extent="1" alpha="1" name="13">
         <data_defined_properties>
           <Option type="Map">
             <Option type="QString" name="name" value=""/>
@@ -490,7 +533,7 @@
         <layer class="SimpleFill" enabled="1" locked="0" pass="0">
           <Option type="Map">
             <Option type="QString" name="border_width_map_unit_scale" value="3x:0,0,0,0,0,0"/>
-            <Option type="QString" name="color" value="253,231,37,255"/>
+            <Option type="QString" name="color" value="181,222,43,255"/>
             <Option type="QString" name="joinstyle" value="bevel"/>
             <Option type="QString" name="offset" value="0,0"/>
             <Option type="QString" name="offset_map_unit_scale" value="3x:0,0,0,0,0,0"/>
@@ -502,7 +545,7 @@
             <Option type="QString" name="style" value="solid"/>
           </Option>
           <prop k="border_width_map_unit_scale" v="3x:0,0,0,0,0,0"/>
-          <prop k="color" v="253,231,37,255"/>
+          <prop k="color" v="181,222,43,255"/>
           <prop k="joinstyle" v="bevel"/>
           <prop k="offset" v="0,0"/>
           <prop k="offset_map_unit_scale" v="3x:0,0,0,0,0,0"/>
@@ -532,7 +575,7 @@
         <layer class="SimpleFill" enabled="1" locked="0" pass="0">
           <Option type="Map">
             <Option type="QString" name="border_width_map_unit_scale" value="3x:0,0,0,0,0,0"/>
-            <Option type="QString" name="color" value="140,140,146,255"/>
+            <Option type="QString" name="color" value="253,231,37,255"/>
             <Option type="QString" name="joinstyle" value="bevel"/>
             <Option type="QString" name="offset" value="0,0"/>
             <Option type="QString" name="offset_map_unit_scale" value="3x:0,0,0,0,0,0"/>
@@ -541,10 +584,10 @@
             <Option type="QString" name="outline_style" value="solid"/>
             <Option type="QString" name="outline_width" value="0.15"/>
             <Option type="QString" name="outline_width_unit" value="MM"/>
-            <Option type="QString" name="style" value="b_diagonal"/>
+            <Option type="QString" name="style" value="solid"/>
           </Option>
           <prop k="border_width_map_unit_scale" v="3x:0,0,0,0,0,0"/>
-          <prop k="color" v="140,140,146,255"/>
+          <prop k="color" v="253,231,37,255"/>
           <prop k="joinstyle" v="bevel"/>
           <prop k="offset" v="0,0"/>
           <prop k="offset_map_unit_scale" v="3x:0,0,0,0,0,0"/>
@@ -553,7 +596,7 @@
           <prop k="outline_style" v="solid"/>
           <prop k="outline_width" v="0.15"/>
           <prop k="outline_width_unit" v="MM"/>
-          <prop k="style" v="b_diagonal"/>
+          <prop k="style" v="solid"/>
           <data_defined_properties>
             <Option type="Map">
               <Option type="QString" name="name" value=""/>

@@ -1,0 +1,328 @@
+//! The town as nadir photos show it, laid on the ground: what lies under the map of the report.
+//!
+//! ```text
+//! colour(x, y) = photo_v(project_v(x, y, z(x, y)))     z: the ground
+//! v(x, y)      = the view that sees (x, y) whose camera stands closest to above it: there roofs lean least
+//! ```
+//! Few photos are read: those that together see most of the town.
+
+use std::path::Path;
+
+use geo::BoundingRect as _;
+use glam::{DVec2, DVec3};
+use image::imageops::thumbnail;
+use image::{GrayImage, Luma, Rgb, RgbImage};
+use rayon::prelude::*;
+
+use super::pictures::photo_of;
+use sizeup_geo::files::is_virtual;
+use sizeup_geo::terrain::{MapBox, Terrain};
+use sizeup_results::output::BuildingRecord;
+use sizeup_results::report::Backdrop;
+use sizeup_survey::{View, ViewKind};
+
+/// Photos that are read, at most: each takes about half a second.
+const MOST_PHOTOS: usize = 16;
+/// Photos that are in memory at a time.
+const PHOTOS_AT_A_TIME: usize = 4;
+/// Places along the longer side of the town at which it is counted what a photo adds.
+const N_PLACES: usize = 48;
+/// A photo that adds a smaller share of the town than this is not worth reading.
+const LEAST_GAIN: f64 = 0.01;
+/// Ground shown around the outlines, share of their longer side, and at least, metres.
+const MARGIN_SHARE: f64 = 0.04;
+const LEAST_MARGIN_M: f64 = 15.0;
+/// Finer pixels than this show no more of a town, metres.
+const LEAST_PX_M: f64 = 0.05;
+
+/// Lays photos under the outlines, the longer side of the picture at most `longest_px`; `None` where no nadir photo is at
+/// hand that shows any of it.
+pub(super) fn lay(views: &[View], records: &[BuildingRecord], terrain: &Terrain, longest_px: u32) -> Option<Backdrop> {
+    let sheet = Sheet::around(records, terrain, longest_px)?;
+    let is_there = |path: &Path| is_virtual(path) || path.is_file();
+    let at_hand = views.iter().filter(|view| view.kind() == ViewKind::Nadir);
+    let at_hand: Vec<&View> = at_hand.filter(|view| view.image.as_deref().is_some_and(is_there)).collect();
+    let chosen = choose(&at_hand, &sheet);
+    let mut photos: Vec<Photo<'_>> = Vec::new();
+    for some in chosen.chunks(PHOTOS_AT_A_TIME) {
+        photos.par_extend(some.par_iter().filter_map(|view| Photo::read(view, &sheet)));
+    }
+    // Photos come in the order of the survey, whoever was read first.
+    photos.sort_by(|a, b| a.view.id.cmp(&b.view.id));
+    sheet.draw(&photos)
+}
+
+/// The picture's place.
+struct Sheet<'a> {
+    terrain: &'a Terrain,
+    /// Where the terrain tells nothing, metres.
+    mean_m: f64,
+    west_m: f64,
+    north_m: f64,
+    px_m: f64,
+    size_px: [u32; 2],
+}
+
+impl<'a> Sheet<'a> {
+    fn around(records: &[BuildingRecord], terrain: &'a Terrain, longest_px: u32) -> Option<Self> {
+        let boxes = records.iter().filter_map(|record| record.footprint.as_ref()?.bounding_rect());
+        let town = MapBox::around(boxes.flat_map(|b| [(b.min().x, b.min().y), (b.max().x, b.max().y)]))?;
+        let side = |area: &MapBox| [area.east_m - area.west_m, area.north_m - area.south_m];
+        let longest = |area: &MapBox| side(area)[0].max(side(area)[1]);
+        let town = town.grown((MARGIN_SHARE * longest(&town)).max(LEAST_MARGIN_M));
+        let px_m = (longest(&town) / f64::from(longest_px)).max(LEAST_PX_M);
+        let levels: Vec<f64> = records.iter().filter_map(|record| record.ground_z_m).collect();
+        let size_px = side(&town).map(|metres| (metres / px_m).round() as u32);
+        (longest_px > 0 && size_px.iter().all(|&n| n > 0)).then(|| Self {
+            terrain,
+            mean_m: sizeup_heights::stats::median(&levels).unwrap_or(0.0),
+            west_m: town.west_m,
+            north_m: town.north_m,
+            px_m,
+            size_px,
+        })
+    }
+
+    /// The ground under the middle of a pixel.
+    fn place(&self, x: u32, y: u32) -> DVec3 {
+        let [x_m, y_m] = [f64::from(x) + 0.5, f64::from(y) + 0.5].map(|at| at * self.px_m);
+        let (x_m, y_m) = (self.west_m + x_m, self.north_m - y_m);
+        DVec3::new(x_m, y_m, self.terrain.height_at(x_m, y_m).unwrap_or(self.mean_m))
+    }
+
+    /// Places over the whole sheet, evenly.
+    fn places(&self) -> Vec<DVec3> {
+        let step = self.size_px[0].max(self.size_px[1]).div_ceil(N_PLACES as u32).max(1) as usize;
+        let [columns, rows] = self.size_px.map(|n| (step as u32 / 2..n).step_by(step));
+        rows.flat_map(|y| columns.clone().map(move |x| (x, y))).map(|(x, y)| self.place(x, y)).collect()
+    }
+
+    fn draw(&self, photos: &[Photo<'_>]) -> Option<Backdrop> {
+        let [width, height] = self.size_px;
+        let row = |y: u32| -> Vec<Option<[u8; 3]>> { (0..width).map(|x| colour(photos, self.place(x, y))).collect() };
+        let rows: Vec<Vec<Option<[u8; 3]>>> = (0..height).into_par_iter().map(row).collect();
+        let at = |x: u32, y: u32| rows[y as usize][x as usize];
+        let picture = RgbImage::from_fn(width, height, |x, y| Rgb(at(x, y).unwrap_or([0; 3])));
+        let shown = GrayImage::from_fn(width, height, |x, y| Luma([if at(x, y).is_some() { u8::MAX } else { 0 }]));
+        let n_shown = shown.pixels().filter(|pixel| pixel[0] > 0).count();
+        let [east_m, south_m] =
+            [self.west_m + f64::from(width) * self.px_m, self.north_m - f64::from(height) * self.px_m];
+        (n_shown > 0).then(|| Backdrop {
+            picture,
+            shown: (n_shown < (width * height) as usize).then_some(shown),
+            bounds_m: [self.west_m, south_m, east_m, self.north_m],
+            photos: photos.iter().map(|photo| photo.view.id.0.clone()).collect(),
+        })
+    }
+}
+
+/// Where a view sees a place; `None` where it does not.
+fn pixel_of(view: &View, place: DVec3) -> Option<DVec2> {
+    view.camera.project(view.camera_from_map.point(place)).filter(|pixel| view.camera.contains(*pixel))
+}
+
+/// The views that together see most, the one that sees most first.
+fn choose<'a>(views: &[&'a View], sheet: &Sheet<'_>) -> Vec<&'a View> {
+    let places = sheet.places();
+    let seen_by = |view: &&View| places.iter().map(|place| pixel_of(view, *place).is_some()).collect();
+    let sees: Vec<Vec<bool>> = views.par_iter().map(seen_by).collect();
+    let least = (LEAST_GAIN * places.len() as f64).max(1.0);
+    let mut is_covered = vec![false; places.len()];
+    let mut chosen: Vec<usize> = Vec::new();
+    while chosen.len() < MOST_PHOTOS {
+        let gain = |v: &usize| sees[*v].iter().zip(&is_covered).filter(|(sees, covered)| **sees && !**covered).count();
+        let gains = (0..views.len()).filter(|v| !chosen.contains(v)).map(|v| (gain(&v), v));
+        // Among equals the first.
+        let Some((gain, best)) = gains.max_by_key(|&(gain, v)| (gain, std::cmp::Reverse(v))) else { break };
+        if (gain as f64) < least {
+            break;
+        }
+        chosen.push(best);
+        is_covered.iter_mut().zip(&sees[best]).for_each(|(covered, sees)| *covered |= sees);
+    }
+    chosen.into_iter().map(|v| views[v]).collect()
+}
+
+/// A photo, reduced to about the picture's own pixels.
+struct Photo<'a> {
+    view: &'a View,
+    pixels: RgbImage,
+}
+
+impl<'a> Photo<'a> {
+    /// `None` for one that cannot be read: what is wrong with photos is told elsewhere.
+    fn read(view: &'a View, sheet: &Sheet<'_>) -> Option<Self> {
+        let stored = photo_of(view).ok()?;
+        let above_m = view.centre().z - sheet.mean_m;
+        let focal_px = view.camera.fx_px * f64::from(stored.width()) / f64::from(view.camera.width_px);
+        let share = (above_m / focal_px / sheet.px_m).clamp(0.0, 1.0);
+        let [width, height] = [stored.width(), stored.height()].map(|n| ((f64::from(n) * share).round() as u32).max(1));
+        let pixels = if share < 1.0 { thumbnail(&stored, width, height) } else { stored };
+        Some(Self { view, pixels })
+    }
+
+    /// The colour at a pixel of the camera, between the pixels' middles.
+    fn colour(&self, pixel: DVec2) -> [u8; 3] {
+        let camera = DVec2::new(f64::from(self.view.camera.width_px), f64::from(self.view.camera.height_px));
+        let last = DVec2::new(f64::from(self.pixels.width() - 1), f64::from(self.pixels.height() - 1));
+        let at = (pixel / camera * (last + 1.0) - 0.5).clamp(DVec2::ZERO, last);
+        let [x, y] = [at.x as u32, at.y as u32];
+        let [right, below] = [(x + 1).min(last.x as u32), (y + 1).min(last.y as u32)];
+        let share = at - at.floor();
+        std::array::from_fn(|c| {
+            let value = |x: u32, y: u32| f64::from(self.pixels.get_pixel(x, y)[c]);
+            let along = |y: u32| value(x, y) + (value(right, y) - value(x, y)) * share.x;
+            (along(y) + (along(below) - along(y)) * share.y).round() as u8
+        })
+    }
+}
+
+/// The colour of a place in the photo whose camera stands closest to above it.
+fn colour(photos: &[Photo<'_>], place: DVec3) -> Option<[u8; 3]> {
+    let aside = |photo: &Photo<'_>| (photo.view.centre() - place).truncate().length_squared();
+    let seeing = photos.iter().filter_map(|photo| Some((photo, pixel_of(photo.view, place)?)));
+    let (photo, pixel) = seeing.min_by(|(a, _), (b, _)| aside(a).total_cmp(&aside(b)))?;
+    Some(photo.colour(pixel))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use geo::polygon;
+    use glam::DMat3;
+
+    use super::*;
+    use sizeup_heights::camera::Camera;
+    use sizeup_heights::frames::Rigid;
+    use sizeup_results::output::{HeightReference, Status};
+
+    /// Where the town lies, and its ground.
+    const AT: [f64; 3] = [565_000.0, 5_934_000.0, 20.0];
+    const HEIGHT_M: f64 = 100.0;
+
+    /// Red grows by 2 a metre eastwards, green by 2 a metre northwards.
+    fn ground_colour(x: f64, y: f64) -> [u8; 3] {
+        [120.0 + 2.0 * (x - AT[0]), 120.0 + 2.0 * (y - AT[1]), 40.0]
+            .map(|value: f64| value.round().clamp(0.0, 255.0) as u8)
+    }
+
+    /// A photo straight down from above a place, stored at half its camera's size: 80 by 60 m.
+    fn photo(folder: &Path, name: &str, east_m: f64, north_m: f64) -> View {
+        let down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
+        let camera = Arc::new(Camera::pinhole(800, 600, 1000.0));
+        let centre = DVec3::new(AT[0] + east_m, AT[1] + north_m, AT[2] + HEIGHT_M);
+        let view = View {
+            id: name.into(),
+            camera,
+            camera_from_map: Rigid::from_rotation_and_centre(down, centre),
+            image: Some(folder.join(name)),
+        };
+        let pixel = |x: u32, y: u32| {
+            let [x_m, y_m] = [(f64::from(x) + 0.5 - 200.0) * 0.2, (150.0 - f64::from(y) - 0.5) * 0.2];
+            Rgb(ground_colour(centre.x + x_m, centre.y + y_m))
+        };
+        RgbImage::from_fn(400, 300, pixel).save(folder.join(name)).unwrap();
+        view
+    }
+
+    /// One outline, `side_m` by 20 m around the middle.
+    fn town(side_m: f64) -> Vec<BuildingRecord> {
+        let [x, y] = [AT[0], AT[1]];
+        let outline = polygon![(x: x - side_m / 2.0, y: y - 10.0), (x: x + side_m / 2.0, y: y - 10.0),
+            (x: x + side_m / 2.0, y: y + 10.0), (x: x - side_m / 2.0, y: y + 10.0)];
+        vec![BuildingRecord {
+            id: "a".to_owned(),
+            part_of: None,
+            footprint: Some(outline),
+            ground_z_m: Some(AT[2]),
+            base_z_m: Some(AT[2]),
+            height_m: Some(9.0),
+            height_sigma_m: None,
+            party_wall_m2: None,
+            height_reference: HeightReference::Mean,
+            roof: None,
+            status: Status::Measured,
+            reasons: Vec::new(),
+            views: Vec::new(),
+            attributes: serde_json::Map::new(),
+        }]
+    }
+
+    fn check_colours(backdrop: &Backdrop, within: u8) -> usize {
+        let [west, _, east, north] = backdrop.bounds_m;
+        let px_m = (east - west) / f64::from(backdrop.picture.width());
+        let mut n_shown = 0;
+        for (x, y, pixel) in backdrop.picture.enumerate_pixels() {
+            if backdrop.shown.as_ref().is_some_and(|shown| shown.get_pixel(x, y)[0] == 0) {
+                continue;
+            }
+            let [x_m, y_m] = [west + (f64::from(x) + 0.5) * px_m, north - (f64::from(y) + 0.5) * px_m];
+            let expected = ground_colour(x_m, y_m);
+            let is_near = pixel.0.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= within);
+            assert!(is_near, "{:?} for {expected:?} at {x} {y}", pixel.0);
+            n_shown += 1;
+        }
+        n_shown
+    }
+
+    #[test]
+    fn photos_lie_where_they_were_taken_and_only_those_that_add_something_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut views = vec![
+            photo(folder.path(), "c.png", 30.0, 0.0),
+            photo(folder.path(), "a.png", -30.0, 0.0),
+            photo(folder.path(), "same.png", 30.0, 0.0),
+            photo(folder.path(), "elsewhere.png", 900.0, 0.0),
+        ];
+        let mut gone = photo(folder.path(), "b.png", 0.0, 0.0);
+        gone.image = Some(folder.path().join("gone.png"));
+        views.push(gone);
+        let ground = Terrain::Constant(AT[2]);
+        let backdrop = lay(&views, &town(90.0), &ground, 500).unwrap();
+        assert_eq!(backdrop.photos, ["a.png", "c.png"]);
+        assert_eq!(backdrop.picture.width(), 500);
+        assert!(backdrop.shown.is_none(), "140 m of photos hold 120 m of town and margin");
+        // A pixel of the photo is 0.2 m, of the picture 0.24 m: colours are off by half of that at most, and rounding.
+        assert_eq!(check_colours(&backdrop, 2), (backdrop.picture.width() * backdrop.picture.height()) as usize);
+
+        let one = lay(&views[..1], &town(90.0), &ground, 500).unwrap();
+        let n_shown = check_colours(&one, 2);
+        // From 10 m west of the middle to the eastern edge, 60 m east of it.
+        let share = n_shown as f64 / f64::from(one.picture.width() * one.picture.height());
+        assert!((share - 70.0 / 120.0).abs() < 0.01, "{share}");
+        assert_eq!(lay(&views[3..], &town(90.0), &ground, 500), None);
+        assert_eq!(lay(&views, &town(90.0), &ground, 0), None, "it can be left out");
+    }
+
+    #[test]
+    fn the_picture_is_the_same_on_one_thread_and_on_many() {
+        let folder = tempfile::tempdir().unwrap();
+        let views: Vec<View> =
+            (0..6).map(|i| photo(folder.path(), &format!("{i}.png"), 20.0 * f64::from(i) - 50.0, 0.0)).collect();
+        let ground = Terrain::Constant(AT[2]);
+        let on = |n: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap();
+            pool.install(|| lay(&views, &town(100.0), &ground, 300)).unwrap()
+        };
+        assert_eq!(on(1), on(5));
+    }
+
+    #[test]
+    fn photos_follow_a_slope() {
+        let folder = tempfile::tempdir().unwrap();
+        let view = photo(folder.path(), "a.png", 0.0, 0.0);
+        // On ground 20 m higher a photo shows less, and what it shows lies closer to its middle.
+        let mut town = town(40.0);
+        town[0].ground_z_m = Some(AT[2] + 20.0);
+        let backdrop = lay(&[view], &town, &Terrain::Constant(AT[2] + 20.0), 400).unwrap();
+        let [west, south, east, north] = backdrop.bounds_m;
+        assert!((east - west - 70.0).abs() < 0.2 && (north - south - 50.0).abs() < 0.2);
+        // 35 m east of the middle there: 43.75 m on the ground that the photo was painted for, which it does not reach.
+        assert_eq!(backdrop.shown.as_ref().unwrap().get_pixel(backdrop.picture.width() - 1, 10)[0], 0);
+        let (x, y) = (backdrop.picture.width() * 5 / 7, backdrop.picture.height() / 2);
+        let expected = ground_colour(AT[0] + 15.0 / 0.8, AT[1]);
+        let pixel = backdrop.picture.get_pixel(x, y).0;
+        assert!(pixel.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 2), "{pixel:?} for {expected:?}");
+    }
+}
