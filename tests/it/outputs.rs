@@ -12,8 +12,11 @@ use sizeup::camera::Camera;
 use sizeup::crs::Crs;
 use sizeup::frames::Rigid;
 use sizeup::issue::{Issue, Severity, Subject};
+use sizeup::optimise::Terrace;
 use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::geopackage::{self, GeoPackageConfig};
+use sizeup::output::read::{FoundBuildings, ReadOptions};
+use sizeup::output::validate::ValidateConfig;
 use sizeup::output::{BuildingRecord, CityModel, HeightReference, InputFile, Lineage, RoofForm, RoofShape, Status};
 use sizeup::survey::{Survey, View};
 
@@ -161,6 +164,51 @@ fn cjval_accepts_every_line_of_our_sequence_and_it_reads_back_like_the_file() {
     }
     let read = |path: &Path| sizeup::evaluate::read::read_results(path, &town.crs).unwrap();
     assert_eq!(read(&one), read(&sequence));
+}
+
+#[test]
+fn roofs_are_solids_beside_the_blocks_and_come_back_from_the_files() {
+    let mut town = town();
+    let (e, n) = (93_000.0, 436_000.0);
+    town.records[1].roof =
+        Some(RoofShape { ridge_azimuth_deg: Some(90.0), ..RoofShape::new(RoofForm::Gable, 6.0, 9.0) });
+    let corners = [[e, n + 40.0], [e + 5.0, n + 40.0], [e + 5.0, n + 52.0], [e, n + 52.0]];
+    let step = Some(Terrace { corners, is_upper: true, gable: None });
+    town.records[3].roof = Some(RoofShape { step, ..RoofShape::new(RoofForm::Stepped, 50.0, 65.0) });
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    cityjson::write(&path("town.city.json"), &town.model(), &CityJsonConfig::default()).unwrap();
+    geopackage::write(&path("town.gpkg"), &town.model(), &GeoPackageConfig::default()).unwrap();
+    assert_valid_cityjson(&path("town.city.json"));
+    let found = sizeup::output::validate::validate_file(&path("town.city.json"), &ValidateConfig::default()).unwrap();
+    assert!(found.is_valid() && found.n_geometries == 6, "{found:?}");
+
+    let objects = read_json(&path("town.city.json"))["CityObjects"].clone();
+    let lods = |id: &str| -> Vec<String> {
+        let all = objects[id]["geometry"].as_array().unwrap();
+        all.iter().map(|geometry| geometry["lod"].as_str().unwrap().to_owned()).collect()
+    };
+    assert_eq!(
+        (lods("row 1"), lods("row 2"), lods("tower")),
+        (vec!["1.2".into()], vec!["1.2".into(), "2.0".into()], vec!["1.2".into(), "2.0".into()])
+    );
+    let n_roofs = |id: &str| {
+        let kinds = objects[id]["geometry"][1]["semantics"]["values"][0].as_array().unwrap();
+        kinds.iter().filter(|kind| **kind == 1).count()
+    };
+    assert_eq!((n_roofs("row 2"), n_roofs("tower")), (2, 2));
+    // 12 m ground, 9 m to the ridge, 65 m to the upper level.
+    let top = |id: &str| objects[id]["geographicalExtent"][5].as_f64().unwrap();
+    assert_eq!((top("row 2"), top("tower")), (21.0, 77.0));
+
+    for from in ["town.city.json", "town.gpkg"] {
+        let read = FoundBuildings::read(&path(from), &ReadOptions::default()).unwrap();
+        let records = read.to_records();
+        for (id, roof) in [("row 2", town.records[1].roof), ("tower", town.records[3].roof)] {
+            let record = records.iter().find(|record| record.id == id).unwrap();
+            assert_eq!(record.roof, roof, "{id} of {from}");
+        }
+    }
 }
 
 #[test]
