@@ -70,13 +70,13 @@ pub struct EvaluateArgs {
     /// Level of the ground of a point cloud without ground points, metres.
     #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
     pub ground: Option<f64>,
-    /// Of outlines in photos: leave out instances of the result with a lower score, 0 to 1.
+    /// For outlines in photos: leave out instances of the result with a lower score, 0 to 1.
     #[arg(long, value_name = "SCORE", default_value_t = 0.0)]
     pub min_score: f32,
-    /// Of outlines in photos: smaller ones of both files count for nothing, pixels².
+    /// For outlines in photos: smaller ones of both files count for nothing, pixels².
     #[arg(long, value_name = "PIXELS", default_value_t = 64.0)]
     pub min_area: f64,
-    /// Of outlines in photos: the result outlines roofs, each with an "offset" in pixels from the wall's foot to the roof,
+    /// For outlines in photos: the result outlines roofs, each with an "offset" in pixels from the wall's foot to the roof,
     /// by which it is moved back.
     #[arg(long)]
     pub roof_offset: bool,

@@ -195,7 +195,7 @@ enum ShapeFault {
 }
 
 impl Segmentation {
-    /// Its outline in an image, pixels of that.
+    /// The outline in an image, pixels of that.
     fn outline(&self, [width, height]: [u32; 2], how: Vectorising) -> Result<MultiPolygon<f64>, ShapeFault> {
         match self {
             Self::Polygons(parts) => Ok(within(polygons(parts).map_err(ShapeFault::Unusable)?, [width, height])),
@@ -217,10 +217,10 @@ impl Segmentation {
     }
 }
 
-/// What the annotations of a COCO file outline.
+/// The part of a building that a COCO file's annotations outline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Annotated {
-    /// What is to be compared.
+    /// The outline that is to be compared.
     #[default]
     Outline,
     /// Roofs, each with an `offset`, x and y in pixels, from the wall's foot to the roof (BONAI's convention): the outline on
@@ -290,7 +290,10 @@ pub fn coco_instances(
             Annotated::Outline => shape,
             Annotated::RoofAndOffset => {
                 let [x, y] = annotation.offset().ok_or_else(|| {
-                    refuse(format!("{at} has no offset"), "expected `\"offset\": [x, y]`, pixels, beside each roof")
+                    refuse(
+                        format!("{at} of {} has no offset", photo.name),
+                        "expected `\"offset\": [x, y]`, pixels, beside each roof",
+                    )
                 })?;
                 within(shape.translate(-x, -y), photo.size)
             }

@@ -10,14 +10,14 @@ use crate::dataset::labels::UNKNOWN;
 /// One photo's instances.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Compared {
-    /// Areas of its instances, pixels.
+    /// Areas of the instances, pixels.
     pub areas: PhotoAreas,
     /// Pixels of a building in both, and in either.
     pub overlap_px: (usize, usize),
 }
 
 impl Compared {
-    /// Of all buildings' pixels; 1 where there are none in either.
+    /// Intersection over union of all buildings' pixels; 1 where there are none in either.
     #[must_use]
     pub fn iou_of_pixels(&self) -> f64 {
         let (both, either) = self.overlap_px;

@@ -35,14 +35,14 @@ const SHOWN: usize = 3;
 pub struct Measured {
     /// What was measured.
     pub name: String,
-    /// Of all buildings' pixels, mean over photos.
+    /// Intersection over union of all buildings' pixels, mean over photos.
     pub iou_of_pixels: f64,
-    /// By instances.
+    /// Measures by instances.
     pub instances: PhotoEvaluation,
 }
 
 impl Measured {
-    /// Of photos.
+    /// The measures of photos.
     #[must_use]
     pub fn of(name: &str, photos: &[Compared]) -> Self {
         let areas: Vec<PhotoAreas> = photos.iter().map(|p| p.areas.clone()).collect();

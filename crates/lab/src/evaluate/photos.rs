@@ -32,7 +32,7 @@ use serde::{Deserialize, Serialize};
 
 use super::footprints::{HIT_IOU, OutlinePair, best_pairs, match_outlines};
 
-/// What each number is.
+/// Definitions of the numbers, by name.
 pub const PHOTO_DEFINITIONS: [(&str, &str); 4] = [
     (
         "area",
@@ -47,16 +47,16 @@ pub const PHOTO_DEFINITIONS: [(&str, &str); 4] = [
 /// Areas of one photo's instances.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PhotoAreas {
-    /// Of each true instance, pixels².
+    /// True instances' areas, pixels².
     pub truth: Vec<f64>,
-    /// Of each instance found, pixels².
+    /// Areas of the instances found, pixels².
     pub found: Vec<f64>,
     /// Index of a true instance, of one found, and what both cover, pixels².
     pub shared: Vec<(usize, usize, f64)>,
 }
 
 impl PhotoAreas {
-    /// Of outlines in pixels; those that enclose nothing are left out.
+    /// Areas of outlines in pixels; those that enclose nothing are left out.
     #[must_use]
     pub fn of(found: &[MultiPolygon<f64>], truth: &[MultiPolygon<f64>]) -> Self {
         let usable = |all: &[MultiPolygon<f64>]| -> Vec<MultiPolygon<f64>> {
@@ -158,7 +158,7 @@ pub struct PhotoEvaluation {
     pub detection_by_photo: DetectionMeasures,
     /// Mean intersection over union of the hits alone.
     pub iou_of_hits: f64,
-    /// What each number means.
+    /// Definitions of the numbers, by name.
     #[serde(default)]
     pub definitions: BTreeMap<String, String>,
 }
