@@ -99,7 +99,7 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
     if !(0.0..=100.0).contains(&args.roof_percentile) {
         return Err(Failure::from_text(2, format!("--roof-percentile {}: expected 0 to 100", args.roof_percentile)));
     }
-    if !(0.0..=1.0).contains(&args.min_score) || !(args.min_area >= 0.0) {
+    if !(0.0..=1.0).contains(&args.min_score) || !args.min_area.is_finite() || args.min_area < 0.0 {
         let found = format!("--min-score {}, --min-area {}", args.min_score, args.min_area);
         return Err(Failure::from_text(2, format!("{found}: expected a score of 0 to 1 and an area of at least 0")));
     }

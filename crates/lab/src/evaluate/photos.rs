@@ -14,7 +14,7 @@
 //! That the paper's numbers are areas follows from the numbers. For areas `IoU = 1 / (1/P + 1/R − 1)`; counts of hits know no
 //! such law. Its Table 1, in per cent, and what the law makes of its P and R:
 //!
-//! | | P | R | IoU, printed | by the law | F1, printed | 2PR/(P+R) |
+//! | | P | R | `IoU`, printed | by the law | F1, printed | `2PR/(P+R)` |
 //! |---|---|---|---|---|---|---|
 //! | `FPSAM` | 81.49 | 85.38 | 70.89 | 71.51 | 81.90 | 83.39 |
 //! | `SAM 3` | 62.34 | 89.86 | 58.98 | 58.24 | 71.69 | 73.61 |
