@@ -64,13 +64,13 @@ fn outlines_in_photos_are_measured_by_area_and_by_detection() {
     let figure = |path: &str| number(measured.pointer(path).unwrap_or_else(|| panic!("no {path}")));
     // A mask's outline cuts its corners, by half of half a pixel's square each.
     for (path, expected) in [
-        ("/area_by_building/iou", (2.0 / 3.0 + 1.0) / 2.0),
+        ("/area_by_building/iou", f64::midpoint(2.0 / 3.0, 1.0)),
         ("/area_by_building/precision", 0.9),
         ("/area_by_building/recall", 0.9),
         ("/area_by_photo/f1", 0.9),
         ("/detection/precision", 2.0 / 3.0),
         ("/detection/recall", 1.0),
-        ("/detection_by_photo/f1", (2.0 / 3.0 + 1.0) / 2.0),
+        ("/detection_by_photo/f1", f64::midpoint(2.0 / 3.0, 1.0)),
     ] {
         assert!((figure(path) - expected).abs() < 0.004, "{path}: {} {expected}", figure(path));
     }
