@@ -4,11 +4,16 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::ui::warn_of_unfinished;
+use geo::Area as _;
+use geo_types::MultiPolygon;
+
+use super::ui::{Ui, warn_of_unfinished};
 use super::{Failure, Global, print, print_json};
+use sizeup_footprints::{Annotated, FootprintError, PhotoInstances, coco_instances, is_coco};
 use sizeup_geo::crs::Crs;
+use sizeup_geo::paths::file_name;
 use sizeup_lab::evaluate::read::TruthOptions;
-use sizeup_lab::evaluate::{CloudTruthOptions, Comparison, HeightOptions, compare_files};
+use sizeup_lab::evaluate::{CloudTruthOptions, Comparison, HeightOptions, PhotoAreas, compare_files, evaluate_photos};
 use sizeup_results::output::HeightReference;
 
 /// Arguments of `sizeup evaluate`.
@@ -17,12 +22,13 @@ use sizeup_results::output::HeightReference;
   sizeup evaluate result/city.city.json truth.geojson
   sizeup evaluate result/city.gpkg lod2.city.json --height-reference ridge --json
   sizeup evaluate result/city.city.json lod2.city.json --same-vertical
-  sizeup evaluate result/city.city.json lidar.laz --truth-crs EPSG:7415")]
+  sizeup evaluate result/city.city.json lidar.laz --truth-crs EPSG:7415
+  sizeup evaluate outlines-in-photos.json SET/test.json")]
 pub struct EvaluateArgs {
-    /// Result: CityJSON, a vector layer with a height attribute, or OBJ.
+    /// Result: CityJSON, a vector layer with a height attribute, or OBJ; outlines in photos as COCO.
     pub result: PathBuf,
-    /// Reference: CityJSON of any version and level of detail, a vector layer with a height attribute, OBJ, or a point
-    /// cloud (LAS, LAZ, or XYZ with instance ids).
+    /// Reference: CityJSON of any version and level of detail, a vector layer with a height attribute, OBJ, a point
+    /// cloud (LAS, LAZ, or XYZ with instance ids), or outlines in the same photos as COCO.
     pub truth: PathBuf,
     /// Height attribute of the reference, metres above ground.
     #[arg(long, value_name = "NAME")]
@@ -64,6 +70,16 @@ pub struct EvaluateArgs {
     /// Level of the ground of a point cloud without ground points, metres.
     #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
     pub ground: Option<f64>,
+    /// For outlines in photos: leave out instances of the result with a lower score, 0 to 1.
+    #[arg(long, value_name = "SCORE", default_value_t = 0.0)]
+    pub min_score: f32,
+    /// For outlines in photos: smaller ones of both files count for nothing, pixels².
+    #[arg(long, value_name = "PIXELS", default_value_t = 64.0)]
+    pub min_area: f64,
+    /// For outlines in photos: the result outlines roofs, each with an "offset" in pixels from the wall's foot to the roof,
+    /// by which it is moved back.
+    #[arg(long)]
+    pub roof_offset: bool,
 }
 
 /// Which height of a pitched roof, on the command line.
@@ -83,8 +99,15 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
     if !(0.0..=100.0).contains(&args.roof_percentile) {
         return Err(Failure::from_text(2, format!("--roof-percentile {}: expected 0 to 100", args.roof_percentile)));
     }
+    if !(0.0..=1.0).contains(&args.min_score) || !args.min_area.is_finite() || args.min_area < 0.0 {
+        let found = format!("--min-score {}, --min-area {}", args.min_score, args.min_area);
+        return Err(Failure::from_text(2, format!("{found}: expected a score of 0 to 1 and an area of at least 0")));
+    }
     // A wrong definition is a wrong call, whatever the files are.
     args.truth_crs.as_ref().map(parse).transpose()?;
+    if is_coco(&args.truth) {
+        return in_photos(args, global);
+    }
     let comparison = Comparison {
         result: args.result.clone(),
         truth: args.truth.clone(),
@@ -114,6 +137,50 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
         seed: 0,
     };
     let report = compare_files(&comparison).map_err(|e| Failure::new(3, &e))?;
+    if global.json {
+        print_json(&report)?;
+    } else {
+        print(&report)?;
+    }
+    Ok(0)
+}
+
+/// Outlines in photos, both files COCO.
+fn in_photos(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
+    let failed = |e: FootprintError| Failure::new(3, &e);
+    let annotated = if args.roof_offset { Annotated::RoofAndOffset } else { Annotated::Outline };
+    let truth = coco_instances(&args.truth, None, Annotated::Outline, 0.0).map_err(failed)?;
+    let found = coco_instances(&args.result, Some(&args.truth), annotated, args.min_score).map_err(failed)?;
+    let large = |of: &PhotoInstances| -> Vec<MultiPolygon<f64>> {
+        of.shapes_px.iter().filter(|s| s.unsigned_area() >= args.min_area).cloned().collect()
+    };
+    let mut n_listed = 0;
+    let mut photos = Vec::with_capacity(truth.len());
+    for photo in &truth {
+        let same = |f: &&PhotoInstances| f.name == photo.name;
+        let same_file = |f: &&PhotoInstances| file_name(&f.name) == file_name(&photo.name);
+        let mut by_file = found.iter().filter(same_file);
+        let theirs = found.iter().find(same).or_else(|| by_file.next().filter(|_| by_file.next().is_none()));
+        if let Some(theirs) = theirs.filter(|theirs| theirs.size != photo.size) {
+            let ([w, h], [width, height]) = (theirs.size, photo.size);
+            let problem = format!("{}: {} is {w} × {h} pixels there", args.result.display(), photo.name);
+            let hint = "outlines are compared in the photo's own pixels";
+            return Err(Failure::from_text(3, format!("{problem}, {width} × {height} in the reference\nhint: {hint}")));
+        }
+        n_listed += usize::from(theirs.is_some());
+        photos.push(PhotoAreas::of(&theirs.map(large).unwrap_or_default(), &large(photo)));
+    }
+    if n_listed == 0 {
+        let problem =
+            format!("{} lists none of the {} photos of {}", args.result.display(), truth.len(), args.truth.display());
+        return Err(Failure::from_text(3, format!("{problem}\nhint: photos are matched by their file names")));
+    }
+    if n_listed < truth.len() {
+        let n = truth.len() - n_listed;
+        Ui::new(global)
+            .say(format!("warning: {n} of {} photos are not in the result: nothing found there", truth.len()));
+    }
+    let report = evaluate_photos(&photos);
     if global.json {
         print_json(&report)?;
     } else {

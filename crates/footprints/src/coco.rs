@@ -5,6 +5,7 @@
 //! columns, background first. Source: the format's own description (cocodataset.org, "data format").
 
 use std::collections::BTreeMap;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use geo::{BooleanOps as _, CoordsIter as _, MakeValid as _, MapCoords as _, Translate as _, Validation as _};
@@ -13,7 +14,7 @@ use serde::Deserialize;
 
 use super::layer::FootprintError;
 use super::outlines::{Look, ViewFault};
-use super::vectorise::{Instances, Outline, Vectorising, outlines};
+use super::vectorise::{Instances, MaskFault, Outline, Vectorising, outlines};
 use sizeup_geo::paths;
 use sizeup_geo::template;
 use sizeup_heights::raster::Raster;
@@ -53,6 +54,9 @@ struct Annotation {
     #[serde(default)]
     score: Option<f32>,
     segmentation: Segmentation,
+    /// From a wall's foot to its roof, x and y in pixels, where a program says so.
+    #[serde(default)]
+    offset: Option<serde_json::Value>,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -84,14 +88,22 @@ pub(super) struct CocoFile {
     by_name: BTreeMap<String, Buildings>,
 }
 
-/// Reads a file; `category` is a name or a number.
-pub(super) fn read(path: &Path, category: Option<&str>) -> Result<CocoFile, FootprintError> {
-    let refuse = |problem: String, hint: &str| FootprintError::Masks { problem, hint: hint.to_owned() };
+fn refuse(problem: String, hint: &str) -> FootprintError {
+    FootprintError::Masks { problem, hint: hint.to_owned() }
+}
+
+fn parse<T: serde::de::DeserializeOwned>(path: &Path, expected: &str) -> Result<T, FootprintError> {
     let shown = path.display();
     let file = std::fs::File::open(path)
         .map_err(|e| refuse(format!("cannot read {shown}: {e}"), "`path` is the COCO JSON file"))?;
-    let document: Document = serde_json::from_reader(std::io::BufReader::new(file))
-        .map_err(|e| refuse(format!("{shown} is no COCO file: {e}"), "expected images, annotations and categories"))?;
+    serde_json::from_reader(std::io::BufReader::new(file))
+        .map_err(|e| refuse(format!("{shown} is no COCO file: {e}"), expected))
+}
+
+/// Reads a file; `category` is a name or a number.
+pub(super) fn read(path: &Path, category: Option<&str>) -> Result<CocoFile, FootprintError> {
+    let shown = path.display();
+    let document: Document = parse(path, "expected images, annotations and categories")?;
     let wanted: Option<Vec<i64>> = match category {
         None => None,
         Some(wanted) => {
@@ -150,31 +162,15 @@ impl CocoFile {
                 path: self.path.clone(),
                 reason: format!("its annotation {} of this photo is {reason}", i + 1),
             };
-            let shape_px = match shape {
-                Segmentation::Polygons(parts) => {
-                    within(polygons(parts).map_err(unusable)?, [image.width, image.height])
-                }
-                Segmentation::Runs { size, counts } => {
-                    if *size != [image.height, image.width] {
-                        return Err(unusable(format!(
-                            "a mask of {} × {} pixels in an image of {} × {}",
-                            size[1], size[0], image.width, image.height
-                        )));
-                    }
-                    let (mask, origin) = decode(*size, counts).map_err(unusable)?;
-                    let how = Vectorising {
-                        instances: Instances::ByLabel,
-                        min_area_px2: look.min_area_px2 / (scale[0] * scale[1]),
-                        tolerance_px: look.tolerance_px / scale[0].max(scale[1]),
-                    };
-                    let parts =
-                        outlines(&mask, how).map_err(|fault| ViewFault::Mask { path: self.path.clone(), fault })?;
-                    parts.into_iter().next().map_or_else(
-                        || MultiPolygon::new(Vec::new()),
-                        |o| o.shape_px.translate(origin[0] as f64, origin[1] as f64),
-                    )
-                }
+            let how = Vectorising {
+                instances: Instances::ByLabel,
+                min_area_px2: look.min_area_px2 / (scale[0] * scale[1]),
+                tolerance_px: look.tolerance_px / scale[0].max(scale[1]),
             };
+            let shape_px = shape.outline([image.width, image.height], how).map_err(|fault| match fault {
+                ShapeFault::Unusable(reason) => unusable(reason),
+                ShapeFault::Mask(fault) => ViewFault::Mask { path: self.path.clone(), fault },
+            })?;
             if shape_px.0.is_empty() {
                 continue;
             }
@@ -187,6 +183,153 @@ impl CocoFile {
         }
         Ok(found)
     }
+}
+
+/// Why an annotation gives no outline.
+#[derive(Debug, thiserror::Error)]
+enum ShapeFault {
+    #[error("{0}")]
+    Unusable(String),
+    #[error("a mask without outlines: {0}")]
+    Mask(MaskFault),
+}
+
+impl Segmentation {
+    /// The outline in an image, pixels of that.
+    fn outline(&self, [width, height]: [u32; 2], how: Vectorising) -> Result<MultiPolygon<f64>, ShapeFault> {
+        match self {
+            Self::Polygons(parts) => Ok(within(polygons(parts).map_err(ShapeFault::Unusable)?, [width, height])),
+            Self::Runs { size, counts } => {
+                if *size != [height, width] {
+                    return Err(ShapeFault::Unusable(format!(
+                        "a mask of {} × {} pixels in an image of {width} × {height}",
+                        size[1], size[0]
+                    )));
+                }
+                let (mask, origin) = decode(*size, counts).map_err(ShapeFault::Unusable)?;
+                let parts = outlines(&mask, how).map_err(ShapeFault::Mask)?;
+                Ok(parts.into_iter().next().map_or_else(
+                    || MultiPolygon::new(Vec::new()),
+                    |o| o.shape_px.translate(origin[0] as f64, origin[1] as f64),
+                ))
+            }
+        }
+    }
+}
+
+/// The part of a building that a COCO file's annotations outline.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Annotated {
+    /// The outline that is to be compared.
+    #[default]
+    Outline,
+    /// Roofs, each with an `offset`, x and y in pixels, from the wall's foot to the roof (BONAI's convention): the outline on
+    /// the ground is the roof's, moved back by it.
+    RoofAndOffset,
+}
+
+/// The instances of one photo.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PhotoInstances {
+    /// The photo's file name.
+    pub name: String,
+    /// Columns and rows.
+    pub size: [u32; 2],
+    /// Outlines, pixels; they may overlap.
+    pub shapes_px: Vec<MultiPolygon<f64>>,
+}
+
+/// All instances of a COCO file by photo, in the order of their ids, whoever wrote it. A bare list of annotations, as detectors
+/// write their results, belongs to the photos of `images_of`. Instances whose score is below `min_score` are left out.
+///
+/// # Errors
+/// [`FootprintError::Masks`] for a file that cannot be used, with the annotation.
+pub fn coco_instances(
+    path: &Path,
+    images_of: Option<&Path>,
+    annotated: Annotated,
+    min_score: f32,
+) -> Result<Vec<PhotoInstances>, FootprintError> {
+    #[derive(Deserialize)]
+    struct Images {
+        images: Vec<Image>,
+    }
+    let shown = path.display();
+    let (images, annotations) = if is_list(path) {
+        let annotations: Vec<Annotation> =
+            parse(path, "expected a list of annotations with image_id and segmentation")?;
+        let Some(of) = images_of else {
+            return Err(refuse(
+                format!("{shown} is a list of annotations and names no photos"),
+                "expected images, annotations and categories",
+            ));
+        };
+        (parse::<Images>(of, "expected images")?.images, annotations)
+    } else {
+        let document: Document = parse(path, "expected images, annotations and categories, or a list of annotations")?;
+        (document.images, document.annotations)
+    };
+    let mut photos: BTreeMap<i64, PhotoInstances> = BTreeMap::new();
+    for image in images {
+        let photo = PhotoInstances { name: image.file_name, size: [image.width, image.height], shapes_px: Vec::new() };
+        photos.insert(image.id, photo);
+    }
+    for (i, annotation) in annotations.iter().enumerate().filter(|(_, a)| a.score.unwrap_or(1.0) >= min_score) {
+        let at = format!("{shown}: annotation {}", i + 1);
+        let Some(photo) = photos.get_mut(&annotation.image_id) else {
+            return Err(refuse(
+                format!("{at} is of photo {}, which is not among the images", annotation.image_id),
+                "annotations name their photo by `image_id`; are both files of the same photos?",
+            ));
+        };
+        let how = Vectorising { instances: Instances::ByLabel, min_area_px2: 0.0, tolerance_px: 0.0 };
+        let shape = annotation.segmentation.outline(photo.size, how).map_err(|fault| {
+            refuse(format!("{at} of {} is {fault}", photo.name), "polygons, or run lengths of the photo's size")
+        })?;
+        photo.shapes_px.push(match annotated {
+            Annotated::Outline => shape,
+            Annotated::RoofAndOffset => {
+                let [x, y] = annotation.offset().ok_or_else(|| {
+                    refuse(
+                        format!("{at} of {} has no offset", photo.name),
+                        "expected `\"offset\": [x, y]`, pixels, beside each roof",
+                    )
+                })?;
+                within(shape.translate(-x, -y), photo.size)
+            }
+        });
+    }
+    Ok(photos.into_values().collect())
+}
+
+impl Annotation {
+    fn offset(&self) -> Option<[f64; 2]> {
+        let offset: [f64; 2] = serde_json::from_value(self.offset.clone()?).ok()?;
+        offset.iter().all(|v| v.is_finite()).then_some(offset)
+    }
+}
+
+/// Whether a file's JSON is a list; not where it cannot be read, which reading it will say.
+fn is_list(path: &Path) -> bool {
+    let first = |file| std::io::BufReader::new(file).bytes().find(|b| !matches!(b, Ok(b) if b.is_ascii_whitespace()));
+    matches!(std::fs::File::open(path).ok().and_then(first), Some(Ok(b'[')))
+}
+
+/// Whether a JSON file is COCO: a list of annotations, or images with annotations.
+#[must_use]
+pub fn is_coco(path: &Path) -> bool {
+    #[derive(Deserialize)]
+    struct Parts {
+        images: Option<Vec<serde::de::IgnoredAny>>,
+        annotations: Option<Vec<serde::de::IgnoredAny>>,
+    }
+    let is_json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    is_json
+        && (is_list(path)
+            || std::fs::File::open(path)
+                .ok()
+                .and_then(|file| serde_json::from_reader::<_, Parts>(std::io::BufReader::new(file)).ok())
+                .is_some_and(|parts| parts.images.is_some() && parts.annotations.is_some()))
 }
 
 /// What lies in the image, as outlines that neither cross themselves nor each other: what they hold an odd number of

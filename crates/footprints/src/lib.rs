@@ -43,6 +43,7 @@ mod write;
 pub use cadastre::{CadastreConfig, Change, OutlineFrom};
 pub use candidate::{Candidate, SeenGround};
 pub use cluster::Dropped;
+pub use coco::{Annotated, PhotoInstances, coco_instances, is_coco};
 pub use consensus::{Agreed, Consensus, ConsensusConfig, agree};
 pub use detect::{Detection, DetectionSummary, PlacedCandidate, Sighting, Track, Tracks, detect, move_roofs};
 pub use georeference::AccuracyConfig;

@@ -1,18 +1,14 @@
 //! The paper's Table 1: per photo, instances found against instances on the ground.
 //!
-//! Two instances are one building if their intersection over union is a half or more; as instances of a photo do not overlap,
-//! no building has two partners. Per photo, over its instances of at least [`LEAST_PX`] pixels:
-//!
-//! ```text
-//! precision = pairs / found,   recall = pairs / true,   F1 = 2 pairs / (found + true),   IoU: of all buildings' pixels
-//! ```
-//!
-//! and then the mean over photos. Outlines come through the same code as in `sizeup footprints`: tiles, borders, contours.
+//! The protocol is `sizeup_lab::evaluate::photos`, as in `sizeup evaluate`: areas of each true instance and its counterpart,
+//! and detection at an intersection over union of a half beside them. Instances below [`LEAST_PX`] pixels count for nothing.
+//! The IoU of pixels is that of all buildings of a photo together, mean over photos: it does not see whether they are told apart.
+//! Outlines come through the same code as in `sizeup footprints`: tiles, borders, contours.
 
 mod matching;
 mod sources;
 
-pub use matching::{Counts, compare};
+pub use matching::{Compared, compare};
 pub use sources::{Row, fill};
 
 use std::path::Path;
@@ -20,6 +16,7 @@ use std::path::Path;
 use serde::Serialize;
 use sizeup_footprints::Look;
 use sizeup_heights::raster::Raster;
+use sizeup_lab::evaluate::{PhotoAreas, PhotoEvaluation, evaluate_photos};
 
 use crate::TrainError;
 use crate::dataset::Split;
@@ -38,45 +35,22 @@ const SHOWN: usize = 3;
 pub struct Measured {
     /// What was measured.
     pub name: String,
-    /// Photos.
-    pub n_photos: usize,
-    /// Buildings in photos.
-    pub n_true: usize,
-    /// What was found in them.
-    pub n_found: usize,
-    /// Pairs of the two.
-    pub n_pairs: usize,
-    /// Mean over photos, shares of 1.
-    pub iou: f64,
-    /// Mean over photos.
-    pub precision: f64,
-    /// Mean over photos.
-    pub recall: f64,
-    /// Mean over photos.
-    pub f1: f64,
-    /// Mean intersection over union of the pairs.
-    pub iou_of_pairs: f64,
+    /// Intersection over union of all buildings' pixels, mean over photos.
+    pub iou_of_pixels: f64,
+    /// Measures by instances.
+    pub instances: PhotoEvaluation,
 }
 
 impl Measured {
-    /// The mean over photos.
+    /// The measures of photos.
     #[must_use]
-    pub fn of(name: &str, photos: &[Counts]) -> Self {
-        let n = photos.len().max(1) as f64;
-        let mean = |f: fn(&Counts) -> f64| photos.iter().map(f).sum::<f64>() / n;
-        let sum = |f: fn(&Counts) -> usize| photos.iter().map(f).sum::<usize>();
-        let (n_true, n_found, n_pairs) = (sum(|c| c.n_true), sum(|c| c.n_found), sum(|c| c.n_pairs));
+    pub fn of(name: &str, photos: &[Compared]) -> Self {
+        let areas: Vec<PhotoAreas> = photos.iter().map(|p| p.areas.clone()).collect();
+        let sum: f64 = photos.iter().map(Compared::iou_of_pixels).sum();
         Self {
             name: name.to_owned(),
-            n_photos: photos.len(),
-            n_true,
-            n_found,
-            n_pairs,
-            iou: mean(Counts::iou),
-            precision: mean(Counts::precision),
-            recall: mean(Counts::recall),
-            f1: mean(Counts::f1),
-            iou_of_pairs: photos.iter().map(|c| c.iou_of_pairs).sum::<f64>() / n_pairs.max(1) as f64,
+            iou_of_pixels: sum / photos.len().max(1) as f64,
+            instances: evaluate_photos(&areas),
         }
     }
 }
@@ -85,12 +59,26 @@ impl Measured {
 #[must_use]
 pub fn table(rows: &[Measured]) -> String {
     let mut text = String::from(
-        "| | IoU | precision | recall | F1 | IoU of pairs | found / true |\n|---|---|---|---|---|---|---|\n",
+        "| | area by building: IoU | P | R | F1 | area by photo: IoU | F1 | detection by photo: P | R | F1 | IoU of pixels | found / true |\n\
+         |---|---|---|---|---|---|---|---|---|---|---|---|\n",
     );
     for row in rows {
-        let [iou, p, r, f1, pairs] =
-            [row.iou, row.precision, row.recall, row.f1, row.iou_of_pairs].map(|v| format!("{:.1}", 100.0 * v));
-        text += &format!("| {} | {iou} | {p} | {r} | {f1} | {pairs} | {} / {} |\n", row.name, row.n_found, row.n_true);
+        let i = &row.instances;
+        let (area, photo, hit) = (&i.area_by_building, &i.area_by_photo, &i.detection_by_photo);
+        let figures = [
+            area.iou,
+            area.precision,
+            area.recall,
+            area.f1,
+            photo.iou,
+            photo.f1,
+            hit.precision,
+            hit.recall,
+            hit.f1,
+            row.iou_of_pixels,
+        ];
+        let figures = figures.map(|v| format!("{:.1}", 100.0 * v)).join(" | ");
+        text += &format!("| {} | {figures} | {} / {} |\n", row.name, i.n_found, i.n_truth);
     }
     text
 }

@@ -7,12 +7,17 @@ use candle_core::{Device, Tensor};
 use sizeup_training::dataset::load::Set;
 use sizeup_training::dataset::manifest::{FILE, FileEntry, Manifest};
 use sizeup_training::dataset::{DatasetConfig, Split, make};
-use sizeup_training::network::FeatureConfig;
+use sizeup_training::network::evaluate::logits;
+use sizeup_training::network::parameters::Parameters;
+use sizeup_training::network::{FeatureConfig, Input, NetworkConfig};
 use sizeup_training::train::checkpoint::Checkpoint;
+use sizeup_training::train::loss::{loss, overlap};
+use sizeup_training::train::optimise::Moments;
 use sizeup_training::train::run::{LAST, Training};
+use sizeup_training::train::sample::Batch;
 use sizeup_training::train::{TrainConfig, features};
 
-use crate::scene::{quick, villages};
+use crate::scene::{quick, small_network, villages};
 
 /// Changes a file of a set and the manifest with it, as somebody would who makes sets by other means.
 fn replace(root: &Path, name: &str, bytes: &[u8]) {
@@ -189,6 +194,49 @@ fn features_of_the_wrong_shape_are_named() {
     read("tex2", 3).unwrap();
     refused(read("tex2", 256), &["a.safetensors", "expected 256", "[3, 8, 8]"]);
     refused(read("geo", 3), &["expected a feature \"geo\"", "tex2"]);
+}
+
+/// One building of 2 × 2 pixels in 64 × 64, a thousand to one, brighter than the ground; then none at all, and nothing known.
+#[test]
+fn a_building_in_a_thousand_pixels_is_learned_and_none_at_all_is_no_failure() {
+    let config = TrainConfig {
+        network: NetworkConfig { inputs: vec![Input::Image], ..small_network() },
+        learning_rate: 1e-2,
+        // It says "none" for about 400 steps, and then finds it.
+        steps: 800,
+        ..quick()
+    };
+    let side = 64;
+    let is_built = |i: usize| (40..42).contains(&(i % side)) && (23..25).contains(&(i / side));
+    let batch = |building: &dyn Fn(usize) -> bool, known: f32| {
+        let tensor = |values: Vec<f32>, channels: usize| {
+            Tensor::from_vec(values, (1, channels, side, side), &Device::Cpu).unwrap()
+        };
+        let target: Vec<f32> = (0..side * side).map(|i| f32::from(u8::from(building(i)))).collect();
+        let image: Vec<f32> = target.iter().enumerate().map(|(i, t)| t + 0.1 * (i % 7) as f32).collect();
+        let borders = vec![0.0; side * side];
+        Batch {
+            inputs: vec![("image".to_owned(), tensor([&image[..]; 3].concat(), 3))],
+            target: tensor([target, borders].concat(), 2),
+            weight: tensor(vec![known; side * side], 1),
+        }
+    };
+    let parameters = Parameters::new(&config.network, 1, candle_core::DType::F32, &Device::Cpu).unwrap();
+    let mut moments = Moments::new(&parameters).unwrap();
+    let given = batch(&is_built, 1.0);
+    let look = |given: &Batch| logits(&config.network, &parameters, &given.inputs, (side, side)).unwrap();
+    for step in 1..=config.steps {
+        let gradients = loss(&look(&given), &given, &config.loss).unwrap().backward().unwrap();
+        moments.step(&parameters, &gradients, &config, step).unwrap();
+    }
+    let (both, either) = overlap(&look(&given), &given).unwrap();
+    assert!(both >= 3.0 && either <= 6.0, "{both} of {either} pixels");
+    for given in [batch(&|_| false, 1.0), batch(&is_built, 0.0)] {
+        let lost = loss(&look(&given), &given, &config.loss).unwrap();
+        let gradients = lost.backward().unwrap();
+        let length = Moments::new(&parameters).unwrap().step(&parameters, &gradients, &config, 1).unwrap();
+        assert!(lost.to_scalar::<f32>().unwrap().is_finite() && length.is_finite());
+    }
 }
 
 /// A limit on the size of files stands in for a full disk: writing fails half way, and the signal for it is ignored.

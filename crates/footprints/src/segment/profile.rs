@@ -73,6 +73,9 @@ pub struct SegmenterProfile {
     pub gives: Gives,
     /// Function that turns them into probabilities.
     pub activation: Activation,
+    /// Where a second map tells borders: their probability up to which a pixel is the core of a building, 0 to 1.
+    #[serde(default = "default_core")]
+    pub core: f32,
     /// Names of the instances' scores, through the same activation.
     #[serde(default)]
     pub scores: Vec<String>,
@@ -84,6 +87,10 @@ pub struct SegmenterProfile {
     pub backbones: Vec<Backbone>,
     /// Licence of its weights.
     pub licence: String,
+}
+
+fn default_core() -> f32 {
+    0.5
 }
 
 /// The profiles that come with sizeup.

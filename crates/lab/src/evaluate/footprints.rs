@@ -91,7 +91,7 @@ pub struct OutlinePair {
     pub truth: usize,
     /// Into the result.
     pub result: usize,
-    /// What both cover, m².
+    /// What both cover, m²; pixels² of outlines in a photo.
     pub shared_m2: f64,
     /// Intersection over union.
     pub iou: f64,
@@ -184,8 +184,12 @@ pub fn match_outlines(results: &[MultiPolygon<f64>], truth: &[MultiPolygon<f64>]
             near.into_iter().filter_map(pair).collect()
         })
         .collect();
-    let mut pairs: Vec<OutlinePair> =
-        islands(&overlaps, results.len()).iter().flat_map(|island| assign(island)).collect();
+    best_pairs(&overlaps, results.len())
+}
+
+/// One-to-one pairs among overlaps, one list per building of the reference.
+pub(super) fn best_pairs(overlaps: &[Vec<OutlinePair>], n_results: usize) -> Vec<OutlinePair> {
+    let mut pairs: Vec<OutlinePair> = islands(overlaps, n_results).iter().flat_map(|island| assign(island)).collect();
     pairs.sort_by_key(|pair| pair.truth);
     pairs
 }

@@ -8,6 +8,7 @@
 //! |---|---|---|
 //! | heights | `heights` | one number per building |
 //! | outlines | [`footprints`] | areas, buildings found, corners |
+//! | outlines in photos | [`photos`] | areas and buildings found, photo by photo |
 //! | surface | `surface` | walls and roofs, by distance |
 //! | volume | `volume`, `columns` | bodies, by what they have in common |
 //!
@@ -23,6 +24,7 @@ mod heights;
 mod levels;
 mod matching;
 mod parts;
+pub mod photos;
 mod pictures;
 pub mod read;
 mod report;
@@ -43,6 +45,7 @@ pub use footprints::{FOOTPRINT_DEFINITIONS, FootprintEvaluation, evaluate_footpr
 pub use heights::{BuildingError, GroupStatistics, HeightEvaluation, HeightOptions, MatchCounts, evaluate_heights};
 pub use levels::{Agreement, LevelAgreement, LevelError};
 pub use matching::{Match, Matching, match_buildings};
+pub use photos::{PHOTO_DEFINITIONS, PhotoAreas, PhotoEvaluation, evaluate_photos};
 pub use pictures::{reliability, write_pictures};
 pub use report::EvaluationReport;
 pub use statistics::{DEFINITIONS, HeightStatistics};
