@@ -181,8 +181,9 @@ fn roofs_are_solids_beside_the_blocks_and_come_back_from_the_files() {
     geopackage::write(&path("town.gpkg"), &town.model(), &GeoPackageConfig::default()).unwrap();
     assert_valid_cityjson(&path("town.city.json"));
     let found = sizeup::output::validate::validate_file(&path("town.city.json"), &ValidateConfig::default()).unwrap();
-    assert!(found.is_valid() && found.n_geometries == 6, "{found:?}");
+    assert!(found.is_valid() && found.n_geometries == 7, "{found:?}");
 
+    // Four blocks, two of them with roofs besides, and one outline on the ground.
     let objects = read_json(&path("town.city.json"))["CityObjects"].clone();
     let lods = |id: &str| -> Vec<String> {
         let all = objects[id]["geometry"].as_array().unwrap();

@@ -211,7 +211,7 @@ fn qgis_takes_a_compound_crs_without_a_code_and_a_level_for_the_ground() {
 }
 
 #[test]
-fn qgis_draws_the_buildings_as_prisms_in_3d() {
+fn qgis_draws_outlines_and_solids_in_3d() {
     if !has_qgis() {
         return;
     }
@@ -220,10 +220,18 @@ fn qgis_draws_the_buildings_as_prisms_in_3d() {
     let path = folder.path().join("town.gpkg");
     let town = town();
     geopackage::write(&path, &town.model(), &GeoPackageConfig::default()).unwrap();
+    for (layer, name) in [("buildings", "qgis-3d.png"), ("buildings_lod2", "qgis-3d-lod2.png")] {
+        stands_as_it_is(&display, &path, layer, &picture(name));
+    }
+}
+
+fn stands_as_it_is(display: &Path, path: &Path, layer: &str, picture: &Path) {
     let output = Command::new(display)
         .args(["-a", "-s", "-screen 0 1280x1024x24", PYTHON])
         .arg(script("scene.py"))
-        .args([&path, &picture("qgis-3d.png")])
+        .arg(path)
+        .arg(layer)
+        .arg(picture)
         .output()
         .unwrap();
     let stdout = String::from_utf8_lossy(&output.stdout);

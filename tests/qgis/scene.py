@@ -1,7 +1,7 @@
-"""Draws the buildings of a GeoPackage in QGIS's 3D view, as they come styled; then looks at them from the south, from
+"""Draws the buildings of a GeoPackage, outlines or solids, in QGIS's 3D view, as they come styled; then looks at them from the south, from
 afar, and says how wide and high each group of them is on the picture.
 
-    xvfb-run -a /usr/bin/python3 tests/qgis/scene.py city.gpkg scene.png
+    xvfb-run -a /usr/bin/python3 tests/qgis/scene.py city.gpkg buildings_lod2 scene.png
 
 QGIS 3.22 shows 3D to Python through the 3D map of a print layout only, and that one is set up from XML. It needs a
 display with OpenGL: a virtual one with software rendering will do.
@@ -45,13 +45,14 @@ SCENE = """<qgis3d>
 
 
 def main():
-    if len(sys.argv) != 3:
+    if len(sys.argv) != 4:
         raise SystemExit(__doc__)
     application = QgsApplication([], True)
     application.initQgis()
     Qgs3D.initialize()
     project = QgsProject.instance()
-    layer = QgsVectorLayer(f"{sys.argv[1]}|layername=buildings", "buildings", "ogr")
+    name, picture = sys.argv[2:]
+    layer = QgsVectorLayer(f"{sys.argv[1]}|layername={name}", name, "ogr")
     project.setCrs(layer.crs())
     project.addMapLayer(layer)
     extent = layer.extent()
@@ -73,8 +74,8 @@ def main():
     settings.setLayers([layer])
 
     size = max(extent.width(), extent.height())
-    result = draw(project, settings, sys.argv[2], (ground + roof) / 2, 1.3 * size, 50, 30, 100)
-    side = sys.argv[2] + ".side.png"
+    result = draw(project, settings, picture, (ground + roof) / 2, 1.3 * size, 50, 30, 100)
+    side = picture + ".side.png"
     result = result or draw(project, settings, side, (ground + roof) / 2, 8 * size, 90, 0, 250)
     json.dump({"result": result, "groups": groups(side)}, sys.stdout)
     sys.stdout.flush()

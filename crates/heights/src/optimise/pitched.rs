@@ -233,7 +233,7 @@ impl<'a> Shape<'a> {
         (self.form == RoofForm::Gable).then_some(along)
     }
 
-    /// Its gables along its axes, rows, the main body's first.
+    /// Gables of it along its axes, rows, the main body's first.
     pub fn gables(&self) -> (Mat2, Vec<Gable>) {
         let alone = || vec![Gable::new(self.middle - self.half, self.middle + self.half, true)];
         (self.axes, self.wings.as_ref().map_or_else(alone, |wings| wings.gables().to_vec()))

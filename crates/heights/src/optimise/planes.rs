@@ -42,7 +42,7 @@ pub struct RoofPlane {
 }
 
 impl RoofPlane {
-    /// Its height above the building's ground at a point of the local frame, metres.
+    /// Height of it above the building's ground at a point of the local frame, metres.
     #[must_use]
     pub fn height_m(&self, at: DVec2) -> f64 {
         self.level_m + self.slope.dot(at)

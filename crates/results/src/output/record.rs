@@ -50,7 +50,7 @@ impl Status {
 /// The roof that the photos support.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RoofShape {
-    /// Its form.
+    /// Form of it.
     pub form: RoofForm,
     /// Lowest edge above the ground level, metres.
     pub eave_height_m: f64,

@@ -1,6 +1,6 @@
 //! Bodies from files, brought into one CRS, and to OBJ.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use super::super::read::HEIGHT_FIELDS;
 use super::{Facet, Prism, Solid, normal, triangulate};
 use sizeup_geo::crs::{Crs, CrsError, Transform, VerticalReference};
 use sizeup_geo::files::{self, FileError, write_whole};
-use sizeup_results::output::cityjson::read::{CityFile, CitySurface};
+use sizeup_results::output::cityjson::read::{CityFile, CityObject, CitySurface};
 use sizeup_results::output::prism::Surface;
 use sizeup_results::output::read::{FoundBuildings, ReadError, ReadOptions, height_unit_m};
 
@@ -137,18 +137,33 @@ fn of_city(
     let vertices: Vec<DVec3> = city.vertices.iter().map(moved).collect::<Result<_, _>>().map_err(failed)?;
     // Parts are counted to their parent.
     let mut order: Vec<&str> = Vec::new();
-    let mut surfaces_of: BTreeMap<&str, Vec<&CitySurface>> = BTreeMap::new();
+    let mut objects_of: BTreeMap<&str, Vec<&CityObject>> = BTreeMap::new();
     for object in city.objects.iter().filter(|o| o.kind == "Building" || o.kind == "BuildingPart") {
         let owner = if object.kind == "Building" { &object.id } else { object.parents.first().unwrap_or(&object.id) };
-        let known = surfaces_of.entry(owner).or_insert_with(|| {
+        let known = objects_of.entry(owner).or_insert_with(|| {
             order.push(owner);
             Vec::new()
         });
-        known.extend(object.surfaces(lod));
+        known.push(object);
     }
-    let bodies = order.iter().map(|id| of_surfaces(id, &surfaces_of[id], &vertices));
+    let bodies = order.iter().map(|id| of_objects(id, &objects_of[id], lod, &vertices));
     let (solids, empty): (Vec<Solid>, Vec<Solid>) = bodies.partition(|s| !s.facets.is_empty());
     Ok(Solids { solids, n_without_body: empty.len(), vertical: VerticalReference::of(&from) })
+}
+
+/// A building at one level of detail, or at its highest; its prisms are then those of the highest level that is made of such.
+fn of_objects(id: &str, objects: &[&CityObject], lod: Option<&str>, vertices: &[DVec3]) -> Solid {
+    let at = |lod: Option<&str>| -> Solid {
+        let surfaces: Vec<&CitySurface> = objects.iter().flat_map(|object| object.surfaces(lod)).collect();
+        of_surfaces(id, &surfaces, vertices)
+    };
+    let solid = at(lod);
+    if lod.is_some() || !solid.prisms.is_empty() {
+        return solid;
+    }
+    let lods: BTreeSet<&str> = objects.iter().flat_map(|o| &o.geometries).map(|g| g.lod.as_str()).collect();
+    let prisms = lods.into_iter().rev().map(|lod| at(Some(lod)).prisms).find(|prisms| !prisms.is_empty());
+    Solid { prisms: prisms.unwrap_or_default(), ..solid }
 }
 
 fn of_surfaces(id: &str, surfaces: &[&CitySurface], vertices: &[DVec3]) -> Solid {

@@ -74,7 +74,7 @@ pub fn write<R: Records + ?Sized>(
 /// An area that was worked on by itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TileArea {
-    /// Its name.
+    /// Name of the area.
     pub name: String,
     /// `done`, or why not.
     pub status: &'static str,

@@ -85,7 +85,7 @@ struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    /// Its origin in the map, metres.
+    /// Origin of it in the map, metres.
     fn corner_m(&self) -> [f64; 2] {
         let [x, y, _] = self.grid.metres([self.origin[0], self.origin[1], 0]);
         [x, y]
@@ -312,7 +312,6 @@ mod tests {
             let Some((faces, volume_m3)) = solid(&house) else {
                 assert!(!is_rectangle, "no solid: {house:?}");
                 n_blocks += 1;
-                println!("a block: {form:?} {:?}", outline.exterior());
                 continue;
             };
             assert!(n_roofs(&faces) >= 1);
@@ -323,7 +322,6 @@ mod tests {
                 "{volume_m3} {expected_m3} {house:?}"
             );
         }
-        println!("{n_blocks} of {n} stay blocks");
         // Wings of odd sizes may leave slivers, which no solid is made of.
         assert!(n > 250 && 20 * n_blocks <= n, "{n_blocks} of {n} stay blocks");
     }

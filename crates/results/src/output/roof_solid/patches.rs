@@ -8,8 +8,8 @@ use sizeup_heights::optimise::{RoofPlane, RoofPlanes, Rule};
 
 /// Area of the outline that may be left open, m²: what rounding makes.
 const OPEN_M2: f64 = 1e-4;
-/// Planes that rise alike and are as high are one, metres.
-const SAME_PLANE: f64 = 1e-6;
+/// Planes that differ by less over all of a rectangle are one, metres.
+const SAME_PLANE_M: f64 = 0.002;
 
 /// By plane; `None` where they do not cover the outline. Metres.
 pub(super) fn of(outline: &Polygon<f64>, planes: &RoofPlanes) -> Option<Vec<MultiPolygon<f64>>> {
@@ -42,8 +42,13 @@ fn highest(region: &MultiPolygon<f64>, planes: &[RoofPlane]) -> Vec<MultiPolygon
         let others = (0..planes.len()).filter(|j| *j != i);
         others.fold(region.intersection(&polygon(&over[i])), |patch, j| {
             let lead = above(&planes[j], &planes[i]);
-            let is_same = lead.slope.length() < SAME_PLANE && lead.level_m.abs() < SAME_PLANE;
-            let higher = if is_same && j < i { over[j].clone() } else { clipped(&over[j], &lead) };
+            // Slopes of bodies that are in line are one plane but for rounding: the first has them.
+            let is_same = over[j].iter().all(|corner| lead.height_m(*corner).abs() < SAME_PLANE_M);
+            let higher = match (is_same, j < i) {
+                (true, true) => over[j].clone(),
+                (true, false) => Vec::new(),
+                (false, _) => clipped(&over[j], &lead),
+            };
             if higher.len() < 3 { patch } else { patch.difference(&polygon(&higher)) }
         })
     };

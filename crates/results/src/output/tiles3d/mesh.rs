@@ -17,7 +17,7 @@ use super::place::Place;
 pub struct Block {
     /// The solid on the output grid, as a block.
     pub prism: Prism,
-    /// Its faces with its roof, where that has another form.
+    /// Faces of it with its roof, where that has another form.
     pub roofed: Option<Vec<Face>>,
     /// Its attributes, in the order of the columns.
     pub values: Vec<Value>,
