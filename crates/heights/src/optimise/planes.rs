@@ -7,7 +7,7 @@
 //! others  first of the planes over whose rectangle p lies: the inner level or its gable, then the rest
 //! ```
 
-use glam::{DMat2, DVec2, Mat2};
+use glam::{DMat2, DVec2};
 
 use super::pitched::Shape;
 use super::roof::{Roof, Terrace, smallest_rectangle};
@@ -109,7 +109,7 @@ impl RoofPlanes {
                 let (_, shape) = shapes.max_by(|(a, _), (b, _)| a.total_cmp(b))?;
                 let (axes, gables) = shape.gables();
                 let of_gable = |gable: &Gable| {
-                    let reach = gable.reach.map(|corner| corner.as_dvec2());
+                    let reach = gable.reach.map(glam::Vec2::as_dvec2);
                     let over = Rectangle { axes: axes.as_dmat2(), low: reach[0], high: reach[1] };
                     let across = usize::from(gable.is_along_x);
                     let eaves = [gable.low, gable.high].map(|corner| f64::from(corner[across]));

@@ -151,18 +151,18 @@ fn of_city(
     Ok(Solids { solids, n_without_body: empty.len(), vertical: VerticalReference::of(&from) })
 }
 
-/// A building at one level of detail, or at its highest; its prisms are then those of the highest level that is made of such.
+/// A building at one level of detail, or at its highest; its prisms are then its blocks, those of the lowest level made of such.
 fn of_objects(id: &str, objects: &[&CityObject], lod: Option<&str>, vertices: &[DVec3]) -> Solid {
     let at = |lod: Option<&str>| -> Solid {
         let surfaces: Vec<&CitySurface> = objects.iter().flat_map(|object| object.surfaces(lod)).collect();
         of_surfaces(id, &surfaces, vertices)
     };
     let solid = at(lod);
-    if lod.is_some() || !solid.prisms.is_empty() {
+    if lod.is_some() {
         return solid;
     }
     let lods: BTreeSet<&str> = objects.iter().flat_map(|o| &o.geometries).map(|g| g.lod.as_str()).collect();
-    let prisms = lods.into_iter().rev().map(|lod| at(Some(lod)).prisms).find(|prisms| !prisms.is_empty());
+    let prisms = lods.into_iter().map(|lod| at(Some(lod)).prisms).find(|prisms| !prisms.is_empty());
     Solid { prisms: prisms.unwrap_or_default(), ..solid }
 }
 

@@ -3,7 +3,7 @@
 //! | from | triangles | prisms |
 //! |---|---|---|
 //! | a record of ours, an outline with ground and height | of the extruded outline | one |
-//! | `CityJSON`, any level of detail | of the surfaces | one per roof of the highest level whose roofs are all level |
+//! | `CityJSON`, any level of detail | of the surfaces | one per roof of the lowest level of detail whose roofs are all level |
 //! | OBJ | of the faces, one body per object or group | none |
 //!
 //! Frame: the project's map frame, metres; levels in the file's vertical reference.

@@ -178,8 +178,8 @@ mod tests {
     }
 
     /// A direction as an azimuth, of an angle from the east, counter-clockwise.
-    fn azimuth_deg(turn_deg: f64) -> Option<f64> {
-        Some((90.0 - turn_deg).rem_euclid(180.0))
+    fn azimuth_deg(turn_deg: f64) -> f64 {
+        (90.0 - turn_deg).rem_euclid(180.0)
     }
 
     fn rectangle() -> Polygon<f64> {
@@ -192,7 +192,8 @@ mod tests {
 
     #[test]
     fn a_gable_has_two_slopes_and_gable_ends_of_five_corners() {
-        let shape = RoofShape { ridge_azimuth_deg: azimuth_deg(0.0), ..RoofShape::new(RoofForm::Gable, 4.0, 8.0) };
+        let shape =
+            RoofShape { ridge_azimuth_deg: Some(azimuth_deg(0.0)), ..RoofShape::new(RoofForm::Gable, 4.0, 8.0) };
         let (faces, volume_m3) = solid(&house(&rectangle(), 0.0, shape)).unwrap();
         assert_eq!((n_roofs(&faces), faces.len()), (2, 7));
         let mut corners: Vec<usize> =
@@ -201,7 +202,7 @@ mod tests {
         assert_eq!(corners, [4, 4, 5, 5]);
         // 96 m2, 6 m high in the mean above ground, which is 0.3 m above the base.
         assert!((volume_m3 - 96.0 * 6.3).abs() < 0.1, "{volume_m3}");
-        let across = RoofShape { ridge_azimuth_deg: azimuth_deg(90.0), ..shape };
+        let across = RoofShape { ridge_azimuth_deg: Some(azimuth_deg(90.0)), ..shape };
         let (_, volume_m3) = solid(&house(&rectangle(), 0.0, across)).unwrap();
         assert!((volume_m3 - 96.0 * 6.3).abs() < 0.1, "{volume_m3}");
     }
@@ -225,7 +226,8 @@ mod tests {
         let mut outline = rectangle();
         let yard = [(3.0, 2.0), (3.0, 6.0), (6.0, 6.0), (6.0, 2.0), (3.0, 2.0)];
         outline.interiors_push(yard.iter().map(|&(x, y)| Coord { x, y }).collect::<LineString<f64>>());
-        let shape = RoofShape { ridge_azimuth_deg: azimuth_deg(30.0), ..RoofShape::new(RoofForm::Gable, 4.0, 8.0) };
+        let shape =
+            RoofShape { ridge_azimuth_deg: Some(azimuth_deg(30.0)), ..RoofShape::new(RoofForm::Gable, 4.0, 8.0) };
         let house = house(&outline, 30.0, shape);
         let (_, volume_m3) = solid(&house).unwrap();
         let expected_m3 = rained_m3(&house, 0.02);
@@ -286,7 +288,7 @@ mod tests {
                 let step = (form >= 2).then_some(Terrace { corners, is_upper: is_upper || form == 3, gable });
                 let roof_form = [RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped, RoofForm::Mixed][form];
                 let shape = RoofShape {
-                    ridge_azimuth_deg: azimuth_deg(if is_along_first { turn_deg } else { turn_deg + 90.0 }),
+                    ridge_azimuth_deg: Some(azimuth_deg(if is_along_first { turn_deg } else { turn_deg + 90.0 })),
                     step,
                     ..RoofShape::new(roof_form, eave_m, eave_m + rise_m + 0.4)
                 };

@@ -56,14 +56,14 @@ impl Plan {
                 continue;
             }
             let rings: Vec<Ring> = rings.collect();
-            for edge in rings.iter().flat_map(|ring| edges(ring)) {
+            for edge in rings.iter().flat_map(edges) {
                 if plan.left_of.insert(edge, plane).is_some() {
                     return None;
                 }
             }
             plan.patches.push(Patch { plane, rings });
         }
-        plan.outline = outline.rings().iter().flat_map(|ring| edges(ring)).map(|[a, b]| nodes.along(a, b)).collect();
+        plan.outline = outline.rings().iter().flat_map(edges).map(|[a, b]| nodes.along(a, b)).collect();
         plan.is_whole().then_some(plan)
     }
 
@@ -91,7 +91,7 @@ struct Nodes<'a> {
 
 impl<'a> Nodes<'a> {
     fn of(outline: &SnappedOutline, frame: &'a Frame<'a>) -> Self {
-        let walls = outline.rings().iter().flat_map(|ring| edges(ring)).map(|edge| edge.map(|p| frame.metres(p)));
+        let walls = outline.rings().iter().flat_map(edges).map(|edge| edge.map(|p| frame.metres(p)));
         Self { frame, all: outline.rings().iter().flatten().copied().collect(), outline: walls.collect() }
     }
 
