@@ -96,7 +96,7 @@ mod tests {
             (detection.precision, 2.0 / 3.0),
             (detection.recall, 0.5),
             (detection.f1, 4.0 / 7.0),
-            (measured.iou_of_hits, (0.5 + 9.0 / 11.0) / 2.0),
+            (measured.iou_of_hits, f64::midpoint(0.5, 9.0 / 11.0)),
         ] {
             assert!((found - expected).abs() < 1e-12, "{found} {expected}");
         }

@@ -257,12 +257,12 @@ mod tests {
             four(found.area_by_building),
             [(iou + 0.5) / 3.0, (0.8 + 0.5) / 3.0, (0.8 + 1.0) / 3.0, (0.8 + f1) / 3.0],
         );
-        assert_near(
-            four(found.area_by_photo),
-            [(iou / 2.0 + 0.5) / 2.0, (0.4 + 0.5) / 2.0, (0.4 + 1.0) / 2.0, (0.4 + f1) / 2.0],
-        );
+        assert_near(four(found.area_by_photo), [f64::midpoint(iou / 2.0, 0.5), 0.45, 0.7, f64::midpoint(0.4, f1)]);
         let d = found.detection;
-        assert_near([d.precision, d.recall, d.f1, found.iou_of_hits], [0.5, 2.0 / 3.0, 4.0 / 7.0, (iou + 0.5) / 2.0]);
+        assert_near(
+            [d.precision, d.recall, d.f1, found.iou_of_hits],
+            [0.5, 2.0 / 3.0, 4.0 / 7.0, f64::midpoint(iou, 0.5)],
+        );
         let d = found.detection_by_photo;
         assert_near([d.precision, d.recall, d.f1, 0.0], [0.75, 0.75, 0.75, 0.0]);
         let counts =
