@@ -48,7 +48,7 @@ pub(super) fn run(args: &DemoArgs, global: &Global) -> Result<u8, Failure> {
     let result = config.project.output.display();
     ui.say(format!(
         "Look at it:\n  {result}/report.html      open in a browser: the city in 3D, and what was seen of each building\n  {result}/city.gpkg        open in QGIS: it comes styled, coloured by height\n  \
-         {result}/city.city.json  the LOD1 solids, for a viewer such as https://ninja.cityjson.org\n\
+         {result}/city.city.json  the solids, for a viewer such as https://ninja.cityjson.org\n\
          Run it on your own data:\n  {}  is the configuration to copy; `sizeup run --help` says more",
         scene.run_config.display()
     ));

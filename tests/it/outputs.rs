@@ -181,18 +181,20 @@ fn roofs_are_solids_beside_the_blocks_and_come_back_from_the_files() {
     geopackage::write(&path("town.gpkg"), &town.model(), &GeoPackageConfig::default()).unwrap();
     assert_valid_cityjson(&path("town.city.json"));
     let found = sizeup::output::validate::validate_file(&path("town.city.json"), &ValidateConfig::default()).unwrap();
-    assert!(found.is_valid() && found.n_geometries == 7, "{found:?}");
+    assert!(found.is_valid() && found.n_geometries == 9, "{found:?}");
 
-    // Four blocks, two of them with roofs besides, and one outline on the ground.
+    // Four buildings as blocks and with their roofs, and one outline on the ground.
     let objects = read_json(&path("town.city.json"))["CityObjects"].clone();
     let lods = |id: &str| -> Vec<String> {
         let all = objects[id]["geometry"].as_array().unwrap();
         all.iter().map(|geometry| geometry["lod"].as_str().unwrap().to_owned()).collect()
     };
-    assert_eq!(
-        (lods("row 1"), lods("row 2"), lods("tower")),
-        (vec!["1.2".into()], vec!["1.2".into(), "2.0".into()], vec!["1.2".into(), "2.0".into()])
-    );
+    // Also where nobody looked at the roof: who takes a level has all buildings.
+    for id in ["row 1", "row 2", "courtyard", "tower"] {
+        assert_eq!(lods(id), ["1.2", "2.0"], "{id}");
+    }
+    assert_eq!(lods("unknown"), ["0"]);
+    assert_eq!(objects["row 1"]["geometry"][0]["boundaries"], objects["row 1"]["geometry"][1]["boundaries"]);
     let n_roofs = |id: &str| {
         let kinds = objects[id]["geometry"][1]["semantics"]["values"][0].as_array().unwrap();
         kinds.iter().filter(|kind| **kind == 1).count()

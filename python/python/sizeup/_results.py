@@ -40,7 +40,8 @@ class Building:
     roof_z_m: float | None
     """Ground level plus height."""
     roof: Mapping[str, Any] | None
-    """The roof that the photos support: ``form``, ``eave_height_m``, ``ridge_height_m``."""
+    """The roof that the photos support: ``form``, ``eave_height_m``, ``ridge_height_m``, and where they are known
+    ``ridge_azimuth_deg`` of a gable and ``step``, the plan of a stepped or mixed one."""
     part_of: str | None
     """The building of the input that this is a part of."""
     views: tuple[str, ...]

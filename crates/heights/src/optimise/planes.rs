@@ -204,23 +204,13 @@ fn hip(roof: &Roof, prism: &Prism) -> Option<RoofPlanes> {
 
 #[cfg(test)]
 mod tests {
-    use geo_types::{Coord, LineString, Polygon};
-    use glam::{DVec3, Vec2};
+    use glam::Vec2;
 
     use super::*;
-    use crate::frames::LocalOrigin;
     use crate::optimise::candidates;
-    use crate::terrain::GroundLevel;
-
-    fn prism(corners: &[(f64, f64)], turn_rad: f64) -> Prism {
-        let (sin, cos) = turn_rad.sin_cos();
-        let turned = |&(x, y): &(f64, f64)| Coord { x: cos * x - sin * y, y: sin * x + cos * y };
-        let polygon = Polygon::new(LineString::new(corners.iter().map(turned).collect()), Vec::new());
-        Prism::new(&polygon, GroundLevel { reference_m: 0.0, lowest_m: 0.0 }, LocalOrigin(DVec3::ZERO))
-    }
+    use crate::optimise::wings::tests::{HOUSE as WINGED, prism};
 
     const HOUSE: [(f64, f64); 4] = [(0.0, 0.0), (12.0, 0.0), (12.0, 8.0), (0.0, 8.0)];
-    const WINGED: [(f64, f64); 6] = [(0.0, -5.0), (6.0, -5.0), (6.0, 0.0), (12.0, 0.0), (12.0, 8.0), (0.0, 8.0)];
 
     /// Every form that is fitted to priors, at every place that it is looked at, is as high as its planes.
     #[test]

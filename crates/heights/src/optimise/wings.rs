@@ -262,7 +262,7 @@ fn lines(mut values: Vec<f32>) -> Vec<f32> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use geo_types::{Coord, LineString, Polygon};
     use glam::DVec3;
 
@@ -272,7 +272,7 @@ mod tests {
     use crate::terrain::GroundLevel;
 
     /// A footprint, turned by some angle as houses are.
-    fn prism(corners: &[(f64, f64)], turn_rad: f64) -> Prism {
+    pub(in crate::optimise) fn prism(corners: &[(f64, f64)], turn_rad: f64) -> Prism {
         let (sin, cos) = turn_rad.sin_cos();
         let turned = |&(x, y): &(f64, f64)| Coord { x: cos * x - sin * y, y: sin * x + cos * y };
         let polygon = Polygon::new(LineString::new(corners.iter().map(turned).collect()), Vec::new());
@@ -280,7 +280,8 @@ mod tests {
     }
 
     /// A house of 12 by 8 m with a wing of 6 by 5 m on its south side, its west end in line with the house's.
-    const HOUSE: [(f64, f64); 6] = [(0.0, -5.0), (6.0, -5.0), (6.0, 0.0), (12.0, 0.0), (12.0, 8.0), (0.0, 8.0)];
+    pub(in crate::optimise) const HOUSE: [(f64, f64); 6] =
+        [(0.0, -5.0), (6.0, -5.0), (6.0, 0.0), (12.0, 0.0), (12.0, 8.0), (0.0, 8.0)];
 
     #[test]
     fn a_wings_gable_runs_into_the_main_bodys() {

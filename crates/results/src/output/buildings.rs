@@ -35,7 +35,9 @@ pub struct Overview {
     pub n_heights: usize,
     /// Buildings without an outline, or with a part without.
     pub n_without_outline: usize,
-    /// The box around all outlines, base to roof.
+    /// Whether the form of any roof is known.
+    pub has_roofs: bool,
+    /// The box around all outlines, base to roof or ridge.
     pub extent: Option<Extent>,
     /// Number of parts by the building they are parts of.
     pub n_parts: HashMap<String, usize>,
@@ -69,6 +71,7 @@ impl Overview {
                     None => drop(overview.attributes.insert(name.clone(), ColumnKind::wider(None, value))),
                 }
             }
+            overview.has_roofs |= record.roof.is_some();
             overview.n_buildings += usize::from(record.part_of.is_none());
             without_height.add_if(record.height_m.is_none(), record);
             without_outline.add_if(record.footprint.is_none(), record);

@@ -83,7 +83,7 @@ pub fn write<R: Records + ?Sized>(
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(config.scale_m)?;
     let header = metadata::header(model, &overview, &grid, config);
-    let objects = Objects { grid: &grid, config };
+    let objects = Objects { grid: &grid, config, has_roofs: overview.has_roofs };
     write_whole_or(path, |out| {
         let mut pool = VertexPool::default();
         let mut separator = "\n";

@@ -24,6 +24,8 @@ pub struct Objects<'a> {
     pub grid: &'a Grid,
     /// How they are written.
     pub config: &'a CityJsonConfig,
+    /// Whether there are solids with roofs beside the blocks.
+    pub has_roofs: bool,
 }
 
 impl Objects<'_> {
@@ -103,8 +105,9 @@ impl Objects<'_> {
                 let top = top.fold(prism.roof(), i64::max);
                 object["geographicalExtent"] = json!(extent(prism.outline(), prism.base(), top, self.grid));
                 let mut geometry = vec![solid("1.2", &block, pool)];
-                if record.roof.is_some() {
-                    // A block where the roof is flat, or makes no solid with the outline: who takes this level has all buildings.
+                if self.has_roofs {
+                    // A block where the roof is flat or not known, or makes no solid with the outline: who takes this level has
+                    // all buildings.
                     geometry.push(solid("2.0", roofed.as_ref().unwrap_or(&block), pool));
                 }
                 object["geometry"] = Value::Array(geometry);

@@ -28,7 +28,7 @@ pub fn write_sequence<R: Records + ?Sized>(
     let mut header = metadata::header(model, &overview, &grid, config);
     header.insert("CityObjects".to_owned(), json!({}));
     header.insert("vertices".to_owned(), json!([]));
-    let objects = Objects { grid: &grid, config };
+    let objects = Objects { grid: &grid, config, has_roofs: overview.has_roofs };
     write_whole_or(path, |out| {
         let failed = |e| cannot_write(path, e);
         writeln!(out, "{}", json!(header)).map_err(failed)?;
