@@ -28,6 +28,8 @@ const CUT: [&str; 10] =
 fn town(n_buildings: usize) -> Scene {
     let mut config = SimulateConfig::default();
     config.town.n_buildings = n_buildings;
+    // Far from where the local frame's origin would round otherwise: a plan keeps its own, one from nothing takes the nearest.
+    config.centre_m = [565_000.0, 5_932_000.0];
     config.flight.n_views = Some(24);
     (config.camera.width_px, config.camera.height_px) = (160, 120);
     config.prior.longest_px = 160;
@@ -270,7 +272,6 @@ fn edits_at_random_run_the_tiles_that_they_touch_and_come_to_what_a_run_from_not
 }
 
 #[test]
-#[ignore = "after some edits a file of the 3D tiles differs from that of a run from nothing; the cause is not known"]
 fn edits_of_all_kinds_run_the_tiles_that_they_touch_and_come_to_what_a_run_from_nothing_does() {
     edits_run_what_they_touch(46, (0..13).collect());
 }
