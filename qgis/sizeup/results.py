@@ -16,7 +16,14 @@ from qgis.core import (
 from .words import Speaks
 
 # Layers of a city's GeoPackage from the top to the bottom, and whether they are drawn at once.
-CITY_LAYERS = (("qa_issues", True), ("cameras", False), ("buildings", True), ("buildings_lod1", False), ("buildings_lod2", False))
+CITY_LAYERS = (
+    ("qa_issues", True),
+    ("cameras", False),
+    ("buildings", True),
+    ("buildings_lod1", False),
+    ("buildings_lod13", False),
+    ("buildings_lod2", False),
+)
 FOOTPRINT_LAYERS = (("vanished", True), ("footprints", True), ("candidates", False))
 CHANGES_LAYERS = (("changes", True),)
 SURVEY_LAYERS = (("camera_points", True), ("view_axes", True), ("image_footprints", True))

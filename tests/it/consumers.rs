@@ -62,6 +62,7 @@ fn ogrinfo_reads_our_layers_with_crs_and_comments() {
     for layer in [
         "buildings (Polygon)",
         "buildings_lod1 (3D Multi Polygon)",
+        "buildings_lod13 (3D Multi Polygon)",
         "buildings_lod2 (3D Multi Polygon)",
         "tiles (Polygon)",
         "cameras (3D Point)",

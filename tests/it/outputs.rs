@@ -181,7 +181,7 @@ fn roofs_are_solids_beside_the_blocks_and_come_back_from_the_files() {
     geopackage::write(&path("town.gpkg"), &town.model(), &GeoPackageConfig::default()).unwrap();
     assert_valid_cityjson(&path("town.city.json"));
     let found = sizeup::output::validate::validate_file(&path("town.city.json"), &ValidateConfig::default()).unwrap();
-    assert!(found.is_valid() && found.n_geometries == 9, "{found:?}");
+    assert!(found.is_valid() && found.n_geometries == 13, "{found:?}");
 
     // Four buildings as blocks and with their roofs, and one outline on the ground.
     let objects = read_json(&path("town.city.json"))["CityObjects"].clone();
@@ -191,15 +191,19 @@ fn roofs_are_solids_beside_the_blocks_and_come_back_from_the_files() {
     };
     // Also where nobody looked at the roof: who takes a level has all buildings.
     for id in ["row 1", "row 2", "courtyard", "tower"] {
-        assert_eq!(lods(id), ["1.2", "2.0"], "{id}");
+        assert_eq!(lods(id), ["1.2", "1.3", "2.0"], "{id}");
     }
     assert_eq!(lods("unknown"), ["0"]);
-    assert_eq!(objects["row 1"]["geometry"][0]["boundaries"], objects["row 1"]["geometry"][1]["boundaries"]);
-    let n_roofs = |id: &str| {
-        let kinds = objects[id]["geometry"][1]["semantics"]["values"][0].as_array().unwrap();
+    let faces = |id: &str, lod: usize| objects[id]["geometry"][lod]["boundaries"].clone();
+    assert_eq!([1, 2].map(|lod| faces("row 1", lod)), [0, 0].map(|lod| faces("row 1", lod)));
+    // A gable has one level; a step has two, and no slopes.
+    assert_eq!((faces("row 2", 1), faces("tower", 1)), (faces("row 2", 0), faces("tower", 2)));
+    let n_roofs = |id: &str, lod: usize| {
+        let kinds = objects[id]["geometry"][lod]["semantics"]["values"][0].as_array().unwrap();
         kinds.iter().filter(|kind| **kind == 1).count()
     };
-    assert_eq!((n_roofs("row 2"), n_roofs("tower")), (2, 2));
+    assert_eq!([0, 1, 2].map(|lod| n_roofs("row 2", lod)), [1, 1, 2]);
+    assert_eq!([0, 1, 2].map(|lod| n_roofs("tower", lod)), [1, 2, 2]);
     // 12 m ground, 9 m to the ridge, 65 m to the upper level.
     let top = |id: &str| objects[id]["geographicalExtent"][5].as_f64().unwrap();
     assert_eq!((top("row 2"), top("tower")), (21.0, 77.0));
@@ -261,7 +265,7 @@ fn the_geopackage_has_all_layers_with_crs_and_features() {
     let dataset = gdal::Dataset::open(write_gpkg(folder.path(), "town.gpkg")).unwrap();
     let count = |name: &str| dataset.layer_by_name(name).unwrap().feature_count();
     assert_eq!(count("buildings"), 6);
-    assert_eq!((count("buildings_lod1"), count("buildings_lod2")), (4, 4));
+    assert_eq!(["buildings_lod1", "buildings_lod13", "buildings_lod2"].map(count), [4, 4, 4]);
     assert_eq!(count("cameras"), 2);
     assert_eq!(count("qa_issues"), 2);
     let mut buildings = dataset.layer_by_name("buildings").unwrap();

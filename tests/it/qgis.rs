@@ -126,6 +126,7 @@ fn qgis_opens_the_project_styled_and_in_place() {
     for (layer, features, n_legend) in [
         ("buildings", 6, 14),
         ("buildings_lod1", 4, 14),
+        ("buildings_lod13", 4, 14),
         ("buildings_lod2", 4, 0),
         ("tiles", 1, 2),
         ("cameras", 2, 3),

@@ -93,7 +93,7 @@ def main():
     application = QgsApplication([], False)
     application.initQgis()
     Qgs3D.initialize()
-    names = ["cameras", "qa_issues", "buildings_lod1", "buildings_lod2", "buildings"]
+    names = ["cameras", "qa_issues", "buildings_lod1", "buildings_lod13", "buildings_lod2", "buildings"]
     layers = {name: QgsVectorLayer(f"{sys.argv[1]}|layername={name}", name, "ogr") for name in names}
     report = {name: describe(layer) for name, layer in layers.items()}
     report["colours"] = render([layers["cameras"], layers["qa_issues"], layers["buildings"]], sys.argv[2])

@@ -418,7 +418,7 @@ class Algorithms(Case):
         self.assertEqual((told.percents, told.percents[-1]), (sorted(told.percents), 100.0))
         group = QgsProject.instance().layerTreeRoot().findGroup("Stadt ü")
         names = [node.name() for node in group.findLayers()]
-        self.assertEqual(names, ["qa_issues", "cameras", "buildings", "buildings_lod1", "buildings_lod2"])
+        self.assertEqual(names, ["qa_issues", "cameras", "buildings", "buildings_lod1", "buildings_lod13", "buildings_lod2"])
         buildings = group.findLayers()[2].layer()
         self.assertEqual((buildings.featureCount(), buildings.renderer().type()), (6, "RuleRenderer"))
         # The panel.

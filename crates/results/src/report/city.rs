@@ -10,7 +10,8 @@ use serde_json::{Map as JsonMap, Value};
 use crate::output::attributes::round_m;
 use crate::output::grid::Grid;
 use crate::output::prism::{Face, Prism, Surface};
-use crate::output::{BuildingRecord, roof_solid, triangles};
+use crate::output::roof_solid::{self, Detail};
+use crate::output::{BuildingRecord, triangles};
 use sizeup_geo::terrain::Terrain;
 
 /// Steps of an outline's coordinates in a metre: centimetres.
@@ -124,7 +125,7 @@ fn faces(record: &BuildingRecord, [east_m, north_m, _]: [f64; 3], grid: &Grid) -
         rings: face.rings.iter().map(Vec::len).collect(),
         triangles: triangles::of_face(&face).into_iter().flatten().collect(),
     };
-    let faces = roof_solid::faces(record, &block, grid).into_iter().flatten();
+    let faces = roof_solid::faces(record, &block, grid, Detail::Slopes).into_iter().flatten();
     faces.filter(|face| face.surface != Surface::Ground).map(face).collect()
 }
 

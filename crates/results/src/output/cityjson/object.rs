@@ -8,7 +8,7 @@ use super::super::facts::SolidFacts;
 use super::super::grid::Grid;
 use super::super::outline::SnappedOutline;
 use super::super::prism::{Face, Surface};
-use super::super::roof_solid;
+use super::super::roof_solid::{self, Detail};
 use super::super::{BuildingRecord, Status};
 use super::names::{self, AttributeNames};
 use super::vertices::VertexPool;
@@ -100,14 +100,16 @@ impl Objects<'_> {
         match prism {
             Ok(prism) => {
                 let block = prism.faces();
-                let roofed = roof_solid::faces(record, &prism, self.grid);
+                let roofed = roof_solid::faces(record, &prism, self.grid, Detail::Slopes);
                 let top = roofed.iter().flatten().flat_map(|face| face.rings.iter().flatten()).map(|p| p[2]);
                 let top = top.fold(prism.roof(), i64::max);
                 object["geographicalExtent"] = json!(extent(prism.outline(), prism.base(), top, self.grid));
                 let mut geometry = vec![solid("1.2", &block, pool)];
                 if self.has_roofs {
-                    // A block where the roof is flat or not known, or makes no solid with the outline: who takes this level has
-                    // all buildings.
+                    // A block where the roof is flat or not known, or makes no solid with the outline: who takes one of these
+                    // levels has all buildings.
+                    let levelled = roof_solid::faces(record, &prism, self.grid, Detail::Levels);
+                    geometry.push(solid("1.3", levelled.as_ref().unwrap_or(&block), pool));
                     geometry.push(solid("2.0", roofed.as_ref().unwrap_or(&block), pool));
                 }
                 object["geometry"] = Value::Array(geometry);

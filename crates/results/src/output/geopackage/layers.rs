@@ -7,7 +7,7 @@ use super::super::attributes::{self, FIELDS, Field, ID};
 use super::super::facts::SolidFacts;
 use super::super::outlines::{self, OutlineRows, own_values};
 use super::super::prism::{Face, Prism};
-use super::super::roof_solid;
+use super::super::roof_solid::{self, Detail};
 use super::super::{BuildingRecord, OutputError, Overview, Records, wkb};
 use super::{GeoPackageConfig, Grid, TileArea};
 use sizeup_geo::geodata::features::ColumnKind::{Integer, Real, Text};
@@ -48,7 +48,7 @@ fn columns_of_solids() -> Vec<Column> {
 pub fn columns_of(layer: &str, overview: &Overview) -> Vec<Column> {
     let own = match layer {
         "buildings" => outlines::columns(overview),
-        "buildings_lod1" | "buildings_lod2" => columns_of_solids(),
+        "buildings_lod1" | "buildings_lod13" | "buildings_lod2" => columns_of_solids(),
         "tiles" => tiles_table().columns(),
         "cameras" => cameras_table().columns(),
         "qa_issues" => issues_table().columns(),
@@ -69,19 +69,25 @@ pub fn blocks<R: Records + ?Sized>(
     solids(writer, ("buildings_lod1", description), records, grid, faces)
 }
 
-/// Faces of the solids with their roofs; blocks where no form of the roof was found.
+/// Faces of the solids with as much of their roofs; blocks where no more of them is known.
 pub fn roofed<R: Records + ?Sized>(
     writer: &mut Writer<'_>,
     records: &R,
     grid: &Grid,
     config: &GeoPackageConfig,
+    detail: Detail,
 ) -> Result<(), OutputError> {
-    let description = "Faces of the LOD 2.0 solids: roofs of the form that was found, else blocks";
+    let layer = match detail {
+        Detail::Levels => ("buildings_lod13", "Faces of the LOD 1.3 solids: the levels of stepped roofs, else blocks"),
+        Detail::Slopes => {
+            ("buildings_lod2", "Faces of the LOD 2.0 solids: roofs of the form that was found, else blocks")
+        }
+    };
     let faces = |record: &BuildingRecord| {
         let block = Prism::of(record, grid, config.min_thickness_m).ok()?;
-        Some(roof_solid::faces(record, &block, grid).unwrap_or_else(|| block.faces()))
+        Some(roof_solid::faces(record, &block, grid, detail).unwrap_or_else(|| block.faces()))
     };
-    solids(writer, ("buildings_lod2", description), records, grid, faces)
+    solids(writer, layer, records, grid, faces)
 }
 
 fn solids<R: Records + ?Sized>(

@@ -4,6 +4,7 @@
 //! |---|---|---|
 //! | `buildings` | Polygon | outline and all attributes, one row per building of the input |
 //! | `buildings_lod1` | `MultiPolygonZ` | faces of the solid as a block, where there is one |
+//! | `buildings_lod13` | `MultiPolygonZ` | faces of the solid with the levels of its roof, a block where there is one level |
 //! | `buildings_lod2` | `MultiPolygonZ` | faces of the solid with its roof, a block where no other form was found |
 //! | `tiles` | Polygon | areas that were worked on one by one; one row if the run was not divided |
 //! | `cameras` | `PointZ` | projection centres, viewing directions, photo names |
@@ -28,6 +29,7 @@ use serde::{Deserialize, Serialize};
 use super::cityjson::CityJsonConfig;
 use super::grid::Grid;
 use super::outlines::OutlineRows;
+use super::roof_solid::Detail;
 use super::{CityModel, OutputError, Overview, Records};
 use sizeup_geo::files::write_whole_by_name;
 use sizeup_geo::geodata::gpkg;
@@ -36,15 +38,15 @@ use sizeup_geo::geodata::gpkg;
 pub(crate) const NO_DATE: &str = "1970-01-01";
 
 /// The layers of solids.
-const SOLIDS: [&str; 2] = ["buildings_lod1", "buildings_lod2"];
+const SOLIDS: [&str; 3] = ["buildings_lod1", "buildings_lod13", "buildings_lod2"];
 
 /// How the `GeoPackage` is written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 #[schemars(extend("x-expert" = true))]
 pub struct GeoPackageConfig {
-    /// Whether to write the faces of the solids: `buildings_lod1`, blocks for tools that cannot extrude, and `buildings_lod2`, with
-    /// roofs.
+    /// Whether to write the faces of the solids: `buildings_lod1`, blocks for tools that cannot extrude, `buildings_lod13`, with the
+    /// levels of stepped roofs, and `buildings_lod2`, with roofs.
     pub solids: bool,
     /// Quantum of the solids' coordinates, metres, 0.0001 to 1.
     pub scale_m: f64,
@@ -106,7 +108,8 @@ pub fn write_divided<R: Records + ?Sized>(
             layers::buildings(writer, model.records, &outlines)?;
             if config.solids {
                 layers::blocks(writer, model.records, &grid, config)?;
-                layers::roofed(writer, model.records, &grid, config)?;
+                layers::roofed(writer, model.records, &grid, config, Detail::Levels)?;
+                layers::roofed(writer, model.records, &grid, config, Detail::Slopes)?;
             }
             layers::tiles(writer, &overview, areas)?;
             layers::cameras(writer, model.survey)?;

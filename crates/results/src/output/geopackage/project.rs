@@ -50,10 +50,11 @@ type Entry = (&'static str, bool, Option<&'static str>);
 const SURVEY_GROUP: &str = "survey";
 
 /// Layers from the top of the legend down.
-const LEGEND: [Entry; 6] = [
+const LEGEND: [Entry; 7] = [
     ("qa_issues", true, None),
     ("buildings", true, None),
     ("buildings_lod1", false, None),
+    ("buildings_lod13", false, None),
     ("buildings_lod2", true, None),
     ("cameras", true, Some(SURVEY_GROUP)),
     ("tiles", false, Some(SURVEY_GROUP)),

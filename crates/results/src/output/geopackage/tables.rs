@@ -4,9 +4,10 @@ use super::super::{Lineage, OutputError};
 use sizeup_geo::geodata::gpkg::{Writer, text};
 
 /// Default styles by layer, exported from QGIS by `tests/qgis/styles.py`.
-pub const STYLES: [(&str, &str); 6] = [
+pub const STYLES: [(&str, &str); 7] = [
     ("buildings", include_str!("styles/buildings.qml")),
     ("buildings_lod1", include_str!("styles/buildings_lod1.qml")),
+    ("buildings_lod13", include_str!("styles/buildings_lod1.qml")),
     ("buildings_lod2", include_str!("styles/buildings_lod2.qml")),
     ("tiles", include_str!("styles/tiles.qml")),
     ("cameras", include_str!("styles/cameras.qml")),

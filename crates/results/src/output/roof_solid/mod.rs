@@ -1,4 +1,5 @@
-//! Solids whose roofs have the form that was found: gables, hips, levels (LOD 2.0), as faces on the output grid.
+//! Solids whose roofs have the levels (LOD 1.3) or the whole form that was found (LOD 2.0: gables, hips, levels), as faces on the
+//! output grid.
 //!
 //! ```text
 //! planes   of the roof over the outline ([`sizeup_heights::optimise::RoofPlanes`])
@@ -32,14 +33,27 @@ use plan::{Levels, Plan};
 /// Least height of a wall, metres.
 const LEAST_WALL_M: f64 = 0.2;
 
+/// How much of a roof its solid has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Detail {
+    /// Its levels, each of them flat: LOD 1.3.
+    Levels,
+    /// Its slopes too: LOD 2.0.
+    Slopes,
+}
+
 /// A position on the grid.
 type Point = [i64; 2];
 
-/// Faces of the solid of a building with its roof, ground first, then roof, then walls; `None` where its roof is flat or not
-/// known, or makes no valid solid with its outline.
+/// Faces of the solid of a building with its roof, ground first, then roof, then walls; `None` where the block shows as much: its roof
+/// is flat, at one level where levels are asked for, or not known, or makes no valid solid with its outline.
 #[must_use]
-pub fn faces(record: &BuildingRecord, block: &Prism, grid: &Grid) -> Option<Vec<Face>> {
+pub fn faces(record: &BuildingRecord, block: &Prism, grid: &Grid, detail: Detail) -> Option<Vec<Face>> {
     let (shape, ground_z_m) = (record.roof?, record.ground_z_m?);
+    let shape = match detail {
+        Detail::Levels => levels_of(shape)?,
+        Detail::Slopes => shape,
+    };
     if shape.form == RoofForm::Flat {
         return None;
     }
@@ -64,6 +78,18 @@ pub fn faces(record: &BuildingRecord, block: &Prism, grid: &Grid) -> Option<Vec<
     faces.extend(walls::outer(&plan, &levels, block.base()));
     faces.extend(walls::inner(&plan, &levels)?);
     validate::faults_of(&faces, grid).is_empty().then_some(faces)
+}
+
+/// A roof of several levels with each of them flat, a gable at its mean; `None` of other roofs.
+fn levels_of(shape: RoofShape) -> Option<RoofShape> {
+    let step = shape.step?;
+    let upper_m = step.gable.map_or(shape.ridge_height_m, |gable| f64::midpoint(gable.eave_m, shape.ridge_height_m));
+    Some(RoofShape {
+        form: RoofForm::Stepped,
+        ridge_height_m: upper_m,
+        step: Some(Terrace { gable: None, ..step }),
+        ..shape
+    })
 }
 
 /// The roof in a frame that begins at a place of the map, metres.
@@ -162,9 +188,13 @@ mod tests {
     }
 
     fn solid(record: &BuildingRecord) -> Option<(Vec<Face>, f64)> {
+        solid_of(record, Detail::Slopes)
+    }
+
+    fn solid_of(record: &BuildingRecord, detail: Detail) -> Option<(Vec<Face>, f64)> {
         let (grid, _) = Grid::over(std::slice::from_ref(record), 0.001).unwrap();
         let block = Prism::of(record, &grid, 0.1).unwrap();
-        let faces = faces(record, &block, &grid)?;
+        let faces = faces(record, &block, &grid, detail)?;
         assert!(is_closed_manifold(&faces), "{faces:?}");
         let volume_m3 = six_volumes(&faces) as f64 / 6.0 * 1e-9;
         Some((faces, volume_m3))
@@ -239,6 +269,26 @@ mod tests {
         for form in [RoofForm::Flat, RoofForm::Gable, RoofForm::Stepped, RoofForm::Mixed] {
             assert!(solid(&house(&rectangle(), 0.0, RoofShape::new(form, 4.0, 8.0))).is_none(), "{form:?}");
         }
+    }
+
+    #[test]
+    fn levels_are_flat_and_a_gable_beside_a_flat_part_is_at_its_mean() {
+        // An annex of 4 x 8 m, 3 m high, beside a house of 8 x 8 m.
+        let corners = [[0.0, 0.0], [8.0, 0.0], [8.0, 8.0], [0.0, 8.0]].map(|[x, y]| [x + MAP_M[0], y + MAP_M[1]]);
+        let gable = Some(Gable { eave_m: 6.0, is_ridge_along_first: true });
+        for (form, gable, upper_m) in [(RoofForm::Stepped, None, 9.0), (RoofForm::Mixed, gable, 7.5)] {
+            let step = Some(Terrace { corners, is_upper: true, gable });
+            let house = house(&rectangle(), 0.0, RoofShape { step, ..RoofShape::new(form, 3.0, 9.0) });
+            let (faces, volume_m3) = solid_of(&house, Detail::Levels).unwrap();
+            let levels: Vec<std::collections::BTreeSet<i64>> = (faces.iter().filter(|f| f.surface == Surface::Roof))
+                .map(|face| face.rings.iter().flatten().map(|corner| corner[2]).collect())
+                .collect();
+            assert!(levels.len() == 2 && levels.iter().all(|levels| levels.len() == 1), "{form:?}: {levels:?}");
+            let expected_m3 = 64.0 * (upper_m + 0.3) + 32.0 * 3.3;
+            assert!((volume_m3 - expected_m3).abs() < 0.1, "{form:?}: {volume_m3} {expected_m3}");
+        }
+        let gable = RoofShape { ridge_azimuth_deg: Some(0.0), ..RoofShape::new(RoofForm::Gable, 4.0, 8.0) };
+        assert!(solid_of(&house(&rectangle(), 0.0, gable), Detail::Levels).is_none(), "one level is a block");
     }
 
     /// Houses as layers have them: rectangles, L and T with corners a little off, turned any way, some with many more

@@ -31,7 +31,7 @@ use super::outlines::OutlineRows;
 use super::picture::colour::{Rgb, height_colour};
 use super::prism::Prism;
 use super::reports::write_json;
-use super::roof_solid;
+use super::roof_solid::{self, Detail};
 use super::{CityModel, OutputError, Overview, Records};
 pub use glb::Precision;
 use mesh::{Block, Mesh};
@@ -139,7 +139,7 @@ impl Shown {
             let prism = Prism::of(record, grid, config.min_thickness_m);
             hidden.add_if(prism.is_err(), record);
             let Ok(prism) = prism else { return Ok(()) };
-            let roofed = roof_solid::faces(record, &prism, grid);
+            let roofed = roof_solid::faces(record, &prism, grid, Detail::Slopes);
             let height_m = record.height_m.unwrap_or(0.0);
             let block = Block { prism, roofed, values: rows.row(record).values, height_m };
             items.push(item(items.len(), &block, grid));
