@@ -53,7 +53,7 @@ fn files(config: &RunConfig, stage: Stage, survey: &Survey) -> BTreeSet<(&'stati
         let read = survey.views.iter().filter(|view| is_read(view));
         read.filter_map(|view| Some(("photo", view.image.clone()?))).collect()
     };
-    if poses::asks(config) || config.prior.is_in_metres() {
+    if poses::asks(config) || config.prior.matches_photos() {
         files.extend(photos(&|_| true));
     }
     if stage >= Stage::Footprints {

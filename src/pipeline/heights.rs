@@ -19,7 +19,7 @@ use sizeup_heights::optimise::{
 };
 use sizeup_heights::render::PlacedCamera;
 use sizeup_heights::scene::Scene;
-use sizeup_photos::prior::{GroundCorrelation, PriorConfig, Priors, ground_correlation, judge_tag};
+use sizeup_photos::prior::{GroundCorrelation, PriorConfig, Priors, ground_correlation, judge_tag, judge_unit};
 use sizeup_survey::{Survey, View, ViewKind};
 
 /// Full sweeps that parts get among buildings whose heights are known from the round before.
@@ -174,6 +174,8 @@ impl HeightSearch<'_> {
         let bounds = stage.scene.bounds;
         solution.heights.iter_mut().for_each(|solved| solved.keep_within(bounds, optimise.height_reference));
         let correlations = correlations.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let correlations: Vec<GroundCorrelation> = correlations.into_values().collect();
+        let unit = self.config.prior.unit_of_files();
         HeightStage {
             origin: stage.scene.origin,
             solved: stage.solved.clone(),
@@ -182,7 +184,7 @@ impl HeightSearch<'_> {
             solution,
             unread_photos: Vec::new(),
             ground: GroundTold::default(),
-            doubt: judge_tag(&correlations.into_values().collect::<Vec<_>>()),
+            doubt: judge_tag(&correlations).or_else(|| judge_unit(&correlations, unit?)),
         }
     }
 }

@@ -22,7 +22,7 @@ const MIN_CELL_M: f64 = 5.0;
 /// Whether a run looks at how well its poses fit the photos.
 pub(super) fn asks(config: &RunConfig) -> bool {
     match config.align.when {
-        AlignWhen::Auto => config.prior.is_in_metres(),
+        AlignWhen::Auto => config.prior.matches_photos(),
         AlignWhen::Always => true,
         AlignWhen::Never => false,
     }
@@ -30,7 +30,7 @@ pub(super) fn asks(config: &RunConfig) -> bool {
 
 /// The survey with what is told of its photos, where depth is matched from them.
 pub(super) fn looked_at(config: &RunConfig, mut survey: Survey, tell: Tell<'_>) -> Survey {
-    if config.prior.is_in_metres() {
+    if config.prior.matches_photos() {
         let told = quality::look(&survey.views, &|done, total| tell(Event::Photos { done, total }));
         survey.issues.extend(told);
     }

@@ -46,7 +46,7 @@ pub(super) fn of_stage(config: &RunConfig, stage: Stage) -> Value {
     }
     // A level is held against the poses; photos are looked at where depth is matched from them.
     tables.insert("level of poses".to_owned(), json!(saved.terrain.constant_m));
-    tables.insert("photos are looked at".to_owned(), json!(config.prior.is_in_metres()));
+    tables.insert("photos are looked at".to_owned(), json!(config.prior.matches_photos()));
     Value::Object(tables)
 }
 

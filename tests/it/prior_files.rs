@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3};
 use sizeup::camera::Camera;
 use sizeup::frames::Rigid;
 use sizeup::ids::ViewId;
-use sizeup::prior::{FilePriorConfig, FilePriors, PriorError, PriorKind, PriorSource as _};
+use sizeup::prior::{DepthUnit, FilePriorConfig, FilePriors, PriorError, PriorKind, PriorSource as _};
 use sizeup::survey::View;
 
 use crate::shared_data::shared_data;
@@ -98,6 +98,13 @@ fn every_format_gives_the_same_depths() {
 fn a_file_without_a_declared_kind_is_refused_with_how_to_tag_it() {
     let error = FilePriors::new(FilePriorConfig { kind: None, ..depth() }, []).unwrap_err().to_string();
     assert!(error.contains("kind = \"inverse_depth\"") && error.contains("MiDaS"), "{error}");
+}
+
+#[test]
+fn inverse_depth_is_in_no_metres() {
+    let config = FilePriorConfig { kind: Some(PriorKind::InverseDepth), unit: DepthUnit::Metre, ..depth() };
+    let error = FilePriors::new(config, []).unwrap_err().to_string();
+    assert!(error.contains("unit") && error.contains("kind = \"depth\""), "{error}");
 }
 
 #[test]

@@ -125,6 +125,11 @@ fn warsaws_nine_buildings_from_measured_depth() {
         assert!(errors.values().all(|e| e.is_finite()), "every building has a height: {errors:?}");
         assert!(mean_of(&errors) < bound_m, "{preset}: {errors:.2?}");
     }
+    // Said to be in metres, which they are: no line is fitted that trees beside the buildings tilt.
+    run(&config, &["--set", "prior.unit=metre"]);
+    let errors = warsaw_roof_errors(&data, &folder.path().join("result"));
+    println!("Warsaw, measured depth in metres: mean error of the roof {:.2} m, {errors:.2?}", mean_of(&errors));
+    assert!(mean_of(&errors) < 0.6 && errors.values().all(|e| *e < 2.0), "{errors:.2?}");
 }
 
 /// The published optimiser has 6 or 7 oblique photos here, where its own scenes have hundreds; it reports 1.3 to 7.5 m.
@@ -163,25 +168,19 @@ fn warsaws_nine_buildings_from_stereo() {
     fs::write(&config, text.replace(files, "source = \"stereo\"\n")).unwrap();
     run(&config, &[]);
     let errors = warsaw_roof_errors(&data, &folder.path().join("result"));
-    let known: Vec<f64> = errors.values().copied().filter(|e| e.is_finite()).collect();
-    println!("Warsaw, stereo: median error of the roof {:.2} m, {errors:.2?}", stats::median(&known).unwrap());
-    // Pixels of about a metre, and 12 photos: one building in nine may fail, half of them not by more than two pixels.
-    assert!(known.len() >= 8 && stats::median(&known).unwrap() < 2.0, "{errors:.2?}");
-    // With the range that the flight gives, a block of 5.6 m came out as 145 m, measured. What is off by more than a storey is
-    // not measured.
+    println!("Warsaw, stereo: mean error of the roof {:.2} m, {errors:.2?}", mean_of(&errors));
+    // Pixels of 0.4 m, one level for ground that rises by 1.4 m: two pixels in the mean, and no storey wrong. A block of 5.6 m has
+    // come out as 145 m and as 13 m, between trees that stereo sees no better than its roof.
+    assert!(errors.values().all(|error_m| *error_m <= 2.5), "{errors:.2?}");
+    assert!(mean_of(&errors) <= 0.8, "{errors:.2?}");
     let records =
         read_results(&folder.path().join("result/city.city.json"), &Crs::parse("EPSG:2180").unwrap()).unwrap();
     let is_measured = |id: &String| {
         let is_of = |record: &&BuildingRecord| record.part_of.as_ref().unwrap_or(&record.id) == id;
         records.iter().filter(is_of).all(|record| record.status == Status::Measured)
     };
-    let measured: BTreeMap<String, f64> = errors.clone().into_iter().filter(|(id, _)| is_measured(id)).collect();
-    assert!(measured.values().all(|error_m| *error_m <= 3.0), "{measured:.2?}");
-    assert!(mean_of(&measured) < 1.0, "{measured:.2?}");
-    assert!(
-        errors.values().all(|error_m| error_m.is_nan() || *error_m <= 30.0),
-        "no tower where there is none: {errors:.2?}"
-    );
+    let n_measured = errors.keys().filter(|id| is_measured(id)).count();
+    assert!(n_measured >= 5, "{n_measured} measured");
 }
 
 /// A place in Rotterdam that 51 of the 1403 photos have within 80 m of their middle, EPSG:28992.

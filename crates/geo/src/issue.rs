@@ -61,13 +61,14 @@ pub struct Issue {
 }
 
 /// Issues that are about the result as a whole, or that most others follow from; those that come first in a run first.
-const OF_THE_WHOLE: [&str; 9] = [
+const OF_THE_WHOLE: [&str; 10] = [
     "result_implausible",
     "survey_unsound_accepted",
     "masks_empty",
     "instances_in_parts",
     "prior_looks_inverted",
     "prior_unrelated_to_ground",
+    "prior_not_in_metres",
     "terrain_too_high",
     "terrain_too_low",
     "terrain_differs",

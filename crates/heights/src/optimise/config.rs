@@ -245,6 +245,8 @@ pub struct SearchConfig {
     pub agreement_weight: f32,
     /// The same in the local sweeps and for roof forms: less, as a prior's relief is less exact than its edges.
     pub local_agreement_weight: f32,
+    /// The same there for priors in metres (`calibrate_on = "none"`), whose relief is exact: more.
+    pub metric_agreement_weight: f32,
     /// Weight of the agreement added for surroundings that look wholly at what the scene does not have (buildings without
     /// an outline): edges there are not to be trusted.
     pub unmodelled_agreement_weight: f32,
@@ -254,6 +256,16 @@ pub struct SearchConfig {
     pub max_views_per_building: usize,
     /// Views are selected again after so many full sweeps.
     pub reselect_every: usize,
+}
+
+impl SearchConfig {
+    /// Weight of the agreement in local sweeps and for roof forms.
+    pub(super) fn local_agreement(&self) -> f32 {
+        match self.calibrate_on {
+            CalibrationRays::None => self.metric_agreement_weight,
+            CalibrationRays::All | CalibrationRays::Ground => self.local_agreement_weight,
+        }
+    }
 }
 
 impl Default for SearchConfig {
@@ -274,6 +286,7 @@ impl Default for SearchConfig {
             local_dilate_px: 8,
             agreement_weight: 0.1,
             local_agreement_weight: 0.03,
+            metric_agreement_weight: 0.4,
             unmodelled_agreement_weight: 0.3,
             calibrate_on: CalibrationRays::default(),
             max_views_per_building: 24,

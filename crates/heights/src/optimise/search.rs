@@ -109,7 +109,7 @@ impl<'a> SweepView<'a> {
         let highest_m = heights_m.iter().copied().fold(0.0, f32::max);
         let scope = Scope::near(highest_m, config, Correlation::Linear);
         let Some(window) = self.window(scene, building, scope) else { return Vec::new() };
-        let weight = window.agreement_weight(config.local_agreement_weight, config);
+        let weight = window.agreement_weight(config.local_agreement(), config);
         let score = |h: &f32| window.score(*h, weight, Correlation::Linear);
         heights_m.iter().map(score).collect()
     }
@@ -129,7 +129,7 @@ impl<'a> SweepView<'a> {
         config: &SearchConfig,
     ) -> Option<RoofView<'a>> {
         let window = self.window(scene, building, scope)?;
-        let weight = window.agreement_weight(config.local_agreement_weight, config);
+        let weight = window.agreement_weight(config.local_agreement(), config);
         Some(RoofView { window, weight, placed: self.placed, evidence: self.evidence })
     }
 }
@@ -161,9 +161,11 @@ pub fn sweep(
         let (low, high) = around(heights_m[b], share, scene.bounds, config);
         let scan = |looked: &Looked| scan(low, high, config.n_fine, scene.bounds, |h| looked.scores(h));
         // A score that still rises where the interval ends would go on rising sweep by sweep, as over trees around a low
-        // block: then what the building could hide farther up has a say too.
+        // block: then what the building could hide farther up has a say too. Where that rises as well, there is no peak to
+        // settle on, and the height stays where the full sweeps, which saw all others, have put it.
         let near = look(Scope::near(high, config, correlation)).map(|looked| scan(&looked));
-        near.filter(|finding| !finding.at_end).or_else(|| whole().map(|looked| scan(&looked)))
+        let has_peak = |finding: &Finding| !finding.at_end;
+        near.filter(has_peak).or_else(|| whole().map(|looked| scan(&looked)).filter(has_peak))
     };
     (0..scene.prisms.len()).into_par_iter().map(find).collect()
 }
@@ -181,7 +183,7 @@ impl Looked {
     fn new(windows: Vec<Window>, range: Range, correlation: Correlation, config: &SearchConfig) -> Option<Self> {
         let agreement_weight = match range {
             Range::Full => config.agreement_weight,
-            Range::Local { .. } => config.local_agreement_weight,
+            Range::Local { .. } => config.local_agreement(),
         };
         let weights = windows.iter().map(|w| w.agreement_weight(agreement_weight, config)).collect();
         (!windows.is_empty()).then_some(Self { windows, weights, correlation })

@@ -10,7 +10,7 @@
 
 use glam::DVec2;
 
-use super::DepthPrior;
+use super::{DepthPrior, DepthUnit, PriorGeometry, PriorKind};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::stats;
@@ -30,6 +30,11 @@ const INVERTED_BELOW: f64 = -0.2;
 /// Median correlation below which a prior seems to show something else than its photo.
 const UNRELATED_BELOW: f64 = 0.2;
 
+/// Depths in metres over those of the bare ground, median: buildings and trees stand nearer, by up to a third of the flight's height.
+const METRES: std::ops::RangeInclusive<f64> = 0.65..=1.1;
+/// So near to 1 is no chance.
+const LIKE_METRES: std::ops::RangeInclusive<f64> = 0.93..=1.03;
+
 /// Rank correlations, −1 to 1, between a prior's farness and the calibrated depth of the bare ground in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroundCorrelation {
@@ -37,6 +42,8 @@ pub struct GroundCorrelation {
     pub all: f64,
     /// Without the least and the greatest value of the prior where many samples share it; of all where too few are left.
     pub unshared: f64,
+    /// Median of the prior's numbers over the depth of the bare ground, of depths along the optical axis.
+    pub of_ground: Option<f64>,
 }
 
 /// How a prior follows the ground; `None` where the view does not tell (nadir, too little ground or prior).
@@ -56,7 +63,10 @@ pub fn ground_correlation(prior: &DepthPrior, view: &View, terrain: &Terrain) ->
         }
     }
     let all = rank_correlation(&samples)?;
-    Some(GroundCorrelation { all, unshared: rank_correlation(&without_shared_ends(samples)).unwrap_or(all) })
+    let is_depth = prior.kind == PriorKind::Depth && prior.geometry == PriorGeometry::ZDepth;
+    let ratios = || samples.iter().map(|[value, depth]| value / depth).collect::<Vec<f64>>();
+    let of_ground = is_depth.then(|| stats::median(&ratios())).flatten();
+    Some(GroundCorrelation { all, unshared: rank_correlation(&without_shared_ends(samples)).unwrap_or(all), of_ground })
 }
 
 /// Of pairs of farness and depth, where these are enough and reach from near to far.
@@ -104,6 +114,33 @@ pub fn judge_tag(correlations: &[GroundCorrelation]) -> Option<Issue> {
         return Some(Issue::new(Severity::Warning, "prior_unrelated_to_ground", about, message).hint(hint));
     }
     None
+}
+
+/// What the views together say of the unit that depths are said to have, or not; `None` where that fits.
+#[must_use]
+pub fn judge_unit(correlations: &[GroundCorrelation], unit: DepthUnit) -> Option<Issue> {
+    let ratios: Vec<f64> = correlations.iter().filter_map(|correlation| correlation.of_ground).collect();
+    let ratio = stats::median(&ratios)?;
+    let about = Subject::Input("prior".to_owned());
+    match unit {
+        DepthUnit::Metre if !METRES.contains(&ratio) => {
+            let message = format!(
+                "the prior does not seem to be in metres: its numbers are {ratio:.3} times the calibrated depth of the ground, \
+                 expected a little less than 1"
+            );
+            let hint = "`scale = 0.001` for millimetres; leave `unit` out where the unit is not known";
+            Some(Issue::new(Severity::Warning, "prior_not_in_metres", about, message).hint(hint))
+        }
+        DepthUnit::Unknown if LIKE_METRES.contains(&ratio) => {
+            let message = format!(
+                "the prior looks as if it were in metres: its numbers are {ratio:.3} times the calibrated depth of the ground"
+            );
+            let hint =
+                "where it was measured from these photos with these poses, say `unit = \"metre\"`: heights get better";
+            Some(Issue::new(Severity::Note, "prior_like_metres", about, message).hint(hint))
+        }
+        _ => None,
+    }
 }
 
 /// Depth at which a pixel's ray meets the ground, by a few steps between height and place; metres.
@@ -217,6 +254,22 @@ mod tests {
         assert_eq!(told(PriorKind::InverseDepth, |_, v| (8_000.0 / v).round()), None);
         // Noise has no direction.
         assert_eq!(told(PriorKind::Depth, |i, _| (i * 7919 % 1009) as f32 + 1.0), unrelated);
+    }
+
+    #[test]
+    fn a_unit_is_held_against_the_ground() {
+        let oblique = view(40.0);
+        let told = |kind: PriorKind, unit: DepthUnit, scale: f32| {
+            let mut prior = prior_of_bare_ground(&oblique, kind);
+            prior.values.data_mut().iter_mut().for_each(|value| *value *= scale);
+            let found = ground_correlation(&prior, &oblique, &Terrain::Constant(20.0)).unwrap();
+            judge_unit(&[found], unit).map(|issue| issue.code)
+        };
+        assert_eq!(told(PriorKind::Depth, DepthUnit::Metre, 0.98), None);
+        assert_eq!(told(PriorKind::Depth, DepthUnit::Metre, 1000.0).as_deref(), Some("prior_not_in_metres"));
+        assert_eq!(told(PriorKind::Depth, DepthUnit::Unknown, 0.98).as_deref(), Some("prior_like_metres"));
+        assert_eq!(told(PriorKind::Depth, DepthUnit::Unknown, 0.01), None);
+        assert_eq!(told(PriorKind::InverseDepth, DepthUnit::Unknown, 1.0), None);
     }
 
     #[test]

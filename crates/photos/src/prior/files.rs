@@ -22,6 +22,17 @@ use sizeup_heights::ids::ViewId;
 use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
 
+/// Unit of depths in files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DepthUnit {
+    /// Any: scale and shift are found from the ground.
+    #[default]
+    Unknown,
+    /// Metres of the poses.
+    Metre,
+}
+
 /// Where prior files are and what their numbers mean.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -32,6 +43,11 @@ pub struct FilePriorConfig {
     /// Meaning of the numbers: "depth" (higher is farther) or `inverse_depth` (higher is nearer). Never guessed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<PriorKind>,
+    /// Unit of depths: `metre` where they are in metres of the poses as they stand (after `scale` and `offset`), as those that
+    /// photogrammetry measures are; `unknown`, the default, where only their order or their ratios are to be trusted, as those of
+    /// networks for one photo.
+    #[serde(default)]
+    pub unit: DepthUnit,
     /// Along which line depth is measured: `z_depth` (the optical axis, as networks do) or "range" (the pixel's ray).
     #[serde(default)]
     pub geometry: PriorGeometry,
@@ -76,6 +92,7 @@ impl FilePriorConfig {
         Self {
             path: path.into(),
             kind: Some(kind),
+            unit: DepthUnit::default(),
             geometry: PriorGeometry::default(),
             key: None,
             names: None,
@@ -114,6 +131,12 @@ impl FilePriors {
                  `kind = \"inverse_depth\"` where higher is nearer (Depth Anything 2, MiDaS, DPT, a stereo disparity)",
             )
         })?;
+        if config.unit == DepthUnit::Metre && kind == PriorKind::InverseDepth {
+            return Err(refuse(
+                "`unit = \"metre\"` with `kind = \"inverse_depth\"`: what is in metres is depth",
+                "leave `unit` out, or bring depths with `kind = \"depth\"`",
+            ));
+        }
         if !(config.scale.is_finite() && config.scale != 0.0 && config.offset.is_finite()) {
             return Err(refuse("`scale` or `offset` is no number, or `scale` is 0", "`scale = 0.001` for millimetres"));
         }

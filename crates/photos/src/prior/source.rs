@@ -8,8 +8,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    AutoConfig, CachedPriors, DepthPrior, FilePriorConfig, FilePriors, NetworkConfig, NetworkPriors, PriorError,
-    PriorSource, StereoConfig, StereoPriors, ahead,
+    AutoConfig, CachedPriors, DepthPrior, DepthUnit, FilePriorConfig, FilePriors, NetworkConfig, NetworkPriors,
+    PriorError, PriorSource, StereoConfig, StereoPriors, ahead,
 };
 use sizeup_geo::paths::{PathVisitor, visit_template};
 use sizeup_geo::terrain::Terrain;
@@ -89,6 +89,24 @@ impl PriorConfig {
     /// Whether priors are depths in metres as the poses have them, with nothing left to calibrate.
     #[must_use]
     pub fn is_in_metres(&self) -> bool {
+        match &*self.chosen() {
+            Self::Files(files) => files.unit == DepthUnit::Metre,
+            _ => self.matches_photos(),
+        }
+    }
+
+    /// Unit that files are said to have; `None` where priors are computed.
+    #[must_use]
+    pub fn unit_of_files(&self) -> Option<DepthUnit> {
+        match self {
+            Self::Files(files) => Some(files.unit),
+            Self::Network(_) | Self::Stereo(_) | Self::Auto(_) => None,
+        }
+    }
+
+    /// Whether priors come from matching the photos with each other by their poses.
+    #[must_use]
+    pub fn matches_photos(&self) -> bool {
         match &*self.chosen() {
             Self::Stereo(_) => true,
             Self::Network(network) => network.matches_in_metres(),
