@@ -45,7 +45,7 @@ pub struct AccuracyConfig {
     /// Size of the photos, where the methods get any (`robust` then settles roofs by them; simulating takes much longer).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub photo_px: Option<[u32; 2]>,
-    /// Errors of poses and outlines as the methods get them.
+    /// Errors of poses and footprints as the methods get them.
     pub errors: ErrorConfig,
 }
 
@@ -306,8 +306,8 @@ impl AccuracyTable {
         let e = &c.errors;
         let _ = writeln!(
             text,
-            "Simulated towns of {} buildings, {} views of {} × {} px, seeds {:?}; errors: position {} m, angle {}°, outline \
-             corners {} m, outlines {} m too large{}.\n",
+            "Simulated towns of {} buildings, {} views of {} × {} px, seeds {:?}; errors: position {} m, angle {}°, footprint \
+             corners {} m, footprints {} m too large{}.\n",
             c.n_buildings,
             c.n_views,
             c.image_px[0],
@@ -316,7 +316,7 @@ impl AccuracyTable {
             e.position_m,
             e.angle_deg,
             e.vertex_m,
-            e.outline_m,
+            e.footprint_m,
             c.photo_px.map_or_else(String::new, |[w, h]| format!("; photos of {w} × {h} px"))
         );
         for rows in by_level.values() {

@@ -136,7 +136,7 @@ pub struct PaperConfig {
     pub methods: Vec<Method>,
     /// How far priors are from the truth.
     pub level: PriorLevel,
-    /// Errors of poses and outlines as the methods get them.
+    /// Errors of poses and footprints as the methods get them.
     pub errors: ErrorConfig,
     /// Root seed.
     pub seed: u64,
@@ -292,7 +292,7 @@ impl PaperTables {
              roofs within 0.5 and 1 m of the result. `constant` and `neighbourhood` are told true heights (the median of all; the \
              five nearest others) and stand for what no evidence at all gives. Points: simulated sparse multi-view points with \
              noise, gaps and blunders; making them takes a real pipeline far longer than the times here, which leave it out. \
-             ArcPro and the learned outline extractors: not reproduced, no public weights or code. ",
+             ArcPro and the learned footprint extractors: not reproduced, no public weights or code. ",
         );
         text.push_str(&self.programs.to_markdown());
         text.push_str(&published());

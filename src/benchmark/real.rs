@@ -19,7 +19,7 @@ pub struct RealTown {
     /// The cameras; absent: a simulated flight.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cameras: Option<RealCameras>,
-    /// Errors of poses and outlines as the methods get them; absent: none, both are as their files have them.
+    /// Errors of poses and footprints as the methods get them; absent: none, both are as their files have them.
     #[serde(default)]
     pub errors: ErrorConfig,
 }

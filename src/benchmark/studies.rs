@@ -162,7 +162,7 @@ pub struct StudyConfig {
     pub solver_seeds: Vec<u64>,
     /// How far priors are from the truth.
     pub level: PriorLevel,
-    /// Errors of poses and outlines as the method gets them.
+    /// Errors of poses and footprints as the method gets them.
     pub errors: ErrorConfig,
     /// Buildings per town.
     pub n_buildings: usize,

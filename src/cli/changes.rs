@@ -45,10 +45,10 @@ pub struct ChangesArgs {
     /// Standard deviation of new heights that state none, metres (default: they are not compared).
     #[arg(long, value_name = "METRES")]
     pub new_sigma: Option<f64>,
-    /// Standard deviation of the corners of outlines that state none, metres.
-    #[arg(long, value_name = "METRES", default_value_t = ChangesConfig::default().outline_sigma_m)]
-    pub outline_sigma: f64,
-    /// How far beyond its outlines a result is taken to have looked, metres.
+    /// Standard deviation of the corners of footprints that state none, metres.
+    #[arg(long, value_name = "METRES", default_value_t = ChangesConfig::default().footprint_sigma_m)]
+    pub footprint_sigma: f64,
+    /// How far beyond its footprints a result is taken to have looked, metres.
     #[arg(long, value_name = "METRES", default_value_t = ChangesConfig::default().margin_m)]
     pub margin: f64,
     /// What else says where a result looked: a building beyond is neither new nor gone.
@@ -70,8 +70,8 @@ pub struct ChangesArgs {
 pub enum AreaArg {
     /// Within the hull of its photos' projection centres too, where its GeoPackage has them.
     Photos,
-    /// Around its outlines only: for layers that cover less than the flight.
-    Outlines,
+    /// Around its footprints only: for layers that cover less than the flight.
+    Footprints,
 }
 
 impl ChangesArgs {
@@ -81,11 +81,11 @@ impl ChangesArgs {
             n_sigmas: self.sigmas,
             old_sigma_m: self.old_sigma,
             new_sigma_m: self.new_sigma,
-            outline_sigma_m: self.outline_sigma,
+            footprint_sigma_m: self.footprint_sigma,
             margin_m: self.margin,
             area: match self.area {
                 AreaArg::Photos => AreaRule::Photos,
-                AreaArg::Outlines => AreaRule::Outlines,
+                AreaArg::Footprints => AreaRule::Footprints,
             },
             shift: if self.keep_shift { ShiftRule::Keep } else { ShiftRule::TakeOff },
             sigmas: if self.stated_sigmas { SigmaRule::Stated } else { SigmaRule::Widen },

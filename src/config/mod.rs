@@ -78,7 +78,7 @@ pub struct RunConfig {
     /// Poses brought to agree with the photos, where they do not.
     #[serde(default)]
     pub align: AlignConfig,
-    /// Building outlines.
+    /// Building footprints.
     pub footprints: FootprintSource,
     /// The terrain.
     pub terrain: TerrainConfig,

@@ -1,4 +1,4 @@
-//! Which CRS a project gets: the one that is asked for, that of the poses, that of the outlines or the terrain, else the UTM zone
+//! Which CRS a project gets: the one that is asked for, that of the poses, that of the footprints or the terrain, else the UTM zone
 //! of the photos.
 
 use super::InitError;

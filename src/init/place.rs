@@ -64,7 +64,7 @@ impl Place {
             Self::OnEarth(places) => {
                 let around = MapBox::around(places.iter().copied())?.grown(AROUND_DEG);
                 let moved = Transform::new(&Crs::parse("EPSG:4326").ok()?, crs).ok()?;
-                MapBox::around(around.outline(PER_SIDE).filter_map(|(x, y)| moved.point(x, y).ok()))
+                MapBox::around(around.border(PER_SIDE).filter_map(|(x, y)| moved.point(x, y).ok()))
             }
             Self::Numbers(numbers) if crs.is_projected() => {
                 Some(MapBox::around(numbers.iter().map(|p| (p.x, p.y)))?.grown(AROUND_M))

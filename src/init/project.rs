@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::checks::{check_outlines, doubts_of_flight, flight_of, lacks_of_flight, surface_by_name};
+use super::checks::{check_footprints, doubts_of_flight, flight_of, lacks_of_flight, surface_by_name};
 use super::flight::{Flight, folder_of_photos};
 use super::folder::{Inventory, name_of};
+use super::footprints::{self, LayerChoice, UsableLayer};
 use super::ground::{self, GroundChoice, TerrainFile};
-use super::outlines::{self, OutlineChoice, OutlineLayer};
 use super::place::Place;
 use super::placing::{Placed, frame_of, lack_of_frame, place_in};
 use super::poses::{self, Passed, PoseChoice, PoseSource};
@@ -89,10 +89,10 @@ pub struct Beginning {
     pub crs: Option<CrsFound>,
     /// What heights count from.
     pub heights: String,
-    /// The outlines.
-    pub footprints: Option<OutlineLayer>,
+    /// The footprints.
+    pub footprints: Option<UsableLayer>,
     /// Layers that are not taken.
-    pub other_layers: Vec<outlines::PassedLayer>,
+    pub other_layers: Vec<footprints::PassedLayer>,
     /// The terrain model.
     pub terrain: Option<TerrainFile>,
     /// One height of the ground, metres.
@@ -120,7 +120,7 @@ pub(super) struct Findings {
     pub source: PoseSource,
     pub passed: Vec<Passed>,
     pub images: Option<PathBuf>,
-    pub outlines: OutlineChoice,
+    pub footprints: LayerChoice,
     pub ground: GroundChoice,
 }
 
@@ -181,7 +181,7 @@ pub fn begin(request: &InitRequest) -> Result<Beginning, InitError> {
     let flight = flight_of(&found, placed.as_ref());
     notes.lacks.splice(0..0, lacks_of_flight(&flight));
     notes.warnings.extend(doubts_of_flight(&found, &flight));
-    check_outlines(&found, placed.as_ref(), &mut notes);
+    check_footprints(&found, placed.as_ref(), &mut notes);
     if found.images.is_none() {
         let why = format!("{} lies here without the photos it is of", name_of(&found.source.config.path));
         notes.lacks.push(Lack::new(
@@ -210,16 +210,16 @@ fn find(request: &InitRequest) -> Result<Findings, InitError> {
     let is_of_flight = |photo: &PhotoFacts| images.as_ref().is_none_or(|folder| photo.path.starts_with(folder));
     let facts = facts.into_iter().filter(is_of_flight).collect();
     let place = Place::of(&source.look).read_in(request.crs.as_deref());
-    let outlines = match &request.footprints {
-        Some(path) => OutlineChoice { chosen: Some(outlines::named(path, &place)?), passed: Vec::new() },
-        None => outlines::choose(&inventory, &place),
+    let footprints = match &request.footprints {
+        Some(path) => LayerChoice { chosen: Some(footprints::named(path, &place)?), passed: Vec::new() },
+        None => footprints::choose(&inventory, &place),
     };
     let ground = match (&request.dtm, request.ground_m) {
         (Some(path), _) => GroundChoice { chosen: Some(ground::named(path, &place)?), passed: Vec::new() },
         (None, Some(_)) => GroundChoice::default(),
         (None, None) => ground::choose(&inventory, &place),
     };
-    Ok(Findings { facts, source, passed, images, outlines, ground })
+    Ok(Findings { facts, source, passed, images, footprints, ground })
 }
 
 /// The folder of the photos.
@@ -259,8 +259,8 @@ fn conclude(request: &InitRequest, story: Story) -> Result<Beginning, InitError>
         },
         crs: frame.map(|f| CrsFound { name: f.crs.name().to_owned(), definition: f.definition, why: f.why }),
         heights: datum.in_words,
-        footprints: found.outlines.chosen,
-        other_layers: found.outlines.passed,
+        footprints: found.footprints.chosen,
+        other_layers: found.footprints.passed,
         terrain: found.ground.chosen.filter(|_| datum.constant_m.is_none()),
         ground_m: datum.constant_m,
         ground_from_photos: datum.is_sharpened,

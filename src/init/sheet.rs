@@ -134,8 +134,8 @@ fn passed_poses(home: &Path, found: &Findings) -> Vec<String> {
 
 fn footprints(sheet: &mut Sheet, home: &Path, found: &Findings) {
     let others: Vec<String> =
-        found.outlines.passed.iter().map(|passed| format!("{}: {}", passed.name, passed.why)).collect();
-    if let Some(layer) = &found.outlines.chosen {
+        found.footprints.passed.iter().map(|passed| format!("{}: {}", passed.name, passed.why)).collect();
+    if let Some(layer) = &found.footprints.chosen {
         sheet.table("footprints");
         let mut entries = vec![Entry::path("path", &layer.path, home, layer.why.clone())];
         entries.extend(layer.layer.as_ref().map(|name| Entry::new("layer", quoted(name), "of the file's layers")));
@@ -149,7 +149,7 @@ fn footprints(sheet: &mut Sheet, home: &Path, found: &Findings) {
         return;
     }
     sheet.table_off("footprints");
-    sheet.note("MISSING: the outlines of the buildings. Take the # off when they are there.");
+    sheet.note("MISSING: the footprints of the buildings. Take the # off when they are there.");
     let about = "a cadastre's, or OpenStreetMap's: .gpkg, .geojson, .shp, .fgb, .osm, .osm.pbf";
     sheet.entries(&[Entry::off("path", "\"buildings.gpkg\"", about)]);
     sheet.note("or from masks of the photos that look straight down (docs/footprints.md):");

@@ -36,7 +36,7 @@ const MOST_SPACING_M: f64 = 40.0;
 const SPACING_STEP_M: f64 = 4.0;
 /// Squares that a square's neighbours are taken from, in spacings around it.
 const NEIGHBOURS: f64 = 5.4;
-/// Around the outlines, metres.
+/// Around the footprints, metres.
 const MARGIN_M: f64 = 30.0;
 /// Fewer squares with ground say nothing, of the whole or of a ninth of the area.
 const MIN_SQUARES: usize = 12;
@@ -57,9 +57,9 @@ pub struct GroundTold {
     pub off_m: Vec<([f64; 2], f64)>,
 }
 
-/// Distance from one square to the next over a city whose outlines lie within a box, metres: the same in all of its parts.
-pub(super) fn spacing_m(outlines: MapBox) -> f64 {
-    let area = outlines.grown(MARGIN_M);
+/// Distance from one square to the next over a city whose footprints lie within a box, metres: the same in all of its parts.
+pub(super) fn spacing_m(footprints: MapBox) -> f64 {
+    let area = footprints.grown(MARGIN_M);
     let area_m2 = (area.east_m - area.west_m) * (area.north_m - area.south_m);
     let spacing_m = (area_m2 / N_SQUARES).sqrt().clamp(DtmConfig::default().spacing_m, MOST_SPACING_M);
     // Rather closer: a building is told of by the squares around it.
@@ -88,13 +88,13 @@ pub(super) fn look(
     if !asks(config) || !survey.views.iter().any(|view| view.image.is_some()) {
         return GroundTold::default();
     }
-    let outlines: Vec<&Polygon<f64>> = footprints.layer.footprints.iter().map(|f| &f.polygon).collect();
+    let polygons: Vec<&Polygon<f64>> = footprints.layer.footprints.iter().map(|f| &f.polygon).collect();
     let spacing_m = stage.ground_spacing_m;
     let settings = DtmConfig { margin_m: MARGIN_M, spacing_m, ..DtmConfig::default() };
-    let area = dtm::area(&survey.views, &outlines, &settings);
+    let area = dtm::area(&survey.views, &polygons, &settings);
     let area = core.map_or(area, |core| core.grown(AROUND_M + NEIGHBOURS * spacing_m).shared_with(&area));
     // A photo that cannot be read is told of elsewhere.
-    let Ok((squares, _)) = dtm::off_by(&survey.views, &outlines, &stage.terrain, area, &settings, &|_, _| ()) else {
+    let Ok((squares, _)) = dtm::off_by(&survey.views, &polygons, &stage.terrain, area, &settings, &|_, _| ()) else {
         return GroundTold::default();
     };
     let ground = squares.iter().filter_map(|square| match square.outcome {

@@ -3,7 +3,7 @@
 //! | stage | reads | leaves in `stages/` |
 //! |---|---|---|
 //! | survey | photos and poses | `survey.json` |
-//! | footprints | outlines, terrain | `footprints.json` |
+//! | footprints | footprints, terrain | `footprints.json` |
 //! | heights | priors | `heights.json` |
 //! | output | the three above | nothing: it writes the results |
 //!
@@ -41,7 +41,7 @@ mod worst;
 pub use artefact::{FootprintStage, HeightStage};
 pub use dtm::{dtm_of_photos, write_dtm, write_project};
 pub use error::PipelineError;
-pub use footprints::files as outline_files;
+pub use footprints::files as footprint_files;
 pub use frame::Frame;
 pub use ground_told::GroundTold;
 pub use input::check_fallback;
@@ -53,7 +53,9 @@ pub use refinement::{photo_bytes, reads_photo};
 pub use report::write_city_report;
 pub use settings::part_settings;
 pub use stages::{files_of, lineage_of, reviews_of, unstated_reference};
-pub use tile::{Part, PartHashes, PartHeights, find_outlines, layer_of, outlines_around, refused_records, survey_of};
+pub use tile::{
+    Part, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records, survey_of,
+};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -70,7 +72,7 @@ pub use sizeup_results::output::RunSummary;
 pub enum Stage {
     /// Poses into the project's CRS.
     Survey,
-    /// Outlines onto the ground.
+    /// Footprints onto the ground.
     Footprints,
     /// One height per building.
     Heights,

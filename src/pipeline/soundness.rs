@@ -17,7 +17,7 @@ pub(super) fn read(config: &RunConfig) -> Result<Reading, PipelineError> {
 
 /// Looks the survey over, and writes the report and its picture beside the results.
 ///
-/// The outlines are no area of interest here: a survey of a whole city serves a run of one block.
+/// The footprints are no area of interest here: a survey of a whole city serves a run of one block.
 pub(super) fn look_over(
     config: &RunConfig,
     reading: &Reading,

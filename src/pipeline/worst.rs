@@ -56,9 +56,9 @@ mod tests {
     use super::*;
 
     fn records(reasons: &[&str]) -> Vec<BuildingRecord> {
-        let outline = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)];
+        let footprint = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)];
         let of = |reason: &&str| {
-            let measured = BuildingRecord::measured("a", outline.clone(), 0.0, 9.0);
+            let measured = BuildingRecord::measured("a", footprint.clone(), 0.0, 9.0);
             if reason.is_empty() {
                 return measured;
             }

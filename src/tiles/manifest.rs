@@ -50,7 +50,7 @@ pub struct Manifest {
     pub prior_files: Vec<PathBuf>,
     /// Features whose ids are not what their attribute says, by the layer's own number.
     pub renamed: BTreeMap<u64, String>,
-    /// Buildings with an outline.
+    /// Buildings with a footprint.
     pub n_buildings: usize,
     /// Views with a usable pose.
     pub n_views: usize,
@@ -118,9 +118,9 @@ impl TileViews {
 pub(super) struct Common {
     /// Every view of the survey.
     pub views: Vec<View>,
-    /// Buildings without a usable outline.
+    /// Buildings without a usable footprint.
     pub refused: Vec<RefusedFootprint>,
-    /// What was wrong with poses and outlines.
+    /// What was wrong with poses and footprints.
     pub issues: Vec<Issue>,
 }
 

@@ -73,7 +73,7 @@ pub struct Merged {
     pub n_tiles: usize,
     /// Tiles that are not done.
     pub missing: Vec<String>,
-    /// Buildings of the input, those without an outline included.
+    /// Buildings of the input, those without a footprint included.
     pub n_buildings: usize,
     /// Buildings by what became of them, one in parts as its worst part.
     pub by_status: BTreeMap<Status, usize>,

@@ -10,7 +10,7 @@ use super::attempt::{Attempt, remove_if_there};
 use super::manifest::{Done, Layout, Tile, TileViews, hash_of, sweep_litter};
 use super::stale::{Check, Trust, known};
 use super::{Lock, TilesError};
-use crate::pipeline::{Part, PartHeights, Tell, layer_of, outlines_around};
+use crate::pipeline::{Part, PartHeights, Tell, footprints_around, layer_of};
 use crate::recipe::{Recipe, program};
 use sizeup_geo::files::{FileError, write_whole, write_whole_unflushed};
 use sizeup_geo::issue::{Severity, Subject};
@@ -34,7 +34,7 @@ pub(super) const LINEAGE: &str = "lineage.json";
 const CITY: &str = "city.city.json";
 /// What it cost: differs from run to run, so it is no result.
 pub(super) const COST: &str = "cost.json";
-/// What it read of the outlines, in its lineage.
+/// What it read of the footprints, in its lineage.
 pub(super) const PART_OF_FOOTPRINTS: &str = "footprints, the tile's part";
 /// What it read of the terrain, in its lineage.
 pub(super) const PART_OF_TERRAIN: &str = "terrain, the tile's part";
@@ -170,10 +170,11 @@ fn part_of<'a>(check: &Check<'a>, tile: &Tile, views: TileViews) -> Result<Part<
     let manifest = check.manifest;
     let positions = views.positions_by_name();
     let survey = Survey { views: views.views, issues: Vec::new() };
-    let footprints = outlines_around(&manifest.config, tile.halo, &manifest.renamed)?;
+    let footprints = footprints_around(&manifest.config, tile.halo, &manifest.renamed)?;
     let part = Part::new(&manifest.config, manifest.frame(), survey, positions, footprints)?;
     if part.hashes() != tile.reads {
-        let own = || format!("the outlines, the terrain or the reviews of tile {} are not those of the plan", tile.id);
+        let own =
+            || format!("the footprints, the terrain or the reviews of tile {} are not those of the plan", tile.id);
         let (what, why) = ("the plan".to_owned(), check.plan().unwrap_or_else(own));
         return Err(TilesError::Stale { what, why, hint: PLAN_AGAIN });
     }
@@ -189,10 +190,10 @@ fn inputs_of(
     used: &HashSet<&ViewId>,
 ) -> Result<Vec<InputFile>, TilesError> {
     let config = &check.manifest.config;
-    let outlines = layer_of(config)?.path.clone();
+    let footprints = layer_of(config)?.path.clone();
     let terrain = config.terrain.dtm.iter().zip(&tile.reads.terrain);
     let reviews = config.reviews.iter().zip(&tile.reads.reviews);
-    let parts = std::iter::once((PART_OF_FOOTPRINTS, outlines, tile.reads.outlines.clone()))
+    let parts = std::iter::once((PART_OF_FOOTPRINTS, footprints, tile.reads.footprints.clone()))
         .chain(terrain.map(|(path, content)| (PART_OF_TERRAIN, path.clone(), content.clone())))
         .chain(reviews.map(|(reviews, content)| (PART_OF_REVIEWS, reviews.path.clone(), content.clone())));
     let parts = parts.map(|(role, path, content)| InputFile::holding(role, &path, content));
@@ -211,7 +212,7 @@ fn write(
     made_by: &Recipe,
 ) -> Result<Done, TilesError> {
     let folder = check.layout.tile(&tile.id);
-    // Parts of an outline that was split go with the outline.
+    // Parts of a footprint that was split go with the footprint.
     let belongs = |id: &str| part.middle_of(id).is_some_and(|middle| tile.core.holds(middle));
     let (own, others): (Vec<_>, Vec<_>) = heights.records.into_iter().partition(|record| belongs(&record.id));
     let halo = others.into_iter().filter_map(|record| {

@@ -101,7 +101,7 @@ impl Check<'_> {
             .with("the frame", hash_of_text(&frame))
             .with("the tile's place", hash_of_text(&(tile.core, tile.halo)))
             .with("its views", &tile.views_sha256)
-            .with("its footprints", &tile.reads.outlines.sha256)
+            .with("its footprints", &tile.reads.footprints.sha256)
             .with("its terrain", part(&tile.reads.terrain))
             .with("its reviews", part(&tile.reads.reviews));
         for (role, path) in files_of_tile(manifest, views) {

@@ -57,7 +57,7 @@ fn parts_become_building_parts_of_one_building() {
         assert_eq!(part["geometry"][0]["type"], "Solid");
     }
     // The refused part comes last in the list and stands beside its sibling all the same.
-    assert_eq!(objects["tower group"]["children"], json!(["tower", "no outline"]));
+    assert_eq!(objects["tower group"]["children"], json!(["tower", "no footprint"]));
     assert_eq!(objects["tower group"]["attributes"]["status"], "refused");
 }
 
@@ -74,7 +74,7 @@ fn parts_come_back_from_every_format() {
     let from_city = read(&at("a.city.json"));
     assert_eq!(from_city, read(&at("a.city.jsonl")));
     for name in ["a.city.json", "a.gpkg", "a.fgb"] {
-        // FlatGeobuf has no place for a building without an outline.
+        // FlatGeobuf has no place for a building without a footprint.
         let has_place = |r: &BuildingRecord| name != "a.fgb" || r.footprint.is_some();
         let expected: Vec<BuildingRecord> = by_id(town.records.clone()).into_iter().filter(has_place).collect();
         let found = read(&at(name));

@@ -9,10 +9,10 @@ use rstar::AABB;
 pub struct Candidate {
     /// Which view, as a position among the [`SeenGround`]s.
     pub view: usize,
-    /// Its outline, in several parts where something stands before it; exteriors counter-clockwise, holes clockwise.
+    /// Its footprint, in several parts where something stands before it; exteriors counter-clockwise, holes clockwise.
     /// Map frame, metres.
     pub shape: MultiPolygon<f64>,
-    /// How much it counts: the inverse square of its outline's standard deviation in metres.
+    /// How much it counts: the inverse square of its footprint's standard deviation in metres.
     pub weight: f64,
     /// What the segmenter gives it, 0 to 1; 1 where it gives nothing.
     pub score: f32,

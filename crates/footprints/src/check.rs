@@ -135,10 +135,10 @@ mod tests {
     #[test]
     fn holes_that_touch_nest_or_lie_outside_are_faults() {
         let with_hole = |hole: [(f64, f64); 3]| {
-            let outline = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)];
+            let footprint = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)];
             let inner = polygon![(x: 1.0, y: 1.0), (x: 1.0, y: 5.0), (x: 5.0, y: 1.0)];
             let hole = LineString::from(hole.to_vec());
-            Polygon::new(outline.exterior().clone(), vec![inner.exterior().clone(), hole])
+            Polygon::new(footprint.exterior().clone(), vec![inner.exterior().clone(), hole])
         };
         assert!(matches!(fault(&with_hole([(0.0, 7.0), (3.0, 8.0), (3.0, 6.0)])), Some(Fault::RingContact(_))));
         assert!(matches!(fault(&with_hole([(2.0, 2.0), (2.0, 2.5), (2.5, 2.0)])), Some(Fault::MisplacedHole(_))));

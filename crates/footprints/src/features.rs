@@ -232,7 +232,7 @@ impl Name {
     }
 }
 
-/// Why one part of a feature has no usable outline.
+/// Why one part of a feature has no usable footprint.
 struct Refusal {
     code: &'static str,
     message: String,
@@ -247,7 +247,7 @@ impl Refusal {
 
     fn of(defect: Defect, middle: Option<Coord<f64>>) -> Self {
         let (place, hint) = match defect {
-            Defect::Crossing { place, .. } => (Some(place), Some("mend the outline in a GIS")),
+            Defect::Crossing { place, .. } => (Some(place), Some("mend the footprint in a GIS")),
             Defect::TooSmall { .. } => (middle, Some("lower `min_area_m2` to keep it")),
             Defect::NotFinite => (None, None),
             Defect::NoArea => (middle, None),
@@ -274,7 +274,7 @@ fn tell(repair: &Repair, subject: Subject, otherwise_at: Option<Coord<f64>>) -> 
         Repair::Rebuilt(at) => (
             Severity::Warning,
             "footprint_rebuilt",
-            "its outline crossed, touched or retraced itself and was rebuilt with the same area".to_owned(),
+            "its footprint crossed, touched or retraced itself and was rebuilt with the same area".to_owned(),
             Some(at),
         ),
         Repair::HolesDropped(n) => {

@@ -1,6 +1,6 @@
 //! From pixels to the ground: every corner's ray meets the terrain, lens distortion inverted.
 //!
-//! An outline's standard deviation at a place, from what the survey is accurate to (all metres; `r`: distance to the
+//! A footprint's standard deviation at a place, from what the survey is accurate to (all metres; `r`: distance to the
 //! camera, `θ`: angle of the ray off the vertical, `g`: size of a pixel across the ray):
 //!
 //! ```text
@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use sizeup_geo::terrain::Terrain;
 use sizeup_survey::View;
 
-/// How accurate what goes into an outline is: standard deviations.
+/// How accurate what goes into a footprint is: standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 #[schemars(extend("x-expert" = true))]
@@ -38,7 +38,7 @@ impl Default for AccuracyConfig {
     }
 }
 
-/// What outlines are laid on.
+/// What footprints are laid on.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Surface<'a> {
     /// The ground.
@@ -70,7 +70,7 @@ impl<'a> Projector<'a> {
         }
     }
 
-    /// An outline on the surface, exteriors counter-clockwise; `None` if any corner meets nothing.
+    /// A footprint on the surface, exteriors counter-clockwise; `None` if any corner meets nothing.
     pub(super) fn shape(&self, shape_px: &MultiPolygon<f64>) -> Option<MultiPolygon<f64>> {
         use geo::orient::{Direction, Orient as _};
         let ring = |ring: &LineString<f64>| -> Option<LineString<f64>> {
@@ -107,7 +107,7 @@ impl<'a> Projector<'a> {
     }
 }
 
-/// The parts of an outline's error at a place in a view.
+/// The parts of a footprint's error at a place in a view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PlaceError {
     /// Variance of what differs from view to view, m².
@@ -129,7 +129,7 @@ impl PlaceError {
         Self { own_m2: mask * mask + accuracy.position_m.powi(2) + angle * angle, per_terrain_m: across / down }
     }
 
-    /// Standard deviation of one view's outline, metres.
+    /// Standard deviation of one view's footprint, metres.
     pub(super) fn sigma_m(&self, accuracy: &AccuracyConfig) -> f64 {
         (self.own_m2 + accuracy.terrain_m.powi(2) * self.per_terrain_m.length_squared()).sqrt()
     }

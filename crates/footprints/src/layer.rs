@@ -39,7 +39,7 @@ pub struct FootprintConfig {
     #[serde(default = "default_grid_m")]
     #[schemars(extend("x-expert" = true))]
     pub grid_m: f64,
-    /// Most that repairing a self-crossing outline may change its area, as a share of it, 0 to 1.
+    /// Most that repairing a self-crossing footprint may change its area, as a share of it, 0 to 1.
     #[serde(default = "default_max_area_change")]
     #[schemars(extend("x-expert" = true))]
     pub max_area_change: f64,

@@ -1,6 +1,6 @@
 //! Buildings of an OpenStreetMap file: `.osm` as the website and Overpass give it, `.osm.pbf` as regional extracts come.
 //!
-//! Their outlines are ways that close and relations, which GDAL puts into one layer with everything else that has an area. Of
+//! Their footprints are ways that close and relations, which GDAL puts into one layer with everything else that has an area. Of
 //! that layer the features with a `building` are buildings. Ways and relations are numbered apart: way 5 and relation 5 are two
 //! buildings, so an id says which it is.
 
@@ -23,7 +23,7 @@ pub fn is_osm(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("osm") || e.eq_ignore_ascii_case("pbf"))
 }
 
-/// Opens the layer of outlines: of an OpenStreetMap file its buildings, unless another layer is asked for.
+/// Opens the layer of footprints: of an OpenStreetMap file its buildings, unless another layer is asked for.
 ///
 /// # Errors
 /// As [`VectorLayer::open`].

@@ -73,7 +73,7 @@ const OF_THE_WHOLE: [&str; 9] = [
     "terrain_differs",
 ];
 /// Of issues of the same severity, heights come before what may only have led to a wrong one.
-const OF_HEIGHTS: [&str; 4] = ["height_unknown", "outline_refused", "height_doubtful", "height_from_fallback"];
+const OF_HEIGHTS: [&str; 4] = ["height_unknown", "footprint_refused", "height_doubtful", "height_from_fallback"];
 
 impl Issue {
     /// What an issue is sorted by where the most important come first: about the whole, by severity, heights first. Issues of

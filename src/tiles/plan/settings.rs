@@ -60,7 +60,7 @@ impl PlanSettings {
 /// Refuses what no plan can be made of.
 ///
 /// # Errors
-/// [`TilesError`]: the preset `paper`, a terrain model made by the run, sizes out of range, roof outlines that move.
+/// [`TilesError`]: the preset `paper`, a terrain model made by the run, sizes out of range, roof contours that move.
 pub(super) fn check(config: &RunConfig, settings: &PlanSettings) -> Result<(), TilesError> {
     if config.optimise.preset == Preset::Paper {
         return Err(TilesError::PaperPreset);

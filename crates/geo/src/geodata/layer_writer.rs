@@ -26,7 +26,7 @@ pub enum FieldType {
     Number,
 }
 
-/// One row: an outline and its attributes in the order of the columns.
+/// One row: a footprint and its attributes in the order of the columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LayerFeature<'a> {
     /// In the layer's CRS, x before y.

@@ -68,7 +68,7 @@ impl MapBox {
     }
 
     /// Points along the edges, `n` per side, and the middle: where a box goes under a transformation.
-    pub fn outline(&self, n: usize) -> impl Iterator<Item = (f64, f64)> + use<> {
+    pub fn border(&self, n: usize) -> impl Iterator<Item = (f64, f64)> + use<> {
         let Self { west_m, south_m, east_m, north_m } = *self;
         let along = move |i: usize| {
             let t = i as f64 / n as f64;
@@ -145,11 +145,11 @@ pub(super) fn read(source: &Source<'_>, project_crs: &Crs, area: MapBox) -> Resu
     };
     let to_dtm = Transform::new(project_crs, source.crs).map_err(|e| source.crs_error(e))?;
     let in_dtm: Vec<(Position, Position)> =
-        area.outline(8).filter_map(|p| Some((p, to_dtm.point(p.0, p.1).ok()?))).collect();
+        area.border(8).filter_map(|p| Some((p, to_dtm.point(p.0, p.1).ok()?))).collect();
     let elsewhere = || {
         let covers = Transform::new(source.crs, project_crs)
             .ok()
-            .and_then(|t| MapBox::around(extent.outline(8).filter_map(|(x, y)| t.point(x, y).ok())));
+            .and_then(|t| MapBox::around(extent.border(8).filter_map(|(x, y)| t.point(x, y).ok())));
         TerrainError::Elsewhere {
             path: source.path.to_owned(),
             found: covers.map_or_else(|| format!("{extent} in {}", source.crs), |b| b.to_string()),

@@ -4,7 +4,7 @@
 //! p ≈ a + d · v        p: prior's inverse depth,  v = 1 / R: rendered inverse depth for the present heights
 //! ```
 //!
-//! What the scene does not model (trees, cars, buildings without an outline) is always *nearer* than what is rendered in
+//! What the scene does not model (trees, cars, buildings without a footprint) is always *nearer* than what is rendered in
 //! its place, so residuals have one heavy side. The fit is re-weighted by Tukey's biweight with the spread measured on
 //! the other side, which drives it to the far envelope: the ground. No terms in image position are fitted: on level
 //! ground `1/R` is itself affine in them, and the fit would collapse.

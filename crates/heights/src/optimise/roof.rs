@@ -22,7 +22,7 @@ use crate::scene::{HeightBounds, HeightReference, Prism, RoofForm};
 pub(super) const REACH_M: f32 = pitched::TALLEST_M + 2.0;
 /// A roof whose mean is farther than this from the flat height has to be better in whole windows too, metres.
 const FAR_M: f64 = 2.0;
-/// No roof of a few numbers explains more than all but this of a prior: an outline's corners and a roof's furniture are in it.
+/// No roof of a few numbers explains more than all but this of a prior: a footprint's corners and a roof's furniture are in it.
 const LEAST_UNEXPLAINED: f64 = 1e-3;
 /// Fewer views cannot tell a form.
 const MIN_VIEWS: usize = 4;
@@ -49,7 +49,7 @@ pub struct Roof {
 /// A rectangle at one of the two levels of a stepped roof.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Terrace {
-    /// Corners, local frame, metres, counter-clockwise; it may reach beyond the outline.
+    /// Corners, local frame, metres, counter-clockwise; it may reach beyond the footprint.
     pub corners: [[f64; 2]; 4],
     /// Whether it is the upper level.
     pub is_upper: bool,
@@ -150,7 +150,7 @@ impl Roof {
 
 /// Roofs of all forms and several pitches over a prism, and stepped as `found` if it is, all with its area mean, each with
 /// places on it (local frame, metres): some `n` on a lattice, at least `clear_m` from the walls. The flat one comes first; none
-/// where the outline is too narrow.
+/// where the footprint is too narrow.
 #[must_use]
 pub fn candidates(prism: &Prism, found: &Roof, clear_m: f32, n: usize) -> Vec<(Roof, Vec<Vec3>)> {
     let (axes, low, high) = smallest_rectangle(prism);
@@ -160,7 +160,7 @@ pub fn candidates(prism: &Prism, found: &Roof, clear_m: f32, n: usize) -> Vec<(R
     let lattice = (0..n_y).flat_map(|row| (0..n_x).map(move |col| Vec2::new(col as f32 + 0.5, row as f32 + 0.5)));
     let inside: Vec<Vec2> = lattice
         .map(|cell| axes.transpose() * (low + spacing_m * cell))
-        .filter(|p| prism.contains(*p) && distance_to_outline(prism, *p) >= clear_m)
+        .filter(|p| prism.contains(*p) && distance_to_border(prism, *p) >= clear_m)
         .collect();
     if inside.is_empty() {
         return Vec::new();
@@ -378,7 +378,7 @@ pub(super) fn grid(low: Vec2, high: Vec2, n: usize) -> impl Iterator<Item = Vec2
 }
 
 /// Distance of a point to the nearest wall, metres.
-pub(super) fn distance_to_outline(prism: &Prism, point: Vec2) -> f32 {
+pub(super) fn distance_to_border(prism: &Prism, point: Vec2) -> f32 {
     prism
         .edges()
         .map(|(a, b)| {

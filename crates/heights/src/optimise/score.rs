@@ -222,7 +222,7 @@ impl Window {
 }
 
 /// Leaves out the rays around a building that look, by the calibrated prior, at something that the scene does not have
-/// there: a building without an outline, a tree; says which share of those around it that was. What stands out is told
+/// there: a building without a footprint, a tree; says which share of those around it that was. What stands out is told
 /// against the open ground close by, so that a slow drift of the prior does no harm.
 fn leave_out_unmodelled(
     evidence: &Evidence<'_>,

@@ -104,7 +104,7 @@ impl Hit {
 /// A prism between two levels.
 pub(super) struct Solid<'a> {
     pub prism: &'a Prism,
-    /// A ray that comes over the outline below this passes under its walls. Well inside the prism's box, so that boxes
+    /// A ray that comes over the footprint below this passes under its walls. Well inside the prism's box, so that boxes
     /// decide nothing.
     pub foot_z: f32,
     pub roof_z: f32,

@@ -190,7 +190,7 @@ impl Profiles {
         self.eye_z + depth * self.rays[ray_idx].dz
     }
 
-    /// Whether a ray comes below a level, local frame, within a building's outline.
+    /// Whether a ray comes below a level, local frame, within a building's footprint.
     #[must_use]
     pub fn passes_below(&self, ray_idx: usize, building: u32, z: f32) -> bool {
         let is_below = |depth: f32| self.level(ray_idx, depth) < z;

@@ -14,7 +14,7 @@ use sizeup_results::output::{BuildingRecord, Status};
 
 /// Upper limits of the classes of height, metres; the last class is above.
 const HEIGHT_CLASSES_M: [f64; 4] = [6.0, 12.0, 25.0, 50.0];
-/// Upper limits of the classes of outline area, m²; the last class is above.
+/// Upper limits of the classes of footprint area, m²; the last class is above.
 const AREA_CLASSES_M2: [f64; 3] = [100.0, 300.0, 1000.0];
 
 /// What is compared, and how.
@@ -23,7 +23,7 @@ const AREA_CLASSES_M2: [f64; 3] = [100.0, 300.0, 1000.0];
 pub struct HeightOptions {
     /// How buildings are matched: `auto`, `id` or `overlap`.
     pub matching: Matching,
-    /// Smallest share of a reference outline that its match covers, 0 to 1, when matching by overlap.
+    /// Smallest share of a reference footprint that its match covers, 0 to 1, when matching by overlap.
     pub min_overlap_share: f64,
     /// Reference buildings lower than this are counted, not compared, metres (relative accuracy means nothing there).
     pub min_truth_height_m: f64,
@@ -85,9 +85,9 @@ pub struct BuildingError {
     pub status: Status,
     /// What kind of building it is.
     pub group: Option<String>,
-    /// Share of the reference's outline that the match covers.
+    /// Share of the reference's footprint that the match covers.
     pub overlap_share: Option<f64>,
-    /// Area of the reference's outline, m²; of the result's where the reference has none.
+    /// Area of the reference's footprint, m²; of the result's where the reference has none.
     #[serde(default)]
     pub area_m2: Option<f64>,
 }
@@ -112,7 +112,7 @@ pub struct HeightEvaluation {
     /// By height of the reference, ascending; empty where all are of one class.
     #[serde(default)]
     pub by_height: Vec<GroupStatistics>,
-    /// By area of the outline, ascending; empty where all are of one class.
+    /// By area of the footprint, ascending; empty where all are of one class.
     #[serde(default)]
     pub by_area: Vec<GroupStatistics>,
     /// Each compared building, in the reference's order.
@@ -121,7 +121,7 @@ pub struct HeightEvaluation {
     pub definitions: BTreeMap<String, String>,
 }
 
-/// Compares the heights of a result with a reference. Both outlines must be in the same CRS. Parts of a building count as
+/// Compares the heights of a result with a reference. Both footprints must be in the same CRS. Parts of a building count as
 /// one where the reference has it as one, with the mean height over their areas.
 ///
 /// # Errors
@@ -235,8 +235,8 @@ fn compare(
             group: building.group.clone(),
             overlap_share: found.overlap_share,
             area_m2: match (&building.footprint, &record.footprint) {
-                (Some(outline), _) => Some(outline.unsigned_area()),
-                (None, outline) => outline.as_ref().map(geo::Area::unsigned_area),
+                (Some(footprint), _) => Some(footprint.unsigned_area()),
+                (None, footprint) => footprint.as_ref().map(geo::Area::unsigned_area),
             },
         });
     }

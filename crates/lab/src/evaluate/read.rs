@@ -70,7 +70,11 @@ pub fn read_truth(path: &Path, options: &TruthOptions, project_crs: &Crs) -> Res
 ///
 /// # Errors
 /// [`ReadError`]: unreadable, without CRS.
-pub(super) fn read_truth_outlines(path: &Path, options: &TruthOptions, project_crs: &Crs) -> Result<Truth, ReadError> {
+pub(super) fn read_truth_footprints(
+    path: &Path,
+    options: &TruthOptions,
+    project_crs: &Crs,
+) -> Result<Truth, ReadError> {
     read(path, options, project_crs, Heights::Absent)
 }
 
@@ -105,7 +109,7 @@ fn read(path: &Path, options: &TruthOptions, project_crs: &Crs, heights: Heights
     };
     let building = |b: &FoundBuilding| TruthBuilding {
         id: b.id.clone(),
-        footprint: b.outline.clone(),
+        footprint: b.footprint.clone(),
         height_m: match field {
             Some(field) => b.attributes.get(field).and_then(number),
             None => measured_height_m(b, options.height_reference),
@@ -150,7 +154,7 @@ pub fn read_results(path: &Path, project_crs: &Crs) -> Result<Vec<BuildingRecord
 ///
 /// # Errors
 /// [`ReadError`].
-pub(super) fn read_outlines(path: &Path, project_crs: &Crs) -> Result<Vec<BuildingRecord>, ReadError> {
+pub(super) fn read_footprints(path: &Path, project_crs: &Crs) -> Result<Vec<BuildingRecord>, ReadError> {
     Ok(FoundBuildings::read(path, &ReadOptions::default())?.into_crs(project_crs)?.to_records())
 }
 

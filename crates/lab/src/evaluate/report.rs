@@ -18,7 +18,7 @@ pub struct EvaluationReport {
     pub heights: Option<HeightEvaluation>,
     /// Where heights of the reference come from: an attribute, its surfaces or its points.
     pub truth_heights: Option<String>,
-    /// Outlines; `None` where one side has none of its own.
+    /// Footprints; `None` where one side has none of its own.
     pub footprints: Option<FootprintEvaluation>,
     /// How levels were brought together; `None` where none were compared.
     pub levels: Option<LevelAgreement>,

@@ -129,7 +129,7 @@ pub fn evaluate_volume(
 }
 
 fn prism_volume_m3(prism: &Prism) -> f64 {
-    prism.outline.unsigned_area() * (prism.levels_m[1] - prism.levels_m[0])
+    prism.footprint.unsigned_area() * (prism.levels_m[1] - prism.levels_m[0])
 }
 
 fn common_m3(a: &Prism, b: &Prism) -> f64 {
@@ -137,14 +137,14 @@ fn common_m3(a: &Prism, b: &Prism) -> f64 {
     if thickness <= 0.0 {
         return 0.0;
     }
-    a.outline.intersection(&b.outline).unsigned_area() * thickness
+    a.footprint.intersection(&b.footprint).unsigned_area() * thickness
 }
 
 type Box2 = GeomWithData<Rectangle<[f64; 2]>, usize>;
 
 fn tree_of(prisms: &[Prism]) -> RTree<Box2> {
     let box_of = |(i, prism): (usize, &Prism)| {
-        let bounds = prism.outline.bounding_rect()?;
+        let bounds = prism.footprint.bounding_rect()?;
         let corners = Rectangle::from_corners([bounds.min().x, bounds.min().y], [bounds.max().x, bounds.max().y]);
         Some(GeomWithData::new(corners, i))
     };
@@ -156,7 +156,7 @@ fn common_of_sets_m3(a: &[Prism], b: &[Prism], is_same: bool) -> f64 {
     let tree = tree_of(b);
     let mut sum = 0.0;
     for (i, prism) in a.iter().enumerate() {
-        let Some(bounds) = prism.outline.bounding_rect() else { continue };
+        let Some(bounds) = prism.footprint.bounding_rect() else { continue };
         let around = AABB::from_corners([bounds.min().x, bounds.min().y], [bounds.max().x, bounds.max().y]);
         let mut near: Vec<usize> = tree.locate_in_envelope_intersecting(&around).map(|c| c.data).collect();
         near.sort_unstable();

@@ -25,17 +25,17 @@ fn write_text(path: &Path, text: &str) -> Result<(), FileError> {
     write_whole(path, |w| w.write_all(text.as_bytes()))
 }
 
-/// The footprints as the user gets them: outlines, ids, types; no heights.
+/// The footprints as the user gets them: polygons, ids, types; no heights.
 pub(super) fn write_footprints(
     path: &Path,
     crs: &Crs,
     buildings: &[Building],
-    outlines: &[Polygon<f64>],
+    footprints: &[Polygon<f64>],
 ) -> Result<(), SimulateError> {
     let columns = [("id", FieldType::Text), ("type", FieldType::Text)];
     let features: Vec<LayerFeature> = buildings
         .iter()
-        .zip(outlines)
+        .zip(footprints)
         .map(|(b, polygon)| LayerFeature {
             polygon,
             texts: vec![b.id.to_string(), b.kind.as_str().to_owned()],

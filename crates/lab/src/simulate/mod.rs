@@ -44,7 +44,7 @@ mod trace;
 
 pub use building::{Building, BuildingKind, Part, Placement, Triangle};
 pub use config::{
-    CameraConfig, CityJsonConfig, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, MaskConfig, MaskOutline,
+    CameraConfig, CityJsonConfig, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, MaskConfig, MaskContour,
     PointConfig, PriorConfig, PriorLevel, SimulateConfig, TerrainConfig, TownConfig, TownKind,
 };
 pub use corrupt::{Corruption, building_gain, prior};

@@ -123,7 +123,7 @@ fn is_edge(hits: &[Option<Hit>], width: usize, height: usize, col: usize, row: u
     let here = &hits[row * width + col];
     let differs = |c: usize, r: usize| match (here, &hits[r * width + c]) {
         (Some(a), Some(b)) => {
-            // Leaves are all edges: only their outline counts.
+            // Leaves are all edges: only their contour counts.
             let bends = || a.surface.normal.dot(b.surface.normal) < SAME_NORMAL;
             a.surface.seen() != b.surface.seen() || (a.surface.seen() != Seen::Clutter && bends())
         }

@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn masks_show_the_outline_on_the_ground_not_the_roof() {
+    fn masks_show_the_footprint_on_the_ground_not_the_roof() {
         let world = world(&form::flat(vec![Rect::sized(-8.0, -5.0, 16.0, 10.0).ring()], 30.0));
         let view = view(10.0, Distortion::None);
         let mask = ground_contact(&view, &world.buildings, &world.terrain);

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use sizeup_geo::paths::PathVisitor;
 
-pub use proto::Outline;
+pub use proto::Contents;
 
 use self::second::SecondChoice;
 
@@ -263,8 +263,8 @@ impl Network {
     /// # Errors
     /// [`OnnxError`] but for those of running.
     pub fn open_with(path: &Path, config: &EngineConfig) -> Result<Self, OnnxError> {
-        let outline = Outline::read(path)?;
-        let embedded = || embedded::Graph::open(path, &outline, config).map(|graph| Graph::Embedded(Box::new(graph)));
+        let contents = Contents::read(path)?;
+        let embedded = || embedded::Graph::open(path, &contents, config).map(|graph| Graph::Embedded(Box::new(graph)));
         let runtime = || runtime::Graph::open(path, config).map(Graph::Runtime);
         // What only ONNX Runtime has is asked for by asking for it.
         let wants_runtime = config.name == EngineChoice::OnnxRuntime

@@ -1,11 +1,11 @@
-//! How much higher or lower a building is: roof by roof where the two outlines overlap.
+//! How much higher or lower a building is: roof by roof where the two footprints overlap.
 //!
 //! ```text
 //! d = Σ A_ij (v_j − v_i) / Σ A_ij        σ = Σ A_ij √(σ_i² + σ_j²) / Σ A_ij
 //! ```
 //!
 //! `A_ij`: area that part `i` of the old result shares with part `j` of the new one; `v`: level of the roof, or height above
-//! ground. Of outlines that agree that is the difference of the mean heights; an annex that was added does not lower the
+//! ground. Of footprints that agree that is the difference of the mean heights; an annex that was added does not lower the
 //! mean. σ is as if all parts of a building erred the same way.
 
 use std::collections::BTreeSet;
@@ -134,7 +134,7 @@ fn pieces<'p, 'a>(old: &[&'p Building<'a>], new: &[&'p Building<'a>]) -> Vec<Pie
     let mut pieces = Vec::new();
     for &part in &old {
         for &other in &new {
-            let (Some(a), Some(b)) = (&part.outline, &other.outline) else { continue };
+            let (Some(a), Some(b)) = (&part.footprint, &other.footprint) else { continue };
             let shared_m2 = shared_m2(a, b);
             if shared_m2 > 0.0 {
                 pieces.push(Piece { old: part, new: other, shared_m2 });
@@ -164,7 +164,7 @@ fn difference(piece: &Piece<'_, '_>, unstated: &Unstated) -> Result<Difference, 
 fn is_one_to_one(old: &[&Building<'_>], new: &[&Building<'_>], pieces: &[Piece<'_, '_>]) -> bool {
     let n_parts = |buildings: &[&Building<'_>]| buildings.iter().map(|building| building.parts.len()).sum::<usize>();
     let is_same = |piece: &&Piece<'_, '_>| {
-        let area = |part: &Part<'_>| part.outline.as_ref().map_or(0.0, geo::Area::unsigned_area);
+        let area = |part: &Part<'_>| part.footprint.as_ref().map_or(0.0, geo::Area::unsigned_area);
         piece.shared_m2 >= SAME_PART_IOU * (area(piece.old) + area(piece.new) - piece.shared_m2)
     };
     let n = n_parts(old);

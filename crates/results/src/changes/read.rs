@@ -1,6 +1,6 @@
 //! Two results from files, brought into one frame.
 //!
-//! A folder is that of a run or of a merged city: the first of [`IN_FOLDER`] that it has is read. Outlines of the old result
+//! A folder is that of a run or of a merged city: the first of [`IN_FOLDER`] that it has is read. Footprints of the old result
 //! are brought to the CRS of the new one where they differ; levels are compared where both say what they count from, and
 //! refused where that is not the same.
 
@@ -55,7 +55,7 @@ pub enum ChangesError {
         new: PathBuf,
     },
     /// There is nothing to compare with.
-    #[error("the {epoch} result {} has no building with an outline, out of {n_buildings}\nhint: every building of the other one would be new or gone; look at the run's issues.json", path.display())]
+    #[error("the {epoch} result {} has no building with a footprint, out of {n_buildings}\nhint: every building of the other one would be new or gone; look at the run's issues.json", path.display())]
     Empty {
         /// `old` or `new`.
         epoch: &'static str,
@@ -148,7 +148,7 @@ impl ResultFile {
     fn read(path: &Path, frame: Option<&Crs>, epoch: &'static str) -> Result<Self, ChangesError> {
         let found = FoundBuildings::read(path, &ReadOptions::default())?;
         let n_buildings = found.buildings.len();
-        if !found.buildings.iter().any(|building| building.outline.is_some()) {
+        if !found.buildings.iter().any(|building| building.footprint.is_some()) {
             return Err(ChangesError::Empty { epoch, path: path.to_owned(), n_buildings });
         }
         let crs = found.crs.clone().ok_or_else(|| ReadError::NoCrs { path: path.to_owned() })?;

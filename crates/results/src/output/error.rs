@@ -23,7 +23,7 @@ pub enum OutputError {
     /// The scene is larger than the output grid.
     #[error(
         "the buildings span {span_m:.0} m, more than the {limit_m:.0} m that whole numbers of {scale_m} m reach\n\
-         hint: look for an outline far from all others, or write tiles"
+         hint: look for a footprint far from all others, or write tiles"
     )]
     TooFarApart {
         /// Largest side of the scene's box, metres.

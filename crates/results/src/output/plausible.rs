@@ -34,7 +34,7 @@ impl Doubts {
         doubts
     }
 
-    /// Counts one more building, or part of one. What has no usable outline says nothing.
+    /// Counts one more building, or part of one. What has no usable footprint says nothing.
     pub fn add(&mut self, record: &BuildingRecord) {
         if record.status == Status::Refused {
             return;
@@ -94,11 +94,11 @@ mod tests {
     use crate::output::record::tests::record;
 
     fn told(reasons: &[&[&str]]) -> Vec<String> {
-        let outline = Rect::new(coord! { x: 0.0, y: 0.0 }, coord! { x: 9.0, y: 9.0 }).to_polygon();
+        let footprint = Rect::new(coord! { x: 0.0, y: 0.0 }, coord! { x: 9.0, y: 9.0 }).to_polygon();
         let of = |(i, reasons): (usize, &&[&str])| BuildingRecord {
             reasons: reasons.iter().map(|r| (*r).to_owned()).collect(),
             status: if reasons.is_empty() { Status::Measured } else { Status::Doubtful },
-            ..record(&format!("b{i}"), outline.clone(), 0.0, 0.0, 145.4)
+            ..record(&format!("b{i}"), footprint.clone(), 0.0, 0.0, 145.4)
         };
         let records: Vec<BuildingRecord> = reasons.iter().enumerate().map(of).collect();
         Doubts::of(&records).implausible().into_iter().map(|issue| issue.message).collect()

@@ -49,7 +49,7 @@ pub struct Report<'a> {
     pub passes: Vec<Pass>,
     /// Position among the records of each building of a pass.
     pub solved: &'a [usize],
-    /// Outlines that were split, as no single height fits them.
+    /// Footprints that were split, as no single height fits them.
     pub levels: Vec<Levels>,
     /// Whether the poses look right, where that is known.
     pub survey: Option<SurveyReport>,
@@ -92,7 +92,7 @@ pub struct Pass {
     pub heights_m: Vec<f32>,
 }
 
-/// How well one level explains an outline, and how well two do.
+/// How well one level explains a footprint, and how well two do.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Levels {
     /// The building that was split.

@@ -25,7 +25,7 @@ use self::preprocess::{Frame, Prepared};
 use self::profile::{Fit, Form, Lens, PoseUnit, Profile, Wiring};
 use super::neighbours::Neighbours;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
-use crate::onnx::{EngineConfig, Network, Outline, Port, Tensor};
+use crate::onnx::{Contents, EngineConfig, Network, Port, Tensor};
 use sizeup_geo::kept::Kept;
 use sizeup_geo::paths::PathVisitor;
 use sizeup_geo::terrain::Terrain;
@@ -100,8 +100,8 @@ impl NetworkConfig {
     #[must_use]
     pub fn files(&self) -> Vec<PathBuf> {
         let graph = self.graph();
-        let outline = Outline::read(&graph).unwrap_or_default();
-        let beside = outline.external_files.iter().map(|name| graph.with_file_name(name));
+        let contents = Contents::read(&graph).unwrap_or_default();
+        let beside = contents.external_files.iter().map(|name| graph.with_file_name(name));
         std::iter::once(graph.clone()).chain(beside).collect()
     }
 
@@ -188,7 +188,7 @@ impl NetworkPriors {
         })?;
         check_batch(&config, &wiring, network.inputs())?;
         // A graph that is not sound is refused here, with why.
-        Outline::read(&config.model)?;
+        Contents::read(&config.model)?;
         let files = config.files();
         let is_company = |view: &&View| wiring.n_views > 1 && view.image.is_some();
         let company = Neighbours::new(views.iter().filter(is_company).cloned().collect(), terrain);

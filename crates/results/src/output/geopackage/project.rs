@@ -120,7 +120,7 @@ fn sources(lineage: &Lineage) -> String {
     let mut text = String::new();
     // On paper folders of somebody's machine tell nothing; `lineage.json` has them.
     let name = |path: &'_ str| path.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
-    for (role, word) in [("footprints", "Outlines"), ("survey", "Poses"), ("terrain", "Terrain"), ("city", "City")] {
+    for (role, word) in [("footprints", "Footprints"), ("survey", "Poses"), ("terrain", "Terrain"), ("city", "City")] {
         let names: Vec<String> =
             lineage.inputs.iter().filter(|input| input.role == role).map(|input| name(&input.path)).collect();
         match names.as_slice() {
@@ -349,7 +349,7 @@ fn style_of(layer: &str, has_solids: bool) -> String {
     let qml = STYLES.iter().find(|(name, _)| *name == layer).map_or("", |(_, qml)| *qml);
     let inside = qml.find("<qgis").and_then(|start| qml[start..].find('>').map(|end| &qml[start + end + 1..]));
     let style = inside.and_then(|text| text.rfind("</qgis>").map(|end| &text[..end])).unwrap_or("");
-    // The solids with roofs are what the 3D view shows, the outlines what the map does.
+    // The solids with roofs are what the 3D view shows, the footprints what the map does.
     match layer {
         "buildings" if has_solids => without(style, "renderer-3d", ""),
         "buildings_lod2" => without(style, "renderer-v2", "<renderer-v2 type=\"nullSymbol\"/>"),
@@ -381,7 +381,7 @@ mod tests {
         };
         let lineage = Lineage {
             inputs: vec![
-                input("footprints", "/home/somebody/block 7/outlines.gpkg"),
+                input("footprints", "/home/somebody/block 7/footprints.gpkg"),
                 input("survey", "sparse/cameras.txt"),
                 input("survey", "sparse/images.txt"),
                 input("terrain", "C:\\data\\dtm.tif"),
@@ -390,7 +390,7 @@ mod tests {
         };
         let text = sources(&lineage);
         assert!(
-            text.starts_with("Outlines: outlines.gpkg. Poses: cameras.txt and 1 more. Terrain: dtm.tif. "),
+            text.starts_with("Footprints: footprints.gpkg. Poses: cameras.txt and 1 more. Terrain: dtm.tif. "),
             "{text}"
         );
     }

@@ -146,10 +146,10 @@ impl Canvas {
         };
         let (width, height) = (self.pixels.width().cast_signed(), self.pixels.height().cast_signed());
         for glyph in self.glyphs(text, size_px, [left, baseline]) {
-            let Some(outline) = self.font.outline_glyph(glyph) else { continue };
-            let (left, top) = (outline.px_bounds().min.x as i32, outline.px_bounds().min.y as i32);
+            let Some(shape) = self.font.outline_glyph(glyph) else { continue };
+            let (left, top) = (shape.px_bounds().min.x as i32, shape.px_bounds().min.y as i32);
             let data = self.pixels.data_mut();
-            outline.draw(|dx, dy, coverage| {
+            shape.draw(|dx, dy, coverage| {
                 let (px, py) = (left + dx.cast_signed(), top + dy.cast_signed());
                 if (0..width).contains(&px) && (0..height).contains(&py) {
                     let at = 4 * (py * width + px) as usize;

@@ -11,7 +11,7 @@ pub type Rgb = [u8; 3];
 
 /// Paper.
 pub const WHITE: Rgb = [255, 255, 255];
-/// Text and outlines.
+/// Text and borders.
 pub const INK: Rgb = [38, 38, 46];
 /// Secondary text, frames.
 pub const GREY: Rgb = [125, 125, 132];

@@ -60,7 +60,7 @@ impl Mesh {
     }
 
     fn add(&mut self, prism: &Prism, feature: u32, grid: &Grid, place: &Place) -> Result<(), OutputError> {
-        let rings = prism.outline().rings();
+        let rings = prism.footprint().rings();
         let corners: Vec<[i64; 2]> = rings.iter().flatten().copied().collect();
         let n = corners.len();
         let at_level = |level: i64| corners.iter().map(move |&[x, y]| DVec3::from_array(grid.metres([x, y, level])));

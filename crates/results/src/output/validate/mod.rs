@@ -242,7 +242,7 @@ pub fn faults_of(faces: &[prism::Face], grid: &Grid) -> Vec<u16> {
     faults.iter().map(|fault| fault.number).collect::<BTreeSet<_>>().into_iter().collect()
 }
 
-/// Checks every geometry of a file, object by object: of a `CityJSON` file only the vertices are in memory (and the outlines of
+/// Checks every geometry of a file, object by object: of a `CityJSON` file only the vertices are in memory (and the footprints of
 /// building parts), of a sequence one feature.
 ///
 /// # Errors

@@ -1,22 +1,22 @@
-//! Where outlines in photos come from: masks of any tool, or a network.
+//! Where contours in photos come from: masks of any tool, or a network.
 
 use std::path::PathBuf;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::vectorise::{MaskFault, Outline};
+use super::vectorise::{Contour, MaskFault};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_survey::View;
 
-/// The part of a building that masks outline.
+/// The contour of a building that masks follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum OutlineKind {
-    /// Where walls meet the ground, hidden or not: the outline is laid on the terrain.
+pub enum ContourKind {
+    /// Where walls meet the ground, hidden or not: the contour is laid on the terrain.
     #[default]
     Ground,
-    /// The roof: the outline is laid at the roof's height, and moves when that changes.
+    /// The roof: the contour is laid at the roof's height, and moves when that changes.
     Roof,
 }
 
@@ -30,18 +30,18 @@ pub struct Look {
 }
 
 /// Gives the buildings that a view shows.
-pub trait OutlineSource: Sync {
+pub trait ContourSource: Sync {
     /// The buildings of one view, in pixels of its photo.
     ///
     /// # Errors
     /// [`ViewFault`]: the view then has no say, and the others go on.
-    fn outlines(&self, view: &View, look: Look) -> Result<Vec<Outline>, ViewFault>;
+    fn contours(&self, view: &View, look: Look) -> Result<Vec<Contour>, ViewFault>;
 
-    /// The file that a view's outlines come from, for the lineage.
+    /// The file that a view's contours come from, for the lineage.
     fn file_of(&self, view: &View) -> Option<PathBuf>;
 }
 
-/// Why a view gives no outlines.
+/// Why a view gives no contours.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ViewFault {
     /// No mask where one should be.

@@ -77,9 +77,9 @@ const ID_FIELDS: [&str; 12] = [
     "objectid",
 ];
 
-/// A layer of outlines.
+/// A layer of footprints.
 #[derive(Debug, Clone, Serialize)]
-pub struct OutlineLayer {
+pub struct UsableLayer {
     /// The file.
     pub path: PathBuf,
     /// The layer, where the file has several.
@@ -112,15 +112,15 @@ pub struct PassedLayer {
 
 /// What a look at the layers came to.
 #[derive(Debug, Default)]
-pub(super) struct OutlineChoice {
-    pub chosen: Option<OutlineLayer>,
+pub(super) struct LayerChoice {
+    pub chosen: Option<UsableLayer>,
     pub passed: Vec<PassedLayer>,
 }
 
 /// Chooses among the layers of a folder.
-pub(super) fn choose(inventory: &Inventory, place: &Place) -> OutlineChoice {
+pub(super) fn choose(inventory: &Inventory, place: &Place) -> LayerChoice {
     let mut looked = Vec::new();
-    let mut choice = OutlineChoice::default();
+    let mut choice = LayerChoice::default();
     for path in &inventory.layers {
         for (name, layer) in layers(path, place) {
             match layer {
@@ -141,7 +141,7 @@ pub(super) fn choose(inventory: &Inventory, place: &Place) -> OutlineChoice {
 }
 
 /// The layer that somebody named: it has to be readable and to lie where the photos are.
-pub(super) fn named(path: &Path, place: &Place) -> Result<OutlineLayer, InitError> {
+pub(super) fn named(path: &Path, place: &Place) -> Result<UsableLayer, InitError> {
     let refuse = |reason| InitError::Named { option: "--footprints", path: path.to_owned(), reason };
     let looked = layers(path, place);
     let (good, bad): (Vec<_>, Vec<_>) = looked.into_iter().partition(|(_, layer)| layer.is_ok());
@@ -154,7 +154,7 @@ pub(super) fn named(path: &Path, place: &Place) -> Result<OutlineLayer, InitErro
     })
 }
 
-type Looked = (String, Result<OutlineLayer, String>);
+type Looked = (String, Result<UsableLayer, String>);
 
 /// The layers of a file that may hold polygons.
 fn layers(path: &Path, place: &Place) -> Vec<Looked> {
@@ -184,7 +184,7 @@ fn first_line(error: &dyn std::error::Error) -> String {
     text.split("\nhint:").next().unwrap_or_default().replace('\n', " ")
 }
 
-fn look(path: &Path, layer: Option<&str>, place: &Place) -> Result<OutlineLayer, String> {
+fn look(path: &Path, layer: Option<&str>, place: &Place) -> Result<UsableLayer, String> {
     let config = FootprintConfig { layer: layer.map(str::to_owned), ..FootprintConfig::new(path) };
     let mut source = open_layer(&config).map_err(|e| first_line(&e))?;
     let crs = source.crs().map_err(|e| first_line(&e))?.ok_or("it has no CRS")?;
@@ -204,7 +204,7 @@ fn look(path: &Path, layer: Option<&str>, place: &Place) -> Result<OutlineLayer,
     let (score, why) = evidence.judge(path, layer);
     let id_field = if is_osm(path) { None } else { id_field(&features, source.field_names()) };
     let (path, layer, n_polygons) = (path.to_owned(), layer.map(str::to_owned), areas.len());
-    Ok(OutlineLayer { path, layer, id_field, n_polygons, n_features, median_area_m2, why, crs: Some(crs), score })
+    Ok(UsableLayer { path, layer, id_field, n_polygons, n_features, median_area_m2, why, crs: Some(crs), score })
 }
 
 /// What is known of a layer's polygons.
