@@ -62,6 +62,8 @@ pub struct PartHeights {
 
 /// Where the footprints of a whole city are kept for its parts, if they were found in photos; in the folder of the results.
 const FOUND_FOOTPRINTS: &str = "tiles/footprints.gpkg";
+/// Where plans of the version before have them, and the name of the layer; read for one version.
+const FOUND_BEFORE: [&str; 2] = ["tiles/outlines.gpkg", "outlines"];
 
 /// The layer that parts of a city read their footprints from: the configuration's, or the one that [`find_footprints`] leaves
 /// behind.
@@ -80,7 +82,12 @@ pub fn layer_of(config: &RunConfig) -> Result<Cow<'_, FootprintConfig>, Pipeline
             hint: "set footprints.consensus.roof_rounds = 0: roofs are then laid where the photos' footprints fit best",
         });
     }
-    Ok(Cow::Owned(sizeup_footprints::plain_config(config.project.output.join(FOUND_FOOTPRINTS))))
+    let [path, before] = [FOUND_FOOTPRINTS, FOUND_BEFORE[0]].map(|name| config.project.output.join(name));
+    if !path.exists() && before.exists() {
+        let layer = Some(FOUND_BEFORE[1].to_owned());
+        return Ok(Cow::Owned(FootprintConfig { layer, ..sizeup_footprints::plain_config(before) }));
+    }
+    Ok(Cow::Owned(sizeup_footprints::plain_config(path)))
 }
 
 /// Finds the footprints of a whole city in its photos, once for all of its parts; returns what was refused, and issues, without
@@ -99,7 +106,9 @@ pub fn find_footprints(
     let options = RunOptions { from: Stage::Footprints, until: Stage::Footprints, command: command.to_owned() };
     super::run(config, &options, tell)?;
     let FootprintStage { mut layer, .. } = artefact::read(config, Stage::Footprints, &survey_of(config)?)?;
-    sizeup_footprints::write_plain(&layer_of(config)?.path, &layer, &config.project.crs)?;
+    layer_of(config)?; // refuses what cannot be in tiles
+    let path = config.project.output.join(FOUND_FOOTPRINTS);
+    sizeup_footprints::write_plain(&path, &layer, &config.project.crs)?;
     layer.footprints.clear();
     Ok(Some(layer))
 }
@@ -134,6 +143,7 @@ pub fn footprints_around(
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PartHashes {
     /// Its footprints, each with its ground.
+    #[serde(alias = "outlines")]
     pub footprints: Content,
     /// The terrain around them, as it was read; `None` where no footprint has ground.
     pub terrain: Option<Content>,

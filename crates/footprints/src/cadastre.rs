@@ -53,7 +53,7 @@ pub struct CadastreConfig {
     #[schemars(extend("x-expert" = true))]
     pub same_iou: f64,
     /// Which footprint matched buildings get: "layer" or "photos".
-    #[serde(default)]
+    #[serde(default, alias = "outline_from")]
     pub footprint_from: FootprintFrom,
 }
 
@@ -79,6 +79,7 @@ pub enum Change {
     /// In both, with the same footprint.
     Matched,
     /// In both, with another footprint.
+    #[serde(alias = "changed_outline")]
     ChangedFootprint,
     /// Found only.
     New,

@@ -57,7 +57,7 @@ pub struct MaskConfig {
     #[schemars(extend("x-expert" = true))]
     pub min_score: f32,
     /// The contour that masks follow: "ground", where walls meet the ground, or "roof".
-    #[serde(default)]
+    #[serde(default, alias = "outline")]
     pub contour: ContourKind,
     /// How accurate masks, poses and terrain are.
     #[serde(default)]

@@ -261,6 +261,7 @@ pub struct MaskConfig {
     /// Whether they are written.
     pub enabled: bool,
     /// The contour of a building that they follow.
+    #[serde(alias = "outline")]
     pub contour: MaskContour,
     /// How far they are from the truth; only for footprints on the ground.
     pub level: MaskLevel,
@@ -346,6 +347,7 @@ pub struct ErrorConfig {
     /// Error of footprint vertices, per axis, metres.
     pub vertex_m: f64,
     /// By how much every footprint is too large (negative: too small), metres.
+    #[serde(alias = "outline_m")]
     pub footprint_m: f64,
 }
 

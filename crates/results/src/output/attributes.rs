@@ -298,6 +298,9 @@ pub fn carried_name(name: &str) -> String {
     if is_taken(name) { format!("{CARRIED_PREFIX}{name}") } else { name.to_owned() }
 }
 
+/// Our names of the version before: read as ours, so that they do not come back as the user's.
+const RENAMED: [&str; 1] = ["outline_area_m2"];
+
 /// The user's name of a carried attribute: the inverse of [`carried_name`].
 #[must_use]
 pub fn original_name(name: &str) -> &str {
@@ -311,7 +314,13 @@ pub fn original_name(name: &str) -> &str {
 #[must_use]
 pub fn is_taken(name: &str) -> bool {
     let lower = name.to_lowercase();
-    RESERVED.contains(&lower.as_str()) || FIELDS.iter().any(|field| field.column.name == lower)
+    RESERVED.contains(&lower.as_str()) || is_field(&lower)
+}
+
+/// Whether it is the name of a field of ours, of this version or of the one before.
+#[must_use]
+pub fn is_field(name: &str) -> bool {
+    RENAMED.contains(&name) || FIELDS.iter().any(|field| field.column.name == name)
 }
 
 /// Our own attributes where known, and `measuredHeight`.

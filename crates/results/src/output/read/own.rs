@@ -6,7 +6,7 @@ use serde::de::IntoDeserializer;
 use serde::de::value::Error as ValueError;
 use serde_json::{Map as JsonMap, Value};
 
-use super::super::attributes::{FIELDS, ID, MEASURED_HEIGHT, original_name};
+use super::super::attributes::{ID, MEASURED_HEIGHT, is_field, original_name};
 use super::super::cityjson::EXTENSION_PREFIX;
 use super::super::footprints::LIST_SEPARATOR;
 use super::super::{BuildingRecord, HeightReference, RoofShape, Status};
@@ -90,5 +90,5 @@ impl FoundBuilding {
 /// Whether an attribute is written by us, whatever the user's are called.
 pub(super) fn is_ours(name: &str) -> bool {
     let plain = name.strip_prefix(EXTENSION_PREFIX).unwrap_or(name);
-    plain == ID.name || plain == MEASURED_HEIGHT || FIELDS.iter().any(|field| field.column.name == plain)
+    plain == ID.name || plain == MEASURED_HEIGHT || is_field(plain)
 }
