@@ -1,7 +1,7 @@
-//! Footprints of many views into one layer, and masks into contours: near-linear growth is the point.
+//! Contours of many views into one layer, and masks into contours: near-linear growth is the point.
 //!
-//! `cargo bench --bench footprints`; the full size, a million footprints, is
-//! `cargo test --locked --test it a_million_footprints -- --ignored --nocapture`.
+//! `cargo bench --bench footprints`; the full size, a million contours, is
+//! `cargo test --locked --test it a_million_contours -- --ignored --nocapture`.
 
 use criterion::{BenchmarkId, Criterion};
 use geo_types::{Coord, LineString, Polygon, Rect};
@@ -36,7 +36,7 @@ fn town(n: usize) -> (Vec<Candidate>, Vec<SeenGround>) {
 }
 
 fn dedupe(c: &mut Criterion) {
-    let mut group = c.benchmark_group("footprints of nine views into one layer");
+    let mut group = c.benchmark_group("contours of nine views into one layer");
     group.sample_size(10);
     for n in [250, 1000, 4000] {
         let (candidates, seen) = town(n);

@@ -258,8 +258,8 @@ fn table_of_accuracy() {
 
 /// The full size of the design: run with `--ignored --nocapture`, and read wall and processor time.
 #[test]
-#[ignore = "a million footprints: takes a minute, prints its time"]
-fn a_million_footprints_are_a_hundred_thousand_buildings() {
+#[ignore = "a million contours: takes a minute, prints its time"]
+fn a_million_contours_are_a_hundred_thousand_buildings() {
     use sizeup::footprint::{Candidate, SeenGround, agree};
     let seconds_in = |file: &str| {
         let stat = std::fs::read_to_string(file).unwrap_or_default();
@@ -314,7 +314,7 @@ fn a_million_footprints_are_a_hundred_thousand_buildings() {
         let (start, before_s) = (std::time::Instant::now(), processor_s());
         let agreed = agree(&candidates, &seen, &ConsensusConfig::default());
         println!(
-            "{} footprints of {} views -> {} buildings: {:.1} s, {:.1} s of processor time, {:.1} s of it on one core only, peak {:.0} MB",
+            "{} contours of {} views -> {} buildings: {:.1} s, {:.1} s of processor time, {:.1} s of it on one core only, peak {:.0} MB",
             candidates.len(),
             seen.len(),
             agreed.buildings.len(),
