@@ -26,7 +26,7 @@ const MIN_GROUND_RAYS: usize = 200;
 /// Cut-off of the biweight in standard deviations, on the near side and on the far side.
 const CUT_OFF: [f64; 2] = [3.0, 4.7];
 
-/// How a view's prior maps to inverse depth.
+/// Mapping of a view's prior to inverse depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Calibration {
     offset: f64,

@@ -114,7 +114,7 @@ pub(super) struct Sums {
 }
 
 impl Sums {
-    /// How many of the pixels on the roof lie, by the calibrated prior, at its height: the mean of `exp(−e²/2)`; 0..1, 0
+    /// Share of the pixels on the roof that lie, by the calibrated prior, at its height: the mean of `exp(−e²/2)`; 0..1, 0
     /// without calibration.
     ///
     /// What stands around the building has no part in it, so footprints that are missing do no harm.

@@ -34,7 +34,7 @@ const N_FIRST_VIEWS: usize = 6;
 const N_FOLLOWED: usize = 2;
 /// One level with a lower score is looked at again in a later round.
 const DOUBTFUL_SCORE: f64 = 0.9;
-/// How far from a new part this is done, metres between middles: what hides and is hidden stands closer.
+/// Distance from a new part within which this is done, metres between middles: what hides and is hidden stands closer.
 const NEAR_M: f32 = 100.0;
 /// Heights tried for one level, log-spaced over the whole range.
 const N_HEIGHTS: usize = 24;
@@ -62,7 +62,7 @@ pub struct OtherLevel {
     pub gain: LevelGain,
 }
 
-/// How much better two levels explain the priors than one.
+/// Gain of two levels over one in explaining the priors.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct LevelGain {
     /// The two levels above ground, metres: of the part, and of the rest.

@@ -151,7 +151,7 @@ impl Form for Pitched<'_> {
     }
 }
 
-/// How high a roof stands at a place, 0 at the eave, 1 at the ridge.
+/// Height of a roof at a place, 0 at the eave, 1 at the ridge.
 pub(super) struct Shape<'a> {
     pub form: RoofForm,
     prism: &'a Prism,
@@ -205,7 +205,7 @@ impl<'a> Shape<'a> {
         shapes
     }
 
-    /// How far the place that is farthest from all walls is from the nearest, metres; of a footprint within a rectangle.
+    /// Distance from the nearest wall of the place farthest from all walls, metres; of a footprint within a rectangle.
     pub fn deepest_m(prism: &Prism, axes: Mat2, low: Vec2, high: Vec2) -> f32 {
         let depth = |p: Vec2| if prism.contains(p) { distance_to_border(prism, p) } else { 0.0 };
         let deeper = |best: (f32, Vec2), p: Vec2| if depth(p) > best.0 { (depth(p), p) } else { best };
@@ -226,7 +226,7 @@ impl<'a> Shape<'a> {
         self.run_m
     }
 
-    /// Where its ridge runs, a gable's.
+    /// Direction of its ridge, a gable's.
     pub fn ridge_along(&self) -> Option<DVec2> {
         let is_along_first = self.wings.as_ref().is_none_or(|wings| wings.gables()[0].is_along_x);
         let along = self.axes.row(usize::from(!is_along_first)).as_dvec2();

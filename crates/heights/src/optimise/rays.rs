@@ -15,7 +15,7 @@ pub struct Rays {
 #[derive(Default)]
 struct ViewRays {
     profiles: OnceLock<Profiles>,
-    /// Where the rays meet the ground, from a scene with other footprints; taken when they are traced.
+    /// Places where the rays meet the ground, from a scene with other footprints; taken when they are traced.
     on_ground: Mutex<Option<Vec<ProfileRay>>>,
 }
 

@@ -41,7 +41,7 @@ pub struct Roof {
     /// The plan of a stepped or a mixed one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub terrace: Option<Terrace>,
-    /// Where the ridge of a gable runs, the main body's where there are wings: east and north, of length one.
+    /// Direction of a gable's ridge, the main body's where there are wings: east and north, of length one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ridge_along: Option<[f64; 2]>,
 }
@@ -68,7 +68,7 @@ pub struct Gable {
 }
 
 impl Terrace {
-    /// How far inside its nearest side a point lies, metres; negative outside.
+    /// Distance of a point from its nearest side, metres, positive inside; negative outside.
     fn depth_m(&self, point: Vec2) -> f32 {
         let corner = |i: usize| DVec2::from_array(self.corners[i % 4]).as_vec2();
         let from_side = |i: usize| {
@@ -84,7 +84,7 @@ impl Terrace {
         [corners.into_iter().fold(Vec2::INFINITY, Vec2::min), corners.into_iter().fold(Vec2::NEG_INFINITY, Vec2::max)]
     }
 
-    /// How high a gable over it stands at a point, 0 at the eave, 1 at the ridge.
+    /// Height of a gable over it at a point, 0 at the eave, 1 at the ridge.
     fn gable_share(&self, gable: Gable, point: Vec2) -> f64 {
         let corner = |i: usize| DVec2::from_array(self.corners[i]);
         let (first, second) = (corner(1) - corner(0), corner(3) - corner(0));
@@ -271,7 +271,7 @@ pub(super) struct Judged {
     pub rivals: Vec<(Roof, f64)>,
 }
 
-/// How likely a roof is against another: by how many standard errors over views its score falls short, as a normal
+/// Likelihood of a roof against another: by how many standard errors over views its score falls short, as a normal
 /// distribution has it.
 fn likelihood(scores: &[f64], taken: &[f64]) -> f64 {
     let lost: Vec<f64> = taken.iter().zip(scores).map(|(taken, score)| taken - score).collect();

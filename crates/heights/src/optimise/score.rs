@@ -267,7 +267,7 @@ fn sums<const N: usize>(n: usize, terms: impl Fn(usize) -> [f64; N]) -> [f64; N]
     })
 }
 
-/// Where the far side of some residuals gathers, and its standard deviation: what is not modelled is nearer, so only the
+/// Value around which the far side of some residuals gathers, and its standard deviation: what is not modelled is nearer, so only the
 /// near side is heavy. Tukey's biweight from the first third on, with the spread measured below the present value.
 fn far_side(values: &mut [f64]) -> Option<(f64, f64)> {
     const ROUNDS: usize = 8;

@@ -19,7 +19,7 @@ const MIN_SIDE_M: f32 = 3.0;
 const MIN_SHARE: f64 = 0.05;
 /// Least step, metres.
 const MIN_STEP_M: f32 = 1.5;
-/// How far each level may be from the one that the search has found, metres.
+/// Greatest distance of each level from the one that the search has found, metres.
 const REACH_M: f32 = 8.0;
 /// Views that the first guesses are tried in, and guesses that are followed up.
 const N_FIRST_VIEWS: usize = 6;

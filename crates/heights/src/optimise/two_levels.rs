@@ -52,7 +52,7 @@ impl TwoLevels {
     }
 }
 
-/// How far one round of the pattern search moves things.
+/// Steps of one round of the pattern search.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step {
     /// The rectangle's sides, as a share of the footprint's.

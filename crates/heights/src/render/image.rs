@@ -111,7 +111,7 @@ pub(super) struct Solid<'a> {
 }
 
 impl Solid<'_> {
-    /// Where a ray meets it within one interval over its footprint, and whether that is the roof.
+    /// Ray parameter at which a ray meets it within one interval over its footprint, and whether that is the roof.
     fn meet(&self, ray: &Ray, interval: RayInterval) -> Option<(f32, bool)> {
         let (from, dz) = (ray.origin.z, ray.direction.z);
         let enter = interval.enter.max(0.0);
@@ -222,7 +222,7 @@ impl<'a> SceneTracer<'a> {
         DepthImage { depth, face }
     }
 
-    /// Where a ray meets the ground, with nothing on it.
+    /// Point where a ray meets the ground, with nothing on it.
     pub(super) fn ground(&self, ray: &Ray) -> Hit {
         match self.scene.ground.meets(ray) {
             Some(t) => Hit { t, code: 1 },

@@ -180,7 +180,7 @@ impl<S: Simd> Packet<S> {
     }
 }
 
-/// Where eight rays meet the ground, as [`SceneTracer::ground`] tells it of one.
+/// Points where eight rays meet the ground, as [`SceneTracer::ground`] tells it of one.
 #[inline(always)]
 fn meet_ground<S: Simd>(
     simd: S,

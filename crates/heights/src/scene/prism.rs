@@ -11,9 +11,9 @@ use crate::terrain::GroundLevel;
 /// Ray-prism interval: the part of a ray inside a footprint, in the ray's own parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RayInterval {
-    /// Where the ray enters the footprint (−∞ for a vertical ray inside it).
+    /// Ray parameter at which the ray enters the footprint (−∞ for a vertical ray inside it).
     pub enter: f32,
-    /// Where it leaves (+∞ for a vertical ray inside it).
+    /// Ray parameter at which it leaves (+∞ for a vertical ray inside it).
     pub leave: f32,
 }
 
@@ -22,7 +22,7 @@ pub struct RayInterval {
 pub struct Prism {
     /// Corners of all rings, each ring closed (first corner repeated); exterior first.
     corners: Vec<Vec2>,
-    /// Where each ring starts in `corners`, and the end.
+    /// Start of each ring in `corners`, and the end.
     ring_starts: Vec<usize>,
     /// Level that heights count from.
     pub ground_z: f32,

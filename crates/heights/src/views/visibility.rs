@@ -9,7 +9,7 @@ use crate::scene::{Prism, Scene};
 /// Steepest stretch of a wall's area by its foreshortening that still counts in full.
 const MIN_WALL_SLANT: f32 = 0.1;
 
-/// How one view sees one building.
+/// Visibility of one building in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewSight {
     /// Which building.

@@ -28,14 +28,14 @@ use crate::render::image::SceneTracer;
 use crate::render::profile::FLATTEST_DZ;
 use crate::scene::Scene;
 
-/// How far beside an edge its two sides are looked at, pixels.
+/// Distance from an edge at which its two sides are looked at, pixels.
 const BESIDE_PX: f64 = 0.01;
 /// Depths that differ by less are one surface, metres.
 const SAME_SURFACE_M: f32 = 0.1;
 /// Half width of the differences that the motion of image points is taken from, metres.
 const STEP_M: f64 = 0.01;
 
-/// Where edges are sampled, besides the view's rays.
+/// Input for the sampling of edges, besides the view's rays.
 #[derive(Clone, Copy)]
 pub struct EdgeInput<'a> {
     /// The buildings.
@@ -46,7 +46,7 @@ pub struct EdgeInput<'a> {
     pub prior: &'a DepthPrior,
 }
 
-/// Where the loss stands: what the boundary is weighed against.
+/// State of the loss: what the boundary is weighed against.
 #[derive(Debug, Clone, Copy)]
 pub struct Loss {
     /// Mean cost of a pair, `L`.

@@ -36,7 +36,7 @@ impl State<'_> {
         }
     }
 
-    /// How large a pixel of the working image is on a building, metres, median of its views.
+    /// Size of the working image's pixel on a building, metres, median of its views.
     fn pixel_m(&self, building: usize) -> f64 {
         let centre = self.centre(building);
         let pixel_m = |&view: &usize| {
