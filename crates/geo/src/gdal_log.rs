@@ -12,7 +12,7 @@ thread_local! {
     static DAMAGE: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
-/// What was said since the last time about pixels that are made up.
+/// Messages since the last time about pixels that are made up.
 pub(crate) fn take_damage() -> Option<String> {
     DAMAGE.take()
 }

@@ -35,9 +35,9 @@ pub(super) enum Claim {
     /// A number that leads out of the file.
     #[error("{what} {claimed}, the file has {length} bytes\nhint: it is cut off or damaged: copy it again")]
     Beyond {
-        /// What does.
+        /// Part that does.
         what: &'static str,
-        /// Where it would end.
+        /// Position at which it would end.
         claimed: u64,
         /// The file's length.
         length: u64,
@@ -63,7 +63,7 @@ pub(super) enum Claim {
     Item {
         /// The kind.
         kind: u16,
-        /// What is said to be its size, bytes.
+        /// Stated size, bytes.
         size: u16,
     },
     /// Points that are longer or shorter than what they are made of.
@@ -104,7 +104,7 @@ fn within(what: &'static str, claimed: u64, length: u64) -> Result<(), Claim> {
     if claimed <= length { Ok(()) } else { Err(Claim::Beyond { what, claimed, length }) }
 }
 
-/// What matters of a header.
+/// Parts of a header that matter.
 struct Header {
     header_size: u16,
     points_at: u32,
@@ -144,7 +144,7 @@ fn size_of_version(version: [u8; 2]) -> u16 {
     }
 }
 
-/// Where the extended records begin, how many there are, and the number of points.
+/// Start of the extended records, their number, and the number of points.
 fn bytes_of_1_4(file: &mut (impl Read + Seek)) -> Result<[u8; 20], Claim> {
     bytes(file, 235).ok_or(Claim::Cut("header"))
 }
@@ -189,7 +189,7 @@ fn check_points(file: &mut (impl Read + Seek), header: &Header, record: &[u8]) -
     if counted < header.n_points { Err(Claim::Uncounted { counted, n_points: header.n_points }) } else { Ok(()) }
 }
 
-/// Where the chunk table is: said in front of the points, or by writers that cannot go back at the end; `None` without one.
+/// Position of the chunk table: said in front of the points, or by writers that cannot go back at the end; `None` without one.
 fn table_place(file: &mut (impl Read + Seek), points_at: u64, length: u64) -> Result<Option<u64>, Claim> {
     for at in [points_at, length.saturating_sub(8)] {
         let place = u64_at(&bytes::<8>(file, at).ok_or(Claim::Cut("chunk table"))?, 0);
@@ -262,7 +262,7 @@ impl<R: Seek> Seek for UpTo<R> {
     }
 }
 
-/// What `LASzip` says of its compression; `None` where it says nothing.
+/// Statement of `LASzip` on its compression; `None` where it says nothing.
 fn laszip_record(file: &mut (impl Read + Seek), header: &Header) -> Result<Option<Vec<u8>>, Claim> {
     let mut at = u64::from(header.header_size);
     for _ in 0..header.n_records {

@@ -50,7 +50,7 @@ fn size(code: u8, options: u8) -> Option<usize> {
     }
 }
 
-/// How a number is stored, little-endian.
+/// Storage of a number, little-endian.
 #[derive(Debug, Clone, Copy)]
 enum Kind {
     Unsigned(usize),

@@ -73,7 +73,7 @@ pub enum TerrainError {
     /// A setting that cannot be.
     #[error("terrain: {problem}\nhint: {hint}")]
     Config {
-        /// What is the matter.
+        /// Problem.
         problem: String,
         /// What to write.
         hint: &'static str,
@@ -108,9 +108,9 @@ pub enum TerrainError {
     VerticalReference {
         /// The file.
         path: PathBuf,
-        /// What its heights are.
+        /// Kind of its heights.
         dtm_reference: String,
-        /// What the project's heights are.
+        /// Kind of the project's heights.
         project_reference: String,
     },
     /// Its heights are not in metres.
@@ -118,7 +118,7 @@ pub enum TerrainError {
     NotMetres {
         /// The file.
         path: PathBuf,
-        /// What the file says.
+        /// Statement of the file.
         unit: String,
     },
     /// It lies elsewhere.
@@ -129,9 +129,9 @@ pub enum TerrainError {
     Elsewhere {
         /// The file.
         path: PathBuf,
-        /// What it covers, in the project's CRS where that can be told.
+        /// Area that it covers, in the project's CRS where that can be told.
         found: String,
-        /// What the project needs.
+        /// Area that the project needs.
         expected: String,
         /// The project's CRS.
         crs: String,

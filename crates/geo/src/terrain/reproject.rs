@@ -60,7 +60,7 @@ impl MapBox {
         x >= self.west_m && x < self.east_m && y >= self.south_m && y < self.north_m
     }
 
-    /// How far outside it a position lies, metres; 0 inside.
+    /// Distance of a position from it, metres; 0 inside.
     #[must_use]
     pub fn distance_m(&self, (x, y): (f64, f64)) -> f64 {
         let beyond = |v: f64, low: f64, high: f64| (low - v).max(v - high).max(0.0);
@@ -170,7 +170,7 @@ pub(super) fn read(source: &Source<'_>, project_crs: &Crs, area: MapBox) -> Resu
     source.dem(heights, (area.west_m, area.north_m), (cell_m, cell_m))
 }
 
-/// How long a metre of the map is in the other CRS (1e-5 for degrees), by the larger of its two directions.
+/// Length of a metre of the map in the other CRS (1e-5 for degrees), by the larger of its two directions.
 fn own_units_per_metre(pairs: &[(Position, Position)], area: MapBox) -> f64 {
     let Some(there) = MapBox::around(pairs.iter().map(|(_, p)| *p)) else { return 1.0 };
     let ratio = |there: f64, here: f64| if here > 0.0 { there / here } else { 0.0 };
