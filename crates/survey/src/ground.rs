@@ -32,7 +32,7 @@ pub fn footprint(view: &View, ground_m: f64) -> Vec<DVec2> {
     ring
 }
 
-/// Where the ray through a pixel meets the plane at `ground_m`.
+/// Point where the ray through a pixel meets the plane at `ground_m`.
 pub(super) fn on_plane(view: &View, pixel: DVec2, ground_m: f64) -> Option<DVec2> {
     let ray = view.camera_from_map.inverse().vector(view.camera.unproject(pixel)?);
     let centre = view.camera_from_map.centre();
@@ -52,7 +52,7 @@ fn reach(ray: DVec3, height_m: f64) -> DVec2 {
     }
 }
 
-/// Where the image's centre looks on the terrain, easting and northing; `None` where the camera is below the ground.
+/// Point of the terrain that the image's centre looks at, easting and northing; `None` where the camera is below the ground.
 #[must_use]
 pub fn centre_on_ground(view: &View, terrain: &Terrain) -> Option<DVec2> {
     let camera = &view.camera;
