@@ -37,7 +37,7 @@ pub(super) struct Eye<'a> {
 }
 
 impl Eye<'_> {
-    /// Where a pixel's ray meets a height.
+    /// Point where a pixel's ray meets a height.
     pub fn at_height(&self, pixel: DVec2, z_m: f64) -> Option<DVec3> {
         let centre = self.pose.centre();
         let ray = self.pose.rotation.transpose() * self.camera.unproject(pixel)?;

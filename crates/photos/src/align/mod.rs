@@ -162,7 +162,7 @@ impl AlignConfig {
 pub struct Aligned {
     /// All views in their order; those that were left alone as they came.
     pub views: Vec<View>,
-    /// What was done.
+    /// Report of what was done.
     pub report: AlignReport,
 }
 
@@ -363,7 +363,7 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// How many points each photo shows.
+    /// Number of points that each photo shows.
     fn n_tracks(&self) -> Vec<usize> {
         let mut counts = vec![0; self.views.len()];
         for sighting in self.bundle.tracks.iter().flat_map(|track| &track.sightings) {

@@ -72,7 +72,7 @@ impl Default for DtmConfig {
     }
 }
 
-/// What came of a square.
+/// Outcome of a square.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Outcome {
     /// Ground, metres.
@@ -90,7 +90,7 @@ pub enum Outcome {
 pub struct Square {
     /// Map position, metres.
     pub at: DVec2,
-    /// What came of it.
+    /// Outcome.
     pub outcome: Outcome,
 }
 
@@ -124,9 +124,9 @@ pub enum DtmError {
     Config {
         /// Which.
         field: &'static str,
-        /// What it is.
+        /// Kind.
         value: f64,
-        /// What it may be.
+        /// Allowed values.
         expected: &'static str,
     },
     /// Too little ground was found.
@@ -136,7 +136,7 @@ pub enum DtmError {
          hint: is the rough level right (terrain.constant_m)? --within widens the search"
     )]
     TooLittle {
-        /// How many were tried.
+        /// Number tried.
         n_squares: usize,
         /// Those too few photos see.
         n_unseen: usize,

@@ -18,10 +18,10 @@ use sizeup_geo::paths::within;
 /// Deepest graph within graphs (loops, branches) that is looked at.
 const DEEPEST: usize = 16;
 
-/// What an ONNX file is made of.
+/// Contents of an ONNX file.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Contents {
-    /// How often each operator occurs.
+    /// Number of occurrences of each operator.
     pub operators: BTreeMap<String, usize>,
     /// Version of the standard operators; 0 if it does not say.
     pub opset: u64,
@@ -34,7 +34,7 @@ pub struct Contents {
 }
 
 impl Contents {
-    /// Of a file.
+    /// Contents of a file.
     ///
     /// # Errors
     /// [`OnnxError::Load`] if it cannot be read or is no ONNX file.
@@ -60,7 +60,7 @@ impl Contents {
         Ok(())
     }
 
-    /// Of a file's bytes.
+    /// Contents of a file's bytes.
     fn of(bytes: &[u8]) -> Result<Self, String> {
         Message::Model.check(bytes, 0)?;
         let mut contents = Self::default();

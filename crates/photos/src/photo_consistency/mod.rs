@@ -67,7 +67,7 @@ pub(crate) fn ground_sample_m(pictures: &[&Picture], place: DVec3) -> f64 {
     pictures.iter().map(of_one).sum::<f64>() / pictures.len() as f64
 }
 
-/// How much the photos look alike on a surface that is raised and lowered.
+/// Likeness of the photos on a surface that is raised and lowered.
 pub(crate) struct PhotoConsistency {
     /// Of the first height tried against the surface as given, and from one to the next, metres.
     low_m: f64,
@@ -77,7 +77,7 @@ pub(crate) struct PhotoConsistency {
     of_pairs: Vec<Vec<f64>>,
 }
 
-/// Where the photos look alike most.
+/// Height at which the photos look alike most.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Peak {
     /// Against the surface as given, metres.
@@ -115,7 +115,7 @@ impl PhotoConsistency {
         self.peak_without(None)
     }
 
-    /// How alike the photos look on the surface raised by so much, metres; of the heights tried the nearest.
+    /// Likeness of the photos on the surface raised by so much, metres; of the heights tried the nearest.
     pub fn score_at(&self, raised_m: f64) -> f64 {
         let at = ((raised_m - self.low_m) / self.step_m).round().clamp(0.0, (self.of_pairs.len() - 1) as f64) as usize;
         better_pairs(&self.of_pairs[at], &vec![true; self.pairs.len()])

@@ -70,7 +70,7 @@ impl RefinementConfig {
     }
 }
 
-/// What the photos say of a roof.
+/// Roof by the photos.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Refined {
     /// By how much the roof has to be raised, metres.

@@ -287,7 +287,7 @@ impl<S: CacheKey> CachedPriors<S> {
         self.cache.is_some()
     }
 
-    /// What a view's entry is called.
+    /// Name of a view's entry.
     pub(super) fn key(&self, view: &View) -> Result<String, PriorError> {
         let mut hasher = KeyHasher::new(std::any::type_name::<S>());
         self.source.feed(view, &mut hasher)?;

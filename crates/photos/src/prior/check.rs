@@ -39,7 +39,7 @@ pub struct GroundCorrelation {
     pub unshared: f64,
 }
 
-/// How a prior follows the ground; `None` where the view does not tell (nadir, too little ground or prior).
+/// Fit of a prior to the ground; `None` where the view does not tell (nadir, too little ground or prior).
 #[must_use]
 pub fn ground_correlation(prior: &DepthPrior, view: &View, terrain: &Terrain) -> Option<GroundCorrelation> {
     let camera = &view.camera;
@@ -80,7 +80,7 @@ fn without_shared_ends(mut samples: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     samples
 }
 
-/// What the views together say about a tag; `None` where all is well or nothing can be said.
+/// Verdict of the views together on a tag; `None` where all is well or nothing can be said.
 #[must_use]
 pub fn judge_tag(correlations: &[GroundCorrelation]) -> Option<Issue> {
     let median = |of: fn(&GroundCorrelation) -> f64| stats::median(&correlations.iter().map(of).collect::<Vec<_>>());

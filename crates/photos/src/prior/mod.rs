@@ -52,7 +52,7 @@ pub enum PriorError {
     /// A setting that cannot be.
     #[error("prior: {problem}\nhint: {hint}")]
     Config {
-        /// What is the matter.
+        /// Problem.
         problem: String,
         /// What to write.
         hint: String,
@@ -62,7 +62,7 @@ pub enum PriorError {
     Absent {
         /// The photo.
         view: String,
-        /// Where it was looked for.
+        /// Path at which it was looked for.
         path: PathBuf,
     },
     /// A file that cannot be read or is not what its name says.
@@ -70,7 +70,7 @@ pub enum PriorError {
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it: expected against found.
+        /// Fault: expected against found.
         problem: String,
     },
     /// A raster that GDAL cannot read.
@@ -108,9 +108,9 @@ pub enum PriorError {
     Photo {
         /// The photo.
         view: String,
-        /// What is the matter.
+        /// Problem.
         problem: String,
-        /// What to look at.
+        /// Place to look at.
         hint: String,
     },
     /// Nothing in it to go by.

@@ -17,7 +17,7 @@ use sizeup_heights::raster::Raster;
 /// Longest header that is believed, bytes; numpy's own limit for safe parsing is 10 000.
 const MAX_HEADER: usize = 10_000;
 
-/// How a number is stored.
+/// Storage of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Number {
     F16,
@@ -30,7 +30,7 @@ enum Number {
     I32,
 }
 
-/// What the header says.
+/// Fields of the header.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Header {
     number: Number,

@@ -13,19 +13,19 @@ use serde::{Deserialize, Serialize};
 use sizeup_geo::files::{self, FileError};
 use sizeup_geo::hashes::sha256_hex;
 
-/// Where networks are put in place on this machine.
+/// Folder of networks on this machine.
 static FOLDER: OnceLock<PathBuf> = OnceLock::new();
 
 /// A network that sizeup knows.
 #[derive(Debug, Clone, Serialize)]
 pub struct KnownNetwork {
-    /// Its name, and that of its profile.
+    /// Name, and that of its profile.
     pub name: &'static str,
-    /// What it does.
+    /// Purpose.
     pub about: &'static str,
     /// Licence of its weights.
     pub licence: &'static str,
-    /// Where its authors publish the weights.
+    /// Address at which its authors publish the weights.
     pub source: &'static str,
     /// The published file's size, bytes.
     pub bytes: u64,
@@ -57,9 +57,9 @@ pub enum KnownNetworkError {
     /// There is none of that name.
     #[error("no network {name:?} is known\nhint: there are {}; `sizeup model list` says more", known.join(", "))]
     Name {
-        /// What was asked for.
+        /// Value asked for.
         name: String,
-        /// What there is.
+        /// Available ones.
         known: Vec<&'static str>,
     },
     /// The file is not the published one.
@@ -73,15 +73,15 @@ pub enum KnownNetworkError {
         path: PathBuf,
         /// The network.
         name: &'static str,
-        /// Its size.
+        /// Size.
         found_bytes: u64,
-        /// Its SHA-256.
+        /// SHA-256.
         found: String,
         /// The published size.
         expected_bytes: u64,
         /// The published SHA-256.
         expected: String,
-        /// Where the published one is.
+        /// Address of the published one.
         source_url: &'static str,
     },
     /// A file cannot be read or written.

@@ -408,7 +408,7 @@ impl Ready {
         &self.inputs[0].1.shape
     }
 
-    /// Where the photo is in it.
+    /// Place of the photo in it.
     pub(super) fn frame(&self) -> Frame {
         self.frame
     }

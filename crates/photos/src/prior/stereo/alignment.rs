@@ -47,7 +47,7 @@ const LEAST_MISFIT_PX: f64 = 0.5;
 /// By which factor it has to fall.
 const BETTER: f64 = 0.8;
 
-/// How the neighbours were turned.
+/// Turns of the neighbours.
 #[derive(Debug, Clone)]
 pub(super) struct Alignment {
     /// The neighbours as they fit, in their order.

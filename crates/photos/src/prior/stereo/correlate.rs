@@ -172,7 +172,7 @@ pub(super) struct Tile<'a> {
     col_reach: Range<usize>,
     /// Best correlations so far, best first, `rank × pixel`: as many as can count.
     best: Vec<Vec<f32>>,
-    /// How many neighbours see a pixel.
+    /// Number of neighbours that see a pixel.
     n_seen: Vec<f32>,
     warp: Warp,
     /// Sums of `b`, `b²` and `a·b` along the rows within reach.
@@ -299,7 +299,7 @@ impl<'a> Tile<'a> {
 pub(super) struct Vote {
     /// Of the better half of the correlations.
     sum: f32,
-    /// How many neighbours see it.
+    /// Number of neighbours that see it.
     pub n_seen: u8,
 }
 

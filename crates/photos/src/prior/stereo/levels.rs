@@ -41,7 +41,7 @@ pub(super) struct Levels {
     pub from_m: f64,
     /// The highest, metres; below the camera.
     pub to_m: f64,
-    /// How many, at least two.
+    /// Number of levels, at least two.
     pub n: usize,
 }
 

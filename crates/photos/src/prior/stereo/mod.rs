@@ -177,7 +177,7 @@ impl Misfits {
     }
 }
 
-/// What a view's depth is made from.
+/// Files that a view's depth is made from.
 struct Plan<'a> {
     others: Vec<&'a View>,
     levels: Levels,

@@ -140,7 +140,7 @@ impl Picture {
         &self.grey
     }
 
-    /// Its camera and pose.
+    /// Camera and pose.
     pub(super) fn ideal(&self) -> &Ideal {
         &self.ideal
     }

@@ -426,7 +426,7 @@ mod tests {
         5.0 + SLOPE.dot(place)
     }
 
-    /// Where a pixel's ray meets the roof.
+    /// Point where a pixel's ray meets the roof.
     fn place(ideal: &Ideal, pixel: DVec2) -> DVec3 {
         let frame = Frame::of(ideal);
         let ray = frame.ray(pixel);

@@ -67,11 +67,11 @@ impl Coarse<'_> {
     }
 }
 
-/// What is swept.
+/// Input of a sweep.
 pub(super) struct Sweep<'a> {
     /// The view.
     pub reference: &'a Picture,
-    /// Its neighbours.
+    /// Neighbours.
     pub others: &'a [Arc<Picture>],
     /// Where these looked from: their own poses, or corrected ones.
     pub ideals: &'a [Ideal],
