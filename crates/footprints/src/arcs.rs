@@ -13,7 +13,7 @@ pub(super) struct Arc {
     pub label: u32,
     /// The region on the other side.
     pub beyond: u32,
-    /// Its points; a closed arc repeats the first one.
+    /// Points; a closed arc repeats the first one.
     pub points: Vec<Coord<f64>>,
     /// Key of the first point.
     pub first: Key,

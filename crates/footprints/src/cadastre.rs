@@ -72,7 +72,7 @@ impl CadastreConfig {
     }
 }
 
-/// What became of a building against the layer.
+/// Change of a building against the layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Change {
@@ -112,7 +112,7 @@ pub struct Conflation {
     pub vanished: Vec<Footprint>,
     /// Buildings of the layer that no photo shows: they stay.
     pub unseen: Vec<Footprint>,
-    /// What is to be said.
+    /// Message.
     pub issues: Vec<Issue>,
 }
 

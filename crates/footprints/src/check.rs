@@ -10,7 +10,7 @@ use geo_types::{Coord, Line, LineString, Polygon};
 use rstar::RTree;
 use rstar::primitives::{GeomWithData, Line as TreeLine};
 
-/// What is wrong with a polygon, and where.
+/// Fault of a polygon, and its place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Fault {
     /// A ring with fewer than three corners.
@@ -24,7 +24,7 @@ pub(super) enum Fault {
 }
 
 impl Fault {
-    /// Where it is; `None` where a ring as a whole is wrong.
+    /// Place; `None` where a ring as a whole is wrong.
     pub(super) fn place(self) -> Option<Coord<f64>> {
         match self {
             Self::SelfContact(place) | Self::RingContact(place) => Some(place),
@@ -46,7 +46,7 @@ pub(super) fn fault(polygon: &Polygon<f64>) -> Option<Fault> {
     contact.or_else(|| contact_between_edges(&rings)).or_else(|| misplaced_hole(&rings))
 }
 
-/// Where a ring turns back onto itself.
+/// Place where a ring turns back onto itself.
 fn spike(ring: &LineString<f64>) -> Option<Coord<f64>> {
     let corners = &ring.0[..ring.0.len() - 1];
     let n = corners.len();

@@ -19,7 +19,7 @@ use super::clearance;
 
 /// Beyond any projected coordinate on earth, metres: such numbers are damage, and triangulation would choke on them.
 const FARTHEST_M: f64 = 1e9;
-/// How far a hole is drawn in from a ring it touches, metres: below what LOD1 means, above [`LEAST_CLEARANCE_M`].
+/// Distance by which a hole is drawn in from a ring it touches, metres: below what LOD1 means, above [`LEAST_CLEARANCE_M`].
 const HOLE_GAP_M: f64 = 0.01;
 /// The same in steps of the grid, where that is coarse: so many that rounding cannot close the gap again.
 const HOLE_GAP_STEPS: f64 = 2.0;
@@ -29,7 +29,7 @@ pub const LEAST_CLEARANCE_M: f64 = 0.005;
 /// Holes and left-over parts below this are noise of digitising, m².
 const SLIVER_M2: f64 = 0.01;
 
-/// What a polygon has to satisfy.
+/// Rules that a polygon has to satisfy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rules {
     /// Corners lie on multiples of this, metres.
@@ -81,7 +81,7 @@ pub enum Defect {
     /// Less than the least area.
     #[error("its area is {area_m2:.2} m², expected at least {min_area_m2} m²")]
     TooSmall {
-        /// Its area, m².
+        /// Area, m².
         area_m2: f64,
         /// The least a building may have, m².
         min_area_m2: f64,
@@ -93,7 +93,7 @@ pub enum Defect {
         stated_m2: f64,
         /// Area by the odd-even rule, m².
         enclosed_m2: f64,
-        /// Where the rings meet.
+        /// Place where the rings meet.
         place: Coord<f64>,
     },
 }
@@ -270,7 +270,7 @@ fn from_corners(polygon: &Polygon<f64>) -> Polygon<f64> {
     Polygon::new(turned(polygon.exterior()), polygon.interiors().iter().map(turned).collect())
 }
 
-/// How far holes are drawn in, metres.
+/// Distance by which holes are drawn in, metres.
 #[must_use]
 pub fn hole_gap_m(rules: Rules) -> f64 {
     HOLE_GAP_M.max(HOLE_GAP_STEPS * rules.grid_m)

@@ -18,7 +18,7 @@ use rstar::{AABB, RTree};
 /// A corner and which one it is.
 type Corner = GeomWithData<[f64; 2], usize>;
 
-/// Where the clearance of a footprint is first below `least_m`, along its rings; `None` where it is nowhere. Rings are
+/// Place where the clearance of a footprint is first below `least_m`, along its rings; `None` where it is nowhere. Rings are
 /// closed and have no repeated corners; units as those of the coordinates.
 #[must_use]
 pub fn narrow(polygon: &Polygon<f64>, least_m: f64) -> Option<Coord<f64>> {

@@ -96,7 +96,7 @@ impl Default for ConsensusConfig {
 /// A building that views agree on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Consensus {
-    /// Its footprint; exterior counter-clockwise, holes clockwise. Map frame, metres.
+    /// Footprint; exterior counter-clockwise, holes clockwise. Map frame, metres.
     pub polygon: Polygon<f64>,
     /// Positions of its candidates.
     pub members: Vec<usize>,

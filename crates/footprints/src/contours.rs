@@ -20,7 +20,7 @@ pub enum ContourKind {
     Roof,
 }
 
-/// How finely a view is looked at.
+/// Fineness with which a view is looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Look {
     /// Parts and holes below this are left out, pixels² of the photo.
@@ -47,7 +47,7 @@ pub enum ViewFault {
     /// No mask where one should be.
     #[error("there is no mask for it: {} does not exist", path.display())]
     Absent {
-        /// Where it was looked for.
+        /// Path at which it was looked for.
         path: PathBuf,
     },
     /// The file of all masks does not name the photo.
@@ -94,9 +94,9 @@ pub enum ViewFault {
     /// The network stopped at it.
     #[error("{problem}")]
     Network {
-        /// What is the matter.
+        /// Problem.
         problem: String,
-        /// What to try.
+        /// Remedy.
         hint: String,
     },
     /// None of its pixels meets the terrain.

@@ -13,7 +13,7 @@ use sizeup_geo::geodata::vector::{Feature, FeatureGeometry};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::ids::BuildingId;
 
-/// What buildings are called.
+/// Ids of buildings.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Ids<'a> {
     /// The layer's own numbers.

@@ -38,7 +38,7 @@ impl Default for AccuracyConfig {
     }
 }
 
-/// What footprints are laid on.
+/// Surface that footprints are laid on.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Surface<'a> {
     /// The ground.
@@ -59,7 +59,7 @@ impl<'a> Projector<'a> {
         Self { view, surface }
     }
 
-    /// Where a pixel's ray meets the surface.
+    /// Point where a pixel's ray meets the surface.
     pub(super) fn point(&self, pixel: Coord<f64>) -> Option<DVec3> {
         let ray = self.view.camera.unproject(DVec2::new(pixel.x, pixel.y))?;
         let direction = self.view.camera_from_map.rotation.transpose() * ray;
@@ -87,7 +87,7 @@ impl<'a> Projector<'a> {
         Some(MultiPolygon::new(polygons?).orient(Direction::Default))
     }
 
-    /// What the view sees of the surface: the border of its image, drawn in by some pixels. `None` if less than three
+    /// Part of the surface that the view sees: the border of its image, drawn in by some pixels. `None` if less than three
     /// points of it meet the surface.
     pub(super) fn seen(&self, inset_px: f64) -> Option<Polygon<f64>> {
         use geo::orient::{Direction, Orient as _};
@@ -112,7 +112,7 @@ impl<'a> Projector<'a> {
 pub(super) struct PlaceError {
     /// Variance of what differs from view to view, m².
     pub own_m2: f64,
-    /// How far one metre of terrain error moves the place, easting and northing.
+    /// Shift of the place by one metre of terrain error, easting and northing.
     pub per_terrain_m: DVec2,
 }
 

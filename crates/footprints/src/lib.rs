@@ -97,7 +97,7 @@ impl Footprint {
 /// A building of the input that has no usable footprint: it is in the output all the same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RefusedFootprint {
-    /// Its id in the input.
+    /// Id in the input.
     pub id: BuildingId,
     /// The feature of the layer that this is a part of, where that falls into several.
     #[serde(default)]
@@ -116,6 +116,6 @@ pub struct FootprintLayer {
     pub footprints: Vec<Footprint>,
     /// Buildings without a usable footprint.
     pub refused: Vec<RefusedFootprint>,
-    /// What was repaired or refused, and where.
+    /// Repairs and refusals, with their places.
     pub issues: Vec<Issue>,
 }

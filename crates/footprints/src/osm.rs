@@ -14,7 +14,7 @@ use sizeup_geo::geodata::vector::{Feature, VectorError, VectorLayer};
 
 /// GDAL's layer of areas.
 const AREAS: &str = "multipolygons";
-/// What makes an area a building.
+/// Attribute that makes an area a building.
 const ARE_BUILDINGS: &str = "building IS NOT NULL AND building <> 'no'";
 
 /// Whether a file is OpenStreetMap's, by its extension.

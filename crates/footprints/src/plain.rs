@@ -54,7 +54,7 @@ pub fn write_plain(path: &Path, layer: &FootprintLayer, crs: &Crs) -> Result<(),
     })
 }
 
-/// How such a layer is read.
+/// Settings for reading such a layer.
 #[must_use]
 pub fn plain_config(path: PathBuf) -> FootprintConfig {
     FootprintConfig {

@@ -34,7 +34,7 @@ const AT_FAULT_M: f64 = 0.01;
 /// Rounds of steps back; more are needed only where faults wander, and then the contours themselves are taken.
 const MAX_ROUNDS: u8 = 4 * LAST_LEVEL;
 
-/// How footprints are drawn.
+/// Rules for drawing footprints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rules {
     /// Douglas-Peucker's tolerance, metres.
@@ -78,7 +78,7 @@ pub(super) fn shape(rings: &[Ring], rules: Rules) -> Vec<Shaped> {
     contours.into_iter().map(Drawn::shaped).collect()
 }
 
-/// What is wrong with a drawing.
+/// Faults of a drawing.
 struct Faults<'a> {
     contours: &'a [Drawn],
     drawn: &'a [Drawn],
@@ -149,7 +149,7 @@ fn pairs_that_overlap<'a>(drawn: &[&'a Drawn]) -> Vec<(&'a Drawn, &'a Drawn)> {
 /// One polygon with where it came from.
 struct Drawn {
     label: u32,
-    /// Its exterior ring.
+    /// Exterior ring.
     ring: usize,
     polygon: Polygon<f64>,
     area_m2: f64,

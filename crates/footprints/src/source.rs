@@ -69,7 +69,7 @@ impl JsonSchema for FootprintSource {
     }
 }
 
-/// What masks and networks have in common.
+/// Settings that masks and networks have in common.
 #[derive(Debug, Clone, Copy)]
 pub struct DetectionSettings<'a> {
     /// The contour that masks follow.
@@ -102,7 +102,7 @@ impl FootprintSource {
         }
     }
 
-    /// How footprints found in photos are put together; `None` for a layer.
+    /// Settings by which footprints found in photos are put together; `None` for a layer.
     #[must_use]
     pub fn detection(&self) -> Option<DetectionSettings<'_>> {
         match self {

@@ -18,13 +18,13 @@ const COLLINEAR_PX: f64 = 0.02;
 /// One building in one photo.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contour {
-    /// Its parts; pixels of the photo, `y` down, the top-left pixel's centre at (0.5, 0.5).
+    /// Parts; pixels of the photo, `y` down, the top-left pixel's centre at (0.5, 0.5).
     pub shape_px: MultiPolygon<f64>,
-    /// What the segmenter gives it, 0 to 1.
+    /// Score by the segmenter, 0 to 1.
     pub score: f32,
     /// Whether the photo's border cuts it off.
     pub is_cut: bool,
-    /// Its label in the mask.
+    /// Label in the mask.
     pub label: u32,
 }
 
@@ -42,7 +42,7 @@ pub enum MaskFault {
     },
 }
 
-/// How to look at a mask.
+/// Settings for looking at a mask.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Vectorising {
     /// Whether equal labels are one building, or every part that hangs together is its own.
@@ -53,12 +53,12 @@ pub struct Vectorising {
     pub tolerance_px: f64,
 }
 
-/// What tells buildings apart.
+/// Property that tells buildings apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Instances {
     /// Their labels.
     ByLabel,
-    /// That they do not hang together.
+    /// Gaps between them.
     ByContact,
 }
 

@@ -23,13 +23,13 @@ pub(super) struct Builder<'a> {
     pub views: &'a [View],
     /// Under them.
     pub terrain: &'a Terrain,
-    /// How footprints are drawn.
+    /// Rules for drawing footprints.
     pub settings: DetectionSettings<'a>,
-    /// What single views show.
+    /// Candidates of single views.
     pub placed: Vec<PlacedCandidate>,
     /// The same as the photos show it, for roofs.
     pub tracks: Vec<Track>,
-    /// What there is so far.
+    /// Result so far.
     pub detection: Detection,
 }
 

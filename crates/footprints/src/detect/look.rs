@@ -18,9 +18,9 @@ const CONTOUR_SHARE: f64 = 0.1;
 /// Parts of a candidate below this share of the least building are specks.
 const SPECK_SHARE: f64 = 0.25;
 
-/// What one view shows.
+/// Candidates of one view.
 pub(super) struct Looked {
-    /// What it sees of the ground.
+    /// Ground that it sees.
     pub seen: Polygon<f64>,
     /// Contours in the photo, on the ground, and how far off they may be.
     pub contours: Vec<(Contour, MultiPolygon<f64>, PlaceError)>,

@@ -28,17 +28,17 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::Terrain;
 use sizeup_survey::{View, ViewKind};
 
-/// How far the image's border is drawn in: contours end on it, pixels.
+/// Distance by which the image's border is drawn in: contours end on it, pixels.
 const BORDER_PX: f64 = 1.5;
 
 /// A candidate with where it ended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacedCandidate {
-    /// Its view, as a position in the survey.
+    /// View, as a position in the survey.
     pub view: usize,
-    /// Its footprint on the ground; map frame, metres.
+    /// Footprint on the ground; map frame, metres.
     pub shape: MultiPolygon<f64>,
-    /// What the segmenter gives it.
+    /// Score by the segmenter.
     pub score: f32,
     /// Whether the image's border cuts it off.
     pub is_cut: bool,
@@ -48,7 +48,7 @@ pub struct PlacedCandidate {
     pub building: Option<usize>,
 }
 
-/// How a building was seen.
+/// Sightings of a building.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sighting {
     /// Views that show it.
@@ -70,12 +70,12 @@ pub struct Sighting {
     pub change: Option<Change>,
 }
 
-/// How much there was.
+/// Counts.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct DetectionSummary {
     /// Nadir views that were looked at.
     pub n_views: usize,
-    /// Of these, views without usable contours.
+    /// Views without usable contours among these.
     pub n_views_without: usize,
     /// Contours in all views.
     pub n_candidates: usize,
@@ -89,7 +89,7 @@ pub struct DetectionSummary {
     pub by_change: BTreeMap<Change, usize>,
 }
 
-/// What roofs need to be moved again: the contours as the photos show them.
+/// Input to move roofs again: the contours as the photos show them.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tracks {
     /// Per building of the layer: position of the view in the survey, and the contour in pixels of its photo.
@@ -103,7 +103,7 @@ pub struct Track {
     pub view: usize,
     /// Pixels of the photo.
     pub shape_px: MultiPolygon<f64>,
-    /// What the segmenter gives it.
+    /// Score by the segmenter.
     pub score: f32,
     /// Whether the image's border cuts it off.
     pub is_cut: bool,
@@ -114,7 +114,7 @@ pub struct Track {
 pub struct Detection {
     /// The buildings.
     pub layer: FootprintLayer,
-    /// How each of the layer's footprints was seen, in order.
+    /// Sightings of each of the layer's footprints, in order.
     pub sightings: Vec<Sighting>,
     /// Everything that single views show.
     pub candidates: Vec<PlacedCandidate>,
@@ -122,7 +122,7 @@ pub struct Detection {
     pub vanished: Vec<Footprint>,
     /// For roof contours.
     pub tracks: Option<Tracks>,
-    /// How much there was.
+    /// Counts.
     pub summary: DetectionSummary,
 }
 
@@ -271,7 +271,7 @@ fn check(settings: &DetectionSettings<'_>) -> Result<(), FootprintError> {
     within("accuracy.terrain_m", a.terrain_m, 0.0, 100.0, "0 to 100 m")
 }
 
-/// What every single mask allows and all together do not.
+/// Faults that every single mask allows and all together do not.
 fn suspicious(looked: &[Result<Looked, ViewFault>]) -> Option<Issue> {
     let contours = || looked.iter().flatten().flat_map(|l| &l.contours);
     let warn = |code: &str, message: String, hint: &str| {
@@ -323,7 +323,7 @@ fn left_out(detection: &Detection, settings: &DetectionSettings<'_>) -> Vec<Issu
     lost.map(tell).collect()
 }
 
-/// What was left out, in numbers: single ones are in the layer of candidates.
+/// Numbers of what was left out: single ones are in the layer of candidates.
 fn tell(summary: &DetectionSummary, issues: &mut Vec<Issue>) {
     let mut note = |n: usize, code: &str, what: &str, hint: &str| {
         if n > 0 {

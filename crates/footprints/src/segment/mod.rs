@@ -148,7 +148,7 @@ impl SegmenterConfig {
     }
 }
 
-/// How an image goes into a graph.
+/// Way of an image into a graph.
 #[derive(Debug, Clone)]
 struct Inlet {
     name: String,
@@ -157,7 +157,7 @@ struct Inlet {
     std: [f32; 3],
 }
 
-/// What is known of a photo besides its colours.
+/// Geometry of a photo besides its colours.
 struct Geometry {
     relief: Option<Raster<f32>>,
     lean: Lean,
