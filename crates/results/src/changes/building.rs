@@ -22,9 +22,9 @@ pub struct Part<'a> {
 /// A building of a result.
 #[derive(Debug, Clone)]
 pub struct Building<'a> {
-    /// Its id, that of the whole where it has parts.
+    /// Id, that of the whole where it has parts.
     pub id: &'a str,
-    /// Its parts, or itself.
+    /// Parts, or itself.
     pub parts: Vec<Part<'a>>,
     /// Around all parts; empty if none has a footprint.
     pub footprint: MultiPolygon<f64>,

@@ -159,7 +159,7 @@ impl Reason {
         }
     }
 
-    /// What it says, as a part of a sentence.
+    /// Text, as a part of a sentence.
     fn words(self) -> &'static str {
         match self {
             Self::NotInOld => "no building of the old result stands here",

@@ -32,11 +32,11 @@ pub struct Scene<'a> {
     pub new_area: SeenArea,
     pub config: &'a ChangesConfig,
     pub shift: CommonShift,
-    /// What sigmas are multiplied with, 1 or more.
+    /// Factor of sigmas, 1 or more.
     pub widening: f64,
 }
 
-/// What heights say: a verdict with its reasons and the difference that decided.
+/// Verdict of the heights, with its reasons and the difference that decided.
 struct HeightFinding {
     verdict: Verdict,
     reasons: Vec<Reason>,
@@ -45,7 +45,7 @@ struct HeightFinding {
 }
 
 impl Scene<'_> {
-    /// What became of a group.
+    /// Change of a group.
     pub fn change(&self, group: &Group, evidence: &Evidence) -> Change {
         let old: Vec<&Building<'_>> = group.old.iter().map(|&o| &self.old[o]).collect();
         let new: Vec<&Building<'_>> = group.new.iter().map(|&n| &self.new[n]).collect();
@@ -176,7 +176,7 @@ impl Scene<'_> {
     }
 }
 
-/// What roof and height say together; see the module.
+/// Verdict of roof and height together; see the module.
 fn combined(difference: &Difference, decision: &Decision) -> (Verdict, Reason) {
     let of_height = decision.verdict(difference.height_m, difference.sigma_m);
     let of_roof = difference.roof_z_m.map_or(of_height, |roof_m| decision.verdict(roof_m, difference.sigma_m));

@@ -19,9 +19,9 @@ pub const LEAST_M2: f64 = 1.0;
 pub struct FootprintDifference {
     /// Intersection over union.
     pub iou: f64,
-    /// Of the new one, what lies farther than the tolerance from the old one.
+    /// Area of the new one that lies farther than the tolerance from the old one.
     pub gained_m2: f64,
-    /// Of the old one, what lies farther than the tolerance from the new one.
+    /// Area of the old one that lies farther than the tolerance from the new one.
     pub lost_m2: f64,
 }
 

@@ -31,15 +31,15 @@ pub enum Epoch {
 /// New minus old; metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Difference {
-    /// Of the heights above ground.
+    /// Difference of the heights above ground.
     pub height_m: f64,
-    /// Of the levels of the roof, where both are known.
+    /// Difference of the levels of the roof, where both are known.
     pub roof_z_m: Option<f64>,
     /// One standard deviation of either.
     pub sigma_m: f64,
 }
 
-/// What is known of a group's heights.
+/// Heights of a group, as far as known.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Evidence {
     /// They can be compared.

@@ -135,9 +135,9 @@ pub enum AreaRule {
 pub struct SettingError {
     /// Which one.
     pub name: &'static str,
-    /// Its value.
+    /// Value.
     pub found: f64,
-    /// What it may be.
+    /// Allowed values.
     pub expected: &'static str,
 }
 
@@ -195,7 +195,7 @@ pub struct CommonShift {
 pub struct Comparison {
     /// Every building of both: those of the new result in its order, then what is gone in the old one's.
     pub changes: Vec<Change>,
-    /// What all buildings have in common.
+    /// Shift and spread that all buildings have in common.
     pub shift: CommonShift,
     /// Scatter of the differences in stated sigmas, 1 where these are right; `None` for too few buildings.
     pub spread: Option<f64>,
@@ -204,7 +204,7 @@ pub struct Comparison {
 /// One of two results, as it is compared.
 #[derive(Debug, Clone, Copy)]
 pub struct Compared<'a> {
-    /// Its buildings.
+    /// Buildings.
     pub records: &'a [BuildingRecord],
     /// Projection centres of its photos (easting, northing), where they are known.
     pub cameras: &'a [[f64; 2]],

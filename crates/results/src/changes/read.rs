@@ -15,7 +15,7 @@ use super::{Compared, LevelRule, SettingError};
 use crate::output::read::{FoundBuildings, ReadError, ReadOptions, RecordFile};
 use crate::output::{BuildingRecord, InputFile, Lineage, OutputError};
 
-/// What a result's folder holds, in the order in which it is looked for.
+/// Files of a result's folder, in the order in which it is looked for.
 const IN_FOLDER: [&str; 3] = ["city.gpkg", "city.city.jsonl", "city.city.json"];
 
 /// The layer of the photos in our `GeoPackage` files.
@@ -35,7 +35,7 @@ pub enum ChangesError {
     Missing {
         /// `old` or `new`.
         epoch: &'static str,
-        /// What was named.
+        /// Path that was named.
         path: PathBuf,
     },
     /// The folder holds no result.
@@ -78,11 +78,11 @@ pub enum ChangesError {
     Vertical {
         /// The old result.
         old: PathBuf,
-        /// What its levels count from.
+        /// Zero of its levels.
         old_reference: String,
         /// The new result.
         new: PathBuf,
-        /// What its levels count from.
+        /// Zero of its levels.
         new_reference: String,
     },
     /// A file cannot be read.
@@ -101,13 +101,13 @@ pub enum ChangesError {
 pub struct ResultFile {
     /// The file, with its hash.
     pub file: InputFile,
-    /// Its buildings, in the frame of the comparison.
+    /// Buildings, in the frame of the comparison.
     pub records: Vec<BuildingRecord>,
     /// Projection centres of its photos (easting, northing), in the frame of the comparison; only a `GeoPackage` has them.
     pub cameras: Vec<[f64; 2]>,
     /// The result's own CRS.
     pub crs: Crs,
-    /// Where it comes from, if it is ours.
+    /// Lineage, if it is ours.
     pub lineage: Option<Lineage>,
 }
 
@@ -118,7 +118,7 @@ pub struct ResultPair {
     pub old: ResultFile,
     /// The later one.
     pub new: ResultFile,
-    /// What levels of both count from; `None` where they are not to be compared or one does not say.
+    /// Zero of the levels of both; `None` where they are not to be compared or one does not say.
     pub level_reference: Option<String>,
 }
 
@@ -194,7 +194,7 @@ fn cameras(path: &Path, frame: &Crs) -> Result<Vec<[f64; 2]>, CrsError> {
     centres.map(|at| transform.point(at.x(), at.y()).map(<[f64; 2]>::from)).collect()
 }
 
-/// What levels of both count from, if both say it.
+/// Zero of the levels of both, if both say it.
 fn common_reference(old: &ResultFile, new: &ResultFile) -> Result<Option<String>, ChangesError> {
     let (Some(before), Some(now)) = (old.reference_in_words(), new.reference_in_words()) else { return Ok(None) };
     // One may have it from a CRS, "NAP height", and the other from words, "orthometric, NAP height".

@@ -66,7 +66,7 @@ pub struct ChangesReport {
 }
 
 impl ChangesReport {
-    /// Of a comparison.
+    /// Report of a comparison.
     #[must_use]
     pub fn new(
         pair: &ResultPair,

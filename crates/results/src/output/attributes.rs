@@ -40,7 +40,7 @@ impl Field {
         Self { column: Column::new(name, title, kind, meaning), value }
     }
 
-    /// Its value; [`Value::Null`] if not known. Lists stay lists.
+    /// Value; [`Value::Null`] if not known. Lists stay lists.
     #[must_use]
     pub fn value(&self, record: &BuildingRecord, solid: &SolidFacts) -> Value {
         (self.value)(record, solid)

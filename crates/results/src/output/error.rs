@@ -38,9 +38,9 @@ pub enum OutputError {
     Setting {
         /// Which setting.
         name: &'static str,
-        /// Its value.
+        /// Value.
         value: f64,
-        /// What it may be.
+        /// Allowed values.
         expected: &'static str,
     },
     /// A file is not what it should be.
@@ -81,6 +81,6 @@ pub enum OutputError {
 pub struct MalformedFile {
     /// Which file.
     pub path: PathBuf,
-    /// What is wrong with it, and where.
+    /// Fault, and where.
     pub reason: String,
 }

@@ -20,12 +20,12 @@ pub struct Measures {
     pub volume_m3: f64,
 }
 
-/// What is known of the solid of one building as it is written.
+/// Facts of the solid of one building as it is written.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SolidFacts {
     /// Why there is none, where there is none.
     pub no_solid_reason: Option<&'static str>,
-    /// Of the solid, where there is one.
+    /// Facts of the solid, where there is one.
     pub measures: Option<Measures>,
     /// val3dity's numbers of the faults that [`validate`] finds in it; empty where it is valid.
     pub faults: Vec<u16>,

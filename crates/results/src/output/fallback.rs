@@ -45,7 +45,7 @@ impl Default for FallbackConfig {
 }
 
 impl FallbackConfig {
-    /// What is wrong with the settings, if anything.
+    /// Fault of the settings, if any.
     #[must_use]
     pub fn fault(&self) -> Option<&'static str> {
         let is_positive = self.metres_per_unit > 0.0 && self.metres_per_unit.is_finite();

@@ -68,9 +68,9 @@ pub struct CityModel<'a, R: ?Sized = [BuildingRecord]> {
     pub records: &'a R,
     /// The project's CRS; may be a compound.
     pub crs: &'a Crs,
-    /// Where the result comes from.
+    /// Lineage of the result.
     pub lineage: &'a Lineage,
-    /// What was wrong with single items of the input.
+    /// Issues of single items of the input.
     pub issues: &'a [Issue],
     /// The photos and their poses.
     pub survey: &'a Survey,

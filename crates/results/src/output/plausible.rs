@@ -52,7 +52,7 @@ impl Doubts {
         }
     }
 
-    /// What speaks against the result as a whole; one issue each, the gravest first.
+    /// Evidence against the result as a whole; one issue each, the gravest first.
     #[must_use]
     pub fn implausible(&self) -> Vec<Issue> {
         let of_all = |n: usize| format!("{n} of {} heights", self.n);

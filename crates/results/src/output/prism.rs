@@ -10,7 +10,7 @@ use super::BuildingRecord;
 use super::footprint::{FootprintFault, SnappedFootprint};
 use super::grid::Grid;
 
-/// What a face of the solid is.
+/// Kind of a face of the solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Surface {
     /// Bottom face, seen from below.
@@ -24,7 +24,7 @@ pub enum Surface {
 /// A planar face: exterior ring, then holes; rings on the grid, not closed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Face {
-    /// What it is.
+    /// Kind.
     pub surface: Surface,
     /// Exterior counter-clockwise seen from outside the solid, holes clockwise.
     pub rings: Vec<Vec<[i64; 3]>>,

@@ -7,7 +7,7 @@ use serde_json::{Map as JsonMap, Value};
 use sizeup_heights::optimise::Terrace;
 use sizeup_heights::scene::{HeightReference, RoofForm};
 
-/// What became of a building.
+/// Status of a building.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
@@ -99,7 +99,7 @@ pub struct BuildingRecord {
     /// Walls that stand against a neighbour's, m², where the neighbours were looked at.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub party_wall_m2: Option<f64>,
-    /// What became of the building.
+    /// Status of the building.
     pub status: Status,
     /// Machine-readable reasons behind the status (`too_few_views`, `range_bound`, …), sorted.
     pub reasons: Vec<String>,

@@ -95,7 +95,7 @@ impl HeightSummary {
     }
 }
 
-/// How often each name occurs.
+/// Number of occurrences of each name.
 fn tally<'a>(names: impl Iterator<Item = &'a str>) -> IndexMap<String, usize> {
     let mut counts: IndexMap<String, usize> = IndexMap::new();
     for name in names {

@@ -31,7 +31,7 @@ pub struct ReviewsConfig {
     pub path: PathBuf,
 }
 
-/// What was decided about a building.
+/// Decision about a building.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Decision {
@@ -71,7 +71,7 @@ pub enum ReviewsError {
     Malformed {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Fault.
         message: String,
     },
 }

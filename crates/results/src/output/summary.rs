@@ -86,7 +86,7 @@ pub struct TilesSummary {
     pub n_parts: usize,
     /// Buildings, and parts of such, with a height.
     pub n_heights: usize,
-    /// How well neighbours agree.
+    /// Agreement of neighbours.
     pub seams: Value,
 }
 

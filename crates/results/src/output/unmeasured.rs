@@ -61,7 +61,7 @@ fn issue(record: &BuildingRecord) -> Issue {
     }
 }
 
-/// What a reason means.
+/// Meaning of a reason.
 #[must_use]
 pub fn in_words(reason: &str) -> String {
     match reason {

@@ -53,7 +53,7 @@ struct ViewData<'a> {
     /// East, north, up; metres.
     centre: [f64; 3],
     off_nadir: f64,
-    /// What the photo shows of the ground: east and north in turn, metres.
+    /// Footprint of the photo on the ground: east and north in turn, metres.
     footprint: Vec<f64>,
     has_photo: bool,
 }

@@ -17,12 +17,12 @@ use super::{CityJsonConfig, metadata};
 /// An id and its object.
 pub type Named = (String, Value);
 
-/// What objects are made with.
+/// Settings that objects are made with.
 #[derive(Clone, Copy)]
 pub struct Objects<'a> {
-    /// Where vertices lie.
+    /// Grid of the vertices.
     pub grid: &'a Grid,
-    /// How they are written.
+    /// Form in which they are written.
     pub config: &'a CityJsonConfig,
     /// Whether there are solids with roofs beside the blocks.
     pub has_roofs: bool,
@@ -122,7 +122,7 @@ impl Objects<'_> {
         object
     }
 
-    /// What is left of a building without a solid: its footprint on the ground, if both are known.
+    /// Remainder of a building without a solid: its footprint on the ground, if both are known.
     fn footprint(&self, record: &BuildingRecord) -> Option<(SnappedFootprint, i64)> {
         let base_m = record.base_z_m.or(record.ground_z_m)?;
         let footprint = SnappedFootprint::new(record.footprint.as_ref()?, self.grid).ok()?;

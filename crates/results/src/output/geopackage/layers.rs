@@ -239,12 +239,12 @@ fn issues_table() -> Table<'static, Issue> {
     }
 }
 
-/// What was wrong with single items of the input; without a place there is no geometry.
+/// Issues of single items of the input; without a place there is no geometry.
 pub fn issues(writer: &mut Writer<'_>, issues: &[Issue]) -> Result<(), OutputError> {
     issues_table().write(writer, issues.iter())
 }
 
-/// What an issue is about: its kind and its name.
+/// Subject of an issue: its kind and its name.
 fn subject(issue: &Issue) -> (&'static str, &str) {
     match &issue.subject {
         Subject::View(name) => ("view", name),

@@ -25,7 +25,7 @@ use sizeup_geo::geodata::features::Column;
 use sizeup_geo::geodata::qml::aliases;
 use sizeup_geo::geodata::wkt_of;
 
-/// What the 3D view of a project stands on.
+/// Ground of a project's 3D view.
 #[derive(Debug, Clone, Copy)]
 pub enum ProjectGround<'a> {
     /// A plane at the lowest wall, where nothing else is known.
@@ -36,7 +36,7 @@ pub enum ProjectGround<'a> {
     Model {
         /// The raster, as seen from the project's folder.
         path: &'a Path,
-        /// Its CRS; QGIS takes it to be the project's without.
+        /// CRS; QGIS takes it to be the project's without.
         crs: Option<&'a Crs>,
         /// Added to its heights, metres.
         offset_m: f64,

@@ -13,7 +13,7 @@ use super::colour::Rgb;
 
 const FONT: &[u8] = include_bytes!("DejaVuSans-subset.ttf");
 
-/// Where a text stands relative to its position.
+/// Alignment of a text to its position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Align {
     /// It starts there.
@@ -24,7 +24,7 @@ pub enum Align {
     Right,
 }
 
-/// How a line looks.
+/// Pen of a line.
 #[derive(Debug, Clone, Copy)]
 pub struct Pen {
     /// Colour.

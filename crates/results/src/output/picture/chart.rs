@@ -6,7 +6,7 @@ use super::canvas::{Align, Canvas, Pen};
 use super::colour::{ALERT, GREY, INK, NO_VALUE, Rgb};
 use super::scale::{label, step, ticks};
 
-/// How a series is drawn.
+/// Style of a series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stroke {
     /// A line through the points.
@@ -24,9 +24,9 @@ pub struct Series {
     pub name: String,
     /// `(x, y)`; points that are not finite break the line.
     pub points: Vec<[f64; 2]>,
-    /// How it is drawn.
+    /// Style.
     pub stroke: Stroke,
-    /// Its colour.
+    /// Colour.
     pub colour: Rgb,
 }
 
@@ -45,7 +45,7 @@ pub struct Chart {
     pub axes: AxesKind,
 }
 
-/// How the axes are divided.
+/// Division of the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxesKind {
     /// Both from 0.

@@ -18,11 +18,11 @@ const LINE: f32 = 32.0;
 /// A class of footprints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapClass<'a> {
-    /// Its name in the legend.
+    /// Name in the legend.
     pub label: String,
-    /// Its colour.
+    /// Colour.
     pub colour: Rgb,
-    /// Its footprints, map frame.
+    /// Footprints, map frame.
     pub footprints: Vec<&'a MultiPolygon<f64>>,
 }
 

@@ -15,9 +15,9 @@ pub const WHITE: Rgb = [255, 255, 255];
 pub const INK: Rgb = [38, 38, 46];
 /// Secondary text, frames.
 pub const GREY: Rgb = [125, 125, 132];
-/// Where there is no value.
+/// Colour of no value.
 pub const NO_VALUE: Rgb = [214, 214, 218];
-/// What deserves a second look (readable beside viridis for all kinds of colour vision).
+/// Colour of what deserves a second look (readable beside viridis for all kinds of colour vision).
 pub const ALERT: Rgb = [213, 94, 0];
 
 const VIRIDIS: [Rgb; 11] = [

@@ -11,7 +11,7 @@ use super::warning;
 use crate::output::{BuildingRecord, CityModel, Status, StatusCount};
 use sizeup_survey::{View, ViewKind};
 
-/// How the map looks.
+/// Settings of the map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct MapConfig {

@@ -34,15 +34,15 @@ const OWN_LAYERS: [&str; 2] = ["buildings", "footprints"];
 /// One building of a file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct FoundBuilding {
-    /// Its id.
+    /// Id.
     pub id: String,
     /// The building that it is a part of, where our files say so.
     pub part_of: Option<String>,
-    /// Its footprint in the file's CRS.
+    /// Footprint in the file's CRS.
     pub footprint: Option<MultiPolygon<f64>>,
     /// Levels measured on its surfaces, where it has some.
     pub levels: Option<Levels>,
-    /// Its attributes as they stand.
+    /// Attributes as they stand.
     pub attributes: JsonMap<String, Value>,
 }
 
@@ -51,13 +51,13 @@ pub struct FoundBuilding {
 pub struct FoundBuildings {
     /// Which file.
     pub path: PathBuf,
-    /// Its CRS, where it states one.
+    /// CRS, where it states one.
     pub crs: Option<Crs>,
     /// In the file's order.
     pub buildings: Vec<FoundBuilding>,
 }
 
-/// What to read of a file.
+/// Options for reading a file.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReadOptions<'a> {
     /// Layer of a vector file with several; ours by default.
@@ -111,9 +111,9 @@ pub enum ReadError {
         path: PathBuf,
         /// The attribute.
         field: String,
-        /// What it is needed for.
+        /// Purpose.
         what: &'static str,
-        /// What there is.
+        /// Available ones.
         available: Vec<String>,
     },
 }

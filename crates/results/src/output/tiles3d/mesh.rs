@@ -19,9 +19,9 @@ pub struct Block {
     pub prism: Prism,
     /// Faces of it with its roof, where that has another form.
     pub roofed: Option<Vec<Face>>,
-    /// Its attributes, in the order of the columns.
+    /// Attributes, in the order of the columns.
     pub values: Vec<Value>,
-    /// What colours it, metres.
+    /// Height that colours it, metres.
     pub height_m: f64,
 }
 

@@ -43,7 +43,7 @@ use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{FileError, write_whole_unflushed};
 use spool::{Spool, SpoolWriter};
 
-/// How 3D Tiles are written.
+/// Settings of 3D Tiles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Tiles3dConfig {
@@ -75,7 +75,7 @@ pub fn check_place(crs: &Crs, heights: Heights, at_m: DVec3) -> Result<(), Outpu
     Place::new(crs, heights, at_m).map(drop)
 }
 
-/// Where the result comes from, beside the tileset: every globe loads that, and nobody's globe needs this.
+/// Lineage of the result, beside the tileset: every globe loads that, and nobody's globe needs this.
 const LINEAGE: &str = "lineage.json";
 
 /// Writes the folder `path` whole or not at all; a tileset that is there already is replaced.

@@ -12,7 +12,7 @@ use sizeup_geo::files::FileError;
 /// Blocks that can still be added.
 pub struct SpoolWriter {
     file: BufWriter<File>,
-    /// Where each block begins.
+    /// Start of each block.
     starts: Vec<u64>,
     end: u64,
 }

@@ -142,7 +142,7 @@ enum Part {
 }
 
 impl Part {
-    /// What cjval says of it, by check.
+    /// Findings of cjval, by check.
     fn look(&self, start: &str) -> Vec<(String, String)> {
         let text = match self {
             Self::Objects(list) => format!("{start}\"CityObjects\":{{{list}}},\"vertices\":[]}}"),

@@ -140,7 +140,7 @@ pub struct Fault {
 pub struct Validation {
     /// Geometries checked.
     pub n_geometries: usize,
-    /// Of them, those without faults.
+    /// Those without faults among them.
     pub n_valid: usize,
     /// Objects without any surface geometry.
     pub n_without_geometry: usize,

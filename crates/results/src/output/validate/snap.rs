@@ -12,7 +12,7 @@ const NOISE_M: f64 = 1e-8;
 pub struct Snapped {
     /// Metres from [`Self::origin`].
     pub points: Vec<[f64; 3]>,
-    /// Where the first vertex lies in the file's CRS.
+    /// Place of the first vertex in the file's CRS.
     pub origin: [f64; 3],
     /// Vertices closer than this are one, metres.
     pub tolerance_m: f64,
