@@ -18,7 +18,7 @@ use super::TruthBuilding;
 use sizeup_geo::cloud::{Cloud, GROUND, ground_near, points_in};
 use sizeup_heights::stats;
 
-/// How heights are taken from a cloud.
+/// Settings of heights from a cloud.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CloudTruthOptions {
     /// Percentile of the roof points' levels that counts, 0 to 100.

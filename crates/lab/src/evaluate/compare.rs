@@ -32,9 +32,9 @@ pub struct Comparison {
     pub crs: Option<Crs>,
     /// What to read of the reference; its `crs` is for a file that states none.
     pub options: TruthOptions,
-    /// How heights are taken from a point cloud.
+    /// Settings of heights from a point cloud.
     pub cloud: CloudTruthOptions,
-    /// How buildings are matched.
+    /// Rule that matches buildings.
     pub heights: HeightOptions,
     /// What the user declares to be added to levels of the reference so that they count from the result's zero, metres; 0
     /// if that is the same. Not declared: by what the files say.
@@ -88,7 +88,7 @@ pub enum CompareError {
     },
 }
 
-/// What the reference is, read.
+/// Reference as read.
 pub(super) enum Reference {
     /// Points, levels in metres, and what these count from where the file's CRS says so.
     Cloud(Cloud, Option<VerticalReference>),

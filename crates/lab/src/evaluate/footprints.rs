@@ -29,7 +29,7 @@ use sizeup_heights::stats::{mean, quantile};
 /// Intersection over union from which a pair is a hit.
 pub const HIT_IOU: f64 = 0.5;
 
-/// What each number is.
+/// Meaning of each number.
 pub const FOOTPRINT_DEFINITIONS: [(&str, &str); 5] = [
     (
         "pairs",
@@ -45,7 +45,7 @@ pub const FOOTPRINT_DEFINITIONS: [(&str, &str); 5] = [
     ("corners", "distance of each reference corner of a hit to the nearest corner of its counterpart"),
 ];
 
-/// How good footprints are; definitions in the module's text.
+/// Quality of footprints; definitions in the module's text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FootprintEvaluation {
     /// Buildings of the reference.
@@ -79,7 +79,7 @@ pub struct FootprintEvaluation {
     pub corner_p90_m: Option<f64>,
     /// Corners of the hits over corners of their references.
     pub corner_ratio: Option<f64>,
-    /// What each number means.
+    /// Meaning of each number.
     #[serde(default)]
     pub definitions: BTreeMap<String, String>,
 }
@@ -91,7 +91,7 @@ pub struct FootprintPair {
     pub truth: usize,
     /// Into the result.
     pub result: usize,
-    /// What both cover, m²; pixels² of footprints in a photo.
+    /// Area that both cover, m²; pixels² of footprints in a photo.
     pub shared_m2: f64,
     /// Intersection over union.
     pub iou: f64,

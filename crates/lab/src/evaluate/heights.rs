@@ -17,11 +17,11 @@ const HEIGHT_CLASSES_M: [f64; 4] = [6.0, 12.0, 25.0, 50.0];
 /// Upper limits of the classes of footprint area, m²; the last class is above.
 const AREA_CLASSES_M2: [f64; 3] = [100.0, 300.0, 1000.0];
 
-/// What is compared, and how.
+/// Settings of the comparison.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct HeightOptions {
-    /// How buildings are matched: `auto`, `id` or `overlap`.
+    /// Rule that matches buildings: `auto`, `id` or `overlap`.
     pub matching: Matching,
     /// Smallest share of a reference footprint that its match covers, 0 to 1, when matching by overlap.
     pub min_overlap_share: f64,
@@ -35,7 +35,7 @@ impl Default for HeightOptions {
     }
 }
 
-/// How many buildings went where. The reference's buildings are the sum of `n_compared`, `n_unmatched`,
+/// Number of buildings by outcome. The reference's buildings are the sum of `n_compared`, `n_unmatched`,
 /// `n_too_low`, `n_without_truth` and `n_unobserved`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MatchCounts {
@@ -81,9 +81,9 @@ pub struct BuildingError {
     pub signed_error_m: f64,
     /// The result's stated standard deviation, metres.
     pub sigma_m: Option<f64>,
-    /// What became of the building.
+    /// Status of the building.
     pub status: Status,
-    /// What kind of building it is.
+    /// Kind of building.
     pub group: Option<String>,
     /// Share of the reference's footprint that the match covers.
     pub overlap_share: Option<f64>,
@@ -95,13 +95,13 @@ pub struct BuildingError {
 /// The outcome, with everything needed to read it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct HeightEvaluation {
-    /// How buildings were matched: `id` or `overlap`.
+    /// Rule that matched buildings: `id` or `overlap`.
     pub matched_by: Matching,
     /// The options used.
     pub min_overlap_share: f64,
     /// Reference buildings lower than this were not compared, metres.
     pub min_truth_height_m: f64,
-    /// How many buildings went where.
+    /// Number of buildings by outcome.
     pub counts: MatchCounts,
     /// Over all compared buildings; `None` if every match is unobserved or too low.
     pub all: Option<HeightStatistics>,
@@ -117,7 +117,7 @@ pub struct HeightEvaluation {
     pub by_area: Vec<GroupStatistics>,
     /// Each compared building, in the reference's order.
     pub buildings: Vec<BuildingError>,
-    /// What each number means.
+    /// Meaning of each number.
     pub definitions: BTreeMap<String, String>,
 }
 

@@ -26,9 +26,9 @@ pub enum LevelError {
     /// PROJ knows no way from one to the other.
     #[error("levels of the reference count from {from}, those of the result from {to}")]
     NoWay {
-        /// Of the reference.
+        /// Zero of the reference.
         from: VerticalReference,
-        /// Of the result.
+        /// Zero of the result.
         to: VerticalReference,
         /// Why not.
         #[source]
@@ -36,14 +36,14 @@ pub enum LevelError {
     },
 }
 
-/// How levels were brought together, for the report.
+/// Way in which levels were brought together, for the report.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LevelAgreement {
-    /// How it is known.
+    /// Source of that knowledge.
     pub how: Agreement,
-    /// What levels of the reference count from, where it says so.
+    /// Zero of the reference's levels, where it says so.
     pub reference: Option<String>,
-    /// What levels of the result count from, where it says so.
+    /// Zero of the result's levels, where it says so.
     pub result: Option<String>,
     /// Smallest and largest metres that were added to levels of the reference.
     pub shift_m: [f64; 2],

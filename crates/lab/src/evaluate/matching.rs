@@ -19,7 +19,7 @@ use sizeup_results::output::BuildingRecord;
 /// Share of the reference's ids that must be in the result for [`Matching::Auto`] to trust them.
 const MIN_SHARED_ID_SHARE: f64 = 0.5;
 
-/// How buildings are matched.
+/// Rule that matches buildings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Matching {

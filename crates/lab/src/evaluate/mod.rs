@@ -61,7 +61,7 @@ pub struct TruthBuilding {
     pub footprint: Option<MultiPolygon<f64>>,
     /// Roof level minus ground level, metres.
     pub height_m: Option<f64>,
-    /// What kind of building it is, for the table by group.
+    /// Kind of building, for the table by group.
     pub group: Option<String>,
 }
 
@@ -80,7 +80,7 @@ pub enum EvaluationError {
         n_results: usize,
         /// `id` or `overlap`.
         how: &'static str,
-        /// What to try.
+        /// Remedy.
         hint: &'static str,
     },
     /// An id stands for two buildings.

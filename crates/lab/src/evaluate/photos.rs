@@ -133,7 +133,7 @@ impl DetectionMeasures {
     }
 }
 
-/// How good footprints in photos are; definitions in the module's text.
+/// Quality of footprints in photos; definitions in the module's text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PhotoEvaluation {
     /// Photos with true instances.

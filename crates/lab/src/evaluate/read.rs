@@ -14,7 +14,7 @@ use sizeup_results::output::{BuildingRecord, HeightReference};
 /// Attributes that are looked for, in this order, when none is named. All mean metres above ground.
 pub const HEIGHT_FIELDS: [&str; 5] = ["height_m", "measuredHeight", "measured_height", "height", "HEIGHT"];
 
-/// What to read of a reference.
+/// Options for reading a reference.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TruthOptions {
@@ -52,9 +52,9 @@ impl Default for TruthOptions {
 /// A reference and how its heights were found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth {
-    /// Its buildings in the project's CRS.
+    /// Buildings in the project's CRS.
     pub buildings: Vec<TruthBuilding>,
-    /// Where the heights come from, for the report: an attribute or the surfaces.
+    /// Source of the heights, for the report: an attribute or the surfaces.
     pub height_source: String,
 }
 

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::columns::{ColumnGrid, Columns};
 use super::solid::{Prism, Solid};
 
-/// What each number is.
+/// Meaning of each number.
 pub const VOLUME_DEFINITIONS: [(&str, &str); 6] = [
     (
         "prism_iou",
@@ -53,7 +53,7 @@ pub struct VolumeEvaluation {
     pub volume_m3: [f64; 2],
     /// Result and reference.
     pub open_share: [f64; 2],
-    /// What each number means.
+    /// Meaning of each number.
     pub definitions: BTreeMap<String, String>,
 }
 

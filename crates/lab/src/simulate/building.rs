@@ -19,7 +19,7 @@ const SAME_CORNER_M: f64 = 1e-4;
 /// Ground samples per side of a footprint's bounding box.
 const GROUND_SAMPLES: usize = 24;
 
-/// What a building is.
+/// Kind of a building.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BuildingKind {
@@ -93,11 +93,11 @@ impl Triangle {
 pub struct Building {
     /// Unique in the scene.
     pub id: BuildingId,
-    /// What it is.
+    /// Kind.
     pub kind: BuildingKind,
     /// The shape of its roof.
     pub roof: RoofKind,
-    /// Its footprint on the ground, courtyards as holes.
+    /// Footprint on the ground, courtyards as holes.
     pub footprint: Polygon<f64>,
     /// Mean ground under the footprint: heights count from here.
     pub ground_z_m: f64,
@@ -109,11 +109,11 @@ pub struct Building {
     pub ridge_m: f64,
     /// Direction of its long side, radians from east: textures follow it.
     pub heading_rad: f64,
-    /// Its surface.
+    /// Surface.
     pub triangles: Vec<Triangle>,
 }
 
-/// Where a form stands: its plane turned by `angle_rad` (counter-clockwise) and moved to `origin`.
+/// Placement of a form: its plane turned by `angle_rad` (counter-clockwise) and moved to `origin`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     /// The plane's origin in the map frame, metres.

@@ -93,7 +93,7 @@ pub(super) fn write_npy(path: &Path, map: &Raster<f32>) -> Result<(), FileError>
     })
 }
 
-/// Where the local frame of `sparse/` lies.
+/// Origin of the local frame of `sparse/`.
 pub(super) fn write_georef(path: &Path, crs: &Crs, offset: DVec3) -> Result<(), FileError> {
     let georef =
         json!({ "crs": crs.to_string(), "offset": offset.to_array(), "meaning": "map = local + offset, metres" });

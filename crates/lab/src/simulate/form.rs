@@ -50,7 +50,7 @@ pub struct Form {
     pub footprint: Vec<Vec<DVec2>>,
     /// They tile the footprint.
     pub faces: Vec<Face>,
-    /// What the faces make.
+    /// Roof that the faces make.
     pub roof: RoofKind,
 }
 
@@ -168,7 +168,7 @@ pub struct Wing {
     pub x0: f64,
     /// High x.
     pub x1: f64,
-    /// How far it reaches out from the main body.
+    /// Reach from the main body.
     pub reach: f64,
 }
 

@@ -32,7 +32,7 @@ const OFFSET_STEP_M: f64 = 1000.0;
 /// Tie points per view.
 const TIE_POINTS_PER_VIEW: usize = 40;
 
-/// What was written.
+/// Files written.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SimulationSummary {
     /// Buildings in the truth.

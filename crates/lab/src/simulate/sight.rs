@@ -63,7 +63,7 @@ impl Sight {
         Self { scene: Scene::new(world, &[]) }
     }
 
-    /// What each pixel of a view shows, at the photo's size.
+    /// Labels of each pixel of a view, at the photo's size.
     #[must_use]
     pub fn see(&self, view: &View) -> TrueDepth {
         trace::true_depth(&self.scene, view, &view.camera)

@@ -81,7 +81,7 @@ mod tests {
         View { id: "a.jpg".into(), camera: Arc::new(camera), camera_from_map, image: None }
     }
 
-    /// Where a pixel's ray meets a level, and the z-depth there.
+    /// Point where a pixel's ray meets a level, and the z-depth there.
     fn on_level(view: &View, col: usize, row: usize, z_m: f64) -> (DVec3, f64) {
         let ray = view.camera.unproject(DVec2::new(col as f64 + 0.5, row as f64 + 0.5)).unwrap();
         let direction = view.camera_from_map.rotation.transpose() * ray;

@@ -27,7 +27,7 @@ pub struct Solids {
     pub solids: Vec<Solid>,
     /// Buildings without one: no surfaces, no height, no thickness.
     pub n_without_body: usize,
-    /// What levels count from, where the file's CRS says so.
+    /// Zero of the levels, where the file's CRS says so.
     pub vertical: Option<VerticalReference>,
 }
 
@@ -56,7 +56,7 @@ pub enum SolidError {
         path: PathBuf,
         /// Counted from 1.
         line: usize,
-        /// What is wrong.
+        /// Fault.
         reason: String,
     },
     /// There is no body in it.
@@ -66,7 +66,7 @@ pub enum SolidError {
         path: PathBuf,
         /// Why.
         reason: String,
-        /// What to try.
+        /// Remedy.
         hint: &'static str,
     },
 }

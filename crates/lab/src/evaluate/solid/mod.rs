@@ -43,7 +43,7 @@ impl Facet {
 /// An upright prism.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prism {
-    /// Its footprint.
+    /// Footprint.
     pub footprint: Polygon<f64>,
     /// Lower and upper level.
     pub levels_m: [f64; 2],
@@ -52,9 +52,9 @@ pub struct Prism {
 /// One building's body.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Solid {
-    /// Its id.
+    /// Id.
     pub id: String,
-    /// Its surface.
+    /// Surface.
     pub facets: Vec<Facet>,
     /// The same body as prisms that do not overlap; empty if it is not made of upright prisms.
     pub prisms: Vec<Prism>,
