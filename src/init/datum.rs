@@ -24,7 +24,7 @@ const CONFIRMED_M: f64 = 3.0;
 /// have started from a roof or a hill, or the levels may differ: the photos have to tell.
 const OTHER_LEVEL_M: f64 = 15.0;
 
-/// Where the geoid is from.
+/// Source of the geoid.
 const GEOID: &str = "the geoid EGM96 here, which national zeros follow to within a metre or two";
 
 /// What is known of heights.
@@ -39,11 +39,11 @@ pub(super) struct Known<'a> {
     pub takeoff: Option<Level>,
     /// Height of the geoid above the ellipsoid, metres.
     pub geoid_m: Option<f64>,
-    /// What lies there as ground.
+    /// Ground that lies there.
     pub ground: Ground<'a>,
 }
 
-/// What lies there as ground.
+/// Ground that lies there.
 #[derive(Clone, Copy)]
 pub(super) enum Ground<'a> {
     /// A terrain model, and its level under the cameras.

@@ -11,11 +11,11 @@ pub enum InitError {
     /// There is no such folder, or it is a file.
     #[error("{}: expected a folder of photos, found {found}\nhint: {hint}", path.display())]
     NoFolder {
-        /// What was named.
+        /// Path that was named.
         path: PathBuf,
-        /// What it is.
+        /// Kind.
         found: &'static str,
-        /// What to do about it.
+        /// Remedy.
         hint: &'static str,
     },
     /// It holds neither photos nor poses.
@@ -25,7 +25,7 @@ pub enum InitError {
         path: PathBuf,
         /// What is there in their place.
         found: String,
-        /// What to do about it.
+        /// Remedy.
         hint: &'static str,
     },
     /// It holds photos, and nothing says where they were taken from.
@@ -35,7 +35,7 @@ pub enum InitError {
         path: PathBuf,
         /// What the photos have.
         found: String,
-        /// What to do about it.
+        /// Remedy.
         hint: String,
     },
     /// A file or folder cannot be read.

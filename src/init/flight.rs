@@ -47,7 +47,7 @@ pub struct Flight {
     pub position_sigma_m: Option<(f64, f64)>,
     /// Photos and poses that cannot be used, the first few with the reason.
     pub unused: Vec<String>,
-    /// How many there are.
+    /// Number in all.
     pub n_unused: usize,
 }
 

@@ -92,9 +92,9 @@ pub struct UsableLayer {
     pub n_features: Option<u64>,
     /// Their median area, m².
     pub median_area_m2: f64,
-    /// What speaks for it.
+    /// Evidence for it.
     pub why: String,
-    /// Its CRS.
+    /// CRS.
     #[serde(skip)]
     pub crs: Option<Crs>,
     #[serde(skip)]

@@ -20,7 +20,7 @@ pub(super) struct Frame {
     pub crs: Crs,
     /// As it is written in the configuration.
     pub definition: String,
-    /// Where it is from.
+    /// Source.
     pub why: String,
 }
 
@@ -35,7 +35,7 @@ impl Frame {
 pub(super) struct Neighbour<'a> {
     /// What it is, in words.
     pub name: String,
-    /// Its CRS.
+    /// CRS.
     pub crs: &'a Crs,
 }
 

@@ -22,13 +22,13 @@ const SURFACE: [&str; 11] =
 pub struct TerrainFile {
     /// The file.
     pub path: PathBuf,
-    /// What speaks for it.
+    /// Evidence for it.
     pub why: String,
     /// What its heights count from, where it says.
     pub vertical: Option<String>,
     /// Whether its name says that it is terrain.
     pub is_named: bool,
-    /// Its CRS.
+    /// CRS.
     #[serde(skip)]
     pub crs: Option<Crs>,
 }

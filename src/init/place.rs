@@ -14,7 +14,7 @@ const AROUND_DEG: f64 = 0.0015;
 /// Points along each side of a box that is moved to another CRS.
 const PER_SIDE: usize = 8;
 
-/// Where the photos were taken.
+/// Places where the photos were taken.
 #[derive(Debug, Clone)]
 pub(super) enum Place {
     /// Longitudes and latitudes, degrees.

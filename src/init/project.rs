@@ -20,7 +20,7 @@ use sizeup_survey::{Format, PhotoFacts, PoseWorld, photo_facts};
 /// Something without which no run can be.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Lack {
-    /// What is missing.
+    /// Missing part.
     pub what: String,
     /// Why it is not there.
     pub why: String,
@@ -48,12 +48,12 @@ impl Lack {
     }
 }
 
-/// Where the poses are from.
+/// Source of the poses.
 #[derive(Debug, Clone, Serialize)]
 pub struct PosesFound {
     /// File or folder.
     pub path: PathBuf,
-    /// Its format.
+    /// Format.
     pub format: String,
     /// Whether they were adjusted together with the photos.
     pub is_adjusted: bool,
@@ -68,7 +68,7 @@ pub struct PosesFound {
 pub struct CrsFound {
     /// As it is written.
     pub definition: String,
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Why this one.
     pub why: String,
@@ -83,7 +83,7 @@ pub struct Beginning {
     pub is_complete: bool,
     /// What the flight is like.
     pub flight: Flight,
-    /// Where the poses are from.
+    /// Source of the poses.
     pub poses: PosesFound,
     /// The project's CRS, where it is known.
     pub crs: Option<CrsFound>,
@@ -105,7 +105,7 @@ pub struct Beginning {
     pub other_rasters: Vec<ground::PassedRaster>,
     /// What to know of.
     pub warnings: Vec<String>,
-    /// What is missing.
+    /// Missing part.
     pub missing: Vec<Lack>,
     /// What to type next.
     pub next: String,

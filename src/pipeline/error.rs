@@ -63,7 +63,7 @@ pub enum PipelineError {
     Settings {
         /// Table of the configuration.
         table: &'static str,
-        /// What is wrong.
+        /// Fault.
         message: String,
         /// What to do.
         hint: &'static str,
@@ -79,7 +79,7 @@ pub enum PipelineError {
     /// No prior could be loaded.
     #[error("none of the {n} depth priors asked for could be used; the first, of {view}: {reason}")]
     NoPriors {
-        /// How many were asked for.
+        /// Number asked for.
         n: usize,
         /// The first of them.
         view: String,
@@ -91,7 +91,7 @@ pub enum PipelineError {
     Artefact {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Fault.
         message: String,
         /// The stage that makes it.
         stage: &'static str,

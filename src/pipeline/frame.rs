@@ -12,7 +12,7 @@ use sizeup_survey::Survey;
 /// The local frame and the heights that are looked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
-    /// Where the local frame lies in the map.
+    /// Origin of the local frame in the map.
     pub origin: LocalOrigin,
     /// The range of heights of every building.
     pub bounds: HeightBounds,

@@ -34,7 +34,7 @@ impl PriorStore {
         Self { source, kept: Kept::up_to(0) }
     }
 
-    /// Where they come from.
+    /// Source.
     pub fn source(&self) -> &Priors {
         &self.source
     }

@@ -16,12 +16,12 @@ use sizeup_heights::optimise::{LevelGain, Solution, SolvedHeight};
 /// Rounds of taking apart: each finds one more level of a building.
 pub(super) const MAX_ROUNDS: usize = 2;
 
-/// Where one footprint is cut.
+/// Cut of one footprint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Cut {
     /// Position in the layer, as it was before this round.
     pub footprint: usize,
-    /// Its name there; its parts are called `ID#1`, `ID#2`, …
+    /// Name there; its parts are called `ID#1`, `ID#2`, …
     #[serde(default)]
     pub id: String,
     /// What stands at another level than the rest, map frame.

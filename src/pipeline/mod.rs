@@ -111,23 +111,23 @@ pub enum Event {
     Stage(Stage),
     /// So many sizes of the photos are done where poses are brought to agree with them.
     Align {
-        /// How many are done.
+        /// Number done.
         done: usize,
-        /// How many there are.
+        /// Number in all.
         total: usize,
     },
     /// So many photos were looked at for blur and exposure.
     Photos {
-        /// How many are done.
+        /// Number done.
         done: usize,
-        /// How many there are.
+        /// Number in all.
         total: usize,
     },
     /// So many of the places are done where the ground is looked for in the photos.
     Ground {
-        /// How many are done.
+        /// Number done.
         done: usize,
-        /// How many there are.
+        /// Number in all.
         total: usize,
     },
     /// The first priors do not follow the ground: told before the work that rests on them.

@@ -287,7 +287,7 @@ impl SceneStage {
         if is_changed { Self::in_frame(config, &self.frame(), footprints) } else { Ok(self) }
     }
 
-    /// Where it lies.
+    /// Frame of the scene.
     pub fn frame(&self) -> Frame {
         Frame { origin: self.scene.origin, bounds: self.scene.bounds, ground_spacing_m: self.ground_spacing_m }
     }

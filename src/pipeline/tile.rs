@@ -60,9 +60,9 @@ pub struct PartHeights {
     pub ground: GroundTold,
 }
 
-/// Where the footprints of a whole city are kept for its parts, if they were found in photos; in the folder of the results.
+/// Path at which the footprints of a whole city are kept for its parts, if they were found in photos; in the folder of the results.
 const FOUND_FOOTPRINTS: &str = "tiles/footprints.gpkg";
-/// Where plans of the version before have them, and the name of the layer; read for one version.
+/// Path at which plans of the version before have them, and the name of the layer; read for one version.
 const FOUND_BEFORE: [&str; 2] = ["tiles/outlines.gpkg", "outlines"];
 
 /// The layer that parts of a city read their footprints from: the configuration's, or the one that [`find_footprints`] leaves
@@ -142,7 +142,7 @@ pub fn footprints_around(
 /// What a part reads of the files that all parts share.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PartHashes {
-    /// Its footprints, each with its ground.
+    /// Footprints, each with its ground.
     #[serde(alias = "outlines")]
     pub footprints: Content,
     /// The terrain around them, as it was read; `None` where no footprint has ground.
@@ -245,13 +245,13 @@ impl<'a> Part<'a> {
         self.frame
     }
 
-    /// Its footprints on their ground.
+    /// Footprints on their ground.
     #[must_use]
     pub fn footprints(&self) -> &FootprintStage {
         &self.footprints
     }
 
-    /// Its views.
+    /// Views.
     #[must_use]
     pub fn survey(&self) -> &Survey {
         &self.survey

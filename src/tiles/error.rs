@@ -18,9 +18,9 @@ pub enum TilesError {
     Setting {
         /// Which one.
         setting: &'static str,
-        /// What it is.
+        /// Kind.
         found: String,
-        /// What it can be.
+        /// Allowed values.
         expected: &'static str,
     },
     /// The `paper` preset.
@@ -34,13 +34,13 @@ pub enum TilesError {
     Plan {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Fault.
         message: String,
     },
     /// A name that the plan does not have.
     #[error("the plan has no tile {id:?}\nhint: `sizeup tiles status` lists the tiles")]
     NoSuchTile {
-        /// What was asked for.
+        /// Value asked for.
         id: String,
     },
     /// What a plan or a tile was made from has changed.

@@ -27,7 +27,7 @@ pub struct CityFrame {
     pub heights_m: [f32; 2],
     /// Width of the halo, metres.
     pub halo_m: f64,
-    /// How far around a core views are taken in, metres.
+    /// Distance around a core within which views are taken in, metres.
     pub view_margin_m: f64,
     /// Side of the grid's largest squares, metres.
     pub side_m: f64,

@@ -22,20 +22,20 @@ pub struct Core {
 }
 
 impl Core {
-    /// Where it lies; west and south edge belong to it.
+    /// Place; west and south edge belong to it.
     #[must_use]
     pub fn area(&self) -> MapBox {
         let Self { west_m, south_m, side_m } = *self;
         MapBox { west_m, south_m, east_m: west_m + side_m, north_m: south_m + side_m }
     }
 
-    /// Its name, from its south-western corner and side, metres: `e565000_n5932000_s500`.
+    /// Name, from its south-western corner and side, metres: `e565000_n5932000_s500`.
     #[must_use]
     pub fn id(&self) -> String {
         format!("e{}_n{}_s{}", self.west_m, self.south_m, self.side_m)
     }
 
-    /// Its four quarters, south-west first; `None` where they would be smaller than the smallest tile.
+    /// Four quarters, south-west first; `None` where they would be smaller than the smallest tile.
     #[must_use]
     pub fn quarters(&self) -> Option<[Self; 4]> {
         let half = 0.5 * self.side_m;
@@ -45,7 +45,7 @@ impl Core {
     }
 }
 
-/// Where the buildings are.
+/// Buildings' part of the file.
 pub struct Places(RTree<GeomWithData<[f64; 2], usize>>);
 
 impl Places {

@@ -38,7 +38,7 @@ pub struct Manifest {
     pub ground_spacing_m: f64,
     /// Width of the halo, metres.
     pub halo_m: f64,
-    /// How far around a core views are taken in, metres.
+    /// Distance around a core within which views are taken in, metres.
     pub view_margin_m: f64,
     /// The configuration, paths resolved.
     pub config: RunConfig,
@@ -71,7 +71,7 @@ pub enum Tileset {
 /// One tile of the plan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tile {
-    /// Its name, unique in the plan.
+    /// Name, unique in the plan.
     pub id: String,
     /// Whose buildings it writes.
     pub core: MapBox,
@@ -131,7 +131,7 @@ pub struct Done {
     pub tile: String,
     /// Everything that it was made from.
     pub made_by: Recipe,
-    /// Its files by name, with their hashes.
+    /// Files by name, with their hashes.
     pub outputs: BTreeMap<String, String>,
     /// Buildings that it writes.
     pub n_buildings: usize,
@@ -145,7 +145,7 @@ pub struct Done {
     pub exit_code: u8,
 }
 
-/// Where the files of a city are.
+/// Paths of a city's files.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Layout {
     folder: PathBuf,
@@ -218,7 +218,7 @@ impl Layout {
         self.folder.join("tiles").join("locks").join(of)
     }
 
-    /// What was merged.
+    /// Result of the merge.
     #[must_use]
     pub fn merged(&self) -> PathBuf {
         self.folder.join("city.done.json")

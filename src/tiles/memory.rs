@@ -29,7 +29,7 @@ const PRIOR_PIXELS: f64 = 1024.0 * 1024.0;
 /// What the estimate is multiplied by: engines kill what needs more than it asked for.
 const SAFETY: f64 = 1.3;
 
-/// What a tile holds.
+/// Content of a tile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Counts {
     /// Views.

@@ -37,11 +37,11 @@ use sizeup_survey::{Survey, ViewKind};
 
 /// The city's layer package.
 const GEOPACKAGE: &str = "city.gpkg";
-/// Its buildings, a line each.
+/// Buildings, a line each.
 const SEQUENCE: &str = "city.city.jsonl";
-/// Its tileset.
+/// Tileset.
 const TILESET: &str = "3dtiles";
-/// Its page, for cities of up to [`MAX_PAGE_BUILDINGS`].
+/// Page, for cities of up to [`MAX_PAGE_BUILDINGS`].
 const PAGE: &str = "report.html";
 /// Larger cities make pages that browsers are slow with: `sizeup view` shows them.
 const MAX_PAGE_BUILDINGS: usize = 20_000;
@@ -66,7 +66,7 @@ pub struct MergeOptions {
     pub trust: Trust,
 }
 
-/// What was merged.
+/// Result of the merge.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Merged {
     /// Tiles of the plan.
@@ -84,7 +84,7 @@ pub struct Merged {
     /// Photos that the survey names and nobody could read.
     #[serde(default)]
     pub n_photos_missing: usize,
-    /// How well neighbours agree.
+    /// Agreement of neighbours.
     pub seams: SeamReport,
     /// Why there are no 3D Tiles, if so.
     pub no_tileset: Option<String>,

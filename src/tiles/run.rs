@@ -20,7 +20,7 @@ use sizeup_results::output::unmeasured::unmeasured;
 use sizeup_results::output::{CityModel, InputFile, Overview, Status, StatusCount, cityjson, n_photos_missing};
 use sizeup_survey::Survey;
 
-/// Its buildings, one a line, exactly as they were found.
+/// Buildings, one a line, exactly as they were found.
 pub(super) const BUILDINGS: &str = "buildings.jsonl";
 /// Heights of its halo's buildings, one a line.
 pub(super) const HALO: &str = "halo.jsonl";
@@ -28,9 +28,9 @@ pub(super) const HALO: &str = "halo.jsonl";
 pub(super) const ISSUES: &str = "issues.json";
 /// What its photos say of the terrain in its core and close to it.
 pub(super) const GROUND: &str = "ground.json";
-/// Where it comes from.
+/// Source.
 pub(super) const LINEAGE: &str = "lineage.json";
-/// Its buildings for others.
+/// Buildings for others.
 const CITY: &str = "city.city.json";
 /// What it cost: differs from run to run, so it is no result.
 pub(super) const COST: &str = "cost.json";
@@ -82,7 +82,7 @@ impl TileRun {
 pub(super) struct HaloHeight {
     pub id: String,
     pub height_m: Option<f64>,
-    /// Its middle's distance from the core, metres.
+    /// Middle's distance from the core, metres.
     pub distance_m: f64,
 }
 

@@ -110,7 +110,7 @@ impl Check<'_> {
         recipe
     }
 
-    /// Where a tile stands.
+    /// State of a tile.
     pub fn status(&self, tile: &Tile) -> TileStatus {
         let mut status = TileStatus::of(tile);
         status.runner = Lock::holder_of(&self.layout.lock(&tile.id));

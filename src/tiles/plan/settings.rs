@@ -16,7 +16,7 @@ const LARGEST_TILE_M: f64 = 100_000.0;
 /// Memory of a tile at most where nobody says how large tiles are to be, megabytes: what a node of a cluster has for a core.
 const DEFAULT_MEMORY_MB: u64 = 4000;
 
-/// How a city is cut.
+/// Settings of the cut of a city.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlanSettings {
     /// Side of the tiles, metres.
