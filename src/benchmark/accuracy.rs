@@ -32,9 +32,9 @@ pub struct AccuracyConfig {
     /// Towns of real buildings, besides.
     #[serde(default)]
     pub real: Vec<RealTown>,
-    /// How far priors are from the truth.
+    /// Error of priors.
     pub levels: Vec<PriorLevel>,
-    /// What is run.
+    /// Methods that are run.
     pub methods: Vec<Method>,
     /// Buildings per scene.
     pub n_buildings: usize,
@@ -135,7 +135,7 @@ pub(super) fn word(value: &impl Serialize) -> String {
     serde_json::to_value(value).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
-/// What stands in a scene.
+/// Buildings of a scene.
 #[derive(Debug, Clone, PartialEq)]
 enum Town {
     Simulated(TownKind),
@@ -189,7 +189,7 @@ pub struct AccuracyRow {
 /// The matrix as a whole.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AccuracyTable {
-    /// What was simulated.
+    /// Settings of the simulation.
     pub config: AccuracyConfig,
     /// By level, town and method.
     pub rows: Vec<AccuracyRow>,

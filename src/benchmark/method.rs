@@ -45,7 +45,7 @@ pub enum Method {
     StackedPrisms,
 }
 
-/// What methods other than those from priors work from.
+/// Evidence of methods other than those from priors.
 #[derive(Debug, Clone, Default)]
 pub struct Aids {
     /// Point cloud, map frame.
@@ -54,7 +54,7 @@ pub struct Aids {
     pub known: Vec<(DVec2, f64)>,
 }
 
-/// What came out: heights, and bodies where the method makes its own.
+/// Answer: heights, and bodies where the method makes its own.
 #[derive(Debug, Clone)]
 pub struct Answer {
     /// Heights.
@@ -73,7 +73,7 @@ const INSET_M: f64 = 0.5;
 const MIN_POINTS: usize = 5;
 
 impl Method {
-    /// What it does, in a line.
+    /// Definition, in a line.
     #[must_use]
     pub fn definition(self) -> &'static str {
         match self {

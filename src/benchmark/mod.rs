@@ -37,7 +37,7 @@ use sizeup_lab::evaluate::EvaluationError;
 use sizeup_lab::simulate::SimulateError;
 use sizeup_results::output::read::ReadError;
 
-/// Where a suite works and what it keeps.
+/// Folder of a suite, and what it keeps.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Plan {
     /// Folder of scenes, outcomes and tables.

@@ -22,7 +22,7 @@ const STABLE_CHANGE: f64 = 0.005;
 /// More views than any town has.
 const ALL_VIEWS: usize = 1_000_000;
 
-/// What is changed.
+/// Setting that is changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Study {
@@ -160,7 +160,7 @@ pub struct StudyConfig {
     pub towns: Vec<TownKind>,
     /// Seeds of the solver; each town is solved with each.
     pub solver_seeds: Vec<u64>,
-    /// How far priors are from the truth.
+    /// Error of priors.
     pub level: PriorLevel,
     /// Errors of poses and footprints as the method gets them.
     pub errors: ErrorConfig,

@@ -42,7 +42,8 @@ pub(super) fn run(args: &SimulateArgs, global: &Global) -> Result<u8, Failure> {
         }
     };
     let (config, notes): (SimulateConfig, _) =
-        crate::config::parse_scene(&text, args.config.as_deref(), &args.assignments).map_err(|e| Failure::new(2, &e))?;
+        crate::config::parse_scene(&text, args.config.as_deref(), &args.assignments)
+            .map_err(|e| Failure::new(2, &e))?;
     let ui = Ui::new(global);
     for note in &notes {
         ui.say(format!("note: {}", note.message));

@@ -249,8 +249,9 @@ impl RunConfig {
         let renamed = assignments.iter().map(|assignment| renamed::in_assignment(assignment, &renamed::OF_RUN));
         let (assignments, notes): (Vec<String>, Vec<Option<Issue>>) = renamed.unzip();
         let mut notes: Vec<Issue> = notes.into_iter().flatten().collect();
-        let mut config: Self =
-            parse_with(text, Some(path), &assignments, |table| notes.extend(renamed::in_table(table, &renamed::OF_RUN)))?;
+        let mut config: Self = parse_with(text, Some(path), &assignments, |table| {
+            notes.extend(renamed::in_table(table, &renamed::OF_RUN))
+        })?;
         config.notes = notes;
         Ok(config)
     }
@@ -470,7 +471,10 @@ mod tests {
         let both = load(&format!("{}\n[heights]\nmax_m = 70.0", stereo("", "max_height_m = 20.0")), &[]).unwrap();
         assert_eq!(both.heights.max_m, Some(70.0));
         assert!(both.notes()[0].message.contains("does not count beside"), "{:?}", both.notes());
-        let masks = MINIMAL.replace("path = \"footprints.gpkg\"", "source = \"masks\"\npath = \"m/{stem}.png\"\nkind = \"instance\"\noutline = \"roof\"");
+        let masks = MINIMAL.replace(
+            "path = \"footprints.gpkg\"",
+            "source = \"masks\"\npath = \"m/{stem}.png\"\nkind = \"instance\"\noutline = \"roof\"",
+        );
         let roofs = load(&masks, &[]).unwrap();
         assert_eq!(roofs.footprints.detection().map(|found| found.contour), Some(sizeup_footprints::ContourKind::Roof));
         assert_eq!(codes(&roofs), ["key_renamed"]);

@@ -19,8 +19,10 @@ pub(super) const OF_RUN: [Renamed; 7] = [
     ("footprints.cadastre.outline_from", "footprints.cadastre.footprint_from", BUILDINGS_FOOTPRINT),
 ];
 /// Keys of a simulated scene, and of benchmarks on such.
-pub(super) const OF_SCENE: [Renamed; 2] =
-    [("masks.outline", "masks.contour", MASKS_CONTOUR), ("errors.outline_m", "errors.footprint_m", BUILDINGS_FOOTPRINT)];
+pub(super) const OF_SCENE: [Renamed; 2] = [
+    ("masks.outline", "masks.contour", MASKS_CONTOUR),
+    ("errors.outline_m", "errors.footprint_m", BUILDINGS_FOOTPRINT),
+];
 const ONE_RANGE: &str = "there is one range of heights now";
 const MASKS_CONTOUR: &str = "what a mask draws is a contour";
 const BUILDINGS_FOOTPRINT: &str = "a building's polygon is its footprint";
@@ -110,7 +112,8 @@ mod tests {
 
     #[test]
     fn outlines_of_older_files_are_contours_of_masks_and_footprints_of_buildings() {
-        let text = "[footprints]\nsource = \"masks\"\noutline = \"roof\"\n[footprints.cadastre]\noutline_from = \"photos\"\n";
+        let text =
+            "[footprints]\nsource = \"masks\"\noutline = \"roof\"\n[footprints.cadastre]\noutline_from = \"photos\"\n";
         let mut table: toml::Table = text.parse().unwrap();
         assert_eq!(in_table(&mut table, &OF_RUN).len(), 2);
         let new = text.replace("outline_from", "footprint_from").replace("outline =", "contour =");

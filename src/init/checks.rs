@@ -25,7 +25,7 @@ pub(super) fn surface_by_name(request: &InitRequest) -> Vec<String> {
     called.map(warning).collect()
 }
 
-/// What the flight is like.
+/// Properties of the flight.
 pub(super) fn flight_of(found: &Findings, placed: Option<&Placed>) -> Flight {
     let flight =
         placed.map_or_else(Flight::default, |placed| Flight::of(&placed.survey, placed.terrain.as_ref(), &found.facts));
@@ -42,7 +42,7 @@ pub(super) fn flight_of(found: &Findings, placed: Option<&Placed>) -> Flight {
     Flight { folder: found.images.clone(), n_photos: found.facts.len(), positioning, ..flight }
 }
 
-/// What makes a flight useless for heights, said before all else.
+/// Faults that make a flight useless for heights, said before all else.
 pub(super) fn lacks_of_flight(flight: &Flight) -> Vec<Lack> {
     let mut lacks: Vec<Lack> = Vec::new();
     if flight.n_views > 0 && flight.n_oblique == 0 {
@@ -66,7 +66,7 @@ pub(super) fn n_uncalibrated(found: &Findings) -> Option<usize> {
     found.source.look.focal.get("35 mm equivalent").copied()
 }
 
-/// What makes heights poor, and does not forbid a run.
+/// Faults that make heights poor, and do not forbid a run.
 pub(super) fn doubts_of_flight(found: &Findings, flight: &Flight) -> Vec<String> {
     /// Fewer oblique photos of a place leave walls unseen.
     const FEW_OBLIQUE: f64 = 4.0;

@@ -23,7 +23,7 @@ pub enum InitError {
     NoPhotos {
         /// The folder.
         path: PathBuf,
-        /// What is there in their place.
+        /// Files found in their place.
         found: String,
         /// Remedy.
         hint: &'static str,
@@ -33,7 +33,7 @@ pub enum InitError {
     NoPoses {
         /// The folder.
         path: PathBuf,
-        /// What the photos have.
+        /// Properties of the photos.
         found: String,
         /// Remedy.
         hint: String,

@@ -36,7 +36,7 @@ const POSES: [&str; 9] = ["xml", "xmlz", "json", "geojson", "opf", "prj", "csv",
 /// Extensions of videos.
 const VIDEOS: [&str; 8] = ["mp4", "mov", "avi", "mkv", "m4v", "mts", "lrv", "lrf"];
 
-/// What may be of use in a folder, each list sorted.
+/// Files that may be of use in a folder, each list sorted.
 #[derive(Debug, Default)]
 pub(super) struct Inventory {
     /// The folder.

@@ -22,7 +22,7 @@ const N_LOOKED: usize = 3000;
 const HOUSE_AREAS_M2: std::ops::Range<f64> = 15.0..4000.0;
 /// Polygons with a median area above are parcels, blocks or areas of interest, m².
 const PARCEL_M2: f64 = 20_000.0;
-/// What layers of buildings are called, in several languages, lower case.
+/// Names of layers of buildings, in several languages, lower case.
 const BUILDING_WORDS: [&str; 16] = [
     "building",
     "footprint",
@@ -41,7 +41,7 @@ const BUILDING_WORDS: [&str; 16] = [
     "byggnad",
     "rakennu",
 ];
-/// What layers of something else are called.
+/// Names of layers of something else.
 const OTHER_WORDS: [&str; 14] = [
     "parcel",
     "flurst",
@@ -58,7 +58,7 @@ const OTHER_WORDS: [&str; 14] = [
     "landuse",
     "truth",
 ];
-/// What attributes of buildings are called.
+/// Names of attributes of buildings.
 const ATTRIBUTES: [&str; 10] =
     ["building", "gfk", "funktion", "function", "storeys", "levels", "roof", "height", "gebnutzbez", "anzahlgs"];
 /// Attributes that hold ids, the surest first.
@@ -110,7 +110,7 @@ pub struct PassedLayer {
     pub why: String,
 }
 
-/// What a look at the layers came to.
+/// Outcome of a look at the layers.
 #[derive(Debug, Default)]
 pub(super) struct LayerChoice {
     pub chosen: Option<UsableLayer>,
@@ -207,7 +207,7 @@ fn look(path: &Path, layer: Option<&str>, place: &Place) -> Result<UsableLayer, 
     Ok(UsableLayer { path, layer, id_field, n_polygons, n_features, median_area_m2, why, crs: Some(crs), score })
 }
 
-/// What is known of a layer's polygons.
+/// Evidence of a layer's polygons.
 struct Evidence<'a> {
     n_polygons: usize,
     median_area_m2: f64,
@@ -215,7 +215,7 @@ struct Evidence<'a> {
 }
 
 impl Evidence<'_> {
-    /// How much speaks for buildings, and what.
+    /// Score for buildings, and its reasons.
     fn judge(&self, path: &Path, layer: Option<&str>) -> (i32, String) {
         let name = format!("{} {}", name_of(path), layer.unwrap_or_default()).to_lowercase();
         let has_word = |words: &[&str]| words.iter().any(|word| name.contains(word));

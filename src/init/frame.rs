@@ -33,7 +33,7 @@ impl Frame {
 
 /// A file whose CRS may be the project's.
 pub(super) struct Neighbour<'a> {
-    /// What it is, in words.
+    /// Name, in words.
     pub name: String,
     /// CRS.
     pub crs: &'a Crs,
@@ -66,7 +66,7 @@ pub(super) fn asked(definition: &str, place: &Place) -> Result<Frame, InitError>
     Ok(Frame { crs, definition, why: "as asked for by --crs".to_owned() })
 }
 
-/// What the CRS may be where none is asked for, the best first.
+/// Candidates for the CRS where none is asked for, the best first.
 pub(super) fn candidates(source: &PoseSource, neighbours: &[Neighbour<'_>], photos_at: &Place) -> Vec<Frame> {
     let is_fit = |crs: &Crs| crs.require_projected_metres().is_ok();
     let own = match &source.look.world {

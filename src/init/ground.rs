@@ -24,7 +24,7 @@ pub struct TerrainFile {
     pub path: PathBuf,
     /// Evidence for it.
     pub why: String,
-    /// What its heights count from, where it says.
+    /// Zero of its heights, where it says.
     pub vertical: Option<String>,
     /// Whether its name says that it is terrain.
     pub is_named: bool,
@@ -42,7 +42,7 @@ pub struct PassedRaster {
     pub why: String,
 }
 
-/// What a look at the rasters came to.
+/// Outcome of a look at the rasters.
 #[derive(Debug, Default)]
 pub(super) struct GroundChoice {
     pub chosen: Option<TerrainFile>,

@@ -31,7 +31,7 @@ pub use project::{Beginning, Lack, begin};
 
 use std::path::PathBuf;
 
-/// What is asked for.
+/// Request.
 #[derive(Debug, Clone)]
 pub struct InitRequest {
     /// The folder to look into.
@@ -40,7 +40,7 @@ pub struct InitRequest {
     pub output: PathBuf,
     /// The project's CRS, in place of the one that follows from what lies there.
     pub crs: Option<String>,
-    /// What was taken off the poses' positions, metres.
+    /// Offset taken off the poses' positions, metres.
     pub offset: Option<[f64; 3]>,
     /// Footprints, in place of those that lie there.
     pub footprints: Option<PathBuf>,

@@ -40,20 +40,20 @@ const GEOREFERENCE: &str = "georef.json";
 /// Poses that could be taken.
 #[derive(Debug, Clone)]
 pub(super) struct PoseSource {
-    /// How they are read.
+    /// Settings for reading them.
     pub config: SurveyConfig,
-    /// What they say.
+    /// First look at them.
     pub look: FirstLook,
     /// Photos of the folder that they are of.
     pub n_matched: usize,
-    /// What says where they are, where they do not themselves.
+    /// File that says where they are, where they do not themselves.
     pub placed_by: Option<String>,
 }
 
 /// Poses that are not taken, and why.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Passed {
-    /// Where they are.
+    /// Path.
     pub path: PathBuf,
     /// Their format.
     pub format: String,
@@ -61,12 +61,12 @@ pub struct Passed {
     pub why: String,
 }
 
-/// What a look through the folder came to.
+/// Outcome of a look through the folder.
 #[derive(Debug)]
 pub(super) struct PoseChoice {
-    /// What is taken.
+    /// Chosen one.
     pub chosen: Option<PoseSource>,
-    /// What is not.
+    /// Passed ones.
     pub passed: Vec<Passed>,
 }
 

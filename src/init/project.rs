@@ -24,7 +24,7 @@ pub struct Lack {
     pub what: String,
     /// Why it is not there.
     pub why: String,
-    /// How to get it.
+    /// Way to get it.
     pub how: String,
     /// Whether it is the flight itself.
     #[serde(skip)]
@@ -59,7 +59,7 @@ pub struct PosesFound {
     pub is_adjusted: bool,
     /// Why these.
     pub why: String,
-    /// What is there and not taken.
+    /// Files not taken.
     pub passed: Vec<Passed>,
 }
 
@@ -81,13 +81,13 @@ pub struct Beginning {
     pub config: PathBuf,
     /// Whether it can be run as it is.
     pub is_complete: bool,
-    /// What the flight is like.
+    /// Properties of the flight.
     pub flight: Flight,
     /// Source of the poses.
     pub poses: PosesFound,
     /// The project's CRS, where it is known.
     pub crs: Option<CrsFound>,
-    /// What heights count from.
+    /// Zero of heights.
     pub heights: String,
     /// The footprints.
     pub footprints: Option<UsableLayer>,
@@ -103,18 +103,18 @@ pub struct Beginning {
     pub ground: String,
     /// Rasters that are not taken.
     pub other_rasters: Vec<ground::PassedRaster>,
-    /// What to know of.
+    /// Warnings.
     pub warnings: Vec<String>,
     /// Missing part.
     pub missing: Vec<Lack>,
-    /// What to type next.
+    /// Next command.
     pub next: String,
     /// The configuration.
     #[serde(skip)]
     pub text: String,
 }
 
-/// What has been found before there is a frame.
+/// Findings before there is a frame.
 pub(super) struct Findings {
     pub facts: Vec<PhotoFacts>,
     pub source: PoseSource,
@@ -148,7 +148,7 @@ impl Findings {
     }
 }
 
-/// What is to be known, and what is missing.
+/// Warnings and lacks.
 #[derive(Debug, Default)]
 pub(super) struct Notes {
     pub warnings: Vec<String>,

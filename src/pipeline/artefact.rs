@@ -28,12 +28,12 @@ pub struct FootprintStage {
     pub layer: FootprintLayer,
     /// Ground under each footprint of the layer; `None` where the terrain has none.
     pub ground: Vec<Option<GroundLevel>>,
-    /// What was said about the ground.
+    /// Issues of the ground.
     pub issues: Vec<Issue>,
     /// Roof contours as the photos show them, which move with the heights.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tracks: Option<Tracks>,
-    /// How much was found in photos; `None` for a layer.
+    /// Counts of what was found in photos; `None` for a layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detection: Option<DetectionSummary>,
     /// Buildings whose footprints were split, and why; filled while heights are found.
@@ -71,7 +71,7 @@ pub struct HeightStage {
     /// What the ground says against the priors' declared direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub doubt: Option<Issue>,
-    /// What the photos say of the terrain.
+    /// Terrain by the photos.
     #[serde(default)]
     pub ground: GroundTold,
 }

@@ -15,7 +15,7 @@ use sizeup_results::output::OutputError;
 use sizeup_results::output::reviews::ReviewsError;
 use sizeup_survey::SurveyError;
 
-/// What stops a run.
+/// Failure that stops a run.
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
     /// The configuration.
@@ -35,7 +35,7 @@ pub enum PipelineError {
     Unsound {
         /// What looks wrong, and which other readings look better; a line each.
         findings: String,
-        /// What may help.
+        /// Remedy.
         cure: &'static str,
         /// The report.
         report: PathBuf,
@@ -65,15 +65,15 @@ pub enum PipelineError {
         table: &'static str,
         /// Fault.
         message: String,
-        /// What to do.
+        /// Remedy.
         hint: &'static str,
     },
     /// Survey and footprints do not fit together.
     #[error("{message}\nhint: {hint}")]
     Mismatch {
-        /// What was expected and what was found.
+        /// Expected against found.
         message: String,
-        /// What to check.
+        /// Remedy.
         hint: &'static str,
     },
     /// No prior could be loaded.

@@ -50,10 +50,10 @@ const OF_MEDIAN: f64 = 1.2533;
 const N_AROUND: usize = 4;
 const AROUND_M: f64 = 60.0;
 
-/// What the photos say of the terrain.
+/// Terrain by the photos.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct GroundTold {
-    /// Where they show the ground, map, and by how much it lies above the terrain, metres.
+    /// Places where they show the ground, map, and its height above the terrain, metres.
     pub off_m: Vec<([f64; 2], f64)>,
 }
 

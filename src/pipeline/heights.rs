@@ -28,7 +28,7 @@ const RESUMED_SWEEPS: usize = 2;
 /// Views whose priors are held against the ground before any ray is traced.
 const N_SAMPLED: usize = 5;
 
-/// What heights are found with.
+/// Input of the search for heights.
 pub(super) struct HeightSearch<'a> {
     pub config: &'a RunConfig,
     pub survey: &'a Survey,

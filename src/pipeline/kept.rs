@@ -23,7 +23,7 @@ pub(super) struct PriorStore {
 }
 
 impl PriorStore {
-    /// Of a run.
+    /// Priors of a run.
     pub fn open(config: &RunConfig, survey: &Survey, stage: &SceneStage) -> Result<Self, PipelineError> {
         let source = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
         Ok(Self { source, kept: Kept::up_to(KEPT_BYTES) })

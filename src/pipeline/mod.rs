@@ -104,7 +104,7 @@ pub struct RunOptions {
     pub command: String,
 }
 
-/// What a run tells while it works.
+/// Message of a run while it works.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
     /// A stage begins.
@@ -132,14 +132,14 @@ pub enum Event {
     },
     /// The first priors do not follow the ground: told before the work that rests on them.
     PriorsDoubted {
-        /// How many views were looked at.
+        /// Number of views looked at.
         n_views: usize,
     },
     /// So much of some work within a stage is done.
     Advance {
-        /// What is being done.
+        /// Task at hand.
         what: Solving,
-        /// How much is done.
+        /// Amount done.
         done: usize,
         /// How much there is.
         total: usize,
@@ -152,11 +152,11 @@ pub type Tell<'a> = &'a (dyn Fn(Event) + Sync);
 /// The result of a run in memory: what its files say.
 #[derive(Debug, Clone)]
 pub struct City {
-    /// What was done, in numbers.
+    /// Summary in numbers.
     pub summary: RunSummary,
     /// One per building or part of one, in the order of the input; empty where the output stage did not run.
     pub records: Vec<BuildingRecord>,
-    /// What was wrong with single items of the input, by weight; empty where the output stage did not run.
+    /// Issues of single items of the input, by weight; empty where the output stage did not run.
     pub issues: Vec<Issue>,
 }
 
@@ -184,7 +184,7 @@ pub fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> Result<R
     run_with(config, options, tell, &solve)
 }
 
-/// What turns evidence into heights: the optimiser, or a baseline in its place.
+/// Solver that turns evidence into heights: the optimiser, or a baseline in its place.
 pub type Solver<'a> = &'a dyn Fn(&Problem<'_>, &OptimiseConfig) -> Solution;
 
 /// As [`run`], with another solver in the optimiser's place. Its results belong in a folder of their own: what the

@@ -187,7 +187,7 @@ fn sum_up_without_heights(
     Ok(write_json(&config.project.output.join("issues.json"), &found)?)
 }
 
-/// What people decided about single buildings; read first, so that a file that cannot be used is told before hours of
+/// Decisions of people about single buildings; read first, so that a file that cannot be used is told before hours of
 /// computing.
 ///
 /// # Errors

@@ -43,20 +43,20 @@ pub struct Part<'a> {
     priors: PriorStore,
     /// Footprints of the layer by their ids.
     by_id: HashMap<String, usize>,
-    /// What people decided about its buildings.
+    /// Decisions of people about its buildings.
     reviews: Reviews,
 }
 
-/// What was found for a part.
+/// Heights found for a part.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PartHeights {
     /// Every building, in the layer's order.
     pub records: Vec<BuildingRecord>,
-    /// What was wrong with buildings and priors.
+    /// Issues of buildings and priors.
     pub issues: Vec<Issue>,
     /// Views whose prior was used.
     pub used_views: Vec<ViewId>,
-    /// What the photos say of the terrain in the core and close to it.
+    /// Terrain by the photos in the core and close to it.
     pub ground: GroundTold,
 }
 
@@ -139,7 +139,7 @@ pub fn footprints_around(
     Ok(on_ground(config, layer, &terrain))
 }
 
-/// What a part reads of the files that all parts share.
+/// Hashes of what a part reads of the files that all parts share.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PartHashes {
     /// Footprints, each with its ground.
@@ -147,7 +147,7 @@ pub struct PartHashes {
     pub footprints: Content,
     /// The terrain around them, as it was read; `None` where no footprint has ground.
     pub terrain: Option<Content>,
-    /// What people decided about them; `None` where nothing was decided.
+    /// Decisions of people about them; `None` where nothing was decided.
     pub reviews: Option<Content>,
 }
 
@@ -257,13 +257,13 @@ impl<'a> Part<'a> {
         &self.survey
     }
 
-    /// What it has read of the files that all parts share.
+    /// Hashes of what it has read of the files that all parts share.
     #[must_use]
     pub fn hashes(&self) -> PartHashes {
         PartHashes::over(&self.footprints, self.scene.as_ref().map(|scene| &scene.terrain), &self.reviews)
     }
 
-    /// What the priors of some of its views are made from, each once, sorted.
+    /// Files that the priors of some of its views are made from, each once, sorted.
     ///
     /// # Errors
     /// [`PipelineError`] where a file name asks for what a view does not have.

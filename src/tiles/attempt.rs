@@ -11,7 +11,7 @@ use super::manifest::{Layout, read_json};
 use sizeup_geo::files::FileError;
 use sizeup_results::output::reports::write_json;
 
-/// What became of the last try.
+/// Outcome of the last try.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Attempt {
     /// The tile.

@@ -7,7 +7,7 @@ use sizeup_footprints::FootprintError;
 use sizeup_geo::files::FileError;
 use sizeup_results::output::OutputError;
 
-/// What stops a plan, a tile or a merge.
+/// Failure that stops a plan, a tile or a merge.
 #[derive(Debug, thiserror::Error)]
 pub enum TilesError {
     /// As in a run of the whole.
@@ -48,9 +48,9 @@ pub enum TilesError {
     Stale {
         /// Which one.
         what: String,
-        /// What has changed.
+        /// Change.
         why: String,
-        /// What to do.
+        /// Remedy.
         hint: &'static str,
     },
     /// Something that a tile reads changed while it was run.
@@ -58,7 +58,7 @@ pub enum TilesError {
     ChangedMeanwhile {
         /// The tile.
         id: String,
-        /// What has changed.
+        /// Change.
         why: String,
     },
     /// Tiles that are not done.
@@ -68,9 +68,9 @@ pub enum TilesError {
         n_missing
     )]
     Missing {
-        /// How many.
+        /// Number of missing tiles.
         n_missing: usize,
-        /// Of how many.
+        /// Number of all tiles.
         n_tiles: usize,
         /// The first of them, and why.
         first: String,
@@ -85,7 +85,7 @@ pub enum TilesError {
         id: String,
         /// Estimate of its need.
         needs_mb: u64,
-        /// What may be used.
+        /// Memory that may be used.
         has_mb: u64,
     },
     /// 3D Tiles that cannot be placed on the earth.

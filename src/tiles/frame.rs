@@ -16,7 +16,7 @@ const LEEWAY: f64 = 1.25;
 /// The same for the side of the grid's largest squares, one step, and for the places where the ground is looked at.
 const SIDE_LEEWAY: f64 = 2.0;
 
-/// What is settled for a city.
+/// Frame settled for a city.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CityFrame {
     /// What it was settled for: it is settled anew where the user asks for something else.
@@ -36,7 +36,7 @@ pub struct CityFrame {
 }
 
 impl CityFrame {
-    /// What was settled before, where it still serves; else this one.
+    /// Earlier frame, where it still serves; else this one.
     #[must_use]
     pub fn or_kept(self, before: Option<Self>) -> Self {
         before.filter(|before| self.is_served_by(before)).unwrap_or(self)

@@ -55,7 +55,7 @@ impl Places {
         Self(RTree::bulk_load(middles.iter().enumerate().map(|(i, &(x, y))| GeomWithData::new([x, y], i)).collect()))
     }
 
-    /// How many lie in a box.
+    /// Number that lie in a box.
     #[must_use]
     pub fn count(&self, area: &MapBox) -> usize {
         let envelope = AABB::from_corners([area.west_m, area.south_m], [area.east_m, area.north_m]);

@@ -25,10 +25,10 @@ use sizeup_results::output::tiles3d::Heights;
 use sizeup_results::output::{InputFile, Status};
 use sizeup_survey::View;
 
-/// What there is to do.
+/// Plan of a city.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// What it was made from.
+    /// Recipe that it was made from.
     pub made_by: Recipe,
     /// Origin of the local frame that all tiles share, map frame, metres.
     pub origin_m: [f64; 3],
@@ -87,7 +87,7 @@ pub struct Tile {
     pub memory_mb: u64,
     /// Hash of its `views.json`.
     pub views_sha256: String,
-    /// What it reads of the files that all tiles share.
+    /// Hashes of what it reads of the files that all tiles share.
     pub reads: PartHashes,
 }
 
@@ -99,7 +99,7 @@ pub struct TileViews {
     /// Their positions in the whole survey, where a prior's name depends on them; else empty, so that a photo more
     /// elsewhere changes nothing here.
     pub positions: Vec<usize>,
-    /// What their priors are made from, sorted.
+    /// Files that their priors are made from, sorted.
     pub priors: BTreeSet<PathBuf>,
     /// Photos that roofs and ground may be told by, sorted.
     pub photos: BTreeSet<PathBuf>,
@@ -113,14 +113,14 @@ impl TileViews {
     }
 }
 
-/// What belongs to the city and to none of its tiles.
+/// Records of the city that belong to none of its tiles.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Common {
     /// Every view of the survey.
     pub views: Vec<View>,
     /// Buildings without a usable footprint.
     pub refused: Vec<RefusedFootprint>,
-    /// What was wrong with poses and footprints.
+    /// Issues of poses and footprints.
     pub issues: Vec<Issue>,
 }
 
@@ -170,7 +170,7 @@ impl Layout {
         self.folder.join("tiles.json")
     }
 
-    /// What belongs to no tile.
+    /// Path of what belongs to no tile.
     #[must_use]
     pub fn common(&self) -> PathBuf {
         self.folder.join("tiles").join("common.json")

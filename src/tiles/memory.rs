@@ -48,7 +48,7 @@ pub struct Counts {
     pub cell_m: Option<f64>,
     /// Threads that read priors at the same time.
     pub n_threads: usize,
-    /// What reduced photos take, bytes.
+    /// Memory of reduced photos, bytes.
     pub photo_bytes: usize,
 }
 

@@ -46,7 +46,7 @@ const PAGE: &str = "report.html";
 /// Larger cities make pages that browsers are slow with: `sizeup view` shows them.
 const MAX_PAGE_BUILDINGS: usize = 20_000;
 
-/// What becomes of tiles that are not done.
+/// Rule for tiles that are not done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Missing {
     /// Without all of them nothing is merged.

@@ -291,7 +291,8 @@ fn names_of_the_version_before_are_read_with_a_note() {
     let old = ["--outline-sigma", "0.7", "--area", "outlines"];
     let outcome = run(folder.path(), &[&["old.gpkg", "new.gpkg", "--output", "changes"], &old[..]].concat());
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-    for said in ["`--outline-sigma` is read as `--footprint-sigma`", "`--area outlines` is read as `--area footprints`"] {
+    for said in ["`--outline-sigma` is read as `--footprint-sigma`", "`--area outlines` is read as `--area footprints`"]
+    {
         assert!(outcome.stderr.contains(said), "{}", outcome.stderr);
     }
     let text = fs::read_to_string(folder.path().join("changes/changes.json")).unwrap();

@@ -105,7 +105,7 @@ fn pieces(ring: &Ring) -> Vec<Piece> {
         .collect()
 }
 
-/// Where a closed arc starts: at the point farthest from its middle, a corner; the same for both of its regions.
+/// Start of a closed arc: at the point farthest from its middle, a corner; the same for both of its regions.
 fn start_of_closed(ring: &Ring) -> usize {
     let n = ring.points.len();
     let (mut low, mut high) = (ring.points[0], ring.points[0]);

@@ -160,7 +160,7 @@ pub fn clean(polygon: &Polygon<f64>, rules: Rules) -> Result<Cleaned, Defect> {
     Ok(Cleaned { parts, repairs })
 }
 
-/// What the corners say in their order: exterior minus holes.
+/// Area by the corners in their order: exterior minus holes.
 fn stated_area_m2(polygon: &Polygon<f64>) -> f64 {
     let area = |ring: &LineString<f64>| Polygon::new(ring.clone(), Vec::new()).unsigned_area();
     area(polygon.exterior()) - polygon.interiors().iter().map(area).sum::<f64>()

@@ -65,7 +65,7 @@ impl Cluster {
         self
     }
 
-    /// Of candidates that are known to be one building; the heaviest whole one is its shape.
+    /// Cluster of candidates that are known to be one building; the heaviest whole one is its shape.
     pub(super) fn of(members: &[usize], candidates: &[Candidate]) -> Self {
         let worth = |&m: &usize| (!candidates[m].is_cut, candidates[m].weight * f64::from(candidates[m].score));
         let best = members.iter().copied().max_by(|a, b| {

@@ -332,7 +332,7 @@ pub fn is_coco(path: &Path) -> bool {
                 .is_some_and(|parts| parts.images.is_some() && parts.annotations.is_some()))
 }
 
-/// What lies in the image, as contours that neither cross themselves nor each other: what they hold an odd number of
+/// Part that lies in the image, as contours that neither cross themselves nor each other: what they hold an odd number of
 /// times.
 fn within(shape: MultiPolygon<f64>, [width, height]: [u32; 2]) -> MultiPolygon<f64> {
     let shape =

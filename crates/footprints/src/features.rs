@@ -18,9 +18,9 @@ use sizeup_heights::ids::BuildingId;
 pub(super) enum Ids<'a> {
     /// The layer's own numbers.
     Numbers,
-    /// What an attribute holds.
+    /// Values of an attribute.
     Field(&'a str),
-    /// What OpenStreetMap calls them: ways and relations have numbers of their own.
+    /// OpenStreetMap's ids: ways and relations have numbers of their own.
     OpenStreetMap,
 }
 
@@ -55,7 +55,7 @@ impl<'a> FeatureReader<'a> {
         Self { given: Some(given), ..self }
     }
 
-    /// What was read since the last call.
+    /// Layer of what was read since the last call.
     pub(super) fn take(&mut self) -> FootprintLayer {
         std::mem::take(&mut self.layer)
     }
@@ -219,14 +219,14 @@ impl<'a> FeatureReader<'a> {
     }
 }
 
-/// What one part of a feature is called, and what it is a part of.
+/// Id of one part of a feature, and of the whole.
 struct Name {
     id: String,
     part_of: Option<String>,
 }
 
 impl Name {
-    /// Of a feature in one piece.
+    /// Name of a feature in one piece.
     fn whole(id: String) -> Self {
         Self { id, part_of: None }
     }

@@ -36,7 +36,7 @@ pub fn open_layer(config: &FootprintConfig) -> Result<VectorLayer, VectorError> 
     Ok(layer)
 }
 
-/// What the layer's buildings are called.
+/// Ids of the layer's buildings.
 pub(super) fn ids(config: &FootprintConfig) -> Ids<'_> {
     match &config.id_field {
         Some(field) => Ids::Field(field),

@@ -36,7 +36,7 @@ pub struct Content {
 }
 
 impl Content {
-    /// Of what is in memory.
+    /// Content of what is in memory.
     #[must_use]
     pub fn of_bytes(bytes: &[u8]) -> Self {
         Self { size_bytes: bytes.len() as u64, sha256: sha256_hex(bytes) }

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 /// Memory for one input unless somebody says otherwise, megabytes: the largest aerial frame camera has 450 megapixels,
 /// 1,800 MB as floats, and the same once more while it is made ready.
 pub const INPUT_MB: u64 = 4096;
-/// What one byte of a file can stand for at most: deflate reaches 1,032, LZW 2,730. More is holes.
+/// Most bytes that one byte of a file can stand for: deflate reaches 1,032, LZW 2,730. More is holes.
 const MOST_PER_BYTE: u64 = 4096;
 /// Less than this, bytes, hurts nobody, however little of it is in the file.
 const HARMLESS: u64 = 64_000_000;

@@ -58,7 +58,7 @@ pub struct OwnPaths {
 }
 
 impl OwnPaths {
-    /// Of a configuration in `folder`.
+    /// Paths of a configuration in `folder`.
     #[must_use]
     pub fn new(folder: &Path) -> Self {
         Self { folder: folder.to_owned(), own: BTreeSet::new() }

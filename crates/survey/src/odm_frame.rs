@@ -233,7 +233,7 @@ impl Grid {
         }
     }
 
-    /// Where this grid, minus the offset, has positions east, north, up at the reference.
+    /// Places of positions in this grid, minus the offset, east, north, up at the reference.
     fn of_enu(&self, reference: DVec3, places: impl Iterator<Item = DVec3>) -> Result<Vec<DVec2>, SurveyError> {
         let geocentric = Geocentric::new()?;
         let grid_from_lonlat = Transform::new(&Crs::parse("EPSG:4326")?, &self.crs)?;

@@ -297,7 +297,7 @@ impl Segmenter {
         own.or_else(|| self.inlet.as_ref().map(|inlet| inlet.side)).unwrap_or(square)
     }
 
-    /// What a view's pose and depth say, for networks that take it.
+    /// Geometry by a view's pose and depth, for networks that take it.
     fn geometry_of(&self, view: &View) -> Result<Geometry, ViewFault> {
         let lean = Lean::of(view).ok_or_else(|| ViewFault::Network {
             problem: "its nadir lies beyond the lens model".to_owned(),

@@ -312,7 +312,7 @@ fn layers_of(record: &[u8]) -> Result<Option<u64>, Claim> {
     Ok((compressor == LAYERED).then(|| n.sum()))
 }
 
-/// Where `LASzip`'s record lists what a point is made of.
+/// Offset at which `LASzip`'s record lists what a point is made of.
 const ITEMS_AT: usize = 34;
 
 /// Kind, size and version of each item of a point.

@@ -25,7 +25,7 @@ impl std::fmt::Display for Accuracy {
 }
 
 impl Accuracy {
-    /// Of an operation that has just moved a point.
+    /// Accuracy of an operation that has just moved a point.
     pub(super) fn of(operation: &proj::Proj) -> Self {
         let accuracy = operation.proj_info().accuracy;
         if accuracy >= 0.0 { Self::Metres(accuracy) } else { Self::Unknown }

@@ -119,7 +119,7 @@ pub(super) fn ways(view: &RoofView<'_>, ground_z: f32, mut at: impl FnMut(usize,
 
 /// A roof's surface over sampled ways.
 pub(super) trait Surface {
-    /// How far above it the rays are that are so far above the ground at their sample `k`, metres. To be inlined always.
+    /// Height above it of the rays that are so far above the ground at their sample `k`, metres. To be inlined always.
     fn clearance_m<S: Simd>(&self, simd: S, above_m: f32x8<S>, k: usize) -> f32x8<S>;
 }
 

@@ -37,7 +37,7 @@ pub struct ProfileRay {
     pub dz: f32,
     /// z-depth of the ground; `+∞` where none is known.
     pub ground: f32,
-    /// Where its intervals start.
+    /// Start of its intervals.
     first: u32,
 }
 

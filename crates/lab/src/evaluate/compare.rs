@@ -30,7 +30,7 @@ pub struct Comparison {
     pub truth: PathBuf,
     /// CRS to compare in; the result's by default.
     pub crs: Option<Crs>,
-    /// What to read of the reference; its `crs` is for a file that states none.
+    /// Options for reading the reference; its `crs` is for a file that states none.
     pub options: TruthOptions,
     /// Settings of heights from a point cloud.
     pub cloud: CloudTruthOptions,

@@ -49,7 +49,7 @@ pub struct LevelAgreement {
     pub shift_m: [f64; 2],
 }
 
-/// How it is known that levels may be compared.
+/// Ground on which levels may be compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Agreement {
@@ -73,7 +73,7 @@ pub(super) struct Alignment {
     agreement: LevelAgreement,
 }
 
-/// What both sides are known to count from, and what the user declares.
+/// Zeros of both sides, as far as known, and the user's declaration.
 pub(super) struct Stated<'a> {
     pub result: Option<&'a VerticalReference>,
     pub reference: Option<&'a VerticalReference>,
@@ -134,7 +134,7 @@ impl Alignment {
         Ok(shift_m)
     }
 
-    /// What is to be said, once everything is moved.
+    /// Statement on the levels, once everything is moved.
     pub(super) fn agreement(self) -> LevelAgreement {
         self.agreement
     }

@@ -177,7 +177,7 @@ pub fn prism_iou(a: &[Prism], b: &[Prism]) -> f64 {
     common / (total - common)
 }
 
-/// How many voxel centres `(k + ½) · size` lie in a stretch.
+/// Number of voxel centres `(k + ½) · size` lie in a stretch.
 fn centres_in(from: f64, to: f64, size: f64) -> i64 {
     let first = |level: f64| (level / size - 0.5).ceil() as i64;
     (first(to) - first(from)).max(0)

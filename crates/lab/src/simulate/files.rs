@@ -52,7 +52,7 @@ pub(super) fn write_dtm(path: &Path, crs: &Crs, terrain: &Terrain) -> Result<(),
     Ok(write_geotiff(path, dem.heights_m(), &place)?)
 }
 
-/// What is true of every building, as `GeoJSON` in the project's CRS (with the `crs` member of the 2008 draft, which
+/// Truth of every building, as `GeoJSON` in the project's CRS (with the `crs` member of the 2008 draft, which
 /// GDAL and QGIS still read).
 pub(super) fn write_truth(path: &Path, crs: &Crs, buildings: &[Building]) -> Result<(), FileError> {
     let mut members = JsonObject::from_iter([("name".to_owned(), "truth".into())]);

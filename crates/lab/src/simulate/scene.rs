@@ -138,7 +138,7 @@ pub(super) fn crossing(ray: &Ray, [corner, edge1, edge2]: &[Vec3; 3], t_max: f32
 /// Everything a ray can meet.
 #[derive(Debug)]
 pub(super) struct Scene {
-    /// Of the `Local` frame.
+    /// Origin of the `Local` frame.
     pub origin: LocalOrigin,
     ground: Ground,
     things: Mesh,
@@ -186,7 +186,7 @@ impl Scene {
         Some(Hit { t, surface: Surface { normal, material: Material::Ground } })
     }
 
-    /// What a ray meets first, given where it meets the ground.
+    /// First hit of a ray, given where it meets the ground.
     pub fn first_hit(&self, ray: &Ray, ground: Option<Hit>) -> Option<Hit> {
         let t_max = ground.map_or(f32::MAX, |hit| hit.t);
         match self.things.nearest(ray, t_max) {

@@ -17,7 +17,7 @@ pub struct TrueDepth {
     pub depth_m: Raster<f32>,
     /// z-depth of the ground along the same ray, metres; `NaN` = none.
     pub ground_m: Raster<f32>,
-    /// What is seen.
+    /// Objects that pixels show.
     pub seen: Raster<Seen>,
 }
 

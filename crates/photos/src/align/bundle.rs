@@ -361,7 +361,7 @@ impl Bundle {
         self.sigmas.sighting_px.powi(-2) / (1.0 + off_px.length_squared() / (width_px * width_px))
     }
 
-    /// Where a sighting is against where the pose puts its point, pixels of the photo; `None` behind the camera.
+    /// Offset of a sighting from where the pose puts its point, pixels of the photo; `None` behind the camera.
     pub fn off_px(&self, track: &Track, sighting: &Sighting) -> Option<DVec2> {
         let station = &self.stations[sighting.view];
         let p = station.pose.point(track.point);

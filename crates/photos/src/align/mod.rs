@@ -186,7 +186,7 @@ pub fn align(
     Ok(block.into_aligned(views))
 }
 
-/// How far photos lie from where the poses put them: the median over points that a few photos and their neighbours show, each at the place
+/// Distance of photos from where the poses put them: the median over points that a few photos and their neighbours show, each at the place
 /// that fits best, in pixels of a photo reduced to `long_side_px`. `None` where too few points are found to tell.
 ///
 /// # Errors

@@ -208,7 +208,7 @@ pub fn estimate(
     Ok(Dtm { dem, squares, sigma_m })
 }
 
-/// What the photos say a terrain is off by, in squares of open ground of an area: those with [`Outcome::Ground`] hold by how
+/// Error of a terrain by the photos, in squares of open ground of an area: those with [`Outcome::Ground`] hold by how
 /// much the ground lies above it, metres. Also their spread around their neighbours', metres. The squares lie where they do
 /// whatever the area, so that areas side by side find what their union does, but for what neighbours say along the seam.
 ///

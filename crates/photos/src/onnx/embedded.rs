@@ -10,7 +10,7 @@ use super::{Contents, EngineConfig, Numbers, OnnxError, Port, Tensor};
 /// A graph in rten.
 pub(super) struct Graph {
     model: rten::Model,
-    /// Where it computes, if not on all cores.
+    /// Threads that it computes on, if not on all cores.
     threads: Option<Arc<rten::ThreadPool>>,
 }
 

@@ -52,7 +52,7 @@ pub enum OnnxError {
     /// ONNX Runtime is wanted and not there.
     #[error("ONNX Runtime cannot be used: {reason}\nhint: {RUNTIME_HINT}")]
     NoRuntime {
-        /// What was tried.
+        /// Attempts.
         reason: String,
     },
     /// It has no input or output of that name.

@@ -28,7 +28,7 @@ use sizeup_survey::View;
 const FLATTEST: f64 = 1.5;
 /// Share of an image's sides within which the place has to lie.
 const BORDER: f64 = 0.03;
-/// How far photos move against each other from one height to the next, pixels.
+/// Move of photos against each other from one height to the next, pixels.
 const STEP_PX: f64 = 0.5;
 /// Most heights tried.
 const MAX_LEVELS: usize = 1000;
@@ -69,7 +69,7 @@ pub(crate) fn ground_sample_m(pictures: &[&Picture], place: DVec3) -> f64 {
 
 /// Likeness of the photos on a surface that is raised and lowered.
 pub(crate) struct PhotoConsistency {
-    /// Of the first height tried against the surface as given, and from one to the next, metres.
+    /// Height of the first try against the surface as given, and from one to the next, metres.
     low_m: f64,
     step_m: f64,
     pairs: Vec<[usize; 2]>,
@@ -166,7 +166,7 @@ fn better_pairs(of_pairs: &[f64], counts: &[bool]) -> f64 {
     scores[..n].iter().sum::<f64>() / n as f64
 }
 
-/// Of values with mean 0 and norm 1; `NaN` where one of them is not shown.
+/// Correlation of values with mean 0 and norm 1; `NaN` where one of them is not shown.
 fn correlation(a: &[f32], b: &[f32]) -> f64 {
     if a.is_empty() || b.is_empty() {
         return f64::NAN;

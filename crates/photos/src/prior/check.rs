@@ -33,7 +33,7 @@ const UNRELATED_BELOW: f64 = 0.2;
 /// Rank correlations, −1 to 1, between a prior's farness and the calibrated depth of the bare ground in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroundCorrelation {
-    /// Of all samples.
+    /// Correlation of all samples.
     pub all: f64,
     /// Without the least and the greatest value of the prior where many samples share it; of all where too few are left.
     pub unshared: f64,
@@ -59,7 +59,7 @@ pub fn ground_correlation(prior: &DepthPrior, view: &View, terrain: &Terrain) ->
     Some(GroundCorrelation { all, unshared: rank_correlation(&without_shared_ends(samples)).unwrap_or(all) })
 }
 
-/// Of pairs of farness and depth, where these are enough and reach from near to far.
+/// Rank correlation of pairs of farness and depth, where these are enough and reach from near to far.
 fn rank_correlation(samples: &[[f64; 2]]) -> Option<f64> {
     let [farness, depths]: [Vec<f64>; 2] = std::array::from_fn(|i| samples.iter().map(|sample| sample[i]).collect());
     let spread = stats::quantile(&depths, 0.95)? / stats::quantile(&depths, 0.05)?;

@@ -39,7 +39,7 @@ struct Header {
     shape: Vec<usize>,
 }
 
-/// How many maps an array holds, and the one at `index` as `f32`, read from the start of a stream; of at most `most`
+/// Number of maps of an array, and the one at `index` as `f32`, read from the start of a stream; of at most `most`
 /// values.
 pub(super) fn read_map(
     mut stream: impl Read,

@@ -59,7 +59,7 @@ impl Scene<'_> {
         change
     }
 
-    /// Of a building that none of the other result stands for.
+    /// Decision on a building that none of the other result stands for.
     fn alone(
         &self,
         group: &Group,
@@ -83,7 +83,7 @@ impl Scene<'_> {
         (class, std::iter::once(first).chain(lacks.collect::<BTreeSet<_>>()).collect())
     }
 
-    /// Of buildings that stand for each other.
+    /// Decision on buildings that stand for each other.
     fn compare(&self, old: &[&Building<'_>], new: &[&Building<'_>], evidence: &Evidence, change: &mut Change) {
         let decision = self.config.decision();
         let heights = self.heights(evidence, &decision);

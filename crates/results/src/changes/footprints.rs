@@ -10,7 +10,7 @@
 use geo::{Area as _, BooleanOps as _, Buffer as _};
 use geo_types::MultiPolygon;
 
-/// What a footprint must have won or lost beyond the tolerance to be another one, m²: a corner that was cut differently is
+/// Area that a footprint must have won or lost beyond the tolerance to be another one, m²: a corner that was cut differently is
 /// less.
 pub const LEAST_M2: f64 = 1.0;
 

@@ -46,7 +46,7 @@ pub enum Evidence {
     Known {
         /// Over the whole common area.
         mean: Difference,
-        /// Of single parts, where both results have the same ones; else empty.
+        /// Differences of single parts, where both results have the same ones; else empty.
         parts: Vec<Difference>,
     },
     /// They cannot, and why.
@@ -66,9 +66,9 @@ impl Evidence {
 /// Standard deviations of heights that state none, metres: of the old result and of the new one.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Unstated {
-    /// Of the old result.
+    /// Sigma of the old result.
     pub old_m: Option<f64>,
-    /// Of the new result.
+    /// Sigma of the new result.
     pub new_m: Option<f64>,
 }
 
@@ -144,7 +144,7 @@ fn pieces<'p, 'a>(old: &[&'p Building<'a>], new: &[&'p Building<'a>]) -> Vec<Pie
     pieces
 }
 
-/// Of two parts; why not, for each side that lacks something.
+/// Difference of two parts; why not, for each side that lacks something.
 fn difference(piece: &Piece<'_, '_>, unstated: &Unstated) -> Result<Difference, Vec<Reason>> {
     let old = unstated.height(piece.old.record, Epoch::Old);
     let new = unstated.height(piece.new.record, Epoch::New);

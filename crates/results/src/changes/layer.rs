@@ -134,7 +134,7 @@ pub fn write(path: &Path, changes: &[Change], crs: &Crs, lineage: &Lineage) -> R
     })
 }
 
-/// What has changed last, so that it is drawn over what has not.
+/// Changes in drawing order, what has changed last, so that it is drawn over what has not.
 fn in_drawing_order(changes: &[Change]) -> impl Iterator<Item = &Change> {
     let of = |is_change: bool| changes.iter().filter(move |change| change.class.is_change() == is_change);
     of(false).chain(of(true))

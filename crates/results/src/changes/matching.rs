@@ -29,9 +29,9 @@ const MIN_GROUP_IOU: f64 = 0.2;
 /// Buildings that stand for each other; one side may be empty.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Group {
-    /// Of the old result, ascending.
+    /// Buildings of the old result, ascending.
     pub old: Vec<usize>,
-    /// Of the new result, ascending.
+    /// Buildings of the new result, ascending.
     pub new: Vec<usize>,
     /// Whether another building stands there in the other result.
     pub is_replaced: bool,
@@ -84,7 +84,7 @@ fn keep_most(most: &mut (usize, f64), other: usize, shared_m2: f64) {
     }
 }
 
-/// What hangs together. New buildings are numbered after the old ones.
+/// Groups of what hangs together. New buildings are numbered after the old ones.
 fn components(n_old: usize, n_new: usize, links: &[(usize, usize)]) -> Vec<Group> {
     let mut head: Vec<usize> = (0..n_old + n_new).collect();
     let find = |head: &mut Vec<usize>, mut i: usize| {

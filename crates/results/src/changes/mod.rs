@@ -251,7 +251,7 @@ pub fn compare(old: &Compared<'_>, new: &Compared<'_>, config: &ChangesConfig) -
     Comparison { changes, shift, spread }
 }
 
-/// How far footprints of single buildings have moved, east and north.
+/// Shifts of the footprints of single buildings, east and north.
 fn plan_shift(old: &[Building<'_>], new: &[Building<'_>], groups: &[Group], rule: ShiftRule) -> (Shift, Shift) {
     let moved = groups.iter().filter_map(|group| {
         let ([o], [n]) = (group.old.as_slice(), group.new.as_slice()) else { return None };

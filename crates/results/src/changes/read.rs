@@ -21,7 +21,7 @@ const IN_FOLDER: [&str; 3] = ["city.gpkg", "city.city.jsonl", "city.city.json"];
 /// The layer of the photos in our `GeoPackage` files.
 const CAMERAS: &str = "cameras";
 
-/// What lineages say of a vertical reference that nobody stated.
+/// Words of lineages for a vertical reference that nobody stated.
 const NOT_STATED: [&str; 3] = ["", "not stated", "as in the input"];
 
 /// Why two results cannot be compared.

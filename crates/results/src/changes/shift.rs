@@ -50,7 +50,7 @@ pub enum ShiftRule {
 }
 
 impl Shift {
-    /// Of differences between matched buildings, metres.
+    /// Shift of differences between matched buildings, metres.
     #[must_use]
     pub fn of(differences_m: &[f64], rule: ShiftRule) -> Self {
         let Some(Middle { value, spread, n }) = middle(differences_m) else { return Self::default() };
@@ -59,7 +59,7 @@ impl Shift {
         Self { value_m: value, sigma_m, n_pairs: n, is_taken_off: is_significant && rule == ShiftRule::TakeOff }
     }
 
-    /// What is taken off, metres.
+    /// Shift that is taken off, metres.
     #[must_use]
     pub fn taken_m(&self) -> f64 {
         if self.is_taken_off { self.value_m } else { 0.0 }
@@ -79,7 +79,7 @@ pub fn spread(normalised: &[f64]) -> Option<f64> {
     middle(normalised).map(|found| found.spread)
 }
 
-/// Where most values are.
+/// Middle of most values.
 struct Middle {
     value: f64,
     spread: f64,

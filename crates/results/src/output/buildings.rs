@@ -26,7 +26,7 @@ impl Records for [BuildingRecord] {
     }
 }
 
-/// What the head of a file says of all buildings. The ids are kept while they are checked, nothing else per building.
+/// Overview of all buildings for the head of a file. The ids are kept while they are checked, nothing else per building.
 #[derive(Debug, Clone, Default)]
 pub struct Overview {
     /// Buildings of the input: one in parts counts once.
@@ -113,7 +113,7 @@ impl Wholes {
         }
     }
 
-    /// How many they are.
+    /// Number of them.
     pub(super) fn n(&self) -> usize {
         self.n_single + self.in_parts.len()
     }

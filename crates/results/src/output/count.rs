@@ -15,7 +15,7 @@ pub struct StatusCount {
 }
 
 impl StatusCount {
-    /// Of records.
+    /// Count of records.
     #[must_use]
     pub fn of(records: &[BuildingRecord]) -> Self {
         let mut count = Self::default();

@@ -170,7 +170,7 @@ fn repair(broken: &SnappedFootprint, grid: &Grid) -> Result<SnappedFootprint, Fo
     if is_faithful && footprint.is_fit(grid) { Ok(footprint) } else { Err(FootprintFault::Invalid) }
 }
 
-/// What closing slits and drawing holes in may have changed: a rim along the rings, which is no loss of a part.
+/// Area that closing slits and drawing holes in may have changed: a rim along the rings, which is no loss of a part.
 fn rim_m2(polygon: &Polygon<f64>, rules: Rules) -> f64 {
     let length_m = |ring: &LineString<f64>| -> f64 { ring.lines().map(|l| l.dx().hypot(l.dy())).sum() };
     let holes_m = polygon.interiors().iter().map(length_m).sum::<f64>();

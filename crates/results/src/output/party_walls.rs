@@ -72,7 +72,7 @@ fn area_m2(wall: &Wall) -> f64 {
     wall.foot.dx().hypot(wall.foot.dy()) * (wall.levels_m[1] - wall.levels_m[0]).max(0.0)
 }
 
-/// What another wall covers of a wall, m².
+/// Area of a wall that another one covers, m².
 fn shared(wall: &Wall, other: &Wall) -> f64 {
     let length_m = wall.foot.dx().hypot(wall.foot.dy());
     if length_m == 0.0 {

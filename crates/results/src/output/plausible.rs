@@ -24,7 +24,7 @@ pub struct Doubts {
 }
 
 impl Doubts {
-    /// Of records.
+    /// Evidence of records.
     #[must_use]
     pub fn of(records: &[BuildingRecord]) -> Self {
         let mut doubts = Self::default();

@@ -54,7 +54,7 @@ pub struct HeightSummary {
 }
 
 impl Summary {
-    /// Of a result.
+    /// Reports of a result.
     #[must_use]
     pub fn of(model: &CityModel<'_>) -> Self {
         let records = model.records;

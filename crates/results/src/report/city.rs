@@ -90,7 +90,7 @@ fn extent(records: &[BuildingRecord]) -> Option<[[f64; 2]; 2]> {
 }
 
 impl<'a> Building<'a> {
-    /// Of a record; `views` knows the position of each photo.
+    /// Building of a record; `views` knows the position of each photo.
     pub fn of(record: &'a BuildingRecord, origin: [f64; 3], grid: &Grid, views: &HashMap<&str, usize>) -> Self {
         let rings = record.footprint.as_ref().map_or_else(Vec::new, |footprint| rings(footprint, origin));
         let triangles = triangles_of(&rings);

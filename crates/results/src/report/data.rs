@@ -70,7 +70,7 @@ struct PassData {
 }
 
 impl<'a> Data<'a> {
-    /// Of a report.
+    /// Data of a report.
     pub fn of(report: &'a Report<'_>) -> Self {
         let model = &report.model;
         let origin = origin(model.records);

@@ -35,7 +35,7 @@ pub struct KnownNetwork {
     assembly: Assembly,
 }
 
-/// Where the tensors of a graph are in a checkpoint.
+/// Places of a graph's tensors in a checkpoint.
 #[derive(Debug, Clone, Deserialize)]
 struct Assembly {
     checkpoint_bytes: u64,
@@ -95,7 +95,7 @@ pub fn look_in(folder: PathBuf) {
     let _ = FOLDER.set(folder);
 }
 
-/// Where a known network's graph is in place on this machine, if `model` is nothing but its name and no file.
+/// Path of a known network's graph on this machine, if `model` is nothing but its name and no file.
 #[must_use]
 pub fn in_place(model: &Path) -> Option<PathBuf> {
     let network = known_by_name(model.file_name()?.to_str()?).ok()?;
@@ -142,7 +142,7 @@ pub fn known_by_name(name: &str) -> Result<KnownNetwork, KnownNetworkError> {
 }
 
 impl KnownNetwork {
-    /// Where its graph lies in a folder of networks.
+    /// Path of its graph in a folder of networks.
     #[must_use]
     pub fn graph_in(&self, folder: &Path) -> PathBuf {
         folder.join(self.name).with_extension("onnx")

@@ -208,7 +208,7 @@ impl NetworkPriors {
         })
     }
 
-    /// What the weights may be used for, for the log.
+    /// Licence of the weights, for the log.
     #[must_use]
     pub fn licence(&self) -> &str {
         &self.profile.licence
@@ -374,7 +374,7 @@ impl NetworkPriors {
         Ok(DepthPrior { values, kind: self.profile.kind, geometry: PriorGeometry::ZDepth })
     }
 
-    /// What one in the output is: metres, where the profile says how; 1 where it has no unit.
+    /// Unit of the output: metres, where the profile says how; 1 where it has no unit.
     fn unit(&self, view: &View, frame: &Frame, poses: Option<&Tensor>) -> Result<f32, PriorError> {
         if let Some(focal_px) = self.profile.metres_at_focal_px {
             let camera = view.camera.resized(frame.photo.columns as u32, frame.photo.rows as u32);

@@ -117,7 +117,7 @@ fn cannot_write(path: &Path, error: io::Error) -> OutputError {
 /// Code of the note of a footprint that had to be mended on the output grid.
 const FOOTPRINT_MENDED: &str = "footprint_mended_on_grid";
 
-/// What will have no solid although footprint and height are known, and footprints that the output grid changes by more than
+/// Issues of buildings that will have no solid although footprint and height are known, and footprints that the output grid changes by more than
 /// rounding: one issue per such building.
 ///
 /// # Errors

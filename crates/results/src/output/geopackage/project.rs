@@ -115,7 +115,7 @@ fn packed(name: &str, text: &str) -> zip::result::ZipResult<Vec<u8>> {
     Ok(archive.finish()?.into_inner())
 }
 
-/// What a map of the city has to name: inputs, program, frame and day.
+/// Sources that a map of the city has to name: inputs, program, frame and day.
 fn sources(lineage: &Lineage) -> String {
     let mut text = String::new();
     // On paper folders of somebody's machine tell nothing; `lineage.json` has them.
@@ -140,7 +140,7 @@ fn sources(lineage: &Lineage) -> String {
     text
 }
 
-/// What a project file is made of; texts are escaped.
+/// Parts of a project file; texts are escaped.
 struct Project<'a> {
     title: String,
     geopackage: String,
@@ -344,7 +344,7 @@ fn canvas(extent: &Extent) -> String {
     )
 }
 
-/// What is inside the root element of a layer's style.
+/// Inside of the root element of a layer's style.
 fn style_of(layer: &str, has_solids: bool) -> String {
     let qml = STYLES.iter().find(|(name, _)| *name == layer).map_or("", |(_, qml)| *qml);
     let inside = qml.find("<qgis").and_then(|start| qml[start..].find('>').map(|end| &qml[start + end + 1..]));

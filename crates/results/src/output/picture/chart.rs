@@ -41,7 +41,7 @@ pub struct Chart {
     pub y_label: String,
     /// Drawn in this order.
     pub series: Vec<Series>,
-    /// Where the axes start, and how the vertical one is divided.
+    /// Start of the axes, and division of the vertical one.
     pub axes: AxesKind,
 }
 
@@ -119,7 +119,7 @@ fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> [f64; 2] {
 
 struct Axes {
     x: [f64; 2],
-    /// Of the values, or of their powers of ten.
+    /// Range of the values, or of their powers of ten.
     y: [f64; 2],
     is_logarithmic: bool,
     /// Left, top, right, bottom; pixels.

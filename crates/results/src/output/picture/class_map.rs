@@ -26,7 +26,7 @@ pub struct MapClass<'a> {
     pub footprints: Vec<&'a MultiPolygon<f64>>,
 }
 
-/// What stands over a map.
+/// Headings of a map.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MapHeadings {
     /// Large.

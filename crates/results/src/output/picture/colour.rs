@@ -80,7 +80,7 @@ impl ColourMap {
 pub struct HeightClass {
     /// Heights below this, metres; infinite for the last.
     pub below_m: f64,
-    /// Of the class.
+    /// Colour of the class.
     pub colour: Rgb,
 }
 

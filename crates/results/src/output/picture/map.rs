@@ -31,7 +31,7 @@ impl Default for MapConfig {
 
 /// Free margin around the buildings, share of their larger side.
 const MARGIN_SHARE: f64 = 0.05;
-/// How far the map grows to take cameras in, share of the buildings' larger side: beyond it the buildings get small.
+/// Growth of the map to take cameras in, share of the buildings' larger side: beyond it the buildings get small.
 const CAMERA_REACH_SHARE: f64 = 0.35;
 
 /// Room for the north arrow, pixels of the reference width.

@@ -66,7 +66,7 @@ pub fn survey_map(survey: &Survey, ground: Option<&Terrain>, crs: &Crs) -> RgbIm
     sheet.canvas.into_image()
 }
 
-/// Where photos stand that have a place and cannot be used.
+/// Places of photos that cannot be used.
 fn refused(survey: &Survey) -> Vec<DVec2> {
     let of_views = survey.issues.iter().filter(|issue| issue.severity == Severity::Refused);
     of_views.filter_map(|issue| issue.place.map(DVec2::from)).collect()

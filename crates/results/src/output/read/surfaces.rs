@@ -41,7 +41,7 @@ pub struct Levels {
 }
 
 impl Levels {
-    /// Of a file whose unit is so many metres.
+    /// Levels of a file whose unit is so many metres.
     #[must_use]
     pub fn scaled(self, unit_m: f64) -> Self {
         Self {
@@ -77,7 +77,7 @@ pub struct Gathering {
 }
 
 impl Gathering {
-    /// What an object completes.
+    /// Building that an object completes.
     pub fn add(&mut self, object: CityObject, vertices: &[[f64; 3]], lod: Option<&str>) -> Vec<FoundBuilding> {
         let whole = match (object.kind.as_str(), object.parents.first()) {
             (BUILDING, _) if object.children.is_empty() => return of_group(&object, &[], vertices, lod),

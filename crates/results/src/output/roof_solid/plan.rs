@@ -81,7 +81,7 @@ pub(super) fn edges(ring: &Ring) -> impl Iterator<Item = [Point; 2]> {
     ring.iter().zip(ring.iter().cycle().skip(1)).map(|(from, to)| [*from, *to])
 }
 
-/// Where edges end.
+/// Nodes at which edges end.
 struct Nodes<'a> {
     frame: &'a Frame<'a>,
     /// Those of the footprint first.

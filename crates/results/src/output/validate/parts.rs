@@ -50,7 +50,7 @@ impl Part {
         is_prism.then(|| Self { object, lod, footprint: unary_union(&bottom), levels_m })
     }
 
-    /// Where it shares volume with another part.
+    /// Place where it shares volume with another part.
     fn overlap(&self, other: &Self, config: &ValidateConfig) -> Option<[f64; 3]> {
         let base_m = self.levels_m[0].max(other.levels_m[0]);
         let is_stacked = self.levels_m[1].min(other.levels_m[1]) - base_m <= config.snap_tolerance_m;

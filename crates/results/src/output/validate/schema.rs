@@ -51,7 +51,7 @@ pub struct SchemaFault {
 pub struct SchemaCheck {
     /// Faults that make the file invalid.
     pub errors: Vec<SchemaFault>,
-    /// What does not, and is worth knowing.
+    /// Faults that do not, and are worth knowing.
     pub warnings: Vec<SchemaFault>,
     /// Features of a sequence.
     pub n_features: usize,
