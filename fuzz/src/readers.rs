@@ -17,7 +17,7 @@ use sizeup::camera::Camera;
 use sizeup::config::{self, RunConfig};
 use sizeup::crs::Crs;
 use sizeup::evaluate;
-use sizeup::footprint::{self, FootprintConfig, Look, MaskConfig, MaskFiles, ContourSource as _};
+use sizeup::footprint::{self, ContourSource as _, FootprintConfig, Look, MaskConfig, MaskFiles};
 use sizeup::frames::Rigid;
 use sizeup::geodata::vector::VectorLayer;
 use sizeup::hashes::Hashes;

@@ -299,8 +299,11 @@ fn names_of_the_version_before_are_read_with_a_note() {
     let report: ChangesReport = serde_json::from_str(&text).unwrap();
     assert_eq!((report.config.footprint_sigma_m, report.config.area), (0.7, AreaRule::Footprints));
     // A report that has the old names is one too.
-    let before = text.replace("footprint_sigma_m", "outline_sigma_m").replace("\"footprints\"", "\"outlines\"");
-    assert_eq!(serde_json::from_str::<ChangesReport>(&before).unwrap(), report);
+    let mut before: Value = serde_json::from_str(&text).unwrap();
+    let config = before["config"].as_object_mut().unwrap();
+    let sigma_m = config.remove("footprint_sigma_m").unwrap();
+    config.extend([("outline_sigma_m".to_owned(), sigma_m), ("area".to_owned(), "outlines".into())]);
+    assert_eq!(serde_json::from_value::<ChangesReport>(before).unwrap(), report);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use candle_core::Device;
 use geo_types::{LineString, MultiPolygon};
 use glam::{DMat3, DVec3};
-use sizeup_footprints::{MaskConfig, MaskFiles, ContourSource, Segmenter, SegmenterConfig};
+use sizeup_footprints::{ContourSource, MaskConfig, MaskFiles, Segmenter, SegmenterConfig};
 use sizeup_heights::camera::Camera;
 use sizeup_heights::frames::Rigid;
 use sizeup_heights::ids::ViewId;
