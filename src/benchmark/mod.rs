@@ -55,7 +55,7 @@ pub struct Plan {
 pub struct Again {
     /// All of these methods.
     pub methods: Vec<Method>,
-    /// Of all methods those that another program made.
+    /// Outcomes that another program made, of all methods.
     pub outdated: bool,
 }
 

@@ -152,7 +152,7 @@ struct Row {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct StudyConfig {
-    /// What is changed; empty: no study.
+    /// Settings that are changed; empty: no study.
     pub of: Vec<Study>,
     /// Seeds of the towns.
     pub seeds: Vec<u64>,
@@ -272,7 +272,7 @@ pub struct StabilityRow {
 /// All studies.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct StudyTables {
-    /// What was run; `None`: nothing.
+    /// Settings of the run; `None`: nothing.
     pub config: Option<StudyConfig>,
     /// By study, its rows; the method as it is comes first.
     pub studies: Vec<(Study, Vec<StudyRow>)>,

@@ -66,7 +66,7 @@ impl Ground<'_> {
 /// Way in which heights are brought together.
 #[derive(Debug, Default)]
 pub(super) struct Datum {
-    /// What the poses' heights count from, as the survey takes it.
+    /// Zero of the poses' heights, as the survey takes it.
     pub height: HeightConfig,
     /// The same as entries of the configuration.
     pub height_entries: Vec<Entry>,
@@ -304,7 +304,7 @@ impl Shift {
         (self.metres - metres).abs() <= OTHER_LEVEL_M + self.within_m
     }
 
-    /// What it says of a ground that is taken to be of one level with the poses.
+    /// Verdict on a ground that is taken to be of one level with the poses.
     fn verdict(self) -> Verdict {
         match self.metres.abs() - self.within_m {
             gap if gap <= CONFIRMED_M => Verdict::Same,

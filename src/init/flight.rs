@@ -29,9 +29,9 @@ pub struct Flight {
     pub n_photos: usize,
     /// Photos with a pose that can be used.
     pub n_views: usize,
-    /// Of them looking down, within 15° of the vertical.
+    /// Number of them that look down, within 15° of the vertical.
     pub n_nadir: usize,
-    /// Of them tilted more.
+    /// Number of them that are tilted more.
     pub n_oblique: usize,
     /// Heights above the ground, metres.
     pub above_ground_m: Option<Spread>,
@@ -52,7 +52,7 @@ pub struct Flight {
 }
 
 impl Flight {
-    /// Of a survey in the project's frame; without ground nothing is said of heights and pixels.
+    /// Flight of a survey in the project's frame; without ground nothing is said of heights and pixels.
     pub(super) fn of(survey: &Survey, ground: Option<&Terrain>, facts: &[PhotoFacts]) -> Self {
         let n_of = |kind: ViewKind| survey.views.iter().filter(|view| view.kind() == kind).count();
         let sees = ground.map(|ground| overlap(&survey.views, ground));

@@ -49,7 +49,7 @@ pub(super) struct GroundChoice {
     pub passed: Vec<PassedRaster>,
 }
 
-/// What a raster's name says of it.
+/// Kind of a raster by its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Called {
     Terrain,

@@ -236,7 +236,7 @@ pub(super) fn home_of(file: &Path) -> PathBuf {
     file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned()
 }
 
-/// What is written and told in the end.
+/// Files and words in the end.
 fn conclude(request: &InitRequest, story: Story) -> Result<Beginning, InitError> {
     let text = sheet::text(request, &story);
     let Story { found, placed, flight, notes } = story;

@@ -111,7 +111,7 @@ fn survey(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Plac
     }
 }
 
-/// What may bring the poses into a CRS that they do not reach as they are: the datum that they were really taken in.
+/// Entry that may bring the poses into a CRS that they do not reach as they are: the datum that they were really taken in.
 fn datum_to_declare(found: &Findings, placed: &Placed) -> Option<Entry> {
     let is_on_earth = matches!(&found.source.look.world, PoseWorld::Named(crs) if crs.is_geographic());
     let base = placed.frame.crs.geographic_base().ok().filter(|_| placed.survey.views.is_empty() && is_on_earth)?;
@@ -119,7 +119,7 @@ fn datum_to_declare(found: &Findings, placed: &Placed) -> Option<Entry> {
     Some(Entry::off("crs", quoted(&super::frame::short(&base)), about))
 }
 
-/// What settings beside the poses declare of a table: written as they are.
+/// Declarations on a table by settings beside the poses: written as they are.
 fn declared(sheet: &mut Sheet, config: &sizeup_survey::SurveyConfig) {
     let Some(csv) = &config.csv else { return };
     let Ok(toml::Value::Table(table)) = toml::Value::try_from(csv) else { return };

@@ -42,7 +42,7 @@ pub struct FootprintStage {
 }
 
 impl FootprintStage {
-    /// Of footprints that were not found in photos.
+    /// Stage of footprints that were not found in photos.
     #[must_use]
     pub fn of_layer(layer: FootprintLayer, ground: Vec<Option<GroundLevel>>, issues: Vec<Issue>) -> Self {
         Self { layer, ground, issues, tracks: None, detection: None, levels: Vec::new() }
@@ -68,7 +68,7 @@ pub struct HeightStage {
     /// Views whose photo could not be read where roofs were settled by photos, and why.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unread_photos: Vec<(usize, String)>,
-    /// What the ground says against the priors' declared direction.
+    /// Doubt of the ground about the priors' declared direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub doubt: Option<Issue>,
     /// Terrain by the photos.
@@ -108,7 +108,7 @@ fn path_of(config: &RunConfig, stage: Stage) -> PathBuf {
     config.project.output.join("stages").join(format!("{}.json", stage.name()))
 }
 
-/// What a stage and those before it are made from: settings, whatever folder a command was given in, and what their files hold.
+/// Recipe of a stage and those before it: settings, whatever folder a command was given in, and what their files hold.
 fn recipe(config: &RunConfig, stage: Stage, survey: &Survey) -> Recipe {
     let mut recipe = Recipe::new(&settings::of_stage(config, stage));
     contents::add(&mut recipe, config, stage, survey);
@@ -161,7 +161,7 @@ fn check<T: Coherent>(config: &RunConfig, stage: Stage, read: &Read<T>, survey: 
     }
 }
 
-/// What a stage left behind cannot be used.
+/// Error of an artefact that cannot be used.
 fn unusable(config: &RunConfig, stage: Stage, message: String) -> PipelineError {
     PipelineError::Artefact { path: path_of(config, stage), message, stage: stage.name() }
 }
@@ -171,7 +171,7 @@ const MOST_M: f64 = 1e8;
 /// Largest difference of a rotation's determinant from 1.
 const ROTATION_WITHIN: f64 = 1e-6;
 
-/// What a run left behind is a file that anybody may have altered: whatever later stages take for granted is held against it.
+/// Check of a run's file, which anybody may have altered: whatever later stages take for granted is held against it.
 pub(super) trait Coherent {
     /// Says what does not fit.
     fn check(&self) -> Result<(), String>;

@@ -33,7 +33,7 @@ pub enum PipelineError {
         report.display()
     )]
     Unsound {
-        /// What looks wrong, and which other readings look better; a line each.
+        /// Doubts, and other readings that look better; a line each.
         findings: String,
         /// Remedy.
         cure: &'static str,
@@ -86,7 +86,7 @@ pub enum PipelineError {
         /// Why it could not be used.
         reason: String,
     },
-    /// What an earlier stage left behind cannot be used.
+    /// Artefact of an earlier stage that cannot be used.
     #[error("{}: {message}\nhint: run again from the {stage} stage (--from {stage})", path.display())]
     Artefact {
         /// The file.

@@ -21,7 +21,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Of a whole city: its survey, the box around all its footprints, and its highest ground.
+    /// Frame of a whole city: its survey, the box around all its footprints, and its highest ground.
     ///
     /// # Errors
     /// [`PipelineError`] where the views do not look down at such ground, or the settings leave no range of heights.

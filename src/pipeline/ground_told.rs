@@ -111,7 +111,7 @@ impl GroundTold {
         Self { off_m: self.off_m.iter().filter(|(at, _)| area.holds((at[0], at[1]))).copied().collect() }
     }
 
-    /// What the parts of a city, each with its core, say together: of a place that several looked at, the part says it whose
+    /// Verdict of a city's parts, each with its core: of a place that several looked at, the part says it whose
     /// core is closest, the first of equals.
     #[must_use]
     pub fn of_parts(parts: impl IntoIterator<Item = (MapBox, Self)>) -> Self {
@@ -129,7 +129,7 @@ impl GroundTold {
         Self { off_m: told.into_values().map(|(at, _, off_m)| (at, off_m)).collect() }
     }
 
-    /// What is to be said of the terrain as a whole: a shift, or where it differs most.
+    /// Issue of the terrain as a whole: a shift, or where it differs most.
     #[must_use]
     pub fn issue(&self) -> Option<Issue> {
         if self.off_m.len() < MIN_SQUARES {

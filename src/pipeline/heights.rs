@@ -221,7 +221,7 @@ pub(super) fn for_priors(priors: &PriorConfig, optimise: &OptimiseConfig) -> Opt
     optimise
 }
 
-/// What it takes to see whether a new part has yet another level.
+/// Settings to see whether a new part has yet another level.
 fn looking_at_parts(optimise: &OptimiseConfig) -> OptimiseConfig {
     let search = SearchConfig {
         full_sweeps: RESUMED_SWEEPS.min(optimise.search.full_sweeps),

@@ -12,7 +12,7 @@ use sizeup_survey::{Survey, View};
 use super::PipelineError;
 use super::stages::SceneStage;
 
-/// What a run keeps of computed priors, bytes: some 350 of 518 × 350 pixels.
+/// Memory that a run keeps computed priors in, bytes: some 350 of 518 × 350 pixels.
 const KEPT_BYTES: usize = 256 << 20;
 
 /// A source of priors that remembers.

@@ -24,7 +24,7 @@ pub struct Cut {
     /// Name there; its parts are called `ID#1`, `ID#2`, …
     #[serde(default)]
     pub id: String,
-    /// What stands at another level than the rest, map frame.
+    /// Part at another level than the rest, map frame.
     pub other: Polygon<f64>,
     /// Why it is cut.
     #[serde(default)]

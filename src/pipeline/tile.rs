@@ -152,7 +152,7 @@ pub struct PartHashes {
 }
 
 impl PartHashes {
-    /// Of a part that will be solved in a frame.
+    /// Hashes of a part that will be solved in a frame.
     ///
     /// # Errors
     /// [`PipelineError`] where the terrain cannot be read.
@@ -177,7 +177,7 @@ impl PartHashes {
     }
 }
 
-/// What was decided about the footprints of a part.
+/// Decisions about the footprints of a part.
 fn about(footprints: &FootprintStage, reviews: &Reviews) -> Reviews {
     let layer = &footprints.layer;
     let ids = layer.footprints.iter().map(|f| &f.id).chain(layer.refused.iter().map(|refused| &refused.id));

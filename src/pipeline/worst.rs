@@ -7,7 +7,7 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_results::output::unmeasured::{OF_FALLBACK, in_words};
 use sizeup_results::output::{BuildingRecord, Status};
 
-/// What a height that is not there weighs against one that is doubtful.
+/// Weight of a height that is not there against one that is doubtful.
 const WEIGHT_WITHOUT: usize = 2;
 
 /// The most important problem in one sentence; `None` where there is none: what others follow from, or heights that

@@ -24,7 +24,7 @@ pub struct Attempt {
     pub cause: String,
 }
 
-/// What is said of a try that could not tell.
+/// Message on a try that could not tell.
 const KILLED: &str = "it was started and has not come to its end: killed, for memory or a time limit?";
 
 impl Attempt {

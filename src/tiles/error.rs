@@ -43,7 +43,7 @@ pub enum TilesError {
         /// Value asked for.
         id: String,
     },
-    /// What a plan or a tile was made from has changed.
+    /// Input of a plan or a tile that has changed.
     #[error("{what} is stale: {why}\nhint: {hint}")]
     Stale {
         /// Which one.

@@ -19,7 +19,7 @@ const SIDE_LEEWAY: f64 = 2.0;
 /// Frame settled for a city.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CityFrame {
-    /// What it was settled for: it is settled anew where the user asks for something else.
+    /// Request that it was settled for: it is settled anew where the user asks for something else.
     pub asked: serde_json::Value,
     /// Origin of the local frame, map frame, metres.
     pub origin_m: [f64; 3],

@@ -49,7 +49,7 @@ impl Core {
 pub struct Places(RTree<GeomWithData<[f64; 2], usize>>);
 
 impl Places {
-    /// Of the middles of all footprints.
+    /// Index of the middles of all footprints.
     #[must_use]
     pub fn new(middles: &[(f64, f64)]) -> Self {
         Self(RTree::bulk_load(middles.iter().enumerate().map(|(i, &(x, y))| GeomWithData::new([x, y], i)).collect()))

@@ -42,7 +42,7 @@ pub struct Manifest {
     pub view_margin_m: f64,
     /// The configuration, paths resolved.
     pub config: RunConfig,
-    /// What the merge is to make of heights.
+    /// Treatment of heights in the merge.
     pub tileset: Tileset,
     /// Files that all tiles share, with their hashes at the time of the plan.
     pub inputs: Vec<InputFile>,
@@ -194,19 +194,19 @@ impl Layout {
         self.folder.join("tiles").join(format!("{id}.done.json"))
     }
 
-    /// What became of the last try to run a tile that has not come to its end.
+    /// Path of the outcome of the last try to run a tile that has not come to its end.
     #[must_use]
     pub fn attempt(&self, id: &str) -> PathBuf {
         self.folder.join("tiles").join(format!("{id}.try.json"))
     }
 
-    /// What is known of the files that something was made from: a tile, the `"plan"`, or the `"city"`.
+    /// Path of what is known of the files that something was made from: a tile, the `"plan"`, or the `"city"`.
     #[must_use]
     pub fn hashes(&self, of: &str) -> PathBuf {
         self.folder.join("tiles").join("hashes").join(format!("{of}.json"))
     }
 
-    /// What is settled once for the city.
+    /// Path of what is settled once for the city.
     #[must_use]
     pub fn frame(&self) -> PathBuf {
         self.folder.join("tiles").join("frame.json")
@@ -257,7 +257,7 @@ impl Manifest {
         found.ok_or_else(|| TilesError::NoSuchTile { id: id.to_owned() })
     }
 
-    /// What all tiles share.
+    /// Frame that all tiles share.
     #[must_use]
     pub fn frame(&self) -> Frame {
         let [min_m, max_m] = self.heights_m;

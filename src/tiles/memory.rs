@@ -26,7 +26,7 @@ const PER_PRIOR_PIXEL: f64 = 16.0;
 const BREADTH_M: f64 = 20.0;
 /// Pixels of the prior that is assumed where none can be looked at.
 const PRIOR_PIXELS: f64 = 1024.0 * 1024.0;
-/// What the estimate is multiplied by: engines kill what needs more than it asked for.
+/// Factor of the estimate: engines kill what needs more than it asked for.
 const SAFETY: f64 = 1.3;
 
 /// Content of a tile.

@@ -51,7 +51,7 @@ const MAX_PAGE_BUILDINGS: usize = 20_000;
 pub enum Missing {
     /// Without all of them nothing is merged.
     Refuse,
-    /// What there is is merged, and the rest is named.
+    /// Merge of what there is, and names of the rest.
     Allow,
 }
 
@@ -60,7 +60,7 @@ pub enum Missing {
 pub struct MergeOptions {
     /// Tiles that are not done.
     pub missing: Missing,
-    /// What 3D Tiles are made of heights; `None`: what the plan says.
+    /// Treatment of heights in 3D Tiles; `None`: what the plan says.
     pub tileset: Option<Tileset>,
     /// How much of what is known of files is believed.
     pub trust: Trust,
@@ -90,7 +90,7 @@ pub struct Merged {
     pub no_tileset: Option<String>,
     /// Files by name, with their hashes.
     pub outputs: BTreeMap<String, String>,
-    /// What was to be made of heights.
+    /// Treatment of heights.
     pub tileset: Tileset,
     /// All that it was made from.
     pub made_by: Recipe,
@@ -281,7 +281,7 @@ impl JoinedCity<'_> {
         Ok(issues)
     }
 
-    /// What the photos of all tiles say of the terrain.
+    /// Terrain by the photos of all tiles.
     fn ground(&self) -> Result<GroundTold, TilesError> {
         let of_tile = |done: &&Done| -> Result<_, TilesError> {
             let core = self.manifest.tile(&done.tile)?.core;

@@ -24,33 +24,33 @@ use sizeup_survey::Survey;
 pub(super) const BUILDINGS: &str = "buildings.jsonl";
 /// Heights of its halo's buildings, one a line.
 pub(super) const HALO: &str = "halo.jsonl";
-/// What was wrong with its buildings and photos.
+/// Issues of its buildings and photos.
 pub(super) const ISSUES: &str = "issues.json";
-/// What its photos say of the terrain in its core and close to it.
+/// Terrain by its photos in its core and close to it.
 pub(super) const GROUND: &str = "ground.json";
 /// Source.
 pub(super) const LINEAGE: &str = "lineage.json";
 /// Buildings for others.
 const CITY: &str = "city.city.json";
-/// What it cost: differs from run to run, so it is no result.
+/// Cost: differs from run to run, so it is no result.
 pub(super) const COST: &str = "cost.json";
-/// What it read of the footprints, in its lineage.
+/// Role of its part of the footprints, in its lineage.
 pub(super) const PART_OF_FOOTPRINTS: &str = "footprints, the tile's part";
-/// What it read of the terrain, in its lineage.
+/// Role of its part of the terrain, in its lineage.
 pub(super) const PART_OF_TERRAIN: &str = "terrain, the tile's part";
-/// What it read of the reviews, in its lineage.
+/// Role of its part of the reviews, in its lineage.
 pub(super) const PART_OF_REVIEWS: &str = "reviews, the tile's part";
 
-/// What a tile cost.
+/// Cost of a tile.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Cost {
     /// From start to end.
     pub seconds: f64,
-    /// Of all threads, where the system tells.
+    /// Time of all threads, where the system tells.
     pub processor_seconds: Option<f64>,
     /// The most memory that it held, megabytes, where the system tells.
     pub peak_mb: Option<u64>,
-    /// What the plan expected.
+    /// Estimate of the plan.
     pub estimate_mb: u64,
     /// Buildings of core and halo.
     pub n_solved: usize,
@@ -58,7 +58,7 @@ pub(super) struct Cost {
     pub program: String,
 }
 
-/// What running a tile came to.
+/// Outcome of running a tile.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TileRun {
     /// It was done already, with the same input.
@@ -131,7 +131,7 @@ pub fn run_tile(
     }
 }
 
-/// What to do where the plan is stale.
+/// Remedy where the plan is stale.
 pub(super) const PLAN_AGAIN: &str =
     "plan again with `sizeup tiles plan`: tiles that the change does not touch stay done";
 
@@ -181,7 +181,7 @@ fn part_of<'a>(check: &Check<'a>, tile: &Tile, views: TileViews) -> Result<Part<
     Ok(part)
 }
 
-/// What a tile's result was made from: its part of the files that all tiles share, and the priors of the views that were
+/// Inputs of a tile's result: its part of the files that all tiles share, and the priors of the views that were
 /// used.
 fn inputs_of(
     check: &Check<'_>,

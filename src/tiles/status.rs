@@ -35,7 +35,7 @@ pub struct TileStatus {
     /// Why it is stale, or has failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
-    /// Of a tile that is done 0, or 5 where some items have no result; of one that failed that of its last try, if it came
+    /// Exit code of a tile: of one that is done 0, or 5 where some items have no result; of one that failed that of its last try, if it came
     /// to its end.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exit_code: Option<u8>,

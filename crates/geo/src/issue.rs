@@ -72,7 +72,7 @@ const OF_THE_WHOLE: [&str; 9] = [
     "terrain_too_low",
     "terrain_differs",
 ];
-/// Of issues of the same severity, heights come before what may only have led to a wrong one.
+/// Codes that come first among issues of the same severity: heights before what may only have led to a wrong one.
 const OF_HEIGHTS: [&str; 4] = ["height_unknown", "footprint_refused", "height_doubtful", "height_from_fallback"];
 
 impl Issue {

@@ -51,9 +51,9 @@ pub(super) struct City<'a> {
     pub settled: CityFrame,
     pub frame: Frame,
     cell_m: Option<f64>,
-    /// What each view's prior is made from.
+    /// Files that each view's prior is made from.
     priors: Vec<Option<PathBuf>>,
-    /// What people decided about single buildings.
+    /// Decisions of people about single buildings.
     reviews: Reviews,
 }
 
@@ -194,7 +194,7 @@ impl<'a> City<'a> {
     }
 }
 
-/// What a city would be settled to from nothing.
+/// Frame that a city would be settled to from nothing.
 fn settle(
     config: &RunConfig,
     settings: &PlanSettings,

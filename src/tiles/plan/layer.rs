@@ -23,7 +23,7 @@ pub(super) struct CityFootprints {
     pub renamed: BTreeMap<u64, String>,
     /// Buildings without a usable footprint.
     pub refused: Vec<RefusedFootprint>,
-    /// What was repaired or refused.
+    /// Repairs and refusals.
     pub issues: Vec<Issue>,
 }
 

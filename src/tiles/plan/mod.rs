@@ -68,7 +68,7 @@ pub fn plan(
     make(config, settings, &layout, command, tell)
 }
 
-/// What a plan would be, and which tiles would have to be run; the city's folder stays as it is.
+/// Plan as it would be, and which tiles would have to be run; the city's folder stays as it is.
 ///
 /// # Errors
 /// As [`plan`].
@@ -176,7 +176,7 @@ fn make(
     Ok(manifest)
 }
 
-/// What a plan is made from: all settings but where results go, how it is cut, and the files that all tiles share.
+/// Recipe of a plan: all settings but where results go, how it is cut, and the files that all tiles share.
 fn recipe_of(config: &RunConfig, settings: &PlanSettings, inputs: &[InputFile]) -> Recipe {
     let mut config = config.clone();
     config.project.output = PathBuf::new();
@@ -229,7 +229,7 @@ fn shared_inputs(
     hashed.collect()
 }
 
-/// What the plan of a configuration reads, file by file, without reading the poses: what an engine has to look at to know
+/// Inputs of a configuration's plan, file by file, without reading the poses: what an engine has to look at to know
 /// whether to plan again. Masks of photos are known to the plan alone.
 ///
 /// # Errors

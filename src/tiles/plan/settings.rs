@@ -34,14 +34,14 @@ pub struct PlanSettings {
     pub n_threads: usize,
     /// The file that the configuration comes from, which is then part of the input.
     pub config_file: Option<PathBuf>,
-    /// What the merge is to make of heights.
+    /// Treatment of heights in the merge.
     pub tileset: Tileset,
     /// How much of what is known of files is believed.
     pub trust: Trust,
 }
 
 impl PlanSettings {
-    /// What decides how the city is cut.
+    /// Settings that decide how the city is cut.
     pub(super) fn cut(&self) -> serde_json::Value {
         let Self { size_m, n_buildings, halo_m, view_margin_m, memory_mb, .. } = self;
         json!({

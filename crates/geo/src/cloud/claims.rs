@@ -42,7 +42,7 @@ pub(super) enum Claim {
         /// The file's length.
         length: u64,
     },
-    /// What it says of its compression contradicts itself.
+    /// Statement on its compression that contradicts itself.
     #[error(
         "its points are said to be compressed as {compressor}, its items are those of {LAYERED}\nhint: it is damaged: copy it again"
     )]
@@ -50,7 +50,7 @@ pub(super) enum Claim {
         /// The compressor.
         compressor: u16,
     },
-    /// Its chunks have fewer points than the file.
+    /// Chunks with fewer points than the file.
     #[error("its chunks have {counted} points, the file {n_points}\nhint: it is damaged: copy it again")]
     Uncounted {
         /// Points by the table of chunks.

@@ -38,7 +38,7 @@ pub enum RasterError {
         /// Claim.
         excess: Excess,
     },
-    /// Its pixels are partly made up: the file is cut off or garbled.
+    /// Pixels that are partly made up: the file is cut off or garbled.
     #[error("{} is damaged: {words}\nhint: copy or export it again", path.display())]
     Damaged {
         /// The file.

@@ -75,7 +75,7 @@ pub enum TerrainError {
     Config {
         /// Problem.
         problem: String,
-        /// What to write.
+        /// Text to write.
         hint: &'static str,
     },
     /// The file cannot be read.
@@ -113,7 +113,7 @@ pub enum TerrainError {
         /// Kind of the project's heights.
         project_reference: String,
     },
-    /// Its heights are not in metres.
+    /// Heights that are not in metres.
     #[error("terrain {}: its heights are in {unit:?}, expected metres\nhint: `gdal_calc.py` converts them", path.display())]
     NotMetres {
         /// The file.

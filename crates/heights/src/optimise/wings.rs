@@ -74,7 +74,7 @@ impl Wings {
         self.0.iter().map(|gable| gable.rise_m(at)).fold(0.0, f32::max)
     }
 
-    /// Of a footprint: with the main body along either axis, where there is one; none of a plain rectangle, of a footprint with a
+    /// Gables of a footprint: with the main body along either axis, where there is one; none of a plain rectangle, of a footprint with a
     /// courtyard or with walls askew.
     pub fn of(prism: &Prism, axes: Mat2) -> Vec<Self> {
         Lattice::of(prism, axes).map_or_else(Vec::new, |lattice| {

@@ -36,7 +36,7 @@ pub struct Comparison {
     pub cloud: CloudTruthOptions,
     /// Rule that matches buildings.
     pub heights: HeightOptions,
-    /// What the user declares to be added to levels of the reference so that they count from the result's zero, metres; 0
+    /// Shift declared by the user for levels of the reference so that they count from the result's zero, metres; 0
     /// if that is the same. Not declared: by what the files say.
     pub level_shift_m: Option<f64>,
     /// Whether footprints, surfaces and volumes are compared too.

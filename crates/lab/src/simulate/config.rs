@@ -352,6 +352,6 @@ pub struct ErrorConfig {
 }
 
 impl ErrorConfig {
-    /// What a careful survey and a good cadastre have: 0.05 m and 0.05°, vertices 0.3 m, footprints 0.2 m too large.
+    /// Errors of a careful survey and a good cadastre: 0.05 m and 0.05°, vertices 0.3 m, footprints 0.2 m too large.
     pub const REALISTIC: Self = Self { position_m: 0.05, angle_deg: 0.05, vertex_m: 0.3, footprint_m: 0.2 };
 }

@@ -18,7 +18,7 @@ const AROUND_SPACINGS: f64 = 2.2;
 const RANGE_M: [f64; 2] = [-6.0, 4.0];
 /// Most heights tried.
 const MAX_LEVELS: usize = 400;
-/// Of the places, every so many are asked.
+/// Step among the places that are asked.
 const EVERY: usize = 2;
 
 /// Agreement of a surface with the photos, place by place.

@@ -192,7 +192,7 @@ mod tests {
         assert_eq!(ground_correlation(&prior_of_bare_ground(&nadir, PriorKind::Depth), &nadir, &terrain), None);
     }
 
-    /// What is said of a prior of one view whose tag and values were spoilt.
+    /// Message on a prior of one view whose tag and values were spoilt.
     fn told(kind: PriorKind, spoil: impl Fn(usize, f32) -> f32) -> Option<String> {
         let oblique = view(40.0);
         let mut prior = prior_of_bare_ground(&oblique, kind);

@@ -54,7 +54,7 @@ pub enum PriorError {
     Config {
         /// Problem.
         problem: String,
-        /// What to write.
+        /// Text to write.
         hint: String,
     },
     /// No file where one should be.
@@ -76,7 +76,7 @@ pub enum PriorError {
     /// A raster that GDAL cannot read.
     #[error(transparent)]
     Raster(#[from] RasterError),
-    /// Its shape is not the photo's.
+    /// Shape other than the photo's.
     #[error(
         "prior {}: it has {width} × {height} pixels, the photo {view} {photo_width} × {photo_height}: not the same shape\n\
          hint: priors are resized photos, never cropped or padded; networks that round sides to a multiple of 14 need \

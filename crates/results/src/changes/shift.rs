@@ -18,7 +18,7 @@ use sizeup_heights::stats::{SIGMA_PER_MAD, median};
 const MIN_PAIRS: usize = 10;
 /// Standard deviation of a median, in standard deviations of a normal distribution's mean.
 const MEDIAN_SIGMA: f64 = 1.2533;
-/// What lies farther from the middle is left out, and a shift must be more than so many of its own sigmas.
+/// Sigmas from the middle beyond which values are left out, and its own sigmas that a shift must exceed.
 const N_SIGMAS: f64 = 3.0;
 /// The least shift that is taken off, metres: results keep millimetres, and nobody flies to centimetres.
 const LEAST_M: f64 = 0.02;

@@ -37,7 +37,7 @@ pub enum SolidError {
     /// Unreadable, or without CRS.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// Its CRS cannot be brought to the project's.
+    /// CRS that cannot be brought to the project's.
     #[error("cannot bring {} to the project's CRS", path.display())]
     Crs {
         /// The file.

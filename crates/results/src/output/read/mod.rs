@@ -89,7 +89,7 @@ pub enum ReadError {
         /// The file.
         path: PathBuf,
     },
-    /// Its CRS cannot be brought to the project's.
+    /// CRS that cannot be brought to the project's.
     #[error("cannot bring {} to the project's CRS", path.display())]
     Crs {
         /// The file.
