@@ -70,7 +70,7 @@ accuracy: deps ## Measure the tables of docs/accuracy.md and write them there (a
 	tools/accuracy.py measure target/release/sizeup target/accuracy $(DATA)
 	tools/accuracy.py write target/accuracy
 
-accuracy-footprints: deps ## Print the table of outlines from masks in docs/accuracy.md
+accuracy-footprints: deps ## Print the table of footprints from masks in docs/accuracy.md
 	$(CARGO) test --locked --test it table_of_accuracy -- --ignored --nocapture
 
 docs: ## Write docs/reference.md anew, and build the API documentation into target/doc

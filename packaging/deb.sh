@@ -78,7 +78,7 @@ Suggests: qgis
 Description: heights of buildings from oblique aerial photos
  sizeup finds the heights of buildings in oblique aerial photos with known
  poses, and writes a georeferenced LOD1 city as CityJSON and GeoPackage. It
- needs building outlines and one depth map per photo, of which only the order
+ needs building footprints and one depth map per photo, of which only the order
  of near and far has to be right; or it matches the photos with each other.
 CONTROL
 (cd "$root" && find usr -type f -print0 | sort -z | xargs -0 md5sum > DEBIAN/md5sums)

@@ -8,7 +8,7 @@
 //! [`pipeline`] runs four stages; each is a room, and a crate, of its own.
 //!
 //! 1. [`survey`]: photos and poses, in whatever format, into the project's CRS ([`crs`], [`camera`]).
-//! 2. [`footprint`], [`terrain`]: building outlines, and the ground under each.
+//! 2. [`footprint`], [`terrain`]: building footprints, and the ground under each.
 //! 3. [`optimise`]: one height per building. Views are chosen ([`views`]); their rays are traced once through the
 //!    [`scene`] ([`render`]) and compared with the [`prior`] for any height ([`ordinal`] and the local search).
 //! 4. [`output`]: `CityJSON`, `GeoPackage`, issues, lineage and pictures; [`report`]: the page that shows them.

@@ -48,7 +48,7 @@ const TILES: &str = r#"{"made_by":{"settings":{},"parts":{}},"origin_m":[0,0,0],
     {"project":{"crs":"EPSG:25832"},"survey":{"path":"s"},"footprints":{"path":"f"},"terrain":{"constant_m":1.0},"prior":{"source":"stereo"}},
     "tileset":{"written":{"geoid_height":44.0}},"inputs":[],"renamed":{"7":"b"},"n_buildings":1,"n_views":1,"tiles":[{"id":"e0_n0","core":
     {"west_m":0,"south_m":0,"east_m":1,"north_m":1},"halo":{"west_m":0,"south_m":0,"east_m":1,"north_m":1},"n_buildings":1,"n_solved":1,
-    "n_views":1,"memory_mb":9,"views_sha256":"","reads":{"outlines":{"size_bytes":1,"sha256":"00"},"terrain":null}}]}"#;
+    "n_views":1,"memory_mb":9,"views_sha256":"","reads":{"footprints":{"size_bytes":1,"sha256":"00"},"terrain":null}}]}"#;
 const CONFIG: &str = "seed = 3\n[project]\ncrs = \"EPSG:25832\"\n[survey]\npath = \"s\"\n[survey.csv]\nangles = \"ypr\"\n[footprints]\n\
     path = \"f.gpkg\"\n[terrain]\nconstant_m = 12.0\n[prior]\nsource = \"files\"\npath = \"d/{stem}.npy\"\nkind = \"depth\"\n";
 const OPF: &str = r#"{"format":"application/opf-project+json","version":"1.0","items":[{"id":"b","type":"camera_list","resources":[

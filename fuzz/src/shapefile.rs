@@ -12,7 +12,7 @@ use gdal::vector::{FieldDefn, Geometry, LayerAccess as _, LayerOptions, OGRField
 /// The three that belong together.
 pub const PARTS: [&str; 3] = ["shp", "shx", "dbf"];
 
-/// Writes `a.shp` and what belongs to it into a folder: two outlines, one with a hole, and their names.
+/// Writes `a.shp` and what belongs to it into a folder: two footprints, one with a hole, and their names.
 pub fn write(folder: &Path) -> Result<(), Box<dyn Error>> {
     let utm = SpatialRef::from_epsg(25832)?;
     let path = folder.join("a.shp");
@@ -21,7 +21,7 @@ pub fn write(folder: &Path) -> Result<(), Box<dyn Error>> {
     let layer = dataset.create_layer(LayerOptions { name: "a", srs: Some(&utm), ty, ..LayerOptions::default() })?;
     FieldDefn::new("id", OGRFieldType::OFTString)?.add_to_layer(&layer)?;
     FieldDefn::new("floors", OGRFieldType::OFTReal)?.add_to_layer(&layer)?;
-    for (id, outline) in [
+    for (id, footprint) in [
         ("a", "POLYGON ((5e5 57e5, 500009 57e5, 500009 5700009, 5e5 57e5))"),
         (
             "b",
@@ -30,7 +30,7 @@ pub fn write(folder: &Path) -> Result<(), Box<dyn Error>> {
         ),
     ] {
         let mut feature = gdal::vector::Feature::new(layer.defn())?;
-        feature.set_geometry(Geometry::from_wkt(outline)?)?;
+        feature.set_geometry(Geometry::from_wkt(footprint)?)?;
         feature.set_field_string(0, id)?;
         feature.set_field_double(1, 2.5)?;
         feature.create(&layer)?;

@@ -1,6 +1,6 @@
 # %% [markdown]
 # # Heights from arrays
-# Outlines, poses and depth maps as NumPy arrays in; one height per building out. No file, no GIS. Each `# %%` is a cell in editors
+# Footprints, poses and depth maps as NumPy arrays in; one height per building out. No file, no GIS. Each `# %%` is a cell in editors
 # that know notebooks; as a script it runs from top to bottom: `python heights_from_arrays.py`.
 
 # %%
@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 GROUND_M = 48.0
 
 # %% [markdown]
-# Two outlines in metres of a projected CRS, east and north. Shapely's polygons and GeoJSON will do as well.
+# Two footprints in metres of a projected CRS, east and north. Shapely's polygons and GeoJSON will do as well.
 
 # %%
 house = np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 10.0], [0.0, 10.0]])
@@ -35,9 +35,9 @@ def depth_of(camera: sizeup.Camera, eye: Floats, rotation: Floats) -> Floats:
     in_camera = np.stack([right, down, np.ones_like(x)], axis=-1)
     rays = in_camera @ rotation  # rotation takes map to camera, so rows times it go back
     depth: Floats = np.where(rays[..., 2] < 0, (GROUND_M - eye[2]) / rays[..., 2], np.nan)  # no ground in the sky
-    for outline, height_m in BLOCKS:
-        low = np.array([*outline.min(axis=0), GROUND_M])
-        high = np.array([*outline.max(axis=0), GROUND_M + height_m])
+    for footprint, height_m in BLOCKS:
+        low = np.array([*footprint.min(axis=0), GROUND_M])
+        high = np.array([*footprint.max(axis=0), GROUND_M + height_m])
         near, far = np.sort([(low - eye) / rays, (high - eye) / rays], axis=0)
         enter, leave = near.max(axis=-1), far.min(axis=-1)
         is_hit = (enter < leave) & (enter > 0)

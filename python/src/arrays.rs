@@ -1,7 +1,7 @@
 //! Heights from arrays in memory: the method's crate, without files.
 //!
 //! Frames: map (easting, northing, up, metres), camera (x right, y down, z forward), image (pixels, the top-left pixel's centre
-//! at 0.5). Arrays come as bytes, little-endian, row-major: outlines `n × 2` of `f64`, depths and terrain of `f32`, NaN = no
+//! at 0.5). Arrays come as bytes, little-endian, row-major: footprints `n × 2` of `f64`, depths and terrain of `f32`, NaN = no
 //! value. Python has looked at their shapes.
 
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -146,7 +146,7 @@ fn task(
                 "give the terrain's height at the building, metres in the map's vertical datum",
             ));
         }
-        Ok(Building { footprint: outline(i, rings)?, ground: GroundLevel { reference_m, lowest_m } })
+        Ok(Building { footprint: footprint(i, rings)?, ground: GroundLevel { reference_m, lowest_m } })
     };
     let buildings =
         footprints.iter().zip(&question.ground_m).enumerate().map(building).collect::<Result<Vec<_>, _>>()?;
@@ -161,22 +161,22 @@ fn task(
 }
 
 /// A footprint that the method can use, or what is wrong with it.
-fn outline(i: usize, rings: &[Vec<u8>]) -> Result<Polygon<f64>, Failure> {
+fn footprint(i: usize, rings: &[Vec<u8>]) -> Result<Polygon<f64>, Failure> {
     let ring = |bytes: &Vec<u8>| {
         let numbers: Vec<f64> = bytes.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
         LineString::new(numbers.as_chunks::<2>().0.iter().map(|[x, y]| Coord { x: *x, y: *y }).collect())
     };
     let (exterior, holes) = rings.split_first().ok_or_else(|| {
-        Failure::of_input(format!("footprints[{i}]: no ring"), "an outline is an n × 2 array of easting and northing")
+        Failure::of_input(format!("footprints[{i}]: no ring"), "a footprint is an n × 2 array of easting and northing")
     })?;
-    let outline = Polygon::new(ring(exterior), holes.iter().map(ring).collect());
-    outline.check_validation().map_err(|fault| {
+    let footprint = Polygon::new(ring(exterior), holes.iter().map(ring).collect());
+    footprint.check_validation().map_err(|fault| {
         Failure::of_input(
             format!("footprints[{i}]: {fault}"),
-            "an outline is a simple ring of three corners or more, metres in the map frame, holes inside it; shapely.make_valid mends most",
+            "a footprint is a simple ring of three corners or more, metres in the map frame, holes inside it; shapely.make_valid mends most",
         )
     })?;
-    Ok(outline)
+    Ok(footprint)
 }
 
 fn view(i: usize, facts: ViewFacts, depth: Option<&[u8]>) -> Result<View, Failure> {

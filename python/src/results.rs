@@ -28,7 +28,7 @@ fn city(path: &std::path::Path) -> Result<String, Failure> {
     Ok(json!({ "crs": crs, "lineage": file.lineage(), "buildings": buildings }).to_string())
 }
 
-/// A building's record, its outline as GeoJSON: exterior counter-clockwise, holes clockwise, first point repeated.
+/// A building's record, its footprint as GeoJSON: exterior counter-clockwise, holes clockwise, first point repeated.
 fn building(record: &BuildingRecord) -> Value {
     let mut value = serde_json::to_value(record).expect("a record is what files of results hold as JSON");
     if let Some(fields) = value.as_object_mut() {
@@ -39,8 +39,8 @@ fn building(record: &BuildingRecord) -> Value {
     value
 }
 
-fn geojson(outline: &Polygon<f64>) -> Value {
+fn geojson(footprint: &Polygon<f64>) -> Value {
     let ring = |ring: &LineString<f64>| ring.0.iter().map(|p| [p.x, p.y]).collect::<Vec<_>>();
-    let rings: Vec<_> = std::iter::once(outline.exterior()).chain(outline.interiors()).map(ring).collect();
+    let rings: Vec<_> = std::iter::once(footprint.exterior()).chain(footprint.interiors()).map(ring).collect();
     json!({ "type": "Polygon", "coordinates": rings })
 }

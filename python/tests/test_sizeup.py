@@ -39,7 +39,7 @@ class Arrays(unittest.TestCase):
         np.testing.assert_allclose(point[:2], 0.0, atol=1e-9)
         self.assertGreater(point[2], 0.0)
 
-    def test_geojson_holes_and_shapes_with_an_interface_are_outlines(self):
+    def test_geojson_holes_and_shapes_with_an_interface_are_footprints(self):
         hole = [[4.0, 4.0], [4.0, 6.0], [6.0, 6.0], [6.0, 4.0]]
         polygon = {"type": "Polygon", "coordinates": [SQUARE, hole]}
         shape = type("Shape", (), {"__geo_interface__": polygon})()

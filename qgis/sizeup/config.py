@@ -52,8 +52,8 @@ class Masks:
 
 
 @dataclass(frozen=True)
-class OutlineNetwork:
-    """A segmentation network that finds outlines in the nadir photos."""
+class FootprintNetwork:
+    """A segmentation network that finds footprints in the nadir photos."""
 
     model: str
     profile: str
@@ -110,7 +110,7 @@ class RunSettings:
     images: Optional[str] = None
     pose_crs: Optional[str] = None
     offset: Optional[Tuple[float, float, float]] = None
-    footprints: Union[Layer, Masks, OutlineNetwork, None] = None
+    footprints: Union[Layer, Masks, FootprintNetwork, None] = None
     dtm: Optional[str] = None
     ground_m: Optional[float] = None
     prior: Optional[Prior] = None

@@ -20,7 +20,7 @@ from .config import Layer
 from .words import Speaks
 
 
-class Outlines(Speaks):
+class Footprints(Speaks):
     """A vector layer that the program shall read: as the file it is, or else exported.
 
     Made on the main thread, where layers may be looked at; `file` may be called on any.

@@ -32,9 +32,9 @@ pub struct AccuracyConfig {
     /// Towns of real buildings, besides.
     #[serde(default)]
     pub real: Vec<RealTown>,
-    /// How far priors are from the truth.
+    /// Error of priors.
     pub levels: Vec<PriorLevel>,
-    /// What is run.
+    /// Methods that are run.
     pub methods: Vec<Method>,
     /// Buildings per scene.
     pub n_buildings: usize,
@@ -45,7 +45,7 @@ pub struct AccuracyConfig {
     /// Size of the photos, where the methods get any (`robust` then settles roofs by them; simulating takes much longer).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub photo_px: Option<[u32; 2]>,
-    /// Errors of poses and outlines as the methods get them.
+    /// Errors of poses and footprints as the methods get them.
     pub errors: ErrorConfig,
 }
 
@@ -135,7 +135,7 @@ pub(super) fn word(value: &impl Serialize) -> String {
     serde_json::to_value(value).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
-/// What stands in a scene.
+/// Buildings of a scene.
 #[derive(Debug, Clone, PartialEq)]
 enum Town {
     Simulated(TownKind),
@@ -189,7 +189,7 @@ pub struct AccuracyRow {
 /// The matrix as a whole.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AccuracyTable {
-    /// What was simulated.
+    /// Settings of the simulation.
     pub config: AccuracyConfig,
     /// By level, town and method.
     pub rows: Vec<AccuracyRow>,
@@ -306,8 +306,8 @@ impl AccuracyTable {
         let e = &c.errors;
         let _ = writeln!(
             text,
-            "Simulated towns of {} buildings, {} views of {} × {} px, seeds {:?}; errors: position {} m, angle {}°, outline \
-             corners {} m, outlines {} m too large{}.\n",
+            "Simulated towns of {} buildings, {} views of {} × {} px, seeds {:?}; errors: position {} m, angle {}°, footprint \
+             corners {} m, footprints {} m too large{}.\n",
             c.n_buildings,
             c.n_views,
             c.image_px[0],
@@ -316,7 +316,7 @@ impl AccuracyTable {
             e.position_m,
             e.angle_deg,
             e.vertex_m,
-            e.outline_m,
+            e.footprint_m,
             c.photo_px.map_or_else(String::new, |[w, h]| format!("; photos of {w} × {h} px"))
         );
         for rows in by_level.values() {

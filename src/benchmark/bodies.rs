@@ -26,7 +26,7 @@ pub(super) fn true_bodies(scene: &str, config: &SimulateConfig) -> Result<Vec<So
     Ok(world.buildings.iter().map(body).collect())
 }
 
-/// Roofs, walls down to the lowest ground, and a bottom below the roofs, which tile the outline.
+/// Roofs, walls down to the lowest ground, and a bottom below the roofs, which tile the footprint.
 fn body(building: &Building) -> Solid {
     let corners = || building.triangles.iter().flat_map(|t| t.corners);
     let base_m = corners().map(|p| p.z).fold(f64::INFINITY, f64::min) + FOUNDATION_M;
@@ -65,7 +65,7 @@ mod tests {
             let volume = scores.volume.unwrap_or_else(|| panic!("{kind:?}: open meshes"));
             assert!(volume.voxel_iou.values().all(|iou| *iou == 1.0) && volume.column_iou == 1.0);
             assert!(scores.surface.unwrap().error_95_m < 1e-6);
-            // Volume is outline area times mean height, plus what lies between mean and lowest ground.
+            // Volume is footprint area times mean height, plus what lies between mean and lowest ground.
             let world = world(&config).unwrap();
             let least: f64 = world.buildings.iter().map(|b| geo::Area::unsigned_area(&b.footprint) * b.height_m).sum();
             assert!(

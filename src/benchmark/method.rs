@@ -15,7 +15,7 @@ use sizeup_lab::baseline::{
 use sizeup_lab::evaluate::TruthBuilding;
 use sizeup_lab::evaluate::solid::{Prism, Solid};
 
-/// A way from a scene's evidence to one height, or one body, per outline.
+/// A way from a scene's evidence to one height, or one body, per footprint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
@@ -29,23 +29,23 @@ pub enum Method {
     RegressionL1,
     /// Squared differences of normalised depth, made small as `paper` makes its loss small.
     RegressionL2,
-    /// Median of a point cloud inside each outline.
+    /// Median of a point cloud inside each footprint.
     PointsP50,
-    /// 70th percentile of a point cloud inside each outline.
+    /// 70th percentile of a point cloud inside each footprint.
     PointsP70,
-    /// 90th percentile of a point cloud inside each outline.
+    /// 90th percentile of a point cloud inside each footprint.
     PointsP90,
     /// The median height of the truth for every building: what a guess of one number can do at best, or nearly so.
     Constant,
     /// The median of the true heights of the five nearest other buildings.
     Neighbourhood,
-    /// Convex hull of a point cloud around each outline.
+    /// Convex hull of a point cloud around each footprint.
     ConvexHull,
-    /// Stacked prisms from slabs of a point cloud around each outline.
+    /// Stacked prisms from slabs of a point cloud around each footprint.
     StackedPrisms,
 }
 
-/// What methods other than those from priors work from.
+/// Evidence of methods other than those from priors.
 #[derive(Debug, Clone, Default)]
 pub struct Aids {
     /// Point cloud, map frame.
@@ -54,12 +54,12 @@ pub struct Aids {
     pub known: Vec<(DVec2, f64)>,
 }
 
-/// What came out: heights, and bodies where the method makes its own.
+/// Answer: heights, and bodies where the method makes its own.
 #[derive(Debug, Clone)]
 pub struct Answer {
     /// Heights.
     pub solution: Solution,
-    /// Bodies in place of extruded outlines.
+    /// Bodies in place of extruded footprints.
     pub bodies: Option<Vec<Solid>>,
 }
 
@@ -67,13 +67,13 @@ pub struct Answer {
 const N_NEIGHBOURS: usize = 5;
 /// A known building whose centre is this near is the building itself, metres.
 const SAME_M: f64 = 3.0;
-/// Points this near to an outline's border are left out of percentiles, metres.
+/// Points this near to a footprint's border are left out of percentiles, metres.
 const INSET_M: f64 = 0.5;
 /// Points below which a cloud says nothing about a building.
 const MIN_POINTS: usize = 5;
 
 impl Method {
-    /// What it does, in a line.
+    /// Definition, in a line.
     #[must_use]
     pub fn definition(self) -> &'static str {
         match self {
@@ -82,12 +82,12 @@ impl Method {
             Self::MetricLift => "each view's prior to metres on free ground, roof pixels lifted, medians per building",
             Self::RegressionL1 => "absolute differences of normalised inverse depth made small, otherwise as `paper`",
             Self::RegressionL2 => "squared differences of normalised inverse depth made small, otherwise as `paper`",
-            Self::PointsP50 => "median of a point cloud inside each outline, minus the ground",
-            Self::PointsP70 => "70th percentile of a point cloud inside each outline, minus the ground",
-            Self::PointsP90 => "90th percentile of a point cloud inside each outline, minus the ground",
+            Self::PointsP50 => "median of a point cloud inside each footprint, minus the ground",
+            Self::PointsP70 => "70th percentile of a point cloud inside each footprint, minus the ground",
+            Self::PointsP90 => "90th percentile of a point cloud inside each footprint, minus the ground",
             Self::Constant => "the median of known heights for every building",
             Self::Neighbourhood => "the median height of the five nearest known buildings",
-            Self::ConvexHull => "convex hull in space of a point cloud inside each outline",
+            Self::ConvexHull => "convex hull in space of a point cloud inside each footprint",
             Self::StackedPrisms => {
                 "prisms from slabs of a point cloud, a new one where the hull grows (after ProxyRecon)"
             }
@@ -191,7 +191,7 @@ fn bodies(method: Method, problem: &Problem<'_>, cloud: &SegmentedCloud) -> Answ
             return convex_hull(points).ok().map(|hull| Solid::of_triangles(&i.to_string(), hull));
         }
         let slabs = stacked_prisms(points, *ground_m, &SlabConfig::default());
-        let prisms = slabs.into_iter().map(|slab| Prism { outline: slab.outline, levels_m: slab.levels_m });
+        let prisms = slabs.into_iter().map(|slab| Prism { footprint: slab.footprint, levels_m: slab.levels_m });
         let solid = Solid::of_prisms(&i.to_string(), prisms.collect());
         (!solid.facets.is_empty()).then_some(solid)
     };

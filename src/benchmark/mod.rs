@@ -37,7 +37,7 @@ use sizeup_lab::evaluate::EvaluationError;
 use sizeup_lab::simulate::SimulateError;
 use sizeup_results::output::read::ReadError;
 
-/// Where a suite works and what it keeps.
+/// Folder of a suite, and what it keeps.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Plan {
     /// Folder of scenes, outcomes and tables.
@@ -55,7 +55,7 @@ pub struct Plan {
 pub struct Again {
     /// All of these methods.
     pub methods: Vec<Method>,
-    /// Of all methods those that another program made.
+    /// Outcomes that another program made, of all methods.
     pub outdated: bool,
 }
 
@@ -68,13 +68,13 @@ pub enum BenchmarkError {
     /// Settings out of range.
     #[error("{setting} is empty\nhint: name at least one")]
     Empty {
-        /// Its name.
+        /// Name.
         setting: &'static str,
     },
     /// A scene could not be simulated.
     #[error("scene {scene}: {source}")]
     Simulate {
-        /// Its name.
+        /// Name.
         scene: String,
         /// Why.
         source: SimulateError,
@@ -82,7 +82,7 @@ pub enum BenchmarkError {
     /// The cameras of a scene could not be read.
     #[error("cameras of scene {scene}: {source}")]
     Cameras {
-        /// Its name.
+        /// Name.
         scene: String,
         /// Why.
         source: sizeup_survey::SurveyError,
@@ -90,7 +90,7 @@ pub enum BenchmarkError {
     /// The configuration of a simulated scene could not be read.
     #[error("scene {scene}: {source}")]
     Config {
-        /// Its name.
+        /// Name.
         scene: String,
         /// Why.
         source: ConfigError,
@@ -108,7 +108,7 @@ pub enum BenchmarkError {
     /// A scene that no suite has.
     #[error("unknown scene {name:?}\nhint: the scenes are {known}")]
     UnknownScene {
-        /// What was asked for.
+        /// Value asked for.
         name: String,
         /// All names.
         known: String,

@@ -30,7 +30,7 @@ struct PaperScene {
     preset: &'static str,
     /// Views per selection of the `paper` method.
     n_selected: usize,
-    /// What the paper states for its scene of that name.
+    /// Statement of the paper on its scene of that name.
     published: Option<PublishedHeights>,
     change: fn(&mut SimulateConfig),
 }
@@ -132,11 +132,11 @@ const PUBLISHED_BODIES: [PublishedBody; 16] = [
 pub struct PaperConfig {
     /// Names of scenes.
     pub scenes: Vec<String>,
-    /// What is run.
+    /// Methods that are run.
     pub methods: Vec<Method>,
-    /// How far priors are from the truth.
+    /// Error of priors.
     pub level: PriorLevel,
-    /// Errors of poses and outlines as the methods get them.
+    /// Errors of poses and footprints as the methods get them.
     pub errors: ErrorConfig,
     /// Root seed.
     pub seed: u64,
@@ -196,7 +196,7 @@ impl PaperConfig {
     }
 }
 
-/// What was measured on a scene.
+/// Measurements on a scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PaperResult {
     /// Name of the scene.
@@ -210,7 +210,7 @@ pub struct PaperResult {
 /// The suite as a whole.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PaperTables {
-    /// What was run.
+    /// Settings of the run.
     pub config: PaperConfig,
     /// By scene.
     pub scenes: Vec<PaperResult>,
@@ -292,7 +292,7 @@ impl PaperTables {
              roofs within 0.5 and 1 m of the result. `constant` and `neighbourhood` are told true heights (the median of all; the \
              five nearest others) and stand for what no evidence at all gives. Points: simulated sparse multi-view points with \
              noise, gaps and blunders; making them takes a real pipeline far longer than the times here, which leave it out. \
-             ArcPro and the learned outline extractors: not reproduced, no public weights or code. ",
+             ArcPro and the learned footprint extractors: not reproduced, no public weights or code. ",
         );
         text.push_str(&self.programs.to_markdown());
         text.push_str(&published());

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Outcome;
 
-/// How many outcomes each program made.
+/// Number of outcomes by program.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Programs {
     /// The program that wrote the table.
@@ -16,7 +16,7 @@ pub struct Programs {
 }
 
 impl Programs {
-    /// Of the outcomes of a table.
+    /// Programs of the outcomes of a table.
     pub fn of<'a>(written_by: &str, outcomes: impl Iterator<Item = &'a Outcome>) -> Self {
         let mut n_outcomes = BTreeMap::new();
         for outcome in outcomes {

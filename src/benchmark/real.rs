@@ -12,14 +12,14 @@ use sizeup_survey::{SurveyConfig, SurveyError, View, ViewKind};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RealTown {
-    /// Its name in tables and files.
+    /// Name in tables and files.
     pub name: String,
     /// The buildings: which part of which file.
     pub cityjson: CityJsonConfig,
     /// The cameras; absent: a simulated flight.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cameras: Option<RealCameras>,
-    /// Errors of poses and outlines as the methods get them; absent: none, both are as their files have them.
+    /// Errors of poses and footprints as the methods get them; absent: none, both are as their files have them.
     #[serde(default)]
     pub errors: ErrorConfig,
 }
@@ -30,7 +30,7 @@ pub struct RealTown {
 pub struct RealCameras {
     /// The survey.
     pub survey: SurveyConfig,
-    /// Its coordinate reference system, as `EPSG:n`.
+    /// Coordinate reference system, as `EPSG:n`.
     pub crs: String,
     /// The place, easting and northing, metres; at ground level 0.
     pub at_m: [f64; 2],

@@ -30,7 +30,7 @@ pub struct SigmaClass {
     pub mean_sigma_m: f64,
     /// Error that 68 % of them stay below, metres: sigma is what it says where the two are equal. `None` for few buildings.
     pub error_68_m: Option<f64>,
-    /// Of these buildings, the share that is not flagged as doubtful.
+    /// Share of these buildings that is not flagged as doubtful.
     pub measured_share: f64,
 }
 

@@ -52,7 +52,7 @@ pub struct SceneJob {
     pub name: String,
     /// The scene.
     pub simulate: SimulateConfig,
-    /// What is run.
+    /// Methods that are run.
     pub variants: Vec<Variant>,
     /// Real cameras in place of the scene's flight, and how many of them.
     pub cameras: Option<(RealCameras, usize)>,
@@ -79,7 +79,7 @@ impl SceneJob {
     }
 }
 
-/// What a method achieved on a scene.
+/// Outcome of a method on a scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
     /// Name of the scene.
@@ -221,7 +221,7 @@ fn simulated(job: &SceneJob, plan: &Plan) -> Result<PathBuf, BenchmarkError> {
     Ok(folder)
 }
 
-/// What an outcome was made of, and by which program.
+/// Origin of an outcome: inputs and program.
 struct Origin {
     settings_sha256: String,
     program: String,
@@ -283,7 +283,7 @@ fn run_variant(job: &SceneJob, variant: &Variant, folder: &Path, origin: Origin)
     })
 }
 
-/// What the method needs beside priors.
+/// Evidence that the method needs beside priors.
 fn aids(method: Method, folder: &Path, truth: &[TruthBuilding]) -> Result<Aids, BenchmarkError> {
     let points = if method.needs_points() { cloud::read(&folder.join("points.xyz"))?.points } else { Vec::new() };
     Ok(Aids { points, known: if method.needs_known() { Aids::known_of(truth) } else { Vec::new() } })

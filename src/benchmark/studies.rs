@@ -22,7 +22,7 @@ const STABLE_CHANGE: f64 = 0.005;
 /// More views than any town has.
 const ALL_VIEWS: usize = 1_000_000;
 
-/// What is changed.
+/// Setting that is changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Study {
@@ -152,7 +152,7 @@ struct Row {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct StudyConfig {
-    /// What is changed; empty: no study.
+    /// Settings that are changed; empty: no study.
     pub of: Vec<Study>,
     /// Seeds of the towns.
     pub seeds: Vec<u64>,
@@ -160,9 +160,9 @@ pub struct StudyConfig {
     pub towns: Vec<TownKind>,
     /// Seeds of the solver; each town is solved with each.
     pub solver_seeds: Vec<u64>,
-    /// How far priors are from the truth.
+    /// Error of priors.
     pub level: PriorLevel,
-    /// Errors of poses and outlines as the method gets them.
+    /// Errors of poses and footprints as the method gets them.
     pub errors: ErrorConfig,
     /// Buildings per town.
     pub n_buildings: usize,
@@ -272,7 +272,7 @@ pub struct StabilityRow {
 /// All studies.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct StudyTables {
-    /// What was run; `None`: nothing.
+    /// Settings of the run; `None`: nothing.
     pub config: Option<StudyConfig>,
     /// By study, its rows; the method as it is comes first.
     pub studies: Vec<(Study, Vec<StudyRow>)>,

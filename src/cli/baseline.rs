@@ -98,7 +98,7 @@ fn aids(method: Method, args: &BaselineArgs, config: &RunConfig) -> Result<Aids,
         if aids.known.is_empty() {
             return Err(Failure::from_text(
                 3,
-                format!("{} has no building with an outline and a height", path.display()),
+                format!("{} has no building with a footprint and a height", path.display()),
             ));
         }
     }

@@ -63,7 +63,7 @@ pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> 
     match args.suite {
         Suite::Accuracy => {
             let config = if args.small { AccuracyConfig::small() } else { AccuracyConfig::default() };
-            let table = accuracy::run(&with_assignments(&config, args)?, &plan, &tell);
+            let table = accuracy::run(&with_assignments(&config, args, &ui)?, &plan, &tell);
             ui.finish();
             let table = table.map_err(|e| failure(&e))?;
             tell_programs(&ui, &table.programs);
@@ -71,7 +71,7 @@ pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> 
         }
         Suite::Paper => {
             let config = if args.small { PaperConfig::small() } else { PaperConfig::default() };
-            let tables = paper::run(&with_assignments(&config, args)?, &plan, &tell);
+            let tables = paper::run(&with_assignments(&config, args, &ui)?, &plan, &tell);
             ui.finish();
             let tables = tables.map_err(|e| failure(&e))?;
             tell_programs(&ui, &tables.programs);
@@ -82,12 +82,17 @@ pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> 
     Ok(0)
 }
 
-fn with_assignments<T>(config: &T, args: &BenchmarkArgs) -> Result<T, Failure>
+fn with_assignments<T>(config: &T, args: &BenchmarkArgs, ui: &Ui) -> Result<T, Failure>
 where
     T: serde::Serialize + serde::de::DeserializeOwned,
 {
     let text = toml::to_string(config).map_err(|e| Failure::new(4, &e))?;
-    crate::config::parse(&text, None, &args.assignments).map_err(|e| Failure::new(2, &e))
+    let (config, notes) =
+        crate::config::parse_scene(&text, None, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    for note in &notes {
+        ui.say(format!("note: {}", note.message));
+    }
+    Ok(config)
 }
 
 /// Stands for all outcomes that another program made.

@@ -21,7 +21,7 @@ pub struct DemoArgs {
 
 pub(super) fn run(args: &DemoArgs, global: &Global) -> Result<u8, Failure> {
     let ui = Ui::new(global);
-    ui.say("1. Simulating a small town with known heights: photos, poses, outlines, terrain and depth priors");
+    ui.say("1. Simulating a small town with known heights: photos, poses, footprints, terrain and depth priors");
     let preset = SimulateConfig::preset("demo").map_err(|e| Failure::new(4, &e))?;
     let scene = super::simulate::make(&preset, &args.output.join("scene"), &ui)?;
 

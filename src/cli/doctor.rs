@@ -250,10 +250,10 @@ fn proj() -> [Finding; 2] {
     ]
 }
 
-/// How well positions of the poses, the outlines and the terrain reach the project's plane, and the grid that would bring
+/// How well positions of the poses, the footprints and the terrain reach the project's plane, and the grid that would bring
 /// them there better.
 fn planes(config: &RunConfig) -> Vec<Finding> {
-    let outlines = match &config.footprints {
+    let footprints = match &config.footprints {
         FootprintSource::Layer(layer) => layer.crs.clone().or_else(|| {
             let source = VectorLayer::open(&layer.path, layer.layer.as_deref()).ok()?;
             source.crs().ok().flatten()
@@ -265,7 +265,7 @@ fn planes(config: &RunConfig) -> Vec<Finding> {
         .crs
         .clone()
         .or_else(|| RasterFile::open(config.terrain.dtm.as_ref()?).ok()?.crs().ok().flatten());
-    let systems = [("survey.crs", config.survey.crs.clone()), ("footprints", outlines), ("terrain.dtm", terrain)];
+    let systems = [("survey.crs", config.survey.crs.clone()), ("footprints", footprints), ("terrain.dtm", terrain)];
     let known = systems.into_iter().filter_map(|(what, crs)| Some((what, crs?)));
     known.filter_map(|(what, from)| plane(what, &from, &config.project.crs)).collect()
 }

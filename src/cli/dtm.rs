@@ -39,7 +39,7 @@ pub struct DtmArgs {
     /// Cells of the model, metres.
     #[arg(long, value_name = "METRES", default_value_t = DtmConfig::default().cell_m)]
     pub cell: f64,
-    /// How far beyond the outlines the model reaches, metres.
+    /// How far beyond the footprints the model reaches, metres.
     #[arg(long, value_name = "METRES", default_value_t = DtmConfig::default().margin_m)]
     pub margin: f64,
     /// Set one key of the configuration. May be repeated.
@@ -71,14 +71,14 @@ pub(super) fn run(args: &DtmArgs, global: &Global) -> Result<u8, Failure> {
         ..DtmConfig::default()
     };
     let ui = Ui::new(global);
-    let (dtm, outlines) =
+    let (dtm, footprints) =
         pipeline::dtm_of_photos(&config, &settings, &|done, total| ui.advance_named(GROUND, done, total))
             .map_err(|e| Failure::new(e.exit_code(), &e))?;
     ui.finish();
     let crs = &config.project.crs;
     pipeline::write_dtm(&dtm, crs, &args.output).map_err(|e| Failure::new(e.exit_code(), &e))?;
     let picture = args.output.with_extension("png");
-    let polygons: Vec<_> = outlines.iter().collect();
+    let polygons: Vec<_> = footprints.iter().collect();
     write_png(&picture, &relief_map(&dtm, &polygons, crs)).map_err(|e| Failure::new(4, &e))?;
     let found = summary(&dtm);
     ui.say(format!(

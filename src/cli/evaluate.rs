@@ -23,12 +23,12 @@ use sizeup_results::output::HeightReference;
   sizeup evaluate result/city.gpkg lod2.city.json --height-reference ridge --json
   sizeup evaluate result/city.city.json lod2.city.json --same-vertical
   sizeup evaluate result/city.city.json lidar.laz --truth-crs EPSG:7415
-  sizeup evaluate outlines-in-photos.json SET/test.json")]
+  sizeup evaluate footprints-in-photos.json SET/test.json")]
 pub struct EvaluateArgs {
-    /// Result: CityJSON, a vector layer with a height attribute, or OBJ; outlines in photos as COCO.
+    /// Result: CityJSON, a vector layer with a height attribute, or OBJ; footprints in photos as COCO.
     pub result: PathBuf,
     /// Reference: CityJSON of any version and level of detail, a vector layer with a height attribute, OBJ, a point
-    /// cloud (LAS, LAZ, or XYZ with instance ids), or outlines in the same photos as COCO.
+    /// cloud (LAS, LAZ, or XYZ with instance ids), or footprints in the same photos as COCO.
     pub truth: PathBuf,
     /// Height attribute of the reference, metres above ground.
     #[arg(long, value_name = "NAME")]
@@ -58,7 +58,7 @@ pub struct EvaluateArgs {
     /// Metres to add to levels of the reference so that they count from the result's zero, where PROJ lacks the grid.
     #[arg(long, value_name = "METRES", allow_negative_numbers = true, conflicts_with = "same_vertical")]
     pub level_shift: Option<f64>,
-    /// Compare heights only: no outlines, surfaces and volumes.
+    /// Compare heights only: no footprints, surfaces and volumes.
     #[arg(long)]
     pub heights_only: bool,
     /// Draw a map of the errors and the reliability of the stated sigmas into this folder.
@@ -70,13 +70,13 @@ pub struct EvaluateArgs {
     /// Level of the ground of a point cloud without ground points, metres.
     #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
     pub ground: Option<f64>,
-    /// For outlines in photos: leave out instances of the result with a lower score, 0 to 1.
+    /// For footprints in photos: leave out instances of the result with a lower score, 0 to 1.
     #[arg(long, value_name = "SCORE", default_value_t = 0.0)]
     pub min_score: f32,
-    /// For outlines in photos: smaller ones of both files count for nothing, pixels².
+    /// For footprints in photos: smaller ones of both files count for nothing, pixels².
     #[arg(long, value_name = "PIXELS", default_value_t = 64.0)]
     pub min_area: f64,
-    /// For outlines in photos: the result outlines roofs, each with an "offset" in pixels from the wall's foot to the roof,
+    /// For footprints in photos: the result has roofs, each with an "offset" in pixels from the wall's foot to the roof,
     /// by which it is moved back.
     #[arg(long)]
     pub roof_offset: bool,
@@ -145,11 +145,11 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
     Ok(0)
 }
 
-/// Outlines in photos, both files COCO.
+/// Footprints in photos, both files COCO.
 fn in_photos(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
     let failed = |e: FootprintError| Failure::new(3, &e);
-    let annotated = if args.roof_offset { Annotated::RoofAndOffset } else { Annotated::Outline };
-    let truth = coco_instances(&args.truth, None, Annotated::Outline, 0.0).map_err(failed)?;
+    let annotated = if args.roof_offset { Annotated::RoofAndOffset } else { Annotated::Footprint };
+    let truth = coco_instances(&args.truth, None, Annotated::Footprint, 0.0).map_err(failed)?;
     let found = coco_instances(&args.result, Some(&args.truth), annotated, args.min_score).map_err(failed)?;
     let large = |of: &PhotoInstances| -> Vec<MultiPolygon<f64>> {
         of.shapes_px.iter().filter(|s| s.unsigned_area() >= args.min_area).cloned().collect()
@@ -164,7 +164,7 @@ fn in_photos(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
         if let Some(theirs) = theirs.filter(|theirs| theirs.size != photo.size) {
             let ([w, h], [width, height]) = (theirs.size, photo.size);
             let problem = format!("{}: {} is {w} × {h} pixels there", args.result.display(), photo.name);
-            let hint = "outlines are compared in the photo's own pixels";
+            let hint = "footprints are compared in the photo's own pixels";
             return Err(Failure::from_text(3, format!("{problem}, {width} × {height} in the reference\nhint: {hint}")));
         }
         n_listed += usize::from(theirs.is_some());

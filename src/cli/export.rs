@@ -72,10 +72,10 @@ pub enum Format {
     /// GeoPackage, styled for QGIS.
     #[value(name = "geopackage")]
     GeoPackage,
-    /// FlatGeobuf, outlines with all attributes.
+    /// FlatGeobuf, footprints with all attributes.
     #[value(name = "flatgeobuf")]
     FlatGeobuf,
-    /// GeoJSON in longitude and latitude, outlines with all attributes.
+    /// GeoJSON in longitude and latitude, footprints with all attributes.
     #[value(name = "geojson")]
     GeoJson,
     /// 3D Tiles 1.1, a folder.
@@ -126,8 +126,8 @@ pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
     let overview = write(format, args, &model).map_err(|e| Failure::new(exit_code(&e), &e))?;
     let Overview { n_buildings, n_heights, .. } = overview;
     let ui = Ui::new(global);
-    if format == Format::FlatGeobuf && overview.n_without_outline > 0 {
-        ui.say(format!("{} buildings have no outline, and so no place in FlatGeobuf", overview.n_without_outline));
+    if format == Format::FlatGeobuf && overview.n_without_footprint > 0 {
+        ui.say(format!("{} buildings have no footprint, and so no place in FlatGeobuf", overview.n_without_footprint));
     }
     ui.say(format!("{n_buildings} buildings, {n_heights} with a height, in {}", args.output.display()));
     if global.json {

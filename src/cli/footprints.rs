@@ -1,4 +1,4 @@
-//! `sizeup footprints`: building outlines from nadir photos, as a stage of its own.
+//! `sizeup footprints`: building footprints from nadir photos, as a stage of its own.
 
 use std::path::PathBuf;
 
@@ -15,9 +15,9 @@ use sizeup_footprints::DetectionSummary;
 #[command(after_help = "Examples:
   sizeup footprints sizeup.toml
   sizeup footprints sizeup.toml --set 'footprints={source=\"masks\", path=\"masks/{stem}.png\", kind=\"instance\"}'
-  sizeup run sizeup.toml --from heights       go on from the outlines to the heights
+  sizeup run sizeup.toml --from heights       go on from the footprints to the heights
 
-The result is footprints.gpkg with the layers footprints and candidates, and pictures of the nadir\nphotos with the outlines drawn over them (40 at most).")]
+The result is footprints.gpkg with the layers footprints and candidates, and pictures of the nadir\nphotos with the footprints drawn over them (40 at most).")]
 pub struct FootprintsArgs {
     /// Configuration file (TOML), as that of `sizeup run`; it needs no [prior] here.
     pub config: PathBuf,
@@ -54,7 +54,7 @@ pub(super) fn run(args: &FootprintsArgs, global: &Global) -> Result<u8, Failure>
 /// What was found in the nadir photos.
 pub(super) fn tell_detection(ui: &Ui, found: &DetectionSummary) {
     ui.say(format!(
-        "from {} outlines in {} of {} nadir photos; left out: {} shown by too few photos, {} contradicted, {} too small",
+        "from {} contours in {} of {} nadir photos; left out: {} shown by too few photos, {} contradicted, {} too small",
         found.n_candidates,
         found.n_views - found.n_views_without,
         found.n_views,

@@ -19,23 +19,23 @@ const EXIT_INCOMPLETE: u8 = 3;
   sizeup init flight --footprints osm.pbf --ground 48 --output town/sizeup.toml
   sizeup init flight --crs EPSG:2180 --offset 634000,485000,0
 
-Looks into the folder and three levels below for poses (those of photogrammetry before the photos' own), building outlines
+Looks into the folder and three levels below for poses (those of photogrammetry before the photos' own), building footprints
 and a terrain model, chooses the CRS, and writes a configuration that says why and what is missing.
 
 Exit code 0: the project can be run. 3: something is missing, and the file says what; or there are no photos with poses.")]
 pub struct InitArgs {
-    /// Folder with the photos, and with poses, outlines and terrain where there are such.
+    /// Folder with the photos, and with poses, footprints and terrain where there are such.
     pub folder: PathBuf,
     /// Configuration to write; its paths count from its own folder.
     #[arg(long, short, value_name = "FILE", default_value = "sizeup.toml")]
     pub output: PathBuf,
-    /// The project's projected CRS in metres (default: that of the poses, the outlines or the terrain, else the UTM zone).
+    /// The project's projected CRS in metres (default: that of the poses, the footprints or the terrain, else the UTM zone).
     #[arg(long, value_name = "CRS")]
     pub crs: Option<String>,
     /// What was taken off the positions of poses in a local frame: easting, northing, height.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = three_numbers)]
     pub offset: Option<[f64; 3]>,
-    /// Building outlines, in place of what lies in the folder.
+    /// Building footprints, in place of what lies in the folder.
     #[arg(long, value_name = "FILE")]
     pub footprints: Option<PathBuf>,
     /// Terrain model, in place of what lies in the folder.

@@ -46,7 +46,7 @@ pub const EXIT_FAILED_ITEMS: u8 = 5;
 
 /// Find the heights of buildings in oblique aerial photos.
 ///
-/// sizeup reads photos' poses, building outlines and depth priors, finds one height per building, and writes a
+/// sizeup reads photos' poses, building footprints and depth priors, finds one height per building, and writes a
 /// georeferenced LOD1 city as CityJSON and GeoPackage. Start with `sizeup demo`, or with `sizeup init` and your photos.
 #[derive(Debug, Parser)]
 #[command(name = "sizeup", version, propagate_version = true, arg_required_else_help = true)]
@@ -90,12 +90,12 @@ pub struct Global {
 pub enum Command {
     /// Begin a project from a folder of photos: look what is there, write sizeup.toml, say what is missing.
     Init(init::InitArgs),
-    /// Find the heights of buildings: poses, outlines and priors in, a LOD1 city out.
+    /// Find the heights of buildings: poses, footprints and priors in, a LOD1 city out.
     Run(run::RunArgs),
     /// Run a city in tiles: plan, run each, merge.
     #[command(subcommand)]
     Tiles(tiles::TilesCommand),
-    /// Find building outlines in the nadir photos' masks: one clean layer, once per building.
+    /// Find building footprints in the nadir photos' masks: one clean layer, once per building.
     Footprints(footprints::FootprintsArgs),
     /// Make a terrain model from the photos, for a place that has none.
     Dtm(dtm::DtmArgs),
@@ -116,7 +116,7 @@ pub enum Command {
     Simulate(simulate::SimulateArgs),
     /// Compare a result with a reference and print how far off it is.
     Evaluate(evaluate::EvaluateArgs),
-    /// Tell what changed between two results: new, gone, raised, lowered, outline changed, same.
+    /// Tell what changed between two results: new, gone, raised, lowered, footprint changed, same.
     Changes(changes::ChangesArgs),
     /// Find heights in a quick and simple way, to compare with: from priors, a point cloud, or known heights.
     Baseline(baseline::BaselineArgs),

@@ -127,14 +127,14 @@ fn tell_done(ui: &Ui, done: &PriorsDone) {
 
 /// What a graph is and what it fits, as lines.
 fn table_of(inspection: &Inspection) -> String {
-    let outline = &inspection.outline;
+    let contents = &inspection.contents;
     let engine = match inspection.engine {
         EngineChoice::OnnxRuntime => "ONNX Runtime",
         EngineChoice::Auto | EngineChoice::Rten => "the embedded engine",
     };
-    let n_nodes: usize = outline.operators.values().sum();
-    let mut lines = vec![format!("loaded by {engine}; operators of version {}, {n_nodes} nodes", outline.opset)];
-    lines.extend(outline.external_files.iter().map(|file| format!("weights in {}", file.display())));
+    let n_nodes: usize = contents.operators.values().sum();
+    let mut lines = vec![format!("loaded by {engine}; operators of version {}, {n_nodes} nodes", contents.opset)];
+    lines.extend(contents.external_files.iter().map(|file| format!("weights in {}", file.display())));
     for (what, ports) in [("input", &inspection.inputs), ("output", &inspection.outputs)] {
         lines.extend(ports.iter().map(|port| format!("{what:<8}{} {}", port.name, shape(port))));
     }
@@ -172,9 +172,9 @@ fn as_json(inspection: &Inspection) -> Value {
         .collect();
     json!({
         "engine": inspection.engine,
-        "opset": inspection.outline.opset,
-        "operators": inspection.outline.operators,
-        "external_files": inspection.outline.external_files,
+        "opset": inspection.contents.opset,
+        "operators": inspection.contents.operators,
+        "external_files": inspection.contents.external_files,
         "inputs": ports(&inspection.inputs),
         "outputs": ports(&inspection.outputs),
         "profiles": profiles,

@@ -73,7 +73,7 @@ pub struct RunArgs {
     /// The project's projected CRS.
     #[arg(long, help_heading = FLAGS, value_name = "CRS", requires = "survey")]
     pub crs: Option<String>,
-    /// Building outlines.
+    /// Building footprints.
     #[arg(long, help_heading = FLAGS, value_name = "FILE", requires = "survey")]
     pub footprints: Option<PathBuf>,
     /// Terrain model.
@@ -104,7 +104,7 @@ pub struct RunArgs {
 pub enum StageArg {
     /// Poses into the project's CRS.
     Survey,
-    /// Outlines onto the ground.
+    /// Footprints onto the ground.
     Footprints,
     /// One height per building.
     Heights,
@@ -246,7 +246,7 @@ pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
         Status::Doubtful => "doubtful: measured, to be looked at",
         Status::Fallback => "fallback: not measured, a height from elsewhere",
         Status::Unknown => "unknown: without a height",
-        Status::Refused => "refused: without a usable outline",
+        Status::Refused => "refused: without a usable footprint",
     };
     for (&status, n) in &summary.by_status {
         ui.say(format!("{n:>8} {}", words(status)));

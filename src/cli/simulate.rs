@@ -41,9 +41,13 @@ pub(super) fn run(args: &SimulateArgs, global: &Global) -> Result<u8, Failure> {
             toml::to_string(&preset).map_err(|e| Failure::new(4, &e))?
         }
     };
-    let config: SimulateConfig =
-        crate::config::parse(&text, args.config.as_deref(), &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    let (config, notes): (SimulateConfig, _) =
+        crate::config::parse_scene(&text, args.config.as_deref(), &args.assignments)
+            .map_err(|e| Failure::new(2, &e))?;
     let ui = Ui::new(global);
+    for note in &notes {
+        ui.say(format!("note: {}", note.message));
+    }
     let summary = make(&config, &args.output, &ui)?;
     ui.say(format!(
         "{} buildings of {:.0} to {:.0} m, {} views ({} nadir) in {}",

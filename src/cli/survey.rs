@@ -10,7 +10,7 @@ use super::flags::{Flag, flag, put, text_of};
 use super::ui::{ALIGNING, PHOTOS};
 use super::{Failure, Global, Ui, print, print_json, print_lines};
 use crate::pipeline;
-use sizeup_footprints::{FootprintSource, MaskConfig, MaskFiles, OutlineSource as _};
+use sizeup_footprints::{ContourSource as _, FootprintSource, MaskConfig, MaskFiles};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{is_virtual, write_json};
 use sizeup_geo::issue::Issue;
@@ -93,7 +93,7 @@ Exit code 0: the poses look right. 3: they look wrong, or cannot be read.")]
 pub struct InspectArgs {
     #[command(flatten)]
     source: SourceArgs,
-    /// Outlines of the area of interest: at least half of the photos have to look at it.
+    /// Footprints of the area of interest: at least half of the photos have to look at it.
     #[arg(long, value_name = "FILE")]
     footprints: Option<PathBuf>,
     /// Draw the cameras, what they look at and their image footprints as a map.
@@ -290,7 +290,7 @@ fn looked_at(views: &[View], ui: &Ui) -> Result<Vec<Issue>, Failure> {
     Ok(told)
 }
 
-/// The hull of the outlines. A configuration may name outlines that are still to come: then there is no area.
+/// The hull of the footprints. A configuration may name footprints that are still to come: then there is no area.
 fn area_of(settings: &Settings, args: &InspectArgs, ui: &Ui) -> Result<Option<geo::Polygon>, Failure> {
     let Some(FootprintSource::Layer(config)) = &settings.footprints else { return Ok(None) };
     if args.footprints.is_none() && !config.path.exists() {
@@ -298,8 +298,8 @@ fn area_of(settings: &Settings, args: &InspectArgs, ui: &Ui) -> Result<Option<ge
         return Ok(None);
     }
     let layer = sizeup_footprints::read(config, &settings.project.crs).map_err(|e| Failure::new(3, &e))?;
-    let outlines: Vec<_> = layer.footprints.into_iter().map(|f| f.polygon).collect();
-    Ok(Some(geo::MultiPolygon::new(outlines).convex_hull()))
+    let footprints: Vec<_> = layer.footprints.into_iter().map(|f| f.polygon).collect();
+    Ok(Some(geo::MultiPolygon::new(footprints).convex_hull()))
 }
 
 /// How many of the nadir photos have the mask that a run would look for.
@@ -440,7 +440,7 @@ fn settings_of(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>
     Ok(settings)
 }
 
-/// Takes out of the file what a flag stands against: outlines of another source, ground of another kind.
+/// Takes out of the file what a flag stands against: footprints of another source, ground of another kind.
 fn make_room(table: &mut toml::Table, args: &SourceArgs, footprints: Option<&Path>) {
     if footprints.is_some() {
         table.remove("footprints");

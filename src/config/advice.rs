@@ -12,7 +12,7 @@ const KEYS: &str = "`sizeup schema run` prints every key with its type, unit and
 const TABLES: [(&str, &str); 5] = [
     ("project", "add [project] with crs = \"EPSG:25832\", the projected CRS of the results"),
     ("survey", "add [survey] with path = \"sparse\", the poses of the photos"),
-    ("footprints", "add [footprints] with path = \"buildings.gpkg\", the outlines of the buildings"),
+    ("footprints", "add [footprints] with path = \"buildings.gpkg\", the footprints of the buildings"),
     (
         "terrain",
         "add [terrain] with dtm = \"dtm.tif\", a terrain model, or constant_m = 12.0, one height of the ground",

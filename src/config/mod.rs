@@ -78,7 +78,7 @@ pub struct RunConfig {
     /// Poses brought to agree with the photos, where they do not.
     #[serde(default)]
     pub align: AlignConfig,
-    /// Building outlines.
+    /// Building footprints.
     pub footprints: FootprintSource,
     /// The terrain.
     pub terrain: TerrainConfig,
@@ -246,11 +246,12 @@ impl RunConfig {
 
     /// With keys that have another name now.
     fn read(text: &str, path: &Path, assignments: &[String]) -> Result<Self, ConfigError> {
-        let renamed = assignments.iter().map(|assignment| renamed::in_assignment(assignment));
+        let renamed = assignments.iter().map(|assignment| renamed::in_assignment(assignment, &renamed::OF_RUN));
         let (assignments, notes): (Vec<String>, Vec<Option<Issue>>) = renamed.unzip();
         let mut notes: Vec<Issue> = notes.into_iter().flatten().collect();
-        let mut config: Self =
-            parse_with(text, Some(path), &assignments, |table| notes.extend(renamed::in_table(table)))?;
+        let mut config: Self = parse_with(text, Some(path), &assignments, |table| {
+            notes.extend(renamed::in_table(table, &renamed::OF_RUN))
+        })?;
         config.notes = notes;
         Ok(config)
     }
@@ -309,6 +310,23 @@ impl RunConfig {
 /// [`ConfigError::Parse`] with the line underlined, or [`ConfigError::Set`].
 pub fn parse<T: DeserializeOwned>(text: &str, path: Option<&Path>, assignments: &[String]) -> Result<T, ConfigError> {
     parse_with(text, path, assignments, |_| ())
+}
+
+/// As [`parse`] for settings of simulated scenes, with notes of keys that have another name now.
+///
+/// # Errors
+/// As [`parse`].
+pub fn parse_scene<T: DeserializeOwned>(
+    text: &str,
+    path: Option<&Path>,
+    assignments: &[String],
+) -> Result<(T, Vec<Issue>), ConfigError> {
+    let renamed = assignments.iter().map(|assignment| renamed::in_assignment(assignment, &renamed::OF_SCENE));
+    let (assignments, notes): (Vec<String>, Vec<Option<Issue>>) = renamed.unzip();
+    let mut notes: Vec<Issue> = notes.into_iter().flatten().collect();
+    let settings =
+        parse_with(text, path, &assignments, |table| notes.extend(renamed::in_table(table, &renamed::OF_SCENE)))?;
+    Ok((settings, notes))
 }
 
 /// As [`parse`], with the file's table changed before the assignments.
@@ -453,6 +471,13 @@ mod tests {
         let both = load(&format!("{}\n[heights]\nmax_m = 70.0", stereo("", "max_height_m = 20.0")), &[]).unwrap();
         assert_eq!(both.heights.max_m, Some(70.0));
         assert!(both.notes()[0].message.contains("does not count beside"), "{:?}", both.notes());
+        let masks = MINIMAL.replace(
+            "path = \"footprints.gpkg\"",
+            "source = \"masks\"\npath = \"m/{stem}.png\"\nkind = \"instance\"\noutline = \"roof\"",
+        );
+        let roofs = load(&masks, &[]).unwrap();
+        assert_eq!(roofs.footprints.detection().map(|found| found.contour), Some(sizeup_footprints::ContourKind::Roof));
+        assert_eq!(codes(&roofs), ["key_renamed"]);
         let error = load(&stereo("max_height_m = 80", "min_hight_m = 3.0"), &[]).unwrap_err().to_string();
         assert!(error.contains("min_hight_m"), "{error}");
     }

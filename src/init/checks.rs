@@ -25,7 +25,7 @@ pub(super) fn surface_by_name(request: &InitRequest) -> Vec<String> {
     called.map(warning).collect()
 }
 
-/// What the flight is like.
+/// Properties of the flight.
 pub(super) fn flight_of(found: &Findings, placed: Option<&Placed>) -> Flight {
     let flight =
         placed.map_or_else(Flight::default, |placed| Flight::of(&placed.survey, placed.terrain.as_ref(), &found.facts));
@@ -42,7 +42,7 @@ pub(super) fn flight_of(found: &Findings, placed: Option<&Placed>) -> Flight {
     Flight { folder: found.images.clone(), n_photos: found.facts.len(), positioning, ..flight }
 }
 
-/// What makes a flight useless for heights, said before all else.
+/// Faults that make a flight useless for heights, said before all else.
 pub(super) fn lacks_of_flight(flight: &Flight) -> Vec<Lack> {
     let mut lacks: Vec<Lack> = Vec::new();
     if flight.n_views > 0 && flight.n_oblique == 0 {
@@ -66,7 +66,7 @@ pub(super) fn n_uncalibrated(found: &Findings) -> Option<usize> {
     found.source.look.focal.get("35 mm equivalent").copied()
 }
 
-/// What makes heights poor, and does not forbid a run.
+/// Faults that make heights poor, and do not forbid a run.
 pub(super) fn doubts_of_flight(found: &Findings, flight: &Flight) -> Vec<String> {
     /// Fewer oblique photos of a place leave walls unseen.
     const FEW_OBLIQUE: f64 = 4.0;
@@ -93,18 +93,18 @@ pub(super) fn doubts_of_flight(found: &Findings, flight: &Flight) -> Vec<String>
     doubts
 }
 
-/// Whether the outlines can be used where the photos look.
-pub(super) fn check_outlines(found: &Findings, placed: Option<&Placed>, notes: &mut Notes) {
-    let Some(layer) = &found.outlines.chosen else {
+/// Whether the footprints can be used where the photos look.
+pub(super) fn check_footprints(found: &Findings, placed: Option<&Placed>, notes: &mut Notes) {
+    let Some(layer) = &found.footprints.chosen else {
         let how = "a cadastre's or OpenStreetMap's buildings of the area, put into the folder or named by --footprints (as GeoPackage, \
                    GeoJSON, Shapefile, FlatGeobuf, .osm or .osm.pbf); openstreetmap.org and overpass-turbo.eu export an area. Or masks of \
                    the photos that look straight down: docs/footprints.md";
-        let why = if found.outlines.passed.is_empty() {
+        let why = if found.footprints.passed.is_empty() {
             "no layer of polygons lies here"
         } else {
             "no layer here is of buildings"
         };
-        notes.lacks.push(Lack::new("building outlines", why, how));
+        notes.lacks.push(Lack::new("building footprints", why, how));
         return;
     };
     let Some(placed) = placed.filter(|placed| !placed.survey.views.is_empty()) else { return };
@@ -116,13 +116,13 @@ pub(super) fn check_outlines(found: &Findings, placed: Option<&Placed>, notes: &
     });
     match read {
         Err(error) => notes.lacks.push(Lack::new(
-            "outlines that can be used",
+            "footprints that can be used",
             error.to_string().replace('\n', " "),
             "--footprints names another layer",
         )),
         Ok(read) if read.footprints.is_empty() => {
-            let why = format!("none of {} can be used as an outline where the photos are", name_of(&layer.path));
-            notes.lacks.push(Lack::new("outlines that can be used", why, "--footprints names another layer"));
+            let why = format!("none of {} can be used as a footprint where the photos are", name_of(&layer.path));
+            notes.lacks.push(Lack::new("footprints that can be used", why, "--footprints names another layer"));
         }
         Ok(read) => {
             let n = read.footprints.len();

@@ -24,26 +24,26 @@ const CONFIRMED_M: f64 = 3.0;
 /// have started from a roof or a hill, or the levels may differ: the photos have to tell.
 const OTHER_LEVEL_M: f64 = 15.0;
 
-/// Where the geoid is from.
+/// Source of the geoid.
 const GEOID: &str = "the geoid EGM96 here, which national zeros follow to within a metre or two";
 
-/// What is known of heights.
+/// Knowledge of heights.
 pub(super) struct Known<'a> {
-    /// What the poses say of theirs.
+    /// Statement of the poses on theirs.
     pub stated: StatedHeights,
     /// Whether they reach the project's vertical reference as they are, by PROJ or because both are one.
     pub is_reached: bool,
     /// Why not.
     pub why_not: Option<String>,
-    /// Where the drone took off, in the poses' heights.
+    /// Level at which the drone took off, in the poses' heights.
     pub takeoff: Option<Level>,
     /// Height of the geoid above the ellipsoid, metres.
     pub geoid_m: Option<f64>,
-    /// What lies there as ground.
+    /// Ground that lies there.
     pub ground: Ground<'a>,
 }
 
-/// What lies there as ground.
+/// Ground that lies there.
 #[derive(Clone, Copy)]
 pub(super) enum Ground<'a> {
     /// A terrain model, and its level under the cameras.
@@ -63,10 +63,10 @@ impl Ground<'_> {
     }
 }
 
-/// How heights are brought together.
+/// Way in which heights are brought together.
 #[derive(Debug, Default)]
 pub(super) struct Datum {
-    /// What the poses' heights count from, as the survey takes it.
+    /// Zero of the poses' heights, as the survey takes it.
     pub height: HeightConfig,
     /// The same as entries of the configuration.
     pub height_entries: Vec<Entry>,
@@ -78,15 +78,15 @@ pub(super) struct Datum {
     pub offset_m: Option<f64>,
     /// Whether the photos put the ground right.
     pub is_sharpened: bool,
-    /// How far the ground may be from the level that the photos start from, metres.
+    /// Greatest distance of the ground from the level that the photos start from, metres.
     pub within_m: f64,
-    /// How far the take-off is from that level, where it neither confirms nor refutes it, metres.
+    /// Distance of the take-off from that level, where it neither confirms nor refutes it, metres.
     gap_m: f64,
-    /// What the project's heights count from, in words.
+    /// Zero of the project's heights, in words.
     pub vertical_reference: Option<String>,
-    /// What the ground is, in a line.
+    /// Ground, in a line.
     pub ground_in_words: String,
-    /// What heights count from, in a line.
+    /// Zero of heights, in a line.
     pub in_words: String,
     pub warnings: Vec<String>,
     pub lacks: Vec<Lack>,
@@ -286,7 +286,7 @@ fn from_ellipsoid(datum: &mut Datum, known: &Known<'_>, level: Level) {
     }
 }
 
-/// What the poses' heights are above a terrain model's.
+/// Shift of the poses' heights against a terrain model's.
 #[derive(Debug, Clone, Copy)]
 struct Shift {
     metres: f64,
@@ -304,7 +304,7 @@ impl Shift {
         (self.metres - metres).abs() <= OTHER_LEVEL_M + self.within_m
     }
 
-    /// What it says of a ground that is taken to be of one level with the poses.
+    /// Verdict on a ground that is taken to be of one level with the poses.
     fn verdict(self) -> Verdict {
         match self.metres.abs() - self.within_m {
             gap if gap <= CONFIRMED_M => Verdict::Same,
@@ -319,7 +319,7 @@ impl Shift {
     }
 }
 
-/// What the take-off says of the ground.
+/// Verdict of the take-off on the ground.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Verdict {
     /// Both count from one level.

@@ -7,7 +7,7 @@ use sizeup_survey::PhotoFacts;
 
 /// Pictures with a longer side of at most this are thumbnails where they say nothing of themselves, pixels.
 const THUMBNAIL_PX: u32 = 320;
-/// What to do about photos without poses.
+/// Remedy for photos without poses.
 const ALIGN_THEM: &str = "compute poses with photogrammetry (OpenDroneMap, COLMAP, Metashape, Pix4D, …), put its result into the folder, \
                           and run this again; DJI's photos bring poses only with their XMP, which messengers and editors drop";
 

@@ -11,11 +11,11 @@ pub enum InitError {
     /// There is no such folder, or it is a file.
     #[error("{}: expected a folder of photos, found {found}\nhint: {hint}", path.display())]
     NoFolder {
-        /// What was named.
+        /// Path that was named.
         path: PathBuf,
-        /// What it is.
+        /// Kind.
         found: &'static str,
-        /// What to do about it.
+        /// Remedy.
         hint: &'static str,
     },
     /// It holds neither photos nor poses.
@@ -23,9 +23,9 @@ pub enum InitError {
     NoPhotos {
         /// The folder.
         path: PathBuf,
-        /// What is there in their place.
+        /// Files found in their place.
         found: String,
-        /// What to do about it.
+        /// Remedy.
         hint: &'static str,
     },
     /// It holds photos, and nothing says where they were taken from.
@@ -33,9 +33,9 @@ pub enum InitError {
     NoPoses {
         /// The folder.
         path: PathBuf,
-        /// What the photos have.
+        /// Properties of the photos.
         found: String,
-        /// What to do about it.
+        /// Remedy.
         hint: String,
     },
     /// A file or folder cannot be read.

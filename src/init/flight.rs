@@ -20,7 +20,7 @@ const N_PLACES: usize = 200;
 /// Names that are listed before the rest is counted.
 pub(super) const N_NAMED: usize = 5;
 
-/// What a flight is like.
+/// Properties of a flight.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Flight {
     /// Folder of the photos.
@@ -29,9 +29,9 @@ pub struct Flight {
     pub n_photos: usize,
     /// Photos with a pose that can be used.
     pub n_views: usize,
-    /// Of them looking down, within 15° of the vertical.
+    /// Number of them that look down, within 15° of the vertical.
     pub n_nadir: usize,
-    /// Of them tilted more.
+    /// Number of them that are tilted more.
     pub n_oblique: usize,
     /// Heights above the ground, metres.
     pub above_ground_m: Option<Spread>,
@@ -47,12 +47,12 @@ pub struct Flight {
     pub position_sigma_m: Option<(f64, f64)>,
     /// Photos and poses that cannot be used, the first few with the reason.
     pub unused: Vec<String>,
-    /// How many there are.
+    /// Number in all.
     pub n_unused: usize,
 }
 
 impl Flight {
-    /// Of a survey in the project's frame; without ground nothing is said of heights and pixels.
+    /// Flight of a survey in the project's frame; without ground nothing is said of heights and pixels.
     pub(super) fn of(survey: &Survey, ground: Option<&Terrain>, facts: &[PhotoFacts]) -> Self {
         let n_of = |kind: ViewKind| survey.views.iter().filter(|view| view.kind() == kind).count();
         let sees = ground.map(|ground| overlap(&survey.views, ground));
@@ -94,7 +94,7 @@ impl Flight {
         [Some(counts), above, pixel, seen].into_iter().flatten().collect::<Vec<_>>().join("; ")
     }
 
-    /// How well positions are known, in a line; `None` where nothing tells.
+    /// Accuracy of positions, in a line; `None` where nothing tells.
     #[must_use]
     pub fn positioning_in_words(&self) -> Option<String> {
         let states: Vec<String> = self.positioning.iter().map(|(state, n)| format!("{n} {state}")).collect();
@@ -121,7 +121,7 @@ fn pixel_m(view: &View, ground: &Terrain) -> Option<f64> {
     (far_m > 0.0).then(|| far_m / view.camera.fx_px)
 }
 
-/// How many photos, and how many oblique ones, see a place: medians over the places that photos look at.
+/// Number of photos, and of oblique ones, that see a place: medians over the places that photos look at.
 fn overlap(views: &[View], ground: &Terrain) -> (Option<f64>, Option<f64>) {
     let step = views.len().div_ceil(N_PLACES).max(1);
     let places = views.iter().step_by(step).filter_map(|view| {
@@ -157,7 +157,7 @@ pub(super) struct Level {
     pub median_m: f64,
     /// Half of what lies between the lowest and the highest tenth.
     pub spread_m: f64,
-    /// How many tell it.
+    /// Number of photos that tell it.
     pub n: usize,
 }
 

@@ -27,7 +27,7 @@ const PASSED_OVER: [&str; 14] = [
     "masks",
     "__macosx",
 ];
-/// Extensions of layers that may hold outlines.
+/// Extensions of layers that may hold footprints.
 const LAYERS: [&str; 7] = ["gpkg", "geojson", "shp", "fgb", "gml", "osm", "pbf"];
 /// Extensions of rasters that may hold the ground.
 const RASTERS: [&str; 5] = ["tif", "tiff", "asc", "img", "hgt"];
@@ -36,7 +36,7 @@ const POSES: [&str; 9] = ["xml", "xmlz", "json", "geojson", "opf", "prj", "csv",
 /// Extensions of videos.
 const VIDEOS: [&str; 8] = ["mp4", "mov", "avi", "mkv", "m4v", "mts", "lrv", "lrf"];
 
-/// What may be of use in a folder, each list sorted.
+/// Files that may be of use in a folder, each list sorted.
 #[derive(Debug, Default)]
 pub(super) struct Inventory {
     /// The folder.
@@ -47,7 +47,7 @@ pub(super) struct Inventory {
     pub photos: Vec<PathBuf>,
     /// Files that may hold poses.
     pub poses: Vec<PathBuf>,
-    /// Files that may hold outlines.
+    /// Files that may hold footprints.
     pub layers: Vec<PathBuf>,
     /// Files that may hold the ground.
     pub rasters: Vec<PathBuf>,

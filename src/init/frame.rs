@@ -1,4 +1,4 @@
-//! Which CRS a project gets: the one that is asked for, that of the poses, that of the outlines or the terrain, else the UTM zone
+//! Which CRS a project gets: the one that is asked for, that of the poses, that of the footprints or the terrain, else the UTM zone
 //! of the photos.
 
 use super::InitError;
@@ -20,7 +20,7 @@ pub(super) struct Frame {
     pub crs: Crs,
     /// As it is written in the configuration.
     pub definition: String,
-    /// Where it is from.
+    /// Source.
     pub why: String,
 }
 
@@ -33,9 +33,9 @@ impl Frame {
 
 /// A file whose CRS may be the project's.
 pub(super) struct Neighbour<'a> {
-    /// What it is, in words.
+    /// Name, in words.
     pub name: String,
-    /// Its CRS.
+    /// CRS.
     pub crs: &'a Crs,
 }
 
@@ -66,7 +66,7 @@ pub(super) fn asked(definition: &str, place: &Place) -> Result<Frame, InitError>
     Ok(Frame { crs, definition, why: "as asked for by --crs".to_owned() })
 }
 
-/// What the CRS may be where none is asked for, the best first.
+/// Candidates for the CRS where none is asked for, the best first.
 pub(super) fn candidates(source: &PoseSource, neighbours: &[Neighbour<'_>], photos_at: &Place) -> Vec<Frame> {
     let is_fit = |crs: &Crs| crs.require_projected_metres().is_ok();
     let own = match &source.look.world {

@@ -22,13 +22,13 @@ const SURFACE: [&str; 11] =
 pub struct TerrainFile {
     /// The file.
     pub path: PathBuf,
-    /// What speaks for it.
+    /// Evidence for it.
     pub why: String,
-    /// What its heights count from, where it says.
+    /// Zero of its heights, where it says.
     pub vertical: Option<String>,
     /// Whether its name says that it is terrain.
     pub is_named: bool,
-    /// Its CRS.
+    /// CRS.
     #[serde(skip)]
     pub crs: Option<Crs>,
 }
@@ -42,14 +42,14 @@ pub struct PassedRaster {
     pub why: String,
 }
 
-/// What a look at the rasters came to.
+/// Outcome of a look at the rasters.
 #[derive(Debug, Default)]
 pub(super) struct GroundChoice {
     pub chosen: Option<TerrainFile>,
     pub passed: Vec<PassedRaster>,
 }
 
-/// What a raster's name says of it.
+/// Kind of a raster by its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Called {
     Terrain,

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! folder ─ what lies there ─┬─ poses ─ frame (CRS) ─ datum (heights) ─┐
-//!                           ├─ outlines ──────────────────────────────┼─ file (TOML) ─ Beginning
+//!                           ├─ footprints ──────────────────────────────┼─ file (TOML) ─ Beginning
 //!                           └─ ground ────────────────────────────────┘
 //! ```
 //!
@@ -17,9 +17,9 @@ mod error;
 mod file;
 mod flight;
 mod folder;
+mod footprints;
 mod frame;
 mod ground;
-mod outlines;
 mod place;
 mod placing;
 mod poses;
@@ -31,7 +31,7 @@ pub use project::{Beginning, Lack, begin};
 
 use std::path::PathBuf;
 
-/// What is asked for.
+/// Request.
 #[derive(Debug, Clone)]
 pub struct InitRequest {
     /// The folder to look into.
@@ -40,9 +40,9 @@ pub struct InitRequest {
     pub output: PathBuf,
     /// The project's CRS, in place of the one that follows from what lies there.
     pub crs: Option<String>,
-    /// What was taken off the poses' positions, metres.
+    /// Offset taken off the poses' positions, metres.
     pub offset: Option<[f64; 3]>,
-    /// Outlines, in place of those that lie there.
+    /// Footprints, in place of those that lie there.
     pub footprints: Option<PathBuf>,
     /// A terrain model, in place of one that lies there.
     pub dtm: Option<PathBuf>,

@@ -14,7 +14,7 @@ const AROUND_DEG: f64 = 0.0015;
 /// Points along each side of a box that is moved to another CRS.
 const PER_SIDE: usize = 8;
 
-/// Where the photos were taken.
+/// Places where the photos were taken.
 #[derive(Debug, Clone)]
 pub(super) enum Place {
     /// Longitudes and latitudes, degrees.
@@ -64,7 +64,7 @@ impl Place {
             Self::OnEarth(places) => {
                 let around = MapBox::around(places.iter().copied())?.grown(AROUND_DEG);
                 let moved = Transform::new(&Crs::parse("EPSG:4326").ok()?, crs).ok()?;
-                MapBox::around(around.outline(PER_SIDE).filter_map(|(x, y)| moved.point(x, y).ok()))
+                MapBox::around(around.border(PER_SIDE).filter_map(|(x, y)| moved.point(x, y).ok()))
             }
             Self::Numbers(numbers) if crs.is_projected() => {
                 Some(MapBox::around(numbers.iter().map(|p| (p.x, p.y)))?.grown(AROUND_M))

@@ -36,7 +36,7 @@ pub(super) fn frame_of(
     if !found.source.is_placed() {
         return Ok(None);
     }
-    let layer = found.outlines.chosen.as_ref().and_then(|layer| Some((name_of(&layer.path), layer.crs.as_ref()?)));
+    let layer = found.footprints.chosen.as_ref().and_then(|layer| Some((name_of(&layer.path), layer.crs.as_ref()?)));
     let raster = found.ground.chosen.as_ref().and_then(|raster| Some((name_of(&raster.path), raster.crs.as_ref()?)));
     let neighbours: Vec<Neighbour<'_>> =
         layer.into_iter().chain(raster).map(|(name, crs)| Neighbour { name, crs }).collect();

@@ -15,7 +15,7 @@ use sizeup_survey::{
     FirstLook, Format, Numbers, PhotoFacts, PoseWorld, SurveyConfig, SurveyError, first_look, recognise,
 };
 
-/// What adjusts poses, the surest to read first: those that name their CRS before those that do not.
+/// Formats of adjusted poses, the surest to read first: those that name their CRS before those that do not.
 const ADJUSTED: [Format; 11] = [
     Format::BlocksExchange,
     Format::Metashape,
@@ -32,28 +32,28 @@ const ADJUSTED: [Format; 11] = [
 /// Formats of which a folder and the files in it are one survey.
 const FOLDERS: [Format; 6] =
     [Format::Colmap, Format::Nerfstudio, Format::Opensfm, Format::Pix4d, Format::Opf, Format::Stac];
-/// What sizeup writes beside poses that it has converted or aligned.
+/// File that sizeup writes beside poses that it has converted or aligned.
 const OWN_SETTINGS: &str = "survey.toml";
-/// What says where a model in local coordinates lies: `{"crs": "EPSG:…", "offset": [x, y, z]}`.
+/// File that says where a model in local coordinates lies: `{"crs": "EPSG:…", "offset": [x, y, z]}`.
 const GEOREFERENCE: &str = "georef.json";
 
 /// Poses that could be taken.
 #[derive(Debug, Clone)]
 pub(super) struct PoseSource {
-    /// How they are read.
+    /// Settings for reading them.
     pub config: SurveyConfig,
-    /// What they say.
+    /// First look at them.
     pub look: FirstLook,
     /// Photos of the folder that they are of.
     pub n_matched: usize,
-    /// What says where they are, where they do not themselves.
+    /// File that says where they are, where they do not themselves.
     pub placed_by: Option<String>,
 }
 
 /// Poses that are not taken, and why.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Passed {
-    /// Where they are.
+    /// Path.
     pub path: PathBuf,
     /// Their format.
     pub format: String,
@@ -61,12 +61,12 @@ pub struct Passed {
     pub why: String,
 }
 
-/// What a look through the folder came to.
+/// Outcome of a look through the folder.
 #[derive(Debug)]
 pub(super) struct PoseChoice {
-    /// What is taken.
+    /// Chosen one.
     pub chosen: Option<PoseSource>,
-    /// What is not.
+    /// Passed ones.
     pub passed: Vec<Passed>,
 }
 
@@ -226,7 +226,7 @@ fn own_settings(path: &Path) -> Option<SurveyConfig> {
     (config.path == path).then_some(config)
 }
 
-/// What a georeference beside a model says: its name, the CRS where it names one, and the offset.
+/// Statement of a georeference beside a model: its name, the CRS where it names one, and the offset.
 fn georeference(path: &Path) -> Option<(String, Option<Crs>, [f64; 3])> {
     #[derive(Deserialize)]
     struct Georeference {

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::checks::{check_outlines, doubts_of_flight, flight_of, lacks_of_flight, surface_by_name};
+use super::checks::{check_footprints, doubts_of_flight, flight_of, lacks_of_flight, surface_by_name};
 use super::flight::{Flight, folder_of_photos};
 use super::folder::{Inventory, name_of};
+use super::footprints::{self, LayerChoice, UsableLayer};
 use super::ground::{self, GroundChoice, TerrainFile};
-use super::outlines::{self, OutlineChoice, OutlineLayer};
 use super::place::Place;
 use super::placing::{Placed, frame_of, lack_of_frame, place_in};
 use super::poses::{self, Passed, PoseChoice, PoseSource};
@@ -20,11 +20,11 @@ use sizeup_survey::{Format, PhotoFacts, PoseWorld, photo_facts};
 /// Something without which no run can be.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Lack {
-    /// What is missing.
+    /// Missing part.
     pub what: String,
     /// Why it is not there.
     pub why: String,
-    /// How to get it.
+    /// Way to get it.
     pub how: String,
     /// Whether it is the flight itself.
     #[serde(skip)]
@@ -48,18 +48,18 @@ impl Lack {
     }
 }
 
-/// Where the poses are from.
+/// Source of the poses.
 #[derive(Debug, Clone, Serialize)]
 pub struct PosesFound {
     /// File or folder.
     pub path: PathBuf,
-    /// Its format.
+    /// Format.
     pub format: String,
     /// Whether they were adjusted together with the photos.
     pub is_adjusted: bool,
     /// Why these.
     pub why: String,
-    /// What is there and not taken.
+    /// Files not taken.
     pub passed: Vec<Passed>,
 }
 
@@ -68,7 +68,7 @@ pub struct PosesFound {
 pub struct CrsFound {
     /// As it is written.
     pub definition: String,
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Why this one.
     pub why: String,
@@ -81,18 +81,18 @@ pub struct Beginning {
     pub config: PathBuf,
     /// Whether it can be run as it is.
     pub is_complete: bool,
-    /// What the flight is like.
+    /// Properties of the flight.
     pub flight: Flight,
-    /// Where the poses are from.
+    /// Source of the poses.
     pub poses: PosesFound,
     /// The project's CRS, where it is known.
     pub crs: Option<CrsFound>,
-    /// What heights count from.
+    /// Zero of heights.
     pub heights: String,
-    /// The outlines.
-    pub footprints: Option<OutlineLayer>,
+    /// The footprints.
+    pub footprints: Option<UsableLayer>,
     /// Layers that are not taken.
-    pub other_layers: Vec<outlines::PassedLayer>,
+    pub other_layers: Vec<footprints::PassedLayer>,
     /// The terrain model.
     pub terrain: Option<TerrainFile>,
     /// One height of the ground, metres.
@@ -103,24 +103,24 @@ pub struct Beginning {
     pub ground: String,
     /// Rasters that are not taken.
     pub other_rasters: Vec<ground::PassedRaster>,
-    /// What to know of.
+    /// Warnings.
     pub warnings: Vec<String>,
-    /// What is missing.
+    /// Missing part.
     pub missing: Vec<Lack>,
-    /// What to type next.
+    /// Next command.
     pub next: String,
     /// The configuration.
     #[serde(skip)]
     pub text: String,
 }
 
-/// What has been found before there is a frame.
+/// Findings before there is a frame.
 pub(super) struct Findings {
     pub facts: Vec<PhotoFacts>,
     pub source: PoseSource,
     pub passed: Vec<Passed>,
     pub images: Option<PathBuf>,
-    pub outlines: OutlineChoice,
+    pub footprints: LayerChoice,
     pub ground: GroundChoice,
 }
 
@@ -148,7 +148,7 @@ impl Findings {
     }
 }
 
-/// What is to be known, and what is missing.
+/// Warnings and lacks.
 #[derive(Debug, Default)]
 pub(super) struct Notes {
     pub warnings: Vec<String>,
@@ -181,7 +181,7 @@ pub fn begin(request: &InitRequest) -> Result<Beginning, InitError> {
     let flight = flight_of(&found, placed.as_ref());
     notes.lacks.splice(0..0, lacks_of_flight(&flight));
     notes.warnings.extend(doubts_of_flight(&found, &flight));
-    check_outlines(&found, placed.as_ref(), &mut notes);
+    check_footprints(&found, placed.as_ref(), &mut notes);
     if found.images.is_none() {
         let why = format!("{} lies here without the photos it is of", name_of(&found.source.config.path));
         notes.lacks.push(Lack::new(
@@ -210,16 +210,16 @@ fn find(request: &InitRequest) -> Result<Findings, InitError> {
     let is_of_flight = |photo: &PhotoFacts| images.as_ref().is_none_or(|folder| photo.path.starts_with(folder));
     let facts = facts.into_iter().filter(is_of_flight).collect();
     let place = Place::of(&source.look).read_in(request.crs.as_deref());
-    let outlines = match &request.footprints {
-        Some(path) => OutlineChoice { chosen: Some(outlines::named(path, &place)?), passed: Vec::new() },
-        None => outlines::choose(&inventory, &place),
+    let footprints = match &request.footprints {
+        Some(path) => LayerChoice { chosen: Some(footprints::named(path, &place)?), passed: Vec::new() },
+        None => footprints::choose(&inventory, &place),
     };
     let ground = match (&request.dtm, request.ground_m) {
         (Some(path), _) => GroundChoice { chosen: Some(ground::named(path, &place)?), passed: Vec::new() },
         (None, Some(_)) => GroundChoice::default(),
         (None, None) => ground::choose(&inventory, &place),
     };
-    Ok(Findings { facts, source, passed, images, outlines, ground })
+    Ok(Findings { facts, source, passed, images, footprints, ground })
 }
 
 /// The folder of the photos.
@@ -236,7 +236,7 @@ pub(super) fn home_of(file: &Path) -> PathBuf {
     file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned()
 }
 
-/// What is written and told in the end.
+/// Files and words in the end.
 fn conclude(request: &InitRequest, story: Story) -> Result<Beginning, InitError> {
     let text = sheet::text(request, &story);
     let Story { found, placed, flight, notes } = story;
@@ -259,8 +259,8 @@ fn conclude(request: &InitRequest, story: Story) -> Result<Beginning, InitError>
         },
         crs: frame.map(|f| CrsFound { name: f.crs.name().to_owned(), definition: f.definition, why: f.why }),
         heights: datum.in_words,
-        footprints: found.outlines.chosen,
-        other_layers: found.outlines.passed,
+        footprints: found.footprints.chosen,
+        other_layers: found.footprints.passed,
         terrain: found.ground.chosen.filter(|_| datum.constant_m.is_none()),
         ground_m: datum.constant_m,
         ground_from_photos: datum.is_sharpened,

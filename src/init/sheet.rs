@@ -111,7 +111,7 @@ fn survey(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Plac
     }
 }
 
-/// What may bring the poses into a CRS that they do not reach as they are: the datum that they were really taken in.
+/// Entry that may bring the poses into a CRS that they do not reach as they are: the datum that they were really taken in.
 fn datum_to_declare(found: &Findings, placed: &Placed) -> Option<Entry> {
     let is_on_earth = matches!(&found.source.look.world, PoseWorld::Named(crs) if crs.is_geographic());
     let base = placed.frame.crs.geographic_base().ok().filter(|_| placed.survey.views.is_empty() && is_on_earth)?;
@@ -119,7 +119,7 @@ fn datum_to_declare(found: &Findings, placed: &Placed) -> Option<Entry> {
     Some(Entry::off("crs", quoted(&super::frame::short(&base)), about))
 }
 
-/// What settings beside the poses declare of a table: written as they are.
+/// Declarations on a table by settings beside the poses: written as they are.
 fn declared(sheet: &mut Sheet, config: &sizeup_survey::SurveyConfig) {
     let Some(csv) = &config.csv else { return };
     let Ok(toml::Value::Table(table)) = toml::Value::try_from(csv) else { return };
@@ -134,8 +134,8 @@ fn passed_poses(home: &Path, found: &Findings) -> Vec<String> {
 
 fn footprints(sheet: &mut Sheet, home: &Path, found: &Findings) {
     let others: Vec<String> =
-        found.outlines.passed.iter().map(|passed| format!("{}: {}", passed.name, passed.why)).collect();
-    if let Some(layer) = &found.outlines.chosen {
+        found.footprints.passed.iter().map(|passed| format!("{}: {}", passed.name, passed.why)).collect();
+    if let Some(layer) = &found.footprints.chosen {
         sheet.table("footprints");
         let mut entries = vec![Entry::path("path", &layer.path, home, layer.why.clone())];
         entries.extend(layer.layer.as_ref().map(|name| Entry::new("layer", quoted(name), "of the file's layers")));
@@ -149,7 +149,7 @@ fn footprints(sheet: &mut Sheet, home: &Path, found: &Findings) {
         return;
     }
     sheet.table_off("footprints");
-    sheet.note("MISSING: the outlines of the buildings. Take the # off when they are there.");
+    sheet.note("MISSING: the footprints of the buildings. Take the # off when they are there.");
     let about = "a cadastre's, or OpenStreetMap's: .gpkg, .geojson, .shp, .fgb, .osm, .osm.pbf";
     sheet.entries(&[Entry::off("path", "\"buildings.gpkg\"", about)]);
     sheet.note("or from masks of the photos that look straight down (docs/footprints.md):");

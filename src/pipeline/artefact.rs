@@ -21,28 +21,28 @@ use sizeup_heights::ids::BuildingId;
 use sizeup_heights::optimise::{LevelGain, Solution};
 use sizeup_survey::Survey;
 
-/// Outlines with their ground.
+/// Footprints with their ground.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FootprintStage {
     /// The layer; footprints in its order.
     pub layer: FootprintLayer,
     /// Ground under each footprint of the layer; `None` where the terrain has none.
     pub ground: Vec<Option<GroundLevel>>,
-    /// What was said about the ground.
+    /// Issues of the ground.
     pub issues: Vec<Issue>,
-    /// Roof outlines as the photos show them, which move with the heights.
+    /// Roof contours as the photos show them, which move with the heights.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tracks: Option<Tracks>,
-    /// How much was found in photos; `None` for a layer.
+    /// Counts of what was found in photos; `None` for a layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detection: Option<DetectionSummary>,
-    /// Buildings whose outlines were split, and why; filled while heights are found.
+    /// Buildings whose footprints were split, and why; filled while heights are found.
     #[serde(skip)]
     pub levels: Vec<(BuildingId, LevelGain)>,
 }
 
 impl FootprintStage {
-    /// Of outlines that were not found in photos.
+    /// Stage of footprints that were not found in photos.
     #[must_use]
     pub fn of_layer(layer: FootprintLayer, ground: Vec<Option<GroundLevel>>, issues: Vec<Issue>) -> Self {
         Self { layer, ground, issues, tracks: None, detection: None, levels: Vec::new() }
@@ -56,11 +56,11 @@ pub struct HeightStage {
     pub origin: LocalOrigin,
     /// Position in the layer of each building that was solved.
     pub solved: Vec<usize>,
-    /// How outlines were split before the last round of solving, round by round; positions count the layer as it
+    /// How footprints were split before the last round of solving, round by round; positions count the layer as it
     /// was left by the round before.
     #[serde(default)]
     pub cuts: Vec<Vec<Cut>>,
-    /// Outlines that were split and joined again, as the heights of their parts did not bear it out.
+    /// Footprints that were split and joined again, as the heights of their parts did not bear it out.
     #[serde(default)]
     pub joined: Vec<String>,
     /// The solution, one height per building of `solved`; its views are positions in the survey.
@@ -68,10 +68,10 @@ pub struct HeightStage {
     /// Views whose photo could not be read where roofs were settled by photos, and why.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unread_photos: Vec<(usize, String)>,
-    /// What the ground says against the priors' declared direction.
+    /// Doubt of the ground about the priors' declared direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub doubt: Option<Issue>,
-    /// What the photos say of the terrain.
+    /// Terrain by the photos.
     #[serde(default)]
     pub ground: GroundTold,
 }
@@ -108,7 +108,7 @@ fn path_of(config: &RunConfig, stage: Stage) -> PathBuf {
     config.project.output.join("stages").join(format!("{}.json", stage.name()))
 }
 
-/// What a stage and those before it are made from: settings, whatever folder a command was given in, and what their files hold.
+/// Recipe of a stage and those before it: settings, whatever folder a command was given in, and what their files hold.
 fn recipe(config: &RunConfig, stage: Stage, survey: &Survey) -> Recipe {
     let mut recipe = Recipe::new(&settings::of_stage(config, stage));
     contents::add(&mut recipe, config, stage, survey);
@@ -161,7 +161,7 @@ fn check<T: Coherent>(config: &RunConfig, stage: Stage, read: &Read<T>, survey: 
     }
 }
 
-/// What a stage left behind cannot be used.
+/// Error of an artefact that cannot be used.
 fn unusable(config: &RunConfig, stage: Stage, message: String) -> PipelineError {
     PipelineError::Artefact { path: path_of(config, stage), message, stage: stage.name() }
 }
@@ -171,7 +171,7 @@ const MOST_M: f64 = 1e8;
 /// Largest difference of a rotation's determinant from 1.
 const ROTATION_WITHIN: f64 = 1e-6;
 
-/// What a run left behind is a file that anybody may have altered: whatever later stages take for granted is held against it.
+/// Check of a run's file, which anybody may have altered: whatever later stages take for granted is held against it.
 pub(super) trait Coherent {
     /// Says what does not fit.
     fn check(&self) -> Result<(), String>;
@@ -194,7 +194,7 @@ impl Coherent for FootprintStage {
     fn check(&self) -> Result<(), String> {
         let n_footprints = self.layer.footprints.len();
         if self.ground.len() != n_footprints {
-            return Err(format!("{n_footprints} outlines, ground under {}", self.ground.len()));
+            return Err(format!("{n_footprints} footprints, ground under {}", self.ground.len()));
         }
         let is_near = |number: f64| number.abs() < MOST_M;
         let is_ring = |ring: &LineString| {
@@ -202,7 +202,7 @@ impl Coherent for FootprintStage {
         };
         let is_sound = |polygon: &Polygon| is_ring(polygon.exterior()) && polygon.interiors().iter().all(is_ring);
         if let Some(footprint) = self.layer.footprints.iter().find(|footprint| !is_sound(&footprint.polygon)) {
-            return Err(format!("the outline of {}", footprint.id.0));
+            return Err(format!("the footprint of {}", footprint.id.0));
         }
         let is_nowhere = |ground: &&GroundLevel| !(is_near(ground.reference_m) && is_near(ground.lowest_m));
         match self.ground.iter().flatten().find(is_nowhere) {
@@ -224,7 +224,7 @@ impl Coherent for HeightStage {
 }
 
 impl HeightStage {
-    /// Whether all its positions are those of views of the survey, and of outlines as they are once split.
+    /// Whether all its positions are those of views of the survey, and of footprints as they are once split.
     ///
     /// # Errors
     /// [`PipelineError::Artefact`].
@@ -241,7 +241,7 @@ impl HeightStage {
         let message = if let Some(view) = said.chain(told).find(|&&view| view >= n_views) {
             format!("altered: view {view} of {n_views}")
         } else if let Some(at) = self.solved.iter().find(|&&at| at >= n_footprints) {
-            format!("altered: outline {at} of {n_footprints}")
+            format!("altered: footprint {at} of {n_footprints}")
         } else {
             return Ok(());
         };

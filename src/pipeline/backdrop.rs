@@ -29,13 +29,13 @@ const PHOTOS_AT_A_TIME: usize = 4;
 const N_PLACES: usize = 48;
 /// A photo that adds a smaller share of the town than this is not worth reading.
 const LEAST_GAIN: f64 = 0.01;
-/// Ground shown around the outlines, share of their longer side, and at least, metres.
+/// Ground shown around the footprints, share of their longer side, and at least, metres.
 const MARGIN_SHARE: f64 = 0.04;
 const LEAST_MARGIN_M: f64 = 15.0;
 /// Finer pixels than this show no more of a town, metres.
 const LEAST_PX_M: f64 = 0.05;
 
-/// Lays photos under the outlines, the longer side of the picture at most `longest_px`; `None` where no nadir photo is at
+/// Lays photos under the footprints, the longer side of the picture at most `longest_px`; `None` where no nadir photo is at
 /// hand that shows any of it.
 pub(super) fn lay(views: &[View], records: &[BuildingRecord], terrain: &Terrain, longest_px: u32) -> Option<Backdrop> {
     let sheet = Sheet::around(records, terrain, longest_px)?;
@@ -226,15 +226,15 @@ mod tests {
         view
     }
 
-    /// One outline, `side_m` by 20 m around the middle.
+    /// One footprint, `side_m` by 20 m around the middle.
     fn town(side_m: f64) -> Vec<BuildingRecord> {
         let [x, y] = [AT[0], AT[1]];
-        let outline = polygon![(x: x - side_m / 2.0, y: y - 10.0), (x: x + side_m / 2.0, y: y - 10.0),
+        let footprint = polygon![(x: x - side_m / 2.0, y: y - 10.0), (x: x + side_m / 2.0, y: y - 10.0),
             (x: x + side_m / 2.0, y: y + 10.0), (x: x - side_m / 2.0, y: y + 10.0)];
         vec![BuildingRecord {
             id: "a".to_owned(),
             part_of: None,
-            footprint: Some(outline),
+            footprint: Some(footprint),
             ground_z_m: Some(AT[2]),
             base_z_m: Some(AT[2]),
             height_m: Some(9.0),

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use super::{Stage, footprints as outlines, poses, reads_photo, stages};
+use super::{Stage, footprints, poses, reads_photo, stages};
 use crate::config::RunConfig;
 use crate::recipe::{ABSENT, Recipe};
 use sizeup_footprints::FootprintSource;
@@ -57,7 +57,7 @@ fn files(config: &RunConfig, stage: Stage, survey: &Survey) -> BTreeSet<(&'stati
         files.extend(photos(&|_| true));
     }
     if stage >= Stage::Footprints {
-        let layers = outlines::files(config, survey);
+        let layers = footprints::files(config, survey);
         files.extend(layers.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path)));
         files.extend(config.terrain.dtm.iter().flat_map(|path| source::files_of(path)).map(|path| ("terrain", path)));
         let finds = matches!(config.footprints, FootprintSource::Network(_));

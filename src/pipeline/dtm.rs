@@ -1,4 +1,4 @@
-//! A terrain model from the photos: made by itself, or before the outlines of a run that asks for it.
+//! A terrain model from the photos: made by itself, or before the footprints of a run that asks for it.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ use sizeup_survey::Survey;
 /// Written where no ground was found.
 const NODATA: f32 = -9999.0;
 
-/// Makes the model around the configuration's outlines, and gives them too (none where they are yet to be found).
+/// Makes the model around the configuration's footprints, and gives them too (none where they are yet to be found).
 /// `progress` is told how many squares of how many are done.
 ///
 /// # Errors
@@ -48,26 +48,26 @@ fn make(
     settings: &DtmConfig,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<(Dtm, Vec<Polygon<f64>>), PipelineError> {
-    let outlines = match &config.footprints {
+    let footprints = match &config.footprints {
         FootprintSource::Layer(layer) => sizeup_footprints::read(layer, &config.project.crs)?.footprints,
         FootprintSource::Masks(_) | FootprintSource::Network(_) => Vec::new(),
     };
-    let outlines: Vec<Polygon<f64>> = outlines.into_iter().map(|f| f.polygon).collect();
-    let polygons: Vec<&Polygon<f64>> = outlines.iter().collect();
+    let footprints: Vec<Polygon<f64>> = footprints.into_iter().map(|f| f.polygon).collect();
+    let polygons: Vec<&Polygon<f64>> = footprints.iter().collect();
     let area = dtm::area(&survey.views, &polygons, settings);
     let rough = terrain::load(&config.terrain, &config.project.crs, area)?;
     let dtm = dtm::estimate(&survey.views, &polygons, &rough, settings, progress)?;
-    Ok((dtm, outlines))
+    Ok((dtm, footprints))
 }
 
 /// Makes the model that a run asks for, and writes it where [`terrain_in_force`] looks for it.
 pub(super) fn for_run(config: &RunConfig, survey: &Survey, tell: Tell<'_>) -> Result<(), PipelineError> {
     let Some(settings) = &config.dtm else { return Ok(()) };
-    let (dtm, outlines) = make(config, survey, settings, &|done, total| tell(Event::Ground { done, total }))?;
+    let (dtm, footprints) = make(config, survey, settings, &|done, total| tell(Event::Ground { done, total }))?;
     write_dtm(&dtm, &config.project.crs, &path_of(config))?;
     if config.output.pictures {
-        let outlines: Vec<&Polygon<f64>> = outlines.iter().collect();
-        let picture = relief_map(&dtm, &outlines, &config.project.crs);
+        let polygons: Vec<&Polygon<f64>> = footprints.iter().collect();
+        let picture = relief_map(&dtm, &polygons, &config.project.crs);
         write_png(&config.project.output.join("pictures").join("dtm.png"), &picture)?;
     }
     Ok(())

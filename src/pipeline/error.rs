@@ -15,7 +15,7 @@ use sizeup_results::output::OutputError;
 use sizeup_results::output::reviews::ReviewsError;
 use sizeup_survey::SurveyError;
 
-/// What stops a run.
+/// Failure that stops a run.
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
     /// The configuration.
@@ -33,9 +33,9 @@ pub enum PipelineError {
         report.display()
     )]
     Unsound {
-        /// What looks wrong, and which other readings look better; a line each.
+        /// Doubts, and other readings that look better; a line each.
         findings: String,
-        /// What may help.
+        /// Remedy.
         cure: &'static str,
         /// The report.
         report: PathBuf,
@@ -63,35 +63,35 @@ pub enum PipelineError {
     Settings {
         /// Table of the configuration.
         table: &'static str,
-        /// What is wrong.
+        /// Fault.
         message: String,
-        /// What to do.
+        /// Remedy.
         hint: &'static str,
     },
     /// Survey and footprints do not fit together.
     #[error("{message}\nhint: {hint}")]
     Mismatch {
-        /// What was expected and what was found.
+        /// Expected against found.
         message: String,
-        /// What to check.
+        /// Remedy.
         hint: &'static str,
     },
     /// No prior could be loaded.
     #[error("none of the {n} depth priors asked for could be used; the first, of {view}: {reason}")]
     NoPriors {
-        /// How many were asked for.
+        /// Number asked for.
         n: usize,
         /// The first of them.
         view: String,
         /// Why it could not be used.
         reason: String,
     },
-    /// What an earlier stage left behind cannot be used.
+    /// Artefact of an earlier stage that cannot be used.
     #[error("{}: {message}\nhint: run again from the {stage} stage (--from {stage})", path.display())]
     Artefact {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Fault.
         message: String,
         /// The stage that makes it.
         stage: &'static str,

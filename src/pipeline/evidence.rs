@@ -28,7 +28,7 @@ const MAX_COMPUTED_VIEWS: usize = 12;
 const PHOTOS_AT_A_TIME: usize = 4;
 /// Sectors of azimuth that a building's photos are chosen from.
 const N_SECTORS: usize = 4;
-/// What is shown around a building, shares of its own size in the photo, and at least, pixels of the photo.
+/// Margin shown around a building, shares of its own size in the photo, and at least, pixels of the photo.
 const AROUND_SHARE: f64 = 0.45;
 const LEAST_AROUND_PX: f64 = 12.0;
 /// Width of a cut-out by its height.
@@ -70,7 +70,7 @@ pub(super) fn gather(
     pairs.map(|(inspection, crops)| evidence_of(heights.solved[inspection.building], inspection, crops)).collect()
 }
 
-/// What is shown of one building, the views that see most of it first.
+/// Evidence shown of one building, the views that see most of it first.
 fn evidence_of(building: usize, inspection: Inspection, mut crops: Vec<Crop>) -> Evidence {
     let n_rays = |view: usize| inspection.views.iter().find(|v| v.view == view).map_or(0, |v| v.n_rays);
     crops.sort_by_key(|crop| (std::cmp::Reverse(n_rays(crop.view)), crop.view));

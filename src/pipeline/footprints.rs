@@ -1,4 +1,4 @@
-//! The footprints stage: outlines from a layer, or found in the nadir photos, and the ground under each.
+//! The footprints stage: footprints from a layer, or found in the nadir photos, and the ground under each.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ use super::dtm::terrain_in_force;
 use super::stages::load_terrain;
 use super::{FootprintStage, HeightStage, PipelineError, pictures};
 use crate::config::RunConfig;
-use sizeup_footprints::{Detection, FootprintSource, MaskFiles, OutlineKind, OutlineSource, Segmenter};
+use sizeup_footprints::{ContourKind, ContourSource, Detection, FootprintSource, MaskFiles, Segmenter};
 use sizeup_geo::issue::{Severity, Subject};
 use sizeup_geo::terrain::{self, MapBox, Terrain, ground_under};
 use sizeup_survey::{Survey, View, ViewKind};
@@ -17,12 +17,12 @@ use sizeup_survey::{Survey, View, ViewKind};
 /// Movement below which roofs count as settled, metres.
 const SETTLED_M: f64 = 0.02;
 
-/// Reads or finds the outlines.
+/// Reads or finds the footprints.
 pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStage, Terrain), PipelineError> {
-    let source: Box<dyn OutlineSource> = match &config.footprints {
+    let source: Box<dyn ContourSource> = match &config.footprints {
         FootprintSource::Layer(layer) => {
             let layer = sizeup_footprints::read(layer, &config.project.crs)?;
-            require_outlines(&layer)?;
+            require_footprints(&layer)?;
             let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
             return Ok((on_ground(config, layer, &terrain), terrain));
         }
@@ -45,7 +45,7 @@ pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStag
 }
 
 /// Says why, where none of a layer's features can be used: nothing else will.
-fn require_outlines(layer: &sizeup_footprints::FootprintLayer) -> Result<(), PipelineError> {
+fn require_footprints(layer: &sizeup_footprints::FootprintLayer) -> Result<(), PipelineError> {
     if !layer.footprints.is_empty() {
         return Ok(());
     }
@@ -61,13 +61,13 @@ fn require_outlines(layer: &sizeup_footprints::FootprintLayer) -> Result<(), Pip
     });
     let hint = match n_by_reason.iter().max_by_key(|(_, n)| **n) {
         Some((&("footprint_not_a_polygon" | "footprint_unsupported_geometry"), _)) => {
-            "outlines have to be polygons; closed lines become polygons with `Lines to polygons` in QGIS"
+            "footprints have to be polygons; closed lines become polygons with `Lines to polygons` in QGIS"
         }
         Some((&"footprint_too_small", _)) => "are the layer's units metres? `footprints.min_area_m2` is the least area",
         _ => "mend the layer, or name another with `footprints.path`",
     };
     let n = layer.refused.len();
-    let message = format!("none of the {n} outlines can be used: {}{first}", reasons.join(", "));
+    let message = format!("none of the {n} footprints can be used: {}{first}", reasons.join(", "));
     Err(PipelineError::Mismatch { message: format!("[footprints] {message}"), hint })
 }
 
@@ -112,17 +112,17 @@ fn corners_on(view: &View, level_m: f64) -> Vec<(f64, f64)> {
     corners.into_iter().filter_map(meets).collect()
 }
 
-/// Whether roof outlines wait for heights, and how often they may be moved.
+/// Whether roof contours wait for heights, and how often they may be moved.
 pub(super) fn roof_rounds(config: &RunConfig, footprints: &FootprintStage) -> usize {
     match config.footprints.detection() {
-        Some(settings) if settings.outline == OutlineKind::Roof && footprints.tracks.is_some() => {
+        Some(settings) if settings.contour == ContourKind::Roof && footprints.tracks.is_some() => {
             settings.consensus.roof_rounds
         }
         _ => 0,
     }
 }
 
-/// Moves roof outlines to the heights found; whether any of them moved.
+/// Moves roof contours to the heights found; whether any of them moved.
 pub(super) fn move_roofs(
     config: &RunConfig,
     survey: &Survey,
@@ -143,7 +143,7 @@ pub(super) fn move_roofs(
     Ok(moved.iter().any(|m| *m > SETTLED_M))
 }
 
-/// The files that outlines come from, for the lineage.
+/// The files that footprints come from, for the lineage.
 #[must_use]
 pub fn files(config: &RunConfig, survey: &Survey) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = config.footprints.file().into_iter().collect();

@@ -12,7 +12,7 @@ use sizeup_survey::Survey;
 /// The local frame and the heights that are looked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
-    /// Where the local frame lies in the map.
+    /// Origin of the local frame in the map.
     pub origin: LocalOrigin,
     /// The range of heights of every building.
     pub bounds: HeightBounds,
@@ -21,7 +21,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Of a whole city: its survey, the box around all its outlines, and its highest ground.
+    /// Frame of a whole city: its survey, the box around all its footprints, and its highest ground.
     ///
     /// # Errors
     /// [`PipelineError`] where the views do not look down at such ground, or the settings leave no range of heights.
@@ -41,7 +41,7 @@ impl Frame {
 /// that single precision holds a tenth of a millimetre a kilometre away.
 const ORIGIN_STEP_M: DVec3 = DVec3::new(1000.0, 1000.0, 100.0);
 
-/// The middle of the outlines at the height of the lowest view, in round numbers: the ground need not be known.
+/// The middle of the footprints at the height of the lowest view, in round numbers: the ground need not be known.
 pub(super) fn origin(survey: &Survey, area: MapBox) -> LocalOrigin {
     let lowest_m = survey.views.iter().map(|v| v.camera_from_map.centre().z).reduce(f64::min).unwrap_or(0.0);
     let middle = (f64::midpoint(area.west_m, area.east_m), f64::midpoint(area.south_m, area.north_m));

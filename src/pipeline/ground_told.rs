@@ -36,7 +36,7 @@ const MOST_SPACING_M: f64 = 40.0;
 const SPACING_STEP_M: f64 = 4.0;
 /// Squares that a square's neighbours are taken from, in spacings around it.
 const NEIGHBOURS: f64 = 5.4;
-/// Around the outlines, metres.
+/// Around the footprints, metres.
 const MARGIN_M: f64 = 30.0;
 /// Fewer squares with ground say nothing, of the whole or of a ninth of the area.
 const MIN_SQUARES: usize = 12;
@@ -50,16 +50,16 @@ const OF_MEDIAN: f64 = 1.2533;
 const N_AROUND: usize = 4;
 const AROUND_M: f64 = 60.0;
 
-/// What the photos say of the terrain.
+/// Terrain by the photos.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct GroundTold {
-    /// Where they show the ground, map, and by how much it lies above the terrain, metres.
+    /// Places where they show the ground, map, and its height above the terrain, metres.
     pub off_m: Vec<([f64; 2], f64)>,
 }
 
-/// Distance from one square to the next over a city whose outlines lie within a box, metres: the same in all of its parts.
-pub(super) fn spacing_m(outlines: MapBox) -> f64 {
-    let area = outlines.grown(MARGIN_M);
+/// Distance from one square to the next over a city whose footprints lie within a box, metres: the same in all of its parts.
+pub(super) fn spacing_m(footprints: MapBox) -> f64 {
+    let area = footprints.grown(MARGIN_M);
     let area_m2 = (area.east_m - area.west_m) * (area.north_m - area.south_m);
     let spacing_m = (area_m2 / N_SQUARES).sqrt().clamp(DtmConfig::default().spacing_m, MOST_SPACING_M);
     // Rather closer: a building is told of by the squares around it.
@@ -88,13 +88,13 @@ pub(super) fn look(
     if !asks(config) || !survey.views.iter().any(|view| view.image.is_some()) {
         return GroundTold::default();
     }
-    let outlines: Vec<&Polygon<f64>> = footprints.layer.footprints.iter().map(|f| &f.polygon).collect();
+    let polygons: Vec<&Polygon<f64>> = footprints.layer.footprints.iter().map(|f| &f.polygon).collect();
     let spacing_m = stage.ground_spacing_m;
     let settings = DtmConfig { margin_m: MARGIN_M, spacing_m, ..DtmConfig::default() };
-    let area = dtm::area(&survey.views, &outlines, &settings);
+    let area = dtm::area(&survey.views, &polygons, &settings);
     let area = core.map_or(area, |core| core.grown(AROUND_M + NEIGHBOURS * spacing_m).shared_with(&area));
     // A photo that cannot be read is told of elsewhere.
-    let Ok((squares, _)) = dtm::off_by(&survey.views, &outlines, &stage.terrain, area, &settings, &|_, _| ()) else {
+    let Ok((squares, _)) = dtm::off_by(&survey.views, &polygons, &stage.terrain, area, &settings, &|_, _| ()) else {
         return GroundTold::default();
     };
     let ground = squares.iter().filter_map(|square| match square.outcome {
@@ -111,7 +111,7 @@ impl GroundTold {
         Self { off_m: self.off_m.iter().filter(|(at, _)| area.holds((at[0], at[1]))).copied().collect() }
     }
 
-    /// What the parts of a city, each with its core, say together: of a place that several looked at, the part says it whose
+    /// Verdict of a city's parts, each with its core: of a place that several looked at, the part says it whose
     /// core is closest, the first of equals.
     #[must_use]
     pub fn of_parts(parts: impl IntoIterator<Item = (MapBox, Self)>) -> Self {
@@ -129,7 +129,7 @@ impl GroundTold {
         Self { off_m: told.into_values().map(|(at, _, off_m)| (at, off_m)).collect() }
     }
 
-    /// What is to be said of the terrain as a whole: a shift, or where it differs most.
+    /// Issue of the terrain as a whole: a shift, or where it differs most.
     #[must_use]
     pub fn issue(&self) -> Option<Issue> {
         if self.off_m.len() < MIN_SQUARES {

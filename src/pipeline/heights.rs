@@ -1,11 +1,11 @@
-//! The heights stage: one scene solved, and solved again where heights change the outlines.
+//! The heights stage: one scene solved, and solved again where heights change the footprints.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
 
 use super::above::mark_towers;
-use super::footprints as outlines;
+use super::footprints;
 use super::kept::PriorStore;
 use super::refinement::refine;
 use super::stages::SceneStage;
@@ -28,7 +28,7 @@ const RESUMED_SWEEPS: usize = 2;
 /// Views whose priors are held against the ground before any ray is traced.
 const N_SAMPLED: usize = 5;
 
-/// What heights are found with.
+/// Input of the search for heights.
 pub(super) struct HeightSearch<'a> {
     pub config: &'a RunConfig,
     pub survey: &'a Survey,
@@ -37,7 +37,7 @@ pub(super) struct HeightSearch<'a> {
 }
 
 impl HeightSearch<'_> {
-    /// Solves for the heights, again and again where they change the outlines; with the priors they were found in.
+    /// Solves for the heights, again and again where they change the footprints; with the priors they were found in.
     pub fn in_rounds(
         &self,
         footprints: &mut FootprintStage,
@@ -61,9 +61,9 @@ impl HeightSearch<'_> {
             Ok(heights)
         };
         // Roofs move with their heights, and heights are measured under their roofs.
-        for _ in 0..outlines::roof_rounds(self.config, footprints) {
+        for _ in 0..footprints::roof_rounds(self.config, footprints) {
             let heights = find(stage, &self.untraced(), &keeping_whole(&self.config.optimise), &Known::default())?;
-            let has_moved = outlines::move_roofs(self.config, self.survey, footprints, &heights)?;
+            let has_moved = footprints::move_roofs(self.config, self.survey, footprints, &heights)?;
             *stage = SceneStage::new(self.config, self.survey, footprints)?;
             if !has_moved {
                 break;
@@ -79,7 +79,7 @@ impl HeightSearch<'_> {
         Ok((heights, priors))
     }
 
-    /// Solves with `find`, takes apart the outlines with two roof levels (no one height fits them), and solves again.
+    /// Solves with `find`, takes apart the footprints with two roof levels (no one height fits them), and solves again.
     pub fn taking_apart(
         &self,
         footprints: &mut FootprintStage,
@@ -95,14 +95,14 @@ impl HeightSearch<'_> {
             let known = Known::of(&heights, footprints.layer.footprints.len());
             let Some(stood) = levels::split_footprints(footprints, &round) else { break };
             *stage = SceneStage::in_frame(self.config, &stage.frame(), footprints)?;
-            rays = rays.of_other_outlines();
+            rays = rays.of_other_footprints();
             cuts.push(round);
             if cuts.len() < levels::MAX_ROUNDS {
                 heights = find(stage, &rays, &looking_at_parts(&self.config.optimise), &known.moved(&stood))?;
             }
         }
         if !cuts.is_empty() || !heights.solution.other_levels.is_empty() {
-            // From scratch: what was found with other outlines hides what stands behind them.
+            // From scratch: what was found with other footprints hides what stands behind them.
             heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &Known::default())?;
         }
         let mut joined = BTreeSet::new();
@@ -122,7 +122,7 @@ impl HeightSearch<'_> {
             }
             cuts = kept;
             *stage = SceneStage::in_frame(self.config, &stage.frame(), footprints)?;
-            rays = rays.of_other_outlines();
+            rays = rays.of_other_footprints();
             heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &Known::default())?;
         }
         heights.unread_photos = refine(self.config, self.survey, stage, &mut heights.solution);
@@ -203,7 +203,7 @@ impl Known {
         Self(known)
     }
 
-    /// For a layer whose outlines stood elsewhere in the old one.
+    /// For a layer whose footprints stood elsewhere in the old one.
     fn moved(&self, stood: &[Option<usize>]) -> Self {
         Self(stood.iter().map(|before| self.0[(*before)?]).collect())
     }
@@ -223,7 +223,7 @@ pub(super) fn for_priors(priors: &PriorConfig, optimise: &OptimiseConfig) -> Opt
     optimise
 }
 
-/// What it takes to see whether a new part has yet another level.
+/// Settings to see whether a new part has yet another level.
 fn looking_at_parts(optimise: &OptimiseConfig) -> OptimiseConfig {
     let search = SearchConfig {
         full_sweeps: RESUMED_SWEEPS.min(optimise.search.full_sweeps),

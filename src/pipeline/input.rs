@@ -150,7 +150,7 @@ pub(super) fn check_settings(config: &RunConfig) -> Result<(), PipelineError> {
     }
 }
 
-/// Checks that some outline has the attribute that heights are to come from where photos do not tell them.
+/// Checks that some footprint has the attribute that heights are to come from where photos do not tell them.
 ///
 /// # Errors
 /// [`PipelineError::Settings`].
@@ -163,8 +163,8 @@ pub fn check_fallback<'a>(
         (FallbackSource::Attribute, Some(name)) if !attributes.any(|of_one| of_one.contains_key(name)) => {
             Err(PipelineError::Settings {
                 table: "output.fallback",
-                message: format!("none of the outlines has an attribute {name:?}"),
-                hint: "attributes are named as in the outlines' layer; `ogrinfo -so LAYER` lists them",
+                message: format!("none of the footprints has an attribute {name:?}"),
+                hint: "attributes are named as in the footprints' layer; `ogrinfo -so LAYER` lists them",
             })
         }
         _ => Ok(()),

@@ -12,7 +12,7 @@ use sizeup_survey::{Survey, View};
 use super::PipelineError;
 use super::stages::SceneStage;
 
-/// What a run keeps of computed priors, bytes: some 350 of 518 × 350 pixels.
+/// Memory that a run keeps computed priors in, bytes: some 350 of 518 × 350 pixels.
 const KEPT_BYTES: usize = 256 << 20;
 
 /// A source of priors that remembers.
@@ -23,7 +23,7 @@ pub(super) struct PriorStore {
 }
 
 impl PriorStore {
-    /// Of a run.
+    /// Priors of a run.
     pub fn open(config: &RunConfig, survey: &Survey, stage: &SceneStage) -> Result<Self, PipelineError> {
         let source = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
         Ok(Self { source, kept: Kept::up_to(KEPT_BYTES) })
@@ -34,7 +34,7 @@ impl PriorStore {
         Self { source, kept: Kept::up_to(0) }
     }
 
-    /// Where they come from.
+    /// Source.
     pub fn source(&self) -> &Priors {
         &self.source
     }

@@ -1,4 +1,4 @@
-//! Outlines that hold two roof levels: split between two rounds of solving.
+//! Footprints that hold two roof levels: split between two rounds of solving.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,15 +16,15 @@ use sizeup_heights::optimise::{LevelGain, Solution, SolvedHeight};
 /// Rounds of taking apart: each finds one more level of a building.
 pub(super) const MAX_ROUNDS: usize = 2;
 
-/// Where one outline is cut.
+/// Cut of one footprint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Cut {
     /// Position in the layer, as it was before this round.
     pub footprint: usize,
-    /// Its name there; its parts are called `ID#1`, `ID#2`, …
+    /// Name there; its parts are called `ID#1`, `ID#2`, …
     #[serde(default)]
     pub id: String,
-    /// What stands at another level than the rest, map frame.
+    /// Part at another level than the rest, map frame.
     pub other: Polygon<f64>,
     /// Why it is cut.
     #[serde(default)]
@@ -46,8 +46,8 @@ pub(super) fn cuts(footprints: &FootprintStage, stage: &SceneStage, solution: &S
     solution.other_levels.iter().map(of_level).collect()
 }
 
-/// Replaces the outlines that are cut by their parts: `ID#1`, `ID#2`, …, on the ground of the whole. Returns where each
-/// outline stood before, nothing for parts; `None` if no outline was cut.
+/// Replaces the footprints that are cut by their parts: `ID#1`, `ID#2`, …, on the ground of the whole. Returns where each
+/// footprint stood before, nothing for parts; `None` if no footprint was cut.
 pub(super) fn split_footprints(stage: &mut FootprintStage, cuts: &[Cut]) -> Option<Vec<Option<usize>>> {
     let mut cuts = cuts.iter().peekable();
     let whole = std::mem::take(&mut stage.layer.footprints);
@@ -132,7 +132,7 @@ impl Level {
     }
 }
 
-/// The cuts of one round without those of some outlines and of their parts, for a layer in which these are whole.
+/// The cuts of one round without those of some footprints and of their parts, for a layer in which these are whole.
 pub(super) fn without(cuts: &[Cut], footprints: &FootprintStage, joined: &BTreeSet<String>) -> Vec<Cut> {
     let is_of = |cut: &Cut, whole: &String| cut.id == *whole || cut.id.starts_with(&format!("{whole}#"));
     let kept = cuts.iter().filter(|cut| !joined.iter().any(|whole| is_of(cut, whole)));
@@ -141,7 +141,7 @@ pub(super) fn without(cuts: &[Cut], footprints: &FootprintStage, joined: &BTreeS
     kept.filter_map(|cut| Some(Cut { footprint: at(cut)?, ..cut.clone() })).collect()
 }
 
-/// Says of an outline that was split that its parts were joined again.
+/// Says of a footprint that was split that its parts were joined again.
 pub(super) fn joined_note(id: &str) -> Issue {
     let message =
         "its roof looked like two levels, but the heights of its two parts did not bear them out: it was left whole";
@@ -184,10 +184,10 @@ fn note(footprint: &Footprint, n_parts: usize, gain: &LevelGain) -> Issue {
     let [inner_m, outer_m] = gain.heights_m;
     let (low_m, high_m) = (inner_m.min(outer_m), inner_m.max(outer_m));
     let message = format!(
-        "its outline holds roofs at two levels, about {low_m:.0} and {high_m:.0} m, and was split into {n_parts} parts: \
+        "its footprint holds roofs at two levels, about {low_m:.0} and {high_m:.0} m, and was split into {n_parts} parts: \
          over {} photos two levels score {:.2}, one level {one:.2} at best",
         gain.n_views, gain.two
     );
     let note = Issue::new(Severity::Note, "footprint_split", subject, message);
-    note.hint("optimise.search.split_levels = false keeps outlines whole")
+    note.hint("optimise.search.split_levels = false keeps footprints whole")
 }

@@ -3,7 +3,7 @@
 //! | stage | reads | leaves in `stages/` |
 //! |---|---|---|
 //! | survey | photos and poses | `survey.json` |
-//! | footprints | outlines, terrain | `footprints.json` |
+//! | footprints | footprints, terrain | `footprints.json` |
 //! | heights | priors | `heights.json` |
 //! | output | the three above | nothing: it writes the results |
 //!
@@ -41,7 +41,7 @@ mod worst;
 pub use artefact::{FootprintStage, HeightStage};
 pub use dtm::{dtm_of_photos, write_dtm, write_project};
 pub use error::PipelineError;
-pub use footprints::files as outline_files;
+pub use footprints::files as footprint_files;
 pub use frame::Frame;
 pub use ground_told::GroundTold;
 pub use input::check_fallback;
@@ -53,7 +53,9 @@ pub use refinement::{photo_bytes, reads_photo};
 pub use report::write_city_report;
 pub use settings::part_settings;
 pub use stages::{files_of, lineage_of, reviews_of, unstated_reference};
-pub use tile::{Part, PartHashes, PartHeights, find_outlines, layer_of, outlines_around, refused_records, survey_of};
+pub use tile::{
+    Part, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records, survey_of,
+};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -70,7 +72,7 @@ pub use sizeup_results::output::RunSummary;
 pub enum Stage {
     /// Poses into the project's CRS.
     Survey,
-    /// Outlines onto the ground.
+    /// Footprints onto the ground.
     Footprints,
     /// One height per building.
     Heights,
@@ -102,42 +104,42 @@ pub struct RunOptions {
     pub command: String,
 }
 
-/// What a run tells while it works.
+/// Message of a run while it works.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
     /// A stage begins.
     Stage(Stage),
     /// So many sizes of the photos are done where poses are brought to agree with them.
     Align {
-        /// How many are done.
+        /// Number done.
         done: usize,
-        /// How many there are.
+        /// Number in all.
         total: usize,
     },
     /// So many photos were looked at for blur and exposure.
     Photos {
-        /// How many are done.
+        /// Number done.
         done: usize,
-        /// How many there are.
+        /// Number in all.
         total: usize,
     },
     /// So many of the places are done where the ground is looked for in the photos.
     Ground {
-        /// How many are done.
+        /// Number done.
         done: usize,
-        /// How many there are.
+        /// Number in all.
         total: usize,
     },
     /// The first priors do not follow the ground: told before the work that rests on them.
     PriorsDoubted {
-        /// How many views were looked at.
+        /// Number of views looked at.
         n_views: usize,
     },
     /// So much of some work within a stage is done.
     Advance {
-        /// What is being done.
+        /// Task at hand.
         what: Solving,
-        /// How much is done.
+        /// Amount done.
         done: usize,
         /// How much there is.
         total: usize,
@@ -150,11 +152,11 @@ pub type Tell<'a> = &'a (dyn Fn(Event) + Sync);
 /// The result of a run in memory: what its files say.
 #[derive(Debug, Clone)]
 pub struct City {
-    /// What was done, in numbers.
+    /// Summary in numbers.
     pub summary: RunSummary,
     /// One per building or part of one, in the order of the input; empty where the output stage did not run.
     pub records: Vec<BuildingRecord>,
-    /// What was wrong with single items of the input, by weight; empty where the output stage did not run.
+    /// Issues of single items of the input, by weight; empty where the output stage did not run.
     pub issues: Vec<Issue>,
 }
 
@@ -182,7 +184,7 @@ pub fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> Result<R
     run_with(config, options, tell, &solve)
 }
 
-/// What turns evidence into heights: the optimiser, or a baseline in its place.
+/// Solver that turns evidence into heights: the optimiser, or a baseline in its place.
 pub type Solver<'a> = &'a dyn Fn(&Problem<'_>, &OptimiseConfig) -> Solution;
 
 /// As [`run`], with another solver in the optimiser's place. Its results belong in a folder of their own: what the

@@ -43,7 +43,7 @@ const GROUND: colour::Rgb = [236, 233, 226];
 /// Distance over which the ground's slope is taken, metres.
 const SLOPE_M: f32 = 2.0;
 
-/// What a pixel shows: a colour, and which face, so that edges are found.
+/// Content of a pixel: a colour, and which face, so that edges are found.
 #[derive(Clone, Copy)]
 struct Sight {
     colour: [f32; 3],

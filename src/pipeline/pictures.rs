@@ -28,7 +28,7 @@ use sizeup_survey::{Survey, View, ViewKind};
 
 /// Photos with the proxies drawn over them.
 const N_OVERLAYS: usize = 3;
-/// Nadir photos with their outlines drawn over them, at most: a city has thousands.
+/// Nadir photos with their footprints drawn over them, at most: a city has thousands.
 const MOST_FOOTPRINT_OVERLAYS: usize = 40;
 /// Longer side of the rendered depth beside the prior, pixels.
 const PANEL_PX: u32 = 640;
@@ -69,7 +69,7 @@ pub(super) fn write(
     Ok(())
 }
 
-/// Draws the outlines over nadir photos, into `pictures/footprints-*.png`: over all of them, or where there are many over
+/// Draws the footprints over nadir photos, into `pictures/footprints-*.png`: over all of them, or where there are many over
 /// some, evenly spread over the flight.
 pub(super) fn footprints(
     folder: &std::path::Path,
@@ -87,10 +87,10 @@ pub(super) fn footprints(
             lines.extend(ground_lines(view, polygon, terrain, CANDIDATE));
         }
         for footprint in &found.layer.footprints {
-            lines.extend(ground_lines(view, &footprint.polygon, terrain, OUTLINE));
+            lines.extend(ground_lines(view, &footprint.polygon, terrain, FOOTPRINT));
         }
         let name = format!("footprints-{}.png", bare_stem(&view.id.0));
-        let key = [("footprint", OUTLINE), ("this photo's mask", CANDIDATE)];
+        let key = [("footprint", FOOTPRINT), ("this photo's mask", CANDIDATE)];
         let overlay = picture::overlay(&photo_of(view)?, &lines, &key, &OverlayConfig::default());
         picture::write_png(&folder.join(name), &overlay).map_err(PipelineError::from)
     })
@@ -123,7 +123,7 @@ fn ground_lines(view: &View, polygon: &Polygon<f64>, terrain: &Terrain, colour: 
 }
 
 /// Colour of footprints and of single photos' masks.
-const OUTLINE: Rgb = [253, 231, 37];
+const FOOTPRINT: Rgb = [253, 231, 37];
 const CANDIDATE: Rgb = [64, 190, 200];
 
 /// The loss, and every building's height, over the passes.

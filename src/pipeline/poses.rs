@@ -73,7 +73,7 @@ fn applied(config: &RunConfig, survey: Survey, aligned: Aligned) -> Result<Surve
     Ok(Survey { views, issues })
 }
 
-/// What was done, and to which photos it was not.
+/// Issues of what was done, and of photos that it was not done to.
 fn issues(report: &AlignReport) -> Vec<Issue> {
     let about = || Subject::Input("survey".to_owned());
     let (before, after) = (report.before.median_px, report.after.median_px);
@@ -120,7 +120,7 @@ pub(super) fn as_before(mut again: Survey, before: Survey) -> Survey {
     Survey { views: before.views, ..again }
 }
 
-/// What was done to the poses, in a sentence; `None` where nothing was.
+/// Sentence on what was done to the poses; `None` where nothing was.
 pub(super) fn in_words(survey: &Survey) -> Option<String> {
     survey.issues.iter().find(|issue| [ALIGNED, POOR].contains(&issue.code.as_str())).map(|issue| issue.message.clone())
 }

@@ -24,12 +24,12 @@ pub enum Wanted {
     AllOblique,
 }
 
-/// What has been computed.
+/// Priors computed.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
 pub struct PriorsDone {
     /// Views whose priors are wanted.
     pub n_wanted: usize,
-    /// Of these, those that were there already.
+    /// Number of these that were there already.
     pub n_found: usize,
     /// Those computed now.
     pub n_computed: usize,

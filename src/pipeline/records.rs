@@ -35,7 +35,7 @@ fn found(
     for (&at, height) in heights.solved.iter().zip(&heights.solution.heights) {
         solved[at] = Some(height);
     }
-    let with_outline =
+    let with_footprint =
         footprints.layer.footprints.iter().zip(&footprints.ground).zip(solved).map(|((footprint, ground), solved)| {
             let (status, reasons) = status_of(ground.is_some(), solved);
             BuildingRecord {
@@ -76,7 +76,7 @@ fn found(
         views: Vec::new(),
         attributes: refused.attributes.clone(),
     });
-    with_outline.chain(without).collect()
+    with_footprint.chain(without).collect()
 }
 
 /// A roof of the local frame in the map.

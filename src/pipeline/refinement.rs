@@ -32,7 +32,7 @@ const SQUARE_M: f32 = 50.0;
 /// Places of a roof that are asked whether a photo sees them, and the share of them that it has to see.
 const N_ASKED: usize = 25;
 const MIN_SEEN: f64 = 0.7;
-/// Of the way to a place, the part that has to be free.
+/// Part of the way to a place that has to be free.
 const FREE_WAY: f32 = 0.99;
 
 /// Photos have a say where they are more certain than priors can be: this share of the jackknife over views and so many of its pixels,
@@ -41,19 +41,19 @@ const PRIOR_VIEWS_SHARE: f64 = 0.5;
 const PRIOR_PX: f64 = 0.65;
 /// Roofs within this tell of the poses, metres.
 const AROUND_M: f64 = 150.0;
-/// What the standard error over photos counts for in the stated standard deviation: fitted to 180 simulated roofs, half of them
+/// Weight of the standard error over photos in the stated standard deviation: fitted to 180 simulated roofs, half of them
 /// under poses that are off by 0.3 m and 0.2°.
 const SPREAD_SHARE: f64 = 2.0;
-/// What every height is off by besides, metres: dormers, parapets, what lies within a step of a wall. Fitted to 190 real roofs in
+/// Error of every height besides, metres: dormers, parapets, what lies within a step of a wall. Fitted to 190 real roofs in
 /// simulated photos (Rotterdam, west).
 const SYSTEMATIC_M: f64 = 0.13;
 
-/// Of a roof's places, every so many tell its pitch.
+/// Step among a roof's places that tell its pitch.
 const THINNED: usize = 3;
 /// A roof of which more than this share looks clearly better at another height has several levels that none of the candidates
 /// has: with a quarter of it wrong, a step of a storey is off by as much as the priors are.
 const MAX_ELSEWHERE_SHARE: f64 = 0.25;
-/// Of a roof's places whose height the photos tell one by one, the share that has to lie on it.
+/// Share of a roof's places, of those whose height the photos tell one by one, that has to lie on it.
 const MIN_SAME: f64 = 0.75;
 /// A stepped roof is taken for one of another form only where the photos tell the height of so much of it, and find so much of
 /// that on the other form: what the priors see beside a level may be hidden from steep photos.
@@ -153,7 +153,7 @@ fn sigmas_m(scene: &Scene, found: &[Option<(Roof, Refined)>]) -> Vec<Option<f64>
     found.iter().zip(&scene.prisms).map(of_one).collect()
 }
 
-/// What roofs are looked at with.
+/// Input of the look at roofs.
 struct Roofs<'a> {
     stage: &'a SceneStage,
     settings: &'a RefinementConfig,

@@ -79,7 +79,7 @@ pub fn write_city_report(config: &RunConfig, folder: &Path, model: &CityModel<'_
     Ok(report::write(&folder.join("report.html"), &report)?)
 }
 
-/// What the survey stage wrote; a report without it is still a report.
+/// Report of the survey stage; a report without it is still a report.
 fn survey_report(config: &RunConfig) -> Option<SurveyReport> {
     let text = std::fs::read(config.project.output.join("survey.json")).ok()?;
     serde_json::from_slice(&text).ok()

@@ -17,7 +17,7 @@ pub(super) fn read(config: &RunConfig) -> Result<Reading, PipelineError> {
 
 /// Looks the survey over, and writes the report and its picture beside the results.
 ///
-/// The outlines are no area of interest here: a survey of a whole city serves a run of one block.
+/// The footprints are no area of interest here: a survey of a whole city serves a run of one block.
 pub(super) fn look_over(
     config: &RunConfig,
     reading: &Reading,
@@ -51,7 +51,7 @@ pub(super) fn look_over(
     Ok(survey)
 }
 
-/// What may help. No run can go on from cameras in the ground, whatever is accepted.
+/// Remedy. No run can go on from cameras in the ground, whatever is accepted.
 fn cure(report: &SurveyReport) -> &'static str {
     if report.above_ground_m.is_some_and(|spread| spread.median <= 0.0) {
         "cameras and terrain count heights from different levels: say what those of the poses are with `survey.height`, \

@@ -15,7 +15,7 @@ use super::kept::PriorStore;
 use super::records::records;
 use super::worst::worst;
 use super::{City, Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
-use super::{artefact, footprints as outlines, ground_told, levels, pictures, poses, report, soundness};
+use super::{artefact, footprints, ground_told, levels, pictures, poses, report, soundness};
 use crate::config::RunConfig;
 use sizeup_geo::files::{FileError, write_json, write_whole};
 use sizeup_geo::geodata::source;
@@ -99,7 +99,7 @@ fn run_marked(
     let mut footprints: FootprintStage = if runs(Stage::Footprints) {
         tell(Event::Stage(Stage::Footprints));
         dtm::for_run(config, &survey, tell)?;
-        let (footprints, terrain) = outlines::read(config, &survey)?;
+        let (footprints, terrain) = footprints::read(config, &survey)?;
         if matches!(terrain, Terrain::Grid(_)) {
             let reading = reading.take().map_or_else(|| soundness::read(config), Ok)?;
             survey = poses::as_before(soundness::look_over(config, &reading, Some(&terrain))?, survey);
@@ -187,7 +187,7 @@ fn sum_up_without_heights(
     Ok(write_json(&config.project.output.join("issues.json"), &found)?)
 }
 
-/// What people decided about single buildings; read first, so that a file that cannot be used is told before hours of
+/// Decisions of people about single buildings; read first, so that a file that cannot be used is told before hours of
 /// computing.
 ///
 /// # Errors
@@ -208,20 +208,20 @@ fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
     }
 }
 
-/// The box around outlines.
-fn extent<'a>(outlines: impl Iterator<Item = &'a Polygon<f64>>) -> Option<MapBox> {
-    let corners = outlines.filter_map(geo::BoundingRect::bounding_rect).flat_map(|rect| [rect.min(), rect.max()]);
+/// The box around footprints.
+fn extent<'a>(polygons: impl Iterator<Item = &'a Polygon<f64>>) -> Option<MapBox> {
+    let corners = polygons.filter_map(geo::BoundingRect::bounding_rect).flat_map(|rect| [rect.min(), rect.max()]);
     MapBox::around(corners.map(|c| (c.x, c.y)))
 }
 
 pub(super) fn load_terrain<'a>(
     config: &RunConfig,
-    outlines: impl Iterator<Item = &'a Polygon<f64>>,
+    polygons: impl Iterator<Item = &'a Polygon<f64>>,
     margin_m: f64,
 ) -> Result<Terrain, PipelineError> {
-    let Some(area) = extent(outlines) else {
+    let Some(area) = extent(polygons) else {
         return Err(PipelineError::Mismatch {
-            message: "none of the input's buildings has a usable outline".to_owned(),
+            message: "none of the input's buildings has a usable footprint".to_owned(),
             hint: "issues of the footprints stage tell why, building by building",
         });
     };
@@ -229,8 +229,8 @@ pub(super) fn load_terrain<'a>(
 }
 
 fn on_known_ground(footprints: &FootprintStage) -> Vec<(&Polygon<f64>, GroundLevel)> {
-    let outlines = footprints.layer.footprints.iter().zip(&footprints.ground);
-    outlines.filter_map(|(footprint, ground)| Some((&footprint.polygon, (*ground)?))).collect()
+    let on_ground = footprints.layer.footprints.iter().zip(&footprints.ground);
+    on_ground.filter_map(|(footprint, ground)| Some((&footprint.polygon, (*ground)?))).collect()
 }
 
 /// The ground that rays meet around the buildings on known ground; there has to be one.
@@ -239,8 +239,8 @@ pub(super) fn terrain_around(
     frame: &Frame,
     footprints: &FootprintStage,
 ) -> Result<Terrain, PipelineError> {
-    let outlines = on_known_ground(footprints);
-    load_terrain(config, outlines.iter().map(|(polygon, _)| *polygon), frame.bounds.ground_margin_m())
+    let on_ground = on_known_ground(footprints);
+    load_terrain(config, on_ground.iter().map(|(polygon, _)| *polygon), frame.bounds.ground_margin_m())
 }
 
 /// Everything that rays meet, and what they are compared with.
@@ -273,7 +273,7 @@ impl SceneStage {
         Ok(Self { scene, solved, terrain, ground_spacing_m: frame.ground_spacing_m })
     }
 
-    /// The scene after outlines were split.
+    /// The scene after footprints were split.
     pub fn after(
         self,
         config: &RunConfig,
@@ -287,7 +287,7 @@ impl SceneStage {
         if is_changed { Self::in_frame(config, &self.frame(), footprints) } else { Ok(self) }
     }
 
-    /// Where it lies.
+    /// Frame of the scene.
     pub fn frame(&self) -> Frame {
         Frame { origin: self.scene.origin, bounds: self.scene.bounds, ground_spacing_m: self.ground_spacing_m }
     }
@@ -361,8 +361,8 @@ fn lineage(
 ) -> Result<Lineage, PipelineError> {
     let mut files: BTreeSet<(&str, PathBuf)> = BTreeSet::new();
     files.extend(files_of(&config.survey.path).into_iter().map(|path| ("survey", path)));
-    let outline_files = outlines::files(config, survey);
-    files.extend(outline_files.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path)));
+    let footprint_files = footprints::files(config, survey);
+    files.extend(footprint_files.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path)));
     let terrain = terrain_in_force(config);
     files.extend(terrain.dtm.iter().flat_map(|path| source::files_of(path)).map(|path| ("terrain", path)));
     files.extend(config.reviews.iter().map(|reviews| ("reviews", reviews.path.clone())));

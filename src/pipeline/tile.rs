@@ -1,7 +1,7 @@
-//! A part of a city: the stages of a run for the outlines around one place and the views that look there.
+//! A part of a city: the stages of a run for the footprints around one place and the views that look there.
 //!
 //! What a whole run settles from all of its input (poses in the project's CRS, the local frame, the range of heights) is
-//! given; outlines, terrain and priors are read where the part needs them.
+//! given; footprints, terrain and priors are read where the part needs them.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
@@ -21,7 +21,7 @@ use super::{
 };
 use crate::config::RunConfig;
 use sizeup_footprints::{
-    self, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, OutlineKind, RefusedFootprint,
+    self, ContourKind, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint,
 };
 use sizeup_geo::hashes::Content;
 use sizeup_geo::issue::Issue;
@@ -41,54 +41,61 @@ pub struct Part<'a> {
     /// Absent where there is no building on known ground.
     scene: Option<SceneStage>,
     priors: PriorStore,
-    /// Outlines of the layer by their ids.
+    /// Footprints of the layer by their ids.
     by_id: HashMap<String, usize>,
-    /// What people decided about its buildings.
+    /// Decisions of people about its buildings.
     reviews: Reviews,
 }
 
-/// What was found for a part.
+/// Heights found for a part.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PartHeights {
     /// Every building, in the layer's order.
     pub records: Vec<BuildingRecord>,
-    /// What was wrong with buildings and priors.
+    /// Issues of buildings and priors.
     pub issues: Vec<Issue>,
     /// Views whose prior was used.
     pub used_views: Vec<ViewId>,
-    /// What the photos say of the terrain in the core and close to it.
+    /// Terrain by the photos in the core and close to it.
     pub ground: GroundTold,
 }
 
-/// Where the outlines of a whole city are kept for its parts, if they were found in photos; in the folder of the results.
-const FOUND_OUTLINES: &str = "tiles/outlines.gpkg";
+/// Path at which the footprints of a whole city are kept for its parts, if they were found in photos; in the folder of the results.
+const FOUND_FOOTPRINTS: &str = "tiles/footprints.gpkg";
+/// Path at which plans of the version before have them, and the name of the layer; read for one version.
+const FOUND_BEFORE: [&str; 2] = ["tiles/outlines.gpkg", "outlines"];
 
-/// The layer that parts of a city read their outlines from: the configuration's, or the one that [`find_outlines`] leaves
+/// The layer that parts of a city read their footprints from: the configuration's, or the one that [`find_footprints`] leaves
 /// behind.
 ///
 /// # Errors
-/// [`PipelineError::Settings`] for roof outlines that move with the heights.
+/// [`PipelineError::Settings`] for roof contours that move with the heights.
 pub fn layer_of(config: &RunConfig) -> Result<Cow<'_, FootprintConfig>, PipelineError> {
     let found = match (&config.footprints, config.footprints.detection()) {
         (FootprintSource::Layer(layer), _) => return Ok(Cow::Borrowed(layer)),
         (_, found) => found,
     };
-    if found.is_some_and(|found| found.outline == OutlineKind::Roof && found.consensus.roof_rounds > 0) {
+    if found.is_some_and(|found| found.contour == ContourKind::Roof && found.consensus.roof_rounds > 0) {
         return Err(PipelineError::Settings {
             table: "footprints",
-            message: "outlines of roofs move with the heights, which tiles find one by one".to_owned(),
-            hint: "set footprints.consensus.roof_rounds = 0: roofs are then laid where the photos' outlines fit best",
+            message: "footprints of roofs move with the heights, which tiles find one by one".to_owned(),
+            hint: "set footprints.consensus.roof_rounds = 0: roofs are then laid where the photos' footprints fit best",
         });
     }
-    Ok(Cow::Owned(sizeup_footprints::plain_config(config.project.output.join(FOUND_OUTLINES))))
+    let [path, before] = [FOUND_FOOTPRINTS, FOUND_BEFORE[0]].map(|name| config.project.output.join(name));
+    if !path.exists() && before.exists() {
+        let layer = Some(FOUND_BEFORE[1].to_owned());
+        return Ok(Cow::Owned(FootprintConfig { layer, ..sizeup_footprints::plain_config(before) }));
+    }
+    Ok(Cow::Owned(sizeup_footprints::plain_config(path)))
 }
 
-/// Finds the outlines of a whole city in its photos, once for all of its parts; returns what was refused, and issues, without
-/// the outlines. `None` for outlines that are in a layer already.
+/// Finds the footprints of a whole city in its photos, once for all of its parts; returns what was refused, and issues, without
+/// the footprints. `None` for footprints that are in a layer already.
 ///
 /// # Errors
 /// [`PipelineError`], as a run of the stage.
-pub fn find_outlines(
+pub fn find_footprints(
     config: &RunConfig,
     command: &str,
     tell: Tell<'_>,
@@ -99,17 +106,19 @@ pub fn find_outlines(
     let options = RunOptions { from: Stage::Footprints, until: Stage::Footprints, command: command.to_owned() };
     super::run(config, &options, tell)?;
     let FootprintStage { mut layer, .. } = artefact::read(config, Stage::Footprints, &survey_of(config)?)?;
-    sizeup_footprints::write_plain(&layer_of(config)?.path, &layer, &config.project.crs)?;
+    layer_of(config)?; // refuses what cannot be in tiles
+    let path = config.project.output.join(FOUND_FOOTPRINTS);
+    sizeup_footprints::write_plain(&path, &layer, &config.project.crs)?;
     layer.footprints.clear();
     Ok(Some(layer))
 }
 
-/// The outlines whose middle lies in a box, with the ground under each. `renamed` is what a reading of the whole layer
+/// The footprints whose middle lies in a box, with the ground under each. `renamed` is what a reading of the whole layer
 /// found ([`LayerParts::visit`]).
 ///
 /// # Errors
 /// [`PipelineError`] where the layer or the terrain cannot be read.
-pub fn outlines_around(
+pub fn footprints_around(
     config: &RunConfig,
     area: MapBox,
     renamed: &BTreeMap<u64, String>,
@@ -130,19 +139,20 @@ pub fn outlines_around(
     Ok(on_ground(config, layer, &terrain))
 }
 
-/// What a part reads of the files that all parts share.
+/// Hashes of what a part reads of the files that all parts share.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PartHashes {
-    /// Its outlines, each with its ground.
-    pub outlines: Content,
-    /// The terrain around them, as it was read; `None` where no outline has ground.
+    /// Footprints, each with its ground.
+    #[serde(alias = "outlines")]
+    pub footprints: Content,
+    /// The terrain around them, as it was read; `None` where no footprint has ground.
     pub terrain: Option<Content>,
-    /// What people decided about them; `None` where nothing was decided.
+    /// Decisions of people about them; `None` where nothing was decided.
     pub reviews: Option<Content>,
 }
 
 impl PartHashes {
-    /// Of a part that will be solved in a frame.
+    /// Hashes of a part that will be solved in a frame.
     ///
     /// # Errors
     /// [`PipelineError`] where the terrain cannot be read.
@@ -160,14 +170,14 @@ impl PartHashes {
     fn over(footprints: &FootprintStage, terrain: Option<&Terrain>, reviews: &Reviews) -> Self {
         let of_text = |value: serde_json::Value| Content::of_bytes(value.to_string().as_bytes());
         Self {
-            outlines: of_text(serde_json::json!(footprints)),
+            footprints: of_text(serde_json::json!(footprints)),
             terrain: terrain.map(content_of),
             reviews: (!reviews.is_empty()).then(|| of_text(serde_json::json!(reviews))),
         }
     }
 }
 
-/// What was decided about the outlines of a part.
+/// Decisions about the footprints of a part.
 fn about(footprints: &FootprintStage, reviews: &Reviews) -> Reviews {
     let layer = &footprints.layer;
     let ids = layer.footprints.iter().map(|f| &f.id).chain(layer.refused.iter().map(|refused| &refused.id));
@@ -195,7 +205,7 @@ pub fn survey_of(config: &RunConfig) -> Result<Survey, PipelineError> {
     artefact::read_survey(config)
 }
 
-/// Buildings without a usable outline, as they are written.
+/// Buildings without a usable footprint, as they are written.
 #[must_use]
 pub fn refused_records(config: &RunConfig, refused: Vec<RefusedFootprint>) -> Vec<BuildingRecord> {
     let layer = FootprintLayer { refused, ..FootprintLayer::default() };
@@ -205,7 +215,7 @@ pub fn refused_records(config: &RunConfig, refused: Vec<RefusedFootprint>) -> Ve
 }
 
 impl<'a> Part<'a> {
-    /// Brings outlines and views together; priors are not read yet. `positions` are those of the views in the whole
+    /// Brings footprints and views together; priors are not read yet. `positions` are those of the views in the whole
     /// survey.
     ///
     /// # Errors
@@ -235,25 +245,25 @@ impl<'a> Part<'a> {
         self.frame
     }
 
-    /// Its outlines on their ground.
+    /// Footprints on their ground.
     #[must_use]
     pub fn footprints(&self) -> &FootprintStage {
         &self.footprints
     }
 
-    /// Its views.
+    /// Views.
     #[must_use]
     pub fn survey(&self) -> &Survey {
         &self.survey
     }
 
-    /// What it has read of the files that all parts share.
+    /// Hashes of what it has read of the files that all parts share.
     #[must_use]
     pub fn hashes(&self) -> PartHashes {
         PartHashes::over(&self.footprints, self.scene.as_ref().map(|scene| &scene.terrain), &self.reviews)
     }
 
-    /// What the priors of some of its views are made from, each once, sorted.
+    /// Files that the priors of some of its views are made from, each once, sorted.
     ///
     /// # Errors
     /// [`PipelineError`] where a file name asks for what a view does not have.
@@ -267,7 +277,7 @@ impl<'a> Part<'a> {
     /// the same: its buildings are unknown. What the photos say of the terrain is told of the whole city, not here.
     ///
     /// # Errors
-    /// [`PipelineError`] where the terrain cannot be read again after outlines were split.
+    /// [`PipelineError`] where the terrain cannot be read again after footprints were split.
     pub fn solve(&mut self, core: &MapBox, tell: Tell<'_>) -> Result<PartHeights, PipelineError> {
         let search = HeightSearch { config: self.config, survey: &self.survey, tell, solver: &solve };
         let mut footprints = self.footprints.clone();
@@ -294,8 +304,8 @@ impl<'a> Part<'a> {
         })
     }
 
-    /// Middle of the outline that a building of the result comes from, by the building's id: its own, or that of the
-    /// outline that was split into it.
+    /// Middle of the footprint that a building of the result comes from, by the building's id: its own, or that of the
+    /// footprint that was split into it.
     #[must_use]
     pub fn middle_of(&self, id: &str) -> Option<(f64, f64)> {
         let at = *with_wholes(id).find_map(|id| self.by_id.get(id))?;

@@ -7,7 +7,7 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_results::output::unmeasured::{OF_FALLBACK, in_words};
 use sizeup_results::output::{BuildingRecord, Status};
 
-/// What a height that is not there weighs against one that is doubtful.
+/// Weight of a height that is not there against one that is doubtful.
 const WEIGHT_WITHOUT: usize = 2;
 
 /// The most important problem in one sentence; `None` where there is none: what others follow from, or heights that
@@ -56,9 +56,9 @@ mod tests {
     use super::*;
 
     fn records(reasons: &[&str]) -> Vec<BuildingRecord> {
-        let outline = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)];
+        let footprint = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)];
         let of = |reason: &&str| {
-            let measured = BuildingRecord::measured("a", outline.clone(), 0.0, 9.0);
+            let measured = BuildingRecord::measured("a", footprint.clone(), 0.0, 9.0);
             if reason.is_empty() {
                 return measured;
             }

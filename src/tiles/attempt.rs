@@ -11,7 +11,7 @@ use super::manifest::{Layout, read_json};
 use sizeup_geo::files::FileError;
 use sizeup_results::output::reports::write_json;
 
-/// What became of the last try.
+/// Outcome of the last try.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Attempt {
     /// The tile.
@@ -24,7 +24,7 @@ pub struct Attempt {
     pub cause: String,
 }
 
-/// What is said of a try that could not tell.
+/// Message on a try that could not tell.
 const KILLED: &str = "it was started and has not come to its end: killed, for memory or a time limit?";
 
 impl Attempt {

@@ -7,7 +7,7 @@ use sizeup_footprints::FootprintError;
 use sizeup_geo::files::FileError;
 use sizeup_results::output::OutputError;
 
-/// What stops a plan, a tile or a merge.
+/// Failure that stops a plan, a tile or a merge.
 #[derive(Debug, thiserror::Error)]
 pub enum TilesError {
     /// As in a run of the whole.
@@ -18,9 +18,9 @@ pub enum TilesError {
     Setting {
         /// Which one.
         setting: &'static str,
-        /// What it is.
+        /// Kind.
         found: String,
-        /// What it can be.
+        /// Allowed values.
         expected: &'static str,
     },
     /// The `paper` preset.
@@ -34,23 +34,23 @@ pub enum TilesError {
     Plan {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Fault.
         message: String,
     },
     /// A name that the plan does not have.
     #[error("the plan has no tile {id:?}\nhint: `sizeup tiles status` lists the tiles")]
     NoSuchTile {
-        /// What was asked for.
+        /// Value asked for.
         id: String,
     },
-    /// What a plan or a tile was made from has changed.
+    /// Input of a plan or a tile that has changed.
     #[error("{what} is stale: {why}\nhint: {hint}")]
     Stale {
         /// Which one.
         what: String,
-        /// What has changed.
+        /// Change.
         why: String,
-        /// What to do.
+        /// Remedy.
         hint: &'static str,
     },
     /// Something that a tile reads changed while it was run.
@@ -58,7 +58,7 @@ pub enum TilesError {
     ChangedMeanwhile {
         /// The tile.
         id: String,
-        /// What has changed.
+        /// Change.
         why: String,
     },
     /// Tiles that are not done.
@@ -68,9 +68,9 @@ pub enum TilesError {
         n_missing
     )]
     Missing {
-        /// How many.
+        /// Number of missing tiles.
         n_missing: usize,
-        /// Of how many.
+        /// Number of all tiles.
         n_tiles: usize,
         /// The first of them, and why.
         first: String,
@@ -85,7 +85,7 @@ pub enum TilesError {
         id: String,
         /// Estimate of its need.
         needs_mb: u64,
-        /// What may be used.
+        /// Memory that may be used.
         has_mb: u64,
     },
     /// 3D Tiles that cannot be placed on the earth.

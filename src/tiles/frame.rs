@@ -16,10 +16,10 @@ const LEEWAY: f64 = 1.25;
 /// The same for the side of the grid's largest squares, one step, and for the places where the ground is looked at.
 const SIDE_LEEWAY: f64 = 2.0;
 
-/// What is settled for a city.
+/// Frame settled for a city.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CityFrame {
-    /// What it was settled for: it is settled anew where the user asks for something else.
+    /// Request that it was settled for: it is settled anew where the user asks for something else.
     pub asked: serde_json::Value,
     /// Origin of the local frame, map frame, metres.
     pub origin_m: [f64; 3],
@@ -27,7 +27,7 @@ pub struct CityFrame {
     pub heights_m: [f32; 2],
     /// Width of the halo, metres.
     pub halo_m: f64,
-    /// How far around a core views are taken in, metres.
+    /// Distance around a core within which views are taken in, metres.
     pub view_margin_m: f64,
     /// Side of the grid's largest squares, metres.
     pub side_m: f64,
@@ -36,7 +36,7 @@ pub struct CityFrame {
 }
 
 impl CityFrame {
-    /// What was settled before, where it still serves; else this one.
+    /// Earlier frame, where it still serves; else this one.
     #[must_use]
     pub fn or_kept(self, before: Option<Self>) -> Self {
         before.filter(|before| self.is_served_by(before)).unwrap_or(self)

@@ -22,20 +22,20 @@ pub struct Core {
 }
 
 impl Core {
-    /// Where it lies; west and south edge belong to it.
+    /// Place; west and south edge belong to it.
     #[must_use]
     pub fn area(&self) -> MapBox {
         let Self { west_m, south_m, side_m } = *self;
         MapBox { west_m, south_m, east_m: west_m + side_m, north_m: south_m + side_m }
     }
 
-    /// Its name, from its south-western corner and side, metres: `e565000_n5932000_s500`.
+    /// Name, from its south-western corner and side, metres: `e565000_n5932000_s500`.
     #[must_use]
     pub fn id(&self) -> String {
         format!("e{}_n{}_s{}", self.west_m, self.south_m, self.side_m)
     }
 
-    /// Its four quarters, south-west first; `None` where they would be smaller than the smallest tile.
+    /// Four quarters, south-west first; `None` where they would be smaller than the smallest tile.
     #[must_use]
     pub fn quarters(&self) -> Option<[Self; 4]> {
         let half = 0.5 * self.side_m;
@@ -45,17 +45,17 @@ impl Core {
     }
 }
 
-/// Where the buildings are.
+/// Buildings' part of the file.
 pub struct Places(RTree<GeomWithData<[f64; 2], usize>>);
 
 impl Places {
-    /// Of the middles of all outlines.
+    /// Index of the middles of all footprints.
     #[must_use]
     pub fn new(middles: &[(f64, f64)]) -> Self {
         Self(RTree::bulk_load(middles.iter().enumerate().map(|(i, &(x, y))| GeomWithData::new([x, y], i)).collect()))
     }
 
-    /// How many lie in a box.
+    /// Number that lie in a box.
     #[must_use]
     pub fn count(&self, area: &MapBox) -> usize {
         let envelope = AABB::from_corners([area.west_m, area.south_m], [area.east_m, area.north_m]);

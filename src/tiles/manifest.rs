@@ -25,10 +25,10 @@ use sizeup_results::output::tiles3d::Heights;
 use sizeup_results::output::{InputFile, Status};
 use sizeup_survey::View;
 
-/// What there is to do.
+/// Plan of a city.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// What it was made from.
+    /// Recipe that it was made from.
     pub made_by: Recipe,
     /// Origin of the local frame that all tiles share, map frame, metres.
     pub origin_m: [f64; 3],
@@ -38,11 +38,11 @@ pub struct Manifest {
     pub ground_spacing_m: f64,
     /// Width of the halo, metres.
     pub halo_m: f64,
-    /// How far around a core views are taken in, metres.
+    /// Distance around a core within which views are taken in, metres.
     pub view_margin_m: f64,
     /// The configuration, paths resolved.
     pub config: RunConfig,
-    /// What the merge is to make of heights.
+    /// Treatment of heights in the merge.
     pub tileset: Tileset,
     /// Files that all tiles share, with their hashes at the time of the plan.
     pub inputs: Vec<InputFile>,
@@ -50,7 +50,7 @@ pub struct Manifest {
     pub prior_files: Vec<PathBuf>,
     /// Features whose ids are not what their attribute says, by the layer's own number.
     pub renamed: BTreeMap<u64, String>,
-    /// Buildings with an outline.
+    /// Buildings with a footprint.
     pub n_buildings: usize,
     /// Views with a usable pose.
     pub n_views: usize,
@@ -71,7 +71,7 @@ pub enum Tileset {
 /// One tile of the plan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tile {
-    /// Its name, unique in the plan.
+    /// Name, unique in the plan.
     pub id: String,
     /// Whose buildings it writes.
     pub core: MapBox,
@@ -87,7 +87,7 @@ pub struct Tile {
     pub memory_mb: u64,
     /// Hash of its `views.json`.
     pub views_sha256: String,
-    /// What it reads of the files that all tiles share.
+    /// Hashes of what it reads of the files that all tiles share.
     pub reads: PartHashes,
 }
 
@@ -99,7 +99,7 @@ pub struct TileViews {
     /// Their positions in the whole survey, where a prior's name depends on them; else empty, so that a photo more
     /// elsewhere changes nothing here.
     pub positions: Vec<usize>,
-    /// What their priors are made from, sorted.
+    /// Files that their priors are made from, sorted.
     pub priors: BTreeSet<PathBuf>,
     /// Photos that roofs and ground may be told by, sorted.
     pub photos: BTreeSet<PathBuf>,
@@ -113,14 +113,14 @@ impl TileViews {
     }
 }
 
-/// What belongs to the city and to none of its tiles.
+/// Records of the city that belong to none of its tiles.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Common {
     /// Every view of the survey.
     pub views: Vec<View>,
-    /// Buildings without a usable outline.
+    /// Buildings without a usable footprint.
     pub refused: Vec<RefusedFootprint>,
-    /// What was wrong with poses and outlines.
+    /// Issues of poses and footprints.
     pub issues: Vec<Issue>,
 }
 
@@ -131,7 +131,7 @@ pub struct Done {
     pub tile: String,
     /// Everything that it was made from.
     pub made_by: Recipe,
-    /// Its files by name, with their hashes.
+    /// Files by name, with their hashes.
     pub outputs: BTreeMap<String, String>,
     /// Buildings that it writes.
     pub n_buildings: usize,
@@ -145,7 +145,7 @@ pub struct Done {
     pub exit_code: u8,
 }
 
-/// Where the files of a city are.
+/// Paths of a city's files.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Layout {
     folder: PathBuf,
@@ -170,7 +170,7 @@ impl Layout {
         self.folder.join("tiles.json")
     }
 
-    /// What belongs to no tile.
+    /// Path of what belongs to no tile.
     #[must_use]
     pub fn common(&self) -> PathBuf {
         self.folder.join("tiles").join("common.json")
@@ -194,19 +194,19 @@ impl Layout {
         self.folder.join("tiles").join(format!("{id}.done.json"))
     }
 
-    /// What became of the last try to run a tile that has not come to its end.
+    /// Path of the outcome of the last try to run a tile that has not come to its end.
     #[must_use]
     pub fn attempt(&self, id: &str) -> PathBuf {
         self.folder.join("tiles").join(format!("{id}.try.json"))
     }
 
-    /// What is known of the files that something was made from: a tile, the `"plan"`, or the `"city"`.
+    /// Path of what is known of the files that something was made from: a tile, the `"plan"`, or the `"city"`.
     #[must_use]
     pub fn hashes(&self, of: &str) -> PathBuf {
         self.folder.join("tiles").join("hashes").join(format!("{of}.json"))
     }
 
-    /// What is settled once for the city.
+    /// Path of what is settled once for the city.
     #[must_use]
     pub fn frame(&self) -> PathBuf {
         self.folder.join("tiles").join("frame.json")
@@ -218,7 +218,7 @@ impl Layout {
         self.folder.join("tiles").join("locks").join(of)
     }
 
-    /// What was merged.
+    /// Result of the merge.
     #[must_use]
     pub fn merged(&self) -> PathBuf {
         self.folder.join("city.done.json")
@@ -257,7 +257,7 @@ impl Manifest {
         found.ok_or_else(|| TilesError::NoSuchTile { id: id.to_owned() })
     }
 
-    /// What all tiles share.
+    /// Frame that all tiles share.
     #[must_use]
     pub fn frame(&self) -> Frame {
         let [min_m, max_m] = self.heights_m;

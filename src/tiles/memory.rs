@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! rays       views · blocks of the working image
-//! crossings  rays · footprints met per ray          met: outlines · mean breadth / area · way below the tallest roof
+//! crossings  rays · footprints met per ray          met: footprints · mean breadth / area · way below the tallest roof
 //! bytes      base + rays · 40 + crossings · 24 + threads · (prior + view) + terrain + photos
 //! ```
 
@@ -14,7 +14,7 @@ const BASE: f64 = 70e6;
 const PER_RAY: f64 = 40.0;
 /// Per crossing: its profile (12), the index of its building (4), where it stops its ray (4).
 const PER_CROSSING: f64 = 24.0;
-/// Per building: outline, attributes, records, results being written.
+/// Per building: footprint, attributes, records, results being written.
 const PER_BUILDING: f64 = 12e3;
 /// Per view: pose, name, its share of what is read.
 const PER_VIEW: f64 = 4e3;
@@ -22,14 +22,14 @@ const PER_VIEW: f64 = 4e3;
 const PER_CELL: f64 = 12.0;
 /// Per pixel of a prior while it is read.
 const PER_PRIOR_PIXEL: f64 = 16.0;
-/// Breadth of a typical outline as rays meet it, metres.
+/// Breadth of a typical footprint as rays meet it, metres.
 const BREADTH_M: f64 = 20.0;
 /// Pixels of the prior that is assumed where none can be looked at.
 const PRIOR_PIXELS: f64 = 1024.0 * 1024.0;
-/// What the estimate is multiplied by: engines kill what needs more than it asked for.
+/// Factor of the estimate: engines kill what needs more than it asked for.
 const SAFETY: f64 = 1.3;
 
-/// What a tile holds.
+/// Content of a tile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Counts {
     /// Views.
@@ -48,7 +48,7 @@ pub struct Counts {
     pub cell_m: Option<f64>,
     /// Threads that read priors at the same time.
     pub n_threads: usize,
-    /// What reduced photos take, bytes.
+    /// Memory of reduced photos, bytes.
     pub photo_bytes: usize,
 }
 

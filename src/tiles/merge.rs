@@ -37,21 +37,21 @@ use sizeup_survey::{Survey, ViewKind};
 
 /// The city's layer package.
 const GEOPACKAGE: &str = "city.gpkg";
-/// Its buildings, a line each.
+/// Buildings, a line each.
 const SEQUENCE: &str = "city.city.jsonl";
-/// Its tileset.
+/// Tileset.
 const TILESET: &str = "3dtiles";
-/// Its page, for cities of up to [`MAX_PAGE_BUILDINGS`].
+/// Page, for cities of up to [`MAX_PAGE_BUILDINGS`].
 const PAGE: &str = "report.html";
 /// Larger cities make pages that browsers are slow with: `sizeup view` shows them.
 const MAX_PAGE_BUILDINGS: usize = 20_000;
 
-/// What becomes of tiles that are not done.
+/// Rule for tiles that are not done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Missing {
     /// Without all of them nothing is merged.
     Refuse,
-    /// What there is is merged, and the rest is named.
+    /// Merge of what there is, and names of the rest.
     Allow,
 }
 
@@ -60,20 +60,20 @@ pub enum Missing {
 pub struct MergeOptions {
     /// Tiles that are not done.
     pub missing: Missing,
-    /// What 3D Tiles are made of heights; `None`: what the plan says.
+    /// Treatment of heights in 3D Tiles; `None`: what the plan says.
     pub tileset: Option<Tileset>,
     /// How much of what is known of files is believed.
     pub trust: Trust,
 }
 
-/// What was merged.
+/// Result of the merge.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Merged {
     /// Tiles of the plan.
     pub n_tiles: usize,
     /// Tiles that are not done.
     pub missing: Vec<String>,
-    /// Buildings of the input, those without an outline included.
+    /// Buildings of the input, those without a footprint included.
     pub n_buildings: usize,
     /// Buildings by what became of them, one in parts as its worst part.
     pub by_status: BTreeMap<Status, usize>,
@@ -84,13 +84,13 @@ pub struct Merged {
     /// Photos that the survey names and nobody could read.
     #[serde(default)]
     pub n_photos_missing: usize,
-    /// How well neighbours agree.
+    /// Agreement of neighbours.
     pub seams: SeamReport,
     /// Why there are no 3D Tiles, if so.
     pub no_tileset: Option<String>,
     /// Files by name, with their hashes.
     pub outputs: BTreeMap<String, String>,
-    /// What was to be made of heights.
+    /// Treatment of heights.
     pub tileset: Tileset,
     /// All that it was made from.
     pub made_by: Recipe,
@@ -281,7 +281,7 @@ impl JoinedCity<'_> {
         Ok(issues)
     }
 
-    /// What the photos of all tiles say of the terrain.
+    /// Terrain by the photos of all tiles.
     fn ground(&self) -> Result<GroundTold, TilesError> {
         let of_tile = |done: &&Done| -> Result<_, TilesError> {
             let core = self.manifest.tile(&done.tile)?.core;

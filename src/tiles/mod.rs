@@ -6,7 +6,7 @@
 //! merge  city.gpkg, city.city.jsonl, …        what is done, in the plan's order
 //! ```
 //!
-//! A building belongs to the tile whose core holds the middle of its outline (west and south edge belong to the core).
+//! A building belongs to the tile whose core holds the middle of its footprint (west and south edge belong to the core).
 //! Around the core lies a halo, whose buildings are solved too, because they stand in the way of rays and are what
 //! priors are brought to metres by; only the core's are written. What is done is decided by hashes of contents: the plan,
 //! each tile and the merge keep the recipe that they were made by, and are stale where the recipe of now is another one.

@@ -10,7 +10,7 @@ use super::attempt::{Attempt, remove_if_there};
 use super::manifest::{Done, Layout, Tile, TileViews, hash_of, sweep_litter};
 use super::stale::{Check, Trust, known};
 use super::{Lock, TilesError};
-use crate::pipeline::{Part, PartHeights, Tell, layer_of, outlines_around};
+use crate::pipeline::{Part, PartHeights, Tell, footprints_around, layer_of};
 use crate::recipe::{Recipe, program};
 use sizeup_geo::files::{FileError, write_whole, write_whole_unflushed};
 use sizeup_geo::issue::{Severity, Subject};
@@ -20,37 +20,37 @@ use sizeup_results::output::unmeasured::unmeasured;
 use sizeup_results::output::{CityModel, InputFile, Overview, Status, StatusCount, cityjson, n_photos_missing};
 use sizeup_survey::Survey;
 
-/// Its buildings, one a line, exactly as they were found.
+/// Buildings, one a line, exactly as they were found.
 pub(super) const BUILDINGS: &str = "buildings.jsonl";
 /// Heights of its halo's buildings, one a line.
 pub(super) const HALO: &str = "halo.jsonl";
-/// What was wrong with its buildings and photos.
+/// Issues of its buildings and photos.
 pub(super) const ISSUES: &str = "issues.json";
-/// What its photos say of the terrain in its core and close to it.
+/// Terrain by its photos in its core and close to it.
 pub(super) const GROUND: &str = "ground.json";
-/// Where it comes from.
+/// Source.
 pub(super) const LINEAGE: &str = "lineage.json";
-/// Its buildings for others.
+/// Buildings for others.
 const CITY: &str = "city.city.json";
-/// What it cost: differs from run to run, so it is no result.
+/// Cost: differs from run to run, so it is no result.
 pub(super) const COST: &str = "cost.json";
-/// What it read of the outlines, in its lineage.
+/// Role of its part of the footprints, in its lineage.
 pub(super) const PART_OF_FOOTPRINTS: &str = "footprints, the tile's part";
-/// What it read of the terrain, in its lineage.
+/// Role of its part of the terrain, in its lineage.
 pub(super) const PART_OF_TERRAIN: &str = "terrain, the tile's part";
-/// What it read of the reviews, in its lineage.
+/// Role of its part of the reviews, in its lineage.
 pub(super) const PART_OF_REVIEWS: &str = "reviews, the tile's part";
 
-/// What a tile cost.
+/// Cost of a tile.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Cost {
     /// From start to end.
     pub seconds: f64,
-    /// Of all threads, where the system tells.
+    /// Time of all threads, where the system tells.
     pub processor_seconds: Option<f64>,
     /// The most memory that it held, megabytes, where the system tells.
     pub peak_mb: Option<u64>,
-    /// What the plan expected.
+    /// Estimate of the plan.
     pub estimate_mb: u64,
     /// Buildings of core and halo.
     pub n_solved: usize,
@@ -58,7 +58,7 @@ pub(super) struct Cost {
     pub program: String,
 }
 
-/// What running a tile came to.
+/// Outcome of running a tile.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TileRun {
     /// It was done already, with the same input.
@@ -82,7 +82,7 @@ impl TileRun {
 pub(super) struct HaloHeight {
     pub id: String,
     pub height_m: Option<f64>,
-    /// Its middle's distance from the core, metres.
+    /// Middle's distance from the core, metres.
     pub distance_m: f64,
 }
 
@@ -131,7 +131,7 @@ pub fn run_tile(
     }
 }
 
-/// What to do where the plan is stale.
+/// Remedy where the plan is stale.
 pub(super) const PLAN_AGAIN: &str =
     "plan again with `sizeup tiles plan`: tiles that the change does not touch stay done";
 
@@ -170,17 +170,18 @@ fn part_of<'a>(check: &Check<'a>, tile: &Tile, views: TileViews) -> Result<Part<
     let manifest = check.manifest;
     let positions = views.positions_by_name();
     let survey = Survey { views: views.views, issues: Vec::new() };
-    let footprints = outlines_around(&manifest.config, tile.halo, &manifest.renamed)?;
+    let footprints = footprints_around(&manifest.config, tile.halo, &manifest.renamed)?;
     let part = Part::new(&manifest.config, manifest.frame(), survey, positions, footprints)?;
     if part.hashes() != tile.reads {
-        let own = || format!("the outlines, the terrain or the reviews of tile {} are not those of the plan", tile.id);
+        let own =
+            || format!("the footprints, the terrain or the reviews of tile {} are not those of the plan", tile.id);
         let (what, why) = ("the plan".to_owned(), check.plan().unwrap_or_else(own));
         return Err(TilesError::Stale { what, why, hint: PLAN_AGAIN });
     }
     Ok(part)
 }
 
-/// What a tile's result was made from: its part of the files that all tiles share, and the priors of the views that were
+/// Inputs of a tile's result: its part of the files that all tiles share, and the priors of the views that were
 /// used.
 fn inputs_of(
     check: &Check<'_>,
@@ -189,10 +190,10 @@ fn inputs_of(
     used: &HashSet<&ViewId>,
 ) -> Result<Vec<InputFile>, TilesError> {
     let config = &check.manifest.config;
-    let outlines = layer_of(config)?.path.clone();
+    let footprints = layer_of(config)?.path.clone();
     let terrain = config.terrain.dtm.iter().zip(&tile.reads.terrain);
     let reviews = config.reviews.iter().zip(&tile.reads.reviews);
-    let parts = std::iter::once((PART_OF_FOOTPRINTS, outlines, tile.reads.outlines.clone()))
+    let parts = std::iter::once((PART_OF_FOOTPRINTS, footprints, tile.reads.footprints.clone()))
         .chain(terrain.map(|(path, content)| (PART_OF_TERRAIN, path.clone(), content.clone())))
         .chain(reviews.map(|(reviews, content)| (PART_OF_REVIEWS, reviews.path.clone(), content.clone())));
     let parts = parts.map(|(role, path, content)| InputFile::holding(role, &path, content));
@@ -211,7 +212,7 @@ fn write(
     made_by: &Recipe,
 ) -> Result<Done, TilesError> {
     let folder = check.layout.tile(&tile.id);
-    // Parts of an outline that was split go with the outline.
+    // Parts of a footprint that was split go with the footprint.
     let belongs = |id: &str| part.middle_of(id).is_some_and(|middle| tile.core.holds(middle));
     let (own, others): (Vec<_>, Vec<_>) = heights.records.into_iter().partition(|record| belongs(&record.id));
     let halo = others.into_iter().filter_map(|record| {

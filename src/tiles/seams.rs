@@ -22,7 +22,7 @@ pub struct SeamClass {
     pub up_to_m: Option<f64>,
     /// Pairs of heights.
     pub n: usize,
-    /// Of them, pairs that differ by less than half a millimetre.
+    /// Pairs among them that differ by less than half a millimetre.
     pub n_same: usize,
     /// Pairs where one tile knows the height and the other does not.
     pub n_one_unknown: usize,

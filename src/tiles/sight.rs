@@ -11,13 +11,13 @@ use sizeup_survey::{View, ground};
 #[must_use]
 pub fn seen(view: &View, [lowest_m, highest_m]: [f64; 2], tallest_m: f64) -> Option<Polygon<f64>> {
     let centre = view.camera_from_map.centre();
-    let mut places = ground::outline(view, lowest_m);
+    let mut places = ground::footprint(view, lowest_m);
     if places.is_empty() {
         return None;
     }
     let top_m = highest_m + tallest_m;
     if top_m < centre.z {
-        places.extend(ground::outline(view, top_m));
+        places.extend(ground::footprint(view, top_m));
     } else {
         places.push(centre.truncate());
     }
@@ -28,7 +28,7 @@ pub fn seen(view: &View, [lowest_m, highest_m]: [f64; 2], tallest_m: f64) -> Opt
 /// Whether a view sees any place of a box.
 #[must_use]
 pub fn looks_at(view: &View, area: &MapBox, ground_m: [f64; 2], tallest_m: f64) -> bool {
-    // Outlines end at 80° off the nadir: further away a view sees nothing.
+    // Footprints end at 80° off the nadir: further away a view sees nothing.
     let centre = view.camera_from_map.centre();
     let furthest_m = (centre.z - ground_m[0]) * ground::MAX_OFF_NADIR_DEG.to_radians().tan();
     if area.distance_m((centre.x, centre.y)) > furthest_m {
@@ -41,7 +41,7 @@ pub fn looks_at(view: &View, area: &MapBox, ground_m: [f64; 2], tallest_m: f64) 
 /// How far apart two places on the ground are that a view shows at once, metres.
 #[must_use]
 pub fn breadth_m(view: &View, ground_m: f64) -> f64 {
-    let outline = ground::outline(view, ground_m);
-    let farthest = |p: &glam::DVec2| outline.iter().map(|q| p.distance(*q)).fold(0.0, f64::max);
-    outline.iter().map(farthest).fold(0.0, f64::max)
+    let footprint = ground::footprint(view, ground_m);
+    let farthest = |p: &glam::DVec2| footprint.iter().map(|q| p.distance(*q)).fold(0.0, f64::max);
+    footprint.iter().map(farthest).fold(0.0, f64::max)
 }

@@ -34,7 +34,7 @@ pub struct Check<'a> {
     pub hashes: &'a Hashes,
 }
 
-/// What is known of files, from some lists that earlier processes left behind.
+/// Knowledge of files, from some lists that earlier processes left behind.
 pub fn known<'a>(layout: &Layout, trust: Trust, of: impl Iterator<Item = &'a str>) -> Hashes {
     let hashes = Hashes::new();
     if trust == Trust::Known {
@@ -68,7 +68,7 @@ impl Check<'_> {
         wanted
     }
 
-    /// What a tile would be made from now.
+    /// Recipe that a tile would be made from now.
     ///
     /// # Errors
     /// [`TilesError::Plan`] where its views are not those of the plan.
@@ -101,7 +101,7 @@ impl Check<'_> {
             .with("the frame", hash_of_text(&frame))
             .with("the tile's place", hash_of_text(&(tile.core, tile.halo)))
             .with("its views", &tile.views_sha256)
-            .with("its footprints", &tile.reads.outlines.sha256)
+            .with("its footprints", &tile.reads.footprints.sha256)
             .with("its terrain", part(&tile.reads.terrain))
             .with("its reviews", part(&tile.reads.reviews));
         for (role, path) in files_of_tile(manifest, views) {
@@ -110,7 +110,7 @@ impl Check<'_> {
         recipe
     }
 
-    /// Where a tile stands.
+    /// State of a tile.
     pub fn status(&self, tile: &Tile) -> TileStatus {
         let mut status = TileStatus::of(tile);
         status.runner = Lock::holder_of(&self.layout.lock(&tile.id));
@@ -147,7 +147,7 @@ impl Check<'_> {
         wanted.why_stale(&done.made_by).or_else(|| done.fault(self.layout, self.hashes))
     }
 
-    /// What a merge of some tiles would be made from now.
+    /// Recipe that a merge of some tiles would be made from now.
     pub fn merge(&self, done: &[Option<Done>], tileset: Tileset) -> Recipe {
         let shared = [("the plan", self.layout.manifest()), ("what belongs to no tile", self.layout.common())];
         let mut recipe = Recipe::new(&serde_json::json!({ "tileset": tileset }));

@@ -9,7 +9,7 @@ use super::stale::{Check, Trust, known};
 use super::{Lock, TilesError};
 use sizeup_geo::unfinished::told_of;
 
-/// Where a tile, or the merge, stands.
+/// State of a tile, or of the merge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
@@ -30,12 +30,12 @@ pub enum State {
 pub struct TileStatus {
     /// The tile of the plan.
     pub tile: Tile,
-    /// Where it stands.
+    /// State.
     pub state: State,
     /// Why it is stale, or has failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
-    /// Of a tile that is done 0, or 5 where some items have no result; of one that failed that of its last try, if it came
+    /// Exit code of a tile: of one that is done 0, or 5 where some items have no result; of one that failed that of its last try, if it came
     /// to its end.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exit_code: Option<u8>,
@@ -57,7 +57,7 @@ impl TileStatus {
     }
 }
 
-/// Where a whole city stands.
+/// State of a whole city.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CityStatus {
     /// Why the plan is stale; absent where it is not.

@@ -101,7 +101,7 @@ fn triangles(scene: &Scene, heights_m: &[f32]) -> Vec<[Vec3; 3]> {
     let mut triangles = Vec::new();
     let mut quad = |[a, b, c, d]: [Vec3; 4]| triangles.extend([[a, b, c], [a, c, d]]);
     for (prism, roof) in scene.prisms.iter().zip(scene.roofs(heights_m)) {
-        let ring = prism.rings().next().expect("every prism has an outline");
+        let ring = prism.rings().next().expect("every prism has a footprint");
         for edge in ring.windows(2) {
             let at = |corner: usize, z: f32| edge[corner].extend(z);
             quad([at(0, 0.0), at(1, 0.0), at(1, roof), at(0, roof)]);

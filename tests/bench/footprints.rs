@@ -1,11 +1,11 @@
-//! Outlines of many views into one layer, and masks into outlines: near-linear growth is the point.
+//! Contours of many views into one layer, and masks into contours: near-linear growth is the point.
 //!
-//! `cargo bench --bench footprints`; the full size, a million outlines, is
-//! `cargo test --locked --test it a_million_outlines -- --ignored --nocapture`.
+//! `cargo bench --bench footprints`; the full size, a million contours, is
+//! `cargo test --locked --test it a_million_contours -- --ignored --nocapture`.
 
 use criterion::{BenchmarkId, Criterion};
 use geo_types::{Coord, LineString, Polygon, Rect};
-use sizeup::footprint::{Candidate, ConsensusConfig, Instances, SeenGround, Vectorising, agree, outlines};
+use sizeup::footprint::{Candidate, ConsensusConfig, Instances, SeenGround, Vectorising, agree, contours};
 use sizeup::raster::Raster;
 
 /// `n` L-shaped buildings, each in nine views that are off by some decimetres.
@@ -36,7 +36,7 @@ fn town(n: usize) -> (Vec<Candidate>, Vec<SeenGround>) {
 }
 
 fn dedupe(c: &mut Criterion) {
-    let mut group = c.benchmark_group("outlines of nine views into one layer");
+    let mut group = c.benchmark_group("contours of nine views into one layer");
     group.sample_size(10);
     for n in [250, 1000, 4000] {
         let (candidates, seen) = town(n);
@@ -57,9 +57,9 @@ fn vectorise(c: &mut Criterion) {
     };
     let mask = Raster::from_vec(width, height, (0..width * height).map(label).collect()).expect("one per pixel");
     let how = Vectorising { instances: Instances::ByLabel, min_area_px2: 100.0, tolerance_px: 0.5 };
-    let mut group = c.benchmark_group("mask into outlines");
+    let mut group = c.benchmark_group("masks into contours");
     group.sample_size(10);
-    group.bench_function("12 MP", |b| b.iter(|| outlines(&mask, how)));
+    group.bench_function("12 MP", |b| b.iter(|| contours(&mask, how)));
     group.finish();
 }
 

@@ -32,7 +32,7 @@ impl Records for Houses {
 
 fn house(i: usize, side: usize) -> BuildingRecord {
     let (x, y) = (500_000.0 + 30.0 * (i % side) as f64, 5_700_000.0 + 30.0 * (i / side) as f64);
-    let outline = if i.is_multiple_of(10) {
+    let footprint = if i.is_multiple_of(10) {
         polygon!(
             exterior: [(x: x, y: y), (x: x + 24.0, y: y), (x: x + 24.0, y: y + 24.0), (x: x, y: y + 24.0)],
             interiors: [[(x: x + 8.0, y: y + 8.0), (x: x + 8.0, y: y + 16.0), (x: x + 16.0, y: y + 16.0), (x: x + 16.0, y: y + 8.0)]],
@@ -43,7 +43,7 @@ fn house(i: usize, side: usize) -> BuildingRecord {
     BuildingRecord {
         id: format!("house-{i:07}"),
         part_of: None,
-        footprint: Some(outline),
+        footprint: Some(footprint),
         ground_z_m: Some(101.25),
         base_z_m: Some(100.75),
         height_m: Some(5.0 + (i % 97) as f64 * 0.31),

@@ -1,4 +1,4 @@
-//! Houses with a low annex under one outline, smaller than most outlines that hold two levels.
+//! Houses with a low annex under one footprint, smaller than most footprints that hold two levels.
 
 use std::fs;
 use std::path::Path;
@@ -39,7 +39,7 @@ fn faces([west, south, east, north]: [f64; 4], [eave, ridge]: House) -> Vec<Valu
         .collect()
 }
 
-/// A `CityJSON` file of houses, each with an annex so deep and so high, metres, under one outline.
+/// A `CityJSON` file of houses, each with an annex so deep and so high, metres, under one footprint.
 fn city(path: &Path, house: House, [annex_depth_m, annex_m]: [f64; 2]) {
     let mut vertices: Vec<[f64; 3]> = Vec::new();
     let mut objects = serde_json::Map::new();

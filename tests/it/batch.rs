@@ -113,7 +113,7 @@ fn tallest_m(scene: &Scene) -> f64 {
 }
 
 #[test]
-fn snakemake_notices_settings_outlines_and_priors_that_have_changed() {
+fn snakemake_notices_settings_footprints_and_priors_that_have_changed() {
     let Some(snakemake) = snakemake() else { return };
     let scene = Scene::new();
     scene.change_footprints(|_| {});

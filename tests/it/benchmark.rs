@@ -107,7 +107,7 @@ fn the_papers_tables_have_every_method_and_keep_its_own_numbers_apart() {
     assert!(published.contains("| res-1 | SiZeUp | 3.73/5.38 |") && !ours.contains("3.73/5.38"));
     let tables: Value = serde_json::from_slice(&fs::read(folder.path().join("paper.json")).unwrap()).unwrap();
     let outcomes = tables["scenes"][0]["outcomes"].as_array().unwrap();
-    // Medians of points in the outlines are far better than a hull's top, and stacks fill their volume better than hulls.
+    // Medians of points in the footprints are far better than a hull's top, and stacks fill their volume better than hulls.
     let of = |method: &str| outcomes.iter().find(|o| o["method"] == method).unwrap();
     let error = |method: &str| of(method)["heights"]["all"]["error_mean_m"].as_f64().unwrap();
     assert!(error("points_p50") < error("convex_hull"));

@@ -27,8 +27,8 @@ const CORNER: [f64; 2] = [565_000.0, 5_932_000.0];
 /// A measured building: west, south, width, depth from the town's corner; ground at 12 m, sigma 0.25 m.
 fn house(id: &str, [west, south, width, depth]: [f64; 4], height_m: f64) -> BuildingRecord {
     let (west, south) = (CORNER[0] + west, CORNER[1] + south);
-    let outline = Rect::new((west, south), (west + width, south + depth)).to_polygon();
-    BuildingRecord { height_sigma_m: Some(0.25), ..BuildingRecord::measured(id, outline, 12.0, height_m) }
+    let footprint = Rect::new((west, south), (west + width, south + depth)).to_polygon();
+    BuildingRecord { height_sigma_m: Some(0.25), ..BuildingRecord::measured(id, footprint, 12.0, height_m) }
 }
 
 /// A row of houses, 30 m apart, all 8 m high.
@@ -75,7 +75,7 @@ fn each_kind_of_change_is_told_with_its_reason_and_both_ids() {
         ("n0", "o0", Class::Same, Reason::WithinLeast),
         ("n1", "o1", Class::Raised, Reason::RoofMoved),
         ("n2", "o2", Class::Lowered, Reason::RoofMoved),
-        ("n3", "o3", Class::OutlineChanged, Reason::OutlineGrew),
+        ("n3", "o3", Class::FootprintChanged, Reason::FootprintGrew),
         ("n4", "o4", Class::Unsure, Reason::NewDoubtful),
         ("n5", "o5", Class::Gone, Reason::FlatNow),
         ("n6", "", Class::New, Reason::NotInOld),
@@ -95,7 +95,7 @@ fn each_kind_of_change_is_told_with_its_reason_and_both_ids() {
 }
 
 #[test]
-fn a_building_beyond_the_old_outlines_is_new_where_the_old_photos_looked() {
+fn a_building_beyond_the_old_footprints_is_new_where_the_old_photos_looked() {
     let (old, mut new) = (street("o", 3), street("n", 3));
     new.push(house("edge", [30.0, 60.0, 10.0, 10.0], 8.0));
     let (west, south) = (CORNER[0], CORNER[1]);
@@ -107,7 +107,7 @@ fn a_building_beyond_the_old_outlines_is_new_where_the_old_photos_looked() {
         compare(&old, &without_photos(&new), &config).changes[3].class
     };
     assert_eq!(class(&cameras, AreaRule::Photos), Class::New);
-    assert_eq!((class(&cameras, AreaRule::Outlines), class(&[], AreaRule::Photos)), (Class::Outside, Class::Outside));
+    assert_eq!((class(&cameras, AreaRule::Footprints), class(&[], AreaRule::Photos)), (Class::Outside, Class::Outside));
 }
 
 #[test]
@@ -189,13 +189,13 @@ fn the_layer_opens_with_styles_lineage_and_a_row_per_building() {
     assert_eq!(found.crs.unwrap().horizontal_epsg(), Some(25832));
     let gone = found.buildings.iter().find(|building| building.attributes["class"] == "gone").unwrap();
     assert_eq!((&gone.attributes["old_id"], &gone.attributes["reasons"]), (&"o2".into(), &"not_in_new".into()));
-    assert_eq!((found.buildings.len(), gone.outline.is_some()), (4, true));
+    assert_eq!((found.buildings.len(), gone.footprint.is_some()), (4, true));
     let text_of = |query: &str| {
         let layer = sizeup::geodata::vector::VectorLayer::open(&path, None).unwrap();
         layer.into_text_of(query).unwrap()
     };
     let style = text_of("SELECT styleQML FROM layer_styles WHERE f_table_name = 'changes' AND useAsDefault = 1");
-    assert!(style.contains("outline_changed"));
+    assert!(style.contains("footprint_changed"));
     let lineage: Lineage = serde_json::from_str(&text_of("SELECT lineage FROM sizeup_lineage")).unwrap();
     assert_eq!(lineage.inputs.iter().map(|input| input.role.as_str()).collect::<Vec<_>>(), ["old", "new"]);
 }
@@ -223,9 +223,9 @@ fn a_result_in_another_crs_is_brought_over_and_that_is_said() {
     let moved: Vec<BuildingRecord> = old
         .into_iter()
         .map(|mut record| {
-            record.footprint = record
-                .footprint
-                .map(|outline| outline.map_coords(|c| transform.point(c.x, c.y).map(|(x, y)| Coord { x, y }).unwrap()));
+            record.footprint = record.footprint.map(|footprint| {
+                footprint.map_coords(|c| transform.point(c.x, c.y).map(|(x, y)| Coord { x, y }).unwrap())
+            });
             record
         })
         .collect();
@@ -267,7 +267,7 @@ fn what_cannot_be_compared_is_said_with_a_hint_and_nothing_is_written() {
         (&["nowhere", "new.gpkg"][..], 3, "the old result nowhere does not exist"),
         (&["old.gpkg", "folder"], 3, "city.gpkg, city.city.jsonl, city.city.json"),
         (&["old.gpkg", "./old.gpkg"], 2, "are the same file"),
-        (&["empty.gpkg", "new.gpkg"], 3, "the old result empty.gpkg has no building with an outline"),
+        (&["empty.gpkg", "new.gpkg"], 3, "the old result empty.gpkg has no building with a footprint"),
         (&["old.gpkg", "other.gpkg"], 3, "--heights-only"),
         (&["old.gpkg", "feet.gpkg"], 3, "projected"),
         (&["old.gpkg", "torn.json"], 3, "torn.json"),
@@ -280,6 +280,30 @@ fn what_cannot_be_compared_is_said_with_a_hint_and_nothing_is_written() {
         assert!(!at("changes").exists(), "{args:?}");
     }
     assert_eq!(run(folder.path(), &["old.gpkg", "other.gpkg", "--heights-only", "--output", "changes"]).code, 0);
+}
+
+#[test]
+fn names_of_the_version_before_are_read_with_a_note() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, id) in [("old.gpkg", "o"), ("new.gpkg", "n")] {
+        write_result(&folder.path().join(name), &street(id, 3), CRS, NORMAL);
+    }
+    let old = ["--outline-sigma", "0.7", "--area", "outlines"];
+    let outcome = run(folder.path(), &[&["old.gpkg", "new.gpkg", "--output", "changes"], &old[..]].concat());
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    for said in ["`--outline-sigma` is read as `--footprint-sigma`", "`--area outlines` is read as `--area footprints`"]
+    {
+        assert!(outcome.stderr.contains(said), "{}", outcome.stderr);
+    }
+    let text = fs::read_to_string(folder.path().join("changes/changes.json")).unwrap();
+    let report: ChangesReport = serde_json::from_str(&text).unwrap();
+    assert_eq!((report.config.footprint_sigma_m, report.config.area), (0.7, AreaRule::Footprints));
+    // A report that has the old names is one too.
+    let mut before: Value = serde_json::from_str(&text).unwrap();
+    let config = before["config"].as_object_mut().unwrap();
+    let sigma_m = config.remove("footprint_sigma_m").unwrap();
+    config.extend([("outline_sigma_m".to_owned(), sigma_m), ("area".to_owned(), "outlines".into())]);
+    assert_eq!(serde_json::from_value::<ChangesReport>(before).unwrap(), report);
 }
 
 #[test]

@@ -221,7 +221,7 @@ fn artefacts_of_other_settings_are_refused() {
 }
 
 #[test]
-fn artefacts_of_outlines_that_have_changed_are_refused() {
+fn artefacts_of_footprints_that_have_changed_are_refused() {
     let scene = Scene::new();
     scene.change_footprints(|_| {});
     assert_eq!(scene.run(&["--until", "footprints"]).code, 0);

@@ -80,7 +80,7 @@ fn ogrinfo_reads_our_layers_with_crs_and_comments() {
     }
     let sql = |query: &str| run(Command::new(&ogrinfo).args(["-ro", "-q", "-sql", query]).arg(&gpkg));
     let comments = sql("SELECT description FROM gpkg_data_columns WHERE column_name = 'base_z_m'");
-    assert!(comments.contains("Lowest ground under the outline"), "{comments}");
+    assert!(comments.contains("Lowest ground under the footprint"), "{comments}");
     let uncommented =
         sql("SELECT name FROM pragma_table_info('buildings') WHERE name NOT IN ('fid', 'geom') AND name NOT IN \
          (SELECT column_name FROM gpkg_data_columns WHERE table_name = 'buildings')");

@@ -222,11 +222,11 @@ fn a_run_that_is_killed_before_it_replaces_anything_is_seen_beside_the_older_res
     let read = |name: &str| std::fs::read(scene.path(name)).unwrap();
     let mark = scene.path("result/UNFINISHED.txt");
     let written = |name: &str| std::fs::metadata(scene.path(name)).and_then(|file| file.modified()).unwrap();
-    let (city, outlines) = (read("result/city.gpkg"), written("result/stages/footprints.json"));
+    let (city, footprints) = (read("result/city.gpkg"), written("result/stages/footprints.json"));
     let again = ["run", "sizeup.toml", "--set", "seed=7"];
     assert!(kill_when(&scene, &again, || mark.exists()), "it was killed at its start");
-    assert!(mark.exists() && written("result/stages/footprints.json") == outlines);
-    let is_solving = || written("result/stages/footprints.json") != outlines;
+    assert!(mark.exists() && written("result/stages/footprints.json") == footprints);
+    let is_solving = || written("result/stages/footprints.json") != footprints;
     assert!(kill_when(&scene, &again, is_solving), "it was killed while it solved");
     assert!(mark.exists() && read("result/city.gpkg") == city);
 

@@ -44,10 +44,10 @@ fn photos_alone_give_the_ground_to_a_decimetre() {
     let survey = scene(folder.path());
     let layer = FootprintConfig::new(folder.path().join("footprints.gpkg"));
     let layer = read(&layer, &crs()).unwrap();
-    let outlines: Vec<_> = layer.footprints.iter().map(|f| &f.polygon).collect();
+    let footprints: Vec<_> = layer.footprints.iter().map(|f| &f.polygon).collect();
     // The rough level is 5 m off.
     let config = DtmConfig { margin_m: 40.0, ..DtmConfig::default() };
-    let dtm = estimate(&survey.views, &outlines, &Terrain::Constant(BASE_Z_M + 5.0), &config, &|_, _| {}).unwrap();
+    let dtm = estimate(&survey.views, &footprints, &Terrain::Constant(BASE_Z_M + 5.0), &config, &|_, _| {}).unwrap();
     let everywhere = MapBox { west_m: 0.0, south_m: 0.0, east_m: 1e6, north_m: 1e7 };
     let truth = load(&TerrainConfig::dtm(folder.path().join("dtm.tif")), &crs(), everywhere).unwrap();
 
@@ -55,11 +55,11 @@ fn photos_alone_give_the_ground_to_a_decimetre() {
     assert!(n_ground * 2 > dtm.squares.len(), "{n_ground} of {} squares", dtm.squares.len());
     let model = Terrain::Grid(dtm.dem.clone());
     let off = |at: (f64, f64)| Some((model.height_at(at.0, at.1)? - truth.height_at(at.0, at.1)?).abs());
-    // Where it is needed: under the outlines, which it has never looked at.
-    let corners = outlines.iter().flat_map(|o| o.exterior().points()).map(geo::Point::x_y);
-    let errors: Vec<f64> = corners.map(|at| off(at).expect("there is ground around every outline")).collect();
+    // Where it is needed: under the footprints, which it has never looked at.
+    let corners = footprints.iter().flat_map(|o| o.exterior().points()).map(geo::Point::x_y);
+    let errors: Vec<f64> = corners.map(|at| off(at).expect("there is ground around every footprint")).collect();
     println!(
-        "{n_ground} squares, under outlines {:.3} m, P90 {:.3} m",
+        "{n_ground} squares, under footprints {:.3} m, P90 {:.3} m",
         median(&errors).unwrap(),
         quantile(&errors, 0.9).unwrap()
     );
@@ -88,16 +88,16 @@ fn warsaw_stands_on_the_ground_that_its_points_were_measured_on() {
     let survey = survey::read(&settings, &crs).unwrap();
     let layer = FootprintConfig::new(data.join("truth_buildings.geojson"));
     let layer = read(&layer, &crs).unwrap();
-    let outlines: Vec<_> = layer.footprints.iter().map(|f| &f.polygon).collect();
+    let footprints: Vec<_> = layer.footprints.iter().map(|f| &f.polygon).collect();
     let config = DtmConfig { margin_m: 40.0, spacing_m: 8.0, ..DtmConfig::default() };
     // The measured ground beside the nine buildings is 110.2 to 111.7 m; the search starts 6 m below it.
-    let dtm = estimate(&survey.views, &outlines, &Terrain::Constant(105.0), &config, &|_, _| {}).unwrap();
+    let dtm = estimate(&survey.views, &footprints, &Terrain::Constant(105.0), &config, &|_, _| {}).unwrap();
     let model = Terrain::Grid(dtm.dem);
     let truth: serde_json::Value =
         serde_json::from_slice(&fs::read(data.join("truth_buildings.geojson")).unwrap()).unwrap();
     let measured =
         truth["features"].as_array().unwrap().iter().map(|f| f["properties"]["ground_z_m"].as_f64().unwrap());
-    let middles = outlines.iter().filter_map(|o| o.centroid());
+    let middles = footprints.iter().filter_map(|o| o.centroid());
     let errors: Vec<f64> = middles
         .zip(measured)
         .filter_map(|(middle, ground_z_m)| Some(model.height_at(middle.x(), middle.y())? - ground_z_m))

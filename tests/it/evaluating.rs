@@ -23,8 +23,8 @@ pub fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
 }
 
-/// Two photos with known houses, as COCO: one outlined by run lengths, one by a polygon.
-fn true_outlines() -> Value {
+/// Two photos with known houses, as COCO: one drawn by run lengths, one by a polygon.
+fn true_footprints() -> Value {
     // 40 columns and 20 rows; columns 4 to 13 from row 2 to 11.
     let counts: Vec<usize> = std::iter::once(4 * 20 + 2)
         .chain((0..10).flat_map(|i| if i < 9 { vec![10, 10] } else { vec![10] }))
@@ -50,10 +50,10 @@ fn square(photo: i64, [x, y]: [f64; 2]) -> Value {
 }
 
 #[test]
-fn outlines_in_photos_are_measured_by_area_and_by_detection() {
+fn footprints_in_photos_are_measured_by_area_and_by_detection() {
     let folder = tempfile::tempdir().unwrap();
     let [truth, found] = ["truth.json", "found.json"].map(|name| folder.path().join(name));
-    std::fs::write(&truth, true_outlines().to_string()).unwrap();
+    std::fs::write(&truth, true_footprints().to_string()).unwrap();
     // As a detector writes its results: a list. The first house moved by 2 (80 of 120 shared), the second found exactly, one
     // where no house is, and one of a low score.
     let mut doubtful = square(2, [25.0, 5.0]);
@@ -62,7 +62,7 @@ fn outlines_in_photos_are_measured_by_area_and_by_detection() {
     std::fs::write(&found, list.to_string()).unwrap();
     let measured = report(&found, &truth, &["--min-score", "0.5"]);
     let figure = |path: &str| number(measured.pointer(path).unwrap_or_else(|| panic!("no {path}")));
-    // A mask's outline cuts its corners, by half of half a pixel's square each.
+    // A mask's footprint cuts its corners, by half of half a pixel's square each.
     for (path, expected) in [
         ("/area_by_building/iou", f64::midpoint(2.0 / 3.0, 1.0)),
         ("/area_by_building/precision", 0.9),
@@ -84,7 +84,7 @@ fn outlines_in_photos_are_measured_by_area_and_by_detection() {
 fn roofs_with_an_offset_are_moved_back_onto_the_ground() {
     let folder = tempfile::tempdir().unwrap();
     let [truth, found] = ["truth.json", "found.json"].map(|name| folder.path().join(name));
-    let mut document = true_outlines();
+    let mut document = true_footprints();
     std::fs::write(&truth, document.to_string()).unwrap();
     let mut roof = square(2, [13.0, 1.0]);
     roof["offset"] = json!([3.0, -4.0]);
@@ -98,10 +98,10 @@ fn roofs_with_an_offset_are_moved_back_onto_the_ground() {
 }
 
 #[test]
-fn outlines_in_photos_that_cannot_be_compared_are_refused_by_name() {
+fn footprints_in_photos_that_cannot_be_compared_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let [truth, found] = ["truth.json", "found.json"].map(|name| folder.path().join(name));
-    std::fs::write(&truth, true_outlines().to_string()).unwrap();
+    std::fs::write(&truth, true_footprints().to_string()).unwrap();
     let refused = |document: &Value, more: &[&str], words: &[&str]| {
         std::fs::write(&found, document.to_string()).unwrap();
         let outcome = evaluate(&found, &truth, more);
@@ -111,12 +111,12 @@ fn outlines_in_photos_that_cannot_be_compared_are_refused_by_name() {
         }
     };
     let changed = |change: &dyn Fn(&mut Value)| {
-        let mut document = true_outlines();
+        let mut document = true_footprints();
         change(&mut document);
         document
     };
     refused(&json!([square(7, [1.0, 1.0])]), &[], &["annotation 1 is of photo 7"]);
-    refused(&true_outlines(), &["--roof-offset"], &["annotation 1 of a/1.png has no offset"]);
+    refused(&true_footprints(), &["--roof-offset"], &["annotation 1 of a/1.png has no offset"]);
     refused(&changed(&|d| d["images"][1]["width"] = 41.into()), &[], &["a/2.png is 41 × 20 pixels", "40 × 20"]);
     refused(&changed(&|d| d["images"][0]["width"] = 41.into()), &[], &["annotation 1 of a/1.png is a mask of 40 × 20"]);
     let elsewhere = changed(&|d| {

@@ -34,10 +34,11 @@ fn result(id: &str, footprint: Polygon<f64>, height_m: Option<f64>) -> BuildingR
 #[test]
 fn a_perfect_prediction_is_perfect_under_every_metric() {
     let heights = [3.0, 12.5, 80.0];
-    let outline = |i: usize| rectangle(20.0 * i as f64, 0.0, 10.0, 10.0);
+    let footprint = |i: usize| rectangle(20.0 * i as f64, 0.0, 10.0, 10.0);
     let results: Vec<_> =
-        heights.iter().enumerate().map(|(i, h)| result(&i.to_string(), outline(i), Some(*h))).collect();
-    let truths: Vec<_> = heights.iter().enumerate().map(|(i, h)| truth(&i.to_string(), outline(i), *h, "x")).collect();
+        heights.iter().enumerate().map(|(i, h)| result(&i.to_string(), footprint(i), Some(*h))).collect();
+    let truths: Vec<_> =
+        heights.iter().enumerate().map(|(i, h)| truth(&i.to_string(), footprint(i), *h, "x")).collect();
     for matching in [Matching::Auto, Matching::Id, Matching::Overlap] {
         let options = HeightOptions { matching, ..HeightOptions::default() };
         let evaluation = evaluate_heights(&results, &truths, &options).unwrap();
@@ -129,8 +130,8 @@ fn a_reference_in_degrees_is_transformed_never_compared_raw() {
     let path = write_geojson(folder.path(), None, square);
     let truth = read_truth(&path, &TruthOptions::default(), &Crs::parse("EPSG:7415").unwrap()).unwrap();
     assert_eq!(truth.height_source, "attribute height_m");
-    let outline = truth.buildings[0].footprint.as_ref().unwrap();
-    let corner = outline.0[0].exterior().0[0];
+    let footprint = truth.buildings[0].footprint.as_ref().unwrap();
+    let corner = footprint.0[0].exterior().0[0];
     assert!((corner.x - 155_000.0).abs() < 2.0 && (corner.y - 463_000.0).abs() < 2.0, "{corner:?}");
     assert_eq!((truth.buildings[0].height_m, truth.buildings[0].group.as_deref()), (Some(9.0), Some("hall")));
 }

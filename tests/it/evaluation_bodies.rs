@@ -130,7 +130,7 @@ fn every_measure_agrees_with_trimesh_shapely_and_scipy() {
     let (mine, other) = (number(&ours["volume"]["voxel_iou"]["0.5"]), number(&theirs["voxel_iou"]));
     assert!((mine - other).abs() < 1e-3, "voxels: {mine} {other}");
     for i in 0..2 {
-        // Columns of 0.5 m sample the plan: outlines are good to half a cell along their length.
+        // Columns of 0.5 m sample the plan: footprints are good to half a cell along their length.
         let (mine, other) = (number(&ours["volume"]["volume_m3"][i]), number(&theirs["volume_m3"][i]));
         assert!((mine / other - 1.0).abs() < 0.03, "volume: {mine} {other}");
     }
@@ -295,7 +295,7 @@ fn truth_without_ids_is_matched_by_overlap_and_none_at_all_is_an_error() {
     let footprints = &told["footprints"];
     assert!((number(&footprints["iou"]) - (80.0 / 120.0 + 1.0) / 3.0).abs() < 1e-9, "{footprints}");
     assert!((number(&footprints["detection_f1"]) - 2.0 / 3.0).abs() < 1e-9, "{footprints}");
-    // Outlines without heights on either side are compared as such.
+    // Footprints without heights on either side are compared as such.
     for feature in truth["features"].as_array_mut().unwrap() {
         feature["properties"].as_object_mut().unwrap().remove("height_m");
     }
@@ -317,7 +317,7 @@ fn truth_without_ids_is_matched_by_overlap_and_none_at_all_is_an_error() {
 }
 
 #[test]
-fn degenerate_meshes_and_outlines_do_no_harm() {
+fn degenerate_meshes_and_footprints_do_no_harm() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let crs = ["--crs", "EPSG:25832", "--truth-crs", "EPSG:25832", "--same-vertical"];
@@ -332,7 +332,7 @@ fn degenerate_meshes_and_outlines_do_no_harm() {
         assert!(number(&told["surface"]["error_95_m"]) < 1e-9, "{told}");
         assert_eq!(number(&told["volume"]["column_iou"]), 1.0, "{told}");
     }
-    // A bow tie, an outline of one line, and one without any: counted, not compared.
+    // A bow tie, a footprint of one line, and one without any: counted, not compared.
     let (x, y) = (565_000.0, 5_932_000.0);
     let ring = |corners: [[f64; 2]; 4]| corners.map(|[u, v]| [x + u, y + v]);
     let house = ring([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]]);
@@ -415,7 +415,7 @@ fn baselines_run_on_what_a_run_takes() {
         assert!([0, 5].contains(&outcome.code), "{method}: {}", outcome.stderr);
         assert!(mean_error(&output).0 < 8.0, "{method}");
     }
-    // Stacks follow the ground outline in parts, a hull fills every courtyard: both are closed bodies.
+    // Stacks follow the ground footprint in parts, a hull fills every courtyard: both are closed bodies.
     for method in ["convex_hull", "stacked_prisms"] {
         let bodies = folder.path().join(method).join("bodies.obj");
         let crs = ["--crs", "EPSG:25832", "--truth-crs", "EPSG:25832", "--same-vertical"];
@@ -474,8 +474,8 @@ fn alexandrias_heights_agree_with_its_surface_model_across_two_crs() {
     let options = ["--crs", "EPSG:26918", "--truth-crs", "EPSG:26918", "--ground", "0", "--heights-only"];
     let heights = report(&layer, &cloud, &options);
     println!("Alexandria, stated heights against the surface model: {}", heights["all"]);
-    // The source's own check found 81 buildings with a median difference of 0.50 m, the outlines' edges included; half a
-    // metre off the edges walls fall away. Both outlines (degrees) and surface (UTM) have to land in one place for that.
+    // The source's own check found 81 buildings with a median difference of 0.50 m, the footprints' edges included; half a
+    // metre off the edges walls fall away. Both footprints (degrees) and surface (UTM) have to land in one place for that.
     assert!(number(&heights["all"]["n"]) >= 70.0, "{}", heights["counts"]);
     assert!(number(&heights["all"]["error_median_m"]) < 0.5, "{}", heights["all"]);
 }

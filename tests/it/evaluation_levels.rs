@@ -16,8 +16,8 @@ fn transform(from: &str, to: &str) -> Transform {
 
 /// A box of 10 × 8 × 6 m.
 fn block([x, y, z]: [f64; 3]) -> Solid {
-    let outline = geo::Rect::new((x, y), (x + 10.0, y + 8.0)).to_polygon();
-    Solid::extruded("a", &outline.into(), [z, z + 6.0]).unwrap()
+    let footprint = geo::Rect::new((x, y), (x + 10.0, y + 8.0)).to_polygon();
+    Solid::extruded("a", &footprint.into(), [z, z + 6.0]).unwrap()
 }
 
 #[test]

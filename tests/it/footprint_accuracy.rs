@@ -1,4 +1,4 @@
-//! How good outlines from masks are, on simulated towns seen with realistic errors.
+//! How good footprints from masks are, on simulated towns seen with realistic errors.
 //!
 //! `make accuracy-footprints` prints the table of docs/accuracy.md.
 
@@ -8,8 +8,8 @@ use geo_types::Polygon;
 use sizeup::crs::Crs;
 use sizeup::evaluate::{FootprintEvaluation, evaluate_footprints};
 use sizeup::footprint::{
-    AccuracyConfig, ConsensusConfig, DetectionSettings, Instances, Look, Outline, OutlineKind, OutlineSource,
-    Vectorising, ViewFault, detect, outlines,
+    AccuracyConfig, ConsensusConfig, Contour, ContourKind, ContourSource, DetectionSettings, Instances, Look,
+    Vectorising, ViewFault, contours, detect,
 };
 use sizeup::raster::Raster;
 use sizeup::simulate::{
@@ -25,14 +25,14 @@ struct Masks {
     instances: Instances,
 }
 
-impl OutlineSource for Masks {
-    fn outlines(&self, view: &View, look: Look) -> Result<Vec<Outline>, ViewFault> {
+impl ContourSource for Masks {
+    fn contours(&self, view: &View, look: Look) -> Result<Vec<Contour>, ViewFault> {
         let i = self.views.iter().position(|v| v.id == view.id).unwrap();
         let how =
             Vectorising { instances: self.instances, min_area_px2: look.min_area_px2, tolerance_px: look.tolerance_px };
         let mask = &self.masks[i];
         let mask = if self.instances == Instances::ByContact { mask.map(|l| u32::from(*l > 0)) } else { mask.clone() };
-        outlines(&mask, how).map_err(|fault| ViewFault::Mask { path: PathBuf::from("memory"), fault })
+        contours(&mask, how).map_err(|fault| ViewFault::Mask { path: PathBuf::from("memory"), fault })
     }
 
     fn file_of(&self, _: &View) -> Option<PathBuf> {
@@ -77,7 +77,7 @@ impl Scene {
     }
 
     fn found(&self, masks: &[Raster<u32>], instances: Instances, consensus: &ConsensusConfig) -> Vec<Polygon<f64>> {
-        self.found_as(masks, instances, consensus, OutlineKind::Ground)
+        self.found_as(masks, instances, consensus, ContourKind::Ground)
     }
 
     fn found_as(
@@ -85,11 +85,11 @@ impl Scene {
         masks: &[Raster<u32>],
         instances: Instances,
         consensus: &ConsensusConfig,
-        outline: OutlineKind,
+        contour: ContourKind,
     ) -> Vec<Polygon<f64>> {
         let source = Masks { masks: masks.to_vec(), views: self.views.clone(), instances };
         let accuracy = AccuracyConfig::default();
-        let settings = DetectionSettings { outline, accuracy: &accuracy, consensus, cadastre: None };
+        let settings = DetectionSettings { contour, accuracy: &accuracy, consensus, cadastre: None };
         let crs = Crs::parse(&self.world.crs).unwrap();
         let found = detect(&source, &self.views, &self.world.terrain, settings, &crs).unwrap();
         found.layer.footprints.into_iter().map(|f| f.polygon).collect()
@@ -105,7 +105,7 @@ impl Scene {
     ) -> Option<(FootprintEvaluation, FootprintEvaluation)> {
         let accuracy = AccuracyConfig::default();
         let settings =
-            DetectionSettings { outline: OutlineKind::Ground, accuracy: &accuracy, consensus, cadastre: None };
+            DetectionSettings { contour: ContourKind::Ground, accuracy: &accuracy, consensus, cadastre: None };
         let crs = Crs::parse(&self.world.crs).unwrap();
         let exact = self.masks(&MaskLevel::Exact.errors());
         let one = |i: usize| {
@@ -143,7 +143,7 @@ impl Scene {
 
 /// The aims of the design, on one town of the kind with courtyards and rows.
 #[test]
-fn exact_masks_give_outlines_within_the_aims() {
+fn exact_masks_give_footprints_within_the_aims() {
     let scene = Scene::new(TownKind::District, 40, 11);
     let masks = scene.masks(&MaskLevel::Exact.errors());
     let found = scene.found(&masks, Instances::ByLabel, &ConsensusConfig::default());
@@ -226,7 +226,7 @@ fn measure(table: &mut Table, town: &'static str, scene: &Scene) {
             table.add(town, "exact, walls not turned", with(Instances::ByLabel, &as_they_are));
             let roofs: Vec<Raster<u32>> =
                 scene.true_views.iter().map(|v| roofs(v, &scene.world.buildings).map(|l| u32::from(*l))).collect();
-            let found = scene.found_as(&roofs, Instances::ByLabel, &consensus, OutlineKind::Roof);
+            let found = scene.found_as(&roofs, Instances::ByLabel, &consensus, ContourKind::Roof);
             table.add(town, "exact, of roofs at heights not known", evaluate_footprints(&found, &truth));
         } else if let Some((single, merged)) = scene.best_single_view(&masks, &consensus, &found) {
             table.add(town, &format!("{what}, best single view"), single);
@@ -258,8 +258,8 @@ fn table_of_accuracy() {
 
 /// The full size of the design: run with `--ignored --nocapture`, and read wall and processor time.
 #[test]
-#[ignore = "a million outlines: takes a minute, prints its time"]
-fn a_million_outlines_are_a_hundred_thousand_buildings() {
+#[ignore = "a million contours: takes a minute, prints its time"]
+fn a_million_contours_are_a_hundred_thousand_buildings() {
     use sizeup::footprint::{Candidate, SeenGround, agree};
     let seconds_in = |file: &str| {
         let stat = std::fs::read_to_string(file).unwrap_or_default();
@@ -314,7 +314,7 @@ fn a_million_outlines_are_a_hundred_thousand_buildings() {
         let (start, before_s) = (std::time::Instant::now(), processor_s());
         let agreed = agree(&candidates, &seen, &ConsensusConfig::default());
         println!(
-            "{} outlines of {} views -> {} buildings: {:.1} s, {:.1} s of processor time, {:.1} s of it on one core only, peak {:.0} MB",
+            "{} contours of {} views -> {} buildings: {:.1} s, {:.1} s of processor time, {:.1} s of it on one core only, peak {:.0} MB",
             candidates.len(),
             seen.len(),
             agreed.buildings.len(),

@@ -5,12 +5,12 @@ use glam::DVec3;
 use serde_json::{Value, json};
 use sizeup::evaluate::evaluate_footprints;
 use sizeup::footprint::{
-    AccuracyConfig, CadastreConfig, ConsensusConfig, Detection, DetectionSettings, FootprintConfig, FootprintSource,
-    MaskFiles, OutlineKind, detect,
+    AccuracyConfig, CadastreConfig, ConsensusConfig, ContourKind, Detection, DetectionSettings, FootprintConfig,
+    FootprintSource, MaskFiles, detect,
 };
 use sizeup::issue::Subject;
 use sizeup::raster::Raster;
-use sizeup::simulate::MaskOutline;
+use sizeup::simulate::MaskContour;
 use sizeup::terrain::{Dem, Terrain};
 
 use crate::footprint_masks::{
@@ -84,7 +84,7 @@ fn what_lies_beyond_the_terrain_is_left_out_and_told() {
     };
     let found = find(&source_of(folder.path(), INSTANCES), &views, &terrain(-60.0)).unwrap();
     let codes: Vec<&str> = found.layer.issues.iter().map(|i| i.code.as_str()).collect();
-    assert!(codes.contains(&"outlines_off_terrain"), "{codes:?}");
+    assert!(codes.contains(&"contours_off_terrain"), "{codes:?}");
     assert_eq!(found.layer.footprints.len(), 3);
     let elsewhere = find(&source_of(folder.path(), INSTANCES), &views, &terrain(5000.0)).unwrap_err().to_string();
     assert!(elsewhere.contains("sees nothing of the terrain"), "{elsewhere}");
@@ -94,13 +94,17 @@ fn what_lies_beyond_the_terrain_is_left_out_and_told() {
 fn masks_of_no_building_at_all_give_an_empty_layer_and_a_warning() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    scene(folder, MaskOutline::Ground, MASKS);
+    scene(folder, MaskContour::Ground, MASKS);
     for entry in std::fs::read_dir(folder.join("masks")).unwrap() {
         save(&entry.unwrap().path(), &Raster::filled(320, 240, 0));
     }
-    let outlines = run(folder, &["footprints", "sizeup.toml"]);
-    assert_eq!(outlines.code, 0, "{}", outlines.stderr);
-    assert!(outlines.stderr.contains("0 buildings") && outlines.stderr.contains("1 warning"), "{}", outlines.stderr);
+    let footprints = run(folder, &["footprints", "sizeup.toml"]);
+    assert_eq!(footprints.code, 0, "{}", footprints.stderr);
+    assert!(
+        footprints.stderr.contains("0 buildings") && footprints.stderr.contains("1 warning"),
+        "{}",
+        footprints.stderr
+    );
     let issues = std::fs::read_to_string(folder.join("result/issues.json")).unwrap();
     assert!(issues.contains("masks_empty"), "{issues}");
     let whole = run(folder, &["run", "sizeup.toml"]);
@@ -146,9 +150,9 @@ fn with_annotation(segmentation: &Value) -> Detection {
 }
 
 #[test]
-fn coco_outlines_that_cross_themselves_or_leave_the_photo_are_put_right() {
+fn coco_contours_that_cross_themselves_or_leave_the_photo_are_put_right() {
     // A bow tie holds two triangles that share a corner, of 900 and 300 pixels². No block stands on a corner's width: the
-    // outline is the larger one, and how much the other is, is told.
+    // footprint is the larger one, and how much the other is, is told.
     let bow_tie = with_annotation(&json!([[100, 50, 160, 110, 160, 50, 120, 90]]));
     let areas: Vec<f64> = polygons(&bow_tie).iter().map(geo::Area::unsigned_area).collect();
     assert_eq!(areas.len(), 1, "{areas:?}");
@@ -175,7 +179,7 @@ fn settings_out_of_range_are_named() {
     let accuracy = AccuracyConfig::default();
     let consensus = ConsensusConfig { cell_m: 0.0, ..ConsensusConfig::default() };
     let settings =
-        DetectionSettings { outline: OutlineKind::Ground, accuracy: &accuracy, consensus: &consensus, cadastre: None };
+        DetectionSettings { contour: ContourKind::Ground, accuracy: &accuracy, consensus: &consensus, cadastre: None };
     let folder = tempfile::tempdir().unwrap();
     let FootprintSource::Masks(masks) = source_of(folder.path(), INSTANCES) else { unreachable!() };
     let source = MaskFiles::new(masks).unwrap();
@@ -186,7 +190,7 @@ fn settings_out_of_range_are_named() {
         layer: FootprintConfig::new("none.gpkg"),
         min_iou: 0.9,
         same_iou: 0.5,
-        outline_from: sizeup::footprint::OutlineFrom::Layer,
+        footprint_from: sizeup::footprint::FootprintFrom::Layer,
     };
     let settings = DetectionSettings { consensus: &consensus, cadastre: Some(&cadastre), ..settings };
     with_masks(folder.path());

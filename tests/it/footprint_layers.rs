@@ -244,7 +244,7 @@ fn a_layer_without_crs_needs_one_and_several_layers_a_choice() {
 }
 
 #[test]
-fn heights_measures_and_curves_become_plain_outlines() {
+fn heights_measures_and_curves_become_plain_footprints() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("odd.gpkg");
     let shapes = [
@@ -276,7 +276,7 @@ fn alexandria_in_degrees_lands_on_its_terrain_in_metres() {
         let layer = read(&FootprintConfig::new(folder.join(file)), &crs("EPSG:26918")).unwrap();
         assert_eq!(layer.footprints.len() + layer.refused.len(), 84, "{file}: {:?}", layer.issues);
         assert_fit_to_extrude(&layer);
-        // The publisher's own areas (SQMETERS) are of other outlines, off by a factor of two either way: no truth.
+        // The publisher's own areas (SQMETERS) are of other footprints, off by a factor of two either way: no truth.
         for footprint in &layer.footprints {
             let middle = footprint.polygon.bounding_rect().unwrap().center();
             assert!((321_400.0..322_200.0).contains(&middle.x) && (4_297_400.0..4_298_100.0).contains(&middle.y));

@@ -1,4 +1,4 @@
-//! Outlines from masks of nadir photos, from files to a city; whatever is wrong with the masks has a name.
+//! Footprints from masks of nadir photos, from files to a city; whatever is wrong with the masks has a name.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -12,12 +12,12 @@ use sizeup::camera::{Camera, Distortion};
 use sizeup::crs::Crs;
 use sizeup::evaluate::evaluate_footprints;
 use sizeup::footprint::{
-    Change, Detection, FootprintConfig, FootprintError, FootprintSource, MaskFiles, OutlineSource, Segmenter,
+    Change, ContourSource, Detection, FootprintConfig, FootprintError, FootprintSource, MaskFiles, Segmenter,
     SegmenterConfig, detect, read,
 };
 use sizeup::frames::Rigid;
 use sizeup::raster::Raster;
-use sizeup::simulate::{MaskOutline, SimulateConfig, simulate};
+use sizeup::simulate::{MaskContour, SimulateConfig, simulate};
 use sizeup::survey::View;
 use sizeup::terrain::Terrain;
 
@@ -99,12 +99,12 @@ pub(super) fn source_of(folder: &Path, toml: &str) -> FootprintSource {
 }
 
 pub(super) fn find(source: &FootprintSource, views: &[View], terrain: &Terrain) -> Result<Detection, FootprintError> {
-    let outlines: Box<dyn OutlineSource> = match source {
+    let contours: Box<dyn ContourSource> = match source {
         FootprintSource::Masks(masks) => Box::new(MaskFiles::new(masks.clone())?),
         FootprintSource::Network(network) => Box::new(Segmenter::new(network.clone())?),
         FootprintSource::Layer(_) => panic!("a layer is not looked for"),
     };
-    detect(outlines.as_ref(), views, terrain, source.detection().unwrap(), &crs())
+    detect(contours.as_ref(), views, terrain, source.detection().unwrap(), &crs())
 }
 
 pub(super) fn polygons(found: &Detection) -> Vec<Polygon<f64>> {
@@ -280,15 +280,15 @@ fn a_cadastre_keeps_its_ids_and_changes_are_told() {
         .footprints[0]
             .polygon
     );
-    assert_eq!(of("K2").attributes["cadastre"], "changed_outline");
-    assert!((of("K2").polygon.unsigned_area() - 96.0).abs() < 5.0, "the photos' outline");
+    assert_eq!(of("K2").attributes["cadastre"], "changed_footprint");
+    assert!((of("K2").polygon.unsigned_area() - 96.0).abs() < 5.0, "the photos' footprint");
     assert_eq!(of("K4").attributes["cadastre"], "unseen");
     assert_eq!(found.vanished.iter().map(|f| f.id.0.as_str()).collect::<Vec<_>>(), ["K3"]);
     let n = |change| found.summary.by_change.get(&change).copied().unwrap_or(0);
-    assert_eq!([Change::Matched, Change::ChangedOutline, Change::Vanished, Change::Unseen].map(n), [1, 1, 1, 1]);
+    assert_eq!([Change::Matched, Change::ChangedFootprint, Change::Vanished, Change::Unseen].map(n), [1, 1, 1, 1]);
     assert_eq!(n(Change::New), found.layer.footprints.len() - 3);
     let codes: Vec<&str> = found.layer.issues.iter().map(|i| i.code.as_str()).collect();
-    assert!(codes.contains(&"cadastre_vanished") && codes.contains(&"cadastre_changed_outline"), "{codes:?}");
+    assert!(codes.contains(&"cadastre_vanished") && codes.contains(&"cadastre_changed_footprint"), "{codes:?}");
 }
 
 fn fixture(name: &str) -> PathBuf {
@@ -374,8 +374,8 @@ fn a_head_over_two_backbones_gets_their_features_by_name() {
     assert!(Segmenter::new(unknown).unwrap_err().to_string().contains("semantic, small.v1, sam3, fpsam.v1"));
 }
 
-/// A scene for the command line, its configuration reading outlines from masks.
-pub(super) fn scene(folder: &Path, outline: MaskOutline, footprints: &str) {
+/// A scene for the command line, its configuration reading footprints from masks.
+pub(super) fn scene(folder: &Path, contour: MaskContour, footprints: &str) {
     let mut config = SimulateConfig::default();
     config.town.n_buildings = 8;
     config.flight.n_views = Some(40);
@@ -383,7 +383,7 @@ pub(super) fn scene(folder: &Path, outline: MaskOutline, footprints: &str) {
     config.prior.longest_px = 160;
     config.prior.level = sizeup::simulate::PriorLevel::Clean;
     config.images.enabled = false;
-    config.masks.outline = outline;
+    config.masks.contour = contour;
     simulate(&config, folder, &|_, _| {}).unwrap();
     let path = folder.join("sizeup.toml");
     let text = std::fs::read_to_string(&path).unwrap();
@@ -411,10 +411,10 @@ pub(super) const MASKS: &str = "source = \"masks\"\npath = \"masks/{stem}.png\"\
 fn a_run_goes_from_masks_to_heights_and_is_the_same_on_any_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    scene(folder, MaskOutline::Ground, MASKS);
-    let outlines = run(folder, &["footprints", "sizeup.toml", "--threads", "1", "--output", "one"]);
-    assert_eq!(outlines.code, 0, "{}", outlines.stderr);
-    assert!(outlines.stderr.contains("8 buildings"), "{}", outlines.stderr);
+    scene(folder, MaskContour::Ground, MASKS);
+    let footprints = run(folder, &["footprints", "sizeup.toml", "--threads", "1", "--output", "one"]);
+    assert_eq!(footprints.code, 0, "{}", footprints.stderr);
+    assert!(footprints.stderr.contains("8 buildings"), "{}", footprints.stderr);
     run(folder, &["footprints", "sizeup.toml", "--threads", "4", "--output", "four"]);
     let bytes = |name: &str| std::fs::read(folder.join(name).join("footprints.gpkg")).unwrap();
     assert_eq!(bytes("one"), bytes("four"));
@@ -444,10 +444,10 @@ fn a_run_goes_from_masks_to_heights_and_is_the_same_on_any_number_of_threads() {
 }
 
 #[test]
-fn roof_outlines_move_to_their_heights() {
+fn roof_footprints_move_to_their_heights() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    scene(folder, MaskOutline::Roof, &format!("{MASKS}outline = \"roof\"\n"));
+    scene(folder, MaskContour::Roof, &format!("{MASKS}contour = \"roof\"\n"));
     let first = run(folder, &["footprints", "sizeup.toml"]);
     assert_eq!(first.code, 0, "{}", first.stderr);
     let truth = layer(&folder.join("truth.geojson"));

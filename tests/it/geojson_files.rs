@@ -181,7 +181,7 @@ fn footprints_in_another_crs_give_the_heights_of_those_in_the_projects() {
     scene.change_footprints(|_| {});
     assert_eq!(scene.run(&[]).code, 0);
     let before = scene.json("result/city.city.json");
-    // The same outlines in longitude and latitude, without a `crs` member: RFC 7946.
+    // The same footprints in longitude and latitude, without a `crs` member: RFC 7946.
     let layer = scene.json("footprints.geojson");
     let member = layer["crs"]["properties"]["name"].as_str().unwrap().to_owned();
     let map = Crs::parse(&format!("EPSG:{}", member.rsplit(':').next().unwrap())).unwrap();
@@ -190,7 +190,7 @@ fn footprints_in_another_crs_give_the_heights_of_those_in_the_projects() {
     let features: Vec<Value> = degrees
         .features()
         .map(|thing| {
-            let FeatureGeometry::Shape(shape) = thing.geometry else { panic!("a building without an outline") };
+            let FeatureGeometry::Shape(shape) = thing.geometry else { panic!("a building without a footprint") };
             let geometry = Some(lonlat.geometry(&shape).unwrap());
             serde_json::to_value(geojson::feature(None, geometry, thing.attributes)).unwrap()
         })

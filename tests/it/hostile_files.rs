@@ -383,18 +383,18 @@ fn what_a_run_left_behind_is_held_against_what_it_belongs_to() {
             assert!(outcome.stderr.contains(word), "{word:?} is missing in: {}", outcome.stderr);
         }
     };
-    altered("heights", &|data| data["solved"][0] = json!(9999), "outline 9999");
+    altered("heights", &|data| data["solved"][0] = json!(9999), "footprint 9999");
     altered("heights", &|data| data["solution"]["heights"][0]["views"] = json!([777]), "view 777");
     altered("heights", &|data| data["solution"]["used_views"][0] = json!(888), "view 888");
     altered("heights", &|data| data["unread_photos"] = json!([[999, "x"]]), "view 999");
     altered("heights", &|data| drop(data["solved"].as_array_mut().unwrap().pop()), "heights of");
     altered("footprints", &|data| drop(data["ground"].as_array_mut().unwrap().pop()), "ground under");
     altered("footprints", &|data| data["ground"][0]["lowest_m"] = json!(1e300), "a ground of");
-    let outline = |data: &mut serde_json::Value, to: serde_json::Value| {
+    let footprint = |data: &mut serde_json::Value, to: serde_json::Value| {
         data["layer"]["footprints"][0]["polygon"]["exterior"][0] = to;
     };
-    altered("footprints", &|data| outline(data, json!({"x": 1e300, "y": 0.0})), "the outline of");
-    altered("footprints", &|data| outline(data, json!({"x": 0.0, "y": 0.0})), "the outline of"); // no longer closed
+    altered("footprints", &|data| footprint(data, json!({"x": 1e300, "y": 0.0})), "the footprint of");
+    altered("footprints", &|data| footprint(data, json!({"x": 0.0, "y": 0.0})), "the footprint of"); // no longer closed
     altered("survey", &|data| data["views"][0]["camera"]["width_px"] = json!(0), "0 ×");
     assert!([0, 5].contains(&scene.run(&["--from", "output"]).code), "as it was");
 }
@@ -467,7 +467,7 @@ fn a_vertex_that_lies_nowhere_is_named() {
 }
 
 #[test]
-fn corners_of_results_that_are_no_numbers_outline_nothing() {
+fn corners_of_results_that_are_no_numbers_enclose_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.fgb");
     let mut dataset = DriverManager::get_driver_by_name("FlatGeobuf").unwrap().create_vector_only(&path).unwrap();
@@ -475,8 +475,8 @@ fn corners_of_results_that_are_no_numbers_outline_nothing() {
     let ty = gdal::vector::OGRwkbGeometryType::wkbPolygon;
     let options = gdal::vector::LayerOptions { name: "a", srs: Some(&crs), ty, ..Default::default() };
     let mut layer = dataset.create_layer(options).unwrap();
-    let outline = "POLYGON ((500000 5700000, 500009 5700000, 500009 5700007, 500000 5700000))";
-    layer.create_feature(gdal::vector::Geometry::from_wkt(outline).unwrap()).unwrap();
+    let footprint = "POLYGON ((500000 5700000, 500009 5700000, 500009 5700007, 500000 5700000))";
+    layer.create_feature(gdal::vector::Geometry::from_wkt(footprint).unwrap()).unwrap();
     dataset.close().unwrap();
     let read = || FoundBuildings::read(&path, &ReadOptions::default()).unwrap().to_records();
     assert!(read()[0].footprint.is_some());

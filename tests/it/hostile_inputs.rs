@@ -137,7 +137,7 @@ fn a_self_crossing_polygon_keeps_its_place_in_the_results() {
 }
 
 #[test]
-fn outlines_without_area_or_with_corners_that_are_no_numbers_are_refused_one_by_one() {
+fn footprints_without_area_or_with_corners_that_are_no_numbers_are_refused_one_by_one() {
     const MARK: f64 = 123_456_789.5;
     let scene = Scene::new();
     let mut ids = Vec::new();
@@ -196,10 +196,10 @@ fn a_building_without_geometry_is_in_the_results() {
 }
 
 #[test]
-fn layers_without_any_usable_outline_are_refused() {
+fn layers_without_any_usable_footprint_are_refused() {
     let scene = Scene::new();
     scene.change_footprints(|features| features.iter_mut().map(|f| f["geometry"] = Value::Null).collect());
-    assert_refused(&scene, &scene.run(&[]), 3, &["none of the 6 outlines can be used", "hint:"]);
+    assert_refused(&scene, &scene.run(&[]), 3, &["none of the 6 footprints can be used", "hint:"]);
 }
 
 #[test]

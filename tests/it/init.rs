@@ -174,8 +174,8 @@ impl Drone {
     }
 }
 
-/// The scene's outlines, in longitude and latitude.
-fn outlines_deg() -> Vec<Vec<(f64, f64)>> {
+/// The scene's footprints, in longitude and latitude.
+fn footprints_deg() -> Vec<Vec<(f64, f64)>> {
     let mut layer = VectorLayer::open(&scene().join("footprints.gpkg"), None).unwrap();
     let to_degrees = Transform::new(&Crs::parse(CRS).unwrap(), &Crs::parse("EPSG:4326").unwrap()).unwrap();
     let ring = |geometry: &FeatureGeometry| match geometry {
@@ -183,16 +183,16 @@ fn outlines_deg() -> Vec<Vec<(f64, f64)>> {
         FeatureGeometry::Shape(Geometry::MultiPolygon(parts)) => parts.0[0].exterior().clone(),
         other => panic!("{other:?}"),
     };
-    let outline = |geometry: &FeatureGeometry| {
+    let footprint = |geometry: &FeatureGeometry| {
         let corners = ring(geometry).0;
         corners[..corners.len() - 1].iter().map(|c| to_degrees.point(c.x, c.y).unwrap()).collect()
     };
-    layer.features().map(|feature| outline(&feature.geometry)).collect()
+    layer.features().map(|feature| footprint(&feature.geometry)).collect()
 }
 
 /// An OpenStreetMap file as the website exports one: buildings as ways, one as a relation, and a park around them.
 fn osm() -> String {
-    let outlines = outlines_deg();
+    let footprints = footprints_deg();
     let (mut nodes, mut ways) = (String::new(), String::new());
     let mut n_nodes = 0;
     let mut way = |id: usize, ring: &[(f64, f64)], tags: &str| {
@@ -204,17 +204,17 @@ fn osm() -> String {
         let members: Vec<String> = (first..=n_nodes).chain([first]).map(|id| format!("<nd ref=\"{id}\"/>")).collect();
         writeln!(ways, " <way id=\"{id}\" version=\"1\">{}{tags}</way>", members.join("")).unwrap();
     };
-    for (i, ring) in outlines.iter().enumerate() {
+    for (i, ring) in footprints.iter().enumerate() {
         // The last is the outer ring of a relation.
-        let is_relation = i + 1 == outlines.len();
+        let is_relation = i + 1 == footprints.len();
         way(100 + i, ring, if is_relation { "" } else { "<tag k=\"building\" v=\"yes\"/>" });
     }
-    let corners = || outlines.iter().flatten().copied();
+    let corners = || footprints.iter().flatten().copied();
     let (west, east) = (corners().map(|c| c.0).fold(180.0, f64::min), corners().map(|c| c.0).fold(-180.0, f64::max));
     let (south, north) = (corners().map(|c| c.1).fold(90.0, f64::min), corners().map(|c| c.1).fold(-90.0, f64::max));
     let park = [(west, south), (east, south), (east, north), (west, north)];
     way(900, &park, "<tag k=\"leisure\" v=\"park\"/>");
-    let outer = 100 + outlines.len() - 1;
+    let outer = 100 + footprints.len() - 1;
     let relation = format!(
         " <relation id=\"100\" version=\"1\"><member type=\"way\" ref=\"{outer}\" role=\"outer\"/>\
          <tag k=\"type\" v=\"multipolygon\"/><tag k=\"building\" v=\"apartments\"/></relation>\n"
@@ -222,15 +222,15 @@ fn osm() -> String {
     format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<osm version=\"0.6\">\n{nodes}{ways}{relation}</osm>\n")
 }
 
-/// The scene's outlines in another CRS, one attribute and a name that tells nothing.
-fn write_outlines(path: &Path, crs: &str) {
+/// The scene's footprints in another CRS, one attribute and a name that tells nothing.
+fn write_footprints(path: &Path, crs: &str) {
     let crs = Crs::parse(crs).unwrap();
     let to_map = Transform::new(&Crs::parse("EPSG:4326").unwrap(), &crs).unwrap();
     let polygon = |ring: &Vec<(f64, f64)>| {
         let corners: Vec<(f64, f64)> = ring.iter().map(|(lon, lat)| to_map.point(*lon, *lat).unwrap()).collect();
         geo_types::Polygon::new(corners.into(), Vec::new())
     };
-    let polygons: Vec<_> = outlines_deg().iter().map(polygon).collect();
+    let polygons: Vec<_> = footprints_deg().iter().map(polygon).collect();
     let feature = |polygon| LayerFeature { polygon, texts: Vec::new(), numbers: vec![3.0] };
     let features: Vec<_> = polygons.iter().map(feature).collect();
     write_polygon_layer(path, "layer", &crs, &[("storeys", FieldType::Number)], &features).unwrap();
@@ -513,10 +513,10 @@ fn what_survey_align_and_convert_write_is_taken_with_its_settings() {
 }
 
 #[test]
-fn the_crs_is_the_one_asked_for_then_the_outlines_then_the_zone() {
+fn the_crs_is_the_one_asked_for_then_the_footprints_then_the_zone() {
     let desk = Desk::new();
     desk.photos("", &Drone { n_photos: 6, ..Drone::default() });
-    write_outlines(&desk.path("flight/buildings.gpkg"), "EPSG:3035");
+    write_footprints(&desk.path("flight/buildings.gpkg"), "EPSG:3035");
     let crs = |more: &[&str]| {
         let (summary, outcome) = desk.init(more);
         assert_eq!(outcome.code, 0, "{}", outcome.stderr);
@@ -525,7 +525,7 @@ fn the_crs_is_the_one_asked_for_then_the_outlines_then_the_zone() {
     };
     assert_eq!(crs(&["--crs", "EPSG:25833"]), ("EPSG:25833".to_owned(), "as asked for by --crs".to_owned()));
     assert_eq!(crs(&[]), ("EPSG:3035".to_owned(), "the CRS of buildings.gpkg".to_owned()));
-    write_outlines(&desk.path("flight/buildings.gpkg"), "EPSG:4326");
+    write_footprints(&desk.path("flight/buildings.gpkg"), "EPSG:4326");
     let (definition, why) = crs(&[]);
     assert!(definition == CRS && why.contains("UTM zone of the photos"), "{definition}: {why}");
 }
@@ -538,7 +538,7 @@ fn what_is_missing_is_told_written_and_left_to_be_filled_in() {
     }
     let (summary, outcome) = desk.init(&[]);
     assert_eq!((outcome.code, summary["is_complete"].clone()), (3, json!(false)));
-    assert_eq!(missing(&summary), ["building outlines", "the ground"], "{}", outcome.stderr);
+    assert_eq!(missing(&summary), ["building footprints", "the ground"], "{}", outcome.stderr);
     for word in ["OpenStreetMap", "--footprints", "docs/footprints.md", "--dtm", "--ground"] {
         assert!(outcome.stderr.contains(word), "{word}: {}", outcome.stderr);
     }
@@ -581,7 +581,7 @@ fn photos_that_look_straight_down_are_refused_before_all_else() {
         let name = format!("DJI_{i:04}.JPG");
         fs::copy(all.join(&name), desk.path("flight").join(&name)).unwrap();
     }
-    write_outlines(&desk.path("flight/buildings.gpkg"), CRS);
+    write_footprints(&desk.path("flight/buildings.gpkg"), CRS);
     let (summary, outcome) = desk.init(&[]);
     assert_eq!(outcome.code, 3);
     assert_eq!(missing(&summary), ["oblique photos"]);
@@ -599,7 +599,7 @@ fn an_existing_file_is_not_overwritten() {
     assert!(refused.stderr.contains("sizeup.toml exists") && refused.stderr.contains("--force"), "{}", refused.stderr);
     assert_eq!(desk.text(), "mine");
     let elsewhere = desk.run(&["init", "flight", "--output", "town/project.toml"]);
-    assert_eq!(elsewhere.code, 3, "no outlines: {}", elsewhere.stderr);
+    assert_eq!(elsewhere.code, 3, "no footprints: {}", elsewhere.stderr);
     let text = fs::read_to_string(desk.path("town/project.toml")).unwrap();
     assert!(text.contains("path = \"../flight\""), "named from its own folder: {text}");
     assert_eq!(desk.run(&["init", "flight", "--force"]).code, 3);
@@ -712,7 +712,7 @@ fn photos_in_several_folders_of_a_card_are_one_flight() {
     let desk = Desk::new();
     desk.photos("DCIM/100MEDIA", &Drone { n_photos: 12, ..Drone::default() });
     desk.photos("DCIM/101MEDIA", &Drone { n_photos: 12, zero_m: 0.001, ..Drone::default() });
-    write_outlines(&desk.path("flight/buildings.gpkg"), CRS);
+    write_footprints(&desk.path("flight/buildings.gpkg"), CRS);
     let (summary, outcome) = desk.init(&[]);
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
     assert_eq!((&summary["flight"]["n_photos"], &summary["flight"]["n_views"]), (&json!(24), &json!(24)));
@@ -734,14 +734,14 @@ fn parcels_are_no_buildings_and_results_no_input() {
     // What a run of an earlier day has left.
     fs::create_dir_all(desk.path("flight/result/stages")).unwrap();
     fs::write(desk.path("flight/result/survey.json"), "{}").unwrap();
-    write_outlines(&desk.path("flight/result/buildings.gpkg"), CRS);
+    write_footprints(&desk.path("flight/result/buildings.gpkg"), CRS);
     let (summary, outcome) = desk.init(&[]);
-    assert_eq!(missing(&summary), ["building outlines"], "{}", outcome.stderr);
+    assert_eq!(missing(&summary), ["building footprints"], "{}", outcome.stderr);
     assert_eq!(summary["other_layers"].as_array().unwrap().len(), 1, "{summary:#}");
-    write_outlines(&desk.path("flight/outlines.gpkg"), CRS);
+    write_footprints(&desk.path("flight/footprints.gpkg"), CRS);
     let (summary, outcome) = desk.init(&[]);
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-    assert!(summary["footprints"]["path"].as_str().unwrap().ends_with("outlines.gpkg"), "{summary:#}");
+    assert!(summary["footprints"]["path"].as_str().unwrap().ends_with("footprints.gpkg"), "{summary:#}");
     assert!(desk.text().contains("flurstuecke.gpkg"), "the other is named: {}", desk.text());
 }
 
@@ -810,7 +810,7 @@ fn real_photos_that_look_straight_down_get_their_ground_and_no_run() {
     let desk = Desk::new();
     copy(&folder, &desk.path("flight"));
     let (summary, outcome) = desk.init(&[]);
-    assert_eq!(missing(&summary), ["oblique photos", "building outlines"], "{}", outcome.stderr);
+    assert_eq!(missing(&summary), ["oblique photos", "building footprints"], "{}", outcome.stderr);
     assert_eq!((&summary["flight"]["n_views"], &summary["flight"]["n_nadir"]), (&json!(4), &json!(4)));
     assert_eq!(summary["crs"]["definition"], "EPSG:32615");
     // The photos' AbsoluteAltitude is 198 m, their RelativeAltitude 40 m.
@@ -826,7 +826,7 @@ fn a_real_photo_with_a_base_station_states_its_accuracy() {
     let desk = Desk::new();
     copy(&folder, &desk.path("flight"));
     let (summary, outcome) = desk.init(&[]);
-    assert_eq!(missing(&summary), ["oblique photos", "photos", "building outlines"], "{}", outcome.stderr);
+    assert_eq!(missing(&summary), ["oblique photos", "photos", "building footprints"], "{}", outcome.stderr);
     assert_eq!(summary["flight"]["positioning"], json!({ "fixed": 1 }));
     assert!(summary["flight"]["position_sigma_m"][1].as_f64().unwrap() < 0.05);
     assert!(desk.text().contains("keep_ellipsoidal = true"), "{}", desk.text());

@@ -1,4 +1,4 @@
-//! Outlines that hold two roof levels are split: towers on podiums, on a simulated downtown.
+//! Footprints that hold two roof levels are split: towers on podiums, on a simulated downtown.
 
 use std::fs;
 use std::path::Path;
@@ -44,7 +44,7 @@ fn evaluate(folder: &Path, config: &RunConfig) -> HeightEvaluation {
 fn towers(folder: &Path) -> Vec<String> {
     let truth: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("truth.geojson")).unwrap()).unwrap();
     let features = truth["features"].as_array().unwrap().iter().map(|f| &f["properties"]);
-    // Of the whole outline, most lies far below the top.
+    // Of the whole footprint, most lies far below the top.
     let is_tower = |p: &&serde_json::Value| p["ridge_m"].as_f64().unwrap() - p["height_m"].as_f64().unwrap() > TOWER_M;
     features.filter(is_tower).map(|p| p["id"].as_str().unwrap().to_owned()).collect()
 }
@@ -67,7 +67,7 @@ fn towers_are_taken_off_their_podiums_and_nothing_else_is_taken_apart() {
     let with = evaluate(folder.path(), &config);
     assert_eq!(with.counts.n_compared, with.counts.n_truth, "parts count as the building they are of");
     let worst_m = with.buildings.iter().map(|b| b.signed_error_m.abs()).fold(0.0, f64::max);
-    // A tower of 60 m on a quarter of its outline: a metre of its plan is a metre of the mean.
+    // A tower of 60 m on a quarter of its footprint: a metre of its plan is a metre of the mean.
     assert!(worst_m < 4.0, "worst {worst_m:.1} m");
 
     let whole = load(folder.path(), &["optimise.search.split_levels=false"]);

@@ -65,9 +65,9 @@ fn square_priors(scene: &Scene) {
     }
 }
 
-fn outlines_as_table(scene: &Scene) {
-    fs::write(scene.path("outlines.csv"), "id;WKT\na;\"POLYGON ((0 0, 9 0, 9 9, 0 9, 0 0))\"\n").unwrap();
-    set(scene, "footprints.gpkg", "outlines.csv");
+fn footprints_as_table(scene: &Scene) {
+    fs::write(scene.path("footprints.csv"), "id;WKT\na;\"POLYGON ((0 0, 9 0, 9 9, 0 9, 0 0))\"\n").unwrap();
+    set(scene, "footprints.gpkg", "footprints.csv");
 }
 
 fn metres_as_degrees(scene: &Scene) {
@@ -86,13 +86,13 @@ fn poses_without_angles(scene: &Scene) {
 /// The mistakes of a first hour.
 const MISTAKES: [Mistake; 38] = [
     Mistake {
-        made: "points in place of outlines",
+        made: "points in place of footprints",
         make: points,
         args: RUN,
         code: 3,
         says: &[
             "[footprints]",
-            "none of the 6 outlines can be used: 6 footprint_not_a_polygon",
+            "none of the 6 footprints can be used: 6 footprint_not_a_polygon",
             "its geometry is not a polygon",
         ],
         hint: &["polygons"],
@@ -210,11 +210,11 @@ const MISTAKES: [Mistake; 38] = [
         hint: &["CRS"],
     },
     Mistake {
-        made: "outlines without a CRS",
-        make: outlines_as_table,
+        made: "footprints without a CRS",
+        make: footprints_as_table,
         args: RUN,
         code: 3,
-        says: &["outlines.csv", "no CRS"],
+        says: &["footprints.csv", "no CRS"],
         hint: &["`crs`"],
     },
     Mistake {
@@ -234,7 +234,7 @@ const MISTAKES: [Mistake; 38] = [
         hint: &["`layer`"],
     },
     Mistake {
-        made: "outlines that are not there",
+        made: "footprints that are not there",
         make: |scene| fs::remove_file(scene.path("footprints.gpkg")).unwrap(),
         args: RUN,
         code: 3,
@@ -258,7 +258,7 @@ const MISTAKES: [Mistake; 38] = [
         hint: &["layer"],
     },
     Mistake {
-        made: "a raster in place of outlines",
+        made: "a raster in place of footprints",
         make: nothing,
         args: &["run", "sizeup.toml", "--set", "footprints.path=dtm.tif"],
         code: 3,
@@ -338,7 +338,7 @@ const MISTAKES: [Mistake; 38] = [
         hint: &["storeys"],
     },
     Mistake {
-        made: "a fallback from an attribute of no outline",
+        made: "a fallback from an attribute of no footprint",
         make: nothing,
         args: &[
             "run",
@@ -347,7 +347,7 @@ const MISTAKES: [Mistake; 38] = [
             "output.fallback={source=\"attribute\",attribute=\"storeys\",metres_per_unit=3}",
         ],
         code: 2,
-        says: &["none of the outlines has an attribute", "storeys"],
+        says: &["none of the footprints has an attribute", "storeys"],
         hint: &["ogrinfo"],
     },
     Mistake {

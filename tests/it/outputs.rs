@@ -72,7 +72,7 @@ pub fn town() -> Town {
         interiors: [[(x: e + 50.0, y: n + 10.0), (x: e + 50.0, y: n + 20.0), (x: e + 60.0, y: n + 20.0), (x: e + 60.0, y: n + 10.0)]],
     );
     let tower = rectangle(0.0, 40.0, 12.0, 12.0);
-    let mut refused = building("no outline", None, None, Status::Refused);
+    let mut refused = building("no footprint", None, None, Status::Refused);
     refused.ground_z_m = None;
     refused.base_z_m = None;
     let gable = BuildingRecord {
@@ -116,7 +116,7 @@ pub fn town() -> Town {
         reference_date: Some("2025-06-01".to_owned()),
         source: None,
     };
-    let subject = Subject::Building("no outline".to_owned());
+    let subject = Subject::Building("no footprint".to_owned());
     let issues = vec![
         Issue::new(Severity::Refused, "footprint_self_crossing", subject, "crosses itself").hint("repair it").at(e, n),
         Issue::new(Severity::Note, "photo_without_pose", Subject::View("c.jpg".to_owned()), "no pose"),
@@ -183,7 +183,7 @@ fn roofs_are_solids_beside_the_blocks_and_come_back_from_the_files() {
     let found = sizeup::output::validate::validate_file(&path("town.city.json"), &ValidateConfig::default()).unwrap();
     assert!(found.is_valid() && found.n_geometries == 13, "{found:?}");
 
-    // Four buildings as blocks and with their roofs, and one outline on the ground.
+    // Four buildings as blocks and with their roofs, and one footprint on the ground.
     let objects = read_json(&path("town.city.json"))["CityObjects"].clone();
     let lods = |id: &str| -> Vec<String> {
         let all = objects[id]["geometry"].as_array().unwrap();
@@ -233,13 +233,13 @@ fn every_building_is_in_the_cityjson_and_says_why_it_has_no_solid() {
     assert_eq!(tower["attributes"]["input_height_m"], 9.9);
     assert_eq!(tower["geographicalExtent"], json!([93000.0, 436_040.0, 11.4, 93012.0, 436_052.0, 73.0]));
     assert_eq!(file["CityObjects"]["unknown"]["attributes"]["no_solid_reason"], "no_height");
-    assert_eq!(file["CityObjects"]["no outline"]["attributes"]["no_solid_reason"], "no_outline");
-    assert_eq!(file["CityObjects"]["no outline"]["geometry"], json!([]));
+    assert_eq!(file["CityObjects"]["no footprint"]["attributes"]["no_solid_reason"], "no_footprint");
+    assert_eq!(file["CityObjects"]["no footprint"]["geometry"], json!([]));
     // Row houses share the four corners of their party wall: 2 of the ground, and 2 roofs at their own heights.
-    // A building without a height has its outline.
+    // A building without a height has its footprint.
     assert_eq!(file["vertices"].as_array().unwrap().len(), 8 + 8 - 2 + 16 + 8 + 4);
-    let outline = &file["CityObjects"]["unknown"]["geometry"][0];
-    assert_eq!((&outline["type"], &outline["lod"]), (&json!("MultiSurface"), &json!("0")));
+    let footprint = &file["CityObjects"]["unknown"]["geometry"][0];
+    assert_eq!((&footprint["type"], &footprint["lod"]), (&json!("MultiSurface"), &json!("0")));
 }
 
 #[test]
@@ -282,8 +282,8 @@ fn the_geopackage_has_all_layers_with_crs_and_features() {
     assert_eq!(text("views").as_deref(), Some("a.jpg; b.jpg"));
     assert_eq!(text("street").as_deref(), Some("Zürich \"A\""));
     assert_eq!(text("tags").as_deref(), Some("[\"x\",1]"));
-    let outline = courtyard.geometry().unwrap();
-    assert_eq!(outline.area(), 900.0 - 100.0);
+    let footprint = courtyard.geometry().unwrap();
+    assert_eq!(footprint.area(), 900.0 - 100.0);
 }
 
 #[test]

@@ -57,8 +57,19 @@ fn parts_become_building_parts_of_one_building() {
         assert_eq!(part["geometry"][0]["type"], "Solid");
     }
     // The refused part comes last in the list and stands beside its sibling all the same.
-    assert_eq!(objects["tower group"]["children"], json!(["tower", "no outline"]));
+    assert_eq!(objects["tower group"]["children"], json!(["tower", "no footprint"]));
     assert_eq!(objects["tower group"]["attributes"]["status"], "refused");
+}
+
+#[test]
+fn our_names_of_the_version_before_do_not_come_back_as_the_users() {
+    let folder = tempfile::tempdir().unwrap();
+    let [now, before] = ["now.city.json", "before.city.json"].map(|name| folder.path().join(name));
+    cityjson::write(&now, &town_with_parts().model(), &CityJsonConfig::default()).unwrap();
+    let text = std::fs::read_to_string(&now).unwrap();
+    assert!(text.contains("footprint_area_m2"));
+    std::fs::write(&before, text.replace("footprint_area_m2", "outline_area_m2")).unwrap();
+    assert_eq!(read(&before), read(&now));
 }
 
 #[test]
@@ -74,7 +85,7 @@ fn parts_come_back_from_every_format() {
     let from_city = read(&at("a.city.json"));
     assert_eq!(from_city, read(&at("a.city.jsonl")));
     for name in ["a.city.json", "a.gpkg", "a.fgb"] {
-        // FlatGeobuf has no place for a building without an outline.
+        // FlatGeobuf has no place for a building without a footprint.
         let has_place = |r: &BuildingRecord| name != "a.fgb" || r.footprint.is_some();
         let expected: Vec<BuildingRecord> = by_id(town.records.clone()).into_iter().filter(has_place).collect();
         let found = read(&at(name));

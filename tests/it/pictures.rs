@@ -34,7 +34,7 @@ fn large_town() -> Town {
         let (col, row) = (i % 14, i / 14);
         let (x, y) = (e + 46.0 * f64::from(col), n + 52.0 * f64::from(row) + 6.0 * f64::from(col % 3));
         let (w, h) = (14.0 + f64::from((i * 7) % 19), 16.0 + f64::from((i * 5) % 23));
-        let outline = if i % 9 == 4 {
+        let footprint = if i % 9 == 4 {
             polygon!(
                 exterior: [(x: x, y: y), (x: x + 36.0, y: y), (x: x + 36.0, y: y + 38.0), (x: x, y: y + 38.0)],
                 interiors: [[(x: x + 11.0, y: y + 11.0), (x: x + 11.0, y: y + 27.0), (x: x + 25.0, y: y + 27.0), (x: x + 25.0, y: y + 11.0)]],
@@ -52,7 +52,7 @@ fn large_town() -> Town {
             (_, 5) => Status::Doubtful,
             _ => Status::Measured,
         };
-        records.push(building(&format!("b{i}"), Some(outline), height, status));
+        records.push(building(&format!("b{i}"), Some(footprint), height, status));
     }
     let down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
     let camera = Arc::new(Camera::pinhole(6000, 4000, 5000.0));

@@ -119,7 +119,7 @@ fn qgis_opens_the_project_styled_and_in_place() {
     );
     let sources = report["layouts"]["Map, A4"]["sources"].as_str().unwrap();
     assert!(
-        sources.contains("Outlines: town.gpkg") && sources.contains("NAP") && sources.contains("2025-06-01"),
+        sources.contains("Footprints: town.gpkg") && sources.contains("NAP") && sources.contains("2025-06-01"),
         "{sources}"
     );
     // Solids with roofs are for the 3D view: the map does not draw them.
@@ -212,7 +212,7 @@ fn qgis_takes_a_compound_crs_without_a_code_and_a_level_for_the_ground() {
 }
 
 #[test]
-fn qgis_draws_outlines_and_solids_in_3d() {
+fn qgis_draws_footprints_and_solids_in_3d() {
     if !has_qgis() {
         return;
     }

@@ -1,4 +1,4 @@
-//! The whole path on real data: real photos over Warsaw, real cameras over Rotterdam, real outlines of Delft.
+//! The whole path on real data: real photos over Warsaw, real cameras over Rotterdam, real footprints of Delft.
 //!
 //! The data lies beside the repository; where it does not, these tests say `skipped`.
 
@@ -256,12 +256,12 @@ fn rotterdams_real_buildings_under_its_real_cameras() {
     println!("{evaluation}");
     let all = evaluation.all.unwrap();
     assert!(all.n >= 50, "{} of {} compared", all.n, summary.n_buildings);
-    // Roofs are pitched, so the one height that fits the outline in the photos is not quite their area mean.
+    // Roofs are pitched, so the one height that fits the footprint in the photos is not quite their area mean.
     assert!(all.error_mean_m < 1.5 && all.error_median_m < 1.0, "{all:?}");
 }
 
 #[test]
-fn delfts_lidar_heights_under_its_cadastres_outlines() {
+fn delfts_lidar_heights_under_its_cadastres_footprints() {
     let Some(folder) = shared_data("delft_lidar_lod1") else { return };
     let lod1 = folder.join("output/testarea.json");
     let scene = tempfile::tempdir().unwrap();
@@ -276,15 +276,15 @@ fn delfts_lidar_heights_under_its_cadastres_outlines() {
     config.flight.height_m = 120.0;
     let summary = simulate(&config, scene.path(), &|_, _| {}).unwrap();
 
-    // First the outlines of the scene, then those of the cadastre: another source, with other corners.
+    // First the footprints of the scene, then those of the cadastre: another source, with other corners.
     run(&summary.run_config, &LOW_RESOLUTION);
     let own = evaluate(&scene.path().join("result"), &summary.truth);
-    println!("Delft, the LiDAR model's outlines:\n{own}");
+    println!("Delft, the LiDAR model's footprints:\n{own}");
     let cadastre = format!("footprints.path={}", folder.join("bgt/bgt_pand.sqlite").display());
     let more = ["--set", &cadastre, "--set", "footprints.id_field=gml_id", "--set", "footprints.layer=buildingpart"];
     run(&summary.run_config, &[&LOW_RESOLUTION[..], &more].concat());
     let other = evaluate(&scene.path().join("result"), &summary.truth);
-    println!("Delft, the cadastre's outlines:\n{other}");
+    println!("Delft, the cadastre's footprints:\n{other}");
     for evaluation in [own, other] {
         let all = evaluation.all.unwrap();
         assert!(all.n >= 60, "{} of {} compared", all.n, summary.n_buildings);

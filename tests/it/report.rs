@@ -166,8 +166,9 @@ fn a_height_has_one_colour_on_the_map_of_the_page_in_the_picture_in_qgis_and_in_
         town.issues.clear();
         let house = |(i, height_m): (usize, &f64)| {
             let (x, y) = (93_000.0 + 40.0 * (i % 4) as f64, 436_000.0 + 40.0 * (i / 4) as f64);
-            let outline = polygon![(x: x, y: y), (x: x + 20.0, y: y), (x: x + 20.0, y: y + 20.0), (x: x, y: y + 20.0)];
-            building(&format!("h{i}"), Some(outline), Some(*height_m), Status::Measured)
+            let footprint =
+                polygon![(x: x, y: y), (x: x + 20.0, y: y), (x: x + 20.0, y: y + 20.0), (x: x, y: y + 20.0)];
+            building(&format!("h{i}"), Some(footprint), Some(*height_m), Status::Measured)
         };
         town.records = heights_m.iter().enumerate().map(house).collect();
         town
@@ -338,9 +339,9 @@ fn large_town(n: u32, spacing_m: f64) -> Town {
     let house = |i: u32| {
         let (x, y) = (93_000.0 + spacing_m * f64::from(i % side), 436_000.0 + spacing_m * f64::from(i / side));
         let (w, h) = (14.0 + f64::from((i * 7) % 9), 13.0 + f64::from((i * 5) % 11));
-        let outline = polygon![(x: x, y: y), (x: x + w, y: y), (x: x + w, y: y + h), (x: x + 0.5 * w, y: y + h), (x: x + 0.5 * w, y: y + 0.7 * h), (x: x, y: y + 0.7 * h)];
+        let footprint = polygon![(x: x, y: y), (x: x + w, y: y), (x: x + w, y: y + h), (x: x + 0.5 * w, y: y + h), (x: x + 0.5 * w, y: y + 0.7 * h), (x: x, y: y + 0.7 * h)];
         let height_m = 4.0 + f64::from((i * 13) % 17) + if i.is_multiple_of(97) { 40.0 } else { 0.0 };
-        building(&format!("b{i}"), Some(outline), Some(height_m), Status::Measured)
+        building(&format!("b{i}"), Some(footprint), Some(height_m), Status::Measured)
     };
     town.records = (0..n).map(house).collect();
     town

@@ -115,7 +115,7 @@ fn a_step_in_a_roof_is_seen_and_its_mean_height_stated() {
     simulated(folder.path(), TownKind::Downtown, PriorLevel::Mid);
     let both = |more: &[&str]| (run(folder.path(), more).0, run(folder.path(), &[more, &[ONE_LEVEL]].concat()).0);
     let (with, without) = both(&[]);
-    // Those whose outline was left whole.
+    // Those whose footprint was left whole.
     let errors_m = |city: &Value| -> Vec<f64> {
         let whole = pairs(folder.path(), city).into_iter().filter(|(_, stated)| stated["height_m"].is_f64());
         let stepped = whole.filter(|(truth, _)| truth["roof"] == "stepped");

@@ -87,7 +87,7 @@ fn refused_poses_are_on_the_picture_and_in_the_text() {
 }
 
 #[test]
-fn outlines_still_to_come_do_not_keep_the_poses_from_being_looked_at() {
+fn footprints_still_to_come_do_not_keep_the_poses_from_being_looked_at() {
     let folder = tempfile::tempdir().unwrap();
     table(&folder.path().join("poses.csv"), 10, 10.0);
     let config = folder.path().join("sizeup.toml");
@@ -112,7 +112,7 @@ fn outlines_still_to_come_do_not_keep_the_poses_from_being_looked_at() {
     assert!(text(&seen.stdout).contains("see the area            100 %"), "{}", text(&seen.stdout));
 }
 
-/// A configuration over poses 60 m by 80 m wide on the ground, and a block of an outline `corners` (eastings, northings).
+/// A configuration over poses 60 m by 80 m wide on the ground, and a block of a footprint `corners` (eastings, northings).
 fn block(folder: &Path, [west, south, east, north]: [f64; 4]) -> std::path::PathBuf {
     let ring = json!([[west, south], [east, south], [east, north], [west, north], [west, south]]);
     let crs = json!({ "type": "name", "properties": { "name": "urn:ogc:def:crs:EPSG::25832" } });

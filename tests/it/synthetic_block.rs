@@ -124,10 +124,10 @@ fn robust_finds_heights_from_an_exact_prior() {
     assert!(errors.iter().all(|e| *e < 0.8), "{errors:.2?}");
 }
 
-/// Most of what the photos show has no outline, and they look from one side only: a house grown tall enough stands in the way of
+/// Most of what the photos show has no footprint, and they look from one side only: a house grown tall enough stands in the way of
 /// those behind it. Where priors are in metres they say themselves what is no part of the scene.
 #[test]
-fn houses_without_an_outline_do_not_raise_those_with_one_where_priors_are_in_metres() {
+fn houses_without_a_footprint_do_not_raise_those_with_one_where_priors_are_in_metres() {
     let whole = block();
     let from_one_side = |v: usize| v.is_multiple_of(4);
     let mut priors = whole.priors(|d| d);
@@ -505,7 +505,7 @@ fn ground_that_is_not_known_leaves_central_differences_finite() {
     assert!(solution.history.iter().flat_map(|pass| &pass.heights_m).all(|height_m| height_m.is_finite()));
 }
 
-/// A prism's outline in the map.
+/// A prism's footprint in the map.
 fn polygon_of(prism: &sizeup::scene::Prism) -> Polygon<f64> {
     let origin = block().scene.origin.0;
     let ring = prism.rings().next().unwrap();

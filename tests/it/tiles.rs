@@ -274,7 +274,7 @@ fn status_tells_where_each_tile_stands() {
 }
 
 #[test]
-fn every_building_belongs_to_one_tile_also_those_without_an_outline() {
+fn every_building_belongs_to_one_tile_also_those_without_a_footprint() {
     let scene = Scene::new();
     scene.change_footprints(|features| {
         features[0]["geometry"] = Value::Null;
@@ -294,8 +294,8 @@ fn every_building_belongs_to_one_tile_also_those_without_an_outline() {
     assert_eq!(whole, tiled);
 }
 
-/// Outlines from the simulated masks of the nadir photos.
-fn find_outlines_in_masks(scene: &Scene, more: &str) {
+/// Footprints from the simulated masks of the nadir photos.
+fn find_footprints_in_masks(scene: &Scene, more: &str) {
     scene.edit("sizeup.toml", |text| {
         let masks = "source = \"masks\"\npath = \"masks/{stem}.png\"\nkind = \"instance\"\n";
         text.replace("path = \"footprints.gpkg\"\nid_field = \"id\"", &format!("{masks}{more}"))
@@ -303,9 +303,9 @@ fn find_outlines_in_masks(scene: &Scene, more: &str) {
 }
 
 #[test]
-fn outlines_found_in_photos_are_the_same_in_tiles_with_the_same_ids() {
+fn footprints_found_in_photos_are_the_same_in_tiles_with_the_same_ids() {
     let scene = Scene::new();
-    find_outlines_in_masks(&scene, "");
+    find_footprints_in_masks(&scene, "");
     let whole = scene.run(&["--output", "whole"]);
     assert!([0, 5].contains(&whole.code), "{}", whole.stderr);
     undisturbed(&scene);
@@ -316,7 +316,7 @@ fn outlines_found_in_photos_are_the_same_in_tiles_with_the_same_ids() {
         .iter()
         .map(|one| (one["id"].as_str().unwrap().to_owned(), serde_json::json!([one["polygon"], one["attributes"]])))
         .collect();
-    assert!(of_whole.len() >= N_BUILDINGS - 1, "{} outlines", of_whole.len());
+    assert!(of_whole.len() >= N_BUILDINGS - 1, "{} footprints", of_whole.len());
     let mut of_tiles = BTreeMap::new();
     let files = scene.files("undisturbed/tiles").into_iter().filter(|path| path.ends_with("buildings.jsonl"));
     for line in files.flat_map(|path| fs::read_to_string(path).unwrap().lines().map(str::to_owned).collect::<Vec<_>>())
@@ -333,19 +333,19 @@ fn outlines_found_in_photos_are_the_same_in_tiles_with_the_same_ids() {
 }
 
 #[test]
-fn the_paper_preset_and_outlines_that_move_with_heights_are_refused() {
+fn the_paper_preset_and_footprints_that_move_with_heights_are_refused() {
     let scene = Scene::new();
     let refused = scene.sizeup(&["tiles", "plan", "sizeup.toml", "--set", "optimise.preset=paper"]);
     assert_eq!(refused.code, 2);
     assert!(refused.stderr.contains("robust"), "{}", refused.stderr);
-    find_outlines_in_masks(&scene, "outline = \"roof\"\n");
+    find_footprints_in_masks(&scene, "contour = \"roof\"\n");
     let refused = scene.sizeup(&["tiles", "plan", "sizeup.toml"]);
     assert_eq!(refused.code, 2);
     assert!(refused.stderr.contains("roof_rounds = 0"), "{}", refused.stderr);
 }
 
 #[test]
-fn a_fallback_attribute_that_no_outline_has_is_refused_before_any_work_in_tiles_and_in_one_piece() {
+fn a_fallback_attribute_that_no_footprint_has_is_refused_before_any_work_in_tiles_and_in_one_piece() {
     let scene = Scene::new();
     let set = |name: &str| {
         let name = format!("output.fallback.attribute={name}");
@@ -353,7 +353,7 @@ fn a_fallback_attribute_that_no_outline_has_is_refused_before_any_work_in_tiles_
     };
     let wrong = set("levels");
     let wrong: Vec<&str> = wrong.iter().map(String::as_str).collect();
-    let said = "none of the outlines has an attribute \"levels\"";
+    let said = "none of the footprints has an attribute \"levels\"";
     let plan = scene.sizeup(&[&["tiles", "plan", "sizeup.toml", "--output", "city"], &wrong[..]].concat());
     assert_eq!(plan.code, 2, "{}", plan.stderr);
     assert!(plan.stderr.contains(said) && !scene.path("city/tiles.json").exists(), "{}", plan.stderr);
@@ -367,7 +367,7 @@ fn a_fallback_attribute_that_no_outline_has_is_refused_before_any_work_in_tiles_
 }
 
 #[test]
-fn outlines_and_terrain_are_read_in_an_archive_where_they_lie() {
+fn footprints_and_terrain_are_read_in_an_archive_where_they_lie() {
     let scene = Scene::new();
     let plain = undisturbed(&scene);
     let archive = scene.path("input.zip");

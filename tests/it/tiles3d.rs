@@ -186,10 +186,10 @@ fn every_building_is_a_closed_solid_in_its_place_on_the_earth() {
         assert_eq!(found.len(), solid.len());
         for record in solid {
             let shown = &found[&record.id];
-            let outline = record.footprint.as_ref().unwrap();
+            let footprint = record.footprint.as_ref().unwrap();
             let (base_m, roof_m) = (record.base_z_m.unwrap(), record.roof_z_m().unwrap());
             // The map's scale is within 1 in 5,000 of the earth's here, and counts twice in an area.
-            let expected_m3 = outline.unsigned_area() * (roof_m - base_m);
+            let expected_m3 = footprint.unsigned_area() * (roof_m - base_m);
             assert!(
                 (shown.volume_m3 / expected_m3 - 1.0).abs() < 5e-4,
                 "{}: {} {expected_m3}",
@@ -197,7 +197,7 @@ fn every_building_is_a_closed_solid_in_its_place_on_the_earth() {
                 shown.volume_m3
             );
             assert_eq!(shown.height_m, record.height_m.unwrap());
-            for corner in outline.exterior().coords() {
+            for corner in footprint.exterior().coords() {
                 let (lon, lat) = lon_lat.point(corner.x, corner.y).unwrap();
                 for z in [base_m, roof_m] {
                     let expected = ecef(lon, lat, z + GEOID_M);

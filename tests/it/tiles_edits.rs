@@ -24,7 +24,7 @@ const LEAST_TILES: usize = 30;
 const CUT: [&str; 10] =
     ["--size", "40", "--halo", "30", "--view-margin", "5", "--heights", "ellipsoidal", "--jobs", "2"];
 
-/// A town of its own, narrow views over it, outlines as GeoJSON.
+/// A town of its own, narrow views over it, footprints as GeoJSON.
 fn town(n_buildings: usize) -> Scene {
     let mut config = SimulateConfig::default();
     config.town.n_buildings = n_buildings;
@@ -107,7 +107,7 @@ fn corners(feature: &Value) -> Vec<[f64; 2]> {
     ring.iter().map(|corner| [corner[0].as_f64().unwrap(), corner[1].as_f64().unwrap()]).collect()
 }
 
-/// Middle of an outline's box.
+/// Middle of a footprint's box.
 fn middle(feature: &Value) -> [f64; 2] {
     let corners = corners(feature);
     [0, 1].map(|axis| {

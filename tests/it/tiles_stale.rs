@@ -1,4 +1,4 @@
-//! A city says what of it is stale, and why: settings, outlines, priors, files that are gone; and what has failed.
+//! A city says what of it is stale, and why: settings, footprints, priors, files that are gone; and what has failed.
 
 use std::fs::{self, File, FileTimes};
 use std::process::Command;
@@ -87,7 +87,7 @@ fn input_that_changes_after_the_plan_is_named_by_tiles_status_and_merge() {
     assert!(why.contains("footprints.geojson has changed"), "{why}");
     let refused = merge(&scene, &[]);
     assert!(refused.code == 3 && refused.stderr.contains("footprints.geojson has changed"), "{}", refused.stderr);
-    // Tiles would read the new outlines under the old plan.
+    // Tiles would read the new footprints under the old plan.
     fs::remove_file(scene.path(&format!("city/tiles/{}.done.json", ids(&scene)[0]))).unwrap();
     let refused = run_tile(&scene, &ids(&scene)[0]);
     assert!(refused.code == 3 && refused.stderr.contains("footprints.geojson has changed"), "{}", refused.stderr);
@@ -156,7 +156,7 @@ fn a_prior_that_changes_while_a_tile_is_being_run_is_told_and_the_tile_is_not_do
 }
 
 #[test]
-fn what_lies_beside_the_terrain_and_the_outlines_is_input_of_the_plan() {
+fn what_lies_beside_the_terrain_and_the_footprints_is_input_of_the_plan() {
     let scene = city();
     let plan_stale = || status(&scene, &[])["plan_stale"].as_str().unwrap_or_default().to_owned();
     assert_eq!(plan_stale(), "");

@@ -121,7 +121,7 @@ impl Scene {
         serde_json::from_slice(&fs::read(self.path(name)).unwrap()).unwrap()
     }
 
-    /// The true outlines as a GeoJSON layer, altered, in place of the footprints.
+    /// The true footprints as a GeoJSON layer, altered, in place of those on disk.
     pub fn change_footprints(&self, change: impl FnOnce(&mut Vec<Value>)) {
         let mut layer = self.json("truth.geojson");
         change(layer["features"].as_array_mut().unwrap());

@@ -23,7 +23,7 @@ use crate::tiny_scene::sizeup;
 
 /// What lies between two flights: poses a little off, to the east, north and up, metres.
 const FLIGHT_SHIFT_M: [f64; 3] = [0.5, -0.3, 0.4];
-/// Standard deviation of corners of outlines, metres; the default of `--outline-sigma`.
+/// Standard deviation of corners of footprints, metres; the default of `--footprint-sigma`.
 const CORNER_SIGMA_M: f64 = 0.3;
 /// The least change of the town, metres.
 const LEAST_CHANGE_M: f64 = 2.0;
@@ -68,7 +68,7 @@ impl Fate {
             Self::Lowered(_) => Class::Lowered,
             Self::Gone => Class::Gone,
             Self::New => Class::New,
-            Self::Cut(_) | Self::Extended(_) => Class::OutlineChanged,
+            Self::Cut(_) | Self::Extended(_) => Class::FootprintChanged,
         }
     }
 }
@@ -79,30 +79,30 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
     radius * (std::f64::consts::TAU * rng.random::<f64>()).cos()
 }
 
-/// Direction of the longest edge of an outline, and how far the outline reaches along it.
-fn long_side(outline: &Polygon<f64>) -> (Coord<f64>, [f64; 2]) {
-    let longest = outline.exterior().lines().max_by(|a, b| {
+/// Direction of the longest edge of a footprint, and how far the footprint reaches along it.
+fn long_side(footprint: &Polygon<f64>) -> (Coord<f64>, [f64; 2]) {
+    let longest = footprint.exterior().lines().max_by(|a, b| {
         let length = |line: &geo_types::Line<f64>| line.dx().hypot(line.dy());
         length(a).total_cmp(&length(b))
     });
     let line = longest.unwrap();
     let along = Coord { x: line.dx(), y: line.dy() } / line.dx().hypot(line.dy());
     let at = |c: &Coord<f64>| c.x * along.x + c.y * along.y;
-    let reach = outline.exterior().coords().map(at).fold([f64::MAX, f64::MIN], |r, t| [r[0].min(t), r[1].max(t)]);
+    let reach = footprint.exterior().coords().map(at).fold([f64::MAX, f64::MIN], |r, t| [r[0].min(t), r[1].max(t)]);
     (along, reach)
 }
 
-/// The part of an outline between two distances along its long side, if that is one polygon.
-fn strip(outline: &Polygon<f64>, from_m: f64, to_m: f64) -> Option<Polygon<f64>> {
+/// The part of a footprint between two distances along its long side, if that is one polygon.
+fn strip(footprint: &Polygon<f64>, from_m: f64, to_m: f64) -> Option<Polygon<f64>> {
     const FAR_M: f64 = 1e3;
-    let (along, _) = long_side(outline);
-    let first = *outline.exterior().coords().next()?;
+    let (along, _) = long_side(footprint);
+    let first = *footprint.exterior().coords().next()?;
     let across_m = first.y * along.x - first.x * along.y;
     let corner = |t: f64, s: f64| Coord { x: t * along.x - s * along.y, y: t * along.y + s * along.x };
     let (low, high) = (across_m - FAR_M, across_m + FAR_M);
     let ring = [corner(from_m, low), corner(to_m, low), corner(to_m, high), corner(from_m, high)];
     let window = Polygon::new(LineString::from(ring.to_vec()), Vec::new());
-    let [only] = <[Polygon<f64>; 1]>::try_from(outline.intersection(&window).0).ok()?;
+    let [only] = <[Polygon<f64>; 1]>::try_from(footprint.intersection(&window).0).ok()?;
     (only.unsigned_area() > 25.0).then_some(only)
 }
 
@@ -110,7 +110,7 @@ fn strip(outline: &Polygon<f64>, from_m: f64, to_m: f64) -> Option<Polygon<f64>>
 fn measured(
     rng: &mut ChaCha8Rng,
     id: String,
-    outline: &Polygon<f64>,
+    footprint: &Polygon<f64>,
     [ground_z_m, height_m]: [f64; 2],
 ) -> BuildingRecord {
     let sigma_m = rng.random_range(0.15..0.4);
@@ -119,11 +119,11 @@ fn measured(
     let mut disturbed = |ring: &LineString<f64>| -> LineString<f64> {
         ring.0[..ring.0.len() - 1].iter().map(|c| Coord { x: c.x + off_m(), y: c.y + off_m() }).collect()
     };
-    let exterior = disturbed(outline.exterior());
-    let outline = Polygon::new(exterior, outline.interiors().iter().map(disturbed).collect());
+    let exterior = disturbed(footprint.exterior());
+    let footprint = Polygon::new(exterior, footprint.interiors().iter().map(disturbed).collect());
     BuildingRecord {
         height_sigma_m: Some(sigma_m),
-        ..BuildingRecord::measured(id, outline, ground_z_m, height_m + sigma_m * normal(rng))
+        ..BuildingRecord::measured(id, footprint, ground_z_m, height_m + sigma_m * normal(rng))
     }
 }
 
@@ -143,7 +143,7 @@ impl TwoEpochs {
         let mut fates = BTreeMap::new();
         for building in &town.buildings {
             let wanted = Fate::of(&mut rng, building.height_m);
-            let (before, now, fate) = outlines(&building.footprint, wanted);
+            let (before, now, fate) = footprints(&building.footprint, wanted);
             let (ground_z_m, height_m) = (building.ground_z_m, building.height_m);
             let by_m = match fate {
                 Fate::Raised(by_m) => by_m,
@@ -151,13 +151,13 @@ impl TwoEpochs {
                 _ => 0.0,
             };
             let id = |epoch: &str, i: usize| format!("{epoch}-{}-{i}", building.id);
-            for (i, outline) in before.iter().enumerate() {
-                old.push(measured(&mut rng, id("old", i), outline, [ground_z_m, height_m]));
+            for (i, footprint) in before.iter().enumerate() {
+                old.push(measured(&mut rng, id("old", i), footprint, [ground_z_m, height_m]));
             }
-            for (i, outline) in now.iter().enumerate() {
+            for (i, footprint) in now.iter().enumerate() {
                 let [east_m, north_m, up_m] = FLIGHT_SHIFT_M;
-                let outline = outline.map_coords(|c| Coord { x: c.x + east_m, y: c.y + north_m });
-                new.push(measured(&mut rng, id("new", i), &outline, [ground_z_m, height_m + by_m + up_m]));
+                let footprint = footprint.map_coords(|c| Coord { x: c.x + east_m, y: c.y + north_m });
+                new.push(measured(&mut rng, id("new", i), &footprint, [ground_z_m, height_m + by_m + up_m]));
             }
             fates.insert(building.id.to_string(), fate);
         }
@@ -182,8 +182,8 @@ impl TwoEpochs {
     }
 }
 
-/// Outlines of a building before and after; its fate is `Same` where its shape does not allow another.
-fn outlines(whole: &Polygon<f64>, fate: Fate) -> (Vec<Polygon<f64>>, Vec<Polygon<f64>>, Fate) {
+/// Footprints of a building before and after; its fate is `Same` where its shape does not allow another.
+fn footprints(whole: &Polygon<f64>, fate: Fate) -> (Vec<Polygon<f64>>, Vec<Polygon<f64>>, Fate) {
     let (_, [from_m, to_m]) = long_side(whole);
     let middle_m = f64::midpoint(from_m, to_m);
     let rest = |strip_m: f64| strip(whole, from_m + strip_m, to_m);
@@ -377,8 +377,8 @@ fn changes_between_two_flights_are_told_from_what_the_solver_finds() {
     let mut classes = BTreeMap::new();
     for (i, building) in town.buildings.iter().enumerate() {
         let record = |height_m: f64| {
-            let outline = building.footprint.clone();
-            BuildingRecord::measured(building.id.to_string(), outline, building.ground_z_m, height_m)
+            let footprint = building.footprint.clone();
+            BuildingRecord::measured(building.id.to_string(), footprint, building.ground_z_m, height_m)
         };
         let height_m = building.height_m;
         let (before_m, now_m, class) = match i % 8 {

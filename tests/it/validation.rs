@@ -529,7 +529,7 @@ fn real_files_are_checked_without_a_panic() {
 }
 
 /// A star around the town's corner with a courtyard around its middle, between radii of metres.
-fn outlines() -> impl Strategy<Value = Polygon<f64>> {
+fn footprints() -> impl Strategy<Value = Polygon<f64>> {
     let star = |low_m: f64, high_m: f64| {
         prop::collection::vec((low_m..high_m, 0.0..0.8_f64), 5..16).prop_map(|spokes| {
             let step = std::f64::consts::TAU / spokes.len() as f64;
@@ -556,17 +556,17 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn any_valid_outline_of_any_height_is_a_valid_file_of_area_times_height(
-        outline in outlines(),
+    fn any_valid_footprint_of_any_height_is_a_valid_file_of_area_times_height(
+        footprint in footprints(),
         thickness_m in 0.6..300.0_f64,
     ) {
-        prop_assume!(geo::Validation::is_valid(&outline));
+        prop_assume!(geo::Validation::is_valid(&footprint));
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.city.json");
         let mut town = town();
         town.records.truncate(1);
         let record = &mut town.records[0];
-        record.footprint = Some(outline.clone());
+        record.footprint = Some(footprint.clone());
         (record.ground_z_m, record.base_z_m, record.height_m) = (Some(12.0), Some(12.0), Some(thickness_m));
         cityjson::write(&path, &town.model(), &CityJsonConfig::default()).unwrap();
         let city = CityFile::read(&path).unwrap();
@@ -574,8 +574,8 @@ proptest! {
         prop_assert!(solids.is_valid() && solids.n_geometries == 1, "{solids:?}");
         let form = schema::check(&path).unwrap();
         prop_assert!(form.errors.is_empty() && form.warnings.is_empty(), "{form:?}");
-        // Half a millimetre along an outline of at most 600 m, and in height.
-        let (area_m2, volume_m3) = (outline.unsigned_area(), volume_m3(&city));
+        // Half a millimetre along a footprint of at most 600 m, and in height.
+        let (area_m2, volume_m3) = (footprint.unsigned_area(), volume_m3(&city));
         let tolerance_m3 = 0.3 * thickness_m + 0.0005 * area_m2;
         prop_assert!((volume_m3 - area_m2 * thickness_m).abs() < tolerance_m3, "{volume_m3} {area_m2}");
     }

@@ -77,7 +77,7 @@ def prism_iou(a, b):
         for s, s_low, s_top in a
         for t, t_low, t_top in b
     )
-    total = sum(outline.area * (top - low) for outline, low, top in a + b)
+    total = sum(footprint.area * (top - low) for footprint, low, top in a + b)
     return common / (total - common)
 
 

@@ -241,18 +241,18 @@ class Cameras(unittest.TestCase):
 class Layers(Case):
     """Which layers are read as they are, and which are exported."""
 
-    def outlines(self, layer, definition=None):
+    def footprints(self, layer, definition=None):
         from qgis.core import QgsProcessingFeatureSource
 
-        from sizeup.layers import Outlines
+        from sizeup.layers import Footprints
 
         self.context = QgsProcessingContext()
         source = QgsProcessingFeatureSource(layer, self.context, False)
-        return Outlines(layer, source, definition or layer, "id", QgsProject.instance().transformContext())
+        return Footprints(layer, source, definition or layer, "id", QgsProject.instance().transformContext())
 
     def test_a_plain_file_is_read_as_it_is(self):
         layer = footprints()
-        found = self.outlines(layer)
+        found = self.footprints(layer)
         self.assertFalse(found.is_exported)
         file = found.file(self.folder / "copy.gpkg")
         self.assertEqual((Path(file.path), file.id_field), (SCENE / "footprints.gpkg", "id"))
@@ -265,7 +265,7 @@ class Layers(Case):
         other = footprints()
         other.setCrs(QgsCoordinateReferenceSystem("EPSG:25833"))
         for layer, n, crs in [(memory, 6, CRS), (filtered, 2, CRS), (other, 6, "EPSG:25833")]:
-            found = self.outlines(layer)
+            found = self.footprints(layer)
             self.assertTrue(found.is_exported)
             file = found.file(self.folder / "Kopie ü" / "copy.gpkg")
             copy = QgsVectorLayer(f"{file.path}|layername={file.layer}", "copy", "ogr")
@@ -276,7 +276,7 @@ class Layers(Case):
     def test_unsaved_edits_are_refused(self):
         layer = QgsVectorLayer(str(shutil.copy(SCENE / "footprints.gpkg", self.folder)), "being edited", "ogr")
         layer.startEditing()
-        self.outlines(layer)
+        self.footprints(layer)
         layer.addFeature(QgsFeature(layer.fields()))
         QgsProject.instance().addMapLayer(layer)
         said = self.refused("heights", heights(self.folder / "r", FOOTPRINTS=layer), "unsaved edits", "being edited")
@@ -373,7 +373,7 @@ class Mistakes(Case):
     def test_a_real_run_that_is_stopped_leaves_nothing_half_written(self):
         output = self.folder / "r"
         try:
-            run("heights", heights(output), Told(cancel_at="Laying outlines"))
+            run("heights", heights(output), Told(cancel_at="Laying footprints"))
         except QgsProcessingException:
             pass
         self.assertFalse((output / "city.gpkg").exists())
@@ -392,8 +392,8 @@ class Algorithms(Case):
         names = {layer.name() for layer in QgsProject.instance().mapLayers().values()}
         self.assertEqual(names, {"camera_points", "view_axes", "image_footprints"})
 
-    def test_outlines_are_found_in_masks(self):
-        output = self.folder / "outlines"
+    def test_footprints_are_found_in_masks(self):
+        output = self.folder / "footprints"
         parameters = {
             key: value for key, value in heights(output).items() if not key.startswith(("PRIOR", "FOOT"))
         }
@@ -523,7 +523,7 @@ class Algorithms(Case):
         self.assertEqual((len(rows), rows["b001"]["old_id"]), (5, "b001"))
         self.assertIn(rows["b005"]["class"], ("new", "outside"))
         self.assertIn("old result", rows["b005"]["explanation"])
-        changed = [row for row in rows.values() if row["class"] in ("new", "gone", "raised", "lowered", "outline_changed")]
+        changed = [row for row in rows.values() if row["class"] in ("new", "gone", "raised", "lowered", "footprint_changed")]
         self.assertEqual(answer["N_CHANGED"], len(changed))
         labels = [rule.label() for rule in layers[0].renderer().rootRule().children()]
         self.assertIn("raised", labels)

@@ -1,4 +1,4 @@
-"""Draws the buildings of a GeoPackage, outlines or solids, in QGIS's 3D view, as they come styled; then looks at them from the south, from
+"""Draws the buildings of a GeoPackage, footprints or solids, in QGIS's 3D view, as they come styled; then looks at them from the south, from
 afar, and says how wide and high each group of them is on the picture.
 
     xvfb-run -a /usr/bin/python3 tests/qgis/scene.py city.gpkg buildings_lod2 scene.png

@@ -5,7 +5,7 @@
 The first folder is for the layers of `city.gpkg`, the second for those of `footprints.gpkg`, the third for that of `changes.gpkg`.
 Classes and colours are viridis, even in lightness and readable for colour-blind people; `crates/results/src/output/height_classes.json`
 has them, for other pictures of the city too. A building without a height is hatched in grey, never missing; a doubtful one
-is hatched over its colour, one with a height from a fallback dotted, and one that a person has reviewed edged in green. In 3D, outlines stand on `base_z_m` (absolute, not
+is hatched over its colour, one with a height from a fallback dotted, and one that a person has reviewed edged in green. In 3D, footprints stand on `base_z_m` (absolute, not
 relative to a terrain) and reach `roof_z_m`; doubtful ones have orange edges.
 """
 
@@ -81,11 +81,11 @@ def classes():
 def height_renderer():
     """Height classes, and a hatch for buildings whose height is not known."""
     root = QgsRuleBasedRenderer.Rule(None)
-    outline = {"outline_color": "45,45,52,255", "outline_width": "0.15"}
+    pen = {"outline_color": "45,45,52,255", "outline_width": "0.15"}
     for label, expression, colour in classes():
-        symbol = QgsFillSymbol.createSimple({"color": colour, **outline})
+        symbol = QgsFillSymbol.createSimple({"color": colour, **pen})
         root.appendChild(QgsRuleBasedRenderer.Rule(symbol, filterExp=expression, label=label))
-    unknown = QgsFillSymbol.createSimple({"color": "#8c8c92", "style": "b_diagonal", **outline})
+    unknown = QgsFillSymbol.createSimple({"color": "#8c8c92", "style": "b_diagonal", **pen})
     root.appendChild(QgsRuleBasedRenderer.Rule(unknown, label="height not known", elseRule=True))
     # Over the colour of the class: a second pass, so that no neighbour's filling covers it.
     for label, status, hatch in [
@@ -236,7 +236,7 @@ def tiles():
 
 
 def polygon_rules(name, attributes, rules):
-    """A layer of outlines without filling: (label, filter or None for the rest, symbol properties)."""
+    """A layer of footprints without filling: (label, filter or None for the rest, symbol properties)."""
     layer = QgsVectorLayer(f"Polygon?crs=EPSG:25832&{attributes}", name, "memory")
     root = QgsRuleBasedRenderer.Rule(None)
     for label, expression, properties in rules:
@@ -309,7 +309,7 @@ def changes():
         ("gone", "gone", "213,94,0"),
         ("raised", "raised", "0,114,178"),
         ("lowered", "lowered", "86,180,233"),
-        ("other outline", "outline_changed", "204,121,167"),
+        ("other footprint", "footprint_changed", "204,121,167"),
         ("same", "same", "225,225,222"),
         ("unsure", "unsure", "240,228,66"),
         ("outside the other result", "outside", "170,170,175"),

@@ -1,7 +1,7 @@
 //! Trains the network that finds where buildings meet the ground in near-nadir photos, and exports it for sizeup.
 //!
 //! ```text
-//! simulated scenes, or photos + poses + outlines + heights ─ dataset ─> a set ─ train ─> checkpoints ─ export ─> ONNX
+//! simulated scenes, or photos + poses + footprints + heights ─ dataset ─> a set ─ train ─> checkpoints ─ export ─> ONNX
 //!                                                                           └── measure <──────────────────────────┘
 //! ```
 //!

@@ -31,7 +31,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Makes a set to learn from: photos with outlines on the ground.
+    /// Makes a set to learn from: photos with footprints on the ground.
     Dataset {
         /// Scenes, as TOML.
         config: PathBuf,
@@ -61,7 +61,7 @@ enum Command {
         #[arg(long, default_value_t = 256)]
         tile: usize,
     },
-    /// Compares networks, and what other programs found, with the outlines of a set: precision, recall, F1 and IoU.
+    /// Compares networks, and what other programs found, with the footprints of a set: precision, recall, F1 and IoU.
     Measure {
         /// Folder of the set.
         #[arg(short, long)]
@@ -72,7 +72,7 @@ enum Command {
         /// A network to measure, as NAME=FILE: ONNX or a checkpoint. May be repeated.
         #[arg(long, value_name = "NAME=FILE")]
         network: Vec<String>,
-        /// Outlines of another program to measure, as NAME=FILE: COCO. May be repeated.
+        /// Footprints of another program to measure, as NAME=FILE: COCO. May be repeated.
         #[arg(long, value_name = "NAME=FILE")]
         coco: Vec<String>,
         /// Side of a tile for checkpoints, pixels.

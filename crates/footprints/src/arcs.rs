@@ -13,7 +13,7 @@ pub(super) struct Arc {
     pub label: u32,
     /// The region on the other side.
     pub beyond: u32,
-    /// Its points; a closed arc repeats the first one.
+    /// Points; a closed arc repeats the first one.
     pub points: Vec<Coord<f64>>,
     /// Key of the first point.
     pub first: Key,
@@ -105,7 +105,7 @@ fn pieces(ring: &Ring) -> Vec<Piece> {
         .collect()
 }
 
-/// Where a closed arc starts: at the point farthest from its middle, a corner; the same for both of its regions.
+/// Start of a closed arc: at the point farthest from its middle, a corner; the same for both of its regions.
 fn start_of_closed(ring: &Ring) -> usize {
     let n = ring.points.len();
     let (mut low, mut high) = (ring.points[0], ring.points[0]);

@@ -3,8 +3,8 @@
 //! Pairs are made one to one, the largest intersection over union first. With `IoU` of a pair:
 //!
 //! ```text
-//! IoU ≥ same_iou                matched            the layer's id, attributes and (by default) outline
-//! min_iou ≤ IoU < same_iou      changed_outline    the layer's id and attributes, the outline found
+//! IoU ≥ same_iou                matched            the layer's id, attributes and (by default) footprint
+//! min_iou ≤ IoU < same_iou      changed_footprint  the layer's id and attributes, the footprint found
 //! found, without a pair         new
 //! in the layer, without a pair, seen by photos     vanished     (an issue, and a layer of its own)
 //! in the layer, seen by no photo                   kept as it is, `unseen`
@@ -27,10 +27,10 @@ use sizeup_geo::crs::Crs;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::paths::PathVisitor;
 
-/// Which outline a matched building gets.
+/// Which footprint a matched building gets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum OutlineFrom {
+pub enum FootprintFrom {
     /// The layer's, which was surveyed.
     #[default]
     Layer,
@@ -48,13 +48,13 @@ pub struct CadastreConfig {
     #[serde(default = "default_min_iou")]
     #[schemars(extend("x-expert" = true))]
     pub min_iou: f64,
-    /// Intersection over union from which on the outline counts as the same, 0 to 1.
+    /// Intersection over union from which on the footprint counts as the same, 0 to 1.
     #[serde(default = "default_same_iou")]
     #[schemars(extend("x-expert" = true))]
     pub same_iou: f64,
-    /// Which outline matched buildings get: "layer" or "photos".
-    #[serde(default)]
-    pub outline_from: OutlineFrom,
+    /// Which footprint matched buildings get: "layer" or "photos".
+    #[serde(default, alias = "outline_from")]
+    pub footprint_from: FootprintFrom,
 }
 
 fn default_min_iou() -> f64 {
@@ -72,14 +72,15 @@ impl CadastreConfig {
     }
 }
 
-/// What became of a building against the layer.
+/// Change of a building against the layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Change {
-    /// In both, with the same outline.
+    /// In both, with the same footprint.
     Matched,
-    /// In both, with another outline.
-    ChangedOutline,
+    /// In both, with another footprint.
+    #[serde(alias = "changed_outline")]
+    ChangedFootprint,
     /// Found only.
     New,
     /// In the layer only, where photos see nothing of it.
@@ -94,7 +95,7 @@ impl Change {
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Matched => "matched",
-            Self::ChangedOutline => "changed_outline",
+            Self::ChangedFootprint => "changed_footprint",
             Self::New => "new",
             Self::Vanished => "vanished",
             Self::Unseen => "unseen",
@@ -111,7 +112,7 @@ pub struct Conflation {
     pub vanished: Vec<Footprint>,
     /// Buildings of the layer that no photo shows: they stay.
     pub unseen: Vec<Footprint>,
-    /// What is to be said.
+    /// Message.
     pub issues: Vec<Issue>,
 }
 
@@ -153,20 +154,20 @@ pub fn conflate(
             continue;
         };
         let old = &known.footprints[old];
-        let change = if iou >= config.same_iou { Change::Matched } else { Change::ChangedOutline };
+        let change = if iou >= config.same_iou { Change::Matched } else { Change::ChangedFootprint };
         let found_id = std::mem::replace(&mut footprint.id, old.id.clone());
         let evidence = std::mem::replace(&mut footprint.attributes, old.attributes.clone());
         for (name, value) in evidence {
             footprint.attributes.insert(free_name(&old.attributes, &name), value);
         }
-        if change == Change::Matched && config.outline_from == OutlineFrom::Layer {
+        if change == Change::Matched && config.footprint_from == FootprintFrom::Layer {
             footprint.polygon = old.polygon.clone();
         }
         tag(footprint, change, Some(iou));
-        if change == Change::ChangedOutline {
-            let message = format!("the outline found ({found_id}) shares only {:.0} % with the layer's", 100.0 * iou);
+        if change == Change::ChangedFootprint {
+            let message = format!("the footprint found ({found_id}) shares only {:.0} % with the layer's", 100.0 * iou);
             issues.push(place(
-                Issue::new(Severity::Note, "cadastre_changed_outline", Subject::Building(old.id.0.clone()), message),
+                Issue::new(Severity::Note, "cadastre_changed_footprint", Subject::Building(old.id.0.clone()), message),
                 &old.polygon,
             ));
         }

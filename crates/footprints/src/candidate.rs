@@ -9,18 +9,18 @@ use rstar::AABB;
 pub struct Candidate {
     /// Which view, as a position among the [`SeenGround`]s.
     pub view: usize,
-    /// Its outline, in several parts where something stands before it; exteriors counter-clockwise, holes clockwise.
+    /// Footprint, in several parts where something stands before it; exteriors counter-clockwise, holes clockwise.
     /// Map frame, metres.
     pub shape: MultiPolygon<f64>,
-    /// How much it counts: the inverse square of its outline's standard deviation in metres.
+    /// Weight: the inverse square of its footprint's standard deviation in metres.
     pub weight: f64,
-    /// What the segmenter gives it, 0 to 1; 1 where it gives nothing.
+    /// Score by the segmenter, 0 to 1; 1 where it gives nothing.
     pub score: f32,
     /// Whether the image's border cuts it off.
     pub is_cut: bool,
 }
 
-/// What one view sees of the ground.
+/// Ground that one view sees.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SeenGround {
     /// The image's border on the ground, counter-clockwise; map frame, metres. Beyond it the view says nothing.

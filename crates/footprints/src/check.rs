@@ -10,7 +10,7 @@ use geo_types::{Coord, Line, LineString, Polygon};
 use rstar::RTree;
 use rstar::primitives::{GeomWithData, Line as TreeLine};
 
-/// What is wrong with a polygon, and where.
+/// Fault of a polygon, and its place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Fault {
     /// A ring with fewer than three corners.
@@ -24,7 +24,7 @@ pub(super) enum Fault {
 }
 
 impl Fault {
-    /// Where it is; `None` where a ring as a whole is wrong.
+    /// Place; `None` where a ring as a whole is wrong.
     pub(super) fn place(self) -> Option<Coord<f64>> {
         match self {
             Self::SelfContact(place) | Self::RingContact(place) => Some(place),
@@ -46,7 +46,7 @@ pub(super) fn fault(polygon: &Polygon<f64>) -> Option<Fault> {
     contact.or_else(|| contact_between_edges(&rings)).or_else(|| misplaced_hole(&rings))
 }
 
-/// Where a ring turns back onto itself.
+/// Place where a ring turns back onto itself.
 fn spike(ring: &LineString<f64>) -> Option<Coord<f64>> {
     let corners = &ring.0[..ring.0.len() - 1];
     let n = corners.len();
@@ -135,10 +135,10 @@ mod tests {
     #[test]
     fn holes_that_touch_nest_or_lie_outside_are_faults() {
         let with_hole = |hole: [(f64, f64); 3]| {
-            let outline = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)];
+            let footprint = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)];
             let inner = polygon![(x: 1.0, y: 1.0), (x: 1.0, y: 5.0), (x: 5.0, y: 1.0)];
             let hole = LineString::from(hole.to_vec());
-            Polygon::new(outline.exterior().clone(), vec![inner.exterior().clone(), hole])
+            Polygon::new(footprint.exterior().clone(), vec![inner.exterior().clone(), hole])
         };
         assert!(matches!(fault(&with_hole([(0.0, 7.0), (3.0, 8.0), (3.0, 6.0)])), Some(Fault::RingContact(_))));
         assert!(matches!(fault(&with_hole([(2.0, 2.0), (2.0, 2.5), (2.5, 2.0)])), Some(Fault::MisplacedHole(_))));

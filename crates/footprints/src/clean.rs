@@ -4,7 +4,7 @@
 //! 2. Drop corners that coincide with their neighbour, and holes without area.
 //! 3. Where rings cross, retrace or touch themselves: rebuild the area by the odd-even rule through a constrained
 //!    triangulation (`geo::MakeValid`; Ledoux et al. 2014, doi:10.1016/j.cageo.2014.01.009), and accept it only if it
-//!    is the area the outline stated, within a tolerance: a bow-tie is refused, a crossing of a few centimetres is not.
+//!    is the area the footprint stated, within a tolerance: a bow-tie is refused, a crossing of a few centimetres is not.
 //! 4. Where a hole touches another ring: draw it in by a centimetre.
 //! 5. Where corners, or a corner and a wall, are nearer than [`LEAST_CLEARANCE_M`] (slits, spikes, necks, corners side by
 //!    side): join them ([`super::clearance`]) and rebuild, so that no reader's tolerance makes them touch.
@@ -19,7 +19,7 @@ use super::clearance;
 
 /// Beyond any projected coordinate on earth, metres: such numbers are damage, and triangulation would choke on them.
 const FARTHEST_M: f64 = 1e9;
-/// How far a hole is drawn in from a ring it touches, metres: below what LOD1 means, above [`LEAST_CLEARANCE_M`].
+/// Distance by which a hole is drawn in from a ring it touches, metres: below what LOD1 means, above [`LEAST_CLEARANCE_M`].
 const HOLE_GAP_M: f64 = 0.01;
 /// The same in steps of the grid, where that is coarse: so many that rounding cannot close the gap again.
 const HOLE_GAP_STEPS: f64 = 2.0;
@@ -29,7 +29,7 @@ pub const LEAST_CLEARANCE_M: f64 = 0.005;
 /// Holes and left-over parts below this are noise of digitising, m².
 const SLIVER_M2: f64 = 0.01;
 
-/// What a polygon has to satisfy.
+/// Rules that a polygon has to satisfy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rules {
     /// Corners lie on multiples of this, metres.
@@ -43,13 +43,13 @@ pub struct Rules {
 /// Polygons that can be extruded, and what had to be done to get there.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cleaned {
-    /// Mostly one; several where the outline fell apart at a point or a crossing.
+    /// Mostly one; several where the footprint fell apart at a point or a crossing.
     pub parts: Vec<Polygon<f64>>,
     /// In the order in which it was done.
     pub repairs: Vec<Repair>,
 }
 
-/// A change to an outline that is worth telling.
+/// A change to a footprint that is worth telling.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Repair {
     /// It crossed, touched or retraced itself here, and was rebuilt without change of area.
@@ -69,31 +69,31 @@ pub enum Repair {
     },
 }
 
-/// Why an outline cannot be used.
+/// Why a footprint cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Defect {
     /// A coordinate is `NaN`, infinite or off the planet.
-    #[error("its outline has coordinates that are no positions")]
+    #[error("its footprint has coordinates that are no positions")]
     NotFinite,
     /// Fewer than three corners, or no area at all.
-    #[error("its outline encloses no area")]
+    #[error("its footprint encloses no area")]
     NoArea,
     /// Less than the least area.
     #[error("its area is {area_m2:.2} m², expected at least {min_area_m2} m²")]
     TooSmall {
-        /// Its area, m².
+        /// Area, m².
         area_m2: f64,
         /// The least a building may have, m².
         min_area_m2: f64,
     },
     /// The rings cross, and it is not clear which area is meant.
-    #[error("its outline crosses itself, and {outline_m2:.2} m² of outline enclose {enclosed_m2:.2} m²")]
+    #[error("its footprint crosses itself, and {stated_m2:.2} m² of rings enclose {enclosed_m2:.2} m²")]
     Crossing {
         /// Area by the corners in their order, m².
-        outline_m2: f64,
+        stated_m2: f64,
         /// Area by the odd-even rule, m².
         enclosed_m2: f64,
-        /// Where the rings meet.
+        /// Place where the rings meet.
         place: Coord<f64>,
     },
 }
@@ -142,25 +142,25 @@ pub fn clean(polygon: &Polygon<f64>, rules: Rules) -> Result<Cleaned, Defect> {
     if stated_m2.max(enclosed_m2) < SLIVER_M2 {
         return Err(Defect::NoArea);
     }
-    // An area that the repair changed was not the area the outline stated.
+    // An area that the repair changed was not the area the footprint stated.
     if (enclosed_m2 - stated_m2).abs() > rules.max_area_change * stated_m2.max(enclosed_m2) {
         let place = repairs.iter().find_map(|repair| match repair {
             Repair::Rebuilt(place) | Repair::HoleDrawnIn(place) | Repair::Narrow { place, .. } => Some(*place),
             Repair::HolesDropped(_) => None,
         });
         let place = place.unwrap_or(polygon.exterior().0[0]);
-        return Err(Defect::Crossing { outline_m2: stated_m2, enclosed_m2, place });
+        return Err(Defect::Crossing { stated_m2, enclosed_m2, place });
     }
     if enclosed_m2 < rules.min_area_m2 {
         return Err(Defect::TooSmall { area_m2: enclosed_m2, min_area_m2: rules.min_area_m2 });
     }
-    // Of an outline that fell apart, crumbs are no buildings of their own.
+    // Of a footprint that fell apart, crumbs are no buildings of their own.
     let is_building = |part: &Polygon<f64>| part.unsigned_area() >= rules.min_area_m2.min(enclosed_m2 / 2.0);
     let parts = parts.iter().filter(|p| is_building(p)).map(|p| p.orient(Direction::Default)).collect();
     Ok(Cleaned { parts, repairs })
 }
 
-/// What the corners say in their order: exterior minus holes.
+/// Area by the corners in their order: exterior minus holes.
 fn stated_area_m2(polygon: &Polygon<f64>) -> f64 {
     let area = |ring: &LineString<f64>| Polygon::new(ring.clone(), Vec::new()).unsigned_area();
     area(polygon.exterior()) - polygon.interiors().iter().map(area).sum::<f64>()
@@ -270,7 +270,7 @@ fn from_corners(polygon: &Polygon<f64>) -> Polygon<f64> {
     Polygon::new(turned(polygon.exterior()), polygon.interiors().iter().map(turned).collect())
 }
 
-/// How far holes are drawn in, metres.
+/// Distance by which holes are drawn in, metres.
 #[must_use]
 pub fn hole_gap_m(rules: Rules) -> f64 {
     HOLE_GAP_M.max(HOLE_GAP_STEPS * rules.grid_m)
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clockwise_outline_with_repeated_corners_comes_out_counter_clockwise_and_lean() {
+    fn a_clockwise_footprint_with_repeated_corners_comes_out_counter_clockwise_and_lean() {
         let mut corners = square(10.0).exterior().0.clone();
         corners.insert(1, Coord { x: 0.0002, y: 0.0001 });
         let cleaned = clean(&Polygon::new(LineString::new(corners), vec![]), RULES).unwrap();
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hole_that_touches_the_outline_is_drawn_in() {
+    fn a_hole_that_touches_the_footprint_is_drawn_in() {
         let courtyard = LineString::from(vec![(0.0, 4.0), (3.0, 2.0), (3.0, 6.0)]);
         let touching = Polygon::new(square(10.0).exterior().clone(), vec![courtyard]);
         let cleaned = clean(&touching, RULES).unwrap();
@@ -351,28 +351,28 @@ mod tests {
 
     #[test]
     fn slits_and_spikes_thinner_than_a_reader_sees_are_closed_and_told_with_their_area() {
-        let outline = |tip_y: f64, width: f64| {
+        let footprint = |tip_y: f64, width: f64| {
             polygon![
                 (x: 0.0, y: 0.0), (x: 5.0, y: 0.0), (x: 5.0, y: tip_y), (x: 5.0 + width, y: 0.0), (x: 10.0, y: 0.0),
                 (x: 10.0, y: 10.0), (x: 0.0, y: 10.0),
             ]
         };
         for (tip_y, width) in [(5.0, 0.001), (5.0, 0.004), (-3.0, 0.001), (-3.0, 0.004)] {
-            let cleaned = clean(&outline(tip_y, width), RULES).unwrap();
+            let cleaned = clean(&footprint(tip_y, width), RULES).unwrap();
             let [Repair::Narrow { n_corners, area_m2, .. }] = cleaned.repairs[..] else { panic!("{cleaned:?}") };
             assert_eq!((cleaned.parts.len(), n_corners), (1, 3), "{cleaned:?}");
             assert!((area_m2 - tip_y * width / 2.0).abs() < 1e-6, "{area_m2}");
         }
-        let kept = clean(&outline(5.0, 0.02), RULES).unwrap();
+        let kept = clean(&footprint(5.0, 0.02), RULES).unwrap();
         assert!(kept.repairs.is_empty(), "two centimetres are a joint between houses: {kept:?}");
     }
 
     #[test]
     fn corners_side_by_side_become_one() {
-        let outline = polygon![
+        let footprint = polygon![
             (x: 0.0, y: 0.0), (x: 10.0, y: 0.0), (x: 10.001, y: 0.0), (x: 10.0, y: 10.0), (x: 0.0, y: 10.0),
         ];
-        let cleaned = clean(&outline, RULES).unwrap();
+        let cleaned = clean(&footprint, RULES).unwrap();
         assert_eq!(cleaned.parts[0].exterior().0.len(), 5);
         assert!(matches!(cleaned.repairs[..], [Repair::Narrow { n_corners: 1, .. }]), "{cleaned:?}");
     }

@@ -1,10 +1,10 @@
-//! The clearance of an outline: how far its corners may move before it touches itself.
+//! The clearance of a footprint: how far its corners may move before it touches itself.
 //!
 //! ```text
 //! clearance = min over corners c and edges e that do not end in c of distance(c, e)
 //! ```
 //!
-//! Between corners it is their distance; where an outline has a slit, a spike or a neck it is that one's width. An outline
+//! Between corners it is their distance; where a footprint has a slit, a spike or a neck it is that one's width. A footprint
 //! whose clearance is below what a reader of the file takes for one point (val3dity: 1 mm) is valid in numbers and
 //! invalid to that reader. [`joined`] closes what is too narrow without making new positions: corners that are too near
 //! become one, and an edge that passes a corner too near is led through it. What encloses no area then falls away when
@@ -18,7 +18,7 @@ use rstar::{AABB, RTree};
 /// A corner and which one it is.
 type Corner = GeomWithData<[f64; 2], usize>;
 
-/// Where the clearance of an outline is first below `least_m`, along its rings; `None` where it is nowhere. Rings are
+/// Place where the clearance of a footprint is first below `least_m`, along its rings; `None` where it is nowhere. Rings are
 /// closed and have no repeated corners; units as those of the coordinates.
 #[must_use]
 pub fn narrow(polygon: &Polygon<f64>, least_m: f64) -> Option<Coord<f64>> {
@@ -27,7 +27,7 @@ pub fn narrow(polygon: &Polygon<f64>, least_m: f64) -> Option<Coord<f64>> {
     rings.iter().flat_map(|ring| ring.lines()).find_map(|edge| corners.near(edge, least_m).into_iter().next())
 }
 
-/// The outline with its corners and edges joined where they are nearer than `least_m`. It may touch or retrace itself
+/// The footprint with its corners and edges joined where they are nearer than `least_m`. It may touch or retrace itself
 /// there afterwards. `None` where no exterior is left; holes without area vanish.
 #[must_use]
 pub fn joined(polygon: &Polygon<f64>, least_m: f64) -> Option<Polygon<f64>> {

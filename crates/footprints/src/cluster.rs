@@ -42,19 +42,19 @@ const SPLIT_SHARE: f64 = 0.5;
 /// A building with the candidates that show it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Cluster {
-    /// Its first candidate; all parts together where no view shows it whole.
+    /// First candidate; all parts together where no view shows it whole.
     pub shape: MultiPolygon<f64>,
     /// Positions of its candidates, in the order in which they joined.
     pub members: Vec<usize>,
-    /// How many views see the place.
+    /// Number of views that see the place.
     pub n_seen: usize,
-    /// How many of them show it.
+    /// Number of them that show it.
     pub n_views: usize,
     /// Area of its shape.
     pub area_m2: f64,
     /// Bounds of its shape.
     pub bounds: Bounds,
-    /// What its views see of it, where none sees it whole.
+    /// Part that its views see, where none sees it whole.
     pub seen: Option<MultiPolygon<f64>>,
 }
 
@@ -65,7 +65,7 @@ impl Cluster {
         self
     }
 
-    /// Of candidates that are known to be one building; the heaviest whole one is its shape.
+    /// Cluster of candidates that are known to be one building; the heaviest whole one is its shape.
     pub(super) fn of(members: &[usize], candidates: &[Candidate]) -> Self {
         let worth = |&m: &usize| (!candidates[m].is_cut, candidates[m].weight * f64::from(candidates[m].score));
         let best = members.iter().copied().max_by(|a, b| {
@@ -108,7 +108,7 @@ pub(super) fn cluster(
     (clusters, Dropped { n_contradicted, n_unsupported })
 }
 
-/// How well each cluster's candidates fit its shape: the sum of their intersections over union, so that more candidates
+/// Fit of each cluster's candidates to its shape: the sum of their intersections over union, so that more candidates
 /// and closer ones both count.
 pub(super) fn fits(clusters: &[Cluster], candidates: &[Candidate]) -> Vec<f64> {
     let fit = |comparer: &mut Comparer, cluster: &Cluster| {
@@ -122,7 +122,7 @@ pub(super) fn fits(clusters: &[Cluster], candidates: &[Candidate]) -> Vec<f64> {
     clusters.par_iter().map_init(Comparer::default, fit).collect()
 }
 
-/// How many views see each cluster's place, and how many show it.
+/// Number of views that see each cluster's place, and of those that show it.
 fn count_views(clusters: &mut [Cluster], candidates: &[Candidate], seen: &[SeenGround]) {
     let boxes = seen.iter().enumerate().filter_map(|(i, s)| {
         let (low, high) = bounds(&MultiPolygon::new(vec![s.area.clone()]))?;

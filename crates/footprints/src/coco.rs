@@ -12,9 +12,9 @@ use geo::{BooleanOps as _, CoordsIter as _, MakeValid as _, MapCoords as _, Tran
 use geo_types::{Coord, LineString, MultiPolygon, Polygon, Rect};
 use serde::Deserialize;
 
+use super::contours::{Look, ViewFault};
 use super::layer::FootprintError;
-use super::outlines::{Look, ViewFault};
-use super::vectorise::{Instances, MaskFault, Outline, Vectorising, outlines};
+use super::vectorise::{Contour, Instances, MaskFault, Vectorising, contours};
 use sizeup_geo::paths;
 use sizeup_geo::template;
 use sizeup_heights::raster::Raster;
@@ -153,7 +153,7 @@ impl CocoFile {
     }
 
     /// The buildings of a view.
-    pub(super) fn outlines(&self, view: &View, look: Look, min_score: f32) -> Result<Vec<Outline>, ViewFault> {
+    pub(super) fn contours(&self, view: &View, look: Look, min_score: f32) -> Result<Vec<Contour>, ViewFault> {
         let Some(image) = self.find(view) else { return Err(ViewFault::Unlisted { path: self.path.clone() }) };
         let scale = super::masks::scale_of((image.width as usize, image.height as usize), view, &self.path)?;
         let mut found = Vec::new();
@@ -167,7 +167,7 @@ impl CocoFile {
                 min_area_px2: look.min_area_px2 / (scale[0] * scale[1]),
                 tolerance_px: look.tolerance_px / scale[0].max(scale[1]),
             };
-            let shape_px = shape.outline([image.width, image.height], how).map_err(|fault| match fault {
+            let shape_px = shape.contour([image.width, image.height], how).map_err(|fault| match fault {
                 ShapeFault::Unusable(reason) => unusable(reason),
                 ShapeFault::Mask(fault) => ViewFault::Mask { path: self.path.clone(), fault },
             })?;
@@ -179,24 +179,24 @@ impl CocoFile {
             let on_border = |c: &Coord<f64>| c.x <= 1.0 || c.y <= 1.0 || c.x >= size[0] - 1.0 || c.y >= size[1] - 1.0;
             let is_cut = shape_px.0.iter().flat_map(|p| &p.exterior().0).any(on_border);
             let shape_px = shape_px.map_coords(|c| Coord { x: c.x * scale[0], y: c.y * scale[1] });
-            found.push(Outline { shape_px, score: *score, is_cut, label: found.len() as u32 + 1 });
+            found.push(Contour { shape_px, score: *score, is_cut, label: found.len() as u32 + 1 });
         }
         Ok(found)
     }
 }
 
-/// Why an annotation gives no outline.
+/// Why an annotation gives no contour.
 #[derive(Debug, thiserror::Error)]
 enum ShapeFault {
     #[error("{0}")]
     Unusable(String),
-    #[error("a mask without outlines: {0}")]
+    #[error("a mask without contours: {0}")]
     Mask(MaskFault),
 }
 
 impl Segmentation {
-    /// The outline in an image, pixels of that.
-    fn outline(&self, [width, height]: [u32; 2], how: Vectorising) -> Result<MultiPolygon<f64>, ShapeFault> {
+    /// The contour in an image, pixels of that.
+    fn contour(&self, [width, height]: [u32; 2], how: Vectorising) -> Result<MultiPolygon<f64>, ShapeFault> {
         match self {
             Self::Polygons(parts) => Ok(within(polygons(parts).map_err(ShapeFault::Unusable)?, [width, height])),
             Self::Runs { size, counts } => {
@@ -207,7 +207,7 @@ impl Segmentation {
                     )));
                 }
                 let (mask, origin) = decode(*size, counts).map_err(ShapeFault::Unusable)?;
-                let parts = outlines(&mask, how).map_err(ShapeFault::Mask)?;
+                let parts = contours(&mask, how).map_err(ShapeFault::Mask)?;
                 Ok(parts.into_iter().next().map_or_else(
                     || MultiPolygon::new(Vec::new()),
                     |o| o.shape_px.translate(origin[0] as f64, origin[1] as f64),
@@ -217,13 +217,13 @@ impl Segmentation {
     }
 }
 
-/// The part of a building that a COCO file's annotations outline.
+/// The part of a building that a COCO file's annotations follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Annotated {
-    /// The outline that is to be compared.
+    /// The footprint that is to be compared.
     #[default]
-    Outline,
-    /// Roofs, each with an `offset`, x and y in pixels, from the wall's foot to the roof (BONAI's convention): the outline on
+    Footprint,
+    /// Roofs, each with an `offset`, x and y in pixels, from the wall's foot to the roof (BONAI's convention): the footprint on
     /// the ground is the roof's, moved back by it.
     RoofAndOffset,
 }
@@ -235,7 +235,7 @@ pub struct PhotoInstances {
     pub name: String,
     /// Columns and rows.
     pub size: [u32; 2],
-    /// Outlines, pixels; they may overlap.
+    /// Contours, pixels; they may overlap.
     pub shapes_px: Vec<MultiPolygon<f64>>,
 }
 
@@ -283,11 +283,11 @@ pub fn coco_instances(
             ));
         };
         let how = Vectorising { instances: Instances::ByLabel, min_area_px2: 0.0, tolerance_px: 0.0 };
-        let shape = annotation.segmentation.outline(photo.size, how).map_err(|fault| {
+        let shape = annotation.segmentation.contour(photo.size, how).map_err(|fault| {
             refuse(format!("{at} of {} is {fault}", photo.name), "polygons, or run lengths of the photo's size")
         })?;
         photo.shapes_px.push(match annotated {
-            Annotated::Outline => shape,
+            Annotated::Footprint => shape,
             Annotated::RoofAndOffset => {
                 let [x, y] = annotation.offset().ok_or_else(|| {
                     refuse(
@@ -332,7 +332,7 @@ pub fn is_coco(path: &Path) -> bool {
                 .is_some_and(|parts| parts.images.is_some() && parts.annotations.is_some()))
 }
 
-/// What lies in the image, as outlines that neither cross themselves nor each other: what they hold an odd number of
+/// Part that lies in the image, as contours that neither cross themselves nor each other: what they hold an odd number of
 /// times.
 fn within(shape: MultiPolygon<f64>, [width, height]: [u32; 2]) -> MultiPolygon<f64> {
     let shape =

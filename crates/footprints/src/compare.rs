@@ -35,7 +35,7 @@ pub(super) struct Comparer {
     seen: Vec<f32>,
 }
 
-/// What two shapes have, m².
+/// Areas of two shapes, m².
 pub(super) struct Overlap {
     /// In common.
     pub shared_m2: f64,

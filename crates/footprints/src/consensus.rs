@@ -1,13 +1,13 @@
-//! One outline per building from all views that show it.
+//! One footprint per building from all views that show it.
 //!
-//! Views vote on every cell of a fine grid: with coverage `cᵥ` of the cell by the building's outline in view `v`, weight
+//! Views vote on every cell of a fine grid: with coverage `cᵥ` of the cell by the building's footprint in view `v`, weight
 //! `wᵥ` and what the view sees of the cell `sᵥ`,
 //!
 //! ```text
 //! f(cell) = Σᵥ wᵥ cᵥ / Σᵥ wᵥ sᵥ
 //! ```
 //!
-//! The outline is where `f = ½`: half the votes say building on this side, half on that side. Across a wall this is
+//! The footprint is where `f = ½`: half the votes say building on this side, half on that side. Across a wall this is
 //! the weighted *median* of the views' walls, so a view whose mask bleeds or is ragged moves it little; and because only
 //! views that see a cell vote on it, parts that image borders cut off complement each other.
 //!
@@ -35,7 +35,7 @@ use super::votes::Votes;
 use sizeup_geo::groups::Groups;
 use sizeup_heights::raster::Raster;
 
-/// How candidates of many views become one outline per building.
+/// How candidates of many views become one footprint per building.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 #[schemars(extend("x-expert" = true))]
@@ -50,7 +50,7 @@ pub struct ConsensusConfig {
     pub max_cells: usize,
     /// Buildings closer than this are drawn together and share their border, metres.
     pub neighbour_m: f64,
-    /// Tolerance of the outlines, metres on the ground; 0.01 to 10.
+    /// Tolerance of the footprints, metres on the ground; 0.01 to 10.
     pub tolerance_m: f64,
     /// Walls within this of their building's main direction or across it are turned into it, degrees; 0 leaves all walls
     /// as they are.
@@ -65,10 +65,10 @@ pub struct ConsensusConfig {
     pub min_area_m2: f64,
     /// Corners are snapped to multiples of this, metres, so that what is valid here is valid in the files. Above 0.
     pub grid_m: f64,
-    /// For roof outlines: heights that are tried until a building's own is known, metres; at each, the views' outlines of a
+    /// For roof contours: heights that are tried until a building's own is known, metres; at each, the views' footprints of a
     /// roof fit together more or less well.
     pub roof_heights_m: Vec<f64>,
-    /// For roof outlines: how often outlines are moved to the heights found and heights are found again, 0 to 5.
+    /// For roof contours: how often footprints are moved to the heights found and heights are found again, 0 to 5.
     pub roof_rounds: usize,
 }
 
@@ -96,7 +96,7 @@ impl Default for ConsensusConfig {
 /// A building that views agree on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Consensus {
-    /// Its outline; exterior counter-clockwise, holes clockwise. Map frame, metres.
+    /// Footprint; exterior counter-clockwise, holes clockwise. Map frame, metres.
     pub polygon: Polygon<f64>,
     /// Positions of its candidates.
     pub members: Vec<usize>,
@@ -104,11 +104,11 @@ pub struct Consensus {
     pub n_views: usize,
     /// Views that see its place.
     pub n_seen: usize,
-    /// Mean intersection over union of its candidates with the outline, each within its own view.
+    /// Mean intersection over union of its candidates with the footprint, each within its own view.
     pub agreement: f64,
     /// Whether no single view shows it whole.
     pub is_assembled: bool,
-    /// Area of what views agree on beside the outline, in pieces that touch it in a corner at most, m².
+    /// Area of what views agree on beside the footprint, in pieces that touch it in a corner at most, m².
     pub left_out_m2: f64,
 }
 
@@ -121,7 +121,7 @@ pub struct Agreed {
     pub dropped: Dropped,
 }
 
-/// One outline per building from the candidates of all views.
+/// One footprint per building from the candidates of all views.
 #[must_use]
 pub fn agree(candidates: &[Candidate], seen: &[SeenGround], config: &ConsensusConfig) -> Agreed {
     let (clusters, dropped) = cluster::cluster(candidates, seen, config);
@@ -139,7 +139,7 @@ fn sort(buildings: &mut [Consensus]) {
     });
 }
 
-/// The same for outlines at a height that is not known yet: `levels` holds all candidates at several heights. Outlines of
+/// The same for footprints at a height that is not known yet: `levels` holds all candidates at several heights. Footprints of
 /// one roof lie on top of each other at its own height and beside each other at any other, so each building is taken at
 /// the height where its candidates fit best; a candidate belongs to one building.
 pub(super) fn agree_at_some_level(levels: &[Vec<Candidate>], seen: &[SeenGround], config: &ConsensusConfig) -> Agreed {
@@ -184,7 +184,7 @@ pub(super) fn agree_at_some_level(levels: &[Vec<Candidate>], seen: &[SeenGround]
     Agreed { buildings, dropped }
 }
 
-/// Draws the outlines of clusters, neighbours together.
+/// Draws the footprints of clusters, neighbours together.
 pub(super) fn draw(
     clusters: &[Cluster],
     candidates: &[Candidate],

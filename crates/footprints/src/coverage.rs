@@ -39,7 +39,7 @@ impl Window {
         Self { first_col, first_row, width: n(first_col, after_col), height: n(first_row, after_row), cell_m }
     }
 
-    /// How many cells it has.
+    /// Number of cells.
     pub(super) fn len(&self) -> usize {
         self.width * self.height
     }

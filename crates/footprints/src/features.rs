@@ -13,14 +13,14 @@ use sizeup_geo::geodata::vector::{Feature, FeatureGeometry};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::ids::BuildingId;
 
-/// What buildings are called.
+/// Ids of buildings.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Ids<'a> {
     /// The layer's own numbers.
     Numbers,
-    /// What an attribute holds.
+    /// Values of an attribute.
     Field(&'a str),
-    /// What OpenStreetMap calls them: ways and relations have numbers of their own.
+    /// OpenStreetMap's ids: ways and relations have numbers of their own.
     OpenStreetMap,
 }
 
@@ -55,7 +55,7 @@ impl<'a> FeatureReader<'a> {
         Self { given: Some(given), ..self }
     }
 
-    /// What was read since the last call.
+    /// Layer of what was read since the last call.
     pub(super) fn take(&mut self) -> FootprintLayer {
         std::mem::take(&mut self.layer)
     }
@@ -219,20 +219,20 @@ impl<'a> FeatureReader<'a> {
     }
 }
 
-/// What one part of a feature is called, and what it is a part of.
+/// Id of one part of a feature, and of the whole.
 struct Name {
     id: String,
     part_of: Option<String>,
 }
 
 impl Name {
-    /// Of a feature in one piece.
+    /// Name of a feature in one piece.
     fn whole(id: String) -> Self {
         Self { id, part_of: None }
     }
 }
 
-/// Why one part of a feature has no usable outline.
+/// Why one part of a feature has no usable footprint.
 struct Refusal {
     code: &'static str,
     message: String,
@@ -247,7 +247,7 @@ impl Refusal {
 
     fn of(defect: Defect, middle: Option<Coord<f64>>) -> Self {
         let (place, hint) = match defect {
-            Defect::Crossing { place, .. } => (Some(place), Some("mend the outline in a GIS")),
+            Defect::Crossing { place, .. } => (Some(place), Some("mend the footprint in a GIS")),
             Defect::TooSmall { .. } => (middle, Some("lower `min_area_m2` to keep it")),
             Defect::NotFinite => (None, None),
             Defect::NoArea => (middle, None),
@@ -274,7 +274,7 @@ fn tell(repair: &Repair, subject: Subject, otherwise_at: Option<Coord<f64>>) -> 
         Repair::Rebuilt(at) => (
             Severity::Warning,
             "footprint_rebuilt",
-            "its outline crossed, touched or retraced itself and was rebuilt with the same area".to_owned(),
+            "its footprint crossed, touched or retraced itself and was rebuilt with the same area".to_owned(),
             Some(at),
         ),
         Repair::HolesDropped(n) => {

@@ -62,7 +62,7 @@ struct Newcomer<'a> {
     shape: &'a MultiPolygon<f64>,
     bounds: Bounds,
     area_m2: f64,
-    /// What its view sees, if that does not hold all of it.
+    /// Area that its view sees, if that does not hold all of it.
     seen: Option<MultiPolygon<f64>>,
 }
 

@@ -1,6 +1,6 @@
 //! From pixels to the ground: every corner's ray meets the terrain, lens distortion inverted.
 //!
-//! An outline's standard deviation at a place, from what the survey is accurate to (all metres; `r`: distance to the
+//! A footprint's standard deviation at a place, from what the survey is accurate to (all metres; `r`: distance to the
 //! camera, `θ`: angle of the ray off the vertical, `g`: size of a pixel across the ray):
 //!
 //! ```text
@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use sizeup_geo::terrain::Terrain;
 use sizeup_survey::View;
 
-/// How accurate what goes into an outline is: standard deviations.
+/// How accurate what goes into a footprint is: standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 #[schemars(extend("x-expert" = true))]
@@ -38,7 +38,7 @@ impl Default for AccuracyConfig {
     }
 }
 
-/// What outlines are laid on.
+/// Surface that footprints are laid on.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Surface<'a> {
     /// The ground.
@@ -59,7 +59,7 @@ impl<'a> Projector<'a> {
         Self { view, surface }
     }
 
-    /// Where a pixel's ray meets the surface.
+    /// Point where a pixel's ray meets the surface.
     pub(super) fn point(&self, pixel: Coord<f64>) -> Option<DVec3> {
         let ray = self.view.camera.unproject(DVec2::new(pixel.x, pixel.y))?;
         let direction = self.view.camera_from_map.rotation.transpose() * ray;
@@ -70,7 +70,7 @@ impl<'a> Projector<'a> {
         }
     }
 
-    /// An outline on the surface, exteriors counter-clockwise; `None` if any corner meets nothing.
+    /// A footprint on the surface, exteriors counter-clockwise; `None` if any corner meets nothing.
     pub(super) fn shape(&self, shape_px: &MultiPolygon<f64>) -> Option<MultiPolygon<f64>> {
         use geo::orient::{Direction, Orient as _};
         let ring = |ring: &LineString<f64>| -> Option<LineString<f64>> {
@@ -87,7 +87,7 @@ impl<'a> Projector<'a> {
         Some(MultiPolygon::new(polygons?).orient(Direction::Default))
     }
 
-    /// What the view sees of the surface: the border of its image, drawn in by some pixels. `None` if less than three
+    /// Part of the surface that the view sees: the border of its image, drawn in by some pixels. `None` if less than three
     /// points of it meet the surface.
     pub(super) fn seen(&self, inset_px: f64) -> Option<Polygon<f64>> {
         use geo::orient::{Direction, Orient as _};
@@ -107,12 +107,12 @@ impl<'a> Projector<'a> {
     }
 }
 
-/// The parts of an outline's error at a place in a view.
+/// The parts of a footprint's error at a place in a view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PlaceError {
     /// Variance of what differs from view to view, m².
     pub own_m2: f64,
-    /// How far one metre of terrain error moves the place, easting and northing.
+    /// Shift of the place by one metre of terrain error, easting and northing.
     pub per_terrain_m: DVec2,
 }
 
@@ -129,7 +129,7 @@ impl PlaceError {
         Self { own_m2: mask * mask + accuracy.position_m.powi(2) + angle * angle, per_terrain_m: across / down }
     }
 
-    /// Standard deviation of one view's outline, metres.
+    /// Standard deviation of one view's footprint, metres.
     pub(super) fn sigma_m(&self, accuracy: &AccuracyConfig) -> f64 {
         (self.own_m2 + accuracy.terrain_m.powi(2) * self.per_terrain_m.length_squared()).sqrt()
     }

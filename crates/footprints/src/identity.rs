@@ -13,14 +13,14 @@ use geo_types::Polygon;
 
 use sizeup_heights::ids::BuildingId;
 
-/// One id per outline, in their order.
-pub(super) fn ids<'a>(outlines: impl Iterator<Item = &'a Polygon<f64>>) -> Vec<BuildingId> {
-    let outlines: Vec<&Polygon<f64>> = outlines.collect();
-    let places: Vec<String> = outlines.iter().map(|outline| place(outline)).collect();
-    let mut order: Vec<usize> = (0..outlines.len()).collect();
-    order.sort_by(|&a, &b| outlines[b].unsigned_area().total_cmp(&outlines[a].unsigned_area()).then(a.cmp(&b)));
+/// One id per footprint, in their order.
+pub(super) fn ids<'a>(footprints: impl Iterator<Item = &'a Polygon<f64>>) -> Vec<BuildingId> {
+    let footprints: Vec<&Polygon<f64>> = footprints.collect();
+    let places: Vec<String> = footprints.iter().map(|footprint| place(footprint)).collect();
+    let mut order: Vec<usize> = (0..footprints.len()).collect();
+    order.sort_by(|&a, &b| footprints[b].unsigned_area().total_cmp(&footprints[a].unsigned_area()).then(a.cmp(&b)));
     let mut n_at: HashMap<&str, usize> = HashMap::new();
-    let mut ids = vec![BuildingId(String::new()); outlines.len()];
+    let mut ids = vec![BuildingId(String::new()); footprints.len()];
     for i in order {
         let n = n_at.entry(&places[i]).or_default();
         *n += 1;
@@ -29,8 +29,8 @@ pub(super) fn ids<'a>(outlines: impl Iterator<Item = &'a Polygon<f64>>) -> Vec<B
     ids
 }
 
-fn place(outline: &Polygon<f64>) -> String {
-    let centre = outline.centroid().map_or((0.0, 0.0), |c| (c.x(), c.y()));
+fn place(footprint: &Polygon<f64>) -> String {
+    let centre = footprint.centroid().map_or((0.0, 0.0), |c| (c.x(), c.y()));
     let part =
         |letters: [char; 2], v: f64| format!("{}{}", if v < 0.0 { letters[1] } else { letters[0] }, v.floor().abs());
     format!("{}{}", part(['E', 'W'], centre.0), part(['N', 'S'], centre.1))

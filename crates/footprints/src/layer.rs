@@ -39,7 +39,7 @@ pub struct FootprintConfig {
     #[serde(default = "default_grid_m")]
     #[schemars(extend("x-expert" = true))]
     pub grid_m: f64,
-    /// Most that repairing a self-crossing outline may change its area, as a share of it, 0 to 1.
+    /// Most that repairing a self-crossing footprint may change its area, as a share of it, 0 to 1.
     #[serde(default = "default_max_area_change")]
     #[schemars(extend("x-expert" = true))]
     pub max_area_change: f64,
@@ -90,9 +90,9 @@ pub enum FootprintError {
     Config {
         /// Which setting.
         field: &'static str,
-        /// Its value.
+        /// Value.
         value: f64,
-        /// What it may be.
+        /// Allowed values.
         expected: &'static str,
     },
     /// It cannot be read.
@@ -116,9 +116,9 @@ pub enum FootprintError {
     CrsConflict {
         /// The file.
         path: PathBuf,
-        /// What the layer says.
+        /// Statement of the layer.
         layer_crs: String,
-        /// What the configuration says.
+        /// Statement of the configuration.
         given: String,
     },
     /// It claims degrees, and its coordinates are none.
@@ -135,7 +135,7 @@ pub enum FootprintError {
     NotDegrees {
         /// The file.
         path: PathBuf,
-        /// What the layer says.
+        /// Statement of the layer.
         layer_crs: String,
         /// First coordinate of the first offending corner.
         x: f64,
@@ -176,17 +176,17 @@ pub enum FootprintError {
     NoIdField {
         /// The file.
         path: PathBuf,
-        /// What was asked for.
+        /// Value asked for.
         field: String,
-        /// What there is.
+        /// Available ones.
         present: Vec<String>,
     },
     /// Masks or their settings cannot be used.
     #[error("footprints: {problem}\nhint: {hint}")]
     Masks {
-        /// What is the matter.
+        /// Problem.
         problem: String,
-        /// What to do about it.
+        /// Remedy.
         hint: String,
     },
     /// A network that cannot be loaded or run.

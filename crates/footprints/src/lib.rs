@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! existing layer ─ layer ─ features ─ clean ──────────────────────────────────────────┐
-//! masks, COCO, network ─ outlines ─ vectorise ─ georeference ─> candidates per view   ├─> FootprintLayer
+//! masks, COCO, network ─ contours ─ vectorise ─ georeference ─> candidates per view   ├─> FootprintLayer
 //!                       candidates ─ cluster ─ consensus (partition, shape) ─ cadastre ┘
 //! ```
 
@@ -16,6 +16,7 @@ mod cluster;
 mod coco;
 mod compare;
 mod consensus;
+mod contours;
 mod coverage;
 mod detect;
 mod features;
@@ -26,7 +27,6 @@ pub mod layer;
 mod lines;
 mod masks;
 mod osm;
-mod outlines;
 mod overlap;
 mod partition;
 mod parts;
@@ -40,24 +40,24 @@ mod vectorise;
 mod votes;
 mod write;
 
-pub use cadastre::{CadastreConfig, Change, OutlineFrom};
+pub use cadastre::{CadastreConfig, Change, FootprintFrom};
 pub use candidate::{Candidate, SeenGround};
 pub use cluster::Dropped;
 pub use coco::{Annotated, PhotoInstances, coco_instances, is_coco};
 pub use consensus::{Agreed, Consensus, ConsensusConfig, agree};
+pub use contours::{ContourKind, ContourSource, Look, ViewFault};
 pub use detect::{Detection, DetectionSummary, PlacedCandidate, Sighting, Track, Tracks, detect, move_roofs};
 pub use georeference::AccuracyConfig;
 pub use layer::{FootprintConfig, FootprintError, read};
 pub use masks::{MaskConfig, MaskFiles, MaskKind};
 pub use osm::{is_osm, open_layer};
-pub use outlines::{Look, OutlineKind, OutlineSource, ViewFault};
 pub use overlap::overlaps;
 pub use parts::LayerParts;
 pub use plain::{plain_config, unpack, write_plain};
 pub use segment::{Segmenter, SegmenterConfig};
 pub use source::{DetectionSettings, FootprintSource};
 pub use split::{pieces, with_corners_of};
-pub use vectorise::{Instances, MaskFault, Outline, Vectorising, outlines, outlines_at_level};
+pub use vectorise::{Contour, Instances, MaskFault, Vectorising, contours, contours_at_level};
 pub use write::{WriteFootprintsError, write};
 
 use geo_types::Polygon;
@@ -67,7 +67,7 @@ use serde_json::{Map as JsonMap, Value};
 use sizeup_geo::issue::Issue;
 use sizeup_heights::ids::BuildingId;
 
-/// One building's outline on the ground.
+/// A building's polygon on the ground.
 ///
 /// The polygon is valid (simple rings, holes inside, exterior counter-clockwise and holes clockwise seen from above)
 /// and its coordinates are easting, northing in metres.
@@ -78,7 +78,7 @@ pub struct Footprint {
     /// The feature of the layer that this is a part of, where that falls into several.
     #[serde(default)]
     pub part_of: Option<BuildingId>,
-    /// Outline with courtyards as holes; map frame, metres.
+    /// Polygon with courtyards as holes; map frame, metres.
     pub polygon: Polygon<f64>,
     /// The user's own attributes, carried through.
     #[serde(default)]
@@ -94,10 +94,10 @@ impl Footprint {
     }
 }
 
-/// A building of the input that has no usable outline: it is in the output all the same.
+/// A building of the input that has no usable footprint: it is in the output all the same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RefusedFootprint {
-    /// Its id in the input.
+    /// Id in the input.
     pub id: BuildingId,
     /// The feature of the layer that this is a part of, where that falls into several.
     #[serde(default)]
@@ -114,8 +114,8 @@ pub struct RefusedFootprint {
 pub struct FootprintLayer {
     /// Usable footprints in the order of the layer.
     pub footprints: Vec<Footprint>,
-    /// Buildings without a usable outline.
+    /// Buildings without a usable footprint.
     pub refused: Vec<RefusedFootprint>,
-    /// What was repaired or refused, and where.
+    /// Repairs and refusals, with their places.
     pub issues: Vec<Issue>,
 }

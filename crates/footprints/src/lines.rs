@@ -16,9 +16,9 @@ const MIN_ALIGNED_SHARE: f64 = 0.5;
 pub(super) struct Line {
     /// A point on it.
     pub centre: Coord<f64>,
-    /// Its direction, of length 1; which of its two ends is ahead is not told.
+    /// Direction, of length 1; which of its two ends is ahead is not told.
     pub along: Coord<f64>,
-    /// How long the piece is that it was fitted to, metres.
+    /// Length of the piece that it was fitted to, metres.
     pub length_m: f64,
 }
 
@@ -47,13 +47,13 @@ impl Line {
         Self { centre: mean, along: Coord { x: angle.cos(), y: angle.sin() }, length_m }
     }
 
-    /// How far a point is from it, metres.
+    /// Distance of a point from it, metres.
     pub(super) fn distance_m(&self, at: Coord<f64>) -> f64 {
         let d = at - self.centre;
         (d.x * self.along.y - d.y * self.along.x).abs()
     }
 
-    /// Where it crosses another one; `None` for lines that are nearly parallel.
+    /// Point where it crosses another one; `None` for lines that are nearly parallel.
     pub(super) fn crossing(&self, other: &Self) -> Option<Coord<f64>> {
         /// Sine of the least angle between lines that cross: 30°.
         const LEAST_SIN: f64 = 0.5;
@@ -96,7 +96,7 @@ pub(super) fn main_direction(lines: &[Line], within_deg: f64) -> Option<f64> {
     (aligned >= MIN_ALIGNED_SHARE * total).then_some(direction)
 }
 
-/// Where lines meet, near `at`; `at` itself if that is farther than `max_shift_m`.
+/// Point where lines meet, near `at`; `at` itself if that is farther than `max_shift_m`.
 pub(super) fn meet(lines: &[Line], at: Coord<f64>, max_shift_m: f64) -> Coord<f64> {
     let (mut xx, mut xy, mut yy) = (PULL, 0.0, PULL);
     let (mut bx, mut by) = (0.0, 0.0);

@@ -1,4 +1,4 @@
-//! Masks that somebody else computed: one raster per view, or outlines of all views in one COCO file.
+//! Masks that somebody else computed: one raster per view, or contours of all views in one COCO file.
 
 use std::path::{Path, PathBuf};
 
@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 use super::cadastre::CadastreConfig;
 use super::coco::{self, CocoFile};
 use super::consensus::ConsensusConfig;
+use super::contours::{ContourKind, ContourSource, Look, ViewFault};
 use super::georeference::AccuracyConfig;
 use super::layer::FootprintError;
-use super::outlines::{Look, OutlineKind, OutlineSource, ViewFault};
-use super::vectorise::{Instances, Outline, Vectorising, outlines, outlines_at_level};
+use super::vectorise::{Contour, Instances, Vectorising, contours, contours_at_level};
 use sizeup_geo::files::is_virtual;
 use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_geo::paths::{PathVisitor, visit_template};
@@ -56,13 +56,13 @@ pub struct MaskConfig {
     #[serde(default)]
     #[schemars(extend("x-expert" = true))]
     pub min_score: f32,
-    /// The part that the masks outline: "ground", where walls meet the ground, or "roof".
-    #[serde(default)]
-    pub outline: OutlineKind,
+    /// The contour that masks follow: "ground", where walls meet the ground, or "roof".
+    #[serde(default, alias = "outline")]
+    pub contour: ContourKind,
     /// How accurate masks, poses and terrain are.
     #[serde(default)]
     pub accuracy: AccuracyConfig,
-    /// How views become one outline per building.
+    /// How views become one footprint per building.
     #[serde(default)]
     pub consensus: ConsensusConfig,
     /// An existing layer whose ids and attributes are kept.
@@ -127,10 +127,10 @@ impl MaskFiles {
     }
 }
 
-impl OutlineSource for MaskFiles {
-    fn outlines(&self, view: &View, look: Look) -> Result<Vec<Outline>, ViewFault> {
+impl ContourSource for MaskFiles {
+    fn contours(&self, view: &View, look: Look) -> Result<Vec<Contour>, ViewFault> {
         if let Some(coco) = &self.coco {
-            return coco.outlines(view, look, self.config.min_score);
+            return coco.contours(view, look, self.config.min_score);
         }
         let path = self.path_of(view).ok_or_else(|| ViewFault::Absent { path: self.config.path.clone().into() })?;
         if !self.is_there(view) {
@@ -148,12 +148,12 @@ impl OutlineSource for MaskFiles {
             tolerance_px: look.tolerance_px / scale[0].max(scale[1]),
         };
         let found = match self.config.kind {
-            MaskKind::Probability => outlines_at_level(&values, self.config.above, how),
-            MaskKind::Semantic => outlines(&values.map(|v| u32::from(*v > self.config.above)), how),
-            MaskKind::Instance | MaskKind::Coco => outlines(&ids(&values, &path)?, how),
+            MaskKind::Probability => contours_at_level(&values, self.config.above, how),
+            MaskKind::Semantic => contours(&values.map(|v| u32::from(*v > self.config.above)), how),
+            MaskKind::Instance | MaskKind::Coco => contours(&ids(&values, &path)?, how),
         };
         let found = found.map_err(|fault| ViewFault::Mask { path: path.clone(), fault })?;
-        Ok(found.into_iter().map(|outline| scaled(outline, scale)).collect())
+        Ok(found.into_iter().map(|contour| scaled(contour, scale)).collect())
     }
 
     fn file_of(&self, view: &View) -> Option<PathBuf> {
@@ -194,11 +194,11 @@ pub(super) fn scale_of(size: (usize, usize), view: &View, path: &Path) -> Result
     Ok([photo[0] / width, photo[1] / height])
 }
 
-/// An outline at the photo's own size.
-fn scaled(mut outline: Outline, scale: [f64; 2]) -> Outline {
+/// A contour at the photo's own size.
+fn scaled(mut contour: Contour, scale: [f64; 2]) -> Contour {
     use geo::MapCoordsInPlace as _;
     if scale != [1.0, 1.0] {
-        outline.shape_px.map_coords_in_place(|c| geo_types::Coord { x: c.x * scale[0], y: c.y * scale[1] });
+        contour.shape_px.map_coords_in_place(|c| geo_types::Coord { x: c.x * scale[0], y: c.y * scale[1] });
     }
-    outline
+    contour
 }

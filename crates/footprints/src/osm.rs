@@ -1,6 +1,6 @@
 //! Buildings of an OpenStreetMap file: `.osm` as the website and Overpass give it, `.osm.pbf` as regional extracts come.
 //!
-//! Their outlines are ways that close and relations, which GDAL puts into one layer with everything else that has an area. Of
+//! Their footprints are ways that close and relations, which GDAL puts into one layer with everything else that has an area. Of
 //! that layer the features with a `building` are buildings. Ways and relations are numbered apart: way 5 and relation 5 are two
 //! buildings, so an id says which it is.
 
@@ -14,7 +14,7 @@ use sizeup_geo::geodata::vector::{Feature, VectorError, VectorLayer};
 
 /// GDAL's layer of areas.
 const AREAS: &str = "multipolygons";
-/// What makes an area a building.
+/// Attribute that makes an area a building.
 const ARE_BUILDINGS: &str = "building IS NOT NULL AND building <> 'no'";
 
 /// Whether a file is OpenStreetMap's, by its extension.
@@ -23,7 +23,7 @@ pub fn is_osm(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("osm") || e.eq_ignore_ascii_case("pbf"))
 }
 
-/// Opens the layer of outlines: of an OpenStreetMap file its buildings, unless another layer is asked for.
+/// Opens the layer of footprints: of an OpenStreetMap file its buildings, unless another layer is asked for.
 ///
 /// # Errors
 /// As [`VectorLayer::open`].
@@ -36,7 +36,7 @@ pub fn open_layer(config: &FootprintConfig) -> Result<VectorLayer, VectorError> 
     Ok(layer)
 }
 
-/// What the layer's buildings are called.
+/// Ids of the layer's buildings.
 pub(super) fn ids(config: &FootprintConfig) -> Ids<'_> {
     match &config.id_field {
         Some(field) => Ids::Field(field),

@@ -47,7 +47,7 @@ fn overlap(a: &Footprint, b: &Footprint, min_area_m2: f64) -> Option<Issue> {
     );
     Some(
         Issue::new(Severity::Warning, "footprint_overlap", Subject::Building(a.id.to_string()), message)
-            .hint("stacked or duplicated outlines share one roof: keep one of them, or cut one out of the other")
+            .hint("stacked or duplicated footprints share one roof: keep one of them, or cut one out of the other")
             .at(place.x(), place.y()),
     )
 }

@@ -22,7 +22,7 @@ use sizeup_heights::raster::Raster;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Key(u64);
 
-/// What lies at a key.
+/// Kinds of what lies at a key.
 const KINDS: u64 = 3;
 const RIGHT: u64 = 0;
 const BELOW: u64 = 1;
@@ -57,7 +57,7 @@ struct Half {
     beyond: u32,
 }
 
-/// Where the border between two neighbouring nodes of labels `a` and `b` lies: the share of the way, 0 to 1 exclusive.
+/// Place of the border between two neighbouring nodes of labels `a` and `b` lies: the share of the way, 0 to 1 exclusive.
 pub(super) type Crossing<'a> = &'a dyn Fn([usize; 2], u32, [usize; 2], u32) -> f64;
 
 /// All rings of all labels but 0, by label, in a fixed order.

@@ -79,7 +79,7 @@ impl<'a> LayerParts<'a> {
     /// As [`crate::read`].
     pub fn around(mut self, area: MapBox, renamed: &BTreeMap<u64, String>) -> Result<FootprintLayer, FootprintError> {
         let to_layer = self.transform(self.project_crs, &self.crs)?;
-        let corners = area.grown(WINDOW_MARGIN_M).outline(8).filter_map(|(x, y)| to_layer.point(x, y).ok());
+        let corners = area.grown(WINDOW_MARGIN_M).border(8).filter_map(|(x, y)| to_layer.point(x, y).ok());
         if let Some(window) = MapBox::around(corners) {
             self.source.look_at([window.west_m, window.south_m, window.east_m, window.north_m]);
         }

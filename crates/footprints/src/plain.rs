@@ -1,4 +1,4 @@
-//! Found outlines as a layer that tiles read by window: what comes back is what was found, to the bit.
+//! Found footprints as a layer that tiles read by window: what comes back is what was found, to the bit.
 //!
 //! `footprints.gpkg` is for people: it shows how a building was seen, not which attributes it has in the city. Here every
 //! building has its id, the building it is part of, and all its attributes as one JSON text.
@@ -15,11 +15,11 @@ use sizeup_geo::geodata::features::{Column, ColumnKind, GeometryKind, LayerSpec,
 use sizeup_geo::geodata::gpkg;
 use sizeup_heights::ids::BuildingId;
 
-const LAYER: &str = "outlines";
+const LAYER: &str = "footprints";
 const ID: &str = "id";
 const PART_OF: &str = "part_of";
 const ATTRIBUTES: &str = "attributes";
-/// Finer than any grid that outlines are drawn on, metres: what was clean stays as it is.
+/// Finer than any grid that footprints are drawn on, metres: what was clean stays as it is.
 const GRID_M: f64 = 1e-6;
 
 /// Writes a layer; all or nothing.
@@ -45,7 +45,7 @@ pub fn write_plain(path: &Path, layer: &FootprintLayer, crs: &Crs) -> Result<(),
             writer.create_data_columns()?;
             let spec = LayerSpec {
                 name: LAYER,
-                description: "Outlines that tiles are made from",
+                description: "Footprints that tiles are made from",
                 geometry: GeometryKind::Polygon,
                 columns: &columns,
             };
@@ -54,7 +54,7 @@ pub fn write_plain(path: &Path, layer: &FootprintLayer, crs: &Crs) -> Result<(),
     })
 }
 
-/// How such a layer is read.
+/// Settings for reading such a layer.
 #[must_use]
 pub fn plain_config(path: PathBuf) -> FootprintConfig {
     FootprintConfig {
@@ -91,9 +91,9 @@ mod tests {
     #[test]
     fn what_was_found_comes_back_to_the_bit() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("outlines.gpkg");
+        let path = folder.path().join("footprints.gpkg");
         let crs: Crs = "EPSG:25832".to_owned().try_into().unwrap();
-        // As all outlines are: whole millimetres.
+        // As all footprints are: whole millimetres.
         let on_grid = |x: f64| (x * 1000.0).round() / 1000.0;
         let house = |x: f64, id: &str| Footprint {
             id: BuildingId(id.to_owned()),

@@ -1,4 +1,4 @@
-//! From dense rings to the outlines a planner would draw: few corners, straight walls, shared borders kept shared.
+//! From dense rings to the footprints a planner would draw: few corners, straight walls, shared borders kept shared.
 //!
 //! 1. Rings are cut into *arcs* at junctions, so that a wall between two buildings exists once.
 //! 2. Corners are chosen per arc: see [`simplify`].
@@ -7,7 +7,7 @@
 //! 4. Optionally, lines within a few degrees of their building's main direction or across it are turned into it.
 //! 5. Each corner moves to where its lines meet: `min Σ (nᵢ·(x − cᵢ))² + λ |x − x₀|²`, with the small pull `λ` towards
 //!    the contour that keeps nearly parallel lines from meeting far away.
-//! 6. Where an outline then touches itself or a neighbour, the arcs that meet there step back, and all of its arcs where
+//! 6. Where a footprint then touches itself or a neighbour, the arcs that meet there step back, and all of its arcs where
 //!    its area changed too much: first without 4, then without 3 to 5, then with ever smaller tolerances, down to the
 //!    contour itself.
 //!
@@ -34,7 +34,7 @@ const AT_FAULT_M: f64 = 0.01;
 /// Rounds of steps back; more are needed only where faults wander, and then the contours themselves are taken.
 const MAX_ROUNDS: u8 = 4 * LAST_LEVEL;
 
-/// How outlines are drawn.
+/// Rules for drawing footprints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rules {
     /// Douglas-Peucker's tolerance, metres.
@@ -49,7 +49,7 @@ pub(super) struct Rules {
     pub min_hole_m2: f64,
 }
 
-/// An outline and the region it is of.
+/// A footprint and the region it is of.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Shaped {
     /// The region's label.
@@ -58,7 +58,7 @@ pub(super) struct Shaped {
     pub polygon: Polygon<f64>,
 }
 
-/// Draws all regions; a region of several parts gives several outlines, in the order of the rings.
+/// Draws all regions; a region of several parts gives several footprints, in the order of the rings.
 pub(super) fn shape(rings: &[Ring], rules: Rules) -> Vec<Shaped> {
     let arcs = Arcs::of(rings);
     let as_they_are = Corners::of(&arcs, &vec![LAST_LEVEL; arcs.arcs.len()], rules);
@@ -78,7 +78,7 @@ pub(super) fn shape(rings: &[Ring], rules: Rules) -> Vec<Shaped> {
     contours.into_iter().map(Drawn::shaped).collect()
 }
 
-/// What is wrong with a drawing.
+/// Faults of a drawing.
 struct Faults<'a> {
     contours: &'a [Drawn],
     drawn: &'a [Drawn],
@@ -149,7 +149,7 @@ fn pairs_that_overlap<'a>(drawn: &[&'a Drawn]) -> Vec<(&'a Drawn, &'a Drawn)> {
 /// One polygon with where it came from.
 struct Drawn {
     label: u32,
-    /// Its exterior ring.
+    /// Exterior ring.
     ring: usize,
     polygon: Polygon<f64>,
     area_m2: f64,

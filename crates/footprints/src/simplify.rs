@@ -19,7 +19,7 @@ use super::shape::Rules;
 /// Walls that turn by more are no bend of one wall: cosine of 25°.
 const COS_BEND: f64 = 0.906;
 
-/// How closely an arc is followed: see [`super::shape`].
+/// Closeness with which an arc is followed: see [`super::shape`].
 pub(super) type Level = u8;
 /// From here on corners stay on the contour.
 pub(super) const ON_CONTOUR: Level = 2;

@@ -1,4 +1,4 @@
-//! Where a project's outlines come from: one choice of the configuration.
+//! Where a project's footprints come from: one choice of the configuration.
 
 use std::borrow::Cow;
 use std::path::PathBuf;
@@ -9,10 +9,10 @@ use serde::{Deserialize, Deserializer, Serialize};
 use super::layer::FootprintConfig;
 use super::masks::MaskConfig;
 use super::segment::SegmenterConfig;
-use super::{AccuracyConfig, CadastreConfig, ConsensusConfig, OutlineKind};
+use super::{AccuracyConfig, CadastreConfig, ConsensusConfig, ContourKind};
 use sizeup_geo::paths::PathVisitor;
 
-/// Where the outlines come from. A table without `source` is an existing layer.
+/// Where the footprints come from. A table without `source` is an existing layer.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "source", rename_all = "snake_case")]
 #[expect(clippy::large_enum_variant, reason = "there is one of them")]
@@ -69,14 +69,14 @@ impl JsonSchema for FootprintSource {
     }
 }
 
-/// What masks and networks have in common.
+/// Settings that masks and networks have in common.
 #[derive(Debug, Clone, Copy)]
 pub struct DetectionSettings<'a> {
-    /// What is outlined.
-    pub outline: OutlineKind,
+    /// The contour that masks follow.
+    pub contour: ContourKind,
     /// How accurate masks, poses and terrain are.
     pub accuracy: &'a AccuracyConfig,
-    /// How views become one outline per building.
+    /// How views become one footprint per building.
     pub consensus: &'a ConsensusConfig,
     /// An existing layer.
     pub cadastre: Option<&'a CadastreConfig>,
@@ -102,19 +102,19 @@ impl FootprintSource {
         }
     }
 
-    /// How outlines found in photos are put together; `None` for a layer.
+    /// Settings by which footprints found in photos are put together; `None` for a layer.
     #[must_use]
     pub fn detection(&self) -> Option<DetectionSettings<'_>> {
         match self {
             Self::Layer(_) => None,
             Self::Masks(c) => Some(DetectionSettings {
-                outline: c.outline,
+                contour: c.contour,
                 accuracy: &c.accuracy,
                 consensus: &c.consensus,
                 cadastre: c.cadastre.as_ref(),
             }),
             Self::Network(c) => Some(DetectionSettings {
-                outline: c.outline,
+                contour: c.contour,
                 accuracy: &c.accuracy,
                 consensus: &c.consensus,
                 cadastre: c.cadastre.as_ref(),
@@ -132,7 +132,7 @@ mod tests {
         let read = |text: &str| toml::from_str::<FootprintSource>(text);
         assert!(matches!(read("path = 'a.gpkg'").unwrap(), FootprintSource::Layer(_)));
         let masks = read("source = 'masks'\npath = 'm/{stem}.png'\nkind = 'instance'").unwrap();
-        assert!(matches!(&masks, FootprintSource::Masks(m) if m.outline == OutlineKind::Ground));
+        assert!(matches!(&masks, FootprintSource::Masks(m) if m.contour == ContourKind::Ground));
         assert_eq!(read(&toml::to_string(&masks).unwrap()).unwrap(), masks);
         assert!(read("path = 'a.gpkg'\nid_feild = 'x'").unwrap_err().to_string().contains("id_feild"));
         assert!(read("source = 'sketch'\npath = 'a'").unwrap_err().to_string().contains("sketch"));

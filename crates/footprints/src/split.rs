@@ -1,4 +1,4 @@
-//! Outlines split where a building has more than one roof level.
+//! Footprints split where a building has more than one roof level.
 
 use geo::{Area as _, BooleanOps as _, CoordsIter as _, Distance as _, Euclidean};
 use geo_types::{Coord, LineString, MultiPolygon, Point, Polygon};
@@ -9,12 +9,12 @@ const MIN_PIECE_M2: f64 = 12.0;
 /// Corners this near to an edge are on it, metres: results are written in millimetres.
 const ON_EDGE_M: f64 = 1e-3;
 
-/// The pieces of an outline inside and outside of another polygon, the inner ones first; `None` if either side has none
-/// of a useful size. The pieces share their border and cover the outline.
+/// The pieces of a footprint inside and outside of another polygon, the inner ones first; `None` if either side has none
+/// of a useful size. The pieces share their border and cover the footprint.
 #[must_use]
-pub fn pieces(outline: &Polygon<f64>, other: &Polygon<f64>) -> Option<Vec<Polygon<f64>>> {
-    let (inner, inner_slivers) = by_size(outline.intersection(other));
-    let (outer, outer_slivers) = by_size(outline.difference(other));
+pub fn pieces(footprint: &Polygon<f64>, other: &Polygon<f64>) -> Option<Vec<Polygon<f64>>> {
+    let (inner, inner_slivers) = by_size(footprint.intersection(other));
+    let (outer, outer_slivers) = by_size(footprint.difference(other));
     if inner.0.is_empty() || outer.0.is_empty() {
         return None;
     }
@@ -28,10 +28,10 @@ fn by_size(pieces: MultiPolygon<f64>) -> (MultiPolygon<f64>, MultiPolygon<f64>) 
     (MultiPolygon::new(large), MultiPolygon::new(small))
 }
 
-/// The outline with corners of its neighbours that lie on its edges made corners of its own, so that rounding moves both
+/// The footprint with corners of its neighbours that lie on its edges made corners of its own, so that rounding moves both
 /// alike: they would overlap by a hair else.
 #[must_use]
-pub fn with_corners_of(neighbours: &[&Polygon<f64>], outline: &Polygon<f64>) -> Polygon<f64> {
+pub fn with_corners_of(neighbours: &[&Polygon<f64>], footprint: &Polygon<f64>) -> Polygon<f64> {
     let corners: Vec<Coord<f64>> = neighbours.iter().flat_map(|n| n.coords_iter()).collect();
     let ring = |ring: &LineString<f64>| {
         let mut joined: Vec<Coord<f64>> = Vec::with_capacity(ring.0.len());
@@ -50,7 +50,7 @@ pub fn with_corners_of(neighbours: &[&Polygon<f64>], outline: &Polygon<f64>) -> 
         joined.extend(ring.0.last());
         LineString::new(joined)
     };
-    Polygon::new(ring(outline.exterior()), outline.interiors().iter().map(ring).collect())
+    Polygon::new(ring(footprint.exterior()), footprint.interiors().iter().map(ring).collect())
 }
 
 #[cfg(test)]
@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn slivers_beside_the_cut_go_to_the_part_they_touch() {
-        // 0.2 m of the outline stay beyond the rectangle on three sides.
+        // 0.2 m of the footprint stay beyond the rectangle on three sides.
         let pieces = pieces(&rectangle(0.0, 0.0, 40.0, 30.0), &rectangle(20.0, 0.2, 39.8, 29.8)).unwrap();
         let area: f64 = pieces.iter().map(geo::Area::unsigned_area).sum();
         assert!((area - 1200.0).abs() < 1e-6, "nothing is lost");
@@ -99,9 +99,9 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_that_misses_or_swallows_the_outline_is_none() {
-        let outline = rectangle(0.0, 0.0, 40.0, 30.0);
-        assert_eq!(pieces(&outline, &rectangle(50.0, 0.0, 60.0, 30.0)), None);
-        assert_eq!(pieces(&outline, &rectangle(-1.0, -1.0, 41.0, 31.0)), None);
+    fn a_cut_that_misses_or_swallows_the_footprint_is_none() {
+        let footprint = rectangle(0.0, 0.0, 40.0, 30.0);
+        assert_eq!(pieces(&footprint, &rectangle(50.0, 0.0, 60.0, 30.0)), None);
+        assert_eq!(pieces(&footprint, &rectangle(-1.0, -1.0, 41.0, 31.0)), None);
     }
 }

@@ -1,4 +1,4 @@
-//! Outlines from masks: sub-pixel contours with holes, in pixels of the photo.
+//! Contours from masks: sub-pixel contours with holes, in pixels of the photo.
 //!
 //! Between two pixels of a label mask the border lies half way; in a map of probabilities it lies where the value between
 //! them reaches the level. Buildings of a mask that tells no instances apart are what hangs together along sides: row
@@ -17,18 +17,18 @@ const COLLINEAR_PX: f64 = 0.02;
 
 /// One building in one photo.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Outline {
-    /// Its parts; pixels of the photo, `y` down, the top-left pixel's centre at (0.5, 0.5).
+pub struct Contour {
+    /// Parts; pixels of the photo, `y` down, the top-left pixel's centre at (0.5, 0.5).
     pub shape_px: MultiPolygon<f64>,
-    /// What the segmenter gives it, 0 to 1.
+    /// Score by the segmenter, 0 to 1.
     pub score: f32,
     /// Whether the photo's border cuts it off.
     pub is_cut: bool,
-    /// Its label in the mask.
+    /// Label in the mask.
     pub label: u32,
 }
 
-/// Why a mask gives no outlines.
+/// Why a mask gives no contours.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum MaskFault {
     /// Nothing but buildings.
@@ -42,7 +42,7 @@ pub enum MaskFault {
     },
 }
 
-/// How to look at a mask.
+/// Settings for looking at a mask.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Vectorising {
     /// Whether equal labels are one building, or every part that hangs together is its own.
@@ -53,28 +53,28 @@ pub struct Vectorising {
     pub tolerance_px: f64,
 }
 
-/// What tells buildings apart.
+/// Property that tells buildings apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Instances {
     /// Their labels.
     ByLabel,
-    /// That they do not hang together.
+    /// Gaps between them.
     ByContact,
 }
 
-/// The outlines of a label mask (0 = no building).
+/// The contours of a label mask (0 = no building).
 ///
 /// # Errors
 /// [`MaskFault`] for masks without any information.
-pub fn outlines(labels: &Raster<u32>, how: Vectorising) -> Result<Vec<Outline>, MaskFault> {
+pub fn contours(labels: &Raster<u32>, how: Vectorising) -> Result<Vec<Contour>, MaskFault> {
     vectorise(labels, &partition::half_way, how)
 }
 
-/// The outlines of a map of probabilities or scores at a level.
+/// The contours of a map of probabilities or scores at a level.
 ///
 /// # Errors
 /// [`MaskFault`] for maps without any information.
-pub fn outlines_at_level(values: &Raster<f32>, level: f32, how: Vectorising) -> Result<Vec<Outline>, MaskFault> {
+pub fn contours_at_level(values: &Raster<f32>, level: f32, how: Vectorising) -> Result<Vec<Contour>, MaskFault> {
     let labels = values.map(|v| u32::from(*v > level));
     let crossing = |[c0, r0]: [usize; 2], _: u32, [c1, r1]: [usize; 2], _: u32| {
         let (a, b) = (f64::from(values[(c0, r0)] - level), f64::from(values[(c1, r1)] - level));
@@ -87,7 +87,7 @@ fn vectorise(
     labels: &Raster<u32>,
     crossing: partition::Crossing<'_>,
     how: Vectorising,
-) -> Result<Vec<Outline>, MaskFault> {
+) -> Result<Vec<Contour>, MaskFault> {
     if labels.data().iter().all(|&l| l == labels.data()[0]) {
         return match labels.data().first() {
             Some(&label) if label != 0 => Err(MaskFault::AllBuilding),
@@ -100,20 +100,20 @@ fn vectorise(
     }
     let size = [labels.width() as f64, labels.height() as f64];
     let rings: Vec<Ring> = partition::rings(labels, crossing);
-    let mut outlines = Vec::new();
+    let mut contours = Vec::new();
     let mut first = 0;
     while first < rings.len() {
         let label = rings[first].label;
         let after = first + rings[first..].partition_point(|r| r.label == label);
         let polygons = polygons(&rings[first..after], how);
         match how.instances {
-            Instances::ByLabel if !polygons.is_empty() => outlines.push(outline(label, polygons, size)),
+            Instances::ByLabel if !polygons.is_empty() => contours.push(contour(label, polygons, size)),
             Instances::ByLabel => {}
-            Instances::ByContact => outlines.extend(polygons.into_iter().map(|p| outline(label, vec![p], size))),
+            Instances::ByContact => contours.extend(polygons.into_iter().map(|p| contour(label, vec![p], size))),
         }
         first = after;
     }
-    Ok(outlines)
+    Ok(contours)
 }
 
 /// Share of pixels that differ from their right or lower neighbour.
@@ -162,10 +162,10 @@ fn thinned(ring: &LineString<f64>, tolerance_px: f64) -> LineString<f64> {
     if simple.0.len() >= 4 { simple } else { ring.clone() }
 }
 
-fn outline(label: u32, parts: Vec<Polygon<f64>>, [width, height]: [f64; 2]) -> Outline {
+fn contour(label: u32, parts: Vec<Polygon<f64>>, [width, height]: [f64; 2]) -> Contour {
     let on_border = |c: &Coord<f64>| c.x <= 0.0 || c.y <= 0.0 || c.x >= width || c.y >= height;
     let is_cut = parts.iter().flat_map(|p| &p.exterior().0).any(on_border);
-    Outline { shape_px: MultiPolygon::new(parts), score: 1.0, is_cut, label }
+    Contour { shape_px: MultiPolygon::new(parts), score: 1.0, is_cut, label }
 }
 
 #[cfg(test)]
@@ -184,7 +184,7 @@ mod tests {
 
     #[test]
     fn a_map_of_probabilities_gives_the_border_to_a_fiftieth_of_a_pixel() {
-        let found = outlines_at_level(&disc(20.0), 0.0, HOW).unwrap();
+        let found = contours_at_level(&disc(20.0), 0.0, HOW).unwrap();
         assert_eq!(found.len(), 1);
         let ring = found[0].shape_px.0[0].exterior();
         assert!(ring.0.iter().all(|c| ((c.x - 31.3).hypot(c.y - 30.8) - 20.0).abs() < 0.02));
@@ -194,7 +194,7 @@ mod tests {
     #[test]
     fn a_label_mask_gives_the_area_of_the_disc_to_a_hundredth() {
         let labels = disc(20.0).map(|v| 7 * u32::from(*v > 0.0));
-        let found = outlines(&labels, HOW).unwrap();
+        let found = contours(&labels, HOW).unwrap();
         let expected = std::f64::consts::PI * 400.0;
         assert!((found[0].shape_px.unsigned_area() / expected - 1.0).abs() < 0.01);
     }
@@ -204,27 +204,27 @@ mod tests {
         let cells = |text: &str| text.chars().map(|c| c.to_digit(10).unwrap()).collect::<Vec<u32>>();
         let row = "0110022330110".to_owned();
         let labels = Raster::from_vec(13, 4, cells(&row.repeat(4))).unwrap();
-        let by_label = outlines(&labels, HOW).unwrap();
+        let by_label = contours(&labels, HOW).unwrap();
         assert_eq!(by_label.iter().map(|o| o.shape_px.0.len()).collect::<Vec<_>>(), [2, 1, 1]);
         assert!(by_label.iter().all(|o| o.is_cut));
         let semantic = labels.map(|l| u32::from(*l > 0));
-        assert_eq!(outlines(&semantic, Vectorising { instances: Instances::ByContact, ..HOW }).unwrap().len(), 3);
+        assert_eq!(contours(&semantic, Vectorising { instances: Instances::ByContact, ..HOW }).unwrap().len(), 3);
     }
 
     #[test]
     fn empty_full_and_noisy_masks_are_told_apart() {
-        assert_eq!(outlines(&Raster::filled(9, 9, 0), HOW), Ok(Vec::new()));
-        assert_eq!(outlines(&Raster::filled(9, 9, 3), HOW), Err(MaskFault::AllBuilding));
+        assert_eq!(contours(&Raster::filled(9, 9, 0), HOW), Ok(Vec::new()));
+        assert_eq!(contours(&Raster::filled(9, 9, 3), HOW), Err(MaskFault::AllBuilding));
         let noise =
             Raster::from_vec(128, 128, (0..128 * 128_u32).map(|i| i.wrapping_mul(2_654_435_761) >> 31).collect());
-        assert!(matches!(outlines(&noise.unwrap(), HOW), Err(MaskFault::Noise { .. })));
+        assert!(matches!(contours(&noise.unwrap(), HOW), Err(MaskFault::Noise { .. })));
     }
 
     #[test]
     fn thousands_of_specks_are_left_out() {
         let labels =
             Raster::from_vec(400, 400, (0..160_000).map(|i| u32::from(i % 400 % 8 == 0 && i / 400 % 8 == 0)).collect());
-        assert!(outlines(&labels.unwrap(), HOW).unwrap().is_empty());
+        assert!(contours(&labels.unwrap(), HOW).unwrap().is_empty());
     }
 
     #[test]
@@ -233,7 +233,7 @@ mod tests {
         let text = ["110000", "110000", "001111", "001001", "001111", "000000"].concat();
         let labels = Raster::from_vec(6, 6, text.chars().map(|c| c.to_digit(10).unwrap()).collect()).unwrap();
         let how = Vectorising { min_area_px2: 0.0, ..HOW };
-        let found = outlines(&labels, how).unwrap();
+        let found = contours(&labels, how).unwrap();
         assert_eq!(found[0].shape_px.0.len(), 2);
         for part in &found[0].shape_px.0 {
             assert!(geo::Validation::is_valid(part), "{part:?}");

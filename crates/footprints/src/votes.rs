@@ -66,10 +66,10 @@ impl Votes {
             col >= 0 && row >= 0 && (col as usize) < self.window.width && (row as usize) < self.window.height;
         if is_inside { self.share[row as usize * self.window.width + col as usize] } else { 0.0 }
     }
-    /// The outline without holes that too many views do not see; what stands in a hole keeps it.
+    /// The footprint without holes that too many views do not see; what stands in a hole keeps it.
     pub(super) fn without_doubtful_holes(
         &self,
-        outline: &Polygon<f64>,
+        footprint: &Polygon<f64>,
         others: &[&Polygon<f64>],
         scratch: &mut Scratch,
     ) -> Polygon<f64> {
@@ -84,19 +84,19 @@ impl Votes {
             let votes: f64 = covered.iter().zip(&self.share).map(|(c, s)| f64::from(c * s)).sum();
             votes < DOUBTFUL_HOLE * covered.iter().map(|c| f64::from(*c)).sum::<f64>()
         };
-        let holes = outline.interiors().iter().filter(is_sure).cloned().collect();
-        Polygon::new(outline.exterior().clone(), holes)
+        let holes = footprint.interiors().iter().filter(is_sure).cloned().collect();
+        Polygon::new(footprint.exterior().clone(), holes)
     }
 
-    /// Mean intersection over union of the ballots with an outline.
+    /// Mean intersection over union of the ballots with a footprint.
     pub(super) fn agreement(&self, polygon: &Polygon<f64>, scratch: &mut Scratch) -> f64 {
-        let mut outline = Vec::new();
-        cover(&MultiPolygon::new(vec![polygon.clone()]), &self.window, scratch, &mut outline);
+        let mut footprint = Vec::new();
+        cover(&MultiPolygon::new(vec![polygon.clone()]), &self.window, scratch, &mut footprint);
         let of_ballot = |(covered, sees): &(Vec<f32>, Option<Vec<f32>>)| {
             let (mut shared, mut all) = (0.0_f64, 0.0_f64);
-            for i in 0..outline.len() {
+            for i in 0..footprint.len() {
                 let sees = sees.as_ref().map_or(1.0, |s| s[i]);
-                let (a, b) = (covered[i] * sees, outline[i] * sees);
+                let (a, b) = (covered[i] * sees, footprint[i] * sees);
                 shared += f64::from(a.min(b));
                 all += f64::from(a.max(b));
             }
@@ -119,7 +119,7 @@ mod tests {
         Polygon::new(walls, holes.into_iter().collect()).into()
     }
 
-    /// Holes of the outline that views with these shapes agree on; the first counts most.
+    /// Holes of the footprint that views with these shapes agree on; the first counts most.
     fn n_holes(shapes: &[MultiPolygon<f64>]) -> usize {
         let area = Rect::new((-50.0, -50.0), (50.0, 50.0)).to_polygon();
         let seen = vec![SeenGround { area }; shapes.len()];

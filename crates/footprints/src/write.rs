@@ -106,7 +106,7 @@ fn footprint_columns(detection: &Detection) -> Vec<Column> {
             "agreement",
             "Agreement",
             ColumnKind::Real,
-            "Mean intersection over union of the photos' outlines with this one",
+            "Mean intersection over union of the photos' footprints with this one",
         ),
         Column::new(
             "footprint_confidence",
@@ -131,7 +131,7 @@ fn footprint_columns(detection: &Detection) -> Vec<Column> {
             "cadastre",
             "Against the layer",
             ColumnKind::Text,
-            "Against the existing layer: matched, changed_outline, new or unseen",
+            "Against the existing layer: matched, changed_footprint, new or unseen",
         ),
     ];
     // The existing layer's own attributes follow.
@@ -206,7 +206,7 @@ fn candidate_columns() -> Vec<Column> {
         ),
         Column::new("score", "Score", ColumnKind::Real, "What the segmenter gives it, 0 to 1"),
         Column::new("cut", "Cut off", ColumnKind::Integer, "1 if the photo's border cuts it off"),
-        Column::new("sigma_m", "Sigma (m)", ColumnKind::Real, "Standard deviation of its outline, metres"),
+        Column::new("sigma_m", "Sigma (m)", ColumnKind::Real, "Standard deviation of its footprint, metres"),
     ]
 }
 

@@ -12,7 +12,7 @@ use crate::limits;
 #[derive(Debug, thiserror::Error)]
 #[error("{action} {}", path.display())]
 pub struct FileError {
-    /// What was being done, as in "cannot write".
+    /// Action, as in "cannot write".
     pub action: &'static str,
     /// To which file.
     pub path: PathBuf,
@@ -164,10 +164,10 @@ fn temporary_beside(path: &Path) -> io::Result<tempfile::NamedTempFile> {
     builder.tempfile_in(folder)
 }
 
-/// How the names of half-written files begin.
+/// Beginning of the names of half-written files.
 const PARTIAL: &str = ".partial-";
 
-/// How this process begins the name of a half-written file or folder: with the machine and its own number, so that others
+/// Beginning, by this process, of the name of a half-written file or folder: with the machine and its own number, so that others
 /// can tell whether its writer still lives.
 #[must_use]
 pub fn partial_prefix() -> String {

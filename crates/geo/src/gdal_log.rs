@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::sync::Once;
 
-/// What libjpeg says, as warnings, about pixels that it has made up because the file's are missing or garbled. That there
+/// Warnings of libjpeg about pixels that it has made up because the file's are missing or garbled. That there
 /// are bytes too many between pieces is harmless.
 const MADE_UP: [&str; 3] = ["premature end of", "bad huffman code", "corrupt jpeg data: found marker"];
 
@@ -12,7 +12,7 @@ thread_local! {
     static DAMAGE: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
-/// What was said since the last time about pixels that are made up.
+/// Messages since the last time about pixels that are made up.
 pub(crate) fn take_damage() -> Option<String> {
     DAMAGE.take()
 }

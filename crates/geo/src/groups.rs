@@ -27,7 +27,7 @@ impl Groups {
         a != b
     }
 
-    /// How many sets there are.
+    /// Number of sets.
     pub fn count(&mut self) -> usize {
         (0..self.0.len()).filter(|&i| self.first_of(i) == i).count()
     }

@@ -26,7 +26,7 @@ pub fn sha256_hex(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
 }
 
-/// What a file holds.
+/// Content of a file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Content {
     /// Size in bytes.
@@ -36,7 +36,7 @@ pub struct Content {
 }
 
 impl Content {
-    /// Of what is in memory.
+    /// Content of what is in memory.
     #[must_use]
     pub fn of_bytes(bytes: &[u8]) -> Self {
         Self { size_bytes: bytes.len() as u64, sha256: sha256_hex(bytes) }
@@ -79,7 +79,7 @@ pub fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// What tells a file from a changed one without reading it.
+/// Marks that tell a file from a changed one without reading it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 struct Stamp {
     size_bytes: u64,
@@ -151,7 +151,7 @@ impl Hashes {
         write_whole_unflushed(path, |out| Ok(serde_json::to_writer(out, &of_files)?))
     }
 
-    /// What a file holds; it is read only where that is not known.
+    /// Content of a file; it is read only where that is not known.
     ///
     /// # Errors
     /// Where it cannot be read.

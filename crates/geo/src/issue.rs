@@ -7,7 +7,7 @@ use std::cmp::Reverse;
 
 use serde::{Deserialize, Serialize};
 
-/// How much an issue matters to the result.
+/// Severity of an issue for the result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
@@ -19,7 +19,7 @@ pub enum Severity {
     Refused,
 }
 
-/// What an issue is about.
+/// Subject of an issue.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind", content = "id")]
 pub enum Subject {
@@ -32,7 +32,7 @@ pub enum Subject {
 }
 
 impl Subject {
-    /// Its name, id or path.
+    /// Name, id or path.
     #[must_use]
     pub fn name(&self) -> &str {
         match self {
@@ -46,16 +46,16 @@ impl Subject {
 pub struct Issue {
     /// Machine-readable, stable name such as `footprint_self_crossing`.
     pub code: String,
-    /// How much it matters.
+    /// Severity.
     pub severity: Severity,
-    /// What it is about.
+    /// Subject.
     pub subject: Subject,
-    /// What, expected against found; one sentence.
+    /// Problem, expected against found; one sentence.
     pub message: String,
     /// Advice, where there is any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hint: Option<String>,
-    /// Where, in the project's CRS: easting, northing (metres).
+    /// Place in the project's CRS: easting, northing (metres).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place: Option<[f64; 2]>,
 }
@@ -73,11 +73,11 @@ const OF_THE_WHOLE: [&str; 10] = [
     "terrain_too_low",
     "terrain_differs",
 ];
-/// Of issues of the same severity, heights come before what may only have led to a wrong one.
-const OF_HEIGHTS: [&str; 4] = ["height_unknown", "outline_refused", "height_doubtful", "height_from_fallback"];
+/// Codes that come first among issues of the same severity: heights before what may only have led to a wrong one.
+const OF_HEIGHTS: [&str; 4] = ["height_unknown", "footprint_refused", "height_doubtful", "height_from_fallback"];
 
 impl Issue {
-    /// What an issue is sorted by where the most important come first: about the whole, by severity, heights first. Issues of
+    /// Sorting key of an issue where the most important come first: about the whole, by severity, heights first. Issues of
     /// the same weight stay in their order.
     #[must_use]
     pub fn weight(&self) -> (usize, Reverse<Severity>, usize) {

@@ -17,15 +17,15 @@ use serde::{Deserialize, Serialize};
 /// Memory for one input unless somebody says otherwise, megabytes: the largest aerial frame camera has 450 megapixels,
 /// 1,800 MB as floats, and the same once more while it is made ready.
 pub const INPUT_MB: u64 = 4096;
-/// What one byte of a file can stand for at most: deflate reaches 1,032, LZW 2,730. More is holes.
+/// Most bytes that one byte of a file can stand for: deflate reaches 1,032, LZW 2,730. More is holes.
 const MOST_PER_BYTE: u64 = 4096;
 /// Less than this, bytes, hurts nobody, however little of it is in the file.
 const HARMLESS: u64 = 64_000_000;
 
-/// What the configuration says.
+/// Statement of the configuration.
 static INPUT: AtomicU64 = AtomicU64::new(INPUT_MB);
 static REMOTE: AtomicBool = AtomicBool::new(false);
-/// What the command line says, which goes before it; 0 for nothing.
+/// Limit from the command line, which goes before it; 0 for nothing.
 static INSISTED: AtomicU64 = AtomicU64::new(0);
 static REMOTE_INSISTED: AtomicBool = AtomicBool::new(false);
 
@@ -62,7 +62,7 @@ impl Limits {
         Self { input_mb, allow_remote }
     }
 
-    /// What the command line says, whatever a configuration says.
+    /// Limit from the command line, whatever a configuration says.
     pub fn insist(input_mb: Option<u64>, allow_remote: bool) {
         INSISTED.store(input_mb.unwrap_or(0), Ordering::Relaxed);
         REMOTE_INSISTED.store(allow_remote, Ordering::Relaxed);
@@ -85,7 +85,7 @@ pub enum Excess {
         claimed / 1_000_000
     )]
     Large {
-        /// What it asks for, bytes.
+        /// Memory asked for, bytes.
         claimed: u64,
         /// The limit, megabytes.
         limit_mb: u64,
@@ -97,7 +97,7 @@ pub enum Excess {
         claimed / 1_000_000
     )]
     Hollow {
-        /// What it claims, bytes.
+        /// Claim, bytes.
         claimed: u64,
         /// The file's length, bytes.
         stored: u64,

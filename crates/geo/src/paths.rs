@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
 
-/// What is done to each path of some settings.
+/// Action on each path of some settings.
 pub type PathVisitor<'a> = &'a mut dyn FnMut(&mut PathBuf);
 
 /// Visits a path with placeholders, which is text.
@@ -58,7 +58,7 @@ pub struct OwnPaths {
 }
 
 impl OwnPaths {
-    /// Of a configuration in `folder`.
+    /// Paths of a configuration in `folder`.
     #[must_use]
     pub fn new(folder: &Path) -> Self {
         Self { folder: folder.to_owned(), own: BTreeSet::new() }
@@ -74,7 +74,7 @@ impl OwnPaths {
         }
     }
 
-    /// How a path is written beside results in the folder `result`.
+    /// Form of a path beside results in the folder `result`.
     #[must_use]
     pub fn saved(&self, path: &Path, result: &Path) -> PathBuf {
         let is_own = self.own.iter().any(|own| path.starts_with(own));
@@ -91,7 +91,7 @@ impl OwnPaths {
     }
 }
 
-/// How a file in `folder` names a path: relative where both lie in one place, else from the root.
+/// Name of a path in a file in `folder`: relative where both lie in one place, else from the root.
 #[must_use]
 pub fn named_from(folder: &Path, path: &Path) -> PathBuf {
     let (Some(to), Some(from)) = (full(path), full(folder)) else { return path.to_owned() };

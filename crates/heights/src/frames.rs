@@ -67,7 +67,7 @@ impl<To, From> Rigid<To, From> {
         Self::new(rotation, -(rotation * centre_in_from))
     }
 
-    /// Where the origin of `To` lies in `From`: `C = −Rᵀ·t`. For a camera, its projection centre.
+    /// Origin of `To` in `From`: `C = −Rᵀ·t`. For a camera, its projection centre.
     #[must_use]
     pub fn centre(&self) -> DVec3 {
         -(self.rotation.transpose() * self.translation)

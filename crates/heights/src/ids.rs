@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// An id and those of the outlines that it may be a part of, its own first: `a#2#1`, `a#2`, `a`.
+/// An id and those of the footprints that it may be a part of, its own first: `a#2#1`, `a#2`, `a`.
 pub fn with_wholes(id: &str) -> impl Iterator<Item = &str> {
     std::iter::successors(Some(id), |id| Some(id.rsplit_once('#')?.0))
 }

@@ -8,7 +8,7 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 
-/// How many numbers stand side by side.
+/// Count of numbers side by side.
 pub const LANES: usize = 8;
 
 /// One number per lane.

@@ -195,7 +195,7 @@ impl Sequence {
 }
 
 impl AngleKind {
-    /// How many numbers it has.
+    /// Number of numbers.
     #[must_use]
     pub fn n_values(self) -> usize {
         match self {

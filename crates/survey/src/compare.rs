@@ -19,11 +19,11 @@ use sizeup_geo::crs::{Crs, Transform};
 use sizeup_geo::geodata::vector::{FeatureGeometry, VectorLayer};
 use sizeup_geo::terrain::Terrain;
 
-/// Where photos are known to look, by their names, in the project's CRS.
+/// Places where photos are known to look, by their names, in the project's CRS.
 #[derive(Debug, Clone, Default)]
 pub struct GroundPolygons(BTreeMap<String, Vec<DVec2>>);
 
-/// How far image corners on the ground are from the polygons' corners.
+/// Distances of image corners on the ground from the polygons' corners.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CornerErrors {
     /// Views with a polygon.

@@ -48,7 +48,7 @@ pub struct SurveyConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub csv: Option<CsvConfig>,
     /// Greatest uncertainty of the transformation from the poses' datum to the project's that is accepted, metres. Heights
-    /// from oblique views are off by as much as outlines are beside the photos, so more than a metre is refused.
+    /// from oblique views are off by as much as footprints are beside the photos, so more than a metre is refused.
     #[serde(default = "max_transform_error_m", skip_serializing_if = "is_default_transform_error")]
     #[schemars(extend("x-expert" = true))]
     pub max_transform_error_m: f64,

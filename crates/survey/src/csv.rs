@@ -48,7 +48,7 @@ struct Declared<'a> {
     camera: Option<&'a CameraConfig>,
 }
 
-/// Where the wanted columns stand.
+/// Positions of the wanted columns.
 struct Columns {
     name: usize,
     position: [usize; 3],

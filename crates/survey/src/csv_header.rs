@@ -49,12 +49,12 @@ impl Header {
         Self { names, units, is_row }
     }
 
-    /// Where a column stands.
+    /// Position of a column.
     pub(super) fn seek(&self, wanted: &str) -> Option<usize> {
         self.names.iter().position(|name| name.eq_ignore_ascii_case(wanted))
     }
 
-    /// Where a column stands that has its default name in the configuration, under one of the names tools give it.
+    /// Position of the column that has its default name in the configuration, under one of the names tools give it.
     pub(super) fn seek_any(&self, wanted: &str, own: &str, others: &[&str]) -> Option<usize> {
         let or_other = || others.iter().find_map(|other| self.seek(other)).filter(|_| wanted == own);
         self.seek(wanted).or_else(or_other)

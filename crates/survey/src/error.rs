@@ -19,9 +19,9 @@ pub enum SurveyError {
     Malformed {
         /// The file.
         path: PathBuf,
-        /// Where in it (`line 12`, `byte 80`), empty for the file as a whole.
+        /// Place in it (`line 12`, `byte 80`), empty for the file as a whole.
         place: Place,
-        /// What, expected against found.
+        /// Problem, expected against found.
         message: String,
         /// Advice.
         hint: Hint,
@@ -29,7 +29,7 @@ pub enum SurveyError {
     /// The configuration contradicts itself or lacks something.
     #[error("survey configuration: {message}{hint}")]
     Config {
-        /// What, expected against found.
+        /// Problem, expected against found.
         message: String,
         /// Advice.
         hint: Hint,
@@ -48,7 +48,7 @@ pub enum SurveyError {
     },
 }
 
-/// Where in a file.
+/// Place in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Place {
     /// The file as a whole.

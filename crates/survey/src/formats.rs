@@ -51,7 +51,7 @@ impl Candidate {
     }
 }
 
-/// How a format is recognised and read.
+/// Recogniser and reader of a format.
 struct Reader {
     recognises: fn(&Candidate) -> bool,
     read: fn(&SurveyConfig) -> Result<Poses, SurveyError>,

@@ -1,6 +1,6 @@
-//! What a photo shows on the ground: its outline on a level plane, and where its axis meets the terrain.
+//! What a photo shows on the ground: its footprint on a level plane, and where its axis meets the terrain.
 //!
-//! The outline is followed through the lens model in steps, because distorted edges are curved. Rays at or above the
+//! The footprint is followed through the lens model in steps, because distorted edges are curved. Rays at or above the
 //! horizon never meet the ground: they end at a stated angle off the nadir.
 
 use glam::{DVec2, DVec3};
@@ -8,17 +8,17 @@ use glam::{DVec2, DVec3};
 use super::View;
 use sizeup_geo::terrain::Terrain;
 
-/// Points per image side of an outline.
+/// Points per image side of a footprint.
 const STEPS_PER_SIDE: usize = 8;
 /// Rays flatter than this off the nadir end there: 80° is 5.7 flying heights away.
 pub const MAX_OFF_NADIR_DEG: f64 = 80.0;
 /// Steps of the search for the terrain along an axis; each halves the error, metres at first.
 const AXIS_STEPS: usize = 12;
 
-/// Outline of the photo on the plane at `ground_m`, easting and northing, open ring; empty where the camera is below
+/// Footprint of the photo on the plane at `ground_m`, easting and northing, open ring; empty where the camera is below
 /// the plane or its lens model covers no corner.
 #[must_use]
-pub fn outline(view: &View, ground_m: f64) -> Vec<DVec2> {
+pub fn footprint(view: &View, ground_m: f64) -> Vec<DVec2> {
     let (w, h) = (f64::from(view.camera.width_px), f64::from(view.camera.height_px));
     let corners = [DVec2::ZERO, DVec2::new(w, 0.0), DVec2::new(w, h), DVec2::new(0.0, h)];
     let mut ring = Vec::with_capacity(4 * STEPS_PER_SIDE);
@@ -32,7 +32,7 @@ pub fn outline(view: &View, ground_m: f64) -> Vec<DVec2> {
     ring
 }
 
-/// Where the ray through a pixel meets the plane at `ground_m`.
+/// Point where the ray through a pixel meets the plane at `ground_m`.
 pub(super) fn on_plane(view: &View, pixel: DVec2, ground_m: f64) -> Option<DVec2> {
     let ray = view.camera_from_map.inverse().vector(view.camera.unproject(pixel)?);
     let centre = view.camera_from_map.centre();
@@ -52,7 +52,7 @@ fn reach(ray: DVec3, height_m: f64) -> DVec2 {
     }
 }
 
-/// Where the image's centre looks on the terrain, easting and northing; `None` where the camera is below the ground.
+/// Point of the terrain that the image's centre looks at, easting and northing; `None` where the camera is below the ground.
 #[must_use]
 pub fn centre_on_ground(view: &View, terrain: &Terrain) -> Option<DVec2> {
     let camera = &view.camera;
@@ -94,9 +94,9 @@ mod tests {
 
     #[test]
     fn a_nadir_photo_covers_its_size_over_focal_length_times_height() {
-        let outline = outline(&view(0.0), 50.0);
-        let low = outline.iter().copied().reduce(DVec2::min).unwrap();
-        let high = outline.iter().copied().reduce(DVec2::max).unwrap();
+        let footprint = footprint(&view(0.0), 50.0);
+        let low = footprint.iter().copied().reduce(DVec2::min).unwrap();
+        let high = footprint.iter().copied().reduce(DVec2::max).unwrap();
         assert!((low - DVec2::new(980.0, 1985.0)).length() < 1e-9, "{low}");
         assert!((high - DVec2::new(1020.0, 2015.0)).length() < 1e-9, "{high}");
     }
@@ -109,8 +109,8 @@ mod tests {
 
     #[test]
     fn rays_at_the_horizon_end_somewhere() {
-        let outline = outline(&view(85.0), 50.0);
-        assert!(outline.iter().all(|p| p.distance(DVec2::new(1000.0, 2000.0)) < 600.0));
-        assert!(super::outline(&view(0.0), 200.0).is_empty(), "a camera below the plane sees none of it");
+        let footprint = footprint(&view(85.0), 50.0);
+        assert!(footprint.iter().all(|p| p.distance(DVec2::new(1000.0, 2000.0)) < 600.0));
+        assert!(super::footprint(&view(0.0), 200.0).is_empty(), "a camera below the plane sees none of it");
     }
 }

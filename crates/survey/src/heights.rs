@@ -14,7 +14,7 @@ use sizeup_geo::crs::{
     Transform, Transform3d,
 };
 
-/// How heights reach the project's reference.
+/// Way of heights to the project's reference.
 pub(crate) enum Heights {
     /// They are in it, or nobody says otherwise.
     AsTheyAre,
@@ -165,7 +165,7 @@ impl Heights {
         !matches!(self, Self::AsTheyAre | Self::TakenOver(_))
     }
 
-    /// How well PROJ knows the transformation at a position in the world of the poses; `None` where there is none.
+    /// Accuracy of the transformation by PROJ at a position in the world of the poses; `None` where there is none.
     pub(crate) fn accuracy_at(&self, at: DVec3) -> Option<Accuracy> {
         let Self::Transformed(t) = self else { return None };
         let (lon_deg, lat_deg) = t.lonlat_from_world.point(at.x, at.y).ok()?;

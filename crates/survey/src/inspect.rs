@@ -42,7 +42,7 @@ pub(crate) const IMPOSSIBLE_HEIGHT: &str = "height_impossible";
 pub struct Site<'a> {
     /// The ground.
     pub terrain: Option<&'a Terrain>,
-    /// The area of interest in the project's CRS, such as the outline of all footprints.
+    /// The area of interest in the project's CRS, such as the hull of all footprints.
     pub area: Option<&'a geo::Polygon>,
 }
 

@@ -45,13 +45,13 @@ struct Located {
 pub(crate) struct Facts {
     /// The CRS the poses came in.
     pub world: String,
-    /// How heights reached the project's vertical reference.
+    /// Way of heights to the project's vertical reference.
     pub heights: String,
     /// Turn applied to each view for grid convergence, degrees, clockwise.
     pub convergence_deg: Vec<f64>,
     /// Point scale between the poses' grid and the project's, where both are grids.
     pub point_scale: Vec<f64>,
-    /// How positions reached the project's plane, and how well that is known.
+    /// Way of positions to the project's plane, and its accuracy.
     pub transform: String,
     /// Poses in the file.
     pub n_poses: usize,
@@ -228,7 +228,7 @@ fn nothing(poses: Poses, world: &Crs, n_poses: usize) -> (Survey, Facts) {
     (Survey { views: Vec::new(), issues }, facts)
 }
 
-/// How well the way to the project's plane is known; refused where that is not enough.
+/// Accuracy of the way to the project's plane; refused where that is not enough.
 fn accuracy(way: &Way, at: DVec3, config: &SurveyConfig, issues: &mut Vec<Issue>) -> Result<String, SurveyError> {
     let transform = &way.map_from_world;
     if transform.is_identity() {

@@ -168,7 +168,7 @@ fn refuse_if_turned(path: &Path, fit: Option<Fit>) -> Result<(), SurveyError> {
     Err(SurveyError::malformed(path, Place::Whole, message).hint(WAY_OUT))
 }
 
-/// How GPS positions lie on centres.
+/// Fit of GPS positions on centres.
 #[derive(Debug, Clone, Copy)]
 struct Fit {
     turn_rad: f64,
@@ -233,7 +233,7 @@ impl Grid {
         }
     }
 
-    /// Where this grid, minus the offset, has positions east, north, up at the reference.
+    /// Places of positions in this grid, minus the offset, east, north, up at the reference.
     fn of_enu(&self, reference: DVec3, places: impl Iterator<Item = DVec3>) -> Result<Vec<DVec2>, SurveyError> {
         let geocentric = Geocentric::new()?;
         let grid_from_lonlat = Transform::new(&Crs::parse("EPSG:4326")?, &self.crs)?;
@@ -248,7 +248,7 @@ impl Grid {
             .collect()
     }
 
-    /// How far apart the two frames put the outermost of the centres.
+    /// Distance between the places that the two frames give the outermost of the centres.
     fn distance_from_topocentric_m(&self, poses: &Poses, reference: DVec3) -> Result<f64, SurveyError> {
         let radius_m = poses.poses.iter().map(|pose| pose.centre.truncate().length()).fold(0.0, f64::max);
         let rim = [DVec3::ZERO, radius_m * DVec3::X, radius_m * DVec3::Y];

@@ -51,7 +51,7 @@ pub(crate) struct Pose {
 /// All poses of a file.
 #[derive(Debug, Clone)]
 pub(crate) struct Poses {
-    /// Where they live.
+    /// Frame of the poses.
     pub world: World,
     /// Which north the rotations count from.
     pub north: North,
@@ -61,11 +61,11 @@ pub(crate) struct Poses {
     pub poses: Vec<Pose>,
     /// Poses that the reader refused.
     pub issues: Vec<Issue>,
-    /// How the focal lengths were found, and the positioning quality, counted by name.
+    /// Origin of the focal lengths, and the positioning quality, counted by name.
     pub counts: Counts,
 }
 
-/// How many photos have what, by name.
+/// Number of photos with each property, by name.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Counts {
     /// Source of the focal length.

@@ -46,7 +46,7 @@ pub struct Trial {
 /// The content of a survey, and whether it looks right.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SurveyReport {
-    /// Where it was read from.
+    /// File that it was read from.
     pub path: String,
     /// Name of the format.
     pub format: String,
@@ -54,9 +54,9 @@ pub struct SurveyReport {
     pub poses_crs: String,
     /// The project's CRS.
     pub project_crs: String,
-    /// How heights reached the project's vertical reference.
+    /// Way of heights to the project's vertical reference.
     pub heights: String,
-    /// How positions reached the project's plane, how well that is known, and what would be better.
+    /// Way of positions to the project's plane, its accuracy, and what would be better.
     #[serde(default)]
     pub transform: String,
     /// Photos and poses in the file.
@@ -88,7 +88,7 @@ pub struct SurveyReport {
     pub point_scale: Option<Spread>,
     /// Satellite positioning: fixed, float, single, none; empty where the format does not tell.
     pub rtk: BTreeMap<String, usize>,
-    /// Where focal lengths come from; empty where the format brings complete cameras.
+    /// Source of focal lengths; empty where the format brings complete cameras.
     pub focal: BTreeMap<String, usize>,
     /// Refused and noted items by code.
     pub issue_counts: BTreeMap<String, usize>,

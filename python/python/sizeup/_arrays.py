@@ -140,7 +140,7 @@ def estimate_heights(
     """One height per footprint, from poses and depth maps in memory.
 
     Args:
-        footprints: Outlines in the map frame, metres. Each is an ``n × 2`` array, a list of such (exterior, then holes), a
+        footprints: Polygons in the map frame, metres. Each is an ``n × 2`` array, a list of such (exterior, then holes), a
             GeoJSON ``Polygon``, or anything with ``__geo_interface__``, as Shapely's polygons.
         views: Photos with poses and depths. Heights are measured in oblique ones.
         ground_m: Ground level, one for all or one per footprint, metres in the map's vertical datum.
@@ -149,10 +149,10 @@ def estimate_heights(
         seed: Root of random choices: the same gives the same heights.
 
     Raises:
-        InputError: an array has not the shape it should have, or an outline or a pose is none.
+        InputError: an array has not the shape it should have, or a footprint or a pose is none.
         ConfigurationError: ``settings`` has a key or value that is not known.
     """
-    rings = [_rings(outline, f"footprints[{i}]") for i, outline in enumerate(footprints)]
+    rings = [_rings(footprint, f"footprints[{i}]") for i, footprint in enumerate(footprints)]
     ground = _ground(ground_m, len(rings))
     names = [view.name for view in views]
     if len(set(names)) < len(names):
@@ -232,9 +232,9 @@ def _ground(ground_m: float | Sequence[float], n: int) -> list[float]:
     return levels
 
 
-def _rings(outline: Any, where: str) -> list[bytes]:
-    """Rings of an outline as bytes, the exterior first."""
-    geometry = getattr(outline, "__geo_interface__", outline)
+def _rings(footprint: Any, where: str) -> list[bytes]:
+    """Rings of a footprint as bytes, the exterior first."""
+    geometry = getattr(footprint, "__geo_interface__", footprint)
     if isinstance(geometry, Mapping) and geometry.get("type") == "Feature":
         geometry = geometry["geometry"]
     if isinstance(geometry, Mapping):

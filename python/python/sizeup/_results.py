@@ -36,7 +36,7 @@ class Building:
     ground_z_m: float | None
     """Ground level the height counts from."""
     base_z_m: float | None
-    """Lowest ground under the outline: walls go down to here."""
+    """Lowest ground under the footprint: walls go down to here."""
     roof_z_m: float | None
     """Ground level plus height."""
     roof: Mapping[str, Any] | None
@@ -49,11 +49,11 @@ class Building:
     attributes: Mapping[str, Any]
     """The input's own attributes."""
     geometry: Mapping[str, Any] | None
-    """The outline as GeoJSON's ``Polygon``; ``None`` where it could not be used."""
+    """The footprint as GeoJSON's ``Polygon``; ``None`` where it could not be used."""
 
     @property
     def properties(self) -> dict[str, Any]:
-        """Everything but the outline in one flat table: the input's attributes, and what was found over them."""
+        """Everything but the footprint in one flat table: the input's attributes, and what was found over them."""
         own = {name: getattr(self, name) for name in _COLUMNS}
         own["reasons"] = ",".join(self.reasons)
         own["n_views"] = len(self.views)

@@ -22,7 +22,7 @@ from qgis.PyQt.QtGui import QIcon
 
 from .. import program, settings
 from ..config import ConfigError, Layer, RunSettings, three_numbers
-from ..layers import Outlines, crs_text, project_crs, raster_file
+from ..layers import Footprints, crs_text, project_crs, raster_file
 from ..progress import Progress
 from ..words import Speaks
 
@@ -116,7 +116,7 @@ class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
     def in_words(self, work: str) -> str:
         """What a stage or work of the program is called."""
         return {
-            "survey": self.tr("Reading the survey"), "footprints": self.tr("Laying outlines on the ground"),
+            "survey": self.tr("Reading the survey"), "footprints": self.tr("Laying footprints on the ground"),
             "heights": self.tr("Finding heights"), "output": self.tr("Writing the results"),
             "ground": self.tr("Looking for the ground in the photos"), "tracing": self.tr("Tracing rays"),
             "priors": self.tr("Depth of the photos"), "epochs": self.tr("Moving roofs"),
@@ -133,7 +133,7 @@ class SurveyAlgorithm(SizeupAlgorithm):
     def __init__(self) -> None:
         super().__init__()
         self._run: Optional[RunSettings] = None
-        self._outlines: Optional[Outlines] = None
+        self._footprints: Optional[Footprints] = None
 
     def add_survey(self) -> None:
         """Parameters: the poses, the photos, the CRS."""
@@ -159,8 +159,8 @@ class SurveyAlgorithm(SizeupAlgorithm):
             type=QgsProcessingParameterNumber.Double, optional=True,
         ))
 
-    def add_outlines(self, name: str, label: str, optional: bool = False) -> None:
-        """Parameters: a layer of outlines and its field of ids."""
+    def add_footprints(self, name: str, label: str, optional: bool = False) -> None:
+        """Parameters: a layer of footprints and its field of ids."""
         self.addParameter(QgsProcessingParameterFeatureSource(
             name, label, [QgsProcessing.TypeVectorPolygon], optional=optional,
         ))
@@ -208,7 +208,7 @@ class SurveyAlgorithm(SizeupAlgorithm):
         except ConfigError as error:
             raise QgsProcessingException(str(error)) from error
 
-    def outlines(self, parameters, name: str, context) -> Optional[Outlines]:
+    def footprints(self, parameters, name: str, context) -> Optional[Footprints]:
         """The layer of a parameter, looked at on the main thread; None where none is chosen."""
         if parameters.get(name) in (None, ""):
             return None
@@ -216,16 +216,16 @@ class SurveyAlgorithm(SizeupAlgorithm):
         if source is None:
             raise QgsProcessingException(self.invalidSourceError(parameters, name))
         fields = self.parameterAsFields(parameters, f"{name}_ID", context)
-        return Outlines(
+        return Footprints(
             self.parameterAsVectorLayer(parameters, name, context), source, parameters[name],
             fields[0] if fields else None, context.transformContext(),
         )
 
-    def layer_file(self, outlines: Outlines, folder: Path, feedback, name: str = "footprints.gpkg") -> Layer:
+    def layer_file(self, footprints: Footprints, folder: Path, feedback, name: str = "footprints.gpkg") -> Layer:
         """The file of a layer, exported into the results where it is none."""
-        if outlines.is_exported:
-            feedback.pushInfo(self.tr("The outlines are exported for the program: they are no plain file, or a part of one."))
-        return outlines.file(folder / INPUT / name)
+        if footprints.is_exported:
+            feedback.pushInfo(self.tr("The footprints are exported for the program: they are no plain file, or a part of one."))
+        return footprints.file(folder / INPUT / name)
 
     def write_config(self, run: RunSettings, folder: Path) -> List[str]:
         """Writes `sizeup.toml`; the arguments that name it and the further settings."""

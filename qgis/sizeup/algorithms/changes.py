@@ -27,7 +27,7 @@ class CompareResults(SizeupAlgorithm):
 
     def shortHelpString(self) -> str:  # noqa: N802, the name is QGIS's
         return self.tr(
-            "Tells what changed between two results: new, gone, raised, lowered, outline changed, same, or unsure.\n"
+            "Tells what changed between two results: new, gone, raised, lowered, footprint changed, same, or unsure.\n"
             "\n"
             "Buildings are matched by place, so their ids need not be the same: the new ones are kept, and the old ones stand "
             "beside them. A difference counts where both standard deviations do not explain it; where they are too wide to "
@@ -90,7 +90,8 @@ class CompareResults(SizeupAlgorithm):
             feedback.pushInfo(f"{n:>8}  {name.replace('_', ' ')}")
         for note in summary["notes"]:
             feedback.pushInfo(note)
-        n_changed = sum(summary["counts"][name] for name in ("new", "gone", "raised", "lowered", "outline_changed"))
+        changed = ("new", "gone", "raised", "lowered", "footprint_changed", "outline_changed")  # the last: programs of the version before
+        n_changed = sum(summary["counts"].get(name, 0) for name in changed)
         return {"OUTPUT": str(self._folder), "N_CHANGED": n_changed}
 
     def postProcessAlgorithm(self, context, feedback):  # noqa: N802, the name is QGIS's

@@ -1,4 +1,4 @@
-"""Footprints from photos: building outlines where there is no layer."""
+"""Footprints from photos, where there is no layer."""
 
 from qgis.core import (
     QgsProcessingException,
@@ -11,7 +11,7 @@ from qgis.core import (
 )
 
 from .. import results
-from ..config import MASK_KINDS, Masks, OutlineNetwork
+from ..config import MASK_KINDS, FootprintNetwork, Masks
 from .base import FAILED_ITEMS, SurveyAlgorithm
 
 SOURCES = ("masks", "network")
@@ -19,7 +19,7 @@ PROFILES = ("semantic", "sam3")
 
 
 class FindFootprints(SurveyAlgorithm):
-    """Finds outlines in masks of the nadir photos, or with a segmentation network."""
+    """Finds footprints in masks of the nadir photos, or with a segmentation network."""
 
     NAME = "footprints"
 
@@ -28,7 +28,7 @@ class FindFootprints(SurveyAlgorithm):
 
     def shortHelpString(self) -> str:  # noqa: N802, the name is QGIS's
         return self.tr(
-            "Finds building outlines in the nadir photos, lays them on the ground and makes one outline per building.\n"
+            "Finds building footprints in the nadir photos, lays them on the ground and makes one footprint per building.\n"
             "\n"
             "It takes masks that another tool has made (one image per photo, or one COCO file), or runs a segmentation "
             "network (ONNX). In the masks' path {stem} stands for the photo's name without extension: masks/{stem}.png\n"
@@ -38,7 +38,7 @@ class FindFootprints(SurveyAlgorithm):
             "\n"
             "With a cadastre, ids and attributes of known buildings are kept, and what is new or gone is marked.\n"
             "\n"
-            "The result is footprints.gpkg, styled by how sure each outline is, and pictures of the photos with the outlines "
+            "The result is footprints.gpkg, styled by how sure each footprint is, and pictures of the photos with the footprints "
             "drawn over them."
         )
 
@@ -46,7 +46,7 @@ class FindFootprints(SurveyAlgorithm):
         self.add_survey()
         self.add_ground()
         self.addParameter(QgsProcessingParameterEnum(
-            "SOURCE", self.tr("Outlines come from"),
+            "SOURCE", self.tr("Footprints come from"),
             [self.tr("masks of the nadir photos"), self.tr("a segmentation network")], defaultValue=0,
         ))
         self.addParameter(QgsProcessingParameterString(
@@ -61,18 +61,18 @@ class FindFootprints(SurveyAlgorithm):
         self.addParameter(QgsProcessingParameterEnum(
             "PROFILE", self.tr("Network: profile"), list(PROFILES), defaultValue=0,
         ))
-        self.add_outlines("CADASTRE", self.tr("Cadastre whose ids are kept"), optional=True)
+        self.add_footprints("CADASTRE", self.tr("Cadastre whose ids are kept"), optional=True)
         self.add_more()
         self.add_load()
         self.addParameter(QgsProcessingParameterFolderDestination("OUTPUT", self.tr("Folder of the results")))
-        self.addOutput(QgsProcessingOutputFile("FOOTPRINTS", self.tr("GeoPackage of the outlines")))
+        self.addOutput(QgsProcessingOutputFile("FOOTPRINTS", self.tr("GeoPackage of the footprints")))
         self.addOutput(QgsProcessingOutputNumber("CODE", self.tr("Exit code")))
 
     def prepareAlgorithm(self, parameters, context, feedback) -> bool:  # noqa: N802, the name is QGIS's
         self.find_program()
         self._folder = self.folder(parameters, "OUTPUT", context)
         self._run = self.survey_settings(parameters, context, str(self._folder))
-        self._outlines = self.outlines(parameters, "CADASTRE", context)
+        self._footprints = self.footprints(parameters, "CADASTRE", context)
         if SOURCES[self.parameterAsEnum(parameters, "SOURCE", context)] == "masks":
             if not self.parameterAsString(parameters, "MASKS", context):
                 raise QgsProcessingException(self.tr("Say where the masks are, as in masks/{stem}.png."))
@@ -89,14 +89,14 @@ class FindFootprints(SurveyAlgorithm):
         folder = self._folder
         folder.mkdir(parents=True, exist_ok=True)
         cadastre = None
-        if self._outlines is not None:
-            cadastre = self.layer_file(self._outlines, folder, feedback, "cadastre.gpkg")
+        if self._footprints is not None:
+            cadastre = self.layer_file(self._footprints, folder, feedback, "cadastre.gpkg")
         if SOURCES[self.parameterAsEnum(parameters, "SOURCE", context)] == "masks":
             kind = MASK_KINDS[self.parameterAsEnum(parameters, "MASK_KIND", context)]
             self._run.footprints = Masks(self.parameterAsString(parameters, "MASKS", context), kind, cadastre)
         else:
             profile = PROFILES[self.parameterAsEnum(parameters, "PROFILE", context)]
-            self._run.footprints = OutlineNetwork(self.parameterAsFile(parameters, "MODEL", context), profile, cadastre)
+            self._run.footprints = FootprintNetwork(self.parameterAsFile(parameters, "MODEL", context), profile, cadastre)
         outcome = self.run_program(["footprints", *self.write_config(self._run, folder)], feedback)
         if outcome is None:
             return {}

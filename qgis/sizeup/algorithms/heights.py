@@ -30,10 +30,10 @@ class EstimateHeights(SurveyAlgorithm):
 
     def shortHelpString(self) -> str:  # noqa: N802, the name is QGIS's
         return self.tr(
-            "Finds one height per building outline in oblique photos, and writes a LOD1 city: GeoPackage, CityJSON, report.\n"
+            "Finds one height per building footprint in oblique photos, and writes a LOD1 city: GeoPackage, CityJSON, report.\n"
             "\n"
-            "It takes photos with known poses, building outlines, and the ground: a terrain model, not a surface model, or one "
-            "height where it is flat. Outlines may be in any CRS; results are in the CRS that is chosen here, projected and in "
+            "It takes photos with known poses, building footprints, and the ground: a terrain model, not a surface model, or one "
+            "height where it is flat. Footprints may be in any CRS; results are in the CRS that is chosen here, projected and in "
             "metres. Of a layer with a filter or a selection, what is filtered or selected is taken.\n"
             "\n"
             "Depth of the photos comes from:\n"
@@ -50,7 +50,7 @@ class EstimateHeights(SurveyAlgorithm):
         )
 
     def initAlgorithm(self, configuration=None) -> None:  # noqa: N802, the name is QGIS's
-        self.add_outlines("FOOTPRINTS", self.tr("Building outlines"))
+        self.add_footprints("FOOTPRINTS", self.tr("Building footprints"))
         self.add_survey()
         self.add_ground()
         self.addParameter(QgsProcessingParameterEnum(
@@ -87,9 +87,9 @@ class EstimateHeights(SurveyAlgorithm):
         self._run = self.survey_settings(parameters, context, str(self._folder))
         self._run.prior = self._prior(parameters, context)
         self._run.vertical_reference = self.parameterAsString(parameters, "VERTICAL", context) or None
-        self._outlines = self.outlines(parameters, "FOOTPRINTS", context)
-        if self._outlines is None:
-            raise QgsProcessingException(self.tr("Choose a layer of building outlines."))
+        self._footprints = self.footprints(parameters, "FOOTPRINTS", context)
+        if self._footprints is None:
+            raise QgsProcessingException(self.tr("Choose a layer of building footprints."))
         if self._run.dtm is None and self._run.ground_m is None:
             raise QgsProcessingException(self.tr("Give a terrain model, or one height of the ground."))
         if (self._folder / FILE_NAME).is_file():
@@ -115,7 +115,7 @@ class EstimateHeights(SurveyAlgorithm):
     def processAlgorithm(self, parameters, context, feedback):  # noqa: N802, the name is QGIS's
         folder = self._folder
         folder.mkdir(parents=True, exist_ok=True)
-        self._run.footprints = self.layer_file(self._outlines, folder, feedback)
+        self._run.footprints = self.layer_file(self._footprints, folder, feedback)
         outcome = self.run_program(["run", *self.write_config(self._run, folder)], feedback)
         if outcome is None:
             return {}

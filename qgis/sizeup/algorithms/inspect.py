@@ -25,10 +25,10 @@ class InspectSurvey(SurveyAlgorithm):
             "Says whether the photos' poses look right, before anything is computed from them.\n"
             "\n"
             "Loads three layers: where the cameras are, where they look, and what part of the ground each photo shows. If "
-            "these lie beside your outlines, the CRS, the offset or the reading of the angles is wrong; the report says "
+            "these lie beside your footprints, the CRS, the offset or the reading of the angles is wrong; the report says "
             "which other reading looks better.\n"
             "\n"
-            "Give the ground (a terrain model or one height) and the outlines too: both tell more of the poses.\n"
+            "Give the ground (a terrain model or one height) and the footprints too: both tell more of the poses.\n"
             "\n"
             "A table of poses needs to say what its angles mean, under “Further settings”: survey.csv.angles=opk and so on."
         )
@@ -36,7 +36,7 @@ class InspectSurvey(SurveyAlgorithm):
     def initAlgorithm(self, configuration=None) -> None:  # noqa: N802, the name is QGIS's
         self.add_survey()
         self.add_ground()
-        self.add_outlines("FOOTPRINTS", self.tr("Building outlines"), optional=True)
+        self.add_footprints("FOOTPRINTS", self.tr("Building footprints"), optional=True)
         self.add_more()
         self.add_load()
         self.addParameter(QgsProcessingParameterFolderDestination("OUTPUT", self.tr("Folder of the report")))
@@ -50,7 +50,7 @@ class InspectSurvey(SurveyAlgorithm):
         self.find_program()
         self._folder = self.folder(parameters, "OUTPUT", context)
         self._run = self.survey_settings(parameters, context, str(self._folder))
-        self._outlines = self.outlines(parameters, "FOOTPRINTS", context)
+        self._footprints = self.footprints(parameters, "FOOTPRINTS", context)
         results.refuse_edited(self._folder, context.project())
         self._load = self.parameterAsBool(parameters, "LOAD", context)
         self._layers = None
@@ -59,8 +59,8 @@ class InspectSurvey(SurveyAlgorithm):
     def processAlgorithm(self, parameters, context, feedback):  # noqa: N802, the name is QGIS's
         folder = self._folder
         folder.mkdir(parents=True, exist_ok=True)
-        if self._outlines is not None:
-            self._run.footprints = self.layer_file(self._outlines, folder, feedback)
+        if self._footprints is not None:
+            self._run.footprints = self.layer_file(self._footprints, folder, feedback)
         config, *more = self.write_config(self._run, folder)
         picture, layers, report = folder / "survey.png", folder / "survey.gpkg", folder / "survey.txt"
         arguments = ["survey", "inspect", "--config", config, *more, "--picture", str(picture)]

@@ -38,17 +38,17 @@ class Building:
     base_z_m: Optional[float]
     reasons: List[str]
     views: List[str]
-    outline: QgsGeometry
+    footprint: QgsGeometry
 
     @property
     def rings(self) -> List[Ring]:
         """Exterior and holes, closed."""
-        polygons = self.outline.asMultiPolygon() if self.outline.isMultipart() else [self.outline.asPolygon()]
+        polygons = self.footprint.asMultiPolygon() if self.footprint.isMultipart() else [self.footprint.asPolygon()]
         return [[(p.x(), p.y()) for p in ring] for polygon in polygons for ring in polygon]
 
     @property
     def extent(self) -> QgsRectangle:
-        return self.outline.boundingBox()
+        return self.footprint.boundingBox()
 
 
 class City:
@@ -77,11 +77,11 @@ class City:
 
     def place(self, building: Building) -> Optional[Tuple[float, float]]:
         """Longitude and latitude of a point in the building."""
-        if building.outline.isEmpty():
+        if building.footprint.isEmpty():
             return None
         wgs84 = QgsCoordinateReferenceSystem("EPSG:4326")
         transform = QgsCoordinateTransform(self.layer.crs(), wgs84, QgsProject.instance())
-        point = transform.transform(building.outline.pointOnSurface().asPoint())
+        point = transform.transform(building.footprint.pointOnSurface().asPoint())
         return round(point.x(), 7), round(point.y(), 7)
 
 
@@ -114,15 +114,15 @@ def _building(feature: QgsFeature) -> Building:
         base_z_m=number("base_z_m"),
         reasons=words("reasons"),
         views=words("views"),
-        outline=QgsGeometry(feature.geometry()),
+        footprint=QgsGeometry(feature.geometry()),
     )
 
 
 def _size_px(view: View, building: Building) -> float:
-    """Area of the outline on its ground in a photo, pixels; 0 where the photo does not show its middle."""
-    if view.image is None or building.ground_z_m is None or building.outline.isEmpty():
+    """Area of the footprint on its ground in a photo, pixels; 0 where the photo does not show its middle."""
+    if view.image is None or building.ground_z_m is None or building.footprint.isEmpty():
         return 0.0
-    middle = building.outline.pointOnSurface().asPoint()
+    middle = building.footprint.pointOnSurface().asPoint()
     pixel = view.pixel((middle.x(), middle.y(), building.ground_z_m))
     if pixel is None or not view.contains(pixel):
         return 0.0

@@ -225,7 +225,7 @@ class ReviewDock(QDockWidget, Speaks):
         return {
             "measured": self.tr("measured"), "given": self.tr("given"), "doubtful": self.tr("doubtful"),
             "fallback": self.tr("from a fallback"), "unknown": self.tr("height not known"),
-            "refused": self.tr("outline refused"), "reviewed": self.tr("reviewed"),
+            "refused": self.tr("footprint refused"), "reviewed": self.tr("reviewed"),
         }.get(status, status)
 
     def _decided(self, review: Review) -> str:
@@ -309,13 +309,13 @@ class ReviewDock(QDockWidget, Speaks):
 
     def _zoom(self, building: Building) -> None:
         canvas = self._iface.mapCanvas() if self._iface is not None else None
-        if canvas is None or building.outline.isEmpty():
+        if canvas is None or building.footprint.isEmpty():
             return
         extent = QgsRectangle(building.extent)
         extent.scale(MAP_MARGIN)
         canvas.setExtent(canvas.mapSettings().layerExtentToOutputExtent(self._city.layer, extent))
         canvas.refresh()
-        canvas.flashGeometries([building.outline], self._city.layer.crs())
+        canvas.flashGeometries([building.footprint], self._city.layer.crs())
 
     # --- Decisions ---
 

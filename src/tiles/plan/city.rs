@@ -7,9 +7,9 @@ use rayon::prelude::*;
 use serde_json::json;
 
 use super::PlanSettings;
-use super::layer::{Outlines, grounds_of, range};
+use super::layer::{CityFootprints, grounds_of, range};
 use crate::config::RunConfig;
-use crate::pipeline::{Frame, PartHashes, PipelineError, outlines_around, photo_bytes, reads_photo, reviews_of};
+use crate::pipeline::{Frame, PartHashes, PipelineError, footprints_around, photo_bytes, reads_photo, reviews_of};
 use crate::tiles::frame::CityFrame;
 use crate::tiles::grid::{self, Core, Places};
 use crate::tiles::manifest::{self, Layout, Tile, TileViews};
@@ -51,9 +51,9 @@ pub(super) struct City<'a> {
     pub settled: CityFrame,
     pub frame: Frame,
     cell_m: Option<f64>,
-    /// What each view's prior is made from.
+    /// Files that each view's prior is made from.
     priors: Vec<Option<PathBuf>>,
-    /// What people decided about single buildings.
+    /// Decisions of people about single buildings.
     reviews: Reviews,
 }
 
@@ -61,25 +61,25 @@ impl<'a> City<'a> {
     /// Settles the frame of a city and cuts it; `earlier` is what was settled for it before.
     ///
     /// # Errors
-    /// [`TilesError`]: no ground under any outline, tiles that need more memory than there is, input that cannot be read.
+    /// [`TilesError`]: no ground under any footprint, tiles that need more memory than there is, input that cannot be read.
     pub(super) fn new(
         config: &'a RunConfig,
         settings: &'a PlanSettings,
         survey: &'a Survey,
-        outlines: &Outlines,
+        footprints: &CityFootprints,
         places: Places,
         earlier: Option<CityFrame>,
     ) -> Result<Self, TilesError> {
-        let renamed = outlines.renamed.clone();
+        let renamed = footprints.renamed.clone();
         // The ground of the whole city, looked at in pieces of moderate size.
         let pieces = grid::even(&places, grid::step_of(PIECE_M));
         let Some(all) = range(&grounds_of(config, &pieces, &renamed)?) else {
             return Err(TilesError::Pipeline(PipelineError::Mismatch {
-                message: format!("none of the {} footprints has a ground level", outlines.middles.len()),
+                message: format!("none of the {} footprints has a ground level", footprints.middles.len()),
                 hint: "does the terrain cover the footprints, in the CRS it states?",
             }));
         };
-        let settled = settle(config, settings, survey, outlines, &places, all)?.or_kept(earlier);
+        let settled = settle(config, settings, survey, footprints, &places, all)?.or_kept(earlier);
         let [min_m, max_m] = settled.heights_m;
         let (origin, bounds) = (LocalOrigin(settled.origin_m.into()), HeightBounds { min_m, max_m });
         let frame = Frame { origin, bounds, ground_spacing_m: settled.ground_spacing_m };
@@ -155,7 +155,7 @@ impl<'a> City<'a> {
     /// The tiles of the plan; their views are written.
     ///
     /// # Errors
-    /// [`TilesError`] where outlines or terrain cannot be read, or files not be written.
+    /// [`TilesError`] where footprints or terrain cannot be read, or files not be written.
     pub(super) fn tiles(&self, layout: &Layout) -> Result<Vec<Tile>, TilesError> {
         let cores = self.cores.par_iter().zip(&self.grounds);
         cores.map(|(core, ground_m)| self.tile(layout, core, *ground_m)).collect()
@@ -177,7 +177,7 @@ impl<'a> City<'a> {
         let reads = PartHashes::of(
             self.config,
             &self.frame,
-            &outlines_around(self.config, halo, &self.renamed)?,
+            &footprints_around(self.config, halo, &self.renamed)?,
             &self.reviews,
         )?;
         Ok(Tile {
@@ -194,16 +194,16 @@ impl<'a> City<'a> {
     }
 }
 
-/// What a city would be settled to from nothing.
+/// Frame that a city would be settled to from nothing.
 fn settle(
     config: &RunConfig,
     settings: &PlanSettings,
     survey: &Survey,
-    outlines: &Outlines,
+    footprints: &CityFootprints,
     places: &Places,
     ground_m: [f64; 2],
 ) -> Result<CityFrame, TilesError> {
-    let Frame { origin, bounds, ground_spacing_m } = Frame::of_city(config, survey, outlines.extent, ground_m[1])?;
+    let Frame { origin, bounds, ground_spacing_m } = Frame::of_city(config, survey, footprints.extent, ground_m[1])?;
     let halo_m = settings.halo_m.unwrap_or_else(|| {
         let halo_m = HALO_BREADTHS * breadth_m(survey, ground_m);
         (halo_m / HALO_STEP_M).ceil() * HALO_STEP_M

@@ -1,4 +1,4 @@
-//! What a plan reads of the outlines and of the ground under them, without holding them.
+//! What a plan reads of the footprints and of the ground under them, without holding them.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use geo_types::Rect;
 use rayon::prelude::*;
 
 use crate::config::RunConfig;
-use crate::pipeline::{PipelineError, check_fallback, layer_of, outlines_around};
+use crate::pipeline::{PipelineError, check_fallback, footprints_around, layer_of};
 use crate::tiles::TilesError;
 use crate::tiles::grid::Core;
 use sizeup_footprints::{FootprintSource, LayerParts, RefusedFootprint};
@@ -14,29 +14,29 @@ use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::MapBox;
 
 /// The layer, gone through once.
-pub(super) struct Outlines {
-    /// Middle of each outline; map frame, metres.
+pub(super) struct CityFootprints {
+    /// Middle of each footprint; map frame, metres.
     pub middles: Vec<(f64, f64)>,
     /// Around all of them.
     pub extent: MapBox,
     /// Features whose ids are not what their attribute says ([`LayerParts::visit`]).
     pub renamed: BTreeMap<u64, String>,
-    /// Buildings without a usable outline.
+    /// Buildings without a usable footprint.
     pub refused: Vec<RefusedFootprint>,
-    /// What was repaired or refused.
+    /// Repairs and refusals.
     pub issues: Vec<Issue>,
 }
 
-impl Outlines {
+impl CityFootprints {
     /// Goes through the layer.
     ///
     /// # Errors
-    /// [`TilesError`] where it cannot be read, or none of its outlines can be used.
+    /// [`TilesError`] where it cannot be read, or none of its footprints can be used.
     pub(super) fn read(config: &RunConfig) -> Result<Self, TilesError> {
         use geo::BoundingRect as _;
         let (mut middles, mut refused, mut issues) = (Vec::new(), Vec::new(), Vec::new());
         let mut extent: Option<MapBox> = None;
-        // Holds as soon as one outline has what heights fall back on.
+        // Holds as soon as one footprint has what heights fall back on.
         let mut fallback = None;
         let renamed = LayerParts::open(&*layer_of(config)?, &config.project.crs)?.visit(&mut |found| {
             if !matches!(fallback, Some(Ok(()))) {
@@ -53,11 +53,11 @@ impl Outlines {
         })?;
         let Some(extent) = extent else {
             return Err(TilesError::Pipeline(PipelineError::Mismatch {
-                message: "none of the input's buildings has a usable outline".to_owned(),
+                message: "none of the input's buildings has a usable footprint".to_owned(),
                 hint: "`sizeup run --until footprints` tells why, building by building",
             }));
         };
-        // Of outlines found in photos the stage that found them has checked it.
+        // Of footprints found in photos the stage that found them has checked it.
         if matches!(config.footprints, FootprintSource::Layer(_)) {
             fallback.transpose()?;
         }
@@ -84,7 +84,7 @@ fn ground_of(config: &RunConfig, core: &Core, renamed: &BTreeMap<u64, String>) -
     if let Some(z_m) = config.terrain.constant_m.filter(|_| config.terrain.dtm.is_none()) {
         return Ok(Some([z_m, z_m]));
     }
-    let levels = outlines_around(config, core.area(), renamed)?.ground;
+    let levels = footprints_around(config, core.area(), renamed)?.ground;
     let levels = levels.into_iter().flatten().map(|level| level.reference_m);
     Ok(levels.fold(None, |range: Option<[f64; 2]>, z| range.map_or(Some([z, z]), |[a, b]| Some([a.min(z), b.max(z)]))))
 }

@@ -12,7 +12,7 @@ use serde_json::json;
 pub use self::settings::PlanSettings;
 
 use self::city::City;
-use self::layer::Outlines;
+use self::layer::CityFootprints;
 use self::settings::check;
 use super::frame::CityFrame;
 use super::grid::Places;
@@ -68,7 +68,7 @@ pub fn plan(
     make(config, settings, &layout, command, tell)
 }
 
-/// What a plan would be, and which tiles would have to be run; the city's folder stays as it is.
+/// Plan as it would be, and which tiles would have to be run; the city's folder stays as it is.
 ///
 /// # Errors
 /// As [`plan`].
@@ -133,15 +133,15 @@ fn make(
     let options = RunOptions { from: Stage::Survey, until: Stage::Survey, command: command.to_owned() };
     pipeline::run(config, &options, tell)?;
     tell(Event::Stage(Stage::Footprints));
-    let found = pipeline::find_outlines(config, command, tell)?;
+    let found = pipeline::find_footprints(config, command, tell)?;
     let survey = pipeline::survey_of(config)?;
-    let mut outlines = Outlines::read(config)?;
+    let mut footprints = CityFootprints::read(config)?;
     if let Some(found) = found {
-        (outlines.refused, outlines.issues) = (found.refused, found.issues);
+        (footprints.refused, footprints.issues) = (found.refused, found.issues);
     }
-    let places = Places::new(&outlines.middles);
+    let places = Places::new(&footprints.middles);
     let earlier = read_json::<CityFrame>(&layout.frame()).ok();
-    let city = City::new(config, settings, &survey, &outlines, places, earlier)?;
+    let city = City::new(config, settings, &survey, &footprints, places, earlier)?;
     can_be_placed(config, settings.tileset, &city)?;
     let tiles = city.tiles(layout)?;
     let inputs = shared_inputs(config, settings, Some(&survey), &hashes)?;
@@ -161,22 +161,22 @@ fn make(
         tileset: settings.tileset,
         inputs,
         prior_files: config.prior.shared_files(),
-        renamed: outlines.renamed,
-        n_buildings: outlines.middles.len(),
+        renamed: footprints.renamed,
+        n_buildings: footprints.middles.len(),
         n_views: survey.views.len(),
         tiles,
     };
     write_json(&layout.frame(), &city.settled)?;
     let Survey { views, mut issues } = survey;
-    issues.extend(outlines.issues);
+    issues.extend(footprints.issues);
     let paths: Vec<&Path> = manifest.inputs.iter().map(|file| Path::new(&file.path)).collect();
     hashes.save(&layout.hashes("plan"), paths.into_iter())?;
-    write_json(&layout.common(), &Common { views, refused: outlines.refused, issues })?;
+    write_json(&layout.common(), &Common { views, refused: footprints.refused, issues })?;
     write_json(&layout.manifest(), &manifest)?;
     Ok(manifest)
 }
 
-/// What a plan is made from: all settings but where results go, how it is cut, and the files that all tiles share.
+/// Recipe of a plan: all settings but where results go, how it is cut, and the files that all tiles share.
 fn recipe_of(config: &RunConfig, settings: &PlanSettings, inputs: &[InputFile]) -> Recipe {
     let mut config = config.clone();
     config.project.output = PathBuf::new();
@@ -203,7 +203,7 @@ fn can_be_placed(config: &RunConfig, tileset: Tileset, city: &City<'_>) -> Resul
     }
 }
 
-/// The files that all tiles share; outlines that are found in photos of a survey come from as many files.
+/// The files that all tiles share; footprints that are found in photos of a survey come from as many files.
 fn shared_inputs(
     config: &RunConfig,
     settings: &PlanSettings,
@@ -213,12 +213,12 @@ fn shared_inputs(
     let none = Survey::default();
     let own = settings.config_file.iter().map(|path| ("config", path.clone()));
     let poses = pipeline::files_of(&config.survey.path).into_iter().map(|path| ("survey", path));
-    let outlines = pipeline::outline_files(config, survey.unwrap_or(&none));
-    let outlines = outlines.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path));
+    let footprints = pipeline::footprint_files(config, survey.unwrap_or(&none));
+    let footprints = footprints.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path));
     let terrain = config.terrain.dtm.iter().flat_map(|path| source::files_of(path)).map(|path| ("terrain", path));
     let reviews = config.reviews.iter().flat_map(|reviews| source::files_of(&reviews.path));
     let reviews = reviews.map(|path| ("reviews", path));
-    let all = own.chain(poses).chain(outlines).chain(terrain).chain(reviews);
+    let all = own.chain(poses).chain(footprints).chain(terrain).chain(reviews);
     let mut files: Vec<(&str, PathBuf)> = all.filter(|(_, path)| path.is_file()).collect();
     files.sort();
     files.dedup();
@@ -229,7 +229,7 @@ fn shared_inputs(
     hashed.collect()
 }
 
-/// What the plan of a configuration reads, file by file, without reading the poses: what an engine has to look at to know
+/// Inputs of a configuration's plan, file by file, without reading the poses: what an engine has to look at to know
 /// whether to plan again. Masks of photos are known to the plan alone.
 ///
 /// # Errors

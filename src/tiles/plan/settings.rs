@@ -16,7 +16,7 @@ const LARGEST_TILE_M: f64 = 100_000.0;
 /// Memory of a tile at most where nobody says how large tiles are to be, megabytes: what a node of a cluster has for a core.
 const DEFAULT_MEMORY_MB: u64 = 4000;
 
-/// How a city is cut.
+/// Settings of the cut of a city.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlanSettings {
     /// Side of the tiles, metres.
@@ -34,14 +34,14 @@ pub struct PlanSettings {
     pub n_threads: usize,
     /// The file that the configuration comes from, which is then part of the input.
     pub config_file: Option<PathBuf>,
-    /// What the merge is to make of heights.
+    /// Treatment of heights in the merge.
     pub tileset: Tileset,
     /// How much of what is known of files is believed.
     pub trust: Trust,
 }
 
 impl PlanSettings {
-    /// What decides how the city is cut.
+    /// Settings that decide how the city is cut.
     pub(super) fn cut(&self) -> serde_json::Value {
         let Self { size_m, n_buildings, halo_m, view_margin_m, memory_mb, .. } = self;
         json!({
@@ -60,7 +60,7 @@ impl PlanSettings {
 /// Refuses what no plan can be made of.
 ///
 /// # Errors
-/// [`TilesError`]: the preset `paper`, a terrain model made by the run, sizes out of range, roof outlines that move.
+/// [`TilesError`]: the preset `paper`, a terrain model made by the run, sizes out of range, roof contours that move.
 pub(super) fn check(config: &RunConfig, settings: &PlanSettings) -> Result<(), TilesError> {
     if config.optimise.preset == Preset::Paper {
         return Err(TilesError::PaperPreset);

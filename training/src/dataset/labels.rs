@@ -1,4 +1,4 @@
-//! Labels of one photo: outlines on the ground, roofs, what is visible.
+//! Labels of one photo: footprints on the ground, roofs, what is visible.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +16,7 @@ pub const UNKNOWN: u16 = u16::MAX;
 /// `H × W` each: index of the building + 1, 0 = none.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Labels {
-    /// Whose outline on the ground a pixel lies in; [`UNKNOWN`] where no outlines are.
+    /// Whose footprint a pixel lies in; [`UNKNOWN`] where there are none.
     pub ground: Raster<u16>,
     /// Whose roof.
     pub roof: Raster<u16>,
@@ -29,7 +29,7 @@ pub struct Labels {
 pub struct Instance {
     /// Index of the building + 1.
     pub label: u16,
-    /// Pixels of its outline on the ground.
+    /// Pixels of its footprint on the ground.
     pub area_px: usize,
     /// Share of these that no other building, tree or car hides.
     pub visible_share: f64,

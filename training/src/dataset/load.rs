@@ -40,7 +40,7 @@ pub struct Photo {
     pub relief: Vec<f32>,
     /// Which way upright things lean.
     pub lean: Lean,
-    /// Whose outline on the ground a pixel lies in.
+    /// Whose footprint on the ground a pixel lies in.
     pub ground: Raster<u16>,
 }
 
@@ -112,11 +112,11 @@ impl Set {
             if image.off_nadir_deg > NADIR_WITHIN_DEG {
                 let found =
                     format!("it looks {:.1}° off the nadir, expected {NADIR_WITHIN_DEG}° at most", image.off_nadir_deg);
-                return refuse(found, "outlines on the ground are learned from near-nadir photos: leave it out");
+                return refuse(found, "footprints on the ground are learned from near-nadir photos: leave it out");
             }
             if instances.get(&image.id) == Some(&0) {
-                let found = "it has no outlines; a network would learn that what it shows is no building".to_owned();
-                return refuse(found, "outline its buildings, or leave it out");
+                let found = "it has no footprints; a network would learn that what it shows is no building".to_owned();
+                return refuse(found, "draw its buildings, or leave it out");
             }
             let scene = self.manifest.scenes.iter().find(|s| s.name == image.scene);
             if scene.is_none_or(|s| s.split != split) {
@@ -190,7 +190,7 @@ impl Photo {
         self.lean.at(DVec2::new(col as f64 + 0.5, row as f64 + 0.5))
     }
 
-    /// Share of the pixels that lie in an outline.
+    /// Share of the pixels that lie in a footprint.
     #[must_use]
     pub fn built_share(&self) -> f64 {
         let n = self.ground.data().iter().filter(|l| **l != 0 && **l != UNKNOWN).count();

@@ -93,7 +93,7 @@ fn make_scene(scene: &SceneConfig, out: &Path, set: &mut CocoSet) -> Result<Scen
     };
     for view in &source.views {
         match make_photo(scene, &source, view, out, set)? {
-            None => entry.notes.push(format!("{}: it shows none of the outlines and is left out", view.id.0)),
+            None => entry.notes.push(format!("{}: it shows none of the footprints and is left out", view.id.0)),
             Some((n, n_occluded)) => {
                 entry.n_photos += 1;
                 entry.n_instances += n;
@@ -104,13 +104,13 @@ fn make_scene(scene: &SceneConfig, out: &Path, set: &mut CocoSet) -> Result<Scen
     }
     if entry.n_photos == 0 {
         return Err(TrainError::scene(&scene.name)(
-            "none of its photos shows any of its outlines\nhint: are poses and outlines in the CRS that they say?",
+            "none of its photos shows any of its footprints\nhint: are poses and footprints in the CRS that they say?",
         ));
     }
     Ok(entry)
 }
 
-/// Labels of one photo; how many instances, and how many of them hidden. Nothing where it shows no outline.
+/// Labels of one photo; how many instances, and how many of them hidden. Nothing where it shows no footprint.
 fn make_photo(
     scene: &SceneConfig,
     source: &Source,

@@ -1,10 +1,10 @@
-//! Sets to learn from: near-nadir photos with the outlines of all buildings *on the ground*, as in the paper's VertiFP.
+//! Sets to learn from: near-nadir photos with the footprints of all buildings *on the ground*, as in the paper's VertiFP.
 //!
 //! ```text
 //! SET/manifest.json              counts, licences, and every file with its size and SHA-256
-//! SET/train.json val.json test.json   COCO: an instance per building and photo, its outline on the ground
+//! SET/train.json val.json test.json   COCO: an instance per building and photo, its footprint on the ground
 //! SET/SCENE/images/*.jpg|png     photos                      SET/SCENE/priors/*.npy    depth, where there is any
-//! SET/SCENE/ground/*.png         16-bit: whose outline on the ground a pixel lies in; 65535: not known
+//! SET/SCENE/ground/*.png         16-bit: whose footprint on the ground a pixel lies in; 65535: not known
 //! SET/SCENE/roof/*.png           16-bit: whose roof, flat at the building's mean height
 //! SET/SCENE/visible/*.png        16-bit: which building the pixel shows
 //! ```
@@ -82,7 +82,7 @@ pub struct SceneConfig {
     pub photos: Option<PhotosConfig>,
 }
 
-/// Photos with poses, outlines and heights.
+/// Photos with poses, footprints and heights.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PhotosConfig {
@@ -90,16 +90,16 @@ pub struct PhotosConfig {
     pub crs: String,
     /// Poses and photos, as in a run's configuration.
     pub survey: SurveyConfig,
-    /// Outlines on the ground, as in a run's configuration.
+    /// Footprints on the ground, as in a run's configuration.
     pub footprints: FootprintConfig,
-    /// Attribute of the outlines with the height above the ground, metres.
+    /// Attribute of the footprints with the height above the ground, metres.
     pub height_field: String,
     /// The ground, as in a run's configuration.
     pub terrain: TerrainConfig,
     /// Depth of every photo, where there is any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prior: Option<FilePriorConfig>,
-    /// West, south, east, north of where *all* buildings are outlined, metres; beyond it photos say nothing. All of what the
+    /// West, south, east, north of where *all* buildings are footprintd, metres; beyond it photos say nothing. All of what the
     /// photos see where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub complete_m: Option<[f64; 4]>,

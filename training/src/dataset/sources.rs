@@ -1,4 +1,4 @@
-//! Scenes as they are: simulated here, or read from a user's photos, poses, outlines and heights.
+//! Scenes as they are: simulated here, or read from a user's photos, poses, footprints and heights.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -26,7 +26,7 @@ pub(super) struct Source {
     pub views: Vec<View>,
     /// What the numbers of `priors/*.npy` are, where there are any.
     pub prior: Option<PriorKind>,
-    /// Where all buildings are outlined.
+    /// Where all buildings are drawn.
     pub complete_m: Option<[f64; 4]>,
     /// What is to be said of it.
     pub notes: Vec<String>,
@@ -78,7 +78,7 @@ fn own(scene: &SceneConfig, config: &PhotosConfig, folder: &Path) -> Result<Sour
     if views.is_empty() {
         return Err(TrainError::scene(name)(format!(
             "none of its {n_all} photos looks nearly straight down (within 15 degrees)\n\
-             hint: networks of outlines learn from near-nadir photos; check the poses with `sizeup survey inspect`"
+             hint: networks of footprints learn from near-nadir photos; check the poses with `sizeup survey inspect`"
         )));
     }
     if views.len() < n_all {

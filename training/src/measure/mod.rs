@@ -3,7 +3,7 @@
 //! The protocol is `sizeup_lab::evaluate::photos`, as in `sizeup evaluate`: areas of each true instance and its counterpart,
 //! and detection at an intersection over union of a half beside them. Instances below [`LEAST_PX`] pixels count for nothing.
 //! The IoU of pixels is that of all buildings of a photo together, mean over photos: it does not see whether they are told apart.
-//! Outlines come through the same code as in `sizeup footprints`: tiles, borders, contours.
+//! Footprints come through the same code as in `sizeup footprints`: tiles, borders, contours.
 
 mod matching;
 mod sources;
@@ -111,11 +111,11 @@ fn measure_row(set: &Set, photos: &[Photo], row: &Row, pictures: Option<&Path>) 
                 None => row.labels(set, photo)?,
                 Some(source) => {
                     let view = sources::view_of(set, photo);
-                    let outlines = source.outlines(&view, LOOK).map_err(|e| TrainError::Scene {
+                    let contours = source.contours(&view, LOOK).map_err(|e| TrainError::Scene {
                         scene: scene.name.clone(),
                         problem: format!("{} on {}: {e}", row.name(), photo.image.file_name),
                     })?;
-                    let shapes: Vec<_> = outlines.into_iter().map(|o| o.shape_px).collect();
+                    let shapes: Vec<_> = contours.into_iter().map(|o| o.shape_px).collect();
                     fill(&shapes, photo.size)
                 }
             };
@@ -131,7 +131,7 @@ fn measure_row(set: &Set, photos: &[Photo], row: &Row, pictures: Option<&Path>) 
     Ok(Measured::of(row.name(), &counts))
 }
 
-/// A photo with true outlines in white and found ones in red.
+/// A photo with true footprints in white and found ones in red.
 fn picture(photo: &Photo, found: &Raster<u32>, path: &Path) -> Result<(), TrainError> {
     let (width, height) = photo.size;
     let mut bytes = Vec::with_capacity(3 * width * height);

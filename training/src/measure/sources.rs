@@ -6,7 +6,7 @@ use std::sync::Arc;
 use candle_core::Device;
 use geo_types::{LineString, MultiPolygon};
 use glam::{DMat3, DVec3};
-use sizeup_footprints::{MaskConfig, MaskFiles, OutlineSource, Segmenter, SegmenterConfig};
+use sizeup_footprints::{ContourSource, MaskConfig, MaskFiles, Segmenter, SegmenterConfig};
 use sizeup_heights::camera::Camera;
 use sizeup_heights::frames::Rigid;
 use sizeup_heights::ids::ViewId;
@@ -36,7 +36,7 @@ pub enum Row {
         /// Probability of a border up to which a pixel is the core of a building; the profile's where left out.
         core: Option<f32>,
     },
-    /// Outlines of another program: a COCO file that names photos as the set does.
+    /// Footprints of another program: a COCO file that names photos as the set does.
     Coco {
         /// Its name in the table.
         name: String,
@@ -56,13 +56,13 @@ impl Row {
         }
     }
 
-    /// What gives outlines for the photos of a scene; nothing for masks of the set.
+    /// What gives footprints for the photos of a scene; nothing for masks of the set.
     pub(super) fn open(
         &self,
         set: &Set,
         scene: &str,
         first: &Photo,
-    ) -> Result<Option<Box<dyn OutlineSource>>, TrainError> {
+    ) -> Result<Option<Box<dyn ContourSource>>, TrainError> {
         let failed = |e: &dyn std::fmt::Display| TrainError::Scene { scene: scene.to_owned(), problem: e.to_string() };
         match self {
             Self::Roofs | Self::Visible => Ok(None),

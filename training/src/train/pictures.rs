@@ -66,7 +66,7 @@ fn line(picture: &mut RgbImage, from: (f64, f64), to: (f64, f64), colour: Rgb<u8
     }
 }
 
-/// Photos one above the other: outlines on the ground in white, what is found in red, borders that are found in cyan.
+/// Photos one above the other: footprints on the ground in white, what is found in red, borders that are found in cyan.
 pub(super) fn overlays(shown: &[(&Scene, Tensor)], path: &Path) -> Result<(), TrainError> {
     let mut rows = Vec::new();
     let mut size = (0, 0);

@@ -74,7 +74,7 @@ fn a_set_with_something_wrong_says_what_and_where() {
     let without = |c: &mut serde_json::Value| {
         c["annotations"].as_array_mut().unwrap().retain(|a| a["image_id"] != image.id as u64)
     };
-    refused(changed(&without), &[&image.file_name, "has no outlines"]);
+    refused(changed(&without), &[&image.file_name, "has no footprints"]);
     refused(changed(&|c| c["annotations"][0]["image_id"] = 999.into()), &["photo 999"]);
     refused(changed(&|c| c["images"][0]["scene"] = "b".into()), &["not in the split \"train\""]);
 }
@@ -120,7 +120,7 @@ fn photos_of_ones_own_become_a_set_and_oblique_ones_do_not() {
     assert_eq!(manifest.scenes[0].n_instances, simulated.manifest.scenes[0].n_instances);
     let own = Set::open(&folder.path().join("own")).unwrap().photos(Split::Test).unwrap();
     let expected = simulated.photos(Split::Train).unwrap();
-    // The same outlines, from the layer rather than from the simulation: single pixels of the border may fall otherwise.
+    // The same footprints, from the layer rather than from the simulation: single pixels of the border may fall otherwise.
     let labels = |p: &sizeup_training::dataset::load::Photo| p.ground.map(|l| *l != 0);
     let off = labels(&own[0]).data().iter().zip(labels(&expected[0]).data()).filter(|(a, b)| a != b).count();
     assert!(off < 40 && own[0].relief.len() == 160 * 128, "{off}");

@@ -1,4 +1,4 @@
-//! From agreed outlines to a layer: cleaned, named, and with what is known of how each was seen.
+//! From agreed footprints to a layer: cleaned, named, and with what is known of how each was seen.
 
 use geo::{Area as _, BoundingRect as _};
 use geo_types::Polygon;
@@ -8,8 +8,8 @@ use serde_json::{Map as JsonMap, Value};
 use super::{Detection, DetectionSummary, PlacedCandidate, Sighting, Track, Tracks};
 use crate::clean::{self, Rules};
 use crate::consensus::Consensus;
+use crate::contours::ContourKind;
 use crate::georeference::PlaceError;
-use crate::outlines::OutlineKind;
 use crate::source::DetectionSettings;
 use crate::{Footprint, RefusedFootprint, identity};
 use sizeup_geo::issue::{Issue, Severity, Subject};
@@ -23,18 +23,18 @@ pub(super) struct Builder<'a> {
     pub views: &'a [View],
     /// Under them.
     pub terrain: &'a Terrain,
-    /// How outlines are drawn.
+    /// Rules for drawing footprints.
     pub settings: DetectionSettings<'a>,
-    /// What single views show.
+    /// Candidates of single views.
     pub placed: Vec<PlacedCandidate>,
     /// The same as the photos show it, for roofs.
     pub tracks: Vec<Track>,
-    /// What there is so far.
+    /// Result so far.
     pub detection: Detection,
 }
 
 impl Builder<'_> {
-    /// Outlines on the output grid that can be extruded; refused ones go into the layer at once.
+    /// Footprints on the output grid that can be extruded; refused ones go into the layer at once.
     pub(super) fn clean(
         &mut self,
         buildings: Vec<Consensus>,
@@ -81,7 +81,7 @@ impl Builder<'_> {
         kept
     }
 
-    /// Puts outlines into the layer, with ids.
+    /// Puts footprints into the layer, with ids.
     pub(super) fn add(&mut self, buildings: Vec<(Polygon<f64>, Consensus)>) {
         let ids = identity::ids(buildings.iter().map(|(polygon, _)| polygon));
         let mut tracks = Tracks::default();
@@ -90,13 +90,13 @@ impl Builder<'_> {
             for &member in &building.members {
                 self.placed[member].building = Some(i);
             }
-            if self.settings.outline == OutlineKind::Roof {
+            if self.settings.contour == ContourKind::Roof {
                 tracks.buildings.push(building.members.iter().map(|&m| self.tracks[m].clone()).collect());
             }
             self.detection.layer.footprints.push(footprint(id, polygon, &sighting));
             self.detection.sightings.push(sighting);
         }
-        self.detection.tracks = (self.settings.outline == OutlineKind::Roof).then_some(tracks);
+        self.detection.tracks = (self.settings.contour == ContourKind::Roof).then_some(tracks);
     }
 
     fn sighting(&self, polygon: &Polygon<f64>, building: &Consensus) -> Sighting {

@@ -6,34 +6,34 @@ use glam::DVec3;
 
 use super::{BORDER_PX, Track};
 use crate::candidate::Candidate;
+use crate::contours::{ContourKind, ContourSource, Look, ViewFault};
 use crate::georeference::{PlaceError, Projector, Surface, ground_pixel_m};
-use crate::outlines::{Look, OutlineKind, OutlineSource, ViewFault};
 use crate::source::DetectionSettings;
-use crate::vectorise::Outline;
+use crate::vectorise::Contour;
 use sizeup_geo::terrain::Terrain;
 use sizeup_survey::View;
 
-/// Contours are thinned to this share of the outlines' tolerance before views vote.
+/// Contours are thinned to this share of the footprints' tolerance before views vote.
 const CONTOUR_SHARE: f64 = 0.1;
 /// Parts of a candidate below this share of the least building are specks.
 const SPECK_SHARE: f64 = 0.25;
 
-/// What one view shows.
+/// Candidates of one view.
 pub(super) struct Looked {
-    /// What it sees of the ground.
+    /// Ground that it sees.
     pub seen: Polygon<f64>,
-    /// Outlines in the photo, on the ground, and how far off they may be.
-    pub outlines: Vec<(Outline, MultiPolygon<f64>, PlaceError)>,
-    /// Outlines that the terrain does not reach under.
+    /// Contours in the photo, on the ground, and how far off they may be.
+    pub contours: Vec<(Contour, MultiPolygon<f64>, PlaceError)>,
+    /// Contours that the terrain does not reach under.
     pub n_off_terrain: usize,
 }
 
-/// Looks for outlines in a view and lays them on the ground.
+/// Looks for contours in a view and lays them on the ground.
 ///
 /// # Errors
 /// [`ViewFault`], with which the view has none.
 pub(super) fn look_at(
-    source: &dyn OutlineSource,
+    source: &dyn ContourSource,
     view: &View,
     terrain: &Terrain,
     settings: DetectionSettings<'_>,
@@ -45,26 +45,26 @@ pub(super) fn look_at(
         min_area_px2: SPECK_SHARE * settings.consensus.min_area_m2 / (pixel_m * pixel_m),
         tolerance_px: CONTOUR_SHARE * settings.consensus.tolerance_m / pixel_m,
     };
-    let found = source.outlines(view, look)?;
+    let found = source.contours(view, look)?;
     let n_found = found.len();
-    let outlines: Vec<_> = found
+    let contours: Vec<_> = found
         .into_iter()
-        .filter_map(|outline| {
-            let shape = match settings.outline {
-                OutlineKind::Ground => on_ground.shape(&outline.shape_px)?,
-                OutlineKind::Roof => roof(view, terrain, &outline.shape_px, settings.consensus.roof_heights_m[0])?,
+        .filter_map(|contour| {
+            let shape = match settings.contour {
+                ContourKind::Ground => on_ground.shape(&contour.shape_px)?,
+                ContourKind::Roof => roof(view, terrain, &contour.shape_px, settings.consensus.roof_heights_m[0])?,
             };
             let centre = shape.centroid()?;
             let z = terrain.height_at(centre.x(), centre.y())?;
             let error = PlaceError::at(view, DVec3::new(centre.x(), centre.y(), z), settings.accuracy);
-            Some((outline, shape, error))
+            Some((contour, shape, error))
         })
         .collect();
-    let n_off_terrain = n_found - outlines.len();
-    Ok(Looked { seen, outlines, n_off_terrain })
+    let n_off_terrain = n_found - contours.len();
+    Ok(Looked { seen, contours, n_off_terrain })
 }
 
-/// A roof's outline at a height above the ground under its middle.
+/// A roof's contour at a height above the ground under its middle.
 fn roof(view: &View, terrain: &Terrain, shape_px: &MultiPolygon<f64>, height_m: f64) -> Option<MultiPolygon<f64>> {
     let middle_px = shape_px.centroid()?.into();
     let first = Projector::new(view, Surface::Terrain(terrain)).point(middle_px)?;

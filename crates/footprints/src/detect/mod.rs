@@ -1,4 +1,4 @@
-//! From the outlines that nadir views show to one layer of buildings.
+//! From the contours that nadir views show to one layer of buildings.
 
 mod build;
 mod look;
@@ -15,12 +15,12 @@ pub use roofs::move_roofs;
 
 use self::build::Builder;
 use self::look::{Looked, look_at, raised};
-use super::cadastre::{self, Change, OutlineFrom};
+use super::cadastre::{self, Change, FootprintFrom};
 use super::candidate::{Candidate, SeenGround};
 use super::cluster::Dropped;
 use super::consensus;
+use super::contours::{ContourKind, ContourSource, ViewFault};
 use super::layer::FootprintError;
-use super::outlines::{OutlineKind, OutlineSource, ViewFault};
 use super::source::DetectionSettings;
 use super::{Footprint, FootprintLayer};
 use sizeup_geo::crs::Crs;
@@ -28,34 +28,34 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::Terrain;
 use sizeup_survey::{View, ViewKind};
 
-/// How far the image's border is drawn in: contours end on it, pixels.
+/// Distance by which the image's border is drawn in: contours end on it, pixels.
 const BORDER_PX: f64 = 1.5;
 
 /// A candidate with where it ended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacedCandidate {
-    /// Its view, as a position in the survey.
+    /// View, as a position in the survey.
     pub view: usize,
-    /// Its outline on the ground; map frame, metres.
+    /// Footprint on the ground; map frame, metres.
     pub shape: MultiPolygon<f64>,
-    /// What the segmenter gives it.
+    /// Score by the segmenter.
     pub score: f32,
     /// Whether the image's border cuts it off.
     pub is_cut: bool,
-    /// Standard deviation of its outline, metres.
+    /// Standard deviation of its footprint, metres.
     pub sigma_m: f64,
     /// Position of its building in the layer, if it is in one.
     pub building: Option<usize>,
 }
 
-/// How a building was seen.
+/// Sightings of a building.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sighting {
     /// Views that show it.
     pub n_views: usize,
     /// Views that see its place.
     pub n_seen: usize,
-    /// Mean intersection over union of the views with the outline.
+    /// Mean intersection over union of the views with the footprint.
     pub agreement: f64,
     /// Share of the views that show it times agreement: 0 to 1, not calibrated.
     pub confidence: f64,
@@ -63,21 +63,21 @@ pub struct Sighting {
     pub corner_sigma_m: Vec<f64>,
     /// Whether no single view shows it whole.
     pub is_assembled: bool,
-    /// Area of what views agree on beside its outline, in pieces that touch it in a corner at most, m².
+    /// Area of what views agree on beside its footprint, in pieces that touch it in a corner at most, m².
     #[serde(default)]
     pub left_out_m2: f64,
     /// Against an existing layer.
     pub change: Option<Change>,
 }
 
-/// How much there was.
+/// Counts.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct DetectionSummary {
     /// Nadir views that were looked at.
     pub n_views: usize,
-    /// Of these, views without usable outlines.
+    /// Views without usable contours among these.
     pub n_views_without: usize,
-    /// Outlines in all views.
+    /// Contours in all views.
     pub n_candidates: usize,
     /// Buildings that better supported ones contradict.
     pub n_contradicted: usize,
@@ -89,21 +89,21 @@ pub struct DetectionSummary {
     pub by_change: BTreeMap<Change, usize>,
 }
 
-/// What roofs need to be moved again: the outlines as the photos show them.
+/// Input to move roofs again: the contours as the photos show them.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tracks {
-    /// Per building of the layer: position of the view in the survey, and the outline in pixels of its photo.
+    /// Per building of the layer: position of the view in the survey, and the contour in pixels of its photo.
     pub buildings: Vec<Vec<Track>>,
 }
 
-/// One outline of one building in one photo.
+/// The contour of one building in one photo.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Track {
     /// Position of the view in the survey.
     pub view: usize,
     /// Pixels of the photo.
     pub shape_px: MultiPolygon<f64>,
-    /// What the segmenter gives it.
+    /// Score by the segmenter.
     pub score: f32,
     /// Whether the image's border cuts it off.
     pub is_cut: bool,
@@ -114,24 +114,24 @@ pub struct Track {
 pub struct Detection {
     /// The buildings.
     pub layer: FootprintLayer,
-    /// How each of the layer's footprints was seen, in order.
+    /// Sightings of each of the layer's footprints, in order.
     pub sightings: Vec<Sighting>,
     /// Everything that single views show.
     pub candidates: Vec<PlacedCandidate>,
     /// Buildings of an existing layer that are gone.
     pub vanished: Vec<Footprint>,
-    /// For roof outlines.
+    /// For roof contours.
     pub tracks: Option<Tracks>,
-    /// How much there was.
+    /// Counts.
     pub summary: DetectionSummary,
 }
 
 /// Finds the buildings that the nadir views show.
 ///
 /// # Errors
-/// [`FootprintError`] if a setting is out of range, no view looks down, or no view has outlines.
+/// [`FootprintError`] if a setting is out of range, no view looks down, or no view has contours.
 pub fn detect(
-    source: &dyn OutlineSource,
+    source: &dyn ContourSource,
     views: &[View],
     terrain: &Terrain,
     settings: DetectionSettings<'_>,
@@ -142,7 +142,7 @@ pub fn detect(
     if nadir.is_empty() {
         return Err(FootprintError::Masks {
             problem: format!("none of the {} views looks straight down", views.len()),
-            hint: "outlines are found in views within 15° of the vertical; check the angle convention of the poses"
+            hint: "footprints are found in views within 15° of the vertical; check the angle convention of the poses"
                 .to_owned(),
         });
     }
@@ -163,21 +163,21 @@ pub fn detect(
             }
         };
         if looked.n_off_terrain > 0 {
-            let message = format!("{} of its outlines reach beyond the terrain and are left out", looked.n_off_terrain);
+            let message = format!("{} of its contours reach beyond the terrain and are left out", looked.n_off_terrain);
             let subject = Subject::View(views[view].id.0.clone());
             issues.push(
-                Issue::new(Severity::Note, "outlines_off_terrain", subject, message)
+                Issue::new(Severity::Note, "contours_off_terrain", subject, message)
                     .hint("use a terrain model that covers what the views see"),
             );
         }
-        for (outline, shape, error) in looked.outlines {
+        for (contour, shape, error) in looked.contours {
             let sigma_m = error.sigma_m(settings.accuracy);
             let weight = sigma_m.powi(2).max(1e-6).recip();
-            let (score, is_cut) = (outline.score, outline.is_cut);
+            let (score, is_cut) = (contour.score, contour.is_cut);
             placed.push(PlacedCandidate { view, shape: shape.clone(), score, is_cut, sigma_m, building: None });
             candidates.push(Candidate { view: seen.len(), shape, weight, score, is_cut });
-            if settings.outline == OutlineKind::Roof {
-                tracks.push(Track { view, shape_px: outline.shape_px, score, is_cut });
+            if settings.contour == ContourKind::Roof {
+                tracks.push(Track { view, shape_px: contour.shape_px, score, is_cut });
             }
         }
         seen.push(SeenGround { area: looked.seen });
@@ -185,14 +185,14 @@ pub fn detect(
     if seen.is_empty() {
         let (first, hint) = issues.into_iter().next().map_or_else(Default::default, |i| (i.message, i.hint));
         return Err(FootprintError::Masks {
-            problem: format!("none of the {} nadir views has usable outlines; of the first, {first}", nadir.len()),
+            problem: format!("none of the {} nadir views has usable contours; of the first, {first}", nadir.len()),
             hint: hint.unwrap_or_default(),
         });
     }
     summary.n_candidates = candidates.len();
-    let agreed = match settings.outline {
-        OutlineKind::Ground => consensus::agree(&candidates, &seen, settings.consensus),
-        OutlineKind::Roof => {
+    let agreed = match settings.contour {
+        ContourKind::Ground => consensus::agree(&candidates, &seen, settings.consensus),
+        ContourKind::Roof => {
             let heights_m = &settings.consensus.roof_heights_m;
             let levels: Vec<Vec<Candidate>> = heights_m
                 .par_iter()
@@ -207,8 +207,8 @@ pub fn detect(
     (summary.n_contradicted, summary.n_unsupported) = (n_contradicted, n_unsupported);
 
     let mut builder = Builder { views, terrain, settings, placed, tracks, detection: Detection::default() };
-    let outlines = builder.clean(agreed.buildings, &mut issues, &mut summary);
-    builder.add(outlines);
+    let footprints = builder.clean(agreed.buildings, &mut issues, &mut summary);
+    builder.add(footprints);
     let Builder { mut detection, placed, .. } = builder;
     detection.candidates = placed;
     if let Some(config) = settings.cadastre {
@@ -271,15 +271,15 @@ fn check(settings: &DetectionSettings<'_>) -> Result<(), FootprintError> {
     within("accuracy.terrain_m", a.terrain_m, 0.0, 100.0, "0 to 100 m")
 }
 
-/// What every single mask allows and all together do not.
+/// Faults that every single mask allows and all together do not.
 fn suspicious(looked: &[Result<Looked, ViewFault>]) -> Option<Issue> {
-    let outlines = || looked.iter().flatten().flat_map(|l| &l.outlines);
+    let contours = || looked.iter().flatten().flat_map(|l| &l.contours);
     let warn = |code: &str, message: String, hint: &str| {
         Some(Issue::new(Severity::Warning, code, Subject::Input("footprints".to_owned()), message).hint(hint))
     };
-    let n = outlines().count();
-    let n_in_parts = outlines().filter(|(outline, ..)| outline.shape_px.0.len() > 1).count();
-    let n_empty = looked.iter().flatten().filter(|l| l.outlines.is_empty() && l.n_off_terrain == 0).count();
+    let n = contours().count();
+    let n_in_parts = contours().filter(|(contour, ..)| contour.shape_px.0.len() > 1).count();
+    let n_empty = looked.iter().flatten().filter(|l| l.contours.is_empty() && l.n_off_terrain == 0).count();
     if n == 0 && n_empty > 0 {
         let message = format!("the masks of all {n_empty} nadir photos are empty: there is no building");
         return warn("masks_empty", message, "check `kind`, `above` and, for COCO, `category` if there are buildings");
@@ -295,26 +295,26 @@ fn suspicious(looked: &[Result<Looked, ViewFault>]) -> Option<Issue> {
     None
 }
 
-/// Buildings that views show in several pieces, of which the largest became the outline: those that lost as much as a
-/// building. Where a layer's outline is taken, nothing is lost.
+/// Buildings that views show in several pieces, of which the largest became the footprint: those that lost as much as a
+/// building. Where a layer's footprint is taken, nothing is lost.
 fn left_out(detection: &Detection, settings: &DetectionSettings<'_>) -> Vec<Issue> {
-    let has_own_outline = |change: Option<Change>| {
-        let is_of_layer = settings.cadastre.is_some_and(|config| config.outline_from == OutlineFrom::Layer);
+    let has_own_footprint = |change: Option<Change>| {
+        let is_of_layer = settings.cadastre.is_some_and(|config| config.footprint_from == FootprintFrom::Layer);
         !(is_of_layer && change == Some(Change::Matched))
     };
     let least_m2 = settings.consensus.min_area_m2;
     let buildings = detection.layer.footprints.iter().zip(&detection.sightings);
-    let lost = buildings.filter(|(_, seen)| seen.left_out_m2 >= least_m2 && has_own_outline(seen.change));
+    let lost = buildings.filter(|(_, seen)| seen.left_out_m2 >= least_m2 && has_own_footprint(seen.change));
     let tell = |(footprint, seen): (&Footprint, &Sighting)| {
         let (kept_m2, lost_m2) = (footprint.polygon.unsigned_area(), seen.left_out_m2);
         let message = format!(
-            "the photos show it in pieces that touch in a corner at most: its outline is the largest, {kept_m2:.1} m², and \
+            "the photos show it in pieces that touch in a corner at most: its footprint is the largest, {kept_m2:.1} m², and \
              {lost_m2:.1} m² ({:.0} % of all) are left out",
             100.0 * lost_m2 / (kept_m2 + lost_m2)
         );
         let subject = Subject::Building(footprint.id.to_string());
         let issue = Issue::new(Severity::Warning, "footprint_pieces_left_out", subject, message)
-            .hint("outline each piece as a building of its own in the masks, or mend masks that cross themselves");
+            .hint("draw each piece as a building of its own in the masks, or mend masks that cross themselves");
         match footprint.middle() {
             Some((x, y)) => issue.at(x, y),
             None => issue,
@@ -323,7 +323,7 @@ fn left_out(detection: &Detection, settings: &DetectionSettings<'_>) -> Vec<Issu
     lost.map(tell).collect()
 }
 
-/// What was left out, in numbers: single ones are in the layer of candidates.
+/// Numbers of what was left out: single ones are in the layer of candidates.
 fn tell(summary: &DetectionSummary, issues: &mut Vec<Issue>) {
     let mut note = |n: usize, code: &str, what: &str, hint: &str| {
         if n > 0 {
@@ -331,7 +331,7 @@ fn tell(summary: &DetectionSummary, issues: &mut Vec<Issue>) {
                 Severity::Note,
                 code,
                 Subject::Input("footprints".to_owned()),
-                format!("{n} outlines {what}"),
+                format!("{n} contours {what}"),
             );
             issues.push(issue.hint(hint));
         }

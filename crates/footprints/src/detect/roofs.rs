@@ -1,4 +1,4 @@
-//! Roof outlines, once the roofs' heights are known.
+//! Contours of roofs, once the roofs' heights are known.
 
 use geo::{Area as _, Centroid as _};
 use glam::DVec3;
@@ -12,7 +12,7 @@ use crate::georeference::{PlaceError, Projector, Surface};
 use crate::source::DetectionSettings;
 use sizeup_survey::View;
 
-/// Lays roof outlines at the roofs' heights anew: `roof_z_m` per building of the layer, `None` leaves it as it is.
+/// Lays roof contours at the roofs' heights anew: `roof_z_m` per building of the layer, `None` leaves it as it is.
 /// Returns how far the corners' mean moved, metres, per building.
 ///
 /// # Errors

@@ -23,7 +23,7 @@ const MOST_VALUES: usize = 20_000;
 /// Relief beyond this is cut off, in spreads.
 const MOST: f32 = 6.0;
 
-/// How far things stand out of the ground's plane, `H × W` as the prior; 0 where it has no value.
+/// Height of things above the ground's plane, `H × W` as the prior; 0 where it has no value.
 #[must_use]
 pub fn relief(prior: &DepthPrior) -> Raster<f32> {
     let values = prior.values.map(|v| prior.disparity(*v));
@@ -87,14 +87,14 @@ fn cells(tile: Window, (columns, rows): (usize, usize)) -> impl Iterator<Item = 
 /// Which way, and how much, upright things lean in a photo.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lean {
-    /// Where the camera looks straight down, pixels.
+    /// Nadir of the camera, pixels.
     pub nadir_px: [f64; 2],
     /// Focal length, pixels.
     pub focal_px: f64,
 }
 
 impl Lean {
-    /// Of a view; `None` where its lens has no pixel for the nadir.
+    /// Geometry of a view; `None` where its lens has no pixel for the nadir.
     #[must_use]
     pub fn of(view: &View) -> Option<Self> {
         let nadir = view.camera.project(view.camera_from_map.vector(DVec3::NEG_Z))?;

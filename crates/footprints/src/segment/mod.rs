@@ -18,10 +18,10 @@ use self::profile::{Activation, Gives, SegmenterProfile, built_in, port};
 use self::tiles::{Apart, Joiner, Mosaic, at_photo_size, split};
 use super::cadastre::CadastreConfig;
 use super::consensus::ConsensusConfig;
+use super::contours::{ContourKind, ContourSource, Look, ViewFault};
 use super::georeference::AccuracyConfig;
 use super::layer::FootprintError;
-use super::outlines::{Look, OutlineKind, OutlineSource, ViewFault};
-use super::vectorise::{Instances, MaskFault, Outline, Vectorising, outlines, outlines_at_level};
+use super::vectorise::{Contour, Instances, MaskFault, Vectorising, contours, contours_at_level};
 use sizeup_geo::geodata::raster::{RasterFile, Resampling, Window};
 use sizeup_geo::paths::{PathVisitor, visit_template};
 use sizeup_heights::raster::Raster;
@@ -70,16 +70,16 @@ pub struct SegmenterConfig {
     #[serde(default = "default_min_score")]
     #[schemars(extend("x-expert" = true))]
     pub min_score: f32,
-    /// The part that the masks outline: "ground", where walls meet the ground, or "roof".
-    #[serde(default)]
-    pub outline: OutlineKind,
+    /// The contour that masks follow: "ground", where walls meet the ground, or "roof".
+    #[serde(default, alias = "outline")]
+    pub contour: ContourKind,
     /// Depth of every photo from files, for networks that take it; by `{stem}` or `{name}`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth: Option<FilePriorConfig>,
     /// How accurate masks, poses and terrain are.
     #[serde(default)]
     pub accuracy: AccuracyConfig,
-    /// How views become one outline per building.
+    /// How views become one footprint per building.
     #[serde(default)]
     pub consensus: ConsensusConfig,
     /// An existing layer whose ids and attributes are kept.
@@ -113,7 +113,7 @@ impl SegmenterConfig {
             above: default_above(),
             core: None,
             min_score: default_min_score(),
-            outline: OutlineKind::default(),
+            contour: ContourKind::default(),
             depth: None,
             accuracy: AccuracyConfig::default(),
             consensus: ConsensusConfig::default(),
@@ -148,7 +148,7 @@ impl SegmenterConfig {
     }
 }
 
-/// How an image goes into a graph.
+/// Way of an image into a graph.
 #[derive(Debug, Clone)]
 struct Inlet {
     name: String,
@@ -157,7 +157,7 @@ struct Inlet {
     std: [f32; 3],
 }
 
-/// What is known of a photo besides its colours.
+/// Geometry of a photo besides its colours.
 struct Geometry {
     relief: Option<Raster<f32>>,
     lean: Lean,
@@ -297,11 +297,11 @@ impl Segmenter {
         own.or_else(|| self.inlet.as_ref().map(|inlet| inlet.side)).unwrap_or(square)
     }
 
-    /// What a view's pose and depth say, for networks that take it.
+    /// Geometry by a view's pose and depth, for networks that take it.
     fn geometry_of(&self, view: &View) -> Result<Geometry, ViewFault> {
         let lean = Lean::of(view).ok_or_else(|| ViewFault::Network {
             problem: "its nadir lies beyond the lens model".to_owned(),
-            hint: "networks that outline the ground see photos that look nearly straight down".to_owned(),
+            hint: "networks of contours on the ground see photos that look nearly straight down".to_owned(),
         })?;
         let relief = match &self.depth {
             None => None,
@@ -403,8 +403,8 @@ impl Segmenter {
     }
 }
 
-impl OutlineSource for Segmenter {
-    fn outlines(&self, view: &View, look: Look) -> Result<Vec<Outline>, ViewFault> {
+impl ContourSource for Segmenter {
+    fn contours(&self, view: &View, look: Look) -> Result<Vec<Contour>, ViewFault> {
         let path = view.image.as_deref().ok_or_else(|| ViewFault::Photo { reason: "it is not known".to_owned() })?;
         let photo = RasterFile::open(path).map_err(|e| ViewFault::Photo { reason: e.to_string() })?;
         let size = photo.size();
@@ -440,14 +440,14 @@ impl OutlineSource for Segmenter {
                 let mut maps = mosaics.into_iter().map(Mosaic::finish);
                 let Some(buildings) = maps.next() else { return Ok(Vec::new()) };
                 match maps.next() {
-                    None => outlines_at_level(&buildings, self.config.above, how).map_err(in_photo),
+                    None => contours_at_level(&buildings, self.config.above, how).map_err(in_photo),
                     Some(borders) => {
                         let apart = Apart {
                             above: self.config.above,
                             core: self.config.core.unwrap_or(self.profile.core),
                             least_px: (CORE_SHARE * look.min_area_px2).ceil() as usize,
                         };
-                        outlines(&split(&buildings, &borders, apart), how).map_err(in_photo)
+                        contours(&split(&buildings, &borders, apart), how).map_err(in_photo)
                     }
                 }
             }
@@ -464,9 +464,9 @@ impl OutlineSource for Segmenter {
                     joiner.add(tile, kept.map(|(map, score)| (at_photo_size(&map, tile), score)).collect());
                 }
                 let (labels, scores) = joiner.finish();
-                let mut found = outlines(&labels, how).map_err(in_photo)?;
-                for outline in &mut found {
-                    outline.score = scores[outline.label as usize].clamp(0.0, 1.0);
+                let mut found = contours(&labels, how).map_err(in_photo)?;
+                for contour in &mut found {
+                    contour.score = scores[contour.label as usize].clamp(0.0, 1.0);
                 }
                 Ok(found)
             }

@@ -84,7 +84,7 @@ pub(super) struct Joiner {
     labels: Raster<u32>,
     /// Per label, its score.
     scores: Vec<f32>,
-    /// How often each pixel was looked at.
+    /// Number of looks at each pixel.
     looks: Raster<u8>,
 }
 
@@ -145,7 +145,7 @@ impl Joiner {
     }
 }
 
-/// How buildings of a map are told apart.
+/// Rule that tells buildings of a map apart.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Apart {
     /// Probability above which there is a building.

@@ -35,14 +35,14 @@ pub(super) enum Claim {
     /// A number that leads out of the file.
     #[error("{what} {claimed}, the file has {length} bytes\nhint: it is cut off or damaged: copy it again")]
     Beyond {
-        /// What does.
+        /// Part that does.
         what: &'static str,
-        /// Where it would end.
+        /// Position at which it would end.
         claimed: u64,
         /// The file's length.
         length: u64,
     },
-    /// What it says of its compression contradicts itself.
+    /// Statement on its compression that contradicts itself.
     #[error(
         "its points are said to be compressed as {compressor}, its items are those of {LAYERED}\nhint: it is damaged: copy it again"
     )]
@@ -50,7 +50,7 @@ pub(super) enum Claim {
         /// The compressor.
         compressor: u16,
     },
-    /// Its chunks have fewer points than the file.
+    /// Chunks with fewer points than the file.
     #[error("its chunks have {counted} points, the file {n_points}\nhint: it is damaged: copy it again")]
     Uncounted {
         /// Points by the table of chunks.
@@ -63,7 +63,7 @@ pub(super) enum Claim {
     Item {
         /// The kind.
         kind: u16,
-        /// What is said to be its size, bytes.
+        /// Stated size, bytes.
         size: u16,
     },
     /// Points that are longer or shorter than what they are made of.
@@ -104,7 +104,7 @@ fn within(what: &'static str, claimed: u64, length: u64) -> Result<(), Claim> {
     if claimed <= length { Ok(()) } else { Err(Claim::Beyond { what, claimed, length }) }
 }
 
-/// What matters of a header.
+/// Parts of a header that matter.
 struct Header {
     header_size: u16,
     points_at: u32,
@@ -144,7 +144,7 @@ fn size_of_version(version: [u8; 2]) -> u16 {
     }
 }
 
-/// Where the extended records begin, how many there are, and the number of points.
+/// Start of the extended records, their number, and the number of points.
 fn bytes_of_1_4(file: &mut (impl Read + Seek)) -> Result<[u8; 20], Claim> {
     bytes(file, 235).ok_or(Claim::Cut("header"))
 }
@@ -189,7 +189,7 @@ fn check_points(file: &mut (impl Read + Seek), header: &Header, record: &[u8]) -
     if counted < header.n_points { Err(Claim::Uncounted { counted, n_points: header.n_points }) } else { Ok(()) }
 }
 
-/// Where the chunk table is: said in front of the points, or by writers that cannot go back at the end; `None` without one.
+/// Position of the chunk table: said in front of the points, or by writers that cannot go back at the end; `None` without one.
 fn table_place(file: &mut (impl Read + Seek), points_at: u64, length: u64) -> Result<Option<u64>, Claim> {
     for at in [points_at, length.saturating_sub(8)] {
         let place = u64_at(&bytes::<8>(file, at).ok_or(Claim::Cut("chunk table"))?, 0);
@@ -262,7 +262,7 @@ impl<R: Seek> Seek for UpTo<R> {
     }
 }
 
-/// What `LASzip` says of its compression; `None` where it says nothing.
+/// Statement of `LASzip` on its compression; `None` where it says nothing.
 fn laszip_record(file: &mut (impl Read + Seek), header: &Header) -> Result<Option<Vec<u8>>, Claim> {
     let mut at = u64::from(header.header_size);
     for _ in 0..header.n_records {
@@ -312,7 +312,7 @@ fn layers_of(record: &[u8]) -> Result<Option<u64>, Claim> {
     Ok((compressor == LAYERED).then(|| n.sum()))
 }
 
-/// Where `LASzip`'s record lists what a point is made of.
+/// Offset at which `LASzip`'s record lists what a point is made of.
 const ITEMS_AT: usize = 34;
 
 /// Kind, size and version of each item of a point.

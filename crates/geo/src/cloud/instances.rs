@@ -23,7 +23,7 @@ pub(super) fn instances(vlrs: &[Vlr], points: &PointData) -> Vec<Option<u32>> {
     if found.iter().any(Option::is_some) { found } else { Vec::new() }
 }
 
-/// Where among the extra bytes the dimension lies, and how it is stored.
+/// Offset of the dimension among the extra bytes, and its storage.
 fn dimension(vlrs: &[Vlr]) -> Option<(usize, Kind)> {
     let record = vlrs.iter().find(|vlr| vlr.user_id == RECORD.0 && vlr.record_id == RECORD.1)?;
     let mut offset = 0;
@@ -50,7 +50,7 @@ fn size(code: u8, options: u8) -> Option<usize> {
     }
 }
 
-/// How a number is stored, little-endian.
+/// Storage of a number, little-endian.
 #[derive(Debug, Clone, Copy)]
 enum Kind {
     Unsigned(usize),

@@ -1,4 +1,4 @@
-//! Point clouds: reading them, and telling which points belong to which outline.
+//! Point clouds: reading them, and telling which points belong to which footprint.
 //!
 //! | file | instances | classes |
 //! |---|---|---|

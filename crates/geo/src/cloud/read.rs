@@ -35,7 +35,7 @@ pub enum CloudError {
     Claim {
         /// The file.
         path: PathBuf,
-        /// What it claims.
+        /// Claim.
         problem: String,
     },
     /// A line of a text file is no point.
@@ -45,7 +45,7 @@ pub enum CloudError {
         path: PathBuf,
         /// Counted from 1.
         line: usize,
-        /// What stands there.
+        /// Text found there.
         text: String,
     },
     /// Clouds of one folder that do not go together.

@@ -3,7 +3,7 @@
 
 use super::{Crs, CrsError, Grid, Transform, Transform3d, grids};
 
-/// How far a transformation may be off.
+/// Accuracy of a transformation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Accuracy {
     /// Nothing but a projection: rounding.
@@ -25,7 +25,7 @@ impl std::fmt::Display for Accuracy {
 }
 
 impl Accuracy {
-    /// Of an operation that has just moved a point.
+    /// Accuracy of an operation that has just moved a point.
     pub(super) fn of(operation: &proj::Proj) -> Self {
         let accuracy = operation.proj_info().accuracy;
         if accuracy >= 0.0 { Self::Metres(accuracy) } else { Self::Unknown }
@@ -37,7 +37,7 @@ impl Accuracy {
 pub struct Better {
     /// Name of the operation.
     pub name: String,
-    /// Its accuracy, metres.
+    /// Accuracy, metres.
     pub accuracy_m: f64,
     /// The file, and where to get it.
     pub grid: Grid,
@@ -50,7 +50,7 @@ impl std::fmt::Display for Better {
 }
 
 impl Transform {
-    /// How well the operation is known that moves a point of the source.
+    /// Accuracy of the operation that moves a point of the source.
     ///
     /// # Errors
     /// [`CrsError::Point`] outside the operation's domain.
@@ -81,7 +81,7 @@ impl Transform {
 }
 
 impl Transform3d {
-    /// How well the operation is known that moves a place, by its longitude and latitude in the source.
+    /// Accuracy of the operation that moves a place, by its longitude and latitude in the source.
     #[must_use]
     pub fn accuracy_at(&self, lon_deg: f64, lat_deg: f64) -> Accuracy {
         // GDAL, which moves points with their heights, does not tell; PROJ chooses the same operation.

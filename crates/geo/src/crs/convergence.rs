@@ -17,7 +17,7 @@ const HALF_STEP_M: f64 = 50.0;
 /// The same along a meridian, degrees.
 const HALF_STEP_DEG: f64 = 0.0005;
 
-/// How the source's axes lie in the target grid at one point.
+/// Axes of the source in the target grid at one point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridNorth {
     /// Azimuth of the source's north in the target grid, clockwise, radians.
@@ -38,7 +38,7 @@ impl GridNorth {
 }
 
 impl Transform {
-    /// How the source's north lies in the target grid at a point of the source.
+    /// Direction of the source's north in the target grid at a point of the source.
     ///
     /// # Errors
     /// [`CrsError::Point`] outside the operation's domain.
@@ -74,7 +74,7 @@ impl TrueNorth {
         })
     }
 
-    /// How true north lies in the grid at an easting and northing.
+    /// Direction of true north in the grid at an easting and northing.
     ///
     /// # Errors
     /// [`CrsError::Point`] outside the projection's domain.

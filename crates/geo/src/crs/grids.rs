@@ -6,9 +6,9 @@ use gdal::vector::{Feature, LayerAccess as _, sql::Dialect};
 
 use super::{Better, Crs};
 
-/// Where PROJ's own grid files are handed out, and `projsync` gets them.
+/// Address at which PROJ's own grid files are handed out, and `projsync` gets them.
 const HANDED_OUT: &str = "https://cdn.proj.org/";
-/// How names of grid files end.
+/// Endings of the names of grid files.
 const ENDINGS: [&str; 4] = ["tif", "gsb", "gtx", "ct2"];
 
 /// A grid file of a transformation.
@@ -16,7 +16,7 @@ const ENDINGS: [&str; 4] = ["tif", "gsb", "gtx", "ct2"];
 pub struct Grid {
     /// The file's name.
     pub name: String,
-    /// Where it is handed out; empty where PROJ's database does not know.
+    /// Address at which it is handed out; empty where PROJ's database does not know.
     pub url: String,
 }
 
@@ -130,7 +130,7 @@ pub(super) fn codes_of_name(name: &str) -> Option<Vec<u32>> {
     rows(&query, |feature| text(feature, "code")?.parse().ok())
 }
 
-/// What a query of PROJ's database yields; `None` where the database cannot be read.
+/// Result of a query of PROJ's database; `None` where the database cannot be read.
 fn rows<T>(query: &str, row: impl Fn(&Feature<'_>) -> Option<T>) -> Option<Vec<T>> {
     crate::gdal_log::route_messages();
     let database = data_folders().into_iter().map(|folder| folder.join("proj.db")).find(|file| file.is_file())?;

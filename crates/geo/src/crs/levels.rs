@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{Crs, CrsError, Transform, Transform3d};
 
-/// What the heights of a CRS count from.
+/// Vertical reference of a CRS.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum VerticalReference {
     /// The ellipsoid of WGS 84 or GRS 1980, which differ by 0.1 mm.
@@ -13,13 +13,13 @@ pub enum VerticalReference {
     System {
         /// PROJ's name of it.
         name: String,
-        /// Its EPSG code, where it has one.
+        /// EPSG code, where it has one.
         epsg: Option<u32>,
     },
 }
 
 impl VerticalReference {
-    /// What a CRS says of it; `None` where it says nothing, or counts from an ellipsoid of its own.
+    /// Statement of a CRS; `None` where it says nothing, or counts from an ellipsoid of its own.
     #[must_use]
     pub fn of(crs: &Crs) -> Option<Self> {
         const COMMON_ELLIPSOIDS: [&str; 2] = ["WGS 84", "GRS 1980"];

@@ -32,7 +32,7 @@ pub enum CrsError {
     /// PROJ does not know the definition.
     #[error("unknown CRS {definition:?}: {reason}\nhint: write it as \"EPSG:25832\", as WKT or as a PROJ string")]
     Unknown {
-        /// What the user wrote.
+        /// Text that the user wrote.
         definition: String,
         /// PROJ's own words.
         reason: String,
@@ -42,11 +42,11 @@ pub enum CrsError {
         "{definition} cannot be the project's CRS: expected a projected CRS in metres, found {found}\nhint: {hint}"
     )]
     NotProjectedInMetres {
-        /// What the user wrote.
+        /// Text that the user wrote.
         definition: String,
-        /// What it is.
+        /// Kind.
         found: String,
-        /// What to use in its place.
+        /// Replacement.
         hint: String,
     },
     /// No accurate operation is known between two systems.
@@ -180,7 +180,7 @@ impl Crs {
         self.json["name"].as_str().unwrap_or(&self.definition)
     }
 
-    /// Its EPSG code (a compound's own code, where one exists).
+    /// EPSG code (a compound's own code, where one exists).
     #[must_use]
     pub fn epsg(&self) -> Option<u32> {
         epsg_of(&self.json)
@@ -250,7 +250,7 @@ impl Crs {
         self.is_geocentric() || self.axes().len() == 3
     }
 
-    /// Where the horizontal part is meant to be used: west, south, east, north, degrees; `None` where PROJ does not say,
+    /// Area in which the horizontal part is meant to be used: west, south, east, north, degrees; `None` where PROJ does not say,
     /// or across the date line.
     #[must_use]
     pub fn area_of_use_deg(&self) -> Option<[f64; 4]> {

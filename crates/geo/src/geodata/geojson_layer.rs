@@ -29,7 +29,7 @@ use crate::limits::Limits;
 
 /// The CRS of the standard; longitude comes first whatever the authority says.
 const WGS84: &str = "EPSG:4326";
-/// What a system is called in the member `crs`, before its number.
+/// Name of a system in the member `crs`, before its number.
 const EPSG: [&str; 3] = ["urn:ogc:def:crs:EPSG:", "urn:x-ogc:def:crs:EPSG:", "EPSG:"];
 /// WGS 84 with longitude first, as old files spell it.
 const CRS84: &str = "CRS84";
@@ -48,7 +48,7 @@ pub(super) struct GeoJsonLayer {
     features: Vec<Feature>,
 }
 
-/// What stands beside the features.
+/// Members beside the features.
 #[derive(Deserialize)]
 struct Members {
     r#type: String,
@@ -109,7 +109,7 @@ impl GeoJsonLayer {
         self.features.iter().filter(is_shown).cloned()
     }
 
-    /// How many features it shows.
+    /// Number of features that it shows.
     pub(super) fn n_features(&self) -> u64 {
         self.features().count() as u64
     }

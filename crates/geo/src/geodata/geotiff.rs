@@ -13,7 +13,7 @@ use sizeup_heights::raster::Raster;
 
 use super::WriteError;
 
-/// Where a raster lies in the map, and how a cell without a value is written.
+/// Place of a raster in the map, and the value of a cell without one.
 #[derive(Debug, Clone, Copy)]
 pub struct GridPlace<'a> {
     /// Map position of the top-left corner, metres: easting, northing.

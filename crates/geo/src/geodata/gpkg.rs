@@ -15,16 +15,16 @@ use gdal::{Dataset, DriverManager};
 use super::features::{Column, FID, LayerSpec, Row, write_features};
 use super::qml;
 
-/// How every layer is laid out.
+/// Layout of every layer.
 const LAYER_OPTIONS: [&str; 3] = ["GEOMETRY_NAME=geom", "FID=fid", "SPATIAL_INDEX=YES"];
 
-/// What GDAL could not do, and to which file.
+/// Failure of GDAL, and the file.
 #[derive(Debug, thiserror::Error)]
 pub enum GpkgError {
     /// For a reason that GDAL knows.
     #[error("cannot {action} in {}", path.display())]
     Gdal {
-        /// What was being done, as in "create layer buildings".
+        /// Action, as in "create layer buildings".
         action: String,
         /// To which file.
         path: PathBuf,
@@ -40,7 +40,7 @@ pub enum GpkgError {
     },
 }
 
-/// How `SQLite` calls a write that found no room: a full disk, and a limit of file sizes.
+/// `SQLite`'s name for a write that found no room: a full disk, and a limit of file sizes.
 const NO_ROOM: [&str; 2] = ["disk is full", "disk I/O error"];
 
 /// Free space below which a disk counts as full, bytes: writers ask for room by buffers of about this size.

@@ -17,7 +17,7 @@ use super::WriteError;
 /// `GeoPackage` stamps files with the time of writing; a fixed one keeps equal inputs equal on disk.
 const TIME_STAMP: (&str, &str) = ("OGR_CURRENT_DATE", "2000-01-01T00:00:00.000Z");
 
-/// What a column holds.
+/// Type of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FieldType {
     /// Text.
@@ -26,7 +26,7 @@ pub enum FieldType {
     Number,
 }
 
-/// One row: an outline and its attributes in the order of the columns.
+/// One row: a footprint and its attributes in the order of the columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LayerFeature<'a> {
     /// In the layer's CRS, x before y.

@@ -32,7 +32,7 @@ use crate::crs::{Crs, CrsError};
 use crate::files::FileError;
 use crate::gdal_log;
 
-/// What GDAL says about a CRS, as one of ours; `None` for GeoPackage's "undefined" and local engineering systems.
+/// CRS by GDAL's statement, as one of ours; `None` for GeoPackage's "undefined" and local engineering systems.
 fn crs_of(spatial_ref: &SpatialRef) -> Result<Option<Crs>, CrsError> {
     if spatial_ref.is_local() || spatial_ref.name().is_some_and(|name| name.starts_with("Undefined")) {
         return Ok(None);

@@ -76,7 +76,7 @@ const PICTURES: [&str; 5] = ["BMP", "GTiff", "JPEG", "PNG", "WEBP"];
 /// GDAL's file systems of servers.
 const SERVERS: [&str; 9] = ["curl", "s3", "gs", "az", "adls", "oss", "swift", "hdfs", "webhdfs"];
 
-/// What a file is to be opened as.
+/// Kind of file to be opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     /// Cells.
@@ -91,7 +91,7 @@ pub enum Refusal {
     /// It is on a server.
     #[error("{} is on a server\nhint: `--allow-remote`, or `allow_remote = true` in `[limits]`, lets sizeup ask it", path.display())]
     Remote {
-        /// What was asked for.
+        /// Value asked for.
         path: PathBuf,
     },
     /// Nothing reads files of that name.
@@ -102,7 +102,7 @@ pub enum Refusal {
         path.display()
     )]
     Extension {
-        /// What was asked for.
+        /// Value asked for.
         path: PathBuf,
         /// Rasters or layers.
         what: &'static str,
@@ -174,7 +174,7 @@ fn drivers_for(path: &Path, kind: Kind) -> Vec<&'static str> {
     formats().iter().filter(fits).filter(names_it).map(|format| format.name.as_str()).collect()
 }
 
-/// What one of GDAL's drivers reads.
+/// Formats that one of GDAL's drivers reads.
 struct Format {
     name: String,
     extensions: Vec<String>,

@@ -11,7 +11,7 @@ use super::features::Column;
 
 /// The end of a style.
 const END: &str = "</qgis>";
-/// What a style says it holds ends in this category.
+/// Last category that a style says it holds.
 const LAST_CATEGORY: &str = "MapTips\"";
 
 /// The element of a style or of a project's layer that names columns, in their order.

@@ -35,10 +35,10 @@ pub enum RasterError {
     Excess {
         /// The file.
         path: PathBuf,
-        /// What it claims.
+        /// Claim.
         excess: Excess,
     },
-    /// Its pixels are partly made up: the file is cut off or garbled.
+    /// Pixels that are partly made up: the file is cut off or garbled.
     #[error("{} is damaged: {words}\nhint: copy or export it again", path.display())]
     Damaged {
         /// The file.
@@ -68,7 +68,7 @@ pub enum RasterError {
     Window {
         /// The file.
         path: PathBuf,
-        /// What was asked for.
+        /// Value asked for.
         window: Window,
         /// Columns and rows wanted of it.
         size: (usize, usize),
@@ -76,7 +76,7 @@ pub enum RasterError {
         width: usize,
         /// Rows of the raster.
         height: usize,
-        /// What is wrong with it.
+        /// Fault.
         reason: &'static str,
     },
     /// No position, or one that is not a plain north-up grid.
@@ -84,9 +84,9 @@ pub enum RasterError {
     Grid {
         /// The file.
         path: PathBuf,
-        /// What is wrong with its geotransform.
+        /// Fault of its geotransform.
         reason: String,
-        /// What to do about it.
+        /// Remedy.
         hint: &'static str,
     },
     /// It has a CRS that PROJ does not understand.
@@ -113,7 +113,7 @@ pub struct Window {
     pub height: usize,
 }
 
-/// Where a north-up raster lies, in the units of its own CRS (x before y, whatever the authority says).
+/// Place of a north-up raster, in the units of its own CRS (x before y, whatever the authority says).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Grid {
     /// Western edge of the first column.
@@ -126,7 +126,7 @@ pub struct Grid {
     pub cell_y: f64,
 }
 
-/// What the cells of a band are stored as.
+/// Number type of a band's cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SampleType {
     /// Bits per cell.
@@ -135,7 +135,7 @@ pub struct SampleType {
     pub is_float: bool,
 }
 
-/// How cells are combined when a window is read at another size.
+/// Combination of cells when a window is read at another size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resampling {
     /// The nearest cell's value.
@@ -178,13 +178,13 @@ impl RasterFile {
         self.dataset.raster_size()
     }
 
-    /// How many bands it has.
+    /// Number of bands.
     #[must_use]
     pub fn n_bands(&self) -> usize {
         self.dataset.raster_count()
     }
 
-    /// What the cells of a band (from 1) are stored as.
+    /// Number type of the cells of a band (from 1).
     ///
     /// # Errors
     /// [`RasterError::Read`] without such a band.
@@ -202,7 +202,7 @@ impl RasterFile {
         Ok((!unit.is_empty()).then_some(unit))
     }
 
-    /// Its CRS, `None` where the file has none.
+    /// CRS, `None` where the file has none.
     ///
     /// # Errors
     /// [`RasterError::Crs`] where it has one that PROJ does not understand.
@@ -211,7 +211,7 @@ impl RasterFile {
         super::crs_of(&spatial_ref).map_err(|source| RasterError::Crs { path: self.path.clone(), source })
     }
 
-    /// Where it lies.
+    /// Place.
     ///
     /// # Errors
     /// [`RasterError::Grid`] without a geotransform, and for rotated or south-up grids.

@@ -21,7 +21,7 @@ const BESIDE: [(&str, &[&str]); 9] = [
 /// Extensions of world files and definitions of a CRS beside a raster.
 const BESIDE_RASTERS: [&str; 10] = ["prj", "wld", "tfw", "tifw", "tiffw", "pgw", "pngw", "jgw", "jpgw", "j2w"];
 const RASTERS: [&str; 8] = ["tif", "tiff", "png", "jpg", "jpeg", "jp2", "bmp", "webp"];
-/// What is appended to a whole name: metadata, masks, and what a database has not taken over yet.
+/// Endings appended to a whole name: metadata, masks, and what a database has not taken over yet.
 const APPENDED: [&str; 4] = [".aux.xml", ".msk", "-wal", "-journal"];
 /// Descriptions of rasters refer to each other no deeper.
 const DEEPEST: usize = 8;

@@ -42,7 +42,7 @@ pub enum VectorError {
     Layer {
         /// The file.
         path: PathBuf,
-        /// What is the matter.
+        /// Problem.
         problem: String,
         /// Names of the layers that hold geometry.
         layers: Vec<String>,
@@ -63,9 +63,9 @@ pub enum VectorError {
 pub struct Feature {
     /// The layer's own number for it, where it has one.
     pub fid: Option<u64>,
-    /// Its shape in the layer's CRS, x before y; Z and M dropped, arcs as chains of lines of at most 4° each.
+    /// Shape in the layer's CRS, x before y; Z and M dropped, arcs as chains of lines of at most 4° each.
     pub geometry: FeatureGeometry,
-    /// Its attributes, in the layer's order.
+    /// Attributes, in the layer's order.
     pub attributes: JsonMap<String, Value>,
 }
 
@@ -86,7 +86,7 @@ const OSM: &str = "OSM";
 /// A layer of a file, before it is opened.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LayerInfo {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Whether it may hold polygons: so it says, or it does not say.
     pub may_hold_polygons: bool,
@@ -210,7 +210,7 @@ impl VectorLayer {
         }
     }
 
-    /// Its CRS, `None` where the layer has none. A GeoJSON file without one is in WGS 84 by its standard.
+    /// CRS, `None` where the layer has none. A GeoJSON file without one is in WGS 84 by its standard.
     ///
     /// # Errors
     /// [`VectorError::Crs`] where it has one that PROJ does not understand.
@@ -240,7 +240,7 @@ impl VectorLayer {
         }
     }
 
-    /// How many features it shows, where the file tells without being gone through.
+    /// Number of features that it shows, where the file tells without being gone through.
     #[must_use]
     pub fn n_features(&self) -> Option<u64> {
         match &self.source {

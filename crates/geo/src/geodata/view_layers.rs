@@ -8,7 +8,7 @@ use gdal::vector::{Feature, FieldDefn, Geometry, LayerAccess as _, LayerOptions,
 use gdal::{Dataset, DriverManager};
 use glam::DVec3;
 
-/// What a feature looks like, in the layer's CRS with heights.
+/// Appearance of a feature, in the layer's CRS with heights.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
     /// A place.
@@ -19,7 +19,7 @@ pub enum Shape {
     Polygon(Vec<DVec3>),
 }
 
-/// What a feature says.
+/// Attributes of a feature.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Attributes {
     /// The view's name.

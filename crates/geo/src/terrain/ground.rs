@@ -1,4 +1,4 @@
-//! Ground level under a building: samples of the terrain along its outline and inside.
+//! Ground level under a building: samples of the terrain along its footprint and inside.
 //!
 //! On a slope there is no *the* ground. Which level a height counts from is the user's choice
 //! ([`GroundReference`]); the lowest one is kept as well, because walls go down to it.
@@ -50,13 +50,13 @@ impl Default for GroundConfig {
     }
 }
 
-/// Ground level under an outline (map frame, metres), and what is to be said about it: a note where the terrain has
+/// Ground level under a footprint (map frame, metres), and what is to be said about it: a note where the terrain has
 /// gaps under the building, a warning where the level comes from around it, a refusal where there is none.
 #[must_use]
 pub fn ground_under(
     terrain: &Terrain,
     id: &BuildingId,
-    outline: &Polygon<f64>,
+    footprint: &Polygon<f64>,
     config: GroundConfig,
 ) -> (Option<GroundLevel>, Option<Issue>) {
     if let Terrain::Constant(z_m) = *terrain {
@@ -64,11 +64,11 @@ pub fn ground_under(
     }
     let heights =
         |points: &[Coord<f64>]| -> Vec<f64> { points.iter().filter_map(|p| terrain.height_at(p.x, p.y)).collect() };
-    let points = samples(outline, config.spacing_m);
+    let points = samples(footprint, config.spacing_m);
     let found = heights(&points);
     let tell = |severity, code, message: String| {
         let issue = Issue::new(severity, code, Subject::Building(id.to_string()), message);
-        match outline.bounding_rect().map(geo::Rect::center) {
+        match footprint.bounding_rect().map(geo::Rect::center) {
             Some(middle) => issue.at(middle.x, middle.y),
             None => issue,
         }
@@ -80,7 +80,7 @@ pub fn ground_under(
         let issue = (!is_complete).then(|| tell(Severity::Note, "ground_has_gaps", gaps));
         return (Some(level), issue);
     }
-    if let Some((level, distance_m)) = around(terrain, outline, config) {
+    if let Some((level, distance_m)) = around(terrain, footprint, config) {
         let message = format!("the terrain has no value under it: its ground is taken from {distance_m:.0} m around");
         return (Some(level), Some(tell(Severity::Warning, "ground_from_around", message)));
     }
@@ -100,12 +100,12 @@ fn level(heights_m: &[f64], reference: GroundReference) -> Option<GroundLevel> {
 }
 
 /// Corners, points along all rings, and a lattice inside.
-fn samples(outline: &Polygon<f64>, spacing_m: f64) -> Vec<Coord<f64>> {
-    let spacing_m = spacing_m.max((outline.unsigned_area() / MAX_SAMPLES).sqrt());
-    let rings = std::iter::once(outline.exterior()).chain(outline.interiors());
+fn samples(footprint: &Polygon<f64>, spacing_m: f64) -> Vec<Coord<f64>> {
+    let spacing_m = spacing_m.max((footprint.unsigned_area() / MAX_SAMPLES).sqrt());
+    let rings = std::iter::once(footprint.exterior()).chain(footprint.interiors());
     let mut points: Vec<Coord<f64>> =
         rings.flat_map(|ring| Euclidean.densify(ring, spacing_m).into_inner().into_iter().skip(1)).collect();
-    if let Some(bounds) = outline.bounding_rect() {
+    if let Some(bounds) = footprint.bounding_rect() {
         let count = |extent_m: f64| (extent_m / spacing_m).ceil().max(1.0) as usize;
         let (n_x, n_y) = (count(bounds.width()), count(bounds.height()));
         let middle = |i: usize, n: usize, extent_m: f64| (i as f64 + 0.5) / n as f64 * extent_m;
@@ -113,15 +113,15 @@ fn samples(outline: &Polygon<f64>, spacing_m: f64) -> Vec<Coord<f64>> {
             x: bounds.min().x + middle(i, n_x, bounds.width()),
             y: bounds.min().y + middle(j, n_y, bounds.height()),
         });
-        points.extend(lattice.filter(|point| outline.contains(point)));
+        points.extend(lattice.filter(|point| footprint.contains(point)));
     }
     points
 }
 
 /// The nearest frame around the building's bounds that meets any terrain, and how far out it is.
-fn around(terrain: &Terrain, outline: &Polygon<f64>, config: GroundConfig) -> Option<(GroundLevel, f64)> {
+fn around(terrain: &Terrain, footprint: &Polygon<f64>, config: GroundConfig) -> Option<(GroundLevel, f64)> {
     const FRAMES: usize = 10;
-    let bounds = outline.bounding_rect()?;
+    let bounds = footprint.bounding_rect()?;
     (1..=FRAMES).filter(|_| config.search_m > 0.0).find_map(|frame| {
         let distance_m = config.search_m * frame as f64 / FRAMES as f64;
         let wider = geo_types::Rect::new(

@@ -73,9 +73,9 @@ pub enum TerrainError {
     /// A setting that cannot be.
     #[error("terrain: {problem}\nhint: {hint}")]
     Config {
-        /// What is the matter.
+        /// Problem.
         problem: String,
-        /// What to write.
+        /// Text to write.
         hint: &'static str,
     },
     /// The file cannot be read.
@@ -108,17 +108,17 @@ pub enum TerrainError {
     VerticalReference {
         /// The file.
         path: PathBuf,
-        /// What its heights are.
+        /// Kind of its heights.
         dtm_reference: String,
-        /// What the project's heights are.
+        /// Kind of the project's heights.
         project_reference: String,
     },
-    /// Its heights are not in metres.
+    /// Heights that are not in metres.
     #[error("terrain {}: its heights are in {unit:?}, expected metres\nhint: `gdal_calc.py` converts them", path.display())]
     NotMetres {
         /// The file.
         path: PathBuf,
-        /// What the file says.
+        /// Statement of the file.
         unit: String,
     },
     /// It lies elsewhere.
@@ -129,9 +129,9 @@ pub enum TerrainError {
     Elsewhere {
         /// The file.
         path: PathBuf,
-        /// What it covers, in the project's CRS where that can be told.
+        /// Area that it covers, in the project's CRS where that can be told.
         found: String,
-        /// What the project needs.
+        /// Area that the project needs.
         expected: String,
         /// The project's CRS.
         crs: String,

@@ -60,7 +60,7 @@ impl MapBox {
         x >= self.west_m && x < self.east_m && y >= self.south_m && y < self.north_m
     }
 
-    /// How far outside it a position lies, metres; 0 inside.
+    /// Distance of a position from it, metres; 0 inside.
     #[must_use]
     pub fn distance_m(&self, (x, y): (f64, f64)) -> f64 {
         let beyond = |v: f64, low: f64, high: f64| (low - v).max(v - high).max(0.0);
@@ -68,7 +68,7 @@ impl MapBox {
     }
 
     /// Points along the edges, `n` per side, and the middle: where a box goes under a transformation.
-    pub fn outline(&self, n: usize) -> impl Iterator<Item = (f64, f64)> + use<> {
+    pub fn border(&self, n: usize) -> impl Iterator<Item = (f64, f64)> + use<> {
         let Self { west_m, south_m, east_m, north_m } = *self;
         let along = move |i: usize| {
             let t = i as f64 / n as f64;
@@ -145,11 +145,11 @@ pub(super) fn read(source: &Source<'_>, project_crs: &Crs, area: MapBox) -> Resu
     };
     let to_dtm = Transform::new(project_crs, source.crs).map_err(|e| source.crs_error(e))?;
     let in_dtm: Vec<(Position, Position)> =
-        area.outline(8).filter_map(|p| Some((p, to_dtm.point(p.0, p.1).ok()?))).collect();
+        area.border(8).filter_map(|p| Some((p, to_dtm.point(p.0, p.1).ok()?))).collect();
     let elsewhere = || {
         let covers = Transform::new(source.crs, project_crs)
             .ok()
-            .and_then(|t| MapBox::around(extent.outline(8).filter_map(|(x, y)| t.point(x, y).ok())));
+            .and_then(|t| MapBox::around(extent.border(8).filter_map(|(x, y)| t.point(x, y).ok())));
         TerrainError::Elsewhere {
             path: source.path.to_owned(),
             found: covers.map_or_else(|| format!("{extent} in {}", source.crs), |b| b.to_string()),
@@ -170,7 +170,7 @@ pub(super) fn read(source: &Source<'_>, project_crs: &Crs, area: MapBox) -> Resu
     source.dem(heights, (area.west_m, area.north_m), (cell_m, cell_m))
 }
 
-/// How long a metre of the map is in the other CRS (1e-5 for degrees), by the larger of its two directions.
+/// Length of a metre of the map in the other CRS (1e-5 for degrees), by the larger of its two directions.
 fn own_units_per_metre(pairs: &[(Position, Position)], area: MapBox) -> f64 {
     let Some(there) = MapBox::around(pairs.iter().map(|(_, p)| *p)) else { return 1.0 };
     let ratio = |there: f64, here: f64| if here > 0.0 { there / here } else { 0.0 };

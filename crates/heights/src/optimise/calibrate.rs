@@ -4,7 +4,7 @@
 //! p ≈ a + d · v        p: prior's inverse depth,  v = 1 / R: rendered inverse depth for the present heights
 //! ```
 //!
-//! What the scene does not model (trees, cars, buildings without an outline) is always *nearer* than what is rendered in
+//! What the scene does not model (trees, cars, buildings without a footprint) is always *nearer* than what is rendered in
 //! its place, so residuals have one heavy side. The fit is re-weighted by Tukey's biweight with the spread measured on
 //! the other side, which drives it to the far envelope: the ground. No terms in image position are fitted: on level
 //! ground `1/R` is itself affine in them, and the fit would collapse.
@@ -26,7 +26,7 @@ const MIN_GROUND_RAYS: usize = 200;
 /// Cut-off of the biweight in standard deviations, on the near side and on the far side.
 const CUT_OFF: [f64; 2] = [3.0, 4.7];
 
-/// How a view's prior maps to inverse depth.
+/// Mapping of a view's prior to inverse depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Calibration {
     offset: f64,

@@ -206,7 +206,7 @@ pub enum CalibrationRays {
     /// Those that would meet the ground if every building had the height that searches start from: a height depends on
     /// those of its neighbours alone, not on all others that its photos show.
     Ground,
-    /// None: priors are depths in metres as they are. What they show above the ground outside of all outlines is then known
+    /// None: priors are depths in metres as they are. What they show above the ground outside of all footprints is then known
     /// to be something that the scene does not have. A run sets it for stereo.
     None,
 }
@@ -225,7 +225,7 @@ pub struct SearchConfig {
     pub rank_sweeps: usize,
     /// Whether depth edges that lie beside the walls they belong to are moved back, after the full sweeps.
     pub correct_edge_bleeding: bool,
-    /// Whether outlines that hold two roof levels (a tower on its podium) are split, after the full sweeps.
+    /// Whether footprints that hold two roof levels (a tower on its podium) are split, after the full sweeps.
     pub split_levels: bool,
     /// Forms of roofs that are tried after the sweeps, besides the flat one. None: all are flat.
     pub roof_forms: Vec<RoofForm>,
@@ -248,7 +248,7 @@ pub struct SearchConfig {
     /// The same there for priors in metres (`calibrate_on = "none"`), whose relief is exact: more.
     pub metric_agreement_weight: f32,
     /// Weight of the agreement added for surroundings that look wholly at what the scene does not have (buildings without
-    /// an outline): edges there are not to be trusted.
+    /// a footprint): edges there are not to be trusted.
     pub unmodelled_agreement_weight: f32,
     /// Which rays bring a view's prior to metres: `all`, `ground`, or `none` for priors that are in metres, as stereo's are.
     pub calibrate_on: CalibrationRays,

@@ -26,7 +26,7 @@ const CELL_M: f32 = 4.0;
 const STOREY_M: f32 = 3.0;
 /// Storeys above the roof that are looked at: that one is missing is told by other means.
 const N_STOREYS: usize = 3;
-/// How far above the roof the first cell begins, metres: roofs are not flat, and depths not exact.
+/// Height of the first cell above the roof, metres: roofs are not flat, and depths not exact.
 const ABOVE_ROOF_M: f32 = 1.5;
 /// Rays through a cell for it to be told.
 const LEAST_RAYS: u32 = 6;
@@ -41,7 +41,7 @@ pub(super) struct Look<'a> {
     pub evidence: &'a Evidence<'a>,
     /// Camera.
     pub placed: &'a PlacedCamera,
-    /// Where its rays end.
+    /// Ends of its rays.
     pub stops: Stops,
     /// All its rays.
     pub all: Known,

@@ -23,7 +23,7 @@ pub struct Evidence<'a> {
     pub nearness: Vec<f32>,
     /// Per ray: the prior as something that grows away from the camera, as the paper's D; `NaN` = none.
     pub farness: Vec<f32>,
-    /// How the prior maps to metres by the ground alone, once somebody has asked.
+    /// Mapping of the prior to metres by the ground alone, once somebody has asked.
     pub(super) on_ground: OnceLock<Option<Calibration>>,
     /// The buildings whose footprints rays cross, ascending: those of a view, not those of the scene.
     crossed: Vec<u32>,

@@ -23,7 +23,7 @@ const REACH_M: f32 = 12.0;
 /// Pairs that are drawn at random, and those of them with a vote that are kept.
 const N_DRAWN: usize = 160;
 const N_KEPT: usize = 48;
-/// How far around a building its pixels are compared, pixels of the working image.
+/// Distance around a building within which its pixels are compared, pixels of the working image.
 const AROUND_PX: usize = 16;
 
 /// One building.

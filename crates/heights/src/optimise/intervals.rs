@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! r(h) = roof₀ + m · h                    z-depth at which a ray sinks to the roof of height h
-//! stopped: after ≤ r < before             nothing else stops it earlier, and it has not left the outline
+//! stopped: after ≤ r < before             nothing else stops it earlier, and it has not left the footprint
 //! v(h) = ref / max(r, enter) − 1          scaled inverse depth where stopped; without the building elsewhere
 //! a(h) = Σ exp(−e²/2),  e = (lifted − v) / tolerance     over what is seen of the roof
 //! ```
@@ -114,10 +114,10 @@ pub(super) struct Sums {
 }
 
 impl Sums {
-    /// How many of the pixels on the roof lie, by the calibrated prior, at its height: the mean of `exp(−e²/2)`; 0..1, 0
+    /// Share of the pixels on the roof that lie, by the calibrated prior, at its height: the mean of `exp(−e²/2)`; 0..1, 0
     /// without calibration.
     ///
-    /// What stands around the building has no part in it, so outlines that are missing do no harm.
+    /// What stands around the building has no part in it, so footprints that are missing do no harm.
     pub fn agreement(&self) -> f64 {
         self.agreement / (self.n_agreement + FEW_RAYS)
     }

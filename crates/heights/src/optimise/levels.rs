@@ -1,4 +1,4 @@
-//! Outlines that hold two roof levels (a tower on its podium, a hall beside its office): no single height fits them.
+//! Footprints that hold two roof levels (a tower on its podium, a hall beside its office): no single height fits them.
 //!
 //! Two levels are searched for in all views of the building ([`super::two_levels`]). Only the *plan* of the two parts is
 //! taken from here, if they are clear, large and well apart: their heights are then searched as any other's.
@@ -15,7 +15,7 @@ use super::two_levels::{Limits, N_MORE, Plan, SeenIn, Step, TwoLevels};
 use crate::scene::{HeightBounds, Prism, Scene};
 use crate::views::{corners_inside, in_turn};
 
-/// Least area of a part, m², and as a share of the outline; smaller ones are steps of one roof ([`super::stepped`]).
+/// Least area of a part, m², and as a share of the footprint; smaller ones are steps of one roof ([`super::stepped`]).
 const MIN_PART_M2: f32 = 40.0;
 const MIN_PART_SHARE: f32 = 0.06;
 /// Least difference of two levels: a fixed part, metres, and a share of the upper one.
@@ -34,7 +34,7 @@ const N_FIRST_VIEWS: usize = 6;
 const N_FOLLOWED: usize = 2;
 /// One level with a lower score is looked at again in a later round.
 const DOUBTFUL_SCORE: f64 = 0.9;
-/// How far from a new part this is done, metres between middles: what hides and is hidden stands closer.
+/// Distance from a new part within which this is done, metres between middles: what hides and is hidden stands closer.
 const NEAR_M: f32 = 100.0;
 /// Heights tried for one level, log-spaced over the whole range.
 const N_HEIGHTS: usize = 24;
@@ -43,26 +43,26 @@ const FIRST_SHARES: [[f32; 2]; 6] = [[1.0, 0.1], [1.0, 0.25], [1.3, 0.5], [2.5, 
 /// Steps of the search, for the followed guesses and for the best of them.
 const COARSE_STEPS: [Step; 3] = [step(0.2), step(0.1), step(0.05)];
 const FINE_STEPS: [Step; 4] = [step(0.05), step(0.025), step(0.0125), step(0.006)];
-/// A side of the rectangle as near as this to the outline's own is the outline's, metres.
+/// A side of the rectangle as near as this to the footprint's own is the footprint's, metres.
 const SNAP_M: f32 = 2.5;
 
 const fn step(side_share: f32) -> Step {
     Step { side_share, height_m: 0.0, height_share: 1.25 * side_share }
 }
 
-/// A part of an outline that stands at another level than the rest.
+/// A part of a footprint that stands at another level than the rest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OtherLevel {
     /// Which building.
     pub building: usize,
-    /// Corners of a rectangle, local frame, metres, counter-clockwise; it may reach beyond the outline.
+    /// Corners of a rectangle, local frame, metres, counter-clockwise; it may reach beyond the footprint.
     pub corners: [[f64; 2]; 4],
     /// Why.
     #[serde(default)]
     pub gain: LevelGain,
 }
 
-/// How much better two levels explain the priors than one.
+/// Gain of two levels over one in explaining the priors.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct LevelGain {
     /// The two levels above ground, metres: of the part, and of the rest.
@@ -94,7 +94,7 @@ pub(super) fn find(
         if prism.area_m2() < 2.0 * MIN_PART_M2 || is_known(building) && !is_near_part(building) {
             return None;
         }
-        // A tall roof as large as the outline leaves most images: what stands below it may be seen in them still.
+        // A tall roof as large as the footprint leaves most images: what stands below it may be seen in them still.
         let at_foot = (views_of[building].len() < MIN_VIEWS).then(|| views_of_foot(scene, views, building, config));
         let of_building = at_foot.as_ref().unwrap_or(&views_of[building]).iter();
         let plan = Plan::new(prism, Limits { heights: scene.bounds, side_m: MIN_SIDE_M });
@@ -111,7 +111,7 @@ pub(super) fn find(
     (0..scene.prisms.len()).into_par_iter().filter_map(of_building).collect()
 }
 
-/// Views that show the whole outline where it stands on the ground.
+/// Views that show the whole footprint where it stands on the ground.
 fn views_of_foot(scene: &Scene, views: SweepViews<'_>, building: usize, config: &SearchConfig) -> Vec<usize> {
     let prism = &scene.prisms[building];
     let foot = prism.centre_at(prism.ground_z).as_dvec3();
@@ -124,7 +124,7 @@ fn views_of_foot(scene: &Scene, views: SweepViews<'_>, building: usize, config: 
     in_turn(ranked, config.max_views_per_building)
 }
 
-/// Where one level for the whole outline is looked for.
+/// Where one level for the whole footprint is looked for.
 #[derive(Debug, Clone, Copy)]
 struct OneLevel {
     /// Height that the search has found, metres.
@@ -192,14 +192,14 @@ fn gain(seen: &[SeenIn<'_>], levels: &TwoLevels, one: OneLevel) -> LevelGain {
 /// Whether both parts are large, and well apart.
 fn is_part(prism: &Prism, levels: &TwoLevels) -> bool {
     let inner_m2 = (levels.high - levels.low).element_product();
-    let outline_m2 = prism.area_m2();
-    let least_m2 = MIN_PART_M2.max(MIN_PART_SHARE * outline_m2);
+    let footprint_m2 = prism.area_m2();
+    let least_m2 = MIN_PART_M2.max(MIN_PART_SHARE * footprint_m2);
     inner_m2 >= least_m2
-        && outline_m2 - inner_m2 >= least_m2
+        && footprint_m2 - inner_m2 >= least_m2
         && levels.upper_m() - levels.lower_m() >= MIN_STEP_M.max(MIN_STEP_SHARE * levels.upper_m())
 }
 
-/// The rectangle's; beyond the outline where it comes close to it, so that no slivers stay.
+/// The rectangle's; beyond the footprint where it comes close to it, so that no slivers stay.
 fn corners(plan: &Plan<'_>, levels: &TwoLevels) -> [[f64; 2]; 4] {
     let low = Vec2::select((levels.low - plan.low).cmplt(Vec2::splat(SNAP_M)), plan.low - SNAP_M, levels.low);
     let high = Vec2::select((plan.high - levels.high).cmplt(Vec2::splat(SNAP_M)), plan.high + SNAP_M, levels.high);

@@ -34,7 +34,7 @@ pub struct StepInput<'a> {
     /// Half width of central differences, metres.
     pub difference_m: f32,
     /// Input that [`Gradient::EdgeSampled`] needs besides; without it, it is the interior part alone.
-    pub outlines: Option<edge_sampled::Outlines<'a>>,
+    pub edges: Option<edge_sampled::EdgeInput<'a>>,
 }
 
 /// The pixels of one view that are compared, with both depths normalised over them.
@@ -123,9 +123,9 @@ pub fn view_step(input: &StepInput<'_>, config: &OrdinalConfig, rng: &mut ChaCha
             Gradient::Interior | Gradient::EdgeSampled => scale::slopes(evidence, &compared, &pairs),
         });
     }
-    if let (Gradient::EdgeSampled, Some(outlines)) = (config.gradient, &input.outlines) {
+    if let (Gradient::EdgeSampled, Some(edges)) = (config.gradient, &input.edges) {
         let present = edge_sampled::Loss { mean: loss, vote_share: pairs.len() as f64 / config.n_pairs as f64 };
-        add(edge_sampled::slopes(outlines, evidence, roofs, &compared, present, config, rng));
+        add(edge_sampled::slopes(edges, evidence, roofs, &compared, present, config, rng));
     }
     let n_active = costs.iter().filter(|cost| **cost > 0.0).count();
     Some(ViewStep { loss, n_pairs: pairs.len(), n_active, gradient })

@@ -1,9 +1,9 @@
-//! Pitched roofs: a few simple forms over an outline, and how steep they are.
+//! Pitched roofs: a few simple forms over a footprint, and how steep they are.
 //!
 //! ```text
 //! z(x, y) = ground + eave + rise · t(x, y),     t in 0..1, mean t̄ over the footprint
-//! hip     t = distance to the outline / greatest distance
-//! gable   t = 1 − |v| / half width,  v across one of the two axes of the smallest rectangle around the outline; over a main body
+//! hip     t = distance to the footprint / greatest distance
+//! gable   t = 1 − |v| / half width,  v across one of the two axes of the smallest rectangle around the footprint; over a main body
 //!         with wings that of the highest of their gables ([`super::wings`])
 //! height  eave + t̄ · rise   (the area mean)
 //! ```
@@ -21,7 +21,7 @@ use fearless_simd::{Simd, f32x8};
 use glam::{DVec2, Mat2, Vec2};
 
 use super::intervals::Form;
-use super::roof::{Fit, Margin, Roof, RoofView, distance_to_outline, grid, smallest_rectangle};
+use super::roof::{Fit, Margin, Roof, RoofView, distance_to_border, grid, smallest_rectangle};
 use super::wings::{Gable, Wings};
 use crate::ray::Ray;
 use crate::scene::{Prism, RoofForm};
@@ -33,7 +33,7 @@ pub(super) const N_SAMPLES: usize = 8;
 const GRID: usize = 24;
 /// Steepest pitch tried: rise over run.
 pub(super) const STEEPEST: f32 = 1.4;
-/// Tallest roof above its eave, metres: more is a tower under an outline that is not its own.
+/// Tallest roof above its eave, metres: more is a tower under a footprint that is not its own.
 pub(super) const TALLEST_M: f32 = 8.0;
 /// Rises tried besides 0, between nothing and the steepest.
 const N_RISES: usize = 5;
@@ -41,7 +41,7 @@ const N_RISES: usize = 5;
 const N_EAVES: usize = 9;
 /// Lead of a pitched roof over a flat one from which it is believed: it takes its rise more, and a choice among forms. Of 360 flat roofs
 /// (six simulated towns, seeds 31 and 32, four levels of prior errors) a gain of 0.0005 at 0.7 standard errors, without a price for
-/// numbers, called 238 pitched, mostly low hips that make up for outlines a little too large; this calls 59 so, and of 387 gables 383
+/// numbers, called 238 pitched, mostly low hips that make up for footprints a little too large; this calls 59 so, and of 387 gables 383
 /// stay gables. Mean error of all 1,597 heights, those of Rotterdam's western half among them: 0.371 to 0.358 m.
 const MARGIN: Margin = Margin { gain: 0.002, standard_errors: 1.0, n_more: 2.0 };
 /// The place that is farthest from all walls is found to this, metres.
@@ -119,7 +119,7 @@ pub(super) fn ways(view: &RoofView<'_>, ground_z: f32, mut at: impl FnMut(usize,
 
 /// A roof's surface over sampled ways.
 pub(super) trait Surface {
-    /// How far above it the rays are that are so far above the ground at their sample `k`, metres. To be inlined always.
+    /// Height above it of the rays that are so far above the ground at their sample `k`, metres. To be inlined always.
     fn clearance_m<S: Simd>(&self, simd: S, above_m: f32x8<S>, k: usize) -> f32x8<S>;
 }
 
@@ -151,11 +151,11 @@ impl Form for Pitched<'_> {
     }
 }
 
-/// How high a roof stands at a place, 0 at the eave, 1 at the ridge.
+/// Height of a roof at a place, 0 at the eave, 1 at the ridge.
 pub(super) struct Shape<'a> {
     pub form: RoofForm,
     prism: &'a Prism,
-    /// Local axes of the rectangle around the outline, and its middle along them.
+    /// Local axes of the rectangle around the footprint, and its middle along them.
     axes: Mat2,
     middle: Vec2,
     /// Half the size of the rectangle along them.
@@ -205,9 +205,9 @@ impl<'a> Shape<'a> {
         shapes
     }
 
-    /// How far the place that is farthest from all walls is from the nearest, metres; of a footprint within a rectangle.
+    /// Distance from the nearest wall of the place farthest from all walls, metres; of a footprint within a rectangle.
     pub fn deepest_m(prism: &Prism, axes: Mat2, low: Vec2, high: Vec2) -> f32 {
-        let depth = |p: Vec2| if prism.contains(p) { distance_to_outline(prism, p) } else { 0.0 };
+        let depth = |p: Vec2| if prism.contains(p) { distance_to_border(prism, p) } else { 0.0 };
         let deeper = |best: (f32, Vec2), p: Vec2| if depth(p) > best.0 { (depth(p), p) } else { best };
         let on_grid = grid(low, high, GRID).map(|p| axes.transpose() * p);
         let mut best = on_grid.fold((0.0, Vec2::ZERO), deeper);
@@ -226,7 +226,7 @@ impl<'a> Shape<'a> {
         self.run_m
     }
 
-    /// Where its ridge runs, a gable's.
+    /// Direction of its ridge, a gable's.
     pub fn ridge_along(&self) -> Option<DVec2> {
         let is_along_first = self.wings.as_ref().is_none_or(|wings| wings.gables()[0].is_along_x);
         let along = self.axes.row(usize::from(!is_along_first)).as_dvec2();
@@ -263,7 +263,7 @@ impl<'a> Shape<'a> {
                 Some(wings) => wings.rise_m(self.axes * point) / self.run_m,
                 None => 1.0 - ((self.axes * point).y - self.middle.y).abs() / self.run_m,
             },
-            RoofForm::Hip => distance_to_outline(self.prism, point) / self.run_m,
+            RoofForm::Hip => distance_to_border(self.prism, point) / self.run_m,
         };
         share.clamp(0.0, 1.0)
     }
@@ -320,7 +320,7 @@ impl<'a> Looked<'a> {
     }
 }
 
-/// The pitched roof of one building, of some forms, that its views show best around a flat one; `None` where its outline carries
+/// The pitched roof of one building, of some forms, that its views show best around a flat one; `None` where its footprint carries
 /// none.
 pub(super) fn best<'a>(prism: &'a Prism, forms: &[RoofForm], flat_m: f32, views: &[RoofView<'_>]) -> Option<Fit<'a>> {
     let mut shapes = Shape::all(prism);

@@ -1,4 +1,4 @@
-//! The rays of a problem's views, each view's traced when first asked for, and kept while its outlines change.
+//! The rays of a problem's views, each view's traced when first asked for, and kept while its footprints change.
 
 use std::sync::{Mutex, OnceLock, PoisonError};
 
@@ -15,7 +15,7 @@ pub struct Rays {
 #[derive(Default)]
 struct ViewRays {
     profiles: OnceLock<Profiles>,
-    /// Where the rays meet the ground, from a scene with other outlines; taken when they are traced.
+    /// Places where the rays meet the ground, from a scene with other footprints; taken when they are traced.
     on_ground: Mutex<Option<Vec<ProfileRay>>>,
 }
 
@@ -27,10 +27,10 @@ impl Rays {
         Self { stride_px, capped: OnceLock::new(), views }
     }
 
-    /// The same rays for a scene whose outlines lie within those of this one, over the same ground in the same frame:
+    /// The same rays for a scene whose footprints lie within those of this one, over the same ground in the same frame:
     /// what they meet of the ground is kept.
     #[must_use]
-    pub fn of_other_outlines(self) -> Self {
+    pub fn of_other_footprints(self) -> Self {
         let keep = |view: ViewRays| {
             let known = view.profiles.into_inner().map(|profiles| profiles.rays);
             ViewRays { profiles: OnceLock::new(), on_ground: Mutex::new(known) }

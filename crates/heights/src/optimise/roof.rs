@@ -22,7 +22,7 @@ use crate::scene::{HeightBounds, HeightReference, Prism, RoofForm};
 pub(super) const REACH_M: f32 = pitched::TALLEST_M + 2.0;
 /// A roof whose mean is farther than this from the flat height has to be better in whole windows too, metres.
 const FAR_M: f64 = 2.0;
-/// No roof of a few numbers explains more than all but this of a prior: an outline's corners and a roof's furniture are in it.
+/// No roof of a few numbers explains more than all but this of a prior: a footprint's corners and a roof's furniture are in it.
 const LEAST_UNEXPLAINED: f64 = 1e-3;
 /// Fewer views cannot tell a form.
 const MIN_VIEWS: usize = 4;
@@ -41,7 +41,7 @@ pub struct Roof {
     /// The plan of a stepped or a mixed one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub terrace: Option<Terrace>,
-    /// Where the ridge of a gable runs, the main body's where there are wings: east and north, of length one.
+    /// Direction of a gable's ridge, the main body's where there are wings: east and north, of length one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ridge_along: Option<[f64; 2]>,
 }
@@ -49,7 +49,7 @@ pub struct Roof {
 /// A rectangle at one of the two levels of a stepped roof.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Terrace {
-    /// Corners, local frame, metres, counter-clockwise; it may reach beyond the outline.
+    /// Corners, local frame, metres, counter-clockwise; it may reach beyond the footprint.
     pub corners: [[f64; 2]; 4],
     /// Whether it is the upper level.
     pub is_upper: bool,
@@ -68,7 +68,7 @@ pub struct Gable {
 }
 
 impl Terrace {
-    /// How far inside its nearest side a point lies, metres; negative outside.
+    /// Distance of a point from its nearest side, metres, positive inside; negative outside.
     fn depth_m(&self, point: Vec2) -> f32 {
         let corner = |i: usize| DVec2::from_array(self.corners[i % 4]).as_vec2();
         let from_side = |i: usize| {
@@ -84,7 +84,7 @@ impl Terrace {
         [corners.into_iter().fold(Vec2::INFINITY, Vec2::min), corners.into_iter().fold(Vec2::NEG_INFINITY, Vec2::max)]
     }
 
-    /// How high a gable over it stands at a point, 0 at the eave, 1 at the ridge.
+    /// Height of a gable over it at a point, 0 at the eave, 1 at the ridge.
     fn gable_share(&self, gable: Gable, point: Vec2) -> f64 {
         let corner = |i: usize| DVec2::from_array(self.corners[i]);
         let (first, second) = (corner(1) - corner(0), corner(3) - corner(0));
@@ -150,7 +150,7 @@ impl Roof {
 
 /// Roofs of all forms and several pitches over a prism, and stepped as `found` if it is, all with its area mean, each with
 /// places on it (local frame, metres): some `n` on a lattice, at least `clear_m` from the walls. The flat one comes first; none
-/// where the outline is too narrow.
+/// where the footprint is too narrow.
 #[must_use]
 pub fn candidates(prism: &Prism, found: &Roof, clear_m: f32, n: usize) -> Vec<(Roof, Vec<Vec3>)> {
     let (axes, low, high) = smallest_rectangle(prism);
@@ -160,7 +160,7 @@ pub fn candidates(prism: &Prism, found: &Roof, clear_m: f32, n: usize) -> Vec<(R
     let lattice = (0..n_y).flat_map(|row| (0..n_x).map(move |col| Vec2::new(col as f32 + 0.5, row as f32 + 0.5)));
     let inside: Vec<Vec2> = lattice
         .map(|cell| axes.transpose() * (low + spacing_m * cell))
-        .filter(|p| prism.contains(*p) && distance_to_outline(prism, *p) >= clear_m)
+        .filter(|p| prism.contains(*p) && distance_to_border(prism, *p) >= clear_m)
         .collect();
     if inside.is_empty() {
         return Vec::new();
@@ -271,7 +271,7 @@ pub(super) struct Judged {
     pub rivals: Vec<(Roof, f64)>,
 }
 
-/// How likely a roof is against another: by how many standard errors over views its score falls short, as a normal
+/// Likelihood of a roof against another: by how many standard errors over views its score falls short, as a normal
 /// distribution has it.
 fn likelihood(scores: &[f64], taken: &[f64]) -> f64 {
     let lost: Vec<f64> = taken.iter().zip(scores).map(|(taken, score)| taken - score).collect();
@@ -378,7 +378,7 @@ pub(super) fn grid(low: Vec2, high: Vec2, n: usize) -> impl Iterator<Item = Vec2
 }
 
 /// Distance of a point to the nearest wall, metres.
-pub(super) fn distance_to_outline(prism: &Prism, point: Vec2) -> f32 {
+pub(super) fn distance_to_border(prism: &Prism, point: Vec2) -> f32 {
     prism
         .edges()
         .map(|(a, b)| {

@@ -19,7 +19,7 @@ pub struct Step {
 }
 
 impl Step {
-    /// How much of the run is behind it, 0..1.
+    /// Share of the run that is behind it, 0..1.
     fn progress(self) -> f64 {
         let ([epoch, n_epochs], [place, n]) = (self.epoch, self.place);
         ((epoch * n + place) as f64 / (n_epochs * n).saturating_sub(1).max(1) as f64).min(1.0)

@@ -222,7 +222,7 @@ impl Window {
 }
 
 /// Leaves out the rays around a building that look, by the calibrated prior, at something that the scene does not have
-/// there: a building without an outline, a tree; says which share of those around it that was. What stands out is told
+/// there: a building without a footprint, a tree; says which share of those around it that was. What stands out is told
 /// against the open ground close by, so that a slow drift of the prior does no harm.
 fn leave_out_unmodelled(
     evidence: &Evidence<'_>,
@@ -267,7 +267,7 @@ fn sums<const N: usize>(n: usize, terms: impl Fn(usize) -> [f64; N]) -> [f64; N]
     })
 }
 
-/// Where the far side of some residuals gathers, and its standard deviation: what is not modelled is nearer, so only the
+/// Value around which the far side of some residuals gathers, and its standard deviation: what is not modelled is nearer, so only the
 /// near side is heavy. Tukey's biweight from the first third on, with the spread measured below the present value.
 fn far_side(values: &mut [f64]) -> Option<(f64, f64)> {
     const ROUNDS: usize = 8;

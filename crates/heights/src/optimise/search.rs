@@ -44,7 +44,7 @@ pub struct Finding {
     pub n_views: usize,
     /// Standard error over views (jackknife), metres.
     pub sigma_m: Option<f64>,
-    /// How far the mean correlation falls within the tried interval: 0 = flat.
+    /// Fall of the mean correlation within the tried interval: 0 = flat.
     pub contrast: f64,
     /// The best height is an end of the full range.
     pub at_bound: bool,
@@ -77,7 +77,7 @@ pub struct SweepView<'a> {
     pub evidence: &'a Evidence<'a>,
     /// Where the roofs as they stand stop the rays.
     pub stops: Stops,
-    /// How the prior maps to metres.
+    /// Mapping of the prior to metres.
     calibration: Option<Calibration>,
 }
 

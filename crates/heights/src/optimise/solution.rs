@@ -79,7 +79,7 @@ pub struct Doubts {
     pub is_in_metres: bool,
 }
 
-/// What each doubt counts for in the stated standard deviation. Fitted for 68 and 95 % within one and two of them, in each of 20 cells
+/// Weight of each doubt in the stated standard deviation. Fitted for 68 and 95 % within one and two of them, in each of 20 cells
 /// (three kinds of towns, real roofs under real cameras and under a simulated flight; four levels of prior errors; 2,609 buildings),
 /// seeds 31 to 33 and the western half of Rotterdam.
 const VIEWS_SHARE: f64 = 0.45;

@@ -1,7 +1,7 @@
-//! Stepped roofs: a penthouse, a terrace, a lower annex under one outline.
+//! Stepped roofs: a penthouse, a terrace, a lower annex under one footprint.
 //!
 //! ```text
-//! height  outer + share · (inner − outer),  share: of the outline's area that lies in the inner rectangle (the area mean)
+//! height  outer + share · (inner − outer),  share: of the footprint's area that lies in the inner rectangle (the area mean)
 //! ```
 //!
 //! One level that fits both ends near the upper one, because its edges stand out most. Steps that are large enough for two
@@ -15,11 +15,11 @@ use crate::scene::{HeightBounds, Prism, RoofForm};
 const MIN_PART_M2: f64 = 15.0;
 /// Least side of the inner rectangle, metres.
 const MIN_SIDE_M: f32 = 3.0;
-/// Least share of the outline's area on either level.
+/// Least share of the footprint's area on either level.
 const MIN_SHARE: f64 = 0.05;
 /// Least step, metres.
 const MIN_STEP_M: f32 = 1.5;
-/// How far each level may be from the one that the search has found, metres.
+/// Greatest distance of each level from the one that the search has found, metres.
 const REACH_M: f32 = 8.0;
 /// Views that the first guesses are tried in, and guesses that are followed up.
 const N_FIRST_VIEWS: usize = 6;

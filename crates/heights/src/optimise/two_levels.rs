@@ -1,7 +1,7 @@
-//! Two flat levels under one outline, and how well they explain what the priors show of it.
+//! Two flat levels under one footprint, and how well they explain what the priors show of it.
 //!
 //! ```text
-//! z(x, y) = ground + inner   inside of a rectangle along the axes of the outline's smallest rectangle
+//! z(x, y) = ground + inner   inside of a rectangle along the axes of the footprint's smallest rectangle
 //!         = ground + outer   elsewhere
 //! ```
 //!
@@ -24,10 +24,10 @@ use crate::ray::Ray;
 use crate::scene::{HeightBounds, Prism};
 use crate::simd::{LANES, Lanes};
 
-/// Middles of the first rectangles, and their size, as shares of the outline's sides.
+/// Middles of the first rectangles, and their size, as shares of the footprint's sides.
 const FIRST_MIDDLES: [f32; 3] = [0.25, 0.5, 0.75];
 const FIRST_SIZE: f32 = 0.5;
-/// Points per side of the grid that the rectangle's share of the outline is counted on.
+/// Points per side of the grid that the rectangle's share of the footprint is counted on.
 const GRID: usize = 40;
 
 /// Numbers that two levels take more than one: a rectangle, and a level.
@@ -52,10 +52,10 @@ impl TwoLevels {
     }
 }
 
-/// How far one round of the pattern search moves things.
+/// Steps of one round of the pattern search.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step {
-    /// The rectangle's sides, as a share of the outline's.
+    /// The rectangle's sides, as a share of the footprint's.
     pub side_share: f32,
     /// The levels: a fixed part, metres, and a share of each.
     pub height_m: f32,
@@ -70,7 +70,7 @@ pub(super) struct Limits {
     pub side_m: f32,
 }
 
-/// An outline along the axes of its smallest rectangle.
+/// A footprint along the axes of its smallest rectangle.
 pub(super) struct Plan<'a> {
     pub prism: &'a Prism,
     axes: Mat2,
@@ -85,7 +85,7 @@ impl<'a> Plan<'a> {
         Self { prism, axes, low, high, limits }
     }
 
-    /// Rectangles over the whole outline, each with several pairs of an inner and an outer level, metres.
+    /// Rectangles over the whole footprint, each with several pairs of an inner and an outer level, metres.
     pub fn guesses<'p>(&'p self, pairs_m: &'p [[f32; 2]]) -> impl Iterator<Item = TwoLevels> + 'p {
         let size = self.high - self.low;
         let middles = FIRST_MIDDLES.into_iter().flat_map(|x| FIRST_MIDDLES.into_iter().map(move |y| Vec2::new(x, y)));
@@ -156,7 +156,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// The part of the outline's area that lies in the rectangle, 0..1.
+    /// The part of the footprint's area that lies in the rectangle, 0..1.
     pub fn inner_share(&self, levels: &TwoLevels) -> f64 {
         let (mut n_inside, mut n_inner) = (0, 0);
         for at in grid(self.low, self.high, GRID) {
@@ -225,7 +225,7 @@ impl<'a> SeenIn<'a> {
     }
 }
 
-/// The ways of a view's rays over the outline.
+/// The ways of a view's rays over the footprint.
 fn ways(view: &RoofView<'_>, plan: &Plan<'_>) -> Vec<Ways> {
     let mut ways = Vec::new();
     for (i, (ray, enter, leave)) in view.window.own_stretches().enumerate() {
@@ -237,7 +237,7 @@ fn ways(view: &RoofView<'_>, plan: &Plan<'_>) -> Vec<Ways> {
     ways
 }
 
-/// Ways of rays over the outline, along the plan's axes, side by side.
+/// Ways of rays over the footprint, along the plan's axes, side by side.
 #[derive(Debug, Clone, Copy)]
 struct Ways {
     /// Position at z-depth 0, and z-depth per metre along the axis.
@@ -277,7 +277,7 @@ impl Ways {
     #[inline(always)]
     fn meets<S: Simd>(&self, simd: S, levels: &TwoLevels) -> f32x8<S> {
         let (enter, leave) = (self.enter.load(simd), self.leave.load(simd));
-        // Where the ray enters and leaves the rectangle, within its way over the outline.
+        // Where the ray enters and leaves the rectangle, within its way over the footprint.
         let (mut within, mut beyond) = (enter, leave);
         for axis in 0..2 {
             let (from, per_metre) = (self.from[axis].load(simd), self.per_metre[axis].load(simd));

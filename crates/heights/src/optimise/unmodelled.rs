@@ -1,9 +1,9 @@
-//! What priors in metres show that the scene does not have: trees, and buildings without an outline.
+//! What priors in metres show that the scene does not have: trees, and buildings without a footprint.
 //!
 //! ```text
 //! s                     prior's z-depth along a ray,   G: the ground's,   d_z < 0: height per metre of z-depth
 //! above(s) = (s − G) · d_z
-//! nothing of the scene: above(s) > UNMODELLED_M, and s in no [enter, leave] of an outline, widened by UNMODELLED_M
+//! nothing of the scene: above(s) > UNMODELLED_M, and s in no [enter, leave] of a footprint, widened by UNMODELLED_M
 //! ```
 //!
 //! Such a ray tells nothing of any roof, wherever it passes over the building that is asked for: were it kept, a building grown
@@ -29,7 +29,7 @@ pub(super) fn leave_out(evidence: &Evidence<'_>, own: &[u32], rays: &mut Vec<u32
     n_left_out as f32 / n_around.max(1) as f32
 }
 
-/// Whether a ray that ends at a z-depth, metres, does so above the ground outside of all outlines that it crosses.
+/// Whether a ray that ends at a z-depth, metres, does so above the ground outside of all footprints that it crosses.
 fn shows_unmodelled(profiles: &Profiles, ray: usize, depth: f32) -> bool {
     let margin_m = UNMODELLED_M as f32;
     let above_m = (depth - profiles.rays[ray].ground) * profiles.rays[ray].dz;

@@ -45,7 +45,7 @@ impl Gable {
         0.5 * if self.is_along_x { size.y } else { size.x }
     }
 
-    /// How far within the nearer eave a place of the rectangle is, metres; 0 beside the rectangle.
+    /// Distance of a place of the rectangle from the nearer eave, metres; 0 beside the rectangle.
     fn rise_m(&self, at: Vec2) -> f32 {
         let is_within = at.cmpge(self.reach[0]).all() && at.cmple(self.reach[1]).all();
         let off = (at - 0.5 * (self.low + self.high)).abs();
@@ -69,12 +69,12 @@ impl Wings {
         &self.0
     }
 
-    /// How far within the eaves a place is, metres.
+    /// Distance of a place inwards from the eaves, metres.
     pub fn rise_m(&self, at: Vec2) -> f32 {
         self.0.iter().map(|gable| gable.rise_m(at)).fold(0.0, f32::max)
     }
 
-    /// Of a footprint: with the main body along either axis, where there is one; none of a plain rectangle, of a footprint with a
+    /// Gables of a footprint: with the main body along either axis, where there is one; none of a plain rectangle, of a footprint with a
     /// courtyard or with walls askew.
     pub fn of(prism: &Prism, axes: Mat2) -> Vec<Self> {
         Lattice::of(prism, axes).map_or_else(Vec::new, |lattice| {

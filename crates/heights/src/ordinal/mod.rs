@@ -15,7 +15,7 @@ use crate::stats;
 /// Keeps a flat sample (MAD = 0) from dividing by zero, relative to the median.
 pub(crate) const EPSILON: f32 = 1e-6;
 
-/// Where the prior puts `q` relative to `p`, as seen from the camera.
+/// Place of `q` relative to `p` by the prior, as seen from the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DepthOrder {
     /// `q` is closer to the camera than `p`.

@@ -11,9 +11,9 @@ use crate::ray::{Aabb, Ray};
 
 /// A search for primitives: one ray, or many at once.
 pub trait Probe {
-    /// Where it first enters a box within its reach, if it does.
+    /// Ray parameter at which it first enters a box within its reach, if it does.
     fn enters(&self, bounds: &Aabb) -> Option<f32>;
-    /// How far it still looks.
+    /// Reach that is left.
     fn reach(&self) -> f32;
     /// Looks at a primitive.
     fn visit(&mut self, primitive: usize);

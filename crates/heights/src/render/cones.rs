@@ -72,7 +72,7 @@ impl<S: Simd> Cones<S> {
         Self { soonest: [soonest_x, soonest_y, soonest_z], latest: [latest_x, latest_y, latest_z] }
     }
 
-    /// Where the cones enter a box, by packet, and which of them may do so before `reach`.
+    /// Ray parameters at which the cones enter a box, by packet, and which of them may do so before `reach`.
     #[inline(always)]
     pub fn meet(&self, bounds: &Aabb, origin: Vec3, reach: f32x8<S>) -> (f32x8<S>, mask32x8<S>) {
         let (mut enter, mut leave) = (f32x8::splat(reach.simd, 0.0), reach);

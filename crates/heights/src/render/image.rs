@@ -104,14 +104,14 @@ impl Hit {
 /// A prism between two levels.
 pub(super) struct Solid<'a> {
     pub prism: &'a Prism,
-    /// A ray that comes over the outline below this passes under its walls. Well inside the prism's box, so that boxes
+    /// A ray that comes over the footprint below this passes under its walls. Well inside the prism's box, so that boxes
     /// decide nothing.
     pub foot_z: f32,
     pub roof_z: f32,
 }
 
 impl Solid<'_> {
-    /// Where a ray meets it within one interval over its footprint, and whether that is the roof.
+    /// Ray parameter at which a ray meets it within one interval over its footprint, and whether that is the roof.
     fn meet(&self, ray: &Ray, interval: RayInterval) -> Option<(f32, bool)> {
         let (from, dz) = (ray.origin.z, ray.direction.z);
         let enter = interval.enter.max(0.0);
@@ -222,7 +222,7 @@ impl<'a> SceneTracer<'a> {
         DepthImage { depth, face }
     }
 
-    /// Where a ray meets the ground, with nothing on it.
+    /// Point where a ray meets the ground, with nothing on it.
     pub(super) fn ground(&self, ray: &Ray) -> Hit {
         match self.scene.ground.meets(ray) {
             Some(t) => Hit { t, code: 1 },

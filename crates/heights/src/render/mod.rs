@@ -53,7 +53,7 @@ impl PlacedCamera {
         self.camera_from_local.rotation.transpose() * DVec3::Z
     }
 
-    /// Where the optical axis meets a level, local frame; below the camera if it never does.
+    /// Point where the optical axis meets a level, local frame; below the camera if it never does.
     #[must_use]
     pub fn looks_at(&self, level_z: f64) -> DVec3 {
         let axis = self.axis();

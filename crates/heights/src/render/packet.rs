@@ -3,7 +3,7 @@
 //! The hierarchy is walked once per tile: each box is held against the cones around all eight packets, one per lane.
 //! Prisms whose boxes a cone may meet are then met by the packet's eight rays, one per lane, with the arithmetic of
 //! the single ray ([`Prism::intervals`]) in its order, no product fused with a sum: depths and faces are the same to the
-//! bit, however wide registers are. Two ways of one ray over a footprint (courtyards, L-shaped outlines) are left to the
+//! bit, however wide registers are. Two ways of one ray over a footprint (courtyards, L-shaped footprints) are left to the
 //! single ray.
 //!
 //! Source of the idea: Wald, Slusallek, Benthin, Wagner, "Interactive Rendering with Coherent Ray Tracing", CGF
@@ -180,7 +180,7 @@ impl<S: Simd> Packet<S> {
     }
 }
 
-/// Where eight rays meet the ground, as [`SceneTracer::ground`] tells it of one.
+/// Points where eight rays meet the ground, as [`SceneTracer::ground`] tells it of one.
 #[inline(always)]
 fn meet_ground<S: Simd>(
     simd: S,
@@ -218,13 +218,14 @@ mod tests {
     /// Squares, two of them wall to wall and two over one another, a courtyard, an L and a star of many corners, on
     /// hills or on a plain.
     fn scene(terrain: &Terrain) -> Scene {
-        let outline = |corners: &[(f64, f64)]| Polygon::new(corners.to_vec().into(), Vec::new());
-        let square = |x: f64, y: f64, side: f64| outline(&[(x, y), (x + side, y), (x + side, y + side), (x, y + side)]);
+        let footprint = |corners: &[(f64, f64)]| Polygon::new(corners.to_vec().into(), Vec::new());
+        let square =
+            |x: f64, y: f64, side: f64| footprint(&[(x, y), (x + side, y), (x + side, y + side), (x, y + side)]);
         let courtyard = polygon!(
             exterior: [(x: 30.0, y: 0.0), (x: 50.0, y: 0.0), (x: 50.0, y: 20.0), (x: 30.0, y: 20.0)],
             interiors: [[(x: 36.0, y: 6.0), (x: 36.0, y: 14.0), (x: 44.0, y: 14.0), (x: 44.0, y: 6.0)]],
         );
-        let corner = outline(&[(30.0, 28.0), (52.0, 28.0), (52.0, 35.0), (38.0, 35.0), (38.0, 50.0), (30.0, 50.0)]);
+        let corner = footprint(&[(30.0, 28.0), (52.0, 28.0), (52.0, 35.0), (38.0, 35.0), (38.0, 50.0), (30.0, 50.0)]);
         let ray = |i: i32| {
             let at =
                 DVec2::new(-20.0, 20.0) + (7.0 + 5.0 * f64::from(i % 2)) * DVec2::from_angle(f64::from(i) * 0.3142);

@@ -37,7 +37,7 @@ pub struct ProfileRay {
     pub dz: f32,
     /// z-depth of the ground; `+∞` where none is known.
     pub ground: f32,
-    /// Where its intervals start.
+    /// Start of its intervals.
     first: u32,
 }
 
@@ -73,7 +73,7 @@ pub struct Sight {
 /// Stops of a view's rays at some roofs.
 #[derive(Debug, Clone)]
 pub struct Stops {
-    /// Where each interval stops its ray, z-depth, in the intervals' order; `+∞` where the ray passes over.
+    /// Z-depth at which each interval stops its ray, in the intervals' order; `+∞` where the ray passes over.
     of_intervals: Vec<f32>,
     /// z-depth along each ray.
     depths: Vec<f32>,
@@ -163,7 +163,7 @@ impl Profiles {
         self.first_met(ray_idx, |building| if building == moved { roof_z } else { roofs[building as usize] })
     }
 
-    /// Where every interval would stop its ray for roof levels in the local frame, one per building.
+    /// Z-depth at which every interval would stop its ray for roof levels in the local frame, one per building.
     #[must_use]
     pub fn stops(&self, roofs: &[f32]) -> Stops {
         let mut of_intervals = Vec::with_capacity(self.intervals.len());
@@ -190,7 +190,7 @@ impl Profiles {
         self.eye_z + depth * self.rays[ray_idx].dz
     }
 
-    /// Whether a ray comes below a level, local frame, within a building's outline.
+    /// Whether a ray comes below a level, local frame, within a building's footprint.
     #[must_use]
     pub fn passes_below(&self, ray_idx: usize, building: u32, z: f32) -> bool {
         let is_below = |depth: f32| self.level(ray_idx, depth) < z;

@@ -45,7 +45,7 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// Where the ray leaves the square of `size` cells that it is in at `t`, with a nudge so that it always moves on.
+    /// Ray parameter at which the ray leaves the square of `size` cells that it is in at `t`, with a nudge so that it always moves on.
     fn exit(&self, t: f32, size: f32) -> f32 {
         let nudge = 1e-4 * self.inverse.abs().min_element();
         let inside = self.origin + (t + nudge) * self.direction;
@@ -108,7 +108,7 @@ impl LocalGround {
         }
     }
 
-    /// Where a ray that looks down first meets the ground; `None` if it never does.
+    /// Ray parameter at which a ray that looks down first meets the ground; `None` if it never does.
     #[must_use]
     pub fn meets(&self, ray: &Ray) -> Option<f32> {
         if ray.direction.z >= 0.0 {
@@ -200,7 +200,7 @@ impl Grid {
         None
     }
 
-    /// How far above the ground a ray is; `NaN` where no ground is known.
+    /// Height of a ray above the ground; `NaN` where no ground is known.
     fn clearance(&self, ray: &Ray, t: f32) -> f32 {
         let at = ray.at(t);
         at.z - self.height_at(at.truncate())
@@ -233,7 +233,7 @@ fn highest_of_blocks(heights: &Raster<f32>, size: usize) -> Raster<f32> {
     tops
 }
 
-/// Where a ray sinks below the ground between `low` (above it) and `high` (not above), as exactly as numbers go, so that the
+/// Ray parameter at which a ray sinks below the ground between `low` (above it) and `high` (not above), as exactly as numbers go, so that the
 /// answer hardly depends on where the search began.
 fn sinks_below(low: f32, high: f32, clearance: impl Fn(f32) -> f32) -> f32 {
     /// Secant steps (Illinois) come this close to it within a cell, in steps of the numbers.

@@ -76,7 +76,7 @@ impl RoofForm {
 /// Prisms of unknown height on known ground.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// Where the local frame lies in the map.
+    /// Origin of the local frame in the map.
     pub origin: LocalOrigin,
     /// One per building, in the order of the footprints.
     pub prisms: Vec<Prism>,

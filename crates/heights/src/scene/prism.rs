@@ -11,9 +11,9 @@ use crate::terrain::GroundLevel;
 /// Ray-prism interval: the part of a ray inside a footprint, in the ray's own parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RayInterval {
-    /// Where the ray enters the footprint (−∞ for a vertical ray inside it).
+    /// Ray parameter at which the ray enters the footprint (−∞ for a vertical ray inside it).
     pub enter: f32,
-    /// Where it leaves (+∞ for a vertical ray inside it).
+    /// Ray parameter at which it leaves (+∞ for a vertical ray inside it).
     pub leave: f32,
 }
 
@@ -22,11 +22,11 @@ pub struct RayInterval {
 pub struct Prism {
     /// Corners of all rings, each ring closed (first corner repeated); exterior first.
     corners: Vec<Vec2>,
-    /// Where each ring starts in `corners`, and the end.
+    /// Start of each ring in `corners`, and the end.
     ring_starts: Vec<usize>,
     /// Level that heights count from.
     pub ground_z: f32,
-    /// Lowest ground under the outline.
+    /// Lowest ground under the footprint.
     pub base_z: f32,
 }
 
@@ -34,7 +34,7 @@ impl Prism {
     /// A ray counts as upright if the squared length of its horizontal direction is less.
     pub(crate) const UPRIGHT_BELOW: f32 = 1e-12;
 
-    /// From a map-frame outline.
+    /// From a map-frame footprint.
     #[must_use]
     pub fn new(polygon: &Polygon<f64>, ground: GroundLevel, origin: LocalOrigin) -> Self {
         let mut corners = Vec::new();
@@ -76,7 +76,7 @@ impl Prism {
     /// A ray meets a ring's edges an even number of times, by a half-open rule on which side of the ray the corners
     /// lie; sorted meeting points pair up to intervals inside (even-odd rule, so holes cut them).
     pub fn intervals(&self, ray: &Ray, intervals: &mut Vec<RayInterval>) {
-        /// Most edges that a typical outline's ray meets; more spill to the heap.
+        /// Most edges that a typical footprint's ray meets; more spill to the heap.
         const INLINE: usize = 16;
         let origin = ray.origin.truncate();
         let direction = ray.direction.truncate();

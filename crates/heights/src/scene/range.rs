@@ -72,12 +72,12 @@ pub struct HeightBounds {
     pub max_m: f32,
 }
 
-/// How far around the footprints the ground is needed, in greatest heights: rays at 60° off nadir that pass over a
+/// Distance around the footprints over which the ground is needed, in greatest heights: rays at 60° off nadir that pass over a
 /// building of greatest height reach the ground 1.7 heights behind it.
 const GROUND_MARGIN_HEIGHTS: f64 = 2.0;
 
 impl HeightBounds {
-    /// How far around the footprints rays can meet the ground, metres.
+    /// Distance around the footprints within which rays can meet the ground, metres.
     #[must_use]
     pub fn ground_margin_m(self) -> f64 {
         GROUND_MARGIN_HEIGHTS * f64::from(self.max_m)

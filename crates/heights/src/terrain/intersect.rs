@@ -11,7 +11,7 @@ use super::Terrain;
 const STEPS_PER_CELL: f64 = 2.0;
 /// Halvings of a step: 2⁻⁴⁰ of any step is nothing.
 const MAX_BISECTIONS: usize = 40;
-/// Where the search ends, metres.
+/// Distance at which the search ends, metres.
 const EXACT_M: f64 = 1e-4;
 /// Longest search, in steps: a ray over flat country that never sinks.
 const MAX_STEPS: usize = 100_000;

@@ -39,7 +39,7 @@ pub enum Choice {
     Random,
 }
 
-/// How views are selected.
+/// Settings of the selection of views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewsConfig {
     /// Who chooses.

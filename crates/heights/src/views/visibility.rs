@@ -9,7 +9,7 @@ use crate::scene::{Prism, Scene};
 /// Steepest stretch of a wall's area by its foreshortening that still counts in full.
 const MIN_WALL_SLANT: f32 = 0.1;
 
-/// How one view sees one building.
+/// Visibility of one building in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewSight {
     /// Which building.
@@ -80,7 +80,7 @@ fn visibility_of(
     Visibility { buildings, surface_m2 }
 }
 
-/// Share of an outline's corners that lie inside the image when they are at a level, local frame, metres.
+/// Share of a footprint's corners that lie inside the image when they are at a level, local frame, metres.
 pub fn corners_inside(prism: &Prism, placed: &PlacedCamera, z: f32) -> f32 {
     let (mut n_inside, mut n) = (0, 0);
     for (corner, _) in prism.edges() {

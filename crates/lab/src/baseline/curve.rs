@@ -9,7 +9,7 @@
 //! the first fit would explain the ground alone, and the gain `b` would collapse. The curvature `c` is kept only where it
 //! explains most of what a straight line leaves (a prior that is a monotone warp of the truth).
 //!
-//! What the scene does not model (trees, cars, buildings without an outline) is nearer than the ground behind it, so
+//! What the scene does not model (trees, cars, buildings without a footprint) is nearer than the ground behind it, so
 //! residuals have one heavy side: Tukey's biweight with the spread of the other side.
 
 use sizeup_heights::stats;

@@ -2,13 +2,13 @@
 //!
 //! | name | from | gives |
 //! |---|---|---|
-//! | [`metric_lift`] | priors, calibrated on free ground | one height per outline |
-//! | [`regression`] | priors, normalised; the `paper` preset's optimiser | one height per outline |
-//! | [`constant`], [`neighbourhood`] | nothing, or known heights nearby | one height per outline |
-//! | [`percentile`] | a point cloud | one height per outline |
-//! | [`convex_hull`], [`stacked_prisms`] | a point cloud | a body per outline |
+//! | [`metric_lift`] | priors, calibrated on free ground | one height per footprint |
+//! | [`regression`] | priors, normalised; the `paper` preset's optimiser | one height per footprint |
+//! | [`constant`], [`neighbourhood`] | nothing, or known heights nearby | one height per footprint |
+//! | [`percentile`] | a point cloud | one height per footprint |
+//! | [`convex_hull`], [`stacked_prisms`] | a point cloud | a body per footprint |
 //!
-//! Those that give one height per outline take the optimiser's [`Problem`](sizeup_heights::optimise::Problem) and answer with its
+//! Those that give one height per footprint take the optimiser's [`Problem`](sizeup_heights::optimise::Problem) and answer with its
 //! [`Solution`], so that the pipeline can run them in its place and write the same results.
 
 mod curve;

@@ -1,4 +1,4 @@
-//! Heights from a point cloud, as tools for laser scans do it: a percentile of the points inside an outline.
+//! Heights from a point cloud, as tools for laser scans do it: a percentile of the points inside a footprint.
 
 use geo_types::{Coord, LineString, MultiPolygon, Polygon};
 use glam::DVec3;
@@ -9,7 +9,7 @@ use sizeup_heights::optimise::{Problem, Solution};
 use sizeup_heights::scene::{Prism, Scene};
 use sizeup_heights::stats;
 
-/// A cloud cut by a scene's outlines.
+/// A cloud cut by a scene's footprints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SegmentedCloud {
     /// Points of each building, map frame, metres, in the scene's order.
@@ -19,18 +19,18 @@ pub struct SegmentedCloud {
 }
 
 impl SegmentedCloud {
-    /// Cuts map-frame points by a scene's outlines; points within `inset_m` of an outline are left out.
+    /// Cuts map-frame points by a scene's footprints; points within `inset_m` of a footprint are left out.
     #[must_use]
     pub fn new(scene: &Scene, points: &[DVec3], inset_m: f64) -> Self {
-        let outlines: Vec<MultiPolygon<f64>> =
-            scene.prisms.iter().map(|prism| outline(prism, scene.origin.0)).collect();
+        let footprints: Vec<MultiPolygon<f64>> =
+            scene.prisms.iter().map(|prism| footprint(prism, scene.origin.0)).collect();
         let ground = |prism: &Prism| f64::from(prism.ground_z) + scene.origin.0.z;
-        Self { points: points_in(points, &outlines, inset_m), ground_m: scene.prisms.iter().map(ground).collect() }
+        Self { points: points_in(points, &footprints, inset_m), ground_m: scene.prisms.iter().map(ground).collect() }
     }
 }
 
-/// A prism's outline in the map frame.
-fn outline(prism: &Prism, origin: DVec3) -> MultiPolygon<f64> {
+/// A prism's footprint in the map frame.
+fn footprint(prism: &Prism, origin: DVec3) -> MultiPolygon<f64> {
     let ring = |ring: &[glam::Vec2]| {
         ring.iter()
             .map(|c| Coord { x: f64::from(c.x) + origin.x, y: f64::from(c.y) + origin.y })

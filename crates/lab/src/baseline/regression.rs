@@ -27,7 +27,7 @@ pub fn regression(problem: &Problem<'_>, config: &OptimiseConfig, norm: Norm) ->
     };
     let ordinal = OrdinalConfig { loss, ..config.ordinal.clone() };
     let mut solution = solve(problem, &OptimiseConfig { preset: Preset::Paper, ordinal, ..config.clone() });
-    // One height per outline is all that a yardstick knows; photos have no say in it.
+    // One height per footprint is all that a yardstick knows; photos have no say in it.
     solution.heights.iter_mut().for_each(|solved| solved.roof = None);
     solution
 }

@@ -33,8 +33,8 @@ impl Default for SlabConfig {
 /// One prism of the stack.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Slab {
-    /// Convex outline, counter-clockwise.
-    pub outline: Polygon<f64>,
+    /// Convex footprint, counter-clockwise.
+    pub footprint: Polygon<f64>,
     /// Lower and upper level, metres.
     pub levels_m: [f64; 2],
 }
@@ -56,7 +56,7 @@ pub fn stacked_prisms(points: &[DVec3], ground_m: f64, config: &SlabConfig) -> V
         (above.convex_hull(), level)
     };
     let hulls: Vec<(Polygon<f64>, f64)> = (0..n).map(hull).collect();
-    let areas: Vec<f64> = hulls.iter().map(|(outline, _)| outline.unsigned_area()).collect();
+    let areas: Vec<f64> = hulls.iter().map(|(footprint, _)| footprint.unsigned_area()).collect();
     let grows = |i: &usize| areas[i + 1] >= config.growth * areas[*i];
     let mut mains: Vec<usize> = (0..n - 1).filter(grows).collect();
     mains.push(n - 1);
@@ -66,7 +66,7 @@ pub fn stacked_prisms(points: &[DVec3], ground_m: f64, config: &SlabConfig) -> V
         let bottom = if main == n - 1 { ground_m.min(low) } else { hulls[main].1 };
         // The first points of a roof may not span an area.
         if areas[main] > 0.0 && top > bottom {
-            slabs.push(Slab { outline: hulls[main].0.clone(), levels_m: [bottom, top] });
+            slabs.push(Slab { footprint: hulls[main].0.clone(), levels_m: [bottom, top] });
             top = bottom;
         }
     }
@@ -92,8 +92,8 @@ mod tests {
     fn a_tower_on_a_podium_is_two_prisms() {
         let slabs = stacked_prisms(&podium_and_tower(), 0.0, &SlabConfig::default());
         assert_eq!(slabs.len(), 2, "{slabs:?}");
-        assert!((slabs[0].outline.unsigned_area() - 64.0).abs() < 1e-9 && slabs[0].levels_m[1] == 30.0);
-        assert!((slabs[1].outline.unsigned_area() - 400.0).abs() < 1e-9);
+        assert!((slabs[0].footprint.unsigned_area() - 64.0).abs() < 1e-9 && slabs[0].levels_m[1] == 30.0);
+        assert!((slabs[1].footprint.unsigned_area() - 400.0).abs() < 1e-9);
         assert_eq!(slabs[1].levels_m[0], 0.0);
         // The podium's roof is found to one slab of 24 m / 30.
         assert!((slabs[1].levels_m[1] - 6.0).abs() < 0.81, "{slabs:?}");

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::compare::{CompareError, Comparison, Reference, outlines_of};
+use super::compare::{CompareError, Comparison, Reference, footprints_of};
 use super::heights::HeightEvaluation;
 use super::levels::{Alignment, Stated, no_way};
 use super::report::EvaluationReport;
@@ -25,9 +25,9 @@ pub(super) fn bodies(
     let result = read_solids(&c.result, None, Some(crs), crs)?;
     match reference {
         Reference::Cloud(cloud, vertical) => {
-            let outlines: Vec<_> = results.map(outlines_of).unwrap_or_default().into_iter().map(|o| o.1).collect();
+            let footprints: Vec<_> = results.map(footprints_of).unwrap_or_default().into_iter().map(|o| o.1).collect();
             let mut points: Vec<DVec3> =
-                points_in(&cloud.of_buildings(), &outlines, 0.0).into_iter().flatten().collect();
+                points_in(&cloud.of_buildings(), &footprints, 0.0).into_iter().flatten().collect();
             let sides = [result.vertical.as_ref(), vertical.as_ref()];
             align(c, sides, crs, report, |alignment| alignment.move_points(&mut points))?;
             report.surface = evaluate_surface(&facets(&result), &Target::Points(&points), c.seed);

@@ -4,9 +4,9 @@
 //! h* = percentile of the roof points' levels − ground
 //! ```
 //!
-//! Roof points are those inside an outline, away from its border; ground is the median of the ground points around it
-//! (LAS class 2), or a level that the user states. A cloud with instance ids brings its own outlines (convex hulls in
-//! plan); one without is cut by the outlines of the result, so that every outline of the result has a truth by
+//! Roof points are those inside a footprint, away from its border; ground is the median of the ground points around it
+//! (LAS class 2), or a level that the user states. A cloud with instance ids brings its own footprints (convex hulls in
+//! plan); one without is cut by the footprints of the result, so that every footprint of the result has a truth by
 //! construction: match rates then say nothing.
 
 use geo::ConvexHull as _;
@@ -18,16 +18,16 @@ use super::TruthBuilding;
 use sizeup_geo::cloud::{Cloud, GROUND, ground_near, points_in};
 use sizeup_heights::stats;
 
-/// How heights are taken from a cloud.
+/// Settings of heights from a cloud.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CloudTruthOptions {
     /// Percentile of the roof points' levels that counts, 0 to 100.
     pub roof_percentile: f64,
     /// Level of the ground, metres; absent: from the cloud's ground points.
     pub ground_m: Option<f64>,
-    /// Points nearer than this to the outline are left out: walls, eaves, neighbours. Metres.
+    /// Points nearer than this to the footprint are left out: walls, eaves, neighbours. Metres.
     pub inset_m: f64,
-    /// Ground points within this of an outline's bounding box count, metres.
+    /// Ground points within this of a footprint's bounding box count, metres.
     pub ground_reach_m: f64,
     /// Fewer roof points than this give no height.
     pub min_points: usize,
@@ -43,7 +43,7 @@ impl std::fmt::Display for CloudTruthOptions {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
-            "percentile {} of a building's points at least {} m inside its outline, minus ",
+            "percentile {} of a building's points at least {} m inside its footprint, minus ",
             self.roof_percentile, self.inset_m
         )?;
         match self.ground_m {
@@ -53,14 +53,14 @@ impl std::fmt::Display for CloudTruthOptions {
     }
 }
 
-/// One building per outline, in their order; one without enough points, or without ground, has no height.
+/// One building per footprint, in their order; one without enough points, or without ground, has no height.
 #[must_use]
-pub fn truth_under_outlines(
+pub fn truth_under_footprints(
     cloud: &Cloud,
-    outlines: &[(String, MultiPolygon<f64>)],
+    footprints: &[(String, MultiPolygon<f64>)],
     options: &CloudTruthOptions,
 ) -> Vec<TruthBuilding> {
-    let polygons: Vec<MultiPolygon<f64>> = outlines.iter().map(|(_, outline)| outline.clone()).collect();
+    let polygons: Vec<MultiPolygon<f64>> = footprints.iter().map(|(_, footprint)| footprint.clone()).collect();
     let roofs = points_in(&cloud.of_buildings(), &polygons, options.inset_m);
     let ground: Vec<DVec3> = cloud.of_class(GROUND).collect();
     let levels = match options.ground_m {
@@ -72,8 +72,8 @@ pub fn truth_under_outlines(
         let z: Vec<f64> = points.iter().map(|p| p.z).collect();
         let roof_m = stats::quantile(&z, options.roof_percentile / 100.0).filter(|_| z.len() >= options.min_points);
         TruthBuilding {
-            id: outlines[i].0.clone(),
-            footprint: Some(outlines[i].1.clone()),
+            id: footprints[i].0.clone(),
+            footprint: Some(footprints[i].1.clone()),
             height_m: roof_m.zip(ground_m).map(|(roof, ground)| roof - ground),
             group: None,
         }
@@ -148,16 +148,16 @@ mod tests {
     fn a_flat_roof_has_its_height_over_the_ground_around_it() {
         let square = polygon![(x: 0.0, y: 0.0), (x: 10.0, y: 0.0), (x: 10.0, y: 10.0), (x: 0.0, y: 10.0)];
         let far = polygon![(x: 90.0, y: 0.0), (x: 99.0, y: 0.0), (x: 99.0, y: 10.0)];
-        let outlines =
+        let footprints =
             [("a".to_owned(), MultiPolygon::new(vec![square])), ("b".to_owned(), MultiPolygon::new(vec![far]))];
-        let truth = truth_under_outlines(&lidar(), &outlines, &CloudTruthOptions::default());
+        let truth = truth_under_footprints(&lidar(), &footprints, &CloudTruthOptions::default());
         assert_eq!((truth[0].height_m, truth[1].height_m), (Some(10.0), None));
         let stated = CloudTruthOptions { ground_m: Some(3.0), ..CloudTruthOptions::default() };
-        assert_eq!(truth_under_outlines(&lidar(), &outlines, &stated)[0].height_m, Some(9.0));
+        assert_eq!(truth_under_footprints(&lidar(), &footprints, &stated)[0].height_m, Some(9.0));
     }
 
     #[test]
-    fn instances_bring_their_own_outlines() {
+    fn instances_bring_their_own_footprints() {
         let mut cloud = lidar();
         cloud.instances = cloud.classes.iter().map(|c| Some(u32::from(*c)).filter(|c| *c == 6)).collect();
         let truth = truth_of_instances(&cloud, &CloudTruthOptions::default());

@@ -44,7 +44,7 @@ impl ColumnGrid {
     }
 }
 
-/// Where the columns of a grid are inside a set of bodies: levels above the grid's origin, ascending, by cell.
+/// Stretches of a grid's columns inside a set of bodies: levels above the grid's origin, ascending, by cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Columns {
     /// `(cell, from, to)`, sorted; cell = row · width + column.

@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 
 use super::bodies::bodies;
 use super::cloud_file::read_cloud;
-use super::clouds::{CloudTruthOptions, truth_of_instances, truth_under_outlines};
+use super::clouds::{CloudTruthOptions, truth_of_instances, truth_under_footprints};
 use super::footprints::{FootprintEvaluation, evaluate_footprints};
 use super::heights::{HeightOptions, evaluate_heights};
 use super::levels::LevelError;
 use super::parts::joined;
 use super::pictures::write_pictures;
-use super::read::{Truth, TruthOptions, crs_of, read_outlines, read_results, read_truth, read_truth_outlines};
+use super::read::{Truth, TruthOptions, crs_of, read_footprints, read_results, read_truth, read_truth_footprints};
 use super::report::EvaluationReport;
 use super::solid::SolidError;
 use super::{EvaluationError, TruthBuilding};
@@ -30,16 +30,16 @@ pub struct Comparison {
     pub truth: PathBuf,
     /// CRS to compare in; the result's by default.
     pub crs: Option<Crs>,
-    /// What to read of the reference; its `crs` is for a file that states none.
+    /// Options for reading the reference; its `crs` is for a file that states none.
     pub options: TruthOptions,
-    /// How heights are taken from a point cloud.
+    /// Settings of heights from a point cloud.
     pub cloud: CloudTruthOptions,
-    /// How buildings are matched.
+    /// Rule that matches buildings.
     pub heights: HeightOptions,
-    /// What the user declares to be added to levels of the reference so that they count from the result's zero, metres; 0
+    /// Shift declared by the user for levels of the reference so that they count from the result's zero, metres; 0
     /// if that is the same. Not declared: by what the files say.
     pub level_shift_m: Option<f64>,
-    /// Whether outlines, surfaces and volumes are compared too.
+    /// Whether footprints, surfaces and volumes are compared too.
     pub with_shapes: bool,
     /// Folder for pictures; none by default.
     pub pictures: Option<PathBuf>,
@@ -88,7 +88,7 @@ pub enum CompareError {
     },
 }
 
-/// What the reference is, read.
+/// Reference as read.
 pub(super) enum Reference {
     /// Points, levels in metres, and what these count from where the file's CRS says so.
     Cloud(Cloud, Option<VerticalReference>),
@@ -124,19 +124,19 @@ pub fn compare_files(c: &Comparison) -> Result<EvaluationReport, CompareError> {
             }
             match &reference {
                 Reference::Cloud(cloud, _) if cloud.instances.is_empty() => report.left_out.push(
-                    "outlines and match rates: the point cloud has no buildings of its own and was cut by the result's outlines"
+                    "footprints and match rates: the point cloud has no buildings of its own and was cut by the result's footprints"
                         .to_owned(),
                 ),
                 Reference::Cloud(..) => report
                     .left_out
-                    .push("outlines: a point cloud's are the hulls of its points, which fill every corner".to_owned()),
+                    .push("footprints: a point cloud's are the hulls of its points, which fill every corner".to_owned()),
                 Reference::Solids if c.with_shapes => report.footprints = Some(footprints(results, &truth)),
                 Reference::Solids => {}
             }
         }
         _ => report
             .left_out
-            .push("heights and outlines: an OBJ file has bodies only, no outlines and no ground".to_owned()),
+            .push("heights and footprints: an OBJ file has bodies only, no footprints and no ground".to_owned()),
     }
     if let (Some(folder), Some(heights), Some(results)) = (&c.pictures, &report.heights, &results) {
         write_pictures(folder, heights, results)?;
@@ -144,7 +144,7 @@ pub fn compare_files(c: &Comparison) -> Result<EvaluationReport, CompareError> {
     if c.with_shapes
         && let Err(why) = bodies(c, &reference, stated.as_ref(), &crs, results.as_deref(), &mut report)
     {
-        // Heights and outlines can be compared without bodies; bodies that nothing else stands in for are the point of the
+        // Heights and footprints can be compared without bodies; bodies that nothing else stands in for are the point of the
         // call.
         if report.heights.is_none() && report.footprints.is_none() {
             return Err(why);
@@ -172,17 +172,17 @@ fn is_obj(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj"))
 }
 
-/// Whether a file has no heights, and outlines alone are wanted too.
-fn has_outlines_only(c: &Comparison, error: &ReadError) -> bool {
+/// Whether a file has no heights, and footprints alone are wanted too.
+fn has_footprints_only(c: &Comparison, error: &ReadError) -> bool {
     c.with_shapes && c.options.height_field.is_none() && matches!(error, ReadError::NoField { what: "height", .. })
 }
 
 /// Buildings of the result; one without heights is told of in the report.
 fn results_of(c: &Comparison, crs: &Crs, report: &mut EvaluationReport) -> Result<Vec<BuildingRecord>, CompareError> {
     match read_results(&c.result, crs) {
-        Err(e) if has_outlines_only(c, &e) => {
+        Err(e) if has_footprints_only(c, &e) => {
             report.left_out.push(format!("heights: {} has none", c.result.display()));
-            Ok(read_outlines(&c.result, crs)?)
+            Ok(read_footprints(&c.result, crs)?)
         }
         read => Ok(read?),
     }
@@ -202,13 +202,13 @@ fn truth_of(
             Truth { buildings: truth_of_instances(cloud, &c.cloud), height_source: of_cloud() }
         }
         Reference::Cloud(cloud, _) => {
-            let buildings = truth_under_outlines(cloud, &outlines_of(results), &c.cloud);
+            let buildings = truth_under_footprints(cloud, &footprints_of(results), &c.cloud);
             Truth { buildings, height_source: of_cloud() }
         }
         Reference::Solids => match read_truth(&c.truth, &c.options, crs) {
-            Err(e) if has_outlines_only(c, &e) => {
+            Err(e) if has_footprints_only(c, &e) => {
                 report.left_out.push(format!("heights: {} has none", c.truth.display()));
-                return Ok(read_truth_outlines(&c.truth, &c.options, crs)?.buildings);
+                return Ok(read_truth_footprints(&c.truth, &c.options, crs)?.buildings);
             }
             read => read?,
         },
@@ -217,7 +217,7 @@ fn truth_of(
     Ok(truth.buildings)
 }
 
-/// Outlines against outlines; parts of one building as one, where the reference has it as one.
+/// Footprints against footprints; parts of one building as one, where the reference has it as one.
 fn footprints(results: &[BuildingRecord], truth: &[TruthBuilding]) -> FootprintEvaluation {
     let none = || MultiPolygon::new(Vec::new());
     let found: Vec<MultiPolygon<f64>> =
@@ -226,7 +226,7 @@ fn footprints(results: &[BuildingRecord], truth: &[TruthBuilding]) -> FootprintE
     evaluate_footprints(&found, &wanted)
 }
 
-pub(super) fn outlines_of(results: &[BuildingRecord]) -> Vec<(String, MultiPolygon<f64>)> {
-    let outline = |r: &BuildingRecord| Some((r.id.clone(), MultiPolygon::new(vec![r.footprint.clone()?])));
-    results.iter().filter_map(outline).collect()
+pub(super) fn footprints_of(results: &[BuildingRecord]) -> Vec<(String, MultiPolygon<f64>)> {
+    let footprint = |r: &BuildingRecord| Some((r.id.clone(), MultiPolygon::new(vec![r.footprint.clone()?])));
+    results.iter().filter_map(footprint).collect()
 }

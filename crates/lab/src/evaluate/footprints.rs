@@ -1,4 +1,4 @@
-//! Outlines against reference outlines: areas, detection, and corners.
+//! Footprints against reference footprints: areas, detection, and corners.
 //!
 //! Pairs are one to one and chosen so that their intersections over union add up to the most (Kuhn 1955,
 //! doi:10.1002/nav.3800020109); pairs that share nothing are none. For each building `g` of the reference with its
@@ -9,8 +9,8 @@
 //! ```
 //!
 //! A building without a counterpart has 0 in all four; means are over all buildings of the reference. These area
-//! measures do not see outlines where no building is: *detection* counts those, with a pair of `IoU ≥ 0.5` as a hit.
-//! Buildings without an outline, or with one that encloses nothing, are left out and counted.
+//! measures do not see footprints where no building is: *detection* counts those, with a pair of `IoU ≥ 0.5` as a hit.
+//! Buildings without a footprint, or with one that encloses nothing, are left out and counted.
 //! The error of a corner is the distance of each reference corner of a hit to the nearest corner of its counterpart.
 
 use std::collections::BTreeMap;
@@ -29,7 +29,7 @@ use sizeup_heights::stats::{mean, quantile};
 /// Intersection over union from which a pair is a hit.
 pub const HIT_IOU: f64 = 0.5;
 
-/// What each number is.
+/// Meaning of each number.
 pub const FOOTPRINT_DEFINITIONS: [(&str, &str); 5] = [
     (
         "pairs",
@@ -45,16 +45,16 @@ pub const FOOTPRINT_DEFINITIONS: [(&str, &str); 5] = [
     ("corners", "distance of each reference corner of a hit to the nearest corner of its counterpart"),
 ];
 
-/// How good outlines are; definitions in the module's text.
+/// Quality of footprints; definitions in the module's text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FootprintEvaluation {
     /// Buildings of the reference.
     pub n_truth: usize,
     /// Buildings of the result.
     pub n_results: usize,
-    /// Buildings of result and reference without a usable outline, which are left out of everything.
+    /// Buildings of result and reference without a usable footprint, which are left out of everything.
     #[serde(default)]
-    pub n_without_outline: [usize; 2],
+    pub n_without_footprint: [usize; 2],
     /// Mean intersection over union, buildings without a counterpart count 0.
     pub iou: f64,
     /// Mean area precision.
@@ -79,37 +79,37 @@ pub struct FootprintEvaluation {
     pub corner_p90_m: Option<f64>,
     /// Corners of the hits over corners of their references.
     pub corner_ratio: Option<f64>,
-    /// What each number means.
+    /// Meaning of each number.
     #[serde(default)]
     pub definitions: BTreeMap<String, String>,
 }
 
 /// A pair of one reference building and one result.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OutlinePair {
+pub struct FootprintPair {
     /// Into the reference.
     pub truth: usize,
     /// Into the result.
     pub result: usize,
-    /// What both cover, m²; pixels² of outlines in a photo.
+    /// Area that both cover, m²; pixels² of footprints in a photo.
     pub shared_m2: f64,
     /// Intersection over union.
     pub iou: f64,
 }
 
-/// Compares outlines, one or several polygons each, in one horizontal CRS in metres.
+/// Compares footprints, one or several polygons each, in one horizontal CRS in metres.
 #[must_use]
 pub fn evaluate_footprints<S>(results: &[S], truth: &[S]) -> FootprintEvaluation
 where
     S: Clone + Into<MultiPolygon<f64>>,
 {
-    let usable = |outlines: &[S]| -> Vec<MultiPolygon<f64>> {
-        let outlines = outlines.iter().cloned().map(Into::into);
-        outlines.filter(|o: &MultiPolygon<f64>| o.unsigned_area() > 0.0).collect()
+    let usable = |footprints: &[S]| -> Vec<MultiPolygon<f64>> {
+        let footprints = footprints.iter().cloned().map(Into::into);
+        footprints.filter(|o: &MultiPolygon<f64>| o.unsigned_area() > 0.0).collect()
     };
     let n_given = [results.len(), truth.len()];
     let (results, truth) = (&usable(results), &usable(truth));
-    let pairs = match_outlines(results, truth);
+    let pairs = match_footprints(results, truth);
     let (mut iou, mut precision, mut recall, mut f1) = (0.0, 0.0, 0.0, 0.0);
     for pair in &pairs {
         let p = pair.shared_m2 / results[pair.result].unsigned_area();
@@ -120,11 +120,11 @@ where
         f1 += 2.0 * p * r / (p + r);
     }
     let of_truth = |sum: f64| if truth.is_empty() { 0.0 } else { sum / truth.len() as f64 };
-    let hits: Vec<&OutlinePair> = pairs.iter().filter(|p| p.iou >= HIT_IOU).collect();
+    let hits: Vec<&FootprintPair> = pairs.iter().filter(|p| p.iou >= HIT_IOU).collect();
     let share = |n: usize| if n == 0 { 0.0 } else { hits.len() as f64 / n as f64 };
     let (dp, dr) = (share(results.len()), share(truth.len()));
-    let corners = |outline: &MultiPolygon<f64>| -> Vec<[f64; 2]> {
-        let rings = outline.iter().flat_map(|p| std::iter::once(p.exterior()).chain(p.interiors()));
+    let corners = |footprint: &MultiPolygon<f64>| -> Vec<[f64; 2]> {
+        let rings = footprint.iter().flat_map(|p| std::iter::once(p.exterior()).chain(p.interiors()));
         rings.flat_map(|ring| ring.0.iter().skip(1)).map(|c| [c.x, c.y]).collect()
     };
     let mut errors_m = Vec::new();
@@ -140,7 +140,7 @@ where
     FootprintEvaluation {
         n_truth: truth.len(),
         n_results: results.len(),
-        n_without_outline: [n_given[0] - results.len(), n_given[1] - truth.len()],
+        n_without_footprint: [n_given[0] - results.len(), n_given[1] - truth.len()],
         iou: of_truth(iou),
         precision: of_truth(precision),
         recall: of_truth(recall),
@@ -162,13 +162,13 @@ where
 
 /// One-to-one pairs with the greatest sum of intersections over union, in the reference's order.
 #[must_use]
-pub fn match_outlines(results: &[MultiPolygon<f64>], truth: &[MultiPolygon<f64>]) -> Vec<OutlinePair> {
+pub fn match_footprints(results: &[MultiPolygon<f64>], truth: &[MultiPolygon<f64>]) -> Vec<FootprintPair> {
     let entries = results.iter().enumerate().filter_map(|(i, polygon)| {
         let rect = polygon.bounding_rect()?;
         Some(GeomWithData::new(Rectangle::from_corners(rect.min().into(), rect.max().into()), i))
     });
     let tree: RTree<GeomWithData<Rectangle<[f64; 2]>, usize>> = RTree::bulk_load(entries.collect());
-    let overlaps: Vec<Vec<OutlinePair>> = truth
+    let overlaps: Vec<Vec<FootprintPair>> = truth
         .par_iter()
         .enumerate()
         .map(|(t, polygon)| {
@@ -179,7 +179,7 @@ pub fn match_outlines(results: &[MultiPolygon<f64>], truth: &[MultiPolygon<f64>]
             let pair = |result: usize| {
                 let shared_m2 = polygon.intersection(&results[result]).unsigned_area();
                 let joint_m2 = polygon.unsigned_area() + results[result].unsigned_area() - shared_m2;
-                (shared_m2 > 0.0).then(|| OutlinePair { truth: t, result, shared_m2, iou: shared_m2 / joint_m2 })
+                (shared_m2 > 0.0).then(|| FootprintPair { truth: t, result, shared_m2, iou: shared_m2 / joint_m2 })
             };
             near.into_iter().filter_map(pair).collect()
         })
@@ -188,20 +188,20 @@ pub fn match_outlines(results: &[MultiPolygon<f64>], truth: &[MultiPolygon<f64>]
 }
 
 /// One-to-one pairs among overlaps, one list per building of the reference.
-pub(super) fn best_pairs(overlaps: &[Vec<OutlinePair>], n_results: usize) -> Vec<OutlinePair> {
-    let mut pairs: Vec<OutlinePair> = islands(overlaps, n_results).iter().flat_map(|island| assign(island)).collect();
+pub(super) fn best_pairs(overlaps: &[Vec<FootprintPair>], n_results: usize) -> Vec<FootprintPair> {
+    let mut pairs: Vec<FootprintPair> = islands(overlaps, n_results).iter().flat_map(|island| assign(island)).collect();
     pairs.sort_by_key(|pair| pair.truth);
     pairs
 }
 
 /// Overlaps that share buildings, directly or through others: each island is assigned on its own.
-fn islands(overlaps: &[Vec<OutlinePair>], n_results: usize) -> Vec<Vec<OutlinePair>> {
+fn islands(overlaps: &[Vec<FootprintPair>], n_results: usize) -> Vec<Vec<FootprintPair>> {
     let n = overlaps.len();
     let mut groups = Groups::new(n + n_results);
     for pair in overlaps.iter().flatten() {
         groups.join(pair.truth, n + pair.result);
     }
-    let mut islands: Vec<Vec<OutlinePair>> = vec![Vec::new(); n + n_results];
+    let mut islands: Vec<Vec<FootprintPair>> = vec![Vec::new(); n + n_results];
     for pair in overlaps.iter().flatten() {
         islands[groups.first_of(pair.truth)].push(*pair);
     }
@@ -210,8 +210,8 @@ fn islands(overlaps: &[Vec<OutlinePair>], n_results: usize) -> Vec<Vec<OutlinePa
 }
 
 /// The assignment of an island: shortest augmenting paths over costs `1 − IoU`, rows the reference.
-fn assign(island: &[OutlinePair]) -> Vec<OutlinePair> {
-    let index = |of: fn(&OutlinePair) -> usize| {
+fn assign(island: &[FootprintPair]) -> Vec<FootprintPair> {
+    let index = |of: fn(&FootprintPair) -> usize| {
         let mut all: Vec<usize> = island.iter().map(of).collect();
         all.sort_unstable();
         all.dedup();
@@ -262,7 +262,7 @@ fn assign(island: &[OutlinePair]) -> Vec<OutlinePair> {
             at = came_from[at];
         }
     }
-    let is_chosen = |pair: &&OutlinePair| {
+    let is_chosen = |pair: &&FootprintPair| {
         let (i, j) = (rows.binary_search(&pair.truth), columns.binary_search(&pair.result));
         matches!((i, j), (Ok(i), Ok(j)) if row_of[j + 1] == i + 1)
     };
@@ -272,12 +272,12 @@ fn assign(island: &[OutlinePair]) -> Vec<OutlinePair> {
 impl fmt::Display for FootprintEvaluation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let percent = |v: f64| format!("{:.1} %", 100.0 * v);
-        writeln!(f, "Outlines: {} in the result, {} in the reference", self.n_results, self.n_truth)?;
-        let [of_results, of_truth] = self.n_without_outline;
+        writeln!(f, "Footprints: {} in the result, {} in the reference", self.n_results, self.n_truth)?;
+        let [of_results, of_truth] = self.n_without_footprint;
         if of_results + of_truth > 0 {
             writeln!(
                 f,
-                "  left out, without a usable outline: {of_results} of the result, {of_truth} of the reference"
+                "  left out, without a usable footprint: {of_results} of the result, {of_truth} of the reference"
             )?;
         }
         writeln!(
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn the_outlines_themselves_are_perfect_and_empty_ones_count_apart() {
+    fn the_footprints_themselves_are_perfect_and_empty_ones_count_apart() {
         let town = [
             house(0.0, 10.0),
             house(10.0, 5.0),
@@ -334,7 +334,7 @@ mod tests {
         ];
         let nothing = [house(0.0, 0.0), MultiPolygon::new(Vec::new())];
         let found = evaluate_footprints(&[&town[..], &nothing[..1]].concat(), &[&nothing[..], &town[..]].concat());
-        assert_eq!((found.n_results, found.n_truth, found.n_without_outline), (3, 3, [1, 2]));
+        assert_eq!((found.n_results, found.n_truth, found.n_without_footprint), (3, 3, [1, 2]));
         let all = [found.iou, found.precision, found.recall, found.f1, found.iou_of_hits, found.detection_f1];
         assert!(all.iter().all(|v| (v - 1.0).abs() < 1e-9), "{found}");
         assert_eq!((found.corner_p90_m, found.corner_ratio), (Some(0.0), Some(1.0)));
@@ -343,8 +343,8 @@ mod tests {
     }
 
     #[test]
-    fn one_outline_stands_for_one_house_only() {
-        // A merged outline over two houses counts for one of them.
+    fn one_footprint_stands_for_one_house_only() {
+        // A merged footprint over two houses counts for one of them.
         let found = evaluate_footprints(&[house(0.0, 20.0)], &[house(0.0, 10.0), house(10.0, 10.0)]);
         assert!((found.iou - 0.25).abs() < 1e-12 && (found.recall - 0.5).abs() < 1e-12, "{found:?}");
     }
@@ -353,8 +353,8 @@ mod tests {
         /// Against trying all assignments.
         #[test]
         fn the_assignment_is_the_best_there_is(shares in prop::collection::vec(0.0..1.0_f64, 12)) {
-            let island: Vec<OutlinePair> = (0..12)
-                .map(|i| OutlinePair { truth: i / 4, result: i % 4, shared_m2: 1.0, iou: shares[i] })
+            let island: Vec<FootprintPair> = (0..12)
+                .map(|i| FootprintPair { truth: i / 4, result: i % 4, shared_m2: 1.0, iou: shares[i] })
                 .collect();
             let found: f64 = assign(&island).iter().map(|p| p.iou).sum();
             let mut best = 0.0_f64;

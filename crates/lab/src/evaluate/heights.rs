@@ -14,16 +14,16 @@ use sizeup_results::output::{BuildingRecord, Status};
 
 /// Upper limits of the classes of height, metres; the last class is above.
 const HEIGHT_CLASSES_M: [f64; 4] = [6.0, 12.0, 25.0, 50.0];
-/// Upper limits of the classes of outline area, m²; the last class is above.
+/// Upper limits of the classes of footprint area, m²; the last class is above.
 const AREA_CLASSES_M2: [f64; 3] = [100.0, 300.0, 1000.0];
 
-/// What is compared, and how.
+/// Settings of the comparison.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct HeightOptions {
-    /// How buildings are matched: `auto`, `id` or `overlap`.
+    /// Rule that matches buildings: `auto`, `id` or `overlap`.
     pub matching: Matching,
-    /// Smallest share of a reference outline that its match covers, 0 to 1, when matching by overlap.
+    /// Smallest share of a reference footprint that its match covers, 0 to 1, when matching by overlap.
     pub min_overlap_share: f64,
     /// Reference buildings lower than this are counted, not compared, metres (relative accuracy means nothing there).
     pub min_truth_height_m: f64,
@@ -35,7 +35,7 @@ impl Default for HeightOptions {
     }
 }
 
-/// How many buildings went where. The reference's buildings are the sum of `n_compared`, `n_unmatched`,
+/// Number of buildings by outcome. The reference's buildings are the sum of `n_compared`, `n_unmatched`,
 /// `n_too_low`, `n_without_truth` and `n_unobserved`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MatchCounts {
@@ -81,13 +81,13 @@ pub struct BuildingError {
     pub signed_error_m: f64,
     /// The result's stated standard deviation, metres.
     pub sigma_m: Option<f64>,
-    /// What became of the building.
+    /// Status of the building.
     pub status: Status,
-    /// What kind of building it is.
+    /// Kind of building.
     pub group: Option<String>,
-    /// Share of the reference's outline that the match covers.
+    /// Share of the reference's footprint that the match covers.
     pub overlap_share: Option<f64>,
-    /// Area of the reference's outline, m²; of the result's where the reference has none.
+    /// Area of the reference's footprint, m²; of the result's where the reference has none.
     #[serde(default)]
     pub area_m2: Option<f64>,
 }
@@ -95,13 +95,13 @@ pub struct BuildingError {
 /// The outcome, with everything needed to read it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct HeightEvaluation {
-    /// How buildings were matched: `id` or `overlap`.
+    /// Rule that matched buildings: `id` or `overlap`.
     pub matched_by: Matching,
     /// The options used.
     pub min_overlap_share: f64,
     /// Reference buildings lower than this were not compared, metres.
     pub min_truth_height_m: f64,
-    /// How many buildings went where.
+    /// Number of buildings by outcome.
     pub counts: MatchCounts,
     /// Over all compared buildings; `None` if every match is unobserved or too low.
     pub all: Option<HeightStatistics>,
@@ -112,16 +112,16 @@ pub struct HeightEvaluation {
     /// By height of the reference, ascending; empty where all are of one class.
     #[serde(default)]
     pub by_height: Vec<GroupStatistics>,
-    /// By area of the outline, ascending; empty where all are of one class.
+    /// By area of the footprint, ascending; empty where all are of one class.
     #[serde(default)]
     pub by_area: Vec<GroupStatistics>,
     /// Each compared building, in the reference's order.
     pub buildings: Vec<BuildingError>,
-    /// What each number means.
+    /// Meaning of each number.
     pub definitions: BTreeMap<String, String>,
 }
 
-/// Compares the heights of a result with a reference. Both outlines must be in the same CRS. Parts of a building count as
+/// Compares the heights of a result with a reference. Both footprints must be in the same CRS. Parts of a building count as
 /// one where the reference has it as one, with the mean height over their areas.
 ///
 /// # Errors
@@ -235,8 +235,8 @@ fn compare(
             group: building.group.clone(),
             overlap_share: found.overlap_share,
             area_m2: match (&building.footprint, &record.footprint) {
-                (Some(outline), _) => Some(outline.unsigned_area()),
-                (None, outline) => outline.as_ref().map(geo::Area::unsigned_area),
+                (Some(footprint), _) => Some(footprint.unsigned_area()),
+                (None, footprint) => footprint.as_ref().map(geo::Area::unsigned_area),
             },
         });
     }

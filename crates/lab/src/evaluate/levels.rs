@@ -26,9 +26,9 @@ pub enum LevelError {
     /// PROJ knows no way from one to the other.
     #[error("levels of the reference count from {from}, those of the result from {to}")]
     NoWay {
-        /// Of the reference.
+        /// Zero of the reference.
         from: VerticalReference,
-        /// Of the result.
+        /// Zero of the result.
         to: VerticalReference,
         /// Why not.
         #[source]
@@ -36,20 +36,20 @@ pub enum LevelError {
     },
 }
 
-/// How levels were brought together, for the report.
+/// Way in which levels were brought together, for the report.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LevelAgreement {
-    /// How it is known.
+    /// Source of that knowledge.
     pub how: Agreement,
-    /// What levels of the reference count from, where it says so.
+    /// Zero of the reference's levels, where it says so.
     pub reference: Option<String>,
-    /// What levels of the result count from, where it says so.
+    /// Zero of the result's levels, where it says so.
     pub result: Option<String>,
     /// Smallest and largest metres that were added to levels of the reference.
     pub shift_m: [f64; 2],
 }
 
-/// How it is known that levels may be compared.
+/// Ground on which levels may be compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Agreement {
@@ -73,7 +73,7 @@ pub(super) struct Alignment {
     agreement: LevelAgreement,
 }
 
-/// What both sides are known to count from, and what the user declares.
+/// Zeros of both sides, as far as known, and the user's declaration.
 pub(super) struct Stated<'a> {
     pub result: Option<&'a VerticalReference>,
     pub reference: Option<&'a VerticalReference>,
@@ -134,7 +134,7 @@ impl Alignment {
         Ok(shift_m)
     }
 
-    /// What is to be said, once everything is moved.
+    /// Statement on the levels, once everything is moved.
     pub(super) fn agreement(self) -> LevelAgreement {
         self.agreement
     }

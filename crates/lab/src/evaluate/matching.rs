@@ -2,7 +2,7 @@
 //!
 //! By id, or by the largest overlap: for truth `t`, the result `r` with the largest `area(t ∩ r)`, taken if that is at
 //! least `min_overlap_share` of `area(t)`. Several truths may share one result (a block that the result has as one
-//! outline); ties go to the result that comes first.
+//! footprint); ties go to the result that comes first.
 
 use std::collections::HashMap;
 
@@ -19,7 +19,7 @@ use sizeup_results::output::BuildingRecord;
 /// Share of the reference's ids that must be in the result for [`Matching::Auto`] to trust them.
 const MIN_SHARED_ID_SHARE: f64 = 0.5;
 
-/// How buildings are matched.
+/// Rule that matches buildings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Matching {
@@ -28,7 +28,7 @@ pub enum Matching {
     Auto,
     /// By equal ids.
     Id,
-    /// By the largest overlap of the outlines.
+    /// By the largest overlap of the footprints.
     Overlap,
 }
 
@@ -39,7 +39,7 @@ pub struct Match {
     pub truth: usize,
     /// Into the result.
     pub result: usize,
-    /// `area(t ∩ r) / area(t)`, where outlines were compared.
+    /// `area(t ∩ r) / area(t)`, where footprints were compared.
     pub overlap_share: Option<f64>,
 }
 
@@ -61,7 +61,7 @@ pub fn match_buildings(
             Ok(matches) if matches.len() as f64 >= MIN_SHARED_ID_SHARE * truth.len() as f64 => {
                 Ok((Matching::Id, matches))
             }
-            // Ids that are few or not unique say nothing; outlines do.
+            // Ids that are few or not unique say nothing; footprints do.
             Ok(_) | Err(_) => Ok((Matching::Overlap, by_overlap(results, truth, min_overlap_share))),
         },
     }
@@ -101,9 +101,9 @@ fn by_overlap(results: &[BuildingRecord], truth: &[TruthBuilding], min_overlap_s
         .collect();
     let tree = RTree::bulk_load(boxes);
     let best = |(i, building): (usize, &TruthBuilding)| {
-        let outline = building.footprint.as_ref()?;
-        let area_m2 = outline.unsigned_area();
-        let bounds = outline.bounding_rect()?;
+        let footprint = building.footprint.as_ref()?;
+        let area_m2 = footprint.unsigned_area();
+        let bounds = footprint.bounding_rect()?;
         let (low, high) = (bounds.min(), bounds.max());
         let mut candidates: Vec<usize> = tree
             .locate_in_envelope_intersecting(&AABB::from_corners([low.x, low.y], [high.x, high.y]))
@@ -112,7 +112,7 @@ fn by_overlap(results: &[BuildingRecord], truth: &[TruthBuilding], min_overlap_s
         candidates.sort_unstable();
         let mut best: Option<Match> = None;
         for result in candidates {
-            let shared_m2 = shared_area_m2(outline, &results[result]);
+            let shared_m2 = shared_area_m2(footprint, &results[result]);
             let share = shared_m2 / area_m2;
             let is_better = best.is_none_or(|b| Some(share) > b.overlap_share);
             if share >= min_overlap_share && shared_m2 > 0.0 && is_better {
@@ -124,9 +124,9 @@ fn by_overlap(results: &[BuildingRecord], truth: &[TruthBuilding], min_overlap_s
     truth.iter().enumerate().filter_map(best).collect()
 }
 
-fn shared_area_m2(outline: &MultiPolygon<f64>, record: &BuildingRecord) -> f64 {
+fn shared_area_m2(polygon: &MultiPolygon<f64>, record: &BuildingRecord) -> f64 {
     record
         .footprint
         .as_ref()
-        .map_or(0.0, |footprint| outline.intersection(&MultiPolygon::new(vec![footprint.clone()])).unsigned_area())
+        .map_or(0.0, |footprint| polygon.intersection(&MultiPolygon::new(vec![footprint.clone()])).unsigned_area())
 }

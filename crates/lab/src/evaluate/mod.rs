@@ -1,14 +1,14 @@
 //! How good a result is, against a reference: every number is reported with its definition.
 //!
 //! Heights are *differences* (roof minus ground), so the vertical references of result and truth need not agree;
-//! outlines are only compared after both are in one horizontal CRS ([`read`]). Surfaces and volumes compare levels: those of
+//! footprints are only compared after both are in one horizontal CRS ([`read`]). Surfaces and volumes compare levels: those of
 //! the reference are brought to what the result's count from (`levels`).
 //!
 //! | measure | module | compares |
 //! |---|---|---|
 //! | heights | `heights` | one number per building |
-//! | outlines | [`footprints`] | areas, buildings found, corners |
-//! | outlines in photos | [`photos`] | areas and buildings found, photo by photo |
+//! | footprints | [`footprints`] | areas, buildings found, corners |
+//! | footprints in photos | [`photos`] | areas and buildings found, photo by photo |
 //! | surface | `surface` | walls and roofs, by distance |
 //! | volume | `volume`, `columns` | bodies, by what they have in common |
 //!
@@ -38,7 +38,7 @@ use geo_types::MultiPolygon;
 use serde::{Deserialize, Serialize};
 
 pub use cloud_file::cloud_in_project;
-pub use clouds::{CloudTruthOptions, truth_of_instances, truth_under_outlines};
+pub use clouds::{CloudTruthOptions, truth_of_instances, truth_under_footprints};
 pub use columns::{ColumnGrid, Columns};
 pub use compare::{CompareError, Comparison, compare_files};
 pub use footprints::{FOOTPRINT_DEFINITIONS, FootprintEvaluation, evaluate_footprints};
@@ -57,11 +57,11 @@ pub use volume::{VOLUME_DEFINITIONS, VolumeError, VolumeEvaluation, evaluate_vol
 pub struct TruthBuilding {
     /// Unique id in the reference.
     pub id: String,
-    /// Outline, metres; `None` for a reference that is only a table.
+    /// Footprint, metres; `None` for a reference that is only a table.
     pub footprint: Option<MultiPolygon<f64>>,
     /// Roof level minus ground level, metres.
     pub height_m: Option<f64>,
-    /// What kind of building it is, for the table by group.
+    /// Kind of building, for the table by group.
     pub group: Option<String>,
 }
 
@@ -80,7 +80,7 @@ pub enum EvaluationError {
         n_results: usize,
         /// `id` or `overlap`.
         how: &'static str,
-        /// What to try.
+        /// Remedy.
         hint: &'static str,
     },
     /// An id stands for two buildings.

@@ -9,7 +9,7 @@ use super::TruthBuilding;
 use sizeup_results::output::{BuildingRecord, Status};
 
 /// The result with the parts of a building joined to one record under the building's id, wherever the reference knows
-/// none of the parts by its own id. Parts count by the area of their outlines:
+/// none of the parts by its own id. Parts count by the area of their footprints:
 ///
 /// ```text
 /// h = Σ A_i h_i / Σ A_i        σ = Σ A_i σ_i / Σ A_i   (as if all erred the same way)
@@ -46,15 +46,16 @@ fn join(whole: &str, parts: &[&BuildingRecord]) -> BuildingRecord {
         let known_m2: f64 = known().map(|(area_m2, _)| area_m2).sum();
         (known_m2 > 0.5 * total_m2).then(|| known().map(|(area_m2, v)| area_m2 * v).sum::<f64>() / known_m2)
     };
-    let outlines: Vec<Polygon<f64>> = parts.iter().filter_map(|part| part.footprint.clone()).collect();
-    let outline = unary_union(&outlines).0.into_iter().max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area()));
+    let footprints: Vec<Polygon<f64>> = parts.iter().filter_map(|part| part.footprint.clone()).collect();
+    let footprint =
+        unary_union(&footprints).0.into_iter().max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area()));
     let union = |names: fn(&BuildingRecord) -> &[String]| -> Vec<String> {
         parts.iter().flat_map(|part| names(part)).collect::<BTreeSet<_>>().into_iter().cloned().collect()
     };
     BuildingRecord {
         id: whole.to_owned(),
         part_of: None,
-        footprint: outline,
+        footprint,
         height_m: mean(|part| part.height_m),
         height_sigma_m: mean(|part| part.height_sigma_m),
         roof: None,
@@ -84,8 +85,8 @@ mod tests {
     use super::*;
 
     fn part(id: &str, x0: f64, x1: f64, height_m: f64) -> BuildingRecord {
-        let outline = Rect::new(coord! { x: x0, y: 0.0 }, coord! { x: x1, y: 10.0 }).to_polygon();
-        BuildingRecord { part_of: Some("tower".to_owned()), ..BuildingRecord::measured(id, outline, 3.0, height_m) }
+        let footprint = Rect::new(coord! { x: x0, y: 0.0 }, coord! { x: x1, y: 10.0 }).to_polygon();
+        BuildingRecord { part_of: Some("tower".to_owned()), ..BuildingRecord::measured(id, footprint, 3.0, height_m) }
     }
 
     fn truth(id: &str) -> TruthBuilding {

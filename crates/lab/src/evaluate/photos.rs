@@ -1,4 +1,4 @@
-//! Outlines in photos against true ones: the protocol of the paper's Table 1, and detection beside it.
+//! Footprints in photos against true ones: the protocol of the paper's Table 1, and detection beside it.
 //!
 //! In each photo, found and true instances are paired one to one so that their intersections over union add up to the most.
 //! For each true instance `g` with its counterpart `m`, by the pixels that they cover:
@@ -30,7 +30,7 @@ use geo::Area as _;
 use geo_types::MultiPolygon;
 use serde::{Deserialize, Serialize};
 
-use super::footprints::{HIT_IOU, OutlinePair, best_pairs, match_outlines};
+use super::footprints::{FootprintPair, HIT_IOU, best_pairs, match_footprints};
 
 /// Definitions of the numbers, by name.
 pub const PHOTO_DEFINITIONS: [(&str, &str); 4] = [
@@ -56,7 +56,7 @@ pub struct PhotoAreas {
 }
 
 impl PhotoAreas {
-    /// Areas of outlines in pixels; those that enclose nothing are left out.
+    /// Areas of footprints in pixels; those that enclose nothing are left out.
     #[must_use]
     pub fn of(found: &[MultiPolygon<f64>], truth: &[MultiPolygon<f64>]) -> Self {
         let usable = |all: &[MultiPolygon<f64>]| -> Vec<MultiPolygon<f64>> {
@@ -64,15 +64,15 @@ impl PhotoAreas {
         };
         let (found, truth) = (usable(found), usable(truth));
         let areas = |all: &[MultiPolygon<f64>]| all.iter().map(geo::Area::unsigned_area).collect();
-        let shared = match_outlines(&found, &truth).into_iter().map(|p| (p.truth, p.result, p.shared_m2));
+        let shared = match_footprints(&found, &truth).into_iter().map(|p| (p.truth, p.result, p.shared_m2));
         Self { shared: shared.collect(), truth: areas(&truth), found: areas(&found) }
     }
 
-    fn pairs(&self) -> Vec<OutlinePair> {
+    fn pairs(&self) -> Vec<FootprintPair> {
         let mut overlaps = vec![Vec::new(); self.truth.len()];
         for &(truth, result, shared) in self.shared.iter().filter(|(_, _, shared)| *shared > 0.0) {
             let iou = shared / (self.truth[truth] + self.found[result] - shared);
-            overlaps[truth].push(OutlinePair { truth, result, shared_m2: shared, iou });
+            overlaps[truth].push(FootprintPair { truth, result, shared_m2: shared, iou });
         }
         best_pairs(&overlaps, self.found.len())
     }
@@ -92,7 +92,7 @@ pub struct AreaMeasures {
 }
 
 impl AreaMeasures {
-    fn of(pair: &OutlinePair, areas: &PhotoAreas) -> Self {
+    fn of(pair: &FootprintPair, areas: &PhotoAreas) -> Self {
         let precision = pair.shared_m2 / areas.found[pair.result];
         let recall = pair.shared_m2 / areas.truth[pair.truth];
         Self { iou: pair.iou, precision, recall, f1: 2.0 * precision * recall / (precision + recall) }
@@ -133,7 +133,7 @@ impl DetectionMeasures {
     }
 }
 
-/// How good outlines in photos are; definitions in the module's text.
+/// Quality of footprints in photos; definitions in the module's text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PhotoEvaluation {
     /// Photos with true instances.
@@ -166,18 +166,19 @@ pub struct PhotoEvaluation {
 /// Compares instances, photo by photo.
 #[must_use]
 pub fn evaluate_photos(photos: &[PhotoAreas]) -> PhotoEvaluation {
-    let pairs: Vec<(&PhotoAreas, Vec<OutlinePair>)> = photos.iter().map(|areas| (areas, areas.pairs())).collect();
-    let measured = |areas: &PhotoAreas, pairs: &[OutlinePair]| -> Vec<AreaMeasures> {
+    let pairs: Vec<(&PhotoAreas, Vec<FootprintPair>)> = photos.iter().map(|areas| (areas, areas.pairs())).collect();
+    let measured = |areas: &PhotoAreas, pairs: &[FootprintPair]| -> Vec<AreaMeasures> {
         pairs.iter().map(|p| AreaMeasures::of(p, areas)).collect()
     };
-    let hits = |pairs: &[OutlinePair]| pairs.iter().filter(|p| p.iou >= HIT_IOU).count();
-    let with_truth: Vec<&(&PhotoAreas, Vec<OutlinePair>)> = pairs.iter().filter(|(a, _)| !a.truth.is_empty()).collect();
+    let hits = |pairs: &[FootprintPair]| pairs.iter().filter(|p| p.iou >= HIT_IOU).count();
+    let with_truth: Vec<&(&PhotoAreas, Vec<FootprintPair>)> =
+        pairs.iter().filter(|(a, _)| !a.truth.is_empty()).collect();
     let n_photos = with_truth.len();
     let n_truth = photos.iter().map(|a| a.truth.len()).sum();
     let n_found = photos.iter().map(|a| a.found.len()).sum();
     let n_hits = pairs.iter().map(|(_, p)| hits(p)).sum();
     let of_photos = with_truth.iter().map(|(a, p)| AreaMeasures::mean(measured(a, p).into_iter(), a.truth.len()));
-    let of_photo = |a: &PhotoAreas, p: &[OutlinePair]| DetectionMeasures::of(hits(p), a.found.len(), a.truth.len());
+    let of_photo = |a: &PhotoAreas, p: &[FootprintPair]| DetectionMeasures::of(hits(p), a.found.len(), a.truth.len());
     let detected: Vec<DetectionMeasures> = with_truth.iter().map(|(a, p)| of_photo(a, p)).collect();
     let mean_of = |f: fn(&DetectionMeasures) -> f64| detected.iter().map(f).sum::<f64>() / n_photos.max(1) as f64;
     let hit_ious = pairs.iter().flat_map(|(_, p)| p).map(|p| p.iou).filter(|iou| *iou >= HIT_IOU);
@@ -206,7 +207,7 @@ impl fmt::Display for PhotoEvaluation {
         let percent = |v: f64| format!("{:.1} %", 100.0 * v);
         writeln!(
             f,
-            "Outlines in photos: {} found, {} true, in {} photos ({} without true ones)",
+            "Footprints in photos: {} found, {} true, in {} photos ({} without true ones)",
             self.n_found,
             self.n_truth,
             self.n_photos + self.n_photos_without,
@@ -270,7 +271,7 @@ mod tests {
         assert_eq!(counts, [2, 1, 3, 4, 2, 2]);
     }
 
-    /// Two houses, two outlines over both: the sum over the photo is greatest with each its own, though the first outline fits
+    /// Two houses, two footprints over both: the sum over the photo is greatest with each its own, though the first footprint fits
     /// the second house best.
     #[test]
     fn pairs_are_the_best_for_the_photo_not_for_each_house() {

@@ -14,7 +14,7 @@ use sizeup_results::output::{BuildingRecord, HeightReference};
 /// Attributes that are looked for, in this order, when none is named. All mean metres above ground.
 pub const HEIGHT_FIELDS: [&str; 5] = ["height_m", "measuredHeight", "measured_height", "height", "HEIGHT"];
 
-/// What to read of a reference.
+/// Options for reading a reference.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TruthOptions {
@@ -52,9 +52,9 @@ impl Default for TruthOptions {
 /// A reference and how its heights were found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth {
-    /// Its buildings in the project's CRS.
+    /// Buildings in the project's CRS.
     pub buildings: Vec<TruthBuilding>,
-    /// Where the heights come from, for the report: an attribute or the surfaces.
+    /// Source of the heights, for the report: an attribute or the surfaces.
     pub height_source: String,
 }
 
@@ -70,7 +70,11 @@ pub fn read_truth(path: &Path, options: &TruthOptions, project_crs: &Crs) -> Res
 ///
 /// # Errors
 /// [`ReadError`]: unreadable, without CRS.
-pub(super) fn read_truth_outlines(path: &Path, options: &TruthOptions, project_crs: &Crs) -> Result<Truth, ReadError> {
+pub(super) fn read_truth_footprints(
+    path: &Path,
+    options: &TruthOptions,
+    project_crs: &Crs,
+) -> Result<Truth, ReadError> {
     read(path, options, project_crs, Heights::Absent)
 }
 
@@ -105,7 +109,7 @@ fn read(path: &Path, options: &TruthOptions, project_crs: &Crs, heights: Heights
     };
     let building = |b: &FoundBuilding| TruthBuilding {
         id: b.id.clone(),
-        footprint: b.outline.clone(),
+        footprint: b.footprint.clone(),
         height_m: match field {
             Some(field) => b.attributes.get(field).and_then(number),
             None => measured_height_m(b, options.height_reference),
@@ -150,7 +154,7 @@ pub fn read_results(path: &Path, project_crs: &Crs) -> Result<Vec<BuildingRecord
 ///
 /// # Errors
 /// [`ReadError`].
-pub(super) fn read_outlines(path: &Path, project_crs: &Crs) -> Result<Vec<BuildingRecord>, ReadError> {
+pub(super) fn read_footprints(path: &Path, project_crs: &Crs) -> Result<Vec<BuildingRecord>, ReadError> {
     Ok(FoundBuildings::read(path, &ReadOptions::default())?.into_crs(project_crs)?.to_records())
 }
 

@@ -10,17 +10,17 @@ use super::levels::LevelAgreement;
 use super::surface::SurfaceEvaluation;
 use super::volume::VolumeEvaluation;
 
-/// What was compared, and how it came out.
+/// Comparison and its outcome.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct EvaluationReport {
     /// Heights; `None` where one side has bodies only.
     #[serde(flatten)]
     pub heights: Option<HeightEvaluation>,
-    /// Where heights of the reference come from: an attribute, its surfaces or its points.
+    /// Source of the reference's heights: an attribute, its surfaces or its points.
     pub truth_heights: Option<String>,
-    /// Outlines; `None` where one side has none of its own.
+    /// Footprints; `None` where one side has none of its own.
     pub footprints: Option<FootprintEvaluation>,
-    /// How levels were brought together; `None` where none were compared.
+    /// Way in which levels were brought together; `None` where none were compared.
     pub levels: Option<LevelAgreement>,
     /// Surfaces.
     pub surface: Option<SurfaceEvaluation>,

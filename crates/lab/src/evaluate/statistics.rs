@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use sizeup_heights::stats::{mean, quantile};
 
-/// What each number of [`HeightStatistics`] is: name in files, definition.
+/// Meaning of each number of [`HeightStatistics`]: name in files, definition.
 pub const DEFINITIONS: [(&str, &str); 14] = [
     ("n", "buildings of the reference with a height of at least the minimum, matched to a building with a height"),
     ("error_mean_m", "mean of e = |h - h*|, metres; h: result, h*: reference, both roof minus ground"),

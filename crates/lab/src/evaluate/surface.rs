@@ -16,7 +16,7 @@ use super::solid::Facet;
 use sizeup_heights::seed;
 use sizeup_heights::stats;
 
-/// What each number is.
+/// Meaning of each number.
 pub const SURFACE_DEFINITIONS: [(&str, &str); 5] = [
     (
         "error_90_m",
@@ -50,7 +50,7 @@ pub struct SurfaceEvaluation {
     pub density_per_m2: f64,
     /// Samples of result and reference.
     pub n_samples: [usize; 2],
-    /// What each number means.
+    /// Meaning of each number.
     pub definitions: BTreeMap<String, String>,
 }
 

@@ -13,7 +13,7 @@ impl fmt::Display for HeightEvaluation {
             Matching::Id => "by id".to_owned(),
             Matching::Auto | Matching::Overlap => {
                 format!(
-                    "by largest overlap (at least {:.0} % of the reference's outline)",
+                    "by largest overlap (at least {:.0} % of the reference's footprint)",
                     100.0 * self.min_overlap_share
                 )
             }
@@ -69,7 +69,7 @@ impl fmt::Display for HeightEvaluation {
             "e = |h - h*|; h, h*: roof minus ground, result and reference; acc = max(0, 1 - e/h*); acc 90 %: reached by\n\
              90 % of the buildings (10th percentile); P90: 90th percentile of e, linear interpolation; RMSE: square root of\n\
              the mean of e^2; bias: mean of h - h*; <= 1 m, <= 10 %: share of buildings with e of at most 1 m, of 0.1 h*;\n\
-             groups: status of the result, kind, h* and outline area of the reference"
+             groups: status of the result, kind, h* and footprint area of the reference"
         )
     }
 }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::columns::{ColumnGrid, Columns};
 use super::solid::{Prism, Solid};
 
-/// What each number is.
+/// Meaning of each number.
 pub const VOLUME_DEFINITIONS: [(&str, &str); 6] = [
     (
         "prism_iou",
@@ -53,7 +53,7 @@ pub struct VolumeEvaluation {
     pub volume_m3: [f64; 2],
     /// Result and reference.
     pub open_share: [f64; 2],
-    /// What each number means.
+    /// Meaning of each number.
     pub definitions: BTreeMap<String, String>,
 }
 
@@ -129,7 +129,7 @@ pub fn evaluate_volume(
 }
 
 fn prism_volume_m3(prism: &Prism) -> f64 {
-    prism.outline.unsigned_area() * (prism.levels_m[1] - prism.levels_m[0])
+    prism.footprint.unsigned_area() * (prism.levels_m[1] - prism.levels_m[0])
 }
 
 fn common_m3(a: &Prism, b: &Prism) -> f64 {
@@ -137,14 +137,14 @@ fn common_m3(a: &Prism, b: &Prism) -> f64 {
     if thickness <= 0.0 {
         return 0.0;
     }
-    a.outline.intersection(&b.outline).unsigned_area() * thickness
+    a.footprint.intersection(&b.footprint).unsigned_area() * thickness
 }
 
 type Box2 = GeomWithData<Rectangle<[f64; 2]>, usize>;
 
 fn tree_of(prisms: &[Prism]) -> RTree<Box2> {
     let box_of = |(i, prism): (usize, &Prism)| {
-        let bounds = prism.outline.bounding_rect()?;
+        let bounds = prism.footprint.bounding_rect()?;
         let corners = Rectangle::from_corners([bounds.min().x, bounds.min().y], [bounds.max().x, bounds.max().y]);
         Some(GeomWithData::new(corners, i))
     };
@@ -156,7 +156,7 @@ fn common_of_sets_m3(a: &[Prism], b: &[Prism], is_same: bool) -> f64 {
     let tree = tree_of(b);
     let mut sum = 0.0;
     for (i, prism) in a.iter().enumerate() {
-        let Some(bounds) = prism.outline.bounding_rect() else { continue };
+        let Some(bounds) = prism.footprint.bounding_rect() else { continue };
         let around = AABB::from_corners([bounds.min().x, bounds.min().y], [bounds.max().x, bounds.max().y]);
         let mut near: Vec<usize> = tree.locate_in_envelope_intersecting(&around).map(|c| c.data).collect();
         near.sort_unstable();
@@ -177,7 +177,7 @@ pub fn prism_iou(a: &[Prism], b: &[Prism]) -> f64 {
     common / (total - common)
 }
 
-/// How many voxel centres `(k + ½) · size` lie in a stretch.
+/// Number of voxel centres `(k + ½) · size` lie in a stretch.
 fn centres_in(from: f64, to: f64, size: f64) -> i64 {
     let first = |level: f64| (level / size - 0.5).ceil() as i64;
     (first(to) - first(from)).max(0)

@@ -169,7 +169,7 @@ fn angled(size: DVec2, rng: &mut ChaCha8Rng) -> Vec<Lot> {
     let wings = if happens(rng, 0.5) { vec![left, right] } else { vec![right] };
     let eave = between(rng, 9.0, 21.0);
     let block = if happens(rng, 0.5) {
-        form::flat(vec![form::winged_outline(main, &wings)], eave)
+        form::flat(vec![form::winged_footprint(main, &wings)], eave)
     } else {
         form::gable_with_wings(main, eave, eave + rise(deep, between(rng, 22.0, 38.0)), &wings)
     };

@@ -12,14 +12,14 @@ use sizeup_heights::ids::BuildingId;
 
 use super::form::{Form, RoofKind};
 
-/// Walls go this far below the lowest ground under the outline, metres: no gap on a slope.
+/// Walls go this far below the lowest ground under the footprint, metres: no gap on a slope.
 const FOUNDATION_M: f64 = 1.0;
 /// Corners closer than this are the same corner, metres.
 const SAME_CORNER_M: f64 = 1e-4;
-/// Ground samples per side of an outline's bounding box.
+/// Ground samples per side of a footprint's bounding box.
 const GROUND_SAMPLES: usize = 24;
 
-/// What a building is.
+/// Kind of a building.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BuildingKind {
@@ -93,13 +93,13 @@ impl Triangle {
 pub struct Building {
     /// Unique in the scene.
     pub id: BuildingId,
-    /// What it is.
+    /// Kind.
     pub kind: BuildingKind,
     /// The shape of its roof.
     pub roof: RoofKind,
-    /// Its outline on the ground, courtyards as holes.
+    /// Footprint on the ground, courtyards as holes.
     pub footprint: Polygon<f64>,
-    /// Mean ground under the outline: heights count from here.
+    /// Mean ground under the footprint: heights count from here.
     pub ground_z_m: f64,
     /// Area-mean roof height over the ground.
     pub height_m: f64,
@@ -109,11 +109,11 @@ pub struct Building {
     pub ridge_m: f64,
     /// Direction of its long side, radians from east: textures follow it.
     pub heading_rad: f64,
-    /// Its surface.
+    /// Surface.
     pub triangles: Vec<Triangle>,
 }
 
-/// Where a form stands: its plane turned by `angle_rad` (counter-clockwise) and moved to `origin`.
+/// Placement of a form: its plane turned by `angle_rad` (counter-clockwise) and moved to `origin`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     /// The plane's origin in the map frame, metres.
@@ -140,7 +140,7 @@ impl Building {
     /// Raises a form on the terrain.
     #[must_use]
     pub fn raise(form: &Form, at: &Placement, terrain: &Terrain, kind: BuildingKind, id: BuildingId) -> Self {
-        let footprint = polygon(form.outline.iter().map(|ring| ring.iter().map(|&p| at.point(p)).collect()));
+        let footprint = polygon(form.footprint.iter().map(|ring| ring.iter().map(|&p| at.point(p)).collect()));
         let (ground_z_m, lowest_z_m) = ground_under(&footprint, terrain);
         let in_map = |p: DVec3| at.point(p.truncate()).extend(ground_z_m + p.z);
         let base_m = lowest_z_m - ground_z_m - FOUNDATION_M;
@@ -185,7 +185,7 @@ pub(super) fn polygon(rings: impl IntoIterator<Item = Vec<DVec2>>) -> Polygon<f6
     Polygon::new(exterior, closed.collect())
 }
 
-/// Mean and lowest ground under an outline, metres; 0 where there is no terrain at all.
+/// Mean and lowest ground under a footprint, metres; 0 where there is no terrain at all.
 pub(super) fn ground_under(footprint: &Polygon<f64>, terrain: &Terrain) -> (f64, f64) {
     let corners = footprint.exterior().points().filter_map(|p| terrain.height_at(p.x(), p.y()));
     let mut lowest = corners.fold(f64::INFINITY, f64::min);

@@ -17,7 +17,7 @@ use super::SimulateError;
 /// Highest level of detail that is used: `LoD3` has windows and overhangs that no truth of ours speaks of.
 const HIGHEST_LOD: f64 = 2.9;
 
-/// What a surface is.
+/// Kind of a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Role {
     Roof,
@@ -41,7 +41,7 @@ pub(super) struct RawBuilding {
     pub surfaces: Vec<RawSurface>,
 }
 
-/// What a file holds.
+/// Content of a file.
 #[derive(Debug)]
 pub(super) struct RawCity {
     /// Such as `EPSG:28992`.

@@ -22,7 +22,7 @@ const CAR_BODY_M: [f64; 3] = [4.4, 1.8, 0.95];
 /// Length, width, height of a car's cabin, metres.
 const CAR_CABIN_M: [f64; 3] = [2.2, 1.6, 0.55];
 
-/// What a piece of clutter is made of.
+/// Material of a piece of clutter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Stuff {
     Leaves,
@@ -39,7 +39,7 @@ pub(super) struct Piece {
     pub owner: u32,
 }
 
-/// How many of each, in all.
+/// Number of each, in all.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Amounts {
     pub n_trees: usize,

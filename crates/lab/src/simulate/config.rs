@@ -243,10 +243,10 @@ impl Default for ImageConfig {
     }
 }
 
-/// The part of a building that masks outline.
+/// The contour of a building that masks follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum MaskOutline {
+pub enum MaskContour {
     /// Where walls meet the ground, hidden or not.
     #[default]
     Ground,
@@ -260,15 +260,16 @@ pub enum MaskOutline {
 pub struct MaskConfig {
     /// Whether they are written.
     pub enabled: bool,
-    /// The part of a building that they outline.
-    pub outline: MaskOutline,
-    /// How far they are from the truth; only for outlines on the ground.
+    /// The contour of a building that they follow.
+    #[serde(alias = "outline")]
+    pub contour: MaskContour,
+    /// How far they are from the truth; only for footprints on the ground.
     pub level: MaskLevel,
 }
 
 impl Default for MaskConfig {
     fn default() -> Self {
-        Self { enabled: true, outline: MaskOutline::default(), level: MaskLevel::default() }
+        Self { enabled: true, contour: MaskContour::default(), level: MaskLevel::default() }
     }
 }
 
@@ -335,7 +336,7 @@ impl Default for PointConfig {
     }
 }
 
-/// Errors of what the user gets; the truth stays clean. All are standard deviations but `outline_m`.
+/// Errors of what the user gets; the truth stays clean. All are standard deviations but `footprint_m`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ErrorConfig {
@@ -345,11 +346,12 @@ pub struct ErrorConfig {
     pub angle_deg: f64,
     /// Error of footprint vertices, per axis, metres.
     pub vertex_m: f64,
-    /// By how much every outline is too large (negative: too small), metres.
-    pub outline_m: f64,
+    /// By how much every footprint is too large (negative: too small), metres.
+    #[serde(alias = "outline_m")]
+    pub footprint_m: f64,
 }
 
 impl ErrorConfig {
-    /// What a careful survey and a good cadastre have: 0.05 m and 0.05°, vertices 0.3 m, outlines 0.2 m too large.
-    pub const REALISTIC: Self = Self { position_m: 0.05, angle_deg: 0.05, vertex_m: 0.3, outline_m: 0.2 };
+    /// Errors of a careful survey and a good cadastre: 0.05 m and 0.05°, vertices 0.3 m, footprints 0.2 m too large.
+    pub const REALISTIC: Self = Self { position_m: 0.05, angle_deg: 0.05, vertex_m: 0.3, footprint_m: 0.2 };
 }

@@ -68,7 +68,7 @@ impl PriorLevel {
     /// All levels, from the best to the worst.
     pub const ALL: [Self; 6] = [Self::Clean, Self::Bleed, Self::Mid, Self::Miss, Self::High, Self::Harsh];
 
-    /// What the level does.
+    /// Effect of the level.
     #[must_use]
     pub fn corruption(self) -> Corruption {
         let clean = Corruption {

@@ -37,7 +37,7 @@ pub fn poses(views: &[View], errors: &ErrorConfig, root_seed: u64) -> Vec<View> 
 }
 
 /// The footprints as a mapping agency would have them, in the order of the buildings. Shared walls stay shared: their
-/// corners move together, and outlines grow on free sides only. A footprint that would cross itself stays as it is.
+/// corners move together, and footprints grow on free sides only. A footprint that would cross itself stays as it is.
 #[must_use]
 pub fn footprints(buildings: &[Building], errors: &ErrorConfig, root_seed: u64) -> Vec<Polygon<f64>> {
     let key = |p: DVec2| [p.x, p.y].map(|v| (v / SAME_CORNER_M).round() as i64);
@@ -57,7 +57,7 @@ pub fn footprints(buildings: &[Building], errors: &ErrorConfig, root_seed: u64) 
     };
     let disturb = |b: &Building| {
         let moved = rings(b).into_iter().map(|ring| {
-            let offset = outlined(&ring, |a, b| if is_shared(a, b) { 0.0 } else { errors.outline_m });
+            let offset = offset_by(&ring, |a, b| if is_shared(a, b) { 0.0 } else { errors.footprint_m });
             ring.iter().zip(offset).map(|(&p, grown)| grown + noise(p)).collect::<Vec<_>>()
         });
         let disturbed = polygon(moved);
@@ -77,7 +77,7 @@ fn edges_of(ring: &[DVec2]) -> Vec<[DVec2; 2]> {
 }
 
 /// Moves every edge to its right (outwards, for counter-clockwise exteriors and clockwise holes) by its own distance.
-fn outlined(ring: &[DVec2], distance_m: impl Fn(DVec2, DVec2) -> f64) -> Vec<DVec2> {
+fn offset_by(ring: &[DVec2], distance_m: impl Fn(DVec2, DVec2) -> f64) -> Vec<DVec2> {
     let n = ring.len();
     let edge = |i: usize| {
         let (a, b) = (ring[i % n], ring[(i + 1) % n]);
@@ -120,8 +120,8 @@ mod tests {
     }
 
     #[test]
-    fn outlines_grow_on_free_sides_only() {
-        let errors = ErrorConfig { outline_m: 0.2, ..ErrorConfig::default() };
+    fn footprints_grow_on_free_sides_only() {
+        let errors = ErrorConfig { footprint_m: 0.2, ..ErrorConfig::default() };
         let grown = footprints(&row_of_two(), &errors, 1);
         for polygon in &grown {
             // 6 × 10 m, 0.2 m more on three sides.
@@ -142,7 +142,7 @@ mod tests {
         let at = Placement { origin: DVec2::ZERO, angle_rad: 0.0 };
         let form = form::courtyard(Rect::sized(0.0, 0.0, 40.0, 30.0), 10.0, 12.0, 12.0);
         let block = Building::raise(&form, &at, &Terrain::Constant(0.0), BuildingKind::Courtyard, "a".into());
-        let errors = ErrorConfig { outline_m: 0.2, ..ErrorConfig::default() };
+        let errors = ErrorConfig { footprint_m: 0.2, ..ErrorConfig::default() };
         let grown = &footprints(&[block], &errors, 1)[0];
         assert!((grown.unsigned_area() - (40.4 * 30.4 - 19.6 * 9.6)).abs() < 1e-6);
     }

@@ -71,7 +71,7 @@ impl<'a> Eye<'a> {
         Some(Ray::new(self.centre, direction.as_vec3()))
     }
 
-    /// Where a pixel's ray meets the ground, whatever stands in front of it, and what it meets first.
+    /// Point where a pixel's ray meets the ground, whatever stands in front of it, and what it meets first.
     pub fn look(&self, scene: &Scene, pixel: DVec2) -> (Option<Hit>, Option<Hit>) {
         let Some(ray) = self.ray(pixel) else { return (None, None) };
         let ground = scene.ground_hit(&ray);

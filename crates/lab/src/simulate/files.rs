@@ -25,17 +25,17 @@ fn write_text(path: &Path, text: &str) -> Result<(), FileError> {
     write_whole(path, |w| w.write_all(text.as_bytes()))
 }
 
-/// The footprints as the user gets them: outlines, ids, types; no heights.
+/// The footprints as the user gets them: polygons, ids, types; no heights.
 pub(super) fn write_footprints(
     path: &Path,
     crs: &Crs,
     buildings: &[Building],
-    outlines: &[Polygon<f64>],
+    footprints: &[Polygon<f64>],
 ) -> Result<(), SimulateError> {
     let columns = [("id", FieldType::Text), ("type", FieldType::Text)];
     let features: Vec<LayerFeature> = buildings
         .iter()
-        .zip(outlines)
+        .zip(footprints)
         .map(|(b, polygon)| LayerFeature {
             polygon,
             texts: vec![b.id.to_string(), b.kind.as_str().to_owned()],
@@ -52,7 +52,7 @@ pub(super) fn write_dtm(path: &Path, crs: &Crs, terrain: &Terrain) -> Result<(),
     Ok(write_geotiff(path, dem.heights_m(), &place)?)
 }
 
-/// What is true of every building, as `GeoJSON` in the project's CRS (with the `crs` member of the 2008 draft, which
+/// Truth of every building, as `GeoJSON` in the project's CRS (with the `crs` member of the 2008 draft, which
 /// GDAL and QGIS still read).
 pub(super) fn write_truth(path: &Path, crs: &Crs, buildings: &[Building]) -> Result<(), FileError> {
     let mut members = JsonObject::from_iter([("name".to_owned(), "truth".into())]);
@@ -93,7 +93,7 @@ pub(super) fn write_npy(path: &Path, map: &Raster<f32>) -> Result<(), FileError>
     })
 }
 
-/// Where the local frame of `sparse/` lies.
+/// Origin of the local frame of `sparse/`.
 pub(super) fn write_georef(path: &Path, crs: &Crs, offset: DVec3) -> Result<(), FileError> {
     let georef =
         json!({ "crs": crs.to_string(), "offset": offset.to_array(), "meaning": "map = local + offset, metres" });

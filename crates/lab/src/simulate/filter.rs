@@ -107,7 +107,7 @@ pub(super) fn warped(map: &Raster<f32>, sd_px: f64, waves_px: (f64, f64), rng: &
                 (at as f64 + sd_px * f64::from(by)).round().clamp(0.0, (n - 1) as f64) as usize
             };
             let from = (moved(col, dx[(col, row)], width), moved(row, dy[(col, row)], height));
-            // The sky's outline stays, so that the map keeps its holes.
+            // The sky's edge stays, so that the map keeps its holes.
             let value = map[from];
             if !out[(col, row)].is_nan() && !value.is_nan() {
                 out[(col, row)] = value;

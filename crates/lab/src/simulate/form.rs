@@ -1,7 +1,7 @@
-//! Building forms: an outline, and planar roof faces that tile it without gap or overlap.
+//! Building forms: a footprint, and planar roof faces that tile it without gap or overlap.
 //!
 //! A form lives in a plane of its own (x, y in metres) with z above the building's ground. Because the faces tile
-//! the outline, the area-mean roof height is exact: `Σ ∫ z dA / Σ A` over the faces' triangles.
+//! the footprint, the area-mean roof height is exact: `Σ ∫ z dA / Σ A` over the faces' triangles.
 
 use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
@@ -43,14 +43,14 @@ pub struct Face {
     pub rings: Vec<Vec<DVec3>>,
 }
 
-/// Outline and roof of one building in a plane of its own.
+/// Footprint and roof of one building in a plane of its own.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Form {
     /// First ring counter-clockwise, holes clockwise, without a repeated last point.
-    pub outline: Vec<Vec<DVec2>>,
-    /// They tile the outline.
+    pub footprint: Vec<Vec<DVec2>>,
+    /// They tile the footprint.
     pub faces: Vec<Face>,
-    /// What the faces make.
+    /// Roof that the faces make.
     pub roof: RoofKind,
 }
 
@@ -107,11 +107,11 @@ fn face(points: &[(f64, f64, f64)]) -> Face {
     Face { rings: vec![points.iter().copied().map(DVec3::from).collect()] }
 }
 
-/// A horizontal roof over any outline.
+/// A horizontal roof over any footprint.
 #[must_use]
-pub fn flat(outline: Vec<Vec<DVec2>>, roof_m: f64) -> Form {
-    let faces = vec![Face { rings: outline.iter().map(|ring| lift(ring, roof_m)).collect() }];
-    Form { outline, faces, roof: RoofKind::Flat }
+pub fn flat(footprint: Vec<Vec<DVec2>>, roof_m: f64) -> Form {
+    let faces = vec![Face { rings: footprint.iter().map(|ring| lift(ring, roof_m)).collect() }];
+    Form { footprint, faces, roof: RoofKind::Flat }
 }
 
 /// A gable roof with its ridge along x; the ends at low and high x are upright.
@@ -132,7 +132,7 @@ pub fn hip(r: Rect, eave_m: f64, ridge_m: f64) -> Form {
         face(&[(r.x1, r.y1, e), (r.x0, r.y1, e), (a, m, t), (b, m, t)]),
         face(&[(r.x0, r.y1, e), (r.x0, r.y0, e), (a, m, t)]),
     ];
-    Form { outline: vec![r.ring()], faces, roof: RoofKind::Hip }
+    Form { footprint: vec![r.ring()], faces, roof: RoofKind::Hip }
 }
 
 /// Flat roofs of different heights side by side along x, in equal shares of the length.
@@ -143,7 +143,7 @@ pub fn stepped(r: Rect, roofs_m: &[f64]) -> Form {
         let part = Rect { x0: cut(i), x1: if i + 1 == roofs_m.len() { r.x1 } else { cut(i + 1) }, ..r };
         Face { rings: vec![lift(&part.ring(), z)] }
     });
-    Form { outline: vec![r.ring()], faces: faces.collect(), roof: RoofKind::Stepped }
+    Form { footprint: vec![r.ring()], faces: faces.collect(), roof: RoofKind::Stepped }
 }
 
 /// Flat roofs stacked like a telescope: each level stands on the one before (a podium, a tower, its plant room).
@@ -156,9 +156,9 @@ pub fn stacked(levels: &[(Rect, f64)]) -> Form {
         }
         Face { rings }
     });
-    let outline = levels.first().map(|(r, _)| r.ring()).into_iter().collect();
+    let footprint = levels.first().map(|(r, _)| r.ring()).into_iter().collect();
     let roof = if levels.len() == 1 { RoofKind::Flat } else { RoofKind::Stepped };
-    Form { outline, faces: faces.collect(), roof }
+    Form { footprint, faces: faces.collect(), roof }
 }
 
 /// A wing that leaves the low-y side of a main body at right angles.
@@ -168,13 +168,13 @@ pub struct Wing {
     pub x0: f64,
     /// High x.
     pub x1: f64,
-    /// How far it reaches out from the main body.
+    /// Reach from the main body.
     pub reach: f64,
 }
 
-/// The outline of a main body with wings (sorted by x, apart from each other): L, T or U.
+/// The footprint of a main body with wings (sorted by x, apart from each other): L, T or U.
 #[must_use]
-pub fn winged_outline(r: Rect, wings: &[Wing]) -> Vec<DVec2> {
+pub fn winged_footprint(r: Rect, wings: &[Wing]) -> Vec<DVec2> {
     let mut ring = Vec::new();
     if wings.first().is_none_or(|w| w.x0 > r.x0) {
         ring.push(DVec2::new(r.x0, r.y0));
@@ -222,15 +222,15 @@ pub fn gable_with_wings(r: Rect, eave_m: f64, ridge_m: f64, wings: &[Wing]) -> F
     slope.extend([(r.x1, m, t), (r.x0, m, t)]);
     faces.push(face(&slope));
     faces.push(face(&[(r.x1, r.y1, e), (r.x0, r.y1, e), (r.x0, m, t), (r.x1, m, t)]));
-    Form { outline: vec![winged_outline(r, wings)], faces, roof: RoofKind::Gable }
+    Form { footprint: vec![winged_footprint(r, wings)], faces, roof: RoofKind::Gable }
 }
 
 /// A closed block around a courtyard: flat, or a ring of gables where `ridge_m > eave_m`.
 #[must_use]
 pub fn courtyard(r: Rect, wing_m: f64, eave_m: f64, ridge_m: f64) -> Form {
-    let outline = vec![r.ring(), r.inset(wing_m).hole()];
+    let footprint = vec![r.ring(), r.inset(wing_m).hole()];
     if ridge_m <= eave_m {
-        return flat(outline, eave_m);
+        return flat(footprint, eave_m);
     }
     let rings = [lift(&r.ring(), eave_m), lift(&r.inset(0.5 * wing_m).ring(), ridge_m)];
     let inner = lift(&r.inset(wing_m).ring(), eave_m);
@@ -241,5 +241,5 @@ pub fn courtyard(r: Rect, wing_m: f64, eave_m: f64, ridge_m: f64) -> Form {
         faces.push(Face { rings: vec![vec![outer[i], outer[j], ridge[j], ridge[i]]] });
         faces.push(Face { rings: vec![vec![ridge[i], ridge[j], inner[j], inner[i]]] });
     }
-    Form { outline, faces, roof: RoofKind::Gable }
+    Form { footprint, faces, roof: RoofKind::Gable }
 }

@@ -51,7 +51,7 @@ pub struct MaskErrors {
 }
 
 impl MaskLevel {
-    /// Its errors.
+    /// Errors.
     #[must_use]
     pub fn errors(self) -> MaskErrors {
         match self {

@@ -1,4 +1,4 @@
-//! Footprint masks of nadir views: which building's outline *on the ground* a pixel lies in, roofs notwithstanding, or
+//! Footprint masks of nadir views: which building's footprint *on the ground* a pixel lies in, roofs notwithstanding, or
 //! whose roof it shows.
 
 use geo::{BoundingRect, Contains};
@@ -14,7 +14,7 @@ use super::building::Building;
 /// Most that the ground under one building is off its mean, metres.
 const SLOPE_M: f64 = 10.0;
 
-/// `H × W` of `building index + 1`, 0 = none. A pixel belongs to an outline if its ray meets the terrain inside it.
+/// `H × W` of `building index + 1`, 0 = none. A pixel belongs to a footprint if its ray meets the terrain inside it.
 #[must_use]
 pub fn ground_contact(view: &View, buildings: &[Building], terrain: &Terrain) -> Raster<u16> {
     let labelled: Vec<(u16, &Building)> = (1..=u16::MAX).zip(buildings).collect();
@@ -28,7 +28,7 @@ pub fn roofs(view: &View, buildings: &[Building]) -> Raster<u16> {
     draw_at(view, buildings, &|_, b| b.ground_z_m + b.height_m)
 }
 
-/// Outlines laid at a level per building, the higher one in front.
+/// Footprints laid at a level per building, the higher one in front.
 pub(super) fn draw_at(view: &View, buildings: &[Building], level: &dyn Fn(usize, &Building) -> f64) -> Raster<u16> {
     let levels: Vec<f64> = buildings.iter().enumerate().map(|(i, b)| level(i, b)).collect();
     let mut order: Vec<usize> = (0..buildings.len()).collect();
@@ -40,7 +40,7 @@ pub(super) fn draw_at(view: &View, buildings: &[Building], level: &dyn Fn(usize,
     })
 }
 
-/// Labels every pixel whose ray meets a building's surface inside its outline; the first building has it.
+/// Labels every pixel whose ray meets a building's surface inside its footprint; the first building has it.
 fn draw(
     view: &View,
     buildings: &[(u16, &Building)],
@@ -71,10 +71,10 @@ fn draw(
     mask
 }
 
-/// Columns and rows (first, and one after the last) that an outline can touch, one pixel of margin included.
+/// Columns and rows (first, and one after the last) that a footprint can touch, one pixel of margin included.
 fn pixel_bounds(view: &View, building: &Building) -> Option<((usize, usize), (usize, usize))> {
     building.footprint.bounding_rect()?;
-    // From the ground under the outline to its roof, and on a slope.
+    // From the ground under the footprint to its roof, and on a slope.
     let levels =
         [building.ground_z_m - SLOPE_M, building.ground_z_m + SLOPE_M, building.ground_z_m + building.height_m];
     let corners = building.footprint.exterior().points().flat_map(|p| levels.map(|z| (p, z))).map(|(p, z)| {

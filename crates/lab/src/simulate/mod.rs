@@ -44,7 +44,7 @@ mod trace;
 
 pub use building::{Building, BuildingKind, Part, Placement, Triangle};
 pub use config::{
-    CameraConfig, CityJsonConfig, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, MaskConfig, MaskOutline,
+    CameraConfig, CityJsonConfig, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, MaskConfig, MaskContour,
     PointConfig, PriorConfig, PriorLevel, SimulateConfig, TerrainConfig, TownConfig, TownKind,
 };
 pub use corrupt::{Corruption, building_gain, prior};
@@ -73,11 +73,11 @@ pub enum SimulateError {
     /// A setting outside its range.
     #[error("{setting} is {found}: expected {expected}")]
     Setting {
-        /// Its name in the configuration.
+        /// Name in the configuration.
         setting: &'static str,
-        /// What it is.
+        /// Kind.
         found: String,
-        /// What it can be.
+        /// Allowed values.
         expected: &'static str,
     },
     /// No building came out.
@@ -85,7 +85,7 @@ pub enum SimulateError {
         "the scene has no buildings ({wanted} were asked for)\nhint: set `town.n_buildings` to 1 or more, or widen `cityjson.bounds_m`"
     )]
     NoBuildings {
-        /// How many were asked for.
+        /// Number asked for.
         wanted: usize,
     },
     /// No view came out.
@@ -102,7 +102,7 @@ pub enum SimulateError {
     /// A preset that does not exist.
     #[error("unknown preset {name:?}\nhint: the presets are {known}")]
     UnknownPreset {
-        /// What was asked for.
+        /// Value asked for.
         name: String,
         /// All names.
         known: String,
@@ -118,7 +118,7 @@ pub enum SimulateError {
     CityJson {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Fault.
         reason: String,
     },
     /// A photo could not be encoded.

@@ -65,7 +65,7 @@ pub(super) fn fractal(p_m: Vec2, longest_m: f32, shortest_m: f32, pixel_m: f32, 
     1.6 * sum / total.max(f32::MIN_POSITIVE)
 }
 
-/// How much of a detail of `size_m` survives in a pixel of `pixel_m`: 1 from three pixels on, 0 below one.
+/// Share of a detail of `size_m` that survives in a pixel of `pixel_m`: 1 from three pixels on, 0 below one.
 pub(super) fn seen_share(size_m: f32, pixel_m: f32) -> f32 {
     (0.5 * (size_m / pixel_m - 1.0)).clamp(0.0, 1.0)
 }

@@ -21,7 +21,7 @@ use super::texture::Palette;
 /// Radiance of the sun and of the sky on a horizontal white surface.
 const SUN: Vec3 = Vec3::new(1.75, 1.62, 1.42);
 const SKY: Vec3 = Vec3::new(0.42, 0.50, 0.62);
-/// What is seen where there is nothing, and what haze fades into.
+/// Colour where there is nothing, and what haze fades into.
 const HORIZON: Vec3 = Vec3::new(0.58, 0.66, 0.76);
 /// Distance over which haze takes 63 %, metres.
 const HAZE_M: f32 = 6000.0;
@@ -32,7 +32,7 @@ const EDGE_RAYS: [(f64, f64); 3] = [(-0.3, -0.15), (0.15, 0.32), (0.3, -0.28)];
 /// Normals apart by more than this cosine make an edge.
 const SAME_NORMAL: f32 = 0.98;
 
-/// What takes photos of a scene.
+/// Camera that takes photos of a scene.
 pub(super) struct Photographer<'a> {
     pub scene: &'a Scene,
     pub palette: &'a Palette<'a>,
@@ -123,7 +123,7 @@ fn is_edge(hits: &[Option<Hit>], width: usize, height: usize, col: usize, row: u
     let here = &hits[row * width + col];
     let differs = |c: usize, r: usize| match (here, &hits[r * width + c]) {
         (Some(a), Some(b)) => {
-            // Leaves are all edges: only their outline counts.
+            // Leaves are all edges: only their contour counts.
             let bends = || a.surface.normal.dot(b.surface.normal) < SAME_NORMAL;
             a.surface.seen() != b.surface.seen() || (a.surface.seen() != Seen::Clutter && bends())
         }

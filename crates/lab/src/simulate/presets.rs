@@ -89,7 +89,7 @@ impl SimulateConfig {
             ("errors.position_m", self.errors.position_m, 0.0, 100.0, "0 to 100 m"),
             ("errors.angle_deg", self.errors.angle_deg, 0.0, 45.0, "0 to 45 degrees"),
             ("errors.vertex_m", self.errors.vertex_m, 0.0, 10.0, "0 to 10 m"),
-            ("errors.outline_m", self.errors.outline_m, -5.0, 5.0, "-5 to 5 m"),
+            ("errors.footprint_m", self.errors.footprint_m, -5.0, 5.0, "-5 to 5 m"),
         ] {
             check(within(value, low, high), setting, value.to_string(), expected)?;
         }

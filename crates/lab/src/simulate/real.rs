@@ -37,7 +37,7 @@ struct Draft {
     id: BuildingId,
     footprint: Polygon<f64>,
     triangles: Vec<Triangle>,
-    /// Where its file has it stand.
+    /// Place in its file.
     foot_z_m: f64,
 }
 

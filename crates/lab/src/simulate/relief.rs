@@ -70,7 +70,7 @@ impl Extent {
         })
     }
 
-    /// Its middle.
+    /// Middle.
     #[must_use]
     pub fn centre(&self) -> DVec2 {
         DVec2::new(0.5 * (self.west_m + self.east_m), 0.5 * (self.south_m + self.north_m))

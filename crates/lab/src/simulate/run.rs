@@ -17,7 +17,7 @@ use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::ViewId;
 use sizeup_survey::{ColmapModel, View, ViewKind};
 
-use super::config::{MaskOutline, SimulateConfig};
+use super::config::{MaskContour, SimulateConfig};
 use super::mask_errors::masks_with_errors;
 use super::photo::{self, Photographer};
 use super::scene::Scene;
@@ -32,7 +32,7 @@ const OFFSET_STEP_M: f64 = 1000.0;
 /// Tie points per view.
 const TIE_POINTS_PER_VIEW: usize = 40;
 
-/// What was written.
+/// Files written.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SimulationSummary {
     /// Buildings in the truth.
@@ -154,8 +154,8 @@ fn write_scene(
         let cloud = points::scatter(&scene, views, &config.points, config.seed);
         sizeup_geo::cloud::write_text(&out.join("points.xyz"), &cloud)?;
     }
-    let outlines = disturb::footprints(&world.buildings, &config.errors, config.seed);
-    files::write_footprints(&out.join("footprints.gpkg"), &crs, &world.buildings, &outlines)?;
+    let footprints = disturb::footprints(&world.buildings, &config.errors, config.seed);
+    files::write_footprints(&out.join("footprints.gpkg"), &crs, &world.buildings, &footprints)?;
     files::write_dtm(&out.join("dtm.tif"), &crs, &world.terrain)?;
     files::write_truth(&out.join("truth.geojson"), &crs, &world.buildings)?;
     files::write_georef(&out.join("georef.json"), &crs, offset)?;
@@ -190,9 +190,9 @@ fn write_view(
         files::write_npy(&out.join("depth").join(format!("{stem}.npy")), &truth.depth_m)?;
     }
     if config.masks.enabled && view.kind() == ViewKind::Nadir {
-        let mask = match config.masks.outline {
-            MaskOutline::Roof => masks::roofs(view, &world.buildings),
-            MaskOutline::Ground => {
+        let mask = match config.masks.contour {
+            MaskContour::Roof => masks::roofs(view, &world.buildings),
+            MaskContour::Ground => {
                 let errors = config.masks.level.errors();
                 masks_with_errors(view, idx, &world.buildings, &world.terrain, &errors, config.seed)
             }

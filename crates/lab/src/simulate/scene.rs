@@ -20,7 +20,7 @@ const NEAREST: f32 = 1e-3;
 /// Half-width of the seam between triangles, in barycentric units: no ray slips through.
 const SEAM: f32 = 1e-5;
 
-/// What a pixel sees.
+/// Object that a pixel shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Seen {
     /// Nothing.
@@ -33,7 +33,7 @@ pub enum Seen {
     Building(BuildingIdx),
 }
 
-/// What a triangle is made of.
+/// Material of a triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Material {
     Ground,
@@ -42,7 +42,7 @@ pub(super) enum Material {
     Clutter(Stuff, u32),
 }
 
-/// What a triangle looks like from outside.
+/// Appearance of a triangle from outside.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Surface {
     /// Unit length, counter-clockwise rule.
@@ -60,7 +60,7 @@ impl Surface {
     }
 }
 
-/// Where a ray meets a surface.
+/// Point where a ray meets a surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Hit {
     /// Ray parameter: z-depth for camera rays, metres.
@@ -138,7 +138,7 @@ pub(super) fn crossing(ray: &Ray, [corner, edge1, edge2]: &[Vec3; 3], t_max: f32
 /// Everything a ray can meet.
 #[derive(Debug)]
 pub(super) struct Scene {
-    /// Of the `Local` frame.
+    /// Origin of the `Local` frame.
     pub origin: LocalOrigin,
     ground: Ground,
     things: Mesh,
@@ -180,13 +180,13 @@ impl Scene {
         self.things.triangles.len()
     }
 
-    /// Where a ray meets the ground, whatever stands in front of it.
+    /// Point where a ray meets the ground, whatever stands in front of it.
     pub fn ground_hit(&self, ray: &Ray) -> Option<Hit> {
         let (t, normal) = self.ground.nearest(ray, f32::MAX)?;
         Some(Hit { t, surface: Surface { normal, material: Material::Ground } })
     }
 
-    /// What a ray meets first, given where it meets the ground.
+    /// First hit of a ray, given where it meets the ground.
     pub fn first_hit(&self, ray: &Ray, ground: Option<Hit>) -> Option<Hit> {
         let t_max = ground.map_or(f32::MAX, |hit| hit.t);
         match self.things.nearest(ray, t_max) {

@@ -18,10 +18,10 @@ use super::town::World;
 use super::trace::{self, TrueDepth};
 
 impl World {
-    /// Buildings as prisms over outlines that are known from elsewhere: id, outline, metres above the ground.
+    /// Buildings as prisms over footprints that are known from elsewhere: id, footprint, metres above the ground.
     ///
     /// # Errors
-    /// [`SimulateError::NoBuildings`] without any outline that has corners.
+    /// [`SimulateError::NoBuildings`] without any footprint that has corners.
     pub fn of_prisms(
         prisms: &[(BuildingId, Polygon<f64>, f64)],
         terrain: Terrain,
@@ -30,12 +30,12 @@ impl World {
         let open = |ring: &geo_types::LineString<f64>| -> Vec<DVec2> {
             ring.coords().skip(1).map(|c| DVec2::new(c.x, c.y)).collect()
         };
-        let corners = || prisms.iter().flat_map(|(_, outline, _)| open(outline.exterior()));
+        let corners = || prisms.iter().flat_map(|(_, footprint, _)| open(footprint.exterior()));
         let extent = Extent::of(corners()).ok_or(SimulateError::NoBuildings { wanted: prisms.len() })?;
         // Single precision is exact enough near the origin of a form's plane only.
         let at = Placement { origin: extent.centre(), angle_rad: 0.0 };
-        let raise = |(id, outline, height_m): &(BuildingId, Polygon<f64>, f64)| {
-            let rings = std::iter::once(outline.exterior()).chain(outline.interiors());
+        let raise = |(id, footprint, height_m): &(BuildingId, Polygon<f64>, f64)| {
+            let rings = std::iter::once(footprint.exterior()).chain(footprint.interiors());
             let rings = rings.map(|ring| open(ring).into_iter().map(|p| p - at.origin).collect()).collect();
             Building::raise(&form::flat(rings, *height_m), &at, &terrain, BuildingKind::Real, id.clone())
         };
@@ -63,7 +63,7 @@ impl Sight {
         Self { scene: Scene::new(world, &[]) }
     }
 
-    /// What each pixel of a view shows, at the photo's size.
+    /// Labels of each pixel of a view, at the photo's size.
     #[must_use]
     pub fn see(&self, view: &View) -> TrueDepth {
         trace::true_depth(&self.scene, view, &view.camera)
@@ -83,9 +83,9 @@ mod tests {
     use sizeup_heights::ids::BuildingIdx;
 
     #[test]
-    fn a_prism_of_a_cadastre_stands_on_its_outline_and_leans_away_from_the_nadir() {
-        let outline = polygon![(x: 565_010.0, y: 0.0), (x: 565_020.0, y: 0.0), (x: 565_020.0, y: 10.0), (x: 565_010.0, y: 10.0), (x: 565_010.0, y: 0.0)];
-        let world = World::of_prisms(&[("a".into(), outline, 20.0)], Terrain::Constant(5.0), "EPSG:25832").unwrap();
+    fn a_prism_of_a_cadastre_stands_on_its_footprint_and_leans_away_from_the_nadir() {
+        let footprint = polygon![(x: 565_010.0, y: 0.0), (x: 565_020.0, y: 0.0), (x: 565_020.0, y: 10.0), (x: 565_010.0, y: 10.0), (x: 565_010.0, y: 0.0)];
+        let world = World::of_prisms(&[("a".into(), footprint, 20.0)], Terrain::Constant(5.0), "EPSG:25832").unwrap();
         assert!((world.buildings[0].height_m - 20.0).abs() < 1e-6);
         let camera = Arc::new(Camera::pinhole(200, 160, 200.0));
         let camera_from_map = pose(DVec3::new(565_000.0, 5.0, 105.0), 0.0, 0.0);

@@ -11,12 +11,12 @@ use super::chance::between;
 /// Width of the pavement along every block, metres.
 pub(super) const PAVEMENT_M: f64 = 2.2;
 
-/// What covers the ground at one place.
+/// Cover of the ground at one place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Land {
     /// A carriageway: metres from its axis, and along it.
     Road { across_m: f64, along_m: f64 },
-    /// Where two streets cross.
+    /// Crossing of two streets.
     Crossing,
     /// Slabs along the carriageway.
     Pavement,
@@ -88,7 +88,7 @@ impl StreetPlan {
         }
     }
 
-    /// What covers the ground at a map position.
+    /// Cover of the ground at a map position.
     pub fn land(&self, map: DVec2) -> Land {
         let p = DVec2::from_angle(-self.placement.angle_rad).rotate(map - self.placement.origin);
         match (locate(&self.columns, p.x), locate(&self.rows, p.y)) {

@@ -66,7 +66,7 @@ const CAR_PAINTS: [Vec3; 6] = [
 #[derive(Debug, Clone, Copy)]
 struct Look {
     wall: Vec3,
-    /// Of sloping roofs and of level ones.
+    /// Albedo of sloping roofs and of level ones.
     slope: Vec3,
     deck: Vec3,
     key: u32,

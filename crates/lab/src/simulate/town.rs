@@ -40,7 +40,7 @@ pub(super) fn build(config: &SimulateConfig) -> Result<World, SimulateError> {
     let mut rng = seed::stream(config.seed, "streets", &[]);
     let mut streets = StreetPlan::new(placement, n_blocks, along, across, &mut rng);
     let lots = lots(config, &mut streets);
-    let corners = lots.iter().flat_map(|(form, at, _)| form.outline[0].iter().map(|&p| at.point(p)));
+    let corners = lots.iter().flat_map(|(form, at, _)| form.footprint[0].iter().map(|&p| at.point(p)));
     let extent = Extent::of(corners).ok_or(SimulateError::NoBuildings { wanted: config.town.n_buildings })?;
     let terrain = relief::hills(&config.terrain, &extent.grown(config.terrain.margin_m), config.seed)?;
     let digits = lots.len().to_string().len().max(3);

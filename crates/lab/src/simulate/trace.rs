@@ -17,7 +17,7 @@ pub struct TrueDepth {
     pub depth_m: Raster<f32>,
     /// z-depth of the ground along the same ray, metres; `NaN` = none.
     pub ground_m: Raster<f32>,
-    /// What is seen.
+    /// Objects that pixels show.
     pub seen: Raster<Seen>,
 }
 
@@ -81,7 +81,7 @@ mod tests {
         View { id: "a.jpg".into(), camera: Arc::new(camera), camera_from_map, image: None }
     }
 
-    /// Where a pixel's ray meets a level, and the z-depth there.
+    /// Point where a pixel's ray meets a level, and the z-depth there.
     fn on_level(view: &View, col: usize, row: usize, z_m: f64) -> (DVec3, f64) {
         let ray = view.camera.unproject(DVec2::new(col as f64 + 0.5, row as f64 + 0.5)).unwrap();
         let direction = view.camera_from_map.rotation.transpose() * ray;
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn masks_show_the_outline_on_the_ground_not_the_roof() {
+    fn masks_show_the_footprint_on_the_ground_not_the_roof() {
         let world = world(&form::flat(vec![Rect::sized(-8.0, -5.0, 16.0, 10.0).ring()], 30.0));
         let view = view(10.0, Distortion::None);
         let mask = ground_contact(&view, &world.buildings, &world.terrain);

@@ -50,7 +50,7 @@ pub(super) struct Station {
     pub lens: usize,
 }
 
-/// How a camera's rays differ from the given ones.
+/// Difference of a camera's rays from the given ones.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Lens {
     /// Share that the rays of sightings are longer by (`a`): the focal length is so much too long.
@@ -94,7 +94,7 @@ impl Station {
     }
 }
 
-/// Where a photo shows a point.
+/// Sighting of a point in a photo.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sighting {
     /// The photo, by index.
@@ -112,20 +112,20 @@ pub(super) struct Track {
     pub sightings: Vec<Sighting>,
 }
 
-/// How far things are expected to be off.
+/// Expected errors.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sigmas {
-    /// Of a sighting, pixels of the photo.
+    /// Expected error of a sighting, pixels of the photo.
     pub sighting_px: f64,
-    /// Of a given position along each axis, metres.
+    /// Expected error of a given position along each axis, metres.
     pub position_m: f64,
-    /// Of a given rotation about each axis, radians.
+    /// Expected error of a given rotation about each axis, radians.
     pub angle_rad: f64,
     /// Errors of the given lenses; `None` where these stay as they are.
     pub lens: Option<LensSigmas>,
 }
 
-/// How far given lenses are expected to be off.
+/// Expected errors of given lenses.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LensSigmas {
     /// Error of the focal length, a share of it.
@@ -141,7 +141,7 @@ impl LensSigmas {
     }
 }
 
-/// What may move.
+/// Unknowns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Moving {
     Points,
@@ -361,7 +361,7 @@ impl Bundle {
         self.sigmas.sighting_px.powi(-2) / (1.0 + off_px.length_squared() / (width_px * width_px))
     }
 
-    /// Where a sighting is against where the pose puts its point, pixels of the photo; `None` behind the camera.
+    /// Offset of a sighting from where the pose puts its point, pixels of the photo; `None` behind the camera.
     pub fn off_px(&self, track: &Track, sighting: &Sighting) -> Option<DVec2> {
         let station = &self.stations[sighting.view];
         let p = station.pose.point(track.point);

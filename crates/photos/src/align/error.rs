@@ -8,7 +8,7 @@ pub enum AlignError {
     Config {
         /// The name.
         field: &'static str,
-        /// What it can be.
+        /// Allowed values.
         expected: &'static str,
     },
     /// No ground to say where photos look.

@@ -16,13 +16,13 @@ const SIDE: usize = 2 * RADIUS + 1;
 const N_PIXELS: usize = SIDE * SIDE;
 /// Variance below which a patch has no texture, grey levels².
 const LEAST_VARIANCE: f32 = 4.0;
-/// How much larger or smaller a patch may be in the other photo, by area.
+/// Greatest ratio of a patch's areas in two photos.
 const LARGEST_RATIO: f64 = 3.0;
 /// By how much the best place has to be better than any place that is not beside it.
 const LEAST_LEAD: f32 = 0.06;
-/// What is beside a place, pixels.
+/// Distance at which a pixel is beside a place, pixels.
 const BESIDE_PX: usize = 3;
-/// How far a match may come back from where it started, and how far back it is looked for, pixels.
+/// Greatest distance of a match from where it started, and of the way back, pixels.
 const RETURNS_WITHIN_PX: f64 = 1.0;
 const BACK_REACH_PX: usize = 3;
 /// Most heights that are tried.
@@ -37,7 +37,7 @@ pub(super) struct Eye<'a> {
 }
 
 impl Eye<'_> {
-    /// Where a pixel's ray meets a height.
+    /// Point where a pixel's ray meets a height.
     pub fn at_height(&self, pixel: DVec2, z_m: f64) -> Option<DVec3> {
         let centre = self.pose.centre();
         let ray = self.pose.rotation.transpose() * self.camera.unproject(pixel)?;
@@ -50,7 +50,7 @@ impl Eye<'_> {
     }
 }
 
-/// Where to look.
+/// Area to look in.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Where {
     /// Anywhere between two heights, metres, and so far beside, pixels.
@@ -84,7 +84,7 @@ struct Candidate {
 }
 
 impl Pair<'_> {
-    /// Where the second photo shows a patch of the first, pixels, if that is clear.
+    /// Place of a patch of the first photo in the second, pixels, if that is clear.
     pub fn find(&self, patch: DVec2, place: Where) -> Option<DVec2> {
         let candidates = match place {
             Where::Between { heights_m, beside_px } => self.between(patch, heights_m, beside_px),

@@ -162,7 +162,7 @@ impl AlignConfig {
 pub struct Aligned {
     /// All views in their order; those that were left alone as they came.
     pub views: Vec<View>,
-    /// What was done.
+    /// Report of what was done.
     pub report: AlignReport,
 }
 
@@ -186,7 +186,7 @@ pub fn align(
     Ok(block.into_aligned(views))
 }
 
-/// How far photos lie from where the poses put them: the median over points that a few photos and their neighbours show, each at the place
+/// Distance of photos from where the poses put them: the median over points that a few photos and their neighbours show, each at the place
 /// that fits best, in pixels of a photo reduced to `long_side_px`. `None` where too few points are found to tell.
 ///
 /// # Errors
@@ -363,7 +363,7 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// How many points each photo shows.
+    /// Number of points that each photo shows.
     fn n_tracks(&self) -> Vec<usize> {
         let mut counts = vec![0; self.views.len()];
         for sighting in self.bundle.tracks.iter().flat_map(|track| &track.sightings) {

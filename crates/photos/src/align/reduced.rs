@@ -117,7 +117,7 @@ fn times_transposed(block: &Block, x: &Six) -> Six {
     product
 }
 
-/// Of a symmetric positive definite block, by Cholesky's factor `L`: column by column of `L Lᵀ X = 1`.
+/// Inverse of a symmetric positive definite block, by Cholesky's factor `L`: column by column of `L Lᵀ X = 1`.
 fn inverse(block: &Block) -> Block {
     let mut l = [[0.0; SIX]; SIX];
     for col in 0..SIX {

@@ -18,9 +18,9 @@ use sizeup_survey::View;
 const LEAST_SIGHTINGS: usize = 3;
 /// Expected errors within which patches are looked for, standard deviations.
 const N_SIGMAS: f64 = 3.0;
-/// How far patches are looked for where their point is known, pixels.
+/// Distance within which patches are looked for where their point is known, pixels.
 const REACH_PX: usize = 5;
-/// How far a patch moves to the clearest corner of the next size, pixels.
+/// Greatest move of a patch to the clearest corner of the next size, pixels.
 const CORNER_REACH_PX: usize = 3;
 /// Share of its clearance above the ground within which a camera sees nothing from above.
 const BESIDE_CAMERA_SHARE: f64 = 0.1;
@@ -29,7 +29,7 @@ const ALBUM_BYTES: usize = 512 << 20;
 /// Pixels per side of a photo for which the ground is looked up.
 const GROUND_SIDE: u32 = 6;
 
-/// What tracks are looked for in, at one size.
+/// Pictures that tracks are looked for in, at one size.
 pub(super) struct Search<'a> {
     views: &'a [View],
     stations: &'a [Station],
@@ -158,7 +158,7 @@ impl<'a> Search<'a> {
         (to_m > from_m).then_some([from_m, to_m])
     }
 
-    /// How far beside its line a patch may be by the expected errors of two poses, pixels of the other photo.
+    /// Distance of a patch from its line by the expected errors of two poses, pixels of the other photo.
     fn expected_px(&self, view: usize, other: usize, camera: &Camera, ground_m: f64) -> f64 {
         let of = |view: usize| {
             let above_m = (self.stations[view].pose.centre().z - ground_m).max(1.0);

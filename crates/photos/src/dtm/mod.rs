@@ -1,8 +1,8 @@
 //! A terrain model from the photos alone, for places that have no other.
 //!
-//! 1. Level squares of open ground, away from the outlines, are laid over the area.
+//! 1. Level squares of open ground, away from the footprints, are laid over the area.
 //! 2. Photos that see a square are laid onto it at many heights; where they look alike is its height ([`patch`]).
-//! 3. Squares that stand above their neighbours (trees, cars, what has no outline) are left out, and a surface is laid
+//! 3. Squares that stand above their neighbours (trees, cars, what has no footprint) are left out, and a surface is laid
 //!    through the others ([`surface`]).
 //!
 //! Frame: the map; heights in the vertical reference that the poses are in. Heights of buildings are measured from the same
@@ -39,11 +39,11 @@ pub struct DtmConfig {
     pub spacing_m: f64,
     /// Side of a square, metres. Above 0.
     pub patch_m: f64,
-    /// Squares keep this far from outlines, metres. At least 0.
+    /// Squares keep this far from footprints, metres. At least 0.
     pub clear_m: f64,
     /// Cells of the model, metres. Above 0.
     pub cell_m: f64,
-    /// How far beyond the outlines the model reaches, metres. At least 0.
+    /// How far beyond the footprints the model reaches, metres. At least 0.
     pub margin_m: f64,
     /// Most photos that a square is seen in, at least 3.
     pub n_views: usize,
@@ -72,7 +72,7 @@ impl Default for DtmConfig {
     }
 }
 
-/// What came of a square.
+/// Outcome of a square.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Outcome {
     /// Ground, metres.
@@ -90,7 +90,7 @@ pub enum Outcome {
 pub struct Square {
     /// Map position, metres.
     pub at: DVec2,
-    /// What came of it.
+    /// Outcome.
     pub outcome: Outcome,
 }
 
@@ -124,9 +124,9 @@ pub enum DtmError {
     Config {
         /// Which.
         field: &'static str,
-        /// What it is.
+        /// Kind.
         value: f64,
-        /// What it may be.
+        /// Allowed values.
         expected: &'static str,
     },
     /// Too little ground was found.
@@ -136,7 +136,7 @@ pub enum DtmError {
          hint: is the rough level right (terrain.constant_m)? --within widens the search"
     )]
     TooLittle {
-        /// How many were tried.
+        /// Number tried.
         n_squares: usize,
         /// Those too few photos see.
         n_unseen: usize,
@@ -165,16 +165,16 @@ const N_TOGETHER: usize = 64;
 /// Fewer squares than this make no surface.
 const MIN_SQUARES: usize = 12;
 
-/// The area of a model around outlines (or under the cameras, where there are none).
+/// The area of a model around footprints (or under the cameras, where there are none).
 #[must_use]
-pub fn area(views: &[View], outlines: &[&Polygon<f64>], config: &DtmConfig) -> MapBox {
-    let corners = outlines.iter().filter_map(|o| o.bounding_rect()).flat_map(|r| [r.min().x_y(), r.max().x_y()]);
+pub fn area(views: &[View], footprints: &[&Polygon<f64>], config: &DtmConfig) -> MapBox {
+    let corners = footprints.iter().filter_map(|o| o.bounding_rect()).flat_map(|r| [r.min().x_y(), r.max().x_y()]);
     let eyes = views.iter().filter(|v| v.image.is_some()).map(|v| v.camera_from_map.centre()).map(|eye| (eye.x, eye.y));
     let around = MapBox::around(corners).or_else(|| MapBox::around(eyes));
     around.unwrap_or(MapBox { west_m: 0.0, south_m: 0.0, east_m: 0.0, north_m: 0.0 }).grown(config.margin_m)
 }
 
-/// Makes the model over an area, away from outlines. `rough` is what is known of the ground: a level, or a coarse or shifted
+/// Makes the model over an area, away from footprints. `rough` is what is known of the ground: a level, or a coarse or shifted
 /// model, which the photos correct; where they show no ground a model is shifted as it is in the median. `progress` is told
 /// how many squares of how many are done.
 ///
@@ -182,13 +182,13 @@ pub fn area(views: &[View], outlines: &[&Polygon<f64>], config: &DtmConfig) -> M
 /// [`DtmError`].
 pub fn estimate(
     views: &[View],
-    outlines: &[&Polygon<f64>],
+    footprints: &[&Polygon<f64>],
     rough: &Terrain,
     config: &DtmConfig,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Dtm, DtmError> {
-    let area = area(views, outlines, config);
-    let (squares, sigma_m) = off_by(views, outlines, rough, area, config, progress)?;
+    let area = area(views, footprints, config);
+    let (squares, sigma_m) = off_by(views, footprints, rough, area, config, progress)?;
     let rough_m = |at: DVec2| rough.height_at(at.x, at.y).unwrap_or(f64::NAN);
     let count = |is: fn(&Outcome) -> bool| squares.iter().filter(|s| is(&s.outcome)).count();
     let n_ground = count(|o| matches!(o, Outcome::Ground(_)));
@@ -208,7 +208,7 @@ pub fn estimate(
     Ok(Dtm { dem, squares, sigma_m })
 }
 
-/// What the photos say a terrain is off by, in squares of open ground of an area: those with [`Outcome::Ground`] hold by how
+/// Error of a terrain by the photos, in squares of open ground of an area: those with [`Outcome::Ground`] hold by how
 /// much the ground lies above it, metres. Also their spread around their neighbours', metres. The squares lie where they do
 /// whatever the area, so that areas side by side find what their union does, but for what neighbours say along the seam.
 ///
@@ -216,7 +216,7 @@ pub fn estimate(
 /// [`DtmError`].
 pub fn off_by(
     views: &[View],
-    outlines: &[&Polygon<f64>],
+    footprints: &[&Polygon<f64>],
     rough: &Terrain,
     area: MapBox,
     config: &DtmConfig,
@@ -224,7 +224,7 @@ pub fn off_by(
 ) -> Result<(Vec<Square>, f64), DtmError> {
     check(config)?;
     let with_photo: Vec<&View> = views.iter().filter(|view| view.image.is_some()).collect();
-    let places: Vec<DVec3> = places(area, outlines, config)
+    let places: Vec<DVec3> = places(area, footprints, config)
         .into_iter()
         .filter_map(|at| Some(at.extend(rough.height_at(at.x, at.y)?)))
         .collect();
@@ -275,10 +275,10 @@ fn check(config: &DtmConfig) -> Result<(), DtmError> {
     }
 }
 
-/// Middles of squares that keep clear of all outlines, on a grid that depends on nothing but the spacing.
-fn places(area: MapBox, outlines: &[&Polygon<f64>], config: &DtmConfig) -> Vec<DVec2> {
-    let boxes = outlines.iter().enumerate().filter_map(|(i, outline)| {
-        let rect = outline.bounding_rect()?;
+/// Middles of squares that keep clear of all footprints, on a grid that depends on nothing but the spacing.
+fn places(area: MapBox, footprints: &[&Polygon<f64>], config: &DtmConfig) -> Vec<DVec2> {
+    let boxes = footprints.iter().enumerate().filter_map(|(i, footprint)| {
+        let rect = footprint.bounding_rect()?;
         let rectangle = Rectangle::from_corners([rect.min().x, rect.min().y], [rect.max().x, rect.max().y]);
         Some(GeomWithData::new(rectangle, i))
     });
@@ -286,7 +286,7 @@ fn places(area: MapBox, outlines: &[&Polygon<f64>], config: &DtmConfig) -> Vec<D
     let reach_m = config.patch_m * std::f64::consts::FRAC_1_SQRT_2 + config.clear_m;
     let is_open = |at: &DVec2| {
         let mut close = tree.locate_within_distance([at.x, at.y], reach_m * reach_m);
-        !close.any(|near| Euclidean.distance(outlines[near.data], &Point::new(at.x, at.y)) < reach_m)
+        !close.any(|near| Euclidean.distance(footprints[near.data], &Point::new(at.x, at.y)) < reach_m)
     };
     let steps = |from: f64, to: f64| {
         let (first, last) = ((from / config.spacing_m).ceil() as i64, (to / config.spacing_m).floor() as i64);

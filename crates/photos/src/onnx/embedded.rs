@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use rten_tensor::prelude::*;
 
-use super::{EngineConfig, Numbers, OnnxError, Outline, Port, Tensor};
+use super::{Contents, EngineConfig, Numbers, OnnxError, Port, Tensor};
 
 /// A graph in rten.
 pub(super) struct Graph {
     model: rten::Model,
-    /// Where it computes, if not on all cores.
+    /// Threads that it computes on, if not on all cores.
     threads: Option<Arc<rten::ThreadPool>>,
 }
 
@@ -21,8 +21,8 @@ impl std::fmt::Debug for Graph {
 }
 
 impl Graph {
-    pub(super) fn open(path: &Path, outline: &Outline, config: &EngineConfig) -> Result<Self, OnnxError> {
-        if outline.has_cubic_resize {
+    pub(super) fn open(path: &Path, contents: &Contents, config: &EngineConfig) -> Result<Self, OnnxError> {
+        if contents.has_cubic_resize {
             return Err(OnnxError::CubicResize { path: path.to_owned() });
         }
         let model = rten::Model::load_file(path).map_err(|e| OnnxError::Load {

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use sizeup_geo::paths::PathVisitor;
 
-pub use proto::Outline;
+pub use proto::Contents;
 
 use self::second::SecondChoice;
 
@@ -36,7 +36,7 @@ pub enum OnnxError {
         path: PathBuf,
         /// The engine's own words.
         reason: String,
-        /// What to try.
+        /// Remedy.
         hint: String,
     },
     /// It holds an operation that the engine would compute wrongly.
@@ -52,7 +52,7 @@ pub enum OnnxError {
     /// ONNX Runtime is wanted and not there.
     #[error("ONNX Runtime cannot be used: {reason}\nhint: {RUNTIME_HINT}")]
     NoRuntime {
-        /// What was tried.
+        /// Attempts.
         reason: String,
     },
     /// It has no input or output of that name.
@@ -62,9 +62,9 @@ pub enum OnnxError {
         path: PathBuf,
         /// "input" or "output".
         what: &'static str,
-        /// What was asked for.
+        /// Value asked for.
         name: String,
-        /// What there is.
+        /// Available ones.
         present: Vec<String>,
     },
     /// It stopped while running.
@@ -83,7 +83,7 @@ pub enum OnnxError {
 }
 
 impl OnnxError {
-    /// What is the matter, without the file and the hint.
+    /// Problem, without the file and the hint.
     fn reason(&self) -> String {
         match self {
             Self::Load { reason, .. } | Self::NoRuntime { reason } | Self::Run { reason, .. } => reason.clone(),
@@ -92,7 +92,7 @@ impl OnnxError {
         }
     }
 
-    /// What is the matter, and what to try.
+    /// Problem, and what to try.
     #[must_use]
     pub fn problem_and_hint(&self) -> (String, String) {
         let text = self.to_string();
@@ -100,7 +100,7 @@ impl OnnxError {
         (problem.to_owned(), hint.to_owned())
     }
 
-    /// What both engines say about one graph.
+    /// Answers of both engines on one graph.
     fn and(&self, mut second: Self) -> Self {
         if let Self::Load { reason, .. } = &mut second {
             *reason = format!("the embedded engine: {}; ONNX Runtime: {reason}", self.reason());
@@ -109,7 +109,7 @@ impl OnnxError {
     }
 }
 
-/// How to come by ONNX Runtime.
+/// Way to come by ONNX Runtime.
 const RUNTIME_HINT: &str = "`make deps-onnxruntime` fetches ONNX Runtime into target/onnxruntime (the Python package \
                             `onnxruntime` holds the same library); name another place in `engine.library` or ORT_DYLIB_PATH";
 
@@ -201,7 +201,7 @@ impl Tensor {
     }
 }
 
-/// What a port carries, as far as it matters here.
+/// Content of a port, as far as it matters here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Numbers {
@@ -216,11 +216,11 @@ pub enum Numbers {
 /// An input or output of a graph.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Port {
-    /// Its name in the graph.
+    /// Name in the graph.
     pub name: String,
-    /// Its dimensions, `None` where they are free; empty where the graph does not say, and for single numbers.
+    /// Dimensions, `None` where they are free; empty where the graph does not say, and for single numbers.
     pub shape: Vec<Option<usize>>,
-    /// What it carries.
+    /// Content.
     pub numbers: Numbers,
 }
 
@@ -263,8 +263,8 @@ impl Network {
     /// # Errors
     /// [`OnnxError`] but for those of running.
     pub fn open_with(path: &Path, config: &EngineConfig) -> Result<Self, OnnxError> {
-        let outline = Outline::read(path)?;
-        let embedded = || embedded::Graph::open(path, &outline, config).map(|graph| Graph::Embedded(Box::new(graph)));
+        let contents = Contents::read(path)?;
+        let embedded = || embedded::Graph::open(path, &contents, config).map(|graph| Graph::Embedded(Box::new(graph)));
         let runtime = || runtime::Graph::open(path, config).map(Graph::Runtime);
         // What only ONNX Runtime has is asked for by asking for it.
         let wants_runtime = config.name == EngineChoice::OnnxRuntime
@@ -301,13 +301,13 @@ impl Network {
         }
     }
 
-    /// What it wants.
+    /// Inputs.
     #[must_use]
     pub fn inputs(&self) -> &[Port] {
         &self.inputs
     }
 
-    /// What it gives.
+    /// Outputs.
     #[must_use]
     pub fn outputs(&self) -> &[Port] {
         &self.outputs

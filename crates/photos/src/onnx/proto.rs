@@ -18,10 +18,10 @@ use sizeup_geo::paths::within;
 /// Deepest graph within graphs (loops, branches) that is looked at.
 const DEEPEST: usize = 16;
 
-/// What an ONNX file is made of.
+/// Contents of an ONNX file.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Outline {
-    /// How often each operator occurs.
+pub struct Contents {
+    /// Number of occurrences of each operator.
     pub operators: BTreeMap<String, usize>,
     /// Version of the standard operators; 0 if it does not say.
     pub opset: u64,
@@ -33,8 +33,8 @@ pub struct Outline {
     pub has_cubic_resize: bool,
 }
 
-impl Outline {
-    /// Of a file.
+impl Contents {
+    /// Contents of a file.
     ///
     /// # Errors
     /// [`OnnxError::Load`] if it cannot be read or is no ONNX file.
@@ -45,8 +45,8 @@ impl Outline {
             hint: "is it an ONNX file, and whole? PyTorch's .pt and .safetensors have to be exported first".to_owned(),
         };
         let bytes = files::read_bytes(path).map_err(|e| failed(e.source.to_string()))?;
-        let outline = Self::of(&bytes).and_then(|outline| outline.check_files(path).map(|()| outline));
-        outline.map_err(|problem| failed(format!("it is no sound ONNX file: {problem}")))
+        let contents = Self::of(&bytes).and_then(|contents| contents.check_files(path).map(|()| contents));
+        contents.map_err(|problem| failed(format!("it is no sound ONNX file: {problem}")))
     }
 
     /// Holds what is wanted of other files against their lengths; that they are missing is for the engine to say.
@@ -60,24 +60,24 @@ impl Outline {
         Ok(())
     }
 
-    /// Of a file's bytes.
+    /// Contents of a file's bytes.
     fn of(bytes: &[u8]) -> Result<Self, String> {
         Message::Model.check(bytes, 0)?;
-        let mut outline = Self::default();
+        let mut contents = Self::default();
         let mut has_graph = false;
         for field in Fields(bytes) {
             match field? {
                 (7, Field::Bytes(graph)) => {
                     has_graph = true;
-                    outline.look_at_graph(graph, 0)?;
+                    contents.look_at_graph(graph, 0)?;
                 }
-                (8, Field::Bytes(set)) => outline.look_at_operator_set(set)?,
+                (8, Field::Bytes(set)) => contents.look_at_operator_set(set)?,
                 _ => {}
             }
         }
-        outline.external_files.sort_unstable();
-        outline.external_files.dedup();
-        if has_graph { Ok(outline) } else { Err("it holds no graph".to_owned()) }
+        contents.external_files.sort_unstable();
+        contents.external_files.dedup();
+        if has_graph { Ok(contents) } else { Err("it holds no graph".to_owned()) }
     }
 
     fn look_at_operator_set(&mut self, set: &[u8]) -> Result<(), String> {
@@ -300,25 +300,25 @@ mod tests {
         let location = field(13, &[field(1, b"location"), field(2, b"a.data")].concat());
         let graph = [field(1, &branch), field(5, &location), field(5, &location)].concat();
         let bytes = [field(7, &graph), field(8, &[0x10, 17])].concat();
-        let outline = Outline::of(&bytes).unwrap();
-        assert!(outline.has_cubic_resize);
-        assert_eq!(outline.operators.keys().collect::<Vec<_>>(), ["If", "Resize"]);
-        assert_eq!((outline.opset, outline.external_files), (17, vec![PathBuf::from("a.data")]));
+        let contents = Contents::of(&bytes).unwrap();
+        assert!(contents.has_cubic_resize);
+        assert_eq!(contents.operators.keys().collect::<Vec<_>>(), ["If", "Resize"]);
+        assert_eq!((contents.opset, contents.external_files), (17, vec![PathBuf::from("a.data")]));
         // Text within messages that are otherwise passed over: the name of a dimension, longer than all of the file.
         let huge = [&[2 << 3 | 2][..], &[0xff, 0xff, 0xff, 0xff, 0x7f], b"n"].concat();
         let value = field(11, &field(2, &field(1, &field(2, &field(1, &huge)))));
-        assert!(Outline::of(&field(7, &value)).unwrap_err().contains("cut off"));
+        assert!(Contents::of(&field(7, &value)).unwrap_err().contains("cut off"));
         let elsewhere = field(5, &field(13, &[field(1, b"location"), field(2, b"../../a.data")].concat()));
-        assert!(Outline::of(&field(7, &elsewhere)).unwrap_err().contains("outside its folder"));
-        assert!(Outline::of(&bytes[..bytes.len() / 2]).unwrap_err().contains("cut off"));
-        assert!(Outline::of(b"").unwrap_err().contains("no graph"));
+        assert!(Contents::of(&field(7, &elsewhere)).unwrap_err().contains("outside its folder"));
+        assert!(Contents::of(&bytes[..bytes.len() / 2]).unwrap_err().contains("cut off"));
+        assert!(Contents::of(b"").unwrap_err().contains("no graph"));
     }
 
     proptest! {
         #[test]
         fn no_bytes_make_it_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
-            let _ = Outline::of(&bytes);
-            let _ = Outline::of(&[&[0x3a, 0xff, 0x01], bytes.as_slice()].concat());
+            let _ = Contents::of(&bytes);
+            let _ = Contents::of(&[&[0x3a, 0xff, 0x01], bytes.as_slice()].concat());
         }
     }
 }

@@ -13,7 +13,7 @@ use ort::value::{DynValue, TensorElementType, ValueType};
 
 use super::{EngineConfig, Numbers, OnnxError, Port, Provider, Tensor};
 
-/// Where to look for the library if no configuration says so: known only to who may look at the surroundings.
+/// Paths at which the library is looked for if no configuration says so: known only to who may look at the surroundings.
 static CANDIDATES: OnceLock<Vec<PathBuf>> = OnceLock::new();
 /// The library in use and its environment.
 static LIBRARY: Mutex<Option<&'static Library>> = Mutex::new(None);

@@ -23,7 +23,7 @@ pub(super) struct SecondChoice {
 #[derive(Debug, Default)]
 struct State {
     graph: Option<Arc<runtime::Graph>>,
-    /// What the embedded engine could not run, and ONNX Runtime could.
+    /// Shapes that the embedded engine could not run, and ONNX Runtime could.
     taken_over: HashSet<Shapes>,
 }
 

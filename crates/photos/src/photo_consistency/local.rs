@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::{SAME_M, SAME_PX, Shown, better_pairs, correlation, ground_sample_m, normalise, telling_pairs};
 use crate::prior::Picture;
 
-/// How far photos move against each other from one height to the next, pixels.
+/// Move of photos against each other from one height to the next, pixels.
 const STEP_PX: f64 = 0.75;
 /// Photos that are compared: more tell hardly more, and pairs grow with their square.
 const MAX_PICTURES: usize = 6;
@@ -18,10 +18,10 @@ const AROUND_SPACINGS: f64 = 2.2;
 const RANGE_M: [f64; 2] = [-6.0, 4.0];
 /// Most heights tried.
 const MAX_LEVELS: usize = 400;
-/// Of the places, every so many are asked.
+/// Step among the places that are asked.
 const EVERY: usize = 2;
 
-/// How a surface agrees with the photos, place by place.
+/// Agreement of a surface with the photos, place by place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Agreement {
     /// Share of the places whose height the photos tell.
@@ -67,7 +67,7 @@ pub fn agreement(pictures: &[&Picture], surface: &[DVec3], min_score: f64, min_l
     Agreement { known: share(n_known, windows.len()), same: share(n_same, n_known) }
 }
 
-/// Of pairs of photos, over the places of a window; `NaN` where one of a pair does not show them.
+/// Correlations of pairs of photos, over the places of a window; `NaN` where one of a pair does not show them.
 fn correlations(greys: &[Vec<f32>], window: &[usize], pairs: &[[usize; 2]]) -> Vec<f64> {
     let in_window = |greys: &Vec<f32>| {
         let mut seen: Vec<f32> = window.iter().map(|&place| greys[place]).collect();
@@ -78,7 +78,7 @@ fn correlations(greys: &[Vec<f32>], window: &[usize], pairs: &[[usize; 2]]) -> V
     pairs.iter().map(|&[a, b]| correlation(&seen[a], &seen[b])).collect()
 }
 
-/// What is around some of the places: indices of places.
+/// Neighbours of some of the places: indices of places.
 fn windows(surface: &[DVec3]) -> Vec<Vec<usize>> {
     let nearest = |p: &DVec3| {
         let distances = surface.iter().map(|q| (*q - *p).truncate().length()).filter(|d| *d > 1e-6);
@@ -110,7 +110,7 @@ mod tests {
         (60.0 * (wave(2.3, 1.1) + wave(-1.2, 3.1) + wave(4.3, -2.7))) as f32
     }
 
-    /// What a ray meets: the upper roof, its wall, or the lower one.
+    /// Surface that a ray meets: the upper roof, its wall, or the lower one.
     fn seen(centre: DVec3, ray: DVec3) -> f32 {
         let on = |z: f64| centre + ray * ((z - centre.z) / ray.z);
         let [upper, lower] = LEVELS_M.map(on);

@@ -28,7 +28,7 @@ use sizeup_survey::View;
 const FLATTEST: f64 = 1.5;
 /// Share of an image's sides within which the place has to lie.
 const BORDER: f64 = 0.03;
-/// How far photos move against each other from one height to the next, pixels.
+/// Move of photos against each other from one height to the next, pixels.
 const STEP_PX: f64 = 0.5;
 /// Most heights tried.
 const MAX_LEVELS: usize = 1000;
@@ -67,9 +67,9 @@ pub(crate) fn ground_sample_m(pictures: &[&Picture], place: DVec3) -> f64 {
     pictures.iter().map(of_one).sum::<f64>() / pictures.len() as f64
 }
 
-/// How much the photos look alike on a surface that is raised and lowered.
+/// Likeness of the photos on a surface that is raised and lowered.
 pub(crate) struct PhotoConsistency {
-    /// Of the first height tried against the surface as given, and from one to the next, metres.
+    /// Height of the first try against the surface as given, and from one to the next, metres.
     low_m: f64,
     step_m: f64,
     pairs: Vec<[usize; 2]>,
@@ -77,7 +77,7 @@ pub(crate) struct PhotoConsistency {
     of_pairs: Vec<Vec<f64>>,
 }
 
-/// Where the photos look alike most.
+/// Height at which the photos look alike most.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Peak {
     /// Against the surface as given, metres.
@@ -115,7 +115,7 @@ impl PhotoConsistency {
         self.peak_without(None)
     }
 
-    /// How alike the photos look on the surface raised by so much, metres; of the heights tried the nearest.
+    /// Likeness of the photos on the surface raised by so much, metres; of the heights tried the nearest.
     pub fn score_at(&self, raised_m: f64) -> f64 {
         let at = ((raised_m - self.low_m) / self.step_m).round().clamp(0.0, (self.of_pairs.len() - 1) as f64) as usize;
         better_pairs(&self.of_pairs[at], &vec![true; self.pairs.len()])
@@ -166,7 +166,7 @@ fn better_pairs(of_pairs: &[f64], counts: &[bool]) -> f64 {
     scores[..n].iter().sum::<f64>() / n as f64
 }
 
-/// Of values with mean 0 and norm 1; `NaN` where one of them is not shown.
+/// Correlation of values with mean 0 and norm 1; `NaN` where one of them is not shown.
 fn correlation(a: &[f32], b: &[f32]) -> f64 {
     if a.is_empty() || b.is_empty() {
         return f64::NAN;

@@ -70,7 +70,7 @@ impl RefinementConfig {
     }
 }
 
-/// What the photos say of a roof.
+/// Roof by the photos.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Refined {
     /// By how much the roof has to be raised, metres.
@@ -83,7 +83,7 @@ pub struct Refined {
     pub lead: f64,
 }
 
-/// Where the photos that show a surface (map frame, metres) look alike; `None` if that is at no height within reach.
+/// Height at which the photos that show a surface (map frame, metres) look alike; `None` if that is at no height within reach.
 #[must_use]
 pub fn refine(pictures: &[&Picture], surface: &[DVec3], config: &RefinementConfig) -> Option<Refined> {
     let middle = surface.iter().sum::<DVec3>() / surface.len() as f64;

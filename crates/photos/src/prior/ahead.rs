@@ -49,7 +49,7 @@ pub(super) fn one_by_one<S: CacheKey + Sync>(
 /// A view on its way; nothing where its prior is kept already.
 type Prepared = Result<Option<Ready>, PriorError>;
 
-/// What the network gave for a view, and where in its list it is.
+/// Output of the network for a view, and its place in the list.
 struct Inferred {
     place: usize,
     result: Result<(Ready, Vec<Tensor>), String>,

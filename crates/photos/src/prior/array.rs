@@ -18,7 +18,7 @@ pub(super) fn most_values(width_px: u32, height_px: u32) -> u64 {
 /// from either end (`1 × 1 × H × W`, `H × W × 1`). Row-major, as stored, nothing blanked yet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct MapShape {
-    /// How many maps.
+    /// Number of maps.
     pub n: usize,
     /// Rows of each.
     pub height: usize,

@@ -28,7 +28,7 @@ use sizeup_survey::View;
 
 /// Changes whenever the same key would no longer mean the same content.
 const VERSION: u32 = 1;
-/// What is left of the limit after making room, so that room is not made at every entry.
+/// Share of the limit that is left after making room, so that room is not made at every entry.
 const KEEP: f64 = 0.9;
 /// Age at which another process's unfinished file counts as abandoned.
 const ABANDONED: Duration = Duration::from_hours(1);
@@ -143,7 +143,7 @@ struct Header {
     geometry: PriorGeometry,
     width: usize,
     height: usize,
-    /// Of the data, to notice a damaged disk.
+    /// Hash of the data, to notice a damaged disk.
     sha256: String,
 }
 
@@ -275,7 +275,7 @@ impl<S: CacheKey> CachedPriors<S> {
         Self { source, cache }
     }
 
-    /// What computes.
+    /// Source that computes.
     #[must_use]
     pub fn source(&self) -> &S {
         &self.source
@@ -287,7 +287,7 @@ impl<S: CacheKey> CachedPriors<S> {
         self.cache.is_some()
     }
 
-    /// What a view's entry is called.
+    /// Name of a view's entry.
     pub(super) fn key(&self, view: &View) -> Result<String, PriorError> {
         let mut hasher = KeyHasher::new(std::any::type_name::<S>());
         self.source.feed(view, &mut hasher)?;

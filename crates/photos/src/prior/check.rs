@@ -38,7 +38,7 @@ const LIKE_METRES: std::ops::RangeInclusive<f64> = 0.93..=1.03;
 /// Rank correlations, −1 to 1, between a prior's farness and the calibrated depth of the bare ground in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroundCorrelation {
-    /// Of all samples.
+    /// Correlation of all samples.
     pub all: f64,
     /// Without the least and the greatest value of the prior where many samples share it; of all where too few are left.
     pub unshared: f64,
@@ -46,7 +46,7 @@ pub struct GroundCorrelation {
     pub of_ground: Option<f64>,
 }
 
-/// How a prior follows the ground; `None` where the view does not tell (nadir, too little ground or prior).
+/// Fit of a prior to the ground; `None` where the view does not tell (nadir, too little ground or prior).
 #[must_use]
 pub fn ground_correlation(prior: &DepthPrior, view: &View, terrain: &Terrain) -> Option<GroundCorrelation> {
     let camera = &view.camera;
@@ -69,7 +69,7 @@ pub fn ground_correlation(prior: &DepthPrior, view: &View, terrain: &Terrain) ->
     Some(GroundCorrelation { all, unshared: rank_correlation(&without_shared_ends(samples)).unwrap_or(all), of_ground })
 }
 
-/// Of pairs of farness and depth, where these are enough and reach from near to far.
+/// Rank correlation of pairs of farness and depth, where these are enough and reach from near to far.
 fn rank_correlation(samples: &[[f64; 2]]) -> Option<f64> {
     let [farness, depths]: [Vec<f64>; 2] = std::array::from_fn(|i| samples.iter().map(|sample| sample[i]).collect());
     let spread = stats::quantile(&depths, 0.95)? / stats::quantile(&depths, 0.05)?;
@@ -90,7 +90,7 @@ fn without_shared_ends(mut samples: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     samples
 }
 
-/// What the views together say about a tag; `None` where all is well or nothing can be said.
+/// Verdict of the views together on a tag; `None` where all is well or nothing can be said.
 #[must_use]
 pub fn judge_tag(correlations: &[GroundCorrelation]) -> Option<Issue> {
     let median = |of: fn(&GroundCorrelation) -> f64| stats::median(&correlations.iter().map(of).collect::<Vec<_>>());
@@ -229,7 +229,7 @@ mod tests {
         assert_eq!(ground_correlation(&prior_of_bare_ground(&nadir, PriorKind::Depth), &nadir, &terrain), None);
     }
 
-    /// What is said of a prior of one view whose tag and values were spoilt.
+    /// Message on a prior of one view whose tag and values were spoilt.
     fn told(kind: PriorKind, spoil: impl Fn(usize, f32) -> f32) -> Option<String> {
         let oblique = view(40.0);
         let mut prior = prior_of_bare_ground(&oblique, kind);

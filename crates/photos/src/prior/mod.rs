@@ -52,9 +52,9 @@ pub enum PriorError {
     /// A setting that cannot be.
     #[error("prior: {problem}\nhint: {hint}")]
     Config {
-        /// What is the matter.
+        /// Problem.
         problem: String,
-        /// What to write.
+        /// Text to write.
         hint: String,
     },
     /// No file where one should be.
@@ -62,7 +62,7 @@ pub enum PriorError {
     Absent {
         /// The photo.
         view: String,
-        /// Where it was looked for.
+        /// Path at which it was looked for.
         path: PathBuf,
     },
     /// A file that cannot be read or is not what its name says.
@@ -70,13 +70,13 @@ pub enum PriorError {
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it: expected against found.
+        /// Fault: expected against found.
         problem: String,
     },
     /// A raster that GDAL cannot read.
     #[error(transparent)]
     Raster(#[from] RasterError),
-    /// Its shape is not the photo's.
+    /// Shape other than the photo's.
     #[error(
         "prior {}: it has {width} × {height} pixels, the photo {view} {photo_width} × {photo_height}: not the same shape\n\
          hint: priors are resized photos, never cropped or padded; networks that round sides to a multiple of 14 need \
@@ -108,9 +108,9 @@ pub enum PriorError {
     Photo {
         /// The photo.
         view: String,
-        /// What is the matter.
+        /// Problem.
         problem: String,
-        /// What to look at.
+        /// Place to look at.
         hint: String,
     },
     /// Nothing in it to go by.

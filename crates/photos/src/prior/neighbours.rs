@@ -24,7 +24,7 @@ const GRID: usize = 5;
 #[derive(Debug)]
 pub(crate) struct Neighbours {
     views: Vec<View>,
-    /// What each can see of the ground at `ground_z_m`; `None` where that has no end.
+    /// Area that each can see of the ground at `ground_z_m`; `None` where that has no end.
     extents: Vec<Option<Extent>>,
     /// The terrain's middle height; `None` without any.
     ground_z_m: Option<f64>,
@@ -83,7 +83,7 @@ struct Extent {
 }
 
 impl Extent {
-    /// How much larger than the corners' rectangle: a lens can bend the borders outwards.
+    /// Excess over the corners' rectangle: a lens can bend the borders outwards.
     const SPARE: f64 = 0.1;
 
     /// `None` where the view meets the horizon.
@@ -104,12 +104,12 @@ impl Extent {
     }
 }
 
-/// Of the whole lattice, so that rays into the sky count as ground not seen.
+/// Share of the whole lattice, so that rays into the sky count as ground not seen.
 fn share_of_lattice<'a>(scores: impl Iterator<Item = &'a f64>) -> f64 {
     scores.sum::<f64>() / (GRID * GRID) as f64
 }
 
-/// Where a lattice of the view's pixels meets level ground.
+/// Points where a lattice of the view's pixels meets level ground.
 fn ground_points(view: &View, ground_z_m: f64) -> Vec<DVec3> {
     let at = |i: usize, extent: u32| (i as f64 + 0.5) / GRID as f64 * f64::from(extent);
     let pixels =
@@ -117,7 +117,7 @@ fn ground_points(view: &View, ground_z_m: f64) -> Vec<DVec3> {
     pixels.filter_map(|pixel| on_ground(view, pixel, ground_z_m)).collect()
 }
 
-/// Where the ray of a pixel meets level ground.
+/// Point where the ray of a pixel meets level ground.
 fn on_ground(view: &View, pixel: DVec2, ground_z_m: f64) -> Option<DVec3> {
     let centre = view.camera_from_map.centre();
     let ray = view.camera_from_map.rotation.transpose() * view.camera.unproject(pixel)?;
@@ -125,7 +125,7 @@ fn on_ground(view: &View, pixel: DVec2, ground_z_m: f64) -> Option<DVec3> {
     (depth > 0.0 && depth.is_finite()).then(|| centre + depth * ray)
 }
 
-/// How useful another view is at one place on the ground, 0 to 1.
+/// Usefulness of another view at one place on the ground, 0 to 1.
 fn score(view: &View, other: &View, place: DVec3) -> f64 {
     let (here, there) = (view.camera_from_map.centre(), other.camera_from_map.centre());
     let is_seen =

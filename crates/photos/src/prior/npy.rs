@@ -17,7 +17,7 @@ use sizeup_heights::raster::Raster;
 /// Longest header that is believed, bytes; numpy's own limit for safe parsing is 10 000.
 const MAX_HEADER: usize = 10_000;
 
-/// How a number is stored.
+/// Storage of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Number {
     F16,
@@ -30,7 +30,7 @@ enum Number {
     I32,
 }
 
-/// What the header says.
+/// Fields of the header.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Header {
     number: Number,
@@ -39,7 +39,7 @@ struct Header {
     shape: Vec<usize>,
 }
 
-/// How many maps an array holds, and the one at `index` as `f32`, read from the start of a stream; of at most `most`
+/// Number of maps of an array, and the one at `index` as `f32`, read from the start of a stream; of at most `most`
 /// values.
 pub(super) fn read_map(
     mut stream: impl Read,

@@ -61,7 +61,7 @@ impl PriorConfig {
         }
     }
 
-    /// What each photo's prior is made from: its file, or the photo.
+    /// Files that each photo's prior is made from: its file, or the photo.
     ///
     /// # Errors
     /// [`PriorError::Config`] for settings that cannot work.
@@ -114,7 +114,7 @@ impl PriorConfig {
         }
     }
 
-    /// Where priors come from, in words.
+    /// Source of priors, in words.
     #[must_use]
     pub fn in_words(&self) -> String {
         match self {
@@ -170,7 +170,7 @@ impl Priors {
         }
     }
 
-    /// What a view's prior is made from, for the lineage: its file, or its photo.
+    /// Files that a view's prior is made from, for the lineage: its file, or its photo.
     ///
     /// # Errors
     /// [`PriorError::Config`] for a photo outside the survey where its position is asked for.

@@ -1,4 +1,4 @@
-//! Buildings of a result as they are compared: parts of one are one building, with the outlines of all of them.
+//! Buildings of a result as they are compared: parts of one are one building, with the footprints of all of them.
 
 use std::collections::HashMap;
 
@@ -7,36 +7,36 @@ use geo_types::{MultiPolygon, Polygon, Rect};
 
 use crate::output::BuildingRecord;
 
-/// Attribute of a record whose outline was found in photos: standard deviation of its corners, metres.
-const OUTLINE_SIGMA: &str = "footprint_sigma_m";
+/// Attribute of a record whose footprint was found in photos: standard deviation of its corners, metres.
+const FOOTPRINT_SIGMA: &str = "footprint_sigma_m";
 
-/// A record with its outline where it is compared.
+/// A record with its footprint where it is compared.
 #[derive(Debug, Clone)]
 pub struct Part<'a> {
     /// As the result has it.
     pub record: &'a BuildingRecord,
     /// Map frame, metres; without the shift in plan that is common to all buildings.
-    pub outline: Option<Polygon<f64>>,
+    pub footprint: Option<Polygon<f64>>,
 }
 
 /// A building of a result.
 #[derive(Debug, Clone)]
 pub struct Building<'a> {
-    /// Its id, that of the whole where it has parts.
+    /// Id, that of the whole where it has parts.
     pub id: &'a str,
-    /// Its parts, or itself.
+    /// Parts, or itself.
     pub parts: Vec<Part<'a>>,
-    /// Around all parts; empty if none has an outline.
-    pub outline: MultiPolygon<f64>,
+    /// Around all parts; empty if none has a footprint.
+    pub footprint: MultiPolygon<f64>,
 }
 
-/// The buildings of some records, in the order of their first parts. Outlines are moved by `shift_m` (easting, northing).
+/// The buildings of some records, in the order of their first parts. Footprints are moved by `shift_m` (easting, northing).
 pub fn buildings(records: &[BuildingRecord], shift_m: [f64; 2]) -> Vec<Building<'_>> {
     let mut position: HashMap<&str, usize> = HashMap::new();
     let mut buildings: Vec<Building<'_>> = Vec::with_capacity(records.len());
     for record in records {
-        let outline = record.footprint.as_ref().map(|outline| outline.translate(shift_m[0], shift_m[1]));
-        let part = Part { record, outline };
+        let footprint = record.footprint.as_ref().map(|footprint| footprint.translate(shift_m[0], shift_m[1]));
+        let part = Part { record, footprint };
         match record.part_of.as_deref().map(|whole| (whole, position.get(whole))) {
             Some((_, Some(&at))) => buildings[at].parts.push(part),
             whole => {
@@ -44,31 +44,31 @@ pub fn buildings(records: &[BuildingRecord], shift_m: [f64; 2]) -> Vec<Building<
                 if whole.is_some() {
                     position.insert(id, buildings.len());
                 }
-                buildings.push(Building { id, parts: vec![part], outline: MultiPolygon::new(Vec::new()) });
+                buildings.push(Building { id, parts: vec![part], footprint: MultiPolygon::new(Vec::new()) });
             }
         }
     }
     for building in &mut buildings {
-        building.outline = joined(building.parts.iter().filter_map(|part| part.outline.as_ref()));
+        building.footprint = joined(building.parts.iter().filter_map(|part| part.footprint.as_ref()));
     }
     buildings
 }
 
-/// Several outlines as one; a single one stays as it is.
-pub fn joined<'p>(outlines: impl Iterator<Item = &'p Polygon<f64>>) -> MultiPolygon<f64> {
-    let outlines: Vec<Polygon<f64>> = outlines.cloned().collect();
-    if outlines.len() < 2 { MultiPolygon::new(outlines) } else { unary_union(&outlines) }
+/// Several footprints as one; a single one stays as it is.
+pub fn joined<'p>(footprints: impl Iterator<Item = &'p Polygon<f64>>) -> MultiPolygon<f64> {
+    let footprints: Vec<Polygon<f64>> = footprints.cloned().collect();
+    if footprints.len() < 2 { MultiPolygon::new(footprints) } else { unary_union(&footprints) }
 }
 
 impl Building<'_> {
-    /// The box around it, if it has an outline.
+    /// The box around it, if it has a footprint.
     pub fn bounds(&self) -> Option<Rect<f64>> {
-        self.outline.bounding_rect()
+        self.footprint.bounding_rect()
     }
 
-    /// One standard deviation of its outline: the largest that its parts state, else `unstated_m`.
-    pub fn outline_sigma_m(&self, unstated_m: f64) -> f64 {
-        let stated = self.parts.iter().filter_map(|part| part.record.attributes.get(OUTLINE_SIGMA)?.as_f64());
+    /// One standard deviation of its footprint: the largest that its parts state, else `unstated_m`.
+    pub fn footprint_sigma_m(&self, unstated_m: f64) -> f64 {
+        let stated = self.parts.iter().filter_map(|part| part.record.attributes.get(FOOTPRINT_SIGMA)?.as_f64());
         stated.filter(|sigma_m| *sigma_m >= 0.0).max_by(f64::total_cmp).unwrap_or(unstated_m)
     }
 
@@ -76,7 +76,7 @@ impl Building<'_> {
     pub fn height_m(&self) -> Option<f64> {
         let known = || {
             self.parts.iter().filter_map(|part| {
-                let area_m2 = part.outline.as_ref().map_or(0.0, geo::Area::unsigned_area);
+                let area_m2 = part.footprint.as_ref().map_or(0.0, geo::Area::unsigned_area);
                 Some((area_m2, part.record.height_m?))
             })
         };
@@ -98,8 +98,8 @@ pub mod tests {
 
     /// A measured building on level ground: west, south, width, depth, height; sigma 0.25 m.
     pub fn house(id: &str, [west, south, width, depth]: [f64; 4], height_m: f64) -> BuildingRecord {
-        let outline = Rect::new((west, south), (west + width, south + depth)).to_polygon();
-        BuildingRecord { height_sigma_m: Some(0.25), ..BuildingRecord::measured(id, outline, 3.0, height_m) }
+        let footprint = Rect::new((west, south), (west + width, south + depth)).to_polygon();
+        BuildingRecord { height_sigma_m: Some(0.25), ..BuildingRecord::measured(id, footprint, 3.0, height_m) }
     }
 
     #[test]
@@ -111,16 +111,16 @@ pub mod tests {
         let records = [part("hall#1", 0.0, 8.0), house("b", [90.0, 0.0, 9.0, 9.0], 5.0), part("hall#2", 10.0, 12.0)];
         let found = buildings(&records, [1.0, 0.0]);
         assert_eq!(found.iter().map(|b| (b.id, b.parts.len())).collect::<Vec<_>>(), [("hall", 2), ("b", 1)]);
-        assert!((found[0].outline.unsigned_area() - 200.0).abs() < 1e-9);
+        assert!((found[0].footprint.unsigned_area() - 200.0).abs() < 1e-9);
         assert_eq!(found[0].bounds().unwrap().min().x, 1.0);
         assert_eq!(found[0].height_m(), Some(10.0));
     }
 
     #[test]
-    fn an_outline_is_as_accurate_as_it_says() {
+    fn a_footprint_is_as_accurate_as_it_says() {
         let mut records = [house("a", [0.0, 0.0, 9.0, 9.0], 5.0)];
-        assert_eq!(buildings(&records, [0.0; 2])[0].outline_sigma_m(0.3), 0.3);
-        records[0].attributes.insert(OUTLINE_SIGMA.to_owned(), 0.7.into());
-        assert_eq!(buildings(&records, [0.0; 2])[0].outline_sigma_m(0.3), 0.7);
+        assert_eq!(buildings(&records, [0.0; 2])[0].footprint_sigma_m(0.3), 0.3);
+        records[0].attributes.insert(FOOTPRINT_SIGMA.to_owned(), 0.7.into());
+        assert_eq!(buildings(&records, [0.0; 2])[0].footprint_sigma_m(0.3), 0.7);
     }
 }

@@ -18,8 +18,9 @@ pub enum Class {
     Raised,
     /// The roof is lower.
     Lowered,
-    /// The roof is where it was, or nothing is known of it, and the outline is another.
-    OutlineChanged,
+    /// The roof is where it was, or nothing is known of it, and the footprint is another.
+    #[serde(alias = "outline_changed")]
+    FootprintChanged,
     /// Nothing has changed that is worth telling.
     Same,
     /// The two results do not tell.
@@ -35,7 +36,7 @@ impl Class {
         Self::Gone,
         Self::Raised,
         Self::Lowered,
-        Self::OutlineChanged,
+        Self::FootprintChanged,
         Self::Same,
         Self::Unsure,
         Self::Outside,
@@ -49,7 +50,7 @@ impl Class {
             Self::Gone => "gone",
             Self::Raised => "raised",
             Self::Lowered => "lowered",
-            Self::OutlineChanged => "outline_changed",
+            Self::FootprintChanged => "footprint_changed",
             Self::Same => "same",
             Self::Unsure => "unsure",
             Self::Outside => "outside",
@@ -59,7 +60,7 @@ impl Class {
     /// Whether it tells of a change.
     #[must_use]
     pub fn is_change(self) -> bool {
-        matches!(self, Self::New | Self::Gone | Self::Raised | Self::Lowered | Self::OutlineChanged)
+        matches!(self, Self::New | Self::Gone | Self::Raised | Self::Lowered | Self::FootprintChanged)
     }
 }
 
@@ -71,9 +72,9 @@ pub enum Reason {
     NotInOld,
     /// No building of the new result stands there.
     NotInNew,
-    /// The old result has its outline, and a height that is that of no building.
+    /// The old result has its footprint, and a height that is that of no building.
     FlatBefore,
-    /// The new result has its outline, and a height that is that of no building.
+    /// The new result has its footprint, and a height that is that of no building.
     FlatNow,
     /// A building of the other result stands there, and is another one.
     Replaced,
@@ -89,10 +90,12 @@ pub enum Reason {
     GroundDiffers,
     /// Ground and roof have moved together, or apart: no building does that.
     GroundMoved,
-    /// The outline reaches further than it did.
-    OutlineGrew,
-    /// The outline reaches less far than it did.
-    OutlineShrank,
+    /// The footprint reaches further than it did.
+    #[serde(alias = "outline_grew")]
+    FootprintGrew,
+    /// The footprint reaches less far than it did.
+    #[serde(alias = "outline_shrank")]
+    FootprintShrank,
     /// One building of the old result is several of the new.
     Split,
     /// Several buildings of the old result are one of the new.
@@ -113,8 +116,9 @@ pub enum Reason {
     OldSigmaUnknown,
     /// The new height states no sigma.
     NewSigmaUnknown,
-    /// It has no outline, and so no place.
-    NoOutline,
+    /// It has no footprint, and so no place.
+    #[serde(alias = "no_outline")]
+    NoFootprint,
     /// It lies beyond the area of the old result.
     OutsideOld,
     /// It lies beyond the area of the new result.
@@ -137,8 +141,8 @@ impl Reason {
             Self::SigmasTooWide => "sigmas_too_wide",
             Self::GroundDiffers => "ground_differs",
             Self::GroundMoved => "ground_moved",
-            Self::OutlineGrew => "outline_grew",
-            Self::OutlineShrank => "outline_shrank",
+            Self::FootprintGrew => "footprint_grew",
+            Self::FootprintShrank => "footprint_shrank",
             Self::Split => "split",
             Self::Merged => "merged",
             Self::OldDoubtful => "old_doubtful",
@@ -149,19 +153,19 @@ impl Reason {
             Self::NewHeightUnknown => "new_height_unknown",
             Self::OldSigmaUnknown => "old_sigma_unknown",
             Self::NewSigmaUnknown => "new_sigma_unknown",
-            Self::NoOutline => "no_outline",
+            Self::NoFootprint => "no_footprint",
             Self::OutsideOld => "outside_old",
             Self::OutsideNew => "outside_new",
         }
     }
 
-    /// What it says, as a part of a sentence.
+    /// Text, as a part of a sentence.
     fn words(self) -> &'static str {
         match self {
             Self::NotInOld => "no building of the old result stands here",
             Self::NotInNew => "no building of the new result stands here",
-            Self::FlatBefore => "the old result has its outline, and hardly any height",
-            Self::FlatNow => "the new result has its outline, and hardly any height",
+            Self::FlatBefore => "the old result has its footprint, and hardly any height",
+            Self::FlatNow => "the new result has its footprint, and hardly any height",
             Self::Replaced => "another building of the other result stands here",
             Self::RoofMoved => "the roof is elsewhere",
             Self::PartMoved => "one of its parts is at another level",
@@ -169,8 +173,8 @@ impl Reason {
             Self::SigmasTooWide => "the two sigmas are too wide to tell",
             Self::GroundDiffers => "the ground differs between the results, the roof is where it was",
             Self::GroundMoved => "ground and roof do not move like those of a building",
-            Self::OutlineGrew => "the outline reaches further",
-            Self::OutlineShrank => "the outline reaches less far",
+            Self::FootprintGrew => "the footprint reaches further",
+            Self::FootprintShrank => "the footprint reaches less far",
             Self::Split => "one building before, several now",
             Self::Merged => "several buildings before, fewer now",
             Self::OldDoubtful => "the old height is doubtful",
@@ -181,7 +185,7 @@ impl Reason {
             Self::NewHeightUnknown => "the new height is not known",
             Self::OldSigmaUnknown => "the old height states no sigma",
             Self::NewSigmaUnknown => "the new height states no sigma",
-            Self::NoOutline => "it has no outline",
+            Self::NoFootprint => "it has no footprint",
             Self::OutsideOld => "it lies beyond the area of the old result",
             Self::OutsideNew => "it lies beyond the area of the new result",
         }
@@ -216,20 +220,20 @@ pub struct Change {
     pub old_height_m: Option<f64>,
     /// Height above ground in the new result, mean over the area, metres.
     pub new_height_m: Option<f64>,
-    /// Area of the outline in the old result, m².
+    /// Area of the footprint in the old result, m².
     pub old_area_m2: Option<f64>,
-    /// Area of the outline in the new result, m².
+    /// Area of the footprint in the new result, m².
     pub new_area_m2: Option<f64>,
-    /// Intersection over union of the two outlines.
+    /// Intersection over union of the two footprints.
     pub iou: Option<f64>,
-    /// Area that the outline has won beyond the outlines' own accuracy, m².
+    /// Area that the footprint has won beyond the footprints' own accuracy, m².
     pub gained_m2: Option<f64>,
-    /// Area that the outline has lost beyond the outlines' own accuracy, m².
+    /// Area that the footprint has lost beyond the footprints' own accuracy, m².
     pub lost_m2: Option<f64>,
-    /// The new outline; of what is gone, the old one where the common shift puts it.
+    /// The new footprint; of what is gone, the old one where the common shift puts it.
     #[serde(skip, default = "nowhere")]
     #[schemars(skip)]
-    pub outline: MultiPolygon<f64>,
+    pub footprint: MultiPolygon<f64>,
 }
 
 fn nowhere() -> MultiPolygon<f64> {
@@ -250,7 +254,7 @@ impl Change {
         if let (Some(gained_m2), Some(lost_m2)) = (self.gained_m2, self.lost_m2)
             && gained_m2 + lost_m2 > 0.0
         {
-            let _ = write!(self.explanation, "; outline +{gained_m2:.1} m2, -{lost_m2:.1} m2");
+            let _ = write!(self.explanation, "; footprint +{gained_m2:.1} m2, -{lost_m2:.1} m2");
         }
     }
 }

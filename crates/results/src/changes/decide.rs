@@ -7,7 +7,7 @@
 //! | same | any | same; a height that differs is the ground's |
 //! | unsure | any | unsure |
 //!
-//! Where levels are not compared the height decides alone. Another outline makes `same` and `unsure` an `outline_changed`.
+//! Where levels are not compared the height decides alone. Another footprint makes `same` and `unsure` a `footprint_changed`.
 
 use std::collections::BTreeSet;
 
@@ -16,9 +16,9 @@ use geo_types::{MultiPolygon, Polygon};
 
 use super::building::{Building, joined};
 use super::change::{Change, Class, Reason};
+use super::footprints::{FootprintDifference, LEAST_M2};
 use super::heights::{Difference, Epoch, Evidence};
 use super::matching::Group;
-use super::outlines::{LEAST_M2, OutlineDifference};
 use super::seen::SeenArea;
 use super::verdict::{Decision, Verdict};
 use super::{ChangesConfig, CommonShift};
@@ -32,11 +32,11 @@ pub struct Scene<'a> {
     pub new_area: SeenArea,
     pub config: &'a ChangesConfig,
     pub shift: CommonShift,
-    /// What sigmas are multiplied with, 1 or more.
+    /// Factor of sigmas, 1 or more.
     pub widening: f64,
 }
 
-/// What heights say: a verdict with its reasons and the difference that decided.
+/// Verdict of the heights, with its reasons and the difference that decided.
 struct HeightFinding {
     verdict: Verdict,
     reasons: Vec<Reason>,
@@ -45,13 +45,13 @@ struct HeightFinding {
 }
 
 impl Scene<'_> {
-    /// What became of a group.
+    /// Change of a group.
     pub fn change(&self, group: &Group, evidence: &Evidence) -> Change {
         let old: Vec<&Building<'_>> = group.old.iter().map(|&o| &self.old[o]).collect();
         let new: Vec<&Building<'_>> = group.new.iter().map(|&n| &self.new[n]).collect();
         let mut change = blank(&old, &new);
         if old.is_empty() || new.is_empty() {
-            let (class, reasons) = self.alone(group, &change.outline, old.first().or(new.first()).copied());
+            let (class, reasons) = self.alone(group, &change.footprint, old.first().or(new.first()).copied());
             change.conclude(class, reasons);
         } else {
             self.compare(&old, &new, evidence, &mut change);
@@ -59,11 +59,11 @@ impl Scene<'_> {
         change
     }
 
-    /// Of a building that none of the other result stands for.
+    /// Decision on a building that none of the other result stands for.
     fn alone(
         &self,
         group: &Group,
-        outline: &MultiPolygon<f64>,
+        footprint: &MultiPolygon<f64>,
         building: Option<&Building<'_>>,
     ) -> (Class, Vec<Reason>) {
         let (epoch, class, beyond, absent, other_area) = if group.old.is_empty() {
@@ -71,10 +71,10 @@ impl Scene<'_> {
         } else {
             (Epoch::Old, Class::Gone, Reason::OutsideNew, Reason::NotInNew, &self.new_area)
         };
-        if outline.0.is_empty() {
-            return (Class::Unsure, vec![Reason::NoOutline]);
+        if footprint.0.is_empty() {
+            return (Class::Unsure, vec![Reason::NoFootprint]);
         }
-        if !other_area.holds(outline) {
+        if !other_area.holds(footprint) {
             return (Class::Outside, vec![beyond]);
         }
         let first = if group.is_replaced { Reason::Replaced } else { absent };
@@ -83,14 +83,14 @@ impl Scene<'_> {
         (class, std::iter::once(first).chain(lacks.collect::<BTreeSet<_>>()).collect())
     }
 
-    /// Of buildings that stand for each other.
+    /// Decision on buildings that stand for each other.
     fn compare(&self, old: &[&Building<'_>], new: &[&Building<'_>], evidence: &Evidence, change: &mut Change) {
         let decision = self.config.decision();
         let heights = self.heights(evidence, &decision);
-        let outlines = self.outlines(old, new, &decision);
-        change.iou = Some(round_m(outlines.iou));
-        change.gained_m2 = Some(round_m(outlines.gained_m2));
-        change.lost_m2 = Some(round_m(outlines.lost_m2));
+        let footprints = self.footprints(old, new, &decision);
+        change.iou = Some(round_m(footprints.iou));
+        change.gained_m2 = Some(round_m(footprints.gained_m2));
+        change.lost_m2 = Some(round_m(footprints.lost_m2));
         if let Some(difference) = heights.difference {
             let decisive_m = difference.roof_z_m.unwrap_or(difference.height_m);
             change.d_height_m = Some(round_m(difference.height_m));
@@ -99,17 +99,17 @@ impl Scene<'_> {
             change.sigma_m = Some(round_m(difference.sigma_m));
             change.z = (difference.sigma_m > 0.0).then(|| round_m(decisive_m / difference.sigma_m));
         }
-        let outline_reasons: Vec<Reason> =
-            [(outlines.gained_m2, Reason::OutlineGrew), (outlines.lost_m2, Reason::OutlineShrank)]
+        let footprint_reasons: Vec<Reason> =
+            [(footprints.gained_m2, Reason::FootprintGrew), (footprints.lost_m2, Reason::FootprintShrank)]
                 .into_iter()
                 .filter(|(area_m2, _)| *area_m2 >= LEAST_M2)
                 .map(|(_, reason)| reason)
                 .collect();
-        let (class, first) = self.class(heights.verdict, !outline_reasons.is_empty(), change);
+        let (class, first) = self.class(heights.verdict, !footprint_reasons.is_empty(), change);
         let mut reasons: Vec<Reason> = first.into_iter().collect();
-        let of_outline = class == Class::OutlineChanged;
+        let of_footprint = class == Class::FootprintChanged;
         let (before, after) =
-            if of_outline { (outline_reasons, heights.reasons) } else { (heights.reasons, outline_reasons) };
+            if of_footprint { (footprint_reasons, heights.reasons) } else { (heights.reasons, footprint_reasons) };
         reasons.extend(before.into_iter().chain(after));
         reasons.extend((new.len() > old.len()).then_some(Reason::Split));
         reasons.extend((old.len() > new.len()).then_some(Reason::Merged));
@@ -117,14 +117,14 @@ impl Scene<'_> {
     }
 
     /// The class, and the reason that comes before all others where there is one.
-    fn class(&self, verdict: Verdict, is_other_outline: bool, change: &Change) -> (Class, Option<Reason>) {
+    fn class(&self, verdict: Verdict, is_other_footprint: bool, change: &Change) -> (Class, Option<Reason>) {
         let is_flat = |height_m: Option<f64>| height_m.is_some_and(|height_m| height_m < self.config.least_m);
         match verdict {
             Verdict::Up if is_flat(change.old_height_m) => (Class::New, Some(Reason::FlatBefore)),
             Verdict::Down if is_flat(change.new_height_m) => (Class::Gone, Some(Reason::FlatNow)),
             Verdict::Up => (Class::Raised, None),
             Verdict::Down => (Class::Lowered, None),
-            Verdict::Same | Verdict::Unsure if is_other_outline => (Class::OutlineChanged, None),
+            Verdict::Same | Verdict::Unsure if is_other_footprint => (Class::FootprintChanged, None),
             Verdict::Same => (Class::Same, None),
             Verdict::Unsure => (Class::Unsure, None),
         }
@@ -166,17 +166,17 @@ impl Scene<'_> {
         }
     }
 
-    fn outlines(&self, old: &[&Building<'_>], new: &[&Building<'_>], decision: &Decision) -> OutlineDifference {
+    fn footprints(&self, old: &[&Building<'_>], new: &[&Building<'_>], decision: &Decision) -> FootprintDifference {
         let sigma_m = |buildings: &[&Building<'_>]| {
-            let each = buildings.iter().map(|building| building.outline_sigma_m(self.config.outline_sigma_m));
+            let each = buildings.iter().map(|building| building.footprint_sigma_m(self.config.footprint_sigma_m));
             each.fold(0.0, f64::max)
         };
         let tolerance_m = decision.reach_m(sigma_m(old).hypot(sigma_m(new)));
-        OutlineDifference::of(&outline_of(old), &outline_of(new), tolerance_m)
+        FootprintDifference::of(&footprint_of(old), &footprint_of(new), tolerance_m)
     }
 }
 
-/// What roof and height say together; see the module.
+/// Verdict of roof and height together; see the module.
 fn combined(difference: &Difference, decision: &Decision) -> (Verdict, Reason) {
     let of_height = decision.verdict(difference.height_m, difference.sigma_m);
     let of_roof = difference.roof_z_m.map_or(of_height, |roof_m| decision.verdict(roof_m, difference.sigma_m));
@@ -189,11 +189,11 @@ fn combined(difference: &Difference, decision: &Decision) -> (Verdict, Reason) {
     }
 }
 
-fn outline_of(buildings: &[&Building<'_>]) -> MultiPolygon<f64> {
+fn footprint_of(buildings: &[&Building<'_>]) -> MultiPolygon<f64> {
     match buildings {
-        [only] => only.outline.clone(),
+        [only] => only.footprint.clone(),
         several => joined(
-            several.iter().flat_map(|building| building.outline.iter()).collect::<Vec<&Polygon<f64>>>().into_iter(),
+            several.iter().flat_map(|building| building.footprint.iter()).collect::<Vec<&Polygon<f64>>>().into_iter(),
         ),
     }
 }
@@ -201,8 +201,8 @@ fn outline_of(buildings: &[&Building<'_>]) -> MultiPolygon<f64> {
 /// Ids, heights and areas, before anything is decided.
 fn blank(old: &[&Building<'_>], new: &[&Building<'_>]) -> Change {
     let ids = |of: &[&Building<'_>]| of.iter().map(|building| building.id.to_owned()).collect();
-    let (old_outline, new_outline) = (outline_of(old), outline_of(new));
-    let area = |outline: &MultiPolygon<f64>| (!outline.0.is_empty()).then(|| round_m(outline.unsigned_area()));
+    let (old_footprint, new_footprint) = (footprint_of(old), footprint_of(new));
+    let area = |footprint: &MultiPolygon<f64>| (!footprint.0.is_empty()).then(|| round_m(footprint.unsigned_area()));
     Change {
         class: Class::Unsure,
         reasons: Vec::new(),
@@ -216,12 +216,12 @@ fn blank(old: &[&Building<'_>], new: &[&Building<'_>]) -> Change {
         z: None,
         old_height_m: mean_height_m(old).map(round_m),
         new_height_m: mean_height_m(new).map(round_m),
-        old_area_m2: area(&old_outline),
-        new_area_m2: area(&new_outline),
+        old_area_m2: area(&old_footprint),
+        new_area_m2: area(&new_footprint),
         iou: None,
         gained_m2: None,
         lost_m2: None,
-        outline: if new.is_empty() { old_outline } else { new_outline },
+        footprint: if new.is_empty() { old_footprint } else { new_footprint },
     }
 }
 
@@ -230,7 +230,7 @@ fn mean_height_m(buildings: &[&Building<'_>]) -> Option<f64> {
     if let [only] = buildings {
         return only.height_m();
     }
-    let known = || buildings.iter().filter_map(|b| Some((b.outline.unsigned_area(), b.height_m()?)));
+    let known = || buildings.iter().filter_map(|b| Some((b.footprint.unsigned_area(), b.height_m()?)));
     let known_m2: f64 = known().map(|(area_m2, _)| area_m2).sum();
     (known_m2 > 0.0).then(|| known().map(|(area_m2, height_m)| area_m2 * height_m).sum::<f64>() / known_m2)
 }

@@ -1,11 +1,11 @@
-//! How much higher or lower a building is: roof by roof where the two outlines overlap.
+//! How much higher or lower a building is: roof by roof where the two footprints overlap.
 //!
 //! ```text
 //! d = Σ A_ij (v_j − v_i) / Σ A_ij        σ = Σ A_ij √(σ_i² + σ_j²) / Σ A_ij
 //! ```
 //!
 //! `A_ij`: area that part `i` of the old result shares with part `j` of the new one; `v`: level of the roof, or height above
-//! ground. Of outlines that agree that is the difference of the mean heights; an annex that was added does not lower the
+//! ground. Of footprints that agree that is the difference of the mean heights; an annex that was added does not lower the
 //! mean. σ is as if all parts of a building erred the same way.
 
 use std::collections::BTreeSet;
@@ -31,22 +31,22 @@ pub enum Epoch {
 /// New minus old; metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Difference {
-    /// Of the heights above ground.
+    /// Difference of the heights above ground.
     pub height_m: f64,
-    /// Of the levels of the roof, where both are known.
+    /// Difference of the levels of the roof, where both are known.
     pub roof_z_m: Option<f64>,
     /// One standard deviation of either.
     pub sigma_m: f64,
 }
 
-/// What is known of a group's heights.
+/// Heights of a group, as far as known.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Evidence {
     /// They can be compared.
     Known {
         /// Over the whole common area.
         mean: Difference,
-        /// Of single parts, where both results have the same ones; else empty.
+        /// Differences of single parts, where both results have the same ones; else empty.
         parts: Vec<Difference>,
     },
     /// They cannot, and why.
@@ -66,9 +66,9 @@ impl Evidence {
 /// Standard deviations of heights that state none, metres: of the old result and of the new one.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Unstated {
-    /// Of the old result.
+    /// Sigma of the old result.
     pub old_m: Option<f64>,
-    /// Of the new result.
+    /// Sigma of the new result.
     pub new_m: Option<f64>,
 }
 
@@ -134,7 +134,7 @@ fn pieces<'p, 'a>(old: &[&'p Building<'a>], new: &[&'p Building<'a>]) -> Vec<Pie
     let mut pieces = Vec::new();
     for &part in &old {
         for &other in &new {
-            let (Some(a), Some(b)) = (&part.outline, &other.outline) else { continue };
+            let (Some(a), Some(b)) = (&part.footprint, &other.footprint) else { continue };
             let shared_m2 = shared_m2(a, b);
             if shared_m2 > 0.0 {
                 pieces.push(Piece { old: part, new: other, shared_m2 });
@@ -144,7 +144,7 @@ fn pieces<'p, 'a>(old: &[&'p Building<'a>], new: &[&'p Building<'a>]) -> Vec<Pie
     pieces
 }
 
-/// Of two parts; why not, for each side that lacks something.
+/// Difference of two parts; why not, for each side that lacks something.
 fn difference(piece: &Piece<'_, '_>, unstated: &Unstated) -> Result<Difference, Vec<Reason>> {
     let old = unstated.height(piece.old.record, Epoch::Old);
     let new = unstated.height(piece.new.record, Epoch::New);
@@ -164,7 +164,7 @@ fn difference(piece: &Piece<'_, '_>, unstated: &Unstated) -> Result<Difference, 
 fn is_one_to_one(old: &[&Building<'_>], new: &[&Building<'_>], pieces: &[Piece<'_, '_>]) -> bool {
     let n_parts = |buildings: &[&Building<'_>]| buildings.iter().map(|building| building.parts.len()).sum::<usize>();
     let is_same = |piece: &&Piece<'_, '_>| {
-        let area = |part: &Part<'_>| part.outline.as_ref().map_or(0.0, geo::Area::unsigned_area);
+        let area = |part: &Part<'_>| part.footprint.as_ref().map_or(0.0, geo::Area::unsigned_area);
         piece.shared_m2 >= SAME_PART_IOU * (area(piece.old) + area(piece.new) - piece.shared_m2)
     };
     let n = n_parts(old);

@@ -28,7 +28,7 @@ type Field = FieldOf<Change>;
 
 /// The columns, in their order.
 const FIELDS: [Field; 19] = [
-    field("class", "Change", Text, "new, gone, raised, lowered, outline_changed, same, unsure or outside", |c| {
+    field("class", "Change", Text, "new, gone, raised, lowered, footprint_changed, same, unsure or outside", |c| {
         c.class.as_str().into()
     }),
     field("new_id", "New building", Text, "Id in the new result; of several that stand for each other, all", |c| {
@@ -68,19 +68,27 @@ const FIELDS: [Field; 19] = [
     field("new_height_m", "New height (m)", Real, "Height above ground in the new result, metres", |c| {
         number(c.new_height_m)
     }),
-    field("old_area_m2", "Old area (m2)", Real, "Area of the outline in the old result, m2", |c| number(c.old_area_m2)),
-    field("new_area_m2", "New area (m2)", Real, "Area of the outline in the new result, m2", |c| number(c.new_area_m2)),
-    field("iou", "Common share", Real, "Intersection over union of the two outlines", |c| number(c.iou)),
+    field("old_area_m2", "Old area (m2)", Real, "Area of the footprint in the old result, m2", |c| {
+        number(c.old_area_m2)
+    }),
+    field("new_area_m2", "New area (m2)", Real, "Area of the footprint in the new result, m2", |c| {
+        number(c.new_area_m2)
+    }),
+    field("iou", "Common share", Real, "Intersection over union of the two footprints", |c| number(c.iou)),
     field(
         "gained_m2",
-        "Outline gained (m2)",
+        "Footprint gained (m2)",
         Real,
-        "What the outline has won beyond the outlines' accuracy, m2",
+        "What the footprint has won beyond the footprints' accuracy, m2",
         |c| number(c.gained_m2),
     ),
-    field("lost_m2", "Outline lost (m2)", Real, "What the outline has lost beyond the outlines' accuracy, m2", |c| {
-        number(c.lost_m2)
-    }),
+    field(
+        "lost_m2",
+        "Footprint lost (m2)",
+        Real,
+        "What the footprint has lost beyond the footprints' accuracy, m2",
+        |c| number(c.lost_m2),
+    ),
     field("n_old", "Old buildings", Integer, "Buildings of the old result in the group", |c| c.old_ids.len().into()),
     field("n_new", "New buildings", Integer, "Buildings of the new result in the group", |c| c.new_ids.len().into()),
     field("reasons", "Reasons", Text, "Why it is of its class, the decisive one first", |c| codes(c).into()),
@@ -113,7 +121,7 @@ pub fn write(path: &Path, changes: &[Change], crs: &Crs, lineage: &Lineage) -> R
         columns: &columns,
     };
     let row = |change: &Change| Row {
-        wkb: (!change.outline.0.is_empty()).then(|| wkb::multi_polygon(&change.outline)),
+        wkb: (!change.footprint.0.is_empty()).then(|| wkb::multi_polygon(&change.footprint)),
         values: FIELDS.iter().map(|(_, of)| of(change)).collect(),
     };
     write_whole_by_name(path, |temporary| {
@@ -126,7 +134,7 @@ pub fn write(path: &Path, changes: &[Change], crs: &Crs, lineage: &Lineage) -> R
     })
 }
 
-/// What has changed last, so that it is drawn over what has not.
+/// Changes in drawing order, what has changed last, so that it is drawn over what has not.
 fn in_drawing_order(changes: &[Change]) -> impl Iterator<Item = &Change> {
     let of = |is_change: bool| changes.iter().filter(move |change| change.class.is_change() == is_change);
     of(false).chain(of(true))
@@ -140,7 +148,7 @@ pub fn colour(class: Class) -> [u8; 3] {
         Class::Gone => [213, 94, 0],
         Class::Raised => [0, 114, 178],
         Class::Lowered => [86, 180, 233],
-        Class::OutlineChanged => [204, 121, 167],
+        Class::FootprintChanged => [204, 121, 167],
         Class::Same => [225, 225, 222],
         Class::Unsure => [240, 228, 66],
         Class::Outside => [170, 170, 175],

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! Buildings that hang together by links are a group: a house split in two, two halves merged. The second condition keeps
-//! row houses apart whose outlines lie a little askew. A group whose old and new outlines have less than a fifth of their
+//! row houses apart whose footprints lie a little askew. A group whose old and new footprints have less than a fifth of their
 //! union in common is none: something else was built there.
 
 use std::collections::BTreeMap;
@@ -19,19 +19,19 @@ use rstar::primitives::{GeomWithData, Rectangle};
 use rstar::{AABB, RTree};
 
 use super::building::{Building, joined};
-use super::outlines::iou;
+use super::footprints::iou;
 
 /// Share of the smaller of two buildings that they have in common if they stand for each other.
 const MIN_SHARED_SHARE: f64 = 0.3;
-/// Intersection over union of the outlines of a group, at least.
+/// Intersection over union of the footprints of a group, at least.
 const MIN_GROUP_IOU: f64 = 0.2;
 
 /// Buildings that stand for each other; one side may be empty.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Group {
-    /// Of the old result, ascending.
+    /// Buildings of the old result, ascending.
     pub old: Vec<usize>,
-    /// Of the new result, ascending.
+    /// Buildings of the new result, ascending.
     pub new: Vec<usize>,
     /// Whether another building stands there in the other result.
     pub is_replaced: bool,
@@ -61,7 +61,7 @@ fn links(old: &[Building<'_>], new: &[Building<'_>]) -> Vec<(usize, usize)> {
         let envelope = AABB::from_corners(bounds.min().into(), bounds.max().into());
         let mut near: Vec<usize> = tree.locate_in_envelope_intersecting(&envelope).map(|found| found.data).collect();
         near.sort_unstable();
-        let shared = |o: usize| (o, n, old[o].outline.intersection(&new[n].outline).unsigned_area());
+        let shared = |o: usize| (o, n, old[o].footprint.intersection(&new[n].footprint).unsigned_area());
         near.into_iter().map(shared).filter(|(_, _, shared_m2)| *shared_m2 > 0.0).collect()
     };
     let shared: Vec<(usize, usize, f64)> = (0..new.len()).into_par_iter().flat_map_iter(of_new).collect();
@@ -71,7 +71,7 @@ fn links(old: &[Building<'_>], new: &[Building<'_>]) -> Vec<(usize, usize)> {
         keep_most(most_of_new.entry(n).or_insert((o, shared_m2)), o, shared_m2);
     }
     let is_link = |&&(o, n, shared_m2): &&(usize, usize, f64)| {
-        let smaller_m2 = old[o].outline.unsigned_area().min(new[n].outline.unsigned_area());
+        let smaller_m2 = old[o].footprint.unsigned_area().min(new[n].footprint.unsigned_area());
         shared_m2 >= MIN_SHARED_SHARE * smaller_m2 && (most_of_old[&o].0 == n || most_of_new[&n].0 == o)
     };
     shared.iter().filter(is_link).map(|&(o, n, _)| (o, n)).collect()
@@ -84,7 +84,7 @@ fn keep_most(most: &mut (usize, f64), other: usize, shared_m2: f64) {
     }
 }
 
-/// What hangs together. New buildings are numbered after the old ones.
+/// Groups of what hangs together. New buildings are numbered after the old ones.
 fn components(n_old: usize, n_new: usize, links: &[(usize, usize)]) -> Vec<Group> {
     let mut head: Vec<usize> = (0..n_old + n_new).collect();
     let find = |head: &mut Vec<usize>, mut i: usize| {
@@ -111,10 +111,10 @@ fn sound(group: Group, old: &[Building<'_>], new: &[Building<'_>]) -> Vec<Group>
     if group.old.is_empty() || group.new.is_empty() {
         return vec![group];
     }
-    let outline = |of: &[Building<'_>], members: &[usize]| {
-        joined(members.iter().flat_map(|&i| of[i].outline.iter()).collect::<Vec<&Polygon<f64>>>().into_iter())
+    let footprint = |of: &[Building<'_>], members: &[usize]| {
+        joined(members.iter().flat_map(|&i| of[i].footprint.iter()).collect::<Vec<&Polygon<f64>>>().into_iter())
     };
-    let (before, now) = (outline(old, &group.old), outline(new, &group.new));
+    let (before, now) = (footprint(old, &group.old), footprint(new, &group.new));
     if iou(&before, &now) >= MIN_GROUP_IOU {
         return vec![group];
     }
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_outline_stands_alone() {
+    fn what_has_no_footprint_stands_alone() {
         let mut lost = house("lost", [0.0, 0.0, 9.0, 9.0], 3.0);
         lost.footprint = None;
         let old = [lost.clone()];

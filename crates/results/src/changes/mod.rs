@@ -3,7 +3,7 @@
 //! ```text
 //! records ─ building ─ matching ─> groups that stand for each other, by place
 //!           groups ─ shift ─────> what is common to all: plan, roofs, heights, and by how much sigmas are too small
-//!           groups ─ heights, outlines ─ verdict ─ decide ─> Change
+//!           groups ─ heights, footprints ─ verdict ─ decide ─> Change
 //! ```
 //!
 //! Frames: map frame of the new result, metres; levels in the vertical reference that both state. `d` is always new minus
@@ -12,10 +12,10 @@
 mod building;
 mod change;
 mod decide;
+mod footprints;
 mod heights;
 mod layer;
 mod matching;
-mod outlines;
 mod page;
 mod picture;
 mod read;
@@ -62,10 +62,11 @@ pub struct ChangesConfig {
     pub old_sigma_m: Option<f64>,
     /// Standard deviation of new heights that state none, metres; without one they are not compared.
     pub new_sigma_m: Option<f64>,
-    /// Standard deviation of the corners of outlines that state none, metres, 0 or more: those of a survey are accurate to
+    /// Standard deviation of the corners of footprints that state none, metres, 0 or more: those of a survey are accurate to
     /// decimetres.
-    pub outline_sigma_m: f64,
-    /// How far beyond the hull of its outlines a result is taken to have looked, metres, 0 or more.
+    #[serde(alias = "outline_sigma_m")]
+    pub footprint_sigma_m: f64,
+    /// How far beyond the hull of its footprints a result is taken to have looked, metres, 0 or more.
     pub margin_m: f64,
     /// Another area in which a result looked.
     pub area: AreaRule,
@@ -84,7 +85,7 @@ impl Default for ChangesConfig {
             n_sigmas: 3.0,
             old_sigma_m: None,
             new_sigma_m: None,
-            outline_sigma_m: 0.3,
+            footprint_sigma_m: 0.3,
             margin_m: 25.0,
             area: AreaRule::Photos,
             shift: ShiftRule::TakeOff,
@@ -116,15 +117,16 @@ pub enum LevelRule {
     HeightsOnly,
 }
 
-/// Where a result looked, beside what lies around its outlines.
+/// Where a result looked, beside what lies around its footprints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum AreaRule {
     /// Within the hull of its photos' projection centres, where it has them (its GeoPackage).
     #[default]
     Photos,
-    /// Nowhere else: for layers of outlines that cover less than the flight.
-    Outlines,
+    /// Nowhere else: for layers of footprints that cover less than the flight.
+    #[serde(alias = "outlines")]
+    Footprints,
 }
 
 /// A setting outside its range.
@@ -133,9 +135,9 @@ pub enum AreaRule {
 pub struct SettingError {
     /// Which one.
     pub name: &'static str,
-    /// Its value.
+    /// Value.
     pub found: f64,
-    /// What it may be.
+    /// Allowed values.
     pub expected: &'static str,
 }
 
@@ -152,7 +154,7 @@ impl ChangesConfig {
             ("n_sigmas", self.n_sigmas, (1.0..=10.0).contains(&self.n_sigmas), "1 to 10"),
             ("old_sigma_m", self.old_sigma_m.unwrap_or(0.0), is_length(self.old_sigma_m.unwrap_or(0.0)), length),
             ("new_sigma_m", self.new_sigma_m.unwrap_or(0.0), is_length(self.new_sigma_m.unwrap_or(0.0)), length),
-            ("outline_sigma_m", self.outline_sigma_m, is_length(self.outline_sigma_m), length),
+            ("footprint_sigma_m", self.footprint_sigma_m, is_length(self.footprint_sigma_m), length),
             ("margin_m", self.margin_m, is_length(self.margin_m), length),
         ] {
             if !is_good {
@@ -178,9 +180,9 @@ impl ChangesConfig {
 /// The shift that all buildings have in common; new minus old.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct CommonShift {
-    /// Shift of outlines, eastwards.
+    /// Shift of footprints, eastwards.
     pub east: Shift,
-    /// Shift of outlines, northwards.
+    /// Shift of footprints, northwards.
     pub north: Shift,
     /// Shift of levels of roofs; none where levels are not compared.
     pub roof_z: Shift,
@@ -193,7 +195,7 @@ pub struct CommonShift {
 pub struct Comparison {
     /// Every building of both: those of the new result in its order, then what is gone in the old one's.
     pub changes: Vec<Change>,
-    /// What all buildings have in common.
+    /// Shift and spread that all buildings have in common.
     pub shift: CommonShift,
     /// Scatter of the differences in stated sigmas, 1 where these are right; `None` for too few buildings.
     pub spread: Option<f64>,
@@ -202,13 +204,13 @@ pub struct Comparison {
 /// One of two results, as it is compared.
 #[derive(Debug, Clone, Copy)]
 pub struct Compared<'a> {
-    /// Its buildings.
+    /// Buildings.
     pub records: &'a [BuildingRecord],
     /// Projection centres of its photos (easting, northing), where they are known.
     pub cameras: &'a [[f64; 2]],
 }
 
-/// Compares two results whose outlines are in one frame and whose levels, if compared, count from one zero.
+/// Compares two results whose footprints are in one frame and whose levels, if compared, count from one zero.
 #[must_use]
 pub fn compare(old: &Compared<'_>, new: &Compared<'_>, config: &ChangesConfig) -> Comparison {
     let new_buildings = buildings(new.records, [0.0; 2]);
@@ -249,12 +251,12 @@ pub fn compare(old: &Compared<'_>, new: &Compared<'_>, config: &ChangesConfig) -
     Comparison { changes, shift, spread }
 }
 
-/// How far outlines of single buildings have moved, east and north.
+/// Shifts of the footprints of single buildings, east and north.
 fn plan_shift(old: &[Building<'_>], new: &[Building<'_>], groups: &[Group], rule: ShiftRule) -> (Shift, Shift) {
     let moved = groups.iter().filter_map(|group| {
         let ([o], [n]) = (group.old.as_slice(), group.new.as_slice()) else { return None };
-        let (before, now) = (&old[*o].outline, &new[*n].outline);
-        (outlines::iou(before, now) >= MIN_SHIFT_IOU).then_some(now.centroid()? - before.centroid()?)
+        let (before, now) = (&old[*o].footprint, &new[*n].footprint);
+        (footprints::iou(before, now) >= MIN_SHIFT_IOU).then_some(now.centroid()? - before.centroid()?)
     });
     let (east, north): (Vec<f64>, Vec<f64>) = moved.map(|by| (by.x(), by.y())).unzip();
     (Shift::of(&east, rule), Shift::of(&north, rule))

@@ -50,7 +50,7 @@ pub fn changes_page(report: &ChangesReport, map_png: &[u8]) -> String {
     page
 }
 
-/// Where one of the results comes from.
+/// Source of one of the results.
 fn source(epoch: &str, report: &ChangesReport) -> String {
     let result = if epoch == "old" { &report.old } else { &report.new };
     let date = result.reference_date.as_deref().map(|date| format!(", {date}")).unwrap_or_default();
@@ -66,7 +66,7 @@ fn swatch(class: Class) -> String {
     format!("<i style=\"background:rgb({r},{g},{b})\"></i>")
 }
 
-/// What has changed, and what is not told, by class.
+/// Counts of changes, and of what is not told, by class.
 fn table(page: &mut String, report: &ChangesReport) {
     let told = |class: Class| report.changes.iter().filter(move |change| change.class == class);
     let rows: Vec<&Change> = Class::ALL.into_iter().filter(|class| *class != Class::Same).flat_map(told).collect();

@@ -13,7 +13,12 @@ pub fn changes_map(report: &ChangesReport, crs: &Crs) -> RgbImage {
     let of = |class: Class| MapClass {
         label: class.as_str().replace('_', " "),
         colour: colour(class),
-        outlines: report.changes.iter().filter(|change| change.class == class).map(|change| &change.outline).collect(),
+        footprints: report
+            .changes
+            .iter()
+            .filter(|change| change.class == class)
+            .map(|change| &change.footprint)
+            .collect(),
     };
     let classes: Vec<MapClass<'_>> = Class::ALL.into_iter().rev().map(of).collect();
     let dates =

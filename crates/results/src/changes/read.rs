@@ -1,6 +1,6 @@
 //! Two results from files, brought into one frame.
 //!
-//! A folder is that of a run or of a merged city: the first of [`IN_FOLDER`] that it has is read. Outlines of the old result
+//! A folder is that of a run or of a merged city: the first of [`IN_FOLDER`] that it has is read. Footprints of the old result
 //! are brought to the CRS of the new one where they differ; levels are compared where both say what they count from, and
 //! refused where that is not the same.
 
@@ -15,13 +15,13 @@ use super::{Compared, LevelRule, SettingError};
 use crate::output::read::{FoundBuildings, ReadError, ReadOptions, RecordFile};
 use crate::output::{BuildingRecord, InputFile, Lineage, OutputError};
 
-/// What a result's folder holds, in the order in which it is looked for.
+/// Files of a result's folder, in the order in which it is looked for.
 const IN_FOLDER: [&str; 3] = ["city.gpkg", "city.city.jsonl", "city.city.json"];
 
 /// The layer of the photos in our `GeoPackage` files.
 const CAMERAS: &str = "cameras";
 
-/// What lineages say of a vertical reference that nobody stated.
+/// Words of lineages for a vertical reference that nobody stated.
 const NOT_STATED: [&str; 3] = ["", "not stated", "as in the input"];
 
 /// Why two results cannot be compared.
@@ -35,7 +35,7 @@ pub enum ChangesError {
     Missing {
         /// `old` or `new`.
         epoch: &'static str,
-        /// What was named.
+        /// Path that was named.
         path: PathBuf,
     },
     /// The folder holds no result.
@@ -55,7 +55,7 @@ pub enum ChangesError {
         new: PathBuf,
     },
     /// There is nothing to compare with.
-    #[error("the {epoch} result {} has no building with an outline, out of {n_buildings}\nhint: every building of the other one would be new or gone; look at the run's issues.json", path.display())]
+    #[error("the {epoch} result {} has no building with a footprint, out of {n_buildings}\nhint: every building of the other one would be new or gone; look at the run's issues.json", path.display())]
     Empty {
         /// `old` or `new`.
         epoch: &'static str,
@@ -78,11 +78,11 @@ pub enum ChangesError {
     Vertical {
         /// The old result.
         old: PathBuf,
-        /// What its levels count from.
+        /// Zero of its levels.
         old_reference: String,
         /// The new result.
         new: PathBuf,
-        /// What its levels count from.
+        /// Zero of its levels.
         new_reference: String,
     },
     /// A file cannot be read.
@@ -101,13 +101,13 @@ pub enum ChangesError {
 pub struct ResultFile {
     /// The file, with its hash.
     pub file: InputFile,
-    /// Its buildings, in the frame of the comparison.
+    /// Buildings, in the frame of the comparison.
     pub records: Vec<BuildingRecord>,
     /// Projection centres of its photos (easting, northing), in the frame of the comparison; only a `GeoPackage` has them.
     pub cameras: Vec<[f64; 2]>,
     /// The result's own CRS.
     pub crs: Crs,
-    /// Where it comes from, if it is ours.
+    /// Lineage, if it is ours.
     pub lineage: Option<Lineage>,
 }
 
@@ -118,7 +118,7 @@ pub struct ResultPair {
     pub old: ResultFile,
     /// The later one.
     pub new: ResultFile,
-    /// What levels of both count from; `None` where they are not to be compared or one does not say.
+    /// Zero of the levels of both; `None` where they are not to be compared or one does not say.
     pub level_reference: Option<String>,
 }
 
@@ -148,7 +148,7 @@ impl ResultFile {
     fn read(path: &Path, frame: Option<&Crs>, epoch: &'static str) -> Result<Self, ChangesError> {
         let found = FoundBuildings::read(path, &ReadOptions::default())?;
         let n_buildings = found.buildings.len();
-        if !found.buildings.iter().any(|building| building.outline.is_some()) {
+        if !found.buildings.iter().any(|building| building.footprint.is_some()) {
             return Err(ChangesError::Empty { epoch, path: path.to_owned(), n_buildings });
         }
         let crs = found.crs.clone().ok_or_else(|| ReadError::NoCrs { path: path.to_owned() })?;
@@ -194,7 +194,7 @@ fn cameras(path: &Path, frame: &Crs) -> Result<Vec<[f64; 2]>, CrsError> {
     centres.map(|at| transform.point(at.x(), at.y()).map(<[f64; 2]>::from)).collect()
 }
 
-/// What levels of both count from, if both say it.
+/// Zero of the levels of both, if both say it.
 fn common_reference(old: &ResultFile, new: &ResultFile) -> Result<Option<String>, ChangesError> {
     let (Some(before), Some(now)) = (old.reference_in_words(), new.reference_in_words()) else { return Ok(None) };
     // One may have it from a CRS, "NAP height", and the other from words, "orthometric, NAP height".

@@ -66,7 +66,7 @@ pub struct ChangesReport {
 }
 
 impl ChangesReport {
-    /// Of a comparison.
+    /// Report of a comparison.
     #[must_use]
     pub fn new(
         pair: &ResultPair,
@@ -134,7 +134,7 @@ fn rounded(shift: CommonShift) -> CommonShift {
 fn notes(pair: &ResultPair, comparison: &Comparison, config: &ChangesConfig) -> Vec<String> {
     let mut notes = Vec::new();
     if pair.old.crs != pair.new.crs {
-        notes.push(format!("outlines of the old result were brought from {} to {}", pair.old.crs, pair.new.crs));
+        notes.push(format!("footprints of the old result were brought from {} to {}", pair.old.crs, pair.new.crs));
     }
     if pair.level_reference.is_none() {
         notes.push(

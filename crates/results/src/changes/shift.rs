@@ -18,7 +18,7 @@ use sizeup_heights::stats::{SIGMA_PER_MAD, median};
 const MIN_PAIRS: usize = 10;
 /// Standard deviation of a median, in standard deviations of a normal distribution's mean.
 const MEDIAN_SIGMA: f64 = 1.2533;
-/// What lies farther from the middle is left out, and a shift must be more than so many of its own sigmas.
+/// Sigmas from the middle beyond which values are left out, and its own sigmas that a shift must exceed.
 const N_SIGMAS: f64 = 3.0;
 /// The least shift that is taken off, metres: results keep millimetres, and nobody flies to centimetres.
 const LEAST_M: f64 = 0.02;
@@ -50,7 +50,7 @@ pub enum ShiftRule {
 }
 
 impl Shift {
-    /// Of differences between matched buildings, metres.
+    /// Shift of differences between matched buildings, metres.
     #[must_use]
     pub fn of(differences_m: &[f64], rule: ShiftRule) -> Self {
         let Some(Middle { value, spread, n }) = middle(differences_m) else { return Self::default() };
@@ -59,7 +59,7 @@ impl Shift {
         Self { value_m: value, sigma_m, n_pairs: n, is_taken_off: is_significant && rule == ShiftRule::TakeOff }
     }
 
-    /// What is taken off, metres.
+    /// Shift that is taken off, metres.
     #[must_use]
     pub fn taken_m(&self) -> f64 {
         if self.is_taken_off { self.value_m } else { 0.0 }
@@ -79,7 +79,7 @@ pub fn spread(normalised: &[f64]) -> Option<f64> {
     middle(normalised).map(|found| found.spread)
 }
 
-/// Where most values are.
+/// Middle of most values.
 struct Middle {
     value: f64,
     spread: f64,

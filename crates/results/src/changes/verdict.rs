@@ -14,7 +14,7 @@
 /// Sigmas within which a normal error stays on one side 19 times out of 20.
 const ONE_SIDED_95: f64 = 1.645;
 
-/// What a difference says.
+/// Verdict on a difference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// The new one is higher.
@@ -27,7 +27,7 @@ pub enum Verdict {
     Unsure,
 }
 
-/// What decides; see the module.
+/// Rules of the decision; see the module.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Decision {
     /// Sigmas that a difference must reach to be a change.
@@ -37,7 +37,7 @@ pub struct Decision {
 }
 
 impl Decision {
-    /// Of a difference and its standard deviation, metres.
+    /// Verdict on a difference and its standard deviation, metres.
     #[must_use]
     pub fn verdict(&self, difference_m: f64, sigma_m: f64) -> Verdict {
         let size_m = difference_m.abs();
@@ -51,7 +51,7 @@ impl Decision {
         }
     }
 
-    /// How far something can reach beyond its old place before it has changed, metres: the least size that [`Self::verdict`]
+    /// Distance that something can reach beyond its old place before it has changed, metres: the least size that [`Self::verdict`]
     /// calls a change.
     #[must_use]
     pub fn reach_m(&self, sigma_m: f64) -> f64 {

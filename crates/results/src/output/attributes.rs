@@ -40,7 +40,7 @@ impl Field {
         Self { column: Column::new(name, title, kind, meaning), value }
     }
 
-    /// Its value; [`Value::Null`] if not known. Lists stay lists.
+    /// Value; [`Value::Null`] if not known. Lists stay lists.
     #[must_use]
     pub fn value(&self, record: &BuildingRecord, solid: &SolidFacts) -> Value {
         (self.value)(record, solid)
@@ -77,7 +77,7 @@ pub const FIELDS: [Field; 24] = {
             "base_z_m",
             "Base level (m)",
             Real,
-            "Lowest ground under the outline, where walls end, metres",
+            "Lowest ground under the footprint, where walls end, metres",
             |b, _| known(b.base_z_m),
         ),
         Field::new("roof_z_m", "Roof level (m)", Real, "Roof level, metres in the vertical reference", |b, _| {
@@ -135,14 +135,14 @@ pub const FIELDS: [Field; 24] = {
             Real,
             "Level that 70 % of the roof's area lies below, metres in the vertical reference: of flat and stepped roofs, and of \
              gables and hips over rectangles; empty where the roof's form is not known or does not tell it (mixed roofs, other \
-             outlines)",
+             footprints)",
             |b, _| known(roof_70p_z_m(b)),
         ),
         Field::new(
-            "outline_area_m2",
-            "Outline area (m2)",
+            "footprint_area_m2",
+            "Footprint area (m2)",
             Real,
-            "Area of the outline without its courtyards, m2; also that of the block's roof and floor",
+            "Area of the footprint without its courtyards, m2; also that of the block's roof and floor",
             |b, _| known(b.footprint.as_ref().map(geo::Area::unsigned_area)),
         ),
         Field::new("solid_volume_m3", "Volume (m3)", Real, "Volume of the block, m3", |_, solid| {
@@ -213,7 +213,7 @@ fn roof_step(step: Terrace) -> String {
     serde_json::to_string(&Terrace { corners, gable, ..step }).unwrap_or_default()
 }
 
-/// An outline that fills this share of the smallest rectangle around it is one: the rest moves a percentile of a slope by no
+/// A footprint that fills this share of the smallest rectangle around it is one: the rest moves a percentile of a slope by no
 /// more than the same share of its rise.
 const RECTANGLE_SHARE: f64 = 0.98;
 
@@ -226,7 +226,7 @@ const RECTANGLE_SHARE: f64 = 0.98;
 /// gable     eave + 0.7 (ridge − eave)                              over a rectangle
 /// hip       eave + t (ridge − eave),  (1 − t)(1 − k t) = 0.3         over a rectangle, k: its shorter side by its longer
 /// ```
-/// Over other outlines the area between eave and ridge depends on where the ridge lies, and on a mixed roof on where its
+/// Over other footprints the area between eave and ridge depends on where the ridge lies, and on a mixed roof on where its
 /// gable begins, which a record does not tell: `None`.
 #[must_use]
 pub fn roof_70p_z_m(record: &BuildingRecord) -> Option<f64> {
@@ -256,13 +256,13 @@ pub fn roof_70p_z_m(record: &BuildingRecord) -> Option<f64> {
     Some(ground_z_m + height_m)
 }
 
-/// The shorter and the longer side of an outline that is a rectangle, metres; `None` for one that is not.
-fn rectangle_sides_m(outline: &Polygon<f64>) -> Option<[f64; 2]> {
-    let rectangle = outline.minimum_rotated_rect()?;
+/// The shorter and the longer side of a footprint that is a rectangle, metres; `None` for one that is not.
+fn rectangle_sides_m(footprint: &Polygon<f64>) -> Option<[f64; 2]> {
+    let rectangle = footprint.minimum_rotated_rect()?;
     let corners = &rectangle.exterior().0;
     let side = |from: usize| (corners[from + 1].x - corners[from].x).hypot(corners[from + 1].y - corners[from].y);
     let sides = [side(0).min(side(1)), side(0).max(side(1))];
-    (outline.unsigned_area() >= RECTANGLE_SHARE * sides[0] * sides[1] && sides[0] > 0.0).then_some(sides)
+    (footprint.unsigned_area() >= RECTANGLE_SHARE * sides[0] * sides[1] && sides[0] > 0.0).then_some(sides)
 }
 
 fn known(value_m: Option<f64>) -> Value {
@@ -298,6 +298,9 @@ pub fn carried_name(name: &str) -> String {
     if is_taken(name) { format!("{CARRIED_PREFIX}{name}") } else { name.to_owned() }
 }
 
+/// Our names of the version before: read as ours, so that they do not come back as the user's.
+const RENAMED: [&str; 1] = ["outline_area_m2"];
+
 /// The user's name of a carried attribute: the inverse of [`carried_name`].
 #[must_use]
 pub fn original_name(name: &str) -> &str {
@@ -311,7 +314,13 @@ pub fn original_name(name: &str) -> &str {
 #[must_use]
 pub fn is_taken(name: &str) -> bool {
     let lower = name.to_lowercase();
-    RESERVED.contains(&lower.as_str()) || FIELDS.iter().any(|field| field.column.name == lower)
+    RESERVED.contains(&lower.as_str()) || is_field(&lower)
+}
+
+/// Whether it is the name of a field of ours, of this version or of the one before.
+#[must_use]
+pub fn is_field(name: &str) -> bool {
+    RENAMED.contains(&name) || FIELDS.iter().any(|field| field.column.name == name)
 }
 
 /// Our own attributes where known, and `measuredHeight`.
@@ -362,12 +371,12 @@ mod tests {
     /// A house of 16 m by 8 m, turned by 30°, on ground at 100 m, with a roof from 4 m to 9 m and a mean height.
     fn house(form: RoofForm, mean_m: f64) -> BuildingRecord {
         let turned = |x: f64, y: f64| (0.866_025_4 * x - 0.5 * y, 0.5 * x + 0.866_025_4 * y);
-        let outline = Polygon::new(
+        let footprint = Polygon::new(
             [(0.0, 0.0), (16.0, 0.0), (16.0, 8.0), (0.0, 8.0)].map(|(x, y)| turned(x, y)).to_vec().into(),
             vec![],
         );
         let roof = RoofShape::new(form, 4.0, 9.0);
-        BuildingRecord { roof: Some(roof), ..crate::output::record::tests::record("a", outline, 100.0, 99.0, mean_m) }
+        BuildingRecord { roof: Some(roof), ..crate::output::record::tests::record("a", footprint, 100.0, 99.0, mean_m) }
     }
 
     /// The level below which 70 % of a roof lies that rises from 4 m to 9 m by shares of a house of 16 m by 8 m, counted.

@@ -26,18 +26,18 @@ impl Records for [BuildingRecord] {
     }
 }
 
-/// What the head of a file says of all buildings. The ids are kept while they are checked, nothing else per building.
+/// Overview of all buildings for the head of a file. The ids are kept while they are checked, nothing else per building.
 #[derive(Debug, Clone, Default)]
 pub struct Overview {
     /// Buildings of the input: one in parts counts once.
     pub n_buildings: usize,
     /// Buildings with a height in all their parts.
     pub n_heights: usize,
-    /// Buildings without an outline, or with a part without.
-    pub n_without_outline: usize,
+    /// Buildings without a footprint, or with a part without.
+    pub n_without_footprint: usize,
     /// Whether the form of any roof is known.
     pub has_roofs: bool,
-    /// The box around all outlines, base to roof or ridge.
+    /// The box around all footprints, base to roof or ridge.
     pub extent: Option<Extent>,
     /// Number of parts by the building they are parts of.
     pub n_parts: HashMap<String, usize>,
@@ -54,7 +54,7 @@ impl Overview {
     pub fn of<R: Records + ?Sized>(records: &R) -> Result<Self, OutputError> {
         let mut overview = Self::default();
         let mut ids: HashSet<Box<str>> = HashSet::new();
-        let (mut without_height, mut without_outline) = (Wholes::default(), Wholes::default());
+        let (mut without_height, mut without_footprint) = (Wholes::default(), Wholes::default());
         records.visit(&mut |record| {
             if !ids.insert(record.id.as_str().into()) {
                 return Err(OutputError::DuplicateId { id: record.id.clone() });
@@ -74,12 +74,12 @@ impl Overview {
             overview.has_roofs |= record.roof.is_some();
             overview.n_buildings += usize::from(record.part_of.is_none());
             without_height.add_if(record.height_m.is_none(), record);
-            without_outline.add_if(record.footprint.is_none(), record);
+            without_footprint.add_if(record.footprint.is_none(), record);
             Ok(())
         })?;
         overview.n_buildings += overview.n_parts.len();
         overview.n_heights = overview.n_buildings - without_height.n();
-        overview.n_without_outline = without_outline.n();
+        overview.n_without_footprint = without_footprint.n();
         match overview.n_parts.keys().filter(|whole| ids.contains(whole.as_str())).min() {
             Some(whole) => Err(OutputError::DuplicateId { id: whole.clone() }),
             None => Ok(overview),
@@ -113,7 +113,7 @@ impl Wholes {
         }
     }
 
-    /// How many they are.
+    /// Number of them.
     pub(super) fn n(&self) -> usize {
         self.n_single + self.in_parts.len()
     }
@@ -163,11 +163,11 @@ mod tests {
 
     #[test]
     fn a_building_in_parts_counts_once_and_lacks_what_one_of_its_parts_lacks() {
-        let outline = Rect::new(coord! { x: 0.0, y: 0.0 }, coord! { x: 9.0, y: 9.0 }).to_polygon();
+        let footprint = Rect::new(coord! { x: 0.0, y: 0.0 }, coord! { x: 9.0, y: 9.0 }).to_polygon();
         let of = |id: &str, whole: Option<&str>, height_m| BuildingRecord {
             part_of: whole.map(str::to_owned),
             height_m,
-            ..record(id, outline.clone(), 3.0, 2.0, 9.0)
+            ..record(id, footprint.clone(), 3.0, 2.0, 9.0)
         };
         let records = [
             of("a", None, Some(7.0)),
@@ -178,6 +178,6 @@ mod tests {
             of("c#2", Some("c"), Some(7.0)),
         ];
         let overview = Overview::of(records.as_slice()).unwrap();
-        assert_eq!((overview.n_buildings, overview.n_heights, overview.n_without_outline), (3, 2, 0));
+        assert_eq!((overview.n_buildings, overview.n_heights, overview.n_without_footprint), (3, 2, 0));
     }
 }

@@ -15,7 +15,7 @@ pub struct StatusCount {
 }
 
 impl StatusCount {
-    /// Of records.
+    /// Count of records.
     #[must_use]
     pub fn of(records: &[BuildingRecord]) -> Self {
         let mut count = Self::default();
@@ -67,11 +67,11 @@ mod tests {
 
     #[test]
     fn a_building_in_parts_counts_once_as_its_worst_part() {
-        let outline = Rect::new(coord! { x: 0.0, y: 0.0 }, coord! { x: 9.0, y: 9.0 }).to_polygon();
+        let footprint = Rect::new(coord! { x: 0.0, y: 0.0 }, coord! { x: 9.0, y: 9.0 }).to_polygon();
         let of = |id: &str, whole: Option<&str>, status| BuildingRecord {
             part_of: whole.map(str::to_owned),
             status,
-            ..record(id, outline.clone(), 3.0, 2.0, 9.0)
+            ..record(id, footprint.clone(), 3.0, 2.0, 9.0)
         };
         let records = [
             of("a", None, Status::Measured),

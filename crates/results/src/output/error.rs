@@ -23,7 +23,7 @@ pub enum OutputError {
     /// The scene is larger than the output grid.
     #[error(
         "the buildings span {span_m:.0} m, more than the {limit_m:.0} m that whole numbers of {scale_m} m reach\n\
-         hint: look for an outline far from all others, or write tiles"
+         hint: look for a footprint far from all others, or write tiles"
     )]
     TooFarApart {
         /// Largest side of the scene's box, metres.
@@ -38,9 +38,9 @@ pub enum OutputError {
     Setting {
         /// Which setting.
         name: &'static str,
-        /// Its value.
+        /// Value.
         value: f64,
-        /// What it may be.
+        /// Allowed values.
         expected: &'static str,
     },
     /// A file is not what it should be.
@@ -81,6 +81,6 @@ pub enum OutputError {
 pub struct MalformedFile {
     /// Which file.
     pub path: PathBuf,
-    /// What is wrong with it, and where.
+    /// Fault, and where.
     pub reason: String,
 }

@@ -4,7 +4,7 @@
 //! walls = l · t,    volume = A · t,    roof = floor = A
 //! ```
 //!
-//! `A`, `l`: area and length of all rings of the outline on the output grid; `t`: roof − base.
+//! `A`, `l`: area and length of all rings of the footprint on the output grid; `t`: roof − base.
 
 use super::BuildingRecord;
 use super::grid::Grid;
@@ -20,12 +20,12 @@ pub struct Measures {
     pub volume_m3: f64,
 }
 
-/// What is known of the solid of one building as it is written.
+/// Facts of the solid of one building as it is written.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SolidFacts {
     /// Why there is none, where there is none.
     pub no_solid_reason: Option<&'static str>,
-    /// Of the solid, where there is one.
+    /// Facts of the solid, where there is one.
     pub measures: Option<Measures>,
     /// val3dity's numbers of the faults that [`validate`] finds in it; empty where it is valid.
     pub faults: Vec<u16>,
@@ -60,8 +60,8 @@ impl Measures {
             let ends = ring.iter().zip(ring.iter().cycle().skip(1));
             ends.map(|(a, b)| ((b[0] - a[0]) as f64).hypot((b[1] - a[1]) as f64)).sum()
         };
-        let length_m = prism.outline().rings().iter().map(length).sum::<f64>() * grid.scale_m;
-        let area_m2 = prism.outline().area() * grid.scale_m.powi(2);
+        let length_m = prism.footprint().rings().iter().map(length).sum::<f64>() * grid.scale_m;
+        let area_m2 = prism.footprint().area() * grid.scale_m.powi(2);
         Self { walls_m2: length_m * thickness_m, volume_m3: area_m2 * thickness_m }
     }
 }
@@ -75,12 +75,12 @@ mod tests {
 
     #[test]
     fn a_block_with_a_courtyard_has_the_walls_of_both_rings() {
-        let outline = polygon!(
+        let footprint = polygon!(
             exterior: [(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)],
             interiors: [[(x: 3.0, y: 3.0), (x: 3.0, y: 6.0), (x: 6.0, y: 6.0), (x: 6.0, y: 3.0)]],
         );
         let grid = Grid { scale_m: 0.001, origin_m: [0.0; 3] };
-        let (prism, facts) = SolidFacts::of(&record("a", outline, 1.0, 0.0, 4.0), &grid, 0.5);
+        let (prism, facts) = SolidFacts::of(&record("a", footprint, 1.0, 0.0, 4.0), &grid, 0.5);
         assert!(prism.is_ok() && facts.is_valid());
         let measures = facts.measures.unwrap();
         assert!((measures.walls_m2 - 48.0 * 5.0).abs() < 1e-9, "{measures:?}");

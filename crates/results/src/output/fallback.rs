@@ -17,7 +17,7 @@ pub enum FallbackSource {
     /// From nowhere: it stays unknown.
     #[default]
     None,
-    /// From an attribute of the outline.
+    /// From an attribute of the footprint.
     Attribute,
     /// The median of the nearest buildings that were measured or reviewed.
     Neighbourhood,
@@ -29,7 +29,7 @@ pub enum FallbackSource {
 pub struct FallbackConfig {
     /// Where their height comes from; they then have the status `fallback`, and a reason that says which.
     pub source: FallbackSource,
-    /// Attribute of the outlines that holds a height above ground or a number of storeys (`source = "attribute"`).
+    /// Attribute of the footprints that holds a height above ground or a number of storeys (`source = "attribute"`).
     pub attribute: Option<String>,
     /// Metres per unit of the attribute: 1 for heights in metres, about 3 for storeys.
     pub metres_per_unit: f64,
@@ -45,7 +45,7 @@ impl Default for FallbackConfig {
 }
 
 impl FallbackConfig {
-    /// What is wrong with the settings, if anything.
+    /// Fault of the settings, if any.
     #[must_use]
     pub fn fault(&self) -> Option<&'static str> {
         let is_positive = self.metres_per_unit > 0.0 && self.metres_per_unit.is_finite();
@@ -60,7 +60,7 @@ impl FallbackConfig {
     }
 }
 
-/// Gives heights to the buildings that have a ground and an outline, but no height. The standard deviation of a
+/// Gives heights to the buildings that have a ground and a footprint, but no height. The standard deviation of a
 /// neighbourhood's height is that of the neighbours' heights (from their median absolute deviation).
 pub fn fill(records: &mut [BuildingRecord], config: &FallbackConfig) {
     if config.source == FallbackSource::None {

@@ -1,12 +1,12 @@
 //! `FlatGeobuf`: the `buildings` layer of the [`super::geopackage`] alone, for the web and for streams.
 //!
 //! Readers fetch what lies in a window by range requests. The features are ordered along a Hilbert curve. Buildings
-//! without an outline have no place in it ([`Overview::n_without_outline`] counts them).
+//! without a footprint have no place in it ([`Overview::n_without_footprint`] counts them).
 
 use std::path::Path;
 
+use super::footprints::FootprintRows;
 use super::geopackage::GeoPackageConfig;
-use super::outlines::OutlineRows;
 use super::{CityModel, OutputError, Overview, Records};
 use sizeup_geo::files::write_whole_by_name;
 use sizeup_geo::geodata::features::{GeometryKind, LayerSpec};
@@ -21,17 +21,17 @@ pub fn write<R: Records + ?Sized>(
     model: &CityModel<'_, R>,
     config: &GeoPackageConfig,
 ) -> Result<Overview, OutputError> {
-    let (overview, outlines) = OutlineRows::of(model.records, config.scale_m, config.min_thickness_m)?;
+    let (overview, footprints) = FootprintRows::of(model.records, config.scale_m, config.min_thickness_m)?;
     let spec = LayerSpec {
         name: "buildings",
-        description: "Outlines with heights",
+        description: "Footprints with heights",
         geometry: GeometryKind::Polygon,
-        columns: &outlines.columns,
+        columns: &footprints.columns,
     };
     write_whole_by_name(path, |temporary| {
         flatgeobuf::create(temporary, model.crs.definition(), &spec, |push| {
             model.records.visit(&mut |record| match record.footprint {
-                Some(_) => push(outlines.row(record)),
+                Some(_) => push(footprints.row(record)),
                 None => Ok(()),
             })
         })

@@ -1,12 +1,12 @@
-//! `GeoJSON` in longitude and latitude of WGS 84: outlines with all attributes, for web maps and programs without GDAL.
+//! `GeoJSON` in longitude and latitude of WGS 84: footprints with all attributes, for web maps and programs without GDAL.
 //!
 //! The attributes are those of the `buildings` layer of the [`super::geopackage`], a feature's id is the building's. Those
-//! without an outline are features without a geometry.
+//! without a footprint are features without a geometry.
 
 use std::path::Path;
 
+use super::footprints::FootprintRows;
 use super::geopackage::GeoPackageConfig;
-use super::outlines::OutlineRows;
 use super::read::ReadError;
 use super::{CityModel, OutputError, Overview, Records};
 use sizeup_geo::crs::Crs;
@@ -22,14 +22,14 @@ pub fn write<R: Records + ?Sized>(
     model: &CityModel<'_, R>,
     config: &GeoPackageConfig,
 ) -> Result<Overview, OutputError> {
-    let (overview, outlines) = OutlineRows::of(model.records, config.scale_m, config.min_thickness_m)?;
+    let (overview, footprints) = FootprintRows::of(model.records, config.scale_m, config.min_thickness_m)?;
     let lonlat = LonLat::wgs84(model.crs)?;
     let members = JsonObject::from_iter([("name".to_owned(), "buildings".into())]);
     write_features(path, &members, |push| {
         model.records.visit(&mut |record| {
             let geometry = record.footprint.as_ref().map(|footprint| lonlat.polygon(footprint)).transpose()?;
-            let names = outlines.columns.iter().map(|column| column.name.clone().into_owned());
-            push(&feature(Some(&record.id), geometry, names.zip(outlines.row(record).values).collect()))
+            let names = footprints.columns.iter().map(|column| column.name.clone().into_owned());
+            push(&feature(Some(&record.id), geometry, names.zip(footprints.row(record).values).collect()))
         })
     })?;
     Ok(overview)

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! `s`: quantum, metres. `o`: origin, the floor of the scene's minimum in whole metres (map frame). Geometry is snapped
-//! to the grid *first* and cleaned *after*, so that no step after cleaning moves a vertex: see [`super::outline`].
+//! to the grid *first* and cleaned *after*, so that no step after cleaning moves a vertex: see [`super::footprint`].
 
 use geo_types::Coord;
 
@@ -25,7 +25,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// The grid that holds all outlines and levels of `records`, and how far they reach.
+    /// The grid that holds all footprints and levels of `records`, and how far they reach.
     ///
     /// # Errors
     /// [`OutputError::TooFarApart`] if the scene does not fit between 0 and [`INDEX_LIMIT`];
@@ -86,20 +86,20 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// The box of a building's outline between base and roof or ridge; flat at the ground (or 0) where a level is unknown.
-    /// `None` without an outline.
+    /// The box of a building's footprint between base and roof or ridge; flat at the ground (or 0) where a level is unknown.
+    /// `None` without a footprint.
     ///
     /// # Errors
     /// [`OutputError::NotFinite`] for a coordinate or level that is not a number.
     pub fn of(record: &BuildingRecord) -> Result<Option<Self>, OutputError> {
-        let Some(outline) = &record.footprint else { return Ok(None) };
+        let Some(footprint) = &record.footprint else { return Ok(None) };
         let known = record.base_z_m.or(record.ground_z_m).unwrap_or(0.0);
         let ridge_m = record.roof.zip(record.ground_z_m).map(|(roof, ground_z_m)| ground_z_m + roof.ridge_height_m);
         let (low, high) = (known, record.roof_z_m().into_iter().chain(ridge_m).reduce(f64::max).unwrap_or(known));
         let mut extent = Self { min_m: [f64::INFINITY, f64::INFINITY, low], max_m: [f64::NEG_INFINITY; 3] };
         extent.max_m[2] = high.max(low);
         for point in
-            outline.exterior().coords().chain(outline.interiors().iter().flat_map(geo_types::LineString::coords))
+            footprint.exterior().coords().chain(footprint.interiors().iter().flat_map(geo_types::LineString::coords))
         {
             if !(point.x.is_finite() && point.y.is_finite() && low.is_finite() && high.is_finite()) {
                 return Err(OutputError::NotFinite { id: record.id.clone() });
@@ -109,7 +109,7 @@ impl Extent {
                 extent.max_m[axis] = extent.max_m[axis].max(value);
             }
         }
-        Ok((!outline.exterior().0.is_empty()).then_some(extent))
+        Ok((!footprint.exterior().0.is_empty()).then_some(extent))
     }
 
     /// The smallest box around both.

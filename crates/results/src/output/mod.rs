@@ -5,8 +5,8 @@
 //! | CityJSON 2.0 | [`cityjson`] | exchange, 3DCityDB, validators |
 //! | CityJSONSeq 2.0 | [`cityjson::write_sequence`] | streams, tilers |
 //! | GeoPackage 1.2 | [`geopackage`] | QGIS, any GIS |
-//! | FlatGeobuf | [`flatgeobuf`] | outlines and heights over the web |
-//! | GeoJSON | [`geojson`] | outlines and heights in longitude and latitude, for web maps |
+//! | FlatGeobuf | [`flatgeobuf`] | footprints and heights over the web |
+//! | GeoJSON | [`geojson`] | footprints and heights in longitude and latitude, for web maps |
 //! | 3D Tiles 1.1 | [`tiles3d`] | Cesium, digital twins |
 //! | PNG | [`picture`] | a first look |
 //! | JSON | [`reports`] | pipelines |
@@ -15,7 +15,7 @@
 //! are blocks ([`prism`]), and beside them those with roofs ([`roof_solid`]).
 //!
 //! All of them take one [`CityModel`]; every building of the input is in every file, with a status and reasons. Only
-//! `FlatGeobuf` has no place for those without an outline, and 3D Tiles for those without a height. A model's buildings
+//! `FlatGeobuf` has no place for those without a footprint, and 3D Tiles for those without a height. A model's buildings
 //! may be in memory or come from a file one by one ([`Records`]).
 
 pub mod attributes;
@@ -26,12 +26,12 @@ mod error;
 mod facts;
 pub mod fallback;
 pub mod flatgeobuf;
+pub mod footprint;
+mod footprints;
 pub mod geojson;
 pub mod geopackage;
 pub mod grid;
 mod lineage;
-pub mod outline;
-mod outlines;
 pub mod party_walls;
 pub mod picture;
 pub mod planar;
@@ -68,9 +68,9 @@ pub struct CityModel<'a, R: ?Sized = [BuildingRecord]> {
     pub records: &'a R,
     /// The project's CRS; may be a compound.
     pub crs: &'a Crs,
-    /// Where the result comes from.
+    /// Lineage of the result.
     pub lineage: &'a Lineage,
-    /// What was wrong with single items of the input.
+    /// Issues of single items of the input.
     pub issues: &'a [Issue],
     /// The photos and their poses.
     pub survey: &'a Survey,

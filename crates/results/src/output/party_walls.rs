@@ -6,7 +6,7 @@
 //!
 //! Two walls lie against each other where they run in opposite directions, no farther apart than [`TOUCHING_M`]. A wall
 //! reaches from its building's base to its roof. Of several neighbours' walls on one place of an edge (overlapping
-//! outlines) no more counts than the wall has.
+//! footprints) no more counts than the wall has.
 
 use geo_types::{Coord, Line};
 use rstar::primitives::{GeomWithData, Rectangle};
@@ -25,7 +25,7 @@ struct Wall {
     levels_m: [f64; 2],
 }
 
-/// States every building's party walls, zero for one that stands alone; not where outline or levels are not known.
+/// States every building's party walls, zero for one that stands alone; not where footprint or levels are not known.
 pub fn fill(records: &mut [BuildingRecord]) {
     let walls: Vec<Wall> = records.iter().enumerate().flat_map(|(i, record)| walls_of(i, record)).collect();
     let tree = RTree::bulk_load(walls.iter().map(|wall| GeomWithData::new(envelope(wall.foot), *wall)).collect());
@@ -53,8 +53,8 @@ fn levels(record: &BuildingRecord) -> Option<[f64; 2]> {
 }
 
 fn walls_of(building: usize, record: &BuildingRecord) -> Vec<Wall> {
-    let Some((levels_m, outline)) = levels(record).zip(record.footprint.as_ref()) else { return Vec::new() };
-    let rings = std::iter::once(outline.exterior()).chain(outline.interiors());
+    let Some((levels_m, footprint)) = levels(record).zip(record.footprint.as_ref()) else { return Vec::new() };
+    let rings = std::iter::once(footprint.exterior()).chain(footprint.interiors());
     rings.flat_map(geo_types::LineString::lines).map(|foot| Wall { building, foot, levels_m }).collect()
 }
 
@@ -72,7 +72,7 @@ fn area_m2(wall: &Wall) -> f64 {
     wall.foot.dx().hypot(wall.foot.dy()) * (wall.levels_m[1] - wall.levels_m[0]).max(0.0)
 }
 
-/// What another wall covers of a wall, m².
+/// Area of a wall that another one covers, m².
 fn shared(wall: &Wall, other: &Wall) -> f64 {
     let length_m = wall.foot.dx().hypot(wall.foot.dy());
     if length_m == 0.0 {

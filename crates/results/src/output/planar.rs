@@ -68,7 +68,7 @@ impl Edge {
 /// Whether no two edges meet except neighbours in their common point, and all rings after the first lie inside the
 /// first and outside each other. Rings come without closing points, repeated points and spikes.
 ///
-/// Edges are swept from west to east, so the cost is near `n log n` for outlines of buildings.
+/// Edges are swept from west to east, so the cost is near `n log n` for footprints of buildings.
 #[must_use]
 pub fn rings_are_disjoint_and_nested(rings: &[Vec<[i64; 2]>]) -> bool {
     let mut edges: Vec<Edge> = Vec::with_capacity(rings.iter().map(Vec::len).sum());

@@ -24,7 +24,7 @@ pub struct Doubts {
 }
 
 impl Doubts {
-    /// Of records.
+    /// Evidence of records.
     #[must_use]
     pub fn of(records: &[BuildingRecord]) -> Self {
         let mut doubts = Self::default();
@@ -34,7 +34,7 @@ impl Doubts {
         doubts
     }
 
-    /// Counts one more building, or part of one. What has no usable outline says nothing.
+    /// Counts one more building, or part of one. What has no usable footprint says nothing.
     pub fn add(&mut self, record: &BuildingRecord) {
         if record.status == Status::Refused {
             return;
@@ -52,7 +52,7 @@ impl Doubts {
         }
     }
 
-    /// What speaks against the result as a whole; one issue each, the gravest first.
+    /// Evidence against the result as a whole; one issue each, the gravest first.
     #[must_use]
     pub fn implausible(&self) -> Vec<Issue> {
         let of_all = |n: usize| format!("{n} of {} heights", self.n);
@@ -94,11 +94,11 @@ mod tests {
     use crate::output::record::tests::record;
 
     fn told(reasons: &[&[&str]]) -> Vec<String> {
-        let outline = Rect::new(coord! { x: 0.0, y: 0.0 }, coord! { x: 9.0, y: 9.0 }).to_polygon();
+        let footprint = Rect::new(coord! { x: 0.0, y: 0.0 }, coord! { x: 9.0, y: 9.0 }).to_polygon();
         let of = |(i, reasons): (usize, &&[&str])| BuildingRecord {
             reasons: reasons.iter().map(|r| (*r).to_owned()).collect(),
             status: if reasons.is_empty() { Status::Measured } else { Status::Doubtful },
-            ..record(&format!("b{i}"), outline.clone(), 0.0, 0.0, 145.4)
+            ..record(&format!("b{i}"), footprint.clone(), 0.0, 0.0, 145.4)
         };
         let records: Vec<BuildingRecord> = reasons.iter().enumerate().map(of).collect();
         Doubts::of(&records).implausible().into_iter().map(|issue| issue.message).collect()

@@ -1,16 +1,16 @@
-//! LOD1 solids: an outline extruded between two levels, as faces on the output grid.
+//! LOD1 solids: a footprint extruded between two levels, as faces on the output grid.
 //!
 //! The solid is a closed 2-manifold whose faces are counter-clockwise seen from outside, and its volume is the
-//! outline's area times `roof − base`: the outline is valid by construction ([`super::outline`]), all ground vertices
+//! footprint's area times `roof − base`: the footprint is valid by construction ([`super::footprint`]), all ground vertices
 //! share one level and all roof vertices another, so every face is exactly planar.
 
 use serde::{Deserialize, Serialize};
 
 use super::BuildingRecord;
+use super::footprint::{FootprintFault, SnappedFootprint};
 use super::grid::Grid;
-use super::outline::{OutlineFault, SnappedOutline};
 
-/// What a face of the solid is.
+/// Kind of a face of the solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Surface {
     /// Bottom face, seen from below.
@@ -24,7 +24,7 @@ pub enum Surface {
 /// A planar face: exterior ring, then holes; rings on the grid, not closed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Face {
-    /// What it is.
+    /// Kind.
     pub surface: Surface,
     /// Exterior counter-clockwise seen from outside the solid, holes clockwise.
     pub rings: Vec<Vec<[i64; 3]>>,
@@ -33,18 +33,18 @@ pub struct Face {
 /// Why a building has no solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum NoSolid {
-    /// There is no outline to extrude.
-    #[error("it has no usable outline")]
-    NoOutline,
+    /// There is no footprint to extrude.
+    #[error("it has no usable footprint")]
+    NoFootprint,
     /// There is no level to extrude to.
     #[error("its height is not known")]
     NoHeight,
     /// Roof and base nearly coincide.
     #[error("its roof is less than the smallest thickness above its base")]
     TooLow,
-    /// The outline does not survive on the output grid.
+    /// The footprint does not survive on the output grid.
     #[error(transparent)]
-    Outline(#[from] OutlineFault),
+    Footprint(#[from] FootprintFault),
 }
 
 impl NoSolid {
@@ -52,19 +52,19 @@ impl NoSolid {
     #[must_use]
     pub fn code(self) -> &'static str {
         match self {
-            Self::NoOutline => "no_outline",
+            Self::NoFootprint => "no_footprint",
             Self::NoHeight => "no_height",
             Self::TooLow => "too_low_for_a_solid",
-            Self::Outline(OutlineFault::Collapsed) => "outline_collapsed_on_grid",
-            Self::Outline(OutlineFault::Invalid) => "outline_invalid_on_grid",
+            Self::Footprint(FootprintFault::Collapsed) => "footprint_collapsed_on_grid",
+            Self::Footprint(FootprintFault::Invalid) => "footprint_invalid_on_grid",
         }
     }
 }
 
-/// An extruded outline on the output grid. Its serialised form is for files that the same run reads back.
+/// An extruded footprint on the output grid. Its serialised form is for files that the same run reads back.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Prism {
-    outline: SnappedOutline,
+    footprint: SnappedFootprint,
     base: i64,
     roof: i64,
 }
@@ -75,7 +75,7 @@ impl Prism {
     /// # Errors
     /// [`NoSolid`], for a building that stays without geometry.
     pub fn of(record: &BuildingRecord, grid: &Grid, min_thickness_m: f64) -> Result<Self, NoSolid> {
-        let outline = record.footprint.as_ref().ok_or(NoSolid::NoOutline)?;
+        let footprint = record.footprint.as_ref().ok_or(NoSolid::NoFootprint)?;
         let roof_z_m = record.roof_z_m().ok_or(NoSolid::NoHeight)?;
         let base_z_m = record.base_z_m.or(record.ground_z_m).ok_or(NoSolid::NoHeight)?;
         let (base, roof) = (grid.level(base_z_m), grid.level(roof_z_m));
@@ -83,13 +83,13 @@ impl Prism {
         if roof - base < min_thickness {
             return Err(NoSolid::TooLow);
         }
-        Ok(Self { outline: SnappedOutline::new(outline, grid)?, base, roof })
+        Ok(Self { footprint: SnappedFootprint::new(footprint, grid)?, base, roof })
     }
 
-    /// The outline on the grid.
+    /// The footprint on the grid.
     #[must_use]
-    pub fn outline(&self) -> &SnappedOutline {
-        &self.outline
+    pub fn footprint(&self) -> &SnappedFootprint {
+        &self.footprint
     }
 
     /// Level of the ground face, grid index.
@@ -104,10 +104,10 @@ impl Prism {
         self.roof
     }
 
-    /// Ground, roof, then one wall per edge of the outline, ring by ring.
+    /// Ground, roof, then one wall per edge of the footprint, ring by ring.
     #[must_use]
     pub fn faces(&self) -> Vec<Face> {
-        let rings = self.outline.rings();
+        let rings = self.footprint.rings();
         let at = |[x, y]: [i64; 2], z: i64| [x, y, z];
         let ground = rings.iter().map(|ring| ring.iter().rev().map(|&p| at(p, self.base)).collect()).collect();
         let roof = rings.iter().map(|ring| ring.iter().map(|&p| at(p, self.roof)).collect()).collect();
@@ -157,9 +157,9 @@ pub(super) mod tests {
         edges.iter().all(|(&(a, b), &n)| n == 1 && a != b && edges.get(&(b, a)) == Some(&1))
     }
 
-    /// A star-shaped outline around (0, 0) between radius 5 and 20 m, with up to two star-shaped courtyards, each in
+    /// A star-shaped footprint around (0, 0) between radius 5 and 20 m, with up to two star-shaped courtyards, each in
     /// its own half, anywhere in the map.
-    fn outlines() -> impl Strategy<Value = Polygon<f64>> {
+    fn footprints() -> impl Strategy<Value = Polygon<f64>> {
         let star = |min_m: f64, max_m: f64| {
             prop::collection::vec((min_m..max_m, 0.0..0.9_f64), 3..24).prop_map(|spokes| {
                 let step = std::f64::consts::TAU / spokes.len() as f64;
@@ -193,23 +193,23 @@ pub(super) mod tests {
         #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
 
         #[test]
-        fn any_valid_outline_becomes_a_closed_outward_solid_of_area_times_height(
-            outline in outlines(),
+        fn any_valid_footprint_becomes_a_closed_outward_solid_of_area_times_height(
+            footprint in footprints(),
             ground in -50.0..3000.0_f64,
             below in 0.0..5.0_f64,
             height in 0.5..300.0_f64,
         ) {
-            let area_m2 = outline.unsigned_area();
-            let building = record("a", outline, ground, ground - below, height);
+            let area_m2 = footprint.unsigned_area();
+            let building = record("a", footprint, ground, ground - below, height);
             let (grid, _) = Grid::over(std::slice::from_ref(&building), 0.001).unwrap();
             let prism = Prism::of(&building, &grid, 0.1).unwrap();
             let faces = prism.faces();
             prop_assert!(is_closed_manifold(&faces));
             // Exact on the grid, and outward because positive.
             let thickness = i128::from(prism.roof() - prism.base());
-            prop_assert_eq!(six_volumes(&faces), (prism.outline().area() * 2.0) as i128 * 3 * thickness);
-            prop_assert!(prism.outline().area() > 0.0);
-            // And the same building as before snapping: half a quantum along an outline of at most 1 km.
+            prop_assert_eq!(six_volumes(&faces), (prism.footprint().area() * 2.0) as i128 * 3 * thickness);
+            prop_assert!(prism.footprint().area() > 0.0);
+            // And the same building as before snapping: half a quantum along a footprint of at most 1 km.
             let volume_m3 = six_volumes(&faces) as f64 / 6.0 * 1e-9;
             let expected_m3 = area_m2 * (height + below);
             prop_assert!((volume_m3 - expected_m3).abs() < 1.0 * (height + below) + 0.001 * area_m2, "{volume_m3} {expected_m3}");
@@ -218,11 +218,11 @@ pub(super) mod tests {
 
     #[test]
     fn courtyard_walls_face_the_courtyard() {
-        let outline = polygon!(
+        let footprint = polygon!(
             exterior: [(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)],
             interiors: [[(x: 3.0, y: 3.0), (x: 3.0, y: 6.0), (x: 6.0, y: 6.0), (x: 6.0, y: 3.0)]],
         );
-        let building = record("a", outline, 0.0, 0.0, 3.0);
+        let building = record("a", footprint, 0.0, 0.0, 3.0);
         let (grid, _) = Grid::over(std::slice::from_ref(&building), 1.0).unwrap();
         let faces = Prism::of(&building, &grid, 0.5).unwrap().faces();
         assert_eq!(faces.len(), 2 + 8);
@@ -232,14 +232,14 @@ pub(super) mod tests {
 
     #[test]
     fn what_cannot_be_a_solid_says_why() {
-        let outline = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0)];
+        let footprint = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0)];
         let grid = Grid { scale_m: 0.001, origin_m: [0.0; 3] };
-        let low = record("a", outline.clone(), 5.0, 5.0, 0.2);
+        let low = record("a", footprint.clone(), 5.0, 5.0, 0.2);
         assert_eq!(Prism::of(&low, &grid, 0.5), Err(NoSolid::TooLow));
-        let mut unknown = record("b", outline, 5.0, 5.0, 4.0);
+        let mut unknown = record("b", footprint, 5.0, 5.0, 4.0);
         unknown.height_m = None;
         assert_eq!(Prism::of(&unknown, &grid, 0.5), Err(NoSolid::NoHeight));
         unknown.footprint = None;
-        assert_eq!(Prism::of(&unknown, &grid, 0.5), Err(NoSolid::NoOutline));
+        assert_eq!(Prism::of(&unknown, &grid, 0.5), Err(NoSolid::NoFootprint));
     }
 }

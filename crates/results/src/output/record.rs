@@ -7,7 +7,7 @@ use serde_json::{Map as JsonMap, Value};
 use sizeup_heights::optimise::Terrace;
 use sizeup_heights::scene::{HeightReference, RoofForm};
 
-/// What became of a building.
+/// Status of a building.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
@@ -23,7 +23,7 @@ pub enum Status {
     Fallback,
     /// The height is not known.
     Unknown,
-    /// The outline could not be used.
+    /// The footprint could not be used.
     Refused,
 }
 
@@ -77,15 +77,15 @@ impl RoofShape {
 pub struct BuildingRecord {
     /// Unique id, the input's.
     pub id: String,
-    /// The building of the input that this is a part of, where its outline came in several pieces. Each piece has its
+    /// The building of the input that this is a part of, where its footprint came in several pieces. Each piece has its
     /// own height.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub part_of: Option<String>,
-    /// Outline (exterior counter-clockwise seen from above, holes clockwise), `None` if it could not be used.
+    /// Footprint (exterior counter-clockwise seen from above, holes clockwise), `None` if it could not be used.
     pub footprint: Option<Polygon<f64>>,
     /// Ground level the height counts from.
     pub ground_z_m: Option<f64>,
-    /// Lowest ground under the outline: walls go down to here. At most `ground_z_m`.
+    /// Lowest ground under the footprint: walls go down to here. At most `ground_z_m`.
     pub base_z_m: Option<f64>,
     /// Roof level minus ground level.
     pub height_m: Option<f64>,
@@ -99,7 +99,7 @@ pub struct BuildingRecord {
     /// Walls that stand against a neighbour's, m², where the neighbours were looked at.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub party_wall_m2: Option<f64>,
-    /// What became of the building.
+    /// Status of the building.
     pub status: Status,
     /// Machine-readable reasons behind the status (`too_few_views`, `range_bound`, …), sorted.
     pub reasons: Vec<String>,
@@ -111,7 +111,7 @@ pub struct BuildingRecord {
 }
 
 impl BuildingRecord {
-    /// A measured building: its outline (map frame, metres), ground level and height above it. Walls go down to the ground
+    /// A measured building: its footprint (map frame, metres), ground level and height above it. Walls go down to the ground
     /// level; everything else is left unknown.
     #[must_use]
     pub fn measured(id: impl Into<String>, footprint: Polygon<f64>, ground_z_m: f64, height_m: f64) -> Self {
@@ -145,11 +145,11 @@ pub(crate) mod tests {
     use super::*;
 
     /// A measured building without views and attributes; all metres.
-    pub(crate) fn record(id: &str, outline: Polygon<f64>, ground_z: f64, base_z: f64, height: f64) -> BuildingRecord {
+    pub(crate) fn record(id: &str, footprint: Polygon<f64>, ground_z: f64, base_z: f64, height: f64) -> BuildingRecord {
         BuildingRecord {
             base_z_m: Some(base_z),
             height_sigma_m: Some(0.25),
-            ..BuildingRecord::measured(id, outline, ground_z, height)
+            ..BuildingRecord::measured(id, footprint, ground_z, height)
         }
     }
 }

@@ -54,7 +54,7 @@ pub struct HeightSummary {
 }
 
 impl Summary {
-    /// Of a result.
+    /// Reports of a result.
     #[must_use]
     pub fn of(model: &CityModel<'_>) -> Self {
         let records = model.records;
@@ -95,7 +95,7 @@ impl HeightSummary {
     }
 }
 
-/// How often each name occurs.
+/// Number of occurrences of each name.
 fn tally<'a>(names: impl Iterator<Item = &'a str>) -> IndexMap<String, usize> {
     let mut counts: IndexMap<String, usize> = IndexMap::new();
     for name in names {

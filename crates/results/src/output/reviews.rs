@@ -31,7 +31,7 @@ pub struct ReviewsConfig {
     pub path: PathBuf,
 }
 
-/// What was decided about a building.
+/// Decision about a building.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Decision {
@@ -71,7 +71,7 @@ pub enum ReviewsError {
     Malformed {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Fault.
         message: String,
     },
 }
@@ -115,7 +115,7 @@ impl Reviews {
     }
 
     /// Applies the decisions. A reviewed building has the status `reviewed` and the reviewed height; one that was marked as
-    /// wrong is `unknown`. What has no outline or no ground stays as it is.
+    /// wrong is `unknown`. What has no footprint or no ground stays as it is.
     pub fn apply(&self, records: &mut [BuildingRecord]) {
         for record in records {
             let has_place = record.status != Status::Refused && record.ground_z_m.is_some();
@@ -125,10 +125,10 @@ impl Reviews {
         }
     }
 
-    /// Those about some outlines and the parts that outlines are split into (`outline#1`).
+    /// Those about some footprints and the parts that footprints are split into (`ID#1`).
     #[must_use]
-    pub fn about(&self, is_outline: impl Fn(&str) -> bool) -> Self {
-        let of_them = self.by_id.iter().filter(|(id, _)| with_wholes(id).any(&is_outline));
+    pub fn about(&self, is_footprint: impl Fn(&str) -> bool) -> Self {
+        let of_them = self.by_id.iter().filter(|(id, _)| with_wholes(id).any(&is_footprint));
         Self { by_id: of_them.map(|(id, review)| (id.clone(), review.clone())).collect() }
     }
 
@@ -193,12 +193,12 @@ mod tests {
     }
 
     fn records() -> Vec<BuildingRecord> {
-        let outline = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)];
+        let footprint = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)];
         let doubtful = |id: &str| BuildingRecord {
             status: Status::Doubtful,
             reasons: vec!["flat_score".to_owned()],
             views: vec!["1.jpg".to_owned()],
-            ..record(id, outline.clone(), 2.0, 1.5, 9.0)
+            ..record(id, footprint.clone(), 2.0, 1.5, 9.0)
         };
         ["a", "b", "c", "d"].map(doubtful).to_vec()
     }

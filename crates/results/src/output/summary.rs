@@ -47,7 +47,7 @@ pub struct RunSummary {
     pub n_refined: Option<usize>,
     /// Buildings of the input.
     pub n_buildings: usize,
-    /// What was found in the nadir photos, where outlines come from there.
+    /// What was found in the nadir photos, where footprints come from there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detection: Option<DetectionSummary>,
     /// Buildings of the input by status, one in parts as its worst part; empty where the output stage did not run.
@@ -86,7 +86,7 @@ pub struct TilesSummary {
     pub n_parts: usize,
     /// Buildings, and parts of such, with a height.
     pub n_heights: usize,
-    /// How well neighbours agree.
+    /// Agreement of neighbours.
     pub seams: Value,
 }
 

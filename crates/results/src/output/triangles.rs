@@ -31,7 +31,7 @@ pub fn of_face(face: &Face) -> Vec<[usize; 3]> {
     of_rings(&rings)
 }
 
-/// Triangles of an outline, counter-clockwise seen from above, as positions among all corners.
+/// Triangles of a footprint, counter-clockwise seen from above, as positions among all corners.
 pub fn of_rings(rings: &[Vec<[i64; 2]>]) -> Vec<[usize; 3]> {
     let corners = rings.concat();
     // From the first corner, so that no precision is lost far from the origin.

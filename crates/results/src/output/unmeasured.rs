@@ -10,8 +10,8 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 /// Reasons that say where a height comes from, not why it was not measured.
 pub const OF_FALLBACK: [&str; 3] = ["height_from_attribute", "height_from_neighbours", "no_fallback"];
 
-/// Issues of the buildings that are neither `measured` nor `reviewed`: those without a height first, then the doubtful ones, large outlines
-/// first. Refused outlines that `told` has an issue of are left out.
+/// Issues of the buildings that are neither `measured` nor `reviewed`: those without a height first, then the doubtful ones, large footprints
+/// first. Refused footprints that `told` has an issue of are left out.
 #[must_use]
 pub fn unmeasured(records: &[BuildingRecord], told: &[Issue]) -> Vec<Issue> {
     let refused: BTreeSet<&str> =
@@ -44,7 +44,7 @@ fn issue(record: &BuildingRecord) -> Issue {
         (Status::Fallback, Some(h)) => {
             (Severity::Warning, "height_from_fallback", format!("its height of {h:.1} m comes from the fallback"))
         }
-        (Status::Refused, _) => (Severity::Refused, "outline_refused", "it has no height".to_owned()),
+        (Status::Refused, _) => (Severity::Refused, "footprint_refused", "it has no height".to_owned()),
         _ => (Severity::Refused, "height_unknown", "its height is unknown".to_owned()),
     };
     let reasons: Vec<&str> = record.reasons.iter().map(String::as_str).filter(|r| !OF_FALLBACK.contains(r)).collect();
@@ -61,7 +61,7 @@ fn issue(record: &BuildingRecord) -> Issue {
     }
 }
 
-/// What a reason means.
+/// Meaning of a reason.
 #[must_use]
 pub fn in_words(reason: &str) -> String {
     match reason {
@@ -79,7 +79,7 @@ pub fn in_words(reason: &str) -> String {
         "ground_unknown" => "the terrain has no ground there",
         "reviewed" => "a person looked at it and settled its height",
         "reviewed_wrong" => "a person looked at it and found its height wrong",
-        _ => return format!("the outline cannot be used ({reason})"),
+        _ => return format!("the footprint cannot be used ({reason})"),
     }
     .to_owned()
 }
@@ -88,11 +88,11 @@ fn advice(reason: &str) -> Option<&'static str> {
     Some(match reason {
         "seen_by_no_view" | "too_few_views" => "more oblique photos of it would help",
         "range_bound" => "if buildings are higher or lower than that, set heights.max_m and heights.min_m",
-        "above_all_around" => "if there is no tower, look at its outline and its photos (`sizeup look`)",
+        "above_all_around" => "if there is no tower, look at its footprint and its photos (`sizeup look`)",
         "ground_differs" => "give a terrain model that fits, or [dtm] to make one from the photos",
         "reviewed_wrong" => "correct its height in the review, or give it one with [output.fallback]",
         "unseen_above" | "conflicting_views" | "poor_score" | "flat_score" | "other_height" => {
-            "look at its outline, and at pictures/overlay-*.png or the report's photos of it"
+            "look at its footprint, and at pictures/overlay-*.png or the report's photos of it"
         }
         _ => return None,
     })
@@ -106,10 +106,10 @@ mod tests {
     use crate::output::record::tests::record;
 
     fn of(id: &str, side_m: f64, status: Status, reasons: &[&str]) -> BuildingRecord {
-        let outline = polygon![(x: 0.0, y: 0.0), (x: side_m, y: 0.0), (x: side_m, y: side_m), (x: 0.0, y: side_m)];
+        let footprint = polygon![(x: 0.0, y: 0.0), (x: side_m, y: 0.0), (x: side_m, y: side_m), (x: 0.0, y: side_m)];
         let reasons = reasons.iter().map(|r| (*r).to_owned()).collect();
         let height_m = (status != Status::Unknown).then_some(9.0);
-        BuildingRecord { height_m, status, reasons, ..record(id, outline, 0.0, 0.0, 9.0) }
+        BuildingRecord { height_m, status, reasons, ..record(id, footprint, 0.0, 0.0, 9.0) }
     }
 
     #[test]
@@ -132,6 +132,6 @@ mod tests {
         );
         assert!(issues[1].message.contains("doubtful") && issues[1].message.contains("; the best height is at an end"));
         assert_eq!(issues[2].place, Some([2.5, 2.5]));
-        assert_eq!(unmeasured(&records, &[]).len(), 4, "a refused outline that nobody told of is told");
+        assert_eq!(unmeasured(&records, &[]).len(), 4, "a refused footprint that nobody told of is told");
     }
 }

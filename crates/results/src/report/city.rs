@@ -14,7 +14,7 @@ use crate::output::roof_solid::{self, Detail};
 use crate::output::{BuildingRecord, triangles};
 use sizeup_geo::terrain::Terrain;
 
-/// Steps of an outline's coordinates in a metre: centimetres.
+/// Steps of a footprint's coordinates in a metre: centimetres.
 const PER_METRE: f64 = 100.0;
 /// Ground around the buildings, in their larger side, and at least, metres.
 const MARGIN_SHARE: f64 = 0.35;
@@ -74,7 +74,7 @@ pub fn round_cm(value_m: f64) -> f64 {
     (value_m * PER_METRE).round() / PER_METRE + 0.0
 }
 
-/// The middle of the outlines at the lowest ground, whole metres; zero without outlines.
+/// The middle of the footprints at the lowest ground, whole metres; zero without footprints.
 pub fn origin(records: &[BuildingRecord]) -> [f64; 3] {
     let Some([low, high]) = extent(records) else { return [0.0; 3] };
     let lowest = records.iter().filter_map(|r| r.base_z_m).fold(f64::INFINITY, f64::min);
@@ -91,9 +91,9 @@ fn extent(records: &[BuildingRecord]) -> Option<[[f64; 2]; 2]> {
 }
 
 impl<'a> Building<'a> {
-    /// Of a record; `views` knows the position of each photo.
+    /// Building of a record; `views` knows the position of each photo.
     pub fn of(record: &'a BuildingRecord, origin: [f64; 3], grid: &Grid, views: &HashMap<&str, usize>) -> Self {
-        let rings = record.footprint.as_ref().map_or_else(Vec::new, |outline| rings(outline, origin));
+        let rings = record.footprint.as_ref().map_or_else(Vec::new, |footprint| rings(footprint, origin));
         let triangles = triangles_of(&rings);
         Self {
             id: &record.id,
@@ -129,7 +129,7 @@ fn faces(record: &BuildingRecord, [east_m, north_m, _]: [f64; 3], grid: &Grid) -
     faces.filter(|face| face.surface != Surface::Ground).map(face).collect()
 }
 
-fn rings(outline: &Polygon<f64>, origin: [f64; 3]) -> Vec<Vec<i64>> {
+fn rings(footprint: &Polygon<f64>, origin: [f64; 3]) -> Vec<Vec<i64>> {
     let ring = |ring: &LineString<f64>| -> Vec<i64> {
         let mut corners: Vec<[i64; 2]> =
             ring.coords().map(|c| [c.x - origin[0], c.y - origin[1]].map(|v| (v * PER_METRE).round() as i64)).collect();
@@ -139,7 +139,7 @@ fn rings(outline: &Polygon<f64>, origin: [f64; 3]) -> Vec<Vec<i64>> {
         }
         corners.into_iter().flatten().collect()
     };
-    let rings = std::iter::once(outline.exterior()).chain(outline.interiors()).map(ring);
+    let rings = std::iter::once(footprint.exterior()).chain(footprint.interiors()).map(ring);
     rings.filter(|corners| corners.len() >= 6).collect()
 }
 
@@ -163,7 +163,7 @@ fn triangles_of(rings: &[Vec<i64>]) -> Vec<usize> {
 }
 
 impl Ground {
-    /// Around the outlines; `None` without any.
+    /// Around the footprints; `None` without any.
     pub fn around(records: &[BuildingRecord], terrain: &Terrain) -> Option<Self> {
         let [low, high] = extent(records)?;
         let side_m = (high[0] - low[0]).max(high[1] - low[1]);
@@ -193,11 +193,11 @@ mod tests {
 
     #[test]
     fn a_courtyard_is_triangulated_around_its_hole() {
-        let outline = polygon!(
+        let footprint = polygon!(
             exterior: [(x: 100.0, y: 200.0), (x: 110.0, y: 200.0), (x: 110.0, y: 210.0), (x: 100.0, y: 210.0)],
             interiors: [[(x: 103.0, y: 203.0), (x: 103.0, y: 207.0), (x: 107.0, y: 207.0), (x: 107.0, y: 203.0)]],
         );
-        let rings = rings(&outline, [100.0, 200.0, 0.0]);
+        let rings = rings(&footprint, [100.0, 200.0, 0.0]);
         assert_eq!(rings[0], [0, 0, 1000, 0, 1000, 1000, 0, 1000]);
         let corners: Vec<i64> = rings.concat();
         let twice_area: i64 = triangles_of(&rings)
@@ -212,12 +212,12 @@ mod tests {
     }
 
     #[test]
-    fn a_level_ground_is_four_nodes_that_hold_every_outline() {
-        let outline = polygon![(x: 0.0, y: 0.0), (x: 60.0, y: 0.0), (x: 60.0, y: 20.0), (x: 0.0, y: 20.0)];
+    fn a_level_ground_is_four_nodes_that_hold_every_footprint() {
+        let footprint = polygon![(x: 0.0, y: 0.0), (x: 60.0, y: 0.0), (x: 60.0, y: 20.0), (x: 0.0, y: 20.0)];
         let record = BuildingRecord {
             id: "a".to_owned(),
             part_of: None,
-            footprint: Some(outline),
+            footprint: Some(footprint),
             ground_z_m: None,
             base_z_m: None,
             height_m: None,

@@ -17,8 +17,8 @@ use sizeup_survey::{SurveyReport, View, ViewKind, ground};
 
 /// Heights of single buildings over the passes are in the page up to so many numbers.
 const MAX_PASS_HEIGHTS: usize = 400_000;
-/// Every so many points of a photo's outline on the ground are kept.
-const OUTLINE_STEP: usize = 2;
+/// Every so many points of a photo's footprint on the ground are kept.
+const FOOTPRINT_STEP: usize = 2;
 
 /// All of it.
 #[derive(Debug, Serialize)]
@@ -53,8 +53,8 @@ struct ViewData<'a> {
     /// East, north, up; metres.
     centre: [f64; 3],
     off_nadir: f64,
-    /// What the photo shows of the ground: east and north in turn, metres.
-    outline: Vec<f64>,
+    /// Footprint of the photo on the ground: east and north in turn, metres.
+    footprint: Vec<f64>,
     has_photo: bool,
 }
 
@@ -70,7 +70,7 @@ struct PassData {
 }
 
 impl<'a> Data<'a> {
-    /// Of a report.
+    /// Data of a report.
     pub fn of(report: &'a Report<'_>) -> Self {
         let model = &report.model;
         let origin = origin(model.records);
@@ -119,14 +119,14 @@ fn middle_ground(records: &[BuildingRecord]) -> Option<f64> {
 }
 
 fn view<'a>(view: &'a View, used: &'a ViewUse, ground_m: f64) -> ViewData<'a> {
-    let outline = ground::outline(view, ground_m);
+    let footprint = ground::footprint(view, ground_m);
     ViewData {
         id: &view.id.0,
         kind: view.kind(),
         used,
         centre: view.camera_from_map.centre().to_array().map(round_cm),
         off_nadir: (view.off_nadir_deg() * 10.0).round() / 10.0,
-        outline: outline.iter().step_by(OUTLINE_STEP).flat_map(|p| [round_cm(p.x), round_cm(p.y)]).collect(),
+        footprint: footprint.iter().step_by(FOOTPRINT_STEP).flat_map(|p| [round_cm(p.x), round_cm(p.y)]).collect(),
         has_photo: view.image.is_some(),
     }
 }

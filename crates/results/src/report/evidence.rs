@@ -13,10 +13,10 @@ const JPEG_QUALITY: u8 = 82;
 /// Positions in a picture are written as shares of its sides in steps of this part.
 const STEPS: f32 = 1000.0;
 
-/// What was seen of one building.
+/// Evidence of one building.
 #[derive(Debug, Clone)]
 pub struct Evidence {
-    /// Its position among the records.
+    /// Position among the records.
     pub building: usize,
     /// Heights that were tried, metres.
     pub heights_m: Vec<f32>,
@@ -43,7 +43,7 @@ pub struct Crop {
     pub pairs: Vec<Pair>,
 }
 
-/// What an edge belongs to.
+/// Owner of an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LineKind {
@@ -58,7 +58,7 @@ pub enum LineKind {
 /// An edge, in shares of the picture's width and height.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Line {
-    /// What it belongs to.
+    /// Owner.
     pub kind: LineKind,
     /// Both ends.
     pub ends: [[f32; 2]; 2],

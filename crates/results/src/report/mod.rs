@@ -49,7 +49,7 @@ pub struct Report<'a> {
     pub passes: Vec<Pass>,
     /// Position among the records of each building of a pass.
     pub solved: &'a [usize],
-    /// Outlines that were split, as no single height fits them.
+    /// Footprints that were split, as no single height fits them.
     pub levels: Vec<Levels>,
     /// Whether the poses look right, where that is known.
     pub survey: Option<SurveyReport>,
@@ -63,7 +63,7 @@ pub struct Report<'a> {
     pub config: String,
 }
 
-/// What a view was used for.
+/// Use of a view.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "use", content = "why")]
 pub enum ViewUse {
@@ -92,12 +92,12 @@ pub struct Pass {
     pub heights_m: Vec<f32>,
 }
 
-/// How well one level explains an outline, and how well two do.
+/// Fit of one level to a footprint, and of two.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Levels {
     /// The building that was split.
     pub whole: String,
-    /// Its two levels above ground, metres.
+    /// Two levels above ground, metres.
     #[serde(rename = "heights")]
     pub heights_m: [f32; 2],
     /// Mean score over views of both together.

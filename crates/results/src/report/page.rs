@@ -6,7 +6,7 @@ use sha2::{Digest as _, Sha256};
 
 const REPORT: &str = include_str!("page/report.html");
 const VIEW: &str = include_str!("page/view.html");
-/// What both pages have within their head, and the picture with what lies over it.
+/// Inside of both pages' head, and the picture with what lies over it.
 const HEAD: &str = include_str!("page/head.html");
 const STAGE: &str = include_str!("page/stage.html");
 const STYLE: &str = include_str!("page/style.css");

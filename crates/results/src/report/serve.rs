@@ -83,7 +83,7 @@ pub struct Server {
     page: String,
 }
 
-/// What is sent.
+/// Body.
 struct Answer {
     status: &'static str,
     media_type: &'static str,
@@ -113,7 +113,7 @@ impl Server {
         Ok(Self { listener, port: address.port(), tiles: whole(tiles)?, report, page: page::view(&name) })
     }
 
-    /// Where the viewer is.
+    /// Address of the viewer.
     #[must_use]
     pub fn address(&self) -> String {
         format!("http://127.0.0.1:{}/", self.port)
@@ -189,7 +189,7 @@ impl Server {
     }
 }
 
-/// What a client asks.
+/// Request of a client.
 struct Head {
     first: String,
     host: Option<String>,

@@ -5,7 +5,7 @@
 pub(super) struct Block<'a> {
     /// The name without the `$`, such as `PHOTO`.
     pub name: &'a str,
-    /// Where it begins, counted from 1.
+    /// Line of its beginning, counted from 1.
     pub line: u64,
     /// Whether its end was found.
     pub is_closed: bool,

@@ -54,7 +54,7 @@ struct Reading {
     mismatch: Option<String>,
     /// Standard deviation of the image log's position, metres, horizontal and vertical, where it is used.
     sigma_m: Option<(f64, f64)>,
-    /// How it moved while the photo was exposed, where that is told.
+    /// Motion while the photo was exposed, where that is told.
     motion: Option<Motion>,
 }
 

@@ -31,7 +31,7 @@ fn layers(survey: &Survey, terrain: &Terrain) -> Vec<Layer> {
             axes.features.push((Shape::Line(vec![centre, end.extend(end_m)]), attributes.clone()));
         }
         let ground_m = terrain.height_at(centre.x, centre.y).unwrap_or(fallback_m);
-        let ring = ground::outline(view, ground_m);
+        let ring = ground::footprint(view, ground_m);
         if ring.len() > 2 {
             footprints
                 .features

@@ -28,16 +28,16 @@ use crate::render::image::SceneTracer;
 use crate::render::profile::FLATTEST_DZ;
 use crate::scene::Scene;
 
-/// How far beside an edge its two sides are looked at, pixels.
+/// Distance from an edge at which its two sides are looked at, pixels.
 const BESIDE_PX: f64 = 0.01;
 /// Depths that differ by less are one surface, metres.
 const SAME_SURFACE_M: f32 = 0.1;
 /// Half width of the differences that the motion of image points is taken from, metres.
 const STEP_M: f64 = 0.01;
 
-/// Outlines that edges are sampled from, besides the view's rays.
+/// Input for the sampling of edges, besides the view's rays.
 #[derive(Clone, Copy)]
-pub struct Outlines<'a> {
+pub struct EdgeInput<'a> {
     /// The buildings.
     pub scene: &'a Scene,
     /// The view's camera.
@@ -46,7 +46,7 @@ pub struct Outlines<'a> {
     pub prior: &'a DepthPrior,
 }
 
-/// Where the loss stands: what the boundary is weighed against.
+/// State of the loss: what the boundary is weighed against.
 #[derive(Debug, Clone, Copy)]
 pub struct Loss {
     /// Mean cost of a pair, `L`.
@@ -57,7 +57,7 @@ pub struct Loss {
 
 /// Slopes of the mean cost by the motion of every roof edge in view.
 pub fn slopes(
-    outlines: &Outlines<'_>,
+    edges: &EdgeInput<'_>,
     evidence: &Evidence<'_>,
     roofs: &[f32],
     compared: &Compared,
@@ -65,9 +65,9 @@ pub fn slopes(
     config: &OrdinalConfig,
     rng: &mut ChaCha8Rng,
 ) -> Vec<Slope> {
-    let scene = outlines.scene;
+    let scene = edges.scene;
     let boundary = Boundary {
-        outlines,
+        edges,
         tracer: SceneTracer::with_roofs(scene, roofs.to_vec()),
         capped: SceneTracer::new(scene, &vec![scene.bounds.max_m; scene.prisms.len()]),
         compared,
@@ -101,7 +101,7 @@ struct EdgePoint {
 }
 
 struct Boundary<'a> {
-    outlines: &'a Outlines<'a>,
+    edges: &'a EdgeInput<'a>,
     tracer: SceneTracer<'a>,
     /// Every building at its greatest height.
     capped: SceneTracer<'a>,
@@ -114,7 +114,7 @@ struct Boundary<'a> {
 impl Boundary<'_> {
     /// A point of an edge, if it can be seen and something changes there.
     fn point(&self, building: usize, [start, end]: [Vec2; 2], along: f32, roof_z: f32) -> Option<EdgePoint> {
-        let placed = self.outlines.placed;
+        let placed = self.edges.placed;
         let direction = (end - start).as_dvec2();
         let length_m = direction.length();
         let in_local = start.lerp(end, along).extend(roof_z).as_dvec3();
@@ -134,7 +134,7 @@ impl Boundary<'_> {
         if !(is_visible && changes) {
             return None;
         }
-        let prior = self.compared.of_prior.apply(farness_at(placed, self.outlines.prior, pixel));
+        let prior = self.compared.of_prior.apply(farness_at(placed, self.edges.prior, pixel));
         let length_px = tangent.length() * length_m / self.config.edge_points as f64;
         prior.is_finite().then(|| EdgePoint {
             sweep: far_side * normal.dot(speed) * length_px,
@@ -146,7 +146,7 @@ impl Boundary<'_> {
 
     /// The look at a position of the image.
     fn look(&self, pixel: DVec2) -> Option<Look> {
-        let ray = self.outlines.placed.ray(pixel)?;
+        let ray = self.edges.placed.ray(pixel)?;
         let mut scratch = Vec::new();
         let (depth, face) = self.tracer.trace(&ray, &mut scratch);
         let building = face.building().map(crate::ids::BuildingIdx::at);

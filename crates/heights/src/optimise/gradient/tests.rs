@@ -6,7 +6,7 @@ use crate::camera::Camera;
 use crate::frames::Rigid;
 use crate::optimise::config::{Gradient, MadGradient, OrdinalConfig, Region};
 use crate::optimise::evidence::Evidence;
-use crate::optimise::gradient::edge_sampled::Outlines;
+use crate::optimise::gradient::edge_sampled::EdgeInput;
 use crate::optimise::ordinal::{Compared, Pair, StepInput, Vote, draw_pairs, view_step};
 use crate::prior::{DepthPrior, PriorGeometry, PriorKind};
 use crate::render::PlacedCamera;
@@ -60,8 +60,8 @@ impl Block {
 
     fn gradient(&self, evidence: &Evidence<'_>, difference_m: f32, config: &OrdinalConfig) -> Vec<f64> {
         let roofs = self.scene.roofs(&self.heights_m);
-        let outlines = Outlines { scene: &self.scene, placed: &self.placed, prior: &self.prior };
-        let input = StepInput { evidence, roofs: &roofs, difference_m, outlines: Some(outlines) };
+        let edges = EdgeInput { scene: &self.scene, placed: &self.placed, prior: &self.prior };
+        let input = StepInput { evidence, roofs: &roofs, difference_m, edges: Some(edges) };
         let step = view_step(&input, config, &mut seed::stream(5, "pairs", &[])).unwrap();
         let mut by_building = vec![0.0; self.heights_m.len()];
         step.gradient.iter().for_each(|&(b, slope)| by_building[b as usize] = slope);

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::{Solving, State};
 use crate::optimise::adam::Adam;
 use crate::optimise::config::{Gradient, Loss, OrdinalConfig, StepOn};
-use crate::optimise::gradient::edge_sampled::Outlines;
+use crate::optimise::gradient::edge_sampled::EdgeInput;
 use crate::optimise::gradient::sum_by_building;
 use crate::optimise::ordinal::{Costs, StepInput, ViewStep, costs, view_step};
 use crate::optimise::regression;
@@ -109,8 +109,8 @@ impl State<'_> {
             Gradient::EdgeSampled => (self.problem.load_prior)(view).ok(),
             Gradient::Interior | Gradient::CentralDifference => None,
         };
-        let outlines = prior.as_ref().map(|prior| Outlines { scene: self.problem.scene, placed: &input.placed, prior });
-        let input = StepInput { evidence, roofs, difference_m: step.anneal(config.difference_m), outlines };
+        let edges = prior.as_ref().map(|prior| EdgeInput { scene: self.problem.scene, placed: &input.placed, prior });
+        let input = StepInput { evidence, roofs, difference_m: step.anneal(config.difference_m), edges };
         view_step(&input, config, &mut rng)
     }
 }

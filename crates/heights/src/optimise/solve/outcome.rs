@@ -14,7 +14,7 @@ const DOUBTFUL_SPREAD_M: f64 = 0.8;
 /// under 8 or 14 photos, half of the 21 below were off by more than 7 m, half of those above by less than 1.1 m.
 const HOPELESS_SCORE: f64 = 0.2;
 const HOPELESS_SCORE_ALONE: f64 = 0.6;
-/// Share of an outline, and metres squared, above which nobody has looked through: a roof of its own, and no chimney.
+/// Share of a footprint, and metres squared, above which nobody has looked through: a roof of its own, and no chimney.
 const BLIND_SHARE: f64 = 0.15;
 const BLIND_M2: f64 = 30.0;
 impl State<'_> {
@@ -36,7 +36,7 @@ impl State<'_> {
         }
     }
 
-    /// How large a pixel of the working image is on a building, metres, median of its views.
+    /// Size of the working image's pixel on a building, metres, median of its views.
     fn pixel_m(&self, building: usize) -> f64 {
         let centre = self.centre(building);
         let pixel_m = |&view: &usize| {

@@ -33,7 +33,7 @@ impl State<'_> {
             self.other_levels =
                 levels::find(self.problem.scene, &views, &self.views_of, &self.heights_m, known_m, config);
             if !self.other_levels.is_empty() {
-                return; // to be solved again with these outlines split
+                return; // to be solved again with these footprints split
             }
         }
         if config.correct_edge_bleeding {

@@ -27,7 +27,7 @@ pub struct Solids {
     pub solids: Vec<Solid>,
     /// Buildings without one: no surfaces, no height, no thickness.
     pub n_without_body: usize,
-    /// What levels count from, where the file's CRS says so.
+    /// Zero of the levels, where the file's CRS says so.
     pub vertical: Option<VerticalReference>,
 }
 
@@ -37,7 +37,7 @@ pub enum SolidError {
     /// Unreadable, or without CRS.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// Its CRS cannot be brought to the project's.
+    /// CRS that cannot be brought to the project's.
     #[error("cannot bring {} to the project's CRS", path.display())]
     Crs {
         /// The file.
@@ -56,7 +56,7 @@ pub enum SolidError {
         path: PathBuf,
         /// Counted from 1.
         line: usize,
-        /// What is wrong.
+        /// Fault.
         reason: String,
     },
     /// There is no body in it.
@@ -66,7 +66,7 @@ pub enum SolidError {
         path: PathBuf,
         /// Why.
         reason: String,
-        /// What to try.
+        /// Remedy.
         hint: &'static str,
     },
 }
@@ -100,7 +100,7 @@ pub fn read_solids(
         return Err(SolidError::NoBodies {
             path: path.to_owned(),
             reason: format!(
-                "none of {} buildings has surfaces, or an outline with ground and height",
+                "none of {} buildings has surfaces, or a footprint with ground and height",
                 solids.n_without_body
             ),
             hint: "surfaces and volumes need levels: ground_z_m and height_m in a vector layer",
@@ -198,8 +198,8 @@ fn prism_under(rings: &[Vec<DVec3>], base_m: f64) -> Option<Prism> {
     let (low, high) =
         rings.iter().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p.z), h.max(p.z)));
     let line = |ring: &Vec<DVec3>| ring.iter().map(|p| Coord { x: p.x, y: p.y }).collect::<LineString<f64>>();
-    let outline = Polygon::new(line(rings.first()?), rings[1..].iter().map(line).collect());
-    (high - low <= LEVEL_M && low > base_m).then_some(Prism { outline, levels_m: [base_m, 0.5 * (low + high)] })
+    let footprint = Polygon::new(line(rings.first()?), rings[1..].iter().map(line).collect());
+    (high - low <= LEVEL_M && low > base_m).then_some(Prism { footprint, levels_m: [base_m, 0.5 * (low + high)] })
 }
 
 fn of_layer(path: &Path, stated: Option<&Crs>, project_crs: &Crs) -> Result<Solids, SolidError> {
@@ -219,8 +219,8 @@ fn of_layer(path: &Path, stated: Option<&Crs>, project_crs: &Crs) -> Result<Soli
         let height_m = HEIGHT_FIELDS.iter().find_map(number);
         let top_m = ground_m.zip(height_m).map(|(ground, height)| ground + height).or(roof_m);
         let none = MultiPolygon::new(Vec::new());
-        let outline = building.outline.as_ref().unwrap_or(&none);
-        solids.extend(base_m.zip(top_m).and_then(|(base, top)| Solid::extruded(&building.id, outline, [base, top])));
+        let footprint = building.footprint.as_ref().unwrap_or(&none);
+        solids.extend(base_m.zip(top_m).and_then(|(base, top)| Solid::extruded(&building.id, footprint, [base, top])));
     }
     Ok(Solids { n_without_body: found.buildings.len() - solids.len(), solids, vertical })
 }

@@ -2,7 +2,7 @@
 //!
 //! | from | triangles | prisms |
 //! |---|---|---|
-//! | a record of ours, an outline with ground and height | of the extruded outline | one |
+//! | a record of ours, a footprint with ground and height | of the extruded footprint | one |
 //! | `CityJSON`, any level of detail | of the surfaces | one per roof of the lowest level of detail whose roofs are all level |
 //! | OBJ | of the faces, one body per object or group | none |
 //!
@@ -43,8 +43,8 @@ impl Facet {
 /// An upright prism.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prism {
-    /// Its outline.
-    pub outline: Polygon<f64>,
+    /// Footprint.
+    pub footprint: Polygon<f64>,
     /// Lower and upper level.
     pub levels_m: [f64; 2],
 }
@@ -52,22 +52,22 @@ pub struct Prism {
 /// One building's body.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Solid {
-    /// Its id.
+    /// Id.
     pub id: String,
-    /// Its surface.
+    /// Surface.
     pub facets: Vec<Facet>,
     /// The same body as prisms that do not overlap; empty if it is not made of upright prisms.
     pub prisms: Vec<Prism>,
 }
 
 impl Solid {
-    /// An outline between two levels; `None` if it has no thickness or no outline.
+    /// A footprint between two levels; `None` if it has no thickness or no footprint.
     #[must_use]
-    pub fn extruded(id: &str, outline: &MultiPolygon<f64>, levels_m: [f64; 2]) -> Option<Self> {
-        if outline.0.is_empty() || levels_m[1] <= levels_m[0] {
+    pub fn extruded(id: &str, footprint: &MultiPolygon<f64>, levels_m: [f64; 2]) -> Option<Self> {
+        if footprint.0.is_empty() || levels_m[1] <= levels_m[0] {
             return None;
         }
-        let prisms: Vec<Prism> = outline.iter().map(|p| Prism { outline: p.clone(), levels_m }).collect();
+        let prisms: Vec<Prism> = footprint.iter().map(|p| Prism { footprint: p.clone(), levels_m }).collect();
         let facets = prisms.iter().flat_map(Prism::facets).collect();
         Some(Self { id: id.to_owned(), facets, prisms })
     }
@@ -79,12 +79,12 @@ impl Solid {
         Self { id: id.to_owned(), facets, prisms }
     }
 
-    /// The body of a record, from its lowest ground to its roof; `None` without height or outline.
+    /// The body of a record, from its lowest ground to its roof; `None` without height or footprint.
     #[must_use]
     pub fn of_record(record: &BuildingRecord) -> Option<Self> {
-        let outline = MultiPolygon::new(vec![record.footprint.clone()?]);
+        let footprint = MultiPolygon::new(vec![record.footprint.clone()?]);
         let base_m = record.base_z_m.or(record.ground_z_m)?;
-        Self::extruded(&record.id, &outline, [base_m, record.roof_z_m()?])
+        Self::extruded(&record.id, &footprint, [base_m, record.roof_z_m()?])
     }
 
     /// From triangles alone; bottoms are told by their normals.
@@ -108,11 +108,11 @@ impl Prism {
             let closed = line.0.len() > 1 && line.0.first() == line.0.last();
             line.0[..line.0.len() - usize::from(closed)].iter().map(|c| DVec3::new(c.x, c.y, z)).collect()
         };
-        let lines: Vec<_> = std::iter::once(self.outline.exterior()).chain(self.outline.interiors()).collect();
+        let lines: Vec<_> = std::iter::once(self.footprint.exterior()).chain(self.footprint.interiors()).collect();
         let top: Vec<Vec<DVec3>> = lines.iter().map(|line| ring(line, high)).collect();
         let mut facets = Vec::new();
         for mut t in triangulate(&top) {
-            // Whichever way round the outline is given.
+            // Whichever way round the footprint is given.
             if (t[1] - t[0]).cross(t[2] - t[0]).z < 0.0 {
                 t.swap(1, 2);
             }
@@ -148,8 +148,8 @@ pub(super) mod tests {
 
     /// A box.
     pub fn block(id: &str, [x, y, z]: [f64; 3], [w, d, h]: [f64; 3]) -> Solid {
-        let outline = polygon![(x: x, y: y), (x: x + w, y: y), (x: x + w, y: y + d), (x: x, y: y + d)];
-        Solid::extruded(id, &MultiPolygon::new(vec![outline]), [z, z + h]).unwrap()
+        let footprint = polygon![(x: x, y: y), (x: x + w, y: y), (x: x + w, y: y + d), (x: x, y: y + d)];
+        Solid::extruded(id, &MultiPolygon::new(vec![footprint]), [z, z + h]).unwrap()
     }
 
     /// Volume by the divergence theorem.
@@ -160,11 +160,11 @@ pub(super) mod tests {
 
     #[test]
     fn an_extruded_courtyard_is_closed_and_faces_outwards() {
-        let outline = polygon!(
+        let footprint = polygon!(
             exterior: [(x: 0.0, y: 0.0), (x: 0.0, y: 9.0), (x: 9.0, y: 9.0), (x: 9.0, y: 0.0)],
             interiors: [[(x: 3.0, y: 3.0), (x: 6.0, y: 3.0), (x: 6.0, y: 6.0), (x: 3.0, y: 6.0)]],
         );
-        let solid = Solid::extruded("a", &MultiPolygon::new(vec![outline]), [2.0, 5.0]).unwrap();
+        let solid = Solid::extruded("a", &MultiPolygon::new(vec![footprint]), [2.0, 5.0]).unwrap();
         assert!((volume_m3(&solid.facets) - 72.0 * 3.0).abs() < 1e-9);
         let area: f64 = solid.facets.iter().map(Facet::area_m2).sum();
         assert!((area - (2.0 * 72.0 + 3.0 * (36.0 + 12.0))).abs() < 1e-9);

@@ -14,7 +14,7 @@ use sizeup_survey::View;
 
 /// Most of the way from the ground to the camera that roofs may take.
 const ROOM_FOR_ROOFS: f64 = 0.9;
-/// What is added on both sides: terrain and poses are not exact.
+/// Share added on both sides: terrain and poses are not exact.
 const SPARE: f64 = 0.05;
 /// A ray that rises, or meets the ground farther than this many times the nearest depth, sees what no height comes from.
 const FARTHEST_OF_NEAREST: f64 = 8.0;

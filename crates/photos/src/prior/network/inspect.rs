@@ -3,20 +3,20 @@
 use std::path::Path;
 
 use super::profile::{self, Profile, Wiring};
-use crate::onnx::{EngineChoice, EngineConfig, Network, Outline, Port};
+use crate::onnx::{Contents, EngineChoice, EngineConfig, Network, Port};
 use crate::prior::PriorError;
 
-/// What a graph wants and gives, and which built-in profiles fit it.
+/// Inputs and outputs of a graph, and which built-in profiles fit it.
 #[derive(Debug)]
 pub struct Inspection {
-    /// Its inputs.
+    /// Inputs.
     pub inputs: Vec<Port>,
-    /// Its outputs.
+    /// Outputs.
     pub outputs: Vec<Port>,
     /// The engine that runs it.
     pub engine: EngineChoice,
-    /// What its file is made of.
-    pub outline: Outline,
+    /// Contents of its file.
+    pub contents: Contents,
     /// Every built-in profile with its wiring, or why it does not fit.
     pub profiles: Vec<(Profile, Result<Wiring, String>)>,
 }
@@ -33,5 +33,5 @@ pub fn inspect(model: &Path, engine: &EngineConfig) -> Result<Inspection, PriorE
         (profile, wiring)
     });
     let profiles = wired.collect();
-    Ok(Inspection { inputs, outputs, engine: network.engine(), outline: Outline::read(model)?, profiles })
+    Ok(Inspection { inputs, outputs, engine: network.engine(), contents: Contents::read(model)?, profiles })
 }

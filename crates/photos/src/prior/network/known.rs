@@ -13,19 +13,19 @@ use serde::{Deserialize, Serialize};
 use sizeup_geo::files::{self, FileError};
 use sizeup_geo::hashes::sha256_hex;
 
-/// Where networks are put in place on this machine.
+/// Folder of networks on this machine.
 static FOLDER: OnceLock<PathBuf> = OnceLock::new();
 
 /// A network that sizeup knows.
 #[derive(Debug, Clone, Serialize)]
 pub struct KnownNetwork {
-    /// Its name, and that of its profile.
+    /// Name, and that of its profile.
     pub name: &'static str,
-    /// What it does.
+    /// Purpose.
     pub about: &'static str,
     /// Licence of its weights.
     pub licence: &'static str,
-    /// Where its authors publish the weights.
+    /// Address at which its authors publish the weights.
     pub source: &'static str,
     /// The published file's size, bytes.
     pub bytes: u64,
@@ -35,7 +35,7 @@ pub struct KnownNetwork {
     assembly: Assembly,
 }
 
-/// Where the tensors of a graph are in a checkpoint.
+/// Places of a graph's tensors in a checkpoint.
 #[derive(Debug, Clone, Deserialize)]
 struct Assembly {
     checkpoint_bytes: u64,
@@ -57,9 +57,9 @@ pub enum KnownNetworkError {
     /// There is none of that name.
     #[error("no network {name:?} is known\nhint: there are {}; `sizeup model list` says more", known.join(", "))]
     Name {
-        /// What was asked for.
+        /// Value asked for.
         name: String,
-        /// What there is.
+        /// Available ones.
         known: Vec<&'static str>,
     },
     /// The file is not the published one.
@@ -73,15 +73,15 @@ pub enum KnownNetworkError {
         path: PathBuf,
         /// The network.
         name: &'static str,
-        /// Its size.
+        /// Size.
         found_bytes: u64,
-        /// Its SHA-256.
+        /// SHA-256.
         found: String,
         /// The published size.
         expected_bytes: u64,
         /// The published SHA-256.
         expected: String,
-        /// Where the published one is.
+        /// Address of the published one.
         source_url: &'static str,
     },
     /// A file cannot be read or written.
@@ -95,7 +95,7 @@ pub fn look_in(folder: PathBuf) {
     let _ = FOLDER.set(folder);
 }
 
-/// Where a known network's graph is in place on this machine, if `model` is nothing but its name and no file.
+/// Path of a known network's graph on this machine, if `model` is nothing but its name and no file.
 #[must_use]
 pub fn in_place(model: &Path) -> Option<PathBuf> {
     let network = known_by_name(model.file_name()?.to_str()?).ok()?;
@@ -142,7 +142,7 @@ pub fn known_by_name(name: &str) -> Result<KnownNetwork, KnownNetworkError> {
 }
 
 impl KnownNetwork {
-    /// Where its graph lies in a folder of networks.
+    /// Path of its graph in a folder of networks.
     #[must_use]
     pub fn graph_in(&self, folder: &Path) -> PathBuf {
         folder.join(self.name).with_extension("onnx")

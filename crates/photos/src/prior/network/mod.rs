@@ -25,7 +25,7 @@ use self::preprocess::{Frame, Prepared};
 use self::profile::{Fit, Form, Lens, PoseUnit, Profile, Wiring};
 use super::neighbours::Neighbours;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
-use crate::onnx::{EngineConfig, Network, Outline, Port, Tensor};
+use crate::onnx::{Contents, EngineConfig, Network, Port, Tensor};
 use sizeup_geo::kept::Kept;
 use sizeup_geo::paths::PathVisitor;
 use sizeup_geo::terrain::Terrain;
@@ -100,8 +100,8 @@ impl NetworkConfig {
     #[must_use]
     pub fn files(&self) -> Vec<PathBuf> {
         let graph = self.graph();
-        let outline = Outline::read(&graph).unwrap_or_default();
-        let beside = outline.external_files.iter().map(|name| graph.with_file_name(name));
+        let contents = Contents::read(&graph).unwrap_or_default();
+        let beside = contents.external_files.iter().map(|name| graph.with_file_name(name));
         std::iter::once(graph.clone()).chain(beside).collect()
     }
 
@@ -188,7 +188,7 @@ impl NetworkPriors {
         })?;
         check_batch(&config, &wiring, network.inputs())?;
         // A graph that is not sound is refused here, with why.
-        Outline::read(&config.model)?;
+        Contents::read(&config.model)?;
         let files = config.files();
         let is_company = |view: &&View| wiring.n_views > 1 && view.image.is_some();
         let company = Neighbours::new(views.iter().filter(is_company).cloned().collect(), terrain);
@@ -208,7 +208,7 @@ impl NetworkPriors {
         })
     }
 
-    /// What the weights may be used for, for the log.
+    /// Licence of the weights, for the log.
     #[must_use]
     pub fn licence(&self) -> &str {
         &self.profile.licence
@@ -374,7 +374,7 @@ impl NetworkPriors {
         Ok(DepthPrior { values, kind: self.profile.kind, geometry: PriorGeometry::ZDepth })
     }
 
-    /// What one in the output is: metres, where the profile says how; 1 where it has no unit.
+    /// Unit of the output: metres, where the profile says how; 1 where it has no unit.
     fn unit(&self, view: &View, frame: &Frame, poses: Option<&Tensor>) -> Result<f32, PriorError> {
         if let Some(focal_px) = self.profile.metres_at_focal_px {
             let camera = view.camera.resized(frame.photo.columns as u32, frame.photo.rows as u32);
@@ -408,7 +408,7 @@ impl Ready {
         &self.inputs[0].1.shape
     }
 
-    /// Where the photo is in it.
+    /// Place of the photo in it.
     pub(super) fn frame(&self) -> Frame {
         self.frame
     }

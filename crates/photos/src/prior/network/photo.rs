@@ -66,7 +66,7 @@ pub(super) fn straightened(photo: Raster<Rgb>, camera: &Camera) -> Raster<Rgb> {
     Raster::from_vec(width, height, pixels).expect("one colour per pixel")
 }
 
-/// What belongs to the photo without distortion, laid into the photo as taken: the nearest value, since means over an edge
+/// Values of the photo without distortion, laid into the photo as taken: the nearest value, since means over an edge
 /// of depth are depths where nothing is. NaN where the photo without distortion does not reach.
 pub(super) fn as_taken(values: Raster<f32>, camera: &Camera) -> Raster<f32> {
     if camera.is_ideal() {

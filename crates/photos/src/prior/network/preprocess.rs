@@ -9,18 +9,18 @@ use sizeup_heights::raster::Raster;
 pub struct Prepared {
     /// `3 × rows × columns`, normalised.
     pub values: Vec<f32>,
-    /// Its size, and what of it is the photo.
+    /// Size, and what of it is the photo.
     pub frame: Frame,
 }
 
-/// Where a photo is in what a network takes.
+/// Place of a photo in what a network takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Frame {
     /// Rows that the network takes.
     pub rows: usize,
     /// Columns that it takes.
     pub columns: usize,
-    /// Where the photo is in it: all of it, but for letterboxes.
+    /// Place of the photo in it: all of it, but for letterboxes.
     pub photo: Cut,
 }
 

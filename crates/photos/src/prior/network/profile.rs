@@ -235,7 +235,7 @@ impl Profile {
         })
     }
 
-    /// How this profile connects to a graph.
+    /// Connection of this profile to a graph.
     ///
     /// # Errors
     /// What does not fit, in one sentence.
@@ -292,7 +292,7 @@ impl Profile {
         })
     }
 
-    /// How many photos go in at once.
+    /// Number of photos that go in at once.
     fn n_views(&self, input: &Port) -> Result<usize, String> {
         let of_graph = if input.shape.len() == 5 { input.shape[1] } else { Some(1) };
         match (&self.company, of_graph) {

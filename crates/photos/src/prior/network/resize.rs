@@ -149,7 +149,7 @@ struct Pair {
     fraction: f32,
 }
 
-/// Of each target cell, border repeated.
+/// Pairs of each target cell, border repeated.
 fn pairs(from: usize, to: usize) -> Vec<Pair> {
     let scale = from as f64 / to as f64;
     let pair = |i: usize| {

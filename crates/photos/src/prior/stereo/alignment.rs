@@ -28,7 +28,7 @@ const GRID: usize = 10;
 const RADIUS: i32 = 4;
 /// Halvings of the pictures for the first search.
 const COARSEST: u32 = 1;
-/// How far across the line is searched at first, pixels of the coarsest pictures.
+/// Distance searched across the line at first, pixels of the coarsest pictures.
 const ACROSS: i32 = 3;
 /// Variance below which a patch has no texture, grey levels².
 const LEAST_VARIANCE: f32 = 1.0;
@@ -47,7 +47,7 @@ const LEAST_MISFIT_PX: f64 = 0.5;
 /// By which factor it has to fall.
 const BETTER: f64 = 0.8;
 
-/// How the neighbours were turned.
+/// Turns of the neighbours.
 #[derive(Debug, Clone)]
 pub(super) struct Alignment {
     /// The neighbours as they fit, in their order.
@@ -160,7 +160,7 @@ fn find(here: &Pyramid<'_>, there: &Pyramid<'_>, patch: DVec2, levels: &Levels) 
     Some((line.height_m(along), line.at(along)?.place + across * line.across))
 }
 
-/// Where a neighbour shows a place of the view by its height.
+/// Line on which a neighbour shows a place of the view by its height.
 struct Line<'a> {
     ideals: [&'a Ideal; 2],
     patch: DVec2,
@@ -172,7 +172,7 @@ struct Line<'a> {
 /// A place on a line.
 struct OnLine {
     place: DVec2,
-    /// How a step in the view moves it.
+    /// Moves of it by a step in the view.
     steps: DMat2,
 }
 
@@ -297,7 +297,7 @@ struct Fit<'a> {
     view: &'a Ideal,
     neighbours: Vec<Ideal>,
     patches: Vec<Vec<Seen>>,
-    /// Of each patch, by each neighbour that shows it.
+    /// Height of each patch, by each neighbour that shows it.
     heights_m: Vec<Vec<f64>>,
 }
 
@@ -340,7 +340,7 @@ impl<'a> Fit<'a> {
         if all.len() < LEAST_PATCHES { None } else { median(&all) }
     }
 
-    /// Where a neighbour shows a place of the view at a height, how that changes by metre, and by its turn.
+    /// Pixel at which a neighbour shows a place of the view at a height, and how that changes by metre, and by its turn.
     fn project(&self, neighbour: usize, patch: DVec2, z_m: f64) -> Option<(DVec2, DVec2, [DVec2; 3])> {
         let pose = &self.view.camera_from_map;
         let ray = pose.rotation.transpose() * self.view.calibration().inverse() * patch.extend(1.0);

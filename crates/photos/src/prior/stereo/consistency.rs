@@ -70,7 +70,7 @@ impl<'a> Seen<'a> {
         Self { heights_m: &surface.heights_m, centre: pose.centre(), map_from_pixel }
     }
 
-    /// Of a pixel; `None` without a height.
+    /// Place of a pixel; `None` without a height.
     fn place(&self, i: usize) -> Option<DVec3> {
         let width = self.heights_m.width();
         let z = f64::from(self.heights_m.data()[i]);
@@ -85,7 +85,7 @@ struct Projection<'a> {
     centre: DVec3,
     pixel_from_map: DMat3,
     view_levels: Levels,
-    /// How far it lies above the view's surface as a whole, metres: 0 where poses are good.
+    /// Height above the view's surface as a whole, metres: 0 where poses are good.
     above_m: f64,
 }
 

@@ -46,7 +46,7 @@ impl Neighbour {
         Self { width, height, corners: (0..width * height).map(corner).collect() }
     }
 
-    /// Where its last column and row are; brightness is known before them.
+    /// Last column and row; brightness is known before them.
     pub(super) fn last(&self) -> (f32, f32) {
         (self.width as f32 - 1.0, self.height as f32 - 1.0)
     }
@@ -61,7 +61,7 @@ impl Neighbour {
     }
 }
 
-/// What every comparison with a view needs of it.
+/// Windows of a view that every comparison with it needs.
 #[derive(Debug)]
 pub(super) struct Windows<'a> {
     grey: &'a Raster<f32>,
@@ -172,7 +172,7 @@ pub(super) struct Tile<'a> {
     col_reach: Range<usize>,
     /// Best correlations so far, best first, `rank × pixel`: as many as can count.
     best: Vec<Vec<f32>>,
-    /// How many neighbours see a pixel.
+    /// Number of neighbours that see a pixel.
     n_seen: Vec<f32>,
     warp: Warp,
     /// Sums of `b`, `b²` and `a·b` along the rows within reach.
@@ -282,7 +282,7 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// What the neighbours say of each pixel of the tile at the level, row by row.
+    /// Votes of the neighbours on each pixel of the tile at the level, row by row.
     pub(super) fn votes(&self) -> impl Iterator<Item = Vote> + '_ {
         let mut sums = vec![0.0_f32; self.n_seen.len()];
         for (rank, best) in self.best.iter().enumerate() {
@@ -294,17 +294,17 @@ impl<'a> Tile<'a> {
     }
 }
 
-/// What the neighbours say of a pixel at a level.
+/// Vote of the neighbours on a pixel at a level.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Vote {
-    /// Of the better half of the correlations.
+    /// Sum of the better half of the correlations.
     sum: f32,
-    /// How many neighbours see it.
+    /// Number of neighbours that see it.
     pub n_seen: u8,
 }
 
 impl Vote {
-    /// What the level costs: the mean of the better half of the correlations, turned round. `n_most` neighbours count, those
+    /// Cost of the level: the mean of the better half of the correlations, turned round. `n_most` neighbours count, those
     /// that see the pixel at this level or more; the others agree with nothing.
     pub(super) fn cost(self, n_most: u8) -> u8 {
         if self.n_seen == 0 {
@@ -358,7 +358,7 @@ impl Warp {
         seen
     }
 
-    /// Where the row's pixels lie in the neighbour, in cells from the first one's centre. A plane's horizon aside, what
+    /// Places of the row's pixels in the neighbour, in cells from the first one's centre. A plane's horizon aside, what
     /// it sees of a line is one stretch.
     #[inline(always)]
     fn place(&mut self, neighbour: &Neighbour, homography: &DMat3, row: usize) -> Range<usize> {

@@ -19,7 +19,7 @@ use super::sweep::{homography, position};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::raster::Raster;
 
-/// How far a neighbour's pixels may move from one level to the next, pixels: less repeats, more skips.
+/// Greatest move of a neighbour's pixels from one level to the next, pixels: less repeats, more skips.
 const STEP_PX: f64 = 0.75;
 /// Levels at which it is probed how far pixels move.
 const N_PROBES: usize = 65;
@@ -35,13 +35,13 @@ const SPARE_SHARE: f64 = 0.02;
 /// Heights of planes, ascending, evenly spaced in the inverse of the distance below the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(super) struct Levels {
-    /// Of the view's projection centre, metres.
+    /// Level of the view's projection centre, metres.
     camera_z_m: f64,
     /// The lowest, metres.
     pub from_m: f64,
     /// The highest, metres; below the camera.
     pub to_m: f64,
-    /// How many, at least two.
+    /// Number of levels, at least two.
     pub n: usize,
 }
 
@@ -65,7 +65,7 @@ impl Levels {
         Self { n: n.clamp(LEAST_LEVELS, max_levels), ..few }
     }
 
-    /// How far a pixel of the view moves at most in a neighbour from one level to the next, while it sees it.
+    /// Longest move of a pixel of the view in a neighbour from one level to the next, while it sees it.
     fn longest_step_px(&self, reference: &Ideal, other: &Ideal) -> f64 {
         let size = |ideal: &Ideal| DVec2::new(f64::from(ideal.camera.width_px), f64::from(ideal.camera.height_px));
         let homographies: Vec<DMat3> =

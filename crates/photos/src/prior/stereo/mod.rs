@@ -53,7 +53,7 @@ use sizeup_survey::View;
 const ALGORITHM: &[u8] = b"stereo 6";
 /// A picture whose shorter side has fewer pixels is not asked between which heights there are surfaces.
 const LEAST_SIDE_PX: usize = 60;
-/// What holds together over less than this part of a window is no surface: pixels so close share most of what they were
+/// Part of a window below which what holds together is no surface: pixels so close share most of what they were
 /// compared by.
 const SPECKLE_DIVISOR: usize = 4;
 /// Surfaces of so many windows are sure enough to say between which heights there are any, and what is higher than all of them by
@@ -177,7 +177,7 @@ impl Misfits {
     }
 }
 
-/// What a view's depth is made from.
+/// Files that a view's depth is made from.
 struct Plan<'a> {
     others: Vec<&'a View>,
     levels: Levels,

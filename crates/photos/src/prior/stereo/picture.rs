@@ -22,7 +22,7 @@ pub(super) struct Ideal {
 }
 
 impl Ideal {
-    /// Of a view, whose photo need not be read for that.
+    /// Picture of a view, whose photo need not be read for that.
     pub(super) fn of(view: &View, long_side_px: u32) -> Self {
         let camera = view.camera.reduced_to(long_side_px).ideal();
         Self { camera, camera_from_map: view.camera_from_map }
@@ -87,7 +87,7 @@ impl Picture {
         Ok(Self { grey: flatten(&straight), ideal })
     }
 
-    /// Of a camera and what it sees, by pixel.
+    /// Picture of a camera and what it sees, by pixel.
     #[cfg(test)]
     pub(super) fn painted(ideal: Ideal, brightness: impl Fn(DVec2) -> f32) -> Self {
         let (width, height) = (ideal.camera.width_px as usize, ideal.camera.height_px as usize);
@@ -96,7 +96,7 @@ impl Picture {
         Self { grey, ideal }
     }
 
-    /// Of a camera without distortion that sees brightness along each ray: centre and direction, map frame.
+    /// Picture of a camera without distortion that sees brightness along each ray: centre and direction, map frame.
     #[cfg(test)]
     pub(crate) fn seeing(
         camera: Camera,
@@ -140,7 +140,7 @@ impl Picture {
         &self.grey
     }
 
-    /// Its camera and pose.
+    /// Camera and pose.
     pub(super) fn ideal(&self) -> &Ideal {
         &self.ideal
     }
@@ -156,7 +156,7 @@ impl Picture {
     }
 }
 
-/// What a camera without distortion would have seen; its border repeated where the photo ends.
+/// Picture that a camera without distortion would have taken; its border repeated where the photo ends.
 fn straighten(grey: &Raster<f32>, distorted: &Camera, ideal: &Camera) -> Raster<f32> {
     if distorted.is_ideal() {
         return grey.map(|v| if v.is_nan() { 0.0 } else { *v });

@@ -64,7 +64,7 @@ pub(super) fn choose_levels(volume: &Volume, grey: &Raster<f32>, config: &Stereo
     Chosen { width: volume.width, height: volume.height, pixels: pixels.collect() }
 }
 
-/// Where the parabola through the best level and its neighbours has its vertex, −0.5 to 0.5 from the best.
+/// Vertex of the parabola through the best level and its neighbours, −0.5 to 0.5 from the best.
 fn vertex(sums: &[i16], best: usize) -> f32 {
     if best == 0 || best + 1 == sums.len() {
         return 0.0;
@@ -80,7 +80,7 @@ enum Downwards {
     No,
 }
 
-/// What changes of level cost.
+/// Costs of changes of level.
 struct Steps<'a> {
     small: i16,
     large: i16,

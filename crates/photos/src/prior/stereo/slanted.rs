@@ -54,7 +54,7 @@ const EXPLAINED: f32 = 0.85;
 /// Nor is one that correlates so well amid heights that differ by so few levels.
 const EXPLAINED_AMID_SAME: f32 = 0.65;
 const SAME_LEVELS: f64 = 1.5;
-/// How far around a pixel that is asked, pixels.
+/// Distance around a pixel within which that is asked, pixels.
 const AMID_PX: usize = 2;
 /// Planes near one that correlates worse are not tried.
 const WORTH_TRYING: f32 = 0.3;
@@ -68,7 +68,7 @@ const LEAST_GAIN_OF_NEW: f64 = 0.1;
 const STEEPEST: f64 = 1.5;
 /// Times that planes are handed on, each the other way round.
 const N_PASSES: usize = 4;
-/// How far the first tried plane may be from the one at hand: slope, and levels. Halved from pass to pass.
+/// Greatest difference of the first tried plane from the one at hand: slope, and levels. Halved from pass to pass.
 const FIRST_SLOPE: f64 = 1.0;
 const FIRST_LEVELS: f64 = 1.0;
 /// Planes tried nearby, per pixel and pass.
@@ -99,14 +99,14 @@ impl Plane {
     }
 }
 
-/// Where a neighbour sees the view's pixels.
+/// Way of the view's pixels into a neighbour.
 struct Way<'a> {
     neighbour: &'a Neighbour,
     a: Mat3,
     b: Vec3,
 }
 
-/// What planes are judged by.
+/// Evidence that planes are judged by.
 struct Judge<'a> {
     grey: &'a Raster<f32>,
     ways: Vec<Way<'a>>,
@@ -166,7 +166,7 @@ impl Judge<'_> {
     }
 }
 
-/// Of a window with what a neighbour sees of the plane; `None` where it does not see all of it.
+/// Correlation of a window with what a neighbour sees of the plane; `None` where it does not see all of it.
 #[inline(always)]
 fn correlation(way: &Way<'_>, pixel: Vec3, step_px: f32, window: &Window, plane: Plane) -> Option<f32> {
     let middle = way.a * pixel + way.b * plane.w;
@@ -426,7 +426,7 @@ mod tests {
         5.0 + SLOPE.dot(place)
     }
 
-    /// Where a pixel's ray meets the roof.
+    /// Point where a pixel's ray meets the roof.
     fn place(ideal: &Ideal, pixel: DVec2) -> DVec3 {
         let frame = Frame::of(ideal);
         let ray = frame.ray(pixel);

@@ -35,7 +35,7 @@ pub(super) struct Volume {
     pub costs: Vec<u8>,
 }
 
-/// What the picture of half the size has found: of each tile, the heights that are worth trying.
+/// Findings in the picture of half the size: of each tile, the heights that are worth trying.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Coarse<'a> {
     /// Heights, metres; `NaN` where it is in doubt.
@@ -67,23 +67,23 @@ impl Coarse<'_> {
     }
 }
 
-/// What is swept.
+/// Input of a sweep.
 pub(super) struct Sweep<'a> {
     /// The view.
     pub reference: &'a Picture,
-    /// Its neighbours.
+    /// Neighbours.
     pub others: &'a [Arc<Picture>],
-    /// Where these looked from: their own poses, or corrected ones.
+    /// Cameras of these: their own poses, or corrected ones.
     pub ideals: &'a [Ideal],
     /// The planes.
     pub levels: &'a Levels,
-    /// What is known already.
+    /// Findings so far.
     pub coarse: Option<Coarse<'a>>,
-    /// Of a level that some neighbours do not see.
+    /// Verdict on a level that some neighbours do not see.
     pub unseen: Unseen,
 }
 
-/// What neighbours say of a level at which a pixel leaves their picture.
+/// Verdict of neighbours on a level at which a pixel leaves their picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Unseen {
     /// Nothing: roofs at the border, which fewer see than the ground under them, are found.

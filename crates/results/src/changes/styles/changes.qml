@@ -6,7 +6,7 @@
       <rule filter="&quot;class&quot; = 'gone'" symbol="1" label="gone" key="{00000000-0000-4000-8000-000000000002}"/>
       <rule filter="&quot;class&quot; = 'raised'" symbol="2" label="raised" key="{00000000-0000-4000-8000-000000000003}"/>
       <rule filter="&quot;class&quot; = 'lowered'" symbol="3" label="lowered" key="{00000000-0000-4000-8000-000000000004}"/>
-      <rule filter="&quot;class&quot; = 'outline_changed'" symbol="4" label="other outline" key="{00000000-0000-4000-8000-000000000005}"/>
+      <rule filter="&quot;class&quot; = 'footprint_changed'" symbol="4" label="other footprint" key="{00000000-0000-4000-8000-000000000005}"/>
       <rule filter="&quot;class&quot; = 'same'" symbol="5" label="same" key="{00000000-0000-4000-8000-000000000006}"/>
       <rule filter="&quot;class&quot; = 'unsure'" symbol="6" label="unsure" key="{00000000-0000-4000-8000-000000000007}"/>
       <rule filter="&quot;class&quot; = 'outside'" symbol="7" label="outside the other result" key="{00000000-0000-4000-8000-000000000008}"/>

@@ -1,7 +1,7 @@
 //! `CityJSON` 2.0 (<https://www.cityjson.org/specs/2.0.1/>): LOD 1.2 solids with semantics, in one file or as a sequence.
 //!
 //! Written building by building; only the list of distinct vertices is kept until the end (some 30 bytes each), and in
-//! a sequence not even that. A building without a solid has its outline as LOD 0 and attributes that say why.
+//! a sequence not even that. A building without a solid has its footprint as LOD 0 and attributes that say why.
 
 mod metadata;
 mod names;
@@ -20,8 +20,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::buildings::{Families, Overview, Records};
+use super::footprint::SnappedFootprint;
 use super::grid::Grid;
-use super::outline::SnappedOutline;
 use super::prism::{NoSolid, Prism};
 use super::{BuildingRecord, CityModel, OutputError};
 pub use names::{AttributeNames, EXTENSION_PREFIX, extension_schema};
@@ -114,10 +114,10 @@ fn cannot_write(path: &Path, error: io::Error) -> OutputError {
     FileError::on("cannot write", path)(error).into()
 }
 
-/// Code of the note of an outline that had to be mended on the output grid.
-const OUTLINE_MENDED: &str = "outline_mended_on_grid";
+/// Code of the note of a footprint that had to be mended on the output grid.
+const FOOTPRINT_MENDED: &str = "footprint_mended_on_grid";
 
-/// What will have no solid although outline and height are known, and outlines that the output grid changes by more than
+/// Issues of buildings that will have no solid although footprint and height are known, and footprints that the output grid changes by more than
 /// rounding: one issue per such building.
 ///
 /// # Errors
@@ -127,22 +127,22 @@ pub fn check(records: &[BuildingRecord], config: &CityJsonConfig) -> Result<Vec<
     let (grid, _) = Grid::over(records, config.scale_m)?;
     let told = |record: &BuildingRecord, severity, code: &str, message: String| {
         let issue = Issue::new(severity, code, Subject::Building(record.id.clone()), message);
-        Some(match record.footprint.as_ref().and_then(|outline| outline.exterior().0.first()) {
+        Some(match record.footprint.as_ref().and_then(|footprint| footprint.exterior().0.first()) {
             Some(corner) => issue.at(corner.x, corner.y),
             None => issue,
         })
     };
     let issue = |record: &BuildingRecord| match Prism::of(record, &grid, config.min_thickness_m) {
         Ok(prism) => {
-            let outline = record.footprint.as_ref().filter(|o| SnappedOutline::is_repaired(o, &grid))?;
-            let change_m2 = prism.outline().to_polygon(&grid).unsigned_area() - outline.unsigned_area();
+            let footprint = record.footprint.as_ref().filter(|o| SnappedFootprint::is_repaired(o, &grid))?;
+            let change_m2 = prism.footprint().to_polygon(&grid).unsigned_area() - footprint.unsigned_area();
             let scale_mm = 1e3 * grid.scale_m;
             let message = format!(
-                "its outline touches itself once rounded to {scale_mm} mm, and was mended: its area changed by {change_m2:+.3} m²"
+                "its footprint touches itself once rounded to {scale_mm} mm, and was mended: its area changed by {change_m2:+.3} m²"
             );
-            told(record, Severity::Note, OUTLINE_MENDED, message)
+            told(record, Severity::Note, FOOTPRINT_MENDED, message)
         }
-        Err(NoSolid::NoOutline | NoSolid::NoHeight) => None,
+        Err(NoSolid::NoFootprint | NoSolid::NoHeight) => None,
         Err(fault) => told(record, Severity::Warning, fault.code(), format!("no 3D solid was written: {fault}")),
     };
     Ok(records.iter().filter_map(issue).collect())

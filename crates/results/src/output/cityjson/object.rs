@@ -5,8 +5,8 @@ use serde_json::{Map as JsonMap, Value, json};
 use super::super::attributes;
 use super::super::buildings::Family;
 use super::super::facts::SolidFacts;
+use super::super::footprint::SnappedFootprint;
 use super::super::grid::Grid;
-use super::super::outline::SnappedOutline;
 use super::super::prism::{Face, Surface};
 use super::super::roof_solid::{self, Detail};
 use super::super::{BuildingRecord, Status};
@@ -17,12 +17,12 @@ use super::{CityJsonConfig, metadata};
 /// An id and its object.
 pub type Named = (String, Value);
 
-/// What objects are made with.
+/// Settings that objects are made with.
 #[derive(Clone, Copy)]
 pub struct Objects<'a> {
-    /// Where vertices lie.
+    /// Grid of the vertices.
     pub grid: &'a Grid,
-    /// How they are written.
+    /// Form in which they are written.
     pub config: &'a CityJsonConfig,
     /// Whether there are solids with roofs beside the blocks.
     pub has_roofs: bool,
@@ -87,7 +87,7 @@ impl Objects<'_> {
         whole
     }
 
-    /// One object with our own attributes and its solid, or else its outline on the ground.
+    /// One object with our own attributes and its solid, or else its footprint on the ground.
     fn solid_object(&self, kind: &str, record: &BuildingRecord, pool: &mut VertexPool) -> Value {
         let (prism, facts) = SolidFacts::of(record, self.grid, self.config.min_thickness_m);
         let own = attributes::own(record, &facts);
@@ -103,10 +103,10 @@ impl Objects<'_> {
                 let roofed = roof_solid::faces(record, &prism, self.grid, Detail::Slopes);
                 let top = roofed.iter().flatten().flat_map(|face| face.rings.iter().flatten()).map(|p| p[2]);
                 let top = top.fold(prism.roof(), i64::max);
-                object["geographicalExtent"] = json!(extent(prism.outline(), prism.base(), top, self.grid));
+                object["geographicalExtent"] = json!(extent(prism.footprint(), prism.base(), top, self.grid));
                 let mut geometry = vec![solid("1.2", &block, pool)];
                 if self.has_roofs {
-                    // A block where the roof is flat or not known, or makes no solid with the outline: who takes one of these
+                    // A block where the roof is flat or not known, or makes no solid with the footprint: who takes one of these
                     // levels has all buildings.
                     let levelled = roof_solid::faces(record, &prism, self.grid, Detail::Levels);
                     geometry.push(solid("1.3", levelled.as_ref().unwrap_or(&block), pool));
@@ -115,28 +115,28 @@ impl Objects<'_> {
                 object["geometry"] = Value::Array(geometry);
             }
             Err(_) => {
-                if let Some((outline, level)) = self.footprint(record) {
-                    object["geographicalExtent"] = json!(extent(&outline, level, level, self.grid));
-                    object["geometry"] = json!([surface(&outline, level, pool)]);
+                if let Some((footprint, level)) = self.footprint(record) {
+                    object["geographicalExtent"] = json!(extent(&footprint, level, level, self.grid));
+                    object["geometry"] = json!([surface(&footprint, level, pool)]);
                 }
             }
         }
         object
     }
 
-    /// What is left of a building without a solid: its outline on the ground, if both are known.
-    fn footprint(&self, record: &BuildingRecord) -> Option<(SnappedOutline, i64)> {
+    /// Remainder of a building without a solid: its footprint on the ground, if both are known.
+    fn footprint(&self, record: &BuildingRecord) -> Option<(SnappedFootprint, i64)> {
         let base_m = record.base_z_m.or(record.ground_z_m)?;
-        let outline = SnappedOutline::new(record.footprint.as_ref()?, self.grid).ok()?;
-        Some((outline, self.grid.level(base_m)))
+        let footprint = SnappedFootprint::new(record.footprint.as_ref()?, self.grid).ok()?;
+        Some((footprint, self.grid.level(base_m)))
     }
 }
 
-/// The outline as LOD 0.
-fn surface(outline: &SnappedOutline, level: i64, pool: &mut VertexPool) -> Value {
+/// The footprint as LOD 0.
+fn surface(footprint: &SnappedFootprint, level: i64, pool: &mut VertexPool) -> Value {
     let mut ring =
         |ring: &Vec<[i64; 2]>| -> Vec<u32> { ring.iter().map(|&[x, y]| pool.index_of([x, y, level])).collect() };
-    let rings: Vec<Vec<u32>> = outline.rings().iter().map(&mut ring).collect();
+    let rings: Vec<Vec<u32>> = footprint.rings().iter().map(&mut ring).collect();
     json!({
         "type": "MultiSurface", "lod": "0", "boundaries": [rings],
         "semantics": { "surfaces": [{ "type": "GroundSurface" }], "values": [0] },
@@ -165,8 +165,8 @@ fn solid(lod: &str, faces: &[Face], pool: &mut VertexPool) -> Value {
 }
 
 /// Box between two levels in the map frame, metres, rounded like everything else.
-fn extent(outline: &SnappedOutline, base: i64, roof: i64, grid: &Grid) -> [f64; 6] {
-    let exterior = &outline.rings()[0];
+fn extent(footprint: &SnappedFootprint, base: i64, roof: i64, grid: &Grid) -> [f64; 6] {
+    let exterior = &footprint.rings()[0];
     let of = |axis: usize| {
         let values = exterior.iter().map(|p| p[axis]);
         values.fold((i64::MAX, i64::MIN), |(low, high), v| (low.min(v), high.max(v)))

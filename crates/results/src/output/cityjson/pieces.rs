@@ -8,11 +8,11 @@ use serde::de::{DeserializeOwned, DeserializeSeed, Error as _, MapAccess, SeqAcc
 
 /// Takes the pieces of a file in its order.
 pub(in crate::output) trait Pieces {
-    /// What is read of a city object.
+    /// Part of a city object that is read.
     type Object: DeserializeOwned;
-    /// What is read of a vertex.
+    /// Part of a vertex that is read.
     type Vertex: DeserializeOwned;
-    /// What is read of any other member.
+    /// Part of any other member that is read.
     type Member: DeserializeOwned;
 
     /// `CityObjects` or `vertices` begin; `false` ends the reading.

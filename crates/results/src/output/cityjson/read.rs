@@ -26,9 +26,9 @@ const FARTHEST: f64 = 1e11;
 /// A city model as read.
 #[derive(Debug, Clone, Default)]
 pub struct CityFile {
-    /// Its CRS, where it states one.
+    /// CRS, where it states one.
     pub crs: Option<Crs>,
-    /// Its metadata as they stand.
+    /// Metadata as they stand.
     pub metadata: JsonMap<String, Value>,
     /// Positions in its CRS, x before y.
     pub vertices: Vec<[f64; 3]>,
@@ -83,7 +83,7 @@ pub struct CityGeometry {
 pub struct CitySurface {
     /// Solid of a multi-solid, shell of the solid, surface of the shell.
     pub place: [usize; 3],
-    /// Its semantics, where it is one of the three that matter here.
+    /// Semantics, where it is one of the three that matter here.
     pub kind: Option<Surface>,
     /// Rings as in the file (not closed).
     pub rings: Vec<Vec<u32>>,

@@ -36,7 +36,7 @@ impl Sequence {
         Ok(sequence)
     }
 
-    /// Its first line: CRS and metadata, and as a rule no objects.
+    /// First line: CRS and metadata, and as a rule no objects.
     #[must_use]
     pub fn header(&self) -> &CityFile {
         &self.header

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use super::super::attributes::{self, FIELDS, Field, ID};
 use super::super::facts::SolidFacts;
-use super::super::outlines::{self, OutlineRows, own_values};
+use super::super::footprints::{self, FootprintRows, own_values};
 use super::super::prism::{Face, Prism};
 use super::super::roof_solid::{self, Detail};
 use super::super::{BuildingRecord, OutputError, Overview, Records, wkb};
@@ -19,15 +19,15 @@ use sizeup_survey::{Survey, View};
 /// Our fields that the faces of the solids have too.
 const FIELDS_OF_SOLIDS: [&str; 6] = ["part_of", "height_m", "ground_z_m", "base_z_m", "roof_z_m", "status"];
 
-/// Outlines with all attributes.
+/// Footprints with all attributes.
 pub fn buildings<R: Records + ?Sized>(
     writer: &mut Writer<'_>,
     records: &R,
-    rows: &OutlineRows,
+    rows: &FootprintRows,
 ) -> Result<(), OutputError> {
     let spec = LayerSpec {
         name: "buildings",
-        description: "Outlines with heights; one row per building of the input, or per part of one",
+        description: "Footprints with heights; one row per building of the input, or per part of one",
         geometry: GeometryKind::Polygon,
         columns: &rows.columns,
     };
@@ -47,7 +47,7 @@ fn columns_of_solids() -> Vec<Column> {
 #[must_use]
 pub fn columns_of(layer: &str, overview: &Overview) -> Vec<Column> {
     let own = match layer {
-        "buildings" => outlines::columns(overview),
+        "buildings" => footprints::columns(overview),
         "buildings_lod1" | "buildings_lod13" | "buildings_lod2" => columns_of_solids(),
         "tiles" => tiles_table().columns(),
         "cameras" => cameras_table().columns(),
@@ -64,7 +64,7 @@ pub fn blocks<R: Records + ?Sized>(
     grid: &Grid,
     config: &GeoPackageConfig,
 ) -> Result<(), OutputError> {
-    let description = "Faces of the LOD 1.2 solids, for tools that cannot extrude outlines";
+    let description = "Faces of the LOD 1.2 solids, for tools that cannot extrude footprints";
     let faces = |record: &BuildingRecord| Some(Prism::of(record, grid, config.min_thickness_m).ok()?.faces());
     solids(writer, ("buildings_lod1", description), records, grid, faces)
 }
@@ -245,12 +245,12 @@ fn issues_table() -> Table<'static, Issue> {
     }
 }
 
-/// What was wrong with single items of the input; without a place there is no geometry.
+/// Issues of single items of the input; without a place there is no geometry.
 pub fn issues(writer: &mut Writer<'_>, issues: &[Issue]) -> Result<(), OutputError> {
     issues_table().write(writer, issues.iter())
 }
 
-/// What an issue is about: its kind and its name.
+/// Subject of an issue: its kind and its name.
 fn subject(issue: &Issue) -> (&'static str, &str) {
     match &issue.subject {
         Subject::View(name) => ("view", name),

@@ -2,7 +2,7 @@
 //!
 //! | layer | geometry | content |
 //! |---|---|---|
-//! | `buildings` | Polygon | outline and all attributes, one row per building of the input |
+//! | `buildings` | Polygon | footprint and all attributes, one row per building of the input |
 //! | `buildings_lod1` | `MultiPolygonZ` | faces of the solid as a block, where there is one |
 //! | `buildings_lod13` | `MultiPolygonZ` | faces of the solid with the levels of its roof, a block where there is one level |
 //! | `buildings_lod2` | `MultiPolygonZ` | faces of the solid with its roof, a block where no other form was found |
@@ -27,8 +27,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::cityjson::CityJsonConfig;
+use super::footprints::FootprintRows;
 use super::grid::Grid;
-use super::outlines::OutlineRows;
 use super::roof_solid::Detail;
 use super::{CityModel, OutputError, Overview, Records};
 use sizeup_geo::files::write_whole_by_name;
@@ -100,12 +100,12 @@ pub fn write_divided<R: Records + ?Sized>(
 ) -> Result<Overview, OutputError> {
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(config.scale_m)?;
-    let outlines = OutlineRows::new(&overview, grid, config.min_thickness_m);
+    let footprints = FootprintRows::new(&overview, grid, config.min_thickness_m);
     let timestamp = format!("{}T00:00:00.000Z", model.lineage.reference_date.as_deref().unwrap_or(NO_DATE));
     write_whole_by_name(path, |temporary| {
         gpkg::create(temporary, model.crs.definition(), &timestamp, |writer| {
             writer.create_data_columns()?;
-            layers::buildings(writer, model.records, &outlines)?;
+            layers::buildings(writer, model.records, &footprints)?;
             if config.solids {
                 layers::blocks(writer, model.records, &grid, config)?;
                 layers::roofed(writer, model.records, &grid, config, Detail::Levels)?;

@@ -25,7 +25,7 @@ use sizeup_geo::geodata::features::Column;
 use sizeup_geo::geodata::qml::aliases;
 use sizeup_geo::geodata::wkt_of;
 
-/// What the 3D view of a project stands on.
+/// Ground of a project's 3D view.
 #[derive(Debug, Clone, Copy)]
 pub enum ProjectGround<'a> {
     /// A plane at the lowest wall, where nothing else is known.
@@ -36,7 +36,7 @@ pub enum ProjectGround<'a> {
     Model {
         /// The raster, as seen from the project's folder.
         path: &'a Path,
-        /// Its CRS; QGIS takes it to be the project's without.
+        /// CRS; QGIS takes it to be the project's without.
         crs: Option<&'a Crs>,
         /// Added to its heights, metres.
         offset_m: f64,
@@ -116,12 +116,12 @@ fn packed(name: &str, text: &str) -> zip::result::ZipResult<Vec<u8>> {
     Ok(archive.finish()?.into_inner())
 }
 
-/// What a map of the city has to name: inputs, program, frame and day.
+/// Sources that a map of the city has to name: inputs, program, frame and day.
 fn sources(lineage: &Lineage) -> String {
     let mut text = String::new();
     // On paper folders of somebody's machine tell nothing; `lineage.json` has them.
     let name = |path: &'_ str| path.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
-    for (role, word) in [("footprints", "Outlines"), ("survey", "Poses"), ("terrain", "Terrain"), ("city", "City")] {
+    for (role, word) in [("footprints", "Footprints"), ("survey", "Poses"), ("terrain", "Terrain"), ("city", "City")] {
         let names: Vec<String> =
             lineage.inputs.iter().filter(|input| input.role == role).map(|input| name(&input.path)).collect();
         match names.as_slice() {
@@ -141,7 +141,7 @@ fn sources(lineage: &Lineage) -> String {
     text
 }
 
-/// What a project file is made of; texts are escaped.
+/// Parts of a project file; texts are escaped.
 struct Project<'a> {
     title: String,
     geopackage: String,
@@ -345,12 +345,12 @@ fn canvas(extent: &Extent) -> String {
     )
 }
 
-/// What is inside the root element of a layer's style.
+/// Inside of the root element of a layer's style.
 fn style_of(layer: &str, has_solids: bool) -> String {
     let qml = STYLES.iter().find(|(name, _)| *name == layer).map_or("", |(_, qml)| *qml);
     let inside = qml.find("<qgis").and_then(|start| qml[start..].find('>').map(|end| &qml[start + end + 1..]));
     let style = inside.and_then(|text| text.rfind("</qgis>").map(|end| &text[..end])).unwrap_or("");
-    // The solids with roofs are what the 3D view shows, the outlines what the map does.
+    // The solids with roofs are what the 3D view shows, the footprints what the map does.
     match layer {
         "buildings" if has_solids => without(style, "renderer-3d", ""),
         "buildings_lod2" => without(style, "renderer-v2", "<renderer-v2 type=\"nullSymbol\"/>"),
@@ -382,7 +382,7 @@ mod tests {
         };
         let lineage = Lineage {
             inputs: vec![
-                input("footprints", "/home/somebody/block 7/outlines.gpkg"),
+                input("footprints", "/home/somebody/block 7/footprints.gpkg"),
                 input("survey", "sparse/cameras.txt"),
                 input("survey", "sparse/images.txt"),
                 input("terrain", "C:\\data\\dtm.tif"),
@@ -391,7 +391,7 @@ mod tests {
         };
         let text = sources(&lineage);
         assert!(
-            text.starts_with("Outlines: outlines.gpkg. Poses: cameras.txt and 1 more. Terrain: dtm.tif. "),
+            text.starts_with("Footprints: footprints.gpkg. Poses: cameras.txt and 1 more. Terrain: dtm.tif. "),
             "{text}"
         );
     }

@@ -13,7 +13,7 @@ use super::colour::Rgb;
 
 const FONT: &[u8] = include_bytes!("DejaVuSans-subset.ttf");
 
-/// Where a text stands relative to its position.
+/// Alignment of a text to its position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Align {
     /// It starts there.
@@ -24,7 +24,7 @@ pub enum Align {
     Right,
 }
 
-/// How a line looks.
+/// Pen of a line.
 #[derive(Debug, Clone, Copy)]
 pub struct Pen {
     /// Colour.
@@ -146,10 +146,10 @@ impl Canvas {
         };
         let (width, height) = (self.pixels.width().cast_signed(), self.pixels.height().cast_signed());
         for glyph in self.glyphs(text, size_px, [left, baseline]) {
-            let Some(outline) = self.font.outline_glyph(glyph) else { continue };
-            let (left, top) = (outline.px_bounds().min.x as i32, outline.px_bounds().min.y as i32);
+            let Some(shape) = self.font.outline_glyph(glyph) else { continue };
+            let (left, top) = (shape.px_bounds().min.x as i32, shape.px_bounds().min.y as i32);
             let data = self.pixels.data_mut();
-            outline.draw(|dx, dy, coverage| {
+            shape.draw(|dx, dy, coverage| {
                 let (px, py) = (left + dx.cast_signed(), top + dy.cast_signed());
                 if (0..width).contains(&px) && (0..height).contains(&py) {
                     let at = 4 * (py * width + px) as usize;

@@ -6,7 +6,7 @@ use super::canvas::{Align, Canvas, Pen};
 use super::colour::{ALERT, GREY, INK, NO_VALUE, Rgb};
 use super::scale::{label, step, ticks};
 
-/// How a series is drawn.
+/// Style of a series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stroke {
     /// A line through the points.
@@ -24,9 +24,9 @@ pub struct Series {
     pub name: String,
     /// `(x, y)`; points that are not finite break the line.
     pub points: Vec<[f64; 2]>,
-    /// How it is drawn.
+    /// Style.
     pub stroke: Stroke,
-    /// Its colour.
+    /// Colour.
     pub colour: Rgb,
 }
 
@@ -41,11 +41,11 @@ pub struct Chart {
     pub y_label: String,
     /// Drawn in this order.
     pub series: Vec<Series>,
-    /// Where the axes start, and how the vertical one is divided.
+    /// Start of the axes, and division of the vertical one.
     pub axes: AxesKind,
 }
 
-/// How the axes are divided.
+/// Division of the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxesKind {
     /// Both from 0.
@@ -119,7 +119,7 @@ fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> [f64; 2] {
 
 struct Axes {
     x: [f64; 2],
-    /// Of the values, or of their powers of ten.
+    /// Range of the values, or of their powers of ten.
     y: [f64; 2],
     is_logarithmic: bool,
     /// Left, top, right, bottom; pixels.

@@ -1,4 +1,4 @@
-//! A plan of outlines in the colours of classes, with a legend that counts them.
+//! A plan of footprints in the colours of classes, with a legend that counts them.
 
 use geo_types::MultiPolygon;
 use image::RgbImage;
@@ -8,25 +8,25 @@ use super::colour::{INK, Rgb};
 use super::plan::{Region, Sheet};
 use sizeup_geo::crs::Crs;
 
-/// Free margin around the outlines, share of their larger side.
+/// Free margin around the footprints, share of their larger side.
 const MARGIN_SHARE: f64 = 0.05;
 /// Width of the picture, pixels.
 const WIDTH_PX: u32 = 1600;
 /// Height of a line of the legend, pixels of the reference width.
 const LINE: f32 = 32.0;
 
-/// A class of outlines.
+/// A class of footprints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapClass<'a> {
-    /// Its name in the legend.
+    /// Name in the legend.
     pub label: String,
-    /// Its colour.
+    /// Colour.
     pub colour: Rgb,
-    /// Its outlines, map frame.
-    pub outlines: Vec<&'a MultiPolygon<f64>>,
+    /// Footprints, map frame.
+    pub footprints: Vec<&'a MultiPolygon<f64>>,
 }
 
-/// What stands over a map.
+/// Headings of a map.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MapHeadings {
     /// Large.
@@ -35,16 +35,16 @@ pub struct MapHeadings {
     pub below: String,
 }
 
-/// Draws the classes, the last one on top; those without outlines are in the legend all the same.
+/// Draws the classes, the last one on top; those without footprints are in the legend all the same.
 #[must_use]
 pub fn class_map(headings: &MapHeadings, classes: &[MapClass<'_>], crs: &Crs) -> RgbImage {
-    let outlines = classes.iter().flat_map(|class| class.outlines.iter().flat_map(|outline| outline.iter()));
-    let corners = outlines.flat_map(|polygon| polygon.exterior().coords()).map(|at| [at.x, at.y]);
+    let footprints = classes.iter().flat_map(|class| class.footprints.iter().flat_map(|footprint| footprint.iter()));
+    let corners = footprints.flat_map(|polygon| polygon.exterior().coords()).map(|at| [at.x, at.y]);
     let region = Region::around(corners, MARGIN_SHARE);
     let mut sheet = Sheet::new(&region, WIDTH_PX);
     let unit = sheet.unit;
     for class in classes {
-        for polygon in class.outlines.iter().flat_map(|outline| outline.iter()) {
+        for polygon in class.footprints.iter().flat_map(|footprint| footprint.iter()) {
             let rings = sheet.to_px.rings(polygon);
             sheet.canvas.fill_rings(&rings, class.colour);
             sheet.canvas.stroke_rings(&rings, rim(unit));
@@ -68,6 +68,6 @@ fn entry(canvas: &mut Canvas, [x, y]: [f32; 2], unit: f32, class: &MapClass<'_>)
     let swatch = [corners.map(|[dx, dy]| [x + dx * unit, y + dy * unit]).to_vec()];
     canvas.fill_rings(&swatch, class.colour);
     canvas.stroke_rings(&swatch, rim(unit));
-    let text = format!("{}: {}", class.label, class.outlines.len());
+    let text = format!("{}: {}", class.label, class.footprints.len());
     canvas.text(&text, [x + 36.0 * unit, y + 5.0 * unit], 15.0 * unit, INK, Align::Left);
 }

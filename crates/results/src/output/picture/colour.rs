@@ -11,13 +11,13 @@ pub type Rgb = [u8; 3];
 
 /// Paper.
 pub const WHITE: Rgb = [255, 255, 255];
-/// Text and outlines.
+/// Text and borders.
 pub const INK: Rgb = [38, 38, 46];
 /// Secondary text, frames.
 pub const GREY: Rgb = [125, 125, 132];
-/// Where there is no value.
+/// Colour of no value.
 pub const NO_VALUE: Rgb = [214, 214, 218];
-/// What deserves a second look (readable beside viridis for all kinds of colour vision).
+/// Colour of what deserves a second look (readable beside viridis for all kinds of colour vision).
 pub const ALERT: Rgb = [213, 94, 0];
 
 const VIRIDIS: [Rgb; 11] = [
@@ -80,7 +80,7 @@ impl ColourMap {
 pub struct HeightClass {
     /// Heights below this, metres; infinite for the last.
     pub below_m: f64,
-    /// Of the class.
+    /// Colour of the class.
     pub colour: Rgb,
 }
 

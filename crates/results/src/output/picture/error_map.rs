@@ -1,4 +1,4 @@
-//! Outlines coloured by how far off they are: blue too low, white right, red too high.
+//! Footprints coloured by how far off they are: blue too low, white right, red too high.
 
 use geo::BoundingRect as _;
 use geo_types::Polygon;
@@ -27,11 +27,11 @@ fn colour(error_m: f64) -> Rgb {
     [mix(MIDDLE[0], end[0]), mix(MIDDLE[1], end[1]), mix(MIDDLE[2], end[2])]
 }
 
-/// Draws outlines with their signed errors, metres; `None` = not compared.
+/// Draws footprints with their signed errors, metres; `None` = not compared.
 #[must_use]
-pub fn error_map(title: &str, outlines: &[(&Polygon<f64>, Option<f64>)], width_px: u32) -> RgbImage {
+pub fn error_map(title: &str, footprints: &[(&Polygon<f64>, Option<f64>)], width_px: u32) -> RgbImage {
     let width = width_px.max(300) as f32;
-    let bounds = outlines.iter().filter_map(|(polygon, _)| polygon.bounding_rect());
+    let bounds = footprints.iter().filter_map(|(polygon, _)| polygon.bounding_rect());
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for b in bounds {
         low = [low[0].min(b.min().x), low[1].min(b.min().y)];
@@ -44,7 +44,7 @@ pub fn error_map(title: &str, outlines: &[(&Polygon<f64>, Option<f64>)], width_p
     let mut canvas = Canvas::new(width as u32, (map_height + 2.0 * BORDER_PX + LEGEND_PX + TITLE_PX) as u32);
     canvas.text(title, [BORDER_PX, 30.0], 19.0, INK, Align::Left);
     let top = TITLE_PX + BORDER_PX;
-    for (polygon, error_m) in outlines {
+    for (polygon, error_m) in footprints {
         let rings: Vec<Vec<[f32; 2]>> = std::iter::once(polygon.exterior())
             .chain(polygon.interiors())
             .map(|ring| {
@@ -57,7 +57,7 @@ pub fn error_map(title: &str, outlines: &[(&Polygon<f64>, Option<f64>)], width_p
         canvas.fill_rings(&rings, error_m.map_or(NO_VALUE, colour));
         canvas.stroke_rings(&rings, Pen::new(GREY, 0.8));
     }
-    let errors: Vec<f64> = outlines.iter().filter_map(|(_, error_m)| error_m.map(f64::abs)).collect();
+    let errors: Vec<f64> = footprints.iter().filter_map(|(_, error_m)| error_m.map(f64::abs)).collect();
     legend(&mut canvas, top + map_height + BORDER_PX, &errors);
     canvas.into_image()
 }
@@ -76,7 +76,8 @@ fn legend(canvas: &mut Canvas, y: f32, errors_m: &[f64]) {
     }
     canvas.text("result minus reference; grey: not compared", [end + 40.0, y + 12.0], 14.0, GREY, Align::Left);
     if let (Some(mean), Some(p90)) = (stats::mean(errors_m), stats::quantile(errors_m, 0.9)) {
-        let text = format!("{} outlines: off by {mean:.2} m on average, 90 % by less than {p90:.2} m", errors_m.len());
+        let text =
+            format!("{} footprints: off by {mean:.2} m on average, 90 % by less than {p90:.2} m", errors_m.len());
         canvas.text(&text, [end + 40.0, y + 30.0], 14.0, GREY, Align::Left);
     }
 }

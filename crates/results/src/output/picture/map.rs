@@ -11,7 +11,7 @@ use super::warning;
 use crate::output::{BuildingRecord, CityModel, Status, StatusCount};
 use sizeup_survey::{View, ViewKind};
 
-/// How the map looks.
+/// Settings of the map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct MapConfig {
@@ -31,7 +31,7 @@ impl Default for MapConfig {
 
 /// Free margin around the buildings, share of their larger side.
 const MARGIN_SHARE: f64 = 0.05;
-/// How far the map grows to take cameras in, share of the buildings' larger side: beyond it the buildings get small.
+/// Growth of the map to take cameras in, share of the buildings' larger side: beyond it the buildings get small.
 const CAMERA_REACH_SHARE: f64 = 0.35;
 
 /// Room for the north arrow, pixels of the reference width.
@@ -64,8 +64,8 @@ pub fn map(model: &CityModel<'_>, config: &MapConfig) -> RgbImage {
 
 /// Around the buildings, and the cameras near them.
 fn region_of(records: &[BuildingRecord], views: &[View]) -> Region {
-    let outlines = || records.iter().filter_map(|r| r.footprint.as_ref());
-    let points = || outlines().flat_map(|p| p.exterior().coords()).map(|c| [c.x, c.y]);
+    let footprints = || records.iter().filter_map(|r| r.footprint.as_ref());
+    let points = || footprints().flat_map(|p| p.exterior().coords()).map(|c| [c.x, c.y]);
     let buildings = Region::around(points(), 0.0);
     let side_m = buildings.width_m().max(buildings.height_m());
     let centres = views.iter().map(|v| v.camera_from_map.centre()).map(|c| [c.x, c.y]);
@@ -77,8 +77,8 @@ fn buildings(sheet: &mut Sheet, records: &[BuildingRecord]) {
     let Sheet { canvas, to_px, unit, .. } = sheet;
     let unit = *unit;
     for record in records {
-        let Some(outline) = &record.footprint else { continue };
-        let rings = to_px.rings(outline);
+        let Some(footprint) = &record.footprint else { continue };
+        let rings = to_px.rings(footprint);
         if let Some(height_m) = record.height_m {
             canvas.fill_rings(&rings, height_colour(height_m));
             match record.status {
@@ -90,7 +90,7 @@ fn buildings(sheet: &mut Sheet, records: &[BuildingRecord]) {
             canvas.fill_rings(&rings, NO_VALUE);
             canvas.hatch_rings(&rings, Pen::new(GREY, 1.0 * unit), 7.0 * unit);
         }
-        canvas.stroke_rings(&rings, outline_pen(record, unit));
+        canvas.stroke_rings(&rings, edge_pen(record, unit));
     }
 }
 
@@ -105,7 +105,7 @@ fn is_doubtful(record: &BuildingRecord) -> bool {
     record.height_m.is_some() && record.status == Status::Doubtful
 }
 
-fn outline_pen(record: &BuildingRecord, unit: f32) -> Pen {
+fn edge_pen(record: &BuildingRecord, unit: f32) -> Pen {
     if is_doubtful(record) {
         return Pen::new(ALERT, 2.2 * unit);
     }
@@ -194,7 +194,7 @@ impl Legend<'_> {
             });
         }
         let notes =
-            (n_absent > 0).then(|| format!("{n_absent} without outline")).into_iter().chain(note.map(str::to_owned));
+            (n_absent > 0).then(|| format!("{n_absent} without footprint")).into_iter().chain(note.map(str::to_owned));
         for line in notes {
             self.canvas.text(&line, [self.left, y + 5.0 * unit], 14.0 * unit, GREY, Align::Left);
             y += 26.0 * unit;

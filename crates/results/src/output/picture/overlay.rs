@@ -8,13 +8,13 @@ use serde::{Deserialize, Serialize};
 use super::canvas::{Align, Canvas, Pen};
 use super::colour::{INK, Rgb, WHITE};
 
-/// How the overlay looks.
+/// Settings of the overlay.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct OverlayConfig {
     /// Longest side of the picture, pixels; the photo is never enlarged.
     pub longest_px: u32,
-    /// How far the photo is moved towards white, 0 (as it is) to 1 (white), so that the lines stand out.
+    /// Shift of the photo towards white, 0 (as it is) to 1 (white), so that the lines stand out.
     pub brighten: f32,
     /// Width of the lines, pixels at a longest side of 1600 pixels.
     pub line_px: f32,
@@ -29,9 +29,9 @@ impl Default for OverlayConfig {
 /// A chain of points in pixels of the full photo (top-left pixel's centre at (0.5, 0.5)).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Polyline {
-    /// Its points; parts outside the photo are cut off.
+    /// Points; parts outside the photo are cut off.
     pub points_px: Vec<[f64; 2]>,
-    /// Its colour.
+    /// Colour.
     pub colour: Rgb,
 }
 

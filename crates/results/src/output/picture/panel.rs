@@ -11,7 +11,7 @@ use sizeup_heights::raster::Raster;
 use sizeup_heights::stats::quantile;
 use sizeup_photos::prior::PriorKind;
 
-/// How the panel looks.
+/// Settings of the panel.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PanelConfig {
@@ -25,14 +25,14 @@ impl Default for PanelConfig {
     }
 }
 
-/// What is shown beside the photo. Any size, same aspect as the photo; `NaN` = no value.
+/// Values shown beside the photo. Any size, same aspect as the photo; `NaN` = no value.
 #[derive(Debug, Clone, Copy)]
 pub struct PanelDepths<'a> {
     /// z-depth of the model, metres.
     pub rendered_m: &'a Raster<f32>,
     /// The prior's own numbers.
     pub prior: &'a Raster<f32>,
-    /// What those numbers are: inverse depth is shown turned round, so that near looks alike in both.
+    /// Kind of those numbers: inverse depth is shown turned round, so that near looks alike in both.
     pub prior_kind: PriorKind,
 }
 

@@ -16,7 +16,7 @@ const WIDTHS_PX: (u32, u32) = (600, 8000);
 
 /// A picture with a map on its left and room for a legend on its right.
 pub struct Sheet {
-    /// What is drawn on.
+    /// Canvas.
     pub canvas: Canvas,
     /// The map's place.
     pub frame: Frame,
@@ -96,7 +96,7 @@ impl Region {
         (0..2).all(|axis| point[axis] >= self.min_m[axis] - reach_m && point[axis] <= self.max_m[axis] + reach_m)
     }
 
-    /// Its corners.
+    /// Corners.
     pub fn corners(&self) -> [[f64; 2]; 2] {
         [self.min_m, self.max_m]
     }

@@ -19,9 +19,9 @@ const UNCLEAR: Rgb = [60, 60, 66];
 /// Steps of the legend's colour bar.
 const BAR: usize = 60;
 
-/// Draws a terrain model with outlines over it. North is up.
+/// Draws a terrain model with footprints over it. North is up.
 #[must_use]
-pub fn relief_map(dtm: &Dtm, outlines: &[&Polygon<f64>], crs: &Crs) -> RgbImage {
+pub fn relief_map(dtm: &Dtm, footprints: &[&Polygon<f64>], crs: &Crs) -> RgbImage {
     let (west, north) = dtm.dem.corner_m();
     let (cell_x, cell_y) = dtm.dem.cell_m();
     let heights = dtm.dem.heights_m();
@@ -45,8 +45,8 @@ pub fn relief_map(dtm: &Dtm, outlines: &[&Polygon<f64>], crs: &Crs) -> RgbImage 
             sheet.canvas.fill_rect([x0, y0], [x1 - x0 + 0.6, y1 - y0 + 0.6], colour);
         }
     }
-    for outline in outlines {
-        let plan: Polygon<f64> = Polygon::new(LineString(outline.exterior().0.clone()), Vec::new());
+    for footprint in footprints {
+        let plan: Polygon<f64> = Polygon::new(LineString(footprint.exterior().0.clone()), Vec::new());
         sheet.canvas.stroke_rings(&sheet.to_px.rings(&plan), Pen::new(INK, 0.9 * sheet.unit));
     }
     for square in &dtm.squares {

@@ -1,5 +1,5 @@
 //! A plan of a survey: cameras with a line to the ground they look at, nadir and oblique in two colours, over the
-//! outlines of their photos on the ground.
+//! footprints of their photos on the ground.
 
 use geo_types::{LineString, Polygon};
 use glam::DVec2;
@@ -14,7 +14,7 @@ use sizeup_geo::issue::Severity;
 use sizeup_geo::terrain::Terrain;
 use sizeup_survey::{Survey, View, ViewKind, ground};
 
-const OUTLINE: Rgb = [130, 134, 140];
+const FOOTPRINT: Rgb = [130, 134, 140];
 /// Blue and vermilion of the Okabe-Ito palette: told apart by colour-blind readers, and in print.
 const NADIR: Rgb = [0, 114, 178];
 const OBLIQUE: Rgb = [213, 94, 0];
@@ -22,8 +22,8 @@ const OBLIQUE: Rgb = [213, 94, 0];
 const REFUSED: Rgb = [0, 158, 115];
 /// Free margin around what is shown, share of the larger side.
 const MARGIN_SHARE: f64 = 0.03;
-/// Outlines of more photos than this would only fill the map: every n-th is drawn.
-const MAX_OUTLINES: usize = 400;
+/// Footprints of more photos than this would only fill the map: every n-th is drawn.
+const MAX_FOOTPRINTS: usize = 400;
 /// Radius of an oblique camera's mark at the reference width, pixels; the smaller where there are many.
 const MARK_PX: f32 = 3.6;
 const SMALL_MARK_PX: f32 = 2.2;
@@ -43,16 +43,16 @@ struct Drawn {
 #[must_use]
 pub fn survey_map(survey: &Survey, ground: Option<&Terrain>, crs: &Crs) -> RgbImage {
     let terrain = ground.unwrap_or(&Terrain::Constant(0.0));
-    let step = survey.views.len().div_ceil(MAX_OUTLINES).max(1);
-    let outlines = outlines(survey, terrain, step);
+    let step = survey.views.len().div_ceil(MAX_FOOTPRINTS).max(1);
+    let footprints = footprints(survey, terrain, step);
     let views = drawn(survey, terrain);
     let cameras = views.iter().flat_map(|view| [Some(view.camera), view.looks_at]).flatten();
-    let corners = outlines.iter().flatten().copied();
+    let corners = footprints.iter().flatten().copied();
     let refused = refused(survey);
     let region =
         Region::around(corners.chain(cameras).chain(refused.iter().copied()).map(|p| [p.x, p.y]), MARGIN_SHARE);
     let mut sheet = Sheet::new(&region, SHEET_PX);
-    draw(&mut sheet, &outlines, &views);
+    draw(&mut sheet, &footprints, &views);
     draw_refused(&mut sheet, &refused);
     sheet.furnish();
     let n_refused = survey.issues.iter().filter(|issue| issue.severity == Severity::Refused).count();
@@ -66,7 +66,7 @@ pub fn survey_map(survey: &Survey, ground: Option<&Terrain>, crs: &Crs) -> RgbIm
     sheet.canvas.into_image()
 }
 
-/// Where photos stand that have a place and cannot be used.
+/// Places of photos that cannot be used.
 fn refused(survey: &Survey) -> Vec<DVec2> {
     let of_views = survey.issues.iter().filter(|issue| issue.severity == Severity::Refused);
     of_views.filter_map(|issue| issue.place.map(DVec2::from)).collect()
@@ -79,13 +79,13 @@ fn draw_refused(sheet: &mut Sheet, places: &[DVec2]) {
     }
 }
 
-fn outlines(survey: &Survey, terrain: &Terrain, step: usize) -> Vec<Vec<DVec2>> {
+fn footprints(survey: &Survey, terrain: &Terrain, step: usize) -> Vec<Vec<DVec2>> {
     let fallback_m = terrain.range().map_or(0.0, |(low_m, high_m)| 0.5 * (low_m + high_m));
-    let outline = |view: &View| {
+    let footprint = |view: &View| {
         let centre = view.centre();
-        ground::outline(view, terrain.height_at(centre.x, centre.y).unwrap_or(fallback_m))
+        ground::footprint(view, terrain.height_at(centre.x, centre.y).unwrap_or(fallback_m))
     };
-    survey.views.iter().step_by(step).map(outline).collect()
+    survey.views.iter().step_by(step).map(footprint).collect()
 }
 
 fn drawn(survey: &Survey, terrain: &Terrain) -> Vec<Drawn> {
@@ -97,13 +97,13 @@ fn drawn(survey: &Survey, terrain: &Terrain) -> Vec<Drawn> {
     survey.views.iter().map(view).collect()
 }
 
-fn draw(sheet: &mut Sheet, outlines: &[Vec<DVec2>], views: &[Drawn]) {
+fn draw(sheet: &mut Sheet, footprints: &[Vec<DVec2>], views: &[Drawn]) {
     let Sheet { canvas, to_px, unit, .. } = sheet;
     let unit = *unit;
     let radius = unit * if views.len() > CROWD { SMALL_MARK_PX } else { MARK_PX };
-    for outline in outlines {
-        let ring: LineString = outline.iter().map(|p| (p.x, p.y)).collect();
-        let pen = Pen { colour: OUTLINE, opacity: 0.7, width_px: 1.1 * unit };
+    for footprint in footprints {
+        let ring: LineString = footprint.iter().map(|p| (p.x, p.y)).collect();
+        let pen = Pen { colour: FOOTPRINT, opacity: 0.7, width_px: 1.1 * unit };
         canvas.stroke_rings(&to_px.rings(&Polygon::new(ring, Vec::new())), pen);
     }
     for view in views {
@@ -142,11 +142,11 @@ fn legend(sheet: &mut Sheet, survey: &Survey, n_refused: usize, step: usize) {
     }
     let corners = [[0.0, -9.0], [26.0, -9.0], [26.0, 9.0], [0.0, 9.0]];
     let swatch = corners.map(|[x, dy]| [left + x * unit, y + dy * unit]).to_vec();
-    canvas.stroke_rings(&[swatch], Pen { colour: OUTLINE, opacity: 0.8, width_px: 1.0 * unit });
+    canvas.stroke_rings(&[swatch], Pen { colour: FOOTPRINT, opacity: 0.8, width_px: 1.0 * unit });
     canvas.text("image footprint", [left + 36.0 * unit, y + 5.0 * unit], 15.0 * unit, INK, Align::Left);
     let mut notes = vec!["dot: camera".to_owned(), "line: to where its".to_owned(), "image centre looks".to_owned()];
     if step > 1 {
-        notes.push(format!("outlines of 1 photo in {step}"));
+        notes.push(format!("footprints of 1 photo in {step}"));
     }
     for note in notes {
         y += 26.0 * unit;

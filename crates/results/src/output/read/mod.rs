@@ -1,6 +1,6 @@
 //! Reading results and references back: our own files losslessly to the millimetre, and those of others.
 //!
-//! | file | id | outline | height |
+//! | file | id | footprint | height |
 //! |---|---|---|---|
 //! | `CityJSON`, `CityJSONSeq` | key of the object | ground surfaces in plan | `height_m`, else measured on the surfaces |
 //! | any vector layer of GDAL | attribute | polygon | attribute |
@@ -28,21 +28,21 @@ pub use surfaces::{Levels, measure};
 /// Names under which an id is looked for when none is given.
 const ID_FIELDS: [&str; 4] = ["id", "ID", "identificatie", "gml_id"];
 
-/// Layers that are taken from a file with several when none is named: ours, of a city and of outlines from photos.
+/// Layers that are taken from a file with several when none is named: ours, of a city and of footprints from photos.
 const OWN_LAYERS: [&str; 2] = ["buildings", "footprints"];
 
 /// One building of a file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct FoundBuilding {
-    /// Its id.
+    /// Id.
     pub id: String,
     /// The building that it is a part of, where our files say so.
     pub part_of: Option<String>,
-    /// Its outline in the file's CRS.
-    pub outline: Option<MultiPolygon<f64>>,
+    /// Footprint in the file's CRS.
+    pub footprint: Option<MultiPolygon<f64>>,
     /// Levels measured on its surfaces, where it has some.
     pub levels: Option<Levels>,
-    /// Its attributes as they stand.
+    /// Attributes as they stand.
     pub attributes: JsonMap<String, Value>,
 }
 
@@ -51,13 +51,13 @@ pub struct FoundBuilding {
 pub struct FoundBuildings {
     /// Which file.
     pub path: PathBuf,
-    /// Its CRS, where it states one.
+    /// CRS, where it states one.
     pub crs: Option<Crs>,
     /// In the file's order.
     pub buildings: Vec<FoundBuilding>,
 }
 
-/// What to read of a file.
+/// Options for reading a file.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReadOptions<'a> {
     /// Layer of a vector file with several; ours by default.
@@ -84,12 +84,12 @@ pub enum ReadError {
         path: PathBuf,
     },
     /// It has no CRS.
-    #[error("{} has no CRS, so its outlines cannot be compared\nhint: state it with `ogr2ogr -a_srs EPSG:… out.gpkg {}`, or match by id", path.display(), path.display())]
+    #[error("{} has no CRS, so its footprints cannot be compared\nhint: state it with `ogr2ogr -a_srs EPSG:… out.gpkg {}`, or match by id", path.display(), path.display())]
     NoCrs {
         /// The file.
         path: PathBuf,
     },
-    /// Its CRS cannot be brought to the project's.
+    /// CRS that cannot be brought to the project's.
     #[error("cannot bring {} to the project's CRS", path.display())]
     Crs {
         /// The file.
@@ -111,9 +111,9 @@ pub enum ReadError {
         path: PathBuf,
         /// The attribute.
         field: String,
-        /// What it is needed for.
+        /// Purpose.
         what: &'static str,
-        /// What there is.
+        /// Available ones.
         available: Vec<String>,
     },
 }
@@ -137,14 +137,14 @@ impl FoundBuildings {
         Ok(Self { path: path.to_owned(), crs, buildings })
     }
 
-    /// Moves all outlines into another CRS (horizontally: heights are differences and stay); measured levels become metres.
+    /// Moves all footprints into another CRS (horizontally: heights are differences and stay); measured levels become metres.
     ///
     /// # Errors
     /// [`ReadError::NoCrs`] for a file without one, [`ReadError::Crs`] where no accurate transformation is known,
     /// [`ReadError::HeightUnit`] where the unit of levels is not known.
     pub fn into_crs(mut self, target: &Crs) -> Result<Self, ReadError> {
-        let has_outlines = self.buildings.iter().any(|b| b.outline.is_some());
-        if !has_outlines {
+        let has_footprints = self.buildings.iter().any(|b| b.footprint.is_some());
+        if !has_footprints {
             return Ok(self);
         }
         let Some(from) = &self.crs else { return Err(ReadError::NoCrs { path: self.path }) };
@@ -154,9 +154,9 @@ impl FoundBuildings {
         let unit_m = if has_levels { height_unit_m(&self.path, from)? } else { 1.0 };
         for building in &mut self.buildings {
             building.levels = building.levels.map(|levels| levels.scaled(unit_m));
-            if let Some(outline) = &building.outline {
-                let moved = outline.try_map_coords(|p| transform.point(p.x, p.y).map(|(x, y)| Coord { x, y }));
-                building.outline = Some(moved.map_err(failed)?);
+            if let Some(footprint) = &building.footprint {
+                let moved = footprint.try_map_coords(|p| transform.point(p.x, p.y).map(|(x, y)| Coord { x, y }));
+                building.footprint = Some(moved.map_err(failed)?);
             }
         }
         self.crs = Some(target.clone());
@@ -173,17 +173,17 @@ impl FoundBuilding {
             Some(other) => other.to_string(),
             None => feature.fid.map_or_else(String::new, |fid| fid.to_string()),
         };
-        let outline = match feature.geometry {
+        let footprint = match feature.geometry {
             FeatureGeometry::Shape(Geometry::Polygon(polygon)) => Some(MultiPolygon::new(vec![polygon])),
             FeatureGeometry::Shape(Geometry::MultiPolygon(polygons)) => Some(polygons),
             FeatureGeometry::Shape(_) | FeatureGeometry::Missing | FeatureGeometry::Unsupported(_) => None,
         };
-        // Corners that are no numbers outline nothing.
+        // Corners that are no numbers enclose nothing.
         let is_number = |c: Coord<f64>| c.x.is_finite() && c.y.is_finite();
-        let outline = outline.filter(|outline| outline.coords_iter().all(is_number));
+        let footprint = footprint.filter(|footprint| footprint.coords_iter().all(is_number));
         let part_of = feature.attributes.get("part_of").and_then(Value::as_str);
         let part_of = part_of.filter(|whole| !whole.is_empty()).map(str::to_owned);
-        Self { id, part_of, outline, levels: None, attributes: feature.attributes }
+        Self { id, part_of, footprint, levels: None, attributes: feature.attributes }
     }
 }
 

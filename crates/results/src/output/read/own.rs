@@ -6,9 +6,9 @@ use serde::de::IntoDeserializer;
 use serde::de::value::Error as ValueError;
 use serde_json::{Map as JsonMap, Value};
 
-use super::super::attributes::{FIELDS, ID, MEASURED_HEIGHT, original_name};
+use super::super::attributes::{ID, MEASURED_HEIGHT, is_field, original_name};
 use super::super::cityjson::EXTENSION_PREFIX;
-use super::super::outlines::LIST_SEPARATOR;
+use super::super::footprints::LIST_SEPARATOR;
 use super::super::{BuildingRecord, HeightReference, RoofShape, Status};
 use super::{FoundBuilding, FoundBuildings};
 
@@ -29,9 +29,9 @@ impl FoundBuilding {
         let ground_z_m = number("ground_z_m").or(self.levels.map(|levels| levels.ground_m));
         let height_m = number("height_m").or(self.levels.map(|levels| levels.roof_mean_m - levels.ground_m));
         let largest = self
-            .outline
+            .footprint
             .as_ref()
-            .and_then(|outline| outline.iter().max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area())));
+            .and_then(|footprint| footprint.iter().max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area())));
         let otherwise = if height_m.is_some() { Status::Given } else { Status::Unknown };
         BuildingRecord {
             id: self.id.clone(),
@@ -90,5 +90,5 @@ impl FoundBuilding {
 /// Whether an attribute is written by us, whatever the user's are called.
 pub(super) fn is_ours(name: &str) -> bool {
     let plain = name.strip_prefix(EXTENSION_PREFIX).unwrap_or(name);
-    plain == ID.name || plain == MEASURED_HEIGHT || FIELDS.iter().any(|field| field.column.name == plain)
+    plain == ID.name || plain == MEASURED_HEIGHT || is_field(plain)
 }

@@ -22,7 +22,7 @@ pub struct RecordFile<'a> {
     content: Content,
 }
 
-/// Where the buildings are.
+/// Buildings' part of the file.
 #[derive(Debug)]
 enum Content {
     City { vertices: Vec<[f64; 3]> },
@@ -54,13 +54,13 @@ impl<'a> RecordFile<'a> {
         Ok(Self { path: path.to_owned(), options, crs, lineage, content })
     }
 
-    /// Its origin, where it is a file of ours.
+    /// Origin, where it is a file of ours.
     #[must_use]
     pub fn lineage(&self) -> Option<Lineage> {
         self.lineage.clone()
     }
 
-    /// Its CRS, where it states one.
+    /// CRS, where it states one.
     #[must_use]
     pub fn crs(&self) -> Option<&Crs> {
         self.crs.as_ref()

@@ -1,11 +1,11 @@
-//! Heights and outlines of buildings from their surfaces.
+//! Heights and footprints of buildings from their surfaces.
 //!
 //! ```text
 //! roof_mean = ∫ z dA / ∫ dA over the roof surfaces, dA in plan       ground = min z over the ground surfaces
 //! ```
 //!
 //! Roof and ground come from the semantics; where a building has none, from the normals (up and down within 60° of the
-//! vertical, so steep roofs count and walls do not). The outline is the union of the ground surfaces in plan, or of
+//! vertical, so steep roofs count and walls do not). The footprint is the union of the ground surfaces in plan, or of
 //! the roof surfaces where there is no ground.
 
 use std::collections::HashMap;
@@ -41,7 +41,7 @@ pub struct Levels {
 }
 
 impl Levels {
-    /// Of a file whose unit is so many metres.
+    /// Levels of a file whose unit is so many metres.
     #[must_use]
     pub fn scaled(self, unit_m: f64) -> Self {
         Self {
@@ -77,7 +77,7 @@ pub struct Gathering {
 }
 
 impl Gathering {
-    /// What an object completes.
+    /// Building that an object completes.
     pub fn add(&mut self, object: CityObject, vertices: &[[f64; 3]], lod: Option<&str>) -> Vec<FoundBuilding> {
         let whole = match (object.kind.as_str(), object.parents.first()) {
             (BUILDING, _) if object.children.is_empty() => return of_group(&object, &[], vertices, lod),
@@ -127,9 +127,9 @@ fn of_group(
 ) -> Vec<FoundBuilding> {
     let found = |named: &CityObject, objects: &[&CityObject]| {
         let surfaces: Vec<&CitySurface> = objects.iter().flat_map(|object| object.surfaces(lod)).collect();
-        let (levels, outline) = measure(&surfaces, vertices);
+        let (levels, footprint) = measure(&surfaces, vertices);
         let (id, attributes) = (named.id.clone(), named.attributes.clone());
-        FoundBuilding { id, part_of: None, outline, levels, attributes }
+        FoundBuilding { id, part_of: None, footprint, levels, attributes }
     };
     let own_parts: Vec<&CityObject> = parts.iter().copied().filter(|part| has_own_status(part)).collect();
     if own_parts.is_empty() {
@@ -150,7 +150,7 @@ fn has_own_status(object: &CityObject) -> bool {
     ["status".to_owned(), format!("{EXTENSION_PREFIX}status")].iter().any(|name| object.attributes.contains_key(name))
 }
 
-/// Levels and outline of one building from its surfaces.
+/// Levels and footprint of one building from its surfaces.
 #[must_use]
 pub fn measure(surfaces: &[&CitySurface], vertices: &[[f64; 3]]) -> (Option<Levels>, Option<MultiPolygon<f64>>) {
     let has_roof = surfaces.iter().any(|s| s.kind == Some(Surface::Roof));
@@ -176,15 +176,15 @@ pub fn measure(surfaces: &[&CitySurface], vertices: &[[f64; 3]]) -> (Option<Leve
             Some(Surface::Wall) | None => {}
         }
     }
-    let outline = if ground_plan.is_empty() { roof_plan } else { ground_plan };
-    let outline = match outline.len() {
+    let footprint = if ground_plan.is_empty() { roof_plan } else { ground_plan };
+    let footprint = match footprint.len() {
         0 => None,
         // By far the most frequent, and a union would only cost time.
-        1 => Some(MultiPolygon::new(outline)),
-        _ => Some(unary_union(&outline)),
+        1 => Some(MultiPolygon::new(footprint)),
+        _ => Some(unary_union(&footprint)),
     };
     let ground_m = if ground_m.is_finite() { ground_m } else { lowest_m };
-    (roof.levels(ground_m), outline)
+    (roof.levels(ground_m), footprint)
 }
 
 /// Roof or ground by the direction a surface faces (counter-clockwise seen from outside).
@@ -298,10 +298,10 @@ mod tests {
     #[test]
     fn a_gable_roof_has_its_mean_halfway_between_eave_and_ridge() {
         let (vertices, surfaces) = gable_house();
-        let (levels, outline) = measure(&surfaces.iter().collect::<Vec<_>>(), &vertices);
+        let (levels, footprint) = measure(&surfaces.iter().collect::<Vec<_>>(), &vertices);
         let expected = Levels { ground_m: 1.0, roof_mean_m: 4.0, roof_min_m: 3.0, roof_max_m: 5.0 };
         assert_eq!(levels, Some(expected));
-        assert_eq!(outline.unwrap().unsigned_area(), 60.0);
+        assert_eq!(footprint.unwrap().unsigned_area(), 60.0);
     }
 
     #[test]
@@ -310,8 +310,8 @@ mod tests {
         for surface in &mut surfaces {
             surface.kind = None;
         }
-        let (levels, outline) = measure(&surfaces.iter().collect::<Vec<_>>(), &vertices);
+        let (levels, footprint) = measure(&surfaces.iter().collect::<Vec<_>>(), &vertices);
         assert_eq!(levels.map(|l| (l.ground_m, l.roof_mean_m)), Some((1.0, 4.0)));
-        assert_eq!(outline.unwrap().unsigned_area(), 60.0);
+        assert_eq!(footprint.unwrap().unsigned_area(), 60.0);
     }
 }

@@ -2,11 +2,11 @@
 //! output grid.
 //!
 //! ```text
-//! planes   of the roof over the outline ([`sizeup_heights::optimise::RoofPlanes`])
-//! patches  parts of the outline under one plane each; together they cover it, none twice ([`patches`])
-//! nodes    corners of patches and of the outline; every edge ends at the nodes that lie on it ([`plan`])
+//! planes   of the roof over the footprint ([`sizeup_heights::optimise::RoofPlanes`])
+//! patches  parts of the footprint under one plane each; together they cover it, none twice ([`patches`])
+//! nodes    corners of patches and of the footprint; every edge ends at the nodes that lie on it ([`plan`])
 //! levels   of a plane at a node; those of several planes that nearly meet there are one
-//! walls    from base to roof along the outline; upright between patches where one is higher than the other ([`walls`])
+//! walls    from base to roof along the footprint; upright between patches where one is higher than the other ([`walls`])
 //! ```
 //!
 //! A solid is given only where it is closed and nothing is found in it by [`super::validate`]; other buildings stay blocks
@@ -24,8 +24,8 @@ use sizeup_heights::optimise::{Roof, RoofPlanes, Terrace};
 use sizeup_heights::scene::{Prism as ScenePrism, RoofForm};
 use sizeup_heights::terrain::GroundLevel;
 
+use super::footprint::{Ring, SnappedFootprint};
 use super::grid::Grid;
-use super::outline::{Ring, SnappedOutline};
 use super::prism::{Face, Prism, Surface};
 use super::{BuildingRecord, RoofShape, validate};
 use plan::{Levels, Plan};
@@ -46,7 +46,7 @@ pub enum Detail {
 type Point = [i64; 2];
 
 /// Faces of the solid of a building with its roof, ground first, then roof, then walls; `None` where the block shows as much: its roof
-/// is flat, at one level where levels are asked for, or not known, or makes no valid solid with its outline.
+/// is flat, at one level where levels are asked for, or not known, or makes no valid solid with its footprint.
 #[must_use]
 pub fn faces(record: &BuildingRecord, block: &Prism, grid: &Grid, detail: Detail) -> Option<Vec<Face>> {
     let (shape, ground_z_m) = (record.roof?, record.ground_z_m?);
@@ -57,19 +57,19 @@ pub fn faces(record: &BuildingRecord, block: &Prism, grid: &Grid, detail: Detail
     if shape.form == RoofForm::Flat {
         return None;
     }
-    let outline = block.outline();
-    let frame = Frame { grid, origin: outline.rings()[0][0] };
-    let polygon = frame.polygon(outline);
+    let footprint = block.footprint();
+    let frame = Frame { grid, origin: footprint.rings()[0][0] };
+    let polygon = frame.polygon(footprint);
     let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
     let scene = ScenePrism::new(&polygon, ground, LocalOrigin(DVec3::ZERO));
     let planes = RoofPlanes::of(&roof(shape, frame.corner_m()), &scene)?;
-    let plan = Plan::of(outline, &patches::of(&polygon, &planes)?, &frame)?;
+    let plan = Plan::of(footprint, &patches::of(&polygon, &planes)?, &frame)?;
     let levels = Levels::of(&plan, &planes.planes, ground_z_m, &frame);
     let least = block.base() + (LEAST_WALL_M / grid.scale_m) as i64;
     if levels.lowest()? < least {
         return None;
     }
-    let floor = outline.rings().iter().map(|ring| ring.iter().rev().map(|[x, y]| [*x, *y, block.base()]).collect());
+    let floor = footprint.rings().iter().map(|ring| ring.iter().rev().map(|[x, y]| [*x, *y, block.base()]).collect());
     let mut faces = vec![Face { surface: Surface::Ground, rings: floor.collect() }];
     faces.extend(plan.patches.iter().map(|patch| {
         let ring = |ring: &Ring| ring.iter().map(|node| levels.at(*node, patch.plane)).collect();
@@ -104,7 +104,7 @@ fn roof(shape: RoofShape, [east_m, north_m]: [f64; 2]) -> Roof {
     Roof { form, eave_m, ridge_m, mean_m, terrace: step.map(moved), ridge_along: ridge_azimuth_deg.map(along) }
 }
 
-/// A building's own frame: metres from a corner of its outline.
+/// A building's own frame: metres from a corner of its footprint.
 struct Frame<'a> {
     grid: &'a Grid,
     origin: Point,
@@ -127,12 +127,12 @@ impl Frame<'_> {
         [of(0), of(1)]
     }
 
-    fn polygon(&self, outline: &SnappedOutline) -> Polygon<f64> {
+    fn polygon(&self, footprint: &SnappedFootprint) -> Polygon<f64> {
         let ring = |ring: &Ring| -> LineString<f64> {
             let closed = ring.iter().chain(ring.first());
             closed.map(|p| self.metres(*p)).map(|p| Coord { x: p.x, y: p.y }).collect()
         };
-        let mut rings = outline.rings().iter().map(ring);
+        let mut rings = footprint.rings().iter().map(ring);
         let exterior = rings.next().unwrap_or_else(|| LineString::new(Vec::new()));
         Polygon::new(exterior, rings.collect())
     }
@@ -154,23 +154,23 @@ mod tests {
     const GROUND_M: f64 = 34.2;
     const BASE_M: f64 = 33.9;
 
-    fn in_map(outline: &Polygon<f64>, turn_deg: f64) -> Polygon<f64> {
+    fn in_map(footprint: &Polygon<f64>, turn_deg: f64) -> Polygon<f64> {
         use geo::MapCoords as _;
-        let turned = outline.rotate_around_point(turn_deg, Point::new(0.0, 0.0));
+        let turned = footprint.rotate_around_point(turn_deg, Point::new(0.0, 0.0));
         turned.map_coords(|c| Coord { x: c.x + MAP_M[0], y: c.y + MAP_M[1] })
     }
 
     /// A roof's volume above the base by a second way: its planes looked at on a lattice, as if it were rain that falls on it.
     fn rained_m3(record: &BuildingRecord, step_m: f64) -> f64 {
-        let outline = record.footprint.as_ref().unwrap();
+        let footprint = record.footprint.as_ref().unwrap();
         let (min, max) = {
             use geo::BoundingRect as _;
-            let around = outline.bounding_rect().unwrap();
+            let around = footprint.bounding_rect().unwrap();
             (around.min(), around.max())
         };
         let scene = {
             use geo::MapCoords as _;
-            let local = outline.map_coords(|c| Coord { x: c.x - min.x, y: c.y - min.y });
+            let local = footprint.map_coords(|c| Coord { x: c.x - min.x, y: c.y - min.y });
             let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
             ScenePrism::new(&local, ground, LocalOrigin(DVec3::ZERO))
         };
@@ -179,7 +179,7 @@ mod tests {
         let (n_x, n_y) = (((max.x - min.x) / step_m) as usize, ((max.y - min.y) / step_m) as usize);
         for (i, j) in (0..=n_y).flat_map(|j| (0..=n_x).map(move |i| (i, j))) {
             let at = DVec2::new((i as f64 + 0.5) * step_m, (j as f64 + 0.5) * step_m);
-            if outline.contains(&Point::new(at.x + min.x, at.y + min.y)) {
+            if footprint.contains(&Point::new(at.x + min.x, at.y + min.y)) {
                 let height_m = planes.height_m(at).unwrap_or(record.roof.unwrap().eave_height_m);
                 volume_m3 += (GROUND_M + height_m - BASE_M) * step_m * step_m;
             }
@@ -200,9 +200,9 @@ mod tests {
         Some((faces, volume_m3))
     }
 
-    fn house(outline: &Polygon<f64>, turn_deg: f64, shape: RoofShape) -> BuildingRecord {
+    fn house(footprint: &Polygon<f64>, turn_deg: f64, shape: RoofShape) -> BuildingRecord {
         let mean_m = f64::midpoint(shape.eave_height_m, shape.ridge_height_m);
-        let mut house = record("a", in_map(outline, turn_deg), GROUND_M, BASE_M, mean_m);
+        let mut house = record("a", in_map(footprint, turn_deg), GROUND_M, BASE_M, mean_m);
         house.roof = Some(shape);
         house
     }
@@ -253,12 +253,12 @@ mod tests {
 
     #[test]
     fn a_house_with_a_courtyard_and_a_gable_has_walls_to_it() {
-        let mut outline = rectangle();
+        let mut footprint = rectangle();
         let yard = [(3.0, 2.0), (3.0, 6.0), (6.0, 6.0), (6.0, 2.0), (3.0, 2.0)];
-        outline.interiors_push(yard.iter().map(|&(x, y)| Coord { x, y }).collect::<LineString<f64>>());
+        footprint.interiors_push(yard.iter().map(|&(x, y)| Coord { x, y }).collect::<LineString<f64>>());
         let shape =
             RoofShape { ridge_azimuth_deg: Some(azimuth_deg(30.0)), ..RoofShape::new(RoofForm::Gable, 4.0, 8.0) };
-        let house = house(&outline, 30.0, shape);
+        let house = house(&footprint, 30.0, shape);
         let (_, volume_m3) = solid(&house).unwrap();
         let expected_m3 = rained_m3(&house, 0.02);
         assert!((volume_m3 / expected_m3 - 1.0).abs() < 0.01, "{volume_m3} {expected_m3}");
@@ -293,7 +293,7 @@ mod tests {
 
     /// Houses as layers have them: rectangles, L and T with corners a little off, turned any way, some with many more
     /// corners on their walls; and whether one is a rectangle with no more corners than that.
-    fn outlines() -> impl Strategy<Value = (Polygon<f64>, bool)> {
+    fn footprints() -> impl Strategy<Value = (Polygon<f64>, bool)> {
         let off = prop::collection::vec(-0.25..0.25_f64, 20);
         (0..4_usize, 6.0..30.0_f64, 5.0..18.0_f64, 0.2..0.8_f64, off, any::<bool>()).prop_map(
             |(kind, width, depth, share, off, is_exact)| {
@@ -325,11 +325,11 @@ mod tests {
         )
     }
 
-    /// A house with its roof, and whether its outline is one rectangle but for a few centimetres.
+    /// A house with its roof, and whether its footprint is one rectangle but for a few centimetres.
     fn houses() -> impl Strategy<Value = (BuildingRecord, bool)> {
         let numbers = (0.0..180.0_f64, 2.5..12.0_f64, 0.8..6.0_f64, 0.1..0.9_f64, 0.1..0.9_f64);
-        (outlines(), 0..4_usize, numbers, any::<bool>(), any::<bool>()).prop_map(
-            |((outline, is_rectangle), form, (turn_deg, eave_m, rise_m, across, along), is_along_first, is_upper)| {
+        (footprints(), 0..4_usize, numbers, any::<bool>(), any::<bool>()).prop_map(
+            |((footprint, is_rectangle), form, (turn_deg, eave_m, rise_m, across, along), is_along_first, is_upper)| {
                 let (sin, cos) = turn_deg.to_radians().sin_cos();
                 let at = |x: f64, y: f64| [cos * x - sin * y + MAP_M[0], sin * x + cos * y + MAP_M[1]];
                 let (x, y) = (12.0 * across, 9.0 * along);
@@ -342,7 +342,7 @@ mod tests {
                     step,
                     ..RoofShape::new(roof_form, eave_m, eave_m + rise_m + 0.4)
                 };
-                (house(&outline, turn_deg, shape), is_rectangle)
+                (house(&footprint, turn_deg, shape), is_rectangle)
             },
         )
     }
@@ -354,10 +354,10 @@ mod tests {
         let (mut n, mut n_blocks) = (0, 0);
         for _ in 0..400 {
             let (house, is_rectangle) = houses().new_tree(&mut runner).unwrap().current();
-            let outline = house.footprint.as_ref().unwrap();
+            let footprint = house.footprint.as_ref().unwrap();
             let form = house.roof.unwrap().form;
             let has_valleys = form == RoofForm::Hip && !is_rectangle;
-            if !geo::Validation::is_valid(outline) || has_valleys {
+            if !geo::Validation::is_valid(footprint) || has_valleys {
                 continue;
             }
             n += 1;
@@ -368,7 +368,7 @@ mod tests {
             };
             assert!(n_roofs(&faces) >= 1);
             // Along the walls, a place of the lattice is in or out.
-            let (expected_m3, area_m2) = (rained_m3(&house, 0.1), outline.unsigned_area());
+            let (expected_m3, area_m2) = (rained_m3(&house, 0.1), footprint.unsigned_area());
             assert!(
                 (volume_m3 - expected_m3).abs() < 0.02 * expected_m3 + 0.1 * area_m2,
                 "{volume_m3} {expected_m3} {house:?}"

@@ -1,4 +1,4 @@
-//! The parts of an outline that lie under one plane of a roof each.
+//! The parts of a footprint that lie under one plane of a roof each.
 
 use geo::{Area as _, BooleanOps as _};
 use geo_types::{Coord, LineString, MultiPolygon, Polygon};
@@ -6,14 +6,14 @@ use glam::DVec2;
 
 use sizeup_heights::optimise::{RoofPlane, RoofPlanes, Rule};
 
-/// Area of the outline that may be left open, m²: what rounding makes.
+/// Area of the footprint that may be left open, m²: what rounding makes.
 const OPEN_M2: f64 = 1e-4;
 /// Planes that differ by less over all of a rectangle are one, metres.
 const SAME_PLANE_M: f64 = 0.002;
 
-/// By plane; `None` where they do not cover the outline. Metres.
-pub(super) fn of(outline: &Polygon<f64>, planes: &RoofPlanes) -> Option<Vec<MultiPolygon<f64>>> {
-    let whole = MultiPolygon::new(vec![outline.clone()]);
+/// By plane; `None` where they do not cover the footprint. Metres.
+pub(super) fn of(footprint: &Polygon<f64>, planes: &RoofPlanes) -> Option<Vec<MultiPolygon<f64>>> {
+    let whole = MultiPolygon::new(vec![footprint.clone()]);
     let patches = match planes.rule {
         Rule::Highest => highest(&whole, &planes.planes),
         Rule::Lowest => planes.planes.iter().map(|plane| lowest(&whole, plane, &planes.planes)).collect(),
@@ -32,7 +32,7 @@ pub(super) fn of(outline: &Polygon<f64>, planes: &RoofPlanes) -> Option<Vec<Mult
         }
     };
     let covered_m2: f64 = patches.iter().map(geo::Area::unsigned_area).sum();
-    ((covered_m2 - outline.unsigned_area()).abs() <= OPEN_M2.max(1e-6 * covered_m2)).then_some(patches)
+    ((covered_m2 - footprint.unsigned_area()).abs() <= OPEN_M2.max(1e-6 * covered_m2)).then_some(patches)
 }
 
 /// By plane, the part of a region under it where it is the highest of those that reach there.

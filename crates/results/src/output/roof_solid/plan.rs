@@ -1,4 +1,4 @@
-//! Patches on the grid: every edge of one is an edge of its neighbour or of the outline, and ends where theirs do.
+//! Patches on the grid: every edge of one is an edge of its neighbour or of the footprint, and ends where theirs do.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +8,7 @@ use glam::DVec2;
 
 use sizeup_heights::optimise::RoofPlane;
 
-use super::super::outline::{Ring, SnappedOutline};
+use super::super::footprint::{Ring, SnappedFootprint};
 use super::{Frame, Point};
 
 /// Corners nearer to each other, or to an edge, are one, metres: well below what a validator lets a face bend by.
@@ -16,7 +16,7 @@ const MERGE_M: f64 = 0.004;
 /// Planes whose levels at a node differ by less meet there, metres.
 const MEET_M: f64 = 0.05;
 
-/// A part of the outline under one plane.
+/// A part of the footprint under one plane.
 pub(super) struct Patch {
     /// Which.
     pub plane: usize,
@@ -24,19 +24,19 @@ pub(super) struct Patch {
     pub rings: Vec<Ring>,
 }
 
-/// All patches of an outline.
+/// All patches of a footprint.
 pub(super) struct Plan {
     pub patches: Vec<Patch>,
     /// The plane to the left of each edge, either way.
     pub left_of: BTreeMap<[Point; 2], usize>,
-    /// Each edge of the outline as the nodes along it, both ends among them.
-    pub outline: Vec<Vec<Point>>,
+    /// Each edge of the footprint as the nodes along it, both ends among them.
+    pub border: Vec<Vec<Point>>,
 }
 
 impl Plan {
     /// `None` where the patches do not fit together on the grid.
-    pub fn of(outline: &SnappedOutline, patches: &[MultiPolygon<f64>], frame: &Frame<'_>) -> Option<Self> {
-        let mut nodes = Nodes::of(outline, frame);
+    pub fn of(footprint: &SnappedFootprint, patches: &[MultiPolygon<f64>], frame: &Frame<'_>) -> Option<Self> {
+        let mut nodes = Nodes::of(footprint, frame);
         let mut drawn: Vec<(usize, Vec<Ring>)> = Vec::new();
         for (plane, patch) in patches.iter().enumerate() {
             for polygon in patch {
@@ -49,7 +49,7 @@ impl Plan {
                 drawn.push((plane, rings));
             }
         }
-        let mut plan = Self { patches: Vec::new(), left_of: BTreeMap::new(), outline: Vec::new() };
+        let mut plan = Self { patches: Vec::new(), left_of: BTreeMap::new(), border: Vec::new() };
         for (plane, rings) in drawn {
             let mut rings = rings.iter().map(|ring| nodes.along_ring(ring)).filter(|ring| ring.len() >= 3).peekable();
             if rings.peek().is_none() {
@@ -63,14 +63,14 @@ impl Plan {
             }
             plan.patches.push(Patch { plane, rings });
         }
-        plan.outline = outline.rings().iter().flat_map(edges).map(|[a, b]| nodes.along(a, b)).collect();
+        plan.border = footprint.rings().iter().flat_map(edges).map(|[a, b]| nodes.along(a, b)).collect();
         plan.is_whole().then_some(plan)
     }
 
-    /// Whether each edge has a patch on its left, and another one or the outline's outside on its right.
+    /// Whether each edge has a patch on its left, and another one or the footprint's outside on its right.
     fn is_whole(&self) -> bool {
         let rim: BTreeSet<[Point; 2]> =
-            self.outline.iter().flat_map(|nodes| nodes.windows(2).map(|edge| [edge[0], edge[1]])).collect();
+            self.border.iter().flat_map(|nodes| nodes.windows(2).map(|edge| [edge[0], edge[1]])).collect();
         let has_other_side = |edge: &[Point; 2]| self.left_of.contains_key(&[edge[1], edge[0]]) != rim.contains(edge);
         rim.iter().all(|edge| self.left_of.contains_key(edge)) && self.left_of.keys().all(has_other_side)
     }
@@ -81,31 +81,31 @@ pub(super) fn edges(ring: &Ring) -> impl Iterator<Item = [Point; 2]> {
     ring.iter().zip(ring.iter().cycle().skip(1)).map(|(from, to)| [*from, *to])
 }
 
-/// Where edges end.
+/// Nodes at which edges end.
 struct Nodes<'a> {
     frame: &'a Frame<'a>,
-    /// Those of the outline first.
+    /// Those of the footprint first.
     all: Vec<Point>,
-    outline: Vec<[DVec2; 2]>,
+    border: Vec<[DVec2; 2]>,
 }
 
 impl<'a> Nodes<'a> {
-    fn of(outline: &SnappedOutline, frame: &'a Frame<'a>) -> Self {
-        let walls = outline.rings().iter().flat_map(edges).map(|edge| edge.map(|p| frame.metres(p)));
-        Self { frame, all: outline.rings().iter().flatten().copied().collect(), outline: walls.collect() }
+    fn of(footprint: &SnappedFootprint, frame: &'a Frame<'a>) -> Self {
+        let walls = footprint.rings().iter().flat_map(edges).map(|edge| edge.map(|p| frame.metres(p)));
+        Self { frame, all: footprint.rings().iter().flatten().copied().collect(), border: walls.collect() }
     }
 
     fn nearest_or_new(&mut self, at: DVec2) -> Point {
         if let Some(node) = self.near(at) {
             return node;
         }
-        // A corner beside the outline lies on it.
+        // A corner beside the footprint lies on it.
         let on_wall = |[from, to]: &[DVec2; 2]| {
             let along = *to - *from;
             let share = ((at - *from).dot(along) / along.length_squared()).clamp(0.0, 1.0);
             Some(*from + share * along).filter(|foot| foot.distance(at) <= MERGE_M)
         };
-        let node = self.frame.point(self.outline.iter().find_map(on_wall).unwrap_or(at));
+        let node = self.frame.point(self.border.iter().find_map(on_wall).unwrap_or(at));
         self.near(self.frame.metres(node)).unwrap_or_else(|| {
             self.all.push(node);
             node

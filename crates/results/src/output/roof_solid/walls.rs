@@ -3,9 +3,9 @@
 use super::super::prism::{Face, Surface};
 use super::plan::{Levels, Plan};
 
-/// Walls along the outline, one per edge of it, from the base to the roof; they end where the roof's faces do.
+/// Walls along the footprint, one per edge of it, from the base to the roof; they end where the roof's faces do.
 pub(super) fn outer(plan: &Plan, levels: &Levels, base: i64) -> impl Iterator<Item = Face> {
-    plan.outline.iter().map(move |nodes| {
+    plan.border.iter().map(move |nodes| {
         let n = nodes.len();
         let planes: Vec<usize> = nodes.windows(2).map(|edge| plan.left_of[&[edge[0], edge[1]]]).collect();
         let (from, to) = (nodes[0], nodes[n - 1]);

@@ -27,7 +27,7 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 /// Property tables want their values to begin at multiples of 8 bytes.
 const ALIGNMENT: usize = 8;
 
-/// How precise vertices are written.
+/// Precision of written vertices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Precision {
@@ -62,9 +62,9 @@ impl Buffers {
     }
 }
 
-/// What a tile holds.
+/// Content of a tile.
 pub struct Tile<'a> {
-    /// Its triangles.
+    /// Triangles.
     pub mesh: &'a Mesh,
     /// One row per building.
     pub rows: &'a [&'a [Value]],

@@ -19,9 +19,9 @@ pub struct Block {
     pub prism: Prism,
     /// Faces of it with its roof, where that has another form.
     pub roofed: Option<Vec<Face>>,
-    /// Its attributes, in the order of the columns.
+    /// Attributes, in the order of the columns.
     pub values: Vec<Value>,
-    /// What colours it, metres.
+    /// Height that colours it, metres.
     pub height_m: f64,
 }
 
@@ -60,7 +60,7 @@ impl Mesh {
     }
 
     fn add(&mut self, prism: &Prism, feature: u32, grid: &Grid, place: &Place) -> Result<(), OutputError> {
-        let rings = prism.outline().rings();
+        let rings = prism.footprint().rings();
         let corners: Vec<[i64; 2]> = rings.iter().flatten().copied().collect();
         let n = corners.len();
         let at_level = |level: i64| corners.iter().map(move |&[x, y]| DVec3::from_array(grid.metres([x, y, level])));

@@ -22,7 +22,7 @@ pub struct Properties {
 }
 
 impl Properties {
-    /// Of columns; names of others are brought to letters, digits and underscores, and made unique.
+    /// Table of columns; names of others are brought to letters, digits and underscores, and made unique.
     #[must_use]
     pub fn new(columns: &[Column]) -> Self {
         let mut taken: BTreeSet<String> = BTreeSet::new();

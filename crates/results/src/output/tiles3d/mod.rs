@@ -26,8 +26,8 @@ use serde_json::{Value, json};
 
 use super::buildings::Wholes;
 use super::cityjson::CityJsonConfig;
+use super::footprints::FootprintRows;
 use super::grid::Grid;
-use super::outlines::OutlineRows;
 use super::picture::colour::{Rgb, height_colour};
 use super::prism::Prism;
 use super::reports::write_json;
@@ -43,7 +43,7 @@ use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{FileError, write_whole_unflushed};
 use spool::{Spool, SpoolWriter};
 
-/// How 3D Tiles are written.
+/// Settings of 3D Tiles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Tiles3dConfig {
@@ -53,7 +53,7 @@ pub struct Tiles3dConfig {
     pub max_buildings: usize,
     /// Precision of vertices.
     pub precision: Precision,
-    /// Quantum of outlines and levels before they are placed on the earth, metres, 0.0001 to 1.
+    /// Quantum of footprints and levels before they are placed on the earth, metres, 0.0001 to 1.
     pub scale_m: f64,
     /// Smallest distance between base and roof of a solid, metres, above 0.
     pub min_thickness_m: f64,
@@ -75,7 +75,7 @@ pub fn check_place(crs: &Crs, heights: Heights, at_m: DVec3) -> Result<(), Outpu
     Place::new(crs, heights, at_m).map(drop)
 }
 
-/// Where the result comes from, beside the tileset: every globe loads that, and nobody's globe needs this.
+/// Lineage of the result, beside the tileset: every globe loads that, and nobody's globe needs this.
 const LINEAGE: &str = "lineage.json";
 
 /// Writes the folder `path` whole or not at all; a tileset that is there already is replaced.
@@ -90,7 +90,7 @@ pub fn write<R: Records + ?Sized>(
 ) -> Result<Overview, OutputError> {
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(config.scale_m)?;
-    let rows = OutlineRows::new(&overview, grid, config.min_thickness_m);
+    let rows = FootprintRows::new(&overview, grid, config.min_thickness_m);
     let centre_m = overview.extent.map_or(DVec3::ZERO, |extent| {
         let [low, high] = [extent.min_m, extent.max_m].map(DVec3::from_array);
         ((low + high) / 2.0).with_z(low.z)
@@ -129,7 +129,7 @@ impl Shown {
     fn of<R: Records + ?Sized>(
         records: &R,
         folder: &Path,
-        rows: &OutlineRows,
+        rows: &FootprintRows,
         grid: &Grid,
         config: &Tiles3dConfig,
     ) -> Result<Self, OutputError> {
@@ -151,7 +151,7 @@ impl Shown {
 }
 
 fn item(idx: usize, block: &Block, grid: &Grid) -> Item {
-    let exterior = &block.prism.outline().rings()[0];
+    let exterior = &block.prism.footprint().rings()[0];
     let low: [i64; 2] = std::array::from_fn(|a| exterior.iter().map(|p| p[a]).min().unwrap_or(0));
     let high: [i64; 2] = std::array::from_fn(|a| exterior.iter().map(|p| p[a]).max().unwrap_or(0));
     let low = DVec3::from_array(grid.metres([low[0], low[1], block.prism.base()]));

@@ -4,7 +4,7 @@
 //! So a coarse tile is a skyline, finer ones add to it (`refine: ADD`), no building is in two tiles, and the error of a
 //! tile is known: the size of the largest building that is still missing.
 
-/// What the tree knows of a building.
+/// Building as the tree knows it.
 #[derive(Debug, Clone, Copy)]
 pub struct Item {
     /// Position among the buildings.
@@ -20,7 +20,7 @@ pub struct Item {
 pub struct Node {
     /// `level/x_y`, with x and y counted from the south-west corner.
     pub name: String,
-    /// Its buildings, in their order.
+    /// Buildings, in their order.
     pub members: Vec<usize>,
     /// Size of the largest building of all tiles below, 0 at a leaf; metres.
     pub error_m: f64,

@@ -12,7 +12,7 @@ use sizeup_geo::files::FileError;
 /// Blocks that can still be added.
 pub struct SpoolWriter {
     file: BufWriter<File>,
-    /// Where each block begins.
+    /// Start of each block.
     starts: Vec<u64>,
     end: u64,
 }
@@ -89,8 +89,8 @@ mod tests {
         let grid = Grid { scale_m: 0.001, origin_m: [0.0; 3] };
         let block = |i: usize| {
             let x = 20.0 * i as f64;
-            let outline = polygon![(x: x, y: 0.0), (x: x + 9.7, y: 0.0), (x: x + 3.3, y: 7.1)];
-            let prism = Prism::of(&record("a", outline, 1.0, 1.0, 5.0 + i as f64), &grid, 0.1).unwrap();
+            let footprint = polygon![(x: x, y: 0.0), (x: x + 9.7, y: 0.0), (x: x + 3.3, y: 7.1)];
+            let prism = Prism::of(&record("a", footprint, 1.0, 1.0, 5.0 + i as f64), &grid, 0.1).unwrap();
             Block {
                 roofed: None,
                 prism,

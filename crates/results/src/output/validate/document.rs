@@ -142,7 +142,7 @@ enum Part {
 }
 
 impl Part {
-    /// What cjval says of it, by check.
+    /// Findings of cjval, by check.
     fn look(&self, start: &str) -> Vec<(String, String)> {
         let text = match self {
             Self::Objects(list) => format!("{start}\"CityObjects\":{{{list}}},\"vertices\":[]}}"),
@@ -200,7 +200,7 @@ struct Check {
     has_other_extensions: bool,
     /// Messages by check.
     found: HashMap<String, Vec<String>>,
-    /// What was said of parts before, so that what is wrong with the head is told once.
+    /// Messages on parts before, so that what is wrong with the head is told once.
     said: HashSet<(String, String)>,
     objects: String,
     vertices: String,

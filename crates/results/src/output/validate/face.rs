@@ -205,7 +205,7 @@ fn between_rings(flat: &[Vec<[i64; 2]>], place: &impl Fn(usize, usize) -> [f64; 
     faults
 }
 
-/// How two rings meet.
+/// Relation of two rings.
 enum Contact {
     Apart,
     /// In these points, without crossing.

@@ -140,7 +140,7 @@ pub struct Fault {
 pub struct Validation {
     /// Geometries checked.
     pub n_geometries: usize,
-    /// Of them, those without faults.
+    /// Those without faults among them.
     pub n_valid: usize,
     /// Objects without any surface geometry.
     pub n_without_geometry: usize,
@@ -242,7 +242,7 @@ pub fn faults_of(faces: &[prism::Face], grid: &Grid) -> Vec<u16> {
     faults.iter().map(|fault| fault.number).collect::<BTreeSet<_>>().into_iter().collect()
 }
 
-/// Checks every geometry of a file, object by object: of a `CityJSON` file only the vertices are in memory (and the outlines of
+/// Checks every geometry of a file, object by object: of a `CityJSON` file only the vertices are in memory (and the footprints of
 /// building parts), of a sequence one feature.
 ///
 /// # Errors

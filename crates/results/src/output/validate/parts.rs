@@ -1,7 +1,7 @@
 //! 601: parts of one building that share volume.
 //!
 //! ```text
-//! shared = area(outline_a ∩ outline_b) × (lower roof − higher base) > 0
+//! shared = area(footprint_a ∩ footprint_b) × (lower roof − higher base) > 0
 //! ```
 //!
 //! Exact for upright prisms, which is what LOD1 parts are; parts of another form are passed over. What is thinner than the snap
@@ -20,7 +20,7 @@ const LEVEL: f64 = 1e-3;
 pub struct Part {
     object: String,
     lod: String,
-    outline: MultiPolygon<f64>,
+    footprint: MultiPolygon<f64>,
     levels_m: [f64; 2],
 }
 
@@ -47,21 +47,21 @@ impl Part {
         let bottom: Vec<Polygon<f64>> =
             level_faces.into_iter().filter(|(z_m, _)| is_at(*z_m, levels_m[0])).map(|(_, polygon)| polygon).collect();
         let (object, lod) = (object.id.clone(), geometry.lod.clone());
-        is_prism.then(|| Self { object, lod, outline: unary_union(&bottom), levels_m })
+        is_prism.then(|| Self { object, lod, footprint: unary_union(&bottom), levels_m })
     }
 
-    /// Where it shares volume with another part.
+    /// Place where it shares volume with another part.
     fn overlap(&self, other: &Self, config: &ValidateConfig) -> Option<[f64; 3]> {
         let base_m = self.levels_m[0].max(other.levels_m[0]);
         let is_stacked = self.levels_m[1].min(other.levels_m[1]) - base_m <= config.snap_tolerance_m;
-        let boxes = self.outline.bounding_rect().zip(other.outline.bounding_rect());
+        let boxes = self.footprint.bounding_rect().zip(other.footprint.bounding_rect());
         let is_apart = boxes.is_none_or(|(a, b)| {
             a.min().x > b.max().x || b.min().x > a.max().x || a.min().y > b.max().y || b.min().y > a.max().y
         });
         if self.lod != other.lod || is_stacked || is_apart {
             return None;
         }
-        let shared = self.outline.intersection(&other.outline);
+        let shared = self.footprint.intersection(&other.footprint);
         let border_m: f64 = shared.iter().map(|polygon| Euclidean.length(polygon.exterior())).sum();
         let is_thick = 2.0 * shared.unsigned_area() > config.snap_tolerance_m * border_m;
         shared.centroid().filter(|_| is_thick).map(|at| [at.x(), at.y(), base_m])

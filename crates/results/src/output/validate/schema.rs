@@ -42,20 +42,20 @@ pub struct SchemaFault {
     /// Line of a sequence.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub line: Option<usize>,
-    /// What and where, in cjval's words.
+    /// Fault and its place, in cjval's words.
     pub message: String,
 }
 
 /// The outcome for a file.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct SchemaCheck {
-    /// What makes the file invalid.
+    /// Faults that make the file invalid.
     pub errors: Vec<SchemaFault>,
-    /// What does not, and is worth knowing.
+    /// Faults that do not, and are worth knowing.
     pub warnings: Vec<SchemaFault>,
     /// Features of a sequence.
     pub n_features: usize,
-    /// Of them, those that were looked at.
+    /// Those that were looked at among them.
     pub n_features_checked: usize,
 }
 

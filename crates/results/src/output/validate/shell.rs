@@ -153,7 +153,7 @@ fn crossing_faces(faces: &[Face], snapped: &Snapped) -> Vec<Found> {
     found
 }
 
-/// Where an edge of `face` goes through the inside of `other`.
+/// Point where an edge of `face` goes through the inside of `other`.
 fn piercing(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
     let point = |i: usize| DVec3::from_array(snapped.points[i]);
     let on_plane = point(other.rings[0][0]);

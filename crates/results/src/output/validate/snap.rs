@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::super::cityjson::read::{CityFile, CityGeometry};
 
-/// What coordinates of a CRS lose in double precision, metres: vertices one quantum of a millimetre apart are that far apart
+/// Loss of a CRS's coordinates in double precision, metres: vertices one quantum of a millimetre apart are that far apart
 /// or a little more, and count as one all the same.
 const NOISE_M: f64 = 1e-8;
 
@@ -12,7 +12,7 @@ const NOISE_M: f64 = 1e-8;
 pub struct Snapped {
     /// Metres from [`Self::origin`].
     pub points: Vec<[f64; 3]>,
-    /// Where the first vertex lies in the file's CRS.
+    /// Place of the first vertex in the file's CRS.
     pub origin: [f64; 3],
     /// Vertices closer than this are one, metres.
     pub tolerance_m: f64,
@@ -21,7 +21,7 @@ pub struct Snapped {
 }
 
 impl Snapped {
-    /// Of the vertices that a geometry uses, in the order of their use.
+    /// Grid of the vertices that a geometry uses, in the order of their use.
     pub fn new(city: &CityFile, geometry: &CityGeometry, tolerance_m: f64) -> Self {
         let used = || geometry.surfaces.iter().flat_map(|s| s.rings.iter().flatten().copied());
         let origin = used().next().map_or([0.0; 3], |i| city.vertices[i as usize]);

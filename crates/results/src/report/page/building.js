@@ -98,7 +98,7 @@ function charts(data, b, index, evidence) {
   return drawn;
 }
 
-// What one level for the whole outline explains, and what two do: why it was split.
+// What one level for the whole footprint explains, and what two do: why it was split.
 function levelCharts(data, b) {
   const found = data.levels.filter((levels) => b.part_of && (levels.whole === b.part_of || b.id.startsWith(`${levels.whole}#`)));
   return found.map((levels) => {

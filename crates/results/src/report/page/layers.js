@@ -14,12 +14,12 @@ function addViewLayers(scene, data) {
   for (const v of data.views) {
     const eye = [v.centre[0] - ox, v.centre[1] - oy, v.centre[2] - oz];
     const corners = [];
-    for (let i = 0; i < v.outline.length; i += 2) corners.push([v.outline[i] - ox, v.outline[i + 1] - oy, ground - oz + 0.5]);
+    for (let i = 0; i < v.footprint.length; i += 2) corners.push([v.footprint[i] - ox, v.footprint[i + 1] - oy, ground - oz + 0.5]);
     const tint = [...(v.use === "measured" ? STATUS_COLOURS.measured : [120, 120, 128]), 255];
     corners.forEach((corner, i) => {
       put(photos, corner, corners[(i + 1) % corners.length], [...tint.slice(0, 3), 120]);
     });
-    // Every fourth point of the outline is a corner of the photo.
+    // Every fourth point of the footprint is a corner of the photo.
     const rim = corners.filter((_, i) => i % 4 === 0).map((c) => vec.add(eye, vec.scale(vec.unit(vec.sub(c, eye)), size)));
     rim.forEach((corner, i) => {
       put(cameras, eye, corner, tint);
@@ -67,7 +67,7 @@ function showSights(scene, data, index) {
   scene.setLines("sights", positions, tints);
 }
 
-// The box of an outline, metres from the origin.
+// The box of a footprint, metres from the origin.
 function boxOf(building) {
   const low = [Infinity, Infinity];
   const high = [-Infinity, -Infinity];

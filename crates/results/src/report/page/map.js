@@ -1,4 +1,4 @@
-// The map: outlines from above, north up, with a scale bar. Drag to move, wheel or pinch to zoom, click to pick.
+// The map: footprints from above, north up, with a scale bar. Drag to move, wheel or pinch to zoom, click to pick.
 
 // How much of a building's colour covers the photo below it.
 const OVER_PHOTO = 0.62;
@@ -26,8 +26,8 @@ async function loadBackdrop({ picture, shown }) {
 function createMap(canvas, data, on) {
   const context = canvas.getContext("2d");
   const [ox, oy] = data.origin;
-  const outlines = data.buildings.map((b) => b.rings.map((ring) => ring.map((v) => v / 100)));
-  const boxes = outlines.map(([outer]) => {
+  const footprints = data.buildings.map((b) => b.rings.map((ring) => ring.map((v) => v / 100)));
+  const boxes = footprints.map(([outer]) => {
     const box = [Infinity, Infinity, -Infinity, -Infinity];
     for (let i = 0; i < (outer?.length ?? 0); i += 2) {
       box[0] = Math.min(box[0], outer[i]); box[1] = Math.min(box[1], outer[i + 1]);
@@ -86,7 +86,7 @@ function createMap(canvas, data, on) {
   function drawBuildings(ink) {
     const isOverPhoto = backdrop && map.show.backdrop;
     const thin = view.perPixel > 1.5 ? 0.35 : 0.8;
-    outlines.forEach((rings, i) => {
+    footprints.forEach((rings, i) => {
       if (rings.length === 0) return;
       const [left, top] = place(boxes[i][0], boxes[i][3]);
       const [right, bottom] = place(boxes[i][2], boxes[i][1]);
@@ -101,8 +101,8 @@ function createMap(canvas, data, on) {
       context.lineWidth = isDoubtful ? 1.6 : thin;
       context.stroke();
     });
-    if (map.selected >= 0 && outlines[map.selected].length > 0) {
-      trace(outlines[map.selected]);
+    if (map.selected >= 0 && footprints[map.selected].length > 0) {
+      trace(footprints[map.selected]);
       context.strokeStyle = "#ff5a10";
       context.lineWidth = 4;
       context.stroke();
@@ -114,7 +114,7 @@ function createMap(canvas, data, on) {
       context.strokeStyle = ink;
       context.globalAlpha = 0.35;
       context.lineWidth = 1;
-      for (const v of data.views) trace([v.outline.map((c, i) => c - (i % 2 ? oy : ox))]), context.stroke();
+      for (const v of data.views) trace([v.footprint.map((c, i) => c - (i % 2 ? oy : ox))]), context.stroke();
       context.globalAlpha = 1;
     }
     if (!map.show.cameras) return;
@@ -201,11 +201,11 @@ function createMap(canvas, data, on) {
   map.at = (px, py) => {
     const x = (px - canvas.clientWidth / 2) * view.perPixel + view.x;
     const y = (canvas.clientHeight / 2 - py) * view.perPixel + view.y;
-    for (let b = outlines.length - 1; b >= 0; b -= 1) {
+    for (let b = footprints.length - 1; b >= 0; b -= 1) {
       const box = boxes[b];
       if (x < box[0] || y < box[1] || x > box[2] || y > box[3]) continue;
       let inside = false;
-      for (const ring of outlines[b]) {
+      for (const ring of footprints[b]) {
         for (let i = 0, j = ring.length - 2; i < ring.length; j = i, i += 2) {
           const straddles = ring[i + 1] > y !== ring[j + 1] > y;
           if (straddles && x < ((ring[j] - ring[i]) * (y - ring[i + 1])) / (ring[j + 1] - ring[i + 1]) + ring[i]) inside = !inside;

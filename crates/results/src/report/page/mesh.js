@@ -1,4 +1,4 @@
-// Blocks from outlines, and solids with roofs: roof and walls as triangles with flat normals, and the edges between them.
+// Blocks from footprints, and solids with roofs: roof and walls as triangles with flat normals, and the edges between them.
 
 // A plate this thick stands for a building whose height is not known, metres.
 const PLATE_M = 0.3;
@@ -155,7 +155,7 @@ function boundsOf(positions) {
 // Every building of a mesh as an upright box of the same area: along the wall whose rectangle is smallest. `places` hold
 // x, y, lowest and highest level; `reaches` a unit vector along the box and half its sides along and across.
 function boxesOfMesh(mesh) {
-  const boxes = outlinesOfMesh(mesh).map(([feature, outline]) => ({ feature, ...boxAround(outline) }));
+  const boxes = footprintsOfMesh(mesh).map(([feature, footprint]) => ({ feature, ...boxAround(footprint) }));
   const diagonals = boxes.map((box) => 2 * Math.hypot(box.reach[2], box.reach[3], (box.place[3] - box.place[2]) / 2));
   return {
     places: new Float32Array(boxes.flatMap((box) => box.place)),
@@ -166,7 +166,7 @@ function boxesOfMesh(mesh) {
 }
 
 // By feature: positions, directions of walls, and the area of the roof.
-function outlinesOfMesh({ positions, normals, features, indices }) {
+function footprintsOfMesh({ positions, normals, features, indices }) {
   const found = new Map();
   const stride = (normals.length / positions.length) * 3;
   const scale = normals instanceof Int8Array ? 127 : 1;

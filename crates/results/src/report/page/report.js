@@ -6,7 +6,7 @@ data.parts = partsByWhole(data.buildings);
 data.buildings.forEach((b) => { for (const key of ["ground", "base", "height", "sigma"]) b[key] ??= null; });
 const ways = colourings(data.buildings);
 const LAYERS = [["buildings", "buildings", true], ["edges", "edges", true], ["shadows", "shadows", true], ["ground", "ground", true],
-  ["cameras", "cameras", false], ["photos", "outlines of photos", false], ["sights", "sight lines", true], ["issues", "issues", false]];
+  ["cameras", "cameras", false], ["photos", "footprints of photos", false], ["sights", "sight lines", true], ["issues", "issues", false]];
 
 // Up to so many buildings are drawn with smooth edges.
 const MOST_SMOOTH = 3000;

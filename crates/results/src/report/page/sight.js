@@ -10,7 +10,7 @@ const ENOUGH = 0.7;
 // Triangles of a roof whose middles are looked at, the largest.
 const MOST_SAMPLES = 12;
 
-// What hides what: outlines and roofs of all buildings, metres from the origin.
+// What hides what: footprints and roofs of all buildings, metres from the origin.
 class Sights {
   constructor(data) {
     this.walls = data.buildings.map((b) => ({
@@ -31,7 +31,7 @@ class Sights {
       for (const k of [0, 1]) {
         if (Math.max(start[k], to[k]) < low[k] || Math.min(start[k], to[k]) > high[k]) return false;
       }
-      return crossesOutline(start, to, wall.rings);
+      return crossesFootprint(start, to, wall.rings);
     });
   }
 
@@ -69,8 +69,8 @@ class Sights {
   }
 }
 
-// Whether a stretch crosses the outline, or begins and ends within it.
-function crossesOutline(a, b, rings) {
+// Whether a stretch crosses the footprint, or begins and ends within it.
+function crossesFootprint(a, b, rings) {
   let isInside = false;
   for (const ring of rings) {
     for (let i = 0, j = ring.length - 2; i < ring.length; j = i, i += 2) {

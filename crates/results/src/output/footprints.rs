@@ -1,4 +1,4 @@
-//! Outlines with all attributes as rows of a table: what `GeoPackage` and `FlatGeobuf` share.
+//! Footprints with all attributes as rows of a table: what `GeoPackage` and `FlatGeobuf` share.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use sizeup_geo::geodata::features::{Column, ColumnKind, Row, free_title};
 pub const LIST_SEPARATOR: &str = "; ";
 
 /// The columns of all buildings, and how a building becomes a row.
-pub struct OutlineRows {
+pub struct FootprintRows {
     /// The id, ours, then the user's.
     pub columns: Vec<Column>,
     carried: Vec<Carried>,
@@ -22,7 +22,7 @@ pub struct OutlineRows {
     min_thickness_m: f64,
 }
 
-impl OutlineRows {
+impl FootprintRows {
     /// For the buildings of an overview; grid and thickness tell which have a solid.
     #[must_use]
     pub fn new(overview: &Overview, grid: Grid, min_thickness_m: f64) -> Self {
@@ -39,8 +39,8 @@ impl OutlineRows {
         min_thickness_m: f64,
     ) -> Result<(Overview, Self), OutputError> {
         let overview = Overview::of(records)?;
-        let outlines = Self::new(&overview, overview.grid(scale_m)?, min_thickness_m);
-        Ok((overview, outlines))
+        let footprints = Self::new(&overview, overview.grid(scale_m)?, min_thickness_m);
+        Ok((overview, footprints))
     }
 
     /// One building.

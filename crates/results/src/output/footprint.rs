@@ -1,12 +1,12 @@
-//! Outlines on the output grid, valid by construction.
+//! Footprints on the output grid, valid by construction.
 //!
-//! A [`SnappedOutline`] has rings of at least three distinct points, without repeated points or spikes; no two rings
+//! A [`SnappedFootprint`] has rings of at least three distinct points, without repeated points or spikes; no two rings
 //! and no two parts of one ring touch (a touching point would become a vertical edge with four walls, val3dity 303) or
 //! come nearer than [`CLEARANCE_M`] (a reader would take them for touching); holes lie inside the exterior and not
 //! inside each other. Exterior counter-clockwise, holes clockwise, seen from above. Contacts are found by exact integer
 //! arithmetic.
 //!
-//! Snapping can break an outline that was valid in metres; then it is cleaned once more as the input was
+//! Snapping can break a footprint that was valid in metres; then it is cleaned once more as the input was
 //! ([`sizeup_footprints::clean`]), on this grid, and its main part is kept. A repair that changes more than
 //! [`REPAIR_LOSS_SHARE`] of the area is refused instead.
 
@@ -29,44 +29,44 @@ const REPAIR_LOSS_SHARE: f64 = 1e-3;
 /// The same while it is cleaned, where the rim of a hole that is drawn in counts too.
 const CLEANING_CHANGE_SHARE: f64 = 1e-2;
 
-/// Why an outline does not survive on the grid.
+/// Why a footprint does not survive on the grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum OutlineFault {
+pub enum FootprintFault {
     /// Smaller than the grid resolves.
-    #[error("the outline has no area left on the output grid")]
+    #[error("the footprint has no area left on the output grid")]
     Collapsed,
     /// Crosses or touches itself beyond what the repair may change.
-    #[error("the outline crosses or touches itself on the output grid")]
+    #[error("the footprint crosses or touches itself on the output grid")]
     Invalid,
 }
 
 /// A closed ring without its last point; no two consecutive points are equal.
 pub type Ring = Vec<[i64; 2]>;
 
-/// A valid outline on the grid: exterior first.
+/// A valid footprint on the grid: exterior first.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SnappedOutline {
+pub struct SnappedFootprint {
     rings: Vec<Ring>,
 }
 
-impl SnappedOutline {
-    /// Snaps an outline (map frame, metres) to the grid and cleans it.
+impl SnappedFootprint {
+    /// Snaps a footprint (map frame, metres) to the grid and cleans it.
     ///
     /// # Errors
-    /// [`OutlineFault`] when no faithful outline is left.
-    pub fn new(outline: &Polygon<f64>, grid: &Grid) -> Result<Self, OutlineFault> {
+    /// [`FootprintFault`] when no faithful footprint is left.
+    pub fn new(footprint: &Polygon<f64>, grid: &Grid) -> Result<Self, FootprintFault> {
         let snap_ring = |ring: &LineString<f64>| -> Ring { ring.coords().map(|p| grid.snap(*p)).collect() };
-        let rings = clean(snap_ring(outline.exterior()), outline.interiors().iter().map(snap_ring))?;
+        let rings = clean(snap_ring(footprint.exterior()), footprint.interiors().iter().map(snap_ring))?;
         let snapped = Self { rings };
         if snapped.is_fit(grid) { Ok(snapped) } else { repair(&snapped, grid) }
     }
 
-    /// Whether an outline touches itself once it is on the grid, so that [`Self::new`] changes more of it than rounding
+    /// Whether a footprint touches itself once it is on the grid, so that [`Self::new`] changes more of it than rounding
     /// does.
     #[must_use]
-    pub fn is_repaired(outline: &Polygon<f64>, grid: &Grid) -> bool {
+    pub fn is_repaired(footprint: &Polygon<f64>, grid: &Grid) -> bool {
         let snap_ring = |ring: &LineString<f64>| -> Ring { ring.coords().map(|p| grid.snap(*p)).collect() };
-        let rings = clean(snap_ring(outline.exterior()), outline.interiors().iter().map(snap_ring));
+        let rings = clean(snap_ring(footprint.exterior()), footprint.interiors().iter().map(snap_ring));
         rings.is_ok_and(|rings| !Self { rings }.is_fit(grid))
     }
 
@@ -102,8 +102,8 @@ impl SnappedOutline {
 }
 
 /// Tidies and orients all rings; holes without area vanish.
-fn clean(exterior: Ring, holes: impl Iterator<Item = Ring>) -> Result<Vec<Ring>, OutlineFault> {
-    let exterior = oriented(tidy(exterior), 1).ok_or(OutlineFault::Collapsed)?;
+fn clean(exterior: Ring, holes: impl Iterator<Item = Ring>) -> Result<Vec<Ring>, FootprintFault> {
+    let exterior = oriented(tidy(exterior), 1).ok_or(FootprintFault::Collapsed)?;
     Ok(std::iter::once(exterior).chain(holes.filter_map(|hole| oriented(tidy(hole), -1))).collect())
 }
 
@@ -154,23 +154,23 @@ fn oriented(mut ring: Ring, sign: i128) -> Option<Ring> {
     Some(ring)
 }
 
-/// Cleans the outline on the grid; keeps its main part if next to nothing else is lost.
-fn repair(broken: &SnappedOutline, grid: &Grid) -> Result<SnappedOutline, OutlineFault> {
+/// Cleans the footprint on the grid; keeps its main part if next to nothing else is lost.
+fn repair(broken: &SnappedFootprint, grid: &Grid) -> Result<SnappedFootprint, FootprintFault> {
     // Relative to the grid's origin, so that its points are multiples of its quantum.
     let local = Grid { scale_m: grid.scale_m, origin_m: [0.0; 3] };
     let rules = Rules { grid_m: grid.scale_m, min_area_m2: 0.0, max_area_change: CLEANING_CHANGE_SHARE };
     let wanted_m2 = broken.to_polygon(&local).unsigned_area();
-    let cleaned = clean::clean(&broken.to_polygon(&local), rules).map_err(|_| OutlineFault::Invalid)?;
+    let cleaned = clean::clean(&broken.to_polygon(&local), rules).map_err(|_| FootprintFault::Invalid)?;
     let main = cleaned.parts.iter().max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area()));
-    let main = main.ok_or(OutlineFault::Invalid)?;
+    let main = main.ok_or(FootprintFault::Invalid)?;
     let snap_ring = |ring: &LineString<f64>| -> Ring { ring.coords().map(|p| local.snap(*p)).collect() };
     let rings = clean(snap_ring(main.exterior()), main.interiors().iter().map(snap_ring))?;
-    let outline = SnappedOutline { rings };
+    let footprint = SnappedFootprint { rings };
     let is_faithful = (main.unsigned_area() - wanted_m2).abs() <= REPAIR_LOSS_SHARE * wanted_m2 + rim_m2(main, rules);
-    if is_faithful && outline.is_fit(grid) { Ok(outline) } else { Err(OutlineFault::Invalid) }
+    if is_faithful && footprint.is_fit(grid) { Ok(footprint) } else { Err(FootprintFault::Invalid) }
 }
 
-/// What closing slits and drawing holes in may have changed: a rim along the rings, which is no loss of a part.
+/// Area that closing slits and drawing holes in may have changed: a rim along the rings, which is no loss of a part.
 fn rim_m2(polygon: &Polygon<f64>, rules: Rules) -> f64 {
     let length_m = |ring: &LineString<f64>| -> f64 { ring.lines().map(|l| l.dx().hypot(l.dy())).sum() };
     let holes_m = polygon.interiors().iter().map(length_m).sum::<f64>();
@@ -187,12 +187,12 @@ mod tests {
 
     #[test]
     fn repeated_points_spikes_and_flat_holes_vanish() {
-        let outline = polygon!(
+        let footprint = polygon!(
             exterior: [(x: 0.0, y: 0.0), (x: 10.0, y: 0.0), (x: 10.0, y: 0.0001), (x: 10.0, y: 5.0), (x: 14.0, y: 5.0),
                        (x: 10.0, y: 5.0), (x: 10.0, y: 10.0), (x: 0.0, y: 10.0)],
             interiors: [[(x: 2.0, y: 2.0), (x: 2.0001, y: 2.0), (x: 2.0, y: 2.0002)]],
         );
-        let snapped = SnappedOutline::new(&outline, &MILLIMETRES).unwrap();
+        let snapped = SnappedFootprint::new(&footprint, &MILLIMETRES).unwrap();
         assert_eq!(snapped.rings().len(), 1);
         assert_eq!(snapped.area(), 1e8);
         assert!(!snapped.rings()[0].contains(&[14_000, 5_000]));
@@ -200,11 +200,11 @@ mod tests {
 
     #[test]
     fn a_hole_that_touches_the_exterior_is_set_apart() {
-        let outline = polygon!(
+        let footprint = polygon!(
             exterior: [(x: 0.0, y: 0.0), (x: 10.0, y: 0.0), (x: 10.0, y: 10.0), (x: 0.0, y: 10.0)],
             interiors: [[(x: 5.0, y: 0.0), (x: 4.0, y: 4.0), (x: 6.0, y: 4.0)]],
         );
-        let snapped = SnappedOutline::new(&outline, &MILLIMETRES).unwrap();
+        let snapped = SnappedFootprint::new(&footprint, &MILLIMETRES).unwrap();
         assert!(rings_are_disjoint_and_nested(snapped.rings()));
         assert!((snapped.area() * 1e-6 - 96.0).abs() < 0.3, "{}", snapped.area() * 1e-6);
     }
@@ -216,20 +216,20 @@ mod tests {
             (x: 0.0, y: 0.0), (x: 5.0, y: 0.0), (x: 5.0, y: 5.0), (x: 5.001, y: 0.0), (x: 10.0, y: 0.0),
             (x: 10.001, y: 0.0), (x: 10.0, y: 10.0), (x: 0.0, y: 10.0),
         ];
-        let snapped = SnappedOutline::new(&slit, &MILLIMETRES).unwrap();
+        let snapped = SnappedFootprint::new(&slit, &MILLIMETRES).unwrap();
         assert_eq!(snapped.rings()[0].len(), 4, "{snapped:?}");
         assert!((snapped.area() * 1e-6 - 100.0).abs() < 0.02, "{}", snapped.area() * 1e-6);
     }
 
     #[test]
     fn a_bow_tie_is_refused() {
-        let outline = polygon![(x: 0.0, y: 0.0), (x: 10.0, y: 10.0), (x: 10.0, y: 0.0), (x: 0.0, y: 8.0)];
-        assert_eq!(SnappedOutline::new(&outline, &MILLIMETRES), Err(OutlineFault::Invalid));
+        let footprint = polygon![(x: 0.0, y: 0.0), (x: 10.0, y: 10.0), (x: 10.0, y: 0.0), (x: 0.0, y: 8.0)];
+        assert_eq!(SnappedFootprint::new(&footprint, &MILLIMETRES), Err(FootprintFault::Invalid));
     }
 
     #[test]
-    fn an_outline_smaller_than_the_grid_collapses() {
-        let outline = polygon![(x: 0.0, y: 0.0), (x: 3e-4, y: 0.0), (x: 0.0, y: 3e-4)];
-        assert_eq!(SnappedOutline::new(&outline, &MILLIMETRES), Err(OutlineFault::Collapsed));
+    fn a_footprint_smaller_than_the_grid_collapses() {
+        let footprint = polygon![(x: 0.0, y: 0.0), (x: 3e-4, y: 0.0), (x: 0.0, y: 3e-4)];
+        assert_eq!(SnappedFootprint::new(&footprint, &MILLIMETRES), Err(FootprintFault::Collapsed));
     }
 }

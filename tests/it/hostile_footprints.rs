@@ -1,4 +1,4 @@
-//! Whatever outline comes in: a valid solid goes out, or a reason why there is none.
+//! Whatever footprint comes in: a valid solid goes out, or a reason why there is none.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -18,7 +18,7 @@ use sizeup::survey::Survey;
 use crate::shared_data::shared_data;
 use crate::skipped::skip;
 
-/// Where the outlines stand: as far from the origin as real ones do.
+/// Where the footprints stand: as far from the origin as real ones do.
 const AT: (f64, f64) = (565_450.0, 5_932_450.0);
 
 fn rules() -> Rules {
@@ -26,11 +26,11 @@ fn rules() -> Rules {
     Rules { grid_m, min_area_m2, max_area_change }
 }
 
-fn block(id: &str, outline: Polygon<f64>, height_m: f64) -> BuildingRecord {
+fn block(id: &str, footprint: Polygon<f64>, height_m: f64) -> BuildingRecord {
     BuildingRecord {
         id: id.to_owned(),
         part_of: None,
-        footprint: Some(outline),
+        footprint: Some(footprint),
         ground_z_m: Some(22.0),
         base_z_m: Some(21.7),
         height_m: Some(height_m),
@@ -103,7 +103,7 @@ fn slits_spikes_and_corners_side_by_side_become_valid_solids_and_are_told() {
 }
 
 #[test]
-fn outlines_that_were_never_cleaned_become_valid_solids_too() {
+fn footprints_that_were_never_cleaned_become_valid_solids_too() {
     // As `sizeup export` meets them in files of others.
     let square = |detail: &[(f64, f64)]| {
         let mut corners = vec![(0.0, 0.0)];
@@ -126,7 +126,7 @@ fn outlines_that_were_never_cleaned_become_valid_solids_too() {
     assert_valid_to_val3dity(&path);
 }
 
-/// What is wrong with one place of an outline; sizes in metres.
+/// What is wrong with one place of a footprint; sizes in metres.
 #[derive(Debug, Clone, Copy)]
 enum Flaw {
     /// The corner comes again, this far away.
@@ -147,7 +147,7 @@ fn flaws() -> impl Strategy<Value = Flaw> {
 }
 
 /// A rectangle with a flaw on each wall, and a courtyard near the first, anywhere and turned anyhow.
-fn hostile_outlines() -> impl Strategy<Value = Polygon<f64>> {
+fn hostile_footprints() -> impl Strategy<Value = Polygon<f64>> {
     let sizes = (8.0..40.0_f64, 8.0..25.0_f64);
     let court = prop::option::of(0.0..0.02_f64);
     (sizes, prop::collection::vec(flaws(), 4), court, 0.0..360.0_f64, (0.0..1.0_f64, 0.0..1.0_f64)).prop_map(
@@ -191,13 +191,13 @@ fn hostile_outlines() -> impl Strategy<Value = Polygon<f64>> {
 }
 
 #[test]
-fn hostile_outlines_of_all_kinds_become_valid_solids_or_are_refused() {
+fn hostile_footprints_of_all_kinds_become_valid_solids_or_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let mut runner = proptest::test_runner::TestRunner::deterministic();
     let (mut blocks, mut n_refused) = (Vec::new(), 0);
     for i in 0..300 {
-        let outline = hostile_outlines().new_tree(&mut runner).unwrap().current();
-        match clean(&outline, rules()) {
+        let footprint = hostile_footprints().new_tree(&mut runner).unwrap().current();
+        match clean(&footprint, rules()) {
             Ok(cleaned) => {
                 let east = f64::from(i % 20) * 100.0;
                 for (k, part) in cleaned.parts.into_iter().enumerate() {
@@ -215,7 +215,7 @@ fn hostile_outlines_of_all_kinds_become_valid_solids_or_are_refused() {
 }
 
 #[test]
-fn an_outline_that_is_mended_on_the_output_grid_is_named() {
+fn a_footprint_that_is_mended_on_the_output_grid_is_named() {
     let at = |corners: &[(f64, f64)]| {
         Polygon::new(corners.iter().map(|(x, y)| Coord { x: AT.0 + x, y: AT.1 + y }).collect(), Vec::new())
     };
@@ -225,6 +225,6 @@ fn an_outline_that_is_mended_on_the_output_grid_is_named() {
     let blocks = [block("plain", plain, 5.0), block("slit", slit, 5.0)];
     let issues = cityjson::check(&blocks, &CityJsonConfig::default()).unwrap();
     let told: Vec<_> = issues.iter().map(|issue| (issue.code.as_str(), issue.subject.name(), issue.severity)).collect();
-    assert_eq!(told, [("outline_mended_on_grid", "slit", sizeup::issue::Severity::Note)]);
+    assert_eq!(told, [("footprint_mended_on_grid", "slit", sizeup::issue::Severity::Note)]);
     assert!(issues[0].message.contains("its area changed by") && issues[0].place.is_some(), "{:?}", issues[0]);
 }

@@ -1,26 +1,26 @@
-//! Where outlines in photos come from: masks of any tool, or a network.
+//! Where contours in photos come from: masks of any tool, or a network.
 
 use std::path::PathBuf;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::vectorise::{MaskFault, Outline};
+use super::vectorise::{Contour, MaskFault};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_survey::View;
 
-/// The part of a building that masks outline.
+/// The contour of a building that masks follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum OutlineKind {
-    /// Where walls meet the ground, hidden or not: the outline is laid on the terrain.
+pub enum ContourKind {
+    /// Where walls meet the ground, hidden or not: the contour is laid on the terrain.
     #[default]
     Ground,
-    /// The roof: the outline is laid at the roof's height, and moves when that changes.
+    /// The roof: the contour is laid at the roof's height, and moves when that changes.
     Roof,
 }
 
-/// How finely a view is looked at.
+/// Fineness with which a view is looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Look {
     /// Parts and holes below this are left out, pixels² of the photo.
@@ -30,24 +30,24 @@ pub struct Look {
 }
 
 /// Gives the buildings that a view shows.
-pub trait OutlineSource: Sync {
+pub trait ContourSource: Sync {
     /// The buildings of one view, in pixels of its photo.
     ///
     /// # Errors
     /// [`ViewFault`]: the view then has no say, and the others go on.
-    fn outlines(&self, view: &View, look: Look) -> Result<Vec<Outline>, ViewFault>;
+    fn contours(&self, view: &View, look: Look) -> Result<Vec<Contour>, ViewFault>;
 
-    /// The file that a view's outlines come from, for the lineage.
+    /// The file that a view's contours come from, for the lineage.
     fn file_of(&self, view: &View) -> Option<PathBuf>;
 }
 
-/// Why a view gives no outlines.
+/// Why a view gives no contours.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ViewFault {
     /// No mask where one should be.
     #[error("there is no mask for it: {} does not exist", path.display())]
     Absent {
-        /// Where it was looked for.
+        /// Path at which it was looked for.
         path: PathBuf,
     },
     /// The file of all masks does not name the photo.
@@ -94,9 +94,9 @@ pub enum ViewFault {
     /// The network stopped at it.
     #[error("{problem}")]
     Network {
-        /// What is the matter.
+        /// Problem.
         problem: String,
-        /// What to try.
+        /// Remedy.
         hint: String,
     },
     /// None of its pixels meets the terrain.

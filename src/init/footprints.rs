@@ -22,7 +22,7 @@ const N_LOOKED: usize = 3000;
 const HOUSE_AREAS_M2: std::ops::Range<f64> = 15.0..4000.0;
 /// Polygons with a median area above are parcels, blocks or areas of interest, m².
 const PARCEL_M2: f64 = 20_000.0;
-/// What layers of buildings are called, in several languages, lower case.
+/// Names of layers of buildings, in several languages, lower case.
 const BUILDING_WORDS: [&str; 16] = [
     "building",
     "footprint",
@@ -41,7 +41,7 @@ const BUILDING_WORDS: [&str; 16] = [
     "byggnad",
     "rakennu",
 ];
-/// What layers of something else are called.
+/// Names of layers of something else.
 const OTHER_WORDS: [&str; 14] = [
     "parcel",
     "flurst",
@@ -58,7 +58,7 @@ const OTHER_WORDS: [&str; 14] = [
     "landuse",
     "truth",
 ];
-/// What attributes of buildings are called.
+/// Names of attributes of buildings.
 const ATTRIBUTES: [&str; 10] =
     ["building", "gfk", "funktion", "function", "storeys", "levels", "roof", "height", "gebnutzbez", "anzahlgs"];
 /// Attributes that hold ids, the surest first.
@@ -77,9 +77,9 @@ const ID_FIELDS: [&str; 12] = [
     "objectid",
 ];
 
-/// A layer of outlines.
+/// A layer of footprints.
 #[derive(Debug, Clone, Serialize)]
-pub struct OutlineLayer {
+pub struct UsableLayer {
     /// The file.
     pub path: PathBuf,
     /// The layer, where the file has several.
@@ -92,9 +92,9 @@ pub struct OutlineLayer {
     pub n_features: Option<u64>,
     /// Their median area, m².
     pub median_area_m2: f64,
-    /// What speaks for it.
+    /// Evidence for it.
     pub why: String,
-    /// Its CRS.
+    /// CRS.
     #[serde(skip)]
     pub crs: Option<Crs>,
     #[serde(skip)]
@@ -110,17 +110,17 @@ pub struct PassedLayer {
     pub why: String,
 }
 
-/// What a look at the layers came to.
+/// Outcome of a look at the layers.
 #[derive(Debug, Default)]
-pub(super) struct OutlineChoice {
-    pub chosen: Option<OutlineLayer>,
+pub(super) struct LayerChoice {
+    pub chosen: Option<UsableLayer>,
     pub passed: Vec<PassedLayer>,
 }
 
 /// Chooses among the layers of a folder.
-pub(super) fn choose(inventory: &Inventory, place: &Place) -> OutlineChoice {
+pub(super) fn choose(inventory: &Inventory, place: &Place) -> LayerChoice {
     let mut looked = Vec::new();
-    let mut choice = OutlineChoice::default();
+    let mut choice = LayerChoice::default();
     for path in &inventory.layers {
         for (name, layer) in layers(path, place) {
             match layer {
@@ -141,7 +141,7 @@ pub(super) fn choose(inventory: &Inventory, place: &Place) -> OutlineChoice {
 }
 
 /// The layer that somebody named: it has to be readable and to lie where the photos are.
-pub(super) fn named(path: &Path, place: &Place) -> Result<OutlineLayer, InitError> {
+pub(super) fn named(path: &Path, place: &Place) -> Result<UsableLayer, InitError> {
     let refuse = |reason| InitError::Named { option: "--footprints", path: path.to_owned(), reason };
     let looked = layers(path, place);
     let (good, bad): (Vec<_>, Vec<_>) = looked.into_iter().partition(|(_, layer)| layer.is_ok());
@@ -154,7 +154,7 @@ pub(super) fn named(path: &Path, place: &Place) -> Result<OutlineLayer, InitErro
     })
 }
 
-type Looked = (String, Result<OutlineLayer, String>);
+type Looked = (String, Result<UsableLayer, String>);
 
 /// The layers of a file that may hold polygons.
 fn layers(path: &Path, place: &Place) -> Vec<Looked> {
@@ -184,7 +184,7 @@ fn first_line(error: &dyn std::error::Error) -> String {
     text.split("\nhint:").next().unwrap_or_default().replace('\n', " ")
 }
 
-fn look(path: &Path, layer: Option<&str>, place: &Place) -> Result<OutlineLayer, String> {
+fn look(path: &Path, layer: Option<&str>, place: &Place) -> Result<UsableLayer, String> {
     let config = FootprintConfig { layer: layer.map(str::to_owned), ..FootprintConfig::new(path) };
     let mut source = open_layer(&config).map_err(|e| first_line(&e))?;
     let crs = source.crs().map_err(|e| first_line(&e))?.ok_or("it has no CRS")?;
@@ -204,10 +204,10 @@ fn look(path: &Path, layer: Option<&str>, place: &Place) -> Result<OutlineLayer,
     let (score, why) = evidence.judge(path, layer);
     let id_field = if is_osm(path) { None } else { id_field(&features, source.field_names()) };
     let (path, layer, n_polygons) = (path.to_owned(), layer.map(str::to_owned), areas.len());
-    Ok(OutlineLayer { path, layer, id_field, n_polygons, n_features, median_area_m2, why, crs: Some(crs), score })
+    Ok(UsableLayer { path, layer, id_field, n_polygons, n_features, median_area_m2, why, crs: Some(crs), score })
 }
 
-/// What is known of a layer's polygons.
+/// Evidence of a layer's polygons.
 struct Evidence<'a> {
     n_polygons: usize,
     median_area_m2: f64,
@@ -215,7 +215,7 @@ struct Evidence<'a> {
 }
 
 impl Evidence<'_> {
-    /// How much speaks for buildings, and what.
+    /// Score for buildings, and its reasons.
     fn judge(&self, path: &Path, layer: Option<&str>) -> (i32, String) {
         let name = format!("{} {}", name_of(path), layer.unwrap_or_default()).to_lowercase();
         let has_word = |words: &[&str]| words.iter().any(|word| name.contains(word));
