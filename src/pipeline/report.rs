@@ -7,10 +7,10 @@ use super::kept::PriorStore;
 use super::stages::{SceneStage, load_terrain};
 use super::{HeightStage, PipelineError, backdrop, evidence, overview};
 use crate::config::RunConfig;
+use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::BuildingId;
 use sizeup_heights::optimise::{EpochRecord, LevelGain};
 use sizeup_results::output::{CityModel, picture};
-use sizeup_geo::terrain::Terrain;
 use sizeup_results::report::{self, Backdrop, Levels, Pass, Report, ViewUse};
 use sizeup_survey::{Survey, SurveyReport, View, ViewKind};
 

@@ -204,7 +204,9 @@ impl Check<'_> {
         let outputs = names.map(|name| self.layout.folder().join(name));
         let photos = merged.into_iter().flat_map(|merged| merged.photos.keys().map(PathBuf::from));
         let shared = [self.layout.manifest(), self.layout.common()];
-        for (of, files) in [("plan", inputs.collect::<Vec<_>>()), ("city", outputs.chain(photos).chain(shared).collect())] {
+        for (of, files) in
+            [("plan", inputs.collect::<Vec<_>>()), ("city", outputs.chain(photos).chain(shared).collect())]
+        {
             self.hashes.save(&self.layout.hashes(of), files.iter().map(PathBuf::as_path))?;
         }
         Ok(())

@@ -150,9 +150,8 @@ fn photos_lie_under_the_map_of_a_city_in_tiles_and_one_that_changes_makes_its_pa
     }
     assert!([0, 5].contains(&merge(&scene, &[]).code));
     let page = || fs::read_to_string(scene.path("city/report.html")).unwrap();
-    let status = || -> Value {
-        serde_json::from_str(&scene.sizeup(&["tiles", "status", "city", "--json"]).stdout).unwrap()
-    };
+    let status =
+        || -> Value { serde_json::from_str(&scene.sizeup(&["tiles", "status", "city", "--json"]).stdout).unwrap() };
     let before = page();
     let merged = scene.json("city/city.done.json");
     let photos: Vec<&String> = merged["photos"].as_object().unwrap().keys().collect();
