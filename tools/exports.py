@@ -214,12 +214,12 @@ main { display: grid; grid-template-columns: 360px 1fr; gap: 14px; padding: 14px
 
 
 def shrink(picture):
-    """Cuts off the white below the page, and keeps 48 colours."""
+    """Cuts off the white below the page, and keeps 64 colours."""
     image = Image.open(picture).convert("RGB")
     white = Image.new("RGB", image.size, "white")
     bottom = ImageChops.difference(image, white).getbbox()[3]
     image = image.crop((0, 0, image.width, min(bottom + 14, image.height))).resize((900, round((bottom + 14) * 0.9)), Image.LANCZOS)
-    image.quantize(48, dither=Image.Dither.NONE).save(picture, optimize=True)
+    image.quantize(64, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(picture, optimize=True)
 
 
 def draw(program, folder, chromium):

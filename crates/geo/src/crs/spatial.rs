@@ -125,7 +125,7 @@ fn why_impossible_anew(from: &str, to: &str) -> Option<String> {
     build().err().map(|e| reason_of(&e))
 }
 
-/// What GDAL says, in words of people: where PROJ finds nothing it writes out both systems in full, around a null pointer.
+/// The reason that GDAL gives, in words of people: where PROJ finds nothing it writes out both systems, around a null pointer.
 fn reason_of(error: &gdal::errors::GdalError) -> String {
     let said = error.to_string();
     if said.contains("Cannot find coordinate operations") {
