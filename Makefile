@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-networks networks demo test lint bench accuracy accuracy-footprints docs schemas qgis-plugin train-test deb wheel test-python test-packages clean
+.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-val3dity deps-networks networks demo test lint bench accuracy accuracy-footprints docs schemas qgis-plugin train-test deb wheel test-python test-packages clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -31,6 +31,9 @@ deps-batch: ## Install Snakemake into target/batch, so that the tests that run c
 
 deps-onnxruntime: ## Fetch ONNX Runtime's library into target/onnxruntime: faster, and for graphs the embedded engine cannot run
 	@tools/deps.sh onnxruntime
+
+deps-val3dity: ## Build val3dity, a validator of solids by others, from its source into target/tools (ten minutes)
+	@tools/deps.sh val3dity
 
 deps-networks: ## Install PyTorch and what exports the real architectures of depth networks, into target/networks
 	@tools/deps.sh networks

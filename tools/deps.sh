@@ -9,6 +9,9 @@
 #   tools/deps.sh qgis    QGIS alone: 220 MB to load, 1 GB on disk; without it the tests that need it say "skipped"
 #   tools/deps.sh onnxruntime ONNX Runtime's shared library in target/onnxruntime (24 MB to load); without it networks run in
 #                         the embedded engine, and the tests that compare the two say "skipped"
+#   tools/deps.sh val3dity a validator of solids, built from its source into target/tools/val3dity (some ten minutes of one
+#                         processor): no registry has it. The source is fetched from GitHub, or is a folder named by
+#                         VAL3DITY_SOURCE; without it the tests that need it say "skipped". Never part of another target
 #   tools/deps.sh networks PyTorch and transformers (500 MB on disk), which export real architectures with random weights
 #   tools/deps.sh batch   Snakemake with its plugins for Slurm and Kubernetes, and Kubernetes' schemas, in target/batch, some
 #                         300 MB; likewise
@@ -22,6 +25,7 @@ readonly MIN_RUST=94 # Rust 1.94
 readonly SNAKEMAKE=9.27.1 SNAKEMAKE_SLURM=2.8.0 SNAKEMAKE_KUBERNETES=0.5.1 SNAKEMAKE_STORAGE=1.1.3
 readonly KUBERNETES_VALIDATE=1.37.0 PYGMENTS=2.21.0
 readonly ONNXRUNTIME=1.31.1 TRANSFORMERS=4.48.3 ONNX=1.17.0 DEPTH_ANYTHING_3=0.1.1
+readonly VAL3DITY=2.6.0
 readonly CJIO=0.10.1 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1 PLAYWRIGHT=1.65.1
 tools="$(cd "$(dirname "$0")/.." && pwd)/target/tools"
 readonly tools
@@ -157,6 +161,33 @@ PYTHON
   touch "$folder/$ONNXRUNTIME"
 }
 
+val3dity() {
+  "$tools/val3dity" --version 2>/dev/null | grep -q "$VAL3DITY" && return 0
+  local missing=()
+  command -v c++ >/dev/null || missing+=(g++)
+  command -v cmake >/dev/null || missing+=(cmake make)
+  local library
+  for library in libcgal-dev libeigen3-dev libboost-filesystem-dev libgeos-dev; do
+    dpkg -s "$library" >/dev/null 2>&1 || missing+=("$library")
+  done
+  install_packages ${missing[@]+"${missing[@]}"}
+  local work
+  work=$(mktemp -d)
+  local source="${VAL3DITY_SOURCE:-$work/source}"
+  if [ -z "${VAL3DITY_SOURCE:-}" ]; then
+    command -v git >/dev/null || install_packages git
+    say "fetching the source of val3dity $VAL3DITY"
+    git clone --quiet --depth 1 --branch "$VAL3DITY" https://github.com/tudelft3d/val3dity "$source" ||
+      fail "its source could not be fetched: name a folder with it, VAL3DITY_SOURCE=FOLDER make deps-val3dity"
+  fi
+  say "building val3dity into target/tools"
+  cmake -S "$source" -B "$work/build" >/dev/null
+  cmake --build "$work/build" --parallel "$(nproc)" >/dev/null
+  mkdir -p "$tools"
+  cp "$work/build/val3dity" "$tools/val3dity"
+  rm -rf "$work"
+}
+
 networks() {
   local folder=target/networks
   "$folder/bin/python" -c 'import torch, transformers, onnx, einops, omegaconf' 2>/dev/null && return 0
@@ -196,6 +227,7 @@ case "${1:-build}" in
   batch) batch ;;
   onnxruntime) onnxruntime ;;
   networks) networks ;;
+  val3dity) val3dity ;;
   wheel) wheel_tools ;;
-  *) fail "usage: tools/deps.sh build|test|wheel|python|qgis|web|batch|onnxruntime|networks|docs" ;;
+  *) fail "usage: tools/deps.sh build|test|wheel|python|qgis|web|batch|onnxruntime|val3dity|networks|docs" ;;
 esac

@@ -1,6 +1,6 @@
 //! `sizeup run`: the whole path, or a part of it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
@@ -276,7 +276,9 @@ pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
 pub(super) fn tell_issues(ui: &Ui, summary: &RunSummary) {
     let (n_refused, n_warnings) = (summary.n_refused, summary.n_warnings);
     if n_refused + n_warnings > 0 {
-        ui.say(format!("{} refused, {}: see issues.json", counted(n_refused, "item"), counted(n_warnings, "warning")));
+        let (items, warnings) = (counted(n_refused, "item"), counted(n_warnings, "warning"));
+        let file = summary.issues_in.as_deref().unwrap_or(Path::new("issues.json"));
+        ui.say(format!("{items} refused, {warnings}: see {}", file.display()));
     }
 }
 
@@ -284,12 +286,12 @@ pub(super) fn tell_issues(ui: &Ui, summary: &RunSummary) {
 fn config_of(args: &RunArgs) -> Result<RunConfig, Failure> {
     let mut config = match &args.config {
         Some(path) if path.as_os_str() == "-" => {
-            RunConfig::from_text(&text_of_stdin(args)?, std::path::Path::new("standard input"), &args.assignments)
+            RunConfig::from_text(&text_of_stdin(args)?, Path::new("standard input"), &args.assignments)
         }
         // Tiles may be run again from another folder than this one.
         Some(path) if args.tiled => RunConfig::load(&absolute(path)?, &args.assignments),
         Some(path) => RunConfig::load(path, &args.assignments),
-        None => RunConfig::from_text(&text_of_flags(args)?, std::path::Path::new("command line"), &args.assignments),
+        None => RunConfig::from_text(&text_of_flags(args)?, Path::new("command line"), &args.assignments),
     }
     .map_err(|e| Failure::new(2, &e))?;
     if let Some(output) = &args.output {

@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use super::InitRequest;
 use super::flight::{Flight, MIN_PHOTOS};
 use super::folder::name_of;
-use super::ground;
 use super::placing::Placed;
 use super::project::{Findings, Lack, Notes};
+use super::{ground, poses};
 use sizeup_footprints::{FootprintConfig, LayerParts};
 use sizeup_geo::terrain::MapBox;
 use sizeup_survey::Format;
@@ -117,7 +117,7 @@ pub(super) fn check_footprints(found: &Findings, placed: Option<&Placed>, notes:
     match read {
         Err(error) => notes.lacks.push(Lack::new(
             "footprints that can be used",
-            error.to_string().replace('\n', " "),
+            poses::one_line(&error),
             "--footprints names another layer",
         )),
         Ok(read) if read.footprints.is_empty() => {

@@ -96,7 +96,7 @@ pub(super) fn place_in(
         reason: error.to_string(),
     };
     let reached = Reading::of(&survey_of(found), &frame.crs);
-    let why_not = reached.as_ref().err().map(poses::one_line);
+    let why_not = reached.as_ref().err().map(|error| poses::one_line(error));
     let is_reached = reached.is_ok();
     let reading = match reached.or_else(|_| Reading::of(&as_they_are(found), &frame.crs)) {
         Ok(reading) => reading,
@@ -169,7 +169,7 @@ fn load(config: &TerrainConfig, frame: &Frame, views: &[View]) -> Result<Terrain
     let cameras = views.iter().map(|view| (view.centre().x, view.centre().y));
     let area = MapBox::around(cameras).ok_or("no camera has a place")?.grown(AROUND_M);
     let config = TerrainConfig { min_cell_m: MIN_CELL_M, ..config.clone() };
-    terrain::load(&config, &frame.crs, area).map_err(|e| e.to_string().replace('\n', " "))
+    terrain::load(&config, &frame.crs, area).map_err(|e| poses::one_line(&e))
 }
 
 /// The ground as the run will have it.

@@ -3,6 +3,7 @@
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
+use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -137,9 +138,18 @@ fn nothing_in(look: &FirstLook) -> String {
     look.issues.first().map_or_else(|| "it has no poses".to_owned(), |issue| format!("no pose: {}", issue.message))
 }
 
-/// An error in a line, without its hint.
-pub(super) fn one_line(error: &SurveyError) -> String {
-    error.to_string().split("\nhint:").next().unwrap_or_default().replace('\n', " ")
+/// An error with its causes in a line, without hints.
+pub(super) fn one_line(error: &dyn Error) -> String {
+    let text = |error: &dyn Error| error.to_string().split("\nhint:").next().unwrap_or_default().replace('\n', " ");
+    let mut line = text(error);
+    let mut cause = error.source();
+    while let Some(found) = cause {
+        if !line.contains(&text(found)) {
+            line = format!("{line}: {}", text(found));
+        }
+        cause = found.source();
+    }
+    line
 }
 
 fn why_not(source: &PoseSource, chosen: &PoseSource) -> String {

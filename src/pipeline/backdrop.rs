@@ -21,28 +21,50 @@ use sizeup_results::output::BuildingRecord;
 use sizeup_results::report::Backdrop;
 use sizeup_survey::{View, ViewKind};
 
-/// Photos that are read, at most: each takes about half a second.
-const MOST_PHOTOS: usize = 16;
 /// Photos that are in memory at a time.
 const PHOTOS_AT_A_TIME: usize = 4;
-/// Places along the longer side of the town at which it is counted what a photo adds.
-const N_PLACES: usize = 48;
-/// A photo that adds a smaller share of the town than this is not worth reading.
-const LEAST_GAIN: f64 = 0.01;
+
+/// How many photos are worth reading: each takes about half a second.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Effort {
+    /// Photos that are read, at most.
+    most_photos: usize,
+    /// Places along the longer side of the town at which it is counted what a photo adds.
+    n_places: usize,
+    /// A photo that adds a smaller share of the town than this is not read.
+    least_gain: f64,
+}
+
+/// For what one run computes.
+pub(super) const TOWN: Effort = Effort { most_photos: 16, n_places: 48, least_gain: 0.01 };
+/// For a city of tiles, of which a photo shows little: a minute of two cores at most.
+pub(super) const CITY: Effort = Effort { most_photos: 256, n_places: 128, least_gain: 0.001 };
+
 /// Ground shown around the footprints, share of their longer side, and at least, metres.
 const MARGIN_SHARE: f64 = 0.04;
 const LEAST_MARGIN_M: f64 = 15.0;
 /// Finer pixels than this show no more of a town, metres.
 const LEAST_PX_M: f64 = 0.05;
 
+/// The views whose photos may be laid there.
+pub(super) fn at_hand(views: &[View]) -> impl Iterator<Item = &View> {
+    let is_there = |path: &Path| is_virtual(path) || path.is_file();
+    let nadir = views.iter().filter(|view| view.kind() == ViewKind::Nadir);
+    nadir.filter(move |view| view.image.as_deref().is_some_and(is_there))
+}
+
 /// Lays photos under the footprints, the longer side of the picture at most `longest_px`; `None` where no nadir photo is at
 /// hand that shows any of it.
-pub(super) fn lay(views: &[View], records: &[BuildingRecord], terrain: &Terrain, longest_px: u32) -> Option<Backdrop> {
+pub(super) fn lay(
+    views: &[View],
+    records: &[BuildingRecord],
+    terrain: &Terrain,
+    longest_px: u32,
+    effort: Effort,
+) -> Option<Backdrop> {
     let sheet = Sheet::around(records, terrain, longest_px)?;
-    let is_there = |path: &Path| is_virtual(path) || path.is_file();
-    let at_hand = views.iter().filter(|view| view.kind() == ViewKind::Nadir);
-    let at_hand: Vec<&View> = at_hand.filter(|view| view.image.as_deref().is_some_and(is_there)).collect();
-    let chosen = choose(&at_hand, &sheet);
+    let at_hand: Vec<&View> = at_hand(views).collect();
+    let chosen = choose(&at_hand, &sheet, effort);
     let mut photos: Vec<Photo<'_>> = Vec::new();
     for some in chosen.chunks(PHOTOS_AT_A_TIME) {
         photos.par_extend(some.par_iter().filter_map(|view| Photo::read(view, &sheet)));
@@ -91,8 +113,8 @@ impl<'a> Sheet<'a> {
     }
 
     /// Places over the whole sheet, evenly.
-    fn places(&self) -> Vec<DVec3> {
-        let step = self.size_px[0].max(self.size_px[1]).div_ceil(N_PLACES as u32).max(1) as usize;
+    fn places(&self, n: usize) -> Vec<DVec3> {
+        let step = self.size_px[0].max(self.size_px[1]).div_ceil(n as u32).max(1) as usize;
         let [columns, rows] = self.size_px.map(|n| (step as u32 / 2..n).step_by(step));
         rows.flat_map(|y| columns.clone().map(move |x| (x, y))).map(|(x, y)| self.place(x, y)).collect()
     }
@@ -122,15 +144,17 @@ fn pixel_of(view: &View, place: DVec3) -> Option<DVec2> {
 }
 
 /// The views that together see most, the one that sees most first.
-fn choose<'a>(views: &[&'a View], sheet: &Sheet<'_>) -> Vec<&'a View> {
-    let places = sheet.places();
-    let seen_by = |view: &&View| places.iter().map(|place| pixel_of(view, *place).is_some()).collect();
-    let sees: Vec<Vec<bool>> = views.par_iter().map(seen_by).collect();
-    let least = (LEAST_GAIN * places.len() as f64).max(1.0);
+fn choose<'a>(views: &[&'a View], sheet: &Sheet<'_>, effort: Effort) -> Vec<&'a View> {
+    let places = sheet.places(effort.n_places);
+    let seen_by = |view: &&View| -> Vec<usize> {
+        (0..places.len()).filter(|&place| pixel_of(view, places[place]).is_some()).collect()
+    };
+    let sees: Vec<Vec<usize>> = views.par_iter().map(seen_by).collect();
+    let least = (effort.least_gain * places.len() as f64).max(1.0);
     let mut is_covered = vec![false; places.len()];
     let mut chosen: Vec<usize> = Vec::new();
-    while chosen.len() < MOST_PHOTOS {
-        let gain = |v: &usize| sees[*v].iter().zip(&is_covered).filter(|(sees, covered)| **sees && !**covered).count();
+    while chosen.len() < effort.most_photos {
+        let gain = |v: &usize| sees[*v].iter().filter(|place| !is_covered[**place]).count();
         let gains = (0..views.len()).filter(|v| !chosen.contains(v)).map(|v| (gain(&v), v));
         // Among equals the first.
         let Some((gain, best)) = gains.max_by_key(|&(gain, v)| (gain, std::cmp::Reverse(v))) else { break };
@@ -138,7 +162,7 @@ fn choose<'a>(views: &[&'a View], sheet: &Sheet<'_>) -> Vec<&'a View> {
             break;
         }
         chosen.push(best);
-        is_covered.iter_mut().zip(&sees[best]).for_each(|(covered, sees)| *covered |= sees);
+        sees[best].iter().for_each(|place| is_covered[*place] = true);
     }
     chosen.into_iter().map(|v| views[v]).collect()
 }
@@ -279,20 +303,20 @@ mod tests {
         gone.image = Some(folder.path().join("gone.png"));
         views.push(gone);
         let ground = Terrain::Constant(AT[2]);
-        let backdrop = lay(&views, &town(90.0), &ground, 500).unwrap();
+        let backdrop = lay(&views, &town(90.0), &ground, 500, TOWN).unwrap();
         assert_eq!(backdrop.photos, ["a.png", "c.png"]);
         assert_eq!(backdrop.picture.width(), 500);
         assert!(backdrop.shown.is_none(), "140 m of photos hold 120 m of town and margin");
         // A pixel of the photo is 0.2 m, of the picture 0.24 m: colours are off by half of that at most, and rounding.
         assert_eq!(check_colours(&backdrop, 2), (backdrop.picture.width() * backdrop.picture.height()) as usize);
 
-        let one = lay(&views[..1], &town(90.0), &ground, 500).unwrap();
+        let one = lay(&views[..1], &town(90.0), &ground, 500, TOWN).unwrap();
         let n_shown = check_colours(&one, 2);
         // From 10 m west of the middle to the eastern edge, 60 m east of it.
         let share = n_shown as f64 / f64::from(one.picture.width() * one.picture.height());
         assert!((share - 70.0 / 120.0).abs() < 0.01, "{share}");
-        assert_eq!(lay(&views[3..], &town(90.0), &ground, 500), None);
-        assert_eq!(lay(&views, &town(90.0), &ground, 0), None, "it can be left out");
+        assert_eq!(lay(&views[3..], &town(90.0), &ground, 500, TOWN), None);
+        assert_eq!(lay(&views, &town(90.0), &ground, 0, TOWN), None, "it can be left out");
     }
 
     #[test]
@@ -303,7 +327,7 @@ mod tests {
         let ground = Terrain::Constant(AT[2]);
         let on = |n: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap();
-            pool.install(|| lay(&views, &town(100.0), &ground, 300)).unwrap()
+            pool.install(|| lay(&views, &town(100.0), &ground, 300, TOWN)).unwrap()
         };
         assert_eq!(on(1), on(5));
     }
@@ -315,7 +339,7 @@ mod tests {
         // On ground 20 m higher a photo shows less, and what it shows lies closer to its middle.
         let mut town = town(40.0);
         town[0].ground_z_m = Some(AT[2] + 20.0);
-        let backdrop = lay(&[view], &town, &Terrain::Constant(AT[2] + 20.0), 400).unwrap();
+        let backdrop = lay(&[view], &town, &Terrain::Constant(AT[2] + 20.0), 400, TOWN).unwrap();
         let [west, south, east, north] = backdrop.bounds_m;
         assert!((east - west - 70.0).abs() < 0.2 && (north - south - 50.0).abs() < 0.2);
         // 35 m east of the middle there: 43.75 m on the ground that the photo was painted for, which it does not reach.

@@ -50,7 +50,7 @@ pub use look::look;
 pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use refinement::{photo_bytes, reads_photo};
-pub use report::write_city_report;
+pub use report::{photos_for_city_report, write_city_report};
 pub use settings::part_settings;
 pub use stages::{files_of, lineage_of, reviews_of, unstated_reference};
 pub use tile::{

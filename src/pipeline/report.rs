@@ -1,16 +1,17 @@
 //! The report of a run, from what its stages found.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::kept::PriorStore;
 use super::stages::{SceneStage, load_terrain};
 use super::{HeightStage, PipelineError, backdrop, evidence, overview};
 use crate::config::RunConfig;
+use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::BuildingId;
 use sizeup_heights::optimise::{EpochRecord, LevelGain};
 use sizeup_results::output::{CityModel, picture};
-use sizeup_results::report::{self, Levels, Pass, Report, ViewUse};
+use sizeup_results::report::{self, Backdrop, Levels, Pass, Report, ViewUse};
 use sizeup_survey::{Survey, SurveyReport, View, ViewKind};
 
 /// Writes `report.html` beside the results.
@@ -40,7 +41,7 @@ pub(super) fn write(
         survey: survey_report(config),
         evidence: evidence::gather(config, model.survey, stage, heights, priors),
         overview,
-        backdrop: backdrop::lay(&model.survey.views, model.records, &stage.terrain, config.output.report.backdrop_px),
+        backdrop: lay_photos(config, model, &stage.terrain, backdrop::TOWN),
         config: config.saved().to_toml(),
     };
     Ok(report::write(&folder.join("report.html"), &report)?)
@@ -49,11 +50,32 @@ pub(super) fn write(
 /// Cells of the ground in the page of a city are at least so wide, metres.
 const CITY_CELL_M: f64 = 5.0;
 
-/// Writes `report.html` of a city that was made in parts: without the passes and the photos, which stay with the parts.
+fn lay_photos(
+    config: &RunConfig,
+    model: &CityModel<'_>,
+    terrain: &Terrain,
+    effort: backdrop::Effort,
+) -> Option<Backdrop> {
+    backdrop::lay(&model.survey.views, model.records, terrain, config.output.report.backdrop_px, effort)
+}
+
+/// The photos that may lie under the map of a city: where they change, so may its page.
+#[must_use]
+pub fn photos_for_city_report<'a>(config: &RunConfig, views: &'a [View]) -> Vec<&'a Path> {
+    let is_asked = config.output.report.page && config.output.report.backdrop_px > 0;
+    backdrop::at_hand(views).filter(|_| is_asked).filter_map(|view| view.image.as_deref()).collect()
+}
+
+/// Writes `report.html` of a city that was made in parts: without the passes and the evidence, which stay with the parts.
+/// Returns the photos that lie under its map.
 ///
 /// # Errors
 /// [`PipelineError`]: the terrain cannot be read, or the page not be written.
-pub fn write_city_report(config: &RunConfig, folder: &Path, model: &CityModel<'_>) -> Result<(), PipelineError> {
+pub fn write_city_report(
+    config: &RunConfig,
+    folder: &Path,
+    model: &CityModel<'_>,
+) -> Result<Vec<PathBuf>, PipelineError> {
     let mut coarse = config.clone();
     coarse.terrain.min_cell_m = coarse.terrain.min_cell_m.max(CITY_CELL_M);
     let terrain = load_terrain(&coarse, model.records.iter().filter_map(|r| r.footprint.as_ref()), 0.0)?;
@@ -63,6 +85,10 @@ pub fn write_city_report(config: &RunConfig, folder: &Path, model: &CityModel<'_
         ViewKind::Oblique => ViewUse::NotNeeded,
         _ => ViewUse::NotOblique,
     };
+    let backdrop = lay_photos(config, model, &terrain, backdrop::CITY);
+    let shown: BTreeSet<&str> = backdrop.iter().flat_map(|b| &b.photos).map(String::as_str).collect();
+    let shown = model.survey.views.iter().filter(|view| shown.contains(view.id.0.as_str()));
+    let photos = shown.filter_map(|view| view.image.clone()).collect();
     let report = Report {
         model: *model,
         terrain: &terrain,
@@ -73,10 +99,11 @@ pub fn write_city_report(config: &RunConfig, folder: &Path, model: &CityModel<'_
         survey: survey_report(config),
         evidence: Vec::new(),
         overview: None,
-        backdrop: None,
+        backdrop,
         config: config.saved().to_toml(),
     };
-    Ok(report::write(&folder.join("report.html"), &report)?)
+    report::write(&folder.join("report.html"), &report)?;
+    Ok(photos)
 }
 
 /// Report of the survey stage; a report without it is still a report.

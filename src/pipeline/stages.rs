@@ -52,7 +52,7 @@ pub(super) fn run(
     let mut mark = Unfinished::start(&config.project.output, &options.command)?;
     let city = run_marked(config, options, &reviews, (tell, solver), &mut mark).and_then(|city| {
         let seconds: BTreeMap<&str, f64> = city.summary.seconds.iter().map(|(stage, s)| (stage.as_str(), *s)).collect();
-        write_json(&config.project.output.join("timing.json"), &seconds)?;
+        write_json(&config.project.output.join(beside_results(config, options.until, "timing.json")), &seconds)?;
         Ok(city)
     });
     match (&city, mark.is_replacing()) {
@@ -184,7 +184,17 @@ fn sum_up_without_heights(
     let mut found: Vec<Issue> = all.cloned().chain(unseen).collect();
     found.sort_by_key(Issue::weight);
     summary.count_issues(&found);
-    Ok(write_json(&config.project.output.join("issues.json"), &found)?)
+    let file = beside_results(config, Stage::Footprints, "issues.json");
+    write_json(&config.project.output.join(&file), &found)?;
+    summary.issues_in = (file != Path::new("issues.json")).then_some(file);
+    Ok(())
+}
+
+/// Where a run that ends with `until` writes a file that lies beside results: those of an earlier run that are in the folder
+/// keep theirs.
+fn beside_results(config: &RunConfig, until: Stage, name: &str) -> PathBuf {
+    let has_results = || config.project.output.join("summary.json").is_file();
+    if until < Stage::Output && has_results() { Path::new("stages").join(name) } else { name.into() }
 }
 
 /// Decisions of people about single buildings; read first, so that a file that cannot be used is told before hours of

@@ -20,7 +20,7 @@ use crate::pipeline::{
     GroundTold, lineage_of, refused_records, reviews_of, unstated_reference, write_city_report, write_project,
 };
 use crate::recipe::Recipe;
-use sizeup_geo::files::FileError;
+use sizeup_geo::files::{FileError, is_virtual};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::MapBox;
 use sizeup_geo::unfinished::Unfinished;
@@ -45,6 +45,9 @@ const TILESET: &str = "3dtiles";
 const PAGE: &str = "report.html";
 /// Larger cities make pages that browsers are slow with: `sizeup view` shows them.
 const MAX_PAGE_BUILDINGS: usize = 20_000;
+
+/// Files by name, with their hashes.
+type Hashed = BTreeMap<String, String>;
 
 /// Rule for tiles that are not done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,6 +93,9 @@ pub struct Merged {
     pub no_tileset: Option<String>,
     /// Files by name, with their hashes.
     pub outputs: BTreeMap<String, String>,
+    /// Photos under the map of its page, with their hashes.
+    #[serde(default)]
+    pub photos: BTreeMap<String, String>,
     /// Treatment of heights.
     pub tileset: Tileset,
     /// All that it was made from.
@@ -129,7 +135,7 @@ pub fn merge(layout: &Layout, options: &MergeOptions, wait: &dyn Fn(&str)) -> Re
         return Err(TilesError::Missing { n_missing, n_tiles, first });
     }
     let tileset = options.tileset.unwrap_or(manifest.tileset);
-    let made_by = check.merge(&done, tileset);
+    let made_by = check.merge(&done, tileset)?;
     if let Ok(merged) = read_json::<Merged>(&layout.merged())
         && check.why_not_merged(&made_by, &merged).is_none()
     {
@@ -197,7 +203,7 @@ impl JoinedCity<'_> {
         write_project(config, folder, GEOPACKAGE, &model)?;
         cityjson::write_sequence(&folder.join(SEQUENCE), &model, &config.output.cityjson)?;
         let no_tileset = write_tileset(&folder.join(TILESET), &model, tileset)?;
-        let has_page = self.write_page(&model, count.n_buildings())?;
+        let photos = self.write_page(&model, count.n_buildings())?;
         write_issues(&folder.join("issues.json"), &issues)?;
         write_json(&folder.join("lineage.json"), &lineage)?;
         let seams = seams::compare(&records.files, &self.files(HALO))?;
@@ -232,15 +238,16 @@ impl JoinedCity<'_> {
             n_refused: summary.n_refused,
             n_photos_missing: summary.n_photos_missing,
             seams,
-            outputs: outputs(folder, no_tileset.is_none(), has_page)?,
+            outputs: outputs(folder, no_tileset.is_none(), photos.is_some())?,
+            photos: photos.unwrap_or_default(),
             no_tileset,
             tileset,
             made_by,
         })
     }
 
-    /// The page, unless there are too many buildings for one, none, or it is not asked for.
-    fn write_page(&self, model: &CityModel<'_, TileRecords>, n_buildings: usize) -> Result<bool, TilesError> {
+    /// The page, unless there are too many buildings for one, none, or it is not asked for; the photos under its map.
+    fn write_page(&self, model: &CityModel<'_, TileRecords>, n_buildings: usize) -> Result<Option<Hashed>, TilesError> {
         let (config, folder) = (&self.manifest.config, self.layout.folder());
         let mut records = Vec::new();
         if config.output.report.page && n_buildings <= MAX_PAGE_BUILDINGS {
@@ -251,12 +258,15 @@ impl JoinedCity<'_> {
         }
         if records.iter().all(|record| record.footprint.is_none()) {
             remove_if_there(&folder.join(PAGE))?;
-            return Ok(false);
+            return Ok(None);
         }
         let CityModel { crs, lineage, issues, survey, .. } = *model;
         let model = CityModel { records: records.as_slice(), crs, lineage, issues, survey };
-        write_city_report(config, folder, &model)?;
-        Ok(true)
+        let photos = write_city_report(config, folder, &model)?;
+        // One on a server is not read a second time: as elsewhere, it is known by its name.
+        let here = photos.iter().filter(|photo| !is_virtual(photo));
+        let hash = |photo: &PathBuf| hash_of(photo).map(|sha256| (photo.display().to_string(), sha256));
+        Ok(Some(here.map(hash).collect::<Result<_, FileError>>()?))
     }
 
     fn files(&self, name: &str) -> Vec<PathBuf> {

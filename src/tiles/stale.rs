@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use super::TilesError;
 use super::attempt::Attempt;
-use super::manifest::{Done, Layout, Manifest, Tile, TileViews, Tileset, fault_of, read_json};
+use super::manifest::{Common, Done, Layout, Manifest, Tile, TileViews, Tileset, fault_of, read_json};
 use super::merge::Merged;
 use super::status::{State, TileStatus};
-use crate::pipeline::{files_of, part_settings};
+use crate::pipeline::{files_of, part_settings, photos_for_city_report};
 use crate::recipe::{ABSENT, Recipe};
 use crate::tiles::Lock;
 use sizeup_geo::files::FileError;
@@ -148,7 +148,10 @@ impl Check<'_> {
     }
 
     /// Recipe that a merge of some tiles would be made from now.
-    pub fn merge(&self, done: &[Option<Done>], tileset: Tileset) -> Recipe {
+    ///
+    /// # Errors
+    /// [`TilesError::Plan`] where the views of all cannot be read.
+    pub fn merge(&self, done: &[Option<Done>], tileset: Tileset) -> Result<Recipe, TilesError> {
         let shared = [("the plan", self.layout.manifest()), ("what belongs to no tile", self.layout.common())];
         let mut recipe = Recipe::new(&serde_json::json!({ "tileset": tileset }));
         for (name, path) in shared {
@@ -158,13 +161,25 @@ impl Check<'_> {
             let sha256 = done.as_ref().map_or_else(|| ABSENT.to_owned(), hash_of_text);
             recipe.add(format!("tile {}", tile.id), sha256);
         }
-        recipe
+        // Which photos there are; what those hold that were read stands beside what was merged.
+        let common: Common = read_json(&self.layout.common())?;
+        let photos = photos_for_city_report(&self.manifest.config, &common.views);
+        if !photos.is_empty() {
+            recipe.add("the list of photos from above", hash_of_text(&photos));
+        }
+        Ok(recipe)
     }
 
     /// Why what was merged is not what would be merged now; `None` where it is.
     pub fn why_not_merged(&self, wanted: &Recipe, merged: &Merged) -> Option<String> {
         let folder = self.layout.folder();
-        wanted.why_stale(&merged.made_by).or_else(|| fault_of(folder, &merged.outputs, self.hashes))
+        let changed = || {
+            let mut photos = merged.photos.iter();
+            photos.find(|(photo, sha256)| self.sha256(Path::new(photo)) != **sha256)
+        };
+        let outputs = || fault_of(folder, &merged.outputs, self.hashes);
+        let photo = || changed().map(|(photo, _)| format!("photo {photo} has changed"));
+        wanted.why_stale(&merged.made_by).or_else(outputs).or_else(photo)
     }
 
     /// Leaves what is known of a tile's files behind.
@@ -187,8 +202,11 @@ impl Check<'_> {
         let inputs = self.manifest.inputs.iter().map(|file| PathBuf::from(&file.path));
         let names = merged.into_iter().flat_map(|merged| merged.outputs.keys());
         let outputs = names.map(|name| self.layout.folder().join(name));
+        let photos = merged.into_iter().flat_map(|merged| merged.photos.keys().map(PathBuf::from));
         let shared = [self.layout.manifest(), self.layout.common()];
-        for (of, files) in [("plan", inputs.collect::<Vec<_>>()), ("city", outputs.chain(shared).collect())] {
+        for (of, files) in
+            [("plan", inputs.collect::<Vec<_>>()), ("city", outputs.chain(photos).chain(shared).collect())]
+        {
             self.hashes.save(&self.layout.hashes(of), files.iter().map(PathBuf::as_path))?;
         }
         Ok(())

@@ -111,10 +111,13 @@ pub fn status(layout: &Layout, trust: Trust) -> Result<CityStatus, TilesError> {
         (Some(_), _) if Lock::holder_of(&layout.lock("city")).is_some() => (State::Running, None),
         (told @ Some(_), _) => (State::Failed, told),
         (None, None) => (State::Waiting, None),
-        (None, Some(merged)) => match check.why_not_merged(&check.merge(&done, merged.tileset), merged) {
-            None => (State::Done, None),
-            why => (State::Stale, why),
-        },
+        (None, Some(merged)) => {
+            match check.merge(&done, merged.tileset).map(|now| check.why_not_merged(&now, merged)) {
+                Ok(None) => (State::Done, None),
+                Ok(why) => (State::Stale, why),
+                Err(error) => (State::Stale, Some(error.to_string())),
+            }
+        }
     };
     let plan_stale = check.plan();
     let n_bytes_read = hashes.n_bytes_read();

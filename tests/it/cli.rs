@@ -142,6 +142,25 @@ fn the_issues_of_a_run_that_ends_with_the_footprints_come_by_weight_too() {
 }
 
 #[test]
+fn a_run_that_ends_early_leaves_the_results_of_an_earlier_one_as_they_are() {
+    let scene = Scene::new();
+    assert!([0, 5].contains(&scene.run(&[]).code));
+    let files = ["issues.json", "summary.json", "timing.json", "lineage.json", "city.city.json"];
+    let read = || files.map(|name| fs::read_to_string(scene.path("result").join(name)).unwrap());
+    let before = read();
+    scene.change_footprints(|features| {
+        let last = features.last_mut().unwrap()["geometry"]["coordinates"][0].as_array_mut().unwrap();
+        *last = vec![last[0].clone(), last[1].clone(), last[0].clone(), last[1].clone(), last[0].clone()];
+    });
+    let early = scene.run(&["--until", "footprints"]);
+    assert_eq!(early.code, 5, "{}", early.stderr);
+    assert!(early.stderr.contains("see stages/issues.json"), "{}", early.stderr);
+    let issues: Vec<Issue> = serde_json::from_value(scene.json("result/stages/issues.json")).unwrap();
+    assert!(issues.iter().any(|issue| issue.severity == Severity::Refused), "{issues:?}");
+    assert_eq!(read(), before);
+}
+
+#[test]
 fn a_misspelt_key_is_shown_in_its_line() {
     let scene = Scene::new();
     scene.edit("sizeup.toml", |text| text.replace("id_field =", "id_feild ="));

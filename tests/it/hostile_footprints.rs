@@ -1,7 +1,6 @@
 //! Whatever footprint comes in: a valid solid goes out, or a reason why there is none.
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 
 use geo::{Area as _, Rotate as _, Translate as _};
 use geo_types::{Coord, LineString, Point, Polygon};
@@ -16,17 +15,17 @@ use sizeup::output::{BuildingRecord, CityModel, HeightReference, Lineage, Status
 use sizeup::survey::Survey;
 
 use crate::shared_data::shared_data;
-use crate::skipped::skip;
+use crate::val3dity::assert_valid_to_val3dity;
 
 /// Where the footprints stand: as far from the origin as real ones do.
-const AT: (f64, f64) = (565_450.0, 5_932_450.0);
+pub const AT: (f64, f64) = (565_450.0, 5_932_450.0);
 
 fn rules() -> Rules {
     let FootprintConfig { grid_m, min_area_m2, max_area_change, .. } = FootprintConfig::new("");
     Rules { grid_m, min_area_m2, max_area_change }
 }
 
-fn block(id: &str, footprint: Polygon<f64>, height_m: f64) -> BuildingRecord {
+pub fn block(id: &str, footprint: Polygon<f64>, height_m: f64) -> BuildingRecord {
     BuildingRecord {
         id: id.to_owned(),
         part_of: None,
@@ -54,26 +53,6 @@ fn faults_of(blocks: &[BuildingRecord], path: &Path) -> Vec<(u16, String)> {
     let found = validate_file(path, &ValidateConfig::default()).unwrap();
     assert_eq!(found.n_geometries, blocks.len(), "every block has its solid");
     found.faults.into_iter().map(|fault| (fault.number, fault.object)).collect()
-}
-
-/// A val3dity built from its source, where somebody has one.
-fn val3dity() -> Option<PathBuf> {
-    let named = std::env::var_os("VAL3DITY").map(PathBuf::from);
-    let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/tools/val3dity");
-    let found = named.into_iter().chain([ours]).find(|path| path.is_file());
-    if found.is_none() {
-        skip("no val3dity (set VAL3DITY to a built one)");
-    }
-    found
-}
-
-/// Asserts that val3dity calls a file valid, where there is one.
-fn assert_valid_to_val3dity(path: &Path) {
-    let Some(program) = val3dity() else { return };
-    let report = path.with_extension("report.json");
-    Command::new(program).arg(path).arg("--report").arg(&report).output().unwrap();
-    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
-    assert_eq!(report["validity"], true, "{}: {}", path.display(), report["all_errors"]);
 }
 
 #[test]

@@ -71,5 +71,6 @@ mod tiles_stale;
 mod tiny_scene;
 mod tools;
 mod two_epochs;
+mod val3dity;
 mod validation;
 mod warsaw;

@@ -117,6 +117,11 @@ fn qgis_opens_the_project_styled_and_in_place() {
         report["layouts"]["Map, A4"]["items"],
         serde_json::json!(["legend", "map", "north", "scale", "sources", "title"])
     );
+    let titles = &report["layouts"]["Map, A4"]["titles"];
+    assert_eq!(
+        (&titles["buildings"], &titles["qa_issues"]),
+        (&"Height above ground".into(), &"To be looked at".into())
+    );
     let sources = report["layouts"]["Map, A4"]["sources"].as_str().unwrap();
     assert!(
         sources.contains("Footprints: town.gpkg") && sources.contains("NAP") && sources.contains("2025-06-01"),
@@ -143,6 +148,31 @@ fn qgis_opens_the_project_styled_and_in_place() {
     for colour in [[0x3e, 0x49, 0x89], [0x1f, 0x9e, 0x89], [0xb5, 0xde, 0x2b]] {
         assert!(image.pixels().any(|p| p.0 == colour), "{colour:?}");
     }
+}
+
+#[test]
+fn heights_are_written_beside_the_marks_of_what_is_doubtful() {
+    if !has_qgis() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let mut town = town();
+    // A mark in the middle of each building, as doubtful ones have it.
+    let middle = |record: &sizeup::output::BuildingRecord| record.footprint.as_ref().and_then(geo::Centroid::centroid);
+    let marks = town.records.iter().filter_map(|record| Some((record.id.clone(), middle(record)?)));
+    let mark = |(id, at): (String, geo_types::Point<f64>)| {
+        let subject = sizeup::issue::Subject::Building(id);
+        let issue = sizeup::issue::Issue::new(sizeup::issue::Severity::Warning, "building_doubtful", subject, "look");
+        issue.at(at.x(), at.y())
+    };
+    town.issues = marks.map(mark).collect();
+    let (gpkg, project) = (folder.path().join("town.gpkg"), folder.path().join("town.qgs"));
+    let config = GeoPackageConfig::default();
+    geopackage::write(&gpkg, &town.model(), &config).unwrap();
+    geopackage::write_project(&project, "town.gpkg", &town.model(), &config, ProjectGround::LowestWall).unwrap();
+    let report: Value = serde_json::from_str(&run("project.py", &[&project, &picture("qgis-marks.png")])).unwrap();
+    assert!(report["labels"].as_u64().unwrap() >= 2, "{}", report["labels"]);
+    assert_eq!(report["labels_on_marks"], 0);
 }
 
 /// A terrain model under the town: 12 m, rising a little to the east.

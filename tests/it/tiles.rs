@@ -132,6 +132,44 @@ fn a_city_in_tiles_has_a_page_and_a_packed_project_that_are_made_again_where_the
     assert!(!scene.path("city/report.html").exists(), "a page of before is not left behind");
 }
 
+/// Paints a photo of one colour.
+fn paint(scene: &Scene, stem: &str, colour: [u8; 3]) {
+    image::RgbImage::from_pixel(160, 120, image::Rgb(colour)).save(scene.path(&format!("images/{stem}.jpg"))).unwrap();
+}
+
+#[test]
+fn photos_lie_under_the_map_of_a_city_in_tiles_and_one_that_changes_makes_its_page_anew() {
+    let scene = Scene::new();
+    fs::create_dir(scene.path("images")).unwrap();
+    let stems = scene.stems();
+    stems.iter().for_each(|stem| paint(&scene, stem, [90, 120, 60]));
+    scene.edit("sizeup.toml", |text| text.replace("path = \"sparse\"", "path = \"sparse\"\nimages = \"images\""));
+    scene.edit("sizeup.toml", |text| text.replace("[optimise]\n", "[optimise]\npolish = { enabled = false }\n"));
+    for id in plan(&scene) {
+        assert!([0, 5].contains(&run_tile(&scene, &id).code));
+    }
+    assert!([0, 5].contains(&merge(&scene, &[]).code));
+    let page = || fs::read_to_string(scene.path("city/report.html")).unwrap();
+    let status =
+        || -> Value { serde_json::from_str(&scene.sizeup(&["tiles", "status", "city", "--json"]).stdout).unwrap() };
+    let before = page();
+    let merged = scene.json("city/city.done.json");
+    let photos: Vec<&String> = merged["photos"].as_object().unwrap().keys().collect();
+    assert!(before.contains("\"backdrop\":{\"picture\":\"data:image/"), "the page has no photos");
+    assert!(!photos.is_empty() && photos.iter().all(|photo| photo.contains("nadir")), "{photos:?}");
+    assert_eq!(status()["merge"], "done");
+    let photo = Path::new(photos[0]).file_name().unwrap().to_string_lossy().into_owned();
+    paint(&scene, photo.trim_end_matches(".jpg"), [250, 30, 30]);
+    assert_eq!(status()["merge"], "stale");
+    for id in ids(&scene) {
+        assert!([0, 5].contains(&run_tile(&scene, &id).code));
+    }
+    assert!([0, 5].contains(&merge(&scene, &[]).code));
+    assert!(page() != before && status()["merge"] == "done");
+    fs::remove_file(scene.path(&format!("images/{photo}"))).unwrap();
+    assert_eq!(status()["merge"], "stale");
+}
+
 #[test]
 fn halos_that_cut_through_a_town_leave_its_heights_as_they_are() {
     let folder = tempfile::tempdir().unwrap();

@@ -225,6 +225,10 @@ fn is_within(point: DVec3, volume: &Value) -> bool {
     point.cmpge(low - 1e-9).all() && point.cmple(high + 1e-9).all()
 }
 
+fn count(tile: &Value) -> u64 {
+    1 + tile["children"].as_array().into_iter().flatten().map(count).sum::<u64>()
+}
+
 fn check_tile(folder: &Path, tile: &Value, depth: usize) -> usize {
     let glb = Glb::read(&folder.join(tile["content"]["uri"].as_str().unwrap()));
     assert!(glb.positions().iter().all(|p| is_within(*p, &tile["content"]["boundingVolume"])));
@@ -250,6 +254,9 @@ fn boxes_hold_what_is_in_them_and_errors_fall_towards_the_leaves() {
     let extras = &tileset["asset"]["extras"]["sizeup"];
     assert_eq!((&extras["n_buildings"], &extras["n_without_solid"]), (&json!(26), &json!(2)));
     assert_eq!(extras["heights"], json!({ "geoid_height": GEOID_M }));
+    // Every viewer loads it first: three hundred bytes a tile, and a rest.
+    let (n_bytes, n_tiles) = (std::fs::metadata(path.join("tileset.json")).unwrap().len(), count(&tileset["root"]));
+    assert!(n_bytes < 700 + 350 * n_tiles, "{n_bytes} bytes for {n_tiles} tiles");
     let lineage: Value =
         serde_json::from_slice(&std::fs::read(path.join(extras["lineage"].as_str().unwrap())).unwrap()).unwrap();
     assert_eq!(lineage["config_sha256"], "00".repeat(32));

@@ -32,10 +32,13 @@ def describe_raster(layer):
 def describe_layout(layout, picture):
     """The named items of a page, and the page as a picture."""
     items = {item.id(): item for item in layout.items() if isinstance(item, QgsLayoutItem) and item.id()}
+    root = items["legend"].model().rootGroup()
+    titles = {node.name(): node.customProperty("legend/title-label", "") for node in root.findLayers()}
     settings = QgsLayoutExporter.ImageExportSettings()
     settings.dpi = 90
     QgsLayoutExporter(layout).exportToImage(picture + ".page.png", settings)
-    return {"items": sorted(items), "sources": items["sources"].text(), "scale": round(items["map"].scale())}
+    return {"items": sorted(items), "sources": items["sources"].text(), "scale": round(items["map"].scale()),
+            "titles": titles}
 
 
 def main():
@@ -67,6 +70,10 @@ def main():
     job.start()
     job.waitForFinished()
     job.renderedImage().save(sys.argv[2])
+    labels = job.takeLabelingResults()
+    marks = [mark.geometry().asPoint() for mark in project.mapLayersByName("qa_issues")[0].getFeatures() if mark.hasGeometry()]
+    report["labels"] = len(labels.labelsWithinRect(extent))
+    report["labels_on_marks"] = sum(bool(labels.labelsAtPosition(mark)) for mark in marks)
     json.dump(report, sys.stdout, indent=1)
     del drawn
     project.clear()

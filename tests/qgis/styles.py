@@ -25,6 +25,7 @@ from qgis.PyQt.QtXml import QDomDocument
 from qgis.core import (
     QgsApplication,
     QgsFillSymbol,
+    QgsLabelObstacleSettings,
     QgsLayoutItemLabel,
     QgsLayoutItemLegend,
     QgsLayoutItemMap,
@@ -219,6 +220,15 @@ def qa_issues():
         root.appendChild(QgsRuleBasedRenderer.Rule(symbol, filterExp=f"\"severity\" = '{severity}'", label=severity))
     layer.setRenderer(QgsRuleBasedRenderer(root))
     layer.setDisplayExpression("\"code\" || ': ' || \"message\"")
+    # Heights are written beside the marks, not under them.
+    blocking = QgsPalLayerSettings()
+    blocking.drawLabels = False
+    obstacle = QgsLabelObstacleSettings()
+    obstacle.setIsObstacle(True)
+    obstacle.setFactor(2)
+    blocking.setObstacleSettings(obstacle)
+    layer.setLabeling(QgsVectorLayerSimpleLabeling(blocking))
+    layer.setLabelsEnabled(True)
     return layer
 
 
@@ -402,7 +412,11 @@ def layout():
     scale.setMaximumBarWidth(55)
     scale.setNumberOfSegments(2)
     scale.setNumberOfSegmentsLeft(0)
-    place(scale, "scale", 224, 176, 63, 14)
+    numbers = QgsTextFormat()
+    numbers.setSize(8)
+    scale.setTextFormat(numbers)
+    scale.setHeight(2)
+    place(scale, "scale", 224, 178, 63, 12)
     arrow = QgsLayoutItemPicture(page)
     arrow.setPicturePath(":/images/north_arrows/layout_default_north_arrow.svg")
     arrow.setLinkedMap(chart)

@@ -12,6 +12,7 @@
 //! `p`: centres, `q`: GPS positions as a frame predicts them, both minus their means, metres. Source: ODM's stage
 //! `opensfm` and `OpenSfM`'s `export_geocoords`.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3};
@@ -272,5 +273,43 @@ fn odm_offset(path: &Path) -> Result<DVec3, SurveyError> {
 pub(super) fn odm_crs(folder: &Path) -> Result<Crs, SurveyError> {
     let path: PathBuf = folder.join("proj.txt");
     let text = files::read_text(&path)?;
-    Ok(Crs::parse(text.trim())?)
+    Ok(Crs::parse(&by_code(text.trim()).unwrap_or_else(|| text.trim().to_owned()))?)
+}
+
+/// The code of a UTM zone of WGS 84, which ODM writes out as PROJ does: results name a CRS that has one, and other
+/// programs know it by that.
+fn by_code(definition: &str) -> Option<String> {
+    let words: BTreeSet<&str> = definition.split_ascii_whitespace().collect();
+    let zone: u32 = words.iter().find_map(|word| word.strip_prefix("+zone=")?.parse().ok())?;
+    let is_south = words.contains("+south");
+    let known = ["+proj=utm", "+datum=WGS84", "+ellps=WGS84", "+units=m", "+no_defs", "+type=crs", "+south"];
+    let is_plain = words.iter().all(|word| known.contains(word) || word.starts_with("+zone="));
+    let is_utm = ["+proj=utm", "+datum=WGS84", "+units=m"].iter().all(|word| words.contains(word));
+    let base = if is_south { 32_700 } else { 32_600 };
+    (is_plain && is_utm && (1..=60).contains(&zone)).then(|| format!("EPSG:{}", base + zone))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_utm_zone_of_wgs_84_has_its_code_and_nothing_else_has() {
+        let code = |definition: &str| by_code(definition);
+        let north = "+proj=utm +zone=32 +datum=WGS84 +units=m +no_defs +type=crs";
+        assert_eq!(code(north).as_deref(), Some("EPSG:32632"));
+        assert_eq!(code("+proj=utm +zone=23 +south +datum=WGS84 +units=m +no_defs").as_deref(), Some("EPSG:32723"));
+        for other in [
+            "+proj=utm +zone=32 +ellps=GRS80 +units=m +no_defs",
+            "+proj=utm +zone=32 +datum=WGS84 +units=us-ft +no_defs",
+            "+proj=utm +zone=32 +datum=WGS84 +towgs84=1,2,3 +units=m",
+            "+proj=utm +zone=61 +datum=WGS84 +units=m",
+            "EPSG:25832",
+        ] {
+            assert_eq!(code(other), None, "{other}");
+        }
+        let [coded, written] = [code(north).unwrap(), north.to_owned()].map(|text| Crs::parse(&text).unwrap());
+        let way = Transform::new(&coded, &written).unwrap().point(565_000.0, 5_932_000.0).unwrap();
+        assert!((way.0 - 565_000.0).abs() < 1e-6 && (way.1 - 5_932_000.0).abs() < 1e-6, "{way:?}");
+    }
 }

@@ -30,7 +30,7 @@ impl Transform3d {
         let no_transformation = |e: gdal::errors::GdalError| {
             let (from, to) = (from.to_string(), to.to_string());
             let base = "its geographic base".to_owned();
-            CrsError::NoTransformation { from, to, reason: e.to_string(), base }
+            CrsError::NoTransformation { from, to, reason: reason_of(&e), base }
         };
         let reference = |crs: &Crs| -> Result<SpatialRef, gdal::errors::GdalError> {
             let mut reference = SpatialRef::from_definition(crs.definition())?;
@@ -122,7 +122,17 @@ fn why_impossible_anew(from: &str, to: &str) -> Option<String> {
         let (from, to) = (SpatialRef::from_definition(from)?, SpatialRef::from_definition(to)?);
         CoordTransform::new_with_options(&from, &to, &options)
     };
-    build().err().map(|e| e.to_string())
+    build().err().map(|e| reason_of(&e))
+}
+
+/// The reason that GDAL gives, in words of people: where PROJ finds nothing it writes out both systems, around a null pointer.
+fn reason_of(error: &gdal::errors::GdalError) -> String {
+    let said = error.to_string();
+    if said.contains("Cannot find coordinate operations") {
+        "PROJ knows no way between their datums that is more than a guess".to_owned()
+    } else {
+        said
+    }
 }
 
 /// Whether GDAL, and PROJ below it, can read a definition.
@@ -218,6 +228,15 @@ pub fn enu_from_geocentric(lon_deg: f64, lat_deg: f64) -> DMat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn two_datums_without_a_way_between_them_are_told_in_a_line() {
+        let crs = |text: &str| Crs::parse(text).unwrap();
+        let unknown = crs("+proj=utm +zone=32 +ellps=GRS80 +units=m +no_defs");
+        let told = crate::crs::Transform::new(&crs("EPSG:25832"), &unknown).err().unwrap().to_string();
+        let line = told.lines().next().unwrap();
+        assert!(line.len() < 250 && line.contains("no way between their datums") && !line.contains("NULL"), "{line}");
+    }
 
     #[test]
     fn a_definition_is_never_fetched_or_opened() {

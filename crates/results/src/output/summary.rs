@@ -61,6 +61,10 @@ pub struct RunSummary {
     pub n_refused: usize,
     /// Warnings of all stages.
     pub n_warnings: usize,
+    /// The file of the issues in the folder, where it is not `issues.json`: a run that ended early leaves the results of an
+    /// earlier one, and theirs, as they are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub issues_in: Option<PathBuf>,
     /// Photos that the survey names and nobody could read.
     #[serde(default)]
     pub n_photos_missing: usize,

@@ -60,6 +60,15 @@ const LEGEND: [Entry; 7] = [
     ("tiles", false, Some(SURVEY_GROUP)),
 ];
 
+/// Titles of layers in the legend of the printed page, where their names tell a reader nothing.
+const TITLES: [(&str, &str); 5] = [
+    ("qa_issues", "To be looked at"),
+    ("buildings", "Height above ground"),
+    ("cameras", "Photos"),
+    ("tiles", "Tiles of the computation"),
+    (TERRAIN, "Terrain"),
+];
+
 /// The terrain model's name in the legend, below all others.
 const TERRAIN: &str = "terrain";
 
@@ -185,9 +194,13 @@ impl Project<'_> {
     fn legend(&self, text: &mut String) {
         let leaf = |name: &str, is_drawn: bool, provider: &str| {
             let checked = if is_drawn { "Qt::Checked" } else { "Qt::Unchecked" };
+            let titled = TITLES.iter().find(|(layer, _)| *layer == name).map_or_else(String::new, |(_, title)| {
+                let option = format!("<Option name=\"legend/title-label\" value=\"{title}\" type=\"QString\"/>");
+                format!("<customproperties><Option type=\"Map\">{option}</Option></customproperties>")
+            });
             format!(
                 "<layer-tree-layer id=\"{ID_PREFIX}{name}\" name=\"{name}\" checked=\"{checked}\" expanded=\"{}\" \
-                 providerKey=\"{provider}\"/>\n",
+                 providerKey=\"{provider}\">{titled}</layer-tree-layer>\n",
                 u8::from(name == "buildings")
             )
         };

@@ -127,6 +127,12 @@ impl Frame<'_> {
         [of(0), of(1)]
     }
 
+    /// The place of the grid to the south-west of one.
+    fn cell(&self, at: DVec2) -> Point {
+        let of = |axis: usize| (at[axis] / self.grid.scale_m).floor() as i64 + self.origin[axis];
+        [of(0), of(1)]
+    }
+
     fn polygon(&self, footprint: &SnappedFootprint) -> Polygon<f64> {
         let ring = |ring: &Ring| -> LineString<f64> {
             let closed = ring.iter().chain(ring.first());
@@ -345,6 +351,36 @@ mod tests {
                 (house(&footprint, turn_deg, shape), is_rectangle)
             },
         )
+    }
+
+    /// Corners of a solid that stand outside its outline, exactly.
+    fn n_outside(record: &BuildingRecord, faces: &[Face]) -> usize {
+        use geo::coordinate_position::{CoordPos, CoordinatePosition as _};
+        let (grid, _) = Grid::over(std::slice::from_ref(record), 0.001).unwrap();
+        let block = Prism::of(record, &grid, 0.1).unwrap();
+        let [x_0, y_0] = block.outline().rings()[0][0];
+        let at = |x: i64, y: i64| Coord { x: (x - x_0) as f64, y: (y - y_0) as f64 };
+        let mut rings = block.outline().rings().iter().map(|ring| ring.iter().map(|[x, y]| at(*x, *y)).collect());
+        let outline = Polygon::new(rings.next().unwrap(), rings.collect::<Vec<LineString<f64>>>());
+        let corners = faces.iter().flat_map(|face| face.rings.iter().flatten());
+        corners.filter(|[x, y, _]| outline.coordinate_position(&at(*x, *y)) == CoordPos::Outside).count()
+    }
+
+    #[test]
+    fn no_corner_of_a_roof_stands_outside_the_outline_where_a_neighbour_may_be() {
+        use proptest::strategy::ValueTree as _;
+        let mut runner = proptest::test_runner::TestRunner::deterministic();
+        let mut n = 0;
+        for _ in 0..400 {
+            let (house, _) = houses().new_tree(&mut runner).unwrap().current();
+            if let Some((faces, _)) =
+                geo::Validation::is_valid(house.footprint.as_ref().unwrap()).then(|| solid(&house)).flatten()
+            {
+                n += 1;
+                assert_eq!(n_outside(&house, &faces), 0, "{house:?}");
+            }
+        }
+        assert!(n > 200, "{n} solids");
     }
 
     #[test]

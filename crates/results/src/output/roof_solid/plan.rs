@@ -9,6 +9,7 @@ use glam::DVec2;
 use sizeup_heights::optimise::RoofPlane;
 
 use super::super::footprint::{Ring, SnappedFootprint};
+use super::super::planar::cross;
 use super::{Frame, Point};
 
 /// Corners nearer to each other, or to an edge, are one, metres: well below what a validator lets a face bend by.
@@ -86,13 +87,14 @@ struct Nodes<'a> {
     frame: &'a Frame<'a>,
     /// Those of the footprint first.
     all: Vec<Point>,
-    border: Vec<[DVec2; 2]>,
+    /// Edges of the footprint, its inside to the left.
+    border: Vec<[Point; 2]>,
 }
 
 impl<'a> Nodes<'a> {
     fn of(footprint: &SnappedFootprint, frame: &'a Frame<'a>) -> Self {
-        let walls = footprint.rings().iter().flat_map(edges).map(|edge| edge.map(|p| frame.metres(p)));
-        Self { frame, all: footprint.rings().iter().flatten().copied().collect(), border: walls.collect() }
+        let corners = footprint.rings().iter().flatten().copied().collect();
+        Self { frame, all: corners, border: footprint.rings().iter().flat_map(edges).collect() }
     }
 
     fn nearest_or_new(&mut self, at: DVec2) -> Point {
@@ -100,16 +102,31 @@ impl<'a> Nodes<'a> {
             return node;
         }
         // A corner beside the footprint lies on it.
-        let on_wall = |[from, to]: &[DVec2; 2]| {
-            let along = *to - *from;
-            let share = ((at - *from).dot(along) / along.length_squared()).clamp(0.0, 1.0);
-            Some(*from + share * along).filter(|foot| foot.distance(at) <= MERGE_M)
+        let on_wall = |wall: &[Point; 2]| {
+            let [from, to] = wall.map(|p| self.frame.metres(p));
+            let along = to - from;
+            let share = ((at - from).dot(along) / along.length_squared()).clamp(0.0, 1.0);
+            let foot = from + share * along;
+            (foot.distance(at) <= MERGE_M).then(|| self.inside_of(*wall, foot))
         };
-        let node = self.frame.point(self.border.iter().find_map(on_wall).unwrap_or(at));
+        let node = self.border.iter().find_map(on_wall).unwrap_or_else(|| self.frame.point(at));
         self.near(self.frame.metres(node)).unwrap_or_else(|| {
             self.all.push(node);
             node
         })
+    }
+
+    /// The place of the grid next to one on a wall that is not outside: a neighbour at the same wall, whose nodes are
+    /// elsewhere, must not share volume with this one, be it a few cubic centimetres (val3dity 601).
+    fn inside_of(&self, [from, to]: [Point; 2], foot: DVec2) -> Point {
+        let low = self.frame.cell(foot);
+        let around = [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[x, y]| [low[0] + x, low[1] + y]);
+        let inside = around.into_iter().filter(|p| cross(from, to, *p) >= 0);
+        let nearest = inside.min_by(|a, b| {
+            let distance = |p: &Point| self.frame.metres(*p).distance(foot);
+            distance(a).total_cmp(&distance(b))
+        });
+        nearest.unwrap_or_else(|| self.frame.point(foot))
     }
 
     fn near(&self, at: DVec2) -> Option<Point> {

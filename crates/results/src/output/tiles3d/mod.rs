@@ -112,7 +112,10 @@ pub fn write<R: Records + ?Sized>(
         };
         let tileset = tileset(root, &overview, shown.hidden.n(), config, &place);
         write_json(&temporary.join(LINEAGE), model.lineage)?;
-        Ok(write_json(&temporary.join(folder::TILESET), &tileset)?)
+        // Every viewer loads it first: without white space.
+        Ok(write_whole_unflushed(&temporary.join(folder::TILESET), |out| {
+            Ok(serde_json::to_writer(&mut *out, &tileset)?)
+        })?)
     })?;
     Ok(overview)
 }
@@ -213,7 +216,7 @@ impl TileWriter<'_> {
             children.iter().fold(own, |[low, high], child| [low.min(child.bounds[0]), high.max(child.bounds[1])]);
         let mut json = json!({
             "boundingVolume": { "box": bounding_box(bounds) },
-            "geometricError": node.error_m,
+            "geometricError": (node.error_m * STEPS_A_METRE).ceil() / STEPS_A_METRE,
             "content": { "uri": uri, "boundingVolume": { "box": bounding_box(own) } },
         });
         if !children.is_empty() {
@@ -237,10 +240,15 @@ impl TileWriter<'_> {
 
 /// Half a millimetre: rounding to single precision must not put a vertex outside its box.
 const BOX_MARGIN_M: f64 = 5e-4;
+/// Boxes begin and end at whole millimetres, so that one within another stays so, and numbers are short.
+const STEPS_A_METRE: f64 = 1000.0;
 
 /// Centre and half axes in the tileset's axes (z up), from a box in glTF's (y up).
 fn bounding_box([low, high]: [DVec3; 2]) -> [f64; 12] {
     let enu_from_gltf = |p: DVec3| DVec3::new(p.x, -p.z, p.y);
-    let (centre, half) = (enu_from_gltf((low + high) / 2.0), enu_from_gltf((high - low) / 2.0).abs() + BOX_MARGIN_M);
+    let (a, b) = (enu_from_gltf(low), enu_from_gltf(high));
+    let low = ((a.min(b) - BOX_MARGIN_M) * STEPS_A_METRE).floor();
+    let high = ((a.max(b) + BOX_MARGIN_M) * STEPS_A_METRE).ceil();
+    let (centre, half) = ((low + high) / (2.0 * STEPS_A_METRE), (high - low) / (2.0 * STEPS_A_METRE));
     [centre.x, centre.y, centre.z, half.x, 0.0, 0.0, 0.0, half.y, 0.0, 0.0, 0.0, half.z]
 }
