@@ -78,10 +78,10 @@ enum Command {
         /// Side of a tile for checkpoints, pixels.
         #[arg(long, default_value_t = 256)]
         tile: usize,
-        /// Probability of a border up to which a pixel is the core of a building, 0 to 1: a row of each network for each. May
+        /// How far the map of middles falls between two buildings, 0 to 1: a row of each network for each. May
         /// be repeated; the profile's own where left out.
         #[arg(long)]
-        core: Vec<f32>,
+        dip: Vec<f32>,
         /// Folder for the table as JSON, and pictures.
         #[arg(short, long)]
         output: Option<PathBuf>,
@@ -123,7 +123,7 @@ fn run(command: Command) -> Result<(), TrainError> {
             let network = Checkpoint::read(&checkpoint, &Device::Cpu)?;
             export::write(&network, tile, &output)
         }
-        Command::Measure { set, split, network, coco, tile, core, output } => {
+        Command::Measure { set, split, network, coco, tile, dip, output } => {
             let split = Split::ALL
                 .into_iter()
                 .find(|s| s.name() == split)
@@ -135,14 +135,14 @@ fn run(command: Command) -> Result<(), TrainError> {
             let mut rows = vec![Row::Roofs, Row::Visible];
             for text in &network {
                 let (name, path) = named(text)?;
-                rows.extend(core.iter().map(|c| Row::Network {
-                    name: format!("{name}, core {c}"),
+                rows.extend(dip.iter().map(|d| Row::Network {
+                    name: format!("{name}, dip {d}"),
                     path: path.clone(),
                     tile,
-                    core: Some(*c),
+                    dip: Some(*d),
                 }));
-                if core.is_empty() {
-                    rows.push(Row::Network { name, path, tile, core: None });
+                if dip.is_empty() {
+                    rows.push(Row::Network { name, path, tile, dip: None });
                 }
             }
             for text in &coco {

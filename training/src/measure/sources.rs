@@ -33,8 +33,8 @@ pub enum Row {
         path: PathBuf,
         /// Side of a tile, for a checkpoint.
         tile: usize,
-        /// Probability of a border up to which a pixel is the core of a building; the profile's where left out.
-        core: Option<f32>,
+        /// How far the map of middles falls between two buildings; the profile's where left out.
+        dip: Option<f32>,
     },
     /// Outlines of another program: a COCO file that names photos as the set does.
     Coco {
@@ -71,7 +71,7 @@ impl Row {
                 let config: MaskConfig = serde_json::from_value(text).expect("a mask's configuration");
                 Ok(Some(Box::new(MaskFiles::new(config).map_err(|e| failed(&e))?)))
             }
-            Self::Network { path, tile, core, .. } => {
+            Self::Network { path, tile, dip, .. } => {
                 let depth = first.image.prior.as_ref().map(|prior| {
                     let files = set.root.join(scene).join("priors").join("{stem}.npy");
                     FilePriorConfig::new(files.to_string_lossy(), prior.kind)
@@ -79,7 +79,7 @@ impl Row {
                 let open = |model: &Path| {
                     let config = SegmenterConfig {
                         depth: depth.clone(),
-                        core: *core,
+                        dip: *dip,
                         ..SegmenterConfig::new(model, "small.v1")
                     };
                     Segmenter::new(config).map_err(|e| failed(&e))

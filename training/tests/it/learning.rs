@@ -16,7 +16,7 @@ use sizeup_training::train::loss::{loss, overlap};
 use sizeup_training::train::optimise::Moments;
 use sizeup_training::train::run::{LAST, LOG, Training};
 use sizeup_training::train::sample::{Scene, whole};
-use sizeup_training::train::{LossConfig, TrainConfig};
+use sizeup_training::train::TrainConfig;
 
 use crate::scene::{quick, small_network, villages};
 
@@ -35,15 +35,14 @@ fn one_photo_is_learned_by_heart_and_sizeup_draws_the_same() {
     let config = TrainConfig {
         learning_rate: 1e-2,
         steps: 160,
-        loss: LossConfig { border: 1.0, ..LossConfig::default() },
         ..quick()
     };
     let photos = set.photos(Split::Train).unwrap();
-    let n_borders = |s: &Scene| s.border.iter().filter(|b| **b).count();
+    let n_shared = |s: &Scene| s.middles.is_shared.iter().filter(|b| **b).count();
     let scenes = Scene::ready(photos, &config).unwrap();
-    let scene = scenes.iter().max_by_key(|s| n_borders(s)).unwrap();
-    assert!(n_borders(scene) > 50, "there is a row of houses: {}", n_borders(scene));
-    let batch = whole(scene, &config.network.inputs, config.network.multiple(), &Device::Cpu).unwrap();
+    let scene = scenes.iter().max_by_key(|s| n_shared(s)).unwrap();
+    assert!(n_shared(scene) > 50, "there is a row of houses: {}", n_shared(scene));
+    let batch = whole(scene, &config, &Device::Cpu).unwrap();
     let size = (batch.target.dim(2).unwrap(), batch.target.dim(3).unwrap());
     let parameters = Parameters::new(&config.network, 1, DType::F32, &Device::Cpu).unwrap();
     let mut moments = Moments::new(&parameters).unwrap();
@@ -67,7 +66,7 @@ fn one_photo_is_learned_by_heart_and_sizeup_draws_the_same() {
     std::fs::write(root.join("train.json"), coco.to_string()).unwrap();
     let entry = sizeup_training::dataset::manifest::FileEntry::of(&root.join("train.json")).unwrap();
     set.manifest.files.insert("train.json".to_owned(), entry);
-    let rows = [Row::Network { name: "by heart".to_owned(), path, tile: 128, core: None }];
+    let rows = [Row::Network { name: "by heart".to_owned(), path, tile: 128, dip: None }];
     let measured = &measure(&set, Split::Train, &rows, None).unwrap()[0];
     // That its row houses stay apart takes more steps than a test has: only the area is held here.
     assert!(measured.instances.n_truth >= 4 && measured.iou_of_pixels > 0.9, "{measured:?}");

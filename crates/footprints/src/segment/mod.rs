@@ -3,6 +3,7 @@
 //! What the network wants is a [`SegmenterProfile`]: data, not code. Photos are cut into tiles, each brought to the
 //! network's square; what the tiles say is put together again at the photo's own pixels.
 
+mod apart;
 pub mod geometry;
 pub mod profile;
 mod tiles;
@@ -13,9 +14,10 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::apart::{Apart, split};
 use self::geometry::{Lean, relief};
 use self::profile::{Activation, Gives, SegmenterProfile, built_in, port};
-use self::tiles::{Apart, Joiner, Mosaic, at_photo_size, split};
+use self::tiles::{Joiner, Mosaic, at_photo_size};
 use super::cadastre::CadastreConfig;
 use super::consensus::ConsensusConfig;
 use super::georeference::AccuracyConfig;
@@ -29,8 +31,8 @@ use sizeup_photos::onnx::{Network, OnnxError, Tensor};
 use sizeup_photos::prior::{FilePriorConfig, FilePriors, PriorSource as _};
 use sizeup_survey::View;
 
-/// Least core of a building, as a share of the least building that is looked for.
-const CORE_SHARE: f64 = 0.25;
+/// Least part of a map that is a building beside another one, as a share of the least building that is looked for.
+const PART_SHARE: f64 = 0.25;
 
 /// Which network, and how it is run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -61,11 +63,11 @@ pub struct SegmenterConfig {
     #[serde(default = "default_above")]
     #[schemars(extend("x-expert" = true))]
     pub above: f32,
-    /// For networks that give borders: probability of a border up to which a pixel is the core of a building, 0 to 1; the
-    /// profile's own where left out.
+    /// For networks that say how near to a middle a pixel lies: how far that falls between two buildings, 0 to 1; the profile's own
+    /// where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-expert" = true))]
-    pub core: Option<f32>,
+    pub dip: Option<f32>,
     /// Least score of an instance, 0 to 1.
     #[serde(default = "default_min_score")]
     #[schemars(extend("x-expert" = true))]
@@ -111,7 +113,7 @@ impl SegmenterConfig {
             tile_px: None,
             overlap: default_overlap(),
             above: default_above(),
-            core: None,
+            dip: None,
             min_score: default_min_score(),
             outline: OutlineKind::default(),
             depth: None,
@@ -189,9 +191,9 @@ impl Segmenter {
         let profile = config.chosen()?;
         let refuse = |problem: String, hint: &str| FootprintError::Masks { problem, hint: hint.to_owned() };
         let is_share = |v: f32| (0.0..=1.0).contains(&v);
-        if !is_share(config.core.unwrap_or(profile.core)) {
-            let found = format!("core = {}", config.core.unwrap_or(profile.core));
-            return Err(refuse(found, "a probability of a border, 0 to 1"));
+        if !is_share(config.dip.unwrap_or(profile.dip)) {
+            let found = format!("dip = {}", config.dip.unwrap_or(profile.dip));
+            return Err(refuse(found, "a difference of values from 0 to 1"));
         }
         if !is_share(config.above) || !is_share(config.min_score) || !(0.0..=0.5).contains(&config.overlap) {
             let found =
@@ -441,13 +443,13 @@ impl OutlineSource for Segmenter {
                 let Some(buildings) = maps.next() else { return Ok(Vec::new()) };
                 match maps.next() {
                     None => outlines_at_level(&buildings, self.config.above, how).map_err(in_photo),
-                    Some(borders) => {
+                    Some(middles) => {
                         let apart = Apart {
                             above: self.config.above,
-                            core: self.config.core.unwrap_or(self.profile.core),
-                            least_px: (CORE_SHARE * look.min_area_px2).ceil() as usize,
+                            dip: self.config.dip.unwrap_or(self.profile.dip),
+                            least_px: (PART_SHARE * look.min_area_px2).ceil() as usize,
                         };
-                        outlines(&split(&buildings, &borders, apart), how).map_err(in_photo)
+                        outlines(&split(&buildings, &middles, apart), how).map_err(in_photo)
                     }
                 }
             }
