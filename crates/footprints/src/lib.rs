@@ -54,7 +54,7 @@ pub use outlines::{Look, OutlineKind, OutlineSource, ViewFault};
 pub use overlap::overlaps;
 pub use parts::LayerParts;
 pub use plain::{plain_config, unpack, write_plain};
-pub use segment::{Segmenter, SegmenterConfig};
+pub use segment::{SMALL, Segmenter, SegmenterConfig, SmallNetwork};
 pub use source::{DetectionSettings, FootprintSource};
 pub use split::{pieces, with_corners_of};
 pub use vectorise::{Instances, MaskFault, Outline, Vectorising, outlines, outlines_at_level};

@@ -1,0 +1,39 @@
+//! The network that comes with sizeup: run where a configuration asks for a network and names none.
+//!
+//! `small.md` beside it says how it was made. It is what `sizeup-train` exports, as any other of the profile `small.v1`.
+
+use serde::Serialize;
+
+/// The graph.
+pub(super) const ONNX: &[u8] = include_bytes!("small.onnx");
+/// Its profile.
+pub(super) const PROFILE: &str = "small.v1";
+/// What it goes by in messages.
+pub(super) const IN_WORDS: &str = "the built-in network";
+
+/// What is known of the network that comes with sizeup.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct SmallNetwork {
+    /// Its name.
+    pub name: &'static str,
+    /// What it does.
+    pub about: &'static str,
+    /// Licence of its weights.
+    pub licence: &'static str,
+    /// What it was made from.
+    pub source: &'static str,
+    /// How good it is.
+    pub measured: &'static str,
+    /// Its size, bytes.
+    pub bytes: usize,
+}
+
+/// The network that comes with sizeup.
+pub const SMALL: SmallNetwork = SmallNetwork {
+    name: "small",
+    about: "buildings in near-nadir photos of 0.2 to 0.5 m per pixel, outlined where they meet the ground, from colours and depth",
+    licence: "MIT OR Apache-2.0",
+    source: "trained from training/configs/both.toml on training/sets/simulated.toml (docs/footprint-network.md)",
+    measured: "",
+    bytes: ONNX.len(),
+};
