@@ -181,8 +181,8 @@ mod tests {
         assert_eq!(row[13..18], [0.14, 0.43, 0.71, 1.0, 1.0]);
         assert!(row[18..].iter().chain(&row[11..13]).all(|v| *v == 0.0));
         let shared: String = (120..144).map(|i| if found.is_shared[i] { 'x' } else { '.' }).collect();
-        assert_eq!(shared, "..xxxxxxxx..............");
-        // As far from a corner as from a wall is nearer to the outline than to either: 1 and 1 at the corner itself.
+        assert_eq!(shared, "..xxxxxxxxx..xx.........");
+        // At a corner as along a wall.
         assert_eq!(found.near[24 + 1], 0.2);
     }
 

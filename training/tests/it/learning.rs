@@ -66,7 +66,7 @@ fn one_photo_is_learned_by_heart_and_sizeup_draws_the_same() {
     std::fs::write(root.join("train.json"), coco.to_string()).unwrap();
     let entry = sizeup_training::dataset::manifest::FileEntry::of(&root.join("train.json")).unwrap();
     set.manifest.files.insert("train.json".to_owned(), entry);
-    let rows = [Row::Network { name: "by heart".to_owned(), path, tile: 128, dip: None }];
+    let rows = [Row::Network { name: "by heart".to_owned(), path, tile: 128, dip: None, without: None }];
     let measured = &measure(&set, Split::Train, &rows, None).unwrap()[0];
     // That its row houses stay apart takes more steps than a test has: only the area is held here.
     assert!(measured.instances.n_truth >= 4 && measured.iou_of_pixels > 0.9, "{measured:?}");

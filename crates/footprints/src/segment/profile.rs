@@ -89,8 +89,9 @@ pub struct SegmenterProfile {
     pub licence: String,
 }
 
+/// Chosen on the validation scenes of `training/sets/simulated.toml` (docs/footprint-network.md).
 fn default_dip() -> f32 {
-    0.2
+    0.003
 }
 
 /// The profiles that come with sizeup.
