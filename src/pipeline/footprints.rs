@@ -11,8 +11,8 @@ use super::{FootprintStage, HeightStage, PipelineError, pictures};
 use crate::config::RunConfig;
 use sizeup_footprints::{Detection, FootprintSource, MaskFiles, OutlineKind, OutlineSource, Segmenter};
 use sizeup_geo::issue::{Severity, Subject};
-use sizeup_photos::prior::{PriorError, PriorSource};
 use sizeup_geo::terrain::{self, MapBox, Terrain, ground_under};
+use sizeup_photos::prior::{PriorError, PriorSource};
 use sizeup_survey::{Survey, View, ViewKind};
 
 /// Movement below which roofs count as settled, metres.

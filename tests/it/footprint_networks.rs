@@ -64,5 +64,8 @@ fn settings_of_networks_that_cannot_be_are_refused_with_what_to_write() {
         assert!(odd.contains(&format!("dip = {dip}")) && odd.contains("0 to 1"), "{odd}");
     }
     let no_depth = refused(own());
-    assert!(no_depth.contains("the built-in network takes depth") && no_depth.contains("priors/{stem}.npy"), "{no_depth}");
+    assert!(
+        no_depth.contains("the built-in network takes depth") && no_depth.contains("priors/{stem}.npy"),
+        "{no_depth}"
+    );
 }

@@ -80,11 +80,8 @@ impl Row {
                     FilePriorConfig::new(files.to_string_lossy(), prior.kind)
                 });
                 let open = |model: &Path| {
-                    let config = SegmenterConfig {
-                        depth: depth.clone(),
-                        dip: *dip,
-                        ..SegmenterConfig::new(model, "small.v1")
-                    };
+                    let config =
+                        SegmenterConfig { depth: depth.clone(), dip: *dip, ..SegmenterConfig::new(model, "small.v1") };
                     Segmenter::new(config).map_err(|e| failed(&e))
                 };
                 if path.extension().is_some_and(|e| e == "safetensors") {

@@ -140,7 +140,8 @@ impl Draft {
         self.target.extend(cells.iter().map(|c| as_float(!matches!(label(c), 0 | UNKNOWN))));
         self.target.extend(cells.iter().map(|c| c.map_or(0.0, |c| scene.middles.near[c])));
         self.weight.extend(cells.iter().map(|c| as_float(label(c) != UNKNOWN)));
-        let gain = |c: &Option<usize>| if c.is_some_and(|c| scene.middles.is_shared[c]) { self.shared_gain } else { 1.0 };
+        let gain =
+            |c: &Option<usize>| if c.is_some_and(|c| scene.middles.is_shared[c]) { self.shared_gain } else { 1.0 };
         self.weight.extend(cells.iter().map(|c| gain(c) * as_float(label(c) != UNKNOWN)));
         self.n += 1;
     }

@@ -11,12 +11,12 @@ use sizeup_training::measure::{Row, measure};
 use sizeup_training::network::evaluate::logits;
 use sizeup_training::network::parameters::Parameters;
 use sizeup_training::network::{FeatureConfig, NetworkConfig};
+use sizeup_training::train::TrainConfig;
 use sizeup_training::train::checkpoint::{Checkpoint, Progress};
 use sizeup_training::train::loss::{loss, overlap};
 use sizeup_training::train::optimise::Moments;
 use sizeup_training::train::run::{LAST, LOG, Training};
 use sizeup_training::train::sample::{Scene, whole};
-use sizeup_training::train::TrainConfig;
 
 use crate::scene::{quick, small_network, villages};
 
@@ -32,11 +32,7 @@ fn one_photo_is_learned_by_heart_and_sizeup_draws_the_same() {
     let root = folder.path().join("set");
     villages(&root);
     let mut set = Set::open(&root).unwrap();
-    let config = TrainConfig {
-        learning_rate: 1e-2,
-        steps: 160,
-        ..quick()
-    };
+    let config = TrainConfig { learning_rate: 1e-2, steps: 160, ..quick() };
     let photos = set.photos(Split::Train).unwrap();
     let n_shared = |s: &Scene| s.middles.is_shared.iter().filter(|b| **b).count();
     let scenes = Scene::ready(photos, &config).unwrap();

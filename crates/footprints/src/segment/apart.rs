@@ -87,9 +87,8 @@ pub(super) fn split(buildings: &Raster<f32>, middles: &Raster<f32>, how: Apart) 
         // The highest peak keeps its part; every other one has to fall far enough, and to be large enough, to keep its own.
         roots.sort_by(|&a, &b| parts.peak[b as usize].total_cmp(&parts.peak[a as usize]).then(a.cmp(&b)));
         for (k, &lower) in roots.iter().enumerate().skip(1) {
-            let stays = |r: u32| {
-                parts.peak[r as usize] - middle[i] >= how.dip && parts.n_px[r as usize] >= how.least_px
-            };
+            let stays =
+                |r: u32| parts.peak[r as usize] - middle[i] >= how.dip && parts.n_px[r as usize] >= how.least_px;
             let higher = roots[0];
             if !stays(lower) {
                 let into = parts.root(higher);

@@ -157,10 +157,13 @@ impl SegmenterConfig {
     fn chosen(&self) -> Result<SegmenterProfile, FootprintError> {
         let names = || built_in().into_iter().map(|p| p.name).collect::<Vec<_>>().join(", ");
         let refuse = |problem: String| FootprintError::Masks { problem, hint: format!("the profiles are {}", names()) };
-        if self.model.is_none() && (self.custom.is_some() || self.profile.as_deref().is_some_and(|p| p != small::PROFILE)) {
+        if self.model.is_none()
+            && (self.custom.is_some() || self.profile.as_deref().is_some_and(|p| p != small::PROFILE))
+        {
             return Err(FootprintError::Masks {
                 problem: "a profile is set, and no `model` that it would fit".to_owned(),
-                hint: "set `model` to an ONNX file, or leave both out: then the network that comes with sizeup is run".to_owned(),
+                hint: "set `model` to an ONNX file, or leave both out: then the network that comes with sizeup is run"
+                    .to_owned(),
             });
         }
         let profile = if self.model.is_none() { Some(small::PROFILE.to_owned()) } else { self.profile.clone() };
@@ -312,7 +315,10 @@ impl Segmenter {
             }
             (Some(name), None, Some(open)) => {
                 let source = open().map_err(|e| {
-                    refuse(format!("{} takes depth, and [prior] gives none: {e}", model.display()), "`footprints.depth` may name files")
+                    refuse(
+                        format!("{} takes depth, and [prior] gives none: {e}", model.display()),
+                        "`footprints.depth` may name files",
+                    )
                 })?;
                 Some(Depth { name, source, setting: "[prior]" })
             }
@@ -323,16 +329,13 @@ impl Segmenter {
                 ));
             }
         };
-        let is_geometry = |name: &String| lean.as_ref() == Some(name) || depth.as_ref().is_some_and(|d| d.name == *name);
+        let is_geometry =
+            |name: &String| lean.as_ref() == Some(name) || depth.as_ref().is_some_and(|d| d.name == *name);
         if let Some(open) = network.inputs().iter().filter(|i| !is_geometry(&i.name)).find(|i| {
             !backbones.iter().any(|(_, _, features)| features.contains(&i.name))
                 && own.as_ref().is_none_or(|own| own.name != i.name)
         }) {
-            return Err(unfit(
-                &format!("source for its input {:?}", open.name),
-                &model,
-                names(network.inputs()),
-            ));
+            return Err(unfit(&format!("source for its input {:?}", open.name), &model, names(network.inputs())));
         }
         let masks = port(&profile.masks, network.outputs())
             .ok_or_else(|| unfit("mask output", &model, names(network.outputs())))?

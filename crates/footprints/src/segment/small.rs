@@ -6,29 +6,29 @@ use serde::Serialize;
 
 /// The graph.
 pub(super) const ONNX: &[u8] = include_bytes!("small.onnx");
-/// Its profile.
+/// The graph's profile.
 pub(super) const PROFILE: &str = "small.v1";
-/// What it goes by in messages.
+/// The network's name in messages.
 pub(super) const IN_WORDS: &str = "the built-in network";
 
-/// What is known of the network that comes with sizeup.
+/// A network that comes with sizeup.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct SmallNetwork {
-    /// Its name.
+    /// The name that `sizeup model list` gives it.
     pub name: &'static str,
-    /// What it does.
+    /// Use, in words.
     pub about: &'static str,
     /// Licence of its weights.
     pub licence: &'static str,
-    /// What it was made from.
+    /// Set and settings that it was made from.
     pub source: &'static str,
-    /// How good it is.
+    /// Skill, in words.
     pub measured: &'static str,
-    /// Its size, bytes.
+    /// Size, bytes.
     pub bytes: usize,
 }
 
-/// The network that comes with sizeup.
+/// The one network that comes with sizeup.
 pub const SMALL: SmallNetwork = SmallNetwork {
     name: "small",
     about: "buildings in near-nadir photos of 0.2 to 0.5 m per pixel, outlined where they meet the ground, from colours and depth",
