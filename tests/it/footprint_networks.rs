@@ -2,10 +2,12 @@
 
 use std::path::Path;
 
+use geo::{Area as _, BooleanOps as _};
+use geo_types::{MultiPolygon, Polygon};
 use sizeup::footprint::{Segmenter, SegmenterConfig};
 use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
 
-use crate::footprint_masks::run;
+use crate::footprint_masks::{layer, run};
 
 /// A village that the network never saw, photos and depth as it wants them; its outlines are to be found.
 fn village(folder: &Path) {
@@ -23,6 +25,10 @@ fn village(folder: &Path) {
     std::fs::write(&path, format!("{text}\n[output]\npictures = false\n")).unwrap();
 }
 
+fn union(outlines: &[Polygon<f64>]) -> MultiPolygon<f64> {
+    outlines.iter().fold(MultiPolygon(Vec::new()), |sum, outline| sum.union(outline))
+}
+
 #[test]
 fn the_built_in_network_outlines_a_village_with_the_runs_own_depth() {
     let folder = tempfile::tempdir().unwrap();
@@ -33,11 +39,12 @@ fn the_built_in_network_outlines_a_village_with_the_runs_own_depth() {
     assert!(found.stderr.contains("outlines by the built-in network: "), "{}", found.stderr);
     let summary: serde_json::Value = serde_json::from_str(&found.stdout).unwrap();
     assert!(summary["detection"]["outlines_from"].as_str().unwrap().contains("IoU"), "{summary}");
-    let evaluated = run(folder, &["evaluate", "result/footprints.gpkg", "truth.geojson", "--json"]);
-    assert_eq!(evaluated.code, 0, "{}", evaluated.stderr);
-    let all: serde_json::Value = serde_json::from_str(&evaluated.stdout).unwrap();
-    let iou = all["footprints"]["iou"].as_f64().unwrap();
-    assert!(iou > 0.4, "{all}");
+    // Of the area of all buildings together it finds more than roofs would give (44 % in photos, docs/footprint-network.md),
+    // and not much less than perfect masks of what is visible (79 %); 81 % when it was written.
+    let (found, truth) =
+        (union(&layer(&folder.join("result/footprints.gpkg"))), union(&layer(&folder.join("truth.geojson"))));
+    let iou = found.intersection(&truth).unsigned_area() / found.union(&truth).unsigned_area();
+    assert!(iou > 0.65, "{iou}");
 
     // Where the photos that look straight down have no depth, each says so, and what to do.
     for file in std::fs::read_dir(folder.join("priors")).unwrap() {
