@@ -316,7 +316,7 @@ impl Segmenter {
             (Some(name), None, Some(open)) => {
                 let source = open().map_err(|e| {
                     refuse(
-                        format!("{} takes depth, and [prior] gives none: {e}", model.display()),
+                        format!("{} takes depth, and [prior] gives none: {}", model.display(), without_hint(&e)),
                         "`footprints.depth` may name files",
                     )
                 })?;
@@ -369,7 +369,7 @@ impl Segmenter {
             None => None,
             Some(depth) => {
                 let prior = depth.source.load(view).map_err(|e| ViewFault::Network {
-                    problem: format!("its depth cannot be used: {e}"),
+                    problem: format!("its depth cannot be used: {}", without_hint(&e)),
                     hint: format!("{} says where it is; photos that look straight down need it", depth.setting),
                 })?;
                 Some(relief(&prior))
@@ -538,6 +538,12 @@ impl OutlineSource for Segmenter {
     fn file_of(&self, view: &View) -> Option<PathBuf> {
         view.image.clone()
     }
+}
+
+/// A message whose own hint gives way to another.
+fn without_hint(error: &PriorError) -> String {
+    let text = error.to_string();
+    text.split("\nhint:").next().unwrap_or_default().to_owned()
 }
 
 /// A tile of a photo as `1 × 3 × rows × columns`, normalised.
