@@ -10,7 +10,7 @@ use sizeup_training::export;
 use sizeup_training::measure::{Row, measure};
 use sizeup_training::network::evaluate::logits;
 use sizeup_training::network::parameters::Parameters;
-use sizeup_training::network::{FeatureConfig, NetworkConfig};
+use sizeup_training::network::{FeatureConfig, Input, NetworkConfig};
 use sizeup_training::train::TrainConfig;
 use sizeup_training::train::checkpoint::{Checkpoint, Progress};
 use sizeup_training::train::loss::{loss, overlap};
@@ -159,6 +159,25 @@ fn a_head_takes_features_of_any_stride_and_width_and_says_the_same_in_onnx() {
     let there = in_onnx(&export::head_bytes(&checkpoint, &sizes, 112).unwrap(), &given);
     assert_eq!(here.len(), 2 * 112 * 112);
     assert!(apart(&here, &there) < 1e-4, "{}", apart(&here, &there));
+}
+
+#[test]
+fn a_network_blind_to_an_input_says_the_same_whatever_that_shows() {
+    let config = small_network();
+    let parameters = || Parameters::new(&config, 5, DType::F32, &Device::Cpu).unwrap();
+    let of = |parameters| checkpoint(TrainConfig { network: config.clone(), ..TrainConfig::default() }, parameters);
+    let blind = of(parameters()).blind_to(Input::Image).unwrap();
+    let said = |network: &Parameters, image: f32, depth: f32| {
+        let given = [(Input::Image, image), (Input::Depth, depth), (Input::Lean, 1.0)];
+        let given: Vec<(String, Tensor)> =
+            given.iter().map(|(i, key)| (i.name().to_owned(), noise(&[1, i.channels(), 32, 32], *key))).collect();
+        logits(&config, network, &given, (32, 32)).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap()
+    };
+    assert_eq!(said(&blind.best, 2.0, 3.0), said(&blind.best, 5.0, 3.0));
+    assert!(apart(&said(&blind.best, 2.0, 3.0), &said(&blind.best, 2.0, 6.0)) > 1e-3, "it sees depth");
+    assert!(apart(&said(&parameters(), 2.0, 3.0), &said(&parameters(), 5.0, 3.0)) > 1e-3, "others see colours");
+    let message = of(parameters()).blind_to(Input::Lean).unwrap_err().to_string();
+    assert!(message.contains("\"lean\"") && message.contains("hint: "), "{message}");
 }
 
 #[test]
