@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::{Failure, Global, print, print_json};
 use crate::config::RunConfig;
 use crate::tiles;
-use sizeup_footprints::FootprintSource;
+use sizeup_footprints::{FootprintSource, SMALL};
 use sizeup_geo::crs::{self, Crs, CrsError, Grid, Transform, Transform3d};
 use sizeup_geo::files::is_virtual;
 use sizeup_geo::geodata;
@@ -146,6 +146,7 @@ fn of_machine(config: Option<&RunConfig>) -> Vec<Finding> {
         ),
     });
     findings.extend(known::known().iter().map(network_in_place));
+    findings.push(Finding::ok("network small", format!("built in: {}", SMALL.about)));
     findings
 }
 

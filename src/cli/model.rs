@@ -7,6 +7,7 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 
 use super::{Failure, Global, Ui, print, print_json};
+use sizeup_footprints::{SMALL, SmallNetwork};
 use sizeup_photos::prior::network::known::{KnownNetwork, known, known_by_name};
 
 /// Subcommands of `sizeup model`.
@@ -73,7 +74,8 @@ fn list(global: &Global) -> Result<u8, Failure> {
     };
     if global.json {
         let row = |network: &KnownNetwork| json!({ "network": network, "in_place": place(network) });
-        print_json(&known().iter().map(row).collect::<Vec<_>>())?;
+        let own = json!({ "network": SMALL, "in_place": "built in" });
+        print_json(&known().iter().map(row).chain([own]).collect::<Vec<_>>())?;
         return Ok(0);
     }
     for network in known() {
@@ -88,6 +90,12 @@ fn list(global: &Global) -> Result<u8, Failure> {
             "{name:<12} {about}\n{indent}licence {licence}, {megabytes:.1} MB, SHA-256 {sha256}\n{indent}from {source}\n{indent}{state}"
         ))?;
     }
+    let SmallNetwork { name, about, licence, source, measured, bytes } = SMALL;
+    let (megabytes, indent) = (bytes as f64 / 1e6, " ".repeat(13));
+    print(&format_args!(
+        "{name:<12} {about}\n{indent}licence {licence}, {megabytes:.1} MB, {source}\n{indent}{measured}\n\
+         {indent}built in: `source = \"network\"` under [footprints], without a model"
+    ))?;
     Ok(0)
 }
 

@@ -61,6 +61,13 @@ fn files(config: &RunConfig, stage: Stage, survey: &Survey) -> BTreeSet<(&'stati
         files.extend(layers.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path)));
         files.extend(config.terrain.dtm.iter().flat_map(|path| source::files_of(path)).map(|path| ("terrain", path)));
         let finds = matches!(config.footprints, FootprintSource::Network(_));
+        if let FootprintSource::Network(network) = &config.footprints {
+            let depth = network.depth.clone().map_or_else(|| config.prior.clone(), PriorConfig::Files);
+            let of_each = depth.file_of_each(&survey.views).unwrap_or_default();
+            let nadir = survey.views.iter().zip(of_each).filter(|(view, _)| view.kind() == ViewKind::Nadir);
+            let files_of_depth = depth.shared_files().into_iter().chain(nadir.filter_map(|(_, path)| path));
+            files.extend(files_of_depth.map(|path| ("depth", path)));
+        }
         files.extend(photos(&|view| config.dtm.is_some() || (finds && view.kind() == ViewKind::Nadir)));
     }
     if stage >= Stage::Heights {

@@ -12,6 +12,7 @@ use crate::config::RunConfig;
 use sizeup_footprints::{ContourKind, ContourSource, Detection, FootprintSource, MaskFiles, Segmenter};
 use sizeup_geo::issue::{Severity, Subject};
 use sizeup_geo::terrain::{self, MapBox, Terrain, ground_under};
+use sizeup_photos::prior::{PriorError, PriorSource};
 use sizeup_survey::{Survey, View, ViewKind};
 
 /// Movement below which roofs count as settled, metres.
@@ -19,6 +20,7 @@ const SETTLED_M: f64 = 0.02;
 
 /// Reads or finds the footprints.
 pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStage, Terrain), PipelineError> {
+    let mut terrain = None;
     let source: Box<dyn ContourSource> = match &config.footprints {
         FootprintSource::Layer(layer) => {
             let layer = sizeup_footprints::read(layer, &config.project.crs)?;
@@ -27,12 +29,15 @@ pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStag
             return Ok((on_ground(config, layer, &terrain), terrain));
         }
         FootprintSource::Masks(masks) => Box::new(MaskFiles::new(masks.clone())?),
-        FootprintSource::Network(network) => Box::new(Segmenter::new(network.clone())?),
+        FootprintSource::Network(network) => {
+            let below = terrain.insert(terrain_of_views(config, survey)?);
+            Box::new(Segmenter::with_depth(network.clone(), Some(&|| depth(config, survey, below)))?)
+        }
     };
     let Some(settings) = config.footprints.detection() else {
         unreachable!("masks and networks have detection settings");
     };
-    let terrain = terrain_of_views(config, survey)?;
+    let terrain = terrain.map_or_else(|| terrain_of_views(config, survey), Ok)?;
     let mut found = sizeup_footprints::detect(source.as_ref(), &survey.views, &terrain, settings, &config.project.crs)?;
     write(config, &found, survey)?;
     if config.output.pictures {
@@ -40,8 +45,24 @@ pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStag
     }
     let mut stage = on_ground(config, std::mem::take(&mut found.layer), &terrain);
     stage.tracks = found.tracks;
+    found.summary.outlines_from = config.footprints.in_words();
     stage.detection = Some(found.summary);
     Ok((stage, terrain))
+}
+
+/// The run's depth priors, for a network that takes depth.
+fn depth(
+    config: &RunConfig,
+    survey: &Survey,
+    terrain: &Terrain,
+) -> Result<Box<dyn PriorSource + Send + Sync>, PriorError> {
+    let above = |view: &View| {
+        let centre = view.camera_from_map.centre();
+        terrain.height_at(centre.x, centre.y).map(|ground| centre.z - ground)
+    };
+    let lowest_m = survey.views.iter().filter_map(above).fold(f64::INFINITY, f64::min);
+    let highest_m = config.heights.bounds(if lowest_m.is_finite() { lowest_m } else { 0.0 }).max_m;
+    Ok(Box::new(config.prior.open(&survey.views, terrain, highest_m)?))
 }
 
 /// Says why, where none of a layer's features can be used: nothing else will.

@@ -7,6 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::{Stage, poses};
 use crate::config::RunConfig;
+use sizeup_footprints::FootprintSource;
 
 /// The first stage that a table of the configuration has a say in; the last for those that only writers ask.
 fn first_stage(table: &str) -> Stage {
@@ -23,6 +24,16 @@ fn tables(config: &RunConfig) -> Map<String, Value> {
     let Value::Object(mut tables) = json!(config) else { return Map::new() };
     tables.insert("prior".to_owned(), json!(*config.prior.chosen()));
     tables
+}
+
+/// One table of a configuration.
+fn table_of(config: &RunConfig, table: &str) -> Value {
+    tables(config).remove(table).unwrap_or_default()
+}
+
+/// Whether outlines are found by a network that may take its depth from the run's priors.
+fn depth_of_outlines_is_prior(config: &RunConfig) -> bool {
+    matches!(&config.footprints, FootprintSource::Network(network) if network.depth.is_none())
 }
 
 /// Takes keys out of one of the tables.
@@ -43,6 +54,10 @@ pub(super) fn of_stage(config: &RunConfig, stage: Stage) -> Value {
         tables.insert("ground of poses".to_owned(), json!(saved.terrain));
     } else {
         tables.remove("align");
+    }
+    if stage >= Stage::Footprints && depth_of_outlines_is_prior(config) {
+        let depth = json!([table_of(&saved, "prior"), saved.heights]);
+        tables.insert("depth of outlines".to_owned(), depth);
     }
     // A level is held against the poses; photos are looked at where depth is matched from them.
     tables.insert("level of poses".to_owned(), json!(saved.terrain.constant_m));
@@ -127,6 +142,18 @@ mod tests {
         };
         let forgotten: Vec<&String> = tables.keys().filter(|name| !seen.contains_key(*name)).collect();
         assert!(forgotten.is_empty(), "tables that no change here is of: {forgotten:?}");
+    }
+
+    /// A network that has no depth of its own takes the run's: other priors, other outlines.
+    #[test]
+    fn priors_count_for_outlines_where_the_network_takes_its_depth_from_them() {
+        let own = "footprints={source=\"network\", depth={path=\"d/{stem}.npy\", kind=\"depth\"}}";
+        let stale = |network: &str| {
+            let recipe = |config: &RunConfig| Recipe::new(&of_stage(config, Stage::Footprints));
+            let (before, now) = (with(&[network]), with(&[network, "prior.kind=\"inverse_depth\""]));
+            recipe(&now).why_stale(&recipe(&before)).is_some()
+        };
+        assert!(stale("footprints={source=\"network\"}") && !stale(own));
     }
 
     #[test]

@@ -397,7 +397,7 @@ pub(super) fn run(folder: &Path, args: &[&str]) -> Outcome {
     sizeup().current_dir(folder).args(args).output().unwrap().into()
 }
 
-fn layer(path: &Path) -> Vec<Polygon<f64>> {
+pub(super) fn layer(path: &Path) -> Vec<Polygon<f64>> {
     let config = FootprintConfig {
         layer: path.extension().is_some_and(|e| e == "gpkg").then(|| "footprints".to_owned()),
         ..FootprintConfig::new(path)

@@ -23,6 +23,7 @@ mod footprint_accuracy;
 mod footprint_bad_masks;
 mod footprint_layers;
 mod footprint_masks;
+mod footprint_networks;
 mod geojson_files;
 mod honest;
 mod hostile_files;

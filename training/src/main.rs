@@ -12,6 +12,7 @@ use sizeup_training::config::read_toml;
 use sizeup_training::dataset::load::Set;
 use sizeup_training::dataset::{DatasetConfig, Split, make};
 use sizeup_training::measure::{self, Row};
+use sizeup_training::network::Input;
 use sizeup_training::train::TrainConfig;
 use sizeup_training::train::checkpoint::Checkpoint;
 use sizeup_training::train::run::Training;
@@ -78,10 +79,13 @@ enum Command {
         /// Side of a tile for checkpoints, pixels.
         #[arg(long, default_value_t = 256)]
         tile: usize,
-        /// Probability of a border up to which a pixel is the core of a building, 0 to 1: a row of each network for each. May
+        /// How far the map of middles falls between two buildings, 0 to 1: a row of each network for each. May
         /// be repeated; the profile's own where left out.
         #[arg(long)]
-        core: Vec<f32>,
+        dip: Vec<f32>,
+        /// Measure each checkpoint once more, blind to an input that it takes: image or depth. May be repeated.
+        #[arg(long, value_name = "INPUT")]
+        without: Vec<String>,
         /// Folder for the table as JSON, and pictures.
         #[arg(short, long)]
         output: Option<PathBuf>,
@@ -123,7 +127,7 @@ fn run(command: Command) -> Result<(), TrainError> {
             let network = Checkpoint::read(&checkpoint, &Device::Cpu)?;
             export::write(&network, tile, &output)
         }
-        Command::Measure { set, split, network, coco, tile, core, output } => {
+        Command::Measure { set, split, network, coco, tile, dip, without, output } => {
             let split = Split::ALL
                 .into_iter()
                 .find(|s| s.name() == split)
@@ -133,16 +137,21 @@ fn run(command: Command) -> Result<(), TrainError> {
                 _ => Err(TrainError::config(format!("{text:?} is no NAME=FILE"), "--network both=best.safetensors")),
             };
             let mut rows = vec![Row::Roofs, Row::Visible];
+            let blind = without.iter().map(|name| {
+                let input = [Input::Image, Input::Depth].into_iter().find(|i| i.name() == name);
+                input.map(Some).ok_or_else(|| {
+                    TrainError::config(format!("no network can be measured without {name:?}"), "image or depth")
+                })
+            });
+            let seen: Vec<Option<Input>> = std::iter::once(Ok(None)).chain(blind).collect::<Result<_, TrainError>>()?;
+            let dips: Vec<Option<f32>> = if dip.is_empty() { vec![None] } else { dip.into_iter().map(Some).collect() };
             for text in &network {
                 let (name, path) = named(text)?;
-                rows.extend(core.iter().map(|c| Row::Network {
-                    name: format!("{name}, core {c}"),
-                    path: path.clone(),
-                    tile,
-                    core: Some(*c),
-                }));
-                if core.is_empty() {
-                    rows.push(Row::Network { name, path, tile, core: None });
+                for (without, dip) in seen.iter().flat_map(|w| dips.iter().map(move |d| (*w, *d))) {
+                    let of_input = without.map_or_else(String::new, |input| format!(", without {}", input.name()));
+                    let of_dip = dip.map_or_else(String::new, |dip| format!(", dip {dip}"));
+                    let name = format!("{name}{of_input}{of_dip}");
+                    rows.push(Row::Network { name, path: path.clone(), tile, dip, without });
                 }
             }
             for text in &coco {

@@ -54,7 +54,7 @@ pub use osm::{is_osm, open_layer};
 pub use overlap::overlaps;
 pub use parts::LayerParts;
 pub use plain::{plain_config, unpack, write_plain};
-pub use segment::{Segmenter, SegmenterConfig};
+pub use segment::{SMALL, Segmenter, SegmenterConfig, SmallNetwork};
 pub use source::{DetectionSettings, FootprintSource};
 pub use split::{pieces, with_corners_of};
 pub use vectorise::{Contour, Instances, MaskFault, Vectorising, contours, contours_at_level};

@@ -8,7 +8,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::layer::FootprintConfig;
 use super::masks::MaskConfig;
-use super::segment::SegmenterConfig;
+use super::segment::{SMALL, SegmenterConfig};
 use super::{AccuracyConfig, CadastreConfig, ConsensusConfig, ContourKind};
 use sizeup_geo::paths::PathVisitor;
 
@@ -21,7 +21,7 @@ pub enum FootprintSource {
     Layer(FootprintConfig),
     /// Masks of the nadir photos that somebody else computed.
     Masks(MaskConfig),
-    /// A segmentation network as an ONNX file, run on the nadir photos.
+    /// A segmentation network, run on the nadir photos: an ONNX file, or the one that comes with sizeup.
     Network(SegmenterConfig),
 }
 
@@ -34,7 +34,7 @@ enum Tagged {
     Layer(FootprintConfig),
     /// Masks of the nadir photos that somebody else computed.
     Masks(MaskConfig),
-    /// A segmentation network as an ONNX file, run on the nadir photos.
+    /// A segmentation network, run on the nadir photos: an ONNX file, or the one that comes with sizeup.
     Network(SegmenterConfig),
 }
 
@@ -98,7 +98,18 @@ impl FootprintSource {
         match self {
             Self::Layer(layer) => Some(layer.path.clone()),
             Self::Masks(_) => None,
-            Self::Network(network) => Some(network.model.clone()),
+            Self::Network(network) => network.model.clone(),
+        }
+    }
+
+    /// Where outlines come from, in words; of the network that comes with sizeup how good it is, too.
+    #[must_use]
+    pub fn in_words(&self) -> String {
+        match self {
+            Self::Layer(layer) => format!("the layer {}", layer.path.display()),
+            Self::Masks(masks) => format!("the masks {}", masks.path),
+            Self::Network(network) if network.model.is_none() => format!("{}: {}", network.in_words(), SMALL.measured),
+            Self::Network(network) => network.in_words(),
         }
     }
 

@@ -3,8 +3,6 @@
 use std::collections::BTreeMap;
 
 use glam::DVec2;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::raster::Raster;
 use sizeup_lab::simulate::{Seen, Sight, World, ground_contact, roofs};
@@ -100,66 +98,109 @@ fn instances(ground: &Raster<u16>, seen: &Raster<Seen>) -> Vec<Instance> {
     found.into_values().map(finish).collect()
 }
 
-/// What a border is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Borders {
-    /// Where buildings touch.
-    Touching,
-    /// All around every building, on its inside.
-    #[default]
-    Around,
+/// What a network is to say of each pixel besides whether it is a building.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Middles {
+    /// How near to the middle of its building: 0 outside and at its outline, walls to its neighbours included, 1 in its middle.
+    pub near: Vec<f32>,
+    /// Whether another building is within reach.
+    pub is_shared: Vec<bool>,
 }
 
-/// Pixels of a building within `reach_px` of another building, or with [`Borders::Around`] of its own end: where a network has
-/// to tell neighbours apart.
+/// See [`Middles`]: `min(d / min(D, reach), 1)`, `d` being the distance from a pixel's centre to what is not its building, less
+/// half a pixel, and `D` the largest of the building. Where nothing is known there is no wall, nor at the photo's border.
 #[must_use]
-pub fn borders(ground: &Raster<u16>, reach_px: usize, which: Borders) -> Vec<bool> {
-    let (width, height) = (ground.width(), ground.height());
+pub fn middles(ground: &Raster<u16>, reach_px: usize) -> Middles {
+    let (width, height, labels) = (ground.width(), ground.height(), ground.data());
     let is_building = |label: u16| label != 0 && label != UNKNOWN;
-    // Per pixel and window: does it hold another label? Rows first, then columns, as the lowest and highest label.
-    let span = |lines: &[Option<(u16, u16)>], n: usize, step: usize, count: usize, jump: usize| {
-        let mut out = vec![None; lines.len()];
-        for line in 0..count {
-            for i in 0..n {
-                let around = i.saturating_sub(reach_px)..(i + reach_px + 1).min(n);
-                let join = |a: Option<(u16, u16)>, k: usize| match (a, lines[line * jump + k * step]) {
-                    (Some((l, h)), Some((l2, h2))) => Some((l.min(l2), h.max(h2))),
-                    (a, b) => a.or(b),
+    // Squares of distances to something else and to another building; what is beyond reach is as far as reach.
+    let nearest = |is_other: &(dyn Fn(u16, u16) -> bool + Sync)| -> Vec<usize> {
+        let far = reach_px + 1;
+        let along = |i: usize| {
+            let (col, row) = (i % width, i / width);
+            let differs = |c: usize| is_other(labels[i], labels[row * width + c]);
+            (1..far).find(|&d| (col >= d && differs(col - d)) || (col + d < width && differs(col + d))).unwrap_or(far)
+        };
+        let along: Vec<usize> = (0..labels.len()).map(along).collect();
+        let square = |i: usize| {
+            let (col, row) = (i % width, i / width);
+            let rows = row.saturating_sub(reach_px)..(row + reach_px + 1).min(height);
+            let of_row = |r: usize| {
+                let j = r * width + col;
+                let beside = if is_other(labels[i], labels[j]) {
+                    0
+                } else if labels[j] == labels[i] {
+                    along[j]
+                } else {
+                    far
                 };
-                out[line * jump + i * step] = around.fold(None, join);
-            }
-        }
-        out
+                r.abs_diff(row).pow(2) + beside.pow(2)
+            };
+            rows.map(of_row).min().unwrap_or(usize::MAX).min(far.pow(2))
+        };
+        (0..labels.len()).map(|i| if is_building(labels[i]) { square(i) } else { 0 }).collect()
     };
-    let counts = |l: u16| is_building(l) || (l == 0 && which == Borders::Around);
-    let own: Vec<Option<(u16, u16)>> = ground.data().iter().map(|&l| counts(l).then_some((l, l))).collect();
-    let along = span(&own, width, 1, height, width);
-    let around = span(&along, height, width, width, 1);
-    let is_border =
-        |(&label, around): (&u16, Option<(u16, u16)>)| is_building(label) && around.is_some_and(|(l, h)| l != h);
-    ground.data().iter().zip(around).map(is_border).collect()
+    let own = nearest(&|own, other| other != own && other != UNKNOWN);
+    let shared = nearest(&|own, other| other != own && is_building(other));
+    let mut widest: BTreeMap<u16, usize> = BTreeMap::new();
+    for (label, square) in labels.iter().zip(&own) {
+        let most = widest.entry(*label).or_default();
+        *most = (*most).max(*square);
+    }
+    let depth = |square: usize| (square as f32).sqrt().min(reach_px as f32) - 0.5;
+    let near = labels.iter().zip(&own).map(|(label, square)| match widest.get(label) {
+        Some(&widest) if is_building(*label) => (depth(*square) / depth(widest)).min(1.0),
+        _ => 0.0,
+    });
+    let is_shared = labels.iter().zip(&shared).map(|(l, s)| is_building(*l) && *s <= reach_px.pow(2));
+    Middles { near: near.collect(), is_shared: is_shared.collect() }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// Two houses of 5 columns that share a wall, one that stands alone and is as wide, and what is not known beside it.
     #[test]
-    fn borders_lie_where_buildings_touch_or_all_around_them() {
-        let label = |i: usize| match (i % 12, i / 12) {
-            (1..=3, 1..=4) => 7,
-            (4..=6, 1..=4) => 9,
-            (9..=10, 1..=4) => 3,
-            (0..=11, 6) => UNKNOWN,
+    fn middles_fall_to_the_walls_between_houses_as_to_all_others() {
+        let label = |i: usize| match (i % 24, i / 24) {
+            (1..=5, 1..=9) => 7,
+            (6..=10, 1..=9) => 9,
+            (13..=17, 1..=9) => 3,
+            (18..=23, _) => UNKNOWN,
             _ => 0,
         };
-        let ground = Raster::from_vec(12, 7, (0..84).map(label).collect()).unwrap();
-        for (which, expected) in [(Borders::Touching, "...xx......."), (Borders::Around, ".x.xx.x..xx.")] {
-            let found = borders(&ground, 1, which);
-            let row: String = (24..36).map(|i| if found[i] { 'x' } else { '.' }).collect();
-            assert_eq!(row, expected);
-            assert!(found[60..].iter().all(|b| !b));
+        let ground = Raster::from_vec(24, 11, (0..264).map(label).collect()).unwrap();
+        let found = middles(&ground, 4);
+        let row: Vec<f32> = found.near[5 * 24..6 * 24].iter().map(|v| (v * 100.0).round() / 100.0).collect();
+        // Distances 1, 2, 3, 2, 1 less a half, of 2.5 at most.
+        let house = [0.2, 0.6, 1.0, 0.6, 0.2];
+        assert_eq!(row[1..6], house);
+        assert_eq!(row[6..11], house);
+        // The third ends in what is not known: there is no wall there, and it is wider than its part that is seen.
+        assert_eq!(row[13..18], [0.14, 0.43, 0.71, 1.0, 1.0]);
+        assert!(row[18..].iter().chain(&row[11..13]).all(|v| *v == 0.0));
+        let shared: String = (120..144).map(|i| if found.is_shared[i] { 'x' } else { '.' }).collect();
+        assert_eq!(shared, "..xxxxxxxxx..xx.........");
+        // At a corner as along a wall.
+        assert_eq!(found.near[24 + 1], 0.2);
+    }
+
+    /// Against every pixel with every other one.
+    #[test]
+    fn distances_are_those_of_a_search_through_all_pixels() {
+        let label = |i: usize| [0, 1, 1, 2, 2, 2, 3, 1][((i % 19) / 5 * 3 + (i / 19) / 4 * 5 + (i / 7) % 2) % 8];
+        let ground = Raster::from_vec(19, 14, (0..19 * 14).map(label).collect()).unwrap();
+        let found = middles(&ground, 3);
+        let at = |i: usize| ((i % 19) as f32, (i / 19) as f32);
+        let distance = |i: usize| {
+            let others = (0..266).filter(|&j| ground.data()[j] != ground.data()[i]);
+            others.map(|j| (at(i).0 - at(j).0).hypot(at(i).1 - at(j).1)).fold(3.0, f32::min)
+        };
+        for i in (0..266).filter(|&i| ground.data()[i] != 0) {
+            let same = (0..266).filter(|&j| ground.data()[j] == ground.data()[i]);
+            let most = same.map(distance).fold(0.0, f32::max);
+            assert!((found.near[i] - (distance(i) - 0.5) / (most - 0.5)).abs() < 1e-6, "pixel {i}");
         }
     }
 }

@@ -3,7 +3,7 @@
 //! The protocol is `sizeup_lab::evaluate::photos`, as in `sizeup evaluate`: areas of each true instance and its counterpart,
 //! and detection at an intersection over union of a half beside them. Instances below [`LEAST_PX`] pixels count for nothing.
 //! The IoU of pixels is that of all buildings of a photo together, mean over photos: it does not see whether they are told apart.
-//! Footprints come through the same code as in `sizeup footprints`: tiles, borders, contours.
+//! Footprints come through the same code as in `sizeup footprints`: tiles, watershed, contours.
 
 mod matching;
 mod sources;

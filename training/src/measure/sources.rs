@@ -15,6 +15,7 @@ use sizeup_photos::prior::FilePriorConfig;
 use sizeup_survey::View;
 
 use crate::dataset::load::{Photo, Set};
+use crate::network::Input;
 use crate::train::checkpoint::Checkpoint;
 use crate::{TrainError, export};
 
@@ -33,8 +34,10 @@ pub enum Row {
         path: PathBuf,
         /// Side of a tile, for a checkpoint.
         tile: usize,
-        /// Probability of a border up to which a pixel is the core of a building; the profile's where left out.
-        core: Option<f32>,
+        /// How far the map of middles falls between two buildings; the profile's where left out.
+        dip: Option<f32>,
+        /// An input that it does not get to see; for a checkpoint only.
+        without: Option<Input>,
     },
     /// Footprints of another program: a COCO file that names photos as the set does.
     Coco {
@@ -71,23 +74,24 @@ impl Row {
                 let config: MaskConfig = serde_json::from_value(text).expect("a mask's configuration");
                 Ok(Some(Box::new(MaskFiles::new(config).map_err(|e| failed(&e))?)))
             }
-            Self::Network { path, tile, core, .. } => {
+            Self::Network { path, tile, dip, without, .. } => {
                 let depth = first.image.prior.as_ref().map(|prior| {
                     let files = set.root.join(scene).join("priors").join("{stem}.npy");
                     FilePriorConfig::new(files.to_string_lossy(), prior.kind)
                 });
                 let open = |model: &Path| {
-                    let config = SegmenterConfig {
-                        depth: depth.clone(),
-                        core: *core,
-                        ..SegmenterConfig::new(model, "small.v1")
-                    };
+                    let config =
+                        SegmenterConfig { depth: depth.clone(), dip: *dip, ..SegmenterConfig::new(model, "small.v1") };
                     Segmenter::new(config).map_err(|e| failed(&e))
                 };
                 if path.extension().is_some_and(|e| e == "safetensors") {
                     let folder = tempfile::tempdir().map_err(|e| failed(&e))?;
                     let model = folder.path().join("network.onnx");
-                    export::write(&Checkpoint::read(path, &Device::Cpu)?, *tile, &model)?;
+                    let mut network = Checkpoint::read(path, &Device::Cpu)?;
+                    if let Some(input) = without {
+                        network = network.blind_to(*input)?;
+                    }
+                    export::write(&network, *tile, &model)?;
                     return Ok(Some(Box::new(open(&model)?)));
                 }
                 Ok(Some(Box::new(open(path)?)))

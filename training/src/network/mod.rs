@@ -4,12 +4,12 @@
 //! texture  image + lean ─ convolutions ─ tex0 (stride 2) ─ tex1 (4) ─ tex2 (8) ──┐
 //! geometry depth + lean ─ convolutions ─ geo0 (stride 2) ─ geo1 (4) ─────────────┤  or the features of frozen networks
 //!                                                                               ▼
-//!   head   1 × 1 projectors ─ resized to one grid ─ concatenated ─ U-Net ─ decoder ─ logits: building, border
+//!   head   1 × 1 projectors ─ resized to one grid ─ concatenated ─ U-Net ─ decoder ─ logits: building, middle
 //! ```
 //!
 //! This is the paper's head (`SiZeUp`, "Footprint Extraction"): there the features are those of SAM 3 and Depth Anything 3,
 //! frozen; here small convolutions that learn along give them, and a configuration with `features` takes them from files.
-//! The second channel, borders between buildings that touch, is ours: the paper leaves open how instances come apart.
+//! The second channel, how near to its building's middle a pixel lies, is ours: the paper leaves open how instances come apart.
 //!
 //! The architecture is written once, against [`Builder`]: one builder declares the parameters, one computes with candle, one
 //! writes ONNX.
@@ -150,7 +150,7 @@ impl Default for NetworkConfig {
     }
 }
 
-/// Logits that a network gives: buildings, and borders between buildings.
+/// Logits that a network gives: is there a building, and how near to its middle.
 pub const N_LOGITS: usize = 2;
 
 impl NetworkConfig {

@@ -21,6 +21,7 @@ use sizeup_geo::files;
 use super::TrainConfig;
 use super::optimise::Moments;
 use crate::TrainError;
+use crate::network::Input;
 use crate::network::parameters::{Parameters, shapes};
 
 /// Where the metadata stands.
@@ -72,6 +73,29 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
+    /// The same network, its best parameters blind to an input: what the input's first layer makes of it is nothing, as for an
+    /// input of zeros.
+    ///
+    /// # Errors
+    /// [`TrainError::Config`] for an input that it does not take, or that has no layer of its own.
+    pub fn blind_to(mut self, input: Input) -> Result<Self, TrainError> {
+        let name = match input {
+            Input::Image => "texture.0.down.weight",
+            Input::Depth => "geometry.0.down.weight",
+            Input::Lean => "",
+        };
+        let Some(var) = self.best.vars.get(name) else {
+            let problem = format!("the network has no layer for {:?} alone", input.name());
+            return Err(TrainError::config(problem, "image or depth, of a network that takes it"));
+        };
+        let weights = var.as_tensor();
+        let rest = weights.narrow(1, input.channels(), weights.dim(1)? - input.channels())?;
+        let nothing = weights.narrow(1, 0, input.channels())?.zeros_like()?;
+        let blind = Var::from_tensor(&Tensor::cat(&[nothing, rest], 1)?)?;
+        self.best.vars.insert(name.to_owned(), blind);
+        Ok(self)
+    }
+
     /// Writes it, whole or not at all.
     ///
     /// # Errors

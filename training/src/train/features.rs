@@ -82,7 +82,7 @@ pub fn batch(scenes: &[&Scene], config: &TrainConfig, device: &Device) -> Result
                 None => by_name.push((name, vec![map])),
             }
         }
-        let (target, weight) = labels(scene, config.crop_px);
+        let (target, weight) = labels(scene, config);
         targets.extend(target);
         weights.extend(weight);
     }
@@ -91,23 +91,27 @@ pub fn batch(scenes: &[&Scene], config: &TrainConfig, device: &Device) -> Result
     Ok(Batch {
         inputs: inputs.collect::<Result<_, TrainError>>()?,
         target: Tensor::from_vec(targets, (n, 2, side, side), device)?,
-        weight: Tensor::from_vec(weights, (n, 1, side, side), device)?,
+        weight: Tensor::from_vec(weights, (n, 2, side, side), device)?,
     })
 }
 
-/// A photo's labels at `side × side` cells.
-fn labels(scene: &Scene, side: usize) -> (Vec<f32>, Vec<f32>) {
+/// A photo's labels at as many cells as the features' masks have, and how much each counts.
+fn labels(scene: &Scene, config: &TrainConfig) -> (Vec<f32>, Vec<f32>) {
+    let side = config.crop_px;
     let (columns, rows) = scene.photo.size;
     let cell = |i: usize| {
         let at = |k: usize, n: usize| ((k as f64 + 0.5) / side as f64 * n as f64) as usize;
         at(i / side, rows) * columns + at(i % side, columns)
     };
+    let cells: Vec<usize> = (0..side * side).map(cell).collect();
     let as_float = |b: bool| f32::from(u8::from(b));
-    let label = |i: usize| scene.photo.ground.data()[cell(i)];
-    let all = 0..side * side;
-    let building = all.clone().map(|i| as_float(!matches!(label(i), 0 | UNKNOWN)));
-    let border = all.clone().map(|i| as_float(scene.border[cell(i)]));
-    (building.chain(border).collect(), all.map(|i| as_float(label(i) != UNKNOWN)).collect())
+    let label = |c: &usize| scene.photo.ground.data()[*c];
+    let known = |c: &usize| as_float(label(c) != UNKNOWN);
+    let gain = |c: &usize| if scene.middles.is_shared[*c] { config.loss.shared_gain as f32 } else { 1.0 };
+    let building = cells.iter().map(|c| as_float(!matches!(label(c), 0 | UNKNOWN)));
+    let near = cells.iter().map(|c| scene.middles.near[*c]);
+    let weights = cells.iter().map(known).chain(cells.iter().map(|c| known(c) * gain(c)));
+    (building.chain(near).collect(), weights.collect())
 }
 
 /// The photos of one step.

@@ -14,7 +14,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
-use crate::dataset::labels::Borders;
 use crate::network::NetworkConfig;
 
 /// All of a training but its set.
@@ -68,26 +67,25 @@ impl Default for TrainConfig {
     }
 }
 
-/// What is made small: `BCE + dice · (1 − Dice)` of buildings, and `border` times the same of borders.
+/// What is made small: `BCE + dice · (1 − Dice)` of buildings, and `middle` times the cross-entropy of how near to its building's
+/// middle each pixel lies.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LossConfig {
     /// Weight of the Dice term beside the cross-entropy.
     pub dice: f64,
-    /// Weight of borders beside buildings.
-    pub border: f64,
-    /// What a border is: `touching`, where buildings touch, or `around` every building.
-    pub borders: Borders,
-    /// Pixels of a building this near to another one, or to its own end, are a border, pixels.
-    pub border_reach_px: usize,
-    /// How much more a border's pixel counts in the cross-entropy than one without. Above 1 borders come out too wide, and where
-    /// they fill a house, it falls to its neighbour.
-    pub border_gain: f64,
+    /// Weight of middles beside buildings.
+    pub middle: f64,
+    /// How far a building's outline reaches into it: from there on all is its middle, pixels.
+    pub reach_px: usize,
+    /// How much more pixels within reach of another building count in the cross-entropy of middles: only there is anything to
+    /// learn that the mask does not tell.
+    pub shared_gain: f64,
 }
 
 impl Default for LossConfig {
     fn default() -> Self {
-        Self { dice: 1.0, border: 0.5, borders: Borders::default(), border_reach_px: 2, border_gain: 1.0 }
+        Self { dice: 1.0, middle: 1.0, reach_px: 8, shared_gain: 3.0 }
     }
 }
 
@@ -162,9 +160,9 @@ impl TrainConfig {
             ("learning_rate", self.learning_rate, 1e-8, 1.0),
             ("weight_decay", self.weight_decay, 0.0, 1.0),
             ("loss.dice", l.dice, 0.0, 100.0),
-            ("loss.border", l.border, 0.0, 100.0),
-            ("loss.border_reach_px", l.border_reach_px as f64, 1.0, 50.0),
-            ("loss.border_gain", l.border_gain, 1.0, 1000.0),
+            ("loss.middle", l.middle, 0.0, 100.0),
+            ("loss.reach_px", l.reach_px as f64, 1.0, 50.0),
+            ("loss.shared_gain", l.shared_gain, 1.0, 1000.0),
             ("augment.zoom", a.zoom, 0.0, 0.5),
             ("augment.colour", a.colour, 0.0, 1.0),
             ("augment.gamma", a.gamma, 0.0, 1.0),

@@ -17,10 +17,10 @@ const SHOWN: usize = 4;
 const TRAIN: Rgb<u8> = Rgb([70, 110, 200]);
 const VAL: Rgb<u8> = Rgb([220, 120, 30]);
 const AXIS: Rgb<u8> = Rgb([120, 120, 120]);
-/// Truth, what was found, and borders that were found.
+/// Truth, what was found, and what is far from a middle in it.
 const TRUTH: Rgb<u8> = Rgb([255, 255, 255]);
 const FOUND: Rgb<u8> = Rgb([255, 60, 20]);
-const BORDER: Rgb<u8> = Rgb([40, 240, 240]);
+const RIM: Rgb<u8> = Rgb([40, 240, 240]);
 
 /// Whether a photo is in the overlay: some, spread over all.
 pub(super) fn is_shown(i: usize, n: usize) -> bool {
@@ -66,7 +66,7 @@ fn line(picture: &mut RgbImage, from: (f64, f64), to: (f64, f64), colour: Rgb<u8
     }
 }
 
-/// Photos one above the other: footprints on the ground in white, what is found in red, borders that are found in cyan.
+/// Photos one above the other: footprints on the ground in white, what is found in red, what is far from any middle in it in cyan.
 pub(super) fn overlays(shown: &[(&Scene, Tensor)], path: &Path) -> Result<(), TrainError> {
     let mut rows = Vec::new();
     let mut size = (0, 0);
@@ -80,7 +80,7 @@ pub(super) fn overlays(shown: &[(&Scene, Tensor)], path: &Path) -> Result<(), Tr
             let values = logits.narrow(1, channel, 1)?.flatten_all()?.to_vec1::<f32>()?;
             Ok(Raster::from_vec(width, height, values.iter().map(|v| *v > 0.0).collect()).expect("one per pixel"))
         };
-        let (found, border) = (map(0)?, map(1)?);
+        let (found, middle) = (map(0)?, map(1)?);
         let labels = Raster::from_vec(
             width,
             height,
@@ -94,8 +94,8 @@ pub(super) fn overlays(shown: &[(&Scene, Tensor)], path: &Path) -> Result<(), Tr
                     FOUND
                 } else if is_edge(&labels, col, row) {
                     TRUTH
-                } else if border[(col, row)] {
-                    BORDER
+                } else if found[(col, row)] && !middle[(col, row)] {
+                    RIM
                 } else {
                     Rgb(grey)
                 };

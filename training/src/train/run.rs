@@ -156,7 +156,7 @@ impl Training {
 
     fn whole(&self, scene: &Scene) -> Result<Batch, TrainError> {
         if self.config.network.features.is_empty() {
-            sample::whole(scene, &self.config.network.inputs, self.config.network.multiple(), &self.device)
+            sample::whole(scene, &self.config, &self.device)
         } else {
             features::batch(&[scene], &self.config, &self.device)
         }

@@ -10,7 +10,7 @@ use sizeup_heights::seed;
 
 use super::TrainConfig;
 use crate::TrainError;
-use crate::dataset::labels::{UNKNOWN, borders};
+use crate::dataset::labels::{Middles, UNKNOWN, middles};
 use crate::dataset::load::Photo;
 use crate::network::Input;
 use crate::network::parameters::normal;
@@ -27,8 +27,8 @@ const BUILT: f64 = 0.85;
 pub struct Scene {
     /// The photo.
     pub photo: Photo,
-    /// Per pixel: whether it is a border between buildings.
-    pub border: Vec<bool>,
+    /// Per pixel: how near to its building's middle it lies.
+    pub middles: Middles,
     /// Its pixels in buildings.
     built: Vec<u32>,
 }
@@ -47,11 +47,11 @@ impl Scene {
                 "give the scene a `prior`, or leave \"depth\" out of `network.inputs`",
             ));
         }
-        let (reach, which) = (config.loss.border_reach_px, config.loss.borders);
+        let reach = config.loss.reach_px;
         let ready = |photo: Photo| {
             let is_building = |i: &u32| !matches!(photo.ground.data()[*i as usize], 0 | UNKNOWN);
             let built = (0..photo.ground.data().len() as u32).filter(is_building).collect();
-            Self { border: borders(&photo.ground, reach, which), built, photo }
+            Self { middles: middles(&photo.ground, reach), built, photo }
         };
         use rayon::prelude::*;
         Ok(photos.into_par_iter().map(ready).collect())
@@ -63,9 +63,9 @@ impl Scene {
 pub struct Batch {
     /// `batch × channels × rows × columns` each.
     pub inputs: Vec<(String, Tensor)>,
-    /// `batch × 2 × rows × columns`: building, border; 0 or 1.
+    /// `batch × 2 × rows × columns`: building, 0 or 1; how near to its middle, 0 to 1.
     pub target: Tensor,
-    /// `batch × 1 × rows × columns`: 0 where nothing is known.
+    /// `batch × 2 × rows × columns`: how much each counts; 0 where nothing is known.
     pub weight: Tensor,
 }
 
@@ -76,17 +76,20 @@ pub(super) struct Draft {
     target: Vec<f32>,
     weight: Vec<f32>,
     size: (usize, usize),
+    shared_gain: f32,
     n: usize,
 }
 
 impl Draft {
-    pub fn new(names: &[Input], size: (usize, usize)) -> Self {
+    pub fn new(config: &TrainConfig, size: (usize, usize)) -> Self {
+        let names = &config.network.inputs;
         Self {
-            names: names.to_vec(),
+            names: names.clone(),
             inputs: vec![Vec::new(); names.len()],
             target: Vec::new(),
             weight: Vec::new(),
             size,
+            shared_gain: config.loss.shared_gain as f32,
             n: 0,
         }
     }
@@ -99,7 +102,7 @@ impl Draft {
         Ok(Batch {
             inputs: inputs.collect::<Result<_, TrainError>>()?,
             target: tensor(self.target, 2)?,
-            weight: tensor(self.weight, 1)?,
+            weight: tensor(self.weight, 2)?,
         })
     }
 
@@ -135,8 +138,11 @@ impl Draft {
         let label = |c: &Option<usize>| c.map_or(UNKNOWN, |c| photo.ground.data()[c]);
         let as_float = |b: bool| f32::from(u8::from(b));
         self.target.extend(cells.iter().map(|c| as_float(!matches!(label(c), 0 | UNKNOWN))));
-        self.target.extend(cells.iter().map(|c| as_float(c.is_some_and(|c| scene.border[c]))));
+        self.target.extend(cells.iter().map(|c| c.map_or(0.0, |c| scene.middles.near[c])));
         self.weight.extend(cells.iter().map(|c| as_float(label(c) != UNKNOWN)));
+        let gain =
+            |c: &Option<usize>| if c.is_some_and(|c| scene.middles.is_shared[c]) { self.shared_gain } else { 1.0 };
+        self.weight.extend(cells.iter().map(|c| gain(c) * as_float(label(c) != UNKNOWN)));
         self.n += 1;
     }
 }
@@ -320,12 +326,12 @@ pub fn of_step(scenes: &[Scene], config: &TrainConfig, step: usize, device: &Dev
             let scene = &scenes[rng.random_range(0..scenes.len())];
             let place = Placement::random(scene, side, config.augment.zoom, &mut rng);
             let looks = Looks::random(config, &mut rng);
-            let mut draft = Draft::new(&config.network.inputs, (side, side));
+            let mut draft = Draft::new(config, (side, side));
             draft.add(scene, &place, &looks);
             draft
         })
         .collect();
-    let mut all = Draft::new(&config.network.inputs, (side, side));
+    let mut all = Draft::new(config, (side, side));
     for draft in drafts {
         all.inputs.iter_mut().zip(draft.inputs).for_each(|(to, from)| to.extend(from));
         all.target.extend(draft.target);
@@ -339,10 +345,11 @@ pub fn of_step(scenes: &[Scene], config: &TrainConfig, step: usize, device: &Dev
 ///
 /// # Errors
 /// [`TrainError::Tensor`].
-pub fn whole(scene: &Scene, inputs: &[Input], multiple: usize, device: &Device) -> Result<Batch, TrainError> {
+pub fn whole(scene: &Scene, config: &TrainConfig, device: &Device) -> Result<Batch, TrainError> {
+    let multiple = config.network.multiple();
     let cut = |n: usize| n / multiple * multiple;
     let size = (cut(scene.photo.size.0), cut(scene.photo.size.1));
-    let mut draft = Draft::new(inputs, size);
+    let mut draft = Draft::new(config, size);
     draft.add(scene, &Placement::plain(size), &Looks::plain());
     draft.finish(device)
 }

@@ -10,13 +10,13 @@ use sizeup_training::export;
 use sizeup_training::measure::{Row, measure};
 use sizeup_training::network::evaluate::logits;
 use sizeup_training::network::parameters::Parameters;
-use sizeup_training::network::{FeatureConfig, NetworkConfig};
+use sizeup_training::network::{FeatureConfig, Input, NetworkConfig};
+use sizeup_training::train::TrainConfig;
 use sizeup_training::train::checkpoint::{Checkpoint, Progress};
 use sizeup_training::train::loss::{loss, overlap};
 use sizeup_training::train::optimise::Moments;
 use sizeup_training::train::run::{LAST, LOG, Training};
 use sizeup_training::train::sample::{Scene, whole};
-use sizeup_training::train::{LossConfig, TrainConfig};
 
 use crate::scene::{quick, small_network, villages};
 
@@ -32,18 +32,13 @@ fn one_photo_is_learned_by_heart_and_sizeup_draws_the_same() {
     let root = folder.path().join("set");
     villages(&root);
     let mut set = Set::open(&root).unwrap();
-    let config = TrainConfig {
-        learning_rate: 1e-2,
-        steps: 160,
-        loss: LossConfig { border: 1.0, ..LossConfig::default() },
-        ..quick()
-    };
+    let config = TrainConfig { learning_rate: 1e-2, steps: 160, ..quick() };
     let photos = set.photos(Split::Train).unwrap();
-    let n_borders = |s: &Scene| s.border.iter().filter(|b| **b).count();
+    let n_shared = |s: &Scene| s.middles.is_shared.iter().filter(|b| **b).count();
     let scenes = Scene::ready(photos, &config).unwrap();
-    let scene = scenes.iter().max_by_key(|s| n_borders(s)).unwrap();
-    assert!(n_borders(scene) > 50, "there is a row of houses: {}", n_borders(scene));
-    let batch = whole(scene, &config.network.inputs, config.network.multiple(), &Device::Cpu).unwrap();
+    let scene = scenes.iter().max_by_key(|s| n_shared(s)).unwrap();
+    assert!(n_shared(scene) > 50, "there is a row of houses: {}", n_shared(scene));
+    let batch = whole(scene, &config, &Device::Cpu).unwrap();
     let size = (batch.target.dim(2).unwrap(), batch.target.dim(3).unwrap());
     let parameters = Parameters::new(&config.network, 1, DType::F32, &Device::Cpu).unwrap();
     let mut moments = Moments::new(&parameters).unwrap();
@@ -67,7 +62,7 @@ fn one_photo_is_learned_by_heart_and_sizeup_draws_the_same() {
     std::fs::write(root.join("train.json"), coco.to_string()).unwrap();
     let entry = sizeup_training::dataset::manifest::FileEntry::of(&root.join("train.json")).unwrap();
     set.manifest.files.insert("train.json".to_owned(), entry);
-    let rows = [Row::Network { name: "by heart".to_owned(), path, tile: 128, core: None }];
+    let rows = [Row::Network { name: "by heart".to_owned(), path, tile: 128, dip: None, without: None }];
     let measured = &measure(&set, Split::Train, &rows, None).unwrap()[0];
     // That its row houses stay apart takes more steps than a test has: only the area is held here.
     assert!(measured.instances.n_truth >= 4 && measured.iou_of_pixels > 0.9, "{measured:?}");
@@ -164,6 +159,25 @@ fn a_head_takes_features_of_any_stride_and_width_and_says_the_same_in_onnx() {
     let there = in_onnx(&export::head_bytes(&checkpoint, &sizes, 112).unwrap(), &given);
     assert_eq!(here.len(), 2 * 112 * 112);
     assert!(apart(&here, &there) < 1e-4, "{}", apart(&here, &there));
+}
+
+#[test]
+fn a_network_blind_to_an_input_says_the_same_whatever_that_shows() {
+    let config = small_network();
+    let parameters = || Parameters::new(&config, 5, DType::F32, &Device::Cpu).unwrap();
+    let of = |parameters| checkpoint(TrainConfig { network: config.clone(), ..TrainConfig::default() }, parameters);
+    let blind = of(parameters()).blind_to(Input::Image).unwrap();
+    let said = |network: &Parameters, image: f32, depth: f32| {
+        let given = [(Input::Image, image), (Input::Depth, depth), (Input::Lean, 1.0)];
+        let given: Vec<(String, Tensor)> =
+            given.iter().map(|(i, key)| (i.name().to_owned(), noise(&[1, i.channels(), 32, 32], *key))).collect();
+        logits(&config, network, &given, (32, 32)).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap()
+    };
+    assert_eq!(said(&blind.best, 2.0, 3.0), said(&blind.best, 5.0, 3.0));
+    assert!(apart(&said(&blind.best, 2.0, 3.0), &said(&blind.best, 2.0, 6.0)) > 1e-3, "it sees depth");
+    assert!(apart(&said(&parameters(), 2.0, 3.0), &said(&parameters(), 5.0, 3.0)) > 1e-3, "others see colours");
+    let message = of(parameters()).blind_to(Input::Lean).unwrap_err().to_string();
+    assert!(message.contains("\"lean\"") && message.contains("hint: "), "{message}");
 }
 
 #[test]

@@ -3,8 +3,10 @@
 //! What the network wants is a [`SegmenterProfile`]: data, not code. Photos are cut into tiles, each brought to the
 //! network's square; what the tiles say is put together again at the photo's own pixels.
 
+mod apart;
 pub mod geometry;
 pub mod profile;
+mod small;
 mod tiles;
 
 use std::collections::BTreeMap;
@@ -13,9 +15,12 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use self::small::{SMALL, SmallNetwork};
+
+use self::apart::{Apart, split};
 use self::geometry::{Lean, relief};
 use self::profile::{Activation, Gives, SegmenterProfile, built_in, port};
-use self::tiles::{Apart, Joiner, Mosaic, at_photo_size, split};
+use self::tiles::{Joiner, Mosaic, at_photo_size};
 use super::cadastre::CadastreConfig;
 use super::consensus::ConsensusConfig;
 use super::contours::{ContourKind, ContourSource, Look, ViewFault};
@@ -26,23 +31,27 @@ use sizeup_geo::geodata::raster::{RasterFile, Resampling, Window};
 use sizeup_geo::paths::{PathVisitor, visit_template};
 use sizeup_heights::raster::Raster;
 use sizeup_photos::onnx::{Network, OnnxError, Tensor};
-use sizeup_photos::prior::{FilePriorConfig, FilePriors, PriorSource as _};
+use sizeup_photos::prior::{FilePriorConfig, FilePriors, PriorError, PriorSource};
 use sizeup_survey::View;
 
-/// Least core of a building, as a share of the least building that is looked for.
-const CORE_SHARE: f64 = 0.25;
+/// Least part of a map that is a building beside another one, as a share of the least building that is looked for.
+const PART_SHARE: f64 = 0.25;
+
+/// Gives depth to a network that takes it and has none from files.
+pub type OpenDepth<'a> = &'a dyn Fn() -> Result<Box<dyn PriorSource + Send + Sync>, PriorError>;
 
 /// Which network, and how it is run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SegmenterConfig {
-    /// ONNX file: the network, or the head where the profile has backbones.
-    pub model: PathBuf,
+    /// ONNX file: the network, or the head where the profile has backbones; the network that comes with sizeup where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<PathBuf>,
     /// ONNX files of the profile's backbones, by their names.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(extend("x-expert" = true))]
     pub backbones: BTreeMap<String, PathBuf>,
-    /// Built-in profile: "semantic", "small.v1", "sam3" or "fpsam.v1".
+    /// Built-in profile: "semantic", "small.v1", "sam3" or "fpsam.v1"; that of the network where `model` is left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profile: Option<String>,
     /// A profile of your own, in place of a built-in one.
@@ -61,11 +70,11 @@ pub struct SegmenterConfig {
     #[serde(default = "default_above")]
     #[schemars(extend("x-expert" = true))]
     pub above: f32,
-    /// For networks that give borders: probability of a border up to which a pixel is the core of a building, 0 to 1; the
-    /// profile's own where left out.
+    /// For networks that say how near to a middle a pixel lies: how far that falls between two buildings, 0 to 1; the profile's own
+    /// where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-expert" = true))]
-    pub core: Option<f32>,
+    pub dip: Option<f32>,
     /// Least score of an instance, 0 to 1.
     #[serde(default = "default_min_score")]
     #[schemars(extend("x-expert" = true))]
@@ -73,7 +82,7 @@ pub struct SegmenterConfig {
     /// The contour that masks follow: "ground", where walls meet the ground, or "roof".
     #[serde(default, alias = "outline")]
     pub contour: ContourKind,
-    /// Depth of every photo from files, for networks that take it; by `{stem}` or `{name}`.
+    /// Depth of every photo from files, for networks that take it, by `{stem}` or `{name}`; that of `[prior]` where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth: Option<FilePriorConfig>,
     /// How accurate masks, poses and terrain are.
@@ -104,14 +113,14 @@ impl SegmenterConfig {
     #[must_use]
     pub fn new(model: impl Into<PathBuf>, profile: &str) -> Self {
         Self {
-            model: model.into(),
+            model: Some(model.into()),
             backbones: BTreeMap::new(),
             profile: Some(profile.to_owned()),
             custom: None,
             tile_px: None,
             overlap: default_overlap(),
             above: default_above(),
-            core: None,
+            dip: None,
             min_score: default_min_score(),
             contour: ContourKind::default(),
             depth: None,
@@ -121,9 +130,21 @@ impl SegmenterConfig {
         }
     }
 
+    /// The network that comes with sizeup, with all defaults.
+    #[must_use]
+    pub fn built_in() -> Self {
+        Self { model: None, profile: None, ..Self::new("", small::PROFILE) }
+    }
+
+    /// Which network it is, in words.
+    #[must_use]
+    pub fn in_words(&self) -> String {
+        self.model.as_ref().map_or_else(|| small::IN_WORDS.to_owned(), |path| format!("the network {}", path.display()))
+    }
+
     /// Visits every path.
     pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
-        visit(&mut self.model);
+        self.model.iter_mut().for_each(&mut *visit);
         self.backbones.values_mut().for_each(&mut *visit);
         if let Some(depth) = &mut self.depth {
             visit_template(&mut depth.path, visit);
@@ -136,7 +157,17 @@ impl SegmenterConfig {
     fn chosen(&self) -> Result<SegmenterProfile, FootprintError> {
         let names = || built_in().into_iter().map(|p| p.name).collect::<Vec<_>>().join(", ");
         let refuse = |problem: String| FootprintError::Masks { problem, hint: format!("the profiles are {}", names()) };
-        match (&self.profile, &self.custom) {
+        if self.model.is_none()
+            && (self.custom.is_some() || self.profile.as_deref().is_some_and(|p| p != small::PROFILE))
+        {
+            return Err(FootprintError::Masks {
+                problem: "a profile is set, and no `model` that it would fit".to_owned(),
+                hint: "set `model` to an ONNX file, or leave both out: then the network that comes with sizeup is run"
+                    .to_owned(),
+            });
+        }
+        let profile = if self.model.is_none() { Some(small::PROFILE.to_owned()) } else { self.profile.clone() };
+        match (&profile, &self.custom) {
             (Some(name), None) => built_in()
                 .into_iter()
                 .find(|p| p.name == *name)
@@ -163,8 +194,15 @@ struct Geometry {
     lean: Lean,
 }
 
+/// The input for depth, and where that comes from.
+struct Depth {
+    name: String,
+    source: Box<dyn PriorSource + Send + Sync>,
+    /// The setting that says so.
+    setting: &'static str,
+}
+
 /// A segmentation network, ready to run.
-#[derive(Debug)]
 pub struct Segmenter {
     config: SegmenterConfig,
     profile: SegmenterProfile,
@@ -173,11 +211,17 @@ pub struct Segmenter {
     inlet: Option<Inlet>,
     backbones: Vec<(Network, Inlet, Vec<String>)>,
     /// Inputs for depth and lean, where the graph has them.
-    depth: Option<(String, FilePriors)>,
+    depth: Option<Depth>,
     lean: Option<String>,
     masks: String,
     scores: Option<String>,
     presence: Option<String>,
+}
+
+impl std::fmt::Debug for Segmenter {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Segmenter").field("config", &self.config).finish_non_exhaustive()
+    }
 }
 
 impl Segmenter {
@@ -186,12 +230,20 @@ impl Segmenter {
     /// # Errors
     /// [`FootprintError::Masks`] or [`FootprintError::Network`].
     pub fn new(config: SegmenterConfig) -> Result<Self, FootprintError> {
+        Self::with_depth(config, None)
+    }
+
+    /// The same; a network that takes depth and has none from files gets it from `open`.
+    ///
+    /// # Errors
+    /// As [`Self::new`], and what `open` says.
+    pub fn with_depth(config: SegmenterConfig, open: Option<OpenDepth<'_>>) -> Result<Self, FootprintError> {
         let profile = config.chosen()?;
         let refuse = |problem: String, hint: &str| FootprintError::Masks { problem, hint: hint.to_owned() };
         let is_share = |v: f32| (0.0..=1.0).contains(&v);
-        if !is_share(config.core.unwrap_or(profile.core)) {
-            let found = format!("core = {}", config.core.unwrap_or(profile.core));
-            return Err(refuse(found, "a probability of a border, 0 to 1"));
+        if !is_share(config.dip.unwrap_or(profile.dip)) {
+            let found = format!("dip = {}", config.dip.unwrap_or(profile.dip));
+            return Err(refuse(found, "a difference of values from 0 to 1"));
         }
         if !is_share(config.above) || !is_share(config.min_score) || !(0.0..=0.5).contains(&config.overlap) {
             let found =
@@ -201,7 +253,11 @@ impl Segmenter {
         if config.tile_px.is_some_and(|tile| tile < 16) {
             return Err(refuse("`tile_px` is below 16".to_owned(), "a tile is at least 16 pixels wide"));
         }
-        let network = Network::open(&config.model)?;
+        let network = match &config.model {
+            Some(path) => Network::open(path)?,
+            None => Network::built_in(small::IN_WORDS, small::ONNX)?,
+        };
+        let model = config.model.clone().unwrap_or_else(|| PathBuf::from(small::IN_WORDS));
         let names =
             |ports: &[sizeup_photos::onnx::Port]| ports.iter().map(|p| p.name.clone()).collect::<Vec<_>>().join(", ");
         let unfit = |what: &str, path: &Path, found: String| {
@@ -226,7 +282,7 @@ impl Segmenter {
         };
         let own = if is_own {
             let p = &profile;
-            Some(inlet(&network, &config.model, &p.inputs, p.side_px, p.mean, p.std)?)
+            Some(inlet(&network, &model, &p.inputs, p.side_px, p.mean, p.std)?)
         } else {
             None
         };
@@ -250,33 +306,39 @@ impl Segmenter {
         }
         let given = |names: &[String]| port(names, network.inputs()).map(|p| p.name.clone());
         let lean = given(&profile.lean);
-        let depth = match (given(&profile.depth), &config.depth) {
-            (None, _) => None,
-            (Some(name), Some(files)) => {
+        let depth = match (given(&profile.depth), &config.depth, open) {
+            (None, _, _) => None,
+            (Some(name), Some(files), _) => {
                 let files = FilePriors::new(files.clone(), [])
                     .map_err(|e| refuse(format!("`depth`: {e}"), "as under [prior] with `source = \"files\"`"))?;
-                Some((name, files))
+                Some(Depth { name, source: Box::new(files), setting: "footprints.depth" })
             }
-            (Some(name), None) => {
+            (Some(name), None, Some(open)) => {
+                let source = open().map_err(|e| {
+                    refuse(
+                        format!("{} takes depth, and [prior] gives none: {}", model.display(), without_hint(&e)),
+                        "`footprints.depth` may name files",
+                    )
+                })?;
+                Some(Depth { name, source, setting: "[prior]" })
+            }
+            (Some(name), None, None) => {
                 return Err(refuse(
-                    format!("{} takes depth ({name:?}), and `depth` is not set", config.model.display()),
+                    format!("{} takes depth ({name:?}), and `depth` is not set", model.display()),
                     "`depth = { path = \"priors/{stem}.npy\", kind = \"inverse_depth\" }`; or a network without depth",
                 ));
             }
         };
-        let is_geometry = |name: &String| lean.as_ref() == Some(name) || depth.as_ref().is_some_and(|(d, _)| d == name);
+        let is_geometry =
+            |name: &String| lean.as_ref() == Some(name) || depth.as_ref().is_some_and(|d| d.name == *name);
         if let Some(open) = network.inputs().iter().filter(|i| !is_geometry(&i.name)).find(|i| {
             !backbones.iter().any(|(_, _, features)| features.contains(&i.name))
                 && own.as_ref().is_none_or(|own| own.name != i.name)
         }) {
-            return Err(unfit(
-                &format!("source for its input {:?}", open.name),
-                &config.model,
-                names(network.inputs()),
-            ));
+            return Err(unfit(&format!("source for its input {:?}", open.name), &model, names(network.inputs())));
         }
         let masks = port(&profile.masks, network.outputs())
-            .ok_or_else(|| unfit("mask output", &config.model, names(network.outputs())))?
+            .ok_or_else(|| unfit("mask output", &model, names(network.outputs())))?
             .name
             .clone();
         let named = |names: &[String]| port(names, network.outputs()).map(|p| p.name.clone());
@@ -286,7 +348,7 @@ impl Segmenter {
 
     /// Columns and rows that depth and lean have in a tile: the image's, or the graph's own.
     fn geometry_side(&self) -> (usize, usize) {
-        let names = [self.depth.as_ref().map(|(name, _)| name), self.lean.as_ref()];
+        let names = [self.depth.as_ref().map(|d| &d.name), self.lean.as_ref()];
         let own = names.into_iter().flatten().find_map(|name| {
             match self.network.inputs().iter().find(|p| p.name == *name)?.shape[..] {
                 [_, _, Some(rows), Some(columns)] => Some((columns, rows)),
@@ -305,10 +367,10 @@ impl Segmenter {
         })?;
         let relief = match &self.depth {
             None => None,
-            Some((_, files)) => {
-                let prior = files.load(view).map_err(|e| ViewFault::Network {
-                    problem: format!("its depth cannot be used: {e}"),
-                    hint: "`depth` of the network's configuration says where it is".to_owned(),
+            Some(depth) => {
+                let prior = depth.source.load(view).map_err(|e| ViewFault::Network {
+                    problem: format!("its depth cannot be used: {}", without_hint(&e)),
+                    hint: format!("{} says where it is; photos that look straight down need it", depth.setting),
                 })?;
                 Some(relief(&prior))
             }
@@ -349,7 +411,7 @@ impl Segmenter {
             given.extend(features.iter().cloned().zip(found));
         }
         let side = self.geometry_side();
-        if let (Some((name, _)), Some(relief)) = (&self.depth, &geometry.relief) {
+        if let (Some(Depth { name, .. }), Some(relief)) = (&self.depth, &geometry.relief) {
             let values = geometry::resample(relief, photo.size(), tile, side);
             given.push((name.clone(), Tensor { shape: vec![1, 1, side.1, side.0], values }));
         }
@@ -380,7 +442,7 @@ impl Segmenter {
 
     fn misshapen(&self, found: &str) -> ViewFault {
         ViewFault::Network {
-            problem: format!("the network {} gives {found} as its masks", self.config.model.display()),
+            problem: format!("{} gives {found} as its masks", self.config.in_words()),
             hint: format!("{:?} is expected to be batch × maps × rows × columns, a batch of one", self.masks),
         }
     }
@@ -441,13 +503,13 @@ impl ContourSource for Segmenter {
                 let Some(buildings) = maps.next() else { return Ok(Vec::new()) };
                 match maps.next() {
                     None => contours_at_level(&buildings, self.config.above, how).map_err(in_photo),
-                    Some(borders) => {
+                    Some(middles) => {
                         let apart = Apart {
                             above: self.config.above,
-                            core: self.config.core.unwrap_or(self.profile.core),
-                            least_px: (CORE_SHARE * look.min_area_px2).ceil() as usize,
+                            dip: self.config.dip.unwrap_or(self.profile.dip),
+                            least_px: (PART_SHARE * look.min_area_px2).ceil() as usize,
                         };
-                        contours(&split(&buildings, &borders, apart), how).map_err(in_photo)
+                        contours(&split(&buildings, &middles, apart), how).map_err(in_photo)
                     }
                 }
             }
@@ -476,6 +538,12 @@ impl ContourSource for Segmenter {
     fn file_of(&self, view: &View) -> Option<PathBuf> {
         view.image.clone()
     }
+}
+
+/// A message whose own hint gives way to another.
+fn without_hint(error: &PriorError) -> String {
+    let text = error.to_string();
+    text.split("\nhint:").next().unwrap_or_default().to_owned()
 }
 
 /// A tile of a photo as `1 × 3 × rows × columns`, normalised.

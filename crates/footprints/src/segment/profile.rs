@@ -9,7 +9,7 @@ use sizeup_photos::onnx::{Port, profiles};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Gives {
-    /// One map: is there a building? A second channel, if there is one, tells borders between buildings.
+    /// One map: is there a building? A second channel, if there is one, says how near to its building's middle a pixel lies.
     Semantic,
     /// One map per building, `batch × instances × rows × columns`.
     Instances,
@@ -73,9 +73,9 @@ pub struct SegmenterProfile {
     pub gives: Gives,
     /// Function that turns them into probabilities.
     pub activation: Activation,
-    /// Where a second map tells borders: their probability up to which a pixel is the core of a building, 0 to 1.
-    #[serde(default = "default_core")]
-    pub core: f32,
+    /// Where a second map says how near to a middle a pixel lies: how far it falls between two buildings, 0 to 1.
+    #[serde(default = "default_dip")]
+    pub dip: f32,
     /// Names of the instances' scores, through the same activation.
     #[serde(default)]
     pub scores: Vec<String>,
@@ -89,8 +89,9 @@ pub struct SegmenterProfile {
     pub licence: String,
 }
 
-fn default_core() -> f32 {
-    0.5
+/// Chosen on the validation scenes of `training/sets/simulated.toml` (docs/footprint-network.md).
+fn default_dip() -> f32 {
+    0.003
 }
 
 /// The profiles that come with sizeup.

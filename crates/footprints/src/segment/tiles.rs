@@ -145,89 +145,6 @@ impl Joiner {
     }
 }
 
-/// Rule that tells buildings of a map apart.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Apart {
-    /// Probability above which there is a building.
-    pub above: f32,
-    /// Probability of a border up to which a pixel is the core of a building.
-    pub core: f32,
-    /// Least pixels of a core.
-    pub least_px: usize,
-}
-
-/// Levels of the border's probability from cores to the border's crest.
-const N_LEVELS: usize = 6;
-
-/// Buildings of a map of probabilities, told apart by a map of borders between them: a watershed. Cores with little border
-/// grow over the mask, level by level of the border's probability and nearest first; what no core reaches at a level is a core
-/// itself, once it is large enough. So neighbours meet on the crest between them, and a house full of border is not lost.
-pub(super) fn split(buildings: &Raster<f32>, borders: &Raster<f32>, how: Apart) -> Raster<u32> {
-    let (width, height) = (buildings.width(), buildings.height());
-    let mut labels = Raster::filled(width, height, 0_u32);
-    let neighbours = |i: usize| {
-        let (col, row) = (i % width, i / width);
-        [
-            (col > 0).then(|| i - 1),
-            (col + 1 < width).then(|| i + 1),
-            (row > 0).then(|| i - width),
-            (row + 1 < height).then(|| i + width),
-        ]
-        .into_iter()
-        .flatten()
-    };
-    let (built, border) = (buildings.data(), borders.data());
-    let mut next = 0;
-    // Labelled pixels that have neighbours without a label.
-    let mut rim: Vec<usize> = Vec::new();
-    for step in 0..=N_LEVELS {
-        let is_last = step == N_LEVELS;
-        let level = how.core + (1.0 - how.core) * step as f32 / N_LEVELS as f32;
-        let is_open =
-            |i: usize, labels: &[u32]| labels[i] == 0 && built[i] > how.above && (is_last || border[i] <= level);
-        let labels = labels.data_mut();
-        let mut front = std::mem::take(&mut rim);
-        while !front.is_empty() {
-            let mut further = Vec::new();
-            for &i in &front {
-                for j in neighbours(i) {
-                    if is_open(j, labels) {
-                        labels[j] = labels[i];
-                        further.push(j);
-                    }
-                }
-            }
-            rim.append(&mut front);
-            front = further;
-        }
-        let mut is_seen = vec![false; labels.len()];
-        for start in 0..labels.len() {
-            if is_seen[start] || !is_open(start, labels) {
-                continue;
-            }
-            is_seen[start] = true;
-            let mut part = vec![start];
-            let mut at = 0;
-            while at < part.len() {
-                for j in neighbours(part[at]) {
-                    if !is_seen[j] && is_open(j, labels) {
-                        is_seen[j] = true;
-                        part.push(j);
-                    }
-                }
-                at += 1;
-            }
-            if is_last || part.len() >= how.least_px {
-                next += 1;
-                part.iter().for_each(|&i| labels[i] = next);
-                rim.append(&mut part);
-            }
-        }
-        rim.retain(|&i| neighbours(i).any(|j| labels[j] == 0 && built[j] > how.above));
-    }
-    labels
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -271,37 +188,5 @@ mod tests {
         let at = |col| labels[(col, 10)];
         assert!(at(21) != 0 && at(21) == at(39) && at(45) != 0 && at(45) != at(39));
         assert_eq!((at(10), at(55)), (0, 0));
-    }
-
-    /// Rows of a map of one pixel a letter: `.` is no building, a digit the tenths of the border's probability.
-    fn maps(rows: &[&str]) -> (Raster<f32>, Raster<f32>) {
-        let letters: Vec<char> = rows.iter().flat_map(|row| row.chars()).collect();
-        let raster = |f: &dyn Fn(&char) -> f32| {
-            Raster::from_vec(rows[0].len(), rows.len(), letters.iter().map(f).collect()).unwrap()
-        };
-        (raster(&|c| if *c == '.' { 0.1 } else { 0.9 }), raster(&|c| c.to_digit(10).map_or(0.0, |d| d as f32 / 10.0)))
-    }
-
-    fn labels_of(rows: &[&str], core: f32, least_px: usize) -> Vec<String> {
-        let (buildings, borders) = maps(rows);
-        let labels = split(&buildings, &borders, Apart { above: 0.5, core, least_px });
-        let row = |r: usize| (0..labels.width()).map(|c| char::from(b'0' + labels[(c, r)] as u8)).collect();
-        (0..labels.height()).map(row).collect()
-    }
-
-    #[test]
-    fn borders_split_row_houses_and_leave_no_gap() {
-        assert_eq!(labels_of(&[".0009000."; 2], 0.5, 2), ["011112220"; 2]);
-        // They meet on the crest, wherever that lies between the cores.
-        assert_eq!(labels_of(&[".06667900."; 2], 0.5, 2), ["0111112220"; 2]);
-    }
-
-    /// A house full of border beside one with a core, and specks that are no houses.
-    #[test]
-    fn a_house_full_of_border_is_one_of_its_own_and_a_speck_is_not() {
-        let rows = ["0000096669", "0070096669", "0060096669", "0000096669"];
-        assert_eq!(labels_of(&rows, 0.5, 4), ["1111112222"; 4]);
-        // Small ones are still told where nothing else is near.
-        assert_eq!(labels_of(&["00....", "00....", ".....9"], 0.5, 3), ["110000", "110000", "000002"]);
     }
 }

@@ -34,6 +34,15 @@ impl Graph {
         Ok(Self { model, threads: config.n_threads().map(pool) })
     }
 
+    pub(super) fn of_bytes(path: &Path, bytes: &'static [u8]) -> Result<Self, OnnxError> {
+        let model = rten::Model::load_static_slice(bytes).map_err(|e| OnnxError::Load {
+            path: path.to_owned(),
+            reason: e.to_string(),
+            hint: "the program is damaged: install it anew".to_owned(),
+        })?;
+        Ok(Self { model, threads: None })
+    }
+
     /// Inputs and outputs.
     pub(super) fn ports(&self) -> (Vec<Port>, Vec<Port>) {
         let ports = |ids: &[rten::NodeId]| ids.iter().filter_map(|id| self.port(*id)).collect::<Vec<_>>();

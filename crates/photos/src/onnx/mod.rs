@@ -292,6 +292,17 @@ impl Network {
         Ok(Self { graph, second, path: path.to_owned(), inputs, outputs })
     }
 
+    /// Loads a graph that is part of the program, in the embedded engine; `name` is for messages.
+    ///
+    /// # Errors
+    /// [`OnnxError::Load`].
+    pub fn built_in(name: &str, bytes: &'static [u8]) -> Result<Self, OnnxError> {
+        let path = PathBuf::from(name);
+        let graph = embedded::Graph::of_bytes(&path, bytes)?;
+        let (inputs, outputs) = graph.ports();
+        Ok(Self { graph: Graph::Embedded(Box::new(graph)), second: None, path, inputs, outputs })
+    }
+
     /// Which engine has loaded it, and is asked first.
     #[must_use]
     pub fn engine(&self) -> EngineChoice {
