@@ -83,7 +83,7 @@ class Scene:
         return np.array([lon, lat, centre[2] + GEOID_M]), np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
 
     def into(self, folder, photos):
-        """Photos, outlines and terrain."""
+        """Photos, footprints and terrain."""
         shutil.rmtree(folder, ignore_errors=True)
         (folder / photos).mkdir(parents=True)
         for name, _, _ in self.views:

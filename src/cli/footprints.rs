@@ -53,8 +53,8 @@ pub(super) fn run(args: &FootprintsArgs, global: &Global) -> Result<u8, Failure>
 
 /// What was found in the nadir photos.
 pub(super) fn tell_detection(ui: &Ui, found: &DetectionSummary) {
-    if !found.outlines_from.is_empty() {
-        ui.say(format!("outlines by {}", found.outlines_from));
+    if !found.footprints_from.is_empty() {
+        ui.say(format!("footprints by {}", found.footprints_from));
     }
     ui.say(format!(
         "from {} contours in {} of {} nadir photos; left out: {} shown by too few photos, {} contradicted, {} too small",

@@ -45,7 +45,7 @@ pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStag
     }
     let mut stage = on_ground(config, std::mem::take(&mut found.layer), &terrain);
     stage.tracks = found.tracks;
-    found.summary.outlines_from = config.footprints.in_words();
+    found.summary.footprints_from = config.footprints.in_words();
     stage.detection = Some(found.summary);
     Ok((stage, terrain))
 }

@@ -31,8 +31,8 @@ fn table_of(config: &RunConfig, table: &str) -> Value {
     tables(config).remove(table).unwrap_or_default()
 }
 
-/// Whether outlines are found by a network that may take its depth from the run's priors.
-fn depth_of_outlines_is_prior(config: &RunConfig) -> bool {
+/// Whether footprints are found by a network that may take its depth from the run's priors.
+fn depth_of_footprints_is_prior(config: &RunConfig) -> bool {
     matches!(&config.footprints, FootprintSource::Network(network) if network.depth.is_none())
 }
 
@@ -55,9 +55,9 @@ pub(super) fn of_stage(config: &RunConfig, stage: Stage) -> Value {
     } else {
         tables.remove("align");
     }
-    if stage >= Stage::Footprints && depth_of_outlines_is_prior(config) {
+    if stage >= Stage::Footprints && depth_of_footprints_is_prior(config) {
         let depth = json!([table_of(&saved, "prior"), saved.heights]);
-        tables.insert("depth of outlines".to_owned(), depth);
+        tables.insert("depth of footprints".to_owned(), depth);
     }
     // A level is held against the poses; photos are looked at where depth is matched from them.
     tables.insert("level of poses".to_owned(), json!(saved.terrain.constant_m));
@@ -144,9 +144,9 @@ mod tests {
         assert!(forgotten.is_empty(), "tables that no change here is of: {forgotten:?}");
     }
 
-    /// A network that has no depth of its own takes the run's: other priors, other outlines.
+    /// A network that has no depth of its own takes the run's: other priors, other footprints.
     #[test]
-    fn priors_count_for_outlines_where_the_network_takes_its_depth_from_them() {
+    fn priors_count_for_footprints_where_the_network_takes_its_depth_from_them() {
         let own = "footprints={source=\"network\", depth={path=\"d/{stem}.npy\", kind=\"depth\"}}";
         let stale = |network: &str| {
             let recipe = |config: &RunConfig| Recipe::new(&of_stage(config, Stage::Footprints));

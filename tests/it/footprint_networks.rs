@@ -1,4 +1,4 @@
-//! The network that comes with sizeup, from photos to outlines, and what can be wrong with networks' settings and depth.
+//! The network that comes with sizeup, from photos to footprints, and what can be wrong with networks' settings and depth.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
 
 use crate::footprint_masks::{layer, run};
 
-/// A village that the network never saw, photos and depth as it wants them; its outlines are to be found.
+/// A village that the network never saw, photos and depth as it wants them; its footprints are to be found.
 fn village(folder: &Path) {
     let mut config = SimulateConfig { seed: 151, ..SimulateConfig::default() };
     (config.town.kind, config.town.n_buildings) = (TownKind::Village, 12);
@@ -25,8 +25,8 @@ fn village(folder: &Path) {
     std::fs::write(&path, format!("{text}\n[output]\npictures = false\n")).unwrap();
 }
 
-fn union(outlines: &[Polygon<f64>]) -> MultiPolygon<f64> {
-    outlines.iter().fold(MultiPolygon(Vec::new()), |sum, outline| sum.union(outline))
+fn union(footprints: &[Polygon<f64>]) -> MultiPolygon<f64> {
+    footprints.iter().fold(MultiPolygon(Vec::new()), |sum, footprint| sum.union(footprint))
 }
 
 #[test]
@@ -36,9 +36,9 @@ fn the_built_in_network_outlines_a_village_with_the_runs_own_depth() {
     village(folder);
     let found = run(folder, &["footprints", "sizeup.toml", "--json"]);
     assert_eq!(found.code, 0, "{}", found.stderr);
-    assert!(found.stderr.contains("outlines by the built-in network: "), "{}", found.stderr);
+    assert!(found.stderr.contains("footprints by the built-in network: "), "{}", found.stderr);
     let summary: serde_json::Value = serde_json::from_str(&found.stdout).unwrap();
-    assert!(summary["detection"]["outlines_from"].as_str().unwrap().contains("IoU"), "{summary}");
+    assert!(summary["detection"]["footprints_from"].as_str().unwrap().contains("IoU"), "{summary}");
     // Of the area of all buildings together it finds more than roofs would give (44 % in photos, docs/footprint-network.md),
     // and not much less than perfect masks of what is visible (79 %); 81 % when it was written.
     let (found, truth) =

@@ -456,11 +456,11 @@ fn a_folder_of_odm_is_a_project() {
     // Its grid by the code that other programs know it by.
     let (_, outcome) = desk.init(&[]);
     assert!(outcome.code == 0 && desk.text().contains("crs = \"EPSG:32632\""), "{}{}", outcome.stderr, desk.text());
-    // Of no datum that PROJ knows: why outlines cannot follow is said.
+    // Of no datum that PROJ knows: why footprints cannot follow is said.
     let proj = "+proj=utm +zone=32 +ellps=GRS80 +units=m +no_defs";
     fs::write(desk.path("flight/odm_georeferencing/proj.txt"), proj).unwrap();
     let (_, outcome) = desk.init(&[]);
-    let line = outcome.stderr.lines().find(|line| line.starts_with("missing: outlines that can be used")).unwrap();
+    let line = outcome.stderr.lines().find(|line| line.starts_with("missing: footprints that can be used")).unwrap();
     assert!(line.contains("no way between their datums"), "{line}");
 }
 

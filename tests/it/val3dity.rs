@@ -13,7 +13,7 @@ use sizeup::scene::RoofForm;
 use sizeup::simulate::{SimulateConfig, TownKind, simulate};
 use sizeup::survey::Survey;
 
-use crate::hostile_outlines::{AT, block};
+use crate::hostile_footprints::{AT, block};
 use crate::skipped::skip;
 use crate::tiny_scene::Scene;
 
@@ -43,9 +43,9 @@ pub fn assert_valid_to_val3dity(path: &Path) {
     assert_eq!(report["validity"], true, "{}: {} of {faults:?}", path.display(), report["all_errors"]);
 }
 
-/// The outline, turned and in the map.
-fn placed(outline: &Polygon<f64>, turn_deg: f64, east_m: f64) -> Polygon<f64> {
-    let turned = outline.rotate_around_point(turn_deg, Point::new(0.0, 0.0));
+/// The footprint, turned and in the map.
+fn placed(footprint: &Polygon<f64>, turn_deg: f64, east_m: f64) -> Polygon<f64> {
+    let turned = footprint.rotate_around_point(turn_deg, Point::new(0.0, 0.0));
     turned.map_coords(|c| Coord { x: c.x + AT.0 + east_m, y: c.y + AT.1 })
 }
 
@@ -79,8 +79,8 @@ fn split_houses() -> Vec<BuildingRecord> {
         };
         let roofs = roofs(turn_deg, at);
         let pair = [(first, roofs[i as usize % 4], 5.5), (second, roofs[i as usize / 4 % 4], 5.5)];
-        for (k, (outline, roof, height_m)) in pair.into_iter().enumerate() {
-            let mut part = block(&format!("{i}#{}", k + 1), placed(&outline, turn_deg, east_m), height_m);
+        for (k, (footprint, roof, height_m)) in pair.into_iter().enumerate() {
+            let mut part = block(&format!("{i}#{}", k + 1), placed(&footprint, turn_deg, east_m), height_m);
             (part.part_of, part.roof) = (Some(i.to_string()), Some(roof));
             records.push(part);
         }

@@ -102,7 +102,7 @@ impl FootprintSource {
         }
     }
 
-    /// Where outlines come from, in words; of the network that comes with sizeup how good it is, too.
+    /// Where footprints come from, in words; of the network that comes with sizeup how good it is, too.
     #[must_use]
     pub fn in_words(&self) -> String {
         match self {

@@ -101,7 +101,7 @@ fn instances(ground: &Raster<u16>, seen: &Raster<Seen>) -> Vec<Instance> {
 /// What a network is to say of each pixel besides whether it is a building.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Middles {
-    /// How near to the middle of its building: 0 outside and at its outline, walls to its neighbours included, 1 in its middle.
+    /// How near to the middle of its building: 0 outside and at its footprint, walls to its neighbours included, 1 in its middle.
     pub near: Vec<f32>,
     /// Whether another building is within reach.
     pub is_shared: Vec<bool>,

@@ -76,7 +76,7 @@ pub struct LossConfig {
     pub dice: f64,
     /// Weight of middles beside buildings.
     pub middle: f64,
-    /// How far a building's outline reaches into it: from there on all is its middle, pixels.
+    /// How far a building's footprint reaches into it: from there on all is its middle, pixels.
     pub reach_px: usize,
     /// How much more pixels within reach of another building count in the cross-entropy of middles: only there is anything to
     /// learn that the mask does not tell.

@@ -73,9 +73,9 @@ pub struct Sighting {
 /// Counts.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct DetectionSummary {
-    /// Where the outlines in the photos come from, in words.
+    /// Where the footprints in the photos come from, in words.
     #[serde(default)]
-    pub outlines_from: String,
+    pub footprints_from: String,
     /// Nadir views that were looked at.
     pub n_views: usize,
     /// Views without usable contours among these.

@@ -1,10 +1,10 @@
 //! Buildings of a map told apart by a second one, which says how near to the middle of its building each pixel lies.
 //!
 //! ```text
-//! m(p) = min(d(p) / min(D, R), 1)      d: distance to the building's own outline, walls to its neighbours included
+//! m(p) = min(d(p) / min(D, R), 1)      d: distance to the building's own footprint, walls to its neighbours included
 //! ```
 //!
-//! `D`: the largest `d` of the building, `R`: a reach of some pixels. It is 0 along every outline and 1 in every middle, so that
+//! `D`: the largest `d` of the building, `R`: a reach of some pixels. It is 0 along every footprint and 1 in every middle, so that
 //! between two houses that share a wall it falls and rises again. A watershed finds them: the map is flooded from its peaks
 //! down, and where two peaks' parts meet they are one building unless the map fell by `dip` between them. A network that is
 //! not sure where the wall is still says that there is one: its map falls less far, and wider.

@@ -353,21 +353,21 @@ mod tests {
         )
     }
 
-    /// Corners of a solid that stand outside its outline, exactly.
+    /// Corners of a solid that stand outside its footprint, exactly.
     fn n_outside(record: &BuildingRecord, faces: &[Face]) -> usize {
         use geo::coordinate_position::{CoordPos, CoordinatePosition as _};
         let (grid, _) = Grid::over(std::slice::from_ref(record), 0.001).unwrap();
         let block = Prism::of(record, &grid, 0.1).unwrap();
-        let [x_0, y_0] = block.outline().rings()[0][0];
+        let [x_0, y_0] = block.footprint().rings()[0][0];
         let at = |x: i64, y: i64| Coord { x: (x - x_0) as f64, y: (y - y_0) as f64 };
-        let mut rings = block.outline().rings().iter().map(|ring| ring.iter().map(|[x, y]| at(*x, *y)).collect());
-        let outline = Polygon::new(rings.next().unwrap(), rings.collect::<Vec<LineString<f64>>>());
+        let mut rings = block.footprint().rings().iter().map(|ring| ring.iter().map(|[x, y]| at(*x, *y)).collect());
+        let footprint = Polygon::new(rings.next().unwrap(), rings.collect::<Vec<LineString<f64>>>());
         let corners = faces.iter().flat_map(|face| face.rings.iter().flatten());
-        corners.filter(|[x, y, _]| outline.coordinate_position(&at(*x, *y)) == CoordPos::Outside).count()
+        corners.filter(|[x, y, _]| footprint.coordinate_position(&at(*x, *y)) == CoordPos::Outside).count()
     }
 
     #[test]
-    fn no_corner_of_a_roof_stands_outside_the_outline_where_a_neighbour_may_be() {
+    fn no_corner_of_a_roof_stands_outside_the_footprint_where_a_neighbour_may_be() {
         use proptest::strategy::ValueTree as _;
         let mut runner = proptest::test_runner::TestRunner::deterministic();
         let mut n = 0;
