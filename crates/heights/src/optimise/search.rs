@@ -161,11 +161,9 @@ pub fn sweep(
         let (low, high) = around(heights_m[b], share, scene.bounds, config);
         let scan = |looked: &Looked| scan(low, high, config.n_fine, scene.bounds, |h| looked.scores(h));
         // A score that still rises where the interval ends would go on rising sweep by sweep, as over trees around a low
-        // block: then what the building could hide farther up has a say too. Where that rises as well, there is no peak to
-        // settle on, and the height stays where the full sweeps, which saw all others, have put it.
+        // block: then what the building could hide farther up has a say too.
         let near = look(Scope::near(high, config, correlation)).map(|looked| scan(&looked));
-        let has_peak = |finding: &Finding| !finding.at_end;
-        near.filter(has_peak).or_else(|| whole().map(|looked| scan(&looked)).filter(has_peak))
+        near.filter(|finding| !finding.at_end).or_else(|| whole().map(|looked| scan(&looked)))
     };
     (0..scene.prisms.len()).into_par_iter().map(find).collect()
 }
