@@ -12,11 +12,11 @@ use super::{Cli, conclude, conclude_unread};
 /// A call of the program.
 #[derive(Debug, Clone)]
 pub struct Call {
-    /// What starts the program once more, as runs in tiles do.
+    /// Program to start once more, as runs in tiles do.
     pub program: PathBuf,
     /// The file with the compiled code: libraries that are brought later lie beside it.
     pub code: PathBuf,
-    /// What was typed, the program's name first.
+    /// Words that were typed, the program's name first.
     pub arguments: Vec<OsString>,
 }
 

@@ -54,7 +54,7 @@ pub struct ChangesArgs {
     /// How far beyond its footprints a result is taken to have looked, metres.
     #[arg(long, value_name = "METRES", default_value_t = ChangesConfig::default().margin_m)]
     pub margin: f64,
-    /// What else says where a result looked: a building beyond is neither new nor gone.
+    /// Further word on where a result looked: a building beyond is neither new nor gone.
     #[arg(long, value_enum, value_name = "WHICH", default_value = "photos")]
     pub area: AreaArg,
     /// Leave a shift that is common to all buildings in the differences; it is reported all the same.

@@ -65,9 +65,9 @@ enum State {
 struct Finding {
     what: String,
     state: State,
-    /// What was found.
+    /// Finding in words.
     found: String,
-    /// What brings it, where it is not there.
+    /// Command that brings it, where it is not there.
     #[serde(skip_serializing_if = "Option::is_none")]
     hint: Option<String>,
 }
@@ -164,7 +164,7 @@ fn network_in_place(network: &KnownNetwork) -> Finding {
     }
 }
 
-/// What a run needs.
+/// Needs of a run.
 fn of_config(config: &RunConfig) -> Vec<Finding> {
     let mut findings = vec![heights_grid(config)];
     findings.extend(planes(config));

@@ -47,7 +47,7 @@ pub struct DtmArgs {
     pub assignments: Vec<String>,
 }
 
-/// What was found, for `--json`.
+/// Findings, for `--json`.
 #[derive(Debug, Serialize)]
 struct DtmSummary {
     n_squares: usize,

@@ -60,7 +60,7 @@ pub struct ExportArgs {
     pub quantise: bool,
 }
 
-/// What can be written.
+/// Formats that can be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Format {
     /// CityJSON 2.0.
@@ -93,10 +93,10 @@ pub enum NamesArg {
     ThreeDBag,
 }
 
-/// What heights are, on the command line.
+/// Meaning of heights, on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum HeightsArg {
-    /// What the CRS says.
+    /// As the CRS says.
     Crs,
     /// Above the ellipsoid.
     Ellipsoidal,
@@ -220,7 +220,7 @@ fn write<R: Records + ?Sized>(
     }
 }
 
-/// What the input or the settings lack, apart from what could not be written.
+/// Exit code: that of bad input or settings apart from that of what could not be written.
 fn exit_code(error: &OutputError) -> u8 {
     match error {
         OutputError::HeightsNotStated { .. } | OutputError::Crs(_) | OutputError::FolderInUse { .. } => 2,

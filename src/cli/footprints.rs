@@ -51,7 +51,7 @@ pub(super) fn run(args: &FootprintsArgs, global: &Global) -> Result<u8, Failure>
     Ok(if summary.n_refused > 0 { EXIT_FAILED_ITEMS } else { 0 })
 }
 
-/// What was found in the nadir photos.
+/// Findings of the nadir photos.
 pub(super) fn tell_detection(ui: &Ui, found: &DetectionSummary) {
     if !found.footprints_from.is_empty() {
         ui.say(format!("footprints by {}", found.footprints_from));

@@ -32,7 +32,7 @@ pub struct InitArgs {
     /// The project's projected CRS in metres (default: that of the poses, the footprints or the terrain, else the UTM zone).
     #[arg(long, value_name = "CRS")]
     pub crs: Option<String>,
-    /// What was taken off the positions of poses in a local frame: easting, northing, height.
+    /// Offset taken off the positions of poses in a local frame: easting, northing, height.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = three_numbers)]
     pub offset: Option<[f64; 3]>,
     /// Building footprints, in place of what lies in the folder.

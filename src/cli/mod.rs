@@ -51,7 +51,7 @@ pub const EXIT_FAILED_ITEMS: u8 = 5;
 #[derive(Debug, Parser)]
 #[command(name = "sizeup", version, propagate_version = true, arg_required_else_help = true)]
 pub struct Cli {
-    /// What to do.
+    /// Command to run.
     #[command(subcommand)]
     pub command: Command,
     /// Options of every subcommand.
@@ -139,10 +139,10 @@ pub enum Command {
     Man(manual::ManArgs),
 }
 
-/// What comes before the advice in the text of an error.
+/// Mark before the advice in the text of an error.
 const HINT: &str = "\nhint: ";
 
-/// What ended a command, ready to print.
+/// Error that ended a command, ready to print.
 #[derive(Debug)]
 pub struct Failure {
     /// The process's exit code.
@@ -172,7 +172,7 @@ impl Failure {
         Self { exit_code, message: format!("error: {text}") }
     }
 
-    /// What is wrong, and what to do about it where that is known.
+    /// Message of the error, with advice where there is any.
     #[must_use]
     pub fn message_and_hint(&self) -> (String, Option<String>) {
         let text = self.message.trim_start_matches("error: ").trim();

@@ -32,7 +32,7 @@ Networks lie in the folder that SIZEUP_MODELS names, else in ~/.local/share/size
   source = \"network\"
   model = \"itermvs\"")]
 pub struct GetArgs {
-    /// Its name in `sizeup model list`.
+    /// Name in `sizeup model list`.
     pub name: String,
     /// The published checkpoint, where it is on this machine already.
     #[arg(long, value_name = "FILE", conflicts_with = "url")]

@@ -125,7 +125,7 @@ fn tell_done(ui: &Ui, done: &PriorsDone) {
     }
 }
 
-/// What a graph is and what it fits, as lines.
+/// Table of a graph and the profiles that it fits, as lines.
 fn table_of(inspection: &Inspection) -> String {
     let contents = &inspection.contents;
     let engine = match inspection.engine {

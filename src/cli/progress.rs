@@ -84,7 +84,7 @@ pub enum ProgressEvent {
 }
 
 impl ProgressEvent {
-    /// What ended a command.
+    /// Line that ends a command.
     #[must_use]
     pub fn of_failure(failure: &Failure) -> Self {
         let (message, hint) = failure.message_and_hint();

@@ -58,10 +58,10 @@ pub struct RunArgs {
     /// How the area is divided.
     #[command(flatten, next_help_heading = TILED)]
     pub cut: CutArgs,
-    /// What 3D Tiles make of heights.
+    /// Heights in 3D Tiles.
     #[command(flatten, next_help_heading = TILED)]
     pub tileset: TilesetArgs,
-    /// What is believed of files.
+    /// Trust in files.
     #[command(flatten, next_help_heading = TILED)]
     pub trust: TrustArgs,
     /// Poses (a COLMAP model folder, a CSV file, …).
@@ -88,7 +88,7 @@ pub struct RunArgs {
     /// Depth priors in files, with {stem} for the photo's name without extension.
     #[arg(long, help_heading = FLAGS, value_name = "TEMPLATE", requires_all = ["survey", "prior_kind"])]
     pub priors: Option<String>,
-    /// What the numbers in these files are.
+    /// Meaning of the numbers in these files.
     #[arg(long, help_heading = FLAGS, value_enum, requires = "priors")]
     pub prior_kind: Option<PriorKindArg>,
     /// A depth network (ONNX), for --prior-source network or auto.
@@ -123,7 +123,7 @@ impl From<StageArg> for Stage {
     }
 }
 
-/// What a prior's numbers are, on the command line.
+/// Meaning of a prior's numbers, on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum PriorKindArg {
     /// Higher is farther.

@@ -25,18 +25,18 @@ pub struct SchemaArgs {
     pub output: Option<PathBuf>,
 }
 
-/// What there is a schema of.
+/// Documents that have a schema.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum SchemaName {
-    /// Of `sizeup run`.
+    /// Configuration of `sizeup run`.
     Run,
-    /// Of `sizeup simulate`.
+    /// Configuration of `sizeup simulate`.
     Simulate,
-    /// Of `changes.json`, which `sizeup changes` writes.
+    /// `changes.json`, which `sizeup changes` writes.
     Changes,
-    /// Of `align.json`, which `sizeup survey align` and runs that align write.
+    /// `align.json`, which `sizeup survey align` and runs that align write.
     Align,
-    /// Of a line that `--progress json` writes.
+    /// A line that `--progress json` writes.
     Progress,
     /// Our extension of CityJSON: names and types of the attributes that a city of ours has.
     CityjsonExtension,

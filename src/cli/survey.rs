@@ -25,9 +25,9 @@ use sizeup_survey::{
     ViewKind,
 };
 
-/// What is said where image footprints are wanted and nothing tells the height of the ground.
+/// Message where image footprints are wanted and nothing tells the height of the ground.
 const NO_GROUND: &str = "no --dtm or --ground: image footprints are taken on a ground of 0 m";
-/// What to do about poses that look wrong.
+/// Advice on poses that look wrong.
 const ACCEPT: &str = "nothing is written\nhint: `--set survey.accept_unsound=true` converts them all the same";
 /// The poses look wrong.
 const EXIT_UNSOUND: u8 = 3;
@@ -121,7 +121,7 @@ COLMAP and CSV come with a survey.toml that reads them back.")]
 pub struct ConvertArgs {
     #[command(flatten)]
     source: SourceArgs,
-    /// What to write (default: by the output's extension; a folder is a COLMAP model).
+    /// Format to write (default: by the output's extension; a folder is a COLMAP model).
     #[arg(long, value_enum)]
     to: Option<TargetArg>,
     /// File or folder to write.
@@ -195,7 +195,7 @@ pub(super) fn three_numbers(text: &str) -> Result<[f64; 3], String> {
     numbers.ok().and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| "expected x,y,z".to_owned())
 }
 
-/// What was found about one survey.
+/// Findings of one survey.
 #[derive(Serialize)]
 struct Inspected {
     is_sound: bool,
@@ -455,7 +455,7 @@ fn make_room(table: &mut toml::Table, args: &SourceArgs, footprints: Option<&Pat
     }
 }
 
-/// What the flags stand for: table, key, value. Paths become absolute: those of a file are relative to the file.
+/// Settings that the flags stand for: table, key, value. Paths become absolute: those of a file are relative to the file.
 fn flags(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>) -> Result<Vec<Flag>, Failure> {
     let absolute = |path: &Path| -> Result<String, Failure> {
         // An address would lose one of its slashes.

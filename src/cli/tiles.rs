@@ -51,7 +51,7 @@ pub struct CutArgs {
     pub memory: Option<u64>,
 }
 
-/// What 3D Tiles make of heights.
+/// Heights in 3D Tiles.
 #[derive(Debug, Clone, Args)]
 pub struct TilesetArgs {
     /// 3D Tiles: what heights are. crs: what the CRS says, by PROJ's grids (the default); none: write no 3D Tiles.
@@ -62,10 +62,10 @@ pub struct TilesetArgs {
     pub geoid_height: Option<f64>,
 }
 
-/// What heights are, on the command line.
+/// Meaning of heights, on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum TileHeightsArg {
-    /// What the CRS says.
+    /// As the CRS says.
     Crs,
     /// Above the ellipsoid.
     Ellipsoidal,
@@ -74,7 +74,7 @@ pub enum TileHeightsArg {
 }
 
 impl TilesetArgs {
-    /// What was asked for, if anything.
+    /// Tileset that was asked for, if any.
     pub(super) fn tileset(&self) -> Option<Tileset> {
         match (self.geoid_height, self.heights) {
             (Some(geoid_m), _) => Some(Tileset::Written(Heights::GeoidHeight(geoid_m))),
@@ -124,10 +124,10 @@ pub struct PlanArgs {
     /// How the city is cut.
     #[command(flatten)]
     pub cut: CutArgs,
-    /// What 3D Tiles make of heights.
+    /// Heights in 3D Tiles.
     #[command(flatten)]
     pub tileset: TilesetArgs,
-    /// What is believed of files.
+    /// Trust in files.
     #[command(flatten)]
     pub trust: TrustArgs,
 }
@@ -140,7 +140,7 @@ pub struct InputsArgs {
     /// Folder of the results, in place of the configuration's.
     #[arg(long, short, value_name = "FOLDER")]
     pub output: Option<PathBuf>,
-    /// What is believed of files.
+    /// Trust in files.
     #[command(flatten)]
     pub trust: TrustArgs,
 }
@@ -158,7 +158,7 @@ pub struct TileArgs {
     /// Name of the tile, or its number in the plan, from 0 (for job arrays).
     #[arg(long, value_name = "ID")]
     pub tile: String,
-    /// What is believed of files.
+    /// Trust in files.
     #[command(flatten)]
     pub trust: TrustArgs,
 }
@@ -171,10 +171,10 @@ pub struct MergeArgs {
     /// Merge what is done, although tiles are missing.
     #[arg(long)]
     pub allow_missing: bool,
-    /// What 3D Tiles make of heights; by default what the plan says.
+    /// Heights in 3D Tiles; by default what the plan says.
     #[command(flatten)]
     pub tileset: TilesetArgs,
-    /// What is believed of files.
+    /// Trust in files.
     #[command(flatten)]
     pub trust: TrustArgs,
 }
@@ -187,7 +187,7 @@ pub struct StatusArgs {
     /// List only tiles that are not done, each with its number in the plan before its name, for job arrays.
     #[arg(long)]
     pub todo: bool,
-    /// What is believed of files.
+    /// Trust in files.
     #[command(flatten)]
     pub trust: TrustArgs,
 }
@@ -250,7 +250,7 @@ impl CutArgs {
     }
 }
 
-/// What a plan would change, and what that would cost.
+/// Changes that a plan would make, and their cost.
 fn dry_run(config: &RunConfig, settings: &PlanSettings, global: &Global) -> Result<u8, Failure> {
     let ui = Ui::new(global);
     let planned = tiles::try_plan(config, settings, "sizeup tiles plan", &|event| ui.tell(event));

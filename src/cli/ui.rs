@@ -95,7 +95,7 @@ impl Ui {
         }
     }
 
-    /// What a run tells.
+    /// Event of a run.
     pub fn tell(&self, event: Event) {
         if let (Voice::Events(_), Event::Stage(stage), false) = (&self.voice, event, self.is_quiet) {
             ProgressEvent::Stage { stage }.emit();

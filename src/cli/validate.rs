@@ -85,7 +85,7 @@ struct Outcome {
     unfinished: Option<String>,
 }
 
-/// What was found of the form, as lines.
+/// Findings on the form, as lines.
 fn form_lines(form: &SchemaCheck, n_printed: usize) -> String {
     let mut lines = vec![format!("form: {} errors, {} warnings", form.errors.len(), form.warnings.len())];
     if form.n_features_checked < form.n_features {
@@ -104,7 +104,7 @@ fn form_lines(form: &SchemaCheck, n_printed: usize) -> String {
     lines.join("\n")
 }
 
-/// What was found of the solids, as lines.
+/// Findings on the solids, as lines.
 fn solid_lines(outcome: &Validation, n_printed: usize) -> String {
     let Validation { n_valid, n_geometries, n_without_geometry, n_templates, .. } = outcome;
     let mut lines =

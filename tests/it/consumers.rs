@@ -90,7 +90,7 @@ fn ogrinfo_reads_our_layers_with_crs_and_comments() {
         assert!(is_theirs, "{line}");
     }
     let indexes = sql("SELECT count(*) AS n FROM gpkg_extensions WHERE extension_name = 'gpkg_rtree_index'");
-    assert!(indexes.contains("= 6"), "{indexes}");
+    assert!(indexes.contains("= 7"), "{indexes}");
     let tile = sql("SELECT tile, n_buildings, n_heights FROM tiles");
     assert!(tile.contains("n_buildings (Integer64) = 6") || tile.contains("n_buildings (Integer) = 6"), "{tile}");
 }

@@ -8,7 +8,7 @@ use serde_json::Value;
 /// Words that a doc line should not begin with.
 const FRAGMENTS: [&str; 3] = ["Of ", "What ", "Its "];
 /// First doc lines in src and crates that still do. Whoever mends some lowers it; nobody raises it.
-const MOST_IN_CODE: usize = 61;
+const MOST_IN_CODE: usize = 8;
 
 fn is_fragment(text: &str) -> bool {
     FRAGMENTS.iter().any(|word| text.starts_with(word))

@@ -116,7 +116,7 @@ pub fn judge_tag(correlations: &[GroundCorrelation]) -> Option<Issue> {
     None
 }
 
-/// What the views together say of the unit that depths are said to have, or not; `None` where that fits.
+/// Doubt that the views together raise about the unit that depths are said to have, or not; `None` where that fits.
 #[must_use]
 pub fn judge_unit(correlations: &[GroundCorrelation], unit: DepthUnit) -> Option<Issue> {
     let ratios: Vec<f64> = correlations.iter().filter_map(|correlation| correlation.of_ground).collect();

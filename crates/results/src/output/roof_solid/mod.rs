@@ -36,9 +36,9 @@ const LEAST_WALL_M: f64 = 0.2;
 /// How much of a roof its solid has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Detail {
-    /// Its levels, each of them flat: LOD 1.3.
+    /// Levels of the roof, each of them flat: LOD 1.3.
     Levels,
-    /// Its slopes too: LOD 2.0.
+    /// Slopes too: LOD 2.0.
     Slopes,
 }
 
