@@ -204,7 +204,7 @@ fn qgis_shows_the_title_of_every_field_of_every_layer() {
 
     let of_town = &report[0]["layers"];
     assert_eq!((&report[1]["layers"], &report[2]["layers"]), (of_town, of_town), "the project names them alike");
-    for (file, layers) in [(0, 6), (3, 2)] {
+    for (file, layers) in [(0, 7), (3, 2)] {
         assert_eq!(report[file]["layers"], report[file]["titles"], "those of gpkg_data_columns, all of them");
         assert_eq!(report[file]["layers"].as_object().unwrap().len(), layers);
     }

@@ -86,7 +86,7 @@ fn a_cube_and_a_courtyard_are_valid() {
     let path = folder.path().join("town.city.json");
     cityjson::write(&path, &town().model(), &CityJsonConfig::default()).unwrap();
     let outcome = validate(&CityFile::read(&path).unwrap(), &ValidateConfig::default());
-    assert_eq!((outcome.n_geometries, outcome.n_valid, outcome.n_without_geometry), (9, 9, 1));
+    assert_eq!((outcome.n_geometries, outcome.n_valid, outcome.n_without_geometry), (13, 13, 1));
 }
 
 #[test]

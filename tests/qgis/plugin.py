@@ -463,7 +463,7 @@ class Algorithms(Case):
         run("applyreviews", {"FOLDER": str(output)})
         self.assertEqual(dock.list.count(), 6)
         self.assertEqual({b.id: b.status for b in dock._shown}[second], "reviewed")
-        self.assertEqual(len(QgsProject.instance().mapLayers()), 5)
+        self.assertEqual(len(QgsProject.instance().mapLayers()), 6)
         self.assert_reviewed(output, first, second, third)
         # And they outlive a whole run.
         run("heights", heights(output))
@@ -485,7 +485,7 @@ class Algorithms(Case):
         answer = run("heights", heights(output, LOAD=False))
         self.assertEqual(QgsProject.instance().mapLayers(), {})
         valid = run("validate", {"INPUT": answer["CITYJSON"], "FAULTS": "TEMPORARY_OUTPUT"})
-        self.assertEqual((valid["VALID"], valid["N_FAULTS"], valid["N_GEOMETRIES"]), (True, 0, 12))
+        self.assertEqual((valid["VALID"], valid["N_FAULTS"], valid["N_GEOMETRIES"]), (True, 0, 18))
         # One that is spoilt: a block turned inside out.
         city = json.loads(Path(answer["CITYJSON"]).read_text(encoding="utf-8"))
         for item in city["CityObjects"].values():
