@@ -250,7 +250,7 @@ impl RunConfig {
         let (assignments, notes): (Vec<String>, Vec<Option<Issue>>) = renamed.unzip();
         let mut notes: Vec<Issue> = notes.into_iter().flatten().collect();
         let mut config: Self = parse_with(text, Some(path), &assignments, |table| {
-            notes.extend(renamed::in_table(table, &renamed::OF_RUN))
+            notes.extend(renamed::in_table(table, &renamed::OF_RUN));
         })?;
         config.notes = notes;
         Ok(config)

@@ -224,6 +224,25 @@ impl std::fmt::Debug for Segmenter {
     }
 }
 
+impl SegmenterConfig {
+    /// Whether shares and sizes are in range, with the least dip between buildings that is asked for.
+    fn check(&self, dip: f32) -> Result<(), FootprintError> {
+        let refuse = |problem: String, hint: &str| Err(FootprintError::Masks { problem, hint: hint.to_owned() });
+        let is_share = |v: f32| (0.0..=1.0).contains(&v);
+        if !is_share(dip) {
+            return refuse(format!("dip = {dip}"), "a difference of values from 0 to 1");
+        }
+        if !is_share(self.above) || !is_share(self.min_score) || !(0.0..=0.5).contains(&self.overlap) {
+            let found = format!("above = {}, min_score = {}, overlap = {}", self.above, self.min_score, self.overlap);
+            return refuse(found, "shares from 0 to 1; the overlap from 0 to 0.5");
+        }
+        if self.tile_px.is_some_and(|tile| tile < 16) {
+            return refuse("`tile_px` is below 16".to_owned(), "a tile is at least 16 pixels wide");
+        }
+        Ok(())
+    }
+}
+
 impl Segmenter {
     /// Loads the graphs and checks that they fit the profile and each other.
     ///
@@ -240,19 +259,7 @@ impl Segmenter {
     pub fn with_depth(config: SegmenterConfig, open: Option<OpenDepth<'_>>) -> Result<Self, FootprintError> {
         let profile = config.chosen()?;
         let refuse = |problem: String, hint: &str| FootprintError::Masks { problem, hint: hint.to_owned() };
-        let is_share = |v: f32| (0.0..=1.0).contains(&v);
-        if !is_share(config.dip.unwrap_or(profile.dip)) {
-            let found = format!("dip = {}", config.dip.unwrap_or(profile.dip));
-            return Err(refuse(found, "a difference of values from 0 to 1"));
-        }
-        if !is_share(config.above) || !is_share(config.min_score) || !(0.0..=0.5).contains(&config.overlap) {
-            let found =
-                format!("above = {}, min_score = {}, overlap = {}", config.above, config.min_score, config.overlap);
-            return Err(refuse(found, "shares from 0 to 1; the overlap from 0 to 0.5"));
-        }
-        if config.tile_px.is_some_and(|tile| tile < 16) {
-            return Err(refuse("`tile_px` is below 16".to_owned(), "a tile is at least 16 pixels wide"));
-        }
+        config.check(config.dip.unwrap_or(profile.dip))?;
         let network = match &config.model {
             Some(path) => Network::open(path)?,
             None => Network::built_in(small::IN_WORDS, small::ONNX)?,
