@@ -127,12 +127,6 @@ impl Frame<'_> {
         [of(0), of(1)]
     }
 
-    /// The place of the grid to the south-west of one.
-    fn cell(&self, at: DVec2) -> Point {
-        let of = |axis: usize| (at[axis] / self.grid.scale_m).floor() as i64 + self.origin[axis];
-        [of(0), of(1)]
-    }
-
     fn polygon(&self, footprint: &SnappedFootprint) -> Polygon<f64> {
         let ring = |ring: &Ring| -> LineString<f64> {
             let closed = ring.iter().chain(ring.first());

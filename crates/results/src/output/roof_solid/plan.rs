@@ -116,17 +116,18 @@ impl<'a> Nodes<'a> {
         })
     }
 
-    /// The place of the grid next to one on a wall that is not outside: a neighbour at the same wall, whose nodes are
-    /// elsewhere, must not share volume with this one, be it a few cubic centimetres (val3dity 601).
+    /// The place of the grid next to one on a wall that is inside: a neighbour at the same wall, whose nodes are elsewhere,
+    /// must not share volume with this one, be it a few cubic centimetres (val3dity 601). On a slanting wall no place is taken
+    /// for one on it: written in metres it may be beside it, by the last digit.
     fn inside_of(&self, [from, to]: [Point; 2], foot: DVec2) -> Point {
-        let low = self.frame.cell(foot);
-        let around = [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[x, y]| [low[0] + x, low[1] + y]);
-        let inside = around.into_iter().filter(|p| cross(from, to, *p) >= 0);
-        let nearest = inside.min_by(|a, b| {
-            let distance = |p: &Point| self.frame.metres(*p).distance(foot);
-            distance(a).total_cmp(&distance(b))
-        });
-        nearest.unwrap_or_else(|| self.frame.point(foot))
+        let nearest = self.frame.point(foot);
+        if from[0] == to[0] || from[1] == to[1] {
+            return nearest;
+        }
+        let around = (-1..=1).flat_map(|x| (-1..=1).map(move |y| [nearest[0] + x, nearest[1] + y]));
+        let distance = |p: &Point| self.frame.metres(*p).distance(foot);
+        let inside = around.filter(|p| cross(from, to, *p) > 0);
+        inside.min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(nearest)
     }
 
     fn near(&self, at: DVec2) -> Option<Point> {
