@@ -57,7 +57,7 @@ struct Half {
     beyond: u32,
 }
 
-/// Place of the border between two neighbouring nodes of labels `a` and `b` lies: the share of the way, 0 to 1 exclusive.
+/// Place of the border between two neighbouring nodes of labels `a` and `b`: the share of the way, 0 to 1 exclusive.
 pub(super) type Crossing<'a> = &'a dyn Fn([usize; 2], u32, [usize; 2], u32) -> f64;
 
 /// All rings of all labels but 0, by label, in a fixed order.

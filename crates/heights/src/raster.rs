@@ -54,6 +54,19 @@ impl<T> Raster<T> {
         (col < self.width && row < self.height).then(|| &self.data[row * self.width + col])
     }
 
+    /// Positions in the data of the up to four cells that share a side with one: left, right, above, below.
+    pub fn beside(&self, i: usize) -> impl Iterator<Item = usize> + use<T> {
+        let (col, row) = (i % self.width, i / self.width);
+        [
+            (col > 0).then(|| i - 1),
+            (col + 1 < self.width).then(|| i + 1),
+            (row > 0).then(|| i - self.width),
+            (row + 1 < self.height).then(|| i + self.width),
+        ]
+        .into_iter()
+        .flatten()
+    }
+
     /// Every cell through `f`.
     #[must_use]
     pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Raster<U> {
@@ -115,6 +128,13 @@ fn lerp(a: f32, b: f32, t: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn cells_share_sides_with_those_beside_them_and_none_beyond_the_border() {
+        let raster = Raster::filled(3, 2, 0_u8);
+        let beside = |i: usize| raster.beside(i).collect::<Vec<usize>>();
+        assert_eq!([beside(0), beside(4), beside(5)], [vec![1, 3], vec![3, 5, 1], vec![4, 2]]);
+    }
 
     #[test]
     fn bilinear_is_exact_at_centres_and_linear_between() {

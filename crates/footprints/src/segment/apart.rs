@@ -57,22 +57,14 @@ impl Parts {
 /// outcome is the same everywhere.
 pub(super) fn split(buildings: &Raster<f32>, middles: &Raster<f32>, how: Apart) -> Raster<u32> {
     const NONE: u32 = u32::MAX;
-    let (width, height) = (buildings.width(), buildings.height());
     let (built, middle) = (buildings.data(), middles.data());
     let mut order: Vec<u32> = (0..built.len() as u32).filter(|&i| built[i as usize] > how.above).collect();
     order.sort_by(|&a, &b| middle[b as usize].total_cmp(&middle[a as usize]).then(a.cmp(&b)));
     let mut parts = Parts::default();
     let mut part_of = vec![NONE; built.len()];
     for i in order.iter().map(|&i| i as usize) {
-        let (col, row) = (i % width, i / width);
-        let beside = [
-            (col > 0).then(|| i - 1),
-            (col + 1 < width).then(|| i + 1),
-            (row > 0).then(|| i - width),
-            (row + 1 < height).then(|| i + width),
-        ];
         // The part to join first: that of the neighbour which lies nearest to a middle.
-        let mut around: Vec<usize> = beside.into_iter().flatten().filter(|&j| part_of[j] != NONE).collect();
+        let mut around: Vec<usize> = buildings.beside(i).filter(|&j| part_of[j] != NONE).collect();
         around.sort_by(|&a, &b| middle[b].total_cmp(&middle[a]).then(a.cmp(&b)));
         let mut roots: Vec<u32> = Vec::with_capacity(4);
         for j in around {
@@ -101,7 +93,7 @@ pub(super) fn split(buildings: &Raster<f32>, middles: &Raster<f32>, how: Apart) 
     }
     let mut label_of = vec![0; parts.parent.len()];
     let mut next = 0;
-    let mut labels = Raster::filled(width, height, 0_u32);
+    let mut labels = Raster::filled(buildings.width(), buildings.height(), 0_u32);
     for (i, label) in labels.data_mut().iter_mut().enumerate().filter(|(i, _)| part_of[*i] != NONE) {
         let root = parts.root(part_of[i]) as usize;
         if label_of[root] == 0 {

@@ -8,7 +8,6 @@ const SAME_LEVELS: f64 = 1.5;
 
 /// Takes the heights of all surfaces away that have fewer pixels.
 pub(super) fn leave_out(heights_m: &mut Raster<f32>, levels: &Levels, least_px: usize) {
-    let (width, height) = (heights_m.width(), heights_m.height());
     let level: Vec<f32> = heights_m.data().iter().map(|z| levels.level(f64::from(*z)) as f32).collect();
     let mut is_seen: Vec<bool> = heights_m.data().iter().map(|z| z.is_nan()).collect();
     let mut surface = Vec::new();
@@ -22,14 +21,7 @@ pub(super) fn leave_out(heights_m: &mut Raster<f32>, levels: &Levels, least_px: 
         let mut next = 0;
         while let Some(&i) = surface.get(next) {
             next += 1;
-            let (col, row) = (i % width, i / width);
-            let beside = [
-                (col > 0).then(|| i - 1),
-                (col + 1 < width).then(|| i + 1),
-                (row > 0).then(|| i - width),
-                (row + 1 < height).then(|| i + width),
-            ];
-            for j in beside.into_iter().flatten() {
+            for j in heights_m.beside(i) {
                 if !is_seen[j] && f64::from((level[j] - level[i]).abs()) <= SAME_LEVELS {
                     is_seen[j] = true;
                     surface.push(j);
