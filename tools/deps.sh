@@ -89,6 +89,8 @@ test_tools() {
   command -v ogrinfo >/dev/null || missing+=(gdal-bin)
   command -v python3 >/dev/null || missing+=(python3)
   python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)
+  # What tools/exports.py writes other programs' files with.
+  /usr/bin/python3 -c 'import numpy, PIL, osgeo' 2>/dev/null || missing+=(python3-gdal python3-numpy python3-pil)
   install_packages ${missing[@]+"${missing[@]}"}
   if ! "$tools/cjio/bin/cjio" --version 2>/dev/null | grep -q "$CJIO"; then
     say "installing cjio $CJIO into target/tools"
