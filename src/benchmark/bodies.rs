@@ -14,7 +14,7 @@ const FOUNDATION_M: f64 = 1.0;
 /// Surfaces and volumes against the true bodies, roofs and all.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BodyScores {
-    /// Walls and roofs.
+    /// Distances of walls and roofs; `None` where they were not measured.
     pub surface: Option<SurfaceEvaluation>,
     /// Volumes; `None` where the method's meshes are not closed.
     pub volume: Option<VolumeEvaluation>,

@@ -19,9 +19,9 @@ use sizeup_lab::evaluate::solid::{Prism, Solid};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
-    /// The publication's optimiser.
+    /// The optimiser of the publication, preset `paper`.
     Paper,
-    /// Ours.
+    /// The optimiser of this program, preset `robust`.
     Robust,
     /// Priors to metres on free ground, roofs lifted, medians taken.
     MetricLift,
@@ -57,7 +57,7 @@ pub struct Aids {
 /// Answer: heights, and bodies where the method makes its own.
 #[derive(Debug, Clone)]
 pub struct Answer {
-    /// Heights.
+    /// Heights with their standard deviations and reasons.
     pub solution: Solution,
     /// Bodies in place of extruded footprints.
     pub bodies: Option<Vec<Solid>>,
@@ -131,7 +131,7 @@ impl Method {
         }
     }
 
-    /// By its name.
+    /// The method of this name; `None` where there is none.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|m| m.name() == name)

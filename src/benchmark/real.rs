@@ -28,7 +28,7 @@ pub struct RealTown {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RealCameras {
-    /// The survey.
+    /// Settings that read the survey.
     pub survey: SurveyConfig,
     /// Coordinate reference system, as `EPSG:n`.
     pub crs: String,

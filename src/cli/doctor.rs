@@ -48,11 +48,11 @@ pub struct DoctorArgs {
     pub assignments: Vec<String>,
 }
 
-/// How something stands.
+/// State of something that a run may need.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum State {
-    /// It is there.
+    /// The thing is there.
     Ok,
     /// It is not there, and nothing that was asked about needs it.
     Absent,
@@ -65,7 +65,7 @@ enum State {
 struct Finding {
     what: String,
     state: State,
-    /// Finding in words.
+    /// The finding in words.
     found: String,
     /// Command that brings it, where it is not there.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -47,7 +47,7 @@ pub struct DtmArgs {
     pub assignments: Vec<String>,
 }
 
-/// Findings, for `--json`.
+/// Numbers of squares and errors of a terrain model, for `--json`.
 #[derive(Debug, Serialize)]
 struct DtmSummary {
     n_squares: usize,

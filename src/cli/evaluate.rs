@@ -89,7 +89,7 @@ pub enum HeightReferenceArg {
     Eave,
     /// The mean over the roof's area.
     Mean,
-    /// The highest line.
+    /// The highest line of the roof.
     Ridge,
 }
 

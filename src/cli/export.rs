@@ -63,7 +63,7 @@ pub struct ExportArgs {
 /// Formats that can be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Format {
-    /// CityJSON 2.0.
+    /// CityJSON 2.0, one file.
     #[value(name = "cityjson")]
     CityJson,
     /// CityJSONSeq 2.0, a building a line.
@@ -86,7 +86,7 @@ pub enum Format {
 /// Names of attributes, on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum NamesArg {
-    /// Ours.
+    /// Names that sizeup defines.
     Sizeup,
     /// Ours and those of 3DBAG.
     #[value(name = "3dbag")]
@@ -96,9 +96,9 @@ pub enum NamesArg {
 /// Meaning of heights, on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum HeightsArg {
-    /// As the CRS says.
+    /// Heights are what the CRS says.
     Crs,
-    /// Above the ellipsoid.
+    /// Heights are above the ellipsoid.
     Ellipsoidal,
 }
 

@@ -33,7 +33,7 @@ pub enum ProgressForm {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Level {
-    /// Something to know.
+    /// A remark on what is done.
     Info,
     /// Something that is probably not as it was meant.
     Warning,
@@ -47,7 +47,7 @@ pub enum Level {
 pub enum ProgressEvent {
     /// A stage of a run begins: survey, footprints, heights, output.
     Stage {
-        /// The name.
+        /// Name of the stage that begins.
         stage: Stage,
     },
     /// So much of some work is done. The same work can begin again, from 0.
@@ -59,7 +59,7 @@ pub enum ProgressEvent {
         /// How much there is.
         total: usize,
     },
-    /// Something to read.
+    /// A message to read.
     Message {
         /// How much it weighs.
         level: Level,
@@ -75,7 +75,7 @@ pub enum ProgressEvent {
     Error {
         /// The exit code: 2 usage or configuration, 3 the input cannot be used, 4 failed.
         code: u8,
-        /// The problem.
+        /// The problem in words, with its hint.
         message: String,
         /// Advice, where there is any.
         #[serde(skip_serializing_if = "Option::is_none")]

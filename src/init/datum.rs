@@ -27,13 +27,13 @@ const OTHER_LEVEL_M: f64 = 15.0;
 /// Source of the geoid.
 const GEOID: &str = "the geoid EGM96 here, which national zeros follow to within a metre or two";
 
-/// Knowledge of heights.
+/// All that is known of the heights of poses and ground.
 pub(super) struct Known<'a> {
     /// Statement of the poses on theirs.
     pub stated: StatedHeights,
     /// Whether they reach the project's vertical reference as they are, by PROJ or because both are one.
     pub is_reached: bool,
-    /// Why not.
+    /// Why heights cannot be brought together, where that was tried.
     pub why_not: Option<String>,
     /// Level at which the drone took off, in the poses' heights.
     pub takeoff: Option<Level>,
@@ -50,7 +50,7 @@ pub(super) enum Ground<'a> {
     Model(&'a TerrainFile, Level),
     /// One height that somebody gave.
     Given(f64),
-    /// Nothing.
+    /// No ground is known.
     Nothing,
 }
 
@@ -70,7 +70,7 @@ pub(super) struct Datum {
     pub height: HeightConfig,
     /// The same as entries of the configuration.
     pub height_entries: Vec<Entry>,
-    /// Entries of `[terrain]`.
+    /// Entries of the configuration's `[terrain]`.
     pub terrain_entries: Vec<Entry>,
     /// One height of the ground, metres.
     pub constant_m: Option<f64>,

@@ -33,13 +33,13 @@ const LAYERS: [&str; 7] = ["gpkg", "geojson", "shp", "fgb", "gml", "osm", "pbf"]
 const RASTERS: [&str; 5] = ["tif", "tiff", "asc", "img", "hgt"];
 /// Extensions of files that may hold poses.
 const POSES: [&str; 9] = ["xml", "xmlz", "json", "geojson", "opf", "prj", "csv", "tsv", "txt"];
-/// Extensions of videos.
+/// Extensions of videos, in lower case.
 const VIDEOS: [&str; 8] = ["mp4", "mov", "avi", "mkv", "m4v", "mts", "lrv", "lrf"];
 
 /// Files that may be of use in a folder, each list sorted.
 #[derive(Debug, Default)]
 pub(super) struct Inventory {
-    /// The folder.
+    /// The folder that was looked into.
     pub root: PathBuf,
     /// It and the folders below it.
     pub folders: Vec<PathBuf>,
@@ -51,9 +51,9 @@ pub(super) struct Inventory {
     pub layers: Vec<PathBuf>,
     /// Files that may hold the ground.
     pub rasters: Vec<PathBuf>,
-    /// Videos.
+    /// Number of videos.
     pub n_videos: usize,
-    /// All files.
+    /// Number of all files.
     pub n_files: usize,
 }
 

@@ -54,9 +54,9 @@ pub(super) struct PoseSource {
 /// Poses that are not taken, and why.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Passed {
-    /// Path.
+    /// File or folder of the poses.
     pub path: PathBuf,
-    /// Their format.
+    /// Format of the poses, as the configuration names it.
     pub format: String,
     /// Why they are not taken.
     pub why: String,
@@ -65,9 +65,9 @@ pub struct Passed {
 /// Outcome of a look through the folder.
 #[derive(Debug)]
 pub(super) struct PoseChoice {
-    /// Chosen one.
+    /// Poses that the project takes; `None` where there are none to take.
     pub chosen: Option<PoseSource>,
-    /// Passed ones.
+    /// Poses that it does not take, and why.
     pub passed: Vec<Passed>,
 }
 

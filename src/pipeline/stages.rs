@@ -218,7 +218,7 @@ fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
     }
 }
 
-/// The box around footprints.
+/// Box around footprints, map frame, metres.
 fn extent<'a>(polygons: impl Iterator<Item = &'a Polygon<f64>>) -> Option<MapBox> {
     let corners = polygons.filter_map(geo::BoundingRect::bounding_rect).flat_map(|rect| [rect.min(), rect.max()]);
     MapBox::around(corners.map(|c| (c.x, c.y)))
@@ -259,7 +259,7 @@ pub(super) struct SceneStage {
     pub scene: Scene,
     /// Their positions in the layer.
     pub solved: Vec<usize>,
-    /// The ground around them.
+    /// Ground around the buildings.
     pub terrain: Terrain,
     /// From one place where the ground is looked at in the photos to the next, metres.
     pub ground_spacing_m: f64,

@@ -33,7 +33,7 @@ fn report(config: &SurveyConfig, project: &str) -> SurveyReport {
 struct Odm {
     offset: DVec3,
     reference: DVec3,
-    /// East, north, up.
+    /// Camera positions east, north, up of the reference, metres.
     enu: Vec<DVec3>,
     /// The same places in UTM minus the offset.
     grid: Vec<DVec3>,

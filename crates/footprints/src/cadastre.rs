@@ -66,7 +66,7 @@ fn default_same_iou() -> f64 {
 }
 
 impl CadastreConfig {
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         visit(&mut self.layer.path);
     }
@@ -81,7 +81,7 @@ pub enum Change {
     /// In both, with another footprint.
     #[serde(alias = "changed_outline")]
     ChangedFootprint,
-    /// Found only.
+    /// Found in the photos, and not in the layer.
     New,
     /// In the layer only, where photos see nothing of it.
     Vanished,
@@ -90,7 +90,7 @@ pub enum Change {
 }
 
 impl Change {
-    /// The name in files.
+    /// The name under which files have it.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -112,7 +112,7 @@ pub struct Conflation {
     pub vanished: Vec<Footprint>,
     /// Buildings of the layer that no photo shows: they stay.
     pub unseen: Vec<Footprint>,
-    /// Message.
+    /// Issues of the layer, and of how the two were brought together.
     pub issues: Vec<Issue>,
 }
 

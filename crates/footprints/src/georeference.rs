@@ -41,7 +41,7 @@ impl Default for AccuracyConfig {
 /// Surface that footprints are laid on.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Surface<'a> {
-    /// The ground.
+    /// The ground, as a terrain model has it.
     Terrain(&'a Terrain),
     /// A roof, metres in the project's vertical reference.
     Level(f64),

@@ -71,7 +71,7 @@ pub struct MaskConfig {
 }
 
 impl MaskConfig {
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         visit_template(&mut self.path, visit);
         if let Some(cadastre) = &mut self.cadastre {
@@ -80,7 +80,7 @@ impl MaskConfig {
     }
 }
 
-/// Masks from files.
+/// Masks that lie in files, one per photo, or all in a COCO file.
 #[derive(Debug)]
 pub struct MaskFiles {
     config: MaskConfig,

@@ -78,12 +78,12 @@ pub struct DetectionSettings<'a> {
     pub accuracy: &'a AccuracyConfig,
     /// How views become one footprint per building.
     pub consensus: &'a ConsensusConfig,
-    /// An existing layer.
+    /// Settings for holding the found against an existing layer; `None` without one.
     pub cadastre: Option<&'a CadastreConfig>,
 }
 
 impl FootprintSource {
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         match self {
             Self::Layer(layer) => visit(&mut layer.path),

@@ -27,10 +27,10 @@ const STYLES: [(&str, &str); 3] = [
 /// Why the file could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteFootprintsError {
-    /// GDAL refused.
+    /// GDAL cannot write the GeoPackage.
     #[error(transparent)]
     Gpkg(#[from] GpkgError),
-    /// The file system refused.
+    /// The file system did not let the file be read or written.
     #[error(transparent)]
     File(#[from] FileError),
 }

@@ -287,7 +287,7 @@ impl SurveyConfig {
         Self { path: path.into(), ..Self::default() }
     }
 
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         visit(&mut self.path);
         self.images.iter_mut().for_each(visit);

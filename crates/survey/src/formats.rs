@@ -89,7 +89,7 @@ formats! {
     Colmap: |c| c.is_folder && colmap::is_model(&c.path), |s| colmap::read(&s.path);
     /// Bentley iTwin Capture / ContextCapture BlocksExchange, `.xml` or `.xmlz`.
     BlocksExchange: |c| !c.is_folder && blocks_exchange::is_blocks_exchange(&c.path, &c.head), |s| blocks_exchange::read(&s.path, s.tangential);
-    /// Agisoft Metashape's cameras.xml.
+    /// Agisoft Metashape's `cameras.xml`, written by Export Cameras.
     Metashape: |c| metashape::is_metashape(&c.head), |s| metashape::read(&s.path);
     /// OpenSfM's reconstruction.json, topocentric or rewritten by ODM.
     Opensfm: opensfm::recognises, opensfm::read;

@@ -53,7 +53,7 @@ const CONFIRMED_WITHIN_M: f64 = 0.5;
 /// Focal lengths of one camera in two files of ODM differ by rounding only, of the larger side.
 const SAME_FOCAL_WITHIN: f64 = 1e-6;
 
-/// Reads the poses.
+/// Reads `shots.geojson` and the cameras beside it.
 pub(crate) fn read_shots(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let path = config.path.as_path();
     let layer: ShotsLayer = json(path)?;

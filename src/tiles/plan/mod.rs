@@ -33,7 +33,7 @@ use sizeup_survey::Survey;
 /// A tile that would be run, and why.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Change {
-    /// The tile.
+    /// Tile of the plan.
     pub tile: Tile,
     /// Why it is not done.
     pub why: String,

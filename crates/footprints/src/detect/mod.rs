@@ -70,7 +70,7 @@ pub struct Sighting {
     pub change: Option<Change>,
 }
 
-/// Counts.
+/// Numbers of views, contours and buildings in a detection, by what became of them.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct DetectionSummary {
     /// Where the footprints in the photos come from, in words.
@@ -115,7 +115,7 @@ pub struct Track {
 /// Buildings found in photos.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Detection {
-    /// The buildings.
+    /// One footprint per building.
     pub layer: FootprintLayer,
     /// Sightings of each of the layer's footprints, in order.
     pub sightings: Vec<Sighting>,
@@ -123,9 +123,9 @@ pub struct Detection {
     pub candidates: Vec<PlacedCandidate>,
     /// Buildings of an existing layer that are gone.
     pub vanished: Vec<Footprint>,
-    /// For roof contours.
+    /// The photos' contours as seen, for roof contours; `None` where they were not kept.
     pub tracks: Option<Tracks>,
-    /// Counts.
+    /// Numbers of views, contours and buildings, by what became of them.
     pub summary: DetectionSummary,
 }
 

@@ -142,7 +142,7 @@ impl SegmenterConfig {
         self.model.as_ref().map_or_else(|| small::IN_WORDS.to_owned(), |path| format!("the network {}", path.display()))
     }
 
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         self.model.iter_mut().for_each(&mut *visit);
         self.backbones.values_mut().for_each(&mut *visit);

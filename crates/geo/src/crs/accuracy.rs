@@ -37,7 +37,7 @@ impl Accuracy {
 pub struct Better {
     /// Name of the operation.
     pub name: String,
-    /// Accuracy, metres.
+    /// Accuracy of the operation as PROJ's database states it, metres.
     pub accuracy_m: f64,
     /// The file, and where to get it.
     pub grid: Grid,

@@ -14,7 +14,7 @@ const ENDINGS: [&str; 4] = ["tif", "gsb", "gtx", "ct2"];
 /// A grid file of a transformation.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Grid {
-    /// The file's name.
+    /// Name of the grid's file.
     pub name: String,
     /// Address at which it is handed out; empty where PROJ's database does not know.
     pub url: String,

@@ -49,12 +49,12 @@ impl Transform3d {
         Ok(Self { operation, from: from.clone(), to: to.clone() })
     }
 
-    /// The source.
+    /// CRS that positions come from.
     pub(super) fn from(&self) -> &Crs {
         &self.from
     }
 
-    /// The target.
+    /// CRS that positions are brought to.
     pub(super) fn to(&self) -> &Crs {
         &self.to
     }

@@ -15,7 +15,7 @@ const ANCHOR_STEP_M: f64 = 1e-6;
 /// Ground heights, local frame, metres.
 #[derive(Debug, Clone)]
 pub enum LocalGround {
-    /// A level plane.
+    /// A level plane at this height, metres.
     Level(f32),
     /// Heights at the nodes of a grid, bilinear between them.
     Grid(Grid),

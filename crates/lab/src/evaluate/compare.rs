@@ -24,9 +24,9 @@ use sizeup_results::output::{BuildingRecord, OutputError};
 /// Two files and how to read them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// The result.
+    /// Path of the result.
     pub result: PathBuf,
-    /// The reference.
+    /// Path of the reference.
     pub truth: PathBuf,
     /// CRS to compare in; the result's by default.
     pub crs: Option<Crs>,
@@ -65,30 +65,30 @@ pub enum CompareError {
     /// A picture cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// Nothing matches.
+    /// No building of one matches any of the other.
     #[error(transparent)]
     Evaluation(#[from] EvaluationError),
     /// The CRS to compare in has no metres.
     #[error("{} cannot be compared in this CRS\nhint: name one to compare in with --crs", path.display())]
     Frame {
-        /// The result.
+        /// Path of the result's file.
         path: PathBuf,
-        /// Why not.
+        /// Why its positions cannot be brought there.
         #[source]
         source: CrsError,
     },
     /// A CRS that is no CRS, or that nothing leads to.
     #[error("cannot bring {} to the project's CRS", path.display())]
     Crs {
-        /// The file.
+        /// The file that is compared.
         path: PathBuf,
-        /// Why not.
+        /// Why its positions cannot be brought there.
         #[source]
         source: CrsError,
     },
 }
 
-/// Reference as read.
+/// Buildings of the reference as its file has them.
 pub(super) enum Reference {
     /// Points, levels in metres, and what these count from where the file's CRS says so.
     Cloud(Cloud, Option<VerticalReference>),

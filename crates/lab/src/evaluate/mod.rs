@@ -68,7 +68,7 @@ pub struct TruthBuilding {
 /// Why an evaluation is not possible.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluationError {
-    /// Nothing to compare.
+    /// Not one pair of buildings to compare.
     #[error(
         "no building of the reference ({n_truth}) matches any of the result ({n_results}) by {how}\n\
          hint: {hint}"
@@ -78,17 +78,17 @@ pub enum EvaluationError {
         n_truth: usize,
         /// Buildings of the result.
         n_results: usize,
-        /// `id` or `overlap`.
+        /// Way in which they were matched: `id` or `overlap`.
         how: &'static str,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: &'static str,
     },
     /// An id stands for two buildings.
     #[error("two buildings of the {side} are called {id:?}\nhint: match by overlap, or choose another id attribute")]
     DuplicateId {
-        /// `reference` or `result`.
+        /// Side on which the two are: `reference` or `result`.
         side: &'static str,
-        /// The id.
+        /// The id that both have.
         id: String,
     },
 }

@@ -33,12 +33,12 @@ const DENSITY_PER_M2: f64 = 25.0;
 /// Most samples of a side: a large scene is sampled thinner.
 const MOST_SAMPLES: f64 = 400_000.0;
 
-/// The outcome.
+/// Distances between the surfaces of result and reference.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceEvaluation {
-    /// Metres.
+    /// Distance that 90 % of the result's samples stay within, metres.
     pub error_90_m: f64,
-    /// Metres.
+    /// Distance that 95 % of the result's samples stay within, metres.
     pub error_95_m: f64,
     /// Share within 0.5 m.
     pub completeness_05: f64,
@@ -46,7 +46,7 @@ pub struct SurfaceEvaluation {
     pub completeness_1: f64,
     /// Mean distance from the result to the reference, metres.
     pub error_mean_m: f64,
-    /// Samples per m².
+    /// Samples per m² of either surface.
     pub density_per_m2: f64,
     /// Samples of result and reference.
     pub n_samples: [usize; 2],
@@ -56,7 +56,7 @@ pub struct SurfaceEvaluation {
 
 /// A surface as it is measured to.
 pub enum Target<'a> {
-    /// Triangles.
+    /// The triangles themselves, searched for the nearest.
     Facets(&'a [Facet]),
     /// Points: distances are to the nearest, so they do not fall below half the points' spacing.
     Points(&'a [DVec3]),

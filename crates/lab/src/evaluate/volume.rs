@@ -31,12 +31,12 @@ pub const VOLUME_DEFINITIONS: [(&str, &str); 6] = [
     ("open_share", "share of the columns through a mesh with holes, result and reference: voxels need closed meshes"),
 ];
 
-/// Voxel sizes, metres.
+/// Sides of voxels that volumes are counted with, metres.
 const VOXELS_M: [f64; 2] = [0.5, 1.0];
 /// Share of columns with an open mesh above which volumes are not computed.
 const MOST_OPEN: f64 = 0.01;
 
-/// The outcome.
+/// Volumes that the bodies of result and reference have in common.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct VolumeEvaluation {
     /// Exact, over the whole scene; `None` where a body is not made of prisms.
@@ -51,7 +51,7 @@ pub struct VolumeEvaluation {
     pub column_iou: f64,
     /// Result and reference, m³.
     pub volume_m3: [f64; 2],
-    /// Result and reference.
+    /// Share of columns whose mesh is open: result, reference.
     pub open_share: [f64; 2],
     /// Meaning of each number.
     pub definitions: BTreeMap<String, String>,
@@ -63,9 +63,9 @@ pub enum VolumeError {
     /// The mesh is not closed.
     #[error("{:.0} % of the columns through the {side} go in and never come out: its meshes have holes, or faces the wrong way round", 100.0 * share)]
     Open {
-        /// `result` or `reference`.
+        /// Side with the open meshes: `result` or `reference`.
         side: &'static str,
-        /// Share of columns.
+        /// Share of the columns that go in and never come out, 0 to 1.
         share: f64,
     },
     /// There is nothing to compare, or far too much.

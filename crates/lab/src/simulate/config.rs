@@ -23,17 +23,17 @@ pub struct SimulateConfig {
     pub town: TownConfig,
     /// Real geometry in place of the procedural town.
     pub cityjson: Option<CityJsonConfig>,
-    /// The ground.
+    /// Shape of the ground.
     pub terrain: TerrainConfig,
     /// Where the photos are taken; not used where views are given from outside.
     pub flight: FlightConfig,
     /// The lens and the sensor; not used where views are given from outside.
     pub camera: CameraConfig,
-    /// The photos.
+    /// Settings for rendering the photos.
     pub images: ImageConfig,
     /// Masks of the nadir views.
     pub masks: MaskConfig,
-    /// The depth priors.
+    /// Settings for making depth priors from the true depth.
     pub prior: PriorConfig,
     /// A sparse point cloud as multi-view matching leaves it.
     pub points: PointConfig,
@@ -61,7 +61,7 @@ impl Default for SimulateConfig {
     }
 }
 
-/// Kind of town.
+/// Kind of town: which buildings stand in it, and how high they are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TownKind {
@@ -76,11 +76,11 @@ pub enum TownKind {
     Industry,
 }
 
-/// The procedural town.
+/// Settings of a procedural town.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TownConfig {
-    /// Kind of town.
+    /// Kind of town, which decides forms and heights.
     pub kind: TownKind,
     /// Exactly so many buildings, 1 to 20000.
     pub n_buildings: usize,
@@ -108,7 +108,7 @@ impl Default for TownConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CityJsonConfig {
-    /// The file.
+    /// Path of the CityJSON file.
     pub path: PathBuf,
     /// Moves all buildings by easting, northing, up; metres.
     #[serde(default)]
@@ -159,7 +159,7 @@ pub enum FlightPattern {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FlightConfig {
-    /// Grid or free.
+    /// Pattern of the flight: a grid, or freely scattered cameras.
     pub pattern: FlightPattern,
     /// Flying height above the mean ground, metres, above every roof.
     pub height_m: f64,
@@ -212,7 +212,7 @@ impl Default for CameraConfig {
     }
 }
 
-/// The photos.
+/// Settings for rendering the photos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImageConfig {
@@ -258,7 +258,7 @@ pub enum MaskContour {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MaskConfig {
-    /// Whether they are written.
+    /// Whether masks are written.
     pub enabled: bool,
     /// The contour of a building that they follow.
     #[serde(alias = "outline")]
@@ -292,7 +292,7 @@ pub enum PriorLevel {
     Bleed,
 }
 
-/// The depth priors.
+/// Settings for making depth priors from the true depth.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PriorConfig {

@@ -10,20 +10,20 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RoofKind {
-    /// One horizontal plane.
+    /// One horizontal plane over the whole footprint.
     Flat,
     /// Two slopes per wing, upright ends.
     Gable,
     /// Slopes on all sides.
     Hip,
-    /// Several horizontal planes.
+    /// Several horizontal planes at different levels.
     Stepped,
     /// As measured: real geometry.
     Surveyed,
 }
 
 impl RoofKind {
-    /// The name in files.
+    /// The name under which files have it.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -54,16 +54,16 @@ pub struct Form {
     pub roof: RoofKind,
 }
 
-/// An axis-aligned rectangle.
+/// A rectangle along the axes of a form's plane, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rect {
-    /// Low x.
+    /// Lowest x, metres.
     pub x0: f64,
-    /// High x.
+    /// Highest x, metres.
     pub x1: f64,
-    /// Low y.
+    /// Lowest y, metres.
     pub y0: f64,
-    /// High y.
+    /// Highest y, metres.
     pub y1: f64,
 }
 
@@ -164,9 +164,9 @@ pub fn stacked(levels: &[(Rect, f64)]) -> Form {
 /// A wing that leaves the low-y side of a main body at right angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wing {
-    /// Low x.
+    /// Lowest x, metres.
     pub x0: f64,
-    /// High x.
+    /// Highest x, metres.
     pub x1: f64,
     /// Reach from the main body.
     pub reach: f64,

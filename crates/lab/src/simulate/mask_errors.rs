@@ -24,7 +24,7 @@ use sizeup_geo::terrain::Terrain;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MaskLevel {
-    /// As drawn.
+    /// Masks without errors, as the buildings are seen.
     #[default]
     Exact,
     /// As a network that does its work well.
@@ -51,7 +51,7 @@ pub struct MaskErrors {
 }
 
 impl MaskLevel {
-    /// Errors.
+    /// Strengths of this level's errors.
     #[must_use]
     pub fn errors(self) -> MaskErrors {
         match self {

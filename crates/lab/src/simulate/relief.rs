@@ -16,7 +16,7 @@ use super::SimulateError;
 use super::chance::between;
 use super::config::TerrainConfig;
 
-/// Number of waves.
+/// Number of waves that are summed for rolling ground.
 const N_WAVES: usize = 5;
 /// Shortest and longest wave, metres.
 const WAVELENGTH_M: (f64, f64) = (250.0, 900.0);
@@ -24,18 +24,18 @@ const WAVELENGTH_M: (f64, f64) = (250.0, 900.0);
 /// A rectangle on the map: west, south, east, north; metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Extent {
-    /// Low easting.
+    /// Easting of the western edge, metres.
     pub west_m: f64,
-    /// Low northing.
+    /// Northing of the southern edge, metres.
     pub south_m: f64,
-    /// High easting.
+    /// Easting of the eastern edge, metres.
     pub east_m: f64,
-    /// High northing.
+    /// Northing of the northern edge, metres.
     pub north_m: f64,
 }
 
 impl Extent {
-    /// Around a centre.
+    /// The rectangle around a centre that reaches so far east-west and north-south, metres.
     #[must_use]
     pub fn around(centre: DVec2, half_x_m: f64, half_y_m: f64) -> Self {
         Self {
@@ -70,7 +70,7 @@ impl Extent {
         })
     }
 
-    /// Middle.
+    /// Middle of the rectangle, easting and northing, metres.
     #[must_use]
     pub fn centre(&self) -> DVec2 {
         DVec2::new(0.5 * (self.west_m + self.east_m), 0.5 * (self.south_m + self.north_m))

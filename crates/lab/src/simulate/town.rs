@@ -22,7 +22,7 @@ pub struct World {
     pub terrain: Terrain,
     /// The streets of a procedural town.
     pub(super) streets: Option<StreetPlan>,
-    /// Around all buildings.
+    /// Rectangle around all buildings.
     pub extent: Extent,
     /// Definition of the map frame's CRS.
     pub crs: String,

@@ -75,7 +75,7 @@ impl Default for DtmConfig {
 /// Outcome of a square.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Outcome {
-    /// Ground, metres.
+    /// Height of the ground, metres.
     Ground(f64),
     /// Something that its neighbours say is not ground, metres.
     Outlier(f64),
@@ -88,9 +88,9 @@ pub enum Outcome {
 /// A square: its middle in the map, and what came of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Square {
-    /// Map position, metres.
+    /// Middle of the square, map frame, metres.
     pub at: DVec2,
-    /// Outcome.
+    /// Outcome of the search for ground there.
     pub outcome: Outcome,
 }
 
@@ -110,7 +110,7 @@ impl Square {
 pub struct Dtm {
     /// The heights; no value where no ground was found within a few squares.
     pub dem: Dem,
-    /// All squares.
+    /// All squares that were tried.
     pub squares: Vec<Square>,
     /// Standard deviation of a square's height against its neighbours', metres.
     pub sigma_m: f64,
@@ -122,11 +122,11 @@ pub enum DtmError {
     /// A setting out of range.
     #[error("terrain from photos: {field} is {value}, expected {expected}")]
     Config {
-        /// Which.
+        /// Name of the setting.
         field: &'static str,
-        /// Kind.
+        /// The value that was set.
         value: f64,
-        /// Allowed values.
+        /// Values that are allowed, in words.
         expected: &'static str,
     },
     /// Too little ground was found.
@@ -136,13 +136,13 @@ pub enum DtmError {
          hint: is the rough level right (terrain.constant_m)? --within widens the search"
     )]
     TooLittle {
-        /// Number tried.
+        /// Number of squares tried.
         n_squares: usize,
         /// Those too few photos see.
         n_unseen: usize,
         /// Those without a height.
         n_unclear: usize,
-        /// Those with one.
+        /// Number of squares with a height.
         n_ground: usize,
         /// Lowest height tried, metres.
         from_m: f64,
@@ -152,7 +152,7 @@ pub enum DtmError {
     /// A photo cannot be read.
     #[error(transparent)]
     Photo(#[from] PriorError),
-    /// The grid cannot be.
+    /// A grid that cannot be a terrain model.
     #[error(transparent)]
     Dem(#[from] DemError),
 }

@@ -21,7 +21,7 @@ const BANDWIDTH: f64 = 1.8;
 const REACH: f64 = 3.0;
 /// Fewer neighbours make no plane.
 const MIN_NEIGHBOURS: usize = 5;
-/// Rounds of re-weighting.
+/// Rounds of least squares with new weights.
 const ROUNDS: usize = 8;
 /// Cut-off of the biweight in standard deviations, above and below the surface.
 const CUT_OFF: [f64; 2] = [2.5, 4.7];

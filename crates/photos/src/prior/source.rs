@@ -31,7 +31,7 @@ pub enum PriorConfig {
 }
 
 impl PriorConfig {
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         match self {
             Self::Files(files) => {

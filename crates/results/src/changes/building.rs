@@ -24,7 +24,7 @@ pub struct Part<'a> {
 pub struct Building<'a> {
     /// Id, that of the whole where it has parts.
     pub id: &'a str,
-    /// Parts, or itself.
+    /// Parts of the building; the building itself where it has none.
     pub parts: Vec<Part<'a>>,
     /// Around all parts; empty if none has a footprint.
     pub footprint: MultiPolygon<f64>,

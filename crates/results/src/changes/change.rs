@@ -42,7 +42,7 @@ impl Class {
         Self::Outside,
     ];
 
-    /// The name in files.
+    /// The name under which files have it.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -126,7 +126,7 @@ pub enum Reason {
 }
 
 impl Reason {
-    /// The name in files.
+    /// The name under which files have it.
     #[must_use]
     pub fn code(self) -> &'static str {
         match self {
@@ -196,7 +196,7 @@ impl Reason {
 /// new result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Change {
-    /// The kind of change.
+    /// Class of the change.
     pub class: Class,
     /// Why, the decisive one first.
     pub reasons: Vec<Reason>,

@@ -22,9 +22,9 @@ const SAME_PART_IOU: f64 = 0.7;
 /// Which of the two results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Epoch {
-    /// The earlier one.
+    /// The earlier of the two results.
     Old,
-    /// The later one.
+    /// The later of the two results.
     New,
 }
 

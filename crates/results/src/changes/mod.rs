@@ -133,11 +133,11 @@ pub enum AreaRule {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{name} is {found}: expected {expected}")]
 pub struct SettingError {
-    /// Which one.
+    /// Name of the setting.
     pub name: &'static str,
-    /// Value.
+    /// The value that was set.
     pub found: f64,
-    /// Allowed values.
+    /// Values that are allowed, in words.
     pub expected: &'static str,
 }
 
@@ -190,7 +190,7 @@ pub struct CommonShift {
     pub height: Shift,
 }
 
-/// Two results compared.
+/// Changes between two results, building by building, and what all have in common.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
     /// Every building of both: those of the new result in its order, then what is gone in the old one's.
@@ -204,7 +204,7 @@ pub struct Comparison {
 /// One of two results, as it is compared.
 #[derive(Debug, Clone, Copy)]
 pub struct Compared<'a> {
-    /// Buildings.
+    /// Buildings of the result, and parts of such.
     pub records: &'a [BuildingRecord],
     /// Projection centres of its photos (easting, northing), where they are known.
     pub cameras: &'a [[f64; 2]],

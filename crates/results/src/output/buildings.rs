@@ -113,7 +113,7 @@ impl Wholes {
         }
     }
 
-    /// Number of them.
+    /// Number of buildings.
     pub(super) fn n(&self) -> usize {
         self.n_single + self.in_parts.len()
     }
@@ -122,7 +122,7 @@ impl Wholes {
 /// A building of the input with all its parts.
 #[derive(Debug)]
 pub enum Family<'a> {
-    /// In one piece.
+    /// A building in one piece.
     Single(&'a BuildingRecord),
     /// In several pieces: its id, and the pieces in the order in which they came.
     Parts(String, Vec<BuildingRecord>),

@@ -16,7 +16,7 @@ use super::validate;
 pub struct Measures {
     /// All walls from base to roof, courtyards' and those shared with neighbours too, m².
     pub walls_m2: f64,
-    /// m³.
+    /// Volume of the block, m³.
     pub volume_m3: f64,
 }
 

@@ -43,7 +43,7 @@ impl FootprintRows {
         Ok((overview, footprints))
     }
 
-    /// One building.
+    /// Attributes of one building, in the order of the columns.
     #[must_use]
     pub fn row(&self, record: &BuildingRecord) -> Row {
         let (_, solid) = SolidFacts::of(record, &self.grid, self.min_thickness_m);
@@ -84,7 +84,7 @@ fn flat(value: Value) -> Value {
 
 /// A user's attribute as a column.
 struct Carried {
-    /// The user's name.
+    /// Name of the attribute in the user's layer.
     name: String,
     /// Name of the column.
     column: String,

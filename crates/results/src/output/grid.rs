@@ -79,9 +79,9 @@ impl Grid {
 /// A box in the map frame, metres: easting, northing, up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Extent {
-    /// West, south, lowest.
+    /// Western, southern and lowest side, metres.
     pub min_m: [f64; 3],
-    /// East, north, highest.
+    /// Eastern, northern and highest side, metres.
     pub max_m: [f64; 3],
 }
 

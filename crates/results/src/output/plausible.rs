@@ -24,7 +24,7 @@ pub struct Doubts {
 }
 
 impl Doubts {
-    /// Evidence of records.
+    /// Doubts about a city that its records give reason for.
     #[must_use]
     pub fn of(records: &[BuildingRecord]) -> Self {
         let mut doubts = Self::default();

@@ -15,7 +15,7 @@ use super::grid::Grid;
 pub enum Surface {
     /// Bottom face, seen from below.
     Ground,
-    /// Top face.
+    /// The top face of a block.
     Roof,
     /// Vertical face; courtyard walls face the courtyard.
     Wall,
@@ -24,7 +24,7 @@ pub enum Surface {
 /// A planar face: exterior ring, then holes; rings on the grid, not closed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Face {
-    /// Kind.
+    /// Whether the face is roof, wall or ground.
     pub surface: Surface,
     /// Exterior counter-clockwise seen from outside the solid, holes clockwise.
     pub rings: Vec<Vec<[i64; 3]>>,

@@ -23,7 +23,7 @@ const LEAST_MARGIN_M: f64 = 40.0;
 const GROUND_CELLS: f64 = 96.0;
 const LEAST_CELL_M: f64 = 2.0;
 
-/// One building.
+/// A building as the report's map shows it.
 #[derive(Debug, Serialize)]
 pub struct Building<'a> {
     id: &'a str,

@@ -20,7 +20,7 @@ const MAX_PASS_HEIGHTS: usize = 400_000;
 /// Every so many points of a photo's footprint on the ground are kept.
 const FOOTPRINT_STEP: usize = 2;
 
-/// All of it.
+/// Everything that the report's page shows.
 #[derive(Debug, Serialize)]
 pub struct Data<'a> {
     pub title: String,

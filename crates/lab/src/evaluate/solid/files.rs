@@ -40,9 +40,9 @@ pub enum SolidError {
     /// CRS that cannot be brought to the project's.
     #[error("cannot bring {} to the project's CRS", path.display())]
     Crs {
-        /// The file.
+        /// Path of the file of bodies.
         path: PathBuf,
-        /// Why not.
+        /// Why its positions cannot be brought there.
         #[source]
         source: CrsError,
     },
@@ -52,21 +52,21 @@ pub enum SolidError {
     /// A line of an OBJ file is wrong.
     #[error("{}, line {line}: {reason}", path.display())]
     Obj {
-        /// The file.
+        /// Path of the OBJ file.
         path: PathBuf,
-        /// Counted from 1.
+        /// Number of the line, counted from 1.
         line: usize,
-        /// Fault.
+        /// The problem with the line, in words.
         reason: String,
     },
     /// There is no body in it.
     #[error("{} has no bodies: {reason}\nhint: {hint}", path.display())]
     NoBodies {
-        /// The file.
+        /// The file that was to hold bodies.
         path: PathBuf,
-        /// Why.
+        /// Content of the file in their place, in words.
         reason: String,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: &'static str,
     },
 }

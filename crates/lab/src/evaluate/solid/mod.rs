@@ -25,14 +25,14 @@ const BOTTOM_COSINE: f64 = 0.5;
 /// A triangle, counter-clockwise seen from outside.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Facet {
-    /// Corners.
+    /// Corners, metres.
     pub corners: [DVec3; 3],
     /// Part of the ground face: no camera sees it.
     pub is_bottom: bool,
 }
 
 impl Facet {
-    /// Area, m².
+    /// Area of the triangle, m².
     #[must_use]
     pub fn area_m2(&self) -> f64 {
         let [a, b, c] = self.corners;
@@ -40,21 +40,21 @@ impl Facet {
     }
 }
 
-/// An upright prism.
+/// A prism with upright walls, as volumes are measured with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prism {
-    /// Footprint.
+    /// Plan of the prism, metres.
     pub footprint: Polygon<f64>,
     /// Lower and upper level.
     pub levels_m: [f64; 2],
 }
 
-/// One building's body.
+/// Body of one building: its surface, and the prisms it is made of.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Solid {
-    /// Id.
+    /// Id of the building in its file.
     pub id: String,
-    /// Surface.
+    /// Triangles of its surface.
     pub facets: Vec<Facet>,
     /// The same body as prisms that do not overlap; empty if it is not made of upright prisms.
     pub prisms: Vec<Prism>,
@@ -146,7 +146,7 @@ pub(super) mod tests {
 
     use super::*;
 
-    /// A box.
+    /// A closed box with its lowest corner at `x, y, z`, metres.
     pub fn block(id: &str, [x, y, z]: [f64; 3], [w, d, h]: [f64; 3]) -> Solid {
         let footprint = polygon![(x: x, y: y), (x: x + w, y: y), (x: x + w, y: y + d), (x: x, y: y + d)];
         Solid::extruded(id, &MultiPolygon::new(vec![footprint]), [z, z + h]).unwrap()

@@ -83,7 +83,7 @@ impl NetworkConfig {
         }
     }
 
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         visit(&mut self.model);
         self.engine.visit_paths(visit);

@@ -42,7 +42,7 @@ pub enum PoseUnit {
     /// The median distance of the photos from the first one.
     #[default]
     MedianDistance,
-    /// Metres.
+    /// Metres, as the poses are given.
     Metre,
 }
 
@@ -65,7 +65,7 @@ pub struct Company {
     pub n_views: usize,
     /// Names of an input of poses, `1 × n × 4 × 4`: world to camera, the first one's as the world, in `unit`.
     pub extrinsics: Vec<String>,
-    /// Unit of lengths.
+    /// Unit of the lengths in poses and depths that the network takes.
     #[serde(default)]
     pub unit: PoseUnit,
     /// Names of an input of the nearest and the farthest depth that is looked for in the view, `1 × 2`, in `unit`. A network

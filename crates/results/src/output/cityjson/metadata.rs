@@ -39,7 +39,7 @@ pub fn write_head(out: &mut dyn Write, header: &JsonMap<String, Value>) -> io::R
     out.write_all(br#""CityObjects":{"#)
 }
 
-/// The `metadata` object.
+/// CityJSON's `metadata` object: extent, reference system, title and origin.
 fn metadata<R: ?Sized>(model: &CityModel<'_, R>, extent: Option<&Extent>, title: Option<&str>) -> Value {
     let mut metadata = JsonMap::new();
     if let Some(Extent { min_m, max_m }) = extent {
@@ -61,7 +61,7 @@ fn metadata<R: ?Sized>(model: &CityModel<'_, R>, extent: Option<&Extent>, title:
     Value::Object(metadata)
 }
 
-/// The `transform` object.
+/// CityJSON's `transform` object: scale and translation of the grid.
 fn transform(grid: &Grid) -> Value {
     let scale = [grid.scale_m; 3];
     json!({ "scale": scale, "translate": grid.origin_m })

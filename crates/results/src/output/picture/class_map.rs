@@ -20,18 +20,18 @@ const LINE: f32 = 32.0;
 pub struct MapClass<'a> {
     /// Name in the legend.
     pub label: String,
-    /// Colour.
+    /// Colour of the footprints.
     pub colour: Rgb,
-    /// Footprints, map frame.
+    /// Footprints of the class, map frame, metres.
     pub footprints: Vec<&'a MultiPolygon<f64>>,
 }
 
 /// Headings of a map.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MapHeadings {
-    /// Large.
+    /// Title, in large letters.
     pub title: String,
-    /// Below it.
+    /// Line below the title, in small letters.
     pub below: String,
 }
 

@@ -37,7 +37,7 @@ const CAMERA_REACH_SHARE: f64 = 0.35;
 /// Room for the north arrow, pixels of the reference width.
 const ARROW: f32 = 50.0;
 
-/// Draws the map.
+/// Draws footprints coloured by height, with a legend.
 #[must_use]
 pub fn map(model: &CityModel<'_>, config: &MapConfig) -> RgbImage {
     let views: &[View] = if config.cameras { &model.survey.views } else { &[] };

@@ -16,9 +16,9 @@ const WIDTHS_PX: (u32, u32) = (600, 8000);
 
 /// A picture with a map on its left and room for a legend on its right.
 pub struct Sheet {
-    /// Canvas.
+    /// Canvas that is drawn on.
     pub canvas: Canvas,
-    /// The map's place.
+    /// Rectangle of the canvas that the map fills.
     pub frame: Frame,
     /// From the map plane to the picture.
     pub to_px: Placement,
@@ -96,7 +96,7 @@ impl Region {
         (0..2).all(|axis| point[axis] >= self.min_m[axis] - reach_m && point[axis] <= self.max_m[axis] + reach_m)
     }
 
-    /// Corners.
+    /// South-western and north-eastern corner, map frame, metres.
     pub fn corners(&self) -> [[f64; 2]; 2] {
         [self.min_m, self.max_m]
     }
@@ -124,13 +124,13 @@ impl Region {
 
 /// The map's place in the picture, pixels.
 pub struct Frame {
-    /// Left edge.
+    /// Left edge, pixels.
     pub left: f32,
-    /// Top edge.
+    /// Top edge, pixels.
     pub top: f32,
-    /// Columns.
+    /// Width, pixels.
     pub width: f32,
-    /// Rows.
+    /// Height, pixels.
     pub height: f32,
 }
 

@@ -28,13 +28,13 @@ pub struct Block {
 /// The triangles of one tile. Vertex attributes have one entry per vertex.
 #[derive(Debug, Default)]
 pub struct Mesh {
-    /// Positions, metres.
+    /// Positions of the vertices, metres.
     pub positions: Vec<DVec3>,
-    /// Unit normals.
+    /// Unit normals of the vertices.
     pub normals: Vec<DVec3>,
     /// Which building of the tile.
     pub features: Vec<u32>,
-    /// Three per triangle.
+    /// Vertices of the triangles, three each.
     pub indices: Vec<u32>,
 }
 

@@ -51,7 +51,7 @@ pub struct Tiles3dConfig {
     pub heights: Heights,
     /// Buildings of a tile, at most; 1 and more.
     pub max_buildings: usize,
-    /// Precision of vertices.
+    /// Precision of written vertices.
     pub precision: Precision,
     /// Quantum of footprints and levels before they are placed on the earth, metres, 0.0001 to 1.
     pub scale_m: f64,
