@@ -1,14 +1,17 @@
 //! What the user declares about a survey: its format, place, CRS and, for CSV, every convention.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::angles::{AngleConvention, AngleKind, AngleUnit, CameraAxes, Direction, North, PitchZero, Sequence};
 use super::formats::Format;
+use super::{SurveyError, csv};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::paths::PathVisitor;
+use sizeup_heights::camera::Camera;
 
 /// Where the poses come from and what their numbers mean.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -82,6 +85,21 @@ impl Default for SurveyConfig {
             max_transform_error_m: max_transform_error_m(),
             accept_unsound: false,
         }
+    }
+}
+
+impl SurveyConfig {
+    /// The camera under `[survey.camera]`, for a format that carries none: `format` is its name in the error.
+    ///
+    /// # Errors
+    /// [`SurveyError::Config`] where no camera is declared, or the declared one cannot be.
+    pub(crate) fn declared_camera(&self, format: &str) -> Result<Arc<Camera>, SurveyError> {
+        let camera = self.camera.as_ref().ok_or_else(|| {
+            let hint = "declare it under [survey.camera]: width, height, fx and what is known of the lens";
+            SurveyError::config(format!("{format} carries no camera"), hint)
+        })?;
+        let camera = csv::declared_camera(camera, PixelOrigin::default());
+        camera.map(Arc::new).map_err(|e| SurveyError::config(e, ""))
     }
 }
 

@@ -30,6 +30,7 @@ use self::motion::Motion;
 use self::mrk::{Logs, Record};
 use super::angles::{AngleConvention, AngleKind, North};
 use super::config::{CameraConfig, HeightReference, SurveyConfig};
+use super::formats::Candidate;
 use super::poses::{FileHeights, Pose, Poses, World, refused};
 use super::{SurveyError, photos};
 use sizeup_geo::crs::Crs;
@@ -56,6 +57,11 @@ struct Reading {
     sigma_m: Option<(f64, f64)>,
     /// Motion while the photo was exposed, where that is told.
     motion: Option<Motion>,
+}
+
+/// A folder with photos.
+pub(crate) fn recognises(candidate: &Candidate) -> bool {
+    candidate.is_folder && photos::list(&candidate.path).is_ok_and(|found| !found.is_empty())
 }
 
 /// Reads the headers of all photos below a folder, in parallel.
