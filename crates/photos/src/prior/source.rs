@@ -154,11 +154,11 @@ impl PriorConfig {
 
 /// The priors of one survey.
 pub enum Priors {
-    /// From files.
+    /// Priors that lie in files.
     Files(Box<FilePriors>),
-    /// From a network.
+    /// Priors that a network computes.
     Network(Box<CachedPriors<NetworkPriors>>),
-    /// From the photos alone.
+    /// Priors that are matched from the photos alone.
     Stereo(Box<CachedPriors<StereoPriors>>),
 }
 

@@ -90,7 +90,7 @@ impl NetworkConfig {
         visit(&mut self.cache.folder);
     }
 
-    /// The graph's file.
+    /// Path of the graph's file.
     #[must_use]
     pub fn graph(&self) -> PathBuf {
         known::in_place(&self.model).unwrap_or_else(|| self.model.clone())
@@ -157,7 +157,7 @@ pub struct NetworkPriors {
 /// A view as the network takes it.
 #[derive(Debug)]
 pub(super) struct Ready {
-    /// The image first.
+    /// Inputs by their names, the image first.
     inputs: Vec<(String, Tensor)>,
     frame: Frame,
 }
