@@ -31,7 +31,7 @@ pub struct ExportArgs {
     pub input: PathBuf,
     /// File to write, or the folder of 3D Tiles.
     pub output: PathBuf,
-    /// Format. By default the file's extension says it: .json, .jsonl, .gpkg, .fgb, .geojson.
+    /// Format. By default the extension of the output says it.
     #[arg(long, value_enum, value_name = "FORMAT")]
     pub to: Option<Format>,
     /// CRS, for an input that does not state one.
@@ -63,19 +63,19 @@ pub struct ExportArgs {
 /// Formats that can be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Format {
-    /// CityJSON 2.0, one file.
+    /// CityJSON 2.0: .json.
     #[value(name = "cityjson")]
     CityJson,
-    /// CityJSONSeq 2.0, a building a line.
+    /// CityJSONSeq 2.0, a building a line: .jsonl.
     #[value(name = "cityjsonseq")]
     CityJsonSeq,
-    /// GeoPackage, styled for QGIS.
+    /// GeoPackage, styled for QGIS: .gpkg.
     #[value(name = "geopackage")]
     GeoPackage,
-    /// FlatGeobuf, footprints with all attributes.
+    /// FlatGeobuf, footprints with all attributes: .fgb.
     #[value(name = "flatgeobuf")]
     FlatGeobuf,
-    /// GeoJSON in longitude and latitude, footprints with all attributes.
+    /// GeoJSON in longitude and latitude, footprints with all attributes: .geojson.
     #[value(name = "geojson")]
     GeoJson,
     /// 3D Tiles 1.1, a folder.
@@ -151,32 +151,38 @@ fn export_layer(args: &ExportArgs, format: Format, layer: &str, global: &Global)
     Ok(0)
 }
 
+impl Format {
+    /// Extension of its files, lower case; `None` for a folder.
+    fn extension(self) -> Option<&'static str> {
+        match self {
+            Self::CityJson => Some("json"),
+            Self::CityJsonSeq => Some("jsonl"),
+            Self::GeoPackage => Some("gpkg"),
+            Self::FlatGeobuf => Some("fgb"),
+            Self::GeoJson => Some("geojson"),
+            Self::Tiles3d => None,
+        }
+    }
+}
+
 fn format_of(path: &Path) -> Result<Format, Failure> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    let name = path.display();
-    match extension.as_str() {
-        "json" => Ok(Format::CityJson),
-        "jsonl" => Ok(Format::CityJsonSeq),
-        "gpkg" => Ok(Format::GeoPackage),
-        "fgb" => Ok(Format::FlatGeobuf),
-        "geojson" => Ok(Format::GeoJson),
-        "parquet" | "geoparquet" => Err(Failure::from_text(
-            2,
-            format!(
-                "cannot write {name}: Parquet is not among our formats\nhint: write .gpkg or .fgb, and convert it with ogr2ogr of a GDAL built with Arrow"
-            ),
-        )),
-        "" => Err(Failure::from_text(
-            2,
-            format!("cannot tell the format of {name}\nhint: name it with --to, as in --to 3dtiles"),
-        )),
-        _ => Err(Failure::from_text(
-            2,
-            format!(
-                "cannot write {name}\nhint: .city.json, .city.jsonl, .gpkg, .fgb or .geojson, or name the format with --to"
-            ),
-        )),
+    let formats = Format::value_variants();
+    if let Some(format) = formats.iter().find(|format| format.extension() == Some(&extension)) {
+        return Ok(*format);
     }
+    let name = path.display();
+    let text = match extension.as_str() {
+        "parquet" | "geoparquet" => format!(
+            "cannot write {name}: Parquet is not among our formats\nhint: write .gpkg or .fgb, and convert it with ogr2ogr of a GDAL built with Arrow"
+        ),
+        "" => format!("cannot tell the format of {name}\nhint: name it with --to, as in --to 3dtiles"),
+        _ => {
+            let known: Vec<String> = formats.iter().filter_map(|f| Some(format!(".{}", f.extension()?))).collect();
+            format!("cannot write {name}\nhint: one of {}, or name the format with --to", known.join(", "))
+        }
+    };
+    Err(Failure::from_text(2, text))
 }
 
 fn write<R: Records + ?Sized>(

@@ -111,23 +111,23 @@ pub enum Event {
     Stage(Stage),
     /// So many sizes of the photos are done where poses are brought to agree with them.
     Align {
-        /// Sizes of the photos done.
+        /// Number of sizes of the photos done.
         done: usize,
-        /// Sizes of the photos in all.
+        /// Number of sizes of the photos in all.
         total: usize,
     },
     /// So many photos were looked at for blur and exposure.
     Photos {
-        /// Photos done.
+        /// Number of photos done.
         done: usize,
-        /// Photos in all.
+        /// Number of photos in all.
         total: usize,
     },
     /// So many of the places are done where the ground is looked for in the photos.
     Ground {
-        /// Places done.
+        /// Number of places done.
         done: usize,
-        /// Places in all.
+        /// Number of places in all.
         total: usize,
     },
     /// The first priors do not follow the ground: told before the work that rests on them.

@@ -10,11 +10,11 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 /// Lowest, middle and highest of a set of values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
-    /// Lowest value.
+    /// Lowest of the values.
     pub min: f64,
     /// Median of the values.
     pub median: f64,
-    /// Highest value.
+    /// Highest of the values.
     pub max: f64,
 }
 

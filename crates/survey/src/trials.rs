@@ -114,7 +114,7 @@ pub(crate) fn opposite(config: &SurveyConfig, project_crs: &Crs, site: Site<'_>)
     let own = if declared.angles == AngleKind::Opk { Sequence::Xyz } else { Sequence::Yxz };
     let change = format!("csv.sequence = {}, csv.direction = {}", word(&sequence.unwrap_or(own)), word(&direction));
     let judge = || -> Option<Trial> {
-        let poses = sample(&csv::read(&config.path, &other, config.camera.as_ref()).ok()?);
+        let poses = sample(&csv::read_table(&config.path, &other, config.camera.as_ref()).ok()?);
         let unmatched = SurveyConfig { images: None, ..config.clone() };
         let (survey, _) = locate(poses, &unmatched, project_crs).ok()?;
         let judgement = Judgement::of(&survey, site);
@@ -199,7 +199,7 @@ fn tables(config: &SurveyConfig) -> Vec<(String, Poses)> {
             }
         }
     }
-    let read = |csv: &super::CsvConfig| csv::read(&config.path, csv, config.camera.as_ref()).ok();
+    let read = |csv: &super::CsvConfig| csv::read_table(&config.path, csv, config.camera.as_ref()).ok();
     configs.iter().filter_map(|(change, csv)| Some((change.clone(), sample(&read(csv)?)))).collect()
 }
 

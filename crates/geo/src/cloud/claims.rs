@@ -61,7 +61,7 @@ pub(super) enum Claim {
     /// A part of a point that is longer or shorter than its kind.
     #[error("its points have an item of kind {kind} with {size} bytes\nhint: it is damaged: copy it again")]
     Item {
-        /// LASzip's number for the kind of item.
+        /// Number that LAZ gives the kind of item.
         kind: u16,
         /// Size of the item as the file states it, bytes.
         size: u16,

@@ -25,7 +25,7 @@ const SEAM: f32 = 1e-5;
 pub enum Seen {
     /// The sky: the ray meets nothing.
     Sky,
-    /// The terrain.
+    /// The terrain at the pixel.
     Ground,
     /// A tree or a car.
     Clutter,

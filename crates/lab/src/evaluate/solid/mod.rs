@@ -25,7 +25,7 @@ const BOTTOM_COSINE: f64 = 0.5;
 /// A triangle, counter-clockwise seen from outside.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Facet {
-    /// Corners, metres.
+    /// Corners, metres, counter-clockwise seen from outside.
     pub corners: [DVec3; 3],
     /// Part of the ground face: no camera sees it.
     pub is_bottom: bool,

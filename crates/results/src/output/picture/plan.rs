@@ -128,9 +128,9 @@ pub struct Frame {
     pub left: f32,
     /// Top edge, pixels.
     pub top: f32,
-    /// Width, pixels.
+    /// Width of the map, pixels.
     pub width: f32,
-    /// Height, pixels.
+    /// Height of the map, pixels.
     pub height: f32,
 }
 
