@@ -13,7 +13,7 @@ use sizeup_lab::baseline::{
     regression, stacked_prisms,
 };
 use sizeup_lab::evaluate::TruthBuilding;
-use sizeup_lab::evaluate::solid::{Prism, Solid};
+use sizeup_lab::evaluate::solid::{Solid, UprightPrism};
 
 /// A way from a scene's evidence to one height, or one body, per footprint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
@@ -191,7 +191,7 @@ fn bodies(method: Method, problem: &Problem<'_>, cloud: &SegmentedCloud) -> Answ
             return convex_hull(points).ok().map(|hull| Solid::of_triangles(&i.to_string(), hull));
         }
         let slabs = stacked_prisms(points, *ground_m, &SlabConfig::default());
-        let prisms = slabs.into_iter().map(|slab| Prism { footprint: slab.footprint, levels_m: slab.levels_m });
+        let prisms = slabs.into_iter().map(|slab| UprightPrism { footprint: slab.footprint, levels_m: slab.levels_m });
         let solid = Solid::of_prisms(&i.to_string(), prisms.collect());
         (!solid.facets.is_empty()).then_some(solid)
     };

@@ -33,7 +33,7 @@ pub struct ExportArgs {
     pub output: PathBuf,
     /// Format. By default the extension of the output says it.
     #[arg(long, value_enum, value_name = "FORMAT")]
-    pub to: Option<Format>,
+    pub to: Option<ExportFormat>,
     /// CRS, for an input that does not state one.
     #[arg(long, value_name = "CRS")]
     pub crs: Option<String>,
@@ -62,7 +62,7 @@ pub struct ExportArgs {
 
 /// Formats that can be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Format {
+pub enum ExportFormat {
     /// CityJSON 2.0: .json.
     #[value(name = "cityjson")]
     CityJson,
@@ -126,7 +126,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
     let overview = write(format, args, &model).map_err(|e| Failure::new(exit_code(&e), &e))?;
     let Overview { n_buildings, n_heights, .. } = overview;
     let ui = Ui::new(global);
-    if format == Format::FlatGeobuf && overview.n_without_footprint > 0 {
+    if format == ExportFormat::FlatGeobuf && overview.n_without_footprint > 0 {
         ui.say(format!("{} buildings have no footprint, and so no place in FlatGeobuf", overview.n_without_footprint));
     }
     ui.say(format!("{n_buildings} buildings, {n_heights} with a height, in {}", args.output.display()));
@@ -137,8 +137,8 @@ pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
 }
 
 /// A layer beside the buildings, as GeoJSON.
-fn export_layer(args: &ExportArgs, format: Format, layer: &str, global: &Global) -> Result<u8, Failure> {
-    if format != Format::GeoJson {
+fn export_layer(args: &ExportArgs, format: ExportFormat, layer: &str, global: &Global) -> Result<u8, Failure> {
+    if format != ExportFormat::GeoJson {
         return Err(Failure::from_text(2, "--layer writes GeoJSON\nhint: name a file that ends with .geojson"));
     }
     let stated = args.crs.as_deref().map(Crs::parse).transpose().map_err(|e| Failure::new(2, &e))?;
@@ -151,7 +151,7 @@ fn export_layer(args: &ExportArgs, format: Format, layer: &str, global: &Global)
     Ok(0)
 }
 
-impl Format {
+impl ExportFormat {
     /// Extension of its files, lower case; `None` for a folder.
     fn extension(self) -> Option<&'static str> {
         match self {
@@ -165,9 +165,9 @@ impl Format {
     }
 }
 
-fn format_of(path: &Path) -> Result<Format, Failure> {
+fn format_of(path: &Path) -> Result<ExportFormat, Failure> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    let formats = Format::value_variants();
+    let formats = ExportFormat::value_variants();
     if let Some(format) = formats.iter().find(|format| format.extension() == Some(&extension)) {
         return Ok(*format);
     }
@@ -186,7 +186,7 @@ fn format_of(path: &Path) -> Result<Format, Failure> {
 }
 
 fn write<R: Records + ?Sized>(
-    format: Format,
+    format: ExportFormat,
     args: &ExportArgs,
     model: &CityModel<'_, R>,
 ) -> Result<Overview, OutputError> {
@@ -200,9 +200,9 @@ fn write<R: Records + ?Sized>(
         ..CityJsonConfig::default()
     };
     match format {
-        Format::CityJson => cityjson::write(path, model, &cityjson),
-        Format::CityJsonSeq => cityjson::write_sequence(path, model, &cityjson),
-        Format::GeoPackage => {
+        ExportFormat::CityJson => cityjson::write(path, model, &cityjson),
+        ExportFormat::CityJsonSeq => cityjson::write_sequence(path, model, &cityjson),
+        ExportFormat::GeoPackage => {
             let overview = geopackage::write(path, model, &GeoPackageConfig::default())?;
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             if args.project {
@@ -212,9 +212,9 @@ fn write<R: Records + ?Sized>(
             }
             Ok(overview)
         }
-        Format::FlatGeobuf => flatgeobuf::write(path, model, &GeoPackageConfig::default()),
-        Format::GeoJson => geojson::write(path, model, &GeoPackageConfig::default()),
-        Format::Tiles3d => {
+        ExportFormat::FlatGeobuf => flatgeobuf::write(path, model, &GeoPackageConfig::default()),
+        ExportFormat::GeoJson => geojson::write(path, model, &GeoPackageConfig::default()),
+        ExportFormat::Tiles3d => {
             let heights = match (args.geoid_height, args.heights) {
                 (Some(geoid_m), _) => Heights::GeoidHeight(geoid_m),
                 (None, HeightsArg::Ellipsoidal) => Heights::Ellipsoidal,

@@ -36,7 +36,7 @@ use std::io::{ErrorKind, Write as _};
 use clap::{Args, Parser, Subcommand};
 
 pub use call::{Call, answer, answer_call};
-pub use progress::{Level, ProgressEvent, ProgressForm};
+pub use progress::{MessageLevel, ProgressEvent, ProgressForm};
 pub use ui::Ui;
 
 use sizeup_geo::limits::Limits;

@@ -32,7 +32,7 @@ pub enum ProgressForm {
 /// How much a message weighs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Level {
+pub enum MessageLevel {
     /// A remark on what is done.
     Info,
     /// Something that is probably not as it was meant.
@@ -62,7 +62,7 @@ pub enum ProgressEvent {
     /// A message to read.
     Message {
         /// How much it weighs.
-        level: Level,
+        level: MessageLevel,
         /// The text, one or more lines.
         message: String,
     },
@@ -124,20 +124,20 @@ pub(super) struct LogLines;
 
 /// One log event on its way to a message.
 #[derive(Debug)]
-pub(super) struct LogLine(Level);
+pub(super) struct LogLine(MessageLevel);
 
 impl<'a> MakeWriter<'a> for LogLines {
     type Writer = LogLine;
 
     fn make_writer(&'a self) -> LogLine {
-        LogLine(Level::Info)
+        LogLine(MessageLevel::Info)
     }
 
     fn make_writer_for(&'a self, meta: &tracing::Metadata<'_>) -> LogLine {
         LogLine(match *meta.level() {
-            tracing::Level::ERROR => Level::Error,
-            tracing::Level::WARN => Level::Warning,
-            _ => Level::Info,
+            tracing::Level::ERROR => MessageLevel::Error,
+            tracing::Level::WARN => MessageLevel::Warning,
+            _ => MessageLevel::Info,
         })
     }
 }

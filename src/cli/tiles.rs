@@ -8,7 +8,7 @@ use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print, print_json};
 use crate::config::RunConfig;
 use crate::recipe;
 use crate::tiles::{
-    self, Change, CityStatus, Layout, MergeOptions, Merged, Missing, PlanSettings, State, TileRun, TileStatus,
+    self, CityStatus, Layout, MergeOptions, Merged, Missing, PlanSettings, State, TileChange, TileRun, TileStatus,
     TilesError, Tileset, Trust,
 };
 use sizeup_heights::optimise::CalibrationRays;
@@ -260,7 +260,7 @@ fn dry_run(config: &RunConfig, settings: &PlanSettings, global: &Global) -> Resu
         print_json(&planned)?;
         return Ok(0);
     }
-    for Change { tile, why, processor_seconds } in &planned.changes {
+    for TileChange { tile, why, processor_seconds } in &planned.changes {
         let cost = processor_seconds.map_or("unknown time".to_owned(), |s| format!("about {s:.1} s"));
         print(&format!("{}\t{} buildings to solve\t{cost}\t{}", tile.id, tile.n_solved, first_line(why)))?;
     }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::progress::{Level, LogLines, Pace, ProgressEvent, ProgressForm};
+use super::progress::{LogLines, MessageLevel, Pace, ProgressEvent, ProgressForm};
 use super::{Global, talk};
 use crate::pipeline::Event;
 use sizeup_heights::optimise::Solving;
@@ -72,7 +72,7 @@ impl Ui {
         match &self.voice {
             Voice::Bar(bar) => bar.suspend(|| talk(&text)),
             Voice::Lines(_) => talk(&text),
-            Voice::Events(_) => ProgressEvent::Message { level: Level::Info, message: text.to_string() }.emit(),
+            Voice::Events(_) => ProgressEvent::Message { level: MessageLevel::Info, message: text.to_string() }.emit(),
         }
     }
 

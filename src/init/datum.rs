@@ -16,7 +16,7 @@ use super::project::Lack;
 use glam::DVec3;
 use sizeup_geo::crs::{Crs, Transform3d};
 use sizeup_photos::dtm::DtmConfig;
-use sizeup_survey::{HeightConfig, HeightReference, StatedHeights};
+use sizeup_survey::{HeightConfig, StatedHeights, VerticalDatum};
 
 /// A ground within this of the take-off is confirmed by it, metres, beyond the relief: what a barometer drifts in a flight.
 const CONFIRMED_M: f64 = 3.0;
@@ -145,7 +145,7 @@ fn as_they_are(known: &Known<'_>) -> Datum {
             "ellipsoidal, in poses and results".clone_into(&mut datum.in_words);
         }
         StatedHeights::Unreliable => {
-            datum.height.reference = Some(HeightReference::Project);
+            datum.height.reference = Some(VerticalDatum::Project);
             let why = "heights stay as the drone counted them (barometer, no base station): right beside each other, not absolutely";
             datum.height_entries.push(Entry::new("reference", "\"project\"", why));
             datum.vertical_reference = Some("the drone's own altitude".to_owned());
@@ -349,7 +349,7 @@ fn from_barometer(datum: &mut Datum, known: &Known<'_>, level: Level) {
     }
     let base_m = (10.0 * level.median_m).round() / 10.0;
     datum.height =
-        HeightConfig { reference: Some(HeightReference::AboveTakeoff), base: Some(base_m), ..HeightConfig::default() };
+        HeightConfig { reference: Some(VerticalDatum::AboveTakeoff), base: Some(base_m), ..HeightConfig::default() };
     let why = "the drone's heights have no known zero (no base station): those above take-off are used";
     datum.height_entries.push(Entry::new("reference", "\"above_takeoff\"", why));
     let why = format!(

@@ -25,7 +25,7 @@ use sizeup_geo::unfinished::Unfinished;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::Priors;
-use sizeup_results::output::plausible::Doubts;
+use sizeup_results::output::plausible::CityDoubts;
 use sizeup_results::output::reviews::Reviews;
 use sizeup_results::output::unmeasured::unmeasured;
 use sizeup_results::output::{
@@ -341,7 +341,7 @@ fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, 
 /// Adds the issues that the records tell of, puts all by weight, and counts.
 fn sum_up(summary: &mut RunSummary, records: &[BuildingRecord], issues: &mut Vec<Issue>) {
     issues.extend(unmeasured(records, issues));
-    let implausible = Doubts::of(records).implausible();
+    let implausible = CityDoubts::of(records).implausible();
     summary.implausible = implausible.iter().map(|issue| issue.message.clone()).collect();
     issues.extend(implausible);
     issues.sort_by_key(Issue::weight);

@@ -26,7 +26,7 @@ use sizeup_geo::terrain::MapBox;
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_heights::stats;
 use sizeup_results::output::geopackage::{self, TileArea};
-use sizeup_results::output::plausible::Doubts;
+use sizeup_results::output::plausible::CityDoubts;
 use sizeup_results::output::reports::{write_issues, write_json};
 use sizeup_results::output::tiles3d::{self, Tiles3dConfig};
 use sizeup_results::output::{
@@ -344,8 +344,8 @@ fn write_tileset(
     }
 }
 
-fn count(records: &TileRecords) -> Result<(StatusCount, Doubts, Option<f64>), TilesError> {
-    let (mut count, mut doubts, mut heights) = (StatusCount::default(), Doubts::default(), Vec::new());
+fn count(records: &TileRecords) -> Result<(StatusCount, CityDoubts, Option<f64>), TilesError> {
+    let (mut count, mut doubts, mut heights) = (StatusCount::default(), CityDoubts::default(), Vec::new());
     records.visit(&mut |record| {
         count.add(record);
         doubts.add(record);

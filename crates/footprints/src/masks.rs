@@ -9,7 +9,7 @@ use super::cadastre::CadastreConfig;
 use super::coco::{self, CocoFile};
 use super::consensus::ConsensusConfig;
 use super::contours::{ContourKind, ContourSource, Look, ViewFault};
-use super::georeference::AccuracyConfig;
+use super::georeference::InputAccuracy;
 use super::layer::FootprintError;
 use super::vectorise::{Contour, Instances, Vectorising, contours, contours_at_level};
 use sizeup_geo::files::is_virtual;
@@ -61,7 +61,7 @@ pub struct MaskConfig {
     pub contour: ContourKind,
     /// How accurate masks, poses and terrain are.
     #[serde(default)]
-    pub accuracy: AccuracyConfig,
+    pub accuracy: InputAccuracy,
     /// How views become one footprint per building.
     #[serde(default)]
     pub consensus: ConsensusConfig,

@@ -127,7 +127,7 @@ impl TangentialOrder {
 /// Vertical datum of heights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum HeightReference {
+pub enum VerticalDatum {
     /// The project's own vertical reference: taken as they are.
     Project,
     /// The ellipsoid: what satellite receivers give.
@@ -146,7 +146,7 @@ pub enum HeightReference {
 pub struct HeightConfig {
     /// Vertical datum of the poses' heights. Default: what the file says, else the project's reference.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub reference: Option<HeightReference>,
+    pub reference: Option<VerticalDatum>,
     /// Vertical CRS of `orthometric` heights, such as `EPSG:5773` (EGM96).
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<String>")]

@@ -40,7 +40,7 @@ mod write;
 mod xml;
 
 pub use compare::{CornerErrors, GroundPolygons};
-pub use config::{CameraConfig, CsvConfig, HeightConfig, HeightReference, PixelOrigin, SurveyConfig, TangentialOrder};
+pub use config::{CameraConfig, CsvConfig, HeightConfig, PixelOrigin, SurveyConfig, TangentialOrder, VerticalDatum};
 pub use error::{Hint, Place, SurveyError};
 pub use first_look::{FirstLook, Numbers, PoseWorld, StatedHeights, first_look, recognise};
 pub use formats::{Format, POSE_EXTENSIONS};

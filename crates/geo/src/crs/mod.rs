@@ -13,7 +13,7 @@ mod vertical;
 
 pub use accuracy::{Accuracy, Better};
 pub use convergence::{GridNorth, TrueNorth};
-pub use grids::{Grid, data_folders, grids_present, of_heights as height_grids, proj_version};
+pub use grids::{GridFile, data_folders, grids_present, of_heights as height_grids, proj_version};
 pub use levels::{LevelTransform, VerticalReference};
 pub use spatial::{Geocentric, Transform3d, enu_from_geocentric};
 pub use transform::Transform;

@@ -100,7 +100,7 @@ impl Transform3d {
     }
 }
 
-fn missing(from: &Crs, to: &Crs, grids: &[grids::Grid]) -> CrsError {
+fn missing(from: &Crs, to: &Crs, grids: &[grids::GridFile]) -> CrsError {
     let list: Vec<String> = grids.iter().map(ToString::to_string).collect();
     CrsError::MissingGrid { from: from.to_string(), to: to.to_string(), grids: list.join("; or ") }
 }

@@ -40,7 +40,7 @@ use serde::{Deserialize, Serialize};
 pub use cloud_file::cloud_in_project;
 pub use clouds::{CloudTruthOptions, truth_of_instances, truth_under_footprints};
 pub use columns::{ColumnGrid, Columns};
-pub use compare::{CompareError, Comparison, compare_files};
+pub use compare::{CompareError, ComparedFiles, compare_files};
 pub use footprints::{FOOTPRINT_DEFINITIONS, FootprintEvaluation, evaluate_footprints};
 pub use heights::{BuildingError, GroupStatistics, HeightEvaluation, HeightOptions, MatchCounts, evaluate_heights};
 pub use levels::{Agreement, LevelAgreement, LevelError};
@@ -49,7 +49,7 @@ pub use photos::{PHOTO_DEFINITIONS, PhotoAreas, PhotoEvaluation, evaluate_photos
 pub use pictures::{reliability, write_pictures};
 pub use report::EvaluationReport;
 pub use statistics::{DEFINITIONS, HeightStatistics};
-pub use surface::{SURFACE_DEFINITIONS, SurfaceEvaluation, Target, evaluate_surface, nearest_on_triangle};
+pub use surface::{SURFACE_DEFINITIONS, SurfaceEvaluation, TargetSurface, evaluate_surface, nearest_on_triangle};
 pub use volume::{VOLUME_DEFINITIONS, VolumeError, VolumeEvaluation, evaluate_volume, prism_iou};
 
 /// One building of the reference, in the project's map frame.

@@ -8,7 +8,7 @@ use rstar::{AABB, RTree};
 use serde::{Deserialize, Serialize};
 
 use super::columns::{ColumnGrid, Columns};
-use super::solid::{Prism, Solid};
+use super::solid::{Solid, UprightPrism};
 
 /// Meaning of each number.
 pub const VOLUME_DEFINITIONS: [(&str, &str); 6] = [
@@ -104,7 +104,7 @@ pub fn evaluate_volume(
     }
     let (fine, cell_m) = fine.expect("at least one voxel size");
     let volume = |c: &Columns| c.stretches.iter().map(|s| s.2 - s.1).sum::<f64>() * cell_m * cell_m;
-    let prisms = |solids: &[Solid]| -> Option<Vec<Prism>> {
+    let prisms = |solids: &[Solid]| -> Option<Vec<UprightPrism>> {
         let all_prismatic = solids.iter().all(|s| !s.prisms.is_empty());
         all_prismatic.then(|| solids.iter().flat_map(|s| s.prisms.iter().cloned()).collect())
     };
@@ -128,11 +128,11 @@ pub fn evaluate_volume(
     })
 }
 
-fn prism_volume_m3(prism: &Prism) -> f64 {
+fn prism_volume_m3(prism: &UprightPrism) -> f64 {
     prism.footprint.unsigned_area() * (prism.levels_m[1] - prism.levels_m[0])
 }
 
-fn common_m3(a: &Prism, b: &Prism) -> f64 {
+fn common_m3(a: &UprightPrism, b: &UprightPrism) -> f64 {
     let thickness = a.levels_m[1].min(b.levels_m[1]) - a.levels_m[0].max(b.levels_m[0]);
     if thickness <= 0.0 {
         return 0.0;
@@ -142,8 +142,8 @@ fn common_m3(a: &Prism, b: &Prism) -> f64 {
 
 type Box2 = GeomWithData<Rectangle<[f64; 2]>, usize>;
 
-fn tree_of(prisms: &[Prism]) -> RTree<Box2> {
-    let box_of = |(i, prism): (usize, &Prism)| {
+fn tree_of(prisms: &[UprightPrism]) -> RTree<Box2> {
+    let box_of = |(i, prism): (usize, &UprightPrism)| {
         let bounds = prism.footprint.bounding_rect()?;
         let corners = Rectangle::from_corners([bounds.min().x, bounds.min().y], [bounds.max().x, bounds.max().y]);
         Some(GeomWithData::new(corners, i))
@@ -152,7 +152,7 @@ fn tree_of(prisms: &[Prism]) -> RTree<Box2> {
 }
 
 /// Volume common to the pairs of two sets, those with `a < b` only if `is_same`.
-fn common_of_sets_m3(a: &[Prism], b: &[Prism], is_same: bool) -> f64 {
+fn common_of_sets_m3(a: &[UprightPrism], b: &[UprightPrism], is_same: bool) -> f64 {
     let tree = tree_of(b);
     let mut sum = 0.0;
     for (i, prism) in a.iter().enumerate() {
@@ -165,13 +165,13 @@ fn common_of_sets_m3(a: &[Prism], b: &[Prism], is_same: bool) -> f64 {
     sum
 }
 
-fn self_overlap_m3(prisms: &[Prism]) -> f64 {
+fn self_overlap_m3(prisms: &[UprightPrism]) -> f64 {
     common_of_sets_m3(prisms, prisms, true)
 }
 
 /// Exact where the prisms of one set do not overlap each other.
 #[must_use]
-pub fn prism_iou(a: &[Prism], b: &[Prism]) -> f64 {
+pub fn prism_iou(a: &[UprightPrism], b: &[UprightPrism]) -> f64 {
     let common = common_of_sets_m3(a, b, false);
     let total: f64 = a.iter().chain(b).map(prism_volume_m3).sum();
     common / (total - common)

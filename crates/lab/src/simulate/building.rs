@@ -90,7 +90,7 @@ impl Triangle {
 
 /// A building and the truth about it. Map frame, metres.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Building {
+pub struct SimulatedBuilding {
     /// Unique in the scene.
     pub id: BuildingId,
     /// Kind of building, as the town's plan has it.
@@ -136,7 +136,7 @@ impl Placement {
     }
 }
 
-impl Building {
+impl SimulatedBuilding {
     /// Raises a form on the terrain.
     #[must_use]
     pub fn raise(form: &Form, at: &Placement, terrain: &Terrain, kind: BuildingKind, id: BuildingId) -> Self {
@@ -266,9 +266,9 @@ mod tests {
     use crate::simulate::config::TownKind;
     use crate::simulate::form::{self, Rect, Wing};
 
-    fn raised(form: &Form) -> Building {
+    fn raised(form: &Form) -> SimulatedBuilding {
         let at = Placement { origin: DVec2::new(565_000.0, 5_932_000.0), angle_rad: 0.3 };
-        Building::raise(form, &at, &Terrain::Constant(20.0), BuildingKind::House, "a".into())
+        SimulatedBuilding::raise(form, &at, &Terrain::Constant(20.0), BuildingKind::House, "a".into())
     }
 
     #[test]

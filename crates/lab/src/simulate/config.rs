@@ -22,19 +22,19 @@ pub struct SimulateConfig {
     /// The procedural town; not used with `cityjson`.
     pub town: TownConfig,
     /// Real geometry in place of the procedural town.
-    pub cityjson: Option<CityJsonConfig>,
+    pub cityjson: Option<CityJsonTown>,
     /// Shape of the ground.
-    pub terrain: TerrainConfig,
+    pub terrain: SimulatedTerrain,
     /// Where the photos are taken; not used where views are given from outside.
     pub flight: FlightConfig,
     /// The lens and the sensor; not used where views are given from outside.
-    pub camera: CameraConfig,
+    pub camera: SimulatedCamera,
     /// Settings for rendering the photos.
     pub images: ImageConfig,
     /// Masks of the nadir views.
-    pub masks: MaskConfig,
+    pub masks: SimulatedMasks,
     /// Settings for making depth priors from the true depth.
-    pub prior: PriorConfig,
+    pub prior: SimulatedPriors,
     /// A sparse point cloud as multi-view matching leaves it.
     pub points: PointConfig,
     /// Errors of poses and footprints as the user gets them.
@@ -49,12 +49,12 @@ impl Default for SimulateConfig {
             centre_m: [565_500.0, 5_932_500.0],
             town: TownConfig::default(),
             cityjson: None,
-            terrain: TerrainConfig::default(),
+            terrain: SimulatedTerrain::default(),
             flight: FlightConfig::default(),
-            camera: CameraConfig::default(),
+            camera: SimulatedCamera::default(),
             images: ImageConfig::default(),
-            masks: MaskConfig::default(),
-            prior: PriorConfig::default(),
+            masks: SimulatedMasks::default(),
+            prior: SimulatedPriors::default(),
             points: PointConfig::default(),
             errors: ErrorConfig::default(),
         }
@@ -107,7 +107,7 @@ impl Default for TownConfig {
 /// Buildings from a `CityJSON` file (1.x or 2.0; `LoD1` or `LoD2`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct CityJsonConfig {
+pub struct CityJsonTown {
     /// Path of the CityJSON file.
     pub path: PathBuf,
     /// Moves all buildings by easting, northing, up; metres.
@@ -127,7 +127,7 @@ pub struct CityJsonConfig {
 /// The ground: a hilly, smooth surface, given to the user as a DTM.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct TerrainConfig {
+pub struct SimulatedTerrain {
     /// Mean height of the ground in the vertical reference, metres; a `CityJSON` file's own ground replaces it.
     pub base_z_m: f64,
     /// Difference between hills and valleys, metres, 0 (flat) or more; a `CityJSON` file's own ground replaces it.
@@ -138,7 +138,7 @@ pub struct TerrainConfig {
     pub margin_m: f64,
 }
 
-impl Default for TerrainConfig {
+impl Default for SimulatedTerrain {
     fn default() -> Self {
         Self { base_z_m: 24.0, relief_m: 12.0, cell_m: 5.0, margin_m: 700.0 }
     }
@@ -195,7 +195,7 @@ impl Default for FlightConfig {
 /// The lens and the sensor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct CameraConfig {
+pub struct SimulatedCamera {
     /// Columns, 16 to 20000 pixels.
     pub width_px: u32,
     /// Rows, 16 to 20000 pixels.
@@ -206,7 +206,7 @@ pub struct CameraConfig {
     pub brown: Option<[f64; 5]>,
 }
 
-impl Default for CameraConfig {
+impl Default for SimulatedCamera {
     fn default() -> Self {
         Self { width_px: 672, height_px: 504, focal_ratio: 0.85, brown: None }
     }
@@ -257,7 +257,7 @@ pub enum MaskContour {
 /// Masks of the nadir views, 16-bit PNG with one number per building.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct MaskConfig {
+pub struct SimulatedMasks {
     /// Whether masks are written.
     pub enabled: bool,
     /// The contour of a building that they follow.
@@ -267,7 +267,7 @@ pub struct MaskConfig {
     pub level: MaskLevel,
 }
 
-impl Default for MaskConfig {
+impl Default for SimulatedMasks {
     fn default() -> Self {
         Self { enabled: true, contour: MaskContour::default(), level: MaskLevel::default() }
     }
@@ -295,7 +295,7 @@ pub enum PriorLevel {
 /// Settings for making depth priors from the true depth.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct PriorConfig {
+pub struct SimulatedPriors {
     /// How far they are from the truth.
     pub level: PriorLevel,
     /// Whether higher means farther or nearer.
@@ -306,7 +306,7 @@ pub struct PriorConfig {
     pub write_true_depth: bool,
 }
 
-impl Default for PriorConfig {
+impl Default for SimulatedPriors {
     fn default() -> Self {
         Self { level: PriorLevel::Mid, kind: PriorKind::InverseDepth, longest_px: 448, write_true_depth: false }
     }

@@ -42,10 +42,10 @@ mod tie_points;
 mod town;
 mod trace;
 
-pub use building::{Building, BuildingKind, Part, Placement, Triangle};
+pub use building::{BuildingKind, Part, Placement, SimulatedBuilding, Triangle};
 pub use config::{
-    CameraConfig, CityJsonConfig, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, MaskConfig, MaskContour,
-    PointConfig, PriorConfig, PriorLevel, SimulateConfig, TerrainConfig, TownConfig, TownKind,
+    CityJsonTown, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, MaskContour, PointConfig, PriorLevel,
+    SimulateConfig, SimulatedCamera, SimulatedMasks, SimulatedPriors, SimulatedTerrain, TownConfig, TownKind,
 };
 pub use corrupt::{Corruption, building_gain, prior};
 pub use disturb::{footprints as disturbed_footprints, poses as disturbed_poses};
@@ -53,7 +53,7 @@ pub use flight::{plan, pose};
 pub use form::RoofKind;
 pub use mask_errors::{MaskErrors, MaskLevel, masks_with_errors};
 pub use masks::{ground_contact, roofs};
-pub use relief::Extent;
+pub use relief::MapRect;
 pub use run::{SimulationSummary, simulate, simulate_with_views, world};
 pub use scene::Seen;
 pub use sight::Sight;

@@ -7,7 +7,7 @@ use std::collections::{HashMap, HashSet};
 
 use indexmap::IndexMap;
 
-use super::grid::{Extent, Grid};
+use super::grid::{Extent, OutputGrid};
 use super::{BuildingRecord, OutputError};
 use sizeup_geo::geodata::features::ColumnKind;
 
@@ -90,8 +90,8 @@ impl Overview {
     ///
     /// # Errors
     /// [`OutputError::TooFarApart`].
-    pub fn grid(&self, scale_m: f64) -> Result<Grid, OutputError> {
-        Grid::around(self.extent.as_ref(), scale_m)
+    pub fn grid(&self, scale_m: f64) -> Result<OutputGrid, OutputError> {
+        OutputGrid::around(self.extent.as_ref(), scale_m)
     }
 }
 

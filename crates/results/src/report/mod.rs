@@ -46,7 +46,7 @@ pub struct Report<'a> {
     /// One per view of the survey: what became of it.
     pub views: Vec<ViewUse>,
     /// The passes of the solver.
-    pub passes: Vec<Pass>,
+    pub passes: Vec<SolverPass>,
     /// Position among the records of each building of a pass.
     pub solved: &'a [usize],
     /// Footprints that were split, as no single height fits them.
@@ -79,7 +79,7 @@ pub enum ViewUse {
 
 /// One pass of the solver over all buildings.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Pass {
+pub struct SolverPass {
     /// Mean loss over the views.
     pub loss: f64,
     /// Mean relative change of the heights.

@@ -42,7 +42,7 @@ impl Facet {
 
 /// A prism with upright walls, as volumes are measured with.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Prism {
+pub struct UprightPrism {
     /// Plan of the prism, metres.
     pub footprint: Polygon<f64>,
     /// Lower and upper level.
@@ -57,7 +57,7 @@ pub struct Solid {
     /// Triangles of its surface.
     pub facets: Vec<Facet>,
     /// The same body as prisms that do not overlap; empty if it is not made of upright prisms.
-    pub prisms: Vec<Prism>,
+    pub prisms: Vec<UprightPrism>,
 }
 
 impl Solid {
@@ -67,15 +67,16 @@ impl Solid {
         if footprint.0.is_empty() || levels_m[1] <= levels_m[0] {
             return None;
         }
-        let prisms: Vec<Prism> = footprint.iter().map(|p| Prism { footprint: p.clone(), levels_m }).collect();
-        let facets = prisms.iter().flat_map(Prism::facets).collect();
+        let prisms: Vec<UprightPrism> =
+            footprint.iter().map(|p| UprightPrism { footprint: p.clone(), levels_m }).collect();
+        let facets = prisms.iter().flat_map(UprightPrism::facets).collect();
         Some(Self { id: id.to_owned(), facets, prisms })
     }
 
     /// Prisms, as they are: they must not overlap.
     #[must_use]
-    pub fn of_prisms(id: &str, prisms: Vec<Prism>) -> Self {
-        let facets = prisms.iter().flat_map(Prism::facets).collect();
+    pub fn of_prisms(id: &str, prisms: Vec<UprightPrism>) -> Self {
+        let facets = prisms.iter().flat_map(UprightPrism::facets).collect();
         Self { id: id.to_owned(), facets, prisms }
     }
 
@@ -100,7 +101,7 @@ fn faces_down([a, b, c]: [DVec3; 3]) -> bool {
     (b - a).cross(c - a).normalize_or_zero().z < -BOTTOM_COSINE
 }
 
-impl Prism {
+impl UprightPrism {
     /// Bottom, top and walls.
     fn facets(&self) -> Vec<Facet> {
         let [low, high] = self.levels_m;

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use serde_json::{Map as JsonMap, Value, json};
 
 use super::{CityJsonConfig, names};
-use crate::output::grid::{Extent, Grid};
+use crate::output::grid::{Extent, OutputGrid};
 use crate::output::{CityModel, Overview};
 use sizeup_geo::crs::Crs;
 
@@ -16,7 +16,7 @@ const HEADER_STEPS_PER_M: f64 = 1e5;
 pub fn header<R: ?Sized>(
     model: &CityModel<'_, R>,
     overview: &Overview,
-    grid: &Grid,
+    grid: &OutputGrid,
     config: &CityJsonConfig,
 ) -> JsonMap<String, Value> {
     let mut header = JsonMap::new();
@@ -62,7 +62,7 @@ fn metadata<R: ?Sized>(model: &CityModel<'_, R>, extent: Option<&Extent>, title:
 }
 
 /// CityJSON's `transform` object: scale and translation of the grid.
-fn transform(grid: &Grid) -> Value {
+fn transform(grid: &OutputGrid) -> Value {
     let scale = [grid.scale_m; 3];
     json!({ "scale": scale, "translate": grid.origin_m })
 }

@@ -5,7 +5,7 @@ use image::RgbImage;
 
 use super::canvas::{Align, Canvas, Pen};
 use super::colour::{INK, Rgb};
-use super::plan::{Region, Sheet};
+use super::plan::{Sheet, ShownRegion};
 use sizeup_geo::crs::Crs;
 
 /// Free margin around the footprints, share of their larger side.
@@ -40,7 +40,7 @@ pub struct MapHeadings {
 pub fn class_map(headings: &MapHeadings, classes: &[MapClass<'_>], crs: &Crs) -> RgbImage {
     let footprints = classes.iter().flat_map(|class| class.footprints.iter().flat_map(|footprint| footprint.iter()));
     let corners = footprints.flat_map(|polygon| polygon.exterior().coords()).map(|at| [at.x, at.y]);
-    let region = Region::around(corners, MARGIN_SHARE);
+    let region = ShownRegion::around(corners, MARGIN_SHARE);
     let mut sheet = Sheet::new(&region, WIDTH_PX);
     let unit = sheet.unit;
     for class in classes {

@@ -28,7 +28,7 @@ pub struct Sheet {
 
 impl Sheet {
     /// An empty map of a region.
-    pub fn new(region: &Region, width_px: u32) -> Self {
+    pub fn new(region: &ShownRegion, width_px: u32) -> Self {
         let width = width_px.clamp(WIDTHS_PX.0, WIDTHS_PX.1) as f32;
         let unit = width / REFERENCE_WIDTH_PX;
         let (left, top, legend, bottom) = (28.0 * unit, 76.0 * unit, 250.0 * unit, 52.0 * unit);
@@ -71,12 +71,12 @@ impl Sheet {
 }
 
 /// The part of the map plane that is shown, metres.
-pub struct Region {
+pub struct ShownRegion {
     min_m: [f64; 2],
     max_m: [f64; 2],
 }
 
-impl Region {
+impl ShownRegion {
     /// Around points, or a place of 100 m without any; `margin` is a share of the larger side.
     pub fn around(points: impl Iterator<Item = [f64; 2]>, margin: f64) -> Self {
         Self::of(points).unwrap_or(Self { min_m: [0.0; 2], max_m: [100.0; 2] }).grown(margin)
@@ -149,7 +149,7 @@ pub struct Placement {
 }
 
 impl Placement {
-    fn new(region: &Region, frame: &Frame) -> Self {
+    fn new(region: &ShownRegion, frame: &Frame) -> Self {
         let px_per_m = (f64::from(frame.width) / region.width_m()).min(f64::from(frame.height) / region.height_m());
         Self {
             px_per_m,

@@ -28,7 +28,7 @@ use serde::{Deserialize, Serialize};
 use super::OutputError;
 use super::cityjson::Sequence;
 use super::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface, visit_objects};
-use super::grid::Grid;
+use super::grid::OutputGrid;
 use super::prism;
 use super::read::is_sequence;
 use face::Face;
@@ -218,7 +218,7 @@ pub fn validate(city: &CityFile, config: &ValidateConfig) -> Validation {
 
 /// Numbers of what is found in one of our own solids, each once, ascending.
 #[must_use]
-pub fn faults_of(faces: &[prism::Face], grid: &Grid) -> Vec<u16> {
+pub fn faults_of(faces: &[prism::GridFace], grid: &OutputGrid) -> Vec<u16> {
     let mut city = CityFile::default();
     let mut surfaces = Vec::new();
     for (i, face) in faces.iter().enumerate() {
