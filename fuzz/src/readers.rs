@@ -59,7 +59,7 @@ const CAMERAS: &str = "1 PINHOLE 40 30 30 30 20 15\n";
 const CAMERAS_JSON: &str = r#"{"c":{"projection_type":"brown","width":40,"height":30,"focal_x":0.8}}"#;
 
 #[rustfmt::skip] // a table, which run.sh takes the names from
-const READERS: [Known; 67] = [
+const READERS: &[Known] = &[
     ("colmap_text", "images.txt", |path, _| poses(Format::Colmap, folder(path)), &[("cameras.txt", CAMERAS)]),
     ("colmap_cameras", "cameras.txt", |path, _| poses(Format::Colmap, folder(path)), &[("images.txt", IMAGES)]),
     ("colmap_binary", "images.bin", |path, _| colmap_binary(path), &[]),

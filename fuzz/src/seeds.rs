@@ -180,7 +180,7 @@ fn osm_pbf() -> Vec<u8> {
     [block(b"OSMHeader", &features), block(b"OSMData", &primitives)].concat()
 }
 
-/// What libraries write.
+/// Files that libraries of the program itself write, by reader.
 fn written(folder: &Path) -> Result<Vec<(&'static str, Vec<u8>)>, Box<dyn Error>> {
     let mut all = Vec::new();
     let depths: Vec<f32> = (1..=12_u8).map(f32::from).collect();

@@ -33,7 +33,7 @@ struct ViewFacts {
     camera: Camera,
     /// `R` of `p_camera = R · p_map + t`, row by row.
     rotation: [[f64; 3]; 3],
-    /// `t`, metres.
+    /// Translation `t` from map to camera, metres.
     translation: [f64; 3],
     kind: PriorKind,
     geometry: PriorGeometry,

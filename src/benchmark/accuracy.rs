@@ -27,16 +27,16 @@ const POINTS_PER_BUILDING: usize = 3000;
 pub struct AccuracyConfig {
     /// One scene per seed, town and level.
     pub seeds: Vec<u64>,
-    /// Kinds of towns.
+    /// Kinds of towns that are simulated.
     pub towns: Vec<TownKind>,
     /// Towns of real buildings, besides.
     #[serde(default)]
     pub real: Vec<RealTown>,
-    /// Error of priors.
+    /// Levels of prior errors that are simulated.
     pub levels: Vec<PriorLevel>,
     /// Methods that are run.
     pub methods: Vec<Method>,
-    /// Buildings per scene.
+    /// Buildings of each scene.
     pub n_buildings: usize,
     /// Views per scene, nadir ones included.
     pub n_views: usize,
@@ -165,7 +165,7 @@ pub struct AccuracyRow {
     pub town: String,
     /// Level of prior errors.
     pub level: String,
-    /// The method.
+    /// Method that was run.
     pub method: Method,
     /// Over the buildings of all seeds.
     pub statistics: HeightStatistics,

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::BenchmarkError;
 use sizeup_lab::evaluate::solid::{Facet, Solid};
-use sizeup_lab::evaluate::{SurfaceEvaluation, Target, VolumeEvaluation, evaluate_surface, evaluate_volume};
-use sizeup_lab::simulate::{Building, Part, SimulateConfig, world};
+use sizeup_lab::evaluate::{SurfaceEvaluation, TargetSurface, VolumeEvaluation, evaluate_surface, evaluate_volume};
+use sizeup_lab::simulate::{Part, SimulateConfig, SimulatedBuilding, world};
 
 /// Simulated walls go this far below the lowest ground, metres; bodies end at the ground.
 const FOUNDATION_M: f64 = 1.0;
@@ -14,7 +14,7 @@ const FOUNDATION_M: f64 = 1.0;
 /// Surfaces and volumes against the true bodies, roofs and all.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BodyScores {
-    /// Walls and roofs.
+    /// Distances of walls and roofs; `None` where they were not measured.
     pub surface: Option<SurfaceEvaluation>,
     /// Volumes; `None` where the method's meshes are not closed.
     pub volume: Option<VolumeEvaluation>,
@@ -27,7 +27,7 @@ pub(super) fn true_bodies(scene: &str, config: &SimulateConfig) -> Result<Vec<So
 }
 
 /// Roofs, walls down to the lowest ground, and a bottom below the roofs, which tile the footprint.
-fn body(building: &Building) -> Solid {
+fn body(building: &SimulatedBuilding) -> Solid {
     let corners = || building.triangles.iter().flat_map(|t| t.corners);
     let base_m = corners().map(|p| p.z).fold(f64::INFINITY, f64::min) + FOUNDATION_M;
     let cut = |corners: [DVec3; 3]| corners.map(|p| p.truncate().extend(p.z.max(base_m)));
@@ -45,7 +45,7 @@ fn body(building: &Building) -> Solid {
 pub(super) fn score(bodies: &[Solid], truth: &[Solid], seed: u64) -> BodyScores {
     let facets = |solids: &[Solid]| solids.iter().flat_map(|s| s.facets.iter().copied()).collect::<Vec<Facet>>();
     BodyScores {
-        surface: evaluate_surface(&facets(bodies), &Target::Facets(&facets(truth)), seed),
+        surface: evaluate_surface(&facets(bodies), &TargetSurface::Facets(&facets(truth)), seed),
         volume: evaluate_volume(bodies, truth, &[]).ok(),
     }
 }

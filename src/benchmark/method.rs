@@ -13,15 +13,15 @@ use sizeup_lab::baseline::{
     regression, stacked_prisms,
 };
 use sizeup_lab::evaluate::TruthBuilding;
-use sizeup_lab::evaluate::solid::{Prism, Solid};
+use sizeup_lab::evaluate::solid::{Solid, UprightPrism};
 
 /// A way from a scene's evidence to one height, or one body, per footprint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
-    /// The publication's optimiser.
+    /// The optimiser of the publication, preset `paper`.
     Paper,
-    /// Ours.
+    /// The optimiser of this program, preset `robust`.
     Robust,
     /// Priors to metres on free ground, roofs lifted, medians taken.
     MetricLift,
@@ -57,7 +57,7 @@ pub struct Aids {
 /// Answer: heights, and bodies where the method makes its own.
 #[derive(Debug, Clone)]
 pub struct Answer {
-    /// Heights.
+    /// Heights with their standard deviations and reasons.
     pub solution: Solution,
     /// Bodies in place of extruded footprints.
     pub bodies: Option<Vec<Solid>>,
@@ -131,7 +131,7 @@ impl Method {
         }
     }
 
-    /// By its name.
+    /// The method of this name; `None` where there is none.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|m| m.name() == name)
@@ -191,7 +191,7 @@ fn bodies(method: Method, problem: &Problem<'_>, cloud: &SegmentedCloud) -> Answ
             return convex_hull(points).ok().map(|hull| Solid::of_triangles(&i.to_string(), hull));
         }
         let slabs = stacked_prisms(points, *ground_m, &SlabConfig::default());
-        let prisms = slabs.into_iter().map(|slab| Prism { footprint: slab.footprint, levels_m: slab.levels_m });
+        let prisms = slabs.into_iter().map(|slab| UprightPrism { footprint: slab.footprint, levels_m: slab.levels_m });
         let solid = Solid::of_prisms(&i.to_string(), prisms.collect());
         (!solid.facets.is_empty()).then_some(solid)
     };

@@ -68,31 +68,31 @@ pub enum BenchmarkError {
     /// Settings out of range.
     #[error("{setting} is empty\nhint: name at least one")]
     Empty {
-        /// Name.
+        /// Name of the setting.
         setting: &'static str,
     },
     /// A scene could not be simulated.
     #[error("scene {scene}: {source}")]
     Simulate {
-        /// Name.
+        /// Name of the scene.
         scene: String,
-        /// Why.
+        /// Why the scene could not be simulated.
         source: SimulateError,
     },
     /// The cameras of a scene could not be read.
     #[error("cameras of scene {scene}: {source}")]
     Cameras {
-        /// Name.
+        /// Name of the scene.
         scene: String,
-        /// Why.
+        /// Why its survey could not be read.
         source: sizeup_survey::SurveyError,
     },
     /// The configuration of a simulated scene could not be read.
     #[error("scene {scene}: {source}")]
     Config {
-        /// Name.
+        /// Name of the scene.
         scene: String,
-        /// Why.
+        /// Why its configuration could not be read.
         source: ConfigError,
     },
     /// A method failed on a scene.
@@ -102,15 +102,15 @@ pub enum BenchmarkError {
         scene: String,
         /// Name of the method.
         method: &'static str,
-        /// Why.
+        /// Why the method did not run.
         source: PipelineError,
     },
     /// A scene that no suite has.
     #[error("unknown scene {name:?}\nhint: the scenes are {known}")]
     UnknownScene {
-        /// Value asked for.
+        /// Name that was asked for.
         name: String,
-        /// All names.
+        /// Names of all scenes, with commas.
         known: String,
     },
     /// A point cloud could not be read.

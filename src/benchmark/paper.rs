@@ -26,7 +26,7 @@ type PublishedHeights = (u32, u32, f64, f64, [f64; 2], [f64; 2]);
 /// A scene of the suite.
 struct PaperScene {
     name: &'static str,
-    /// The simulation preset.
+    /// Name of the simulation preset.
     preset: &'static str,
     /// Views per selection of the `paper` method.
     n_selected: usize,
@@ -130,15 +130,15 @@ const PUBLISHED_BODIES: [PublishedBody; 16] = [
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PaperConfig {
-    /// Names of scenes.
+    /// Names of the scenes that are run.
     pub scenes: Vec<String>,
     /// Methods that are run.
     pub methods: Vec<Method>,
-    /// Error of priors.
+    /// Level of prior errors.
     pub level: PriorLevel,
     /// Errors of poses and footprints as the methods get them.
     pub errors: ErrorConfig,
-    /// Root seed.
+    /// Root seed of scenes and solver.
     pub seed: u64,
     /// Fewer buildings and views than the scenes have, and this longer side of images in pixels; for a quick look.
     pub shrink: Option<[usize; 3]>,
@@ -203,7 +203,7 @@ pub struct PaperResult {
     pub scene: String,
     /// Buildings of the scene.
     pub n_buildings: usize,
-    /// One per method.
+    /// Outcome of each method.
     pub outcomes: Vec<Outcome>,
 }
 
@@ -212,7 +212,7 @@ pub struct PaperResult {
 pub struct PaperTables {
     /// Settings of the run.
     pub config: PaperConfig,
-    /// By scene.
+    /// Results of the scenes, in the order of the settings.
     pub scenes: Vec<PaperResult>,
     /// Which programs made the outcomes.
     pub programs: Programs,

@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use sizeup_geo::crs::Crs;
-use sizeup_lab::simulate::{CityJsonConfig, ErrorConfig};
+use sizeup_lab::simulate::{CityJsonTown, ErrorConfig};
 use sizeup_survey::{SurveyConfig, SurveyError, View, ViewKind};
 
 /// Buildings from a file in place of a procedural town.
@@ -15,7 +15,7 @@ pub struct RealTown {
     /// Name in tables and files.
     pub name: String,
     /// The buildings: which part of which file.
-    pub cityjson: CityJsonConfig,
+    pub cityjson: CityJsonTown,
     /// The cameras; absent: a simulated flight.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cameras: Option<RealCameras>,
@@ -28,7 +28,7 @@ pub struct RealTown {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RealCameras {
-    /// The survey.
+    /// Settings that read the survey.
     pub survey: SurveyConfig,
     /// Coordinate reference system, as `EPSG:n`.
     pub crs: String,

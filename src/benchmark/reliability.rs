@@ -20,11 +20,11 @@ const LEAST: usize = 8;
 pub struct SigmaClass {
     /// Level of prior errors.
     pub level: String,
-    /// The method.
+    /// Method that stated them.
     pub method: Method,
     /// Stated sigma, from (exclusive) and to; metres. No upper end in the last class.
     pub sigma_m: (f64, Option<f64>),
-    /// Buildings.
+    /// Number of buildings.
     pub n: usize,
     /// Mean stated sigma, metres.
     pub mean_sigma_m: f64,

@@ -24,7 +24,7 @@ use sizeup_results::output::sha256_hex;
 /// A method with settings of its own, under a name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Variant {
-    /// The method.
+    /// Method that is run.
     pub method: Method,
     /// Unique among the scene's runs; empty for the method as it is.
     pub name: String,
@@ -50,7 +50,7 @@ impl Variant {
 pub struct SceneJob {
     /// Unique name, part of file names.
     pub name: String,
-    /// The scene.
+    /// Settings that simulate the scene.
     pub simulate: SimulateConfig,
     /// Methods that are run.
     pub variants: Vec<Variant>,
@@ -84,7 +84,7 @@ impl SceneJob {
 pub struct Outcome {
     /// Name of the scene.
     pub scene: String,
-    /// The method.
+    /// Method that was run.
     pub method: Method,
     /// Name of its settings; empty for the method as it is.
     #[serde(default)]

@@ -32,13 +32,13 @@ pub enum Study {
     Cover,
     /// Percentile of the gate.
     Gate,
-    /// Epochs between selections.
+    /// Epochs between two selections of views.
     Refresh,
     /// Least contrast of a pair (`τ_d`).
     Contrast,
     /// Margin of the hinge (m).
     Margin,
-    /// Pairs per view.
+    /// Ordinal pairs drawn per view.
     Pairs,
     /// Ordinal loss, or regression with everything else the same.
     Loss,
@@ -48,7 +48,7 @@ pub enum Study {
     Step,
     /// Which part of the derivative is followed.
     Gradient,
-    /// The greatest height allowed.
+    /// Greatest height that is searched for.
     Range,
 }
 
@@ -156,15 +156,15 @@ pub struct StudyConfig {
     pub of: Vec<Study>,
     /// Seeds of the towns.
     pub seeds: Vec<u64>,
-    /// Kinds of towns.
+    /// Kinds of towns that are simulated.
     pub towns: Vec<TownKind>,
     /// Seeds of the solver; each town is solved with each.
     pub solver_seeds: Vec<u64>,
-    /// Error of priors.
+    /// Level of prior errors.
     pub level: PriorLevel,
     /// Errors of poses and footprints as the method gets them.
     pub errors: ErrorConfig,
-    /// Buildings per town.
+    /// Buildings of each town.
     pub n_buildings: usize,
     /// Views per town, nadir ones included.
     pub n_views: usize,
@@ -226,7 +226,7 @@ impl StudyConfig {
 /// One value of one setting, over all towns and solver seeds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StudyRow {
-    /// Which value.
+    /// Value of the setting, as it is written.
     pub label: String,
     /// Over the buildings of all runs.
     pub statistics: HeightStatistics,
@@ -257,9 +257,9 @@ fn is_stable_by(run: &Outcome, n_passes: usize) -> bool {
 /// The heights of the method as it is after one pass, over all runs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct StabilityRow {
-    /// Passes made.
+    /// Number of passes made.
     pub epoch: usize,
-    /// Mean loss.
+    /// Mean loss over the runs.
     pub loss: f64,
     /// Mean relative change of the heights in this pass.
     pub relative_change: f64,
@@ -269,14 +269,14 @@ pub struct StabilityRow {
     pub to_last_m: f64,
 }
 
-/// All studies.
+/// Tables of all studies.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct StudyTables {
     /// Settings of the run; `None`: nothing.
     pub config: Option<StudyConfig>,
     /// By study, its rows; the method as it is comes first.
     pub studies: Vec<(Study, Vec<StudyRow>)>,
-    /// Pass by pass.
+    /// Heights after each pass, in order.
     pub stability: Vec<StabilityRow>,
     /// Which programs made the outcomes.
     pub programs: Programs,

@@ -24,7 +24,7 @@ use sizeup_lab::evaluate::solid::write_obj;
 
 Results are those of `sizeup run`; hulls and stacked prisms are written as bodies.obj beside them.")]
 pub struct BaselineArgs {
-    /// Methods to run.
+    /// Method to run: a yardstick for the height solver.
     #[arg(value_parser = names())]
     pub method: String,
     /// Run configuration, as for `sizeup run`.

@@ -23,7 +23,7 @@ use sizeup_results::output::sha256_hex;
 A run that was stopped goes on where it was: the folder holds one outcome per scene and method. Those that another
 program made are taken over and said so, in the table too, unless `--again outdated` makes them anew.")]
 pub struct BenchmarkArgs {
-    /// Suite to measure.
+    /// Suite of scenes to measure.
     pub suite: Suite,
     /// Folder of scenes, outcomes and tables.
     #[arg(long, short, value_name = "FOLDER")]
@@ -42,7 +42,7 @@ pub struct BenchmarkArgs {
     pub keep_scenes: bool,
 }
 
-/// Suite to measure.
+/// Suite of scenes that is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Suite {
     /// Heights over seeds, towns and levels of prior errors.

@@ -28,7 +28,7 @@ Buildings are matched by place; ids of the new result are kept, and those of the
 pub struct ChangesArgs {
     /// Earlier result: the folder of a run or of a merged city, or its CityJSON or GeoPackage.
     pub old: PathBuf,
-    /// Later result, likewise.
+    /// Later result: likewise a folder, a CityJSON or a GeoPackage.
     pub new: PathBuf,
     /// Folder to write changes.html, changes.gpkg, changes.json and changes.png into.
     #[arg(long, short, value_name = "FOLDER")]

@@ -10,7 +10,7 @@ use super::{Failure, Global, print, print_json};
 use crate::config::RunConfig;
 use crate::tiles;
 use sizeup_footprints::{FootprintSource, SMALL};
-use sizeup_geo::crs::{self, Crs, CrsError, Grid, Transform, Transform3d};
+use sizeup_geo::crs::{self, Crs, CrsError, GridFile, Transform, Transform3d};
 use sizeup_geo::files::is_virtual;
 use sizeup_geo::geodata;
 use sizeup_geo::geodata::raster::RasterFile;
@@ -18,7 +18,7 @@ use sizeup_geo::geodata::vector::VectorLayer;
 use sizeup_photos::onnx::{EngineChoice, EngineConfig, runtime};
 use sizeup_photos::prior::PriorConfig;
 use sizeup_photos::prior::network::known::{self, KnownNetwork};
-use sizeup_survey::HeightReference;
+use sizeup_survey::VerticalDatum;
 
 /// Longitude, latitude and height above the ellipsoid (WGS 84).
 const ELLIPSOIDAL: &str = "EPSG:4979";
@@ -48,11 +48,11 @@ pub struct DoctorArgs {
     pub assignments: Vec<String>,
 }
 
-/// How something stands.
+/// State of something that a run may need.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum State {
-    /// It is there.
+    /// The thing is there.
     Ok,
     /// It is not there, and nothing that was asked about needs it.
     Absent,
@@ -65,7 +65,7 @@ enum State {
 struct Finding {
     what: String,
     state: State,
-    /// Finding in words.
+    /// The finding in words.
     found: String,
     /// Command that brings it, where it is not there.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -298,7 +298,7 @@ fn plane(what: &str, from: &Crs, to: &Crs) -> Option<Finding> {
 }
 
 /// The command that brings a grid, or where it comes from.
-fn how_to_get(grid: &Grid) -> String {
+fn how_to_get(grid: &GridFile) -> String {
     match grid.command() {
         Some(command) => format!("`{command}` brings it (`projsync` is in Debian's package proj-bin)"),
         None => format!("put {grid} into a folder named by PROJ_DATA"),
@@ -322,7 +322,7 @@ fn heights_grid(config: &RunConfig) -> Finding {
     };
     let Err(error) = reach() else { return Finding::ok(WHAT, format!("there, for {crs}")) };
     let is_shift_given = height.geoid_offset.is_some() || height.keep_ellipsoidal;
-    let is_needed = height.reference == Some(HeightReference::Ellipsoidal) && !is_shift_given;
+    let is_needed = height.reference == Some(VerticalDatum::Ellipsoidal) && !is_shift_given;
     let text = error.to_string();
     let (found, advice) = text.split_once("\nhint: ").unwrap_or((&text, ""));
     let grids = Crs::parse(ELLIPSOIDAL).map(|ellipsoid| crs::height_grids(crs, &ellipsoid)).unwrap_or_default();

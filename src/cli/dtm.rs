@@ -9,7 +9,7 @@ use super::ui::GROUND;
 use super::{Failure, Global, Ui, print_json};
 use crate::config::RunConfig;
 use crate::pipeline;
-use sizeup_photos::dtm::{Dtm, DtmConfig, Outcome};
+use sizeup_photos::dtm::{Dtm, DtmConfig, SquareOutcome};
 use sizeup_results::output::picture::{relief_map, write_png};
 
 /// A standard deviation above this says that one level may serve as well, metres.
@@ -47,7 +47,7 @@ pub struct DtmArgs {
     pub assignments: Vec<String>,
 }
 
-/// Findings, for `--json`.
+/// Numbers of squares and errors of a terrain model, for `--json`.
 #[derive(Debug, Serialize)]
 struct DtmSummary {
     n_squares: usize,
@@ -100,14 +100,14 @@ pub(super) fn run(args: &DtmArgs, global: &Global) -> Result<u8, Failure> {
 }
 
 fn summary(dtm: &Dtm) -> DtmSummary {
-    let n = |is: fn(&Outcome) -> bool| dtm.squares.iter().filter(|s| is(&s.outcome)).count();
+    let n = |is: fn(&SquareOutcome) -> bool| dtm.squares.iter().filter(|s| is(&s.outcome)).count();
     let (low_m, high_m) = dtm.dem.range();
     DtmSummary {
         n_squares: dtm.squares.len(),
-        n_ground: n(|o| matches!(o, Outcome::Ground(_))),
-        n_outliers: n(|o| matches!(o, Outcome::Outlier(_))),
-        n_unclear: n(|o| matches!(o, Outcome::Unclear)),
-        n_unseen: n(|o| matches!(o, Outcome::Unseen)),
+        n_ground: n(|o| matches!(o, SquareOutcome::Ground(_))),
+        n_outliers: n(|o| matches!(o, SquareOutcome::Outlier(_))),
+        n_unclear: n(|o| matches!(o, SquareOutcome::Unclear)),
+        n_unseen: n(|o| matches!(o, SquareOutcome::Unseen)),
         sigma_m: dtm.sigma_m,
         low_m,
         high_m,

@@ -13,7 +13,9 @@ use sizeup_footprints::{Annotated, FootprintError, PhotoInstances, coco_instance
 use sizeup_geo::crs::Crs;
 use sizeup_geo::paths::file_name;
 use sizeup_lab::evaluate::read::TruthOptions;
-use sizeup_lab::evaluate::{CloudTruthOptions, Comparison, HeightOptions, PhotoAreas, compare_files, evaluate_photos};
+use sizeup_lab::evaluate::{
+    CloudTruthOptions, ComparedFiles, HeightOptions, PhotoAreas, compare_files, evaluate_photos,
+};
 use sizeup_results::output::HeightReference;
 
 /// Arguments of `sizeup evaluate`.
@@ -89,7 +91,7 @@ pub enum HeightReferenceArg {
     Eave,
     /// The mean over the roof's area.
     Mean,
-    /// The highest line.
+    /// The highest line of the roof.
     Ridge,
 }
 
@@ -108,7 +110,7 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
     if is_coco(&args.truth) {
         return in_photos(args, global);
     }
-    let comparison = Comparison {
+    let comparison = ComparedFiles {
         result: args.result.clone(),
         truth: args.truth.clone(),
         crs: args.crs.as_ref().map(parse).transpose()?,

@@ -31,9 +31,9 @@ pub struct ExportArgs {
     pub input: PathBuf,
     /// File to write, or the folder of 3D Tiles.
     pub output: PathBuf,
-    /// Format. By default the file's extension says it: .json, .jsonl, .gpkg, .fgb, .geojson.
+    /// Format. By default the extension of the output says it.
     #[arg(long, value_enum, value_name = "FORMAT")]
-    pub to: Option<Format>,
+    pub to: Option<ExportFormat>,
     /// CRS, for an input that does not state one.
     #[arg(long, value_name = "CRS")]
     pub crs: Option<String>,
@@ -62,20 +62,20 @@ pub struct ExportArgs {
 
 /// Formats that can be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Format {
-    /// CityJSON 2.0.
+pub enum ExportFormat {
+    /// CityJSON 2.0: .json.
     #[value(name = "cityjson")]
     CityJson,
-    /// CityJSONSeq 2.0, a building a line.
+    /// CityJSONSeq 2.0, a building a line: .jsonl.
     #[value(name = "cityjsonseq")]
     CityJsonSeq,
-    /// GeoPackage, styled for QGIS.
+    /// GeoPackage, styled for QGIS: .gpkg.
     #[value(name = "geopackage")]
     GeoPackage,
-    /// FlatGeobuf, footprints with all attributes.
+    /// FlatGeobuf, footprints with all attributes: .fgb.
     #[value(name = "flatgeobuf")]
     FlatGeobuf,
-    /// GeoJSON in longitude and latitude, footprints with all attributes.
+    /// GeoJSON in longitude and latitude, footprints with all attributes: .geojson.
     #[value(name = "geojson")]
     GeoJson,
     /// 3D Tiles 1.1, a folder.
@@ -86,7 +86,7 @@ pub enum Format {
 /// Names of attributes, on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum NamesArg {
-    /// Ours.
+    /// Names that sizeup defines.
     Sizeup,
     /// Ours and those of 3DBAG.
     #[value(name = "3dbag")]
@@ -96,9 +96,9 @@ pub enum NamesArg {
 /// Meaning of heights, on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum HeightsArg {
-    /// As the CRS says.
+    /// Heights are what the CRS says.
     Crs,
-    /// Above the ellipsoid.
+    /// Heights are above the ellipsoid.
     Ellipsoidal,
 }
 
@@ -126,7 +126,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
     let overview = write(format, args, &model).map_err(|e| Failure::new(exit_code(&e), &e))?;
     let Overview { n_buildings, n_heights, .. } = overview;
     let ui = Ui::new(global);
-    if format == Format::FlatGeobuf && overview.n_without_footprint > 0 {
+    if format == ExportFormat::FlatGeobuf && overview.n_without_footprint > 0 {
         ui.say(format!("{} buildings have no footprint, and so no place in FlatGeobuf", overview.n_without_footprint));
     }
     ui.say(format!("{n_buildings} buildings, {n_heights} with a height, in {}", args.output.display()));
@@ -137,8 +137,8 @@ pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
 }
 
 /// A layer beside the buildings, as GeoJSON.
-fn export_layer(args: &ExportArgs, format: Format, layer: &str, global: &Global) -> Result<u8, Failure> {
-    if format != Format::GeoJson {
+fn export_layer(args: &ExportArgs, format: ExportFormat, layer: &str, global: &Global) -> Result<u8, Failure> {
+    if format != ExportFormat::GeoJson {
         return Err(Failure::from_text(2, "--layer writes GeoJSON\nhint: name a file that ends with .geojson"));
     }
     let stated = args.crs.as_deref().map(Crs::parse).transpose().map_err(|e| Failure::new(2, &e))?;
@@ -151,36 +151,42 @@ fn export_layer(args: &ExportArgs, format: Format, layer: &str, global: &Global)
     Ok(0)
 }
 
-fn format_of(path: &Path) -> Result<Format, Failure> {
-    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    let name = path.display();
-    match extension.as_str() {
-        "json" => Ok(Format::CityJson),
-        "jsonl" => Ok(Format::CityJsonSeq),
-        "gpkg" => Ok(Format::GeoPackage),
-        "fgb" => Ok(Format::FlatGeobuf),
-        "geojson" => Ok(Format::GeoJson),
-        "parquet" | "geoparquet" => Err(Failure::from_text(
-            2,
-            format!(
-                "cannot write {name}: Parquet is not among our formats\nhint: write .gpkg or .fgb, and convert it with ogr2ogr of a GDAL built with Arrow"
-            ),
-        )),
-        "" => Err(Failure::from_text(
-            2,
-            format!("cannot tell the format of {name}\nhint: name it with --to, as in --to 3dtiles"),
-        )),
-        _ => Err(Failure::from_text(
-            2,
-            format!(
-                "cannot write {name}\nhint: .city.json, .city.jsonl, .gpkg, .fgb or .geojson, or name the format with --to"
-            ),
-        )),
+impl ExportFormat {
+    /// Extension of its files, lower case; `None` for a folder.
+    fn extension(self) -> Option<&'static str> {
+        match self {
+            Self::CityJson => Some("json"),
+            Self::CityJsonSeq => Some("jsonl"),
+            Self::GeoPackage => Some("gpkg"),
+            Self::FlatGeobuf => Some("fgb"),
+            Self::GeoJson => Some("geojson"),
+            Self::Tiles3d => None,
+        }
     }
 }
 
+fn format_of(path: &Path) -> Result<ExportFormat, Failure> {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let formats = ExportFormat::value_variants();
+    if let Some(format) = formats.iter().find(|format| format.extension() == Some(&extension)) {
+        return Ok(*format);
+    }
+    let name = path.display();
+    let text = match extension.as_str() {
+        "parquet" | "geoparquet" => format!(
+            "cannot write {name}: Parquet is not among our formats\nhint: write .gpkg or .fgb, and convert it with ogr2ogr of a GDAL built with Arrow"
+        ),
+        "" => format!("cannot tell the format of {name}\nhint: name it with --to, as in --to 3dtiles"),
+        _ => {
+            let known: Vec<String> = formats.iter().filter_map(|f| Some(format!(".{}", f.extension()?))).collect();
+            format!("cannot write {name}\nhint: one of {}, or name the format with --to", known.join(", "))
+        }
+    };
+    Err(Failure::from_text(2, text))
+}
+
 fn write<R: Records + ?Sized>(
-    format: Format,
+    format: ExportFormat,
     args: &ExportArgs,
     model: &CityModel<'_, R>,
 ) -> Result<Overview, OutputError> {
@@ -194,9 +200,9 @@ fn write<R: Records + ?Sized>(
         ..CityJsonConfig::default()
     };
     match format {
-        Format::CityJson => cityjson::write(path, model, &cityjson),
-        Format::CityJsonSeq => cityjson::write_sequence(path, model, &cityjson),
-        Format::GeoPackage => {
+        ExportFormat::CityJson => cityjson::write(path, model, &cityjson),
+        ExportFormat::CityJsonSeq => cityjson::write_sequence(path, model, &cityjson),
+        ExportFormat::GeoPackage => {
             let overview = geopackage::write(path, model, &GeoPackageConfig::default())?;
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             if args.project {
@@ -206,9 +212,9 @@ fn write<R: Records + ?Sized>(
             }
             Ok(overview)
         }
-        Format::FlatGeobuf => flatgeobuf::write(path, model, &GeoPackageConfig::default()),
-        Format::GeoJson => geojson::write(path, model, &GeoPackageConfig::default()),
-        Format::Tiles3d => {
+        ExportFormat::FlatGeobuf => flatgeobuf::write(path, model, &GeoPackageConfig::default()),
+        ExportFormat::GeoJson => geojson::write(path, model, &GeoPackageConfig::default()),
+        ExportFormat::Tiles3d => {
             let heights = match (args.geoid_height, args.heights) {
                 (Some(geoid_m), _) => Heights::GeoidHeight(geoid_m),
                 (None, HeightsArg::Ellipsoidal) => Heights::Ellipsoidal,

@@ -18,7 +18,7 @@ use sizeup_geo::files::write_whole;
 
 Packages bring them already.")]
 pub struct CompletionsArgs {
-    /// The shell.
+    /// Shell to write completions for.
     #[arg(value_enum)]
     pub shell: Shell,
 }

@@ -36,7 +36,7 @@ use std::io::{ErrorKind, Write as _};
 use clap::{Args, Parser, Subcommand};
 
 pub use call::{Call, answer, answer_call};
-pub use progress::{Level, ProgressEvent, ProgressForm};
+pub use progress::{MessageLevel, ProgressEvent, ProgressForm};
 pub use ui::Ui;
 
 use sizeup_geo::limits::Limits;
@@ -51,7 +51,7 @@ pub const EXIT_FAILED_ITEMS: u8 = 5;
 #[derive(Debug, Parser)]
 #[command(name = "sizeup", version, propagate_version = true, arg_required_else_help = true)]
 pub struct Cli {
-    /// Command to run.
+    /// Subcommand that is run.
     #[command(subcommand)]
     pub command: Command,
     /// Options of every subcommand.
@@ -85,7 +85,7 @@ pub struct Global {
     pub allow_remote: bool,
 }
 
-/// The subcommands.
+/// Subcommands of `sizeup`.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Begin a project from a folder of photos: look what is there, write sizeup.toml, say what is missing.
@@ -166,7 +166,7 @@ impl Failure {
         Self { exit_code, message }
     }
 
-    /// From words.
+    /// A failure in words, with the exit code that goes with it.
     #[must_use]
     pub fn from_text(exit_code: u8, text: impl fmt::Display) -> Self {
         Self { exit_code, message: format!("error: {text}") }

@@ -48,7 +48,7 @@ pub struct GetArgs {
 /// Arguments of `sizeup model check`.
 #[derive(Debug, Clone, Args)]
 pub struct CheckArgs {
-    /// A checkpoint.
+    /// Checkpoint that was downloaded.
     pub file: PathBuf,
 }
 

@@ -26,7 +26,7 @@ pub enum PriorCommand {
 #[command(after_help = "Example:
   sizeup prior inspect depth_anything_v2_small.onnx")]
 pub struct InspectArgs {
-    /// ONNX file.
+    /// ONNX file of the network.
     pub model: PathBuf,
     /// Engine that looks at it.
     #[arg(long, value_enum, default_value_t = EngineArg::Auto)]
@@ -41,9 +41,9 @@ pub struct InspectArgs {
 pub enum EngineArg {
     /// The embedded one where it can run the graph, else ONNX Runtime.
     Auto,
-    /// The embedded one.
+    /// The embedded engine.
     Rten,
-    /// ONNX Runtime.
+    /// ONNX Runtime, where it is installed.
     Onnxruntime,
 }
 

@@ -32,8 +32,8 @@ pub enum ProgressForm {
 /// How much a message weighs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Level {
-    /// Something to know.
+pub enum MessageLevel {
+    /// A remark on what is done.
     Info,
     /// Something that is probably not as it was meant.
     Warning,
@@ -47,7 +47,7 @@ pub enum Level {
 pub enum ProgressEvent {
     /// A stage of a run begins: survey, footprints, heights, output.
     Stage {
-        /// The name.
+        /// Name of the stage that begins.
         stage: Stage,
     },
     /// So much of some work is done. The same work can begin again, from 0.
@@ -59,10 +59,10 @@ pub enum ProgressEvent {
         /// How much there is.
         total: usize,
     },
-    /// Something to read.
+    /// A message to read.
     Message {
         /// How much it weighs.
-        level: Level,
+        level: MessageLevel,
         /// The text, one or more lines.
         message: String,
     },
@@ -75,7 +75,7 @@ pub enum ProgressEvent {
     Error {
         /// The exit code: 2 usage or configuration, 3 the input cannot be used, 4 failed.
         code: u8,
-        /// The problem.
+        /// The problem in words, with its hint.
         message: String,
         /// Advice, where there is any.
         #[serde(skip_serializing_if = "Option::is_none")]
@@ -124,20 +124,20 @@ pub(super) struct LogLines;
 
 /// One log event on its way to a message.
 #[derive(Debug)]
-pub(super) struct LogLine(Level);
+pub(super) struct LogLine(MessageLevel);
 
 impl<'a> MakeWriter<'a> for LogLines {
     type Writer = LogLine;
 
     fn make_writer(&'a self) -> LogLine {
-        LogLine(Level::Info)
+        LogLine(MessageLevel::Info)
     }
 
     fn make_writer_for(&'a self, meta: &tracing::Metadata<'_>) -> LogLine {
         LogLine(match *meta.level() {
-            tracing::Level::ERROR => Level::Error,
-            tracing::Level::WARN => Level::Warning,
-            _ => Level::Info,
+            tracing::Level::ERROR => MessageLevel::Error,
+            tracing::Level::WARN => MessageLevel::Warning,
+            _ => MessageLevel::Info,
         })
     }
 }

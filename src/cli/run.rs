@@ -61,7 +61,7 @@ pub struct RunArgs {
     /// Heights in 3D Tiles.
     #[command(flatten, next_help_heading = TILED)]
     pub tileset: TilesetArgs,
-    /// Trust in files.
+    /// How much of what is known of files is believed.
     #[command(flatten, next_help_heading = TILED)]
     pub trust: TrustArgs,
     /// Poses (a COLMAP model folder, a CSV file, …).
@@ -73,10 +73,10 @@ pub struct RunArgs {
     /// The project's projected CRS.
     #[arg(long, help_heading = FLAGS, value_name = "CRS", requires = "survey")]
     pub crs: Option<String>,
-    /// Building footprints.
+    /// Building footprints: a vector layer.
     #[arg(long, help_heading = FLAGS, value_name = "FILE", requires = "survey")]
     pub footprints: Option<PathBuf>,
-    /// Terrain model.
+    /// Terrain model: a raster of heights.
     #[arg(long, help_heading = FLAGS, value_name = "FILE", requires = "survey", conflicts_with = "ground")]
     pub dtm: Option<PathBuf>,
     /// One ground height everywhere, metres.
@@ -108,7 +108,7 @@ pub enum StageArg {
     Footprints,
     /// One height per building.
     Heights,
-    /// Results on disk.
+    /// Write the results.
     Output,
 }
 
@@ -126,9 +126,9 @@ impl From<StageArg> for Stage {
 /// Meaning of a prior's numbers, on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum PriorKindArg {
-    /// Higher is farther.
+    /// Depth: higher is farther.
     Depth,
-    /// Higher is nearer.
+    /// Inverse depth: higher is nearer.
     #[value(alias = "inverse_depth")]
     InverseDepth,
 }

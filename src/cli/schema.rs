@@ -17,7 +17,7 @@ use sizeup_results::output::cityjson::extension_schema;
 /// Arguments of `sizeup schema`.
 #[derive(Debug, Clone, Args)]
 pub struct SchemaArgs {
-    /// Which one.
+    /// Schema to print.
     #[arg(value_enum, required_unless_present = "output")]
     pub name: Option<SchemaName>,
     /// Write all of them into a folder.

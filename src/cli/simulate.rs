@@ -14,7 +14,7 @@ use sizeup_lab::simulate::{SimulateConfig, SimulateError, SimulationSummary, sim
   sizeup simulate --preset village --set prior.level=high --set seed=7 --output scene
   sizeup simulate --set cityjson.path=rotterdam.city.json --output scene")]
 pub struct SimulateArgs {
-    /// A ready scene.
+    /// Name of a ready scene.
     #[arg(long, default_value = "demo", value_parser = preset_names())]
     pub preset: String,
     /// Settings file (TOML) in place of a preset.

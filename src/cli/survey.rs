@@ -141,7 +141,7 @@ not better stay as they came. It is no structure from motion: poses have to be r
 pub struct AlignArgs {
     #[command(flatten)]
     source: SourceArgs,
-    /// Folder to write.
+    /// Folder to write the adjusted poses into.
     #[arg(long, short, value_name = "FOLDER")]
     output: PathBuf,
 }

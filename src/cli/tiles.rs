@@ -8,7 +8,7 @@ use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print, print_json};
 use crate::config::RunConfig;
 use crate::recipe;
 use crate::tiles::{
-    self, Change, CityStatus, Layout, MergeOptions, Merged, Missing, PlanSettings, State, TileRun, TileStatus,
+    self, CityStatus, Layout, MergeOptions, Merged, Missing, PlanSettings, State, TileChange, TileRun, TileStatus,
     TilesError, Tileset, Trust,
 };
 use sizeup_heights::optimise::CalibrationRays;
@@ -65,11 +65,11 @@ pub struct TilesetArgs {
 /// Meaning of heights, on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum TileHeightsArg {
-    /// As the CRS says.
+    /// Heights are what the CRS says.
     Crs,
-    /// Above the ellipsoid.
+    /// Heights are above the ellipsoid.
     Ellipsoidal,
-    /// No 3D Tiles.
+    /// Write no 3D Tiles.
     None,
 }
 
@@ -127,7 +127,7 @@ pub struct PlanArgs {
     /// Heights in 3D Tiles.
     #[command(flatten)]
     pub tileset: TilesetArgs,
-    /// Trust in files.
+    /// How much of what is known of files is believed.
     #[command(flatten)]
     pub trust: TrustArgs,
 }
@@ -140,7 +140,7 @@ pub struct InputsArgs {
     /// Folder of the results, in place of the configuration's.
     #[arg(long, short, value_name = "FOLDER")]
     pub output: Option<PathBuf>,
-    /// Trust in files.
+    /// How much of what is known of files is believed.
     #[command(flatten)]
     pub trust: TrustArgs,
 }
@@ -158,7 +158,7 @@ pub struct TileArgs {
     /// Name of the tile, or its number in the plan, from 0 (for job arrays).
     #[arg(long, value_name = "ID")]
     pub tile: String,
-    /// Trust in files.
+    /// How much of what is known of files is believed.
     #[command(flatten)]
     pub trust: TrustArgs,
 }
@@ -174,7 +174,7 @@ pub struct MergeArgs {
     /// Heights in 3D Tiles; by default what the plan says.
     #[command(flatten)]
     pub tileset: TilesetArgs,
-    /// Trust in files.
+    /// How much of what is known of files is believed.
     #[command(flatten)]
     pub trust: TrustArgs,
 }
@@ -187,7 +187,7 @@ pub struct StatusArgs {
     /// List only tiles that are not done, each with its number in the plan before its name, for job arrays.
     #[arg(long)]
     pub todo: bool,
-    /// Trust in files.
+    /// How much of what is known of files is believed.
     #[command(flatten)]
     pub trust: TrustArgs,
 }
@@ -260,7 +260,7 @@ fn dry_run(config: &RunConfig, settings: &PlanSettings, global: &Global) -> Resu
         print_json(&planned)?;
         return Ok(0);
     }
-    for Change { tile, why, processor_seconds } in &planned.changes {
+    for TileChange { tile, why, processor_seconds } in &planned.changes {
         let cost = processor_seconds.map_or("unknown time".to_owned(), |s| format!("about {s:.1} s"));
         print(&format!("{}\t{} buildings to solve\t{cost}\t{}", tile.id, tile.n_solved, first_line(why)))?;
     }

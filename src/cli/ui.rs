@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::progress::{Level, LogLines, Pace, ProgressEvent, ProgressForm};
+use super::progress::{LogLines, MessageLevel, Pace, ProgressEvent, ProgressForm};
 use super::{Global, talk};
 use crate::pipeline::Event;
 use sizeup_heights::optimise::Solving;
@@ -35,7 +35,7 @@ pub(super) fn warn_of_unfinished(path: &std::path::Path, global: &Global) {
     }
 }
 
-/// Talk on stderr.
+/// Whatever the program says on stderr: progress, remarks, summaries.
 pub struct Ui {
     is_quiet: bool,
     voice: Voice,
@@ -45,9 +45,9 @@ pub struct Ui {
 enum Voice {
     /// A bar on a terminal, and lines above it.
     Bar(ProgressBar),
-    /// Lines of text.
+    /// Lines of text, where stderr is no terminal.
     Lines(Mutex<Option<(String, Instant)>>),
-    /// Events for programs.
+    /// JSON objects a line, for programs.
     Events(Pace),
 }
 
@@ -72,7 +72,7 @@ impl Ui {
         match &self.voice {
             Voice::Bar(bar) => bar.suspend(|| talk(&text)),
             Voice::Lines(_) => talk(&text),
-            Voice::Events(_) => ProgressEvent::Message { level: Level::Info, message: text.to_string() }.emit(),
+            Voice::Events(_) => ProgressEvent::Message { level: MessageLevel::Info, message: text.to_string() }.emit(),
         }
     }
 
@@ -138,7 +138,7 @@ pub(super) type Work = (&'static str, &'static str);
 
 /// Looking for blur and exposure.
 pub(super) const PHOTOS: Work = ("photos", "looking at the photos");
-/// Aligning a survey.
+/// Work of aligning a survey.
 pub(super) const ALIGNING: Work = ("align", "matching and adjusting, sizes of the photos");
 /// Looking for the ground in the photos.
 pub(super) const GROUND: Work = ("ground", "looking at the ground");

@@ -37,19 +37,19 @@ pub enum ConfigError {
     /// The file cannot be read.
     #[error("cannot read the configuration {}: {source}\nhint: it is a text file of settings; `sizeup init FOLDER` writes one for a folder of photos", path.display())]
     Read {
-        /// The file.
+        /// Path of the configuration's file.
         path: PathBuf,
-        /// Why.
+        /// Error that the system reported.
         source: std::io::Error,
     },
     /// The file is not valid TOML, or a key or value is not known; the text shows the place.
     #[error("{}:\n{message}\nhint: {hint}", path.display())]
     Parse {
-        /// The file.
+        /// Path of the configuration's file.
         path: PathBuf,
         /// The problem, with the line underlined.
         message: String,
-        /// Advice.
+        /// Advice to the user: what to change or to look at.
         hint: String,
     },
     /// A `--set` that cannot be applied.
@@ -57,9 +57,9 @@ pub enum ConfigError {
     Set {
         /// The assignment as the user wrote it.
         assignment: String,
-        /// The problem with it.
+        /// The problem with the assignment.
         message: String,
-        /// Advice.
+        /// Advice to the user: what to change or to look at.
         hint: String,
     },
 }
@@ -78,9 +78,9 @@ pub struct RunConfig {
     /// Poses brought to agree with the photos, where they do not.
     #[serde(default)]
     pub align: AlignConfig,
-    /// Building footprints.
+    /// Where footprints come from: a layer, masks or a network.
     pub footprints: FootprintSource,
-    /// The terrain.
+    /// Where the ground comes from: a raster, one height or the photos.
     pub terrain: TerrainConfig,
     /// Make a terrain model from the photos first. `[terrain]` is then what it starts from: a rough level, or a coarse or
     /// shifted model that the photos correct.
@@ -92,9 +92,9 @@ pub struct RunConfig {
     /// The heights that are looked for, by whatever does.
     #[serde(default)]
     pub heights: HeightsConfig,
-    /// Depth priors.
+    /// Where depth priors come from, and what their numbers mean.
     pub prior: PriorConfig,
-    /// The height optimisation.
+    /// Solver of the heights: its preset, and constants for experts.
     #[serde(default)]
     pub optimise: OptimiseConfig,
     /// Roof heights refined by the photos, after the solver has found them.
@@ -103,7 +103,7 @@ pub struct RunConfig {
     /// Decisions of people about single buildings, which count for more than what was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reviews: Option<ReviewsConfig>,
-    /// The results.
+    /// Folder and formats of the results.
     #[serde(default)]
     pub output: OutputConfig,
     /// Limits of the memory and servers that input may use.
@@ -155,11 +155,11 @@ pub struct OutputConfig {
     pub pictures: bool,
     /// Treatment of buildings whose height is not known.
     pub fallback: FallbackConfig,
-    /// `CityJSON`.
+    /// Settings of the CityJSON file.
     pub cityjson: CityJsonConfig,
-    /// `GeoPackage`.
+    /// Settings of the GeoPackage.
     pub geopackage: GeoPackageConfig,
-    /// The report.
+    /// Settings of the report.
     pub report: ReportConfig,
 }
 

@@ -16,7 +16,7 @@ use super::project::Lack;
 use glam::DVec3;
 use sizeup_geo::crs::{Crs, Transform3d};
 use sizeup_photos::dtm::DtmConfig;
-use sizeup_survey::{HeightConfig, HeightReference, StatedHeights};
+use sizeup_survey::{HeightConfig, StatedHeights, VerticalDatum};
 
 /// A ground within this of the take-off is confirmed by it, metres, beyond the relief: what a barometer drifts in a flight.
 const CONFIRMED_M: f64 = 3.0;
@@ -27,13 +27,13 @@ const OTHER_LEVEL_M: f64 = 15.0;
 /// Source of the geoid.
 const GEOID: &str = "the geoid EGM96 here, which national zeros follow to within a metre or two";
 
-/// Knowledge of heights.
+/// All that is known of the heights of poses and ground.
 pub(super) struct Known<'a> {
     /// Statement of the poses on theirs.
     pub stated: StatedHeights,
     /// Whether they reach the project's vertical reference as they are, by PROJ or because both are one.
     pub is_reached: bool,
-    /// Why not.
+    /// Why heights cannot be brought together, where that was tried.
     pub why_not: Option<String>,
     /// Level at which the drone took off, in the poses' heights.
     pub takeoff: Option<Level>,
@@ -50,7 +50,7 @@ pub(super) enum Ground<'a> {
     Model(&'a TerrainFile, Level),
     /// One height that somebody gave.
     Given(f64),
-    /// Nothing.
+    /// No ground is known.
     Nothing,
 }
 
@@ -70,7 +70,7 @@ pub(super) struct Datum {
     pub height: HeightConfig,
     /// The same as entries of the configuration.
     pub height_entries: Vec<Entry>,
-    /// Entries of `[terrain]`.
+    /// Entries of the configuration's `[terrain]`.
     pub terrain_entries: Vec<Entry>,
     /// One height of the ground, metres.
     pub constant_m: Option<f64>,
@@ -145,7 +145,7 @@ fn as_they_are(known: &Known<'_>) -> Datum {
             "ellipsoidal, in poses and results".clone_into(&mut datum.in_words);
         }
         StatedHeights::Unreliable => {
-            datum.height.reference = Some(HeightReference::Project);
+            datum.height.reference = Some(VerticalDatum::Project);
             let why = "heights stay as the drone counted them (barometer, no base station): right beside each other, not absolutely";
             datum.height_entries.push(Entry::new("reference", "\"project\"", why));
             datum.vertical_reference = Some("the drone's own altitude".to_owned());
@@ -349,7 +349,7 @@ fn from_barometer(datum: &mut Datum, known: &Known<'_>, level: Level) {
     }
     let base_m = (10.0 * level.median_m).round() / 10.0;
     datum.height =
-        HeightConfig { reference: Some(HeightReference::AboveTakeoff), base: Some(base_m), ..HeightConfig::default() };
+        HeightConfig { reference: Some(VerticalDatum::AboveTakeoff), base: Some(base_m), ..HeightConfig::default() };
     let why = "the drone's heights have no known zero (no base station): those above take-off are used";
     datum.height_entries.push(Entry::new("reference", "\"above_takeoff\"", why));
     let why = format!(

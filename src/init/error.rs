@@ -13,29 +13,29 @@ pub enum InitError {
     NoFolder {
         /// Path that was named.
         path: PathBuf,
-        /// Kind.
+        /// Kind of what the path leads to.
         found: &'static str,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: &'static str,
     },
     /// It holds neither photos nor poses.
     #[error("{}: expected photos (jpg, tif, png), found {found}\nhint: {hint}", path.display())]
     NoPhotos {
-        /// The folder.
+        /// The folder that was looked into.
         path: PathBuf,
         /// Files found in their place.
         found: String,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: &'static str,
     },
     /// It holds photos, and nothing says where they were taken from.
     #[error("{}: expected photos with poses, found {found}\nhint: {hint}", path.display())]
     NoPoses {
-        /// The folder.
+        /// The folder that was looked into.
         path: PathBuf,
         /// Properties of the photos.
         found: String,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: String,
     },
     /// A file or folder cannot be read.
@@ -47,9 +47,9 @@ pub enum InitError {
     /// A file that was named cannot be used.
     #[error("{option} {}: {reason}", path.display())]
     Named {
-        /// By which option.
+        /// Option that named the file.
         option: &'static str,
-        /// The file.
+        /// The file that was named.
         path: PathBuf,
         /// Why not, with a hint.
         reason: String,

@@ -12,7 +12,7 @@ const WIDTH: usize = 118;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Entry {
     key: &'static str,
-    /// As TOML.
+    /// Value as TOML writes it.
     value: String,
     comment: String,
     is_set: bool,
@@ -35,7 +35,7 @@ impl Entry {
     }
 }
 
-/// Text as TOML.
+/// A text as a TOML string, in quotes.
 pub(super) fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }
@@ -104,7 +104,7 @@ impl Sheet {
         self.text.push_str(lines);
     }
 
-    /// The text so far.
+    /// Text of the configuration, as far as it is written.
     pub(super) fn into_text(self) -> String {
         self.text
     }

@@ -25,7 +25,7 @@ pub(super) const N_NAMED: usize = 5;
 pub struct Flight {
     /// Folder of the photos.
     pub folder: Option<PathBuf>,
-    /// Photo files.
+    /// Number of photo files.
     pub n_photos: usize,
     /// Photos with a pose that can be used.
     pub n_views: usize,
@@ -47,7 +47,7 @@ pub struct Flight {
     pub position_sigma_m: Option<(f64, f64)>,
     /// Photos and poses that cannot be used, the first few with the reason.
     pub unused: Vec<String>,
-    /// Number in all.
+    /// Number of all photos and poses that cannot be used.
     pub n_unused: usize,
 }
 
@@ -79,7 +79,7 @@ impl Flight {
         }
     }
 
-    /// In a line.
+    /// The flight in a line of words.
     #[must_use]
     pub fn in_words(&self) -> String {
         let Self { n_photos, n_views, n_nadir, n_oblique, .. } = self;
@@ -153,7 +153,7 @@ pub(super) fn folder_of_photos(inventory: &Inventory, names: &[String]) -> Optio
 /// A height that many photos tell, metres.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(super) struct Level {
-    /// The median.
+    /// Median of what the photos tell, metres.
     pub median_m: f64,
     /// Half of what lies between the lowest and the highest tenth.
     pub spread_m: f64,

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::InitError;
 use sizeup_geo::files::FileError;
 use sizeup_geo::geodata::raster::RasterFile;
-use sizeup_survey::{is_photo, is_result};
+use sizeup_survey::{POSE_EXTENSIONS, is_photo, is_result};
 
 /// Folders nested deeper than this below the one that is named are not looked into: `flight/1_initial/params` is two deep.
 const MAX_DEPTH: usize = 3;
@@ -31,15 +31,13 @@ const PASSED_OVER: [&str; 14] = [
 const LAYERS: [&str; 7] = ["gpkg", "geojson", "shp", "fgb", "gml", "osm", "pbf"];
 /// Extensions of rasters that may hold the ground.
 const RASTERS: [&str; 5] = ["tif", "tiff", "asc", "img", "hgt"];
-/// Extensions of files that may hold poses.
-const POSES: [&str; 9] = ["xml", "xmlz", "json", "geojson", "opf", "prj", "csv", "tsv", "txt"];
-/// Extensions of videos.
+/// Extensions of videos, in lower case.
 const VIDEOS: [&str; 8] = ["mp4", "mov", "avi", "mkv", "m4v", "mts", "lrv", "lrf"];
 
 /// Files that may be of use in a folder, each list sorted.
 #[derive(Debug, Default)]
 pub(super) struct Inventory {
-    /// The folder.
+    /// The folder that was looked into.
     pub root: PathBuf,
     /// It and the folders below it.
     pub folders: Vec<PathBuf>,
@@ -51,9 +49,9 @@ pub(super) struct Inventory {
     pub layers: Vec<PathBuf>,
     /// Files that may hold the ground.
     pub rasters: Vec<PathBuf>,
-    /// Videos.
+    /// Number of videos.
     pub n_videos: usize,
-    /// All files.
+    /// Number of all files.
     pub n_files: usize,
 }
 
@@ -102,7 +100,7 @@ impl Inventory {
             let is_one_of = |known: &[&str]| known.contains(&extension.as_str());
             let lists = [
                 (is_photo(path), &mut self.photos),
-                (is_one_of(&POSES), &mut self.poses),
+                (is_one_of(&POSE_EXTENSIONS), &mut self.poses),
                 (is_one_of(&LAYERS), &mut self.layers),
                 (is_one_of(&RASTERS), &mut self.rasters),
             ];

@@ -80,7 +80,7 @@ const ID_FIELDS: [&str; 12] = [
 /// A layer of footprints.
 #[derive(Debug, Clone, Serialize)]
 pub struct UsableLayer {
-    /// The file.
+    /// Path of the layer's file.
     pub path: PathBuf,
     /// The layer, where the file has several.
     pub layer: Option<String>,
@@ -92,9 +92,9 @@ pub struct UsableLayer {
     pub n_features: Option<u64>,
     /// Their median area, m².
     pub median_area_m2: f64,
-    /// Evidence for it.
+    /// Why the layer was taken.
     pub why: String,
-    /// CRS.
+    /// CRS of the layer; `None` where it names none.
     #[serde(skip)]
     pub crs: Option<Crs>,
     #[serde(skip)]
@@ -106,7 +106,7 @@ pub struct UsableLayer {
 pub struct PassedLayer {
     /// The file, with the layer's name where it has several.
     pub name: String,
-    /// Why not.
+    /// Why the layer was not taken.
     pub why: String,
 }
 

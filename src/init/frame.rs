@@ -16,11 +16,11 @@ const ETRS89_ZONES: std::ops::RangeInclusive<i64> = 28..=38;
 /// A CRS that the project may have.
 #[derive(Debug, Clone)]
 pub(super) struct Frame {
-    /// The CRS.
+    /// CRS that the project may have.
     pub crs: Crs,
     /// As it is written in the configuration.
     pub definition: String,
-    /// Source.
+    /// Where the CRS comes from, in words.
     pub why: String,
 }
 
@@ -33,9 +33,9 @@ impl Frame {
 
 /// A file whose CRS may be the project's.
 pub(super) struct Neighbour<'a> {
-    /// Name, in words.
+    /// Name of the file, in words.
     pub name: String,
-    /// CRS.
+    /// CRS of the file.
     pub crs: &'a Crs,
 }
 

@@ -17,18 +17,18 @@ const TERRAIN: [&str; 11] = ["dtm", "dgm", "dhm", "mnt", "mdt", "nmt", "dem", "t
 const SURFACE: [&str; 11] =
     ["dsm", "dom", "mns", "mds", "nmpt", "ndsm", "chm", "surface", "hag", "canopy", "normalised"];
 
-/// A terrain model.
+/// A raster that is taken as the ground.
 #[derive(Debug, Clone, Serialize)]
 pub struct TerrainFile {
-    /// The file.
+    /// Path of the raster's file.
     pub path: PathBuf,
-    /// Evidence for it.
+    /// Why the raster was taken.
     pub why: String,
     /// Zero of its heights, where it says.
     pub vertical: Option<String>,
     /// Whether its name says that it is terrain.
     pub is_named: bool,
-    /// CRS.
+    /// CRS of the raster; `None` where it names none.
     #[serde(skip)]
     pub crs: Option<Crs>,
 }
@@ -36,9 +36,9 @@ pub struct TerrainFile {
 /// A raster that is not taken.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct PassedRaster {
-    /// The file.
+    /// Path of the raster's file.
     pub path: PathBuf,
-    /// Why not.
+    /// Why the raster was not taken.
     pub why: String,
 }
 

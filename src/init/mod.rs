@@ -31,7 +31,7 @@ pub use project::{Beginning, Lack, begin};
 
 use std::path::PathBuf;
 
-/// Request.
+/// Request to `sizeup init`: the folder, and whatever the user states.
 #[derive(Debug, Clone)]
 pub struct InitRequest {
     /// The folder to look into.

@@ -21,12 +21,12 @@ pub(super) enum Place {
     OnEarth(Vec<(f64, f64)>),
     /// Eastings and northings of a CRS that is not named.
     Numbers(Vec<DVec2>),
-    /// Not said.
+    /// Nothing says where.
     Nowhere,
 }
 
 impl Place {
-    /// As poses tell it.
+    /// Places as the poses tell them.
     pub(super) fn of(look: &FirstLook) -> Self {
         let plane = |positions: &[DVec3]| positions.iter().map(|p| p.truncate()).collect();
         match &look.world {

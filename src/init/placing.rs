@@ -10,7 +10,7 @@ use super::poses::{self, PoseSource};
 use super::project::{Findings, Lack, Notes};
 use super::{InitError, InitRequest};
 use sizeup_geo::terrain::{self, MapBox, Terrain, TerrainConfig};
-use sizeup_survey::{HeightConfig, HeightReference, Reading, Site, Survey, SurveyConfig, SurveyError, View};
+use sizeup_survey::{HeightConfig, Reading, Site, Survey, SurveyConfig, SurveyError, VerticalDatum, View};
 
 /// A survey in the project's frame.
 pub(super) struct Placed {
@@ -58,7 +58,7 @@ pub(super) fn frame_of(
 
 /// The survey with its heights as they are, whatever these count from.
 fn as_they_are(found: &Findings) -> SurveyConfig {
-    let height = HeightConfig { reference: Some(HeightReference::Project), ..HeightConfig::default() };
+    let height = HeightConfig { reference: Some(VerticalDatum::Project), ..HeightConfig::default() };
     SurveyConfig { height, ..survey_of(found) }
 }
 

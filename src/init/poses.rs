@@ -16,7 +16,8 @@ use sizeup_survey::{
     FirstLook, Format, Numbers, PhotoFacts, PoseWorld, SurveyConfig, SurveyError, first_look, recognise,
 };
 
-/// Formats of adjusted poses, the surest to read first: those that name their CRS before those that do not.
+/// Formats of adjusted poses, the surest to read first: those that name their CRS before those that do not. One that stands
+/// neither here nor below is taken for adjusted, behind these.
 const ADJUSTED: [Format; 11] = [
     Format::BlocksExchange,
     Format::Metashape,
@@ -30,9 +31,9 @@ const ADJUSTED: [Format; 11] = [
     Format::Nerfstudio,
     Format::MetashapeOpk,
 ];
-/// Formats of which a folder and the files in it are one survey.
-const FOLDERS: [Format; 6] =
-    [Format::Colmap, Format::Nerfstudio, Format::Opensfm, Format::Pix4d, Format::Opf, Format::Stac];
+/// Formats of poses that no adjustment has made agree with the photos: tables of unknown origin, what the drone wrote, and
+/// positions that photogrammetry was given.
+const NOT_ADJUSTED: [Format; 3] = [Format::Csv, Format::Photos, Format::GeoTxt];
 /// File that sizeup writes beside poses that it has converted or aligned.
 const OWN_SETTINGS: &str = "survey.toml";
 /// File that says where a model in local coordinates lies: `{"crs": "EPSG:…", "offset": [x, y, z]}`.
@@ -54,9 +55,9 @@ pub(super) struct PoseSource {
 /// Poses that are not taken, and why.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Passed {
-    /// Path.
+    /// File or folder of the poses.
     pub path: PathBuf,
-    /// Their format.
+    /// Format of the poses, as the configuration names it.
     pub format: String,
     /// Why they are not taken.
     pub why: String,
@@ -65,9 +66,9 @@ pub struct Passed {
 /// Outcome of a look through the folder.
 #[derive(Debug)]
 pub(super) struct PoseChoice {
-    /// Chosen one.
+    /// Poses that the project takes; `None` where there are none to take.
     pub chosen: Option<PoseSource>,
-    /// Passed ones.
+    /// Poses that it does not take, and why.
     pub passed: Vec<Passed>,
 }
 
@@ -79,7 +80,7 @@ impl PoseSource {
 
     /// Whether they were adjusted together with the photos.
     pub(super) fn is_adjusted(&self) -> bool {
-        ADJUSTED.contains(&self.config.format) || self.is_own()
+        !NOT_ADJUSTED.contains(&self.config.format) || self.is_own()
     }
 
     fn is_own(&self) -> bool {
@@ -96,14 +97,10 @@ impl PoseSource {
 
 /// The place of a format in the order of preference.
 fn preference(format: Format) -> usize {
-    let table = ADJUSTED.len() + 1;
-    match format {
-        Format::Csv => table,
-        Format::Photos => table + 1,
-        // Positions alone: what photogrammetry was given, not what it found.
-        Format::GeoTxt => table + 2,
-        format => ADJUSTED.iter().position(|known| *known == format).map_or(table, |place| place + 1),
-    }
+    let place = |list: &[Format]| list.iter().position(|known| *known == format);
+    // 0 is what sizeup wrote itself.
+    let last = ADJUSTED.len() + 1;
+    place(&NOT_ADJUSTED).map(|i| last + 1 + i).or(place(&ADJUSTED).map(|i| i + 1)).unwrap_or(last)
 }
 
 /// Reads what may be poses and chooses.
@@ -171,7 +168,7 @@ fn candidates(inventory: &Inventory, facts: &[PhotoFacts]) -> Vec<(PathBuf, Form
     let mut found: Vec<(PathBuf, Format)> = inventory.folders.iter().filter_map(known).collect();
     let is_within = |file: &Path, format: Format, folders: &[(PathBuf, Format)]| {
         let is_its_folder = |(folder, of): &(PathBuf, Format)| *of == format && file.parent() == Some(folder.as_path());
-        FOLDERS.contains(&format) && folders.iter().any(is_its_folder)
+        folders.iter().any(is_its_folder)
     };
     let files: Vec<_> = inventory.poses.iter().filter(|path| !is_list_of_others(path)).filter_map(known).collect();
     let files: Vec<_> = files.into_iter().filter(|(file, format)| !is_within(file, *format, &found)).collect();

@@ -20,7 +20,7 @@ use sizeup_survey::{Format, PhotoFacts, PoseWorld, photo_facts};
 /// Something without which no run can be.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Lack {
-    /// Missing part.
+    /// The missing part, in words.
     pub what: String,
     /// Why it is not there.
     pub why: String,
@@ -51,33 +51,33 @@ impl Lack {
 /// Source of the poses.
 #[derive(Debug, Clone, Serialize)]
 pub struct PosesFound {
-    /// File or folder.
+    /// File or folder of the poses.
     pub path: PathBuf,
-    /// Format.
+    /// Format of the poses, as the configuration names it.
     pub format: String,
     /// Whether they were adjusted together with the photos.
     pub is_adjusted: bool,
-    /// Why these.
+    /// Why these poses were taken.
     pub why: String,
-    /// Files not taken.
+    /// Poses that were not taken, and why.
     pub passed: Vec<Passed>,
 }
 
-/// The project's CRS.
+/// CRS that the project takes.
 #[derive(Debug, Clone, Serialize)]
 pub struct CrsFound {
-    /// As it is written.
+    /// Definition of the CRS, as it is written in the configuration.
     pub definition: String,
-    /// Name.
+    /// Name of the CRS, in words.
     pub name: String,
-    /// Why this one.
+    /// Why this CRS was taken.
     pub why: String,
 }
 
 /// A project begun: what was found and chosen, what is missing, and the configuration.
 #[derive(Debug, Serialize)]
 pub struct Beginning {
-    /// The configuration's file.
+    /// Path of the configuration that is written.
     pub config: PathBuf,
     /// Whether it can be run as it is.
     pub is_complete: bool,
@@ -87,13 +87,13 @@ pub struct Beginning {
     pub poses: PosesFound,
     /// The project's CRS, where it is known.
     pub crs: Option<CrsFound>,
-    /// Zero of heights.
+    /// Vertical datum of the heights, in words.
     pub heights: String,
-    /// The footprints.
+    /// Footprint layer that is taken; `None` where there is none.
     pub footprints: Option<UsableLayer>,
     /// Layers that are not taken.
     pub other_layers: Vec<footprints::PassedLayer>,
-    /// The terrain model.
+    /// Terrain model that is taken; `None` where there is none.
     pub terrain: Option<TerrainFile>,
     /// One height of the ground, metres.
     pub ground_m: Option<f64>,
@@ -103,13 +103,13 @@ pub struct Beginning {
     pub ground: String,
     /// Rasters that are not taken.
     pub other_rasters: Vec<ground::PassedRaster>,
-    /// Warnings.
+    /// Remarks that a person should read before a run.
     pub warnings: Vec<String>,
-    /// Missing part.
+    /// Parts without which no run can be.
     pub missing: Vec<Lack>,
-    /// Next command.
+    /// Command to type next.
     pub next: String,
-    /// The configuration.
+    /// Text of the configuration, TOML.
     #[serde(skip)]
     pub text: String,
 }
@@ -148,7 +148,7 @@ impl Findings {
     }
 }
 
-/// Warnings and lacks.
+/// Warnings, and parts that are missing.
 #[derive(Debug, Default)]
 pub(super) struct Notes {
     pub warnings: Vec<String>,

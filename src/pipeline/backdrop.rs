@@ -74,7 +74,7 @@ pub(super) fn lay(
     sheet.draw(&photos)
 }
 
-/// The picture's place.
+/// Place of the picture on the map.
 struct Sheet<'a> {
     terrain: &'a Terrain,
     /// Where the terrain tells nothing, metres.

@@ -18,13 +18,13 @@ use sizeup_survey::SurveyError;
 /// Failure that stops a run.
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
-    /// The configuration.
+    /// A configuration that cannot be read or used.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The project's CRS.
+    /// A CRS that the project cannot have.
     #[error("[project] {0}")]
     Crs(#[from] CrsError),
-    /// The survey.
+    /// A survey that cannot be read.
     #[error("[survey] {0}")]
     Survey(#[from] SurveyError),
     /// The poses look wrong.
@@ -35,27 +35,27 @@ pub enum PipelineError {
     Unsound {
         /// Doubts, and other readings that look better; a line each.
         findings: String,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         cure: &'static str,
-        /// The report.
+        /// File of the survey's report.
         report: PathBuf,
     },
     /// The poses were to be aligned, and cannot be.
     #[error(transparent)]
     Align(#[from] AlignError),
-    /// The footprints.
+    /// Footprints that cannot be read or found.
     #[error("[footprints] {0}")]
     Footprints(#[from] FootprintError),
-    /// The terrain.
+    /// A terrain model that cannot be read or used.
     #[error("[terrain] {0}")]
     Terrain(#[from] TerrainError),
     /// A terrain model from the photos cannot be made.
     #[error(transparent)]
     Dtm(#[from] DtmError),
-    /// The priors.
+    /// Priors that cannot be set up.
     #[error("[prior] {0}")]
     Prior(#[from] PriorError),
-    /// Decisions of people.
+    /// A file of decisions that cannot be read.
     #[error("[reviews] {0}")]
     Reviews(#[from] ReviewsError),
     /// The settings of a stage contradict each other or the data.
@@ -63,25 +63,25 @@ pub enum PipelineError {
     Settings {
         /// Table of the configuration.
         table: &'static str,
-        /// Fault.
+        /// Settings that do not go together, in words.
         message: String,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: &'static str,
     },
     /// Survey and footprints do not fit together.
     #[error("{message}\nhint: {hint}")]
     Mismatch {
-        /// Expected against found.
+        /// The expected and the found, in words.
         message: String,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: &'static str,
     },
     /// No prior could be loaded.
     #[error("none of the {n} depth priors asked for could be used; the first, of {view}: {reason}")]
     NoPriors {
-        /// Number asked for.
+        /// Number of priors asked for.
         n: usize,
-        /// The first of them.
+        /// Name of the first view without one.
         view: String,
         /// Why it could not be used.
         reason: String,
@@ -89,9 +89,9 @@ pub enum PipelineError {
     /// Artefact of an earlier stage that cannot be used.
     #[error("{}: {message}\nhint: run again from the {stage} stage (--from {stage})", path.display())]
     Artefact {
-        /// The file.
+        /// Path of the stage's file.
         path: PathBuf,
-        /// Fault.
+        /// The problem with the file, in words.
         message: String,
         /// The stage that makes it.
         stage: &'static str,

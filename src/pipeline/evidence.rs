@@ -140,7 +140,7 @@ fn crops_by_view(inspections: &[Inspection], problem: &Problem<'_>, n_views: usi
     by_view
 }
 
-/// Takes the pictures.
+/// Maker of the report's pictures, with what they are rendered from.
 struct Studio<'a> {
     config: &'a ReportConfig,
     survey: &'a Survey,

@@ -25,7 +25,7 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::MapBox;
 use sizeup_heights::optimise::{Reason, Solution};
 use sizeup_heights::stats;
-use sizeup_photos::dtm::{self, DtmConfig, Outcome};
+use sizeup_photos::dtm::{self, DtmConfig, SquareOutcome};
 use sizeup_photos::prior::Album;
 use sizeup_survey::Survey;
 
@@ -98,8 +98,8 @@ pub(super) fn look(
         return GroundTold::default();
     };
     let ground = squares.iter().filter_map(|square| match square.outcome {
-        Outcome::Ground(off_m) => Some((square.at.to_array(), off_m)),
-        Outcome::Outlier(_) | Outcome::Unclear | Outcome::Unseen => None,
+        SquareOutcome::Ground(off_m) => Some((square.at.to_array(), off_m)),
+        SquareOutcome::Outlier(_) | SquareOutcome::Unclear | SquareOutcome::Unseen => None,
     });
     GroundTold { off_m: ground.collect() }
 }

@@ -34,7 +34,7 @@ impl PriorStore {
         Self { source, kept: Kept::up_to(0) }
     }
 
-    /// Source.
+    /// Source that the priors come from.
     pub fn source(&self) -> &Priors {
         &self.source
     }

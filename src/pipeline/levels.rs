@@ -26,7 +26,7 @@ pub struct Cut {
     pub id: String,
     /// Part at another level than the rest, map frame.
     pub other: Polygon<f64>,
-    /// Why it is cut.
+    /// Gain of two levels over one, for which it is cut.
     #[serde(default)]
     pub gain: LevelGain,
 }

@@ -76,7 +76,7 @@ pub enum Stage {
     Footprints,
     /// One height per building.
     Heights,
-    /// Results on disk.
+    /// Results are written to disk.
     Output,
 }
 
@@ -98,7 +98,7 @@ impl Stage {
 pub struct RunOptions {
     /// The first stage; earlier ones are read from `stages/`.
     pub from: Stage,
-    /// The last stage.
+    /// Last stage that is run.
     pub until: Stage,
     /// The command line, for the lineage.
     pub command: String,
@@ -107,27 +107,27 @@ pub struct RunOptions {
 /// Message of a run while it works.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
-    /// A stage begins.
+    /// The beginning of a stage.
     Stage(Stage),
     /// So many sizes of the photos are done where poses are brought to agree with them.
     Align {
-        /// Number done.
+        /// Number of sizes of the photos done.
         done: usize,
-        /// Number in all.
+        /// Number of sizes of the photos in all.
         total: usize,
     },
     /// So many photos were looked at for blur and exposure.
     Photos {
-        /// Number done.
+        /// Number of photos done.
         done: usize,
-        /// Number in all.
+        /// Number of photos in all.
         total: usize,
     },
     /// So many of the places are done where the ground is looked for in the photos.
     Ground {
-        /// Number done.
+        /// Number of places done.
         done: usize,
-        /// Number in all.
+        /// Number of places in all.
         total: usize,
     },
     /// The first priors do not follow the ground: told before the work that rests on them.
@@ -137,9 +137,9 @@ pub enum Event {
     },
     /// So much of some work within a stage is done.
     Advance {
-        /// Task at hand.
+        /// Work that is under way.
         what: Solving,
-        /// Amount done.
+        /// How much of it is done.
         done: usize,
         /// How much there is.
         total: usize,
@@ -152,7 +152,7 @@ pub type Tell<'a> = &'a (dyn Fn(Event) + Sync);
 /// The result of a run in memory: what its files say.
 #[derive(Debug, Clone)]
 pub struct City {
-    /// Summary in numbers.
+    /// Numbers of the run, as `summary.json` has them.
     pub summary: RunSummary,
     /// One per building or part of one, in the order of the input; empty where the output stage did not run.
     pub records: Vec<BuildingRecord>,

@@ -24,14 +24,14 @@ pub enum Wanted {
     AllOblique,
 }
 
-/// Priors computed.
+/// Numbers of priors that were wanted, found, computed and kept.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
 pub struct PriorsDone {
     /// Views whose priors are wanted.
     pub n_wanted: usize,
     /// Number of these that were there already.
     pub n_found: usize,
-    /// Those computed now.
+    /// Number of these computed now.
     pub n_computed: usize,
     /// Those that are in the cache afterwards: fewer than found and computed where its limit is too low.
     pub n_kept: usize,

@@ -11,7 +11,7 @@ use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::BuildingId;
 use sizeup_heights::optimise::{EpochRecord, LevelGain};
 use sizeup_results::output::{CityModel, picture};
-use sizeup_results::report::{self, Backdrop, Levels, Pass, Report, ViewUse};
+use sizeup_results::report::{self, Backdrop, Levels, Report, SolverPass, ViewUse};
 use sizeup_survey::{Survey, SurveyReport, View, ViewKind};
 
 /// Writes `report.html` beside the results.
@@ -122,8 +122,8 @@ fn levels_of((whole, gain): &(BuildingId, LevelGain)) -> Levels {
     }
 }
 
-fn pass(pass: &EpochRecord) -> Pass {
-    Pass {
+fn pass(pass: &EpochRecord) -> SolverPass {
+    SolverPass {
         loss: pass.loss,
         relative_change: pass.relative_change,
         n_selected: pass.n_selected,

@@ -25,7 +25,7 @@ use sizeup_geo::unfinished::Unfinished;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::Priors;
-use sizeup_results::output::plausible::Doubts;
+use sizeup_results::output::plausible::CityDoubts;
 use sizeup_results::output::reviews::Reviews;
 use sizeup_results::output::unmeasured::unmeasured;
 use sizeup_results::output::{
@@ -218,7 +218,7 @@ fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
     }
 }
 
-/// The box around footprints.
+/// Box around footprints, map frame, metres.
 fn extent<'a>(polygons: impl Iterator<Item = &'a Polygon<f64>>) -> Option<MapBox> {
     let corners = polygons.filter_map(geo::BoundingRect::bounding_rect).flat_map(|rect| [rect.min(), rect.max()]);
     MapBox::around(corners.map(|c| (c.x, c.y)))
@@ -259,7 +259,7 @@ pub(super) struct SceneStage {
     pub scene: Scene,
     /// Their positions in the layer.
     pub solved: Vec<usize>,
-    /// The ground around them.
+    /// Ground around the buildings.
     pub terrain: Terrain,
     /// From one place where the ground is looked at in the photos to the next, metres.
     pub ground_spacing_m: f64,
@@ -341,7 +341,7 @@ fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, 
 /// Adds the issues that the records tell of, puts all by weight, and counts.
 fn sum_up(summary: &mut RunSummary, records: &[BuildingRecord], issues: &mut Vec<Issue>) {
     issues.extend(unmeasured(records, issues));
-    let implausible = Doubts::of(records).implausible();
+    let implausible = CityDoubts::of(records).implausible();
     summary.implausible = implausible.iter().map(|issue| issue.message.clone()).collect();
     issues.extend(implausible);
     issues.sort_by_key(Issue::weight);

@@ -251,7 +251,7 @@ impl<'a> Part<'a> {
         &self.footprints
     }
 
-    /// Views.
+    /// Views that the tile uses.
     #[must_use]
     pub fn survey(&self) -> &Survey {
         &self.survey

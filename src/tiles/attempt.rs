@@ -14,13 +14,13 @@ use sizeup_results::output::reports::write_json;
 /// Outcome of the last try.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Attempt {
-    /// The tile.
+    /// Id of the tile.
     pub tile: String,
     /// Tries since the tile was last done.
     pub n_tries: usize,
     /// Exit code; `None` where the try did not come to its end.
     pub exit_code: Option<u8>,
-    /// Why it failed.
+    /// Why the last try failed.
     pub cause: String,
 }
 

@@ -16,14 +16,14 @@ pub enum TilesError {
     /// A setting that cannot be.
     #[error("{setting} is {found}: expected {expected}")]
     Setting {
-        /// Which one.
+        /// Name of the setting.
         setting: &'static str,
-        /// Kind.
+        /// The value that was set.
         found: String,
-        /// Allowed values.
+        /// Values that are allowed, in words.
         expected: &'static str,
     },
-    /// The `paper` preset.
+    /// The `paper` preset, which cannot be run in tiles.
     #[error(
         "optimise.preset is \"paper\": its steps are shared by all buildings of a scene, so tiles would not give the same \
          heights\nhint: use the preset \"robust\""
@@ -32,33 +32,33 @@ pub enum TilesError {
     /// A file of the plan that is not what it should be.
     #[error("{}: {message}\nhint: make the plan again with `sizeup tiles plan`", path.display())]
     Plan {
-        /// The file.
+        /// Path of the plan's file.
         path: PathBuf,
-        /// Fault.
+        /// The problem with the file, in words.
         message: String,
     },
     /// A name that the plan does not have.
     #[error("the plan has no tile {id:?}\nhint: `sizeup tiles status` lists the tiles")]
     NoSuchTile {
-        /// Value asked for.
+        /// Id that was asked for.
         id: String,
     },
     /// Input of a plan or a tile that has changed.
     #[error("{what} is stale: {why}\nhint: {hint}")]
     Stale {
-        /// Which one.
+        /// Plan or tile that is out of date.
         what: String,
-        /// Change.
+        /// The change since then, in words.
         why: String,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: &'static str,
     },
     /// Something that a tile reads changed while it was run.
     #[error("while tile {id} was run: {why}\nhint: run it again once nobody writes to its input")]
     ChangedMeanwhile {
-        /// The tile.
+        /// Id of the tile.
         id: String,
-        /// Change.
+        /// The change meanwhile, in words.
         why: String,
     },
     /// Tiles that are not done.
@@ -81,7 +81,7 @@ pub enum TilesError {
          --total-memory (of all that run at a time), or plan smaller tiles with --buildings"
     )]
     TooLarge {
-        /// Which one.
+        /// Id of the tile.
         id: String,
         /// Estimate of its need.
         needs_mb: u64,
@@ -94,15 +94,15 @@ pub enum TilesError {
          45.5, --heights ellipsoidal, or --heights none for a city without 3D Tiles"
     )]
     Heights {
-        /// Why.
+        /// Why heights are not known above the ellipsoid.
         source: OutputError,
     },
     /// A program that cannot be started.
     #[error("cannot start {}", program.display())]
     Start {
-        /// The program.
+        /// The program that was to be started.
         program: PathBuf,
-        /// Why.
+        /// Error that the system reported.
         #[source]
         source: std::io::Error,
     },

@@ -62,7 +62,7 @@ impl Places {
         self.0.locate_in_envelope(&envelope).filter(|place| area.holds((place.geom()[0], place.geom()[1]))).count()
     }
 
-    /// The box around all.
+    /// Box around all places; `None` where there is none.
     #[must_use]
     pub fn extent(&self) -> Option<MapBox> {
         MapBox::around(self.0.iter().map(|place| (place.geom()[0], place.geom()[1])))

@@ -62,7 +62,7 @@ pub struct Manifest {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Tileset {
-    /// None.
+    /// No 3D Tiles were written.
     LeftOut,
     /// With heights that are this.
     Written(Heights),
@@ -106,7 +106,7 @@ pub struct TileViews {
 }
 
 impl TileViews {
-    /// The positions by name.
+    /// Positions of the views by their names.
     #[must_use]
     pub fn positions_by_name(&self) -> HashMap<ViewId, usize> {
         self.views.iter().zip(&self.positions).map(|(view, &at)| (view.id.clone(), at)).collect()
@@ -127,7 +127,7 @@ pub(super) struct Common {
 /// The word that a tile is done, written last.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Done {
-    /// Which tile.
+    /// Id of the tile.
     pub tile: String,
     /// Everything that it was made from.
     pub made_by: Recipe,
@@ -164,7 +164,7 @@ impl Layout {
         &self.folder
     }
 
-    /// The plan.
+    /// Path of the plan, `tiles.json`.
     #[must_use]
     pub fn manifest(&self) -> PathBuf {
         self.folder.join("tiles.json")
@@ -176,13 +176,13 @@ impl Layout {
         self.folder.join("tiles").join("common.json")
     }
 
-    /// A tile's folder.
+    /// Path of a tile's folder.
     #[must_use]
     pub fn tile(&self, id: &str) -> PathBuf {
         self.folder.join("tiles").join(id)
     }
 
-    /// A tile's views.
+    /// Path of a tile's views.
     #[must_use]
     pub fn views(&self, id: &str) -> PathBuf {
         self.tile(id).join("views.json")

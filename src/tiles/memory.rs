@@ -32,7 +32,7 @@ const SAFETY: f64 = 1.3;
 /// Content of a tile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Counts {
-    /// Views.
+    /// Number of views.
     pub n_views: usize,
     /// Buildings of core and halo.
     pub n_buildings: usize,

@@ -26,7 +26,7 @@ use sizeup_geo::terrain::MapBox;
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_heights::stats;
 use sizeup_results::output::geopackage::{self, TileArea};
-use sizeup_results::output::plausible::Doubts;
+use sizeup_results::output::plausible::CityDoubts;
 use sizeup_results::output::reports::{write_issues, write_json};
 use sizeup_results::output::tiles3d::{self, Tiles3dConfig};
 use sizeup_results::output::{
@@ -39,7 +39,7 @@ use sizeup_survey::{Survey, ViewKind};
 const GEOPACKAGE: &str = "city.gpkg";
 /// Buildings, a line each.
 const SEQUENCE: &str = "city.city.jsonl";
-/// Tileset.
+/// Name of the folder of 3D Tiles.
 const TILESET: &str = "3dtiles";
 /// Page, for cities of up to [`MAX_PAGE_BUILDINGS`].
 const PAGE: &str = "report.html";
@@ -87,7 +87,7 @@ pub struct Merged {
     /// Photos that the survey names and nobody could read.
     #[serde(default)]
     pub n_photos_missing: usize,
-    /// Agreement of neighbours.
+    /// How well neighbouring tiles agree.
     pub seams: SeamReport,
     /// Why there are no 3D Tiles, if so.
     pub no_tileset: Option<String>,
@@ -96,7 +96,7 @@ pub struct Merged {
     /// Photos under the map of its page, with their hashes.
     #[serde(default)]
     pub photos: BTreeMap<String, String>,
-    /// Treatment of heights.
+    /// Whether 3D Tiles were written, and what their heights are.
     pub tileset: Tileset,
     /// All that it was made from.
     pub made_by: Recipe,
@@ -344,8 +344,8 @@ fn write_tileset(
     }
 }
 
-fn count(records: &TileRecords) -> Result<(StatusCount, Doubts, Option<f64>), TilesError> {
-    let (mut count, mut doubts, mut heights) = (StatusCount::default(), Doubts::default(), Vec::new());
+fn count(records: &TileRecords) -> Result<(StatusCount, CityDoubts, Option<f64>), TilesError> {
+    let (mut count, mut doubts, mut heights) = (StatusCount::default(), CityDoubts::default(), Vec::new());
     records.visit(&mut |record| {
         count.add(record);
         doubts.add(record);

@@ -12,7 +12,7 @@ use sizeup_results::output::{BuildingRecord, OutputError, Records};
 /// Buildings from files of one record a line, then some from memory.
 #[derive(Debug)]
 pub struct TileRecords {
-    /// In the plan's order.
+    /// Files of the tiles, in the plan's order.
     pub files: Vec<PathBuf>,
     /// Buildings that belong to no tile.
     pub rest: Vec<BuildingRecord>,

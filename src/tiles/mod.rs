@@ -34,7 +34,7 @@ pub use error::TilesError;
 pub use lock::Lock;
 pub use manifest::{Done, Layout, Manifest, Tile, TileViews, Tileset};
 pub use merge::{MergeOptions, Merged, Missing, merge};
-pub use plan::{Change, PlanSettings, Planned, inputs, plan, try_plan};
+pub use plan::{PlanSettings, Planned, TileChange, inputs, plan, try_plan};
 pub use pool::{PoolSettings, TileOutcome, available_memory_mb, run_all};
 pub use run::{TileRun, run_tile};
 pub use seams::{SeamClass, SeamReport};

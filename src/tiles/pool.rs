@@ -19,11 +19,11 @@ const LEFT_FREE: f64 = 0.1;
 /// How tiles are run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PoolSettings {
-    /// This program.
+    /// Path of the program itself, which is started once per tile.
     pub program: PathBuf,
     /// Processes at a time, at most.
     pub n_jobs: usize,
-    /// Threads of each.
+    /// Number of threads of each process.
     pub n_threads: usize,
     /// Memory that the running tiles' estimates may add up to, megabytes.
     pub memory_mb: u64,
@@ -36,7 +36,7 @@ pub struct PoolSettings {
 /// How a tile ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TileOutcome {
-    /// Which one.
+    /// Id of the tile.
     pub id: String,
     /// Exit code of its last process; `None` where a signal ended it.
     pub exit_code: Option<i32>,

@@ -28,9 +28,9 @@ pub(super) const HALO: &str = "halo.jsonl";
 pub(super) const ISSUES: &str = "issues.json";
 /// Terrain by its photos in its core and close to it.
 pub(super) const GROUND: &str = "ground.json";
-/// Source.
+/// Name of the file of a tile's lineage.
 pub(super) const LINEAGE: &str = "lineage.json";
-/// Buildings for others.
+/// Name of a tile's CityJSON file, for other programs.
 const CITY: &str = "city.city.json";
 /// Cost: differs from run to run, so it is no result.
 pub(super) const COST: &str = "cost.json";
@@ -44,7 +44,7 @@ pub(super) const PART_OF_REVIEWS: &str = "reviews, the tile's part";
 /// Cost of a tile.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Cost {
-    /// From start to end.
+    /// Time from start to end, seconds.
     pub seconds: f64,
     /// Time of all threads, where the system tells.
     pub processor_seconds: Option<f64>,
@@ -63,7 +63,7 @@ pub(super) struct Cost {
 pub enum TileRun {
     /// It was done already, with the same input.
     WasDone(Done),
-    /// It was run.
+    /// The tile was run now.
     Ran(Done),
 }
 

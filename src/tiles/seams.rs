@@ -20,7 +20,7 @@ const SAME_M: f64 = 0.0005;
 pub struct SeamClass {
     /// Up to this distance, metres; `None`: as far as there are any.
     pub up_to_m: Option<f64>,
-    /// Pairs of heights.
+    /// Number of pairs of heights.
     pub n: usize,
     /// Pairs among them that differ by less than half a millimetre.
     pub n_same: usize,
@@ -28,14 +28,14 @@ pub struct SeamClass {
     pub n_one_unknown: usize,
     /// 95th percentile of |Δh|, metres.
     pub p95_m: f64,
-    /// Greatest |Δh|, metres.
+    /// Greatest difference |Δh|, metres.
     pub max_m: f64,
 }
 
 /// How well neighbouring tiles agree, by distance from the seam.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct SeamReport {
-    /// Nearest first.
+    /// Classes by distance, the nearest first.
     pub classes: Vec<SeamClass>,
     /// The building that the two tiles nearest to it disagree on most, within the first class.
     pub worst_near_seam: Option<String>,

@@ -30,7 +30,7 @@ pub enum State {
 pub struct TileStatus {
     /// The tile of the plan.
     pub tile: Tile,
-    /// State.
+    /// State of the tile.
     pub state: State,
     /// Why it is stale, or has failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -65,7 +65,7 @@ pub struct CityStatus {
     pub plan_stale: Option<String>,
     /// Every tile, in the plan's order.
     pub tiles: Vec<TileStatus>,
-    /// The merge.
+    /// State of the merge.
     pub merge: State,
     /// Why the merge is stale, or not finished.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -8,7 +8,7 @@ use sizeup::config::RunConfig;
 use sizeup::evaluate::read::{TruthOptions, read_results, read_truth};
 use sizeup::evaluate::{HeightEvaluation, HeightOptions, evaluate_heights};
 use sizeup::pipeline::{self, RunOptions, Stage};
-use sizeup::simulate::{CityJsonConfig, PriorLevel, SimulateConfig, simulate};
+use sizeup::simulate::{CityJsonTown, PriorLevel, SimulateConfig, simulate};
 
 /// A house of 10 × 9 m, and what leans on its north side over its whole width.
 const WIDTH_M: f64 = 10.0;
@@ -79,7 +79,7 @@ fn flight(folder: &Path, house: House, annex: [f64; 2], has_photos: bool) {
     let path = folder.join("houses.city.json");
     city(&path, house, annex);
     let source =
-        CityJsonConfig { path, translation_m: [0.0; 3], bounds_m: None, max_buildings: None, trees_per_building: 0.0 };
+        CityJsonTown { path, translation_m: [0.0; 3], bounds_m: None, max_buildings: None, trees_per_building: 0.0 };
     let mut config = SimulateConfig { seed: 3, cityjson: Some(source), ..SimulateConfig::default() };
     config.images.enabled = has_photos;
     config.flight.n_views = Some(50);

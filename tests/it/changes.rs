@@ -7,7 +7,7 @@ use geo::MapCoords as _;
 use geo_types::{Coord, Rect};
 use serde_json::Value;
 use sizeup::changes::{
-    AreaRule, Change, ChangesConfig, ChangesReport, Class, Compared, LevelRule, Reason, ResultPair, compare,
+    AreaRule, Change, ChangeReason, ChangesConfig, ChangesReport, Class, Compared, LevelRule, ResultPair, compare,
     write_layer,
 };
 use sizeup::crs::{Crs, Transform};
@@ -72,15 +72,15 @@ fn each_kind_of_change_is_told_with_its_reason_and_both_ids() {
     new.push(house("far", [900.0, 0.0, 10.0, 10.0], 8.0));
     let report = changes(&old, &new, &[]);
     for (id, other, class, reason) in [
-        ("n0", "o0", Class::Same, Reason::WithinLeast),
-        ("n1", "o1", Class::Raised, Reason::RoofMoved),
-        ("n2", "o2", Class::Lowered, Reason::RoofMoved),
-        ("n3", "o3", Class::FootprintChanged, Reason::FootprintGrew),
-        ("n4", "o4", Class::Unsure, Reason::NewDoubtful),
-        ("n5", "o5", Class::Gone, Reason::FlatNow),
-        ("n6", "", Class::New, Reason::NotInOld),
-        ("o7", "", Class::Gone, Reason::NotInNew),
-        ("far", "", Class::Outside, Reason::OutsideOld),
+        ("n0", "o0", Class::Same, ChangeReason::WithinLeast),
+        ("n1", "o1", Class::Raised, ChangeReason::RoofMoved),
+        ("n2", "o2", Class::Lowered, ChangeReason::RoofMoved),
+        ("n3", "o3", Class::FootprintChanged, ChangeReason::FootprintGrew),
+        ("n4", "o4", Class::Unsure, ChangeReason::NewDoubtful),
+        ("n5", "o5", Class::Gone, ChangeReason::FlatNow),
+        ("n6", "", Class::New, ChangeReason::NotInOld),
+        ("o7", "", Class::Gone, ChangeReason::NotInNew),
+        ("far", "", Class::Outside, ChangeReason::OutsideOld),
     ] {
         let found = row(&report, id);
         assert_eq!((found.class, found.reasons[0]), (class, reason), "{id}: {found:?}");
@@ -116,8 +116,8 @@ fn another_ground_is_no_other_roof() {
     (new[1].ground_z_m, new[1].base_z_m, new[1].height_m) = (Some(15.0), Some(15.0), Some(5.0));
     (new[2].ground_z_m, new[2].base_z_m) = (Some(15.0), Some(15.0));
     let report = changes(&old, &new, &[]);
-    assert_eq!((row(&report, "n1").class, row(&report, "n1").reasons[0]), (Class::Same, Reason::GroundDiffers));
-    assert_eq!((row(&report, "n2").class, row(&report, "n2").reasons[0]), (Class::Unsure, Reason::GroundMoved));
+    assert_eq!((row(&report, "n1").class, row(&report, "n1").reasons[0]), (Class::Same, ChangeReason::GroundDiffers));
+    assert_eq!((row(&report, "n2").class, row(&report, "n2").reasons[0]), (Class::Unsure, ChangeReason::GroundMoved));
     let of_heights = changes(&old, &new, &["--heights-only"]);
     assert_eq!((row(&of_heights, "n1").class, row(&of_heights, "n2").class), (Class::Lowered, Class::Same));
     assert_eq!((of_heights.level_reference, row(&report, "n1").d_ground_z_m), (None, Some(3.0)));
@@ -134,7 +134,7 @@ fn a_house_that_was_split_and_raised_in_part_is_one_row() {
         (&["left".to_owned(), "right".to_owned()][..], &["o0".to_owned()][..])
     );
     assert_eq!(
-        (split.class, split.d_height_m, split.reasons.contains(&Reason::Split)),
+        (split.class, split.d_height_m, split.reasons.contains(&ChangeReason::Split)),
         (Class::Raised, Some(4.0), true)
     );
     assert_eq!(report.changes.len(), 2);
@@ -146,7 +146,10 @@ fn heights_without_a_sigma_are_compared_only_with_one_that_is_given() {
     old[0].height_sigma_m = None;
     new[0].height_m = Some(12.0);
     let report = changes(&old, &new, &[]);
-    assert_eq!((row(&report, "n0").class, row(&report, "n0").reasons[0]), (Class::Unsure, Reason::OldSigmaUnknown));
+    assert_eq!(
+        (row(&report, "n0").class, row(&report, "n0").reasons[0]),
+        (Class::Unsure, ChangeReason::OldSigmaUnknown)
+    );
     assert_eq!(row(&changes(&old, &new, &["--old-sigma", "0.5"]), "n0").class, Class::Raised);
     assert_eq!(row(&changes(&old, &new, &["--old-sigma", "3"]), "n0").class, Class::Unsure);
 }

@@ -4,10 +4,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use clap::Parser as _;
 use clap::error::ErrorKind;
+use clap::{CommandFactory as _, Parser as _};
 use sizeup::cli::Cli;
 use sizeup::config::RunConfig;
+use sizeup::survey::Format;
 use toml::{Table, Value};
 
 use crate::skipped::skip;
@@ -293,6 +294,41 @@ fn every_link_and_picture_of_the_documents_is_there() {
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     assert!(n >= 80, "{n} links were found");
+}
+
+#[test]
+fn every_pose_format_has_its_row_and_is_fuzzed() {
+    let (survey, readers) = (read("docs/survey.md"), read("fuzz/src/readers.rs"));
+    for (format, _) in Format::all() {
+        let row = format!("| `{}` | ", format.name());
+        assert!(survey.text.lines().any(|line| line.starts_with(&row)), "docs/survey.md has no row {row}");
+        let reader = format!("Format::{format:?},");
+        assert!(readers.text.contains(&reader), "fuzz/src/readers.rs has no reader of {reader}");
+    }
+}
+
+#[test]
+fn every_format_of_an_export_is_told_of_and_offered_in_qgis() {
+    let command = Cli::command();
+    let to = command.find_subcommand("export").unwrap().get_arguments().find(|argument| argument.get_id() == "to");
+    let formats = to.unwrap().get_possible_values();
+    let (how_to, plugin) = (read("docs/how-to.md"), read("qgis/sizeup/algorithms/export.py"));
+    let commands: Vec<&str> = how_to.text.lines().filter(|line| line.contains("`sizeup export ")).collect();
+    for format in &formats {
+        let quoted = format!("\"{}\"", format.get_name());
+        assert!(plugin.text.lines().any(|l| l.starts_with("FORMATS = ") && l.contains(&quoted)), "no {quoted} in QGIS");
+        // Every run writes these two itself.
+        if ["cityjson", "geopackage"].contains(&format.get_name()) {
+            continue;
+        }
+        let help = format.get_help().unwrap().to_string();
+        let asks = match help.rsplit_once(": .") {
+            Some((_, extension)) => format!(".{extension}`"),
+            None => format!("--to {}", format.get_name()),
+        };
+        assert!(commands.iter().any(|line| line.contains(&asks)), "docs/how-to.md has no `sizeup export` with {asks}");
+    }
+    assert!(formats.len() >= 6, "{} formats", formats.len());
 }
 
 #[test]

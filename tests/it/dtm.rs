@@ -5,7 +5,7 @@ use std::path::Path;
 
 use geo::Centroid as _;
 use sizeup::crs::Crs;
-use sizeup::dtm::{DtmConfig, DtmError, Outcome, estimate};
+use sizeup::dtm::{DtmConfig, DtmError, SquareOutcome, estimate};
 use sizeup::footprint::{FootprintConfig, read};
 use sizeup::simulate::{SimulateConfig, simulate};
 use sizeup::stats::{median, quantile};
@@ -51,7 +51,7 @@ fn photos_alone_give_the_ground_to_a_decimetre() {
     let everywhere = MapBox { west_m: 0.0, south_m: 0.0, east_m: 1e6, north_m: 1e7 };
     let truth = load(&TerrainConfig::dtm(folder.path().join("dtm.tif")), &crs(), everywhere).unwrap();
 
-    let n_ground = dtm.squares.iter().filter(|s| matches!(s.outcome, Outcome::Ground(_))).count();
+    let n_ground = dtm.squares.iter().filter(|s| matches!(s.outcome, SquareOutcome::Ground(_))).count();
     assert!(n_ground * 2 > dtm.squares.len(), "{n_ground} of {} squares", dtm.squares.len());
     let model = Terrain::Grid(dtm.dem.clone());
     let off = |at: (f64, f64)| Some((model.height_at(at.0, at.1)? - truth.height_at(at.0, at.1)?).abs());

@@ -8,7 +8,7 @@ use geo_types::Polygon;
 use sizeup::crs::Crs;
 use sizeup::evaluate::{FootprintEvaluation, evaluate_footprints};
 use sizeup::footprint::{
-    AccuracyConfig, ConsensusConfig, Contour, ContourKind, ContourSource, DetectionSettings, Instances, Look,
+    ConsensusConfig, Contour, ContourKind, ContourSource, DetectionSettings, InputAccuracy, Instances, Look,
     Vectorising, ViewFault, contours, detect,
 };
 use sizeup::raster::Raster;
@@ -88,7 +88,7 @@ impl Scene {
         contour: ContourKind,
     ) -> Vec<Polygon<f64>> {
         let source = Masks { masks: masks.to_vec(), views: self.views.clone(), instances };
-        let accuracy = AccuracyConfig::default();
+        let accuracy = InputAccuracy::default();
         let settings = DetectionSettings { contour, accuracy: &accuracy, consensus, cadastre: None };
         let crs = Crs::parse(&self.world.crs).unwrap();
         let found = detect(&source, &self.views, &self.world.terrain, settings, &crs).unwrap();
@@ -103,7 +103,7 @@ impl Scene {
         consensus: &ConsensusConfig,
         merged: &[Polygon<f64>],
     ) -> Option<(FootprintEvaluation, FootprintEvaluation)> {
-        let accuracy = AccuracyConfig::default();
+        let accuracy = InputAccuracy::default();
         let settings =
             DetectionSettings { contour: ContourKind::Ground, accuracy: &accuracy, consensus, cadastre: None };
         let crs = Crs::parse(&self.world.crs).unwrap();

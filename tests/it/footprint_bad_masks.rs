@@ -5,8 +5,8 @@ use glam::DVec3;
 use serde_json::{Value, json};
 use sizeup::evaluate::evaluate_footprints;
 use sizeup::footprint::{
-    AccuracyConfig, CadastreConfig, ConsensusConfig, ContourKind, Detection, DetectionSettings, FootprintConfig,
-    FootprintSource, MaskFiles, detect,
+    CadastreConfig, ConsensusConfig, ContourKind, Detection, DetectionSettings, FootprintConfig, FootprintSource,
+    InputAccuracy, MaskFiles, detect,
 };
 use sizeup::issue::Subject;
 use sizeup::raster::Raster;
@@ -176,7 +176,7 @@ fn coco_contours_that_cross_themselves_or_leave_the_photo_are_put_right() {
 #[test]
 fn settings_out_of_range_are_named() {
     let (views, _) = town();
-    let accuracy = AccuracyConfig::default();
+    let accuracy = InputAccuracy::default();
     let consensus = ConsensusConfig { cell_m: 0.0, ..ConsensusConfig::default() };
     let settings =
         DetectionSettings { contour: ContourKind::Ground, accuracy: &accuracy, consensus: &consensus, cadastre: None };

@@ -12,7 +12,7 @@ use sizeup::camera::{Camera, Distortion};
 use sizeup::crs::Crs;
 use sizeup::evaluate::evaluate_footprints;
 use sizeup::footprint::{
-    Change, ContourSource, Detection, FootprintConfig, FootprintError, FootprintSource, MaskFiles, Segmenter,
+    CadastreChange, ContourSource, Detection, FootprintConfig, FootprintError, FootprintSource, MaskFiles, Segmenter,
     SegmenterConfig, detect, read,
 };
 use sizeup::frames::Rigid;
@@ -285,8 +285,12 @@ fn a_cadastre_keeps_its_ids_and_changes_are_told() {
     assert_eq!(of("K4").attributes["cadastre"], "unseen");
     assert_eq!(found.vanished.iter().map(|f| f.id.0.as_str()).collect::<Vec<_>>(), ["K3"]);
     let n = |change| found.summary.by_change.get(&change).copied().unwrap_or(0);
-    assert_eq!([Change::Matched, Change::ChangedFootprint, Change::Vanished, Change::Unseen].map(n), [1, 1, 1, 1]);
-    assert_eq!(n(Change::New), found.layer.footprints.len() - 3);
+    assert_eq!(
+        [CadastreChange::Matched, CadastreChange::ChangedFootprint, CadastreChange::Vanished, CadastreChange::Unseen]
+            .map(n),
+        [1, 1, 1, 1]
+    );
+    assert_eq!(n(CadastreChange::New), found.layer.footprints.len() - 3);
     let codes: Vec<&str> = found.layer.issues.iter().map(|i| i.code.as_str()).collect();
     assert!(codes.contains(&"cadastre_vanished") && codes.contains(&"cadastre_changed_footprint"), "{codes:?}");
 }

@@ -21,7 +21,7 @@ use crate::tiny_scene::{Outcome, sizeup};
 
 /// Buildings of the scene.
 const N_BUILDINGS: usize = 6;
-/// Its photos.
+/// Number of photos in the folder.
 const N_PHOTOS: usize = 24;
 /// The CRS that it is simulated in.
 const CRS: &str = "EPSG:25832";

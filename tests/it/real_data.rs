@@ -14,7 +14,7 @@ use sizeup::evaluate::read::{TruthOptions, read_results, read_truth};
 use sizeup::evaluate::{HeightEvaluation, HeightOptions, evaluate_heights};
 use sizeup::output::{BuildingRecord, Status};
 use sizeup::prior::{FilePriorConfig, FilePriors, PriorKind, PriorSource as _};
-use sizeup::simulate::{CityJsonConfig, SimulateConfig, simulate, simulate_with_views};
+use sizeup::simulate::{CityJsonTown, SimulateConfig, simulate, simulate_with_views};
 use sizeup::stats;
 use sizeup::survey::{self, Survey, SurveyConfig, View, ViewKind};
 
@@ -215,7 +215,7 @@ fn looking_at(views: Vec<View>, place: DVec2, n: usize) -> Vec<View> {
 }
 
 /// Settings of a scene of real buildings: no photos, priors of moderate quality and low resolution.
-fn real_scene(cityjson: CityJsonConfig) -> SimulateConfig {
+fn real_scene(cityjson: CityJsonTown) -> SimulateConfig {
     let mut config = SimulateConfig { cityjson: Some(cityjson), ..SimulateConfig::default() };
     config.images.enabled = false;
     (config.camera.width_px, config.camera.height_px) = (320, 240);
@@ -243,7 +243,7 @@ fn rotterdams_real_buildings_under_its_real_cameras() {
     let around = [-150.0, -150.0, 150.0, 150.0];
     let built = [ROTTERDAM_BUILT_M.x, ROTTERDAM_BUILT_M.y, ROTTERDAM_BUILT_M.x, ROTTERDAM_BUILT_M.y];
     let scene = tempfile::tempdir().unwrap();
-    let config = real_scene(CityJsonConfig {
+    let config = real_scene(CityJsonTown {
         path: buildings,
         translation_m: [by.x, by.y, 0.0],
         bounds_m: Some(std::array::from_fn(|i| built[i] + around[i])),
@@ -265,7 +265,7 @@ fn delfts_lidar_heights_under_its_cadastres_footprints() {
     let Some(folder) = shared_data("delft_lidar_lod1") else { return };
     let lod1 = folder.join("output/testarea.json");
     let scene = tempfile::tempdir().unwrap();
-    let mut config = real_scene(CityJsonConfig {
+    let mut config = real_scene(CityJsonTown {
         path: lod1.clone(),
         translation_m: [0.0; 3],
         bounds_m: None,

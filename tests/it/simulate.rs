@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 use sizeup::simulate::{
-    CityJsonConfig, ErrorConfig, FlightPattern, Part, PriorLevel, SimulateConfig, TownKind, simulate,
+    CityJsonTown, ErrorConfig, FlightPattern, Part, PriorLevel, SimulateConfig, TownKind, simulate,
     simulate_with_views, world,
 };
 
@@ -172,7 +172,7 @@ fn every_preset_is_within_its_own_ranges() {
 fn real_buildings_from_cityjson_are_seen_and_measured() {
     let Some(path) = shared_data("rotterdam_lod2/rotterdam_delfshaven.city.json") else { return };
     let mut config = small();
-    config.cityjson = Some(CityJsonConfig {
+    config.cityjson = Some(CityJsonTown {
         path,
         translation_m: [100.0, -50.0, 0.0],
         bounds_m: Some([90_700.0, 435_600.0, 91_100.0, 435_900.0]),
@@ -238,7 +238,7 @@ fn real_cameras_see_real_roofs_where_they_are() {
     config.prior.longest_px = 256;
     config.prior.write_true_depth = true;
     let middle = glam::DVec2::new(90_930.0, 435_770.0);
-    config.cityjson = Some(CityJsonConfig {
+    config.cityjson = Some(CityJsonTown {
         path: city.join("rotterdam_delfshaven.city.json"),
         translation_m: (target - middle).extend(0.0).to_array(),
         bounds_m: Some([middle.x - 150.0, middle.y - 150.0, middle.x + 150.0, middle.y + 150.0]),

@@ -8,7 +8,7 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 use sizeup::camera::Distortion;
 use sizeup::crs::{Crs, Geocentric, Transform, enu_from_geocentric};
-use sizeup::survey::{self, CameraConfig, Format, HeightConfig, HeightReference, Survey, SurveyConfig, View};
+use sizeup::survey::{self, CameraConfig, Format, HeightConfig, Survey, SurveyConfig, VerticalDatum, View};
 
 /// Rows of `camera_from_world` (x right; y down; z forward) in east, north, up.
 pub const ROWS: [[f64; 3]; 3] = [
@@ -365,7 +365,7 @@ fn heights_above_take_off_and_minus_a_stated_geoid() {
         survey::read(&config, &utm()).unwrap().views[0].camera_from_map.centre().z
     };
     let takeoff =
-        HeightConfig { reference: Some(HeightReference::AboveTakeoff), base: Some(55.0), ..HeightConfig::default() };
+        HeightConfig { reference: Some(VerticalDatum::AboveTakeoff), base: Some(55.0), ..HeightConfig::default() };
     assert!((z(takeoff) - CENTRE.z - 55.0).abs() < 1e-6);
     assert!((z(HeightConfig { geoid_offset: Some(44.5), ..HeightConfig::default() }) - CENTRE.z + 44.5).abs() < 1e-6);
 }

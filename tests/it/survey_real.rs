@@ -10,7 +10,7 @@ use gdal::vector::LayerAccess as _;
 use glam::{DVec2, DVec3};
 use sizeup::crs::{Crs, TrueNorth};
 use sizeup::output::picture;
-use sizeup::survey::{self, Format, HeightConfig, HeightReference, Site, SurveyConfig, Target, ViewKind};
+use sizeup::survey::{self, Format, HeightConfig, Site, SurveyConfig, Target, VerticalDatum, ViewKind};
 
 use crate::shared_data::shared_data;
 
@@ -209,7 +209,7 @@ fn photos_without_rtk_need_their_height_declared() {
     let refused = survey::read(&config, &utm).unwrap_err().to_string();
     assert!(refused.contains("height.reference"), "{refused}");
     let height =
-        HeightConfig { reference: Some(HeightReference::AboveTakeoff), base: Some(2.0), ..HeightConfig::default() };
+        HeightConfig { reference: Some(VerticalDatum::AboveTakeoff), base: Some(2.0), ..HeightConfig::default() };
     let survey = survey::read(&SurveyConfig { height, ..config }, &utm).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(survey.views.len(), 4, "{:?}", survey.issues);
     for view in &survey.views {

@@ -7,8 +7,8 @@ use glam::{DMat3, DVec3};
 use sizeup::camera::Camera;
 use sizeup::crs::{Crs, Geocentric, Transform, enu_from_geocentric};
 use sizeup::survey::{
-    self, CameraConfig, CsvConfig, Format, HeightConfig, HeightReference, Reading, Site, Survey, SurveyConfig,
-    SurveyError, SurveyReport,
+    self, CameraConfig, CsvConfig, Format, HeightConfig, Reading, Site, Survey, SurveyConfig, SurveyError,
+    SurveyReport, VerticalDatum,
 };
 
 use crate::skipped::skip;
@@ -33,7 +33,7 @@ fn report(config: &SurveyConfig, project: &str) -> SurveyReport {
 struct Odm {
     offset: DVec3,
     reference: DVec3,
-    /// East, north, up.
+    /// Camera positions east, north, up of the reference, metres.
     enu: Vec<DVec3>,
     /// The same places in UTM minus the offset.
     grid: Vec<DVec3>,
@@ -369,7 +369,7 @@ fn heights_beside_degrees_have_to_be_named_where_the_project_names_its_own() {
     let config = SurveyConfig { crs: Some(crs("EPSG:4326")), ..table.clone() };
     let refused = survey::read(&config, &crs("EPSG:7415")).unwrap_err().to_string();
     assert!(refused.contains("EPSG:4979"), "{refused}");
-    let height = HeightConfig { reference: Some(HeightReference::Project), ..HeightConfig::default() };
+    let height = HeightConfig { reference: Some(VerticalDatum::Project), ..HeightConfig::default() };
     let told = SurveyConfig { height, ..config };
     assert_eq!(survey::read(&told, &crs("EPSG:7415")).unwrap().views[0].centre().z, 600.0);
 

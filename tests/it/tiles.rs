@@ -29,7 +29,7 @@ pub fn ids(scene: &Scene) -> Vec<String> {
     ids
 }
 
-/// Runs one tile.
+/// Runs one tile of a scene in a process of its own.
 pub fn run_tile(scene: &Scene, id: &str) -> Outcome {
     scene.sizeup(&["tiles", "run", "city", "--tile", id])
 }

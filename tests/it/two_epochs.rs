@@ -16,7 +16,7 @@ use sizeup::output::cityjson;
 use sizeup::output::geopackage::{self, GeoPackageConfig};
 use sizeup::output::read::{FoundBuildings, ReadOptions};
 use sizeup::output::{BuildingRecord, CityModel, Lineage};
-use sizeup::simulate::{CityJsonConfig, SimulateConfig, TownKind, simulate, world};
+use sizeup::simulate::{CityJsonTown, SimulateConfig, TownKind, simulate, world};
 use sizeup::survey::Survey;
 
 use crate::tiny_scene::sizeup;
@@ -346,7 +346,7 @@ fn flown(folder: &Path, name: &str, seed: u64, buildings: &[BuildingRecord]) {
     let city = folder.join(format!("{name}.city.json"));
     cityjson::write(&city, &model, &cityjson::CityJsonConfig::default()).unwrap();
     let mut config = SimulateConfig { seed, ..SimulateConfig::default() };
-    config.cityjson = Some(CityJsonConfig {
+    config.cityjson = Some(CityJsonTown {
         path: city,
         translation_m: [0.0; 3],
         bounds_m: None,

@@ -10,15 +10,15 @@ pub enum TrainError {
     /// A setting that cannot be.
     #[error("{problem}\nhint: {hint}")]
     Config {
-        /// What is the matter.
+        /// The problem with the setting, in words.
         problem: String,
-        /// What to write.
+        /// Text to write in its place.
         hint: String,
     },
     /// Something of a set that cannot be used.
     #[error("{}: {problem}\nhint: {hint}", path.display())]
     Set {
-        /// The file.
+        /// The file of the set.
         path: PathBuf,
         /// What is wrong with it: expected against found.
         problem: String,
@@ -28,7 +28,7 @@ pub enum TrainError {
     /// A checkpoint or a network that does not fit.
     #[error("checkpoint {}: {problem}\nhint: {hint}", path.display())]
     Checkpoint {
-        /// The file.
+        /// Path of the checkpoint's file.
         path: PathBuf,
         /// What is wrong with it: expected against found.
         problem: String,
@@ -38,7 +38,7 @@ pub enum TrainError {
     /// A scene that cannot be made ready.
     #[error("scene {scene:?}: {problem}")]
     Scene {
-        /// Its name.
+        /// Name of the scene.
         scene: String,
         /// What is the matter, with its own hint.
         problem: String,
@@ -59,12 +59,12 @@ impl TrainError {
         Self::Set { path: path.to_owned(), problem: problem.into(), hint: hint.to_owned() }
     }
 
-    /// Of a scene.
+    /// An error of a scene, for `map_err`.
     pub fn scene<E: std::fmt::Display>(scene: &str) -> impl Fn(E) -> Self + '_ {
         move |problem| Self::Scene { scene: scene.to_owned(), problem: problem.to_string() }
     }
 
-    /// Of a setting.
+    /// An error of a setting, with what to write in its place.
     pub fn config(problem: impl Into<String>, hint: &str) -> Self {
         Self::Config { problem: problem.into(), hint: hint.to_owned() }
     }

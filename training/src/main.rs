@@ -34,7 +34,7 @@ struct Arguments {
 enum Command {
     /// Makes a set to learn from: photos with footprints on the ground.
     Dataset {
-        /// Scenes, as TOML.
+        /// Scenes to make a set of, as TOML.
         config: PathBuf,
         /// Folder of the set; it may not hold one yet.
         #[arg(short, long)]
@@ -42,7 +42,7 @@ enum Command {
     },
     /// Trains a network on a set, or goes on where it stopped.
     Train {
-        /// Settings, as TOML.
+        /// Settings of the training, as TOML.
         config: PathBuf,
         /// Folder of the set.
         #[arg(short, long)]
@@ -53,7 +53,7 @@ enum Command {
     },
     /// Writes a trained network as ONNX, for `sizeup footprints`.
     Export {
-        /// A checkpoint: `best.safetensors`.
+        /// Checkpoint to export: `best.safetensors`.
         checkpoint: PathBuf,
         /// The file to write.
         #[arg(short, long)]

@@ -26,7 +26,7 @@ pub(super) struct Arc {
 /// All arcs, and how rings are made of them.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Arcs {
-    /// Every arc once.
+    /// Every arc, once; a border of two regions is the lower label's.
     pub arcs: Vec<Arc>,
     /// Per ring, its arcs in order: position, and whether it runs backwards.
     pub rings: Vec<Vec<(usize, bool)>>,

@@ -66,7 +66,7 @@ fn default_same_iou() -> f64 {
 }
 
 impl CadastreConfig {
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         visit(&mut self.layer.path);
     }
@@ -75,13 +75,13 @@ impl CadastreConfig {
 /// Change of a building against the layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Change {
+pub enum CadastreChange {
     /// In both, with the same footprint.
     Matched,
     /// In both, with another footprint.
     #[serde(alias = "changed_outline")]
     ChangedFootprint,
-    /// Found only.
+    /// Found in the photos, and not in the layer.
     New,
     /// In the layer only, where photos see nothing of it.
     Vanished,
@@ -89,8 +89,8 @@ pub enum Change {
     Unseen,
 }
 
-impl Change {
-    /// The name in files.
+impl CadastreChange {
+    /// The name under which files have it.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -107,12 +107,12 @@ impl Change {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Conflation {
     /// Per found building, in order: what became of it, and its overlap with its counterpart.
-    pub found: Vec<(Change, Option<f64>)>,
+    pub found: Vec<(CadastreChange, Option<f64>)>,
     /// Buildings of the layer that are gone.
     pub vanished: Vec<Footprint>,
     /// Buildings of the layer that no photo shows: they stay.
     pub unseen: Vec<Footprint>,
-    /// Message.
+    /// Issues of the layer, and of how the two were brought together.
     pub issues: Vec<Issue>,
 }
 
@@ -149,22 +149,22 @@ pub fn conflate(
             while taken.contains(footprint.id.0.as_str()) {
                 footprint.id.0.push('n');
             }
-            tag(footprint, Change::New, None);
-            outcomes.push((Change::New, None));
+            tag(footprint, CadastreChange::New, None);
+            outcomes.push((CadastreChange::New, None));
             continue;
         };
         let old = &known.footprints[old];
-        let change = if iou >= config.same_iou { Change::Matched } else { Change::ChangedFootprint };
+        let change = if iou >= config.same_iou { CadastreChange::Matched } else { CadastreChange::ChangedFootprint };
         let found_id = std::mem::replace(&mut footprint.id, old.id.clone());
         let evidence = std::mem::replace(&mut footprint.attributes, old.attributes.clone());
         for (name, value) in evidence {
             footprint.attributes.insert(free_name(&old.attributes, &name), value);
         }
-        if change == Change::Matched && config.footprint_from == FootprintFrom::Layer {
+        if change == CadastreChange::Matched && config.footprint_from == FootprintFrom::Layer {
             footprint.polygon = old.polygon.clone();
         }
         tag(footprint, change, Some(iou));
-        if change == Change::ChangedFootprint {
+        if change == CadastreChange::ChangedFootprint {
             let message = format!("the footprint found ({found_id}) shares only {:.0} % with the layer's", 100.0 * iou);
             issues.push(place(
                 Issue::new(Severity::Note, "cadastre_changed_footprint", Subject::Building(old.id.0.clone()), message),
@@ -181,7 +181,7 @@ pub fn conflate(
         issues.push(place(issue.hint("pulled down, or missed by the masks: look at the pictures"), &old.polygon));
     }
     let unseen = unseen.into_iter().map(|mut old| {
-        tag(&mut old, Change::Unseen, None);
+        tag(&mut old, CadastreChange::Unseen, None);
         old
     });
     Ok(Conflation { found: outcomes, vanished, unseen: unseen.collect(), issues })
@@ -191,7 +191,7 @@ fn free_name(attributes: &serde_json::Map<String, Value>, name: &str) -> String 
     if attributes.contains_key(name) { format!("photos_{name}") } else { name.to_owned() }
 }
 
-fn tag(footprint: &mut Footprint, change: Change, iou: Option<f64>) {
+fn tag(footprint: &mut Footprint, change: CadastreChange, iou: Option<f64>) {
     footprint.attributes.insert("cadastre".to_owned(), change.as_str().into());
     if let Some(iou) = iou {
         footprint.attributes.insert("cadastre_iou".to_owned(), ((iou * 1e3).round() / 1e3).into());

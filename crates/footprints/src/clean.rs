@@ -60,7 +60,7 @@ pub enum Repair {
     HoleDrawnIn(Coord<f64>),
     /// It had slits, spikes, necks or corners side by side, narrower than [`LEAST_CLEARANCE_M`], which were closed.
     Narrow {
-        /// The first of them.
+        /// The first place of these, in the layer's CRS.
         place: Coord<f64>,
         /// Corners fewer than before; negative where a slit became a courtyard.
         n_corners: i64,
@@ -81,7 +81,7 @@ pub enum Defect {
     /// Less than the least area.
     #[error("its area is {area_m2:.2} m², expected at least {min_area_m2} m²")]
     TooSmall {
-        /// Area, m².
+        /// Area of the footprint, m².
         area_m2: f64,
         /// The least a building may have, m².
         min_area_m2: f64,
@@ -99,7 +99,7 @@ pub enum Defect {
 }
 
 impl Defect {
-    /// Stable, machine-readable name.
+    /// Machine-readable name of the defect, which stays the same from version to version.
     #[must_use]
     pub fn code(&self) -> &'static str {
         match self {
@@ -239,7 +239,7 @@ fn repair(polygon: &Polygon<f64>, fault: Fault, rules: Rules, repairs: &mut Vec<
     }
 }
 
-/// By the odd-even rule.
+/// Polygons of what the rings enclose an odd number of times.
 fn rebuilt(polygon: &Polygon<f64>) -> Vec<Polygon<f64>> {
     polygon.make_valid().map_or_else(|_| Vec::new(), |rebuilt| rebuilt.0)
 }

@@ -210,7 +210,7 @@ impl<'a> Contest<'a> {
         distinct(against.copied()).len() as f64 >= SPLIT_SHARE * self.supporters(i).len() as f64
     }
 
-    /// Which clusters stand.
+    /// Per cluster, whether it stands: those with most weight first, none where winners cover it already.
     fn winners(&self, is_supported: &[bool]) -> Vec<bool> {
         let mut order: Vec<usize> = (0..self.clusters.len()).filter(|&i| is_supported[i]).collect();
         order.retain(|&i| !self.is_merged(i, is_supported));

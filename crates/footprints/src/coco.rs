@@ -233,7 +233,7 @@ pub enum Annotated {
 pub struct PhotoInstances {
     /// The photo's file name.
     pub name: String,
-    /// Columns and rows.
+    /// Columns and rows of the photo.
     pub size: [u32; 2],
     /// Contours, pixels; they may overlap.
     pub shapes_px: Vec<MultiPolygon<f64>>,

@@ -10,7 +10,7 @@ use super::coverage::{Scratch, Window, cover};
 /// Cells of the raster that two shapes are compared on; more change the overlap by less than a hundredth.
 const COMPARE_CELLS: f64 = 900.0;
 
-/// Boxes with positions.
+/// Search tree of footprints' bounding boxes, each with the position of its footprint.
 pub(super) type Tree = RTree<GeomWithData<Rectangle<[f64; 2]>, usize>>;
 
 /// A box with the position of what it is around.
@@ -37,14 +37,14 @@ pub(super) struct Comparer {
 
 /// Areas of two shapes, m².
 pub(super) struct Overlap {
-    /// In common.
+    /// Area that both cover, m².
     pub shared_m2: f64,
-    /// Together.
+    /// Area that at least one of them covers, m².
     pub joint_m2: f64,
 }
 
 impl Overlap {
-    /// Intersection over union.
+    /// Intersection over union of the two, 0 to 1.
     pub(super) fn iou(&self) -> f64 {
         self.shared_m2 / self.joint_m2.max(1e-9)
     }

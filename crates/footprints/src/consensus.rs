@@ -115,7 +115,7 @@ pub struct Consensus {
 /// All buildings, from west to east, and what was left out.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Agreed {
-    /// The buildings.
+    /// One footprint per building, from west to east.
     pub buildings: Vec<Consensus>,
     /// Clusters without a building.
     pub dropped: Dropped,
@@ -130,7 +130,7 @@ pub fn agree(candidates: &[Candidate], seen: &[SeenGround], config: &ConsensusCo
     Agreed { buildings, dropped }
 }
 
-/// From west to east.
+/// Sorts the buildings from west to east.
 fn sort(buildings: &mut [Consensus]) {
     let place = |c: &Consensus| c.polygon.bounding_rect().map_or([0.0; 2], |r| [r.min().x, r.min().y]);
     buildings.sort_by(|a, b| {

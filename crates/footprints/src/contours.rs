@@ -53,15 +53,15 @@ pub enum ViewFault {
     /// The file of all masks does not name the photo.
     #[error("{} does not list it", path.display())]
     Unlisted {
-        /// The file.
+        /// The list that does not name the view's photo.
         path: PathBuf,
     },
     /// It is there and cannot be read.
     #[error("its mask {} cannot be used: {reason}", path.display())]
     Unreadable {
-        /// The file.
+        /// Path of the mask's file.
         path: PathBuf,
-        /// Why not.
+        /// The problem with the file, in the reader's words.
         reason: String,
     },
     /// It is of another photo.
@@ -70,33 +70,33 @@ pub enum ViewFault {
         path.display(), mask.0, mask.1, photo.0, photo.1
     )]
     Size {
-        /// The file.
+        /// Path of the mask's file.
         path: PathBuf,
-        /// Columns and rows.
+        /// Columns and rows of the mask.
         mask: (usize, usize),
         /// Columns and rows of the photo.
         photo: (u32, u32),
     },
-    /// It says nothing.
+    /// A mask from which no contour can be drawn.
     #[error("its mask {} is of no use: {fault}", path.display())]
     Mask {
-        /// The file.
+        /// Path of the mask's file.
         path: PathBuf,
-        /// Why.
+        /// The problem with its labels.
         fault: MaskFault,
     },
     /// The photo itself is needed.
     #[error("its photo cannot be used: {reason}")]
     Photo {
-        /// Why not.
+        /// Why the photo cannot be read.
         reason: String,
     },
     /// The network stopped at it.
     #[error("{problem}")]
     Network {
-        /// Problem.
+        /// The problem with the network or its engine, in words.
         problem: String,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: String,
     },
     /// None of its pixels meets the terrain.

@@ -20,9 +20,9 @@ pub(super) struct Window {
     pub first_col: i64,
     /// First (southernmost) row of the shared grid.
     pub first_row: i64,
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
     /// Side of a cell, metres.
     pub cell_m: f64,
@@ -39,7 +39,7 @@ impl Window {
         Self { first_col, first_row, width: n(first_col, after_col), height: n(first_row, after_row), cell_m }
     }
 
-    /// Number of cells.
+    /// Number of cells, columns times rows.
     pub(super) fn len(&self) -> usize {
         self.width * self.height
     }

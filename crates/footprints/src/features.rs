@@ -13,10 +13,10 @@ use sizeup_geo::geodata::vector::{Feature, FeatureGeometry};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::ids::BuildingId;
 
-/// Ids of buildings.
+/// Where the ids of a layer's buildings come from.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Ids<'a> {
-    /// The layer's own numbers.
+    /// Numbers that the layer gives its features.
     Numbers,
     /// Values of an attribute.
     Field(&'a str),

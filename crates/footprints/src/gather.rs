@@ -131,7 +131,7 @@ fn better(best: Option<(usize, f64)>, other: (usize, f64)) -> Option<(usize, f64
     if is_better { Some(other) } else { best }
 }
 
-/// Clusters so far.
+/// Clusters of candidates as they grow, with a search tree of them.
 struct Gathering {
     clusters: Vec<Cluster>,
     /// By their bounds; one that grew is in it several times, the last time with all of it.

@@ -21,7 +21,7 @@ use sizeup_survey::View;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 #[schemars(extend("x-expert" = true))]
-pub struct AccuracyConfig {
+pub struct InputAccuracy {
     /// Standard deviation of a mask's border, pixels.
     pub mask_px: f64,
     /// Standard deviation of a camera's position, metres.
@@ -32,7 +32,7 @@ pub struct AccuracyConfig {
     pub terrain_m: f64,
 }
 
-impl Default for AccuracyConfig {
+impl Default for InputAccuracy {
     fn default() -> Self {
         Self { mask_px: 0.7, position_m: 0.05, angle_deg: 0.05, terrain_m: 0.2 }
     }
@@ -41,7 +41,7 @@ impl Default for AccuracyConfig {
 /// Surface that footprints are laid on.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Surface<'a> {
-    /// The ground.
+    /// The ground, as a terrain model has it.
     Terrain(&'a Terrain),
     /// A roof, metres in the project's vertical reference.
     Level(f64),
@@ -118,7 +118,7 @@ pub(super) struct PlaceError {
 
 impl PlaceError {
     /// At a point seen by a view.
-    pub(super) fn at(view: &View, point: DVec3, accuracy: &AccuracyConfig) -> Self {
+    pub(super) fn at(view: &View, point: DVec3, accuracy: &InputAccuracy) -> Self {
         let ray = point - view.camera_from_map.centre();
         let (across, down) = (ray.truncate(), -ray.z.min(-1e-6));
         let cos = down / ray.length();
@@ -130,12 +130,12 @@ impl PlaceError {
     }
 
     /// Standard deviation of one view's footprint, metres.
-    pub(super) fn sigma_m(&self, accuracy: &AccuracyConfig) -> f64 {
+    pub(super) fn sigma_m(&self, accuracy: &InputAccuracy) -> f64 {
         (self.own_m2 + accuracy.terrain_m.powi(2) * self.per_terrain_m.length_squared()).sqrt()
     }
 
     /// Standard deviation of the weighted mean of several views, metres.
-    pub(super) fn joint_sigma_m(errors: &[Self], accuracy: &AccuracyConfig) -> f64 {
+    pub(super) fn joint_sigma_m(errors: &[Self], accuracy: &InputAccuracy) -> f64 {
         let weight = |e: &Self| 1.0 / e.sigma_m(accuracy).powi(2).max(1e-9);
         let total: f64 = errors.iter().map(weight).sum();
         let own: f64 = errors.iter().map(|e| weight(e).powi(2) * e.own_m2).sum::<f64>() / (total * total);
@@ -194,7 +194,7 @@ mod tests {
 
     #[test]
     fn terrain_error_cancels_between_views_on_both_sides_and_own_errors_average() {
-        let accuracy = AccuracyConfig::default();
+        let accuracy = InputAccuracy::default();
         let error = |x: f64| PlaceError { own_m2: 0.04, per_terrain_m: DVec2::new(x, 0.0) };
         let both = PlaceError::joint_sigma_m(&[error(0.5), error(-0.5)], &accuracy);
         assert!((both - (0.04_f64 / 2.0).sqrt()).abs() < 1e-12, "{both}");

@@ -88,11 +88,11 @@ pub enum FootprintError {
     /// A setting outside its range.
     #[error("footprints: {field} = {value}: expected {expected}")]
     Config {
-        /// Which setting.
+        /// Name of the setting.
         field: &'static str,
-        /// Value.
+        /// The value that was set.
         value: f64,
-        /// Allowed values.
+        /// Values that are allowed, in words.
         expected: &'static str,
     },
     /// It cannot be read.
@@ -104,7 +104,7 @@ pub enum FootprintError {
         path.display()
     )]
     NoCrs {
-        /// The file.
+        /// Path of the layer's file.
         path: PathBuf,
     },
     /// It has a CRS and another one was given.
@@ -114,7 +114,7 @@ pub enum FootprintError {
         path.display()
     )]
     CrsConflict {
-        /// The file.
+        /// Path of the layer's file.
         path: PathBuf,
         /// Statement of the layer.
         layer_crs: String,
@@ -133,7 +133,7 @@ pub enum FootprintError {
         }
     )]
     NotDegrees {
-        /// The file.
+        /// Path of the layer's file.
         path: PathBuf,
         /// Statement of the layer.
         layer_crs: String,
@@ -142,28 +142,28 @@ pub enum FootprintError {
         /// Second coordinate of it.
         y: f64,
     },
-    /// Latitude first.
+    /// Coordinates in degrees that have latitude before longitude.
     #[error(
         "footprints {}: ({x}, {y}) as longitude and latitude is far from where {project_crs} is used, and ({y}, {x}) is not\n\
          hint: the axes look swapped: longitude comes first",
         path.display()
     )]
     SwappedAxes {
-        /// The file.
+        /// Path of the layer's file.
         path: PathBuf,
         /// First coordinate of the first corner.
         x: f64,
         /// Second coordinate of it.
         y: f64,
-        /// The project's.
+        /// The project's CRS, near whose area the swapped coordinates lie.
         project_crs: String,
     },
     /// No accurate way from its CRS to the project's.
     #[error("footprints {}", path.display())]
     Crs {
-        /// The file.
+        /// Path of the layer's file.
         path: PathBuf,
-        /// Why not.
+        /// Why its CRS cannot be read or reached.
         #[source]
         source: CrsError,
     },
@@ -174,19 +174,19 @@ pub enum FootprintError {
         present.join(", ")
     )]
     NoIdField {
-        /// The file.
+        /// Path of the layer's file.
         path: PathBuf,
-        /// Value asked for.
+        /// Attribute that was asked for.
         field: String,
-        /// Available ones.
+        /// Attributes that the layer has.
         present: Vec<String>,
     },
     /// Masks or their settings cannot be used.
     #[error("footprints: {problem}\nhint: {hint}")]
     Masks {
-        /// Problem.
+        /// The problem with the masks or the network, in words.
         problem: String,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: String,
     },
     /// A network that cannot be loaded or run.
@@ -198,9 +198,9 @@ pub enum FootprintError {
         path.display()
     )]
     Empty {
-        /// The file.
+        /// Path of the layer's file.
         path: PathBuf,
-        /// The layer's name.
+        /// Name of the layer in its file.
         layer: String,
     },
 }

@@ -40,14 +40,14 @@ mod vectorise;
 mod votes;
 mod write;
 
-pub use cadastre::{CadastreConfig, Change, FootprintFrom};
+pub use cadastre::{CadastreChange, CadastreConfig, FootprintFrom};
 pub use candidate::{Candidate, SeenGround};
 pub use cluster::Dropped;
 pub use coco::{Annotated, PhotoInstances, coco_instances, is_coco};
 pub use consensus::{Agreed, Consensus, ConsensusConfig, agree};
 pub use contours::{ContourKind, ContourSource, Look, ViewFault};
 pub use detect::{Detection, DetectionSummary, PlacedCandidate, Sighting, Track, Tracks, detect, move_roofs};
-pub use georeference::AccuracyConfig;
+pub use georeference::InputAccuracy;
 pub use layer::{FootprintConfig, FootprintError, read};
 pub use masks::{MaskConfig, MaskFiles, MaskKind};
 pub use osm::{is_osm, open_layer};

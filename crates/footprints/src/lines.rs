@@ -14,7 +14,7 @@ const MIN_ALIGNED_SHARE: f64 = 0.5;
 /// A line through a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Line {
-    /// A point on it.
+    /// A point that the line goes through.
     pub centre: Coord<f64>,
     /// Direction, of length 1; which of its two ends is ahead is not told.
     pub along: Coord<f64>,

@@ -9,7 +9,7 @@ use super::cadastre::CadastreConfig;
 use super::coco::{self, CocoFile};
 use super::consensus::ConsensusConfig;
 use super::contours::{ContourKind, ContourSource, Look, ViewFault};
-use super::georeference::AccuracyConfig;
+use super::georeference::InputAccuracy;
 use super::layer::FootprintError;
 use super::vectorise::{Contour, Instances, Vectorising, contours, contours_at_level};
 use sizeup_geo::files::is_virtual;
@@ -61,7 +61,7 @@ pub struct MaskConfig {
     pub contour: ContourKind,
     /// How accurate masks, poses and terrain are.
     #[serde(default)]
-    pub accuracy: AccuracyConfig,
+    pub accuracy: InputAccuracy,
     /// How views become one footprint per building.
     #[serde(default)]
     pub consensus: ConsensusConfig,
@@ -71,7 +71,7 @@ pub struct MaskConfig {
 }
 
 impl MaskConfig {
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         visit_template(&mut self.path, visit);
         if let Some(cadastre) = &mut self.cadastre {
@@ -80,7 +80,7 @@ impl MaskConfig {
     }
 }
 
-/// Masks from files.
+/// Masks that lie in files, one per photo, or all in a COCO file.
 #[derive(Debug)]
 pub struct MaskFiles {
     config: MaskConfig,

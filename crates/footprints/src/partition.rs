@@ -38,11 +38,11 @@ impl Key {
 /// One closed ring with its region on the left, seen with `y` *down* (to the right with `y` up).
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Ring {
-    /// The region's label.
+    /// Label of the region on the ring's left.
     pub label: u32,
     /// Points without repetition of the first.
     pub points: Vec<Coord<f64>>,
-    /// Their keys.
+    /// Key of each point, in the same order; the same point of two regions has one key.
     pub keys: Vec<Key>,
     /// The label on the other side of each line, from its point to the next.
     pub beyond: Vec<u32>,

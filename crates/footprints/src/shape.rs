@@ -37,7 +37,7 @@ const MAX_ROUNDS: u8 = 4 * LAST_LEVEL;
 /// Rules for drawing footprints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rules {
-    /// Douglas-Peucker's tolerance, metres.
+    /// Tolerance of Douglas and Peucker's simplification, metres.
     pub tolerance_m: f64,
     /// Walls within this of a main direction are turned into it, degrees; 0: none.
     pub snap_deg: f64,
@@ -52,7 +52,7 @@ pub(super) struct Rules {
 /// A footprint and the region it is of.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Shaped {
-    /// The region's label.
+    /// Label of the region.
     pub label: u32,
     /// Exterior counter-clockwise, holes clockwise; no ring touches itself or another.
     pub polygon: Polygon<f64>,
@@ -149,7 +149,7 @@ fn pairs_that_overlap<'a>(drawn: &[&'a Drawn]) -> Vec<(&'a Drawn, &'a Drawn)> {
 /// One polygon with where it came from.
 struct Drawn {
     label: u32,
-    /// Exterior ring.
+    /// Position of the exterior ring among the rings.
     ring: usize,
     polygon: Polygon<f64>,
     area_m2: f64,

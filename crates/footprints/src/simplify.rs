@@ -23,7 +23,7 @@ const COS_BEND: f64 = 0.906;
 pub(super) type Level = u8;
 /// From here on corners stay on the contour.
 pub(super) const ON_CONTOUR: Level = 2;
-/// The contour itself.
+/// The closest level: all points of the contour.
 pub(super) const LAST_LEVEL: Level = 6;
 
 /// An arc's points and which of them are corners, first and last included.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use super::layer::FootprintConfig;
 use super::masks::MaskConfig;
 use super::segment::{SMALL, SegmenterConfig};
-use super::{AccuracyConfig, CadastreConfig, ConsensusConfig, ContourKind};
+use super::{CadastreConfig, ConsensusConfig, ContourKind, InputAccuracy};
 use sizeup_geo::paths::PathVisitor;
 
 /// Where the footprints come from. A table without `source` is an existing layer.
@@ -75,15 +75,15 @@ pub struct DetectionSettings<'a> {
     /// The contour that masks follow.
     pub contour: ContourKind,
     /// How accurate masks, poses and terrain are.
-    pub accuracy: &'a AccuracyConfig,
+    pub accuracy: &'a InputAccuracy,
     /// How views become one footprint per building.
     pub consensus: &'a ConsensusConfig,
-    /// An existing layer.
+    /// Settings for holding the found against an existing layer; `None` without one.
     pub cadastre: Option<&'a CadastreConfig>,
 }
 
 impl FootprintSource {
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         match self {
             Self::Layer(layer) => visit(&mut layer.path),

@@ -31,10 +31,10 @@ pub struct Contour {
 /// Why a mask gives no contours.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum MaskFault {
-    /// Nothing but buildings.
+    /// A mask in which every pixel is a building.
     #[error("every pixel is a building")]
     AllBuilding,
-    /// Specks all over.
+    /// A mask whose labels change from pixel to pixel.
     #[error("{share:.0} % of its pixels lie on a border: it is noise, no mask of buildings", share = 100.0 * share)]
     Noise {
         /// Share of pixels with a different neighbour.
@@ -56,9 +56,9 @@ pub struct Vectorising {
 /// Property that tells buildings apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Instances {
-    /// Their labels.
+    /// Each label is one building, as instance networks write them.
     ByLabel,
-    /// Gaps between them.
+    /// Each connected area of building pixels is a building: gaps part them.
     ByContact,
 }
 

@@ -15,7 +15,7 @@ const DOUBTFUL_HOLE: f64 = 0.35;
 
 /// The votes on one building.
 pub(super) struct Votes {
-    /// The cells.
+    /// Cells of the shared grid that the votes are counted in.
     pub window: Window,
     /// `f` of each cell: see [`super::consensus`].
     pub share: Vec<f32>,

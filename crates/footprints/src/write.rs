@@ -7,7 +7,7 @@ use geo_types::{Geometry, LineString, MultiPolygon, Polygon};
 use serde_json::{Map as JsonMap, Value};
 
 use super::Detection;
-use super::cadastre::Change;
+use super::cadastre::CadastreChange;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{FileError, write_whole_by_name};
 use sizeup_geo::geodata::features::{Column, ColumnKind, GeometryKind, LayerSpec, Row, free_title};
@@ -27,10 +27,10 @@ const STYLES: [(&str, &str); 3] = [
 /// Why the file could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteFootprintsError {
-    /// GDAL refused.
+    /// GDAL cannot write the GeoPackage.
     #[error(transparent)]
     Gpkg(#[from] GpkgError),
-    /// The file system refused.
+    /// The file system did not let the file be read or written.
     #[error(transparent)]
     File(#[from] FileError),
 }
@@ -183,7 +183,7 @@ fn footprint_rows<'a>(detection: &'a Detection, columns: &'a [Column]) -> impl I
             ("sigma_m", known(rounded(mean_square.sqrt()))),
             ("corner_sigma_m", known(format!("[{}]", listed.join(",")).into())),
             ("assembled", u8::from(sighting.is_assembled).into()),
-            ("cadastre", sighting.change.map_or(Value::Null, |c: Change| c.as_str().into())),
+            ("cadastre", sighting.change.map_or(Value::Null, |c: CadastreChange| c.as_str().into())),
         ]
         .into_iter()
         .map(|(name, value)| (name.to_owned(), value))

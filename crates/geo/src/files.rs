@@ -14,9 +14,9 @@ use crate::limits;
 pub struct FileError {
     /// Action, as in "cannot write".
     pub action: &'static str,
-    /// To which file.
+    /// The file that was read or written.
     pub path: PathBuf,
-    /// Why it failed.
+    /// Error that the system reported.
     #[source]
     pub source: io::Error,
 }

@@ -27,7 +27,7 @@ impl Groups {
         a != b
     }
 
-    /// Number of sets.
+    /// Number of sets that the members fall into.
     pub fn count(&mut self) -> usize {
         (0..self.0.len()).filter(|&i| self.first_of(i) == i).count()
     }

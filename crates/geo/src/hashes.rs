@@ -29,9 +29,9 @@ pub fn sha256_hex(bytes: &[u8]) -> String {
 /// Content of a file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Content {
-    /// Size in bytes.
+    /// Size of the file, bytes.
     pub size_bytes: u64,
-    /// SHA-256, hexadecimal.
+    /// SHA-256 of the file's bytes, in hexadecimal.
     pub sha256: String,
 }
 
@@ -127,7 +127,7 @@ pub struct Hashes {
 }
 
 impl Hashes {
-    /// Knows nothing yet.
+    /// A memory of hashes that knows no file yet.
     #[must_use]
     pub fn new() -> Self {
         Self::default()

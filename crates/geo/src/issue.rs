@@ -46,9 +46,9 @@ impl Subject {
 pub struct Issue {
     /// Machine-readable, stable name such as `footprint_self_crossing`.
     pub code: String,
-    /// Severity.
+    /// How grave the issue is.
     pub severity: Severity,
-    /// Subject.
+    /// Subject of the issue: a view, a building or the input.
     pub subject: Subject,
     /// Problem, expected against found; one sentence.
     pub message: String,

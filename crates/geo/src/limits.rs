@@ -53,7 +53,7 @@ impl Limits {
         REMOTE.store(self.allow_remote, Ordering::Relaxed);
     }
 
-    /// Those that hold.
+    /// Limits that hold now in this process.
     #[must_use]
     pub fn now() -> Self {
         let insisted = INSISTED.load(Ordering::Relaxed);
@@ -87,7 +87,7 @@ pub enum Excess {
     Large {
         /// Memory asked for, bytes.
         claimed: u64,
-        /// The limit, megabytes.
+        /// Memory that one input may take, megabytes.
         limit_mb: u64,
     },
     /// Much more than it can hold.
@@ -97,7 +97,7 @@ pub enum Excess {
         claimed / 1_000_000
     )]
     Hollow {
-        /// Claim, bytes.
+        /// Memory that the file claims to fill, bytes.
         claimed: u64,
         /// The file's length, bytes.
         stored: u64,

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use crate::files::{FileError, read_text, write_whole};
 
-/// The mark's name.
+/// Name of the file that marks a folder of unfinished results.
 pub const NAME: &str = "UNFINISHED.txt";
 
 /// The first line of a mark whose writer has replaced nothing yet.

@@ -45,7 +45,7 @@ impl View {
     }
 }
 
-/// Settings of [`estimate_heights`].
+/// Settings of [`estimate_heights`]: the heights looked for, the solver, the seed.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Settings {
     /// The heights that are looked for.

@@ -85,7 +85,7 @@ impl<To, From> Rigid<To, From> {
         self.rotation * vector_in_from
     }
 
-    /// The motion back.
+    /// The same motion the other way round.
     #[must_use]
     pub fn inverse(&self) -> Rigid<From, To> {
         let rotation = self.rotation.transpose();
@@ -139,13 +139,13 @@ impl<A, B, C> Mul<Rigid<B, C>> for Rigid<A, B> {
 pub struct LocalOrigin(pub DVec3);
 
 impl LocalOrigin {
-    /// `p_local = p_map − origin`.
+    /// From the map frame to the local one, `p_local = p_map − origin`.
     #[must_use]
     pub fn local_from_map(&self) -> Rigid<Local, Map> {
         Rigid::new(DMat3::IDENTITY, -self.0)
     }
 
-    /// `p_map = p_local + origin`.
+    /// From the local frame to the map, `p_map = p_local + origin`.
     #[must_use]
     pub fn map_from_local(&self) -> Rigid<Map, Local> {
         Rigid::new(DMat3::IDENTITY, self.0)

@@ -11,7 +11,7 @@ pub struct Raster<T> {
 }
 
 impl<T: Clone> Raster<T> {
-    /// All cells equal.
+    /// A raster whose cells all have this value.
     #[must_use]
     pub fn filled(width: usize, height: usize, value: T) -> Self {
         Self { width, height, data: vec![value; width * height] }
@@ -25,25 +25,25 @@ impl<T> Raster<T> {
         (data.len() == width * height).then_some(Self { width, height, data })
     }
 
-    /// Columns.
+    /// Number of columns.
     #[must_use]
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// Number of rows.
     #[must_use]
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// All cells, row-major.
+    /// All cells, row-major, row 0 on top.
     #[must_use]
     pub fn data(&self) -> &[T] {
         &self.data
     }
 
-    /// All cells, row-major.
+    /// All cells to be changed, row-major, row 0 on top.
     pub fn data_mut(&mut self) -> &mut [T] {
         &mut self.data
     }
@@ -77,7 +77,7 @@ impl<T> Raster<T> {
 impl<T> std::ops::Index<(usize, usize)> for Raster<T> {
     type Output = T;
 
-    /// `raster[(col, row)]`.
+    /// The cell at `raster[(col, row)]`.
     fn index(&self, (col, row): (usize, usize)) -> &T {
         assert!(col < self.width, "column {col} of a raster {} wide", self.width);
         &self.data[row * self.width + col]

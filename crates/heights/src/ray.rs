@@ -4,12 +4,12 @@
 
 use glam::Vec3;
 
-/// An axis-aligned box.
+/// A box along the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Aabb {
-    /// Lowest corner.
+    /// Corner with the lowest x, y and z.
     pub min: Vec3,
-    /// Highest corner.
+    /// Corner with the highest x, y and z.
     pub max: Vec3,
 }
 
@@ -28,7 +28,7 @@ impl Aabb {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// The middle.
+    /// Middle of the box.
     #[must_use]
     pub fn centre(&self) -> Vec3 {
         0.5 * (self.min + self.max)
@@ -45,7 +45,7 @@ impl Aabb {
 /// A ray `origin + t · direction`, with what the box test needs worked out once.
 #[derive(Debug, Clone, Copy)]
 pub struct Ray {
-    /// Start.
+    /// Point at which the ray begins, `t = 0`.
     pub origin: Vec3,
     /// Direction, any length: `t` is in its units.
     pub direction: Vec3,

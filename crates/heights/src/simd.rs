@@ -29,18 +29,18 @@ impl Lanes {
         self.0[lane]
     }
 
-    /// Changes one lane.
+    /// Sets the number in one lane.
     pub fn set(&mut self, lane: usize, value: f32) {
         self.0[lane] = value;
     }
 
-    /// Into a register.
+    /// The lanes as a register.
     #[inline(always)]
     pub fn load<S: Simd>(&self, simd: S) -> f32x8<S> {
         f32x8::from_slice(simd, &self.0)
     }
 
-    /// From a register.
+    /// Takes the lanes from a register.
     #[inline(always)]
     pub fn store<S: Simd>(&mut self, register: f32x8<S>) {
         register.store_slice(&mut self.0);

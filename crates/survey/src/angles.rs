@@ -42,7 +42,7 @@ pub enum AngleUnit {
     Deg,
     /// Gon (grads), 400 to the turn.
     Gon,
-    /// Radians.
+    /// Radians, 2π to the turn.
     Rad,
 }
 
@@ -60,17 +60,17 @@ pub enum Direction {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Sequence {
-    /// `Rx Ry Rz`
+    /// The product `Rx Ry Rz`.
     Xyz,
-    /// `Rx Rz Ry`
+    /// The product `Rx Rz Ry`.
     Xzy,
-    /// `Ry Rx Rz`
+    /// The product `Ry Rx Rz`.
     Yxz,
-    /// `Ry Rz Rx`
+    /// The product `Ry Rz Rx`.
     Yzx,
-    /// `Rz Rx Ry`
+    /// The product `Rz Rx Ry`.
     Zxy,
-    /// `Rz Ry Rx`
+    /// The product `Rz Ry Rx`.
     Zyx,
 }
 
@@ -195,7 +195,7 @@ impl Sequence {
 }
 
 impl AngleKind {
-    /// Number of numbers.
+    /// How many numbers a rotation of this kind has.
     #[must_use]
     pub fn n_values(self) -> usize {
         match self {

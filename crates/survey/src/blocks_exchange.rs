@@ -17,12 +17,13 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 
-use super::SurveyError;
 use super::angles::{AngleConvention, AngleKind, AngleUnit, CameraAxes, rows};
 use super::config::TangentialOrder;
 use super::error::Place;
+use super::formats::Candidate;
 use super::poses::{Pose, Poses, World};
 use super::xml::{Element, Step, Xml};
+use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::FileError;
 use sizeup_geo::issue::{Issue, Severity, Subject};
@@ -32,13 +33,14 @@ use sizeup_heights::camera::{Camera, Distortion};
 /// An unzipped `.xmlz` larger than this is refused; 100,000 photos take 0.2 GB.
 const MAX_UNZIPPED_BYTES: u64 = 8 << 30;
 
-/// Whether a file's first bytes look like this format.
-pub(crate) fn is_blocks_exchange(path: &Path, head: &str) -> bool {
-    head.contains("<BlocksExchange") || path.extension().is_some_and(|e| e.eq_ignore_ascii_case("xmlz"))
+/// A file with the element in its first bytes, or an `.xmlz`.
+pub(crate) fn recognises(candidate: &Candidate) -> bool {
+    candidate.head.contains("<BlocksExchange") || candidate.has_extension("xmlz")
 }
 
 /// Reads the poses of all blocks in the file.
-pub(crate) fn read(path: &Path, tangential: Option<TangentialOrder>) -> Result<Poses, SurveyError> {
+pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
+    let (path, tangential) = (config.path.as_path(), config.tangential);
     let file = File::open(path).map_err(FileError::on("cannot open", path))?;
     if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("xmlz")) {
         return read_xml(BufReader::with_capacity(1 << 18, file), path, tangential);

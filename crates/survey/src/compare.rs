@@ -28,7 +28,7 @@ pub struct GroundPolygons(BTreeMap<String, Vec<DVec2>>);
 pub struct CornerErrors {
     /// Views with a polygon.
     pub n_compared: usize,
-    /// Views without one.
+    /// Views without a polygon.
     pub n_without_polygon: usize,
     /// Worst corners of these views, metres; absent without any.
     pub worst_corner_m: Option<Spread>,

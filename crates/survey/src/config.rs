@@ -1,14 +1,17 @@
 //! What the user declares about a survey: its format, place, CRS and, for CSV, every convention.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::angles::{AngleConvention, AngleKind, AngleUnit, CameraAxes, Direction, North, PitchZero, Sequence};
 use super::formats::Format;
+use super::{SurveyError, csv};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::paths::PathVisitor;
+use sizeup_heights::camera::Camera;
 
 /// Where the poses come from and what their numbers mean.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -85,6 +88,21 @@ impl Default for SurveyConfig {
     }
 }
 
+impl SurveyConfig {
+    /// The camera under `[survey.camera]`, for a format that carries none: `format` is its name in the error.
+    ///
+    /// # Errors
+    /// [`SurveyError::Config`] where no camera is declared, or the declared one cannot be.
+    pub(crate) fn declared_camera(&self, format: &str) -> Result<Arc<Camera>, SurveyError> {
+        let camera = self.camera.as_ref().ok_or_else(|| {
+            let hint = "declare it under [survey.camera]: width, height, fx and what is known of the lens";
+            SurveyError::config(format!("{format} carries no camera"), hint)
+        })?;
+        let camera = csv::declared_camera(camera, PixelOrigin::default());
+        camera.map(Arc::new).map_err(|e| SurveyError::config(e, ""))
+    }
+}
+
 /// Which tangential coefficient is the first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -109,7 +127,7 @@ impl TangentialOrder {
 /// Vertical datum of heights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum HeightReference {
+pub enum VerticalDatum {
     /// The project's own vertical reference: taken as they are.
     Project,
     /// The ellipsoid: what satellite receivers give.
@@ -128,7 +146,7 @@ pub enum HeightReference {
 pub struct HeightConfig {
     /// Vertical datum of the poses' heights. Default: what the file says, else the project's reference.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub reference: Option<HeightReference>,
+    pub reference: Option<VerticalDatum>,
     /// Vertical CRS of `orthometric` heights, such as `EPSG:5773` (EGM96).
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<String>")]
@@ -287,7 +305,7 @@ impl SurveyConfig {
         Self { path: path.into(), ..Self::default() }
     }
 
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         visit(&mut self.path);
         self.images.iter_mut().for_each(visit);

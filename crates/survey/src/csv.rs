@@ -9,8 +9,9 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::config::{CameraConfig, CsvConfig, PixelOrigin};
-use super::csv_header::{Header, Layout, layout};
+use super::csv_header::{Header, Layout, layout, names_angles};
 use super::error::Place;
+use super::formats::Candidate;
 use super::poses::{FileHeights, Pose, Poses, World};
 use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::Crs;
@@ -82,13 +83,19 @@ const Y_COLUMNS: [&str; 5] = ["northing", "north", "n", "latitude", "lat"];
 /// Not `height`, which is the image's.
 const Z_COLUMNS: [&str; 3] = ["altitude", "alt", "elevation"];
 
+/// A `.csv` or `.tsv`, or text that names angles in its header.
+pub(crate) fn recognises(candidate: &Candidate) -> bool {
+    let is_table = candidate.has_extension("csv") || candidate.has_extension("tsv");
+    is_table || (!candidate.is_folder && names_angles(&candidate.head))
+}
+
 /// Reads a table as the survey declares it.
-pub(crate) fn read_declared(config: &SurveyConfig) -> Result<Poses, SurveyError> {
-    read(&config.path, &config.csv.clone().unwrap_or_default(), config.camera.as_ref())
+pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
+    read_table(&config.path, &config.csv.clone().unwrap_or_default(), config.camera.as_ref())
 }
 
 /// Reads a table of poses.
-pub(crate) fn read(path: &Path, config: &CsvConfig, camera: Option<&CameraConfig>) -> Result<Poses, SurveyError> {
+pub(crate) fn read_table(path: &Path, config: &CsvConfig, camera: Option<&CameraConfig>) -> Result<Poses, SurveyError> {
     let config = Declared { table: config, camera };
     let Layout { delimiter, header } = layout(path, config.table, |header| Columns::find(header, &config).is_ok())?;
     let file = File::open(path).map_err(FileError::on("cannot open", path))?;

@@ -17,13 +17,13 @@ pub enum SurveyError {
     /// A file is not what its format says.
     #[error("{}{place}: {message}{hint}", path.display())]
     Malformed {
-        /// The file.
+        /// The file of poses, or one beside it.
         path: PathBuf,
         /// Place in it (`line 12`, `byte 80`), empty for the file as a whole.
         place: Place,
         /// Problem, expected against found.
         message: String,
-        /// Advice.
+        /// Advice to the user, where there is any.
         hint: Hint,
     },
     /// The configuration contradicts itself or lacks something.
@@ -31,19 +31,19 @@ pub enum SurveyError {
     Config {
         /// Problem, expected against found.
         message: String,
-        /// Advice.
+        /// Advice to the user, where there is any.
         hint: Hint,
     },
     /// No pose could be used.
     #[error("{}: none of its {n_poses} poses can be used; the first: {first}{hint}", path.display())]
     NothingUsable {
-        /// The survey's path.
+        /// Path of the survey.
         path: PathBuf,
         /// Poses that were read.
         n_poses: usize,
         /// Why the first was refused.
         first: String,
-        /// Advice.
+        /// Advice to the user, where there is any.
         hint: Hint,
     },
 }
@@ -93,12 +93,12 @@ impl std::fmt::Display for Hint {
 }
 
 impl SurveyError {
-    /// A malformed file.
+    /// The error of a file that is not as its format says.
     pub(crate) fn malformed(path: &std::path::Path, place: Place, message: impl Into<String>) -> Self {
         Self::Malformed { path: path.to_owned(), place, message: message.into(), hint: Hint::default() }
     }
 
-    /// A wrong configuration.
+    /// The error of a setting that cannot be.
     pub(crate) fn config(message: impl Into<String>, hint: impl Into<Hint>) -> Self {
         Self::Config { message: message.into(), hint: hint.into() }
     }

@@ -42,7 +42,7 @@ pub enum PoseWorld {
     Named(Crs),
     /// East, north, up at a place that is known.
     Local,
-    /// Nobody says.
+    /// A world that neither file nor settings name.
     Unsaid(Numbers),
 }
 
@@ -51,7 +51,7 @@ pub enum PoseWorld {
 pub enum Numbers {
     /// Eastings and northings of a projected CRS.
     Projected,
-    /// Longitudes and latitudes.
+    /// Longitudes and latitudes, by their size.
     Degrees,
     /// Metres from the earth's centre.
     EarthCentred,
@@ -62,9 +62,9 @@ pub enum Numbers {
 /// Heights as a file states them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StatedHeights {
-    /// Nothing.
+    /// The file does not say.
     Unsaid,
-    /// Above the ellipsoid.
+    /// Heights above the ellipsoid.
     Ellipsoidal,
     /// Above the vertical reference of their CRS.
     ByCrs,

@@ -1,5 +1,5 @@
-//! The pose formats: one line each, in the order in which a file is held against them. A format is a module with a reader
-//! and what it is recognised by.
+//! The pose formats: one line each, in the order in which a file is held against them. A format is a module with two
+//! functions, `recognises(&Candidate) -> bool` and `read(&SurveyConfig) -> Result<Poses, SurveyError>`.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -10,10 +10,6 @@ use serde::{Deserialize, Serialize};
 
 use super::poses::Poses;
 use super::{SurveyConfig, SurveyError};
-use super::{
-    blocks_exchange, colmap, csv, csv_header, inpho, metashape, nerfstudio, odm, opensfm, opf, photo, photos, pix4d,
-    stac, tables,
-};
 use sizeup_geo::files::FileError;
 
 /// Marks by which a file or folder is recognised.
@@ -57,9 +53,9 @@ struct Reader {
     read: fn(&SurveyConfig) -> Result<Poses, SurveyError>,
 }
 
-/// From lines `/// what it is`, `Name: recognises, read;` the enum and the table.
+/// From lines `/// what its path is`, `Name: module;` the enum and the table.
 macro_rules! formats {
-    ($($(#[doc = $about:literal])+ $name:ident: $recognises:expr, $read:expr;)+) => {
+    ($($(#[doc = $about:literal])+ $name:ident: $module:ident;)+) => {
         /// The file format of the poses.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
         #[serde(rename_all = "snake_case")]
@@ -77,7 +73,9 @@ macro_rules! formats {
             fn reader(self) -> Option<Reader> {
                 match self {
                     Self::Auto => None,
-                    $(Self::$name => Some(Reader { recognises: $recognises, read: $read }),)+
+                    $(Self::$name => {
+                        Some(Reader { recognises: crate::$module::recognises, read: crate::$module::read })
+                    })+
                 }
             }
         }
@@ -86,34 +84,37 @@ macro_rules! formats {
 
 formats! {
     /// A COLMAP model folder, text or binary.
-    Colmap: |c| c.is_folder && colmap::is_model(&c.path), |s| colmap::read(&s.path);
+    Colmap: colmap;
     /// Bentley iTwin Capture / ContextCapture BlocksExchange, `.xml` or `.xmlz`.
-    BlocksExchange: |c| !c.is_folder && blocks_exchange::is_blocks_exchange(&c.path, &c.head), |s| blocks_exchange::read(&s.path, s.tangential);
+    BlocksExchange: blocks_exchange;
     /// Agisoft Metashape's cameras.xml.
-    Metashape: |c| metashape::is_metashape(&c.head), |s| metashape::read(&s.path);
+    Metashape: metashape;
     /// OpenSfM's reconstruction.json, topocentric or rewritten by ODM.
-    Opensfm: opensfm::recognises, opensfm::read;
+    Opensfm: opensfm;
     /// nerfstudio's transforms.json, or its folder.
-    Nerfstudio: nerfstudio::recognises, |s| nerfstudio::read(&s.path);
+    Nerfstudio: nerfstudio;
     /// Pix4D's calibrated camera files: the folder of params, or one of them.
-    Pix4d: |c| pix4d::find(&c.path).is_some(), |s| pix4d::read(&s.path, s.camera.as_ref());
+    Pix4d: pix4d;
     /// Pix4D's Open Photogrammetry Format: a calibrated `project.opf`, or its folder.
-    Opf: |c| c.has_extension("opf") || (c.is_folder && opf::find(&c.path).is_some()), |s| opf::read(&s.path);
+    Opf: opf;
     /// Trimble INPHO's project, `.prj`.
-    Inpho: inpho::recognises, inpho::read;
+    Inpho: inpho;
     /// STAC items of perspective imagery: an item, a page of items, or a folder of them.
-    Stac: stac::recognises, stac::read;
+    Stac: stac;
     /// ODM's geo.txt, with a declared camera.
-    GeoTxt: |c| c.name == "geo.txt", |s| tables::read_geo_txt(&s.path, s.camera.as_ref());
+    GeoTxt: geo_txt;
     /// ODM's shots.geojson, with cameras.json beside it.
-    Odm: |c| c.has_extension("geojson") && c.head.contains("\"filename\""), odm::read_shots;
+    Odm: odm;
     /// Metashape's export of omega, phi, kappa, with a declared camera.
-    MetashapeOpk: |c| !c.is_folder && c.head.contains("PhotoID"), |s| tables::read_metashape_opk(&s.path, s.camera.as_ref());
+    MetashapeOpk: metashape_opk;
     /// A table with declared columns and conventions, see `[survey.csv]`.
-    Csv: |c| c.has_extension("csv") || c.has_extension("tsv") || (!c.is_folder && csv_header::names_angles(&c.head)), csv::read_declared;
+    Csv: csv;
     /// Photos with EXIF and XMP: `path` is their folder.
-    Photos: |c| c.is_folder && photos::list(&c.path).is_ok_and(|found| !found.is_empty()), photo::read;
+    Photos: photo;
 }
+
+/// Extensions of files that may hold poses, lower case: `sizeup init` looks at no other file of a folder.
+pub const POSE_EXTENSIONS: [&str; 9] = ["xml", "xmlz", "json", "geojson", "opf", "prj", "csv", "tsv", "txt"];
 
 impl Format {
     /// The name by which the configuration knows it.

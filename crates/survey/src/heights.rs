@@ -7,7 +7,7 @@
 use glam::DVec3;
 
 use super::SurveyError;
-use super::config::{HeightConfig, HeightReference};
+use super::config::{HeightConfig, VerticalDatum};
 use super::poses::FileHeights;
 use sizeup_geo::crs::{
     Accuracy, Crs, CrsError, EllipsoidalHeight, GeoidHeight, HeightAboveGround, HeightAboveTakeoff, OrthometricHeight,
@@ -57,7 +57,7 @@ impl Heights {
     ) -> Result<Self, SurveyError> {
         let reference = match (config.reference, file) {
             (Some(declared), _) => declared,
-            (None, _) if config.geoid_offset.is_some() || config.keep_ellipsoidal => HeightReference::Ellipsoidal,
+            (None, _) if config.geoid_offset.is_some() || config.keep_ellipsoidal => VerticalDatum::Ellipsoidal,
             (None, FileHeights::Unreliable) if world.height_unit_m().is_none() => {
                 let message = "the photos' heights have no known reference (no RTK: barometric, up to 100 m off)";
                 return Err(SurveyError::config(
@@ -65,14 +65,14 @@ impl Heights {
                     "set `height.reference` to ellipsoidal, above_takeoff (with `height.base`) or project",
                 ));
             }
-            (None, FileHeights::Ellipsoidal) => HeightReference::Ellipsoidal,
-            (None, _) if world.vertical_epsg().is_some() => HeightReference::Orthometric,
-            (None, _) if world.is_ellipsoidal_3d() => HeightReference::Ellipsoidal,
+            (None, FileHeights::Ellipsoidal) => VerticalDatum::Ellipsoidal,
+            (None, _) if world.vertical_epsg().is_some() => VerticalDatum::Orthometric,
+            (None, _) if world.is_ellipsoidal_3d() => VerticalDatum::Ellipsoidal,
             (None, _) if world.is_geographic() && project_crs.height_unit_m().is_some() => {
                 let message = format!("{world} says nothing of heights, and the project's do count: {project_crs}");
                 return Err(SurveyError::config(message, CHOICES_OF_UNSAID));
             }
-            (None, _) => HeightReference::Project,
+            (None, _) => VerticalDatum::Project,
         };
         let base = |what: &str| match config.base {
             Some(base_m) if base_m.is_finite() => Ok(OrthometricHeight(base_m)),
@@ -82,11 +82,11 @@ impl Heights {
             )),
         };
         match reference {
-            HeightReference::Project => Ok(Self::AsTheyAre),
-            HeightReference::AboveGround => base("the ground").map(Self::AboveGround),
-            HeightReference::AboveTakeoff => base("the take-off").map(Self::AboveTakeoff),
-            HeightReference::Ellipsoidal => Self::from_ellipsoid(config, world, project_crs),
-            HeightReference::Orthometric => Self::from_vertical(config, world, project_crs),
+            VerticalDatum::Project => Ok(Self::AsTheyAre),
+            VerticalDatum::AboveGround => base("the ground").map(Self::AboveGround),
+            VerticalDatum::AboveTakeoff => base("the take-off").map(Self::AboveTakeoff),
+            VerticalDatum::Ellipsoidal => Self::from_ellipsoid(config, world, project_crs),
+            VerticalDatum::Orthometric => Self::from_vertical(config, world, project_crs),
         }
     }
 

@@ -40,7 +40,7 @@ pub(crate) const IMPOSSIBLE_HEIGHT: &str = "height_impossible";
 /// The place as far as it is known, to hold a survey against.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Site<'a> {
-    /// The ground.
+    /// Ground of the place.
     pub terrain: Option<&'a Terrain>,
     /// The area of interest in the project's CRS, such as the hull of all footprints.
     pub area: Option<&'a geo::Polygon>,

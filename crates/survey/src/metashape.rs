@@ -14,15 +14,15 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
-use std::path::Path;
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 
-use super::SurveyError;
 use super::angles::{nearest_rotation, rows};
+use super::formats::Candidate;
 use super::poses::{Pose, Poses, World};
 use super::xml::{Element, Step, Xml};
+use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::FileError;
 use sizeup_heights::camera::{Camera, Distortion};
@@ -43,13 +43,14 @@ struct Shot {
     transform: Option<Vec<f64>>,
 }
 
-/// Whether a file's first bytes look like this format.
-pub(crate) fn is_metashape(head: &str) -> bool {
-    head.contains("<document") && head.contains("<chunk")
+/// A file with a document and a chunk in its first bytes.
+pub(crate) fn recognises(candidate: &Candidate) -> bool {
+    candidate.head.contains("<document") && candidate.head.contains("<chunk")
 }
 
 /// Reads all chunks of a `cameras.xml`.
-pub(crate) fn read(path: &Path) -> Result<Poses, SurveyError> {
+pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
+    let path = config.path.as_path();
     let file = File::open(path).map_err(FileError::on("cannot open", path))?;
     let mut xml = Xml::new(BufReader::with_capacity(1 << 18, file), path);
     let mut poses = Poses::new();

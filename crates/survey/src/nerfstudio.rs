@@ -11,18 +11,17 @@
 //!
 //! Source: nerfstudio's documentation, "Data conventions", and its converter from COLMAP, which agree.
 
-use std::path::Path;
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
 
-use super::SurveyError;
 use super::angles::{CameraAxes, nearest_rotation, rows};
 use super::error::Place;
 use super::formats::Candidate;
 use super::opensfm::json;
 use super::poses::{Pose, Poses};
+use super::{SurveyConfig, SurveyError};
 use sizeup_heights::camera::{Camera, Distortion};
 
 #[derive(Deserialize)]
@@ -69,7 +68,8 @@ pub(crate) fn recognises(candidate: &Candidate) -> bool {
 }
 
 /// Reads the file, or the one in a folder.
-pub(crate) fn read(path: &Path) -> Result<Poses, SurveyError> {
+pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
+    let path = config.path.as_path();
     let path = &if path.is_dir() { path.join("transforms.json") } else { path.to_owned() };
     let Transforms { camera: shared, applied_transform, frames } = json(path)?;
     let applied = applied_transform.as_deref().map(similarity).transpose();

@@ -11,6 +11,7 @@ use serde::Deserialize;
 
 use super::angles::from_rotation_vector;
 use super::error::Place;
+use super::formats::Candidate;
 use super::odm_frame::odm_crs;
 use super::opensfm::{Cameras, SfmCamera, camera_key, cameras_of, json, take};
 use super::poses::{FileHeights, Pose, Poses, World};
@@ -53,8 +54,13 @@ const CONFIRMED_WITHIN_M: f64 = 0.5;
 /// Focal lengths of one camera in two files of ODM differ by rounding only, of the larger side.
 const SAME_FOCAL_WITHIN: f64 = 1e-6;
 
-/// Reads the poses.
-pub(crate) fn read_shots(config: &SurveyConfig) -> Result<Poses, SurveyError> {
+/// A `.geojson` whose features name files.
+pub(crate) fn recognises(candidate: &Candidate) -> bool {
+    candidate.has_extension("geojson") && candidate.head.contains("\"filename\"")
+}
+
+/// Reads `shots.geojson` and the cameras beside it.
+pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let path = config.path.as_path();
     let layer: ShotsLayer = json(path)?;
     let folder = path.parent().unwrap_or(Path::new("."));

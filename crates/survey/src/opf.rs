@@ -28,10 +28,11 @@ use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
-use super::SurveyError;
 use super::angles::AngleConvention;
 use super::error::Place;
+use super::formats::Candidate;
 use super::poses::{Pose, Poses, World};
+use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::FileError;
 use sizeup_geo::paths::{self, within};
@@ -139,7 +140,7 @@ struct Canonical {
 }
 
 /// The project file that a path means.
-pub(crate) fn find(path: &Path) -> Option<PathBuf> {
+fn find(path: &Path) -> Option<PathBuf> {
     if path.is_file() {
         return Some(path.to_owned());
     }
@@ -150,8 +151,14 @@ pub(crate) fn find(path: &Path) -> Option<PathBuf> {
     files.into_iter().next()
 }
 
+/// A project, or a folder with one.
+pub(crate) fn recognises(candidate: &Candidate) -> bool {
+    candidate.has_extension("opf") || (candidate.is_folder && find(&candidate.path).is_some())
+}
+
 /// Reads a project with a calibration.
-pub(crate) fn read(path: &Path) -> Result<Poses, SurveyError> {
+pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
+    let path = config.path.as_path();
     let file = find(path)
         .ok_or_else(|| SurveyError::malformed(path, Place::Whole, "expected a .opf project, or a folder with one"))?;
     let project: Project = read_json(&file)?;

@@ -10,12 +10,12 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::SurveyError;
 use super::angles::{nearest_rotation, rows};
-use super::config::CameraConfig;
+use super::config::CsvConfig;
 use super::error::Place;
+use super::formats::Candidate;
 use super::poses::{Pose, Poses, World};
-use super::tables;
+use super::{SurveyConfig, SurveyError, csv};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files;
 use sizeup_heights::camera::{Camera, Distortion};
@@ -26,7 +26,7 @@ const HEADER_LINES: usize = 8;
 const LINES_PER_IMAGE: usize = 10;
 
 /// The file of a Pix4D `params` folder to read: complete cameras before external parameters only.
-pub(crate) fn find(path: &Path) -> Option<PathBuf> {
+fn find(path: &Path) -> Option<PathBuf> {
     let ends = |path: &Path, end: &str| {
         let prefix = path.file_name().and_then(|name| name.to_str()?.strip_suffix(end));
         prefix.is_some_and(|prefix| prefix.is_empty() || prefix.ends_with('_'))
@@ -39,8 +39,14 @@ pub(crate) fn find(path: &Path) -> Option<PathBuf> {
     [CALIBRATED, EXTERNAL].iter().find_map(|end| files.iter().find(|file| ends(file, end)).cloned())
 }
 
+/// A `params` folder, or one of its files.
+pub(crate) fn recognises(candidate: &Candidate) -> bool {
+    find(&candidate.path).is_some()
+}
+
 /// Reads a `params` folder or one of its files.
-pub(crate) fn read(path: &Path, camera: Option<&CameraConfig>) -> Result<Poses, SurveyError> {
+pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
+    let path = config.path.as_path();
     let file = find(path).ok_or_else(|| {
         SurveyError::malformed(path, Place::Whole, format!("no file ends in {CALIBRATED} or {EXTERNAL}"))
             .hint("`path` is Pix4D's folder 1_initial/params, or one of these files")
@@ -52,7 +58,7 @@ pub(crate) fn read(path: &Path, camera: Option<&CameraConfig>) -> Result<Poses, 
     let mut poses = if is_complete {
         read_calibrated(&file, offset(&beside("offset.xyz"))?)?
     } else {
-        tables::read_pix4d_external(&file, camera)?
+        read_external(&file, config)?
     };
     let prj = beside("wkt.prj");
     if prj.is_file() {
@@ -60,6 +66,13 @@ pub(crate) fn read(path: &Path, camera: Option<&CameraConfig>) -> Result<Poses, 
         poses.world = World::Crs(Crs::parse(wkt.trim())?);
     }
     Ok(poses)
+}
+
+/// A table `imageName X Y Z Omega Phi Kappa` with blanks between, which carries no camera.
+fn read_external(path: &Path, config: &SurveyConfig) -> Result<Poses, SurveyError> {
+    config.declared_camera("Pix4D's file of external parameters")?;
+    let table = CsvConfig { name: "imageName".to_owned(), delimiter: "whitespace".to_owned(), ..CsvConfig::default() };
+    csv::read_table(path, &table, config.camera.as_ref())
 }
 
 fn offset(path: &Path) -> Result<DVec3, SurveyError> {

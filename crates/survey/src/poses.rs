@@ -29,7 +29,7 @@ pub(crate) enum World {
 pub(crate) enum FileHeights {
     /// Nothing: the project's reference unless declared.
     Unsaid,
-    /// Above the ellipsoid.
+    /// Heights above the ellipsoid.
     Ellipsoidal,
     /// Barometric or of unknown reference: must be declared.
     Unreliable,
@@ -38,9 +38,9 @@ pub(crate) enum FileHeights {
 /// One pose in the file's world.
 #[derive(Debug, Clone)]
 pub(crate) struct Pose {
-    /// The photo's name.
+    /// Name of the photo, as the file writes it.
     pub name: String,
-    /// The camera, shared.
+    /// Camera of the photo, shared by all photos of it.
     pub camera: Arc<Camera>,
     /// From the world's axes to ours (x right, y down, z forward).
     pub camera_from_world: DMat3,
@@ -57,7 +57,7 @@ pub(crate) struct Poses {
     pub north: North,
     /// Kind of its heights.
     pub heights: FileHeights,
-    /// In the file's order.
+    /// Poses in the file's order.
     pub poses: Vec<Pose>,
     /// Poses that the reader refused.
     pub issues: Vec<Issue>,

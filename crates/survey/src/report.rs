@@ -10,11 +10,11 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 /// Lowest, middle and highest of a set of values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
-    /// Lowest.
+    /// Lowest of the values.
     pub min: f64,
-    /// Median.
+    /// Median of the values.
     pub median: f64,
-    /// Highest.
+    /// Highest of the values.
     pub max: f64,
 }
 
@@ -52,7 +52,7 @@ pub struct SurveyReport {
     pub format: String,
     /// The CRS of the poses as they came.
     pub poses_crs: String,
-    /// The project's CRS.
+    /// Definition of the project's CRS.
     pub project_crs: String,
     /// Way of heights to the project's vertical reference.
     pub heights: String,
@@ -61,15 +61,15 @@ pub struct SurveyReport {
     pub transform: String,
     /// Photos and poses in the file.
     pub n_poses: usize,
-    /// Usable views.
+    /// Views that can be used.
     pub n_views: usize,
     /// Views with a photo file.
     pub n_photos: usize,
     /// Views within 15° of the vertical.
     pub n_nadir: usize,
-    /// Views further off.
+    /// Views more than 15° off the vertical.
     pub n_oblique: usize,
-    /// Different cameras.
+    /// Number of different cameras.
     pub n_cameras: usize,
     /// Share of the views with a pose that look down, 0..1.
     pub looks_down: f64,

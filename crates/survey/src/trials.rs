@@ -7,7 +7,7 @@ use super::inspect::{Judgement, Site, looks_earth_centred, looks_like_degrees};
 use super::locate::locate;
 use super::poses::{Pose, Poses, World};
 use super::report::{Spread, Trial};
-use super::{Format, HeightConfig, HeightReference, SurveyConfig, csv};
+use super::{Format, HeightConfig, SurveyConfig, VerticalDatum, csv};
 use sizeup_geo::crs::Crs;
 
 /// Poses that are tried, spread evenly over the file.
@@ -89,11 +89,8 @@ fn takeoff(poses: &Poses, config: &SurveyConfig, project_crs: &Crs, site: Site<'
     let (survey, _) = locate(poses.clone(), config, project_crs).ok()?;
     let centres = survey.views.iter().map(|view| view.camera_from_map.centre());
     let ground_m = Spread::of(centres.filter_map(|centre| terrain.height_at(centre.x, centre.y)))?.median.round();
-    let height = HeightConfig {
-        reference: Some(HeightReference::AboveTakeoff),
-        base: Some(ground_m),
-        ..HeightConfig::default()
-    };
+    let height =
+        HeightConfig { reference: Some(VerticalDatum::AboveTakeoff), base: Some(ground_m), ..HeightConfig::default() };
     let change = format!("height.reference = \"above_takeoff\", height.base = {ground_m}");
     Some(Candidate { change, poses: poses.clone(), config: SurveyConfig { height, ..config.clone() } })
 }
@@ -114,7 +111,7 @@ pub(crate) fn opposite(config: &SurveyConfig, project_crs: &Crs, site: Site<'_>)
     let own = if declared.angles == AngleKind::Opk { Sequence::Xyz } else { Sequence::Yxz };
     let change = format!("csv.sequence = {}, csv.direction = {}", word(&sequence.unwrap_or(own)), word(&direction));
     let judge = || -> Option<Trial> {
-        let poses = sample(&csv::read(&config.path, &other, config.camera.as_ref()).ok()?);
+        let poses = sample(&csv::read_table(&config.path, &other, config.camera.as_ref()).ok()?);
         let unmatched = SurveyConfig { images: None, ..config.clone() };
         let (survey, _) = locate(poses, &unmatched, project_crs).ok()?;
         let judgement = Judgement::of(&survey, site);
@@ -199,7 +196,7 @@ fn tables(config: &SurveyConfig) -> Vec<(String, Poses)> {
             }
         }
     }
-    let read = |csv: &super::CsvConfig| csv::read(&config.path, csv, config.camera.as_ref()).ok();
+    let read = |csv: &super::CsvConfig| csv::read_table(&config.path, csv, config.camera.as_ref()).ok();
     configs.iter().filter_map(|(change, csv)| Some((change.clone(), sample(&read(csv)?)))).collect()
 }
 

@@ -36,7 +36,7 @@ impl Element {
         self.children.iter().filter(move |child| child.name == name)
     }
 
-    /// A child's text.
+    /// Text of the first child of this name; `None` without one.
     pub(crate) fn text_of(&self, name: &str) -> Option<&str> {
         Some(self.child(name)?.text.trim())
     }
@@ -51,7 +51,7 @@ impl Element {
         self.number(name)?.ok_or_else(|| format!("<{}> has no <{name}>", self.name))
     }
 
-    /// An attribute.
+    /// Value of an attribute; `None` without one.
     pub(crate) fn attribute(&self, name: &str) -> Option<&str> {
         self.attributes.get(name).map(String::as_str)
     }
@@ -71,9 +71,9 @@ pub(crate) fn parse_number(name: &str, text: &str) -> Result<f64, String> {
 pub(crate) enum Step {
     /// An element opens: take it with [`Xml::element`], or let the walk go on inside it.
     Start(Element),
-    /// An element closes.
+    /// The end of the element of this name.
     End(String),
-    /// The file is over.
+    /// The end of the file.
     Done,
 }
 

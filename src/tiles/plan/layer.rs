@@ -23,7 +23,7 @@ pub(super) struct CityFootprints {
     pub renamed: BTreeMap<u64, String>,
     /// Buildings without a usable footprint.
     pub refused: Vec<RefusedFootprint>,
-    /// Repairs and refusals.
+    /// Repairs and refusals of single footprints.
     pub issues: Vec<Issue>,
 }
 

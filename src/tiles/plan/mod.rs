@@ -32,8 +32,8 @@ use sizeup_survey::Survey;
 
 /// A tile that would be run, and why.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Change {
-    /// The tile.
+pub struct TileChange {
+    /// Tile of the plan.
     pub tile: Tile,
     /// Why it is not done.
     pub why: String,
@@ -47,7 +47,7 @@ pub struct Planned {
     /// Tiles of the plan.
     pub n_tiles: usize,
     /// Those that would be run.
-    pub changes: Vec<Change>,
+    pub changes: Vec<TileChange>,
 }
 
 /// Makes the plan and writes it into the configuration's output folder. The same input gives the same bytes; tiles that
@@ -99,16 +99,16 @@ pub fn try_plan(
     // Views are those of the new plan, results those of the city.
     let check = Check { layout: &layout, manifest: &manifest, hashes: &hashes };
     let seconds = seconds_per_building(&city, &manifest);
-    let of_tile = |tile: &Tile| -> Result<Option<Change>, TilesError> {
+    let of_tile = |tile: &Tile| -> Result<Option<TileChange>, TilesError> {
         let wanted = check.tile(tile)?;
         let why = match city.read_done(&tile.id) {
             None => Some("it has not been run".to_owned()),
             Some(done) => wanted.why_stale(&done.made_by).or_else(|| done.fault(&city, &hashes)),
         };
         let processor_seconds = seconds.map(|each| each * tile.n_solved as f64);
-        Ok(why.map(|why| Change { tile: tile.clone(), why, processor_seconds }))
+        Ok(why.map(|why| TileChange { tile: tile.clone(), why, processor_seconds }))
     };
-    let changes: Vec<Option<Change>> = manifest.tiles.iter().map(of_tile).collect::<Result<_, _>>()?;
+    let changes: Vec<Option<TileChange>> = manifest.tiles.iter().map(of_tile).collect::<Result<_, _>>()?;
     Ok(Planned { n_tiles: manifest.tiles.len(), changes: changes.into_iter().flatten().collect() })
 }
 

@@ -8,41 +8,41 @@ use super::labels::Instance;
 /// All photos and instances of a split.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct CocoSet {
-    /// Photos.
+    /// Photos of the set.
     pub images: Vec<CocoImage>,
-    /// Buildings in photos.
+    /// Buildings, one entry per photo that shows one.
     pub annotations: Vec<CocoInstance>,
-    /// One: building.
+    /// Categories: `building` alone.
     pub categories: Vec<CocoCategory>,
 }
 
 /// A kind of thing.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct CocoCategory {
-    /// Its number.
+    /// Id of the category.
     pub id: u32,
-    /// Its name.
+    /// Name of the category.
     pub name: String,
 }
 
 /// A photo, with what a network may be told of it beside its colours.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct CocoImage {
-    /// Its number.
+    /// Id of the photo.
     pub id: usize,
     /// Its file, relative to the set.
     pub file_name: String,
-    /// Columns.
+    /// Number of columns.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
-    /// Its scene.
+    /// Name of the photo's scene.
     pub scene: String,
     /// Angle between the optical axis and the downward vertical, degrees.
     pub off_nadir_deg: f64,
     /// The pixel that looks straight down.
     pub nadir_px: [f64; 2],
-    /// Focal length, pixels.
+    /// Focal length of the camera, pixels.
     pub focal_px: f64,
     /// Size of a pixel on the ground under the camera, metres.
     pub ground_sample_m: f64,
@@ -69,9 +69,9 @@ pub struct CocoPrior {
 /// A building in a photo.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct CocoInstance {
-    /// Its number.
+    /// Id of the annotation.
     pub id: usize,
-    /// Its photo.
+    /// Id of the photo.
     pub image_id: usize,
     /// Always that of a building.
     pub category_id: u32,
@@ -79,7 +79,7 @@ pub struct CocoInstance {
     pub segmentation: CocoRle,
     /// Left, top, width, height, pixels.
     pub bbox: [usize; 4],
-    /// Pixels.
+    /// Area of the mask, pixels.
     pub area: usize,
     /// Always 0: a single thing.
     pub iscrowd: u8,
@@ -98,7 +98,7 @@ pub struct CocoInstance {
 /// A mask as run lengths.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CocoRle {
-    /// Rows and columns.
+    /// Rows and columns of the mask.
     pub size: [usize; 2],
     /// Lengths of runs down the columns: of 0, of 1, and so on.
     pub counts: Vec<usize>,

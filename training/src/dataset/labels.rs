@@ -16,7 +16,7 @@ pub const UNKNOWN: u16 = u16::MAX;
 pub struct Labels {
     /// Whose footprint a pixel lies in; [`UNKNOWN`] where there are none.
     pub ground: Raster<u16>,
-    /// Whose roof.
+    /// Building whose roof each pixel shows.
     pub roof: Raster<u16>,
     /// Which building is seen.
     pub visible: Raster<u16>,

@@ -21,9 +21,9 @@ use crate::TrainError;
 /// A set whose files are those that its manifest lists.
 #[derive(Debug)]
 pub struct Set {
-    /// Its folder.
+    /// Folder of the set.
     pub root: PathBuf,
-    /// Its contents.
+    /// Contents of the set.
     pub manifest: Manifest,
 }
 
@@ -32,7 +32,7 @@ pub struct Set {
 pub struct Photo {
     /// What the set says of it.
     pub image: CocoImage,
-    /// Columns and rows.
+    /// Columns and rows of the photo.
     pub size: (usize, usize),
     /// Red, green, blue, 0 to 255.
     pub rgb: Vec<[u8; 3]>,

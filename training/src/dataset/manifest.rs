@@ -18,7 +18,7 @@ pub const FILE: &str = "manifest.json";
 /// A set's list of contents.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Manifest {
-    /// [`FORMAT`].
+    /// Name of the format, [`FORMAT`].
     pub format: String,
     /// Scenes in the order of the configuration.
     pub scenes: Vec<SceneEntry>,
@@ -26,24 +26,24 @@ pub struct Manifest {
     pub files: BTreeMap<String, FileEntry>,
 }
 
-/// One scene.
+/// A scene of the set: its photos and their licence.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct SceneEntry {
-    /// Its name.
+    /// Name of the scene.
     pub name: String,
-    /// What it is for.
+    /// Use of the scene: training, validation or test.
     pub split: Split,
-    /// Of its photos.
+    /// Licence of the scene's photos.
     pub licence: String,
     /// Buildings in the scene.
     pub n_buildings: usize,
     /// Photos in the set.
     pub n_photos: usize,
-    /// Buildings in photos.
+    /// Number of buildings in photos, each counted once per photo.
     pub n_instances: usize,
     /// Of these, with a part that something hides.
     pub n_occluded: usize,
-    /// Photos with depth.
+    /// Number of photos with depth.
     pub n_with_depth: usize,
     /// What was left out, and why.
     pub notes: Vec<String>,
@@ -51,12 +51,12 @@ pub struct SceneEntry {
     pub source: SceneConfig,
 }
 
-/// One file.
+/// A file of the set, by which changes are noticed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileEntry {
-    /// Its size.
+    /// Size of the file, bytes.
     pub bytes: u64,
-    /// In hexadecimal.
+    /// SHA-256 of the file's bytes, in hexadecimal.
     pub sha256: String,
 }
 

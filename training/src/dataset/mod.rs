@@ -33,16 +33,16 @@ use sizeup_survey::SurveyConfig;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Split {
-    /// To learn from.
+    /// Scenes to learn from.
     Train,
     /// To tell when to stop.
     Val,
-    /// To measure on.
+    /// Scenes to measure on.
     Test,
 }
 
 impl Split {
-    /// All, in order.
+    /// All three, in the order in which they are used.
     pub const ALL: [Self; 3] = [Self::Train, Self::Val, Self::Test];
 
     /// Its name in files.
@@ -70,7 +70,7 @@ pub struct DatasetConfig {
 pub struct SceneConfig {
     /// Its name and its folder: letters, digits, `-` and `_`.
     pub name: String,
-    /// What it is for.
+    /// Use of the scene: training, validation or test.
     pub split: Split,
     /// Under which licence its photos are.
     pub licence: String,

@@ -7,7 +7,7 @@ use sizeup_lab::evaluate::PhotoAreas;
 
 use crate::dataset::labels::UNKNOWN;
 
-/// One photo's instances.
+/// Areas of one photo's instances, found and true, and their overlap.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Compared {
     /// Areas of the instances, pixels.

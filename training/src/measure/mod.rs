@@ -33,11 +33,11 @@ const SHOWN: usize = 3;
 /// One row of the table.
 #[derive(Debug, Clone, Serialize)]
 pub struct Measured {
-    /// What was measured.
+    /// Name of what was measured.
     pub name: String,
     /// Intersection over union of all buildings' pixels, mean over photos.
     pub iou_of_pixels: f64,
-    /// Measures by instances.
+    /// Measures of instances and areas.
     pub instances: PhotoEvaluation,
 }
 

@@ -30,7 +30,7 @@ pub enum Row {
     Network {
         /// Its name in the table.
         name: String,
-        /// The file.
+        /// Path of the network's file.
         path: PathBuf,
         /// Side of a tile, for a checkpoint.
         tile: usize,
@@ -43,7 +43,7 @@ pub enum Row {
     Coco {
         /// Its name in the table.
         name: String,
-        /// The file.
+        /// Path of the COCO file.
         path: PathBuf,
     },
 }

@@ -94,7 +94,7 @@ impl Input {
         }
     }
 
-    /// Its channels.
+    /// Number of channels that the network takes.
     #[must_use]
     pub fn channels(self) -> usize {
         match self {
@@ -111,7 +111,7 @@ impl Input {
 pub struct FeatureConfig {
     /// Its name in the files and in the graph, such as "tex2" or "geo".
     pub name: String,
-    /// Its channels.
+    /// Number of channels of the features.
     pub channels: usize,
 }
 

@@ -37,7 +37,7 @@ struct GroupNorm {
     n_groups: usize,
 }
 
-/// Batch, channels, pixels.
+/// Batch, channels and pixels of a tensor whose channels fall into `n_groups`.
 fn sizes(shape: &Shape, n_groups: usize) -> Result<(usize, usize, usize)> {
     let (batch, channels, rows, columns) = shape.dims4()?;
     if n_groups == 0 || channels % n_groups != 0 {

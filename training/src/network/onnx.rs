@@ -18,7 +18,7 @@ use super::{Builder, Kernel, NetworkConfig, network};
 /// Version of the file's form and of the operators: old enough for every engine.
 const IR_VERSION: u64 = 8;
 const OPSET: u64 = 17;
-/// Codes of `TensorProto.DataType`.
+/// Code of 32-bit reals in `TensorProto.DataType`.
 const FLOAT: u64 = 1;
 const INT64: u64 = 7;
 

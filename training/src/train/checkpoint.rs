@@ -32,15 +32,15 @@ const FORMAT: u32 = 1;
 /// Where a training is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
-    /// Steps done.
+    /// Number of steps done.
     pub step: usize,
     /// The least loss on the scenes for validation so far.
     pub best_loss: Option<f64>,
-    /// The step of it.
+    /// Step at which the loss was least.
     pub best_step: usize,
     /// Intersection over union of buildings at that step.
     pub best_iou: f64,
-    /// Looks since.
+    /// Number of looks at the validation set since the best one.
     pub n_since: usize,
     /// Sum of the losses since the last line of the log, and how many.
     pub loss_sum: (f64, usize),
@@ -58,13 +58,13 @@ struct About {
 /// All of a training.
 #[derive(Debug)]
 pub struct Checkpoint {
-    /// What it is told.
+    /// Settings of the training.
     pub config: TrainConfig,
-    /// Where it is.
+    /// Where the training stands.
     pub progress: Progress,
     /// SHA-256 of the manifest of its set.
     pub set: String,
-    /// As of now.
+    /// Parameters as they are now.
     pub parameters: Parameters,
     /// As of the best look.
     pub best: Parameters,

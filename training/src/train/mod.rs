@@ -40,9 +40,9 @@ pub struct TrainConfig {
     pub warm_up: usize,
     /// How much weights shrink in a step, per learning rate.
     pub weight_decay: f64,
-    /// What is made small.
+    /// Settings of the loss.
     pub loss: LossConfig,
-    /// How crops vary.
+    /// Ways in which crops are varied.
     pub augment: AugmentConfig,
     /// When to look, and when to stop.
     pub stop: StopConfig,

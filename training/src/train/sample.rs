@@ -17,7 +17,7 @@ use crate::network::parameters::normal;
 
 /// ImageNet's mean and deviation, as in sizeup's profile `small.v1`.
 pub const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
-/// See [`MEAN`].
+/// Standard deviation of red, green and blue that inputs are scaled by; see [`MEAN`].
 pub const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 /// Share of crops around a building.
 const BUILT: f64 = 0.85;
@@ -25,11 +25,11 @@ const BUILT: f64 = 0.85;
 /// A photo ready to be cropped.
 #[derive(Debug)]
 pub struct Scene {
-    /// The photo.
+    /// Photo that crops are cut from.
     pub photo: Photo,
     /// Per pixel: how near to its building's middle it lies.
     pub middles: Middles,
-    /// Its pixels in buildings.
+    /// Positions of the photo's pixels that show a building.
     built: Vec<u32>,
 }
 
@@ -106,7 +106,7 @@ impl Draft {
         })
     }
 
-    /// Adds a crop.
+    /// Adds a crop of a scene to the batch.
     pub fn add(&mut self, scene: &Scene, place: &Placement, looks: &Looks) {
         let (columns, rows) = self.size;
         let photo = &scene.photo;

@@ -19,9 +19,9 @@ use sizeup_survey::View;
 
 /// Puts buildings into a layer.
 pub(super) struct Builder<'a> {
-    /// The survey's.
+    /// Views of the survey that footprints are looked for in.
     pub views: &'a [View],
-    /// Under them.
+    /// Ground under the views.
     pub terrain: &'a Terrain,
     /// Rules for drawing footprints.
     pub settings: DetectionSettings<'a>,
@@ -29,7 +29,7 @@ pub(super) struct Builder<'a> {
     pub placed: Vec<PlacedCandidate>,
     /// The same as the photos show it, for roofs.
     pub tracks: Vec<Track>,
-    /// Result so far.
+    /// Layer, sightings and counts, as far as they are built.
     pub detection: Detection,
 }
 

@@ -15,7 +15,7 @@ pub use roofs::move_roofs;
 
 use self::build::Builder;
 use self::look::{Looked, look_at, raised};
-use super::cadastre::{self, Change, FootprintFrom};
+use super::cadastre::{self, CadastreChange, FootprintFrom};
 use super::candidate::{Candidate, SeenGround};
 use super::cluster::Dropped;
 use super::consensus;
@@ -67,10 +67,10 @@ pub struct Sighting {
     #[serde(default)]
     pub left_out_m2: f64,
     /// Against an existing layer.
-    pub change: Option<Change>,
+    pub change: Option<CadastreChange>,
 }
 
-/// Counts.
+/// Numbers of views, contours and buildings in a detection, by what became of them.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct DetectionSummary {
     /// Where the footprints in the photos come from, in words.
@@ -89,7 +89,7 @@ pub struct DetectionSummary {
     /// Buildings below the least area.
     pub n_small: usize,
     /// Buildings by what became of them against an existing layer.
-    pub by_change: BTreeMap<Change, usize>,
+    pub by_change: BTreeMap<CadastreChange, usize>,
 }
 
 /// Input to move roofs again: the contours as the photos show them.
@@ -115,7 +115,7 @@ pub struct Track {
 /// Buildings found in photos.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Detection {
-    /// The buildings.
+    /// One footprint per building.
     pub layer: FootprintLayer,
     /// Sightings of each of the layer's footprints, in order.
     pub sightings: Vec<Sighting>,
@@ -123,9 +123,9 @@ pub struct Detection {
     pub candidates: Vec<PlacedCandidate>,
     /// Buildings of an existing layer that are gone.
     pub vanished: Vec<Footprint>,
-    /// For roof contours.
+    /// The photos' contours as seen, for roof contours; `None` where they were not kept.
     pub tracks: Option<Tracks>,
-    /// Counts.
+    /// Numbers of views, contours and buildings, by what became of them.
     pub summary: DetectionSummary,
 }
 
@@ -221,12 +221,12 @@ pub fn detect(
             *summary.by_change.entry(*change).or_default() += 1;
         }
         if !found.vanished.is_empty() {
-            summary.by_change.insert(Change::Vanished, found.vanished.len());
+            summary.by_change.insert(CadastreChange::Vanished, found.vanished.len());
         }
         for old in found.unseen {
-            *summary.by_change.entry(Change::Unseen).or_default() += 1;
+            *summary.by_change.entry(CadastreChange::Unseen).or_default() += 1;
             detection.layer.footprints.push(old);
-            detection.sightings.push(Sighting { change: Some(Change::Unseen), ..Sighting::default() });
+            detection.sightings.push(Sighting { change: Some(CadastreChange::Unseen), ..Sighting::default() });
         }
         if let Some(tracks) = &mut detection.tracks {
             tracks.buildings.resize(detection.layer.footprints.len(), Vec::new());
@@ -301,9 +301,9 @@ fn suspicious(looked: &[Result<Looked, ViewFault>]) -> Option<Issue> {
 /// Buildings that views show in several pieces, of which the largest became the footprint: those that lost as much as a
 /// building. Where a layer's footprint is taken, nothing is lost.
 fn left_out(detection: &Detection, settings: &DetectionSettings<'_>) -> Vec<Issue> {
-    let has_own_footprint = |change: Option<Change>| {
+    let has_own_footprint = |change: Option<CadastreChange>| {
         let is_of_layer = settings.cadastre.is_some_and(|config| config.footprint_from == FootprintFrom::Layer);
-        !(is_of_layer && change == Some(Change::Matched))
+        !(is_of_layer && change == Some(CadastreChange::Matched))
     };
     let least_m2 = settings.consensus.min_area_m2;
     let buildings = detection.layer.footprints.iter().zip(&detection.sightings);

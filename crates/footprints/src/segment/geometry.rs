@@ -89,7 +89,7 @@ fn cells(tile: Window, (columns, rows): (usize, usize)) -> impl Iterator<Item = 
 pub struct Lean {
     /// Nadir of the camera, pixels.
     pub nadir_px: [f64; 2],
-    /// Focal length, pixels.
+    /// Focal length of the camera, pixels.
     pub focal_px: f64,
 }
 

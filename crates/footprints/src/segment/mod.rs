@@ -24,7 +24,7 @@ use self::tiles::{Joiner, Mosaic, at_photo_size};
 use super::cadastre::CadastreConfig;
 use super::consensus::ConsensusConfig;
 use super::contours::{ContourKind, ContourSource, Look, ViewFault};
-use super::georeference::AccuracyConfig;
+use super::georeference::InputAccuracy;
 use super::layer::FootprintError;
 use super::vectorise::{Contour, Instances, MaskFault, Vectorising, contours, contours_at_level};
 use sizeup_geo::geodata::raster::{RasterFile, Resampling, Window};
@@ -87,7 +87,7 @@ pub struct SegmenterConfig {
     pub depth: Option<FilePriorConfig>,
     /// How accurate masks, poses and terrain are.
     #[serde(default)]
-    pub accuracy: AccuracyConfig,
+    pub accuracy: InputAccuracy,
     /// How views become one footprint per building.
     #[serde(default)]
     pub consensus: ConsensusConfig,
@@ -124,7 +124,7 @@ impl SegmenterConfig {
             min_score: default_min_score(),
             contour: ContourKind::default(),
             depth: None,
-            accuracy: AccuracyConfig::default(),
+            accuracy: InputAccuracy::default(),
             consensus: ConsensusConfig::default(),
             cadastre: None,
         }
@@ -142,7 +142,7 @@ impl SegmenterConfig {
         self.model.as_ref().map_or_else(|| small::IN_WORDS.to_owned(), |path| format!("the network {}", path.display()))
     }
 
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         self.model.iter_mut().for_each(&mut *visit);
         self.backbones.values_mut().for_each(&mut *visit);

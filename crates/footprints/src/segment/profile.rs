@@ -21,7 +21,7 @@ pub enum Gives {
 pub enum Activation {
     /// `1 / (1 + exp(−x))`, for logits.
     Sigmoid,
-    /// They are probabilities.
+    /// The outputs are probabilities already, 0 to 1.
     None,
 }
 

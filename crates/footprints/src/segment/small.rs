@@ -4,9 +4,9 @@
 
 use serde::Serialize;
 
-/// The graph.
+/// The graph as an ONNX file.
 pub(super) const ONNX: &[u8] = include_bytes!("small.onnx");
-/// The graph's profile.
+/// Name of the profile by which the graph is run.
 pub(super) const PROFILE: &str = "small.v1";
 /// The network's name in messages.
 pub(super) const IN_WORDS: &str = "the built-in network";
@@ -16,15 +16,15 @@ pub(super) const IN_WORDS: &str = "the built-in network";
 pub struct SmallNetwork {
     /// The name that `sizeup model list` gives it.
     pub name: &'static str,
-    /// Use, in words.
+    /// Purpose of the network, in words.
     pub about: &'static str,
     /// Licence of its weights.
     pub licence: &'static str,
     /// Set and settings that it was made from.
     pub source: &'static str,
-    /// Skill, in words.
+    /// How well it finds buildings, measured, in words.
     pub measured: &'static str,
-    /// Size, bytes.
+    /// Size of the graph's file, bytes.
     pub bytes: usize,
 }
 

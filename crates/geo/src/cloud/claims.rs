@@ -35,11 +35,11 @@ pub(super) enum Claim {
     /// A number that leads out of the file.
     #[error("{what} {claimed}, the file has {length} bytes\nhint: it is cut off or damaged: copy it again")]
     Beyond {
-        /// Part that does.
+        /// Part of the file that leads out of it.
         what: &'static str,
         /// Position at which it would end.
         claimed: u64,
-        /// The file's length.
+        /// Length of the file, bytes.
         length: u64,
     },
     /// Statement on its compression that contradicts itself.
@@ -47,7 +47,7 @@ pub(super) enum Claim {
         "its points are said to be compressed as {compressor}, its items are those of {LAYERED}\nhint: it is damaged: copy it again"
     )]
     Mixed {
-        /// The compressor.
+        /// Number of the compressor that the header names.
         compressor: u16,
     },
     /// Chunks with fewer points than the file.
@@ -61,9 +61,9 @@ pub(super) enum Claim {
     /// A part of a point that is longer or shorter than its kind.
     #[error("its points have an item of kind {kind} with {size} bytes\nhint: it is damaged: copy it again")]
     Item {
-        /// The kind.
+        /// Number that LAZ gives the kind of item.
         kind: u16,
-        /// Stated size, bytes.
+        /// Size of the item as the file states it, bytes.
         size: u16,
     },
     /// Points that are longer or shorter than what they are made of.
@@ -77,7 +77,7 @@ pub(super) enum Claim {
     /// It does not say what its compressed points are made of.
     #[error("its points are compressed, and nothing says what they are made of\nhint: it is damaged: copy it again")]
     NoItems,
-    /// The file ends early.
+    /// A file that ends before the part named here.
     #[error("it ends within its {0}")]
     Cut(&'static str),
 }

@@ -24,7 +24,7 @@ pub const BUILDING: u8 = 6;
 /// Points in a map frame, metres.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Cloud {
-    /// Positions.
+    /// Positions of the points, map frame, metres.
     pub points: Vec<DVec3>,
     /// LAS class of each point; empty where the file has none.
     pub classes: Vec<u8>,

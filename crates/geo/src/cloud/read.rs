@@ -24,40 +24,40 @@ pub enum CloudError {
     /// No LAS or LAZ.
     #[error("cannot read {} as LAS or LAZ", path.display())]
     Las {
-        /// The file.
+        /// Path of the point cloud's file.
         path: PathBuf,
-        /// Why.
+        /// Error that the reader reported.
         #[source]
         source: las::Error,
     },
     /// A header that claims more than there is, or than may be read.
     #[error("{} is no sound LAS or LAZ: {problem}", path.display())]
     Claim {
-        /// The file.
+        /// Path of the point cloud's file.
         path: PathBuf,
-        /// Claim.
+        /// The claim of its header that cannot hold.
         problem: String,
     },
     /// A line of a text file is no point.
     #[error("{}, line {line}: {text:?} is not `x y z [instance]`\nhint: columns split by spaces, tabs, commas or semicolons", path.display())]
     Line {
-        /// The file.
+        /// Path of the point cloud's file.
         path: PathBuf,
-        /// Counted from 1.
+        /// Number of the line, counted from 1.
         line: usize,
-        /// Text found there.
+        /// Text of the line.
         text: String,
     },
     /// Clouds of one folder that do not go together.
     #[error("{} has another CRS, or other columns, than the clouds before it in its folder\nhint: one folder holds one cloud in tiles", path.display())]
     Tile {
-        /// The first that differs.
+        /// Path of the first cloud that differs.
         path: PathBuf,
     },
-    /// Nothing in it.
+    /// A file without any point.
     #[error("{} holds no points", path.display())]
     Empty {
-        /// The file.
+        /// Path of the point cloud's file.
         path: PathBuf,
     },
 }

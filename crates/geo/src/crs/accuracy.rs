@@ -1,7 +1,7 @@
 //! How well a transformation is known, and the better ones for which a grid file is missing. Source: PROJ's database, after
 //! EPSG's "operation accuracy".
 
-use super::{Crs, CrsError, Grid, Transform, Transform3d, grids};
+use super::{Crs, CrsError, GridFile, Transform, Transform3d, grids};
 
 /// Accuracy of a transformation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,10 +37,10 @@ impl Accuracy {
 pub struct Better {
     /// Name of the operation.
     pub name: String,
-    /// Accuracy, metres.
+    /// Accuracy of the operation as PROJ's database states it, metres.
     pub accuracy_m: f64,
     /// The file, and where to get it.
-    pub grid: Grid,
+    pub grid: GridFile,
 }
 
 impl std::fmt::Display for Better {

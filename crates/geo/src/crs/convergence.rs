@@ -27,7 +27,7 @@ pub struct GridNorth {
 }
 
 impl GridNorth {
-    /// The same axes.
+    /// Axes that are the same in both CRSs.
     pub const SAME: Self = Self { azimuth_rad: 0.0, scale: 1.0 };
 
     /// Turns a direction (east, north, up) in the source's axes into the target's.

@@ -13,14 +13,14 @@ const ENDINGS: [&str; 4] = ["tif", "gsb", "gtx", "ct2"];
 
 /// A grid file of a transformation.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Grid {
-    /// The file's name.
+pub struct GridFile {
+    /// Name of the grid's file.
     pub name: String,
     /// Address at which it is handed out; empty where PROJ's database does not know.
     pub url: String,
 }
 
-impl Grid {
+impl GridFile {
     /// Whether it lies in one of PROJ's folders.
     #[must_use]
     pub fn is_present(&self) -> bool {
@@ -60,7 +60,7 @@ pub fn grids_present() -> Vec<String> {
     names
 }
 
-impl std::fmt::Display for Grid {
+impl std::fmt::Display for GridFile {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         if self.url.is_empty() { f.write_str(&self.name) } else { write!(f, "{} from {}", self.name, self.url) }
     }
@@ -69,8 +69,8 @@ impl std::fmt::Display for Grid {
 /// Grids between the ellipsoid and the vertical systems of either side, any one of which does; empty where neither has one
 /// or the database cannot be read.
 #[must_use]
-pub fn of_heights(from: &Crs, to: &Crs) -> Vec<Grid> {
-    let mut grids: Vec<Grid> = [from, to]
+pub fn of_heights(from: &Crs, to: &Crs) -> Vec<GridFile> {
+    let mut grids: Vec<GridFile> = [from, to]
         .into_iter()
         .filter_map(Crs::vertical_epsg)
         .flat_map(|code| of_vertical(code).unwrap_or_default())
@@ -80,14 +80,16 @@ pub fn of_heights(from: &Crs, to: &Crs) -> Vec<Grid> {
     grids
 }
 
-fn of_vertical(epsg: u32) -> Option<Vec<Grid>> {
+fn of_vertical(epsg: u32) -> Option<Vec<GridFile>> {
     let query = format!(
         "SELECT DISTINCT COALESCE(NULLIF(a.proj_grid_name, ''), g.grid_name) AS name, a.url AS url \
          FROM grid_transformation g LEFT JOIN grid_alternatives a ON a.original_grid_name = g.grid_name \
          WHERE g.deprecated = 0 AND g.grid_name <> '' AND ((g.target_crs_auth_name = 'EPSG' AND g.target_crs_code = '{epsg}') \
          OR (g.source_crs_auth_name = 'EPSG' AND g.source_crs_code = '{epsg}'))"
     );
-    rows(&query, |feature| Some(Grid { name: text(feature, "name")?, url: text(feature, "url").unwrap_or_default() }))
+    rows(&query, |feature| {
+        Some(GridFile { name: text(feature, "name")?, url: text(feature, "url").unwrap_or_default() })
+    })
 }
 
 /// Transformations by grid between two geographic systems, by their names, at a longitude and latitude in degrees, the most
@@ -113,7 +115,7 @@ pub(super) fn of_planes(from: &str, to: &str, (lon_deg, lat_deg): (f64, f64)) ->
          ORDER BY g.accuracy, a.url LIKE 'https://cdn.proj.org/%' DESC, g.auth_name, g.code"
     );
     let row = |feature: &Feature<'_>| {
-        let grid = Grid { name: text(feature, "grid")?, url: text(feature, "url").unwrap_or_default() };
+        let grid = GridFile { name: text(feature, "grid")?, url: text(feature, "url").unwrap_or_default() };
         let accuracy_m = text(feature, "accuracy")?.parse().ok()?;
         Some(Better { name: text(feature, "operation")?, accuracy_m, grid })
     };
@@ -157,7 +159,7 @@ mod tests {
             let command = grid.command().unwrap_or_default();
             assert_eq!(command.ends_with(&grid.name), grid.url.starts_with(HANDED_OUT), "{grid}: {command}");
         }
-        let nobody = Grid { name: "nobody_has_it.tif".to_owned(), url: String::new() };
+        let nobody = GridFile { name: "nobody_has_it.tif".to_owned(), url: String::new() };
         assert_eq!((nobody.is_present(), nobody.command()), (false, None));
         assert!(proj_version().contains('.') && !data_folders().is_empty());
     }

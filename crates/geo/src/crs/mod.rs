@@ -13,7 +13,7 @@ mod vertical;
 
 pub use accuracy::{Accuracy, Better};
 pub use convergence::{GridNorth, TrueNorth};
-pub use grids::{Grid, data_folders, grids_present, of_heights as height_grids, proj_version};
+pub use grids::{GridFile, data_folders, grids_present, of_heights as height_grids, proj_version};
 pub use levels::{LevelTransform, VerticalReference};
 pub use spatial::{Geocentric, Transform3d, enu_from_geocentric};
 pub use transform::Transform;
@@ -34,7 +34,7 @@ pub enum CrsError {
     Unknown {
         /// Text that the user wrote.
         definition: String,
-        /// PROJ's own words.
+        /// Reason in PROJ's words.
         reason: String,
     },
     /// The project's CRS must be projected, in metres.
@@ -44,9 +44,9 @@ pub enum CrsError {
     NotProjectedInMetres {
         /// Text that the user wrote.
         definition: String,
-        /// Kind.
+        /// Kind of the CRS that was given, in words.
         found: String,
-        /// Replacement.
+        /// Text to write in its place.
         hint: String,
     },
     /// No accurate operation is known between two systems.
@@ -56,11 +56,11 @@ pub enum CrsError {
          or, where positions come from a base station in the datum of {to}, declare its geographic system: {base}"
     )]
     NoTransformation {
-        /// Source definition.
+        /// Definition of the source CRS.
         from: String,
-        /// Target definition.
+        /// Definition of the target CRS.
         to: String,
-        /// PROJ's own words.
+        /// Reason in PROJ's words.
         reason: String,
         /// Geographic system of the target.
         base: String,
@@ -72,9 +72,9 @@ pub enum CrsError {
          `geoid_offset` (or `keep_ellipsoidal`) for poses, --geoid-height for 3D Tiles, --level-shift for a reference"
     )]
     MissingGrid {
-        /// Source definition.
+        /// Definition of the source CRS.
         from: String,
-        /// Target definition.
+        /// Definition of the target CRS.
         to: String,
         /// The files and where to get them.
         grids: String,
@@ -86,11 +86,11 @@ pub enum CrsError {
         x: f64,
         /// Northing or latitude of the point.
         y: f64,
-        /// Source definition.
+        /// Definition of the source CRS.
         from: String,
-        /// Target definition.
+        /// Definition of the target CRS.
         to: String,
-        /// PROJ's own words.
+        /// Reason in PROJ's words.
         reason: String,
     },
 }

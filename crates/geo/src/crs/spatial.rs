@@ -49,12 +49,12 @@ impl Transform3d {
         Ok(Self { operation, from: from.clone(), to: to.clone() })
     }
 
-    /// The source.
+    /// CRS that positions come from.
     pub(super) fn from(&self) -> &Crs {
         &self.from
     }
 
-    /// The target.
+    /// CRS that positions are brought to.
     pub(super) fn to(&self) -> &Crs {
         &self.to
     }
@@ -100,7 +100,7 @@ impl Transform3d {
     }
 }
 
-fn missing(from: &Crs, to: &Crs, grids: &[grids::Grid]) -> CrsError {
+fn missing(from: &Crs, to: &Crs, grids: &[grids::GridFile]) -> CrsError {
     let list: Vec<String> = grids.iter().map(ToString::to_string).collect();
     CrsError::MissingGrid { from: from.to_string(), to: to.to_string(), grids: list.join("; or ") }
 }

@@ -58,13 +58,13 @@ impl Transform {
         self.operation.as_ref()
     }
 
-    /// The target.
+    /// CRS that positions are brought to.
     #[must_use]
     pub fn to(&self) -> &Crs {
         &self.to
     }
 
-    /// The source.
+    /// CRS that positions come from.
     #[must_use]
     pub fn from(&self) -> &Crs {
         &self.from

@@ -29,7 +29,7 @@ pub struct HeightAboveTakeoff(pub f64);
 pub struct GeoidHeight(pub f64);
 
 impl EllipsoidalHeight {
-    /// `H = h − N`.
+    /// Height above the geoid, `H = h − N`, metres.
     #[must_use]
     pub fn above_geoid(self, geoid: GeoidHeight) -> OrthometricHeight {
         OrthometricHeight(self.0 - geoid.0)

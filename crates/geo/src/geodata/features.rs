@@ -11,26 +11,26 @@ use serde_json::Value;
 /// Shape of a layer's features.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GeometryKind {
-    /// 2D point.
+    /// A point with x and y.
     Point,
-    /// 3D point.
+    /// A point with x, y and z.
     PointZ,
-    /// 2D polygon.
+    /// A polygon with x and y.
     Polygon,
-    /// 2D multipolygon.
+    /// A multipolygon with x and y.
     MultiPolygon,
-    /// 3D multipolygon.
+    /// A multipolygon with x, y and z.
     MultiPolygonZ,
 }
 
 /// Type of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ColumnKind {
-    /// Text.
+    /// Text of any length.
     Text,
-    /// Real number.
+    /// Real numbers, 64 bits.
     Real,
-    /// 64-bit whole number.
+    /// Whole numbers with sign, 64 bits.
     Integer,
 }
 
@@ -57,9 +57,9 @@ impl ColumnKind {
 /// A column of a layer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Column {
-    /// Name.
+    /// Name of the column, unique in its table.
     pub name: Cow<'static, str>,
-    /// Type.
+    /// Type of the values.
     pub kind: ColumnKind,
     /// Name for people, one of its kind in the layer; written to `gpkg_data_columns`, and as the alias of QGIS.
     pub title: Cow<'static, str>,
@@ -103,7 +103,7 @@ pub fn free_title(name: &str, taken: &[Column]) -> String {
 /// A layer to create.
 #[derive(Debug, Clone)]
 pub struct LayerSpec<'a> {
-    /// Table name.
+    /// Name of the table.
     pub name: &'a str,
     /// One line for people.
     pub description: &'a str,

@@ -17,9 +17,9 @@ const HEIGHT_DECIMALS: f64 = 1e4;
 /// Which way a ring runs, seen from above.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Winding {
-    /// Outer rings.
+    /// Winding of outer rings.
     Counterclockwise,
-    /// Holes.
+    /// Winding of holes.
     Clockwise,
 }
 

@@ -20,9 +20,9 @@ pub struct GridPlace<'a> {
     pub corner_m: (f64, f64),
     /// Size of a cell, metres, both positive: along a row, along a column.
     pub cell_m: (f64, f64),
-    /// The map's CRS.
+    /// CRS of the map frame.
     pub crs: &'a Crs,
-    /// Written for `NaN`.
+    /// Number that is written where the raster has `NaN`.
     pub nodata: f32,
 }
 

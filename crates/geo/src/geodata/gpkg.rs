@@ -26,16 +26,16 @@ pub enum GpkgError {
     Gdal {
         /// Action, as in "create layer buildings".
         action: String,
-        /// To which file.
+        /// The file that was written to.
         path: PathBuf,
-        /// GDAL's words.
+        /// Error that GDAL reported.
         #[source]
         source: GdalError,
     },
     /// There is no room left. What GDAL says of it is the statement that did not fit.
     #[error("cannot write {}: the disk is full, or a limit of file sizes is reached", path.display())]
     Full {
-        /// The file.
+        /// The file that was written to.
         path: PathBuf,
     },
 }

@@ -20,7 +20,7 @@ const TIME_STAMP: (&str, &str) = ("OGR_CURRENT_DATE", "2000-01-01T00:00:00.000Z"
 /// Type of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FieldType {
-    /// Text.
+    /// Text of any length.
     Text,
     /// A number; `NaN` is written as no value.
     Number,

@@ -50,7 +50,7 @@ fn crs_of(spatial_ref: &SpatialRef) -> Result<Option<Crs>, CrsError> {
     definition.map_or(Ok(None), |text| Crs::parse(&text).map(Some))
 }
 
-/// GDAL's version.
+/// Version of the GDAL that is linked, such as `3.6.2`.
 #[must_use]
 pub fn gdal_version() -> String {
     gdal::version::version_info("RELEASE_NAME")
@@ -72,22 +72,22 @@ pub fn wkt_of(crs: &Crs) -> Option<String> {
 /// Why a file could not be written through GDAL.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// GDAL refused.
+    /// GDAL cannot write the file.
     #[error("cannot write {}", path.display())]
     Gdal {
-        /// The file.
+        /// The file that was written to.
         path: PathBuf,
-        /// GDAL's own words.
+        /// Error that GDAL reported.
         #[source]
         source: GdalError,
     },
-    /// The file system refused.
+    /// The file system did not let the file be read or written.
     #[error(transparent)]
     File(#[from] FileError),
 }
 
 impl WriteError {
-    /// Adapter for `map_err`.
+    /// GDAL's error on a file as a [`WriteError`], for `map_err`.
     fn on(path: &Path) -> impl FnOnce(GdalError) -> Self + '_ {
         move |source| Self::Gdal { path: path.to_owned(), source }
     }

@@ -79,9 +79,9 @@ const SERVERS: [&str; 9] = ["curl", "s3", "gs", "az", "adls", "oss", "swift", "h
 /// Kind of file to be opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// Cells.
+    /// A raster: cells in bands.
     Raster,
-    /// Features.
+    /// Layers of vector features.
     Vector,
 }
 
@@ -91,7 +91,7 @@ pub enum Refusal {
     /// It is on a server.
     #[error("{} is on a server\nhint: `--allow-remote`, or `allow_remote = true` in `[limits]`, lets sizeup ask it", path.display())]
     Remote {
-        /// Value asked for.
+        /// Address that was to be opened.
         path: PathBuf,
     },
     /// Nothing reads files of that name.
@@ -102,11 +102,11 @@ pub enum Refusal {
         path.display()
     )]
     Extension {
-        /// Value asked for.
+        /// Path that was to be opened.
         path: PathBuf,
-        /// Rasters or layers.
+        /// Kind that was looked for: `rasters` or `layers`.
         what: &'static str,
-        /// As it stands.
+        /// Extension of the path, as it is written.
         extension: String,
     },
 }

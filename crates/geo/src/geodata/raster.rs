@@ -21,9 +21,9 @@ pub enum RasterError {
     /// GDAL cannot open it.
     #[error("cannot open raster {}\nhint: `gdalinfo {}` shows what GDAL makes of it", path.display(), path.display())]
     Open {
-        /// The file.
+        /// Path of the raster's file.
         path: PathBuf,
-        /// GDAL's own words.
+        /// Error that GDAL reported.
         #[source]
         source: GdalError,
     },
@@ -33,15 +33,15 @@ pub enum RasterError {
     /// It claims more cells than it can hold, or than may be read.
     #[error("raster {}: {excess}", path.display())]
     Excess {
-        /// The file.
+        /// Path of the raster's file.
         path: PathBuf,
-        /// Claim.
+        /// Size that the file claims, against what is allowed.
         excess: Excess,
     },
     /// Pixels that are partly made up: the file is cut off or garbled.
     #[error("{} is damaged: {words}\nhint: copy or export it again", path.display())]
     Damaged {
-        /// The file.
+        /// Path of the raster's file.
         path: PathBuf,
         /// The decoder's own words.
         words: String,
@@ -49,26 +49,26 @@ pub enum RasterError {
     /// There is no such file.
     #[error("raster {} does not exist\nhint: is the path right? It counts from the folder of the configuration", path.display())]
     Absent {
-        /// The file.
+        /// The raster's path.
         path: PathBuf,
     },
     /// It opened, and its values cannot be read.
     #[error("cannot read band {band} of {}", path.display())]
     Read {
-        /// The file.
+        /// Path of the raster's file.
         path: PathBuf,
         /// Which band, from 1.
         band: usize,
-        /// GDAL's own words.
+        /// Error that GDAL reported.
         #[source]
         source: GdalError,
     },
     /// A window outside the raster, or without cells.
     #[error("window {window:?} at {size:?} cells of {}, which has {width} × {height}: {reason}", path.display())]
     Window {
-        /// The file.
+        /// Path of the raster's file.
         path: PathBuf,
-        /// Value asked for.
+        /// Window that was asked for.
         window: Window,
         /// Columns and rows wanted of it.
         size: (usize, usize),
@@ -76,25 +76,25 @@ pub enum RasterError {
         width: usize,
         /// Rows of the raster.
         height: usize,
-        /// Fault.
+        /// Why the window cannot be read.
         reason: &'static str,
     },
     /// No position, or one that is not a plain north-up grid.
     #[error("{} cannot be placed on a map: {reason}\nhint: {hint}", path.display())]
     Grid {
-        /// The file.
+        /// Path of the raster's file.
         path: PathBuf,
         /// Fault of its geotransform.
         reason: String,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: &'static str,
     },
     /// It has a CRS that PROJ does not understand.
     #[error("the CRS of {} cannot be used", path.display())]
     Crs {
-        /// The file.
+        /// Path of the raster's file.
         path: PathBuf,
-        /// Why not.
+        /// Why PROJ cannot use the CRS.
         #[source]
         source: CrsError,
     },
@@ -103,13 +103,13 @@ pub enum RasterError {
 /// A block of cells: first column and row, and how many of each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Window {
-    /// First column.
+    /// First column, counted from 0 at the left.
     pub col: usize,
-    /// First row.
+    /// First row, counted from 0 at the top.
     pub row: usize,
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
 }
 
@@ -129,7 +129,7 @@ pub struct Grid {
 /// Number type of a band's cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SampleType {
-    /// Bits per cell.
+    /// Bits per cell and band.
     pub bits: u8,
     /// Floating point, as against integer.
     pub is_float: bool,
@@ -138,7 +138,7 @@ pub struct SampleType {
 /// Combination of cells when a window is read at another size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resampling {
-    /// The nearest cell's value.
+    /// Value of the nearest cell.
     Nearest,
     /// Mean of the cells that fall together, nodata left out.
     Average,
@@ -172,7 +172,7 @@ impl RasterFile {
         Ok(Self { dataset, path: path.to_owned(), stored })
     }
 
-    /// Columns and rows.
+    /// Numbers of columns and rows.
     #[must_use]
     pub fn size(&self) -> (usize, usize) {
         self.dataset.raster_size()

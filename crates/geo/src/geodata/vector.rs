@@ -18,16 +18,16 @@ pub enum VectorError {
     /// GDAL cannot open the file.
     #[error("cannot open layer {}\nhint: `ogrinfo {}` shows what GDAL makes of it", path.display(), path.display())]
     Open {
-        /// The file.
+        /// Path of the layer's file.
         path: PathBuf,
-        /// GDAL's own words.
+        /// Error that GDAL reported.
         #[source]
         source: GdalError,
     },
     /// There is no such file.
     #[error("layer {} does not exist\nhint: is the path right? It counts from the folder of the configuration", path.display())]
     Absent {
-        /// The file.
+        /// The layer's path.
         path: PathBuf,
     },
     /// It is not given to GDAL at all.
@@ -40,9 +40,9 @@ pub enum VectorError {
         if layers.is_empty() { "none".to_owned() } else { layers.join(", ") }
     )]
     Layer {
-        /// The file.
+        /// Path of the layer's file.
         path: PathBuf,
-        /// Problem.
+        /// Why no layer was chosen.
         problem: String,
         /// Names of the layers that hold geometry.
         layers: Vec<String>,
@@ -50,9 +50,9 @@ pub enum VectorError {
     /// The layer has a CRS that PROJ does not understand.
     #[error("the CRS of {} cannot be used", path.display())]
     Crs {
-        /// The file.
+        /// Path of the layer's file.
         path: PathBuf,
-        /// Why not.
+        /// Why PROJ cannot use the CRS.
         #[source]
         source: CrsError,
     },
@@ -72,7 +72,7 @@ pub struct Feature {
 /// The shape of a feature.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FeatureGeometry {
-    /// Null or empty.
+    /// No geometry: null, or an empty one.
     Missing,
     /// Points, lines or polygons.
     Shape(geo_types::Geometry<f64>),
@@ -86,7 +86,7 @@ const OSM: &str = "OSM";
 /// A layer of a file, before it is opened.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LayerInfo {
-    /// Name.
+    /// Name of the layer in its file.
     pub name: String,
     /// Whether it may hold polygons: so it says, or it does not say.
     pub may_hold_polygons: bool,
@@ -119,7 +119,7 @@ fn open_dataset(path: &Path) -> Result<gdal::Dataset, VectorError> {
     })
 }
 
-/// An open layer.
+/// A layer of vector features, open for reading.
 #[derive(Debug)]
 pub struct VectorLayer {
     source: Source,
@@ -131,7 +131,7 @@ pub struct VectorLayer {
 enum Source {
     /// GDAL, with the attributes' names and kinds.
     Gdal { layer: OwnedLayer, fields: Vec<(String, OGRFieldType::Type)> },
-    /// We ourselves.
+    /// GeoJSON, which is read without GDAL.
     GeoJson(GeoJsonLayer),
 }
 
@@ -186,7 +186,7 @@ impl VectorLayer {
         Ok(Self { source: Source::Gdal { layer, fields }, path: path.to_owned() })
     }
 
-    /// Whether GDAL reads it.
+    /// Whether GDAL reads the layer, not our own reader of GeoJSON.
     #[must_use]
     pub fn is_read_by_gdal(&self) -> bool {
         matches!(self.source, Source::Gdal { .. })
@@ -201,7 +201,7 @@ impl VectorLayer {
         found.features().next()?.field_as_string(0).ok()?
     }
 
-    /// The layer's name.
+    /// Name of the layer in its file.
     #[must_use]
     pub fn name(&self) -> String {
         match &self.source {

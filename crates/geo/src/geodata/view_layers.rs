@@ -11,20 +11,20 @@ use glam::DVec3;
 /// Appearance of a feature, in the layer's CRS with heights.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
-    /// A place.
+    /// A point, in the layer's CRS with heights.
     Point(DVec3),
-    /// A path.
+    /// A line through these points, in the layer's CRS with heights.
     Line(Vec<DVec3>),
-    /// An open outer ring.
+    /// A polygon by its outer ring, whose first point is not repeated.
     Polygon(Vec<DVec3>),
 }
 
 /// Attributes of a feature.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Attributes {
-    /// The view's name.
+    /// Name of the view that the feature is of.
     pub name: String,
-    /// `nadir` or `oblique`.
+    /// Kind of the view: `nadir` or `oblique`.
     pub kind: &'static str,
     /// Named numbers, the same names for all features of a layer.
     pub numbers: Vec<(&'static str, f64)>,
@@ -33,14 +33,14 @@ pub struct Attributes {
 /// A layer of one kind of shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layer {
-    /// The table's name.
+    /// Name of the table.
     pub name: &'static str,
     /// In the order of the views.
     pub features: Vec<(Shape, Attributes)>,
 }
 
 impl Layer {
-    /// An empty layer.
+    /// A layer of this name without features.
     #[must_use]
     pub fn new(name: &'static str) -> Self {
         Self { name, features: Vec::new() }

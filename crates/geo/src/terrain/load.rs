@@ -73,9 +73,9 @@ pub enum TerrainError {
     /// A setting that cannot be.
     #[error("terrain: {problem}\nhint: {hint}")]
     Config {
-        /// Problem.
+        /// The problem with the setting, in words.
         problem: String,
-        /// Text to write.
+        /// Text to write in its place.
         hint: &'static str,
     },
     /// The file cannot be read.
@@ -87,15 +87,15 @@ pub enum TerrainError {
         path.display()
     )]
     NoCrs {
-        /// The file.
+        /// Path of the terrain model's file.
         path: PathBuf,
     },
     /// No accurate way between its CRS and the project's.
     #[error("terrain {}", path.display())]
     Crs {
-        /// The file.
+        /// Path of the terrain model's file.
         path: PathBuf,
-        /// Why not.
+        /// Why its CRS cannot be read or reached.
         #[source]
         source: CrsError,
     },
@@ -106,7 +106,7 @@ pub enum TerrainError {
         path.display()
     )]
     VerticalReference {
-        /// The file.
+        /// Path of the terrain model's file.
         path: PathBuf,
         /// Kind of its heights.
         dtm_reference: String,
@@ -116,32 +116,32 @@ pub enum TerrainError {
     /// Heights that are not in metres.
     #[error("terrain {}: its heights are in {unit:?}, expected metres\nhint: `gdal_calc.py` converts them", path.display())]
     NotMetres {
-        /// The file.
+        /// Path of the terrain model's file.
         path: PathBuf,
         /// Statement of the file.
         unit: String,
     },
-    /// It lies elsewhere.
+    /// A terrain model that does not cover the area.
     #[error(
         "terrain {}: it covers {found}, expected it around {expected} ({crs})\nhint: is it the right tile, is its CRS right?",
         path.display()
     )]
     Elsewhere {
-        /// The file.
+        /// Path of the terrain model's file.
         path: PathBuf,
         /// Area that it covers, in the project's CRS where that can be told.
         found: String,
         /// Area that the project needs.
         expected: String,
-        /// The project's CRS.
+        /// Definition of the project's CRS.
         crs: String,
     },
     /// The part that was read has no heights.
     #[error("terrain {}", path.display())]
     Dem {
-        /// The file.
+        /// Path of the terrain model's file.
         path: PathBuf,
-        /// Why not.
+        /// Why its grid cannot be used.
         #[source]
         source: DemError,
     },

@@ -11,13 +11,13 @@ use sizeup_heights::raster::Raster;
 /// An axis-aligned area in the map frame, metres.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MapBox {
-    /// Western edge.
+    /// Easting of the western edge, metres.
     pub west_m: f64,
-    /// Southern edge.
+    /// Northing of the southern edge, metres.
     pub south_m: f64,
-    /// Eastern edge.
+    /// Easting of the eastern edge, metres.
     pub east_m: f64,
-    /// Northern edge.
+    /// Northing of the northern edge, metres.
     pub north_m: f64,
 }
 

@@ -29,15 +29,15 @@ const CONVERGED: f64 = 1e-12;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "model")]
 pub enum Distortion {
-    /// An ideal pinhole.
+    /// An ideal pinhole without distortion.
     None,
     /// Radial and tangential, `OpenCV`'s order and signs.
     Brown {
-        /// Radial, r².
+        /// Radial coefficient of r².
         k1: f64,
-        /// Radial, r⁴.
+        /// Radial coefficient of r⁴.
         k2: f64,
-        /// Radial, r⁶.
+        /// Radial coefficient of r⁶.
         k3: f64,
         /// Tangential, first of `OpenCV`.
         p1: f64,
@@ -46,13 +46,13 @@ pub enum Distortion {
     },
     /// Brown with one more radial term and a sheared pixel raster.
     BrownAffine {
-        /// Radial, r².
+        /// Radial coefficient of r².
         k1: f64,
-        /// Radial, r⁴.
+        /// Radial coefficient of r⁴.
         k2: f64,
-        /// Radial, r⁶.
+        /// Radial coefficient of r⁶.
         k3: f64,
-        /// Radial, r⁸.
+        /// Radial coefficient of r⁸.
         k4: f64,
         /// Tangential, first of `OpenCV`.
         p1: f64,
@@ -63,17 +63,17 @@ pub enum Distortion {
     },
     /// Rational radial and tangential, `OpenCV`'s order and signs.
     Rational {
-        /// Numerator, r².
+        /// Coefficient of r² in the numerator.
         k1: f64,
-        /// Numerator, r⁴.
+        /// Coefficient of r⁴ in the numerator.
         k2: f64,
-        /// Numerator, r⁶.
+        /// Coefficient of r⁶ in the numerator.
         k3: f64,
-        /// Denominator, r².
+        /// Coefficient of r² in the denominator.
         k4: f64,
-        /// Denominator, r⁴.
+        /// Coefficient of r⁴ in the denominator.
         k5: f64,
-        /// Denominator, r⁶.
+        /// Coefficient of r⁶ in the denominator.
         k6: f64,
         /// Tangential, first of `OpenCV`.
         p1: f64,
@@ -82,22 +82,22 @@ pub enum Distortion {
     },
     /// Equidistant fisheye with a polynomial in θ (OpenCV's fisheye module).
     Fisheye {
-        /// θ³.
+        /// Coefficient of θ³.
         k1: f64,
-        /// θ⁵.
+        /// Coefficient of θ⁵.
         k2: f64,
-        /// θ⁷.
+        /// Coefficient of θ⁷.
         k3: f64,
-        /// θ⁹.
+        /// Coefficient of θ⁹.
         k4: f64,
     },
     /// Equidistant fisheye with all powers of θ (Pix4D).
     FisheyeSeries {
-        /// θ².
+        /// Coefficient of θ².
         k1: f64,
-        /// θ³.
+        /// Coefficient of θ³.
         k2: f64,
-        /// θ⁴.
+        /// Coefficient of θ⁴.
         k3: f64,
     },
 }

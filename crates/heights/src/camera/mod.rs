@@ -29,17 +29,17 @@ pub enum CameraError {
     /// A principal point or distortion coefficient that is not a number.
     #[error("camera parameter {name} is {value}: expected a finite number")]
     NotFinite {
-        /// Which parameter.
+        /// Name of the parameter.
         name: &'static str,
-        /// The value.
+        /// Value of the parameter.
         value: f64,
     },
     /// An image without pixels.
     #[error("image size {width_px} × {height_px}: expected at least one pixel each way")]
     EmptyImage {
-        /// Columns.
+        /// Columns of the image.
         width_px: u32,
-        /// Rows.
+        /// Rows of the image.
         height_px: u32,
     },
 }
@@ -59,7 +59,7 @@ pub struct Camera {
     pub cx_px: f64,
     /// Principal point, pixels from the image's top edge.
     pub cy_px: f64,
-    /// Lens distortion.
+    /// Distortion of the lens, from ideal to observed normalised coordinates.
     pub distortion: Distortion,
 }
 

@@ -4,7 +4,7 @@ const BETA1: f64 = 0.9;
 const BETA2: f64 = 0.999;
 const EPSILON: f64 = 1e-12;
 
-/// State per building.
+/// Adam's running means of gradients and of their squares, one per building.
 #[derive(Debug, Clone)]
 pub struct Adam {
     mean: Vec<f64>,
@@ -13,7 +13,7 @@ pub struct Adam {
 }
 
 impl Adam {
-    /// For `n` heights.
+    /// State before the first step, for `n` heights.
     #[must_use]
     pub fn new(n: usize) -> Self {
         Self { mean: vec![0.0; n], square: vec![0.0; n], n_steps: vec![0; n] }

@@ -92,7 +92,7 @@ pub enum MadGradient {
     Exact,
 }
 
-/// Which pixels are compared.
+/// Pixels of a view that are compared in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Region {
@@ -153,7 +153,7 @@ pub struct OrdinalConfig {
     pub margin: f32,
     /// Limit the margin to the pair's own prior contrast: min(m, |Δp|).
     pub adaptive_margin: bool,
-    /// Which pixels are compared.
+    /// Pixels of a view that are compared in order.
     pub region: Region,
     /// Which part of the derivative is followed. Left open.
     pub gradient: Gradient,

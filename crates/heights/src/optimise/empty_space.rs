@@ -37,13 +37,13 @@ const BLIND_SHARE: f64 = 0.25;
 
 /// A view with the roofs as found.
 pub(super) struct Look<'a> {
-    /// Rays and prior.
+    /// The view's rays and its prior.
     pub evidence: &'a Evidence<'a>,
-    /// Camera.
+    /// The view's camera in the local frame.
     pub placed: &'a PlacedCamera,
     /// Ends of its rays.
     pub stops: Stops,
-    /// All its rays.
+    /// All rays of the view, and how many of them have a prior.
     pub all: Known,
     /// Whether its prior's depth is in metres of itself.
     pub is_in_metres: bool,

@@ -17,7 +17,7 @@ const NO_RAY: u32 = u32::MAX;
 /// A view with its prior.
 #[derive(Debug, Clone)]
 pub struct Evidence<'a> {
-    /// The rays.
+    /// Rays of the view, with the intervals in which they pass through prisms.
     pub profiles: &'a Profiles,
     /// Per ray: the prior as something that grows towards the camera (inverse depth up to an affine map); `NaN` = none.
     pub nearness: Vec<f32>,

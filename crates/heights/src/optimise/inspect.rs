@@ -26,7 +26,7 @@ const N_KEPT: usize = 48;
 /// Distance around a building within which its pixels are compared, pixels of the working image.
 const AROUND_PX: usize = 16;
 
-/// One building.
+/// Scores of one building over the heights, view by view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inspection {
     /// Position in the scene.

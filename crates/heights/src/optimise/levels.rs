@@ -53,11 +53,11 @@ const fn step(side_share: f32) -> Step {
 /// A part of a footprint that stands at another level than the rest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OtherLevel {
-    /// Which building.
+    /// Position of the building in the scene.
     pub building: usize,
     /// Corners of a rectangle, local frame, metres, counter-clockwise; it may reach beyond the footprint.
     pub corners: [[f64; 2]; 4],
-    /// Why.
+    /// Gain of the two levels over one, and how many views had a say.
     #[serde(default)]
     pub gain: LevelGain,
 }

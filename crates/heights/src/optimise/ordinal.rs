@@ -27,7 +27,7 @@ pub struct ViewStep {
 
 /// One view and the heights as they stand.
 pub struct StepInput<'a> {
-    /// The view.
+    /// Rays and prior of the view.
     pub evidence: &'a Evidence<'a>,
     /// Roof levels in the local frame, one per building.
     pub roofs: &'a [f32],
@@ -41,7 +41,7 @@ pub struct StepInput<'a> {
 pub(super) struct Compared {
     /// Ray of each pixel, ascending.
     pub rays: Vec<u32>,
-    /// Rendered z-depth, metres.
+    /// Rendered z-depth of each pixel, metres.
     pub rendered: Vec<f32>,
     /// Which building it shows.
     pub building: Vec<Option<u32>>,
@@ -134,7 +134,7 @@ pub fn view_step(input: &StepInput<'_>, config: &OrdinalConfig, rng: &mut ChaCha
 /// Cost of pairs, beside that of every one rendered at one depth.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Costs {
-    /// Number of pairs.
+    /// Number of pairs compared.
     pub n: usize,
     paid: f64,
     of_none: f64,

@@ -245,7 +245,7 @@ impl<'a> Shape<'a> {
         Roof { form: self.form, eave_m, ridge_m: eave_m + rise_m, mean_m, terrace: None, ridge_along }
     }
 
-    /// Greatest rise, metres.
+    /// Greatest rise of the roof above its eave that is tried, metres.
     fn tallest_m(&self) -> f32 {
         (STEEPEST * self.run_m).min(TALLEST_M)
     }
@@ -272,7 +272,7 @@ impl<'a> Shape<'a> {
 /// One view's intervals over the building.
 struct Sampled {
     ways: Vec<Ways>,
-    /// By shape.
+    /// Shares of the rays for each shape.
     shares: Vec<Vec<Shares>>,
 }
 
@@ -312,7 +312,7 @@ impl<'a> Looked<'a> {
         Self { views, sampled, flat_m }
     }
 
-    /// By view.
+    /// Score of a candidate in each view, in their order.
     fn scores(&self, candidate: Candidate) -> impl Iterator<Item = f64> {
         self.views.iter().zip(&self.sampled).map(move |(view, sampled)| {
             view.window.score_where(view.weight, self.flat_m, &Pitched { sampled, candidate })

@@ -18,7 +18,7 @@ use crate::stats;
 /// Building pixels below which a view says nothing.
 const MIN_PIXELS: usize = 32;
 
-/// A building pixel.
+/// A pixel of a view that shows a building.
 struct Pixel {
     building: u32,
     /// Change of inverse depth (negated, so growing away from the camera) per metre of height.

@@ -95,7 +95,7 @@ impl Terrace {
 }
 
 impl Roof {
-    /// A flat one.
+    /// A flat roof at this height above the ground level, metres.
     #[must_use]
     pub fn flat(height_m: f64) -> Self {
         Self {
@@ -250,7 +250,7 @@ pub(super) struct Fit<'a> {
     /// Whether it is more than a flat one by its shape.
     pub is_told: bool,
     pub margin: Margin,
-    /// By view.
+    /// Score in each view, in their order.
     pub scores: Vec<f64>,
     pub scores_in: ScoresIn<'a>,
 }

@@ -71,7 +71,7 @@ pub type ViewsOf<'a> = &'a [Vec<usize>];
 
 /// One view as a sweep uses it.
 pub struct SweepView<'a> {
-    /// The camera.
+    /// Camera of the view, local frame.
     pub placed: &'a PlacedCamera,
     /// The view's rays and prior.
     pub evidence: &'a Evidence<'a>,
@@ -177,7 +177,7 @@ struct Looked {
 }
 
 impl Looked {
-    /// `None` without windows.
+    /// The views with the weights of their agreement; `None` where no view has a window.
     fn new(windows: Vec<Window>, range: Range, correlation: Correlation, config: &SearchConfig) -> Option<Self> {
         let agreement_weight = match range {
             Range::Full => config.agreement_weight,
@@ -187,7 +187,7 @@ impl Looked {
         (!windows.is_empty()).then_some(Self { windows, weights, correlation })
     }
 
-    /// By view.
+    /// Score of a height, metres above the ground level, in each view, in their order.
     fn scores(&self, height_m: f32) -> Vec<f64> {
         let score = |(w, weight): (&Window, &f64)| w.score(height_m, *weight, self.correlation);
         self.windows.iter().zip(&self.weights).map(score).collect()

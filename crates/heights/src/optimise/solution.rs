@@ -38,7 +38,7 @@ pub enum Reason {
 }
 
 impl Reason {
-    /// The name in files.
+    /// The name under which files have it.
     #[must_use]
     pub fn code(self) -> &'static str {
         match self {
@@ -202,7 +202,7 @@ pub struct EpochRecord {
 pub struct Solution {
     /// One per building of the scene.
     pub heights: Vec<SolvedHeight>,
-    /// One per pass.
+    /// Record of each pass, in order.
     pub history: Vec<EpochRecord>,
     /// Distinct views whose prior was used, ascending (the paper's #Used).
     pub used_views: Vec<usize>,

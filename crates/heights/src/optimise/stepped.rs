@@ -17,7 +17,7 @@ const MIN_PART_M2: f64 = 15.0;
 const MIN_SIDE_M: f32 = 3.0;
 /// Least share of the footprint's area on either level.
 const MIN_SHARE: f64 = 0.05;
-/// Least step, metres.
+/// Least difference in height between two levels of a stepped roof, metres.
 const MIN_STEP_M: f32 = 1.5;
 /// Greatest distance of each level from the one that the search has found, metres.
 const REACH_M: f32 = 8.0;

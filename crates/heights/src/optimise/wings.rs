@@ -87,7 +87,7 @@ impl Wings {
 struct Lattice {
     xs: Vec<f32>,
     ys: Vec<f32>,
-    /// Row by row.
+    /// Whether a cell is inside the footprint, row by row.
     is_inside: Vec<bool>,
 }
 

@@ -78,7 +78,7 @@ impl Normaliser {
         Some(Self { median, scale: mad + EPSILON * median.abs().max(f32::MIN_POSITIVE) })
     }
 
-    /// The normalised value.
+    /// The value less the median, in units of the scale.
     #[must_use]
     pub fn apply(&self, value: f32) -> f32 {
         (value - self.median) / self.scale

@@ -18,11 +18,11 @@ use crate::scene::{Prism, RayInterval, Scene};
 pub enum Face {
     /// Sky, or ground that is not known.
     Nothing,
-    /// The terrain.
+    /// The terrain, or the level ground.
     Ground,
-    /// A building's wall.
+    /// A wall of this building.
     Wall(BuildingIdx),
-    /// A building's roof.
+    /// The roof of this building.
     Roof(BuildingIdx),
 }
 
@@ -57,7 +57,7 @@ pub(super) const BOX_MARGIN_M: f32 = 0.01;
 /// Hit of a ray: its parameter, and a code that a register can hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Hit {
-    /// Infinite for nothing.
+    /// Ray parameter of the hit; infinite where there is none.
     pub t: f32,
     /// 0 nothing, 1 ground, then wall and roof of every building in turn.
     pub code: u32,

@@ -60,7 +60,7 @@ struct Packet<S: Simd> {
     /// Squared length of the horizontal direction.
     length_squared: f32x8<S>,
     nearest: f32x8<S>,
-    /// [`Hit::code`]s.
+    /// [`Hit::code`] of what each ray met.
     code: u32x8<S>,
 }
 

@@ -28,7 +28,7 @@ pub struct PrismInterval {
     pub leave: f32,
 }
 
-/// One sampled ray.
+/// One ray of a view, with the intervals in which it passes through prisms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProfileRay {
     /// Column and row of the sampled pixel.
@@ -62,7 +62,7 @@ pub struct Profiles {
 /// Sight of a ray for some heights.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sight {
-    /// z-depth, metres.
+    /// z-depth of what is seen, metres.
     pub depth: f32,
     /// The interval that stops the ray; `None` is the ground.
     pub building: Option<u32>,
@@ -92,7 +92,7 @@ impl Stops {
 pub struct Sampling {
     /// Side of the blocks, pixels.
     pub stride_px: usize,
-    /// Root seed.
+    /// Root seed of the random streams.
     pub seed: u64,
     /// Key of the view, so that views differ: of its name, so that it has the same rays in whatever company.
     pub view: u64,
@@ -239,7 +239,7 @@ pub struct CappedScene {
 }
 
 impl CappedScene {
-    /// Builds the hierarchy.
+    /// The hierarchy of a scene's prisms at their greatest height.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         let caps: Vec<f32> = scene.prisms.iter().map(|p| p.ground_z + scene.bounds.max_m).collect();

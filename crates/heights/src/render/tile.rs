@@ -23,7 +23,7 @@ pub struct RayTile {
 pub struct TileSeen {
     /// The ray parameter of the first thing met (z-depth in metres, for rays of a camera); `NaN` = nothing there.
     pub depth: [f32; TILE],
-    /// Face of each.
+    /// Face that each ray meets first.
     pub face: [Face; TILE],
 }
 

@@ -15,16 +15,16 @@ const ANCHOR_STEP_M: f64 = 1e-6;
 /// Ground heights, local frame, metres.
 #[derive(Debug, Clone)]
 pub enum LocalGround {
-    /// A level plane.
+    /// A level plane at this height, metres.
     Level(f32),
     /// Heights at the nodes of a grid, bilinear between them.
-    Grid(Grid),
+    GroundGrid(GroundGrid),
 }
 
 /// Node `(col, row)` lies at `anchor + (first + (col, row)) · cell`: row 0 is the *southernmost*. The anchor is the node next
 /// to the local origin, so that a position falls on the same place of a cell whatever rectangle was cut out.
 #[derive(Debug, Clone)]
-pub struct Grid {
+pub struct GroundGrid {
     /// `NaN` = no ground known here.
     heights: Raster<f32>,
     anchor: Vec2,
@@ -94,7 +94,7 @@ impl LocalGround {
                 let first = (south_west / cell).round();
                 // Other cuts of the same terrain come to the same anchor but for the rounding of large coordinates.
                 let anchor = ((south_west - first * cell) / ANCHOR_STEP_M).round() * ANCHOR_STEP_M;
-                Self::Grid(Grid::new(heights, anchor.as_vec2(), first.as_vec2(), cell.as_vec2()))
+                Self::GroundGrid(GroundGrid::new(heights, anchor.as_vec2(), first.as_vec2(), cell.as_vec2()))
             }
         }
     }
@@ -104,7 +104,7 @@ impl LocalGround {
     pub fn height_at(&self, position: Vec2) -> f32 {
         match self {
             Self::Level(z) => *z,
-            Self::Grid(grid) => grid.height_at(position),
+            Self::GroundGrid(grid) => grid.height_at(position),
         }
     }
 
@@ -119,12 +119,12 @@ impl LocalGround {
                 let t = (z - ray.origin.z) / ray.direction.z;
                 (t > 0.0).then_some(t)
             }
-            Self::Grid(grid) => grid.meets(ray),
+            Self::GroundGrid(grid) => grid.meets(ray),
         }
     }
 }
 
-impl Grid {
+impl GroundGrid {
     fn new(heights: Raster<f32>, anchor: Vec2, first: Vec2, cell: Vec2) -> Self {
         let block_tops = BLOCK_SIZES.map(|size| highest_of_blocks(&heights, size));
         let top = block_tops[0].data().iter().copied().fold(f32::NEG_INFINITY, f32::max);

@@ -80,7 +80,7 @@ pub struct Scene {
     pub origin: LocalOrigin,
     /// One per building, in the order of the footprints.
     pub prisms: Vec<Prism>,
-    /// The ground.
+    /// Heights of the ground, local frame.
     pub ground: LocalGround,
     /// The range of heights of every building.
     pub bounds: HeightBounds,

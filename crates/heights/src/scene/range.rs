@@ -66,9 +66,9 @@ fn in_round_numbers(min_m: f32, max_m: f32) -> f32 {
 /// Which heights a building can have, metres above its ground level.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeightBounds {
-    /// Least height.
+    /// Least height, metres.
     pub min_m: f32,
-    /// Greatest height.
+    /// Greatest height, metres.
     pub max_m: f32,
 }
 

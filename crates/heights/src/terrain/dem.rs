@@ -8,15 +8,15 @@ pub enum DemError {
     /// Cells without extent, or nothing but nodata.
     #[error("terrain grid of {width} × {height} cells of {cell_x_m} × {cell_y_m} m: {reason}")]
     Unusable {
-        /// Columns.
+        /// Number of columns.
         width: usize,
-        /// Rows.
+        /// Number of rows.
         height: usize,
-        /// Cell width, metres.
+        /// Width of a cell, metres.
         cell_x_m: f64,
-        /// Cell height, metres.
+        /// Height of a cell, metres.
         cell_y_m: f64,
-        /// The problem with it.
+        /// The problem with the grid, in words.
         reason: &'static str,
     },
 }

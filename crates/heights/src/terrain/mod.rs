@@ -20,7 +20,7 @@ pub struct GroundLevel {
 }
 
 impl GroundLevel {
-    /// Level ground, metres.
+    /// Level ground at this height, metres.
     #[must_use]
     pub fn flat(z_m: f64) -> Self {
         Self { reference_m: z_m, lowest_m: z_m }

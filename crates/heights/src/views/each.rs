@@ -20,7 +20,7 @@ const FEW_RAYS_SHARE: f64 = 0.5;
 /// A view that may be chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Candidate {
-    /// Projection centre.
+    /// Projection centre of its camera, in the frame of the buildings.
     pub eye: DVec3,
     /// A number for its name.
     pub key: u64,

@@ -42,7 +42,7 @@ pub enum Choice {
 /// Settings of the selection of views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewsConfig {
-    /// Who chooses.
+    /// Rule by which views are chosen.
     pub choice: Choice,
     /// Views kept by farthest point sampling (the paper's #Sel: 50, 100 or 256), or drawn at random.
     pub n_spread: usize,

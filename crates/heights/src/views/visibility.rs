@@ -12,7 +12,7 @@ const MIN_WALL_SLANT: f32 = 0.1;
 /// Visibility of one building in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewSight {
-    /// Which building.
+    /// Position of the building in the scene.
     pub building: u32,
     /// Sampled rays that end on it.
     pub n_rays: u32,

@@ -14,7 +14,7 @@
 
 use sizeup_heights::stats;
 
-/// Rounds of re-weighting.
+/// Rounds of least squares with new weights.
 const ROUNDS: usize = 12;
 /// Samples below which a view cannot be calibrated.
 const MIN_SAMPLES: usize = 50;
@@ -26,17 +26,17 @@ const CURVED_SPREAD: f64 = 0.5;
 /// A place on the ground as the prior sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sample {
-    /// Inverse z-depth, 1/m.
+    /// Inverse z-depth of the ground there, 1/m.
     pub v: f64,
     /// Prior, growing towards the camera.
     pub p: f64,
-    /// Image position, −1..1.
+    /// Image column, −1 to 1 across the image.
     pub x: f64,
-    /// Image position, −1..1.
+    /// Image row, −1 to 1 down the image.
     pub y: f64,
 }
 
-/// A calibrated view.
+/// A view's curve from inverse depth to its prior, and the plane of its drift.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Curve {
     /// `a`, `b`, `c` for `u = v / v_scale`.

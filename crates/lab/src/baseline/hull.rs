@@ -17,7 +17,7 @@ pub enum HullError {
     /// Fewer than four points, or all in one plane.
     #[error("{n_points} points span no volume")]
     Flat {
-        /// Number of points.
+        /// Number of points given.
         n_points: usize,
     },
 }

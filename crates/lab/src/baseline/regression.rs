@@ -12,9 +12,9 @@ use sizeup_heights::optimise::{Loss, OptimiseConfig, OrdinalConfig, Preset, Prob
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Norm {
-    /// Absolute.
+    /// Absolute differences, L1.
     L1,
-    /// Squared.
+    /// Squared differences, L2.
     L2,
 }
 

@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 
-use super::compare::{CompareError, Comparison, Reference, footprints_of};
+use super::compare::{CompareError, ComparedFiles, Reference, footprints_of};
 use super::heights::HeightEvaluation;
 use super::levels::{Alignment, Stated, no_way};
 use super::report::EvaluationReport;
 use super::solid::{Facet, Solids, read_solids};
-use super::surface::{Target, evaluate_surface};
+use super::surface::{TargetSurface, evaluate_surface};
 use super::volume::evaluate_volume;
 use sizeup_geo::cloud::points_in;
 use sizeup_geo::crs::{Crs, CrsError, VerticalReference};
@@ -15,7 +15,7 @@ use sizeup_results::output::BuildingRecord;
 
 /// Surfaces and volumes, into the report.
 pub(super) fn bodies(
-    c: &Comparison,
+    c: &ComparedFiles,
     reference: &Reference,
     stated: Option<&Crs>,
     crs: &Crs,
@@ -30,7 +30,7 @@ pub(super) fn bodies(
                 points_in(&cloud.of_buildings(), &footprints, 0.0).into_iter().flatten().collect();
             let sides = [result.vertical.as_ref(), vertical.as_ref()];
             align(c, sides, crs, report, |alignment| alignment.move_points(&mut points))?;
-            report.surface = evaluate_surface(&facets(&result), &Target::Points(&points), c.seed);
+            report.surface = evaluate_surface(&facets(&result), &TargetSurface::Points(&points), c.seed);
             report.left_out.push("volumes: a point cloud encloses none".to_owned());
         }
         Reference::Solids => {
@@ -38,7 +38,7 @@ pub(super) fn bodies(
             let vertical = truth.vertical.clone();
             let sides = [result.vertical.as_ref(), vertical.as_ref()];
             align(c, sides, crs, report, |alignment| alignment.move_solids(&mut truth.solids))?;
-            report.surface = evaluate_surface(&facets(&result), &Target::Facets(&facets(&truth)), c.seed);
+            report.surface = evaluate_surface(&facets(&result), &TargetSurface::Facets(&facets(&truth)), c.seed);
             let matched = matched(report.heights.as_ref(), &result, &truth);
             match evaluate_volume(&result.solids, &truth.solids, &matched) {
                 Ok(volume) => report.volume = Some(volume),
@@ -51,7 +51,7 @@ pub(super) fn bodies(
 
 /// Moves levels of the reference to those of the result, and says so in the report.
 fn align(
-    c: &Comparison,
+    c: &ComparedFiles,
     [result, reference]: [Option<&VerticalReference>; 2],
     crs: &Crs,
     report: &mut EvaluationReport,

@@ -19,7 +19,7 @@ const MOST_CELLS: usize = 200_000_000;
 pub struct ColumnGrid {
     /// South-western corner, and the level that voxels count from.
     pub origin: DVec3,
-    /// Columns by rows.
+    /// Number of columns along x and along y.
     pub size: [usize; 2],
     /// Side of a cell, metres.
     pub cell_m: f64,

@@ -23,10 +23,10 @@ use sizeup_results::output::{BuildingRecord, OutputError};
 
 /// Two files and how to read them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Comparison {
-    /// The result.
+pub struct ComparedFiles {
+    /// Path of the result.
     pub result: PathBuf,
-    /// The reference.
+    /// Path of the reference.
     pub truth: PathBuf,
     /// CRS to compare in; the result's by default.
     pub crs: Option<Crs>,
@@ -65,30 +65,30 @@ pub enum CompareError {
     /// A picture cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// Nothing matches.
+    /// No building of one matches any of the other.
     #[error(transparent)]
     Evaluation(#[from] EvaluationError),
     /// The CRS to compare in has no metres.
     #[error("{} cannot be compared in this CRS\nhint: name one to compare in with --crs", path.display())]
     Frame {
-        /// The result.
+        /// Path of the result's file.
         path: PathBuf,
-        /// Why not.
+        /// Why its positions cannot be brought there.
         #[source]
         source: CrsError,
     },
     /// A CRS that is no CRS, or that nothing leads to.
     #[error("cannot bring {} to the project's CRS", path.display())]
     Crs {
-        /// The file.
+        /// The file that is compared.
         path: PathBuf,
-        /// Why not.
+        /// Why its positions cannot be brought there.
         #[source]
         source: CrsError,
     },
 }
 
-/// Reference as read.
+/// Buildings of the reference as its file has them.
 pub(super) enum Reference {
     /// Points, levels in metres, and what these count from where the file's CRS says so.
     Cloud(Cloud, Option<VerticalReference>),
@@ -99,7 +99,7 @@ pub(super) enum Reference {
 ///
 /// # Errors
 /// [`CompareError`]. Measures that the files do not allow are listed in the report, with the reason.
-pub fn compare_files(c: &Comparison) -> Result<EvaluationReport, CompareError> {
+pub fn compare_files(c: &ComparedFiles) -> Result<EvaluationReport, CompareError> {
     let stated = c.options.crs.as_deref().map(Crs::parse).transpose().map_err(|source| crs_error(&c.truth, source))?;
     let crs = match &c.crs {
         Some(crs) => crs.clone(),
@@ -173,12 +173,16 @@ fn is_obj(path: &Path) -> bool {
 }
 
 /// Whether a file has no heights, and footprints alone are wanted too.
-fn has_footprints_only(c: &Comparison, error: &ReadError) -> bool {
+fn has_footprints_only(c: &ComparedFiles, error: &ReadError) -> bool {
     c.with_shapes && c.options.height_field.is_none() && matches!(error, ReadError::NoField { what: "height", .. })
 }
 
 /// Buildings of the result; one without heights is told of in the report.
-fn results_of(c: &Comparison, crs: &Crs, report: &mut EvaluationReport) -> Result<Vec<BuildingRecord>, CompareError> {
+fn results_of(
+    c: &ComparedFiles,
+    crs: &Crs,
+    report: &mut EvaluationReport,
+) -> Result<Vec<BuildingRecord>, CompareError> {
     match read_results(&c.result, crs) {
         Err(e) if has_footprints_only(c, &e) => {
             report.left_out.push(format!("heights: {} has none", c.result.display()));
@@ -190,7 +194,7 @@ fn results_of(c: &Comparison, crs: &Crs, report: &mut EvaluationReport) -> Resul
 
 /// Buildings of the reference; one without heights is told of in the report.
 fn truth_of(
-    c: &Comparison,
+    c: &ComparedFiles,
     results: &[BuildingRecord],
     reference: &Reference,
     crs: &Crs,

@@ -57,9 +57,9 @@ pub struct FootprintEvaluation {
     pub n_without_footprint: [usize; 2],
     /// Mean intersection over union, buildings without a counterpart count 0.
     pub iou: f64,
-    /// Mean area precision.
+    /// Mean share of a result's footprint that the reference shares, 0 to 1.
     pub precision: f64,
-    /// Mean area recall.
+    /// Mean share of a reference's footprint that the result shares, 0 to 1.
     pub recall: f64,
     /// Mean of the single buildings' F1.
     pub f1: f64,
@@ -87,13 +87,13 @@ pub struct FootprintEvaluation {
 /// A pair of one reference building and one result.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FootprintPair {
-    /// Into the reference.
+    /// Position in the reference.
     pub truth: usize,
-    /// Into the result.
+    /// Position in the result.
     pub result: usize,
     /// Area that both cover, m²; pixels² of footprints in a photo.
     pub shared_m2: f64,
-    /// Intersection over union.
+    /// Intersection over union, 0 to 1.
     pub iou: f64,
 }
 

@@ -43,7 +43,7 @@ pub struct MatchCounts {
     pub n_truth: usize,
     /// Buildings of the result.
     pub n_results: usize,
-    /// Compared.
+    /// Buildings whose heights were compared.
     pub n_compared: usize,
     /// Reference buildings without a match.
     pub n_unmatched: usize,
@@ -62,20 +62,20 @@ pub struct MatchCounts {
 pub struct GroupStatistics {
     /// Name of the group.
     pub group: String,
-    /// Over its buildings.
+    /// Statistics over the buildings of the group.
     pub statistics: HeightStatistics,
 }
 
-/// One compared building.
+/// Error of one building that was compared.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BuildingError {
     /// Id in the reference.
     pub truth_id: String,
     /// Id in the result.
     pub result_id: String,
-    /// The result, metres.
+    /// Height in the result, metres.
     pub height_m: f64,
-    /// The reference, metres.
+    /// Height in the reference, metres.
     pub truth_m: f64,
     /// Result minus reference, metres.
     pub signed_error_m: f64,
@@ -83,7 +83,7 @@ pub struct BuildingError {
     pub sigma_m: Option<f64>,
     /// Status of the building.
     pub status: Status,
-    /// Kind of building.
+    /// Kind of building; `None` where nobody names it.
     pub group: Option<String>,
     /// Share of the reference's footprint that the match covers.
     pub overlap_share: Option<f64>,
@@ -97,7 +97,7 @@ pub struct BuildingError {
 pub struct HeightEvaluation {
     /// Rule that matched buildings: `id` or `overlap`.
     pub matched_by: Matching,
-    /// The options used.
+    /// Least share of a reference footprint that its match covers, as used, 0 to 1.
     pub min_overlap_share: f64,
     /// Reference buildings lower than this were not compared, metres.
     pub min_truth_height_m: f64,

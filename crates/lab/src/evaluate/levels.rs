@@ -18,7 +18,7 @@ pub enum LevelError {
          hint: state it with {flag}, or declare that both count from the same zero with --same-vertical"
     )]
     Unstated {
-        /// The file.
+        /// The file whose levels are not placed.
         file: String,
         /// The option that states its CRS.
         flag: &'static str,
@@ -30,7 +30,7 @@ pub enum LevelError {
         from: VerticalReference,
         /// Zero of the result.
         to: VerticalReference,
-        /// Why not.
+        /// Why PROJ has no way between the two.
         #[source]
         source: CrsError,
     },
@@ -116,7 +116,7 @@ impl Alignment {
         Ok(())
     }
 
-    /// Moves points.
+    /// Moves points to the levels that are compared.
     pub(super) fn move_points(&mut self, points: &mut [DVec3]) -> Result<(), CrsError> {
         for point in points {
             point.z += self.shift_at(*point)?;

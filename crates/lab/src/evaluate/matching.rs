@@ -26,7 +26,7 @@ pub enum Matching {
     /// By id if at least half of the reference's ids are in the result, otherwise by overlap.
     #[default]
     Auto,
-    /// By equal ids.
+    /// Buildings match where their ids are equal.
     Id,
     /// By the largest overlap of the footprints.
     Overlap,
@@ -35,9 +35,9 @@ pub enum Matching {
 /// Indices of a matched pair.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
-    /// Into the reference.
+    /// Position in the reference.
     pub truth: usize,
-    /// Into the result.
+    /// Position in the result.
     pub result: usize,
     /// `area(t ∩ r) / area(t)`, where footprints were compared.
     pub overlap_share: Option<f64>,

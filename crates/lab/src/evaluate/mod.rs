@@ -40,7 +40,7 @@ use serde::{Deserialize, Serialize};
 pub use cloud_file::cloud_in_project;
 pub use clouds::{CloudTruthOptions, truth_of_instances, truth_under_footprints};
 pub use columns::{ColumnGrid, Columns};
-pub use compare::{CompareError, Comparison, compare_files};
+pub use compare::{CompareError, ComparedFiles, compare_files};
 pub use footprints::{FOOTPRINT_DEFINITIONS, FootprintEvaluation, evaluate_footprints};
 pub use heights::{BuildingError, GroupStatistics, HeightEvaluation, HeightOptions, MatchCounts, evaluate_heights};
 pub use levels::{Agreement, LevelAgreement, LevelError};
@@ -49,7 +49,7 @@ pub use photos::{PHOTO_DEFINITIONS, PhotoAreas, PhotoEvaluation, evaluate_photos
 pub use pictures::{reliability, write_pictures};
 pub use report::EvaluationReport;
 pub use statistics::{DEFINITIONS, HeightStatistics};
-pub use surface::{SURFACE_DEFINITIONS, SurfaceEvaluation, Target, evaluate_surface, nearest_on_triangle};
+pub use surface::{SURFACE_DEFINITIONS, SurfaceEvaluation, TargetSurface, evaluate_surface, nearest_on_triangle};
 pub use volume::{VOLUME_DEFINITIONS, VolumeError, VolumeEvaluation, evaluate_volume, prism_iou};
 
 /// One building of the reference, in the project's map frame.
@@ -68,7 +68,7 @@ pub struct TruthBuilding {
 /// Why an evaluation is not possible.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluationError {
-    /// Nothing to compare.
+    /// Not one pair of buildings to compare.
     #[error(
         "no building of the reference ({n_truth}) matches any of the result ({n_results}) by {how}\n\
          hint: {hint}"
@@ -78,17 +78,17 @@ pub enum EvaluationError {
         n_truth: usize,
         /// Buildings of the result.
         n_results: usize,
-        /// `id` or `overlap`.
+        /// Way in which they were matched: `id` or `overlap`.
         how: &'static str,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: &'static str,
     },
     /// An id stands for two buildings.
     #[error("two buildings of the {side} are called {id:?}\nhint: match by overlap, or choose another id attribute")]
     DuplicateId {
-        /// `reference` or `result`.
+        /// Side on which the two are: `reference` or `result`.
         side: &'static str,
-        /// The id.
+        /// The id that both have.
         id: String,
     },
 }

@@ -78,14 +78,14 @@ impl PhotoAreas {
     }
 }
 
-/// Shares of 1.
+/// Measures of areas in a photo, each 0 to 1.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct AreaMeasures {
-    /// Intersection over union.
+    /// Intersection over union of the building pixels.
     pub iou: f64,
-    /// Shared over found.
+    /// Area shared, over the area found.
     pub precision: f64,
-    /// Shared over true.
+    /// Area shared, over the true area.
     pub recall: f64,
     /// Harmonic mean of the two, of each instance.
     pub f1: f64,
@@ -111,7 +111,7 @@ impl AreaMeasures {
     }
 }
 
-/// Shares of 1.
+/// Measures of detection in photos, each 0 to 1.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct DetectionMeasures {
     /// Hits per instance found.
@@ -140,9 +140,9 @@ pub struct PhotoEvaluation {
     pub n_photos: usize,
     /// Photos without: only their instances found count, as wrong detections.
     pub n_photos_without: usize,
-    /// True instances.
+    /// Number of true instances.
     pub n_truth: usize,
-    /// Instances found.
+    /// Number of instances found.
     pub n_found: usize,
     /// True instances with a counterpart of any overlap.
     pub n_pairs: usize,

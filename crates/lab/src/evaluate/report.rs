@@ -22,9 +22,9 @@ pub struct EvaluationReport {
     pub footprints: Option<FootprintEvaluation>,
     /// Way in which levels were brought together; `None` where none were compared.
     pub levels: Option<LevelAgreement>,
-    /// Surfaces.
+    /// Distances between surfaces; `None` where they were not measured.
     pub surface: Option<SurfaceEvaluation>,
-    /// Volumes.
+    /// Volumes in common; `None` where they were not measured.
     pub volume: Option<VolumeEvaluation>,
     /// Measures that could not be computed, and why.
     pub left_out: Vec<String>,

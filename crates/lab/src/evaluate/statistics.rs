@@ -25,7 +25,7 @@ pub const DEFINITIONS: [(&str, &str); 14] = [
 /// One matched pair of heights.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeightPair {
-    /// The result, metres.
+    /// Height in the result, metres.
     pub height_m: f64,
     /// The reference, metres, above 0.
     pub truth_m: f64,
@@ -34,7 +34,7 @@ pub struct HeightPair {
 }
 
 impl HeightPair {
-    /// `|h − h*|`, metres.
+    /// Height in the reference, metres.
     #[must_use]
     pub fn error_m(&self) -> f64 {
         (self.height_m - self.truth_m).abs()
@@ -44,7 +44,7 @@ impl HeightPair {
 /// Statistics over a set of buildings; definitions in [`DEFINITIONS`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct HeightStatistics {
-    /// Buildings compared.
+    /// Number of buildings compared.
     pub n: usize,
     /// Mean absolute error, metres.
     pub error_mean_m: f64,
@@ -62,7 +62,7 @@ pub struct HeightStatistics {
     pub within_1m_share: f64,
     /// Share within ten per cent.
     pub within_10pct_share: f64,
-    /// Mean accuracy.
+    /// Mean of `max(0, 1 − e / h*)` over the buildings.
     pub accuracy_mean: f64,
     /// Accuracy that 90 % of the buildings reach.
     pub accuracy_90: f64,

@@ -33,12 +33,12 @@ const DENSITY_PER_M2: f64 = 25.0;
 /// Most samples of a side: a large scene is sampled thinner.
 const MOST_SAMPLES: f64 = 400_000.0;
 
-/// The outcome.
+/// Distances between the surfaces of result and reference.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceEvaluation {
-    /// Metres.
+    /// Distance that 90 % of the result's samples stay within, metres.
     pub error_90_m: f64,
-    /// Metres.
+    /// Distance that 95 % of the result's samples stay within, metres.
     pub error_95_m: f64,
     /// Share within 0.5 m.
     pub completeness_05: f64,
@@ -46,7 +46,7 @@ pub struct SurfaceEvaluation {
     pub completeness_1: f64,
     /// Mean distance from the result to the reference, metres.
     pub error_mean_m: f64,
-    /// Samples per m².
+    /// Samples per m² of either surface.
     pub density_per_m2: f64,
     /// Samples of result and reference.
     pub n_samples: [usize; 2],
@@ -55,8 +55,8 @@ pub struct SurfaceEvaluation {
 }
 
 /// A surface as it is measured to.
-pub enum Target<'a> {
-    /// Triangles.
+pub enum TargetSurface<'a> {
+    /// The triangles themselves, searched for the nearest.
     Facets(&'a [Facet]),
     /// Points: distances are to the nearest, so they do not fall below half the points' spacing.
     Points(&'a [DVec3]),
@@ -122,27 +122,27 @@ pub fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
 
 /// Compares the surface of a result with a reference's; `None` if either has no surface.
 #[must_use]
-pub fn evaluate_surface(result: &[Facet], reference: &Target<'_>, root_seed: u64) -> Option<SurfaceEvaluation> {
+pub fn evaluate_surface(result: &[Facet], reference: &TargetSurface<'_>, root_seed: u64) -> Option<SurfaceEvaluation> {
     let seen = |facets: &[Facet]| facets.iter().filter(|f| !f.is_bottom).copied().collect::<Vec<_>>();
     let area = |facets: &[Facet]| facets.iter().map(Facet::area_m2).sum::<f64>();
     let result = seen(result);
     let reference_facets = match reference {
-        Target::Facets(facets) => seen(facets),
-        Target::Points(_) => Vec::new(),
+        TargetSurface::Facets(facets) => seen(facets),
+        TargetSurface::Points(_) => Vec::new(),
     };
     let density = DENSITY_PER_M2.min(MOST_SAMPLES / area(&result).max(area(&reference_facets)).max(1.0));
     let from_result = samples(&result, density, root_seed);
     let from_reference = match reference {
-        Target::Facets(_) => samples(&reference_facets, density, root_seed ^ 1),
-        Target::Points(points) => points.to_vec(),
+        TargetSurface::Facets(_) => samples(&reference_facets, density, root_seed ^ 1),
+        TargetSurface::Points(points) => points.to_vec(),
     };
     if from_result.is_empty() || from_reference.is_empty() {
         return None;
     }
     let to_result = to_facets(&from_reference, &result);
     let to_reference = match reference {
-        Target::Facets(_) => to_facets(&from_result, &reference_facets),
-        Target::Points(points) => {
+        TargetSurface::Facets(_) => to_facets(&from_result, &reference_facets),
+        TargetSurface::Points(points) => {
             let tree = RTree::bulk_load(points.iter().map(DVec3::to_array).collect());
             let nearest = |p: &DVec3| {
                 tree.nearest_neighbor(&p.to_array()).map_or(f64::NAN, |q| p.distance(DVec3::from_array(*q)))
@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn a_surface_is_at_no_distance_from_itself() {
         let town = block("a", [0.0; 3], [10.0, 8.0, 12.0]);
-        let s = evaluate_surface(&town.facets, &Target::Facets(&town.facets), 1).unwrap();
+        let s = evaluate_surface(&town.facets, &TargetSurface::Facets(&town.facets), 1).unwrap();
         assert!(s.error_95_m < 1e-9 && s.completeness_05 == 1.0 && s.density_per_m2 == 25.0, "{s:?}");
     }
 
@@ -206,7 +206,7 @@ mod tests {
         // 480 m² of walls the top 2 m (80 m²) is off by up to 2 m. So 180 of 580 m² are off: percentile 90 lies on the
         // roof. Of the reference's 500 m² the roof is 2 m off except where it is nearer to the walls beside it.
         let (result, reference) = (block("a", [0.0; 3], [10.0, 10.0, 12.0]), block("a", [0.0; 3], [10.0, 10.0, 10.0]));
-        let s = evaluate_surface(&result.facets, &Target::Facets(&reference.facets), 1).unwrap();
+        let s = evaluate_surface(&result.facets, &TargetSurface::Facets(&reference.facets), 1).unwrap();
         assert!((s.error_90_m - 2.0).abs() < 1e-9 && (s.error_95_m - 2.0).abs() < 1e-9, "{s:?}");
         // The result's walls pass by the reference's roof: within 0.5 m of them 1 − 0.81 of the roof is covered, within
         // 1 m 1 − 0.64.
@@ -231,7 +231,7 @@ mod tests {
         let a = block("a", [0.0; 3], [10.0, 8.0, 12.0]);
         let seen: Vec<Facet> = a.facets.iter().filter(|f| !f.is_bottom).copied().collect();
         let points = samples(&seen, 100.0, 7);
-        let s = evaluate_surface(&a.facets, &Target::Points(&points), 1).unwrap();
+        let s = evaluate_surface(&a.facets, &TargetSurface::Points(&points), 1).unwrap();
         assert!(s.error_95_m < 0.15 && s.completeness_05 == 1.0, "{s:?}");
     }
 }

@@ -8,7 +8,7 @@ use rstar::{AABB, RTree};
 use serde::{Deserialize, Serialize};
 
 use super::columns::{ColumnGrid, Columns};
-use super::solid::{Prism, Solid};
+use super::solid::{Solid, UprightPrism};
 
 /// Meaning of each number.
 pub const VOLUME_DEFINITIONS: [(&str, &str); 6] = [
@@ -31,12 +31,12 @@ pub const VOLUME_DEFINITIONS: [(&str, &str); 6] = [
     ("open_share", "share of the columns through a mesh with holes, result and reference: voxels need closed meshes"),
 ];
 
-/// Voxel sizes, metres.
+/// Sides of voxels that volumes are counted with, metres.
 const VOXELS_M: [f64; 2] = [0.5, 1.0];
 /// Share of columns with an open mesh above which volumes are not computed.
 const MOST_OPEN: f64 = 0.01;
 
-/// The outcome.
+/// Volumes that the bodies of result and reference have in common.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct VolumeEvaluation {
     /// Exact, over the whole scene; `None` where a body is not made of prisms.
@@ -51,7 +51,7 @@ pub struct VolumeEvaluation {
     pub column_iou: f64,
     /// Result and reference, m³.
     pub volume_m3: [f64; 2],
-    /// Result and reference.
+    /// Share of columns whose mesh is open: result, reference.
     pub open_share: [f64; 2],
     /// Meaning of each number.
     pub definitions: BTreeMap<String, String>,
@@ -63,9 +63,9 @@ pub enum VolumeError {
     /// The mesh is not closed.
     #[error("{:.0} % of the columns through the {side} go in and never come out: its meshes have holes, or faces the wrong way round", 100.0 * share)]
     Open {
-        /// `result` or `reference`.
+        /// Side with the open meshes: `result` or `reference`.
         side: &'static str,
-        /// Share of columns.
+        /// Share of the columns that go in and never come out, 0 to 1.
         share: f64,
     },
     /// There is nothing to compare, or far too much.
@@ -104,7 +104,7 @@ pub fn evaluate_volume(
     }
     let (fine, cell_m) = fine.expect("at least one voxel size");
     let volume = |c: &Columns| c.stretches.iter().map(|s| s.2 - s.1).sum::<f64>() * cell_m * cell_m;
-    let prisms = |solids: &[Solid]| -> Option<Vec<Prism>> {
+    let prisms = |solids: &[Solid]| -> Option<Vec<UprightPrism>> {
         let all_prismatic = solids.iter().all(|s| !s.prisms.is_empty());
         all_prismatic.then(|| solids.iter().flat_map(|s| s.prisms.iter().cloned()).collect())
     };
@@ -128,11 +128,11 @@ pub fn evaluate_volume(
     })
 }
 
-fn prism_volume_m3(prism: &Prism) -> f64 {
+fn prism_volume_m3(prism: &UprightPrism) -> f64 {
     prism.footprint.unsigned_area() * (prism.levels_m[1] - prism.levels_m[0])
 }
 
-fn common_m3(a: &Prism, b: &Prism) -> f64 {
+fn common_m3(a: &UprightPrism, b: &UprightPrism) -> f64 {
     let thickness = a.levels_m[1].min(b.levels_m[1]) - a.levels_m[0].max(b.levels_m[0]);
     if thickness <= 0.0 {
         return 0.0;
@@ -142,8 +142,8 @@ fn common_m3(a: &Prism, b: &Prism) -> f64 {
 
 type Box2 = GeomWithData<Rectangle<[f64; 2]>, usize>;
 
-fn tree_of(prisms: &[Prism]) -> RTree<Box2> {
-    let box_of = |(i, prism): (usize, &Prism)| {
+fn tree_of(prisms: &[UprightPrism]) -> RTree<Box2> {
+    let box_of = |(i, prism): (usize, &UprightPrism)| {
         let bounds = prism.footprint.bounding_rect()?;
         let corners = Rectangle::from_corners([bounds.min().x, bounds.min().y], [bounds.max().x, bounds.max().y]);
         Some(GeomWithData::new(corners, i))
@@ -152,7 +152,7 @@ fn tree_of(prisms: &[Prism]) -> RTree<Box2> {
 }
 
 /// Volume common to the pairs of two sets, those with `a < b` only if `is_same`.
-fn common_of_sets_m3(a: &[Prism], b: &[Prism], is_same: bool) -> f64 {
+fn common_of_sets_m3(a: &[UprightPrism], b: &[UprightPrism], is_same: bool) -> f64 {
     let tree = tree_of(b);
     let mut sum = 0.0;
     for (i, prism) in a.iter().enumerate() {
@@ -165,13 +165,13 @@ fn common_of_sets_m3(a: &[Prism], b: &[Prism], is_same: bool) -> f64 {
     sum
 }
 
-fn self_overlap_m3(prisms: &[Prism]) -> f64 {
+fn self_overlap_m3(prisms: &[UprightPrism]) -> f64 {
     common_of_sets_m3(prisms, prisms, true)
 }
 
 /// Exact where the prisms of one set do not overlap each other.
 #[must_use]
-pub fn prism_iou(a: &[Prism], b: &[Prism]) -> f64 {
+pub fn prism_iou(a: &[UprightPrism], b: &[UprightPrism]) -> f64 {
     let common = common_of_sets_m3(a, b, false);
     let total: f64 = a.iter().chain(b).map(prism_volume_m3).sum();
     common / (total - common)

@@ -23,7 +23,7 @@ const GROUND_SAMPLES: usize = 24;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BuildingKind {
-    /// A detached house.
+    /// A detached house with a pitched roof.
     House,
     /// One of several houses in a row that share walls.
     RowHouse,
@@ -37,14 +37,14 @@ pub enum BuildingKind {
     Tower,
     /// A low building with a flat roof.
     Pavilion,
-    /// A large hall.
+    /// A large hall for industry or trade.
     Hall,
     /// From a file of real buildings.
     Real,
 }
 
 impl BuildingKind {
-    /// The name in files.
+    /// The name under which files have it.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -64,7 +64,7 @@ impl BuildingKind {
 /// Which part of a building a triangle belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
-    /// Seen from above.
+    /// Whatever is seen from above.
     Roof,
     /// Upright, or seen from below only.
     Wall,
@@ -75,7 +75,7 @@ pub enum Part {
 pub struct Triangle {
     /// Corners, counter-clockwise seen from outside.
     pub corners: [DVec3; 3],
-    /// Roof or wall.
+    /// Whether the triangle is roof or wall.
     pub part: Part,
 }
 
@@ -90,10 +90,10 @@ impl Triangle {
 
 /// A building and the truth about it. Map frame, metres.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Building {
+pub struct SimulatedBuilding {
     /// Unique in the scene.
     pub id: BuildingId,
-    /// Kind.
+    /// Kind of building, as the town's plan has it.
     pub kind: BuildingKind,
     /// The shape of its roof.
     pub roof: RoofKind,
@@ -109,7 +109,7 @@ pub struct Building {
     pub ridge_m: f64,
     /// Direction of its long side, radians from east: textures follow it.
     pub heading_rad: f64,
-    /// Surface.
+    /// Triangles of roofs and walls, map frame, metres.
     pub triangles: Vec<Triangle>,
 }
 
@@ -118,7 +118,7 @@ pub struct Building {
 pub struct Placement {
     /// The plane's origin in the map frame, metres.
     pub origin: DVec2,
-    /// Radians, counter-clockwise.
+    /// Turn of the plane, radians, counter-clockwise from east.
     pub angle_rad: f64,
 }
 
@@ -136,7 +136,7 @@ impl Placement {
     }
 }
 
-impl Building {
+impl SimulatedBuilding {
     /// Raises a form on the terrain.
     #[must_use]
     pub fn raise(form: &Form, at: &Placement, terrain: &Terrain, kind: BuildingKind, id: BuildingId) -> Self {
@@ -266,9 +266,9 @@ mod tests {
     use crate::simulate::config::TownKind;
     use crate::simulate::form::{self, Rect, Wing};
 
-    fn raised(form: &Form) -> Building {
+    fn raised(form: &Form) -> SimulatedBuilding {
         let at = Placement { origin: DVec2::new(565_000.0, 5_932_000.0), angle_rad: 0.3 };
-        Building::raise(form, &at, &Terrain::Constant(20.0), BuildingKind::House, "a".into())
+        SimulatedBuilding::raise(form, &at, &Terrain::Constant(20.0), BuildingKind::House, "a".into())
     }
 
     #[test]

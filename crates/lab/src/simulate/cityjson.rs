@@ -44,7 +44,7 @@ pub(super) struct RawBuilding {
 /// Content of a file.
 #[derive(Debug)]
 pub(super) struct RawCity {
-    /// Such as `EPSG:28992`.
+    /// Definition of the CRS, such as `EPSG:28992`; `None` where the file names none.
     pub crs: Option<String>,
     /// In the order of the file.
     pub buildings: Vec<RawBuilding>,

@@ -122,7 +122,7 @@ fn parking_space(world: &World, walls: &Walls, rng: &mut ChaCha8Rng) -> Option<(
     None
 }
 
-/// Distances to footprints.
+/// Search tree of the buildings' footprints, for distances to their walls.
 struct Walls<'a> {
     world: &'a World,
     boxes: RTree<GeomWithData<Rectangle<[f64; 2]>, usize>>,

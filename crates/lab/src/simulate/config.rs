@@ -22,19 +22,19 @@ pub struct SimulateConfig {
     /// The procedural town; not used with `cityjson`.
     pub town: TownConfig,
     /// Real geometry in place of the procedural town.
-    pub cityjson: Option<CityJsonConfig>,
-    /// The ground.
-    pub terrain: TerrainConfig,
+    pub cityjson: Option<CityJsonTown>,
+    /// Shape of the ground.
+    pub terrain: SimulatedTerrain,
     /// Where the photos are taken; not used where views are given from outside.
     pub flight: FlightConfig,
     /// The lens and the sensor; not used where views are given from outside.
-    pub camera: CameraConfig,
-    /// The photos.
+    pub camera: SimulatedCamera,
+    /// Settings for rendering the photos.
     pub images: ImageConfig,
     /// Masks of the nadir views.
-    pub masks: MaskConfig,
-    /// The depth priors.
-    pub prior: PriorConfig,
+    pub masks: SimulatedMasks,
+    /// Settings for making depth priors from the true depth.
+    pub prior: SimulatedPriors,
     /// A sparse point cloud as multi-view matching leaves it.
     pub points: PointConfig,
     /// Errors of poses and footprints as the user gets them.
@@ -49,19 +49,19 @@ impl Default for SimulateConfig {
             centre_m: [565_500.0, 5_932_500.0],
             town: TownConfig::default(),
             cityjson: None,
-            terrain: TerrainConfig::default(),
+            terrain: SimulatedTerrain::default(),
             flight: FlightConfig::default(),
-            camera: CameraConfig::default(),
+            camera: SimulatedCamera::default(),
             images: ImageConfig::default(),
-            masks: MaskConfig::default(),
-            prior: PriorConfig::default(),
+            masks: SimulatedMasks::default(),
+            prior: SimulatedPriors::default(),
             points: PointConfig::default(),
             errors: ErrorConfig::default(),
         }
     }
 }
 
-/// Kind of town.
+/// Kind of town: which buildings stand in it, and how high they are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TownKind {
@@ -76,11 +76,11 @@ pub enum TownKind {
     Industry,
 }
 
-/// The procedural town.
+/// Settings of a procedural town.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TownConfig {
-    /// Kind of town.
+    /// Kind of town, which decides forms and heights.
     pub kind: TownKind,
     /// Exactly so many buildings, 1 to 20000.
     pub n_buildings: usize,
@@ -107,8 +107,8 @@ impl Default for TownConfig {
 /// Buildings from a `CityJSON` file (1.x or 2.0; `LoD1` or `LoD2`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct CityJsonConfig {
-    /// The file.
+pub struct CityJsonTown {
+    /// Path of the CityJSON file.
     pub path: PathBuf,
     /// Moves all buildings by easting, northing, up; metres.
     #[serde(default)]
@@ -127,7 +127,7 @@ pub struct CityJsonConfig {
 /// The ground: a hilly, smooth surface, given to the user as a DTM.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct TerrainConfig {
+pub struct SimulatedTerrain {
     /// Mean height of the ground in the vertical reference, metres; a `CityJSON` file's own ground replaces it.
     pub base_z_m: f64,
     /// Difference between hills and valleys, metres, 0 (flat) or more; a `CityJSON` file's own ground replaces it.
@@ -138,7 +138,7 @@ pub struct TerrainConfig {
     pub margin_m: f64,
 }
 
-impl Default for TerrainConfig {
+impl Default for SimulatedTerrain {
     fn default() -> Self {
         Self { base_z_m: 24.0, relief_m: 12.0, cell_m: 5.0, margin_m: 700.0 }
     }
@@ -159,7 +159,7 @@ pub enum FlightPattern {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FlightConfig {
-    /// Grid or free.
+    /// Pattern of the flight: a grid, or freely scattered cameras.
     pub pattern: FlightPattern,
     /// Flying height above the mean ground, metres, above every roof.
     pub height_m: f64,
@@ -195,7 +195,7 @@ impl Default for FlightConfig {
 /// The lens and the sensor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct CameraConfig {
+pub struct SimulatedCamera {
     /// Columns, 16 to 20000 pixels.
     pub width_px: u32,
     /// Rows, 16 to 20000 pixels.
@@ -206,13 +206,13 @@ pub struct CameraConfig {
     pub brown: Option<[f64; 5]>,
 }
 
-impl Default for CameraConfig {
+impl Default for SimulatedCamera {
     fn default() -> Self {
         Self { width_px: 672, height_px: 504, focal_ratio: 0.85, brown: None }
     }
 }
 
-/// The photos.
+/// Settings for rendering the photos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImageConfig {
@@ -257,8 +257,8 @@ pub enum MaskContour {
 /// Masks of the nadir views, 16-bit PNG with one number per building.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct MaskConfig {
-    /// Whether they are written.
+pub struct SimulatedMasks {
+    /// Whether masks are written.
     pub enabled: bool,
     /// The contour of a building that they follow.
     #[serde(alias = "outline")]
@@ -267,7 +267,7 @@ pub struct MaskConfig {
     pub level: MaskLevel,
 }
 
-impl Default for MaskConfig {
+impl Default for SimulatedMasks {
     fn default() -> Self {
         Self { enabled: true, contour: MaskContour::default(), level: MaskLevel::default() }
     }
@@ -292,10 +292,10 @@ pub enum PriorLevel {
     Bleed,
 }
 
-/// The depth priors.
+/// Settings for making depth priors from the true depth.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct PriorConfig {
+pub struct SimulatedPriors {
     /// How far they are from the truth.
     pub level: PriorLevel,
     /// Whether higher means farther or nearer.
@@ -306,7 +306,7 @@ pub struct PriorConfig {
     pub write_true_depth: bool,
 }
 
-impl Default for PriorConfig {
+impl Default for SimulatedPriors {
     fn default() -> Self {
         Self { level: PriorLevel::Mid, kind: PriorKind::InverseDepth, longest_px: 448, write_true_depth: false }
     }

@@ -39,7 +39,7 @@ const DRIFT_WAVES: (f64, f64) = (0.5, 1.5);
 /// Wavelengths of the edge warp, pixels.
 const WARP_WAVES_PX: (f64, f64) = (24.0, 60.0);
 
-/// One corruption level.
+/// Strengths of the errors that a level of priors has.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Corruption {
     /// Relief gain per view: mean and standard deviation.

@@ -10,7 +10,7 @@ use sizeup_heights::frames::Rigid;
 use sizeup_heights::seed;
 use sizeup_survey::View;
 
-use super::building::{Building, polygon};
+use super::building::{SimulatedBuilding, polygon};
 use super::chance::normal;
 use super::config::ErrorConfig;
 
@@ -39,9 +39,9 @@ pub fn poses(views: &[View], errors: &ErrorConfig, root_seed: u64) -> Vec<View> 
 /// The footprints as a mapping agency would have them, in the order of the buildings. Shared walls stay shared: their
 /// corners move together, and footprints grow on free sides only. A footprint that would cross itself stays as it is.
 #[must_use]
-pub fn footprints(buildings: &[Building], errors: &ErrorConfig, root_seed: u64) -> Vec<Polygon<f64>> {
+pub fn footprints(buildings: &[SimulatedBuilding], errors: &ErrorConfig, root_seed: u64) -> Vec<Polygon<f64>> {
     let key = |p: DVec2| [p.x, p.y].map(|v| (v / SAME_CORNER_M).round() as i64);
-    let rings = |b: &Building| -> Vec<Vec<DVec2>> {
+    let rings = |b: &SimulatedBuilding| -> Vec<Vec<DVec2>> {
         std::iter::once(b.footprint.exterior()).chain(b.footprint.interiors()).map(open_ring).collect()
     };
     let edges: BTreeSet<_> = buildings
@@ -55,7 +55,7 @@ pub fn footprints(buildings: &[Building], errors: &ErrorConfig, root_seed: u64) 
         let mut rng = seed::stream(root_seed, "vertex error", &[x as u64, y as u64]);
         errors.vertex_m * DVec2::new(normal(&mut rng), normal(&mut rng))
     };
-    let disturb = |b: &Building| {
+    let disturb = |b: &SimulatedBuilding| {
         let moved = rings(b).into_iter().map(|ring| {
             let offset = offset_by(&ring, |a, b| if is_shared(a, b) { 0.0 } else { errors.footprint_m });
             ring.iter().zip(offset).map(|(&p, grown)| grown + noise(p)).collect::<Vec<_>>()
@@ -110,11 +110,11 @@ mod tests {
     use sizeup_geo::terrain::Terrain;
     use sizeup_heights::stats::mean;
 
-    fn row_of_two() -> Vec<Building> {
+    fn row_of_two() -> Vec<SimulatedBuilding> {
         let at = Placement { origin: DVec2::new(565_000.0, 5_932_000.0), angle_rad: 0.4 };
         let raise = |x0: f64, id: &str| {
             let form = form::gable(Rect::sized(x0, 0.0, 6.0, 10.0), 5.0, 8.0);
-            Building::raise(&form, &at, &Terrain::Constant(3.0), BuildingKind::RowHouse, id.into())
+            SimulatedBuilding::raise(&form, &at, &Terrain::Constant(3.0), BuildingKind::RowHouse, id.into())
         };
         vec![raise(0.0, "a"), raise(6.0, "b")]
     }
@@ -141,7 +141,7 @@ mod tests {
     fn a_courtyard_shrinks_as_its_building_grows() {
         let at = Placement { origin: DVec2::ZERO, angle_rad: 0.0 };
         let form = form::courtyard(Rect::sized(0.0, 0.0, 40.0, 30.0), 10.0, 12.0, 12.0);
-        let block = Building::raise(&form, &at, &Terrain::Constant(0.0), BuildingKind::Courtyard, "a".into());
+        let block = SimulatedBuilding::raise(&form, &at, &Terrain::Constant(0.0), BuildingKind::Courtyard, "a".into());
         let errors = ErrorConfig { footprint_m: 0.2, ..ErrorConfig::default() };
         let grown = &footprints(&[block], &errors, 1)[0];
         assert!((grown.unsigned_area() - (40.4 * 30.4 - 19.6 * 9.6)).abs() < 1e-6);

@@ -15,7 +15,7 @@ use sizeup_heights::raster::Raster;
 use sizeup_photos::prior::PriorKind;
 
 use super::SimulateError;
-use super::building::Building;
+use super::building::SimulatedBuilding;
 use super::config::SimulateConfig;
 
 /// DTM cells without a value.
@@ -29,7 +29,7 @@ fn write_text(path: &Path, text: &str) -> Result<(), FileError> {
 pub(super) fn write_footprints(
     path: &Path,
     crs: &Crs,
-    buildings: &[Building],
+    buildings: &[SimulatedBuilding],
     footprints: &[Polygon<f64>],
 ) -> Result<(), SimulateError> {
     let columns = [("id", FieldType::Text), ("type", FieldType::Text)];
@@ -54,7 +54,7 @@ pub(super) fn write_dtm(path: &Path, crs: &Crs, terrain: &Terrain) -> Result<(),
 
 /// Truth of every building, as `GeoJSON` in the project's CRS (with the `crs` member of the 2008 draft, which
 /// GDAL and QGIS still read).
-pub(super) fn write_truth(path: &Path, crs: &Crs, buildings: &[Building]) -> Result<(), FileError> {
+pub(super) fn write_truth(path: &Path, crs: &Crs, buildings: &[SimulatedBuilding]) -> Result<(), FileError> {
     let mut members = JsonObject::from_iter([("name".to_owned(), "truth".into())]);
     if let Some(code) = crs.epsg() {
         let name = json!({ "name": format!("urn:ogc:def:crs:EPSG::{code}") });
@@ -63,7 +63,7 @@ pub(super) fn write_truth(path: &Path, crs: &Crs, buildings: &[Building]) -> Res
     geojson::write(path, &members, |push| buildings.iter().try_for_each(|b| push(&truth_feature(b))))
 }
 
-fn truth_feature(b: &Building) -> Feature {
+fn truth_feature(b: &SimulatedBuilding) -> Feature {
     let millimetres = |v: f64| (v * 1e3).round() / 1e3;
     let ring = |r: &geo_types::LineString<f64>| {
         r.0.iter().map(|c| Position::from([millimetres(c.x), millimetres(c.y)])).collect()

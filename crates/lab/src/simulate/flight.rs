@@ -13,7 +13,7 @@ use sizeup_heights::seed;
 use sizeup_survey::View;
 
 use super::chance::{between, happens, normal};
-use super::config::{CameraConfig, FlightConfig, FlightPattern, SimulateConfig};
+use super::config::{FlightConfig, FlightPattern, SimulateConfig, SimulatedCamera};
 use super::town::World;
 
 /// An oblique view of a grid flight is taken if its axis meets the ground this near to the buildings, in flying
@@ -29,7 +29,7 @@ const FREE_NADIR_SHARE: f64 = 0.2;
 const SPACING_STEPS: usize = 40;
 
 /// The camera that the configuration describes, principal point in the middle.
-pub(super) fn camera(config: &CameraConfig) -> Camera {
+pub(super) fn camera(config: &SimulatedCamera) -> Camera {
     let mut camera =
         Camera::pinhole(config.width_px, config.height_px, config.focal_ratio * f64::from(config.width_px));
     if let Some([k1, k2, k3, p1, p2]) = config.brown {

@@ -10,20 +10,20 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RoofKind {
-    /// One horizontal plane.
+    /// One horizontal plane over the whole footprint.
     Flat,
     /// Two slopes per wing, upright ends.
     Gable,
     /// Slopes on all sides.
     Hip,
-    /// Several horizontal planes.
+    /// Several horizontal planes at different levels.
     Stepped,
     /// As measured: real geometry.
     Surveyed,
 }
 
 impl RoofKind {
-    /// The name in files.
+    /// The name under which files have it.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -38,7 +38,7 @@ impl RoofKind {
 
 /// A planar polygon of a roof: first ring counter-clockwise seen from above, then holes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Face {
+pub struct FormFace {
     /// Rings without a repeated last point; z above the building's ground, metres.
     pub rings: Vec<Vec<DVec3>>,
 }
@@ -49,21 +49,21 @@ pub struct Form {
     /// First ring counter-clockwise, holes clockwise, without a repeated last point.
     pub footprint: Vec<Vec<DVec2>>,
     /// They tile the footprint.
-    pub faces: Vec<Face>,
+    pub faces: Vec<FormFace>,
     /// Roof that the faces make.
     pub roof: RoofKind,
 }
 
-/// An axis-aligned rectangle.
+/// A rectangle along the axes of a form's plane, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rect {
-    /// Low x.
+    /// Lowest x, metres.
     pub x0: f64,
-    /// High x.
+    /// Highest x, metres.
     pub x1: f64,
-    /// Low y.
+    /// Lowest y, metres.
     pub y0: f64,
-    /// High y.
+    /// Highest y, metres.
     pub y1: f64,
 }
 
@@ -103,14 +103,14 @@ fn lift(ring: &[DVec2], z: f64) -> Vec<DVec3> {
     ring.iter().map(|p| p.extend(z)).collect()
 }
 
-fn face(points: &[(f64, f64, f64)]) -> Face {
-    Face { rings: vec![points.iter().copied().map(DVec3::from).collect()] }
+fn face(points: &[(f64, f64, f64)]) -> FormFace {
+    FormFace { rings: vec![points.iter().copied().map(DVec3::from).collect()] }
 }
 
 /// A horizontal roof over any footprint.
 #[must_use]
 pub fn flat(footprint: Vec<Vec<DVec2>>, roof_m: f64) -> Form {
-    let faces = vec![Face { rings: footprint.iter().map(|ring| lift(ring, roof_m)).collect() }];
+    let faces = vec![FormFace { rings: footprint.iter().map(|ring| lift(ring, roof_m)).collect() }];
     Form { footprint, faces, roof: RoofKind::Flat }
 }
 
@@ -141,7 +141,7 @@ pub fn stepped(r: Rect, roofs_m: &[f64]) -> Form {
     let cut = |i: usize| r.x0 + r.dx() * i as f64 / roofs_m.len() as f64;
     let faces = roofs_m.iter().enumerate().map(|(i, &z)| {
         let part = Rect { x0: cut(i), x1: if i + 1 == roofs_m.len() { r.x1 } else { cut(i + 1) }, ..r };
-        Face { rings: vec![lift(&part.ring(), z)] }
+        FormFace { rings: vec![lift(&part.ring(), z)] }
     });
     Form { footprint: vec![r.ring()], faces: faces.collect(), roof: RoofKind::Stepped }
 }
@@ -154,7 +154,7 @@ pub fn stacked(levels: &[(Rect, f64)]) -> Form {
         if let Some(&(above, _)) = levels.get(i + 1) {
             rings.push(lift(&above.hole(), z));
         }
-        Face { rings }
+        FormFace { rings }
     });
     let footprint = levels.first().map(|(r, _)| r.ring()).into_iter().collect();
     let roof = if levels.len() == 1 { RoofKind::Flat } else { RoofKind::Stepped };
@@ -164,9 +164,9 @@ pub fn stacked(levels: &[(Rect, f64)]) -> Form {
 /// A wing that leaves the low-y side of a main body at right angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wing {
-    /// Low x.
+    /// Lowest x, metres.
     pub x0: f64,
-    /// High x.
+    /// Highest x, metres.
     pub x1: f64,
     /// Reach from the main body.
     pub reach: f64,
@@ -238,8 +238,8 @@ pub fn courtyard(r: Rect, wing_m: f64, eave_m: f64, ridge_m: f64) -> Form {
     let mut faces = Vec::new();
     for i in 0..4 {
         let j = (i + 1) % 4;
-        faces.push(Face { rings: vec![vec![outer[i], outer[j], ridge[j], ridge[i]]] });
-        faces.push(Face { rings: vec![vec![ridge[i], ridge[j], inner[j], inner[i]]] });
+        faces.push(FormFace { rings: vec![vec![outer[i], outer[j], ridge[j], ridge[i]]] });
+        faces.push(FormFace { rings: vec![vec![ridge[i], ridge[j], inner[j], inner[i]]] });
     }
     Form { footprint, faces, roof: RoofKind::Gable }
 }

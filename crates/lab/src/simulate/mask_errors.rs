@@ -14,7 +14,7 @@ use sizeup_heights::raster::Raster;
 use sizeup_heights::seed;
 use sizeup_survey::View;
 
-use super::building::Building;
+use super::building::SimulatedBuilding;
 use super::chance::{between, happens};
 use super::masks::{draw_at, ground_contact};
 use super::noise;
@@ -24,7 +24,7 @@ use sizeup_geo::terrain::Terrain;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MaskLevel {
-    /// As drawn.
+    /// Masks without errors, as the buildings are seen.
     #[default]
     Exact,
     /// As a network that does its work well.
@@ -51,7 +51,7 @@ pub struct MaskErrors {
 }
 
 impl MaskLevel {
-    /// Errors.
+    /// Strengths of this level's errors.
     #[must_use]
     pub fn errors(self) -> MaskErrors {
         match self {
@@ -73,7 +73,7 @@ impl MaskLevel {
 pub fn masks_with_errors(
     view: &View,
     view_idx: usize,
-    buildings: &[Building],
+    buildings: &[SimulatedBuilding],
     terrain: &Terrain,
     errors: &MaskErrors,
     root_seed: u64,
@@ -97,7 +97,13 @@ pub fn masks_with_errors(
 type Stream<'a> = &'a dyn Fn(&str, usize) -> rand_chacha::ChaCha8Rng;
 
 /// The building up to some height, where nothing else is.
-fn bleed(mask: &mut Raster<u16>, view: &View, buildings: &[Building], errors: &MaskErrors, stream: Stream<'_>) {
+fn bleed(
+    mask: &mut Raster<u16>,
+    view: &View,
+    buildings: &[SimulatedBuilding],
+    errors: &MaskErrors,
+    stream: Stream<'_>,
+) {
     let (share, height) = errors.bleed;
     if share == 0.0 {
         return;
@@ -110,7 +116,7 @@ fn bleed(mask: &mut Raster<u16>, view: &View, buildings: &[Building], errors: &M
         .collect();
     // In steps, so that the smear has no gap.
     for step in 1..=4 {
-        let level = |i: usize, b: &Building| b.ground_z_m + up_to[i] * b.height_m * f64::from(step) / 4.0;
+        let level = |i: usize, b: &SimulatedBuilding| b.ground_z_m + up_to[i] * b.height_m * f64::from(step) / 4.0;
         let smear = draw_at(view, buildings, &level);
         mask.data_mut().iter_mut().zip(smear.data()).filter(|(m, _)| **m == 0).for_each(|(m, s)| *m = *s);
     }

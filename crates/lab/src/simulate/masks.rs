@@ -9,31 +9,35 @@ use sizeup_geo::terrain::Terrain;
 use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
 
-use super::building::Building;
+use super::building::SimulatedBuilding;
 
 /// Most that the ground under one building is off its mean, metres.
 const SLOPE_M: f64 = 10.0;
 
 /// `H × W` of `building index + 1`, 0 = none. A pixel belongs to a footprint if its ray meets the terrain inside it.
 #[must_use]
-pub fn ground_contact(view: &View, buildings: &[Building], terrain: &Terrain) -> Raster<u16> {
-    let labelled: Vec<(u16, &Building)> = (1..=u16::MAX).zip(buildings).collect();
+pub fn ground_contact(view: &View, buildings: &[SimulatedBuilding], terrain: &Terrain) -> Raster<u16> {
+    let labelled: Vec<(u16, &SimulatedBuilding)> = (1..=u16::MAX).zip(buildings).collect();
     draw(view, &labelled, |_, centre, direction| terrain.meets(centre, direction).map(|p| (p.x, p.y)))
 }
 
 /// The same for flat roofs at each building's mean height: what a mask of roofs shows. Of two roofs in one pixel, the
 /// higher one is seen.
 #[must_use]
-pub fn roofs(view: &View, buildings: &[Building]) -> Raster<u16> {
+pub fn roofs(view: &View, buildings: &[SimulatedBuilding]) -> Raster<u16> {
     draw_at(view, buildings, &|_, b| b.ground_z_m + b.height_m)
 }
 
 /// Footprints laid at a level per building, the higher one in front.
-pub(super) fn draw_at(view: &View, buildings: &[Building], level: &dyn Fn(usize, &Building) -> f64) -> Raster<u16> {
+pub(super) fn draw_at(
+    view: &View,
+    buildings: &[SimulatedBuilding],
+    level: &dyn Fn(usize, &SimulatedBuilding) -> f64,
+) -> Raster<u16> {
     let levels: Vec<f64> = buildings.iter().enumerate().map(|(i, b)| level(i, b)).collect();
     let mut order: Vec<usize> = (0..buildings.len()).collect();
     order.sort_by(|&a, &b| levels[b].total_cmp(&levels[a]).then(a.cmp(&b)));
-    let order: Vec<(u16, &Building)> = order.iter().map(|&i| (i as u16 + 1, &buildings[i])).collect();
+    let order: Vec<(u16, &SimulatedBuilding)> = order.iter().map(|&i| (i as u16 + 1, &buildings[i])).collect();
     draw(view, &order, |label, centre, direction| {
         let s = (levels[usize::from(label) - 1] - centre.z) / direction.z;
         (s > 0.0).then(|| centre + s * direction).map(|p| (p.x, p.y))
@@ -43,7 +47,7 @@ pub(super) fn draw_at(view: &View, buildings: &[Building], level: &dyn Fn(usize,
 /// Labels every pixel whose ray meets a building's surface inside its footprint; the first building has it.
 fn draw(
     view: &View,
-    buildings: &[(u16, &Building)],
+    buildings: &[(u16, &SimulatedBuilding)],
     meets: impl Fn(u16, DVec3, DVec3) -> Option<(f64, f64)>,
 ) -> Raster<u16> {
     let (width, height) = (view.camera.width_px, view.camera.height_px);
@@ -72,7 +76,7 @@ fn draw(
 }
 
 /// Columns and rows (first, and one after the last) that a footprint can touch, one pixel of margin included.
-fn pixel_bounds(view: &View, building: &Building) -> Option<((usize, usize), (usize, usize))> {
+fn pixel_bounds(view: &View, building: &SimulatedBuilding) -> Option<((usize, usize), (usize, usize))> {
     building.footprint.bounding_rect()?;
     // From the ground under the footprint to its roof, and on a slope.
     let levels =

@@ -42,10 +42,10 @@ mod tie_points;
 mod town;
 mod trace;
 
-pub use building::{Building, BuildingKind, Part, Placement, Triangle};
+pub use building::{BuildingKind, Part, Placement, SimulatedBuilding, Triangle};
 pub use config::{
-    CameraConfig, CityJsonConfig, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, MaskConfig, MaskContour,
-    PointConfig, PriorConfig, PriorLevel, SimulateConfig, TerrainConfig, TownConfig, TownKind,
+    CityJsonTown, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, MaskContour, PointConfig, PriorLevel,
+    SimulateConfig, SimulatedCamera, SimulatedMasks, SimulatedPriors, SimulatedTerrain, TownConfig, TownKind,
 };
 pub use corrupt::{Corruption, building_gain, prior};
 pub use disturb::{footprints as disturbed_footprints, poses as disturbed_poses};
@@ -53,7 +53,7 @@ pub use flight::{plan, pose};
 pub use form::RoofKind;
 pub use mask_errors::{MaskErrors, MaskLevel, masks_with_errors};
 pub use masks::{ground_contact, roofs};
-pub use relief::Extent;
+pub use relief::MapRect;
 pub use run::{SimulationSummary, simulate, simulate_with_views, world};
 pub use scene::Seen;
 pub use sight::Sight;
@@ -75,9 +75,9 @@ pub enum SimulateError {
     Setting {
         /// Name in the configuration.
         setting: &'static str,
-        /// Kind.
+        /// The value that was set.
         found: String,
-        /// Allowed values.
+        /// Values that are allowed, in words.
         expected: &'static str,
     },
     /// No building came out.
@@ -85,7 +85,7 @@ pub enum SimulateError {
         "the scene has no buildings ({wanted} were asked for)\nhint: set `town.n_buildings` to 1 or more, or widen `cityjson.bounds_m`"
     )]
     NoBuildings {
-        /// Number asked for.
+        /// Number of buildings asked for.
         wanted: usize,
     },
     /// No view came out.
@@ -102,9 +102,9 @@ pub enum SimulateError {
     /// A preset that does not exist.
     #[error("unknown preset {name:?}\nhint: the presets are {known}")]
     UnknownPreset {
-        /// Value asked for.
+        /// Name that was asked for.
         name: String,
-        /// All names.
+        /// Names of all presets, with commas.
         known: String,
     },
     /// The CRS cannot be used.
@@ -116,15 +116,15 @@ pub enum SimulateError {
     /// A file of real buildings cannot be used.
     #[error("cannot use {}: {reason}\nhint: expected CityJSON 1.x or 2.0 with Building objects of LoD1 or LoD2", path.display())]
     CityJson {
-        /// The file.
+        /// Path of the CityJSON file.
         path: PathBuf,
-        /// Fault.
+        /// The part of it that sizeup cannot use.
         reason: String,
     },
     /// A photo could not be encoded.
     #[error("cannot encode {}", path.display())]
     Image {
-        /// The file.
+        /// Path of the picture's file.
         path: PathBuf,
         /// The encoder's own words.
         #[source]

@@ -38,7 +38,7 @@ pub(super) struct Photographer<'a> {
     pub palette: &'a Palette<'a>,
     pub config: &'a ImageConfig,
     pub seed: u64,
-    /// Unit vector.
+    /// Unit vector towards the sun, map axes.
     pub towards_sun: Vec3,
 }
 
@@ -164,7 +164,7 @@ mod tests {
             .collect()
     }
 
-    /// Normalised cross-correlation.
+    /// Normalised cross-correlation of two rows of values.
     fn ncc(a: &[f64], b: &[f64]) -> f64 {
         let n = a.len() as f64;
         let centred = |v: &[f64]| -> Vec<f64> { v.iter().map(|x| x - v.iter().sum::<f64>() / n).collect() };

@@ -1,7 +1,7 @@
 //! Named scenes, and the ranges of settings.
 
 use super::SimulateError;
-use super::config::{FlightConfig, PriorConfig, SimulateConfig, TownConfig, TownKind};
+use super::config::{FlightConfig, SimulateConfig, SimulatedPriors, TownConfig, TownKind};
 
 /// Name, what is built, number of buildings, number of views and longer side of the prior.
 ///
@@ -42,7 +42,7 @@ impl SimulateConfig {
         let mut config = Self {
             town: TownConfig { kind, n_buildings, ..TownConfig::default() },
             flight: FlightConfig { n_views: Some(n_views), ..FlightConfig::default() },
-            prior: PriorConfig { longest_px, ..PriorConfig::default() },
+            prior: SimulatedPriors { longest_px, ..SimulatedPriors::default() },
             ..Self::default()
         };
         config.images.enabled = n_views < MOST_PHOTOS;

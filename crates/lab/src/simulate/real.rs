@@ -12,12 +12,12 @@ use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::BuildingId;
 
 use super::SimulateError;
-use super::building::{self, Building, BuildingKind, Part, Triangle};
+use super::building::{self, BuildingKind, Part, SimulatedBuilding, Triangle};
 use super::cityjson::{self, RawBuilding, RawSurface, Role};
-use super::config::{CityJsonConfig, SimulateConfig};
+use super::config::{CityJsonTown, SimulateConfig};
 use super::disturb::open_ring;
 use super::form::RoofKind;
-use super::relief::{self, Extent};
+use super::relief::{self, MapRect};
 use super::town::World;
 
 /// Without semantics, a surface this much turned upwards (z of the unit normal) is roof, downwards ground.
@@ -45,14 +45,14 @@ struct Draft {
 ///
 /// # Errors
 /// [`SimulateError`] for a file that cannot be used or a selection without buildings.
-pub(super) fn build(config: &SimulateConfig, source: &CityJsonConfig) -> Result<World, SimulateError> {
+pub(super) fn build(config: &SimulateConfig, source: &CityJsonTown) -> Result<World, SimulateError> {
     let city = cityjson::read(&source.path)?;
     let shift = DVec3::from(source.translation_m);
     let drafts: Vec<Draft> = city.buildings.iter().filter_map(|b| draft(b, shift)).collect();
     let drafts = select(drafts, source, shift.truncate());
     let corners = drafts.iter().flat_map(|d| d.footprint.exterior().0.iter().map(|c| DVec2::new(c.x, c.y)));
     let wanted = source.max_buildings.unwrap_or(city.buildings.len());
-    let extent = Extent::of(corners).ok_or(SimulateError::NoBuildings { wanted })?;
+    let extent = MapRect::of(corners).ok_or(SimulateError::NoBuildings { wanted })?;
     let terrain = terrain(config, &drafts, &extent)?;
     let buildings = drafts.into_iter().map(|d| settle(d, &terrain)).collect();
     Ok(World { buildings, terrain, streets: None, extent, crs: city.crs.unwrap_or_else(|| config.crs.clone()) })
@@ -156,7 +156,7 @@ fn tidy(polygon: &Polygon<f64>) -> Option<Polygon<f64>> {
 }
 
 /// By bounds, then the nearest to the middle; in the order of the file.
-fn select(drafts: Vec<Draft>, source: &CityJsonConfig, shift: DVec2) -> Vec<Draft> {
+fn select(drafts: Vec<Draft>, source: &CityJsonTown, shift: DVec2) -> Vec<Draft> {
     let centre = |d: &Draft| d.footprint.centroid().map_or(DVec2::NAN, |p| DVec2::new(p.x(), p.y()) - shift);
     let within = |p: DVec2| {
         source
@@ -166,7 +166,7 @@ fn select(drafts: Vec<Draft>, source: &CityJsonConfig, shift: DVec2) -> Vec<Draf
     let mut chosen: Vec<Draft> = drafts.into_iter().filter(|d| within(centre(d))).collect();
     let n = source.max_buildings.unwrap_or(usize::MAX);
     if chosen.len() > n {
-        let middle = Extent::of(chosen.iter().map(centre)).map_or(DVec2::ZERO, |e| e.centre());
+        let middle = MapRect::of(chosen.iter().map(centre)).map_or(DVec2::ZERO, |e| e.centre());
         let mut distances: Vec<f64> = chosen.iter().map(|d| centre(d).distance(middle)).collect();
         distances.sort_by(f64::total_cmp);
         let limit = distances[n - 1];
@@ -177,7 +177,7 @@ fn select(drafts: Vec<Draft>, source: &CityJsonConfig, shift: DVec2) -> Vec<Draf
 }
 
 /// Weighted mean of the nearest buildings' ground levels, `w = 1 / (distance² + smoothing²)`.
-fn terrain(config: &SimulateConfig, drafts: &[Draft], extent: &Extent) -> Result<Terrain, SimulateError> {
+fn terrain(config: &SimulateConfig, drafts: &[Draft], extent: &MapRect) -> Result<Terrain, SimulateError> {
     let points = drafts.iter().filter_map(|d| {
         let c = d.footprint.centroid()?;
         Some(GeomWithData::new([c.x(), c.y()], d.foot_z_m))
@@ -197,14 +197,14 @@ fn terrain(config: &SimulateConfig, drafts: &[Draft], extent: &Extent) -> Result
 }
 
 /// Measures a building against the terrain, and closes what gap lies between them.
-fn settle(draft: Draft, terrain: &Terrain) -> Building {
+fn settle(draft: Draft, terrain: &Terrain) -> SimulatedBuilding {
     let (ground_z_m, lowest_z_m) = building::ground_under(&draft.footprint, terrain);
     let mut triangles = draft.triangles;
     let roof_z = || triangles.iter().filter(|t| t.part == Part::Roof).flat_map(|t| t.corners).map(|p| p.z);
     let (eave, ridge) = (roof_z().fold(f64::INFINITY, f64::min), roof_z().fold(f64::NEG_INFINITY, f64::max));
     let mean = building::mean_roof_z_m(&triangles).unwrap_or(ground_z_m);
     triangles.extend(skirt(&draft.footprint, draft.foot_z_m, lowest_z_m - SKIRT_M));
-    Building {
+    SimulatedBuilding {
         id: draft.id,
         kind: BuildingKind::Real,
         roof: RoofKind::Surveyed,

@@ -14,28 +14,28 @@ use sizeup_heights::seed;
 
 use super::SimulateError;
 use super::chance::between;
-use super::config::TerrainConfig;
+use super::config::SimulatedTerrain;
 
-/// Number of waves.
+/// Number of waves that are summed for rolling ground.
 const N_WAVES: usize = 5;
 /// Shortest and longest wave, metres.
 const WAVELENGTH_M: (f64, f64) = (250.0, 900.0);
 
 /// A rectangle on the map: west, south, east, north; metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Extent {
-    /// Low easting.
+pub struct MapRect {
+    /// Easting of the western edge, metres.
     pub west_m: f64,
-    /// Low northing.
+    /// Northing of the southern edge, metres.
     pub south_m: f64,
-    /// High easting.
+    /// Easting of the eastern edge, metres.
     pub east_m: f64,
-    /// High northing.
+    /// Northing of the northern edge, metres.
     pub north_m: f64,
 }
 
-impl Extent {
-    /// Around a centre.
+impl MapRect {
+    /// The rectangle around a centre that reaches so far east-west and north-south, metres.
     #[must_use]
     pub fn around(centre: DVec2, half_x_m: f64, half_y_m: f64) -> Self {
         Self {
@@ -70,7 +70,7 @@ impl Extent {
         })
     }
 
-    /// Middle.
+    /// Middle of the rectangle, easting and northing, metres.
     #[must_use]
     pub fn centre(&self) -> DVec2 {
         DVec2::new(0.5 * (self.west_m + self.east_m), 0.5 * (self.south_m + self.north_m))
@@ -93,7 +93,7 @@ impl Extent {
 ///
 /// # Errors
 /// [`SimulateError::Dem`] for an extent without area.
-pub(super) fn hills(config: &TerrainConfig, extent: &Extent, root_seed: u64) -> Result<Terrain, SimulateError> {
+pub(super) fn hills(config: &SimulatedTerrain, extent: &MapRect, root_seed: u64) -> Result<Terrain, SimulateError> {
     let mut rng = seed::stream(root_seed, "hills", &[]);
     let waves: Vec<(f64, DVec2, f64)> = (0..N_WAVES)
         .map(|_| {
@@ -114,7 +114,7 @@ pub(super) fn hills(config: &TerrainConfig, extent: &Extent, root_seed: u64) -> 
 ///
 /// # Errors
 /// [`SimulateError::Dem`] for an extent without area.
-pub(super) fn grid(extent: &Extent, cell_m: f64, z: impl Fn(DVec2) -> f64) -> Result<Terrain, SimulateError> {
+pub(super) fn grid(extent: &MapRect, cell_m: f64, z: impl Fn(DVec2) -> f64) -> Result<Terrain, SimulateError> {
     // Whole cells on a grid of round coordinates, as mapping agencies cut their tiles.
     let west = (extent.west_m / cell_m).floor() * cell_m;
     let north = (extent.north_m / cell_m).ceil() * cell_m;

@@ -32,12 +32,12 @@ const OFFSET_STEP_M: f64 = 1000.0;
 /// Tie points per view.
 const TIE_POINTS_PER_VIEW: usize = 40;
 
-/// Files written.
+/// Numbers of what a simulation wrote.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SimulationSummary {
     /// Buildings in the truth.
     pub n_buildings: usize,
-    /// Views in all.
+    /// Number of views, nadir and oblique.
     pub n_views: usize,
     /// Views that look straight down.
     pub n_nadir: usize,

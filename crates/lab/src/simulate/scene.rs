@@ -23,13 +23,13 @@ const SEAM: f32 = 1e-5;
 /// Object that a pixel shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Seen {
-    /// Nothing.
+    /// The sky: the ray meets nothing.
     Sky,
-    /// The ground.
+    /// The terrain at the pixel.
     Ground,
     /// A tree or a car.
     Clutter,
-    /// A building.
+    /// A building of the scene.
     Building(BuildingIdx),
 }
 

@@ -8,11 +8,11 @@ use sizeup_heights::ids::BuildingId;
 use sizeup_survey::View;
 
 use super::SimulateError;
-use super::building::{Building, BuildingKind, Placement};
+use super::building::{BuildingKind, Placement, SimulatedBuilding};
 use super::clutter::{self, Amounts};
 use super::config::SimulateConfig;
 use super::form;
-use super::relief::Extent;
+use super::relief::MapRect;
 use super::scene::Scene;
 use super::town::World;
 use super::trace::{self, TrueDepth};
@@ -31,13 +31,13 @@ impl World {
             ring.coords().skip(1).map(|c| DVec2::new(c.x, c.y)).collect()
         };
         let corners = || prisms.iter().flat_map(|(_, footprint, _)| open(footprint.exterior()));
-        let extent = Extent::of(corners()).ok_or(SimulateError::NoBuildings { wanted: prisms.len() })?;
+        let extent = MapRect::of(corners()).ok_or(SimulateError::NoBuildings { wanted: prisms.len() })?;
         // Single precision is exact enough near the origin of a form's plane only.
         let at = Placement { origin: extent.centre(), angle_rad: 0.0 };
         let raise = |(id, footprint, height_m): &(BuildingId, Polygon<f64>, f64)| {
             let rings = std::iter::once(footprint.exterior()).chain(footprint.interiors());
             let rings = rings.map(|ring| open(ring).into_iter().map(|p| p - at.origin).collect()).collect();
-            Building::raise(&form::flat(rings, *height_m), &at, &terrain, BuildingKind::Real, id.clone())
+            SimulatedBuilding::raise(&form::flat(rings, *height_m), &at, &terrain, BuildingKind::Real, id.clone())
         };
         let buildings = prisms.iter().map(raise).collect();
         Ok(Self { buildings, terrain, streets: None, extent, crs: crs.to_owned() })

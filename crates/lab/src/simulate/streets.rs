@@ -22,7 +22,7 @@ pub(super) enum Land {
     Pavement,
     /// Inside a block, with the block's column and row.
     Block { col: usize, row: usize },
-    /// Outside the grid.
+    /// Land outside the grid of streets.
     Open,
 }
 
@@ -35,14 +35,14 @@ pub(super) struct Rhythm {
     pub street_m: f64,
 }
 
-/// Streets and blocks.
+/// Streets of a town and the blocks between them.
 #[derive(Debug, Clone)]
 pub(super) struct StreetPlan {
     /// From the street frame to the map.
     pub placement: Placement,
     /// Blocks along `u`: low and high end, ascending.
     pub columns: Vec<(f64, f64)>,
-    /// Blocks along `v`.
+    /// Blocks along `v`: low and high end, ascending.
     pub rows: Vec<(f64, f64)>,
 }
 

@@ -14,7 +14,7 @@ use super::scene::Scene;
 const PIXEL_SD: f64 = 0.4;
 /// Views a point must be seen in.
 const LEAST_VIEWS: usize = 3;
-/// Longest track.
+/// Most views that a point is seen in.
 const MOST_VIEWS: usize = 12;
 
 /// At most `n` points, seen in three or more views each.

@@ -8,22 +8,22 @@ use sizeup_heights::seed;
 
 use super::SimulateError;
 use super::blocks::{self, Lot};
-use super::building::{Building, Placement};
+use super::building::{Placement, SimulatedBuilding};
 use super::config::SimulateConfig;
-use super::relief::{self, Extent};
+use super::relief::{self, MapRect};
 use super::streets::StreetPlan;
 
 /// Buildings on the ground, and the streets between them.
 #[derive(Debug, Clone)]
 pub struct World {
     /// Every building, in the order of its id.
-    pub buildings: Vec<Building>,
+    pub buildings: Vec<SimulatedBuilding>,
     /// The ground, wider than the buildings.
     pub terrain: Terrain,
     /// The streets of a procedural town.
     pub(super) streets: Option<StreetPlan>,
-    /// Around all buildings.
-    pub extent: Extent,
+    /// Rectangle around all buildings.
+    pub extent: MapRect,
     /// Definition of the map frame's CRS.
     pub crs: String,
 }
@@ -41,14 +41,14 @@ pub(super) fn build(config: &SimulateConfig) -> Result<World, SimulateError> {
     let mut streets = StreetPlan::new(placement, n_blocks, along, across, &mut rng);
     let lots = lots(config, &mut streets);
     let corners = lots.iter().flat_map(|(form, at, _)| form.footprint[0].iter().map(|&p| at.point(p)));
-    let extent = Extent::of(corners).ok_or(SimulateError::NoBuildings { wanted: config.town.n_buildings })?;
+    let extent = MapRect::of(corners).ok_or(SimulateError::NoBuildings { wanted: config.town.n_buildings })?;
     let terrain = relief::hills(&config.terrain, &extent.grown(config.terrain.margin_m), config.seed)?;
     let digits = lots.len().to_string().len().max(3);
     let buildings = lots
         .iter()
         .enumerate()
         .map(|(i, (form, at, kind))| {
-            Building::raise(form, at, &terrain, *kind, BuildingId(format!("b{:0digits$}", i + 1)))
+            SimulatedBuilding::raise(form, at, &terrain, *kind, BuildingId(format!("b{:0digits$}", i + 1)))
         })
         .collect();
     Ok(World { buildings, terrain, streets: Some(streets), extent, crs: config.crs.clone() })
@@ -118,8 +118,9 @@ mod tests {
     #[test]
     fn row_houses_share_walls_corner_by_corner() {
         let world = town(TownKind::Village, 90);
-        let rows: Vec<&Building> = world.buildings.iter().filter(|b| b.kind == BuildingKind::RowHouse).collect();
-        let edges = |b: &Building| -> Vec<[[u64; 2]; 2]> {
+        let rows: Vec<&SimulatedBuilding> =
+            world.buildings.iter().filter(|b| b.kind == BuildingKind::RowHouse).collect();
+        let edges = |b: &SimulatedBuilding| -> Vec<[[u64; 2]; 2]> {
             let ring = open_ring(b.footprint.exterior());
             let bits = |p: DVec2| [p.x.to_bits(), p.y.to_bits()];
             (0..ring.len()).map(|i| [bits(ring[i]), bits(ring[(i + 1) % ring.len()])]).collect()

@@ -54,9 +54,9 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::simulate::building::{Building, BuildingKind, Placement};
+    use crate::simulate::building::{BuildingKind, Placement, SimulatedBuilding};
     use crate::simulate::form::{self, Form, Rect};
-    use crate::simulate::relief::Extent;
+    use crate::simulate::relief::MapRect;
     use crate::simulate::town::World;
     use crate::simulate::{ground_contact, pose};
     use sizeup_geo::terrain::Terrain;
@@ -68,8 +68,8 @@ mod tests {
     fn world(form: &Form) -> World {
         let terrain = Terrain::Constant(20.0);
         let at = Placement { origin: CENTRE, angle_rad: 0.3 };
-        let building = Building::raise(form, &at, &terrain, BuildingKind::House, "a".into());
-        let extent = Extent::around(CENTRE, 20.0, 20.0);
+        let building = SimulatedBuilding::raise(form, &at, &terrain, BuildingKind::House, "a".into());
+        let extent = MapRect::around(CENTRE, 20.0, 20.0);
         World { buildings: vec![building], terrain, streets: None, extent, crs: "EPSG:25832".to_owned() }
     }
 

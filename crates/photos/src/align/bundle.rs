@@ -59,7 +59,7 @@ pub(super) struct Lens {
     pub radial: f64,
     /// Scale and radial part that are in the rays of sightings already.
     pub applied: [f64; 2],
-    /// Whether it may change.
+    /// Whether the adjustment may change the lens.
     pub is_free: bool,
 }
 
@@ -106,13 +106,13 @@ pub(super) struct Sighting {
 /// A point and the photos that show it.
 #[derive(Debug, Clone)]
 pub(super) struct Track {
-    /// Map frame, metres.
+    /// Position of the point, map frame, metres.
     pub point: DVec3,
     /// The photo that it was chosen in comes first.
     pub sightings: Vec<Sighting>,
 }
 
-/// Expected errors.
+/// Expected errors, one standard deviation each.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sigmas {
     /// Expected error of a sighting, pixels of the photo.
@@ -141,7 +141,7 @@ impl LensSigmas {
     }
 }
 
-/// Unknowns.
+/// Unknowns that an adjustment solves for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Moving {
     Points,
@@ -164,7 +164,7 @@ struct Linear {
     by_pose: [Six; 2],
     /// By scale and radial part of the lens, in the first two.
     by_lens: [Six; 2],
-    /// By the point.
+    /// Change of the residual with the point's position: one row per axis of the image.
     by_point: [DVec3; 2],
 }
 

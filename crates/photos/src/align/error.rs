@@ -6,9 +6,9 @@ pub enum AlignError {
     /// A setting out of range.
     #[error("align: `{field}` is out of range\nhint: expected {expected}")]
     Config {
-        /// The name.
+        /// Name of the setting.
         field: &'static str,
-        /// Allowed values.
+        /// Values that are allowed, in words.
         expected: &'static str,
     },
     /// No ground to say where photos look.
@@ -17,14 +17,14 @@ pub enum AlignError {
          some metres off do no harm"
     )]
     NoTerrain,
-    /// Too few photos.
+    /// Fewer photos than an alignment needs.
     #[error(
         "align: {n_photos} of {n_views} poses have a photo; expected at least 3\nhint: `--images FOLDER` says where the photos are"
     )]
     FewPhotos {
         /// Poses with a photo.
         n_photos: usize,
-        /// Poses.
+        /// Number of poses.
         n_views: usize,
     },
     /// No photo sees what another sees.
@@ -33,7 +33,7 @@ pub enum AlignError {
          height and the poses' CRS right? `sizeup survey inspect` tells"
     )]
     NoOverlap {
-        /// Photos.
+        /// Number of photos.
         n_photos: usize,
     },
     /// Nothing was found again.
@@ -44,7 +44,7 @@ pub enum AlignError {
         first.as_ref().map_or_else(String::new, |first| format!("; the first: {first}"))
     )]
     NothingMatches {
-        /// Photos.
+        /// Number of photos.
         n_photos: usize,
         /// Those that cannot be read.
         n_unreadable: usize,

@@ -68,9 +68,9 @@ pub enum AlignWhen {
     /// Where depth comes from photos matched with each other, and a few of them lie more than `max_misfit_px` off.
     #[default]
     Auto,
-    /// In any case.
+    /// Align poses in every run.
     Always,
-    /// Not at all.
+    /// Use the poses as they are given.
     Never,
 }
 

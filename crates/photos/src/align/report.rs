@@ -34,7 +34,7 @@ impl Residuals {
 /// Correction of the pose of a photo.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PhotoCorrection {
-    /// The photo's name.
+    /// Name of the photo's view.
     pub view: String,
     /// Easting, northing and height that were added to its position, metres.
     pub shift_m: [f64; 3],
@@ -64,9 +64,9 @@ pub struct CameraCorrection {
 /// A photo that was not moved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LeftAlone {
-    /// The photo's name.
+    /// Name of the photo's view.
     pub view: String,
-    /// Why.
+    /// Why the pose was not adjusted.
     pub reason: String,
 }
 
@@ -102,7 +102,7 @@ pub struct AlignReport {
     pub cameras: Vec<CameraCorrection>,
     /// Adjusted photos, in the order of the views.
     pub photos: Vec<PhotoCorrection>,
-    /// The others.
+    /// Photos that were not adjusted, and why.
     pub left_alone: Vec<LeftAlone>,
 }
 

@@ -74,8 +74,8 @@ impl Default for DtmConfig {
 
 /// Outcome of a square.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Outcome {
-    /// Ground, metres.
+pub enum SquareOutcome {
+    /// Height of the ground, metres.
     Ground(f64),
     /// Something that its neighbours say is not ground, metres.
     Outlier(f64),
@@ -88,17 +88,17 @@ pub enum Outcome {
 /// A square: its middle in the map, and what came of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Square {
-    /// Map position, metres.
+    /// Middle of the square, map frame, metres.
     pub at: DVec2,
-    /// Outcome.
-    pub outcome: Outcome,
+    /// Outcome of the search for ground there.
+    pub outcome: SquareOutcome,
 }
 
 impl Square {
     fn raised(self, by_m: f64) -> Self {
         let outcome = match self.outcome {
-            Outcome::Ground(z_m) => Outcome::Ground(z_m + by_m),
-            Outcome::Outlier(z_m) => Outcome::Outlier(z_m + by_m),
+            SquareOutcome::Ground(z_m) => SquareOutcome::Ground(z_m + by_m),
+            SquareOutcome::Outlier(z_m) => SquareOutcome::Outlier(z_m + by_m),
             outcome => outcome,
         };
         Self { outcome, ..self }
@@ -110,7 +110,7 @@ impl Square {
 pub struct Dtm {
     /// The heights; no value where no ground was found within a few squares.
     pub dem: Dem,
-    /// All squares.
+    /// All squares that were tried.
     pub squares: Vec<Square>,
     /// Standard deviation of a square's height against its neighbours', metres.
     pub sigma_m: f64,
@@ -122,11 +122,11 @@ pub enum DtmError {
     /// A setting out of range.
     #[error("terrain from photos: {field} is {value}, expected {expected}")]
     Config {
-        /// Which.
+        /// Name of the setting.
         field: &'static str,
-        /// Kind.
+        /// The value that was set.
         value: f64,
-        /// Allowed values.
+        /// Values that are allowed, in words.
         expected: &'static str,
     },
     /// Too little ground was found.
@@ -136,13 +136,13 @@ pub enum DtmError {
          hint: is the rough level right (terrain.constant_m)? --within widens the search"
     )]
     TooLittle {
-        /// Number tried.
+        /// Number of squares tried.
         n_squares: usize,
         /// Those too few photos see.
         n_unseen: usize,
         /// Those without a height.
         n_unclear: usize,
-        /// Those with one.
+        /// Number of squares with a height.
         n_ground: usize,
         /// Lowest height tried, metres.
         from_m: f64,
@@ -152,7 +152,7 @@ pub enum DtmError {
     /// A photo cannot be read.
     #[error(transparent)]
     Photo(#[from] PriorError),
-    /// The grid cannot be.
+    /// A grid that cannot be a terrain model.
     #[error(transparent)]
     Dem(#[from] DemError),
 }
@@ -190,14 +190,14 @@ pub fn estimate(
     let area = area(views, footprints, config);
     let (squares, sigma_m) = off_by(views, footprints, rough, area, config, progress)?;
     let rough_m = |at: DVec2| rough.height_at(at.x, at.y).unwrap_or(f64::NAN);
-    let count = |is: fn(&Outcome) -> bool| squares.iter().filter(|s| is(&s.outcome)).count();
-    let n_ground = count(|o| matches!(o, Outcome::Ground(_)));
+    let count = |is: fn(&SquareOutcome) -> bool| squares.iter().filter(|s| is(&s.outcome)).count();
+    let n_ground = count(|o| matches!(o, SquareOutcome::Ground(_)));
     if n_ground < MIN_SQUARES {
         let (low_m, high_m) = rough.range().unwrap_or((f64::NAN, f64::NAN));
         return Err(DtmError::TooLittle {
             n_squares: squares.len(),
-            n_unseen: count(|o| matches!(o, Outcome::Unseen)),
-            n_unclear: count(|o| matches!(o, Outcome::Unclear)),
+            n_unseen: count(|o| matches!(o, SquareOutcome::Unseen)),
+            n_unclear: count(|o| matches!(o, SquareOutcome::Unclear)),
             n_ground,
             from_m: low_m - config.within_m,
             to_m: high_m + config.within_m,
@@ -208,7 +208,7 @@ pub fn estimate(
     Ok(Dtm { dem, squares, sigma_m })
 }
 
-/// Error of a terrain by the photos, in squares of open ground of an area: those with [`Outcome::Ground`] hold by how
+/// Error of a terrain by the photos, in squares of open ground of an area: those with [`SquareOutcome::Ground`] hold by how
 /// much the ground lies above it, metres. Also their spread around their neighbours', metres. The squares lie where they do
 /// whatever the area, so that areas side by side find what their union does, but for what neighbours say along the seam.
 ///

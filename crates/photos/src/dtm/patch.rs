@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::{DtmConfig, Outcome};
+use super::{DtmConfig, SquareOutcome};
 use crate::photo_consistency::{PhotoConsistency, ground_sample_m};
 use crate::prior::Picture;
 
@@ -10,9 +10,9 @@ use crate::prior::Picture;
 const SAMPLES: std::ops::RangeInclusive<f64> = 8.0..=20.0;
 
 /// The square's height around a rough one.
-pub(super) fn height(pictures: &[&Picture], near: DVec3, config: &DtmConfig) -> Outcome {
+pub(super) fn height(pictures: &[&Picture], near: DVec3, config: &DtmConfig) -> SquareOutcome {
     if pictures.len() < 3 {
-        return Outcome::Unseen;
+        return SquareOutcome::Unseen;
     }
     let gsd_m = ground_sample_m(pictures, near);
     let n_side = (config.patch_m / gsd_m).clamp(*SAMPLES.start(), *SAMPLES.end()) as usize;
@@ -22,8 +22,8 @@ pub(super) fn height(pictures: &[&Picture], near: DVec3, config: &DtmConfig) -> 
         square.map(|(row, col)| near + DVec2::new(offset_m(col), offset_m(row)).extend(0.0)).collect();
     match PhotoConsistency::new(pictures, &square, config.within_m, gsd_m).peak() {
         Some(peak) if peak.score > config.min_score && peak.lead > config.min_margin => {
-            Outcome::Ground(near.z + peak.raised_m)
+            SquareOutcome::Ground(near.z + peak.raised_m)
         }
-        _ => Outcome::Unclear,
+        _ => SquareOutcome::Unclear,
     }
 }

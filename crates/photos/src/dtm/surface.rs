@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
-use super::{DtmConfig, Outcome, Square};
+use super::{DtmConfig, Square, SquareOutcome};
 use sizeup_geo::terrain::{Dem, DemError, MapBox, Terrain};
 use sizeup_heights::raster::Raster;
 use sizeup_heights::stats;
@@ -21,7 +21,7 @@ const BANDWIDTH: f64 = 1.8;
 const REACH: f64 = 3.0;
 /// Fewer neighbours make no plane.
 const MIN_NEIGHBOURS: usize = 5;
-/// Rounds of re-weighting.
+/// Rounds of least squares with new weights.
 const ROUNDS: usize = 8;
 /// Cut-off of the biweight in standard deviations, above and below the surface.
 const CUT_OFF: [f64; 2] = [2.5, 4.7];
@@ -47,7 +47,7 @@ pub(super) fn leave_out_what_stands_above(squares: &mut [Square], spacing_m: f64
     leave_out_what_few_agree_with(squares, bandwidth_m);
     let heights = heights(squares);
     let against = |square: &Square| {
-        let Outcome::Ground(z_m) = square.outcome else { return None };
+        let SquareOutcome::Ground(z_m) = square.outcome else { return None };
         let neighbours: Vec<_> =
             around(&heights, square.at, bandwidth_m).filter(|(offset, _)| *offset != DVec2::ZERO).collect();
         let (level_m, sigma_m) = robust_level(&neighbours, bandwidth_m)?;
@@ -56,12 +56,12 @@ pub(super) fn leave_out_what_stands_above(squares: &mut [Square], spacing_m: f64
     let residuals: Vec<Option<(f64, f64)>> = squares.par_iter().map(against).collect();
     let mut kept = Vec::new();
     for (square, residual) in squares.iter_mut().zip(residuals) {
-        let Outcome::Ground(z_m) = square.outcome else { continue };
+        let SquareOutcome::Ground(z_m) = square.outcome else { continue };
         match residual {
             // One on its own cannot be told from a roof.
-            None => square.outcome = Outcome::Outlier(z_m),
+            None => square.outcome = SquareOutcome::Outlier(z_m),
             Some((off_m, sigma_m)) if off_m.abs() > (OUTLIER_SIGMAS * sigma_m).max(OUTLIER_M) => {
-                square.outcome = Outcome::Outlier(z_m);
+                square.outcome = SquareOutcome::Outlier(z_m);
             }
             Some((off_m, _)) => kept.push(off_m.abs()),
         }
@@ -73,7 +73,7 @@ pub(super) fn leave_out_what_stands_above(squares: &mut [Square], spacing_m: f64
 fn leave_out_what_few_agree_with(squares: &mut [Square], bandwidth_m: f64) {
     let heights = heights(squares);
     let agreement = |square: &Square| {
-        let Outcome::Ground(z_m) = square.outcome else { return 0.0 };
+        let SquareOutcome::Ground(z_m) = square.outcome else { return 0.0 };
         let agrees =
             |(offset, other_m): &(DVec2, f64)| (other_m - z_m).abs() <= AGREE_M + AGREE_SLOPE * offset.length();
         let neighbours: Vec<_> = around(&heights, square.at, bandwidth_m).collect();
@@ -85,11 +85,11 @@ fn leave_out_what_few_agree_with(squares: &mut [Square], bandwidth_m: f64) {
     let tree: RTree<GeomWithData<[f64; 2], f64>> = RTree::bulk_load(places.collect());
     let reach_m = REACH * bandwidth_m;
     for (square, &share) in squares.iter_mut().zip(&agreements) {
-        let Outcome::Ground(z_m) = square.outcome else { continue };
+        let SquareOutcome::Ground(z_m) = square.outcome else { continue };
         let close = tree.locate_within_distance(square.at.to_array(), reach_m * reach_m);
         let greatest = close.map(|other| other.data).fold(0.0, f64::max);
         if share < MIN_AGREEMENT_SHARE * greatest {
-            square.outcome = Outcome::Outlier(z_m);
+            square.outcome = SquareOutcome::Outlier(z_m);
         }
     }
 }
@@ -153,7 +153,7 @@ fn grid(squares: &[Square], area: MapBox, config: &DtmConfig) -> Result<Dem, Dem
 
 fn heights(squares: &[Square]) -> Heights {
     let ground = squares.iter().filter_map(|square| match square.outcome {
-        Outcome::Ground(z_m) => Some(GeomWithData::new(square.at.to_array(), z_m)),
+        SquareOutcome::Ground(z_m) => Some(GeomWithData::new(square.at.to_array(), z_m)),
         _ => None,
     });
     RTree::bulk_load(ground.collect())
@@ -211,7 +211,7 @@ mod tests {
                 let at = DVec2::new(f64::from(i % 15), f64::from(i / 15)) * 12.0;
                 let stands_m = if i % 5 == 0 { 2.0 + f64::from(i % 4) } else { 0.0 };
                 let noise_m = 0.05 * (f64::from(i) * 1.7).sin();
-                Square { at, outcome: Outcome::Ground(ground(at) + stands_m + noise_m) }
+                Square { at, outcome: SquareOutcome::Ground(ground(at) + stands_m + noise_m) }
             })
             .collect()
     }
@@ -226,7 +226,7 @@ mod tests {
         let sigma_m = leave_out_what_stands_above(&mut squares, 12.0);
         for (i, square) in squares.iter().enumerate() {
             let stands = i % 5 == 0;
-            assert_eq!(matches!(square.outcome, Outcome::Outlier(_)), stands, "square {i}: {square:?}");
+            assert_eq!(matches!(square.outcome, SquareOutcome::Outlier(_)), stands, "square {i}: {square:?}");
         }
         assert!(sigma_m < 0.1, "{sigma_m}");
         let area = MapBox { west_m: 0.0, south_m: 0.0, east_m: 168.0, north_m: 168.0 };
@@ -244,14 +244,14 @@ mod tests {
             // Three in five are anywhere between 15 m below and above.
             if i % 5 > 1 {
                 let anywhere = ((i * 7919) % 3001) as f64 / 100.0 - 15.0;
-                square.outcome = Outcome::Ground(ground(square.at) + anywhere);
+                square.outcome = SquareOutcome::Ground(ground(square.at) + anywhere);
             } else {
-                square.outcome = Outcome::Ground(ground(square.at));
+                square.outcome = SquareOutcome::Ground(ground(square.at));
             }
         }
         leave_out_what_stands_above(&mut squares, 12.0);
         let off_m = |square: &Square| match square.outcome {
-            Outcome::Ground(z_m) => Some((z_m - ground(square.at)).abs()),
+            SquareOutcome::Ground(z_m) => Some((z_m - ground(square.at)).abs()),
             _ => None,
         };
         let off: Vec<f64> = squares.iter().filter_map(off_m).collect();

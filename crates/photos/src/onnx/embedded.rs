@@ -43,7 +43,7 @@ impl Graph {
         Ok(Self { model, threads: None })
     }
 
-    /// Inputs and outputs.
+    /// Inputs and outputs of the graph, in its order.
     pub(super) fn ports(&self) -> (Vec<Port>, Vec<Port>) {
         let ports = |ids: &[rten::NodeId]| ids.iter().filter_map(|id| self.port(*id)).collect::<Vec<_>>();
         (ports(self.model.input_ids()), ports(self.model.output_ids()))

@@ -32,11 +32,11 @@ pub enum OnnxError {
     /// It cannot be read, or uses something the engine does not know.
     #[error("cannot load the network {}: {reason}\nhint: {hint}", path.display())]
     Load {
-        /// The file.
+        /// Path of the graph's file.
         path: PathBuf,
         /// The engine's own words.
         reason: String,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: String,
     },
     /// It holds an operation that the engine would compute wrongly.
@@ -46,25 +46,25 @@ pub enum OnnxError {
         path.display()
     )]
     CubicResize {
-        /// The file.
+        /// Path of the graph's file.
         path: PathBuf,
     },
     /// ONNX Runtime is wanted and not there.
     #[error("ONNX Runtime cannot be used: {reason}\nhint: {RUNTIME_HINT}")]
     NoRuntime {
-        /// Attempts.
+        /// Where the library was looked for, and what came of it.
         reason: String,
     },
     /// It has no input or output of that name.
     #[error("the network {} has no {what} {name:?}, but {}", path.display(), present.join(", "))]
     NoPort {
-        /// The file.
+        /// Path of the graph's file.
         path: PathBuf,
-        /// "input" or "output".
+        /// Kind of the port: `input` or `output`.
         what: &'static str,
-        /// Value asked for.
+        /// Name that was asked for.
         name: String,
-        /// Available ones.
+        /// Names that the graph has.
         present: Vec<String>,
     },
     /// It stopped while running.
@@ -75,7 +75,7 @@ pub enum OnnxError {
         path.display()
     )]
     Run {
-        /// The file.
+        /// Path of the graph's file.
         path: PathBuf,
         /// The engine's own words.
         reason: String,
@@ -113,16 +113,16 @@ impl OnnxError {
 const RUNTIME_HINT: &str = "`make deps-onnxruntime` fetches ONNX Runtime into target/onnxruntime (the Python package \
                             `onnxruntime` holds the same library); name another place in `engine.library` or ORT_DYLIB_PATH";
 
-/// Which engine computes.
+/// Choice of the engine that runs networks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum EngineChoice {
     /// The embedded engine where it can run the graph, else ONNX Runtime where it is found; the log says so.
     #[default]
     Auto,
-    /// The embedded engine.
+    /// The embedded engine, which needs nothing installed.
     Rten,
-    /// ONNX Runtime.
+    /// ONNX Runtime's library, where it is installed.
     OnnxRuntime,
 }
 
@@ -130,13 +130,13 @@ pub enum EngineChoice {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Provider {
-    /// NVIDIA GPUs.
+    /// NVIDIA GPUs through CUDA.
     Cuda,
     /// NVIDIA GPUs, with graphs compiled for them.
     TensorRt,
     /// Intel processors and GPUs.
     OpenVino,
-    /// Apple's processors.
+    /// Apple's processors and GPUs through Core ML.
     CoreMl,
     /// Graphics cards under Windows.
     DirectMl,
@@ -155,7 +155,7 @@ pub fn profiles<P: DeserializeOwned>(text: &str) -> Result<Vec<P>, toml::de::Err
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct EngineConfig {
-    /// The engine.
+    /// Engine that runs the graph.
     pub name: EngineChoice,
     /// ONNX Runtime's shared library (`libonnxruntime.so`); without it `ORT_DYLIB_PATH`, the program's folder,
     /// target/onnxruntime and the system's libraries are looked at, in this order.
@@ -178,7 +178,7 @@ impl EngineConfig {
         (self.threads > 0).then(|| self.threads.min(most))
     }
 
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         self.library.iter_mut().for_each(visit);
     }
@@ -220,7 +220,7 @@ pub struct Port {
     pub name: String,
     /// Dimensions, `None` where they are free; empty where the graph does not say, and for single numbers.
     pub shape: Vec<Option<usize>>,
-    /// Content.
+    /// Type of the numbers.
     pub numbers: Numbers,
 }
 
@@ -232,7 +232,7 @@ impl Port {
     }
 }
 
-/// A loaded graph.
+/// A graph that an engine has loaded and can run.
 #[derive(Debug)]
 pub struct Network {
     graph: Graph,
@@ -312,13 +312,13 @@ impl Network {
         }
     }
 
-    /// Inputs.
+    /// Inputs of the graph, in its order.
     #[must_use]
     pub fn inputs(&self) -> &[Port] {
         &self.inputs
     }
 
-    /// Outputs.
+    /// Outputs of the graph, in its order.
     #[must_use]
     pub fn outputs(&self) -> &[Port] {
         &self.outputs

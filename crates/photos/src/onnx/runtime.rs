@@ -79,7 +79,7 @@ fn load(wanted: Option<&Path>) -> Result<Library, String> {
 /// A graph in ONNX Runtime.
 #[derive(Debug)]
 pub(super) struct Graph {
-    /// Running changes it.
+    /// Session of ONNX Runtime; locked, as a run changes it.
     session: Mutex<Session>,
 }
 
@@ -116,7 +116,7 @@ impl Graph {
         self.session.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Inputs and outputs.
+    /// Inputs and outputs of the graph, in its order.
     pub(super) fn ports(&self) -> (Vec<Port>, Vec<Port>) {
         let session = self.session();
         let port = |outlet: &ort::value::Outlet| {

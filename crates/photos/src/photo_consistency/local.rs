@@ -16,7 +16,7 @@ const AROUND_M: f64 = 1.2;
 const AROUND_SPACINGS: f64 = 2.2;
 /// Heights that are tried, against the surface, metres: annexes lie storeys below.
 const RANGE_M: [f64; 2] = [-6.0, 4.0];
-/// Most heights tried.
+/// Most heights tried in one search; the step grows beyond.
 const MAX_LEVELS: usize = 400;
 /// Step among the places that are asked.
 const EVERY: usize = 2;

@@ -30,7 +30,7 @@ const FLATTEST: f64 = 1.5;
 const BORDER: f64 = 0.03;
 /// Move of photos against each other from one height to the next, pixels.
 const STEP_PX: f64 = 0.5;
-/// Most heights tried.
+/// Most heights tried in one search; the step grows beyond.
 const MAX_LEVELS: usize = 1000;
 /// Fewer pairs that show a surface cannot be outvoted.
 const MIN_PAIRS: usize = 2;

@@ -18,11 +18,11 @@ pub(super) fn most_values(width_px: u32, height_px: u32) -> u64 {
 /// from either end (`1 × 1 × H × W`, `H × W × 1`). Row-major, as stored, nothing blanked yet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct MapShape {
-    /// Number of maps.
+    /// Number of maps in the array.
     pub n: usize,
-    /// Rows of each.
+    /// Rows of each map.
     pub height: usize,
-    /// Columns of each.
+    /// Columns of each map.
     pub width: usize,
 }
 

@@ -7,7 +7,7 @@ use super::{NetworkConfig, PriorConfig, PriorError, StereoConfig};
 use sizeup_geo::paths::PathVisitor;
 use sizeup_survey::View;
 
-/// What is chosen from.
+/// Settings of the choice among the sources of depth that are there.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AutoConfig {

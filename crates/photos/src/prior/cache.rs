@@ -275,7 +275,7 @@ impl<S: CacheKey> CachedPriors<S> {
         Self { source, cache }
     }
 
-    /// Source that computes.
+    /// Source that computes what is not kept yet.
     #[must_use]
     pub fn source(&self) -> &S {
         &self.source

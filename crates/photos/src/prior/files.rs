@@ -61,7 +61,7 @@ pub struct FilePriorConfig {
     /// Each stored number is multiplied by this before anything else. Not 0; negative turns the order round.
     #[serde(default = "one")]
     pub scale: f64,
-    /// Added after `scale`.
+    /// Added to each number after `scale`, in the unit of the result.
     #[serde(default)]
     pub offset: f64,
     /// Stored number that means "no value", beside `NaN`, infinities and, for depth, everything up to 0.

@@ -52,15 +52,15 @@ pub enum PriorError {
     /// A setting that cannot be.
     #[error("prior: {problem}\nhint: {hint}")]
     Config {
-        /// Problem.
+        /// The problem with the setting, in words.
         problem: String,
-        /// Text to write.
+        /// Text to write in its place.
         hint: String,
     },
     /// No file where one should be.
     #[error("no prior for {view}: {} does not exist\nhint: `path` says where they are; {{stem}} is the photo's name without its extension", path.display())]
     Absent {
-        /// The photo.
+        /// Name of the photo's view.
         view: String,
         /// Path at which it was looked for.
         path: PathBuf,
@@ -68,7 +68,7 @@ pub enum PriorError {
     /// A file that cannot be read or is not what its name says.
     #[error("prior {}: {problem}", path.display())]
     File {
-        /// The file.
+        /// The prior's file.
         path: PathBuf,
         /// Fault: expected against found.
         problem: String,
@@ -84,9 +84,9 @@ pub enum PriorError {
         path.display()
     )]
     Shape {
-        /// The file.
+        /// The prior's file.
         path: PathBuf,
-        /// The photo.
+        /// Name of the photo's view.
         view: String,
         /// Columns of the prior.
         width: usize,
@@ -106,9 +106,9 @@ pub enum PriorError {
     /// A photo that gives no depth.
     #[error("no depth for {view}: {problem}\nhint: {hint}")]
     Photo {
-        /// The photo.
+        /// Name of the photo's view.
         view: String,
-        /// Problem.
+        /// The problem with the photo or the network's answer.
         problem: String,
         /// Place to look at.
         hint: String,
@@ -116,7 +116,7 @@ pub enum PriorError {
     /// Nothing in it to go by.
     #[error("prior {}: {problem}\nhint: are `key`, `scale`, `nodata` and the file itself right?", path.display())]
     NoInformation {
-        /// The file.
+        /// The prior's file.
         path: PathBuf,
         /// No value at all, or one and the same everywhere.
         problem: String,

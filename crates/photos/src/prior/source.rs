@@ -31,7 +31,7 @@ pub enum PriorConfig {
 }
 
 impl PriorConfig {
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         match self {
             Self::Files(files) => {
@@ -154,11 +154,11 @@ impl PriorConfig {
 
 /// The priors of one survey.
 pub enum Priors {
-    /// From files.
+    /// Priors that lie in files.
     Files(Box<FilePriors>),
-    /// From a network.
+    /// Priors that a network computes.
     Network(Box<CachedPriors<NetworkPriors>>),
-    /// From the photos alone.
+    /// Priors that are matched from the photos alone.
     Stereo(Box<CachedPriors<StereoPriors>>),
 }
 

@@ -21,19 +21,19 @@ pub struct Part<'a> {
 
 /// A building of a result.
 #[derive(Debug, Clone)]
-pub struct Building<'a> {
+pub struct ComparedBuilding<'a> {
     /// Id, that of the whole where it has parts.
     pub id: &'a str,
-    /// Parts, or itself.
+    /// Parts of the building; the building itself where it has none.
     pub parts: Vec<Part<'a>>,
     /// Around all parts; empty if none has a footprint.
     pub footprint: MultiPolygon<f64>,
 }
 
 /// The buildings of some records, in the order of their first parts. Footprints are moved by `shift_m` (easting, northing).
-pub fn buildings(records: &[BuildingRecord], shift_m: [f64; 2]) -> Vec<Building<'_>> {
+pub fn buildings(records: &[BuildingRecord], shift_m: [f64; 2]) -> Vec<ComparedBuilding<'_>> {
     let mut position: HashMap<&str, usize> = HashMap::new();
-    let mut buildings: Vec<Building<'_>> = Vec::with_capacity(records.len());
+    let mut buildings: Vec<ComparedBuilding<'_>> = Vec::with_capacity(records.len());
     for record in records {
         let footprint = record.footprint.as_ref().map(|footprint| footprint.translate(shift_m[0], shift_m[1]));
         let part = Part { record, footprint };
@@ -44,7 +44,7 @@ pub fn buildings(records: &[BuildingRecord], shift_m: [f64; 2]) -> Vec<Building<
                 if whole.is_some() {
                     position.insert(id, buildings.len());
                 }
-                buildings.push(Building { id, parts: vec![part], footprint: MultiPolygon::new(Vec::new()) });
+                buildings.push(ComparedBuilding { id, parts: vec![part], footprint: MultiPolygon::new(Vec::new()) });
             }
         }
     }
@@ -60,7 +60,7 @@ pub fn joined<'p>(footprints: impl Iterator<Item = &'p Polygon<f64>>) -> MultiPo
     if footprints.len() < 2 { MultiPolygon::new(footprints) } else { unary_union(&footprints) }
 }
 
-impl Building<'_> {
+impl ComparedBuilding<'_> {
     /// The box around it, if it has a footprint.
     pub fn bounds(&self) -> Option<Rect<f64>> {
         self.footprint.bounding_rect()

@@ -42,7 +42,7 @@ impl Class {
         Self::Outside,
     ];
 
-    /// The name in files.
+    /// The name under which files have it.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -67,7 +67,7 @@ impl Class {
 /// Why a building is of its class.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Reason {
+pub enum ChangeReason {
     /// No building of the old result stands there.
     NotInOld,
     /// No building of the new result stands there.
@@ -125,8 +125,8 @@ pub enum Reason {
     OutsideNew,
 }
 
-impl Reason {
-    /// The name in files.
+impl ChangeReason {
+    /// The name under which files have it.
     #[must_use]
     pub fn code(self) -> &'static str {
         match self {
@@ -196,10 +196,10 @@ impl Reason {
 /// new result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Change {
-    /// The kind of change.
+    /// Class of the change.
     pub class: Class,
     /// Why, the decisive one first.
-    pub reasons: Vec<Reason>,
+    pub reasons: Vec<ChangeReason>,
     /// The same in words, with the figures.
     pub explanation: String,
     /// Ids in the new result, which are kept.
@@ -242,7 +242,7 @@ fn nowhere() -> MultiPolygon<f64> {
 
 impl Change {
     /// Sets class and reasons, and says them in words with the figures that are there.
-    pub(super) fn conclude(&mut self, class: Class, reasons: Vec<Reason>) {
+    pub(super) fn conclude(&mut self, class: Class, reasons: Vec<ChangeReason>) {
         self.class = class;
         self.explanation = reasons.iter().map(|reason| reason.words()).collect::<Vec<_>>().join("; ");
         self.reasons = reasons;
@@ -268,7 +268,9 @@ mod tests {
         for class in Class::ALL {
             assert_eq!(serde_json::to_value(class).unwrap(), class.as_str());
         }
-        for reason in [Reason::NotInOld, Reason::PartMoved, Reason::OldSigmaUnknown, Reason::OutsideNew] {
+        for reason in
+            [ChangeReason::NotInOld, ChangeReason::PartMoved, ChangeReason::OldSigmaUnknown, ChangeReason::OutsideNew]
+        {
             assert_eq!(serde_json::to_value(reason).unwrap(), reason.code());
         }
     }

@@ -14,10 +14,10 @@ use std::collections::BTreeSet;
 use geo::Area as _;
 use geo_types::{MultiPolygon, Polygon};
 
-use super::building::{Building, joined};
-use super::change::{Change, Class, Reason};
+use super::building::{ComparedBuilding, joined};
+use super::change::{Change, ChangeReason, Class};
 use super::footprints::{FootprintDifference, LEAST_M2};
-use super::heights::{Difference, Epoch, Evidence};
+use super::heights::{Difference, Epoch, HeightEvidence};
 use super::matching::Group;
 use super::seen::SeenArea;
 use super::verdict::{Decision, Verdict};
@@ -26,8 +26,8 @@ use crate::output::attributes::round_m;
 
 /// Both results, and what counts for all buildings.
 pub struct Scene<'a> {
-    pub old: &'a [Building<'a>],
-    pub new: &'a [Building<'a>],
+    pub old: &'a [ComparedBuilding<'a>],
+    pub new: &'a [ComparedBuilding<'a>],
     pub old_area: SeenArea,
     pub new_area: SeenArea,
     pub config: &'a ChangesConfig,
@@ -39,16 +39,16 @@ pub struct Scene<'a> {
 /// Verdict of the heights, with its reasons and the difference that decided.
 struct HeightFinding {
     verdict: Verdict,
-    reasons: Vec<Reason>,
+    reasons: Vec<ChangeReason>,
     difference: Option<Difference>,
     ground_m: Option<f64>,
 }
 
 impl Scene<'_> {
     /// Change of a group.
-    pub fn change(&self, group: &Group, evidence: &Evidence) -> Change {
-        let old: Vec<&Building<'_>> = group.old.iter().map(|&o| &self.old[o]).collect();
-        let new: Vec<&Building<'_>> = group.new.iter().map(|&n| &self.new[n]).collect();
+    pub fn change(&self, group: &Group, evidence: &HeightEvidence) -> Change {
+        let old: Vec<&ComparedBuilding<'_>> = group.old.iter().map(|&o| &self.old[o]).collect();
+        let new: Vec<&ComparedBuilding<'_>> = group.new.iter().map(|&n| &self.new[n]).collect();
         let mut change = blank(&old, &new);
         if old.is_empty() || new.is_empty() {
             let (class, reasons) = self.alone(group, &change.footprint, old.first().or(new.first()).copied());
@@ -64,27 +64,33 @@ impl Scene<'_> {
         &self,
         group: &Group,
         footprint: &MultiPolygon<f64>,
-        building: Option<&Building<'_>>,
-    ) -> (Class, Vec<Reason>) {
+        building: Option<&ComparedBuilding<'_>>,
+    ) -> (Class, Vec<ChangeReason>) {
         let (epoch, class, beyond, absent, other_area) = if group.old.is_empty() {
-            (Epoch::New, Class::New, Reason::OutsideOld, Reason::NotInOld, &self.old_area)
+            (Epoch::New, Class::New, ChangeReason::OutsideOld, ChangeReason::NotInOld, &self.old_area)
         } else {
-            (Epoch::Old, Class::Gone, Reason::OutsideNew, Reason::NotInNew, &self.new_area)
+            (Epoch::Old, Class::Gone, ChangeReason::OutsideNew, ChangeReason::NotInNew, &self.new_area)
         };
         if footprint.0.is_empty() {
-            return (Class::Unsure, vec![Reason::NoFootprint]);
+            return (Class::Unsure, vec![ChangeReason::NoFootprint]);
         }
         if !other_area.holds(footprint) {
             return (Class::Outside, vec![beyond]);
         }
-        let first = if group.is_replaced { Reason::Replaced } else { absent };
+        let first = if group.is_replaced { ChangeReason::Replaced } else { absent };
         let parts = building.into_iter().flat_map(|building| &building.parts);
         let lacks = parts.filter_map(|part| self.config.unstated().height(part.record, epoch).err());
         (class, std::iter::once(first).chain(lacks.collect::<BTreeSet<_>>()).collect())
     }
 
     /// Decision on buildings that stand for each other.
-    fn compare(&self, old: &[&Building<'_>], new: &[&Building<'_>], evidence: &Evidence, change: &mut Change) {
+    fn compare(
+        &self,
+        old: &[&ComparedBuilding<'_>],
+        new: &[&ComparedBuilding<'_>],
+        evidence: &HeightEvidence,
+        change: &mut Change,
+    ) {
         let decision = self.config.decision();
         let heights = self.heights(evidence, &decision);
         let footprints = self.footprints(old, new, &decision);
@@ -99,29 +105,29 @@ impl Scene<'_> {
             change.sigma_m = Some(round_m(difference.sigma_m));
             change.z = (difference.sigma_m > 0.0).then(|| round_m(decisive_m / difference.sigma_m));
         }
-        let footprint_reasons: Vec<Reason> =
-            [(footprints.gained_m2, Reason::FootprintGrew), (footprints.lost_m2, Reason::FootprintShrank)]
+        let footprint_reasons: Vec<ChangeReason> =
+            [(footprints.gained_m2, ChangeReason::FootprintGrew), (footprints.lost_m2, ChangeReason::FootprintShrank)]
                 .into_iter()
                 .filter(|(area_m2, _)| *area_m2 >= LEAST_M2)
                 .map(|(_, reason)| reason)
                 .collect();
         let (class, first) = self.class(heights.verdict, !footprint_reasons.is_empty(), change);
-        let mut reasons: Vec<Reason> = first.into_iter().collect();
+        let mut reasons: Vec<ChangeReason> = first.into_iter().collect();
         let of_footprint = class == Class::FootprintChanged;
         let (before, after) =
             if of_footprint { (footprint_reasons, heights.reasons) } else { (heights.reasons, footprint_reasons) };
         reasons.extend(before.into_iter().chain(after));
-        reasons.extend((new.len() > old.len()).then_some(Reason::Split));
-        reasons.extend((old.len() > new.len()).then_some(Reason::Merged));
+        reasons.extend((new.len() > old.len()).then_some(ChangeReason::Split));
+        reasons.extend((old.len() > new.len()).then_some(ChangeReason::Merged));
         change.conclude(class, reasons);
     }
 
     /// The class, and the reason that comes before all others where there is one.
-    fn class(&self, verdict: Verdict, is_other_footprint: bool, change: &Change) -> (Class, Option<Reason>) {
+    fn class(&self, verdict: Verdict, is_other_footprint: bool, change: &Change) -> (Class, Option<ChangeReason>) {
         let is_flat = |height_m: Option<f64>| height_m.is_some_and(|height_m| height_m < self.config.least_m);
         match verdict {
-            Verdict::Up if is_flat(change.old_height_m) => (Class::New, Some(Reason::FlatBefore)),
-            Verdict::Down if is_flat(change.new_height_m) => (Class::Gone, Some(Reason::FlatNow)),
+            Verdict::Up if is_flat(change.old_height_m) => (Class::New, Some(ChangeReason::FlatBefore)),
+            Verdict::Down if is_flat(change.new_height_m) => (Class::Gone, Some(ChangeReason::FlatNow)),
             Verdict::Up => (Class::Raised, None),
             Verdict::Down => (Class::Lowered, None),
             Verdict::Same | Verdict::Unsure if is_other_footprint => (Class::FootprintChanged, None),
@@ -130,15 +136,15 @@ impl Scene<'_> {
         }
     }
 
-    fn heights(&self, evidence: &Evidence, decision: &Decision) -> HeightFinding {
+    fn heights(&self, evidence: &HeightEvidence, decision: &Decision) -> HeightFinding {
         let (mean, parts) = match evidence {
-            Evidence::Known { mean, parts } => (mean, parts),
-            Evidence::Missing(reasons) => {
+            HeightEvidence::Known { mean, parts } => (mean, parts),
+            HeightEvidence::Missing(reasons) => {
                 let reasons = reasons.iter().copied().collect();
                 return HeightFinding { verdict: Verdict::Unsure, reasons, difference: None, ground_m: None };
             }
         };
-        let finding = |raw: &Difference, reason: Option<Reason>| {
+        let finding = |raw: &Difference, reason: Option<ChangeReason>| {
             let difference = self.common_taken_off(raw);
             let (verdict, own) = combined(&difference, decision);
             let ground_m = difference.roof_z_m.and(raw.roof_z_m).map(|roof_m| roof_m - raw.height_m);
@@ -148,7 +154,7 @@ impl Scene<'_> {
         if matches!(whole.verdict, Verdict::Up | Verdict::Down) {
             return whole;
         }
-        let moved = parts.iter().map(|part| finding(part, Some(Reason::PartMoved)));
+        let moved = parts.iter().map(|part| finding(part, Some(ChangeReason::PartMoved)));
         let moved = moved.filter(|part| matches!(part.verdict, Verdict::Up | Verdict::Down));
         let size = |part: &HeightFinding| part.difference.map_or(0.0, |d| d.height_m.abs() / d.sigma_m);
         moved.max_by(|a, b| size(a).total_cmp(&size(b))).unwrap_or(whole)
@@ -166,8 +172,13 @@ impl Scene<'_> {
         }
     }
 
-    fn footprints(&self, old: &[&Building<'_>], new: &[&Building<'_>], decision: &Decision) -> FootprintDifference {
-        let sigma_m = |buildings: &[&Building<'_>]| {
+    fn footprints(
+        &self,
+        old: &[&ComparedBuilding<'_>],
+        new: &[&ComparedBuilding<'_>],
+        decision: &Decision,
+    ) -> FootprintDifference {
+        let sigma_m = |buildings: &[&ComparedBuilding<'_>]| {
             let each = buildings.iter().map(|building| building.footprint_sigma_m(self.config.footprint_sigma_m));
             each.fold(0.0, f64::max)
         };
@@ -177,19 +188,19 @@ impl Scene<'_> {
 }
 
 /// Verdict of roof and height together; see the module.
-fn combined(difference: &Difference, decision: &Decision) -> (Verdict, Reason) {
+fn combined(difference: &Difference, decision: &Decision) -> (Verdict, ChangeReason) {
     let of_height = decision.verdict(difference.height_m, difference.sigma_m);
     let of_roof = difference.roof_z_m.map_or(of_height, |roof_m| decision.verdict(roof_m, difference.sigma_m));
     match (of_roof, of_height) {
-        (Verdict::Same, Verdict::Same) => (Verdict::Same, Reason::WithinLeast),
-        (Verdict::Same, _) => (Verdict::Same, Reason::GroundDiffers),
-        (Verdict::Unsure, _) => (Verdict::Unsure, Reason::SigmasTooWide),
-        (moved, other) if other == moved || other == Verdict::Unsure => (moved, Reason::RoofMoved),
-        _ => (Verdict::Unsure, Reason::GroundMoved),
+        (Verdict::Same, Verdict::Same) => (Verdict::Same, ChangeReason::WithinLeast),
+        (Verdict::Same, _) => (Verdict::Same, ChangeReason::GroundDiffers),
+        (Verdict::Unsure, _) => (Verdict::Unsure, ChangeReason::SigmasTooWide),
+        (moved, other) if other == moved || other == Verdict::Unsure => (moved, ChangeReason::RoofMoved),
+        _ => (Verdict::Unsure, ChangeReason::GroundMoved),
     }
 }
 
-fn footprint_of(buildings: &[&Building<'_>]) -> MultiPolygon<f64> {
+fn footprint_of(buildings: &[&ComparedBuilding<'_>]) -> MultiPolygon<f64> {
     match buildings {
         [only] => only.footprint.clone(),
         several => joined(
@@ -199,8 +210,8 @@ fn footprint_of(buildings: &[&Building<'_>]) -> MultiPolygon<f64> {
 }
 
 /// Ids, heights and areas, before anything is decided.
-fn blank(old: &[&Building<'_>], new: &[&Building<'_>]) -> Change {
-    let ids = |of: &[&Building<'_>]| of.iter().map(|building| building.id.to_owned()).collect();
+fn blank(old: &[&ComparedBuilding<'_>], new: &[&ComparedBuilding<'_>]) -> Change {
+    let ids = |of: &[&ComparedBuilding<'_>]| of.iter().map(|building| building.id.to_owned()).collect();
     let (old_footprint, new_footprint) = (footprint_of(old), footprint_of(new));
     let area = |footprint: &MultiPolygon<f64>| (!footprint.0.is_empty()).then(|| round_m(footprint.unsigned_area()));
     Change {
@@ -226,7 +237,7 @@ fn blank(old: &[&Building<'_>], new: &[&Building<'_>]) -> Change {
 }
 
 /// Over the area of the buildings that have a height.
-fn mean_height_m(buildings: &[&Building<'_>]) -> Option<f64> {
+fn mean_height_m(buildings: &[&ComparedBuilding<'_>]) -> Option<f64> {
     if let [only] = buildings {
         return only.height_m();
     }
@@ -245,12 +256,12 @@ mod tests {
         let told = |roof_m: f64, height_m: f64| {
             combined(&Difference { height_m, roof_z_m: Some(roof_m), sigma_m: 0.3 }, &decision)
         };
-        assert_eq!(told(3.0, 3.0), (Verdict::Up, Reason::RoofMoved));
-        assert_eq!(told(-3.0, -3.0), (Verdict::Down, Reason::RoofMoved));
-        assert_eq!(told(0.1, -3.0), (Verdict::Same, Reason::GroundDiffers));
-        assert_eq!(told(3.0, 0.1), (Verdict::Unsure, Reason::GroundMoved));
-        assert_eq!(told(3.0, -3.0), (Verdict::Unsure, Reason::GroundMoved));
+        assert_eq!(told(3.0, 3.0), (Verdict::Up, ChangeReason::RoofMoved));
+        assert_eq!(told(-3.0, -3.0), (Verdict::Down, ChangeReason::RoofMoved));
+        assert_eq!(told(0.1, -3.0), (Verdict::Same, ChangeReason::GroundDiffers));
+        assert_eq!(told(3.0, 0.1), (Verdict::Unsure, ChangeReason::GroundMoved));
+        assert_eq!(told(3.0, -3.0), (Verdict::Unsure, ChangeReason::GroundMoved));
         let of_heights = Difference { height_m: 3.0, roof_z_m: None, sigma_m: 0.3 };
-        assert_eq!(combined(&of_heights, &decision), (Verdict::Up, Reason::RoofMoved));
+        assert_eq!(combined(&of_heights, &decision), (Verdict::Up, ChangeReason::RoofMoved));
     }
 }

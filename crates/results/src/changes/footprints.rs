@@ -17,7 +17,7 @@ pub const LEAST_M2: f64 = 1.0;
 /// An old footprint against a new one; m².
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FootprintDifference {
-    /// Intersection over union.
+    /// Intersection over union of the two footprints, 0 to 1.
     pub iou: f64,
     /// Area of the new one that lies farther than the tolerance from the old one.
     pub gained_m2: f64,

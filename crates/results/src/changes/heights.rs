@@ -10,8 +10,8 @@
 
 use std::collections::BTreeSet;
 
-use super::building::{Building, Part, shared_m2};
-use super::change::Reason;
+use super::building::{ComparedBuilding, Part, shared_m2};
+use super::change::ChangeReason;
 use crate::output::{BuildingRecord, Status};
 
 /// Share of the common area whose heights must be known on both sides.
@@ -22,9 +22,9 @@ const SAME_PART_IOU: f64 = 0.7;
 /// Which of the two results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Epoch {
-    /// The earlier one.
+    /// The earlier of the two results.
     Old,
-    /// The later one.
+    /// The later of the two results.
     New,
 }
 
@@ -41,7 +41,7 @@ pub struct Difference {
 
 /// Heights of a group, as far as known.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Evidence {
+pub enum HeightEvidence {
     /// They can be compared.
     Known {
         /// Over the whole common area.
@@ -50,10 +50,10 @@ pub enum Evidence {
         parts: Vec<Difference>,
     },
     /// They cannot, and why.
-    Missing(BTreeSet<Reason>),
+    Missing(BTreeSet<ChangeReason>),
 }
 
-impl Evidence {
+impl HeightEvidence {
     /// Over the whole common area, where that is known.
     pub fn mean(&self) -> Option<Difference> {
         match self {
@@ -77,17 +77,19 @@ impl Unstated {
     ///
     /// # Errors
     /// Why not.
-    pub fn height(&self, record: &BuildingRecord, epoch: Epoch) -> Result<(f64, f64), Reason> {
-        let of = |old: Reason, new: Reason| if epoch == Epoch::Old { old } else { new };
+    pub fn height(&self, record: &BuildingRecord, epoch: Epoch) -> Result<(f64, f64), ChangeReason> {
+        let of = |old: ChangeReason, new: ChangeReason| if epoch == Epoch::Old { old } else { new };
         match record.status {
-            Status::Doubtful => return Err(of(Reason::OldDoubtful, Reason::NewDoubtful)),
-            Status::Fallback => return Err(of(Reason::OldNotMeasured, Reason::NewNotMeasured)),
+            Status::Doubtful => return Err(of(ChangeReason::OldDoubtful, ChangeReason::NewDoubtful)),
+            Status::Fallback => return Err(of(ChangeReason::OldNotMeasured, ChangeReason::NewNotMeasured)),
             Status::Measured | Status::Reviewed | Status::Given | Status::Unknown | Status::Refused => {}
         }
-        let height_m = record.height_m.ok_or(of(Reason::OldHeightUnknown, Reason::NewHeightUnknown))?;
+        let height_m = record.height_m.ok_or(of(ChangeReason::OldHeightUnknown, ChangeReason::NewHeightUnknown))?;
         let unstated_m = if epoch == Epoch::Old { self.old_m } else { self.new_m };
-        let sigma_m =
-            record.height_sigma_m.or(unstated_m).ok_or(of(Reason::OldSigmaUnknown, Reason::NewSigmaUnknown))?;
+        let sigma_m = record
+            .height_sigma_m
+            .or(unstated_m)
+            .ok_or(of(ChangeReason::OldSigmaUnknown, ChangeReason::NewSigmaUnknown))?;
         Ok((height_m, sigma_m))
     }
 }
@@ -100,7 +102,7 @@ struct Piece<'p, 'a> {
 }
 
 /// Compares the heights of buildings that stand for each other.
-pub fn evidence(old: &[&Building<'_>], new: &[&Building<'_>], unstated: &Unstated) -> Evidence {
+pub fn evidence(old: &[&ComparedBuilding<'_>], new: &[&ComparedBuilding<'_>], unstated: &Unstated) -> HeightEvidence {
     let pieces = pieces(old, new);
     let total_m2: f64 = pieces.iter().map(|piece| piece.shared_m2).sum();
     let mut reasons = BTreeSet::new();
@@ -113,7 +115,7 @@ pub fn evidence(old: &[&Building<'_>], new: &[&Building<'_>], unstated: &Unstate
     }
     let known_m2: f64 = known.iter().map(|(area_m2, _)| area_m2).sum();
     if known.is_empty() || known_m2 < MIN_KNOWN_SHARE * total_m2 {
-        return Evidence::Missing(reasons);
+        return HeightEvidence::Missing(reasons);
     }
     let mean = |value: &dyn Fn(&Difference) -> f64| known.iter().map(|(a, d)| a * value(d)).sum::<f64>() / known_m2;
     let has_levels = known.iter().all(|(_, d)| d.roof_z_m.is_some());
@@ -123,11 +125,11 @@ pub fn evidence(old: &[&Building<'_>], new: &[&Building<'_>], unstated: &Unstate
         sigma_m: mean(&|d| d.sigma_m),
     };
     let parts = if is_one_to_one(old, new, &pieces) { known.into_iter().map(|(_, d)| d).collect() } else { Vec::new() };
-    Evidence::Known { mean, parts }
+    HeightEvidence::Known { mean, parts }
 }
 
-fn pieces<'p, 'a>(old: &[&'p Building<'a>], new: &[&'p Building<'a>]) -> Vec<Piece<'p, 'a>> {
-    let parts_of = |buildings: &[&'p Building<'a>]| -> Vec<&'p Part<'a>> {
+fn pieces<'p, 'a>(old: &[&'p ComparedBuilding<'a>], new: &[&'p ComparedBuilding<'a>]) -> Vec<Piece<'p, 'a>> {
+    let parts_of = |buildings: &[&'p ComparedBuilding<'a>]| -> Vec<&'p Part<'a>> {
         buildings.iter().flat_map(|building| building.parts.iter()).collect()
     };
     let (old, new) = (parts_of(old), parts_of(new));
@@ -145,7 +147,7 @@ fn pieces<'p, 'a>(old: &[&'p Building<'a>], new: &[&'p Building<'a>]) -> Vec<Pie
 }
 
 /// Difference of two parts; why not, for each side that lacks something.
-fn difference(piece: &Piece<'_, '_>, unstated: &Unstated) -> Result<Difference, Vec<Reason>> {
+fn difference(piece: &Piece<'_, '_>, unstated: &Unstated) -> Result<Difference, Vec<ChangeReason>> {
     let old = unstated.height(piece.old.record, Epoch::Old);
     let new = unstated.height(piece.new.record, Epoch::New);
     let ((old_m, old_sigma_m), (new_m, new_sigma_m)) = match (old, new) {
@@ -161,8 +163,9 @@ fn difference(piece: &Piece<'_, '_>, unstated: &Unstated) -> Result<Difference, 
 }
 
 /// Whether both sides have the same parts, several of them: then each is compared by itself too.
-fn is_one_to_one(old: &[&Building<'_>], new: &[&Building<'_>], pieces: &[Piece<'_, '_>]) -> bool {
-    let n_parts = |buildings: &[&Building<'_>]| buildings.iter().map(|building| building.parts.len()).sum::<usize>();
+fn is_one_to_one(old: &[&ComparedBuilding<'_>], new: &[&ComparedBuilding<'_>], pieces: &[Piece<'_, '_>]) -> bool {
+    let n_parts =
+        |buildings: &[&ComparedBuilding<'_>]| buildings.iter().map(|building| building.parts.len()).sum::<usize>();
     let is_same = |piece: &&Piece<'_, '_>| {
         let area = |part: &Part<'_>| part.footprint.as_ref().map_or(0.0, geo::Area::unsigned_area);
         piece.shared_m2 >= SAME_PART_IOU * (area(piece.old) + area(piece.new) - piece.shared_m2)
@@ -176,7 +179,7 @@ mod tests {
     use super::super::building::{buildings, tests::house};
     use super::*;
 
-    fn compared(old: &[BuildingRecord], new: &[BuildingRecord]) -> Evidence {
+    fn compared(old: &[BuildingRecord], new: &[BuildingRecord]) -> HeightEvidence {
         let (old, new) = (buildings(old, [0.0; 2]), buildings(new, [0.0; 2]));
         evidence(&old.iter().collect::<Vec<_>>(), &new.iter().collect::<Vec<_>>(), &Unstated::default())
     }
@@ -210,7 +213,7 @@ mod tests {
             };
             [part("a#1", 0.0, 8.0), part("a#2", 10.0, tower_m)]
         };
-        let Evidence::Known { mean, parts } = compared(&hall(20.0), &hall(26.0)) else { panic!("all is known") };
+        let HeightEvidence::Known { mean, parts } = compared(&hall(20.0), &hall(26.0)) else { panic!("all is known") };
         assert_eq!((mean.height_m, parts.iter().map(|d| d.height_m).collect::<Vec<_>>()), (3.0, vec![0.0, 6.0]));
     }
 
@@ -218,7 +221,8 @@ mod tests {
     fn each_side_says_what_it_lacks() {
         let old = BuildingRecord { status: Status::Doubtful, ..house("a", [0.0, 0.0, 9.0, 9.0], 8.0) };
         let new = BuildingRecord { height_sigma_m: None, ..house("b", [0.0, 0.0, 9.0, 9.0], 8.0) };
-        let missing = Evidence::Missing(BTreeSet::from([Reason::OldDoubtful, Reason::NewSigmaUnknown]));
+        let missing =
+            HeightEvidence::Missing(BTreeSet::from([ChangeReason::OldDoubtful, ChangeReason::NewSigmaUnknown]));
         assert_eq!(compared(&[old], std::slice::from_ref(&new)), missing);
         let unstated = Unstated { old_m: None, new_m: Some(0.4) };
         assert_eq!(unstated.height(&new, Epoch::New), Ok((8.0, 0.4)));

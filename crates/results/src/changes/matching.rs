@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use rstar::primitives::{GeomWithData, Rectangle};
 use rstar::{AABB, RTree};
 
-use super::building::{Building, joined};
+use super::building::{ComparedBuilding, joined};
 use super::footprints::iou;
 
 /// Share of the smaller of two buildings that they have in common if they stand for each other.
@@ -39,7 +39,7 @@ pub struct Group {
 
 /// Every building of both results in exactly one group: those with a new one in the new result's order, then the rest in
 /// the old one's.
-pub fn groups(old: &[Building<'_>], new: &[Building<'_>]) -> Vec<Group> {
+pub fn groups(old: &[ComparedBuilding<'_>], new: &[ComparedBuilding<'_>]) -> Vec<Group> {
     let links = links(old, new);
     let mut groups: Vec<Group> = components(old.len(), new.len(), &links)
         .into_par_iter()
@@ -50,7 +50,7 @@ pub fn groups(old: &[Building<'_>], new: &[Building<'_>]) -> Vec<Group> {
 }
 
 /// Pairs of an old and a new building, and the area they share.
-fn links(old: &[Building<'_>], new: &[Building<'_>]) -> Vec<(usize, usize)> {
+fn links(old: &[ComparedBuilding<'_>], new: &[ComparedBuilding<'_>]) -> Vec<(usize, usize)> {
     let boxes = old.iter().enumerate().filter_map(|(i, building)| {
         let bounds = building.bounds()?;
         Some(GeomWithData::new(Rectangle::from_corners(bounds.min().into(), bounds.max().into()), i))
@@ -107,11 +107,11 @@ fn components(n_old: usize, n_new: usize, links: &[(usize, usize)]) -> Vec<Group
 }
 
 /// The group, or its buildings one by one where they have too little in common.
-fn sound(group: Group, old: &[Building<'_>], new: &[Building<'_>]) -> Vec<Group> {
+fn sound(group: Group, old: &[ComparedBuilding<'_>], new: &[ComparedBuilding<'_>]) -> Vec<Group> {
     if group.old.is_empty() || group.new.is_empty() {
         return vec![group];
     }
-    let footprint = |of: &[Building<'_>], members: &[usize]| {
+    let footprint = |of: &[ComparedBuilding<'_>], members: &[usize]| {
         joined(members.iter().flat_map(|&i| of[i].footprint.iter()).collect::<Vec<&Polygon<f64>>>().into_iter())
     };
     let (before, now) = (footprint(old, &group.old), footprint(new, &group.new));

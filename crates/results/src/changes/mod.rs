@@ -29,14 +29,14 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use self::building::{Building, buildings};
+use self::building::{ComparedBuilding, buildings};
 use self::decide::Scene;
-use self::heights::{Difference, Evidence, Unstated, evidence};
+use self::heights::{Difference, HeightEvidence, Unstated, evidence};
 use self::matching::{Group, groups};
 use self::seen::SeenArea;
 use crate::output::BuildingRecord;
 
-pub use change::{Change, Class, Reason};
+pub use change::{Change, ChangeReason, Class};
 pub use layer::write as write_layer;
 pub use page::changes_page;
 pub use picture::changes_map;
@@ -133,11 +133,11 @@ pub enum AreaRule {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{name} is {found}: expected {expected}")]
 pub struct SettingError {
-    /// Which one.
+    /// Name of the setting.
     pub name: &'static str,
-    /// Value.
+    /// The value that was set.
     pub found: f64,
-    /// Allowed values.
+    /// Values that are allowed, in words.
     pub expected: &'static str,
 }
 
@@ -190,7 +190,7 @@ pub struct CommonShift {
     pub height: Shift,
 }
 
-/// Two results compared.
+/// Changes between two results, building by building, and what all have in common.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
     /// Every building of both: those of the new result in its order, then what is gone in the old one's.
@@ -204,7 +204,7 @@ pub struct Comparison {
 /// One of two results, as it is compared.
 #[derive(Debug, Clone, Copy)]
 pub struct Compared<'a> {
-    /// Buildings.
+    /// Buildings of the result, and parts of such.
     pub records: &'a [BuildingRecord],
     /// Projection centres of its photos (easting, northing), where they are known.
     pub cameras: &'a [[f64; 2]],
@@ -223,19 +223,19 @@ pub fn compare(old: &Compared<'_>, new: &Compared<'_>, config: &ChangesConfig) -
     }
     let unstated = config.unstated();
     let of_group = |group: &Group| {
-        let old: Vec<&Building<'_>> = group.old.iter().map(|&o| &old_buildings[o]).collect();
-        let new: Vec<&Building<'_>> = group.new.iter().map(|&n| &new_buildings[n]).collect();
+        let old: Vec<&ComparedBuilding<'_>> = group.old.iter().map(|&o| &old_buildings[o]).collect();
+        let new: Vec<&ComparedBuilding<'_>> = group.new.iter().map(|&n| &new_buildings[n]).collect();
         evidence(&old, &new, &unstated)
     };
-    let known: Vec<Evidence> = matched.par_iter().map(of_group).collect();
-    let differences: Vec<Difference> = known.iter().filter_map(Evidence::mean).collect();
+    let known: Vec<HeightEvidence> = matched.par_iter().map(of_group).collect();
+    let differences: Vec<Difference> = known.iter().filter_map(HeightEvidence::mean).collect();
     shift.height = Shift::of(&differences.iter().map(|d| d.height_m).collect::<Vec<_>>(), config.shift);
     if config.compares_levels() {
         shift.roof_z = Shift::of(&differences.iter().filter_map(|d| d.roof_z_m).collect::<Vec<_>>(), config.shift);
     }
     let spread = scatter(&differences, &shift, config);
     let widening = if config.sigmas == SigmaRule::Widen { spread.unwrap_or(1.0).max(1.0) } else { 1.0 };
-    let area = |buildings: &[Building<'_>], cameras: &[[f64; 2]]| {
+    let area = |buildings: &[ComparedBuilding<'_>], cameras: &[[f64; 2]]| {
         SeenArea::of(buildings, config.margin_m, if config.area == AreaRule::Photos { cameras } else { &[] })
     };
     let scene = Scene {
@@ -252,7 +252,12 @@ pub fn compare(old: &Compared<'_>, new: &Compared<'_>, config: &ChangesConfig) -
 }
 
 /// Shifts of the footprints of single buildings, east and north.
-fn plan_shift(old: &[Building<'_>], new: &[Building<'_>], groups: &[Group], rule: ShiftRule) -> (Shift, Shift) {
+fn plan_shift(
+    old: &[ComparedBuilding<'_>],
+    new: &[ComparedBuilding<'_>],
+    groups: &[Group],
+    rule: ShiftRule,
+) -> (Shift, Shift) {
     let moved = groups.iter().filter_map(|group| {
         let ([o], [n]) = (group.old.as_slice(), group.new.as_slice()) else { return None };
         let (before, now) = (&old[*o].footprint, &new[*n].footprint);

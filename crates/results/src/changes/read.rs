@@ -33,7 +33,7 @@ pub enum ChangesError {
     /// There is no such file or folder.
     #[error("the {epoch} result {} does not exist\nhint: name the folder of a run, or its city.gpkg or city.city.json", path.display())]
     Missing {
-        /// `old` or `new`.
+        /// Epoch of the result: `old` or `new`.
         epoch: &'static str,
         /// Path that was named.
         path: PathBuf,
@@ -41,46 +41,46 @@ pub enum ChangesError {
     /// The folder holds no result.
     #[error("the {epoch} result {} holds none of {}\nhint: name the folder that `sizeup run` or `sizeup tiles merge` wrote, or the file itself", path.display(), IN_FOLDER.join(", "))]
     NoResult {
-        /// `old` or `new`.
+        /// Epoch of the result: `old` or `new`.
         epoch: &'static str,
-        /// The folder.
+        /// The folder that was named.
         path: PathBuf,
     },
     /// Both are one file.
     #[error("{} and {} are the same file\nhint: name the results of two flights, the earlier one first", old.display(), new.display())]
     SameFile {
-        /// The old result.
+        /// Path of the old result.
         old: PathBuf,
-        /// The new result.
+        /// Path of the new result.
         new: PathBuf,
     },
     /// There is nothing to compare with.
     #[error("the {epoch} result {} has no building with a footprint, out of {n_buildings}\nhint: every building of the other one would be new or gone; look at the run's issues.json", path.display())]
     Empty {
-        /// `old` or `new`.
+        /// Epoch of the result: `old` or `new`.
         epoch: &'static str,
-        /// The file.
+        /// Path of the result's file.
         path: PathBuf,
-        /// Buildings it has.
+        /// Number of buildings it has.
         n_buildings: usize,
     },
     /// Areas and distances mean nothing in its CRS.
     #[error("the new result {} cannot be compared in its CRS", path.display())]
     Frame {
-        /// The file.
+        /// Path of the new result's file.
         path: PathBuf,
-        /// Why not.
+        /// Why its positions cannot be brought into the old one's CRS.
         #[source]
         source: CrsError,
     },
     /// Levels count from different zeros.
     #[error("levels cannot be compared: those of {} count from {old_reference}, those of {} from {new_reference}\nhint: --heights-only compares heights above ground, which need no common zero", old.display(), new.display())]
     Vertical {
-        /// The old result.
+        /// Path of the old result.
         old: PathBuf,
         /// Zero of its levels.
         old_reference: String,
-        /// The new result.
+        /// Path of the new result.
         new: PathBuf,
         /// Zero of its levels.
         new_reference: String,
@@ -114,9 +114,9 @@ pub struct ResultFile {
 /// Two results in one frame, that of the new one.
 #[derive(Debug)]
 pub struct ResultPair {
-    /// The earlier one.
+    /// The earlier result.
     pub old: ResultFile,
-    /// The later one.
+    /// The later result, in the CRS of the earlier.
     pub new: ResultFile,
     /// Zero of the levels of both; `None` where they are not to be compared or one does not say.
     pub level_reference: Option<String>,
@@ -159,7 +159,7 @@ impl ResultFile {
         Ok(Self { file: InputFile::hash(epoch, path)?, records, cameras, crs, lineage })
     }
 
-    /// As it is compared.
+    /// The result as [`super::compare`] takes it.
     #[must_use]
     pub fn compared(&self) -> Compared<'_> {
         Compared { records: &self.records, cameras: &self.cameras }

@@ -22,7 +22,7 @@ const NOTED_SPREAD: f64 = 1.25;
 pub struct ComparedResult {
     /// Path of the file.
     pub path: String,
-    /// Size in bytes.
+    /// Size of the file, bytes.
     pub size_bytes: u64,
     /// SHA-256 of the content, hexadecimal.
     pub sha256: String,
@@ -39,13 +39,13 @@ pub struct ComparedResult {
 /// Changes between two results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ChangesReport {
-    /// Version of sizeup.
+    /// Version of sizeup that compared.
     pub version: String,
-    /// The command line.
+    /// Command line that compared.
     pub command: String,
-    /// The earlier result.
+    /// The earlier result: its file and what it holds.
     pub old: ComparedResult,
-    /// The later result.
+    /// The later result: its file and what it holds.
     pub new: ComparedResult,
     /// How they were compared.
     pub config: ChangesConfig,

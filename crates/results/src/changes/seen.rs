@@ -6,7 +6,7 @@
 use geo::{Buffer as _, Centroid as _, Contains as _, ConvexHull as _};
 use geo_types::{MultiPoint, MultiPolygon, Point, Polygon};
 
-use super::building::Building;
+use super::building::ComparedBuilding;
 
 /// The area of a result; map frame.
 pub struct SeenArea {
@@ -16,7 +16,7 @@ pub struct SeenArea {
 
 impl SeenArea {
     /// Around the footprints of a result and `margin_m` beyond, and within its `cameras` (easting, northing).
-    pub fn of(buildings: &[Building<'_>], margin_m: f64, cameras: &[[f64; 2]]) -> Self {
+    pub fn of(buildings: &[ComparedBuilding<'_>], margin_m: f64, cameras: &[[f64; 2]]) -> Self {
         let rings = buildings.iter().flat_map(|building| building.footprint.iter().map(Polygon::exterior));
         let corners: MultiPoint<f64> = rings.flat_map(|ring| ring.coords().map(|&at| Point(at))).collect();
         let centres: MultiPoint<f64> = cameras.iter().map(|&at| Point::from(at)).collect();

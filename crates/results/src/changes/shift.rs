@@ -28,7 +28,7 @@ const N_ROUNDS: usize = 8;
 /// A shift that is common to all buildings; metres.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Shift {
-    /// New minus old.
+    /// Median of the new values less the old ones, metres.
     pub value_m: f64,
     /// One standard deviation of it.
     pub sigma_m: f64,

@@ -24,7 +24,7 @@ const CARRIED_PREFIX: &str = "input_";
 /// One of our attributes: its column, and its value for a building whose solid is known.
 #[derive(Debug, Clone)]
 pub struct Field {
-    /// Name, type, meaning.
+    /// Column of the attribute: its name, type and meaning.
     pub column: Column,
     value: fn(&BuildingRecord, &SolidFacts) -> Value,
 }

@@ -7,7 +7,7 @@ use std::collections::{HashMap, HashSet};
 
 use indexmap::IndexMap;
 
-use super::grid::{Extent, Grid};
+use super::grid::{Extent, OutputGrid};
 use super::{BuildingRecord, OutputError};
 use sizeup_geo::geodata::features::ColumnKind;
 
@@ -90,8 +90,8 @@ impl Overview {
     ///
     /// # Errors
     /// [`OutputError::TooFarApart`].
-    pub fn grid(&self, scale_m: f64) -> Result<Grid, OutputError> {
-        Grid::around(self.extent.as_ref(), scale_m)
+    pub fn grid(&self, scale_m: f64) -> Result<OutputGrid, OutputError> {
+        OutputGrid::around(self.extent.as_ref(), scale_m)
     }
 }
 
@@ -113,7 +113,7 @@ impl Wholes {
         }
     }
 
-    /// Number of them.
+    /// Number of buildings.
     pub(super) fn n(&self) -> usize {
         self.n_single + self.in_parts.len()
     }
@@ -122,7 +122,7 @@ impl Wholes {
 /// A building of the input with all its parts.
 #[derive(Debug)]
 pub enum Family<'a> {
-    /// In one piece.
+    /// A building in one piece.
     Single(&'a BuildingRecord),
     /// In several pieces: its id, and the pieces in the order in which they came.
     Parts(String, Vec<BuildingRecord>),

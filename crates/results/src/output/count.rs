@@ -15,7 +15,7 @@ pub struct StatusCount {
 }
 
 impl StatusCount {
-    /// Count of records.
+    /// Counts these records.
     #[must_use]
     pub fn of(records: &[BuildingRecord]) -> Self {
         let mut count = Self::default();

@@ -11,13 +11,13 @@ pub enum OutputError {
     /// Two buildings share an id.
     #[error("two buildings are called {id:?}\nhint: choose an id attribute that is unique in the layer")]
     DuplicateId {
-        /// The id.
+        /// The id that both have.
         id: String,
     },
     /// A coordinate or level that is no number.
     #[error("building {id:?} has a coordinate or level that is not a finite number")]
     NotFinite {
-        /// The building.
+        /// Id of the building.
         id: String,
     },
     /// The scene is larger than the output grid.
@@ -30,17 +30,17 @@ pub enum OutputError {
         span_m: f64,
         /// Largest side that fits, metres.
         limit_m: f64,
-        /// Quantum, metres.
+        /// Step of the grid, metres.
         scale_m: f64,
     },
     /// A setting outside its range.
     #[error("{name} is {value}: expected {expected}")]
     Setting {
-        /// Which setting.
+        /// Name of the setting.
         name: &'static str,
-        /// Value.
+        /// The value that was set.
         value: f64,
-        /// Allowed values.
+        /// Values that are allowed, in words.
         expected: &'static str,
     },
     /// A file is not what it should be.
@@ -58,19 +58,19 @@ pub enum OutputError {
          hint: state it: the geoid's height there (`--geoid-height 45.5`), or `--heights ellipsoidal`"
     )]
     HeightsNotStated {
-        /// The CRS.
+        /// Definition of the result's CRS.
         crs: String,
     },
     /// A folder that holds something else.
     #[error("{} holds other files, and would be replaced\nhint: name a new folder, or one of an earlier export", path.display())]
     FolderInUse {
-        /// The folder.
+        /// The folder that was named.
         path: PathBuf,
     },
-    /// GDAL refused.
+    /// GDAL cannot write the GeoPackage.
     #[error(transparent)]
     GeoPackage(#[from] GpkgError),
-    /// The file system refused.
+    /// The file system did not let the file be read or written.
     #[error(transparent)]
     File(#[from] FileError),
 }
@@ -79,8 +79,8 @@ pub enum OutputError {
 #[derive(Debug, thiserror::Error)]
 #[error("cannot read {}: {reason}", path.display())]
 pub struct MalformedFile {
-    /// Which file.
+    /// The file that was read.
     pub path: PathBuf,
-    /// Fault, and where.
+    /// The problem with it, and the place.
     pub reason: String,
 }

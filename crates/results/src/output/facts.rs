@@ -7,8 +7,8 @@
 //! `A`, `l`: area and length of all rings of the footprint on the output grid; `t`: roof − base.
 
 use super::BuildingRecord;
-use super::grid::Grid;
-use super::prism::{NoSolid, Prism};
+use super::grid::OutputGrid;
+use super::prism::{NoSolid, SnappedPrism};
 use super::validate;
 
 /// Sizes of a block; metres.
@@ -16,7 +16,7 @@ use super::validate;
 pub struct Measures {
     /// All walls from base to roof, courtyards' and those shared with neighbours too, m².
     pub walls_m2: f64,
-    /// m³.
+    /// Volume of the block, m³.
     pub volume_m3: f64,
 }
 
@@ -33,8 +33,12 @@ pub struct SolidFacts {
 
 impl SolidFacts {
     /// The solid on a grid, and what is known of it.
-    pub fn of(record: &BuildingRecord, grid: &Grid, min_thickness_m: f64) -> (Result<Prism, NoSolid>, Self) {
-        let prism = Prism::of(record, grid, min_thickness_m);
+    pub fn of(
+        record: &BuildingRecord,
+        grid: &OutputGrid,
+        min_thickness_m: f64,
+    ) -> (Result<SnappedPrism, NoSolid>, Self) {
+        let prism = SnappedPrism::of(record, grid, min_thickness_m);
         let facts = match &prism {
             Ok(prism) => Self {
                 no_solid_reason: None,
@@ -54,7 +58,7 @@ impl SolidFacts {
 }
 
 impl Measures {
-    fn of(prism: &Prism, grid: &Grid) -> Self {
+    fn of(prism: &SnappedPrism, grid: &OutputGrid) -> Self {
         let thickness_m = (prism.roof() - prism.base()) as f64 * grid.scale_m;
         let length = |ring: &Vec<[i64; 2]>| -> f64 {
             let ends = ring.iter().zip(ring.iter().cycle().skip(1));
@@ -79,7 +83,7 @@ mod tests {
             exterior: [(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0), (x: 0.0, y: 9.0)],
             interiors: [[(x: 3.0, y: 3.0), (x: 3.0, y: 6.0), (x: 6.0, y: 6.0), (x: 6.0, y: 3.0)]],
         );
-        let grid = Grid { scale_m: 0.001, origin_m: [0.0; 3] };
+        let grid = OutputGrid { scale_m: 0.001, origin_m: [0.0; 3] };
         let (prism, facts) = SolidFacts::of(&record("a", footprint, 1.0, 0.0, 4.0), &grid, 0.5);
         assert!(prism.is_ok() && facts.is_valid());
         let measures = facts.measures.unwrap();
@@ -91,7 +95,7 @@ mod tests {
     fn what_has_no_solid_says_why_and_is_not_valid() {
         let mut unknown = record("a", polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0)], 0.0, 0.0, 4.0);
         unknown.height_m = None;
-        let (_, facts) = SolidFacts::of(&unknown, &Grid { scale_m: 0.001, origin_m: [0.0; 3] }, 0.5);
+        let (_, facts) = SolidFacts::of(&unknown, &OutputGrid { scale_m: 0.001, origin_m: [0.0; 3] }, 0.5);
         assert_eq!((facts.no_solid_reason, facts.is_valid()), (Some("no_height"), false));
     }
 }

@@ -14,7 +14,7 @@ use geo::Area as _;
 use geo_types::{Coord, LineString, Polygon};
 use serde::{Deserialize, Serialize};
 
-use super::grid::Grid;
+use super::grid::OutputGrid;
 use super::planar::{cross, rings_are_disjoint_and_nested, twice_area};
 use sizeup_footprints::clean::{self, Rules};
 use sizeup_footprints::clearance;
@@ -54,7 +54,7 @@ impl SnappedFootprint {
     ///
     /// # Errors
     /// [`FootprintFault`] when no faithful footprint is left.
-    pub fn new(footprint: &Polygon<f64>, grid: &Grid) -> Result<Self, FootprintFault> {
+    pub fn new(footprint: &Polygon<f64>, grid: &OutputGrid) -> Result<Self, FootprintFault> {
         let snap_ring = |ring: &LineString<f64>| -> Ring { ring.coords().map(|p| grid.snap(*p)).collect() };
         let rings = clean(snap_ring(footprint.exterior()), footprint.interiors().iter().map(snap_ring))?;
         let snapped = Self { rings };
@@ -64,7 +64,7 @@ impl SnappedFootprint {
     /// Whether a footprint touches itself once it is on the grid, so that [`Self::new`] changes more of it than rounding
     /// does.
     #[must_use]
-    pub fn is_repaired(footprint: &Polygon<f64>, grid: &Grid) -> bool {
+    pub fn is_repaired(footprint: &Polygon<f64>, grid: &OutputGrid) -> bool {
         let snap_ring = |ring: &LineString<f64>| -> Ring { ring.coords().map(|p| grid.snap(*p)).collect() };
         let rings = clean(snap_ring(footprint.exterior()), footprint.interiors().iter().map(snap_ring));
         rings.is_ok_and(|rings| !Self { rings }.is_fit(grid))
@@ -84,14 +84,14 @@ impl SnappedFootprint {
     }
 
     /// Whether no rings touch, nest or come too near.
-    fn is_fit(&self, grid: &Grid) -> bool {
-        let unit = Grid { scale_m: grid.scale_m, origin_m: [0.0; 3] };
+    fn is_fit(&self, grid: &OutputGrid) -> bool {
+        let unit = OutputGrid { scale_m: grid.scale_m, origin_m: [0.0; 3] };
         rings_are_disjoint_and_nested(&self.rings) && clearance::narrow(&self.to_polygon(&unit), CLEARANCE_M).is_none()
     }
 
     /// In the map frame, metres; rings closed.
     #[must_use]
-    pub fn to_polygon(&self, grid: &Grid) -> Polygon<f64> {
+    pub fn to_polygon(&self, grid: &OutputGrid) -> Polygon<f64> {
         let mut rings = self.rings.iter().map(|ring| {
             let closed = ring.iter().chain(ring.first());
             closed.map(|&[x, y]| grid.metres([x, y, 0])).map(|[x, y, _]| Coord { x, y }).collect::<LineString<f64>>()
@@ -155,9 +155,9 @@ fn oriented(mut ring: Ring, sign: i128) -> Option<Ring> {
 }
 
 /// Cleans the footprint on the grid; keeps its main part if next to nothing else is lost.
-fn repair(broken: &SnappedFootprint, grid: &Grid) -> Result<SnappedFootprint, FootprintFault> {
+fn repair(broken: &SnappedFootprint, grid: &OutputGrid) -> Result<SnappedFootprint, FootprintFault> {
     // Relative to the grid's origin, so that its points are multiples of its quantum.
-    let local = Grid { scale_m: grid.scale_m, origin_m: [0.0; 3] };
+    let local = OutputGrid { scale_m: grid.scale_m, origin_m: [0.0; 3] };
     let rules = Rules { grid_m: grid.scale_m, min_area_m2: 0.0, max_area_change: CLEANING_CHANGE_SHARE };
     let wanted_m2 = broken.to_polygon(&local).unsigned_area();
     let cleaned = clean::clean(&broken.to_polygon(&local), rules).map_err(|_| FootprintFault::Invalid)?;
@@ -183,7 +183,7 @@ mod tests {
 
     use super::*;
 
-    const MILLIMETRES: Grid = Grid { scale_m: 0.001, origin_m: [0.0; 3] };
+    const MILLIMETRES: OutputGrid = OutputGrid { scale_m: 0.001, origin_m: [0.0; 3] };
 
     #[test]
     fn repeated_points_spikes_and_flat_holes_vanish() {

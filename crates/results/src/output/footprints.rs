@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::attributes::{self, FIELDS, Field, ID};
 use super::facts::SolidFacts;
-use super::grid::Grid;
+use super::grid::OutputGrid;
 use super::{BuildingRecord, OutputError, Overview, Records, wkb};
 use sizeup_geo::geodata::features::{Column, ColumnKind, Row, free_title};
 
@@ -18,14 +18,14 @@ pub struct FootprintRows {
     /// The id, ours, then the user's.
     pub columns: Vec<Column>,
     carried: Vec<Carried>,
-    grid: Grid,
+    grid: OutputGrid,
     min_thickness_m: f64,
 }
 
 impl FootprintRows {
     /// For the buildings of an overview; grid and thickness tell which have a solid.
     #[must_use]
-    pub fn new(overview: &Overview, grid: Grid, min_thickness_m: f64) -> Self {
+    pub fn new(overview: &Overview, grid: OutputGrid, min_thickness_m: f64) -> Self {
         Self { columns: columns(overview), carried: carried_columns(overview), grid, min_thickness_m }
     }
 
@@ -43,7 +43,7 @@ impl FootprintRows {
         Ok((overview, footprints))
     }
 
-    /// One building.
+    /// Attributes of one building, in the order of the columns.
     #[must_use]
     pub fn row(&self, record: &BuildingRecord) -> Row {
         let (_, solid) = SolidFacts::of(record, &self.grid, self.min_thickness_m);
@@ -84,7 +84,7 @@ fn flat(value: Value) -> Value {
 
 /// A user's attribute as a column.
 struct Carried {
-    /// The user's name.
+    /// Name of the attribute in the user's layer.
     name: String,
     /// Name of the column.
     column: String,

@@ -17,14 +17,14 @@ pub const INDEX_LIMIT: i64 = 1_000_000_000;
 
 /// Integer positions on a map-frame lattice.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Grid {
+pub struct OutputGrid {
     /// Quantum in all three axes, metres.
     pub scale_m: f64,
     /// Map position of index (0, 0, 0): whole metres.
     pub origin_m: [f64; 3],
 }
 
-impl Grid {
+impl OutputGrid {
     /// The grid that holds all footprints and levels of `records`, and how far they reach.
     ///
     /// # Errors
@@ -79,9 +79,9 @@ impl Grid {
 /// A box in the map frame, metres: easting, northing, up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Extent {
-    /// West, south, lowest.
+    /// Western, southern and lowest side, metres.
     pub min_m: [f64; 3],
-    /// East, north, highest.
+    /// Eastern, northern and highest side, metres.
     pub max_m: [f64; 3],
 }
 

@@ -11,7 +11,7 @@ pub use sizeup_geo::hashes::sha256_hex;
 /// The origin of a result, written into every file.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lineage {
-    /// Version of sizeup.
+    /// Version of sizeup that wrote the result.
     pub version: String,
     /// The commit that it was built from, with a `+` where files differed from it; `None` where nobody knew.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -24,9 +24,9 @@ pub struct Lineage {
     pub inputs: Vec<InputFile>,
     /// The project's CRS as the user wrote it.
     pub crs: String,
-    /// What z counts from, in words: `orthometric, NAP height`, `ellipsoidal, GRS 80`.
+    /// Vertical datum of z, in words: `orthometric, NAP height`, `ellipsoidal, GRS 80`.
     pub vertical_reference: String,
-    /// What `height_m` is, in words.
+    /// Definition of `height_m`, in words.
     pub height_definition: String,
     /// Root seed of all random choices.
     pub seed: u64,
@@ -42,11 +42,11 @@ pub struct Lineage {
 /// One file that was read.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct InputFile {
-    /// What it was read as: `survey`, `footprints`, `terrain`, `prior`, `config`.
+    /// Role in which it was read: `survey`, `footprints`, `terrain`, `prior`, `config`.
     pub role: String,
     /// Path as the configuration beside the results has it.
     pub path: String,
-    /// Size in bytes.
+    /// Size of the file, bytes.
     pub size_bytes: u64,
     /// SHA-256 of the content, hexadecimal.
     pub sha256: String,

@@ -13,7 +13,7 @@ const NOT_MEASURED_SHARE: f64 = 0.5;
 
 /// Doubts about the heights of a result, counted.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Doubts {
+pub struct CityDoubts {
     n: usize,
     n_measured: usize,
     n_at_end: usize,
@@ -23,8 +23,8 @@ pub struct Doubts {
     highest: Option<(f64, String)>,
 }
 
-impl Doubts {
-    /// Evidence of records.
+impl CityDoubts {
+    /// Doubts about a city that its records give reason for.
     #[must_use]
     pub fn of(records: &[BuildingRecord]) -> Self {
         let mut doubts = Self::default();
@@ -101,7 +101,7 @@ mod tests {
             ..record(&format!("b{i}"), footprint.clone(), 0.0, 0.0, 145.4)
         };
         let records: Vec<BuildingRecord> = reasons.iter().enumerate().map(of).collect();
-        Doubts::of(&records).implausible().into_iter().map(|issue| issue.message).collect()
+        CityDoubts::of(&records).implausible().into_iter().map(|issue| issue.message).collect()
     }
 
     #[test]

@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 
 use super::BuildingRecord;
 use super::footprint::{FootprintFault, SnappedFootprint};
-use super::grid::Grid;
+use super::grid::OutputGrid;
 
 /// Kind of a face of the solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Surface {
     /// Bottom face, seen from below.
     Ground,
-    /// Top face.
+    /// The top face of a block.
     Roof,
     /// Vertical face; courtyard walls face the courtyard.
     Wall,
@@ -23,8 +23,8 @@ pub enum Surface {
 
 /// A planar face: exterior ring, then holes; rings on the grid, not closed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Face {
-    /// Kind.
+pub struct GridFace {
+    /// Whether the face is roof, wall or ground.
     pub surface: Surface,
     /// Exterior counter-clockwise seen from outside the solid, holes clockwise.
     pub rings: Vec<Vec<[i64; 3]>>,
@@ -63,18 +63,18 @@ impl NoSolid {
 
 /// An extruded footprint on the output grid. Its serialised form is for files that the same run reads back.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Prism {
+pub struct SnappedPrism {
     footprint: SnappedFootprint,
     base: i64,
     roof: i64,
 }
 
-impl Prism {
+impl SnappedPrism {
     /// The solid of a building between its lowest ground and its roof.
     ///
     /// # Errors
     /// [`NoSolid`], for a building that stays without geometry.
-    pub fn of(record: &BuildingRecord, grid: &Grid, min_thickness_m: f64) -> Result<Self, NoSolid> {
+    pub fn of(record: &BuildingRecord, grid: &OutputGrid, min_thickness_m: f64) -> Result<Self, NoSolid> {
         let footprint = record.footprint.as_ref().ok_or(NoSolid::NoFootprint)?;
         let roof_z_m = record.roof_z_m().ok_or(NoSolid::NoHeight)?;
         let base_z_m = record.base_z_m.or(record.ground_z_m).ok_or(NoSolid::NoHeight)?;
@@ -106,7 +106,7 @@ impl Prism {
 
     /// Ground, roof, then one wall per edge of the footprint, ring by ring.
     #[must_use]
-    pub fn faces(&self) -> Vec<Face> {
+    pub fn faces(&self) -> Vec<GridFace> {
         let rings = self.footprint.rings();
         let at = |[x, y]: [i64; 2], z: i64| [x, y, z];
         let ground = rings.iter().map(|ring| ring.iter().rev().map(|&p| at(p, self.base)).collect()).collect();
@@ -115,10 +115,10 @@ impl Prism {
             ring.iter().enumerate().map(move |(i, &from)| {
                 let to = ring[(i + 1) % ring.len()];
                 let corners = vec![at(from, self.base), at(to, self.base), at(to, self.roof), at(from, self.roof)];
-                Face { surface: Surface::Wall, rings: vec![corners] }
+                GridFace { surface: Surface::Wall, rings: vec![corners] }
             })
         });
-        [Face { surface: Surface::Ground, rings: ground }, Face { surface: Surface::Roof, rings: roof }]
+        [GridFace { surface: Surface::Ground, rings: ground }, GridFace { surface: Surface::Roof, rings: roof }]
             .into_iter()
             .chain(walls)
             .collect()
@@ -137,7 +137,7 @@ pub(super) mod tests {
     use crate::output::record::tests::record;
 
     /// Six times the volume, by the divergence theorem over fans of the faces; exact.
-    pub(in crate::output) fn six_volumes(faces: &[Face]) -> i128 {
+    pub(in crate::output) fn six_volumes(faces: &[GridFace]) -> i128 {
         let determinant = |a: [i64; 3], b: [i64; 3], c: [i64; 3]| {
             let [a, b, c] = [a, b, c].map(|p| p.map(i128::from));
             a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
@@ -147,7 +147,7 @@ pub(super) mod tests {
     }
 
     /// Every directed edge once, and its opposite once: closed, 2-manifold along edges, consistently oriented.
-    pub(in crate::output) fn is_closed_manifold(faces: &[Face]) -> bool {
+    pub(in crate::output) fn is_closed_manifold(faces: &[GridFace]) -> bool {
         let mut edges: HashMap<([i64; 3], [i64; 3]), u32> = HashMap::new();
         for ring in faces.iter().flat_map(|face| &face.rings) {
             for (i, &from) in ring.iter().enumerate() {
@@ -201,8 +201,8 @@ pub(super) mod tests {
         ) {
             let area_m2 = footprint.unsigned_area();
             let building = record("a", footprint, ground, ground - below, height);
-            let (grid, _) = Grid::over(std::slice::from_ref(&building), 0.001).unwrap();
-            let prism = Prism::of(&building, &grid, 0.1).unwrap();
+            let (grid, _) = OutputGrid::over(std::slice::from_ref(&building), 0.001).unwrap();
+            let prism = SnappedPrism::of(&building, &grid, 0.1).unwrap();
             let faces = prism.faces();
             prop_assert!(is_closed_manifold(&faces));
             // Exact on the grid, and outward because positive.
@@ -223,8 +223,8 @@ pub(super) mod tests {
             interiors: [[(x: 3.0, y: 3.0), (x: 3.0, y: 6.0), (x: 6.0, y: 6.0), (x: 6.0, y: 3.0)]],
         );
         let building = record("a", footprint, 0.0, 0.0, 3.0);
-        let (grid, _) = Grid::over(std::slice::from_ref(&building), 1.0).unwrap();
-        let faces = Prism::of(&building, &grid, 0.5).unwrap().faces();
+        let (grid, _) = OutputGrid::over(std::slice::from_ref(&building), 1.0).unwrap();
+        let faces = SnappedPrism::of(&building, &grid, 0.5).unwrap().faces();
         assert_eq!(faces.len(), 2 + 8);
         assert_eq!(six_volumes(&faces), 6 * (81 - 9) * 3);
         assert!(is_closed_manifold(&faces));
@@ -233,13 +233,13 @@ pub(super) mod tests {
     #[test]
     fn what_cannot_be_a_solid_says_why() {
         let footprint = polygon![(x: 0.0, y: 0.0), (x: 9.0, y: 0.0), (x: 9.0, y: 9.0)];
-        let grid = Grid { scale_m: 0.001, origin_m: [0.0; 3] };
+        let grid = OutputGrid { scale_m: 0.001, origin_m: [0.0; 3] };
         let low = record("a", footprint.clone(), 5.0, 5.0, 0.2);
-        assert_eq!(Prism::of(&low, &grid, 0.5), Err(NoSolid::TooLow));
+        assert_eq!(SnappedPrism::of(&low, &grid, 0.5), Err(NoSolid::TooLow));
         let mut unknown = record("b", footprint, 5.0, 5.0, 4.0);
         unknown.height_m = None;
-        assert_eq!(Prism::of(&unknown, &grid, 0.5), Err(NoSolid::NoHeight));
+        assert_eq!(SnappedPrism::of(&unknown, &grid, 0.5), Err(NoSolid::NoHeight));
         unknown.footprint = None;
-        assert_eq!(Prism::of(&unknown, &grid, 0.5), Err(NoSolid::NoFootprint));
+        assert_eq!(SnappedPrism::of(&unknown, &grid, 0.5), Err(NoSolid::NoFootprint));
     }
 }

@@ -50,7 +50,7 @@ impl Status {
 /// The roof that the photos support.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RoofShape {
-    /// Form of it.
+    /// Form of the roof.
     pub form: RoofForm,
     /// Lowest edge above the ground level, metres.
     pub eave_height_m: f64,

@@ -11,7 +11,7 @@ pub use sizeup_geo::files::write_json;
 use sizeup_geo::issue::Issue;
 use sizeup_heights::stats::{mean, quantile};
 
-/// A result in numbers.
+/// Numbers that sum a result up.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Buildings of the input.
@@ -37,17 +37,17 @@ pub struct Summary {
 pub struct HeightSummary {
     /// Buildings with a height.
     pub n: usize,
-    /// Lowest.
+    /// Lowest height, metres.
     pub min_m: f64,
-    /// 10th percentile.
+    /// 10th percentile of the heights, metres.
     pub p10_m: f64,
-    /// Median.
+    /// Median of the heights, metres.
     pub median_m: f64,
-    /// Mean.
+    /// Mean of the heights, metres.
     pub mean_m: f64,
-    /// 90th percentile.
+    /// 90th percentile of the heights, metres.
     pub p90_m: f64,
-    /// Highest.
+    /// Highest height, metres.
     pub max_m: f64,
     /// Median of the stated standard deviations, where there are any.
     pub median_sigma_m: Option<f64>,

@@ -61,17 +61,17 @@ pub enum ReviewsError {
     /// The file is absent or unreadable.
     #[error("cannot read {}: {source}\nhint: reviews.path names the file of decisions; leave [reviews] out if there are none", path.display())]
     Read {
-        /// The file.
+        /// Path of the file of decisions.
         path: PathBuf,
-        /// Why.
+        /// Error that the system reported.
         source: std::io::Error,
     },
     /// The file is something else.
     #[error("{} holds no decisions: {message}", path.display())]
     Malformed {
-        /// The file.
+        /// Path of the file of decisions.
         path: PathBuf,
-        /// Fault.
+        /// The problem with the file, in words.
         message: String,
     },
 }
@@ -132,7 +132,7 @@ impl Reviews {
         Self { by_id: of_them.map(|(id, review)| (id.clone(), review.clone())).collect() }
     }
 
-    /// Whether nothing was decided.
+    /// Whether there is no decision at all.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.by_id.is_empty()

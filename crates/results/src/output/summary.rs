@@ -25,12 +25,12 @@ pub fn n_photos_missing(issues: &[Issue]) -> usize {
 /// A result in numbers. A city of tiles leaves out what its tiles do not tell.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct RunSummary {
-    /// What speaks against the result as a whole, one sentence each; empty where nothing does.
+    /// Objections to the result as a whole, one sentence each; empty where there are none.
     #[serde(default)]
     pub implausible: Vec<String>,
     /// Folder of the results.
     pub output: PathBuf,
-    /// What was done to the poses where they did not fit the photos, in words.
+    /// Changes to poses that did not fit the photos, in words.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poses: Option<String>,
     /// Where depth priors come from, in words.
@@ -38,7 +38,7 @@ pub struct RunSummary {
     pub priors_from: String,
     /// Views with a usable pose.
     pub n_views: usize,
-    /// Of these, oblique ones, in which heights can be measured.
+    /// Oblique ones among these, in which heights can be measured.
     pub n_oblique: usize,
     /// Distinct views whose prior was used (the paper's #Used).
     pub n_used_views: usize,
@@ -47,7 +47,7 @@ pub struct RunSummary {
     pub n_refined: Option<usize>,
     /// Buildings of the input.
     pub n_buildings: usize,
-    /// What was found in the nadir photos, where footprints come from there.
+    /// Numbers of what was found in the nadir photos, where footprints come from there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detection: Option<DetectionSummary>,
     /// Buildings of the input by status, one in parts as its worst part; empty where the output stage did not run.
@@ -90,7 +90,7 @@ pub struct TilesSummary {
     pub n_parts: usize,
     /// Buildings, and parts of such, with a height.
     pub n_heights: usize,
-    /// Agreement of neighbours.
+    /// How well neighbouring tiles agree, as `tiles merge` measured it.
     pub seams: Value,
 }
 

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::planar::cross;
-use super::prism::Face;
+use super::prism::GridFace;
 
 /// Twice the area of a ring as a vector: where it looks.
 pub fn newell(ring: &[DVec3]) -> DVec3 {
@@ -12,7 +12,7 @@ pub fn newell(ring: &[DVec3]) -> DVec3 {
 }
 
 /// Triangles of a face of any direction, counter-clockwise seen from outside, as positions among all corners.
-pub fn of_face(face: &Face) -> Vec<[usize; 3]> {
+pub fn of_face(face: &GridFace) -> Vec<[usize; 3]> {
     let first = face.rings[0][0];
     let from_first = |p: &[i64; 3]| DVec3::from_array(std::array::from_fn(|axis| (p[axis] - first[axis]) as f64));
     let exterior: Vec<DVec3> = face.rings[0].iter().map(from_first).collect();

@@ -9,7 +9,7 @@ const MULTI_POLYGON: u32 = 6;
 /// Added to a type whose coordinates have a z.
 const WITH_Z: u32 = 1000;
 
-/// A 2D point.
+/// A point with x and y as WKB.
 #[must_use]
 pub fn point([x, y]: [f64; 2]) -> Vec<u8> {
     let mut wkb = header(POINT);
@@ -17,7 +17,7 @@ pub fn point([x, y]: [f64; 2]) -> Vec<u8> {
     wkb
 }
 
-/// A 3D point.
+/// A point with x, y and z as WKB.
 #[must_use]
 pub fn point_z(position: [f64; 3]) -> Vec<u8> {
     let mut wkb = header(POINT + WITH_Z);

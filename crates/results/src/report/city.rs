@@ -8,8 +8,8 @@ use serde::Serialize;
 use serde_json::{Map as JsonMap, Value};
 
 use crate::output::attributes::round_m;
-use crate::output::grid::Grid;
-use crate::output::prism::{Face, Prism, Surface};
+use crate::output::grid::OutputGrid;
+use crate::output::prism::{GridFace, SnappedPrism, Surface};
 use crate::output::roof_solid::{self, Detail};
 use crate::output::{BuildingRecord, triangles};
 use sizeup_geo::terrain::Terrain;
@@ -23,7 +23,7 @@ const LEAST_MARGIN_M: f64 = 40.0;
 const GROUND_CELLS: f64 = 96.0;
 const LEAST_CELL_M: f64 = 2.0;
 
-/// One building.
+/// A building as the report's map shows it.
 #[derive(Debug, Serialize)]
 pub struct Building<'a> {
     id: &'a str,
@@ -92,7 +92,7 @@ fn extent(records: &[BuildingRecord]) -> Option<[[f64; 2]; 2]> {
 
 impl<'a> Building<'a> {
     /// Building of a record; `views` knows the position of each photo.
-    pub fn of(record: &'a BuildingRecord, origin: [f64; 3], grid: &Grid, views: &HashMap<&str, usize>) -> Self {
+    pub fn of(record: &'a BuildingRecord, origin: [f64; 3], grid: &OutputGrid, views: &HashMap<&str, usize>) -> Self {
         let rings = record.footprint.as_ref().map_or_else(Vec::new, |footprint| rings(footprint, origin));
         let triangles = triangles_of(&rings);
         Self {
@@ -113,14 +113,14 @@ impl<'a> Building<'a> {
     }
 }
 
-fn faces(record: &BuildingRecord, [east_m, north_m, _]: [f64; 3], grid: &Grid) -> Vec<SolidFace> {
-    let Ok(block) = Prism::of(record, grid, grid.scale_m) else { return Vec::new() };
+fn faces(record: &BuildingRecord, [east_m, north_m, _]: [f64; 3], grid: &OutputGrid) -> Vec<SolidFace> {
+    let Ok(block) = SnappedPrism::of(record, grid, grid.scale_m) else { return Vec::new() };
     let [_, _, base_m] = grid.metres([0, 0, block.base()]);
     let corner = |p: &[i64; 3]| -> [i64; 3] {
         let [x, y, z] = grid.metres(*p);
         [x - east_m, y - north_m, z - base_m].map(|v| (v * PER_METRE).round() as i64)
     };
-    let face = |face: Face| SolidFace {
+    let face = |face: GridFace| SolidFace {
         corners: face.rings.iter().flatten().flat_map(corner).collect(),
         rings: face.rings.iter().map(Vec::len).collect(),
         triangles: triangles::of_face(&face).into_iter().flatten().collect(),

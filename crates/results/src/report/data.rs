@@ -9,7 +9,7 @@ use super::city::{Building, Ground, origin, round_cm};
 use super::evidence::{EvidenceData, data_uri};
 use super::{Levels, Report, ViewUse};
 use crate::output::cityjson::CityJsonConfig;
-use crate::output::grid::Grid;
+use crate::output::grid::OutputGrid;
 use crate::output::reports::Summary;
 use crate::output::{BuildingRecord, Lineage, StatusCount};
 use sizeup_geo::issue::Issue;
@@ -20,7 +20,7 @@ const MAX_PASS_HEIGHTS: usize = 400_000;
 /// Every so many points of a photo's footprint on the ground are kept.
 const FOOTPRINT_STEP: usize = 2;
 
-/// All of it.
+/// Everything that the report's page shows.
 #[derive(Debug, Serialize)]
 pub struct Data<'a> {
     pub title: String,
@@ -75,7 +75,7 @@ impl<'a> Data<'a> {
         let model = &report.model;
         let origin = origin(model.records);
         // Whole metres around zero hold any city: indices are 64 bits wide.
-        let grid = Grid { scale_m: CityJsonConfig::default().scale_m, origin_m: origin };
+        let grid = OutputGrid { scale_m: CityJsonConfig::default().scale_m, origin_m: origin };
         let positions: HashMap<&str, usize> =
             model.survey.views.iter().enumerate().map(|(i, view)| (view.id.0.as_str(), i)).collect();
         let ground_m = middle_ground(model.records).unwrap_or(origin[2]);
@@ -131,7 +131,7 @@ fn view<'a>(view: &'a View, used: &'a ViewUse, ground_m: f64) -> ViewData<'a> {
     }
 }
 
-fn pass_data(pass: &super::Pass, has_heights: bool) -> PassData {
+fn pass_data(pass: &super::SolverPass, has_heights: bool) -> PassData {
     let heights = if has_heights { pass.heights_m.as_slice() } else { &[] };
     let rounded = |value: f64| (value * 1e5).round() / 1e5;
     PassData {

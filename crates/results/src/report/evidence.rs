@@ -58,16 +58,16 @@ pub enum LineKind {
 /// An edge, in shares of the picture's width and height.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Line {
-    /// Owner.
+    /// Roof or wall that the edge belongs to.
     pub kind: LineKind,
-    /// Both ends.
+    /// The two ends, x and y in shares of the picture.
     pub ends: [[f32; 2]; 2],
 }
 
 /// Two pixels whose order is compared, in shares of the picture's width and height.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pair {
-    /// Both ends.
+    /// The two pixels, x and y in shares of the picture.
     pub ends: [[f32; 2]; 2],
     /// Cost of the hinge: 0 is in the right order by the margin.
     pub cost: f32,

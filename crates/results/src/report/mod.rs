@@ -39,14 +39,14 @@ use sizeup_survey::SurveyReport;
 /// Everything that the page shows.
 #[derive(Debug)]
 pub struct Report<'a> {
-    /// The result.
+    /// The result that is reported.
     pub model: CityModel<'a>,
-    /// The ground.
+    /// Ground under the buildings.
     pub terrain: &'a Terrain,
     /// One per view of the survey: what became of it.
     pub views: Vec<ViewUse>,
     /// The passes of the solver.
-    pub passes: Vec<Pass>,
+    pub passes: Vec<SolverPass>,
     /// Position among the records of each building of a pass.
     pub solved: &'a [usize],
     /// Footprints that were split, as no single height fits them.
@@ -79,12 +79,12 @@ pub enum ViewUse {
 
 /// One pass of the solver over all buildings.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Pass {
-    /// Mean loss.
+pub struct SolverPass {
+    /// Mean loss over the views.
     pub loss: f64,
     /// Mean relative change of the heights.
     pub relative_change: f64,
-    /// Views selected.
+    /// Number of views selected.
     pub n_selected: usize,
     /// Share of ordinal pairs that cost something, where there are pairs.
     pub active_pairs: Option<f64>,

@@ -43,7 +43,7 @@ pub enum ServeError {
         path.display()
     )]
     NoTileset {
-        /// The folder.
+        /// The folder that was named.
         path: PathBuf,
     },
     /// The port cannot be had.
@@ -51,15 +51,15 @@ pub enum ServeError {
         "cannot listen on 127.0.0.1:{port}: {source}\nhint: is another one running? `--port 0` takes any free port"
     )]
     Port {
-        /// The port.
+        /// Port that was to be listened on.
         port: u16,
-        /// Why.
+        /// Error that the system reported.
         source: io::Error,
     },
     /// The city does not say where it is.
     #[error("{} states no CRS\nhint: `sizeup export --crs EPSG:… --to 3dtiles` makes tiles of it", path.display())]
     NoCrs {
-        /// The file.
+        /// The file of the city.
         path: PathBuf,
     },
     /// The city cannot be read.
@@ -83,7 +83,7 @@ pub struct Server {
     page: String,
 }
 
-/// Body.
+/// An HTTP answer: its status line, media type and content.
 struct Answer {
     status: &'static str,
     media_type: &'static str,

@@ -20,7 +20,7 @@ const OBSERVATION_BYTES: u64 = 8 + 8 + 8;
 /// Longer names than this no file system has.
 const MAX_NAME_BYTES: usize = 4096;
 
-/// Reads `cameras.bin`.
+/// Reads `cameras.bin`, the cameras by their ids.
 pub(super) fn cameras(path: &Path) -> Result<Cameras, SurveyError> {
     let mut bytes = Bytes::open(path)?;
     let n_cameras = bytes.count("cameras", CAMERA_BYTES)?;

@@ -9,14 +9,14 @@ mod models;
 mod text;
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::Arc;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::SurveyError;
 use super::error::Place;
+use super::formats::Candidate;
 use super::poses::{Pose, Poses};
+use super::{SurveyConfig, SurveyError};
 use sizeup_heights::camera::Camera;
 
 /// Cameras by COLMAP's id; one that cannot be used keeps the reason.
@@ -30,13 +30,15 @@ struct ImageRow {
     name: String,
 }
 
-/// Whether a folder holds a model.
-pub(crate) fn is_model(folder: &Path) -> bool {
-    ["txt", "bin"].iter().any(|e| folder.join("images").with_extension(e).is_file())
+/// A folder with `images.txt` or `images.bin`.
+pub(crate) fn recognises(candidate: &Candidate) -> bool {
+    let images = candidate.path.join("images");
+    candidate.is_folder && ["txt", "bin"].iter().any(|e| images.with_extension(e).is_file())
 }
 
 /// Reads the model in a folder; binary where both exist, as COLMAP itself does.
-pub(crate) fn read(folder: &Path) -> Result<Poses, SurveyError> {
+pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
+    let folder = config.path.as_path();
     let file = |stem: &str, extension: &str| folder.join(stem).with_extension(extension);
     let mut poses = Poses::new();
     if file("images", "bin").is_file() {

@@ -13,7 +13,7 @@ use crate::error::Place;
 use sizeup_geo::files::FileError;
 use sizeup_heights::camera::Camera;
 
-/// Reads `cameras.txt`.
+/// Reads `cameras.txt`, the cameras by their ids.
 pub(super) fn cameras(path: &Path) -> Result<Cameras, SurveyError> {
     let mut cameras = Cameras::new();
     let mut lines = Lines::open(path)?;

@@ -1,7 +1,7 @@
 //! The blocks of an INPHO project: `$NAME` at a line's beginning up to `$END…` at a line's beginning, with indented
 //! `$KEY : value` fields whose values go on over the lines that begin no other field. Lines that begin with `#` are comments.
 
-/// A block.
+/// A block of the project, from `$NAME` to `$END`.
 pub(super) struct Block<'a> {
     /// The name without the `$`, such as `PHOTO`.
     pub name: &'a str,

@@ -43,7 +43,7 @@ const SKEW_TOLERANCE: f64 = 1e-6;
 /// Difference between a photo's focal length and its camera's that is still rounding.
 const FOCAL_TOLERANCE_MM: f64 = 1e-3;
 
-/// A calibrated camera.
+/// A camera with the axes that its rotations refer to.
 #[derive(Debug, Clone)]
 struct Calibrated {
     camera: Arc<Camera>,

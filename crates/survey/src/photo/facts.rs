@@ -10,7 +10,7 @@ use super::{gimbal_deg, place, rtk_word, xmp};
 /// Facts in one photo's header.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PhotoFacts {
-    /// The file.
+    /// Path of the photo's file.
     pub path: PathBuf,
     /// Columns and rows; `None` where the header cannot be read.
     pub size_px: Option<(u32, u32)>,

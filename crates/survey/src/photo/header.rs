@@ -23,7 +23,7 @@ const TIFF_XMP: Tag = Tag(Context::Tiff, 700);
 pub(super) struct Header {
     /// Columns and rows of the raster itself, whatever EXIF says.
     pub size_px: (u32, u32),
-    /// The XMP packet.
+    /// Content of the XMP packet; `None` without one.
     pub xmp: Option<Vec<u8>>,
     exif: Option<Exif>,
 }
@@ -115,7 +115,7 @@ impl Header {
         number.is_finite().then_some(number)
     }
 
-    /// A tag's text.
+    /// Text of an EXIF tag; `None` where it is missing.
     pub(super) fn text(&self, tag: Tag) -> Option<String> {
         match &self.field(tag)?.value {
             Value::Ascii(parts) => {

@@ -29,7 +29,8 @@ use self::header::Header;
 use self::motion::Motion;
 use self::mrk::{Logs, Record};
 use super::angles::{AngleConvention, AngleKind, North};
-use super::config::{CameraConfig, HeightReference, SurveyConfig};
+use super::config::{CameraConfig, SurveyConfig, VerticalDatum};
+use super::formats::Candidate;
 use super::poses::{FileHeights, Pose, Poses, World, refused};
 use super::{SurveyError, photos};
 use sizeup_geo::crs::Crs;
@@ -58,6 +59,11 @@ struct Reading {
     motion: Option<Motion>,
 }
 
+/// A folder with photos.
+pub(crate) fn recognises(candidate: &Candidate) -> bool {
+    candidate.is_folder && photos::list(&candidate.path).is_ok_and(|found| !found.is_empty())
+}
+
 /// Reads the headers of all photos below a folder, in parallel.
 pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let folder = config.path.as_path();
@@ -66,7 +72,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
         return Err(SurveyError::config(format!("{} holds no photos", folder.display()), "jpg, jpeg, tif or tiff"));
     }
     let mut logs = Logs::beside(&files)?;
-    let wants_relative = config.height.reference == Some(HeightReference::AboveTakeoff);
+    let wants_relative = config.height.reference == Some(VerticalDatum::AboveTakeoff);
     let readings: Vec<Result<Reading, Box<Issue>>> = files
         .par_iter()
         .map(|path| {

@@ -20,7 +20,7 @@ const LOOKS_DOWN_DEG: f64 = 10.0;
 /// The motion of one photo.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Motion {
-    /// Speed, m/s.
+    /// Speed over ground, metres per second.
     speed_m_s: f64,
     /// Smear of the ground in the photo's middle, pixels, where the exposure and the height are known.
     smear_px: Option<f64>,

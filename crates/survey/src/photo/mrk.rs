@@ -30,7 +30,7 @@ const SAME_PLACE_M: f64 = 10.0;
 /// Metres of one degree of latitude.
 const DEGREE_M: f64 = 111_320.0;
 
-/// One photo's line.
+/// One photo's line of a `*_Timestamp.MRK`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Record {
     /// Longitude and latitude, degrees, and height above the ellipsoid, metres, of the camera.

@@ -6,12 +6,12 @@ use std::path::Path;
 use crate::SurveyError;
 use crate::xml::{Element, Step, Xml};
 
-/// Tags by name.
+/// Values of an XMP packet by the names of their tags.
 #[derive(Debug, Default)]
 pub(super) struct Tags(BTreeMap<String, String>);
 
 impl Tags {
-    /// A tag's text.
+    /// Text of a tag; `None` where it is missing.
     pub(super) fn text(&self, name: &str) -> Option<&str> {
         self.0.get(name).map(String::as_str)
     }
@@ -26,7 +26,7 @@ impl Tags {
     }
 }
 
-/// Reads a packet.
+/// Reads the tags of an XMP packet.
 pub(super) fn tags(packet: &[u8], path: &Path) -> Result<Tags, SurveyError> {
     // The padding behind the packet may hold zero bytes.
     let end = packet.iter().rposition(|&byte| byte == b'>').map_or(0, |last| last + 1);

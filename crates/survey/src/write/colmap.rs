@@ -24,7 +24,7 @@ const OFFSET_GRAIN_M: f64 = 1000.0;
 /// A point on a surface and where photos show it, as structure from motion leaves it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TiePoint {
-    /// Map frame, metres.
+    /// Position of the point, map frame, metres.
     pub position: DVec3,
     /// Views by index, and pixels.
     pub sightings: Vec<(usize, DVec2)>,

@@ -38,11 +38,11 @@ const STEP_M: f64 = 0.01;
 /// Input for the sampling of edges, besides the view's rays.
 #[derive(Clone, Copy)]
 pub struct EdgeInput<'a> {
-    /// The buildings.
+    /// Buildings and ground, local frame.
     pub scene: &'a Scene,
-    /// The view's camera.
+    /// Camera of the view, local frame.
     pub placed: &'a PlacedCamera,
-    /// The view's prior.
+    /// Depth prior of the view.
     pub prior: &'a DepthPrior,
 }
 
@@ -93,7 +93,7 @@ pub fn slopes(
 struct EdgePoint {
     /// Speed towards the far side times the length of edge it stands for, px² per metre of height.
     sweep: f64,
-    /// The normalised prior there.
+    /// The normalised prior at the point.
     prior: f32,
     /// Depth on the near side, and whether it is compared; the same on the far side.
     near: (f32, bool),
@@ -182,7 +182,7 @@ impl Boundary<'_> {
 /// One side of an edge.
 #[derive(Debug, Clone, Copy)]
 struct Look {
-    /// `+∞` = nothing.
+    /// z-depth, metres; `+∞` where the ray meets nothing.
     depth: f32,
     building: Option<usize>,
     is_compared: bool,

@@ -62,7 +62,7 @@ pub struct Problem<'a> {
     pub load_prior: &'a (dyn Fn(usize) -> Result<DepthPrior, String> + Sync),
     /// By building: its height above ground in an earlier solution of almost the same scene, metres; may be empty.
     pub start_m: &'a [Option<f32>],
-    /// Root seed.
+    /// Root seed of all random streams.
     pub seed: u64,
     /// The views' rays through the scene, traced by need.
     pub rays: &'a Rays,
@@ -106,7 +106,7 @@ pub fn first_selection(problem: &Problem<'_>, config: &OptimiseConfig) -> Vec<us
 }
 
 impl<'a> Problem<'a> {
-    /// A view's rays.
+    /// Rays of a view, given by its position among the views.
     #[must_use]
     pub fn profiles(&self, view: usize) -> &'a Profiles {
         self.rays.of(self, view)

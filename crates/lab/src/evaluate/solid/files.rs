@@ -8,7 +8,7 @@ use geo_types::{Coord, LineString, MultiPolygon, Polygon};
 use glam::DVec3;
 
 use super::super::read::HEIGHT_FIELDS;
-use super::{Facet, Prism, Solid, normal, triangulate};
+use super::{Facet, Solid, UprightPrism, normal, triangulate};
 use sizeup_geo::crs::{Crs, CrsError, Transform, VerticalReference};
 use sizeup_geo::files::{self, FileError, write_whole};
 use sizeup_results::output::cityjson::read::{CityFile, CityObject, CitySurface};
@@ -40,9 +40,9 @@ pub enum SolidError {
     /// CRS that cannot be brought to the project's.
     #[error("cannot bring {} to the project's CRS", path.display())]
     Crs {
-        /// The file.
+        /// Path of the file of bodies.
         path: PathBuf,
-        /// Why not.
+        /// Why its positions cannot be brought there.
         #[source]
         source: CrsError,
     },
@@ -52,21 +52,21 @@ pub enum SolidError {
     /// A line of an OBJ file is wrong.
     #[error("{}, line {line}: {reason}", path.display())]
     Obj {
-        /// The file.
+        /// Path of the OBJ file.
         path: PathBuf,
-        /// Counted from 1.
+        /// Number of the line, counted from 1.
         line: usize,
-        /// Fault.
+        /// The problem with the line, in words.
         reason: String,
     },
     /// There is no body in it.
     #[error("{} has no bodies: {reason}\nhint: {hint}", path.display())]
     NoBodies {
-        /// The file.
+        /// The file that was to hold bodies.
         path: PathBuf,
-        /// Why.
+        /// Content of the file in their place, in words.
         reason: String,
-        /// Remedy.
+        /// Advice to the user: what to change or to look at.
         hint: &'static str,
     },
 }
@@ -185,7 +185,7 @@ fn of_surfaces(id: &str, surfaces: &[&CitySurface], vertices: &[DVec3]) -> Solid
         }
         solid.facets.extend(triangulate(&rings).into_iter().map(|corners| Facet { corners, is_bottom }));
     }
-    let prisms: Option<Vec<Prism>> = roofs.iter().map(|roof| prism_under(roof, base_m)).collect();
+    let prisms: Option<Vec<UprightPrism>> = roofs.iter().map(|roof| prism_under(roof, base_m)).collect();
     // Overhangs that are no ground face, or several bottoms, would make the body differ from prisms down to its base.
     let bottoms = solid.facets.iter().filter(|f| f.is_bottom);
     let is_level = bottoms.flat_map(|f| f.corners).all(|p| p.z - base_m <= LEVEL_M);
@@ -194,12 +194,13 @@ fn of_surfaces(id: &str, surfaces: &[&CitySurface], vertices: &[DVec3]) -> Solid
 }
 
 /// The prism between a level roof and the base; `None` if the roof is not level.
-fn prism_under(rings: &[Vec<DVec3>], base_m: f64) -> Option<Prism> {
+fn prism_under(rings: &[Vec<DVec3>], base_m: f64) -> Option<UprightPrism> {
     let (low, high) =
         rings.iter().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p.z), h.max(p.z)));
     let line = |ring: &Vec<DVec3>| ring.iter().map(|p| Coord { x: p.x, y: p.y }).collect::<LineString<f64>>();
     let footprint = Polygon::new(line(rings.first()?), rings[1..].iter().map(line).collect());
-    (high - low <= LEVEL_M && low > base_m).then_some(Prism { footprint, levels_m: [base_m, 0.5 * (low + high)] })
+    (high - low <= LEVEL_M && low > base_m)
+        .then_some(UprightPrism { footprint, levels_m: [base_m, 0.5 * (low + high)] })
 }
 
 fn of_layer(path: &Path, stated: Option<&Crs>, project_crs: &Crs) -> Result<Solids, SolidError> {

@@ -25,14 +25,14 @@ const BOTTOM_COSINE: f64 = 0.5;
 /// A triangle, counter-clockwise seen from outside.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Facet {
-    /// Corners.
+    /// Corners, metres, counter-clockwise seen from outside.
     pub corners: [DVec3; 3],
     /// Part of the ground face: no camera sees it.
     pub is_bottom: bool,
 }
 
 impl Facet {
-    /// Area, m².
+    /// Area of the triangle, m².
     #[must_use]
     pub fn area_m2(&self) -> f64 {
         let [a, b, c] = self.corners;
@@ -40,24 +40,24 @@ impl Facet {
     }
 }
 
-/// An upright prism.
+/// A prism with upright walls, as volumes are measured with.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Prism {
-    /// Footprint.
+pub struct UprightPrism {
+    /// Plan of the prism, metres.
     pub footprint: Polygon<f64>,
     /// Lower and upper level.
     pub levels_m: [f64; 2],
 }
 
-/// One building's body.
+/// Body of one building: its surface, and the prisms it is made of.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Solid {
-    /// Id.
+    /// Id of the building in its file.
     pub id: String,
-    /// Surface.
+    /// Triangles of its surface.
     pub facets: Vec<Facet>,
     /// The same body as prisms that do not overlap; empty if it is not made of upright prisms.
-    pub prisms: Vec<Prism>,
+    pub prisms: Vec<UprightPrism>,
 }
 
 impl Solid {
@@ -67,15 +67,16 @@ impl Solid {
         if footprint.0.is_empty() || levels_m[1] <= levels_m[0] {
             return None;
         }
-        let prisms: Vec<Prism> = footprint.iter().map(|p| Prism { footprint: p.clone(), levels_m }).collect();
-        let facets = prisms.iter().flat_map(Prism::facets).collect();
+        let prisms: Vec<UprightPrism> =
+            footprint.iter().map(|p| UprightPrism { footprint: p.clone(), levels_m }).collect();
+        let facets = prisms.iter().flat_map(UprightPrism::facets).collect();
         Some(Self { id: id.to_owned(), facets, prisms })
     }
 
     /// Prisms, as they are: they must not overlap.
     #[must_use]
-    pub fn of_prisms(id: &str, prisms: Vec<Prism>) -> Self {
-        let facets = prisms.iter().flat_map(Prism::facets).collect();
+    pub fn of_prisms(id: &str, prisms: Vec<UprightPrism>) -> Self {
+        let facets = prisms.iter().flat_map(UprightPrism::facets).collect();
         Self { id: id.to_owned(), facets, prisms }
     }
 
@@ -100,7 +101,7 @@ fn faces_down([a, b, c]: [DVec3; 3]) -> bool {
     (b - a).cross(c - a).normalize_or_zero().z < -BOTTOM_COSINE
 }
 
-impl Prism {
+impl UprightPrism {
     /// Bottom, top and walls.
     fn facets(&self) -> Vec<Facet> {
         let [low, high] = self.levels_m;
@@ -146,7 +147,7 @@ pub(super) mod tests {
 
     use super::*;
 
-    /// A box.
+    /// A closed box with its lowest corner at `x, y, z`, metres.
     pub fn block(id: &str, [x, y, z]: [f64; 3], [w, d, h]: [f64; 3]) -> Solid {
         let footprint = polygon![(x: x, y: y), (x: x + w, y: y), (x: x + w, y: y + d), (x: x, y: y + d)];
         Solid::extruded(id, &MultiPolygon::new(vec![footprint]), [z, z + h]).unwrap()

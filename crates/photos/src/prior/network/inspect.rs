@@ -9,9 +9,9 @@ use crate::prior::PriorError;
 /// Inputs and outputs of a graph, and which built-in profiles fit it.
 #[derive(Debug)]
 pub struct Inspection {
-    /// Inputs.
+    /// Inputs of the graph, in its order.
     pub inputs: Vec<Port>,
-    /// Outputs.
+    /// Outputs of the graph, in its order.
     pub outputs: Vec<Port>,
     /// The engine that runs it.
     pub engine: EngineChoice,

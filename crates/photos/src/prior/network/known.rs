@@ -21,7 +21,7 @@ static FOLDER: OnceLock<PathBuf> = OnceLock::new();
 pub struct KnownNetwork {
     /// Name, and that of its profile.
     pub name: &'static str,
-    /// Purpose.
+    /// Purpose of the network, in words.
     pub about: &'static str,
     /// Licence of its weights.
     pub licence: &'static str,
@@ -57,9 +57,9 @@ pub enum KnownNetworkError {
     /// There is none of that name.
     #[error("no network {name:?} is known\nhint: there are {}; `sizeup model list` says more", known.join(", "))]
     Name {
-        /// Value asked for.
+        /// Name that was asked for.
         name: String,
-        /// Available ones.
+        /// Names of the networks that are known.
         known: Vec<&'static str>,
     },
     /// The file is not the published one.
@@ -69,17 +69,17 @@ pub enum KnownNetworkError {
         path.display()
     )]
     Checkpoint {
-        /// The file.
+        /// Path of the file that was checked.
         path: PathBuf,
-        /// The network.
+        /// Name of the network that it should be.
         name: &'static str,
-        /// Size.
+        /// Size of the file, bytes.
         found_bytes: u64,
-        /// SHA-256.
+        /// SHA-256 of the file, in hexadecimal.
         found: String,
-        /// The published size.
+        /// Size of the published checkpoint, bytes.
         expected_bytes: u64,
-        /// The published SHA-256.
+        /// SHA-256 of the published checkpoint, in hexadecimal.
         expected: String,
         /// Address of the published one.
         source_url: &'static str,

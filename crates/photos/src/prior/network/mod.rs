@@ -83,14 +83,14 @@ impl NetworkConfig {
         }
     }
 
-    /// Visits every path.
+    /// Hands every path of these settings to `visit`, which may change it.
     pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         visit(&mut self.model);
         self.engine.visit_paths(visit);
         visit(&mut self.cache.folder);
     }
 
-    /// The graph's file.
+    /// Path of the graph's file.
     #[must_use]
     pub fn graph(&self) -> PathBuf {
         known::in_place(&self.model).unwrap_or_else(|| self.model.clone())
@@ -157,7 +157,7 @@ pub struct NetworkPriors {
 /// A view as the network takes it.
 #[derive(Debug)]
 pub(super) struct Ready {
-    /// The image first.
+    /// Inputs by their names, the image first.
     inputs: Vec<(String, Tensor)>,
     frame: Frame,
 }

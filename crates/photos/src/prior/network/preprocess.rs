@@ -27,13 +27,13 @@ pub struct Frame {
 /// A rectangle of an image, pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Cut {
-    /// First column.
+    /// First column of the rectangle.
     pub col: usize,
-    /// First row.
+    /// First row of the rectangle.
     pub row: usize,
-    /// Columns.
+    /// Number of columns.
     pub columns: usize,
-    /// Rows.
+    /// Number of rows.
     pub rows: usize,
 }
 
@@ -61,7 +61,7 @@ fn longest_side(profile: &Profile, width: usize, height: usize) -> (usize, usize
     (scaled(width), scaled(height))
 }
 
-/// Ties go up.
+/// Multiple of `of` that is nearest to `n`, at least 1; of two equally near the higher.
 fn nearest_multiple(n: usize, of: usize) -> usize {
     let down = n / of * of;
     let up = down + of;

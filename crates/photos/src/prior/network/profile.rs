@@ -42,7 +42,7 @@ pub enum PoseUnit {
     /// The median distance of the photos from the first one.
     #[default]
     MedianDistance,
-    /// Metres.
+    /// Metres, as the poses are given.
     Metre,
 }
 
@@ -65,7 +65,7 @@ pub struct Company {
     pub n_views: usize,
     /// Names of an input of poses, `1 × n × 4 × 4`: world to camera, the first one's as the world, in `unit`.
     pub extrinsics: Vec<String>,
-    /// Unit of lengths.
+    /// Unit of the lengths in poses and depths that the network takes.
     #[serde(default)]
     pub unit: PoseUnit,
     /// Names of an input of the nearest and the farthest depth that is looked for in the view, `1 × 2`, in `unit`. A network
@@ -181,7 +181,7 @@ pub fn by_name(name: &str) -> Result<Profile, PriorError> {
 /// The ports of a graph that a profile would use.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Wiring {
-    /// Image input.
+    /// Name of the input that takes the image.
     pub input: String,
     /// Dimensions of the image input: 4 (batch, channel, row, column) or 5 (views after the batch).
     pub rank: usize,
@@ -197,7 +197,7 @@ pub struct Wiring {
     pub intrinsics: Option<String>,
     /// Input of the depths that are looked for, if the graph has it.
     pub depth_range: Option<String>,
-    /// Depth output.
+    /// Name of the output that gives the depth.
     pub output: String,
     /// Sky output, if the graph has it.
     pub sky: Option<String>,

@@ -8,7 +8,7 @@
 
 use sizeup_heights::raster::Raster;
 
-/// Red, green, blue.
+/// Red, green and blue of a pixel.
 pub type Rgb = [u8; 3];
 
 /// Mean over areas (`INTER_AREA`): neither side may grow.

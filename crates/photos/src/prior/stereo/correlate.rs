@@ -392,7 +392,7 @@ mod tests {
         Raster::from_vec(width, height, values.collect()).unwrap()
     }
 
-    /// Anything without pattern.
+    /// A grey value without pattern at each pixel.
     fn noise(x: usize, y: usize) -> f32 {
         ((x * 7919 + y * 104_729 + x * y * 31) % 251) as f32 - 125.0
     }

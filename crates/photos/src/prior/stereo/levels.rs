@@ -25,7 +25,7 @@ const STEP_PX: f64 = 0.75;
 const N_PROBES: usize = 65;
 /// Pixels along a side of the view for which it is probed.
 const PROBED_SIDE: usize = 4;
-/// Fewest levels.
+/// Fewest levels that a range of heights is divided into.
 const LEAST_LEVELS: usize = 8;
 /// Share of its clearance above the highest ground within which a camera sees no roof from above.
 const BESIDE_CAMERA_SHARE: f64 = 0.05;
@@ -37,7 +37,7 @@ const SPARE_SHARE: f64 = 0.02;
 pub(super) struct Levels {
     /// Level of the view's projection centre, metres.
     camera_z_m: f64,
-    /// The lowest, metres.
+    /// Lowest level, metres.
     pub from_m: f64,
     /// The highest, metres; below the camera.
     pub to_m: f64,

@@ -17,7 +17,7 @@ const SLOW_RADIUS_PX: usize = 15;
 pub(super) struct Ideal {
     /// Without distortion, of the picture's size.
     pub camera: Camera,
-    /// The view's pose.
+    /// Pose of the view: from the map frame to its camera's.
     pub camera_from_map: Rigid<Cam, Map>,
 }
 
@@ -33,7 +33,7 @@ impl Ideal {
         Self { camera: self.camera.clone(), camera_from_map: other.camera_from_map }
     }
 
-    /// Pixels from rays.
+    /// Calibration matrix: pixels from rays in the camera's frame.
     pub(super) fn calibration(&self) -> DMat3 {
         let camera = &self.camera;
         DMat3::from_cols(
@@ -112,7 +112,7 @@ impl Picture {
         Self::painted(Ideal { camera, camera_from_map }, at)
     }
 
-    /// Half the size.
+    /// The picture at half its size.
     pub(super) fn half(&self) -> Self {
         let (width, height) = (self.grey.width() / 2, self.grey.height() / 2);
         let mean = |i: usize| {
@@ -140,7 +140,7 @@ impl Picture {
         &self.grey
     }
 
-    /// Camera and pose.
+    /// Camera of the picture, where it stood.
     pub(super) fn ideal(&self) -> &Ideal {
         &self.ideal
     }
@@ -150,7 +150,7 @@ impl Picture {
         &self.ideal.camera
     }
 
-    /// The view's pose.
+    /// Pose of the view: from the map frame to its camera's.
     pub(crate) fn camera_from_map(&self) -> &Rigid<Cam, Map> {
         &self.ideal.camera_from_map
     }

@@ -25,7 +25,7 @@ use sizeup_heights::raster::Raster;
 /// Grey difference at which `P2` has fallen half-way to `P1`.
 const EDGE_GREY: f32 = 10.0;
 
-/// The levels chosen.
+/// The level chosen for each pixel.
 #[derive(Debug)]
 pub(super) struct Chosen {
     width: usize,

@@ -258,7 +258,7 @@ pub(super) struct Slopes<'a> {
     pub levels: &'a Levels,
     /// Radius of the comparison window, pixels.
     pub radius_px: usize,
-    /// Least correlation.
+    /// Least correlation for which a height counts.
     pub min_score: f64,
 }
 

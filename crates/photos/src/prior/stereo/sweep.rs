@@ -69,15 +69,15 @@ impl Coarse<'_> {
 
 /// Input of a sweep.
 pub(super) struct Sweep<'a> {
-    /// The view.
+    /// Picture of the view that depth is looked for in.
     pub reference: &'a Picture,
-    /// Neighbours.
+    /// Pictures of the neighbours that it is compared with.
     pub others: &'a [Arc<Picture>],
     /// Cameras of these: their own poses, or corrected ones.
     pub ideals: &'a [Ideal],
-    /// The planes.
+    /// Heights of the planes that are swept.
     pub levels: &'a Levels,
-    /// Findings so far.
+    /// Heights found at a coarser size; `None` at the first.
     pub coarse: Option<Coarse<'a>>,
     /// Verdict on a level that some neighbours do not see.
     pub unseen: Unseen,

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use serde_json::{Map as JsonMap, Value, json};
 
 use super::{CityJsonConfig, names};
-use crate::output::grid::{Extent, Grid};
+use crate::output::grid::{Extent, OutputGrid};
 use crate::output::{CityModel, Overview};
 use sizeup_geo::crs::Crs;
 
@@ -16,7 +16,7 @@ const HEADER_STEPS_PER_M: f64 = 1e5;
 pub fn header<R: ?Sized>(
     model: &CityModel<'_, R>,
     overview: &Overview,
-    grid: &Grid,
+    grid: &OutputGrid,
     config: &CityJsonConfig,
 ) -> JsonMap<String, Value> {
     let mut header = JsonMap::new();
@@ -39,7 +39,7 @@ pub fn write_head(out: &mut dyn Write, header: &JsonMap<String, Value>) -> io::R
     out.write_all(br#""CityObjects":{"#)
 }
 
-/// The `metadata` object.
+/// CityJSON's `metadata` object: extent, reference system, title and origin.
 fn metadata<R: ?Sized>(model: &CityModel<'_, R>, extent: Option<&Extent>, title: Option<&str>) -> Value {
     let mut metadata = JsonMap::new();
     if let Some(Extent { min_m, max_m }) = extent {
@@ -61,8 +61,8 @@ fn metadata<R: ?Sized>(model: &CityModel<'_, R>, extent: Option<&Extent>, title:
     Value::Object(metadata)
 }
 
-/// The `transform` object.
-fn transform(grid: &Grid) -> Value {
+/// CityJSON's `transform` object: scale and translation of the grid.
+fn transform(grid: &OutputGrid) -> Value {
     let scale = [grid.scale_m; 3];
     json!({ "scale": scale, "translate": grid.origin_m })
 }

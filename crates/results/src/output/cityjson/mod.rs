@@ -21,8 +21,8 @@ use serde::{Deserialize, Serialize};
 
 use super::buildings::{Families, Overview, Records};
 use super::footprint::SnappedFootprint;
-use super::grid::Grid;
-use super::prism::{NoSolid, Prism};
+use super::grid::OutputGrid;
+use super::prism::{NoSolid, SnappedPrism};
 use super::{BuildingRecord, CityModel, OutputError};
 pub use names::{AttributeNames, EXTENSION_PREFIX, extension_schema};
 use object::Objects;
@@ -124,7 +124,7 @@ const FOOTPRINT_MENDED: &str = "footprint_mended_on_grid";
 /// As [`write()`], but for the file system.
 pub fn check(records: &[BuildingRecord], config: &CityJsonConfig) -> Result<Vec<Issue>, OutputError> {
     config.require_valid()?;
-    let (grid, _) = Grid::over(records, config.scale_m)?;
+    let (grid, _) = OutputGrid::over(records, config.scale_m)?;
     let told = |record: &BuildingRecord, severity, code: &str, message: String| {
         let issue = Issue::new(severity, code, Subject::Building(record.id.clone()), message);
         Some(match record.footprint.as_ref().and_then(|footprint| footprint.exterior().0.first()) {
@@ -132,7 +132,7 @@ pub fn check(records: &[BuildingRecord], config: &CityJsonConfig) -> Result<Vec<
             None => issue,
         })
     };
-    let issue = |record: &BuildingRecord| match Prism::of(record, &grid, config.min_thickness_m) {
+    let issue = |record: &BuildingRecord| match SnappedPrism::of(record, &grid, config.min_thickness_m) {
         Ok(prism) => {
             let footprint = record.footprint.as_ref().filter(|o| SnappedFootprint::is_repaired(o, &grid))?;
             let change_m2 = prism.footprint().to_polygon(&grid).unsigned_area() - footprint.unsigned_area();

@@ -15,10 +15,10 @@ pub const EXTENSION_PREFIX: &str = "+sizeup-";
 /// Name of our extension.
 const EXTENSION_NAME: &str = "Sizeup";
 
-/// Names of attributes.
+/// Names under which attributes are written to CityJSON.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub enum AttributeNames {
-    /// Ours.
+    /// Names that sizeup defines.
     #[default]
     #[serde(rename = "sizeup")]
     Sizeup,

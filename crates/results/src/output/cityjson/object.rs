@@ -6,8 +6,8 @@ use super::super::attributes;
 use super::super::buildings::Family;
 use super::super::facts::SolidFacts;
 use super::super::footprint::SnappedFootprint;
-use super::super::grid::Grid;
-use super::super::prism::{Face, Surface};
+use super::super::grid::OutputGrid;
+use super::super::prism::{GridFace, Surface};
 use super::super::roof_solid::{self, Detail};
 use super::super::{BuildingRecord, Status};
 use super::names::{self, AttributeNames};
@@ -21,7 +21,7 @@ pub type Named = (String, Value);
 #[derive(Clone, Copy)]
 pub struct Objects<'a> {
     /// Grid of the vertices.
-    pub grid: &'a Grid,
+    pub grid: &'a OutputGrid,
     /// Form in which they are written.
     pub config: &'a CityJsonConfig,
     /// Whether there are solids with roofs beside the blocks.
@@ -144,7 +144,7 @@ fn surface(footprint: &SnappedFootprint, level: i64, pool: &mut VertexPool) -> V
 }
 
 /// A `Solid` of one shell, with one semantic surface per kind.
-fn solid(lod: &str, faces: &[Face], pool: &mut VertexPool) -> Value {
+fn solid(lod: &str, faces: &[GridFace], pool: &mut VertexPool) -> Value {
     let mut shell: Vec<Vec<Vec<u32>>> = Vec::with_capacity(faces.len());
     let mut kinds: Vec<u8> = Vec::with_capacity(faces.len());
     for face in faces {
@@ -165,7 +165,7 @@ fn solid(lod: &str, faces: &[Face], pool: &mut VertexPool) -> Value {
 }
 
 /// Box between two levels in the map frame, metres, rounded like everything else.
-fn extent(footprint: &SnappedFootprint, base: i64, roof: i64, grid: &Grid) -> [f64; 6] {
+fn extent(footprint: &SnappedFootprint, base: i64, roof: i64, grid: &OutputGrid) -> [f64; 6] {
     let exterior = &footprint.rings()[0];
     let of = |axis: usize| {
         let values = exterior.iter().map(|p| p[axis]);

@@ -21,7 +21,7 @@ pub(in crate::output) trait Pieces {
     }
     /// An object; `false` ends the reading.
     fn object(&mut self, id: String, object: Self::Object) -> bool;
-    /// A vertex.
+    /// Takes a vertex; does nothing unless a reader wants it.
     fn vertex(&mut self, _vertex: Self::Vertex) {}
     /// Another member of the file.
     fn member(&mut self, _name: String, _value: Self::Member) {}
@@ -30,7 +30,7 @@ pub(in crate::output) trait Pieces {
 /// Reads a file to its end, or until `pieces` end it.
 ///
 /// # Errors
-/// Of reading, of syntax, or of data: where objects and vertices are no such lists, or `pieces` ended the reading.
+/// Error of reading, of syntax, or of data: where objects and vertices are no such lists, or `pieces` ended the reading.
 pub(in crate::output) fn read_pieces(reader: impl Read, pieces: &mut impl Pieces) -> serde_json::Result<()> {
     let mut deserializer = serde_json::Deserializer::from_reader(reader);
     Seed { place: Place::File, pieces }.deserialize(&mut deserializer)?;

@@ -38,12 +38,12 @@ pub struct CityFile {
     pub n_templates: usize,
 }
 
-/// One city object.
+/// An object of `CityObjects`, as far as heights and footprints need it.
 #[derive(Debug, Clone)]
 pub struct CityObject {
-    /// Unique id.
+    /// Unique id, its key in `CityObjects`.
     pub id: String,
-    /// `Building`, `BuildingPart`, ….
+    /// Type: `Building`, `BuildingPart`, ….
     pub kind: String,
     /// Ids of its parents.
     pub parents: Vec<String>,
@@ -72,9 +72,9 @@ impl CityObject {
 pub struct CityGeometry {
     /// Level of detail as text: `1.2`, `2`.
     pub lod: String,
-    /// Whether surfaces enclose solids.
+    /// Whether the surfaces enclose one or more solids.
     pub is_solid: bool,
-    /// All surfaces.
+    /// All surfaces of all shells.
     pub surfaces: Vec<CitySurface>,
 }
 

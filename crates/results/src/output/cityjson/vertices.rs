@@ -12,7 +12,7 @@ impl VertexPool {
     /// The index of a vertex, added if it is new.
     ///
     /// # Panics
-    /// Beyond 2³² vertices, or for a point off the output grid, which [`super::Grid::over`] excludes.
+    /// Beyond 2³² vertices, or for a point off the output grid, which [`super::OutputGrid::over`] excludes.
     pub fn index_of(&mut self, point: [i64; 3]) -> u32 {
         let point = point.map(|v| i32::try_from(v).expect("the grid reaches to 10^9"));
         u32::try_from(self.0.insert_full(point).0).expect("fewer than 2^32 vertices")

@@ -6,10 +6,10 @@ use serde_json::Value;
 use super::super::attributes::{self, FIELDS, Field, ID};
 use super::super::facts::SolidFacts;
 use super::super::footprints::{self, FootprintRows, own_values};
-use super::super::prism::{Face, Prism};
+use super::super::prism::{GridFace, SnappedPrism};
 use super::super::roof_solid::{self, Detail};
 use super::super::{BuildingRecord, OutputError, Overview, Records, wkb};
-use super::{GeoPackageConfig, Grid, TileArea};
+use super::{GeoPackageConfig, OutputGrid, TileArea};
 use sizeup_geo::geodata::features::ColumnKind::{Integer, Real, Text};
 use sizeup_geo::geodata::features::{Column, ColumnKind, FID, GeometryKind, LayerSpec, Row};
 use sizeup_geo::geodata::gpkg::Writer;
@@ -61,11 +61,11 @@ pub fn columns_of(layer: &str, overview: &Overview) -> Vec<Column> {
 pub fn blocks<R: Records + ?Sized>(
     writer: &mut Writer<'_>,
     records: &R,
-    grid: &Grid,
+    grid: &OutputGrid,
     config: &GeoPackageConfig,
 ) -> Result<(), OutputError> {
     let description = "Faces of the LOD 1.2 solids, for tools that cannot extrude footprints";
-    let faces = |record: &BuildingRecord| Some(Prism::of(record, grid, config.min_thickness_m).ok()?.faces());
+    let faces = |record: &BuildingRecord| Some(SnappedPrism::of(record, grid, config.min_thickness_m).ok()?.faces());
     solids(writer, ("buildings_lod1", description), records, grid, faces)
 }
 
@@ -73,7 +73,7 @@ pub fn blocks<R: Records + ?Sized>(
 pub fn roofed<R: Records + ?Sized>(
     writer: &mut Writer<'_>,
     records: &R,
-    grid: &Grid,
+    grid: &OutputGrid,
     config: &GeoPackageConfig,
     detail: Detail,
 ) -> Result<(), OutputError> {
@@ -84,7 +84,7 @@ pub fn roofed<R: Records + ?Sized>(
         }
     };
     let faces = |record: &BuildingRecord| {
-        let block = Prism::of(record, grid, config.min_thickness_m).ok()?;
+        let block = SnappedPrism::of(record, grid, config.min_thickness_m).ok()?;
         Some(roof_solid::faces(record, &block, grid, detail).unwrap_or_else(|| block.faces()))
     };
     solids(writer, layer, records, grid, faces)
@@ -94,8 +94,8 @@ fn solids<R: Records + ?Sized>(
     writer: &mut Writer<'_>,
     (name, description): (&str, &str),
     records: &R,
-    grid: &Grid,
-    faces: impl Fn(&BuildingRecord) -> Option<Vec<Face>>,
+    grid: &OutputGrid,
+    faces: impl Fn(&BuildingRecord) -> Option<Vec<GridFace>>,
 ) -> Result<(), OutputError> {
     let (fields, columns) = (fields_of_solids(), columns_of_solids());
     let spec = LayerSpec { name, description, geometry: GeometryKind::MultiPolygonZ, columns: &columns };

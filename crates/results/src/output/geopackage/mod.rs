@@ -28,7 +28,7 @@ use serde::{Deserialize, Serialize};
 
 use super::cityjson::CityJsonConfig;
 use super::footprints::FootprintRows;
-use super::grid::Grid;
+use super::grid::OutputGrid;
 use super::roof_solid::Detail;
 use super::{CityModel, OutputError, Overview, Records};
 use sizeup_geo::files::write_whole_by_name;

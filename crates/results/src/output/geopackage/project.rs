@@ -32,7 +32,7 @@ pub enum ProjectGround<'a> {
     LowestWall,
     /// A plane at this level, metres.
     Level(f64),
-    /// A terrain model.
+    /// A terrain model as a raster.
     Model {
         /// The raster, as seen from the project's folder.
         path: &'a Path,
@@ -190,7 +190,7 @@ impl Project<'_> {
         text
     }
 
-    /// The layer tree.
+    /// The tree of layers, as QGIS lists them.
     fn legend(&self, text: &mut String) {
         let leaf = |name: &str, is_drawn: bool, provider: &str| {
             let checked = if is_drawn { "Qt::Checked" } else { "Qt::Unchecked" };

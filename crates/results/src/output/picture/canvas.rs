@@ -16,27 +16,27 @@ const FONT: &[u8] = include_bytes!("DejaVuSans-subset.ttf");
 /// Alignment of a text to its position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Align {
-    /// It starts there.
+    /// The text starts at the position.
     Left,
     /// It is centred there.
     Centre,
-    /// It ends there.
+    /// The text ends at the position.
     Right,
 }
 
 /// Pen of a line.
 #[derive(Debug, Clone, Copy)]
 pub struct Pen {
-    /// Colour.
+    /// Colour of the line.
     pub colour: Rgb,
     /// 0 (invisible) to 1.
     pub opacity: f32,
-    /// Pixels.
+    /// Width of the line, pixels.
     pub width_px: f32,
 }
 
 impl Pen {
-    /// An opaque line.
+    /// A pen whose lines hide what is below.
     pub fn new(colour: Rgb, width_px: f32) -> Self {
         Self { colour, opacity: 1.0, width_px }
     }
@@ -56,17 +56,17 @@ impl Canvas {
         Self { pixels, font: FontRef::try_from_slice(FONT).expect("the embedded font is sound") }
     }
 
-    /// Columns.
+    /// Width of the canvas, pixels.
     pub fn width(&self) -> f32 {
         self.pixels.width() as f32
     }
 
-    /// Rows.
+    /// Height of the canvas, pixels.
     pub fn height(&self) -> f32 {
         self.pixels.height() as f32
     }
 
-    /// A filled box.
+    /// Fills a box whose upper left corner and size are given, pixels.
     pub fn fill_rect(&mut self, [x, y]: [f32; 2], [w, h]: [f32; 2], colour: Rgb) {
         if let Some(rect) = Rect::from_xywh(x, y, w, h) {
             self.pixels.fill_rect(rect, &paint(colour, 1.0), Transform::identity(), None);
@@ -168,7 +168,7 @@ impl Canvas {
         text.chars().map(|c| font.h_advance(font.glyph_id(c))).sum()
     }
 
-    /// As an opaque image.
+    /// The canvas as an opaque image.
     pub fn into_image(self) -> RgbImage {
         let (width, height) = (self.pixels.width(), self.pixels.height());
         let rgb = self.pixels.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();

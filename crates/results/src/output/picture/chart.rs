@@ -20,20 +20,20 @@ pub enum Stroke {
 /// Points with a name in the legend; an empty name is left out of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// In the legend.
+    /// Name in the legend.
     pub name: String,
     /// `(x, y)`; points that are not finite break the line.
     pub points: Vec<[f64; 2]>,
-    /// Style.
+    /// Way in which the points are drawn.
     pub stroke: Stroke,
-    /// Colour.
+    /// Colour of line and points.
     pub colour: Rgb,
 }
 
-/// A chart.
+/// A chart of series over two axes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chart {
-    /// Above it.
+    /// Title above the chart.
     pub title: String,
     /// Below the horizontal axis, with the unit.
     pub x_label: String,
@@ -48,7 +48,7 @@ pub struct Chart {
 /// Division of the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxesKind {
-    /// Both from 0.
+    /// Both axes begin at 0.
     FromZero,
     /// The horizontal one from the first point; the vertical one by powers of ten, without values that are not above 0.
     Logarithmic,

@@ -5,7 +5,7 @@ use image::RgbImage;
 
 use super::canvas::{Align, Canvas, Pen};
 use super::colour::{INK, Rgb};
-use super::plan::{Region, Sheet};
+use super::plan::{Sheet, ShownRegion};
 use sizeup_geo::crs::Crs;
 
 /// Free margin around the footprints, share of their larger side.
@@ -20,18 +20,18 @@ const LINE: f32 = 32.0;
 pub struct MapClass<'a> {
     /// Name in the legend.
     pub label: String,
-    /// Colour.
+    /// Colour of the footprints.
     pub colour: Rgb,
-    /// Footprints, map frame.
+    /// Footprints of the class, map frame, metres.
     pub footprints: Vec<&'a MultiPolygon<f64>>,
 }
 
 /// Headings of a map.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MapHeadings {
-    /// Large.
+    /// Title, in large letters.
     pub title: String,
-    /// Below it.
+    /// Line below the title, in small letters.
     pub below: String,
 }
 
@@ -40,7 +40,7 @@ pub struct MapHeadings {
 pub fn class_map(headings: &MapHeadings, classes: &[MapClass<'_>], crs: &Crs) -> RgbImage {
     let footprints = classes.iter().flat_map(|class| class.footprints.iter().flat_map(|footprint| footprint.iter()));
     let corners = footprints.flat_map(|polygon| polygon.exterior().coords()).map(|at| [at.x, at.y]);
-    let region = Region::around(corners, MARGIN_SHARE);
+    let region = ShownRegion::around(corners, MARGIN_SHARE);
     let mut sheet = Sheet::new(&region, WIDTH_PX);
     let unit = sheet.unit;
     for class in classes {

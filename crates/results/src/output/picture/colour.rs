@@ -9,11 +9,11 @@ use serde::Deserialize;
 /// Red, green, blue; sRGB.
 pub type Rgb = [u8; 3];
 
-/// Paper.
+/// White, the colour of the paper.
 pub const WHITE: Rgb = [255, 255, 255];
-/// Text and borders.
+/// Nearly black, for text and borders.
 pub const INK: Rgb = [38, 38, 46];
-/// Secondary text, frames.
+/// Grey, for secondary text and frames.
 pub const GREY: Rgb = [125, 125, 132];
 /// Colour of no value.
 pub const NO_VALUE: Rgb = [214, 214, 218];
@@ -48,7 +48,7 @@ const MAGMA: [Rgb; 11] = [
     [252, 253, 191],
 ];
 
-/// A colour map.
+/// Scale of colours for numbers from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ColourMap {
     /// Dark violet to yellow: heights.

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::canvas::{Align, Canvas, Pen};
 use super::colour::{ALERT, GREY, INK, NO_VALUE, Rgb, WHITE, height_classes, height_colour};
-use super::plan::{Frame, Region, Sheet};
+use super::plan::{Frame, Sheet, ShownRegion};
 use super::warning;
 use crate::output::{BuildingRecord, CityModel, Status, StatusCount};
 use sizeup_survey::{View, ViewKind};
@@ -37,7 +37,7 @@ const CAMERA_REACH_SHARE: f64 = 0.35;
 /// Room for the north arrow, pixels of the reference width.
 const ARROW: f32 = 50.0;
 
-/// Draws the map.
+/// Draws footprints coloured by height, with a legend.
 #[must_use]
 pub fn map(model: &CityModel<'_>, config: &MapConfig) -> RgbImage {
     let views: &[View] = if config.cameras { &model.survey.views } else { &[] };
@@ -63,14 +63,14 @@ pub fn map(model: &CityModel<'_>, config: &MapConfig) -> RgbImage {
 }
 
 /// Around the buildings, and the cameras near them.
-fn region_of(records: &[BuildingRecord], views: &[View]) -> Region {
+fn region_of(records: &[BuildingRecord], views: &[View]) -> ShownRegion {
     let footprints = || records.iter().filter_map(|r| r.footprint.as_ref());
     let points = || footprints().flat_map(|p| p.exterior().coords()).map(|c| [c.x, c.y]);
-    let buildings = Region::around(points(), 0.0);
+    let buildings = ShownRegion::around(points(), 0.0);
     let side_m = buildings.width_m().max(buildings.height_m());
     let centres = views.iter().map(|v| v.camera_from_map.centre()).map(|c| [c.x, c.y]);
     let near = centres.filter(|c| buildings.is_near(*c, CAMERA_REACH_SHARE * side_m));
-    Region::around(buildings.corners().into_iter().chain(near), MARGIN_SHARE)
+    ShownRegion::around(buildings.corners().into_iter().chain(near), MARGIN_SHARE)
 }
 
 fn buildings(sheet: &mut Sheet, records: &[BuildingRecord]) {

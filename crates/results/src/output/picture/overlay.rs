@@ -31,7 +31,7 @@ impl Default for OverlayConfig {
 pub struct Polyline {
     /// Points; parts outside the photo are cut off.
     pub points_px: Vec<[f64; 2]>,
-    /// Colour.
+    /// Colour of the line.
     pub colour: Rgb,
 }
 

@@ -10,7 +10,7 @@ use super::colour::{GREY, NO_VALUE};
 /// One pair of pixels, in shares of the image's width and height.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PicturedPair {
-    /// Both ends.
+    /// The two pixels, in shares of the image's width and height.
     pub ends: [[f32; 2]; 2],
     /// Cost of the hinge: 0 is a pair in the right order by the margin.
     pub cost: f32,

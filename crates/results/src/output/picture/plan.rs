@@ -16,9 +16,9 @@ const WIDTHS_PX: (u32, u32) = (600, 8000);
 
 /// A picture with a map on its left and room for a legend on its right.
 pub struct Sheet {
-    /// Canvas.
+    /// Canvas that is drawn on.
     pub canvas: Canvas,
-    /// The map's place.
+    /// Rectangle of the canvas that the map fills.
     pub frame: Frame,
     /// From the map plane to the picture.
     pub to_px: Placement,
@@ -28,7 +28,7 @@ pub struct Sheet {
 
 impl Sheet {
     /// An empty map of a region.
-    pub fn new(region: &Region, width_px: u32) -> Self {
+    pub fn new(region: &ShownRegion, width_px: u32) -> Self {
         let width = width_px.clamp(WIDTHS_PX.0, WIDTHS_PX.1) as f32;
         let unit = width / REFERENCE_WIDTH_PX;
         let (left, top, legend, bottom) = (28.0 * unit, 76.0 * unit, 250.0 * unit, 52.0 * unit);
@@ -71,12 +71,12 @@ impl Sheet {
 }
 
 /// The part of the map plane that is shown, metres.
-pub struct Region {
+pub struct ShownRegion {
     min_m: [f64; 2],
     max_m: [f64; 2],
 }
 
-impl Region {
+impl ShownRegion {
     /// Around points, or a place of 100 m without any; `margin` is a share of the larger side.
     pub fn around(points: impl Iterator<Item = [f64; 2]>, margin: f64) -> Self {
         Self::of(points).unwrap_or(Self { min_m: [0.0; 2], max_m: [100.0; 2] }).grown(margin)
@@ -96,7 +96,7 @@ impl Region {
         (0..2).all(|axis| point[axis] >= self.min_m[axis] - reach_m && point[axis] <= self.max_m[axis] + reach_m)
     }
 
-    /// Corners.
+    /// South-western and north-eastern corner, map frame, metres.
     pub fn corners(&self) -> [[f64; 2]; 2] {
         [self.min_m, self.max_m]
     }
@@ -124,13 +124,13 @@ impl Region {
 
 /// The map's place in the picture, pixels.
 pub struct Frame {
-    /// Left edge.
+    /// Left edge, pixels.
     pub left: f32,
-    /// Top edge.
+    /// Top edge, pixels.
     pub top: f32,
-    /// Columns.
+    /// Width of the map, pixels.
     pub width: f32,
-    /// Rows.
+    /// Height of the map, pixels.
     pub height: f32,
 }
 
@@ -149,7 +149,7 @@ pub struct Placement {
 }
 
 impl Placement {
-    fn new(region: &Region, frame: &Frame) -> Self {
+    fn new(region: &ShownRegion, frame: &Frame) -> Self {
         let px_per_m = (f64::from(frame.width) / region.width_m()).min(f64::from(frame.height) / region.height_m());
         Self {
             px_per_m,

@@ -6,10 +6,10 @@ use image::RgbImage;
 use super::SHEET_PX;
 use super::canvas::{Align, Pen};
 use super::colour::{ALERT, ColourMap, GREY, INK, Rgb, WHITE};
-use super::plan::{Region, Sheet};
+use super::plan::{Sheet, ShownRegion};
 use super::scale;
 use sizeup_geo::crs::Crs;
-use sizeup_photos::dtm::{Dtm, Outcome};
+use sizeup_photos::dtm::{Dtm, SquareOutcome};
 
 /// Most cells drawn along a side of the map.
 const MAX_CELLS: usize = 300;
@@ -26,7 +26,7 @@ pub fn relief_map(dtm: &Dtm, footprints: &[&Polygon<f64>], crs: &Crs) -> RgbImag
     let (cell_x, cell_y) = dtm.dem.cell_m();
     let heights = dtm.dem.heights_m();
     let (east, south) = (west + cell_x * heights.width() as f64, north - cell_y * heights.height() as f64);
-    let region = Region::around([[west, south], [east, north]].into_iter(), 0.0);
+    let region = ShownRegion::around([[west, south], [east, north]].into_iter(), 0.0);
     let mut sheet = Sheet::new(&region, SHEET_PX);
     let (low_m, high_m) = dtm.dem.range();
     let span_m = (high_m - low_m).max(0.1);
@@ -56,24 +56,24 @@ pub fn relief_map(dtm: &Dtm, footprints: &[&Polygon<f64>], crs: &Crs) -> RgbImag
         }
     }
     sheet.furnish();
-    let n = |is: fn(&Outcome) -> bool| dtm.squares.iter().filter(|s| is(&s.outcome)).count();
+    let n = |is: fn(&SquareOutcome) -> bool| dtm.squares.iter().filter(|s| is(&s.outcome)).count();
     let below = format!("{low_m:.1} to {high_m:.1} m · a square's standard deviation {:.2} m", dtm.sigma_m);
     sheet.headings("The ground by the photos", &below, crs);
     let counts = [
-        (WHITE, format!("ground: {}", n(|o| matches!(o, Outcome::Ground(_))))),
-        (ALERT, format!("stands out: {}", n(|o| matches!(o, Outcome::Outlier(_))))),
-        (UNCLEAR, format!("unclear: {}", n(|o| matches!(o, Outcome::Unclear)))),
+        (WHITE, format!("ground: {}", n(|o| matches!(o, SquareOutcome::Ground(_))))),
+        (ALERT, format!("stands out: {}", n(|o| matches!(o, SquareOutcome::Outlier(_))))),
+        (UNCLEAR, format!("unclear: {}", n(|o| matches!(o, SquareOutcome::Unclear)))),
     ];
     legend(&mut sheet, &counts, (low_m, high_m));
     sheet.canvas.into_image()
 }
 
-fn colour(outcome: Outcome) -> Option<Rgb> {
+fn colour(outcome: SquareOutcome) -> Option<Rgb> {
     match outcome {
-        Outcome::Ground(_) => Some(WHITE),
-        Outcome::Outlier(_) => Some(ALERT),
-        Outcome::Unclear => Some(UNCLEAR),
-        Outcome::Unseen => None,
+        SquareOutcome::Ground(_) => Some(WHITE),
+        SquareOutcome::Outlier(_) => Some(ALERT),
+        SquareOutcome::Unclear => Some(UNCLEAR),
+        SquareOutcome::Unseen => None,
     }
 }
 

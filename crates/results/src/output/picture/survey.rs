@@ -8,7 +8,7 @@ use image::RgbImage;
 use super::SHEET_PX;
 use super::canvas::{Align, Pen};
 use super::colour::{GREY, INK, Rgb, WHITE};
-use super::plan::{Region, Sheet};
+use super::plan::{Sheet, ShownRegion};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::issue::Severity;
 use sizeup_geo::terrain::Terrain;
@@ -50,7 +50,7 @@ pub fn survey_map(survey: &Survey, ground: Option<&Terrain>, crs: &Crs) -> RgbIm
     let corners = footprints.iter().flatten().copied();
     let refused = refused(survey);
     let region =
-        Region::around(corners.chain(cameras).chain(refused.iter().copied()).map(|p| [p.x, p.y]), MARGIN_SHARE);
+        ShownRegion::around(corners.chain(cameras).chain(refused.iter().copied()).map(|p| [p.x, p.y]), MARGIN_SHARE);
     let mut sheet = Sheet::new(&region, SHEET_PX);
     draw(&mut sheet, &footprints, &views);
     draw_refused(&mut sheet, &refused);

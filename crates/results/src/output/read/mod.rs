@@ -34,7 +34,7 @@ const OWN_LAYERS: [&str; 2] = ["buildings", "footprints"];
 /// One building of a file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct FoundBuilding {
-    /// Id.
+    /// Id of the building in its file.
     pub id: String,
     /// The building that it is a part of, where our files say so.
     pub part_of: Option<String>,
@@ -49,11 +49,11 @@ pub struct FoundBuilding {
 /// The buildings of a file.
 #[derive(Debug, Clone, Default)]
 pub struct FoundBuildings {
-    /// Which file.
+    /// The file that was read.
     pub path: PathBuf,
     /// CRS, where it states one.
     pub crs: Option<Crs>,
-    /// In the file's order.
+    /// Buildings in the file's order.
     pub buildings: Vec<FoundBuilding>,
 }
 
@@ -80,40 +80,40 @@ pub enum ReadError {
     /// It is what is written and not read.
     #[error("{} is 3D Tiles, which are written and not read\nhint: give what they were made of, the city's CityJSON (.json, .jsonl) or GeoPackage (.gpkg)", path.display())]
     Tiles3d {
-        /// The folder or file.
+        /// Path of the folder or file.
         path: PathBuf,
     },
     /// It has no CRS.
     #[error("{} has no CRS, so its footprints cannot be compared\nhint: state it with `ogr2ogr -a_srs EPSG:… out.gpkg {}`, or match by id", path.display(), path.display())]
     NoCrs {
-        /// The file.
+        /// The file that was read.
         path: PathBuf,
     },
     /// CRS that cannot be brought to the project's.
     #[error("cannot bring {} to the project's CRS", path.display())]
     Crs {
-        /// The file.
+        /// The file that was read.
         path: PathBuf,
-        /// Why not.
+        /// Why its positions cannot be brought there.
         #[source]
         source: CrsError,
     },
     /// It does not say in what unit its heights are.
     #[error("{} counts positions in feet and does not say in what it counts heights\nhint: state a CRS with both parts, such as EPSG:2263+6360", path.display())]
     HeightUnit {
-        /// The file.
+        /// The file that was read.
         path: PathBuf,
     },
     /// It lacks an attribute.
     #[error("{} has no attribute {field:?}; it has {}\nhint: name the attribute that holds the {what}", path.display(), if available.is_empty() { "none".to_owned() } else { available.join(", ") })]
     NoField {
-        /// The file.
+        /// The file that was read.
         path: PathBuf,
-        /// The attribute.
+        /// Attribute that was asked for.
         field: String,
-        /// Purpose.
+        /// Purpose of the attribute, in words.
         what: &'static str,
-        /// Available ones.
+        /// Attributes that the file has.
         available: Vec<String>,
     },
 }

@@ -22,7 +22,7 @@ impl FoundBuildings {
 }
 
 impl FoundBuilding {
-    /// As a record.
+    /// The building as the writers take it.
     #[must_use]
     pub fn to_record(&self) -> BuildingRecord {
         let number = |name: &str| self.own(name).and_then(Value::as_f64);

@@ -25,8 +25,8 @@ use sizeup_heights::scene::{Prism as ScenePrism, RoofForm};
 use sizeup_heights::terrain::GroundLevel;
 
 use super::footprint::{Ring, SnappedFootprint};
-use super::grid::Grid;
-use super::prism::{Face, Prism, Surface};
+use super::grid::OutputGrid;
+use super::prism::{GridFace, SnappedPrism, Surface};
 use super::{BuildingRecord, RoofShape, validate};
 use plan::{Levels, Plan};
 
@@ -48,7 +48,12 @@ type Point = [i64; 2];
 /// Faces of the solid of a building with its roof, ground first, then roof, then walls; `None` where the block shows as much: its roof
 /// is flat, at one level where levels are asked for, or not known, or makes no valid solid with its footprint.
 #[must_use]
-pub fn faces(record: &BuildingRecord, block: &Prism, grid: &Grid, detail: Detail) -> Option<Vec<Face>> {
+pub fn faces(
+    record: &BuildingRecord,
+    block: &SnappedPrism,
+    grid: &OutputGrid,
+    detail: Detail,
+) -> Option<Vec<GridFace>> {
     let (shape, ground_z_m) = (record.roof?, record.ground_z_m?);
     let shape = match detail {
         Detail::Levels => levels_of(shape)?,
@@ -70,10 +75,10 @@ pub fn faces(record: &BuildingRecord, block: &Prism, grid: &Grid, detail: Detail
         return None;
     }
     let floor = footprint.rings().iter().map(|ring| ring.iter().rev().map(|[x, y]| [*x, *y, block.base()]).collect());
-    let mut faces = vec![Face { surface: Surface::Ground, rings: floor.collect() }];
+    let mut faces = vec![GridFace { surface: Surface::Ground, rings: floor.collect() }];
     faces.extend(plan.patches.iter().map(|patch| {
         let ring = |ring: &Ring| ring.iter().map(|node| levels.at(*node, patch.plane)).collect();
-        Face { surface: Surface::Roof, rings: patch.rings.iter().map(ring).collect() }
+        GridFace { surface: Surface::Roof, rings: patch.rings.iter().map(ring).collect() }
     }));
     faces.extend(walls::outer(&plan, &levels, block.base()));
     faces.extend(walls::inner(&plan, &levels)?);
@@ -106,7 +111,7 @@ fn roof(shape: RoofShape, [east_m, north_m]: [f64; 2]) -> Roof {
 
 /// A building's own frame: metres from a corner of its footprint.
 struct Frame<'a> {
-    grid: &'a Grid,
+    grid: &'a OutputGrid,
     origin: Point,
 }
 
@@ -187,13 +192,13 @@ mod tests {
         volume_m3
     }
 
-    fn solid(record: &BuildingRecord) -> Option<(Vec<Face>, f64)> {
+    fn solid(record: &BuildingRecord) -> Option<(Vec<GridFace>, f64)> {
         solid_of(record, Detail::Slopes)
     }
 
-    fn solid_of(record: &BuildingRecord, detail: Detail) -> Option<(Vec<Face>, f64)> {
-        let (grid, _) = Grid::over(std::slice::from_ref(record), 0.001).unwrap();
-        let block = Prism::of(record, &grid, 0.1).unwrap();
+    fn solid_of(record: &BuildingRecord, detail: Detail) -> Option<(Vec<GridFace>, f64)> {
+        let (grid, _) = OutputGrid::over(std::slice::from_ref(record), 0.001).unwrap();
+        let block = SnappedPrism::of(record, &grid, 0.1).unwrap();
         let faces = faces(record, &block, &grid, detail)?;
         assert!(is_closed_manifold(&faces), "{faces:?}");
         let volume_m3 = six_volumes(&faces) as f64 / 6.0 * 1e-9;
@@ -216,7 +221,7 @@ mod tests {
         polygon![(x: 0.0, y: 0.0), (x: 12.0, y: 0.0), (x: 12.0, y: 8.0), (x: 0.0, y: 8.0)]
     }
 
-    fn n_roofs(faces: &[Face]) -> usize {
+    fn n_roofs(faces: &[GridFace]) -> usize {
         faces.iter().filter(|face| face.surface == Surface::Roof).count()
     }
 
@@ -348,10 +353,10 @@ mod tests {
     }
 
     /// Corners of a solid that stand outside its footprint, exactly.
-    fn n_outside(record: &BuildingRecord, faces: &[Face]) -> usize {
+    fn n_outside(record: &BuildingRecord, faces: &[GridFace]) -> usize {
         use geo::coordinate_position::{CoordPos, CoordinatePosition as _};
-        let (grid, _) = Grid::over(std::slice::from_ref(record), 0.001).unwrap();
-        let block = Prism::of(record, &grid, 0.1).unwrap();
+        let (grid, _) = OutputGrid::over(std::slice::from_ref(record), 0.001).unwrap();
+        let block = SnappedPrism::of(record, &grid, 0.1).unwrap();
         let [x_0, y_0] = block.footprint().rings()[0][0];
         let at = |x: i64, y: i64| Coord { x: (x - x_0) as f64, y: (y - y_0) as f64 };
         let mut rings = block.footprint().rings().iter().map(|ring| ring.iter().map(|[x, y]| at(*x, *y)).collect());

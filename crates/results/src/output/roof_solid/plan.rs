@@ -19,7 +19,7 @@ const MEET_M: f64 = 0.05;
 
 /// A part of the footprint under one plane.
 pub(super) struct Patch {
-    /// Which.
+    /// Position of the plane among the roof's.
     pub plane: usize,
     /// Exterior counter-clockwise, holes clockwise.
     pub rings: Vec<Ring>,
@@ -230,7 +230,7 @@ impl Levels {
         within
     }
 
-    /// The lowest of all.
+    /// Lowest level of all, in steps of the grid.
     pub fn lowest(&self) -> Option<i64> {
         self.by_node.values().flat_map(BTreeMap::values).copied().min()
     }

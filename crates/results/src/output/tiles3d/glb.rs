@@ -31,10 +31,10 @@ const ALIGNMENT: usize = 8;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Precision {
-    /// 32-bit reals.
+    /// Reals of 32 bits.
     #[default]
     Float,
-    /// 16-bit steps.
+    /// Whole steps of 16 bits, of the tile's longest side.
     Quantised,
 }
 
@@ -64,7 +64,7 @@ impl Buffers {
 
 /// Content of a tile.
 pub struct Tile<'a> {
-    /// Triangles.
+    /// Triangles of the tile's buildings.
     pub mesh: &'a Mesh,
     /// One row per building.
     pub rows: &'a [&'a [Value]],

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::super::OutputError;
-use super::super::grid::Grid;
-use super::super::prism::{Face, Prism};
+use super::super::grid::OutputGrid;
+use super::super::prism::{GridFace, SnappedPrism};
 use super::super::triangles;
 use super::place::Place;
 
@@ -16,9 +16,9 @@ use super::place::Place;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Block {
     /// The solid on the output grid, as a block.
-    pub prism: Prism,
+    pub prism: SnappedPrism,
     /// Faces of it with its roof, where that has another form.
-    pub roofed: Option<Vec<Face>>,
+    pub roofed: Option<Vec<GridFace>>,
     /// Attributes, in the order of the columns.
     pub values: Vec<Value>,
     /// Height that colours it, metres.
@@ -28,13 +28,13 @@ pub struct Block {
 /// The triangles of one tile. Vertex attributes have one entry per vertex.
 #[derive(Debug, Default)]
 pub struct Mesh {
-    /// Positions, metres.
+    /// Positions of the vertices, metres.
     pub positions: Vec<DVec3>,
-    /// Unit normals.
+    /// Unit normals of the vertices.
     pub normals: Vec<DVec3>,
     /// Which building of the tile.
     pub features: Vec<u32>,
-    /// Three per triangle.
+    /// Vertices of the triangles, three each.
     pub indices: Vec<u32>,
 }
 
@@ -48,7 +48,11 @@ impl Mesh {
     ///
     /// # Errors
     /// [`OutputError::Crs`] for a position outside the CRS's domain.
-    pub fn of<'a>(blocks: impl Iterator<Item = &'a Block>, grid: &Grid, place: &Place) -> Result<Self, OutputError> {
+    pub fn of<'a>(
+        blocks: impl Iterator<Item = &'a Block>,
+        grid: &OutputGrid,
+        place: &Place,
+    ) -> Result<Self, OutputError> {
         let mut mesh = Self::default();
         for (feature, block) in blocks.enumerate() {
             match &block.roofed {
@@ -59,7 +63,7 @@ impl Mesh {
         Ok(mesh)
     }
 
-    fn add(&mut self, prism: &Prism, feature: u32, grid: &Grid, place: &Place) -> Result<(), OutputError> {
+    fn add(&mut self, prism: &SnappedPrism, feature: u32, grid: &OutputGrid, place: &Place) -> Result<(), OutputError> {
         let rings = prism.footprint().rings();
         let corners: Vec<[i64; 2]> = rings.iter().flatten().copied().collect();
         let n = corners.len();
@@ -89,7 +93,13 @@ impl Mesh {
         Ok(())
     }
 
-    fn add_faces(&mut self, faces: &[Face], feature: u32, grid: &Grid, place: &Place) -> Result<(), OutputError> {
+    fn add_faces(
+        &mut self,
+        faces: &[GridFace],
+        feature: u32,
+        grid: &OutputGrid,
+        place: &Place,
+    ) -> Result<(), OutputError> {
         for face in faces {
             let corners = face.rings.iter().flatten();
             let mut points: Vec<DVec3> = corners.map(|p| DVec3::from_array(grid.metres(*p))).collect();

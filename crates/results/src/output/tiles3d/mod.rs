@@ -27,9 +27,9 @@ use serde_json::{Value, json};
 use super::buildings::Wholes;
 use super::cityjson::CityJsonConfig;
 use super::footprints::FootprintRows;
-use super::grid::Grid;
+use super::grid::OutputGrid;
 use super::picture::colour::{Rgb, height_colour};
-use super::prism::Prism;
+use super::prism::SnappedPrism;
 use super::reports::write_json;
 use super::roof_solid::{self, Detail};
 use super::{CityModel, OutputError, Overview, Records};
@@ -51,7 +51,7 @@ pub struct Tiles3dConfig {
     pub heights: Heights,
     /// Buildings of a tile, at most; 1 and more.
     pub max_buildings: usize,
-    /// Precision of vertices.
+    /// Precision of written vertices.
     pub precision: Precision,
     /// Quantum of footprints and levels before they are placed on the earth, metres, 0.0001 to 1.
     pub scale_m: f64,
@@ -133,13 +133,13 @@ impl Shown {
         records: &R,
         folder: &Path,
         rows: &FootprintRows,
-        grid: &Grid,
+        grid: &OutputGrid,
         config: &Tiles3dConfig,
     ) -> Result<Self, OutputError> {
         let mut writer = SpoolWriter::new(folder)?;
         let (mut items, mut hidden) = (Vec::new(), Wholes::default());
         records.visit(&mut |record| {
-            let prism = Prism::of(record, grid, config.min_thickness_m);
+            let prism = SnappedPrism::of(record, grid, config.min_thickness_m);
             hidden.add_if(prism.is_err(), record);
             let Ok(prism) = prism else { return Ok(()) };
             let roofed = roof_solid::faces(record, &prism, grid, Detail::Slopes);
@@ -153,7 +153,7 @@ impl Shown {
     }
 }
 
-fn item(idx: usize, block: &Block, grid: &Grid) -> Item {
+fn item(idx: usize, block: &Block, grid: &OutputGrid) -> Item {
     let exterior = &block.prism.footprint().rings()[0];
     let low: [i64; 2] = std::array::from_fn(|a| exterior.iter().map(|p| p[a]).min().unwrap_or(0));
     let high: [i64; 2] = std::array::from_fn(|a| exterior.iter().map(|p| p[a]).max().unwrap_or(0));
@@ -193,7 +193,7 @@ fn tileset(
 /// Writes tiles from the leaves up, so that each knows the box of those below.
 struct TileWriter<'a> {
     spool: &'a Spool,
-    grid: &'a Grid,
+    grid: &'a OutputGrid,
     place: &'a Place,
     properties: &'a Properties,
     precision: Precision,

@@ -9,13 +9,13 @@
 pub struct Item {
     /// Position among the buildings.
     pub idx: usize,
-    /// Middle, metres.
+    /// Middle of its box, metres.
     pub centre: [f64; 2],
     /// Diagonal of its box, metres.
     pub size_m: f64,
 }
 
-/// A tile.
+/// A tile of the tree, with the tiles below it.
 #[derive(Debug)]
 pub struct Node {
     /// `level/x_y`, with x and y counted from the south-west corner.

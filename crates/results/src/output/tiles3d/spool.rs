@@ -80,17 +80,17 @@ mod tests {
     use serde_json::Value;
 
     use super::*;
-    use crate::output::grid::Grid;
-    use crate::output::prism::Prism;
+    use crate::output::grid::OutputGrid;
+    use crate::output::prism::SnappedPrism;
     use crate::output::record::tests::record;
 
     #[test]
     fn blocks_come_back_in_any_order_to_the_last_bit() {
-        let grid = Grid { scale_m: 0.001, origin_m: [0.0; 3] };
+        let grid = OutputGrid { scale_m: 0.001, origin_m: [0.0; 3] };
         let block = |i: usize| {
             let x = 20.0 * i as f64;
             let footprint = polygon![(x: x, y: 0.0), (x: x + 9.7, y: 0.0), (x: x + 3.3, y: 7.1)];
-            let prism = Prism::of(&record("a", footprint, 1.0, 1.0, 5.0 + i as f64), &grid, 0.1).unwrap();
+            let prism = SnappedPrism::of(&record("a", footprint, 1.0, 1.0, 5.0 + i as f64), &grid, 0.1).unwrap();
             Block {
                 roofed: None,
                 prism,

@@ -198,7 +198,7 @@ struct Check {
     start: String,
     part_bytes: usize,
     has_other_extensions: bool,
-    /// Messages by check.
+    /// Messages, by the name of the check that they come from.
     found: HashMap<String, Vec<String>>,
     /// Messages on parts before, so that what is wrong with the head is told once.
     said: HashSet<(String, String)>,

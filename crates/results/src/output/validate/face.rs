@@ -11,7 +11,7 @@ use sizeup_geo::groups::Groups;
 /// Cells per snap tolerance when positions are rounded within a face.
 const CELLS_PER_TOLERANCE: f64 = 10.0;
 
-/// A sound face.
+/// A face that passed the checks of its rings and its plane.
 pub struct Face {
     /// Surface of the shell.
     pub index: usize,

@@ -28,7 +28,7 @@ use serde::{Deserialize, Serialize};
 use super::OutputError;
 use super::cityjson::Sequence;
 use super::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface, visit_objects};
-use super::grid::Grid;
+use super::grid::OutputGrid;
 use super::prism;
 use super::read::is_sequence;
 use face::Face;
@@ -100,7 +100,7 @@ pub enum Code {
 }
 
 impl Code {
-    /// The number.
+    /// Number of the fault in val3dity's list.
     #[must_use]
     pub fn number(self) -> u16 {
         self as u16
@@ -117,11 +117,11 @@ impl std::fmt::Display for Code {
 /// One fault and its place.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Fault {
-    /// val3dity's number.
+    /// Number of the fault in val3dity's list.
     pub number: u16,
-    /// val3dity's name.
+    /// Name of the fault in val3dity's list.
     pub code: Code,
-    /// City object.
+    /// Id of the city object.
     pub object: String,
     /// Level of detail of the geometry.
     pub lod: String,
@@ -138,7 +138,7 @@ pub struct Fault {
 /// The outcome for a file.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Validation {
-    /// Geometries checked.
+    /// Number of geometries checked.
     pub n_geometries: usize,
     /// Those without faults among them.
     pub n_valid: usize,
@@ -154,7 +154,7 @@ pub struct Validation {
 }
 
 impl Validation {
-    /// Whether nothing was found.
+    /// Whether no fault was found.
     #[must_use]
     pub fn is_valid(&self) -> bool {
         self.faults.is_empty()
@@ -172,7 +172,7 @@ impl Validation {
 struct Checker<'a> {
     config: &'a ValidateConfig,
     outcome: Validation,
-    /// By building.
+    /// Parts seen so far, by the building they are of.
     parts: BTreeMap<String, Vec<Part>>,
 }
 
@@ -218,7 +218,7 @@ pub fn validate(city: &CityFile, config: &ValidateConfig) -> Validation {
 
 /// Numbers of what is found in one of our own solids, each once, ascending.
 #[must_use]
-pub fn faults_of(faces: &[prism::Face], grid: &Grid) -> Vec<u16> {
+pub fn faults_of(faces: &[prism::GridFace], grid: &OutputGrid) -> Vec<u16> {
     let mut city = CityFile::default();
     let mut surfaces = Vec::new();
     for (i, face) in faces.iter().enumerate() {

@@ -67,7 +67,7 @@ fn face_edges(face: &Face) -> impl Iterator<Item = [usize; 2]> {
     face.rings.iter().flat_map(|ring| (0..ring.len()).map(move |i| [ring[i], ring[(i + 1) % ring.len()]]))
 }
 
-/// 302, 303, 307.
+/// Fault of an edge: 302 (open), 303 or 307, by the faces that use it; `None` where it is sound.
 fn edge_fault(edge: [usize; 2], uses: &Uses, faces: &[Face], snapped: &Snapped) -> Option<Found> {
     let code = match uses.as_slice() {
         [_] => Code::ShellNotClosed,

@@ -10,7 +10,7 @@ const NOISE_M: f64 = 1e-8;
 
 /// Distinct positions of a geometry, relative to its first vertex.
 pub struct Snapped {
-    /// Metres from [`Self::origin`].
+    /// Positions in metres from [`Self::origin`].
     pub points: Vec<[f64; 3]>,
     /// Place of the first vertex in the file's CRS.
     pub origin: [f64; 3],

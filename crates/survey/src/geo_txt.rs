@@ -1,47 +1,27 @@
-//! Text tables of other tools, each a declared table of ours: ODM's `geo.txt`, Metashape's export of omega, phi, kappa
-//! and Pix4D's external parameters. None carries a camera: it has to be declared.
+//! ODM's `geo.txt`: the CRS, then `name x y [z] [yaw pitch roll] [accuracies]`; pitch 0 looks straight down. It carries no
+//! camera.
 
-use std::path::Path;
 use std::sync::Arc;
 
 use glam::DVec3;
 
 use super::angles::{AngleConvention, AngleKind, North, PitchZero};
-use super::config::{CameraConfig, CsvConfig, PixelOrigin};
 use super::error::Place;
+use super::formats::Candidate;
 use super::poses::{FileHeights, Pose, Poses, World};
-use super::{SurveyError, csv};
+use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::{Crs, CrsError};
 use sizeup_geo::files;
-use sizeup_heights::camera::Camera;
 
-fn need_camera<'a>(camera: Option<&'a CameraConfig>, format: &str) -> Result<&'a CameraConfig, SurveyError> {
-    camera.ok_or_else(|| {
-        let message = format!("{format} carries no camera");
-        SurveyError::config(
-            message,
-            "declare it under [survey.camera]: width, height, fx and what is known of the lens",
-        )
-    })
+/// A file of this name.
+pub(crate) fn recognises(candidate: &Candidate) -> bool {
+    candidate.name == "geo.txt"
 }
 
-/// Metashape, "Export Cameras", Omega Phi Kappa: `PhotoID X Y Z Omega Phi Kappa r11 … r33`, tabs or commas.
-pub(crate) fn read_metashape_opk(path: &Path, camera: Option<&CameraConfig>) -> Result<Poses, SurveyError> {
-    let camera = need_camera(camera, "Metashape's omega-phi-kappa export")?;
-    let header = ["name", "x", "y", "z", "omega", "phi", "kappa"].map(str::to_owned).to_vec();
-    csv::read(path, &CsvConfig { header: Some(header), ..CsvConfig::default() }, Some(camera))
-}
-
-/// Pix4D, `*_calibrated_external_camera_parameters.txt`: `imageName X Y Z Omega Phi Kappa`, blanks.
-pub(crate) fn read_pix4d_external(path: &Path, camera: Option<&CameraConfig>) -> Result<Poses, SurveyError> {
-    let camera = need_camera(camera, "Pix4D's file of external parameters")?;
-    let config = CsvConfig { name: "imageName".to_owned(), delimiter: "whitespace".to_owned(), ..CsvConfig::default() };
-    csv::read(path, &config, Some(camera))
-}
-
-/// ODM's `geo.txt`: the CRS, then `name x y [z] [yaw pitch roll] [accuracies]`; pitch 0 looks straight down.
-pub(crate) fn read_geo_txt(path: &Path, camera: Option<&CameraConfig>) -> Result<Poses, SurveyError> {
-    let camera = Arc::new(camera_of(need_camera(camera, "geo.txt")?)?);
+/// Reads the poses; the camera is the declared one.
+pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
+    let path = config.path.as_path();
+    let camera = config.declared_camera("geo.txt")?;
     let text = files::read_text(path)?;
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let Some((_, crs)) = lines.next() else {
@@ -88,8 +68,4 @@ fn crs_of_line(line: &str) -> Result<Crs, CrsError> {
         }
     }
     Crs::parse(line)
-}
-
-fn camera_of(config: &CameraConfig) -> Result<Camera, SurveyError> {
-    csv::declared_camera(config, PixelOrigin::default()).map_err(|e| SurveyError::config(e, ""))
 }
