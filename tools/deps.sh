@@ -26,7 +26,7 @@ readonly SNAKEMAKE=9.27.1 SNAKEMAKE_SLURM=2.8.0 SNAKEMAKE_KUBERNETES=0.5.1 SNAKE
 readonly KUBERNETES_VALIDATE=1.37.0 PYGMENTS=2.21.0
 readonly ONNXRUNTIME=1.31.1 TRANSFORMERS=4.48.3 ONNX=1.17.0 DEPTH_ANYTHING_3=0.1.1
 readonly VAL3DITY=2.6.0
-readonly CJIO=0.10.1 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1 PLAYWRIGHT=1.65.1
+readonly CJIO=0.10.1 FLATCITYBUF=0.5.2 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1 PLAYWRIGHT=1.65.1
 tools="$(cd "$(dirname "$0")/.." && pwd)/target/tools"
 readonly tools
 
@@ -97,6 +97,12 @@ test_tools() {
     # Only the tests that use it are skipped without it.
     { python3 -m venv "$tools/cjio" && "$tools/cjio/bin/pip" install -q --disable-pip-version-check "cjio==$CJIO"; } ||
       say "cjio could not be installed: the tests that use it are skipped"
+  fi
+  if ! "$tools/flatcitybuf/bin/pip" show flatcitybuf 2>/dev/null | grep -q "$FLATCITYBUF"; then
+    say "installing flatcitybuf $FLATCITYBUF into target/tools"
+    { python3 -m venv "$tools/flatcitybuf" &&
+      "$tools/flatcitybuf/bin/pip" install -q --disable-pip-version-check "flatcitybuf==$FLATCITYBUF"; } ||
+      say "flatcitybuf could not be installed: the test that uses it is skipped"
   fi
   ( qgis ) || say "QGIS could not be installed: the tests that open results in it are skipped"
   ( web ) || say "no browser could be installed: the tests that open pages in it are skipped"

@@ -12,7 +12,7 @@ use sizeup_results::output::geopackage::{self, GeoPackageConfig, ProjectGround};
 use sizeup_results::output::read::{ReadOptions, RecordFile};
 use sizeup_results::output::tiles3d::{self, Heights, Precision, Tiles3dConfig};
 use sizeup_results::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records};
-use sizeup_results::output::{flatgeobuf, geojson};
+use sizeup_results::output::{flatcitybuf, flatgeobuf, geojson};
 use sizeup_survey::Survey;
 
 /// Arguments of `sizeup export`.
@@ -69,6 +69,9 @@ pub enum ExportFormat {
     /// CityJSONSeq 2.0, a building a line: .jsonl.
     #[value(name = "cityjsonseq")]
     CityJsonSeq,
+    /// FlatCityBuf, CityJSON in one file for the web: .fcb.
+    #[value(name = "flatcitybuf")]
+    FlatCityBuf,
     /// GeoPackage, styled for QGIS: .gpkg.
     #[value(name = "geopackage")]
     GeoPackage,
@@ -157,6 +160,7 @@ impl ExportFormat {
         match self {
             Self::CityJson => Some("json"),
             Self::CityJsonSeq => Some("jsonl"),
+            Self::FlatCityBuf => Some("fcb"),
             Self::GeoPackage => Some("gpkg"),
             Self::FlatGeobuf => Some("fgb"),
             Self::GeoJson => Some("geojson"),
@@ -202,6 +206,7 @@ fn write<R: Records + ?Sized>(
     match format {
         ExportFormat::CityJson => cityjson::write(path, model, &cityjson),
         ExportFormat::CityJsonSeq => cityjson::write_sequence(path, model, &cityjson),
+        ExportFormat::FlatCityBuf => flatcitybuf::write(path, model, &cityjson),
         ExportFormat::GeoPackage => {
             let overview = geopackage::write(path, model, &GeoPackageConfig::default())?;
             let name = path.file_name().unwrap_or_default().to_string_lossy();

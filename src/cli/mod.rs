@@ -110,7 +110,7 @@ pub enum Command {
     Model(model::ModelCommand),
     /// Check the solids of a CityJSON file, anybody's: codes as val3dity's, and the place of each fault.
     Validate(validate::ValidateArgs),
-    /// Write a city in another format: CityJSON, CityJSONSeq, GeoPackage, FlatGeobuf, GeoJSON, 3D Tiles.
+    /// Write a city in another format: CityJSON, CityJSONSeq, GeoPackage, FlatGeobuf, FlatCityBuf, GeoJSON, 3D Tiles.
     Export(export::ExportArgs),
     /// Simulate a scene with known truth, in the files that a user would bring.
     Simulate(simulate::SimulateArgs),

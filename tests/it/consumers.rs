@@ -8,11 +8,11 @@ use sizeup::crs::Crs;
 use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::geopackage::{self, GeoPackageConfig};
 use sizeup::output::tiles3d::{self, Precision};
-use sizeup::output::{flatgeobuf, geojson};
+use sizeup::output::{flatcitybuf, flatgeobuf, geojson};
 
 use crate::outputs::{assert_valid_cityjson, town};
 use crate::tiles3d::{config, write_deep};
-use crate::tools::{chromium, cjio, node_modules, npm, picture, program, run};
+use crate::tools::{chromium, cjio, flatcitybuf_python, node_modules, npm, picture, program, run};
 
 fn json(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
@@ -48,6 +48,85 @@ fn cjio_reads_subsets_and_upgrades_our_cityjson() {
     assert_eq!(new["version"], "2.0");
     assert_eq!(new["CityObjects"]["tower"]["attributes"], old["CityObjects"]["tower"]["attributes"]);
     assert_valid_cityjson(&at("new.city.json"));
+}
+
+/// Prints a file's header, its features, and the ids of those that two queries find: a box, and a status.
+const READ_FLATCITYBUF: &str = "
+import json, sys
+import flatcitybuf as fcb
+reader = fcb.FcbReader.open_file(sys.argv[1])
+header = reader.header
+whole = lambda feature: fcb.to_cityjson_feature(feature, header)
+print(json.dumps(fcb.to_cityjson_metadata(header)))
+print(json.dumps([whole(feature) for feature in reader.select_all()]))
+box = tuple(map(float, sys.argv[2:6]))
+info = header.info
+in_box = fcb.search_rtree(reader.range_reader, header.layout.rtree_begin, info.features_count, info.index_node_size, box)
+print(json.dumps([whole(reader.feature_at(hit))['id'] for hit in in_box]))
+unknown = reader.select_attr([fcb.AttrCondition('status', fcb.Operator.EQ, fcb.KeyValue.from_string(fcb.KeyKind.STRING50, sys.argv[6]))])
+print(json.dumps([whole(reader.feature_at(hit))['id'] for hit in unknown]))
+";
+
+#[test]
+fn flatcitybuf_has_the_features_of_cityjsonseq_and_finds_them_by_place_and_status() {
+    let Some(python) = flatcitybuf_python() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (town, config) = (town(), CityJsonConfig::default());
+    flatcitybuf::write(&at("town.fcb"), &town.model(), &config).unwrap();
+    flatcitybuf::write(&at("again.fcb"), &town.model(), &config).unwrap();
+    assert!(std::fs::read(at("town.fcb")).unwrap() == std::fs::read(at("again.fcb")).unwrap(), "the same bytes twice");
+    cityjson::write_sequence(&at("town.city.jsonl"), &town.model(), &config).unwrap();
+    let lines = std::fs::read_to_string(at("town.city.jsonl")).unwrap();
+    let mut lines = lines.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let expected_header = lines.next().unwrap();
+    let expected: Vec<Value> = lines.collect();
+    // The box of one building's vertices.
+    let scale = |k: usize, v: &Value| {
+        let [scale, translate] =
+            ["scale", "translate"].map(|name| expected_header["transform"][name][k].as_f64().unwrap());
+        v[k].as_f64().unwrap() * scale + translate
+    };
+    let tower = expected.iter().find(|feature| feature["id"] == "tower").unwrap();
+    let vertices = tower["vertices"].as_array().unwrap();
+    let middle = [0, 1].map(|k| vertices.iter().map(|v| scale(k, v)).sum::<f64>() / vertices.len() as f64);
+    let around = [middle[0] - 0.1, middle[1] - 0.1, middle[0] + 0.1, middle[1] + 0.1].map(|side| side.to_string());
+    let mut command = Command::new(python);
+    command.args(["-c", READ_FLATCITYBUF]).arg(at("town.fcb")).args(&around).arg("unknown");
+    let told = run(&mut command);
+    let told: Vec<Value> = told.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let [header, found, in_box, unknown] = told.try_into().unwrap();
+    assert_eq!(header["transform"], expected_header["transform"]);
+    assert_eq!(header["metadata"]["referenceSystem"], expected_header["metadata"]["referenceSystem"]);
+    let found = found.as_array().unwrap();
+    assert_eq!(found.len(), expected.len());
+    for expected in &expected {
+        let found = found.iter().find(|found| found["id"] == expected["id"]).unwrap();
+        assert_eq!(found["vertices"], expected["vertices"], "{}", expected["id"]);
+        for (id, object) in expected["CityObjects"].as_object().unwrap() {
+            let of_found = &found["CityObjects"][id];
+            assert_eq!(of_found["type"], object["type"], "{id}");
+            assert_eq!(without_null(&of_found["attributes"]), without_null(&object["attributes"]), "{id}");
+            // It has no empty lists.
+            let has_geometry = object["geometry"].as_array().is_some_and(|all| !all.is_empty());
+            assert!(!has_geometry || of_found["geometry"] == object["geometry"], "{id}: {of_found}");
+        }
+    }
+    assert_eq!(in_box, serde_json::json!(["tower"]));
+    let of_status =
+        |feature: &&Value| feature["CityObjects"][feature["id"].as_str().unwrap()]["attributes"]["status"] == "unknown";
+    let mut ids: Vec<&Value> = expected.iter().filter(of_status).map(|feature| &feature["id"]).collect();
+    let mut unknown: Vec<&Value> = unknown.as_array().unwrap().iter().collect();
+    ids.sort_by_key(ToString::to_string);
+    unknown.sort_by_key(ToString::to_string);
+    assert!(!ids.is_empty());
+    assert_eq!(unknown, ids);
+}
+
+/// Attributes that have a value.
+fn without_null(attributes: &Value) -> Value {
+    let all = attributes.as_object().into_iter().flatten();
+    all.filter(|(_, value)| !value.is_null()).map(|(name, value)| (name.clone(), value.clone())).collect()
 }
 
 #[test]

@@ -43,8 +43,8 @@ fn the_exports_of_each_program_end_in_the_heights_of_the_scene() {
     }
 }
 
-/// `sizeup init` and `sizeup run` as a user types them, with the scene's depth in place of minutes of matching; what
-/// `sizeup evaluate` says of the result.
+/// `sizeup init` and `sizeup run` as a user types them, with the scene's depth in place of minutes of matching, and without photos' say and
+/// pictures; what `sizeup evaluate` says of the result.
 fn run_as_told(desk: &Path, program: &str) -> serde_json::Value {
     let at_desk = |args: &[&str]| -> Outcome { sizeup().current_dir(desk).args(args).output().unwrap().into() };
     let (settings, result) = (format!("{program}.toml"), format!("result-{program}"));
@@ -52,8 +52,9 @@ fn run_as_told(desk: &Path, program: &str) -> serde_json::Value {
     assert_eq!(begun.code, 0, "{program}: {}", begun.stderr);
     assert!(begun.stderr.contains("40 with a usable pose"), "{program}: {}", begun.stderr);
     let depth = ["prior.source=files", "prior.path=scene/priors/{stem}.npy", "prior.kind=inverse_depth"];
+    let short = ["refinement.enabled=false", "output.pictures=false", "output.report.page=false"];
     let mut args = vec!["run", &settings, "--output", &result];
-    args.extend(depth.iter().flat_map(|setting| ["--set", setting]));
+    args.extend(depth.iter().chain(&short).flat_map(|setting| ["--set", setting]));
     let run = at_desk(&args);
     assert_eq!(run.code, 0, "{program}: {}", run.stderr);
     report(&desk.join(result).join("city.city.json"), &desk.join("scene/truth.geojson"), &[])

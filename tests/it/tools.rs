@@ -34,6 +34,12 @@ pub fn cjio() -> Option<PathBuf> {
     if own.is_file() { Some(own) } else { skipped("cjio", "deps-test") }
 }
 
+/// A Python with FlatCityBuf's own reader, which shares no code with its writer.
+pub fn flatcitybuf_python() -> Option<PathBuf> {
+    let own = folder().join("flatcitybuf/bin/python");
+    if own.is_file() { Some(own) } else { skipped("flatcitybuf", "deps-test") }
+}
+
 /// A package of npm, as its folder; `node` runs it.
 pub fn npm(package: &str) -> Option<PathBuf> {
     let found = folder().join("web/node_modules").join(package);

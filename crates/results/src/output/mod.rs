@@ -5,6 +5,7 @@
 //! | CityJSON 2.0 | [`cityjson`] | exchange, 3DCityDB, validators |
 //! | CityJSONSeq 2.0 | [`cityjson::write_sequence`] | streams, tilers |
 //! | GeoPackage 1.2 | [`geopackage`] | QGIS, any GIS |
+//! | FlatCityBuf | [`flatcitybuf`] | solids over the web, one file |
 //! | FlatGeobuf | [`flatgeobuf`] | footprints and heights over the web |
 //! | GeoJSON | [`geojson`] | footprints and heights in longitude and latitude, for web maps |
 //! | 3D Tiles 1.1 | [`tiles3d`] | Cesium, digital twins |
@@ -25,6 +26,7 @@ mod count;
 mod error;
 mod facts;
 pub mod fallback;
+pub mod flatcitybuf;
 pub mod flatgeobuf;
 pub mod footprint;
 mod footprints;
