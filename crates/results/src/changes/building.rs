@@ -12,7 +12,7 @@ const FOOTPRINT_SIGMA: &str = "footprint_sigma_m";
 
 /// A record with its footprint where it is compared.
 #[derive(Debug, Clone)]
-pub struct Part<'a> {
+pub struct ComparedPart<'a> {
     /// As the result has it.
     pub record: &'a BuildingRecord,
     /// Map frame, metres; without the shift in plan that is common to all buildings.
@@ -25,7 +25,7 @@ pub struct ComparedBuilding<'a> {
     /// Id, that of the whole where it has parts.
     pub id: &'a str,
     /// Parts of the building; the building itself where it has none.
-    pub parts: Vec<Part<'a>>,
+    pub parts: Vec<ComparedPart<'a>>,
     /// Around all parts; empty if none has a footprint.
     pub footprint: MultiPolygon<f64>,
 }
@@ -36,7 +36,7 @@ pub fn buildings(records: &[BuildingRecord], shift_m: [f64; 2]) -> Vec<ComparedB
     let mut buildings: Vec<ComparedBuilding<'_>> = Vec::with_capacity(records.len());
     for record in records {
         let footprint = record.footprint.as_ref().map(|footprint| footprint.translate(shift_m[0], shift_m[1]));
-        let part = Part { record, footprint };
+        let part = ComparedPart { record, footprint };
         match record.part_of.as_deref().map(|whole| (whole, position.get(whole))) {
             Some((_, Some(&at))) => buildings[at].parts.push(part),
             whole => {

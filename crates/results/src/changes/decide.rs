@@ -25,7 +25,7 @@ use super::{ChangesConfig, CommonShift};
 use crate::output::attributes::round_m;
 
 /// Both results, and what counts for all buildings.
-pub struct Scene<'a> {
+pub struct ComparedScene<'a> {
     pub old: &'a [ComparedBuilding<'a>],
     pub new: &'a [ComparedBuilding<'a>],
     pub old_area: SeenArea,
@@ -44,7 +44,7 @@ struct HeightFinding {
     ground_m: Option<f64>,
 }
 
-impl Scene<'_> {
+impl ComparedScene<'_> {
     /// Change of a group.
     pub fn change(&self, group: &Group, evidence: &HeightEvidence) -> Change {
         let old: Vec<&ComparedBuilding<'_>> = group.old.iter().map(|&o| &self.old[o]).collect();

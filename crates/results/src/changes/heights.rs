@@ -10,7 +10,7 @@
 
 use std::collections::BTreeSet;
 
-use super::building::{ComparedBuilding, Part, shared_m2};
+use super::building::{ComparedBuilding, ComparedPart, shared_m2};
 use super::change::ChangeReason;
 use crate::output::{BuildingRecord, Status};
 
@@ -96,8 +96,8 @@ impl Unstated {
 
 /// A pair of parts that overlap.
 struct Piece<'p, 'a> {
-    old: &'p Part<'a>,
-    new: &'p Part<'a>,
+    old: &'p ComparedPart<'a>,
+    new: &'p ComparedPart<'a>,
     shared_m2: f64,
 }
 
@@ -129,7 +129,7 @@ pub fn evidence(old: &[&ComparedBuilding<'_>], new: &[&ComparedBuilding<'_>], un
 }
 
 fn pieces<'p, 'a>(old: &[&'p ComparedBuilding<'a>], new: &[&'p ComparedBuilding<'a>]) -> Vec<Piece<'p, 'a>> {
-    let parts_of = |buildings: &[&'p ComparedBuilding<'a>]| -> Vec<&'p Part<'a>> {
+    let parts_of = |buildings: &[&'p ComparedBuilding<'a>]| -> Vec<&'p ComparedPart<'a>> {
         buildings.iter().flat_map(|building| building.parts.iter()).collect()
     };
     let (old, new) = (parts_of(old), parts_of(new));
@@ -167,7 +167,7 @@ fn is_one_to_one(old: &[&ComparedBuilding<'_>], new: &[&ComparedBuilding<'_>], p
     let n_parts =
         |buildings: &[&ComparedBuilding<'_>]| buildings.iter().map(|building| building.parts.len()).sum::<usize>();
     let is_same = |piece: &&Piece<'_, '_>| {
-        let area = |part: &Part<'_>| part.footprint.as_ref().map_or(0.0, geo::Area::unsigned_area);
+        let area = |part: &ComparedPart<'_>| part.footprint.as_ref().map_or(0.0, geo::Area::unsigned_area);
         piece.shared_m2 >= SAME_PART_IOU * (area(piece.old) + area(piece.new) - piece.shared_m2)
     };
     let n = n_parts(old);

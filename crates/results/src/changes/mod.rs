@@ -30,7 +30,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::building::{ComparedBuilding, buildings};
-use self::decide::Scene;
+use self::decide::ComparedScene;
 use self::heights::{Difference, HeightEvidence, Unstated, evidence};
 use self::matching::{Group, groups};
 use self::seen::SeenArea;
@@ -238,7 +238,7 @@ pub fn compare(old: &Compared<'_>, new: &Compared<'_>, config: &ChangesConfig) -
     let area = |buildings: &[ComparedBuilding<'_>], cameras: &[[f64; 2]]| {
         SeenArea::of(buildings, config.margin_m, if config.area == AreaRule::Photos { cameras } else { &[] })
     };
-    let scene = Scene {
+    let scene = ComparedScene {
         old: &old_buildings,
         new: &new_buildings,
         old_area: area(&old_buildings, old.cameras),

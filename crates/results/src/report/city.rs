@@ -25,7 +25,7 @@ const LEAST_CELL_M: f64 = 2.0;
 
 /// A building as the report's map shows it.
 #[derive(Debug, Serialize)]
-pub struct Building<'a> {
+pub struct MapBuilding<'a> {
     id: &'a str,
     #[serde(skip_serializing_if = "Option::is_none")]
     part_of: Option<&'a str>,
@@ -90,7 +90,7 @@ fn extent(records: &[BuildingRecord]) -> Option<[[f64; 2]; 2]> {
     })
 }
 
-impl<'a> Building<'a> {
+impl<'a> MapBuilding<'a> {
     /// Building of a record; `views` knows the position of each photo.
     pub fn of(record: &'a BuildingRecord, origin: [f64; 3], grid: &OutputGrid, views: &HashMap<&str, usize>) -> Self {
         let rings = record.footprint.as_ref().map_or_else(Vec::new, |footprint| rings(footprint, origin));

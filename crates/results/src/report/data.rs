@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use serde::Serialize;
 
 use super::backdrop::BackdropData;
-use super::city::{Building, Ground, origin, round_cm};
+use super::city::{Ground, MapBuilding, origin, round_cm};
 use super::evidence::{EvidenceData, data_uri};
 use super::{Levels, Report, ViewUse};
 use crate::output::cityjson::CityJsonConfig;
@@ -27,7 +27,7 @@ pub struct Data<'a> {
     crs: String,
     origin: [f64; 3],
     summary: Summary,
-    buildings: Vec<Building<'a>>,
+    buildings: Vec<MapBuilding<'a>>,
     ground: Option<Ground>,
     views: Vec<ViewData<'a>>,
     passes: Vec<PassData>,
@@ -90,7 +90,7 @@ impl<'a> Data<'a> {
             },
             origin,
             summary: Summary::of(model),
-            buildings: model.records.iter().map(|record| Building::of(record, origin, &grid, &positions)).collect(),
+            buildings: model.records.iter().map(|record| MapBuilding::of(record, origin, &grid, &positions)).collect(),
             ground: Ground::around(model.records, report.terrain),
             views: model.survey.views.iter().zip(&report.views).map(|(v, used)| view(v, used, ground_m)).collect(),
             passes: report.passes.iter().map(|pass| pass_data(pass, n_heights <= MAX_PASS_HEIGHTS)).collect(),

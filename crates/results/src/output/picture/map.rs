@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::canvas::{Align, Canvas, Pen};
 use super::colour::{ALERT, GREY, INK, NO_VALUE, Rgb, WHITE, height_classes, height_colour};
-use super::plan::{Frame, Sheet, ShownRegion};
+use super::plan::{MapFrame, Sheet, ShownRegion};
 use super::warning;
 use crate::output::{BuildingRecord, CityModel, Status, StatusCount};
 use sizeup_survey::{View, ViewKind};
@@ -155,7 +155,7 @@ struct Legend<'a> {
 }
 
 impl Legend<'_> {
-    fn draw(mut self, frame: &Frame, records: &[BuildingRecord], note: Option<&str>) {
+    fn draw(mut self, frame: &MapFrame, records: &[BuildingRecord], note: Option<&str>) {
         let unit = self.unit;
         let bar_top = frame.top + 44.0 * unit;
         let bar_height = (0.45 * frame.height).min(380.0 * unit);

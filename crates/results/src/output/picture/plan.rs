@@ -19,9 +19,9 @@ pub struct Sheet {
     /// Canvas that is drawn on.
     pub canvas: Canvas,
     /// Rectangle of the canvas that the map fills.
-    pub frame: Frame,
+    pub frame: MapFrame,
     /// From the map plane to the picture.
-    pub to_px: Placement,
+    pub to_px: MapPlacement,
     /// Pixels per pixel of the reference width.
     pub unit: f32,
 }
@@ -34,10 +34,10 @@ impl Sheet {
         let (left, top, legend, bottom) = (28.0 * unit, 76.0 * unit, 250.0 * unit, 52.0 * unit);
         let frame_width = width - left - legend - left;
         let aspect = (region.height_m() / region.width_m()).clamp(ASPECTS.0, ASPECTS.1) as f32;
-        let frame = Frame { left, top, width: frame_width, height: (frame_width * aspect).round() };
+        let frame = MapFrame { left, top, width: frame_width, height: (frame_width * aspect).round() };
         let mut canvas = Canvas::new(width as u32, (top + frame.height + bottom) as u32);
         canvas.fill_rect([frame.left, frame.top], [frame.width, frame.height], [247, 247, 244]);
-        let to_px = Placement::new(region, &frame);
+        let to_px = MapPlacement::new(region, &frame);
         Self { canvas, frame, to_px, unit }
     }
 
@@ -123,7 +123,7 @@ impl ShownRegion {
 }
 
 /// The map's place in the picture, pixels.
-pub struct Frame {
+pub struct MapFrame {
     /// Left edge, pixels.
     pub left: f32,
     /// Top edge, pixels.
@@ -134,7 +134,7 @@ pub struct Frame {
     pub height: f32,
 }
 
-impl Frame {
+impl MapFrame {
     /// Whether a pixel lies in it.
     pub fn contains(&self, [x, y]: [f32; 2]) -> bool {
         x >= self.left && y >= self.top && x <= self.left + self.width && y <= self.top + self.height
@@ -142,14 +142,14 @@ impl Frame {
 }
 
 /// From metres to pixels: the region centred in the frame, north up.
-pub struct Placement {
+pub struct MapPlacement {
     px_per_m: f64,
     centre_m: [f64; 2],
     centre_px: [f64; 2],
 }
 
-impl Placement {
-    fn new(region: &ShownRegion, frame: &Frame) -> Self {
+impl MapPlacement {
+    fn new(region: &ShownRegion, frame: &MapFrame) -> Self {
         let px_per_m = (f64::from(frame.width) / region.width_m()).min(f64::from(frame.height) / region.height_m());
         Self {
             px_per_m,
@@ -173,7 +173,7 @@ impl Placement {
 }
 
 /// A bar of a round length, about a fifth of the frame, in its lower left corner.
-fn scale_bar(canvas: &mut Canvas, to_px: &Placement, frame: &Frame, unit: f32) {
+fn scale_bar(canvas: &mut Canvas, to_px: &MapPlacement, frame: &MapFrame, unit: f32) {
     let length_m = scale::round_down(0.22 * f64::from(frame.width) / to_px.px_per_m);
     let length = (length_m * to_px.px_per_m) as f32;
     let (left, y) = (frame.left + 22.0 * unit, frame.top + frame.height - 24.0 * unit);
@@ -189,7 +189,7 @@ fn scale_bar(canvas: &mut Canvas, to_px: &Placement, frame: &Frame, unit: f32) {
 }
 
 /// Grid north, in the upper right corner of the frame.
-fn north_arrow(canvas: &mut Canvas, frame: &Frame, unit: f32) {
+fn north_arrow(canvas: &mut Canvas, frame: &MapFrame, unit: f32) {
     let (x, y) = (frame.left + frame.width - 30.0 * unit, frame.top + 24.0 * unit);
     let plate =
         [[-20.0, -16.0], [20.0, -16.0], [20.0, 62.0], [-20.0, 62.0]].map(|[dx, dy]| [x + dx * unit, y + dy * unit]);

@@ -63,7 +63,7 @@ impl Buffers {
 }
 
 /// Content of a tile.
-pub struct Tile<'a> {
+pub struct GlbTile<'a> {
     /// Triangles of the tile's buildings.
     pub mesh: &'a Mesh,
     /// One row per building.
@@ -76,7 +76,7 @@ pub struct Tile<'a> {
 
 /// The file of a tile.
 #[must_use]
-pub fn glb(tile: &Tile<'_>, precision: Precision) -> Vec<u8> {
+pub fn glb(tile: &GlbTile<'_>, precision: Precision) -> Vec<u8> {
     let mut parts = Parts::default();
     let indices = parts.indices(&tile.mesh.indices);
     let (node, position, normal) = match precision {

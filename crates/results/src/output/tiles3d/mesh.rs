@@ -10,7 +10,7 @@ use super::super::OutputError;
 use super::super::grid::OutputGrid;
 use super::super::prism::{GridFace, SnappedPrism};
 use super::super::triangles;
-use super::place::Place;
+use super::place::TilesetPlace;
 
 /// One building, ready to be placed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -51,7 +51,7 @@ impl Mesh {
     pub fn of<'a>(
         blocks: impl Iterator<Item = &'a Block>,
         grid: &OutputGrid,
-        place: &Place,
+        place: &TilesetPlace,
     ) -> Result<Self, OutputError> {
         let mut mesh = Self::default();
         for (feature, block) in blocks.enumerate() {
@@ -63,7 +63,13 @@ impl Mesh {
         Ok(mesh)
     }
 
-    fn add(&mut self, prism: &SnappedPrism, feature: u32, grid: &OutputGrid, place: &Place) -> Result<(), OutputError> {
+    fn add(
+        &mut self,
+        prism: &SnappedPrism,
+        feature: u32,
+        grid: &OutputGrid,
+        place: &TilesetPlace,
+    ) -> Result<(), OutputError> {
         let rings = prism.footprint().rings();
         let corners: Vec<[i64; 2]> = rings.iter().flatten().copied().collect();
         let n = corners.len();
@@ -98,7 +104,7 @@ impl Mesh {
         faces: &[GridFace],
         feature: u32,
         grid: &OutputGrid,
-        place: &Place,
+        place: &TilesetPlace,
     ) -> Result<(), OutputError> {
         for face in faces {
             let corners = face.rings.iter().flatten();

@@ -37,7 +37,7 @@ pub use glb::Precision;
 use mesh::{Block, Mesh};
 use metadata::Properties;
 pub use place::Heights;
-use place::Place;
+use place::TilesetPlace;
 use quadtree::{Item, Node};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{FileError, write_whole_unflushed};
@@ -72,7 +72,7 @@ impl Default for Tiles3dConfig {
 /// # Errors
 /// As [`write()`]: [`OutputError::HeightsNotStated`], or [`OutputError::Crs`] such as a grid that PROJ lacks.
 pub fn check_place(crs: &Crs, heights: Heights, at_m: DVec3) -> Result<(), OutputError> {
-    Place::new(crs, heights, at_m).map(drop)
+    TilesetPlace::new(crs, heights, at_m).map(drop)
 }
 
 /// Lineage of the result, beside the tileset: every globe loads that, and nobody's globe needs this.
@@ -95,7 +95,7 @@ pub fn write<R: Records + ?Sized>(
         let [low, high] = [extent.min_m, extent.max_m].map(DVec3::from_array);
         ((low + high) / 2.0).with_z(low.z)
     });
-    let place = Place::new(model.crs, config.heights, centre_m)?;
+    let place = TilesetPlace::new(model.crs, config.heights, centre_m)?;
     folder::write_whole(path, |temporary| {
         let shown = Shown::of(model.records, temporary.parent().unwrap_or(temporary), &rows, &grid, config)?;
         let tree = Node::root(shown.items, config.max_buildings);
@@ -169,7 +169,7 @@ fn tileset(
     overview: &Overview,
     n_without_solid: usize,
     config: &Tiles3dConfig,
-    place: &Place,
+    place: &TilesetPlace,
 ) -> Value {
     root["transform"] = json!(place.transform());
     root["refine"] = json!("ADD");
@@ -194,7 +194,7 @@ fn tileset(
 struct TileWriter<'a> {
     spool: &'a Spool,
     grid: &'a OutputGrid,
-    place: &'a Place,
+    place: &'a TilesetPlace,
     properties: &'a Properties,
     precision: Precision,
 }
@@ -231,7 +231,7 @@ impl TileWriter<'_> {
         let mesh = Mesh::of(blocks.iter(), self.grid, self.place)?;
         let rows: Vec<&[Value]> = blocks.iter().map(|block| block.values.as_slice()).collect();
         let colours: Vec<Rgb> = blocks.iter().map(|block| height_colour(block.height_m)).collect();
-        let tile = glb::Tile { mesh: &mesh, rows: &rows, colours: &colours, properties: self.properties };
+        let tile = glb::GlbTile { mesh: &mesh, rows: &rows, colours: &colours, properties: self.properties };
         let bytes = glb::glb(&tile, self.precision);
         write_whole_unflushed(path, |out| out.write_all(&bytes))?;
         Ok(mesh.bounds())

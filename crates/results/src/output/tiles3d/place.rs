@@ -35,13 +35,13 @@ enum Way {
 }
 
 /// The local frame of a city on the earth.
-pub struct Place {
+pub struct TilesetPlace {
     way: Way,
     centre: DVec3,
     enu_from_ecef: DMat3,
 }
 
-impl Place {
+impl TilesetPlace {
     /// A frame around a map position (metres).
     ///
     /// # Errors

@@ -12,7 +12,7 @@ use sizeup_geo::groups::Groups;
 const CELLS_PER_TOLERANCE: f64 = 10.0;
 
 /// A face that passed the checks of its rings and its plane.
-pub struct Face {
+pub struct SoundFace {
     /// Surface of the shell.
     pub index: usize,
     /// Rings of indices into [`Snapped::points`], exterior first, not closed.
@@ -26,7 +26,7 @@ pub struct Face {
 /// A fault of a face and where it is.
 type FaceFault = (Code, [f64; 3]);
 
-impl Face {
+impl SoundFace {
     /// Checks a surface.
     ///
     /// # Errors

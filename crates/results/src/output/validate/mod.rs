@@ -31,7 +31,7 @@ use super::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface, vis
 use super::grid::OutputGrid;
 use super::prism;
 use super::read::is_sequence;
-use face::Face;
+use face::SoundFace;
 use parts::Part;
 use snap::Snapped;
 
@@ -295,12 +295,12 @@ fn check_geometry(
         return vec![fault(0, 0, empty)];
     }
     let snapped = Snapped::new(city, geometry, config.snap_tolerance_m);
-    let mut shells: BTreeMap<[usize; 2], Vec<Face>> = BTreeMap::new();
+    let mut shells: BTreeMap<[usize; 2], Vec<SoundFace>> = BTreeMap::new();
     let mut faults = Vec::new();
     let mut is_face_sound = true;
     for surface in &geometry.surfaces {
         let [solid, shell, index] = surface.place;
-        match Face::new(surface, &snapped, config) {
+        match SoundFace::new(surface, &snapped, config) {
             Ok(face) => shells.entry([solid, shell]).or_default().push(face),
             Err(found) => {
                 is_face_sound = false;

@@ -7,7 +7,7 @@ use rstar::primitives::{GeomWithData, Rectangle};
 use rstar::{AABB, RTree};
 
 use super::super::planar::{cross, is_inside};
-use super::face::{Face, flatten};
+use super::face::{SoundFace, flatten};
 use super::snap::Snapped;
 use super::{Code, Found};
 use sizeup_geo::groups::Groups;
@@ -21,7 +21,7 @@ const TOUCHING: f64 = 0.01;
 type Uses = Vec<(usize, bool)>;
 
 /// Checks a shell of sound faces; `shell_index` 0 is the outer shell of its solid.
-pub fn check(faces: &[Face], shell_index: usize, snapped: &Snapped) -> Vec<Found> {
+pub fn check(faces: &[SoundFace], shell_index: usize, snapped: &Snapped) -> Vec<Found> {
     if faces.len() < MIN_FACES {
         return vec![Found { code: Code::TooFewPolygons, surface: None, position: None }];
     }
@@ -53,7 +53,7 @@ pub fn check(faces: &[Face], shell_index: usize, snapped: &Snapped) -> Vec<Found
     found
 }
 
-fn edges(faces: &[Face]) -> BTreeMap<[usize; 2], Uses> {
+fn edges(faces: &[SoundFace]) -> BTreeMap<[usize; 2], Uses> {
     let mut edges: BTreeMap<[usize; 2], Uses> = BTreeMap::new();
     for (f, face) in faces.iter().enumerate() {
         for [a, b] in face_edges(face) {
@@ -63,12 +63,12 @@ fn edges(faces: &[Face]) -> BTreeMap<[usize; 2], Uses> {
     edges
 }
 
-fn face_edges(face: &Face) -> impl Iterator<Item = [usize; 2]> {
+fn face_edges(face: &SoundFace) -> impl Iterator<Item = [usize; 2]> {
     face.rings.iter().flat_map(|ring| (0..ring.len()).map(move |i| [ring[i], ring[(i + 1) % ring.len()]]))
 }
 
 /// Fault of an edge: 302 (open), 303 or 307, by the faces that use it; `None` where it is sound.
-fn edge_fault(edge: [usize; 2], uses: &Uses, faces: &[Face], snapped: &Snapped) -> Option<Found> {
+fn edge_fault(edge: [usize; 2], uses: &Uses, faces: &[SoundFace], snapped: &Snapped) -> Option<Found> {
     let code = match uses.as_slice() {
         [_] => Code::ShellNotClosed,
         [(_, first), (_, second)] if first == second => Code::PolygonWrongOrientation,
@@ -81,7 +81,7 @@ fn edge_fault(edge: [usize; 2], uses: &Uses, faces: &[Face], snapped: &Snapped) 
 
 /// 303: the corners of faces around a vertex fall into more than one fan. A face that meets the vertex twice has two corners
 /// there.
-fn vertex_faults(faces: &[Face], snapped: &Snapped) -> Vec<Found> {
+fn vertex_faults(faces: &[SoundFace], snapped: &Snapped) -> Vec<Found> {
     // Face, and the neighbours of the vertex along its ring.
     let mut corners_at: BTreeMap<usize, Vec<(usize, [usize; 2])>> = BTreeMap::new();
     for (f, face) in faces.iter().enumerate() {
@@ -124,7 +124,7 @@ fn n_components(n_faces: usize, edges: &BTreeMap<[usize; 2], Uses>) -> usize {
 }
 
 /// 306: an edge of one face pierces another face or lies in it, a vertex touches it, or two faces in one plane overlap.
-fn crossing_faces(faces: &[Face], snapped: &Snapped) -> Vec<Found> {
+fn crossing_faces(faces: &[SoundFace], snapped: &Snapped) -> Vec<Found> {
     let boxes = faces.iter().enumerate().map(|(f, face)| {
         let points = face.rings[0].iter().map(|&i| snapped.points[i]);
         GeomWithData::new(Rectangle::from_aabb(AABB::from_points(points.collect::<Vec<_>>().iter())), f)
@@ -154,7 +154,7 @@ fn crossing_faces(faces: &[Face], snapped: &Snapped) -> Vec<Found> {
 }
 
 /// Point where an edge of `face` goes through the inside of `other`.
-fn piercing(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
+fn piercing(face: &SoundFace, other: &SoundFace, snapped: &Snapped) -> Option<DVec3> {
     let point = |i: usize| DVec3::from_array(snapped.points[i]);
     let on_plane = point(other.rings[0][0]);
     let above = |i: usize| (point(i) - on_plane).dot(other.normal);
@@ -169,7 +169,7 @@ fn piercing(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
 }
 
 /// A corner of `face` inside `other`, or the middle of an edge that runs through it from border to border.
-fn touching(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
+fn touching(face: &SoundFace, other: &SoundFace, snapped: &Snapped) -> Option<DVec3> {
     let point = |i: usize| DVec3::from_array(snapped.points[i]);
     let origin = point(other.rings[0][0]);
     let is_on_plane = |at: DVec3| (at - origin).dot(other.normal).abs() <= TOUCHING * snapped.tolerance_m;
@@ -181,7 +181,7 @@ fn touching(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
 }
 
 /// Whether a point of a face's plane lies inside the face, farther than the tolerance from all its edges.
-fn is_within(at: DVec3, face: &Face, snapped: &Snapped) -> bool {
+fn is_within(at: DVec3, face: &SoundFace, snapped: &Snapped) -> bool {
     let point = |i: usize| DVec3::from_array(snapped.points[i]);
     let is_near_edge = face_edges(face).any(|[a, b]| {
         let (a, along) = (point(a), point(b) - point(a));
@@ -199,7 +199,7 @@ fn is_within(at: DVec3, face: &Face, snapped: &Snapped) -> bool {
 }
 
 /// A point that two faces of one plane share.
-fn overlap(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
+fn overlap(face: &SoundFace, other: &SoundFace, snapped: &Snapped) -> Option<DVec3> {
     let point = |i: usize| DVec3::from_array(snapped.points[i]);
     let on_plane = point(other.rings[0][0]);
     // A face smaller than the tolerance lies near every plane through it.
@@ -222,7 +222,7 @@ fn overlap(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
         })
         .or_else(|| {
             // The same ring twice has neither inner corners nor crossings.
-            let sorted = |f: &Face| {
+            let sorted = |f: &SoundFace| {
                 let mut corners = f.rings[0].clone();
                 corners.sort_unstable();
                 corners
@@ -232,7 +232,7 @@ fn overlap(face: &Face, other: &Face, snapped: &Snapped) -> Option<DVec3> {
 }
 
 /// Signed volume by the divergence theorem: positive if the faces look outwards.
-fn volume(faces: &[Face], snapped: &Snapped) -> f64 {
+fn volume(faces: &[SoundFace], snapped: &Snapped) -> f64 {
     let point = |i: usize| DVec3::from_array(snapped.points[i]);
     let ring_volume = |ring: &Vec<usize>| -> f64 {
         ring.windows(2).map(|edge| point(ring[0]).dot(point(edge[0]).cross(point(edge[1])))).sum::<f64>() / 6.0
