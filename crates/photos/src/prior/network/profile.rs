@@ -329,8 +329,7 @@ impl Profile {
     /// Number of photos that go in at once.
     fn n_views(&self, input: &Port) -> Result<usize, String> {
         let of_graph = match (&self.company, &input.shape[..]) {
-            (_, [_, n, _, _, _]) => *n,
-            (Some(Company { photos_first: true, .. }), [n, ..]) => *n,
+            (_, [_, n, _, _, _]) | (Some(Company { photos_first: true, .. }), [n, ..]) => *n,
             _ => Some(1),
         };
         match (&self.company, of_graph) {
