@@ -9,11 +9,12 @@ use serde_json::json;
 use super::{Failure, Global, Ui, print, print_json};
 use sizeup_footprints::{SMALL, SmallNetwork};
 use sizeup_photos::prior::network::known::{KnownNetwork, known, known_by_name};
+use sizeup_photos::prior::network::profile::{self, Profile};
 
 /// Subcommands of `sizeup model`.
 #[derive(Debug, Clone, Subcommand)]
 pub enum ModelCommand {
-    /// List the networks that sizeup knows: licence, source, size, and which are in place.
+    /// List the networks that sizeup knows: licence, source, size, and which are in place; then those whose graph you bring.
     List,
     /// Put a network in place: fetch its published weights, check them, and write what `prior.model = "NAME"` finds.
     Get(GetArgs),
@@ -75,7 +76,11 @@ fn list(global: &Global) -> Result<u8, Failure> {
     if global.json {
         let row = |network: &KnownNetwork| json!({ "network": network, "in_place": place(network) });
         let own = json!({ "network": SMALL, "in_place": "built in" });
-        print_json(&known().iter().map(row).chain([own]).collect::<Vec<_>>())?;
+        let brought = brought();
+        let profiles = brought.iter().map(|Profile { name, about, licence, .. }| {
+            json!({ "network": { "name": name, "about": about, "licence": licence }, "in_place": null })
+        });
+        print_json(&known().iter().map(row).chain([own]).chain(profiles).collect::<Vec<_>>())?;
         return Ok(0);
     }
     for network in known() {
@@ -96,7 +101,18 @@ fn list(global: &Global) -> Result<u8, Failure> {
         "{name:<12} {about}\n{indent}licence {licence}, {megabytes:.1} MB, {source}\n{indent}{measured}\n\
          {indent}built in: `source = \"network\"` under [footprints], without a model"
     ))?;
+    print(&"\nGraphs (ONNX) that you bring, by profile: `model = \"FILE\"` and `profile = \"NAME\"` under [prior]")?;
+    for Profile { name, about, licence, .. } in brought() {
+        print(&format_args!("{name:<25} {about}\n{}licence of its weights: {licence}", " ".repeat(26)))?;
+    }
     Ok(0)
+}
+
+/// Profiles of networks of which sizeup has no graph.
+fn brought() -> Vec<Profile> {
+    let known = known();
+    let is_brought = |profile: &Profile| known.iter().all(|network| network.name != profile.name);
+    profile::built_in().into_iter().filter(is_brought).collect()
 }
 
 fn get(args: &GetArgs, global: &Global) -> Result<u8, Failure> {
@@ -166,6 +182,10 @@ fn check(args: &CheckArgs, global: &Global) -> Result<u8, Failure> {
             }
             Err(problem) => problems.push(problem.to_string()),
         }
+    }
+    if args.file.extension().is_some_and(|extension| extension == "onnx") {
+        problems
+            .push(format!("hint: of a graph `sizeup prior inspect {}` says which profiles fit", args.file.display()));
     }
     Err(Failure::from_text(3, problems.join("\n")))
 }

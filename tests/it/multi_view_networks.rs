@@ -58,6 +58,36 @@ fn a_matching_network_looks_between_the_tallest_roofs_and_the_ground_and_low_con
 }
 
 #[test]
+fn depth_of_a_network_that_finds_poses_by_itself_is_in_metres_by_the_poses_of_the_photos() {
+    let folder = tempfile::tempdir().unwrap();
+    let views = [view(folder.path(), "a.png", 0.0), view(folder.path(), "b.png", 26.0)];
+    let config = NetworkConfig::new(fixture("depth_and_pose_enc.onnx"), "vggt");
+    let priors = NetworkPriors::new(config, &views, &Terrain::Constant(10.0), 50.0).unwrap();
+    let prior = priors.load(&views[0]).unwrap();
+    assert_eq!((prior.values.width(), prior.values.height()), (518, 266));
+    // The graph's photos stand 2 of its units apart, ours 26 m; its depth is exp(brightness) units, of brightness 0 to 1.
+    let (light, dark) = (prior.values[(450, 130)], prior.values[(60, 130)]);
+    assert!((light - 13.0 * 0.8_f32.exp()).abs() < 1e-3 && (dark - 13.0).abs() < 1e-3, "{light} {dark}");
+}
+
+#[test]
+fn a_network_gets_poses_from_the_camera_to_the_world_and_what_it_calls_ambiguous_is_no_depth() {
+    let folder = tempfile::tempdir().unwrap();
+    let views = [view(folder.path(), "a.png", 0.0), view(folder.path(), "b.png", 26.0)];
+    let config = NetworkConfig::new(fixture("depth_of_camera_poses.onnx"), "map-anything");
+    let priors = NetworkPriors::new(config, &views, &Terrain::Constant(10.0), 50.0).unwrap();
+    let prior = priors.load(&views[0]).unwrap();
+    // Depth is exp(mean of the normalised channels) · 26 m to the right · focal length of 518 px / 100.
+    let normalised = [(0.485, 0.229), (0.456, 0.224), (0.406, 0.225)].map(|(mean, std)| (0.8 - mean) / std);
+    let expected = (normalised.iter().sum::<f32>() / 3.0).exp() * 26.0 * 5.18;
+    let found = prior.values[(450, 130)];
+    assert!((found - expected).abs() < 1e-3 * expected, "{found} {expected}");
+    assert!(prior.values[(60, 130)].is_nan(), "black, so ambiguous");
+    // From the other photo the first one stands to the left.
+    assert!(priors.load(&views[1]).is_err(), "no depth is negative");
+}
+
+#[test]
 fn a_view_that_no_other_overlaps_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let views = [view(folder.path(), "a.png", 0.0), view(folder.path(), "b.png", 900.0)];
@@ -150,6 +180,31 @@ fn a_run_that_wants_a_known_network_says_how_to_get_it() {
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_ne!(output.status.code(), Some(0), "{message}");
     assert!(message.contains("is not in place") && message.contains("sizeup model get itermvs"), "{message}");
+}
+
+#[test]
+fn networks_whose_graph_one_brings_are_listed_with_their_licences_and_a_graph_is_sent_to_inspect() {
+    let models = tempfile::tempdir().unwrap();
+    let output = sizeup(models.path()).args(["model", "list"]).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let (_, brought) = text.split_once("Graphs (ONNX) that you bring").unwrap();
+    assert!(brought.contains("vggt ") && brought.contains("VGGT-1B for research only"), "{text}");
+    assert!(brought.contains("map-anything ") && !brought.contains("itermvs "), "{text}");
+    let output = sizeup(models.path()).args(["model", "list", "--json"]).output().unwrap();
+    let listed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let vggt = listed.as_array().unwrap().iter().find(|row| row["network"]["name"] == "vggt").unwrap();
+    assert!(vggt["in_place"].is_null() && vggt["network"]["licence"].as_str().unwrap().contains("commercial"));
+    let graph = fixture("depth_and_pose_enc.onnx");
+    let output = sizeup(models.path()).args(["model", "check"]).arg(&graph).output().unwrap();
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(3), "{message}");
+    assert!(message.contains("`sizeup prior inspect"), "{message}");
+    let output = sizeup(models.path()).args(["prior", "inspect"]).arg(&graph).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(
+        text.contains("fits    vggt") && text.contains("no fit  itermvs: expected an input named depth_range"),
+        "{text}"
+    );
 }
 
 /// A server on the loopback that answers every request with one file.

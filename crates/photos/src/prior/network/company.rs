@@ -1,4 +1,4 @@
-//! Photos that go into a network together, and their poses as Depth Anything 3 wants them (`depth_anything_3/api.py`,
+//! Photos that go into a network together, and their poses as the network wants them: Depth Anything 3's (`depth_anything_3/api.py`,
 //! `_normalize_extrinsics`).
 //!
 //! ```text
@@ -15,9 +15,9 @@
 //! units per metre = (σ₁ + σ₂ + sign(det H)·σ₃) / Σ |gᵢ − ḡ|²
 //! ```
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 
-use super::profile::PoseUnit;
+use super::profile::{PoseDirection, PoseUnit};
 use crate::onnx::Tensor;
 use sizeup_survey::View;
 
@@ -25,7 +25,7 @@ use sizeup_survey::View;
 const LEAST_DISTANCE_M: f64 = 0.1;
 
 /// Poses, `1 × n × 4 × 4`.
-pub(super) fn extrinsics(views: &[&View], unit: PoseUnit) -> Tensor {
+pub(super) fn extrinsics(views: &[&View], unit: PoseUnit, direction: PoseDirection) -> Tensor {
     let first = views[0].camera_from_map;
     let relative: Vec<(DMat3, DVec3)> = views
         .iter()
@@ -45,6 +45,10 @@ pub(super) fn extrinsics(views: &[&View], unit: PoseUnit) -> Tensor {
     };
     let mut values = Vec::with_capacity(views.len() * 16);
     for (rotation, shift) in relative {
+        let (rotation, shift) = match direction {
+            PoseDirection::WorldToCamera => (rotation, shift),
+            PoseDirection::CameraToWorld => (rotation.transpose(), -(rotation.transpose() * shift)),
+        };
         for row in 0..3 {
             values.extend(rotation.row(row).to_array().map(|v| v as f32));
             values.push((shift[row] / unit_m) as f32);
@@ -63,12 +67,12 @@ pub(super) fn intrinsics(views: &[&View], rows: usize, columns: usize) -> Tensor
     Tensor { shape: vec![1, views.len(), 3, 3], values: views.iter().flat_map(matrix).collect() }
 }
 
-/// How many metres one unit of the network's poses (`1 × n × 3 × 4` or `1 × n × 4 × 4`, world to camera) is.
+/// How many metres one unit of the network's poses (`1 × n × 3 × 4`, `1 × n × 4 × 4` or `1 × n × 9`, world to camera) is.
 pub(super) fn metres_per_unit(views: &[&View], poses: &Tensor) -> Result<f64, String> {
     let n = views.len();
     let size = poses.values.len() / n;
-    if poses.values.len() != n * size || !matches!(size, 12 | 16) {
-        return Err(format!("they have shape {:?}, expected 1 × {n} × 3 × 4", poses.shape));
+    if poses.values.len() != n * size || !matches!(size, 9 | 12 | 16) {
+        return Err(format!("they have shape {:?}, expected 1 × {n} × 3 × 4 or 1 × {n} × 9", poses.shape));
     }
     let found: Vec<DVec3> = poses.values.chunks_exact(size).map(centre).collect();
     let origin = views[0].camera_from_map.centre();
@@ -87,8 +91,13 @@ pub(super) fn metres_per_unit(views: &[&View], poses: &Tensor) -> Result<f64, St
     Err(format!("their centres lie {:.3} units apart, the cameras {:.3} m", spread.sqrt(), spread_m2.sqrt()))
 }
 
-/// Projection centre of a pose, row-major, world to camera: `−Rᵀ·t`.
+/// Projection centre of a pose, world to camera: `−Rᵀ·t`. Row-major, or translation, quaternion x y z w and fields of view.
 fn centre(pose: &[f32]) -> DVec3 {
+    if let [x, y, z, i, j, k, real, _, _] = *pose {
+        // Networks leave quaternions at any length.
+        let rotation = DQuat::from_array([i, j, k, real].map(f64::from)).normalize();
+        return -(rotation.conjugate() * DVec3::from_array([x, y, z].map(f64::from)));
+    }
     let at = |row: usize, col: usize| f64::from(pose[row * 4 + col]);
     let row = |i: usize| DVec3::new(at(i, 0), at(i, 1), at(i, 2));
     -(0..3).map(|i| row(i) * at(i, 3)).sum::<DVec3>()
@@ -144,6 +153,19 @@ mod tests {
         Tensor { shape: vec![1, views.len(), 3, 4], values: values.map(|v| v as f32).collect() }
     }
 
+    /// `3 × 4` poses as translation, quaternion (of length 3) and fields of view.
+    fn encoded(poses: &Tensor) -> Tensor {
+        let of_pose = |pose: &[f32]| {
+            let at = |row: usize, col: usize| f64::from(pose[row * 4 + col]);
+            let column = |col: usize| DVec3::new(at(0, col), at(1, col), at(2, col));
+            let quaternion = DQuat::from_mat3(&DMat3::from_cols(column(0), column(1), column(2))) * 3.0;
+            let values: Vec<f64> = [&column(3).to_array()[..], &quaternion.to_array(), &[1.0, 1.2]].concat();
+            values.into_iter().map(|v| v as f32).collect::<Vec<f32>>()
+        };
+        let n = poses.values.len() / 12;
+        Tensor { shape: vec![1, n, 9], values: poses.values.chunks_exact(12).flat_map(of_pose).collect() }
+    }
+
     #[test]
     fn poses_of_another_world_tell_its_unit_in_metres_also_of_two_views_and_of_a_straight_flight() {
         let base = DVec3::new(634_000.0, 485_000.0, 300.0);
@@ -154,8 +176,11 @@ mod tests {
         let straight: Vec<View> = (0..4).map(|i| at(base + f64::from(i) * places[1], DMat3::IDENTITY)).collect();
         for views in [&views[..], &views[..2], &straight] {
             let views: Vec<&View> = views.iter().collect();
-            let metres = metres_per_unit(&views, &in_another_world(&views)).unwrap();
+            let poses = in_another_world(&views);
+            let metres = metres_per_unit(&views, &poses).unwrap();
             assert!((metres - 50.0).abs() < 1e-3, "{metres}");
+            let metres = metres_per_unit(&views, &encoded(&poses)).unwrap();
+            assert!((metres - 50.0).abs() < 1e-3, "as translation and quaternion: {metres}");
         }
     }
 
@@ -181,8 +206,9 @@ mod tests {
         };
         let views = [view(0.0, 0.3), view(20.0, 0.3), view(-40.0, 0.8)];
         let views: Vec<&View> = views.iter().collect();
-        let metres = extrinsics(&views, PoseUnit::Metre);
-        let poses = extrinsics(&views, PoseUnit::MedianDistance);
+        let to_camera = PoseDirection::WorldToCamera;
+        let metres = extrinsics(&views, PoseUnit::Metre, to_camera);
+        let poses = extrinsics(&views, PoseUnit::MedianDistance, to_camera);
         assert_eq!(poses.shape, [1, 3, 4, 4]);
         let pose = |i: usize| &poses.values[i * 16..][..16];
         let identity = [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.];
@@ -193,6 +219,12 @@ mod tests {
         assert!((length(1) - 1.0).abs() < 1e-6 && (length(2) - 2.0).abs() < 1e-6);
         let west = DMat3::from_rotation_z(0.3) * DVec3::NEG_X;
         assert!((f64::from(pose(1)[3]) - west.x).abs() < 1e-6 && (f64::from(pose(1)[7]) - west.y).abs() < 1e-6);
+        // The other way round the last column is the projection centre, 20 m away, and the rotation is turned back.
+        let to_world = extrinsics(&views, PoseUnit::Metre, PoseDirection::CameraToWorld);
+        let shift = |pose: &[f32]| DVec3::new(f64::from(pose[3]), f64::from(pose[7]), f64::from(pose[11]));
+        assert!((shift(&to_world.values[16..32]) + 20.0 * west).length() < 1e-4);
+        let (there, back) = (&metres.values[32..48], &to_world.values[32..48]);
+        assert!((0..3).all(|i| (0..3).all(|j| there[i * 4 + j] == back[j * 4 + i])));
         assert_eq!(intrinsics(&views[..1], 150, 200).values, [250., 0., 100., 0., 250., 75., 0., 0., 1.]);
     }
 }

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::inspect::{Inspection, inspect};
 use self::preprocess::{Frame, Prepared};
-use self::profile::{Fit, Form, Lens, PoseUnit, Profile, Wiring};
+use self::profile::{Company, Fit, Form, Lens, PoseUnit, Profile, Wiring};
 use super::neighbours::Neighbours;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
 use crate::onnx::{Contents, EngineConfig, Network, Port, Tensor};
@@ -45,7 +45,7 @@ pub struct NetworkConfig {
     /// ONNX file; or the name of a network that `sizeup model get` has put in place.
     pub model: PathBuf,
     /// Built-in profile: "da3-mono", "da3-metric", "da3-anyview", "depth-anything-v2", "depth-anything-v2-metric",
-    /// "metric3d", "moge", "depth-pro" or "itermvs". It declares the numbers' direction.
+    /// "metric3d", "moge", "depth-pro", "vggt", "map-anything" or "itermvs". It declares the numbers' direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profile: Option<String>,
     /// A profile of your own, in place of a built-in one.
@@ -225,7 +225,7 @@ impl NetworkPriors {
         party.extend(self.company.choose(view, self.wiring.n_views - 1));
         let is_short = party.len() < self.wiring.n_views;
         let is_fixed = self.network.inputs().iter().any(|port| {
-            port.name == self.wiring.input && port.shape.len() == 5 && port.shape[1] == Some(self.wiring.n_views)
+            port.name == self.wiring.input && port.shape[self.wiring.rank - 4] == Some(self.wiring.n_views)
         });
         let is_alone = party.len() < 2 && self.wiring.depth_range.is_some();
         if (is_short && is_fixed) || is_alone {
@@ -275,9 +275,7 @@ impl NetworkPriors {
             values.extend(&self.photo(view, Some((frame.rows, frame.columns)))?.values);
         }
         let mut shape = vec![1; self.wiring.rank - 3];
-        if let Some(n) = shape.get_mut(1) {
-            *n = party.len();
-        }
+        shape[self.wiring.rank - 4] = party.len();
         shape.extend([3, frame.rows, frame.columns]);
         let mut inputs = vec![(self.wiring.input.clone(), Tensor { shape, values })];
         for name in &self.wiring.constants {
@@ -285,9 +283,9 @@ impl NetworkPriors {
             let rank = self.network.inputs().iter().find(|port| port.name == *name).map_or(0, |port| port.shape.len());
             inputs.push((name.clone(), Tensor { shape: vec![1; rank], values: vec![value] }));
         }
-        let extrinsics =
-            self.wiring.extrinsics.iter().map(|name| (name.clone(), company::extrinsics(&party, self.pose_unit())));
-        inputs.extend(extrinsics);
+        if let (Some(name), Some(Company { unit, direction, .. })) = (&self.wiring.extrinsics, &self.profile.company) {
+            inputs.push((name.clone(), company::extrinsics(&party, *unit, *direction)));
+        }
         let of_size = |name: &String| (name.clone(), company::intrinsics(&party, frame.rows, frame.columns));
         inputs.extend(self.wiring.intrinsics.iter().map(of_size));
         if let Some(name) = &self.wiring.depth_range {
@@ -295,10 +293,6 @@ impl NetworkPriors {
             inputs.push((name.clone(), Tensor { shape: vec![1, 2], values }));
         }
         Ok(Ready { inputs, frame })
-    }
-
-    fn pose_unit(&self) -> PoseUnit {
-        self.profile.company.as_ref().map(|company| company.unit).unwrap_or_default()
     }
 
     /// Nearest and farthest depth that is looked for in a view, metres.

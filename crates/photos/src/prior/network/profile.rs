@@ -46,6 +46,17 @@ pub enum PoseUnit {
     Metre,
 }
 
+/// Which way the poses run that a network takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PoseDirection {
+    /// From the world to the camera: `p_camera = R · p_world + t`.
+    #[default]
+    WorldToCamera,
+    /// From the camera to the world: `t` is the projection centre.
+    CameraToWorld,
+}
+
 /// Which photos a network takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -63,8 +74,16 @@ pub enum Lens {
 pub struct Company {
     /// How many photos, the view itself among them, where the graph does not say; at least 1.
     pub n_views: usize,
-    /// Names of an input of poses, `1 × n × 4 × 4`: world to camera, the first one's as the world, in `unit`.
+    /// Whether an image input of four dimensions holds photos that belong together, `n × 3 × rows × columns`, not a batch of single
+    /// ones.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub photos_first: bool,
+    /// Names of an input of poses, `1 × n × 4 × 4`, the first camera's as the world, in `unit`.
+    #[serde(default)]
     pub extrinsics: Vec<String>,
+    /// Direction of the poses that the network takes.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub direction: PoseDirection,
     /// Unit of the lengths in poses and depths that the network takes.
     #[serde(default)]
     pub unit: PoseUnit,
@@ -73,9 +92,11 @@ pub struct Company {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub depth_range: Vec<String>,
     /// Names of an input of calibration matrices, `1 × n × 3 × 3`, in pixels of the resized photos.
+    #[serde(default)]
     pub intrinsics: Vec<String>,
-    /// Names of an output of poses, `1 × n × 3 × 4` or `1 × n × 4 × 4`: world to camera, in the unit of the depth. Laid
-    /// over the calibrated ones, they bring the depth to metres.
+    /// Names of an output of poses, world to camera, in the unit of the depth: `1 × n × 3 × 4`, `1 × n × 4 × 4`, or `1 × n × 9` as
+    /// VGGT has them (translation, quaternion x y z w, two fields of view). Laid over the calibrated ones, they bring the depth to
+    /// metres.
     #[serde(default)]
     pub poses_output: Vec<String>,
 }
@@ -148,6 +169,10 @@ pub struct Profile {
     pub licence: String,
 }
 
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
 fn one() -> f32 {
     1.0
 }
@@ -183,7 +208,7 @@ pub fn by_name(name: &str) -> Result<Profile, PriorError> {
 pub struct Wiring {
     /// Name of the input that takes the image.
     pub input: String,
-    /// Dimensions of the image input: 4 (batch, channel, row, column) or 5 (views after the batch).
+    /// Dimensions of the image input: 4 (batch or views, channel, row, column) or 5 (views after the batch).
     pub rank: usize,
     /// Photos that go in together, the view itself first.
     pub n_views: usize,
@@ -262,6 +287,15 @@ impl Profile {
         let extrinsics = of_company(|c| &c.extrinsics);
         let intrinsics = of_company(|c| &c.intrinsics);
         let depth_range = of_company(|c| &c.depth_range);
+        if let (Some(company), None) = (&self.company, &depth_range)
+            && !company.depth_range.is_empty()
+        {
+            return Err(format!(
+                "expected an input named {}, found {}",
+                company.depth_range.join(" or "),
+                names(inputs)
+            ));
+        }
         let is_fed = |port: &Port| {
             port.name == input.name
                 || self.constants.contains_key(&port.name)
@@ -294,7 +328,10 @@ impl Profile {
 
     /// Number of photos that go in at once.
     fn n_views(&self, input: &Port) -> Result<usize, String> {
-        let of_graph = if input.shape.len() == 5 { input.shape[1] } else { Some(1) };
+        let of_graph = match (&self.company, &input.shape[..]) {
+            (_, [_, n, _, _, _]) | (Some(Company { photos_first: true, .. }), [n, ..]) => *n,
+            _ => Some(1),
+        };
         match (&self.company, of_graph) {
             (Some(_), Some(n)) => Ok(n),
             (Some(company), None) => Ok(company.n_views),
@@ -353,6 +390,24 @@ mod tests {
         let pixels = [Port::floats("pixel_values", &[any, Some(3), any, any])];
         assert!(of("depth-pro", &pixels, &["predicted_depth", "focallength_px"]).is_ok());
         let outputs = ["pred_depth", "pred_normal"];
+        // VGGT by its authors' names, and with photos in the first dimension, as others export it.
+        let poses = ["depth", "depth_conf", "pose_enc"];
+        let wiring = of("vggt", &[Port::floats("images", &[Some(1), any, Some(3), any, any])], &poses).unwrap();
+        assert_eq!((wiring.rank, wiring.n_views, wiring.poses.as_deref()), (5, 4, Some("pose_enc")));
+        let wiring = of("vggt", &[Port::floats("input_images", &[Some(6), Some(3), any, any])], &poses).unwrap();
+        assert_eq!((wiring.rank, wiring.n_views), (4, 6));
+        assert!(of("itermvs", &[Port::floats("images", &[Some(1), any, Some(3), any, any])], &poses).is_err());
+        let posed = [
+            Port::floats("images", &[Some(1), Some(4), Some(3), Some(392), Some(518)]),
+            Port::floats("camera_poses", &[]),
+            Port::floats("intrinsics", &[]),
+        ];
+        let wiring = of("map-anything", &posed, &["depth_z", "conf", "non_ambiguous_mask"]).unwrap();
+        assert_eq!(
+            (wiring.extrinsics.as_deref(), wiring.mask.as_deref()),
+            (Some("camera_poses"), Some("non_ambiguous_mask"))
+        );
+        assert!(of("vggt", &posed, &["depth_z"]).is_err(), "nothing is known of its poses");
         assert!(of("metric3d", &[image(&[Some(1), Some(3), Some(616), Some(1064)])], &outputs).is_ok());
     }
 }
