@@ -12,6 +12,7 @@ use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
 use super::{DtmConfig, Square, SquareOutcome};
+use sizeup_geo::groups::Groups;
 use sizeup_geo::terrain::{Dem, DemError, MapBox, Terrain};
 use sizeup_heights::raster::Raster;
 use sizeup_heights::stats;
@@ -36,6 +37,20 @@ const AGREE_M: f64 = 0.5;
 const AGREE_SLOPE: f64 = 0.03;
 /// A square with less than this share of the greatest agreement around it belongs to no ground.
 const MIN_AGREEMENT_SHARE: f64 = 0.5;
+/// Squares close by are on one patch if they differ by no more than this: a fixed part, metres, and a slope steeper than hills have.
+const STEP_M: f64 = 2.0;
+const STEP_SLOPE: f64 = 0.2;
+/// How far from one to the next square of a patch, in spacings.
+const STEP_REACH: f64 = 2.5;
+/// A patch above all around that is no larger than this, m², and than this share of the largest, is roofs; others are terraces.
+const LARGEST_ROOF_M2: f64 = 10_000.0;
+const LARGEST_ROOF_SHARE: f64 = 0.25;
+/// It stands above the nearest squares of the largest by a step and by so many times that patch's own slope: the median over squares that
+/// are so far apart, in spacings.
+const N_BELOW: usize = 3;
+const SLOPES: f64 = 3.0;
+const SLOPE_OVER: [f64; 2] = [3.0, 6.0];
+
 /// The surface stays within this of the squares around it, metres.
 const BEYOND_M: f64 = 0.5;
 
@@ -45,6 +60,7 @@ type Heights = RTree<GeomWithData<[f64; 2], f64>>;
 pub(super) fn leave_out_what_stands_above(squares: &mut [Square], spacing_m: f64) -> f64 {
     let bandwidth_m = BANDWIDTH * spacing_m;
     leave_out_what_few_agree_with(squares, bandwidth_m);
+    leave_out_roofs(squares, spacing_m);
     let heights = heights(squares);
     let against = |square: &Square| {
         let SquareOutcome::Ground(z_m) = square.outcome else { return None };
@@ -92,6 +108,76 @@ fn leave_out_what_few_agree_with(squares: &mut [Square], bandwidth_m: f64) {
             square.outcome = SquareOutcome::Outlier(z_m);
         }
     }
+}
+
+/// Marks patches that stand above the ground by a step, and are no larger than a building: roofs without a footprint, on which all
+/// squares agree.
+fn leave_out_roofs(squares: &mut [Square], spacing_m: f64) {
+    let known: Vec<(usize, DVec2, f64)> = squares
+        .iter()
+        .enumerate()
+        .filter_map(|(i, square)| match square.outcome {
+            SquareOutcome::Ground(z_m) => Some((i, square.at, z_m)),
+            _ => None,
+        })
+        .collect();
+    let patches = patches(&known, STEP_REACH * spacing_m);
+    let Some(largest) = patches.iter().max_by_key(|patch| patch.len()) else { return };
+    let most = (LARGEST_ROOF_M2 / (spacing_m * spacing_m)).min(LARGEST_ROOF_SHARE * largest.len() as f64);
+    let below = largest.iter().map(|&i| GeomWithData::new(known[i].1.to_array(), known[i].2));
+    let below: Heights = RTree::bulk_load(below.collect());
+    let Some(slope) = slope(&below, SLOPE_OVER.map(|over| over * spacing_m)) else { return };
+    for patch in patches.iter().filter(|patch| patch.len() as f64 <= most) {
+        let above = patch.iter().map(|&i| {
+            let (_, at, z_m) = known[i];
+            let near: Vec<_> = below.nearest_neighbor_iter(&at.to_array()).take(N_BELOW).collect();
+            let distance_m = near.last().map_or(0.0, |square| DVec2::from_array(*square.geom()).distance(at));
+            let below_m = stats::median(&near.iter().map(|square| square.data).collect::<Vec<_>>()).unwrap_or(z_m);
+            z_m - below_m - STEP_M - SLOPES * slope * distance_m
+        });
+        if stats::median(&above.collect::<Vec<_>>()).is_some_and(|above_m| above_m > 0.0) {
+            for &i in patch {
+                let (square, _, z_m) = known[i];
+                squares[square].outcome = SquareOutcome::Outlier(z_m);
+            }
+        }
+    }
+}
+
+/// Squares that are joined by no steps, as positions among them.
+fn patches(known: &[(usize, DVec2, f64)], reach_m: f64) -> Vec<Vec<usize>> {
+    let places = known.iter().enumerate().map(|(i, (_, at, _))| GeomWithData::new(at.to_array(), i));
+    let tree: RTree<GeomWithData<[f64; 2], usize>> = RTree::bulk_load(places.collect());
+    let mut groups = Groups::new(known.len());
+    for (i, (_, at, z_m)) in known.iter().enumerate() {
+        for other in tree.locate_within_distance(at.to_array(), reach_m * reach_m) {
+            let (_, other_at, other_m) = known[other.data];
+            if (other_m - z_m).abs() <= step_m(other_at.distance(*at)) {
+                groups.join(i, other.data);
+            }
+        }
+    }
+    let mut patches = vec![Vec::new(); known.len()];
+    (0..known.len()).for_each(|i| patches[groups.first_of(i)].push(i));
+    patches.retain(|patch| !patch.is_empty());
+    patches
+}
+
+/// Median slope between squares that are so far apart, metres; `None` where there are none.
+fn slope(squares: &Heights, [from_m, to_m]: [f64; 2]) -> Option<f64> {
+    let of_square = |square: &GeomWithData<[f64; 2], f64>| {
+        let at = DVec2::from_array(*square.geom());
+        let others = squares.locate_within_distance(at.to_array(), to_m * to_m);
+        let slopes = others.map(|other| (DVec2::from_array(*other.geom()).distance(at), other.data - square.data));
+        let slopes = slopes.filter(|(distance_m, _)| *distance_m >= from_m).map(|(d_m, z_m)| z_m.abs() / d_m);
+        stats::median(&slopes.collect::<Vec<_>>())
+    };
+    stats::median(&squares.iter().filter_map(of_square).collect::<Vec<_>>())
+}
+
+/// Greatest difference between neighbours on one patch, metres.
+fn step_m(distance_m: f64) -> f64 {
+    STEP_M + STEP_SLOPE * distance_m
 }
 
 /// The model over an area, from what the squares say that a rough one is off by. A level has no value farther from ground
@@ -259,6 +345,46 @@ mod tests {
         // Some false ones lie by chance close to the ground.
         assert!(off.len() >= 85 && n_false <= 5, "{} kept of 90, {n_false} of them false", off.len());
         assert!(off.iter().filter(|m| **m > 1.5).count() <= 1, "{off:?}");
+    }
+
+    /// Level ground, two squares in five of it open, and at its northern border, 64 m from the next open ground, seven squares in a row that
+    /// stand higher: as over a real town of which nine buildings have footprints.
+    fn beside_a_row(stands_m: f64) -> Vec<Square> {
+        let all = (0..18 * 14).map(|i| (i % 18, i / 18));
+        let is_in_row = |col: i32, row: i32| row == 13 && (5..12).contains(&col);
+        let open = all.filter(|&(col, row)| is_in_row(col, row) || (row < 10 && (col * 7 + row * 3) % 5 < 2));
+        let square = |(col, row): (i32, i32)| {
+            let noise_m = 0.3 * (f64::from(col * 31 + row * 17) * 1.7).sin();
+            let z_m = if is_in_row(col, row) { stands_m } else { 0.0 } + noise_m;
+            Square { at: DVec2::new(f64::from(col), f64::from(row)) * 16.0, outcome: SquareOutcome::Ground(z_m) }
+        };
+        open.map(square).collect()
+    }
+
+    #[test]
+    fn a_roof_without_a_footprint_on_which_all_squares_agree_is_not_ground() {
+        let mut squares = beside_a_row(16.0);
+        leave_out_what_stands_above(&mut squares, 16.0);
+        assert_eq!(n_ground_in_row(&squares), 0);
+        let n_ground = squares.iter().filter(|s| matches!(s.outcome, SquareOutcome::Ground(_))).count();
+        assert!(n_ground >= 60, "{n_ground} of {}", squares.len());
+    }
+
+    fn n_ground_in_row(squares: &[Square]) -> usize {
+        let in_row = squares.iter().filter(|square| square.at.y > 200.0);
+        in_row.filter(|square| matches!(square.outcome, SquareOutcome::Ground(_))).count()
+    }
+
+    #[test]
+    fn a_hillside_behind_a_gap_is_no_roof() {
+        // One in six all the way, where the terrain is a constant: 35 m at the row, 11 m above the squares before the gap.
+        let mut squares = beside_a_row(0.0);
+        for square in &mut squares {
+            let SquareOutcome::Ground(z_m) = square.outcome else { continue };
+            square.outcome = SquareOutcome::Ground(z_m + square.at.y / 6.0);
+        }
+        leave_out_roofs(&mut squares, 16.0);
+        assert_eq!(n_ground_in_row(&squares), 7);
     }
 
     #[test]
