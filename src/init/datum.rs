@@ -50,6 +50,8 @@ pub(super) enum Ground<'a> {
     Model(&'a TerrainFile, Level),
     /// One height that somebody gave.
     Given(f64),
+    /// Rough level by the sparse points of the photos' model, in the poses' heights.
+    Points(Level),
     /// No ground is known.
     Nothing,
 }
@@ -57,7 +59,7 @@ pub(super) enum Ground<'a> {
 impl Ground<'_> {
     fn level(&self) -> Option<Level> {
         match self {
-            Self::Model(_, level) => Some(*level),
+            Self::Model(_, level) | Self::Points(level) => Some(*level),
             Self::Given(_) | Self::Nothing => None,
         }
     }
@@ -119,6 +121,7 @@ fn by_ground(known: &Known<'_>) -> Datum {
             doubt_given(&mut datum, known, level_m);
             datum
         }
+        Ground::Points(level) => from_points(known, level),
         Ground::Nothing => from_takeoff(known),
     }
 }
@@ -180,6 +183,22 @@ fn from_takeoff(known: &Known<'_>) -> Datum {
     datum.ground_in_words = format!(
         "about {level_m:.1} m, the place of take-off by {n} photos (within {spread_m:.1} m of each other; the ground elsewhere may \
          differ by the relief); the photos find the terrain from there"
+    );
+    datum.terrain_entries.push(Entry::new("constant_m", format!("{level_m:?}"), datum.ground_in_words.clone()));
+    datum
+}
+
+/// The ground that the sparse points of the photos' model tell.
+fn from_points(known: &Known<'_>, level: Level) -> Datum {
+    let mut datum = as_they_are(known);
+    let level_m = (10.0 * level.median_m).round() / 10.0;
+    datum.constant_m = Some(level_m);
+    datum.is_sharpened = true;
+    datum.ground_in_words = format!(
+        "about {level_m:.1} m by the lowest of the model's sparse points ({} squares of 50 m, most of them within {:.1} m of each other); the \
+         photos find the terrain from there",
+        level.n,
+        2.0 * level.spread_m
     );
     datum.terrain_entries.push(Entry::new("constant_m", format!("{level_m:?}"), datum.ground_in_words.clone()));
     datum

@@ -10,7 +10,9 @@ use super::poses::{self, PoseSource};
 use super::project::{Findings, Lack, Notes};
 use super::{InitError, InitRequest};
 use sizeup_geo::terrain::{self, MapBox, Terrain, TerrainConfig};
-use sizeup_survey::{HeightConfig, Reading, Site, Survey, SurveyConfig, SurveyError, VerticalDatum, View};
+use sizeup_survey::{
+    HeightConfig, Reading, Site, Survey, SurveyConfig, SurveyError, VerticalDatum, View, sparse_ground,
+};
 
 /// A survey in the project's frame.
 pub(super) struct Placed {
@@ -117,13 +119,14 @@ pub(super) fn place_in(
             None
         }
     };
+    let takeoff = flight::takeoff(views, &found.facts);
     let ground = match (model, request.ground_m) {
         (_, Some(level_m)) => Ground::Given(level_m),
         (Some((file, level)), None) => Ground::Model(file, level),
-        (None, None) => Ground::Nothing,
+        (None, None) if takeoff.is_some() => Ground::Nothing,
+        (None, None) => by_points(found, views, notes).map_or(Ground::Nothing, Ground::Points),
     };
     let geoid_m = Place::of(&found.source.look).middle_deg().and_then(datum::geoid_m);
-    let takeoff = flight::takeoff(views, &found.facts);
     let stated = found.source.look.heights;
     let datum = datum::settle(&Known { stated, is_reached, why_not, takeoff, geoid_m, ground });
     if !datum.lacks.is_empty() {
@@ -143,6 +146,15 @@ pub(super) fn place_in(
     let mut survey = reading.into_survey();
     survey.views.sort_by(|a, b| a.id.cmp(&b.id));
     Ok(Placed { frame, datum, survey, terrain })
+}
+
+/// Rough ground by the sparse points that lie beside the poses; points that cannot be read are told, and no ground.
+fn by_points(found: &Findings, views: &[View], notes: &mut Notes) -> Option<Level> {
+    let ground = sparse_ground(&survey_of(found), views).unwrap_or_else(|e| {
+        notes.warnings.push(format!("the model's points tell no ground: {}", told_apart(&e).0));
+        None
+    })?;
+    Some(Level { median_m: ground.level_m, spread_m: ground.spread_m, n: ground.n })
 }
 
 /// An error without its hint, and the hint.

@@ -546,6 +546,7 @@ fn what_is_missing_is_told_written_and_left_to_be_filled_in() {
     for name in ["sparse", "images", "georef.json"] {
         desk.bring(name, name);
     }
+    fs::remove_file(desk.path("flight/sparse/points3D.txt")).unwrap();
     let (summary, outcome) = desk.init(&[]);
     assert_eq!((outcome.code, summary["is_complete"].clone()), (3, json!(false)));
     assert_eq!(missing(&summary), ["building footprints", "the ground"], "{}", outcome.stderr);
@@ -846,6 +847,42 @@ fn a_real_photo_with_a_base_station_states_its_accuracy() {
     assert!(outcome.code == 3 && desk.text().contains("# crs = \"EPSG:4490\""), "{}", desk.text());
 }
 
+/// The one height of the ground in what was written, metres.
+fn constant_m(desk: &Desk) -> f64 {
+    let text = desk.text();
+    let line = text.lines().find(|line| line.starts_with("constant_m = ")).unwrap_or_else(|| panic!("{text}"));
+    line.trim_start_matches("constant_m = ").split_whitespace().next().unwrap().parse().unwrap()
+}
+
+#[test]
+fn the_ground_of_a_block_without_a_terrain_model_is_that_of_its_sparse_points() {
+    let desk = Desk::new();
+    for name in ["sparse", "images", "georef.json"] {
+        desk.bring(name, name);
+    }
+    write_footprints(&desk.path("flight/buildings.gpkg"), CRS);
+    let georef: Value = serde_json::from_slice(&fs::read(scene().join("georef.json")).unwrap()).unwrap();
+    let middle = survey().views.iter().map(|view| view.centre()).sum::<DVec3>() / survey().views.len() as f64;
+    let from_offset = middle - DVec3::from_array(serde_json::from_value(georef["offset"].clone()).unwrap());
+    // Seven of ten points on the ground, the rest on roofs of 15 m; each in three photos.
+    let mut points = String::new();
+    for i in 0..4000_u32 {
+        let [x, y] = [i * 7919 % 400, i * 104_729 % 400].map(|c| f64::from(c) - 200.0);
+        let z_m = GROUND_M + if i % 10 < 7 { 0.0 } else { 15.0 };
+        writeln!(points, "{i} {} {} {z_m} 0 0 0 0.5 1 0 2 0 3 0", from_offset.x + x, from_offset.y + y).unwrap();
+    }
+    fs::write(desk.path("flight/sparse/points3D.txt"), points).unwrap();
+    let (_, outcome) = desk.init(&[]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert!((constant_m(&desk) - GROUND_M).abs() < 0.2 && desk.text().contains("[dtm]"), "{}", desk.text());
+    assert!(outcome.stderr.contains("sparse points"), "{}", outcome.stderr);
+    // What cannot be read is told, and not taken for ground.
+    fs::write(desk.path("flight/sparse/points3D.txt"), "1 2 three 4 0 0 0 0.5\n").unwrap();
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!((outcome.code, missing(&summary)), (3, vec!["the ground".to_owned()]), "{}", outcome.stderr);
+    assert!(warnings(&summary).contains("points3D.txt"), "{summary:#}");
+}
+
 #[test]
 fn a_real_block_runs_once_its_ground_is_given() {
     let Some(folder) = shared_data("warsaw_ochota_photos") else { return };
@@ -853,8 +890,15 @@ fn a_real_block_runs_once_its_ground_is_given() {
     for name in ["images", "sparse", "georef.json", "truth_buildings.geojson"] {
         copy(&folder.join(name), &desk.path("flight").join(name));
     }
+    // Its true ground is 111.1 to 111.5 m: the model's points tell it roughly, the photos from there.
     let (summary, outcome) = desk.init(&[]);
-    assert_eq!((outcome.code, missing(&summary)), (3, vec!["the ground".to_owned()]), "{}", outcome.stderr);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert!(desk.text().contains("[dtm]"), "{}", desk.text());
+    let level_m = constant_m(&desk);
+    assert!((110.0..112.5).contains(&level_m), "{level_m} m");
+    fs::remove_file(desk.path("flight/sparse/points3D.txt")).unwrap();
+    let (summary_without, outcome) = desk.init(&[]);
+    assert_eq!((outcome.code, missing(&summary_without)), (3, vec!["the ground".to_owned()]), "{}", outcome.stderr);
     assert_eq!((&summary["flight"]["n_nadir"], &summary["flight"]["n_oblique"]), (&json!(5), &json!(7)));
     assert_eq!(summary["crs"]["definition"], "EPSG:2180");
     let (summary, outcome) = desk.init(&["--ground", "111.6"]);

@@ -39,6 +39,7 @@ mod whole;
 mod write;
 mod xml;
 
+pub use colmap::{SparseGround, sparse_ground};
 pub use compare::{CornerErrors, GroundPolygons};
 pub use config::{CameraConfig, CsvConfig, HeightConfig, PixelOrigin, SurveyConfig, TangentialOrder, VerticalDatum};
 pub use error::{Hint, Place, SurveyError};

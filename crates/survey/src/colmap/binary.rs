@@ -17,6 +17,9 @@ const CAMERA_BYTES: u64 = 4 + 4 + 8 + 8;
 const IMAGE_BYTES: u64 = 4 + 7 * 8 + 4 + 1 + 8;
 /// Bytes of an observation.
 const OBSERVATION_BYTES: u64 = 8 + 8 + 8;
+/// Bytes of a point without its observations, and of one of these.
+const POINT_BYTES: u64 = 8 + 3 * 8 + 3 + 8 + 8;
+const SIGHTING_BYTES: u64 = 4 + 4;
 /// Longer names than this no file system has.
 const MAX_NAME_BYTES: usize = 4096;
 
@@ -64,6 +67,24 @@ pub(super) fn images(path: &Path, mut take: impl FnMut(ImageRow)) -> Result<(), 
             camera_id,
             name,
         });
+    }
+    Ok(())
+}
+
+/// Reads `points3D.bin`: positions of points that at least so many photos see.
+pub(super) fn points(path: &Path, min_photos: u64, mut take: impl FnMut(DVec3)) -> Result<(), SurveyError> {
+    let mut bytes = Bytes::open(path)?;
+    let n_points = bytes.count("points", POINT_BYTES)?;
+    for _ in 0..n_points {
+        let _id = bytes.u64()?;
+        let at = DVec3::new(bytes.f64()?, bytes.f64()?, bytes.f64()?);
+        let _colour: [u8; 3] = bytes.array()?;
+        let _error_px = bytes.f64()?;
+        let n_photos = bytes.count("observations", SIGHTING_BYTES)?;
+        bytes.skip(n_photos * SIGHTING_BYTES)?;
+        if n_photos >= min_photos {
+            take(at);
+        }
     }
     Ok(())
 }

@@ -6,12 +6,15 @@
 
 mod binary;
 mod models;
+mod points;
 mod text;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::{DMat3, DQuat, DVec3};
+
+pub use points::{SparseGround, sparse_ground};
 
 use super::error::Place;
 use super::formats::Candidate;

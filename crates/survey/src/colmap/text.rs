@@ -59,6 +59,23 @@ pub(super) fn images(path: &Path, mut take: impl FnMut(ImageRow)) -> Result<(), 
     Ok(())
 }
 
+/// Reads `points3D.txt`, `ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)…`: positions of points that at least so many photos see.
+pub(super) fn points(path: &Path, min_photos: usize, mut take: impl FnMut(DVec3)) -> Result<(), SurveyError> {
+    const N_FIELDS: usize = 8;
+    let mut lines = Lines::open(path)?;
+    while let Some(line) = lines.next_data()? {
+        let mut position = line.split_ascii_whitespace().skip(1).map(number::<f64>);
+        let mut next = || position.next().unwrap_or_else(|| Err("expected ID X Y Z R G B ERROR TRACK".to_owned()));
+        let at = next().and_then(|x| Ok(DVec3::new(x, next()?, next()?)));
+        let n_fields = line.split_ascii_whitespace().count();
+        let at = at.map_err(|message| lines.error(message))?;
+        if n_fields >= N_FIELDS + 2 * min_photos {
+            take(at);
+        }
+    }
+    Ok(())
+}
+
 /// Whether a line lists observations (`X Y POINT3D_ID` each) and no pose: numbers only, in threes. The tenth field of a
 /// pose is a name; so long a line of numbers is no pose whatever follows.
 fn are_observations(line: &str) -> bool {

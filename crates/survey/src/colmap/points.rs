@@ -1,0 +1,131 @@
+//! Ground by the sparse points of a model: a rough level, where there is no terrain model.
+//!
+//! ```text
+//! low      of the points in a square of CELL_M, the height that LOW of them lie below: roofs and trees are above it
+//! level    the height that a quarter of the squares' lows lie below; the other squares are mostly roofs
+//! ```
+//!
+//! Points are in the model's frame, views in the project's: what lies between is the median difference of the cameras' heights.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
+use super::{binary, text};
+use crate::{SurveyConfig, SurveyError, View};
+use sizeup_heights::stats::{median, quantile};
+
+/// Fewer photos may see a point by mistake.
+const MIN_PHOTOS: usize = 3;
+/// Side of a square, metres, and how many points tell its ground.
+const CELL_M: f64 = 50.0;
+const MIN_POINTS: usize = 15;
+/// Share of a square's points that lie below its ground: false ones.
+const LOW: f64 = 0.15;
+/// Share of squares that are taken to be open.
+const OPEN: f64 = 0.25;
+
+/// Rough ground of a model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SparseGround {
+    /// Level of open squares, project's heights, metres.
+    pub level_m: f64,
+    /// Half of what lies between the lowest and the highest tenth of the squares' lows, metres: relief, and roofs.
+    pub spread_m: f64,
+    /// Number of squares.
+    pub n: usize,
+}
+
+/// The ground that the sparse points of a COLMAP model tell; `None` of other surveys, without points, and where they are too few.
+///
+/// # Errors
+/// [`SurveyError`]: the points or the poses cannot be read.
+pub fn sparse_ground(config: &SurveyConfig, views: &[View]) -> Result<Option<SparseGround>, SurveyError> {
+    let file = |extension: &str| config.path.join("points3D").with_extension(extension);
+    let mut points = Vec::new();
+    if file("bin").is_file() {
+        binary::points(&file("bin"), MIN_PHOTOS as u64, |at| points.push(at))?;
+    } else if file("txt").is_file() {
+        text::points(&file("txt"), MIN_PHOTOS, |at| points.push(at))?;
+    }
+    if points.is_empty() {
+        return Ok(None);
+    }
+    let in_project: BTreeMap<&str, f64> = views.iter().map(|view| (view.id.0.as_str(), view.centre().z)).collect();
+    let raised = super::read(config)?.poses.into_iter();
+    let raised = raised.filter_map(|pose| Some(in_project.get(pose.name.as_str())? - pose.centre.z));
+    let Some(raised_m) = median(&raised.collect::<Vec<_>>()) else { return Ok(None) };
+    Ok(level(&points).map(|ground| SparseGround { level_m: ground.level_m + raised_m, ..ground }))
+}
+
+/// The same in the model's frame.
+fn level(points: &[DVec3]) -> Option<SparseGround> {
+    let mut squares: BTreeMap<[i64; 2], Vec<f64>> = BTreeMap::new();
+    for at in points.iter().filter(|at| at.is_finite()) {
+        squares.entry([at.x, at.y].map(|c| (c / CELL_M).floor() as i64)).or_default().push(at.z);
+    }
+    let told = squares.values().filter(|heights| heights.len() >= MIN_POINTS);
+    let lows: Vec<f64> = told.filter_map(|heights| quantile(heights, LOW)).collect();
+    let spread_m = 0.5 * (quantile(&lows, 0.9)? - quantile(&lows, 0.1)?);
+    Some(SparseGround { level_m: quantile(&lows, OPEN)?, spread_m, n: lows.len() })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write as _;
+
+    use super::*;
+
+    /// A town of 400 m: a third of its squares are roofs of 12 m, and one point in twenty is false and deep below.
+    fn town() -> Vec<DVec3> {
+        let point = |i: usize| {
+            let at = glam::DVec2::new((i * 7919 % 400) as f64, (i * 104_729 % 400) as f64);
+            let is_roof = ((at.x / 50.0) as usize + (at.y / 50.0) as usize).is_multiple_of(3);
+            let z_m = if i.is_multiple_of(20) {
+                -40.0
+            } else if is_roof {
+                12.0
+            } else {
+                0.0
+            };
+            at.extend(z_m + 0.2 * (i as f64).sin())
+        };
+        (0..3000).map(point).collect()
+    }
+
+    #[test]
+    fn the_level_of_a_town_is_its_streets_and_neither_roofs_nor_false_points() {
+        let ground = level(&town()).unwrap();
+        assert!(ground.level_m.abs() < 0.5, "{ground:?}");
+        assert_eq!(ground.n, 64);
+        assert_eq!(level(&town()[..50]), None);
+    }
+
+    #[test]
+    fn text_and_binary_hold_the_same_points_and_those_of_two_photos_are_left_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let (as_text, as_bytes) = (folder.path().join("points3D.txt"), folder.path().join("points3D.bin"));
+        let points = [(DVec3::new(1.5, -2.0, 30.25), 3_u32), (DVec3::new(4.0, 5.0, 6.0), 2), (DVec3::ONE, 7)];
+        let (mut lines, mut bytes) = ("# comment\n".to_owned(), (points.len() as u64).to_le_bytes().to_vec());
+        for (i, (at, n)) in points.iter().enumerate() {
+            let track: String = (0..*n).map(|k| format!(" {k} 0")).collect();
+            lines += &format!("{i} {} {} {} 10 20 30 0.5{track}\n", at.x, at.y, at.z);
+            bytes.extend((i as u64).to_le_bytes());
+            at.to_array().iter().for_each(|c| bytes.extend(c.to_le_bytes()));
+            bytes.extend([10, 20, 30]);
+            bytes.extend(0.5_f64.to_le_bytes());
+            bytes.extend(u64::from(*n).to_le_bytes());
+            (0..*n).for_each(|k| bytes.extend([k.to_le_bytes(), [0; 4]].concat()));
+        }
+        std::fs::File::create(&as_text).unwrap().write_all(lines.as_bytes()).unwrap();
+        std::fs::File::create(&as_bytes).unwrap().write_all(&bytes).unwrap();
+        let (mut of_text, mut of_bytes) = (Vec::new(), Vec::new());
+        text::points(&as_text, MIN_PHOTOS, |at| of_text.push(at)).unwrap();
+        binary::points(&as_bytes, MIN_PHOTOS as u64, |at| of_bytes.push(at)).unwrap();
+        assert_eq!(of_text, [points[0].0, points[2].0]);
+        assert_eq!(of_bytes, of_text);
+        // Cut off in the middle: told, not half read.
+        std::fs::write(&as_bytes, &bytes[..bytes.len() - 9]).unwrap();
+        assert!(binary::points(&as_bytes, MIN_PHOTOS as u64, |_| ()).is_err());
+    }
+}
