@@ -27,6 +27,9 @@ const OTHER_LEVEL_M: f64 = 15.0;
 /// Source of the geoid.
 const GEOID: &str = "the geoid EGM96 here, which national zeros follow to within a metre or two";
 
+/// Open ground within this is level, metres.
+const LEVEL_GROUND_M: f64 = 2.0;
+
 /// All that is known of the heights of poses and ground.
 pub(super) struct Known<'a> {
     /// Statement of the poses on theirs.
@@ -193,12 +196,13 @@ fn from_points(known: &Known<'_>, level: Level) -> Datum {
     let mut datum = as_they_are(known);
     let level_m = (10.0 * level.median_m).round() / 10.0;
     datum.constant_m = Some(level_m);
-    datum.is_sharpened = true;
+    // On level ground one height is better than what photos find between buildings of which some have no footprint.
+    datum.is_sharpened = level.spread_m > LEVEL_GROUND_M;
+    let then =
+        if datum.is_sharpened { "the photos find the terrain from there" } else { "level enough for one height" };
     datum.ground_in_words = format!(
-        "about {level_m:.1} m by the lowest of the model's sparse points ({} squares of 50 m, most of them within {:.1} m of each other); the \
-         photos find the terrain from there",
-        level.n,
-        2.0 * level.spread_m
+        "about {level_m:.1} m by the lowest of the model's sparse points ({} squares of 50 m, the open ones within {:.1} m); {then}",
+        level.n, level.spread_m
     );
     datum.terrain_entries.push(Entry::new("constant_m", format!("{level_m:?}"), datum.ground_in_words.clone()));
     datum

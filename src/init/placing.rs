@@ -154,7 +154,7 @@ fn by_points(found: &Findings, views: &[View], notes: &mut Notes) -> Option<Leve
         notes.warnings.push(format!("the model's points tell no ground: {}", told_apart(&e).0));
         None
     })?;
-    Some(Level { median_m: ground.level_m, spread_m: ground.spread_m, n: ground.n })
+    Some(Level { median_m: ground.level_m, spread_m: ground.relief_m, n: ground.n })
 }
 
 /// An error without its hint, and the hint.

@@ -3,6 +3,7 @@
 //! ```text
 //! low      of the points in a square of CELL_M, the height that LOW of them lie below: roofs and trees are above it
 //! level    the height that a quarter of the squares' lows lie below; the other squares are mostly roofs
+//! relief   of that quarter, without the lowest LOWEST of all
 //! ```
 //!
 //! Points are in the model's frame, views in the project's: what lies between is the median difference of the cameras' heights.
@@ -22,16 +23,17 @@ const CELL_M: f64 = 50.0;
 const MIN_POINTS: usize = 15;
 /// Share of a square's points that lie below its ground: false ones.
 const LOW: f64 = 0.15;
-/// Share of squares that are taken to be open.
+/// Share of squares that are taken to be open, and of those that may lie in pits.
 const OPEN: f64 = 0.25;
+const LOWEST: f64 = 0.05;
 
 /// Rough ground of a model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SparseGround {
     /// Level of open squares, project's heights, metres.
     pub level_m: f64,
-    /// Half of what lies between the lowest and the highest tenth of the squares' lows, metres: relief, and roofs.
-    pub spread_m: f64,
+    /// Difference between open squares, metres: in a town on level ground what points are off by.
+    pub relief_m: f64,
     /// Number of squares.
     pub n: usize,
 }
@@ -66,8 +68,8 @@ fn level(points: &[DVec3]) -> Option<SparseGround> {
     }
     let told = squares.values().filter(|heights| heights.len() >= MIN_POINTS);
     let lows: Vec<f64> = told.filter_map(|heights| quantile(heights, LOW)).collect();
-    let spread_m = 0.5 * (quantile(&lows, 0.9)? - quantile(&lows, 0.1)?);
-    Some(SparseGround { level_m: quantile(&lows, OPEN)?, spread_m, n: lows.len() })
+    let level_m = quantile(&lows, OPEN)?;
+    Some(SparseGround { level_m, relief_m: level_m - quantile(&lows, LOWEST)?, n: lows.len() })
 }
 
 #[cfg(test)]
@@ -76,12 +78,12 @@ mod tests {
 
     use super::*;
 
-    /// A town of 400 m: a third of its squares are roofs of 12 m, and one point in twenty is false and deep below.
+    /// A town of 400 m: a third of its squares are roofs of 12 m, and one point in 23 is false and deep below.
     fn town() -> Vec<DVec3> {
         let point = |i: usize| {
             let at = glam::DVec2::new((i * 7919 % 400) as f64, (i * 104_729 % 400) as f64);
             let is_roof = ((at.x / 50.0) as usize + (at.y / 50.0) as usize).is_multiple_of(3);
-            let z_m = if i.is_multiple_of(20) {
+            let z_m = if i.is_multiple_of(23) {
                 -40.0
             } else if is_roof {
                 12.0
@@ -96,9 +98,11 @@ mod tests {
     #[test]
     fn the_level_of_a_town_is_its_streets_and_neither_roofs_nor_false_points() {
         let ground = level(&town()).unwrap();
-        assert!(ground.level_m.abs() < 0.5, "{ground:?}");
+        assert!(ground.level_m.abs() < 0.5 && ground.relief_m < 0.5, "{ground:?}");
         assert_eq!(ground.n, 64);
         assert_eq!(level(&town()[..50]), None);
+        let on_a_slope: Vec<DVec3> = town().iter().map(|at| at + 0.05 * at.x * DVec3::Z).collect();
+        assert!(level(&on_a_slope).unwrap().relief_m > 2.0, "20 m over the town");
     }
 
     #[test]
