@@ -74,7 +74,7 @@ fn level(points: &[DVec3]) -> Option<SparseGround> {
 
 #[cfg(test)]
 mod tests {
-    use std::io::Write as _;
+    use std::fmt::Write as _;
 
     use super::*;
 
@@ -113,7 +113,7 @@ mod tests {
         let (mut lines, mut bytes) = ("# comment\n".to_owned(), (points.len() as u64).to_le_bytes().to_vec());
         for (i, (at, n)) in points.iter().enumerate() {
             let track: String = (0..*n).map(|k| format!(" {k} 0")).collect();
-            lines += &format!("{i} {} {} {} 10 20 30 0.5{track}\n", at.x, at.y, at.z);
+            writeln!(lines, "{i} {} {} {} 10 20 30 0.5{track}", at.x, at.y, at.z).unwrap();
             bytes.extend((i as u64).to_le_bytes());
             at.to_array().iter().for_each(|c| bytes.extend(c.to_le_bytes()));
             bytes.extend([10, 20, 30]);
@@ -121,8 +121,8 @@ mod tests {
             bytes.extend(u64::from(*n).to_le_bytes());
             (0..*n).for_each(|k| bytes.extend([k.to_le_bytes(), [0; 4]].concat()));
         }
-        std::fs::File::create(&as_text).unwrap().write_all(lines.as_bytes()).unwrap();
-        std::fs::File::create(&as_bytes).unwrap().write_all(&bytes).unwrap();
+        std::fs::write(&as_text, lines).unwrap();
+        std::fs::write(&as_bytes, &bytes).unwrap();
         let (mut of_text, mut of_bytes) = (Vec::new(), Vec::new());
         text::points(&as_text, MIN_PHOTOS, |at| of_text.push(at)).unwrap();
         binary::points(&as_bytes, MIN_PHOTOS as u64, |at| of_bytes.push(at)).unwrap();
