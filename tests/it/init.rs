@@ -867,7 +867,7 @@ fn the_ground_of_a_block_without_a_terrain_model_is_that_of_its_sparse_points() 
     }
     write_footprints(&desk.path("flight/buildings.gpkg"), CRS);
     let georef: Value = serde_json::from_slice(&fs::read(scene().join("georef.json")).unwrap()).unwrap();
-    let middle = survey().views.iter().map(|view| view.centre()).sum::<DVec3>() / survey().views.len() as f64;
+    let middle = survey().views.iter().map(View::centre).sum::<DVec3>() / survey().views.len() as f64;
     let from_offset = middle - DVec3::from_array(serde_json::from_value(georef["offset"].clone()).unwrap());
     // Seven of ten points on the ground, the rest on roofs of 15 m; each in three photos.
     let write_points = |slope: f64| {
