@@ -53,8 +53,8 @@ pub(super) enum Ground<'a> {
     Model(&'a TerrainFile, Level),
     /// One height that somebody gave.
     Given(f64),
-    /// Rough level by the sparse points of the photos' model, in the poses' heights.
-    Points(Level),
+    /// Rough level by the sparse points of the photos' model, in the poses' heights, and the relief of open ground, metres.
+    Points(Level, f64),
     /// No ground is known.
     Nothing,
 }
@@ -62,7 +62,7 @@ pub(super) enum Ground<'a> {
 impl Ground<'_> {
     fn level(&self) -> Option<Level> {
         match self {
-            Self::Model(_, level) | Self::Points(level) => Some(*level),
+            Self::Model(_, level) | Self::Points(level, _) => Some(*level),
             Self::Given(_) | Self::Nothing => None,
         }
     }
@@ -124,7 +124,7 @@ fn by_ground(known: &Known<'_>) -> Datum {
             doubt_given(&mut datum, known, level_m);
             datum
         }
-        Ground::Points(level) => from_points(known, level),
+        Ground::Points(level, relief_m) => from_points(known, level, relief_m),
         Ground::Nothing => from_takeoff(known),
     }
 }
@@ -192,17 +192,17 @@ fn from_takeoff(known: &Known<'_>) -> Datum {
 }
 
 /// The ground that the sparse points of the photos' model tell.
-fn from_points(known: &Known<'_>, level: Level) -> Datum {
+fn from_points(known: &Known<'_>, level: Level, relief_m: f64) -> Datum {
     let mut datum = as_they_are(known);
     let level_m = (10.0 * level.median_m).round() / 10.0;
     datum.constant_m = Some(level_m);
     // On level ground one height is better than what photos find between buildings of which some have no footprint.
-    datum.is_sharpened = level.spread_m > LEVEL_GROUND_M;
+    datum.is_sharpened = relief_m > LEVEL_GROUND_M;
     let then =
         if datum.is_sharpened { "the photos find the terrain from there" } else { "level enough for one height" };
     datum.ground_in_words = format!(
-        "about {level_m:.1} m by the lowest of the model's sparse points ({} squares of 50 m, the open ones within {:.1} m); {then}",
-        level.n, level.spread_m
+        "about {level_m:.1} m by the lowest of the model's sparse points ({} squares of 50 m, the open ones within {relief_m:.1} m); {then}",
+        level.n
     );
     datum.terrain_entries.push(Entry::new("constant_m", format!("{level_m:?}"), datum.ground_in_words.clone()));
     datum

@@ -124,7 +124,7 @@ pub(super) fn place_in(
         (_, Some(level_m)) => Ground::Given(level_m),
         (Some((file, level)), None) => Ground::Model(file, level),
         (None, None) if takeoff.is_some() => Ground::Nothing,
-        (None, None) => by_points(found, views, notes).map_or(Ground::Nothing, Ground::Points),
+        (None, None) => by_points(found, views, notes).unwrap_or(Ground::Nothing),
     };
     let geoid_m = Place::of(&found.source.look).middle_deg().and_then(datum::geoid_m);
     let stated = found.source.look.heights;
@@ -149,12 +149,13 @@ pub(super) fn place_in(
 }
 
 /// Rough ground by the sparse points that lie beside the poses; points that cannot be read are told, and no ground.
-fn by_points(found: &Findings, views: &[View], notes: &mut Notes) -> Option<Level> {
+fn by_points(found: &Findings, views: &[View], notes: &mut Notes) -> Option<Ground<'static>> {
     let ground = sparse_ground(&survey_of(found), views).unwrap_or_else(|e| {
         notes.warnings.push(format!("the model's points tell no ground: {}", told_apart(&e).0));
         None
     })?;
-    Some(Level { median_m: ground.level_m, spread_m: ground.relief_m, n: ground.n })
+    let level = Level { median_m: ground.level_m, spread_m: ground.spread_m, n: ground.n };
+    Some(Ground::Points(level, ground.relief_m))
 }
 
 /// An error without its hint, and the hint.

@@ -34,6 +34,8 @@ pub struct SparseGround {
     pub level_m: f64,
     /// Difference between open squares, metres: in a town on level ground what points are off by.
     pub relief_m: f64,
+    /// Half of what lies between the lowest and the highest tenth of the squares' lows, metres: hills, roofs and trees.
+    pub spread_m: f64,
     /// Number of squares.
     pub n: usize,
 }
@@ -69,7 +71,8 @@ fn level(points: &[DVec3]) -> Option<SparseGround> {
     let told = squares.values().filter(|heights| heights.len() >= MIN_POINTS);
     let lows: Vec<f64> = told.filter_map(|heights| quantile(heights, LOW)).collect();
     let level_m = quantile(&lows, OPEN)?;
-    Some(SparseGround { level_m, relief_m: level_m - quantile(&lows, LOWEST)?, n: lows.len() })
+    let spread_m = 0.5 * (quantile(&lows, 0.9)? - quantile(&lows, 0.1)?);
+    Some(SparseGround { level_m, relief_m: level_m - quantile(&lows, LOWEST)?, spread_m, n: lows.len() })
 }
 
 #[cfg(test)]
