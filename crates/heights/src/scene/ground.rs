@@ -45,9 +45,10 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// Ray parameter at which the ray leaves the square of `size` cells that it is in at `t`, with a nudge so that it always moves on.
+    /// Ray parameter at which the ray leaves the square of `size` cells that it is in at `t`, with a nudge so that it always moves on:
+    /// kilometres away, as a view of a whole city is, a ten-thousandth of a cell is less than the next number.
     fn exit(&self, t: f32, size: f32) -> f32 {
-        let nudge = 1e-4 * self.inverse.abs().min_element();
+        let nudge = (1e-4 * self.inverse.abs().min_element()).max(2.0 * f32::EPSILON * t);
         let inside = self.origin + (t + nudge) * self.direction;
         let square = (inside / size).floor() * size;
         let far = Vec2::select(self.direction.cmpgt(Vec2::ZERO), square + size, square);
@@ -288,6 +289,27 @@ mod tests {
         let dem = Dem::new(Raster::from_vec(n as usize, n as usize, heights).unwrap(), 0.0, 180.0, cell, cell).unwrap();
         let terrain = Terrain::Grid(dem);
         LocalGround::new(&terrain, LocalOrigin(DVec3::ZERO), DVec2::ZERO, DVec2::splat(180.0))
+    }
+
+    proptest! {
+        #[test]
+        fn a_walk_always_moves_on_however_far_away_its_ray_began(
+            far_m in 1.0..60_000.0_f32, east in -1.0..1.0_f32, north in -1.0..1.0_f32, down in 0.05..1.0_f32, cell_m in 0.5..20.0_f32
+        ) {
+            prop_assume!(east.abs().max(north.abs()) > 0.01, "upright rays do not walk");
+            let direction = Vec3::new(east, north, -down);
+            let ray = Ray::new(-far_m * direction, direction);
+            let (origin, in_cells) = (ray.origin.truncate() / cell_m, direction.truncate() / cell_m);
+            let walk = Walk { ray: &ray, origin, direction: in_cells, inverse: in_cells.recip() };
+            for size in [1.0, 8.0, 64.0] {
+                let mut t = 0.9 * far_m;
+                for _ in 0..50 {
+                    let next = walk.exit(t, size);
+                    prop_assert!(next > t, "{t} again, by squares of {size} cells");
+                    t = next;
+                }
+            }
+        }
     }
 
     #[test]
