@@ -23,6 +23,7 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{self, GroundLevel, MapBox, Terrain};
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_heights::frames::LocalOrigin;
+use sizeup_heights::optimise::Solution;
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::Priors;
 use sizeup_results::output::plausible::CityDoubts;
@@ -316,7 +317,25 @@ pub(super) fn view_issues<'a>(survey: &'a Survey, heights: &'a HeightStage) -> i
     let failed = heights.solution.failed_views.iter();
     let failed = failed.map(move |view| told(Severity::Refused, "prior_unusable", view));
     let unread = heights.unread_photos.iter().map(move |view| told(Severity::Warning, "photo_unreadable", view));
-    failed.chain(unread).chain(heights.doubt.clone()).chain(heights.ground.issue())
+    failed
+        .chain(unread)
+        .chain(heights.doubt.clone())
+        .chain(bent_priors(&heights.solution))
+        .chain(heights.ground.issue())
+}
+
+/// A note on priors that were straightened along the ground.
+fn bent_priors(solution: &Solution) -> Option<Issue> {
+    let (n, n_used) = (solution.n_straightened, solution.used_views.len());
+    (n > 0).then(|| {
+        let message = format!(
+            "the prior runs in a curve along the ground in {n} of {n_used} photos, expected a straight line in inverse depth; \
+             it was straightened by the terrain there"
+        );
+        let hint = "depths said to be inverse, or the other way round, do this: is `kind` right? So do maps that were stored with \
+                    a gamma, as logarithms or as ranks: those are fine";
+        Issue::new(Severity::Note, "prior_straightened", Subject::Input("prior".to_owned()), message).hint(hint)
+    })
 }
 
 /// A note where the vertical datum is not stated.

@@ -193,12 +193,25 @@ fn ranks_need_only_the_order_of_the_prior() {
     assert!(mean(&errors) < 0.4, "{errors:.2?}");
 }
 
+/// Depth whose order alone is right: cubed, and as the root of how much nearer than the farthest place it is. Scored as they are, the
+/// first costs 0.4 m a house, and the ground of the second runs in a curve that towers all over explain best.
 #[test]
-fn agreement_of_a_curved_prior_costs_less_than_a_metre() {
+fn a_prior_of_the_wrong_shape_is_as_good_as_an_exact_one() {
     let block = block();
-    let errors = block.errors(&block.solve(&block.priors(|d| (0.01 * d).powi(3)), &small(Preset::Robust)));
-    // What brings priors to metres is a straight line in inverse depth; a cubed depth is far from one.
-    assert!(mean(&errors) < 1.0, "{errors:.2?}");
+    let farthest = block.priors(|d| d).into_iter().flat_map(|p| p.values.data().to_vec()).filter(|d| d.is_finite());
+    let farthest = farthest.fold(0.0, f32::max);
+    let cubed = |d: f32| (0.01 * d).powi(3);
+    let root = |d: f32| (1.0 + (d.recip() - farthest.recip()).max(0.0).cbrt()).recip();
+    let warps: [(&str, &dyn Fn(f32) -> f32); 2] = [("cubed", &cubed), ("root", &root)];
+    for (name, warp) in warps {
+        let solution = block.solve(&block.priors(warp), &small(Preset::Robust));
+        let errors = block.errors(&solution);
+        println!("{name}: {:.2} m, {} views straightened", mean(&errors), solution.n_straightened);
+        // As an exact prior.
+        assert!(mean(&errors) < 0.2 && errors.iter().all(|e| *e < 0.8), "{name}: {errors:.2?}");
+        assert_eq!(solution.n_straightened, solution.used_views.len(), "{name}");
+    }
+    assert_eq!(block.solve(&block.priors(|d| d), &small(Preset::Robust)).n_straightened, 0);
 }
 
 #[test]

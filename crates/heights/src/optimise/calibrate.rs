@@ -18,13 +18,13 @@ use crate::render::profile::Stops;
 use crate::stats;
 
 /// Rounds of re-weighting; the weights settle within ten.
-const ROUNDS: usize = 12;
+pub(super) const ROUNDS: usize = 12;
 /// Rays below which a view cannot be calibrated.
 const MIN_RAYS: usize = 50;
 /// Fewer rays on the ground than this do not do without those on buildings.
 const MIN_GROUND_RAYS: usize = 200;
 /// Cut-off of the biweight in standard deviations, on the near side and on the far side.
-const CUT_OFF: [f64; 2] = [3.0, 4.7];
+pub(super) const CUT_OFF: [f64; 2] = [3.0, 4.7];
 
 /// Mapping of a view's prior to inverse depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,16 +47,12 @@ impl Calibration {
         if samples.len() < MIN_RAYS {
             return None;
         }
-        let mut fit = weighted_line(&samples, |_| 1.0)?;
-        for _ in 0..ROUNDS {
-            let residual = |&(v, p): &(f64, f64)| p - fit.offset - fit.gain * v;
-            let sigma = stats::far_side_sigma(samples.iter().map(residual))?;
-            if sigma <= 0.0 {
-                break;
-            }
-            fit = weighted_line(&samples, |sample| stats::biweight(residual(sample), sigma, CUT_OFF))?;
-        }
-        (fit.gain > 0.0).then_some(fit)
+        robust_line(&samples).filter(|line| line.gain > 0.0)
+    }
+
+    /// What the line leaves of a sample's prior.
+    pub(super) fn residual(&self, &(v, p): &(f64, f64)) -> f64 {
+        p - self.offset - self.gain * v
     }
 
     /// Inverse depth, 1/m, that a prior value stands for.
@@ -79,6 +75,19 @@ fn samples(evidence: &Evidence<'_>, stops: &Stops, rays: CalibrationRays) -> Vec
     let n_ground = on_anything.iter().filter(|(is_ground, _)| *is_ground).count();
     let needs_all = rays == CalibrationRays::All || n_ground < MIN_GROUND_RAYS;
     on_anything.into_iter().filter(|(is_ground, _)| *is_ground || needs_all).map(|(_, sample)| sample).collect()
+}
+
+/// The line through the far envelope of samples `(v, p)`.
+pub(super) fn robust_line(samples: &[(f64, f64)]) -> Option<Calibration> {
+    let mut fit = weighted_line(samples, |_| 1.0)?;
+    for _ in 0..ROUNDS {
+        let sigma = stats::far_side_sigma(samples.iter().map(|sample| fit.residual(sample)))?;
+        if sigma <= 0.0 {
+            break;
+        }
+        fit = weighted_line(samples, |sample| stats::biweight(fit.residual(sample), sigma, CUT_OFF))?;
+    }
+    Some(fit)
 }
 
 /// The line `p = offset + gain · v` of least weighted squares.

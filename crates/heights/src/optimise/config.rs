@@ -258,6 +258,14 @@ pub struct SearchConfig {
     pub reselect_every: usize,
 }
 
+impl OptimiseConfig {
+    /// Whether priors of the wrong shape are straightened along the ground: not by `paper`, which needs their order alone, nor where
+    /// they are in metres.
+    pub(super) fn may_straighten(&self) -> bool {
+        self.preset == Preset::Robust && self.search.calibrate_on != CalibrationRays::None
+    }
+}
+
 impl SearchConfig {
     /// Weight of the agreement in local sweeps and for roof forms.
     pub(super) fn local_agreement(&self) -> f32 {

@@ -6,6 +6,7 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 use super::calibrate::Calibration;
+use super::straighten::Curve;
 use crate::prior::{DepthPrior, PriorKind};
 use crate::ray::Ray;
 use crate::render::PlacedCamera;
@@ -23,6 +24,8 @@ pub struct Evidence<'a> {
     pub nearness: Vec<f32>,
     /// Per ray: the prior as something that grows away from the camera, as the paper's D; `NaN` = none.
     pub farness: Vec<f32>,
+    /// Whether the prior has been straightened along the ground.
+    pub was_bent: bool,
     /// Mapping of the prior to metres by the ground alone, once somebody has asked.
     pub(super) on_ground: OnceLock<Option<Calibration>>,
     /// The buildings whose footprints rays cross, ascending: those of a view, not those of the scene.
@@ -71,7 +74,27 @@ impl<'a> Evidence<'a> {
             blocks[row * blocks_wide + col] = ray;
         }
         let on_ground = OnceLock::new();
-        Self { profiles, nearness, farness, on_ground, crossed, start, rays_of, blocks, blocks_wide, stride_px }
+        let was_bent = false;
+        Self {
+            profiles,
+            nearness,
+            farness,
+            was_bent,
+            on_ground,
+            crossed,
+            start,
+            rays_of,
+            blocks,
+            blocks_wide,
+            stride_px,
+        }
+    }
+
+    /// Replaces the prior by the inverse depth that a curve says it stands for.
+    pub(super) fn straighten(&mut self, curve: &Curve) {
+        self.nearness.iter_mut().for_each(|p| *p = curve.inverse_depth(f64::from(*p)) as f32);
+        self.farness = self.nearness.iter().map(|n| farness_of(PriorKind::InverseDepth, *n)).collect();
+        self.was_bent = true;
     }
 
     /// A ray of the view's own camera.

@@ -12,6 +12,7 @@ use super::ordinal::Compared;
 use super::search::SweepView;
 use super::solution::Solution;
 use super::solve::Problem;
+use super::straighten::Curve;
 use crate::ordinal::DepthOrder;
 use crate::seed;
 
@@ -82,7 +83,12 @@ pub fn inspect(
             let prior = (problem.load_prior)(view).ok()?;
             let (placed, profiles) = (&problem.views[view].placed, problem.profiles(view));
             let bleeding_px = solution.bleeding_of(view);
-            let evidence = Evidence::new(placed, profiles, &prior, bleeding_px, config.stride_px);
+            let mut evidence = Evidence::new(placed, profiles, &prior, bleeding_px, config.stride_px);
+            if solution.n_straightened > 0
+                && let Some(curve) = Curve::along_ground(&evidence)
+            {
+                evidence.straighten(&curve);
+            }
             Some((view, evidence))
         })
         .collect();

@@ -31,6 +31,7 @@ mod search;
 mod solution;
 mod solve;
 mod stepped;
+mod straighten;
 mod two_levels;
 mod unmodelled;
 mod wings;

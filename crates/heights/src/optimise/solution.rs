@@ -212,6 +212,9 @@ pub struct Solution {
     /// The same of each of `used_views`; empty where none was measured.
     #[serde(default)]
     pub bleedings_px: Vec<f64>,
+    /// Views whose prior ran in a curve along the ground and was straightened by it.
+    #[serde(default)]
+    pub n_straightened: usize,
     /// Buildings with a second roof level, which no single height fits. Where there are any, the search ended with them: the
     /// heights are provisional until these are split and the scene is solved again.
     #[serde(default)]

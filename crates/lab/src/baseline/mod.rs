@@ -46,6 +46,7 @@ fn without_views(heights_m: Vec<Option<f64>>, doubt: Option<Reason>) -> Solution
         used_views: Vec::new(),
         bleeding_px: 0.0,
         bleedings_px: Vec::new(),
+        n_straightened: 0,
         other_levels: Vec::new(),
         failed_views: Vec::new(),
     }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::BuildingId;
 
-use super::form::{Form, RoofKind};
+use super::form::{Form, FormFace, RoofKind};
 
 /// Walls go this far below the lowest ground under the footprint, metres: no gap on a slope.
 const FOUNDATION_M: f64 = 1.0;
@@ -111,6 +111,17 @@ pub struct SimulatedBuilding {
     pub heading_rad: f64,
     /// Triangles of roofs and walls, map frame, metres.
     pub triangles: Vec<Triangle>,
+    /// Horizontal faces of a stepped roof; empty for the others.
+    pub levels: Vec<RoofLevel>,
+}
+
+/// A horizontal face of a stepped roof.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RoofLevel {
+    /// Its outline in the map, metres.
+    pub footprint: Polygon<f64>,
+    /// Height over the building's ground, metres.
+    pub height_m: f64,
 }
 
 /// Placement of a form: its plane turned by `angle_rad` (counter-clockwise) and moved to `origin`.
@@ -150,6 +161,11 @@ impl SimulatedBuilding {
         triangles.extend(
             walls(form, base_m).into_iter().map(|corners| Triangle { corners: corners.map(in_map), part: Part::Wall }),
         );
+        let rings = |face: &FormFace| -> Vec<Vec<DVec2>> {
+            face.rings.iter().map(|ring| ring.iter().map(|p| at.point(p.truncate())).collect()).collect()
+        };
+        let level = |face: &FormFace| RoofLevel { footprint: polygon(rings(face)), height_m: face.rings[0][0].z };
+        let levels = if form.roof == RoofKind::Stepped { form.faces.iter().map(level).collect() } else { Vec::new() };
         let z = || form.faces.iter().flat_map(|f| &f.rings).flatten().map(|p| p.z);
         Self {
             id,
@@ -162,8 +178,38 @@ impl SimulatedBuilding {
             ground_z_m,
             heading_rad: at.angle_rad,
             triangles,
+            levels,
         }
     }
+}
+
+/// The buildings with a stepped roof in the place of which stand their levels, each with a flat roof of its own. Only footprints and
+/// heights are those of the levels; what cameras see stays with the buildings.
+#[must_use]
+pub fn by_roof_level(buildings: &[SimulatedBuilding], terrain: &Terrain) -> Vec<SimulatedBuilding> {
+    let parts = |building: &SimulatedBuilding| {
+        let part = |(i, level): (usize, &RoofLevel)| {
+            let (ground_z_m, _) = ground_under(&level.footprint, terrain);
+            let height_m = building.ground_z_m + level.height_m - ground_z_m;
+            SimulatedBuilding {
+                id: BuildingId(format!("{}_{}", building.id, i + 1)),
+                roof: RoofKind::Flat,
+                footprint: level.footprint.clone(),
+                ground_z_m,
+                height_m,
+                eave_m: height_m,
+                ridge_m: height_m,
+                triangles: Vec::new(),
+                levels: Vec::new(),
+                ..building.clone()
+            }
+        };
+        match building.levels.len() {
+            0 | 1 => vec![building.clone()],
+            _ => building.levels.iter().enumerate().map(part).collect(),
+        }
+    };
+    buildings.iter().flat_map(parts).collect()
 }
 
 /// `Σ A·z / Σ A` over roof triangles, with plan areas `A` and mean heights `z`; `None` without a roof.
@@ -262,6 +308,7 @@ mod tests {
     use geo::Area;
 
     use super::*;
+    use crate::simulate::SimulateConfig;
     use crate::simulate::blocks;
     use crate::simulate::config::TownKind;
     use crate::simulate::form::{self, Rect, Wing};
@@ -275,6 +322,22 @@ mod tests {
     fn the_mean_height_of_a_gable_is_half_way_up() {
         let b = raised(&form::gable(Rect::sized(0.0, 0.0, 12.0, 8.0), 6.0, 9.0));
         assert!((b.height_m - 7.5).abs() < 1e-9 && b.eave_m == 6.0 && b.ridge_m == 9.0);
+    }
+
+    #[test]
+    fn levels_tile_their_building_and_have_its_mean_height() {
+        let config = SimulateConfig::preset("downtown").unwrap();
+        let world = super::super::world(&config).unwrap();
+        let stepped: Vec<_> = world.buildings.iter().filter(|b| b.levels.len() > 1).cloned().collect();
+        assert!(!stepped.is_empty());
+        for building in stepped {
+            let parts = by_roof_level(std::slice::from_ref(&building), &Terrain::Constant(building.ground_z_m));
+            let area_m2: f64 = parts.iter().map(|p| p.footprint.unsigned_area()).sum();
+            let volume_m3: f64 = parts.iter().map(|p| p.footprint.unsigned_area() * p.height_m).sum();
+            assert!((area_m2 - building.footprint.unsigned_area()).abs() < 1e-3, "{}", building.id);
+            assert!((volume_m3 / area_m2 - building.height_m).abs() < 1e-6, "{}", building.id);
+            assert!(parts.iter().all(|p| p.id.0.starts_with(&building.id.0)));
+        }
     }
 
     #[test]

@@ -90,6 +90,20 @@ pub struct TownConfig {
     pub cars_per_building: f64,
     /// Direction of the streets, degrees from east, counter-clockwise.
     pub heading_deg: f64,
+    /// Polygons of the footprint layer and of the truth.
+    pub footprints: FootprintsOf,
+}
+
+/// What the polygons of the footprint layer stand for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FootprintsOf {
+    /// A polygon per building.
+    #[default]
+    Buildings,
+    /// A polygon per roof level of a stepped building (`b007_1`, `b007_2`), one per building of the others: the paper's finer
+    /// components.
+    RoofLevels,
 }
 
 impl Default for TownConfig {
@@ -100,6 +114,7 @@ impl Default for TownConfig {
             trees_per_building: 4.0,
             cars_per_building: 2.5,
             heading_deg: 17.0,
+            footprints: FootprintsOf::Buildings,
         }
     }
 }

@@ -42,10 +42,11 @@ mod tie_points;
 mod town;
 mod trace;
 
-pub use building::{BuildingKind, Part, Placement, SimulatedBuilding, Triangle};
+pub use building::{BuildingKind, Part, Placement, RoofLevel, SimulatedBuilding, Triangle, by_roof_level};
 pub use config::{
-    CityJsonTown, ErrorConfig, FlightConfig, FlightPattern, ImageConfig, MaskContour, PointConfig, PriorLevel,
-    SimulateConfig, SimulatedCamera, SimulatedMasks, SimulatedPriors, SimulatedTerrain, TownConfig, TownKind,
+    CityJsonTown, ErrorConfig, FlightConfig, FlightPattern, FootprintsOf, ImageConfig, MaskContour, PointConfig,
+    PriorLevel, SimulateConfig, SimulatedCamera, SimulatedMasks, SimulatedPriors, SimulatedTerrain, TownConfig,
+    TownKind,
 };
 pub use corrupt::{Corruption, building_gain, prior};
 pub use disturb::{footprints as disturbed_footprints, poses as disturbed_poses};

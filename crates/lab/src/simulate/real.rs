@@ -215,6 +215,7 @@ fn settle(draft: Draft, terrain: &Terrain) -> SimulatedBuilding {
         eave_m: eave - ground_z_m,
         ridge_m: ridge - ground_z_m,
         triangles,
+        levels: Vec::new(),
     }
 }
 

@@ -17,7 +17,8 @@ use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::ViewId;
 use sizeup_survey::{ColmapModel, View, ViewKind};
 
-use super::config::{MaskContour, SimulateConfig};
+use super::building::by_roof_level;
+use super::config::{FootprintsOf, MaskContour, SimulateConfig};
 use super::mask_errors::masks_with_errors;
 use super::photo::{self, Photographer};
 use super::scene::Scene;
@@ -154,10 +155,14 @@ fn write_scene(
         let cloud = points::scatter(&scene, views, &config.points, config.seed);
         sizeup_geo::cloud::write_text(&out.join("points.xyz"), &cloud)?;
     }
-    let footprints = disturb::footprints(&world.buildings, &config.errors, config.seed);
-    files::write_footprints(&out.join("footprints.gpkg"), &crs, &world.buildings, &footprints)?;
+    let drawn = match config.town.footprints {
+        FootprintsOf::Buildings => world.buildings.clone(),
+        FootprintsOf::RoofLevels => by_roof_level(&world.buildings, &world.terrain),
+    };
+    let footprints = disturb::footprints(&drawn, &config.errors, config.seed);
+    files::write_footprints(&out.join("footprints.gpkg"), &crs, &drawn, &footprints)?;
     files::write_dtm(&out.join("dtm.tif"), &crs, &world.terrain)?;
-    files::write_truth(&out.join("truth.geojson"), &crs, &world.buildings)?;
+    files::write_truth(&out.join("truth.geojson"), &crs, &drawn)?;
     files::write_georef(&out.join("georef.json"), &crs, offset)?;
     let has_dtm = matches!(world.terrain, Terrain::Grid(_));
     files::write_run_config(&out.join("sizeup.toml"), config, &crs, offset, has_dtm)?;

@@ -147,6 +147,8 @@ struct State<'a> {
     /// By view: by how many pixels of the working image its prior's near sides bleed over their edges.
     bleeding_px: Vec<f64>,
     other_levels: Vec<OtherLevel>,
+    /// Whether priors run in a curve along the ground and are straightened by it; `None` before the first are loaded.
+    are_bent: Option<bool>,
 }
 
 impl<'a> State<'a> {
@@ -172,6 +174,7 @@ impl<'a> State<'a> {
             history: Vec::new(),
             bleeding_px: vec![0.0; n_views],
             other_levels: Vec::new(),
+            are_bent: if config.may_straighten() { None } else { Some(false) },
         }
     }
 

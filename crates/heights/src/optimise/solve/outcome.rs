@@ -24,6 +24,7 @@ impl State<'_> {
         let spills: Vec<f64> = used_views.iter().map(|&v| self.bleeding_px[v]).collect();
         let bleeding_px = crate::stats::median(&spills).unwrap_or(0.0);
         let failed_views = self.failed.iter().enumerate().filter_map(|(v, why)| Some((v, why.clone()?))).collect();
+        let n_straightened = self.evidence.iter().flatten().filter(|evidence| evidence.was_bent).count();
         let other_levels = self.other_levels;
         Solution {
             heights,
@@ -31,6 +32,7 @@ impl State<'_> {
             used_views,
             bleeding_px,
             bleedings_px: spills,
+            n_straightened,
             other_levels,
             failed_views,
         }

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::{Solving, State, ViewInput};
 use crate::optimise::evidence::Evidence;
+use crate::optimise::straighten::{self, Curve};
 use crate::seed;
 use crate::views::{Candidate, Choice, Selection, Visibility, drawn, in_turn, select, select_each, visibility};
 
@@ -75,17 +76,29 @@ impl State<'_> {
             .par_iter()
             .map(|&v| {
                 let evidence = (self.problem.load_prior)(v).map(|prior| {
-                    let placed = &self.problem.views[v].placed;
-                    Evidence::new(placed, self.problem.profiles(v), &prior, self.bleeding_px[v], self.config.stride_px)
+                    let (placed, stride_px) = (&self.problem.views[v].placed, self.config.stride_px);
+                    let evidence =
+                        Evidence::new(placed, self.problem.profiles(v), &prior, self.bleeding_px[v], stride_px);
+                    let curve = if self.are_bent == Some(false) { None } else { Curve::along_ground(&evidence) };
+                    (evidence, curve)
                 });
                 let done = n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
                 (self.problem.progress)(Solving::Priors, done, new.len());
                 evidence
             })
             .collect();
-        for (v, evidence) in new.into_iter().zip(loaded) {
-            match evidence {
-                Ok(evidence) => self.evidence[v] = Some(evidence),
+        let are_bent = *self.are_bent.get_or_insert_with(|| {
+            let curves: Vec<_> = loaded.iter().flatten().map(|(_, curve)| curve.as_ref()).collect();
+            straighten::are_bent(&curves)
+        });
+        for (v, loaded) in new.into_iter().zip(loaded) {
+            match loaded {
+                Ok((mut evidence, curve)) => {
+                    if let Some(curve) = curve.filter(|_| are_bent) {
+                        evidence.straighten(&curve);
+                    }
+                    self.evidence[v] = Some(evidence);
+                }
                 Err(why) => self.failed[v] = Some(why),
             }
         }

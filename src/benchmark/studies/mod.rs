@@ -3,8 +3,9 @@
 //! Every town is solved with several seeds of the solver, which draw the heights that it starts from, the order of the
 //! views and the pairs of pixels. The seeds of the towns are others than those that any choice was made on.
 
+mod tables;
+
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::fs;
 
 use schemars::JsonSchema;
@@ -14,8 +15,8 @@ use super::accuracy::word;
 use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, Variant, run_scene};
 use sizeup_geo::files::{FileError, write_json, write_whole};
 use sizeup_heights::stats;
-use sizeup_lab::evaluate::HeightStatistics;
-use sizeup_lab::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind};
+use sizeup_lab::evaluate::{HeightStatistics, SurfaceEvaluation};
+use sizeup_lab::simulate::{ErrorConfig, FootprintsOf, PriorLevel, SimulateConfig, TownKind};
 
 /// Mean relative change of the heights below which the paper calls an optimisation stable.
 const STABLE_CHANGE: f64 = 0.005;
@@ -50,6 +51,8 @@ pub enum Study {
     Gradient,
     /// Greatest height that is searched for.
     Range,
+    /// A footprint per building, or per roof level (the paper's finer components).
+    Components,
 }
 
 /// A setting, and the values that it takes.
@@ -57,7 +60,7 @@ type Values = (&'static str, &'static [&'static str]);
 
 impl Study {
     /// All, in the order of the tables.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Views,
         Self::Cover,
         Self::Gate,
@@ -70,12 +73,13 @@ impl Study {
         Self::Step,
         Self::Gradient,
         Self::Range,
+        Self::Components,
     ];
 
     /// Settings that are changed one at a time.
     fn settings(self) -> &'static [Values] {
         match self {
-            Self::Views => &[],
+            Self::Views | Self::Components => &[],
             Self::Cover => &[("optimise.views.min_views_per_building", &["1", "2", "3", "5", "8"])],
             Self::Gate => &[("optimise.views.gate_percentile", &["0.0", "25.0", "75.0"])],
             Self::Refresh => &[("optimise.ordinal.reselect_every", &["1", "5", "20"])],
@@ -113,6 +117,7 @@ impl Study {
             Self::Step => "Steps (left open)",
             Self::Gradient => "Derivative (left open)",
             Self::Range => "Greatest height (from elevation and flying height; how is left open)",
+            Self::Components => "Several heights in one building: its roof levels as footprints of their own",
         }
     }
 
@@ -141,6 +146,8 @@ impl Study {
 const AS_IT_IS: &str = "as it is";
 const ALL_OBLIQUE: &str = "all oblique views";
 const RANDOM: &str = "random views, as many as are used";
+const OF_BUILDINGS: &str = "a footprint per building";
+const OF_LEVELS: &str = "a footprint per roof level";
 
 /// A row of a study, not run yet.
 struct Row {
@@ -247,6 +254,10 @@ pub struct StudyRow {
     /// Runs that fell below the paper's 0.5 % in some pass.
     #[serde(default)]
     pub stable_share: f64,
+    /// Distance from the result's walls and roofs that 90 % keep to the true ones, metres, and shares of the true ones within
+    /// 0.5 and 1 m of the result; mean over runs, where bodies were compared.
+    #[serde(default)]
+    pub bodies: Option<[f64; 3]>,
 }
 
 /// Whether a run has fallen below the paper's 0.5 % in one of its first passes.
@@ -352,6 +363,18 @@ fn run_town(
         let assignments = settings.map(|setting| format!("optimise.views.{setting}")).to_vec();
         run_rows(&[Row { label: RANDOM.to_owned(), assignments }], outcomes)?;
     }
+    if config.of.contains(&Study::Components) {
+        for (label, footprints) in [(OF_BUILDINGS, FootprintsOf::Buildings), (OF_LEVELS, FootprintsOf::RoofLevels)] {
+            let mut job = SceneJob { with_bodies: true, ..job.clone() };
+            if footprints == FootprintsOf::RoofLevels {
+                job.name.push_str("-levels");
+                job.simulate.town.footprints = footprints;
+            }
+            let row = Row { label: label.to_owned(), assignments: Vec::new() };
+            let found = run_scene(&SceneJob { variants: seeded(config, &row), ..job.clone() }, plan, tell)?;
+            outcomes.entry(row.label).or_default().extend(found);
+        }
+    }
     let folder = plan.folder.join("scenes").join(&job.name);
     if folder.exists() && !plan.keep_scenes {
         fs::remove_dir_all(&folder).map_err(FileError::on("remove", &folder))?;
@@ -375,12 +398,13 @@ fn file_name(label: &str, seed: u64) -> String {
 }
 
 fn rows(config: &StudyConfig, study: Study, outcomes: &Outcomes) -> Vec<StudyRow> {
-    let own: Vec<String> = match study {
-        Study::Views => vec![ALL_OBLIQUE.to_owned(), RANDOM.to_owned()],
-        _ => study.variants().into_iter().map(|row| row.label).collect(),
+    let named = |labels: &[&str]| labels.iter().map(|label| (*label).to_owned()).collect::<Vec<_>>();
+    let labels: Vec<String> = match study {
+        Study::Views => named(&[AS_IT_IS, ALL_OBLIQUE, RANDOM]),
+        Study::Components => named(&[OF_BUILDINGS, OF_LEVELS]),
+        _ => std::iter::once(AS_IT_IS.to_owned()).chain(study.variants().into_iter().map(|row| row.label)).collect(),
     };
-    let labels = std::iter::once(AS_IT_IS.to_owned()).chain(own);
-    labels.filter_map(|label| row(config, &label, outcomes.get(&label)?)).collect()
+    labels.into_iter().filter_map(|label| row(config, &label, outcomes.get(&label)?)).collect()
 }
 
 fn row(config: &StudyConfig, label: &str, of_row: &[Outcome]) -> Option<StudyRow> {
@@ -403,7 +427,15 @@ fn row(config: &StudyConfig, label: &str, of_row: &[Outcome]) -> Option<StudyRow
         heights_s: mean(&|o| o.heights_s),
         n_without_height: of_row.iter().map(|o| o.heights.counts.n_unobserved).sum(),
         stable_share: mean(&|o| f64::from(u8::from(is_stable_by(o, usize::MAX)))),
+        bodies: bodies(of_row),
     })
+}
+
+/// Mean over the runs whose bodies were compared.
+fn bodies(of_row: &[Outcome]) -> Option<[f64; 3]> {
+    let surfaces: Vec<_> = of_row.iter().filter_map(|o| o.bodies.as_ref()?.surface.as_ref()).collect();
+    let mean = |of: fn(&SurfaceEvaluation) -> f64| stats::mean(&surfaces.iter().map(|s| of(s)).collect::<Vec<_>>());
+    Some([mean(|s| s.error_90_m)?, mean(|s| s.completeness_05)?, mean(|s| s.completeness_1)?])
 }
 
 fn stability(runs: &[Outcome]) -> Vec<StabilityRow> {
@@ -423,76 +455,4 @@ fn stability(runs: &[Outcome]) -> Vec<StabilityRow> {
         }
     };
     (0..n_epochs).map(of_epoch).collect()
-}
-
-impl StudyTables {
-    /// As Markdown; empty where there was no study.
-    #[must_use]
-    pub fn to_markdown(&self) -> String {
-        let Some(c) = &self.config else { return String::new() };
-        let towns = c.towns.iter().map(word).collect::<Vec<_>>().join(", ");
-        let mut text = format!(
-            "\nOne setting of `paper` changed at a time: {towns} of {} buildings, {} views of {} px, seeds {:?}, each solved with \
-             solver seeds {:?}; priors `{}`.\n",
-            c.n_buildings,
-            c.n_views,
-            c.longest_px,
-            c.seeds,
-            c.solver_seeds,
-            word(&c.level),
-        );
-        for (study, rows) in &self.studies {
-            let _ = write!(
-                text,
-                "\n**{}**\n\n| setting | err avg m | err 90 % m | acc avg % | runs' err avg m | by solver seed m | #Sel | #Used | \
-                 ratio | time s | no height | below 0.5 % |\n|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
-                study.title()
-            );
-            rows.iter().for_each(|row| text.push_str(&row.to_markdown()));
-        }
-        text.push_str(
-            "\n**Stability of the method as it is**\n\n| epoch | loss | mean relative change % | runs below 0.5 % so far % | to the \
-             last heights m |\n|---:|---:|---:|---:|---:|\n",
-        );
-        for row in &self.stability {
-            let _ = writeln!(
-                text,
-                "| {} | {:.3} | {:.2} | {:.0} | {:.2} |",
-                row.epoch,
-                row.loss,
-                100.0 * row.relative_change,
-                100.0 * row.stable_share,
-                row.to_last_m
-            );
-        }
-        text.push_str(
-            "\nerr, acc: over the buildings of all runs, as in the tables of heights; runs' err avg: least and greatest mean error of \
-             a single run; by solver seed: greatest less least mean error of one town over the solver's seeds, mean over the \
-             towns; below 0.5 %: runs whose heights changed by less on average in some epoch (the paper's criterion); to the last heights: mean way from the heights after this epoch to those after the last. ",
-        );
-        text.push_str(&self.programs.to_markdown());
-        text
-    }
-}
-
-impl StudyRow {
-    fn to_markdown(&self) -> String {
-        let s = &self.statistics;
-        format!(
-            "| {} | {:.2} | {:.2} | {:.1} | {:.2}–{:.2} | {:.2} | {:.0} | {:.0} | {:.2} | {:.1} | {} | {:.0} % |\n",
-            self.label,
-            s.error_mean_m,
-            s.error_p90_m,
-            100.0 * s.accuracy_mean,
-            self.run_means_m[0],
-            self.run_means_m[1],
-            self.by_solver_seed_m,
-            self.n_selected,
-            self.n_used,
-            self.used_share,
-            self.heights_s,
-            self.n_without_height,
-            100.0 * self.stable_share,
-        )
-    }
 }
