@@ -126,7 +126,7 @@ mod tests {
     fn samples(prior: impl Fn(f64) -> f64) -> Vec<(f64, f64)> {
         let of = |i: usize| {
             let v = 1.0 / 200.0 + (1.0 / 80.0 - 1.0 / 200.0) * (i % 997) as f64 / 996.0;
-            let stands = i % 3 == 0;
+            let stands = i.is_multiple_of(3);
             let nearer = if stands { 1.0 + 0.15 * (i % 7) as f64 / 6.0 } else { 1.0 };
             (v, prior(v * nearer))
         };
