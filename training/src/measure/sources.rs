@@ -35,7 +35,7 @@ pub enum Row {
     Roofs,
     /// What is visible of the buildings, without any error: what a perfect network for segmentation gives.
     Visible,
-    /// What a perfect network would say, through the watershed and the laying down of roofs: the most that this way can reach.
+    /// The maps of a perfect network, through the watershed and the laying down of roofs: the most that this way can reach.
     Perfect,
     /// A network: an ONNX file of the profile `small.v1`, or a checkpoint.
     Network {

@@ -78,7 +78,7 @@ fn known_roofs(photo: &Photo) -> Raster<u16> {
     roofs
 }
 
-/// What is to come out at a pixel of a photo, and how much each counts, in the order of the network's channels.
+/// Targets of a pixel of a photo, and how much each counts, in the order of the network's channels.
 pub(super) fn wanted(scene: &Scene, cell: Option<usize>, loss: &LossConfig) -> [(f32, f32); N_LOGITS] {
     let Some(cell) = cell else { return [(0.0, 0.0); N_LOGITS] };
     let as_float = |b: bool| f32::from(u8::from(b));

@@ -26,7 +26,7 @@ const FLOOD_DIP: f32 = 0.003;
 /// Probability of the ground below which a roof that was laid there is not believed.
 const GROUND_FROM: f32 = 0.15;
 
-/// What a network says of a photo, `rows × columns` each, 0 to 1.
+/// Maps that a network gives for a photo, `rows × columns` each, 0 to 1.
 #[derive(Debug, Clone)]
 pub struct Maps {
     /// Whether there is a building on the ground, hidden or not.
