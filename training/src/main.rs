@@ -136,7 +136,7 @@ fn run(command: Command) -> Result<(), TrainError> {
                 Some((name, path)) if !name.is_empty() => Ok((name.to_owned(), PathBuf::from(path))),
                 _ => Err(TrainError::config(format!("{text:?} is no NAME=FILE"), "--network both=best.safetensors")),
             };
-            let mut rows = vec![Row::Roofs, Row::Visible];
+            let mut rows = vec![Row::Roofs, Row::Visible, Row::Perfect];
             let blind = without.iter().map(|name| {
                 let input = [Input::Image, Input::Depth].into_iter().find(|i| i.name() == name);
                 input.map(Some).ok_or_else(|| {

@@ -98,6 +98,9 @@ fn instances(ground: &Raster<u16>, seen: &Raster<Seen>) -> Vec<Instance> {
     found.into_values().map(finish).collect()
 }
 
+/// Pixels to each side of where two buildings meet that are its seam.
+const SEAM_PX: usize = 2;
+
 /// What a network is to say of each pixel besides whether it is a building.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Middles {
@@ -105,6 +108,8 @@ pub struct Middles {
     pub near: Vec<f32>,
     /// Whether another building is within reach.
     pub is_shared: Vec<bool>,
+    /// Whether another building is so near that the two meet here.
+    pub is_seam: Vec<bool>,
 }
 
 /// See [`Middles`]: `min(d / min(D, reach), 1)`, `d` being the distance from a pixel's centre to what is not its building, less
@@ -153,7 +158,8 @@ pub fn middles(ground: &Raster<u16>, reach_px: usize) -> Middles {
         _ => 0.0,
     });
     let is_shared = labels.iter().zip(&shared).map(|(l, s)| is_building(*l) && *s <= reach_px.pow(2));
-    Middles { near: near.collect(), is_shared: is_shared.collect() }
+    let is_seam = labels.iter().zip(&shared).map(|(l, s)| is_building(*l) && *s <= SEAM_PX.pow(2));
+    Middles { near: near.collect(), is_shared: is_shared.collect(), is_seam: is_seam.collect() }
 }
 
 #[cfg(test)]
@@ -182,6 +188,8 @@ mod tests {
         assert!(row[18..].iter().chain(&row[11..13]).all(|v| *v == 0.0));
         let shared: String = (120..144).map(|i| if found.is_shared[i] { 'x' } else { '.' }).collect();
         assert_eq!(shared, "..xxxxxxxxx..xx.........");
+        let seam: String = (120..144).map(|i| if found.is_seam[i] { 'x' } else { '.' }).collect();
+        assert_eq!(seam, "....xxxx................");
         // At a corner as along a wall.
         assert_eq!(found.near[24 + 1], 0.2);
     }

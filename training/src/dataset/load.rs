@@ -42,6 +42,8 @@ pub struct Photo {
     pub lean: Lean,
     /// Whose footprint on the ground a pixel lies in.
     pub ground: Raster<u16>,
+    /// Whose roof a pixel shows.
+    pub roof: Raster<u16>,
 }
 
 impl Set {
@@ -157,8 +159,8 @@ impl Set {
                 resample(&relief(&depth), size, Window { col: 0, row: 0, width: size.0, height: size.1 }, size)
             }
         };
-        let ground = self.labels(&image.ground, size)?;
-        Ok(Photo { rgb: rgb.pixels().map(|p| p.0).collect(), size, relief, lean, ground, image })
+        let (ground, roof) = (self.labels(&image.ground, size)?, self.labels(&image.roof, size)?);
+        Ok(Photo { rgb: rgb.pixels().map(|p| p.0).collect(), size, relief, lean, ground, roof, image })
     }
 
     /// Labels of a photo: `ground`, `roof` or `visible` of what the set says of it.

@@ -16,6 +16,7 @@ pub mod labels;
 pub mod load;
 pub mod make;
 pub mod manifest;
+pub mod rises;
 mod sources;
 
 use std::path::{Path, PathBuf};

@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use candle_core::Device;
 use geo_types::{LineString, MultiPolygon};
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
+use sizeup_footprints::segment::apart::Apart;
+use sizeup_footprints::segment::roofs::{MOST_RISE, Maps, footprints};
 use sizeup_footprints::{ContourSource, MaskConfig, MaskFiles, Segmenter, SegmenterConfig};
 use sizeup_heights::camera::Camera;
 use sizeup_heights::frames::Rigid;
@@ -14,10 +16,17 @@ use sizeup_heights::raster::Raster;
 use sizeup_photos::prior::FilePriorConfig;
 use sizeup_survey::View;
 
+use super::LEAST_PX;
+use crate::dataset::labels::{Middles, UNKNOWN, middles};
 use crate::dataset::load::{Photo, Set};
+use crate::dataset::rises::rises;
 use crate::network::Input;
+use crate::train::LossConfig;
 use crate::train::checkpoint::Checkpoint;
 use crate::{TrainError, export};
+
+/// How far a map of middles without any error falls between two roofs, at least.
+const PERFECT_DIP: f32 = 0.2;
 
 /// One row of the table.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,6 +35,8 @@ pub enum Row {
     Roofs,
     /// What is visible of the buildings, without any error: what a perfect network for segmentation gives.
     Visible,
+    /// The maps of a perfect network, through the watershed and the laying down of roofs: the most that this way can reach.
+    Perfect,
     /// A network: an ONNX file of the profile `small.v1`, or a checkpoint.
     Network {
         /// Its name in the table.
@@ -55,6 +66,7 @@ impl Row {
         match self {
             Self::Roofs => "roof masks, perfect",
             Self::Visible => "visible masks, perfect",
+            Self::Perfect => "maps of ground, roofs and rises, perfect",
             Self::Network { name, .. } | Self::Coco { name, .. } => name,
         }
     }
@@ -68,7 +80,7 @@ impl Row {
     ) -> Result<Option<Box<dyn ContourSource>>, TrainError> {
         let failed = |e: &dyn std::fmt::Display| TrainError::Scene { scene: scene.to_owned(), problem: e.to_string() };
         match self {
-            Self::Roofs | Self::Visible => Ok(None),
+            Self::Roofs | Self::Visible | Self::Perfect => Ok(None),
             Self::Coco { path, .. } => {
                 let text = serde_json::json!({ "path": path, "kind": "coco" });
                 let config: MaskConfig = serde_json::from_value(text).expect("a mask's configuration");
@@ -101,9 +113,30 @@ impl Row {
 
     /// Masks of the set as instances.
     pub(super) fn labels(&self, set: &Set, photo: &Photo) -> Result<Raster<u32>, TrainError> {
+        if *self == Self::Perfect {
+            return Ok(laid_down(photo));
+        }
         let name = if *self == Self::Roofs { &photo.image.roof } else { &photo.image.visible };
         Ok(set.labels(name, photo.size)?.map(|l| u32::from(*l)))
     }
+}
+
+/// Footprints from a photo's own labels, as from a network that says nothing else.
+fn laid_down(photo: &Photo) -> Raster<u32> {
+    let is_there = |label: &u16| f32::from(u8::from(!matches!(*label, 0 | UNKNOWN)));
+    let nadir = DVec2::from(photo.lean.nadir_px);
+    let rises = rises(&photo.ground, &photo.roof, nadir);
+    let rise = |label: &u16| rises.get(label).map_or(0.0, |r| *r as f32 / MOST_RISE);
+    let Middles { near, is_seam, .. } = middles(&photo.roof, LossConfig::default().reach_px);
+    let raster = |values: Vec<f32>| Raster::from_vec(photo.size.0, photo.size.1, values).expect("one value per pixel");
+    let maps = Maps {
+        ground: photo.ground.map(is_there),
+        roof: photo.roof.map(is_there),
+        middle: raster(near),
+        seam: raster(is_seam.iter().map(|is| f32::from(u8::from(*is))).collect()),
+        rise: photo.roof.map(rise),
+    };
+    footprints(&maps, nadir, Apart { above: 0.5, dip: PERFECT_DIP, least_px: LEAST_PX / 4 })
 }
 
 /// A view that sees what the photo's network is told: straight down, its nadir where the photo's is.

@@ -8,7 +8,7 @@ use super::parameters::Parameters;
 use super::resize::resize;
 use super::{Builder, Kernel, NetworkConfig, network};
 
-/// Logits of a batch: `batch × 2 × rows × columns`.
+/// Logits of a batch: `batch × 5 × rows × columns`.
 ///
 /// `given`: inputs or feature maps by name, each `batch × channels × rows × columns`.
 ///

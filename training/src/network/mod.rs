@@ -4,12 +4,12 @@
 //! texture  image + lean ─ convolutions ─ tex0 (stride 2) ─ tex1 (4) ─ tex2 (8) ──┐
 //! geometry depth + lean ─ convolutions ─ geo0 (stride 2) ─ geo1 (4) ─────────────┤  or the features of frozen networks
 //!                                                                               ▼
-//!   head   1 × 1 projectors ─ resized to one grid ─ concatenated ─ U-Net ─ decoder ─ logits: building, middle
+//!   head   1 × 1 projectors ─ resized to one grid ─ concatenated ─ U-Net ─ decoder ─ logits: ground, roof, middle, rise, seam
 //! ```
 //!
 //! This is the paper's head (`SiZeUp`, "Footprint Extraction"): there the features are those of SAM 3 and Depth Anything 3,
 //! frozen; here small convolutions that learn along give them, and a configuration with `features` takes them from files.
-//! The second channel, how near to its building's middle a pixel lies, is ours: the paper leaves open how instances come apart.
+//! The channels of roofs are ours: the paper leaves open how instances come apart.
 //!
 //! The architecture is written once, against [`Builder`]: one builder declares the parameters, one computes with candle, one
 //! writes ONNX.
@@ -145,13 +145,14 @@ impl Default for NetworkConfig {
             geometry: vec![8, 16],
             projected: 8,
             widths: vec![16, 24, 40, 64, 80],
-            decoder: 12,
+            decoder: 16,
         }
     }
 }
 
-/// Logits that a network gives: is there a building, and how near to its middle.
-pub const N_LOGITS: usize = 2;
+/// Logits that a network gives: is there a building on the ground, is a roof seen, how near to its roof's middle a pixel lies, how far
+/// the roof rises, and do two roofs meet.
+pub const N_LOGITS: usize = 5;
 
 impl NetworkConfig {
     /// What is wrong with it, if anything: found, and what is expected.

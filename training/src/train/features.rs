@@ -14,10 +14,9 @@ use sizeup_geo::files;
 use sizeup_heights::seed;
 
 use super::TrainConfig;
-use super::sample::{Batch, Scene};
+use super::sample::{Batch, Scene, wanted};
 use crate::TrainError;
-use crate::dataset::labels::UNKNOWN;
-use crate::network::FeatureConfig;
+use crate::network::{FeatureConfig, N_LOGITS};
 
 /// The file of a photo's features.
 #[must_use]
@@ -90,8 +89,8 @@ pub fn batch(scenes: &[&Scene], config: &TrainConfig, device: &Device) -> Result
     let inputs = by_name.into_iter().map(|(name, maps)| Ok((name, Tensor::cat(&maps, 0)?)));
     Ok(Batch {
         inputs: inputs.collect::<Result<_, TrainError>>()?,
-        target: Tensor::from_vec(targets, (n, 2, side, side), device)?,
-        weight: Tensor::from_vec(weights, (n, 2, side, side), device)?,
+        target: Tensor::from_vec(targets, (n, N_LOGITS, side, side), device)?,
+        weight: Tensor::from_vec(weights, (n, N_LOGITS, side, side), device)?,
     })
 }
 
@@ -104,14 +103,11 @@ fn labels(scene: &Scene, config: &TrainConfig) -> (Vec<f32>, Vec<f32>) {
         at(i / side, rows) * columns + at(i % side, columns)
     };
     let cells: Vec<usize> = (0..side * side).map(cell).collect();
-    let as_float = |b: bool| f32::from(u8::from(b));
-    let label = |c: &usize| scene.photo.ground.data()[*c];
-    let known = |c: &usize| as_float(label(c) != UNKNOWN);
-    let gain = |c: &usize| if scene.middles.is_shared[*c] { config.loss.shared_gain as f32 } else { 1.0 };
-    let building = cells.iter().map(|c| as_float(!matches!(label(c), 0 | UNKNOWN)));
-    let near = cells.iter().map(|c| scene.middles.near[*c]);
-    let weights = cells.iter().map(known).chain(cells.iter().map(|c| known(c) * gain(c)));
-    (building.chain(near).collect(), weights.collect())
+    let wanted: Vec<_> = cells.iter().map(|c| wanted(scene, Some(*c), &config.loss)).collect();
+    let of = |which: fn(&(f32, f32)) -> f32| -> Vec<f32> {
+        (0..N_LOGITS).flat_map(|channel| wanted.iter().map(move |w| which(&w[channel]))).collect()
+    };
+    (of(|w| w.0), of(|w| w.1))
 }
 
 /// The photos of one step.

@@ -1,5 +1,5 @@
-//! What is made small: cross-entropy and Dice (Milletari and others, 2016, arXiv 1606.04797) of buildings, cross-entropy of how
-//! near to its building's middle a pixel lies.
+//! What is made small: cross-entropy and Dice (Milletari and others, 2016, arXiv 1606.04797) of buildings on the ground and of roofs,
+//! cross-entropy of how near to its roof's middle a pixel lies, of how far the roof rises, and of where two roofs meet.
 //!
 //! ```text
 //! BCE  = sum w · (max(x, 0) − x·y + ln(1 + e^−|x|)) / sum w        x: logit, y: 0 to 1, w: is it known, and how much it counts
@@ -14,16 +14,25 @@ use candle_core::{Result, Tensor};
 use super::LossConfig;
 use super::sample::Batch;
 
-/// The loss of logits `batch × 2 × rows × columns`.
+/// The loss of logits `batch × 5 × rows × columns`.
 ///
 /// # Errors
 /// Shapes that do not fit.
 pub fn loss(logits: &Tensor, batch: &Batch, config: &LossConfig) -> Result<Tensor> {
     let of = |tensor: &Tensor, channel: usize| tensor.narrow(1, channel, 1);
-    let (x, y, weight) = (of(logits, 0)?, of(&batch.target, 0)?, of(&batch.weight, 0)?);
-    let buildings = (cross_entropy(&x, &y, &weight)? + (dice_loss(&x, &y, &weight)? * config.dice)?)?;
-    let middles = cross_entropy(&of(logits, 1)?, &of(&batch.target, 1)?, &of(&batch.weight, 1)?)?;
-    buildings + (middles * config.middle)?
+    let of_channel = |channel: usize| -> Result<(Tensor, Tensor, Tensor)> {
+        Ok((of(logits, channel)?, of(&batch.target, channel)?, of(&batch.weight, channel)?))
+    };
+    let entropy = |channel: usize| -> Result<Tensor> {
+        let (x, y, weight) = of_channel(channel)?;
+        cross_entropy(&x, &y, &weight)
+    };
+    let mask = |channel: usize| -> Result<Tensor> {
+        let (x, y, weight) = of_channel(channel)?;
+        cross_entropy(&x, &y, &weight)? + (dice_loss(&x, &y, &weight)? * config.dice)?
+    };
+    let roofs = ((mask(1)? * config.roof)? + (entropy(2)? * config.middle)?)?;
+    (mask(0)? + roofs)? + ((entropy(3)? * config.rise)? + (entropy(4)? * config.seam)?)?
 }
 
 fn cross_entropy(x: &Tensor, y: &Tensor, weight: &Tensor) -> Result<Tensor> {

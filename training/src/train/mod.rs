@@ -2,7 +2,9 @@
 
 pub mod checkpoint;
 pub mod features;
+pub mod looks;
 pub mod loss;
+mod matched;
 pub mod optimise;
 pub mod pictures;
 pub mod run;
@@ -30,6 +32,8 @@ pub struct TrainConfig {
     /// Side of what a network sees at once, pixels; a multiple of what its levels ask for, 32 with all defaults. With features
     /// the side that whole photos are brought to.
     pub crop_px: usize,
+    /// Share of crops around a place where two roofs meet, where the photo has one.
+    pub at_seams: f64,
     /// Crops in a step.
     pub batch: usize,
     /// Steps in all, unless it stops early.
@@ -55,6 +59,7 @@ impl Default for TrainConfig {
             network: NetworkConfig::default(),
             features: None,
             crop_px: 192,
+            at_seams: 0.0,
             batch: 8,
             steps: 1000,
             learning_rate: 3e-3,
@@ -67,25 +72,34 @@ impl Default for TrainConfig {
     }
 }
 
-/// What is made small: `BCE + dice · (1 − Dice)` of buildings, and `middle` times the cross-entropy of how near to its building's
-/// middle each pixel lies.
+/// What is made small: `BCE + dice · (1 − Dice)` of buildings on the ground, `roof` times the same of roofs, `middle` times the
+/// cross-entropy of how near to its roof's middle each pixel lies, `rise` times that of how far roofs rise, and `seam` times that of where two
+/// roofs meet.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LossConfig {
-    /// Weight of the Dice term beside the cross-entropy.
+    /// Weight of the Dice terms beside the cross-entropies.
     pub dice: f64,
-    /// Weight of middles beside buildings.
+    /// Weight of roofs beside buildings on the ground.
+    pub roof: f64,
+    /// Weight of middles of roofs.
     pub middle: f64,
-    /// How far a building's footprint reaches into it: from there on all is its middle, pixels.
+    /// Weight of how far roofs rise.
+    pub rise: f64,
+    /// Weight of where two roofs meet.
+    pub seam: f64,
+    /// How far a roof's edge reaches into it: from there on all is its middle, pixels.
     pub reach_px: usize,
-    /// How much more pixels within reach of another building count in the cross-entropy of middles: only there is anything to
+    /// How much more pixels within reach of another roof count in the cross-entropy of middles: only there is anything to
     /// learn that the mask does not tell.
     pub shared_gain: f64,
+    /// How much more pixels where two roofs meet count in the cross-entropy of these than other pixels of roofs: they are few.
+    pub seam_gain: f64,
 }
 
 impl Default for LossConfig {
     fn default() -> Self {
-        Self { dice: 1.0, middle: 1.0, reach_px: 8, shared_gain: 3.0 }
+        Self { dice: 1.0, roof: 0.5, middle: 1.0, rise: 1.0, seam: 1.0, reach_px: 8, shared_gain: 3.0, seam_gain: 4.0 }
     }
 }
 
@@ -109,11 +123,35 @@ pub struct AugmentConfig {
     pub relief: f64,
     /// Share of crops in which colours, or where there is depth that, are left out altogether; never both.
     pub drop: f64,
+    /// Share of crops whose depth is as if photos had been matched for it: wandering edges, steps, blobs, holes.
+    pub matched: f64,
+    /// Share of crops whose roofs and ground take other colours.
+    pub painted: f64,
+    /// Most standard deviation of the logarithm of light that changes over tens of pixels.
+    pub light: f64,
+    /// The same of a texture of a few pixels.
+    pub texture: f64,
+    /// Share of crops over a part of which a shadow falls.
+    pub shaded: f64,
 }
 
 impl Default for AugmentConfig {
     fn default() -> Self {
-        Self { zoom: 0.25, colour: 0.2, gamma: 0.2, grey: 0.1, noise: 6.0, blur: 0.2, relief: 0.2, drop: 0.0 }
+        Self {
+            zoom: 0.25,
+            colour: 0.2,
+            gamma: 0.2,
+            grey: 0.1,
+            noise: 6.0,
+            blur: 0.2,
+            relief: 0.2,
+            drop: 0.0,
+            matched: 0.0,
+            painted: 0.0,
+            light: 0.0,
+            texture: 0.0,
+            shaded: 0.0,
+        }
     }
 }
 
@@ -155,12 +193,17 @@ impl TrainConfig {
         let (a, l) = (&self.augment, &self.loss);
         for (name, value, low, high) in [
             ("crop_px", self.crop_px as f64, 16.0, 4096.0),
+            ("at_seams", self.at_seams, 0.0, 1.0),
             ("batch", self.batch as f64, 1.0, 1024.0),
             ("steps", self.steps as f64, 1.0, 1e8),
             ("learning_rate", self.learning_rate, 1e-8, 1.0),
             ("weight_decay", self.weight_decay, 0.0, 1.0),
             ("loss.dice", l.dice, 0.0, 100.0),
+            ("loss.roof", l.roof, 0.0, 100.0),
             ("loss.middle", l.middle, 0.0, 100.0),
+            ("loss.rise", l.rise, 0.0, 100.0),
+            ("loss.seam", l.seam, 0.0, 100.0),
+            ("loss.seam_gain", l.seam_gain, 1.0, 1000.0),
             ("loss.reach_px", l.reach_px as f64, 1.0, 50.0),
             ("loss.shared_gain", l.shared_gain, 1.0, 1000.0),
             ("augment.zoom", a.zoom, 0.0, 0.5),
@@ -171,6 +214,11 @@ impl TrainConfig {
             ("augment.blur", a.blur, 0.0, 1.0),
             ("augment.relief", a.relief, 0.0, 1.0),
             ("augment.drop", a.drop, 0.0, 0.9),
+            ("augment.matched", a.matched, 0.0, 1.0),
+            ("augment.painted", a.painted, 0.0, 1.0),
+            ("augment.light", a.light, 0.0, 1.0),
+            ("augment.texture", a.texture, 0.0, 1.0),
+            ("augment.shaded", a.shaded, 0.0, 1.0),
             ("stop.every", self.stop.every as f64, 1.0, 1e8),
             ("stop.patience", self.stop.patience as f64, 1.0, 1e8),
         ] {

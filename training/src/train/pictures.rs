@@ -17,7 +17,7 @@ const SHOWN: usize = 4;
 const TRAIN: Rgb<u8> = Rgb([70, 110, 200]);
 const VAL: Rgb<u8> = Rgb([220, 120, 30]);
 const AXIS: Rgb<u8> = Rgb([120, 120, 120]);
-/// Truth, what was found, and what is far from a middle in it.
+/// Truth, what was found, and what is near the edge of a roof.
 const TRUTH: Rgb<u8> = Rgb([255, 255, 255]);
 const FOUND: Rgb<u8> = Rgb([255, 60, 20]);
 const RIM: Rgb<u8> = Rgb([40, 240, 240]);
@@ -66,7 +66,7 @@ fn line(picture: &mut RgbImage, from: (f64, f64), to: (f64, f64), colour: Rgb<u8
     }
 }
 
-/// Photos one above the other: footprints on the ground in white, what is found in red, what is far from any middle in it in cyan.
+/// Photos one above the other: footprints on the ground in white, what is found in red, edges of roofs as found in cyan.
 pub(super) fn overlays(shown: &[(&Scene, Tensor)], path: &Path) -> Result<(), TrainError> {
     let mut rows = Vec::new();
     let mut size = (0, 0);
@@ -80,7 +80,7 @@ pub(super) fn overlays(shown: &[(&Scene, Tensor)], path: &Path) -> Result<(), Tr
             let values = logits.narrow(1, channel, 1)?.flatten_all()?.to_vec1::<f32>()?;
             Ok(Raster::from_vec(width, height, values.iter().map(|v| *v > 0.0).collect()).expect("one per pixel"))
         };
-        let (found, middle) = (map(0)?, map(1)?);
+        let (found, roof, middle) = (map(0)?, map(1)?, map(2)?);
         let labels = Raster::from_vec(
             width,
             height,
@@ -94,7 +94,7 @@ pub(super) fn overlays(shown: &[(&Scene, Tensor)], path: &Path) -> Result<(), Tr
                     FOUND
                 } else if is_edge(&labels, col, row) {
                     TRUTH
-                } else if found[(col, row)] && !middle[(col, row)] {
+                } else if roof[(col, row)] && !middle[(col, row)] {
                     RIM
                 } else {
                     Rgb(grey)

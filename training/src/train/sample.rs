@@ -6,19 +6,19 @@
 use candle_core::{Device, Tensor};
 use glam::DVec2;
 use rand::Rng;
+use rayon::prelude::*;
+use sizeup_footprints::segment::roofs::MOST_RISE;
+use sizeup_heights::raster::Raster;
 use sizeup_heights::seed;
 
-use super::TrainConfig;
+use super::looks::Looks;
+use super::{LossConfig, TrainConfig};
 use crate::TrainError;
 use crate::dataset::labels::{Middles, UNKNOWN, middles};
 use crate::dataset::load::Photo;
-use crate::network::Input;
-use crate::network::parameters::normal;
+use crate::dataset::rises::rises;
+use crate::network::{Input, N_LOGITS};
 
-/// ImageNet's mean and deviation, as in sizeup's profile `small.v1`.
-pub const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
-/// Standard deviation of red, green and blue that inputs are scaled by; see [`MEAN`].
-pub const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 /// Share of crops around a building.
 const BUILT: f64 = 0.85;
 
@@ -27,10 +27,14 @@ const BUILT: f64 = 0.85;
 pub struct Scene {
     /// Photo that crops are cut from.
     pub photo: Photo,
-    /// Per pixel: how near to its building's middle it lies.
+    /// Per pixel: how near to its roof's middle it lies.
     pub middles: Middles,
+    /// Per pixel: the rise of its roof, 1 being the most that a network says; `NaN` where it is not known.
+    rise: Vec<f32>,
     /// Positions of the photo's pixels that show a building.
     built: Vec<u32>,
+    /// Positions of the photo's pixels where two roofs meet.
+    seams: Vec<u32>,
 }
 
 impl Scene {
@@ -51,11 +55,46 @@ impl Scene {
         let ready = |photo: Photo| {
             let is_building = |i: &u32| !matches!(photo.ground.data()[*i as usize], 0 | UNKNOWN);
             let built = (0..photo.ground.data().len() as u32).filter(is_building).collect();
-            Self { middles: middles(&photo.ground, reach), built, photo }
+            let roofs = known_roofs(&photo);
+            let rises = rises(&photo.ground, &photo.roof, DVec2::from(photo.lean.nadir_px));
+            let rise = |label: &u16| rises.get(label).map_or(f32::NAN, |r| *r as f32 / MOST_RISE);
+            let rise = photo.roof.data().iter().map(rise).collect();
+            let middles = middles(&roofs, reach);
+            let seams = (0..middles.is_seam.len() as u32).filter(|i| middles.is_seam[*i as usize]).collect();
+            Self { photo, middles, rise, built, seams }
         };
-        use rayon::prelude::*;
         Ok(photos.into_par_iter().map(ready).collect())
     }
+}
+
+/// Labels of roofs, unknown where it is not known what stands on the ground.
+fn known_roofs(photo: &Photo) -> Raster<u16> {
+    let mut roofs = photo.roof.clone();
+    for (roof, ground) in roofs.data_mut().iter_mut().zip(photo.ground.data()) {
+        if *roof == 0 && *ground == UNKNOWN {
+            *roof = UNKNOWN;
+        }
+    }
+    roofs
+}
+
+/// Targets of a pixel of a photo, and how much each counts, in the order of the network's channels.
+pub(super) fn wanted(scene: &Scene, cell: Option<usize>, loss: &LossConfig) -> [(f32, f32); N_LOGITS] {
+    let Some(cell) = cell else { return [(0.0, 0.0); N_LOGITS] };
+    let as_float = |b: bool| f32::from(u8::from(b));
+    let (ground, roof) = (scene.photo.ground.data()[cell], scene.photo.roof.data()[cell]);
+    let (is_known, is_roof) = (as_float(ground != UNKNOWN), as_float(roof != 0));
+    let is_roof_known = is_known.max(is_roof);
+    let gain = if scene.middles.is_shared[cell] { loss.shared_gain as f32 } else { 1.0 };
+    let is_seam = scene.middles.is_seam[cell];
+    let rise = scene.rise[cell];
+    [
+        (as_float(!matches!(ground, 0 | UNKNOWN)), is_known),
+        (is_roof, is_roof_known),
+        (scene.middles.near[cell], gain * is_roof_known),
+        if rise.is_nan() { (0.0, 0.0) } else { (rise, is_roof) },
+        (as_float(is_seam), if is_seam { loss.seam_gain as f32 } else { is_roof }),
+    ]
 }
 
 /// Inputs by name, what is to come out, and how much each pixel counts.
@@ -63,9 +102,9 @@ impl Scene {
 pub struct Batch {
     /// `batch × channels × rows × columns` each.
     pub inputs: Vec<(String, Tensor)>,
-    /// `batch × 2 × rows × columns`: building, 0 or 1; how near to its middle, 0 to 1.
+    /// `batch × 5 × rows × columns`: building on the ground and roof, 0 or 1; how near to the roof's middle, and its rise, 0 to 1; seam, 0 or 1.
     pub target: Tensor,
-    /// `batch × 2 × rows × columns`: how much each counts; 0 where nothing is known.
+    /// `batch × 5 × rows × columns`: how much each counts; 0 where nothing is known.
     pub weight: Tensor,
 }
 
@@ -76,7 +115,7 @@ pub(super) struct Draft {
     target: Vec<f32>,
     weight: Vec<f32>,
     size: (usize, usize),
-    shared_gain: f32,
+    loss: LossConfig,
     n: usize,
 }
 
@@ -89,7 +128,7 @@ impl Draft {
             target: Vec::new(),
             weight: Vec::new(),
             size,
-            shared_gain: config.loss.shared_gain as f32,
+            loss: config.loss.clone(),
             n: 0,
         }
     }
@@ -101,8 +140,8 @@ impl Draft {
         let inputs = inputs.map(|(i, v)| Ok((i.name().to_owned(), tensor(v, i.channels())?)));
         Ok(Batch {
             inputs: inputs.collect::<Result<_, TrainError>>()?,
-            target: tensor(self.target, 2)?,
-            weight: tensor(self.weight, 2)?,
+            target: tensor(self.target, N_LOGITS)?,
+            weight: tensor(self.weight, N_LOGITS)?,
         })
     }
 
@@ -123,11 +162,8 @@ impl Draft {
         let cells: Vec<Option<usize>> = pixels.iter().map(cell).collect();
         for (input, values) in self.names.iter().zip(&mut self.inputs) {
             match input {
-                Input::Image => values.extend(looks.colours(photo, &pixels, self.size, place.zoom)),
-                Input::Depth => {
-                    let gain = if looks.without_depth { 0.0 } else { looks.relief_gain };
-                    values.extend(cells.iter().map(|c| c.map_or(0.0, |c| gain * photo.relief[c])));
-                }
+                Input::Image => values.extend(looks.colours(photo, &pixels, &cells, self.size, place.zoom)),
+                Input::Depth => values.extend(looks.relief(photo, &cells, self.size)),
                 Input::Lean => {
                     let leans: Vec<DVec2> = pixels.iter().map(|p| place.turn_back(photo.lean.at(*p))).collect();
                     values.extend(leans.iter().map(|l| l.x as f32));
@@ -135,14 +171,11 @@ impl Draft {
                 }
             }
         }
-        let label = |c: &Option<usize>| c.map_or(UNKNOWN, |c| photo.ground.data()[c]);
-        let as_float = |b: bool| f32::from(u8::from(b));
-        self.target.extend(cells.iter().map(|c| as_float(!matches!(label(c), 0 | UNKNOWN))));
-        self.target.extend(cells.iter().map(|c| c.map_or(0.0, |c| scene.middles.near[c])));
-        self.weight.extend(cells.iter().map(|c| as_float(label(c) != UNKNOWN)));
-        let gain =
-            |c: &Option<usize>| if c.is_some_and(|c| scene.middles.is_shared[c]) { self.shared_gain } else { 1.0 };
-        self.weight.extend(cells.iter().map(|c| gain(c) * as_float(label(c) != UNKNOWN)));
+        let wanted: Vec<_> = cells.iter().map(|c| wanted(scene, *c, &self.loss)).collect();
+        for channel in 0..N_LOGITS {
+            self.target.extend(wanted.iter().map(|w| w[channel].0));
+            self.weight.extend(wanted.iter().map(|w| w[channel].1));
+        }
         self.n += 1;
     }
 }
@@ -174,14 +207,17 @@ impl Placement {
         Self { centre: DVec2::new(columns as f64, rows as f64) * 0.5, zoom: 1.0, flip: false, quarters: 0 }
     }
 
-    /// Around a pixel of a building that is chosen anew, mostly; anywhere in the photo otherwise.
-    fn random(scene: &Scene, side: usize, zoom: f64, rng: &mut impl Rng) -> Self {
+    /// Around a pixel of a building or of a seam that is chosen anew, mostly; anywhere in the photo otherwise.
+    fn random(scene: &Scene, config: &TrainConfig, rng: &mut impl Rng) -> Self {
+        let (side, zoom) = (config.crop_px, config.augment.zoom);
         let zoom = (1.0 + zoom).powf(rng.random_range(-1.0..=1.0));
         let reach = 0.5 * side as f64 * zoom;
         let (columns, rows) = scene.photo.size;
         let mut middle = DVec2::new(rng.random_range(0.0..columns as f64), rng.random_range(0.0..rows as f64));
-        if rng.random_bool(BUILT) && !scene.built.is_empty() {
-            let pixel = scene.built[rng.random_range(0..scene.built.len())] as usize;
+        let is_at_seam = rng.random_bool(config.at_seams) && !scene.seams.is_empty();
+        let among = if is_at_seam { &scene.seams } else { &scene.built };
+        if (is_at_seam || rng.random_bool(BUILT)) && !among.is_empty() {
+            let pixel = among[rng.random_range(0..among.len())] as usize;
             let aside = DVec2::new(rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0));
             middle = DVec2::new((pixel % columns) as f64, (pixel / columns) as f64) + 0.6 * reach * aside;
         }
@@ -192,139 +228,18 @@ impl Placement {
     }
 }
 
-/// How a crop's colours and relief differ from the photo's.
-#[derive(Debug, Clone)]
-pub(super) struct Looks {
-    gain: [f32; 3],
-    gamma: f32,
-    grey: bool,
-    blur: bool,
-    noise: f32,
-    noise_key: u64,
-    relief_gain: f32,
-    without_image: bool,
-    without_depth: bool,
-}
-
-impl Looks {
-    pub fn plain() -> Self {
-        Self {
-            gain: [1.0; 3],
-            gamma: 1.0,
-            grey: false,
-            blur: false,
-            noise: 0.0,
-            noise_key: 0,
-            relief_gain: 1.0,
-            without_image: false,
-            without_depth: false,
-        }
-    }
-
-    fn random(config: &TrainConfig, rng: &mut impl Rng) -> Self {
-        let a = &config.augment;
-        let all = (a.colour * normal(rng)).exp();
-        let gain = [0; 3].map(|_| (all * (0.5 * a.colour * normal(rng)).exp()) as f32);
-        let has = |i: Input| config.network.inputs.contains(&i);
-        let (dropped, which): (bool, bool) = (rng.random_bool(a.drop), rng.random());
-        let dropped = dropped && has(Input::Image) && has(Input::Depth);
-        Self {
-            gain,
-            gamma: (a.gamma * normal(rng)).exp() as f32,
-            grey: rng.random_bool(a.grey),
-            blur: rng.random_bool(a.blur),
-            noise: (a.noise / 255.0 * rng.random::<f64>()) as f32,
-            noise_key: rng.random(),
-            relief_gain: (a.relief * normal(rng)).exp() as f32,
-            without_image: dropped && which,
-            without_depth: dropped && !which,
-        }
-    }
-
-    /// Normalised red, green and blue at positions of a photo; what lies outside is black.
-    fn colours(&self, photo: &Photo, pixels: &[DVec2], size: (usize, usize), zoom: f64) -> Vec<f32> {
-        if self.without_image {
-            return vec![0.0; 3 * pixels.len()];
-        }
-        let is_exact = zoom == 1.0;
-        let mut colours: Vec<[f32; 3]> =
-            pixels.iter().map(|p| if is_exact { nearest(photo, *p) } else { bilinear(photo, *p) }).collect();
-        if self.blur {
-            colours = blurred(&colours, size);
-        }
-        let mut rng = seed::stream(self.noise_key, "noise", &[]);
-        for colour in &mut colours {
-            if self.grey {
-                *colour = [(colour[0] + colour[1] + colour[2]) / 3.0; 3];
-            }
-            for (value, gain) in colour.iter_mut().zip(self.gain) {
-                if self.gamma != 1.0 || gain != 1.0 {
-                    *value = (value.powf(self.gamma) * gain).min(1.0);
-                }
-                if self.noise > 0.0 {
-                    // The sum of two uniform numbers is near enough to a normal one.
-                    *value += self.noise * 2.45 * (rng.random::<f32>() + rng.random::<f32>() - 1.0);
-                }
-            }
-        }
-        let channel = |c: usize| colours.iter().map(move |v| (v[c] - MEAN[c]) / DEVIATION[c]);
-        channel(0).chain(channel(1)).chain(channel(2)).collect()
-    }
-}
-
-fn nearest(photo: &Photo, p: DVec2) -> [f32; 3] {
-    let inside = p.x >= 0.0 && p.y >= 0.0 && p.x < photo.size.0 as f64 && p.y < photo.size.1 as f64;
-    if inside { photo.rgb[p.y as usize * photo.size.0 + p.x as usize].map(|v| f32::from(v) / 255.0) } else { [0.0; 3] }
-}
-
-fn bilinear(photo: &Photo, p: DVec2) -> [f32; 3] {
-    let (width, height) = photo.size;
-    let inside = p.x >= 0.0 && p.y >= 0.0 && p.x < width as f64 && p.y < height as f64;
-    if !inside {
-        return [0.0; 3];
-    }
-    let split = |v: f64, n: usize| {
-        let v = (v - 0.5).clamp(0.0, n as f64 - 1.0);
-        (v as usize, (v as usize + 1).min(n - 1), v.fract() as f32)
-    };
-    let ((left, right, along), (top, bottom, down)) = (split(p.x, width), split(p.y, height));
-    let at = |col: usize, row: usize, c: usize| f32::from(photo.rgb[row * width + col][c]) / 255.0;
-    [0, 1, 2].map(|c| {
-        let upper = at(left, top, c) * (1.0 - along) + at(right, top, c) * along;
-        let lower = at(left, bottom, c) * (1.0 - along) + at(right, bottom, c) * along;
-        upper * (1.0 - down) + lower * down
-    })
-}
-
-/// A box of three by three.
-fn blurred(colours: &[[f32; 3]], (columns, rows): (usize, usize)) -> Vec<[f32; 3]> {
-    let mean = |i: usize| {
-        let (col, row) = (i % columns, i / columns);
-        let (mut sum, mut n) = ([0.0_f32; 3], 0.0_f32);
-        for r in row.saturating_sub(1)..(row + 2).min(rows) {
-            for c in col.saturating_sub(1)..(col + 2).min(columns) {
-                (0..3).for_each(|k| sum[k] += colours[r * columns + c][k]);
-                n += 1.0;
-            }
-        }
-        sum.map(|s| s / n)
-    };
-    (0..colours.len()).map(mean).collect()
-}
-
 /// The crops of one step: from photos chosen anew, mostly where buildings are.
 ///
 /// # Errors
 /// [`TrainError::Tensor`].
 pub fn of_step(scenes: &[Scene], config: &TrainConfig, step: usize, device: &Device) -> Result<Batch, TrainError> {
-    use rayon::prelude::*;
     let side = config.crop_px;
     let drafts: Vec<Draft> = (0..config.batch)
         .into_par_iter()
         .map(|i| {
             let mut rng = seed::stream(config.seed, "crop", &[step as u64, i as u64]);
             let scene = &scenes[rng.random_range(0..scenes.len())];
-            let place = Placement::random(scene, side, config.augment.zoom, &mut rng);
+            let place = Placement::random(scene, config, &mut rng);
             let looks = Looks::random(config, &mut rng);
             let mut draft = Draft::new(config, (side, side));
             draft.add(scene, &place, &looks);

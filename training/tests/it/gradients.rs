@@ -91,13 +91,13 @@ fn resizing_up_down_and_by_odd_ratios() {
 
 #[test]
 fn losses_with_unknown_pixels() {
-    let logits = var(&[2, 2, 4, 5], 1.0);
+    let logits = var(&[2, 5, 4, 5], 1.0);
     let step = |t: Tensor| t.gt(0.0).unwrap().to_dtype(DType::F64).unwrap();
     let share = |t: Tensor| t.affine(0.5, 0.5).unwrap();
     let batch = Batch {
         inputs: Vec::new(),
-        target: Tensor::cat(&[step(tensor(&[2, 1, 4, 5], 5.0)), share(tensor(&[2, 1, 4, 5], 7.0))], 1).unwrap(),
-        weight: (step(tensor(&[2, 2, 4, 5], 6.0)) * 1.5).unwrap(),
+        target: Tensor::cat(&[step(tensor(&[2, 2, 4, 5], 5.0)), share(tensor(&[2, 3, 4, 5], 7.0))], 1).unwrap(),
+        weight: (step(tensor(&[2, 5, 4, 5], 6.0)) * 1.5).unwrap(),
     };
     check(&[&logits], &|| loss(logits.as_tensor(), &batch, &LossConfig::default()));
 }

@@ -13,7 +13,7 @@ use sizeup_heights::raster::Raster;
 
 /// How buildings of a map are told apart.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Apart {
+pub struct Apart {
     /// Probability above which there is a building.
     pub above: f32,
     /// How far the map of middles falls from the lower of two peaks to where their parts meet, if they are two buildings.
@@ -55,7 +55,8 @@ impl Parts {
 
 /// Labels of the buildings of a map of probabilities, from 1; 0 is none. Equal values are taken in the map's order, so that the
 /// outcome is the same everywhere.
-pub(super) fn split(buildings: &Raster<f32>, middles: &Raster<f32>, how: Apart) -> Raster<u32> {
+#[must_use]
+pub fn split(buildings: &Raster<f32>, middles: &Raster<f32>, how: Apart) -> Raster<u32> {
     const NONE: u32 = u32::MAX;
     let (built, middle) = (buildings.data(), middles.data());
     let mut order: Vec<u32> = (0..built.len() as u32).filter(|&i| built[i as usize] > how.above).collect();

@@ -11,6 +11,7 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
+use super::holes::fill;
 use sizeup_geo::geodata::raster::Window;
 use sizeup_heights::prior::DepthPrior;
 use sizeup_heights::raster::Raster;
@@ -23,7 +24,7 @@ const MOST_VALUES: usize = 20_000;
 /// Relief beyond this is cut off, in spreads.
 const MOST: f32 = 6.0;
 
-/// Height of things above the ground's plane, `H × W` as the prior; 0 where it has no value.
+/// Height of things above the ground's plane, `H × W` as the prior; holes are filled from around them (`holes.rs`).
 #[must_use]
 pub fn relief(prior: &DepthPrior) -> Raster<f32> {
     let values = prior.values.map(|v| prior.disparity(*v));
@@ -38,10 +39,11 @@ pub fn relief(prior: &DepthPrior) -> Raster<f32> {
     let (plane, spread) = ground_plane(&sample);
     let value = |i: usize| {
         let v = values.data()[i];
-        if v.is_finite() { ((f64::from(v) - plane.dot(at(i))) / spread) as f32 } else { 0.0 }
+        ((f64::from(v) - plane.dot(at(i))) / spread) as f32
     };
     let mut relief = Raster::filled(width, height, 0.0);
     relief.data_mut().iter_mut().enumerate().for_each(|(i, cut)| *cut = value(i).clamp(-MOST, MOST));
+    fill(&mut relief);
     relief
 }
 

@@ -11,6 +11,9 @@ use sizeup_photos::onnx::{Port, profiles};
 pub enum Gives {
     /// One map: is there a building? A second channel, if there is one, says how near to its building's middle a pixel lies.
     Semantic,
+    /// Five maps: is there a building on the ground, is a roof seen, how near to its roof's middle a pixel lies, how far the roof rises, 1
+    /// being 0.4 of the depth of its foot, and do two roofs meet. One or two maps are as of "semantic".
+    Roofs,
     /// One map per building, `batch × instances × rows × columns`.
     Instances,
 }
@@ -76,6 +79,9 @@ pub struct SegmenterProfile {
     /// Where a second map says how near to a middle a pixel lies: how far it falls between two buildings, 0 to 1.
     #[serde(default = "default_dip")]
     pub dip: f32,
+    /// Where five maps tell roofs apart: how far the third falls along the border of two, 0 to 1.
+    #[serde(default = "default_valley")]
+    pub valley: f32,
     /// Names of the instances' scores, through the same activation.
     #[serde(default)]
     pub scores: Vec<String>,
@@ -92,6 +98,11 @@ pub struct SegmenterProfile {
 /// Chosen on the validation scenes of `training/sets/simulated.toml` (docs/footprint-network.md).
 fn default_dip() -> f32 {
     0.003
+}
+
+/// As [`default_dip`].
+fn default_valley() -> f32 {
+    0.3
 }
 
 /// The profiles that come with sizeup.

@@ -1,0 +1,175 @@
+//! Settings of a segmentation network: which one, and how it is run.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::profile::{SegmenterProfile, built_in};
+use super::small;
+use crate::cadastre::CadastreConfig;
+use crate::consensus::ConsensusConfig;
+use crate::contours::ContourKind;
+use crate::georeference::InputAccuracy;
+use crate::layer::FootprintError;
+use sizeup_geo::paths::{PathVisitor, visit_template};
+use sizeup_photos::prior::FilePriorConfig;
+
+/// Which network, and how it is run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SegmenterConfig {
+    /// ONNX file: the network, or the head where the profile has backbones; the network that comes with sizeup where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<PathBuf>,
+    /// ONNX files of the profile's backbones, by their names.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(extend("x-expert" = true))]
+    pub backbones: BTreeMap<String, PathBuf>,
+    /// Built-in profile: "semantic", "small.v1", "sam3" or "fpsam.v1"; that of the network where `model` is left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub profile: Option<String>,
+    /// A profile of your own, in place of a built-in one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = true))]
+    pub custom: Option<SegmenterProfile>,
+    /// Side of a tile, pixels of the photo; the network's own side where left out, so that nothing is resized.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = true))]
+    pub tile_px: Option<usize>,
+    /// Share of a tile that overlaps the next one, 0 to 0.5.
+    #[serde(default = "default_overlap")]
+    #[schemars(extend("x-expert" = true))]
+    pub overlap: f64,
+    /// Probability above which there is a building, 0 to 1.
+    #[serde(default = "default_above")]
+    #[schemars(extend("x-expert" = true))]
+    pub above: f32,
+    /// For networks that say how near to a middle a pixel lies: how far that falls between two buildings, or along the border of two
+    /// roofs, 0 to 1; the profile's own where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = true))]
+    pub dip: Option<f32>,
+    /// Least score of an instance, 0 to 1.
+    #[serde(default = "default_min_score")]
+    #[schemars(extend("x-expert" = true))]
+    pub min_score: f32,
+    /// The contour that masks follow: "ground", where walls meet the ground, or "roof".
+    #[serde(default, alias = "outline")]
+    pub contour: ContourKind,
+    /// Depth of every photo from files, for networks that take it, by `{stem}` or `{name}`; that of `[prior]` where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth: Option<FilePriorConfig>,
+    /// How accurate masks, poses and terrain are.
+    #[serde(default)]
+    pub accuracy: InputAccuracy,
+    /// How views become one footprint per building.
+    #[serde(default)]
+    pub consensus: ConsensusConfig,
+    /// An existing layer whose ids and attributes are kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cadastre: Option<CadastreConfig>,
+}
+
+fn default_overlap() -> f64 {
+    0.2
+}
+
+fn default_above() -> f32 {
+    0.5
+}
+
+fn default_min_score() -> f32 {
+    0.5
+}
+
+impl SegmenterConfig {
+    /// A network with a built-in profile and all defaults.
+    #[must_use]
+    pub fn new(model: impl Into<PathBuf>, profile: &str) -> Self {
+        Self {
+            model: Some(model.into()),
+            backbones: BTreeMap::new(),
+            profile: Some(profile.to_owned()),
+            custom: None,
+            tile_px: None,
+            overlap: default_overlap(),
+            above: default_above(),
+            dip: None,
+            min_score: default_min_score(),
+            contour: ContourKind::default(),
+            depth: None,
+            accuracy: InputAccuracy::default(),
+            consensus: ConsensusConfig::default(),
+            cadastre: None,
+        }
+    }
+
+    /// The network that comes with sizeup, with all defaults.
+    #[must_use]
+    pub fn built_in() -> Self {
+        Self { model: None, profile: None, ..Self::new("", small::PROFILE) }
+    }
+
+    /// Which network it is, in words.
+    #[must_use]
+    pub fn in_words(&self) -> String {
+        self.model.as_ref().map_or_else(|| small::IN_WORDS.to_owned(), |path| format!("the network {}", path.display()))
+    }
+
+    /// Hands every path of these settings to `visit`, which may change it.
+    pub(crate) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
+        self.model.iter_mut().for_each(&mut *visit);
+        self.backbones.values_mut().for_each(&mut *visit);
+        if let Some(depth) = &mut self.depth {
+            visit_template(&mut depth.path, visit);
+        }
+        if let Some(cadastre) = &mut self.cadastre {
+            cadastre.visit_paths(visit);
+        }
+    }
+
+    pub(super) fn chosen(&self) -> Result<SegmenterProfile, FootprintError> {
+        let names = || built_in().into_iter().map(|p| p.name).collect::<Vec<_>>().join(", ");
+        let refuse = |problem: String| FootprintError::Masks { problem, hint: format!("the profiles are {}", names()) };
+        if self.model.is_none()
+            && (self.custom.is_some() || self.profile.as_deref().is_some_and(|p| p != small::PROFILE))
+        {
+            return Err(FootprintError::Masks {
+                problem: "a profile is set, and no `model` that it would fit".to_owned(),
+                hint: "set `model` to an ONNX file, or leave both out: then the network that comes with sizeup is run"
+                    .to_owned(),
+            });
+        }
+        let profile = if self.model.is_none() { Some(small::PROFILE.to_owned()) } else { self.profile.clone() };
+        match (&profile, &self.custom) {
+            (Some(name), None) => built_in()
+                .into_iter()
+                .find(|p| p.name == *name)
+                .ok_or_else(|| refuse(format!("no segmenter profile {name:?}"))),
+            (None, Some(custom)) => Ok(custom.clone()),
+            (None, None) => Err(refuse("no segmenter profile is set".to_owned())),
+            (Some(_), Some(_)) => Err(refuse("both `profile` and `custom` are set".to_owned())),
+        }
+    }
+}
+
+impl SegmenterConfig {
+    /// Whether shares and sizes are in range, with the least dip between buildings that is asked for.
+    pub(super) fn check(&self, dip: f32) -> Result<(), FootprintError> {
+        let refuse = |problem: String, hint: &str| Err(FootprintError::Masks { problem, hint: hint.to_owned() });
+        let is_share = |v: f32| (0.0..=1.0).contains(&v);
+        if !is_share(dip) {
+            return refuse(format!("dip = {dip}"), "a difference of values from 0 to 1");
+        }
+        if !is_share(self.above) || !is_share(self.min_score) || !(0.0..=0.5).contains(&self.overlap) {
+            let found = format!("above = {}, min_score = {}, overlap = {}", self.above, self.min_score, self.overlap);
+            return refuse(found, "shares from 0 to 1; the overlap from 0 to 0.5");
+        }
+        if self.tile_px.is_some_and(|tile| tile < 16) {
+            return refuse("`tile_px` is below 16".to_owned(), "a tile is at least 16 pixels wide");
+        }
+        Ok(())
+    }
+}
