@@ -10,13 +10,13 @@ use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print, print_json};
 use crate::config::RunConfig;
 use crate::pipeline::{PriorsDone, Wanted, compute_priors};
 use sizeup_photos::onnx::{EngineChoice, EngineConfig, Port};
-use sizeup_photos::prior::network::{Inspection, inspect};
+use sizeup_photos::prior::network::{GraphInspection, inspect};
 
 /// Subcommands of `sizeup prior`.
 #[derive(Debug, Clone, Subcommand)]
 pub enum PriorCommand {
     /// Say what an ONNX graph wants and gives, and which built-in profile fits it.
-    Inspect(InspectArgs),
+    Inspect(InspectPriorArgs),
     /// Compute depth priors into the cache ahead of a run.
     Compute(ComputeArgs),
 }
@@ -25,7 +25,7 @@ pub enum PriorCommand {
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Example:
   sizeup prior inspect depth_anything_v2_small.onnx")]
-pub struct InspectArgs {
+pub struct InspectPriorArgs {
     /// ONNX file of the network.
     pub model: PathBuf,
     /// Engine that looks at it.
@@ -74,7 +74,7 @@ pub(super) fn run(command: &PriorCommand, global: &Global) -> Result<u8, Failure
     }
 }
 
-fn run_inspect(args: &InspectArgs, global: &Global) -> Result<u8, Failure> {
+fn run_inspect(args: &InspectPriorArgs, global: &Global) -> Result<u8, Failure> {
     let name = match args.engine {
         EngineArg::Auto => EngineChoice::Auto,
         EngineArg::Rten => EngineChoice::Rten,
@@ -126,7 +126,7 @@ fn tell_done(ui: &Ui, done: &PriorsDone) {
 }
 
 /// Table of a graph and the profiles that it fits, as lines.
-fn table_of(inspection: &Inspection) -> String {
+fn table_of(inspection: &GraphInspection) -> String {
     let contents = &inspection.contents;
     let engine = match inspection.engine {
         EngineChoice::OnnxRuntime => "ONNX Runtime",
@@ -158,7 +158,7 @@ fn shape(port: &Port) -> String {
     port.shape.iter().map(|n| n.map_or_else(|| "?".to_owned(), |n| n.to_string())).collect::<Vec<_>>().join(" × ")
 }
 
-fn as_json(inspection: &Inspection) -> Value {
+fn as_json(inspection: &GraphInspection) -> Value {
     let ports = |ports: &[Port]| -> Vec<Value> {
         ports.iter().map(|port| json!({ "name": port.name, "shape": port.shape, "numbers": port.numbers })).collect()
     };

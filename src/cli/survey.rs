@@ -36,7 +36,7 @@ const EXIT_UNSOUND: u8 = 3;
 #[derive(Debug, Clone, Subcommand)]
 pub enum SurveyCommand {
     /// Say what a survey holds and whether its poses look right. Exit code 3 if they do not.
-    Inspect(InspectArgs),
+    Inspect(InspectSurveyArgs),
     /// Bring poses that are nearly right to agree with the photos: guided matching and bundle adjustment.
     Align(AlignArgs),
     /// Write a survey's poses for other tools: COLMAP text, CSV, or GIS layers of cameras, axes, image footprints.
@@ -90,7 +90,7 @@ pub struct SourceArgs {
              --compare-footprints polygons.geojson --id-field image_id
 
 Exit code 0: the poses look right. 3: they look wrong, or cannot be read.")]
-pub struct InspectArgs {
+pub struct InspectSurveyArgs {
     #[command(flatten)]
     source: SourceArgs,
     /// Footprints of the area of interest: at least half of the photos have to look at it.
@@ -226,7 +226,7 @@ fn formats(global: &Global) -> Result<u8, Failure> {
     Ok(0)
 }
 
-fn inspect_all(args: &InspectArgs, global: &Global) -> Result<u8, Failure> {
+fn inspect_all(args: &InspectSurveyArgs, global: &Global) -> Result<u8, Failure> {
     let all: Result<Vec<Inspected>, Failure> = settings(&args.source, args.footprints.as_deref())?
         .iter()
         .map(|settings| inspect(settings, args, global))
@@ -240,7 +240,7 @@ fn inspect_all(args: &InspectArgs, global: &Global) -> Result<u8, Failure> {
     Ok(if all.iter().all(|inspected| inspected.is_sound) { 0 } else { EXIT_UNSOUND })
 }
 
-fn inspect(settings: &Settings, args: &InspectArgs, global: &Global) -> Result<Inspected, Failure> {
+fn inspect(settings: &Settings, args: &InspectSurveyArgs, global: &Global) -> Result<Inspected, Failure> {
     let bad_input = |e: &dyn std::error::Error| Failure::new(3, e);
     let ui = Ui::new(global);
     let crs = &settings.project.crs;
@@ -291,7 +291,7 @@ fn looked_at(views: &[View], ui: &Ui) -> Result<Vec<Issue>, Failure> {
 }
 
 /// The hull of the footprints. A configuration may name footprints that are still to come: then there is no area.
-fn area_of(settings: &Settings, args: &InspectArgs, ui: &Ui) -> Result<Option<geo::Polygon>, Failure> {
+fn area_of(settings: &Settings, args: &InspectSurveyArgs, ui: &Ui) -> Result<Option<geo::Polygon>, Failure> {
     let Some(FootprintSource::Layer(config)) = &settings.footprints else { return Ok(None) };
     if args.footprints.is_none() && !config.path.exists() {
         ui.say(format!("{} is not there: nothing to hold the image centres against", config.path.display()));

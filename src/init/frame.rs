@@ -6,7 +6,7 @@ use super::place::Place;
 use super::poses::PoseSource;
 use glam::DVec3;
 use sizeup_geo::crs::{Crs, CrsError, Transform};
-use sizeup_survey::{Numbers, PoseWorld};
+use sizeup_survey::{PoseWorld, WorldGuess};
 
 /// Numbers that a zone gives for where the photos are differ from the poses' by less, metres: satellite positions.
 const SAME_PLACE_M: f64 = 500.0;
@@ -90,7 +90,7 @@ pub(super) fn candidates(source: &PoseSource, neighbours: &[Neighbour<'_>], phot
 
 /// The zone in which the photos' own positions are where poses of an unnamed grid are.
 fn confirmed(source: &PoseSource, photos_at: &Place) -> Option<Frame> {
-    if source.look.world != PoseWorld::Unsaid(Numbers::Projected) {
+    if source.look.world != PoseWorld::Unsaid(WorldGuess::Projected) {
         return None;
     }
     let (lon, lat) = photos_at.middle_deg()?;

@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 use sizeup_geo::crs::{Crs, Transform};
 use sizeup_geo::terrain::MapBox;
 use sizeup_heights::stats::median;
-use sizeup_survey::{FirstLook, Numbers, PoseWorld};
+use sizeup_survey::{FirstLook, PoseWorld, WorldGuess};
 
 /// Photos look so far around where they were taken, metres and degrees.
 const AROUND_M: f64 = 150.0;
@@ -31,8 +31,10 @@ impl Place {
         let plane = |positions: &[DVec3]| positions.iter().map(|p| p.truncate()).collect();
         match &look.world {
             _ if !look.places_deg.is_empty() => Self::OnEarth(look.places_deg.clone()),
-            PoseWorld::Unsaid(Numbers::Degrees) => Self::OnEarth(look.positions.iter().map(|p| (p.x, p.y)).collect()),
-            PoseWorld::Unsaid(Numbers::Projected) => Self::Numbers(plane(&look.positions)),
+            PoseWorld::Unsaid(WorldGuess::Degrees) => {
+                Self::OnEarth(look.positions.iter().map(|p| (p.x, p.y)).collect())
+            }
+            PoseWorld::Unsaid(WorldGuess::Projected) => Self::Numbers(plane(&look.positions)),
             _ => Self::Nowhere,
         }
     }

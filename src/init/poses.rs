@@ -13,7 +13,7 @@ use sizeup_geo::crs::Crs;
 use sizeup_geo::files::read_text;
 use sizeup_geo::paths::resolved;
 use sizeup_survey::{
-    FirstLook, Format, Numbers, PhotoFacts, PoseWorld, SurveyConfig, SurveyError, first_look, recognise,
+    FirstLook, Format, PhotoFacts, PoseWorld, SurveyConfig, SurveyError, WorldGuess, first_look, recognise,
 };
 
 /// Formats of adjusted poses, the surest to read first: those that name their CRS before those that do not. One that stands
@@ -75,7 +75,7 @@ pub(super) struct PoseChoice {
 impl PoseSource {
     /// Whether it is known where they are, or numbers may tell.
     pub(super) fn is_placed(&self) -> bool {
-        self.look.world != PoseWorld::Unsaid(Numbers::Local)
+        self.look.world != PoseWorld::Unsaid(WorldGuess::Local)
     }
 
     /// Whether they were adjusted together with the photos.
@@ -204,15 +204,17 @@ fn read(path: &Path, format: Format, offset: Option<[f64; 3]>) -> Result<PoseSou
     };
     let mut source = PoseSource { look: first_look(&config)?, config, n_matched: 0, placed_by: placed_by.clone() };
     let config = match (&source.look.world, offset) {
-        (PoseWorld::Unsaid(Numbers::Degrees), _) => SurveyConfig { crs: Crs::parse("EPSG:4326").ok(), ..source.config },
-        (PoseWorld::Unsaid(Numbers::EarthCentred), _) => {
+        (PoseWorld::Unsaid(WorldGuess::Degrees), _) => {
+            SurveyConfig { crs: Crs::parse("EPSG:4326").ok(), ..source.config }
+        }
+        (PoseWorld::Unsaid(WorldGuess::EarthCentred), _) => {
             SurveyConfig { crs: Crs::parse("EPSG:4978").ok(), ..source.config }
         }
-        (PoseWorld::Unsaid(Numbers::Local), Some(offset)) => {
+        (PoseWorld::Unsaid(WorldGuess::Local), Some(offset)) => {
             placed_by = Some("--offset".to_owned());
             SurveyConfig { offset, ..source.config }
         }
-        (PoseWorld::Unsaid(Numbers::Local), None) => match georeference(path) {
+        (PoseWorld::Unsaid(WorldGuess::Local), None) => match georeference(path) {
             Some((name, crs, offset)) => {
                 placed_by = Some(name);
                 SurveyConfig { crs, offset, ..source.config }

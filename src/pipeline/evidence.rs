@@ -19,7 +19,7 @@ use sizeup_heights::render::image::SceneTracer;
 use sizeup_heights::scene::Prism;
 use sizeup_photos::prior::{DepthPrior, PriorKind};
 use sizeup_results::output::picture::depth_picture;
-use sizeup_results::report::{Crop, Evidence, Line, LineKind, Pair, ReportConfig};
+use sizeup_results::report::{BuildingEvidence, Crop, Line, LineKind, Pair, ReportConfig};
 use sizeup_survey::{Survey, View};
 
 /// Photos whose priors are computed anew where neither file nor cache holds them, at most: a network takes seconds for each.
@@ -45,7 +45,7 @@ pub(super) fn gather(
     stage: &SceneStage,
     heights: &HeightStage,
     priors: &PriorStore,
-) -> Vec<Evidence> {
+) -> Vec<BuildingEvidence> {
     let settings = &config.output.report;
     let wanted = choose(settings, &heights.solution.heights, |view| priors.is_at_hand(view));
     let problem = Problem {
@@ -71,12 +71,12 @@ pub(super) fn gather(
 }
 
 /// Evidence shown of one building, the views that see most of it first.
-fn evidence_of(building: usize, inspection: Inspection, mut crops: Vec<Crop>) -> Evidence {
+fn evidence_of(building: usize, inspection: Inspection, mut crops: Vec<Crop>) -> BuildingEvidence {
     let n_rays = |view: usize| inspection.views.iter().find(|v| v.view == view).map_or(0, |v| v.n_rays);
     crops.sort_by_key(|crop| (std::cmp::Reverse(n_rays(crop.view)), crop.view));
     let scored = inspection.views.into_iter().filter(|v| !v.scores.is_empty());
     let scores = scored.map(|v| (v.view, v.scores)).collect();
-    Evidence { building, heights_m: inspection.heights_m, scores, crops }
+    BuildingEvidence { building, heights_m: inspection.heights_m, scores, crops }
 }
 
 /// The buildings to show with the views to look at them in: doubtful ones first, then the least certain. Views whose

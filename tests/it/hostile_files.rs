@@ -18,7 +18,7 @@ use sizeup::camera::Camera;
 use sizeup::cloud;
 use sizeup::crs::Crs;
 use sizeup::frames::Rigid;
-use sizeup::geodata::raster::{RasterFile, Resampling, Window};
+use sizeup::geodata::raster::{CellWindow, RasterFile, Resampling};
 use sizeup::geodata::vector::VectorLayer;
 use sizeup::onnx::Network;
 use sizeup::output::read::{FoundBuildings, ReadOptions};
@@ -574,7 +574,7 @@ fn pixels_that_the_decoder_makes_up_are_not_passed_on() {
     let refused = read().unwrap_err().to_string();
     assert!(refused.contains("damaged") && refused.contains("hint: "), "{refused}");
     // Also at reduced size, from the file's own coarser scales.
-    let window = Window { col: 0, row: 0, width: 256, height: 192 };
+    let window = CellWindow { col: 0, row: 0, width: 256, height: 192 };
     let reduced = RasterFile::open(&path).unwrap().read_window(1, window, (32, 24), Resampling::Average);
     assert!(reduced.unwrap_err().to_string().contains("damaged"));
 }

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
-use sizeup_geo::geodata::raster::{RasterError, RasterFile, Resampling, Window};
+use sizeup_geo::geodata::raster::{CellWindow, RasterError, RasterFile, Resampling};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::raster::Raster;
 use sizeup_heights::stats;
@@ -65,7 +65,7 @@ impl PhotoQuality {
             let (width, height) = file.size();
             let long_side = width.max(height).max(1);
             let reduced = |side: usize| (side * (LONG_SIDE_PX as usize).min(long_side) / long_side).max(1);
-            let whole = Window { col: 0, row: 0, width, height };
+            let whole = CellWindow { col: 0, row: 0, width, height };
             // Green, where there are colours.
             let band = if file.n_bands() >= 3 { 2 } else { 1 };
             let grey = file.read_window(band, whole, (reduced(width), reduced(height)), Resampling::Average)?;

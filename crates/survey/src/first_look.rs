@@ -43,12 +43,12 @@ pub enum PoseWorld {
     /// East, north, up at a place that is known.
     Local,
     /// A world that neither file nor settings name.
-    Unsaid(Numbers),
+    Unsaid(WorldGuess),
 }
 
 /// A guess at the positions of an unknown world.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Numbers {
+pub enum WorldGuess {
     /// Eastings and northings of a projected CRS.
     Projected,
     /// Longitudes and latitudes, by their size.
@@ -111,19 +111,19 @@ fn world_of(poses: &Poses, config: &SurveyConfig) -> PoseWorld {
     }
 }
 
-fn numbers_of(poses: &Poses, offset: DVec3) -> Numbers {
+fn numbers_of(poses: &Poses, offset: DVec3) -> WorldGuess {
     let all = |test: fn(DVec3) -> bool| poses.poses.iter().all(|pose| test(pose.centre + offset));
     let is_near_origin = |centre: DVec3| centre.truncate().length() < LOCAL_WITHIN_M;
     // Local positions may all be small enough for degrees: only fractions of a degree lie together in one flight.
     let is_one_flight = spread(poses) < 1.0;
     if all(looks_like_degrees) && is_one_flight {
-        Numbers::Degrees
+        WorldGuess::Degrees
     } else if all(looks_earth_centred) {
-        Numbers::EarthCentred
+        WorldGuess::EarthCentred
     } else if all(is_near_origin) {
-        Numbers::Local
+        WorldGuess::Local
     } else {
-        Numbers::Projected
+        WorldGuess::Projected
     }
 }
 

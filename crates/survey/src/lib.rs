@@ -43,7 +43,7 @@ pub use colmap::{SparseGround, sparse_ground};
 pub use compare::{CornerErrors, GroundPolygons};
 pub use config::{CameraConfig, CsvConfig, HeightConfig, PixelOrigin, SurveyConfig, TangentialOrder, VerticalDatum};
 pub use error::{Hint, Place, SurveyError};
-pub use first_look::{FirstLook, Numbers, PoseWorld, StatedHeights, first_look, recognise};
+pub use first_look::{FirstLook, PoseWorld, StatedHeights, WorldGuess, first_look, recognise};
 pub use formats::{Format, POSE_EXTENSIONS};
 use formats::{format_of, read_poses};
 pub use inspect::{Reading, Site, inspect};

@@ -12,7 +12,7 @@
 use glam::{DMat3, DVec2, DVec3};
 
 use super::holes::fill;
-use sizeup_geo::geodata::raster::Window;
+use sizeup_geo::geodata::raster::CellWindow;
 use sizeup_heights::prior::DepthPrior;
 use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
@@ -73,13 +73,13 @@ fn ground_plane(sample: &[(DVec3, f64)]) -> (DVec3, f64) {
 
 /// A photo's map at the cells of a tile: bilinear; the map is the whole photo, resized.
 #[must_use]
-pub fn resample(map: &Raster<f32>, photo: (usize, usize), tile: Window, side: (usize, usize)) -> Vec<f32> {
+pub fn resample(map: &Raster<f32>, photo: (usize, usize), tile: CellWindow, side: (usize, usize)) -> Vec<f32> {
     let scale = (map.width() as f64 / photo.0 as f64, map.height() as f64 / photo.1 as f64);
     cells(tile, side).map(|p| map.bilinear(p.x * scale.0, p.y * scale.1)).collect()
 }
 
 /// The pixels of the photo that a tile's cells are centred on, row by row.
-fn cells(tile: Window, (columns, rows): (usize, usize)) -> impl Iterator<Item = DVec2> {
+fn cells(tile: CellWindow, (columns, rows): (usize, usize)) -> impl Iterator<Item = DVec2> {
     let step = DVec2::new(tile.width as f64 / columns as f64, tile.height as f64 / rows as f64);
     let first = DVec2::new(tile.col as f64, tile.row as f64);
     let centre = move |i: usize| DVec2::new((i % columns) as f64 + 0.5, (i / columns) as f64 + 0.5);
@@ -112,7 +112,7 @@ impl Lean {
 
     /// The lean at the cells of a tile: all columns' parts, then all rows' parts.
     #[must_use]
-    pub fn of_tile(&self, tile: Window, side: (usize, usize)) -> Vec<f32> {
+    pub fn of_tile(&self, tile: CellWindow, side: (usize, usize)) -> Vec<f32> {
         let part = |axis: usize| cells(tile, side).map(move |p| self.at(p)[axis] as f32);
         part(0).chain(part(1)).collect()
     }

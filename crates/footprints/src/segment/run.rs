@@ -8,7 +8,7 @@ use super::profile::{Activation, SegmenterProfile, port};
 use super::small;
 use crate::contours::ViewFault;
 use crate::layer::FootprintError;
-use sizeup_geo::geodata::raster::{RasterFile, Resampling, Window};
+use sizeup_geo::geodata::raster::{CellWindow, RasterFile, Resampling};
 use sizeup_heights::raster::Raster;
 use sizeup_photos::onnx::{Network, OnnxError, Tensor};
 use sizeup_photos::prior::{FilePriors, PriorError, PriorSource};
@@ -218,7 +218,7 @@ impl Segmenter {
         &self,
         photo: &RasterFile,
         geometry: &Geometry,
-        tile: Window,
+        tile: CellWindow,
     ) -> Result<(Tensor, Option<Vec<f32>>, f32), ViewFault> {
         let unusable = |e: &dyn std::error::Error| ViewFault::Photo { reason: e.to_string() };
         let failed = |e: OnnxError| {
@@ -297,7 +297,11 @@ fn without_hint(error: &PriorError) -> String {
 }
 
 /// A tile of a photo as `1 × 3 × rows × columns`, normalised.
-fn image(photo: &RasterFile, tile: Window, inlet: &Inlet) -> Result<Tensor, sizeup_geo::geodata::raster::RasterError> {
+fn image(
+    photo: &RasterFile,
+    tile: CellWindow,
+    inlet: &Inlet,
+) -> Result<Tensor, sizeup_geo::geodata::raster::RasterError> {
     let (columns, rows) = inlet.side;
     let resampling = if (tile.width, tile.height) == inlet.side { Resampling::Nearest } else { Resampling::Average };
     let bands = if photo.n_bands() >= 3 { [1, 2, 3] } else { [1; 3] };

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use sizeup_geo::geodata::raster::Window;
+use sizeup_geo::geodata::raster::CellWindow;
 use sizeup_heights::raster::Raster;
 
 /// Share of the smaller instance's pixels in the overlap that two halves of one building share.
@@ -14,7 +14,7 @@ const SAME_SHARE: f64 = 0.5;
 const BORDER_WEIGHT: f32 = 0.02;
 
 /// Tiles of a photo, at most `tile_px` wide and high, `overlap_px` shared with the next one; all of one size.
-pub(super) fn tiles((width, height): (usize, usize), tile_px: usize, overlap_px: usize) -> Vec<Window> {
+pub(super) fn tiles((width, height): (usize, usize), tile_px: usize, overlap_px: usize) -> Vec<CellWindow> {
     let starts = |n: usize| -> Vec<usize> {
         let tile = tile_px.min(n);
         if tile == n {
@@ -29,12 +29,12 @@ pub(super) fn tiles((width, height): (usize, usize), tile_px: usize, overlap_px:
     let columns = starts(width);
     starts(height)
         .into_iter()
-        .flat_map(|row| columns.iter().map(move |&col| Window { col, row, width: w, height: h }))
+        .flat_map(|row| columns.iter().map(move |&col| CellWindow { col, row, width: w, height: h }))
         .collect()
 }
 
 /// A tile's map at the photo's own pixels: bilinear from however many cells the network gives.
-pub(super) fn at_photo_size(map: &Raster<f32>, tile: Window) -> Raster<f32> {
+pub(super) fn at_photo_size(map: &Raster<f32>, tile: CellWindow) -> Raster<f32> {
     let (sx, sy) = (map.width() as f64 / tile.width as f64, map.height() as f64 / tile.height as f64);
     let value = |i: usize| {
         let (col, row) = (i % tile.width, i / tile.width);
@@ -56,7 +56,7 @@ impl Mosaic {
     }
 
     /// Adds a tile's map at the photo's own pixels.
-    pub(super) fn add(&mut self, tile: Window, map: &Raster<f32>) {
+    pub(super) fn add(&mut self, tile: CellWindow, map: &Raster<f32>) {
         for row in 0..tile.height {
             for col in 0..tile.width {
                 let weight = tent(col, tile.width) * tent(row, tile.height);
@@ -95,7 +95,7 @@ impl Joiner {
 
     /// Adds a tile's instances: probabilities at the photo's own pixels, and scores; a building is where they are above
     /// a half.
-    pub(super) fn add(&mut self, tile: Window, mut instances: Vec<(Raster<f32>, f32)>) {
+    pub(super) fn add(&mut self, tile: CellWindow, mut instances: Vec<(Raster<f32>, f32)>) {
         // The surest first: it has the pixels that two instances claim.
         instances.sort_by(|a, b| b.1.total_cmp(&a.1));
         let at = |i: usize| (tile.col + i % tile.width, tile.row + i / tile.width);
@@ -163,7 +163,7 @@ mod tests {
         for pair in found.windows(2).filter(|p| p[0].row == p[1].row) {
             assert!(pair[0].col + pair[0].width >= pair[1].col + 64 || pair[1].col + 512 == 1000);
         }
-        assert_eq!(tiles((300, 200), 512, 64), [Window { col: 0, row: 0, width: 300, height: 200 }]);
+        assert_eq!(tiles((300, 200), 512, 64), [CellWindow { col: 0, row: 0, width: 300, height: 200 }]);
     }
 
     /// A building over a seam, and one beside it in the second tile only.

@@ -65,11 +65,11 @@ pub enum RasterError {
     },
     /// A window outside the raster, or without cells.
     #[error("window {window:?} at {size:?} cells of {}, which has {width} × {height}: {reason}", path.display())]
-    Window {
+    CellWindow {
         /// Path of the raster's file.
         path: PathBuf,
         /// Window that was asked for.
-        window: Window,
+        window: CellWindow,
         /// Columns and rows wanted of it.
         size: (usize, usize),
         /// Columns of the raster.
@@ -102,7 +102,7 @@ pub enum RasterError {
 
 /// A block of cells: first column and row, and how many of each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Window {
+pub struct CellWindow {
     /// First column, counted from 0 at the left.
     pub col: usize,
     /// First row, counted from 0 at the top.
@@ -242,7 +242,7 @@ impl RasterFile {
     /// [`RasterError::Read`] without such a band or with a damaged file, [`RasterError::Excess`] for one too large.
     pub fn read(&self, band: usize) -> Result<Raster<f32>, RasterError> {
         let (width, height) = self.size();
-        self.read_window(band, Window { col: 0, row: 0, width, height }, (width, height), Resampling::Nearest)
+        self.read_window(band, CellWindow { col: 0, row: 0, width, height }, (width, height), Resampling::Nearest)
     }
 
     /// A window of a band (from 1), resampled to `size` (columns, rows). Values have the file's scale and offset
@@ -258,7 +258,7 @@ impl RasterFile {
     pub fn read_window(
         &self,
         band: usize,
-        window: Window,
+        window: CellWindow,
         size: (usize, usize),
         resampling: Resampling,
     ) -> Result<Raster<f32>, RasterError> {
@@ -296,7 +296,7 @@ impl RasterFile {
         Ok(Raster::from_vec(size.0, size.1, values).expect("GDAL fills the buffer it was given"))
     }
 
-    fn check_window(&self, window: Window, size: (usize, usize)) -> Result<(), RasterError> {
+    fn check_window(&self, window: CellWindow, size: (usize, usize)) -> Result<(), RasterError> {
         let (width, height) = self.size();
         let fits = |from: usize, n: usize, total: usize| n > 0 && from.checked_add(n).is_some_and(|end| end <= total);
         let is_inside = fits(window.col, window.width, width) && fits(window.row, window.height, height);
@@ -306,12 +306,12 @@ impl RasterFile {
             (false, _) => "it leaves the raster",
             (true, false) => "it is empty",
         };
-        Err(RasterError::Window { path: self.path.clone(), window, size, width, height, reason })
+        Err(RasterError::CellWindow { path: self.path.clone(), window, size, width, height, reason })
     }
 
     /// Holds what a read takes (the cells, their mask, and a block of the file at a time) against the limits, and the cells
     /// of the file that it goes through against the file's length.
-    fn check_claims(&self, band: &RasterBand<'_>, window: Window, size: (usize, usize)) -> Result<(), RasterError> {
+    fn check_claims(&self, band: &RasterBand<'_>, window: CellWindow, size: (usize, usize)) -> Result<(), RasterError> {
         const CELL_AND_MASK: u64 = 5;
         let bytes = |(width, height): (usize, usize), each: u64| {
             (width as u64).saturating_mul(height as u64).saturating_mul(each)

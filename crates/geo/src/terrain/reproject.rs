@@ -5,7 +5,7 @@ use std::path::Path;
 use super::Dem;
 use super::load::{TerrainConfig, TerrainError};
 use crate::crs::{Crs, CrsError, Transform};
-use crate::geodata::raster::{Grid, RasterFile, Resampling, Window};
+use crate::geodata::raster::{CellWindow, Grid, RasterFile, Resampling};
 use sizeup_heights::raster::Raster;
 
 /// An axis-aligned area in the map frame, metres.
@@ -122,7 +122,7 @@ impl Source<'_> {
         let reduced = |n: usize, cell: f64| ((n as f64 * cell / cell.max(min_cell)).round() as usize).max(1);
         let size = (reduced(width, grid.cell_x), reduced(height, grid.cell_y));
         let resampling = if size == (width, height) { Resampling::Nearest } else { Resampling::Average };
-        let window = Window { col, row, width, height };
+        let window = CellWindow { col, row, width, height };
         let mut heights = self.file.read_window(self.config.band, window, size, resampling)?;
         let offset_m = self.config.vertical_offset_m.unwrap_or(0.0) as f32;
         heights.data_mut().iter_mut().for_each(|z| *z += offset_m);

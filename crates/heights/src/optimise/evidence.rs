@@ -6,7 +6,7 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 use super::calibrate::Calibration;
-use super::straighten::Curve;
+use super::straighten::GroundCurve;
 use crate::prior::{DepthPrior, PriorKind};
 use crate::ray::Ray;
 use crate::render::PlacedCamera;
@@ -91,7 +91,7 @@ impl<'a> Evidence<'a> {
     }
 
     /// Replaces the prior by the inverse depth that a curve says it stands for.
-    pub(super) fn straighten(&mut self, curve: &Curve) {
+    pub(super) fn straighten(&mut self, curve: &GroundCurve) {
         self.nearness.iter_mut().for_each(|p| *p = curve.inverse_depth(f64::from(*p)) as f32);
         self.farness = self.nearness.iter().map(|n| farness_of(PriorKind::InverseDepth, *n)).collect();
         self.was_bent = true;

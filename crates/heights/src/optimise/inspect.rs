@@ -12,7 +12,7 @@ use super::ordinal::Compared;
 use super::search::SweepView;
 use super::solution::Solution;
 use super::solve::Problem;
-use super::straighten::Curve;
+use super::straighten::GroundCurve;
 use crate::ordinal::DepthOrder;
 use crate::seed;
 
@@ -85,7 +85,7 @@ pub fn inspect(
             let bleeding_px = solution.bleeding_of(view);
             let mut evidence = Evidence::new(placed, profiles, &prior, bleeding_px, config.stride_px);
             if solution.n_straightened > 0
-                && let Some(curve) = Curve::along_ground(&evidence)
+                && let Some(curve) = GroundCurve::along_ground(&evidence)
             {
                 evidence.straighten(&curve);
             }

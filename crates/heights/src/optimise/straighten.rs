@@ -28,19 +28,19 @@ const MUCH_LESS: f64 = 0.5;
 const MIN_BEND: f64 = 0.05;
 
 /// Whether priors bend as their network, or their file format, bends them: in at least half of the photos.
-pub(super) fn are_bent(curves: &[Option<&Curve>]) -> bool {
+pub(super) fn are_bent(curves: &[Option<&GroundCurve>]) -> bool {
     let n_bent = curves.iter().flatten().count();
     n_bent > 0 && 2 * n_bent >= curves.len()
 }
 
 /// A rising polyline from inverse depth to the prior's values, with straight ends.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Curve {
+pub struct GroundCurve {
     /// Inverse depth, 1/m, and prior; both rise.
     knots: Vec<(f64, f64)>,
 }
 
-impl Curve {
+impl GroundCurve {
     /// The curve in which a view's prior runs along its ground; `None` where it runs straight, or where the photo shows too little
     /// ground to tell.
     #[must_use]
@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn a_root_and_a_cube_come_out_straight() {
         for power in [0.33, 3.0] {
-            let curve = Curve::fit(samples(|v| 7.0 * (v - 0.0049).powf(power) - 2.0)).unwrap();
+            let curve = GroundCurve::fit(samples(|v| 7.0 * (v - 0.0049).powf(power) - 2.0)).unwrap();
             for v in [1.0 / 180.0, 1.0 / 140.0, 1.0 / 100.0, 1.0 / 85.0] {
                 let found = curve.inverse_depth(7.0 * (v - 0.0049_f64).powf(power) - 2.0);
                 assert!((found - v).abs() < 0.02 * v, "power {power}: {found} is not {v}");
@@ -146,18 +146,18 @@ mod tests {
 
     #[test]
     fn a_line_is_left_alone_whatever_stands_on_the_ground() {
-        assert_eq!(Curve::fit(samples(|v| 7.0 * v - 2.0)), None);
+        assert_eq!(GroundCurve::fit(samples(|v| 7.0 * v - 2.0)), None);
     }
 
     #[test]
     fn noise_makes_no_curve_and_hides_a_slight_one() {
         let noise = |v: f64| 1e-3 * (v * 1e7).sin();
-        assert_eq!(Curve::fit(samples(|v| v + noise(v))), None);
-        assert_eq!(Curve::fit(samples(|v| v.powf(1.2) + noise(v))), None);
+        assert_eq!(GroundCurve::fit(samples(|v| v + noise(v))), None);
+        assert_eq!(GroundCurve::fit(samples(|v| v.powf(1.2) + noise(v))), None);
     }
 
     #[test]
     fn a_prior_that_falls_towards_the_camera_is_not_turned_round() {
-        assert_eq!(Curve::fit(samples(|v| -v.sqrt())), None);
+        assert_eq!(GroundCurve::fit(samples(|v| -v.sqrt())), None);
     }
 }

@@ -40,7 +40,7 @@ pub enum LevelError {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LevelAgreement {
     /// Source of that knowledge.
-    pub how: Agreement,
+    pub how: DatumMatch,
     /// Zero of the reference's levels, where it says so.
     pub reference: Option<String>,
     /// Zero of the result's levels, where it says so.
@@ -52,7 +52,7 @@ pub struct LevelAgreement {
 /// Ground on which levels may be compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Agreement {
+pub enum DatumMatch {
     /// Both files say the same.
     Stated,
     /// The user says by how much they differ.
@@ -88,13 +88,13 @@ impl Alignment {
     pub(super) fn of(stated: &Stated<'_>, plane: &Crs) -> Result<Self, LevelError> {
         let unstated = |i: usize, flag| LevelError::Unstated { file: stated.files[i].clone(), flag };
         let (how, way) = match (stated.shift_m, stated.result, stated.reference) {
-            (Some(shift_m), ..) => (Agreement::Declared, Way::Shift(shift_m)),
+            (Some(shift_m), ..) => (DatumMatch::Declared, Way::Shift(shift_m)),
             (None, None, _) => return Err(unstated(0, "--crs")),
             (None, _, None) => return Err(unstated(1, "--truth-crs")),
-            (None, Some(to), Some(from)) if to == from => (Agreement::Stated, Way::Shift(0.0)),
+            (None, Some(to), Some(from)) if to == from => (DatumMatch::Stated, Way::Shift(0.0)),
             (None, Some(to), Some(from)) => {
                 let transform = LevelTransform::new(plane, from, to).map_err(|source| no_way(from, to, source))?;
-                (Agreement::Transformed, Way::Proj(Box::new(transform)))
+                (DatumMatch::Transformed, Way::Proj(Box::new(transform)))
             }
         };
         let name = |reference: Option<&VerticalReference>| reference.map(ToString::to_string);
@@ -150,12 +150,12 @@ impl fmt::Display for LevelAgreement {
         let [low, high] = self.shift_m;
         let (from, to) = (name(&self.reference), name(&self.result));
         match self.how {
-            Agreement::Stated => write!(f, "levels of both count from {to}, as both files say"),
-            Agreement::Declared if low == 0.0 && high == 0.0 => {
+            DatumMatch::Stated => write!(f, "levels of both count from {to}, as both files say"),
+            DatumMatch::Declared if low == 0.0 && high == 0.0 => {
                 write!(f, "levels of both are declared to count from the same zero (reference: {from}; result: {to})")
             }
-            Agreement::Declared => write!(f, "{low:+.2} m added to levels of the reference, as declared"),
-            Agreement::Transformed => {
+            DatumMatch::Declared => write!(f, "{low:+.2} m added to levels of the reference, as declared"),
+            DatumMatch::Transformed => {
                 write!(f, "levels of the reference moved from {from} to {to} by PROJ: {low:+.3} to {high:+.3} m")
             }
         }
@@ -184,7 +184,7 @@ mod tests {
         assert!((low - 34.514).abs() < 1e-6 && (high - 40.514).abs() < 1e-6, "{low} {high}");
         assert!(solids[0].facets.iter().flat_map(|f| f.corners).all(|p| p.z == low || p.z == high));
         let agreement = alignment.agreement();
-        assert_eq!(agreement.how, Agreement::Transformed);
+        assert_eq!(agreement.how, DatumMatch::Transformed);
         assert!(agreement.shift_m.iter().all(|shift_m| (shift_m + 0.486).abs() < 1e-6), "{agreement}");
     }
 

@@ -43,7 +43,7 @@ pub use columns::{ColumnGrid, Columns};
 pub use compare::{CompareError, ComparedFiles, compare_files};
 pub use footprints::{FOOTPRINT_DEFINITIONS, FootprintEvaluation, evaluate_footprints};
 pub use heights::{BuildingError, GroupStatistics, HeightEvaluation, HeightOptions, MatchCounts, evaluate_heights};
-pub use levels::{Agreement, LevelAgreement, LevelError};
+pub use levels::{DatumMatch, LevelAgreement, LevelError};
 pub use matching::{Match, Matching, match_buildings};
 pub use photos::{PHOTO_DEFINITIONS, PhotoAreas, PhotoEvaluation, evaluate_photos};
 pub use pictures::{reliability, write_pictures};

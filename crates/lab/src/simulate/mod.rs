@@ -57,7 +57,7 @@ pub use masks::{ground_contact, roofs};
 pub use relief::MapRect;
 pub use run::{SimulationSummary, simulate, simulate_with_views, world};
 pub use scene::Seen;
-pub use sight::Sight;
+pub use sight::VisibleWorld;
 pub use town::World;
 pub use trace::TrueDepth;
 

@@ -46,11 +46,11 @@ impl World {
 
 /// A world ready to be looked at.
 #[derive(Debug)]
-pub struct Sight {
+pub struct VisibleWorld {
     scene: Scene,
 }
 
-impl Sight {
+impl VisibleWorld {
     /// The buildings and the ground, with the trees and cars that the photos of the same configuration show.
     #[must_use]
     pub fn of_simulation(config: &SimulateConfig, world: &World) -> Self {
@@ -90,7 +90,7 @@ mod tests {
         let camera = Arc::new(Camera::pinhole(200, 160, 200.0));
         let camera_from_map = pose(DVec3::new(565_000.0, 5.0, 105.0), 0.0, 0.0);
         let view = View { id: "a.jpg".into(), camera, camera_from_map, image: None };
-        let seen = Sight::of_buildings(&world).see(&view).seen;
+        let seen = VisibleWorld::of_buildings(&world).see(&view).seen;
         let ground = ground_contact(&view, &world.buildings, &world.terrain);
         // A pixel is half a metre on the ground and 0.4 m on the roof: 20 to 40 pixels right of the nadir, 25 to 50.
         assert!(ground[(121, 80)] == 1 && ground[(139, 80)] == 1 && ground[(141, 80)] == 0 && ground[(119, 80)] == 0);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use rten_tensor::prelude::*;
 
-use super::{Contents, EngineConfig, Numbers, OnnxError, Port, Tensor};
+use super::{Contents, EngineConfig, OnnxError, Port, Tensor, TensorContent};
 
 /// A graph in rten.
 pub(super) struct Graph {
@@ -56,9 +56,9 @@ impl Graph {
             rten::Dimension::Symbolic(_) => None,
         };
         let numbers = match info.dtype() {
-            None | Some(rten::ValueType::Tensor(rten::DataType::Float)) => Numbers::Floats,
-            Some(rten::ValueType::Tensor(rten::DataType::Int32)) => Numbers::Integers,
-            Some(_) => Numbers::Other,
+            None | Some(rten::ValueType::Tensor(rten::DataType::Float)) => TensorContent::Floats,
+            Some(rten::ValueType::Tensor(rten::DataType::Int32)) => TensorContent::Integers,
+            Some(_) => TensorContent::Other,
         };
         let shape = info.shape().unwrap_or_default().into_iter().map(dimension).collect();
         Some(Port { name: info.name()?.to_owned(), shape, numbers })
@@ -69,12 +69,12 @@ impl Graph {
         for (port, tensor) in inputs {
             let id = self.model.node_id(&port.name).map_err(|e| e.to_string())?;
             let value: rten::ValueOrView = match port.numbers {
-                Numbers::Floats => rten_tensor::Tensor::from_data(&tensor.shape, tensor.values.clone()).into(),
-                Numbers::Integers => {
+                TensorContent::Floats => rten_tensor::Tensor::from_data(&tensor.shape, tensor.values.clone()).into(),
+                TensorContent::Integers => {
                     let whole: Vec<i32> = tensor.values.iter().map(|v| v.round() as i32).collect();
                     rten_tensor::Tensor::from_data(&tensor.shape, whole).into()
                 }
-                Numbers::Other => return Err(format!("input {:?} takes no numbers", port.name)),
+                TensorContent::Other => return Err(format!("input {:?} takes no numbers", port.name)),
             };
             given.push((id, value));
         }

@@ -204,7 +204,7 @@ impl Tensor {
 /// Content of a port, as far as it matters here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Numbers {
+pub enum TensorContent {
     /// Floating-point numbers, or the graph does not say.
     Floats,
     /// 64-bit (or 32-bit) integers; values are rounded to them.
@@ -221,14 +221,14 @@ pub struct Port {
     /// Dimensions, `None` where they are free; empty where the graph does not say, and for single numbers.
     pub shape: Vec<Option<usize>>,
     /// Type of the numbers.
-    pub numbers: Numbers,
+    pub numbers: TensorContent,
 }
 
 impl Port {
     /// A port of floating-point numbers.
     #[must_use]
     pub fn floats(name: &str, shape: &[Option<usize>]) -> Self {
-        Self { name: name.to_owned(), shape: shape.to_vec(), numbers: Numbers::Floats }
+        Self { name: name.to_owned(), shape: shape.to_vec(), numbers: TensorContent::Floats }
     }
 }
 

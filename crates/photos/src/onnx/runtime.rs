@@ -11,7 +11,7 @@ use ort::ep::{self, ExecutionProviderDispatch};
 use ort::session::{Session, SessionInputValue};
 use ort::value::{DynValue, TensorElementType, ValueType};
 
-use super::{EngineConfig, Numbers, OnnxError, Port, Provider, Tensor};
+use super::{EngineConfig, OnnxError, Port, Provider, Tensor, TensorContent};
 
 /// Paths at which the library is looked for if no configuration says so: known only to who may look at the surroundings.
 static CANDIDATES: OnceLock<Vec<PathBuf>> = OnceLock::new();
@@ -122,7 +122,7 @@ impl Graph {
         let port = |outlet: &ort::value::Outlet| {
             let (numbers, shape) = match outlet.dtype() {
                 ValueType::Tensor { ty, shape, .. } => (numbers_of(*ty), shape.to_vec()),
-                _ => (Numbers::Other, Vec::new()),
+                _ => (TensorContent::Other, Vec::new()),
             };
             let shape = shape.into_iter().map(|n| usize::try_from(n).ok()).collect();
             Port { name: outlet.name().to_owned(), shape, numbers }
@@ -164,12 +164,12 @@ fn element_type(outlet: &ort::value::Outlet) -> Option<TensorElementType> {
     }
 }
 
-fn numbers_of(kind: TensorElementType) -> Numbers {
+fn numbers_of(kind: TensorElementType) -> TensorContent {
     use TensorElementType as T;
     match kind {
-        T::Float32 | T::Float16 | T::Float64 => Numbers::Floats,
-        T::Int64 | T::Int32 | T::Uint8 | T::Bool => Numbers::Integers,
-        _ => Numbers::Other,
+        T::Float32 | T::Float16 | T::Float64 => TensorContent::Floats,
+        T::Int64 | T::Int32 | T::Uint8 | T::Bool => TensorContent::Integers,
+        _ => TensorContent::Other,
     }
 }
 

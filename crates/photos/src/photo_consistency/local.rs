@@ -23,7 +23,7 @@ const EVERY: usize = 2;
 
 /// Agreement of a surface with the photos, place by place.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Agreement {
+pub struct PhotoAgreement {
     /// Share of the places whose height the photos tell.
     pub known: f64,
     /// Share of these that lie on the surface.
@@ -33,7 +33,7 @@ pub struct Agreement {
 /// Compares pictures around each place of a surface (map frame, metres): a place is known where the photos look alike at one
 /// height, by `min_score` and `min_lead`, and lies on the surface if that height is within 0.5 m of it.
 #[must_use]
-pub fn agreement(pictures: &[&Picture], surface: &[DVec3], min_score: f64, min_lead: f64) -> Agreement {
+pub fn agreement(pictures: &[&Picture], surface: &[DVec3], min_score: f64, min_lead: f64) -> PhotoAgreement {
     let pictures = &pictures[..pictures.len().min(MAX_PICTURES)];
     let middle = surface.iter().sum::<DVec3>() / surface.len() as f64;
     let (pairs, shift) = telling_pairs(pictures, middle);
@@ -64,7 +64,7 @@ pub fn agreement(pictures: &[&Picture], surface: &[DVec3], min_score: f64, min_l
         }
     }
     let share = |n: usize, of: usize| if of == 0 { 0.0 } else { n as f64 / of as f64 };
-    Agreement { known: share(n_known, windows.len()), same: share(n_same, n_known) }
+    PhotoAgreement { known: share(n_known, windows.len()), same: share(n_same, n_known) }
 }
 
 /// Correlations of pairs of photos, over the places of a window; `NaN` where one of a pair does not show them.

@@ -12,7 +12,7 @@
 mod local;
 mod refine;
 
-pub use local::{Agreement, agreement};
+pub use local::{PhotoAgreement, agreement};
 pub use refine::RefinementConfig;
 pub use refine::{MIN_PHOTOS, MIN_PLACES, Refined, elsewhere_share, refine};
 

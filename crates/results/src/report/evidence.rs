@@ -15,7 +15,7 @@ const STEPS: f32 = 1000.0;
 
 /// Evidence of one building.
 #[derive(Debug, Clone)]
-pub struct Evidence {
+pub struct BuildingEvidence {
     /// Position among the records.
     pub building: usize,
     /// Heights that were tried, metres.
@@ -73,7 +73,7 @@ pub struct Pair {
     pub cost: f32,
 }
 
-/// [`Evidence`] as the page has it.
+/// [`BuildingEvidence`] as the page has it.
 #[derive(Debug, Serialize)]
 pub struct EvidenceData {
     building: usize,
@@ -103,8 +103,8 @@ struct CropData {
     pairs: Vec<[i32; 5]>,
 }
 
-impl From<&Evidence> for EvidenceData {
-    fn from(evidence: &Evidence) -> Self {
+impl From<&BuildingEvidence> for EvidenceData {
+    fn from(evidence: &BuildingEvidence) -> Self {
         let rounded = |score: &f64| (score * 1e4).round() / 1e4;
         Self {
             building: evidence.building,

@@ -22,7 +22,7 @@ mod tileset;
 
 pub use backdrop::Backdrop;
 pub use config::ReportConfig;
-pub use evidence::{Crop, Evidence, Line, LineKind, Pair};
+pub use evidence::{BuildingEvidence, Crop, Line, LineKind, Pair};
 pub use serve::{ServeError, Server};
 pub use tileset::tileset_of;
 
@@ -54,7 +54,7 @@ pub struct Report<'a> {
     /// Whether the poses look right, where that is known.
     pub survey: Option<SurveyReport>,
     /// Single buildings as the photos show them.
-    pub evidence: Vec<Evidence>,
+    pub evidence: Vec<BuildingEvidence>,
     /// The city as a picture, for print and for browsers without WebGL.
     pub overview: Option<RgbImage>,
     /// The ground as photos show it, under the map.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::{Solving, State, ViewInput};
 use crate::optimise::evidence::Evidence;
-use crate::optimise::straighten::{self, Curve};
+use crate::optimise::straighten::{self, GroundCurve};
 use crate::seed;
 use crate::views::{Candidate, Choice, Selection, Visibility, drawn, in_turn, select, select_each, visibility};
 
@@ -79,7 +79,7 @@ impl State<'_> {
                     let (placed, stride_px) = (&self.problem.views[v].placed, self.config.stride_px);
                     let evidence =
                         Evidence::new(placed, self.problem.profiles(v), &prior, self.bleeding_px[v], stride_px);
-                    let curve = if self.are_bent == Some(false) { None } else { Curve::along_ground(&evidence) };
+                    let curve = if self.are_bent == Some(false) { None } else { GroundCurve::along_ground(&evidence) };
                     (evidence, curve)
                 });
                 let done = n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;

@@ -8,7 +8,7 @@ use crate::prior::PriorError;
 
 /// Inputs and outputs of a graph, and which built-in profiles fit it.
 #[derive(Debug)]
-pub struct Inspection {
+pub struct GraphInspection {
     /// Inputs of the graph, in its order.
     pub inputs: Vec<Port>,
     /// Outputs of the graph, in its order.
@@ -25,7 +25,7 @@ pub struct Inspection {
 ///
 /// # Errors
 /// [`PriorError::Network`] if the engine cannot load it.
-pub fn inspect(model: &Path, engine: &EngineConfig) -> Result<Inspection, PriorError> {
+pub fn inspect(model: &Path, engine: &EngineConfig) -> Result<GraphInspection, PriorError> {
     let network = Network::open_with(model, engine)?;
     let (inputs, outputs) = (network.inputs().to_vec(), network.outputs().to_vec());
     let wired = profile::built_in().into_iter().map(|profile| {
@@ -33,5 +33,5 @@ pub fn inspect(model: &Path, engine: &EngineConfig) -> Result<Inspection, PriorE
         (profile, wiring)
     });
     let profiles = wired.collect();
-    Ok(Inspection { inputs, outputs, engine: network.engine(), contents: Contents::read(model)?, profiles })
+    Ok(GraphInspection { inputs, outputs, engine: network.engine(), contents: Contents::read(model)?, profiles })
 }

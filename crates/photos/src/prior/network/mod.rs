@@ -20,8 +20,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use self::inspect::{Inspection, inspect};
-use self::preprocess::{Frame, Prepared};
+pub use self::inspect::{GraphInspection, inspect};
+use self::preprocess::{NetworkInput, Prepared};
 use self::profile::{Company, Fit, Form, Lens, PoseUnit, Profile, Wiring};
 use super::neighbours::Neighbours;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
@@ -159,7 +159,7 @@ pub struct NetworkPriors {
 pub(super) struct Ready {
     /// Inputs by their names, the image first.
     inputs: Vec<(String, Tensor)>,
-    frame: Frame,
+    frame: NetworkInput,
 }
 
 impl NetworkPriors {
@@ -336,7 +336,12 @@ impl NetworkPriors {
     }
 
     /// The prior in what the network gave for a view.
-    pub(super) fn finish(&self, view: &View, frame: &Frame, outputs: Vec<Tensor>) -> Result<DepthPrior, PriorError> {
+    pub(super) fn finish(
+        &self,
+        view: &View,
+        frame: &NetworkInput,
+        outputs: Vec<Tensor>,
+    ) -> Result<DepthPrior, PriorError> {
         let mut outputs = outputs.into_iter();
         let mut map = |name: Option<&String>, form: Form| {
             let Some((name, tensor)) = name.and_then(|name| Some((name, outputs.next()?))) else { return Ok(None) };
@@ -369,7 +374,7 @@ impl NetworkPriors {
     }
 
     /// Unit of the output: metres, where the profile says how; 1 where it has no unit.
-    fn unit(&self, view: &View, frame: &Frame, poses: Option<&Tensor>) -> Result<f32, PriorError> {
+    fn unit(&self, view: &View, frame: &NetworkInput, poses: Option<&Tensor>) -> Result<f32, PriorError> {
         if let Some(focal_px) = self.profile.metres_at_focal_px {
             let camera = view.camera.resized(frame.photo.columns as u32, frame.photo.rows as u32);
             return Ok((f64::midpoint(camera.fx_px, camera.fy_px) / f64::from(focal_px)) as f32);
@@ -403,7 +408,7 @@ impl Ready {
     }
 
     /// Place of the photo in it.
-    pub(super) fn frame(&self) -> Frame {
+    pub(super) fn frame(&self) -> NetworkInput {
         self.frame
     }
 }

@@ -1,6 +1,6 @@
 //! From the tensors that a network gives to maps of one photo.
 
-use super::preprocess::{Cut, Frame};
+use super::preprocess::{NetworkInput, PhotoCut};
 use super::profile::Form;
 use crate::onnx::Tensor;
 use crate::prior::array::{MOST, MapShape};
@@ -42,8 +42,8 @@ pub(super) fn map_of(tensor: Tensor, form: Form) -> Result<Raster<f32>, String> 
 }
 
 /// The part that shows the photo: of a letterbox the middle.
-pub(super) fn cut_out(map: Raster<f32>, frame: &Frame) -> Raster<f32> {
-    let Cut { col, row, columns, rows } = frame.photo;
+pub(super) fn cut_out(map: Raster<f32>, frame: &NetworkInput) -> Raster<f32> {
+    let PhotoCut { col, row, columns, rows } = frame.photo;
     if (columns, rows) == (frame.columns, frame.rows) {
         return map;
     }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::resize::Rgb;
 use crate::prior::PriorError;
-use sizeup_geo::geodata::raster::{RasterFile, Resampling, Window};
+use sizeup_geo::geodata::raster::{CellWindow, RasterFile, Resampling};
 use sizeup_heights::camera::Camera;
 use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
@@ -25,7 +25,7 @@ pub(super) fn decode(view: &View) -> Result<Raster<Rgb>, PriorError> {
     let (width, height) = file.size();
     let fraction = width.max(height).div_ceil(DECODE_SIDE_PX);
     let size = (width.div_ceil(fraction), height.div_ceil(fraction));
-    let whole = Window { col: 0, row: 0, width, height };
+    let whole = CellWindow { col: 0, row: 0, width, height };
     let resampling = if fraction == 1 { Resampling::Nearest } else { Resampling::Average };
     let mut photo = Raster::filled(size.0, size.1, [0_u8; 3]);
     let n_bands = if file.n_bands() >= 3 { 3 } else { 1 };

@@ -10,23 +10,23 @@ pub struct Prepared {
     /// `3 × rows × columns`, normalised.
     pub values: Vec<f32>,
     /// Size, and what of it is the photo.
-    pub frame: Frame,
+    pub frame: NetworkInput,
 }
 
 /// Place of a photo in what a network takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Frame {
+pub struct NetworkInput {
     /// Rows that the network takes.
     pub rows: usize,
     /// Columns that it takes.
     pub columns: usize,
     /// Place of the photo in it: all of it, but for letterboxes.
-    pub photo: Cut,
+    pub photo: PhotoCut,
 }
 
 /// A rectangle of an image, pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Cut {
+pub struct PhotoCut {
     /// First column of the rectangle.
     pub col: usize,
     /// First row of the rectangle.
@@ -80,7 +80,7 @@ fn lower_bound(profile: &Profile, n: f64) -> usize {
 #[must_use]
 pub fn prepare(profile: &Profile, photo: &Raster<Rgb>, fixed_size: Option<(usize, usize)>) -> Prepared {
     let (rows, columns) = fixed_size.unwrap_or_else(|| size(profile, photo.width(), photo.height()));
-    let whole = Cut { col: 0, row: 0, columns, rows };
+    let whole = PhotoCut { col: 0, row: 0, columns, rows };
     let (white, fraction) = (profile.white, |v: u8| f32::from(v) / 255.0);
     let (brightness, photo_cut) = match profile.fit {
         Fit::LongestSide => {
@@ -98,15 +98,15 @@ pub fn prepare(profile: &Profile, photo: &Raster<Rgb>, fixed_size: Option<(usize
         }
     };
     let channel = |c: usize| brightness.data().iter().map(move |pixel| (pixel[c] - profile.mean[c]) / profile.std[c]);
-    Prepared { values: (0..3).flat_map(channel).collect(), frame: Frame { rows, columns, photo: photo_cut } }
+    Prepared { values: (0..3).flat_map(channel).collect(), frame: NetworkInput { rows, columns, photo: photo_cut } }
 }
 
 /// As large as fits, in the middle, colour around it.
-fn letterbox(profile: &Profile, photo: &Raster<Rgb>, rows: usize, columns: usize) -> (Raster<[f32; 3]>, Cut) {
+fn letterbox(profile: &Profile, photo: &Raster<Rgb>, rows: usize, columns: usize) -> (Raster<[f32; 3]>, PhotoCut) {
     let scale = (rows as f64 / photo.height() as f64).min(columns as f64 / photo.width() as f64);
     let scaled = |n: usize, most: usize| ((n as f64 * scale) as usize).clamp(1, most);
     let (width, height) = (scaled(photo.width(), columns), scaled(photo.height(), rows));
-    let cut = Cut { col: (columns - width) / 2, row: (rows - height) / 2, columns: width, rows: height };
+    let cut = PhotoCut { col: (columns - width) / 2, row: (rows - height) / 2, columns: width, rows: height };
     let small = resize::linear(photo, width, height);
     // Borders go into a picture of bytes, as their authors' code does it.
     let pad = profile.pad.map(f32::round_ties_even);

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::onnx::{Numbers, Port, profiles};
+use crate::onnx::{Port, TensorContent, profiles};
 use crate::prior::{PriorError, PriorKind};
 
 /// How the photo is brought to the network's size.
@@ -271,7 +271,7 @@ impl Profile {
             .ok_or_else(|| format!("expected an input named {}, found {}", self.inputs.join(" or "), names(inputs)))?;
         let is_image = matches!(input.shape.len(), 4 | 5)
             && input.shape[input.shape.len() - 3].is_none_or(|n| n == 3)
-            && input.numbers != Numbers::Other;
+            && input.numbers != TensorContent::Other;
         if !is_image {
             return Err(format!(
                 "input {} has shape {}, expected batch × 3 × rows × columns",

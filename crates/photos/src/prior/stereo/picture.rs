@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec2, DVec3};
 
 use crate::prior::PriorError;
-use sizeup_geo::geodata::raster::{RasterFile, Resampling, Window};
+use sizeup_geo::geodata::raster::{CellWindow, RasterFile, Resampling};
 use sizeup_heights::camera::Camera;
 use sizeup_heights::frames::{Cam, Map, Rigid};
 use sizeup_heights::raster::Raster;
@@ -73,7 +73,7 @@ impl Picture {
         }
         let distorted_camera = view.camera.reduced_to(long_side_px);
         let size = (distorted_camera.width_px as usize, distorted_camera.height_px as usize);
-        let whole = Window { col: 0, row: 0, width, height };
+        let whole = CellWindow { col: 0, row: 0, width, height };
         let band = |i: usize| file.read_window(i, whole, size, Resampling::Average);
         let grey = if file.n_bands() >= 3 {
             let (red, green, blue) = (band(1)?, band(2)?, band(3)?);

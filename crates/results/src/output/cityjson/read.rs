@@ -16,7 +16,7 @@ use serde_json::{Map as JsonMap, Value};
 use super::super::error::{MalformedFile, OutputError};
 use super::super::prism::Surface;
 use super::pieces::{Pieces, read_pieces};
-use super::read_sequence::Sequence;
+use super::read_sequence::CitySequence;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::FileError;
 
@@ -97,7 +97,7 @@ impl CityFile {
     /// version, or an index points nowhere.
     pub fn read(path: &Path) -> Result<Self, OutputError> {
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("jsonl")) {
-            return Sequence::open(path)?.into_one();
+            return CitySequence::open(path)?.into_one();
         }
         let mut city = Self::read_head(path)?;
         let mut objects = Vec::new();

@@ -10,7 +10,7 @@ use sizeup_geo::files::FileError;
 
 /// A sequence, feature by feature: iterates over city models of one feature each, in a CRS of their own.
 #[derive(Debug)]
-pub struct Sequence {
+pub struct CitySequence {
     path: PathBuf,
     lines: Lines<BufReader<fs::File>>,
     n_lines: usize,
@@ -20,7 +20,7 @@ pub struct Sequence {
     is_header_due: bool,
 }
 
-impl Sequence {
+impl CitySequence {
     /// Reads the header.
     ///
     /// # Errors
@@ -94,7 +94,7 @@ impl Sequence {
     }
 }
 
-impl Iterator for Sequence {
+impl Iterator for CitySequence {
     type Item = Result<CityFile, OutputError>;
 
     fn next(&mut self) -> Option<Self::Item> {

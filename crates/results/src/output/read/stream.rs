@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use super::super::buildings::Records;
-use super::super::cityjson::Sequence;
+use super::super::cityjson::CitySequence;
 use super::super::cityjson::read::{CityFile, visit_objects};
 use super::super::geopackage::LINEAGE_TABLE;
 use super::super::{BuildingRecord, Lineage, OutputError};
@@ -26,7 +26,7 @@ pub struct RecordFile<'a> {
 #[derive(Debug)]
 enum Content {
     City { vertices: Vec<[f64; 3]> },
-    Sequence,
+    CitySequence,
     Layer,
 }
 
@@ -39,8 +39,8 @@ impl<'a> RecordFile<'a> {
         require_readable(path)?;
         let of_metadata = |city: &CityFile| serde_json::from_value(city.metadata.get("sizeup")?.clone()).ok();
         let (crs, lineage, content) = if is_sequence(path) {
-            let sequence = Sequence::open(path)?;
-            (sequence.header().crs.clone(), of_metadata(sequence.header()), Content::Sequence)
+            let sequence = CitySequence::open(path)?;
+            (sequence.header().crs.clone(), of_metadata(sequence.header()), Content::CitySequence)
         } else if is_cityjson(path)? {
             let city = CityFile::read_head(path)?;
             let lineage = of_metadata(&city);
@@ -77,7 +77,7 @@ impl Records for RecordFile<'_> {
                 })?;
                 gathering.rest(vertices, lod).iter().try_for_each(|found| visit(&found.to_record()))
             }
-            Content::Sequence => Sequence::open(&self.path)?.try_for_each(|feature| {
+            Content::CitySequence => CitySequence::open(&self.path)?.try_for_each(|feature| {
                 surfaces::buildings(&feature?, self.options.lod).iter().try_for_each(|found| visit(&found.to_record()))
             }),
             Content::Layer => {

@@ -26,7 +26,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::OutputError;
-use super::cityjson::Sequence;
+use super::cityjson::CitySequence;
 use super::cityjson::read::{CityFile, CityGeometry, CityObject, CitySurface, visit_objects};
 use super::grid::OutputGrid;
 use super::prism;
@@ -250,7 +250,7 @@ pub fn faults_of(faces: &[prism::GridFace], grid: &OutputGrid) -> Vec<u16> {
 pub fn validate_file(path: &Path, config: &ValidateConfig) -> Result<Validation, OutputError> {
     let mut checker = Checker::new(config);
     if is_sequence(path) {
-        for feature in Sequence::open(path)? {
+        for feature in CitySequence::open(path)? {
             let feature = feature?;
             feature.objects.iter().for_each(|object| checker.object(&feature, object));
             checker.compare_parts();
