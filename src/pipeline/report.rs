@@ -11,7 +11,7 @@ use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::BuildingId;
 use sizeup_heights::optimise::{EpochRecord, LevelGain};
 use sizeup_results::output::{CityModel, picture};
-use sizeup_results::report::{self, Backdrop, Levels, Report, SolverPass, ViewUse};
+use sizeup_results::report::{self, Backdrop, LevelFit, Report, SolverPass, ViewUse};
 use sizeup_survey::{Survey, SurveyReport, View, ViewKind};
 
 /// Writes `report.html` beside the results.
@@ -112,8 +112,8 @@ fn survey_report(config: &RunConfig) -> Option<SurveyReport> {
     serde_json::from_slice(&text).ok()
 }
 
-fn levels_of((whole, gain): &(BuildingId, LevelGain)) -> Levels {
-    Levels {
+fn levels_of((whole, gain): &(BuildingId, LevelGain)) -> LevelFit {
+    LevelFit {
         whole: whole.to_string(),
         heights_m: gain.heights_m,
         two: gain.two,

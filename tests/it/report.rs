@@ -16,7 +16,7 @@ use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::geopackage::{self, GeoPackageConfig};
 use sizeup::output::picture::{MapConfig, map};
 use sizeup::output::tiles3d::{self, Tiles3dConfig};
-use sizeup::report::{self, Levels, Report, ViewUse};
+use sizeup::report::{self, LevelFit, Report, ViewUse};
 use sizeup::terrain::Terrain;
 
 use crate::outputs::{Town, building, town};
@@ -318,7 +318,7 @@ fn parts_of_a_building_that_was_taken_apart_lead_to_each_other() {
     let subject = Subject::Building("row".to_owned());
     town.issues = vec![Issue::new(Severity::Note, "footprint_split", subject, "split into 2 parts")];
     let path = folder.path().join("report.html");
-    let gain = Levels {
+    let gain = LevelFit {
         whole: "row".to_owned(),
         heights_m: [7.5, 6.25],
         two: 0.9,

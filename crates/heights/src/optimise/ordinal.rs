@@ -124,7 +124,7 @@ pub fn view_step(input: &StepInput<'_>, config: &OrdinalConfig, rng: &mut ChaCha
         });
     }
     if let (Gradient::EdgeSampled, Some(edges)) = (config.gradient, &input.edges) {
-        let present = edge_sampled::Loss { mean: loss, vote_share: pairs.len() as f64 / config.n_pairs as f64 };
+        let present = edge_sampled::BoundaryLoss { mean: loss, vote_share: pairs.len() as f64 / config.n_pairs as f64 };
         add(edge_sampled::slopes(edges, evidence, roofs, &compared, present, config, rng));
     }
     let n_active = costs.iter().filter(|cost| **cost > 0.0).count();

@@ -19,7 +19,7 @@ const FEW_RAYS_SHARE: f64 = 0.5;
 
 /// A view that may be chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Candidate {
+pub struct CandidateView {
     /// Projection centre of its camera, in the frame of the buildings.
     pub eye: DVec3,
     /// A number for its name.
@@ -32,7 +32,7 @@ pub struct Candidate {
 pub fn select_each(
     config: &ViewsConfig,
     visibilities: &[Option<Visibility>],
-    candidates: &[Candidate],
+    candidates: &[CandidateView],
     centres: &[DVec3],
 ) -> Selection {
     let k = config.min_views_per_building;
@@ -47,7 +47,7 @@ pub fn select_each(
         let most = views.iter().map(|(_, n)| *n).max().unwrap_or(0);
         let has_few = |n: u32| f64::from(n) < FEW_RAYS_SHARE * f64::from(most);
         let ranked = views.iter().map(|&(view, n_rays)| {
-            let Candidate { eye, key } = candidates[view];
+            let CandidateView { eye, key } = candidates[view];
             (view, (eye - centre).truncate(), (has_few(n_rays), key))
         });
         in_turn(ranked, k)
@@ -86,10 +86,10 @@ pub fn in_turn<K: Ord>(views: impl Iterator<Item = (usize, DVec2, K)>, n: usize)
 mod tests {
     use super::*;
 
-    fn ring(n: usize) -> Vec<Candidate> {
+    fn ring(n: usize) -> Vec<CandidateView> {
         let at = |i: usize| {
             let eye = 100.0 * DVec2::from_angle(i as f64 * std::f64::consts::TAU / n as f64);
-            Candidate { eye: eye.extend(50.0), key: crate::seed::key_of(&i.to_string()) }
+            CandidateView { eye: eye.extend(50.0), key: crate::seed::key_of(&i.to_string()) }
         };
         (0..n).map(at).collect()
     }

@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use super::building::{BuildingKind, Placement};
 use super::chance::{between, happens};
 use super::config::TownKind;
-use super::form::{self, Form, Rect, Wing};
+use super::form::{self, BuildingForm, Rect, Wing};
 use super::streets::Rhythm;
 
 /// Shortest distance between buildings that do not share a wall, metres.
@@ -21,7 +21,7 @@ pub(super) const GAP_M: f64 = 2.0;
 const SETBACK_M: f64 = 3.0;
 
 /// A form, where it stands in its block, and what it is.
-pub(super) type Lot = (Form, Placement, BuildingKind);
+pub(super) type Lot = (BuildingForm, Placement, BuildingKind);
 
 /// Block sizes along and across the town's heading.
 pub(super) fn rhythms(kind: TownKind) -> (Rhythm, Rhythm) {

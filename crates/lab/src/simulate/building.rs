@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::BuildingId;
 
-use super::form::{Form, FormFace, RoofKind};
+use super::form::{BuildingForm, FormFace, RoofKind};
 
 /// Walls go this far below the lowest ground under the footprint, metres: no gap on a slope.
 const FOUNDATION_M: f64 = 1.0;
@@ -150,7 +150,7 @@ impl Placement {
 impl SimulatedBuilding {
     /// Raises a form on the terrain.
     #[must_use]
-    pub fn raise(form: &Form, at: &Placement, terrain: &Terrain, kind: BuildingKind, id: BuildingId) -> Self {
+    pub fn raise(form: &BuildingForm, at: &Placement, terrain: &Terrain, kind: BuildingKind, id: BuildingId) -> Self {
         let footprint = polygon(form.footprint.iter().map(|ring| ring.iter().map(|&p| at.point(p)).collect()));
         let (ground_z_m, lowest_z_m) = ground_under(&footprint, terrain);
         let in_map = |p: DVec3| at.point(p.truncate()).extend(ground_z_m + p.z);
@@ -279,7 +279,7 @@ pub(super) fn triangulate(rings: &[Vec<DVec3>]) -> Vec<[DVec3; 3]> {
 }
 
 /// Upright triangles below every roof edge: down to the next roof, or to the base.
-fn walls(form: &Form, base_m: f64) -> Vec<[DVec3; 3]> {
+fn walls(form: &BuildingForm, base_m: f64) -> Vec<[DVec3; 3]> {
     // Both faces of an inner edge meet under one key; the map's order makes the result reproducible.
     let key = |p: DVec3| [p.x, p.y].map(|v| (v / SAME_CORNER_M).round() as i64);
     let mut sides: BTreeMap<_, Vec<[DVec3; 2]>> = BTreeMap::new();
@@ -313,7 +313,7 @@ mod tests {
     use crate::simulate::config::TownKind;
     use crate::simulate::form::{self, Rect, Wing};
 
-    fn raised(form: &Form) -> SimulatedBuilding {
+    fn raised(form: &BuildingForm) -> SimulatedBuilding {
         let at = Placement { origin: DVec2::new(565_000.0, 5_932_000.0), angle_rad: 0.3 };
         SimulatedBuilding::raise(form, &at, &Terrain::Constant(20.0), BuildingKind::House, "a".into())
     }

@@ -45,7 +45,7 @@ pub struct FormFace {
 
 /// Footprint and roof of one building in a plane of its own.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Form {
+pub struct BuildingForm {
     /// First ring counter-clockwise, holes clockwise, without a repeated last point.
     pub footprint: Vec<Vec<DVec2>>,
     /// They tile the footprint.
@@ -109,20 +109,20 @@ fn face(points: &[(f64, f64, f64)]) -> FormFace {
 
 /// A horizontal roof over any footprint.
 #[must_use]
-pub fn flat(footprint: Vec<Vec<DVec2>>, roof_m: f64) -> Form {
+pub fn flat(footprint: Vec<Vec<DVec2>>, roof_m: f64) -> BuildingForm {
     let faces = vec![FormFace { rings: footprint.iter().map(|ring| lift(ring, roof_m)).collect() }];
-    Form { footprint, faces, roof: RoofKind::Flat }
+    BuildingForm { footprint, faces, roof: RoofKind::Flat }
 }
 
 /// A gable roof with its ridge along x; the ends at low and high x are upright.
 #[must_use]
-pub fn gable(r: Rect, eave_m: f64, ridge_m: f64) -> Form {
+pub fn gable(r: Rect, eave_m: f64, ridge_m: f64) -> BuildingForm {
     gable_with_wings(r, eave_m, ridge_m, &[])
 }
 
 /// A hip roof with its ridge along x, all slopes as steep as each other where the rectangle is long enough.
 #[must_use]
-pub fn hip(r: Rect, eave_m: f64, ridge_m: f64) -> Form {
+pub fn hip(r: Rect, eave_m: f64, ridge_m: f64) -> BuildingForm {
     let (e, t) = (eave_m, ridge_m);
     let run = (r.dy() / 2.0).min(0.45 * r.dx());
     let (a, b, m) = (r.x0 + run, r.x1 - run, 0.5 * (r.y0 + r.y1));
@@ -132,23 +132,23 @@ pub fn hip(r: Rect, eave_m: f64, ridge_m: f64) -> Form {
         face(&[(r.x1, r.y1, e), (r.x0, r.y1, e), (a, m, t), (b, m, t)]),
         face(&[(r.x0, r.y1, e), (r.x0, r.y0, e), (a, m, t)]),
     ];
-    Form { footprint: vec![r.ring()], faces, roof: RoofKind::Hip }
+    BuildingForm { footprint: vec![r.ring()], faces, roof: RoofKind::Hip }
 }
 
 /// Flat roofs of different heights side by side along x, in equal shares of the length.
 #[must_use]
-pub fn stepped(r: Rect, roofs_m: &[f64]) -> Form {
+pub fn stepped(r: Rect, roofs_m: &[f64]) -> BuildingForm {
     let cut = |i: usize| r.x0 + r.dx() * i as f64 / roofs_m.len() as f64;
     let faces = roofs_m.iter().enumerate().map(|(i, &z)| {
         let part = Rect { x0: cut(i), x1: if i + 1 == roofs_m.len() { r.x1 } else { cut(i + 1) }, ..r };
         FormFace { rings: vec![lift(&part.ring(), z)] }
     });
-    Form { footprint: vec![r.ring()], faces: faces.collect(), roof: RoofKind::Stepped }
+    BuildingForm { footprint: vec![r.ring()], faces: faces.collect(), roof: RoofKind::Stepped }
 }
 
 /// Flat roofs stacked like a telescope: each level stands on the one before (a podium, a tower, its plant room).
 #[must_use]
-pub fn stacked(levels: &[(Rect, f64)]) -> Form {
+pub fn stacked(levels: &[(Rect, f64)]) -> BuildingForm {
     let faces = levels.iter().enumerate().map(|(i, &(level, z))| {
         let mut rings = vec![lift(&level.ring(), z)];
         if let Some(&(above, _)) = levels.get(i + 1) {
@@ -158,7 +158,7 @@ pub fn stacked(levels: &[(Rect, f64)]) -> Form {
     });
     let footprint = levels.first().map(|(r, _)| r.ring()).into_iter().collect();
     let roof = if levels.len() == 1 { RoofKind::Flat } else { RoofKind::Stepped };
-    Form { footprint, faces: faces.collect(), roof }
+    BuildingForm { footprint, faces: faces.collect(), roof }
 }
 
 /// A wing that leaves the low-y side of a main body at right angles.
@@ -199,7 +199,7 @@ pub fn winged_footprint(r: Rect, wings: &[Wing]) -> Vec<DVec2> {
 /// Gable roofs over a main body (ridge along x) and its wings (ridges along y), all with one pitch; the wings, not
 /// wider than the main body, run into its low-y slope along two valleys.
 #[must_use]
-pub fn gable_with_wings(r: Rect, eave_m: f64, ridge_m: f64, wings: &[Wing]) -> Form {
+pub fn gable_with_wings(r: Rect, eave_m: f64, ridge_m: f64, wings: &[Wing]) -> BuildingForm {
     let (e, t, m) = (eave_m, ridge_m, 0.5 * (r.y0 + r.y1));
     let rise_per_m = (ridge_m - eave_m) / (0.5 * r.dy());
     // The low-y slope of the main body, notched where the wings run into it.
@@ -222,12 +222,12 @@ pub fn gable_with_wings(r: Rect, eave_m: f64, ridge_m: f64, wings: &[Wing]) -> F
     slope.extend([(r.x1, m, t), (r.x0, m, t)]);
     faces.push(face(&slope));
     faces.push(face(&[(r.x1, r.y1, e), (r.x0, r.y1, e), (r.x0, m, t), (r.x1, m, t)]));
-    Form { footprint: vec![winged_footprint(r, wings)], faces, roof: RoofKind::Gable }
+    BuildingForm { footprint: vec![winged_footprint(r, wings)], faces, roof: RoofKind::Gable }
 }
 
 /// A closed block around a courtyard: flat, or a ring of gables where `ridge_m > eave_m`.
 #[must_use]
-pub fn courtyard(r: Rect, wing_m: f64, eave_m: f64, ridge_m: f64) -> Form {
+pub fn courtyard(r: Rect, wing_m: f64, eave_m: f64, ridge_m: f64) -> BuildingForm {
     let footprint = vec![r.ring(), r.inset(wing_m).hole()];
     if ridge_m <= eave_m {
         return flat(footprint, eave_m);
@@ -241,5 +241,5 @@ pub fn courtyard(r: Rect, wing_m: f64, eave_m: f64, ridge_m: f64) -> Form {
         faces.push(FormFace { rings: vec![vec![outer[i], outer[j], ridge[j], ridge[i]]] });
         faces.push(FormFace { rings: vec![vec![ridge[i], ridge[j], inner[j], inner[i]]] });
     }
-    Form { footprint, faces, roof: RoofKind::Gable }
+    BuildingForm { footprint, faces, roof: RoofKind::Gable }
 }

@@ -55,7 +55,7 @@ mod tests {
 
     use super::*;
     use crate::simulate::building::{BuildingKind, Placement, SimulatedBuilding};
-    use crate::simulate::form::{self, Form, Rect};
+    use crate::simulate::form::{self, BuildingForm, Rect};
     use crate::simulate::relief::MapRect;
     use crate::simulate::town::World;
     use crate::simulate::{ground_contact, pose};
@@ -65,7 +65,7 @@ mod tests {
 
     const CENTRE: DVec2 = DVec2::new(565_500.0, 5_932_500.0);
 
-    fn world(form: &Form) -> World {
+    fn world(form: &BuildingForm) -> World {
         let terrain = Terrain::Constant(20.0);
         let at = Placement { origin: CENTRE, angle_rad: 0.3 };
         let building = SimulatedBuilding::raise(form, &at, &terrain, BuildingKind::House, "a".into());

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::backdrop::BackdropData;
 use super::city::{Ground, MapBuilding, origin, round_cm};
 use super::evidence::{EvidenceData, data_uri};
-use super::{Levels, Report, ViewUse};
+use super::{LevelFit, Report, ViewUse};
 use crate::output::cityjson::CityJsonConfig;
 use crate::output::grid::OutputGrid;
 use crate::output::reports::Summary;
@@ -32,7 +32,7 @@ pub struct Data<'a> {
     views: Vec<ViewData<'a>>,
     passes: Vec<PassData>,
     solved: &'a [usize],
-    levels: &'a [Levels],
+    levels: &'a [LevelFit],
     survey: Option<&'a SurveyReport>,
     issues: Vec<&'a Issue>,
     evidence: Vec<EvidenceData>,

@@ -50,7 +50,7 @@ pub struct Report<'a> {
     /// Position among the records of each building of a pass.
     pub solved: &'a [usize],
     /// Footprints that were split, as no single height fits them.
-    pub levels: Vec<Levels>,
+    pub levels: Vec<LevelFit>,
     /// Whether the poses look right, where that is known.
     pub survey: Option<SurveyReport>,
     /// Single buildings as the photos show them.
@@ -94,7 +94,7 @@ pub struct SolverPass {
 
 /// Fit of one level to a footprint, and of two.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Levels {
+pub struct LevelFit {
     /// The building that was split.
     pub whole: String,
     /// Two levels above ground, metres.

@@ -48,7 +48,7 @@ pub struct EdgeInput<'a> {
 
 /// State of the loss: what the boundary is weighed against.
 #[derive(Debug, Clone, Copy)]
-pub struct Loss {
+pub struct BoundaryLoss {
     /// Mean cost of a pair, `L`.
     pub mean: f64,
     /// Share of random pairs that have a vote.
@@ -61,7 +61,7 @@ pub fn slopes(
     evidence: &Evidence<'_>,
     roofs: &[f32],
     compared: &Compared,
-    loss: Loss,
+    loss: BoundaryLoss,
     config: &OrdinalConfig,
     rng: &mut ChaCha8Rng,
 ) -> Vec<Slope> {
@@ -106,7 +106,7 @@ struct Boundary<'a> {
     /// Every building at its greatest height.
     capped: SceneTracer<'a>,
     compared: &'a Compared,
-    loss: Loss,
+    loss: BoundaryLoss,
     config: &'a OrdinalConfig,
     area_px: f64,
 }

@@ -8,7 +8,7 @@ use super::{Solving, State, ViewInput};
 use crate::optimise::evidence::Evidence;
 use crate::optimise::straighten::{self, GroundCurve};
 use crate::seed;
-use crate::views::{Candidate, Choice, Selection, Visibility, drawn, in_turn, select, select_each, visibility};
+use crate::views::{CandidateView, Choice, Selection, Visibility, drawn, in_turn, select, select_each, visibility};
 
 impl State<'_> {
     /// Selects views that see the buildings.
@@ -18,7 +18,8 @@ impl State<'_> {
         let axes: Vec<DVec3> = views.iter().map(|v| v.placed.axis()).collect();
         let ground_z = f64::from(self.problem.scene.prisms.first().map_or(0.0, |p| p.ground_z));
         let stations: Vec<DVec3> = views.iter().map(|v| v.placed.looks_at(ground_z)).collect();
-        let candidates: Vec<Candidate> = views.iter().map(|v| Candidate { eye: v.placed.eye(), key: v.key }).collect();
+        let candidates: Vec<CandidateView> =
+            views.iter().map(|v| CandidateView { eye: v.placed.eye(), key: v.key }).collect();
         let centres: Vec<DVec3> = (0..n_buildings).map(|b| self.centre(b)).collect();
         match self.views_config.choice {
             Choice::Cover => select(&self.views_config, visibilities, &stations, &axes, n_buildings),

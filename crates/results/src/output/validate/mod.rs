@@ -32,7 +32,7 @@ use super::grid::OutputGrid;
 use super::prism;
 use super::read::is_sequence;
 use face::SoundFace;
-use parts::Part;
+use parts::PrismPart;
 use snap::Snapped;
 
 /// Tolerances of the checks; the defaults are val3dity's.
@@ -173,7 +173,7 @@ struct Checker<'a> {
     config: &'a ValidateConfig,
     outcome: Validation,
     /// Parts seen so far, by the building they are of.
-    parts: BTreeMap<String, Vec<Part>>,
+    parts: BTreeMap<String, Vec<PrismPart>>,
 }
 
 impl<'a> Checker<'a> {
@@ -189,7 +189,7 @@ impl<'a> Checker<'a> {
             self.outcome.n_valid += usize::from(faults.is_empty());
             let building = object.parents.first().filter(|_| faults.is_empty() && geometry.is_solid);
             let part = building.and_then(|building| {
-                let part = Part::of(city, object, geometry, self.config)?;
+                let part = PrismPart::of(city, object, geometry, self.config)?;
                 Some((building.clone(), part))
             });
             if let Some((building, part)) = part {

@@ -17,14 +17,14 @@ use super::{Code, Fault, ValidateConfig};
 const LEVEL: f64 = 1e-3;
 
 /// A part that is an upright prism.
-pub struct Part {
+pub struct PrismPart {
     object: String,
     lod: String,
     footprint: MultiPolygon<f64>,
     levels_m: [f64; 2],
 }
 
-impl Part {
+impl PrismPart {
     /// The prism that a geometry is; `None` if it is of another form.
     pub fn of(city: &CityFile, object: &CityObject, geometry: &CityGeometry, config: &ValidateConfig) -> Option<Self> {
         let position = |i: &u32| city.vertices.get(*i as usize).copied();
@@ -69,8 +69,8 @@ impl Part {
 }
 
 /// The parts of one building against each other.
-pub fn overlaps(parts: &[Part], config: &ValidateConfig) -> Vec<Fault> {
-    let fault = |part: &Part, position: [f64; 3]| Fault {
+pub fn overlaps(parts: &[PrismPart], config: &ValidateConfig) -> Vec<Fault> {
+    let fault = |part: &PrismPart, position: [f64; 3]| Fault {
         number: Code::BuildingPartsOverlap.number(),
         code: Code::BuildingPartsOverlap,
         object: part.object.clone(),
@@ -80,7 +80,7 @@ pub fn overlaps(parts: &[Part], config: &ValidateConfig) -> Vec<Fault> {
         surface: None,
         position: Some(position),
     };
-    let first = |(i, part): (usize, &Part)| {
+    let first = |(i, part): (usize, &PrismPart)| {
         parts[..i].iter().find_map(|other| part.overlap(other, config)).map(|at| fault(part, at))
     };
     parts.iter().enumerate().filter_map(first).collect()
