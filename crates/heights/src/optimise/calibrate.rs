@@ -50,7 +50,7 @@ impl Calibration {
         robust_line(&samples).filter(|line| line.gain > 0.0)
     }
 
-    /// What the line leaves of a sample's prior.
+    /// Residual of a sample: its prior less the line's.
     pub(super) fn residual(&self, &(v, p): &(f64, f64)) -> f64 {
         p - self.offset - self.gain * v
     }

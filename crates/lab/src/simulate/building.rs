@@ -118,7 +118,7 @@ pub struct SimulatedBuilding {
 /// A horizontal face of a stepped roof.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RoofLevel {
-    /// Its outline in the map, metres.
+    /// Outline of the face in the map, metres.
     pub footprint: Polygon<f64>,
     /// Height over the building's ground, metres.
     pub height_m: f64,

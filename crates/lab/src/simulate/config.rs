@@ -94,7 +94,7 @@ pub struct TownConfig {
     pub footprints: FootprintsOf,
 }
 
-/// What the polygons of the footprint layer stand for.
+/// Extent of a polygon of the footprint layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FootprintsOf {
