@@ -11,6 +11,9 @@
 //! a chain of small overlaps joins nothing. What the border cuts off is compared within its view's own ground, and
 //! parts of a building that no view shows whole add up to one.
 //!
+//! The first member may be the odd one out: half of a house that most views show whole has an intersection over union of
+//! ½ with it. Once gathered, a cluster's shape is the member that agrees most with the others, before clusters compete.
+//!
 //! Clusters may contradict each other: a view that shows three row houses as one, another one that shows one hall as
 //! two. A cluster that others fill as its parts is dropped if half as many views have a border across it as show it
 //! whole, because segmenters merge more often than they split. Of the others the heavier wins; what is mostly covered
@@ -38,6 +41,8 @@ const APART_SHARE: f64 = 0.15;
 const FILLED_SHARE: f64 = 0.6;
 /// Views that must tell a cluster's parts apart, per view that does not: segmenters merge more often than they split.
 const SPLIT_SHARE: f64 = 0.5;
+/// Share by which the areas of a cluster's candidates may differ from its shape's before another shape is looked for.
+const SAME_AREA_SHARE: f64 = 0.2;
 
 /// A building with the candidates that show it.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,6 +64,21 @@ pub(super) struct Cluster {
 }
 
 impl Cluster {
+    /// Takes the whole candidate that agrees most with the others for the shape, the earliest of equal ones. Where all have
+    /// about one area, or no view shows the building whole, the shape stays.
+    fn take_typical_shape(&mut self, candidates: &[Candidate], comparer: &mut Comparer) {
+        let members = self.members.iter().map(|&m| &candidates[m]);
+        let whole: Vec<&MultiPolygon<f64>> = members.filter(|c| !c.is_cut).map(|c| &c.shape).collect();
+        let differs =
+            |shape: &&MultiPolygon<f64>| (shape.unsigned_area() - self.area_m2).abs() > SAME_AREA_SHARE * self.area_m2;
+        if self.seen.is_some() || whole.len() < 3 || !whole.iter().any(differs) {
+            return;
+        }
+        let Some(best) = most_typical(&whole, comparer).map(|i| whole[i]) else { return };
+        (self.area_m2, self.bounds) = (best.unsigned_area(), bounds(best).unwrap_or_default());
+        self.shape = best.clone();
+    }
+
     /// The same with other candidates.
     pub(super) fn with_members(mut self, members: Vec<usize>, n_views: usize) -> Self {
         (self.members, self.n_views) = (members, n_views);
@@ -95,6 +115,7 @@ pub(super) fn cluster(
     config: &ConsensusConfig,
 ) -> (Vec<Cluster>, Dropped) {
     let mut clusters = gather(candidates, seen, config);
+    clusters.par_iter_mut().for_each_init(Comparer::default, |comparer, c| c.take_typical_shape(candidates, comparer));
     count_views(&mut clusters, candidates, seen);
     let contest = Contest::of(&clusters, candidates);
     let is_supported: Vec<bool> = (0..clusters.len())
@@ -120,6 +141,20 @@ pub(super) fn fits(clusters: &[Cluster], candidates: &[Candidate]) -> Vec<f64> {
         cluster.members.iter().map(iou).sum()
     };
     clusters.par_iter().map_init(Comparer::default, fit).collect()
+}
+
+/// Position of the shape whose intersections over union with all others add up to the most.
+fn most_typical(shapes: &[&MultiPolygon<f64>], comparer: &mut Comparer) -> Option<usize> {
+    let boxes: Vec<Bounds> = shapes.iter().map(|shape| bounds(shape).unwrap_or_default()).collect();
+    let mut agreement = vec![0.0; shapes.len()];
+    for i in 0..shapes.len() {
+        for j in i + 1..shapes.len() {
+            let iou = comparer.overlap(shapes[i], shapes[j], joint(boxes[i], boxes[j]), &[]).iou();
+            agreement[i] += iou;
+            agreement[j] += iou;
+        }
+    }
+    (0..shapes.len()).max_by(|&a, &b| agreement[a].total_cmp(&agreement[b]).then(b.cmp(&a)))
 }
 
 /// Number of views that see each cluster's place, and of those that show it.
@@ -229,4 +264,44 @@ fn distinct(values: impl Iterator<Item = usize>) -> Vec<usize> {
     values.sort_unstable();
     values.dedup();
     values
+}
+
+#[cfg(test)]
+mod tests {
+    use geo_types::Rect;
+
+    use super::*;
+
+    /// Widths of the buildings, whole metres, that ten views agree on: the first `n_cut` show a house of 12 m in halves, the others
+    /// whole. Weights fall from view to view, so that what the first ones show is gathered first.
+    fn widths_m(n_cut: usize) -> Vec<u32> {
+        let area = Rect::new((-50.0, -50.0), (50.0, 50.0)).to_polygon();
+        let seen = vec![SeenGround { area }; 10];
+        let of_view = |view: usize| {
+            let spans: &[(f64, f64)] = if view < n_cut { &[(0.0, 6.2), (6.2, 12.0)] } else { &[(0.0, 12.0)] };
+            spans.iter().map(move |&(west, east)| Candidate {
+                view,
+                shape: Rect::new((west, 0.0), (east, 9.0)).to_polygon().into(),
+                weight: 12.0 - 0.1 * view as f64,
+                score: 1.0,
+                is_cut: false,
+            })
+        };
+        let candidates: Vec<Candidate> = (0..10).flat_map(of_view).collect();
+        let agreed = crate::agree(&candidates, &seen, &ConsensusConfig::default());
+        let width = |b: &crate::Consensus| (b.polygon.unsigned_area() / 9.0).round() as u32;
+        agreed.buildings.iter().map(width).collect()
+    }
+
+    #[test]
+    fn a_house_that_fewer_than_half_of_the_views_cut_stays_whole() {
+        assert_eq!(widths_m(3), [12]);
+        assert_eq!(widths_m(4), [12]);
+    }
+
+    #[test]
+    fn two_houses_that_most_views_tell_apart_stay_two() {
+        assert_eq!(widths_m(7), [6, 6]);
+        assert_eq!(widths_m(10), [6, 6]);
+    }
 }
