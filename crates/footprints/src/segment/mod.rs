@@ -1,6 +1,6 @@
 //! Buildings from a segmentation network that the user brings as ONNX files.
 //!
-//! What the network wants is a [`SegmenterProfile`]: data, not code. Photos are cut into tiles, each brought to the
+//! What the network wants is a [`profile::SegmenterProfile`]: data, not code. Photos are cut into tiles, each brought to the
 //! network's square; what the tiles say is put together again at the photo's own pixels.
 
 pub mod apart;
