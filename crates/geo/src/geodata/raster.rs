@@ -65,7 +65,7 @@ pub enum RasterError {
     },
     /// A window outside the raster, or without cells.
     #[error("window {window:?} at {size:?} cells of {}, which has {width} × {height}: {reason}", path.display())]
-    CellWindow {
+    Window {
         /// Path of the raster's file.
         path: PathBuf,
         /// Window that was asked for.
@@ -306,7 +306,7 @@ impl RasterFile {
             (false, _) => "it leaves the raster",
             (true, false) => "it is empty",
         };
-        Err(RasterError::CellWindow { path: self.path.clone(), window, size, width, height, reason })
+        Err(RasterError::Window { path: self.path.clone(), window, size, width, height, reason })
     }
 
     /// Holds what a read takes (the cells, their mask, and a block of the file at a time) against the limits, and the cells
