@@ -26,7 +26,7 @@ pub struct RecordFile<'a> {
 #[derive(Debug)]
 enum Content {
     City { vertices: Vec<[f64; 3]> },
-    CitySequence,
+    Sequence,
     Layer,
 }
 
@@ -40,7 +40,7 @@ impl<'a> RecordFile<'a> {
         let of_metadata = |city: &CityFile| serde_json::from_value(city.metadata.get("sizeup")?.clone()).ok();
         let (crs, lineage, content) = if is_sequence(path) {
             let sequence = CitySequence::open(path)?;
-            (sequence.header().crs.clone(), of_metadata(sequence.header()), Content::CitySequence)
+            (sequence.header().crs.clone(), of_metadata(sequence.header()), Content::Sequence)
         } else if is_cityjson(path)? {
             let city = CityFile::read_head(path)?;
             let lineage = of_metadata(&city);
@@ -77,7 +77,7 @@ impl Records for RecordFile<'_> {
                 })?;
                 gathering.rest(vertices, lod).iter().try_for_each(|found| visit(&found.to_record()))
             }
-            Content::CitySequence => CitySequence::open(&self.path)?.try_for_each(|feature| {
+            Content::Sequence => CitySequence::open(&self.path)?.try_for_each(|feature| {
                 surfaces::buildings(&feature?, self.options.lod).iter().try_for_each(|found| visit(&found.to_record()))
             }),
             Content::Layer => {
