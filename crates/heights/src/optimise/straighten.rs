@@ -27,10 +27,10 @@ const MUCH_LESS: f64 = 0.5;
 /// bend, by 0.04.
 const MIN_BEND: f64 = 0.05;
 
-/// Whether priors bend as their network, or their file format, bends them: in at least half of the photos.
+/// Whether priors bend as their network, or their file format, bends them: in at least half of the photos, of which there are some.
 pub(super) fn are_bent(curves: &[Option<&GroundCurve>]) -> bool {
     let n_bent = curves.iter().flatten().count();
-    n_bent > 0 && 2 * n_bent >= curves.len()
+    2 * n_bent >= curves.len()
 }
 
 /// A rising polyline from inverse depth to the prior's values, with straight ends.

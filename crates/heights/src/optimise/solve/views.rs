@@ -88,10 +88,12 @@ impl State<'_> {
                 evidence
             })
             .collect();
-        let are_bent = *self.are_bent.get_or_insert_with(|| {
-            let curves: Vec<_> = loaded.iter().flatten().map(|(_, curve)| curve.as_ref()).collect();
-            straighten::are_bent(&curves)
-        });
+        let curves: Vec<_> = loaded.iter().flatten().map(|(_, curve)| curve.as_ref()).collect();
+        // The first photos whose priors could be loaded decide for all.
+        if self.are_bent.is_none() && !curves.is_empty() {
+            self.are_bent = Some(straighten::are_bent(&curves));
+        }
+        let are_bent = self.are_bent == Some(true);
         for (v, loaded) in new.into_iter().zip(loaded) {
             match loaded {
                 Ok((mut evidence, curve)) => {
