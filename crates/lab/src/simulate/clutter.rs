@@ -15,6 +15,10 @@ use super::town::World;
 
 /// Distance of a crown from the nearest wall, metres.
 const CROWN_CLEARANCE_M: f64 = 0.6;
+/// Smallest and largest crown radius of a tree at a wall, metres.
+const AT_WALL_RADIUS_M: (f64, f64) = (2.4, 4.2);
+/// Distance of such a tree's trunk from the nearest wall, metres.
+const TRUNK_CLEARANCE_M: f64 = 0.3;
 /// Attempts per thing before the scene is taken to be full.
 const ATTEMPTS: usize = 12;
 /// Length, width, height of a car's body, metres.
@@ -43,6 +47,8 @@ pub(super) struct Piece {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Amounts {
     pub n_trees: usize,
+    /// Number of the trees that stand at walls.
+    pub n_at_walls: usize,
     pub n_cars: usize,
 }
 
@@ -51,7 +57,9 @@ impl Amounts {
     pub fn of(config: &SimulateConfig, world: &World) -> Self {
         let n = |per_building: f64| (per_building * world.buildings.len() as f64).round() as usize;
         let per_building = config.cityjson.as_ref().map_or(config.town.trees_per_building, |c| c.trees_per_building);
-        Self { n_trees: n(per_building), n_cars: n(config.town.cars_per_building) }
+        let n_trees = n(per_building);
+        let n_at_walls = (config.town.trees_at_walls * n_trees as f64).round() as usize;
+        Self { n_trees, n_at_walls, n_cars: n(config.town.cars_per_building) }
     }
 }
 
@@ -61,6 +69,12 @@ pub(super) fn scatter(world: &World, amounts: Amounts, root_seed: u64) -> Vec<Pi
     let mut pieces = Vec::new();
     for i in 0..amounts.n_trees {
         let mut rng = seed::stream(root_seed, "tree", &[i as u64]);
+        if i < amounts.n_at_walls {
+            if let Some((foot, radius)) = at_a_wall(world, &walls, &mut rng) {
+                tree(foot, radius, &mut rng, i as u32, &mut pieces);
+            }
+            continue;
+        }
         let radius = between(&mut rng, 1.3, 3.6);
         let place = place(world, &mut rng, |rng, p| {
             let clear = walls.distance_m(p, radius + CROWN_CLEARANCE_M) > radius + CROWN_CLEARANCE_M;
@@ -82,6 +96,23 @@ pub(super) fn scatter(world: &World, amounts: Amounts, root_seed: u64) -> Vec<Pi
         }
     }
     pieces
+}
+
+/// Foot and crown radius of a tree that touches a building: somewhere along its walls, no farther off than its crown reaches.
+fn at_a_wall(world: &World, walls: &Walls, rng: &mut ChaCha8Rng) -> Option<(DVec3, f64)> {
+    let radius = between(rng, AT_WALL_RADIUS_M.0, AT_WALL_RADIUS_M.1);
+    (0..ATTEMPTS).find_map(|_| {
+        let pick = between(rng, 0.0, world.buildings.len() as f64) as usize;
+        let ring = world.buildings.get(pick)?.footprint.exterior();
+        let edge = ring.lines().nth(between(rng, 0.0, ring.lines().count() as f64) as usize)?;
+        let (a, b) = (DVec2::new(edge.start.x, edge.start.y), DVec2::new(edge.end.x, edge.end.y));
+        // Rings run counter-clockwise: outside is on the right.
+        let outwards = -(b - a).normalize().perp();
+        let p = a.lerp(b, between(rng, 0.0, 1.0)) + outwards * between(rng, 0.2, 0.8) * radius;
+        let is_free = walls.distance_m(p, radius) > TRUNK_CLEARANCE_M;
+        is_free.then_some(())?;
+        Some((p.extend(world.terrain.height_at(p.x, p.y)?), radius))
+    })
 }
 
 fn place(

@@ -23,6 +23,8 @@ pub struct SimulateConfig {
     pub town: TownConfig,
     /// Real geometry in place of the procedural town.
     pub cityjson: Option<CityJsonTown>,
+    /// The procedural town again and again, side by side: a city of up to millions of buildings for trials of scale.
+    pub mosaic: Option<MosaicConfig>,
     /// Shape of the ground.
     pub terrain: SimulatedTerrain,
     /// Where the photos are taken; not used where views are given from outside.
@@ -49,6 +51,7 @@ impl Default for SimulateConfig {
             centre_m: [565_500.0, 5_932_500.0],
             town: TownConfig::default(),
             cityjson: None,
+            mosaic: None,
             terrain: SimulatedTerrain::default(),
             flight: FlightConfig::default(),
             camera: SimulatedCamera::default(),
@@ -86,6 +89,8 @@ pub struct TownConfig {
     pub n_buildings: usize,
     /// Trees per building (mean), 0 or more.
     pub trees_per_building: f64,
+    /// Share of the trees that stand at a wall, their crowns 5 to 14 m high against it and over its roof, 0 to 1.
+    pub trees_at_walls: f64,
     /// Cars per building (mean), 0 or more.
     pub cars_per_building: f64,
     /// Direction of the streets, degrees from east, counter-clockwise.
@@ -112,6 +117,7 @@ impl Default for TownConfig {
             kind: TownKind::District,
             n_buildings: 64,
             trees_per_building: 4.0,
+            trees_at_walls: 0.0,
             cars_per_building: 2.5,
             heading_deg: 17.0,
             footprints: FootprintsOf::Buildings,
@@ -137,6 +143,17 @@ pub struct CityJsonTown {
     /// Trees per building (mean), 0 or more.
     #[serde(default)]
     pub trees_per_building: f64,
+}
+
+/// A city of equal towns on level ground, side by side. Buildings and views are counted per town; a prior is rendered for the first town
+/// and shared by all (hard links). Takes `terrain.relief_m = 0`, and neither photos nor masks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MosaicConfig {
+    /// Number of towns from west to east, 1 to 999.
+    pub columns: usize,
+    /// Number of towns from south to north, 1 to 999.
+    pub rows: usize,
 }
 
 /// The ground: a hilly, smooth surface, given to the user as a DTM.
@@ -351,7 +368,7 @@ impl Default for PointConfig {
     }
 }
 
-/// Errors of what the user gets; the truth stays clean. All are standard deviations but `footprint_m`.
+/// Errors of what the user gets; the truth stays clean. All are standard deviations but the last two.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ErrorConfig {
@@ -364,9 +381,12 @@ pub struct ErrorConfig {
     /// By how much every footprint is too large (negative: too small), metres.
     #[serde(alias = "outline_m")]
     pub footprint_m: f64,
+    /// How far the whole footprint layer lies off, east and north, metres.
+    pub shift_m: [f64; 2],
 }
 
 impl ErrorConfig {
     /// Errors of a careful survey and a good cadastre: 0.05 m and 0.05°, vertices 0.3 m, footprints 0.2 m too large.
-    pub const REALISTIC: Self = Self { position_m: 0.05, angle_deg: 0.05, vertex_m: 0.3, footprint_m: 0.2 };
+    pub const REALISTIC: Self =
+        Self { position_m: 0.05, angle_deg: 0.05, vertex_m: 0.3, footprint_m: 0.2, shift_m: [0.0, 0.0] };
 }

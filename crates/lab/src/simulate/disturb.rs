@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use geo::Validation;
+use geo::{Translate, Validation};
 use geo_types::{LineString, Polygon};
 use glam::{DMat3, DVec2, DVec3};
 
@@ -55,13 +55,14 @@ pub fn footprints(buildings: &[SimulatedBuilding], errors: &ErrorConfig, root_se
         let mut rng = seed::stream(root_seed, "vertex error", &[x as u64, y as u64]);
         errors.vertex_m * DVec2::new(normal(&mut rng), normal(&mut rng))
     };
+    let shift = DVec2::from(errors.shift_m);
     let disturb = |b: &SimulatedBuilding| {
         let moved = rings(b).into_iter().map(|ring| {
             let offset = offset_by(&ring, |a, b| if is_shared(a, b) { 0.0 } else { errors.footprint_m });
-            ring.iter().zip(offset).map(|(&p, grown)| grown + noise(p)).collect::<Vec<_>>()
+            ring.iter().zip(offset).map(|(&p, grown)| grown + noise(p) + shift).collect::<Vec<_>>()
         });
         let disturbed = polygon(moved);
-        if disturbed.is_valid() { disturbed } else { b.footprint.clone() }
+        if disturbed.is_valid() { disturbed } else { b.footprint.translate(shift.x, shift.y) }
     };
     buildings.iter().map(disturb).collect()
 }

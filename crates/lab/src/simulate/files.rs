@@ -1,5 +1,6 @@
 //! The scene in the formats a user would bring: COLMAP text, `GeoPackage`, GeoTIFF, `GeoJSON`, a run configuration.
 
+use std::borrow::Borrow;
 use std::path::Path;
 
 use geo_types::Polygon;
@@ -29,17 +30,17 @@ fn write_text(path: &Path, text: &str) -> Result<(), FileError> {
 pub(super) fn write_footprints(
     path: &Path,
     crs: &Crs,
-    buildings: &[SimulatedBuilding],
+    buildings: impl IntoIterator<Item: Borrow<SimulatedBuilding>>,
     footprints: &[Polygon<f64>],
 ) -> Result<(), SimulateError> {
     let columns = [("id", FieldType::Text), ("type", FieldType::Text)];
     let features: Vec<LayerFeature> = buildings
-        .iter()
+        .into_iter()
         .zip(footprints)
-        .map(|(b, polygon)| LayerFeature {
-            polygon,
-            texts: vec![b.id.to_string(), b.kind.as_str().to_owned()],
-            numbers: Vec::new(),
+        .map(|(b, polygon)| {
+            let b = b.borrow();
+            let texts = vec![b.id.to_string(), b.kind.as_str().to_owned()];
+            LayerFeature { polygon, texts, numbers: Vec::new() }
         })
         .collect();
     Ok(write_polygon_layer(path, "footprints", crs, &columns, &features)?)
@@ -54,13 +55,17 @@ pub(super) fn write_dtm(path: &Path, crs: &Crs, terrain: &Terrain) -> Result<(),
 
 /// Truth of every building, as `GeoJSON` in the project's CRS (with the `crs` member of the 2008 draft, which
 /// GDAL and QGIS still read).
-pub(super) fn write_truth(path: &Path, crs: &Crs, buildings: &[SimulatedBuilding]) -> Result<(), FileError> {
+pub(super) fn write_truth(
+    path: &Path,
+    crs: &Crs,
+    buildings: impl IntoIterator<Item: Borrow<SimulatedBuilding>>,
+) -> Result<(), FileError> {
     let mut members = JsonObject::from_iter([("name".to_owned(), "truth".into())]);
     if let Some(code) = crs.epsg() {
         let name = json!({ "name": format!("urn:ogc:def:crs:EPSG::{code}") });
         members.insert("crs".to_owned(), json!({ "type": "name", "properties": name }));
     }
-    geojson::write(path, &members, |push| buildings.iter().try_for_each(|b| push(&truth_feature(b))))
+    geojson::write(path, &members, |push| buildings.into_iter().try_for_each(|b| push(&truth_feature(b.borrow()))))
 }
 
 fn truth_feature(b: &SimulatedBuilding) -> Feature {

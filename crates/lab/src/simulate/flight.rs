@@ -66,6 +66,39 @@ pub fn plan(config: &SimulateConfig, world: &World) -> Vec<View> {
         (FlightPattern::Grid, None) => grid(flight, world, flight.spacing_m),
         (FlightPattern::Grid, Some(n)) => grid_of(flight, world, n),
     };
+    views(config, world, &shots)
+}
+
+/// Views of a grid flight that goes on in the same way over the next town: nadir and four oblique views per station, stations evenly
+/// spread over one period. `n_views` is rounded to whole rows of stations.
+#[must_use]
+pub(super) fn periodic(config: &SimulateConfig, world: &World, period_m: DVec2) -> Vec<View> {
+    let flight = &config.flight;
+    let aims = aims(flight);
+    let spacing_m = match flight.n_views {
+        Some(n) => (period_m.x * period_m.y * aims.len() as f64 / n.max(1) as f64).sqrt(),
+        None => flight.spacing_m,
+    };
+    let [columns, rows] = [period_m.x, period_m.y].map(|length_m| (length_m / spacing_m).round().max(1.0) as usize);
+    let corner = world.extent.centre() - 0.5 * period_m;
+    let step = period_m / DVec2::new(columns as f64, rows as f64);
+    let places = (0..rows).flat_map(|row| (0..columns).map(move |column| [column, row]));
+    let shots: Vec<Shot> = places
+        .map(|[column, row]| corner + step * DVec2::new(column as f64 + 0.5, row as f64 + 0.5))
+        .flat_map(|place| aims.map(|(azimuth_rad, tilt_rad)| Shot { place, azimuth_rad, tilt_rad }))
+        .collect();
+    views(config, world, &shots)
+}
+
+/// Azimuth and tilt of the views of one station, radians.
+fn aims(flight: &FlightConfig) -> [(f64, f64); 5] {
+    let (heading_rad, tilt_rad) = (flight.heading_deg.to_radians(), flight.tilt_deg.to_radians());
+    [(0.0, 0.0), (0.0, tilt_rad), (90.0, tilt_rad), (180.0, tilt_rad), (270.0, tilt_rad)]
+        .map(|(turn_deg, tilt_rad)| (heading_rad + f64::to_radians(turn_deg), tilt_rad))
+}
+
+fn views(config: &SimulateConfig, world: &World, shots: &[Shot]) -> Vec<View> {
+    let flight = &config.flight;
     let camera = Arc::new(camera(&config.camera));
     let middle = world.extent.centre();
     let ground_z_m = world.terrain.height_at(middle.x, middle.y).unwrap_or(0.0);
@@ -105,9 +138,7 @@ fn grid(flight: &FlightConfig, world: &World, spacing_m: f64) -> Vec<Shot> {
             let along = if line.rem_euclid(2) == 0 { k } else { -k };
             let step = DVec2::new(line as f64 + 0.5, along as f64 + 0.5) * spacing_m;
             let place = middle + DVec2::from_angle(-heading_rad).rotate(step);
-            let aims = [(0.0, 0.0), (0.0, tilt_rad), (90.0, tilt_rad), (180.0, tilt_rad), (270.0, tilt_rad)];
-            for (turn_deg, tilt_rad) in aims {
-                let azimuth_rad = heading_rad + f64::to_radians(turn_deg);
+            for (azimuth_rad, tilt_rad) in aims(flight) {
                 let ahead = DVec2::new(azimuth_rad.sin(), azimuth_rad.cos()) * flight.height_m * tilt_rad.tan();
                 if target.contains(place + ahead) {
                     shots.push(Shot { place, azimuth_rad, tilt_rad });

@@ -27,6 +27,7 @@ mod form;
 mod ground;
 mod mask_errors;
 mod masks;
+mod mosaic;
 mod noise;
 mod photo;
 mod points;
@@ -44,9 +45,9 @@ mod trace;
 
 pub use building::{BuildingKind, Part, Placement, RoofLevel, SimulatedBuilding, Triangle, by_roof_level};
 pub use config::{
-    CityJsonTown, ErrorConfig, FlightConfig, FlightPattern, FootprintsOf, ImageConfig, MaskContour, PointConfig,
-    PriorLevel, SimulateConfig, SimulatedCamera, SimulatedMasks, SimulatedPriors, SimulatedTerrain, TownConfig,
-    TownKind,
+    CityJsonTown, ErrorConfig, FlightConfig, FlightPattern, FootprintsOf, ImageConfig, MaskContour, MosaicConfig,
+    PointConfig, PriorLevel, SimulateConfig, SimulatedCamera, SimulatedMasks, SimulatedPriors, SimulatedTerrain,
+    TownConfig, TownKind,
 };
 pub use corrupt::{Corruption, building_gain, prior};
 pub use disturb::{footprints as disturbed_footprints, poses as disturbed_poses};

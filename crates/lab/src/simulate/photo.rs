@@ -203,7 +203,7 @@ mod tests {
         config.town.n_buildings = 30;
         config.flight.spacing_m = 60.0;
         let world = world(&config).unwrap();
-        let amounts = clutter::Amounts { n_trees: 40, n_cars: 20 };
+        let amounts = clutter::Amounts { n_trees: 40, n_at_walls: 0, n_cars: 20 };
         let scene = Scene::new(&world, &clutter::scatter(&world, amounts, 1));
         let palette = Palette::new(&world, scene.origin.0.truncate(), &config);
         let towards_sun = towards_sun(&config.images);

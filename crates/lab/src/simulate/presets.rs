@@ -1,7 +1,7 @@
 //! Named scenes, and the ranges of settings.
 
-use super::SimulateError;
 use super::config::{FlightConfig, SimulateConfig, SimulatedPriors, TownConfig, TownKind};
+use super::{SimulateError, mosaic};
 
 /// Name, what is built, number of buildings, number of views and longer side of the prior.
 ///
@@ -68,6 +68,7 @@ impl SimulateConfig {
         for (setting, value, low, high, expected) in [
             ("town.trees_per_building", self.town.trees_per_building, 0.0, 1000.0, "0 to 1000"),
             ("town.cars_per_building", self.town.cars_per_building, 0.0, 1000.0, "0 to 1000"),
+            ("town.trees_at_walls", self.town.trees_at_walls, 0.0, 1.0, "0 to 1"),
             ("terrain.relief_m", t.relief_m, 0.0, 200.0, "0 to 200 m"),
             ("terrain.cell_m", t.cell_m, 0.5, 50.0, "0.5 to 50 m"),
             ("terrain.margin_m", t.margin_m, 10.0, 20_000.0, "10 to 20000 m"),
@@ -90,9 +91,11 @@ impl SimulateConfig {
             ("errors.angle_deg", self.errors.angle_deg, 0.0, 45.0, "0 to 45 degrees"),
             ("errors.vertex_m", self.errors.vertex_m, 0.0, 10.0, "0 to 10 m"),
             ("errors.footprint_m", self.errors.footprint_m, -5.0, 5.0, "-5 to 5 m"),
+            ("errors.shift_m", self.errors.shift_m[0], -50.0, 50.0, "-50 to 50 m each"),
+            ("errors.shift_m", self.errors.shift_m[1], -50.0, 50.0, "-50 to 50 m each"),
         ] {
             check(within(value, low, high), setting, value.to_string(), expected)?;
         }
-        Ok(())
+        self.mosaic.map_or(Ok(()), |mosaic| mosaic::check(self, &mosaic))
     }
 }

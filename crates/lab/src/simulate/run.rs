@@ -24,7 +24,8 @@ use super::photo::{self, Photographer};
 use super::scene::Scene;
 use super::texture::Palette;
 use super::town::{self, World};
-use super::{SimulateError, clutter, corrupt, disturb, files, flight, masks, points, real, tie_points, trace};
+use super::trace::TrueDepth;
+use super::{SimulateError, clutter, corrupt, disturb, files, flight, masks, mosaic, points, real, tie_points, trace};
 
 /// Views rendered between two reports of progress: enough to keep every core busy.
 const BATCH: usize = 16;
@@ -64,6 +65,9 @@ pub fn simulate(
     progress: &dyn Fn(usize, usize),
 ) -> Result<SimulationSummary, SimulateError> {
     config.validate()?;
+    if let Some(towns) = &config.mosaic {
+        return mosaic::simulate(config, towns, out_dir, progress);
+    }
     let world = world(config)?;
     let views = flight::plan(config, &world);
     write_scene(config, &world, &views, out_dir, progress)
@@ -81,6 +85,10 @@ pub fn simulate_with_views(
     progress: &dyn Fn(usize, usize),
 ) -> Result<SimulationSummary, SimulateError> {
     config.validate()?;
+    if config.mosaic.is_some() {
+        let expected = "unset where views are given";
+        return Err(SimulateError::Setting { setting: "mosaic", found: "set".to_owned(), expected });
+    }
     let world = world(config)?;
     let longest_px = config.camera.width_px.max(config.camera.height_px);
     let reduce = |view: &View| View {
@@ -108,7 +116,7 @@ pub fn world(config: &SimulateConfig) -> Result<World, SimulateError> {
     }
 }
 
-fn stem(view: &View) -> String {
+pub(super) fn stem(view: &View) -> String {
     bare_stem(&view.id.0).to_owned()
 }
 
@@ -143,7 +151,7 @@ fn write_scene(
         progress(done, views.len());
     }
 
-    let offset = offset(world);
+    let offset = map_offset(world);
     let given_views = disturb::poses(views, &config.errors, config.seed);
     let points = tie_points::collect(&scene, views, TIE_POINTS_PER_VIEW * views.len(), config.seed);
     let model = ColmapModel { views: &given_views, points: &points, offset };
@@ -188,9 +196,7 @@ fn write_view(
             .map_err(|source| SimulateError::Image { path: path.clone(), source })?;
         write_bytes(&path, &jpeg)?;
     }
-    let truth = trace::true_depth(studio.scene, view, &view.camera.reduced_to(config.prior.longest_px));
-    let prior = corrupt::prior(&truth, &config.prior.level.corruption(), config.prior.kind, config.seed, idx);
-    files::write_npy(&out.join("priors").join(format!("{stem}.npy")), &prior)?;
+    let truth = write_prior(config, studio.scene, view, idx, &out.join("priors").join(format!("{stem}.npy")))?;
     if config.prior.write_true_depth {
         files::write_npy(&out.join("depth").join(format!("{stem}.npy")), &truth.depth_m)?;
     }
@@ -213,17 +219,32 @@ fn write_view(
     Ok(())
 }
 
+/// Writes the prior of one view; gives the depth that it was made from.
+pub(super) fn write_prior(
+    config: &SimulateConfig,
+    scene: &Scene,
+    view: &View,
+    idx: usize,
+    path: &Path,
+) -> Result<TrueDepth, SimulateError> {
+    let truth = trace::true_depth(scene, view, &view.camera.reduced_to(config.prior.longest_px));
+    let prior = corrupt::prior(&truth, &config.prior.level.corruption(), config.prior.kind, config.seed, idx);
+    files::write_npy(path, &prior)?;
+    Ok(truth)
+}
+
 fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     write_whole_unflushed(path, |w| w.write_all(bytes))
 }
 
-fn offset(world: &World) -> DVec3 {
+/// Map position that the COLMAP model's coordinates count from.
+pub(super) fn map_offset(world: &World) -> DVec3 {
     let centre = world.extent.centre();
     let down = |v: f64| (v / OFFSET_STEP_M).floor() * OFFSET_STEP_M;
     DVec3::new(down(centre.x), down(centre.y), 0.0)
 }
 
-fn summary(world: &World, views: &[View], scene: &Scene, out: &Path) -> SimulationSummary {
+pub(super) fn summary(world: &World, views: &[View], scene: &Scene, out: &Path) -> SimulationSummary {
     let heights = || world.buildings.iter().map(|b| b.height_m);
     SimulationSummary {
         n_buildings: world.buildings.len(),
