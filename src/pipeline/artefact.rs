@@ -18,7 +18,7 @@ use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::GroundLevel;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::ids::BuildingId;
-use sizeup_heights::optimise::{LevelGain, Solution};
+use sizeup_heights::optimise::{Apart, LevelGain, Solution};
 use sizeup_survey::Survey;
 
 /// Footprints with their ground.
@@ -71,6 +71,9 @@ pub struct HeightStage {
     /// Doubt of the ground about the priors' declared direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub doubt: Option<Issue>,
+    /// How far the footprints lie from where the photos show their buildings: the photos were moved onto them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub apart: Option<Apart>,
     /// Terrain by the photos.
     #[serde(default)]
     pub ground: GroundTold,
@@ -88,7 +91,13 @@ impl HeightStage {
             unread_photos: Vec::new(),
             doubt: None,
             ground: GroundTold::default(),
+            apart: None,
         }
+    }
+
+    /// How far the photos were moved onto the footprints, map frame, metres.
+    pub(super) fn moved_m(&self) -> DVec3 {
+        self.apart.map_or(DVec3::ZERO, |apart| apart.on_ground())
     }
 }
 

@@ -53,7 +53,7 @@ pub(super) fn gather(
         views: &view_inputs(config, survey, &stage.scene),
         expect_priors: &|_| Vec::new(),
         without_prior: &|_| None,
-        load_prior: &|view| priors.load(survey, view).map_err(|e| e.to_string()),
+        load_prior: &|view| priors.load(view).map_err(|e| e.to_string()),
         seed: config.seed,
         rays: &Rays::new(survey.views.len(), config.optimise.stride_px),
         start_m: &[],
@@ -189,7 +189,7 @@ impl Studio<'_> {
             view,
             placed: PlacedCamera::new((*view.camera).clone(), view.camera_from_map, self.stage.scene.origin),
             photo: view.image.as_ref().and_then(|_| pictures::photo_of(view).ok()),
-            prior: self.priors.load(self.survey, view_idx).ok(),
+            prior: self.priors.load(view_idx).ok(),
         };
         shown.iter().filter_map(|&at| Some((at, self.crop(&seen, &inspections[at])?))).collect()
     }

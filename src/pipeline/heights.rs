@@ -1,8 +1,11 @@
 //! The heights stage: one scene solved, and solved again where heights change the footprints.
 
-use std::cell::RefCell;
+use std::borrow::Cow;
+use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
+
+use glam::DVec3;
 
 use super::above::mark_towers;
 use super::footprints;
@@ -13,7 +16,9 @@ use super::{
     Event, FootprintStage, GroundTold, HeightStage, PipelineError, Solver, Stage, Tell, artefact, ground_told, levels,
 };
 use crate::config::RunConfig;
+use sizeup_footprints::FootprintSource;
 use sizeup_geo::terrain::Terrain;
+use sizeup_heights::frames::Rigid;
 use sizeup_heights::optimise::{
     CalibrationRays, OptimiseConfig, Problem, Rays, SearchConfig, Solution, Solving, ViewInput,
 };
@@ -34,9 +39,36 @@ pub(super) struct HeightSearch<'a> {
     pub survey: &'a Survey,
     pub tell: Tell<'a>,
     pub solver: Solver<'a>,
+    /// Whether it is measured how far the footprint layer lies from what the photos show.
+    measures_shift: bool,
+    /// How far the photos were moved onto the footprints, map frame, metres.
+    moved_m: Cell<DVec3>,
 }
 
-impl HeightSearch<'_> {
+impl<'a> HeightSearch<'a> {
+    /// For a scene that stands alone.
+    pub fn new(config: &'a RunConfig, survey: &'a Survey, tell: Tell<'a>, solver: Solver<'a>) -> Self {
+        // Footprints that were found in the photos lie where these show them.
+        let measures_shift =
+            config.optimise.search.measure_shift && matches!(config.footprints, FootprintSource::Layer(_));
+        Self { config, survey, tell, solver, measures_shift, moved_m: Cell::new(DVec3::ZERO) }
+    }
+
+    /// For a part of a city, where nothing is measured of the layer as a whole.
+    pub fn within_a_city(config: &'a RunConfig, survey: &'a Survey, tell: Tell<'a>, solver: Solver<'a>) -> Self {
+        Self { measures_shift: false, ..Self::new(config, survey, tell, solver) }
+    }
+
+    /// Settings of the first look at whole footprints.
+    fn first_look(&self) -> OptimiseConfig {
+        measuring_shift(&self.config.optimise, self.measures_shift)
+    }
+
+    /// The survey that heights are measured from.
+    fn moved_survey(&self) -> Cow<'a, Survey> {
+        moved(self.survey, self.moved_m.get())
+    }
+
     /// Solves for the heights, again and again where they change the footprints; with the priors they were found in.
     pub fn in_rounds(
         &self,
@@ -73,7 +105,7 @@ impl HeightSearch<'_> {
             artefact::write(self.config, Stage::Footprints, self.survey, &footprints)?;
         }
         let mut heights = self.taking_apart(footprints, stage, find)?;
-        heights.ground = ground_told::look(self.config, self.survey, footprints, stage, None);
+        heights.ground = ground_told::look(self.config, &self.moved_survey(), footprints, stage, None);
         heights.ground.mark(footprints, &heights.solved, &mut heights.solution);
         let (_, priors) = opened.into_inner().expect("taking apart solves at least once");
         Ok((heights, priors))
@@ -89,7 +121,13 @@ impl HeightSearch<'_> {
         let whole = footprints.clone();
         let mut cuts = Vec::new();
         let mut rays = self.untraced();
-        let mut heights = find(stage, &rays, &self.config.optimise, &Known::default())?;
+        let mut heights = find(stage, &rays, &self.first_look(), &Known::default())?;
+        let apart = heights.solution.apart;
+        if let Some(apart) = apart {
+            self.moved_m.set(apart.on_ground());
+            rays = self.untraced();
+            heights = find(stage, &rays, &measuring_shift(&self.config.optimise, false), &Known::default())?;
+        }
         while cuts.len() < levels::MAX_ROUNDS {
             let round = levels::cuts(footprints, stage, &heights.solution);
             let known = Known::of(&heights, footprints.layer.footprints.len());
@@ -125,10 +163,10 @@ impl HeightSearch<'_> {
             rays = rays.of_other_footprints();
             heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &Known::default())?;
         }
-        heights.unread_photos = refine(self.config, self.survey, stage, &mut heights.solution);
+        heights.unread_photos = refine(self.config, &self.moved_survey(), stage, &mut heights.solution);
         mark_towers(&stage.scene, &mut heights.solution);
         footprints.issues.extend(joined.iter().map(|id| levels::joined_note(id)));
-        Ok(HeightStage { cuts, joined: joined.into_iter().collect(), ..heights })
+        Ok(HeightStage { cuts, joined: joined.into_iter().collect(), apart, ..heights })
     }
 
     /// Rays of the survey's views through a scene that nobody has looked at yet.
@@ -145,11 +183,11 @@ impl HeightSearch<'_> {
         optimise: &OptimiseConfig,
         known: &Known,
     ) -> HeightStage {
-        let views = view_inputs(self.config, self.survey, &stage.scene);
+        let views = view_inputs(self.config, &self.moved_survey(), &stage.scene);
         // By view, and each once, however often its prior is loaded.
         let correlations: Mutex<BTreeMap<usize, GroundCorrelation>> = Mutex::default();
         let load_prior = |view: usize| {
-            let prior = priors.load(self.survey, view).map_err(|e| e.to_string())?;
+            let prior = priors.load(view).map_err(|e| e.to_string())?;
             if let Some(correlation) = ground_correlation(&prior, &self.survey.views[view], &stage.terrain) {
                 correlations.lock().unwrap_or_else(PoisonError::into_inner).insert(view, correlation);
             }
@@ -160,9 +198,9 @@ impl HeightSearch<'_> {
             views: &views,
             expect_priors: &|views| {
                 let done = |done, total| (self.tell)(Event::Advance { what: Solving::Priors, done, total });
-                priors.expect(self.survey, views, &done)
+                priors.expect(views, &done)
             },
-            without_prior: &|view| priors.absence(self.survey, view),
+            without_prior: &|view| priors.absence(view),
             load_prior: &load_prior,
             seed: self.config.seed,
             rays,
@@ -184,6 +222,7 @@ impl HeightSearch<'_> {
             solution,
             unread_photos: Vec::new(),
             ground: GroundTold::default(),
+            apart: None,
             doubt: judge_tag(&correlations).or_else(|| judge_unit(&correlations, unit?)),
         }
     }
@@ -229,6 +268,7 @@ fn looking_at_parts(optimise: &OptimiseConfig) -> OptimiseConfig {
         full_sweeps: RESUMED_SWEEPS.min(optimise.search.full_sweeps),
         local_sweeps: 0,
         correct_edge_bleeding: false,
+        measure_shift: false,
         roof_forms: Vec::new(),
         ..optimise.search.clone()
     };
@@ -236,7 +276,25 @@ fn looking_at_parts(optimise: &OptimiseConfig) -> OptimiseConfig {
 }
 
 fn keeping_whole(optimise: &OptimiseConfig) -> OptimiseConfig {
-    OptimiseConfig { search: SearchConfig { split_levels: false, ..optimise.search.clone() }, ..optimise.clone() }
+    let search = SearchConfig { split_levels: false, measure_shift: false, ..optimise.search.clone() };
+    OptimiseConfig { search, ..optimise.clone() }
+}
+
+fn measuring_shift(optimise: &OptimiseConfig, measure_shift: bool) -> OptimiseConfig {
+    OptimiseConfig { search: SearchConfig { measure_shift, ..optimise.search.clone() }, ..optimise.clone() }
+}
+
+/// A survey whose photos all lie elsewhere, by as much in the map frame, metres.
+pub(super) fn moved(survey: &Survey, by: DVec3) -> Cow<'_, Survey> {
+    if by == DVec3::ZERO {
+        return Cow::Borrowed(survey);
+    }
+    let mut survey = survey.clone();
+    for view in &mut survey.views {
+        let pose = &view.camera_from_map;
+        view.camera_from_map = Rigid::from_rotation_and_centre(pose.rotation, pose.centre() + by);
+    }
+    Cow::Owned(survey)
 }
 
 /// Every view of a survey at its working resolution.
@@ -272,7 +330,7 @@ fn require_a_prior(
         if i >= sample.len() && n_usable > 0 {
             break;
         }
-        match priors.load(survey, view) {
+        match priors.load(view) {
             Ok(prior) => {
                 n_usable += 1;
                 correlations.extend(ground_correlation(&prior, &survey.views[view], terrain));

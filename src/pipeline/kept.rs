@@ -18,6 +18,8 @@ const KEPT_BYTES: usize = 256 << 20;
 /// A source of priors that remembers.
 pub(super) struct PriorStore {
     source: Priors,
+    /// The views as the survey has them: priors are theirs, wherever heights are measured from.
+    views: Vec<View>,
     /// By the view's position, weighed in bytes.
     kept: Kept<usize, DepthPrior>,
 }
@@ -26,12 +28,12 @@ impl PriorStore {
     /// Priors of a run.
     pub fn open(config: &RunConfig, survey: &Survey, stage: &SceneStage) -> Result<Self, PipelineError> {
         let source = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
-        Ok(Self { source, kept: Kept::up_to(KEPT_BYTES) })
+        Ok(Self { source, views: survey.views.clone(), kept: Kept::up_to(KEPT_BYTES) })
     }
 
     /// One that forgets, where memory is counted.
-    pub fn forgetful(source: Priors) -> Self {
-        Self { source, kept: Kept::up_to(0) }
+    pub fn forgetful(source: Priors, survey: &Survey) -> Self {
+        Self { source, views: survey.views.clone(), kept: Kept::up_to(0) }
     }
 
     /// Source that the priors come from.
@@ -45,16 +47,16 @@ impl PriorStore {
     }
 
     /// Why a view has no prior, as far as that can be told without reading or computing one.
-    pub fn absence(&self, survey: &Survey, view: usize) -> Option<String> {
-        self.source.absence(&survey.views[view]).map(|e| e.to_string())
+    pub fn absence(&self, view: usize) -> Option<String> {
+        self.source.absence(&self.views[view]).map(|e| e.to_string())
     }
 
     /// The prior of a view by its position, along the optical axis.
-    pub fn load(&self, survey: &Survey, view: usize) -> Result<DepthPrior, PriorError> {
+    pub fn load(&self, view: usize) -> Result<DepthPrior, PriorError> {
         if let Some(prior) = self.kept.find(&view) {
             return Ok(prior.as_ref().clone());
         }
-        let of = &survey.views[view];
+        let of = &self.views[view];
         let prior = self.source.load(of)?.to_z_depth(&of.camera);
         if !matches!(self.source, Priors::Files(_)) {
             self.kept.add(view, prior.clone(), size_of_val(prior.values.data()));
@@ -64,18 +66,13 @@ impl PriorStore {
 
     /// Computes priors that [`Self::load`] will be asked for, where that is done for several at a time: into the cache.
     /// Those that cannot be computed, and why.
-    pub fn expect(
-        &self,
-        survey: &Survey,
-        views: &[usize],
-        progress: &(dyn Fn(usize, usize) + Sync),
-    ) -> Vec<WithoutPrior> {
+    pub fn expect(&self, views: &[usize], progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<WithoutPrior> {
         if !self.source.computes_several() {
             return Vec::new();
         }
         let is_new = |view: &usize| self.kept.find(view).is_none();
         let new: Vec<usize> = views.iter().copied().filter(is_new).collect();
-        let of: Vec<&View> = new.iter().map(|&view| &survey.views[view]).collect();
+        let of: Vec<&View> = new.iter().map(|&view| &self.views[view]).collect();
         let n_done = AtomicUsize::new(0);
         let done = || progress(n_done.fetch_add(1, Ordering::Relaxed) + 1, new.len());
         let outcomes = self.source.compute_ahead(&of, &done);

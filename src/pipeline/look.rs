@@ -56,7 +56,8 @@ pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) ->
     }
     let priors = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
     let prior = priors.load(found)?.to_z_depth(&found.camera);
-    let placed = PlacedCamera::new(found.camera.reduced_to(PICTURE_PX), found.camera_from_map, stage.scene.origin);
+    let placed = PlacedCamera::new(found.camera.reduced_to(PICTURE_PX), found.camera_from_map, stage.scene.origin)
+        .moved(heights.moved_m());
     let rendered = SceneTracer::new(&stage.scene, &heights_m).render(&placed);
     let pairs = ordinal_pairs(config, &rendered, &prior, pass as u64);
     let panel = pictures::panel_of(

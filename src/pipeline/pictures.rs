@@ -54,7 +54,7 @@ pub(super) fn write(
     let heights_m: Vec<f32> =
         heights.solution.heights.iter().map(|h| h.height_m.map_or(stage.scene.bounds.min_m, |h| h as f32)).collect();
     if let Some(&first) = views.first() {
-        let prior = priors.load(model.survey, first)?;
+        let prior = priors.load(first)?;
         let panel = panel(&model.survey.views[first], stage, &heights_m, &prior)?;
         picture::write_png(&folder.join("depth.png"), &panel)?;
     }

@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::dtm::{self, terrain_in_force};
 use super::frame::{Frame, origin};
-use super::heights::HeightSearch;
+use super::heights::{HeightSearch, moved};
 use super::input::{check_fallback, check_settings, check_views, height_bounds, unseen};
 use super::kept::PriorStore;
 use super::records::records;
@@ -23,7 +23,7 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{self, GroundLevel, MapBox, Terrain};
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_heights::frames::LocalOrigin;
-use sizeup_heights::optimise::Solution;
+use sizeup_heights::optimise::{Apart, Solution};
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::Priors;
 use sizeup_results::output::plausible::CityDoubts;
@@ -125,7 +125,7 @@ fn run_marked(
     let mut stage = SceneStage::new(config, &survey, &footprints)?;
     let (heights, priors) = if runs(Stage::Heights) {
         tell(Event::Stage(Stage::Heights));
-        let search = HeightSearch { config, survey: &survey, tell, solver };
+        let search = HeightSearch::new(config, &survey, tell, solver);
         let (heights, priors) = search.in_rounds(&mut footprints, &mut stage)?;
         artefact::write(config, Stage::Heights, &survey, &heights)?;
         timed(Stage::Heights, start);
@@ -151,6 +151,7 @@ fn run_marked(
     issues.extend(cityjson::check(&records, &config.output.cityjson)?);
     sum_up(&mut summary, &records, &mut issues);
     let priors = priors.map_or_else(|| PriorStore::open(config, &survey, &stage), Ok)?;
+    let survey = moved(&survey, heights.moved_m()).into_owned();
     let lineage = lineage(config, options, &survey, &heights, priors.source())?;
     let model = CityModel {
         records: records.as_slice(),
@@ -321,7 +322,32 @@ pub(super) fn view_issues<'a>(survey: &'a Survey, heights: &'a HeightStage) -> i
         .chain(unread)
         .chain(heights.doubt.clone())
         .chain(bent_priors(&heights.solution))
+        .chain(heights.apart.map(|apart| apart_from_photos(&apart)))
         .chain(heights.ground.issue())
+}
+
+/// A warning that the footprint layer lies elsewhere than the photos show its buildings.
+fn apart_from_photos(apart: &Apart) -> Issue {
+    let (east_m, north_m) = (apart.east_m, apart.north_m);
+    let along = |way_m: f64, words: [&str; 2]| format!("{:.1} m {}", way_m.abs(), words[usize::from(way_m < 0.0)]);
+    let message = format!(
+        "the footprints lie {:.1} m off, {} and {} of where the photos show their buildings (± {:.1} m, by {} of them); heights \
+         were measured with the photos moved there",
+        east_m.hypot(north_m),
+        along(east_m, ["east", "west"]),
+        along(north_m, ["north", "south"]),
+        apart.sigma_m,
+        apart.n_buildings,
+    );
+    // As it would be written: no minus before a zero.
+    let back = |way_m: f64| 0.0 - (way_m * 10.0).round() / 10.0;
+    let hint = format!(
+        "if the layer is off, `shift_m = [{:?}, {:?}]` under [footprints] moves it; if the photos are, their positions have another \
+         datum or base station",
+        back(east_m),
+        back(north_m),
+    );
+    Issue::new(Severity::Warning, "footprints_apart", Subject::Input("footprints".to_owned()), message).hint(hint)
 }
 
 /// A note on priors that were straightened along the ground.

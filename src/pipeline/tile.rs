@@ -232,7 +232,7 @@ impl<'a> Part<'a> {
         let terrain = scene.as_ref().map_or(&Terrain::Constant(0.0), |scene| &scene.terrain);
         let mut priors = config.prior.open(&survey.views, terrain, frame.bounds.max_m)?;
         priors.set_positions(positions);
-        let priors = PriorStore::forgetful(priors);
+        let priors = PriorStore::forgetful(priors, &survey);
         let ids = footprints.layer.footprints.iter().map(|f| f.id.0.clone());
         let by_id = ids.zip(0..).collect();
         let reviews = about(&footprints, &reviews_of(config)?);
@@ -279,7 +279,8 @@ impl<'a> Part<'a> {
     /// # Errors
     /// [`PipelineError`] where the terrain cannot be read again after footprints were split.
     pub fn solve(&mut self, core: &MapBox, tell: Tell<'_>) -> Result<PartHeights, PipelineError> {
-        let search = HeightSearch { config: self.config, survey: &self.survey, tell, solver: &solve };
+        // What is measured of a layer as a whole is not measured tile by tile: neighbours would come apart.
+        let search = HeightSearch::within_a_city(self.config, &self.survey, tell, &solve);
         let mut footprints = self.footprints.clone();
         let mut ground = GroundTold::default();
         let heights = match &mut self.scene {

@@ -4,6 +4,7 @@
 
 mod align;
 mod annexes;
+mod apart;
 mod batch;
 mod benchmark;
 mod changes;

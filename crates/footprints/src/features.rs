@@ -7,7 +7,7 @@ use geo_types::{Coord, Geometry, Polygon};
 use serde_json::Value;
 
 use super::clean::{self, Defect, Repair, Rules};
-use super::{Footprint, FootprintLayer, RefusedFootprint, osm};
+use super::{Footprint, FootprintConfig, FootprintLayer, RefusedFootprint, osm};
 use sizeup_geo::crs::{CrsError, Transform};
 use sizeup_geo::geodata::vector::{Feature, FeatureGeometry};
 use sizeup_geo::issue::{Issue, Severity, Subject};
@@ -28,6 +28,7 @@ pub(super) enum Ids<'a> {
 pub(super) struct FeatureReader<'a> {
     ids_from: Ids<'a>,
     to_project: Transform,
+    shift_m: [f64; 2],
     rules: Rules,
     ids: HashSet<String>,
     layer: FootprintLayer,
@@ -38,10 +39,14 @@ pub(super) struct FeatureReader<'a> {
 }
 
 impl<'a> FeatureReader<'a> {
-    pub(super) fn new(ids_from: Ids<'a>, to_project: Transform, rules: Rules) -> Self {
+    /// Reads features by the settings of their layer.
+    pub(super) fn new(config: &'a FootprintConfig, to_project: Transform) -> Self {
+        let &FootprintConfig { grid_m, min_area_m2, max_area_change, shift_m, .. } = config;
+        let rules = Rules { grid_m, min_area_m2, max_area_change };
         Self {
-            ids_from,
+            ids_from: osm::ids(config),
             to_project,
+            shift_m,
             rules,
             ids: HashSet::new(),
             layer: FootprintLayer::default(),
@@ -195,7 +200,7 @@ impl<'a> FeatureReader<'a> {
             if !(x.is_finite() && y.is_finite()) {
                 return Ok(Coord { x: f64::NAN, y: f64::NAN });
             }
-            self.to_project.point(x, y).map(|(x, y)| Coord { x, y })
+            self.to_project.point(x, y).map(|(x, y)| Coord { x: x + self.shift_m[0], y: y + self.shift_m[1] })
         });
         projected.map_err(|error: CrsError| Refusal {
             code: "footprint_untransformable",

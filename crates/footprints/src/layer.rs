@@ -9,7 +9,6 @@ use geo_types::Coord;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::clean::Rules;
 use super::features::FeatureReader;
 use super::{FootprintLayer, osm, overlaps};
 use sizeup_geo::crs::{Crs, CrsError, Transform};
@@ -32,6 +31,9 @@ pub struct FootprintConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<String>")]
     pub crs: Option<Crs>,
+    /// Moves the whole layer, east and north, metres: by as much as it is known to be off.
+    #[serde(default)]
+    pub shift_m: [f64; 2],
     /// Least area of a building, m²; smaller ones are refused by name. At least 0.
     #[serde(default = "default_min_area_m2")]
     pub min_area_m2: f64,
@@ -48,6 +50,9 @@ pub struct FootprintConfig {
     #[schemars(extend("x-expert" = true))]
     pub overlap_warning_m2: f64,
 }
+
+/// Layers are moved by no more than this along each axis, metres.
+const MOST_SHIFTED_M: f64 = 1000.0;
 
 fn default_min_area_m2() -> f64 {
     1.0
@@ -74,6 +79,7 @@ impl FootprintConfig {
             layer: None,
             id_field: None,
             crs: None,
+            shift_m: [0.0; 2],
             min_area_m2: default_min_area_m2(),
             grid_m: default_grid_m(),
             max_area_change: default_max_area_change(),
@@ -226,9 +232,7 @@ pub fn read(config: &FootprintConfig, project_crs: &Crs) -> Result<FootprintLaye
     let to_project = Transform::new(&crs, project_crs)
         .map_err(|source| FootprintError::Crs { path: config.path.clone(), source })?;
 
-    let rules =
-        Rules { grid_m: config.grid_m, min_area_m2: config.min_area_m2, max_area_change: config.max_area_change };
-    let mut reader = FeatureReader::new(osm::ids(config), to_project, rules);
+    let mut reader = FeatureReader::new(config, to_project);
     for (i, feature) in features.iter().enumerate() {
         reader.add(i, feature);
     }
@@ -245,6 +249,9 @@ pub(super) fn check_config(config: &FootprintConfig) -> Result<(), FootprintErro
     }
     if !(1e-6..=1.0).contains(&config.grid_m) {
         return refuse("grid_m", config.grid_m, "0.000001 to 1 m");
+    }
+    if let Some(way_m) = config.shift_m.into_iter().find(|way_m| way_m.is_nan() || way_m.abs() > MOST_SHIFTED_M) {
+        return refuse("shift_m", way_m, "at most 1000 m each; more is another CRS: see `crs`");
     }
     if !(0.0..=1.0).contains(&config.max_area_change) {
         return refuse("max_area_change", config.max_area_change, "a share, 0 to 1");

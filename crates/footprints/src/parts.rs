@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use super::clean::Rules;
 use super::features::FeatureReader;
 use super::layer::{check_config, settle_crs};
 use super::{FootprintConfig, FootprintError, FootprintLayer, osm, overlaps};
@@ -48,10 +47,7 @@ impl<'a> LayerParts<'a> {
 
     fn reader(&self) -> Result<FeatureReader<'a>, FootprintError> {
         let to_project = self.transform(&self.crs, self.project_crs)?;
-        let config = self.config;
-        let rules =
-            Rules { grid_m: config.grid_m, min_area_m2: config.min_area_m2, max_area_change: config.max_area_change };
-        Ok(FeatureReader::new(osm::ids(config), to_project, rules))
+        Ok(FeatureReader::new(self.config, to_project))
     }
 
     fn transform(&self, from: &Crs, to: &Crs) -> Result<Transform, FootprintError> {
@@ -79,7 +75,9 @@ impl<'a> LayerParts<'a> {
     /// As [`crate::read`].
     pub fn around(mut self, area: MapBox, renamed: &BTreeMap<u64, String>) -> Result<FootprintLayer, FootprintError> {
         let to_layer = self.transform(self.project_crs, &self.crs)?;
-        let corners = area.grown(WINDOW_MARGIN_M).border(8).filter_map(|(x, y)| to_layer.point(x, y).ok());
+        let [east_m, north_m] = self.config.shift_m;
+        let border = area.grown(WINDOW_MARGIN_M).border(8);
+        let corners = border.filter_map(|(x, y)| to_layer.point(x - east_m, y - north_m).ok());
         if let Some(window) = MapBox::around(corners) {
             self.source.look_at([window.west_m, window.south_m, window.east_m, window.north_m]);
         }

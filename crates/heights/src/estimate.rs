@@ -7,7 +7,7 @@ use geo_types::Polygon;
 
 use crate::camera::Camera;
 use crate::frames::{Cam, Map, Rigid};
-use crate::optimise::{OptimiseConfig, Problem, Rays, SolvedHeight, ViewInput, solve};
+use crate::optimise::{OptimiseConfig, Problem, Rays, SearchConfig, SolvedHeight, ViewInput, solve};
 use crate::prior::DepthPrior;
 use crate::render::PlacedCamera;
 use crate::scene::{HeightsConfig, Scene};
@@ -98,6 +98,14 @@ pub fn estimate_heights(
         progress: &|_, _, _| {},
     };
     let mut solution = solve(&problem, optimise);
+    if let Some(apart) = solution.apart {
+        let moved = |view: &ViewInput| ViewInput { placed: view.placed.moved(apart.on_ground()), ..view.clone() };
+        let inputs: Vec<ViewInput> = inputs.iter().map(moved).collect();
+        let rays = Rays::new(inputs.len(), optimise.stride_px);
+        let search = SearchConfig { measure_shift: false, ..optimise.search.clone() };
+        let optimise = OptimiseConfig { search, ..optimise.clone() };
+        solution = solve(&Problem { views: &inputs, rays: &rays, ..problem }, &optimise);
+    }
     for solved in &mut solution.heights {
         solved.keep_within(bounds, optimise.height_reference);
     }

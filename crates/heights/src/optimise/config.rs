@@ -225,6 +225,9 @@ pub struct SearchConfig {
     pub rank_sweeps: usize,
     /// Whether depth edges that lie beside the walls they belong to are moved back, after the full sweeps.
     pub correct_edge_bleeding: bool,
+    /// Whether it is measured, after the full sweeps, how far the footprint layer as a whole lies from where the photos show its
+    /// buildings; where that is 0.75 m or more, heights are measured with the photos moved onto the footprints.
+    pub measure_shift: bool,
     /// Whether footprints that hold two roof levels (a tower on its podium) are split, after the full sweeps.
     pub split_levels: bool,
     /// Forms of roofs that are tried after the sweeps, besides the flat one. None: all are flat.
@@ -284,6 +287,7 @@ impl Default for SearchConfig {
             local_sweeps: 3,
             rank_sweeps: 0,
             correct_edge_bleeding: true,
+            measure_shift: true,
             split_levels: true,
             roof_forms: vec![RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped, RoofForm::Mixed],
             n_coarse: 48,

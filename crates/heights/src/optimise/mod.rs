@@ -8,6 +8,7 @@
 //! loaded. Results do not depend on the number of threads.
 
 mod adam;
+mod apart;
 mod bleed;
 mod calibrate;
 mod config;
@@ -36,6 +37,7 @@ mod two_levels;
 mod unmodelled;
 mod wings;
 
+pub use apart::Apart;
 pub use config::{
     CalibrationRays, Gradient, Loss, MadGradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig, StepOn,
 };

@@ -41,6 +41,14 @@ impl PlacedCamera {
         Self { camera, camera_from_local, eye: camera_from_local.centre() }
     }
 
+    /// The same camera elsewhere, moved in the local frame, metres.
+    #[must_use]
+    pub fn moved(&self, by: DVec3) -> Self {
+        let rotation = self.camera_from_local.rotation;
+        let camera_from_local = Rigid::from_rotation_and_centre(rotation, self.eye + by);
+        Self { camera: self.camera.clone(), camera_from_local, eye: self.eye + by }
+    }
+
     /// The projection centre, local frame, metres.
     #[must_use]
     pub fn eye(&self) -> DVec3 {

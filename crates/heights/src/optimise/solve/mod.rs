@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
+use super::apart::Apart;
 use super::config::{OptimiseConfig, Preset};
 use super::evidence::Evidence;
 use super::levels::OtherLevel;
@@ -147,6 +148,7 @@ struct State<'a> {
     /// By view: by how many pixels of the working image its prior's near sides bleed over their edges.
     bleeding_px: Vec<f64>,
     other_levels: Vec<OtherLevel>,
+    apart: Option<Apart>,
     /// Whether priors run in a curve along the ground and are straightened by it; `None` before the first are loaded.
     are_bent: Option<bool>,
 }
@@ -174,6 +176,7 @@ impl<'a> State<'a> {
             history: Vec::new(),
             bleeding_px: vec![0.0; n_views],
             other_levels: Vec::new(),
+            apart: None,
             are_bent: if config.may_straighten() { None } else { Some(false) },
         }
     }

@@ -33,6 +33,7 @@ impl State<'_> {
             bleeding_px,
             bleedings_px: spills,
             n_straightened,
+            apart: self.apart,
             other_levels,
             failed_views,
         }

@@ -1,0 +1,251 @@
+//! How far photos and footprints lie apart, as a whole: layers that were drawn over other photos, or in another realisation of a
+//! datum, are off by metres.
+//!
+//! ```text
+//! S(d) = mean over buildings of their best score near the present height, all photos moved by d along the ground
+//! d*   = place of its maximum, by parabolas along east and north, in rounds;   σ: leaving out one building at a time
+//! ```
+//!
+//! Seen from all sides a footprint that is off shows: what stands out does so beside it, on the same side of the map in every photo.
+//! Seen from one side it would pass for another height, so only buildings with photos from around them are asked.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::config::SearchConfig;
+use super::evidence::Evidence;
+use super::rays::Rays;
+use super::score::Correlation;
+use super::search::{Range, SweepView, sweep};
+use super::solve::{Problem, ViewInput};
+use super::straighten::GroundCurve;
+use crate::prior::DepthPrior;
+use crate::stats::{jackknife_sigma, parabola_peak};
+
+/// Buildings that are asked at most, and views of each.
+const N_BUILDINGS: usize = 32;
+const N_VIEWS: usize = 6;
+/// Fewer views of a building do not tell a shift from a height.
+const MIN_VIEWS: usize = 3;
+/// So many buildings bring their views along, the others take part where these see them: priors of few views are held in memory.
+const N_LEADING: usize = 10;
+/// Fewer buildings than this say nothing about a layer.
+const MIN_BUILDINGS: usize = 8;
+/// Longest mean of the directions that a building is seen from, as unit vectors on the map: 0 from all sides, 1 from one.
+const MOST_ONE_SIDED: f64 = 0.5;
+/// First step of the search, metres, if not a pixel of the working image on the ground.
+const STEP_M: f64 = 1.0;
+/// Rounds of the search at most.
+const MAX_ROUNDS: usize = 8;
+/// Least distance that is told, metres, if not three standard deviations.
+const MIN_APART_M: f64 = 0.75;
+/// Least share of the buildings that are explained better there.
+const MIN_AGREEING: f64 = 0.7;
+
+/// How far a layer of footprints lies from where the photos show its buildings.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Apart {
+    /// Footprints lie so far east of what the photos show, metres: photos that are moved by as much see them in place.
+    pub east_m: f64,
+    /// The same to the north, metres.
+    pub north_m: f64,
+    /// One standard deviation along each axis, metres.
+    pub sigma_m: f64,
+    /// Buildings that it was measured on.
+    pub n_buildings: usize,
+}
+
+/// Buildings, views and priors that distances are measured with.
+struct Trial<'a> {
+    problem: &'a Problem<'a>,
+    config: &'a SearchConfig,
+    stride_px: usize,
+    heights_m: &'a [f32],
+    views_of: Vec<Vec<usize>>,
+    priors: BTreeMap<usize, DepthPrior>,
+    /// Whether priors are straightened along the ground.
+    are_straightened: bool,
+}
+
+/// Measures how far the photos lie from the footprints with the heights as they stand; `None` where they fit, or too little is seen
+/// to say.
+pub(super) fn measure(
+    problem: &Problem<'_>,
+    views_of: &[Vec<usize>],
+    heights_m: &[f32],
+    are_straightened: bool,
+    stride_px: usize,
+    config: &SearchConfig,
+) -> Option<Apart> {
+    let views_of = sample(problem, views_of);
+    let asked: Vec<usize> = (0..views_of.len()).filter(|&b| !views_of[b].is_empty()).collect();
+    if asked.len() < MIN_BUILDINGS {
+        return None;
+    }
+    let views: BTreeSet<usize> = views_of.iter().flatten().copied().collect();
+    let load = |view: usize| Some((view, (problem.load_prior)(view).ok()?));
+    let priors = views.into_par_iter().filter_map(load).collect();
+    let pixel_m = pixel_on_ground_m(problem, &views_of);
+    let trial = Trial { problem, config, stride_px, heights_m, views_of, priors, are_straightened };
+    trial.search(&asked, STEP_M.max(pixel_m))
+}
+
+/// Views of the buildings that are asked, from all around them; none for the others.
+fn sample(problem: &Problem<'_>, views_of: &[Vec<usize>]) -> Vec<Vec<usize>> {
+    let directions = |b: usize, views: &[usize]| -> Vec<DVec2> {
+        let prism = &problem.scene.prisms[b];
+        let centre = prism.centre_at(prism.ground_z).as_dvec3();
+        views.iter().map(|&v| (problem.views[v].placed.eye() - centre).truncate().normalize_or_zero()).collect()
+    };
+    // So many of them as evenly around the building as they come.
+    let around = |b: usize, views: &[usize]| -> Vec<usize> {
+        let mut turned: Vec<(f64, usize)> =
+            directions(b, views).iter().zip(views).map(|(from, &v)| (from.to_angle(), v)).collect();
+        turned.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let n = turned.len().min(N_VIEWS);
+        (0..n).map(|i| turned[i * turned.len() / n].1).collect()
+    };
+    let is_all_around = |b: usize, views: &[usize]| {
+        let mean = directions(b, views).iter().sum::<DVec2>() / views.len().max(1) as f64;
+        views.len() >= MIN_VIEWS && mean.length() <= MOST_ONE_SIDED
+    };
+    let mut sampled = vec![Vec::new(); views_of.len()];
+    let mut known: BTreeSet<usize> = BTreeSet::new();
+    let mut n_taken = 0;
+    // Evenly over the layer: every `step`-th, then those after them, and so on.
+    let step = views_of.len().div_ceil(N_BUILDINGS).max(1);
+    for b in (0..step).flat_map(|first| (first..views_of.len()).step_by(step)) {
+        if n_taken == N_BUILDINGS {
+            break;
+        }
+        let is_leading = n_taken < N_LEADING;
+        let wanted = |view: &usize| is_leading || known.contains(view);
+        let wanted: Vec<usize> = views_of[b].iter().copied().filter(wanted).collect();
+        let views = around(b, &wanted);
+        if is_all_around(b, &views) {
+            known.extend(&views);
+            sampled[b] = views;
+            n_taken += 1;
+        }
+    }
+    sampled
+}
+
+/// Size of the working image's pixel on the buildings, metres, median.
+fn pixel_on_ground_m(problem: &Problem<'_>, views_of: &[Vec<usize>]) -> f64 {
+    let of_building = |(b, views): (usize, &Vec<usize>)| {
+        let prism = &problem.scene.prisms[b];
+        let centre = prism.centre_at(prism.ground_z).as_dvec3();
+        let pixel_m = move |&v: &usize| {
+            let placed = &problem.views[v].placed;
+            (placed.eye() - centre).length() / placed.camera.fx_px
+        };
+        views.iter().map(pixel_m).collect::<Vec<_>>()
+    };
+    let all: Vec<f64> = views_of.iter().enumerate().flat_map(of_building).collect();
+    crate::stats::median(&all).unwrap_or(0.0)
+}
+
+impl Trial<'_> {
+    fn search(&self, asked: &[usize], step_m: f64) -> Option<Apart> {
+        let mut at = DVec2::ZERO;
+        let unmoved = self.scores(at, asked);
+        let mut is_settled = false;
+        for _ in 0..MAX_ROUNDS {
+            let cross = Cross::around(at, step_m, |d| self.scores(d, asked));
+            let next = at + cross.to_peak(None);
+            is_settled = (next - at).length() < 0.5 * step_m;
+            at = next;
+            if is_settled {
+                break;
+            }
+        }
+        // Near enough to tell whether it matters: where it does not, this was one round.
+        if !is_settled || at.length() < 0.5 * MIN_APART_M {
+            return None;
+        }
+        let cross = Cross::around(at, 0.5 * step_m, |d| self.scores(d, asked));
+        let peak = at + cross.to_peak(None);
+        let without: Vec<DVec2> = (0..asked.len()).map(|i| at + cross.to_peak(Some(i))).collect();
+        let sigma_of = |axis: fn(&DVec2) -> f64| jackknife_sigma(&without.iter().map(axis).collect::<Vec<_>>());
+        let sigma_m = sigma_of(|d| d.x)?.max(sigma_of(|d| d.y)?);
+        let moved = self.scores(peak, asked);
+        let n_better = moved.iter().zip(&unmoved).filter(|(there, here)| there > here).count();
+        let is_told =
+            peak.length() >= MIN_APART_M.max(3.0 * sigma_m) && n_better as f64 >= MIN_AGREEING * asked.len() as f64;
+        is_told.then_some(Apart { east_m: peak.x, north_m: peak.y, sigma_m, n_buildings: asked.len() })
+    }
+
+    /// The best score of each building near its present height, all photos moved by `by_m`; 0 where no view sees it there.
+    fn scores(&self, by_m: DVec2, asked: &[usize]) -> Vec<f64> {
+        let moved = |view: &ViewInput| ViewInput { placed: view.placed.moved(by_m.extend(0.0)), ..view.clone() };
+        let views: Vec<ViewInput> = self.problem.views.iter().map(moved).collect();
+        let rays = Rays::new(views.len(), self.stride_px);
+        let problem = Problem { views: &views, rays: &rays, ..*self.problem };
+        let evidence: BTreeMap<usize, Evidence<'_>> = self
+            .priors
+            .par_iter()
+            .map(|(&view, prior)| {
+                let profiles = problem.profiles(view);
+                let mut evidence = Evidence::new(&views[view].placed, profiles, prior, 0.0, self.stride_px);
+                if let Some(curve) = self.are_straightened.then(|| GroundCurve::along_ground(&evidence)).flatten() {
+                    evidence.straighten(&curve);
+                }
+                (view, evidence)
+            })
+            .collect();
+        let scene = problem.scene;
+        let roofs = scene.roofs(self.heights_m);
+        let sweep_view = |view: usize| {
+            let evidence = evidence.get(&view)?;
+            let stops = evidence.profiles.stops(&roofs);
+            Some(SweepView::new(scene, &views[view].placed, evidence, stops, self.config))
+        };
+        let sweep_views: Vec<_> = (0..views.len()).into_par_iter().map(sweep_view).collect();
+        let range = Range::Local { share: 1.0 };
+        let found = sweep(scene, &sweep_views, &self.views_of, self.heights_m, range, Correlation::Linear, self.config);
+        asked.iter().map(|&b| found[b].as_ref().map_or(0.0, |finding| finding.score)).collect()
+    }
+}
+
+/// Scores by building at a place and at four places around it.
+struct Cross {
+    step_m: f64,
+    middle: Vec<f64>,
+    /// West, east; south, north.
+    arms: [[Vec<f64>; 2]; 2],
+}
+
+impl Cross {
+    fn around(at: DVec2, step_m: f64, scores: impl Fn(DVec2) -> Vec<f64>) -> Self {
+        let arm = |axis: DVec2| [-1.0, 1.0].map(|sign| scores(at + sign * step_m * axis));
+        Self { step_m, middle: scores(at), arms: [arm(DVec2::X), arm(DVec2::Y)] }
+    }
+
+    /// Way from the middle to the peak, a step along each axis at most; without one building if `left_out` says so.
+    fn to_peak(&self, left_out: Option<usize>) -> DVec2 {
+        let total = |scores: &[f64]| {
+            scores.iter().enumerate().filter(|(i, _)| Some(*i) != left_out).map(|(_, score)| score).sum::<f64>()
+        };
+        let along = |[before, after]: &[Vec<f64>; 2]| {
+            let (before, at, after) = (total(before), total(&self.middle), total(after));
+            if before - 2.0 * at + after >= 0.0 {
+                // No peak here: uphill.
+                return self.step_m * (after - before).signum();
+            }
+            parabola_peak(0.0, self.step_m, [before, at, after])
+        };
+        DVec2::new(along(&self.arms[0]), along(&self.arms[1]))
+    }
+}
+
+impl Apart {
+    /// The distance as a vector on the ground, east and north, metres.
+    #[must_use]
+    pub fn on_ground(&self) -> DVec3 {
+        DVec3::new(self.east_m, self.north_m, 0.0)
+    }
+}
