@@ -44,9 +44,9 @@ enum Command {
     Train {
         /// Settings of the training, as TOML.
         config: PathBuf,
-        /// Folder of the set.
-        #[arg(short, long)]
-        set: PathBuf,
+        /// Folder of the set. May be repeated: photos of all sets are learned from.
+        #[arg(short, long, required = true)]
+        set: Vec<PathBuf>,
         /// Folder of checkpoints, log and pictures.
         #[arg(short, long)]
         output: PathBuf,
@@ -119,7 +119,8 @@ fn run(command: Command) -> Result<(), TrainError> {
         }
         Command::Train { config, set, output } => {
             let config: TrainConfig = read_toml(&config)?;
-            let training = Training::new(config, &Set::open(&set)?, &output)?;
+            let sets = set.iter().map(|set| Set::open(set)).collect::<Result<Vec<Set>, TrainError>>()?;
+            let training = Training::new(config, &sets, &output)?;
             training.run(None, &|line| talk(&line))?;
             Ok(())
         }

@@ -9,6 +9,7 @@ pub mod optimise;
 pub mod pictures;
 pub mod run;
 pub mod sample;
+pub mod start;
 
 use std::path::PathBuf;
 
@@ -29,6 +30,10 @@ pub struct TrainConfig {
     /// Folder of feature files, for a network with `features`: `FOLDER/SCENE/PHOTO.safetensors`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub features: Option<PathBuf>,
+    /// Network that the training begins with: a checkpoint, whose best parameters are taken, or what `export` wrote. It has to have the
+    /// same layers. Drawn from the seed where left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start: Option<PathBuf>,
     /// Side of what a network sees at once, pixels; a multiple of what its levels ask for, 32 with all defaults. With features
     /// the side that whole photos are brought to.
     pub crop_px: usize,
@@ -58,6 +63,7 @@ impl Default for TrainConfig {
             seed: 1,
             network: NetworkConfig::default(),
             features: None,
+            start: None,
             crop_px: 192,
             at_seams: 0.0,
             batch: 8,

@@ -86,7 +86,7 @@ fn what_a_network_is_to_say_of_roofs_makes_better_footprints_than_what_is_visibl
 }
 
 fn run(set: &Set, out: &Path, most_steps: Option<usize>) -> Checkpoint {
-    Training::new(quick(), set, out).unwrap().run(most_steps, &|_| ()).unwrap()
+    Training::new(quick(), std::slice::from_ref(set), out).unwrap().run(most_steps, &|_| ()).unwrap()
 }
 
 #[test]
@@ -104,6 +104,39 @@ fn a_training_that_was_killed_goes_on_to_the_same_bits() {
     for file in [LAST, LOG, "best.safetensors", "curve.png", "val.png"] {
         let read = |folder: &Path| std::fs::read(folder.join(file)).unwrap();
         assert!(read(&whole) == read(&killed), "{file} differs");
+    }
+}
+
+/// A network that was exported, or the checkpoint that it was exported from: a training begins with the same numbers, and learns from two sets.
+#[test]
+fn a_training_goes_on_from_another_ones_network_with_more_photos() {
+    let folder = tempfile::tempdir().unwrap();
+    villages(&folder.path().join("set"));
+    let text = crate::scene::VILLAGES.replace("name = \"", "name = \"more-").replace("seed = 5", "seed = 6");
+    let more = folder.path().join("more");
+    sizeup_training::dataset::make::make(&toml::from_str(&text).unwrap(), &more, &|_| ()).unwrap();
+    let set = Set::open(&folder.path().join("set")).unwrap();
+    let first = run(&set, &folder.path().join("first"), None);
+    let best = folder.path().join("first/best.safetensors");
+    let onnx = folder.path().join("first.onnx");
+    export::write(&Checkpoint::read(&best, &Device::Cpu).unwrap(), 64, &onnx).unwrap();
+    let values = |p: &Parameters| -> Vec<Vec<f32>> {
+        p.vars.values().map(|v| v.as_tensor().flatten_all().unwrap().to_vec1().unwrap()).collect()
+    };
+    for (start, out) in [(best, "from-checkpoint"), (onnx, "from-onnx")] {
+        let config = TrainConfig { start: Some(start), seed: 2, ..quick() };
+        let sets = [Set::open(&folder.path().join("set")).unwrap(), Set::open(&more).unwrap()];
+        let training = Training::new(config.clone(), &sets, &folder.path().join(out)).unwrap();
+        assert_eq!(values(&training.run(Some(0), &|_| ()).unwrap().parameters), values(&first.best));
+        let n_photos = |set: &Set| set.manifest.scenes.iter().map(|s| s.n_photos).sum::<usize>();
+        let told = std::cell::RefCell::new(String::new());
+        let state = training.run(None, &|line| told.borrow_mut().push_str(line)).unwrap();
+        assert_ne!(values(&state.parameters), values(&first.best));
+        let n_train = sets.iter().map(n_photos).sum::<usize>() - set.photos(Split::Val).unwrap().len() * 2;
+        assert!(told.borrow().contains(&format!("{n_train} photos")), "{n_train}: {}", told.borrow());
+        // The sets belong to it: it does not go on with one of them alone.
+        let alone = Training::new(config, &sets[..1], &folder.path().join(out)).unwrap().run(None, &|_| ());
+        assert!(alone.unwrap_err().to_string().contains("another set"));
     }
 }
 
