@@ -8,7 +8,7 @@ use image::imageops::FilterType;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::terrain::{self, MapBox};
 use sizeup_heights::ids::{BuildingId, ViewId};
-use sizeup_lab::simulate::{self, VisibleWorld, SimulateConfig, World};
+use sizeup_lab::simulate::{self, SimulateConfig, VisibleWorld, World};
 use sizeup_photos::prior::{FilePriors, PriorKind, PriorSource as _};
 use sizeup_survey::{View, ViewKind};
 
@@ -60,7 +60,7 @@ fn simulated(
     let world = simulate::world(&config).map_err(&failed)?;
     let mut views = simulate::plan(&config, &world);
     views.retain(|view| view.kind() == ViewKind::Nadir);
-    simulate::simulate_with_views(&config, &views, folder, progress).map_err(|e| failed(e))?;
+    simulate::simulate_with_views(&config, &views, folder, progress).map_err(failed)?;
     for view in &mut views {
         view.image = Some(folder.join("images").join(&view.id.0));
     }

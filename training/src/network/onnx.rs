@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use candle_core::{DType, Result, bail};
 
 use super::norm::EPSILON;
-use super::parameters::Parameters;
+use super::parameters::{Parameters, kind_of};
 use super::{Builder, Kernel, NetworkConfig, network};
 
 /// Version of the file's form and of the operators: old enough for every engine.
@@ -159,7 +159,7 @@ pub fn read(bytes: &[u8]) -> std::result::Result<BTreeMap<String, Vec<f32>>, Str
     for tensor in fields_of(graph, 5)? {
         let name = *fields_of(tensor, 8)?.first().ok_or("it holds a constant without a name")?;
         let name = String::from_utf8_lossy(name).into_owned();
-        if [".weight", ".bias", ".gain"].iter().any(|end| name.ends_with(end)) {
+        if matches!(kind_of(&name), "weight" | "bias" | "gain") {
             let raw = *fields_of(tensor, 9)?.first().ok_or_else(|| format!("{name} holds no raw numbers"))?;
             if !raw.len().is_multiple_of(4) {
                 return Err(format!("{name} is no list of 32-bit numbers"));

@@ -12,7 +12,7 @@ use crate::dataset::load::Photo;
 use crate::network::Input;
 use crate::network::parameters::normal;
 
-/// ImageNet's mean and deviation, as in sizeup's profile `small.v1`.
+/// `ImageNet`'s mean and deviation, as in sizeup's profile `small.v1`.
 pub const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 /// Standard deviation of red, green and blue that inputs are scaled by; see [`MEAN`].
 pub const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];

@@ -34,6 +34,10 @@ pub struct TrainConfig {
     /// same layers. Drawn from the seed where left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start: Option<PathBuf>,
+    /// Ground that a pixel of what the network sees covers at least, metres: finer photos are reduced to it, so that one size in pixels is
+    /// one size on the ground. Photos are seen as they are where left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pixel_m: Option<f64>,
     /// Side of what a network sees at once, pixels; a multiple of what its levels ask for, 32 with all defaults. With features
     /// the side that whole photos are brought to.
     pub crop_px: usize,
@@ -64,6 +68,7 @@ impl Default for TrainConfig {
             network: NetworkConfig::default(),
             features: None,
             start: None,
+            pixel_m: None,
             crop_px: 192,
             at_seams: 0.0,
             batch: 8,
@@ -195,9 +200,17 @@ impl TrainConfig {
             let problem = "`features` and `network.features` go together: one is set without the other";
             return Err(TrainError::config(problem, "the folder of feature files, and their names and channels"));
         }
+        if self.pixel_m.is_some() && self.features.is_some() {
+            let problem = "`pixel_m` and `features` are both set";
+            return Err(TrainError::config(
+                problem,
+                "features are of whole photos: reduce the photos that they are made from",
+            ));
+        }
         let within = |value: f64, low: f64, high: f64| value >= low && value <= high;
         let (a, l) = (&self.augment, &self.loss);
         for (name, value, low, high) in [
+            ("pixel_m", self.pixel_m.unwrap_or(1.0), 0.01, 10.0),
             ("crop_px", self.crop_px as f64, 16.0, 4096.0),
             ("at_seams", self.at_seams, 0.0, 1.0),
             ("batch", self.batch as f64, 1.0, 1024.0),

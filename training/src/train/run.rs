@@ -180,7 +180,7 @@ impl Training {
             let (b, e) = overlap(&found, &batch)?;
             (both, either) = (both + b, either + e);
             if pictures::is_shown(i, self.val.len()) {
-                shown.push((scene, found));
+                shown.push((scene, sample::reduction(&scene.photo, &self.config), found));
             }
         }
         let (val_loss, iou) = (sum / self.val.len() as f64, if either > 0.0 { both / either } else { 1.0 });

@@ -19,8 +19,8 @@ pub fn parameters(path: &Path, config: &NetworkConfig, device: &Device) -> Resul
     if path.extension().is_some_and(|e| e == "safetensors") {
         let state = Checkpoint::read(path, device)?;
         if state.config.network != *config {
-            let text = |c: &NetworkConfig| serde_json::to_string(c).expect("plain data");
-            let problem = format!("its layers are {}, those to train {}", text(&state.config.network), text(config));
+            let (own, wanted) = (state.config.network.in_json(), config.in_json());
+            let problem = format!("its layers are {own}, those to train {wanted}");
             return Err(refuse(path, problem));
         }
         return Ok(state.best);

@@ -72,7 +72,7 @@ fn a_set_with_something_wrong_says_what_and_where() {
     };
     refused(changed(&|c| c["images"][0]["off_nadir_deg"] = 31.0.into()), &["31.0° off the nadir", "15°"]);
     let without = |c: &mut serde_json::Value| {
-        c["annotations"].as_array_mut().unwrap().retain(|a| a["image_id"] != image.id as u64)
+        c["annotations"].as_array_mut().unwrap().retain(|a| a["image_id"] != image.id as u64);
     };
     refused(changed(&without), &[&image.file_name, "has no footprints"]);
     refused(changed(&|c| c["annotations"][0]["image_id"] = 999.into()), &["photo 999"]);
@@ -164,6 +164,12 @@ fn checkpoints_of_another_head_or_another_set_are_not_gone_on_with() {
     let mut odd = quick();
     odd.crop_px = 60;
     refused(run(odd), &["crop_px = 60", "multiple of 8"]);
+    refused(run(TrainConfig { pixel_m: Some(0.0), ..quick() }), &["pixel_m = 0", "0.01 to 10"]);
+    let mut of_features = quick();
+    (of_features.pixel_m, of_features.features) = (Some(0.3), Some(folder.path().to_owned()));
+    of_features.network.inputs.clear();
+    of_features.network.features = vec![FeatureConfig { name: "geo".to_owned(), channels: 3 }];
+    refused(run(of_features), &["`pixel_m` and `features` are both set"]);
     let mut blind = quick();
     blind.network.inputs = Vec::new();
     refused(run(blind), &["inputs = []"]);
