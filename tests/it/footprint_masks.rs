@@ -327,8 +327,7 @@ fn a_network_sees_a_photo_in_tiles_and_joins_what_they_cut() {
         let evaluation = evaluate_footprints(&polygons(&found), &houses);
         assert!(evaluation.n_results == 2 && evaluation.iou > 0.95, "{tile_px}: {evaluation}");
     }
-    // Four looks at each tile say the same as one where brightness is all that counts, and where they differ their mean: two of them see
-    // the houses where they are not, were they not turned back.
+    // Tiles that are looked at turned over, too: what is said of them is turned back, else there would be houses where there are none.
     for looks in [2, 4] {
         let own = SegmenterConfig::new(fixture("buildings_of_brightness.onnx"), "semantic");
         let config = SegmenterConfig { looks: Some(looks), ..own };

@@ -115,6 +115,10 @@ impl Row {
                     export::write(&network, *tile, &model)?;
                     return Ok(Some(Box::new(open(&model)?)));
                 }
+                if let Some(input) = without {
+                    let problem = format!("{} cannot be measured without {:?}", path.display(), input.name());
+                    return Err(TrainError::config(problem, "an ONNX file sees what it sees: name its checkpoint"));
+                }
                 Ok(Some(Box::new(open(path)?)))
             }
         }

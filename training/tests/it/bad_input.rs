@@ -7,6 +7,7 @@ use candle_core::{Device, Tensor};
 use sizeup_training::dataset::load::Set;
 use sizeup_training::dataset::manifest::{FILE, FileEntry, Manifest};
 use sizeup_training::dataset::{DatasetConfig, Split, make};
+use sizeup_training::measure::{Row, measure};
 use sizeup_training::network::evaluate::logits;
 use sizeup_training::network::parameters::Parameters;
 use sizeup_training::network::{FeatureConfig, Input, NetworkConfig};
@@ -213,6 +214,16 @@ fn networks_that_a_training_cannot_begin_with_are_named() {
     let mut deeper = quick();
     deeper.network.texture.push(8);
     refused(begun(&onnx, deeper), &["network.onnx", "it lacks texture."]);
+    let row = Row::Network {
+        name: "blind".to_owned(),
+        path: onnx.clone(),
+        tile: 64,
+        dip: None,
+        pixel_m: None,
+        looks: 1,
+        without: Some(Input::Depth),
+    };
+    refused(measure(&set, Split::Val, &[row], None), &["network.onnx", "without \"depth\"", "checkpoint"]);
     let bytes = std::fs::read(&onnx).unwrap();
     let path = folder.path().join("cut.onnx");
     std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
