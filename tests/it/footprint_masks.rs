@@ -337,10 +337,8 @@ fn a_network_sees_a_photo_in_tiles_and_joins_what_they_cut() {
     }
     // Reduced to a metre per pixel walls are drawn more coarsely, and reduced to less than the photo has not at all.
     let iou = |pixel_m: Option<f64>| {
-        let config = SegmenterConfig {
-            pixel_m,
-            ..SegmenterConfig::new(fixture("buildings_of_brightness.onnx"), "semantic")
-        };
+        let config =
+            SegmenterConfig { pixel_m, ..SegmenterConfig::new(fixture("buildings_of_brightness.onnx"), "semantic") };
         let found = find(&FootprintSource::Network(config), &views, &GROUND).unwrap();
         evaluate_footprints(&polygons(&found), &houses).iou
     };
