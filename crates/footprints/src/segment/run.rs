@@ -6,6 +6,7 @@ use super::config::SegmenterConfig;
 use super::geometry::{self, Lean, relief};
 use super::profile::{Activation, SegmenterProfile, port};
 use super::small;
+use super::tiles;
 use super::turned::TurnedOver;
 use crate::contours::ViewFault;
 use crate::layer::FootprintError;
@@ -224,9 +225,8 @@ impl Segmenter {
         };
         let side = own.unwrap_or_else(first);
         let seen_m = self.config.pixel_m.or_else(|| self.is_built_in().then_some(small::PIXEL_M));
-        // Squares, so that photos are reduced alike in both directions.
-        let reduced = |seen_m: f64| ((side as f64 * seen_m / pixel_m).round() as usize).min(photo.0).min(photo.1);
-        self.config.tile_px.unwrap_or_else(|| seen_m.map_or(side, |m| side.max(reduced(m))))
+        let reduced = || seen_m.map_or(side, |seen_m| tiles::reduced_side(side, photo, seen_m / pixel_m));
+        self.config.tile_px.unwrap_or_else(reduced)
     }
 
     /// Masks and, where there are any, scores of a tile, looked at turned over; masks are turned over as the tile was.
