@@ -44,9 +44,9 @@ enum Command {
     Train {
         /// Settings of the training, as TOML.
         config: PathBuf,
-        /// Folder of the set.
-        #[arg(short, long)]
-        set: PathBuf,
+        /// Folder of the set. May be repeated: photos of all sets are learned from.
+        #[arg(short, long, required = true)]
+        set: Vec<PathBuf>,
         /// Folder of checkpoints, log and pictures.
         #[arg(short, long)]
         output: PathBuf,
@@ -62,7 +62,7 @@ enum Command {
         #[arg(long, default_value_t = 256)]
         tile: usize,
     },
-    /// Compares networks, and what other programs found, with the footprints of a set: precision, recall, F1 and IoU.
+    /// Compares networks, and what other programs found, with the footprints of a set: precision, recall, F1, intersection over union.
     Measure {
         /// Folder of the set.
         #[arg(short, long)]
@@ -83,6 +83,12 @@ enum Command {
         /// be repeated; the profile's own where left out.
         #[arg(long)]
         dip: Vec<f32>,
+        /// Ground per pixel that finer photos are reduced to, metres, as `footprints.pixel_m`.
+        #[arg(long)]
+        pixel_m: Option<f64>,
+        /// Looks at each tile, 1, 2 or 4, as `footprints.looks`.
+        #[arg(long, default_value_t = 1)]
+        looks: usize,
         /// Measure each checkpoint once more, blind to an input that it takes: image or depth. May be repeated.
         #[arg(long, value_name = "INPUT")]
         without: Vec<String>,
@@ -119,7 +125,8 @@ fn run(command: Command) -> Result<(), TrainError> {
         }
         Command::Train { config, set, output } => {
             let config: TrainConfig = read_toml(&config)?;
-            let training = Training::new(config, &Set::open(&set)?, &output)?;
+            let sets = set.iter().map(|set| Set::open(set)).collect::<Result<Vec<Set>, TrainError>>()?;
+            let training = Training::new(config, &sets, &output)?;
             training.run(None, &|line| talk(&line))?;
             Ok(())
         }
@@ -127,7 +134,7 @@ fn run(command: Command) -> Result<(), TrainError> {
             let network = Checkpoint::read(&checkpoint, &Device::Cpu)?;
             export::write(&network, tile, &output)
         }
-        Command::Measure { set, split, network, coco, tile, dip, without, output } => {
+        Command::Measure { set, split, network, coco, tile, dip, pixel_m, looks, without, output } => {
             let split = Split::ALL
                 .into_iter()
                 .find(|s| s.name() == split)
@@ -151,7 +158,7 @@ fn run(command: Command) -> Result<(), TrainError> {
                     let of_input = without.map_or_else(String::new, |input| format!(", without {}", input.name()));
                     let of_dip = dip.map_or_else(String::new, |dip| format!(", dip {dip}"));
                     let name = format!("{name}{of_input}{of_dip}");
-                    rows.push(Row::Network { name, path: path.clone(), tile, dip, without });
+                    rows.push(Row::Network { name, path: path.clone(), tile, dip, pixel_m, looks, without });
                 }
             }
             for text in &coco {

@@ -27,6 +27,8 @@ pub struct Look {
     pub min_area_px2: f64,
     /// Tolerance of the contours, pixels of the photo.
     pub tolerance_px: f64,
+    /// Ground that a pixel of the photo covers in its middle, metres.
+    pub pixel_m: f64,
 }
 
 /// Gives the buildings that a view shows.

@@ -109,7 +109,7 @@ pub struct CocoRle {
 pub fn run_lengths(labels: &Raster<u16>, instance: &Instance) -> CocoRle {
     let (width, height) = (labels.width(), labels.height());
     let [left, top, right, bottom] = instance.bounds;
-    let mut counts = vec![0];
+    let mut counts = Vec::new();
     // Where the current run began.
     let (mut start, mut is_inside) = (0, false);
     for col in left..right {
@@ -117,13 +117,12 @@ pub fn run_lengths(labels: &Raster<u16>, instance: &Instance) -> CocoRle {
             let here = row < bottom && labels[(col, row)] == instance.label;
             if here != is_inside {
                 let at = col * height + row;
-                *counts.last_mut().expect("it starts with one run") = at - start;
-                counts.push(0);
+                counts.push(at - start);
                 (start, is_inside) = (at, here);
             }
         }
     }
-    *counts.last_mut().expect("it starts with one run") = width * height - start;
+    counts.push(width * height - start);
     CocoRle { size: [height, width], counts }
 }
 

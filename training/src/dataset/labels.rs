@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::DVec2;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::raster::Raster;
-use sizeup_lab::simulate::{Seen, Sight, World, ground_contact, roofs};
+use sizeup_lab::simulate::{Seen, VisibleWorld, World, ground_contact, roofs};
 use sizeup_survey::View;
 
 /// Ground labels of pixels of which it is not known whether there is a building.
@@ -40,7 +40,7 @@ pub struct Instance {
 impl Labels {
     /// Of a view of a world; `complete_m` as in the configuration.
     #[must_use]
-    pub fn of(view: &View, world: &World, sight: &Sight, complete_m: Option<[f64; 4]>) -> (Self, Vec<Instance>) {
+    pub fn of(view: &View, world: &World, sight: &VisibleWorld, complete_m: Option<[f64; 4]>) -> (Self, Vec<Instance>) {
         let mut ground = ground_contact(view, &world.buildings, &world.terrain);
         if let Some(area) = complete_m {
             leave_out(&mut ground, view, &world.terrain, area);

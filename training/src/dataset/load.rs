@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec2;
 use sizeup_footprints::segment::geometry::{Lean, relief, resample};
 use sizeup_geo::files;
-use sizeup_geo::geodata::raster::Window;
+use sizeup_geo::geodata::raster::CellWindow;
 use sizeup_heights::prior::{DepthPrior, PriorGeometry};
 use sizeup_heights::raster::Raster;
 use sizeup_heights::views::NADIR_WITHIN_DEG;
@@ -156,7 +156,7 @@ impl Set {
                     return Err(misfit(&path, size, (values.width(), values.height())));
                 }
                 let depth = DepthPrior { values, kind: prior.kind, geometry: PriorGeometry::ZDepth };
-                resample(&relief(&depth), size, Window { col: 0, row: 0, width: size.0, height: size.1 }, size)
+                resample(&relief(&depth), size, CellWindow { col: 0, row: 0, width: size.0, height: size.1 }, size)
             }
         };
         let (ground, roof) = (self.labels(&image.ground, size)?, self.labels(&image.roof, size)?);

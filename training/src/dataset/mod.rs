@@ -1,4 +1,4 @@
-//! Sets to learn from: near-nadir photos with the footprints of all buildings *on the ground*, as in the paper's VertiFP.
+//! Sets to learn from: near-nadir photos with the footprints of all buildings *on the ground*, as in the paper's `VertiFP`.
 //!
 //! ```text
 //! SET/manifest.json              counts, licences, and every file with its size and SHA-256

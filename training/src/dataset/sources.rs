@@ -8,7 +8,7 @@ use image::imageops::FilterType;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::terrain::{self, MapBox};
 use sizeup_heights::ids::{BuildingId, ViewId};
-use sizeup_lab::simulate::{self, Sight, SimulateConfig, World};
+use sizeup_lab::simulate::{self, SimulateConfig, VisibleWorld, World};
 use sizeup_photos::prior::{FilePriors, PriorKind, PriorSource as _};
 use sizeup_survey::{View, ViewKind};
 
@@ -21,7 +21,7 @@ const GROUND_MARGIN: f64 = 1.5;
 /// A scene whose photos and depth lie in the set.
 pub(super) struct Source {
     pub world: World,
-    pub sight: Sight,
+    pub sight: VisibleWorld,
     /// Near-nadir views at the size of the set's photos, with their files.
     pub views: Vec<View>,
     /// What the numbers of `priors/*.npy` are, where there are any.
@@ -60,11 +60,11 @@ fn simulated(
     let world = simulate::world(&config).map_err(&failed)?;
     let mut views = simulate::plan(&config, &world);
     views.retain(|view| view.kind() == ViewKind::Nadir);
-    simulate::simulate_with_views(&config, &views, folder, progress).map_err(|e| failed(e))?;
+    simulate::simulate_with_views(&config, &views, folder, progress).map_err(failed)?;
     for view in &mut views {
         view.image = Some(folder.join("images").join(&view.id.0));
     }
-    let sight = Sight::of_simulation(&config, &world);
+    let sight = VisibleWorld::of_simulation(&config, &world);
     Ok(Source { world, sight, views, prior: Some(config.prior.kind), complete_m: None, notes: Vec::new() })
 }
 
@@ -101,7 +101,7 @@ fn own(scene: &SceneConfig, config: &PhotosConfig, folder: &Path) -> Result<Sour
         prisms.push((footprint.id, footprint.polygon, height_m));
     }
     let world = World::of_prisms(&prisms, terrain, &config.crs).map_err(TrainError::scene(name))?;
-    let sight = Sight::of_buildings(&world);
+    let sight = VisibleWorld::of_buildings(&world);
     for view in &mut views {
         photo_into(view, config.longest_px, folder, name)?;
     }

@@ -2,7 +2,7 @@
 //!
 //! The protocol is `sizeup_lab::evaluate::photos`, as in `sizeup evaluate`: areas of each true instance and its counterpart,
 //! and detection at an intersection over union of a half beside them. Instances below [`LEAST_PX`] pixels count for nothing.
-//! The IoU of pixels is that of all buildings of a photo together, mean over photos: it does not see whether they are told apart.
+//! The intersection over union of pixels is that of all buildings of a photo together, mean over photos: it does not see whether they are told apart.
 //! Footprints come through the same code as in `sizeup footprints`: tiles, watershed, contours.
 
 mod matching;
@@ -11,6 +11,7 @@ mod sources;
 pub use matching::{Compared, compare};
 pub use sources::{Row, fill};
 
+use std::fmt::Write as _;
 use std::path::Path;
 
 use serde::Serialize;
@@ -25,8 +26,8 @@ use crate::dataset::make::write_png;
 
 /// Smaller instances count for nothing, pixels: corners at a photo's border.
 pub const LEAST_PX: usize = 64;
-/// How contours are drawn.
-const LOOK: Look = Look { min_area_px2: LEAST_PX as f64, tolerance_px: 0.5 };
+/// Tolerance of contours, pixels.
+const TOLERANCE_PX: f64 = 0.5;
 /// Pictures per row and scene.
 const SHOWN: usize = 3;
 
@@ -56,6 +57,9 @@ impl Measured {
 }
 
 /// The table as text for people, its figures in per cent.
+///
+/// # Panics
+/// Never: text can always grow.
 #[must_use]
 pub fn table(rows: &[Measured]) -> String {
     let mut text = String::from(
@@ -78,7 +82,7 @@ pub fn table(rows: &[Measured]) -> String {
             row.iou_of_pixels,
         ];
         let figures = figures.map(|v| format!("{:.1}", 100.0 * v)).join(" | ");
-        text += &format!("| {} | {figures} | {} / {} |\n", row.name, i.n_found, i.n_truth);
+        writeln!(text, "| {} | {figures} | {} / {} |", row.name, i.n_found, i.n_truth).expect("text grows");
     }
     text
 }
@@ -111,7 +115,12 @@ fn measure_row(set: &Set, photos: &[Photo], row: &Row, pictures: Option<&Path>) 
                 None => row.labels(set, photo)?,
                 Some(source) => {
                     let view = sources::view_of(set, photo);
-                    let contours = source.contours(&view, LOOK).map_err(|e| TrainError::Scene {
+                    let look = Look {
+                        min_area_px2: LEAST_PX as f64,
+                        tolerance_px: TOLERANCE_PX,
+                        pixel_m: photo.image.ground_sample_m,
+                    };
+                    let contours = source.contours(&view, look).map_err(|e| TrainError::Scene {
                         scene: scene.name.clone(),
                         problem: format!("{} on {}: {e}", row.name(), photo.image.file_name),
                     })?;

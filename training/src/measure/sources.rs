@@ -47,6 +47,10 @@ pub enum Row {
         tile: usize,
         /// How far the map of middles falls between two buildings; the profile's where left out.
         dip: Option<f32>,
+        /// Ground per pixel that finer photos are reduced to, metres; none are where left out.
+        pixel_m: Option<f64>,
+        /// Number of looks at each tile.
+        looks: usize,
         /// An input that it does not get to see; for a checkpoint only.
         without: Option<Input>,
     },
@@ -86,14 +90,19 @@ impl Row {
                 let config: MaskConfig = serde_json::from_value(text).expect("a mask's configuration");
                 Ok(Some(Box::new(MaskFiles::new(config).map_err(|e| failed(&e))?)))
             }
-            Self::Network { path, tile, dip, without, .. } => {
+            Self::Network { path, tile, dip, pixel_m, looks, without, .. } => {
                 let depth = first.image.prior.as_ref().map(|prior| {
                     let files = set.root.join(scene).join("priors").join("{stem}.npy");
                     FilePriorConfig::new(files.to_string_lossy(), prior.kind)
                 });
                 let open = |model: &Path| {
-                    let config =
-                        SegmenterConfig { depth: depth.clone(), dip: *dip, ..SegmenterConfig::new(model, "small.v1") };
+                    let config = SegmenterConfig {
+                        depth: depth.clone(),
+                        dip: *dip,
+                        pixel_m: *pixel_m,
+                        looks: Some(*looks),
+                        ..SegmenterConfig::new(model, "small.v1")
+                    };
                     Segmenter::new(config).map_err(|e| failed(&e))
                 };
                 if path.extension().is_some_and(|e| e == "safetensors") {
@@ -105,6 +114,10 @@ impl Row {
                     }
                     export::write(&network, *tile, &model)?;
                     return Ok(Some(Box::new(open(&model)?)));
+                }
+                if let Some(input) = without {
+                    let problem = format!("{} cannot be measured without {:?}", path.display(), input.name());
+                    return Err(TrainError::config(problem, "an ONNX file sees what it sees: name its checkpoint"));
                 }
                 Ok(Some(Box::new(open(path)?)))
             }

@@ -75,7 +75,7 @@ pub struct Kernel {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Input {
-    /// The photo's colours, normalised with ImageNet's mean and deviation: three channels.
+    /// The photo's colours, normalised with `ImageNet`'s mean and deviation: three channels.
     Image,
     /// How far things stand out of the ground's plane, from a depth prior: one channel.
     Depth,
@@ -136,6 +136,13 @@ pub struct NetworkConfig {
     pub decoder: usize,
 }
 
+impl NetworkConfig {
+    /// The settings on one line, for messages.
+    pub(crate) fn in_json(&self) -> String {
+        serde_json::to_string(self).expect("plain data")
+    }
+}
+
 impl Default for NetworkConfig {
     fn default() -> Self {
         Self {
@@ -173,7 +180,7 @@ impl NetworkConfig {
         }
         let widths =
             [&self.texture[..], &self.geometry[..], &self.widths[..], &[self.projected, self.decoder]].concat();
-        let is_odd = |w: &usize| *w == 0 || *w > 4096 || (*w > GROUP && *w % 4 != 0);
+        let is_odd = |w: &usize| *w == 0 || *w > 4096 || (*w > GROUP && !w.is_multiple_of(4));
         if let Some(width) = widths.iter().find(|w| is_odd(w)) {
             return Some((format!("a layer of {width} channels"), "1 to 4096 channels, from 8 on a multiple of 4"));
         }

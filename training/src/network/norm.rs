@@ -190,7 +190,6 @@ impl CustomOp3 for GroupNorm {
 }
 
 impl GroupNorm {
-    #[expect(clippy::type_complexity, reason = "as candle asks for it")]
     fn back<T: WithDType>(
         &self,
         x: &Tensor,

@@ -9,10 +9,12 @@
 //! Value:  1 name, 2 type (1 tensor_type: 1 elem_type, 2 shape (1 dim: 1 value))
 //! ```
 
+use std::collections::BTreeMap;
+
 use candle_core::{DType, Result, bail};
 
 use super::norm::EPSILON;
-use super::parameters::Parameters;
+use super::parameters::{Parameters, kind_of};
 use super::{Builder, Kernel, NetworkConfig, network};
 
 /// Version of the file's form and of the operators: old enough for every engine.
@@ -141,6 +143,70 @@ pub fn write(
         });
     }
     Ok(model.0)
+}
+
+/// Parameters in a file that [`write`] made, by name, without their shapes.
+///
+/// # Errors
+/// What is wrong with a file that is none, in words.
+pub fn read(bytes: &[u8]) -> std::result::Result<BTreeMap<String, Vec<f32>>, String> {
+    let fields_of = |bytes, wanted: u64| -> std::result::Result<Vec<&[u8]>, String> {
+        let all = fields(bytes)?.into_iter();
+        Ok(all.filter_map(|(n, found)| if n == wanted { found } else { None }).collect())
+    };
+    let graph = *fields_of(bytes, 7)?.first().ok_or("it holds no graph")?;
+    let mut found = BTreeMap::new();
+    for tensor in fields_of(graph, 5)? {
+        let name = *fields_of(tensor, 8)?.first().ok_or("it holds a constant without a name")?;
+        let name = String::from_utf8_lossy(name).into_owned();
+        if matches!(kind_of(&name), "weight" | "bias" | "gain") {
+            let raw = *fields_of(tensor, 9)?.first().ok_or_else(|| format!("{name} holds no raw numbers"))?;
+            if !raw.len().is_multiple_of(4) {
+                return Err(format!("{name} is no list of 32-bit numbers"));
+            }
+            let values = raw.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+            found.insert(name, values.collect());
+        }
+    }
+    if found.is_empty() { Err("it holds no parameters".to_owned()) } else { Ok(found) }
+}
+
+/// Field of a protobuf message: its number, and its bytes where it has a length.
+type Field<'a> = (u64, Option<&'a [u8]>);
+
+fn fields(mut bytes: &[u8]) -> std::result::Result<Vec<Field<'_>>, String> {
+    let mut found = Vec::new();
+    while !bytes.is_empty() {
+        let key = varint(&mut bytes)?;
+        let n = match key & 7 {
+            0 => {
+                varint(&mut bytes)?;
+                found.push((key >> 3, None));
+                continue;
+            }
+            1 => 8,
+            2 => varint(&mut bytes)? as usize,
+            5 => 4,
+            kind => return Err(format!("it has a field of kind {kind}")),
+        };
+        let (field, rest) = bytes.split_at_checked(n).ok_or("it is cut off")?;
+        found.push((key >> 3, (key & 7 == 2).then_some(field)));
+        bytes = rest;
+    }
+    Ok(found)
+}
+
+fn varint(bytes: &mut &[u8]) -> std::result::Result<u64, String> {
+    let mut value = 0;
+    for shift in (0..64).step_by(7) {
+        let (byte, rest) = bytes.split_first().ok_or("it is cut off")?;
+        value |= u64::from(byte & 0x7f) << shift;
+        *bytes = rest;
+        if byte & 0x80 == 0 {
+            return Ok(value);
+        }
+    }
+    Err("it has a number of more than 64 bits".to_owned())
 }
 
 #[derive(Clone)]

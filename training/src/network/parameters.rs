@@ -25,7 +25,7 @@ impl Parameters {
         for (name, shape) in shapes(config)? {
             let n: usize = shape.iter().product();
             let values: Vec<f64> = match shape.len() {
-                1 => vec![if name.ends_with(".gain") { 1.0 } else { 0.0 }; n],
+                1 => vec![if kind_of(&name) == "gain" { 1.0 } else { 0.0 }; n],
                 _ => {
                     let deviation = (2.0 / (n / shape[0]) as f64).sqrt();
                     let mut rng = seed::stream(root_seed, "parameter", &[seed::key_of(&name)]);
@@ -54,6 +54,11 @@ impl Parameters {
             None => bail!("the network has no parameter {name:?}"),
         }
     }
+}
+
+/// Last part of a parameter's name: `weight`, `bias` or `gain`.
+pub(super) fn kind_of(name: &str) -> &str {
+    name.rsplit('.').next().unwrap_or(name)
 }
 
 /// A normal number, from two uniform ones (Box and Muller, 1958).
@@ -107,8 +112,8 @@ impl Builder for Declare {
 
     fn concat(&mut self, xs: &[[usize; 3]]) -> Result<[usize; 3]> {
         let Some([_, rows, columns]) = xs.first() else { bail!("nothing to concatenate") };
-        if let Some(other) = xs.iter().find(|x| x[1..] != [*rows, *columns]) {
-            bail!("maps of {rows} × {columns} and {} × {} cells do not go together", other[1], other[2]);
+        if let Some([_, other_rows, other_columns]) = xs.iter().find(|x| x[1..] != [*rows, *columns]) {
+            bail!("maps of {rows} × {columns} and {other_rows} × {other_columns} cells do not go together");
         }
         Ok([xs.iter().map(|x| x[0]).sum(), *rows, *columns])
     }

@@ -55,6 +55,12 @@ struct About {
     set: String,
 }
 
+impl About {
+    fn in_json(&self) -> String {
+        serde_json::to_string(self).expect("plain data")
+    }
+}
+
 /// All of a training.
 #[derive(Debug)]
 pub struct Checkpoint {
@@ -136,7 +142,7 @@ impl Checkpoint {
             progress: self.progress.clone(),
             set: self.set.clone(),
         };
-        let text = serde_json::to_string(&about).expect("plain data");
+        let text = about.in_json();
         let bytes = safetensors::serialize(views, Some(HashMap::from([(KEY.to_owned(), text)]))).map_err(fault)?;
         Ok(files::write_whole(path, |w| w.write_all(&bytes))?)
     }
@@ -189,11 +195,9 @@ impl Checkpoint {
             refuse(path, "it lacks the network's parameters".to_owned(), "it is of another head: train anew")
         })?;
         let moments = match (group("first")?, group("second")?) {
-            (Some(first), Some(mut second)) => {
-                let both = first.into_iter().map(|(name, f)| {
-                    let s = second.remove(&name).expect("both have the network's names");
-                    (name, (f, s))
-                });
+            (Some(first), Some(second)) => {
+                // Both have the network's names, in one order.
+                let both = first.into_iter().zip(second.into_values()).map(|((name, f), s)| (name, (f, s)));
                 Some(Moments(both.collect()))
             }
             _ => None,
@@ -219,8 +223,8 @@ impl Checkpoint {
     pub fn check(&self, path: &Path, config: &TrainConfig, set: &str) -> Result<(), TrainError> {
         let anew = "choose another output folder to train anew, or go back to the configuration it began with";
         if self.config.network != config.network {
-            let text = |c: &TrainConfig| serde_json::to_string(&c.network).expect("plain data");
-            let problem = format!("it is of another head: expected {}, found {}", text(config), text(&self.config));
+            let (own, wanted) = (self.config.network.in_json(), config.network.in_json());
+            let problem = format!("it is of another head: expected {wanted}, found {own}");
             return Err(refuse(path, problem, anew));
         }
         if self.config != *config {

@@ -12,32 +12,43 @@ use crate::dataset::load::Photo;
 use crate::network::Input;
 use crate::network::parameters::normal;
 
-/// ImageNet's mean and deviation, as in sizeup's profile `small.v1`.
+/// `ImageNet`'s mean and deviation, as in sizeup's profile `small.v1`.
 pub const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 /// Standard deviation of red, green and blue that inputs are scaled by; see [`MEAN`].
 pub const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
-/// How a crop's colours and relief differ from the photo's: switches that have nothing to do with each other.
+
+/// Change of a crop as a whole, made or not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Change {
+    /// All colours are the grey of their mean.
+    Grey,
+    /// Colours are blurred by a box of three pixels.
+    Blurred,
+    /// There are no colours.
+    WithoutImage,
+    /// There is no depth.
+    WithoutDepth,
+    /// Depth is as if photos had been matched for it.
+    Matched,
+    /// Roofs and ground take colours that they do not have.
+    Painted,
+    /// A shadow falls over a part.
+    Shaded,
+}
+
+/// Differences of a crop's colours and relief from the photo's.
 #[derive(Debug, Clone)]
-#[allow(clippy::struct_excessive_bools)]
 pub(super) struct Looks {
     gain: [f32; 3],
     gamma: f32,
-    grey: bool,
-    blur: bool,
     noise: f32,
     key: u64,
     relief_gain: f32,
-    without_image: bool,
-    without_depth: bool,
-    /// Whether depth is as if photos had been matched for it.
-    is_matched: bool,
-    /// Whether roofs and ground take colours that they do not have.
-    is_painted: bool,
     /// Standard deviation of the logarithm of light that changes over tens of pixels, and of a texture of a few.
     light: f32,
     texture: f32,
-    /// Whether a shadow falls over a part.
-    is_shaded: bool,
+    /// Changes that are made.
+    changes: Vec<Change>,
 }
 
 impl Looks {
@@ -45,18 +56,12 @@ impl Looks {
         Self {
             gain: [1.0; 3],
             gamma: 1.0,
-            grey: false,
-            blur: false,
             noise: 0.0,
             key: 0,
             relief_gain: 1.0,
-            without_image: false,
-            without_depth: false,
-            is_matched: false,
-            is_painted: false,
             light: 0.0,
             texture: 0.0,
-            is_shaded: false,
+            changes: Vec::new(),
         }
     }
 
@@ -67,29 +72,38 @@ impl Looks {
         let has = |i: Input| config.network.inputs.contains(&i);
         let (dropped, which): (bool, bool) = (rng.random_bool(a.drop), rng.random());
         let dropped = dropped && has(Input::Image) && has(Input::Depth);
-        Self {
-            gain,
-            gamma: (a.gamma * normal(rng)).exp() as f32,
-            grey: rng.random_bool(a.grey),
-            blur: rng.random_bool(a.blur),
-            noise: (a.noise / 255.0 * rng.random::<f64>()) as f32,
-            key: rng.random(),
-            relief_gain: (a.relief * normal(rng)).exp() as f32,
-            without_image: dropped && which,
-            without_depth: dropped && !which,
-            is_matched: rng.random_bool(a.matched),
-            is_painted: rng.random_bool(a.painted),
-            light: (a.light * rng.random::<f64>()) as f32,
-            texture: (a.texture * rng.random::<f64>()) as f32,
-            is_shaded: rng.random_bool(a.shaded),
-        }
+        // In this order: the same seed gives the same crops as ever.
+        let gamma = (a.gamma * normal(rng)).exp() as f32;
+        let (is_grey, is_blurred) = (rng.random_bool(a.grey), rng.random_bool(a.blur));
+        let noise = (a.noise / 255.0 * rng.random::<f64>()) as f32;
+        let key = rng.random();
+        let relief_gain = (a.relief * normal(rng)).exp() as f32;
+        let (is_matched, is_painted) = (rng.random_bool(a.matched), rng.random_bool(a.painted));
+        let light = (a.light * rng.random::<f64>()) as f32;
+        let texture = (a.texture * rng.random::<f64>()) as f32;
+        let is_shaded = rng.random_bool(a.shaded);
+        let changes = [
+            (Change::Grey, is_grey),
+            (Change::Blurred, is_blurred),
+            (Change::WithoutImage, dropped && which),
+            (Change::WithoutDepth, dropped && !which),
+            (Change::Matched, is_matched),
+            (Change::Painted, is_painted),
+            (Change::Shaded, is_shaded),
+        ];
+        let changes = changes.into_iter().filter_map(|(change, is_made)| is_made.then_some(change)).collect();
+        Self { gain, gamma, noise, key, relief_gain, light, texture, changes }
+    }
+
+    fn has(&self, change: Change) -> bool {
+        self.changes.contains(&change)
     }
 
     /// Relief at cells of a photo; outside it is the ground's 0.
     pub fn relief(&self, photo: &Photo, cells: &[Option<usize>], size: (usize, usize)) -> Vec<f32> {
-        let gain = if self.without_depth { 0.0 } else { self.relief_gain };
+        let gain = if self.has(Change::WithoutDepth) { 0.0 } else { self.relief_gain };
         let mut relief: Vec<f32> = cells.iter().map(|c| c.map_or(0.0, |c| gain * photo.relief[c])).collect();
-        if self.is_matched && !self.without_depth {
+        if self.has(Change::Matched) && !self.has(Change::WithoutDepth) {
             relief = as_if_matched(&relief, size, &mut seed::stream(self.key, "matched", &[]));
         }
         relief
@@ -104,22 +118,23 @@ impl Looks {
         size: (usize, usize),
         zoom: f64,
     ) -> Vec<f32> {
-        if self.without_image {
+        if self.has(Change::WithoutImage) {
             return vec![0.0; 3 * pixels.len()];
         }
         let is_exact = zoom == 1.0;
         let mut colours: Vec<[f32; 3]> =
             pixels.iter().map(|p| if is_exact { nearest(photo, *p) } else { bilinear(photo, *p) }).collect();
         let mut rng = seed::stream(self.key, "noise", &[]);
-        if self.is_painted {
+        if self.has(Change::Painted) {
             painted(&mut colours, photo, cells, &mut rng);
         }
         self.lit(&mut colours, size, &mut rng);
-        if self.blur {
+        if self.has(Change::Blurred) {
             colours = blurred(&colours, size);
         }
+        let is_grey = self.has(Change::Grey);
         for colour in &mut colours {
-            self.developed(colour, &mut rng);
+            self.developed(colour, is_grey, &mut rng);
         }
         let channel = |c: usize| colours.iter().map(move |v| (v[c] - MEAN[c]) / DEVIATION[c]);
         channel(0).chain(channel(1)).chain(channel(2)).collect()
@@ -133,7 +148,7 @@ impl Looks {
                 colours.iter_mut().zip(field).for_each(|(c, f)| *c = c.map(|v| v * (sd * f).exp()));
             }
         }
-        if self.is_shaded {
+        if self.has(Change::Shaded) {
             let (angle, dark) = (rng.random_range(0.0..std::f32::consts::TAU), rng.random_range(0.3..0.75));
             let (from, width) = (rng.random_range(-0.5..0.5), rng.random_range(0.05..0.4));
             let reach = size.0.max(size.1) as f32;
@@ -148,8 +163,8 @@ impl Looks {
     }
 
     /// One colour through another camera.
-    fn developed(&self, colour: &mut [f32; 3], rng: &mut impl Rng) {
-        if self.grey {
+    fn developed(&self, colour: &mut [f32; 3], is_grey: bool, rng: &mut impl Rng) {
+        if is_grey {
             *colour = [(colour[0] + colour[1] + colour[2]) / 3.0; 3];
         }
         for (value, gain) in colour.iter_mut().zip(self.gain) {

@@ -9,6 +9,7 @@ pub mod optimise;
 pub mod pictures;
 pub mod run;
 pub mod sample;
+pub mod start;
 
 use std::path::PathBuf;
 
@@ -29,6 +30,14 @@ pub struct TrainConfig {
     /// Folder of feature files, for a network with `features`: `FOLDER/SCENE/PHOTO.safetensors`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub features: Option<PathBuf>,
+    /// Network that the training begins with: a checkpoint, whose best parameters are taken, or what `export` wrote. It has to have the
+    /// same layers. Drawn from the seed where left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start: Option<PathBuf>,
+    /// Ground that a pixel of what the network sees covers at least, metres: finer photos are reduced to it, so that one size in pixels is
+    /// one size on the ground. Photos are seen as they are where left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pixel_m: Option<f64>,
     /// Side of what a network sees at once, pixels; a multiple of what its levels ask for, 32 with all defaults. With features
     /// the side that whole photos are brought to.
     pub crop_px: usize,
@@ -58,6 +67,8 @@ impl Default for TrainConfig {
             seed: 1,
             network: NetworkConfig::default(),
             features: None,
+            start: None,
+            pixel_m: None,
             crop_px: 192,
             at_seams: 0.0,
             batch: 8,
@@ -189,9 +200,17 @@ impl TrainConfig {
             let problem = "`features` and `network.features` go together: one is set without the other";
             return Err(TrainError::config(problem, "the folder of feature files, and their names and channels"));
         }
+        if self.pixel_m.is_some() && self.features.is_some() {
+            let problem = "`pixel_m` and `features` are both set";
+            return Err(TrainError::config(
+                problem,
+                "features are of whole photos: reduce the photos that they are made from",
+            ));
+        }
         let within = |value: f64, low: f64, high: f64| value >= low && value <= high;
         let (a, l) = (&self.augment, &self.loss);
         for (name, value, low, high) in [
+            ("pixel_m", self.pixel_m.unwrap_or(1.0), 0.01, 10.0),
             ("crop_px", self.crop_px as f64, 16.0, 4096.0),
             ("at_seams", self.at_seams, 0.0, 1.0),
             ("batch", self.batch as f64, 1.0, 1024.0),

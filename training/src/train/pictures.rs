@@ -67,10 +67,11 @@ fn line(picture: &mut RgbImage, from: (f64, f64), to: (f64, f64), colour: Rgb<u8
 }
 
 /// Photos one above the other: footprints on the ground in white, what is found in red, edges of roofs as found in cyan.
-pub(super) fn overlays(shown: &[(&Scene, Tensor)], path: &Path) -> Result<(), TrainError> {
+/// `shown`: photos, how many of their pixels a pixel of the logits is wide, and the logits.
+pub(super) fn overlays(shown: &[(&Scene, f64, Tensor)], path: &Path) -> Result<(), TrainError> {
     let mut rows = Vec::new();
     let mut size = (0, 0);
-    for (scene, logits) in shown {
+    for (scene, zoom, logits) in shown {
         let (_, _, height, width) = logits.dims4()?;
         if scene.photo.size.0 < width || scene.photo.size.1 < height || (size != (0, 0) && size.0 != width) {
             // Features at another size than the photo, or photos of different widths: the first kind is shown.
@@ -81,15 +82,12 @@ pub(super) fn overlays(shown: &[(&Scene, Tensor)], path: &Path) -> Result<(), Tr
             Ok(Raster::from_vec(width, height, values.iter().map(|v| *v > 0.0).collect()).expect("one per pixel"))
         };
         let (found, roof, middle) = (map(0)?, map(1)?, map(2)?);
-        let labels = Raster::from_vec(
-            width,
-            height,
-            (0..width * height).map(|i| scene.photo.ground[(i % width, i / width)]).collect(),
-        )
-        .expect("one per pixel");
+        let in_photo = |n: usize| ((n as f64 + 0.5) * zoom) as usize;
+        let label = |i: usize| scene.photo.ground[(in_photo(i % width), in_photo(i / width))];
+        let labels = Raster::from_vec(width, height, (0..width * height).map(label).collect()).expect("one per pixel");
         for row in 0..height {
             for col in 0..width {
-                let grey = scene.photo.rgb[row * scene.photo.size.0 + col];
+                let grey = scene.photo.rgb[in_photo(row) * scene.photo.size.0 + in_photo(col)];
                 let colour = if is_edge(&found, col, row) {
                     FOUND
                 } else if is_edge(&labels, col, row) {

@@ -1,5 +1,6 @@
 //! The loop: a step, now and then a look at the scenes for validation, a checkpoint, a line of the log and pictures.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -10,7 +11,7 @@ use super::checkpoint::{Checkpoint, Progress};
 use super::loss::{loss, overlap};
 use super::optimise::{Moments, learning_rate};
 use super::sample::{Batch, Scene};
-use super::{TrainConfig, features, pictures, sample};
+use super::{TrainConfig, features, pictures, sample, start};
 use crate::TrainError;
 use crate::dataset::Split;
 use crate::dataset::load::Set;
@@ -46,27 +47,30 @@ pub struct Training {
 }
 
 impl Training {
-    /// Gets a set's photos ready.
+    /// Gets the photos of one set or of several ready.
     ///
     /// # Errors
     /// [`TrainError`] for settings and sets that cannot be used.
-    pub fn new(config: TrainConfig, set: &Set, out: &Path) -> Result<Self, TrainError> {
+    pub fn new(config: TrainConfig, sets: &[Set], out: &Path) -> Result<Self, TrainError> {
         config.validate()?;
+        check_scenes(sets)?;
         let of = |split: Split| -> Result<Vec<Scene>, TrainError> {
-            let photos = set.photos(split)?;
+            let mut photos = Vec::new();
+            for set in sets {
+                photos.extend(set.photos(split)?);
+            }
             if photos.is_empty() {
+                let root = sets.first().map_or(Path::new(""), |set| &set.root);
                 let problem = format!("no photos for {:?}", split.name());
-                return Err(TrainError::set(
-                    &set.root,
-                    problem,
-                    "a set needs a scene with `split = \"train\"` and one with \"val\"",
-                ));
+                let hint = "a set needs a scene with `split = \"train\"` and one with \"val\"";
+                return Err(TrainError::set(root, problem, hint));
             }
             Scene::ready(photos, &config)
         };
         let (train, val) = (of(Split::Train)?, of(Split::Val)?);
-        let digest = FileEntry::of(&set.root.join(FILE))?.sha256;
-        Ok(Self { config, train, val, set: digest, out: out.to_owned(), device: device()? })
+        let digests = sets.iter().map(|set| Ok(FileEntry::of(&set.root.join(FILE))?.sha256));
+        let set = digests.collect::<Result<Vec<_>, TrainError>>()?.join(" ");
+        Ok(Self { config, train, val, set, out: out.to_owned(), device: device()? })
     }
 
     /// Trains, from the last checkpoint where there is one; `told` hears each line of the log. Stops after `most_steps` more
@@ -97,7 +101,10 @@ impl Training {
     }
 
     fn fresh(&self) -> Result<Checkpoint, TrainError> {
-        let parameters = Parameters::new(&self.config.network, self.config.seed, DType::F32, &self.device)?;
+        let parameters = match &self.config.start {
+            Some(path) => start::parameters(path, &self.config.network, &self.device)?,
+            None => Parameters::new(&self.config.network, self.config.seed, DType::F32, &self.device)?,
+        };
         let best = copy(&parameters)?;
         files::write_whole(&self.out.join(LOG), |w| w.write_all(HEADER.as_bytes()))?;
         Ok(Checkpoint {
@@ -173,7 +180,7 @@ impl Training {
             let (b, e) = overlap(&found, &batch)?;
             (both, either) = (both + b, either + e);
             if pictures::is_shown(i, self.val.len()) {
-                shown.push((scene, found));
+                shown.push((scene, sample::reduction(&scene.photo, &self.config), found));
             }
         }
         let (val_loss, iou) = (sum / self.val.len() as f64, if either > 0.0 { both / either } else { 1.0 });
@@ -210,6 +217,18 @@ impl Training {
         };
         network.write(&self.out.join(BEST))
     }
+}
+
+/// Checks that no scene is in two sets: what one set tests another one may learn from.
+fn check_scenes(sets: &[Set]) -> Result<(), TrainError> {
+    let mut names = BTreeSet::new();
+    for set in sets {
+        if let Some(twice) = set.manifest.scenes.iter().find(|scene| !names.insert(&scene.name)) {
+            let problem = format!("its scene {:?} is in another set, too", twice.name);
+            return Err(TrainError::set(&set.root, problem, "a scene is in one set and one split only"));
+        }
+    }
+    Ok(())
 }
 
 /// Parameters of their own with the same values.

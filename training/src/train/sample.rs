@@ -67,6 +67,12 @@ impl Scene {
     }
 }
 
+/// Pixels of a photo per pixel that the network sees, where crops are not zoomed: 1, or more where the photo is finer than
+/// `config.pixel_m`.
+pub(super) fn reduction(photo: &Photo, config: &TrainConfig) -> f64 {
+    config.pixel_m.map_or(1.0, |pixel_m| (pixel_m / photo.image.ground_sample_m).max(1.0))
+}
+
 /// Labels of roofs, unknown where it is not known what stands on the ground.
 fn known_roofs(photo: &Photo) -> Raster<u16> {
     let mut roofs = photo.roof.clone();
@@ -202,15 +208,15 @@ impl Placement {
         if self.flip { DVec2::new(-p.x, p.y) } else { p }
     }
 
-    /// A whole photo, as it is, from its top left corner.
-    pub fn plain((columns, rows): (usize, usize)) -> Self {
-        Self { centre: DVec2::new(columns as f64, rows as f64) * 0.5, zoom: 1.0, flip: false, quarters: 0 }
+    /// A whole photo from its top left corner, reduced by `zoom` to columns and rows.
+    pub fn plain((columns, rows): (usize, usize), zoom: f64) -> Self {
+        Self { centre: DVec2::new(columns as f64, rows as f64) * 0.5 * zoom, zoom, flip: false, quarters: 0 }
     }
 
     /// Around a pixel of a building or of a seam that is chosen anew, mostly; anywhere in the photo otherwise.
     fn random(scene: &Scene, config: &TrainConfig, rng: &mut impl Rng) -> Self {
         let (side, zoom) = (config.crop_px, config.augment.zoom);
-        let zoom = (1.0 + zoom).powf(rng.random_range(-1.0..=1.0));
+        let zoom = reduction(&scene.photo, config) * (1.0 + zoom).powf(rng.random_range(-1.0..=1.0));
         let reach = 0.5 * side as f64 * zoom;
         let (columns, rows) = scene.photo.size;
         let mut middle = DVec2::new(rng.random_range(0.0..columns as f64), rng.random_range(0.0..rows as f64));
@@ -256,16 +262,17 @@ pub fn of_step(scenes: &[Scene], config: &TrainConfig, step: usize, device: &Dev
     all.finish(device)
 }
 
-/// A whole photo without any change, cut down to multiples of `multiple`.
+/// A whole photo without any change but `config.pixel_m`, cut down to what the levels of the network ask for.
 ///
 /// # Errors
 /// [`TrainError::Tensor`].
 pub fn whole(scene: &Scene, config: &TrainConfig, device: &Device) -> Result<Batch, TrainError> {
     let multiple = config.network.multiple();
-    let cut = |n: usize| n / multiple * multiple;
+    let zoom = reduction(&scene.photo, config);
+    let cut = |n: usize| (n as f64 / zoom) as usize / multiple * multiple;
     let size = (cut(scene.photo.size.0), cut(scene.photo.size.1));
     let mut draft = Draft::new(config, size);
-    draft.add(scene, &Placement::plain(size), &Looks::plain());
+    draft.add(scene, &Placement::plain(size, zoom), &Looks::plain());
     draft.finish(device)
 }
 

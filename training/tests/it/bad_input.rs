@@ -7,6 +7,7 @@ use candle_core::{Device, Tensor};
 use sizeup_training::dataset::load::Set;
 use sizeup_training::dataset::manifest::{FILE, FileEntry, Manifest};
 use sizeup_training::dataset::{DatasetConfig, Split, make};
+use sizeup_training::measure::{Row, measure};
 use sizeup_training::network::evaluate::logits;
 use sizeup_training::network::parameters::Parameters;
 use sizeup_training::network::{FeatureConfig, Input, NetworkConfig};
@@ -72,7 +73,7 @@ fn a_set_with_something_wrong_says_what_and_where() {
     };
     refused(changed(&|c| c["images"][0]["off_nadir_deg"] = 31.0.into()), &["31.0° off the nadir", "15°"]);
     let without = |c: &mut serde_json::Value| {
-        c["annotations"].as_array_mut().unwrap().retain(|a| a["image_id"] != image.id as u64)
+        c["annotations"].as_array_mut().unwrap().retain(|a| a["image_id"] != image.id as u64);
     };
     refused(changed(&without), &[&image.file_name, "has no footprints"]);
     refused(changed(&|c| c["annotations"][0]["image_id"] = 999.into()), &["photo 999"]);
@@ -154,7 +155,7 @@ fn checkpoints_of_another_head_or_another_set_are_not_gone_on_with() {
     let (root, out) = (folder.path().join("set"), folder.path().join("out"));
     villages(&root);
     let set = Set::open(&root).unwrap();
-    let run = |config: TrainConfig| Training::new(config, &set, &out)?.run(Some(2), &|_| ());
+    let run = |config: TrainConfig| Training::new(config, std::slice::from_ref(&set), &out)?.run(Some(2), &|_| ());
     run(quick()).unwrap();
     let before = std::fs::read(out.join(LAST)).unwrap();
     let mut wider = quick();
@@ -164,6 +165,12 @@ fn checkpoints_of_another_head_or_another_set_are_not_gone_on_with() {
     let mut odd = quick();
     odd.crop_px = 60;
     refused(run(odd), &["crop_px = 60", "multiple of 8"]);
+    refused(run(TrainConfig { pixel_m: Some(0.0), ..quick() }), &["pixel_m = 0", "0.01 to 10"]);
+    let mut of_features = quick();
+    (of_features.pixel_m, of_features.features) = (Some(0.3), Some(folder.path().to_owned()));
+    of_features.network.inputs.clear();
+    of_features.network.features = vec![FeatureConfig { name: "geo".to_owned(), channels: 3 }];
+    refused(run(of_features), &["`pixel_m` and `features` are both set"]);
     let mut blind = quick();
     blind.network.inputs = Vec::new();
     refused(run(blind), &["inputs = []"]);
@@ -180,6 +187,54 @@ fn checkpoints_of_another_head_or_another_set_are_not_gone_on_with() {
     swapped[at + 14] = b'8';
     std::fs::write(&path, &swapped).unwrap();
     refused(Checkpoint::read(&path, &Device::Cpu), &["expected [8,", "found [4,"]);
+}
+
+#[test]
+fn networks_that_a_training_cannot_begin_with_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let (root, out) = (folder.path().join("set"), folder.path().join("out"));
+    villages(&root);
+    let set = Set::open(&root).unwrap();
+    Training::new(quick(), std::slice::from_ref(&set), &out).unwrap().run(Some(2), &|_| ()).unwrap();
+    let best = out.join("best.safetensors");
+    let onnx = folder.path().join("network.onnx");
+    sizeup_training::export::write(&Checkpoint::read(&best, &Device::Cpu).unwrap(), 64, &onnx).unwrap();
+    let begun = |start: &Path, config: TrainConfig| {
+        let config = TrainConfig { start: Some(start.to_owned()), ..config };
+        let new = folder.path().join("new");
+        Training::new(config, std::slice::from_ref(&set), &new)?.run(Some(0), &|_| ())
+    };
+    let mut wider = quick();
+    wider.network.decoder = 16;
+    refused(begun(&best, wider.clone()), &["best.safetensors", "\"decoder\":8", "\"decoder\":16"]);
+    refused(begun(&onnx, wider), &["network.onnx", "expected [16", "`start`"]);
+    let mut shallower = quick();
+    shallower.network.widths.pop();
+    refused(begun(&onnx, shallower), &["network.onnx", "which the network to train has not"]);
+    let mut deeper = quick();
+    deeper.network.texture.push(8);
+    refused(begun(&onnx, deeper), &["network.onnx", "it lacks texture."]);
+    let row = Row::Network {
+        name: "blind".to_owned(),
+        path: onnx.clone(),
+        tile: 64,
+        dip: None,
+        pixel_m: None,
+        looks: 1,
+        without: Some(Input::Depth),
+    };
+    refused(measure(&set, Split::Val, &[row], None), &["network.onnx", "without \"depth\"", "checkpoint"]);
+    let bytes = std::fs::read(&onnx).unwrap();
+    let path = folder.path().join("cut.onnx");
+    std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+    refused(begun(&path, quick()), &["cut.onnx", "it is cut off"]);
+    std::fs::write(&path, "no network at all").unwrap();
+    refused(begun(&path, quick()), &["cut.onnx", "neither a checkpoint nor an ONNX file"]);
+    let missing = begun(&folder.path().join("missing.onnx"), quick()).unwrap_err().to_string();
+    assert!(missing.contains("missing.onnx"), "{missing}");
+    let sets = [Set::open(&root).unwrap(), Set::open(&root).unwrap()];
+    refused(Training::new(quick(), &sets, &out), &["scene \"a\" is in another set"]);
+    refused(Training::new(quick(), &[], &out), &["no photos for \"train\""]);
 }
 
 #[test]
@@ -246,7 +301,7 @@ fn a_full_disk_leaves_the_last_checkpoint_whole() {
     villages(&root);
     let config = folder.path().join("train.toml");
     std::fs::write(&config, toml::to_string(&quick()).unwrap()).unwrap();
-    Training::new(quick(), &Set::open(&root).unwrap(), &out).unwrap().run(Some(3), &|_| ()).unwrap();
+    Training::new(quick(), &[Set::open(&root).unwrap()], &out).unwrap().run(Some(3), &|_| ()).unwrap();
     let before = std::fs::read(out.join(LAST)).unwrap();
     let program = env!("CARGO_BIN_EXE_sizeup-train");
     let limit_kib = before.len() / 2048;

@@ -58,7 +58,7 @@ fn one_photo_is_learned_by_heart_and_sizeup_draws_the_same() {
     // Through sizeup's own code, on that photo alone.
     let path = folder.path().join("heart.safetensors");
     checkpoint(config, parameters).write(&path).unwrap();
-    set.manifest.files.retain(|name, _| !name.ends_with(".json"));
+    set.manifest.files.retain(|name, _| Path::new(name).extension().is_none_or(|e| e != "json"));
     let mut coco: serde_json::Value = serde_json::from_slice(&std::fs::read(root.join("train.json")).unwrap()).unwrap();
     let id = scene.photo.image.id as u64;
     coco["images"].as_array_mut().unwrap().retain(|i| i["id"] == id);
@@ -66,7 +66,15 @@ fn one_photo_is_learned_by_heart_and_sizeup_draws_the_same() {
     std::fs::write(root.join("train.json"), coco.to_string()).unwrap();
     let entry = sizeup_training::dataset::manifest::FileEntry::of(&root.join("train.json")).unwrap();
     set.manifest.files.insert("train.json".to_owned(), entry);
-    let rows = [Row::Network { name: "by heart".to_owned(), path, tile: 128, dip: None, without: None }];
+    let rows = [Row::Network {
+        name: "by heart".to_owned(),
+        path,
+        tile: 128,
+        dip: None,
+        pixel_m: None,
+        looks: 1,
+        without: None,
+    }];
     let measured = &measure(&set, Split::Train, &rows, None).unwrap()[0];
     // That its row houses stay apart takes more steps than a test has: only the area is held here.
     assert!(measured.instances.n_truth >= 4 && measured.iou_of_pixels > 0.9, "{measured:?}");
@@ -86,7 +94,7 @@ fn what_a_network_is_to_say_of_roofs_makes_better_footprints_than_what_is_visibl
 }
 
 fn run(set: &Set, out: &Path, most_steps: Option<usize>) -> Checkpoint {
-    Training::new(quick(), set, out).unwrap().run(most_steps, &|_| ()).unwrap()
+    Training::new(quick(), std::slice::from_ref(set), out).unwrap().run(most_steps, &|_| ()).unwrap()
 }
 
 #[test]
@@ -104,6 +112,65 @@ fn a_training_that_was_killed_goes_on_to_the_same_bits() {
     for file in [LAST, LOG, "best.safetensors", "curve.png", "val.png"] {
         let read = |folder: &Path| std::fs::read(folder.join(file)).unwrap();
         assert!(read(&whole) == read(&killed), "{file} differs");
+    }
+}
+
+/// Photos of some 0.5 m per pixel, reduced to 1 m: half the pixels each way, as much of them built on; coarser ones are as they are.
+#[test]
+fn photos_finer_than_a_network_sees_are_reduced() {
+    let folder = tempfile::tempdir().unwrap();
+    villages(&folder.path().join("set"));
+    let set = Set::open(&folder.path().join("set")).unwrap();
+    let photos = set.photos(Split::Train).unwrap();
+    let pixel_m = photos[0].image.ground_sample_m;
+    assert!((0.4..0.7).contains(&pixel_m), "{pixel_m}");
+    let seen = |pixel_m: f64| {
+        let config = TrainConfig { pixel_m: Some(pixel_m), ..quick() };
+        let scene = &Scene::ready(vec![photos[0].clone()], &config).unwrap()[0];
+        let target = whole(scene, &config, &Device::Cpu).unwrap().target;
+        let built = target.narrow(1, 0, 1).unwrap().mean_all().unwrap().to_scalar::<f32>().unwrap();
+        (target.dims()[2..].to_vec(), built)
+    };
+    let (size, built) = seen(0.5 * pixel_m);
+    let (reduced_size, reduced) = seen(2.0 * pixel_m);
+    assert_eq!((size, reduced_size), (vec![128, 160], vec![64, 80]));
+    assert!(built > 0.03 && (built - reduced).abs() < 0.1 * built, "{built} {reduced}");
+    let out = folder.path().join("out");
+    let config = TrainConfig { pixel_m: Some(1.0), steps: 2, ..quick() };
+    Training::new(config, std::slice::from_ref(&set), &out).unwrap().run(None, &|_| ()).unwrap();
+    assert!(out.join("val.png").exists());
+}
+
+/// A network that was exported, or the checkpoint that it was exported from: a training begins with the same numbers, and learns from two sets.
+#[test]
+fn a_training_goes_on_from_another_ones_network_with_more_photos() {
+    let folder = tempfile::tempdir().unwrap();
+    villages(&folder.path().join("set"));
+    let text = crate::scene::VILLAGES.replace("name = \"", "name = \"more-").replace("seed = 5", "seed = 6");
+    let more = folder.path().join("more");
+    sizeup_training::dataset::make::make(&toml::from_str(&text).unwrap(), &more, &|_| ()).unwrap();
+    let set = Set::open(&folder.path().join("set")).unwrap();
+    let first = run(&set, &folder.path().join("first"), None);
+    let best = folder.path().join("first/best.safetensors");
+    let onnx = folder.path().join("first.onnx");
+    export::write(&Checkpoint::read(&best, &Device::Cpu).unwrap(), 64, &onnx).unwrap();
+    let values = |p: &Parameters| -> Vec<Vec<f32>> {
+        p.vars.values().map(|v| v.as_tensor().flatten_all().unwrap().to_vec1().unwrap()).collect()
+    };
+    for (start, out) in [(best, "from-checkpoint"), (onnx, "from-onnx")] {
+        let config = TrainConfig { start: Some(start), seed: 2, ..quick() };
+        let sets = [Set::open(&folder.path().join("set")).unwrap(), Set::open(&more).unwrap()];
+        let training = Training::new(config.clone(), &sets, &folder.path().join(out)).unwrap();
+        assert_eq!(values(&training.run(Some(0), &|_| ()).unwrap().parameters), values(&first.best));
+        let n_photos = |set: &Set| set.manifest.scenes.iter().map(|s| s.n_photos).sum::<usize>();
+        let told = std::cell::RefCell::new(String::new());
+        let state = training.run(None, &|line| told.borrow_mut().push_str(line)).unwrap();
+        assert_ne!(values(&state.parameters), values(&first.best));
+        let n_train = sets.iter().map(n_photos).sum::<usize>() - set.photos(Split::Val).unwrap().len() * 2;
+        assert!(told.borrow().contains(&format!("{n_train} photos")), "{n_train}: {}", told.borrow());
+        // The sets belong to it: it does not go on with one of them alone.
+        let alone = Training::new(config, &sets[..1], &folder.path().join(out)).unwrap().run(None, &|_| ());
+        assert!(alone.unwrap_err().to_string().contains("another set"));
     }
 }
 

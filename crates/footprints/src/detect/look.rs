@@ -44,6 +44,7 @@ pub(super) fn look_at(
     let look = Look {
         min_area_px2: SPECK_SHARE * settings.consensus.min_area_m2 / (pixel_m * pixel_m),
         tolerance_px: CONTOUR_SHARE * settings.consensus.tolerance_m / pixel_m,
+        pixel_m,
     };
     let found = source.contours(view, look)?;
     let n_found = found.len();

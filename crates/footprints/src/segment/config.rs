@@ -34,7 +34,17 @@ pub struct SegmenterConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-expert" = true))]
     pub custom: Option<SegmenterProfile>,
-    /// Side of a tile, pixels of the photo; the network's own side where left out, so that nothing is resized.
+    /// Ground that a pixel of what the network sees covers at least, metres: finer photos are reduced to it. 0.34 for the network that
+    /// comes with sizeup; photos are seen as they are where left out for a network of your own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = true))]
+    pub pixel_m: Option<f64>,
+    /// Number of looks at each tile, 1, 2 or 4: as it is, then turned over across, and the other way up. What is said is averaged, and takes
+    /// as many times as long. Not for networks of instances. 4 for the network that comes with sizeup, else 1 where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-expert" = true))]
+    pub looks: Option<usize>,
+    /// Side of a tile, pixels of the photo; in place of `pixel_m`. The network's own side, reduced by `pixel_m`, where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-expert" = true))]
     pub tile_px: Option<usize>,
@@ -93,6 +103,8 @@ impl SegmenterConfig {
             backbones: BTreeMap::new(),
             profile: Some(profile.to_owned()),
             custom: None,
+            pixel_m: None,
+            looks: None,
             tile_px: None,
             overlap: default_overlap(),
             above: default_above(),
@@ -166,6 +178,15 @@ impl SegmenterConfig {
         if !is_share(self.above) || !is_share(self.min_score) || !(0.0..=0.5).contains(&self.overlap) {
             let found = format!("above = {}, min_score = {}, overlap = {}", self.above, self.min_score, self.overlap);
             return refuse(found, "shares from 0 to 1; the overlap from 0 to 0.5");
+        }
+        if let Some(looks) = self.looks.filter(|looks| !matches!(looks, 1 | 2 | 4)) {
+            return refuse(format!("looks = {looks}"), "1, 2 or 4 looks at each tile");
+        }
+        if let Some(pixel_m) = self.pixel_m.filter(|m| !(0.01..=10.0).contains(m)) {
+            return refuse(format!("pixel_m = {pixel_m}"), "metres of ground per pixel, 0.01 to 10");
+        }
+        if self.pixel_m.is_some() && self.tile_px.is_some() {
+            return refuse("both `pixel_m` and `tile_px` are set".to_owned(), "either says how far photos are reduced");
         }
         if self.tile_px.is_some_and(|tile| tile < 16) {
             return refuse("`tile_px` is below 16".to_owned(), "a tile is at least 16 pixels wide");

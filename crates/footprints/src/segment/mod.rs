@@ -12,6 +12,7 @@ pub mod roofs;
 mod run;
 mod small;
 mod tiles;
+mod turned;
 pub mod valleys;
 
 use std::path::PathBuf;
@@ -24,6 +25,7 @@ use self::apart::{Apart, split};
 use self::profile::Gives;
 use self::roofs::{Maps, footprints};
 use self::tiles::{Joiner, Mosaic, at_photo_size};
+use self::turned::TurnedOver;
 use super::contours::{ContourSource, Look, ViewFault};
 use super::vectorise::{Contour, Instances, MaskFault, Vectorising, contours, contours_at_level};
 use sizeup_geo::geodata::raster::RasterFile;
@@ -46,7 +48,7 @@ impl ContourSource for Segmenter {
             });
         }
         let geometry = self.geometry_of(view)?;
-        let tile_px = self.tile_px();
+        let tile_px = self.tile_px(size, look.pixel_m);
         let windows = tiles::tiles(size, tile_px, (self.config.overlap * tile_px as f64) as usize);
         let how = Vectorising {
             instances: Instances::ByLabel,
@@ -58,14 +60,15 @@ impl ContourSource for Segmenter {
             Gives::Semantic | Gives::Roofs => {
                 let n_maps = if self.profile.gives == Gives::Roofs { 5 } else { 2 };
                 let mut mosaics: Vec<Mosaic> = Vec::new();
-                for tile in windows {
-                    let (masks, _, _) = self.look(&photo, &geometry, tile)?;
+                let looks = || TurnedOver::first(self.looks());
+                for (tile, turned) in windows.into_iter().flat_map(|tile| looks().map(move |turned| (tile, turned))) {
+                    let (masks, _, _) = self.look(&photo, &geometry, tile, turned)?;
                     // Of more channels, the first are what the profile speaks of.
-                    for (i, map) in self.maps(&masks)?.iter().take(n_maps).enumerate() {
+                    for (i, map) in self.maps(&masks)?.into_iter().take(n_maps).enumerate() {
                         if mosaics.len() == i {
                             mosaics.push(Mosaic::new(size.0, size.1));
                         }
-                        mosaics[i].add(tile, &at_photo_size(map, tile));
+                        mosaics[i].add(tile, &at_photo_size(&turned.map(map), tile));
                     }
                 }
                 let maps: Vec<Raster<f32>> = mosaics.into_iter().map(Mosaic::finish).collect();
@@ -90,7 +93,7 @@ impl ContourSource for Segmenter {
             Gives::Instances => {
                 let mut joiner = Joiner::new(size.0, size.1);
                 for tile in windows {
-                    let (masks, scores, presence) = self.look(&photo, &geometry, tile)?;
+                    let (masks, scores, presence) = self.look(&photo, &geometry, tile, TurnedOver::default())?;
                     let maps = self.maps(&masks)?;
                     let scored = maps.into_iter().enumerate().map(|(i, map)| {
                         let score = presence * scores.as_ref().map_or(1.0, |s| s.get(i).copied().unwrap_or(0.0));

@@ -6,6 +6,8 @@ use super::config::SegmenterConfig;
 use super::geometry::{self, Lean, relief};
 use super::profile::{Activation, SegmenterProfile, port};
 use super::small;
+use super::tiles;
+use super::turned::TurnedOver;
 use crate::contours::ViewFault;
 use crate::layer::FootprintError;
 use sizeup_geo::geodata::raster::{CellWindow, RasterFile, Resampling};
@@ -203,22 +205,37 @@ impl Segmenter {
         Ok(Geometry { relief, lean })
     }
 
-    pub(super) fn tile_px(&self) -> usize {
+    fn is_built_in(&self) -> bool {
+        self.config.model.is_none()
+    }
+
+    /// Number of looks at each tile.
+    pub(super) fn looks(&self) -> usize {
+        self.config.looks.unwrap_or(if self.is_built_in() { small::LOOKS } else { 1 })
+    }
+
+    /// Side of a tile of a photo of this size, its pixels, each of which covers `pixel_m` of the ground: the network's own side, or more of
+    /// a photo that is finer than the network is to see.
+    pub(super) fn tile_px(&self, photo: (usize, usize), pixel_m: f64) -> usize {
         let side = |inlet: &Inlet| inlet.side.0.max(inlet.side.1);
         let own = self.inlet.as_ref().map(side);
         let first = || {
             let (columns, rows) = self.geometry_side();
             self.backbones.first().map_or(columns.max(rows), |(_, inlet, _)| side(inlet))
         };
-        self.config.tile_px.unwrap_or_else(|| own.unwrap_or_else(first))
+        let side = own.unwrap_or_else(first);
+        let seen_m = self.config.pixel_m.or_else(|| self.is_built_in().then_some(small::PIXEL_M));
+        let reduced = || seen_m.map_or(side, |seen_m| tiles::reduced_side(side, photo, seen_m / pixel_m));
+        self.config.tile_px.unwrap_or_else(reduced)
     }
 
-    /// Masks and, where there are any, scores of a tile.
+    /// Masks and, where there are any, scores of a tile, looked at turned over; masks are turned over as the tile was.
     pub(super) fn look(
         &self,
         photo: &RasterFile,
         geometry: &Geometry,
         tile: CellWindow,
+        turned: TurnedOver,
     ) -> Result<(Tensor, Option<Vec<f32>>, f32), ViewFault> {
         let unusable = |e: &dyn std::error::Error| ViewFault::Photo { reason: e.to_string() };
         let failed = |e: OnnxError| {
@@ -227,10 +244,11 @@ impl Segmenter {
         };
         let mut given: Vec<(String, Tensor)> = Vec::new();
         if let Some(inlet) = &self.inlet {
-            given.push((inlet.name.clone(), image(photo, tile, inlet).map_err(|e| unusable(&e))?));
+            let input = image(photo, tile, inlet).map_err(|e| unusable(&e))?;
+            given.push((inlet.name.clone(), turned.tensor(input)));
         }
         for (graph, inlet, features) in &self.backbones {
-            let input = image(photo, tile, inlet).map_err(|e| unusable(&e))?;
+            let input = turned.tensor(image(photo, tile, inlet).map_err(|e| unusable(&e))?);
             let names: Vec<&str> = features.iter().map(String::as_str).collect();
             let found = graph.run_many(&[(&inlet.name, &input)], &names).map_err(failed)?;
             given.extend(features.iter().cloned().zip(found));
@@ -238,11 +256,11 @@ impl Segmenter {
         let side = self.geometry_side();
         if let (Some(Depth { name, .. }), Some(relief)) = (&self.depth, &geometry.relief) {
             let values = geometry::resample(relief, photo.size(), tile, side);
-            given.push((name.clone(), Tensor { shape: vec![1, 1, side.1, side.0], values }));
+            given.push((name.clone(), turned.tensor(Tensor { shape: vec![1, 1, side.1, side.0], values })));
         }
         if let Some(name) = &self.lean {
             let values = geometry.lean.of_tile(tile, side);
-            given.push((name.clone(), Tensor { shape: vec![1, 2, side.1, side.0], values }));
+            given.push((name.clone(), turned.lean(Tensor { shape: vec![1, 2, side.1, side.0], values })));
         }
         let inputs: Vec<(&str, &Tensor)> = given.iter().map(|(name, tensor)| (name.as_str(), tensor)).collect();
         let wanted: Vec<&str> = [Some(&self.masks), self.scores.as_ref(), self.presence.as_ref()]

@@ -13,6 +13,12 @@ const SAME_SHARE: f64 = 0.5;
 /// Least weight of a pixel at a tile's border.
 const BORDER_WEIGHT: f32 = 0.02;
 
+/// Side of a tile that a network of `side` pixels sees reduced by `factor`; never enlarged, and no more than a square of the photo, so that it is
+/// reduced alike in both directions.
+pub(super) fn reduced_side(side: usize, photo: (usize, usize), factor: f64) -> usize {
+    ((side as f64 * factor).round() as usize).min(photo.0).min(photo.1).max(side)
+}
+
 /// Tiles of a photo, at most `tile_px` wide and high, `overlap_px` shared with the next one; all of one size.
 pub(super) fn tiles((width, height): (usize, usize), tile_px: usize, overlap_px: usize) -> Vec<CellWindow> {
     let starts = |n: usize| -> Vec<usize> {
@@ -164,6 +170,15 @@ mod tests {
             assert!(pair[0].col + pair[0].width >= pair[1].col + 64 || pair[1].col + 512 == 1000);
         }
         assert_eq!(tiles((300, 200), 512, 64), [CellWindow { col: 0, row: 0, width: 300, height: 200 }]);
+    }
+
+    /// A network of 256 pixels that sees 0.34 m per pixel: photos of 0.085 m are reduced to a quarter, coarser ones than 0.34 m are not enlarged.
+    #[test]
+    fn fine_photos_are_reduced_as_far_as_they_reach() {
+        assert_eq!(reduced_side(256, (4000, 3000), 0.34 / 0.085), 1024);
+        assert_eq!(reduced_side(256, (4000, 3000), 0.34 / 0.5), 256);
+        assert_eq!(reduced_side(256, (480, 360), 0.34 / 0.2), 360);
+        assert_eq!(reduced_side(256, (480, 200), 0.34 / 0.2), 256);
     }
 
     /// A building over a seam, and one beside it in the second tile only.

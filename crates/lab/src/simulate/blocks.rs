@@ -27,7 +27,7 @@ pub(super) type Lot = (BuildingForm, Placement, BuildingKind);
 pub(super) fn rhythms(kind: TownKind) -> (Rhythm, Rhythm) {
     let rhythm = |low, high, street_m| Rhythm { block_m: (low, high), street_m };
     match kind {
-        TownKind::Village => (rhythm(66.0, 84.0, 10.0), rhythm(52.0, 60.0, 9.0)),
+        TownKind::Village | TownKind::Suburb => (rhythm(66.0, 84.0, 10.0), rhythm(52.0, 60.0, 9.0)),
         TownKind::District => (rhythm(74.0, 94.0, 14.0), rhythm(66.0, 76.0, 14.0)),
         TownKind::Downtown => (rhythm(74.0, 88.0, 20.0), rhythm(64.0, 74.0, 18.0)),
         TownKind::Industry => (rhythm(112.0, 140.0, 13.0), rhythm(84.0, 100.0, 13.0)),
@@ -39,6 +39,7 @@ pub(super) fn fill(kind: TownKind, size: DVec2, rng: &mut ChaCha8Rng) -> Vec<Lot
     let dice = rng.random::<f64>();
     match kind {
         TownKind::Village => village(size, rng),
+        TownKind::Suburb => suburb(size, rng),
         TownKind::District if dice < 0.25 => closed_block(size, rng),
         TownKind::District if dice < 0.55 => town_rows(size, rng),
         TownKind::District if dice < 0.78 => angled(size, rng),
@@ -137,6 +138,84 @@ fn row(
         lots.push((form, front, BuildingKind::RowHouse));
         x = end;
     }
+}
+
+/// Houses whose width does not tell whether they stand alone: lone ones, pairs and rows side by side along both streets.
+fn suburb(size: DVec2, rng: &mut ChaCha8Rng) -> Vec<Lot> {
+    let mut lots = Vec::new();
+    for front in fronts(size) {
+        let mut x = SETBACK_M + between(rng, 0.0, 4.0);
+        loop {
+            let dice = rng.random::<f64>();
+            let widths: Vec<f64> = if dice < 0.5 {
+                vec![between(rng, 8.0, 16.0)]
+            } else {
+                let n = if dice < 0.75 { 2 } else { 3 + usize::from(happens(rng, 0.5)) };
+                let (narrow, wide) = if happens(rng, 0.3) { (9.5, 12.5) } else { (5.0, 9.5) };
+                (0..n).map(|_| between(rng, narrow, wide)).collect()
+            };
+            let length: f64 = widths.iter().sum();
+            if x + length > size.x - SETBACK_M {
+                break;
+            }
+            let back = between(rng, SETBACK_M, SETBACK_M + 3.0);
+            let depth = between(rng, 7.0, 11.0);
+            if let [width] = widths[..] {
+                lots.push(lone(front, Rect::sized(x, back, width, depth), rng));
+            } else {
+                lots.extend(joined(front, DVec2::new(x, back), depth, &widths, rng));
+            }
+            x += length + between(rng, GAP_M + 0.5, 8.0);
+        }
+    }
+    lots
+}
+
+/// A house that stands alone, under any roof; its ridge runs along its front or across it.
+fn lone(front: Placement, body: Rect, rng: &mut ChaCha8Rng) -> Lot {
+    let is_across = happens(rng, if body.dy() > body.dx() { 0.8 } else { 0.2 });
+    let (long, deep) = if is_across { (body.dy(), body.dx()) } else { (body.dx(), body.dy()) };
+    let own = Rect::sized(-0.5 * long, -0.5 * deep, long, deep);
+    let eave = between(rng, 3.0, 6.5);
+    let ridge = eave + rise(deep, between(rng, 24.0, if deep > 11.0 { 34.0 } else { 44.0 }));
+    let dice = rng.random::<f64>();
+    let form = if dice < 0.45 {
+        form::gable(own, eave, ridge)
+    } else if dice < 0.7 {
+        form::hip(own, eave, ridge)
+    } else if dice < 0.94 {
+        form::flat(vec![own.ring()], eave)
+    } else {
+        form::stacked(&[(own, eave), (own.inset(1.5), eave + between(rng, 2.5, 3.5))])
+    };
+    let centre = DVec2::new(0.5 * (body.x0 + body.x1), 0.5 * (body.y0 + body.y1));
+    (form, front.then(centre, if is_across { FRAC_PI_2 } else { 0.0 }), BuildingKind::House)
+}
+
+/// Houses that share walls: of one height or of several, under one ridge, or each under a gable or a flat roof of its own.
+fn joined(front: Placement, corner: DVec2, depth: f64, widths: &[f64], rng: &mut ChaCha8Rng) -> Vec<Lot> {
+    let (eave, pitch) = (between(rng, 3.0, 6.5), between(rng, 24.0, 40.0));
+    let has_one_eave = happens(rng, 0.4);
+    let (has_own_gables, is_flat) = (happens(rng, 0.25), happens(rng, 0.3));
+    let mut x = corner.x;
+    widths
+        .iter()
+        .map(|width| {
+            let body = Rect { x0: x, x1: x + width, y0: corner.y, y1: corner.y + depth };
+            x = body.x1;
+            let eave = if has_one_eave { eave } else { (eave + between(rng, -1.2, 1.2)).max(3.0) };
+            if is_flat || happens(rng, 0.1) {
+                (form::flat(vec![body.ring()], eave), front, BuildingKind::RowHouse)
+            } else if has_own_gables {
+                let own = Rect::sized(-0.5 * depth, -0.5 * width, depth, *width);
+                let centre = DVec2::new(body.x0 + 0.5 * width, corner.y + 0.5 * depth);
+                let gable = form::gable(own, eave, eave + rise(*width, pitch));
+                (gable, front.then(centre, FRAC_PI_2), BuildingKind::RowHouse)
+            } else {
+                (form::gable(body, eave, eave + rise(depth, pitch)), front, BuildingKind::RowHouse)
+            }
+        })
+        .collect()
 }
 
 fn town_rows(size: DVec2, rng: &mut ChaCha8Rng) -> Vec<Lot> {

@@ -359,7 +359,7 @@ mod tests {
 
     #[test]
     fn roofs_tile_their_footprints_whatever_stands_in_a_block() {
-        for kind in [TownKind::Village, TownKind::District, TownKind::Downtown, TownKind::Industry] {
+        for kind in [TownKind::Village, TownKind::Suburb, TownKind::District, TownKind::Downtown, TownKind::Industry] {
             for i in 0..40 {
                 let mut rng = sizeup_heights::seed::stream(5, "test", &[i]);
                 for (form, ..) in blocks::fill(kind, DVec2::new(85.0, 74.0), &mut rng) {

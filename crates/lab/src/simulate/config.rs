@@ -70,6 +70,8 @@ impl Default for SimulateConfig {
 pub enum TownKind {
     /// Low pitched houses and rows, 3 to 12 m.
     Village,
+    /// Lone houses of 8 to 16 m, pairs, and rows of houses of 5 to 12 m, of all kinds of roofs, 3 to 12 m: no width tells them apart.
+    Suburb,
     /// Courtyard blocks, rows that share walls, slabs, L and U shapes, 6 to 35 m.
     #[default]
     District,

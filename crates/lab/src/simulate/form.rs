@@ -90,11 +90,11 @@ impl Rect {
         self.ring().into_iter().rev().collect()
     }
 
-    fn dx(self) -> f64 {
+    pub(super) fn dx(self) -> f64 {
         self.x1 - self.x0
     }
 
-    fn dy(self) -> f64 {
+    pub(super) fn dy(self) -> f64 {
         self.y1 - self.y0
     }
 }

@@ -98,7 +98,8 @@ mod tests {
         build(&config).unwrap()
     }
 
-    const KINDS: [TownKind; 4] = [TownKind::Village, TownKind::District, TownKind::Downtown, TownKind::Industry];
+    const KINDS: [TownKind; 5] =
+        [TownKind::Village, TownKind::Suburb, TownKind::District, TownKind::Downtown, TownKind::Industry];
 
     #[test]
     fn footprints_are_valid_and_do_not_overlap() {
@@ -130,10 +131,34 @@ mod tests {
         assert!(rows.len() > 15 && sharing == rows.len(), "{sharing} of {}", rows.len());
     }
 
+    /// From 8 m to 12 m, and from 10 m to 16 m for two together, there are lone houses and parts of rows.
+    #[test]
+    fn no_width_tells_lone_houses_of_a_suburb_from_rows() {
+        let world = town(TownKind::Suburb, 250);
+        let widths = |kind: BuildingKind| -> Vec<f64> {
+            let of_kind = world.buildings.iter().filter(|b| b.kind == kind);
+            let longest = |b: &SimulatedBuilding| {
+                let ring = open_ring(b.footprint.exterior());
+                (0..ring.len()).map(|i| ring[i].distance(ring[(i + 1) % ring.len()])).fold(0.0, f64::max)
+            };
+            of_kind.map(longest).collect()
+        };
+        let (lone, joined) = (widths(BuildingKind::House), widths(BuildingKind::RowHouse));
+        assert!(lone.len() > 60 && joined.len() > 100 && lone.len() + joined.len() == 250, "{} lone", lone.len());
+        let n_within = |widths: &[f64], low: f64, high: f64| widths.iter().filter(|w| (low..high).contains(*w)).count();
+        for (low, high) in [(8.0, 10.0), (10.0, 12.0)] {
+            assert!(n_within(&lone, low, high) > 8 && n_within(&joined, low, high) > 8, "{low} to {high} m");
+        }
+        assert!(n_within(&lone, 12.0, 16.1) > 20);
+        let roofs: BTreeSet<RoofKind> = world.buildings.iter().map(|b| b.roof).collect();
+        assert_eq!(roofs.len(), 4, "flat, gable, hip, stepped");
+    }
+
     #[test]
     fn towns_have_their_forms_and_heights() {
         for (kind, low, high) in [
             (TownKind::Village, 3.0, 12.0),
+            (TownKind::Suburb, 3.0, 12.5),
             (TownKind::District, 3.0, 45.0),
             (TownKind::Downtown, 3.0, 120.0),
             (TownKind::Industry, 5.0, 19.0),
