@@ -19,19 +19,19 @@ use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::rays::Rays;
 use super::score::Correlation;
-use super::search::{Range, SweepView, sweep};
+use super::search::{Finding, Range, SweepView, SweepViews, find_roofs, sweep};
 use super::solve::{Problem, ViewInput};
 use super::straighten::GroundCurve;
 use crate::prior::DepthPrior;
 use crate::stats::{jackknife_sigma, parabola_peak};
 
 /// Buildings that are asked at most, and views of each.
-const N_BUILDINGS: usize = 32;
+const N_BUILDINGS: usize = 24;
 const N_VIEWS: usize = 6;
 /// Fewer views of a building do not tell a shift from a height.
 const MIN_VIEWS: usize = 3;
 /// So many buildings bring their views along, the others take part where these see them: priors of few views are held in memory.
-const N_LEADING: usize = 10;
+const N_LEADING: usize = 6;
 /// Fewer buildings than this say nothing about a layer.
 const MIN_BUILDINGS: usize = 8;
 /// Longest mean of the directions that a building is seen from, as unit vectors on the map: 0 from all sides, 1 from one.
@@ -42,7 +42,7 @@ const STEP_M: f64 = 1.0;
 const MAX_ROUNDS: usize = 8;
 /// Least distance that is told, metres, if not three standard deviations.
 const MIN_APART_M: f64 = 0.75;
-/// Least share of the buildings that are explained better there.
+/// Least share of the buildings that are explained better there, whatever the forms of their roofs.
 const MIN_AGREEING: f64 = 0.7;
 
 /// How far a layer of footprints lies from where the photos show its buildings.
@@ -152,7 +152,6 @@ fn pixel_on_ground_m(problem: &Problem<'_>, views_of: &[Vec<usize>]) -> f64 {
 impl Trial<'_> {
     fn search(&self, asked: &[usize], step_m: f64) -> Option<Apart> {
         let mut at = DVec2::ZERO;
-        let unmoved = self.scores(at, asked);
         let mut is_settled = false;
         for _ in 0..MAX_ROUNDS {
             let cross = Cross::around(at, step_m, |d| self.scores(d, asked));
@@ -172,15 +171,35 @@ impl Trial<'_> {
         let without: Vec<DVec2> = (0..asked.len()).map(|i| at + cross.to_peak(Some(i))).collect();
         let sigma_of = |axis: fn(&DVec2) -> f64| jackknife_sigma(&without.iter().map(axis).collect::<Vec<_>>());
         let sigma_m = sigma_of(|d| d.x)?.max(sigma_of(|d| d.y)?);
-        let moved = self.scores(peak, asked);
-        let n_better = moved.iter().zip(&unmoved).filter(|(there, here)| there > here).count();
+        if peak.length() < MIN_APART_M.max(3.0 * sigma_m) {
+            return None;
+        }
+        // Houses that all have a low annex on the same side seem to be off, too, until their roofs may have two levels.
+        let (here, there) = (self.scores_of_roofs(DVec2::ZERO, asked), self.scores_of_roofs(peak, asked));
+        let gains: Vec<f64> = here.iter().zip(&there).filter_map(|(here, there)| Some((*there)? - (*here)?)).collect();
+        let n_better = gains.iter().filter(|gain| **gain > 0.0).count();
         let is_told =
-            peak.length() >= MIN_APART_M.max(3.0 * sigma_m) && n_better as f64 >= MIN_AGREEING * asked.len() as f64;
+            n_better as f64 >= MIN_AGREEING * gains.len().max(MIN_BUILDINGS) as f64 && gains.iter().sum::<f64>() > 0.0;
         is_told.then_some(Apart { east_m: peak.x, north_m: peak.y, sigma_m, n_buildings: asked.len() })
     }
 
     /// The best score of each building near its present height, all photos moved by `by_m`; 0 where no view sees it there.
     fn scores(&self, by_m: DVec2, asked: &[usize]) -> Vec<f64> {
+        self.moved(by_m, |_, found| asked.iter().map(|&b| found[b].as_ref().map_or(0.0, |f| f.score)).collect())
+    }
+
+    /// The same of the best roof of any form.
+    fn scores_of_roofs(&self, by_m: DVec2, asked: &[usize]) -> Vec<Option<f64>> {
+        self.moved(by_m, |views, found| {
+            let height_m = |(found, before): (&Option<Finding>, &f32)| found.as_ref().map_or(*before, |f| f.height_m);
+            let heights_m: Vec<f32> = found.iter().zip(self.heights_m).map(height_m).collect();
+            let roofs = find_roofs(self.problem.scene, views, &self.views_of, &heights_m, self.config);
+            asked.iter().map(|&b| roofs[b].score).collect()
+        })
+    }
+
+    /// Hands the views, all moved by `by_m`, and what a local sweep finds in them to `look`.
+    fn moved<T>(&self, by_m: DVec2, look: impl FnOnce(SweepViews<'_>, &[Option<Finding>]) -> T) -> T {
         let moved = |view: &ViewInput| ViewInput { placed: view.placed.moved(by_m.extend(0.0)), ..view.clone() };
         let views: Vec<ViewInput> = self.problem.views.iter().map(moved).collect();
         let rays = Rays::new(views.len(), self.stride_px);
@@ -207,7 +226,7 @@ impl Trial<'_> {
         let sweep_views: Vec<_> = (0..views.len()).into_par_iter().map(sweep_view).collect();
         let range = Range::Local { share: 1.0 };
         let found = sweep(scene, &sweep_views, &self.views_of, self.heights_m, range, Correlation::Linear, self.config);
-        asked.iter().map(|&b| found[b].as_ref().map_or(0.0, |finding| finding.score)).collect()
+        look(&sweep_views, &found)
     }
 }
 

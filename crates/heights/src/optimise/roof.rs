@@ -269,6 +269,8 @@ pub(super) struct Judged {
     pub roof: Option<Roof>,
     /// Those that they do not rule out, with how likely each is against the one that is taken (1: just as likely).
     pub rivals: Vec<(Roof, f64)>,
+    /// Mean score of the one that is taken, flat or not; `None` where too few views tell.
+    pub score: Option<f64>,
 }
 
 /// Likelihood of a roof against another: by how many standard errors over views its score falls short, as a normal
@@ -338,7 +340,8 @@ pub(super) fn find<'a>(
     let taken_roof = taken.map_or(flat_roof, |fit| fit.roof);
     let rivals =
         all.filter(|(roof, _)| *roof != taken_roof).map(|(roof, scores)| (roof, likelihood(scores, taken_scores)));
-    Judged { roof: taken.map(|fit| fit.roof), rivals: rivals.collect() }
+    let rivals = rivals.collect();
+    Judged { roof: taken.map(|fit| fit.roof), rivals, score: crate::stats::mean(taken_scores) }
 }
 
 /// Whether the views agree that something is better: their mean gain is large enough and stands clear of its standard
