@@ -18,7 +18,7 @@ use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::GroundLevel;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::ids::BuildingId;
-use sizeup_heights::optimise::{Apart, LevelGain, Solution};
+use sizeup_heights::optimise::{LayerShift, LevelGain, Solution};
 use sizeup_survey::Survey;
 
 /// Footprints with their ground.
@@ -71,9 +71,9 @@ pub struct HeightStage {
     /// Doubt of the ground about the priors' declared direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub doubt: Option<Issue>,
-    /// How far the footprints lie from where the photos show their buildings: the photos were moved onto them.
+    /// Shift of the footprint layer against the photos: these were moved onto it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub apart: Option<Apart>,
+    pub layer_shift: Option<LayerShift>,
     /// Terrain by the photos.
     #[serde(default)]
     pub ground: GroundTold,
@@ -91,13 +91,13 @@ impl HeightStage {
             unread_photos: Vec::new(),
             doubt: None,
             ground: GroundTold::default(),
-            apart: None,
+            layer_shift: None,
         }
     }
 
     /// How far the photos were moved onto the footprints, map frame, metres.
     pub(super) fn moved_m(&self) -> DVec3 {
-        self.apart.map_or(DVec3::ZERO, |apart| apart.on_ground())
+        self.layer_shift.map_or(DVec3::ZERO, |shift| shift.on_ground())
     }
 }
 

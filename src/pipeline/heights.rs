@@ -18,7 +18,6 @@ use super::{
 use crate::config::RunConfig;
 use sizeup_footprints::FootprintSource;
 use sizeup_geo::terrain::Terrain;
-use sizeup_heights::frames::Rigid;
 use sizeup_heights::optimise::{
     CalibrationRays, OptimiseConfig, Problem, Rays, SearchConfig, Solution, Solving, ViewInput,
 };
@@ -122,9 +121,9 @@ impl<'a> HeightSearch<'a> {
         let mut cuts = Vec::new();
         let mut rays = self.untraced();
         let mut heights = find(stage, &rays, &self.first_look(), &Known::default())?;
-        let apart = heights.solution.apart;
-        if let Some(apart) = apart {
-            self.moved_m.set(apart.on_ground());
+        let layer_shift = heights.solution.layer_shift;
+        if let Some(shift) = layer_shift {
+            self.moved_m.set(shift.on_ground());
             rays = self.untraced();
             heights = find(stage, &rays, &measuring_shift(&self.config.optimise, false), &Known::default())?;
         }
@@ -166,7 +165,7 @@ impl<'a> HeightSearch<'a> {
         heights.unread_photos = refine(self.config, &self.moved_survey(), stage, &mut heights.solution);
         mark_towers(&stage.scene, &mut heights.solution);
         footprints.issues.extend(joined.iter().map(|id| levels::joined_note(id)));
-        Ok(HeightStage { cuts, joined: joined.into_iter().collect(), apart, ..heights })
+        Ok(HeightStage { cuts, joined: joined.into_iter().collect(), layer_shift, ..heights })
     }
 
     /// Rays of the survey's views through a scene that nobody has looked at yet.
@@ -222,7 +221,7 @@ impl<'a> HeightSearch<'a> {
             solution,
             unread_photos: Vec::new(),
             ground: GroundTold::default(),
-            apart: None,
+            layer_shift: None,
             doubt: judge_tag(&correlations).or_else(|| judge_unit(&correlations, unit?)),
         }
     }
@@ -291,8 +290,7 @@ pub(super) fn moved(survey: &Survey, by: DVec3) -> Cow<'_, Survey> {
     }
     let mut survey = survey.clone();
     for view in &mut survey.views {
-        let pose = &view.camera_from_map;
-        view.camera_from_map = Rigid::from_rotation_and_centre(pose.rotation, pose.centre() + by);
+        view.camera_from_map = view.camera_from_map.moved(by);
     }
     Cow::Owned(survey)
 }

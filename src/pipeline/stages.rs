@@ -23,7 +23,7 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{self, GroundLevel, MapBox, Terrain};
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_heights::frames::LocalOrigin;
-use sizeup_heights::optimise::{Apart, Solution};
+use sizeup_heights::optimise::{LayerShift, Solution};
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::Priors;
 use sizeup_results::output::plausible::CityDoubts;
@@ -322,13 +322,13 @@ pub(super) fn view_issues<'a>(survey: &'a Survey, heights: &'a HeightStage) -> i
         .chain(unread)
         .chain(heights.doubt.clone())
         .chain(bent_priors(&heights.solution))
-        .chain(heights.apart.map(|apart| apart_from_photos(&apart)))
+        .chain(heights.layer_shift.map(|shift| shifted_layer(&shift)))
         .chain(heights.ground.issue())
 }
 
 /// A warning that the footprint layer lies elsewhere than the photos show its buildings.
-fn apart_from_photos(apart: &Apart) -> Issue {
-    let (east_m, north_m) = (apart.east_m, apart.north_m);
+fn shifted_layer(shift: &LayerShift) -> Issue {
+    let (east_m, north_m) = (shift.east_m, shift.north_m);
     let along = |way_m: f64, words: [&str; 2]| format!("{:.1} m {}", way_m.abs(), words[usize::from(way_m < 0.0)]);
     let message = format!(
         "the footprints lie {:.1} m off, {} and {} of where the photos show their buildings (± {:.1} m, by {} of them); heights \
@@ -336,8 +336,8 @@ fn apart_from_photos(apart: &Apart) -> Issue {
         east_m.hypot(north_m),
         along(east_m, ["east", "west"]),
         along(north_m, ["north", "south"]),
-        apart.sigma_m,
-        apart.n_buildings,
+        shift.sigma_m,
+        shift.n_buildings,
     );
     // As it would be written: no minus before a zero.
     let back = |way_m: f64| 0.0 - (way_m * 10.0).round() / 10.0;
@@ -347,7 +347,7 @@ fn apart_from_photos(apart: &Apart) -> Issue {
         back(east_m),
         back(north_m),
     );
-    Issue::new(Severity::Warning, "footprints_apart", Subject::Input("footprints".to_owned()), message).hint(hint)
+    Issue::new(Severity::Warning, "footprints_shifted", Subject::Input("footprints".to_owned()), message).hint(hint)
 }
 
 /// A note on priors that were straightened along the ground.

@@ -4,7 +4,6 @@
 
 mod align;
 mod annexes;
-mod apart;
 mod batch;
 mod benchmark;
 mod changes;
@@ -32,6 +31,7 @@ mod hostile_files;
 mod hostile_footprints;
 mod hostile_inputs;
 mod init;
+mod layer_shift;
 mod layers;
 mod levels;
 mod mistakes;

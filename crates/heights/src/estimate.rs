@@ -98,9 +98,8 @@ pub fn estimate_heights(
         progress: &|_, _, _| {},
     };
     let mut solution = solve(&problem, optimise);
-    if let Some(apart) = solution.apart {
-        let moved = |view: &ViewInput| ViewInput { placed: view.placed.moved(apart.on_ground()), ..view.clone() };
-        let inputs: Vec<ViewInput> = inputs.iter().map(moved).collect();
+    if let Some(shift) = solution.layer_shift {
+        let inputs: Vec<ViewInput> = inputs.iter().map(|view| view.moved(shift.on_ground())).collect();
         let rays = Rays::new(inputs.len(), optimise.stride_px);
         let search = SearchConfig { measure_shift: false, ..optimise.search.clone() };
         let optimise = OptimiseConfig { search, ..optimise.clone() };

@@ -73,6 +73,12 @@ impl<To, From> Rigid<To, From> {
         -(self.rotation.transpose() * self.translation)
     }
 
+    /// The same attitude from elsewhere: the centre moved, in the frame that is mapped from.
+    #[must_use]
+    pub fn moved(&self, by_in_from: DVec3) -> Self {
+        Self::from_rotation_and_centre(self.rotation, self.centre() + by_in_from)
+    }
+
     /// Moves a position from `From` to `To`.
     #[must_use]
     pub fn point(&self, point_in_from: DVec3) -> DVec3 {

@@ -8,7 +8,6 @@
 //! loaded. Results do not depend on the number of threads.
 
 mod adam;
-mod apart;
 mod bleed;
 mod calibrate;
 mod config;
@@ -17,6 +16,7 @@ mod evidence;
 mod gradient;
 mod inspect;
 mod intervals;
+mod layer_shift;
 mod levels;
 mod mixed;
 mod ordinal;
@@ -37,11 +37,11 @@ mod two_levels;
 mod unmodelled;
 mod wings;
 
-pub use apart::Apart;
 pub use config::{
     CalibrationRays, Gradient, Loss, MadGradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig, StepOn,
 };
 pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
+pub use layer_shift::LayerShift;
 pub use levels::{LevelGain, OtherLevel};
 pub use planes::{RoofPlane, RoofPlanes, Rule};
 pub use rays::Rays;

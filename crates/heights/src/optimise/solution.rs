@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::apart::Apart;
+use super::layer_shift::LayerShift;
 use super::levels::OtherLevel;
 use super::roof::Roof;
 use crate::scene::{HeightBounds, HeightReference};
@@ -216,10 +216,10 @@ pub struct Solution {
     /// Views whose prior ran in a curve along the ground and was straightened by it.
     #[serde(default)]
     pub n_straightened: usize,
-    /// How far photos and footprints lie apart, where that was asked for and they do. The search then ended with it: the heights are
+    /// Shift of the footprint layer against the photos, where that was asked for and there is one. The search then ended with it: the heights are
     /// provisional until photos or footprints are moved and the scene is solved again.
     #[serde(default)]
-    pub apart: Option<Apart>,
+    pub layer_shift: Option<LayerShift>,
     /// Buildings with a second roof level, which no single height fits. Where there are any, the search ended with them: the
     /// heights are provisional until these are split and the scene is solved again.
     #[serde(default)]

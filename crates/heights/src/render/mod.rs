@@ -44,15 +44,20 @@ impl PlacedCamera {
     /// The same camera elsewhere, moved in the local frame, metres.
     #[must_use]
     pub fn moved(&self, by: DVec3) -> Self {
-        let rotation = self.camera_from_local.rotation;
-        let camera_from_local = Rigid::from_rotation_and_centre(rotation, self.eye + by);
-        Self { camera: self.camera.clone(), camera_from_local, eye: self.eye + by }
+        let camera_from_local = self.camera_from_local.moved(by);
+        Self { camera: self.camera.clone(), camera_from_local, eye: camera_from_local.centre() }
     }
 
     /// The projection centre, local frame, metres.
     #[must_use]
     pub fn eye(&self) -> DVec3 {
         self.eye
+    }
+
+    /// Size of a pixel on a surface at a local point, across the line of sight, metres.
+    #[must_use]
+    pub fn pixel_m_at(&self, point_in_local: DVec3) -> f64 {
+        (self.eye - point_in_local).length() / self.camera.fx_px
     }
 
     /// The optical axis in the local (and map) frame, unit length.

@@ -47,7 +47,7 @@ fn without_views(heights_m: Vec<Option<f64>>, doubt: Option<Reason>) -> Solution
         bleeding_px: 0.0,
         bleedings_px: Vec::new(),
         n_straightened: 0,
-        apart: None,
+        layer_shift: None,
         other_levels: Vec::new(),
         failed_views: Vec::new(),
     }

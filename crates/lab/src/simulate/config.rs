@@ -147,7 +147,8 @@ pub struct CityJsonTown {
     pub trees_per_building: f64,
 }
 
-/// A city of equal towns on level ground, side by side. Buildings and views are counted per town; a prior is rendered for the first town
+/// A city of equal towns on level ground, side by side. Buildings and views are counted per town, views in whole rows of
+/// stations; a prior is rendered for the first town
 /// and shared by all (hard links). Takes `terrain.relief_m = 0`, and neither photos nor masks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -19,7 +19,6 @@ use rayon::prelude::*;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::FileError;
 use sizeup_geo::terrain::Terrain;
-use sizeup_heights::frames::Rigid;
 use sizeup_heights::ids::{BuildingId, ViewId};
 use sizeup_survey::{ColmapModel, View};
 
@@ -198,12 +197,8 @@ fn write_poses(
     let of_town = |cell: [usize; 2]| {
         let shift = lattice.shift_m(cell).extend(0.0);
         views.iter().map(move |view| {
-            let pose = &view.camera_from_map;
-            View {
-                id: ViewId(name(cell, &view.id.0)),
-                camera_from_map: Rigid::from_rotation_and_centre(pose.rotation, pose.centre() + shift),
-                ..view.clone()
-            }
+            let camera_from_map = view.camera_from_map.moved(shift);
+            View { id: ViewId(name(cell, &view.id.0)), camera_from_map, ..view.clone() }
         })
     };
     let all: Vec<View> = lattice.cells().flat_map(of_town).collect();
@@ -290,11 +285,7 @@ mod tests {
         let (mut n_all, mut n_same) = (0, 0);
         for view in flight::periodic(&config, &town, lattice.period_m) {
             let camera = view.camera.reduced_to(config.prior.longest_px);
-            let pose = &view.camera_from_map;
-            let there = View {
-                camera_from_map: Rigid::from_rotation_and_centre(pose.rotation, pose.centre() + shift),
-                ..view.clone()
-            };
+            let there = View { camera_from_map: view.camera_from_map.moved(shift), ..view.clone() };
             let map_from_camera = there.camera_from_map.inverse();
             let of_first = trace::true_depth(&shared, &view, &camera);
             let of_second = trace::true_depth(&city, &there, &camera);

@@ -8,11 +8,12 @@ mod views;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::apart::Apart;
 use super::config::{OptimiseConfig, Preset};
 use super::evidence::Evidence;
+use super::layer_shift::LayerShift;
 use super::levels::OtherLevel;
 use super::rays::Rays;
 use super::roof::Judged;
@@ -41,6 +42,12 @@ impl ViewInput {
     #[must_use]
     pub fn new(name: &str, placed: PlacedCamera, is_oblique: bool) -> Self {
         Self { placed, is_oblique, key: seed::key_of(name) }
+    }
+
+    /// The same view from elsewhere, moved in the local frame, metres.
+    #[must_use]
+    pub fn moved(&self, by: DVec3) -> Self {
+        Self { placed: self.placed.moved(by), ..self.clone() }
     }
 }
 
@@ -148,7 +155,7 @@ struct State<'a> {
     /// By view: by how many pixels of the working image its prior's near sides bleed over their edges.
     bleeding_px: Vec<f64>,
     other_levels: Vec<OtherLevel>,
-    apart: Option<Apart>,
+    layer_shift: Option<LayerShift>,
     /// Whether priors run in a curve along the ground and are straightened by it; `None` before the first are loaded.
     are_bent: Option<bool>,
 }
@@ -176,7 +183,7 @@ impl<'a> State<'a> {
             history: Vec::new(),
             bleeding_px: vec![0.0; n_views],
             other_levels: Vec::new(),
-            apart: None,
+            layer_shift: None,
             are_bent: if config.may_straighten() { None } else { Some(false) },
         }
     }

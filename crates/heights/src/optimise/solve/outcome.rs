@@ -33,7 +33,7 @@ impl State<'_> {
             bleeding_px,
             bleedings_px: spills,
             n_straightened,
-            apart: self.apart,
+            layer_shift: self.layer_shift,
             other_levels,
             failed_views,
         }
@@ -42,10 +42,7 @@ impl State<'_> {
     /// Size of the working image's pixel on a building, metres, median of its views.
     fn pixel_m(&self, building: usize) -> f64 {
         let centre = self.centre(building);
-        let pixel_m = |&view: &usize| {
-            let placed = &self.problem.views[view].placed;
-            (placed.eye() - centre).length() / placed.camera.fx_px
-        };
+        let pixel_m = |&view: &usize| self.problem.views[view].placed.pixel_m_at(centre);
         let pixels_m: Vec<f64> = self.views_of[building].iter().map(pixel_m).collect();
         crate::stats::median(&pixels_m).unwrap_or(0.0)
     }

@@ -7,7 +7,7 @@ use crate::optimise::config::CalibrationRays;
 use crate::optimise::empty_space::{self, Known, Look};
 use crate::optimise::score::Correlation;
 use crate::optimise::search::{Finding, Range, SweepView, find_roofs, sweep};
-use crate::optimise::{apart, bleed, levels};
+use crate::optimise::{bleed, layer_shift, levels};
 
 /// Heights are kept on a grid of so many steps per metre.
 const STEPS_PER_M: f32 = 1000.0;
@@ -31,9 +31,15 @@ impl State<'_> {
         if config.measure_shift {
             let are_straightened = self.are_bent == Some(true);
             let stride_px = self.config.stride_px;
-            self.apart =
-                apart::measure(self.problem, &self.views_of, &self.heights_m, are_straightened, stride_px, config);
-            if self.apart.is_some() {
+            self.layer_shift = layer_shift::measure(
+                self.problem,
+                &self.views_of,
+                &self.heights_m,
+                are_straightened,
+                stride_px,
+                config,
+            );
+            if self.layer_shift.is_some() {
                 return; // to be solved again with photos and footprints in one place
             }
         }

@@ -1,5 +1,5 @@
-//! How far photos and footprints lie apart, as a whole: layers that were drawn over other photos, or in another realisation of a
-//! datum, are off by metres.
+//! Shift of the footprint layer as a whole against the photos: layers that were drawn over other photos, or in another realisation of
+//! a datum, are off by metres.
 //!
 //! ```text
 //! S(d) = mean over buildings of their best score near the present height, all photos moved by d along the ground
@@ -41,13 +41,13 @@ const STEP_M: f64 = 1.0;
 /// Rounds of the search at most.
 const MAX_ROUNDS: usize = 8;
 /// Least distance that is told, metres, if not three standard deviations.
-const MIN_APART_M: f64 = 0.75;
+const LEAST_SHIFT_M: f64 = 0.75;
 /// Least share of the buildings that are explained better there, whatever the forms of their roofs.
 const MIN_AGREEING: f64 = 0.7;
 
 /// How far a layer of footprints lies from where the photos show its buildings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Apart {
+pub struct LayerShift {
     /// Footprints lie so far east of what the photos show, metres: photos that are moved by as much see them in place.
     pub east_m: f64,
     /// The same to the north, metres.
@@ -79,7 +79,7 @@ pub(super) fn measure(
     are_straightened: bool,
     stride_px: usize,
     config: &SearchConfig,
-) -> Option<Apart> {
+) -> Option<LayerShift> {
     let views_of = sample(problem, views_of);
     let asked: Vec<usize> = (0..views_of.len()).filter(|&b| !views_of[b].is_empty()).collect();
     if asked.len() < MIN_BUILDINGS {
@@ -139,18 +139,14 @@ fn pixel_on_ground_m(problem: &Problem<'_>, views_of: &[Vec<usize>]) -> f64 {
     let of_building = |(b, views): (usize, &Vec<usize>)| {
         let prism = &problem.scene.prisms[b];
         let centre = prism.centre_at(prism.ground_z).as_dvec3();
-        let pixel_m = move |&v: &usize| {
-            let placed = &problem.views[v].placed;
-            (placed.eye() - centre).length() / placed.camera.fx_px
-        };
-        views.iter().map(pixel_m).collect::<Vec<_>>()
+        views.iter().map(|&v| problem.views[v].placed.pixel_m_at(centre)).collect::<Vec<_>>()
     };
     let all: Vec<f64> = views_of.iter().enumerate().flat_map(of_building).collect();
     crate::stats::median(&all).unwrap_or(0.0)
 }
 
 impl Trial<'_> {
-    fn search(&self, asked: &[usize], step_m: f64) -> Option<Apart> {
+    fn search(&self, asked: &[usize], step_m: f64) -> Option<LayerShift> {
         let mut at = DVec2::ZERO;
         let mut is_settled = false;
         for _ in 0..MAX_ROUNDS {
@@ -163,7 +159,7 @@ impl Trial<'_> {
             }
         }
         // Near enough to tell whether it matters: where it does not, this was one round.
-        if !is_settled || at.length() < 0.5 * MIN_APART_M {
+        if !is_settled || at.length() < 0.5 * LEAST_SHIFT_M {
             return None;
         }
         let cross = Cross::around(at, 0.5 * step_m, |d| self.scores(d, asked));
@@ -171,7 +167,7 @@ impl Trial<'_> {
         let without: Vec<DVec2> = (0..asked.len()).map(|i| at + cross.to_peak(Some(i))).collect();
         let sigma_of = |axis: fn(&DVec2) -> f64| jackknife_sigma(&without.iter().map(axis).collect::<Vec<_>>());
         let sigma_m = sigma_of(|d| d.x)?.max(sigma_of(|d| d.y)?);
-        if peak.length() < MIN_APART_M.max(3.0 * sigma_m) {
+        if peak.length() < LEAST_SHIFT_M.max(3.0 * sigma_m) {
             return None;
         }
         // Houses that all have a low annex on the same side seem to be off, too, until their roofs may have two levels.
@@ -180,7 +176,7 @@ impl Trial<'_> {
         let n_better = gains.iter().filter(|gain| **gain > 0.0).count();
         let is_told =
             n_better as f64 >= MIN_AGREEING * gains.len().max(MIN_BUILDINGS) as f64 && gains.iter().sum::<f64>() > 0.0;
-        is_told.then_some(Apart { east_m: peak.x, north_m: peak.y, sigma_m, n_buildings: asked.len() })
+        is_told.then_some(LayerShift { east_m: peak.x, north_m: peak.y, sigma_m, n_buildings: asked.len() })
     }
 
     /// The best score of each building near its present height, all photos moved by `by_m`; 0 where no view sees it there.
@@ -200,8 +196,7 @@ impl Trial<'_> {
 
     /// Hands the views, all moved by `by_m`, and what a local sweep finds in them to `look`.
     fn moved<T>(&self, by_m: DVec2, look: impl FnOnce(SweepViews<'_>, &[Option<Finding>]) -> T) -> T {
-        let moved = |view: &ViewInput| ViewInput { placed: view.placed.moved(by_m.extend(0.0)), ..view.clone() };
-        let views: Vec<ViewInput> = self.problem.views.iter().map(moved).collect();
+        let views: Vec<ViewInput> = self.problem.views.iter().map(|v| v.moved(by_m.extend(0.0))).collect();
         let rays = Rays::new(views.len(), self.stride_px);
         let problem = Problem { views: &views, rays: &rays, ..*self.problem };
         let evidence: BTreeMap<usize, Evidence<'_>> = self
@@ -261,8 +256,8 @@ impl Cross {
     }
 }
 
-impl Apart {
-    /// The distance as a vector on the ground, east and north, metres.
+impl LayerShift {
+    /// The shift as a vector on the ground, east and north, metres.
     #[must_use]
     pub fn on_ground(&self) -> DVec3 {
         DVec3::new(self.east_m, self.north_m, 0.0)

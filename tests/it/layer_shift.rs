@@ -25,7 +25,7 @@ fn run(folder: &Path, more: &[&str]) -> (Option<String>, f64) {
     assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
     let read = |path: &Path| -> Value { serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap() };
     let issues = read(&folder.join("result/issues.json"));
-    let told = issues.as_array().unwrap().iter().find(|issue| issue["code"] == "footprints_apart");
+    let told = issues.as_array().unwrap().iter().find(|issue| issue["code"] == "footprints_shifted");
     let mut command = sizeup();
     command.arg("evaluate").arg(folder.join("result/city.city.json")).arg(folder.join("truth.geojson")).arg("--json");
     let evaluated: Value = serde_json::from_slice(&command.output().unwrap().stdout).unwrap();
