@@ -56,6 +56,7 @@ pub(super) fn gather(
         load_prior: &|view| priors.load(view).map_err(|e| e.to_string()),
         seed: config.seed,
         rays: &Rays::new(survey.views.len(), config.optimise.stride_px),
+        green: &|view| priors.green(view),
         start_m: &[],
         progress: &|_, _, _| {},
     };

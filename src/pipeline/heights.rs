@@ -162,7 +162,9 @@ impl<'a> HeightSearch<'a> {
             rays = rays.of_other_footprints();
             heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &Known::default())?;
         }
-        heights.unread_photos = refine(self.config, &self.moved_survey(), stage, &mut heights.solution);
+        heights.unread_photos.extend(refine(self.config, &self.moved_survey(), stage, &mut heights.solution));
+        heights.unread_photos.sort_unstable();
+        heights.unread_photos.dedup_by_key(|(view, _)| *view);
         mark_towers(&stage.scene, &mut heights.solution);
         footprints.issues.extend(joined.iter().map(|id| levels::joined_note(id)));
         Ok(HeightStage { cuts, joined: joined.into_iter().collect(), layer_shift, ..heights })
@@ -203,6 +205,7 @@ impl<'a> HeightSearch<'a> {
             load_prior: &load_prior,
             seed: self.config.seed,
             rays,
+            green: &|view| priors.green(view),
             start_m: &known.of_scene(stage),
             progress: &|what, done, total| (self.tell)(Event::Advance { what, done, total }),
         };
@@ -219,7 +222,7 @@ impl<'a> HeightSearch<'a> {
             cuts: Vec::new(),
             joined: Vec::new(),
             solution,
-            unread_photos: Vec::new(),
+            unread_photos: priors.unread_photos(),
             ground: GroundTold::default(),
             layer_shift: None,
             doubt: judge_tag(&correlations).or_else(|| judge_unit(&correlations, unit?)),

@@ -1,12 +1,16 @@
-//! The priors of a run: what was computed is kept, so that solving again, correcting edge bleeding and the pictures at the end
-//! do not ask the network or the matcher a second time.
+//! The priors of a run, and what is green in its photos: what was computed is kept, so that solving again, correcting edge bleeding
+//! and the pictures at the end do not ask the network, the matcher or the decoder a second time.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::config::RunConfig;
 use sizeup_geo::kept::Kept;
 use sizeup_heights::optimise::WithoutPrior;
+use sizeup_heights::raster::Raster;
 use sizeup_photos::prior::{DepthPrior, PriorError, PriorSource as _, Priors};
+use sizeup_photos::vegetation;
 use sizeup_survey::{Survey, View};
 
 use super::PipelineError;
@@ -15,6 +19,9 @@ use super::stages::SceneStage;
 /// Memory that a run keeps computed priors in, bytes: some 350 of 518 × 350 pixels.
 const KEPT_BYTES: usize = 256 << 20;
 
+/// Memory for what is green in photos, bytes: some 450 at the usual working size.
+const GREEN_BYTES: usize = 64 << 20;
+
 /// A source of priors that remembers.
 pub(super) struct PriorStore {
     source: Priors,
@@ -22,18 +29,36 @@ pub(super) struct PriorStore {
     views: Vec<View>,
     /// By the view's position, weighed in bytes.
     kept: Kept<usize, DepthPrior>,
+    /// Longer side of the photos that are looked at for what is green; `None` where they are not asked.
+    green_px: Option<u32>,
+    green: Kept<usize, Option<Arc<Raster<bool>>>>,
+    /// By the view's position: why its photo cannot be looked at.
+    unread: Mutex<BTreeMap<usize, String>>,
 }
 
 impl PriorStore {
     /// Priors of a run.
     pub fn open(config: &RunConfig, survey: &Survey, stage: &SceneStage) -> Result<Self, PipelineError> {
         let source = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
-        Ok(Self { source, views: survey.views.clone(), kept: Kept::up_to(KEPT_BYTES) })
+        Ok(Self::new(config, source, survey, KEPT_BYTES))
     }
 
     /// One that forgets, where memory is counted.
-    pub fn forgetful(source: Priors, survey: &Survey) -> Self {
-        Self { source, views: survey.views.clone(), kept: Kept::up_to(0) }
+    pub fn forgetful(config: &RunConfig, source: Priors, survey: &Survey) -> Self {
+        Self::new(config, source, survey, 0)
+    }
+
+    fn new(config: &RunConfig, source: Priors, survey: &Survey, kept_bytes: usize) -> Self {
+        let green_px = config.optimise.leaves_out_vegetation().then_some(config.optimise.working_px);
+        let bytes_of_one = green_px.map_or(1, |side| (side as usize).pow(2) * 2 / 3).max(1);
+        Self {
+            source,
+            views: survey.views.clone(),
+            kept: Kept::up_to(kept_bytes),
+            green_px,
+            green: Kept::up_to(GREEN_BYTES / bytes_of_one),
+            unread: Mutex::default(),
+        }
     }
 
     /// Source that the priors come from.
@@ -62,6 +87,25 @@ impl PriorStore {
             self.kept.add(view, prior.clone(), size_of_val(prior.values.data()));
         }
         Ok(prior)
+    }
+
+    /// Pixels of a view's photo that are as green as leaves, by its position; `None` where photos are not asked, or do not say.
+    pub fn green(&self, view: usize) -> Option<Arc<Raster<bool>>> {
+        let (of, long_side_px) = (&self.views[view], self.green_px?);
+        let look = || vegetation::green(of, long_side_px).map(|green| green.map(Arc::new));
+        let found = self.green.get(&view, look);
+        match found {
+            Ok(green) => green.as_ref().clone(),
+            Err(why) => {
+                self.unread.lock().unwrap_or_else(PoisonError::into_inner).insert(view, why.to_string());
+                None
+            }
+        }
+    }
+
+    /// The views whose photos could not be looked at, by their positions, and why.
+    pub fn unread_photos(&self) -> Vec<(usize, String)> {
+        self.unread.lock().unwrap_or_else(PoisonError::into_inner).clone().into_iter().collect()
     }
 
     /// Computes priors that [`Self::load`] will be asked for, where that is done for several at a time: into the cache.

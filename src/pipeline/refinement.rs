@@ -21,7 +21,7 @@ use sizeup_heights::scene::{Prism, RoofForm, Scene};
 use sizeup_heights::stats;
 use sizeup_photos::photo_consistency::{self, MIN_PHOTOS, MIN_PLACES, Refined, RefinementConfig};
 use sizeup_photos::prior::{Album, Picture};
-use sizeup_survey::{Survey, View};
+use sizeup_survey::{Survey, View, ViewKind};
 
 /// Memory for reduced photos.
 const PICTURE_BYTES: usize = 512 << 20;
@@ -67,10 +67,11 @@ fn asks_photo(config: &RunConfig, view: &View) -> bool {
     config.refinement.enabled.unwrap_or(config.optimise.preset != Preset::Paper) && view.image.is_some()
 }
 
-/// Whether the photo of a view, of whatever kind, is read while heights are found: for the roofs, or for the ground.
+/// Whether the photo of a view, of whatever kind, is read while heights are found: for the roofs, for what is green, or for the ground.
 #[must_use]
 pub fn reads_photo(config: &RunConfig, view: &View) -> bool {
-    asks_photo(config, view) || (ground_told::asks(config) && view.image.is_some())
+    let is_looked_at = config.optimise.leaves_out_vegetation() && view.kind() == ViewKind::Oblique;
+    asks_photo(config, view) || ((is_looked_at || ground_told::asks(config)) && view.image.is_some())
 }
 
 /// Memory that photos take at most where there are so many, bytes: those of roofs, then those of the ground.

@@ -232,7 +232,7 @@ impl<'a> Part<'a> {
         let terrain = scene.as_ref().map_or(&Terrain::Constant(0.0), |scene| &scene.terrain);
         let mut priors = config.prior.open(&survey.views, terrain, frame.bounds.max_m)?;
         priors.set_positions(positions);
-        let priors = PriorStore::forgetful(priors, &survey);
+        let priors = PriorStore::forgetful(config, priors, &survey);
         let ids = footprints.layer.footprints.iter().map(|f| f.id.0.clone());
         let by_id = ids.zip(0..).collect();
         let reviews = about(&footprints, &reviews_of(config)?);

@@ -120,6 +120,7 @@ fn solving(c: &mut Criterion) {
             load_prior: &load_prior,
             seed: 1,
             rays: &Rays::new(views.len(), config.stride_px),
+            green: &|_| None,
             start_m: &[],
             progress: &|_, _, _| {},
         };

@@ -40,7 +40,7 @@ const ROOMS: [Room; 8] = [
     Room {
         name: "photos",
         uses: &["geo", "heights", "survey"],
-        levels: &[&["onnx", "quality"], &["prior"], &["align", "photo_consistency"], &["dtm"]],
+        levels: &[&["onnx", "quality", "vegetation"], &["prior"], &["align", "photo_consistency"], &["dtm"]],
     },
     Room { name: "footprints", uses: &["geo", "heights", "photos", "survey"], levels: &[] },
     Room {

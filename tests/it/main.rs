@@ -76,4 +76,5 @@ mod tools;
 mod two_epochs;
 mod val3dity;
 mod validation;
+mod vegetation;
 mod warsaw;

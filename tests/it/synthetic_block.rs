@@ -1,6 +1,7 @@
 //! Heights of a small block whose truth is known, from priors rendered from that truth.
 
 use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::Arc;
 
 use geo_types::{Polygon, polygon};
 use glam::{DMat3, DVec3};
@@ -94,6 +95,7 @@ impl Block {
             load_prior: &|view| without_prior(view).map_or_else(|| Ok(priors[view].clone()), Err),
             seed: 1,
             rays: &Rays::new(self.views.len(), stride_px),
+            green: &|_| None,
             start_m: &[],
             progress: &|_, _, _| {},
         })
@@ -146,6 +148,59 @@ fn houses_without_a_footprint_do_not_raise_those_with_one_where_priors_are_in_me
     let _ = errors_with(CalibrationRays::All);
     let errors = errors_with(CalibrationRays::None);
     assert!(errors.iter().all(|e| *e < 0.8), "{errors:.2?}");
+}
+
+/// Trees at a corner of every other house: crowns 11 m wide, 9 m higher than the roof. The last house is green itself.
+#[test]
+fn crowns_over_roofs_are_left_out_and_a_green_roof_is_not() {
+    let mut block = block();
+    for (i, truth_m) in block.truth_m.iter_mut().enumerate() {
+        *truth_m = 4.0 + (i * 11 % 7) as f32;
+    }
+    let green_house = block.truth_m.len() - 1;
+    let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+    let with_tree: Vec<usize> = (0..green_house).step_by(2).collect();
+    let crown = |b: &usize| -> Polygon<f64> {
+        let corners = block.scene.prisms[*b].edges().map(|(corner, _)| corner);
+        let corner = corners.reduce(glam::Vec2::min).unwrap().as_dvec2() + block.scene.origin.0.truncate();
+        let (west, south) = (corner.x - 2.0, corner.y - 2.0);
+        polygon![(x: west, y: south), (x: west + 11.0, y: south), (x: west + 11.0, y: south + 11.0), (x: west, y: south + 11.0)]
+    };
+    let crowns: Vec<Polygon<f64>> = with_tree.iter().map(crown).collect();
+    let crowns: Vec<_> = crowns.iter().map(|crown| (crown, ground)).collect();
+    let trees = Scene::at(block.scene.origin, &crowns, &Terrain::Constant(0.0), block.scene.bounds, 300.0);
+    let tops_m: Vec<f32> = with_tree.iter().map(|&b| block.truth_m[b] + 9.0).collect();
+    let (houses, trees) = (SceneTracer::new(&block.scene, &block.truth_m), SceneTracer::new(&trees, &tops_m));
+    let mut priors = block.priors(|d| d);
+    let mut green = Vec::new();
+    for (view, prior) in block.views.iter().zip(&mut priors) {
+        let (house, tree) = (houses.render(&view.placed), trees.render(&view.placed));
+        let mut leaves = Raster::filled(224, 168, false);
+        for (i, depth) in prior.values.data_mut().iter_mut().enumerate() {
+            let is_crown = tree.depth.data()[i] < *depth && tree.face.data()[i].building().is_some();
+            let is_green = house.face.data()[i].building().is_some_and(|b| b.at() == green_house);
+            leaves.data_mut()[i] = is_crown || is_green;
+            *depth = depth.min(tree.depth.data()[i]);
+        }
+        green.push(Arc::new(leaves));
+    }
+    let solution = |knows_green: bool| {
+        let solver = |problem: &Problem<'_>| {
+            let green = |view: usize| knows_green.then(|| Arc::clone(&green[view]));
+            solve(&Problem { green: &green, ..*problem }, &small(Preset::Robust))
+        };
+        block.solve_by(&priors, &|_| None, &solver, 2)
+    };
+    let (told, untold) = (solution(true), solution(false));
+    let under_trees = |solution: &Solution| -> Vec<f64> {
+        let errors = block.errors(solution);
+        with_tree.iter().map(|&b| errors[b]).collect()
+    };
+    assert!(mean(&under_trees(&told)) < 0.4, "{:.2?}", under_trees(&told));
+    assert!(mean(&under_trees(&untold)) > 0.8, "the trees would matter: {:.2?}", under_trees(&untold));
+    let is_green = |b: usize| told.heights[b].reasons.contains(&Reason::Vegetation);
+    assert_eq!((0..block.truth_m.len()).filter(|&b| is_green(b)).collect::<Vec<_>>(), [green_house]);
+    assert!(block.errors(&told)[green_house] < 0.8, "measured all the same: {:.2?}", block.errors(&told));
 }
 
 /// What is far taller varies far more in depth: errors of the prior there would outweigh all that a low roof changes.
@@ -552,6 +607,7 @@ fn priors_that_cannot_be_loaded_are_listed() {
         load_prior: &load,
         seed: 1,
         rays: &Rays::new(block.views.len(), 2),
+        green: &|_| None,
         start_m: &[],
         progress: &|_, _, _| {},
     };

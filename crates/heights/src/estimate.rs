@@ -92,6 +92,7 @@ pub fn estimate_heights(
         load_prior: &|view| {
             views[view].prior.as_ref().map(|prior| prior.to_z_depth(&views[view].camera)).ok_or_else(absent)
         },
+        green: &|_| None,
         start_m: &[],
         seed: settings.seed,
         rays: &Rays::new(inputs.len(), optimise.stride_px),

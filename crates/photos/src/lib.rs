@@ -3,7 +3,7 @@
 //! [`onnx`] is the only door to inference engines. [`prior`] turns a view into a
 //! [`DepthPrior`](sizeup_heights::prior::DepthPrior); [`photo_consistency`] compares photos with one another on a surface; [`dtm`]
 //! finds the ground between buildings; [`align`] brings poses that are nearly right to agree with the photos; [`quality`] names
-//! photos that say little.
+//! photos that say little; [`vegetation`] what is green in them.
 
 pub mod align;
 pub mod dtm;
@@ -11,3 +11,4 @@ pub mod onnx;
 pub mod photo_consistency;
 pub mod prior;
 pub mod quality;
+pub mod vegetation;

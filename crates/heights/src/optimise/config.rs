@@ -56,6 +56,12 @@ impl Default for OptimiseConfig {
 }
 
 impl OptimiseConfig {
+    /// Whether photos are asked what is green.
+    #[must_use]
+    pub fn leaves_out_vegetation(&self) -> bool {
+        self.preset == Preset::Robust && self.search.leave_out_vegetation
+    }
+
     /// The view selection in force.
     #[must_use]
     pub fn views_in_force(&self) -> ViewsConfig {
@@ -214,6 +220,7 @@ pub enum CalibrationRays {
 /// Settings of the local search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[expect(clippy::struct_excessive_bools, reason = "each switches a step of the search, whatever the others do")]
 pub struct SearchConfig {
     /// Height that every building starts from, metres. Low: a tall start hides what stands behind it.
     pub start_height_m: f32,
@@ -228,6 +235,8 @@ pub struct SearchConfig {
     /// Whether it is measured, after the full sweeps, how far the footprint layer as a whole lies from where the photos show its
     /// buildings; where that is 0.75 m or more, heights are measured with the photos moved onto the footprints.
     pub measure_shift: bool,
+    /// Whether trees over roofs are left out of what is compared, by the green of the photos, where these can be read.
+    pub leave_out_vegetation: bool,
     /// Whether footprints that hold two roof levels (a tower on its podium) are split, after the full sweeps.
     pub split_levels: bool,
     /// Forms of roofs that are tried after the sweeps, besides the flat one. None: all are flat.
@@ -288,6 +297,7 @@ impl Default for SearchConfig {
             rank_sweeps: 0,
             correct_edge_bleeding: true,
             measure_shift: true,
+            leave_out_vegetation: true,
             split_levels: true,
             roof_forms: vec![RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped, RoofForm::Mixed],
             n_coarse: 48,

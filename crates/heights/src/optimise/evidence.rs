@@ -8,9 +8,10 @@ use rayon::prelude::*;
 use super::calibrate::Calibration;
 use super::straighten::GroundCurve;
 use crate::prior::{DepthPrior, PriorKind};
+use crate::raster::Raster;
 use crate::ray::Ray;
 use crate::render::PlacedCamera;
-use crate::render::profile::Profiles;
+use crate::render::profile::{ProfileRay, Profiles};
 
 /// No ray in this block of pixels.
 const NO_RAY: u32 = u32::MAX;
@@ -24,6 +25,8 @@ pub struct Evidence<'a> {
     pub nearness: Vec<f32>,
     /// Per ray: the prior as something that grows away from the camera, as the paper's D; `NaN` = none.
     pub farness: Vec<f32>,
+    /// Per ray: whether the photo shows the green of leaves there; empty where that is not known.
+    green: Vec<bool>,
     /// Whether the prior has been straightened along the ground.
     pub was_bent: bool,
     /// Mapping of the prior to metres by the ground alone, once somebody has asked.
@@ -74,11 +77,12 @@ impl<'a> Evidence<'a> {
             blocks[row * blocks_wide + col] = ray;
         }
         let on_ground = OnceLock::new();
-        let was_bent = false;
+        let (green, was_bent) = (Vec::new(), false);
         Self {
             profiles,
             nearness,
             farness,
+            green,
             was_bent,
             on_ground,
             crossed,
@@ -88,6 +92,29 @@ impl<'a> Evidence<'a> {
             blocks_wide,
             stride_px,
         }
+    }
+
+    /// Samples what pixels of the view's photo are green, of whatever size it is.
+    pub(super) fn see_green(&mut self, placed: &PlacedCamera, green: &Raster<bool>) {
+        let scale_x = green.width() as f64 / f64::from(placed.camera.width_px);
+        let scale_y = green.height() as f64 / f64::from(placed.camera.height_px);
+        let at = |ray: &ProfileRay| {
+            let centre = ray.centre();
+            green.get((centre.x * scale_x) as usize, (centre.y * scale_y) as usize).is_some_and(|is_green| *is_green)
+        };
+        self.green = self.profiles.rays.iter().map(at).collect();
+    }
+
+    /// Whether the photo shows the green of leaves anywhere.
+    #[must_use]
+    pub(super) fn sees_green(&self) -> bool {
+        self.green.contains(&true)
+    }
+
+    /// Whether the photo shows the green of leaves along a ray.
+    #[must_use]
+    pub(super) fn is_green(&self, ray: u32) -> bool {
+        self.green.get(ray as usize).is_some_and(|is_green| *is_green)
     }
 
     /// Replaces the prior by the inverse depth that a curve says it stands for.

@@ -13,6 +13,7 @@ use super::search::SweepView;
 use super::solution::Solution;
 use super::solve::Problem;
 use super::straighten::GroundCurve;
+use super::vegetation::Standing;
 use crate::ordinal::DepthOrder;
 use crate::seed;
 
@@ -81,9 +82,7 @@ pub fn inspect(
         .par_iter()
         .filter_map(|&view| {
             let prior = (problem.load_prior)(view).ok()?;
-            let (placed, profiles) = (&problem.views[view].placed, problem.profiles(view));
-            let bleeding_px = solution.bleeding_of(view);
-            let mut evidence = Evidence::new(placed, profiles, &prior, bleeding_px, config.stride_px);
+            let mut evidence = problem.evidence(view, &prior, solution.bleeding_of(view), config.stride_px);
             if solution.n_straightened > 0
                 && let Some(curve) = GroundCurve::along_ground(&evidence)
             {
@@ -120,6 +119,11 @@ impl Look<'_> {
         let top_m = (REACH_SHARE * height_m).max(height_m + REACH_M).min(bounds.max_m);
         let step_m = (top_m - bounds.min_m) / (N_HEIGHTS - 1) as f32;
         let heights_m: Vec<f32> = (0..N_HEIGHTS).map(|i| bounds.min_m + step_m * i as f32).collect();
+        let mut standing = Standing::default();
+        views
+            .iter()
+            .filter_map(|v| self.sweeps.get(v))
+            .for_each(|view| view.count_standing(self.problem.scene, building, &mut standing));
         let in_view = |view: &usize| {
             let sweep = self.sweeps.get(view)?;
             let evidence = sweep.evidence;
@@ -128,7 +132,7 @@ impl Look<'_> {
             Some(InspectedView {
                 view: *view,
                 n_rays: evidence.rays_of(building as u32).iter().filter(is_seen).count(),
-                scores: sweep.scores(self.problem.scene, building, &heights_m, &self.config.search),
+                scores: sweep.scores(self.problem.scene, building, &heights_m, standing, &self.config.search),
                 pairs: self.pairs(evidence, *view, building as u32),
             })
         };

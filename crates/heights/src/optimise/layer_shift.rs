@@ -39,7 +39,7 @@ const MOST_ONE_SIDED: f64 = 0.5;
 /// First step of the search, metres, if not a pixel of the working image on the ground.
 const STEP_M: f64 = 1.0;
 /// Rounds of the search at most.
-const MAX_ROUNDS: usize = 8;
+const MAX_ROUNDS: usize = 12;
 /// Least distance that is told, metres, if not three standard deviations.
 const LEAST_SHIFT_M: f64 = 0.75;
 /// Least share of the buildings that are explained better there, whatever the forms of their roofs.
@@ -147,24 +147,9 @@ fn pixel_on_ground_m(problem: &Problem<'_>, views_of: &[Vec<usize>]) -> f64 {
 
 impl Trial<'_> {
     fn search(&self, asked: &[usize], step_m: f64) -> Option<LayerShift> {
-        let mut at = DVec2::ZERO;
-        let mut is_settled = false;
-        for _ in 0..MAX_ROUNDS {
-            let cross = Cross::around(at, step_m, |d| self.scores(d, asked));
-            let next = at + cross.to_peak(None);
-            is_settled = (next - at).length() < 0.5 * step_m;
-            at = next;
-            if is_settled {
-                break;
-            }
-        }
-        // Near enough to tell whether it matters: where it does not, this was one round.
-        if !is_settled || at.length() < 0.5 * LEAST_SHIFT_M {
-            return None;
-        }
-        let cross = Cross::around(at, 0.5 * step_m, |d| self.scores(d, asked));
-        let peak = at + cross.to_peak(None);
-        let without: Vec<DVec2> = (0..asked.len()).map(|i| at + cross.to_peak(Some(i))).collect();
+        let (around, cross) = cross_at_peak(step_m, |d| self.scores(d, asked))?;
+        let peak = around + cross.to_peak(None);
+        let without: Vec<DVec2> = (0..asked.len()).map(|i| around + cross.to_peak(Some(i))).collect();
         let sigma_of = |axis: fn(&DVec2) -> f64| jackknife_sigma(&without.iter().map(axis).collect::<Vec<_>>());
         let sigma_m = sigma_of(|d| d.x)?.max(sigma_of(|d| d.y)?);
         if peak.length() < LEAST_SHIFT_M.max(3.0 * sigma_m) {
@@ -203,8 +188,7 @@ impl Trial<'_> {
             .priors
             .par_iter()
             .map(|(&view, prior)| {
-                let profiles = problem.profiles(view);
-                let mut evidence = Evidence::new(&views[view].placed, profiles, prior, 0.0, self.stride_px);
+                let mut evidence = problem.evidence(view, prior, 0.0, self.stride_px);
                 if let Some(curve) = self.are_straightened.then(|| GroundCurve::along_ground(&evidence)).flatten() {
                     evidence.straighten(&curve);
                 }
@@ -223,6 +207,25 @@ impl Trial<'_> {
         let found = sweep(scene, &sweep_views, &self.views_of, self.heights_m, range, Correlation::Linear, self.config);
         look(&sweep_views, &found)
     }
+}
+
+/// The scores around a place that is within half a step of their peak, and the place; `None` where the search does not come to rest.
+fn cross_at_peak(step_m: f64, scores: impl Fn(DVec2) -> Vec<f64>) -> Option<(DVec2, Cross)> {
+    let (mut at, mut before, mut reach_m) = (DVec2::ZERO, DVec2::ZERO, step_m);
+    for _ in 0..MAX_ROUNDS {
+        let cross = Cross::around(at, step_m, &scores);
+        let way = cross.to_peak(None);
+        if way.length() < 0.5 * step_m {
+            return Some((at, cross));
+        }
+        // Back where it came from: between the two, in shorter steps.
+        if way.dot(before) < 0.0 {
+            reach_m *= 0.5;
+        }
+        before = way.clamp_length_max(reach_m);
+        at += before;
+    }
+    None
 }
 
 /// Scores by building at a place and at four places around it.
@@ -261,5 +264,23 @@ impl LayerShift {
     #[must_use]
     pub fn on_ground(&self) -> DVec3 {
         DVec3::new(self.east_m, self.north_m, 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whole steps from one flank to the other never come to rest on a ridge that is narrower than they are.
+    #[test]
+    fn a_ridge_narrower_than_the_steps_is_found() {
+        let (peak, along) = (DVec2::new(1.2, 2.4), DVec2::from_angle(0.5));
+        let score = |d: DVec2| {
+            let off = d - peak;
+            -(off.dot(along) / 0.4).powi(2) - (off.dot(along.perp()) / 2.0).powi(2)
+        };
+        let (around, cross) = cross_at_peak(1.0, |d| vec![score(d)]).expect("it comes to rest");
+        let found = around + cross.to_peak(None);
+        assert!(found.distance(peak) < 0.6, "{found}");
     }
 }

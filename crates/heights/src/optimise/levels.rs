@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::config::SearchConfig;
 use super::roof::{RoofView, carries, is_clear};
 use super::score::{Correlation, Scope};
-use super::search::{SweepView, SweepViews, ViewsOf};
+use super::search::{SweepView, SweepViews, ViewsOf, standing};
 use super::two_levels::{Limits, N_MORE, Plan, SeenIn, Step, TwoLevels};
 use crate::scene::{HeightBounds, Prism, Scene};
 use crate::views::{corners_inside, in_turn};
@@ -96,11 +96,14 @@ pub(super) fn find(
         }
         // A tall roof as large as the footprint leaves most images: what stands below it may be seen in them still.
         let at_foot = (views_of[building].len() < MIN_VIEWS).then(|| views_of_foot(scene, views, building, config));
-        let of_building = at_foot.as_ref().unwrap_or(&views_of[building]).iter();
+        let of_building = at_foot.as_ref().unwrap_or(&views_of[building]);
+        let standing = standing(scene, views, of_building, building);
+        let scope = Scope::whole(config, Correlation::Linear).without_crowns(standing);
         let plan = Plan::new(prism, Limits { heights: scene.bounds, side_m: MIN_SIDE_M });
         let views: Vec<RoofView<'_>> = of_building
+            .iter()
             .filter_map(|&v| views[v].as_ref())
-            .filter_map(|v| v.roof_view(scene, building, Scope::whole(config, Correlation::Linear), config))
+            .filter_map(|v| v.roof_view(scene, building, scope, config))
             .collect();
         let seen: Vec<SeenIn<'_>> = views.iter().map(|view| SeenIn::new(view, 0.0, &plan)).collect();
         let one = OneLevel { height_m: heights_m[building], bounds: scene.bounds };

@@ -35,6 +35,7 @@ mod stepped;
 mod straighten;
 mod two_levels;
 mod unmodelled;
+mod vegetation;
 mod wings;
 
 pub use config::{

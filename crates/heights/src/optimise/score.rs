@@ -14,7 +14,7 @@ use super::calibrate::Calibration;
 use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::intervals::{Form, Intervals, PackedInterval, Sums};
-use super::unmodelled;
+use super::{unmodelled, vegetation};
 use crate::render::profile::Stops;
 use crate::stats;
 
@@ -70,6 +70,8 @@ pub struct Scope {
     pub dilate_px: usize,
     /// Which correlation will be asked for.
     pub correlation: Correlation,
+    /// Whether what is green and stands above the ground is no part of the building.
+    pub leave_out_crowns: bool,
 }
 
 impl Window {
@@ -95,6 +97,9 @@ impl Window {
             Some(calibration) => leave_out_unmodelled(evidence, &own_rays, stops, calibration, &mut rays),
             None => 0.0,
         };
+        if let Some(calibration) = calibration.filter(|_| scope.leave_out_crowns) {
+            vegetation::leave_out(evidence, calibration, &mut rays);
+        }
         // What each ray sees without the building.
         let mut depths = Vec::with_capacity(rays.len());
         let mut own: Vec<(usize, u32)> = Vec::with_capacity(own_rays.len());

@@ -16,6 +16,7 @@ use super::evidence::Evidence;
 use super::peak::Curve;
 use super::roof::{self, Judged, RoofView};
 use super::score::{Correlation, Scope, Window};
+use super::vegetation::Standing;
 use crate::render::PlacedCamera;
 use crate::render::profile::Stops;
 use crate::scene::{HeightBounds, Scene};
@@ -57,12 +58,17 @@ pub struct Finding {
 impl Scope {
     /// All heights, with all that they could hide.
     pub(super) fn whole(config: &SearchConfig, correlation: Correlation) -> Self {
-        Self { up_to_m: f32::INFINITY, dilate_px: config.dilate_px, correlation }
+        Self { up_to_m: f32::INFINITY, dilate_px: config.dilate_px, correlation, leave_out_crowns: false }
     }
 
     /// Heights up to one not far above the present.
     fn near(up_to_m: f32, config: &SearchConfig, correlation: Correlation) -> Self {
-        Self { up_to_m, dilate_px: config.local_dilate_px, correlation }
+        Self { up_to_m, dilate_px: config.local_dilate_px, correlation, leave_out_crowns: false }
+    }
+
+    /// Without the crowns of trees, where these stand over a building.
+    pub(super) fn without_crowns(self, standing: Standing) -> Self {
+        Self { leave_out_crowns: standing.are_crowns(), ..self }
     }
 }
 
@@ -105,13 +111,27 @@ impl<'a> SweepView<'a> {
     /// The score of each height of one building, as a local sweep up to the highest of them has it; empty where the view
     /// cannot tell.
     #[must_use]
-    pub fn scores(&self, scene: &Scene, building: usize, heights_m: &[f32], config: &SearchConfig) -> Vec<f64> {
+    pub(super) fn scores(
+        &self,
+        scene: &Scene,
+        building: usize,
+        heights_m: &[f32],
+        standing: Standing,
+        config: &SearchConfig,
+    ) -> Vec<f64> {
         let highest_m = heights_m.iter().copied().fold(0.0, f32::max);
-        let scope = Scope::near(highest_m, config, Correlation::Linear);
+        let scope = Scope::near(highest_m, config, Correlation::Linear).without_crowns(standing);
         let Some(window) = self.window(scene, building, scope) else { return Vec::new() };
         let weight = window.agreement_weight(config.local_agreement(), config);
         let score = |h: &f32| window.score(*h, weight, Correlation::Linear);
         heights_m.iter().map(score).collect()
+    }
+
+    /// Counts a building's rays that end on its roof, whatever that is, and those of them that are green.
+    pub(super) fn count_standing(&self, scene: &Scene, building: usize, standing: &mut Standing) {
+        if let Some(calibration) = self.calibration {
+            standing.add(self.evidence, building as u32, scene.prisms[building].ground_z, calibration);
+        }
     }
 
     /// One building in this view; `None` if it has nothing to say.
@@ -137,6 +157,15 @@ impl<'a> SweepView<'a> {
 /// The views of a sweep by their position in the survey; `None` for those that take no part.
 pub type SweepViews<'a> = &'a [Option<SweepView<'a>>];
 
+/// Share of green in what stands on a building, over its views.
+pub(super) fn standing(scene: &Scene, views: SweepViews<'_>, of_building: &[usize], building: usize) -> Standing {
+    let mut standing = Standing::default();
+    for view in of_building.iter().filter_map(|&v| views[v].as_ref()) {
+        view.count_standing(scene, building, &mut standing);
+    }
+    standing
+}
+
 /// Tries heights for every building and returns what was found; `None` where no view has a say.
 #[must_use]
 pub fn sweep(
@@ -149,7 +178,9 @@ pub fn sweep(
     config: &SearchConfig,
 ) -> Vec<Option<Finding>> {
     let find = |b: usize| {
+        let standing = standing(scene, views, &views_of[b], b);
         let look = |scope: Scope| {
+            let scope = scope.without_crowns(standing);
             let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());
             let windows = of_building.filter_map(|v| v.window(scene, b, scope)).collect();
             Looked::new(windows, range, correlation, config)
@@ -210,7 +241,9 @@ pub(super) fn find_roofs(
     config: &SearchConfig,
 ) -> Vec<Judged> {
     let find = |b: usize| {
+        let standing = standing(scene, views, &views_of[b], b);
         let seen = |scope: Scope| -> Vec<RoofView<'_>> {
+            let scope = scope.without_crowns(standing);
             let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());
             of_building.filter_map(|v| v.roof_view(scene, b, scope, config)).collect()
         };

@@ -27,6 +27,8 @@ pub enum Reason {
     OtherHeight,
     /// Nothing was seen through the space above it: its photos could not be matched there, and it may go on.
     UnseenAbove,
+    /// Hardly anything stands there that is not as green as leaves in the photos: trees over the roof, or a green roof.
+    Vegetation,
     /// It stands far above all that is around, and the photos have not refined it.
     AboveAllAround,
     /// The photos show the ground around it elsewhere than the terrain has it.
@@ -51,6 +53,7 @@ impl Reason {
             Self::PoorScore => "poor_score",
             Self::OtherHeight => "other_height",
             Self::UnseenAbove => "unseen_above",
+            Self::Vegetation => "vegetation",
             Self::AboveAllAround => "above_all_around",
             Self::GroundDiffers => "ground_differs",
             Self::Guessed => "guessed",
@@ -146,6 +149,8 @@ impl SolvedHeight {
         self.height_m = Some(roof.height_m(reference));
         self.roof = Some(roof);
         self.sigma_m = Some(sigma_m);
+        // What photos from all around agree on as one surface is no crown.
+        self.reasons.retain(|reason| *reason != Reason::Vegetation);
     }
 
     /// Takes a height or a roof that is not within the range back to it, as a flat roof, and says so: whatever found it, no

@@ -74,6 +74,7 @@ pub fn in_words(reason: &str) -> String {
         "wrong_order" => "the heights found leave its depths in the wrong order",
         "other_height" => "another height explains the priors better",
         "unseen_above" => "no photo's depth looks through the space above it: it may be taller",
+        "vegetation" => "nearly all that stands there is as green as leaves: trees over the roof, or a green roof",
         "above_all_around" => "it stands far above all that is around",
         "ground_differs" => "the photos show the ground around it elsewhere than the terrain has it",
         "ground_unknown" => "the terrain has no ground there",
@@ -91,6 +92,7 @@ fn advice(reason: &str) -> Option<&'static str> {
         "above_all_around" => "if there is no tower, look at its footprint and its photos (`sizeup look`)",
         "ground_differs" => "give a terrain model that fits, or [dtm] to make one from the photos",
         "reviewed_wrong" => "correct its height in the review, or give it one with [output.fallback]",
+        "vegetation" => "look at it in the photos: under trees the height is theirs, of a green roof it is its own",
         "unseen_above" | "conflicting_views" | "poor_score" | "flat_score" | "other_height" => {
             "look at its footprint, and at pictures/overlay-*.png or the report's photos of it"
         }

@@ -6,6 +6,7 @@ mod outcome;
 mod sweeps;
 mod views;
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::DVec3;
@@ -20,6 +21,7 @@ use super::roof::Judged;
 use super::search::Finding;
 use super::solution::{EpochRecord, Solution};
 use crate::prior::DepthPrior;
+use crate::raster::Raster;
 use crate::render::PlacedCamera;
 use crate::render::profile::Profiles;
 use crate::scene::Scene;
@@ -68,6 +70,8 @@ pub struct Problem<'a> {
     pub without_prior: &'a (dyn Fn(usize) -> Option<String> + Sync),
     /// Loads the prior of a view by its position; the text says why it cannot.
     pub load_prior: &'a (dyn Fn(usize) -> Result<DepthPrior, String> + Sync),
+    /// Pixels of a view's photo, by its position, that are as green as leaves, at any size; `None` where that is not known.
+    pub green: &'a (dyn Fn(usize) -> Option<Arc<Raster<bool>>> + Sync),
     /// By building: its height above ground in an earlier solution of almost the same scene, metres; may be empty.
     pub start_m: &'a [Option<f32>],
     /// Root seed of all random streams.
@@ -120,6 +124,16 @@ impl<'a> Problem<'a> {
         self.rays.of(self, view)
     }
 
+    /// A view with its prior, sampled along its rays.
+    pub(super) fn evidence(&self, view: usize, prior: &DepthPrior, bleeding_px: f64, stride_px: usize) -> Evidence<'a> {
+        let placed = &self.views[view].placed;
+        let mut evidence = Evidence::new(placed, self.profiles(view), prior, bleeding_px, stride_px);
+        if let Some(green) = (self.green)(view) {
+            evidence.see_green(placed, &green);
+        }
+        evidence
+    }
+
     /// Traces the rays of all oblique views, and tells of it.
     fn trace_oblique(&self) {
         let n = self.views.len();
@@ -150,6 +164,8 @@ struct State<'a> {
     roofs: Vec<Judged>,
     /// By building: the area above its roof that no view has looked through, metres squared (`robust`).
     blind_m2: Vec<f64>,
+    /// By building: whether hardly anything stands on it that is not as green as leaves (`robust`).
+    is_green: Vec<bool>,
     views_of: Vec<Vec<usize>>,
     history: Vec<EpochRecord>,
     /// By view: by how many pixels of the working image its prior's near sides bleed over their edges.
@@ -179,6 +195,7 @@ impl<'a> State<'a> {
             is_in_wrong_order: vec![false; n_buildings],
             roofs: vec![Judged::default(); n_buildings],
             blind_m2: vec![0.0; n_buildings],
+            is_green: vec![false; n_buildings],
             views_of: vec![Vec::new(); n_buildings],
             history: Vec::new(),
             bleeding_px: vec![0.0; n_views],

@@ -114,6 +114,9 @@ impl State<'_> {
         if self.blind_m2[building] > (BLIND_SHARE * area_m2).max(BLIND_M2) {
             reasons.push(Reason::UnseenAbove);
         }
+        if self.is_green[building] {
+            reasons.push(Reason::Vegetation);
+        }
         let roof = self.roofs[building].roof.unwrap_or(Roof::flat(f64::from(height_m)));
         let pixel_m = self.pixel_m(building);
         let doubts = Doubts {

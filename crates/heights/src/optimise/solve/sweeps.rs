@@ -6,7 +6,7 @@ use super::{Solving, State};
 use crate::optimise::config::CalibrationRays;
 use crate::optimise::empty_space::{self, Known, Look};
 use crate::optimise::score::Correlation;
-use crate::optimise::search::{Finding, Range, SweepView, find_roofs, sweep};
+use crate::optimise::search::{Finding, Range, SweepView, find_roofs, standing, sweep};
 use crate::optimise::{bleed, layer_shift, levels};
 
 /// Heights are kept on a grid of so many steps per metre.
@@ -60,10 +60,13 @@ impl State<'_> {
             let correlation = if is_rank { Correlation::Rank } else { Correlation::Linear };
             self.sweep(Range::Local { share: if i == 0 { 1.0 } else { 0.5 } }, correlation, n_selected);
         }
+        let views = self.sweep_views();
+        let is_green = |b: usize| standing(self.problem.scene, &views, &self.views_of[b], b).is_green();
+        let is_green = (0..self.heights_m.len()).into_par_iter().map(is_green).collect();
         if !config.roof_forms.is_empty() {
-            let views = self.sweep_views();
             self.roofs = find_roofs(self.problem.scene, &views, &self.views_of, &self.heights_m, config);
         }
+        self.is_green = is_green;
         self.blind_m2 = self.blind_areas_m2();
         (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
     }

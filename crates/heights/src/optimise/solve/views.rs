@@ -5,7 +5,6 @@ use rand::Rng as _;
 use rayon::prelude::*;
 
 use super::{Solving, State, ViewInput};
-use crate::optimise::evidence::Evidence;
 use crate::optimise::straighten::{self, GroundCurve};
 use crate::seed;
 use crate::views::{CandidateView, Choice, Selection, Visibility, drawn, in_turn, select, select_each, visibility};
@@ -77,9 +76,7 @@ impl State<'_> {
             .par_iter()
             .map(|&v| {
                 let evidence = (self.problem.load_prior)(v).map(|prior| {
-                    let (placed, stride_px) = (&self.problem.views[v].placed, self.config.stride_px);
-                    let evidence =
-                        Evidence::new(placed, self.problem.profiles(v), &prior, self.bleeding_px[v], stride_px);
+                    let evidence = self.problem.evidence(v, &prior, self.bleeding_px[v], self.config.stride_px);
                     let curve = if self.are_bent == Some(false) { None } else { GroundCurve::along_ground(&evidence) };
                     (evidence, curve)
                 });

@@ -10,6 +10,7 @@ const REASONS = {
   poor_score: "The depth priors are explained badly by any height.",
   other_height: "Over the whole range another height explains the depth priors better.",
   unseen_above: "No photo's depth looks through the space above it: it may be taller.",
+  vegetation: "Nearly all that stands there is as green as leaves: trees over the roof, or a green roof.",
   above_all_around: "It stands far above all that is around.",
   ground_differs: "The photos show the ground around it elsewhere than the terrain has it.",
   ground_unknown: "The terrain has no height under it.",
