@@ -17,7 +17,7 @@ fn village(folder: &Path) {
     simulate(&config, folder, &|_, _| {}).unwrap();
 }
 
-/// Mean and greatest error of the heights that are not doubtful, metres, and what is told of the photos.
+/// Mean and greatest error of all heights, metres, and the photos that could not be read.
 fn run(folder: &Path, more: &[&str]) -> (f64, f64, Vec<String>) {
     let mut command = sizeup();
     command.arg("run").arg(folder.join("sizeup.toml")).args(more);

@@ -25,7 +25,7 @@ pub struct Evidence<'a> {
     pub nearness: Vec<f32>,
     /// Per ray: the prior as something that grows away from the camera, as the paper's D; `NaN` = none.
     pub farness: Vec<f32>,
-    /// Per ray: whether the photo shows the green of leaves there; empty where that is not known.
+    /// Per ray: whether the photo shows the green of leaves there; empty where that is not known, or it does so nowhere.
     green: Vec<bool>,
     /// Whether the prior has been straightened along the ground.
     pub was_bent: bool,
@@ -102,13 +102,14 @@ impl<'a> Evidence<'a> {
             let centre = ray.centre();
             green.get((centre.x * scale_x) as usize, (centre.y * scale_y) as usize).is_some_and(|is_green| *is_green)
         };
-        self.green = self.profiles.rays.iter().map(at).collect();
+        let seen: Vec<bool> = self.profiles.rays.iter().map(at).collect();
+        self.green = if seen.contains(&true) { seen } else { Vec::new() };
     }
 
     /// Whether the photo shows the green of leaves anywhere.
     #[must_use]
     pub(super) fn sees_green(&self) -> bool {
-        self.green.contains(&true)
+        !self.green.is_empty()
     }
 
     /// Whether the photo shows the green of leaves along a ray.
