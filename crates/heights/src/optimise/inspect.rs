@@ -9,11 +9,10 @@ use rayon::prelude::*;
 use super::config::{OptimiseConfig, Preset, Region};
 use super::evidence::Evidence;
 use super::ordinal::Compared;
-use super::search::SweepView;
+use super::search::{SweepView, standing};
 use super::solution::Solution;
 use super::solve::Problem;
 use super::straighten::GroundCurve;
-use super::vegetation::Standing;
 use crate::ordinal::DepthOrder;
 use crate::seed;
 
@@ -119,11 +118,7 @@ impl Look<'_> {
         let top_m = (REACH_SHARE * height_m).max(height_m + REACH_M).min(bounds.max_m);
         let step_m = (top_m - bounds.min_m) / (N_HEIGHTS - 1) as f32;
         let heights_m: Vec<f32> = (0..N_HEIGHTS).map(|i| bounds.min_m + step_m * i as f32).collect();
-        let mut standing = Standing::default();
-        views
-            .iter()
-            .filter_map(|v| self.sweeps.get(v))
-            .for_each(|view| view.count_standing(self.problem.scene, building, &mut standing));
+        let standing = standing(self.problem.scene, views.iter().filter_map(|v| self.sweeps.get(v)), building);
         let in_view = |view: &usize| {
             let sweep = self.sweeps.get(view)?;
             let evidence = sweep.evidence;

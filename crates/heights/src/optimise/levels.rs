@@ -97,7 +97,7 @@ pub(super) fn find(
         // A tall roof as large as the footprint leaves most images: what stands below it may be seen in them still.
         let at_foot = (views_of[building].len() < MIN_VIEWS).then(|| views_of_foot(scene, views, building, config));
         let of_building = at_foot.as_ref().unwrap_or(&views_of[building]);
-        let standing = standing(scene, views, of_building, building);
+        let standing = standing(scene, of_building.iter().filter_map(|&v| views[v].as_ref()), building);
         let scope = Scope::whole(config, Correlation::Linear).without_crowns(standing);
         let plan = Plan::new(prism, Limits { heights: scene.bounds, side_m: MIN_SIDE_M });
         let views: Vec<RoofView<'_>> = of_building

@@ -127,13 +127,6 @@ impl<'a> SweepView<'a> {
         heights_m.iter().map(score).collect()
     }
 
-    /// Counts a building's rays that end on its roof, whatever that is, and those of them that are green.
-    pub(super) fn count_standing(&self, scene: &Scene, building: usize, standing: &mut Standing) {
-        if let Some(calibration) = self.calibration {
-            standing.add(self.evidence, building as u32, scene.prisms[building].ground_z, calibration);
-        }
-    }
-
     /// One building in this view; `None` if it has nothing to say.
     pub(super) fn window(&self, scene: &Scene, building: usize, scope: Scope) -> Option<Window> {
         let ground_z = scene.prisms[building].ground_z;
@@ -158,10 +151,16 @@ impl<'a> SweepView<'a> {
 pub type SweepViews<'a> = &'a [Option<SweepView<'a>>];
 
 /// Share of green in what stands on a building, over its views.
-pub(super) fn standing(scene: &Scene, views: SweepViews<'_>, of_building: &[usize], building: usize) -> Standing {
+pub(super) fn standing<'a, 'b: 'a>(
+    scene: &Scene,
+    views: impl Iterator<Item = &'a SweepView<'b>>,
+    building: usize,
+) -> Standing {
     let mut standing = Standing::default();
-    for view in of_building.iter().filter_map(|&v| views[v].as_ref()) {
-        view.count_standing(scene, building, &mut standing);
+    for view in views {
+        if let Some(calibration) = view.calibration {
+            standing.add(view.evidence, building as u32, scene.prisms[building].ground_z, calibration);
+        }
     }
     standing
 }
@@ -178,7 +177,7 @@ pub fn sweep(
     config: &SearchConfig,
 ) -> Vec<Option<Finding>> {
     let find = |b: usize| {
-        let standing = standing(scene, views, &views_of[b], b);
+        let standing = standing(scene, views_of[b].iter().filter_map(|&v| views[v].as_ref()), b);
         let look = |scope: Scope| {
             let scope = scope.without_crowns(standing);
             let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());
@@ -241,7 +240,7 @@ pub(super) fn find_roofs(
     config: &SearchConfig,
 ) -> Vec<Judged> {
     let find = |b: usize| {
-        let standing = standing(scene, views, &views_of[b], b);
+        let standing = standing(scene, views_of[b].iter().filter_map(|&v| views[v].as_ref()), b);
         let seen = |scope: Scope| -> Vec<RoofView<'_>> {
             let scope = scope.without_crowns(standing);
             let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());

@@ -61,7 +61,8 @@ impl State<'_> {
             self.sweep(Range::Local { share: if i == 0 { 1.0 } else { 0.5 } }, correlation, n_selected);
         }
         let views = self.sweep_views();
-        let is_green = |b: usize| standing(self.problem.scene, &views, &self.views_of[b], b).is_green();
+        let views_of = |b: usize| self.views_of[b].iter().filter_map(|&v| views[v].as_ref());
+        let is_green = |b: usize| standing(self.problem.scene, views_of(b), b).is_green();
         let is_green = (0..self.heights_m.len()).into_par_iter().map(is_green).collect();
         if !config.roof_forms.is_empty() {
             self.roofs = find_roofs(self.problem.scene, &views, &self.views_of, &self.heights_m, config);
