@@ -39,11 +39,11 @@ pub struct CutArgs {
     /// Most buildings of a tile: squares are quartered until they hold few enough.
     #[arg(long, value_name = "N", conflicts_with = "size")]
     pub buildings: Option<usize>,
-    /// Width of the ring around a tile whose buildings are solved with it, metres. By default half as
-    /// much again as a view shows at once.
+    /// Width of the ring around a tile whose buildings are solved with it, metres. By default twice
+    /// what a view shows at once.
     #[arg(long, value_name = "METRES")]
     pub halo: Option<f64>,
-    /// How far around a tile views are taken in, metres. By default a third of the halo.
+    /// How far around a tile views are taken in, metres. By default 0.45 of the halo.
     #[arg(long, value_name = "METRES")]
     pub view_margin: Option<f64>,
     /// Most memory of a tile, megabytes; tiles that need more are quartered. 4000 without --size and --buildings.

@@ -455,6 +455,31 @@ fn greatest_difference_m(scene: &Scene, [one, other]: [&str; 2]) -> f64 {
 }
 
 #[test]
+fn tiles_whose_halo_ends_within_the_town_find_the_heights_of_a_run_in_one_piece() {
+    let mut config = SimulateConfig { seed: 3, ..SimulateConfig::default() };
+    (config.town.kind, config.town.n_buildings) = (TownKind::District, 700);
+    (config.flight.n_views, config.flight.height_m) = (Some(420), 110.0);
+    config.prior.longest_px = 128;
+    (config.images.enabled, config.masks.enabled) = (false, false);
+    let folder = tempfile::tempdir().unwrap();
+    simulate(&config, folder.path(), &|_, _| {}).unwrap();
+    let scene = Scene::of(folder);
+    let cut = |name: &str, size: &str| {
+        let more = ["--set", "optimise.working_px=128", "--set", "optimise.search.calibrate_on=ground"];
+        let ran = scene.run(
+            &[&["--tiled", "--jobs", "2", "--heights", "none", "--size", size, "--output", name][..], &more].concat(),
+        );
+        assert!([0, 5].contains(&ran.code), "{}", ran.stderr);
+        let tiles = scene.json(&format!("{name}/tiles.json"))["tiles"].clone();
+        tiles.as_array().unwrap().iter().filter_map(|tile| tile["n_solved"].as_u64()).min().unwrap()
+    };
+    assert_eq!(cut("one", "6000"), 700);
+    assert!(cut("many", "500") < 600, "no tile's halo covers the town");
+    let far_m = greatest_difference_m(&scene, ["one", "many"]);
+    assert!(far_m < 0.0005, "{far_m} m between two tilings");
+}
+
+#[test]
 fn priors_that_bleed_over_edges_give_the_same_heights_in_any_tiling() {
     let mut config = SimulateConfig { seed: 1, ..SimulateConfig::default() };
     (config.town.kind, config.town.n_buildings) = (TownKind::Village, 24);

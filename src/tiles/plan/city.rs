@@ -24,12 +24,13 @@ use sizeup_results::output::reports::write_json;
 use sizeup_results::output::reviews::Reviews;
 use sizeup_survey::{Survey, View, ViewKind};
 
-/// Width of the halo in breadths of the median oblique view: what a core's views show, and what hides and measures that.
-const HALO_BREADTHS: f64 = 1.5;
+/// Width of the halo in breadths of the median oblique view: as far as the views that are taken in show anything.
+const HALO_BREADTHS: f64 = 2.0;
 /// The halo is a multiple of this, metres, so that a photo more does not change it.
 const HALO_STEP_M: f64 = 50.0;
 /// How far around a core views are taken in, as a share of the halo: buildings that far out are solved as in their own tile.
-const VIEW_MARGIN_SHARE: f64 = 1.0 / 3.0;
+/// With a third of 1.5 breadths, 8 of 20,551 heights of a district of 20,000 were another decimetre than in one piece; with this, none a millimetre.
+const VIEW_MARGIN_SHARE: f64 = 0.45;
 /// Buildings that all tiles solve, their halos included, for each building that there is, at most, where nobody says how
 /// large tiles are to be and memory allows it.
 const MOST_SOLVED: f64 = 1.5;
