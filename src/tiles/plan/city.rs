@@ -29,7 +29,7 @@ const HALO_BREADTHS: f64 = 2.0;
 /// The halo is a multiple of this, metres, so that a photo more does not change it.
 const HALO_STEP_M: f64 = 50.0;
 /// How far around a core views are taken in, as a share of the halo: buildings that far out are solved as in their own tile.
-/// With a third of 1.5 breadths, 8 of 20,551 heights of a district of 20,000 were another decimetre than in one piece; with this, none a millimetre.
+/// With 1.5 breadths and a third of them, 8 of 20,551 heights differed from those in one piece by over 0.1 m; with this, none does.
 const VIEW_MARGIN_SHARE: f64 = 0.45;
 /// Buildings that all tiles solve, their halos included, for each building that there is, at most, where nobody says how
 /// large tiles are to be and memory allows it.

@@ -207,14 +207,15 @@ impl GroundGrid {
     fn meets_in_cell(&self, walk: &Walk<'_>, low: f32, high: f32) -> f32 {
         // Rounding may put it just outside.
         let beside = (1e-3 * walk.inverse.abs().min_element()).max(4.0 * f32::EPSILON * high);
-        let [low, high, beside] = [low, high, beside].map(f64::from);
-        let clearance = self.clearance_in_cell(walk.ray, walk.between(low as f32, high as f32));
+        let clearance = self.clearance_in_cell(walk.ray, walk.between(low, high));
         let sinks = |t: &f64| 2.0 * clearance[0] * t + clearance[1] < 0.0;
-        let is_here = |t: &f64| (low - beside..=high + beside).contains(t) && sinks(t);
-        roots(clearance).into_iter().flatten().find(is_here).unwrap_or(high) as f32
+        let around = f64::from(low) - f64::from(beside)..=f64::from(high) + f64::from(beside);
+        let met = roots(clearance).into_iter().flatten().find(|t| around.contains(t) && sinks(t));
+        met.map_or(high, |t| t as f32)
     }
 
-    /// Height of a ray above the ground of the cell at a position in cells, as a polynomial of the ray parameter: quadratic, linear and constant term.
+    /// Height of a ray above the ground of the cell at a position in cells, as a polynomial of the ray parameter: quadratic,
+    /// linear and constant term.
     fn clearance_in_cell(&self, ray: &Ray, in_cells: Vec2) -> [f64; 3] {
         let last = Vec2::new(self.heights.width() as f32 - 2.0, self.heights.height() as f32 - 2.0);
         let node = in_cells.floor().clamp(Vec2::ZERO, last.max(Vec2::ZERO));
