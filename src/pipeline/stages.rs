@@ -27,6 +27,7 @@ use sizeup_heights::optimise::{LayerShift, Solution};
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::Priors;
 use sizeup_results::output::plausible::CityDoubts;
+use sizeup_results::output::reports::write_issues;
 use sizeup_results::output::reviews::Reviews;
 use sizeup_results::output::unmeasured::unmeasured;
 use sizeup_results::output::{
@@ -183,11 +184,10 @@ fn sum_up_without_heights(
     let unseen = unseen(survey, footprints)?;
     summary.worst = unseen.as_ref().map(|issue| issue.message.clone());
     let all = survey.issues.iter().chain(&footprints.layer.issues).chain(&footprints.issues);
-    let mut found: Vec<Issue> = all.cloned().chain(unseen).collect();
-    found.sort_by_key(Issue::weight);
+    let found: Vec<Issue> = all.cloned().chain(unseen).collect();
     summary.count_issues(&found);
     let file = beside_results(config, Stage::Footprints, "issues.json");
-    write_json(&config.project.output.join(&file), &found)?;
+    write_issues(&config.project.output.join(&file), &found)?;
     summary.issues_in = (file != Path::new("issues.json")).then_some(file);
     Ok(())
 }
@@ -471,7 +471,7 @@ fn write_results(config: &RunConfig, model: &CityModel<'_>, summary: &RunSummary
     cityjson::write(&folder.join("city.city.json"), model, &config.output.cityjson)?;
     geopackage::write(&folder.join("city.gpkg"), model, &config.output.geopackage)?;
     dtm::write_project(config, folder, "city.gpkg", model)?;
-    write_json(&folder.join("issues.json"), &model.issues)?;
+    write_issues(&folder.join("issues.json"), model.issues)?;
     write_json(&folder.join("lineage.json"), &model.lineage)?;
     summary.write(folder)?;
     write_whole(&folder.join("config.toml"), |out| out.write_all(config.saved().to_toml().as_bytes()))?;

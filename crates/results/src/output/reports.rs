@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::attributes::round_m;
 use super::{BuildingRecord, CityModel, OutputError, Status, StatusCount};
 pub use sizeup_geo::files::write_json;
+use sizeup_geo::files::write_whole;
 use sizeup_geo::issue::Issue;
 use sizeup_heights::stats::{mean, quantile};
 
@@ -105,19 +106,44 @@ fn tally<'a>(names: impl Iterator<Item = &'a str>) -> IndexMap<String, usize> {
     counts
 }
 
-/// Writes `issues.json`: a list, by weight ([`Issue::weight`]), in their order where that is the same.
+/// Writes `issues.json`: a list with an issue a line, by weight ([`Issue::weight`]), in their order where that is the same.
 ///
 /// # Errors
 /// [`OutputError::File`].
 pub fn write_issues(path: &Path, issues: &[Issue]) -> Result<(), OutputError> {
     let mut sorted: Vec<&Issue> = issues.iter().collect();
     sorted.sort_by_key(|issue| issue.weight());
-    Ok(write_json(path, &sorted)?)
+    Ok(write_whole(path, |out| {
+        for (i, issue) in sorted.iter().enumerate() {
+            out.write_all(if i == 0 { b"[\n" } else { b",\n" })?;
+            serde_json::to_writer(&mut *out, issue)?;
+        }
+        out.write_all(if sorted.is_empty() { b"[]\n" } else { b"\n]\n" })
+    })?)
 }
 
 #[cfg(test)]
 mod tests {
+    use sizeup_geo::issue::{Severity, Subject};
+
     use super::*;
+
+    #[test]
+    fn issues_are_a_list_with_one_a_line_the_weightiest_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("issues.json");
+        let written = |issues: &[Issue]| {
+            write_issues(&path, issues).unwrap();
+            std::fs::read_to_string(&path).unwrap()
+        };
+        assert_eq!(written(&[]), "[]\n");
+        let issue =
+            |severity, id: &str| Issue::new(severity, "height_unknown", Subject::Building(id.to_owned()), "a \"b\"\nc");
+        let text = written(&[issue(Severity::Note, "x"), issue(Severity::Refused, "y")]);
+        assert_eq!(text.lines().count(), 4, "{text}");
+        let read: Vec<Issue> = serde_json::from_str(&text).unwrap();
+        assert_eq!(read, [issue(Severity::Refused, "y"), issue(Severity::Note, "x")]);
+    }
 
     #[test]
     fn tallies_put_the_most_frequent_first() {

@@ -27,6 +27,7 @@ use super::{BuildingRecord, CityModel, OutputError};
 pub use names::{AttributeNames, EXTENSION_PREFIX, extension_schema};
 use object::Objects;
 pub use read_sequence::CitySequence;
+pub(super) use sequence::write_lines;
 pub use sequence::write_sequence;
 use sizeup_geo::files::{FileError, write_whole_or};
 use sizeup_geo::issue::{Issue, Severity, Subject};

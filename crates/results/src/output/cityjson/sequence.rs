@@ -22,26 +22,34 @@ pub fn write_sequence<R: Records + ?Sized>(
     model: &CityModel<'_, R>,
     config: &CityJsonConfig,
 ) -> Result<Overview, OutputError> {
-    config.require_valid()?;
     let overview = Overview::of(model.records)?;
+    write_whole_or(path, |out| write_lines(out, model, config, &overview, |e| cannot_write(path, e)))?;
+    Ok(overview)
+}
+
+/// Writes the lines of the file to anything that takes them; `failed` names it in errors.
+pub(in crate::output) fn write_lines<R: Records + ?Sized>(
+    out: &mut dyn Write,
+    model: &CityModel<'_, R>,
+    config: &CityJsonConfig,
+    overview: &Overview,
+    failed: impl Fn(io::Error) -> OutputError,
+) -> Result<(), OutputError> {
+    config.require_valid()?;
     let grid = overview.grid(config.scale_m)?;
-    let mut header = metadata::header(model, &overview, &grid, config);
+    let mut header = metadata::header(model, overview, &grid, config);
     header.insert("CityObjects".to_owned(), json!({}));
     header.insert("vertices".to_owned(), json!([]));
     let objects = Objects { grid: &grid, config, has_roofs: overview.has_roofs };
-    write_whole_or(path, |out| {
-        let failed = |e| cannot_write(path, e);
-        writeln!(out, "{}", json!(header)).map_err(failed)?;
-        let mut pool = VertexPool::default();
-        let mut families = Families::new(&overview);
-        model.records.visit(&mut |record| {
-            let Some(family) = families.add(record) else { return Ok(()) };
-            pool.clear();
-            let named = objects.of(&family, &mut pool);
-            write_feature(out, &named, &pool).map_err(failed)
-        })
-    })?;
-    Ok(overview)
+    writeln!(out, "{}", json!(header)).map_err(&failed)?;
+    let mut pool = VertexPool::default();
+    let mut families = Families::new(overview);
+    model.records.visit(&mut |record| {
+        let Some(family) = families.add(record) else { return Ok(()) };
+        pool.clear();
+        let named = objects.of(&family, &mut pool);
+        write_feature(out, &named, &pool).map_err(&failed)
+    })
 }
 
 /// One line: the root object first, which names the feature.
