@@ -5,8 +5,10 @@ use super::ConfigError;
 /// How an assignment looks.
 pub(super) const FORM: &str = "write it as --set optimise.preset=paper or --set project.crs=EPSG:25832";
 
-/// Where all keys are listed.
-const KEYS: &str = "`sizeup schema run` prints every key with its type, unit and default";
+/// Where all keys of a run are listed.
+pub(super) const KEYS_OF_RUN: &str = "`sizeup schema run` prints every key with its type, unit and default";
+/// Where all keys of a simulated scene are listed.
+pub(super) const KEYS_OF_SCENE: &str = "`sizeup schema simulate` prints every key with its type, unit and default";
 
 /// Tables that a configuration has to have, and what to write into them.
 const TABLES: [(&str, &str); 5] = [
@@ -21,7 +23,7 @@ const TABLES: [(&str, &str); 5] = [
 ];
 
 /// A better message for a mistake in a file, where there is one, and a hint.
-pub(super) fn of_file(error: &toml::de::Error, text: &str) -> (Option<String>, String) {
+pub(super) fn of_file(error: &toml::de::Error, text: &str, keys: &str) -> (Option<String>, String) {
     let table: toml::Table = toml::from_str(text).unwrap_or_default();
     let missing = error.message().strip_prefix("missing field `").and_then(|rest| rest.split('`').next());
     if let Some((name, hint)) = TABLES.iter().find(|(name, _)| missing == Some(*name) && !table.contains_key(*name)) {
@@ -35,17 +37,18 @@ pub(super) fn of_file(error: &toml::de::Error, text: &str) -> (Option<String>, S
                     else stereo)";
         return (None, hint.to_owned());
     }
-    (None, values(error.message()).unwrap_or_else(|| KEYS.to_owned()))
+    (None, values(error.message()).unwrap_or_else(|| keys.to_owned()))
 }
 
-/// A mistake in one of several assignments: the one to blame where that can be told.
-pub(super) fn of_assignments(error: &toml::de::Error, assignments: &[String]) -> ConfigError {
+/// A mistake in one of several assignments, or in all of them together.
+pub(super) fn of_assignments(
+    error: &toml::de::Error,
+    blamed: Option<&String>,
+    assignments: &[String],
+    keys: &str,
+) -> ConfigError {
     let message = error.message().to_owned();
-    let blamed = message.split('`').nth(1).and_then(|word| {
-        let mut naming = assignments.iter().filter(|assignment| assignment.contains(word));
-        naming.next().filter(|_| naming.next().is_none())
-    });
-    let hint = values(&message).unwrap_or_else(|| KEYS.to_owned());
+    let hint = values(&message).unwrap_or_else(|| keys.to_owned());
     let assignment = blamed.cloned().unwrap_or_else(|| assignments.join(" --set "));
     ConfigError::Set { assignment, message, hint }
 }

@@ -249,7 +249,7 @@ impl RunConfig {
         let renamed = assignments.iter().map(|assignment| renamed::in_assignment(assignment, &renamed::OF_RUN));
         let (assignments, notes): (Vec<String>, Vec<Option<Issue>>) = renamed.unzip();
         let mut notes: Vec<Issue> = notes.into_iter().flatten().collect();
-        let mut config: Self = parse_with(text, Some(path), &assignments, |table| {
+        let mut config: Self = parse_with(text, Some(path), &assignments, advice::KEYS_OF_RUN, |table| {
             notes.extend(renamed::in_table(table, &renamed::OF_RUN));
         })?;
         config.notes = notes;
@@ -309,7 +309,7 @@ impl RunConfig {
 /// # Errors
 /// [`ConfigError::Parse`] with the line underlined, or [`ConfigError::Set`].
 pub fn parse<T: DeserializeOwned>(text: &str, path: Option<&Path>, assignments: &[String]) -> Result<T, ConfigError> {
-    parse_with(text, path, assignments, |_| ())
+    parse_with(text, path, assignments, advice::KEYS_OF_RUN, |_| ())
 }
 
 /// As [`parse`] for settings of simulated scenes, with notes of keys that have another name now.
@@ -324,21 +324,23 @@ pub fn parse_scene<T: DeserializeOwned>(
     let renamed = assignments.iter().map(|assignment| renamed::in_assignment(assignment, &renamed::OF_SCENE));
     let (assignments, notes): (Vec<String>, Vec<Option<Issue>>) = renamed.unzip();
     let mut notes: Vec<Issue> = notes.into_iter().flatten().collect();
-    let settings =
-        parse_with(text, path, &assignments, |table| notes.extend(renamed::in_table(table, &renamed::OF_SCENE)))?;
+    let settings = parse_with(text, path, &assignments, advice::KEYS_OF_SCENE, |table| {
+        notes.extend(renamed::in_table(table, &renamed::OF_SCENE));
+    })?;
     Ok((settings, notes))
 }
 
-/// As [`parse`], with the file's table changed before the assignments.
+/// As [`parse`], with the file's table changed before the assignments. `keys` says where all keys are listed.
 fn parse_with<T: DeserializeOwned>(
     text: &str,
     path: Option<&Path>,
     assignments: &[String],
+    keys: &str,
     change: impl FnOnce(&mut toml::Table),
 ) -> Result<T, ConfigError> {
     let path = || path.unwrap_or(Path::new("settings")).to_owned();
     let parse_error = |e: toml::de::Error| {
-        let (message, hint) = advice::of_file(&e, text);
+        let (message, hint) = advice::of_file(&e, text, keys);
         let message = message.or_else(|| placed(&e, text)).unwrap_or_else(|| e.to_string());
         ConfigError::Parse { path: path(), message, hint }
     };
@@ -348,6 +350,7 @@ fn parse_with<T: DeserializeOwned>(
     if assignments.is_empty() && table == as_written {
         return toml::from_str(text).map_err(parse_error); // keeps the place of every error
     }
+    let without_assignments = table.clone();
     for assignment in assignments {
         assign(&mut table, assignment).map_err(|message| ConfigError::Set {
             assignment: assignment.clone(),
@@ -358,10 +361,18 @@ fn parse_with<T: DeserializeOwned>(
     table.try_into().map_err(|e: toml::de::Error| match toml::from_str::<T>(text) {
         Err(placed) if placed.message() == e.message() => parse_error(placed), // the file's own mistake, with its line
         _ if assignments.is_empty() => {
-            let (_, hint) = advice::of_file(&e, text);
+            let (_, hint) = advice::of_file(&e, text, keys);
             ConfigError::Parse { path: path(), message: e.message().to_owned(), hint }
         }
-        _ => advice::of_assignments(&e, assignments),
+        _ => {
+            // The first that brings the mistake in is to blame.
+            let mut table = without_assignments;
+            let brings_it_in = |assignment: &&String| {
+                let _ = assign(&mut table, assignment);
+                table.clone().try_into::<T>().is_err_and(|with_it| with_it.message() == e.message())
+            };
+            advice::of_assignments(&e, assignments.iter().find(brings_it_in), assignments, keys)
+        }
     })
 }
 
@@ -528,6 +539,22 @@ mod tests {
         assert_eq!(config.survey.offset, [1.0, 2.0, 3.0]);
         assert_eq!(config.optimise.preset, sizeup_heights::optimise::Preset::Paper);
         assert!(load(MINIMAL, &["seed"]).is_err());
+    }
+
+    #[test]
+    fn the_assignment_that_brings_a_mistake_in_is_blamed_for_it() {
+        let set = |assignments: &[&str]| {
+            let assignments: Vec<String> = assignments.iter().map(|&a| a.to_owned()).collect();
+            parse_scene::<sizeup_lab::simulate::SimulateConfig>("", None, &assignments).unwrap_err()
+        };
+        // Both name the key; one of them may.
+        for assignments in
+            [["images.longest_px=640", "prior.longest_px=160"], ["prior.longest_px=160", "images.longest_px=640"]]
+        {
+            let ConfigError::Set { assignment, hint, .. } = set(&assignments) else { panic!() };
+            assert_eq!(assignment, "images.longest_px=640");
+            assert!(hint.contains("schema simulate"), "{hint}");
+        }
     }
 
     #[test]
