@@ -230,6 +230,9 @@ pub struct SearchConfig {
     pub local_sweeps: usize,
     /// Number of the last local sweeps, which compare ranks only.
     pub rank_sweeps: usize,
+    /// Local sweeps after the forms of roofs are found, in which neighbours have theirs; the forms are found anew after them. 0: roofs
+    /// are measured beside blocks.
+    pub roof_sweeps: usize,
     /// Whether depth edges that lie beside the walls they belong to are moved back, after the full sweeps.
     pub correct_edge_bleeding: bool,
     /// Whether it is measured, after the full sweeps, how far the footprint layer as a whole lies from where the photos show its
@@ -295,6 +298,7 @@ impl Default for SearchConfig {
             full_sweeps: 5,
             local_sweeps: 3,
             rank_sweeps: 0,
+            roof_sweeps: 2,
             correct_edge_bleeding: true,
             measure_shift: true,
             leave_out_vegetation: true,

@@ -18,8 +18,7 @@ use serde::{Deserialize, Serialize};
 use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::rays::Rays;
-use super::score::Correlation;
-use super::search::{Finding, Range, SweepView, SweepViews, find_roofs, sweep};
+use super::search::{Finding, Pass, Range, SweepView, SweepViews, find_roofs, sweep};
 use super::solve::{Problem, ViewInput};
 use super::straighten::GroundCurve;
 use crate::prior::DepthPrior;
@@ -204,7 +203,8 @@ impl Trial<'_> {
         };
         let sweep_views: Vec<_> = (0..views.len()).into_par_iter().map(sweep_view).collect();
         let range = Range::Local { share: 1.0 };
-        let found = sweep(scene, &sweep_views, &self.views_of, self.heights_m, range, Correlation::Linear, self.config);
+        let found =
+            sweep(scene, &sweep_views, &self.views_of, self.heights_m, |_| true, Pass::linear(range), self.config);
         look(&sweep_views, &found)
     }
 }

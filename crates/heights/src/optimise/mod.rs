@@ -13,6 +13,7 @@ mod calibrate;
 mod config;
 mod empty_space;
 mod evidence;
+mod formed;
 mod gradient;
 mod inspect;
 mod intervals;

@@ -34,6 +34,23 @@ pub enum Range {
     },
 }
 
+/// What a sweep does for every building.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pass {
+    /// The heights that it tries.
+    pub range: Range,
+    /// By what it compares.
+    pub correlation: Correlation,
+}
+
+impl Pass {
+    /// Over some heights, by the values themselves.
+    #[must_use]
+    pub fn linear(range: Range) -> Self {
+        Self { range, correlation: Correlation::Linear }
+    }
+}
+
 /// Finding of a sweep for one building.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
@@ -165,18 +182,22 @@ pub(super) fn standing<'a, 'b: 'a>(
     standing
 }
 
-/// Tries heights for every building and returns what was found; `None` where no view has a say.
+/// Tries heights for every building that is asked for and returns what was found; `None` where no view has a say.
 #[must_use]
 pub fn sweep(
     scene: &Scene,
     views: SweepViews<'_>,
     views_of: ViewsOf<'_>,
     heights_m: &[f32],
-    range: Range,
-    correlation: Correlation,
+    is_asked: impl Fn(usize) -> bool + Sync,
+    pass: Pass,
     config: &SearchConfig,
 ) -> Vec<Option<Finding>> {
+    let Pass { range, correlation } = pass;
     let find = |b: usize| {
+        if !is_asked(b) {
+            return None;
+        }
         let standing = standing(scene, views_of[b].iter().filter_map(|&v| views[v].as_ref()), b);
         let look = |scope: Scope| {
             let scope = scope.without_crowns(standing);

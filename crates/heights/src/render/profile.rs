@@ -2,7 +2,7 @@
 //!
 //! Memory: 20 bytes per ray and 12 per interval; a view of 448 × 336 px sampled every 4 px holds 9,400 rays.
 
-use glam::DVec2;
+use glam::{DVec2, Vec2};
 use rand::Rng;
 use rayon::prelude::*;
 
@@ -14,6 +14,9 @@ use crate::seed;
 
 /// Rays flatter than this never sink to a roof within any useful distance (dz per unit of z-depth).
 pub(crate) const FLATTEST_DZ: f32 = -1e-3;
+/// Steps of a ray's way over a roof that is no level, and halvings of the one in which it sinks below: a step of 1 m is found to 2 cm.
+const N_STEPS: usize = 12;
+const N_HALVINGS: usize = 6;
 /// Rays whose ground is known are traced so many at a time.
 const RAYS_AT_ONCE: usize = 512;
 
@@ -26,6 +29,35 @@ pub struct PrismInterval {
     pub enter: f32,
     /// z-depth where it leaves, or meets the ground.
     pub leave: f32,
+}
+
+impl PrismInterval {
+    /// z-depth at which its ray meets a roof, or the wall below it; `+∞` where it passes over.
+    fn meets(&self, ray: &Ray, roof: &impl RoofSurface) -> f32 {
+        let is_below = |depth: f32| {
+            let at = ray.origin + depth * ray.direction;
+            at.z <= roof.level(at.truncate())
+        };
+        if is_below(self.enter) {
+            // A camera inside a prism (depth 0) looks out of it, as in the tracer.
+            return if self.enter > 0.0 { self.enter } else { f32::INFINITY };
+        }
+        let step = (self.leave - self.enter) / N_STEPS as f32;
+        let depth = |k: usize| self.enter + step * k as f32;
+        let Some(k) = (1..=N_STEPS).find(|&k| is_below(depth(k))) else { return f32::INFINITY };
+        let (mut above, mut below) = (depth(k - 1), depth(k));
+        for _ in 0..N_HALVINGS {
+            let middle = f32::midpoint(above, below);
+            *(if is_below(middle) { &mut below } else { &mut above }) = middle;
+        }
+        below
+    }
+}
+
+/// A roof that is no level.
+pub trait RoofSurface {
+    /// Its level at a place, local frame, metres.
+    fn level(&self, at: Vec2) -> f32;
 }
 
 /// One ray of a view, with the intervals in which it passes through prisms.
@@ -182,6 +214,28 @@ impl Profiles {
         };
         let depths = (0..self.rays.len()).map(of_ray).collect();
         Stops { of_intervals, depths }
+    }
+
+    /// As [`Self::stops`], where some buildings have roofs that are no level. The view is `placed` as when it was traced.
+    #[must_use]
+    pub fn stops_at(&self, placed: &PlacedCamera, levels: &[f32], surfaces: &[Option<impl RoofSurface>]) -> Stops {
+        let mut stops = self.stops(levels);
+        for (ray_idx, known) in self.rays.iter().enumerate() {
+            let intervals = self.intervals(ray_idx);
+            if intervals.iter().all(|c| surfaces[c.building as usize].is_none()) {
+                continue;
+            }
+            let Some(ray) = placed.ray(known.centre()) else { continue };
+            let first = known.first as usize;
+            let of_ray = &mut stops.of_intervals[first..first + intervals.len()];
+            for (over, stop) in intervals.iter().zip(&mut *of_ray) {
+                if let Some(surface) = &surfaces[over.building as usize] {
+                    *stop = over.meets(&ray, surface);
+                }
+            }
+            stops.depths[ray_idx] = of_ray.iter().copied().fold(known.ground, f32::min);
+        }
+        stops
     }
 
     /// Level at a z-depth along a ray, local frame, metres.
@@ -378,6 +432,56 @@ mod tests {
             assert_eq!(kept.intervals, anew.intervals);
             assert_eq!(kept.eye_z, anew.eye_z);
         }
+    }
+
+    /// A level as a surface.
+    struct Level(f32);
+
+    impl RoofSurface for Level {
+        fn level(&self, _: Vec2) -> f32 {
+            self.0
+        }
+    }
+
+    /// A roof that rises to the east by this much per metre from a level at x = 0.
+    struct Slope(f32, f32);
+
+    impl RoofSurface for Slope {
+        fn level(&self, at: Vec2) -> f32 {
+            self.0 + self.1 * at.x
+        }
+    }
+
+    #[test]
+    fn rays_meet_roofs_that_are_no_level_where_they_sink_below_them() {
+        let scene = blocks();
+        let (mut n_on_slope, capped) = (0, CappedScene::new(&scene));
+        for placed in [oblique(0.0, 0.7), oblique(2.0, 0.5)] {
+            let profiles = Profiles::trace(&scene, &capped, &placed, Sampling { stride_px: 2, seed: 1, view: 0 });
+            let roofs = scene.roofs(&[20.0, 8.0, 12.0, 30.0]);
+            // Levels as surfaces are the levels.
+            let levels: Vec<Option<Level>> = roofs.iter().map(|&z| Some(Level(z))).collect();
+            let (flat, same) = (profiles.stops(&roofs), profiles.stops_at(&placed, &roofs, &levels));
+            // The third slopes.
+            let slope = |b: usize| (b == 2).then_some(Slope(roofs[2], 0.4));
+            let sloping = profiles.stops_at(&placed, &roofs, &[0, 1, 2, 3].map(slope));
+            for i in 0..profiles.rays.len() {
+                assert!((flat.depth(i) - same.depth(i)).abs() < 0.05, "{} {}", flat.depth(i), same.depth(i));
+                let others = profiles.depth_without(i, &sloping, 2);
+                assert_eq!(others, profiles.depth_without(i, &flat, 2));
+                // What the ray meets first, worked out by the plane's equation.
+                let ray = placed.ray(profiles.rays[i].centre()).unwrap();
+                let over = profiles.intervals(i).iter().filter(|c| c.building == 2);
+                let plane = (roofs[2] + 0.4 * ray.origin.x - ray.origin.z) / (ray.direction.z - 0.4 * ray.direction.x);
+                let met =
+                    over.map(|c| c.enter.max(plane)).zip(profiles.intervals(i).iter().filter(|c| c.building == 2));
+                let expected =
+                    met.filter(|(depth, c)| *depth < c.leave).fold(others, |first, (depth, _)| first.min(depth));
+                assert!((sloping.depth(i) - expected).abs() < 0.05, "{} {expected}", sloping.depth(i));
+                n_on_slope += usize::from(expected < others && expected == plane);
+            }
+        }
+        assert!(n_on_slope > 40, "{n_on_slope} rays on the slope");
     }
 
     #[test]

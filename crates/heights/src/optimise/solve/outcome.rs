@@ -63,6 +63,12 @@ impl State<'_> {
         (squares.sum::<f64>() / weights).sqrt()
     }
 
+    /// Whether its views conflict over a building's height, or another one explains them better.
+    pub(super) fn is_contested(&self, building: usize) -> bool {
+        let finding = self.findings[building].as_ref();
+        finding.is_some_and(|f| is_conflicting(f) || is_outdone(f, self.heights_m[building]))
+    }
+
     fn solved(&self, building: usize) -> SolvedHeight {
         let views = self.views_of[building].clone();
         let finding = self.findings[building].as_ref();
@@ -98,16 +104,14 @@ impl State<'_> {
         if finding.is_some_and(|f| f.contrast < FLAT_SCORE) {
             reasons.push(Reason::FlatScore);
         }
-        let is_outdone = |f: &Finding| f.whole.lead(height_m).is_some_and(|lead| lead < 0.0);
-        let is_outdone = finding.is_some_and(is_outdone);
         if self.is_in_wrong_order[building] {
             reasons.push(Reason::WrongOrder);
         }
         let spread_m = finding.and_then(|f| f.sigma_m);
-        if spread_m.is_some_and(|s| s > DOUBTFUL_SPREAD_M) {
+        if finding.is_some_and(is_conflicting) {
             reasons.push(Reason::ConflictingViews);
         }
-        if is_outdone {
+        if finding.is_some_and(|f| is_outdone(f, height_m)) {
             reasons.push(Reason::OtherHeight);
         }
         let area_m2 = f64::from(self.problem.scene.prisms[building].area_m2());
@@ -142,4 +146,14 @@ impl State<'_> {
         solved.keep_within(bounds, self.config.height_reference);
         solved
     }
+}
+
+/// Whether the views' heights are far apart.
+fn is_conflicting(finding: &Finding) -> bool {
+    finding.sigma_m.is_some_and(|spread_m| spread_m > DOUBTFUL_SPREAD_M)
+}
+
+/// Whether another height than this has a better score in the whole range.
+fn is_outdone(finding: &Finding, height_m: f32) -> bool {
+    finding.whole.lead(height_m).is_some_and(|lead| lead < 0.0)
 }

@@ -5,9 +5,12 @@ use rayon::prelude::*;
 use super::{Solving, State};
 use crate::optimise::config::CalibrationRays;
 use crate::optimise::empty_space::{self, Known, Look};
+use crate::optimise::formed::FormedRoof;
+use crate::optimise::roof::Judged;
 use crate::optimise::score::Correlation;
-use crate::optimise::search::{Finding, Range, SweepView, find_roofs, standing, sweep};
+use crate::optimise::search::{Finding, Pass, Range, SweepView, find_roofs, standing, sweep};
 use crate::optimise::{bleed, layer_shift, levels};
+use crate::scene::Prism;
 
 /// Heights are kept on a grid of so many steps per metre.
 const STEPS_PER_M: f32 = 1000.0;
@@ -19,14 +22,14 @@ impl State<'_> {
     pub(super) fn run_search(&mut self) {
         let config = &self.config.search;
         self.set_start_heights();
-        let n_sweeps = config.full_sweeps + config.local_sweeps;
+        let n_sweeps = config.full_sweeps + config.local_sweeps + config.roof_sweeps;
         let mut n_selected = 0;
         for i in 0..config.full_sweeps {
             (self.problem.progress)(Solving::Epochs, i, n_sweeps);
             if i % config.reselect_every.max(1) == 0 {
                 n_selected = self.reselect().views.len();
             }
-            self.sweep(Range::Full, Correlation::Linear, n_selected);
+            self.sweep(|_| true, Pass::linear(Range::Full), n_selected);
         }
         if config.measure_shift {
             let are_straightened = self.are_bent == Some(true);
@@ -58,18 +61,46 @@ impl State<'_> {
             (self.problem.progress)(Solving::Epochs, config.full_sweeps + i, n_sweeps);
             let is_rank = i >= config.local_sweeps.saturating_sub(config.rank_sweeps);
             let correlation = if is_rank { Correlation::Rank } else { Correlation::Linear };
-            self.sweep(Range::Local { share: if i == 0 { 1.0 } else { 0.5 } }, correlation, n_selected);
+            self.sweep(|_| true, Pass { range: local(i), correlation }, n_selected);
+        }
+        if !config.roof_forms.is_empty() {
+            self.find_roofs();
+            if self.roofs.iter().any(|judged| judged.roof.is_some()) {
+                self.sweep_beside_roofs(n_selected);
+            }
         }
         let views = self.sweep_views();
         let views_of = |b: usize| self.views_of[b].iter().filter_map(|&v| views[v].as_ref());
         let is_green = |b: usize| standing(self.problem.scene, views_of(b), b).is_green();
         let is_green = (0..self.heights_m.len()).into_par_iter().map(is_green).collect();
-        if !config.roof_forms.is_empty() {
-            self.roofs = find_roofs(self.problem.scene, &views, &self.views_of, &self.heights_m, config);
-        }
         self.is_green = is_green;
         self.blind_m2 = self.blind_areas_m2();
         (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
+    }
+
+    /// Looks for the forms of all roofs.
+    fn find_roofs(&mut self) {
+        let views = self.sweep_views();
+        let (scene, config) = (self.problem.scene, &self.config.search);
+        self.roofs = find_roofs(scene, &views, &self.views_of, &self.heights_m, config);
+    }
+
+    /// Settles heights and roofs once more, beside neighbours whose roofs have a form: a shed in front of a house of two levels was
+    /// measured in front of a block. Heights that are doubtful as they stand are looked for in the whole range.
+    fn sweep_beside_roofs(&mut self, n_selected: usize) {
+        let config = &self.config.search;
+        if config.roof_sweeps == 0 {
+            return;
+        }
+        let is_contested: Vec<bool> = (0..self.heights_m.len()).map(|b| self.is_contested(b)).collect();
+        self.sweep(|b| is_contested[b], Pass::linear(Range::Full), n_selected);
+        let correlation = if config.rank_sweeps > 0 { Correlation::Rank } else { Correlation::Linear };
+        let n_before = config.full_sweeps + config.local_sweeps;
+        for i in 0..config.roof_sweeps {
+            (self.problem.progress)(Solving::Epochs, n_before + i, n_before + config.roof_sweeps);
+            self.sweep(|_| true, Pass { range: local(i), correlation }, n_selected);
+        }
+        self.find_roofs();
     }
 
     /// By building, the area above its roof that none of its views has looked through.
@@ -113,30 +144,33 @@ impl State<'_> {
         self.load(&changed);
     }
 
-    /// Every view with a prior, with the roofs as they stand.
+    /// Every view with a prior, with the roofs as they stand: levels at first, later those that have been found.
     fn sweep_views(&self) -> Vec<Option<SweepView<'_>>> {
-        let roofs = self.problem.scene.roofs(&self.heights_m);
+        let scene = self.problem.scene;
+        let roofs = scene.roofs(&self.heights_m);
+        let formed = |(prism, judged): (&Prism, &Judged)| FormedRoof::of(prism, judged.roof);
+        let formed: Vec<Option<FormedRoof>> = scene.prisms.par_iter().zip(&self.roofs).map(formed).collect();
         let view_of = |v: usize| {
             let evidence = self.evidence[v].as_ref()?;
             let placed = &self.problem.views[v].placed;
-            let stops = evidence.profiles.stops(&roofs);
-            Some(SweepView::new(self.problem.scene, placed, evidence, stops, &self.config.search))
+            let stops = evidence.profiles.stops_at(placed, &roofs, &formed);
+            Some(SweepView::new(scene, placed, evidence, stops, &self.config.search))
         };
         (0..self.evidence.len()).into_par_iter().map(view_of).collect()
     }
 
-    /// One pass over all buildings: each takes the best height of the range.
-    fn sweep(&mut self, range: Range, correlation: Correlation, n_selected: usize) {
+    /// One pass over the buildings that are asked for: each takes the best height of the range.
+    fn sweep(&mut self, is_asked: impl Fn(usize) -> bool + Sync, pass: Pass, n_selected: usize) {
         let views = self.sweep_views();
         let (scene, config) = (self.problem.scene, &self.config.search);
-        let found = sweep(scene, &views, &self.views_of, &self.heights_m, range, correlation, config);
+        let found = sweep(scene, &views, &self.views_of, &self.heights_m, is_asked, pass, config);
         drop(views);
         let before = self.heights_m.clone();
         for (b, finding) in found.into_iter().enumerate() {
             if let Some(finding) = finding {
                 self.heights_m[b] = on_grid(finding.height_m).clamp(scene.bounds.min_m, scene.bounds.max_m);
                 // The full sweeps saw the whole range: only they can tell a flat score, or one without a peak.
-                let (contrast, whole) = match (range, self.findings[b].take()) {
+                let (contrast, whole) = match (pass.range, self.findings[b].take()) {
                     (Range::Local { .. }, Some(previous)) => (previous.contrast, previous.whole),
                     _ => (finding.contrast, finding.whole),
                 };
@@ -147,6 +181,11 @@ impl State<'_> {
         let loss = 1.0 - crate::stats::mean(&scores).unwrap_or(0.0);
         self.record(loss, &before, n_selected, None);
     }
+}
+
+/// The range of a local sweep: the first of several tries a wider one.
+fn local(i: usize) -> Range {
+    Range::Local { share: if i == 0 { 1.0 } else { 0.5 } }
 }
 
 /// A height to the millimetre: less than that, such as what far-away neighbours make, does not travel from sweep to sweep.

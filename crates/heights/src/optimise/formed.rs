@@ -1,0 +1,31 @@
+//! Roofs with a form as the rays of other buildings meet them.
+
+use glam::Vec2;
+
+use super::planes::RoofPlanes;
+use super::roof::Roof;
+use crate::render::profile::RoofSurface;
+use crate::scene::{Prism, RoofForm};
+
+/// A roof that is no level, over its building's ground.
+pub(super) struct FormedRoof {
+    planes: RoofPlanes,
+    ground_z: f32,
+    /// Level beside all planes, above the ground, metres.
+    beside_m: f64,
+}
+
+impl FormedRoof {
+    /// A building's roof; `None` where it is flat, or no planes describe it.
+    pub fn of(prism: &Prism, roof: Option<Roof>) -> Option<Self> {
+        let roof = roof.filter(|roof| roof.form != RoofForm::Flat)?;
+        let planes = RoofPlanes::of(&roof, prism)?;
+        Some(Self { planes, ground_z: prism.ground_z, beside_m: roof.eave_m })
+    }
+}
+
+impl RoofSurface for FormedRoof {
+    fn level(&self, at: Vec2) -> f32 {
+        self.ground_z + self.planes.height_m(at.as_dvec2()).unwrap_or(self.beside_m) as f32
+    }
+}
