@@ -34,7 +34,7 @@ pub enum Range {
     },
 }
 
-/// What a sweep does for every building.
+/// One pass of the search over all buildings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pass {
     /// The heights that it tries.
