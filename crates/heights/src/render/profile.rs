@@ -56,7 +56,7 @@ impl PrismInterval {
 
 /// A roof that is no level.
 pub trait RoofSurface {
-    /// Its level at a place, local frame, metres.
+    /// The level of it at a place, local frame, metres.
     fn level(&self, at: Vec2) -> f32;
 }
 

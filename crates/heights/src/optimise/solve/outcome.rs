@@ -85,8 +85,7 @@ impl State<'_> {
             return SolvedHeight::unknown(views, None, Reason::FlatScore);
         }
         let score = finding.map(|f| f.score);
-        let least_score = if finding.is_some_and(|f| f.n_views < 2) { HOPELESS_SCORE_ALONE } else { HOPELESS_SCORE };
-        if score.is_some_and(|s| s < least_score) {
+        if finding.is_some_and(is_hopeless) {
             return SolvedHeight::unknown(views, score, Reason::PoorScore);
         }
         let mut reasons = Vec::new();
@@ -146,6 +145,11 @@ impl State<'_> {
         solved.keep_within(bounds, self.config.height_reference);
         solved
     }
+}
+
+/// Whether its score says nothing for a height.
+pub(super) fn is_hopeless(finding: &Finding) -> bool {
+    finding.score < if finding.n_views < 2 { HOPELESS_SCORE_ALONE } else { HOPELESS_SCORE }
 }
 
 /// Whether the views' heights are far apart.

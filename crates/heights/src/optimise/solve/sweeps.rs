@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::outcome::is_hopeless;
 use super::{Solving, State};
 use crate::optimise::config::CalibrationRays;
 use crate::optimise::empty_space::{self, Known, Look};
@@ -85,20 +86,28 @@ impl State<'_> {
         self.roofs = find_roofs(scene, &views, &self.views_of, &self.heights_m, config);
     }
 
-    /// Settles heights and roofs once more, beside neighbours whose roofs have a form: a shed in front of a house of two levels was
-    /// measured in front of a block. Heights that are doubtful as they stand are looked for in the whole range.
+    /// Settles heights once more beside neighbours whose roofs have a form, and then all forms: a shed in front of a house of two levels
+    /// was measured in front of a block. Heights that are contested as they stand are looked for in the whole range; where that
+    /// leads to one that nothing speaks for, they stay.
     fn sweep_beside_roofs(&mut self, n_selected: usize) {
         let config = &self.config.search;
         if config.roof_sweeps == 0 {
             return;
         }
-        let is_contested: Vec<bool> = (0..self.heights_m.len()).map(|b| self.is_contested(b)).collect();
+        let all = 0..self.heights_m.len();
+        let is_contested: Vec<bool> = all.clone().map(|b| self.is_contested(b)).collect();
+        let before: Vec<_> = all.map(|b| (self.heights_m[b], self.findings[b].clone())).collect();
         self.sweep(|b| is_contested[b], Pass::linear(Range::Full), n_selected);
         let correlation = if config.rank_sweeps > 0 { Correlation::Rank } else { Correlation::Linear };
         let n_before = config.full_sweeps + config.local_sweeps;
         for i in 0..config.roof_sweeps {
             (self.problem.progress)(Solving::Epochs, n_before + i, n_before + config.roof_sweeps);
             self.sweep(|_| true, Pass { range: local(i), correlation }, n_selected);
+        }
+        for (b, (height_m, finding)) in before.into_iter().enumerate() {
+            if self.findings[b].as_ref().is_some_and(is_hopeless) {
+                (self.heights_m[b], self.findings[b]) = (height_m, finding);
+            }
         }
         self.find_roofs();
     }

@@ -185,7 +185,7 @@ mod tests {
         Lines::new(file).unwrap()
     }
 
-    /// What the crate's own writer makes of a sequence, with all of it in memory.
+    /// A sequence written by the crate's own writer, with all of it in memory.
     fn by_the_crate(lines: &Lines) -> Vec<u8> {
         let mut file = &lines.file;
         file.rewind().unwrap();

@@ -156,7 +156,7 @@ impl Sections {
         Ok((AttributeIndex::new(column, length, index.branching_factor(), index.num_items() as u32), bytes))
     }
 
-    /// What comes before the indices. The crate writes it with a whole file only, so it writes one of a single feature, in whose head
+    /// The bytes before the indices. The crate writes it with a whole file only, so it writes one of a single feature, in whose head
     /// the entries of the indices are then put right.
     fn head(&self, stand_in: CityJSONSeq, entries: &[AttributeIndex]) -> Result<Vec<u8>, String> {
         let options = HeaderWriterOptions {
