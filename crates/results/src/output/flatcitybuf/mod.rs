@@ -165,7 +165,7 @@ mod tests {
                 .filter(|_| i != 3)
                 .collect();
             let geometry = json!([{ "type": "MultiSurface", "lod": "1.2", "boundaries": [[[0, 1, 2, 3]]] }]);
-            let height = (i % 5 != 0).then(|| 3.0 + (i % 400) as f64 / 8.0);
+            let height = (!i.is_multiple_of(5)).then(|| 3.0 + (i % 400) as f64 / 8.0);
             let status = if height.is_none() { "unknown" } else { "measured" };
             let attributes =
                 json!({ "status": status, "measuredHeight": height, "n": i, "name": format!("house {i}") });
@@ -173,7 +173,7 @@ mod tests {
             let geometry = if i == 3 { json!([]) } else { geometry };
             objects
                 .insert(format!("b{i}"), json!({ "type": "Building", "attributes": attributes, "geometry": geometry }));
-            if i % 11 == 0 {
+            if i.is_multiple_of(11) {
                 let part = json!({ "type": "BuildingPart", "parents": [format!("b{i}")], "attributes": { "status": "doubtful", "measuredHeight": 2.5 }, "geometry": [] });
                 objects.insert(format!("b{i}-1"), part);
             }
