@@ -131,10 +131,8 @@ fn a_gable_beside_a_low_annex_keeps_its_annex_in_the_photos() {
     let mean_m = |found: &HeightEvaluation| found.all.as_ref().unwrap().error_mean_m;
     let (by_priors, n_mixed) = solved(folder.path(), &["refinement.enabled=false"]);
     assert!(2 * n_mixed > N_SIDE * N_SIDE, "{n_mixed} mixed roofs");
-    let told = |found: &HeightEvaluation| format!("mean {:.2} m, worst {:.2} m", mean_m(found), worst_m(found));
-    let is_good = |found: &HeightEvaluation| mean_m(found) < 0.5 && worst_m(found) < 1.0;
-    assert!(is_good(&by_priors), "by priors alone: {}", told(&by_priors));
-    // Photos are matched on the gable, whose texture is most of what they see; the annex, 6 m lower, stays where it is.
+    assert!(mean_m(&by_priors) < 0.5 && worst_m(&by_priors) < 1.0);
+    // Photos are matched on the gable, whose texture is most of what they see; the annex stays where it is.
     let (refined, _) = solved(folder.path(), &[]);
-    assert!(is_good(&refined), "with photos: {}, by priors alone: {}", told(&refined), told(&by_priors));
+    assert!(mean_m(&refined) < mean_m(&by_priors) && worst_m(&refined) < 1.0);
 }

@@ -132,9 +132,7 @@ fn a_step_in_a_roof_is_seen_and_its_mean_height_stated() {
     }
     let mean = |errors: &[f64]| errors.iter().sum::<f64>() / errors.len() as f64;
     let (with_m, without_m) = (mean(&with_m), mean(&without_m));
-    // Three roofs, of which one is told as mixed or as a hip by chance. Of 34 in larger towns (72 buildings, seeds 5 and 6) the mean error is
-    // 0.70 m, 0.91 m as one level.
-    assert!(with_m < 0.75 * without_m, "with {with_m:.2} m, without {without_m:.2} m");
+    assert!(with_m < 0.5 * without_m, "with {with_m:.2} m, without {without_m:.2} m");
     let n_stated = |city: &Value, is_stepped: bool| {
         let pairs = pairs(folder.path(), city).into_iter();
         let stated = pairs.filter(|(_, stated)| stated["roof_form"] == "stepped");

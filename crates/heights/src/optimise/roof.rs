@@ -1,7 +1,8 @@
 //! The form of a roof: does another one explain the priors better than a flat one?
 //!
-//! The forms ([`super::pitched`], [`super::stepped`], [`super::mixed`]) are tried after the search has settled, with the neighbours flat; and
-//! once more when heights have settled beside neighbours whose roofs have forms. Of those that are clearly better than a flat roof, the one that explains most is taken.
+//! The forms ([`super::pitched`], [`super::stepped`], [`super::mixed`]) are tried after the search has settled, with the neighbours flat as they
+//! are; once more, where that is asked for, when heights have settled beside neighbours whose roofs have forms. Of those that are clearly
+//! better than a flat roof, the one that explains most is taken.
 
 use std::cell::LazyCell;
 

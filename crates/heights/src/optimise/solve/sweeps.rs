@@ -64,17 +64,18 @@ impl State<'_> {
             let correlation = if is_rank { Correlation::Rank } else { Correlation::Linear };
             self.sweep(|_| true, Pass { range: local(i), correlation }, n_selected);
         }
-        if !config.roof_forms.is_empty() {
-            self.find_roofs();
-            if self.roofs.iter().any(|judged| judged.roof.is_some()) {
-                self.sweep_beside_roofs(n_selected);
-            }
-        }
         let views = self.sweep_views();
         let views_of = |b: usize| self.views_of[b].iter().filter_map(|&v| views[v].as_ref());
         let is_green = |b: usize| standing(self.problem.scene, views_of(b), b).is_green();
         let is_green = (0..self.heights_m.len()).into_par_iter().map(is_green).collect();
+        drop(views);
         self.is_green = is_green;
+        if !config.roof_forms.is_empty() {
+            self.find_roofs();
+            if config.roof_sweeps > 0 && self.roofs.iter().any(|judged| judged.roof.is_some()) {
+                self.sweep_beside_roofs(n_selected);
+            }
+        }
         self.blind_m2 = self.blind_areas_m2();
         (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
     }
@@ -91,9 +92,6 @@ impl State<'_> {
     /// leads to one that nothing speaks for, they stay.
     fn sweep_beside_roofs(&mut self, n_selected: usize) {
         let config = &self.config.search;
-        if config.roof_sweeps == 0 {
-            return;
-        }
         let all = 0..self.heights_m.len();
         let is_contested: Vec<bool> = all.clone().map(|b| self.is_contested(b)).collect();
         let before: Vec<_> = all.map(|b| (self.heights_m[b], self.findings[b].clone())).collect();
