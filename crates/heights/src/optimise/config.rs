@@ -230,8 +230,8 @@ pub struct SearchConfig {
     pub local_sweeps: usize,
     /// Number of the last local sweeps, which compare ranks only.
     pub rank_sweeps: usize,
-    /// Local sweeps after the forms of roofs are found, in which neighbours have theirs; the forms are found anew after them. 0: buildings
-    /// are measured beside blocks. 2 takes large errors beside real houses of several levels away, and 1.2 times as long.
+    /// Local sweeps over all buildings after the forms of roofs are found, in which neighbours have theirs; the forms are found anew after
+    /// them. 0: only heights that are contested are looked for again beside roofs, all others are measured beside blocks.
     pub roof_sweeps: usize,
     /// Whether depth edges that lie beside the walls they belong to are moved back, after the full sweeps.
     pub correct_edge_bleeding: bool,

@@ -173,8 +173,9 @@ impl Trial<'_> {
         self.moved(by_m, |views, found| {
             let height_m = |(found, before): (&Option<Finding>, &f32)| found.as_ref().map_or(*before, |f| f.height_m);
             let heights_m: Vec<f32> = found.iter().zip(self.heights_m).map(height_m).collect();
-            let roofs = find_roofs(self.problem.scene, views, &self.views_of, &heights_m, self.config);
-            asked.iter().map(|&b| roofs[b].score).collect()
+            let is_asked = |b: usize| asked.binary_search(&b).is_ok();
+            let roofs = find_roofs(self.problem.scene, views, &self.views_of, &heights_m, is_asked, self.config);
+            asked.iter().map(|&b| roofs[b].as_ref().and_then(|judged| judged.score)).collect()
         })
     }
 

@@ -246,21 +246,25 @@ impl Looked {
 }
 
 /// The interval of heights that a local sweep tries, metres.
-fn around(at_m: f32, share: f32, bounds: HeightBounds, config: &SearchConfig) -> (f32, f32) {
+pub(super) fn around(at_m: f32, share: f32, bounds: HeightBounds, config: &SearchConfig) -> (f32, f32) {
     let half_width = share * (config.local_half_width_m + config.local_half_width_share * at_m);
     ((at_m - half_width).max(bounds.min_m), (at_m + half_width).min(bounds.max_m))
 }
 
-/// The pitched or stepped roof of every building around the height that the sweeps have found, and its rivals.
+/// The pitched or stepped roof around the height that the sweeps have found, and its rivals, of every building that is asked for.
 #[must_use]
 pub(super) fn find_roofs(
     scene: &Scene,
     views: SweepViews<'_>,
     views_of: ViewsOf<'_>,
     heights_m: &[f32],
+    is_asked: impl Fn(usize) -> bool + Sync,
     config: &SearchConfig,
-) -> Vec<Judged> {
+) -> Vec<Option<Judged>> {
     let find = |b: usize| {
+        if !is_asked(b) {
+            return None;
+        }
         let standing = standing(scene, views_of[b].iter().filter_map(|&v| views[v].as_ref()), b);
         let seen = |scope: Scope| -> Vec<RoofView<'_>> {
             let scope = scope.without_crowns(standing);
@@ -269,7 +273,7 @@ pub(super) fn find_roofs(
         };
         let near = seen(Scope::near(heights_m[b] + roof::REACH_M, config, Correlation::Linear));
         let whole = || seen(Scope::whole(config, Correlation::Linear));
-        roof::find(&scene.prisms[b], scene.bounds, heights_m[b], config, &near, whole)
+        Some(roof::find(&scene.prisms[b], scene.bounds, heights_m[b], config, &near, whole))
     };
     (0..scene.prisms.len()).into_par_iter().map(find).collect()
 }

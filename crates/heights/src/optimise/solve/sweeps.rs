@@ -9,12 +9,14 @@ use crate::optimise::empty_space::{self, Known, Look};
 use crate::optimise::formed::FormedRoof;
 use crate::optimise::roof::Judged;
 use crate::optimise::score::Correlation;
-use crate::optimise::search::{Finding, Pass, Range, SweepView, find_roofs, standing, sweep};
+use crate::optimise::search::{Finding, Pass, Range, SweepView, around, find_roofs, standing, sweep};
 use crate::optimise::{bleed, layer_shift, levels};
 use crate::scene::Prism;
 
 /// Heights are kept on a grid of so many steps per metre.
 const STEPS_PER_M: f32 = 1000.0;
+/// Local sweeps over heights that were looked for in the whole range again.
+const N_AFTER_LEAP: usize = 2;
 /// Spill that is left alone, and the most that is taken back, pixels of the working image.
 const MIN_BLEEDING_PX: f64 = 0.5;
 const MAX_BLEEDING_PX: f64 = 4.0;
@@ -71,8 +73,9 @@ impl State<'_> {
         drop(views);
         self.is_green = is_green;
         if !config.roof_forms.is_empty() {
-            self.find_roofs();
-            if config.roof_sweeps > 0 && self.roofs.iter().any(|judged| judged.roof.is_some()) {
+            self.find_roofs(|_| true);
+            self.leap_beside_roofs(n_selected);
+            if config.roof_sweeps > 0 {
                 self.sweep_beside_roofs(n_selected);
             }
         }
@@ -80,22 +83,49 @@ impl State<'_> {
         (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
     }
 
-    /// Looks for the forms of all roofs.
-    fn find_roofs(&mut self) {
+    /// Looks for the forms of the roofs that are asked for.
+    fn find_roofs(&mut self, is_asked: impl Fn(usize) -> bool + Sync) {
         let views = self.sweep_views();
         let (scene, config) = (self.problem.scene, &self.config.search);
-        self.roofs = find_roofs(scene, &views, &self.views_of, &self.heights_m, config);
+        let found = find_roofs(scene, &views, &self.views_of, &self.heights_m, is_asked, config);
+        drop(views);
+        for (kept, judged) in self.roofs.iter_mut().zip(found) {
+            *kept = judged.unwrap_or_else(|| std::mem::take(kept));
+        }
     }
 
-    /// Settles heights once more beside neighbours whose roofs have a form, and then all forms: a shed in front of a house of two levels
-    /// was measured in front of a block. Heights that are contested as they stand are looked for in the whole range; where that
-    /// leads to one that nothing speaks for, they stay.
+    /// Looks in the whole range again for heights that are contested as they stand, now beside neighbours whose roofs have a form: a shed in
+    /// front of a house of two levels was measured in front of a block. What is found counts only farther away than
+    /// local sweeps reach: nearer by it is no better than what was there.
+    fn leap_beside_roofs(&mut self, n_selected: usize) {
+        let all = 0..self.heights_m.len();
+        let mut leaps: Vec<bool> = all.map(|b| self.is_contested(b)).collect();
+        if !leaps.contains(&true) || self.roofs.iter().all(|judged| judged.roof.is_none()) {
+            return;
+        }
+        let before: Vec<_> = self.heights_m.iter().copied().zip(self.findings.iter().cloned()).collect();
+        self.sweep(|b| leaps[b], Pass::linear(Range::Full), n_selected);
+        for i in 0..N_AFTER_LEAP {
+            self.sweep(|b| leaps[b], Pass::linear(local(i)), n_selected);
+        }
+        let (bounds, config) = (self.problem.scene.bounds, &self.config.search);
+        for (b, (height_m, finding)) in before.into_iter().enumerate() {
+            let (low, high) = around(height_m, 1.0, bounds, config);
+            let is_near = (low..=high).contains(&self.heights_m[b]);
+            if is_near || self.findings[b].as_ref().is_some_and(is_hopeless) {
+                (self.heights_m[b], self.findings[b]) = (height_m, finding);
+                leaps[b] = false;
+            }
+        }
+        if leaps.contains(&true) {
+            self.find_roofs(|b| leaps[b]);
+        }
+    }
+
+    /// Settles all heights once more beside neighbours whose roofs have a form, and then all forms.
     fn sweep_beside_roofs(&mut self, n_selected: usize) {
         let config = &self.config.search;
-        let all = 0..self.heights_m.len();
-        let is_contested: Vec<bool> = all.clone().map(|b| self.is_contested(b)).collect();
-        let before: Vec<_> = all.map(|b| (self.heights_m[b], self.findings[b].clone())).collect();
-        self.sweep(|b| is_contested[b], Pass::linear(Range::Full), n_selected);
+        let before: Vec<_> = self.heights_m.iter().copied().zip(self.findings.iter().cloned()).collect();
         let correlation = if config.rank_sweeps > 0 { Correlation::Rank } else { Correlation::Linear };
         let n_before = config.full_sweeps + config.local_sweeps;
         for i in 0..config.roof_sweeps {
@@ -107,7 +137,7 @@ impl State<'_> {
                 (self.heights_m[b], self.findings[b]) = (height_m, finding);
             }
         }
-        self.find_roofs();
+        self.find_roofs(|_| true);
     }
 
     /// By building, the area above its roof that none of its views has looked through.
