@@ -3,13 +3,13 @@
 use rayon::prelude::*;
 
 use super::outcome::is_hopeless;
-use super::{Solving, State};
+use super::{SolverState, Solving};
 use crate::optimise::config::CalibrationRays;
-use crate::optimise::empty_space::{self, Known, Look};
+use crate::optimise::empty_space::{self, FoundView, KnownRays};
 use crate::optimise::formed::FormedRoof;
 use crate::optimise::roof::Judged;
 use crate::optimise::score::Correlation;
-use crate::optimise::search::{Finding, Pass, Range, SweepView, find_roofs, standing, sweep};
+use crate::optimise::search::{Finding, Range, SearchPass, SweepView, find_roofs, standing, sweep};
 use crate::optimise::{bleed, layer_shift, levels};
 use crate::scene::Prism;
 
@@ -19,7 +19,7 @@ const STEPS_PER_M: f32 = 1000.0;
 const MIN_BLEEDING_PX: f64 = 0.5;
 const MAX_BLEEDING_PX: f64 = 4.0;
 
-impl State<'_> {
+impl SolverState<'_> {
     pub(super) fn run_search(&mut self) {
         let config = &self.config.search;
         self.set_start_heights();
@@ -30,7 +30,7 @@ impl State<'_> {
             if i % config.reselect_every.max(1) == 0 {
                 n_selected = self.reselect().views.len();
             }
-            self.sweep(|_| true, Pass::linear(Range::Full), n_selected);
+            self.sweep(|_| true, SearchPass::linear(Range::Full), n_selected);
         }
         if config.measure_shift {
             let are_straightened = self.are_bent == Some(true);
@@ -62,7 +62,7 @@ impl State<'_> {
             (self.problem.progress)(Solving::Epochs, config.full_sweeps + i, n_sweeps);
             let is_rank = i >= config.local_sweeps.saturating_sub(config.rank_sweeps);
             let correlation = if is_rank { Correlation::Rank } else { Correlation::Linear };
-            self.sweep(|_| true, Pass { range: local(i), correlation }, n_selected);
+            self.sweep(|_| true, SearchPass { range: local(i), correlation }, n_selected);
         }
         let views = self.sweep_views();
         let views_of = |b: usize| self.views_of[b].iter().filter_map(|&v| views[v].as_ref());
@@ -95,12 +95,12 @@ impl State<'_> {
         let all = 0..self.heights_m.len();
         let is_contested: Vec<bool> = all.clone().map(|b| self.is_contested(b)).collect();
         let before: Vec<_> = all.map(|b| (self.heights_m[b], self.findings[b].clone())).collect();
-        self.sweep(|b| is_contested[b], Pass::linear(Range::Full), n_selected);
+        self.sweep(|b| is_contested[b], SearchPass::linear(Range::Full), n_selected);
         let correlation = if config.rank_sweeps > 0 { Correlation::Rank } else { Correlation::Linear };
         let n_before = config.full_sweeps + config.local_sweeps;
         for i in 0..config.roof_sweeps {
             (self.problem.progress)(Solving::Epochs, n_before + i, n_before + config.roof_sweeps);
-            self.sweep(|_| true, Pass { range: local(i), correlation }, n_selected);
+            self.sweep(|_| true, SearchPass { range: local(i), correlation }, n_selected);
         }
         for (b, (height_m, finding)) in before.into_iter().enumerate() {
             if self.findings[b].as_ref().is_some_and(is_hopeless) {
@@ -117,11 +117,11 @@ impl State<'_> {
         let look_of = |v: usize| {
             let evidence = self.evidence[v].as_ref()?;
             let (placed, stops) = (&self.problem.views[v].placed, evidence.profiles.stops(&roofs));
-            Some(Look { evidence, placed, stops, all: Known::of(evidence), is_in_metres })
+            Some(FoundView { evidence, placed, stops, all: KnownRays::of(evidence), is_in_metres })
         };
-        let all: Vec<Option<Look<'_>>> = (0..self.evidence.len()).into_par_iter().map(look_of).collect();
+        let all: Vec<Option<FoundView<'_>>> = (0..self.evidence.len()).into_par_iter().map(look_of).collect();
         let of_building = |b: usize| {
-            let looks: Vec<&Look<'_>> = self.views_of[b].iter().filter_map(|&v| all[v].as_ref()).collect();
+            let looks: Vec<&FoundView<'_>> = self.views_of[b].iter().filter_map(|&v| all[v].as_ref()).collect();
             let above_m = self.roofs[b].roof.map_or(0.0, |roof| (roof.ridge_m as f32 - self.heights_m[b]).max(0.0));
             empty_space::blind_area_m2(b as u32, roofs[b] + above_m, &looks)
         };
@@ -167,7 +167,7 @@ impl State<'_> {
     }
 
     /// One pass over the buildings that are asked for: each takes the best height of the range.
-    fn sweep(&mut self, is_asked: impl Fn(usize) -> bool + Sync, pass: Pass, n_selected: usize) {
+    fn sweep(&mut self, is_asked: impl Fn(usize) -> bool + Sync, pass: SearchPass, n_selected: usize) {
         let views = self.sweep_views();
         let (scene, config) = (self.problem.scene, &self.config.search);
         let found = sweep(scene, &views, &self.views_of, &self.heights_m, is_asked, pass, config);
