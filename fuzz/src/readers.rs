@@ -17,7 +17,7 @@ use sizeup::camera::Camera;
 use sizeup::config::{self, RunConfig};
 use sizeup::crs::Crs;
 use sizeup::evaluate;
-use sizeup::footprint::{self, ContourSource as _, FootprintConfig, ContourFineness, MaskConfig, MaskFiles};
+use sizeup::footprint::{self, ContourFineness, ContourSource as _, FootprintConfig, MaskConfig, MaskFiles};
 use sizeup::frames::Rigid;
 use sizeup::geodata::vector::VectorLayer;
 use sizeup::hashes::Hashes;

@@ -13,8 +13,8 @@ use sizeup::footprint::{
 };
 use sizeup::raster::Raster;
 use sizeup::simulate::{
-    ErrorConfig, MaskErrors, MaskLevel, SimulateConfig, TownKind, World, disturbed_poses, masks_with_errors, plan,
-    roofs, world,
+    ErrorConfig, MaskErrors, MaskLevel, SimulateConfig, SimulatedTown, TownKind, disturbed_poses, masks_with_errors,
+    plan, roofs, world,
 };
 use sizeup::survey::{View, ViewKind};
 
@@ -42,7 +42,7 @@ impl ContourSource for Masks {
 
 /// A town and its nadir views with the poses that a survey would have.
 struct Scene {
-    world: World,
+    world: SimulatedTown,
     true_views: Vec<View>,
     views: Vec<View>,
     seed: u64,
