@@ -19,7 +19,7 @@ use sizeup_heights::render::image::SceneTracer;
 use sizeup_heights::scene::Prism;
 use sizeup_photos::prior::{DepthPrior, PriorKind};
 use sizeup_results::output::picture::depth_picture;
-use sizeup_results::report::{BuildingEvidence, Crop, Line, LineKind, Pair, ReportConfig};
+use sizeup_results::report::{BuildingEvidence, ComparedPair, Crop, EdgeLine, LineKind, ReportConfig};
 use sizeup_survey::{Survey, View};
 
 /// Photos whose priors are computed anew where neither file nor cache holds them, at most: a network takes seconds for each.
@@ -242,7 +242,7 @@ impl Studio<'_> {
     }
 
     /// Edges of the building and of the roofs around it.
-    fn lines(&self, building: usize, placed: &PlacedCamera, cut: Cut) -> Vec<Line> {
+    fn lines(&self, building: usize, placed: &PlacedCamera, cut: Cut) -> Vec<EdgeLine> {
         let prisms = &self.stage.scene.prisms;
         let middle = |prism: &Prism| prism.centre_at(0.0).truncate();
         let here = middle(&prisms[building]);
@@ -268,7 +268,7 @@ impl Studio<'_> {
 }
 
 /// An edge as a picture shows it; `None` where it lies beside the picture.
-fn line(placed: &PlacedCamera, cut: Cut, kind: LineKind, ends: [(Vec2, f32); 2]) -> Option<Line> {
+fn line(placed: &PlacedCamera, cut: Cut, kind: LineKind, ends: [(Vec2, f32); 2]) -> Option<EdgeLine> {
     let place = |(at, z): (Vec2, f32)| {
         let pixel = placed.project(DVec3::new(at.x.into(), at.y.into(), z.into()))?;
         Some(((pixel - cut.corner) / cut.size).as_vec2())
@@ -276,7 +276,7 @@ fn line(placed: &PlacedCamera, cut: Cut, kind: LineKind, ends: [(Vec2, f32); 2])
     let (a, b) = (place(ends[0])?, place(ends[1])?);
     let (low, high) = (a.min(b), a.max(b));
     let is_inside = (low.cmplt(Vec2::ONE) & high.cmpgt(Vec2::ZERO)).all();
-    is_inside.then(|| Line { kind, ends: [a.to_array(), b.to_array()] })
+    is_inside.then(|| EdgeLine { kind, ends: [a.to_array(), b.to_array()] })
 }
 
 /// Values at the middles of a picture's pixels.
@@ -301,13 +301,13 @@ fn cut_out(photo: &RgbImage, view: &View, cut: Cut, [width, height]: [u32; 2]) -
     resize(&crop_imm(photo, x, y, w, h).to_image(), width, height, FilterType::Triangle)
 }
 
-fn pairs(seen: &InspectedView, view: &View, cut: Cut) -> Vec<Pair> {
+fn pairs(seen: &InspectedView, view: &View, cut: Cut) -> Vec<ComparedPair> {
     let camera = DVec2::new(f64::from(view.camera.width_px), f64::from(view.camera.height_px));
     let place = |end: [f32; 2]| ((Vec2::from(end).as_dvec2() * camera - cut.corner) / cut.size).as_vec2();
     let is_inside = |p: Vec2| (p.cmpge(Vec2::ZERO) & p.cmple(Vec2::ONE)).all();
     let pair = |pair: &sizeup_heights::optimise::InspectedPair| {
         let ends = pair.ends.map(place);
-        ends.iter().all(|&p| is_inside(p)).then(|| Pair { ends: ends.map(|p| p.to_array()), cost: pair.cost })
+        ends.iter().all(|&p| is_inside(p)).then(|| ComparedPair { ends: ends.map(|p| p.to_array()), cost: pair.cost })
     };
     seen.pairs.iter().filter_map(pair).collect()
 }
