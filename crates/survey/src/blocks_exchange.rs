@@ -34,8 +34,8 @@ use sizeup_heights::camera::{Camera, Distortion};
 const MAX_UNZIPPED_BYTES: u64 = 8 << 30;
 
 /// A file with the element in its first bytes, or an `.xmlz`.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    candidate.head.contains("<BlocksExchange") || candidate.has_extension("xmlz")
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.head.contains("<BlocksExchange") || marks.has_extension("xmlz")
 }
 
 /// Reads the poses of all blocks in the file.

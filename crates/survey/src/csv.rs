@@ -84,9 +84,9 @@ const Y_COLUMNS: [&str; 5] = ["northing", "north", "n", "latitude", "lat"];
 const Z_COLUMNS: [&str; 3] = ["altitude", "alt", "elevation"];
 
 /// A `.csv` or `.tsv`, or text that names angles in its header.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    let is_table = candidate.has_extension("csv") || candidate.has_extension("tsv");
-    is_table || (!candidate.is_folder && names_angles(&candidate.head))
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    let is_table = marks.has_extension("csv") || marks.has_extension("tsv");
+    is_table || (!marks.is_folder && names_angles(&marks.head))
 }
 
 /// Reads a table as the survey declares it.

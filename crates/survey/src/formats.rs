@@ -145,8 +145,8 @@ pub(crate) fn format_of(config: &SurveyConfig) -> Result<Format, SurveyError> {
 }
 
 /// The first format whose recogniser knows a file or folder.
-pub(crate) fn recognised(candidate: &FileMarks) -> Option<Format> {
-    let is_it = |format: &Format| format.reader().is_some_and(|reader| (reader.recognises)(candidate));
+pub(crate) fn recognised(marks: &FileMarks) -> Option<Format> {
+    let is_it = |format: &Format| format.reader().is_some_and(|reader| (reader.recognises)(marks));
     ABOUT.iter().map(|&(format, _)| format).find(is_it)
 }
 

@@ -14,8 +14,8 @@ use sizeup_geo::crs::{Crs, CrsError};
 use sizeup_geo::files;
 
 /// A file of this name.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    candidate.name == "geo.txt"
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.name == "geo.txt"
 }
 
 /// Reads the poses; the camera is the declared one.

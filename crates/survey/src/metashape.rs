@@ -44,8 +44,8 @@ struct MetashapeCamera {
 }
 
 /// A file with a document and a chunk in its first bytes.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    candidate.head.contains("<document") && candidate.head.contains("<chunk")
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.head.contains("<document") && marks.head.contains("<chunk")
 }
 
 /// Reads all chunks of a `cameras.xml`.

@@ -6,8 +6,8 @@ use super::poses::Poses;
 use super::{SurveyConfig, SurveyError, csv};
 
 /// A file that names `PhotoID` in its first bytes.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    !candidate.is_folder && candidate.head.contains("PhotoID")
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    !marks.is_folder && marks.head.contains("PhotoID")
 }
 
 /// Reads the table; the camera is the declared one.

@@ -60,11 +60,11 @@ struct Intrinsics {
 }
 
 /// A JSON object with frames and their matrices, or the folder of a `transforms.json`.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    candidate.path.join("transforms.json").is_file()
-        || (candidate.has_extension("json")
-            && candidate.head.trim_start().starts_with('{')
-            && (candidate.name == "transforms.json" || candidate.head.contains("\"transform_matrix\"")))
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.path.join("transforms.json").is_file()
+        || (marks.has_extension("json")
+            && marks.head.trim_start().starts_with('{')
+            && (marks.name == "transforms.json" || marks.head.contains("\"transform_matrix\"")))
 }
 
 /// Reads the file, or the one in a folder.

@@ -55,8 +55,8 @@ const CONFIRMED_WITHIN_M: f64 = 0.5;
 const SAME_FOCAL_WITHIN: f64 = 1e-6;
 
 /// A `.geojson` whose features name files.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    candidate.has_extension("geojson") && candidate.head.contains("\"filename\"")
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.has_extension("geojson") && marks.head.contains("\"filename\"")
 }
 
 /// Reads `shots.geojson` and the cameras beside it.

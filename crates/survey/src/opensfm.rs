@@ -76,9 +76,9 @@ pub(super) fn json<T: for<'a> Deserialize<'a>>(path: &Path) -> Result<T, SurveyE
 }
 
 /// A folder with the file, or the file.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    candidate.path.join("reconstruction.json").is_file()
-        || (candidate.has_extension("json") && candidate.head.trim_start().starts_with('['))
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.path.join("reconstruction.json").is_file()
+        || (marks.has_extension("json") && marks.head.trim_start().starts_with('['))
 }
 
 /// Positions of receivers worse than this are placeholders, metres (`OpenSfM` writes 999,999 for none).

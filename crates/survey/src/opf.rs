@@ -152,8 +152,8 @@ fn find(path: &Path) -> Option<PathBuf> {
 }
 
 /// A project, or a folder with one.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    candidate.has_extension("opf") || (candidate.is_folder && find(&candidate.path).is_some())
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.has_extension("opf") || (marks.is_folder && find(&marks.path).is_some())
 }
 
 /// Reads a project with a calibration.

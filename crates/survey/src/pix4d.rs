@@ -40,8 +40,8 @@ fn find(path: &Path) -> Option<PathBuf> {
 }
 
 /// A `params` folder, or one of its files.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    find(&candidate.path).is_some()
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    find(&marks.path).is_some()
 }
 
 /// Reads a `params` folder or one of its files.

@@ -92,12 +92,12 @@ struct Interior {
 }
 
 /// A JSON file of items with perspective imagery, or a folder of them.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    if candidate.is_folder {
-        return items_in(&candidate.path)
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    if marks.is_folder {
+        return items_in(&marks.path)
             .is_ok_and(|files| files.first().is_some_and(|file| FileMarks::of(file).is_ok_and(|file| is_stac(&file))));
     }
-    is_stac(candidate)
+    is_stac(marks)
 }
 
 fn is_stac(file: &FileMarks) -> bool {

@@ -151,8 +151,7 @@ pub fn detect(
     }
     let looked: Vec<Result<ViewCandidates, ViewFault>> =
         nadir.par_iter().map(|&i| look_at(source, &views[i], terrain, settings)).collect();
-    let mut issues = Vec::new();
-    issues.extend(suspicious(&looked));
+    let mut issues: Vec<Issue> = suspicious(&looked).into_iter().collect();
     let mut seen = Vec::new();
     let (mut candidates, mut tracks, mut placed) = (Vec::new(), Vec::new(), Vec::new());
     let mut summary = DetectionSummary { n_views: nadir.len(), ..DetectionSummary::default() };

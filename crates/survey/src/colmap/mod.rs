@@ -34,9 +34,9 @@ struct ImageRow {
 }
 
 /// A folder with `images.txt` or `images.bin`.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    let images = candidate.path.join("images");
-    candidate.is_folder && ["txt", "bin"].iter().any(|e| images.with_extension(e).is_file())
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    let images = marks.path.join("images");
+    marks.is_folder && ["txt", "bin"].iter().any(|e| images.with_extension(e).is_file())
 }
 
 /// Reads the model in a folder; binary where both exist, as COLMAP itself does.

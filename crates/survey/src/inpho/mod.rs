@@ -53,9 +53,9 @@ struct Calibrated {
 }
 
 /// A `.prj` that begins with a block, which no CRS does.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    let begins = |name: &str| candidate.head.lines().any(|line| line.starts_with(name));
-    candidate.has_extension("prj") && (begins("$PROJECT") || begins("$PHOTO") || begins("$CAMERA"))
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    let begins = |name: &str| marks.head.lines().any(|line| line.starts_with(name));
+    marks.has_extension("prj") && (begins("$PROJECT") || begins("$PHOTO") || begins("$CAMERA"))
 }
 
 /// Reads the photos of a project.

@@ -60,8 +60,8 @@ struct PhotoReading {
 }
 
 /// A folder with photos.
-pub(crate) fn recognises(candidate: &FileMarks) -> bool {
-    candidate.is_folder && photos::list(&candidate.path).is_ok_and(|found| !found.is_empty())
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.is_folder && photos::list(&marks.path).is_ok_and(|found| !found.is_empty())
 }
 
 /// Reads the headers of all photos below a folder, in parallel.
