@@ -242,7 +242,8 @@ mod tests {
                 let whole = MultiPolygon::new(vec![rectangle([x.round(), y.round()], [w.round(), d.round()])]);
                 let shape = whole.intersection(&MultiPolygon::new(vec![seen[view].area.clone()]));
                 let is_cut = shape.unsigned_area() < whole.unsigned_area() - 0.01;
-                (shape.unsigned_area() > 2.0).then_some(FootprintCandidate { view, shape, weight: 1.0 + w.floor(), score: 1.0, is_cut })
+                let (weight, is_enough) = (1.0 + w.floor(), shape.unsigned_area() > 2.0);
+                is_enough.then_some(FootprintCandidate { view, shape, weight, score: 1.0, is_cut })
             }).collect();
             let config = ConsensusConfig::default();
             let one_by_one = gather_in_batches(&candidates, &seen, &config, 1);
