@@ -115,13 +115,13 @@ fn is_plural(name: &str) -> bool {
     name.starts_with("its ") && name.ends_with('s')
 }
 
-type Difference<'a> = (&'a str, Option<&'a str>, Option<&'a str>);
+type RecipeDifference<'a> = (&'a str, Option<&'a str>, Option<&'a str>);
 
 /// Entries that are not the same in both, by name.
 fn differences<'a>(
     now: &'a BTreeMap<String, String>,
     then: &'a BTreeMap<String, String>,
-) -> impl Iterator<Item = Difference<'a>> {
+) -> impl Iterator<Item = RecipeDifference<'a>> {
     let names: std::collections::BTreeSet<&String> = now.keys().chain(then.keys()).collect();
     let both = names
         .into_iter()

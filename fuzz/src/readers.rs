@@ -17,7 +17,7 @@ use sizeup::camera::Camera;
 use sizeup::config::{self, RunConfig};
 use sizeup::crs::Crs;
 use sizeup::evaluate;
-use sizeup::footprint::{self, ContourSource as _, FootprintConfig, Look, MaskConfig, MaskFiles};
+use sizeup::footprint::{self, ContourFineness, ContourSource as _, FootprintConfig, MaskConfig, MaskFiles};
 use sizeup::frames::Rigid;
 use sizeup::geodata::vector::VectorLayer;
 use sizeup::hashes::Hashes;
@@ -390,7 +390,7 @@ fn masks(path: &Path, kind: &str) {
     let settings = format!("path = {path:?}\nkind = {kind:?}\n");
     let config: MaskConfig = toml::from_str(&settings).expect("the settings are sound");
     let Some(masks) = read(MaskFiles::new(config)) else { return };
-    drop(masks.contours(&view(), Look { min_area_px2: 1.0, tolerance_px: 1.0 }));
+    drop(masks.contours(&view(), ContourFineness { min_area_px2: 1.0, tolerance_px: 1.0 }));
 }
 
 fn run_config(path: &Path, bytes: &[u8]) {

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::reliability::{self, SigmaClass};
-use super::{BenchmarkError, Method, Outcome, Plan, Programs, RealTown, SceneJob, Tell, Variant, run_scene};
+use super::{BenchmarkError, Method, Outcome, Programs, RealTown, SceneJob, SuitePlan, TellScenes, Variant, run_scene};
 use sizeup_geo::files::{write_json, write_whole};
 use sizeup_lab::evaluate::{BuildingError, HeightStatistics};
 use sizeup_lab::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind};
@@ -203,7 +203,7 @@ pub struct AccuracyTable {
 ///
 /// # Errors
 /// [`BenchmarkError`].
-pub fn run(config: &AccuracyConfig, plan: &Plan, tell: Tell<'_>) -> Result<AccuracyTable, BenchmarkError> {
+pub fn run(config: &AccuracyConfig, plan: &SuitePlan, tell: TellScenes<'_>) -> Result<AccuracyTable, BenchmarkError> {
     config.check()?;
     let mut cells = Vec::new();
     // Seeds outermost: a run that is stopped has whole matrices of fewer seeds.
@@ -232,7 +232,7 @@ pub fn run(config: &AccuracyConfig, plan: &Plan, tell: Tell<'_>) -> Result<Accur
     Ok(table)
 }
 
-fn write(table: &AccuracyTable, plan: &Plan) -> Result<(), BenchmarkError> {
+fn write(table: &AccuracyTable, plan: &SuitePlan) -> Result<(), BenchmarkError> {
     write_json(&plan.folder.join("accuracy.json"), table)?;
     write_whole(&plan.folder.join("accuracy.md"), |out| out.write_all(table.to_markdown().as_bytes()))?;
     Ok(())

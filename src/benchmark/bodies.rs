@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::BenchmarkError;
 use sizeup_lab::evaluate::solid::{Facet, Solid};
 use sizeup_lab::evaluate::{SurfaceEvaluation, TargetSurface, VolumeEvaluation, evaluate_surface, evaluate_volume};
-use sizeup_lab::simulate::{Part, SimulateConfig, SimulatedBuilding, world};
+use sizeup_lab::simulate::{RoofOrWall, SimulateConfig, SimulatedBuilding, world};
 
 /// Simulated walls go this far below the lowest ground, metres; bodies end at the ground.
 const FOUNDATION_M: f64 = 1.0;
@@ -33,7 +33,7 @@ fn body(building: &SimulatedBuilding) -> Solid {
     let cut = |corners: [DVec3; 3]| corners.map(|p| p.truncate().extend(p.z.max(base_m)));
     let mut facets: Vec<Facet> =
         building.triangles.iter().map(|t| Facet { corners: cut(t.corners), is_bottom: false }).collect();
-    let roofs = building.triangles.iter().filter(|t| t.part == Part::Roof && t.plan_area_m2() > 0.0);
+    let roofs = building.triangles.iter().filter(|t| t.part == RoofOrWall::Roof && t.plan_area_m2() > 0.0);
     facets.extend(roofs.map(|t| {
         let [a, b, c] = t.corners.map(|p| p.truncate().extend(base_m));
         Facet { corners: [a, c, b], is_bottom: true }

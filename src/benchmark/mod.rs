@@ -8,7 +8,7 @@
 //! A suite leaves one file per scene and method behind. A run that was stopped goes on where it was; a file is made anew
 //! if the scene's or the method's settings changed. One that another program made is taken over, since most changes of a
 //! program change no figure; but each says which program made it, every table says of which programs its outcomes are, and
-//! [`Plan::again`] makes them anew.
+//! [`SuitePlan::again`] makes them anew.
 
 pub mod accuracy;
 mod bodies;
@@ -39,7 +39,7 @@ use sizeup_results::output::read::ReadError;
 
 /// Folder of a suite, and what it keeps.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Plan {
+pub struct SuitePlan {
     /// Folder of scenes, outcomes and tables.
     pub folder: PathBuf,
     /// This program: its version and what tells its builds apart. Written into each outcome.
@@ -60,7 +60,7 @@ pub struct Again {
 }
 
 /// Told `(scenes done, scenes in all, what is being done)`.
-pub type Tell<'a> = &'a dyn Fn(usize, usize, &str);
+pub type TellScenes<'a> = &'a dyn Fn(usize, usize, &str);
 
 /// Why a suite ended early.
 #[derive(Debug, thiserror::Error)]

@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::studies::{self, StudyConfig, StudyTables};
-use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, Variant, run_scene};
+use super::{BenchmarkError, Method, Outcome, Programs, SceneJob, SuitePlan, TellScenes, Variant, run_scene};
 use sizeup_geo::files::{write_json, write_whole};
 use sizeup_lab::simulate::{ErrorConfig, FlightPattern, PriorLevel, SimulateConfig};
 
@@ -225,7 +225,7 @@ pub struct PaperTables {
 ///
 /// # Errors
 /// [`BenchmarkError`].
-pub fn run(config: &PaperConfig, plan: &Plan, tell: Tell<'_>) -> Result<PaperTables, BenchmarkError> {
+pub fn run(config: &PaperConfig, plan: &SuitePlan, tell: TellScenes<'_>) -> Result<PaperTables, BenchmarkError> {
     let known = || SCENES.iter().map(|s| s.name).collect::<Vec<_>>().join(", ");
     let scene = |name: &String| {
         let found = SCENES.iter().find(|s| s.name == name);

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bodies::{BodyScores, score, true_bodies};
 use super::method::Aids;
-use super::{BenchmarkError, Method, Plan, RealCameras};
+use super::{BenchmarkError, Method, RealCameras, SuitePlan};
 use crate::config::RunConfig;
 use crate::pipeline::{RunOptions, RunSummary, Stage, run_with};
 use sizeup_geo::cloud;
@@ -143,7 +143,7 @@ fn passes(history: &[EpochRecord]) -> Vec<Pass> {
 ///
 /// # Errors
 /// [`BenchmarkError`].
-pub fn run_scene(job: &SceneJob, plan: &Plan, tell: &dyn Fn(&str)) -> Result<Vec<Outcome>, BenchmarkError> {
+pub fn run_scene(job: &SceneJob, plan: &SuitePlan, tell: &dyn Fn(&str)) -> Result<Vec<Outcome>, BenchmarkError> {
     let mut scene: Option<PathBuf> = None;
     let mut outcomes = Vec::new();
     for variant in &job.variants {
@@ -197,7 +197,7 @@ fn read_outcome(path: &Path, settings_sha256: &str) -> Option<Outcome> {
 }
 
 /// The folder of the scene. A finished one says with which settings it was made.
-fn simulated(job: &SceneJob, plan: &Plan) -> Result<PathBuf, BenchmarkError> {
+fn simulated(job: &SceneJob, plan: &SuitePlan) -> Result<PathBuf, BenchmarkError> {
     let folder = plan.folder.join("scenes").join(&job.name);
     let stamp = folder.join("settings.sha256");
     let sha256 =

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use super::{Call, Failure, Global, Ui, print, print_json};
 use crate::benchmark::accuracy::{self, AccuracyConfig};
 use crate::benchmark::paper::{self, PaperConfig};
-use crate::benchmark::{Again, BenchmarkError, Method, Plan, Programs};
+use crate::benchmark::{Again, BenchmarkError, Method, Programs, SuitePlan};
 use sizeup_results::output::sha256_hex;
 
 /// Arguments of `sizeup benchmark`.
@@ -52,7 +52,7 @@ pub enum Suite {
 }
 
 pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> {
-    let plan = Plan {
+    let plan = SuitePlan {
         folder: args.output.clone(),
         program: this_program()?,
         again: again(&args.again)?,

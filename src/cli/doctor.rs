@@ -51,7 +51,7 @@ pub struct DoctorArgs {
 /// State of something that a run may need.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-enum State {
+enum Presence {
     /// The thing is there.
     Ok,
     /// It is not there, and nothing that was asked about needs it.
@@ -62,9 +62,9 @@ enum State {
 
 /// One thing that was looked at.
 #[derive(Debug, Clone, Serialize)]
-struct Finding {
+struct DoctorFinding {
     what: String,
-    state: State,
+    state: Presence,
     /// The finding in words.
     found: String,
     /// Command that brings it, where it is not there.
@@ -72,21 +72,21 @@ struct Finding {
     hint: Option<String>,
 }
 
-impl Finding {
+impl DoctorFinding {
     fn ok(what: &str, found: impl Into<String>) -> Self {
-        Self { what: what.to_owned(), state: State::Ok, found: found.into(), hint: None }
+        Self { what: what.to_owned(), state: Presence::Ok, found: found.into(), hint: None }
     }
 
     fn lacking(what: &str, is_needed: bool, found: impl Into<String>, hint: impl Into<String>) -> Self {
-        let state = if is_needed { State::Missing } else { State::Absent };
+        let state = if is_needed { Presence::Missing } else { Presence::Absent };
         Self { what: what.to_owned(), state, found: found.into(), hint: Some(hint.into()) }
     }
 
     fn line(&self) -> String {
         let mark = match self.state {
-            State::Ok => "ok     ",
-            State::Absent => "-      ",
-            State::Missing => "MISSING",
+            Presence::Ok => "ok     ",
+            Presence::Absent => "-      ",
+            Presence::Missing => "MISSING",
         };
         let hint = self.hint.as_ref().map_or_else(String::new, |hint| format!("\n          hint: {hint}"));
         format!("{mark}  {}: {}{hint}", self.what, self.found)
@@ -105,25 +105,25 @@ pub(super) fn run(args: &DoctorArgs, global: &Global) -> Result<u8, Failure> {
             print(&finding.line())?;
         }
     }
-    Ok(if findings.iter().any(|finding| finding.state == State::Missing) { 3 } else { 0 })
+    Ok(if findings.iter().any(|finding| finding.state == Presence::Missing) { 3 } else { 0 })
 }
 
 /// The program, the machine, and the libraries it links.
-fn of_machine(config: Option<&RunConfig>) -> Vec<Finding> {
+fn of_machine(config: Option<&RunConfig>) -> Vec<DoctorFinding> {
     let memory = tiles::available_memory_mb().map_or("not known".to_owned(), |mb| format!("{mb} MB for a run"));
     let mut findings = vec![
-        Finding::ok("sizeup", env!("CARGO_PKG_VERSION")),
-        Finding::ok("processor", format!("{} threads", rayon::current_num_threads())),
-        Finding::ok("memory", memory),
-        Finding::ok("GDAL", geodata::gdal_version()),
+        DoctorFinding::ok("sizeup", env!("CARGO_PKG_VERSION")),
+        DoctorFinding::ok("processor", format!("{} threads", rayon::current_num_threads())),
+        DoctorFinding::ok("memory", memory),
+        DoctorFinding::ok("GDAL", geodata::gdal_version()),
     ];
     findings.extend(proj());
     for (driver, is_needed) in DRIVERS {
         let what = format!("GDAL's {driver}");
         findings.push(if geodata::has_driver(driver) {
-            Finding::ok(&what, "there")
+            DoctorFinding::ok(&what, "there")
         } else {
-            Finding::lacking(
+            DoctorFinding::lacking(
                 &what,
                 is_needed,
                 "not in this GDAL",
@@ -131,14 +131,14 @@ fn of_machine(config: Option<&RunConfig>) -> Vec<Finding> {
             )
         });
     }
-    findings.push(Finding::ok("embedded network engine", "built in"));
+    findings.push(DoctorFinding::ok("embedded network engine", "built in"));
     let engine = match config.map(|config| &config.prior) {
         Some(PriorConfig::Network(network)) => network.engine.clone(),
         _ => EngineConfig::default(),
     };
     findings.push(match runtime::library(&engine) {
-        Ok(path) => Finding::ok("ONNX Runtime", path.display().to_string()),
-        Err(_) => Finding::lacking(
+        Ok(path) => DoctorFinding::ok("ONNX Runtime", path.display().to_string()),
+        Err(_) => DoctorFinding::lacking(
             "ONNX Runtime",
             engine.name == EngineChoice::OnnxRuntime,
             "not found; networks run in the embedded engine",
@@ -146,16 +146,16 @@ fn of_machine(config: Option<&RunConfig>) -> Vec<Finding> {
         ),
     });
     findings.extend(known::known().iter().map(network_in_place));
-    findings.push(Finding::ok("network small", format!("built in: {}", SMALL.about)));
+    findings.push(DoctorFinding::ok("network small", format!("built in: {}", SMALL.about)));
     findings
 }
 
 /// Whether a network that sizeup knows by name is in place: a run that needs it says so itself.
-fn network_in_place(network: &KnownNetwork) -> Finding {
+fn network_in_place(network: &KnownNetwork) -> DoctorFinding {
     let what = format!("network {}", network.name);
     match known::in_place(Path::new(network.name)) {
-        Some(path) => Finding::ok(&what, path.display().to_string()),
-        None => Finding::lacking(
+        Some(path) => DoctorFinding::ok(&what, path.display().to_string()),
+        None => DoctorFinding::lacking(
             &what,
             false,
             "not in place; depth comes from files or from stereo without it",
@@ -165,7 +165,7 @@ fn network_in_place(network: &KnownNetwork) -> Finding {
 }
 
 /// Needs of a run.
-fn of_config(config: &RunConfig) -> Vec<Finding> {
+fn of_config(config: &RunConfig) -> Vec<DoctorFinding> {
     let mut findings = vec![heights_grid(config)];
     findings.extend(planes(config));
     findings.push(file("survey.path", &config.survey.path));
@@ -184,11 +184,11 @@ fn of_config(config: &RunConfig) -> Vec<Finding> {
         }
         PriorConfig::Network(network) => {
             let mut model = file("prior.model", &network.graph());
-            let is_missing = model.state == State::Missing;
+            let is_missing = model.state == Presence::Missing;
             model.hint = known::how_to_get(&network.graph()).filter(|_| is_missing).or(model.hint);
             findings.push(model);
         }
-        PriorConfig::Stereo(_) if config.survey.images.is_none() => findings.push(Finding::lacking(
+        PriorConfig::Stereo(_) if config.survey.images.is_none() => findings.push(DoctorFinding::lacking(
             "photos for stereo",
             true,
             "`survey.images` is not set",
@@ -202,13 +202,13 @@ fn of_config(config: &RunConfig) -> Vec<Finding> {
 }
 
 /// Whether results can be written: into the folder, or the nearest one above it that is there.
-fn output(folder: &Path) -> Finding {
+fn output(folder: &Path) -> DoctorFinding {
     const WHAT: &str = "project.output";
     let there = folder.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
     let there = if there.as_os_str().is_empty() { Path::new(".") } else { there };
     match tempfile::Builder::new().prefix(".partial-").tempfile_in(there) {
-        Ok(_) => Finding::ok(WHAT, format!("{} can be written", folder.display())),
-        Err(error) => Finding::lacking(
+        Ok(_) => DoctorFinding::ok(WHAT, format!("{} can be written", folder.display())),
+        Err(error) => DoctorFinding::lacking(
             WHAT,
             true,
             format!("nothing can be written in {}: {error}", there.display()),
@@ -230,30 +230,30 @@ fn folder_of(before_placeholder: &str) -> &Path {
     if folder.as_os_str().is_empty() { Path::new(".") } else { folder }
 }
 
-fn file(what: &str, path: &Path) -> Finding {
+fn file(what: &str, path: &Path) -> DoctorFinding {
     let shown = path.display().to_string();
     if is_virtual(path) || path.exists() {
-        Finding::ok(what, shown)
+        DoctorFinding::ok(what, shown)
     } else {
         let hint = format!("put it there, or set {what} to where it is; paths count from the configuration's folder");
-        Finding::lacking(what, true, format!("{shown} does not exist"), hint)
+        DoctorFinding::lacking(what, true, format!("{shown} does not exist"), hint)
     }
 }
 
 /// PROJ itself, and the grid files that it finds.
-fn proj() -> [Finding; 2] {
+fn proj() -> [DoctorFinding; 2] {
     let folders: Vec<String> = crs::data_folders().iter().map(|folder| folder.display().to_string()).collect();
     let grids = crs::grids_present();
     let present = if grids.is_empty() { "none".to_owned() } else { grids.join(", ") };
     [
-        Finding::ok("PROJ", format!("{}, its files in {}", crs::proj_version(), folders.join(", "))),
-        Finding::ok("PROJ's grids", present),
+        DoctorFinding::ok("PROJ", format!("{}, its files in {}", crs::proj_version(), folders.join(", "))),
+        DoctorFinding::ok("PROJ's grids", present),
     ]
 }
 
 /// How well positions of the poses, the footprints and the terrain reach the project's plane, and the grid that would bring
 /// them there better.
-fn planes(config: &RunConfig) -> Vec<Finding> {
+fn planes(config: &RunConfig) -> Vec<DoctorFinding> {
     let footprints = match &config.footprints {
         FootprintSource::Layer(layer) => layer.crs.clone().or_else(|| {
             let source = VectorLayer::open(&layer.path, layer.layer.as_deref()).ok()?;
@@ -272,7 +272,7 @@ fn planes(config: &RunConfig) -> Vec<Finding> {
 }
 
 /// The same of one of them; `None` where nothing has to be done.
-fn plane(what: &str, from: &Crs, to: &Crs) -> Option<Finding> {
+fn plane(what: &str, from: &Crs, to: &Crs) -> Option<DoctorFinding> {
     let what = format!("PROJ's way from {what} ({from})");
     let transform = match Transform::new(from, to) {
         Ok(transform) if transform.is_identity() => return None,
@@ -280,7 +280,7 @@ fn plane(what: &str, from: &Crs, to: &Crs) -> Option<Finding> {
         Err(error) => {
             let text = error.to_string();
             let (found, hint) = text.split_once("\nhint: ").unwrap_or((&text, "`projsync --all`"));
-            return Some(Finding::lacking(&what, true, found, hint));
+            return Some(DoctorFinding::lacking(&what, true, found, hint));
         }
     };
     // In the middle of where the project's system is used.
@@ -291,9 +291,9 @@ fn plane(what: &str, from: &Crs, to: &Crs) -> Option<Finding> {
     Some(match transform.better_at(x, y) {
         Some(better) => {
             let hint = how_to_get(&better.grid);
-            Finding::lacking(&what, false, format!("{found}; {better}"), hint)
+            DoctorFinding::lacking(&what, false, format!("{found}; {better}"), hint)
         }
-        None => Finding::ok(&what, found),
+        None => DoctorFinding::ok(&what, found),
     })
 }
 
@@ -307,11 +307,11 @@ fn how_to_get(grid: &GridFile) -> String {
 
 /// Whether PROJ can take the project's heights to the ellipsoid, which globes and satellite positions count from. A run
 /// in one height system does without; one whose poses have ellipsoidal heights does not.
-fn heights_grid(config: &RunConfig) -> Finding {
+fn heights_grid(config: &RunConfig) -> DoctorFinding {
     const WHAT: &str = "PROJ's grid of the heights";
     let (crs, height) = (&config.project.crs, &config.survey.height);
     if crs.vertical_name().is_none() {
-        return Finding::ok(WHAT, format!("none needed: {crs} has no vertical part"));
+        return DoctorFinding::ok(WHAT, format!("none needed: {crs} has no vertical part"));
     }
     let reach = || -> Result<(), CrsError> {
         let ellipsoid = Transform3d::new(crs, &Crs::parse(ELLIPSOIDAL)?)?;
@@ -320,7 +320,7 @@ fn heights_grid(config: &RunConfig) -> Finding {
         let (x, y) = to_map.point(f64::midpoint(west, east), f64::midpoint(south, north))?;
         ellipsoid.point(DVec3::new(x, y, 0.0)).map(drop)
     };
-    let Err(error) = reach() else { return Finding::ok(WHAT, format!("there, for {crs}")) };
+    let Err(error) = reach() else { return DoctorFinding::ok(WHAT, format!("there, for {crs}")) };
     let is_shift_given = height.geoid_offset.is_some() || height.keep_ellipsoidal;
     let is_needed = height.reference == Some(VerticalDatum::Ellipsoidal) && !is_shift_given;
     let text = error.to_string();
@@ -332,5 +332,5 @@ fn heights_grid(config: &RunConfig) -> Finding {
         || advice.to_owned(),
         |grid| format!("{}; or state the shift: geoid_offset for poses, --geoid-height for 3D Tiles", how_to_get(grid)),
     );
-    Finding::lacking(WHAT, is_needed, found, hint)
+    DoctorFinding::lacking(WHAT, is_needed, found, hint)
 }

@@ -9,7 +9,7 @@ use super::tiles::{CutArgs, TilesetArgs, TrustArgs, absolute, failed, merge_city
 use super::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
 use crate::pipeline::{self, RunOptions, RunSummary, Stage};
-use crate::tiles::{self, Attempt, Layout, MergeOptions, Missing, PoolSettings, State, Tile, TileOutcome};
+use crate::tiles::{self, Attempt, Layout, MergeOptions, Missing, PoolSettings, Tile, TileOutcome, TileState};
 use sizeup_results::output::Status;
 
 /// Where `--help` lists the flags that stand for a configuration file.
@@ -185,7 +185,8 @@ fn run_tiled(mut config: RunConfig, args: &RunArgs, global: &Global) -> Result<u
     let manifest = plan_config(&config, &plan, global)?;
     let (ui, layout) = (Ui::new(global), Layout::new(&config.project.output));
     let city = tiles::status(&layout, args.trust.trust()).map_err(|e| failed(&e))?;
-    let todo: Vec<Tile> = city.tiles.into_iter().filter(|one| one.state != State::Done).map(|one| one.tile).collect();
+    let todo: Vec<Tile> =
+        city.tiles.into_iter().filter(|one| one.state != TileState::Done).map(|one| one.tile).collect();
     ui.say(format!("{} of {} are done", manifest.tiles.len() - todo.len(), counted(manifest.tiles.len(), "tile")));
     let outcomes = tiles::run_all(&layout, &todo, &settings, &|done, total| ui.advance("tiles", done, total));
     ui.finish();

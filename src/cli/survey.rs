@@ -172,8 +172,8 @@ impl From<TargetArg> for Target {
 
 /// The tables of a run's configuration that matter here; the others are passed over.
 #[derive(Debug, Clone, Deserialize)]
-struct Settings {
-    project: Project,
+struct RunTables {
+    project: ProjectTable,
     survey: SurveyConfig,
     #[serde(default)]
     terrain: Option<TerrainConfig>,
@@ -186,7 +186,7 @@ struct Settings {
 }
 
 #[derive(Debug, Clone, Deserialize)]
-struct Project {
+struct ProjectTable {
     crs: Crs,
 }
 
@@ -240,7 +240,7 @@ fn inspect_all(args: &InspectSurveyArgs, global: &Global) -> Result<u8, Failure>
     Ok(if all.iter().all(|inspected| inspected.is_sound) { 0 } else { EXIT_UNSOUND })
 }
 
-fn inspect(settings: &Settings, args: &InspectSurveyArgs, global: &Global) -> Result<Inspected, Failure> {
+fn inspect(settings: &RunTables, args: &InspectSurveyArgs, global: &Global) -> Result<Inspected, Failure> {
     let bad_input = |e: &dyn std::error::Error| Failure::new(3, e);
     let ui = Ui::new(global);
     let crs = &settings.project.crs;
@@ -291,7 +291,7 @@ fn looked_at(views: &[View], ui: &Ui) -> Result<Vec<Issue>, Failure> {
 }
 
 /// The hull of the footprints. A configuration may name footprints that are still to come: then there is no area.
-fn area_of(settings: &Settings, args: &InspectSurveyArgs, ui: &Ui) -> Result<Option<geo::Polygon>, Failure> {
+fn area_of(settings: &RunTables, args: &InspectSurveyArgs, ui: &Ui) -> Result<Option<geo::Polygon>, Failure> {
     let Some(FootprintSource::Layer(config)) = &settings.footprints else { return Ok(None) };
     if args.footprints.is_none() && !config.path.exists() {
         ui.say(format!("{} is not there: nothing to hold the image centres against", config.path.display()));
@@ -399,13 +399,13 @@ fn write_aligned(
 }
 
 /// The ground around the cameras, where one is given.
-fn terrain_of(settings: &Settings, survey: &Survey) -> Result<Option<Terrain>, Failure> {
+fn terrain_of(settings: &RunTables, survey: &Survey) -> Result<Option<Terrain>, Failure> {
     let Some(config) = &settings.terrain else { return Ok(None) };
     pipeline::terrain_around(config, &settings.project.crs, &survey.views).map_err(|e| Failure::new(3, &e))
 }
 
 /// The settings of each path, or those of the configuration file.
-fn settings(args: &SourceArgs, footprints: Option<&Path>) -> Result<Vec<Settings>, Failure> {
+fn settings(args: &SourceArgs, footprints: Option<&Path>) -> Result<Vec<RunTables>, Failure> {
     if args.paths.is_empty() {
         return Ok(vec![settings_of(args, None, footprints)?]);
     }
@@ -413,7 +413,7 @@ fn settings(args: &SourceArgs, footprints: Option<&Path>) -> Result<Vec<Settings
 }
 
 /// File and flags as one text, so that there is one way to read settings.
-fn settings_of(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>) -> Result<Settings, Failure> {
+fn settings_of(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>) -> Result<RunTables, Failure> {
     let usage = |e: &dyn std::error::Error| Failure::new(2, e);
     let text = match &args.config {
         Some(file) => std::fs::read_to_string(file)
@@ -430,7 +430,7 @@ fn settings_of(args: &SourceArgs, path: Option<&Path>, footprints: Option<&Path>
         put(&mut table, flags);
         table.to_string()
     };
-    let mut settings: Settings = crate::config::parse(&text, Some(name), &args.assignments).map_err(|e| usage(&e))?;
+    let mut settings: RunTables = crate::config::parse(&text, Some(name), &args.assignments).map_err(|e| usage(&e))?;
     settings.limits.set();
     let folder = args.config.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
     let resolve = &mut |path: &mut PathBuf| *path = resolved(folder, path);

@@ -8,7 +8,7 @@ use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print, print_json};
 use crate::config::RunConfig;
 use crate::recipe;
 use crate::tiles::{
-    self, CityStatus, Layout, MergeOptions, Merged, Missing, PlanSettings, State, TileChange, TileRun, TileStatus,
+    self, CityStatus, Layout, MergeOptions, Merged, Missing, PlanSettings, TileChange, TileRun, TileState, TileStatus,
     TilesError, Tileset, Trust,
 };
 use sizeup_heights::optimise::CalibrationRays;
@@ -410,7 +410,7 @@ fn status(args: &StatusArgs, global: &Global) -> Result<u8, Failure> {
     } else {
         for (i, one) in city.tiles.iter().enumerate() {
             match (args.todo, one.state) {
-                (true, State::Done) => {}
+                (true, TileState::Done) => {}
                 (true, _) => print(&format!("{i}\t{}", line_of(one)))?,
                 (false, _) => print(&line_of(one))?,
             }
@@ -427,16 +427,16 @@ fn tell_status(ui: &Ui, city: &CityStatus) {
     ui.say(format!(
         "{} tiles: {} done, {} running, {} stale, {} failed, {} waiting",
         city.tiles.len(),
-        city.count(State::Done),
-        city.count(State::Running),
-        city.count(State::Stale),
-        city.count(State::Failed),
-        city.count(State::Waiting)
+        city.count(TileState::Done),
+        city.count(TileState::Running),
+        city.count(TileState::Stale),
+        city.count(TileState::Failed),
+        city.count(TileState::Waiting)
     ));
     ui.say(match (city.merge, &city.merge_stale) {
-        (State::Done, _) => "the merge is done".to_owned(),
-        (State::Running, _) => "the merge is running".to_owned(),
-        (State::Failed, Some(why)) => format!("the merge is not finished: {why}\nhint: merge again"),
+        (TileState::Done, _) => "the merge is done".to_owned(),
+        (TileState::Running, _) => "the merge is running".to_owned(),
+        (TileState::Failed, Some(why)) => format!("the merge is not finished: {why}\nhint: merge again"),
         (_, Some(why)) => format!("the merge is stale: {why}"),
         _ => "nothing has been merged".to_owned(),
     });
@@ -445,16 +445,16 @@ fn tell_status(ui: &Ui, city: &CityStatus) {
 fn line_of(one: &TileStatus) -> String {
     let why = one.why.as_deref().map(first_line);
     let state = match one.state {
-        State::Done if one.exit_code == Some(EXIT_FAILED_ITEMS) => "done, with failed items".to_owned(),
-        State::Done => "done".to_owned(),
-        State::Running => format!("running, {}", one.runner.as_deref().unwrap_or("somebody")),
-        State::Stale => format!("stale: {}", why.unwrap_or_default()),
-        State::Failed => {
+        TileState::Done if one.exit_code == Some(EXIT_FAILED_ITEMS) => "done, with failed items".to_owned(),
+        TileState::Done => "done".to_owned(),
+        TileState::Running => format!("running, {}", one.runner.as_deref().unwrap_or("somebody")),
+        TileState::Stale => format!("stale: {}", why.unwrap_or_default()),
+        TileState::Failed => {
             let code = one.exit_code.map_or("no exit code".to_owned(), |code| format!("exit code {code}"));
             let tries = super::counted_as(one.n_tries, "try", "tries");
             format!("failed, {code}, {tries}: {}", why.unwrap_or_default())
         }
-        State::Waiting => why.map_or("waiting".to_owned(), |why| format!("waiting: {why}")),
+        TileState::Waiting => why.map_or("waiting".to_owned(), |why| format!("waiting: {why}")),
     };
     let tile = &one.tile;
     format!("{}\t{} buildings\t{} views\t{} MB\t{state}", tile.id, tile.n_buildings, tile.n_views, tile.memory_mb)

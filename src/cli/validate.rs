@@ -61,7 +61,7 @@ pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
     let solids = validate_file(&args.file, &config).map_err(|e| Failure::new(3, &e))?;
     let is_valid = solids.is_valid() && form.as_ref().is_none_or(|form| form.errors.is_empty());
     if global.json {
-        print_json(&Outcome { solids, form, unfinished: told_of(&args.file) })?;
+        print_json(&ValidationOutcome { solids, form, unfinished: told_of(&args.file) })?;
     } else {
         print(&solid_lines(&solids, n_printed))?;
     }
@@ -75,7 +75,7 @@ fn check_form(args: &ValidateArgs) -> Result<SchemaCheck, Failure> {
 
 /// Both checks as JSON.
 #[derive(Serialize)]
-struct Outcome {
+struct ValidationOutcome {
     #[serde(flatten)]
     solids: Validation,
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -9,8 +9,8 @@
 
 use std::fmt::Write as _;
 
-use super::file::Entry;
-use super::flight::Level;
+use super::file::ConfigEntry;
+use super::flight::MedianHeight;
 use super::ground::TerrainFile;
 use super::project::Lack;
 use glam::DVec3;
@@ -31,7 +31,7 @@ const GEOID: &str = "the geoid EGM96 here, which national zeros follow to within
 const LEVEL_GROUND_M: f64 = 2.0;
 
 /// All that is known of the heights of poses and ground.
-pub(super) struct Known<'a> {
+pub(super) struct DatumFacts<'a> {
     /// Statement of the poses on theirs.
     pub stated: StatedHeights,
     /// Whether they reach the project's vertical reference as they are, by PROJ or because both are one.
@@ -39,28 +39,28 @@ pub(super) struct Known<'a> {
     /// Why heights cannot be brought together, where that was tried.
     pub why_not: Option<String>,
     /// Level at which the drone took off, in the poses' heights.
-    pub takeoff: Option<Level>,
+    pub takeoff: Option<MedianHeight>,
     /// Height of the geoid above the ellipsoid, metres.
     pub geoid_m: Option<f64>,
     /// Ground that lies there.
-    pub ground: Ground<'a>,
+    pub ground: KnownGround<'a>,
 }
 
 /// Ground that lies there.
 #[derive(Clone, Copy)]
-pub(super) enum Ground<'a> {
+pub(super) enum KnownGround<'a> {
     /// A terrain model, and its level under the cameras.
-    Model(&'a TerrainFile, Level),
+    Model(&'a TerrainFile, MedianHeight),
     /// One height that somebody gave.
     Given(f64),
     /// Rough level by the sparse points of the photos' model, in the poses' heights, and the relief of open ground, metres.
-    Points(Level, f64),
+    Points(MedianHeight, f64),
     /// No ground is known.
     Nothing,
 }
 
-impl Ground<'_> {
-    fn level(&self) -> Option<Level> {
+impl KnownGround<'_> {
+    fn level(&self) -> Option<MedianHeight> {
         match self {
             Self::Model(_, level) | Self::Points(level, _) => Some(*level),
             Self::Given(_) | Self::Nothing => None,
@@ -74,9 +74,9 @@ pub(super) struct Datum {
     /// Zero of the poses' heights, as the survey takes it.
     pub height: HeightConfig,
     /// The same as entries of the configuration.
-    pub height_entries: Vec<Entry>,
+    pub height_entries: Vec<ConfigEntry>,
     /// Entries of the configuration's `[terrain]`.
-    pub terrain_entries: Vec<Entry>,
+    pub terrain_entries: Vec<ConfigEntry>,
     /// One height of the ground, metres.
     pub constant_m: Option<f64>,
     /// Added to a terrain model, metres.
@@ -105,7 +105,7 @@ pub(super) fn geoid_m((lon_deg, lat_deg): (f64, f64)) -> Option<f64> {
 }
 
 /// Brings the heights together.
-pub(super) fn settle(known: &Known<'_>) -> Datum {
+pub(super) fn settle(known: &DatumFacts<'_>) -> Datum {
     let mut datum = by_ground(known);
     let spreads = [known.takeoff.map(|level| level.spread_m), known.ground.level().map(|level| level.spread_m)];
     let unsure_m = 2.0 * spreads.into_iter().flatten().fold(0.0, f64::max);
@@ -113,24 +113,28 @@ pub(super) fn settle(known: &Known<'_>) -> Datum {
     datum
 }
 
-fn by_ground(known: &Known<'_>) -> Datum {
+fn by_ground(known: &DatumFacts<'_>) -> Datum {
     match known.ground {
-        Ground::Model(file, level) => on_model(known, file, level),
-        Ground::Given(level_m) => {
+        KnownGround::Model(file, level) => on_model(known, file, level),
+        KnownGround::Given(level_m) => {
             let mut datum = as_they_are(known);
             datum.constant_m = Some(level_m);
             datum.ground_in_words = format!("{level_m} m everywhere, as given by --ground");
-            datum.terrain_entries.push(Entry::new("constant_m", format!("{level_m:?}"), datum.ground_in_words.clone()));
+            datum.terrain_entries.push(ConfigEntry::new(
+                "constant_m",
+                format!("{level_m:?}"),
+                datum.ground_in_words.clone(),
+            ));
             doubt_given(&mut datum, known, level_m);
             datum
         }
-        Ground::Points(level, relief_m) => from_points(known, level, relief_m),
-        Ground::Nothing => from_takeoff(known),
+        KnownGround::Points(level, relief_m) => from_points(known, level, relief_m),
+        KnownGround::Nothing => from_takeoff(known),
     }
 }
 
 /// The poses' heights as they are, and the project's with them.
-fn as_they_are(known: &Known<'_>) -> Datum {
+fn as_they_are(known: &DatumFacts<'_>) -> Datum {
     let mut datum = Datum::default();
     if known.is_reached {
         datum.in_words = match known.stated {
@@ -146,14 +150,14 @@ fn as_they_are(known: &Known<'_>) -> Datum {
             datum.height.keep_ellipsoidal = true;
             let why =
                 "heights stay above the ellipsoid, as the receiver gave them; national heights differ by up to 107 m";
-            datum.height_entries.push(Entry::new("keep_ellipsoidal", "true", why));
+            datum.height_entries.push(ConfigEntry::new("keep_ellipsoidal", "true", why));
             datum.vertical_reference = Some("ellipsoid".to_owned());
             "ellipsoidal, in poses and results".clone_into(&mut datum.in_words);
         }
         StatedHeights::Unreliable => {
             datum.height.reference = Some(VerticalDatum::Project);
             let why = "heights stay as the drone counted them (barometer, no base station): right beside each other, not absolutely";
-            datum.height_entries.push(Entry::new("reference", "\"project\"", why));
+            datum.height_entries.push(ConfigEntry::new("reference", "\"project\"", why));
             datum.vertical_reference = Some("the drone's own altitude".to_owned());
             "the drone's own altitude, in poses and results; no national heights".clone_into(&mut datum.in_words);
         }
@@ -170,7 +174,7 @@ fn as_they_are(known: &Known<'_>) -> Datum {
 }
 
 /// The ground that the photos tell: the level of the take-off.
-fn from_takeoff(known: &Known<'_>) -> Datum {
+fn from_takeoff(known: &DatumFacts<'_>) -> Datum {
     let mut datum = as_they_are(known);
     let Some(level) = known.takeoff else {
         let how = "a terrain model (DTM) from the national survey, put into the folder or named by --dtm; or the rough height of the \
@@ -179,7 +183,7 @@ fn from_takeoff(known: &Known<'_>) -> Datum {
         datum.lacks.push(Lack::new("the ground", why, how));
         return datum;
     };
-    let Level { median_m, spread_m, n } = level;
+    let MedianHeight { median_m, spread_m, n } = level;
     let level_m = (10.0 * median_m).round() / 10.0;
     datum.constant_m = Some(level_m);
     datum.is_sharpened = true;
@@ -187,12 +191,12 @@ fn from_takeoff(known: &Known<'_>) -> Datum {
         "about {level_m:.1} m, the place of take-off by {n} photos (within {spread_m:.1} m of each other; the ground elsewhere may \
          differ by the relief); the photos find the terrain from there"
     );
-    datum.terrain_entries.push(Entry::new("constant_m", format!("{level_m:?}"), datum.ground_in_words.clone()));
+    datum.terrain_entries.push(ConfigEntry::new("constant_m", format!("{level_m:?}"), datum.ground_in_words.clone()));
     datum
 }
 
 /// The ground that the sparse points of the photos' model tell.
-fn from_points(known: &Known<'_>, level: Level, relief_m: f64) -> Datum {
+fn from_points(known: &DatumFacts<'_>, level: MedianHeight, relief_m: f64) -> Datum {
     let mut datum = as_they_are(known);
     let level_m = (10.0 * level.median_m).round() / 10.0;
     datum.constant_m = Some(level_m);
@@ -204,32 +208,32 @@ fn from_points(known: &Known<'_>, level: Level, relief_m: f64) -> Datum {
         "about {level_m:.1} m by the lowest of the model's sparse points ({} squares of 50 m, the open ones within {relief_m:.1} m); {then}",
         level.n
     );
-    datum.terrain_entries.push(Entry::new("constant_m", format!("{level_m:?}"), datum.ground_in_words.clone()));
+    datum.terrain_entries.push(ConfigEntry::new("constant_m", format!("{level_m:?}"), datum.ground_in_words.clone()));
     datum
 }
 
 /// Says so where the given height of the ground and the take-off are not of one level.
-fn doubt_given(datum: &mut Datum, known: &Known<'_>, level_m: f64) {
-    let given = Level { median_m: level_m, spread_m: 0.0, n: 1 };
-    let Some((takeoff, shift)) = known.takeoff.map(|takeoff| (takeoff, Shift::of(takeoff, given))) else { return };
+fn doubt_given(datum: &mut Datum, known: &DatumFacts<'_>, level_m: f64) {
+    let given = MedianHeight { median_m: level_m, spread_m: 0.0, n: 1 };
+    let Some((takeoff, shift)) = known.takeoff.map(|takeoff| (takeoff, DatumShift::of(takeoff, given))) else { return };
     let what =
         format!("--ground {level_m} is {:.0} m from the take-off at {:.1} m", shift.metres.abs(), takeoff.median_m);
     match shift.verdict() {
-        Verdict::Same => {}
-        Verdict::Unclear => {
+        TakeoffVerdict::Same => {}
+        TakeoffVerdict::Unclear => {
             datum.leave_to_photos(shift);
             datum
                 .warnings
                 .push(format!("{what} in the poses' heights: the photos look for the ground between ([dtm])"));
         }
-        Verdict::Other => datum.warnings.push(format!(
+        TakeoffVerdict::Other => datum.warnings.push(format!(
             "{what} in the poses' heights: does it count from another level (sea level against the ellipsoid)?"
         )),
     }
 }
 
 /// Poses over a terrain model.
-fn on_model(known: &Known<'_>, file: &TerrainFile, level: Level) -> Datum {
+fn on_model(known: &DatumFacts<'_>, file: &TerrainFile, level: MedianHeight) -> Datum {
     let mut datum = Datum { vertical_reference: file.vertical.clone(), ..Datum::default() };
     datum.ground_in_words =
         format!("{:.1} m under the cameras (± {:.1} m); {}", level.median_m, level.spread_m, file.why);
@@ -253,7 +257,7 @@ fn on_model(known: &Known<'_>, file: &TerrainFile, level: Level) -> Datum {
         StatedHeights::Ellipsoidal | StatedHeights::ByCrs => {
             "the poses' reach the project's vertical reference by PROJ".clone_into(&mut datum.in_words);
             if let Some(takeoff) = known.takeoff {
-                hold_against(&mut datum, Shift::of(takeoff, level));
+                hold_against(&mut datum, DatumShift::of(takeoff, level));
             }
             if file.vertical.is_none() {
                 datum.warnings.push(format!(
@@ -267,8 +271,8 @@ fn on_model(known: &Known<'_>, file: &TerrainFile, level: Level) -> Datum {
     datum
 }
 
-fn from_ellipsoid(datum: &mut Datum, known: &Known<'_>, level: Level) {
-    let by_takeoff = known.takeoff.map(|takeoff| Shift::of(takeoff, level));
+fn from_ellipsoid(datum: &mut Datum, known: &DatumFacts<'_>, level: MedianHeight) {
+    let by_takeoff = known.takeoff.map(|takeoff| DatumShift::of(takeoff, level));
     let geoid = known.geoid_m.filter(|geoid_m| by_takeoff.is_none_or(|takeoff| takeoff.allows(*geoid_m)));
     let told = geoid
         .map(|geoid_m| (geoid_m, GEOID.to_owned()))
@@ -277,7 +281,7 @@ fn from_ellipsoid(datum: &mut Datum, known: &Known<'_>, level: Level) {
         let how = "state how far the zero of the terrain model lies above the ellipsoid: geoid_offset in [survey.height]; or a --crs \
                    with heights, such as EPSG:25832+7837";
         let why = "the poses' heights are ellipsoidal, the terrain model's are not said";
-        datum.height_entries.push(Entry::off(
+        datum.height_entries.push(ConfigEntry::off(
             "geoid_offset",
             "44.0",
             "metres; national surveys and geoid calculators tell it",
@@ -287,7 +291,7 @@ fn from_ellipsoid(datum: &mut Datum, known: &Known<'_>, level: Level) {
     };
     let shift_m = (10.0 * shift_m).round() / 10.0;
     datum.height.geoid_offset = Some(shift_m);
-    datum.height_entries.push(Entry::new(
+    datum.height_entries.push(ConfigEntry::new(
         "geoid_offset",
         format!("{shift_m:?}"),
         format!("metres, ESTIMATED: {source}"),
@@ -311,14 +315,14 @@ fn from_ellipsoid(datum: &mut Datum, known: &Known<'_>, level: Level) {
 
 /// Shift of the poses' heights against a terrain model's.
 #[derive(Debug, Clone, Copy)]
-struct Shift {
+struct DatumShift {
     metres: f64,
     /// How well it is known: the relief under the cameras, and what the photos differ by.
     within_m: f64,
 }
 
-impl Shift {
-    fn of(takeoff: Level, model: Level) -> Self {
+impl DatumShift {
+    fn of(takeoff: MedianHeight, model: MedianHeight) -> Self {
         Self { metres: takeoff.median_m - model.median_m, within_m: takeoff.spread_m + model.spread_m }
     }
 
@@ -328,11 +332,11 @@ impl Shift {
     }
 
     /// Verdict on a ground that is taken to be of one level with the poses.
-    fn verdict(self) -> Verdict {
+    fn verdict(self) -> TakeoffVerdict {
         match self.metres.abs() - self.within_m {
-            gap if gap <= CONFIRMED_M => Verdict::Same,
-            _ if self.allows(0.0) => Verdict::Unclear,
-            _ => Verdict::Other,
+            gap if gap <= CONFIRMED_M => TakeoffVerdict::Same,
+            _ if self.allows(0.0) => TakeoffVerdict::Unclear,
+            _ => TakeoffVerdict::Other,
         }
     }
 
@@ -344,7 +348,7 @@ impl Shift {
 
 /// Verdict of the take-off on the ground.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Verdict {
+enum TakeoffVerdict {
     /// Both count from one level.
     Same,
     /// They may, or not.
@@ -355,18 +359,18 @@ enum Verdict {
 
 impl Datum {
     /// The photos look for the ground, as far off as the take-off is.
-    fn leave_to_photos(&mut self, shift: Shift) {
+    fn leave_to_photos(&mut self, shift: DatumShift) {
         self.is_sharpened = true;
         self.gap_m = shift.metres.abs();
     }
 }
 
-fn from_barometer(datum: &mut Datum, known: &Known<'_>, level: Level) {
+fn from_barometer(datum: &mut Datum, known: &DatumFacts<'_>, level: MedianHeight) {
     if known.takeoff.is_none() {
         let why = "the poses' heights have no known reference (no base station), and the photos do not tell theirs above take-off";
         let how = "set [survey.height], as in reference = \"above_takeoff\" with base, the height of the take-off in the terrain model";
-        datum.height_entries.push(Entry::off("reference", "\"above_takeoff\"", ""));
-        datum.height_entries.push(Entry::off("base", format!("{:.1}", level.median_m), "metres"));
+        datum.height_entries.push(ConfigEntry::off("reference", "\"above_takeoff\"", ""));
+        datum.height_entries.push(ConfigEntry::off("base", format!("{:.1}", level.median_m), "metres"));
         datum.lacks.push(Lack::new("what heights count from", why, how));
         return;
     }
@@ -374,12 +378,12 @@ fn from_barometer(datum: &mut Datum, known: &Known<'_>, level: Level) {
     datum.height =
         HeightConfig { reference: Some(VerticalDatum::AboveTakeoff), base: Some(base_m), ..HeightConfig::default() };
     let why = "the drone's heights have no known zero (no base station): those above take-off are used";
-    datum.height_entries.push(Entry::new("reference", "\"above_takeoff\"", why));
+    datum.height_entries.push(ConfigEntry::new("reference", "\"above_takeoff\"", why));
     let why = format!(
         "metres, ESTIMATED: the terrain model under the cameras (± {:.1} m); better: its height where the drone took off",
         level.spread_m
     );
-    datum.height_entries.push(Entry::new("base", format!("{base_m:?}"), why));
+    datum.height_entries.push(ConfigEntry::new("base", format!("{base_m:?}"), why));
     datum.is_sharpened = true;
     datum.in_words = format!("above take-off, taken to be at {base_m} m in the terrain model");
     datum.warnings.push(format!(
@@ -390,7 +394,7 @@ fn from_barometer(datum: &mut Datum, known: &Known<'_>, level: Level) {
 }
 
 /// Poses that do not say what their heights count from, or say the terrain's.
-fn unsaid(datum: &mut Datum, known: &Known<'_>, level: Level) {
+fn unsaid(datum: &mut Datum, known: &DatumFacts<'_>, level: MedianHeight) {
     let Some(takeoff) = known.takeoff else {
         "the poses do not say: taken to be the terrain model's".clone_into(&mut datum.in_words);
         datum.warnings.push(
@@ -398,21 +402,21 @@ fn unsaid(datum: &mut Datum, known: &Known<'_>, level: Level) {
         );
         return;
     };
-    let shift = Shift::of(takeoff, level);
+    let shift = DatumShift::of(takeoff, level);
     "the poses do not say: taken to be the terrain model's".clone_into(&mut datum.in_words);
     hold_against(datum, shift);
-    if shift.verdict() == Verdict::Same {
+    if shift.verdict() == TakeoffVerdict::Same {
         let said = format!(", which the take-off confirms to {:.0} m (± {:.0} m)", shift.metres.abs(), shift.within_m);
         datum.in_words.push_str(&said);
     }
 }
 
 /// Holds the terrain model against the take-off: it confirms it, leaves it to the photos, or moves it.
-fn hold_against(datum: &mut Datum, shift: Shift) {
+fn hold_against(datum: &mut Datum, shift: DatumShift) {
     let (shift_m, within_m) = ((10.0 * shift.metres).round() / 10.0, shift.within_m);
     match shift.verdict() {
-        Verdict::Same => {}
-        Verdict::Unclear => {
+        TakeoffVerdict::Same => {}
+        TakeoffVerdict::Unclear => {
             datum.leave_to_photos(shift);
             let _ = write!(datum.in_words, "; the take-off lies {shift_m} m (± {within_m:.0} m) above it");
             datum.warnings.push(format!(
@@ -421,14 +425,14 @@ fn hold_against(datum: &mut Datum, shift: Shift) {
                  for the ground around the model ([dtm]); where they do not find it, heights may be off by so much"
             ));
         }
-        Verdict::Other => {
+        TakeoffVerdict::Other => {
             datum.offset_m = Some(shift_m);
             datum.is_sharpened = true;
             datum.vertical_reference = None;
             let why = format!(
                 "metres, ESTIMATED: the take-off by the photos lies so much above the terrain model (± {within_m:.0} m)"
             );
-            datum.terrain_entries.push(Entry::new("vertical_offset_m", format!("{shift_m:?}"), why));
+            datum.terrain_entries.push(ConfigEntry::new("vertical_offset_m", format!("{shift_m:?}"), why));
             datum.in_words = format!("those of the poses, {shift_m} m from the terrain model's");
             datum.warnings.push(format!(
                 "the poses' heights and the terrain model's count from different levels: the take-off lies {shift_m} m (± {within_m:.0} m) \

@@ -10,7 +10,7 @@ const WIDTH: usize = 118;
 
 /// A key of the configuration with its value and what is to be said of it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Entry {
+pub(super) struct ConfigEntry {
     key: &'static str,
     /// Value as TOML writes it.
     value: String,
@@ -18,7 +18,7 @@ pub(super) struct Entry {
     is_set: bool,
 }
 
-impl Entry {
+impl ConfigEntry {
     /// A key that is set.
     pub(super) fn new(key: &'static str, value: impl Into<String>, comment: impl Into<String>) -> Self {
         Self { key, value: value.into(), comment: comment.into(), is_set: true }
@@ -42,11 +42,11 @@ pub(super) fn quoted(text: &str) -> String {
 
 /// A configuration that is being written.
 #[derive(Debug, Default)]
-pub(super) struct Sheet {
+pub(super) struct ConfigText {
     text: String,
 }
 
-impl Sheet {
+impl ConfigText {
     /// A comment of its own, broken into lines.
     pub(super) fn note(&mut self, text: &str) {
         for line in broken(text, WIDTH - 2) {
@@ -83,8 +83,8 @@ impl Sheet {
     }
 
     /// Keys with their comments: beside them where these are short, else above.
-    pub(super) fn entries(&mut self, entries: &[Entry]) {
-        for Entry { key, value, comment, is_set } in entries {
+    pub(super) fn entries(&mut self, entries: &[ConfigEntry]) {
+        for ConfigEntry { key, value, comment, is_set } in entries {
             let off = if *is_set { "" } else { "# " };
             let plain = format!("{off}{key} = {value}");
             let beside = format!("{plain:<36}  # {comment}");
@@ -141,14 +141,14 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read_back_and_what_is_left_out_is_not() {
-        let mut sheet = Sheet::default();
+        let mut sheet = ConfigText::default();
         sheet.note(&"words ".repeat(60));
         sheet.table("survey");
         let long = "why ".repeat(50);
         sheet.entries(&[
-            Entry::new("path", quoted("a \"b\"\\c"), long),
-            Entry::off("offset", "[0.0]", "left"),
-            Entry::path("images", Path::new("/town/photos"), Path::new("/town"), "photos"),
+            ConfigEntry::new("path", quoted("a \"b\"\\c"), long),
+            ConfigEntry::off("offset", "[0.0]", "left"),
+            ConfigEntry::path("images", Path::new("/town/photos"), Path::new("/town"), "photos"),
         ]);
         sheet.list("others", &(0..12).map(|i| format!("{i}")).collect::<Vec<_>>());
         let text = sheet.into_text();

@@ -152,7 +152,7 @@ pub(super) fn folder_of_photos(inventory: &Inventory, names: &[String]) -> Optio
 
 /// A height that many photos tell, metres.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub(super) struct Level {
+pub(super) struct MedianHeight {
     /// Median of what the photos tell, metres.
     pub median_m: f64,
     /// Half of what lies between the lowest and the highest tenth.
@@ -161,7 +161,7 @@ pub(super) struct Level {
     pub n: usize,
 }
 
-impl Level {
+impl MedianHeight {
     pub(super) fn of(heights_m: &[f64]) -> Option<Self> {
         let spread_m = 0.5 * (quantile(heights_m, 0.9)? - quantile(heights_m, 0.1)?);
         Some(Self { median_m: median(heights_m)?, spread_m, n: heights_m.len() })
@@ -169,10 +169,10 @@ impl Level {
 }
 
 /// The level of the place of take-off in what the poses count from: their heights minus those above take-off in the photos.
-pub(super) fn takeoff(views: &[View], facts: &[PhotoFacts]) -> Option<Level> {
+pub(super) fn takeoff(views: &[View], facts: &[PhotoFacts]) -> Option<MedianHeight> {
     let relative: BTreeMap<&Path, f64> =
         facts.iter().filter_map(|photo| Some((photo.path.as_path(), photo.relative_m?))).collect();
     let level = |view: &View| Some(view.centre().z - relative.get(view.image.as_deref()?)?);
     let levels: Vec<f64> = views.iter().filter_map(level).collect();
-    Level::of(&levels)
+    MedianHeight::of(&levels)
 }

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::InitError;
 use super::folder::{Inventory, name_of};
-use super::place::Place;
+use super::place::PhotoPlaces;
 use sizeup_footprints::{FootprintConfig, is_osm, open_layer};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::geodata::vector::{Feature, FeatureGeometry, layers_of};
@@ -118,7 +118,7 @@ pub(super) struct LayerChoice {
 }
 
 /// Chooses among the layers of a folder.
-pub(super) fn choose(inventory: &Inventory, place: &Place) -> LayerChoice {
+pub(super) fn choose(inventory: &Inventory, place: &PhotoPlaces) -> LayerChoice {
     let mut looked = Vec::new();
     let mut choice = LayerChoice::default();
     for path in &inventory.layers {
@@ -141,7 +141,7 @@ pub(super) fn choose(inventory: &Inventory, place: &Place) -> LayerChoice {
 }
 
 /// The layer that somebody named: it has to be readable and to lie where the photos are.
-pub(super) fn named(path: &Path, place: &Place) -> Result<UsableLayer, InitError> {
+pub(super) fn named(path: &Path, place: &PhotoPlaces) -> Result<UsableLayer, InitError> {
     let refuse = |reason| InitError::Named { option: "--footprints", path: path.to_owned(), reason };
     let looked = layers(path, place);
     let (good, bad): (Vec<_>, Vec<_>) = looked.into_iter().partition(|(_, layer)| layer.is_ok());
@@ -154,10 +154,10 @@ pub(super) fn named(path: &Path, place: &Place) -> Result<UsableLayer, InitError
     })
 }
 
-type Looked = (String, Result<UsableLayer, String>);
+type TriedLayer = (String, Result<UsableLayer, String>);
 
 /// The layers of a file that may hold polygons.
-fn layers(path: &Path, place: &Place) -> Vec<Looked> {
+fn layers(path: &Path, place: &PhotoPlaces) -> Vec<TriedLayer> {
     if is_osm(path) {
         return vec![(name_of(path), look(path, None, place))];
     }
@@ -184,14 +184,14 @@ fn first_line(error: &dyn std::error::Error) -> String {
     text.split("\nhint:").next().unwrap_or_default().replace('\n', " ")
 }
 
-fn look(path: &Path, layer: Option<&str>, place: &Place) -> Result<UsableLayer, String> {
+fn look(path: &Path, layer: Option<&str>, place: &PhotoPlaces) -> Result<UsableLayer, String> {
     let config = FootprintConfig { layer: layer.map(str::to_owned), ..FootprintConfig::new(path) };
     let mut source = open_layer(&config).map_err(|e| first_line(&e))?;
     let crs = source.crs().map_err(|e| first_line(&e))?.ok_or("it has no CRS")?;
     let n_features = if is_osm(path) { None } else { source.n_features() };
     if let Some(area) = place.bounds_in(&crs) {
         source.look_at([area.west_m, area.south_m, area.east_m, area.north_m]);
-    } else if !matches!(place, Place::Nowhere) {
+    } else if !matches!(place, PhotoPlaces::Nowhere) {
         return Err(format!("{} cannot be held against where the photos are", crs.name()));
     }
     let features: Vec<Feature> = source.features().take(N_LOOKED).collect();
@@ -200,7 +200,7 @@ fn look(path: &Path, layer: Option<&str>, place: &Place) -> Result<UsableLayer, 
     }
     let areas: Vec<f64> = features.iter().filter_map(|feature| area_m2(feature, &crs)).collect();
     let median_area_m2 = median(&areas).ok_or("it holds no polygons")?;
-    let evidence = Evidence { n_polygons: areas.len(), median_area_m2, features: &features };
+    let evidence = LayerEvidence { n_polygons: areas.len(), median_area_m2, features: &features };
     let (score, why) = evidence.judge(path, layer);
     let id_field = if is_osm(path) { None } else { id_field(&features, source.field_names()) };
     let (path, layer, n_polygons) = (path.to_owned(), layer.map(str::to_owned), areas.len());
@@ -208,13 +208,13 @@ fn look(path: &Path, layer: Option<&str>, place: &Place) -> Result<UsableLayer, 
 }
 
 /// Evidence of a layer's polygons.
-struct Evidence<'a> {
+struct LayerEvidence<'a> {
     n_polygons: usize,
     median_area_m2: f64,
     features: &'a [Feature],
 }
 
-impl Evidence<'_> {
+impl LayerEvidence<'_> {
     /// Score for buildings, and its reasons.
     fn judge(&self, path: &Path, layer: Option<&str>) -> (i32, String) {
         let name = format!("{} {}", name_of(path), layer.unwrap_or_default()).to_lowercase();

@@ -2,7 +2,7 @@
 //! of the photos.
 
 use super::InitError;
-use super::place::Place;
+use super::place::PhotoPlaces;
 use super::poses::PoseSource;
 use glam::DVec3;
 use sizeup_geo::crs::{Crs, CrsError, Transform};
@@ -15,7 +15,7 @@ const ETRS89_ZONES: std::ops::RangeInclusive<i64> = 28..=38;
 
 /// A CRS that the project may have.
 #[derive(Debug, Clone)]
-pub(super) struct Frame {
+pub(super) struct CrsCandidate {
     /// CRS that the project may have.
     pub crs: Crs,
     /// As it is written in the configuration.
@@ -24,7 +24,7 @@ pub(super) struct Frame {
     pub why: String,
 }
 
-impl Frame {
+impl CrsCandidate {
     fn new(crs: Crs, why: impl Into<String>) -> Self {
         let definition = short(&crs);
         Self { crs, definition, why: why.into() }
@@ -32,7 +32,7 @@ impl Frame {
 }
 
 /// A file whose CRS may be the project's.
-pub(super) struct Neighbour<'a> {
+pub(super) struct NeighbourFile<'a> {
     /// Name of the file, in words.
     pub name: String,
     /// CRS of the file.
@@ -49,7 +49,7 @@ pub(super) fn short(crs: &Crs) -> String {
 }
 
 /// The CRS that is asked for.
-pub(super) fn asked(definition: &str, place: &Place) -> Result<Frame, InitError> {
+pub(super) fn asked(definition: &str, place: &PhotoPlaces) -> Result<CrsCandidate, InitError> {
     let crs = Crs::parse(definition)?;
     let better = |error| match (error, place.middle_deg()) {
         (CrsError::NotProjectedInMetres { definition, found, .. }, Some((lon, lat))) => {
@@ -63,33 +63,37 @@ pub(super) fn asked(definition: &str, place: &Place) -> Result<Frame, InitError>
     };
     crs.require_projected_metres().map_err(better)?;
     let definition = definition.trim().to_owned();
-    Ok(Frame { crs, definition, why: "as asked for by --crs".to_owned() })
+    Ok(CrsCandidate { crs, definition, why: "as asked for by --crs".to_owned() })
 }
 
 /// Candidates for the CRS where none is asked for, the best first.
-pub(super) fn candidates(source: &PoseSource, neighbours: &[Neighbour<'_>], photos_at: &Place) -> Vec<Frame> {
+pub(super) fn candidates(
+    source: &PoseSource,
+    neighbours: &[NeighbourFile<'_>],
+    photos_at: &PhotoPlaces,
+) -> Vec<CrsCandidate> {
     let is_fit = |crs: &Crs| crs.require_projected_metres().is_ok();
     let own = match &source.look.world {
         PoseWorld::Named(crs) if is_fit(crs) => {
             let by = source.placed_by.as_ref().map_or_else(String::new, |by| format!(", by {by}"));
-            Some(Frame::new(crs.clone(), format!("the CRS of the poses{by}")))
+            Some(CrsCandidate::new(crs.clone(), format!("the CRS of the poses{by}")))
         }
         _ => None,
     };
-    let coded = |near: &&Neighbour<'_>| is_fit(near.crs) && near.crs.horizontal_epsg().is_some();
+    let coded = |near: &&NeighbourFile<'_>| is_fit(near.crs) && near.crs.horizontal_epsg().is_some();
     let near = neighbours.iter().filter(coded);
-    let near = near.map(|near| Frame::new(near.crs.clone(), format!("the CRS of {}", near.name)));
-    let place = Place::of(&source.look);
+    let near = near.map(|near| CrsCandidate::new(near.crs.clone(), format!("the CRS of {}", near.name)));
+    let place = PhotoPlaces::of(&source.look);
     let zone = place.middle_deg().and_then(|(lon, lat)| {
         let why = format!("the UTM zone of the photos, at {lon:.4}°, {lat:.4}° (longitude, latitude)");
-        Some(Frame::new(utm(lon, lat)?, why))
+        Some(CrsCandidate::new(utm(lon, lat)?, why))
     });
     let confirmed = confirmed(source, photos_at);
     own.into_iter().chain(near).chain(zone).chain(confirmed).collect()
 }
 
 /// The zone in which the photos' own positions are where poses of an unnamed grid are.
-fn confirmed(source: &PoseSource, photos_at: &Place) -> Option<Frame> {
+fn confirmed(source: &PoseSource, photos_at: &PhotoPlaces) -> Option<CrsCandidate> {
     if source.look.world != PoseWorld::Unsaid(WorldGuess::Projected) {
         return None;
     }
@@ -99,7 +103,7 @@ fn confirmed(source: &PoseSource, photos_at: &Place) -> Option<Frame> {
     let crs = utm(lon, lat)?;
     let (x, y) = Transform::new(&Crs::parse("EPSG:4326").ok()?, &crs).ok()?.point(lon, lat).ok()?;
     let is_there = (middle.x - x).hypot(middle.y - y) < SAME_PLACE_M;
-    is_there.then(|| Frame::new(crs, "the UTM zone in which the photos' own positions and the poses agree"))
+    is_there.then(|| CrsCandidate::new(crs, "the UTM zone in which the photos' own positions and the poses agree"))
 }
 
 /// The UTM zone of a place: on ETRS89 where that grid is meant for it, else on WGS 84.

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::InitError;
 use super::folder::{Inventory, name_of};
-use super::place::Place;
+use super::place::PhotoPlaces;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_geo::terrain::MapBox;
@@ -58,7 +58,7 @@ enum Called {
 }
 
 /// Chooses among the rasters of a folder; `place` is where the photos are.
-pub(super) fn choose(inventory: &Inventory, place: &Place) -> GroundChoice {
+pub(super) fn choose(inventory: &Inventory, place: &PhotoPlaces) -> GroundChoice {
     let mut choice = GroundChoice::default();
     let mut usable = Vec::new();
     for path in &inventory.rasters {
@@ -88,7 +88,7 @@ impl GroundChoice {
 }
 
 /// The terrain model that somebody named: it has to be readable and to lie where the photos are.
-pub(super) fn named(path: &Path, place: &Place) -> Result<TerrainFile, InitError> {
+pub(super) fn named(path: &Path, place: &PhotoPlaces) -> Result<TerrainFile, InitError> {
     look(path, place).map_err(|reason| InitError::Named {
         option: "--dtm",
         path: path.to_owned(),
@@ -113,7 +113,7 @@ fn called(path: &Path) -> Called {
     }
 }
 
-fn look(path: &Path, place: &Place) -> Result<TerrainFile, String> {
+fn look(path: &Path, place: &PhotoPlaces) -> Result<TerrainFile, String> {
     let plain =
         |e: &dyn std::fmt::Display| e.to_string().split("\nhint:").next().unwrap_or_default().replace('\n', " ");
     let file = RasterFile::open(path).map_err(|e| plain(&e))?;
@@ -129,7 +129,7 @@ fn look(path: &Path, place: &Place) -> Result<TerrainFile, String> {
     let (width, height) = file.size();
     let (east, south) = (grid.west + grid.cell_x * width as f64, grid.north - grid.cell_y * height as f64);
     let covered = MapBox { west_m: grid.west, south_m: south, east_m: east, north_m: grid.north };
-    if !matches!(place, Place::Nowhere) {
+    if !matches!(place, PhotoPlaces::Nowhere) {
         let wanted = place
             .bounds_in(&crs)
             .ok_or_else(|| format!("{} cannot be held against where the photos are", crs.name()))?;

@@ -16,7 +16,7 @@ const PER_SIDE: usize = 8;
 
 /// Places where the photos were taken.
 #[derive(Debug, Clone)]
-pub(super) enum Place {
+pub(super) enum PhotoPlaces {
     /// Longitudes and latitudes, degrees.
     OnEarth(Vec<(f64, f64)>),
     /// Eastings and northings of a CRS that is not named.
@@ -25,7 +25,7 @@ pub(super) enum Place {
     Nowhere,
 }
 
-impl Place {
+impl PhotoPlaces {
     /// Places as the poses tell them.
     pub(super) fn of(look: &FirstLook) -> Self {
         let plane = |positions: &[DVec3]| positions.iter().map(|p| p.truncate()).collect();

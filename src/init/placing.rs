@@ -1,11 +1,11 @@
 //! The poses in the project's frame: which CRS they reach, and on which level their heights and the ground's meet.
 
-use super::datum::{self, Datum, Ground, Known};
-use super::flight::{self, Level};
+use super::datum::{self, Datum, DatumFacts, KnownGround};
+use super::flight::{self, MedianHeight};
 use super::folder::name_of;
-use super::frame::{self, Frame, Neighbour};
+use super::frame::{self, CrsCandidate, NeighbourFile};
 use super::ground::TerrainFile;
-use super::place::Place;
+use super::place::PhotoPlaces;
 use super::poses::{self, PoseSource};
 use super::project::{Findings, Lack, Notes};
 use super::{InitError, InitRequest};
@@ -16,7 +16,7 @@ use sizeup_survey::{
 
 /// A survey in the project's frame.
 pub(super) struct Placed {
-    pub frame: Frame,
+    pub frame: CrsCandidate,
     pub datum: Datum,
     pub survey: Survey,
     pub terrain: Option<Terrain>,
@@ -26,10 +26,10 @@ pub(super) struct Placed {
 pub(super) fn frame_of(
     request: &InitRequest,
     found: &Findings,
-    place: &Place,
+    place: &PhotoPlaces,
     notes: &mut Notes,
-) -> Result<Option<Frame>, InitError> {
-    let photos_at = Place::OnEarth(found.facts.iter().filter_map(|photo| photo.place_deg).collect());
+) -> Result<Option<CrsCandidate>, InitError> {
+    let photos_at = PhotoPlaces::OnEarth(found.facts.iter().filter_map(|photo| photo.place_deg).collect());
     if let Some(definition) = &request.crs {
         let place = if place.middle_deg().is_some() { place } else { &photos_at };
         let frame = frame::asked(definition, place)?;
@@ -40,8 +40,8 @@ pub(super) fn frame_of(
     }
     let layer = found.footprints.chosen.as_ref().and_then(|layer| Some((name_of(&layer.path), layer.crs.as_ref()?)));
     let raster = found.ground.chosen.as_ref().and_then(|raster| Some((name_of(&raster.path), raster.crs.as_ref()?)));
-    let neighbours: Vec<Neighbour<'_>> =
-        layer.into_iter().chain(raster).map(|(name, crs)| Neighbour { name, crs }).collect();
+    let neighbours: Vec<NeighbourFile<'_>> =
+        layer.into_iter().chain(raster).map(|(name, crs)| NeighbourFile { name, crs }).collect();
     for frame in frame::candidates(&found.source, &neighbours, &photos_at) {
         match Reading::of(&as_they_are(found), &frame.crs) {
             Ok(_) => return Ok(Some(frame)),
@@ -89,7 +89,7 @@ pub(super) fn lack_of_frame(source: &PoseSource) -> Lack {
 pub(super) fn place_in(
     request: &InitRequest,
     found: &Findings,
-    frame: Frame,
+    frame: CrsCandidate,
     notes: &mut Notes,
 ) -> Result<Placed, InitError> {
     let unusable = |error: &dyn std::fmt::Display| InitError::Named {
@@ -121,14 +121,14 @@ pub(super) fn place_in(
     };
     let takeoff = flight::takeoff(views, &found.facts);
     let ground = match (model, request.ground_m) {
-        (_, Some(level_m)) => Ground::Given(level_m),
-        (Some((file, level)), None) => Ground::Model(file, level),
-        (None, None) if takeoff.is_some() => Ground::Nothing,
-        (None, None) => by_points(found, views, notes).unwrap_or(Ground::Nothing),
+        (_, Some(level_m)) => KnownGround::Given(level_m),
+        (Some((file, level)), None) => KnownGround::Model(file, level),
+        (None, None) if takeoff.is_some() => KnownGround::Nothing,
+        (None, None) => by_points(found, views, notes).unwrap_or(KnownGround::Nothing),
     };
-    let geoid_m = Place::of(&found.source.look).middle_deg().and_then(datum::geoid_m);
+    let geoid_m = PhotoPlaces::of(&found.source.look).middle_deg().and_then(datum::geoid_m);
     let stated = found.source.look.heights;
-    let datum = datum::settle(&Known { stated, is_reached, why_not, takeoff, geoid_m, ground });
+    let datum = datum::settle(&DatumFacts { stated, is_reached, why_not, takeoff, geoid_m, ground });
     if !datum.lacks.is_empty() {
         return Ok(Placed { frame, datum, survey: reading.into_survey(), terrain: None });
     }
@@ -149,13 +149,13 @@ pub(super) fn place_in(
 }
 
 /// Rough ground by the sparse points that lie beside the poses; points that cannot be read are told, and no ground.
-fn by_points(found: &Findings, views: &[View], notes: &mut Notes) -> Option<Ground<'static>> {
+fn by_points(found: &Findings, views: &[View], notes: &mut Notes) -> Option<KnownGround<'static>> {
     let ground = sparse_ground(&survey_of(found), views).unwrap_or_else(|e| {
         notes.warnings.push(format!("the model's points tell no ground: {}", told_apart(&e).0));
         None
     })?;
-    let level = Level { median_m: ground.level_m, spread_m: ground.spread_m, n: ground.n };
-    Some(Ground::Points(level, ground.relief_m))
+    let level = MedianHeight { median_m: ground.level_m, spread_m: ground.spread_m, n: ground.n };
+    Some(KnownGround::Points(level, ground.relief_m))
 }
 
 /// An error without its hint, and the hint.
@@ -166,15 +166,15 @@ fn told_apart(error: &SurveyError) -> (String, String) {
 }
 
 /// A terrain model's level under the cameras.
-fn level_of(file: &TerrainFile, frame: &Frame, views: &[View]) -> Result<Level, String> {
+fn level_of(file: &TerrainFile, frame: &CrsCandidate, views: &[View]) -> Result<MedianHeight, String> {
     let config = TerrainConfig { vertical_offset_m: Some(0.0), ..TerrainConfig::dtm(&file.path) };
     let terrain = load(&config, frame, views)?;
     let heights: Vec<f64> =
         views.iter().filter_map(|view| terrain.height_at(view.centre().x, view.centre().y)).collect();
-    Level::of(&heights).ok_or_else(|| format!("{} has no heights under the cameras", name_of(&file.path)))
+    MedianHeight::of(&heights).ok_or_else(|| format!("{} has no heights under the cameras", name_of(&file.path)))
 }
 
-fn load(config: &TerrainConfig, frame: &Frame, views: &[View]) -> Result<Terrain, String> {
+fn load(config: &TerrainConfig, frame: &CrsCandidate, views: &[View]) -> Result<Terrain, String> {
     /// Oblique photos look so far beyond where they are, metres.
     const AROUND_M: f64 = 100.0;
     /// Finer cells tell no more here, metres.
@@ -186,10 +186,10 @@ fn load(config: &TerrainConfig, frame: &Frame, views: &[View]) -> Result<Terrain
 }
 
 /// The ground as the run will have it.
-fn terrain_of(datum: &Datum, ground: &Ground<'_>, frame: &Frame, views: &[View]) -> Option<Terrain> {
+fn terrain_of(datum: &Datum, ground: &KnownGround<'_>, frame: &CrsCandidate, views: &[View]) -> Option<Terrain> {
     match (ground, datum.constant_m) {
         (_, Some(level_m)) => Some(Terrain::Constant(level_m)),
-        (Ground::Model(file, _), None) => {
+        (KnownGround::Model(file, _), None) => {
             let offset = Some(datum.offset_m.unwrap_or(0.0));
             load(&TerrainConfig { vertical_offset_m: offset, ..TerrainConfig::dtm(&file.path) }, frame, views).ok()
         }

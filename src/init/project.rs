@@ -9,7 +9,7 @@ use super::flight::{Flight, folder_of_photos};
 use super::folder::{Inventory, name_of};
 use super::footprints::{self, LayerChoice, UsableLayer};
 use super::ground::{self, GroundChoice, TerrainFile};
-use super::place::Place;
+use super::place::PhotoPlaces;
 use super::placing::{Placed, frame_of, lack_of_frame, place_in};
 use super::poses::{self, Passed, PoseChoice, PoseSource};
 use super::sheet;
@@ -169,7 +169,7 @@ pub(super) struct Story {
 /// [`InitError`] where the folder holds no photos with poses, or what was asked for cannot be used.
 pub fn begin(request: &InitRequest) -> Result<Beginning, InitError> {
     let found = find(request)?;
-    let place = Place::of(&found.source.look).read_in(request.crs.as_deref());
+    let place = PhotoPlaces::of(&found.source.look).read_in(request.crs.as_deref());
     let mut notes = Notes { warnings: surface_by_name(request), lacks: Vec::new() };
     let placed = match frame_of(request, &found, &place, &mut notes)? {
         Some(frame) => Some(place_in(request, &found, frame, &mut notes)?),
@@ -209,7 +209,7 @@ fn find(request: &InitRequest) -> Result<Findings, InitError> {
     // Pictures elsewhere in the folder are none of the flight's.
     let is_of_flight = |photo: &PhotoFacts| images.as_ref().is_none_or(|folder| photo.path.starts_with(folder));
     let facts = facts.into_iter().filter(is_of_flight).collect();
-    let place = Place::of(&source.look).read_in(request.crs.as_deref());
+    let place = PhotoPlaces::of(&source.look).read_in(request.crs.as_deref());
     let footprints = match &request.footprints {
         Some(path) => LayerChoice { chosen: Some(footprints::named(path, &place)?), passed: Vec::new() },
         None => footprints::choose(&inventory, &place),

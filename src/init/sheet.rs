@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::InitRequest;
 use super::checks::n_uncalibrated;
-use super::file::{Entry, Sheet, quoted};
+use super::file::{ConfigEntry, ConfigText, quoted};
 use super::folder::name_of;
 use super::placing::Placed;
 use super::project::{Findings, Story, home_of};
@@ -13,7 +13,7 @@ use sizeup_survey::{Format, PoseWorld};
 /// The configuration with its comments.
 pub(super) fn text(request: &InitRequest, story: &Story) -> String {
     let home = home_of(&request.output);
-    let mut sheet = Sheet::default();
+    let mut sheet = ConfigText::default();
     head(&mut sheet, request, story);
     project(&mut sheet, story.placed.as_ref());
     survey(&mut sheet, &home, &story.found, story.placed.as_ref());
@@ -21,16 +21,16 @@ pub(super) fn text(request: &InitRequest, story: &Story) -> String {
     terrain(&mut sheet, &home, &story.found, story.placed.as_ref());
     sheet.table("prior");
     let about = "depth: a network if one is in place (`sizeup model list`), else stereo from the photos";
-    sheet.entries(&[Entry::new("source", "\"auto\"", about)]);
+    sheet.entries(&[ConfigEntry::new("source", "\"auto\"", about)]);
     if n_uncalibrated(&story.found).is_some() {
         sheet.table("align");
         let about = "the cameras are not calibrated: their focal length is found with the poses";
-        sheet.entries(&[Entry::new("focal_sigma_percent", "5.0", about)]);
+        sheet.entries(&[ConfigEntry::new("focal_sigma_percent", "5.0", about)]);
     }
     sheet.into_text()
 }
 
-fn head(sheet: &mut Sheet, request: &InitRequest, story: &Story) {
+fn head(sheet: &mut ConfigText, request: &InitRequest, story: &Story) {
     let (folder, output) = (request.folder.display(), request.output.display());
     sheet.note(&format!("A sizeup project, begun by `sizeup init {folder}`. `sizeup schema run` lists all keys."));
     sheet.note(&story.flight.in_words());
@@ -46,55 +46,68 @@ fn head(sheet: &mut Sheet, request: &InitRequest, story: &Story) {
     sheet.list(&format!("{} photos or poses are not used, such as:", story.flight.n_unused), unused);
 }
 
-fn project(sheet: &mut Sheet, placed: Option<&Placed>) {
+fn project(sheet: &mut ConfigText, placed: Option<&Placed>) {
     sheet.table("project");
     let Some(placed) = placed else {
-        sheet.entries(&[Entry::off("crs", "\"EPSG:25832\"", "MISSING: the projected CRS in metres of the results")]);
+        sheet.entries(&[ConfigEntry::off(
+            "crs",
+            "\"EPSG:25832\"",
+            "MISSING: the projected CRS in metres of the results",
+        )]);
         return;
     };
     let frame = &placed.frame;
     let why = format!("{}: {}", frame.crs.name(), frame.why);
-    let mut entries = vec![Entry::new("crs", quoted(&frame.definition), why)];
+    let mut entries = vec![ConfigEntry::new("crs", quoted(&frame.definition), why)];
     match (&placed.datum.vertical_reference, frame.crs.vertical_name()) {
         (_, Some(_)) => {}
         (Some(words), None) => {
-            entries.push(Entry::new("vertical_reference", quoted(words), "what heights count from, in words"));
+            entries.push(ConfigEntry::new("vertical_reference", quoted(words), "what heights count from, in words"));
         }
-        (None, None) => entries.push(Entry::off(
+        (None, None) => entries.push(ConfigEntry::off(
             "vertical_reference",
             "\"DHHN2016\"",
             "what heights count from, in words; the files do not say",
         )),
     }
-    entries.push(Entry::new("output", "\"result\"", "folder of the results, beside this file"));
+    entries.push(ConfigEntry::new("output", "\"result\"", "folder of the results, beside this file"));
     sheet.entries(&entries);
 }
 
-fn survey(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Placed>) {
+fn survey(sheet: &mut ConfigText, home: &Path, found: &Findings, placed: Option<&Placed>) {
     let config = &found.source.config;
     sheet.table("survey");
     let mut entries = vec![
-        Entry::new("format", quoted(&config.format.name()), ""),
-        Entry::path("path", &config.path, home, found.why_these_poses()),
+        ConfigEntry::new("format", quoted(&config.format.name()), ""),
+        ConfigEntry::path("path", &config.path, home, found.why_these_poses()),
     ];
     match &found.images {
         Some(images) if config.format == Format::Photos && images.starts_with(&config.path) => {}
         Some(images) => {
-            entries.push(Entry::path("images", images, home, "folder of the photos, matched to the poses by name"));
+            entries.push(ConfigEntry::path(
+                "images",
+                images,
+                home,
+                "folder of the photos, matched to the poses by name",
+            ));
         }
-        None => entries.push(Entry::off("images", "\"photos\"", "MISSING: the folder of the photos")),
+        None => entries.push(ConfigEntry::off("images", "\"photos\"", "MISSING: the folder of the photos")),
     }
     if let Some(crs) = &config.crs {
         let by = found.source.placed_by.as_deref().unwrap_or("what the positions look like");
-        entries.push(Entry::new("crs", quoted(&super::frame::short(crs)), format!("of the poses, by {by}")));
+        entries.push(ConfigEntry::new("crs", quoted(&super::frame::short(crs)), format!("of the poses, by {by}")));
     }
     entries.extend(placed.and_then(|placed| datum_to_declare(found, placed)));
     if config.offset != [0.0; 3] {
         let by = found.source.placed_by.as_deref().unwrap_or_default();
-        entries.push(Entry::new("offset", format!("{:?}", config.offset), format!("added to every position, by {by}")));
+        entries.push(ConfigEntry::new(
+            "offset",
+            format!("{:?}", config.offset),
+            format!("added to every position, by {by}"),
+        ));
     } else if !found.source.is_placed() {
         let about = "MISSING: what was taken off the positions, metres: easting, northing, height";
-        entries.push(Entry::off("offset", "[565000.0, 5933000.0, 0.0]", about));
+        entries.push(ConfigEntry::off("offset", "[565000.0, 5933000.0, 0.0]", about));
     }
     sheet.entries(&entries);
     sheet.list("Also here, not used:", &passed_poses(home, found));
@@ -112,15 +125,15 @@ fn survey(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Plac
 }
 
 /// Entry that may bring the poses into a CRS that they do not reach as they are: the datum that they were really taken in.
-fn datum_to_declare(found: &Findings, placed: &Placed) -> Option<Entry> {
+fn datum_to_declare(found: &Findings, placed: &Placed) -> Option<ConfigEntry> {
     let is_on_earth = matches!(&found.source.look.world, PoseWorld::Named(crs) if crs.is_geographic());
     let base = placed.frame.crs.geographic_base().ok().filter(|_| placed.survey.views.is_empty() && is_on_earth)?;
     let about = "of the poses, if a base station gave them in the datum of the project's CRS";
-    Some(Entry::off("crs", quoted(&super::frame::short(&base)), about))
+    Some(ConfigEntry::off("crs", quoted(&super::frame::short(&base)), about))
 }
 
 /// Declarations on a table by settings beside the poses: written as they are.
-fn declared(sheet: &mut Sheet, config: &sizeup_survey::SurveyConfig) {
+fn declared(sheet: &mut ConfigText, config: &sizeup_survey::SurveyConfig) {
     let Some(csv) = &config.csv else { return };
     let Ok(toml::Value::Table(table)) = toml::Value::try_from(csv) else { return };
     sheet.table("survey.csv");
@@ -132,18 +145,17 @@ fn passed_poses(home: &Path, found: &Findings) -> Vec<String> {
     found.passed.iter().map(|passed| format!("{} ({}): {}", name(&passed.path), passed.format, passed.why)).collect()
 }
 
-fn footprints(sheet: &mut Sheet, home: &Path, found: &Findings) {
+fn footprints(sheet: &mut ConfigText, home: &Path, found: &Findings) {
     let others: Vec<String> =
         found.footprints.passed.iter().map(|passed| format!("{}: {}", passed.name, passed.why)).collect();
     if let Some(layer) = &found.footprints.chosen {
         sheet.table("footprints");
-        let mut entries = vec![Entry::path("path", &layer.path, home, layer.why.clone())];
-        entries.extend(layer.layer.as_ref().map(|name| Entry::new("layer", quoted(name), "of the file's layers")));
-        entries.extend(
-            layer.id_field.as_ref().map(|field| {
-                Entry::new("id_field", quoted(field), "attribute that names each building in the results")
-            }),
-        );
+        let mut entries = vec![ConfigEntry::path("path", &layer.path, home, layer.why.clone())];
+        entries
+            .extend(layer.layer.as_ref().map(|name| ConfigEntry::new("layer", quoted(name), "of the file's layers")));
+        entries.extend(layer.id_field.as_ref().map(|field| {
+            ConfigEntry::new("id_field", quoted(field), "attribute that names each building in the results")
+        }));
         sheet.entries(&entries);
         sheet.list("Also here, not used:", &others);
         return;
@@ -151,17 +163,17 @@ fn footprints(sheet: &mut Sheet, home: &Path, found: &Findings) {
     sheet.table_off("footprints");
     sheet.note("MISSING: the footprints of the buildings. Take the # off when they are there.");
     let about = "a cadastre's, or OpenStreetMap's: .gpkg, .geojson, .shp, .fgb, .osm, .osm.pbf";
-    sheet.entries(&[Entry::off("path", "\"buildings.gpkg\"", about)]);
+    sheet.entries(&[ConfigEntry::off("path", "\"buildings.gpkg\"", about)]);
     sheet.note("or from masks of the photos that look straight down (docs/footprints.md):");
     sheet.entries(&[
-        Entry::off("source", "\"masks\"", ""),
-        Entry::off("path", "\"masks/{stem}.png\"", ""),
-        Entry::off("kind", "\"instance\"", ""),
+        ConfigEntry::off("source", "\"masks\"", ""),
+        ConfigEntry::off("path", "\"masks/{stem}.png\"", ""),
+        ConfigEntry::off("kind", "\"instance\"", ""),
     ]);
     sheet.list("Looked at, not used:", &others);
 }
 
-fn terrain(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Placed>) {
+fn terrain(sheet: &mut ConfigText, home: &Path, found: &Findings, placed: Option<&Placed>) {
     let others: Vec<String> =
         found.ground.passed.iter().map(|passed| format!("{}: {}", name_of(&passed.path), passed.why)).collect();
     let datum = placed.map(|placed| &placed.datum);
@@ -174,8 +186,12 @@ fn terrain(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Pla
         }
         sheet.note("MISSING: where the ground is. Take the # off one of these.");
         sheet.entries(&[
-            Entry::off("dtm", "\"dtm.tif\"", "a terrain model (not a surface model)"),
-            Entry::off("constant_m", "12.0", "or one height of the ground, in what the poses' heights count from"),
+            ConfigEntry::off("dtm", "\"dtm.tif\"", "a terrain model (not a surface model)"),
+            ConfigEntry::off(
+                "constant_m",
+                "12.0",
+                "or one height of the ground, in what the poses' heights count from",
+            ),
         ]);
         sheet.list("Looked at, not used:", &others);
         return;
@@ -183,7 +199,7 @@ fn terrain(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Pla
     sheet.table("terrain");
     if let Some(model) = model {
         let about = datum.map_or_else(|| model.why.clone(), |datum| datum.ground_in_words.clone());
-        sheet.entries(&[Entry::path("dtm", &model.path, home, about)]);
+        sheet.entries(&[ConfigEntry::path("dtm", &model.path, home, about)]);
     }
     sheet.entries(datum.map(|datum| datum.terrain_entries.as_slice()).unwrap_or_default());
     sheet.list("Also here, not used:", &others);
@@ -191,7 +207,7 @@ fn terrain(sheet: &mut Sheet, home: &Path, found: &Findings, placed: Option<&Pla
         sheet.table("dtm");
         sheet.note("The run finds the terrain in the photos, starting from [terrain].");
         let about = "metres above and below in which it looks; more for hilly places";
-        sheet.entries(&[Entry::new("within_m", format!("{:?}", datum.within_m), about)]);
+        sheet.entries(&[ConfigEntry::new("within_m", format!("{:?}", datum.within_m), about)]);
     } else if model.is_none() {
         sheet.table_off("dtm");
         sheet.note("With this table the run finds the terrain in the photos, starting from [terrain].");

@@ -9,7 +9,7 @@ use glam::DVec3;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{Cut, GroundTold, PipelineError, Stage, contents, settings};
+use super::{FootprintCut, GroundTold, PipelineError, Stage, contents, settings};
 use crate::config::RunConfig;
 use crate::recipe::Recipe;
 use sizeup_footprints::{DetectionSummary, FootprintLayer, Tracks};
@@ -59,7 +59,7 @@ pub struct HeightStage {
     /// How footprints were split before the last round of solving, round by round; positions count the layer as it
     /// was left by the round before.
     #[serde(default)]
-    pub cuts: Vec<Vec<Cut>>,
+    pub cuts: Vec<Vec<FootprintCut>>,
     /// Footprints that were split and joined again, as the heights of their parts did not bear it out.
     #[serde(default)]
     pub joined: Vec<String>,
@@ -102,7 +102,7 @@ impl HeightStage {
 }
 
 #[derive(Serialize)]
-struct Written<'a, T> {
+struct WrittenArtefact<'a, T> {
     made_by: Recipe,
     data: &'a T,
 }
@@ -131,7 +131,7 @@ pub(super) fn write<T: Serialize>(
     survey: &Survey,
     data: &T,
 ) -> Result<(), PipelineError> {
-    let written = Written { made_by: recipe(config, stage, survey), data };
+    let written = WrittenArtefact { made_by: recipe(config, stage, survey), data };
     write_whole(&path_of(config, stage), |out| {
         serde_json::to_writer(&mut *out, &written)?;
         out.write_all(b"\n")

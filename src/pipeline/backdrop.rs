@@ -62,7 +62,7 @@ pub(super) fn lay(
     longest_px: u32,
     effort: Effort,
 ) -> Option<Backdrop> {
-    let sheet = Sheet::around(records, terrain, longest_px)?;
+    let sheet = BackdropSheet::around(records, terrain, longest_px)?;
     let at_hand: Vec<&View> = at_hand(views).collect();
     let chosen = choose(&at_hand, &sheet, effort);
     let mut photos: Vec<Photo<'_>> = Vec::new();
@@ -75,7 +75,7 @@ pub(super) fn lay(
 }
 
 /// Place of the picture on the map.
-struct Sheet<'a> {
+struct BackdropSheet<'a> {
     terrain: &'a Terrain,
     /// Where the terrain tells nothing, metres.
     mean_m: f64,
@@ -85,7 +85,7 @@ struct Sheet<'a> {
     size_px: [u32; 2],
 }
 
-impl<'a> Sheet<'a> {
+impl<'a> BackdropSheet<'a> {
     fn around(records: &[BuildingRecord], terrain: &'a Terrain, longest_px: u32) -> Option<Self> {
         let boxes = records.iter().filter_map(|record| record.footprint.as_ref()?.bounding_rect());
         let town = MapBox::around(boxes.flat_map(|b| [(b.min().x, b.min().y), (b.max().x, b.max().y)]))?;
@@ -144,7 +144,7 @@ fn pixel_of(view: &View, place: DVec3) -> Option<DVec2> {
 }
 
 /// The views that together see most, the one that sees most first.
-fn choose<'a>(views: &[&'a View], sheet: &Sheet<'_>, effort: Effort) -> Vec<&'a View> {
+fn choose<'a>(views: &[&'a View], sheet: &BackdropSheet<'_>, effort: Effort) -> Vec<&'a View> {
     let places = sheet.places(effort.n_places);
     let seen_by = |view: &&View| -> Vec<usize> {
         (0..places.len()).filter(|&place| pixel_of(view, places[place]).is_some()).collect()
@@ -175,7 +175,7 @@ struct Photo<'a> {
 
 impl<'a> Photo<'a> {
     /// `None` for one that cannot be read: what is wrong with photos is told elsewhere.
-    fn read(view: &'a View, sheet: &Sheet<'_>) -> Option<Self> {
+    fn read(view: &'a View, sheet: &BackdropSheet<'_>) -> Option<Self> {
         let stored = photo_of(view).ok()?;
         let above_m = view.centre().z - sheet.mean_m;
         let focal_px = view.camera.fx_px * f64::from(stored.width()) / f64::from(view.camera.width_px);

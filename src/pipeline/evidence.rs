@@ -19,7 +19,7 @@ use sizeup_heights::render::image::SceneTracer;
 use sizeup_heights::scene::Prism;
 use sizeup_photos::prior::{DepthPrior, PriorKind};
 use sizeup_results::output::picture::depth_picture;
-use sizeup_results::report::{BuildingEvidence, Crop, Line, LineKind, Pair, ReportConfig};
+use sizeup_results::report::{BuildingEvidence, ComparedPair, Crop, EdgeLine, LineKind, ReportConfig};
 use sizeup_survey::{Survey, View};
 
 /// Photos whose priors are computed anew where neither file nor cache holds them, at most: a network takes seconds for each.
@@ -152,7 +152,7 @@ struct Studio<'a> {
 }
 
 /// One view with what is known of it.
-struct Seen<'a> {
+struct SeenView<'a> {
     view_idx: usize,
     view: &'a View,
     placed: PlacedCamera,
@@ -162,7 +162,7 @@ struct Seen<'a> {
 
 /// A part of a photo, pixels of the camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Cut {
+struct PhotoCrop {
     corner: DVec2,
     size: DVec2,
 }
@@ -185,7 +185,7 @@ impl Studio<'_> {
     /// The buildings that are shown in one view.
     fn shoot(&self, view_idx: usize, shown: &[usize], inspections: &[Inspection]) -> Vec<(usize, Crop)> {
         let view = &self.survey.views[view_idx];
-        let seen = Seen {
+        let seen = SeenView {
             view_idx,
             view,
             placed: PlacedCamera::new((*view.camera).clone(), view.camera_from_map, self.stage.scene.origin),
@@ -196,7 +196,7 @@ impl Studio<'_> {
     }
 
     /// One building in one view.
-    fn crop(&self, seen: &Seen<'_>, inspection: &Inspection) -> Option<Crop> {
+    fn crop(&self, seen: &SeenView<'_>, inspection: &Inspection) -> Option<Crop> {
         let cut = self.cut(inspection.building, &seen.placed)?;
         let inspected = inspection.views.iter().find(|v| v.view == seen.view_idx)?;
         let size_px = self.size_px(cut);
@@ -214,7 +214,7 @@ impl Studio<'_> {
     }
 
     /// The part of a photo that shows a building; `None` where it lies outside.
-    fn cut(&self, building: usize, placed: &PlacedCamera) -> Option<Cut> {
+    fn cut(&self, building: usize, placed: &PlacedCamera) -> Option<PhotoCrop> {
         let prism = &self.stage.scene.prisms[building];
         let roof_z = prism.ground_z + self.solved[building].height_m? as f32;
         let corners = prism.edges().flat_map(|(a, _)| [a.extend(prism.base_z), a.extend(roof_z)]);
@@ -227,22 +227,22 @@ impl Studio<'_> {
         size = DVec2::new(size.x.max(size.y * ASPECT), size.y.max(size.x / ASPECT)).min(photo);
         let corner = (0.5 * (low + high) - 0.5 * size).clamp(DVec2::ZERO, photo - size).floor();
         let is_inside = (low.cmplt(photo) & high.cmpgt(DVec2::ZERO)).all();
-        (is_inside && size.min_element() >= 1.0).then_some(Cut { corner, size: size.floor() })
+        (is_inside && size.min_element() >= 1.0).then_some(PhotoCrop { corner, size: size.floor() })
     }
 
     /// Size of its picture: never larger than the part of the photo.
-    fn size_px(&self, cut: Cut) -> [u32; 2] {
+    fn size_px(&self, cut: PhotoCrop) -> [u32; 2] {
         let scale = (f64::from(self.config.picture_px.max(1)) / cut.size.x).min(1.0);
         (cut.size * scale).round().max(DVec2::ONE).to_array().map(|n| n as u32)
     }
 
-    fn rendered(&self, placed: &PlacedCamera, cut: Cut, size_px: [u32; 2]) -> Raster<f32> {
+    fn rendered(&self, placed: &PlacedCamera, cut: PhotoCrop, size_px: [u32; 2]) -> Raster<f32> {
         let mut scratch = Vec::new();
         sampled(cut, size_px, |pixel| placed.ray(pixel).map_or(f32::NAN, |ray| self.tracer.trace(&ray, &mut scratch).0))
     }
 
     /// Edges of the building and of the roofs around it.
-    fn lines(&self, building: usize, placed: &PlacedCamera, cut: Cut) -> Vec<Line> {
+    fn lines(&self, building: usize, placed: &PlacedCamera, cut: PhotoCrop) -> Vec<EdgeLine> {
         let prisms = &self.stage.scene.prisms;
         let middle = |prism: &Prism| prism.centre_at(0.0).truncate();
         let here = middle(&prisms[building]);
@@ -268,7 +268,7 @@ impl Studio<'_> {
 }
 
 /// An edge as a picture shows it; `None` where it lies beside the picture.
-fn line(placed: &PlacedCamera, cut: Cut, kind: LineKind, ends: [(Vec2, f32); 2]) -> Option<Line> {
+fn line(placed: &PlacedCamera, cut: PhotoCrop, kind: LineKind, ends: [(Vec2, f32); 2]) -> Option<EdgeLine> {
     let place = |(at, z): (Vec2, f32)| {
         let pixel = placed.project(DVec3::new(at.x.into(), at.y.into(), z.into()))?;
         Some(((pixel - cut.corner) / cut.size).as_vec2())
@@ -276,11 +276,11 @@ fn line(placed: &PlacedCamera, cut: Cut, kind: LineKind, ends: [(Vec2, f32); 2])
     let (a, b) = (place(ends[0])?, place(ends[1])?);
     let (low, high) = (a.min(b), a.max(b));
     let is_inside = (low.cmplt(Vec2::ONE) & high.cmpgt(Vec2::ZERO)).all();
-    is_inside.then(|| Line { kind, ends: [a.to_array(), b.to_array()] })
+    is_inside.then(|| EdgeLine { kind, ends: [a.to_array(), b.to_array()] })
 }
 
 /// Values at the middles of a picture's pixels.
-fn sampled(cut: Cut, [width, height]: [u32; 2], mut value: impl FnMut(DVec2) -> f32) -> Raster<f32> {
+fn sampled(cut: PhotoCrop, [width, height]: [u32; 2], mut value: impl FnMut(DVec2) -> f32) -> Raster<f32> {
     let (width, height) = (width as usize, height as usize);
     let size = DVec2::new(width as f64, height as f64);
     let at = |i: usize| cut.corner + (DVec2::new((i % width) as f64, (i / width) as f64) + 0.5) / size * cut.size;
@@ -288,12 +288,12 @@ fn sampled(cut: Cut, [width, height]: [u32; 2], mut value: impl FnMut(DVec2) -> 
     Raster::from_vec(width, height, values).expect("one value per pixel")
 }
 
-fn cut_prior(prior: &DepthPrior, view: &View, cut: Cut, size_px: [u32; 2]) -> Raster<f32> {
+fn cut_prior(prior: &DepthPrior, view: &View, cut: PhotoCrop, size_px: [u32; 2]) -> Raster<f32> {
     sampled(cut, size_px, |pixel| prior.value_at(&view.camera, pixel))
 }
 
 /// A part of the photo, which may be stored in another size than the camera's.
-fn cut_out(photo: &RgbImage, view: &View, cut: Cut, [width, height]: [u32; 2]) -> RgbImage {
+fn cut_out(photo: &RgbImage, view: &View, cut: PhotoCrop, [width, height]: [u32; 2]) -> RgbImage {
     let camera = DVec2::new(f64::from(view.camera.width_px), f64::from(view.camera.height_px));
     let stored = DVec2::new(f64::from(photo.width()), f64::from(photo.height()));
     let [x, y] = (cut.corner / camera * stored).to_array().map(|v| v as u32);
@@ -301,13 +301,13 @@ fn cut_out(photo: &RgbImage, view: &View, cut: Cut, [width, height]: [u32; 2]) -
     resize(&crop_imm(photo, x, y, w, h).to_image(), width, height, FilterType::Triangle)
 }
 
-fn pairs(seen: &InspectedView, view: &View, cut: Cut) -> Vec<Pair> {
+fn pairs(seen: &InspectedView, view: &View, cut: PhotoCrop) -> Vec<ComparedPair> {
     let camera = DVec2::new(f64::from(view.camera.width_px), f64::from(view.camera.height_px));
     let place = |end: [f32; 2]| ((Vec2::from(end).as_dvec2() * camera - cut.corner) / cut.size).as_vec2();
     let is_inside = |p: Vec2| (p.cmpge(Vec2::ZERO) & p.cmple(Vec2::ONE)).all();
     let pair = |pair: &sizeup_heights::optimise::InspectedPair| {
         let ends = pair.ends.map(place);
-        ends.iter().all(|&p| is_inside(p)).then(|| Pair { ends: ends.map(|p| p.to_array()), cost: pair.cost })
+        ends.iter().all(|&p| is_inside(p)).then(|| ComparedPair { ends: ends.map(|p| p.to_array()), cost: pair.cost })
     };
     seen.pairs.iter().filter_map(pair).collect()
 }

@@ -76,7 +76,7 @@ impl<'a> HeightSearch<'a> {
     ) -> Result<(HeightStage, PriorStore), PipelineError> {
         // What is computed depends on the terrain.
         let opened: RefCell<Option<(Terrain, PriorStore)>> = RefCell::new(None);
-        let find = |stage: &SceneStage, rays: &Rays, optimise: &OptimiseConfig, known: &Known| {
+        let find = |stage: &SceneStage, rays: &Rays, optimise: &OptimiseConfig, known: &KnownHeights| {
             let mut opened = opened.borrow_mut();
             let kept = opened.take().filter(|(terrain, _)| *terrain == stage.terrain);
             let (_, priors) = match kept {
@@ -93,7 +93,8 @@ impl<'a> HeightSearch<'a> {
         };
         // Roofs move with their heights, and heights are measured under their roofs.
         for _ in 0..footprints::roof_rounds(self.config, footprints) {
-            let heights = find(stage, &self.untraced(), &keeping_whole(&self.config.optimise), &Known::default())?;
+            let heights =
+                find(stage, &self.untraced(), &keeping_whole(&self.config.optimise), &KnownHeights::default())?;
             let has_moved = footprints::move_roofs(self.config, self.survey, footprints, &heights)?;
             *stage = SceneStage::new(self.config, self.survey, footprints)?;
             if !has_moved {
@@ -115,21 +116,21 @@ impl<'a> HeightSearch<'a> {
         &self,
         footprints: &mut FootprintStage,
         stage: &mut SceneStage,
-        find: impl Fn(&SceneStage, &Rays, &OptimiseConfig, &Known) -> Result<HeightStage, PipelineError>,
+        find: impl Fn(&SceneStage, &Rays, &OptimiseConfig, &KnownHeights) -> Result<HeightStage, PipelineError>,
     ) -> Result<HeightStage, PipelineError> {
         let whole = footprints.clone();
         let mut cuts = Vec::new();
         let mut rays = self.untraced();
-        let mut heights = find(stage, &rays, &self.first_look(), &Known::default())?;
+        let mut heights = find(stage, &rays, &self.first_look(), &KnownHeights::default())?;
         let layer_shift = heights.solution.layer_shift;
         if let Some(shift) = layer_shift {
             self.moved_m.set(shift.on_ground());
             rays = self.untraced();
-            heights = find(stage, &rays, &measuring_shift(&self.config.optimise, false), &Known::default())?;
+            heights = find(stage, &rays, &measuring_shift(&self.config.optimise, false), &KnownHeights::default())?;
         }
         while cuts.len() < levels::MAX_ROUNDS {
             let round = levels::cuts(footprints, stage, &heights.solution);
-            let known = Known::of(&heights, footprints.layer.footprints.len());
+            let known = KnownHeights::of(&heights, footprints.layer.footprints.len());
             let Some(stood) = levels::split_footprints(footprints, &round) else { break };
             *stage = SceneStage::in_frame(self.config, &stage.frame(), footprints)?;
             rays = rays.of_other_footprints();
@@ -140,7 +141,7 @@ impl<'a> HeightSearch<'a> {
         }
         if !cuts.is_empty() || !heights.solution.other_levels.is_empty() {
             // From scratch: what was found with other footprints hides what stands behind them.
-            heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &Known::default())?;
+            heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &KnownHeights::default())?;
         }
         let mut joined = BTreeSet::new();
         loop {
@@ -160,7 +161,7 @@ impl<'a> HeightSearch<'a> {
             cuts = kept;
             *stage = SceneStage::in_frame(self.config, &stage.frame(), footprints)?;
             rays = rays.of_other_footprints();
-            heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &Known::default())?;
+            heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &KnownHeights::default())?;
         }
         heights.unread_photos.extend(refine(self.config, &self.moved_survey(), stage, &mut heights.solution));
         heights.unread_photos.sort_unstable();
@@ -182,7 +183,7 @@ impl<'a> HeightSearch<'a> {
         priors: &PriorStore,
         rays: &Rays,
         optimise: &OptimiseConfig,
-        known: &Known,
+        known: &KnownHeights,
     ) -> HeightStage {
         let views = view_inputs(self.config, &self.moved_survey(), &stage.scene);
         // By view, and each once, however often its prior is loaded.
@@ -232,9 +233,9 @@ impl<'a> HeightSearch<'a> {
 
 /// Heights from a round before, above ground, metres, by position in the layer; empty before the first.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Known(Vec<Option<f32>>);
+pub(super) struct KnownHeights(Vec<Option<f32>>);
 
-impl Known {
+impl KnownHeights {
     fn of(heights: &HeightStage, n_footprints: usize) -> Self {
         let mut known = vec![None; n_footprints];
         let last = heights.solution.history.last();

@@ -18,7 +18,7 @@ pub(super) const MAX_ROUNDS: usize = 2;
 
 /// Cut of one footprint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Cut {
+pub struct FootprintCut {
     /// Position in the layer, as it was before this round.
     pub footprint: usize,
     /// Name there; its parts are called `ID#1`, `ID#2`, …
@@ -32,11 +32,11 @@ pub struct Cut {
 }
 
 /// The cuts that a solution asks for.
-pub(super) fn cuts(footprints: &FootprintStage, stage: &SceneStage, solution: &Solution) -> Vec<Cut> {
+pub(super) fn cuts(footprints: &FootprintStage, stage: &SceneStage, solution: &Solution) -> Vec<FootprintCut> {
     let origin = stage.scene.origin.0;
     let of_level = |level: &sizeup_heights::optimise::OtherLevel| {
         let ring = level.corners.map(|[x, y]| (x + origin.x, y + origin.y));
-        Cut {
+        FootprintCut {
             footprint: stage.solved[level.building],
             id: footprints.layer.footprints[stage.solved[level.building]].id.0.clone(),
             other: Polygon::new(LineString::from(ring.to_vec()), Vec::new()),
@@ -48,7 +48,7 @@ pub(super) fn cuts(footprints: &FootprintStage, stage: &SceneStage, solution: &S
 
 /// Replaces the footprints that are cut by their parts: `ID#1`, `ID#2`, …, on the ground of the whole. Returns where each
 /// footprint stood before, nothing for parts; `None` if no footprint was cut.
-pub(super) fn split_footprints(stage: &mut FootprintStage, cuts: &[Cut]) -> Option<Vec<Option<usize>>> {
+pub(super) fn split_footprints(stage: &mut FootprintStage, cuts: &[FootprintCut]) -> Option<Vec<Option<usize>>> {
     let mut cuts = cuts.iter().peekable();
     let whole = std::mem::take(&mut stage.layer.footprints);
     let grounds = std::mem::take(&mut stage.ground);
@@ -80,7 +80,11 @@ const CLEAR_SIGMAS: f64 = 2.0;
 /// The cuts that the parts' own heights do not bear out. Where all views agree on two levels, each part comes to stand at
 /// the one that it was cut for: nearer to that than to the other's, and clear of the other part by two standard deviations.
 /// Parts of parts count by their areas.
-pub(super) fn not_borne_out(footprints: &FootprintStage, heights: &HeightStage, cuts: &[Vec<Cut>]) -> BTreeSet<String> {
+pub(super) fn not_borne_out(
+    footprints: &FootprintStage,
+    heights: &HeightStage,
+    cuts: &[Vec<FootprintCut>],
+) -> BTreeSet<String> {
     let parts: Vec<(&Footprint, &SolvedHeight)> = heights
         .solved
         .iter()
@@ -88,13 +92,13 @@ pub(super) fn not_borne_out(footprints: &FootprintStage, heights: &HeightStage, 
         .zip(&heights.solution.heights)
         .filter(|(footprint, _)| footprint.part_of.is_some())
         .collect();
-    let is_borne_out = |cut: &Cut| {
+    let is_borne_out = |cut: &FootprintCut| {
         let prefix = format!("{}#", cut.id);
         let of_cut = || parts.iter().filter(|(footprint, _)| footprint.id.0.starts_with(&prefix));
         let level_of = |is_inner: bool| {
             let side = of_cut()
                 .filter(|(f, _)| f.polygon.interior_point().is_some_and(|p| cut.other.contains(&p)) == is_inner);
-            Level::mean(side.filter_map(|(footprint, solved)| Level::of(footprint, solved)))
+            PartLevel::mean(side.filter_map(|(footprint, solved)| PartLevel::of(footprint, solved)))
         };
         // What has no height contradicts nothing.
         let Some((inner, outer)) = level_of(true).zip(level_of(false)) else { return true };
@@ -110,13 +114,13 @@ pub(super) fn not_borne_out(footprints: &FootprintStage, heights: &HeightStage, 
 
 /// The level of one or several parts.
 #[derive(Debug, Clone, Copy)]
-struct Level {
+struct PartLevel {
     area_m2: f64,
     height_m: f64,
     sigma_m: f64,
 }
 
-impl Level {
+impl PartLevel {
     fn of(footprint: &Footprint, solved: &SolvedHeight) -> Option<Self> {
         let height_m = solved.roof?.mean_m;
         Some(Self { area_m2: footprint.polygon.unsigned_area(), height_m, sigma_m: solved.sigma_m.unwrap_or(0.0) })
@@ -133,12 +137,16 @@ impl Level {
 }
 
 /// The cuts of one round without those of some footprints and of their parts, for a layer in which these are whole.
-pub(super) fn without(cuts: &[Cut], footprints: &FootprintStage, joined: &BTreeSet<String>) -> Vec<Cut> {
-    let is_of = |cut: &Cut, whole: &String| cut.id == *whole || cut.id.starts_with(&format!("{whole}#"));
+pub(super) fn without(
+    cuts: &[FootprintCut],
+    footprints: &FootprintStage,
+    joined: &BTreeSet<String>,
+) -> Vec<FootprintCut> {
+    let is_of = |cut: &FootprintCut, whole: &String| cut.id == *whole || cut.id.starts_with(&format!("{whole}#"));
     let kept = cuts.iter().filter(|cut| !joined.iter().any(|whole| is_of(cut, whole)));
     let layer = &footprints.layer.footprints;
-    let at = |cut: &Cut| layer.iter().position(|footprint| footprint.id.0 == cut.id);
-    kept.filter_map(|cut| Some(Cut { footprint: at(cut)?, ..cut.clone() })).collect()
+    let at = |cut: &FootprintCut| layer.iter().position(|footprint| footprint.id.0 == cut.id);
+    kept.filter_map(|cut| Some(FootprintCut { footprint: at(cut)?, ..cut.clone() })).collect()
 }
 
 /// Says of a footprint that was split that its parts were joined again.

@@ -45,7 +45,7 @@ pub use footprints::files as footprint_files;
 pub use frame::Frame;
 pub use ground_told::GroundTold;
 pub use input::check_fallback;
-pub use levels::Cut;
+pub use levels::FootprintCut;
 pub use look::look;
 pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
@@ -54,7 +54,7 @@ pub use report::{photos_for_city_report, write_city_report};
 pub use settings::part_settings;
 pub use stages::{files_of, lineage_of, reviews_of, unstated_reference};
 pub use tile::{
-    Part, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records, survey_of,
+    CityPart, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records, survey_of,
 };
 
 use schemars::JsonSchema;

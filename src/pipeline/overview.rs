@@ -45,7 +45,7 @@ const SLOPE_M: f32 = 2.0;
 
 /// Content of a pixel: a colour, and which face, so that edges are found.
 #[derive(Clone, Copy)]
-struct Sight {
+struct PixelSight {
     colour: [f32; 3],
     /// Building, and which of its faces; `None` for ground and sky.
     face: Option<(u32, u32)>,
@@ -61,7 +61,7 @@ pub(super) fn draw(scene: &Scene, solved: &[SolvedHeight]) -> RgbImage {
     let [width, height] = SIZE_PX.map(|n| (f64::from(n) * OVERSAMPLING) as u32);
     let placed = camera(scene, &heights_m, [width, height]);
     let painter = Painter { scene, tracer: SceneTracer::new(scene, &heights_m), colours };
-    let rows: Vec<Vec<Sight>> = (0..height).into_par_iter().map(|y| painter.row(&placed, width, y)).collect();
+    let rows: Vec<Vec<PixelSight>> = (0..height).into_par_iter().map(|y| painter.row(&placed, width, y)).collect();
     let sharp = RgbImage::from_fn(width, height, |x, y| {
         let (x, y) = (x as usize, y as usize);
         let here = rows[y][x];
@@ -104,9 +104,9 @@ struct Painter<'a> {
 }
 
 impl Painter<'_> {
-    fn row(&self, placed: &PlacedCamera, width: u32, y: u32) -> Vec<Sight> {
+    fn row(&self, placed: &PlacedCamera, width: u32, y: u32) -> Vec<PixelSight> {
         let mut scratch = Vec::new();
-        let sky = Sight { colour: WHITE.map(f32::from), face: None };
+        let sky = PixelSight { colour: WHITE.map(f32::from), face: None };
         let at = |x: u32| {
             let ray = placed.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5))?;
             let (t, face) = self.tracer.trace(&ray, &mut scratch);
@@ -124,7 +124,7 @@ impl Painter<'_> {
             let lit =
                 if sun > 0.0 && !self.is_shaded(point + OFF_M * normal, &mut scratch) { sun / SUN.z } else { 0.0 };
             let light = (SKY + SUNLIGHT * lit).min(1.1);
-            Some(Sight { colour: colour.map(|c| (f32::from(c) * light).min(255.0)), face })
+            Some(PixelSight { colour: colour.map(|c| (f32::from(c) * light).min(255.0)), face })
         };
         (0..width).map(at).map(|sight| sight.unwrap_or(sky)).collect()
     }

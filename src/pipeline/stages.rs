@@ -290,7 +290,7 @@ impl SceneStage {
         self,
         config: &RunConfig,
         footprints: &mut FootprintStage,
-        cuts: &[Vec<levels::Cut>],
+        cuts: &[Vec<levels::FootprintCut>],
     ) -> Result<Self, PipelineError> {
         let mut is_changed = false;
         for round in cuts {

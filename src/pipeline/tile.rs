@@ -33,7 +33,7 @@ use sizeup_results::output::{BuildingRecord, InputFile, Lineage, sha256_hex};
 use sizeup_survey::Survey;
 
 /// A part of a city, ready to be solved.
-pub struct Part<'a> {
+pub struct CityPart<'a> {
     config: &'a RunConfig,
     frame: Frame,
     survey: Survey,
@@ -214,7 +214,7 @@ pub fn refused_records(config: &RunConfig, refused: Vec<RefusedFootprint>) -> Ve
     records(config, &Survey::default(), &footprints, &heights, &Reviews::default())
 }
 
-impl<'a> Part<'a> {
+impl<'a> CityPart<'a> {
     /// Brings footprints and views together; priors are not read yet. `positions` are those of the views in the whole
     /// survey.
     ///

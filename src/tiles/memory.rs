@@ -31,7 +31,7 @@ const SAFETY: f64 = 1.3;
 
 /// Content of a tile.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Counts {
+pub struct TileCounts {
     /// Number of views.
     pub n_views: usize,
     /// Buildings of core and halo.
@@ -54,7 +54,7 @@ pub struct Counts {
 
 /// Megabytes that a tile needs at most.
 #[must_use]
-pub fn estimate_mb(counts: &Counts, optimise: &OptimiseConfig) -> u64 {
+pub fn estimate_mb(counts: &TileCounts, optimise: &OptimiseConfig) -> u64 {
     let width = f64::from(optimise.working_px);
     let stride = optimise.stride_px.max(1) as f64;
     let (n_views, n_buildings) = (counts.n_views as f64, counts.n_buildings as f64);
@@ -79,7 +79,7 @@ mod tests {
 
     #[test]
     fn the_estimate_grows_with_views_and_buildings() {
-        let counts = Counts {
+        let counts = TileCounts {
             n_views: 100,
             n_buildings: 500,
             area_m2: 1e6,
@@ -90,9 +90,9 @@ mod tests {
             n_threads: 2,
             photo_bytes: 0,
         };
-        let mb = |counts: Counts| estimate_mb(&counts, &OptimiseConfig::default());
-        let more_views = mb(Counts { n_views: 1000, ..counts });
-        let more_buildings = mb(Counts { n_buildings: 5000, ..counts });
+        let mb = |counts: TileCounts| estimate_mb(&counts, &OptimiseConfig::default());
+        let more_views = mb(TileCounts { n_views: 1000, ..counts });
+        let more_buildings = mb(TileCounts { n_buildings: 5000, ..counts });
         assert!(mb(counts) < more_views && mb(counts) < more_buildings);
         // 1,000 views of 112 × 84 rays, each with 32 bytes of its own at least.
         assert!(more_views > 300, "{more_views}");

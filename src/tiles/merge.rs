@@ -13,8 +13,8 @@ use super::run::{
     BUILDINGS, GROUND, HALO, ISSUES, LINEAGE, PART_OF_FOOTPRINTS, PART_OF_REVIEWS, PART_OF_TERRAIN, PLAN_AGAIN,
 };
 use super::seams::{self, SeamReport};
-use super::stale::{Check, Trust, known};
-use super::status::State;
+use super::stale::{StaleCheck, Trust, known};
+use super::status::TileState;
 use super::{Lock, TilesError};
 use crate::pipeline::{
     GroundTold, lineage_of, refused_records, reviews_of, unstated_reference, write_city_report, write_project,
@@ -124,7 +124,7 @@ pub fn merge(layout: &Layout, options: &MergeOptions, wait: &dyn Fn(&str)) -> Re
     sweep_litter(layout.folder());
     let names = ["plan", "city"].into_iter().chain(manifest.tiles.iter().map(|tile| tile.id.as_str()));
     let hashes = known(layout, options.trust, names);
-    let check = Check { layout, manifest: &manifest, hashes: &hashes };
+    let check = StaleCheck { layout, manifest: &manifest, hashes: &hashes };
     if let Some(why) = check.plan() {
         return Err(TilesError::Stale { what: "the plan".to_owned(), why, hint: PLAN_AGAIN });
     }
@@ -153,16 +153,16 @@ pub fn merge(layout: &Layout, options: &MergeOptions, wait: &dyn Fn(&str)) -> Re
 }
 
 /// The word of every tile that is done, in the plan's order, and the others with why they are not.
-fn done_tiles(check: &Check<'_>) -> (Vec<Option<Done>>, Vec<(String, String)>) {
+fn done_tiles(check: &StaleCheck<'_>) -> (Vec<Option<Done>>, Vec<(String, String)>) {
     use rayon::prelude::*;
     let of_tile = |tile: &super::Tile| {
         let status = check.status(tile);
-        let done = check.layout.read_done(&tile.id).filter(|_| status.state == State::Done);
+        let done = check.layout.read_done(&tile.id).filter(|_| status.state == TileState::Done);
         let why = match (status.state, status.why) {
-            (State::Waiting, None) => "it has not been run".to_owned(),
-            (State::Running, _) => format!("it is being run by {}", status.runner.unwrap_or_default()),
+            (TileState::Waiting, None) => "it has not been run".to_owned(),
+            (TileState::Running, _) => format!("it is being run by {}", status.runner.unwrap_or_default()),
             (state, why) => {
-                let state = if state == State::Failed { "failed" } else { "stale" };
+                let state = if state == TileState::Failed { "failed" } else { "stale" };
                 format!("{state}: {}", why.unwrap_or_default().lines().next().unwrap_or_default())
             }
         };

@@ -39,4 +39,4 @@ pub use pool::{PoolSettings, TileOutcome, available_memory_mb, run_all};
 pub use run::{TileRun, run_tile};
 pub use seams::{SeamClass, SeamReport};
 pub use stale::Trust;
-pub use status::{CityStatus, State, TileStatus, status};
+pub use status::{CityStatus, TileState, TileStatus, status};

@@ -8,9 +8,9 @@ use serde::{Deserialize, Serialize};
 
 use super::attempt::{Attempt, remove_if_there};
 use super::manifest::{Done, Layout, Tile, TileViews, hash_of, sweep_litter};
-use super::stale::{Check, Trust, known};
+use super::stale::{StaleCheck, Trust, known};
 use super::{Lock, TilesError};
-use crate::pipeline::{Part, PartHeights, Tell, footprints_around, layer_of};
+use crate::pipeline::{CityPart, PartHeights, Tell, footprints_around, layer_of};
 use crate::recipe::{Recipe, program};
 use sizeup_geo::files::{FileError, write_whole, write_whole_unflushed};
 use sizeup_geo::issue::{Severity, Subject};
@@ -105,7 +105,7 @@ pub fn run_tile(
     let _lock = Lock::take(&layout.lock(id), wait)?;
     sweep_litter(&layout.tile(id));
     let hashes = known(layout, trust, ["plan", id].into_iter());
-    let check = Check { layout, manifest: &manifest, hashes: &hashes };
+    let check = StaleCheck { layout, manifest: &manifest, hashes: &hashes };
     let views = check.views(tile)?;
     if manifest.made_by.program() != program() {
         let why = format!("made by sizeup {}, this is {}", manifest.made_by.program(), program());
@@ -136,7 +136,7 @@ pub(super) const PLAN_AGAIN: &str =
     "plan again with `sizeup tiles plan`: tiles that the change does not touch stay done";
 
 fn run_anew(
-    check: &Check<'_>,
+    check: &StaleCheck<'_>,
     tile: &Tile,
     views: &TileViews,
     wanted: &Recipe,
@@ -166,12 +166,12 @@ fn run_anew(
     Ok(done)
 }
 
-fn part_of<'a>(check: &Check<'a>, tile: &Tile, views: TileViews) -> Result<Part<'a>, TilesError> {
+fn part_of<'a>(check: &StaleCheck<'a>, tile: &Tile, views: TileViews) -> Result<CityPart<'a>, TilesError> {
     let manifest = check.manifest;
     let positions = views.positions_by_name();
     let survey = Survey { views: views.views, issues: Vec::new() };
     let footprints = footprints_around(&manifest.config, tile.halo, &manifest.renamed)?;
-    let part = Part::new(&manifest.config, manifest.frame(), survey, positions, footprints)?;
+    let part = CityPart::new(&manifest.config, manifest.frame(), survey, positions, footprints)?;
     if part.hashes() != tile.reads {
         let own =
             || format!("the footprints, the terrain or the reviews of tile {} are not those of the plan", tile.id);
@@ -184,9 +184,9 @@ fn part_of<'a>(check: &Check<'a>, tile: &Tile, views: TileViews) -> Result<Part<
 /// Inputs of a tile's result: its part of the files that all tiles share, and the priors of the views that were
 /// used.
 fn inputs_of(
-    check: &Check<'_>,
+    check: &StaleCheck<'_>,
     tile: &Tile,
-    part: &Part<'_>,
+    part: &CityPart<'_>,
     used: &HashSet<&ViewId>,
 ) -> Result<Vec<InputFile>, TilesError> {
     let config = &check.manifest.config;
@@ -205,9 +205,9 @@ fn inputs_of(
 }
 
 fn write(
-    check: &Check<'_>,
+    check: &StaleCheck<'_>,
     tile: &Tile,
-    part: &Part<'_>,
+    part: &CityPart<'_>,
     heights: PartHeights,
     made_by: &Recipe,
 ) -> Result<Done, TilesError> {

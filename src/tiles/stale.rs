@@ -8,7 +8,7 @@ use super::TilesError;
 use super::attempt::Attempt;
 use super::manifest::{Common, Done, Layout, Manifest, Tile, TileViews, Tileset, fault_of, read_json};
 use super::merge::Merged;
-use super::status::{State, TileStatus};
+use super::status::{TileState, TileStatus};
 use crate::pipeline::{files_of, part_settings, photos_for_city_report};
 use crate::recipe::{ABSENT, Recipe};
 use crate::tiles::Lock;
@@ -28,7 +28,7 @@ pub enum Trust {
 }
 
 /// A plan beside the files that it was made from and what has been made of it.
-pub struct Check<'a> {
+pub struct StaleCheck<'a> {
     pub layout: &'a Layout,
     pub manifest: &'a Manifest,
     pub hashes: &'a Hashes,
@@ -43,7 +43,7 @@ pub fn known<'a>(layout: &Layout, trust: Trust, of: impl Iterator<Item = &'a str
     hashes
 }
 
-impl Check<'_> {
+impl StaleCheck<'_> {
     /// Why the plan is stale; `None` where it is not.
     pub fn plan(&self) -> Option<String> {
         self.wanted_plan().why_stale(&self.manifest.made_by)
@@ -115,7 +115,7 @@ impl Check<'_> {
         let mut status = TileStatus::of(tile);
         status.runner = Lock::holder_of(&self.layout.lock(&tile.id));
         if status.runner.is_some() {
-            status.state = State::Running;
+            status.state = TileState::Running;
             return status;
         }
         let done = self.layout.read_done(&tile.id);
@@ -130,14 +130,14 @@ impl Check<'_> {
         (status.state, status.why) = match (done, why, attempt) {
             (Some(done), None, _) => {
                 status.exit_code = Some(done.exit_code);
-                (State::Done, None)
+                (TileState::Done, None)
             }
             (_, _, Some(attempt)) => {
                 (status.exit_code, status.n_tries) = (attempt.exit_code, attempt.n_tries);
-                (State::Failed, Some(attempt.cause))
+                (TileState::Failed, Some(attempt.cause))
             }
-            (Some(_), why, None) => (State::Stale, why),
-            (None, why, None) => (State::Waiting, why),
+            (Some(_), why, None) => (TileState::Stale, why),
+            (None, why, None) => (TileState::Waiting, why),
         };
         status
     }

@@ -5,14 +5,14 @@ use serde::{Deserialize, Serialize};
 
 use super::manifest::{Layout, Tile, read_json};
 use super::merge::Merged;
-use super::stale::{Check, Trust, known};
+use super::stale::{StaleCheck, Trust, known};
 use super::{Lock, TilesError};
 use sizeup_geo::unfinished::told_of;
 
 /// State of a tile, or of the merge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
+pub enum TileState {
     /// It is there, whole, and what would be made now.
     Done,
     /// Somebody is at it.
@@ -31,7 +31,7 @@ pub struct TileStatus {
     /// The tile of the plan.
     pub tile: Tile,
     /// State of the tile.
-    pub state: State,
+    pub state: TileState,
     /// Why it is stale, or has failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
@@ -53,7 +53,7 @@ impl TileStatus {
     /// A tile of which nothing is known yet.
     pub(super) fn of(tile: &Tile) -> Self {
         let (why, exit_code, runner, input_sha256) = (None, None, None, None);
-        Self { tile: tile.clone(), state: State::Waiting, why, exit_code, n_tries: 0, runner, input_sha256 }
+        Self { tile: tile.clone(), state: TileState::Waiting, why, exit_code, n_tries: 0, runner, input_sha256 }
     }
 }
 
@@ -66,7 +66,7 @@ pub struct CityStatus {
     /// Every tile, in the plan's order.
     pub tiles: Vec<TileStatus>,
     /// State of the merge.
-    pub merge: State,
+    pub merge: TileState,
     /// Why the merge is stale, or not finished.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub merge_stale: Option<String>,
@@ -77,7 +77,7 @@ pub struct CityStatus {
 impl CityStatus {
     /// How many tiles stand somewhere.
     #[must_use]
-    pub fn count(&self, state: State) -> usize {
+    pub fn count(&self, state: TileState) -> usize {
         self.tiles.iter().filter(|one| one.state == state).count()
     }
 }
@@ -90,7 +90,7 @@ pub fn status(layout: &Layout, trust: Trust) -> Result<CityStatus, TilesError> {
     let manifest = layout.read_manifest()?;
     let names = ["plan", "city"].into_iter().chain(manifest.tiles.iter().map(|tile| tile.id.as_str()));
     let hashes = known(layout, trust, names);
-    let check = Check { layout, manifest: &manifest, hashes: &hashes };
+    let check = StaleCheck { layout, manifest: &manifest, hashes: &hashes };
     let of_tile = |tile: &Tile| {
         let n_before = hashes.n_bytes_read();
         let status = check.status(tile);
@@ -103,19 +103,21 @@ pub fn status(layout: &Layout, trust: Trust) -> Result<CityStatus, TilesError> {
         Ok(status)
     };
     let tiles: Vec<TileStatus> = manifest.tiles.par_iter().map(of_tile).collect::<Result<_, TilesError>>()?;
-    let done: Vec<_> =
-        tiles.iter().map(|one| (one.state == State::Done).then(|| layout.read_done(&one.tile.id)).flatten()).collect();
+    let done: Vec<_> = tiles
+        .iter()
+        .map(|one| (one.state == TileState::Done).then(|| layout.read_done(&one.tile.id)).flatten())
+        .collect();
     let merged: Option<Merged> = read_json(&layout.merged()).ok();
     let (merge, merge_stale) = match (told_of(layout.folder()), &merged) {
         // Whoever is at it, or was killed there, has begun to replace what was merged.
-        (Some(_), _) if Lock::holder_of(&layout.lock("city")).is_some() => (State::Running, None),
-        (told @ Some(_), _) => (State::Failed, told),
-        (None, None) => (State::Waiting, None),
+        (Some(_), _) if Lock::holder_of(&layout.lock("city")).is_some() => (TileState::Running, None),
+        (told @ Some(_), _) => (TileState::Failed, told),
+        (None, None) => (TileState::Waiting, None),
         (None, Some(merged)) => {
             match check.merge(&done, merged.tileset).map(|now| check.why_not_merged(&now, merged)) {
-                Ok(None) => (State::Done, None),
-                Ok(why) => (State::Stale, why),
-                Err(error) => (State::Stale, Some(error.to_string())),
+                Ok(None) => (TileState::Done, None),
+                Ok(why) => (TileState::Stale, why),
+                Err(error) => (TileState::Stale, Some(error.to_string())),
             }
         }
     };

@@ -5,11 +5,11 @@
 
 use criterion::{BenchmarkId, Criterion};
 use geo_types::{Coord, LineString, Polygon, Rect};
-use sizeup::footprint::{Candidate, ConsensusConfig, Instances, SeenGround, Vectorising, agree, contours};
+use sizeup::footprint::{ConsensusConfig, FootprintCandidate, Instances, SeenGround, Vectorising, agree, contours};
 use sizeup::raster::Raster;
 
 /// `n` L-shaped buildings, each in nine views that are off by some decimetres.
-fn town(n: usize) -> (Vec<Candidate>, Vec<SeenGround>) {
+fn town(n: usize) -> (Vec<FootprintCandidate>, Vec<SeenGround>) {
     let side = (n as f64).sqrt().ceil() as usize;
     let everywhere = Rect::new((-1e4, -1e4), (side as f64 * 25.0 + 1e4, side as f64 * 25.0 + 1e4)).to_polygon();
     let seen = vec![SeenGround { area: everywhere }; 9];
@@ -29,7 +29,7 @@ fn town(n: usize) -> (Vec<Candidate>, Vec<SeenGround>) {
                 corner(0.0, 0.0),
             ]);
             let shape = Polygon::new(ring, Vec::new()).into();
-            candidates.push(Candidate { view, shape, weight: 10.0, score: 1.0, is_cut: false });
+            candidates.push(FootprintCandidate { view, shape, weight: 10.0, score: 1.0, is_cut: false });
         }
     }
     (candidates, seen)

@@ -8,13 +8,13 @@ use geo_types::Polygon;
 use sizeup::crs::Crs;
 use sizeup::evaluate::{FootprintEvaluation, evaluate_footprints};
 use sizeup::footprint::{
-    ConsensusConfig, Contour, ContourKind, ContourSource, DetectionSettings, InputAccuracy, Instances, Look,
+    ConsensusConfig, Contour, ContourFineness, ContourKind, ContourSource, DetectionSettings, InputAccuracy, Instances,
     Vectorising, ViewFault, contours, detect,
 };
 use sizeup::raster::Raster;
 use sizeup::simulate::{
-    ErrorConfig, MaskErrors, MaskLevel, SimulateConfig, TownKind, World, disturbed_poses, masks_with_errors, plan,
-    roofs, world,
+    ErrorConfig, MaskErrors, MaskLevel, SimulateConfig, SimulatedTown, TownKind, disturbed_poses, masks_with_errors,
+    plan, roofs, world,
 };
 use sizeup::survey::{View, ViewKind};
 
@@ -26,7 +26,7 @@ struct Masks {
 }
 
 impl ContourSource for Masks {
-    fn contours(&self, view: &View, look: Look) -> Result<Vec<Contour>, ViewFault> {
+    fn contours(&self, view: &View, look: ContourFineness) -> Result<Vec<Contour>, ViewFault> {
         let i = self.views.iter().position(|v| v.id == view.id).unwrap();
         let how =
             Vectorising { instances: self.instances, min_area_px2: look.min_area_px2, tolerance_px: look.tolerance_px };
@@ -42,7 +42,7 @@ impl ContourSource for Masks {
 
 /// A town and its nadir views with the poses that a survey would have.
 struct Scene {
-    world: World,
+    world: SimulatedTown,
     true_views: Vec<View>,
     views: Vec<View>,
     seed: u64,
@@ -260,7 +260,7 @@ fn table_of_accuracy() {
 #[test]
 #[ignore = "a million contours: takes a minute, prints its time"]
 fn a_million_contours_are_a_hundred_thousand_buildings() {
-    use sizeup::footprint::{Candidate, SeenGround, agree};
+    use sizeup::footprint::{FootprintCandidate, SeenGround, agree};
     let seconds_in = |file: &str| {
         let stat = std::fs::read_to_string(file).unwrap_or_default();
         let fields: Vec<f64> = stat.split_whitespace().skip(13).take(2).filter_map(|f| f.parse().ok()).collect();
@@ -303,7 +303,13 @@ fn a_million_contours_are_a_hundred_thousand_buildings() {
                     };
                     if geo::Area::unsigned_area(&shape) > 2.0 {
                         let shape = geo::orient::Orient::orient(&shape, geo::orient::Direction::Default);
-                        candidates.push(Candidate { view: v, shape, weight: 10.0, score: 1.0, is_cut: !is_whole });
+                        candidates.push(FootprintCandidate {
+                            view: v,
+                            shape,
+                            weight: 10.0,
+                            score: 1.0,
+                            is_cut: !is_whole,
+                        });
                     }
                 }
             }

@@ -7,7 +7,7 @@ use geo_types::{Coord, LineString, Point, Polygon};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree as _;
 use sizeup::crs::Crs;
-use sizeup::footprint::clean::{Rules, clean};
+use sizeup::footprint::clean::{CleaningRules, clean};
 use sizeup::footprint::{FootprintConfig, read};
 use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::validate::{ValidateConfig, validate_file};
@@ -20,9 +20,9 @@ use crate::val3dity::assert_valid_to_val3dity;
 /// Where the footprints stand: as far from the origin as real ones do.
 pub const AT: (f64, f64) = (565_450.0, 5_932_450.0);
 
-fn rules() -> Rules {
+fn rules() -> CleaningRules {
     let FootprintConfig { grid_m, min_area_m2, max_area_change, .. } = FootprintConfig::new("");
-    Rules { grid_m, min_area_m2, max_area_change }
+    CleaningRules { grid_m, min_area_m2, max_area_change }
 }
 
 pub fn block(id: &str, footprint: Polygon<f64>, height_m: f64) -> BuildingRecord {

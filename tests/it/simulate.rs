@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 use sizeup::simulate::{
-    CityJsonTown, ErrorConfig, FlightPattern, Part, PriorLevel, SimulateConfig, TownKind, simulate,
+    CityJsonTown, ErrorConfig, FlightPattern, PriorLevel, RoofOrWall, SimulateConfig, TownKind, simulate,
     simulate_with_views, world,
 };
 
@@ -255,7 +255,7 @@ fn real_cameras_see_real_roofs_where_they_are() {
         let stem = Path::new(&view.id.0).file_stem().unwrap().to_str().unwrap();
         let bytes = fs::read(folder.path().join(format!("depth/{stem}.npy"))).unwrap();
         let depth: Vec<f32> = npyz::NpyFile::new(&bytes[..]).unwrap().into_vec().unwrap();
-        for roof in world.buildings.iter().flat_map(|b| &b.triangles).filter(|t| t.part == Part::Roof) {
+        for roof in world.buildings.iter().flat_map(|b| &b.triangles).filter(|t| t.part == RoofOrWall::Roof) {
             let point = view.camera_from_map.point((roof.corners[0] + roof.corners[1] + roof.corners[2]) / 3.0);
             let Some(pixel) = camera.project(point).filter(|p| camera.contains(*p)) else { continue };
             let (col, row) = (pixel.x as usize, pixel.y as usize);

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use geo_types::Coord;
 
-use super::partition::{Key, Ring};
+use super::partition::{Key, LabelledRing};
 
 /// A border between the same two regions from one junction to the next, or all around.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,7 +34,7 @@ pub(super) struct Arcs {
 
 impl Arcs {
     /// Cuts rings at their junctions.
-    pub(super) fn of(rings: &[Ring]) -> Self {
+    pub(super) fn of(rings: &[LabelledRing]) -> Self {
         let mut arcs: Vec<Arc> = Vec::new();
         let mut by_first_line: HashMap<(Key, Key), usize> = HashMap::new();
         let mut of_rings = vec![Vec::new(); rings.len()];
@@ -65,7 +65,7 @@ impl Arcs {
 }
 
 /// A stretch of a ring between junctions, ends included.
-struct Piece {
+struct RingPiece {
     label: u32,
     beyond: u32,
     points: Vec<Coord<f64>>,
@@ -73,19 +73,19 @@ struct Piece {
     is_closed: bool,
 }
 
-impl Piece {
+impl RingPiece {
     fn into_arc(self) -> Arc {
         let Self { label, beyond, points, keys, is_closed } = self;
         Arc { label, beyond, points, first: keys[0], last: keys[keys.len() - 1], is_closed }
     }
 }
 
-fn pieces(ring: &Ring) -> Vec<Piece> {
+fn pieces(ring: &LabelledRing) -> Vec<RingPiece> {
     let n = ring.points.len();
     let cuts: Vec<usize> = (0..n).filter(|&i| ring.keys[i].is_junction()).collect();
     let piece = |from: usize, to: usize, is_closed: bool| {
         let at = || (from..=to).map(|i| i % n);
-        Piece {
+        RingPiece {
             label: ring.label,
             beyond: ring.beyond[from % n],
             points: at().map(|i| ring.points[i]).collect(),
@@ -106,7 +106,7 @@ fn pieces(ring: &Ring) -> Vec<Piece> {
 }
 
 /// Start of a closed arc: at the point farthest from its middle, a corner; the same for both of its regions.
-fn start_of_closed(ring: &Ring) -> usize {
+fn start_of_closed(ring: &LabelledRing) -> usize {
     let n = ring.points.len();
     let (mut low, mut high) = (ring.points[0], ring.points[0]);
     for p in &ring.points {

@@ -6,7 +6,7 @@ use rstar::AABB;
 
 /// One building as one view shows it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Candidate {
+pub struct FootprintCandidate {
     /// Which view, as a position among the [`SeenGround`]s.
     pub view: usize,
     /// Footprint, in several parts where something stands before it; exteriors counter-clockwise, holes clockwise.

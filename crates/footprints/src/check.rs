@@ -12,7 +12,7 @@ use rstar::primitives::{GeomWithData, Line as TreeLine};
 
 /// Fault of a polygon, and its place.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Fault {
+pub(super) enum PolygonFault {
     /// A ring with fewer than three corners.
     TooFewPoints,
     /// A ring crosses, touches or retraces itself.
@@ -23,7 +23,7 @@ pub(super) enum Fault {
     MisplacedHole(Coord<f64>),
 }
 
-impl Fault {
+impl PolygonFault {
     /// Place; `None` where a ring as a whole is wrong.
     pub(super) fn place(self) -> Option<Coord<f64>> {
         match self {
@@ -34,15 +34,15 @@ impl Fault {
 }
 
 /// Ring (0 = exterior) and position of an edge in it.
-type Edge = GeomWithData<TreeLine<[f64; 2]>, (usize, usize)>;
+type IndexedEdge = GeomWithData<TreeLine<[f64; 2]>, (usize, usize)>;
 
 /// The first fault, self-contacts before contacts between rings; `None` for a polygon that can be extruded.
-pub(super) fn fault(polygon: &Polygon<f64>) -> Option<Fault> {
+pub(super) fn fault(polygon: &Polygon<f64>) -> Option<PolygonFault> {
     let rings: Vec<&LineString<f64>> = std::iter::once(polygon.exterior()).chain(polygon.interiors()).collect();
     if rings.iter().any(|ring| ring.0.len() < 4) {
-        return Some(Fault::TooFewPoints);
+        return Some(PolygonFault::TooFewPoints);
     }
-    let contact = rings.iter().find_map(|ring| spike(ring)).map(Fault::SelfContact);
+    let contact = rings.iter().find_map(|ring| spike(ring)).map(PolygonFault::SelfContact);
     contact.or_else(|| contact_between_edges(&rings)).or_else(|| misplaced_hole(&rings))
 }
 
@@ -58,14 +58,14 @@ fn spike(ring: &LineString<f64>) -> Option<Coord<f64>> {
     })
 }
 
-fn contact_between_edges(rings: &[&LineString<f64>]) -> Option<Fault> {
+fn contact_between_edges(rings: &[&LineString<f64>]) -> Option<PolygonFault> {
     let edges = rings.iter().enumerate().flat_map(|(r, ring)| {
         ring.lines().enumerate().map(move |(i, line)| {
-            Edge::new(TreeLine::new([line.start.x, line.start.y], [line.end.x, line.end.y]), (r, i))
+            IndexedEdge::new(TreeLine::new([line.start.x, line.start.y], [line.end.x, line.end.y]), (r, i))
         })
     });
     let tree = RTree::bulk_load(edges.collect());
-    let line = |edge: &Edge| Line::new(Coord::from(edge.geom().from), Coord::from(edge.geom().to));
+    let line = |edge: &IndexedEdge| Line::new(Coord::from(edge.geom().from), Coord::from(edge.geom().to));
     let mut contacts: Vec<_> = tree
         .intersection_candidates_with_other_tree(&tree)
         .filter(|(a, b)| a.data < b.data && !are_neighbours(a.data, b.data, rings))
@@ -81,11 +81,9 @@ fn contact_between_edges(rings: &[&LineString<f64>]) -> Option<Fault> {
         .collect();
     // The tree's own order is no order: report the first fault along the rings.
     contacts.sort_unstable_by_key(|&(between_rings, a, b, _)| (between_rings, a, b));
-    contacts.first().map(
-        |&(between_rings, _, _, place)| {
-            if between_rings { Fault::RingContact(place) } else { Fault::SelfContact(place) }
-        },
-    )
+    contacts.first().map(|&(between_rings, _, _, place)| {
+        if between_rings { PolygonFault::RingContact(place) } else { PolygonFault::SelfContact(place) }
+    })
 }
 
 /// Edges that share a corner by construction; that they do not retrace each other is [`spike`]'s concern.
@@ -95,13 +93,13 @@ fn are_neighbours(a: (usize, usize), b: (usize, usize), rings: &[&LineString<f64
 }
 
 /// With rings free of contact, one corner tells on which side of another ring a whole ring lies.
-fn misplaced_hole(rings: &[&LineString<f64>]) -> Option<Fault> {
+fn misplaced_hole(rings: &[&LineString<f64>]) -> Option<PolygonFault> {
     let filled: Vec<Polygon<f64>> = rings.iter().map(|ring| Polygon::new((*ring).clone(), Vec::new())).collect();
     rings.iter().enumerate().skip(1).find_map(|(i, hole)| {
         let corner = hole.0[0];
         let is_outside = !filled[0].contains(&corner);
         let is_nested = (1..rings.len()).any(|other| other != i && filled[other].contains(&corner));
-        (is_outside || is_nested).then_some(Fault::MisplacedHole(corner))
+        (is_outside || is_nested).then_some(PolygonFault::MisplacedHole(corner))
     })
 }
 
@@ -128,7 +126,7 @@ mod tests {
             (x: 0.0, y: 0.0), (x: 4.0, y: 0.0), (x: 2.0, y: 2.0), (x: 4.0, y: 4.0), (x: 0.0, y: 4.0), (x: 2.0, y: 2.0),
         ];
         for shape in [bow_tie, spike, pinched] {
-            assert!(matches!(fault(&shape), Some(Fault::SelfContact(_))), "{shape:?}");
+            assert!(matches!(fault(&shape), Some(PolygonFault::SelfContact(_))), "{shape:?}");
         }
     }
 
@@ -140,8 +138,14 @@ mod tests {
             let hole = LineString::from(hole.to_vec());
             Polygon::new(footprint.exterior().clone(), vec![inner.exterior().clone(), hole])
         };
-        assert!(matches!(fault(&with_hole([(0.0, 7.0), (3.0, 8.0), (3.0, 6.0)])), Some(Fault::RingContact(_))));
-        assert!(matches!(fault(&with_hole([(2.0, 2.0), (2.0, 2.5), (2.5, 2.0)])), Some(Fault::MisplacedHole(_))));
-        assert!(matches!(fault(&with_hole([(20.0, 2.0), (20.0, 3.0), (21.0, 2.0)])), Some(Fault::MisplacedHole(_))));
+        assert!(matches!(fault(&with_hole([(0.0, 7.0), (3.0, 8.0), (3.0, 6.0)])), Some(PolygonFault::RingContact(_))));
+        assert!(matches!(
+            fault(&with_hole([(2.0, 2.0), (2.0, 2.5), (2.5, 2.0)])),
+            Some(PolygonFault::MisplacedHole(_))
+        ));
+        assert!(matches!(
+            fault(&with_hole([(20.0, 2.0), (20.0, 3.0), (21.0, 2.0)])),
+            Some(PolygonFault::MisplacedHole(_))
+        ));
     }
 }

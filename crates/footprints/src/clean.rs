@@ -14,7 +14,7 @@ use geo::orient::{Direction, Orient as _};
 use geo::{Area as _, CoordsIter as _, MakeValid as _, Simplify as _};
 use geo_types::{Coord, LineString, Polygon};
 
-use super::check::{self, Fault};
+use super::check::{self, PolygonFault};
 use super::clearance;
 
 /// Beyond any projected coordinate on earth, metres: such numbers are damage, and triangulation would choke on them.
@@ -31,7 +31,7 @@ const SLIVER_M2: f64 = 0.01;
 
 /// Rules that a polygon has to satisfy.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rules {
+pub struct CleaningRules {
     /// Corners lie on multiples of this, metres.
     pub grid_m: f64,
     /// Least area of a building, m².
@@ -116,7 +116,7 @@ impl Defect {
 ///
 /// # Errors
 /// [`Defect`] if there is no area, too little of it, or no telling which area is meant.
-pub fn clean(polygon: &Polygon<f64>, rules: Rules) -> Result<Cleaned, Defect> {
+pub fn clean(polygon: &Polygon<f64>, rules: CleaningRules) -> Result<Cleaned, Defect> {
     let rings = || std::iter::once(polygon.exterior()).chain(polygon.interiors());
     let is_position = |c: &Coord<f64>| c.x.abs() < FARTHEST_M && c.y.abs() < FARTHEST_M; // false for NaN
     if !rings().flat_map(|ring| &ring.0).all(is_position) {
@@ -186,7 +186,7 @@ fn snap(polygon: &Polygon<f64>, grid_m: f64) -> Option<Polygon<f64>> {
 }
 
 /// Repairs until nothing touches or comes too near: a repair makes new corners, and snapping those can make new contacts.
-fn separate(polygon: Polygon<f64>, rules: Rules, repairs: &mut Vec<Repair>) -> Vec<Polygon<f64>> {
+fn separate(polygon: Polygon<f64>, rules: CleaningRules, repairs: &mut Vec<Repair>) -> Vec<Polygon<f64>> {
     const ROUNDS: usize = 8;
     let mut parts = vec![polygon];
     for _ in 0..ROUNDS {
@@ -224,14 +224,19 @@ fn tell(repairs: &mut Vec<Repair>, repair: Repair) {
     }
 }
 
-fn repair(polygon: &Polygon<f64>, fault: Fault, rules: Rules, repairs: &mut Vec<Repair>) -> Vec<Polygon<f64>> {
+fn repair(
+    polygon: &Polygon<f64>,
+    fault: PolygonFault,
+    rules: CleaningRules,
+    repairs: &mut Vec<Repair>,
+) -> Vec<Polygon<f64>> {
     match fault {
-        Fault::TooFewPoints => Vec::new(),
-        Fault::SelfContact(place) | Fault::MisplacedHole(place) => {
+        PolygonFault::TooFewPoints => Vec::new(),
+        PolygonFault::SelfContact(place) | PolygonFault::MisplacedHole(place) => {
             tell(repairs, Repair::Rebuilt(place));
             rebuilt(polygon)
         }
-        Fault::RingContact(place) => {
+        PolygonFault::RingContact(place) => {
             // Rings that cross become rings that touch at most; only then is drawing in enough.
             tell(repairs, Repair::HoleDrawnIn(place));
             rebuilt(polygon).into_iter().map(|part| draw_holes_in(part, rules)).collect()
@@ -245,12 +250,12 @@ fn rebuilt(polygon: &Polygon<f64>) -> Vec<Polygon<f64>> {
 }
 
 /// Joins what is too near; corners that then stand in a straight wall are left out.
-fn widen(polygon: &Polygon<f64>, rules: Rules) -> Vec<Polygon<f64>> {
+fn widen(polygon: &Polygon<f64>, rules: CleaningRules) -> Vec<Polygon<f64>> {
     let Some(joined) = clearance::joined(polygon, LEAST_CLEARANCE_M) else { return Vec::new() };
     let sound = match check::fault(&joined) {
-        Some(Fault::SelfContact(_) | Fault::MisplacedHole(_)) => rebuilt(&joined),
+        Some(PolygonFault::SelfContact(_) | PolygonFault::MisplacedHole(_)) => rebuilt(&joined),
         // Rings that touch now are for the next round.
-        Some(Fault::RingContact(_) | Fault::TooFewPoints) | None => vec![joined],
+        Some(PolygonFault::RingContact(_) | PolygonFault::TooFewPoints) | None => vec![joined],
     };
     let tolerance_m = rules.grid_m.min(LEAST_CLEARANCE_M);
     sound.into_iter().map(|part| from_corners(&part).simplify(tolerance_m)).collect()
@@ -272,12 +277,12 @@ fn from_corners(polygon: &Polygon<f64>) -> Polygon<f64> {
 
 /// Distance by which holes are drawn in, metres.
 #[must_use]
-pub fn hole_gap_m(rules: Rules) -> f64 {
+pub fn hole_gap_m(rules: CleaningRules) -> f64 {
     HOLE_GAP_M.max(HOLE_GAP_STEPS * rules.grid_m)
 }
 
 /// Every hole a centimetre smaller all round, so that it touches nothing.
-fn draw_holes_in(polygon: Polygon<f64>, rules: Rules) -> Polygon<f64> {
+fn draw_holes_in(polygon: Polygon<f64>, rules: CleaningRules) -> Polygon<f64> {
     if check::fault(&polygon).is_none() {
         return polygon;
     }
@@ -300,7 +305,7 @@ mod tests {
 
     use super::*;
 
-    const RULES: Rules = Rules { grid_m: 0.001, min_area_m2: 1.0, max_area_change: 0.01 };
+    const RULES: CleaningRules = CleaningRules { grid_m: 0.001, min_area_m2: 1.0, max_area_change: 0.01 };
 
     fn square(side_m: f64) -> Polygon<f64> {
         polygon![(x: 0.0, y: 0.0), (x: 0.0, y: side_m), (x: side_m, y: side_m), (x: side_m, y: 0.0)]
@@ -410,7 +415,7 @@ mod tests {
                 corners.iter().map(|&(x, y)| (shift + step * x as f64, shift + step * y as f64)).collect::<LineString>()
             };
             let holes = if hole.len() < 3 { vec![] } else { vec![ring(&hole)] };
-            let rules = Rules { max_area_change: 1.0, min_area_m2: 0.01, ..RULES };
+            let rules = CleaningRules { max_area_change: 1.0, min_area_m2: 0.01, ..RULES };
             if let Ok(cleaned) = clean(&Polygon::new(ring(&exterior), holes), rules) {
                 prop_assert!(!cleaned.parts.is_empty());
                 for part in &cleaned.parts {

@@ -23,7 +23,7 @@ type Corner = GeomWithData<[f64; 2], usize>;
 #[must_use]
 pub fn narrow(polygon: &Polygon<f64>, least_m: f64) -> Option<Coord<f64>> {
     let rings: Vec<&LineString<f64>> = rings(polygon).collect();
-    let corners = Corners::of(&rings);
+    let corners = CornerTree::of(&rings);
     rings.iter().flat_map(|ring| ring.lines()).find_map(|edge| corners.near(edge, least_m).into_iter().next())
 }
 
@@ -35,7 +35,7 @@ pub fn joined(polygon: &Polygon<f64>, least_m: f64) -> Option<Polygon<f64>> {
     let lean: Vec<Vec<Coord<f64>>> = merged.into_iter().map(|ring| without_short_edges(ring, least_m)).collect();
     let closed: Vec<LineString<f64>> = lean.into_iter().map(close).collect();
     let all: Vec<&LineString<f64>> = closed.iter().collect();
-    let corners = Corners::of(&all);
+    let corners = CornerTree::of(&all);
     let mut rings = closed.iter().map(|ring| {
         let led = ring.lines().flat_map(|edge| {
             let mut through = corners.near(edge, least_m);
@@ -88,9 +88,9 @@ fn close(corners: Vec<Coord<f64>>) -> LineString<f64> {
 }
 
 /// The distinct corners of all rings, to be looked up by place.
-struct Corners(RTree<Corner>);
+struct CornerTree(RTree<Corner>);
 
-impl Corners {
+impl CornerTree {
     fn of(rings: &[&LineString<f64>]) -> Self {
         let mut places: Vec<[f64; 2]> = rings.iter().flat_map(|ring| open(ring)).map(|c| [c.x, c.y]).collect();
         places.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));

@@ -26,7 +26,7 @@ use geo_types::MultiPolygon;
 use rayon::prelude::*;
 use rstar::AABB;
 
-use super::candidate::{Bounds, Candidate, SeenGround, bounds, envelope, joint, shared_box_m2};
+use super::candidate::{Bounds, FootprintCandidate, SeenGround, bounds, envelope, joint, shared_box_m2};
 use super::compare::{Comparer, Tree, entry, near};
 use super::consensus::ConsensusConfig;
 use super::gather::gather;
@@ -66,7 +66,7 @@ pub(super) struct Cluster {
 impl Cluster {
     /// Takes the whole candidate that agrees most with the others for the shape, the earliest of equal ones. Where all have
     /// about one area, or no view shows the building whole, the shape stays.
-    fn take_typical_shape(&mut self, candidates: &[Candidate], comparer: &mut Comparer) {
+    fn take_typical_shape(&mut self, candidates: &[FootprintCandidate], comparer: &mut Comparer) {
         let members = self.members.iter().map(|&m| &candidates[m]);
         let whole: Vec<&MultiPolygon<f64>> = members.filter(|c| !c.is_cut).map(|c| &c.shape).collect();
         let differs =
@@ -86,7 +86,7 @@ impl Cluster {
     }
 
     /// Cluster of candidates that are known to be one building; the heaviest whole one is its shape.
-    pub(super) fn of(members: &[usize], candidates: &[Candidate]) -> Self {
+    pub(super) fn of(members: &[usize], candidates: &[FootprintCandidate]) -> Self {
         let worth = |&m: &usize| (!candidates[m].is_cut, candidates[m].weight * f64::from(candidates[m].score));
         let best = members.iter().copied().max_by(|a, b| {
             let (x, y) = (worth(a), worth(b));
@@ -110,7 +110,7 @@ pub struct Dropped {
 
 /// Groups candidates into buildings; clusters come in a fixed order.
 pub(super) fn cluster(
-    candidates: &[Candidate],
+    candidates: &[FootprintCandidate],
     seen: &[SeenGround],
     config: &ConsensusConfig,
 ) -> (Vec<Cluster>, Dropped) {
@@ -131,7 +131,7 @@ pub(super) fn cluster(
 
 /// Fit of each cluster's candidates to its shape: the sum of their intersections over union, so that more candidates
 /// and closer ones both count.
-pub(super) fn fits(clusters: &[Cluster], candidates: &[Candidate]) -> Vec<f64> {
+pub(super) fn fits(clusters: &[Cluster], candidates: &[FootprintCandidate]) -> Vec<f64> {
     let fit = |comparer: &mut Comparer, cluster: &Cluster| {
         let iou = |&m: &usize| {
             let candidate = &candidates[m];
@@ -158,7 +158,7 @@ fn most_typical(shapes: &[&MultiPolygon<f64>], comparer: &mut Comparer) -> Optio
 }
 
 /// Number of views that see each cluster's place, and of those that show it.
-fn count_views(clusters: &mut [Cluster], candidates: &[Candidate], seen: &[SeenGround]) {
+fn count_views(clusters: &mut [Cluster], candidates: &[FootprintCandidate], seen: &[SeenGround]) {
     let boxes = seen.iter().enumerate().filter_map(|(i, s)| {
         let (low, high) = bounds(&MultiPolygon::new(vec![s.area.clone()]))?;
         Some(entry((low, high), i))
@@ -192,7 +192,7 @@ struct Contest<'a> {
 }
 
 impl<'a> Contest<'a> {
-    fn of(clusters: &'a [Cluster], candidates: &[Candidate]) -> Self {
+    fn of(clusters: &'a [Cluster], candidates: &[FootprintCandidate]) -> Self {
         let tree = Tree::bulk_load(clusters.iter().enumerate().map(|(i, c)| entry(c.bounds, i)).collect());
         let overlaps = |comparer: &mut Comparer, i: usize| {
             let cluster = &clusters[i];
@@ -279,7 +279,7 @@ mod tests {
         let seen = vec![SeenGround { area }; 10];
         let of_view = |view: usize| {
             let spans: &[(f64, f64)] = if view < n_cut { &[(0.0, 6.2), (6.2, 12.0)] } else { &[(0.0, 12.0)] };
-            spans.iter().map(move |&(west, east)| Candidate {
+            spans.iter().map(move |&(west, east)| FootprintCandidate {
                 view,
                 shape: Rect::new((west, 0.0), (east, 9.0)).to_polygon().into(),
                 weight: 12.0 - 0.1 * view as f64,
@@ -287,7 +287,7 @@ mod tests {
                 is_cut: false,
             })
         };
-        let candidates: Vec<Candidate> = (0..10).flat_map(of_view).collect();
+        let candidates: Vec<FootprintCandidate> = (0..10).flat_map(of_view).collect();
         let agreed = crate::agree(&candidates, &seen, &ConsensusConfig::default());
         let width = |b: &crate::Consensus| (b.polygon.unsigned_area() / 9.0).round() as u32;
         agreed.buildings.iter().map(width).collect()

@@ -12,7 +12,7 @@ use geo::{BooleanOps as _, CoordsIter as _, MakeValid as _, MapCoords as _, Tran
 use geo_types::{Coord, LineString, MultiPolygon, Polygon, Rect};
 use serde::Deserialize;
 
-use super::contours::{Look, ViewFault};
+use super::contours::{ContourFineness, ViewFault};
 use super::layer::FootprintError;
 use super::vectorise::{Contour, Instances, MaskFault, Vectorising, contours};
 use sizeup_geo::paths;
@@ -24,7 +24,7 @@ use sizeup_survey::View;
 const MAX_PIXELS: u64 = 1 << 30;
 
 #[derive(Deserialize)]
-struct Document {
+struct CocoDocument {
     images: Vec<Image>,
     annotations: Vec<Annotation>,
     #[serde(default)]
@@ -63,12 +63,12 @@ struct Annotation {
 #[serde(untagged)]
 enum Segmentation {
     Polygons(Vec<Vec<f64>>),
-    Runs { size: [u32; 2], counts: Counts },
+    Runs { size: [u32; 2], counts: RunLengths },
 }
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(untagged)]
-enum Counts {
+enum RunLengths {
     Plain(Vec<u64>),
     Compressed(String),
 }
@@ -103,7 +103,7 @@ fn parse<T: serde::de::DeserializeOwned>(path: &Path, expected: &str) -> Result<
 /// Reads a file; `category` is a name or a number.
 pub(super) fn read(path: &Path, category: Option<&str>) -> Result<CocoFile, FootprintError> {
     let shown = path.display();
-    let document: Document = parse(path, "expected images, annotations and categories")?;
+    let document: CocoDocument = parse(path, "expected images, annotations and categories")?;
     let wanted: Option<Vec<i64>> = match category {
         None => None,
         Some(wanted) => {
@@ -153,7 +153,12 @@ impl CocoFile {
     }
 
     /// The buildings of a view.
-    pub(super) fn contours(&self, view: &View, look: Look, min_score: f32) -> Result<Vec<Contour>, ViewFault> {
+    pub(super) fn contours(
+        &self,
+        view: &View,
+        look: ContourFineness,
+        min_score: f32,
+    ) -> Result<Vec<Contour>, ViewFault> {
         let Some(image) = self.find(view) else { return Err(ViewFault::Unlisted { path: self.path.clone() }) };
         let scale = super::masks::scale_of((image.width as usize, image.height as usize), view, &self.path)?;
         let mut found = Vec::new();
@@ -266,7 +271,8 @@ pub fn coco_instances(
         };
         (parse::<Images>(of, "expected images")?.images, annotations)
     } else {
-        let document: Document = parse(path, "expected images, annotations and categories, or a list of annotations")?;
+        let document: CocoDocument =
+            parse(path, "expected images, annotations and categories, or a list of annotations")?;
         (document.images, document.annotations)
     };
     let mut photos: BTreeMap<i64, PhotoInstances> = BTreeMap::new();
@@ -319,7 +325,7 @@ fn is_list(path: &Path) -> bool {
 #[must_use]
 pub fn is_coco(path: &Path) -> bool {
     #[derive(Deserialize)]
-    struct Parts {
+    struct CocoMembers {
         images: Option<Vec<serde::de::IgnoredAny>>,
         annotations: Option<Vec<serde::de::IgnoredAny>>,
     }
@@ -328,7 +334,7 @@ pub fn is_coco(path: &Path) -> bool {
         && (is_list(path)
             || std::fs::File::open(path)
                 .ok()
-                .and_then(|file| serde_json::from_reader::<_, Parts>(std::io::BufReader::new(file)).ok())
+                .and_then(|file| serde_json::from_reader::<_, CocoMembers>(std::io::BufReader::new(file)).ok())
                 .is_some_and(|parts| parts.images.is_some() && parts.annotations.is_some()))
 }
 
@@ -359,14 +365,14 @@ fn polygons(parts: &[Vec<f64>]) -> Result<MultiPolygon<f64>, String> {
 }
 
 /// The mask around its own pixels, with a pixel of background where the image has it, and where it lies in the image.
-fn decode([height, width]: [u32; 2], counts: &Counts) -> Result<(Raster<u32>, [usize; 2]), String> {
+fn decode([height, width]: [u32; 2], counts: &RunLengths) -> Result<(Raster<u32>, [usize; 2]), String> {
     let n = u64::from(height) * u64::from(width);
     if n > MAX_PIXELS {
         return Err(format!("a mask of {width} × {height} pixels, too large to be one"));
     }
     let runs = match counts {
-        Counts::Plain(runs) => runs.clone(),
-        Counts::Compressed(text) => decompress(text)?,
+        RunLengths::Plain(runs) => runs.clone(),
+        RunLengths::Compressed(text) => decompress(text)?,
     };
     let total = runs.iter().try_fold(0_u64, |sum, run| sum.checked_add(*run));
     if total != Some(n) {
@@ -441,10 +447,10 @@ mod tests {
     #[test]
     fn plain_runs_go_down_columns_and_start_with_background() {
         // 3 rows × 4 columns: column 1 full, and the first pixel of column 2.
-        let (mask, origin) = decode([3, 4], &Counts::Plain(vec![3, 4, 5])).unwrap();
+        let (mask, origin) = decode([3, 4], &RunLengths::Plain(vec![3, 4, 5])).unwrap();
         assert_eq!((mask.width(), mask.height(), origin), (4, 3, [0, 0]));
         assert_eq!(mask.data(), [0, 1, 1, 0, 0, 1, 0, 0, 0, 1, 0, 0]);
-        assert!(decode([3, 4], &Counts::Plain(vec![3, 4, 4])).unwrap_err().contains("runs of"));
+        assert!(decode([3, 4], &RunLengths::Plain(vec![3, 4, 4])).unwrap_err().contains("runs of"));
     }
 
     #[test]
@@ -460,7 +466,7 @@ mod tests {
     #[test]
     fn a_mask_of_the_coco_tools_is_read_pixel_by_pixel() {
         let text = "l5k0:000000ZOJ=6CJ=6CJ=6CJ=6CJ=6CJ=6900000000dS1YOSmN000";
-        let (mask, [left, top]) = decode([37, 53], &Counts::Compressed(text.to_owned())).unwrap();
+        let (mask, [left, top]) = decode([37, 53], &RunLengths::Compressed(text.to_owned())).unwrap();
         for row in 0..37 {
             for col in 0..53 {
                 let is_block = (3..30).contains(&row) && (5..20).contains(&col);

@@ -5,7 +5,7 @@ use rstar::primitives::{GeomWithData, Rectangle};
 use rstar::{AABB, RTree};
 
 use super::candidate::{Bounds, envelope};
-use super::coverage::{Scratch, Window, cover};
+use super::coverage::{GridWindow, Scratch, cover};
 
 /// Cells of the raster that two shapes are compared on; more change the overlap by less than a hundredth.
 const COMPARE_CELLS: f64 = 900.0;
@@ -61,7 +61,7 @@ impl Comparer {
     ) -> Overlap {
         let size = [bounds.1[0] - bounds.0[0], bounds.1[1] - bounds.0[1]];
         let cell_m = (size[0] * size[1] / COMPARE_CELLS).sqrt().max(0.05);
-        let window = Window::around(bounds.0, bounds.1, cell_m, 0);
+        let window = GridWindow::around(bounds.0, bounds.1, cell_m, 0);
         cover(a, &window, &mut self.scratch, &mut self.a);
         cover(b, &window, &mut self.scratch, &mut self.b);
         for area in seen {

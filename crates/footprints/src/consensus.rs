@@ -26,11 +26,11 @@ use rstar::primitives::{GeomWithData, Rectangle};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::candidate::{Candidate, SeenGround, bounds, envelope};
+use super::candidate::{FootprintCandidate, SeenGround, bounds, envelope};
 use super::cluster::{self, Cluster, Dropped};
 use super::coverage::Scratch;
 use super::partition;
-use super::shape::{self, Rules};
+use super::shape::{self, DrawingRules};
 use super::votes::Votes;
 use sizeup_geo::groups::Groups;
 use sizeup_heights::raster::Raster;
@@ -123,7 +123,7 @@ pub struct Agreed {
 
 /// One footprint per building from the candidates of all views.
 #[must_use]
-pub fn agree(candidates: &[Candidate], seen: &[SeenGround], config: &ConsensusConfig) -> Agreed {
+pub fn agree(candidates: &[FootprintCandidate], seen: &[SeenGround], config: &ConsensusConfig) -> Agreed {
     let (clusters, dropped) = cluster::cluster(candidates, seen, config);
     let mut buildings = draw(&clusters, candidates, seen, config);
     sort(&mut buildings);
@@ -142,7 +142,11 @@ fn sort(buildings: &mut [Consensus]) {
 /// The same for footprints at a height that is not known yet: `levels` holds all candidates at several heights. Footprints of
 /// one roof lie on top of each other at its own height and beside each other at any other, so each building is taken at
 /// the height where its candidates fit best; a candidate belongs to one building.
-pub(super) fn agree_at_some_level(levels: &[Vec<Candidate>], seen: &[SeenGround], config: &ConsensusConfig) -> Agreed {
+pub(super) fn agree_at_some_level(
+    levels: &[Vec<FootprintCandidate>],
+    seen: &[SeenGround],
+    config: &ConsensusConfig,
+) -> Agreed {
     /// Share of a cluster's candidates that better fitting ones may have taken.
     const MOST_TAKEN: f64 = 0.4;
     let n = levels.first().map_or(0, Vec::len);
@@ -177,7 +181,7 @@ pub(super) fn agree_at_some_level(levels: &[Vec<Candidate>], seen: &[SeenGround]
             clusters.push(cluster.with_members(members, views.len()));
         }
     }
-    let candidates: Vec<Candidate> = levels.iter().flatten().cloned().collect();
+    let candidates: Vec<FootprintCandidate> = levels.iter().flatten().cloned().collect();
     let mut buildings = draw(&clusters, &candidates, seen, config);
     buildings.iter_mut().flat_map(|b| &mut b.members).for_each(|m| *m %= n.max(1));
     sort(&mut buildings);
@@ -187,7 +191,7 @@ pub(super) fn agree_at_some_level(levels: &[Vec<Candidate>], seen: &[SeenGround]
 /// Draws the footprints of clusters, neighbours together.
 pub(super) fn draw(
     clusters: &[Cluster],
-    candidates: &[Candidate],
+    candidates: &[FootprintCandidate],
     seen: &[SeenGround],
     config: &ConsensusConfig,
 ) -> Vec<Consensus> {
@@ -205,7 +209,7 @@ pub(super) fn draw(
 /// Draws buildings whose candidates are known: a number of the caller's own, and positions of candidates.
 pub(super) fn draw_fixed(
     buildings: &[(usize, Vec<usize>)],
-    candidates: &[Candidate],
+    candidates: &[FootprintCandidate],
     seen: &[SeenGround],
     config: &ConsensusConfig,
 ) -> Vec<(usize, Polygon<f64>)> {
@@ -252,7 +256,7 @@ fn groups(clusters: &[Cluster], neighbour_m: f64) -> Vec<Vec<usize>> {
 
 fn draw_group(
     group: &[&Cluster],
-    candidates: &[Candidate],
+    candidates: &[FootprintCandidate],
     seen: &[SeenGround],
     config: &ConsensusConfig,
     scratch: &mut Scratch,
@@ -310,7 +314,7 @@ fn draw_group(
     for point in rings.iter_mut().flat_map(|r| &mut r.points) {
         *point = Coord { x: (first_col as f64 + point.x) * cell_m, y: (first_row as f64 + point.y) * cell_m };
     }
-    let rules = Rules {
+    let rules = DrawingRules {
         tolerance_m: config.tolerance_m,
         snap_deg: config.snap_deg,
         max_shift_m: config.max_shift_m,

@@ -22,7 +22,7 @@ pub enum ContourKind {
 
 /// Fineness with which a view is looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Look {
+pub struct ContourFineness {
     /// Parts and holes below this are left out, pixels² of the photo.
     pub min_area_px2: f64,
     /// Tolerance of the contours, pixels of the photo.
@@ -37,7 +37,7 @@ pub trait ContourSource: Sync {
     ///
     /// # Errors
     /// [`ViewFault`]: the view then has no say, and the others go on.
-    fn contours(&self, view: &View, look: Look) -> Result<Vec<Contour>, ViewFault>;
+    fn contours(&self, view: &View, look: ContourFineness) -> Result<Vec<Contour>, ViewFault>;
 
     /// The file that a view's contours come from, for the lineage.
     fn file_of(&self, view: &View) -> Option<PathBuf>;

@@ -15,7 +15,7 @@ use super::clearance::rings;
 
 /// Squares of a grid that all windows share: cell `(i, j)` spans `cell_m · [i, i + 1] × cell_m · [j, j + 1]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Window {
+pub(super) struct GridWindow {
     /// First column of the shared grid.
     pub first_col: i64,
     /// First (southernmost) row of the shared grid.
@@ -28,7 +28,7 @@ pub(super) struct Window {
     pub cell_m: f64,
 }
 
-impl Window {
+impl GridWindow {
     /// The smallest one around a box, with so many cells more on every side.
     pub(super) fn around(low: [f64; 2], high: [f64; 2], cell_m: f64, margin: i64) -> Self {
         let first = |v: f64| (v / cell_m).floor() as i64 - margin;
@@ -58,7 +58,7 @@ pub(super) struct Scratch {
 
 /// Writes the coverage of polygons (exteriors counter-clockwise, holes clockwise; disjoint) into `cover`, row-major
 /// from the south-west.
-pub(super) fn cover(shape: &MultiPolygon<f64>, window: &Window, scratch: &mut Scratch, cover: &mut Vec<f32>) {
+pub(super) fn cover(shape: &MultiPolygon<f64>, window: &GridWindow, scratch: &mut Scratch, cover: &mut Vec<f32>) {
     // Two more columns take what lies to the right of the window.
     let stride = window.width + 2;
     scratch.steps.clear();
@@ -80,7 +80,7 @@ pub(super) fn cover(shape: &MultiPolygon<f64>, window: &Window, scratch: &mut Sc
 }
 
 /// Adds one edge: pieces between rows, then between columns.
-fn edge(from: [f64; 2], to: [f64; 2], window: &Window, steps: &mut [f32]) {
+fn edge(from: [f64; 2], to: [f64; 2], window: &GridWindow, steps: &mut [f32]) {
     if from[1] == to[1] {
         return;
     }
@@ -146,13 +146,13 @@ mod tests {
 
     use super::*;
 
-    fn covered(shape: &Polygon<f64>, window: &Window) -> Vec<f32> {
+    fn covered(shape: &Polygon<f64>, window: &GridWindow) -> Vec<f32> {
         let mut found = Vec::new();
         cover(&MultiPolygon::new(vec![shape.clone()]), window, &mut Scratch::default(), &mut found);
         found
     }
 
-    fn cell(window: &Window, col: usize, row: usize) -> Polygon<f64> {
+    fn cell(window: &GridWindow, col: usize, row: usize) -> Polygon<f64> {
         let low = |first: i64, i: usize| (first as f64 + i as f64) * window.cell_m;
         let (w, s) = (low(window.first_col, col), low(window.first_row, row));
         let (e, n) = (w + window.cell_m, s + window.cell_m);
@@ -163,7 +163,7 @@ mod tests {
         /// Against polygon overlay, cell by cell, for triangles that may leave the window on any side.
         #[test]
         fn coverage_is_the_overlap_with_each_cell(corners in prop::collection::vec((-2.0..8.0_f64, -2.0..8.0_f64), 3)) {
-            let window = Window::around([0.3, 0.4], [5.2, 6.1], 0.5, 0);
+            let window = GridWindow::around([0.3, 0.4], [5.2, 6.1], 0.5, 0);
             let mut triangle = Polygon::new(corners.into_iter().collect(), vec![]);
             if triangle.signed_area() < 0.0 {
                 triangle = Polygon::new(triangle.exterior().0.iter().rev().copied().collect(), vec![]);
@@ -187,7 +187,7 @@ mod tests {
             exterior: [(x: 0.0, y: 0.0), (x: 4.0, y: 0.0), (x: 4.0, y: 4.0), (x: 0.0, y: 4.0)],
             interiors: [[(x: 1.0, y: 1.0), (x: 1.0, y: 3.0), (x: 3.0, y: 3.0), (x: 3.0, y: 1.0)]],
         );
-        let window = Window::around([0.0, 0.0], [4.0, 4.0], 1.0, 1);
+        let window = GridWindow::around([0.0, 0.0], [4.0, 4.0], 1.0, 1);
         let found = covered(&house, &window);
         assert_eq!(found.iter().sum::<f32>(), 12.0);
         assert_eq!(found[3 * window.width + 3], 0.0);

@@ -6,7 +6,7 @@ use geo::BoundingRect as _;
 use geo_types::{Coord, Geometry, Polygon};
 use serde_json::Value;
 
-use super::clean::{self, Defect, Repair, Rules};
+use super::clean::{self, CleaningRules, Defect, Repair};
 use super::{Footprint, FootprintConfig, FootprintLayer, RefusedFootprint, osm};
 use sizeup_geo::crs::{CrsError, Transform};
 use sizeup_geo::geodata::vector::{Feature, FeatureGeometry};
@@ -29,7 +29,7 @@ pub(super) struct FeatureReader<'a> {
     ids_from: Ids<'a>,
     to_project: Transform,
     shift_m: [f64; 2],
-    rules: Rules,
+    rules: CleaningRules,
     ids: HashSet<String>,
     layer: FootprintLayer,
     /// Features whose ids are not what their attribute says, as a reading of the whole layer found them.
@@ -42,7 +42,7 @@ impl<'a> FeatureReader<'a> {
     /// Reads features by the settings of their layer.
     pub(super) fn new(config: &'a FootprintConfig, to_project: Transform) -> Self {
         let &FootprintConfig { grid_m, min_area_m2, max_area_change, shift_m, .. } = config;
-        let rules = Rules { grid_m, min_area_m2, max_area_change };
+        let rules = CleaningRules { grid_m, min_area_m2, max_area_change };
         Self {
             ids_from: osm::ids(config),
             to_project,
@@ -78,13 +78,14 @@ impl<'a> FeatureReader<'a> {
     pub(super) fn add(&mut self, position: usize, feature: &Feature) {
         let id = self.id(position, feature);
         let refusal = match &feature.geometry {
-            FeatureGeometry::Missing => Refusal::new("footprint_without_geometry", "it has no geometry"),
-            FeatureGeometry::Unsupported(kind) => {
-                Refusal::new("footprint_unsupported_geometry", format!("its geometry is a {kind}, expected a polygon"))
-            }
+            FeatureGeometry::Missing => PartRefusal::new("footprint_without_geometry", "it has no geometry"),
+            FeatureGeometry::Unsupported(kind) => PartRefusal::new(
+                "footprint_unsupported_geometry",
+                format!("its geometry is a {kind}, expected a polygon"),
+            ),
             FeatureGeometry::Shape(shape) => match polygons(shape) {
                 Some(parts) => return self.add_parts(&id, &parts, feature),
-                None => Refusal::new("footprint_not_a_polygon", "its geometry is not a polygon"),
+                None => PartRefusal::new("footprint_not_a_polygon", "its geometry is not a polygon"),
             },
         };
         self.refuse(Name::whole(id), refusal, feature);
@@ -170,7 +171,7 @@ impl<'a> FeatureReader<'a> {
     fn add_part(&mut self, name: Name, polygon: &Polygon<f64>, feature: &Feature) {
         let cleaned = self.project(polygon).and_then(|projected| {
             let middle = projected.bounding_rect().map(geo::Rect::center);
-            clean::clean(&projected, self.rules).map(|c| (c, middle)).map_err(|defect| Refusal::of(defect, middle))
+            clean::clean(&projected, self.rules).map(|c| (c, middle)).map_err(|defect| PartRefusal::of(defect, middle))
         });
         let (cleaned, middle) = match cleaned {
             Ok(cleaned) => cleaned,
@@ -193,7 +194,7 @@ impl<'a> FeatureReader<'a> {
         }
     }
 
-    fn project(&self, polygon: &Polygon<f64>) -> Result<Polygon<f64>, Refusal> {
+    fn project(&self, polygon: &Polygon<f64>) -> Result<Polygon<f64>, PartRefusal> {
         use geo::MapCoords as _;
         let projected = polygon.try_map_coords(|Coord { x, y }| {
             // What is no number is told apart later, as damage of the file and not as a wrong CRS.
@@ -202,7 +203,7 @@ impl<'a> FeatureReader<'a> {
             }
             self.to_project.point(x, y).map(|(x, y)| Coord { x: x + self.shift_m[0], y: y + self.shift_m[1] })
         });
-        projected.map_err(|error: CrsError| Refusal {
+        projected.map_err(|error: CrsError| PartRefusal {
             code: "footprint_untransformable",
             message: error.to_string(),
             hint: Some("its coordinates lie where its CRS is not valid: is the CRS right, are the axes swapped?"),
@@ -210,7 +211,7 @@ impl<'a> FeatureReader<'a> {
         })
     }
 
-    fn refuse(&mut self, Name { id, part_of }: Name, refusal: Refusal, feature: &Feature) {
+    fn refuse(&mut self, Name { id, part_of }: Name, refusal: PartRefusal, feature: &Feature) {
         let mut issue = Issue::new(Severity::Refused, refusal.code, Subject::Building(id.clone()), refusal.message);
         issue.hint = refusal.hint.map(str::to_owned);
         issue.place = refusal.place.map(|c| [c.x, c.y]);
@@ -238,14 +239,14 @@ impl Name {
 }
 
 /// Why one part of a feature has no usable footprint.
-struct Refusal {
+struct PartRefusal {
     code: &'static str,
     message: String,
     hint: Option<&'static str>,
     place: Option<Coord<f64>>,
 }
 
-impl Refusal {
+impl PartRefusal {
     fn new(code: &'static str, message: impl Into<String>) -> Self {
         Self { code, message: message.into(), hint: None, place: None }
     }

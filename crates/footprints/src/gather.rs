@@ -17,7 +17,7 @@ use geo_types::MultiPolygon;
 use rayon::prelude::*;
 use rstar::Envelope as _;
 
-use super::candidate::{Bounds, Candidate, SeenGround, bounds, envelope, joint, shared_box_m2};
+use super::candidate::{Bounds, FootprintCandidate, SeenGround, bounds, envelope, joint, shared_box_m2};
 use super::cluster::Cluster;
 use super::compare::{Comparer, Tree, entry, near};
 use super::consensus::ConsensusConfig;
@@ -28,19 +28,19 @@ const BATCH: usize = 512;
 const MIN_SHARED_M2: f64 = 1.0;
 
 /// Clusters in the order in which their first candidates come.
-pub(super) fn gather(candidates: &[Candidate], seen: &[SeenGround], config: &ConsensusConfig) -> Vec<Cluster> {
+pub(super) fn gather(candidates: &[FootprintCandidate], seen: &[SeenGround], config: &ConsensusConfig) -> Vec<Cluster> {
     gather_in_batches(candidates, seen, config, BATCH)
 }
 
 fn gather_in_batches(
-    candidates: &[Candidate],
+    candidates: &[FootprintCandidate],
     seen: &[SeenGround],
     config: &ConsensusConfig,
     batch: usize,
 ) -> Vec<Cluster> {
     let mut order: Vec<usize> = (0..candidates.len()).collect();
     order.par_sort_unstable_by(|&a, &b| by_worth(&candidates[a], &candidates[b]).then(a.cmp(&b)));
-    let mut gathering = Gathering { clusters: Vec::new(), tree: Tree::new(), min_iou: config.min_iou };
+    let mut gathering = GrowingClusters { clusters: Vec::new(), tree: Tree::new(), min_iou: config.min_iou };
     let mut comparer = Comparer::default();
     for batch in order.chunks(batch) {
         let newcomers: Vec<Newcomer<'_>> =
@@ -51,8 +51,8 @@ fn gather_in_batches(
 }
 
 /// Whole ones first, then those that count more.
-fn by_worth(a: &Candidate, b: &Candidate) -> Ordering {
-    let worth = |c: &Candidate| c.weight * f64::from(c.score);
+fn by_worth(a: &FootprintCandidate, b: &FootprintCandidate) -> Ordering {
+    let worth = |c: &FootprintCandidate| c.weight * f64::from(c.score);
     a.is_cut.cmp(&b.is_cut).then(worth(b).total_cmp(&worth(a)))
 }
 
@@ -67,7 +67,7 @@ struct Newcomer<'a> {
 }
 
 impl<'a> Newcomer<'a> {
-    fn of(position: usize, candidate: &'a Candidate, seen: &[SeenGround]) -> Option<Self> {
+    fn of(position: usize, candidate: &'a FootprintCandidate, seen: &[SeenGround]) -> Option<Self> {
         Some(Self {
             position,
             shape: &candidate.shape,
@@ -92,27 +92,32 @@ impl<'a> Newcomer<'a> {
 }
 
 /// The shape that a newcomer is compared with: of a cluster, or of one that may become a cluster.
-struct Target<'a> {
+struct ComparedShape<'a> {
     shape: &'a MultiPolygon<f64>,
     bounds: Bounds,
     area_m2: f64,
     seen: Option<&'a MultiPolygon<f64>>,
 }
 
-impl<'a> From<&'a Cluster> for Target<'a> {
+impl<'a> From<&'a Cluster> for ComparedShape<'a> {
     fn from(c: &'a Cluster) -> Self {
         Self { shape: &c.shape, bounds: c.bounds, area_m2: c.area_m2, seen: c.seen.as_ref() }
     }
 }
 
-impl<'a> From<&'a Newcomer<'_>> for Target<'a> {
+impl<'a> From<&'a Newcomer<'_>> for ComparedShape<'a> {
     fn from(n: &'a Newcomer<'_>) -> Self {
         Self { shape: n.shape, bounds: n.bounds, area_m2: n.area_m2, seen: n.seen.as_ref() }
     }
 }
 
 /// Intersection over union of a newcomer with what it may join; `None` where that is too little.
-fn match_with(newcomer: &Newcomer<'_>, target: &Target<'_>, min_iou: f64, comparer: &mut Comparer) -> Option<f64> {
+fn match_with(
+    newcomer: &Newcomer<'_>,
+    target: &ComparedShape<'_>,
+    min_iou: f64,
+    comparer: &mut Comparer,
+) -> Option<f64> {
     let least_m2 = MIN_SHARED_M2.min(0.5 * newcomer.area_m2);
     let larger_m2 = newcomer.area_m2.max(target.area_m2);
     let is_whole = newcomer.seen.is_none() && target.seen.is_none();
@@ -132,14 +137,14 @@ fn better(best: Option<(usize, f64)>, other: (usize, f64)) -> Option<(usize, f64
 }
 
 /// Clusters of candidates as they grow, with a search tree of them.
-struct Gathering {
+struct GrowingClusters {
     clusters: Vec<Cluster>,
     /// By their bounds; one that grew is in it several times, the last time with all of it.
     tree: Tree,
     min_iou: f64,
 }
 
-impl Gathering {
+impl GrowingClusters {
     fn add(&mut self, batch: &[Newcomer<'_>], comparer: &mut Comparer) {
         let known = self.matches_with_clusters(batch);
         let mutual = self.matches_within(batch, &known);
@@ -233,11 +238,12 @@ mod tests {
         ) {
             let seen: Vec<SeenGround> = [[0.0, 0.0], [20.0, 0.0], [0.0, 15.0], [20.0, 15.0]]
                 .map(|corner| SeenGround { area: rectangle(corner, [35.0, 30.0]) }).to_vec();
-            let candidates: Vec<Candidate> = boxes.iter().filter_map(|&((x, y), (w, d), view)| {
+            let candidates: Vec<FootprintCandidate> = boxes.iter().filter_map(|&((x, y), (w, d), view)| {
                 let whole = MultiPolygon::new(vec![rectangle([x.round(), y.round()], [w.round(), d.round()])]);
                 let shape = whole.intersection(&MultiPolygon::new(vec![seen[view].area.clone()]));
                 let is_cut = shape.unsigned_area() < whole.unsigned_area() - 0.01;
-                (shape.unsigned_area() > 2.0).then_some(Candidate { view, shape, weight: 1.0 + w.floor(), score: 1.0, is_cut })
+                let (weight, is_enough) = (1.0 + w.floor(), shape.unsigned_area() > 2.0);
+                is_enough.then_some(FootprintCandidate { view, shape, weight, score: 1.0, is_cut })
             }).collect();
             let config = ConsensusConfig::default();
             let one_by_one = gather_in_batches(&candidates, &seen, &config, 1);
@@ -252,7 +258,7 @@ mod tests {
         // A hall of 60 m; two views see 40 m of it each, 20 m of them in common.
         let seen = [rectangle([-1.0, -10.0], [41.0, 40.0]), rectangle([20.0, -10.0], [41.0, 40.0])]
             .map(|area| SeenGround { area });
-        let part = |view: usize, x: f64| Candidate {
+        let part = |view: usize, x: f64| FootprintCandidate {
             view,
             shape: rectangle([x, 0.0], [40.0, 10.0]).into(),
             weight: 1.0,

@@ -40,7 +40,7 @@ impl Default for InputAccuracy {
 
 /// Surface that footprints are laid on.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Surface<'a> {
+pub(super) enum BaseSurface<'a> {
     /// The ground, as a terrain model has it.
     Terrain(&'a Terrain),
     /// A roof, metres in the project's vertical reference.
@@ -51,11 +51,11 @@ pub(super) enum Surface<'a> {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Projector<'a> {
     view: &'a View,
-    surface: Surface<'a>,
+    surface: BaseSurface<'a>,
 }
 
 impl<'a> Projector<'a> {
-    pub(super) fn new(view: &'a View, surface: Surface<'a>) -> Self {
+    pub(super) fn new(view: &'a View, surface: BaseSurface<'a>) -> Self {
         Self { view, surface }
     }
 
@@ -65,8 +65,8 @@ impl<'a> Projector<'a> {
         let direction = self.view.camera_from_map.rotation.transpose() * ray;
         let centre = self.view.camera_from_map.centre();
         match self.surface {
-            Surface::Terrain(terrain) => terrain.meets(centre, direction),
-            Surface::Level(z) => Terrain::Constant(z).meets(centre, direction),
+            BaseSurface::Terrain(terrain) => terrain.meets(centre, direction),
+            BaseSurface::Level(z) => Terrain::Constant(z).meets(centre, direction),
         }
     }
 
@@ -183,7 +183,7 @@ mod tests {
         let terrain = Terrain::Constant(20.0);
         for tilt_deg in [0.0, 12.0] {
             let view = view(tilt_deg);
-            let projector = Projector::new(&view, Surface::Terrain(&terrain));
+            let projector = Projector::new(&view, BaseSurface::Terrain(&terrain));
             for pixel in [Coord { x: 3.0, y: 5.0 }, Coord { x: 310.2, y: 77.7 }, Coord { x: 599.0, y: 399.0 }] {
                 let point = projector.point(pixel).unwrap();
                 let back = view.camera.project(view.camera_from_map.point(point)).unwrap();

@@ -41,12 +41,14 @@ mod votes;
 mod write;
 
 pub use cadastre::{CadastreChange, CadastreConfig, FootprintFrom};
-pub use candidate::{Candidate, SeenGround};
+pub use candidate::{FootprintCandidate, SeenGround};
 pub use cluster::Dropped;
 pub use coco::{Annotated, PhotoInstances, coco_instances, is_coco};
 pub use consensus::{Agreed, Consensus, ConsensusConfig, agree};
-pub use contours::{ContourKind, ContourSource, Look, ViewFault};
-pub use detect::{Detection, DetectionSummary, PlacedCandidate, Sighting, Track, Tracks, detect, move_roofs};
+pub use contours::{ContourFineness, ContourKind, ContourSource, ViewFault};
+pub use detect::{
+    BuildingSightings, Detection, DetectionSummary, PhotoContour, PlacedCandidate, Tracks, detect, move_roofs,
+};
 pub use georeference::InputAccuracy;
 pub use layer::{FootprintConfig, FootprintError, read};
 pub use masks::{MaskConfig, MaskFiles, MaskKind};

@@ -13,7 +13,7 @@ const MIN_ALIGNED_SHARE: f64 = 0.5;
 
 /// A line through a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Line {
+pub(super) struct FittedLine {
     /// A point that the line goes through.
     pub centre: Coord<f64>,
     /// Direction, of length 1; which of its two ends is ahead is not told.
@@ -22,7 +22,7 @@ pub(super) struct Line {
     pub length_m: f64,
 }
 
-impl Line {
+impl FittedLine {
     /// The line of total least squares through the inner points of a piece.
     pub(super) fn fit(points: &[Coord<f64>]) -> Self {
         let n = points.len();
@@ -75,8 +75,8 @@ impl Line {
 
 /// The direction (radians, modulo a right angle) that most of the walls follow, if any: the mean of the fourfold
 /// angles by length, then the mean of those near it.
-pub(super) fn main_direction(lines: &[Line], within_deg: f64) -> Option<f64> {
-    let mean_of = |weights: &dyn Fn(&Line) -> f64| {
+pub(super) fn main_direction(lines: &[FittedLine], within_deg: f64) -> Option<f64> {
+    let mean_of = |weights: &dyn Fn(&FittedLine) -> f64| {
         let (mut x, mut y) = (0.0, 0.0);
         for line in lines {
             let angle = 4.0 * line.along.y.atan2(line.along.x);
@@ -88,7 +88,7 @@ pub(super) fn main_direction(lines: &[Line], within_deg: f64) -> Option<f64> {
     let total: f64 = lines.iter().map(|l| l.length_m).sum();
     let mut direction = mean_of(&|l| l.length_m * l.length_m);
     for _ in 0..3 {
-        let is_near = |l: &Line| l.off_direction(direction).abs() <= within_deg.to_radians();
+        let is_near = |l: &FittedLine| l.off_direction(direction).abs() <= within_deg.to_radians();
         direction = mean_of(&|l| if is_near(l) { l.length_m * l.length_m } else { 0.0 });
     }
     let aligned: f64 =
@@ -97,7 +97,7 @@ pub(super) fn main_direction(lines: &[Line], within_deg: f64) -> Option<f64> {
 }
 
 /// Point where lines meet, near `at`; `at` itself if that is farther than `max_shift_m`.
-pub(super) fn meet(lines: &[Line], at: Coord<f64>, max_shift_m: f64) -> Coord<f64> {
+pub(super) fn meet(lines: &[FittedLine], at: Coord<f64>, max_shift_m: f64) -> Coord<f64> {
     let (mut xx, mut xy, mut yy) = (PULL, 0.0, PULL);
     let (mut bx, mut by) = (0.0, 0.0);
     for line in lines {
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn lines_cross_where_walls_meet_and_parallel_ones_nowhere() {
-        let wall = |x: f64, y: f64, degrees: f64| Line {
+        let wall = |x: f64, y: f64, degrees: f64| FittedLine {
             centre: Coord { x, y },
             along: Coord { x: degrees.to_radians().cos(), y: degrees.to_radians().sin() },
             length_m: 10.0,

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::cadastre::CadastreConfig;
 use super::coco::{self, CocoFile};
 use super::consensus::ConsensusConfig;
-use super::contours::{ContourKind, ContourSource, Look, ViewFault};
+use super::contours::{ContourFineness, ContourKind, ContourSource, ViewFault};
 use super::georeference::InputAccuracy;
 use super::layer::FootprintError;
 use super::vectorise::{Contour, Instances, Vectorising, contours, contours_at_level};
@@ -128,7 +128,7 @@ impl MaskFiles {
 }
 
 impl ContourSource for MaskFiles {
-    fn contours(&self, view: &View, look: Look) -> Result<Vec<Contour>, ViewFault> {
+    fn contours(&self, view: &View, look: ContourFineness) -> Result<Vec<Contour>, ViewFault> {
         if let Some(coco) = &self.coco {
             return coco.contours(view, look, self.config.min_score);
         }

@@ -37,7 +37,7 @@ impl Key {
 
 /// One closed ring with its region on the left, seen with `y` *down* (to the right with `y` up).
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Ring {
+pub(super) struct LabelledRing {
     /// Label of the region on the ring's left.
     pub label: u32,
     /// Points without repetition of the first.
@@ -61,8 +61,8 @@ struct Half {
 pub(super) type Crossing<'a> = &'a dyn Fn([usize; 2], u32, [usize; 2], u32) -> f64;
 
 /// All rings of all labels but 0, by label, in a fixed order.
-pub(super) fn rings(labels: &Raster<u32>, crossing: Crossing<'_>) -> Vec<Ring> {
-    let grid = Nodes { labels, crossing };
+pub(super) fn rings(labels: &Raster<u32>, crossing: Crossing<'_>) -> Vec<LabelledRing> {
+    let grid = NodeGrid { labels, crossing };
     let mut halves = grid.halves();
     halves.sort_unstable();
     let mut is_used = vec![false; halves.len()];
@@ -72,7 +72,7 @@ pub(super) fn rings(labels: &Raster<u32>, crossing: Crossing<'_>) -> Vec<Ring> {
             continue;
         }
         let label = halves[start].label;
-        let mut ring = Ring { label, points: Vec::new(), keys: Vec::new(), beyond: Vec::new() };
+        let mut ring = LabelledRing { label, points: Vec::new(), keys: Vec::new(), beyond: Vec::new() };
         let mut at = start;
         while !is_used[at] {
             is_used[at] = true;
@@ -89,12 +89,12 @@ pub(super) fn rings(labels: &Raster<u32>, crossing: Crossing<'_>) -> Vec<Ring> {
 }
 
 /// The node grid with a frame of label 0 around it.
-struct Nodes<'a> {
+struct NodeGrid<'a> {
     labels: &'a Raster<u32>,
     crossing: Crossing<'a>,
 }
 
-impl Nodes<'_> {
+impl NodeGrid<'_> {
     /// Label of a node of the framed grid.
     fn label(&self, col: usize, row: usize) -> u32 {
         let inner = |i: usize| i.wrapping_sub(1);
@@ -225,7 +225,7 @@ mod tests {
     use super::*;
 
     /// Twice the signed area, positive for rings that run clockwise with `y` down.
-    fn twice_area(ring: &Ring) -> f64 {
+    fn twice_area(ring: &LabelledRing) -> f64 {
         let n = ring.points.len();
         (0..n).map(|i| (ring.points[i], ring.points[(i + 1) % n])).map(|(a, b)| a.x * b.y - b.x * a.y).sum()
     }

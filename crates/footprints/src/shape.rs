@@ -21,9 +21,9 @@ use geo_types::{Coord, Geometry, LineString, Point, Polygon};
 
 use super::arcs::Arcs;
 use super::check;
-use super::lines::{Line, main_direction, meet};
-use super::partition::{Key, Ring};
-use super::simplify::{LAST_LEVEL, Level, ON_CONTOUR, Traced, trace};
+use super::lines::{FittedLine, main_direction, meet};
+use super::partition::{Key, LabelledRing};
+use super::simplify::{DetailLevel, LAST_LEVEL, ON_CONTOUR, Traced, trace};
 
 /// Corners that turn by less are none, degrees.
 const STRAIGHT_DEG: f64 = 3.0;
@@ -36,7 +36,7 @@ const MAX_ROUNDS: u8 = 4 * LAST_LEVEL;
 
 /// Rules for drawing footprints.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Rules {
+pub(super) struct DrawingRules {
     /// Tolerance of Douglas and Peucker's simplification, metres.
     pub tolerance_m: f64,
     /// Walls within this of a main direction are turned into it, degrees; 0: none.
@@ -59,38 +59,38 @@ pub(super) struct Shaped {
 }
 
 /// Draws all regions; a region of several parts gives several footprints, in the order of the rings.
-pub(super) fn shape(rings: &[Ring], rules: Rules) -> Vec<Shaped> {
+pub(super) fn shape(rings: &[LabelledRing], rules: DrawingRules) -> Vec<Shaped> {
     let arcs = Arcs::of(rings);
-    let as_they_are = Corners::of(&arcs, &vec![LAST_LEVEL; arcs.arcs.len()], rules);
+    let as_they_are = ArcCorners::of(&arcs, &vec![LAST_LEVEL; arcs.arcs.len()], rules);
     let contours = polygons(rings, &arcs, &as_they_are, rules);
-    let mut levels: Vec<Level> = vec![Level::from(rules.snap_deg <= 0.0); arcs.arcs.len()];
+    let mut levels: Vec<DetailLevel> = vec![DetailLevel::from(rules.snap_deg <= 0.0); arcs.arcs.len()];
     for _ in 0..MAX_ROUNDS {
-        let corners = Corners::of(&arcs, &levels, rules);
+        let corners = ArcCorners::of(&arcs, &levels, rules);
         let drawn = polygons(rings, &arcs, &corners, rules);
         let bad = Faults { contours: &contours, drawn: &drawn, corners: &corners, levels: &levels }.arcs(rules);
         if bad.is_empty() {
-            return drawn.into_iter().map(Drawn::shaped).collect();
+            return drawn.into_iter().map(DrawnPolygon::shaped).collect();
         }
         for arc in bad {
             levels[arc] += 1;
         }
     }
-    contours.into_iter().map(Drawn::shaped).collect()
+    contours.into_iter().map(DrawnPolygon::shaped).collect()
 }
 
 /// Faults of a drawing.
 struct Faults<'a> {
-    contours: &'a [Drawn],
-    drawn: &'a [Drawn],
-    corners: &'a Corners,
-    levels: &'a [Level],
+    contours: &'a [DrawnPolygon],
+    drawn: &'a [DrawnPolygon],
+    corners: &'a ArcCorners,
+    levels: &'a [DetailLevel],
 }
 
 impl Faults<'_> {
     /// The arcs that have to follow their contours more closely.
-    fn arcs(&self, rules: Rules) -> Vec<usize> {
+    fn arcs(&self, rules: DrawingRules) -> Vec<usize> {
         let mut bad: Vec<usize> = Vec::new();
-        let mut valid: Vec<&Drawn> = Vec::new();
+        let mut valid: Vec<&DrawnPolygon> = Vec::new();
         for one in self.drawn {
             let before = self.contours.iter().find(|c| c.is_same(one)).map(|c| c.area_m2);
             if before.is_none_or(|before| (one.area_m2 - before).abs() > rules.max_area_change * before) {
@@ -102,7 +102,7 @@ impl Faults<'_> {
             }
         }
         // A hole or part that vanished was too small for the tolerance.
-        let is_drawn = |c: &Drawn| self.drawn.iter().any(|d| d.is_same(c));
+        let is_drawn = |c: &DrawnPolygon| self.drawn.iter().any(|d| d.is_same(c));
         bad.extend(self.contours.iter().filter(|c| !is_drawn(c)).flat_map(|c| &c.arcs));
         for (a, b) in pairs_that_overlap(&valid) {
             let arcs: Vec<usize> = a.arcs.iter().chain(&b.arcs).copied().collect();
@@ -128,7 +128,7 @@ impl Faults<'_> {
 }
 
 /// Polygons of different regions that share more than a border.
-fn pairs_that_overlap<'a>(drawn: &[&'a Drawn]) -> Vec<(&'a Drawn, &'a Drawn)> {
+fn pairs_that_overlap<'a>(drawn: &[&'a DrawnPolygon]) -> Vec<(&'a DrawnPolygon, &'a DrawnPolygon)> {
     let boxes: Vec<_> = drawn.iter().map(|d| d.polygon.bounding_rect()).collect();
     let mut pairs = Vec::new();
     for (i, &a) in drawn.iter().enumerate() {
@@ -147,7 +147,7 @@ fn pairs_that_overlap<'a>(drawn: &[&'a Drawn]) -> Vec<(&'a Drawn, &'a Drawn)> {
 }
 
 /// One polygon with where it came from.
-struct Drawn {
+struct DrawnPolygon {
     label: u32,
     /// Position of the exterior ring among the rings.
     ring: usize,
@@ -156,7 +156,7 @@ struct Drawn {
     arcs: Vec<usize>,
 }
 
-impl Drawn {
+impl DrawnPolygon {
     /// Whether both are the same part of the same region.
     fn is_same(&self, other: &Self) -> bool {
         self.label == other.label && self.ring == other.ring
@@ -167,7 +167,7 @@ impl Drawn {
     }
 }
 
-fn polygons(rings: &[Ring], arcs: &Arcs, corners: &Corners, rules: Rules) -> Vec<Drawn> {
+fn polygons(rings: &[LabelledRing], arcs: &Arcs, corners: &ArcCorners, rules: DrawingRules) -> Vec<DrawnPolygon> {
     let closed: Vec<(usize, LineString<f64>, f64)> = (0..rings.len())
         .filter_map(|i| {
             let ring = corners.ring(arcs, i);
@@ -176,13 +176,13 @@ fn polygons(rings: &[Ring], arcs: &Arcs, corners: &Corners, rules: Rules) -> Vec
         })
         .collect();
     // The region is on the right of its rings with `y` up: exteriors have negative areas.
-    let mut drawn: Vec<Drawn> = closed
+    let mut drawn: Vec<DrawnPolygon> = closed
         .iter()
         .filter(|(.., area)| *area < 0.0)
         .map(|(i, ring, area)| {
             let exterior = LineString::new(ring.0.iter().rev().copied().collect());
             let polygon = Polygon::new(exterior, Vec::new());
-            Drawn { label: rings[*i].label, ring: *i, polygon, area_m2: -area, arcs: arcs.of_ring(*i) }
+            DrawnPolygon { label: rings[*i].label, ring: *i, polygon, area_m2: -area, arcs: arcs.of_ring(*i) }
         })
         .collect();
     for (i, ring, area) in closed.iter().filter(|(.., area)| *area > 0.0) {
@@ -215,24 +215,24 @@ fn signed_area(ring: &LineString<f64>) -> f64 {
 }
 
 /// The corners of all arcs.
-struct Corners {
+struct ArcCorners {
     /// Per arc, positions of the kept points with their final places.
     arcs: Vec<Vec<Coord<f64>>>,
 }
 
-impl Corners {
-    fn of(arcs: &Arcs, levels: &[Level], rules: Rules) -> Self {
+impl ArcCorners {
+    fn of(arcs: &Arcs, levels: &[DetailLevel], rules: DrawingRules) -> Self {
         if levels.iter().all(|&level| level >= LAST_LEVEL) {
             return Self { arcs: arcs.arcs.iter().map(|arc| arc.points.clone()).collect() };
         }
         let traced: Vec<Traced<'_>> =
             arcs.arcs.iter().zip(levels).map(|(arc, &level)| trace(arc, level, rules)).collect();
-        let mut lines: Vec<Vec<Line>> = traced.iter().map(|t| t.walls().map(Line::fit).collect()).collect();
+        let mut lines: Vec<Vec<FittedLine>> = traced.iter().map(|t| t.walls().map(FittedLine::fit).collect()).collect();
         if rules.snap_deg > 0.0 {
             turn(arcs, levels, &mut lines, rules);
         }
         // Lines that meet at each junction, with how far the arc may be moved.
-        let mut at_junction: HashMap<Key, Vec<Line>> = HashMap::new();
+        let mut at_junction: HashMap<Key, Vec<FittedLine>> = HashMap::new();
         let mut is_fixed: HashMap<Key, bool> = HashMap::new();
         for ((arc, lines), &level) in arcs.arcs.iter().zip(&lines).zip(levels) {
             if arc.is_closed {
@@ -329,7 +329,7 @@ fn lean(mut corners: Vec<Coord<f64>>, is_closed: bool, width_m: f64) -> Vec<Coor
 }
 
 /// Turns the lines of each building into its main directions.
-fn turn(arcs: &Arcs, levels: &[Level], lines: &mut [Vec<Line>], rules: Rules) {
+fn turn(arcs: &Arcs, levels: &[DetailLevel], lines: &mut [Vec<FittedLine>], rules: DrawingRules) {
     let mut of_label: HashMap<u32, Option<f64>> = HashMap::new();
     for label in arcs.arcs.iter().flat_map(|arc| [arc.label, arc.beyond]).filter(|&l| l != 0) {
         of_label.entry(label).or_insert_with(|| {

@@ -13,18 +13,18 @@ use std::borrow::Cow;
 use geo_types::Coord;
 
 use super::arcs::Arc;
-use super::lines::Line;
-use super::shape::Rules;
+use super::lines::FittedLine;
+use super::shape::DrawingRules;
 
 /// Walls that turn by more are no bend of one wall: cosine of 25°.
 const COS_BEND: f64 = 0.906;
 
 /// Closeness with which an arc is followed: see [`super::shape`].
-pub(super) type Level = u8;
+pub(super) type DetailLevel = u8;
 /// From here on corners stay on the contour.
-pub(super) const ON_CONTOUR: Level = 2;
+pub(super) const ON_CONTOUR: DetailLevel = 2;
 /// The closest level: all points of the contour.
-pub(super) const LAST_LEVEL: Level = 6;
+pub(super) const LAST_LEVEL: DetailLevel = 6;
 
 /// An arc's points and which of them are corners, first and last included.
 pub(super) struct Traced<'a> {
@@ -42,7 +42,7 @@ impl Traced<'_> {
 }
 
 /// The corners of an arc.
-pub(super) fn trace(arc: &Arc, level: Level, rules: Rules) -> Traced<'_> {
+pub(super) fn trace(arc: &Arc, level: DetailLevel, rules: DrawingRules) -> Traced<'_> {
     let tolerance_m = match level {
         0..=2 => rules.tolerance_m,
         3 => 0.5 * rules.tolerance_m,
@@ -133,7 +133,7 @@ fn start_elsewhere(traced: &mut Traced<'_>) {
 }
 
 /// Takes out what is no corner; the first and the last stay.
-fn tidy(traced: &mut Traced<'_>, least: usize, rules: Rules) {
+fn tidy(traced: &mut Traced<'_>, least: usize, rules: DrawingRules) {
     let mut k = 1;
     while k + 1 < traced.corners.len() {
         let room = traced.corners.len().saturating_sub(least);
@@ -154,13 +154,13 @@ fn tidy(traced: &mut Traced<'_>, least: usize, rules: Rules) {
 }
 
 /// Whether the walls on both sides of a corner are one.
-fn is_bend(traced: &Traced<'_>, k: usize, rules: Rules) -> bool {
+fn is_bend(traced: &Traced<'_>, k: usize, rules: DrawingRules) -> bool {
     let at = &traced.corners;
     goes_on(traced, k - 1, k) && is_one_wall(&traced.points[at[k - 1]..=at[k + 1]], rules.tolerance_m)
 }
 
 /// Whether the wall after a corner is a small step within one.
-fn is_step(traced: &Traced<'_>, k: usize, rules: Rules) -> bool {
+fn is_step(traced: &Traced<'_>, k: usize, rules: DrawingRules) -> bool {
     let at = &traced.corners;
     length_m(chord(traced, k)) <= 2.0 * rules.max_shift_m
         && goes_on(traced, k - 1, k + 1)
@@ -168,14 +168,14 @@ fn is_step(traced: &Traced<'_>, k: usize, rules: Rules) -> bool {
 }
 
 /// The point nearest to the corner that the wall after `k` cuts off, if it does.
-fn cut_off_corner(traced: &Traced<'_>, k: usize, rules: Rules) -> Option<usize> {
+fn cut_off_corner(traced: &Traced<'_>, k: usize, rules: DrawingRules) -> Option<usize> {
     let (at, points) = (&traced.corners, &traced.points);
     let cut_m = length_m(chord(traced, k));
     let is_short = k + 2 < at.len() && cut_m <= 2.0 * rules.max_shift_m;
     if !is_short || cut_m > length_m(chord(traced, k - 1)) || cut_m > length_m(chord(traced, k + 1)) {
         return None;
     }
-    let line = |k: usize| Line::fit(&points[at[k]..=at[k + 1]]);
+    let line = |k: usize| FittedLine::fit(&points[at[k]..=at[k + 1]]);
     let corner = line(k - 1).crossing(&line(k + 1))?;
     let distance_m = |i: usize| length_m(points[i] - corner);
     let is_near = distance_m(at[k]) <= rules.max_shift_m && distance_m(at[k + 1]) <= rules.max_shift_m;
@@ -192,7 +192,7 @@ fn goes_on(traced: &Traced<'_>, a: usize, b: usize) -> bool {
 }
 
 fn is_one_wall(points: &[Coord<f64>], tolerance_m: f64) -> bool {
-    let line = Line::fit(points);
+    let line = FittedLine::fit(points);
     points.iter().all(|p| line.distance_m(*p) <= tolerance_m)
 }
 
@@ -209,8 +209,8 @@ fn length_m(v: Coord<f64>) -> f64 {
 mod tests {
     use super::*;
 
-    const RULES: Rules =
-        Rules { tolerance_m: 0.4, snap_deg: 0.0, max_shift_m: 0.8, max_area_change: 0.1, min_hole_m2: 4.0 };
+    const RULES: DrawingRules =
+        DrawingRules { tolerance_m: 0.4, snap_deg: 0.0, max_shift_m: 0.8, max_area_change: 0.1, min_hole_m2: 4.0 };
 
     /// A closed contour with a point every 0.2 m.
     fn contour(corners: &[(f64, f64)]) -> Traced<'static> {

@@ -7,7 +7,7 @@
 use geo::{Area as _, Contains as _};
 use geo_types::{Coord, LineString, MultiPolygon, Polygon};
 
-use super::partition::{self, Ring};
+use super::partition::{self, LabelledRing};
 use sizeup_heights::raster::Raster;
 
 /// Share of pixels with a different neighbour from which on a mask is noise: real ones stay below a twentieth.
@@ -99,7 +99,7 @@ fn vectorise(
         return Err(MaskFault::Noise { share });
     }
     let size = [labels.width() as f64, labels.height() as f64];
-    let rings: Vec<Ring> = partition::rings(labels, crossing);
+    let rings: Vec<LabelledRing> = partition::rings(labels, crossing);
     let mut contours = Vec::new();
     let mut first = 0;
     while first < rings.len() {
@@ -125,7 +125,7 @@ fn border_share(labels: &Raster<u32>) -> f64 {
 }
 
 /// Parts of one label with their holes, largest rings first considered as parts.
-fn polygons(rings: &[Ring], how: Vectorising) -> Vec<Polygon<f64>> {
+fn polygons(rings: &[LabelledRing], how: Vectorising) -> Vec<Polygon<f64>> {
     // Counter-clockwise on the screen, so clockwise by the numbers: parts have negative areas, holes positive ones.
     let closed = rings.iter().map(|ring| {
         let mut line = LineString::new(ring.points.clone());

@@ -3,9 +3,9 @@
 use geo::Intersects as _;
 use geo_types::{LineString, MultiPolygon, Polygon};
 
-use super::candidate::{Candidate, SeenGround, bounds, joint};
+use super::candidate::{FootprintCandidate, SeenGround, bounds, joint};
 use super::cluster::Cluster;
-use super::coverage::{Scratch, Window, cover};
+use super::coverage::{GridWindow, Scratch, cover};
 
 /// Cells around a building beyond its widest candidate.
 const MARGIN: i64 = 2;
@@ -16,7 +16,7 @@ const DOUBTFUL_HOLE: f64 = 0.35;
 /// The votes on one building.
 pub(super) struct Votes {
     /// Cells of the shared grid that the votes are counted in.
-    pub window: Window,
+    pub window: GridWindow,
     /// `f` of each cell: see [`super::consensus`].
     pub share: Vec<f32>,
     /// Per candidate: how it covers the window, and what its view sees of it where it is cut off.
@@ -27,14 +27,14 @@ impl Votes {
     /// Counts the votes of a cluster's candidates.
     pub(super) fn count(
         cluster: &Cluster,
-        candidates: &[Candidate],
+        candidates: &[FootprintCandidate],
         seen: &[SeenGround],
         cell_m: f64,
         scratch: &mut Scratch,
     ) -> Self {
         let members = || cluster.members.iter().map(|&m| &candidates[m]);
         let all = members().filter_map(|c| bounds(&c.shape)).reduce(joint).unwrap_or(([0.0; 2], [1.0; 2]));
-        let window = Window::around(all.0, all.1, cell_m, MARGIN);
+        let window = GridWindow::around(all.0, all.1, cell_m, MARGIN);
         let (mut yes, mut of) = (vec![0.0_f32; window.len()], vec![0.0_f32; window.len()]);
         let mut whole = 0.0_f32;
         let ballots = members()
@@ -125,9 +125,9 @@ mod tests {
         let seen = vec![SeenGround { area }; shapes.len()];
         let of_view = |(view, shape): (usize, &MultiPolygon<f64>)| {
             let weight = 12.0 - 0.5 * view as f64;
-            Candidate { view, shape: shape.clone(), weight, score: 1.0, is_cut: false }
+            FootprintCandidate { view, shape: shape.clone(), weight, score: 1.0, is_cut: false }
         };
-        let candidates: Vec<Candidate> = shapes.iter().enumerate().map(of_view).collect();
+        let candidates: Vec<FootprintCandidate> = shapes.iter().enumerate().map(of_view).collect();
         let agreed = agree(&candidates, &seen, &ConsensusConfig::default());
         assert_eq!(agreed.buildings.len(), 1);
         agreed.buildings[0].polygon.interiors().len()

@@ -113,7 +113,7 @@ impl Stamp {
 }
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct Known {
+struct KnownHash {
     stamp: Stamp,
     sha256: String,
 }
@@ -121,7 +121,7 @@ struct Known {
 /// Files whose content is known.
 #[derive(Debug, Default)]
 pub struct Hashes {
-    known: Mutex<HashMap<PathBuf, Known>>,
+    known: Mutex<HashMap<PathBuf, KnownHash>>,
     /// Files that were read since this memory was made.
     read: Mutex<HashMap<PathBuf, u64>>,
 }
@@ -136,7 +136,7 @@ impl Hashes {
     /// Adds what an earlier process left behind; a file that is missing or no such list adds nothing.
     pub fn load(&self, path: &Path) {
         let Ok(file) = File::open(path) else { return };
-        let found: HashMap<PathBuf, Known> = serde_json::from_reader(BufReader::new(file)).unwrap_or_default();
+        let found: HashMap<PathBuf, KnownHash> = serde_json::from_reader(BufReader::new(file)).unwrap_or_default();
         self.known().extend(found);
     }
 
@@ -146,7 +146,7 @@ impl Hashes {
     /// [`FileError`] where it cannot be written.
     pub fn save<'a>(&self, path: &Path, files: impl Iterator<Item = &'a Path>) -> Result<(), FileError> {
         let known = self.known();
-        let of_files: std::collections::BTreeMap<&Path, &Known> =
+        let of_files: std::collections::BTreeMap<&Path, &KnownHash> =
             files.filter_map(|file| Some((file, known.get(file)?))).collect();
         write_whole_unflushed(path, |out| Ok(serde_json::to_writer(out, &of_files)?))
     }
@@ -165,7 +165,7 @@ impl Hashes {
         *self.read().entry(path.to_owned()).or_default() += content.size_bytes;
         let after = Stamp::of(&std::fs::metadata(path)?)?;
         if stamp == after && stamp.is_settled(now) {
-            self.known().insert(path.to_owned(), Known { stamp, sha256: content.sha256.clone() });
+            self.known().insert(path.to_owned(), KnownHash { stamp, sha256: content.sha256.clone() });
         }
         Ok(content)
     }
@@ -184,7 +184,7 @@ impl Hashes {
         self.read().values().sum()
     }
 
-    fn known(&self) -> MutexGuard<'_, HashMap<PathBuf, Known>> {
+    fn known(&self) -> MutexGuard<'_, HashMap<PathBuf, KnownHash>> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -221,7 +221,7 @@ mod tests {
         let hashes = Hashes::new();
         let stamp = Stamp::of(&fs::metadata(path).unwrap()).unwrap();
         let sha256 = Content::of(path).unwrap().sha256;
-        hashes.known().insert(path.to_owned(), Known { stamp, sha256 });
+        hashes.known().insert(path.to_owned(), KnownHash { stamp, sha256 });
         hashes
     }
 

@@ -16,13 +16,13 @@ pub struct Kept<K, T> {
 
 #[derive(Debug)]
 struct Inside<K, T> {
-    slots: HashMap<K, Place<T>>,
+    slots: HashMap<K, KeptEntry<T>>,
     weight: usize,
     clock: u64,
 }
 
 #[derive(Debug)]
-struct Place<T> {
+struct KeptEntry<T> {
     used: u64,
     weight: usize,
     slot: Slot<T>,
@@ -67,7 +67,7 @@ impl<K: Clone + Eq + Hash, T> Kept<K, T> {
         if inside.weight + weight <= self.limit && !inside.slots.contains_key(&key) {
             inside.weight += weight;
             let slot = Arc::new(Mutex::new(Some(Arc::new(thing))));
-            inside.slots.insert(key, Place { used: 0, weight, slot });
+            inside.slots.insert(key, KeptEntry { used: 0, weight, slot });
         }
     }
 
@@ -85,7 +85,7 @@ impl<K: Clone + Eq + Hash, T> Inside<K, T> {
                 let gone = oldest.and_then(|key| self.slots.remove(&key));
                 self.weight -= gone.map_or(0, |place| place.weight);
             }
-            self.slots.insert(key.clone(), Place { used: 0, weight: 1, slot: Slot::default() });
+            self.slots.insert(key.clone(), KeptEntry { used: 0, weight: 1, slot: Slot::default() });
             self.weight += 1;
         }
         let place = self.slots.get_mut(key).expect("it is there by now");

@@ -20,22 +20,22 @@ pub fn bare_stem(name: &str) -> &str {
 }
 
 /// Literal text, or a placeholder's name.
-enum Piece<'a> {
+enum TemplatePiece<'a> {
     Text(&'a str),
     Placeholder(&'a str),
 }
 
-fn pieces(template: &str) -> Result<Vec<Piece<'_>>, String> {
+fn pieces(template: &str) -> Result<Vec<TemplatePiece<'_>>, String> {
     let mut pieces = Vec::new();
     let mut rest = template;
     while let Some((text, after)) = rest.split_once('{') {
         let (name, after) =
             after.split_once('}').ok_or_else(|| format!("`path = {template:?}` has a {{ without }}"))?;
-        pieces.push(Piece::Text(text));
-        pieces.push(Piece::Placeholder(name));
+        pieces.push(TemplatePiece::Text(text));
+        pieces.push(TemplatePiece::Placeholder(name));
         rest = after;
     }
-    pieces.push(Piece::Text(rest));
+    pieces.push(TemplatePiece::Text(rest));
     Ok(pieces)
 }
 
@@ -46,8 +46,10 @@ fn pieces(template: &str) -> Result<Vec<Piece<'_>>, String> {
 pub fn check(template: &str) -> Result<(), String> {
     for piece in pieces(template)? {
         match piece {
-            Piece::Text(_) | Piece::Placeholder("name" | "stem" | "index") => {}
-            Piece::Placeholder(other) => return Err(format!("`path = {template:?}`: {{{other}}} means nothing here")),
+            TemplatePiece::Text(_) | TemplatePiece::Placeholder("name" | "stem" | "index") => {}
+            TemplatePiece::Placeholder(other) => {
+                return Err(format!("`path = {template:?}`: {{{other}}} means nothing here"));
+            }
         }
     }
     Ok(())
@@ -61,11 +63,11 @@ pub fn fill(template: &str, name: &str, index: Option<usize>) -> Option<PathBuf>
         .ok()?
         .into_iter()
         .map(|piece| match piece {
-            Piece::Text(text) => Some(text.to_owned()),
-            Piece::Placeholder("name") => name.map(str::to_owned),
-            Piece::Placeholder("stem") => name.map(|name| stem(name).to_owned()),
-            Piece::Placeholder("index") => index.map(|i| i.to_string()),
-            Piece::Placeholder(_) => None,
+            TemplatePiece::Text(text) => Some(text.to_owned()),
+            TemplatePiece::Placeholder("name") => name.map(str::to_owned),
+            TemplatePiece::Placeholder("stem") => name.map(|name| stem(name).to_owned()),
+            TemplatePiece::Placeholder("index") => index.map(|i| i.to_string()),
+            TemplatePiece::Placeholder(_) => None,
         })
         .collect();
     filled.map(PathBuf::from)

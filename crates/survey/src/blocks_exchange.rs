@@ -20,9 +20,9 @@ use glam::{DMat3, DVec3};
 use super::angles::{AngleConvention, AngleKind, AngleUnit, CameraAxes, rows};
 use super::config::TangentialOrder;
 use super::error::Place;
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::poses::{Pose, Poses, World};
-use super::xml::{Element, Step, Xml};
+use super::xml::{Element, Xml, XmlStep};
 use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::FileError;
@@ -34,8 +34,8 @@ use sizeup_heights::camera::{Camera, Distortion};
 const MAX_UNZIPPED_BYTES: u64 = 8 << 30;
 
 /// A file with the element in its first bytes, or an `.xmlz`.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    candidate.head.contains("<BlocksExchange") || candidate.has_extension("xmlz")
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.head.contains("<BlocksExchange") || marks.has_extension("xmlz")
 }
 
 /// Reads the poses of all blocks in the file.
@@ -61,7 +61,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
 }
 
 /// Camera and axes that the photos of a group share.
-struct Group {
+struct PhotoGroup {
     camera: Result<Arc<Camera>, String>,
     camera_from_axes: DMat3,
 }
@@ -72,10 +72,10 @@ fn read_xml(reader: impl BufRead, path: &Path, tangential: Option<TangentialOrde
     let mut systems: BTreeMap<String, String> = BTreeMap::new();
     let mut block_systems = BTreeSet::new();
     let mut group = Element::default();
-    let mut shared: Option<Group> = None;
+    let mut shared: Option<PhotoGroup> = None;
     loop {
         match xml.step()? {
-            Step::Start(start) => match start.name.as_str() {
+            XmlStep::Start(start) => match start.name.as_str() {
                 "BlocksExchange" | "SpatialReferenceSystems" | "Block" | "Photogroups" => {}
                 "Photogroup" => (group, shared) = (start, None),
                 "SRS" => {
@@ -102,8 +102,8 @@ fn read_xml(reader: impl BufRead, path: &Path, tangential: Option<TangentialOrde
                     }
                 }
             },
-            Step::End(_) => {}
-            Step::Done => break,
+            XmlStep::End(_) => {}
+            XmlStep::Done => break,
         }
     }
     if tangential.is_none() && poses.poses.iter().any(|pose| is_tangential(&pose.camera)) {
@@ -155,7 +155,7 @@ fn world(definition: &str) -> Result<World, String> {
     }
 }
 
-fn take_photo(photo: &Element, group: &Group, poses: &mut Poses) {
+fn take_photo(photo: &Element, group: &PhotoGroup, poses: &mut Poses) {
     let name = photo.text_of("ImagePath").map_or_else(
         || format!("photo {}", photo.text_of("Id").unwrap_or("without id")),
         |path| paths::file_name(path).to_owned(),
@@ -209,7 +209,7 @@ fn angles(rotation: &Element) -> Result<DMat3, String> {
     Err("<Rotation> holds neither M_00…M_22, nor Omega, Phi, Kappa, nor Yaw, Pitch, Roll".to_owned())
 }
 
-fn group_of(group: &Element, tangential: TangentialOrder) -> Group {
+fn group_of(group: &Element, tangential: TangentialOrder) -> PhotoGroup {
     let axes = match group.text_of("CameraOrientation").unwrap_or("XRightYDown") {
         "XRightYDown" => Ok(CameraAxes::XRightYDown),
         "XRightYUp" => Ok(CameraAxes::XRightYUp),
@@ -224,9 +224,9 @@ fn group_of(group: &Element, tangential: TangentialOrder) -> Group {
     match axes {
         Ok(axes) => {
             let camera_from_axes = axes.camera_from_axes();
-            Group { camera: camera(group, camera_from_axes, tangential).map(Arc::new), camera_from_axes }
+            PhotoGroup { camera: camera(group, camera_from_axes, tangential).map(Arc::new), camera_from_axes }
         }
-        Err(reason) => Group { camera: Err(reason), camera_from_axes: DMat3::IDENTITY },
+        Err(reason) => PhotoGroup { camera: Err(reason), camera_from_axes: DMat3::IDENTITY },
     }
 }
 

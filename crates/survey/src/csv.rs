@@ -9,9 +9,9 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::config::{CameraConfig, CsvConfig, PixelOrigin};
-use super::csv_header::{Header, Layout, layout, names_angles};
+use super::csv_header::{CsvHeader, CsvLayout, layout, names_angles};
 use super::error::Place;
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::poses::{FileHeights, Pose, Poses, World};
 use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::Crs;
@@ -50,7 +50,7 @@ struct Declared<'a> {
 }
 
 /// Positions of the wanted columns.
-struct Columns {
+struct ColumnPositions {
     name: usize,
     position: [usize; 3],
     rotation: Vec<usize>,
@@ -84,9 +84,9 @@ const Y_COLUMNS: [&str; 5] = ["northing", "north", "n", "latitude", "lat"];
 const Z_COLUMNS: [&str; 3] = ["altitude", "alt", "elevation"];
 
 /// A `.csv` or `.tsv`, or text that names angles in its header.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    let is_table = candidate.has_extension("csv") || candidate.has_extension("tsv");
-    is_table || (!candidate.is_folder && names_angles(&candidate.head))
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    let is_table = marks.has_extension("csv") || marks.has_extension("tsv");
+    is_table || (!marks.is_folder && names_angles(&marks.head))
 }
 
 /// Reads a table as the survey declares it.
@@ -97,7 +97,8 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
 /// Reads a table of poses.
 pub(crate) fn read_table(path: &Path, config: &CsvConfig, camera: Option<&CameraConfig>) -> Result<Poses, SurveyError> {
     let config = Declared { table: config, camera };
-    let Layout { delimiter, header } = layout(path, config.table, |header| Columns::find(header, &config).is_ok())?;
+    let CsvLayout { delimiter, header } =
+        layout(path, config.table, |header| ColumnPositions::find(header, &config).is_ok())?;
     let file = File::open(path).map_err(FileError::on("cannot open", path))?;
     let mut reader = ::csv::ReaderBuilder::new()
         .delimiter(delimiter.unwrap_or(b','))
@@ -108,7 +109,7 @@ pub(crate) fn read_table(path: &Path, config: &CsvConfig, camera: Option<&Camera
         .from_reader(OneSpace::new(BufReader::new(file), delimiter.is_none()));
     let mut poses = Poses { north: config.table.north, ..Poses::new() };
     let Some(header) = header else { return Ok(poses) };
-    let columns = Columns::find(&header, &config).and_then(|columns| columns.with_camera(&config));
+    let columns = ColumnPositions::find(&header, &config).and_then(|columns| columns.with_camera(&config));
     let columns = columns.map_err(|e| match config.table.header {
         Some(_) => SurveyError::config(e, ""),
         None => SurveyError::malformed(path, Place::Line(1), e).hint(COLUMNS_HINT),
@@ -149,8 +150,8 @@ fn line_of(error: &::csv::Error) -> u64 {
     error.position().map_or(0, ::csv::Position::line)
 }
 
-impl Columns {
-    fn find(header: &Header, declared: &Declared<'_>) -> Result<Self, String> {
+impl ColumnPositions {
+    fn find(header: &CsvHeader, declared: &Declared<'_>) -> Result<Self, String> {
         let config = declared.table;
         let missing =
             |wanted: &str| format!("there is no column {wanted:?}; the columns are {}", header.names.join(", "));
@@ -191,7 +192,7 @@ impl Columns {
 
 fn pose(
     record: &::csv::StringRecord,
-    columns: &Columns,
+    columns: &ColumnPositions,
     config: &Declared<'_>,
     cameras: &mut CameraCache,
 ) -> Result<Pose, String> {

@@ -15,16 +15,16 @@ const HEAD_BYTES: u64 = 1 << 16;
 
 /// Separator of the rows and names of the columns.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Layout {
+pub(super) struct CsvLayout {
     /// `None` is any run of blanks.
     pub delimiter: Option<u8>,
     /// The columns; `None` where no line names them.
-    pub header: Option<Header>,
+    pub header: Option<CsvHeader>,
 }
 
 /// The line that names the columns.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Header {
+pub(super) struct CsvHeader {
     /// Names without quotes and units.
     pub names: Vec<String>,
     /// Units that stand in brackets behind them.
@@ -33,7 +33,7 @@ pub(super) struct Header {
     pub is_row: bool,
 }
 
-impl Header {
+impl CsvHeader {
     /// Names that the configuration gives.
     pub(super) fn declared(names: &[String]) -> Self {
         Self { names: names.to_vec(), units: vec![String::new(); names.len()], is_row: false }
@@ -94,7 +94,7 @@ fn name_and_unit(field: &str) -> (String, String) {
 /// Whether some line names omega, phi and kappa.
 pub(crate) fn names_angles(head: &str) -> bool {
     let has_all = |line: &str| {
-        let header = Header::of_line(line, separator_of(line), true);
+        let header = CsvHeader::of_line(line, separator_of(line), true);
         ["omega", "phi", "kappa"].iter().all(|name| header.seek(name).is_some())
     };
     head.lines().take(50).any(has_all)
@@ -109,8 +109,8 @@ fn separator_of(line: &str) -> Option<u8> {
 pub(super) fn layout(
     path: &Path,
     config: &CsvConfig,
-    is_header: impl Fn(&Header) -> bool,
-) -> Result<Layout, SurveyError> {
+    is_header: impl Fn(&CsvHeader) -> bool,
+) -> Result<CsvLayout, SurveyError> {
     let declared = match config.delimiter.as_str() {
         "" => None,
         "tab" | "\t" => Some(Some(b'\t')),
@@ -130,16 +130,16 @@ pub(super) fn layout(
     let of_line = |line: &str| declared.unwrap_or_else(|| separator_of(line));
     let (first, second) = (rows.next().unwrap_or_default(), rows.next());
     if let Some(names) = &config.header {
-        return Ok(Layout { delimiter: of_line(first), header: Some(Header::declared(names)) });
+        return Ok(CsvLayout { delimiter: of_line(first), header: Some(CsvHeader::declared(names)) });
     }
-    let as_row = Header::of_line(first, of_line(first), true);
+    let as_row = CsvHeader::of_line(first, of_line(first), true);
     let comments = lines().take_while(|line| line.starts_with('#'));
     let in_comment =
-        comments.map(|line| Header::of_line(line, separator_of(line), false)).filter(|h| is_header(h)).last();
+        comments.map(|line| CsvHeader::of_line(line, separator_of(line), false)).filter(|h| is_header(h)).last();
     match in_comment.filter(|_| !is_header(&as_row)) {
-        Some(header) => Ok(Layout { delimiter: of_line(first), header: Some(header) }),
+        Some(header) => Ok(CsvLayout { delimiter: of_line(first), header: Some(header) }),
         None => {
-            Ok(Layout { delimiter: of_line(second.unwrap_or(first)), header: (!first.is_empty()).then_some(as_row) })
+            Ok(CsvLayout { delimiter: of_line(second.unwrap_or(first)), header: (!first.is_empty()).then_some(as_row) })
         }
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::formats::{Candidate, format_of, read_poses, recognised};
+use super::formats::{FileMarks, format_of, read_poses, recognised};
 use super::inspect::{LOCAL_WITHIN_M, looks_earth_centred, looks_like_degrees};
 use super::poses::{FileHeights, Poses, World};
 use super::{Format, SurveyConfig, SurveyError};
@@ -75,7 +75,7 @@ pub enum StatedHeights {
 /// The format of a file or folder, `None` where no reader knows it.
 #[must_use]
 pub fn recognise(path: &Path) -> Option<Format> {
-    recognised(&Candidate::of(path).ok()?)
+    recognised(&FileMarks::of(path).ok()?)
 }
 
 /// Reads poses without moving them anywhere.

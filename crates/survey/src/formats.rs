@@ -1,5 +1,5 @@
 //! The pose formats: one line each, in the order in which a file is held against them. A format is a module with two
-//! functions, `recognises(&Candidate) -> bool` and `read(&SurveyConfig) -> Result<Poses, SurveyError>`.
+//! functions, `recognises(&FileMarks) -> bool` and `read(&SurveyConfig) -> Result<Poses, SurveyError>`.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -13,7 +13,7 @@ use super::{SurveyConfig, SurveyError};
 use sizeup_geo::files::FileError;
 
 /// Marks by which a file or folder is recognised.
-pub(crate) struct Candidate {
+pub(crate) struct FileMarks {
     /// The file or folder.
     pub path: PathBuf,
     /// The name, lower case.
@@ -27,7 +27,7 @@ pub(crate) struct Candidate {
 /// So much of a file shows its format.
 const HEAD_BYTES: u64 = 1 << 12;
 
-impl Candidate {
+impl FileMarks {
     /// Looks at a file or folder.
     pub(crate) fn of(path: &Path) -> Result<Self, SurveyError> {
         let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
@@ -49,7 +49,7 @@ impl Candidate {
 
 /// Recogniser and reader of a format.
 struct Reader {
-    recognises: fn(&Candidate) -> bool,
+    recognises: fn(&FileMarks) -> bool,
     read: fn(&SurveyConfig) -> Result<Poses, SurveyError>,
 }
 
@@ -137,7 +137,7 @@ pub(crate) fn format_of(config: &SurveyConfig) -> Result<Format, SurveyError> {
     if config.csv.is_some() {
         return Ok(Format::Csv);
     }
-    recognised(&Candidate::of(&config.path)?).ok_or_else(|| {
+    recognised(&FileMarks::of(&config.path)?).ok_or_else(|| {
         let names: Vec<String> = Format::all().map(|(format, _)| format.name()).collect();
         let message = format!("the format of {} is not recognised", config.path.display());
         SurveyError::config(message, format!("set `format` to one of {}", names.join(", ")))
@@ -145,8 +145,8 @@ pub(crate) fn format_of(config: &SurveyConfig) -> Result<Format, SurveyError> {
 }
 
 /// The first format whose recogniser knows a file or folder.
-pub(crate) fn recognised(candidate: &Candidate) -> Option<Format> {
-    let is_it = |format: &Format| format.reader().is_some_and(|reader| (reader.recognises)(candidate));
+pub(crate) fn recognised(marks: &FileMarks) -> Option<Format> {
+    let is_it = |format: &Format| format.reader().is_some_and(|reader| (reader.recognises)(marks));
     ABOUT.iter().map(|&(format, _)| format).find(is_it)
 }
 

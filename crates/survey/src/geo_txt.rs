@@ -7,15 +7,15 @@ use glam::DVec3;
 
 use super::angles::{AngleConvention, AngleKind, North, PitchZero};
 use super::error::Place;
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::poses::{FileHeights, Pose, Poses, World};
 use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::{Crs, CrsError};
 use sizeup_geo::files;
 
 /// A file of this name.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    candidate.name == "geo.txt"
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.name == "geo.txt"
 }
 
 /// Reads the poses; the camera is the declared one.

@@ -15,7 +15,7 @@ use sizeup_geo::crs::{
 };
 
 /// Way of heights to the project's reference.
-pub(crate) enum Heights {
+pub(crate) enum HeightConversion {
     /// They are in it, or nobody says otherwise.
     AsTheyAre,
     /// In a vertical system that the project, which names none, takes over.
@@ -47,7 +47,7 @@ const CHOICES: &str = "set [survey.height]: `reference = \"project\"` if they ar
 const CHOICES_OF_UNSAID: &str = "name the poses' CRS with its heights, such as \"EPSG:4979\" (ellipsoidal) or \
                                  \"EPSG:4326+5773\" (EGM96); or set `height.reference` to ellipsoidal or project";
 
-impl Heights {
+impl HeightConversion {
     /// Decides by what is declared, then by what the file and the CRSs say.
     pub(crate) fn decide(
         config: &HeightConfig,
@@ -173,7 +173,7 @@ impl Heights {
     }
 }
 
-impl std::fmt::Display for Heights {
+impl std::fmt::Display for HeightConversion {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::AsTheyAre => f.write_str("as given, taken to be in the project's vertical reference"),

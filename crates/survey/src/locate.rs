@@ -5,9 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::{DMat3, DVec3};
 
 use super::angles::{North, nearest_rotation};
-use super::heights::Heights;
+use super::heights::HeightConversion;
 use super::inspect::{IMPOSSIBLE_HEIGHT, LOOKS_UP};
-use super::poses::{Counts, FileHeights, Pose, Poses, World, refused};
+use super::poses::{FileHeights, Pose, Poses, PropertyCounts, World, refused};
 use super::{Survey, SurveyConfig, SurveyError, View, ViewKind, photos};
 use sizeup_geo::crs::{Accuracy, Crs, CrsError, Geocentric, GridNorth, Transform, TrueNorth, enu_from_geocentric};
 use sizeup_geo::files::is_virtual;
@@ -25,11 +25,11 @@ pub(crate) const POSSIBLE_HEIGHTS_M: std::ops::RangeInclusive<f64> = -500.0..=18
 const FARTHEST_M: f64 = 1e8;
 
 /// The way to the map that all poses of a survey have in common.
-struct Way {
+struct WayToMap {
     map_from_world: Transform,
     /// For rotations that count from true north although positions are in a grid.
     true_north: Option<TrueNorth>,
-    heights: Heights,
+    heights: HeightConversion,
     offset: DVec3,
 }
 
@@ -56,10 +56,10 @@ pub(crate) struct Facts {
     /// Poses in the file.
     pub n_poses: usize,
     /// Sources of focal lengths and states of positioning.
-    pub counts: Counts,
+    pub counts: PropertyCounts,
 }
 
-impl Way {
+impl WayToMap {
     fn locate(&self, pose: &Pose) -> Result<Located, String> {
         let centre = pose.centre + self.offset;
         let rotation = nearest_rotation(pose.camera_from_world)?;
@@ -148,7 +148,7 @@ pub(crate) fn locate(
     let n_read = poses.poses.len() + poses.issues.len();
     let (world, offset) = world_crs(&mut poses, config, project_crs)?;
     suggest_projected(&poses, &world, project_crs)?;
-    let heights = match Heights::decide(&config.height, poses.heights, &world, project_crs) {
+    let heights = match HeightConversion::decide(&config.height, poses.heights, &world, project_crs) {
         // What is wrong with each photo says more than heights that none of them has.
         Err(_) if poses.poses.is_empty() => return Ok(nothing(poses, &world, n_read)),
         heights => heights?,
@@ -157,7 +157,7 @@ pub(crate) fn locate(
         North::True if !world.is_geographic() => Some(TrueNorth::of(&world)?),
         _ => None,
     };
-    let way = Way { map_from_world: Transform::new(&world, project_crs)?, true_north, offset, heights };
+    let way = WayToMap { map_from_world: Transform::new(&world, project_crs)?, true_north, offset, heights };
     let Poses { poses, mut issues, counts, .. } = poses;
     let mut facts = Facts {
         world: world.to_string(),
@@ -229,7 +229,7 @@ fn nothing(poses: Poses, world: &Crs, n_poses: usize) -> (Survey, Facts) {
 }
 
 /// Accuracy of the way to the project's plane; refused where that is not enough.
-fn accuracy(way: &Way, at: DVec3, config: &SurveyConfig, issues: &mut Vec<Issue>) -> Result<String, SurveyError> {
+fn accuracy(way: &WayToMap, at: DVec3, config: &SurveyConfig, issues: &mut Vec<Issue>) -> Result<String, SurveyError> {
     let transform = &way.map_from_world;
     if transform.is_identity() {
         return Ok("none: the poses are in the project's plane".to_owned());
@@ -298,7 +298,7 @@ fn suggest_projected(poses: &Poses, world: &Crs, project_crs: &Crs) -> Result<()
     }
 }
 
-fn view(way: &Way, pose: Pose) -> Result<(View, GridNorth), Box<Issue>> {
+fn view(way: &WayToMap, pose: Pose) -> Result<(View, GridNorth), Box<Issue>> {
     let is_absolute = std::path::Path::new(&pose.name).is_absolute();
     if !is_absolute && within(&pose.name).is_none() {
         let issue = refused("photo_name_unusable", &pose.name, "its name leads out of the folder of the photos");

@@ -19,9 +19,9 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 
 use super::angles::{nearest_rotation, rows};
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::poses::{Pose, Poses, World};
-use super::xml::{Element, Step, Xml};
+use super::xml::{Element, Xml, XmlStep};
 use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::FileError;
@@ -36,7 +36,7 @@ struct Similarity {
 }
 
 /// A camera before its chunk is known as a whole.
-struct Shot {
+struct MetashapeCamera {
     label: String,
     sensor: String,
     component: Option<String>,
@@ -44,8 +44,8 @@ struct Shot {
 }
 
 /// A file with a document and a chunk in its first bytes.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    candidate.head.contains("<document") && candidate.head.contains("<chunk")
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.head.contains("<document") && marks.head.contains("<chunk")
 }
 
 /// Reads all chunks of a `cameras.xml`.
@@ -57,7 +57,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let mut chunk = Chunk::default();
     loop {
         match xml.step()? {
-            Step::Start(start) => match start.name.as_str() {
+            XmlStep::Start(start) => match start.name.as_str() {
                 "document" | "sensors" | "cameras" | "components" | "group" => {}
                 "chunk" => chunk = Chunk::default(),
                 "sensor" => {
@@ -82,9 +82,9 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
                     xml.element(start)?;
                 }
             },
-            Step::End(name) if name == "chunk" => std::mem::take(&mut chunk).finish(&mut poses, &xml)?,
-            Step::End(_) => {}
-            Step::Done => return Ok(poses),
+            XmlStep::End(name) if name == "chunk" => std::mem::take(&mut chunk).finish(&mut poses, &xml)?,
+            XmlStep::End(_) => {}
+            XmlStep::Done => return Ok(poses),
         }
     }
 }
@@ -94,7 +94,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
 struct Chunk {
     sensors: BTreeMap<String, Result<Arc<Camera>, String>>,
     components: BTreeMap<String, Similarity>,
-    shots: Vec<Shot>,
+    shots: Vec<MetashapeCamera>,
     transform: Option<Similarity>,
     reference: Option<String>,
 }
@@ -153,11 +153,11 @@ fn placed(matrix: &[f64], chunk: Option<Similarity>) -> Result<(DMat3, DVec3), S
     Ok(((rotation * chunk_from_camera).transpose(), scale * (rotation * centre_in_chunk) + translation))
 }
 
-fn shot(camera: &Element) -> Result<Shot, String> {
+fn shot(camera: &Element) -> Result<MetashapeCamera, String> {
     let is_enabled = !matches!(camera.attribute("enabled"), Some("0" | "false"));
     let transform = camera.child("transform").filter(|_| is_enabled).map(Element::numbers).transpose()?;
     let text = |name: &str| camera.attribute(name).map(str::to_owned);
-    Ok(Shot {
+    Ok(MetashapeCamera {
         label: text("label").unwrap_or_else(|| format!("camera {}", camera.attribute("id").unwrap_or("without id"))),
         sensor: text("sensor_id").unwrap_or_default(),
         component: text("component_id"),

@@ -1,13 +1,13 @@
 //! Metashape's "Export Cameras", Omega Phi Kappa: `PhotoID X Y Z Omega Phi Kappa r11 … r33`, tabs or commas. It carries no camera.
 
 use super::config::CsvConfig;
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::poses::Poses;
 use super::{SurveyConfig, SurveyError, csv};
 
 /// A file that names `PhotoID` in its first bytes.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    !candidate.is_folder && candidate.head.contains("PhotoID")
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    !marks.is_folder && marks.head.contains("PhotoID")
 }
 
 /// Reads the table; the camera is the declared one.

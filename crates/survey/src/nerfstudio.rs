@@ -18,7 +18,7 @@ use serde::Deserialize;
 
 use super::angles::{CameraAxes, nearest_rotation, rows};
 use super::error::Place;
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::opensfm::json;
 use super::poses::{Pose, Poses};
 use super::{SurveyConfig, SurveyError};
@@ -29,11 +29,11 @@ struct Transforms {
     #[serde(flatten)]
     camera: Intrinsics,
     applied_transform: Option<Vec<Vec<f64>>>,
-    frames: Vec<Frame>,
+    frames: Vec<NerfstudioFrame>,
 }
 
 #[derive(Deserialize)]
-struct Frame {
+struct NerfstudioFrame {
     file_path: String,
     transform_matrix: Vec<Vec<f64>>,
     #[serde(flatten)]
@@ -60,11 +60,11 @@ struct Intrinsics {
 }
 
 /// A JSON object with frames and their matrices, or the folder of a `transforms.json`.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    candidate.path.join("transforms.json").is_file()
-        || (candidate.has_extension("json")
-            && candidate.head.trim_start().starts_with('{')
-            && (candidate.name == "transforms.json" || candidate.head.contains("\"transform_matrix\"")))
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.path.join("transforms.json").is_file()
+        || (marks.has_extension("json")
+            && marks.head.trim_start().starts_with('{')
+            && (marks.name == "transforms.json" || marks.head.contains("\"transform_matrix\"")))
 }
 
 /// Reads the file, or the one in a folder.
@@ -76,7 +76,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let applied = applied.map_err(|e| SurveyError::malformed(path, Place::Whole, format!("applied_transform: {e}")))?;
     let mut poses = Poses::new();
     let mut made: Vec<(Intrinsics, Result<Arc<Camera>, String>)> = Vec::new();
-    for Frame { file_path, transform_matrix, camera } in frames {
+    for NerfstudioFrame { file_path, transform_matrix, camera } in frames {
         let name = file_path.trim_start_matches("./");
         let camera = camera.or(&shared);
         let known = made.iter().rev().find(|(intrinsics, _)| *intrinsics == camera).map(|(_, made)| made.clone());

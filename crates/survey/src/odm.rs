@@ -11,9 +11,9 @@ use serde::Deserialize;
 
 use super::angles::from_rotation_vector;
 use super::error::Place;
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::odm_frame::odm_crs;
-use super::opensfm::{Cameras, SfmCamera, camera_key, cameras_of, json, take};
+use super::opensfm::{CamerasByName, SfmCamera, camera_key, cameras_of, json, take};
 use super::poses::{FileHeights, Pose, Poses, World};
 use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::{Crs, Transform};
@@ -27,11 +27,11 @@ struct ShotsLayer {
 #[derive(Deserialize)]
 struct ShotFeature {
     properties: ShotProperties,
-    geometry: Option<Geometry>,
+    geometry: Option<ShotGeometry>,
 }
 
 #[derive(Deserialize)]
-struct Geometry {
+struct ShotGeometry {
     coordinates: Vec<f64>,
 }
 
@@ -55,8 +55,8 @@ const CONFIRMED_WITHIN_M: f64 = 0.5;
 const SAME_FOCAL_WITHIN: f64 = 1e-6;
 
 /// A `.geojson` whose features name files.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    candidate.has_extension("geojson") && candidate.head.contains("\"filename\"")
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.has_extension("geojson") && marks.head.contains("\"filename\"")
 }
 
 /// Reads `shots.geojson` and the cameras beside it.
@@ -74,7 +74,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let models: std::collections::BTreeMap<String, SfmCamera> = json(&cameras_path)?;
     let sizes: Vec<(String, SfmSize)> =
         models.iter().map(|(id, camera)| (camera_key(id).to_owned(), SfmSize::of(camera))).collect();
-    let cameras: Cameras = cameras_of(models);
+    let cameras: CamerasByName = cameras_of(models);
     let mut poses = Poses { heights: FileHeights::Ellipsoidal, ..Poses::new() };
     let mut places = Vec::new();
     for ShotFeature { properties: shot, geometry } in layer.features {

@@ -32,7 +32,7 @@ pub(super) struct Fix {
 
 /// A grid and the offset that was subtracted.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Grid {
+pub(super) struct OdmGrid {
     pub crs: Crs,
     pub offset: DVec3,
 }
@@ -62,16 +62,16 @@ pub(super) fn place(
     let is_rewritten = path.file_name().is_some_and(|name| name == "reconstruction.json")
         && folder.join("reconstruction.topocentric.json").is_file();
     let is_topocentric = path.file_name().is_some_and(|name| name == "reconstruction.topocentric.json");
-    let beside = if is_topocentric { None } else { Grid::beside(folder)? };
+    let beside = if is_topocentric { None } else { OdmGrid::beside(folder)? };
     if config.enu_origin.is_some() {
         return Ok(());
     }
     let is_named = beside.is_some();
     let grid = match (beside, &config.crs, reference) {
         (Some(grid), _, _) => Some(grid),
-        (None, Some(declared), Some(reference)) => Grid::of_reference(declared, reference),
+        (None, Some(declared), Some(reference)) => OdmGrid::of_reference(declared, reference),
         (None, None, Some(reference)) if !is_topocentric => {
-            Grid::of_reference(&Crs::parse(&Crs::utm_zone(reference.x, reference.y))?, reference)
+            OdmGrid::of_reference(&Crs::parse(&Crs::utm_zone(reference.x, reference.y))?, reference)
         }
         _ => None,
     };
@@ -86,15 +86,15 @@ pub(super) fn place(
     let Some(reference) = reference else { return Ok(()) };
     poses.world = World::Enu(reference);
     match grid {
-        None => refuse_if_turned(path, Fit::of(fixes.iter().map(|fix| (fix.centre.truncate(), fix.gps.truncate())))),
+        None => refuse_if_turned(path, GpsFit::of(fixes.iter().map(|fix| (fix.centre.truncate(), fix.gps.truncate())))),
         Some(grid) => choose(poses, path, reference, fixes, &grid, is_named),
     }
 }
 
 /// Verdict of the GPS positions.
-enum Verdict {
+enum GpsVerdict {
     Topocentric,
-    Gridded(Fit),
+    Gridded(GpsFit),
     Unsure(String),
 }
 
@@ -104,23 +104,23 @@ fn choose(
     path: &Path,
     reference: DVec3,
     fixes: &[Fix],
-    grid: &Grid,
+    grid: &OdmGrid,
     is_named: bool,
 ) -> Result<(), SurveyError> {
     let apart_m = grid.distance_from_topocentric_m(poses, reference)?;
     if apart_m < SAME_WITHIN_M && !is_named {
         return Ok(());
     }
-    let topocentric = Fit::of(fixes.iter().map(|fix| (fix.centre.truncate(), fix.gps.truncate())));
+    let topocentric = GpsFit::of(fixes.iter().map(|fix| (fix.centre.truncate(), fix.gps.truncate())));
     let predicted = grid.of_enu(reference, fixes.iter().map(|fix| fix.gps))?;
-    let gridded = Fit::of(fixes.iter().map(|fix| fix.centre.truncate()).zip(predicted));
+    let gridded = GpsFit::of(fixes.iter().map(|fix| fix.centre.truncate()).zip(predicted));
     let reason = match verdict(topocentric, gridded) {
-        Verdict::Topocentric => return Ok(()),
-        Verdict::Gridded(fit) => {
+        GpsVerdict::Topocentric => return Ok(()),
+        GpsVerdict::Gridded(fit) => {
             format!("its GPS positions are turned by {fit} against east, north, up, and not against the grid")
         }
-        Verdict::Unsure(_) if is_named => "ODM's folder odm_georeferencing names it".to_owned(),
-        Verdict::Unsure(reason) => {
+        GpsVerdict::Unsure(_) if is_named => "ODM's folder odm_georeferencing names it".to_owned(),
+        GpsVerdict::Unsure(reason) => {
             let message = format!(
                 "it may be east, north, up, or rewritten by ODM to {}, up to {apart_m:.1} m apart: {reason}",
                 grid.crs
@@ -139,24 +139,24 @@ fn choose(
     Ok(())
 }
 
-fn verdict(topocentric: Option<Fit>, gridded: Option<Fit>) -> Verdict {
+fn verdict(topocentric: Option<GpsFit>, gridded: Option<GpsFit>) -> GpsVerdict {
     let (Some(topocentric), Some(gridded)) = (topocentric, gridded) else {
-        return Verdict::Unsure("its shots have no GPS positions to tell by".to_owned());
+        return GpsVerdict::Unsure("its shots have no GPS positions to tell by".to_owned());
     };
     let is_sure = (topocentric.turn_rad - gridded.turn_rad).abs() > SURE_SIGMAS * topocentric.sigma_rad;
-    let is_clearly_less = |a: Fit, b: Fit| is_sure && a.turn_rad.abs() < b.turn_rad.abs() / 3.0;
+    let is_clearly_less = |a: GpsFit, b: GpsFit| is_sure && a.turn_rad.abs() < b.turn_rad.abs() / 3.0;
     if is_clearly_less(gridded, topocentric) {
-        Verdict::Gridded(topocentric)
+        GpsVerdict::Gridded(topocentric)
     } else if is_clearly_less(topocentric, gridded) {
-        Verdict::Topocentric
+        GpsVerdict::Topocentric
     } else {
-        Verdict::Unsure(format!(
+        GpsVerdict::Unsure(format!(
             "its GPS positions are turned by {topocentric} against the one and by {gridded} against the other"
         ))
     }
 }
 
-fn refuse_if_turned(path: &Path, fit: Option<Fit>) -> Result<(), SurveyError> {
+fn refuse_if_turned(path: &Path, fit: Option<GpsFit>) -> Result<(), SurveyError> {
     let Some(fit) = fit else { return Ok(()) };
     let moved_m = fit.turn_rad.abs() * fit.radius_m;
     if fit.turn_rad.abs() <= SURE_SIGMAS * fit.sigma_rad || moved_m <= CONTRADICTS_M {
@@ -171,19 +171,19 @@ fn refuse_if_turned(path: &Path, fit: Option<Fit>) -> Result<(), SurveyError> {
 
 /// Fit of GPS positions on centres.
 #[derive(Debug, Clone, Copy)]
-struct Fit {
+struct GpsFit {
     turn_rad: f64,
     sigma_rad: f64,
     radius_m: f64,
 }
 
-impl std::fmt::Display for Fit {
+impl std::fmt::Display for GpsFit {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{:.2}° ± {:.2}°", self.turn_rad.to_degrees(), self.sigma_rad.to_degrees())
     }
 }
 
-impl Fit {
+impl GpsFit {
     /// The fit of pairs of centre and GPS position; `None` where they are too few.
     fn of(pairs: impl IntoIterator<Item = (DVec2, DVec2)>) -> Option<Self> {
         const MIN_FIXES: usize = 4;
@@ -207,7 +207,7 @@ impl Fit {
     }
 }
 
-impl Grid {
+impl OdmGrid {
     /// The files that ODM wrote into `odm_georeferencing`, looked for in the folder, in it, and beside it.
     pub(super) fn beside(folder: &Path) -> Result<Option<Self>, SurveyError> {
         let name = "odm_georeferencing";

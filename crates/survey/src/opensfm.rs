@@ -16,7 +16,7 @@ use serde::Deserialize;
 
 use super::angles::from_rotation_vector;
 use super::error::Place;
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::odm_frame::{self, Fix};
 use super::poses::{FileHeights, Pose, Poses};
 use super::{SurveyConfig, SurveyError};
@@ -28,7 +28,7 @@ struct Reconstruction {
     #[serde(default)]
     cameras: BTreeMap<String, SfmCamera>,
     #[serde(default)]
-    shots: BTreeMap<String, Shot>,
+    shots: BTreeMap<String, OpensfmShot>,
     reference_lla: Option<ReferenceLla>,
 }
 
@@ -41,7 +41,7 @@ struct ReferenceLla {
 }
 
 #[derive(Deserialize)]
-struct Shot {
+struct OpensfmShot {
     rotation: [f64; 3],
     translation: [f64; 3],
     camera: String,
@@ -62,7 +62,7 @@ pub(super) struct SfmCamera {
 }
 
 /// Cameras by name; one that cannot be used keeps the reason.
-pub(super) type Cameras = BTreeMap<String, Result<Arc<Camera>, String>>;
+pub(super) type CamerasByName = BTreeMap<String, Result<Arc<Camera>, String>>;
 
 fn perspective() -> String {
     "perspective".to_owned()
@@ -76,9 +76,9 @@ pub(super) fn json<T: for<'a> Deserialize<'a>>(path: &Path) -> Result<T, SurveyE
 }
 
 /// A folder with the file, or the file.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    candidate.path.join("reconstruction.json").is_file()
-        || (candidate.has_extension("json") && candidate.head.trim_start().starts_with('['))
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.path.join("reconstruction.json").is_file()
+        || (marks.has_extension("json") && marks.head.trim_start().starts_with('['))
 }
 
 /// Positions of receivers worse than this are placeholders, metres (`OpenSfM` writes 999,999 for none).
@@ -137,7 +137,7 @@ impl ReferenceLla {
 pub(super) fn take(
     name: &str,
     camera: &str,
-    cameras: &Cameras,
+    cameras: &CamerasByName,
     poses: &mut Poses,
     pose: impl FnOnce(Arc<Camera>) -> Pose,
 ) {
@@ -154,7 +154,7 @@ pub(super) fn camera_key(id: &str) -> &str {
 }
 
 /// The cameras of a file by their key.
-pub(super) fn cameras_of(cameras: BTreeMap<String, SfmCamera>) -> Cameras {
+pub(super) fn cameras_of(cameras: BTreeMap<String, SfmCamera>) -> CamerasByName {
     cameras.into_iter().map(|(id, camera)| (camera_key(&id).to_owned(), camera_of(&camera).map(Arc::new))).collect()
 }
 

@@ -30,7 +30,7 @@ use serde::de::DeserializeOwned;
 
 use super::angles::AngleConvention;
 use super::error::Place;
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::poses::{Pose, Poses, World};
 use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::Crs;
@@ -42,12 +42,12 @@ use sizeup_heights::camera::{Camera, Distortion};
 const MAX_FISHEYE_TERMS: usize = 5;
 
 #[derive(Deserialize)]
-struct Project {
-    items: Vec<Item>,
+struct OpfProject {
+    items: Vec<OpfItem>,
 }
 
 #[derive(Deserialize)]
-struct Item {
+struct OpfItem {
     #[serde(rename = "type")]
     kind: String,
     #[serde(default)]
@@ -61,7 +61,7 @@ struct Resource {
 }
 
 #[derive(Deserialize)]
-struct Calibration {
+struct OpfCalibration {
     sensors: Vec<Sensor>,
     cameras: Vec<CalibratedCamera>,
 }
@@ -152,8 +152,8 @@ fn find(path: &Path) -> Option<PathBuf> {
 }
 
 /// A project, or a folder with one.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    candidate.has_extension("opf") || (candidate.is_folder && find(&candidate.path).is_some())
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.has_extension("opf") || (marks.is_folder && find(&marks.path).is_some())
 }
 
 /// Reads a project with a calibration.
@@ -161,8 +161,8 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let path = config.path.as_path();
     let file = find(path)
         .ok_or_else(|| SurveyError::malformed(path, Place::Whole, "expected a .opf project, or a folder with one"))?;
-    let project: Project = read_json(&file)?;
-    let calibration: Calibration = project.part(&file, "calibration", "opf-calibrated-cameras")?;
+    let project: OpfProject = read_json(&file)?;
+    let calibration: OpfCalibration = project.part(&file, "calibration", "opf-calibrated-cameras")?;
     let inputs: InputCameras = project.part(&file, "input_cameras", "opf-input-cameras")?;
     let list: CameraList = project.part(&file, "camera_list", "opf-camera-list")?;
     let frame: SceneFrame = project.part(&file, "scene_reference_frame", "opf-scene-reference-frame")?;
@@ -189,7 +189,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     Ok(poses)
 }
 
-impl Project {
+impl OpfProject {
     /// The first file of a format among the items of a type.
     fn part<T: DeserializeOwned>(&self, project: &Path, kind: &str, format: &str) -> Result<T, SurveyError> {
         let resource = self

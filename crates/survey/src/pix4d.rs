@@ -13,7 +13,7 @@ use glam::DVec3;
 use super::angles::{nearest_rotation, rows};
 use super::config::CsvConfig;
 use super::error::Place;
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::poses::{Pose, Poses, World};
 use super::{SurveyConfig, SurveyError, csv};
 use sizeup_geo::crs::Crs;
@@ -40,8 +40,8 @@ fn find(path: &Path) -> Option<PathBuf> {
 }
 
 /// A `params` folder, or one of its files.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    find(&candidate.path).is_some()
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    find(&marks.path).is_some()
 }
 
 /// Reads a `params` folder or one of its files.

@@ -62,12 +62,12 @@ pub(crate) struct Poses {
     /// Poses that the reader refused.
     pub issues: Vec<Issue>,
     /// Origin of the focal lengths, and the positioning quality, counted by name.
-    pub counts: Counts,
+    pub counts: PropertyCounts,
 }
 
 /// Number of photos with each property, by name.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Counts {
+pub(crate) struct PropertyCounts {
     /// Source of the focal length.
     pub focal: BTreeMap<String, usize>,
     /// State of the satellite positioning.
@@ -78,7 +78,7 @@ impl Poses {
     /// None yet, in a world the file does not name, over grid north.
     pub(crate) fn new() -> Self {
         Self {
-            counts: Counts::default(),
+            counts: PropertyCounts::default(),
             world: World::Unsaid,
             north: North::Grid,
             heights: FileHeights::Unsaid,

@@ -27,7 +27,7 @@ use serde_json::Value;
 use super::angles::{AngleConvention, CameraAxes, nearest_rotation, rows};
 use super::csv::declared_camera;
 use super::error::Place;
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::opensfm::json;
 use super::poses::{Pose, Poses, World};
 use super::{PixelOrigin, SurveyConfig, SurveyError};
@@ -41,7 +41,7 @@ const MAX_DISAGREEMENT: f64 = 1e-4;
 
 /// An item, or a page of them.
 #[derive(Deserialize)]
-struct Document {
+struct StacDocument {
     #[serde(rename = "type")]
     kind: String,
     id: Option<String>,
@@ -58,7 +58,7 @@ struct Link {
 }
 
 #[derive(Deserialize)]
-struct Properties {
+struct StacProperties {
     #[serde(rename = "pers:interior_orientation")]
     interior: Option<Interior>,
     #[serde(rename = "pers:perspective_center")]
@@ -92,15 +92,15 @@ struct Interior {
 }
 
 /// A JSON file of items with perspective imagery, or a folder of them.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    if candidate.is_folder {
-        return items_in(&candidate.path)
-            .is_ok_and(|files| files.first().is_some_and(|file| Candidate::of(file).is_ok_and(|file| is_stac(&file))));
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    if marks.is_folder {
+        return items_in(&marks.path)
+            .is_ok_and(|files| files.first().is_some_and(|file| FileMarks::of(file).is_ok_and(|file| is_stac(&file))));
     }
-    is_stac(candidate)
+    is_stac(marks)
 }
 
-fn is_stac(file: &Candidate) -> bool {
+fn is_stac(file: &FileMarks) -> bool {
     (file.has_extension("json") || file.has_extension("geojson"))
         && file.head.contains("stac_version")
         && (file.head.contains("perspective-imagery") || file.head.contains("\"pers:"))
@@ -126,7 +126,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let files = if path.is_dir() { items_in(path)? } else { vec![path.to_owned()] };
     let declared = config.camera.as_ref().map(|camera| declared_camera(camera, PixelOrigin::default()));
     let declared = declared.transpose().map_err(|e| SurveyError::config(e, ""))?.map(Arc::new);
-    let mut survey = Reading { declared, crs_is_declared: config.crs.is_some(), ..Reading::default() };
+    let mut survey = StacReading { declared, crs_is_declared: config.crs.is_some(), ..StacReading::default() };
     for file in &files {
         survey.add(file, json(file)?)?;
     }
@@ -138,7 +138,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
 }
 
 /// State of the reading.
-struct Reading {
+struct StacReading {
     poses: Poses,
     cameras: Vec<(Interior, Result<Arc<Camera>, String>)>,
     /// Definition of the first item's CRS: all have to share it.
@@ -147,15 +147,15 @@ struct Reading {
     declared: Option<Arc<Camera>>,
 }
 
-impl Default for Reading {
+impl Default for StacReading {
     fn default() -> Self {
         Self { poses: Poses::new(), cameras: Vec::new(), world: None, crs_is_declared: false, declared: None }
     }
 }
 
-impl Reading {
-    fn add(&mut self, path: &Path, document: Document) -> Result<(), SurveyError> {
-        let Document { kind, id, properties, features, links } = document;
+impl StacReading {
+    fn add(&mut self, path: &Path, document: StacDocument) -> Result<(), SurveyError> {
+        let StacDocument { kind, id, properties, features, links } = document;
         let items = match (kind.as_str(), id, properties) {
             ("FeatureCollection", ..) => features.into_iter().map(id_and_properties).collect(),
             ("Feature", Some(id), Some(properties)) => vec![(id, properties)],
@@ -172,7 +172,7 @@ impl Reading {
             self.poses.issues.push(issue.hint("ask with a higher `limit`, or put all pages into one folder"));
         }
         for (id, properties) in items {
-            let properties = serde_json::from_value::<Properties>(properties).map_err(|e| e.to_string());
+            let properties = serde_json::from_value::<StacProperties>(properties).map_err(|e| e.to_string());
             match properties.and_then(|properties| self.pose(&id, &properties)) {
                 Ok(pose) => self.poses.poses.push(pose),
                 Err(reason) => self.poses.refuse("pose_unusable", &id, reason),
@@ -181,7 +181,7 @@ impl Reading {
         Ok(())
     }
 
-    fn pose(&mut self, id: &str, properties: &Properties) -> Result<Pose, String> {
+    fn pose(&mut self, id: &str, properties: &StacProperties) -> Result<Pose, String> {
         let centre = properties.centre.as_deref().ok_or("it has no pers:perspective_center")?;
         let &[x, y, z] = centre else {
             return Err(format!("its pers:perspective_center has {} numbers: expected X, Y, Z", centre.len()));
@@ -212,7 +212,7 @@ impl Reading {
         }
     }
 
-    fn camera(&mut self, properties: &Properties) -> Result<Arc<Camera>, String> {
+    fn camera(&mut self, properties: &StacProperties) -> Result<Arc<Camera>, String> {
         let Some(interior) = &properties.interior else {
             return self.declared.clone().ok_or_else(|| {
                 "it has no pers:interior_orientation of its own: declare the camera under [survey.camera]".to_owned()
@@ -241,7 +241,7 @@ fn id_and_properties(mut item: Value) -> (String, Value) {
 }
 
 /// The definition of an item's CRS with its heights.
-fn world(properties: &Properties) -> Result<String, String> {
+fn world(properties: &StacProperties) -> Result<String, String> {
     let code = |value: &Value| match value {
         Value::Number(code) => Some(code.to_string()),
         Value::String(text) => text.trim().strip_prefix("EPSG:").map(str::to_owned),
@@ -259,7 +259,7 @@ fn world(properties: &Properties) -> Result<String, String> {
     }
 }
 
-fn rotation(properties: &Properties) -> Result<DMat3, String> {
+fn rotation(properties: &StacProperties) -> Result<DMat3, String> {
     let of_matrix = properties.matrix.as_deref().map(of_matrix).transpose()?;
     let angles = [properties.omega_deg, properties.phi_deg, properties.kappa_deg];
     let of_angles = match angles {

@@ -18,7 +18,7 @@ const N_NAMED: usize = 3;
 const BETTER_BY: f64 = 0.1;
 
 /// Another reading: what to declare for it, the poses it gives, and how they reach the project.
-struct Candidate {
+struct AlternativeReading {
     change: String,
     poses: Poses,
     config: SurveyConfig,
@@ -37,7 +37,7 @@ pub(crate) fn run(
     candidates.extend(systems(poses, &unmatched, project_crs));
     candidates.extend(takeoff(poses, &unmatched, project_crs, site));
     let mut found: Vec<(Judgement, String)> = Vec::new();
-    for Candidate { change, poses, config } in candidates {
+    for AlternativeReading { change, poses, config } in candidates {
         let Ok((survey, _)) = locate(poses, &config, project_crs) else { continue };
         let judgement = Judgement::of(&survey, site);
         if judgement.score() > declared.score() + BETTER_BY {
@@ -56,7 +56,7 @@ fn trial(change: String, judgement: Judgement) -> Trial {
 }
 
 /// Other CRSs of poses whose CRS nobody said: degrees, earth-centred, or the neighbours of the project's UTM zone.
-fn systems(poses: &Poses, config: &SurveyConfig, project_crs: &Crs) -> Vec<Candidate> {
+fn systems(poses: &Poses, config: &SurveyConfig, project_crs: &Crs) -> Vec<AlternativeReading> {
     if config.crs.is_some() || config.enu_origin.is_some() || poses.world != World::Unsaid {
         return Vec::new();
     }
@@ -70,7 +70,7 @@ fn systems(poses: &Poses, config: &SurveyConfig, project_crs: &Crs) -> Vec<Candi
         let mut config = SurveyConfig { crs: Some(crs), ..config.clone() };
         // Which height system they are in is another question.
         config.height.keep_ellipsoidal = config.height.geoid_offset.is_none();
-        Some(Candidate { change: format!("crs = \"EPSG:{code}\""), poses: poses.clone(), config })
+        Some(AlternativeReading { change: format!("crs = \"EPSG:{code}\""), poses: poses.clone(), config })
     };
     codes.into_iter().filter_map(candidate).collect()
 }
@@ -84,7 +84,7 @@ fn neighbour_zones(epsg: u32) -> Vec<u32> {
 }
 
 /// Heights above the take-off, tried on the ground below the cameras.
-fn takeoff(poses: &Poses, config: &SurveyConfig, project_crs: &Crs, site: Site<'_>) -> Option<Candidate> {
+fn takeoff(poses: &Poses, config: &SurveyConfig, project_crs: &Crs, site: Site<'_>) -> Option<AlternativeReading> {
     let terrain = site.terrain?;
     let (survey, _) = locate(poses.clone(), config, project_crs).ok()?;
     let centres = survey.views.iter().map(|view| view.camera_from_map.centre());
@@ -92,7 +92,7 @@ fn takeoff(poses: &Poses, config: &SurveyConfig, project_crs: &Crs, site: Site<'
     let height =
         HeightConfig { reference: Some(VerticalDatum::AboveTakeoff), base: Some(ground_m), ..HeightConfig::default() };
     let change = format!("height.reference = \"above_takeoff\", height.base = {ground_m}");
-    Some(Candidate { change, poses: poses.clone(), config: SurveyConfig { height, ..config.clone() } })
+    Some(AlternativeReading { change, poses: poses.clone(), config: SurveyConfig { height, ..config.clone() } })
 }
 
 /// The reading of a table of angles that looks the other way from the same numbers (Rotterdam's cameras against the
@@ -127,16 +127,16 @@ pub(crate) fn sample(poses: &Poses) -> Poses {
 }
 
 /// Other meanings of the same numbers.
-fn rotations(poses: &Poses, config: &SurveyConfig) -> Vec<Candidate> {
+fn rotations(poses: &Poses, config: &SurveyConfig) -> Vec<AlternativeReading> {
     let changed = |change: &str, edit: &dyn Fn(&mut Pose)| {
         let mut poses = poses.clone();
         poses.poses.iter_mut().for_each(edit);
-        Candidate { change: change.to_owned(), poses, config: config.clone() }
+        AlternativeReading { change: change.to_owned(), poses, config: config.clone() }
     };
     let swapped = |pose: &mut Pose| pose.centre = DVec3::new(pose.centre.y, pose.centre.x, pose.centre.z);
     let mut candidates = vec![changed("x and y exchanged", &swapped)];
     if config.format == Format::Csv || config.csv.is_some() {
-        let with_config = |(change, poses)| Candidate { change, poses, config: config.clone() };
+        let with_config = |(change, poses)| AlternativeReading { change, poses, config: config.clone() };
         candidates.extend(tables(config).into_iter().map(with_config));
         return candidates;
     }

@@ -68,7 +68,7 @@ pub(crate) fn parse_number(name: &str, text: &str) -> Result<f64, String> {
 }
 
 /// The next step on the top level of the walk.
-pub(crate) enum Step {
+pub(crate) enum XmlStep {
     /// An element opens: take it with [`Xml::element`], or let the walk go on inside it.
     Start(Element),
     /// The end of the element of this name.
@@ -100,7 +100,7 @@ impl<R: BufRead> Xml<R> {
     }
 
     /// The next opening or closing element.
-    pub(crate) fn step(&mut self) -> Result<Step, SurveyError> {
+    pub(crate) fn step(&mut self) -> Result<XmlStep, SurveyError> {
         let mut ignored = String::new();
         self.next(&mut ignored)
     }
@@ -116,26 +116,26 @@ impl<R: BufRead> Xml<R> {
             let Some(top) = stack.last_mut() else { return Err(self.error("an element closes that never opened")) };
             top.text.push_str(&text);
             match step {
-                Step::Start(child) => {
+                XmlStep::Start(child) => {
                     n_elements += 1;
                     if depth >= MAX_DEPTH || n_elements > MAX_ELEMENTS {
                         return Err(self.error("elements nested or repeated beyond what a survey holds"));
                     }
                     stack.push(child);
                 }
-                Step::End(_) => {
+                XmlStep::End(_) => {
                     let Some(done) = stack.pop() else { return Err(self.error("an element closes twice")) };
                     match stack.last_mut() {
                         Some(parent) => parent.children.push(done),
                         None => return Ok(done),
                     }
                 }
-                Step::Done => return Err(self.error("the file ends inside an element")),
+                XmlStep::Done => return Err(self.error("the file ends inside an element")),
             }
         }
     }
 
-    fn next(&mut self, text: &mut String) -> Result<Step, SurveyError> {
+    fn next(&mut self, text: &mut String) -> Result<XmlStep, SurveyError> {
         loop {
             self.buffer.clear();
             let event = match self.reader.read_event_into(&mut self.buffer) {
@@ -154,13 +154,13 @@ impl<R: BufRead> Xml<R> {
                         return Err(self.error("elements nested beyond what a survey holds"));
                     }
                     self.open.push(element.name.clone());
-                    return Ok(Step::Start(element));
+                    return Ok(XmlStep::Start(element));
                 }
                 Event::End(_) => {
                     let Some(name) = self.open.pop() else {
                         return Err(self.error("an element closes that never opened"));
                     };
-                    return Ok(Step::End(name));
+                    return Ok(XmlStep::End(name));
                 }
                 Event::Text(part) => text.push_str(&part.xml10_content()),
                 Event::CData(part) => text.push_str(&part.xml10_content()),
@@ -171,7 +171,7 @@ impl<R: BufRead> Xml<R> {
                         None => return Err(self.error(format!("unknown entity &{name};"))),
                     }
                 }
-                Event::Eof if self.open.is_empty() => return Ok(Step::Done),
+                Event::Eof if self.open.is_empty() => return Ok(XmlStep::Done),
                 Event::Eof => return Err(self.error("the file ends inside an element").hint("it is truncated")),
                 Event::Decl(_) | Event::Comment(_) | Event::PI(_) | Event::DocType(_) | Event::Empty(_) => {}
             }

@@ -12,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::accuracy::word;
-use super::{BenchmarkError, Method, Outcome, Plan, Programs, SceneJob, Tell, Variant, run_scene};
+use super::{BenchmarkError, Method, Outcome, Programs, SceneJob, SuitePlan, TellScenes, Variant, run_scene};
 use sizeup_geo::files::{FileError, write_json, write_whole};
 use sizeup_heights::stats;
 use sizeup_lab::evaluate::{HeightStatistics, SurfaceEvaluation};
@@ -121,7 +121,7 @@ impl Study {
         }
     }
 
-    fn variants(self) -> Vec<Row> {
+    fn variants(self) -> Vec<PlannedRow> {
         let of = |(key, values): &Values| {
             let of_value = |value: &&str| {
                 let short = key.rsplit('.').next().unwrap_or(key);
@@ -134,7 +134,7 @@ impl Study {
                     // The views that are spread over the survey see every building often enough, whatever k.
                     assignments.push("optimise.views.n_spread=0".to_owned());
                 }
-                Row { label: format!("{short} = {value}"), assignments }
+                PlannedRow { label: format!("{short} = {value}"), assignments }
             };
             values.iter().map(of_value).collect::<Vec<_>>()
         };
@@ -150,7 +150,7 @@ const OF_BUILDINGS: &str = "a footprint per building";
 const OF_LEVELS: &str = "a footprint per roof level";
 
 /// A row of a study, not run yet.
-struct Row {
+struct PlannedRow {
     label: String,
     assignments: Vec<String>,
 }
@@ -300,7 +300,7 @@ type Outcomes = BTreeMap<String, Vec<Outcome>>;
 ///
 /// # Errors
 /// [`BenchmarkError`].
-pub fn run(config: &StudyConfig, plan: &Plan, tell: Tell<'_>) -> Result<StudyTables, BenchmarkError> {
+pub fn run(config: &StudyConfig, plan: &SuitePlan, tell: TellScenes<'_>) -> Result<StudyTables, BenchmarkError> {
     if config.of.is_empty() {
         return Ok(StudyTables::default());
     }
@@ -333,20 +333,20 @@ pub fn run(config: &StudyConfig, plan: &Plan, tell: Tell<'_>) -> Result<StudyTab
 fn run_town(
     config: &StudyConfig,
     job: &SceneJob,
-    plan: &Plan,
+    plan: &SuitePlan,
     tell: &dyn Fn(&str),
     outcomes: &mut Outcomes,
 ) -> Result<(), BenchmarkError> {
     // Simulated once, and removed in the end unless it is to be kept.
-    let keeping = Plan { keep_scenes: true, ..plan.clone() };
-    let mut wanted = vec![Row { label: AS_IT_IS.to_owned(), assignments: Vec::new() }];
+    let keeping = SuitePlan { keep_scenes: true, ..plan.clone() };
+    let mut wanted = vec![PlannedRow { label: AS_IT_IS.to_owned(), assignments: Vec::new() }];
     wanted.extend(config.of.iter().flat_map(|study| study.variants()));
     if config.of.contains(&Study::Views) {
         let settings = ["gate_percentile=0.0".to_owned(), format!("n_spread={ALL_VIEWS}")];
         let assignments = settings.map(|setting| format!("optimise.views.{setting}")).to_vec();
-        wanted.push(Row { label: ALL_OBLIQUE.to_owned(), assignments });
+        wanted.push(PlannedRow { label: ALL_OBLIQUE.to_owned(), assignments });
     }
-    let run_rows = |rows: &[Row], outcomes: &mut Outcomes| -> Result<(), BenchmarkError> {
+    let run_rows = |rows: &[PlannedRow], outcomes: &mut Outcomes| -> Result<(), BenchmarkError> {
         let variants = rows.iter().flat_map(|row| seeded(config, row)).collect();
         let found = run_scene(&SceneJob { variants, ..job.clone() }, &keeping, tell)?;
         for (row, of_row) in rows.iter().zip(found.chunks(config.solver_seeds.len())) {
@@ -361,7 +361,7 @@ fn run_town(
         let n_used = stats::mean(&used).unwrap_or(0.0).round();
         let settings = ["choice=random".to_owned(), format!("n_spread={n_used}")];
         let assignments = settings.map(|setting| format!("optimise.views.{setting}")).to_vec();
-        run_rows(&[Row { label: RANDOM.to_owned(), assignments }], outcomes)?;
+        run_rows(&[PlannedRow { label: RANDOM.to_owned(), assignments }], outcomes)?;
     }
     if config.of.contains(&Study::Components) {
         for (label, footprints) in [(OF_BUILDINGS, FootprintsOf::Buildings), (OF_LEVELS, FootprintsOf::RoofLevels)] {
@@ -370,7 +370,7 @@ fn run_town(
                 job.name.push_str("-levels");
                 job.simulate.town.footprints = footprints;
             }
-            let row = Row { label: label.to_owned(), assignments: Vec::new() };
+            let row = PlannedRow { label: label.to_owned(), assignments: Vec::new() };
             let found = run_scene(&SceneJob { variants: seeded(config, &row), ..job.clone() }, plan, tell)?;
             outcomes.entry(row.label).or_default().extend(found);
         }
@@ -383,7 +383,7 @@ fn run_town(
 }
 
 /// A row's settings with each seed of the solver.
-fn seeded(config: &StudyConfig, row: &Row) -> Vec<Variant> {
+fn seeded(config: &StudyConfig, row: &PlannedRow) -> Vec<Variant> {
     let with_seed = |seed: &u64| Variant {
         method: Method::Paper,
         name: file_name(&row.label, *seed),

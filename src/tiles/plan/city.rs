@@ -13,7 +13,7 @@ use crate::pipeline::{Frame, PartHashes, PipelineError, footprints_around, photo
 use crate::tiles::frame::CityFrame;
 use crate::tiles::grid::{self, Core, Places};
 use crate::tiles::manifest::{self, Layout, Tile, TileViews};
-use crate::tiles::memory::{Counts, estimate_mb};
+use crate::tiles::memory::{TileCounts, estimate_mb};
 use crate::tiles::{TilesError, sight};
 use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_heights::frames::LocalOrigin;
@@ -40,7 +40,7 @@ const PIECE_M: f64 = 1000.0;
 const MAX_SLOPE: f64 = 3.0;
 
 /// Everything that tiles are made from.
-pub(super) struct City<'a> {
+pub(super) struct PlannedCity<'a> {
     config: &'a RunConfig,
     settings: &'a PlanSettings,
     survey: &'a Survey,
@@ -58,7 +58,7 @@ pub(super) struct City<'a> {
     reviews: Reviews,
 }
 
-impl<'a> City<'a> {
+impl<'a> PlannedCity<'a> {
     /// Settles the frame of a city and cuts it; `earlier` is what was settled for it before.
     ///
     /// # Errors
@@ -135,7 +135,7 @@ impl<'a> City<'a> {
         let oblique: Vec<&View> = self.survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique).collect();
         let tangents: Vec<f64> = oblique.iter().map(|v| v.off_nadir_rad().tan().min(MAX_SLOPE)).collect();
         let aspect = oblique.first().map_or(1.0, |v| f64::from(v.camera.width_px) / f64::from(v.camera.height_px));
-        let counts = Counts {
+        let counts = TileCounts {
             n_views,
             n_buildings: self.places.count(&halo),
             area_m2: (halo.east_m - halo.west_m) * (halo.north_m - halo.south_m),

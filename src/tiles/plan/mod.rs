@@ -11,14 +11,14 @@ use serde_json::json;
 
 pub use self::settings::PlanSettings;
 
-use self::city::City;
+use self::city::PlannedCity;
 use self::layer::CityFootprints;
 use self::settings::check;
 use super::frame::CityFrame;
 use super::grid::Places;
 use super::manifest::{Common, Layout, Manifest, Tile, Tileset, read_json, sweep_litter};
 use super::run::{COST, Cost};
-use super::stale::{Check, Trust, known, part_name};
+use super::stale::{StaleCheck, Trust, known, part_name};
 use super::{Lock, TilesError};
 use crate::config::RunConfig;
 use crate::pipeline::{self, Event, RunOptions, Stage, Tell};
@@ -97,7 +97,7 @@ pub fn try_plan(
     let names = ["plan"].into_iter().chain(manifest.tiles.iter().map(|tile| tile.id.as_str()));
     let hashes = known(&city, settings.trust, names);
     // Views are those of the new plan, results those of the city.
-    let check = Check { layout: &layout, manifest: &manifest, hashes: &hashes };
+    let check = StaleCheck { layout: &layout, manifest: &manifest, hashes: &hashes };
     let seconds = seconds_per_building(&city, &manifest);
     let of_tile = |tile: &Tile| -> Result<Option<TileChange>, TilesError> {
         let wanted = check.tile(tile)?;
@@ -141,7 +141,7 @@ fn make(
     }
     let places = Places::new(&footprints.middles);
     let earlier = read_json::<CityFrame>(&layout.frame()).ok();
-    let city = City::new(config, settings, &survey, &footprints, places, earlier)?;
+    let city = PlannedCity::new(config, settings, &survey, &footprints, places, earlier)?;
     can_be_placed(config, settings.tileset, &city)?;
     let tiles = city.tiles(layout)?;
     let inputs = shared_inputs(config, settings, Some(&survey), &hashes)?;
@@ -188,7 +188,7 @@ fn recipe_of(config: &RunConfig, settings: &PlanSettings, inputs: &[InputFile]) 
 }
 
 /// Whether 3D Tiles can be written in the end, for which PROJ may lack a grid: better now than after all tiles.
-fn can_be_placed(config: &RunConfig, tileset: Tileset, city: &City<'_>) -> Result<(), TilesError> {
+fn can_be_placed(config: &RunConfig, tileset: Tileset, city: &PlannedCity<'_>) -> Result<(), TilesError> {
     let (Tileset::Written(heights), Some(extent)) = (tileset, city.places.extent()) else { return Ok(()) };
     let ground_m = city.grounds.first().map_or(0.0, |ground| ground[0]);
     let middle = glam::DVec3::new(

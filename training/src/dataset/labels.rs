@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::DVec2;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::raster::Raster;
-use sizeup_lab::simulate::{Seen, VisibleWorld, World, ground_contact, roofs};
+use sizeup_lab::simulate::{SeenObject, SimulatedTown, VisibleWorld, ground_contact, roofs};
 use sizeup_survey::View;
 
 /// Ground labels of pixels of which it is not known whether there is a building.
@@ -40,7 +40,12 @@ pub struct Instance {
 impl Labels {
     /// Of a view of a world; `complete_m` as in the configuration.
     #[must_use]
-    pub fn of(view: &View, world: &World, sight: &VisibleWorld, complete_m: Option<[f64; 4]>) -> (Self, Vec<Instance>) {
+    pub fn of(
+        view: &View,
+        world: &SimulatedTown,
+        sight: &VisibleWorld,
+        complete_m: Option<[f64; 4]>,
+    ) -> (Self, Vec<Instance>) {
         let mut ground = ground_contact(view, &world.buildings, &world.terrain);
         if let Some(area) = complete_m {
             leave_out(&mut ground, view, &world.terrain, area);
@@ -48,8 +53,8 @@ impl Labels {
         let roof = roofs(view, &world.buildings);
         let seen = sight.see(view).seen;
         let visible = seen.map(|s| match s {
-            Seen::Building(idx) => idx.at() as u16 + 1,
-            Seen::Sky | Seen::Ground | Seen::Clutter => 0,
+            SeenObject::Building(idx) => idx.at() as u16 + 1,
+            SeenObject::Sky | SeenObject::Ground | SeenObject::Clutter => 0,
         });
         let instances = instances(&ground, &seen);
         (Self { ground, roof, visible }, instances)
@@ -70,7 +75,7 @@ fn leave_out(ground: &mut Raster<u16>, view: &View, terrain: &Terrain, [west, so
     }
 }
 
-fn instances(ground: &Raster<u16>, seen: &Raster<Seen>) -> Vec<Instance> {
+fn instances(ground: &Raster<u16>, seen: &Raster<SeenObject>) -> Vec<Instance> {
     let (width, height) = (ground.width(), ground.height());
     let mut found: BTreeMap<u16, (Instance, usize)> = BTreeMap::new();
     for (i, (&label, seen)) in ground.data().iter().zip(seen.data()).enumerate() {
@@ -84,9 +89,9 @@ fn instances(ground: &Raster<u16>, seen: &Raster<Seen>) -> Vec<Instance> {
         let [left, top, right, bottom] = instance.bounds;
         instance.bounds = [left.min(col), top.min(row), right.max(col + 1), bottom.max(row + 1)];
         *n_hidden += usize::from(match seen {
-            Seen::Clutter => true,
-            Seen::Building(idx) => idx.at() + 1 != usize::from(label),
-            Seen::Sky | Seen::Ground => false,
+            SeenObject::Clutter => true,
+            SeenObject::Building(idx) => idx.at() + 1 != usize::from(label),
+            SeenObject::Sky | SeenObject::Ground => false,
         });
     }
     let finish = |(mut instance, n_hidden): (Instance, usize)| {

@@ -8,7 +8,7 @@ use image::imageops::FilterType;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::terrain::{self, MapBox};
 use sizeup_heights::ids::{BuildingId, ViewId};
-use sizeup_lab::simulate::{self, SimulateConfig, VisibleWorld, World};
+use sizeup_lab::simulate::{self, SimulateConfig, SimulatedTown, VisibleWorld};
 use sizeup_photos::prior::{FilePriors, PriorKind, PriorSource as _};
 use sizeup_survey::{View, ViewKind};
 
@@ -20,7 +20,7 @@ const GROUND_MARGIN: f64 = 1.5;
 
 /// A scene whose photos and depth lie in the set.
 pub(super) struct Source {
-    pub world: World,
+    pub world: SimulatedTown,
     pub sight: VisibleWorld,
     /// Near-nadir views at the size of the set's photos, with their files.
     pub views: Vec<View>,
@@ -100,7 +100,7 @@ fn own(scene: &SceneConfig, config: &PhotosConfig, folder: &Path) -> Result<Sour
         };
         prisms.push((footprint.id, footprint.polygon, height_m));
     }
-    let world = World::of_prisms(&prisms, terrain, &config.crs).map_err(TrainError::scene(name))?;
+    let world = SimulatedTown::of_prisms(&prisms, terrain, &config.crs).map_err(TrainError::scene(name))?;
     let sight = VisibleWorld::of_buildings(&world);
     for view in &mut views {
         photo_into(view, config.longest_px, folder, name)?;

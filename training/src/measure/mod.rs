@@ -15,7 +15,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use serde::Serialize;
-use sizeup_footprints::Look;
+use sizeup_footprints::ContourFineness;
 use sizeup_heights::raster::Raster;
 use sizeup_lab::evaluate::{PhotoAreas, PhotoEvaluation, evaluate_photos};
 
@@ -115,7 +115,7 @@ fn measure_row(set: &Set, photos: &[Photo], row: &Row, pictures: Option<&Path>) 
                 None => row.labels(set, photo)?,
                 Some(source) => {
                     let view = sources::view_of(set, photo);
-                    let look = Look {
+                    let look = ContourFineness {
                         min_area_px2: LEAST_PX as f64,
                         tolerance_px: TOLERANCE_PX,
                         pixel_m: photo.image.ground_sample_m,

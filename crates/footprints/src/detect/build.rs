@@ -5,8 +5,8 @@ use geo_types::Polygon;
 use glam::DVec3;
 use serde_json::{Map as JsonMap, Value};
 
-use super::{Detection, DetectionSummary, PlacedCandidate, Sighting, Track, Tracks};
-use crate::clean::{self, Rules};
+use super::{BuildingSightings, Detection, DetectionSummary, PhotoContour, PlacedCandidate, Tracks};
+use crate::clean::{self, CleaningRules};
 use crate::consensus::Consensus;
 use crate::contours::ContourKind;
 use crate::georeference::PlaceError;
@@ -18,7 +18,7 @@ use sizeup_heights::ids::BuildingId;
 use sizeup_survey::View;
 
 /// Puts buildings into a layer.
-pub(super) struct Builder<'a> {
+pub(super) struct LayerBuilder<'a> {
     /// Views of the survey that footprints are looked for in.
     pub views: &'a [View],
     /// Ground under the views.
@@ -28,12 +28,12 @@ pub(super) struct Builder<'a> {
     /// Candidates of single views.
     pub placed: Vec<PlacedCandidate>,
     /// The same as the photos show it, for roofs.
-    pub tracks: Vec<Track>,
+    pub tracks: Vec<PhotoContour>,
     /// Layer, sightings and counts, as far as they are built.
     pub detection: Detection,
 }
 
-impl Builder<'_> {
+impl LayerBuilder<'_> {
     /// Footprints on the output grid that can be extruded; refused ones go into the layer at once.
     pub(super) fn clean(
         &mut self,
@@ -42,7 +42,8 @@ impl Builder<'_> {
         summary: &mut DetectionSummary,
     ) -> Vec<(Polygon<f64>, Consensus)> {
         let consensus = self.settings.consensus;
-        let rules = Rules { grid_m: consensus.grid_m, min_area_m2: consensus.min_area_m2, max_area_change: 0.05 };
+        let rules =
+            CleaningRules { grid_m: consensus.grid_m, min_area_m2: consensus.min_area_m2, max_area_change: 0.05 };
         let mut kept = Vec::with_capacity(buildings.len());
         for mut building in buildings {
             match clean::clean(&building.polygon, rules) {
@@ -99,7 +100,7 @@ impl Builder<'_> {
         self.detection.tracks = (self.settings.contour == ContourKind::Roof).then_some(tracks);
     }
 
-    fn sighting(&self, polygon: &Polygon<f64>, building: &Consensus) -> Sighting {
+    fn sighting(&self, polygon: &Polygon<f64>, building: &Consensus) -> BuildingSightings {
         let views: Vec<usize> = building.members.iter().map(|&m| self.placed[m].view).collect();
         let rings = std::iter::once(polygon.exterior()).chain(polygon.interiors());
         let corners = rings.flat_map(|ring| &ring.0[..ring.0.len().saturating_sub(1)]);
@@ -114,7 +115,7 @@ impl Builder<'_> {
             .collect();
         // One view of one is weaker evidence than nine of nine.
         let support = (building.n_views as f64 + 0.5) / (building.n_seen as f64 + 1.0);
-        Sighting {
+        BuildingSightings {
             n_views: building.n_views,
             n_seen: building.n_seen,
             agreement: building.agreement,
@@ -127,7 +128,7 @@ impl Builder<'_> {
     }
 }
 
-fn footprint(id: BuildingId, polygon: Polygon<f64>, sighting: &Sighting) -> Footprint {
+fn footprint(id: BuildingId, polygon: Polygon<f64>, sighting: &BuildingSightings) -> Footprint {
     let rounded = |v: f64| Value::from((v * 1e3).round() / 1e3);
     let n = sighting.corner_sigma_m.len().max(1) as f64;
     let sigma_m = (sighting.corner_sigma_m.iter().map(|s| s * s).sum::<f64>() / n).sqrt();

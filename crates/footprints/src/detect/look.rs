@@ -4,10 +4,10 @@ use geo::Centroid as _;
 use geo_types::{MultiPolygon, Polygon};
 use glam::DVec3;
 
-use super::{BORDER_PX, Track};
-use crate::candidate::Candidate;
-use crate::contours::{ContourKind, ContourSource, Look, ViewFault};
-use crate::georeference::{PlaceError, Projector, Surface, ground_pixel_m};
+use super::{BORDER_PX, PhotoContour};
+use crate::candidate::FootprintCandidate;
+use crate::contours::{ContourFineness, ContourKind, ContourSource, ViewFault};
+use crate::georeference::{BaseSurface, PlaceError, Projector, ground_pixel_m};
 use crate::source::DetectionSettings;
 use crate::vectorise::Contour;
 use sizeup_geo::terrain::Terrain;
@@ -19,7 +19,7 @@ const CONTOUR_SHARE: f64 = 0.1;
 const SPECK_SHARE: f64 = 0.25;
 
 /// Candidates of one view.
-pub(super) struct Looked {
+pub(super) struct ViewCandidates {
     /// Ground that it sees.
     pub seen: Polygon<f64>,
     /// Contours in the photo, on the ground, and how far off they may be.
@@ -37,11 +37,11 @@ pub(super) fn look_at(
     view: &View,
     terrain: &Terrain,
     settings: DetectionSettings<'_>,
-) -> Result<Looked, ViewFault> {
-    let on_ground = Projector::new(view, Surface::Terrain(terrain));
+) -> Result<ViewCandidates, ViewFault> {
+    let on_ground = Projector::new(view, BaseSurface::Terrain(terrain));
     let seen = on_ground.seen(BORDER_PX).ok_or(ViewFault::OffTerrain)?;
     let pixel_m = ground_pixel_m(&on_ground, view).ok_or(ViewFault::OffTerrain)?;
-    let look = Look {
+    let look = ContourFineness {
         min_area_px2: SPECK_SHARE * settings.consensus.min_area_m2 / (pixel_m * pixel_m),
         tolerance_px: CONTOUR_SHARE * settings.consensus.tolerance_m / pixel_m,
         pixel_m,
@@ -62,29 +62,29 @@ pub(super) fn look_at(
         })
         .collect();
     let n_off_terrain = n_found - contours.len();
-    Ok(Looked { seen, contours, n_off_terrain })
+    Ok(ViewCandidates { seen, contours, n_off_terrain })
 }
 
 /// A roof's contour at a height above the ground under its middle.
 fn roof(view: &View, terrain: &Terrain, shape_px: &MultiPolygon<f64>, height_m: f64) -> Option<MultiPolygon<f64>> {
     let middle_px = shape_px.centroid()?.into();
-    let first = Projector::new(view, Surface::Terrain(terrain)).point(middle_px)?;
+    let first = Projector::new(view, BaseSurface::Terrain(terrain)).point(middle_px)?;
     // The ground under the roof, not behind it.
-    let under = Projector::new(view, Surface::Level(first.z + height_m)).point(middle_px)?;
+    let under = Projector::new(view, BaseSurface::Level(first.z + height_m)).point(middle_px)?;
     let ground_m = terrain.height_at(under.x, under.y)?;
-    Projector::new(view, Surface::Level(ground_m + height_m)).shape(shape_px)
+    Projector::new(view, BaseSurface::Level(ground_m + height_m)).shape(shape_px)
 }
 
 /// A candidate at another height; as it is where that cannot be.
 pub(super) fn raised(
-    candidate: &Candidate,
-    track: &Track,
+    candidate: &FootprintCandidate,
+    track: &PhotoContour,
     views: &[View],
     terrain: &Terrain,
     height_m: f64,
-) -> Candidate {
+) -> FootprintCandidate {
     match roof(&views[track.view], terrain, &track.shape_px, height_m) {
-        Some(shape) => Candidate { shape, ..candidate.clone() },
+        Some(shape) => FootprintCandidate { shape, ..candidate.clone() },
         None => candidate.clone(),
     }
 }

@@ -13,10 +13,10 @@ use serde::{Deserialize, Serialize};
 
 pub use roofs::move_roofs;
 
-use self::build::Builder;
-use self::look::{Looked, look_at, raised};
+use self::build::LayerBuilder;
+use self::look::{ViewCandidates, look_at, raised};
 use super::cadastre::{self, CadastreChange, FootprintFrom};
-use super::candidate::{Candidate, SeenGround};
+use super::candidate::{FootprintCandidate, SeenGround};
 use super::cluster::Dropped;
 use super::consensus;
 use super::contours::{ContourKind, ContourSource, ViewFault};
@@ -50,7 +50,7 @@ pub struct PlacedCandidate {
 
 /// Sightings of a building.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Sighting {
+pub struct BuildingSightings {
     /// Views that show it.
     pub n_views: usize,
     /// Views that see its place.
@@ -96,12 +96,12 @@ pub struct DetectionSummary {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tracks {
     /// Per building of the layer: position of the view in the survey, and the contour in pixels of its photo.
-    pub buildings: Vec<Vec<Track>>,
+    pub buildings: Vec<Vec<PhotoContour>>,
 }
 
 /// The contour of one building in one photo.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Track {
+pub struct PhotoContour {
     /// Position of the view in the survey.
     pub view: usize,
     /// Pixels of the photo.
@@ -118,7 +118,7 @@ pub struct Detection {
     /// One footprint per building.
     pub layer: FootprintLayer,
     /// Sightings of each of the layer's footprints, in order.
-    pub sightings: Vec<Sighting>,
+    pub sightings: Vec<BuildingSightings>,
     /// Everything that single views show.
     pub candidates: Vec<PlacedCandidate>,
     /// Buildings of an existing layer that are gone.
@@ -149,10 +149,9 @@ pub fn detect(
                 .to_owned(),
         });
     }
-    let looked: Vec<Result<Looked, ViewFault>> =
+    let looked: Vec<Result<ViewCandidates, ViewFault>> =
         nadir.par_iter().map(|&i| look_at(source, &views[i], terrain, settings)).collect();
-    let mut issues = Vec::new();
-    issues.extend(suspicious(&looked));
+    let mut issues: Vec<Issue> = suspicious(&looked).into_iter().collect();
     let mut seen = Vec::new();
     let (mut candidates, mut tracks, mut placed) = (Vec::new(), Vec::new(), Vec::new());
     let mut summary = DetectionSummary { n_views: nadir.len(), ..DetectionSummary::default() };
@@ -178,9 +177,9 @@ pub fn detect(
             let weight = sigma_m.powi(2).max(1e-6).recip();
             let (score, is_cut) = (contour.score, contour.is_cut);
             placed.push(PlacedCandidate { view, shape: shape.clone(), score, is_cut, sigma_m, building: None });
-            candidates.push(Candidate { view: seen.len(), shape, weight, score, is_cut });
+            candidates.push(FootprintCandidate { view: seen.len(), shape, weight, score, is_cut });
             if settings.contour == ContourKind::Roof {
-                tracks.push(Track { view, shape_px: contour.shape_px, score, is_cut });
+                tracks.push(PhotoContour { view, shape_px: contour.shape_px, score, is_cut });
             }
         }
         seen.push(SeenGround { area: looked.seen });
@@ -197,7 +196,7 @@ pub fn detect(
         ContourKind::Ground => consensus::agree(&candidates, &seen, settings.consensus),
         ContourKind::Roof => {
             let heights_m = &settings.consensus.roof_heights_m;
-            let levels: Vec<Vec<Candidate>> = heights_m
+            let levels: Vec<Vec<FootprintCandidate>> = heights_m
                 .par_iter()
                 .map(|height_m| {
                     candidates.iter().zip(&tracks).map(|(c, t)| raised(c, t, views, terrain, *height_m)).collect()
@@ -209,10 +208,10 @@ pub fn detect(
     let Dropped { n_contradicted, n_unsupported } = agreed.dropped;
     (summary.n_contradicted, summary.n_unsupported) = (n_contradicted, n_unsupported);
 
-    let mut builder = Builder { views, terrain, settings, placed, tracks, detection: Detection::default() };
+    let mut builder = LayerBuilder { views, terrain, settings, placed, tracks, detection: Detection::default() };
     let footprints = builder.clean(agreed.buildings, &mut issues, &mut summary);
     builder.add(footprints);
-    let Builder { mut detection, placed, .. } = builder;
+    let LayerBuilder { mut detection, placed, .. } = builder;
     detection.candidates = placed;
     if let Some(config) = settings.cadastre {
         let found = cadastre::conflate(&mut detection.layer.footprints, &seen, config, crs)?;
@@ -226,7 +225,9 @@ pub fn detect(
         for old in found.unseen {
             *summary.by_change.entry(CadastreChange::Unseen).or_default() += 1;
             detection.layer.footprints.push(old);
-            detection.sightings.push(Sighting { change: Some(CadastreChange::Unseen), ..Sighting::default() });
+            detection
+                .sightings
+                .push(BuildingSightings { change: Some(CadastreChange::Unseen), ..BuildingSightings::default() });
         }
         if let Some(tracks) = &mut detection.tracks {
             tracks.buildings.resize(detection.layer.footprints.len(), Vec::new());
@@ -275,7 +276,7 @@ fn check(settings: &DetectionSettings<'_>) -> Result<(), FootprintError> {
 }
 
 /// Faults that every single mask allows and all together do not.
-fn suspicious(looked: &[Result<Looked, ViewFault>]) -> Option<Issue> {
+fn suspicious(looked: &[Result<ViewCandidates, ViewFault>]) -> Option<Issue> {
     let contours = || looked.iter().flatten().flat_map(|l| &l.contours);
     let warn = |code: &str, message: String, hint: &str| {
         Some(Issue::new(Severity::Warning, code, Subject::Input("footprints".to_owned()), message).hint(hint))
@@ -308,7 +309,7 @@ fn left_out(detection: &Detection, settings: &DetectionSettings<'_>) -> Vec<Issu
     let least_m2 = settings.consensus.min_area_m2;
     let buildings = detection.layer.footprints.iter().zip(&detection.sightings);
     let lost = buildings.filter(|(_, seen)| seen.left_out_m2 >= least_m2 && has_own_footprint(seen.change));
-    let tell = |(footprint, seen): (&Footprint, &Sighting)| {
+    let tell = |(footprint, seen): (&Footprint, &BuildingSightings)| {
         let (kept_m2, lost_m2) = (footprint.polygon.unsigned_area(), seen.left_out_m2);
         let message = format!(
             "the photos show it in pieces that touch in a corner at most: its footprint is the largest, {kept_m2:.1} m², and \

@@ -5,10 +5,10 @@ use glam::DVec3;
 
 use super::{BORDER_PX, Tracks};
 use crate::FootprintLayer;
-use crate::candidate::{Candidate, SeenGround};
-use crate::clean::{self, Rules};
+use crate::candidate::{FootprintCandidate, SeenGround};
+use crate::clean::{self, CleaningRules};
 use crate::consensus;
-use crate::georeference::{PlaceError, Projector, Surface};
+use crate::georeference::{BaseSurface, PlaceError, Projector};
 use crate::source::DetectionSettings;
 use sizeup_survey::View;
 
@@ -32,14 +32,20 @@ pub fn move_roofs(
         let first = candidates.len();
         for track in tracks {
             let view = &views[track.view];
-            let projector = Projector::new(view, Surface::Level(*z));
+            let projector = Projector::new(view, BaseSurface::Level(*z));
             let (Some(shape), Some(area)) = (projector.shape(&track.shape_px), projector.seen(BORDER_PX)) else {
                 continue;
             };
             let Some(centre) = shape.centroid() else { continue };
             let error = PlaceError::at(view, DVec3::new(centre.x(), centre.y(), *z), settings.accuracy);
             let weight = error.sigma_m(settings.accuracy).powi(2).max(1e-6).recip();
-            candidates.push(Candidate { view: seen.len(), shape, weight, score: track.score, is_cut: track.is_cut });
+            candidates.push(FootprintCandidate {
+                view: seen.len(),
+                shape,
+                weight,
+                score: track.score,
+                is_cut: track.is_cut,
+            });
             seen.push(SeenGround { area });
         }
         if candidates.len() > first {
@@ -47,8 +53,11 @@ pub fn move_roofs(
         }
     }
     let drawn = consensus::draw_fixed(&fixed, &candidates, &seen, settings.consensus);
-    let rules =
-        Rules { grid_m: settings.consensus.grid_m, min_area_m2: settings.consensus.min_area_m2, max_area_change: 0.05 };
+    let rules = CleaningRules {
+        grid_m: settings.consensus.grid_m,
+        min_area_m2: settings.consensus.min_area_m2,
+        max_area_change: 0.05,
+    };
     let mut moved = vec![0.0; layer.footprints.len()];
     for (i, polygon) in drawn {
         let Ok(cleaned) = clean::clean(&polygon, rules) else { continue };

@@ -24,13 +24,13 @@ pub struct Apart {
 
 /// Parts of the flood: each with its peak and its pixels, joined into larger ones.
 #[derive(Default)]
-struct Parts {
+struct FloodParts {
     parent: Vec<u32>,
     peak: Vec<f32>,
     n_px: Vec<usize>,
 }
 
-impl Parts {
+impl FloodParts {
     fn start(&mut self, peak: f32) -> u32 {
         self.parent.push(self.parent.len() as u32);
         self.peak.push(peak);
@@ -61,7 +61,7 @@ pub fn split(buildings: &Raster<f32>, middles: &Raster<f32>, how: Apart) -> Rast
     let (built, middle) = (buildings.data(), middles.data());
     let mut order: Vec<u32> = (0..built.len() as u32).filter(|&i| built[i as usize] > how.above).collect();
     order.sort_by(|&a, &b| middle[b as usize].total_cmp(&middle[a as usize]).then(a.cmp(&b)));
-    let mut parts = Parts::default();
+    let mut parts = FloodParts::default();
     let mut part_of = vec![NONE; built.len()];
     for i in order.iter().map(|&i| i as usize) {
         // The part to join first: that of the neighbour which lies nearest to a middle.

@@ -26,7 +26,7 @@ use self::profile::Gives;
 use self::roofs::{Maps, footprints};
 use self::tiles::{Joiner, Mosaic, at_photo_size};
 use self::turned::TurnedOver;
-use super::contours::{ContourSource, Look, ViewFault};
+use super::contours::{ContourFineness, ContourSource, ViewFault};
 use super::vectorise::{Contour, Instances, MaskFault, Vectorising, contours, contours_at_level};
 use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_heights::raster::Raster;
@@ -36,7 +36,7 @@ use sizeup_survey::View;
 const PART_SHARE: f64 = 0.25;
 
 impl ContourSource for Segmenter {
-    fn contours(&self, view: &View, look: Look) -> Result<Vec<Contour>, ViewFault> {
+    fn contours(&self, view: &View, look: ContourFineness) -> Result<Vec<Contour>, ViewFault> {
         let path = view.image.as_deref().ok_or_else(|| ViewFault::Photo { reason: "it is not known".to_owned() })?;
         let photo = RasterFile::open(path).map_err(|e| ViewFault::Photo { reason: e.to_string() })?;
         let size = photo.size();

@@ -59,14 +59,14 @@ fn less_seams(middle: &Raster<f32>, seam: &Raster<f32>) -> Raster<f32> {
 
 /// Bounds of a label and its rise.
 #[derive(Debug, Clone, Copy)]
-struct Roof {
+struct LabelExtent {
     rise: f64,
     /// First column and row, and one after the last.
     bounds: [usize; 4],
 }
 
 /// The roofs by their labels, from 1: each with the median of its rise.
-fn of_each(roofs: &Raster<u32>, rise: &Raster<f32>) -> Vec<Roof> {
+fn of_each(roofs: &Raster<u32>, rise: &Raster<f32>) -> Vec<LabelExtent> {
     let n = roofs.data().iter().copied().max().unwrap_or(0) as usize;
     let mut rises: Vec<Vec<f32>> = vec![Vec::new(); n];
     let mut bounds = vec![[usize::MAX, usize::MAX, 0, 0]; n];
@@ -80,13 +80,15 @@ fn of_each(roofs: &Raster<u32>, rise: &Raster<f32>) -> Vec<Roof> {
         let middle = values.len() / 2;
         values.select_nth_unstable_by(middle, f32::total_cmp).1.to_owned()
     };
-    let of =
-        |(values, bounds): (&mut Vec<f32>, [usize; 4])| Roof { rise: f64::from(MOST_RISE * median(values)), bounds };
+    let of = |(values, bounds): (&mut Vec<f32>, [usize; 4])| LabelExtent {
+        rise: f64::from(MOST_RISE * median(values)),
+        bounds,
+    };
     rises.iter_mut().zip(bounds).map(of).collect()
 }
 
 /// Roofs laid on the ground; of two in one pixel, the one whose middle is nearer has it.
-fn laid_down(labels: &Raster<u32>, roofs: &[Roof], maps: &Maps, nadir: DVec2) -> Raster<u32> {
+fn laid_down(labels: &Raster<u32>, roofs: &[LabelExtent], maps: &Maps, nadir: DVec2) -> Raster<u32> {
     let (width, height) = (labels.width(), labels.height());
     let mut laid = Raster::filled(width, height, 0);
     let mut depth = Raster::filled(width, height, f32::NEG_INFINITY);

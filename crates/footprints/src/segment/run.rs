@@ -28,7 +28,7 @@ struct Inlet {
 }
 
 /// Geometry of a photo besides its colours.
-pub(super) struct Geometry {
+pub(super) struct PhotoGeometry {
     relief: Option<Raster<f32>>,
     pub(super) lean: Lean,
 }
@@ -187,7 +187,7 @@ impl Segmenter {
     }
 
     /// Geometry by a view's pose and depth, for networks that take it.
-    pub(super) fn geometry_of(&self, view: &View) -> Result<Geometry, ViewFault> {
+    pub(super) fn geometry_of(&self, view: &View) -> Result<PhotoGeometry, ViewFault> {
         let lean = Lean::of(view).ok_or_else(|| ViewFault::Network {
             problem: "its nadir lies beyond the lens model".to_owned(),
             hint: "networks of contours on the ground see photos that look nearly straight down".to_owned(),
@@ -202,7 +202,7 @@ impl Segmenter {
                 Some(relief(&prior))
             }
         };
-        Ok(Geometry { relief, lean })
+        Ok(PhotoGeometry { relief, lean })
     }
 
     fn is_built_in(&self) -> bool {
@@ -233,7 +233,7 @@ impl Segmenter {
     pub(super) fn look(
         &self,
         photo: &RasterFile,
-        geometry: &Geometry,
+        geometry: &PhotoGeometry,
         tile: CellWindow,
         turned: TurnedOver,
     ) -> Result<(Tensor, Option<Vec<f32>>, f32), ViewFault> {

@@ -15,7 +15,7 @@ use sizeup_heights::raster::Raster;
 const HEIGHT_SHARE: f64 = 0.9;
 
 /// Two labels, the lower one first.
-type Pair = (u32, u32);
+type LabelPair = (u32, u32);
 
 /// Sum of the map over a border, and the number of its pixels.
 #[derive(Debug, Clone, Copy, Default)]
@@ -26,7 +26,7 @@ struct Border {
 
 /// A part, or several joined ones.
 #[derive(Debug, Clone, Copy)]
-struct Part {
+struct JoinedPart {
     height: f64,
     n_px: usize,
 }
@@ -38,9 +38,9 @@ pub fn join(labels: &Raster<u32>, map: &Raster<f32>, least: f32) -> Raster<u32> 
     let mut parts = parts(labels, map);
     let mut borders = borders(labels, map);
     let mut label_of: Vec<u32> = (0..=parts.len() as u32).collect();
-    let part = |parts: &[Part], label: u32| parts[label as usize - 1];
+    let part = |parts: &[JoinedPart], label: u32| parts[label as usize - 1];
     loop {
-        let fall = |(pair, border): (&Pair, &Border)| {
+        let fall = |(pair, border): (&LabelPair, &Border)| {
             let height = part(&parts, pair.0).height.min(part(&parts, pair.1).height);
             (*pair, height - border.sum / border.n as f64)
         };
@@ -52,7 +52,7 @@ pub fn join(labels: &Raster<u32>, map: &Raster<f32>, least: f32) -> Raster<u32> 
         let (a, b) = (part(&parts, kept), part(&parts, gone));
         let n_px = a.n_px + b.n_px;
         let height = (a.height * a.n_px as f64 + b.height * b.n_px as f64) / n_px as f64;
-        parts[kept as usize - 1] = Part { height, n_px };
+        parts[kept as usize - 1] = JoinedPart { height, n_px };
         label_of.iter_mut().filter(|l| **l == gone).for_each(|l| *l = kept);
         borders = renamed(&borders, gone, kept);
     }
@@ -66,7 +66,7 @@ fn numbered(label_of: &[u32]) -> Vec<u32> {
     label_of.iter().map(|label| kept.partition_point(|k| k < label) as u32).collect()
 }
 
-fn parts(labels: &Raster<u32>, map: &Raster<f32>) -> Vec<Part> {
+fn parts(labels: &Raster<u32>, map: &Raster<f32>) -> Vec<JoinedPart> {
     let n = labels.data().iter().copied().max().unwrap_or(0) as usize;
     let mut values: Vec<Vec<f32>> = vec![Vec::new(); n];
     for (label, value) in labels.data().iter().zip(map.data()).filter(|(l, _)| **l != 0) {
@@ -75,14 +75,14 @@ fn parts(labels: &Raster<u32>, map: &Raster<f32>) -> Vec<Part> {
     let part = |values: &mut Vec<f32>| {
         let nth = ((values.len() as f64 * HEIGHT_SHARE) as usize).min(values.len().saturating_sub(1));
         let height = if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(nth, f32::total_cmp).1 };
-        Part { height: f64::from(height), n_px: values.len() }
+        JoinedPart { height: f64::from(height), n_px: values.len() }
     };
     values.iter_mut().map(part).collect()
 }
 
 /// Every border between two parts, the lower value of each pair of pixels.
-fn borders(labels: &Raster<u32>, map: &Raster<f32>) -> BTreeMap<Pair, Border> {
-    let mut borders: BTreeMap<Pair, Border> = BTreeMap::new();
+fn borders(labels: &Raster<u32>, map: &Raster<f32>) -> BTreeMap<LabelPair, Border> {
+    let mut borders: BTreeMap<LabelPair, Border> = BTreeMap::new();
     for (i, &label) in labels.data().iter().enumerate().filter(|(_, l)| **l != 0) {
         for j in labels.beside(i).filter(|&j| labels.data()[j] > label) {
             let border = borders.entry((label, labels.data()[j])).or_default();
@@ -93,8 +93,8 @@ fn borders(labels: &Raster<u32>, map: &Raster<f32>) -> BTreeMap<Pair, Border> {
     borders
 }
 
-fn renamed(borders: &BTreeMap<Pair, Border>, gone: u32, kept: u32) -> BTreeMap<Pair, Border> {
-    let mut all: BTreeMap<Pair, Border> = BTreeMap::new();
+fn renamed(borders: &BTreeMap<LabelPair, Border>, gone: u32, kept: u32) -> BTreeMap<LabelPair, Border> {
+    let mut all: BTreeMap<LabelPair, Border> = BTreeMap::new();
     let name = |label: u32| if label == gone { kept } else { label };
     for (&(a, b), border) in borders {
         let (a, b) = (name(a), name(b));

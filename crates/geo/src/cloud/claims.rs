@@ -85,7 +85,7 @@ pub(super) enum Claim {
 /// Checks a file from its beginning. Returns where its points end at the latest.
 pub(super) fn check(file: &mut (impl Read + Seek)) -> Result<u64, Claim> {
     let length = file.seek(SeekFrom::End(0)).map_err(|_| Claim::Cut("header"))?;
-    let header = Header::read(file)?;
+    let header = LasHeader::read(file)?;
     limits::check(header.n_points.saturating_mul(IN_MEMORY), Some(length))?;
     within("its points begin at byte", u64::from(header.points_at), length)?;
     if let Some(at) = header.extended_at {
@@ -105,7 +105,7 @@ fn within(what: &'static str, claimed: u64, length: u64) -> Result<(), Claim> {
 }
 
 /// Parts of a header that matter.
-struct Header {
+struct LasHeader {
     header_size: u16,
     points_at: u32,
     n_records: u32,
@@ -115,7 +115,7 @@ struct Header {
     extended_at: Option<u64>,
 }
 
-impl Header {
+impl LasHeader {
     fn read(file: &mut (impl Read + Seek)) -> Result<Self, Claim> {
         let bytes = bytes::<SHORTEST_HEADER>(file, 0).ok_or(Claim::Cut("header"))?;
         let is_1_4 = bytes[24] == 1 && bytes[25] >= 4;
@@ -150,7 +150,7 @@ fn bytes_of_1_4(file: &mut (impl Read + Seek)) -> Result<[u8; 20], Claim> {
 }
 
 /// The table of chunks, and the layers of each.
-fn check_chunks(file: &mut (impl Read + Seek), header: &Header, length: u64) -> Result<u64, Claim> {
+fn check_chunks(file: &mut (impl Read + Seek), header: &LasHeader, length: u64) -> Result<u64, Claim> {
     let first = u64::from(header.points_at) + 8;
     let end = match table_place(file, u64::from(header.points_at), length)? {
         Some(table_at) => {
@@ -178,7 +178,7 @@ fn check_chunks(file: &mut (impl Read + Seek), header: &Header, length: u64) -> 
 }
 
 /// Where chunks have any number of points, the reader asks their table for each, and goes beyond it where points are left.
-fn check_points(file: &mut (impl Read + Seek), header: &Header, record: &[u8]) -> Result<(), Claim> {
+fn check_points(file: &mut (impl Read + Seek), header: &LasHeader, record: &[u8]) -> Result<(), Claim> {
     // What cannot be read here the reader refuses itself, or does without.
     let Ok(record) = LazVlr::from_buffer(record) else { return Ok(()) };
     if !record.uses_variable_size_chunks() || file.seek(SeekFrom::Start(u64::from(header.points_at))).is_err() {
@@ -263,7 +263,7 @@ impl<R: Seek> Seek for UpTo<R> {
 }
 
 /// Statement of `LASzip` on its compression; `None` where it says nothing.
-fn laszip_record(file: &mut (impl Read + Seek), header: &Header) -> Result<Option<Vec<u8>>, Claim> {
+fn laszip_record(file: &mut (impl Read + Seek), header: &LasHeader) -> Result<Option<Vec<u8>>, Claim> {
     let mut at = u64::from(header.header_size);
     for _ in 0..header.n_records {
         let head = bytes::<{ RECORD_HEAD as usize }>(file, at).ok_or(Claim::Cut("records"))?;

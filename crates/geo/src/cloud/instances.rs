@@ -24,14 +24,14 @@ pub(super) fn instances(vlrs: &[Vlr], points: &PointData) -> Vec<Option<u32>> {
 }
 
 /// Offset of the dimension among the extra bytes, and its storage.
-fn dimension(vlrs: &[Vlr]) -> Option<(usize, Kind)> {
+fn dimension(vlrs: &[Vlr]) -> Option<(usize, NumberStorage)> {
     let record = vlrs.iter().find(|vlr| vlr.user_id == RECORD.0 && vlr.record_id == RECORD.1)?;
     let mut offset = 0;
     for description in record.data.chunks_exact(DESCRIPTION) {
         let name = String::from_utf8_lossy(&description[NAME]);
         let name = name.trim_end_matches('\0').trim().to_ascii_lowercase();
         if NAMES.contains(&name.as_str())
-            && let Some(kind) = Kind::of(description[TYPE_AT])
+            && let Some(kind) = NumberStorage::of(description[TYPE_AT])
         {
             return Some((offset, kind));
         }
@@ -52,13 +52,13 @@ fn size(code: u8, options: u8) -> Option<usize> {
 
 /// Storage of a number, little-endian.
 #[derive(Debug, Clone, Copy)]
-enum Kind {
+enum NumberStorage {
     Unsigned(usize),
     Signed(usize),
     Real(usize),
 }
 
-impl Kind {
+impl NumberStorage {
     fn of(code: u8) -> Option<Self> {
         let bytes = size(code, 0)?;
         match code {
@@ -95,13 +95,13 @@ mod tests {
 
     #[test]
     fn numbers_of_every_type_are_read_and_none_is_none() {
-        assert_eq!(Kind::of(3).unwrap().read(&[0x39, 0x05, 0xff]), Some(1337));
-        assert_eq!(Kind::of(6).unwrap().read(&(-1_i32).to_le_bytes()), None);
-        assert_eq!(Kind::of(8).unwrap().read(&77_i64.to_le_bytes()), Some(77));
-        assert_eq!(Kind::of(9).unwrap().read(&12.0_f32.to_le_bytes()), Some(12));
-        assert_eq!(Kind::of(10).unwrap().read(&12.5_f64.to_le_bytes()), None);
-        assert_eq!(Kind::of(1).unwrap().read(&[0]), None);
-        assert_eq!(Kind::of(5).unwrap().read(&[1, 0]), None, "cut off");
+        assert_eq!(NumberStorage::of(3).unwrap().read(&[0x39, 0x05, 0xff]), Some(1337));
+        assert_eq!(NumberStorage::of(6).unwrap().read(&(-1_i32).to_le_bytes()), None);
+        assert_eq!(NumberStorage::of(8).unwrap().read(&77_i64.to_le_bytes()), Some(77));
+        assert_eq!(NumberStorage::of(9).unwrap().read(&12.0_f32.to_le_bytes()), Some(12));
+        assert_eq!(NumberStorage::of(10).unwrap().read(&12.5_f64.to_le_bytes()), None);
+        assert_eq!(NumberStorage::of(1).unwrap().read(&[0]), None);
+        assert_eq!(NumberStorage::of(5).unwrap().read(&[1, 0]), None, "cut off");
     }
 
     #[test]
@@ -116,7 +116,7 @@ mod tests {
         let vlr = Vlr { user_id: RECORD.0.to_owned(), record_id: RECORD.1, data, ..Vlr::default() };
         let (offset, kind) = dimension(&[Vlr::default(), vlr]).unwrap();
         assert_eq!(offset, 5 + 4);
-        assert!(matches!(kind, Kind::Signed(4)));
+        assert!(matches!(kind, NumberStorage::Signed(4)));
         assert!(dimension(&[Vlr::default()]).is_none());
     }
 }

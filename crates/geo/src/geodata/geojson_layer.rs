@@ -86,7 +86,7 @@ impl GeoJsonLayer {
         if members.crs.is_none() && features.iter().filter_map(|f| f.geometry.as_ref()).any(|g| has_heights(&g.value)) {
             return None;
         }
-        let columns = Columns::of(&features)?;
+        let columns = CollectionColumns::of(&features)?;
         let numbers = numbers(&features)?;
         let name = members.name.filter(|name| !name.is_empty());
         Some(Self {
@@ -148,7 +148,7 @@ fn number_of(feature: &geojson::Feature) -> Option<u64> {
 
 /// The kind of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum ValueKind {
     /// Nothing but nulls so far.
     Unknown,
     Whole,
@@ -156,7 +156,7 @@ enum Kind {
     Text,
 }
 
-impl Kind {
+impl ValueKind {
     fn of(value: &Value) -> Option<Self> {
         match value {
             Value::Null => Some(Self::Unknown),
@@ -202,14 +202,14 @@ fn is_time(text: &str) -> bool {
 }
 
 /// The columns of a collection and their kinds.
-struct Columns(Vec<(String, Kind)>);
+struct CollectionColumns(Vec<(String, ValueKind)>);
 
-impl Columns {
+impl CollectionColumns {
     /// `None` for columns that are left to GDAL.
     fn of(features: &[geojson::Feature]) -> Option<Self> {
-        let mut columns: Vec<(String, Kind)> = Vec::new();
+        let mut columns: Vec<(String, ValueKind)> = Vec::new();
         let mut places: HashMap<String, usize> = HashMap::new();
-        let mut add = |name: &str, kind: Kind| {
+        let mut add = |name: &str, kind: ValueKind| {
             let place = *places.entry(name.to_owned()).or_insert_with(|| {
                 columns.push((name.to_owned(), kind));
                 columns.len() - 1
@@ -221,11 +221,11 @@ impl Columns {
             match &feature.id {
                 // A text before the attributes is one of them, unless there is one of that name.
                 Some(Id::String(_)) if feature.properties.iter().any(|own| own.contains_key(ID)) => return None,
-                Some(Id::String(_)) => add(ID, Kind::Text),
+                Some(Id::String(_)) => add(ID, ValueKind::Text),
                 Some(Id::Number(_)) | None => {}
             }
             for (name, value) in own {
-                add(name, Kind::of(value)?);
+                add(name, ValueKind::of(value)?);
             }
         }
         let is_named = |feature: &&geojson::Feature| matches!(feature.id, Some(Id::String(_)));
@@ -243,7 +243,7 @@ impl Columns {
             own.insert(ID.to_owned(), id.into());
         }
         let mut value =
-            |(name, kind): &(String, Kind)| (name.clone(), kind.value(own.remove(name).unwrap_or_default()));
+            |(name, kind): &(String, ValueKind)| (name.clone(), kind.value(own.remove(name).unwrap_or_default()));
         let attributes: JsonMap<String, Value> = self.0.iter().map(&mut value).collect();
         let shape = feature.geometry.and_then(|geometry| shape(&geometry.value));
         Feature { fid: Some(fid), geometry: shape.map_or(FeatureGeometry::Missing, FeatureGeometry::Shape), attributes }

@@ -78,7 +78,7 @@ const SERVERS: [&str; 9] = ["curl", "s3", "gs", "az", "adls", "oss", "swift", "h
 
 /// Kind of file to be opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum DatasetKind {
     /// A raster: cells in bands.
     Raster,
     /// Layers of vector features.
@@ -112,28 +112,28 @@ pub enum Refusal {
 }
 
 /// Why a file is not open.
-pub(super) enum Fault {
+pub(super) enum OpenError {
     Refused(Refusal),
     Gdal(gdal::errors::GdalError),
 }
 
 /// Opens a file for reading.
-pub(super) fn open(path: &Path, kind: Kind) -> Result<Dataset, Fault> {
+pub(super) fn open(path: &Path, kind: DatasetKind) -> Result<Dataset, OpenError> {
     crate::gdal_log::route_messages();
     shut_doors();
-    may_be_asked(path).map_err(Fault::Refused)?;
+    may_be_asked(path).map_err(OpenError::Refused)?;
     let drivers = drivers_for(path, kind);
     if drivers.is_empty() {
-        let what = if kind == Kind::Raster { "rasters" } else { "layers" };
+        let what = if kind == DatasetKind::Raster { "rasters" } else { "layers" };
         let (path, extension) = (path.to_owned(), extension(path));
-        return Err(Fault::Refused(Refusal::Extension { path, what, extension }));
+        return Err(OpenError::Refused(Refusal::Extension { path, what, extension }));
     }
     let open_flags = match kind {
-        Kind::Raster => GdalOpenFlags::GDAL_OF_RASTER,
-        Kind::Vector => GdalOpenFlags::GDAL_OF_VECTOR,
+        DatasetKind::Raster => GdalOpenFlags::GDAL_OF_RASTER,
+        DatasetKind::Vector => GdalOpenFlags::GDAL_OF_VECTOR,
     } | GdalOpenFlags::GDAL_OF_VERBOSE_ERROR;
     let options = DatasetOptions { open_flags, allowed_drivers: Some(&drivers), ..DatasetOptions::default() };
-    Dataset::open_ex(path, options).map_err(Fault::Gdal)
+    Dataset::open_ex(path, options).map_err(OpenError::Gdal)
 }
 
 /// Holds a path against what input may ask of servers.
@@ -158,16 +158,16 @@ fn extension(path: &Path) -> String {
 }
 
 /// The drivers that a path's extension names.
-fn drivers_for(path: &Path, kind: Kind) -> Vec<&'static str> {
+fn drivers_for(path: &Path, kind: DatasetKind) -> Vec<&'static str> {
     let extension = extension(path);
     let is_container = extension == "zip" || (extension.is_empty() && path.is_dir());
-    let fits = |format: &&Format| match kind {
-        Kind::Raster => format.is_raster,
-        Kind::Vector => format.is_vector,
+    let fits = |format: &&DriverFormats| match kind {
+        DatasetKind::Raster => format.is_raster,
+        DatasetKind::Vector => format.is_vector,
     };
-    let named = |format: &Format| format.extensions.contains(&extension);
+    let named = |format: &DriverFormats| format.extensions.contains(&extension);
     let is_picture = formats().iter().any(|format| PICTURES.contains(&format.name.as_str()) && named(format));
-    let names_it = |format: &&Format| {
+    let names_it = |format: &&DriverFormats| {
         let name = format.name.as_str();
         named(format) || (is_picture && PICTURES.contains(&name)) || (is_container && FOLDERS.contains(&name))
     };
@@ -175,7 +175,7 @@ fn drivers_for(path: &Path, kind: Kind) -> Vec<&'static str> {
 }
 
 /// Formats that one of GDAL's drivers reads.
-struct Format {
+struct DriverFormats {
     name: String,
     extensions: Vec<String>,
     is_raster: bool,
@@ -183,19 +183,19 @@ struct Format {
 }
 
 /// GDAL's drivers, as many as there are when the first file is opened.
-fn formats() -> &'static [Format] {
-    static FORMATS: OnceLock<Vec<Format>> = OnceLock::new();
+fn formats() -> &'static [DriverFormats] {
+    static FORMATS: OnceLock<Vec<DriverFormats>> = OnceLock::new();
     FORMATS.get_or_init(|| DriverManager::all().map(|driver| format_of(&driver)).collect())
 }
 
-fn format_of(driver: &Driver) -> Format {
+fn format_of(driver: &Driver) -> DriverFormats {
     let item = |key: &str| driver.metadata_item(key, "").unwrap_or_default();
     let name = driver.short_name();
     let more = MORE_EXTENSIONS.iter().filter(|(of, _)| *of == name).map(|(_, extension)| (*extension).to_owned());
     let listed = format!("{} {}", item("DMD_EXTENSIONS"), item("DMD_EXTENSION")).to_ascii_lowercase();
     let extensions = listed.split_whitespace().map(str::to_owned).chain(more).collect();
     let is = |key: &str| item(key) == "YES";
-    Format { name, extensions, is_raster: is("DCAP_RASTER"), is_vector: is("DCAP_VECTOR") }
+    DriverFormats { name, extensions, is_raster: is("DCAP_RASTER"), is_vector: is("DCAP_VECTOR") }
 }
 
 /// Closes the ways to servers, before the first file is opened.

@@ -6,7 +6,7 @@ use gdal::Dataset;
 use gdal::errors::GdalError;
 use gdal::raster::{GdalDataType, RasterBand, ResampleAlg};
 
-use super::open::{self, Fault, Kind, Refusal};
+use super::open::{self, DatasetKind, OpenError, Refusal};
 use crate::crs::{Crs, CrsError};
 use crate::gdal_log;
 use crate::limits::{self, Excess};
@@ -162,9 +162,9 @@ impl RasterFile {
         if !crate::files::is_virtual(path) && !path.exists() {
             return Err(RasterError::Absent { path: path.to_owned() });
         }
-        let dataset = open::open(path, Kind::Raster).map_err(|fault| match fault {
-            Fault::Refused(refusal) => refusal.into(),
-            Fault::Gdal(source) => RasterError::Open { path: path.to_owned(), source },
+        let dataset = open::open(path, DatasetKind::Raster).map_err(|fault| match fault {
+            OpenError::Refused(refusal) => refusal.into(),
+            OpenError::Gdal(source) => RasterError::Open { path: path.to_owned(), source },
         })?;
         let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
         let is_whole = SELF_CONTAINED.contains(&extension.as_str());

@@ -9,7 +9,7 @@ use geo_types::{Coord, LineString, MultiPolygon, Point, Polygon};
 use serde_json::{Map as JsonMap, Value};
 
 use super::geojson_layer::GeoJsonLayer;
-use super::open::{self, Fault, Kind as Open, Refusal};
+use super::open::{self, DatasetKind as Open, OpenError, Refusal};
 use crate::crs::{Crs, CrsError};
 
 /// Why a vector layer cannot be read.
@@ -114,21 +114,21 @@ fn open_dataset(path: &Path) -> Result<gdal::Dataset, VectorError> {
         return Err(VectorError::Absent { path: path.to_owned() });
     }
     open::open(path, Open::Vector).map_err(|fault| match fault {
-        Fault::Refused(refusal) => refusal.into(),
-        Fault::Gdal(source) => VectorError::Open { path: path.to_owned(), source },
+        OpenError::Refused(refusal) => refusal.into(),
+        OpenError::Gdal(source) => VectorError::Open { path: path.to_owned(), source },
     })
 }
 
 /// A layer of vector features, open for reading.
 #[derive(Debug)]
 pub struct VectorLayer {
-    source: Source,
+    source: LayerReader,
     path: PathBuf,
 }
 
 /// Who reads the layer.
 #[derive(Debug)]
-enum Source {
+enum LayerReader {
     /// GDAL, with the attributes' names and kinds.
     Gdal { layer: OwnedLayer, fields: Vec<(String, OGRFieldType::Type)> },
     /// GeoJSON, which is read without GDAL.
@@ -144,7 +144,7 @@ impl VectorLayer {
     pub fn open(path: &Path, layer: Option<&str>) -> Result<Self, VectorError> {
         let own = GeoJsonLayer::read(path).filter(|own| layer.is_none_or(|name| name == own.name));
         match own {
-            Some(own) => Ok(Self { source: Source::GeoJson(own), path: path.to_owned() }),
+            Some(own) => Ok(Self { source: LayerReader::GeoJson(own), path: path.to_owned() }),
             None => Self::open_with_gdal(path, layer),
         }
     }
@@ -183,19 +183,19 @@ impl VectorLayer {
         let layer =
             dataset.into_layer(chosen.0).map_err(|source| VectorError::Open { path: path.to_owned(), source })?;
         let fields = layer.defn().fields().map(|field| (field.name(), field.field_type())).collect();
-        Ok(Self { source: Source::Gdal { layer, fields }, path: path.to_owned() })
+        Ok(Self { source: LayerReader::Gdal { layer, fields }, path: path.to_owned() })
     }
 
     /// Whether GDAL reads the layer, not our own reader of GeoJSON.
     #[must_use]
     pub fn is_read_by_gdal(&self) -> bool {
-        matches!(self.source, Source::Gdal { .. })
+        matches!(self.source, LayerReader::Gdal { .. })
     }
 
     /// The text in the first column that a query of the file gives; `None` where it fails or gives none.
     #[must_use]
     pub fn into_text_of(self, query: &str) -> Option<String> {
-        let Source::Gdal { layer, .. } = self.source else { return None };
+        let LayerReader::Gdal { layer, .. } = self.source else { return None };
         let dataset = layer.into_dataset();
         let mut found = dataset.execute_sql(query, None, gdal::vector::sql::Dialect::DEFAULT).ok()??;
         found.features().next()?.field_as_string(0).ok()?
@@ -205,8 +205,8 @@ impl VectorLayer {
     #[must_use]
     pub fn name(&self) -> String {
         match &self.source {
-            Source::Gdal { layer, .. } => layer.name(),
-            Source::GeoJson(own) => own.name.clone(),
+            LayerReader::Gdal { layer, .. } => layer.name(),
+            LayerReader::GeoJson(own) => own.name.clone(),
         }
     }
 
@@ -216,8 +216,8 @@ impl VectorLayer {
     /// [`VectorError::Crs`] where it has one that PROJ does not understand.
     pub fn crs(&self) -> Result<Option<Crs>, VectorError> {
         let layer = match &self.source {
-            Source::Gdal { layer, .. } => layer,
-            Source::GeoJson(own) => return Ok(Some(own.crs.clone())),
+            LayerReader::Gdal { layer, .. } => layer,
+            LayerReader::GeoJson(own) => return Ok(Some(own.crs.clone())),
         };
         let Some(spatial_ref) = layer.spatial_ref() else { return Ok(None) };
         super::crs_of(&spatial_ref).map_err(|source| VectorError::Crs { path: self.path.clone(), source })
@@ -226,8 +226,8 @@ impl VectorLayer {
     /// Names of its attributes, in order.
     pub fn field_names(&self) -> impl Iterator<Item = &str> {
         let names: Vec<&str> = match &self.source {
-            Source::Gdal { fields, .. } => fields.iter().map(|(name, _)| name.as_str()).collect(),
-            Source::GeoJson(own) => own.fields.iter().map(String::as_str).collect(),
+            LayerReader::Gdal { fields, .. } => fields.iter().map(|(name, _)| name.as_str()).collect(),
+            LayerReader::GeoJson(own) => own.fields.iter().map(String::as_str).collect(),
         };
         names.into_iter()
     }
@@ -235,8 +235,8 @@ impl VectorLayer {
     /// Shows only what meets a rectangle of the layer's own CRS from here on: west, south, east, north.
     pub fn look_at(&mut self, [west, south, east, north]: [f64; 4]) {
         match &mut self.source {
-            Source::Gdal { layer, .. } => layer.set_spatial_filter_rect(west, south, east, north),
-            Source::GeoJson(own) => own.window = Some([west, south, east, north]),
+            LayerReader::Gdal { layer, .. } => layer.set_spatial_filter_rect(west, south, east, north),
+            LayerReader::GeoJson(own) => own.window = Some([west, south, east, north]),
         }
     }
 
@@ -244,8 +244,8 @@ impl VectorLayer {
     #[must_use]
     pub fn n_features(&self) -> Option<u64> {
         match &self.source {
-            Source::Gdal { layer, .. } => layer.try_feature_count(),
-            Source::GeoJson(own) => Some(own.n_features()),
+            LayerReader::Gdal { layer, .. } => layer.try_feature_count(),
+            LayerReader::GeoJson(own) => Some(own.n_features()),
         }
     }
 
@@ -257,20 +257,20 @@ impl VectorLayer {
     pub fn only_where(&mut self, condition: &str) -> Result<(), VectorError> {
         let failed = |source| VectorError::Open { path: self.path.clone(), source };
         match &mut self.source {
-            Source::Gdal { layer, .. } => layer.set_attribute_filter(condition).map_err(failed),
-            Source::GeoJson(_) => Ok(()),
+            LayerReader::Gdal { layer, .. } => layer.set_attribute_filter(condition).map_err(failed),
+            LayerReader::GeoJson(_) => Ok(()),
         }
     }
 
     /// All features, in the layer's order.
     pub fn features(&mut self) -> Box<dyn Iterator<Item = Feature> + '_> {
         match &mut self.source {
-            Source::Gdal { layer, fields } => Box::new(layer.features().map(|feature| Feature {
+            LayerReader::Gdal { layer, fields } => Box::new(layer.features().map(|feature| Feature {
                 fid: feature.fid(),
                 geometry: feature.geometry().map_or(FeatureGeometry::Missing, shape_of_feature),
                 attributes: attributes(&feature, fields),
             })),
-            Source::GeoJson(own) => Box::new(own.features()),
+            LayerReader::GeoJson(own) => Box::new(own.features()),
         }
     }
 }

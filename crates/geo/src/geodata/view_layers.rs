@@ -10,7 +10,7 @@ use glam::DVec3;
 
 /// Appearance of a feature, in the layer's CRS with heights.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Shape {
+pub enum FeatureShape {
     /// A point, in the layer's CRS with heights.
     Point(DVec3),
     /// A line through these points, in the layer's CRS with heights.
@@ -36,7 +36,7 @@ pub struct Layer {
     /// Name of the table.
     pub name: &'static str,
     /// In the order of the views.
-    pub features: Vec<(Shape, Attributes)>,
+    pub features: Vec<(FeatureShape, Attributes)>,
 }
 
 impl Layer {
@@ -63,9 +63,9 @@ pub fn write_geopackage(layers: &[Layer], crs: &str, path: &Path) -> Result<(), 
 
 fn write_layer(dataset: &mut Dataset, layer: &Layer, srs: &SpatialRef) -> Result<(), GdalError> {
     let ty = match layer.features.first() {
-        Some((Shape::Line(_), _)) => OGRwkbGeometryType::wkbLineString25D,
-        Some((Shape::Polygon(_), _)) => OGRwkbGeometryType::wkbPolygon25D,
-        Some((Shape::Point(_), _)) | None => OGRwkbGeometryType::wkbPoint25D,
+        Some((FeatureShape::Line(_), _)) => OGRwkbGeometryType::wkbLineString25D,
+        Some((FeatureShape::Polygon(_), _)) => OGRwkbGeometryType::wkbPolygon25D,
+        Some((FeatureShape::Point(_), _)) | None => OGRwkbGeometryType::wkbPoint25D,
     };
     let mut transaction = dataset.start_transaction()?;
     let table = transaction.create_layer(LayerOptions { name: layer.name, srs: Some(srs), ty, options: None })?;
@@ -88,16 +88,16 @@ fn write_layer(dataset: &mut Dataset, layer: &Layer, srs: &SpatialRef) -> Result
     Ok(())
 }
 
-fn geometry(shape: &Shape) -> Result<Geometry, GdalError> {
+fn geometry(shape: &FeatureShape) -> Result<Geometry, GdalError> {
     let line = |ty, points: &mut dyn Iterator<Item = &DVec3>| {
         let mut line = Geometry::empty(ty)?;
         points.for_each(|p| line.add_point((p.x, p.y, p.z)));
         Ok::<Geometry, GdalError>(line)
     };
     match shape {
-        Shape::Point(p) => line(OGRwkbGeometryType::wkbPoint25D, &mut std::iter::once(p)),
-        Shape::Line(points) => line(OGRwkbGeometryType::wkbLineString25D, &mut points.iter()),
-        Shape::Polygon(ring) => {
+        FeatureShape::Point(p) => line(OGRwkbGeometryType::wkbPoint25D, &mut std::iter::once(p)),
+        FeatureShape::Line(points) => line(OGRwkbGeometryType::wkbLineString25D, &mut points.iter()),
+        FeatureShape::Polygon(ring) => {
             let mut polygon = Geometry::empty(OGRwkbGeometryType::wkbPolygon25D)?;
             polygon.add_geometry(line(OGRwkbGeometryType::wkbLinearRing, &mut ring.iter().chain(ring.first()))?)?;
             Ok(polygon)

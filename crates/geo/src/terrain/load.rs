@@ -207,5 +207,5 @@ fn load_dtm(path: &Path, config: &TerrainConfig, project_crs: &Crs, area: MapBox
     if let Some(unit) = file.unit(config.band)?.filter(|unit| !is_metres(unit)) {
         return Err(TerrainError::NotMetres { path: path.to_owned(), unit });
     }
-    reproject::read(&reproject::Source { file: &file, path, crs: &crs, config }, project_crs, area)
+    reproject::read(&reproject::DtmSource { file: &file, path, crs: &crs, config }, project_crs, area)
 }

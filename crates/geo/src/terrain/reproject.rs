@@ -89,14 +89,14 @@ impl std::fmt::Display for MapBox {
 type Position = (f64, f64);
 
 /// A DTM and how to read it.
-pub(super) struct Source<'a> {
+pub(super) struct DtmSource<'a> {
     pub file: &'a RasterFile,
     pub path: &'a Path,
     pub crs: &'a Crs,
     pub config: &'a TerrainConfig,
 }
 
-impl Source<'_> {
+impl DtmSource<'_> {
     fn crs_error(&self, source: CrsError) -> TerrainError {
         TerrainError::Crs { path: self.path.to_owned(), source }
     }
@@ -134,7 +134,7 @@ impl Source<'_> {
 }
 
 /// The DTM around `area` in the project's CRS: the file's own cells where it is in that CRS already.
-pub(super) fn read(source: &Source<'_>, project_crs: &Crs, area: MapBox) -> Result<Dem, TerrainError> {
+pub(super) fn read(source: &DtmSource<'_>, project_crs: &Crs, area: MapBox) -> Result<Dem, TerrainError> {
     let grid = source.file.grid()?;
     let (width, height) = source.file.size();
     let extent = MapBox {

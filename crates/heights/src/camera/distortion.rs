@@ -141,7 +141,7 @@ impl Distortion {
     }
 
     /// The polynomial of a fisheye; `None` for the other lenses.
-    fn fisheye(&self) -> Option<fisheye::Series> {
+    fn fisheye(&self) -> Option<fisheye::FisheyeCoefficients> {
         match *self {
             Self::Fisheye { k1, k2, k3, k4 } => Some(fisheye::even([k1, k2, k3, k4])),
             Self::FisheyeSeries { k1, k2, k3 } => Some([k1, k2, k3, 0.0, 0.0, 0.0, 0.0, 0.0]),

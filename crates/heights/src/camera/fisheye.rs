@@ -16,25 +16,25 @@ const MAX_STEPS: usize = 80;
 const RISING_CHECKS: usize = 16;
 
 /// The coefficients `c1` to `c8`.
-pub(super) type Series = [f64; 8];
+pub(super) type FisheyeCoefficients = [f64; 8];
 
 /// `OpenCV`'s `k1` to `k4`.
-pub(super) fn even([k1, k2, k3, k4]: [f64; 4]) -> Series {
+pub(super) fn even([k1, k2, k3, k4]: [f64; 4]) -> FisheyeCoefficients {
     [0.0, k1, 0.0, k2, 0.0, k3, 0.0, k4]
 }
 
 /// `θ_d` and its derivative: Horner from the last term `c8 θ⁹`.
-fn bend(series: Series, theta: f64) -> (f64, f64) {
+fn bend(series: FisheyeCoefficients, theta: f64) -> (f64, f64) {
     let (factor, slope) =
         series.iter().rev().fold((0.0, 0.0), |(factor, slope), c| (theta * (factor + c), theta * slope + factor + c));
     (theta * (1.0 + factor), 1.0 + factor + theta * slope)
 }
 
-fn is_rising_to(k: Series, theta: f64) -> bool {
+fn is_rising_to(k: FisheyeCoefficients, theta: f64) -> bool {
     (1..=RISING_CHECKS).all(|i| bend(k, theta * i as f64 / RISING_CHECKS as f64).1 > 0.0)
 }
 
-pub(super) fn distort(k: Series, ideal: DVec2) -> Option<DVec2> {
+pub(super) fn distort(k: FisheyeCoefficients, ideal: DVec2) -> Option<DVec2> {
     let r = ideal.length();
     if r < AXIS {
         return Some(ideal);
@@ -44,7 +44,7 @@ pub(super) fn distort(k: Series, ideal: DVec2) -> Option<DVec2> {
 }
 
 /// Newton's method kept inside a shrinking bracket, so that it cannot leave the domain.
-pub(super) fn undistort(k: Series, distorted: DVec2) -> Option<DVec2> {
+pub(super) fn undistort(k: FisheyeCoefficients, distorted: DVec2) -> Option<DVec2> {
     let r_d = distorted.length();
     if r_d < AXIS {
         return Some(distorted);

@@ -70,14 +70,14 @@ pub fn bleeding_px(offsets: &[f64]) -> f64 {
 }
 
 /// A place on a wall corner's vertical edge that is the side of a building in a view.
-struct Edge {
+struct WallEdge {
     building: usize,
     /// Image position, and the direction out of the building, unit length.
     at: DVec2,
     outward: DVec2,
 }
 
-fn side_edges(scene: &Scene, heights_m: &[f32], placed: &PlacedCamera, building: usize) -> Vec<Edge> {
+fn side_edges(scene: &Scene, heights_m: &[f32], placed: &PlacedCamera, building: usize) -> Vec<WallEdge> {
     let prism = &scene.prisms[building];
     let mut found = Vec::new();
     let Some(ring) = prism.rings().next() else { return found };
@@ -103,14 +103,14 @@ fn side_edges(scene: &Scene, heights_m: &[f32], placed: &PlacedCamera, building:
             let Some(up) = (above - at).try_normalize() else { continue };
             let side = up.perp();
             let outward = if side.dot(inside - at) > 0.0 { -side } else { side };
-            found.push(Edge { building, at, outward });
+            found.push(WallEdge { building, at, outward });
         }
     }
     found
 }
 
 /// The offset of the prior's edge; `None` where the model has no clean edge there, or the prior sees none.
-fn offset(tracer: &SceneTracer<'_>, placed: &PlacedCamera, prior: &DepthPrior, edge: &Edge) -> Option<f64> {
+fn offset(tracer: &SceneTracer<'_>, placed: &PlacedCamera, prior: &DepthPrior, edge: &WallEdge) -> Option<f64> {
     let mut scratch = Vec::new();
     let (mut seen, mut rendered) = (Vec::new(), Vec::new());
     let (mut nearest, mut farthest) = (f32::INFINITY, 0.0_f32);

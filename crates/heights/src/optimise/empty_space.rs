@@ -36,7 +36,7 @@ const INTO_CELL_M: f32 = 1.0;
 const BLIND_SHARE: f64 = 0.25;
 
 /// A view with the roofs as found.
-pub(super) struct Look<'a> {
+pub(super) struct FoundView<'a> {
     /// The view's rays and its prior.
     pub evidence: &'a Evidence<'a>,
     /// The view's camera in the local frame.
@@ -44,19 +44,19 @@ pub(super) struct Look<'a> {
     /// Ends of its rays.
     pub stops: Stops,
     /// All rays of the view, and how many of them have a prior.
-    pub all: Known,
+    pub all: KnownRays,
     /// Whether its prior's depth is in metres of itself.
     pub is_in_metres: bool,
 }
 
 /// Some rays, and those of them with a depth (of a cell: behind it).
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Known {
+pub(super) struct KnownRays {
     n_rays: u32,
     n_known: u32,
 }
 
-impl Known {
+impl KnownRays {
     /// Rays of a view, those with a prior and those without.
     pub(super) fn of(evidence: &Evidence<'_>) -> Self {
         let mut all = Self::default();
@@ -75,27 +75,27 @@ impl Known {
 }
 
 /// The area above a building's roof that no view has looked through, metres squared. `top_z`: the roof's highest level.
-pub(super) fn blind_area_m2(building: u32, top_z: f32, looks: &[&Look<'_>]) -> f64 {
-    let usual = looks.iter().fold(Known::default(), |sum, look| Known {
+pub(super) fn blind_area_m2(building: u32, top_z: f32, looks: &[&FoundView<'_>]) -> f64 {
+    let usual = looks.iter().fold(KnownRays::default(), |sum, look| KnownRays {
         n_rays: sum.n_rays + look.all.n_rays,
         n_known: sum.n_known + look.all.n_known,
     });
     if usual.n_known == usual.n_rays {
         return 0.0; // priors without gaps
     }
-    let mut columns: BTreeMap<[i32; 2], [Known; N_STOREYS]> = BTreeMap::new();
+    let mut columns: BTreeMap<[i32; 2], [KnownRays; N_STOREYS]> = BTreeMap::new();
     for look in looks {
         for &ray in look.evidence.rays_of(building) {
             look.through(ray, building, top_z + ABOVE_ROOF_M, &mut columns);
         }
     }
-    let is_blind = |cell: &Known| cell.n_rays >= LEAST_RAYS && cell.share() <= BLIND_SHARE * usual.share();
+    let is_blind = |cell: &KnownRays| cell.n_rays >= LEAST_RAYS && cell.share() <= BLIND_SHARE * usual.share();
     columns.values().filter(|cells| cells.iter().all(is_blind)).count() as f64 * f64::from(CELL_M * CELL_M)
 }
 
-impl Look<'_> {
+impl FoundView<'_> {
     /// Counts a ray in every cell above `from_z` over the building that it passes through.
-    fn through(&self, ray: u32, building: u32, from_z: f32, columns: &mut BTreeMap<[i32; 2], [Known; N_STOREYS]>) {
+    fn through(&self, ray: u32, building: u32, from_z: f32, columns: &mut BTreeMap<[i32; 2], [KnownRays; N_STOREYS]>) {
         let profiles = self.evidence.profiles;
         // How far the ray looks, z-depth: relative depth does not say, but that it looks.
         let nearness = self.evidence.nearness[ray as usize];

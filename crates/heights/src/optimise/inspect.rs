@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::config::{OptimiseConfig, Preset, Region};
 use super::evidence::Evidence;
-use super::ordinal::Compared;
+use super::ordinal::ComparedPixels;
 use super::search::{SweepView, standing};
 use super::solution::Solution;
 use super::solve::Problem;
@@ -100,19 +100,19 @@ pub fn inspect(
         .collect::<Vec<_>>()
         .into_iter()
         .collect();
-    let look = Look { problem, config, roofs: &roofs, sweeps: &sweeps };
+    let look = Inspector { problem, config, roofs: &roofs, sweeps: &sweeps };
     wanted.par_iter().map(|(b, views)| look.at(*b, heights_m[*b], views)).collect()
 }
 
 /// Means by which all buildings are looked at.
-struct Look<'a> {
+struct Inspector<'a> {
     problem: &'a Problem<'a>,
     config: &'a OptimiseConfig,
     roofs: &'a [f32],
     sweeps: &'a BTreeMap<usize, SweepView<'a>>,
 }
 
-impl Look<'_> {
+impl Inspector<'_> {
     fn at(&self, building: usize, height_m: f32, views: &[usize]) -> Inspection {
         let bounds = self.problem.scene.bounds;
         let top_m = (REACH_SHARE * height_m).max(height_m + REACH_M).min(bounds.max_m);
@@ -139,7 +139,7 @@ impl Look<'_> {
     fn pairs(&self, evidence: &Evidence<'_>, view: usize, building: u32) -> Vec<InspectedPair> {
         let ordinal = &self.config.ordinal;
         let region = if self.config.preset == Preset::Paper { ordinal.region } else { Region::BuildingsAndGround };
-        let Some(compared) = Compared::new(evidence, self.roofs, region) else { return Vec::new() };
+        let Some(compared) = ComparedPixels::new(evidence, self.roofs, region) else { return Vec::new() };
         let place = |ray: &u32| compared.rays.binary_search(ray).ok();
         let is_seen = |ray: &&u32| evidence.profiles.sight(**ray as usize, self.roofs).building == Some(building);
         let own: Vec<usize> = evidence.rays_of(building).iter().filter(is_seen).filter_map(place).collect();

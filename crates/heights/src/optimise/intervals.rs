@@ -21,7 +21,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x8, mask32x8};
 use crate::simd::{LANES, Lanes};
 
 /// A roof of any form over the intervals of a building in a view.
-pub(super) trait Form {
+pub(super) trait RoofIntersection {
     /// z-depths at which it stops the rays of a block; `+∞` where they pass over. To be inlined always.
     fn meets<S: Simd>(&self, simd: S, block: usize) -> f32x8<S>;
 }
@@ -57,7 +57,7 @@ pub(super) struct PackedInterval {
 
 /// [`PackedInterval`]es side by side.
 #[derive(Debug, Clone, Copy)]
-struct Block {
+struct PackedBlock {
     roof_at_zero: Lanes,
     per_metre: Lanes,
     after: Lanes,
@@ -70,7 +70,7 @@ struct Block {
     lifted: Lanes,
 }
 
-impl Block {
+impl PackedBlock {
     /// Lanes that never stop a ray.
     const EMPTY: Self = Self {
         roof_at_zero: Lanes::splat(0.0),
@@ -127,7 +127,7 @@ impl Sums {
 #[derive(Debug)]
 pub(super) struct Intervals {
     level: Level,
-    blocks: Vec<Block>,
+    blocks: Vec<PackedBlock>,
     /// By interval: position of its ray in the window.
     rays: Vec<u32>,
     /// Intervals whose ray has one before them.
@@ -145,7 +145,7 @@ impl Intervals {
     pub fn push(&mut self, interval: &PackedInterval) {
         let lane = self.rays.len() % LANES;
         if lane == 0 {
-            self.blocks.push(Block::EMPTY);
+            self.blocks.push(PackedBlock::EMPTY);
         }
         self.blocks.last_mut().expect("one was just made").set(lane, interval);
         if self.rays.last() == Some(&interval.ray) {
@@ -168,12 +168,12 @@ impl Intervals {
     }
 
     /// The sums for a roof of any form. `height_m` sets the agreement's tolerance.
-    pub fn with(&self, height_m: f32, form: &impl Form) -> Sums {
+    pub fn with(&self, height_m: f32, form: &impl RoofIntersection) -> Sums {
         dispatch!(self.level, simd => self.with_in(simd, height_m, form))
     }
 
     #[inline(always)]
-    fn with_in<S: Simd>(&self, simd: S, height_m: f32, form: &impl Form) -> Sums {
+    fn with_in<S: Simd>(&self, simd: S, height_m: f32, form: &impl RoofIntersection) -> Sums {
         let mut depths = vec![Lanes::splat(f32::INFINITY); self.blocks.len()];
         for (block, depth) in depths.iter_mut().enumerate() {
             depth.store(form.meets(simd, block));
@@ -219,7 +219,7 @@ impl<S: Simd> Kernel<S> {
     }
 
     #[inline(always)]
-    fn at_height(mut self, blocks: &[Block], height_m: f32) -> Sums {
+    fn at_height(mut self, blocks: &[PackedBlock], height_m: f32) -> Sums {
         let simd = self.simd;
         for block in blocks {
             let roof = block.roof_at_zero.load(simd) + block.per_metre.load(simd) * height_m;
@@ -233,7 +233,7 @@ impl<S: Simd> Kernel<S> {
     }
 
     #[inline(always)]
-    fn at_depths(mut self, blocks: &[Block], depths: &[Lanes]) -> Sums {
+    fn at_depths(mut self, blocks: &[PackedBlock], depths: &[Lanes]) -> Sums {
         for (block, depth) in blocks.iter().zip(depths) {
             let depth = depth.load(self.simd);
             let stops = depth.simd_lt(f32::INFINITY);
@@ -245,7 +245,7 @@ impl<S: Simd> Kernel<S> {
     }
 
     #[inline(always)]
-    fn add(&mut self, block: &Block, stops: mask32x8<S>, depth: f32x8<S>) {
+    fn add(&mut self, block: &PackedBlock, stops: mask32x8<S>, depth: f32x8<S>) {
         let simd = self.simd;
         let (without, lifted) = (block.v.load(simd), block.lifted.load(simd));
         let value = stops.select(self.reference / depth - 1.0, without);
@@ -341,7 +341,7 @@ mod tests {
     /// A flat roof as one of any form, block by block.
     struct Flat(Vec<Lanes>);
 
-    impl Form for Flat {
+    impl RoofIntersection for Flat {
         #[inline(always)]
         fn meets<S: Simd>(&self, simd: S, block: usize) -> f32x8<S> {
             self.0[block].load(simd)

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::rays::Rays;
-use super::search::{Finding, Pass, Range, SweepView, SweepViews, find_roofs, sweep};
+use super::search::{Finding, Range, SearchPass, SweepView, SweepViews, find_roofs, sweep};
 use super::solve::{Problem, ViewInput};
 use super::straighten::GroundCurve;
 use crate::prior::DepthPrior;
@@ -58,7 +58,7 @@ pub struct LayerShift {
 }
 
 /// Buildings, views and priors that distances are measured with.
-struct Trial<'a> {
+struct ShiftTrial<'a> {
     problem: &'a Problem<'a>,
     config: &'a SearchConfig,
     stride_px: usize,
@@ -88,7 +88,7 @@ pub(super) fn measure(
     let load = |view: usize| Some((view, (problem.load_prior)(view).ok()?));
     let priors = views.into_par_iter().filter_map(load).collect();
     let pixel_m = pixel_on_ground_m(problem, &views_of);
-    let trial = Trial { problem, config, stride_px, heights_m, views_of, priors, are_straightened };
+    let trial = ShiftTrial { problem, config, stride_px, heights_m, views_of, priors, are_straightened };
     trial.search(&asked, STEP_M.max(pixel_m))
 }
 
@@ -144,7 +144,7 @@ fn pixel_on_ground_m(problem: &Problem<'_>, views_of: &[Vec<usize>]) -> f64 {
     crate::stats::median(&all).unwrap_or(0.0)
 }
 
-impl Trial<'_> {
+impl ShiftTrial<'_> {
     fn search(&self, asked: &[usize], step_m: f64) -> Option<LayerShift> {
         let (around, cross) = cross_at_peak(step_m, |d| self.scores(d, asked))?;
         let peak = around + cross.to_peak(None);
@@ -204,8 +204,15 @@ impl Trial<'_> {
         };
         let sweep_views: Vec<_> = (0..views.len()).into_par_iter().map(sweep_view).collect();
         let range = Range::Local { share: 1.0 };
-        let found =
-            sweep(scene, &sweep_views, &self.views_of, self.heights_m, |_| true, Pass::linear(range), self.config);
+        let found = sweep(
+            scene,
+            &sweep_views,
+            &self.views_of,
+            self.heights_m,
+            |_| true,
+            SearchPass::linear(range),
+            self.config,
+        );
         look(&sweep_views, &found)
     }
 }

@@ -11,7 +11,7 @@ use super::config::SearchConfig;
 use super::roof::{RoofView, carries, is_clear};
 use super::score::{Correlation, Scope};
 use super::search::{SweepView, SweepViews, ViewsOf, standing};
-use super::two_levels::{Limits, N_MORE, Plan, SeenIn, Step, TwoLevels};
+use super::two_levels::{AlignedFootprint, N_MORE, PatternStep, TwoLevelLimits, TwoLevelView, TwoLevels};
 use crate::scene::{HeightBounds, Prism, Scene};
 use crate::views::{corners_inside, in_turn};
 
@@ -41,13 +41,13 @@ const N_HEIGHTS: usize = 24;
 /// First heights of the inner and the outer level, as shares of the height that one level gets.
 const FIRST_SHARES: [[f32; 2]; 6] = [[1.0, 0.1], [1.0, 0.25], [1.3, 0.5], [2.5, 1.0], [6.0, 1.0], [0.4, 1.0]];
 /// Steps of the search, for the followed guesses and for the best of them.
-const COARSE_STEPS: [Step; 3] = [step(0.2), step(0.1), step(0.05)];
-const FINE_STEPS: [Step; 4] = [step(0.05), step(0.025), step(0.0125), step(0.006)];
+const COARSE_STEPS: [PatternStep; 3] = [step(0.2), step(0.1), step(0.05)];
+const FINE_STEPS: [PatternStep; 4] = [step(0.05), step(0.025), step(0.0125), step(0.006)];
 /// A side of the rectangle as near as this to the footprint's own is the footprint's, metres.
 const SNAP_M: f32 = 2.5;
 
-const fn step(side_share: f32) -> Step {
-    Step { side_share, height_m: 0.0, height_share: 1.25 * side_share }
+const fn step(side_share: f32) -> PatternStep {
+    PatternStep { side_share, height_m: 0.0, height_share: 1.25 * side_share }
 }
 
 /// A part of a footprint that stands at another level than the rest.
@@ -99,13 +99,13 @@ pub(super) fn find(
         let of_building = at_foot.as_ref().unwrap_or(&views_of[building]);
         let standing = standing(scene, of_building.iter().filter_map(|&v| views[v].as_ref()), building);
         let scope = Scope::whole(config, Correlation::Linear).without_crowns(standing);
-        let plan = Plan::new(prism, Limits { heights: scene.bounds, side_m: MIN_SIDE_M });
+        let plan = AlignedFootprint::new(prism, TwoLevelLimits { heights: scene.bounds, side_m: MIN_SIDE_M });
         let views: Vec<RoofView<'_>> = of_building
             .iter()
             .filter_map(|&v| views[v].as_ref())
             .filter_map(|v| v.roof_view(scene, building, scope, config))
             .collect();
-        let seen: Vec<SeenIn<'_>> = views.iter().map(|view| SeenIn::new(view, 0.0, &plan)).collect();
+        let seen: Vec<TwoLevelView<'_>> = views.iter().map(|view| TwoLevelView::new(view, 0.0, &plan)).collect();
         let one = OneLevel { height_m: heights_m[building], bounds: scene.bounds };
         let below_score = if is_known(building) { DOUBTFUL_SCORE } else { 1.0 };
         let levels = other_level(&plan, &seen, one, below_score)?;
@@ -143,7 +143,7 @@ impl OneLevel {
     }
 
     /// The height that explains most.
-    fn best_m(self, seen: &[&SeenIn<'_>]) -> f32 {
+    fn best_m(self, seen: &[&TwoLevelView<'_>]) -> f32 {
         let total = |h: f32| seen.iter().map(|s| s.one_level(h)).sum::<f64>();
         let scored = std::iter::once(self.height_m).chain(self.tried()).map(|h| (total(h), h));
         scored.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(self.height_m, |(_, h)| h)
@@ -151,12 +151,17 @@ impl OneLevel {
 }
 
 /// The part at another level than the rest; `None` where one level is as good, or scores no less than `below_score`.
-fn other_level(plan: &Plan<'_>, seen: &[SeenIn<'_>], one: OneLevel, below_score: f64) -> Option<TwoLevels> {
+fn other_level(
+    plan: &AlignedFootprint<'_>,
+    seen: &[TwoLevelView<'_>],
+    one: OneLevel,
+    below_score: f64,
+) -> Option<TwoLevels> {
     if seen.len() < MIN_VIEWS {
         return None;
     }
     let every = seen.len().div_ceil(N_FIRST_VIEWS);
-    let first: Vec<&SeenIn<'_>> = seen.iter().step_by(every).collect();
+    let first: Vec<&TwoLevelView<'_>> = seen.iter().step_by(every).collect();
     let one_level = one.best_m(&first);
     let flat: Vec<f64> = seen.iter().map(|s| s.one_level(one_level)).collect();
     // No score is better than 1: where one level almost has it, two cannot be clearly better.
@@ -170,7 +175,7 @@ fn other_level(plan: &Plan<'_>, seen: &[SeenIn<'_>], one: OneLevel, below_score:
     if !is_part(plan.prism, &best) || score - first_flat < 0.5 * MIN_GAIN * first.len() as f64 {
         return None;
     }
-    let all: Vec<&SeenIn<'_>> = seen.iter().collect();
+    let all: Vec<&TwoLevelView<'_>> = seen.iter().collect();
     let (_, best) = plan.climb(&all, best, &FINE_STEPS);
     let two: Vec<f64> = seen.iter().map(|s| s.two_levels(&best)).collect();
     let gains: Vec<f64> = two.iter().zip(&flat).map(|(two, flat)| two - flat).collect();
@@ -180,8 +185,9 @@ fn other_level(plan: &Plan<'_>, seen: &[SeenIn<'_>], one: OneLevel, below_score:
 }
 
 /// Both explanations side by side.
-fn gain(seen: &[SeenIn<'_>], levels: &TwoLevels, one: OneLevel) -> LevelGain {
-    let mean = |score: &dyn Fn(&SeenIn<'_>) -> f64| seen.iter().map(score).sum::<f64>() / seen.len().max(1) as f64;
+fn gain(seen: &[TwoLevelView<'_>], levels: &TwoLevels, one: OneLevel) -> LevelGain {
+    let mean =
+        |score: &dyn Fn(&TwoLevelView<'_>) -> f64| seen.iter().map(score).sum::<f64>() / seen.len().max(1) as f64;
     let mut heights: Vec<f32> = one.tried().chain([one.height_m, levels.inner_m, levels.outer_m]).collect();
     heights.sort_by(f32::total_cmp);
     LevelGain {
@@ -203,7 +209,7 @@ fn is_part(prism: &Prism, levels: &TwoLevels) -> bool {
 }
 
 /// The rectangle's; beyond the footprint where it comes close to it, so that no slivers stay.
-fn corners(plan: &Plan<'_>, levels: &TwoLevels) -> [[f64; 2]; 4] {
+fn corners(plan: &AlignedFootprint<'_>, levels: &TwoLevels) -> [[f64; 2]; 4] {
     let low = Vec2::select((levels.low - plan.low).cmplt(Vec2::splat(SNAP_M)), plan.low - SNAP_M, levels.low);
     let high = Vec2::select((plan.high - levels.high).cmplt(Vec2::splat(SNAP_M)), plan.high + SNAP_M, levels.high);
     plan.corners(low, high)

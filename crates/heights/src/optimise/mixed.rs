@@ -17,9 +17,9 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 use glam::{Mat2, Vec2};
 
-use super::intervals::Form;
-use super::pitched::{N_SAMPLES, STEEPEST, Surface, TALLEST_M, Ways, ways};
-use super::roof::{Fit, Gable, Margin, Roof, RoofView, Terrace, grid, smallest_rectangle};
+use super::intervals::RoofIntersection;
+use super::pitched::{N_SAMPLES, RoofClearance, STEEPEST, SampledWays, TALLEST_M, ways};
+use super::roof::{Gable, Margin, Roof, RoofFit, RoofView, Terrace, grid, smallest_rectangle};
 use crate::scene::{Prism, RoofForm};
 use crate::simd::Lanes;
 
@@ -108,7 +108,7 @@ pub(super) fn variants(prism: &Prism, found: &Roof, terrace: &Terrace) -> Vec<Ro
 
 /// The roof of one building, a gable beside a flat part, that its views show best around one of two levels; `None` where there is
 /// none to speak of.
-pub(super) fn best<'a>(prism: &'a Prism, flat_m: f32, step: &Roof, views: &[RoofView<'_>]) -> Option<Fit<'a>> {
+pub(super) fn best<'a>(prism: &'a Prism, flat_m: f32, step: &Roof, views: &[RoofView<'_>]) -> Option<RoofFit<'a>> {
     let (axes, low, high) = main_body(prism, &step.terrace?)?;
     let seen = seen_in(views, axes, prism.ground_z);
     let total = |house: &House| scores(views, &seen, flat_m, house).iter().sum::<f64>();
@@ -158,7 +158,7 @@ pub(super) fn best<'a>(prism: &'a Prism, flat_m: f32, step: &Roof, views: &[Roof
     let scores_in =
         move |others: &[RoofView<'_>]| self::scores(others, &seen_in(others, axes, prism.ground_z), flat_m, &best);
     let roof = roof(&best, axes, body_share);
-    Some(Fit { roof, is_told: true, margin: MARGIN, scores, scores_in: Box::new(scores_in) })
+    Some(RoofFit { roof, is_told: true, margin: MARGIN, scores, scores_in: Box::new(scores_in) })
 }
 
 /// Directions of flat part, eave and rise, and of the main body's low and high corner.
@@ -193,12 +193,12 @@ fn roof(house: &House, axes: Mat2, body_share: f64) -> Roof {
 }
 
 /// The ways of one view's rays over the footprint, with their samples' places along the axes.
-struct SeenIn {
-    ways: Vec<Ways>,
+struct MixedView {
+    ways: Vec<SampledWays>,
     places: Vec<[[Lanes; N_SAMPLES]; 2]>,
 }
 
-fn seen_in(views: &[RoofView<'_>], axes: Mat2, ground_z: f32) -> Vec<SeenIn> {
+fn seen_in(views: &[RoofView<'_>], axes: Mat2, ground_z: f32) -> Vec<MixedView> {
     let of_view = |view: &RoofView<'_>| {
         let mut places = Vec::new();
         let ways = ways(view, ground_z, |block, lane, k, at| {
@@ -209,13 +209,13 @@ fn seen_in(views: &[RoofView<'_>], axes: Mat2, ground_z: f32) -> Vec<SeenIn> {
             places[block][0][k].set(lane, along.x);
             places[block][1][k].set(lane, along.y);
         });
-        SeenIn { ways, places }
+        MixedView { ways, places }
     };
     views.iter().map(of_view).collect()
 }
 
-fn scores(views: &[RoofView<'_>], seen: &[SeenIn], flat_m: f32, house: &House) -> Vec<f64> {
-    let of_view = |(view, seen): (&RoofView<'_>, &SeenIn)| {
+fn scores(views: &[RoofView<'_>], seen: &[MixedView], flat_m: f32, house: &House) -> Vec<f64> {
+    let of_view = |(view, seen): (&RoofView<'_>, &MixedView)| {
         view.window.score_where(view.weight, flat_m, &Mixed { seen, house: *house })
     };
     views.iter().zip(seen).map(of_view).collect()
@@ -223,11 +223,11 @@ fn scores(views: &[RoofView<'_>], seen: &[SeenIn], flat_m: f32, house: &House) -
 
 /// Such a roof over a view's intervals.
 struct Mixed<'a> {
-    seen: &'a SeenIn,
+    seen: &'a MixedView,
     house: House,
 }
 
-impl Form for Mixed<'_> {
+impl RoofIntersection for Mixed<'_> {
     #[inline(always)]
     fn meets<S: Simd>(&self, simd: S, block: usize) -> f32x8<S> {
         self.seen.ways[block].meets(simd, &OverPlaces { places: &self.seen.places[block], house: &self.house })
@@ -239,7 +239,7 @@ struct OverPlaces<'a> {
     house: &'a House,
 }
 
-impl Surface for OverPlaces<'_> {
+impl RoofClearance for OverPlaces<'_> {
     #[inline(always)]
     fn clearance_m<S: Simd>(&self, simd: S, above_m: f32x8<S>, k: usize) -> f32x8<S> {
         let house = self.house;

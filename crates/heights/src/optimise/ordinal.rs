@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::config::{Gradient, MadGradient, OrdinalConfig, Region};
 use super::evidence::Evidence;
-use super::gradient::{Slope, central_difference, edge_sampled, interior, scale, sum_by_building};
+use super::gradient::{HeightSlope, central_difference, edge_sampled, interior, scale, sum_by_building};
 use crate::ordinal::{DepthOrder, Normaliser};
 
 /// Loss and derivative of one view.
@@ -38,7 +38,7 @@ pub struct StepInput<'a> {
 }
 
 /// The pixels of one view that are compared, with both depths normalised over them.
-pub(super) struct Compared {
+pub(super) struct ComparedPixels {
     /// Ray of each pixel, ascending.
     pub rays: Vec<u32>,
     /// Rendered z-depth of each pixel, metres.
@@ -57,12 +57,12 @@ pub(super) struct Compared {
 
 /// Order of two pixels in the prior, and the cost of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Vote {
+pub(super) struct OrderVote {
     pub order: DepthOrder,
     margin: f32,
 }
 
-impl Vote {
+impl OrderVote {
     /// From two normalised priors; `None` where their contrast is too weak.
     pub fn of(d_p: f32, d_q: f32, config: &OrdinalConfig) -> Option<Self> {
         let order = DepthOrder::from_prior(d_p, d_q, config.min_contrast)?;
@@ -83,15 +83,15 @@ impl Vote {
 
 /// Two compared pixels with a vote.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Pair {
+pub(super) struct PixelPair {
     pub p: usize,
     pub q: usize,
-    pub vote: Vote,
+    pub vote: OrderVote,
 }
 
-impl Pair {
+impl PixelPair {
     /// Cost for the depths as they are rendered.
-    pub fn cost(&self, compared: &Compared) -> f32 {
+    pub fn cost(&self, compared: &ComparedPixels) -> f32 {
         self.vote.cost(compared.contrast(self))
     }
 }
@@ -100,7 +100,7 @@ impl Pair {
 #[must_use]
 pub fn view_step(input: &StepInput<'_>, config: &OrdinalConfig, rng: &mut ChaCha8Rng) -> Option<ViewStep> {
     let StepInput { evidence, roofs, difference_m, .. } = *input;
-    let compared = Compared::new(evidence, roofs, config.region)?;
+    let compared = ComparedPixels::new(evidence, roofs, config.region)?;
     let pairs = draw_pairs(&compared, config, rng);
     if pairs.is_empty() {
         return None;
@@ -114,7 +114,8 @@ pub fn view_step(input: &StepInput<'_>, config: &OrdinalConfig, rng: &mut ChaCha
         Gradient::CentralDifference => central_difference::slopes(evidence, roofs, &compared, &pairs, difference_m),
     };
     let mut gradient = sum_by_building(by_pair, pairs.len());
-    let mut add = |part: Vec<Slope>| gradient = sum_by_building(gradient.iter().copied().chain(part).collect(), 1);
+    let mut add =
+        |part: Vec<HeightSlope>| gradient = sum_by_building(gradient.iter().copied().chain(part).collect(), 1);
     if is_exact {
         add(match config.gradient {
             Gradient::CentralDifference => {
@@ -147,7 +148,7 @@ impl AddAssign for Costs {
 }
 
 impl Costs {
-    fn add(&mut self, pair: &Pair, compared: &Compared) {
+    fn add(&mut self, pair: &PixelPair, compared: &ComparedPixels) {
         *self += Self { n: 1, paid: f64::from(pair.cost(compared)), of_none: f64::from(pair.vote.cost_of_none()) };
     }
 
@@ -165,7 +166,7 @@ pub(super) fn costs(
     config: &OrdinalConfig,
     rng: &mut ChaCha8Rng,
 ) -> Option<(Costs, BTreeMap<u32, Costs>)> {
-    let compared = Compared::new(evidence, roofs, config.region)?;
+    let compared = ComparedPixels::new(evidence, roofs, config.region)?;
     let (mut of_view, mut of_building) = (Costs::default(), BTreeMap::<u32, Costs>::new());
     for pair in draw_pairs(&compared, config, rng) {
         of_view.add(&pair, &compared);
@@ -178,16 +179,16 @@ pub(super) fn costs(
 }
 
 /// Random pairs of compared pixels; those without a vote are left out.
-pub(super) fn draw_pairs(compared: &Compared, config: &OrdinalConfig, rng: &mut ChaCha8Rng) -> Vec<Pair> {
+pub(super) fn draw_pairs(compared: &ComparedPixels, config: &OrdinalConfig, rng: &mut ChaCha8Rng) -> Vec<PixelPair> {
     let Some(n) = u32::try_from(compared.rays.len()).ok().filter(|&n| n >= 2) else { return Vec::new() };
     let draw = |_| {
         let (p, q) = (rng.random_range(0..n) as usize, rng.random_range(0..n) as usize);
-        Some(Pair { p, q, vote: Vote::of(compared.prior[p], compared.prior[q], config)? })
+        Some(PixelPair { p, q, vote: OrderVote::of(compared.prior[p], compared.prior[q], config)? })
     };
     (0..config.n_pairs).filter_map(draw).collect()
 }
 
-impl Compared {
+impl ComparedPixels {
     pub fn new(evidence: &Evidence<'_>, roofs: &[f32], region: Region) -> Option<Self> {
         let profiles = evidence.profiles;
         let no_scale = Normaliser { median: 0.0, scale: 1.0 };
@@ -221,7 +222,7 @@ impl Compared {
     }
 
     /// Normalised rendered contrast of a pair.
-    pub fn contrast(&self, pair: &Pair) -> f32 {
+    pub fn contrast(&self, pair: &PixelPair) -> f32 {
         self.of_rendered.contrast(self.rendered[pair.p], self.rendered[pair.q])
     }
 }

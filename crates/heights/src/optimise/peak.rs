@@ -15,9 +15,9 @@ const SAME_SHARE: f32 = 0.25;
 
 /// Heights over the full range, ascending, metres, and the mean score of each.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Curve(pub Vec<(f32, f64)>);
+pub struct ScoreCurve(pub Vec<(f32, f64)>);
 
-impl Curve {
+impl ScoreCurve {
     /// The score at a height: the better one of the two tried heights around it, as a peak may lie between them.
     fn at(&self, height_m: f32) -> Option<f64> {
         let above = self.0.partition_point(|(h, _)| *h < height_m);
@@ -49,9 +49,9 @@ mod tests {
     use super::*;
 
     /// From 2 to 150 m, steps of a tenth.
-    fn curve(score: impl Fn(f32) -> f64) -> Curve {
+    fn curve(score: impl Fn(f32) -> f64) -> ScoreCurve {
         let heights = (0..46).map(|i| 2.0 * 75.0_f32.powf(i as f32 / 45.0));
-        Curve(heights.map(|h| (h, score(h))).collect())
+        ScoreCurve(heights.map(|h| (h, score(h))).collect())
     }
 
     #[test]
@@ -64,7 +64,7 @@ mod tests {
         assert!(rising.fall_to_top(80.0).unwrap() < 0.0, "without a peak");
         let two = curve(|h| bump(h, 6.0).max(0.9 * bump(h, 40.0)));
         assert!(two.lead(6.0).unwrap() > 0.0 && two.lead(40.0).unwrap() < 0.0);
-        let single = Curve::default();
+        let single = ScoreCurve::default();
         assert_eq!((single.fall_to_top(5.0), single.lead(5.0), single.is_at_top(5.0)), (None, None, false));
     }
 }

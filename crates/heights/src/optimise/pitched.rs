@@ -20,9 +20,9 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 use glam::{DVec2, Mat2, Vec2};
 
-use super::intervals::Form;
-use super::roof::{Fit, Margin, Roof, RoofView, distance_to_border, grid, smallest_rectangle};
-use super::wings::{Gable, Wings};
+use super::intervals::RoofIntersection;
+use super::roof::{Margin, Roof, RoofFit, RoofView, distance_to_border, grid, smallest_rectangle};
+use super::wings::{WingGable, Wings};
 use crate::ray::Ray;
 use crate::scene::{Prism, RoofForm};
 use crate::simd::{LANES, Lanes};
@@ -51,7 +51,7 @@ const FLATTEST: f32 = 0.15;
 
 /// Ways of rays over a footprint, sampled, side by side.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Ways {
+pub(super) struct SampledWays {
     enter: Lanes,
     /// z-depth from one sample to the next.
     step: Lanes,
@@ -62,7 +62,7 @@ pub(super) struct Ways {
 /// A roof's `t` along each way.
 type Shares = [Lanes; N_SAMPLES];
 
-impl Ways {
+impl SampledWays {
     /// Lanes that stop no ray.
     const EMPTY: Self =
         Self { enter: Lanes::splat(1.0), step: Lanes::splat(0.0), above_m: [Lanes::splat(f32::INFINITY); N_SAMPLES] };
@@ -82,7 +82,7 @@ impl Ways {
 
     /// z-depths at which the rays meet the roof, or the wall in front; `+∞` where they pass over.
     #[inline(always)]
-    pub fn meets<S: Simd>(&self, simd: S, surface: &impl Surface) -> f32x8<S> {
+    pub fn meets<S: Simd>(&self, simd: S, surface: &impl RoofClearance) -> f32x8<S> {
         let (enter, step) = (self.enter.load(simd), self.step.load(simd));
         // From behind: what stops it later counts only where nothing does before.
         let mut depth = f32x8::splat(simd, f32::INFINITY);
@@ -101,12 +101,16 @@ impl Ways {
 }
 
 /// The ways of a view's rays over its building; `at` hears of each sample: block, lane, which one, and where, local frame, metres.
-pub(super) fn ways(view: &RoofView<'_>, ground_z: f32, mut at: impl FnMut(usize, usize, usize, Vec2)) -> Vec<Ways> {
+pub(super) fn ways(
+    view: &RoofView<'_>,
+    ground_z: f32,
+    mut at: impl FnMut(usize, usize, usize, Vec2),
+) -> Vec<SampledWays> {
     let mut ways = Vec::new();
     for (i, (ray, enter, leave)) in view.window.own_stretches().enumerate() {
         let (block, lane) = (i / LANES, i % LANES);
         if lane == 0 {
-            ways.push(Ways::EMPTY);
+            ways.push(SampledWays::EMPTY);
         }
         let ray = view.evidence.ray(view.placed, ray);
         ways[block].set(lane, &ray, (enter, leave), ground_z);
@@ -118,7 +122,7 @@ pub(super) fn ways(view: &RoofView<'_>, ground_z: f32, mut at: impl FnMut(usize,
 }
 
 /// A roof's surface over sampled ways.
-pub(super) trait Surface {
+pub(super) trait RoofClearance {
     /// Height above it of the rays that are so far above the ground at their sample `k`, metres. To be inlined always.
     fn clearance_m<S: Simd>(&self, simd: S, above_m: f32x8<S>, k: usize) -> f32x8<S>;
 }
@@ -130,7 +134,7 @@ struct Raised<'a> {
     rise_m: f32,
 }
 
-impl Surface for Raised<'_> {
+impl RoofClearance for Raised<'_> {
     #[inline(always)]
     fn clearance_m<S: Simd>(&self, simd: S, above_m: f32x8<S>, k: usize) -> f32x8<S> {
         above_m - self.eave_m - self.shares[k].load(simd) * self.rise_m
@@ -140,19 +144,19 @@ impl Surface for Raised<'_> {
 /// One of the shapes over a view's intervals, at a height.
 struct Pitched<'a> {
     sampled: &'a Sampled,
-    candidate: Candidate,
+    candidate: ShapeAtHeight,
 }
 
-impl Form for Pitched<'_> {
+impl RoofIntersection for Pitched<'_> {
     #[inline(always)]
     fn meets<S: Simd>(&self, simd: S, block: usize) -> f32x8<S> {
-        let Candidate { shape, eave_m, rise_m } = self.candidate;
+        let ShapeAtHeight { shape, eave_m, rise_m } = self.candidate;
         self.sampled.ways[block].meets(simd, &Raised { shares: &self.sampled.shares[shape][block], eave_m, rise_m })
     }
 }
 
 /// Height of a roof at a place, 0 at the eave, 1 at the ridge.
-pub(super) struct Shape<'a> {
+pub(super) struct PitchedShape<'a> {
     pub form: RoofForm,
     prism: &'a Prism,
     /// Local axes of the rectangle around the footprint, and its middle along them.
@@ -168,7 +172,7 @@ pub(super) struct Shape<'a> {
     pub mean: f32,
 }
 
-impl<'a> Shape<'a> {
+impl<'a> PitchedShape<'a> {
     /// The forms that a footprint can carry.
     pub fn all(prism: &'a Prism) -> Vec<Self> {
         let (axes, low, high) = smallest_rectangle(prism);
@@ -234,8 +238,8 @@ impl<'a> Shape<'a> {
     }
 
     /// Gables of it along its axes, rows, the main body's first.
-    pub fn gables(&self) -> (Mat2, Vec<Gable>) {
-        let alone = || vec![Gable::new(self.middle - self.half, self.middle + self.half, true)];
+    pub fn gables(&self) -> (Mat2, Vec<WingGable>) {
+        let alone = || vec![WingGable::new(self.middle - self.half, self.middle + self.half, true)];
         (self.axes, self.wings.as_ref().map_or_else(alone, |wings| wings.gables().to_vec()))
     }
 
@@ -271,13 +275,13 @@ impl<'a> Shape<'a> {
 
 /// One view's intervals over the building.
 struct Sampled {
-    ways: Vec<Ways>,
+    ways: Vec<SampledWays>,
     /// Shares of the rays for each shape.
     shares: Vec<Vec<Shares>>,
 }
 
 impl Sampled {
-    fn new(view: &RoofView<'_>, shapes: &[Shape<'_>], ground_z: f32) -> Self {
+    fn new(view: &RoofView<'_>, shapes: &[PitchedShape<'_>], ground_z: f32) -> Self {
         let mut shares: Vec<Vec<Shares>> = vec![Vec::new(); shapes.len()];
         let ways = ways(view, ground_z, |block, lane, k, at| {
             for (shares, shape) in shares.iter_mut().zip(shapes) {
@@ -293,27 +297,27 @@ impl Sampled {
 
 /// One of the shapes, at a height.
 #[derive(Debug, Clone, Copy)]
-struct Candidate {
+struct ShapeAtHeight {
     shape: usize,
     eave_m: f32,
     rise_m: f32,
 }
 
 /// A building's views, made ready for roofs of some shapes around a flat one.
-struct Looked<'a> {
+struct PitchedViews<'a> {
     views: &'a [RoofView<'a>],
     sampled: Vec<Sampled>,
     flat_m: f32,
 }
 
-impl<'a> Looked<'a> {
-    fn new(views: &'a [RoofView<'a>], shapes: &[Shape<'_>], ground_z: f32, flat_m: f32) -> Self {
+impl<'a> PitchedViews<'a> {
+    fn new(views: &'a [RoofView<'a>], shapes: &[PitchedShape<'_>], ground_z: f32, flat_m: f32) -> Self {
         let sampled = views.iter().map(|view| Sampled::new(view, shapes, ground_z)).collect();
         Self { views, sampled, flat_m }
     }
 
     /// Score of a candidate in each view, in their order.
-    fn scores(&self, candidate: Candidate) -> impl Iterator<Item = f64> {
+    fn scores(&self, candidate: ShapeAtHeight) -> impl Iterator<Item = f64> {
         self.views.iter().zip(&self.sampled).map(move |(view, sampled)| {
             view.window.score_where(view.weight, self.flat_m, &Pitched { sampled, candidate })
         })
@@ -322,11 +326,16 @@ impl<'a> Looked<'a> {
 
 /// The pitched roof of one building, of some forms, that its views show best around a flat one; `None` where its footprint carries
 /// none.
-pub(super) fn best<'a>(prism: &'a Prism, forms: &[RoofForm], flat_m: f32, views: &[RoofView<'_>]) -> Option<Fit<'a>> {
-    let mut shapes = Shape::all(prism);
+pub(super) fn best<'a>(
+    prism: &'a Prism,
+    forms: &[RoofForm],
+    flat_m: f32,
+    views: &[RoofView<'_>],
+) -> Option<RoofFit<'a>> {
+    let mut shapes = PitchedShape::all(prism);
     shapes.retain(|shape| forms.contains(&shape.form));
-    let looked = Looked::new(views, &shapes, prism.ground_z, flat_m);
-    let total = |candidate: Candidate| looked.scores(candidate).sum::<f64>();
+    let looked = PitchedViews::new(views, &shapes, prism.ground_z, flat_m);
+    let total = |candidate: ShapeAtHeight| looked.scores(candidate).sum::<f64>();
     let mut best = (f64::NEG_INFINITY, None);
     for (at, shape) in shapes.iter().enumerate() {
         for rise_m in shape.rises_m() {
@@ -336,7 +345,7 @@ pub(super) fn best<'a>(prism: &'a Prism, forms: &[RoofForm], flat_m: f32, views:
                 if eave_m <= 0.0 {
                     continue;
                 }
-                let candidate = Candidate { shape: at, eave_m, rise_m };
+                let candidate = ShapeAtHeight { shape: at, eave_m, rise_m };
                 let total = total(candidate);
                 if total > best.0 {
                     best = (total, Some(candidate));
@@ -351,7 +360,7 @@ pub(super) fn best<'a>(prism: &'a Prism, forms: &[RoofForm], flat_m: f32, views:
     for _ in 0..4 {
         for (de, dr) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-0.5, 1.0), (0.5, -1.0)] {
             let moved =
-                Candidate { eave_m: best.eave_m + de * step_m[0], rise_m: best.rise_m + dr * step_m[1], ..best };
+                ShapeAtHeight { eave_m: best.eave_m + de * step_m[0], rise_m: best.rise_m + dr * step_m[1], ..best };
             if !(0.0..=tallest_m).contains(&moved.rise_m) || moved.eave_m <= 0.0 {
                 continue;
             }
@@ -367,7 +376,8 @@ pub(super) fn best<'a>(prism: &'a Prism, forms: &[RoofForm], flat_m: f32, views:
     let mean_m = eave_m + f64::from(shape.mean) * rise_m;
     let roof = shape.roof(eave_m, rise_m, mean_m);
     let is_told = best.rise_m >= FLATTEST * shape.run_m;
-    let scores_in =
-        move |others: &[RoofView<'_>]| Looked::new(others, &shapes, prism.ground_z, flat_m).scores(best).collect();
-    Some(Fit { roof, is_told, margin: MARGIN, scores, scores_in: Box::new(scores_in) })
+    let scores_in = move |others: &[RoofView<'_>]| {
+        PitchedViews::new(others, &shapes, prism.ground_z, flat_m).scores(best).collect()
+    };
+    Some(RoofFit { roof, is_told, margin: MARGIN, scores, scores_in: Box::new(scores_in) })
 }

@@ -9,9 +9,9 @@
 
 use glam::{DMat2, DVec2};
 
-use super::pitched::Shape;
+use super::pitched::PitchedShape;
 use super::roof::{Roof, Terrace, smallest_rectangle};
-use super::wings::Gable;
+use super::wings::WingGable;
 use crate::scene::{Prism, RoofForm};
 
 /// Walls that turn by less lie on one line: sine of the angle (half a degree).
@@ -104,11 +104,11 @@ impl RoofPlanes {
             }
             (RoofForm::Gable, _) => {
                 let along = DVec2::from_array(roof.ridge_along?);
-                let towards = |shape: &Shape<'_>| shape.ridge_along().map(|own| own.dot(along).abs());
-                let shapes = Shape::all(prism).into_iter().filter_map(|shape| Some((towards(&shape)?, shape)));
+                let towards = |shape: &PitchedShape<'_>| shape.ridge_along().map(|own| own.dot(along).abs());
+                let shapes = PitchedShape::all(prism).into_iter().filter_map(|shape| Some((towards(&shape)?, shape)));
                 let (_, shape) = shapes.max_by(|(a, _), (b, _)| a.total_cmp(b))?;
                 let (axes, gables) = shape.gables();
-                let of_gable = |gable: &Gable| {
+                let of_gable = |gable: &WingGable| {
                     let reach = gable.reach.map(glam::Vec2::as_dvec2);
                     let over = Rectangle { axes: axes.as_dmat2(), low: reach[0], high: reach[1] };
                     let across = usize::from(gable.is_along_x);
@@ -193,7 +193,7 @@ fn hip(roof: &Roof, prism: &Prism) -> Option<RoofPlanes> {
         return None;
     }
     let (axes, low, high) = smallest_rectangle(prism);
-    let deepest_m = f64::from(Shape::deepest_m(prism, axes, low, high));
+    let deepest_m = f64::from(PitchedShape::deepest_m(prism, axes, low, high));
     let pitch = (roof.ridge_m - roof.eave_m) / deepest_m;
     let plane = |wall: &[DVec2; 2]| {
         let slope = pitch * inward(wall);

@@ -11,7 +11,7 @@
 
 use super::config::Loss;
 use super::evidence::Evidence;
-use super::gradient::{Slope, sum_by_building};
+use super::gradient::{HeightSlope, sum_by_building};
 use super::ordinal::ViewStep;
 use crate::stats;
 
@@ -40,7 +40,7 @@ pub fn view_step(evidence: &Evidence<'_>, roofs: &[f32], loss: Loss) -> Option<V
         return None;
     }
     let mut sum = 0.0;
-    let mut slopes: Vec<Slope> = Vec::new();
+    let mut slopes: Vec<HeightSlope> = Vec::new();
     for p in &pixels {
         let e = f64::from((p.rendered - r_median) / r_mad - (p.prior - d_median) / d_mad);
         let (cost, slope) = match loss {

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::mixed;
-use super::pitched::{self, Shape};
+use super::pitched::{self, PitchedShape};
 use super::score::{Correlation, Window};
 use super::stepped;
 use super::two_levels::N_MORE;
@@ -169,7 +169,7 @@ pub fn candidates(prism: &Prism, found: &Roof, clear_m: f32, n: usize) -> Vec<(R
     let mean_m = found.mean_m;
     let at = |p: &Vec2, height_m: f64| p.extend(prism.ground_z + height_m as f32);
     let mut roofs = vec![(Roof::flat(mean_m), inside.iter().map(|p| at(p, mean_m)).collect())];
-    for shape in Shape::all(prism) {
+    for shape in PitchedShape::all(prism) {
         let shares: Vec<f32> = inside.iter().map(|p| shape.at(*p) - shape.mean).collect();
         for rise_m in shape.rises_m() {
             let eave_m = mean_m - f64::from(shape.mean * rise_m);
@@ -246,7 +246,7 @@ pub(super) fn carries(n_more: f64, views: impl Iterator<Item = (usize, f64, f64)
 pub(super) type ScoresIn<'a> = Box<dyn Fn(&[RoofView<'_>]) -> Vec<f64> + 'a>;
 
 /// The roof of some forms that a building's views show best.
-pub(super) struct Fit<'a> {
+pub(super) struct RoofFit<'a> {
     pub roof: Roof,
     /// Whether it is more than a flat one by its shape.
     pub is_told: bool,
@@ -256,7 +256,7 @@ pub(super) struct Fit<'a> {
     pub scores_in: ScoresIn<'a>,
 }
 
-impl Fit<'_> {
+impl RoofFit<'_> {
     /// Whether its scores in some views are clearly better than those of a simpler roof.
     fn is_better(&self, views: &[RoofView<'_>], scores: &[f64], simple: &[f64]) -> bool {
         self.margin.is_passed(views, scores, simple)
@@ -309,9 +309,9 @@ pub(super) fn find<'a>(
         (views, flat)
     });
     let is_far = |roof: &Roof| (roof.mean_m - f64::from(height_m)).abs() > FAR_M;
-    let is_better_in_whole = |fit: &Fit<'_>| fit.is_better(&whole.0, &(fit.scores_in)(&whole.0), &whole.1);
+    let is_better_in_whole = |fit: &RoofFit<'_>| fit.is_better(&whole.0, &(fit.scores_in)(&whole.0), &whole.1);
     let is_believed =
-        |fit: &Fit<'_>| fit.is_better(near, &fit.scores, &flat) && (!is_far(&fit.roof) || is_better_in_whole(fit));
+        |fit: &RoofFit<'_>| fit.is_better(near, &fit.scores, &flat) && (!is_far(&fit.roof) || is_better_in_whole(fit));
     let forms = &config.roof_forms;
     let pitched = pitched::best(prism, forms, height_m, near);
     let is_stepped_tried = forms.contains(&RoofForm::Stepped);
@@ -323,13 +323,13 @@ pub(super) fn find<'a>(
     let by_pitch = pitched.as_ref().filter(|fit| fit.is_told && is_believed(fit));
     // Six numbers fit a slope too: a step has to be clearly better than the best slope, whether that is believed or not.
     let is_no_slope =
-        |step: &&Fit<'_>| pitched.as_ref().is_none_or(|pitch| step.is_better(near, &step.scores, &pitch.scores));
+        |step: &&RoofFit<'_>| pitched.as_ref().is_none_or(|pitch| step.is_better(near, &step.scores, &pitch.scores));
     let by_step = stepped.as_ref().filter(|fit| is_believed(fit)).filter(is_no_slope);
     let taken = by_step.or(by_pitch);
     // A gable beside a flat part takes one number more than two levels, and as they stand for it many more than the others.
     let simple = taken.map_or(&flat, |fit| &fit.scores);
     let n_more = if taken.is_some_and(|fit| fit.roof.form == RoofForm::Stepped) { 1.0 } else { 1.0 + N_MORE };
-    let is_believed_mixed = |fit: &&Fit<'_>| {
+    let is_believed_mixed = |fit: &&RoofFit<'_>| {
         Margin { n_more, ..fit.margin }.is_passed(near, &fit.scores, simple)
             && (!is_far(&fit.roof) || is_better_in_whole(fit))
     };

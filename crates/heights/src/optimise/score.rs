@@ -13,7 +13,7 @@
 use super::calibrate::Calibration;
 use super::config::SearchConfig;
 use super::evidence::Evidence;
-use super::intervals::{Form, Intervals, PackedInterval, Sums};
+use super::intervals::{Intervals, PackedInterval, RoofIntersection, Sums};
 use super::{unmodelled, vegetation};
 use crate::render::profile::Stops;
 use crate::stats;
@@ -121,7 +121,8 @@ impl Window {
         let [x, y] = [0, 1].map(|axis| centred_positions(evidence, &rays, axis));
         let reference = depths.iter().sum::<f32>() / depths.len() as f32;
         let v: Vec<f32> = depths.iter().map(|d| reference / d - 1.0).collect();
-        let Plane { gram_inverse, residual: p, norm_squared: p_norm_squared } = Plane::taken_out(&raw, &x, &y)?;
+        let PlaneResiduals { gram_inverse, residual: p, norm_squared: p_norm_squared } =
+            PlaneResiduals::taken_out(&raw, &x, &y)?;
 
         let mut intervals = Intervals::relative_to(reference);
         for (at, r) in own {
@@ -183,7 +184,7 @@ impl Window {
     }
 
     /// The same for a roof of any form over [`Self::own_stretches`]. `height_m` sets the agreement's tolerance.
-    pub(super) fn score_where(&self, weight: f64, height_m: f32, form: &impl Form) -> f64 {
+    pub(super) fn score_where(&self, weight: f64, height_m: f32, form: &impl RoofIntersection) -> f64 {
         let sums = self.intervals.with(height_m, form);
         self.correlation(&sums) + weight * sums.agreement()
     }
@@ -313,14 +314,14 @@ fn centred_positions(evidence: &Evidence<'_>, rays: &[u32], axis: usize) -> Vec<
 }
 
 /// Residuals that `[1, x, y]` does not explain of some values.
-struct Plane {
+struct PlaneResiduals {
     /// Inverse of the Gram matrix of `[1, x, y]`.
     gram_inverse: [[f64; 3]; 3],
     residual: Vec<f32>,
     norm_squared: f64,
 }
 
-impl Plane {
+impl PlaneResiduals {
     /// `None` where all positions are in one line, or nothing is left of the values.
     fn taken_out(values: &[f32], x: &[f32], y: &[f32]) -> Option<Self> {
         let n = values.len();

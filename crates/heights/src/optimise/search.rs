@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::calibrate::Calibration;
 use super::config::{CalibrationRays, SearchConfig};
 use super::evidence::Evidence;
-use super::peak::Curve;
+use super::peak::ScoreCurve;
 use super::roof::{self, Judged, RoofView};
 use super::score::{Correlation, Scope, Window};
 use super::vegetation::Standing;
@@ -36,14 +36,14 @@ pub enum Range {
 
 /// One pass of the search over all buildings.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pass {
+pub struct SearchPass {
     /// The heights that it tries.
     pub range: Range,
     /// By what it compares.
     pub correlation: Correlation,
 }
 
-impl Pass {
+impl SearchPass {
     /// Over some heights, by the values themselves.
     #[must_use]
     pub fn linear(range: Range) -> Self {
@@ -69,7 +69,7 @@ pub struct Finding {
     /// The best height is an end of the tried interval: the score has no peak there.
     pub at_end: bool,
     /// Mean scores over the full range, as the last full sweep had them.
-    pub whole: Curve,
+    pub whole: ScoreCurve,
 }
 
 impl Scope {
@@ -190,10 +190,10 @@ pub fn sweep(
     views_of: ViewsOf<'_>,
     heights_m: &[f32],
     is_asked: impl Fn(usize) -> bool + Sync,
-    pass: Pass,
+    pass: SearchPass,
     config: &SearchConfig,
 ) -> Vec<Option<Finding>> {
-    let Pass { range, correlation } = pass;
+    let SearchPass { range, correlation } = pass;
     let find = |b: usize| {
         if !is_asked(b) {
             return None;
@@ -203,14 +203,14 @@ pub fn sweep(
             let scope = scope.without_crowns(standing);
             let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());
             let windows = of_building.filter_map(|v| v.window(scene, b, scope)).collect();
-            Looked::new(windows, range, correlation, config)
+            BuildingWindows::new(windows, range, correlation, config)
         };
         let whole = || look(Scope::whole(config, correlation));
         let Range::Local { share } = range else {
             return whole().map(|looked| full(scene.bounds, config, |h| looked.scores(h)));
         };
         let (low, high) = around(heights_m[b], share, scene.bounds, config);
-        let scan = |looked: &Looked| scan(low, high, config.n_fine, scene.bounds, |h| looked.scores(h));
+        let scan = |looked: &BuildingWindows| scan(low, high, config.n_fine, scene.bounds, |h| looked.scores(h));
         // A score that still rises where the interval ends would go on rising sweep by sweep, as over trees around a low
         // block: then what the building could hide farther up has a say too.
         let near = look(Scope::near(high, config, correlation)).map(|looked| scan(&looked));
@@ -220,14 +220,14 @@ pub fn sweep(
 }
 
 /// A building's views, made ready.
-struct Looked {
+struct BuildingWindows {
     windows: Vec<Window>,
     /// Weights of the agreement in each window.
     weights: Vec<f64>,
     correlation: Correlation,
 }
 
-impl Looked {
+impl BuildingWindows {
     /// The views with the weights of their agreement; `None` where no view has a window.
     fn new(windows: Vec<Window>, range: Range, correlation: Correlation, config: &SearchConfig) -> Option<Self> {
         let agreement_weight = match range {
@@ -289,7 +289,7 @@ fn full(bounds: HeightBounds, config: &SearchConfig, score: impl Fn(f32) -> Vec<
     let fine = scan(low, high, config.n_fine, bounds, &score);
     let fall = totals.iter().copied().fold(f64::INFINITY, f64::min);
     let n_views = fine.n_views as f64;
-    let whole = Curve(coarse.into_iter().zip(totals.iter().map(|total| total / n_views)).collect());
+    let whole = ScoreCurve(coarse.into_iter().zip(totals.iter().map(|total| total / n_views)).collect());
     Finding { contrast: (fine.score - fall / n_views).max(0.0), whole, ..fine }
 }
 
@@ -324,7 +324,7 @@ fn scan(low: f32, high: f32, n: usize, bounds: HeightBounds, score: impl Fn(f32)
         contrast: (best - least) / n_views as f64,
         at_bound: height_m - bounds.min_m < 0.2 * tolerance || bounds.max_m - height_m < tolerance,
         at_end: at == 0 || at == n - 1,
-        whole: Curve::default(),
+        whole: ScoreCurve::default(),
     }
 }
 

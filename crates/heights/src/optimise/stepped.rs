@@ -7,8 +7,8 @@
 //! One level that fits both ends near the upper one, because its edges stand out most. Steps that are large enough for two
 //! buildings are split before ([`super::levels`]).
 
-use super::roof::{Fit, Margin, Roof, RoofView, Terrace};
-use super::two_levels::{Limits, N_MORE, Plan, SeenIn, Step, TwoLevels};
+use super::roof::{Margin, Roof, RoofFit, RoofView, Terrace};
+use super::two_levels::{AlignedFootprint, N_MORE, PatternStep, TwoLevelLimits, TwoLevelView, TwoLevels};
 use crate::scene::{HeightBounds, Prism, RoofForm};
 
 /// Least area of either level, m²: an annex or a penthouse of one room. Less is a dormer or a bay.
@@ -27,27 +27,32 @@ const N_FOLLOWED: usize = 3;
 /// First inner and outer levels against the one level, metres.
 const FIRST_M: [[f32; 2]; 4] = [[3.0, -1.0], [-3.0, 1.0], [1.0, -2.0], [-1.0, 2.0]];
 /// Steps of the search, for the followed guesses and for the best of them.
-const COARSE_STEPS: [Step; 2] = [step(0.15, 1.0), step(0.07, 0.5)];
-const FINE_STEPS: [Step; 3] = [step(0.05, 0.4), step(0.025, 0.2), step(0.012, 0.1)];
+const COARSE_STEPS: [PatternStep; 2] = [step(0.15, 1.0), step(0.07, 0.5)];
+const FINE_STEPS: [PatternStep; 3] = [step(0.05, 0.4), step(0.025, 0.2), step(0.012, 0.1)];
 /// Lead that a stepped roof needs over a flat one, and over a pitched one that is believed.
 const MARGIN: Margin = Margin { gain: 0.002, standard_errors: 1.0, n_more: N_MORE };
 
-const fn step(side_share: f32, height_m: f32) -> Step {
-    Step { side_share, height_m, height_share: 0.0 }
+const fn step(side_share: f32, height_m: f32) -> PatternStep {
+    PatternStep { side_share, height_m, height_share: 0.0 }
 }
 
 /// The stepped roof of one building that its views show best around a flat one; `None` where there is none to speak of.
-pub(super) fn best<'a>(prism: &'a Prism, bounds: HeightBounds, flat_m: f32, views: &[RoofView<'_>]) -> Option<Fit<'a>> {
+pub(super) fn best<'a>(
+    prism: &'a Prism,
+    bounds: HeightBounds,
+    flat_m: f32,
+    views: &[RoofView<'_>],
+) -> Option<RoofFit<'a>> {
     let area_m2 = f64::from(prism.area_m2());
     if area_m2 < 2.0 * MIN_PART_M2 {
         return None;
     }
     let flat_m = flat_m.clamp(bounds.min_m, bounds.max_m);
     let heights = HeightBounds { min_m: bounds.min_m.max(flat_m - REACH_M), max_m: bounds.max_m.min(flat_m + REACH_M) };
-    let plan = Plan::new(prism, Limits { heights, side_m: MIN_SIDE_M });
+    let plan = AlignedFootprint::new(prism, TwoLevelLimits { heights, side_m: MIN_SIDE_M });
     let seen = seen_in(views, &plan);
-    let all: Vec<&SeenIn<'_>> = seen.iter().collect();
-    let first: Vec<&SeenIn<'_>> = seen.iter().step_by(seen.len().div_ceil(N_FIRST_VIEWS)).collect();
+    let all: Vec<&TwoLevelView<'_>> = seen.iter().collect();
+    let first: Vec<&TwoLevelView<'_>> = seen.iter().step_by(seen.len().div_ceil(N_FIRST_VIEWS)).collect();
     let pairs_m = FIRST_M.map(|pair| pair.map(|above_m| flat_m + above_m));
     let (_, found) = plan.best_of(plan.guesses(&pairs_m), N_FOLLOWED, &first, &COARSE_STEPS)?;
     let (_, found) = plan.climb(&all, found, &FINE_STEPS);
@@ -59,18 +64,18 @@ pub(super) fn best<'a>(prism: &'a Prism, bounds: HeightBounds, flat_m: f32, view
     let scores = scores(&seen, &found);
     let roof = roof(&plan, &found, share);
     let scores_in = move |others: &[RoofView<'_>]| self::scores(&seen_in(others, &plan), &found);
-    Some(Fit { roof, is_told: true, margin: MARGIN, scores, scores_in: Box::new(scores_in) })
+    Some(RoofFit { roof, is_told: true, margin: MARGIN, scores, scores_in: Box::new(scores_in) })
 }
 
-fn seen_in<'v>(views: &'v [RoofView<'_>], plan: &Plan<'_>) -> Vec<SeenIn<'v>> {
-    views.iter().map(|view| SeenIn::new(view, view.weight, plan)).collect()
+fn seen_in<'v>(views: &'v [RoofView<'_>], plan: &AlignedFootprint<'_>) -> Vec<TwoLevelView<'v>> {
+    views.iter().map(|view| TwoLevelView::new(view, view.weight, plan)).collect()
 }
 
-fn scores(seen: &[SeenIn<'_>], levels: &TwoLevels) -> Vec<f64> {
+fn scores(seen: &[TwoLevelView<'_>], levels: &TwoLevels) -> Vec<f64> {
     seen.iter().map(|s| s.two_levels(levels)).collect()
 }
 
-fn roof(plan: &Plan<'_>, levels: &TwoLevels, inner_share: f64) -> Roof {
+fn roof(plan: &AlignedFootprint<'_>, levels: &TwoLevels, inner_share: f64) -> Roof {
     let [inner_m, outer_m] = [levels.inner_m, levels.outer_m].map(f64::from);
     Roof {
         form: RoofForm::Stepped,

@@ -17,7 +17,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 use glam::{Mat2, Vec2};
 
-use super::intervals::Form;
+use super::intervals::RoofIntersection;
 use super::roof::{RoofView, grid, smallest_rectangle};
 use super::score::{Correlation, Window};
 use crate::ray::Ray;
@@ -54,7 +54,7 @@ impl TwoLevels {
 
 /// Steps of one round of the pattern search.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Step {
+pub(super) struct PatternStep {
     /// The rectangle's sides, as a share of the footprint's.
     pub side_share: f32,
     /// The levels: a fixed part, metres, and a share of each.
@@ -64,23 +64,23 @@ pub(super) struct Step {
 
 /// Limits of two levels.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Limits {
+pub(super) struct TwoLevelLimits {
     pub heights: HeightBounds,
     /// Least side of the rectangle, metres.
     pub side_m: f32,
 }
 
 /// A footprint along the axes of its smallest rectangle.
-pub(super) struct Plan<'a> {
+pub(super) struct AlignedFootprint<'a> {
     pub prism: &'a Prism,
     axes: Mat2,
     pub low: Vec2,
     pub high: Vec2,
-    limits: Limits,
+    limits: TwoLevelLimits,
 }
 
-impl<'a> Plan<'a> {
-    pub fn new(prism: &'a Prism, limits: Limits) -> Self {
+impl<'a> AlignedFootprint<'a> {
+    pub fn new(prism: &'a Prism, limits: TwoLevelLimits) -> Self {
         let (axes, low, high) = smallest_rectangle(prism);
         Self { prism, axes, low, high, limits }
     }
@@ -102,8 +102,8 @@ impl<'a> Plan<'a> {
         &self,
         guesses: impl Iterator<Item = TwoLevels>,
         n_followed: usize,
-        seen: &[&SeenIn<'_>],
-        steps: &[Step],
+        seen: &[&TwoLevelView<'_>],
+        steps: &[PatternStep],
     ) -> Option<(f64, TwoLevels)> {
         let mut guesses: Vec<(f64, TwoLevels)> = guesses.map(|guess| (total(seen, &guess), guess)).collect();
         guesses.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -112,7 +112,7 @@ impl<'a> Plan<'a> {
     }
 
     /// Pattern search: the sides, the place and the levels, with each step until none helps. With the total score.
-    pub fn climb(&self, seen: &[&SeenIn<'_>], start: TwoLevels, steps: &[Step]) -> (f64, TwoLevels) {
+    pub fn climb(&self, seen: &[&TwoLevelView<'_>], start: TwoLevels, steps: &[PatternStep]) -> (f64, TwoLevels) {
         let (mut best, mut at) = (total(seen, &start), start);
         for &step in steps {
             loop {
@@ -135,7 +135,7 @@ impl<'a> Plan<'a> {
         (best, at)
     }
 
-    fn moved(&self, at: &TwoLevels, (low, high, inner, outer): Move, step: Step) -> TwoLevels {
+    fn moved(&self, at: &TwoLevels, (low, high, inner, outer): Move, step: PatternStep) -> TwoLevels {
         let sides = step.side_share * (self.high - self.low);
         let level = |h: f32, direction: f32| h + direction * (step.height_m + step.height_share * h);
         self.within(TwoLevels {
@@ -175,7 +175,7 @@ impl<'a> Plan<'a> {
     }
 }
 
-fn total(seen: &[&SeenIn<'_>], levels: &TwoLevels) -> f64 {
+fn total(seen: &[&TwoLevelView<'_>], levels: &TwoLevels) -> f64 {
     seen.iter().map(|s| s.two_levels(levels)).sum()
 }
 
@@ -198,15 +198,15 @@ fn moves() -> impl Iterator<Item = Move> {
 }
 
 /// The building in one view.
-pub(super) struct SeenIn<'a> {
+pub(super) struct TwoLevelView<'a> {
     window: &'a Window,
     /// Weight of the agreement.
     weight: f64,
-    ways: Vec<Ways>,
+    ways: Vec<AxisWays>,
 }
 
-impl<'a> SeenIn<'a> {
-    pub fn new(view: &'a RoofView<'_>, weight: f64, plan: &Plan<'_>) -> Self {
+impl<'a> TwoLevelView<'a> {
+    pub fn new(view: &'a RoofView<'_>, weight: f64, plan: &AlignedFootprint<'_>) -> Self {
         Self { window: &view.window, weight, ways: ways(view, plan) }
     }
 
@@ -226,11 +226,11 @@ impl<'a> SeenIn<'a> {
 }
 
 /// The ways of a view's rays over the footprint.
-fn ways(view: &RoofView<'_>, plan: &Plan<'_>) -> Vec<Ways> {
+fn ways(view: &RoofView<'_>, plan: &AlignedFootprint<'_>) -> Vec<AxisWays> {
     let mut ways = Vec::new();
     for (i, (ray, enter, leave)) in view.window.own_stretches().enumerate() {
         if i % LANES == 0 {
-            ways.push(Ways::EMPTY);
+            ways.push(AxisWays::EMPTY);
         }
         ways[i / LANES].set(i % LANES, &view.evidence.ray(view.placed, ray), plan, (enter, leave));
     }
@@ -239,7 +239,7 @@ fn ways(view: &RoofView<'_>, plan: &Plan<'_>) -> Vec<Ways> {
 
 /// Ways of rays over the footprint, along the plan's axes, side by side.
 #[derive(Debug, Clone, Copy)]
-struct Ways {
+struct AxisWays {
     /// Position at z-depth 0, and z-depth per metre along the axis.
     from: [Lanes; 2],
     per_metre: [Lanes; 2],
@@ -250,7 +250,7 @@ struct Ways {
     leave: Lanes,
 }
 
-impl Ways {
+impl AxisWays {
     /// Lanes that stop no ray.
     const EMPTY: Self = Self {
         from: [Lanes::splat(0.0); 2],
@@ -261,7 +261,7 @@ impl Ways {
         leave: Lanes::splat(0.0),
     };
 
-    fn set(&mut self, lane: usize, ray: &Ray, plan: &Plan<'_>, (enter, leave): (f32, f32)) {
+    fn set(&mut self, lane: usize, ray: &Ray, plan: &AlignedFootprint<'_>, (enter, leave): (f32, f32)) {
         let (from, along) = (plan.axes * ray.origin.truncate(), plan.axes * ray.direction.truncate());
         for axis in 0..2 {
             self.from[axis].set(lane, from[axis]);
@@ -303,11 +303,11 @@ impl Ways {
 
 /// Two levels over a view's intervals.
 struct Terraced<'a> {
-    ways: &'a [Ways],
+    ways: &'a [AxisWays],
     levels: &'a TwoLevels,
 }
 
-impl Form for Terraced<'_> {
+impl RoofIntersection for Terraced<'_> {
     #[inline(always)]
     fn meets<S: Simd>(&self, simd: S, block: usize) -> f32x8<S> {
         self.ways[block].meets(simd, self.levels)

@@ -24,7 +24,7 @@ const LEAST_MAIN: f32 = 0.3;
 
 /// A gable over a rectangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Gable {
+pub(super) struct WingGable {
     pub low: Vec2,
     pub high: Vec2,
     /// Low and high corner of where it is the roof: beyond the rectangle where walls lie a little off its lines, but not where it
@@ -34,7 +34,7 @@ pub(super) struct Gable {
     pub is_along_x: bool,
 }
 
-impl Gable {
+impl WingGable {
     /// Over a rectangle that stands alone.
     pub fn new(low: Vec2, high: Vec2, is_along_x: bool) -> Self {
         Self { low, high, reach: [low - SAME_LINE_M, high + SAME_LINE_M], is_along_x }
@@ -56,16 +56,16 @@ impl Gable {
 
 /// A main body with its wings.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Wings(Vec<Gable>);
+pub(super) struct Wings(Vec<WingGable>);
 
 impl Wings {
     /// Half the width of the widest, metres: how far the highest ridge is from its eaves.
     pub fn run_m(&self) -> f32 {
-        self.0.iter().map(Gable::half_width_m).fold(0.0, f32::max)
+        self.0.iter().map(WingGable::half_width_m).fold(0.0, f32::max)
     }
 
     /// The main body's gable, then the wings'.
-    pub fn gables(&self) -> &[Gable] {
+    pub fn gables(&self) -> &[WingGable] {
         &self.0
     }
 
@@ -77,14 +77,14 @@ impl Wings {
     /// Gables of a footprint: with the main body along either axis, where there is one; none of a plain rectangle, of a footprint with a
     /// courtyard or with walls askew.
     pub fn of(prism: &Prism, axes: Mat2) -> Vec<Self> {
-        Lattice::of(prism, axes).map_or_else(Vec::new, |lattice| {
+        WallLattice::of(prism, axes).map_or_else(Vec::new, |lattice| {
             [true, false].into_iter().filter_map(|is_along_x| lattice.wings(is_along_x)).collect()
         })
     }
 }
 
 /// A footprint on the lines that its walls lie on.
-struct Lattice {
+struct WallLattice {
     xs: Vec<f32>,
     ys: Vec<f32>,
     /// Whether a cell is inside the footprint, row by row.
@@ -99,7 +99,7 @@ fn walls_are_straight(corners: &[Vec2]) -> bool {
     corners.windows(2).all(|wall| (wall[1] - wall[0]).abs().min_element() <= SAME_LINE_M)
 }
 
-impl Lattice {
+impl WallLattice {
     fn of(prism: &Prism, axes: Mat2) -> Option<Self> {
         let mut rings = prism.rings();
         let (exterior, None) = (rings.next()?, rings.next()) else { return None };
@@ -174,7 +174,7 @@ impl Lattice {
             return None;
         }
         let (low, high) = self.corners(main);
-        let mut gables = vec![Gable::new(low, high, is_along_x)];
+        let mut gables = vec![WingGable::new(low, high, is_along_x)];
         let mut is_taken = vec![false; self.is_inside.len()];
         Self::of_cells(main, n_cols).for_each(|i| is_taken[i] = true);
         while let Some(first) = (0..is_taken.len()).find(|i| self.is_inside[*i] && !is_taken[*i]) {
@@ -184,7 +184,7 @@ impl Lattice {
     }
 
     /// The wing that a cell belongs to; `None` if it is no rectangle, or does not lie beside the main body.
-    fn wing(&self, first: usize, main: Cells, body: &Gable, is_taken: &mut [bool]) -> Option<Gable> {
+    fn wing(&self, first: usize, main: Cells, body: &WingGable, is_taken: &mut [bool]) -> Option<WingGable> {
         let n_cols = self.n_cols();
         let [mut from_col, mut to_col, mut from_row, mut to_row] = self.cell(first);
         let (mut open, mut n_cells) = (vec![first], 0);
@@ -223,12 +223,12 @@ impl Lattice {
                 low[axis] = middle[axis];
             }
         }
-        is_beside.then(|| Gable::new(low, high, leaves_along_x))
+        is_beside.then(|| WingGable::new(low, high, leaves_along_x))
     }
 }
 
 /// One of several gables, which ends at a side of its rectangle that lies in another one's.
-fn among(i: usize, gables: &[Gable]) -> Gable {
+fn among(i: usize, gables: &[WingGable]) -> WingGable {
     let mut gable = gables[i];
     for axis in 0..2 {
         for (side, end, way) in [(0, gable.low, -1.0), (1, gable.high, 1.0)] {
@@ -236,10 +236,10 @@ fn among(i: usize, gables: &[Gable]) -> Gable {
             from[axis] = end[axis] + way * 0.5 * SAME_LINE_M;
             to[axis] = from[axis];
             // Walls that are in line lie a little off it.
-            let lies_in = |at: Vec2, other: &Gable| {
+            let lies_in = |at: Vec2, other: &WingGable| {
                 at.cmpge(other.low - SAME_LINE_M).all() && at.cmple(other.high + SAME_LINE_M).all()
             };
-            let goes_on = |(j, other): (usize, &Gable)| j != i && lies_in(from, other) && lies_in(to, other);
+            let goes_on = |(j, other): (usize, &WingGable)| j != i && lies_in(from, other) && lies_in(to, other);
             if gables.iter().enumerate().any(goes_on) {
                 gable.reach[side][axis] = end[axis];
             }

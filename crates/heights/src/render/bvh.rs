@@ -50,14 +50,14 @@ const MAX_DEPTH: usize = 64;
 /// 32 bytes: a box, and either two children (at `first` and `first + 1`) or `count` primitives from `first`.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
-struct Node {
+struct BvhNode {
     min: Vec3,
     first: u32,
     max: Vec3,
     count: u32,
 }
 
-impl Node {
+impl BvhNode {
     fn bounds(&self) -> Aabb {
         Aabb { min: self.min, max: self.max }
     }
@@ -66,7 +66,7 @@ impl Node {
 /// The hierarchy; primitives are known by their index in the slice it was built from.
 #[derive(Debug, Clone)]
 pub struct Bvh {
-    nodes: Vec<Node>,
+    nodes: Vec<BvhNode>,
     primitives: Vec<u32>,
 }
 
@@ -74,7 +74,7 @@ impl Bvh {
     /// Builds over one box per primitive. Empty boxes are never visited.
     #[must_use]
     pub fn build(boxes: &[Aabb]) -> Self {
-        let mut builder = Builder { boxes, primitives: Vec::new(), nodes: Vec::with_capacity(2 * boxes.len()) };
+        let mut builder = BvhBuilder { boxes, primitives: Vec::new(), nodes: Vec::with_capacity(2 * boxes.len()) };
         builder.primitives =
             (0..boxes.len()).filter(|&i| boxes[i].min.cmple(boxes[i].max).all()).map(|i| i as u32).collect();
         if !builder.primitives.is_empty() {
@@ -137,17 +137,17 @@ impl Bvh {
     }
 }
 
-struct Builder<'a> {
+struct BvhBuilder<'a> {
     boxes: &'a [Aabb],
     primitives: Vec<u32>,
-    nodes: Vec<Node>,
+    nodes: Vec<BvhNode>,
 }
 
-impl Builder<'_> {
-    fn leaf(&self, first: usize, count: usize) -> Node {
+impl BvhBuilder<'_> {
+    fn leaf(&self, first: usize, count: usize) -> BvhNode {
         let bounds =
             self.primitives[first..first + count].iter().fold(Aabb::EMPTY, |b, &p| b.union(self.boxes[p as usize]));
-        Node { min: bounds.min, first: first as u32, max: bounds.max, count: count as u32 }
+        BvhNode { min: bounds.min, first: first as u32, max: bounds.max, count: count as u32 }
     }
 
     /// Turns a leaf into an inner node while that makes traversal cheaper.

@@ -27,20 +27,20 @@ use crate::ray::Aabb;
 pub(super) struct Cones<S: Simd> {
     /// Times the way to the box's near face, where the origin is not between the two: no ray is there before. Infinite
     /// where none goes that way.
-    soonest: [Side<S>; 3],
+    soonest: [SideFactors<S>; 3],
     /// Times the way to a face that no ray starts beyond: every ray is past it after. Infinite where one never gets
     /// there.
-    latest: [Side<S>; 3],
+    latest: [SideFactors<S>; 3],
 }
 
 /// A factor for faces above the origin along an axis, and one for those below.
 #[derive(Clone, Copy)]
-struct Side<S: Simd> {
+struct SideFactors<S: Simd> {
     above: f32x8<S>,
     below: f32x8<S>,
 }
 
-impl<S: Simd> Side<S> {
+impl<S: Simd> SideFactors<S> {
     /// The soonest and the latest, from the directions of all packets' rays along the axis.
     #[inline(always)]
     fn pair(simd: S, directions: [f32x8<S>; LANES]) -> (Self, Self) {
@@ -68,7 +68,7 @@ impl<S: Simd> Cones<S> {
     pub fn around(simd: S, directions: [[f32x8<S>; LANES]; 3]) -> Self {
         let [x, y, z] = directions;
         let ((soonest_x, latest_x), (soonest_y, latest_y), (soonest_z, latest_z)) =
-            (Side::pair(simd, x), Side::pair(simd, y), Side::pair(simd, z));
+            (SideFactors::pair(simd, x), SideFactors::pair(simd, y), SideFactors::pair(simd, z));
         Self { soonest: [soonest_x, soonest_y, soonest_z], latest: [latest_x, latest_y, latest_z] }
     }
 

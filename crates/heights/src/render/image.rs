@@ -56,14 +56,14 @@ pub(super) const BOX_MARGIN_M: f32 = 0.01;
 
 /// Hit of a ray: its parameter, and a code that a register can hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Hit {
+pub(super) struct RayHit {
     /// Ray parameter of the hit; infinite where there is none.
     pub t: f32,
     /// 0 nothing, 1 ground, then wall and roof of every building in turn.
     pub code: u32,
 }
 
-impl Hit {
+impl RayHit {
     /// The code of a building's wall.
     pub fn wall(idx: usize) -> u32 {
         2 + 2 * idx as u32
@@ -75,7 +75,7 @@ impl Hit {
     }
 
     /// This, or what is met of a prism if that is nearer; of two at one place the first in the scene.
-    pub fn or_nearer(self, ray: &Ray, (idx, solid): (usize, &Solid<'_>), scratch: &mut Vec<RayInterval>) -> Self {
+    pub fn or_nearer(self, ray: &Ray, (idx, solid): (usize, &PrismSolid<'_>), scratch: &mut Vec<RayInterval>) -> Self {
         scratch.clear();
         solid.prism.intervals(ray, scratch);
         scratch.iter().fold(self, |nearest, interval| match solid.meet(ray, *interval) {
@@ -102,7 +102,7 @@ impl Hit {
 }
 
 /// A prism between two levels.
-pub(super) struct Solid<'a> {
+pub(super) struct PrismSolid<'a> {
     pub prism: &'a Prism,
     /// A ray that comes over the footprint below this passes under its walls. Well inside the prism's box, so that boxes
     /// decide nothing.
@@ -110,7 +110,7 @@ pub(super) struct Solid<'a> {
     pub roof_z: f32,
 }
 
-impl Solid<'_> {
+impl PrismSolid<'_> {
     /// Ray parameter at which a ray meets it within one interval over its footprint, and whether that is the roof.
     fn meet(&self, ray: &Ray, interval: RayInterval) -> Option<(f32, bool)> {
         let (from, dz) = (ray.origin.z, ray.direction.z);
@@ -172,7 +172,7 @@ impl<'a> SceneTracer<'a> {
         let (hits, left_out) = dispatch!(self.level, simd => packet::trace(simd, self, rays));
         let mut seen = TileSeen { depth: [f32::NAN; TILE], face: [Face::Nothing; TILE] };
         for k in 0..TILE {
-            (seen.depth[k], seen.face[k]) = Hit { t: hits.t[k], code: hits.code[k] }.seen();
+            (seen.depth[k], seen.face[k]) = RayHit { t: hits.t[k], code: hits.code[k] }.seen();
         }
         self.trace_left_out(rays, left_out, &mut seen);
         seen
@@ -223,10 +223,10 @@ impl<'a> SceneTracer<'a> {
     }
 
     /// Point where a ray meets the ground, with nothing on it.
-    pub(super) fn ground(&self, ray: &Ray) -> Hit {
+    pub(super) fn ground(&self, ray: &Ray) -> RayHit {
         match self.scene.ground.meets(ray) {
-            Some(t) => Hit { t, code: 1 },
-            None => Hit { t: f32::INFINITY, code: 0 },
+            Some(t) => RayHit { t, code: 1 },
+            None => RayHit { t: f32::INFINITY, code: 0 },
         }
     }
 
@@ -238,9 +238,9 @@ impl<'a> SceneTracer<'a> {
         &self.bvh
     }
 
-    pub(super) fn solid(&self, idx: usize) -> Solid<'a> {
+    pub(super) fn solid(&self, idx: usize) -> PrismSolid<'a> {
         let prism = &self.scene.prisms[idx];
-        Solid { prism, foot_z: prism.base_z - 0.5 * BOX_MARGIN_M, roof_z: self.roofs[idx] }
+        PrismSolid { prism, foot_z: prism.base_z - 0.5 * BOX_MARGIN_M, roof_z: self.roofs[idx] }
     }
 
     pub(super) fn bounds(&self, idx: usize) -> &Aabb {

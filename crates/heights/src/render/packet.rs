@@ -20,7 +20,7 @@ use glam::Vec3;
 
 use super::bvh::Probe;
 use super::cones::{Cones, greatest_of_packets};
-use super::image::{Hit, SceneTracer, Solid};
+use super::image::{PrismSolid, RayHit, SceneTracer};
 use super::tile::{LANES, RayTile, TILE};
 use crate::ray::{Aabb, Ray};
 use crate::scene::{LocalGround, Prism, RayInterval};
@@ -38,7 +38,7 @@ pub(super) fn trace<S: Simd>(simd: S, tracer: &SceneTracer<'_>, rays: &RayTile) 
         (*packet, without) = Packet::new(simd, tracer, rays, i, some);
         left_out |= without << (LANES * i);
     }
-    let mut tile = Tile::new(simd, tracer, rays.origin, packets);
+    let mut tile = TileTrace::new(simd, tracer, rays.origin, packets);
     tracer.bvh().walk(&mut tile);
     for (i, packet) in tile.packets.iter().enumerate() {
         packet.nearest.store_slice(&mut hits.t[LANES * i..LANES * (i + 1)]);
@@ -47,7 +47,7 @@ pub(super) fn trace<S: Simd>(simd: S, tracer: &SceneTracer<'_>, rays: &RayTile) 
     (hits, left_out)
 }
 
-/// One [`Hit`] per ray of a tile.
+/// One [`RayHit`] per ray of a tile.
 pub(super) struct TileHits {
     pub t: [f32; TILE],
     pub code: [u32; TILE],
@@ -60,12 +60,12 @@ struct Packet<S: Simd> {
     /// Squared length of the horizontal direction.
     length_squared: f32x8<S>,
     nearest: f32x8<S>,
-    /// [`Hit::code`] of what each ray met.
+    /// [`RayHit::code`] of what each ray met.
     code: u32x8<S>,
 }
 
 /// The rays of a tile on their way through a scene.
-struct Tile<'a, S: Simd> {
+struct TileTrace<'a, S: Simd> {
     simd: S,
     tracer: &'a SceneTracer<'a>,
     origin: Vec3,
@@ -77,7 +77,7 @@ struct Tile<'a, S: Simd> {
     scratch: Vec<RayInterval>,
 }
 
-impl<'a, S: Simd> Tile<'a, S> {
+impl<'a, S: Simd> TileTrace<'a, S> {
     #[inline(always)]
     fn new(simd: S, tracer: &'a SceneTracer<'a>, origin: Vec3, packets: [Packet<S>; LANES]) -> Self {
         let [mut x, mut y, mut z] = [[f32x8::splat(simd, 0.0); LANES]; 3];
@@ -92,7 +92,7 @@ impl<'a, S: Simd> Tile<'a, S> {
     }
 }
 
-impl<S: Simd> Probe for Tile<'_, S> {
+impl<S: Simd> Probe for TileTrace<'_, S> {
     #[inline(always)]
     fn enters(&self, bounds: &Aabb) -> Option<f32> {
         let (enter, may_meet) = self.cones.meet(bounds, self.origin, self.reach);
@@ -145,7 +145,7 @@ impl<S: Simd> Packet<S> {
 
     /// Meets all rays with one prism.
     #[inline(always)]
-    fn meet(&mut self, simd: S, origin: Vec3, (idx, solid): (usize, &Solid<'_>), scratch: &mut Vec<RayInterval>) {
+    fn meet(&mut self, simd: S, origin: Vec3, (idx, solid): (usize, &PrismSolid<'_>), scratch: &mut Vec<RayInterval>) {
         let [x, y, z] = self.direction;
         let (enter, leave, n) = solid.prism.intervals_of_eight(simd, origin.truncate(), [x, y], self.length_squared);
         let is_over = n.simd_eq(2.0) & leave.simd_gt(enter) & leave.simd_gt(0.0);
@@ -156,7 +156,7 @@ impl<S: Simd> Packet<S> {
         let roof = (top - eye) / z;
         let meets_wall = below_roof & enter.simd_gt(0.0) & level.simd_ge(solid.foot_z);
         let meets_roof = !below_roof & z.simd_lt(0.0) & roof.simd_lt(leave);
-        let code = below_roof.select(u32x8::splat(simd, Hit::wall(idx)), u32x8::splat(simd, Hit::roof(idx)));
+        let code = below_roof.select(u32x8::splat(simd, RayHit::wall(idx)), u32x8::splat(simd, RayHit::roof(idx)));
         self.take(is_over & (meets_wall | meets_roof), below_roof.select(from, roof), code);
 
         let mut many = n.simd_gt(2.0).to_bitmask();
@@ -164,7 +164,7 @@ impl<S: Simd> Packet<S> {
             let lane = many.trailing_zeros() as usize;
             many &= many - 1;
             let ray = Ray::new(origin, Vec3::from_array(self.direction.map(|axis| axis[lane])));
-            let before = Hit { t: self.nearest[lane], code: self.code[lane] };
+            let before = RayHit { t: self.nearest[lane], code: self.code[lane] };
             let hit = before.or_nearer(&ray, (idx, solid), scratch);
             (self.nearest[lane], self.code[lane]) = (hit.t, hit.code);
         }
@@ -194,7 +194,7 @@ fn meet_ground<S: Simd>(
         let never = f32x8::splat(simd, f32::INFINITY);
         return (meets.select(t, never), meets.select(u32x8::splat(simd, 1), u32x8::splat(simd, 0)));
     }
-    let hits: [Hit; LANES] =
+    let hits: [RayHit; LANES] =
         std::array::from_fn(|i| tracer.ground(&Ray::new(origin, Vec3::from_array(direction.map(|axis| axis[i])))));
     (f32x8::simd_from(simd, hits.map(|hit| hit.t)), u32x8::simd_from(simd, hits.map(|hit| hit.code)))
 }
@@ -261,9 +261,9 @@ mod tests {
     }
 
     /// Nearest hit among all prisms, without a hierarchy.
-    fn linear(tracer: &SceneTracer<'_>, n_prisms: usize, ray: &Ray) -> Hit {
+    fn linear(tracer: &SceneTracer<'_>, n_prisms: usize, ray: &Ray) -> RayHit {
         let mut scratch = Vec::new();
-        let nearer = |hit: Hit, idx| hit.or_nearer(ray, (idx, &tracer.solid(idx)), &mut scratch);
+        let nearer = |hit: RayHit, idx| hit.or_nearer(ray, (idx, &tracer.solid(idx)), &mut scratch);
         (0..n_prisms).fold(tracer.ground(ray), nearer)
     }
 

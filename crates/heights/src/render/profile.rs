@@ -435,18 +435,18 @@ mod tests {
     }
 
     /// A level as a surface.
-    struct Level(f32);
+    struct LevelSurface(f32);
 
-    impl RoofSurface for Level {
+    impl RoofSurface for LevelSurface {
         fn level(&self, _: Vec2) -> f32 {
             self.0
         }
     }
 
     /// A roof that rises to the east by this much per metre from a level at x = 0.
-    struct Slope(f32, f32);
+    struct SlopingSurface(f32, f32);
 
-    impl RoofSurface for Slope {
+    impl RoofSurface for SlopingSurface {
         fn level(&self, at: Vec2) -> f32 {
             self.0 + self.1 * at.x
         }
@@ -460,10 +460,10 @@ mod tests {
             let profiles = Profiles::trace(&scene, &capped, &placed, Sampling { stride_px: 2, seed: 1, view: 0 });
             let roofs = scene.roofs(&[20.0, 8.0, 12.0, 30.0]);
             // Levels as surfaces are the levels.
-            let levels: Vec<Option<Level>> = roofs.iter().map(|&z| Some(Level(z))).collect();
+            let levels: Vec<Option<LevelSurface>> = roofs.iter().map(|&z| Some(LevelSurface(z))).collect();
             let (flat, same) = (profiles.stops(&roofs), profiles.stops_at(&placed, &roofs, &levels));
             // The third slopes.
-            let slope = |b: usize| (b == 2).then_some(Slope(roofs[2], 0.4));
+            let slope = |b: usize| (b == 2).then_some(SlopingSurface(roofs[2], 0.4));
             let sloping = profiles.stops_at(&placed, &roofs, &[0, 1, 2, 3].map(slope));
             for i in 0..profiles.rays.len() {
                 assert!((flat.depth(i) - same.depth(i)).abs() < 0.05, "{} {}", flat.depth(i), same.depth(i));

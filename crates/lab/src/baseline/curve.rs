@@ -38,7 +38,7 @@ pub(super) struct Sample {
 
 /// A view's curve from inverse depth to its prior, and the plane of its drift.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Curve {
+pub(super) struct PriorCurve {
     /// `a`, `b`, `c` for `u = v / v_scale`.
     terms: [f64; 3],
     v_scale: f64,
@@ -47,7 +47,7 @@ pub(super) struct Curve {
     u_limit: f64,
 }
 
-impl Curve {
+impl PriorCurve {
     /// `None` where there is too little to go by, or where the prior falls towards the camera.
     pub fn fit(samples: &[Sample]) -> Option<Self> {
         if samples.len() < MIN_SAMPLES {
@@ -98,7 +98,7 @@ impl Curve {
     }
 }
 
-struct Fit {
+struct CurveFit {
     terms: [f64; 3],
     /// Spread of the residuals on the far side.
     spread: f64,
@@ -110,7 +110,7 @@ fn robust(
     basis: impl Fn(&Sample) -> [f64; 3],
     n: usize,
     value: impl Fn(&Sample) -> f64,
-) -> Option<Fit> {
+) -> Option<CurveFit> {
     let residual = |s: &Sample, terms: &[f64; 3]| {
         let b = basis(s);
         value(s) - (b[0] * terms[0] + b[1] * terms[1] + b[2] * terms[2])
@@ -126,7 +126,7 @@ fn robust(
         let weight = |s: &Sample| stats::biweight(residual(s, &now), spread, CUT_OFF);
         terms = least_squares(samples, &basis, n, &value, weight)?;
     }
-    Some(Fit { terms, spread })
+    Some(CurveFit { terms, spread })
 }
 
 fn least_squares(
@@ -187,21 +187,21 @@ mod tests {
 
     #[test]
     fn an_affine_prior_lifts_exactly_and_the_plane_takes_no_gain() {
-        let curve = Curve::fit(&ground(|v, _, _| 3.0 + 40.0 * v)).unwrap();
+        let curve = PriorCurve::fit(&ground(|v, _, _| 3.0 + 40.0 * v)).unwrap();
         // A roof at 100 m in front of ground at 200 m.
         assert!((curve.depth_m(3.0 + 40.0 / 100.0, 0.2, 0.0).unwrap() - 100.0).abs() < 1e-6);
     }
 
     #[test]
     fn drift_across_the_view_is_taken_out() {
-        let curve = Curve::fit(&ground(|v, x, _| 3.0 + 40.0 * v + 0.02 * x)).unwrap();
+        let curve = PriorCurve::fit(&ground(|v, x, _| 3.0 + 40.0 * v + 0.02 * x)).unwrap();
         assert!((curve.depth_m(3.0 + 0.4 + 0.02 * 0.5, 0.5, 0.0).unwrap() - 100.0).abs() < 0.5);
     }
 
     #[test]
     fn a_monotone_warp_is_followed() {
         let warp = |v: f64| (200.0 * v).powf(1.5);
-        let curve = Curve::fit(&ground(|v, _, _| warp(v))).unwrap();
+        let curve = PriorCurve::fit(&ground(|v, _, _| warp(v))).unwrap();
         assert!((curve.depth_m(warp(1.0 / 170.0), 0.0, 0.0).unwrap() - 170.0).abs() < 0.5);
     }
 
@@ -211,13 +211,13 @@ mod tests {
         for s in samples.iter_mut().step_by(3) {
             s.p += 0.02;
         }
-        let curve = Curve::fit(&samples).unwrap();
+        let curve = PriorCurve::fit(&samples).unwrap();
         assert!((curve.depth_m(3.4, 0.0, 0.0).unwrap() - 100.0).abs() < 1.0);
     }
 
     #[test]
     fn a_prior_that_falls_towards_the_camera_is_refused() {
-        assert_eq!(Curve::fit(&ground(|v, _, _| 3.0 - 40.0 * v)), None);
-        assert_eq!(Curve::fit(&ground(|_, _, _| 3.0)[..40]), None);
+        assert_eq!(PriorCurve::fit(&ground(|v, _, _| 3.0 - 40.0 * v)), None);
+        assert_eq!(PriorCurve::fit(&ground(|_, _, _| 3.0)[..40]), None);
     }
 }

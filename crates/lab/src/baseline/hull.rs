@@ -23,7 +23,7 @@ pub enum HullError {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Face {
+struct HullFace {
     corners: [usize; 3],
     normal: DVec3,
     offset: f64,
@@ -43,20 +43,20 @@ pub fn convex_hull(points: &[DVec3]) -> Result<Vec<[DVec3; 3]>, HullError> {
         let [a, b, c] = corners.map(|i| points[i]);
         let normal = (b - a).cross(c - a).normalize_or_zero();
         if normal.dot(inside - a) > 0.0 {
-            Face { corners: [corners[0], corners[2], corners[1]], normal: -normal, offset: -normal.dot(a) }
+            HullFace { corners: [corners[0], corners[2], corners[1]], normal: -normal, offset: -normal.dot(a) }
         } else {
-            Face { corners, normal, offset: normal.dot(a) }
+            HullFace { corners, normal, offset: normal.dot(a) }
         }
     };
     let [a, b, c, d] = start;
-    let mut faces: Vec<Face> = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(face).to_vec();
+    let mut faces: Vec<HullFace> = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(face).to_vec();
     for (i, p) in points.iter().enumerate() {
-        let sees = |f: &Face| f.normal.dot(*p) - f.offset > on_face;
+        let sees = |f: &HullFace| f.normal.dot(*p) - f.offset > on_face;
         if !faces.iter().any(sees) {
             continue;
         }
-        let (seen, kept): (Vec<Face>, Vec<Face>) = faces.into_iter().partition(sees);
-        let edges_of = |f: &Face| [0, 1, 2].map(|k| (f.corners[k], f.corners[(k + 1) % 3]));
+        let (seen, kept): (Vec<HullFace>, Vec<HullFace>) = faces.into_iter().partition(sees);
+        let edges_of = |f: &HullFace| [0, 1, 2].map(|k| (f.corners[k], f.corners[(k + 1) % 3]));
         let edges: BTreeSet<(usize, usize)> = seen.iter().flat_map(edges_of).collect();
         // The horizon: edges of seen faces whose other side is not seen.
         let horizon = edges.iter().filter(|(from, to)| !edges.contains(&(*to, *from)));

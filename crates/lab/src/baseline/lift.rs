@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::curve::{Curve, Sample};
+use super::curve::{PriorCurve, Sample};
 use sizeup_heights::optimise::{EpochRecord, Problem, Reason, Solution, SolvedHeight, Solving};
 use sizeup_heights::render::profile::{PrismInterval, Profiles};
 use sizeup_heights::scene::Scene;
@@ -148,7 +148,7 @@ fn load<'a>(problem: &Problem<'a>) -> (Vec<Option<LiftView<'a>>>, Vec<(usize, St
 impl LiftView<'_> {
     /// Height above ground of each building's lifted points: their median, or a high percentile in the first round.
     fn lift(&self, scene: &Scene, roofs: &[f32], is_first: bool, config: &LiftConfig) -> Vec<(u32, f64)> {
-        let Some(curve) = Curve::fit(&self.free_ground(roofs)) else { return Vec::new() };
+        let Some(curve) = PriorCurve::fit(&self.free_ground(roofs)) else { return Vec::new() };
         let mut points: Vec<(u32, f64)> = Vec::new();
         for (i, ray) in self.rays.iter().enumerate().filter(|(_, ray)| ray.p.is_finite()) {
             let Some(depth) = curve.depth_m(f64::from(ray.p), f64::from(ray.x), f64::from(ray.y)) else { continue };

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::compare::{CompareError, ComparedFiles, Reference, footprints_of};
 use super::heights::HeightEvaluation;
-use super::levels::{Alignment, Stated, no_way};
+use super::levels::{LevelAlignment, Stated, no_way};
 use super::report::EvaluationReport;
 use super::solid::{Facet, Solids, read_solids};
 use super::surface::{TargetSurface, evaluate_surface};
@@ -55,10 +55,10 @@ fn align(
     [result, reference]: [Option<&VerticalReference>; 2],
     crs: &Crs,
     report: &mut EvaluationReport,
-    apply: impl FnOnce(&mut Alignment) -> Result<(), CrsError>,
+    apply: impl FnOnce(&mut LevelAlignment) -> Result<(), CrsError>,
 ) -> Result<(), CompareError> {
     let files = [&c.result, &c.truth].map(|path| path.display().to_string());
-    let mut alignment = Alignment::of(&Stated { result, reference, shift_m: c.level_shift_m, files }, crs)?;
+    let mut alignment = LevelAlignment::of(&Stated { result, reference, shift_m: c.level_shift_m, files }, crs)?;
     // A grid can turn out to be missing only here: PROJ looks for it when it sees the place.
     apply(&mut alignment).map_err(|source| match (reference, result) {
         (Some(from), Some(to)) => no_way(from, to, source).into(),

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::compare::{CompareError, crs_error};
-use super::levels::{Alignment, Stated};
+use super::levels::{LevelAlignment, Stated};
 use sizeup_geo::cloud::{self, Cloud};
 use sizeup_geo::crs::{Crs, CrsError, Transform, VerticalReference};
 use sizeup_results::output::read::{ReadError, height_unit_m};
@@ -19,7 +19,7 @@ pub fn cloud_in_project(path: &Path, project: &Crs) -> Result<Cloud, CompareErro
     if let (Some(result), Some(reference)) = (&own, &vertical) {
         let files = ["the project".to_owned(), path.display().to_string()];
         let stated = Stated { result: Some(result), reference: Some(reference), shift_m: None, files };
-        let moved = Alignment::of(&stated, project)?.move_points(&mut cloud.points);
+        let moved = LevelAlignment::of(&stated, project)?.move_points(&mut cloud.points);
         moved.map_err(|source| crs_error(path, source))?;
     }
     Ok(cloud)

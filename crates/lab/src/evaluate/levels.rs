@@ -62,14 +62,14 @@ pub enum DatumMatch {
 }
 
 /// The way from the reference's levels to the result's.
-pub(super) enum Way {
+pub(super) enum LevelConversion {
     Shift(f64),
     Proj(Box<LevelTransform>),
 }
 
 /// A way and what is to be said of it.
-pub(super) struct Alignment {
-    way: Way,
+pub(super) struct LevelAlignment {
+    way: LevelConversion,
     agreement: LevelAgreement,
 }
 
@@ -83,18 +83,18 @@ pub(super) struct Stated<'a> {
     pub files: [String; 2],
 }
 
-impl Alignment {
+impl LevelAlignment {
     /// Decides by what is declared, then by what the files say. `plane` is the CRS in which positions are compared.
     pub(super) fn of(stated: &Stated<'_>, plane: &Crs) -> Result<Self, LevelError> {
         let unstated = |i: usize, flag| LevelError::Unstated { file: stated.files[i].clone(), flag };
         let (how, way) = match (stated.shift_m, stated.result, stated.reference) {
-            (Some(shift_m), ..) => (DatumMatch::Declared, Way::Shift(shift_m)),
+            (Some(shift_m), ..) => (DatumMatch::Declared, LevelConversion::Shift(shift_m)),
             (None, None, _) => return Err(unstated(0, "--crs")),
             (None, _, None) => return Err(unstated(1, "--truth-crs")),
-            (None, Some(to), Some(from)) if to == from => (DatumMatch::Stated, Way::Shift(0.0)),
+            (None, Some(to), Some(from)) if to == from => (DatumMatch::Stated, LevelConversion::Shift(0.0)),
             (None, Some(to), Some(from)) => {
                 let transform = LevelTransform::new(plane, from, to).map_err(|source| no_way(from, to, source))?;
-                (DatumMatch::Transformed, Way::Proj(Box::new(transform)))
+                (DatumMatch::Transformed, LevelConversion::Proj(Box::new(transform)))
             }
         };
         let name = |reference: Option<&VerticalReference>| reference.map(ToString::to_string);
@@ -126,8 +126,8 @@ impl Alignment {
 
     fn shift_at(&mut self, at: DVec3) -> Result<f64, CrsError> {
         let shift_m = match &self.way {
-            Way::Shift(shift_m) => *shift_m,
-            Way::Proj(transform) => transform.level_m(at)? - at.z,
+            LevelConversion::Shift(shift_m) => *shift_m,
+            LevelConversion::Proj(transform) => transform.level_m(at)? - at.z,
         };
         let [low, high] = self.agreement.shift_m;
         self.agreement.shift_m = [low.min(shift_m), high.max(shift_m)];
@@ -177,7 +177,7 @@ mod tests {
         let plane = Crs::parse("EPSG:2154").unwrap();
         let [from, to] =
             ["EPSG:5698", "EPSG:2154+5730"].map(|crs| VerticalReference::of(&Crs::parse(crs).unwrap()).unwrap());
-        let mut alignment = Alignment::of(&stated(Some(&to), Some(&from)), &plane).unwrap();
+        let mut alignment = LevelAlignment::of(&stated(Some(&to), Some(&from)), &plane).unwrap();
         let mut solids = [block("a", [652_000.0, 6_862_000.0, 35.0], [10.0, 8.0, 6.0])];
         alignment.move_solids(&mut solids).unwrap();
         let [low, high] = solids[0].prisms[0].levels_m;
@@ -193,11 +193,11 @@ mod tests {
         let plane = Crs::parse("EPSG:2154").unwrap();
         let known = VerticalReference::of(&Crs::parse("EPSG:5698").unwrap()).unwrap();
         for (result, reference) in [(None, Some(&known)), (Some(&known), None), (None, None)] {
-            assert!(matches!(Alignment::of(&stated(result, reference), &plane), Err(LevelError::Unstated { .. })));
+            assert!(matches!(LevelAlignment::of(&stated(result, reference), &plane), Err(LevelError::Unstated { .. })));
         }
         let declared = Stated { shift_m: Some(1.5), ..stated(None, None) };
         let mut points = [DVec3::ZERO];
-        Alignment::of(&declared, &plane).unwrap().move_points(&mut points).unwrap();
+        LevelAlignment::of(&declared, &plane).unwrap().move_points(&mut points).unwrap();
         assert_eq!(points[0].z, 1.5);
     }
 }

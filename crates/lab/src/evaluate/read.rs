@@ -63,7 +63,7 @@ pub struct Truth {
 /// # Errors
 /// [`ReadError`]: unreadable, without CRS or without a height attribute.
 pub fn read_truth(path: &Path, options: &TruthOptions, project_crs: &Crs) -> Result<Truth, ReadError> {
-    read(path, options, project_crs, Heights::Needed)
+    read(path, options, project_crs, HeightsNeed::Needed)
 }
 
 /// As [`read_truth`], of a reference without heights.
@@ -75,17 +75,17 @@ pub(super) fn read_truth_footprints(
     options: &TruthOptions,
     project_crs: &Crs,
 ) -> Result<Truth, ReadError> {
-    read(path, options, project_crs, Heights::Absent)
+    read(path, options, project_crs, HeightsNeed::Absent)
 }
 
 /// Whether a reference must have heights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Heights {
+enum HeightsNeed {
     Needed,
     Absent,
 }
 
-fn read(path: &Path, options: &TruthOptions, project_crs: &Crs, heights: Heights) -> Result<Truth, ReadError> {
+fn read(path: &Path, options: &TruthOptions, project_crs: &Crs, heights: HeightsNeed) -> Result<Truth, ReadError> {
     let read = ReadOptions {
         layer: options.layer.as_deref(),
         id_field: options.id_field.as_deref(),
@@ -101,7 +101,7 @@ fn read(path: &Path, options: &TruthOptions, project_crs: &Crs, heights: Heights
     let field = match options.height_field.as_deref() {
         Some(field) if has(field) => Some(field),
         Some(field) => return Err(no_height(&found, field)),
-        None if is_measured || heights == Heights::Absent => None,
+        None if is_measured || heights == HeightsNeed::Absent => None,
         None => match HEIGHT_FIELDS.into_iter().find(|name| has(name)) {
             Some(field) => Some(field),
             None => return Err(no_height(&found, HEIGHT_FIELDS[0])),

@@ -64,9 +64,9 @@ pub enum TargetSurface<'a> {
 
 /// A triangle in the search tree.
 #[derive(Debug, Clone, Copy)]
-struct Triangle([DVec3; 3]);
+struct SearchTriangle([DVec3; 3]);
 
-impl RTreeObject for Triangle {
+impl RTreeObject for SearchTriangle {
     type Envelope = AABB<[f64; 3]>;
 
     fn envelope(&self) -> Self::Envelope {
@@ -75,7 +75,7 @@ impl RTreeObject for Triangle {
     }
 }
 
-impl PointDistance for Triangle {
+impl PointDistance for SearchTriangle {
     fn distance_2(&self, point: &[f64; 3]) -> f64 {
         let p = DVec3::from_array(*point);
         (p - nearest_on_triangle(p, self.0)).length_squared()
@@ -164,7 +164,7 @@ pub fn evaluate_surface(result: &[Facet], reference: &TargetSurface<'_>, root_se
 }
 
 fn to_facets(points: &[DVec3], facets: &[Facet]) -> Vec<f64> {
-    let tree = RTree::bulk_load(facets.iter().map(|f| Triangle(f.corners)).collect());
+    let tree = RTree::bulk_load(facets.iter().map(|f| SearchTriangle(f.corners)).collect());
     let nearest = |p: &DVec3| {
         let p = p.to_array();
         tree.nearest_neighbor(&p).map_or(f64::NAN, |t| t.distance_2(&p).sqrt())

@@ -63,7 +63,7 @@ impl BuildingKind {
 
 /// Which part of a building a triangle belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Part {
+pub enum RoofOrWall {
     /// Whatever is seen from above.
     Roof,
     /// Upright, or seen from below only.
@@ -76,7 +76,7 @@ pub struct Triangle {
     /// Corners, counter-clockwise seen from outside.
     pub corners: [DVec3; 3],
     /// Whether the triangle is roof or wall.
-    pub part: Part,
+    pub part: RoofOrWall,
 }
 
 impl Triangle {
@@ -157,9 +157,11 @@ impl SimulatedBuilding {
         let base_m = lowest_z_m - ground_z_m - FOUNDATION_M;
         let roofs = form.faces.iter().flat_map(|face| triangulate(&face.rings));
         let mut triangles: Vec<Triangle> =
-            roofs.map(|corners| Triangle { corners: corners.map(in_map), part: Part::Roof }).collect();
+            roofs.map(|corners| Triangle { corners: corners.map(in_map), part: RoofOrWall::Roof }).collect();
         triangles.extend(
-            walls(form, base_m).into_iter().map(|corners| Triangle { corners: corners.map(in_map), part: Part::Wall }),
+            walls(form, base_m)
+                .into_iter()
+                .map(|corners| Triangle { corners: corners.map(in_map), part: RoofOrWall::Wall }),
         );
         let rings = |face: &FormFace| -> Vec<Vec<DVec2>> {
             face.rings.iter().map(|ring| ring.iter().map(|p| at.point(p.truncate())).collect()).collect()
@@ -214,7 +216,7 @@ pub fn by_roof_level(buildings: &[SimulatedBuilding], terrain: &Terrain) -> Vec<
 
 /// `Σ A·z / Σ A` over roof triangles, with plan areas `A` and mean heights `z`; `None` without a roof.
 pub(super) fn mean_roof_z_m(triangles: &[Triangle]) -> Option<f64> {
-    let roofs = || triangles.iter().filter(|t| t.part == Part::Roof);
+    let roofs = || triangles.iter().filter(|t| t.part == RoofOrWall::Roof);
     let area: f64 = roofs().map(Triangle::plan_area_m2).sum();
     let volume: f64 = roofs().map(|t| t.plan_area_m2() * t.corners.iter().map(|p| p.z).sum::<f64>() / 3.0).sum();
     (area > 0.0).then(|| volume / area)
@@ -364,7 +366,7 @@ mod tests {
                 let mut rng = sizeup_heights::seed::stream(5, "test", &[i]);
                 for (form, ..) in blocks::fill(kind, DVec2::new(85.0, 74.0), &mut rng) {
                     let b = raised(&form);
-                    let roofs = b.triangles.iter().filter(|t| t.part == Part::Roof);
+                    let roofs = b.triangles.iter().filter(|t| t.part == RoofOrWall::Roof);
                     let area: f64 = roofs.map(Triangle::plan_area_m2).sum();
                     let expected = b.footprint.unsigned_area();
                     assert!((area - expected).abs() < 1e-3, "{kind:?} {i}: {area} {expected} {form:?}");

@@ -51,10 +51,10 @@ pub(super) struct RawCity {
 }
 
 #[derive(Deserialize)]
-struct Document {
+struct CityJsonDocument {
     #[serde(rename = "type")]
     kind: String,
-    transform: Option<Transform>,
+    transform: Option<CityJsonTransform>,
     #[serde(default)]
     metadata: Value,
     #[serde(rename = "CityObjects")]
@@ -63,7 +63,7 @@ struct Document {
 }
 
 #[derive(Deserialize)]
-struct Transform {
+struct CityJsonTransform {
     scale: [f64; 3],
     translate: [f64; 3],
 }
@@ -75,11 +75,11 @@ struct Object {
     #[serde(default)]
     parents: Vec<String>,
     #[serde(default)]
-    geometry: Vec<Geometry>,
+    geometry: Vec<CityJsonGeometry>,
 }
 
 #[derive(Deserialize)]
-struct Geometry {
+struct CityJsonGeometry {
     #[serde(rename = "type")]
     kind: String,
     #[serde(default)]
@@ -90,7 +90,7 @@ struct Geometry {
     semantics: Value,
 }
 
-impl Geometry {
+impl CityJsonGeometry {
     /// `"2.2"` in version 1.1 and later, a number before.
     fn lod(&self) -> f64 {
         self.lod.as_f64().or_else(|| self.lod.as_str()?.parse().ok()).unwrap_or(0.0)
@@ -104,7 +104,7 @@ impl Geometry {
 pub(super) fn read(path: &Path) -> Result<RawCity, SimulateError> {
     let unusable = |reason: String| SimulateError::CityJson { path: path.to_owned(), reason };
     let text = files::read_bytes(path)?;
-    let document: Document = serde_json::from_slice(&text).map_err(|e| unusable(e.to_string()))?;
+    let document: CityJsonDocument = serde_json::from_slice(&text).map_err(|e| unusable(e.to_string()))?;
     if document.kind != "CityJSON" {
         return Err(unusable(format!("its type is {:?}", document.kind)));
     }
@@ -148,7 +148,7 @@ fn crs(metadata: &Value) -> Option<String> {
 }
 
 /// Surfaces lie one, two or three levels deep; semantics have the same nesting down to the surface.
-fn collect(geometry: &Geometry, vertices: &[DVec3], found: &mut Vec<RawSurface>) {
+fn collect(geometry: &CityJsonGeometry, vertices: &[DVec3], found: &mut Vec<RawSurface>) {
     let depth = match geometry.kind.as_str() {
         "MultiSurface" | "CompositeSurface" => 0,
         "Solid" => 1,

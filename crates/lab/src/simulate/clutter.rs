@@ -11,7 +11,7 @@ use sizeup_heights::seed;
 use super::chance::{between, happens};
 use super::config::SimulateConfig;
 use super::streets::{Land, PAVEMENT_M};
-use super::town::World;
+use super::town::SimulatedTown;
 
 /// Distance of a crown from the nearest wall, metres.
 const CROWN_CLEARANCE_M: f64 = 0.6;
@@ -37,7 +37,7 @@ pub(super) enum Stuff {
 
 /// A triangle of clutter in the map frame; `owner` tells one tree or car from another.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Piece {
+pub(super) struct ClutterTriangle {
     pub corners: [DVec3; 3],
     pub stuff: Stuff,
     pub owner: u32,
@@ -54,7 +54,7 @@ pub(super) struct Amounts {
 
 impl Amounts {
     /// As many as a configuration asks for in its world.
-    pub fn of(config: &SimulateConfig, world: &World) -> Self {
+    pub fn of(config: &SimulateConfig, world: &SimulatedTown) -> Self {
         let n = |per_building: f64| (per_building * world.buildings.len() as f64).round() as usize;
         let per_building = config.cityjson.as_ref().map_or(config.town.trees_per_building, |c| c.trees_per_building);
         let n_trees = n(per_building);
@@ -64,7 +64,7 @@ impl Amounts {
 }
 
 /// Trees in yards and along streets, cars on carriageways, none of them in a building.
-pub(super) fn scatter(world: &World, amounts: Amounts, root_seed: u64) -> Vec<Piece> {
+pub(super) fn scatter(world: &SimulatedTown, amounts: Amounts, root_seed: u64) -> Vec<ClutterTriangle> {
     let walls = Walls::of(world);
     let mut pieces = Vec::new();
     for i in 0..amounts.n_trees {
@@ -99,7 +99,7 @@ pub(super) fn scatter(world: &World, amounts: Amounts, root_seed: u64) -> Vec<Pi
 }
 
 /// Foot and crown radius of a tree that touches a building: somewhere along its walls, no farther off than its crown reaches.
-fn at_a_wall(world: &World, walls: &Walls, rng: &mut ChaCha8Rng) -> Option<(DVec3, f64)> {
+fn at_a_wall(world: &SimulatedTown, walls: &Walls, rng: &mut ChaCha8Rng) -> Option<(DVec3, f64)> {
     let radius = between(rng, AT_WALL_RADIUS_M.0, AT_WALL_RADIUS_M.1);
     (0..ATTEMPTS).find_map(|_| {
         let pick = between(rng, 0.0, world.buildings.len() as f64) as usize;
@@ -116,7 +116,7 @@ fn at_a_wall(world: &World, walls: &Walls, rng: &mut ChaCha8Rng) -> Option<(DVec
 }
 
 fn place(
-    world: &World,
+    world: &SimulatedTown,
     rng: &mut ChaCha8Rng,
     mut is_good: impl FnMut(&mut ChaCha8Rng, DVec2) -> bool,
 ) -> Option<DVec3> {
@@ -131,7 +131,7 @@ fn place(
 }
 
 /// A place by the kerb or on a lane, and the direction of the street.
-fn parking_space(world: &World, walls: &Walls, rng: &mut ChaCha8Rng) -> Option<(DVec3, f64)> {
+fn parking_space(world: &SimulatedTown, walls: &Walls, rng: &mut ChaCha8Rng) -> Option<(DVec3, f64)> {
     let streets = world.streets.as_ref()?;
     for _ in 0..ATTEMPTS {
         let of_columns = happens(rng, 0.5);
@@ -155,12 +155,12 @@ fn parking_space(world: &World, walls: &Walls, rng: &mut ChaCha8Rng) -> Option<(
 
 /// Search tree of the buildings' footprints, for distances to their walls.
 struct Walls<'a> {
-    world: &'a World,
+    world: &'a SimulatedTown,
     boxes: RTree<GeomWithData<Rectangle<[f64; 2]>, usize>>,
 }
 
 impl<'a> Walls<'a> {
-    fn of(world: &'a World) -> Self {
+    fn of(world: &'a SimulatedTown) -> Self {
         let boxes = world.buildings.iter().enumerate().filter_map(|(i, b)| {
             let r = b.footprint.bounding_rect()?;
             Some(GeomWithData::new(Rectangle::from_corners([r.min().x, r.min().y], [r.max().x, r.max().y]), i))
@@ -179,7 +179,7 @@ impl<'a> Walls<'a> {
 }
 
 /// A lumpy ball of leaves on a trunk.
-fn tree(foot: DVec3, radius: f64, rng: &mut ChaCha8Rng, owner: u32, pieces: &mut Vec<Piece>) {
+fn tree(foot: DVec3, radius: f64, rng: &mut ChaCha8Rng, owner: u32, pieces: &mut Vec<ClutterTriangle>) {
     let height = radius * between(rng, 2.2, 3.4);
     let trunk = 0.25 * height;
     let half = 0.5 * (height - trunk);
@@ -187,18 +187,18 @@ fn tree(foot: DVec3, radius: f64, rng: &mut ChaCha8Rng, owner: u32, pieces: &mut
     let lumps: Vec<f64> = (0..42).map(|_| between(rng, 0.78, 1.1)).collect();
     let (points, faces) = ball();
     let at = |i: usize| middle + points[i] * DVec3::new(radius, radius, half) * lumps[i];
-    pieces.extend(faces.iter().map(|f| Piece { corners: f.map(at), stuff: Stuff::Leaves, owner }));
+    pieces.extend(faces.iter().map(|f| ClutterTriangle { corners: f.map(at), stuff: Stuff::Leaves, owner }));
     let stem = boxed(foot - 0.5 * DVec3::Z, 0.0, [0.15 * radius, 0.15 * radius, trunk + half]);
-    pieces.extend(stem.into_iter().map(|corners| Piece { corners, stuff: Stuff::Trunk, owner }));
+    pieces.extend(stem.into_iter().map(|corners| ClutterTriangle { corners, stuff: Stuff::Trunk, owner }));
 }
 
-fn car(foot: DVec3, heading_rad: f64, owner: u32, pieces: &mut Vec<Piece>) {
+fn car(foot: DVec3, heading_rad: f64, owner: u32, pieces: &mut Vec<ClutterTriangle>) {
     let body = boxed(foot + 0.25 * DVec3::Z, heading_rad, CAR_BODY_M);
-    pieces.extend(body.into_iter().map(|corners| Piece { corners, stuff: Stuff::CarBody, owner }));
+    pieces.extend(body.into_iter().map(|corners| ClutterTriangle { corners, stuff: Stuff::CarBody, owner }));
     let roof = 0.25 + CAR_BODY_M[2];
     for corners in boxed(foot + roof * DVec3::Z, heading_rad, CAR_CABIN_M) {
         let is_top = corners.iter().all(|c| c.z > foot.z + roof + 0.1);
-        pieces.push(Piece { corners, stuff: if is_top { Stuff::CarBody } else { Stuff::CarGlass }, owner });
+        pieces.push(ClutterTriangle { corners, stuff: if is_top { Stuff::CarBody } else { Stuff::CarGlass }, owner });
     }
 }
 

@@ -21,7 +21,7 @@ use sizeup_photos::prior::PriorKind;
 use super::chance::{between, happens, normal};
 use super::config::PriorLevel;
 use super::filter::{blurred, grown, smooth_field, warped};
-use super::scene::Seen;
+use super::scene::SeenObject;
 use super::trace::TrueDepth;
 
 /// A blunder replaces a building's own gain by a number between these.
@@ -137,7 +137,7 @@ pub fn prior(truth: &TrueDepth, level: &Corruption, kind: PriorKind, root_seed: 
     let gain = (level.relief_gain.0 + level.relief_gain.1 * normal(&mut rng)).max(0.05);
     let bleed_px = between(&mut rng, level.bleed_px.0, level.bleed_px.1);
     let relief = relief(truth, |seen| match seen {
-        Seen::Building(b) => gain * building_gain(level, root_seed, view_idx, b.at()),
+        SeenObject::Building(b) => gain * building_gain(level, root_seed, view_idx, b.at()),
         _ => gain,
     });
     let relief = if bleed_px > 0.0 { grown(&relief, bleed_px) } else { relief };
@@ -164,14 +164,14 @@ fn ground_disparity(depth_m: f32) -> f32 {
 }
 
 /// Gained relief in disparity; 0 on the ground and in the sky.
-fn relief(truth: &TrueDepth, gain: impl Fn(Seen) -> f64) -> Raster<f32> {
+fn relief(truth: &TrueDepth, gain: impl Fn(SeenObject) -> f64) -> Raster<f32> {
     // Neighbours mostly see the same thing: its gain is worked out once per run of pixels.
-    let mut last = (Seen::Sky, 0.0_f32);
+    let mut last = (SeenObject::Sky, 0.0_f32);
     let mut i = 0;
     truth.depth_m.map(|&z| {
         let (seen, ground) = (truth.seen.data()[i], truth.ground_m.data()[i]);
         i += 1;
-        if matches!(seen, Seen::Sky | Seen::Ground) {
+        if matches!(seen, SeenObject::Sky | SeenObject::Ground) {
             return 0.0;
         }
         if last.0 != seen {
@@ -239,9 +239,9 @@ mod tests {
         let seen = (0..width * height)
             .map(|i| {
                 if i < 3 * width {
-                    Seen::Sky
+                    SeenObject::Sky
                 } else {
-                    building(i).map_or(Seen::Ground, |b| Seen::Building(BuildingIdx(b)))
+                    building(i).map_or(SeenObject::Ground, |b| SeenObject::Building(BuildingIdx(b)))
                 }
             })
             .collect();

@@ -6,7 +6,7 @@ use sizeup_heights::camera::{Camera, Distortion};
 use sizeup_heights::ray::{Aabb, Ray};
 use sizeup_survey::View;
 
-use super::scene::{Hit, Scene};
+use super::scene::{SurfaceHit, TracedScene};
 
 /// Side of the square tiles that are known to show ground only, pixels.
 const TILE_PX: i32 = 8;
@@ -25,7 +25,7 @@ pub(super) struct Eye<'a> {
 
 impl<'a> Eye<'a> {
     /// `camera` is the view's own, or the same lens at another size.
-    pub fn new(view: &View, camera: &'a Camera, scene: &Scene) -> Self {
+    pub fn new(view: &View, camera: &'a Camera, scene: &TracedScene) -> Self {
         let centre = (view.camera_from_map.centre() - scene.origin.0).as_vec3();
         let local_from_camera = view.camera_from_map.rotation.transpose();
         let n_tiles = IVec2::new(camera.width_px.cast_signed(), camera.height_px.cast_signed()) / TILE_PX + 1;
@@ -72,7 +72,7 @@ impl<'a> Eye<'a> {
     }
 
     /// Point where a pixel's ray meets the ground, whatever stands in front of it, and what it meets first.
-    pub fn look(&self, scene: &Scene, pixel: DVec2) -> (Option<Hit>, Option<Hit>) {
+    pub fn look(&self, scene: &TracedScene, pixel: DVec2) -> (Option<SurfaceHit>, Option<SurfaceHit>) {
         let Some(ray) = self.ray(pixel) else { return (None, None) };
         let ground = scene.ground_hit(&ray);
         let tile = (pixel / f64::from(TILE_PX)).as_ivec2().clamp(IVec2::ZERO, self.n_tiles - 1);

@@ -14,7 +14,7 @@ use sizeup_survey::View;
 
 use super::chance::{between, happens, normal};
 use super::config::{FlightConfig, FlightPattern, SimulateConfig, SimulatedCamera};
-use super::town::World;
+use super::town::SimulatedTown;
 
 /// An oblique view of a grid flight is taken if its axis meets the ground this near to the buildings, in flying
 /// heights.
@@ -51,7 +51,7 @@ pub fn pose(centre: DVec3, azimuth_rad: f64, tilt_rad: f64) -> Rigid<Cam, Map> {
 
 /// Position over the map, azimuth and tilt of one photo.
 #[derive(Debug, Clone, Copy)]
-struct Shot {
+struct PlannedShot {
     place: DVec2,
     azimuth_rad: f64,
     tilt_rad: f64,
@@ -59,7 +59,7 @@ struct Shot {
 
 /// All views of the configured flight, in the order they are taken.
 #[must_use]
-pub fn plan(config: &SimulateConfig, world: &World) -> Vec<View> {
+pub fn plan(config: &SimulateConfig, world: &SimulatedTown) -> Vec<View> {
     let flight = &config.flight;
     let shots = match (flight.pattern, flight.n_views) {
         (FlightPattern::Free, n) => free(flight, world, n.unwrap_or(FREE_VIEWS), config.seed),
@@ -72,7 +72,7 @@ pub fn plan(config: &SimulateConfig, world: &World) -> Vec<View> {
 /// Views of a grid flight that goes on in the same way over the next town: nadir and four oblique views per station, stations evenly
 /// spread over one period. `n_views` is rounded to whole rows of stations.
 #[must_use]
-pub(super) fn periodic(config: &SimulateConfig, world: &World, period_m: DVec2) -> Vec<View> {
+pub(super) fn periodic(config: &SimulateConfig, world: &SimulatedTown, period_m: DVec2) -> Vec<View> {
     let flight = &config.flight;
     let aims = aims(flight);
     let spacing_m = match flight.n_views {
@@ -83,9 +83,9 @@ pub(super) fn periodic(config: &SimulateConfig, world: &World, period_m: DVec2) 
     let corner = world.extent.centre() - 0.5 * period_m;
     let step = period_m / DVec2::new(columns as f64, rows as f64);
     let places = (0..rows).flat_map(|row| (0..columns).map(move |column| [column, row]));
-    let shots: Vec<Shot> = places
+    let shots: Vec<PlannedShot> = places
         .map(|[column, row]| corner + step * DVec2::new(column as f64 + 0.5, row as f64 + 0.5))
-        .flat_map(|place| aims.map(|(azimuth_rad, tilt_rad)| Shot { place, azimuth_rad, tilt_rad }))
+        .flat_map(|place| aims.map(|(azimuth_rad, tilt_rad)| PlannedShot { place, azimuth_rad, tilt_rad }))
         .collect();
     views(config, world, &shots)
 }
@@ -97,7 +97,7 @@ fn aims(flight: &FlightConfig) -> [(f64, f64); 5] {
         .map(|(turn_deg, tilt_rad)| (heading_rad + f64::to_radians(turn_deg), tilt_rad))
 }
 
-fn views(config: &SimulateConfig, world: &World, shots: &[Shot]) -> Vec<View> {
+fn views(config: &SimulateConfig, world: &SimulatedTown, shots: &[PlannedShot]) -> Vec<View> {
     let flight = &config.flight;
     let camera = Arc::new(camera(&config.camera));
     let middle = world.extent.centre();
@@ -106,7 +106,7 @@ fn views(config: &SimulateConfig, world: &World, shots: &[Shot]) -> Vec<View> {
         world.buildings.iter().map(|b| b.ground_z_m).sum::<f64>() / world.buildings.len().max(1) as f64;
     let level = if world.buildings.is_empty() { ground_z_m } else { mean_ground_z_m } + flight.height_m;
     let digits = shots.len().to_string().len().max(3);
-    let view = |(i, shot): (usize, &Shot)| {
+    let view = |(i, shot): (usize, &PlannedShot)| {
         let mut rng = seed::stream(config.seed, "wobble", &[i as u64]);
         let mut wobble = |sd: f64| sd * normal(&mut rng);
         let shake = DVec3::new(wobble(flight.wobble_m), wobble(flight.wobble_m), wobble(flight.wobble_m));
@@ -124,7 +124,7 @@ fn views(config: &SimulateConfig, world: &World, shots: &[Shot]) -> Vec<View> {
 
 /// Stations on a grid turned by the heading; nadir everywhere over the buildings, and every oblique view whose axis
 /// meets the ground near them.
-fn grid(flight: &FlightConfig, world: &World, spacing_m: f64) -> Vec<Shot> {
+fn grid(flight: &FlightConfig, world: &SimulatedTown, spacing_m: f64) -> Vec<PlannedShot> {
     let heading_rad = flight.heading_deg.to_radians();
     let tilt_rad = flight.tilt_deg.to_radians();
     let target = world.extent.grown(AIM_MARGIN * flight.height_m);
@@ -141,7 +141,7 @@ fn grid(flight: &FlightConfig, world: &World, spacing_m: f64) -> Vec<Shot> {
             for (azimuth_rad, tilt_rad) in aims(flight) {
                 let ahead = DVec2::new(azimuth_rad.sin(), azimuth_rad.cos()) * flight.height_m * tilt_rad.tan();
                 if target.contains(place + ahead) {
-                    shots.push(Shot { place, azimuth_rad, tilt_rad });
+                    shots.push(PlannedShot { place, azimuth_rad, tilt_rad });
                 }
             }
         }
@@ -150,7 +150,7 @@ fn grid(flight: &FlightConfig, world: &World, spacing_m: f64) -> Vec<Shot> {
 }
 
 /// A grid with the widest spacing that gives at least `n` views, thinned evenly to exactly `n`.
-fn grid_of(flight: &FlightConfig, world: &World, n: usize) -> Vec<Shot> {
+fn grid_of(flight: &FlightConfig, world: &SimulatedTown, n: usize) -> Vec<PlannedShot> {
     let (mut narrow, mut wide) = (0.5, 4.0 * flight.height_m + world.extent.size().length());
     for _ in 0..SPACING_STEPS {
         let middle = (narrow * wide).sqrt();
@@ -168,7 +168,7 @@ fn grid_of(flight: &FlightConfig, world: &World, n: usize) -> Vec<Shot> {
 }
 
 /// One smooth path around and over the buildings: slowly changing waves in position, azimuth and tilt.
-fn free(flight: &FlightConfig, world: &World, n: usize, root_seed: u64) -> Vec<Shot> {
+fn free(flight: &FlightConfig, world: &SimulatedTown, n: usize, root_seed: u64) -> Vec<PlannedShot> {
     let mut rng = seed::stream(root_seed, "flight", &[]);
     let middle = world.extent.centre();
     let half = 0.5 * world.extent.size() + DVec2::splat(0.5 * flight.height_m);
@@ -186,7 +186,11 @@ fn free(flight: &FlightConfig, world: &World, n: usize, root_seed: u64) -> Vec<S
             let aim = middle + 0.6 * half * DVec2::new(between(&mut rng, -1.0, 1.0), between(&mut rng, -1.0, 1.0));
             let to = aim - place;
             let is_nadir = happens(&mut rng, FREE_NADIR_SHARE);
-            Shot { place, azimuth_rad: to.x.atan2(to.y), tilt_rad: if is_nadir { 0.0 } else { tilt_deg.to_radians() } }
+            PlannedShot {
+                place,
+                azimuth_rad: to.x.atan2(to.y),
+                tilt_rad: if is_nadir { 0.0 } else { tilt_deg.to_radians() },
+            }
         })
         .collect()
 }

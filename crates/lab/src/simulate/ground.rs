@@ -19,7 +19,7 @@ const CONSTANT_REACH_M: f32 = 20_000.0;
 
 /// The ground in the `Local` frame, `f32`, metres.
 #[derive(Debug)]
-pub(super) struct Ground {
+pub(super) struct SimulatedGround {
     /// At grid nodes, row 0 northernmost; `NaN` = none.
     heights: Raster<f32>,
     /// The first node: west, north.
@@ -29,7 +29,7 @@ pub(super) struct Ground {
     high: f32,
 }
 
-impl Ground {
+impl SimulatedGround {
     pub fn new(terrain: &Terrain, origin: DVec3) -> Self {
         match terrain {
             Terrain::Constant(z) => {
@@ -133,10 +133,13 @@ mod tests {
     use super::*;
     use sizeup_geo::terrain::Dem;
 
-    fn waves() -> Ground {
+    fn waves() -> SimulatedGround {
         let z = |i: usize| (((i % 40) as f32) * 0.9).sin() * 4.0 + ((i / 40) as f32 * 0.7).cos() * 3.0;
         let heights = Raster::from_vec(40, 30, (0..1200).map(z).collect()).unwrap();
-        Ground::new(&Terrain::Grid(Dem::new(heights, 100.0, 300.0, 5.0, 4.0).unwrap()), DVec3::new(200.0, 240.0, 0.0))
+        SimulatedGround::new(
+            &Terrain::Grid(Dem::new(heights, 100.0, 300.0, 5.0, 4.0).unwrap()),
+            DVec3::new(200.0, 240.0, 0.0),
+        )
     }
 
     #[test]

@@ -43,7 +43,7 @@ mod tie_points;
 mod town;
 mod trace;
 
-pub use building::{BuildingKind, Part, Placement, RoofLevel, SimulatedBuilding, Triangle, by_roof_level};
+pub use building::{BuildingKind, Placement, RoofLevel, RoofOrWall, SimulatedBuilding, Triangle, by_roof_level};
 pub use config::{
     CityJsonTown, ErrorConfig, FlightConfig, FlightPattern, FootprintsOf, ImageConfig, MaskContour, MosaicConfig,
     PointConfig, PriorLevel, SimulateConfig, SimulatedCamera, SimulatedMasks, SimulatedPriors, SimulatedTerrain,
@@ -57,9 +57,9 @@ pub use mask_errors::{MaskErrors, MaskLevel, masks_with_errors};
 pub use masks::{ground_contact, roofs};
 pub use relief::MapRect;
 pub use run::{SimulationSummary, simulate, simulate_with_views, world};
-pub use scene::Seen;
+pub use scene::SeenObject;
 pub use sight::VisibleWorld;
-pub use town::World;
+pub use town::SimulatedTown;
 pub use trace::TrueDepth;
 
 use std::path::PathBuf;

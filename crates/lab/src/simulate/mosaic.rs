@@ -23,11 +23,11 @@ use sizeup_heights::ids::{BuildingId, ViewId};
 use sizeup_survey::{ColmapModel, View};
 
 use super::building::{SimulatedBuilding, by_roof_level};
-use super::clutter::{self, Piece};
+use super::clutter::{self, ClutterTriangle};
 use super::config::{FlightPattern, FootprintsOf, MosaicConfig, SimulateConfig};
 use super::run::{SimulationSummary, map_offset, stem, summary, write_prior};
-use super::scene::Scene;
-use super::town::{self, World};
+use super::scene::TracedScene;
+use super::town::{self, SimulatedTown};
 use super::{SimulateError, disturb, files, flight};
 
 /// Width of the open strip between two towns, metres.
@@ -36,14 +36,14 @@ const STRIP_M: f64 = 12.0;
 const STEP_M: f64 = 1.0;
 
 /// One town of a city, and where the others stand.
-struct Lattice {
+struct TownLattice {
     columns: usize,
     rows: usize,
     period_m: DVec2,
 }
 
-impl Lattice {
-    fn of(mosaic: &MosaicConfig, world: &World) -> Self {
+impl TownLattice {
+    fn of(mosaic: &MosaicConfig, world: &SimulatedTown) -> Self {
         let up = |v: f64| ((v + STRIP_M) / STEP_M).ceil() * STEP_M;
         let size = world.extent.size();
         Self { columns: mosaic.columns, rows: mosaic.rows, period_m: DVec2::new(up(size.x), up(size.y)) }
@@ -103,8 +103,8 @@ pub(super) fn simulate(
     out: &Path,
     progress: &dyn Fn(usize, usize),
 ) -> Result<SimulationSummary, SimulateError> {
-    let town = World { terrain: Terrain::Constant(config.terrain.base_z_m), ..town::build(config)? };
-    let lattice = Lattice::of(mosaic, &town);
+    let town = SimulatedTown { terrain: Terrain::Constant(config.terrain.base_z_m), ..town::build(config)? };
+    let lattice = TownLattice::of(mosaic, &town);
     let crs = Crs::parse(&town.crs)?;
     crs.require_projected_metres()?;
     let views = flight::periodic(config, &town, lattice.period_m);
@@ -133,7 +133,7 @@ pub(super) fn simulate(
 }
 
 /// The town among its copies, as far as its photos see.
-fn surrounded(config: &SimulateConfig, town: &World, lattice: &Lattice) -> Scene {
+fn surrounded(config: &SimulateConfig, town: &SimulatedTown, lattice: &TownLattice) -> TracedScene {
     let clutter = clutter::scatter(town, clutter::Amounts::of(config, town), config.seed);
     let reach = |period_m: f64| (config.terrain.margin_m / period_m).ceil() as i64;
     let [across, along] = [reach(lattice.period_m.x), reach(lattice.period_m.y)];
@@ -146,19 +146,22 @@ fn surrounded(config: &SimulateConfig, town: &World, lattice: &Lattice) -> Scene
             copy.triangles.iter_mut().for_each(|t| t.corners = t.corners.map(|p| p + shift));
             copy
         }));
-        let moved =
-            |p: &Piece| Piece { corners: p.corners.map(|c| c + shift), owner: p.owner + i as u32 * n_owners, ..*p };
+        let moved = |p: &ClutterTriangle| ClutterTriangle {
+            corners: p.corners.map(|c| c + shift),
+            owner: p.owner + i as u32 * n_owners,
+            ..*p
+        };
         pieces.extend(clutter.iter().map(moved));
     }
-    Scene::new(&World { buildings, ..town.clone() }, &pieces)
+    TracedScene::new(&SimulatedTown { buildings, ..town.clone() }, &pieces)
 }
 
 /// The priors of the first town, and links to them for the others.
 fn write_priors(
     config: &SimulateConfig,
-    scene: &Scene,
+    scene: &TracedScene,
     views: &[View],
-    lattice: &Lattice,
+    lattice: &TownLattice,
     out: &Path,
     progress: &dyn Fn(usize, usize),
 ) -> Result<(), SimulateError> {
@@ -189,9 +192,9 @@ fn link(from: &Path, to: &Path) -> Result<(), FileError> {
 
 fn write_poses(
     config: &SimulateConfig,
-    town: &World,
+    town: &SimulatedTown,
     views: &[View],
-    lattice: &Lattice,
+    lattice: &TownLattice,
     out: &Path,
 ) -> Result<(), SimulateError> {
     let of_town = |cell: [usize; 2]| {
@@ -216,7 +219,7 @@ fn write_poses(
 fn write_layers(
     config: &SimulateConfig,
     drawn: &[SimulatedBuilding],
-    lattice: &Lattice,
+    lattice: &TownLattice,
     crs: &Crs,
     out: &Path,
 ) -> Result<(), SimulateError> {
@@ -263,8 +266,9 @@ mod tests {
     #[test]
     fn a_shared_prior_is_what_any_town_sees_of_its_city() {
         let config = config();
-        let town = World { terrain: Terrain::Constant(config.terrain.base_z_m), ..town::build(&config).unwrap() };
-        let lattice = Lattice::of(&config.mosaic.unwrap(), &town);
+        let town =
+            SimulatedTown { terrain: Terrain::Constant(config.terrain.base_z_m), ..town::build(&config).unwrap() };
+        let lattice = TownLattice::of(&config.mosaic.unwrap(), &town);
         let shared = surrounded(&config, &town, &lattice);
         // The city of four as one world of its own, without what lies beyond its rim.
         let clutter = clutter::scatter(&town, clutter::Amounts::of(&config, &town), config.seed);
@@ -275,9 +279,9 @@ mod tests {
                 b.triangles.iter_mut().for_each(|t| t.corners = t.corners.map(|p| p + shift));
                 b
             }));
-            pieces.extend(clutter.iter().map(|p| Piece { corners: p.corners.map(|c| c + shift), ..*p }));
+            pieces.extend(clutter.iter().map(|p| ClutterTriangle { corners: p.corners.map(|c| c + shift), ..*p }));
         }
-        let city = Scene::new(&World { buildings, ..town.clone() }, &pieces);
+        let city = TracedScene::new(&SimulatedTown { buildings, ..town.clone() }, &pieces);
         let shift = lattice.shift_m([1, 0]).extend(0.0);
         let size = lattice.period_m * 2.0;
         let corner = town.extent.centre() - 0.5 * lattice.period_m;

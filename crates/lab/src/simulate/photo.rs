@@ -15,7 +15,7 @@ use super::chance::normal;
 use super::config::ImageConfig;
 use super::eye::Eye;
 use super::noise;
-use super::scene::{Hit, Scene, Seen};
+use super::scene::{SeenObject, SurfaceHit, TracedScene};
 use super::texture::Palette;
 
 /// Radiance of the sun and of the sky on a horizontal white surface.
@@ -34,7 +34,7 @@ const SAME_NORMAL: f32 = 0.98;
 
 /// Camera that takes photos of a scene.
 pub(super) struct Photographer<'a> {
-    pub scene: &'a Scene,
+    pub scene: &'a TracedScene,
     pub palette: &'a Palette<'a>,
     pub config: &'a ImageConfig,
     pub seed: u64,
@@ -58,7 +58,7 @@ impl Photographer<'_> {
         let exposure = (self.config.exposure_sd * normal(&mut rng)).exp();
         let tint = [0, 1, 2].map(|_| (0.3 * self.config.exposure_sd * normal(&mut rng)).exp());
         let gain = (DVec3::from(tint) * exposure * 0.62).as_vec3();
-        let hits: Vec<Option<Hit>> = (0..width * height)
+        let hits: Vec<Option<SurfaceHit>> = (0..width * height)
             .into_par_iter()
             .map(|i| eye.look(self.scene, DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5)).1)
             .collect();
@@ -84,7 +84,7 @@ impl Photographer<'_> {
     }
 
     /// Light that reaches a pixel.
-    fn light(&self, eye: &Eye, pixel: DVec2, hit: Option<Hit>) -> Vec3 {
+    fn light(&self, eye: &Eye, pixel: DVec2, hit: Option<SurfaceHit>) -> Vec3 {
         let (Some(ray), Some(hit)) = (eye.ray(pixel), hit) else { return HORIZON };
         let p = ray.at(hit.t);
         let back = -ray.direction.normalize();
@@ -119,13 +119,13 @@ impl Photographer<'_> {
 }
 
 /// Whether a pixel's neighbours see another thing or another side of it.
-fn is_edge(hits: &[Option<Hit>], width: usize, height: usize, col: usize, row: usize) -> bool {
+fn is_edge(hits: &[Option<SurfaceHit>], width: usize, height: usize, col: usize, row: usize) -> bool {
     let here = &hits[row * width + col];
     let differs = |c: usize, r: usize| match (here, &hits[r * width + c]) {
         (Some(a), Some(b)) => {
             // Leaves are all edges: only their contour counts.
             let bends = || a.surface.normal.dot(b.surface.normal) < SAME_NORMAL;
-            a.surface.seen() != b.surface.seen() || (a.surface.seen() != Seen::Clutter && bends())
+            a.surface.seen() != b.surface.seen() || (a.surface.seen() != SeenObject::Clutter && bends())
         }
         (None, None) => false,
         _ => true,
@@ -139,7 +139,7 @@ fn is_edge(hits: &[Option<Hit>], width: usize, height: usize, col: usize, row: u
 #[cfg(test)]
 mod tests {
     use super::super::config::SimulateConfig;
-    use super::super::town::World;
+    use super::super::town::SimulatedTown;
     use super::super::{clutter, flight, world};
     use super::*;
     use sizeup_heights::stats::median;
@@ -173,13 +173,13 @@ mod tests {
         dot(&a, &b) / (dot(&a, &a) * dot(&b, &b)).sqrt()
     }
 
-    fn visible_from(scene: &Scene, view: &View, p: DVec3) -> bool {
+    fn visible_from(scene: &TracedScene, view: &View, p: DVec3) -> bool {
         let local = |q: DVec3| (q - scene.origin.0).as_vec3();
         !scene.is_hidden(local(view.camera_from_map.centre()), local(p))
     }
 
     /// Flat roofs and bare ground around the town's middle.
-    fn places(world: &World) -> Vec<DVec3> {
+    fn places(world: &SimulatedTown) -> Vec<DVec3> {
         let flat = world.buildings.iter().filter(|b| b.eave_m == b.ridge_m && b.footprint.interiors().is_empty());
         let roofs = flat.filter_map(|b| {
             let c = geo::Centroid::centroid(&b.footprint)?;
@@ -204,7 +204,7 @@ mod tests {
         config.flight.spacing_m = 60.0;
         let world = world(&config).unwrap();
         let amounts = clutter::Amounts { n_trees: 40, n_at_walls: 0, n_cars: 20 };
-        let scene = Scene::new(&world, &clutter::scatter(&world, amounts, 1));
+        let scene = TracedScene::new(&world, &clutter::scatter(&world, amounts, 1));
         let palette = Palette::new(&world, scene.origin.0.truncate(), &config);
         let towards_sun = towards_sun(&config.images);
         let studio = Photographer { scene: &scene, palette: &palette, config: &config.images, seed: 1, towards_sun };

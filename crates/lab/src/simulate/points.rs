@@ -13,13 +13,13 @@ use sizeup_survey::View;
 use super::chance::{between, happens, normal};
 use super::config::PointConfig;
 use super::eye::Eye;
-use super::scene::{Scene, Seen};
+use super::scene::{SeenObject, TracedScene};
 
 /// Views a place must be seen in to be matched.
 const LEAST_VIEWS: usize = 3;
 
 /// The cloud, in the order of the views.
-pub(super) fn scatter(scene: &Scene, views: &[View], config: &PointConfig, root_seed: u64) -> Cloud {
+pub(super) fn scatter(scene: &TracedScene, views: &[View], config: &PointConfig, root_seed: u64) -> Cloud {
     let eyes: Vec<Eye> = views.iter().map(|view| Eye::new(view, &view.camera, scene)).collect();
     let found: Vec<Option<(DVec3, u32)>> = (0..views.len() * config.per_view)
         .into_par_iter()
@@ -30,7 +30,7 @@ pub(super) fn scatter(scene: &Scene, views: &[View], config: &PointConfig, root_
 }
 
 fn point(
-    scene: &Scene,
+    scene: &TracedScene,
     views: &[View],
     eye: &Eye,
     i: usize,
@@ -60,8 +60,8 @@ fn point(
     let sd = if happens(&mut rng, config.blunder_share) { config.blunder_m } else { config.noise_m };
     let error = sd * DVec3::new(normal(&mut rng), normal(&mut rng), normal(&mut rng));
     let instance = match hit.surface.seen() {
-        Seen::Building(b) => b.at() as u32 + 1,
-        Seen::Sky | Seen::Ground | Seen::Clutter => 0,
+        SeenObject::Building(b) => b.at() as u32 + 1,
+        SeenObject::Sky | SeenObject::Ground | SeenObject::Clutter => 0,
     };
     Some((position + error, instance))
 }

@@ -12,13 +12,13 @@ use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::BuildingId;
 
 use super::SimulateError;
-use super::building::{self, BuildingKind, Part, SimulatedBuilding, Triangle};
+use super::building::{self, BuildingKind, RoofOrWall, SimulatedBuilding, Triangle};
 use super::cityjson::{self, RawBuilding, RawSurface, Role};
 use super::config::{CityJsonTown, SimulateConfig};
 use super::disturb::open_ring;
 use super::form::RoofKind;
 use super::relief::{self, MapRect};
-use super::town::World;
+use super::town::SimulatedTown;
 
 /// Without semantics, a surface this much turned upwards (z of the unit normal) is roof, downwards ground.
 const ROOF_NORMAL_Z: f64 = 0.15;
@@ -45,7 +45,7 @@ struct Draft {
 ///
 /// # Errors
 /// [`SimulateError`] for a file that cannot be used or a selection without buildings.
-pub(super) fn build(config: &SimulateConfig, source: &CityJsonTown) -> Result<World, SimulateError> {
+pub(super) fn build(config: &SimulateConfig, source: &CityJsonTown) -> Result<SimulatedTown, SimulateError> {
     let city = cityjson::read(&source.path)?;
     let shift = DVec3::from(source.translation_m);
     let drafts: Vec<Draft> = city.buildings.iter().filter_map(|b| draft(b, shift)).collect();
@@ -55,7 +55,7 @@ pub(super) fn build(config: &SimulateConfig, source: &CityJsonTown) -> Result<Wo
     let extent = MapRect::of(corners).ok_or(SimulateError::NoBuildings { wanted })?;
     let terrain = terrain(config, &drafts, &extent)?;
     let buildings = drafts.into_iter().map(|d| settle(d, &terrain)).collect();
-    Ok(World { buildings, terrain, streets: None, extent, crs: city.crs.unwrap_or_else(|| config.crs.clone()) })
+    Ok(SimulatedTown { buildings, terrain, streets: None, extent, crs: city.crs.unwrap_or_else(|| config.crs.clone()) })
 }
 
 /// Footprint and triangles; `None` for a building without either.
@@ -87,9 +87,9 @@ fn draft(raw: &RawBuilding, shift: DVec3) -> Option<Draft> {
         footprint.contains(&Point::new(p.x, p.y))
     };
     for t in &mut triangles {
-        if t.part == Part::Roof && !is_over(t) {
+        if t.part == RoofOrWall::Roof && !is_over(t) {
             // Overhangs and lesser pieces are seen, but do not count.
-            t.part = Part::Wall;
+            t.part = RoofOrWall::Wall;
         }
     }
     building::mean_roof_z_m(&triangles)?;
@@ -117,8 +117,10 @@ fn triangles_of(surface: &RawSurface) -> Vec<Triangle> {
     if surface.role == Role::Ground || n == DVec3::ZERO {
         return Vec::new();
     }
-    let (part, is_turned) =
-        (if surface.role == Role::Roof { Part::Roof } else { Part::Wall }, surface.role == Role::Roof && n.z < 0.0);
+    let (part, is_turned) = (
+        if surface.role == Role::Roof { RoofOrWall::Roof } else { RoofOrWall::Wall },
+        surface.role == Role::Roof && n.z < 0.0,
+    );
     // Ear clipping works in a plane: turn the surface into it, and the triangles back.
     let across = n.any_orthonormal_vector();
     let up = n.cross(across);
@@ -200,7 +202,7 @@ fn terrain(config: &SimulateConfig, drafts: &[Draft], extent: &MapRect) -> Resul
 fn settle(draft: Draft, terrain: &Terrain) -> SimulatedBuilding {
     let (ground_z_m, lowest_z_m) = building::ground_under(&draft.footprint, terrain);
     let mut triangles = draft.triangles;
-    let roof_z = || triangles.iter().filter(|t| t.part == Part::Roof).flat_map(|t| t.corners).map(|p| p.z);
+    let roof_z = || triangles.iter().filter(|t| t.part == RoofOrWall::Roof).flat_map(|t| t.corners).map(|p| p.z);
     let (eave, ridge) = (roof_z().fold(f64::INFINITY, f64::min), roof_z().fold(f64::NEG_INFINITY, f64::max));
     let mean = building::mean_roof_z_m(&triangles).unwrap_or(ground_z_m);
     triangles.extend(skirt(&draft.footprint, draft.foot_z_m, lowest_z_m - SKIRT_M));
@@ -230,7 +232,7 @@ fn skirt(footprint: &Polygon<f64>, top_z_m: f64, base_z_m: f64) -> Vec<Triangle>
         .flat_map(|line| {
             let (a, b) = (DVec2::new(line.start.x, line.start.y), DVec2::new(line.end.x, line.end.y));
             let [a1, b1, a0, b0] = [a.extend(top_z_m), b.extend(top_z_m), a.extend(base_z_m), b.extend(base_z_m)];
-            [[a1, a0, b0], [a1, b0, b1]].map(|corners| Triangle { corners, part: Part::Wall })
+            [[a1, a0, b0], [a1, b0, b1]].map(|corners| Triangle { corners, part: RoofOrWall::Wall })
         })
         .collect()
 }

@@ -21,9 +21,9 @@ use super::building::by_roof_level;
 use super::config::{FootprintsOf, MaskContour, SimulateConfig};
 use super::mask_errors::masks_with_errors;
 use super::photo::{self, Photographer};
-use super::scene::Scene;
+use super::scene::TracedScene;
 use super::texture::Palette;
-use super::town::{self, World};
+use super::town::{self, SimulatedTown};
 use super::trace::TrueDepth;
 use super::{SimulateError, clutter, corrupt, disturb, files, flight, masks, mosaic, points, real, tie_points, trace};
 
@@ -109,7 +109,7 @@ pub fn simulate_with_views(
 ///
 /// # Errors
 /// As [`simulate`].
-pub fn world(config: &SimulateConfig) -> Result<World, SimulateError> {
+pub fn world(config: &SimulateConfig) -> Result<SimulatedTown, SimulateError> {
     match &config.cityjson {
         Some(source) => real::build(config, source),
         None => town::build(config),
@@ -122,7 +122,7 @@ pub(super) fn stem(view: &View) -> String {
 
 fn write_scene(
     config: &SimulateConfig,
-    world: &World,
+    world: &SimulatedTown,
     views: &[View],
     out: &Path,
     progress: &dyn Fn(usize, usize),
@@ -133,7 +133,7 @@ fn write_scene(
     let crs = Crs::parse(&world.crs)?;
     crs.require_projected_metres()?;
     let amounts = clutter::Amounts::of(config, world);
-    let scene = Scene::new(world, &clutter::scatter(world, amounts, config.seed));
+    let scene = TracedScene::new(world, &clutter::scatter(world, amounts, config.seed));
     let palette = Palette::new(world, scene.origin.0.truncate(), config);
     let studio = Photographer {
         scene: &scene,
@@ -180,7 +180,7 @@ fn write_scene(
 /// Everything that belongs to one view: photo, prior, mask.
 fn write_view(
     config: &SimulateConfig,
-    world: &World,
+    world: &SimulatedTown,
     studio: &Photographer,
     view: &View,
     idx: usize,
@@ -222,7 +222,7 @@ fn write_view(
 /// Writes the prior of one view; gives the depth that it was made from.
 pub(super) fn write_prior(
     config: &SimulateConfig,
-    scene: &Scene,
+    scene: &TracedScene,
     view: &View,
     idx: usize,
     path: &Path,
@@ -238,13 +238,13 @@ fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
 }
 
 /// Map position that the COLMAP model's coordinates count from.
-pub(super) fn map_offset(world: &World) -> DVec3 {
+pub(super) fn map_offset(world: &SimulatedTown) -> DVec3 {
     let centre = world.extent.centre();
     let down = |v: f64| (v / OFFSET_STEP_M).floor() * OFFSET_STEP_M;
     DVec3::new(down(centre.x), down(centre.y), 0.0)
 }
 
-pub(super) fn summary(world: &World, views: &[View], scene: &Scene, out: &Path) -> SimulationSummary {
+pub(super) fn summary(world: &SimulatedTown, views: &[View], scene: &TracedScene, out: &Path) -> SimulationSummary {
     let heights = || world.buildings.iter().map(|b| b.height_m);
     SimulationSummary {
         n_buildings: world.buildings.len(),

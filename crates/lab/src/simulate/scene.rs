@@ -10,10 +10,10 @@ use sizeup_heights::ids::BuildingIdx;
 use sizeup_heights::ray::{Aabb, Ray};
 use sizeup_heights::render::bvh::Bvh;
 
-use super::building::Part;
-use super::clutter::{Piece, Stuff};
-use super::ground::Ground;
-use super::town::World;
+use super::building::RoofOrWall;
+use super::clutter::{ClutterTriangle, Stuff};
+use super::ground::SimulatedGround;
+use super::town::SimulatedTown;
 
 /// Hits nearer than this are the surface that the ray left, metres along a unit direction.
 const NEAREST: f32 = 1e-3;
@@ -22,7 +22,7 @@ const SEAM: f32 = 1e-5;
 
 /// Object that a pixel shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Seen {
+pub enum SeenObject {
     /// The sky: the ray meets nothing.
     Sky,
     /// The terrain at the pixel.
@@ -44,43 +44,43 @@ pub(super) enum Material {
 
 /// Appearance of a triangle from outside.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Surface {
+pub(super) struct TriangleSurface {
     /// Unit length, counter-clockwise rule.
     pub normal: Vec3,
     pub material: Material,
 }
 
-impl Surface {
-    pub fn seen(&self) -> Seen {
+impl TriangleSurface {
+    pub fn seen(&self) -> SeenObject {
         match self.material {
-            Material::Ground => Seen::Ground,
-            Material::Roof(b) | Material::Wall(b) => Seen::Building(b),
-            Material::Clutter(..) => Seen::Clutter,
+            Material::Ground => SeenObject::Ground,
+            Material::Roof(b) | Material::Wall(b) => SeenObject::Building(b),
+            Material::Clutter(..) => SeenObject::Clutter,
         }
     }
 }
 
 /// Point where a ray meets a surface.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Hit {
+pub(super) struct SurfaceHit {
     /// Ray parameter: z-depth for camera rays, metres.
     pub t: f32,
-    pub surface: Surface,
+    pub surface: TriangleSurface,
 }
 
 /// Triangles with a hierarchy over them.
 #[derive(Debug)]
-struct Mesh {
+struct TracedMesh {
     /// One corner and the edges to the other two.
     triangles: Vec<[Vec3; 3]>,
-    surfaces: Vec<Surface>,
+    surfaces: Vec<TriangleSurface>,
     bvh: Bvh,
 }
 
-impl Mesh {
+impl TracedMesh {
     fn new(corners: &[([Vec3; 3], Material)]) -> Self {
         let boxes: Vec<Aabb> = corners.iter().map(|(c, _)| Aabb::around(*c)).collect();
-        let surface = |&([a, b, c], material): &([Vec3; 3], Material)| Surface {
+        let surface = |&([a, b, c], material): &([Vec3; 3], Material)| TriangleSurface {
             normal: (b - a).cross(c - a).normalize_or_zero(),
             material,
         };
@@ -137,17 +137,17 @@ pub(super) fn crossing(ray: &Ray, [corner, edge1, edge2]: &[Vec3; 3], t_max: f32
 
 /// Everything a ray can meet.
 #[derive(Debug)]
-pub(super) struct Scene {
+pub(super) struct TracedScene {
     /// Origin of the `Local` frame.
     pub origin: LocalOrigin,
-    ground: Ground,
-    things: Mesh,
+    ground: SimulatedGround,
+    things: TracedMesh,
     /// One around every building, tree and car.
     boxes: Vec<Aabb>,
 }
 
-impl Scene {
-    pub fn new(world: &World, clutter: &[Piece]) -> Self {
+impl TracedScene {
+    pub fn new(world: &SimulatedTown, clutter: &[ClutterTriangle]) -> Self {
         let centre = world.extent.centre();
         let origin = LocalOrigin(DVec3::new(centre.x.round(), centre.y.round(), 0.0));
         let local = |p: DVec3| (p - origin.0).as_vec3();
@@ -162,12 +162,12 @@ impl Scene {
         for (i, building) in world.buildings.iter().enumerate() {
             let idx = BuildingIdx::new(i);
             things.extend(building.triangles.iter().map(|t| {
-                let material = if t.part == Part::Roof { Material::Roof(idx) } else { Material::Wall(idx) };
+                let material = if t.part == RoofOrWall::Roof { Material::Roof(idx) } else { Material::Wall(idx) };
                 (t.corners.map(local), material)
             }));
         }
         things.extend(clutter.iter().map(|p| (p.corners.map(local), Material::Clutter(p.stuff, p.owner))));
-        Self { origin, ground: Ground::new(&world.terrain, origin.0), things: Mesh::new(&things), boxes }
+        Self { origin, ground: SimulatedGround::new(&world.terrain, origin.0), things: TracedMesh::new(&things), boxes }
     }
 
     /// One box around every building, tree and car.
@@ -181,16 +181,16 @@ impl Scene {
     }
 
     /// Point where a ray meets the ground, whatever stands in front of it.
-    pub fn ground_hit(&self, ray: &Ray) -> Option<Hit> {
+    pub fn ground_hit(&self, ray: &Ray) -> Option<SurfaceHit> {
         let (t, normal) = self.ground.nearest(ray, f32::MAX)?;
-        Some(Hit { t, surface: Surface { normal, material: Material::Ground } })
+        Some(SurfaceHit { t, surface: TriangleSurface { normal, material: Material::Ground } })
     }
 
     /// First hit of a ray, given where it meets the ground.
-    pub fn first_hit(&self, ray: &Ray, ground: Option<Hit>) -> Option<Hit> {
+    pub fn first_hit(&self, ray: &Ray, ground: Option<SurfaceHit>) -> Option<SurfaceHit> {
         let t_max = ground.map_or(f32::MAX, |hit| hit.t);
         match self.things.nearest(ray, t_max) {
-            Some((t, i)) => Some(Hit { t, surface: self.things.surfaces[i] }),
+            Some((t, i)) => Some(SurfaceHit { t, surface: self.things.surfaces[i] }),
             None => ground,
         }
     }

@@ -13,11 +13,11 @@ use super::clutter::{self, Amounts};
 use super::config::SimulateConfig;
 use super::form;
 use super::relief::MapRect;
-use super::scene::Scene;
-use super::town::World;
+use super::scene::TracedScene;
+use super::town::SimulatedTown;
 use super::trace::{self, TrueDepth};
 
-impl World {
+impl SimulatedTown {
     /// Buildings as prisms over footprints that are known from elsewhere: id, footprint, metres above the ground.
     ///
     /// # Errors
@@ -47,20 +47,20 @@ impl World {
 /// A world ready to be looked at.
 #[derive(Debug)]
 pub struct VisibleWorld {
-    scene: Scene,
+    scene: TracedScene,
 }
 
 impl VisibleWorld {
     /// The buildings and the ground, with the trees and cars that the photos of the same configuration show.
     #[must_use]
-    pub fn of_simulation(config: &SimulateConfig, world: &World) -> Self {
-        Self { scene: Scene::new(world, &clutter::scatter(world, Amounts::of(config, world), config.seed)) }
+    pub fn of_simulation(config: &SimulateConfig, world: &SimulatedTown) -> Self {
+        Self { scene: TracedScene::new(world, &clutter::scatter(world, Amounts::of(config, world), config.seed)) }
     }
 
     /// The buildings and the ground alone.
     #[must_use]
-    pub fn of_buildings(world: &World) -> Self {
-        Self { scene: Scene::new(world, &[]) }
+    pub fn of_buildings(world: &SimulatedTown) -> Self {
+        Self { scene: TracedScene::new(world, &[]) }
     }
 
     /// Labels of each pixel of a view, at the photo's size.
@@ -74,7 +74,7 @@ impl VisibleWorld {
 mod tests {
     use std::sync::Arc;
 
-    use super::super::scene::Seen;
+    use super::super::scene::SeenObject;
     use super::super::{ground_contact, pose};
     use super::*;
     use geo_types::polygon;
@@ -85,7 +85,8 @@ mod tests {
     #[test]
     fn a_prism_of_a_cadastre_stands_on_its_footprint_and_leans_away_from_the_nadir() {
         let footprint = polygon![(x: 565_010.0, y: 0.0), (x: 565_020.0, y: 0.0), (x: 565_020.0, y: 10.0), (x: 565_010.0, y: 10.0), (x: 565_010.0, y: 0.0)];
-        let world = World::of_prisms(&[("a".into(), footprint, 20.0)], Terrain::Constant(5.0), "EPSG:25832").unwrap();
+        let world =
+            SimulatedTown::of_prisms(&[("a".into(), footprint, 20.0)], Terrain::Constant(5.0), "EPSG:25832").unwrap();
         assert!((world.buildings[0].height_m - 20.0).abs() < 1e-6);
         let camera = Arc::new(Camera::pinhole(200, 160, 200.0));
         let camera_from_map = pose(DVec3::new(565_000.0, 5.0, 105.0), 0.0, 0.0);
@@ -94,7 +95,7 @@ mod tests {
         let ground = ground_contact(&view, &world.buildings, &world.terrain);
         // A pixel is half a metre on the ground and 0.4 m on the roof: 20 to 40 pixels right of the nadir, 25 to 50.
         assert!(ground[(121, 80)] == 1 && ground[(139, 80)] == 1 && ground[(141, 80)] == 0 && ground[(119, 80)] == 0);
-        let building = Seen::Building(BuildingIdx(0));
-        assert!(seen[(121, 80)] == building && seen[(149, 80)] == building && seen[(151, 80)] == Seen::Ground);
+        let building = SeenObject::Building(BuildingIdx(0));
+        assert!(seen[(121, 80)] == building && seen[(149, 80)] == building && seen[(151, 80)] == SeenObject::Ground);
     }
 }

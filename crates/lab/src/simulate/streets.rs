@@ -92,31 +92,31 @@ impl StreetPlan {
     pub fn land(&self, map: DVec2) -> Land {
         let p = DVec2::from_angle(-self.placement.angle_rad).rotate(map - self.placement.origin);
         match (locate(&self.columns, p.x), locate(&self.rows, p.y)) {
-            (Place::Outside, _) | (_, Place::Outside) => Land::Open,
-            (Place::Street(_), Place::Street(_)) => Land::Crossing,
-            (Place::Street(across_m), _) => road_or_pavement(across_m, p.y),
-            (_, Place::Street(across_m)) => road_or_pavement(across_m, p.x),
-            (Place::Block(col), Place::Block(row)) => Land::Block { col, row },
+            (StreetPosition::Outside, _) | (_, StreetPosition::Outside) => Land::Open,
+            (StreetPosition::Street(_), StreetPosition::Street(_)) => Land::Crossing,
+            (StreetPosition::Street(across_m), _) => road_or_pavement(across_m, p.y),
+            (_, StreetPosition::Street(across_m)) => road_or_pavement(across_m, p.x),
+            (StreetPosition::Block(col), StreetPosition::Block(row)) => Land::Block { col, row },
         }
     }
 }
 
 /// Position along one axis; a street is told with the distance from its axis over its half width.
-enum Place {
+enum StreetPosition {
     Outside,
     Block(usize),
     Street([f64; 2]),
 }
 
-fn locate(blocks: &[(f64, f64)], x: f64) -> Place {
+fn locate(blocks: &[(f64, f64)], x: f64) -> StreetPosition {
     let next = blocks.partition_point(|b| b.1 < x);
     match blocks.get(next) {
-        Some(b) if b.0 <= x => Place::Block(next),
+        Some(b) if b.0 <= x => StreetPosition::Block(next),
         Some(b) if next > 0 => {
             let a = blocks[next - 1].1;
-            Place::Street([x - 0.5 * (a + b.0), 0.5 * (b.0 - a)])
+            StreetPosition::Street([x - 0.5 * (a + b.0), 0.5 * (b.0 - a)])
         }
-        _ => Place::Outside,
+        _ => StreetPosition::Outside,
     }
 }
 

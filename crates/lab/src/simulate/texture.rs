@@ -11,9 +11,9 @@ use super::chance::between;
 use super::clutter::Stuff;
 use super::config::SimulateConfig;
 use super::noise::{cell, fractal, hash, lattice, seen_share, unit};
-use super::scene::{Material, Surface};
+use super::scene::{Material, TriangleSurface};
 use super::streets::Land;
-use super::town::World;
+use super::town::SimulatedTown;
 
 /// Height of a storey and width of a window bay, metres.
 const STOREY_M: f32 = 3.0;
@@ -64,7 +64,7 @@ const CAR_PAINTS: [Vec3; 6] = [
 
 /// The looks of one building.
 #[derive(Debug, Clone, Copy)]
-struct Look {
+struct BuildingLook {
     wall: Vec3,
     /// Albedo of sloping roofs and of level ones.
     slope: Vec3,
@@ -81,14 +81,14 @@ struct Look {
 /// Albedo of everything in a scene.
 #[derive(Debug)]
 pub(super) struct Palette<'a> {
-    world: &'a World,
+    world: &'a SimulatedTown,
     origin: DVec2,
-    looks: Vec<Look>,
+    looks: Vec<BuildingLook>,
     key: u32,
 }
 
 impl<'a> Palette<'a> {
-    pub fn new(world: &'a World, origin: DVec2, config: &SimulateConfig) -> Self {
+    pub fn new(world: &'a SimulatedTown, origin: DVec2, config: &SimulateConfig) -> Self {
         let look = |i: usize| {
             let building = &world.buildings[i];
             let mut rng = seed::stream(config.seed, "look", &[i as u64]);
@@ -100,7 +100,7 @@ impl<'a> Palette<'a> {
             let (glass, bays) =
                 if is_tower { (Vec2::new(0.86, 0.62), (1.4, 2.2)) } else { (Vec2::new(0.44, 0.5), (2.1, 3.1)) };
             let tint = 0.85 + 0.3 * between(&mut rng, 0.0, 1.0) as f32;
-            Look {
+            BuildingLook {
                 wall: wall * tint,
                 slope: slope * tint,
                 deck: deck * tint,
@@ -116,7 +116,7 @@ impl<'a> Palette<'a> {
     }
 
     /// The albedo at a place of a surface, averaged over a pixel of `pixel_m`.
-    pub fn albedo(&self, p: Vec3, surface: &Surface, pixel_m: f32) -> Vec3 {
+    pub fn albedo(&self, p: Vec3, surface: &TriangleSurface, pixel_m: f32) -> Vec3 {
         match surface.material {
             Material::Ground => self.ground(p, pixel_m),
             Material::Roof(b) => roof(&self.looks[b.at()], p, surface.normal, pixel_m),
@@ -174,11 +174,11 @@ fn meadow(fine: f32, broad: f32, paving: f32) -> Vec3 {
     lawn.lerp(gravel, ((paving - 0.12) * 9.0).clamp(0.0, 1.0))
 }
 
-fn roof(look: &Look, p: Vec3, normal: Vec3, pixel_m: f32) -> Vec3 {
+fn roof(look: &BuildingLook, p: Vec3, normal: Vec3, pixel_m: f32) -> Vec3 {
     if normal.z > FLAT_COSINE { flat_roof(look, p, pixel_m) } else { tiled_roof(look, p, normal, pixel_m) }
 }
 
-fn tiled_roof(look: &Look, p: Vec3, normal: Vec3, pixel_m: f32) -> Vec3 {
+fn tiled_roof(look: &BuildingLook, p: Vec3, normal: Vec3, pixel_m: f32) -> Vec3 {
     let level = Vec2::new(-normal.y, normal.x).normalize_or_zero();
     let along = p.truncate().dot(level);
     // Metres up the slope from the fall line's height.
@@ -196,7 +196,7 @@ fn tiled_roof(look: &Look, p: Vec3, normal: Vec3, pixel_m: f32) -> Vec3 {
     if cell(bay, key ^ 0x5) < 0.16 && inside.x < 0.45 && inside.y < 0.65 { GLASS * 1.6 } else { colour }
 }
 
-fn flat_roof(look: &Look, p: Vec3, pixel_m: f32) -> Vec3 {
+fn flat_roof(look: &BuildingLook, p: Vec3, pixel_m: f32) -> Vec3 {
     let q = p.truncate();
     let at = Vec2::new(q.dot(look.along), q.dot(look.along.perp()));
     let weather = fractal(at, 9.0, 0.15, pixel_m, look.key);
@@ -219,7 +219,7 @@ fn flat_roof(look: &Look, p: Vec3, pixel_m: f32) -> Vec3 {
     colour
 }
 
-fn wall(look: &Look, p: Vec3, normal: Vec3, pixel_m: f32) -> Vec3 {
+fn wall(look: &BuildingLook, p: Vec3, normal: Vec3, pixel_m: f32) -> Vec3 {
     let level = Vec2::new(-normal.y, normal.x);
     let at = Vec2::new(p.truncate().dot(level), p.z - look.ground_m);
     let side = hash(lattice(normal.x * 8.0 + 0.5), lattice(normal.y * 8.0 + 0.5), look.key);

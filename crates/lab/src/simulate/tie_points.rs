@@ -8,7 +8,7 @@ use sizeup_survey::{TiePoint, View};
 
 use super::chance::{between, normal};
 use super::eye::Eye;
-use super::scene::Scene;
+use super::scene::TracedScene;
 
 /// Standard deviation of an observed position, pixels per axis.
 const PIXEL_SD: f64 = 0.4;
@@ -18,7 +18,7 @@ const LEAST_VIEWS: usize = 3;
 const MOST_VIEWS: usize = 12;
 
 /// At most `n` points, seen in three or more views each.
-pub(super) fn collect(scene: &Scene, views: &[View], n: usize, root_seed: u64) -> Vec<TiePoint> {
+pub(super) fn collect(scene: &TracedScene, views: &[View], n: usize, root_seed: u64) -> Vec<TiePoint> {
     if views.is_empty() {
         return Vec::new();
     }
@@ -28,7 +28,7 @@ pub(super) fn collect(scene: &Scene, views: &[View], n: usize, root_seed: u64) -
     tracks.into_iter().flatten().collect()
 }
 
-fn track(scene: &Scene, views: &[View], eyes: &[Eye], i: usize, root_seed: u64) -> Option<TiePoint> {
+fn track(scene: &TracedScene, views: &[View], eyes: &[Eye], i: usize, root_seed: u64) -> Option<TiePoint> {
     let mut rng = seed::stream(root_seed, "tie point", &[i as u64]);
     let first = &views[i % views.len()];
     let pixel = DVec2::new(

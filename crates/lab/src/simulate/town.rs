@@ -15,7 +15,7 @@ use super::streets::StreetPlan;
 
 /// Buildings on the ground, and the streets between them.
 #[derive(Debug, Clone)]
-pub struct World {
+pub struct SimulatedTown {
     /// Every building, in the order of its id.
     pub buildings: Vec<SimulatedBuilding>,
     /// The ground, wider than the buildings.
@@ -32,7 +32,7 @@ pub struct World {
 ///
 /// # Errors
 /// [`SimulateError`] for a town without buildings or a terrain without cells.
-pub(super) fn build(config: &SimulateConfig) -> Result<World, SimulateError> {
+pub(super) fn build(config: &SimulateConfig) -> Result<SimulatedTown, SimulateError> {
     let placement = Placement { origin: DVec2::from(config.centre_m), angle_rad: config.town.heading_deg.to_radians() };
     let (along, across) = blocks::rhythms(config.town.kind);
     // Every block holds at least one building, so these are enough.
@@ -51,7 +51,7 @@ pub(super) fn build(config: &SimulateConfig) -> Result<World, SimulateError> {
             SimulatedBuilding::raise(form, at, &terrain, *kind, BuildingId(format!("b{:0digits$}", i + 1)))
         })
         .collect();
-    Ok(World { buildings, terrain, streets: Some(streets), extent, crs: config.crs.clone() })
+    Ok(SimulatedTown { buildings, terrain, streets: Some(streets), extent, crs: config.crs.clone() })
 }
 
 /// Lots in the map frame, from the middle outwards, exactly as many as wanted. The streets end with the last block in
@@ -92,7 +92,7 @@ mod tests {
     use crate::simulate::disturb::open_ring;
     use crate::simulate::form::RoofKind;
 
-    fn town(kind: TownKind, n_buildings: usize) -> World {
+    fn town(kind: TownKind, n_buildings: usize) -> SimulatedTown {
         let mut config = SimulateConfig::default();
         (config.town.kind, config.town.n_buildings) = (kind, n_buildings);
         build(&config).unwrap()

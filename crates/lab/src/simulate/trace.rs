@@ -8,7 +8,7 @@ use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
 
 use super::eye::Eye;
-use super::scene::{Scene, Seen};
+use super::scene::{SeenObject, TracedScene};
 
 /// The truth behind one depth prior: `H × W`, row-major.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,23 +18,23 @@ pub struct TrueDepth {
     /// z-depth of the ground along the same ray, metres; `NaN` = none.
     pub ground_m: Raster<f32>,
     /// Objects that pixels show.
-    pub seen: Raster<Seen>,
+    pub seen: Raster<SeenObject>,
 }
 
 /// Traces one view at a camera's size (the view's own, or the same lens reduced).
-pub(super) fn true_depth(scene: &Scene, view: &View, camera: &Camera) -> TrueDepth {
+pub(super) fn true_depth(scene: &TracedScene, view: &View, camera: &Camera) -> TrueDepth {
     let eye = Eye::new(view, camera, scene);
     let (width, height) = (camera.width_px as usize, camera.height_px as usize);
-    let pixels: Vec<(f32, f32, Seen)> = (0..width * height)
+    let pixels: Vec<(f32, f32, SeenObject)> = (0..width * height)
         .into_par_iter()
         .map(|i| {
             let pixel = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
             let (ground, first) = eye.look(scene, pixel);
-            let t = |hit: Option<super::scene::Hit>| hit.map_or(f32::NAN, |h| h.t);
-            (t(first), t(ground), first.map_or(Seen::Sky, |h| h.surface.seen()))
+            let t = |hit: Option<super::scene::SurfaceHit>| hit.map_or(f32::NAN, |h| h.t);
+            (t(first), t(ground), first.map_or(SeenObject::Sky, |h| h.surface.seen()))
         })
         .collect();
-    let image = |f: fn(&(f32, f32, Seen)) -> f32| {
+    let image = |f: fn(&(f32, f32, SeenObject)) -> f32| {
         Raster::from_vec(width, height, pixels.iter().map(f).collect()).expect("one value per pixel")
     };
     let seen = pixels.iter().map(|p| p.2).collect();
@@ -57,7 +57,7 @@ mod tests {
     use crate::simulate::building::{BuildingKind, Placement, SimulatedBuilding};
     use crate::simulate::form::{self, BuildingForm, Rect};
     use crate::simulate::relief::MapRect;
-    use crate::simulate::town::World;
+    use crate::simulate::town::SimulatedTown;
     use crate::simulate::{ground_contact, pose};
     use sizeup_geo::terrain::Terrain;
     use sizeup_heights::camera::Distortion;
@@ -65,12 +65,12 @@ mod tests {
 
     const CENTRE: DVec2 = DVec2::new(565_500.0, 5_932_500.0);
 
-    fn world(form: &BuildingForm) -> World {
+    fn world(form: &BuildingForm) -> SimulatedTown {
         let terrain = Terrain::Constant(20.0);
         let at = Placement { origin: CENTRE, angle_rad: 0.3 };
         let building = SimulatedBuilding::raise(form, &at, &terrain, BuildingKind::House, "a".into());
         let extent = MapRect::around(CENTRE, 20.0, 20.0);
-        World { buildings: vec![building], terrain, streets: None, extent, crs: "EPSG:25832".to_owned() }
+        SimulatedTown { buildings: vec![building], terrain, streets: None, extent, crs: "EPSG:25832".to_owned() }
     }
 
     fn view(tilt_deg: f64, distortion: Distortion) -> View {
@@ -93,7 +93,7 @@ mod tests {
     #[test]
     fn the_depth_of_a_flat_roof_is_where_its_plane_is() {
         let world = world(&form::flat(vec![Rect::sized(-8.0, -5.0, 16.0, 10.0).ring()], 12.0));
-        let scene = Scene::new(&world, &[]);
+        let scene = TracedScene::new(&world, &[]);
         let brown = Distortion::Brown { k1: -0.08, k2: 0.02, k3: 0.0, p1: 1e-3, p2: -5e-4 };
         for (tilt_deg, lens) in [(0.0, Distortion::None), (45.0, Distortion::None), (45.0, brown)] {
             let view = view(tilt_deg, lens);
@@ -106,8 +106,8 @@ mod tests {
                 if world.buildings[0].footprint.contains(&Point::new(roof.x, roof.y)) {
                     n_roof += 1;
                     assert!((f64::from(truth.depth_m[(col, row)]) - depth).abs() < 2e-3, "{tilt_deg} {col} {row}");
-                    assert_eq!(truth.seen[(col, row)], Seen::Building(BuildingIdx(0)));
-                } else if truth.seen[(col, row)] == Seen::Ground {
+                    assert_eq!(truth.seen[(col, row)], SeenObject::Building(BuildingIdx(0)));
+                } else if truth.seen[(col, row)] == SeenObject::Ground {
                     assert!(!world.buildings[0].footprint.contains(&Point::new(ground.x, ground.y)));
                 }
             }
@@ -119,12 +119,12 @@ mod tests {
     fn a_building_hides_the_ground_by_its_volume_in_every_direction() {
         // Seen from very far above, the roof's pixels times their size are the footprint's area.
         let world = world(&form::gable(Rect::sized(-8.0, -5.0, 16.0, 10.0), 6.0, 9.0));
-        let scene = Scene::new(&world, &[]);
+        let scene = TracedScene::new(&world, &[]);
         let far = pose(CENTRE.extend(20.0 + 4000.0), 0.2, 0.0);
         let camera = Arc::new(Camera::pinhole(200, 200, 40_000.0));
         let view = View { id: "a.jpg".into(), camera, camera_from_map: far, image: None };
         let truth = true_depth(&scene, &view, &view.camera);
-        let building = Seen::Building(BuildingIdx(0));
+        let building = SeenObject::Building(BuildingIdx(0));
         let seen = truth.seen.data().iter().zip(truth.depth_m.data()).filter(|(s, _)| **s == building);
         let (mut area, mut volume) = (0.0, 0.0);
         for (_, &depth) in seen {

@@ -16,7 +16,7 @@
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
-use super::reduced::{Block, Reduced, SIX, Six};
+use super::reduced::{Matrix6, Reduced, SIX, Six};
 use sizeup_heights::frames::{Cam, Map, Rigid};
 use sizeup_heights::stats::median;
 
@@ -52,7 +52,7 @@ pub(super) struct Station {
 
 /// Difference of a camera's rays from the given ones.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Lens {
+pub(super) struct LensCorrection {
     /// Share that the rays of sightings are longer by (`a`): the focal length is so much too long.
     pub scale: f64,
     /// The same times the square of their length (`b`).
@@ -63,7 +63,7 @@ pub(super) struct Lens {
     pub is_free: bool,
 }
 
-impl Lens {
+impl LensCorrection {
     /// A ray as the lens has it.
     pub fn ray(&self, ray: DVec2) -> DVec2 {
         ray * (1.0 + self.scale + self.radial * ray.length_squared())
@@ -135,7 +135,7 @@ pub(super) struct LensSigmas {
 }
 
 impl LensSigmas {
-    fn cost(&self, lens: &Lens) -> f64 {
+    fn cost(&self, lens: &LensCorrection) -> f64 {
         let [scale, radial] = lens.total();
         (scale / self.scale).powi(2) + (radial / self.radial).powi(2)
     }
@@ -152,7 +152,7 @@ pub(super) enum Moving {
 #[derive(Debug, Clone)]
 pub(super) struct Bundle {
     pub stations: Vec<Station>,
-    pub lenses: Vec<Lens>,
+    pub lenses: Vec<LensCorrection>,
     pub tracks: Vec<Track>,
     pub sigmas: Sigmas,
 }
@@ -254,7 +254,7 @@ impl Bundle {
         let Some(sigmas) = self.sigmas.lens else { return };
         let per = [sigmas.scale, sigmas.radial].map(|sigma| sigma.powi(-2));
         for (i, lens) in self.lenses.iter().enumerate() {
-            let mut block: Block = std::array::from_fn(|a| std::array::from_fn(|b| if a == b { 1.0 } else { 0.0 }));
+            let mut block: Matrix6 = std::array::from_fn(|a| std::array::from_fn(|b| if a == b { 1.0 } else { 0.0 }));
             let mut right = [0.0; SIX];
             for (k, total) in lens.total().into_iter().enumerate() {
                 (block[k][k], right[k]) = (per[k], -per[k] * total);
@@ -269,7 +269,7 @@ impl Bundle {
         let [per_angle, per_position] = [self.sigmas.angle_rad, self.sigmas.position_m].map(|sigma| sigma.powi(-2));
         for (view, station) in self.stations.iter().enumerate() {
             let (turn, shift) = (station.turn_rad(), station.shift_m());
-            let mut block: Block = [[0.0; SIX]; SIX];
+            let mut block: Matrix6 = [[0.0; SIX]; SIX];
             let mut right = [0.0; SIX];
             for axis in 0..3 {
                 (block[axis][axis], block[axis + 3][axis + 3]) = (per_angle, per_position);
@@ -325,7 +325,7 @@ impl Bundle {
             let scaled = of_view.map(|of| inverse * of);
             reduced.add_right(*view, &scaled.map(|of| -of.dot(pull)));
             for (other, of_other) in &mixed[i..] {
-                let block: Block = scaled.map(|of| of_other.map(|with| -of.dot(with)));
+                let block: Matrix6 = scaled.map(|of| of_other.map(|with| -of.dot(with)));
                 reduced.add(*view, *other, &block);
             }
         }
@@ -395,7 +395,7 @@ impl Bundle {
             station.focal_px /= 1.0 + self.lenses[station.lens].scale;
         }
         for lens in &mut self.lenses {
-            *lens = Lens { applied: lens.total(), is_free: lens.is_free, ..Lens::default() };
+            *lens = LensCorrection { applied: lens.total(), is_free: lens.is_free, ..LensCorrection::default() };
         }
     }
 
@@ -423,7 +423,7 @@ fn mixed_of(by: &[Six; 2], by_point: &[DVec3; 2], weight: f64) -> [DVec3; SIX] {
 }
 
 /// Terms of some unknowns with others.
-fn block_of(by: &[Six; 2], with: &[Six; 2], weight: f64) -> Block {
+fn block_of(by: &[Six; 2], with: &[Six; 2], weight: f64) -> Matrix6 {
     std::array::from_fn(|a| std::array::from_fn(|b| weight * (by[0][a] * with[0][b] + by[1][a] * with[1][b])))
 }
 
@@ -483,7 +483,7 @@ mod tests {
         };
         let stations = truth.iter().enumerate().map(station).collect();
         let sigmas = Sigmas { sighting_px: 0.3, position_m: 0.3, angle_rad: 0.01, lens: None };
-        let lenses = vec![Lens { is_free: true, ..Lens::default() }];
+        let lenses = vec![LensCorrection { is_free: true, ..LensCorrection::default() }];
         (Bundle { stations, lenses, tracks: (0..60).map(track).collect(), sigmas }, truth)
     }
 

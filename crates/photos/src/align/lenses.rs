@@ -9,13 +9,13 @@
 
 use std::sync::Arc;
 
-use super::bundle::{Bundle, Lens};
+use super::bundle::{Bundle, LensCorrection};
 use sizeup_heights::camera::{Camera, Distortion};
 use sizeup_survey::View;
 
 /// The lens of each view, by index, and the lenses; views with equal cameras share one. Only pinholes, with Brown's distortion or
 /// without, may change.
-pub(super) fn of(views: &[View]) -> (Vec<usize>, Vec<Lens>) {
+pub(super) fn of(views: &[View]) -> (Vec<usize>, Vec<LensCorrection>) {
     let mut cameras: Vec<&Camera> = Vec::new();
     let lens_of = views
         .iter()
@@ -26,9 +26,9 @@ pub(super) fn of(views: &[View]) -> (Vec<usize>, Vec<Lens>) {
             })
         })
         .collect();
-    let lens = |camera: &&Camera| Lens {
+    let lens = |camera: &&Camera| LensCorrection {
         is_free: matches!(camera.distortion, Distortion::None | Distortion::Brown { .. }),
-        ..Lens::default()
+        ..LensCorrection::default()
     };
     (lens_of, cameras.iter().map(lens).collect())
 }
@@ -59,7 +59,7 @@ pub(super) fn take_back(bundle: &mut Bundle) {
     bundle.sigmas.lens = None;
 }
 
-fn corrected(camera: &Camera, lens: &Lens) -> Camera {
+fn corrected(camera: &Camera, lens: &LensCorrection) -> Camera {
     if !lens.is_free {
         return camera.clone();
     }
@@ -96,7 +96,7 @@ mod tests {
         let ideal = Camera::pinhole(1200, 900, 1000.0);
         let bent = Distortion::Brown { k1: -0.08, k2: 0.01, k3: 0.002, p1: 5e-4, p2: -3e-4 };
         for given in [ideal.clone(), Camera { distortion: bent, ..ideal }] {
-            let lens = Lens { scale: 0.02, radial: -0.03, is_free: true, ..Lens::default() };
+            let lens = LensCorrection { scale: 0.02, radial: -0.03, is_free: true, ..LensCorrection::default() };
             let camera = corrected(&given, &lens);
             for pixel in [DVec2::new(600.0, 450.0), DVec2::new(100.0, 80.0), DVec2::new(1150.0, 300.0)] {
                 let ray = given.unproject(pixel).unwrap().truncate();

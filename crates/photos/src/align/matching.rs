@@ -30,13 +30,13 @@ const MAX_HEIGHTS: usize = 300;
 
 /// A photo at one size, free of distortion, with the pose as it is now.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Eye<'a> {
+pub(super) struct PosedImage<'a> {
     pub grey: &'a Raster<f32>,
     pub camera: &'a Camera,
     pub pose: &'a Rigid<Cam, Map>,
 }
 
-impl Eye<'_> {
+impl PosedImage<'_> {
     /// Point where a pixel's ray meets a height.
     pub fn at_height(&self, pixel: DVec2, z_m: f64) -> Option<DVec3> {
         let centre = self.pose.centre();
@@ -61,9 +61,9 @@ pub(super) enum Where {
 
 /// Two photos; patches of the first are looked for in the second.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Pair<'a> {
-    pub here: Eye<'a>,
-    pub there: Eye<'a>,
+pub(super) struct PhotoPair<'a> {
+    pub here: PosedImage<'a>,
+    pub there: PosedImage<'a>,
     pub min_score: f32,
 }
 
@@ -77,13 +77,13 @@ struct Landing {
 
 /// A pixel that may be the patch's.
 #[derive(Debug, Clone, Copy)]
-struct Candidate {
+struct PixelCandidate {
     score: f32,
     pixel: [usize; 2],
     steps: DMat2,
 }
 
-impl Pair<'_> {
+impl PhotoPair<'_> {
     /// Place of a patch of the first photo in the second, pixels, if that is clear.
     pub fn find(&self, patch: DVec2, place: Where) -> Option<DVec2> {
         let candidates = match place {
@@ -94,7 +94,7 @@ impl Pair<'_> {
         if best.score < self.min_score {
             return None;
         }
-        let template = Template::of(self.here.grey, patch, &best.steps.inverse())?;
+        let template = WarpedPatch::of(self.here.grey, patch, &best.steps.inverse())?;
         let found = template.between_pixels(self.there.grey, best.pixel)?;
         self.comes_back(patch, found, &best.steps).then_some(found)
     }
@@ -107,7 +107,7 @@ impl Pair<'_> {
         (1.0 / LARGEST_RATIO..=LARGEST_RATIO).contains(&ratio).then_some(Landing { place, steps })
     }
 
-    fn between(&self, patch: DVec2, [from_m, to_m]: [f64; 2], beside_px: f64) -> Vec<Candidate> {
+    fn between(&self, patch: DVec2, [from_m, to_m]: [f64; 2], beside_px: f64) -> Vec<PixelCandidate> {
         let below = |z_m: f64| 1.0 / (self.here.pose.centre().z - z_m);
         let height =
             |share: f64| self.here.pose.centre().z - 1.0 / (below(from_m) + share * (below(to_m) - below(from_m)));
@@ -137,7 +137,7 @@ impl Pair<'_> {
         candidates
     }
 
-    fn around(&self, patch: DVec2, height_m: f64, reach_px: usize) -> Option<Vec<Candidate>> {
+    fn around(&self, patch: DVec2, height_m: f64, reach_px: usize) -> Option<Vec<PixelCandidate>> {
         let landing = self.landing(patch, height_m)?;
         let middle = pixel_of(landing.place)?;
         let span = |at: usize| at.saturating_sub(reach_px)..=at + reach_px;
@@ -152,17 +152,17 @@ impl Pair<'_> {
         patch: DVec2,
         steps: &DMat2,
         pixels: impl Iterator<Item = [usize; 2]>,
-        candidates: &mut Vec<Candidate>,
+        candidates: &mut Vec<PixelCandidate>,
     ) {
-        let Some(template) = Template::of(self.here.grey, patch, &steps.inverse()) else { return };
+        let Some(template) = WarpedPatch::of(self.here.grey, patch, &steps.inverse()) else { return };
         candidates.extend(pixels.filter_map(|pixel| {
-            Some(Candidate { score: template.score(self.there.grey, pixel)?, pixel, steps: *steps })
+            Some(PixelCandidate { score: template.score(self.there.grey, pixel)?, pixel, steps: *steps })
         }));
     }
 
     /// Whether the place that was found leads back to the patch.
     fn comes_back(&self, patch: DVec2, found: DVec2, steps: &DMat2) -> bool {
-        let Some(template) = Template::of(self.there.grey, found, steps) else { return false };
+        let Some(template) = WarpedPatch::of(self.there.grey, found, steps) else { return false };
         let Some(middle) = pixel_of(patch) else { return false };
         let span = |at: usize| at.saturating_sub(BACK_REACH_PX)..=at + BACK_REACH_PX;
         let pixels = span(middle[1]).flat_map(|row| span(middle[0]).map(move |col| [col, row]));
@@ -177,14 +177,14 @@ impl Pair<'_> {
 }
 
 /// The best one, where nothing that is not beside it comes near.
-fn clear_best(candidates: &[Candidate]) -> Option<Candidate> {
+fn clear_best(candidates: &[PixelCandidate]) -> Option<PixelCandidate> {
     let mut best = *candidates.first()?;
     for candidate in candidates {
         if candidate.score > best.score {
             best = *candidate;
         }
     }
-    let is_beside = |c: &Candidate| (0..2).all(|axis| c.pixel[axis].abs_diff(best.pixel[axis]) <= BESIDE_PX);
+    let is_beside = |c: &PixelCandidate| (0..2).all(|axis| c.pixel[axis].abs_diff(best.pixel[axis]) <= BESIDE_PX);
     let has_rival = candidates.iter().any(|c| c.score > best.score - LEAST_LEAD && !is_beside(c));
     (!has_rival).then_some(best)
 }
@@ -195,9 +195,9 @@ fn pixel_of(place: DVec2) -> Option<[usize; 2]> {
 }
 
 /// A patch laid out on the pixels of another photo: mean 0, sum of squares 1.
-struct Template([f32; N_PIXELS]);
+struct WarpedPatch([f32; N_PIXELS]);
 
-impl Template {
+impl WarpedPatch {
     /// Around a place, with the photo's steps by steps of the other; `None` without texture, and at the border.
     fn of(grey: &Raster<f32>, middle: DVec2, steps: &DMat2) -> Option<Self> {
         let mut values = [0.0_f32; N_PIXELS];
@@ -282,8 +282,8 @@ mod tests {
     #[test]
     fn a_patch_is_found_to_a_fifth_of_a_pixel_from_near_and_from_anywhere() {
         let [here, there] = [photo(0.0), photo(11.3)];
-        let [here, there] = [&here, &there].map(|(grey, camera, pose)| Eye { grey, camera, pose });
-        let pair = Pair { here, there, min_score: 0.8 };
+        let [here, there] = [&here, &there].map(|(grey, camera, pose)| PosedImage { grey, camera, pose });
+        let pair = PhotoPair { here, there, min_score: 0.8 };
         let patch = DVec2::new(90.5, 61.5);
         // 11.3 m at 100 m and 200 px: 22.6 px to the left.
         let expected = patch - DVec2::new(22.6, 0.0);

@@ -33,7 +33,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::bundle::{Bundle, LensSigmas, Moving, Sigmas, Station, Track};
-use self::tracks::Search;
+use self::tracks::TrackSearch;
 use crate::prior::Neighbours;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::ViewId;
@@ -177,7 +177,7 @@ pub fn align(
     tell: &dyn Fn(usize, usize),
 ) -> Result<Aligned, AlignError> {
     let (taking_part, neighbours) = overlapping(views, terrain, config)?;
-    let mut block = Block::new(&taking_part, &neighbours, config);
+    let mut block = PhotoBlock::new(&taking_part, &neighbours, config);
     for (i, divisor) in DIVISORS.into_iter().enumerate() {
         tell(i, DIVISORS.len());
         block.pass(divisor, terrain)?;
@@ -196,7 +196,7 @@ pub fn misfit_px(views: &[View], terrain: &Terrain, config: &AlignConfig) -> Res
     let with_neighbours: Vec<usize> = (0..taking_part.len()).filter(|view| !neighbours[*view].is_empty()).collect();
     let n = with_neighbours.len().min(N_SAMPLED);
     let sample: Vec<usize> = (0..n).map(|i| with_neighbours[(2 * i + 1) * with_neighbours.len() / (2 * n)]).collect();
-    let mut block = Block::new(&taking_part, &neighbours, config);
+    let mut block = PhotoBlock::new(&taking_part, &neighbours, config);
     let size = block.at(SAMPLE_DIVISOR);
     block.bundle.tracks =
         block.search(&size).first(&sample, terrain).into_iter().filter_map(Result::ok).flatten().collect();
@@ -235,7 +235,7 @@ fn neighbours(views: &[View], terrain: &Terrain, n: usize) -> Vec<Vec<usize>> {
 }
 
 /// The photos that take part, as far as they are adjusted.
-struct Block<'a> {
+struct PhotoBlock<'a> {
     /// With their cameras as they are now.
     views: Vec<View>,
     neighbours: &'a [Vec<usize>],
@@ -253,7 +253,7 @@ struct Size {
     per_px: f64,
 }
 
-impl<'a> Block<'a> {
+impl<'a> PhotoBlock<'a> {
     fn new(views: &[View], neighbours: &'a [Vec<usize>], config: &'a AlignConfig) -> Self {
         let (lens_of, lenses) = lenses::of(views);
         let station = |(view, lens): (&View, usize)| Station {
@@ -282,9 +282,9 @@ impl<'a> Block<'a> {
         size
     }
 
-    fn search(&self, size: &Size) -> Search<'_> {
+    fn search(&self, size: &Size) -> TrackSearch<'_> {
         let (stations, sigmas) = (&self.bundle.stations, self.bundle.sigmas);
-        Search::new(&self.views, stations, self.neighbours, self.config, sigmas, size.long_side_px)
+        TrackSearch::new(&self.views, stations, self.neighbours, self.config, sigmas, size.long_side_px)
     }
 
     /// Matches and adjusts at one size.

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 /// Unknowns of a photo: a turn and a shift.
 pub(super) const SIX: usize = 6;
 pub(super) type Six = [f64; SIX];
-pub(super) type Block = [Six; SIX];
+pub(super) type Matrix6 = [Six; SIX];
 
 /// Residual against the right side at which the solution is exact for our purposes.
 const CONVERGED: f64 = 1e-10;
@@ -19,7 +19,7 @@ const MAX_STEPS_PER_UNKNOWN: usize = 4;
 #[derive(Debug)]
 pub(super) struct Reduced {
     /// By row: blocks from the diagonal to the right.
-    rows: Vec<BTreeMap<usize, Block>>,
+    rows: Vec<BTreeMap<usize, Matrix6>>,
     right: Vec<Six>,
 }
 
@@ -29,7 +29,7 @@ impl Reduced {
     }
 
     /// Adds to the block of a row and a column that is not left of the diagonal.
-    pub fn add(&mut self, row: usize, col: usize, block: &Block) {
+    pub fn add(&mut self, row: usize, col: usize, block: &Matrix6) {
         debug_assert!(row <= col, "only the upper half is kept");
         let here = self.rows[row].entry(col).or_insert([[0.0; SIX]; SIX]);
         for (here, add) in here.iter_mut().flatten().zip(block.iter().flatten()) {
@@ -47,11 +47,11 @@ impl Reduced {
             let diagonal = blocks.entry(row).or_insert([[0.0; SIX]; SIX]);
             (0..SIX).for_each(|i| diagonal[i][i] *= 1.0 + damping);
         }
-        let inverses: Vec<Block> = self.rows.iter().enumerate().map(|(row, blocks)| inverse(&blocks[&row])).collect();
+        let inverses: Vec<Matrix6> = self.rows.iter().enumerate().map(|(row, blocks)| inverse(&blocks[&row])).collect();
         self.conjugate_gradients(&inverses)
     }
 
-    fn conjugate_gradients(&self, inverses: &[Block]) -> Vec<Six> {
+    fn conjugate_gradients(&self, inverses: &[Matrix6]) -> Vec<Six> {
         let precondition = |r: &[Six]| -> Vec<Six> { inverses.iter().zip(r).map(|(m, r)| times(m, r)).collect() };
         let mut x = vec![[0.0; SIX]; self.right.len()];
         let mut r = self.right.clone();
@@ -107,18 +107,18 @@ fn dot(a: &[Six], b: &[Six]) -> f64 {
     a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| a * b).sum()
 }
 
-fn times(block: &Block, x: &Six) -> Six {
+fn times(block: &Matrix6, x: &Six) -> Six {
     block.map(|row| row.iter().zip(x).map(|(a, x)| a * x).sum())
 }
 
-fn times_transposed(block: &Block, x: &Six) -> Six {
+fn times_transposed(block: &Matrix6, x: &Six) -> Six {
     let mut product = [0.0; SIX];
     block.iter().zip(x).for_each(|(row, x)| add_scaled(&mut product, *x, row));
     product
 }
 
 /// Inverse of a symmetric positive definite block, by Cholesky's factor `L`: column by column of `L Lᵀ X = 1`.
-fn inverse(block: &Block) -> Block {
+fn inverse(block: &Matrix6) -> Matrix6 {
     let mut l = [[0.0; SIX]; SIX];
     for col in 0..SIX {
         for row in col..SIX {

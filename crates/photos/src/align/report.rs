@@ -7,8 +7,8 @@ use glam::DVec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::bundle::Lens;
-use super::{Block, LEAST_TRACKS};
+use super::bundle::LensCorrection;
+use super::{LEAST_TRACKS, PhotoBlock};
 use sizeup_heights::stats::{median, quantile};
 use sizeup_survey::View;
 
@@ -106,7 +106,7 @@ pub struct AlignReport {
     pub left_alone: Vec<LeftAlone>,
 }
 
-impl Block<'_> {
+impl PhotoBlock<'_> {
     pub(super) fn report(&self, views: &[View], [before, after]: [Residuals; 2], is_taken: bool) -> AlignReport {
         let counts = self.n_tracks();
         let stations = &self.bundle.stations;
@@ -143,7 +143,7 @@ impl Block<'_> {
     }
 
     fn cameras(&self) -> Vec<CameraCorrection> {
-        let of = |(i, lens): (usize, &Lens)| {
+        let of = |(i, lens): (usize, &LensCorrection)| {
             let mut taken = self.bundle.stations.iter().zip(&self.views).filter(|(station, _)| station.lens == i);
             let (first, n_others) = (taken.next()?, taken.count());
             let [scale, radial] = lens.total();

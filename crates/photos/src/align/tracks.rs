@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::AlignConfig;
 use super::bundle::{Sighting, Sigmas, Station, Track};
-use super::matching::{Eye, Pair, Where};
+use super::matching::{PhotoPair, PosedImage, Where};
 use super::patches::{corner_near, corners};
 use crate::prior::{Album, Picture, PriorError};
 use sizeup_geo::terrain::Terrain;
@@ -30,7 +30,7 @@ const ALBUM_BYTES: usize = 512 << 20;
 const GROUND_SIDE: u32 = 6;
 
 /// Pictures that tracks are looked for in, at one size.
-pub(super) struct Search<'a> {
+pub(super) struct TrackSearch<'a> {
     views: &'a [View],
     stations: &'a [Station],
     neighbours: &'a [Vec<usize>],
@@ -39,7 +39,7 @@ pub(super) struct Search<'a> {
     album: Album,
 }
 
-impl<'a> Search<'a> {
+impl<'a> TrackSearch<'a> {
     pub fn new(
         views: &'a [View],
         stations: &'a [Station],
@@ -102,9 +102,9 @@ impl<'a> Search<'a> {
             patches.iter().map(|patch| sighting(view, picture.camera(), *patch).into_iter().collect()).collect();
         for &other in &self.neighbours[view] {
             let Ok(there) = self.album.picture(&self.views[other]) else { continue };
-            let pair = Pair {
-                here: Eye { grey: picture.grey(), camera: picture.camera(), pose: &self.stations[view].pose },
-                there: Eye { grey: there.grey(), camera: there.camera(), pose: &self.stations[other].pose },
+            let pair = PhotoPair {
+                here: PosedImage { grey: picture.grey(), camera: picture.camera(), pose: &self.stations[view].pose },
+                there: PosedImage { grey: there.grey(), camera: there.camera(), pose: &self.stations[other].pose },
                 min_score: self.config.min_score as f32,
             };
             for (i, patch) in patches.iter().enumerate() {

@@ -87,14 +87,14 @@ pub enum SquareOutcome {
 
 /// A square: its middle in the map, and what came of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Square {
+pub struct GroundSquare {
     /// Middle of the square, map frame, metres.
     pub at: DVec2,
     /// Outcome of the search for ground there.
     pub outcome: SquareOutcome,
 }
 
-impl Square {
+impl GroundSquare {
     fn raised(self, by_m: f64) -> Self {
         let outcome = match self.outcome {
             SquareOutcome::Ground(z_m) => SquareOutcome::Ground(z_m + by_m),
@@ -111,7 +111,7 @@ pub struct Dtm {
     /// The heights; no value where no ground was found within a few squares.
     pub dem: Dem,
     /// All squares that were tried.
-    pub squares: Vec<Square>,
+    pub squares: Vec<GroundSquare>,
     /// Standard deviation of a square's height against its neighbours', metres.
     pub sigma_m: f64,
 }
@@ -221,7 +221,7 @@ pub fn off_by(
     area: MapBox,
     config: &DtmConfig,
     progress: &(dyn Fn(usize, usize) + Sync),
-) -> Result<(Vec<Square>, f64), DtmError> {
+) -> Result<(Vec<GroundSquare>, f64), DtmError> {
     check(config)?;
     let with_photo: Vec<&View> = views.iter().filter(|view| view.image.is_some()).collect();
     let places: Vec<DVec3> = places(area, footprints, config)
@@ -236,20 +236,20 @@ pub fn off_by(
         let seen_in: Vec<&Picture> = seen_in.iter().map(|picture: &Arc<Picture>| &**picture).collect();
         let outcome = patch::height(&seen_in, *near, config);
         progress(n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, places.len());
-        Ok(Square { at: near.truncate(), outcome })
+        Ok(GroundSquare { at: near.truncate(), outcome })
     };
     let mut squares = vec![None; places.len()];
     for together in by_block(&places).chunks(N_TOGETHER) {
-        let looked: Vec<(usize, Square)> = together
+        let looked: Vec<(usize, GroundSquare)> = together
             .par_iter()
             .map(|&i| look(&places[i]).map(|square| (i, square)))
             .collect::<Result<_, PriorError>>()?;
         looked.into_iter().for_each(|(i, square)| squares[i] = Some(square));
     }
-    let squares: Vec<Square> = squares.into_iter().flatten().collect();
+    let squares: Vec<GroundSquare> = squares.into_iter().flatten().collect();
     // All that follows is about what the rough level is off by.
     let rough_m = |at: DVec2| rough.height_at(at.x, at.y).unwrap_or(f64::NAN);
-    let mut squares: Vec<Square> = squares.into_iter().map(|s| s.raised(-rough_m(s.at))).collect();
+    let mut squares: Vec<GroundSquare> = squares.into_iter().map(|s| s.raised(-rough_m(s.at))).collect();
     let sigma_m = surface::leave_out_what_stands_above(&mut squares, config.spacing_m);
     Ok((squares, sigma_m))
 }

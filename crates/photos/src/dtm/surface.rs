@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
-use super::{DtmConfig, Square, SquareOutcome};
+use super::{DtmConfig, GroundSquare, SquareOutcome};
 use sizeup_geo::groups::Groups;
 use sizeup_geo::terrain::{Dem, DemError, MapBox, Terrain};
 use sizeup_heights::raster::Raster;
@@ -54,15 +54,15 @@ const SLOPE_OVER: [f64; 2] = [3.0, 6.0];
 /// The surface stays within this of the squares around it, metres.
 const BEYOND_M: f64 = 0.5;
 
-type Heights = RTree<GeomWithData<[f64; 2], f64>>;
+type HeightTree = RTree<GeomWithData<[f64; 2], f64>>;
 
 /// Marks squares that their neighbours contradict; returns the spread of the others around their neighbours' planes, metres.
-pub(super) fn leave_out_what_stands_above(squares: &mut [Square], spacing_m: f64) -> f64 {
+pub(super) fn leave_out_what_stands_above(squares: &mut [GroundSquare], spacing_m: f64) -> f64 {
     let bandwidth_m = BANDWIDTH * spacing_m;
     leave_out_what_few_agree_with(squares, bandwidth_m);
     leave_out_roofs(squares, spacing_m);
     let heights = heights(squares);
-    let against = |square: &Square| {
+    let against = |square: &GroundSquare| {
         let SquareOutcome::Ground(z_m) = square.outcome else { return None };
         let neighbours: Vec<_> =
             around(&heights, square.at, bandwidth_m).filter(|(offset, _)| *offset != DVec2::ZERO).collect();
@@ -86,9 +86,9 @@ pub(super) fn leave_out_what_stands_above(squares: &mut [Square], spacing_m: f64
 }
 
 /// Marks squares at odds with the level that most squares around them agree on: false matches are anywhere, ground is not.
-fn leave_out_what_few_agree_with(squares: &mut [Square], bandwidth_m: f64) {
+fn leave_out_what_few_agree_with(squares: &mut [GroundSquare], bandwidth_m: f64) {
     let heights = heights(squares);
-    let agreement = |square: &Square| {
+    let agreement = |square: &GroundSquare| {
         let SquareOutcome::Ground(z_m) = square.outcome else { return 0.0 };
         let agrees =
             |(offset, other_m): &(DVec2, f64)| (other_m - z_m).abs() <= AGREE_M + AGREE_SLOPE * offset.length();
@@ -112,7 +112,7 @@ fn leave_out_what_few_agree_with(squares: &mut [Square], bandwidth_m: f64) {
 
 /// Marks patches that stand above the ground by a step, and are no larger than a building: roofs without a footprint, on which all
 /// squares agree.
-fn leave_out_roofs(squares: &mut [Square], spacing_m: f64) {
+fn leave_out_roofs(squares: &mut [GroundSquare], spacing_m: f64) {
     let known: Vec<(usize, DVec2, f64)> = squares
         .iter()
         .enumerate()
@@ -125,7 +125,7 @@ fn leave_out_roofs(squares: &mut [Square], spacing_m: f64) {
     let Some(largest) = patches.iter().max_by_key(|patch| patch.len()) else { return };
     let most = (LARGEST_ROOF_M2 / (spacing_m * spacing_m)).min(LARGEST_ROOF_SHARE * largest.len() as f64);
     let below = largest.iter().map(|&i| GeomWithData::new(known[i].1.to_array(), known[i].2));
-    let below: Heights = RTree::bulk_load(below.collect());
+    let below: HeightTree = RTree::bulk_load(below.collect());
     let Some(slope) = slope(&below, SLOPE_OVER.map(|over| over * spacing_m)) else { return };
     for patch in patches.iter().filter(|patch| patch.len() as f64 <= most) {
         let above = patch.iter().map(|&i| {
@@ -164,7 +164,7 @@ fn patches(known: &[(usize, DVec2, f64)], reach_m: f64) -> Vec<Vec<usize>> {
 }
 
 /// Median slope between squares that are so far apart, metres; `None` where there are none.
-fn slope(squares: &Heights, [from_m, to_m]: [f64; 2]) -> Option<f64> {
+fn slope(squares: &HeightTree, [from_m, to_m]: [f64; 2]) -> Option<f64> {
     let of_square = |square: &GeomWithData<[f64; 2], f64>| {
         let at = DVec2::from_array(*square.geom());
         let others = squares.locate_within_distance(at.to_array(), to_m * to_m);
@@ -182,7 +182,12 @@ fn step_m(distance_m: f64) -> f64 {
 
 /// The model over an area, from what the squares say that a rough one is off by. A level has no value farther from ground
 /// than the squares reach; a model is shifted there by the median of the squares.
-pub(super) fn model(squares: &[Square], rough: &Terrain, area: MapBox, config: &DtmConfig) -> Result<Dem, DemError> {
+pub(super) fn model(
+    squares: &[GroundSquare],
+    rough: &Terrain,
+    area: MapBox,
+    config: &DtmConfig,
+) -> Result<Dem, DemError> {
     let off = grid(squares, area, config)?;
     let (west_m, north_m) = off.corner_m();
     match rough {
@@ -210,7 +215,7 @@ pub(super) fn model(squares: &[Square], rough: &Terrain, area: MapBox, config: &
 }
 
 /// The surface through the squares; no value farther from ground than they reach.
-fn grid(squares: &[Square], area: MapBox, config: &DtmConfig) -> Result<Dem, DemError> {
+fn grid(squares: &[GroundSquare], area: MapBox, config: &DtmConfig) -> Result<Dem, DemError> {
     let heights = heights(squares);
     let bandwidth_m = BANDWIDTH * config.spacing_m;
     let n = |from: f64, to: f64| ((to - from) / config.cell_m).ceil().max(1.0) as usize;
@@ -237,7 +242,7 @@ fn grid(squares: &[Square], area: MapBox, config: &DtmConfig) -> Result<Dem, Dem
     Dem::new(raster, area.west_m, area.north_m, config.cell_m, config.cell_m)
 }
 
-fn heights(squares: &[Square]) -> Heights {
+fn heights(squares: &[GroundSquare]) -> HeightTree {
     let ground = squares.iter().filter_map(|square| match square.outcome {
         SquareOutcome::Ground(z_m) => Some(GeomWithData::new(square.at.to_array(), z_m)),
         _ => None,
@@ -246,7 +251,7 @@ fn heights(squares: &[Square]) -> Heights {
 }
 
 /// Offsets and heights of the squares that count at a place.
-fn around(heights: &Heights, place: DVec2, bandwidth_m: f64) -> impl Iterator<Item = (DVec2, f64)> + '_ {
+fn around(heights: &HeightTree, place: DVec2, bandwidth_m: f64) -> impl Iterator<Item = (DVec2, f64)> + '_ {
     let reach_m = REACH * bandwidth_m;
     let close = heights.locate_within_distance(place.to_array(), reach_m * reach_m);
     close.map(move |square| (DVec2::from_array(*square.geom()) - place, square.data))
@@ -291,13 +296,13 @@ mod tests {
     use super::*;
 
     /// A slope with every fifth square on a tree, and one hole in the ground.
-    fn slope() -> Vec<Square> {
+    fn slope() -> Vec<GroundSquare> {
         (0..15 * 15)
             .map(|i| {
                 let at = DVec2::new(f64::from(i % 15), f64::from(i / 15)) * 12.0;
                 let stands_m = if i % 5 == 0 { 2.0 + f64::from(i % 4) } else { 0.0 };
                 let noise_m = 0.05 * (f64::from(i) * 1.7).sin();
-                Square { at, outcome: SquareOutcome::Ground(ground(at) + stands_m + noise_m) }
+                GroundSquare { at, outcome: SquareOutcome::Ground(ground(at) + stands_m + noise_m) }
             })
             .collect()
     }
@@ -336,7 +341,7 @@ mod tests {
             }
         }
         leave_out_what_stands_above(&mut squares, 12.0);
-        let off_m = |square: &Square| match square.outcome {
+        let off_m = |square: &GroundSquare| match square.outcome {
             SquareOutcome::Ground(z_m) => Some((z_m - ground(square.at)).abs()),
             _ => None,
         };
@@ -349,14 +354,14 @@ mod tests {
 
     /// Level ground, two squares in five of it open, and at its northern border, 64 m from the next open ground, seven squares in a row that
     /// stand higher: as over a real town of which nine buildings have footprints.
-    fn beside_a_row(stands_m: f64) -> Vec<Square> {
+    fn beside_a_row(stands_m: f64) -> Vec<GroundSquare> {
         let all = (0..18 * 14).map(|i| (i % 18, i / 18));
         let is_in_row = |col: i32, row: i32| row == 13 && (5..12).contains(&col);
         let open = all.filter(|&(col, row)| is_in_row(col, row) || (row < 10 && (col * 7 + row * 3) % 5 < 2));
         let square = |(col, row): (i32, i32)| {
             let noise_m = 0.3 * (f64::from(col * 31 + row * 17) * 1.7).sin();
             let z_m = if is_in_row(col, row) { stands_m } else { 0.0 } + noise_m;
-            Square { at: DVec2::new(f64::from(col), f64::from(row)) * 16.0, outcome: SquareOutcome::Ground(z_m) }
+            GroundSquare { at: DVec2::new(f64::from(col), f64::from(row)) * 16.0, outcome: SquareOutcome::Ground(z_m) }
         };
         open.map(square).collect()
     }
@@ -370,7 +375,7 @@ mod tests {
         assert!(n_ground >= 60, "{n_ground} of {}", squares.len());
     }
 
-    fn n_ground_in_row(squares: &[Square]) -> usize {
+    fn n_ground_in_row(squares: &[GroundSquare]) -> usize {
         let in_row = squares.iter().filter(|square| square.at.y > 200.0);
         in_row.filter(|square| matches!(square.outcome, SquareOutcome::Ground(_))).count()
     }

@@ -8,19 +8,19 @@ use rten_tensor::prelude::*;
 use super::{Contents, EngineConfig, OnnxError, Port, Tensor, TensorContent};
 
 /// A graph in rten.
-pub(super) struct Graph {
+pub(super) struct EmbeddedGraph {
     model: rten::Model,
     /// Threads that it computes on, if not on all cores.
     threads: Option<Arc<rten::ThreadPool>>,
 }
 
-impl std::fmt::Debug for Graph {
+impl std::fmt::Debug for EmbeddedGraph {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Graph").finish_non_exhaustive()
     }
 }
 
-impl Graph {
+impl EmbeddedGraph {
     pub(super) fn open(path: &Path, contents: &Contents, config: &EngineConfig) -> Result<Self, OnnxError> {
         if contents.has_cubic_resize {
             return Err(OnnxError::CubicResize { path: path.to_owned() });

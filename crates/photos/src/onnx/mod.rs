@@ -245,8 +245,8 @@ pub struct Network {
 
 #[derive(Debug)]
 enum Graph {
-    Embedded(Box<embedded::Graph>),
-    Runtime(runtime::Graph),
+    Embedded(Box<embedded::EmbeddedGraph>),
+    Runtime(runtime::RuntimeGraph),
 }
 
 impl Network {
@@ -264,8 +264,9 @@ impl Network {
     /// [`OnnxError`] but for those of running.
     pub fn open_with(path: &Path, config: &EngineConfig) -> Result<Self, OnnxError> {
         let contents = Contents::read(path)?;
-        let embedded = || embedded::Graph::open(path, &contents, config).map(|graph| Graph::Embedded(Box::new(graph)));
-        let runtime = || runtime::Graph::open(path, config).map(Graph::Runtime);
+        let embedded =
+            || embedded::EmbeddedGraph::open(path, &contents, config).map(|graph| Graph::Embedded(Box::new(graph)));
+        let runtime = || runtime::RuntimeGraph::open(path, config).map(Graph::Runtime);
         // What only ONNX Runtime has is asked for by asking for it.
         let wants_runtime = config.name == EngineChoice::OnnxRuntime
             || config.name == EngineChoice::Auto && !config.providers.is_empty();
@@ -298,7 +299,7 @@ impl Network {
     /// [`OnnxError::Load`].
     pub fn built_in(name: &str, bytes: &'static [u8]) -> Result<Self, OnnxError> {
         let path = PathBuf::from(name);
-        let graph = embedded::Graph::of_bytes(&path, bytes)?;
+        let graph = embedded::EmbeddedGraph::of_bytes(&path, bytes)?;
         let (inputs, outputs) = graph.ports();
         Ok(Self { graph: Graph::Embedded(Box::new(graph)), second: None, path, inputs, outputs })
     }
@@ -357,7 +358,7 @@ impl Network {
 
     fn run_embedded(
         &self,
-        graph: &embedded::Graph,
+        graph: &embedded::EmbeddedGraph,
         given: &[(&Port, &Tensor)],
         outputs: &[&str],
     ) -> Result<Vec<Tensor>, String> {

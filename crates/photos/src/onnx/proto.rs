@@ -67,11 +67,11 @@ impl Contents {
         let mut has_graph = false;
         for field in Fields(bytes) {
             match field? {
-                (7, Field::Bytes(graph)) => {
+                (7, ProtoField::Bytes(graph)) => {
                     has_graph = true;
                     contents.look_at_graph(graph, 0)?;
                 }
-                (8, Field::Bytes(set)) => contents.look_at_operator_set(set)?,
+                (8, ProtoField::Bytes(set)) => contents.look_at_operator_set(set)?,
                 _ => {}
             }
         }
@@ -84,8 +84,8 @@ impl Contents {
         let (mut domain, mut version) = (&b""[..], 0);
         for field in Fields(set) {
             match field? {
-                (1, Field::Bytes(name)) => domain = name,
-                (2, Field::Number(n)) => version = n,
+                (1, ProtoField::Bytes(name)) => domain = name,
+                (2, ProtoField::Number(n)) => version = n,
                 _ => {}
             }
         }
@@ -101,8 +101,8 @@ impl Contents {
         }
         for field in Fields(graph) {
             match field? {
-                (1, Field::Bytes(node)) => self.look_at_node(node, depth)?,
-                (5, Field::Bytes(tensor)) => self.look_at_tensor(tensor)?,
+                (1, ProtoField::Bytes(node)) => self.look_at_node(node, depth)?,
+                (5, ProtoField::Bytes(tensor)) => self.look_at_tensor(tensor)?,
                 _ => {}
             }
         }
@@ -114,14 +114,14 @@ impl Contents {
         let mut is_cubic = false;
         for field in Fields(node) {
             match field? {
-                (4, Field::Bytes(name)) => operator = String::from_utf8_lossy(name).into_owned(),
-                (5, Field::Bytes(attribute)) => {
+                (4, ProtoField::Bytes(name)) => operator = String::from_utf8_lossy(name).into_owned(),
+                (5, ProtoField::Bytes(attribute)) => {
                     let (mut name, mut text) = (&b""[..], &b""[..]);
                     for field in Fields(attribute) {
                         match field? {
-                            (1, Field::Bytes(bytes)) => name = bytes,
-                            (4, Field::Bytes(bytes)) => text = bytes,
-                            (6, Field::Bytes(graph)) => self.look_at_graph(graph, depth + 1)?,
+                            (1, ProtoField::Bytes(bytes)) => name = bytes,
+                            (4, ProtoField::Bytes(bytes)) => text = bytes,
+                            (6, ProtoField::Bytes(graph)) => self.look_at_graph(graph, depth + 1)?,
                             _ => {}
                         }
                     }
@@ -138,12 +138,12 @@ impl Contents {
     fn look_at_tensor(&mut self, tensor: &[u8]) -> Result<(), String> {
         let (mut location, mut offset, mut length) = (None, 0_u64, 0_u64);
         for field in Fields(tensor) {
-            let (13, Field::Bytes(entry)) = field? else { continue };
+            let (13, ProtoField::Bytes(entry)) = field? else { continue };
             let (mut key, mut value) = (&b""[..], &b""[..]);
             for field in Fields(entry) {
                 match field? {
-                    (1, Field::Bytes(bytes)) => key = bytes,
-                    (2, Field::Bytes(bytes)) => value = bytes,
+                    (1, ProtoField::Bytes(bytes)) => key = bytes,
+                    (2, ProtoField::Bytes(bytes)) => value = bytes,
                     _ => {}
                 }
             }
@@ -211,7 +211,7 @@ impl Message {
             return Err(format!("it nests graphs more than {DEEPEST} deep"));
         }
         for field in Fields(bytes) {
-            if let (number, Field::Bytes(inner)) = field?
+            if let (number, ProtoField::Bytes(inner)) = field?
                 && let Some(message) = self.at(number)
             {
                 message.check(inner, depth + 1)?;
@@ -222,7 +222,7 @@ impl Message {
 }
 
 /// A field's content: a number, or bytes (text, a message); fixed-length numbers are passed over.
-enum Field<'a> {
+enum ProtoField<'a> {
     Number(u64),
     Bytes(&'a [u8]),
     Fixed,
@@ -251,16 +251,16 @@ impl<'a> Fields<'a> {
         Some(taken)
     }
 
-    fn field(&mut self) -> Option<(u64, Field<'a>)> {
+    fn field(&mut self) -> Option<(u64, ProtoField<'a>)> {
         let tag = self.number()?;
         let field = match tag & 7 {
-            0 => Field::Number(self.number()?),
-            1 => self.take(8).map(|_| Field::Fixed)?,
+            0 => ProtoField::Number(self.number()?),
+            1 => self.take(8).map(|_| ProtoField::Fixed)?,
             2 => {
                 let length = self.number()?;
-                Field::Bytes(self.take(length)?)
+                ProtoField::Bytes(self.take(length)?)
             }
-            5 => self.take(4).map(|_| Field::Fixed)?,
+            5 => self.take(4).map(|_| ProtoField::Fixed)?,
             _ => return None,
         };
         Some((tag >> 3, field))
@@ -268,7 +268,7 @@ impl<'a> Fields<'a> {
 }
 
 impl<'a> Iterator for Fields<'a> {
-    type Item = Result<(u64, Field<'a>), String>;
+    type Item = Result<(u64, ProtoField<'a>), String>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.0.is_empty() {

@@ -78,12 +78,12 @@ fn load(wanted: Option<&Path>) -> Result<Library, String> {
 
 /// A graph in ONNX Runtime.
 #[derive(Debug)]
-pub(super) struct Graph {
+pub(super) struct RuntimeGraph {
     /// Session of ONNX Runtime; locked, as a run changes it.
     session: Mutex<Session>,
 }
 
-impl Graph {
+impl RuntimeGraph {
     pub(super) fn open(path: &Path, config: &EngineConfig) -> Result<Self, OnnxError> {
         let library = loaded(config)?;
         let open = || -> Result<Session, String> {

@@ -17,12 +17,12 @@ type Shapes = Vec<Vec<usize>>;
 pub(super) struct SecondChoice {
     path: PathBuf,
     config: EngineConfig,
-    state: Mutex<State>,
+    state: Mutex<SecondState>,
 }
 
 #[derive(Debug, Default)]
-struct State {
-    graph: Option<Arc<runtime::Graph>>,
+struct SecondState {
+    graph: Option<Arc<runtime::RuntimeGraph>>,
     /// Shapes that the embedded engine could not run, and ONNX Runtime could.
     taken_over: HashSet<Shapes>,
 }
@@ -36,13 +36,13 @@ impl SecondChoice {
         Self { path: path.to_owned(), config: config.clone(), state: Mutex::default() }
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, SecondState> {
         // Its parts are whole or absent, so a panic elsewhere leaves nothing half-done here.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The graph, where inputs of these shapes were handed over before.
-    pub(super) fn graph_for(&self, inputs: &[(&Port, &Tensor)]) -> Option<Arc<runtime::Graph>> {
+    pub(super) fn graph_for(&self, inputs: &[(&Port, &Tensor)]) -> Option<Arc<runtime::RuntimeGraph>> {
         let state = self.state();
         state.graph.clone().filter(|_| state.taken_over.contains(&shapes(inputs)))
     }
@@ -66,12 +66,12 @@ impl SecondChoice {
         Ok(results)
     }
 
-    fn open(&self) -> Result<Arc<runtime::Graph>, String> {
+    fn open(&self) -> Result<Arc<runtime::RuntimeGraph>, String> {
         let mut state = self.state();
         if let Some(graph) = &state.graph {
             return Ok(Arc::clone(graph));
         }
-        let graph = Arc::new(runtime::Graph::open(&self.path, &self.config).map_err(|e| e.reason())?);
+        let graph = Arc::new(runtime::RuntimeGraph::open(&self.path, &self.config).map_err(|e| e.reason())?);
         state.graph = Some(Arc::clone(&graph));
         Ok(graph)
     }

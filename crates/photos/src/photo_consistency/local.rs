@@ -4,7 +4,7 @@
 
 use glam::DVec3;
 
-use super::{SAME_M, SAME_PX, Shown, better_pairs, correlation, ground_sample_m, normalise, telling_pairs};
+use super::{ProjectedSurface, SAME_M, SAME_PX, better_pairs, correlation, ground_sample_m, normalise, telling_pairs};
 use crate::prior::Picture;
 
 /// Move of photos against each other from one height to the next, pixels.
@@ -42,7 +42,8 @@ pub fn agreement(pictures: &[&Picture], surface: &[DVec3], min_score: f64, min_l
     let n_levels = ((high_m - low_m) / step_m).ceil() as usize + 1;
     let raised_m = |level: usize| low_m + step_m * level as f64;
     let windows = windows(surface);
-    let shown: Vec<Shown<'_>> = pictures.iter().map(|picture| Shown::new(picture, surface)).collect();
+    let shown: Vec<ProjectedSurface<'_>> =
+        pictures.iter().map(|picture| ProjectedSurface::new(picture, surface)).collect();
     let counts = vec![true; pairs.len()];
     // By window, level by level.
     let mut scores = vec![Vec::with_capacity(n_levels); windows.len()];

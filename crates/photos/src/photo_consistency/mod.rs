@@ -95,7 +95,8 @@ impl PhotoConsistency {
         let (pairs, shift) = telling_pairs(pictures, middle);
         let step_m = (STEP_PX * gsd_m / shift).max(2.0 * within_m / MAX_LEVELS as f64);
         let n_levels = (2.0 * within_m / step_m).ceil() as usize + 1;
-        let shown: Vec<Shown<'_>> = pictures.iter().map(|picture| Shown::new(picture, surface)).collect();
+        let shown: Vec<ProjectedSurface<'_>> =
+            pictures.iter().map(|picture| ProjectedSurface::new(picture, surface)).collect();
         let mut seen = vec![Vec::new(); pictures.len()];
         let of_pairs = (0..n_levels).map(|i| {
             let raised_m = step_m * i as f64 - within_m;
@@ -176,13 +177,13 @@ fn correlation(a: &[f32], b: &[f32]) -> f64 {
 
 /// A surface in a picture. Homogeneous image positions are linear in the map's: raising a point adds a multiple of one
 /// vector.
-struct Shown<'a> {
+struct ProjectedSurface<'a> {
     grey: &'a Raster<f32>,
     at_zero: Vec<DVec3>,
     per_metre: DVec3,
 }
 
-impl<'a> Shown<'a> {
+impl<'a> ProjectedSurface<'a> {
     fn new(picture: &'a Picture, surface: &[DVec3]) -> Self {
         let (pose, camera) = (picture.camera_from_map(), picture.camera());
         let to_image = |v: DVec3| {

@@ -22,14 +22,14 @@ use crate::onnx::Tensor;
 use sizeup_survey::View;
 
 /// Whether a view's prior was there already, or why there is none.
-pub(super) type Outcome = Result<bool, String>;
+pub(super) type PriorOutcome = Result<bool, String>;
 
 /// For sources that use all cores best with a view on each.
 pub(super) fn one_by_one<S: CacheKey + Sync>(
     priors: &CachedPriors<S>,
     views: &[&View],
     done: &(dyn Fn() + Sync),
-) -> Vec<Outcome> {
+) -> Vec<PriorOutcome> {
     // Looked for one by one, just before: another process may have been there meanwhile.
     let compute = |view: &&View| {
         let is_kept = priors.is_kept(view)?;
@@ -47,7 +47,7 @@ pub(super) fn one_by_one<S: CacheKey + Sync>(
 }
 
 /// A view on its way; nothing where its prior is kept already.
-type Prepared = Result<Option<Ready>, PriorError>;
+type PreparedPrior = Result<Option<Ready>, PriorError>;
 
 /// Output of the network for a view, and its place in the list.
 struct Inferred {
@@ -60,18 +60,18 @@ pub(super) fn in_stages(
     priors: &CachedPriors<NetworkPriors>,
     views: &[&View],
     done: &(dyn Fn() + Sync),
-) -> Vec<Outcome> {
+) -> Vec<PriorOutcome> {
     let batch = priors.source().batch();
     let lot = (2 * rayon::current_num_threads()).next_multiple_of(batch);
-    let mut outcomes: Vec<Outcome> = vec![Ok(true); views.len()];
+    let mut outcomes: Vec<PriorOutcome> = vec![Ok(true); views.len()];
     std::thread::scope(|scope| {
-        let (to_network, prepared) = sync_channel::<(usize, Vec<Prepared>)>(0);
+        let (to_network, prepared) = sync_channel::<(usize, Vec<PreparedPrior>)>(0);
         let (to_store, inferred) = sync_channel::<Inferred>(batch);
         scope.spawn(move || infer(priors.source(), &prepared, &to_store));
         let storing = scope.spawn(|| store(priors, views, inferred, done));
         for (i, lot_of_views) in views.chunks(lot).enumerate() {
             let prepare = |view: &&View| prepare(priors, view, done);
-            let ready: Vec<Prepared> = lot_of_views.par_iter().with_max_len(1).map(prepare).collect();
+            let ready: Vec<PreparedPrior> = lot_of_views.par_iter().with_max_len(1).map(prepare).collect();
             // Fails only where the network has panicked, which comes up at the end of the scope.
             if to_network.send((i * lot, ready)).is_err() {
                 break;
@@ -83,7 +83,7 @@ pub(super) fn in_stages(
     outcomes
 }
 
-fn prepare(priors: &CachedPriors<NetworkPriors>, view: &View, done: &(dyn Fn() + Sync)) -> Prepared {
+fn prepare(priors: &CachedPriors<NetworkPriors>, view: &View, done: &(dyn Fn() + Sync)) -> PreparedPrior {
     if priors.is_kept(view)? {
         done();
         return Ok(None);
@@ -92,7 +92,7 @@ fn prepare(priors: &CachedPriors<NetworkPriors>, view: &View, done: &(dyn Fn() +
 }
 
 /// The second stage: as many at once as the batch allows and have one size.
-fn infer(network: &NetworkPriors, lots: &Receiver<(usize, Vec<Prepared>)>, to_store: &SyncSender<Inferred>) {
+fn infer(network: &NetworkPriors, lots: &Receiver<(usize, Vec<PreparedPrior>)>, to_store: &SyncSender<Inferred>) {
     for (first, lot) in lots {
         let mut waiting: Vec<(usize, Ready)> = Vec::new();
         for (i, prepared) in lot.into_iter().enumerate() {
@@ -134,8 +134,8 @@ fn store(
     views: &[&View],
     inferred: Receiver<Inferred>,
     done: &(dyn Fn() + Sync),
-) -> Vec<Outcome> {
-    let mut outcomes: Vec<Outcome> = vec![Ok(true); views.len()];
+) -> Vec<PriorOutcome> {
+    let mut outcomes: Vec<PriorOutcome> = vec![Ok(true); views.len()];
     for Inferred { place, result } in inferred {
         let view = views[place];
         outcomes[place] = result.and_then(|(ready, outputs)| {

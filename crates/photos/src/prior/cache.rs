@@ -137,7 +137,7 @@ static CONTENTS: LazyLock<Hashes> = LazyLock::new(Hashes::new);
 
 /// First line of an entry.
 #[derive(Debug, Serialize, Deserialize)]
-struct Header {
+struct EntryHeader {
     version: u32,
     kind: PriorKind,
     geometry: PriorGeometry,
@@ -194,7 +194,7 @@ impl PriorCache {
     /// [`FileError`] if it cannot be written: a full disk, most of the time.
     pub fn put(&self, key: &str, prior: &DepthPrior) -> Result<(), FileError> {
         let data: Vec<u8> = prior.values.data().iter().flat_map(|v| v.to_le_bytes()).collect();
-        let header = Header {
+        let header = EntryHeader {
             version: VERSION,
             kind: prior.kind,
             geometry: prior.geometry,
@@ -249,7 +249,7 @@ fn read_entry(file: File) -> Option<DepthPrior> {
     let mut reader = BufReader::new(file);
     let mut line = Vec::new();
     reader.by_ref().take(MAX_HEADER).read_until(b'\n', &mut line).ok()?;
-    let header: Header = serde_json::from_slice(&line).ok()?;
+    let header: EntryHeader = serde_json::from_slice(&line).ok()?;
     let shape = MapShape::of(&[1, header.height, header.width], MOST).ok().filter(|_| header.version == VERSION)?;
     let mut data = Vec::new();
     reader.take(shape.cells() as u64 * 4 + 1).read_to_end(&mut data).ok()?;

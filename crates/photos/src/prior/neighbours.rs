@@ -25,7 +25,7 @@ const GRID: usize = 5;
 pub(crate) struct Neighbours {
     views: Vec<View>,
     /// Area that each can see of the ground at `ground_z_m`; `None` where that has no end.
-    extents: Vec<Option<Extent>>,
+    extents: Vec<Option<ViewExtent>>,
     /// The terrain's middle height; `None` without any.
     ground_z_m: Option<f64>,
 }
@@ -33,7 +33,7 @@ pub(crate) struct Neighbours {
 impl Neighbours {
     pub(crate) fn new(views: Vec<View>, terrain: &Terrain) -> Self {
         let ground_z_m = terrain.range().map(|(lowest, highest)| f64::midpoint(lowest, highest).round());
-        let extents = views.iter().map(|view| Extent::of(view, ground_z_m?)).collect();
+        let extents = views.iter().map(|view| ViewExtent::of(view, ground_z_m?)).collect();
         Self { views, extents, ground_z_m }
     }
 
@@ -42,7 +42,7 @@ impl Neighbours {
     pub(crate) fn choose(&self, view: &View, n: usize) -> Vec<&View> {
         let Some(ground_z_m) = self.ground_z_m else { return Vec::new() };
         let ground = ground_points(view, ground_z_m);
-        let sees_some = |extent: &Option<Extent>| {
+        let sees_some = |extent: &Option<ViewExtent>| {
             extent.as_ref().is_none_or(|extent| ground.iter().any(|place| extent.contains(place.truncate())))
         };
         let mut candidates: Vec<(&View, Vec<f64>)> = self
@@ -77,12 +77,12 @@ fn most_useful(mut candidates: Vec<(&View, Vec<f64>)>, n_places: usize, n: usize
 
 /// A rectangle on the map that holds all that a view sees of level ground: a quick no for most pairs of views.
 #[derive(Debug, Clone, Copy)]
-struct Extent {
+struct ViewExtent {
     least: DVec2,
     most: DVec2,
 }
 
-impl Extent {
+impl ViewExtent {
     /// Excess over the corners' rectangle: a lens can bend the borders outwards.
     const SPARE: f64 = 0.1;
 

@@ -32,7 +32,7 @@ enum Number {
 
 /// Fields of the header.
 #[derive(Debug, Clone, PartialEq, Eq)]
-struct Header {
+struct NpyHeader {
     number: Number,
     is_big_endian: bool,
     is_column_major: bool,
@@ -124,7 +124,7 @@ impl Number {
     }
 }
 
-fn read_header(stream: &mut impl Read) -> Result<Header, String> {
+fn read_header(stream: &mut impl Read) -> Result<NpyHeader, String> {
     let mut start = [0_u8; 8];
     stream.read_exact(&mut start).map_err(|_| "it is no .npy array: too short".to_owned())?;
     let [magic @ .., major, _minor] = &start;
@@ -145,7 +145,7 @@ fn read_header(stream: &mut impl Read) -> Result<Header, String> {
 }
 
 /// The dictionary that numpy writes; no other Python is understood.
-fn parse_header(text: &str) -> Result<Header, String> {
+fn parse_header(text: &str) -> Result<NpyHeader, String> {
     let entry = |key: &str| {
         let (_, after) = text.split_once(&format!("'{key}':")).ok_or_else(|| format!("its header has no {key:?}"))?;
         Ok::<_, String>(after.trim_start())
@@ -175,7 +175,7 @@ fn parse_header(text: &str) -> Result<Header, String> {
     let lengths = shape.split(',').map(str::trim).filter(|s| !s.is_empty());
     let shape: Result<Vec<usize>, _> = lengths.map(str::parse).collect();
     let shape = shape.map_err(|_| format!("its shape ({}) is no list of lengths", text.escape_debug()))?;
-    Ok(Header { number, is_big_endian, is_column_major, shape })
+    Ok(NpyHeader { number, is_big_endian, is_column_major, shape })
 }
 
 #[cfg(test)]

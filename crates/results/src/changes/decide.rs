@@ -20,7 +20,7 @@ use super::footprints::{FootprintDifference, LEAST_M2};
 use super::heights::{Difference, Epoch, HeightEvidence};
 use super::matching::Group;
 use super::seen::SeenArea;
-use super::verdict::{Decision, Verdict};
+use super::verdict::{DecisionRules, Verdict};
 use super::{ChangesConfig, CommonShift};
 use crate::output::attributes::round_m;
 
@@ -136,7 +136,7 @@ impl ComparedScene<'_> {
         }
     }
 
-    fn heights(&self, evidence: &HeightEvidence, decision: &Decision) -> HeightFinding {
+    fn heights(&self, evidence: &HeightEvidence, decision: &DecisionRules) -> HeightFinding {
         let (mean, parts) = match evidence {
             HeightEvidence::Known { mean, parts } => (mean, parts),
             HeightEvidence::Missing(reasons) => {
@@ -176,7 +176,7 @@ impl ComparedScene<'_> {
         &self,
         old: &[&ComparedBuilding<'_>],
         new: &[&ComparedBuilding<'_>],
-        decision: &Decision,
+        decision: &DecisionRules,
     ) -> FootprintDifference {
         let sigma_m = |buildings: &[&ComparedBuilding<'_>]| {
             let each = buildings.iter().map(|building| building.footprint_sigma_m(self.config.footprint_sigma_m));
@@ -188,7 +188,7 @@ impl ComparedScene<'_> {
 }
 
 /// Verdict of roof and height together; see the module.
-fn combined(difference: &Difference, decision: &Decision) -> (Verdict, ChangeReason) {
+fn combined(difference: &Difference, decision: &DecisionRules) -> (Verdict, ChangeReason) {
     let of_height = decision.verdict(difference.height_m, difference.sigma_m);
     let of_roof = difference.roof_z_m.map_or(of_height, |roof_m| decision.verdict(roof_m, difference.sigma_m));
     match (of_roof, of_height) {
@@ -252,7 +252,7 @@ mod tests {
 
     #[test]
     fn a_roof_that_moves_with_its_ground_is_no_building_that_was_raised() {
-        let decision = Decision { n_sigmas: 3.0, least_m: 2.0 };
+        let decision = DecisionRules { n_sigmas: 3.0, least_m: 2.0 };
         let told = |roof_m: f64, height_m: f64| {
             combined(&Difference { height_m, roof_z_m: Some(roof_m), sigma_m: 0.3 }, &decision)
         };

@@ -4,8 +4,8 @@
 //! gained = area(new − old grown by t)        lost = area(old − new grown by t)
 //! ```
 //!
-//! `t`: how far a footprint can reach without being another one ([`super::verdict::Decision::reach_m`]). Slivers along walls
-//! stay within `t`; a wing that was built does not.
+//! `t`: how far a footprint can reach without being another one ([`super::verdict::DecisionRules::reach_m`]). Slivers along
+//! walls stay within `t`; a wing that was built does not.
 
 use geo::{Area as _, BooleanOps as _, Buffer as _};
 use geo_types::MultiPolygon;

@@ -95,7 +95,7 @@ impl Unstated {
 }
 
 /// A pair of parts that overlap.
-struct Piece<'p, 'a> {
+struct OverlappingParts<'p, 'a> {
     old: &'p ComparedPart<'a>,
     new: &'p ComparedPart<'a>,
     shared_m2: f64,
@@ -128,7 +128,7 @@ pub fn evidence(old: &[&ComparedBuilding<'_>], new: &[&ComparedBuilding<'_>], un
     HeightEvidence::Known { mean, parts }
 }
 
-fn pieces<'p, 'a>(old: &[&'p ComparedBuilding<'a>], new: &[&'p ComparedBuilding<'a>]) -> Vec<Piece<'p, 'a>> {
+fn pieces<'p, 'a>(old: &[&'p ComparedBuilding<'a>], new: &[&'p ComparedBuilding<'a>]) -> Vec<OverlappingParts<'p, 'a>> {
     let parts_of = |buildings: &[&'p ComparedBuilding<'a>]| -> Vec<&'p ComparedPart<'a>> {
         buildings.iter().flat_map(|building| building.parts.iter()).collect()
     };
@@ -139,7 +139,7 @@ fn pieces<'p, 'a>(old: &[&'p ComparedBuilding<'a>], new: &[&'p ComparedBuilding<
             let (Some(a), Some(b)) = (&part.footprint, &other.footprint) else { continue };
             let shared_m2 = shared_m2(a, b);
             if shared_m2 > 0.0 {
-                pieces.push(Piece { old: part, new: other, shared_m2 });
+                pieces.push(OverlappingParts { old: part, new: other, shared_m2 });
             }
         }
     }
@@ -147,7 +147,7 @@ fn pieces<'p, 'a>(old: &[&'p ComparedBuilding<'a>], new: &[&'p ComparedBuilding<
 }
 
 /// Difference of two parts; why not, for each side that lacks something.
-fn difference(piece: &Piece<'_, '_>, unstated: &Unstated) -> Result<Difference, Vec<ChangeReason>> {
+fn difference(piece: &OverlappingParts<'_, '_>, unstated: &Unstated) -> Result<Difference, Vec<ChangeReason>> {
     let old = unstated.height(piece.old.record, Epoch::Old);
     let new = unstated.height(piece.new.record, Epoch::New);
     let ((old_m, old_sigma_m), (new_m, new_sigma_m)) = match (old, new) {
@@ -163,10 +163,14 @@ fn difference(piece: &Piece<'_, '_>, unstated: &Unstated) -> Result<Difference, 
 }
 
 /// Whether both sides have the same parts, several of them: then each is compared by itself too.
-fn is_one_to_one(old: &[&ComparedBuilding<'_>], new: &[&ComparedBuilding<'_>], pieces: &[Piece<'_, '_>]) -> bool {
+fn is_one_to_one(
+    old: &[&ComparedBuilding<'_>],
+    new: &[&ComparedBuilding<'_>],
+    pieces: &[OverlappingParts<'_, '_>],
+) -> bool {
     let n_parts =
         |buildings: &[&ComparedBuilding<'_>]| buildings.iter().map(|building| building.parts.len()).sum::<usize>();
-    let is_same = |piece: &&Piece<'_, '_>| {
+    let is_same = |piece: &&OverlappingParts<'_, '_>| {
         let area = |part: &ComparedPart<'_>| part.footprint.as_ref().map_or(0.0, geo::Area::unsigned_area);
         piece.shared_m2 >= SAME_PART_IOU * (area(piece.old) + area(piece.new) - piece.shared_m2)
     };

@@ -24,10 +24,10 @@ const STYLE: &str = include_str!("styles/changes.qml");
 const SEPARATOR: &str = "; ";
 
 /// A column and how to fill it.
-type Field = FieldOf<Change>;
+type ChangeField = FieldOf<Change>;
 
 /// The columns, in their order.
-const FIELDS: [Field; 19] = [
+const FIELDS: [ChangeField; 19] = [
     field("class", "Change", Text, "new, gone, raised, lowered, footprint_changed, same, unsure or outside", |c| {
         c.class.as_str().into()
     }),

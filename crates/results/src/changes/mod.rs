@@ -43,7 +43,7 @@ pub use picture::changes_map;
 pub use read::{ChangesError, ResultFile, ResultPair};
 pub use report::{ChangesReport, ComparedResult};
 pub use shift::{Shift, ShiftRule};
-pub use verdict::{Decision, Verdict};
+pub use verdict::{DecisionRules, Verdict};
 
 /// Two buildings must share so much of their union to tell of a shift in plan.
 const MIN_SHIFT_IOU: f64 = 0.5;
@@ -168,8 +168,8 @@ impl ChangesConfig {
         Unstated { old_m: self.old_sigma_m, new_m: self.new_sigma_m }
     }
 
-    fn decision(&self) -> Decision {
-        Decision { n_sigmas: self.n_sigmas, least_m: self.least_m }
+    fn decision(&self) -> DecisionRules {
+        DecisionRules { n_sigmas: self.n_sigmas, least_m: self.least_m }
     }
 
     fn compares_levels(&self) -> bool {

@@ -29,14 +29,14 @@ pub enum Verdict {
 
 /// Rules of the decision; see the module.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Decision {
+pub struct DecisionRules {
     /// Sigmas that a difference must reach to be a change.
     pub n_sigmas: f64,
     /// The least difference worth telling, metres.
     pub least_m: f64,
 }
 
-impl Decision {
+impl DecisionRules {
     /// Verdict on a difference and its standard deviation, metres.
     #[must_use]
     pub fn verdict(&self, difference_m: f64, sigma_m: f64) -> Verdict {
@@ -63,7 +63,7 @@ impl Decision {
 mod tests {
     use super::*;
 
-    const DECISION: Decision = Decision { n_sigmas: 3.0, least_m: 2.0 };
+    const DECISION: DecisionRules = DecisionRules { n_sigmas: 3.0, least_m: 2.0 };
 
     #[test]
     fn a_sharp_measurement_tells_from_the_least_difference_on() {

@@ -83,11 +83,11 @@ pub fn fill(records: &mut [BuildingRecord], config: &FallbackConfig) {
     }
 }
 
-type Place = GeomWithData<[f64; 2], f64>;
+type PlacedHeight = GeomWithData<[f64; 2], f64>;
 
-fn measured_height(record: &BuildingRecord) -> Option<Place> {
+fn measured_height(record: &BuildingRecord) -> Option<PlacedHeight> {
     let height_m = record.height_m.filter(|_| matches!(record.status, Status::Measured | Status::Reviewed))?;
-    Some(Place::new(place(record)?, height_m))
+    Some(PlacedHeight::new(place(record)?, height_m))
 }
 
 fn place(record: &BuildingRecord) -> Option<[f64; 2]> {
@@ -104,7 +104,7 @@ fn of_attribute(record: &BuildingRecord, config: &FallbackConfig) -> Option<(f64
     (height_m > 0.0 && height_m.is_finite()).then_some((height_m, None))
 }
 
-fn of_neighbours(record: &BuildingRecord, measured: &RTree<Place>, n: usize) -> Option<(f64, Option<f64>)> {
+fn of_neighbours(record: &BuildingRecord, measured: &RTree<PlacedHeight>, n: usize) -> Option<(f64, Option<f64>)> {
     let nearest = measured.nearest_neighbor_iter(&place(record)?);
     let heights_m: Vec<f64> = nearest.take(n).map(|near| near.data).collect();
     let median_m = stats::median(&heights_m)?;

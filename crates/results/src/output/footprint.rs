@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::grid::OutputGrid;
 use super::planar::{cross, rings_are_disjoint_and_nested, twice_area};
-use sizeup_footprints::clean::{self, Rules};
+use sizeup_footprints::clean::{self, CleaningRules};
 use sizeup_footprints::clearance;
 
 /// Least distance of a corner from all others and from the edges it does not end, metres: twice what validators take for
@@ -158,7 +158,7 @@ fn oriented(mut ring: Ring, sign: i128) -> Option<Ring> {
 fn repair(broken: &SnappedFootprint, grid: &OutputGrid) -> Result<SnappedFootprint, FootprintFault> {
     // Relative to the grid's origin, so that its points are multiples of its quantum.
     let local = OutputGrid { scale_m: grid.scale_m, origin_m: [0.0; 3] };
-    let rules = Rules { grid_m: grid.scale_m, min_area_m2: 0.0, max_area_change: CLEANING_CHANGE_SHARE };
+    let rules = CleaningRules { grid_m: grid.scale_m, min_area_m2: 0.0, max_area_change: CLEANING_CHANGE_SHARE };
     let wanted_m2 = broken.to_polygon(&local).unsigned_area();
     let cleaned = clean::clean(&broken.to_polygon(&local), rules).map_err(|_| FootprintFault::Invalid)?;
     let main = cleaned.parts.iter().max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area()));
@@ -171,7 +171,7 @@ fn repair(broken: &SnappedFootprint, grid: &OutputGrid) -> Result<SnappedFootpri
 }
 
 /// Area that closing slits and drawing holes in may have changed: a rim along the rings, which is no loss of a part.
-fn rim_m2(polygon: &Polygon<f64>, rules: Rules) -> f64 {
+fn rim_m2(polygon: &Polygon<f64>, rules: CleaningRules) -> f64 {
     let length_m = |ring: &LineString<f64>| -> f64 { ring.lines().map(|l| l.dx().hypot(l.dy())).sum() };
     let holes_m = polygon.interiors().iter().map(length_m).sum::<f64>();
     clean::LEAST_CLEARANCE_M * length_m(polygon.exterior()) + 2.0 * clean::hole_gap_m(rules) * holes_m

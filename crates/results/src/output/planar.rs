@@ -43,14 +43,14 @@ pub fn is_inside(point: [i64; 2], ring: &[[i64; 2]]) -> bool {
 }
 
 /// One edge, and where it stands: ring, position in the ring, number of edges of the ring.
-struct Edge {
+struct RingEdge {
     ends: [[i64; 2]; 2],
     ring: usize,
     position: usize,
     n_edges: usize,
 }
 
-impl Edge {
+impl RingEdge {
     fn is_neighbour_of(&self, other: &Self) -> bool {
         let apart = self.position.abs_diff(other.position);
         self.ring == other.ring && (apart == 1 || apart == self.n_edges - 1)
@@ -71,11 +71,11 @@ impl Edge {
 /// Edges are swept from west to east, so the cost is near `n log n` for footprints of buildings.
 #[must_use]
 pub fn rings_are_disjoint_and_nested(rings: &[Vec<[i64; 2]>]) -> bool {
-    let mut edges: Vec<Edge> = Vec::with_capacity(rings.iter().map(Vec::len).sum());
+    let mut edges: Vec<RingEdge> = Vec::with_capacity(rings.iter().map(Vec::len).sum());
     for (ring_idx, ring) in rings.iter().enumerate() {
         for position in 0..ring.len() {
             let ends = [ring[position], ring[(position + 1) % ring.len()]];
-            edges.push(Edge { ends, ring: ring_idx, position, n_edges: ring.len() });
+            edges.push(RingEdge { ends, ring: ring_idx, position, n_edges: ring.len() });
         }
     }
     edges.sort_unstable_by_key(|edge| (edge.west(), edge.ring, edge.position));

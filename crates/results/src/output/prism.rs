@@ -12,7 +12,7 @@ use super::grid::OutputGrid;
 
 /// Kind of a face of the solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub enum Surface {
+pub enum FaceKind {
     /// Bottom face, seen from below.
     Ground,
     /// The top face of a block.
@@ -25,7 +25,7 @@ pub enum Surface {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct GridFace {
     /// Whether the face is roof, wall or ground.
-    pub surface: Surface,
+    pub surface: FaceKind,
     /// Exterior counter-clockwise seen from outside the solid, holes clockwise.
     pub rings: Vec<Vec<[i64; 3]>>,
 }
@@ -115,10 +115,10 @@ impl SnappedPrism {
             ring.iter().enumerate().map(move |(i, &from)| {
                 let to = ring[(i + 1) % ring.len()];
                 let corners = vec![at(from, self.base), at(to, self.base), at(to, self.roof), at(from, self.roof)];
-                GridFace { surface: Surface::Wall, rings: vec![corners] }
+                GridFace { surface: FaceKind::Wall, rings: vec![corners] }
             })
         });
-        [GridFace { surface: Surface::Ground, rings: ground }, GridFace { surface: Surface::Roof, rings: roof }]
+        [GridFace { surface: FaceKind::Ground, rings: ground }, GridFace { surface: FaceKind::Roof, rings: roof }]
             .into_iter()
             .chain(walls)
             .collect()

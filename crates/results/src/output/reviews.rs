@@ -34,7 +34,7 @@ pub struct ReviewsConfig {
 /// Decision about a building.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Decision {
+enum ReviewDecision {
     /// The height that was found is right.
     Confirmed,
     /// Another height is right.
@@ -46,7 +46,7 @@ enum Decision {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Review {
     building_id: String,
-    decision: Decision,
+    decision: ReviewDecision,
     /// Above the building's ground, metres; of what was confirmed, or in place of what was found.
     #[serde(default)]
     height_m: Option<f64>,
@@ -101,7 +101,7 @@ impl Reviews {
             let review: Review = serde_json::from_value(properties).map_err(|e| e.to_string())?;
             let id = review.building_id.clone();
             let is_length = |metres: f64| metres > 0.0 && metres.is_finite();
-            if review.decision != Decision::Wrong && !review.height_m.is_some_and(is_length) {
+            if review.decision != ReviewDecision::Wrong && !review.height_m.is_some_and(is_length) {
                 return Err(format!("{id}: height_m has to be a number of metres above 0"));
             }
             if review.sigma_m.is_some_and(|sigma_m| !(sigma_m >= 0.0 && sigma_m.is_finite())) {
@@ -161,7 +161,7 @@ impl Reviews {
 
 impl Review {
     fn apply(&self, record: &mut BuildingRecord) {
-        let height_m = self.height_m.filter(|_| self.decision != Decision::Wrong);
+        let height_m = self.height_m.filter(|_| self.decision != ReviewDecision::Wrong);
         let is_same = height_m.zip(record.height_m).is_some_and(|(now, found)| (now - found).abs() < SAME_M);
         if !is_same {
             // What was measured is of another height.

@@ -9,7 +9,7 @@ use serde_json::{Map as JsonMap, Value};
 
 use crate::output::attributes::round_m;
 use crate::output::grid::OutputGrid;
-use crate::output::prism::{GridFace, SnappedPrism, Surface};
+use crate::output::prism::{FaceKind, GridFace, SnappedPrism};
 use crate::output::roof_solid::{self, Detail};
 use crate::output::{BuildingRecord, triangles};
 use sizeup_geo::terrain::Terrain;
@@ -61,7 +61,7 @@ struct SolidFace {
 
 /// Heights of the ground at the nodes of a grid, row by row from the south-west; `None` = not known.
 #[derive(Debug, Serialize)]
-pub struct Ground {
+pub struct GroundHeights {
     west: f64,
     south: f64,
     step: f64,
@@ -126,7 +126,7 @@ fn faces(record: &BuildingRecord, [east_m, north_m, _]: [f64; 3], grid: &OutputG
         triangles: triangles::of_face(&face).into_iter().flatten().collect(),
     };
     let faces = roof_solid::faces(record, &block, grid, Detail::Slopes).into_iter().flatten();
-    faces.filter(|face| face.surface != Surface::Ground).map(face).collect()
+    faces.filter(|face| face.surface != FaceKind::Ground).map(face).collect()
 }
 
 fn rings(footprint: &Polygon<f64>, origin: [f64; 3]) -> Vec<Vec<i64>> {
@@ -162,7 +162,7 @@ fn triangles_of(rings: &[Vec<i64>]) -> Vec<usize> {
     corners
 }
 
-impl Ground {
+impl GroundHeights {
     /// Around the footprints; `None` without any.
     pub fn around(records: &[BuildingRecord], terrain: &Terrain) -> Option<Self> {
         let [low, high] = extent(records)?;
@@ -230,7 +230,7 @@ mod tests {
             views: Vec::new(),
             attributes: JsonMap::new(),
         };
-        let ground = Ground::around(&[record], &Terrain::Constant(7.0)).unwrap();
+        let ground = GroundHeights::around(&[record], &Terrain::Constant(7.0)).unwrap();
         assert_eq!((ground.columns, ground.z), (2, vec![Some(7.0); 4]));
         assert!(ground.west <= 0.0 && ground.south <= 0.0 && ground.west + ground.step >= 60.0);
     }

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use serde::Serialize;
 
 use super::backdrop::BackdropData;
-use super::city::{Ground, MapBuilding, origin, round_cm};
+use super::city::{GroundHeights, MapBuilding, origin, round_cm};
 use super::evidence::{EvidenceData, data_uri};
 use super::{LevelFit, Report, ViewUse};
 use crate::output::cityjson::CityJsonConfig;
@@ -28,7 +28,7 @@ pub struct Data<'a> {
     origin: [f64; 3],
     summary: Summary,
     buildings: Vec<MapBuilding<'a>>,
-    ground: Option<Ground>,
+    ground: Option<GroundHeights>,
     views: Vec<ViewData<'a>>,
     passes: Vec<PassData>,
     solved: &'a [usize],
@@ -91,7 +91,7 @@ impl<'a> Data<'a> {
             origin,
             summary: Summary::of(model),
             buildings: model.records.iter().map(|record| MapBuilding::of(record, origin, &grid, &positions)).collect(),
-            ground: Ground::around(model.records, report.terrain),
+            ground: GroundHeights::around(model.records, report.terrain),
             views: model.survey.views.iter().zip(&report.views).map(|(v, used)| view(v, used, ground_m)).collect(),
             passes: report.passes.iter().map(|pass| pass_data(pass, n_heights <= MAX_PASS_HEIGHTS)).collect(),
             solved: report.solved,

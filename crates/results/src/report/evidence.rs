@@ -38,9 +38,9 @@ pub struct Crop {
     /// The prior, in colours.
     pub prior: Option<RgbImage>,
     /// Edges of the blocks.
-    pub lines: Vec<Line>,
+    pub lines: Vec<EdgeLine>,
     /// Pixels that are compared.
-    pub pairs: Vec<Pair>,
+    pub pairs: Vec<ComparedPair>,
 }
 
 /// Owner of an edge.
@@ -57,7 +57,7 @@ pub enum LineKind {
 
 /// An edge, in shares of the picture's width and height.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Line {
+pub struct EdgeLine {
     /// Roof or wall that the edge belongs to.
     pub kind: LineKind,
     /// The two ends, x and y in shares of the picture.
@@ -66,7 +66,7 @@ pub struct Line {
 
 /// Two pixels whose order is compared, in shares of the picture's width and height.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pair {
+pub struct ComparedPair {
     /// The two pixels, x and y in shares of the picture.
     pub ends: [[f32; 2]; 2],
     /// Cost of the hinge: 0 is in the right order by the margin.
@@ -125,7 +125,7 @@ impl From<&Crop> for CropData {
             let own = crop.lines.iter().filter(|line| line.kind == kind);
             (kind, own.flat_map(|line| steps(line.ends)).collect())
         });
-        let pair = |pair: &Pair| {
+        let pair = |pair: &ComparedPair| {
             let [x0, y0, x1, y1] = steps(pair.ends);
             [x0, y0, x1, y1, i32::from(pair.cost > 0.0)]
         };

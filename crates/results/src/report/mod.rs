@@ -22,7 +22,7 @@ mod tileset;
 
 pub use backdrop::Backdrop;
 pub use config::ReportConfig;
-pub use evidence::{BuildingEvidence, Crop, Line, LineKind, Pair};
+pub use evidence::{BuildingEvidence, ComparedPair, Crop, EdgeLine, LineKind};
 pub use serve::{ServeError, Server};
 pub use tileset::tileset_of;
 

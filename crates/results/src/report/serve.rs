@@ -84,7 +84,7 @@ pub struct Server {
 }
 
 /// An HTTP answer: its status line, media type and content.
-struct Answer {
+struct HttpAnswer {
     status: &'static str,
     media_type: &'static str,
     body: Body,
@@ -147,32 +147,32 @@ impl Server {
         read_head(request)?.map_or(Ok(()), |head| self.attend(reply, &head))
     }
 
-    fn attend(&self, reply: impl Write, head: &Head) -> io::Result<()> {
+    fn attend(&self, reply: impl Write, head: &RequestHead) -> io::Result<()> {
         let mut words = head.first.split_ascii_whitespace();
         let (method, target) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
         send(reply, self.answer(method, target, head.host.as_deref()), method == "HEAD")
     }
 
-    fn answer(&self, method: &str, target: &str, host: Option<&str>) -> Answer {
+    fn answer(&self, method: &str, target: &str, host: Option<&str>) -> HttpAnswer {
         let own = [format!("127.0.0.1:{}", self.port), format!("localhost:{}", self.port)];
         if !host.is_some_and(|host| own.iter().any(|name| name == host)) {
-            return Answer::refusal("421 Misdirected Request");
+            return HttpAnswer::refusal("421 Misdirected Request");
         }
         if !matches!(method, "GET" | "HEAD") {
-            return Answer::refusal("405 Method Not Allowed");
+            return HttpAnswer::refusal("405 Method Not Allowed");
         }
         let path = target.split(['?', '#']).next().unwrap_or_default();
         let found = match path {
-            "/" => return Answer { status: OK, media_type: HTML, body: Body::Text(self.page.clone()) },
+            "/" => return HttpAnswer { status: OK, media_type: HTML, body: Body::Text(self.page.clone()) },
             "/report.html" => self.report.clone().map(|path| (path, HTML)),
             _ => path.strip_prefix("/tiles/").and_then(|name| self.tile(name)),
         };
         let open = |(path, media_type)| {
             let file = File::open(path).ok()?;
             let length = file.metadata().ok()?.len();
-            Some(Answer { status: OK, media_type, body: Body::File(file, length) })
+            Some(HttpAnswer { status: OK, media_type, body: Body::File(file, length) })
         };
-        found.and_then(open).unwrap_or_else(|| Answer::refusal("404 Not Found"))
+        found.and_then(open).unwrap_or_else(|| HttpAnswer::refusal("404 Not Found"))
     }
 
     /// The file of a name within the tileset, and what it is.
@@ -190,7 +190,7 @@ impl Server {
 }
 
 /// Request of a client.
-struct Head {
+struct RequestHead {
     first: String,
     host: Option<String>,
 }
@@ -205,10 +205,10 @@ fn patient(stream: &TcpStream) -> io::Result<()> {
 }
 
 /// Reads the head of a request; `None` where it is cut off, too long or too slow.
-fn read_head(request: impl Read) -> io::Result<Option<Head>> {
+fn read_head(request: impl Read) -> io::Result<Option<RequestHead>> {
     let start = Instant::now();
     let mut lines = BufReader::new(request.take(MAX_HEAD));
-    let mut head = Head { first: String::new(), host: None };
+    let mut head = RequestHead { first: String::new(), host: None };
     lines.read_line(&mut head.first)?;
     loop {
         let mut line = String::new();
@@ -255,13 +255,13 @@ impl Silent {
 const OK: &str = "200 OK";
 const HTML: &str = "text/html; charset=utf-8";
 
-impl Answer {
+impl HttpAnswer {
     fn refusal(status: &'static str) -> Self {
         Self { status, media_type: "text/plain", body: Body::Text(format!("{status}\n")) }
     }
 }
 
-fn send(mut stream: impl Write, answer: Answer, is_head: bool) -> io::Result<()> {
+fn send(mut stream: impl Write, answer: HttpAnswer, is_head: bool) -> io::Result<()> {
     let length = match &answer.body {
         Body::Text(text) => text.len() as u64,
         Body::File(_, length) => *length,

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::{Cameras, ImageRow, models};
+use super::{CamerasById, ImageRow, models};
 use crate::SurveyError;
 use crate::error::Place;
 use sizeup_geo::files::FileError;
@@ -24,10 +24,10 @@ const SIGHTING_BYTES: u64 = 4 + 4;
 const MAX_NAME_BYTES: usize = 4096;
 
 /// Reads `cameras.bin`, the cameras by their ids.
-pub(super) fn cameras(path: &Path) -> Result<Cameras, SurveyError> {
+pub(super) fn cameras(path: &Path) -> Result<CamerasById, SurveyError> {
     let mut bytes = Bytes::open(path)?;
     let n_cameras = bytes.count("cameras", CAMERA_BYTES)?;
-    let mut cameras = Cameras::new();
+    let mut cameras = CamerasById::new();
     for _ in 0..n_cameras {
         let id = bytes.u32()?;
         let number = bytes.u32()?.cast_signed();

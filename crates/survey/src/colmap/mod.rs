@@ -17,13 +17,13 @@ use glam::{DMat3, DQuat, DVec3};
 pub use points::{SparseGround, sparse_ground};
 
 use super::error::Place;
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::poses::{Pose, Poses};
 use super::{SurveyConfig, SurveyError};
 use sizeup_heights::camera::Camera;
 
 /// Cameras by COLMAP's id; one that cannot be used keeps the reason.
-type Cameras = BTreeMap<u32, Result<Arc<Camera>, String>>;
+type CamerasById = BTreeMap<u32, Result<Arc<Camera>, String>>;
 
 /// One row of `images`.
 struct ImageRow {
@@ -34,9 +34,9 @@ struct ImageRow {
 }
 
 /// A folder with `images.txt` or `images.bin`.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    let images = candidate.path.join("images");
-    candidate.is_folder && ["txt", "bin"].iter().any(|e| images.with_extension(e).is_file())
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    let images = marks.path.join("images");
+    marks.is_folder && ["txt", "bin"].iter().any(|e| images.with_extension(e).is_file())
 }
 
 /// Reads the model in a folder; binary where both exist, as COLMAP itself does.
@@ -58,7 +58,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
 }
 
 /// Turns a row into a pose, or into an issue.
-fn take(row: ImageRow, cameras: &Cameras, poses: &mut Poses) {
+fn take(row: ImageRow, cameras: &CamerasById, poses: &mut Poses) {
     let [w, x, y, z] = row.wxyz;
     let quaternion = DQuat::from_xyzw(x, y, z, w);
     let length = quaternion.length();

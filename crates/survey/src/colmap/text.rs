@@ -7,16 +7,16 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::{Cameras, ImageRow, models};
+use super::{CamerasById, ImageRow, models};
 use crate::SurveyError;
 use crate::error::Place;
 use sizeup_geo::files::FileError;
 use sizeup_heights::camera::Camera;
 
 /// Reads `cameras.txt`, the cameras by their ids.
-pub(super) fn cameras(path: &Path) -> Result<Cameras, SurveyError> {
-    let mut cameras = Cameras::new();
-    let mut lines = Lines::open(path)?;
+pub(super) fn cameras(path: &Path) -> Result<CamerasById, SurveyError> {
+    let mut cameras = CamerasById::new();
+    let mut lines = NumberedLines::open(path)?;
     while let Some(line) = lines.next_data()? {
         let row = camera_row(line);
         let (id, camera) = row.map_err(|message| lines.error(message))?;
@@ -41,7 +41,7 @@ fn camera_row(line: &str) -> Result<(u32, Result<Arc<Camera>, String>), String> 
 /// Reads `images.txt`: a pose per image, and a line of observations after it, which may be empty. Tools that strip blank
 /// lines leave the empty ones out: a line that is no list of observations is the next image.
 pub(super) fn images(path: &Path, mut take: impl FnMut(ImageRow)) -> Result<(), SurveyError> {
-    let mut lines = Lines::open(path)?;
+    let mut lines = NumberedLines::open(path)?;
     let mut is_waiting = lines.next_data()?.is_some();
     while is_waiting {
         let row = image_row(lines.text()?).map_err(|message| {
@@ -62,7 +62,7 @@ pub(super) fn images(path: &Path, mut take: impl FnMut(ImageRow)) -> Result<(), 
 /// Reads `points3D.txt`, `ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)…`: positions of points that at least so many photos see.
 pub(super) fn points(path: &Path, min_photos: usize, mut take: impl FnMut(DVec3)) -> Result<(), SurveyError> {
     const N_FIELDS: usize = 8;
-    let mut lines = Lines::open(path)?;
+    let mut lines = NumberedLines::open(path)?;
     while let Some(line) = lines.next_data()? {
         let mut position = line.split_ascii_whitespace().skip(1).map(number::<f64>);
         let mut next = || position.next().unwrap_or_else(|| Err("expected ID X Y Z R G B ERROR TRACK".to_owned()));
@@ -121,14 +121,14 @@ fn number<T: std::str::FromStr>(field: &str) -> Result<T, String> {
 }
 
 /// Lines of a text file with their numbers; one buffer, whatever the file's size.
-struct Lines<'a> {
+struct NumberedLines<'a> {
     path: &'a Path,
     reader: BufReader<File>,
     line: Vec<u8>,
     number: u64,
 }
 
-impl<'a> Lines<'a> {
+impl<'a> NumberedLines<'a> {
     fn open(path: &'a Path) -> Result<Self, SurveyError> {
         let file = File::open(path).map_err(FileError::on("cannot open", path))?;
         Ok(Self { path, reader: BufReader::with_capacity(1 << 18, file), line: Vec::new(), number: 0 })

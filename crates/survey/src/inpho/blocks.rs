@@ -2,7 +2,7 @@
 //! `$KEY : value` fields whose values go on over the lines that begin no other field. Lines that begin with `#` are comments.
 
 /// A block of the project, from `$NAME` to `$END`.
-pub(super) struct Block<'a> {
+pub(super) struct InphoBlock<'a> {
     /// The name without the `$`, such as `PHOTO`.
     pub name: &'a str,
     /// Line of its beginning, counted from 1.
@@ -10,17 +10,17 @@ pub(super) struct Block<'a> {
     /// Whether its end was found.
     pub is_closed: bool,
     text: &'a str,
-    fields: Vec<Field<'a>>,
+    fields: Vec<InphoField<'a>>,
 }
 
 /// A key, and where its value stands in the text.
-struct Field<'a> {
+struct InphoField<'a> {
     key: &'a str,
     start: usize,
     end: usize,
 }
 
-impl<'a> Block<'a> {
+impl<'a> InphoBlock<'a> {
     /// The values of a key, in the file's order.
     pub(super) fn all(&self, key: &str) -> impl Iterator<Item = &'a str> {
         self.fields().filter(move |(known, _)| *known == key).map(|(_, value)| value)
@@ -43,7 +43,7 @@ impl<'a> Block<'a> {
         if let Some(rest) = line.trim_start().strip_prefix('$') {
             let key = rest.split(':').next().unwrap_or(rest).trim();
             let value = line.find(':').map_or(end, |colon| start + colon + 1);
-            self.fields.push(Field { key, start: value, end });
+            self.fields.push(InphoField { key, start: value, end });
         } else if let Some(field) = self.fields.last_mut() {
             field.end = end;
         }
@@ -65,8 +65,8 @@ pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
 }
 
 /// Cuts a project into its blocks; what stands between them is passed over.
-pub(super) fn blocks(text: &str) -> Vec<Block<'_>> {
-    let mut blocks: Vec<Block<'_>> = Vec::new();
+pub(super) fn blocks(text: &str) -> Vec<InphoBlock<'_>> {
+    let mut blocks: Vec<InphoBlock<'_>> = Vec::new();
     let mut is_open = false;
     let mut begin = 0;
     for (i, line) in text.split_inclusive('\n').enumerate() {
@@ -84,7 +84,7 @@ pub(super) fn blocks(text: &str) -> Vec<Block<'_>> {
             is_open = false;
         } else if let (true, Some(name)) = (is_outer, word.strip_prefix('$')) {
             let name = name.split([' ', '\t', ':']).next().unwrap_or(name);
-            blocks.push(Block { name, line: i as u64 + 1, is_closed: false, text, fields: Vec::new() });
+            blocks.push(InphoBlock { name, line: i as u64 + 1, is_closed: false, text, fields: Vec::new() });
             is_open = true;
         } else if let Some(block) = blocks.last_mut().filter(|_| is_open) {
             block.extend(line, start);

@@ -26,10 +26,10 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 
-use self::blocks::{Block, blocks, numbers};
+use self::blocks::{InphoBlock, blocks, numbers};
 use super::angles::{nearest_rotation, rows};
 use super::error::Place;
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::poses::{Pose, Poses, World};
 use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::Crs;
@@ -53,9 +53,9 @@ struct Calibrated {
 }
 
 /// A `.prj` that begins with a block, which no CRS does.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    let begins = |name: &str| candidate.head.lines().any(|line| line.starts_with(name));
-    candidate.has_extension("prj") && (begins("$PROJECT") || begins("$PHOTO") || begins("$CAMERA"))
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    let begins = |name: &str| marks.head.lines().any(|line| line.starts_with(name));
+    marks.has_extension("prj") && (begins("$PROJECT") || begins("$PHOTO") || begins("$CAMERA"))
 }
 
 /// Reads the photos of a project.
@@ -93,7 +93,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
 }
 
 /// Refuses positions that are not in metres.
-fn in_metres(path: &Path, blocks: &[Block<'_>]) -> Result<(), SurveyError> {
+fn in_metres(path: &Path, blocks: &[InphoBlock<'_>]) -> Result<(), SurveyError> {
     for block in blocks {
         let unit = block.text("LINEAR_UNITS_OF_OBJECT").unwrap_or("m");
         if !["m", "meter", "metre", "meters", "metres"].iter().any(|known| unit.eq_ignore_ascii_case(known)) {
@@ -106,7 +106,7 @@ fn in_metres(path: &Path, blocks: &[Block<'_>]) -> Result<(), SurveyError> {
 }
 
 /// The project's CRS, where it names one that PROJ can read.
-fn world(path: &Path, blocks: &[Block<'_>]) -> Result<World, SurveyError> {
+fn world(path: &Path, blocks: &[InphoBlock<'_>]) -> Result<World, SurveyError> {
     let mut found: Vec<(u64, String)> = Vec::new();
     for block in blocks {
         for wkt in block.all("COORDINATE_SYSTEM") {
@@ -129,7 +129,7 @@ fn world(path: &Path, blocks: &[Block<'_>]) -> Result<World, SurveyError> {
 }
 
 /// Remarks on what the reader leaves to the user's judgement.
-fn remarks(path: &Path, blocks: &[Block<'_>]) -> Vec<Issue> {
+fn remarks(path: &Path, blocks: &[InphoBlock<'_>]) -> Vec<Issue> {
     let mut remarks = Vec::new();
     let is_on =
         |key: &str| blocks.iter().filter_map(|block| block.text(key)).any(|value| value.eq_ignore_ascii_case("on"));
@@ -139,7 +139,7 @@ fn remarks(path: &Path, blocks: &[Block<'_>]) -> Vec<Issue> {
                        applied here: they reach 0.08 m at 1 km from the camera and 0.3 m at 2 km";
         remarks.push(Issue::new(Severity::Warning, "curvature_not_applied", subject(), message));
     }
-    let is_turned = |block: &Block<'_>| {
+    let is_turned = |block: &InphoBlock<'_>| {
         let turn = block.text("CAMERA_MOUNT_ROTATION").and_then(|turn| turn.parse::<f64>().ok());
         turn.is_some_and(|turn_deg| turn_deg != 0.0)
     };
@@ -151,8 +151,8 @@ fn remarks(path: &Path, blocks: &[Block<'_>]) -> Vec<Issue> {
     remarks
 }
 
-fn cameras<'a>(blocks: &[Block<'a>]) -> BTreeMap<&'a str, Result<Calibrated, String>> {
-    let id_of = |block: &Block<'a>| match block.name {
+fn cameras<'a>(blocks: &[InphoBlock<'a>]) -> BTreeMap<&'a str, Result<Calibrated, String>> {
+    let id_of = |block: &InphoBlock<'a>| match block.name {
         "CAMERA_DEFINITION" => block.text("ID"),
         "CAMERA" => block.text("TYPE").or(block.text("ID")),
         _ => None,
@@ -160,7 +160,7 @@ fn cameras<'a>(blocks: &[Block<'a>]) -> BTreeMap<&'a str, Result<Calibrated, Str
     blocks.iter().filter_map(|block| Some((id_of(block)?, calibrated(block)))).collect()
 }
 
-fn calibrated(block: &Block<'_>) -> Result<Calibrated, String> {
+fn calibrated(block: &InphoBlock<'_>) -> Result<Calibrated, String> {
     let n_calibrations = block.all("FOCAL_LENGTH").count();
     if n_calibrations > 1 {
         return Err(format!("its camera has {n_calibrations} calibrations: expected one; delete those not in use"));
@@ -223,7 +223,7 @@ fn raster([col_by_x, col_by_y, _, row_by_x, row_by_y, _]: [f64; 6]) -> Result<(f
 }
 
 /// The file's name, without folders; blanks in it are written `\ `.
-fn photo_name(block: &Block<'_>) -> String {
+fn photo_name(block: &InphoBlock<'_>) -> String {
     let file = block.text("PHOTO_FILE").unwrap_or_default().replace("\\ ", " ");
     let name = paths::file_name(&file);
     if name.is_empty() { block.text("PHOTO_NUM").unwrap_or("without number").to_owned() } else { name.to_owned() }
@@ -231,7 +231,7 @@ fn photo_name(block: &Block<'_>) -> String {
 
 fn pose(
     name: &str,
-    block: &Block<'_>,
+    block: &InphoBlock<'_>,
     cameras: &BTreeMap<&str, Result<Calibrated, String>>,
 ) -> Result<Pose, (&'static str, String)> {
     let unusable = |reason: String| ("pose_unusable", reason);

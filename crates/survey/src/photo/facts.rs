@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use super::header::Header;
+use super::header::PhotoHeader;
 use super::{gimbal_deg, place, rtk_word, xmp};
 
 /// Facts in one photo's header.
@@ -38,7 +38,7 @@ pub fn photo_facts(photos: &[PathBuf]) -> Vec<PhotoFacts> {
 
 fn facts(path: &Path) -> PhotoFacts {
     let of = |fault| PhotoFacts { path: path.to_owned(), fault, ..PhotoFacts::default() };
-    let header = match Header::read(path) {
+    let header = match PhotoHeader::read(path) {
         Ok(header) => header,
         Err(fault) => return of(Some(fault)),
     };

@@ -20,7 +20,7 @@ const TIFF_FLOAT: u16 = 11;
 const TIFF_XMP: Tag = Tag(Context::Tiff, 700);
 
 /// The header of one photo.
-pub(super) struct Header {
+pub(super) struct PhotoHeader {
     /// Columns and rows of the raster itself, whatever EXIF says.
     pub size_px: (u32, u32),
     /// Content of the XMP packet; `None` without one.
@@ -28,7 +28,7 @@ pub(super) struct Header {
     exif: Option<Exif>,
 }
 
-impl Header {
+impl PhotoHeader {
     pub(super) fn read(path: &Path) -> Result<Self, String> {
         let file = File::open(path).map_err(|e| format!("cannot open {}: {e}", path.display()))?;
         let mut reader = BufReader::with_capacity(BUFFER_BYTES, file);

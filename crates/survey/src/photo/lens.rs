@@ -2,7 +2,7 @@
 
 use exif::Tag;
 
-use super::header::Header;
+use super::header::PhotoHeader;
 use super::xmp::Tags;
 use crate::config::{CameraConfig, PixelOrigin};
 use crate::csv::declared_camera;
@@ -24,13 +24,13 @@ const PITCHES: [(&str, f64, f64); 6] = [
 ];
 
 /// A camera and where its focal length comes from.
-pub(super) struct Lens {
+pub(super) struct PhotoCamera {
     pub camera: Camera,
     pub source: &'static str,
 }
 
 /// The camera at the raster's own size.
-pub(super) fn of(header: &Header, tags: &Tags, declared: Option<&CameraConfig>) -> Result<Lens, String> {
+pub(super) fn of(header: &PhotoHeader, tags: &Tags, declared: Option<&CameraConfig>) -> Result<PhotoCamera, String> {
     let (width_px, height_px) = header.size_px;
     if let Some(declared) = declared {
         let camera = declared_camera(declared, PixelOrigin::default())?;
@@ -41,7 +41,7 @@ pub(super) fn of(header: &Header, tags: &Tags, declared: Option<&CameraConfig>) 
                 camera.width_px, camera.height_px
             ));
         }
-        return Ok(Lens { camera: camera.resized(width_px, height_px), source: "declared camera" });
+        return Ok(PhotoCamera { camera: camera.resized(width_px, height_px), source: "declared camera" });
     }
     let native_px = native_size(header);
     let at_native = |focal_px: f64| Camera::pinhole(native_px.0, native_px.1, focal_px);
@@ -58,7 +58,7 @@ pub(super) fn of(header: &Header, tags: &Tags, declared: Option<&CameraConfig>) 
         return Err("no focal length in its metadata: declare the camera under [survey.camera]".to_owned());
     };
     camera.validate().map_err(|e| e.to_string())?;
-    Ok(Lens { camera: camera.resized(width_px, height_px), source })
+    Ok(PhotoCamera { camera: camera.resized(width_px, height_px), source })
 }
 
 fn is_same_aspect(a: (u32, u32), b: (u32, u32)) -> bool {
@@ -67,7 +67,7 @@ fn is_same_aspect(a: (u32, u32), b: (u32, u32)) -> bool {
 }
 
 /// The size the camera wrote; a resized photo still tells it, and calibrations refer to it.
-fn native_size(header: &Header) -> (u32, u32) {
+fn native_size(header: &PhotoHeader) -> (u32, u32) {
     let told = |tag| header.number(tag).map(|n| n as u32).filter(|&n| n > 0);
     match (told(Tag::PixelXDimension), told(Tag::PixelYDimension)) {
         (Some(width), Some(height)) if is_same_aspect((width, height), header.size_px) => (width, height),
@@ -109,7 +109,7 @@ fn calibrated(tags: &Tags, (width_px, height_px): (u32, u32)) -> Result<Option<C
 }
 
 /// Focal length in pixels of the raster, from millimetres and the pitch: told by EXIF, or published for the model.
-fn from_pitch(header: &Header) -> Option<f64> {
+fn from_pitch(header: &PhotoHeader) -> Option<f64> {
     let focal_mm = header.number(Tag::FocalLength).filter(|&mm| mm > 0.0)?;
     let model = header.text(Tag::Model)?;
     let (_, columns, pitch_um) = PITCHES.iter().find(|(known, ..)| *known == model)?;

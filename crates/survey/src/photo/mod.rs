@@ -25,12 +25,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 pub use self::facts::{PhotoFacts, photo_facts};
-use self::header::Header;
+use self::header::PhotoHeader;
 use self::motion::Motion;
 use self::mrk::{Logs, Record};
 use super::angles::{AngleConvention, AngleKind, North};
 use super::config::{CameraConfig, SurveyConfig, VerticalDatum};
-use super::formats::Candidate;
+use super::formats::FileMarks;
 use super::poses::{FileHeights, Pose, Poses, World, refused};
 use super::{SurveyError, photos};
 use sizeup_geo::crs::Crs;
@@ -46,7 +46,7 @@ const RTK_SINGLE: u32 = 16;
 const GIMBAL: [(&str, u16); 3] = [("GimbalYawDegree", 0x0A), ("GimbalPitchDegree", 0x09), ("GimbalRollDegree", 0x0B)];
 
 /// The yield of one photo.
-struct Reading {
+struct PhotoReading {
     pose: Pose,
     focal: &'static str,
     rtk: &'static str,
@@ -60,8 +60,8 @@ struct Reading {
 }
 
 /// A folder with photos.
-pub(crate) fn recognises(candidate: &Candidate) -> bool {
-    candidate.is_folder && photos::list(&candidate.path).is_ok_and(|found| !found.is_empty())
+pub(crate) fn recognises(marks: &FileMarks) -> bool {
+    marks.is_folder && photos::list(&marks.path).is_ok_and(|found| !found.is_empty())
 }
 
 /// Reads the headers of all photos below a folder, in parallel.
@@ -73,7 +73,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     }
     let mut logs = Logs::beside(&files)?;
     let wants_relative = config.height.reference == Some(VerticalDatum::AboveTakeoff);
-    let readings: Vec<Result<Reading, Box<Issue>>> = files
+    let readings: Vec<Result<PhotoReading, Box<Issue>>> = files
         .par_iter()
         .map(|path| {
             let name = path.strip_prefix(folder).ok().filter(|p| !p.as_os_str().is_empty());
@@ -90,7 +90,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let mut cameras: BTreeMap<String, Arc<Camera>> = BTreeMap::new();
     for (path, reading) in files.iter().zip(readings) {
         match reading {
-            Ok(Reading { mut pose, focal, rtk, is_ellipsoidal: this, mismatch, sigma_m, motion }) => {
+            Ok(PhotoReading { mut pose, focal, rtk, is_ellipsoidal: this, mismatch, sigma_m, motion }) => {
                 is_ellipsoidal &= this;
                 sigmas_m.extend(sigma_m);
                 motions.extend(motion);
@@ -121,9 +121,9 @@ fn read_one(
     declared: Option<&CameraConfig>,
     wants_relative: bool,
     record: Option<&Record>,
-) -> Result<Reading, Box<Issue>> {
+) -> Result<PhotoReading, Box<Issue>> {
     let unreadable = |reason: String| Box::new(refused("photo_unreadable", name, reason));
-    let header = Header::read(path).map_err(unreadable)?;
+    let header = PhotoHeader::read(path).map_err(unreadable)?;
     let tags = header.xmp.as_deref().map(|packet| xmp::tags(packet, path)).transpose();
     let tags = tags.map_err(|e| unreadable(e.to_string()))?.unwrap_or_default();
     let lens =
@@ -155,7 +155,7 @@ fn read_one(
     let sigma_m = record.map(|record| (record.sigma_m.x.hypot(record.sigma_m.y), record.sigma_m.z));
     let motion = Motion::of(&header, &tags, lens.camera.fx_px, angles[1]);
     let pose = Pose { name: name.to_owned(), camera: Arc::new(lens.camera), camera_from_world, centre };
-    Ok(Reading { pose, focal: lens.source, rtk, is_ellipsoidal, mismatch, sigma_m, motion })
+    Ok(PhotoReading { pose, focal: lens.source, rtk, is_ellipsoidal, mismatch, sigma_m, motion })
 }
 
 /// A flag of DJI in a word.
@@ -169,7 +169,7 @@ fn rtk_word(flag: u32) -> &'static str {
 }
 
 /// The gimbal's angles, all three of one source: XMP, or where it has none of them, the maker note.
-fn gimbal_deg(header: &Header, tags: &xmp::Tags) -> Result<[f64; 3], String> {
+fn gimbal_deg(header: &PhotoHeader, tags: &xmp::Tags) -> Result<[f64; 3], String> {
     let mut angles = [None; 3];
     for (angle, (name, _)) in angles.iter_mut().zip(GIMBAL) {
         *angle = tags.number(name)?;
@@ -186,7 +186,7 @@ fn gimbal_deg(header: &Header, tags: &xmp::Tags) -> Result<[f64; 3], String> {
 }
 
 /// Longitude and latitude: XMP has more digits than EXIF, and a spelling mistake of its own.
-fn place(header: &Header, tags: &xmp::Tags) -> Result<(f64, f64), String> {
+fn place(header: &PhotoHeader, tags: &xmp::Tags) -> Result<(f64, f64), String> {
     let lat_deg = tags.number("GpsLatitude")?;
     let lon_deg = match tags.number("GpsLongitude")? {
         Some(lon_deg) => Some(lon_deg),

@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 
-use super::header::Header;
+use super::header::PhotoHeader;
 use super::xmp;
 use exif::Tag;
 use sizeup_geo::issue::{Issue, Severity, Subject};
@@ -30,7 +30,7 @@ pub(super) struct Motion {
 
 impl Motion {
     /// From a photo's header, if it tells its speed. `pitch_deg` is the gimbal's, −90 straight down.
-    pub(super) fn of(header: &Header, tags: &xmp::Tags, focal_px: f64, pitch_deg: f64) -> Option<Self> {
+    pub(super) fn of(header: &PhotoHeader, tags: &xmp::Tags, focal_px: f64, pitch_deg: f64) -> Option<Self> {
         let part = |name: &str| tags.number(name).ok().flatten();
         let speed_m_s =
             DVec3::new(part("FlightXSpeed")?, part("FlightYSpeed")?, part("FlightZSpeed").unwrap_or(0.0)).length();

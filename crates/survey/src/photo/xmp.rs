@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::SurveyError;
-use crate::xml::{Element, Step, Xml};
+use crate::xml::{Element, Xml, XmlStep};
 
 /// Values of an XMP packet by the names of their tags.
 #[derive(Debug, Default)]
@@ -34,9 +34,9 @@ pub(super) fn tags(packet: &[u8], path: &Path) -> Result<Tags, SurveyError> {
     let mut tags = Tags::default();
     loop {
         match xml.step()? {
-            Step::Start(start) => collect(&xml.element(start)?, &mut tags),
-            Step::End(_) => {}
-            Step::Done => return Ok(tags),
+            XmlStep::Start(start) => collect(&xml.element(start)?, &mut tags),
+            XmlStep::End(_) => {}
+            XmlStep::Done => return Ok(tags),
         }
     }
 }

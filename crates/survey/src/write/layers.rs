@@ -12,7 +12,7 @@ use crate::{Survey, SurveyError, View, ViewKind, ground};
 use sizeup_geo::crs::{Crs, CrsError};
 use sizeup_geo::files::write_whole_by_name;
 use sizeup_geo::geodata::geojson::{self, Feature, GeometryValue, JsonObject, LonLat, Winding};
-use sizeup_geo::geodata::view_layers::{self, Attributes, Layer, Shape};
+use sizeup_geo::geodata::view_layers::{self, Attributes, FeatureShape, Layer};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::Terrain;
 
@@ -25,17 +25,17 @@ fn layers(survey: &Survey, terrain: &Terrain) -> Vec<Layer> {
     for view in &survey.views {
         let centre = view.camera_from_map.centre();
         let attributes = attributes(view);
-        cameras.features.push((Shape::Point(centre), attributes.clone()));
+        cameras.features.push((FeatureShape::Point(centre), attributes.clone()));
         if let Some(end) = ground::centre_on_ground(view, terrain) {
             let end_m = terrain.height_at(end.x, end.y).unwrap_or(fallback_m);
-            axes.features.push((Shape::Line(vec![centre, end.extend(end_m)]), attributes.clone()));
+            axes.features.push((FeatureShape::Line(vec![centre, end.extend(end_m)]), attributes.clone()));
         }
         let ground_m = terrain.height_at(centre.x, centre.y).unwrap_or(fallback_m);
         let ring = ground::footprint(view, ground_m);
         if ring.len() > 2 {
             footprints
                 .features
-                .push((Shape::Polygon(ring.iter().map(|p: &DVec2| p.extend(ground_m)).collect()), attributes));
+                .push((FeatureShape::Polygon(ring.iter().map(|p: &DVec2| p.extend(ground_m)).collect()), attributes));
         }
     }
     vec![cameras, axes, footprints]
@@ -100,12 +100,12 @@ pub(super) fn write_geojson(
     Ok(converted)
 }
 
-fn feature(shape: &Shape, attributes: &Attributes, lonlat: &LonLat) -> Result<Feature, CrsError> {
+fn feature(shape: &FeatureShape, attributes: &Attributes, lonlat: &LonLat) -> Result<Feature, CrsError> {
     let places = |points: &[DVec3]| points.iter().map(DVec3::to_array).collect::<Vec<_>>();
     let geometry = match shape {
-        Shape::Point(place) => GeometryValue::Point { coordinates: lonlat.position(&place.to_array())? },
-        Shape::Line(points) => GeometryValue::LineString { coordinates: lonlat.line(places(points))? },
-        Shape::Polygon(ring) => {
+        FeatureShape::Point(place) => GeometryValue::Point { coordinates: lonlat.position(&place.to_array())? },
+        FeatureShape::Line(points) => GeometryValue::LineString { coordinates: lonlat.line(places(points))? },
+        FeatureShape::Polygon(ring) => {
             GeometryValue::Polygon { coordinates: vec![lonlat.ring(places(ring), Winding::Counterclockwise)?] }
         }
     };

@@ -6,9 +6,9 @@
 //!
 //! Both rays of a pair are evaluated anew: a silhouette that passes a pixel within ±δ is in it.
 
-use super::Slope;
+use super::HeightSlope;
 use crate::optimise::evidence::Evidence;
-use crate::optimise::ordinal::{Compared, Pair};
+use crate::optimise::ordinal::{ComparedPixels, PixelPair};
 use crate::ordinal::Normaliser;
 
 /// Slopes of every pair by every building on either of its rays, the view's scale held fixed; to be divided by the
@@ -16,10 +16,10 @@ use crate::ordinal::Normaliser;
 pub fn slopes(
     evidence: &Evidence<'_>,
     roofs: &[f32],
-    compared: &Compared,
-    pairs: &[Pair],
+    compared: &ComparedPixels,
+    pairs: &[PixelPair],
     difference_m: f32,
-) -> Vec<Slope> {
+) -> Vec<HeightSlope> {
     let profiles = evidence.profiles;
     let mut slopes = Vec::new();
     for pair in pairs {
@@ -49,10 +49,10 @@ pub fn slopes(
 pub fn slopes_with_scale(
     evidence: &Evidence<'_>,
     roofs: &[f32],
-    compared: &Compared,
-    pairs: &[Pair],
+    compared: &ComparedPixels,
+    pairs: &[PixelPair],
     difference_m: f32,
-) -> Vec<Slope> {
+) -> Vec<HeightSlope> {
     let profiles = evidence.profiles;
     let is_seen = |building: &u32| !evidence.rays_of(*building).is_empty();
     let buildings = (0..roofs.len() as u32).filter(is_seen);

@@ -18,10 +18,10 @@ use glam::{DVec2, DVec3, Vec2};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use super::Slope;
+use super::HeightSlope;
 use crate::optimise::config::{OrdinalConfig, Region};
 use crate::optimise::evidence::{Evidence, farness_at};
-use crate::optimise::ordinal::{Compared, Vote};
+use crate::optimise::ordinal::{ComparedPixels, OrderVote};
 use crate::prior::DepthPrior;
 use crate::render::PlacedCamera;
 use crate::render::image::SceneTracer;
@@ -60,11 +60,11 @@ pub fn slopes(
     edges: &EdgeInput<'_>,
     evidence: &Evidence<'_>,
     roofs: &[f32],
-    compared: &Compared,
+    compared: &ComparedPixels,
     loss: BoundaryLoss,
     config: &OrdinalConfig,
     rng: &mut ChaCha8Rng,
-) -> Vec<Slope> {
+) -> Vec<HeightSlope> {
     let scene = edges.scene;
     let boundary = Boundary {
         edges,
@@ -105,7 +105,7 @@ struct Boundary<'a> {
     tracer: SceneTracer<'a>,
     /// Every building at its greatest height.
     capped: SceneTracer<'a>,
-    compared: &'a Compared,
+    compared: &'a ComparedPixels,
     loss: BoundaryLoss,
     config: &'a OrdinalConfig,
     area_px: f64,
@@ -145,7 +145,7 @@ impl Boundary<'_> {
     }
 
     /// The look at a position of the image.
-    fn look(&self, pixel: DVec2) -> Option<Look> {
+    fn look(&self, pixel: DVec2) -> Option<EdgeSide> {
         let ray = self.edges.placed.ray(pixel)?;
         let mut scratch = Vec::new();
         let (depth, face) = self.tracer.trace(&ray, &mut scratch);
@@ -156,7 +156,7 @@ impl Boundary<'_> {
                 Region::Buildings => building.is_some(),
                 Region::BuildingsAndGround => self.capped.trace(&ray, &mut scratch).1.building().is_some(),
             };
-        Some(Look { depth: if depth.is_nan() { f32::INFINITY } else { depth }, building, is_compared })
+        Some(EdgeSide { depth: if depth.is_nan() { f32::INFINITY } else { depth }, building, is_compared })
     }
 
     /// The loss's slope by the motion of one point: against random partners out of Ω.
@@ -165,7 +165,7 @@ impl Boundary<'_> {
         let (mut votes, mut near, mut far) = (0.0, 0.0, 0.0);
         for _ in 0..self.config.edge_partners {
             let q = rng.random_range(0..compared.rays.len());
-            let Some(vote) = Vote::of(point.prior, compared.prior[q], self.config) else { continue };
+            let Some(vote) = OrderVote::of(point.prior, compared.prior[q], self.config) else { continue };
             let cost = |depth: f32| f64::from(vote.cost(compared.of_rendered.contrast(depth, compared.rendered[q])));
             votes += 1.0;
             near += if point.near.1 { cost(point.near.0) } else { 0.0 };
@@ -181,7 +181,7 @@ impl Boundary<'_> {
 
 /// One side of an edge.
 #[derive(Debug, Clone, Copy)]
-struct Look {
+struct EdgeSide {
     /// z-depth, metres; `+∞` where the ray meets nothing.
     depth: f32,
     building: Option<usize>,

@@ -6,12 +6,12 @@
 //!
 //! What automatic differentiation of a hard rasteriser sees.
 
-use super::Slope;
+use super::HeightSlope;
 use crate::optimise::evidence::Evidence;
-use crate::optimise::ordinal::{Compared, Pair};
+use crate::optimise::ordinal::{ComparedPixels, PixelPair};
 
 /// Slopes of the pairs that cost something, in their order; to be divided by the number of all pairs.
-pub fn slopes(evidence: &Evidence<'_>, compared: &Compared, pairs: &[Pair]) -> Vec<Slope> {
+pub fn slopes(evidence: &Evidence<'_>, compared: &ComparedPixels, pairs: &[PixelPair]) -> Vec<HeightSlope> {
     let mut slopes = Vec::new();
     for pair in pairs.iter().filter(|pair| pair.cost(compared) > 0.0) {
         let slope = pair.vote.order.sign() / compared.of_rendered.scale;
@@ -25,7 +25,7 @@ pub fn slopes(evidence: &Evidence<'_>, compared: &Compared, pairs: &[Pair]) -> V
 }
 
 /// Whose roof a compared pixel shows, and how much its depth changes per metre of height; `None` on walls and ground.
-pub fn roof_motion(evidence: &Evidence<'_>, compared: &Compared, at: usize) -> Option<(u32, f32)> {
+pub fn roof_motion(evidence: &Evidence<'_>, compared: &ComparedPixels, at: usize) -> Option<(u32, f32)> {
     let building = compared.roof_of[at]?;
     Some((building, evidence.profiles.rays[compared.rays[at] as usize].dz.recip()))
 }

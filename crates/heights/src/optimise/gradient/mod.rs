@@ -20,11 +20,11 @@ pub(super) mod scale;
 mod tests;
 
 /// `(building, derivative by its height in metres)`.
-pub(super) type Slope = (u32, f64);
+pub(super) type HeightSlope = (u32, f64);
 
 /// Adds up the slopes of each building and divides by `n`; each building once, ascending. The stable sort keeps the
 /// order they came in, so the sum is the same every time.
-pub(super) fn sum_by_building(mut slopes: Vec<Slope>, n: usize) -> Vec<Slope> {
+pub(super) fn sum_by_building(mut slopes: Vec<HeightSlope>, n: usize) -> Vec<HeightSlope> {
     slopes.sort_by_key(|&(building, _)| building);
     slopes
         .chunk_by(|a, b| a.0 == b.0)

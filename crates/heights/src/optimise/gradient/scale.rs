@@ -12,16 +12,16 @@
 //! changes it is inconsistent (Hong, Oper. Res. 57:118, 2009: one pixel's motion stands for the whole view's). That is
 //! why the scale is held fixed unless `optimise.ordinal.mad_gradient = "exact"`.
 
-use super::Slope;
+use super::HeightSlope;
 use super::interior::roof_motion;
 use crate::optimise::evidence::Evidence;
-use crate::optimise::ordinal::{Compared, Pair};
+use crate::optimise::ordinal::{ComparedPixels, PixelPair};
 use crate::ordinal::EPSILON;
 
 /// Slopes of the mean cost of the pairs through the view's scale; already a mean.
-pub fn slopes(evidence: &Evidence<'_>, compared: &Compared, pairs: &[Pair]) -> Vec<Slope> {
+pub fn slopes(evidence: &Evidence<'_>, compared: &ComparedPixels, pairs: &[PixelPair]) -> Vec<HeightSlope> {
     let scale = f64::from(compared.of_rendered.scale);
-    let by_scale = |pair: &Pair| f64::from(pair.vote.order.sign() * compared.contrast(pair)) / scale;
+    let by_scale = |pair: &PixelPair| f64::from(pair.vote.order.sign() * compared.contrast(pair)) / scale;
     let active = pairs.iter().filter(|pair| pair.cost(compared) > 0.0);
     let loss_by_scale = active.map(by_scale).sum::<f64>() / pairs.len() as f64;
 

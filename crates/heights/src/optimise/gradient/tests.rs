@@ -7,7 +7,7 @@ use crate::frames::Rigid;
 use crate::optimise::config::{Gradient, MadGradient, OrdinalConfig, Region};
 use crate::optimise::evidence::Evidence;
 use crate::optimise::gradient::edge_sampled::EdgeInput;
-use crate::optimise::ordinal::{Compared, Pair, StepInput, Vote, draw_pairs, view_step};
+use crate::optimise::ordinal::{ComparedPixels, OrderVote, PixelPair, StepInput, draw_pairs, view_step};
 use crate::prior::{DepthPrior, PriorGeometry, PriorKind};
 use crate::render::PlacedCamera;
 use crate::render::image::SceneTracer;
@@ -18,7 +18,7 @@ use crate::terrain::{GroundLevel, Terrain};
 
 /// Twelve buildings of 8 to 30 m under one oblique view, the prior of their true heights, and other heights to be
 /// judged.
-struct Block {
+struct TestTown {
     scene: Scene,
     placed: PlacedCamera,
     prior: DepthPrior,
@@ -26,7 +26,7 @@ struct Block {
     heights_m: Vec<f32>,
 }
 
-impl Block {
+impl TestTown {
     /// Every height is `off_m` or more from the truth, up and down in turn.
     fn new(size: [u32; 2], stride_px: usize, turn_rad: f64, off_m: f32) -> Self {
         let at = |i: u32| {
@@ -70,7 +70,7 @@ impl Block {
 }
 
 /// The depths of compared pixels that keep what they show: roofs lie where their level says, double precision.
-fn depths_at_fixed_pixels(evidence: &Evidence<'_>, compared: &Compared, roofs: &[f64]) -> Vec<f64> {
+fn depths_at_fixed_pixels(evidence: &Evidence<'_>, compared: &ComparedPixels, roofs: &[f64]) -> Vec<f64> {
     let profiles = evidence.profiles;
     let depth = |at: usize| match compared.roof_of[at] {
         Some(b) => {
@@ -83,14 +83,14 @@ fn depths_at_fixed_pixels(evidence: &Evidence<'_>, compared: &Compared, roofs: &
 }
 
 /// The loss of given pairs with the scale worked out anew, in double precision and by its own medians.
-fn loss_of(depths: &[f64], pairs: &[Pair]) -> f64 {
+fn loss_of(depths: &[f64], pairs: &[PixelPair]) -> f64 {
     let lower_middle = |mut values: Vec<f64>| {
         values.sort_by(f64::total_cmp);
         values[(values.len() - 1) / 2]
     };
     let median = lower_middle(depths.to_vec());
     let scale = lower_middle(depths.iter().map(|d| (d - median).abs()).collect()) + 1e-6 * median.abs();
-    let cost = |pair: &Pair| {
+    let cost = |pair: &PixelPair| {
         let contrast = (depths[pair.q] - depths[pair.p]) / scale;
         (0.5 - f64::from(pair.vote.order.sign()) * contrast).max(0.0)
     };
@@ -101,7 +101,7 @@ fn loss_of(depths: &[f64], pairs: &[Pair]) -> f64 {
 fn the_exact_mad_gradient_is_the_finite_difference_at_fixed_pixels() {
     let mut largest_share = 0.0_f64;
     for (turn, region) in [(0.4, Region::Buildings), (1.3, Region::BuildingsAndGround), (2.2, Region::Buildings)] {
-        let block = Block::new([224, 168], 2, turn, 3.0);
+        let block = TestTown::new([224, 168], 2, turn, 3.0);
         let evidence = block.evidence(2);
         let config = OrdinalConfig { region, mad_gradient: MadGradient::Exact, ..OrdinalConfig::default() };
         let exact = block.gradient(&evidence, 0.0, &config);
@@ -109,7 +109,7 @@ fn the_exact_mad_gradient_is_the_finite_difference_at_fixed_pixels() {
             block.gradient(&evidence, 0.0, &OrdinalConfig { mad_gradient: MadGradient::Detached, ..config.clone() });
 
         let roofs = block.scene.roofs(&block.heights_m);
-        let compared = Compared::new(&evidence, &roofs, region).unwrap();
+        let compared = ComparedPixels::new(&evidence, &roofs, region).unwrap();
         let pairs = draw_pairs(&compared, &config, &mut seed::stream(5, "pairs", &[]));
         let delta = 1e-5;
         let loss_with = |b: usize, by_m: f64| {
@@ -132,7 +132,7 @@ fn the_exact_mad_gradient_is_the_finite_difference_at_fixed_pixels() {
 
 #[test]
 fn central_differences_can_work_the_scale_out_anew() {
-    let block = Block::new([224, 168], 2, 0.4, 3.0);
+    let block = TestTown::new([224, 168], 2, 0.4, 3.0);
     let evidence = block.evidence(2);
     let config = OrdinalConfig {
         gradient: Gradient::CentralDifference,
@@ -141,7 +141,7 @@ fn central_differences_can_work_the_scale_out_anew() {
     };
     let got = block.gradient(&evidence, 1.0, &config);
     let roofs = block.scene.roofs(&block.heights_m);
-    let compared = Compared::new(&evidence, &roofs, config.region).unwrap();
+    let compared = ComparedPixels::new(&evidence, &roofs, config.region).unwrap();
     let pairs = draw_pairs(&compared, &config, &mut seed::stream(5, "pairs", &[]));
     let loss_with = |b: usize, by_m: f32| {
         let mut moved = roofs.clone();
@@ -160,13 +160,13 @@ fn central_differences_can_work_the_scale_out_anew() {
 struct ExpectedLoss<'a> {
     evidence: &'a Evidence<'a>,
     region: Region,
-    compared: Compared,
-    pairs: Vec<(u32, u32, Vote)>,
+    compared: ComparedPixels,
+    pairs: Vec<(u32, u32, OrderVote)>,
 }
 
 impl<'a> ExpectedLoss<'a> {
     fn new(evidence: &'a Evidence<'a>, roofs: &[f32], n_pairs: usize, config: &OrdinalConfig) -> Self {
-        let compared = Compared::new(evidence, roofs, config.region).unwrap();
+        let compared = ComparedPixels::new(evidence, roofs, config.region).unwrap();
         let profiles = evidence.profiles;
         let pool: Vec<u32> = (0..profiles.rays.len() as u32)
             .filter(|r| !profiles.intervals(*r as usize).is_empty() && evidence.farness[*r as usize].is_finite())
@@ -175,7 +175,7 @@ impl<'a> ExpectedLoss<'a> {
         let draw = |_| {
             let [p, q] = [0; 2].map(|_| pool[rng.random_range(0..pool.len())]);
             let [d_p, d_q] = [p, q].map(|r| compared.of_prior.apply(evidence.farness[r as usize]));
-            Some((p, q, Vote::of(d_p, d_q, config)?))
+            Some((p, q, OrderVote::of(d_p, d_q, config)?))
         };
         let pairs = (0..n_pairs).filter_map(draw).collect();
         Self { evidence, region: config.region, compared, pairs }
@@ -213,7 +213,7 @@ fn interior_and_edges_together_are_the_slope_of_the_expected_loss() {
     // has a kink.
     let (delta, off_m) = (1.5_f32, 4.0);
     for (turn, region) in [(0.4, Region::Buildings), (2.2, Region::BuildingsAndGround)] {
-        let block = Block::new([480, 360], 1, turn, off_m);
+        let block = TestTown::new([480, 360], 1, turn, off_m);
         let evidence = block.evidence(1);
         let config = OrdinalConfig {
             gradient: Gradient::EdgeSampled,

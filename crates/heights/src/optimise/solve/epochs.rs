@@ -4,7 +4,7 @@ use rand::Rng;
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
 
-use super::{Solving, State};
+use super::{SolverState, Solving};
 use crate::optimise::adam::Adam;
 use crate::optimise::config::{Gradient, Loss, OrdinalConfig, StepOn};
 use crate::optimise::gradient::edge_sampled::EdgeInput;
@@ -16,7 +16,7 @@ use crate::scene::HeightBounds;
 use crate::seed;
 use crate::views::Selection;
 
-impl State<'_> {
+impl SolverState<'_> {
     pub(super) fn run_ordinal(&mut self) {
         let config = &self.config.ordinal;
         self.set_start_heights();

@@ -97,7 +97,7 @@ pub enum Solving {
 #[must_use]
 pub fn solve(problem: &Problem<'_>, config: &OptimiseConfig) -> Solution {
     problem.trace_oblique();
-    let mut state = State::new(problem, config);
+    let mut state = SolverState::new(problem, config);
     match config.preset {
         Preset::Paper => state.run_ordinal(),
         Preset::Robust => state.run_search(),
@@ -110,7 +110,7 @@ pub fn solve(problem: &Problem<'_>, config: &OptimiseConfig) -> Solution {
 #[must_use]
 pub fn first_selection(problem: &Problem<'_>, config: &OptimiseConfig) -> Vec<usize> {
     problem.trace_oblique();
-    let mut state = State::new(problem, config);
+    let mut state = SolverState::new(problem, config);
     state.set_start_heights();
     let mut views = state.select(&state.visibilities()).views;
     views.sort_unstable();
@@ -148,7 +148,7 @@ impl<'a> Problem<'a> {
     }
 }
 
-struct State<'a> {
+struct SolverState<'a> {
     problem: &'a Problem<'a>,
     config: &'a OptimiseConfig,
     views_config: ViewsConfig,
@@ -176,7 +176,7 @@ struct State<'a> {
     are_bent: Option<bool>,
 }
 
-impl<'a> State<'a> {
+impl<'a> SolverState<'a> {
     fn new(problem: &'a Problem<'a>, config: &'a OptimiseConfig) -> Self {
         let (n_views, n_buildings) = (problem.views.len(), problem.scene.prisms.len());
         let views_config = config.views_in_force();

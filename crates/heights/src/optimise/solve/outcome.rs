@@ -1,6 +1,6 @@
 //! What is said of each building in the end.
 
-use super::State;
+use super::SolverState;
 use crate::optimise::config::{CalibrationRays, Preset};
 use crate::optimise::roof::Roof;
 use crate::optimise::search::Finding;
@@ -17,7 +17,7 @@ const HOPELESS_SCORE_ALONE: f64 = 0.6;
 /// Share of a footprint, and metres squared, above which nobody has looked through: a roof of its own, and no chimney.
 const BLIND_SHARE: f64 = 0.15;
 const BLIND_M2: f64 = 30.0;
-impl State<'_> {
+impl SolverState<'_> {
     pub(super) fn into_solution(self) -> Solution {
         let heights = (0..self.heights_m.len()).map(|b| self.solved(b)).collect();
         let used_views: Vec<usize> = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();

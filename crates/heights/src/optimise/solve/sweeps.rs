@@ -3,13 +3,13 @@
 use rayon::prelude::*;
 
 use super::outcome::is_hopeless;
-use super::{Solving, State};
+use super::{SolverState, Solving};
 use crate::optimise::config::CalibrationRays;
-use crate::optimise::empty_space::{self, Known, Look};
+use crate::optimise::empty_space::{self, FoundView, KnownRays};
 use crate::optimise::formed::FormedRoof;
 use crate::optimise::roof::Judged;
 use crate::optimise::score::Correlation;
-use crate::optimise::search::{Finding, Pass, Range, SweepView, around, find_roofs, standing, sweep};
+use crate::optimise::search::{Finding, Range, SearchPass, SweepView, around, find_roofs, standing, sweep};
 use crate::optimise::{bleed, layer_shift, levels};
 use crate::scene::Prism;
 
@@ -21,7 +21,7 @@ const N_AFTER_LEAP: usize = 2;
 const MIN_BLEEDING_PX: f64 = 0.5;
 const MAX_BLEEDING_PX: f64 = 4.0;
 
-impl State<'_> {
+impl SolverState<'_> {
     pub(super) fn run_search(&mut self) {
         let config = &self.config.search;
         self.set_start_heights();
@@ -32,7 +32,7 @@ impl State<'_> {
             if i % config.reselect_every.max(1) == 0 {
                 n_selected = self.reselect().views.len();
             }
-            self.sweep(|_| true, Pass::linear(Range::Full), n_selected);
+            self.sweep(|_| true, SearchPass::linear(Range::Full), n_selected);
         }
         if config.measure_shift {
             let are_straightened = self.are_bent == Some(true);
@@ -64,7 +64,7 @@ impl State<'_> {
             (self.problem.progress)(Solving::Epochs, config.full_sweeps + i, n_sweeps);
             let is_rank = i >= config.local_sweeps.saturating_sub(config.rank_sweeps);
             let correlation = if is_rank { Correlation::Rank } else { Correlation::Linear };
-            self.sweep(|_| true, Pass { range: local(i), correlation }, n_selected);
+            self.sweep(|_| true, SearchPass { range: local(i), correlation }, n_selected);
         }
         let views = self.sweep_views();
         let views_of = |b: usize| self.views_of[b].iter().filter_map(|&v| views[v].as_ref());
@@ -74,9 +74,11 @@ impl State<'_> {
         self.is_green = is_green;
         if !config.roof_forms.is_empty() {
             self.find_roofs(|_| true);
-            self.leap_beside_roofs(n_selected);
-            if config.roof_sweeps > 0 {
-                self.sweep_beside_roofs(n_selected);
+            if self.roofs.iter().any(|judged| judged.roof.is_some()) {
+                self.leap_beside_roofs(n_selected);
+                if config.roof_sweeps > 0 {
+                    self.sweep_beside_roofs(n_selected);
+                }
             }
         }
         self.blind_m2 = self.blind_areas_m2();
@@ -100,13 +102,13 @@ impl State<'_> {
     fn leap_beside_roofs(&mut self, n_selected: usize) {
         let all = 0..self.heights_m.len();
         let mut leaps: Vec<bool> = all.map(|b| self.is_contested(b)).collect();
-        if !leaps.contains(&true) || self.roofs.iter().all(|judged| judged.roof.is_none()) {
+        if !leaps.contains(&true) {
             return;
         }
         let before: Vec<_> = self.heights_m.iter().copied().zip(self.findings.iter().cloned()).collect();
-        self.sweep(|b| leaps[b], Pass::linear(Range::Full), n_selected);
+        self.sweep(|b| leaps[b], SearchPass::linear(Range::Full), n_selected);
         for i in 0..N_AFTER_LEAP {
-            self.sweep(|b| leaps[b], Pass::linear(local(i)), n_selected);
+            self.sweep(|b| leaps[b], SearchPass::linear(local(i)), n_selected);
         }
         let (bounds, config) = (self.problem.scene.bounds, &self.config.search);
         for (b, (height_m, finding)) in before.into_iter().enumerate() {
@@ -130,7 +132,7 @@ impl State<'_> {
         let n_before = config.full_sweeps + config.local_sweeps;
         for i in 0..config.roof_sweeps {
             (self.problem.progress)(Solving::Epochs, n_before + i, n_before + config.roof_sweeps);
-            self.sweep(|_| true, Pass { range: local(i), correlation }, n_selected);
+            self.sweep(|_| true, SearchPass { range: local(i), correlation }, n_selected);
         }
         for (b, (height_m, finding)) in before.into_iter().enumerate() {
             if self.findings[b].as_ref().is_some_and(is_hopeless) {
@@ -147,11 +149,11 @@ impl State<'_> {
         let look_of = |v: usize| {
             let evidence = self.evidence[v].as_ref()?;
             let (placed, stops) = (&self.problem.views[v].placed, evidence.profiles.stops(&roofs));
-            Some(Look { evidence, placed, stops, all: Known::of(evidence), is_in_metres })
+            Some(FoundView { evidence, placed, stops, all: KnownRays::of(evidence), is_in_metres })
         };
-        let all: Vec<Option<Look<'_>>> = (0..self.evidence.len()).into_par_iter().map(look_of).collect();
+        let all: Vec<Option<FoundView<'_>>> = (0..self.evidence.len()).into_par_iter().map(look_of).collect();
         let of_building = |b: usize| {
-            let looks: Vec<&Look<'_>> = self.views_of[b].iter().filter_map(|&v| all[v].as_ref()).collect();
+            let looks: Vec<&FoundView<'_>> = self.views_of[b].iter().filter_map(|&v| all[v].as_ref()).collect();
             let above_m = self.roofs[b].roof.map_or(0.0, |roof| (roof.ridge_m as f32 - self.heights_m[b]).max(0.0));
             empty_space::blind_area_m2(b as u32, roofs[b] + above_m, &looks)
         };
@@ -197,7 +199,7 @@ impl State<'_> {
     }
 
     /// One pass over the buildings that are asked for: each takes the best height of the range.
-    fn sweep(&mut self, is_asked: impl Fn(usize) -> bool + Sync, pass: Pass, n_selected: usize) {
+    fn sweep(&mut self, is_asked: impl Fn(usize) -> bool + Sync, pass: SearchPass, n_selected: usize) {
         let views = self.sweep_views();
         let (scene, config) = (self.problem.scene, &self.config.search);
         let found = sweep(scene, &views, &self.views_of, &self.heights_m, is_asked, pass, config);

@@ -4,12 +4,12 @@ use glam::DVec3;
 use rand::Rng as _;
 use rayon::prelude::*;
 
-use super::{Solving, State, ViewInput};
+use super::{SolverState, Solving, ViewInput};
 use crate::optimise::straighten::{self, GroundCurve};
 use crate::seed;
 use crate::views::{CandidateView, Choice, Selection, Visibility, drawn, in_turn, select, select_each, visibility};
 
-impl State<'_> {
+impl SolverState<'_> {
     /// Selects views that see the buildings.
     pub(super) fn select(&self, visibilities: &[Option<Visibility>]) -> Selection {
         let views = self.problem.views;

@@ -12,7 +12,7 @@ use super::{Facet, Solid, UprightPrism, normal, triangulate};
 use sizeup_geo::crs::{Crs, CrsError, Transform, VerticalReference};
 use sizeup_geo::files::{self, FileError, write_whole};
 use sizeup_results::output::cityjson::read::{CityFile, CityObject, CitySurface};
-use sizeup_results::output::prism::Surface;
+use sizeup_results::output::prism::FaceKind;
 use sizeup_results::output::read::{FoundBuildings, ReadError, ReadOptions, height_unit_m};
 
 /// A roof is level if its corners differ by no more than this, metres.
@@ -177,7 +177,7 @@ fn of_surfaces(id: &str, surfaces: &[&CitySurface], vertices: &[DVec3]) -> Solid
         base_m = exterior.iter().map(|p| p.z).fold(base_m, f64::min);
         let cosine = normal(exterior).normalize_or_zero().z;
         let is_bottom = match surface.kind {
-            Some(kind) => kind == Surface::Ground,
+            Some(kind) => kind == FaceKind::Ground,
             None => cosine < -super::BOTTOM_COSINE,
         };
         if !is_bottom && cosine > super::BOTTOM_COSINE {

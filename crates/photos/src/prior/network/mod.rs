@@ -21,7 +21,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use self::inspect::{GraphInspection, inspect};
-use self::preprocess::{NetworkInput, Prepared};
+use self::preprocess::{NetworkInput, PreparedPhoto};
 use self::profile::{Company, Fit, Form, Lens, PoseUnit, Profile, Wiring};
 use super::neighbours::Neighbours;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
@@ -149,7 +149,7 @@ pub struct NetworkPriors {
     ground_m: Option<(f64, f64)>,
     tallest_m: f64,
     /// Photos as they go in, for those networks: each is in the company of several. By rows and columns.
-    prepared: Kept<(ViewId, Option<(usize, usize)>), Prepared>,
+    prepared: Kept<(ViewId, Option<(usize, usize)>), PreparedPhoto>,
     /// Held while the network runs: one inference takes all the memory and cores that it may.
     turn: Mutex<()>,
 }
@@ -250,7 +250,7 @@ impl NetworkPriors {
     }
 
     /// A photo as it goes in, at `size` (rows, columns) where the graph or its company ask for one.
-    fn photo(&self, view: &View, size: Option<(usize, usize)>) -> Result<Arc<Prepared>, PriorError> {
+    fn photo(&self, view: &View, size: Option<(usize, usize)>) -> Result<Arc<PreparedPhoto>, PriorError> {
         let read = || {
             let photo = photo::decode(view)?;
             let photo = match self.profile.lens {

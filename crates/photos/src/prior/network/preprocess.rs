@@ -6,7 +6,7 @@ use sizeup_heights::raster::Raster;
 
 /// A photo as a network takes it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Prepared {
+pub struct PreparedPhoto {
     /// `3 × rows × columns`, normalised.
     pub values: Vec<f32>,
     /// Size, and what of it is the photo.
@@ -78,7 +78,7 @@ fn lower_bound(profile: &Profile, n: f64) -> usize {
 
 /// The photo at the profile's size, or at `fixed_size` (rows, columns) where the graph allows no other.
 #[must_use]
-pub fn prepare(profile: &Profile, photo: &Raster<Rgb>, fixed_size: Option<(usize, usize)>) -> Prepared {
+pub fn prepare(profile: &Profile, photo: &Raster<Rgb>, fixed_size: Option<(usize, usize)>) -> PreparedPhoto {
     let (rows, columns) = fixed_size.unwrap_or_else(|| size(profile, photo.width(), photo.height()));
     let whole = PhotoCut { col: 0, row: 0, columns, rows };
     let (white, fraction) = (profile.white, |v: u8| f32::from(v) / 255.0);
@@ -98,7 +98,10 @@ pub fn prepare(profile: &Profile, photo: &Raster<Rgb>, fixed_size: Option<(usize
         }
     };
     let channel = |c: usize| brightness.data().iter().map(move |pixel| (pixel[c] - profile.mean[c]) / profile.std[c]);
-    Prepared { values: (0..3).flat_map(channel).collect(), frame: NetworkInput { rows, columns, photo: photo_cut } }
+    PreparedPhoto {
+        values: (0..3).flat_map(channel).collect(),
+        frame: NetworkInput { rows, columns, photo: photo_cut },
+    }
 }
 
 /// As large as fits, in the middle, colour around it.

@@ -104,13 +104,13 @@ pub fn cubic_fractions(picture: &Raster<[f32; 3]>, width: usize, height: usize) 
 #[must_use]
 pub fn linear(picture: &Raster<Rgb>, width: usize, height: usize) -> Raster<Rgb> {
     const ONE: f32 = 2048.0;
-    let weights = |pair: &Pair| [1.0 - pair.fraction, pair.fraction].map(|w| (w * ONE).round_ties_even() as i32);
+    let weights = |pair: &SourceCells| [1.0 - pair.fraction, pair.fraction].map(|w| (w * ONE).round_ties_even() as i32);
     let (columns, rows) = (pairs(picture.width(), width), pairs(picture.height(), height));
-    let along_row = |row: usize, column: &Pair, c: usize| {
+    let along_row = |row: usize, column: &SourceCells, c: usize| {
         let [here, next] = weights(column);
         i32::from(picture[(column.first, row)][c]) * here + i32::from(picture[(column.second, row)][c]) * next
     };
-    let pixel = |row: &Pair, column: &Pair| {
+    let pixel = |row: &SourceCells, column: &SourceCells| {
         let [here, next] = weights(row);
         std::array::from_fn(|c| {
             let part = |row: usize, weight: i32| (weight * (along_row(row, column, c) >> 4)) >> 16;
@@ -129,7 +129,7 @@ pub fn linear(picture: &Raster<Rgb>, width: usize, height: usize) -> Raster<Rgb>
 pub fn linear_fractions(picture: &Raster<[f32; 3]>, width: usize, height: usize) -> Raster<[f32; 3]> {
     let (columns, rows) = (pairs(picture.width(), width), pairs(picture.height(), height));
     let between = |a: f32, b: f32, t: f32| a * (1.0 - t) + b * t;
-    let pixel = |row: &Pair, column: &Pair| {
+    let pixel = |row: &SourceCells, column: &SourceCells| {
         std::array::from_fn(|c| {
             let along = |row: usize| {
                 between(picture[(column.first, row)][c], picture[(column.second, row)][c], column.fraction)
@@ -143,19 +143,19 @@ pub fn linear_fractions(picture: &Raster<[f32; 3]>, width: usize, height: usize)
 
 /// The two source cells of a target cell, and how far it lies towards the second.
 #[derive(Debug, Clone, Copy)]
-struct Pair {
+struct SourceCells {
     first: usize,
     second: usize,
     fraction: f32,
 }
 
 /// Pairs of each target cell, border repeated.
-fn pairs(from: usize, to: usize) -> Vec<Pair> {
+fn pairs(from: usize, to: usize) -> Vec<SourceCells> {
     let scale = from as f64 / to as f64;
     let pair = |i: usize| {
         let position = ((i as f64 + 0.5) * scale - 0.5).clamp(0.0, (from - 1) as f64) as f32;
         let first = (position.floor() as usize).min(from - 1);
-        Pair { first, second: (first + 1).min(from - 1), fraction: position - first as f32 }
+        SourceCells { first, second: (first + 1).min(from - 1), fraction: position - first as f32 }
     };
     (0..to).map(pair).collect()
 }

@@ -67,12 +67,12 @@ impl Alignment {
 pub(super) fn align(view: &Picture, others: &[Arc<Picture>], levels: &Levels) -> Alignment {
     let pyramid = Pyramid::of(view);
     let patches = pyramid.patches();
-    let mut fit = Fit::new(view.ideal(), others, patches.len());
+    let mut fit = TurnFit::new(view.ideal(), others, patches.len());
     for (j, other) in others.iter().enumerate() {
         let there = Pyramid::of(other);
         for (i, patch) in patches.iter().enumerate() {
             if let Some((z_m, place)) = find(&pyramid, &there, *patch, levels) {
-                fit.patches[i].push(Seen { neighbour: j, place });
+                fit.patches[i].push(SeenPatch { neighbour: j, place });
                 fit.heights_m[i].push(z_m);
             }
         }
@@ -135,8 +135,9 @@ fn corner(grey: &Raster<f32>, x: i32, y: i32) -> f32 {
 
 /// A patch in a neighbour: its height by that pair alone, and where it is, pixels.
 fn find(here: &Pyramid<'_>, there: &Pyramid<'_>, patch: DVec2, levels: &Levels) -> Option<(f64, DVec2)> {
-    let line = Line::of(here.picture.ideal(), there.picture.ideal(), patch, levels)?;
-    let search = |halvings: u32| Some(Search { template: Template::of(here.grey(halvings), patch, halvings)?, there });
+    let line = EpipolarLine::of(here.picture.ideal(), there.picture.ideal(), patch, levels)?;
+    let search =
+        |halvings: u32| Some(PatchSearch { template: Template::of(here.grey(halvings), patch, halvings)?, there });
     let mut step_px = f64::from(1 << COARSEST);
     let n = (line.length_px / step_px).ceil() as i32;
     let mut best = search(COARSEST)?.best(&line, [0.0; 2], step_px, [0..=n, -ACROSS..=ACROSS])?;
@@ -161,7 +162,7 @@ fn find(here: &Pyramid<'_>, there: &Pyramid<'_>, patch: DVec2, levels: &Levels) 
 }
 
 /// Line on which a neighbour shows a place of the view by its height.
-struct Line<'a> {
+struct EpipolarLine<'a> {
     ideals: [&'a Ideal; 2],
     patch: DVec2,
     levels: &'a Levels,
@@ -176,7 +177,7 @@ struct OnLine {
     steps: DMat2,
 }
 
-impl<'a> Line<'a> {
+impl<'a> EpipolarLine<'a> {
     fn of(here: &'a Ideal, there: &'a Ideal, patch: DVec2, levels: &'a Levels) -> Option<Self> {
         let mut line = Self { ideals: [here, there], patch, levels, length_px: 1.0, across: DVec2::ZERO };
         let whole = line.place(levels.to_m)? - line.place(levels.from_m)?;
@@ -233,16 +234,16 @@ impl Template {
 }
 
 /// A patch looked for in a neighbour.
-struct Search<'a> {
+struct PatchSearch<'a> {
     template: Template,
     there: &'a Pyramid<'a>,
 }
 
-impl Search<'_> {
+impl PatchSearch<'_> {
     /// The best place on a grid: its correlation, and pixels along the line and across it.
     fn best(
         &self,
-        line: &Line<'_>,
+        line: &EpipolarLine<'_>,
         from_px: [f64; 2],
         step_px: f64,
         [along, across]: [RangeInclusive<i32>; 2],
@@ -263,7 +264,7 @@ impl Search<'_> {
     }
 
     /// Correlation of the patch so many pixels beside a place on the line; `None` outside and without texture.
-    fn score(&self, on_line: &OnLine, across_px: f64, line: &Line<'_>) -> Option<f32> {
+    fn score(&self, on_line: &OnLine, across_px: f64, line: &EpipolarLine<'_>) -> Option<f32> {
         let there = self.there.grey(self.template.halvings);
         let middle = (on_line.place + across_px * line.across) / f64::from(1 << self.template.halvings);
         let reach = f64::from(RADIUS) * (on_line.steps.x_axis.abs() + on_line.steps.y_axis.abs());
@@ -287,21 +288,21 @@ impl Search<'_> {
 
 /// A patch as a neighbour shows it.
 #[derive(Debug, Clone, Copy)]
-struct Seen {
+struct SeenPatch {
     neighbour: usize,
     place: DVec2,
 }
 
 /// The turns to be found, and what they are found by.
-struct Fit<'a> {
+struct TurnFit<'a> {
     view: &'a Ideal,
     neighbours: Vec<Ideal>,
-    patches: Vec<Vec<Seen>>,
+    patches: Vec<Vec<SeenPatch>>,
     /// Height of each patch, by each neighbour that shows it.
     heights_m: Vec<Vec<f64>>,
 }
 
-impl<'a> Fit<'a> {
+impl<'a> TurnFit<'a> {
     fn new(view: &'a Ideal, others: &[Arc<Picture>], n_patches: usize) -> Self {
         let neighbours = others.iter().map(|other| other.ideal().clone()).collect();
         Self { view, neighbours, patches: vec![Vec::new(); n_patches], heights_m: vec![Vec::new(); n_patches] }
@@ -326,7 +327,7 @@ impl<'a> Fit<'a> {
 
     /// Median over the patches that more than one neighbour shows: one alone can be explained by its height.
     fn misfit_px(&self, patches: &[DVec2], heights_m: &[f64]) -> Option<f64> {
-        let off = |(i, seen): (usize, &Seen)| {
+        let off = |(i, seen): (usize, &SeenPatch)| {
             Some((seen.place - self.project(seen.neighbour, patches[i], heights_m[i])?.0).length())
         };
         let all: Vec<f64> = self

@@ -19,7 +19,7 @@ use sizeup_heights::stats::median;
 
 /// A view's surface by its own matching.
 #[derive(Debug)]
-pub(super) struct Surface {
+pub(super) struct MatchedSurface {
     /// Camera and pose of the map.
     pub ideal: Ideal,
     /// Heights, metres; `NaN` where it has none.
@@ -41,9 +41,9 @@ const APART_STEP: usize = 61;
 
 /// The heights of a view that `min_agreeing` others agree with, or half of those that have the place in their picture where
 /// that is less (two at least, unless there is one other in all), fused with theirs; `NaN` elsewhere.
-pub(super) fn agreed(view: &Surface, others: &[Arc<Surface>], min_agreeing: usize) -> Raster<f32> {
+pub(super) fn agreed(view: &MatchedSurface, others: &[Arc<MatchedSurface>], min_agreeing: usize) -> Raster<f32> {
     let (width, height) = (view.heights_m.width(), view.heights_m.height());
-    let seen = Seen::of(view);
+    let seen = SurfacePlaces::of(view);
     let others: Vec<Projection<'_>> = others.iter().map(|other| Projection::of(other, view, &seen)).collect();
     let fused = |i: usize| {
         let Some(place) = seen.place(i) else { return f32::NAN };
@@ -57,14 +57,14 @@ pub(super) fn agreed(view: &Surface, others: &[Arc<Surface>], min_agreeing: usiz
 }
 
 /// A surface's places on the map.
-struct Seen<'a> {
+struct SurfacePlaces<'a> {
     heights_m: &'a Raster<f32>,
     centre: DVec3,
     map_from_pixel: DMat3,
 }
 
-impl<'a> Seen<'a> {
-    fn of(surface: &'a Surface) -> Self {
+impl<'a> SurfacePlaces<'a> {
+    fn of(surface: &'a MatchedSurface) -> Self {
         let pose = &surface.ideal.camera_from_map;
         let map_from_pixel = pose.rotation.transpose() * surface.ideal.calibration().inverse();
         Self { heights_m: &surface.heights_m, centre: pose.centre(), map_from_pixel }
@@ -81,7 +81,7 @@ impl<'a> Seen<'a> {
 
 /// Another view's surface, looked up from places on the map.
 struct Projection<'a> {
-    surface: &'a Surface,
+    surface: &'a MatchedSurface,
     centre: DVec3,
     pixel_from_map: DMat3,
     view_levels: Levels,
@@ -90,7 +90,7 @@ struct Projection<'a> {
 }
 
 impl<'a> Projection<'a> {
-    fn of(surface: &'a Surface, view: &Surface, seen: &Seen<'_>) -> Self {
+    fn of(surface: &'a MatchedSurface, view: &MatchedSurface, seen: &SurfacePlaces<'_>) -> Self {
         let pose = &surface.ideal.camera_from_map;
         let pixel_from_map = surface.ideal.calibration() * pose.rotation;
         let view_levels = view.levels;
@@ -135,7 +135,7 @@ mod tests {
     use sizeup_heights::frames::Rigid;
 
     /// Straight down from 100 m above level ground, so far east: a pixel is a metre there.
-    fn flat(east_m: f64, spot: Option<(usize, f32)>) -> Surface {
+    fn flat(east_m: f64, spot: Option<(usize, f32)>) -> MatchedSurface {
         let rotation = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
         let centre = DVec3::new(east_m, 0.0, 100.0);
         let ideal = Ideal {
@@ -145,7 +145,7 @@ mod tests {
         let levels = Levels::every_metre(100.0);
         let mut heights_m = Raster::filled(40, 20, 0.0);
         spot.into_iter().for_each(|(i, z)| heights_m.data_mut()[i] = z);
-        Surface { ideal, heights_m, levels, is_turned: false }
+        MatchedSurface { ideal, heights_m, levels, is_turned: false }
     }
 
     #[test]
@@ -167,7 +167,7 @@ mod tests {
     fn who_does_not_have_a_place_in_the_picture_is_not_asked() {
         let view = flat(0.0, None);
         let at_the_border = 10 * 40 + 1;
-        let others = |west: [f32; 2]| -> Vec<Arc<Surface>> {
+        let others = |west: [f32; 2]| -> Vec<Arc<MatchedSurface>> {
             let raised = |(east_m, by_m): (f64, f32)| {
                 let mut surface = flat(east_m, None);
                 surface.heights_m = surface.heights_m.map(|z| z + by_m);

@@ -28,13 +28,13 @@ pub(super) const LEAST_VARIANCE: f32 = 0.05;
 /// A neighbour's brightness, ready for interpolation: per pixel its value, what it changes by to the right and
 /// downwards, and what is left diagonally. One read per lookup instead of four.
 #[derive(Debug)]
-pub(super) struct Neighbour {
+pub(super) struct NeighbourImage {
     width: usize,
     height: usize,
     corners: Vec<[f32; 4]>,
 }
 
-impl Neighbour {
+impl NeighbourImage {
     pub(super) fn new(grey: &Raster<f32>) -> Self {
         let (width, height) = (grey.width(), grey.height());
         let corner = |i: usize| {
@@ -162,7 +162,7 @@ fn sum_rows(rows: &[f32], sums: &mut [f32]) {
 
 /// A rectangle of a view, and how well its neighbours agree with it at one level.
 #[derive(Debug)]
-pub(super) struct Tile<'a> {
+pub(super) struct CorrelationTile<'a> {
     level: Level,
     view: &'a Windows<'a>,
     rows: Range<usize>,
@@ -181,7 +181,7 @@ pub(super) struct Tile<'a> {
     seen: Vec<Range<usize>>,
 }
 
-impl<'a> Tile<'a> {
+impl<'a> CorrelationTile<'a> {
     pub(super) fn new(view: &'a Windows<'a>, rows: Range<usize>, cols: Range<usize>, n_neighbours: usize) -> Self {
         let (width, height) = (view.grey.width(), view.grey.height());
         let reach = |part: &Range<usize>, n: usize| {
@@ -214,13 +214,13 @@ impl<'a> Tile<'a> {
     }
 
     /// Takes in how well a neighbour agrees, seen through a plane: `homography` leads from the view's pixels to its.
-    pub(super) fn compare(&mut self, neighbour: &Neighbour, homography: &DMat3) {
+    pub(super) fn compare(&mut self, neighbour: &NeighbourImage, homography: &DMat3) {
         dispatch!(self.level, _simd => self.compare_wide(neighbour, homography));
     }
 
     /// With whatever registers the caller was made for.
     #[inline(always)]
-    fn compare_wide(&mut self, neighbour: &Neighbour, homography: &DMat3) {
+    fn compare_wide(&mut self, neighbour: &NeighbourImage, homography: &DMat3) {
         let (width, n_cols, radius_px) = (self.view.grey.width(), self.col_reach.len(), self.view.radius_px);
         for (i, row) in self.row_reach.clone().enumerate() {
             self.seen[i] = self.warp.look(neighbour, homography, row);
@@ -283,27 +283,27 @@ impl<'a> Tile<'a> {
     }
 
     /// Votes of the neighbours on each pixel of the tile at the level, row by row.
-    pub(super) fn votes(&self) -> impl Iterator<Item = Vote> + '_ {
+    pub(super) fn votes(&self) -> impl Iterator<Item = NeighbourVote> + '_ {
         let mut sums = vec![0.0_f32; self.n_seen.len()];
         for (rank, best) in self.best.iter().enumerate() {
             for ((sum, score), n) in sums.iter_mut().zip(best).zip(&self.n_seen) {
                 *sum += if rank as f32 * 2.0 < *n { *score } else { 0.0 };
             }
         }
-        sums.into_iter().zip(&self.n_seen).map(|(sum, n)| Vote { sum, n_seen: *n as u8 })
+        sums.into_iter().zip(&self.n_seen).map(|(sum, n)| NeighbourVote { sum, n_seen: *n as u8 })
     }
 }
 
 /// Vote of the neighbours on a pixel at a level.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Vote {
+pub(super) struct NeighbourVote {
     /// Sum of the better half of the correlations.
     sum: f32,
     /// Number of neighbours that see it.
     pub n_seen: u8,
 }
 
-impl Vote {
+impl NeighbourVote {
     /// Cost of the level: the mean of the better half of the correlations, turned round. `n_most` neighbours count, those
     /// that see the pixel at this level or more; the others agree with nothing.
     pub(super) fn cost(self, n_most: u8) -> u8 {
@@ -314,7 +314,7 @@ impl Vote {
     }
 }
 
-/// Correlation that a cost stands for: the inverse of [`Vote::cost`].
+/// Correlation that a cost stands for: the inverse of [`NeighbourVote::cost`].
 pub(super) fn score(cost: u8) -> f64 {
     1.0 - 2.0 * f64::from(cost) / f64::from(WORST)
 }
@@ -347,7 +347,7 @@ impl Warp {
 
     /// Looks up a row; the columns that the neighbour sees.
     #[inline(always)]
-    fn look(&mut self, neighbour: &Neighbour, homography: &DMat3, row: usize) -> Range<usize> {
+    fn look(&mut self, neighbour: &NeighbourImage, homography: &DMat3, row: usize) -> Range<usize> {
         let seen = self.place(neighbour, homography, row);
         self.values[..seen.start].fill(0.0);
         self.values[seen.end..].fill(0.0);
@@ -361,7 +361,7 @@ impl Warp {
     /// Places of the row's pixels in the neighbour, in cells from the first one's centre. A plane's horizon aside, what
     /// it sees of a line is one stretch.
     #[inline(always)]
-    fn place(&mut self, neighbour: &Neighbour, homography: &DMat3, row: usize) -> Range<usize> {
+    fn place(&mut self, neighbour: &NeighbourImage, homography: &DMat3, row: usize) -> Range<usize> {
         let start = *homography * DVec3::new(0.5, row as f64 + 0.5, 1.0);
         let step = homography.col(0);
         // Scaled so that single precision holds a thousandth of a pixel anywhere in the row.
@@ -415,9 +415,9 @@ mod tests {
         let b = grey(33, 21, |x, y| 0.5 * noise(x, y) + noise(y, x + 3));
         let windows = Windows::new(&a, 2);
         for cols in [0..33, 0..7, 5..30, 29..33] {
-            let mut tile = Tile::new(&windows, 15..21, cols.clone(), 1);
+            let mut tile = CorrelationTile::new(&windows, 15..21, cols.clone(), 1);
             tile.forget();
-            tile.compare(&Neighbour::new(&b), &DMat3::IDENTITY);
+            tile.compare(&NeighbourImage::new(&b), &DMat3::IDENTITY);
             let costs: Vec<u8> = tile.votes().map(|vote| vote.cost(1)).collect();
             let at = |col: usize, row: usize| costs[(row - 15) * cols.len() + col - cols.start];
             let places = [(0, 15), (16, 15), (29, 17), (5, 16)];
@@ -435,17 +435,17 @@ mod tests {
     fn a_shift_by_half_a_pixel_is_a_mean() {
         let a = grey(20, 9, |x, y| 0.5 * (noise(x, y) + noise(x + 1, y)));
         let windows = Windows::new(&a, 1);
-        let mut tile = Tile::new(&windows, 3..5, 0..20, 1);
+        let mut tile = CorrelationTile::new(&windows, 3..5, 0..20, 1);
         tile.forget();
         let half = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(0.5, 0.0, 1.0));
-        tile.compare(&Neighbour::new(&grey(20, 9, noise)), &half);
+        tile.compare(&NeighbourImage::new(&grey(20, 9, noise)), &half);
         let costs: Vec<u8> = tile.votes().map(|vote| vote.cost(1)).collect();
         assert!(costs[2..17].iter().all(|cost| *cost == 0), "{costs:?}");
     }
 
     #[test]
     fn the_better_half_decides() {
-        let cost = |sum: f32, n_seen: u8| Vote { sum, n_seen }.cost(n_seen);
+        let cost = |sum: f32, n_seen: u8| NeighbourVote { sum, n_seen }.cost(n_seen);
         assert_eq!(cost(2.0, 4), 0);
         assert_eq!(cost(2.0, 3), 0);
         assert_eq!(cost(-1.0, 1), WORST);
@@ -455,7 +455,7 @@ mod tests {
 
     #[test]
     fn one_neighbour_that_is_left_of_six_counts_for_one_of_the_three_that_would_have_to_agree() {
-        let alone = Vote { sum: 0.9, n_seen: 1 };
+        let alone = NeighbourVote { sum: 0.9, n_seen: 1 };
         assert!((score(alone.cost(1)) - 0.9).abs() < 0.005);
         assert!((score(alone.cost(6)) - 0.3).abs() < 0.005);
     }

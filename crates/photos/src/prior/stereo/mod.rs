@@ -35,7 +35,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::alignment::Alignment;
-use self::consistency::Surface;
+use self::consistency::MatchedSurface;
 use self::levels::Levels;
 use self::picture::Ideal;
 use self::slanted::Slopes;
@@ -155,7 +155,7 @@ pub struct StereoPriors {
     survey: Neighbours,
     terrain: Terrain,
     pictures: Album,
-    surfaces: Kept<ViewId, Surface>,
+    surfaces: Kept<ViewId, MatchedSurface>,
     misfits: Misfits,
 }
 
@@ -178,7 +178,7 @@ impl Misfits {
 }
 
 /// Files that a view's depth is made from.
-struct Plan<'a> {
+struct StereoPlan<'a> {
     others: Vec<&'a View>,
     levels: Levels,
 }
@@ -201,7 +201,7 @@ impl StereoPriors {
         })
     }
 
-    fn plan(&self, view: &View) -> Result<Plan<'_>, PriorError> {
+    fn plan(&self, view: &View) -> Result<StereoPlan<'_>, PriorError> {
         let refuse = |problem: &str, hint: &str| Err(refusal(view, problem, hint));
         let others = self.survey.choose(view, self.config.n_neighbours);
         if others.is_empty() {
@@ -210,7 +210,7 @@ impl StereoPriors {
         let ideal = |view: &View| Ideal::of(view, self.config.long_side_px);
         let ideals: Vec<Ideal> = others.iter().map(|other| ideal(other)).collect();
         let levels = self.levels(&ideal(view), &ideals).ok_or_else(|| refuse_sky(view))?;
-        Ok(Plan { others, levels })
+        Ok(StereoPlan { others, levels })
     }
 }
 
@@ -220,11 +220,11 @@ fn refusal(view: &View, problem: &str, hint: &str) -> PriorError {
 
 impl StereoPriors {
     /// A view's surface by its own matching, computed once for all that ask soon.
-    fn surface(&self, view: &View) -> Result<Arc<Surface>, PriorError> {
+    fn surface(&self, view: &View) -> Result<Arc<MatchedSurface>, PriorError> {
         self.surfaces.get(&view.id, || self.match_view(view))
     }
 
-    fn match_view(&self, view: &View) -> Result<Surface, PriorError> {
+    fn match_view(&self, view: &View) -> Result<MatchedSurface, PriorError> {
         let plan = self.plan(view)?;
         let reference = self.pictures.picture(view)?;
         let others = plan.others.iter().map(|other| self.pictures.picture(other)).collect::<Result<Vec<_>, _>>()?;
@@ -270,7 +270,7 @@ impl StereoPriors {
             min_score: self.config.min_score,
         };
         let heights_m = self.without_speckles(slopes.find(&heights_m), &fine);
-        Ok(Surface { ideal: reference.ideal().clone(), heights_m, levels: fine, is_turned })
+        Ok(MatchedSurface { ideal: reference.ideal().clone(), heights_m, levels: fine, is_turned })
     }
 
     /// The levels between which pictures of half the size show surfaces. They do not have to be precise for that, and poses
@@ -369,7 +369,7 @@ impl CacheKey for StereoPriors {
 }
 
 impl StereoPriors {
-    fn feed_plan(view: &View, plan: &Plan<'_>, key: &mut KeyHasher) -> Result<(), PriorError> {
+    fn feed_plan(view: &View, plan: &StereoPlan<'_>, key: &mut KeyHasher) -> Result<(), PriorError> {
         key.json(&plan.levels);
         for seen in std::iter::once(view).chain(plan.others.iter().copied()) {
             key.json(&(&seen.camera, &seen.camera_from_map));

@@ -24,7 +24,7 @@ use std::sync::Arc;
 use fearless_simd::{Level, dispatch};
 use glam::{DMat3, DVec2, DVec3, Mat3, Vec3};
 
-use super::correlate::{LEAST_VARIANCE, Neighbour};
+use super::correlate::{LEAST_VARIANCE, NeighbourImage};
 use super::levels::Levels;
 use super::picture::{Ideal, Picture};
 use sizeup_heights::raster::Raster;
@@ -76,13 +76,13 @@ const N_TRIED: usize = 2;
 
 /// Inverse of z-depth over the picture, as seen from one pixel: there, per pixel to the right, per pixel downwards, 1/metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Plane {
+struct DepthPlane {
     w: f32,
     right: f32,
     down: f32,
 }
 
-impl Plane {
+impl DepthPlane {
     const NONE: Self = Self { w: f32::NAN, right: 0.0, down: 0.0 };
 
     /// Whether nobody could tell them apart within so many pixels.
@@ -100,8 +100,8 @@ impl Plane {
 }
 
 /// Way of the view's pixels into a neighbour.
-struct Way<'a> {
-    neighbour: &'a Neighbour,
+struct NeighbourWarp<'a> {
+    neighbour: &'a NeighbourImage,
     a: Mat3,
     b: Vec3,
 }
@@ -109,20 +109,20 @@ struct Way<'a> {
 /// Evidence that planes are judged by.
 struct Judge<'a> {
     grey: &'a Raster<f32>,
-    ways: Vec<Way<'a>>,
+    ways: Vec<NeighbourWarp<'a>>,
     /// Between samples of a window, pixels.
     step_px: i32,
 }
 
 /// The samples of a window in the view: mean 0, and one by the root of their sum of squares; `None` without texture.
-struct Window {
+struct SampledWindow {
     values: [f32; N],
     per_norm: f32,
 }
 
 impl Judge<'_> {
     #[inline(always)]
-    fn window(&self, col: usize, row: usize) -> Option<Window> {
+    fn window(&self, col: usize, row: usize) -> Option<SampledWindow> {
         let reach = self.step_px as usize * (SIDE / 2);
         let is_inside =
             col >= reach && row >= reach && col + reach < self.grey.width() && row + reach < self.grey.height();
@@ -139,12 +139,12 @@ impl Judge<'_> {
         let mean = values.iter().sum::<f32>() / N as f32;
         values.iter_mut().for_each(|v| *v -= mean);
         let squares = values.iter().map(|v| v * v).sum::<f32>();
-        (squares > LEAST_VARIANCE * N as f32).then(|| Window { values, per_norm: 1.0 / squares.sqrt() })
+        (squares > LEAST_VARIANCE * N as f32).then(|| SampledWindow { values, per_norm: 1.0 / squares.sqrt() })
     }
 
     /// Mean of the better half of the correlations, −1 where no neighbour sees the whole window.
     #[inline(always)]
-    fn score(&self, col: usize, row: usize, window: &Window, plane: Plane) -> f32 {
+    fn score(&self, col: usize, row: usize, window: &SampledWindow, plane: DepthPlane) -> f32 {
         /// Most neighbours of a view.
         const MOST: usize = 16;
         let mut found = [-1.0_f32; MOST];
@@ -168,7 +168,13 @@ impl Judge<'_> {
 
 /// Correlation of a window with what a neighbour sees of the plane; `None` where it does not see all of it.
 #[inline(always)]
-fn correlation(way: &Way<'_>, pixel: Vec3, step_px: f32, window: &Window, plane: Plane) -> Option<f32> {
+fn correlation(
+    way: &NeighbourWarp<'_>,
+    pixel: Vec3,
+    step_px: f32,
+    window: &SampledWindow,
+    plane: DepthPlane,
+) -> Option<f32> {
     let middle = way.a * pixel + way.b * plane.w;
     let right = step_px * (way.a.x_axis + way.b * plane.right);
     let down = step_px * (way.a.y_axis + way.b * plane.down);
@@ -205,13 +211,13 @@ fn correlation(way: &Way<'_>, pixel: Vec3, step_px: f32, window: &Window, plane:
 }
 
 /// The view's side of the formulas above.
-struct Frame {
+struct ViewFrame {
     centre: DVec3,
     map_from_pixel: DMat3,
     normal_from_plane: DMat3,
 }
 
-impl Frame {
+impl ViewFrame {
     fn of(ideal: &Ideal) -> Self {
         let pose = &ideal.camera_from_map;
         let map_from_pixel = pose.rotation.transpose() * ideal.calibration().inverse();
@@ -224,16 +230,16 @@ impl Frame {
     }
 
     /// The plane with a slope (∂z/∂x, ∂z/∂y) that stands at a height in a pixel.
-    fn plane(&self, pixel: DVec2, z_m: f64, slope: DVec2) -> Plane {
+    fn plane(&self, pixel: DVec2, z_m: f64, slope: DVec2) -> DepthPlane {
         let ray = self.ray(pixel);
         let depth = (z_m - self.centre.z) / ray.z;
         let normal = DVec3::new(-slope.x, -slope.y, 1.0);
         let g = self.map_from_pixel.transpose() * normal / (depth * normal.dot(ray));
-        Plane { w: (1.0 / depth) as f32, right: g.x as f32, down: g.y as f32 }
+        DepthPlane { w: (1.0 / depth) as f32, right: g.x as f32, down: g.y as f32 }
     }
 
     /// Height in the pixel, metres, and slope.
-    fn height_and_slope(&self, pixel: DVec2, plane: Plane) -> (f64, DVec2) {
+    fn height_and_slope(&self, pixel: DVec2, plane: DepthPlane) -> (f64, DVec2) {
         let [w, right, down] = [plane.w, plane.right, plane.down].map(f64::from);
         let normal = self.normal_from_plane * DVec3::new(right, down, w - right * pixel.x - down * pixel.y);
         let z_m = self.centre.z + self.ray(pixel).z / w;
@@ -265,14 +271,15 @@ pub(super) struct Slopes<'a> {
 impl Slopes<'_> {
     /// Heights with those of sloping surfaces in place of level ones where they explain the pictures better, and where there were none.
     pub(super) fn find(&self, heights_m: &Raster<f32>) -> Raster<f32> {
-        let neighbours: Vec<Neighbour> = self.others.iter().map(|other| Neighbour::new(other.grey())).collect();
+        let neighbours: Vec<NeighbourImage> =
+            self.others.iter().map(|other| NeighbourImage::new(other.grey())).collect();
         let here = self.reference.ideal();
-        let frame = Frame::of(here);
+        let frame = ViewFrame::of(here);
         let way = |(neighbour, there): (_, &Ideal)| {
             let pixel_from_map = there.calibration() * there.camera_from_map.rotation;
             let shift = here.camera_from_map.centre() - there.camera_from_map.centre();
             let (a, b) = (pixel_from_map * frame.map_from_pixel, pixel_from_map * shift);
-            Way { neighbour, a: a.as_mat3(), b: b.as_vec3() }
+            NeighbourWarp { neighbour, a: a.as_mat3(), b: b.as_vec3() }
         };
         let ways = neighbours.iter().zip(self.ideals).map(way).collect();
         let step_px = ((2 * self.radius_px) / (SIDE - 1)).max(1) as i32;
@@ -281,8 +288,8 @@ impl Slopes<'_> {
     }
 
     #[inline(always)]
-    fn hand_on(&self, frame: &Frame, judge: &Judge<'_>, heights_m: &Raster<f32>) -> Raster<f32> {
-        let mut field = Field::of(frame, judge, heights_m);
+    fn hand_on(&self, frame: &ViewFrame, judge: &Judge<'_>, heights_m: &Raster<f32>) -> Raster<f32> {
+        let mut field = PlaneField::of(frame, judge, heights_m);
         let level_scores = field.scores.clone();
         let is_explained: Vec<bool> =
             level_scores.iter().enumerate().map(|(i, score)| self.is_explained(heights_m, i, *score)).collect();
@@ -335,7 +342,15 @@ impl Slopes<'_> {
 
     /// Tries planes near the one at hand, nearer from pass to pass.
     #[inline(always)]
-    fn try_nearby(&self, frame: &Frame, judge: &Judge<'_>, field: &mut Field, i: usize, window: &Window, pass: usize) {
+    fn try_nearby(
+        &self,
+        frame: &ViewFrame,
+        judge: &Judge<'_>,
+        field: &mut PlaneField,
+        i: usize,
+        window: &SampledWindow,
+        pass: usize,
+    ) {
         let share = 0.5_f64.powi(pass as i32);
         for tried in 0..N_TRIED {
             let (z_m, slope) = frame.height_and_slope(field.pixel(i), field.planes[i]);
@@ -355,18 +370,18 @@ impl Slopes<'_> {
 }
 
 /// The best plane of every pixel so far.
-struct Field {
+struct PlaneField {
     width: usize,
-    planes: Vec<Plane>,
+    planes: Vec<DepthPlane>,
     scores: Vec<f32>,
 }
 
-impl Field {
+impl PlaneField {
     /// Level planes at the heights that are known.
     #[inline(always)]
-    fn of(frame: &Frame, judge: &Judge<'_>, heights_m: &Raster<f32>) -> Self {
+    fn of(frame: &ViewFrame, judge: &Judge<'_>, heights_m: &Raster<f32>) -> Self {
         let (width, n) = (heights_m.width(), heights_m.data().len());
-        let mut field = Self { width, planes: vec![Plane::NONE; n], scores: vec![-1.0; n] };
+        let mut field = Self { width, planes: vec![DepthPlane::NONE; n], scores: vec![-1.0; n] };
         for (i, z) in heights_m.data().iter().enumerate().filter(|(_, z)| !z.is_nan()) {
             let plane = frame.plane(field.pixel(i), f64::from(*z), DVec2::ZERO);
             if let Some(window) = judge.window(i % width, i / width) {
@@ -381,7 +396,7 @@ impl Field {
     }
 
     #[inline(always)]
-    fn attempt(&mut self, judge: &Judge<'_>, i: usize, window: &Window, plane: Plane) {
+    fn attempt(&mut self, judge: &Judge<'_>, i: usize, window: &SampledWindow, plane: DepthPlane) {
         let score = judge.score(i % self.width, i / self.width, window, plane);
         if score > self.scores[i] {
             (self.planes[i], self.scores[i]) = (plane, score);
@@ -390,7 +405,7 @@ impl Field {
 
     /// Takes over the plane of a pixel that was visited just before, where it explains more there and here.
     #[inline(always)]
-    fn take_over(&mut self, judge: &Judge<'_>, i: usize, window: &Window, is_forth: bool) {
+    fn take_over(&mut self, judge: &Judge<'_>, i: usize, window: &SampledWindow, is_forth: bool) {
         // Whole windows keep away from the border: there is a pixel on every side.
         let (beside, above, sign) = if is_forth { (i - 1, i - self.width, 1.0) } else { (i + 1, i + self.width, -1.0) };
         for (from, cols, rows) in [(beside, sign, 0.0), (above, 0.0, sign)] {
@@ -428,7 +443,7 @@ mod tests {
 
     /// Point where a pixel's ray meets the roof.
     fn place(ideal: &Ideal, pixel: DVec2) -> DVec3 {
-        let frame = Frame::of(ideal);
+        let frame = ViewFrame::of(ideal);
         let ray = frame.ray(pixel);
         let normal = DVec3::new(-SLOPE.x, -SLOPE.y, 1.0);
         let depth = (5.0 - normal.dot(frame.centre)) / normal.dot(ray);
@@ -448,7 +463,7 @@ mod tests {
     #[test]
     fn a_plane_is_what_it_was_made_of() {
         let ideal = camera(0.0);
-        let (frame, pixel) = (Frame::of(&ideal), DVec2::new(30.5, 50.5));
+        let (frame, pixel) = (ViewFrame::of(&ideal), DVec2::new(30.5, 50.5));
         let plane = frame.plane(pixel, roof_m(place(&ideal, pixel).truncate()), SLOPE);
         let (z_m, slope) = frame.height_and_slope(pixel, plane);
         assert!((z_m - place(&ideal, pixel).z).abs() < 1e-3 && (slope - SLOPE).length() < 1e-3, "{z_m} {slope}");
@@ -462,12 +477,12 @@ mod tests {
     fn a_neighbour_sees_a_plane_where_its_own_rays_meet_it() {
         let (here, there) = (camera(0.0), camera(14.0));
         let paint = |ideal: &Ideal| Picture::painted(ideal.clone(), |pixel| tiles(place(ideal, pixel)));
-        let (reference, other) = (paint(&here), Neighbour::new(paint(&there).grey()));
-        let frame = Frame::of(&here);
+        let (reference, other) = (paint(&here), NeighbourImage::new(paint(&there).grey()));
+        let frame = ViewFrame::of(&here);
         let pixel_from_map = there.calibration() * there.camera_from_map.rotation;
         let (a, b) =
-            (pixel_from_map * frame.map_from_pixel, pixel_from_map * (frame.centre - Frame::of(&there).centre));
-        let way = Way { neighbour: &other, a: a.as_mat3(), b: b.as_vec3() };
+            (pixel_from_map * frame.map_from_pixel, pixel_from_map * (frame.centre - ViewFrame::of(&there).centre));
+        let way = NeighbourWarp { neighbour: &other, a: a.as_mat3(), b: b.as_vec3() };
         let judge = Judge { grey: reference.grey(), ways: vec![way], step_px: 2 };
         let window = judge.window(48, 36).unwrap();
         let pixel = DVec2::new(48.5, 36.5);

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec2};
 
-use super::correlate::{Neighbour, Tile, WORST, Windows};
+use super::correlate::{CorrelationTile, NeighbourImage, WORST, Windows};
 use super::levels::Levels;
 use super::picture::{Ideal, Picture};
 use sizeup_heights::raster::Raster;
@@ -99,7 +99,7 @@ impl Sweep<'_> {
         let Self { reference, others, levels, .. } = *self;
         let (width, height) = (reference.grey().width(), reference.grey().height());
         let windows = Windows::new(reference.grey(), radius_px);
-        let neighbours: Vec<Neighbour> = others.iter().map(|other| Neighbour::new(other.grey())).collect();
+        let neighbours: Vec<NeighbourImage> = others.iter().map(|other| NeighbourImage::new(other.grey())).collect();
         let homographies: Vec<Vec<DMat3>> = (0..levels.n)
             .map(|level| {
                 let z_m = levels.height_m(level as f64);
@@ -111,7 +111,7 @@ impl Sweep<'_> {
         for rows in starts(height, TILE_PX[0]) {
             for cols in starts(width, TILE_PX[1]) {
                 let wanted = self.coarse.map(|coarse| coarse.wanted(levels, &rows, &cols));
-                let mut tile = Tile::new(&windows, rows.clone(), cols.clone(), neighbours.len());
+                let mut tile = CorrelationTile::new(&windows, rows.clone(), cols.clone(), neighbours.len());
                 let n_pixels = rows.len() * cols.len();
                 let tried: Vec<usize> =
                     (0..levels.n).filter(|level| wanted.as_ref().is_none_or(|wanted| wanted[*level])).collect();

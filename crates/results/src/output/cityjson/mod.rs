@@ -25,7 +25,7 @@ use super::grid::OutputGrid;
 use super::prism::{NoSolid, SnappedPrism};
 use super::{BuildingRecord, CityModel, OutputError};
 pub use names::{AttributeNames, EXTENSION_PREFIX, extension_schema};
-use object::Objects;
+use object::ObjectSettings;
 pub use read_sequence::CitySequence;
 pub(super) use sequence::write_lines;
 pub use sequence::write_sequence;
@@ -84,7 +84,7 @@ pub fn write<R: Records + ?Sized>(
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(config.scale_m)?;
     let header = metadata::header(model, &overview, &grid, config);
-    let objects = Objects { grid: &grid, config, has_roofs: overview.has_roofs };
+    let objects = ObjectSettings { grid: &grid, config, has_roofs: overview.has_roofs };
     write_whole_or(path, |out| {
         let mut pool = VertexPool::default();
         let mut separator = "\n";

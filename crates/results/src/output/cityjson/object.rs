@@ -7,7 +7,7 @@ use super::super::buildings::Family;
 use super::super::facts::SolidFacts;
 use super::super::footprint::SnappedFootprint;
 use super::super::grid::OutputGrid;
-use super::super::prism::{GridFace, Surface};
+use super::super::prism::{FaceKind, GridFace};
 use super::super::roof_solid::{self, Detail};
 use super::super::{BuildingRecord, Status};
 use super::names::{self, AttributeNames};
@@ -19,7 +19,7 @@ pub type Named = (String, Value);
 
 /// Settings that objects are made with.
 #[derive(Clone, Copy)]
-pub struct Objects<'a> {
+pub struct ObjectSettings<'a> {
     /// Grid of the vertices.
     pub grid: &'a OutputGrid,
     /// Form in which they are written.
@@ -28,7 +28,7 @@ pub struct Objects<'a> {
     pub has_roofs: bool,
 }
 
-impl Objects<'_> {
+impl ObjectSettings<'_> {
     /// The objects of a building, the root first; their vertices go into `pool`.
     pub fn of(&self, family: &Family<'_>, pool: &mut VertexPool) -> Vec<Named> {
         match family {
@@ -150,9 +150,9 @@ fn solid(lod: &str, faces: &[GridFace], pool: &mut VertexPool) -> Value {
     for face in faces {
         shell.push(face.rings.iter().map(|ring| ring.iter().map(|p| pool.index_of(*p)).collect()).collect());
         kinds.push(match face.surface {
-            Surface::Ground => 0,
-            Surface::Roof => 1,
-            Surface::Wall => 2,
+            FaceKind::Ground => 0,
+            FaceKind::Roof => 1,
+            FaceKind::Wall => 2,
         });
     }
     json!({

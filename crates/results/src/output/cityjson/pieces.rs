@@ -33,12 +33,12 @@ pub(in crate::output) trait Pieces {
 /// Error of reading, of syntax, or of data: where objects and vertices are no such lists, or `pieces` ended the reading.
 pub(in crate::output) fn read_pieces(reader: impl Read, pieces: &mut impl Pieces) -> serde_json::Result<()> {
     let mut deserializer = serde_json::Deserializer::from_reader(reader);
-    Seed { place: Place::File, pieces }.deserialize(&mut deserializer)?;
+    Seed { place: DocumentPlace::File, pieces }.deserialize(&mut deserializer)?;
     deserializer.end()
 }
 
 #[derive(Clone, Copy)]
-enum Place {
+enum DocumentPlace {
     File,
     Objects,
     Vertices,
@@ -46,7 +46,7 @@ enum Place {
 
 /// A part of the file, and who takes its pieces.
 struct Seed<'a, P> {
-    place: Place,
+    place: DocumentPlace,
     pieces: &'a mut P,
 }
 
@@ -55,8 +55,8 @@ impl<'de, P: Pieces> DeserializeSeed<'de> for Seed<'_, P> {
 
     fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
         match self.place {
-            Place::File | Place::Objects => deserializer.deserialize_map(self),
-            Place::Vertices => deserializer.deserialize_seq(self),
+            DocumentPlace::File | DocumentPlace::Objects => deserializer.deserialize_map(self),
+            DocumentPlace::Vertices => deserializer.deserialize_seq(self),
         }
     }
 }
@@ -66,9 +66,9 @@ impl<'de, P: Pieces> Visitor<'de> for Seed<'_, P> {
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self.place {
-            Place::File => "a CityJSON object",
-            Place::Objects => "city objects by id",
-            Place::Vertices => "a list of vertices",
+            DocumentPlace::File => "a CityJSON object",
+            DocumentPlace::Objects => "city objects by id",
+            DocumentPlace::Vertices => "a list of vertices",
         })
     }
 
@@ -77,9 +77,9 @@ impl<'de, P: Pieces> Visitor<'de> for Seed<'_, P> {
         let go_on = |goes_on: bool| if goes_on { Ok(()) } else { Err(A::Error::custom("stopped")) };
         while let Some(name) = members.next_key::<String>()? {
             let place = match (place, name.as_str()) {
-                (Place::File, "CityObjects") => Place::Objects,
-                (Place::File, "vertices") => Place::Vertices,
-                (Place::File, _) => {
+                (DocumentPlace::File, "CityObjects") => DocumentPlace::Objects,
+                (DocumentPlace::File, "vertices") => DocumentPlace::Vertices,
+                (DocumentPlace::File, _) => {
                     pieces.member(name, members.next_value()?);
                     continue;
                 }

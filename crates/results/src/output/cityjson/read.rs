@@ -14,7 +14,7 @@ use serde::{Deserialize, Deserializer};
 use serde_json::{Map as JsonMap, Value};
 
 use super::super::error::{MalformedFile, OutputError};
-use super::super::prism::Surface;
+use super::super::prism::FaceKind;
 use super::pieces::{Pieces, read_pieces};
 use super::read_sequence::CitySequence;
 use sizeup_geo::crs::Crs;
@@ -84,7 +84,7 @@ pub struct CitySurface {
     /// Solid of a multi-solid, shell of the solid, surface of the shell.
     pub place: [usize; 3],
     /// Semantics, where it is one of the three that matter here.
-    pub kind: Option<Surface>,
+    pub kind: Option<FaceKind>,
     /// Rings as in the file (not closed).
     pub rings: Vec<Vec<u32>>,
 }
@@ -156,7 +156,7 @@ pub fn visit_objects(
     let take = |id: String, object: RawObject, n_templates: &mut usize| {
         object.read(id, 0, vertices.len(), n_templates).map_err(malformed).and_then(&mut *visit)
     };
-    let mut objects = Objects { take, n_templates: 0, failure: None };
+    let mut objects = ObjectVisitor { take, n_templates: 0, failure: None };
     let outcome = read_pieces(open(path)?, &mut objects);
     match (objects.failure, outcome) {
         (Some(failure), _) => Err(failure),
@@ -166,13 +166,13 @@ pub fn visit_objects(
 }
 
 /// A file of which only the objects are looked at.
-struct Objects<F> {
+struct ObjectVisitor<F> {
     take: F,
     n_templates: usize,
     failure: Option<OutputError>,
 }
 
-impl<F: FnMut(String, RawObject, &mut usize) -> Result<(), OutputError>> Pieces for Objects<F> {
+impl<F: FnMut(String, RawObject, &mut usize) -> Result<(), OutputError>> Pieces for ObjectVisitor<F> {
     type Object = RawObject;
     type Vertex = IgnoredAny;
     type Member = IgnoredAny;
@@ -382,12 +382,12 @@ impl RawGeometry {
         Ok(Some(CityGeometry { lod, is_solid: levels_above > 0, surfaces }))
     }
 
-    fn kind_of(&self, value: &Value) -> Option<Surface> {
+    fn kind_of(&self, value: &Value) -> Option<FaceKind> {
         let index = usize::try_from(value.as_u64()?).ok()?;
         match self.semantics.as_ref()?.surfaces.get(index)?.kind.as_str() {
-            "GroundSurface" => Some(Surface::Ground),
-            "RoofSurface" => Some(Surface::Roof),
-            "WallSurface" => Some(Surface::Wall),
+            "GroundSurface" => Some(FaceKind::Ground),
+            "RoofSurface" => Some(FaceKind::Roof),
+            "WallSurface" => Some(FaceKind::Wall),
             _ => None,
         }
     }

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::object::{Named, Objects};
+use super::object::{Named, ObjectSettings};
 use super::vertices::VertexPool;
 use super::{CityJsonConfig, cannot_write, metadata};
 use crate::output::{CityModel, Families, OutputError, Overview, Records};
@@ -40,7 +40,7 @@ pub(in crate::output) fn write_lines<R: Records + ?Sized>(
     let mut header = metadata::header(model, overview, &grid, config);
     header.insert("CityObjects".to_owned(), json!({}));
     header.insert("vertices".to_owned(), json!([]));
-    let objects = Objects { grid: &grid, config, has_roofs: overview.has_roofs };
+    let objects = ObjectSettings { grid: &grid, config, has_roofs: overview.has_roofs };
     writeln!(out, "{}", json!(header)).map_err(&failed)?;
     let mut pool = VertexPool::default();
     let mut families = Families::new(overview);

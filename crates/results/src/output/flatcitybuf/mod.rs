@@ -46,14 +46,14 @@ pub fn write<R: Records + ?Sized>(
     let unnamed = || tempfile::tempfile_in(folder).map_err(|e| failed(e.to_string()));
     let mut lines = BufWriter::with_capacity(1 << 20, unnamed()?);
     cityjson::write_lines(&mut lines, model, config, &overview, |e| failed(e.to_string()))?;
-    let lines = lines.into_inner().map_err(|e| e.to_string()).and_then(Lines::new).map_err(&failed)?;
+    let lines = lines.into_inner().map_err(|e| e.to_string()).and_then(SequenceLines::new).map_err(&failed)?;
     let features = unnamed()?;
     write_whole_or(path, |out| convert(&lines, features, out).map_err(failed))?;
     Ok(overview)
 }
 
 /// Writes the file of some lines; `spool` takes the features until all are known.
-fn convert(lines: &Lines, spool: File, out: &mut dyn Write) -> Result<(), String> {
+fn convert(lines: &SequenceLines, spool: File, out: &mut dyn Write) -> Result<(), String> {
     let mut types = BTreeMap::new();
     lines.visit(|portion| {
         let objects = portion.features.iter().flat_map(|feature| feature.city_objects.values());
@@ -67,13 +67,13 @@ fn convert(lines: &Lines, spool: File, out: &mut dyn Write) -> Result<(), String
 }
 
 /// The lines of a `CityJSONSeq` on disk.
-struct Lines {
+struct SequenceLines {
     file: File,
     /// The first of them, which has all but the features.
     head: String,
 }
 
-impl Lines {
+impl SequenceLines {
     fn new(mut file: File) -> Result<Self, String> {
         let mut head = String::new();
         file.rewind().and_then(|()| BufReader::new(&file).read_line(&mut head)).map_err(|e| e.to_string())?;
@@ -151,7 +151,7 @@ mod tests {
     use super::*;
 
     /// A sequence of boxes on a grid with gaps, some without a height, some in two objects, one without vertices.
-    fn sequence(n: usize) -> Lines {
+    fn sequence(n: usize) -> SequenceLines {
         let head = json!({
             "type": "CityJSON", "version": "2.0", "CityObjects": {}, "vertices": [],
             "transform": { "scale": [0.001, 0.001, 0.001], "translate": [565_000.0, 5_932_000.0, 24.0] },
@@ -182,11 +182,11 @@ mod tests {
         let mut file = tempfile::tempfile().unwrap();
         writeln!(file, "{head}").unwrap();
         (0..n).for_each(|i| writeln!(file, "{}", feature(i)).unwrap());
-        Lines::new(file).unwrap()
+        SequenceLines::new(file).unwrap()
     }
 
     /// A sequence written by the crate's own writer, with all of it in memory.
-    fn by_the_crate(lines: &Lines) -> Vec<u8> {
+    fn by_the_crate(lines: &SequenceLines) -> Vec<u8> {
         let mut file = &lines.file;
         file.rewind().unwrap();
         let Ok(CJType::Seq(city)) = read_cityjson_from_reader(BufReader::new(file), CJTypeKind::Seq) else { panic!() };

@@ -44,13 +44,13 @@ pub enum ProjectGround<'a> {
 }
 
 /// A layer of the legend: its name, whether it is drawn, and the group it is in.
-type Entry = (&'static str, bool, Option<&'static str>);
+type LegendEntry = (&'static str, bool, Option<&'static str>);
 
 /// The group of what is about the photos, closed and not drawn: arrows lie over the town else.
 const SURVEY_GROUP: &str = "survey";
 
 /// Layers from the top of the legend down.
-const LEGEND: [Entry; 7] = [
+const LEGEND: [LegendEntry; 7] = [
     ("qa_issues", true, None),
     ("buildings", true, None),
     ("buildings_lod1", false, None),
@@ -98,7 +98,7 @@ pub fn write_project<R: Records + ?Sized>(
 ) -> Result<(), OutputError> {
     let overview = Overview::of(model.records)?;
     let title = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-    let project = Project {
+    let project = QgisProject {
         title: escape(title.as_str()).into_owned(),
         geopackage: escape(geopackage).into_owned(),
         crs: spatial_reference(model.crs),
@@ -151,11 +151,11 @@ fn sources(lineage: &Lineage) -> String {
 }
 
 /// Parts of a project file; texts are escaped.
-struct Project<'a> {
+struct QgisProject<'a> {
     title: String,
     geopackage: String,
     crs: String,
-    layers: Vec<Entry>,
+    layers: Vec<LegendEntry>,
     /// Columns by layer, whose titles are the aliases.
     columns: BTreeMap<&'static str, Vec<Column>>,
     extent: Option<Extent>,
@@ -164,7 +164,7 @@ struct Project<'a> {
 }
 
 // Writing to a String does not fail.
-impl Project<'_> {
+impl QgisProject<'_> {
     fn text(&self) -> String {
         let Self { title, crs, .. } = self;
         let mut text = format!(

@@ -5,7 +5,7 @@ use image::RgbImage;
 
 use super::canvas::{Align, Canvas, Pen};
 use super::colour::{INK, Rgb};
-use super::plan::{Sheet, ShownRegion};
+use super::plan::{MapSheet, ShownRegion};
 use sizeup_geo::crs::Crs;
 
 /// Free margin around the footprints, share of their larger side.
@@ -41,7 +41,7 @@ pub fn class_map(headings: &MapHeadings, classes: &[MapClass<'_>], crs: &Crs) ->
     let footprints = classes.iter().flat_map(|class| class.footprints.iter().flat_map(|footprint| footprint.iter()));
     let corners = footprints.flat_map(|polygon| polygon.exterior().coords()).map(|at| [at.x, at.y]);
     let region = ShownRegion::around(corners, MARGIN_SHARE);
-    let mut sheet = Sheet::new(&region, WIDTH_PX);
+    let mut sheet = MapSheet::new(&region, WIDTH_PX);
     let unit = sheet.unit;
     for class in classes {
         for polygon in class.footprints.iter().flat_map(|footprint| footprint.iter()) {

@@ -89,9 +89,10 @@ pub struct HeightClass {
 #[must_use]
 pub fn height_classes() -> &'static [HeightClass] {
     static CLASSES: LazyLock<Vec<HeightClass>> = LazyLock::new(|| {
-        let entries: Vec<Entry> = serde_json::from_str(include_str!("../height_classes.json")).expect("our own file");
+        let entries: Vec<ClassEntry> =
+            serde_json::from_str(include_str!("../height_classes.json")).expect("our own file");
         let part = |colour: &str, at: usize| u8::from_str_radix(&colour[at..at + 2], 16).expect("#rrggbb");
-        let class = |entry: Entry| HeightClass {
+        let class = |entry: ClassEntry| HeightClass {
             below_m: entry.below_m.unwrap_or(f64::INFINITY),
             colour: [1, 3, 5].map(|at| part(&entry.colour, at)),
         };
@@ -102,7 +103,7 @@ pub fn height_classes() -> &'static [HeightClass] {
 
 /// A class as its file has it.
 #[derive(Deserialize)]
-struct Entry {
+struct ClassEntry {
     below_m: Option<f64>,
     colour: String,
 }

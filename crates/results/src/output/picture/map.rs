@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::canvas::{Align, Canvas, Pen};
 use super::colour::{ALERT, GREY, INK, NO_VALUE, Rgb, WHITE, height_classes, height_colour};
-use super::plan::{MapFrame, Sheet, ShownRegion};
+use super::plan::{MapFrame, MapSheet, ShownRegion};
 use super::warning;
 use crate::output::{BuildingRecord, CityModel, Status, StatusCount};
 use sizeup_survey::{View, ViewKind};
@@ -42,7 +42,7 @@ const ARROW: f32 = 50.0;
 pub fn map(model: &CityModel<'_>, config: &MapConfig) -> RgbImage {
     let views: &[View] = if config.cameras { &model.survey.views } else { &[] };
     let region = region_of(model.records, views);
-    let mut sheet = Sheet::new(&region, config.width_px);
+    let mut sheet = MapSheet::new(&region, config.width_px);
     buildings(&mut sheet, model.records);
     let n_drawn = cameras(&mut sheet, views);
     let told = model.issues.iter().filter(|issue| issue.code == "result_implausible");
@@ -73,8 +73,8 @@ fn region_of(records: &[BuildingRecord], views: &[View]) -> ShownRegion {
     ShownRegion::around(buildings.corners().into_iter().chain(near), MARGIN_SHARE)
 }
 
-fn buildings(sheet: &mut Sheet, records: &[BuildingRecord]) {
-    let Sheet { canvas, to_px, unit, .. } = sheet;
+fn buildings(sheet: &mut MapSheet, records: &[BuildingRecord]) {
+    let MapSheet { canvas, to_px, unit, .. } = sheet;
     let unit = *unit;
     for record in records {
         let Some(footprint) = &record.footprint else { continue };
@@ -113,8 +113,8 @@ fn edge_pen(record: &BuildingRecord, unit: f32) -> Pen {
 }
 
 /// Draws the cameras within the frame; returns how many.
-fn cameras(sheet: &mut Sheet, views: &[View]) -> usize {
-    let Sheet { canvas, frame, to_px, unit } = sheet;
+fn cameras(sheet: &mut MapSheet, views: &[View]) -> usize {
+    let MapSheet { canvas, frame, to_px, unit } = sheet;
     let unit = *unit;
     // Hundreds of cameras need smaller signs than a dozen.
     let radius = unit * if views.len() > 200 { 2.2 } else { 3.6 };
@@ -137,7 +137,7 @@ fn cameras(sheet: &mut Sheet, views: &[View]) -> usize {
     n_drawn
 }
 
-fn headings(sheet: &mut Sheet, model: &CityModel<'_>, config: &MapConfig) {
+fn headings(sheet: &mut MapSheet, model: &CityModel<'_>, config: &MapConfig) {
     let count = StatusCount::of(model.records);
     let without: usize = count.by_status().iter().filter(|(s, _)| **s >= Status::Unknown).map(|(_, n)| n).sum();
     let n_known = count.n_buildings() - without;

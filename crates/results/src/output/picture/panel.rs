@@ -54,8 +54,8 @@ pub fn depth_panel(photo: &RgbImage, depths: &PanelDepths<'_>, caption: &str, co
     let left = |i: f32| (gap + i * (width as f32 + gap)).round();
 
     canvas.picture(&resize(photo, width, height, FilterType::Triangle), [left(0.0) as i32, top as i32]);
-    let rendered = Shown::new(depths.rendered_m, PriorKind::Depth);
-    let prior = Shown::new(depths.prior, depths.prior_kind);
+    let rendered = ShownDepth::new(depths.rendered_m, PriorKind::Depth);
+    let prior = ShownDepth::new(depths.prior, depths.prior_kind);
     let prior_name = match depths.prior_kind {
         PriorKind::Depth => "depth prior",
         PriorKind::InverseDepth => "depth prior (inverse depth)",
@@ -78,17 +78,17 @@ pub fn depth_panel(photo: &RgbImage, depths: &PanelDepths<'_>, caption: &str, co
 /// A depth map in colours, near light and far dark, each cell as large as it takes to fill the size.
 #[must_use]
 pub fn depth_picture(values: &Raster<f32>, kind: PriorKind, width_px: u32, height_px: u32) -> RgbImage {
-    Shown::new(values, kind).picture(width_px, height_px)
+    ShownDepth::new(values, kind).picture(width_px, height_px)
 }
 
 /// A depth map with the ends of its colours.
-struct Shown<'a> {
+struct ShownDepth<'a> {
     values: &'a Raster<f32>,
     /// Value shown as nearest and as farthest.
     ends: Option<(f64, f64)>,
 }
 
-impl<'a> Shown<'a> {
+impl<'a> ShownDepth<'a> {
     fn new(values: &'a Raster<f32>, kind: PriorKind) -> Self {
         let known: Vec<f64> = values.data().iter().filter(|v| v.is_finite()).map(|v| f64::from(*v)).collect();
         let low = quantile(&known, COLOUR_QUANTILES.0);
@@ -129,7 +129,7 @@ struct Bar {
 }
 
 impl Bar {
-    fn draw(&self, canvas: &mut Canvas, shown: &Shown<'_>) {
+    fn draw(&self, canvas: &mut Canvas, shown: &ShownDepth<'_>) {
         let Some((near, far)) = shown.ends else {
             canvas.text("no values", [self.left, self.top + 14.0 * self.unit], 14.0 * self.unit, GREY, Align::Left);
             return;

@@ -15,7 +15,7 @@ const REFERENCE_WIDTH_PX: f32 = 1600.0;
 const WIDTHS_PX: (u32, u32) = (600, 8000);
 
 /// A picture with a map on its left and room for a legend on its right.
-pub struct Sheet {
+pub struct MapSheet {
     /// Canvas that is drawn on.
     pub canvas: Canvas,
     /// Rectangle of the canvas that the map fills.
@@ -26,7 +26,7 @@ pub struct Sheet {
     pub unit: f32,
 }
 
-impl Sheet {
+impl MapSheet {
     /// An empty map of a region.
     pub fn new(region: &ShownRegion, width_px: u32) -> Self {
         let width = width_px.clamp(WIDTHS_PX.0, WIDTHS_PX.1) as f32;

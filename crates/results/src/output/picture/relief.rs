@@ -6,7 +6,7 @@ use image::RgbImage;
 use super::SHEET_PX;
 use super::canvas::{Align, Pen};
 use super::colour::{ALERT, ColourMap, GREY, INK, Rgb, WHITE};
-use super::plan::{Sheet, ShownRegion};
+use super::plan::{MapSheet, ShownRegion};
 use super::scale;
 use sizeup_geo::crs::Crs;
 use sizeup_photos::dtm::{Dtm, SquareOutcome};
@@ -27,7 +27,7 @@ pub fn relief_map(dtm: &Dtm, footprints: &[&Polygon<f64>], crs: &Crs) -> RgbImag
     let heights = dtm.dem.heights_m();
     let (east, south) = (west + cell_x * heights.width() as f64, north - cell_y * heights.height() as f64);
     let region = ShownRegion::around([[west, south], [east, north]].into_iter(), 0.0);
-    let mut sheet = Sheet::new(&region, SHEET_PX);
+    let mut sheet = MapSheet::new(&region, SHEET_PX);
     let (low_m, high_m) = dtm.dem.range();
     let span_m = (high_m - low_m).max(0.1);
     let step = heights.width().max(heights.height()).div_ceil(MAX_CELLS).max(1);
@@ -77,9 +77,9 @@ fn colour(outcome: SquareOutcome) -> Option<Rgb> {
     }
 }
 
-fn legend(sheet: &mut Sheet, counts: &[(Rgb, String)], (low_m, high_m): (f64, f64)) {
+fn legend(sheet: &mut MapSheet, counts: &[(Rgb, String)], (low_m, high_m): (f64, f64)) {
     let (left, unit) = (sheet.legend_left(), sheet.unit);
-    let Sheet { canvas, frame, .. } = sheet;
+    let MapSheet { canvas, frame, .. } = sheet;
     let mut y = frame.top + 18.0 * unit;
     for (colour, label) in counts {
         canvas.disc([left + 8.0 * unit, y], 1.6 * MARK_PX * unit, *colour, Pen::new(GREY, 0.8 * unit));

@@ -8,7 +8,7 @@ use image::RgbImage;
 use super::SHEET_PX;
 use super::canvas::{Align, Pen};
 use super::colour::{GREY, INK, Rgb, WHITE};
-use super::plan::{Sheet, ShownRegion};
+use super::plan::{MapSheet, ShownRegion};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::issue::Severity;
 use sizeup_geo::terrain::Terrain;
@@ -33,7 +33,7 @@ const NADIR_RADII: f32 = 1.8;
 const CROWD: usize = 200;
 
 /// A view as it is drawn.
-struct Drawn {
+struct DrawnView {
     camera: DVec2,
     looks_at: Option<DVec2>,
     colour: Rgb,
@@ -51,7 +51,7 @@ pub fn survey_map(survey: &Survey, ground: Option<&Terrain>, crs: &Crs) -> RgbIm
     let refused = refused(survey);
     let region =
         ShownRegion::around(corners.chain(cameras).chain(refused.iter().copied()).map(|p| [p.x, p.y]), MARGIN_SHARE);
-    let mut sheet = Sheet::new(&region, SHEET_PX);
+    let mut sheet = MapSheet::new(&region, SHEET_PX);
     draw(&mut sheet, &footprints, &views);
     draw_refused(&mut sheet, &refused);
     sheet.furnish();
@@ -72,8 +72,8 @@ fn refused(survey: &Survey) -> Vec<DVec2> {
     of_views.filter_map(|issue| issue.place.map(DVec2::from)).collect()
 }
 
-fn draw_refused(sheet: &mut Sheet, places: &[DVec2]) {
-    let Sheet { canvas, to_px, unit, .. } = sheet;
+fn draw_refused(sheet: &mut MapSheet, places: &[DVec2]) {
+    let MapSheet { canvas, to_px, unit, .. } = sheet;
     for place in places {
         canvas.disc(to_px.at(place.x, place.y), MARK_PX * *unit, REFUSED, Pen::new(WHITE, 0.8 * *unit));
     }
@@ -88,8 +88,8 @@ fn footprints(survey: &Survey, terrain: &Terrain, step: usize) -> Vec<Vec<DVec2>
     survey.views.iter().step_by(step).map(footprint).collect()
 }
 
-fn drawn(survey: &Survey, terrain: &Terrain) -> Vec<Drawn> {
-    let view = |view: &View| Drawn {
+fn drawn(survey: &Survey, terrain: &Terrain) -> Vec<DrawnView> {
+    let view = |view: &View| DrawnView {
         camera: view.centre().truncate(),
         looks_at: ground::centre_on_ground(view, terrain),
         colour: if view.kind() == ViewKind::Nadir { NADIR } else { OBLIQUE },
@@ -97,8 +97,8 @@ fn drawn(survey: &Survey, terrain: &Terrain) -> Vec<Drawn> {
     survey.views.iter().map(view).collect()
 }
 
-fn draw(sheet: &mut Sheet, footprints: &[Vec<DVec2>], views: &[Drawn]) {
-    let Sheet { canvas, to_px, unit, .. } = sheet;
+fn draw(sheet: &mut MapSheet, footprints: &[Vec<DVec2>], views: &[DrawnView]) {
+    let MapSheet { canvas, to_px, unit, .. } = sheet;
     let unit = *unit;
     let radius = unit * if views.len() > CROWD { SMALL_MARK_PX } else { MARK_PX };
     for footprint in footprints {
@@ -113,7 +113,7 @@ fn draw(sheet: &mut Sheet, footprints: &[Vec<DVec2>], views: &[Drawn]) {
         }
     }
     // Rigs take nadir and oblique photos from one place: the wider nadir marks stay visible below.
-    let (nadir, oblique): (Vec<&Drawn>, Vec<&Drawn>) = views.iter().partition(|view| view.colour == NADIR);
+    let (nadir, oblique): (Vec<&DrawnView>, Vec<&DrawnView>) = views.iter().partition(|view| view.colour == NADIR);
     for (views, radius) in [(nadir, NADIR_RADII * radius), (oblique, radius)] {
         for view in views {
             let at = to_px.at(view.camera.x, view.camera.y);
@@ -122,9 +122,9 @@ fn draw(sheet: &mut Sheet, footprints: &[Vec<DVec2>], views: &[Drawn]) {
     }
 }
 
-fn legend(sheet: &mut Sheet, survey: &Survey, n_refused: usize, step: usize) {
+fn legend(sheet: &mut MapSheet, survey: &Survey, n_refused: usize, step: usize) {
     let (left, unit) = (sheet.legend_left(), sheet.unit);
-    let Sheet { canvas, frame, .. } = sheet;
+    let MapSheet { canvas, frame, .. } = sheet;
     let n_nadir = survey.views.iter().filter(|view| view.kind() == ViewKind::Nadir).count();
     let mut y = frame.top + 18.0 * unit;
     let mut kinds = vec![

@@ -23,7 +23,7 @@ use sizeup_geo::files::FileError;
 use sizeup_geo::geodata::vector::{Feature, FeatureGeometry, VectorError, VectorLayer};
 
 pub use stream::RecordFile;
-pub use surfaces::{Levels, measure};
+pub use surfaces::{BuildingLevels, measure};
 
 /// Names under which an id is looked for when none is given.
 const ID_FIELDS: [&str; 4] = ["id", "ID", "identificatie", "gml_id"];
@@ -41,7 +41,7 @@ pub struct FoundBuilding {
     /// Footprint in the file's CRS.
     pub footprint: Option<MultiPolygon<f64>>,
     /// Levels measured on its surfaces, where it has some.
-    pub levels: Option<Levels>,
+    pub levels: Option<BuildingLevels>,
     /// Attributes as they stand.
     pub attributes: JsonMap<String, Value>,
 }

@@ -19,12 +19,12 @@ pub struct RecordFile<'a> {
     options: ReadOptions<'a>,
     crs: Option<Crs>,
     lineage: Option<Lineage>,
-    content: Content,
+    content: RecordContent,
 }
 
 /// Buildings' part of the file.
 #[derive(Debug)]
-enum Content {
+enum RecordContent {
     City { vertices: Vec<[f64; 3]> },
     Sequence,
     Layer,
@@ -40,16 +40,16 @@ impl<'a> RecordFile<'a> {
         let of_metadata = |city: &CityFile| serde_json::from_value(city.metadata.get("sizeup")?.clone()).ok();
         let (crs, lineage, content) = if is_sequence(path) {
             let sequence = CitySequence::open(path)?;
-            (sequence.header().crs.clone(), of_metadata(sequence.header()), Content::Sequence)
+            (sequence.header().crs.clone(), of_metadata(sequence.header()), RecordContent::Sequence)
         } else if is_cityjson(path)? {
             let city = CityFile::read_head(path)?;
             let lineage = of_metadata(&city);
-            (city.crs, lineage, Content::City { vertices: city.vertices })
+            (city.crs, lineage, RecordContent::City { vertices: city.vertices })
         } else {
             let layer = open_layer(path, &options)?.0;
             let crs = layer.crs()?;
             let lineage = layer.into_text_of(&format!("SELECT lineage FROM {LINEAGE_TABLE}"));
-            (crs, lineage.and_then(|json| serde_json::from_str(&json).ok()), Content::Layer)
+            (crs, lineage.and_then(|json| serde_json::from_str(&json).ok()), RecordContent::Layer)
         };
         Ok(Self { path: path.to_owned(), options, crs, lineage, content })
     }
@@ -70,17 +70,17 @@ impl<'a> RecordFile<'a> {
 impl Records for RecordFile<'_> {
     fn visit(&self, visit: &mut dyn FnMut(&BuildingRecord) -> Result<(), OutputError>) -> Result<(), OutputError> {
         match &self.content {
-            Content::City { vertices } => {
-                let (mut gathering, lod) = (surfaces::Gathering::default(), self.options.lod);
+            RecordContent::City { vertices } => {
+                let (mut gathering, lod) = (surfaces::BuildingGathering::default(), self.options.lod);
                 visit_objects(&self.path, vertices, &mut |object| {
                     gathering.add(object, vertices, lod).iter().try_for_each(|found| visit(&found.to_record()))
                 })?;
                 gathering.rest(vertices, lod).iter().try_for_each(|found| visit(&found.to_record()))
             }
-            Content::Sequence => CitySequence::open(&self.path)?.try_for_each(|feature| {
+            RecordContent::Sequence => CitySequence::open(&self.path)?.try_for_each(|feature| {
                 surfaces::buildings(&feature?, self.options.lod).iter().try_for_each(|found| visit(&found.to_record()))
             }),
-            Content::Layer => {
+            RecordContent::Layer => {
                 let read = |e| OutputError::Input(Box::new(e));
                 let (mut layer, id_field) = open_layer(&self.path, &self.options).map_err(read)?;
                 layer.features().try_for_each(|feature| {

@@ -16,7 +16,7 @@ use indexmap::IndexMap;
 
 use super::super::cityjson::EXTENSION_PREFIX;
 use super::super::cityjson::read::{CityFile, CityObject, CitySurface};
-use super::super::prism::Surface;
+use super::super::prism::FaceKind;
 use super::FoundBuilding;
 use super::own::is_ours;
 
@@ -29,7 +29,7 @@ const MIN_VERTICAL_COSINE: f64 = 0.5;
 
 /// Levels of one building, metres in the file's vertical reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Levels {
+pub struct BuildingLevels {
     /// Lowest point of the ground surfaces (of all surfaces if there is none).
     pub ground_m: f64,
     /// Mean of the roof over its area in plan.
@@ -40,7 +40,7 @@ pub struct Levels {
     pub roof_max_m: f64,
 }
 
-impl Levels {
+impl BuildingLevels {
     /// Levels of a file whose unit is so many metres.
     #[must_use]
     pub fn scaled(self, unit_m: f64) -> Self {
@@ -72,11 +72,11 @@ pub fn buildings(city: &CityFile, lod: Option<&str>) -> Vec<FoundBuilding> {
 
 /// The buildings of a file as its objects come by: a building whose parts are still to come waits for them.
 #[derive(Debug, Default)]
-pub struct Gathering {
+pub struct BuildingGathering {
     waiting: IndexMap<String, (Option<CityObject>, Vec<CityObject>)>,
 }
 
-impl Gathering {
+impl BuildingGathering {
     /// Building that an object completes.
     pub fn add(&mut self, object: CityObject, vertices: &[[f64; 3]], lod: Option<&str>) -> Vec<FoundBuilding> {
         let whole = match (object.kind.as_str(), object.parents.first()) {
@@ -152,8 +152,11 @@ fn has_own_status(object: &CityObject) -> bool {
 
 /// Levels and footprint of one building from its surfaces.
 #[must_use]
-pub fn measure(surfaces: &[&CitySurface], vertices: &[[f64; 3]]) -> (Option<Levels>, Option<MultiPolygon<f64>>) {
-    let has_roof = surfaces.iter().any(|s| s.kind == Some(Surface::Roof));
+pub fn measure(
+    surfaces: &[&CitySurface],
+    vertices: &[[f64; 3]],
+) -> (Option<BuildingLevels>, Option<MultiPolygon<f64>>) {
+    let has_roof = surfaces.iter().any(|s| s.kind == Some(FaceKind::Roof));
     let mut roof = RoofSum::default();
     let (mut ground_m, mut lowest_m) = (f64::INFINITY, f64::INFINITY);
     let (mut ground_plan, mut roof_plan) = (Vec::new(), Vec::new());
@@ -165,15 +168,15 @@ pub fn measure(surfaces: &[&CitySurface], vertices: &[[f64; 3]]) -> (Option<Leve
         lowest_m = lowest_m.min(low_m);
         let kind = if has_roof { surface.kind } else { surface.kind.or_else(|| kind_by_normal(exterior)) };
         match kind {
-            Some(Surface::Ground) => {
+            Some(FaceKind::Ground) => {
                 ground_m = ground_m.min(low_m);
                 ground_plan.extend(plan(&rings));
             }
-            Some(Surface::Roof) => {
+            Some(FaceKind::Roof) => {
                 roof.add(&rings);
                 roof_plan.extend(plan(&rings));
             }
-            Some(Surface::Wall) | None => {}
+            Some(FaceKind::Wall) | None => {}
         }
     }
     let footprint = if ground_plan.is_empty() { roof_plan } else { ground_plan };
@@ -188,14 +191,14 @@ pub fn measure(surfaces: &[&CitySurface], vertices: &[[f64; 3]]) -> (Option<Leve
 }
 
 /// Roof or ground by the direction a surface faces (counter-clockwise seen from outside).
-fn kind_by_normal(ring: &[[f64; 3]]) -> Option<Surface> {
+fn kind_by_normal(ring: &[[f64; 3]]) -> Option<FaceKind> {
     let normal = newell(ring);
     let length = normal.iter().map(|c| c * c).sum::<f64>().sqrt();
     let cosine = normal[2] / length;
     if cosine > MIN_VERTICAL_COSINE {
-        Some(Surface::Roof)
+        Some(FaceKind::Roof)
     } else if cosine < -MIN_VERTICAL_COSINE {
-        Some(Surface::Ground)
+        Some(FaceKind::Ground)
     } else {
         None
     }
@@ -245,9 +248,14 @@ impl RoofSum {
         }
     }
 
-    fn levels(&self, ground_m: f64) -> Option<Levels> {
+    fn levels(&self, ground_m: f64) -> Option<BuildingLevels> {
         let (roof_min_m, roof_max_m) = self.range_m?;
-        (self.area > 0.0).then(|| Levels { ground_m, roof_mean_m: self.moment / self.area, roof_min_m, roof_max_m })
+        (self.area > 0.0).then(|| BuildingLevels {
+            ground_m,
+            roof_mean_m: self.moment / self.area,
+            roof_min_m,
+            roof_max_m,
+        })
     }
 }
 
@@ -265,7 +273,7 @@ fn plan_moment(ring: &[[f64; 3]]) -> (f64, f64) {
 mod tests {
     use super::*;
 
-    fn surface(kind: Option<Surface>, ring: Vec<u32>) -> CitySurface {
+    fn surface(kind: Option<FaceKind>, ring: Vec<u32>) -> CitySurface {
         CitySurface { place: [0; 3], kind, rings: vec![ring] }
     }
 
@@ -284,13 +292,13 @@ mod tests {
             [10.0, 3.0, 5.0],
         ];
         let surfaces = vec![
-            surface(Some(Surface::Ground), vec![3, 2, 1, 0]),
-            surface(Some(Surface::Roof), vec![4, 5, 9, 8]),
-            surface(Some(Surface::Roof), vec![8, 9, 6, 7]),
-            surface(Some(Surface::Wall), vec![0, 1, 5, 4]),
-            surface(Some(Surface::Wall), vec![2, 3, 7, 6]),
-            surface(Some(Surface::Wall), vec![1, 2, 6, 9, 5]),
-            surface(Some(Surface::Wall), vec![3, 0, 4, 8, 7]),
+            surface(Some(FaceKind::Ground), vec![3, 2, 1, 0]),
+            surface(Some(FaceKind::Roof), vec![4, 5, 9, 8]),
+            surface(Some(FaceKind::Roof), vec![8, 9, 6, 7]),
+            surface(Some(FaceKind::Wall), vec![0, 1, 5, 4]),
+            surface(Some(FaceKind::Wall), vec![2, 3, 7, 6]),
+            surface(Some(FaceKind::Wall), vec![1, 2, 6, 9, 5]),
+            surface(Some(FaceKind::Wall), vec![3, 0, 4, 8, 7]),
         ];
         (vertices, surfaces)
     }
@@ -299,7 +307,7 @@ mod tests {
     fn a_gable_roof_has_its_mean_halfway_between_eave_and_ridge() {
         let (vertices, surfaces) = gable_house();
         let (levels, footprint) = measure(&surfaces.iter().collect::<Vec<_>>(), &vertices);
-        let expected = Levels { ground_m: 1.0, roof_mean_m: 4.0, roof_min_m: 3.0, roof_max_m: 5.0 };
+        let expected = BuildingLevels { ground_m: 1.0, roof_mean_m: 4.0, roof_min_m: 3.0, roof_max_m: 5.0 };
         assert_eq!(levels, Some(expected));
         assert_eq!(footprint.unwrap().unsigned_area(), 60.0);
     }

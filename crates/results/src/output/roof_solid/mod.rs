@@ -26,9 +26,9 @@ use sizeup_heights::terrain::GroundLevel;
 
 use super::footprint::{Ring, SnappedFootprint};
 use super::grid::OutputGrid;
-use super::prism::{GridFace, SnappedPrism, Surface};
+use super::prism::{FaceKind, GridFace, SnappedPrism};
 use super::{BuildingRecord, RoofShape, validate};
-use plan::{Levels, Plan};
+use plan::{NodeLevels, RoofPlan};
 
 /// Least height of a wall, metres.
 const LEAST_WALL_M: f64 = 0.2;
@@ -63,22 +63,22 @@ pub fn faces(
         return None;
     }
     let footprint = block.footprint();
-    let frame = Frame { grid, origin: footprint.rings()[0][0] };
+    let frame = BuildingFrame { grid, origin: footprint.rings()[0][0] };
     let polygon = frame.polygon(footprint);
     let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
     let scene = ScenePrism::new(&polygon, ground, LocalOrigin(DVec3::ZERO));
     let planes = RoofPlanes::of(&roof(shape, frame.corner_m()), &scene)?;
-    let plan = Plan::of(footprint, &patches::of(&polygon, &planes)?, &frame)?;
-    let levels = Levels::of(&plan, &planes.planes, ground_z_m, &frame);
+    let plan = RoofPlan::of(footprint, &patches::of(&polygon, &planes)?, &frame)?;
+    let levels = NodeLevels::of(&plan, &planes.planes, ground_z_m, &frame);
     let least = block.base() + (LEAST_WALL_M / grid.scale_m) as i64;
     if levels.lowest()? < least {
         return None;
     }
     let floor = footprint.rings().iter().map(|ring| ring.iter().rev().map(|[x, y]| [*x, *y, block.base()]).collect());
-    let mut faces = vec![GridFace { surface: Surface::Ground, rings: floor.collect() }];
+    let mut faces = vec![GridFace { surface: FaceKind::Ground, rings: floor.collect() }];
     faces.extend(plan.patches.iter().map(|patch| {
         let ring = |ring: &Ring| ring.iter().map(|node| levels.at(*node, patch.plane)).collect();
-        GridFace { surface: Surface::Roof, rings: patch.rings.iter().map(ring).collect() }
+        GridFace { surface: FaceKind::Roof, rings: patch.rings.iter().map(ring).collect() }
     }));
     faces.extend(walls::outer(&plan, &levels, block.base()));
     faces.extend(walls::inner(&plan, &levels)?);
@@ -110,12 +110,12 @@ fn roof(shape: RoofShape, [east_m, north_m]: [f64; 2]) -> Roof {
 }
 
 /// A building's own frame: metres from a corner of its footprint.
-struct Frame<'a> {
+struct BuildingFrame<'a> {
     grid: &'a OutputGrid,
     origin: Point,
 }
 
-impl Frame<'_> {
+impl BuildingFrame<'_> {
     /// Origin of it in the map, metres.
     fn corner_m(&self) -> [f64; 2] {
         let [x, y, _] = self.grid.metres([self.origin[0], self.origin[1], 0]);
@@ -222,7 +222,7 @@ mod tests {
     }
 
     fn n_roofs(faces: &[GridFace]) -> usize {
-        faces.iter().filter(|face| face.surface == Surface::Roof).count()
+        faces.iter().filter(|face| face.surface == FaceKind::Roof).count()
     }
 
     #[test]
@@ -232,7 +232,7 @@ mod tests {
         let (faces, volume_m3) = solid(&house(&rectangle(), 0.0, shape)).unwrap();
         assert_eq!((n_roofs(&faces), faces.len()), (2, 7));
         let mut corners: Vec<usize> =
-            faces.iter().filter(|f| f.surface == Surface::Wall).map(|f| f.rings[0].len()).collect();
+            faces.iter().filter(|f| f.surface == FaceKind::Wall).map(|f| f.rings[0].len()).collect();
         corners.sort_unstable();
         assert_eq!(corners, [4, 4, 5, 5]);
         // 96 m2, 6 m high in the mean above ground, which is 0.3 m above the base.
@@ -285,7 +285,7 @@ mod tests {
             let step = Some(Terrace { corners, is_upper: true, gable });
             let house = house(&rectangle(), 0.0, RoofShape { step, ..RoofShape::new(form, 3.0, 9.0) });
             let (faces, volume_m3) = solid_of(&house, Detail::Levels).unwrap();
-            let levels: Vec<std::collections::BTreeSet<i64>> = (faces.iter().filter(|f| f.surface == Surface::Roof))
+            let levels: Vec<std::collections::BTreeSet<i64>> = (faces.iter().filter(|f| f.surface == FaceKind::Roof))
                 .map(|face| face.rings.iter().flatten().map(|corner| corner[2]).collect())
                 .collect();
             assert!(levels.len() == 2 && levels.iter().all(|levels| levels.len() == 1), "{form:?}: {levels:?}");

@@ -10,7 +10,7 @@ use sizeup_heights::optimise::RoofPlane;
 
 use super::super::footprint::{Ring, SnappedFootprint};
 use super::super::planar::cross;
-use super::{Frame, Point};
+use super::{BuildingFrame, Point};
 
 /// Corners nearer to each other, or to an edge, are one, metres: well below what a validator lets a face bend by.
 const MERGE_M: f64 = 0.004;
@@ -26,7 +26,7 @@ pub(super) struct Patch {
 }
 
 /// All patches of a footprint.
-pub(super) struct Plan {
+pub(super) struct RoofPlan {
     pub patches: Vec<Patch>,
     /// The plane to the left of each edge, either way.
     pub left_of: BTreeMap<[Point; 2], usize>,
@@ -34,10 +34,10 @@ pub(super) struct Plan {
     pub border: Vec<Vec<Point>>,
 }
 
-impl Plan {
+impl RoofPlan {
     /// `None` where the patches do not fit together on the grid.
-    pub fn of(footprint: &SnappedFootprint, patches: &[MultiPolygon<f64>], frame: &Frame<'_>) -> Option<Self> {
-        let mut nodes = Nodes::of(footprint, frame);
+    pub fn of(footprint: &SnappedFootprint, patches: &[MultiPolygon<f64>], frame: &BuildingFrame<'_>) -> Option<Self> {
+        let mut nodes = PlanNodes::of(footprint, frame);
         let mut drawn: Vec<(usize, Vec<Ring>)> = Vec::new();
         for (plane, patch) in patches.iter().enumerate() {
             for polygon in patch {
@@ -83,16 +83,16 @@ pub(super) fn edges(ring: &Ring) -> impl Iterator<Item = [Point; 2]> {
 }
 
 /// Nodes at which edges end.
-struct Nodes<'a> {
-    frame: &'a Frame<'a>,
+struct PlanNodes<'a> {
+    frame: &'a BuildingFrame<'a>,
     /// Those of the footprint first.
     all: Vec<Point>,
     /// Edges of the footprint, its inside to the left.
     border: Vec<[Point; 2]>,
 }
 
-impl<'a> Nodes<'a> {
-    fn of(footprint: &SnappedFootprint, frame: &'a Frame<'a>) -> Self {
+impl<'a> PlanNodes<'a> {
+    fn of(footprint: &SnappedFootprint, frame: &'a BuildingFrame<'a>) -> Self {
         let corners = footprint.rings().iter().flatten().copied().collect();
         Self { frame, all: corners, border: footprint.rings().iter().flat_map(edges).collect() }
     }
@@ -182,12 +182,12 @@ impl<'a> Nodes<'a> {
 }
 
 /// The levels of the planes at the nodes that their patches touch, on the grid.
-pub(super) struct Levels {
+pub(super) struct NodeLevels {
     by_node: BTreeMap<Point, BTreeMap<usize, i64>>,
 }
 
-impl Levels {
-    pub fn of(plan: &Plan, planes: &[RoofPlane], ground_z_m: f64, frame: &Frame<'_>) -> Self {
+impl NodeLevels {
+    pub fn of(plan: &RoofPlan, planes: &[RoofPlane], ground_z_m: f64, frame: &BuildingFrame<'_>) -> Self {
         let mut touching: BTreeMap<Point, BTreeSet<usize>> = BTreeMap::new();
         for patch in &plan.patches {
             for node in patch.rings.iter().flatten() {

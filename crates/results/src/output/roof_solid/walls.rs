@@ -1,10 +1,10 @@
 //! Walls of a solid with a roof: upright, counter-clockwise seen from outside.
 
-use super::super::prism::{GridFace, Surface};
-use super::plan::{Levels, Plan};
+use super::super::prism::{FaceKind, GridFace};
+use super::plan::{NodeLevels, RoofPlan};
 
 /// Walls along the footprint, one per edge of it, from the base to the roof; they end where the roof's faces do.
-pub(super) fn outer(plan: &Plan, levels: &Levels, base: i64) -> impl Iterator<Item = GridFace> {
+pub(super) fn outer(plan: &RoofPlan, levels: &NodeLevels, base: i64) -> impl Iterator<Item = GridFace> {
     plan.border.iter().map(move |nodes| {
         let n = nodes.len();
         let planes: Vec<usize> = nodes.windows(2).map(|edge| plan.left_of[&[edge[0], edge[1]]]).collect();
@@ -25,12 +25,12 @@ pub(super) fn outer(plan: &Plan, levels: &Levels, base: i64) -> impl Iterator<It
             }
         }
         ring.extend(levels.between(from, levels.level(from, planes[0]), base));
-        GridFace { surface: Surface::Wall, rings: vec![ring] }
+        GridFace { surface: FaceKind::Wall, rings: vec![ring] }
     })
 }
 
 /// Walls between patches, where one is higher than its neighbour; `None` where two cross between nodes.
-pub(super) fn inner(plan: &Plan, levels: &Levels) -> Option<Vec<GridFace>> {
+pub(super) fn inner(plan: &RoofPlan, levels: &NodeLevels) -> Option<Vec<GridFace>> {
     let mut walls = Vec::new();
     for (&[from, to], &left) in &plan.left_of {
         let Some(&right) = plan.left_of.get(&[to, from]) else { continue };
@@ -52,7 +52,7 @@ pub(super) fn inner(plan: &Plan, levels: &Levels) -> Option<Vec<GridFace>> {
             ring.push(levels.at(from, left));
         }
         ring.extend(levels.between(from, high[0], low[0]));
-        walls.push(GridFace { surface: Surface::Wall, rings: vec![ring] });
+        walls.push(GridFace { surface: FaceKind::Wall, rings: vec![ring] });
     }
     Some(walls)
 }

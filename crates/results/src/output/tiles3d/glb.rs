@@ -12,8 +12,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::mesh::Mesh;
-use super::metadata::Properties;
+use super::mesh::TileMesh;
+use super::metadata::NamedColumns;
 use crate::output::picture::colour::Rgb;
 
 /// Numbers of the format (glTF 2.0, 5.1 and 5.11).
@@ -65,19 +65,19 @@ impl Buffers {
 /// Content of a tile.
 pub struct GlbTile<'a> {
     /// Triangles of the tile's buildings.
-    pub mesh: &'a Mesh,
+    pub mesh: &'a TileMesh,
     /// One row per building.
     pub rows: &'a [&'a [Value]],
     /// One colour per building.
     pub colours: &'a [Rgb],
     /// Columns of the rows.
-    pub properties: &'a Properties,
+    pub properties: &'a NamedColumns,
 }
 
 /// The file of a tile.
 #[must_use]
 pub fn glb(tile: &GlbTile<'_>, precision: Precision) -> Vec<u8> {
-    let mut parts = Parts::default();
+    let mut parts = GlbParts::default();
     let indices = parts.indices(&tile.mesh.indices);
     let (node, position, normal) = match precision {
         Precision::Float => parts.reals(tile.mesh),
@@ -120,12 +120,12 @@ pub fn glb(tile: &GlbTile<'_>, precision: Precision) -> Vec<u8> {
 
 /// The binary chunk and the accessors into it.
 #[derive(Debug, Default)]
-struct Parts {
+struct GlbParts {
     buffers: Buffers,
     accessors: Vec<Value>,
 }
 
-impl Parts {
+impl GlbParts {
     /// Adds an accessor; its index.
     fn accessor(&mut self, value: Value) -> usize {
         self.accessors.push(value);
@@ -142,7 +142,7 @@ impl Parts {
     }
 
     /// The node, and accessors of positions around the tile's middle and of normals.
-    fn reals(&mut self, mesh: &Mesh) -> (Value, usize, usize) {
+    fn reals(&mut self, mesh: &TileMesh) -> (Value, usize, usize) {
         let (n, [low, high]) = (mesh.positions.len(), mesh.bounds());
         let origin = (low + high) / 2.0;
         let floats = |points: &[DVec3], origin: DVec3| -> Vec<[f32; 3]> {
@@ -160,7 +160,7 @@ impl Parts {
     }
 
     /// The node, and accessors of positions in steps from the tile's lowest corner and of normals.
-    fn steps(&mut self, mesh: &Mesh) -> (Value, usize, usize) {
+    fn steps(&mut self, mesh: &TileMesh) -> (Value, usize, usize) {
         let (n, [low, high]) = (mesh.positions.len(), mesh.bounds());
         let step = ((high - low).max_element() / f64::from(u16::MAX)).max(f64::MIN_POSITIVE);
         let steps: Vec<[u16; 3]> =

@@ -14,7 +14,7 @@ use super::place::TilesetPlace;
 
 /// One building, ready to be placed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Block {
+pub struct TileBuilding {
     /// The solid on the output grid, as a block.
     pub prism: SnappedPrism,
     /// Faces of it with its roof, where that has another form.
@@ -27,7 +27,7 @@ pub struct Block {
 
 /// The triangles of one tile. Vertex attributes have one entry per vertex.
 #[derive(Debug, Default)]
-pub struct Mesh {
+pub struct TileMesh {
     /// Positions of the vertices, metres.
     pub positions: Vec<DVec3>,
     /// Unit normals of the vertices.
@@ -43,13 +43,13 @@ fn gltf_from_enu(p: DVec3) -> DVec3 {
     DVec3::new(p.x, p.z, -p.y)
 }
 
-impl Mesh {
+impl TileMesh {
     /// The blocks of a tile; feature `i` is block `i`.
     ///
     /// # Errors
     /// [`OutputError::Crs`] for a position outside the CRS's domain.
     pub fn of<'a>(
-        blocks: impl Iterator<Item = &'a Block>,
+        blocks: impl Iterator<Item = &'a TileBuilding>,
         grid: &OutputGrid,
         place: &TilesetPlace,
     ) -> Result<Self, OutputError> {

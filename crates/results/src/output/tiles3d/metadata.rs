@@ -17,11 +17,11 @@ const CLASS: &str = "building";
 
 /// Columns under names that the schema allows.
 #[derive(Debug)]
-pub struct Properties {
+pub struct NamedColumns {
     named: Vec<(String, Column)>,
 }
 
-impl Properties {
+impl NamedColumns {
     /// Table of columns; names of others are brought to letters, digits and underscores, and made unique.
     #[must_use]
     pub fn new(columns: &[Column]) -> Self {

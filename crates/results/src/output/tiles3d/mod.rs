@@ -34,11 +34,11 @@ use super::reports::write_json;
 use super::roof_solid::{self, Detail};
 use super::{CityModel, OutputError, Overview, Records};
 pub use glb::Precision;
-use mesh::{Block, Mesh};
-use metadata::Properties;
+use mesh::{TileBuilding, TileMesh};
+use metadata::NamedColumns;
 pub use place::Heights;
 use place::TilesetPlace;
-use quadtree::{Item, Node};
+use quadtree::{Node, TreeItem};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{FileError, write_whole_unflushed};
 use spool::{Spool, SpoolWriter};
@@ -97,13 +97,13 @@ pub fn write<R: Records + ?Sized>(
     });
     let place = TilesetPlace::new(model.crs, config.heights, centre_m)?;
     folder::write_whole(path, |temporary| {
-        let shown = Shown::of(model.records, temporary.parent().unwrap_or(temporary), &rows, &grid, config)?;
+        let shown = ShownBuildings::of(model.records, temporary.parent().unwrap_or(temporary), &rows, &grid, config)?;
         let tree = Node::root(shown.items, config.max_buildings);
         let writer = TileWriter {
             spool: &shown.spool,
             grid: &grid,
             place: &place,
-            properties: &Properties::new(&rows.columns),
+            properties: &NamedColumns::new(&rows.columns),
             precision: config.precision,
         };
         let root = match &tree {
@@ -121,14 +121,14 @@ pub fn write<R: Records + ?Sized>(
 }
 
 /// The buildings that have something to show.
-struct Shown {
+struct ShownBuildings {
     spool: Spool,
-    items: Vec<Item>,
+    items: Vec<TreeItem>,
     /// The others, and those of which a part has nothing.
     hidden: Wholes,
 }
 
-impl Shown {
+impl ShownBuildings {
     fn of<R: Records + ?Sized>(
         records: &R,
         folder: &Path,
@@ -144,7 +144,7 @@ impl Shown {
             let Ok(prism) = prism else { return Ok(()) };
             let roofed = roof_solid::faces(record, &prism, grid, Detail::Slopes);
             let height_m = record.height_m.unwrap_or(0.0);
-            let block = Block { prism, roofed, values: rows.row(record).values, height_m };
+            let block = TileBuilding { prism, roofed, values: rows.row(record).values, height_m };
             items.push(item(items.len(), &block, grid));
             Ok(writer.push(&block).map_err(FileError::on("cannot write", folder))?)
         })?;
@@ -153,7 +153,7 @@ impl Shown {
     }
 }
 
-fn item(idx: usize, block: &Block, grid: &OutputGrid) -> Item {
+fn item(idx: usize, block: &TileBuilding, grid: &OutputGrid) -> TreeItem {
     let exterior = &block.prism.footprint().rings()[0];
     let low: [i64; 2] = std::array::from_fn(|a| exterior.iter().map(|p| p[a]).min().unwrap_or(0));
     let high: [i64; 2] = std::array::from_fn(|a| exterior.iter().map(|p| p[a]).max().unwrap_or(0));
@@ -161,7 +161,7 @@ fn item(idx: usize, block: &Block, grid: &OutputGrid) -> Item {
     let top = block.roofed.iter().flatten().flat_map(|face| face.rings.iter().flatten()).map(|p| p[2]);
     let high = DVec3::from_array(grid.metres([high[0], high[1], top.fold(block.prism.roof(), i64::max)]));
     let middle = (low + high) / 2.0;
-    Item { idx, centre: [middle.x, middle.y], size_m: (high - low).length() }
+    TreeItem { idx, centre: [middle.x, middle.y], size_m: (high - low).length() }
 }
 
 fn tileset(
@@ -195,22 +195,22 @@ struct TileWriter<'a> {
     spool: &'a Spool,
     grid: &'a OutputGrid,
     place: &'a TilesetPlace,
-    properties: &'a Properties,
+    properties: &'a NamedColumns,
     precision: Precision,
 }
 
 /// A tile that is written.
-struct Written {
+struct WrittenTile {
     json: Value,
     /// Box of the tile and all below, in glTF's axes.
     bounds: [DVec3; 2],
 }
 
 impl TileWriter<'_> {
-    fn tile(&self, node: &Node, folder: &Path) -> Result<Written, OutputError> {
+    fn tile(&self, node: &Node, folder: &Path) -> Result<WrittenTile, OutputError> {
         let uri = format!("tiles/{}.glb", node.name);
         let own = self.content(node, &folder.join(&uri))?;
-        let children: Vec<Written> =
+        let children: Vec<WrittenTile> =
             node.children.iter().map(|child| self.tile(child, folder)).collect::<Result<_, _>>()?;
         let bounds =
             children.iter().fold(own, |[low, high], child| [low.min(child.bounds[0]), high.max(child.bounds[1])]);
@@ -222,13 +222,13 @@ impl TileWriter<'_> {
         if !children.is_empty() {
             json["children"] = children.into_iter().map(|child| child.json).collect();
         }
-        Ok(Written { json, bounds })
+        Ok(WrittenTile { json, bounds })
     }
 
     /// Writes what a tile shows itself; its box.
     fn content(&self, node: &Node, path: &Path) -> Result<[DVec3; 2], OutputError> {
         let blocks = self.spool.read(&node.members).map_err(FileError::on("cannot read back for", path))?;
-        let mesh = Mesh::of(blocks.iter(), self.grid, self.place)?;
+        let mesh = TileMesh::of(blocks.iter(), self.grid, self.place)?;
         let rows: Vec<&[Value]> = blocks.iter().map(|block| block.values.as_slice()).collect();
         let colours: Vec<Rgb> = blocks.iter().map(|block| height_colour(block.height_m)).collect();
         let tile = glb::GlbTile { mesh: &mesh, rows: &rows, colours: &colours, properties: self.properties };

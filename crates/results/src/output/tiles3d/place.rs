@@ -29,14 +29,14 @@ pub enum Heights {
 }
 
 /// The way from the map to the earth.
-enum Way {
+enum WayToEarth {
     Direct(Transform3d),
     Stated { lon_lat: Transform, geocentric: Box<Geocentric>, add_m: f64 },
 }
 
 /// The local frame of a city on the earth.
 pub struct TilesetPlace {
-    way: Way,
+    way: WayToEarth,
     centre: DVec3,
     enu_from_ecef: DMat3,
 }
@@ -48,13 +48,13 @@ impl TilesetPlace {
     /// [`OutputError::HeightsNotStated`], or [`OutputError::Crs`] where PROJ would only guess.
     pub fn new(crs: &Crs, heights: Heights, centre_m: DVec3) -> Result<Self, OutputError> {
         let geocentric = Geocentric::new()?;
-        let stated = |add_m: f64, geocentric: Geocentric| -> Result<Way, OutputError> {
+        let stated = |add_m: f64, geocentric: Geocentric| -> Result<WayToEarth, OutputError> {
             let geocentric = Box::new(geocentric);
-            Ok(Way::Stated { lon_lat: Transform::new(crs, &Crs::parse("EPSG:4326")?)?, geocentric, add_m })
+            Ok(WayToEarth::Stated { lon_lat: Transform::new(crs, &Crs::parse("EPSG:4326")?)?, geocentric, add_m })
         };
         let way = match heights {
             Heights::Crs if crs.vertical_name().is_some() || crs.is_ellipsoidal_3d() => {
-                Way::Direct(Transform3d::new(crs, &Crs::parse("EPSG:4978")?)?)
+                WayToEarth::Direct(Transform3d::new(crs, &Crs::parse("EPSG:4978")?)?)
             }
             Heights::Crs => return Err(OutputError::HeightsNotStated { crs: crs.to_string() }),
             Heights::Ellipsoidal => stated(0.0, geocentric)?,
@@ -91,7 +91,7 @@ impl TilesetPlace {
     }
 }
 
-impl Way {
+impl WayToEarth {
     fn to_ecef(&self, points: &mut [DVec3]) -> Result<(), OutputError> {
         match self {
             Self::Direct(transform) => transform.points(points)?,

@@ -6,7 +6,7 @@
 
 /// Building as the tree knows it.
 #[derive(Debug, Clone, Copy)]
-pub struct Item {
+pub struct TreeItem {
     /// Position among the buildings.
     pub idx: usize,
     /// Middle of its box, metres.
@@ -30,7 +30,7 @@ pub struct Node {
 
 /// A square of the plane.
 #[derive(Clone, Copy)]
-struct Square {
+struct TreeSquare {
     corner: [f64; 2],
     side: f64,
     level: u32,
@@ -44,24 +44,24 @@ const MAX_LEVEL: u32 = 24;
 impl Node {
     /// The tree over all items, with at most `max_members` in a tile; `None` without items.
     #[must_use]
-    pub fn root(items: Vec<Item>, max_members: usize) -> Option<Self> {
+    pub fn root(items: Vec<TreeItem>, max_members: usize) -> Option<Self> {
         let low: [f64; 2] = std::array::from_fn(|a| items.iter().map(|i| i.centre[a]).fold(f64::INFINITY, f64::min));
         let high: [f64; 2] =
             std::array::from_fn(|a| items.iter().map(|i| i.centre[a]).fold(f64::NEG_INFINITY, f64::max));
         let side = (high[0] - low[0]).max(high[1] - low[1]).max(1.0);
         let mut items = items;
         items.sort_by(|a, b| b.size_m.total_cmp(&a.size_m).then(a.idx.cmp(&b.idx)));
-        let square = Square { corner: low, side, level: 0, x: 0, y: 0 };
+        let square = TreeSquare { corner: low, side, level: 0, x: 0, y: 0 };
         (!items.is_empty()).then(|| Self::of(items, max_members.max(1), square))
     }
 
     /// The node of a square; items are sorted, largest first.
-    fn of(mut items: Vec<Item>, max_members: usize, square: Square) -> Self {
+    fn of(mut items: Vec<TreeItem>, max_members: usize, square: TreeSquare) -> Self {
         let rest = if square.level == MAX_LEVEL { Vec::new() } else { items.split_off(items.len().min(max_members)) };
         let mut members: Vec<usize> = items.iter().map(|item| item.idx).collect();
         members.sort_unstable();
         let error_m = rest.first().map_or(0.0, |item| item.size_m);
-        let mut quarters: [Vec<Item>; 4] = Default::default();
+        let mut quarters: [Vec<TreeItem>; 4] = Default::default();
         for item in rest {
             quarters[square.quarter_of(item.centre)].push(item);
         }
@@ -75,7 +75,7 @@ impl Node {
     }
 }
 
-impl Square {
+impl TreeSquare {
     fn quarter_of(&self, point: [f64; 2]) -> usize {
         let is_upper = |axis: usize| usize::from(point[axis] >= self.corner[axis] + self.side / 2.0);
         is_upper(0) + 2 * is_upper(1)
@@ -101,8 +101,11 @@ mod tests {
     #[test]
     fn every_building_is_in_one_tile_and_no_tile_hides_a_larger_one_than_it_says() {
         let sizes: Vec<f64> = (0..500).map(|i| 5.0 + f64::from((i * 7919) % 613)).collect();
-        let item =
-            |idx: usize| Item { idx, centre: [(idx * 37 % 101) as f64, (idx * 53 % 97) as f64], size_m: sizes[idx] };
+        let item = |idx: usize| TreeItem {
+            idx,
+            centre: [(idx * 37 % 101) as f64, (idx * 53 % 97) as f64],
+            size_m: sizes[idx],
+        };
         let root = Node::root((0..500).map(item).collect(), 20).unwrap();
         let mut seen: Vec<usize> = Vec::new();
         walk(&root, &mut |node| {
@@ -120,7 +123,7 @@ mod tests {
 
     #[test]
     fn buildings_on_one_spot_end_somewhere() {
-        let items = (0..50).map(|idx| Item { idx, centre: [3.0, 4.0], size_m: 9.0 }).collect();
+        let items = (0..50).map(|idx| TreeItem { idx, centre: [3.0, 4.0], size_m: 9.0 }).collect();
         let mut n = 0;
         walk(&Node::root(items, 1).unwrap(), &mut |node| n += node.members.len());
         assert_eq!(n, 50);

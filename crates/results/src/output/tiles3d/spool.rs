@@ -6,7 +6,7 @@ use std::io::{self, BufWriter, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::Path;
 
 use super::super::OutputError;
-use super::mesh::Block;
+use super::mesh::TileBuilding;
 use sizeup_geo::files::FileError;
 
 /// Blocks that can still be added.
@@ -37,7 +37,7 @@ impl SpoolWriter {
     ///
     /// # Errors
     /// [`io::Error`]: above all a full disk.
-    pub fn push(&mut self, block: &Block) -> io::Result<()> {
+    pub fn push(&mut self, block: &TileBuilding) -> io::Result<()> {
         let bytes = serde_json::to_vec(block)?;
         self.starts.push(self.end);
         self.end += bytes.len() as u64;
@@ -61,10 +61,10 @@ impl Spool {
     ///
     /// # Errors
     /// [`io::Error`].
-    pub fn read(&self, positions: &[usize]) -> io::Result<Vec<Block>> {
+    pub fn read(&self, positions: &[usize]) -> io::Result<Vec<TileBuilding>> {
         let mut file = &self.file;
         let mut bytes = Vec::new();
-        let mut block = |&at: &usize| -> io::Result<Block> {
+        let mut block = |&at: &usize| -> io::Result<TileBuilding> {
             bytes.resize((self.starts[at + 1] - self.starts[at]) as usize, 0);
             file.seek(SeekFrom::Start(self.starts[at]))?;
             file.read_exact(&mut bytes)?;
@@ -91,14 +91,14 @@ mod tests {
             let x = 20.0 * i as f64;
             let footprint = polygon![(x: x, y: 0.0), (x: x + 9.7, y: 0.0), (x: x + 3.3, y: 7.1)];
             let prism = SnappedPrism::of(&record("a", footprint, 1.0, 1.0, 5.0 + i as f64), &grid, 0.1).unwrap();
-            Block {
+            TileBuilding {
                 roofed: None,
                 prism,
                 values: vec![Value::from(0.1 + i as f64), Value::from("Ä\n")],
                 height_m: 1.0 / (i + 3) as f64,
             }
         };
-        let blocks: Vec<Block> = (0..30).map(block).collect();
+        let blocks: Vec<TileBuilding> = (0..30).map(block).collect();
         let folder = tempfile::tempdir().unwrap();
         let mut writer = SpoolWriter::new(folder.path()).unwrap();
         for block in &blocks {
@@ -107,7 +107,7 @@ mod tests {
         let spool = writer.finish().unwrap();
         assert_eq!((spool.starts.len() - 1, std::fs::read_dir(folder.path()).unwrap().count()), (30, 0));
         let positions = [29, 3, 0, 17, 3];
-        let expected: Vec<Block> = positions.iter().map(|&at| blocks[at].clone()).collect();
+        let expected: Vec<TileBuilding> = positions.iter().map(|&at| blocks[at].clone()).collect();
         assert_eq!(spool.read(&positions).unwrap(), expected);
     }
 }

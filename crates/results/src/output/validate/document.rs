@@ -50,11 +50,11 @@ const MOST_NAMED: usize = 5;
 /// # Errors
 /// [`OutputError::File`] if it cannot be read.
 pub(super) fn check(path: &Path) -> Result<Option<SchemaCheck>, OutputError> {
-    let mut head = Head::default();
+    let mut head = DocumentHead::default();
     if let Some(broken) = read(path, &mut head)? {
         return Ok(broken.into_outcome());
     }
-    let mut check = Check::new(&head);
+    let mut check = DocumentCheck::new(&head);
     if head.is_known()
         && let Some(broken) = read(path, &mut check)?
     {
@@ -88,12 +88,12 @@ fn read(path: &Path, pieces: &mut impl Pieces) -> Result<Option<Broken>, OutputE
 
 /// A file without its objects and vertices.
 #[derive(Default)]
-struct Head {
+struct DocumentHead {
     members: Map<String, Value>,
     n_vertices: usize,
 }
 
-impl Pieces for Head {
+impl Pieces for DocumentHead {
     type Object = IgnoredAny;
     type Vertex = IgnoredAny;
     type Member = Value;
@@ -116,7 +116,7 @@ impl Pieces for Head {
     }
 }
 
-impl Head {
+impl DocumentHead {
     fn text(&self) -> String {
         Value::Object(self.members.clone()).to_string()
     }
@@ -135,13 +135,13 @@ impl Head {
 }
 
 /// A list of pieces as JSON, to be looked at by cjval.
-enum Part {
+enum PieceList {
     Objects(String),
     /// The first one's index, and the list.
     Vertices(usize, String),
 }
 
-impl Part {
+impl PieceList {
     /// Findings of cjval, by check.
     fn look(&self, start: &str) -> Vec<(String, String)> {
         let text = match self {
@@ -178,12 +178,12 @@ fn with_index(message: &str, first: usize) -> String {
 }
 
 /// Whom an object names.
-struct Family {
+struct Relatives {
     parents: Vec<String>,
     children: Vec<String>,
 }
 
-impl Family {
+impl Relatives {
     fn of(object: &Value) -> Self {
         let names = |member: &str| {
             let names = object[member].as_array().into_iter().flatten();
@@ -194,7 +194,7 @@ impl Family {
 }
 
 /// Looks at a file's pieces as they come.
-struct Check {
+struct DocumentCheck {
     start: String,
     part_bytes: usize,
     has_other_extensions: bool,
@@ -206,16 +206,16 @@ struct Check {
     vertices: String,
     n_vertices_in_parts: usize,
     /// Parts to be looked at, one per core.
-    parts: Vec<Part>,
-    families: IndexMap<String, Family>,
+    parts: Vec<PieceList>,
+    families: IndexMap<String, Relatives>,
     has_duplicate_ids: bool,
     positions: HashSet<[Number; 3]>,
     n_vertices: usize,
     is_used: Vec<bool>,
 }
 
-impl Check {
-    fn new(head: &Head) -> Self {
+impl DocumentCheck {
+    fn new(head: &DocumentHead) -> Self {
         let text = head.text();
         let mut check = Self {
             start: head.start(),
@@ -252,9 +252,9 @@ impl Check {
     /// Ends the part that objects are gathered for, and the one of vertices.
     fn end_parts(&mut self) {
         let (objects, vertices) = (std::mem::take(&mut self.objects), std::mem::take(&mut self.vertices));
-        self.parts.extend(Some(objects).filter(|list| !list.is_empty()).map(Part::Objects));
+        self.parts.extend(Some(objects).filter(|list| !list.is_empty()).map(PieceList::Objects));
         let first = std::mem::replace(&mut self.n_vertices_in_parts, self.n_vertices);
-        self.parts.extend(Some(vertices).filter(|list| !list.is_empty()).map(|list| Part::Vertices(first, list)));
+        self.parts.extend(Some(vertices).filter(|list| !list.is_empty()).map(|list| PieceList::Vertices(first, list)));
         if self.parts.len() >= rayon::current_num_threads() {
             self.look();
         }
@@ -363,7 +363,7 @@ impl Check {
     }
 }
 
-impl Pieces for Check {
+impl Pieces for DocumentCheck {
     type Object = Value;
     type Vertex = Value;
     type Member = IgnoredAny;
@@ -371,7 +371,7 @@ impl Pieces for Check {
     fn object(&mut self, id: String, object: Value) -> bool {
         self.look_at_indices(&id, &object);
         let piece = format!("{}:{object}", json!(id));
-        if self.families.insert(id, Family::of(&object)).is_some() {
+        if self.families.insert(id, Relatives::of(&object)).is_some() {
             self.has_duplicate_ids = true;
             return true;
         }

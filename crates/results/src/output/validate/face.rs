@@ -187,9 +187,9 @@ fn between_rings(flat: &[Vec<[i64; 2]>], place: &impl Fn(usize, usize) -> [f64; 
                 Contact::Crossing => Some(Code::IntersectionRings),
                 Contact::Touching(points) if points.len() > 1 => Some(Code::PolygonInteriorDisconnected),
                 Contact::Apart | Contact::Touching(_) => match (o, side(hole, other)) {
-                    (0, Side::Outside) => Some(Code::InnerRingOutside),
-                    (1.., Side::Inside) => Some(Code::InnerRingsNested),
-                    (1.., _) if side(other, hole) == Side::Inside => Some(Code::InnerRingsNested),
+                    (0, RingSide::Outside) => Some(Code::InnerRingOutside),
+                    (1.., RingSide::Inside) => Some(Code::InnerRingsNested),
+                    (1.., _) if side(other, hole) == RingSide::Inside => Some(Code::InnerRingsNested),
                     _ => None,
                 },
             };
@@ -250,7 +250,7 @@ impl Contact {
         touches.dedup();
         if touches.is_empty() {
             Self::Apart
-        } else if side(a, b) == Side::Both {
+        } else if side(a, b) == RingSide::Both {
             Self::Crossing
         } else {
             Self::Touching(touches)
@@ -264,13 +264,13 @@ fn is_between(p: [i64; 2], [a, b]: [[i64; 2]; 2]) -> bool {
 
 /// On which side of a ring the points of another lie; points on the ring do not count.
 #[derive(PartialEq, Eq)]
-enum Side {
+enum RingSide {
     Inside,
     Outside,
     Both,
 }
 
-fn side(ring: &[[i64; 2]], of: &[[i64; 2]]) -> Side {
+fn side(ring: &[[i64; 2]], of: &[[i64; 2]]) -> RingSide {
     let is_on = |p: &[i64; 2]| {
         (0..of.len()).any(|i| {
             let edge = [of[i], of[(i + 1) % of.len()]];
@@ -279,14 +279,14 @@ fn side(ring: &[[i64; 2]], of: &[[i64; 2]]) -> Side {
     };
     let mut off_ring = ring.iter().filter(|p| !is_on(p)).map(|p| is_inside(*p, of));
     match off_ring.next() {
-        None => Side::Inside,
+        None => RingSide::Inside,
         Some(first) if off_ring.all(|inside| inside == first) => {
             if first {
-                Side::Inside
+                RingSide::Inside
             } else {
-                Side::Outside
+                RingSide::Outside
             }
         }
-        Some(_) => Side::Both,
+        Some(_) => RingSide::Both,
     }
 }

@@ -87,20 +87,20 @@ pub fn check_until(path: &Path, max_faults: usize) -> Result<SchemaCheck, Output
 }
 
 /// A line of a sequence, counted from 1.
-type Line = (usize, String);
+type NumberedLine = (usize, String);
 
 fn check_sequence(path: &Path, max_faults: usize) -> Result<SchemaCheck, OutputError> {
     let read = || FileError::on("cannot read", path);
     let mut outcome = SchemaCheck::default();
     let mut lines = BufReader::new(fs::File::open(path).map_err(read())?).lines().zip(1..);
     let Some((header, _)) = lines.next() else { return Ok(outcome) };
-    let header = Header::new(header.map_err(read())?);
+    let header = SequenceHeader::new(header.map_err(read())?);
     outcome.add_header(&header);
     if !outcome.errors.is_empty() {
         return Ok(outcome);
     }
     loop {
-        let mut group: Vec<Line> = Vec::new();
+        let mut group: Vec<NumberedLine> = Vec::new();
         for (line, number) in lines.by_ref() {
             let line = line.map_err(read())?;
             if !line.trim().is_empty() {
@@ -124,26 +124,26 @@ fn check_sequence(path: &Path, max_faults: usize) -> Result<SchemaCheck, OutputE
 }
 
 /// The first line of a sequence.
-struct Header {
+struct SequenceHeader {
     text: String,
     has_other_extensions: bool,
 }
 
-impl Header {
+impl SequenceHeader {
     fn new(text: String) -> Self {
         let has_other_extensions = has_other_extensions(&text);
         Self { text, has_other_extensions }
     }
 
     /// Checks some lines that come after it.
-    fn check(&self, lines: &[Line]) -> SchemaCheck {
+    fn check(&self, lines: &[NumberedLine]) -> SchemaCheck {
         let mut outcome = SchemaCheck { n_features_checked: lines.len(), ..SchemaCheck::default() };
         self.find(&mut validator(&self.text), lines, &mut outcome);
         outcome
     }
 
     /// All at once, and where anything is found in halves.
-    fn find(&self, validator: &mut CJValidator, lines: &[Line], outcome: &mut SchemaCheck) {
+    fn find(&self, validator: &mut CJValidator, lines: &[NumberedLine], outcome: &mut SchemaCheck) {
         if let [(number, line)] = lines {
             return match validator.from_str_cjfeature(line) {
                 Ok(()) => outcome.add(validator, Some(*number), self.has_other_extensions),
@@ -186,7 +186,7 @@ pub(super) fn has_other_extensions(text: &str) -> bool {
 }
 
 impl SchemaCheck {
-    fn add_header(&mut self, header: &Header) {
+    fn add_header(&mut self, header: &SequenceHeader) {
         let validator = validator(&header.text);
         self.add(&validator, Some(1), header.has_other_extensions);
         if self.errors.is_empty() && validator.get_input_cityjson_version() < FIRST_WITH_FEATURES {
