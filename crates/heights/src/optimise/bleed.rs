@@ -23,8 +23,9 @@ use super::evidence::nearness_at;
 const HALF_WIDTH_PX: i32 = 7;
 /// Samples next to each end of the profile that make its two levels.
 const N_LEVEL: usize = 3;
-/// Shares of a block's height at which profiles are taken: below the eaves of a gable, whose wall ends at two thirds of it.
-const LEVELS: [f32; 4] = [0.3, 0.4, 0.5, 0.6];
+/// Shares of the wall's height at which profiles are taken. The wall of a gable ends at two thirds of the block that stands for it: the upper one
+/// then tells too little. Without it (0.3 to 0.6), villages that bleed were 0.1 m better, and flat roofs, which are low, as much worse.
+const LEVELS: [f32; 4] = [0.3, 0.45, 0.6, 0.75];
 /// Least difference in depth across the edge, as a share of the depth.
 const MIN_JUMP: f32 = 0.015;
 /// Spills are told in steps of this many to a pixel.
