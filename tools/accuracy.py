@@ -3,7 +3,8 @@
 
 tools/accuracy.py measure PROGRAM FOLDER [DATA]   every suite below into FOLDER; what is there already is not run again.
                                                   DATA: the folder of real data, without which suites that need it are left out
-tools/accuracy.py write FOLDER [DOCUMENT]         the tables between `<!-- NAME -->` and `<!-- /NAME -->` of docs/accuracy.md
+tools/accuracy.py write FOLDER [DOCUMENT]         the tables between `<!-- NAME -->` and `<!-- /NAME -->` of docs/accuracy.md; those whose
+                                                  suites are not in FOLDER stay as they are
 
 No setting of the program was chosen on these seeds. Rotterdam as a whole and Delft were looked at when the windows of the search were settled; roof forms
 and all since were chosen on the western half of Rotterdam.
@@ -113,22 +114,30 @@ def of_suites(folders, keys, wanted=lambda row: True):
 
 
 def tables(folder):
+    has = lambda *suites: all((folder / suite / "accuracy.json").exists() for suite in suites)
     is_all = lambda row: row["town"] == "all"
-    towns = folder / "towns"
-    yield "towns", table(["priors", "town"], of_suites([towns], ["level", "town"]))
-    yield "methods", table(["priors", "method"], of_suites([towns, folder / "methods"], ["level", "method"], is_all))
-    yield "photos", table(["priors", "town"], of_suites([folder / "photos"], ["level", "town"]))
-    rows = []
-    for kind in ["village", "district"]:
-        for poses, (position_m, angle_deg) in POSES.items():
-            told = json.loads((folder / f"alone-{kind}-{poses.replace(' ', '-')}" / "told.json").read_text())
-            misleading = [b for b in told["buildings"] if b["status"] == "measured" and abs(b["signed_error_m"]) > 2]
-            error = "exact" if poses == "exact" else f"{position_m} m, {angle_deg}°"
-            rows.append([kind, error, "yes" if told["was_aligned"] else "no"] + cells(told["all"], len(misleading), told["counts"]["n_unobserved"]))
-    yield "alone", table(["town", "poses off by", "aligned by the run"], rows)
-    if (folder / "real").exists():
-        yield "real", table(["priors", "buildings and cameras"], of_suites([folder / "real"], ["level", "town"], lambda row: not is_all(row)))
-        yield "real-photos", table(["priors", "buildings and cameras"], of_suites([folder / "real-photos"], ["level", "town"], lambda row: not is_all(row)))
+    not_all = lambda row: not is_all(row)
+    towns, real = ["priors", "town"], ["priors", "buildings and cameras"]
+    if has("towns"):
+        yield "towns", table(towns, of_suites([folder / "towns"], ["level", "town"]))
+    if has("towns", "methods"):
+        yield "methods", table(["priors", "method"], of_suites([folder / "towns", folder / "methods"], ["level", "method"], is_all))
+    if has("photos"):
+        yield "photos", table(towns, of_suites([folder / "photos"], ["level", "town"]))
+    alone = [(kind, poses, folder / f"alone-{kind}-{poses.replace(' ', '-')}" / "told.json") for kind in ["village", "district"] for poses in POSES]
+    if all(told.exists() for _, _, told in alone):
+        yield "alone", table(["town", "poses off by", "aligned by the run"], [row_alone(*one) for one in alone])
+    for suite in ["real", "real-photos"]:
+        if has(suite):
+            yield suite, table(real, of_suites([folder / suite], ["level", "town"], not_all))
+
+
+def row_alone(kind, poses, path):
+    told = json.loads(path.read_text())
+    misleading = [b for b in told["buildings"] if b["status"] == "measured" and abs(b["signed_error_m"]) > 2]
+    position_m, angle_deg = POSES[poses]
+    error = "exact" if poses == "exact" else f"{position_m} m, {angle_deg}°"
+    return [kind, error, "yes" if told["was_aligned"] else "no"] + cells(told["all"], len(misleading), told["counts"]["n_unobserved"])
 
 
 def write(folder, document):
