@@ -63,6 +63,29 @@ pub fn read(path: &Path, wanted: &[FeatureConfig], device: &Device) -> Result<Ve
     Ok(maps)
 }
 
+/// Rows and columns of each map of one tile, the maps in the order of `wanted`: as the file's metadata have them under
+/// `tile.NAME` ("288x288"), else those of the maps, which then are of one tile.
+///
+/// # Errors
+/// As [`read`], and metadata that cannot be understood.
+pub fn sizes_of_a_tile(path: &Path, wanted: &[FeatureConfig]) -> Result<Vec<(usize, usize)>, TrainError> {
+    let maps = read(path, wanted, &Device::Cpu)?;
+    let bytes = files::read_bytes(path)?;
+    let stated = SafeTensors::read_metadata(&bytes).ok().and_then(|(_, about)| about.metadata().clone());
+    let size_of = |(name, map): &(String, Tensor)| {
+        let Some(text) = stated.as_ref().and_then(|stated| stated.get(&format!("tile.{name}"))) else {
+            let (_, _, rows, columns) = map.dims4()?;
+            return Ok((rows, columns));
+        };
+        let size = text.split_once('x').and_then(|(rows, columns)| Some((rows.parse().ok()?, columns.parse().ok()?)));
+        size.filter(|(rows, columns): &(usize, usize)| rows * columns > 0).ok_or_else(|| {
+            let problem = format!("its metadata say of {name} that a tile has {text:?} cells");
+            TrainError::set(path, problem, "rows and columns, as in \"288x288\"")
+        })
+    };
+    maps.iter().map(size_of).collect()
+}
+
 /// Whole photos with their features.
 ///
 /// # Errors
