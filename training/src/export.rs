@@ -27,7 +27,10 @@ pub fn bytes(checkpoint: &Checkpoint, tile: usize) -> Result<Vec<u8>, TrainError
     let multiple = config.multiple();
     if !config.features.is_empty() {
         let problem = "this head takes features, whose sizes are those of its backbones";
-        return Err(TrainError::config(problem, "`--like FOLDER/SCENE/PHOTO.safetensors`: a file that it learned from"));
+        return Err(TrainError::config(
+            problem,
+            "`--like FOLDER/SCENE/PHOTO.safetensors`: a file that it learned from",
+        ));
     }
     if tile == 0 || !tile.is_multiple_of(multiple) {
         let problem = format!("a tile of {tile} pixels: expected a multiple of {multiple}");
