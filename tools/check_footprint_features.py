@@ -222,6 +222,36 @@ def check_da3(photo, full, say):
     say(f"geo, {' × '.join(str(n) for n in found.shape)}: of `aux` of depth-anything-3", apart(found, expected), 1e-5)
 
 
+class Mean(torch.nn.Module):
+    """A network that says of each patch how bright it is: of tiles it has to say what it says of the whole photo."""
+
+    names, mean, std, per_cell = ("mean",), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), {"mean": 1}
+
+    def __init__(self, side):
+        super().__init__()
+        self.side, self.cells = side, side // 14
+
+    def forward(self, image):
+        return (torch.nn.functional.avg_pool2d(image, 14),)
+
+
+def check_tiles(say):
+    rng = np.random.default_rng(4)
+    for width, height in ((640, 333), (250, 900), (1009, 1008), (100, 100)):
+        # Blurred noise: what lies elsewhere is of another brightness.
+        small = rng.integers(0, 255, (height // 25, width // 25, 3), dtype=np.uint8)
+        photo = np.array(Image.fromarray(small).resize((width, height), Image.Resampling.BICUBIC))
+        network = Mean(112)
+        plan = ours.Plan((width, height), network, 4, 200, 0.2)
+        found = ours.maps_of(photo, network, plan, "cpu")["mean"]
+        # Shares of the photo's width and height, whatever the number of pixels.
+        whole = torch.from_numpy(photo).permute(2, 0, 1)[None].float() / 255
+        expected = torch.nn.functional.adaptive_avg_pool2d(
+            torch.nn.functional.interpolate(whole, size=(plan.rows * 42, plan.columns * 42), mode="bilinear"), (plan.rows, plan.columns))
+        say(f"{width} × {height} pixels in {len(plan.tops)} × {len(plan.lefts)} tiles, {plan.rows} × {plan.columns} cells: where they lie",
+            apart(found, expected[0]), 0.02)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--full", action="store_true", help="networks of full size")
@@ -236,6 +266,7 @@ def main():
     rows, columns = np.mgrid[: size[0], : size[1]]
     noise = np.random.default_rng(3).integers(0, 90, (*size, 3))
     photo = (noise + 80 * (rows // 30 % 2)[..., None] + (80 * columns / size[1])[..., None]).astype(np.uint8)
+    check_tiles(say)
     check_da3(photo, args.full, say)
     check_sam3(photo, args.full, say)
     sys.exit(0 if all(worst) else 1)

@@ -463,6 +463,7 @@ def write_graph(network, size, path, about, device):
     onnx.save(graph, path, save_as_external_data=True, location=data.name, size_threshold=1024)
     for left in path.parent.glob(f"{part.name}*"):
         left.unlink()
+    data.chmod(path.stat().st_mode)
     say(f"{path}: image 1 × 3 × {rows * PATCH} × {columns * PATCH}; {(path.stat().st_size + data.stat().st_size) / 1e6:.0f} MB")
 
 
