@@ -18,7 +18,7 @@ use super::sample::{Batch, Scene, wanted};
 use crate::TrainError;
 use crate::network::{FeatureConfig, N_LOGITS};
 
-/// What to do where a file is missing.
+/// Hint where a file is missing.
 const COMPUTED_BY: &str = "tools/export_footprint_features.py computes the features of a set's photos";
 
 /// The file of a photo's features.
