@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-val3dity deps-networks networks demo test lint bench accuracy accuracy-footprints docs schemas qgis-plugin train-test deb wheel test-python test-packages clean
+.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-val3dity deps-networks deps-features networks demo test lint bench accuracy accuracy-footprints docs schemas qgis-plugin train-test deb wheel test-python test-packages clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -37,6 +37,9 @@ deps-val3dity: ## Build val3dity, a validator of solids by others, from its sour
 
 deps-networks: ## Install PyTorch and what exports the real architectures of depth networks, into target/networks
 	@tools/deps.sh networks
+
+deps-features: ## Install what computes the features of the paper's footprint network, SAM 3 and Depth Anything 3 (6 GB; no weights)
+	@tools/deps.sh features
 
 networks: deps-networks ## Export real architectures with random weights into target/networks/graphs, to try engines on
 	target/networks/bin/python tools/export_depth_networks.py target/networks/graphs

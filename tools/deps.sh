@@ -13,6 +13,8 @@
 #                         processor): no registry has it. The source is fetched from GitHub, or is a folder named by
 #                         VAL3DITY_SOURCE; without it the tests that need it say "skipped". Never part of another target
 #   tools/deps.sh networks PyTorch and transformers (500 MB on disk), which export real architectures with random weights
+#   tools/deps.sh features PyTorch, transformers 5, Depth Anything 3 and SAM 3's own code in target/features, which compute the frozen
+#                         features of the paper's footprint network: on Linux 6 GB on disk, less with PYTORCH_INDEX; likewise
 #   tools/deps.sh batch   Snakemake with its plugins for Slurm and Kubernetes, and Kubernetes' schemas, in target/batch, some
 #                         300 MB; likewise
 #   tools/deps.sh web     Node.js, a browser without windows and what drives it, CesiumJS and validators of glTF and 3D Tiles:
@@ -25,6 +27,7 @@ readonly MIN_RUST=94 # Rust 1.94
 readonly SNAKEMAKE=9.27.1 SNAKEMAKE_SLURM=2.8.0 SNAKEMAKE_KUBERNETES=0.5.1 SNAKEMAKE_STORAGE=1.1.3
 readonly KUBERNETES_VALIDATE=1.37.0 PYGMENTS=2.21.0
 readonly ONNXRUNTIME=1.31.1 TRANSFORMERS=4.48.3 ONNX=1.17.0 DEPTH_ANYTHING_3=0.1.1
+readonly TORCH=2.15.0 TORCHVISION=0.29.2 TRANSFORMERS_5=5.24.0 ONNX_5=1.23.2 ONNXSCRIPT=0.7.2 OPENCV=5.0.0.93 SAM3=0.1.4
 readonly VAL3DITY=2.6.0
 readonly CJIO=0.10.1 FLATCITYBUF=0.5.2 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1 PLAYWRIGHT=1.65.1
 tools="$(cd "$(dirname "$0")/.." && pwd)/target/tools"
@@ -210,6 +213,26 @@ networks() {
     say "depth-anything-3 could not be installed: only Depth Anything V2 is exported"
 }
 
+features() {
+  local folder=target/features
+  local whole="$folder/torch-$TORCH-transformers-$TRANSFORMERS_5-sam3-$SAM3"
+  [ -e "$whole" ] && return 0
+  python3 -c 'import ensurepip' 2>/dev/null || install_packages python3 python3-venv
+  say "installing PyTorch $TORCH, transformers $TRANSFORMERS_5 and depth-anything-3 $DEPTH_ANYTHING_3 into $folder"
+  python3 -m venv --clear "$folder" # what is there may be half of it
+  local pip=("$folder/bin/pip" install --quiet --disable-pip-version-check)
+  # For Linux PyPI has PyTorch with all for GPUs; PYTORCH_INDEX names an index with a smaller one, such as PyTorch's own for CPUs.
+  "${pip[@]}" ${PYTORCH_INDEX:+--index-url "$PYTORCH_INDEX"} "torch==$TORCH" "torchvision==$TORCHVISION"
+  "${pip[@]}" "transformers==$TRANSFORMERS_5" "onnx==$ONNX_5" "onnxscript==$ONNXSCRIPT" "onnxruntime==$ONNXRUNTIME" \
+    "opencv-python-headless==$OPENCV" einops==0.8.2 omegaconf==2.4.0 addict==2.4.0 imageio==2.38.1 \
+    timm==1.0.31 ftfy==6.3.1 iopath==0.1.10
+  # Their requirements include viewers, trackers and older versions of what is there, which features do not touch. sam3 is what
+  # tools/check_footprint_features.py compares with.
+  say "sam3 comes under the SAM License, depth-anything-3 under Apache-2.0"
+  "${pip[@]}" --no-deps "depth-anything-3==$DEPTH_ANYTHING_3" "sam3==$SAM3"
+  touch "$whole"
+}
+
 batch() {
   local folder=target/batch
   "$folder/bin/snakemake" --version 2>/dev/null | grep -qx "$SNAKEMAKE" &&
@@ -235,7 +258,8 @@ case "${1:-build}" in
   batch) batch ;;
   onnxruntime) onnxruntime ;;
   networks) networks ;;
+  features) features ;;
   val3dity) val3dity ;;
   wheel) wheel_tools ;;
-  *) fail "usage: tools/deps.sh build|test|wheel|python|qgis|web|batch|onnxruntime|val3dity|networks|docs" ;;
+  *) fail "usage: tools/deps.sh build|test|wheel|python|qgis|web|batch|onnxruntime|val3dity|networks|features|docs" ;;
 esac

@@ -7,6 +7,7 @@ use sizeup_geo::files;
 use crate::TrainError;
 use crate::network::onnx;
 use crate::train::checkpoint::Checkpoint;
+use crate::train::features;
 
 /// Writes the best parameters of a checkpoint as ONNX, for tiles of `tile × tile` pixels.
 ///
@@ -26,7 +27,10 @@ pub fn bytes(checkpoint: &Checkpoint, tile: usize) -> Result<Vec<u8>, TrainError
     let multiple = config.multiple();
     if !config.features.is_empty() {
         let problem = "this head takes features, whose sizes are those of its backbones";
-        return Err(TrainError::config(problem, "`head_bytes` takes their rows and columns"));
+        return Err(TrainError::config(
+            problem,
+            "`--like FOLDER/SCENE/PHOTO.safetensors`: a file that it learned from",
+        ));
     }
     if tile == 0 || !tile.is_multiple_of(multiple) {
         let problem = format!("a tile of {tile} pixels: expected a multiple of {multiple}");
@@ -35,6 +39,23 @@ pub fn bytes(checkpoint: &Checkpoint, tile: usize) -> Result<Vec<u8>, TrainError
     let given: Vec<(String, [usize; 3])> =
         config.inputs.iter().map(|i| (i.name().to_owned(), [i.channels(), tile, tile])).collect();
     Ok(onnx::write(config, &checkpoint.best, &given, (tile, tile), &about(checkpoint))?)
+}
+
+/// Writes a head over features as ONNX, for maps as `like`, a photo's file of features, has of one tile; `side` is that of the masks.
+///
+/// # Errors
+/// [`TrainError`] for a network that takes no features, a file that is not what it takes, and one that cannot be written.
+pub fn write_head(checkpoint: &Checkpoint, like: &Path, side: usize, path: &Path) -> Result<(), TrainError> {
+    let wanted = &checkpoint.config.network.features;
+    if wanted.is_empty() {
+        let problem = "this network takes photos, no features";
+        return Err(TrainError::config(problem, "leave `--like` out; `--tile` says how large its tiles are"));
+    }
+    if side == 0 {
+        return Err(TrainError::config("masks of 0 pixels", "`--tile` is the side of the masks"));
+    }
+    let bytes = head_bytes(checkpoint, &features::sizes_of_a_tile(like, wanted)?, side)?;
+    Ok(files::write_whole(path, |w| w.write_all(&bytes))?)
 }
 
 /// A head over features of frozen backbones, as sizeup's profile `fpsam.v1` runs it: `sizes` are the rows and columns of each

@@ -58,9 +58,13 @@ enum Command {
         /// The file to write.
         #[arg(short, long)]
         output: PathBuf,
-        /// Side of a tile, pixels: what the network sees at once.
+        /// Side of a tile, pixels: what the network sees at once; of a head over features, the side of its masks.
         #[arg(long, default_value_t = 256)]
         tile: usize,
+        /// A photo's features, as a head over features learned from: it is written for maps of their sizes, those of one tile where
+        /// the file says so.
+        #[arg(long, value_name = "FILE")]
+        like: Option<PathBuf>,
     },
     /// Compares networks, and what other programs found, with the footprints of a set: precision, recall, F1, intersection over union.
     Measure {
@@ -130,9 +134,12 @@ fn run(command: Command) -> Result<(), TrainError> {
             training.run(None, &|line| talk(&line))?;
             Ok(())
         }
-        Command::Export { checkpoint, output, tile } => {
+        Command::Export { checkpoint, output, tile, like } => {
             let network = Checkpoint::read(&checkpoint, &Device::Cpu)?;
-            export::write(&network, tile, &output)
+            match like {
+                Some(like) => export::write_head(&network, &like, tile, &output),
+                None => export::write(&network, tile, &output),
+            }
         }
         Command::Measure { set, split, network, coco, tile, dip, pixel_m, looks, without, output } => {
             let split = Split::ALL

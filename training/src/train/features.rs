@@ -18,6 +18,9 @@ use super::sample::{Batch, Scene, wanted};
 use crate::TrainError;
 use crate::network::{FeatureConfig, N_LOGITS};
 
+/// Hint where a file is missing.
+const COMPUTED_BY: &str = "tools/export_footprint_features.py computes the features of a set's photos";
+
 /// The file of a photo's features.
 #[must_use]
 pub fn path_of(folder: &Path, scene: &Scene) -> PathBuf {
@@ -32,6 +35,9 @@ pub fn path_of(folder: &Path, scene: &Scene) -> PathBuf {
 /// [`TrainError::Set`] for a file that is missing or damaged, and for a map of another shape.
 pub fn read(path: &Path, wanted: &[FeatureConfig], device: &Device) -> Result<Vec<(String, Tensor)>, TrainError> {
     let again = "compute the features anew; `network.features` lists their names and channels";
+    if !path.exists() {
+        return Err(TrainError::set(path, "there are no features of this photo", COMPUTED_BY));
+    }
     let bytes = files::read_bytes(path)?;
     let file = SafeTensors::deserialize(&bytes)
         .map_err(|e| TrainError::set(path, format!("it cannot be read as features: {e}"), again))?;
@@ -61,6 +67,46 @@ pub fn read(path: &Path, wanted: &[FeatureConfig], device: &Device) -> Result<Ve
         maps.push((feature.name.clone(), map.to_dtype(DType::F32)?));
     }
     Ok(maps)
+}
+
+/// Whether there are features of all photos, so that a training does not stop at the first without.
+///
+/// # Errors
+/// [`TrainError::Set`] with the first file that is missing, and with how many are.
+pub fn check(photos: &[&Scene], config: &TrainConfig) -> Result<(), TrainError> {
+    let Some(folder) = &config.features else { return Ok(()) };
+    let paths = photos.iter().map(|photo| path_of(folder, photo));
+    let missing: Vec<PathBuf> = paths.filter(|path| !path.exists()).collect();
+    match &missing[..] {
+        [] => Ok(()),
+        [first, ..] => {
+            let problem = format!("{} of {} photos have no features, this one among them", missing.len(), photos.len());
+            Err(TrainError::set(first, problem, COMPUTED_BY))
+        }
+    }
+}
+
+/// Rows and columns of each map of one tile, the maps in the order of `wanted`: as the file's metadata have them under
+/// `tile.NAME` ("288x288"), else those of the maps, which then are of one tile.
+///
+/// # Errors
+/// As [`read`], and metadata that cannot be understood.
+pub fn sizes_of_a_tile(path: &Path, wanted: &[FeatureConfig]) -> Result<Vec<(usize, usize)>, TrainError> {
+    let maps = read(path, wanted, &Device::Cpu)?;
+    let bytes = files::read_bytes(path)?;
+    let stated = SafeTensors::read_metadata(&bytes).ok().and_then(|(_, about)| about.metadata().clone());
+    let size_of = |(name, map): &(String, Tensor)| {
+        let Some(text) = stated.as_ref().and_then(|stated| stated.get(&format!("tile.{name}"))) else {
+            let (_, _, rows, columns) = map.dims4()?;
+            return Ok((rows, columns));
+        };
+        let size = text.split_once('x').and_then(|(rows, columns)| Some((rows.parse().ok()?, columns.parse().ok()?)));
+        size.filter(|(rows, columns): &(usize, usize)| rows * columns > 0).ok_or_else(|| {
+            let problem = format!("its metadata say of {name} that a tile has {text:?} cells");
+            TrainError::set(path, problem, "rows and columns, as in \"288x288\"")
+        })
+    };
+    maps.iter().map(size_of).collect()
 }
 
 /// Whole photos with their features.

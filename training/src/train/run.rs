@@ -68,6 +68,7 @@ impl Training {
             Scene::ready(photos, &config)
         };
         let (train, val) = (of(Split::Train)?, of(Split::Val)?);
+        features::check(&train.iter().chain(&val).collect::<Vec<&Scene>>(), &config)?;
         let digests = sets.iter().map(|set| Ok(FileEntry::of(&set.root.join(FILE))?.sha256));
         let set = digests.collect::<Result<Vec<_>, TrainError>>()?.join(" ");
         Ok(Self { config, train, val, set, out: out.to_owned(), device: device()? })

@@ -249,6 +249,23 @@ fn features_of_the_wrong_shape_are_named() {
     read("tex2", 3).unwrap();
     refused(read("tex2", 256), &["a.safetensors", "expected 256", "[3, 8, 8]"]);
     refused(read("geo", 3), &["expected a feature \"geo\"", "tex2"]);
+    let wanted = [FeatureConfig { name: "tex2".to_owned(), channels: 3 }];
+    let absent = features::read(&folder.path().join("b.safetensors"), &wanted, &Device::Cpu);
+    refused(absent.map(|_| ()), &["b.safetensors", "no features of this photo", "export_footprint_features.py"]);
+}
+
+#[test]
+fn a_training_whose_photos_lack_features_does_not_begin() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("set");
+    villages(&root);
+    let set = Set::open(&root).unwrap();
+    let mut config = quick();
+    config.features = Some(folder.path().join("features"));
+    config.network.inputs.clear();
+    config.network.features = vec![FeatureConfig { name: "geo".to_owned(), channels: 3 }];
+    let training = Training::new(config, std::slice::from_ref(&set), &folder.path().join("out")).map(|_| ());
+    refused(training, &["photos have no features", ".safetensors", "export_footprint_features.py"]);
 }
 
 /// One building of 2 × 2 pixels in 64 × 64, a thousand to one, brighter than the ground; then none at all, and nothing known.

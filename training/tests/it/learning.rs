@@ -245,6 +245,57 @@ fn a_head_takes_features_of_any_stride_and_width_and_says_the_same_in_onnx() {
     assert!(apart(&here, &there) < 1e-4, "{}", apart(&here, &there));
 }
 
+/// The command takes sizes from a photo's features: of the maps, or of one tile where the file says so.
+#[test]
+fn a_head_is_exported_for_maps_like_those_that_it_learned_from() {
+    let folder = tempfile::tempdir().unwrap();
+    let features = [("tex0", 6, 32), ("geo", 9, 8)];
+    let config = NetworkConfig {
+        inputs: Vec::new(),
+        features: features.iter().map(|(n, c, _)| FeatureConfig { name: (*n).to_owned(), channels: *c }).collect(),
+        ..small_network()
+    };
+    let parameters = Parameters::new(&config, 5, DType::F32, &Device::Cpu).unwrap();
+    let network = TrainConfig { network: config, features: Some("features".into()), ..TrainConfig::default() };
+    let path = folder.path().join("best.safetensors");
+    checkpoint(network, parameters).write(&path).unwrap();
+    // Of a photo of two tiles side by side, one of which has 32 and 8 cells across.
+    let wide = |channels: usize, side: usize| noise(&[channels, side, 2 * side], 1.0);
+    let maps: Vec<(&str, Tensor)> = features.iter().map(|(name, c, side)| (*name, wide(*c, *side))).collect();
+    let like = |name: &str, about: &[(&str, &str)]| {
+        let path = folder.path().join(name);
+        let about = about.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
+        safetensors::serialize_to_file(maps.clone(), Some(about), &path).unwrap();
+        path
+    };
+    let export = |like: Option<&std::path::Path>| {
+        let head = folder.path().join("head.onnx");
+        let mut program = std::process::Command::new(env!("CARGO_BIN_EXE_sizeup-train"));
+        program.arg("export").arg(&path).args(["--tile", "64"]).arg("--output").arg(&head);
+        like.iter().for_each(|like| {
+            program.arg("--like").arg(like);
+        });
+        let outcome = program.output().unwrap();
+        let said = String::from_utf8_lossy(&outcome.stderr).into_owned();
+        if outcome.status.success() { Ok(std::fs::read(head).unwrap()) } else { Err(said) }
+    };
+    let inputs = |bytes: &[u8]| -> Vec<Vec<Option<usize>>> {
+        let graph = folder.path().join("of.onnx");
+        std::fs::write(&graph, bytes).unwrap();
+        Network::open(&graph).unwrap().inputs().iter().map(|port| port.shape.clone()).collect()
+    };
+    let sized = |sizes: [[usize; 4]; 2]| sizes.map(|s| s.map(Some).to_vec()).to_vec();
+    let whole = export(Some(&like("whole.safetensors", &[]))).unwrap();
+    assert_eq!(inputs(&whole), sized([[1, 6, 32, 64], [1, 9, 8, 16]]));
+    let tile = [("tile.tex0", "32x32"), ("tile.geo", "8x8")];
+    let tiled = export(Some(&like("tile.safetensors", &tile))).unwrap();
+    assert_eq!(inputs(&tiled), sized([[1, 6, 32, 32], [1, 9, 8, 8]]));
+    let none = export(None).unwrap_err();
+    assert!(none.contains("--like"), "{none}");
+    let odd = export(Some(&like("odd.safetensors", &[("tile.geo", "8 by 8")]))).unwrap_err();
+    assert!(odd.contains("\"8 by 8\"") && odd.contains("odd.safetensors"), "{odd}");
+}
+
 #[test]
 fn a_network_blind_to_an_input_says_the_same_whatever_that_shows() {
     let config = small_network();

@@ -3,4 +3,5 @@
 mod bad_input;
 mod gradients;
 mod learning;
+mod paper_features;
 mod scene;

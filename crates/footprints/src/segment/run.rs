@@ -314,21 +314,61 @@ fn without_hint(error: &PriorError) -> String {
     text.split("\nhint:").next().unwrap_or_default().to_owned()
 }
 
-/// A tile of a photo as `1 × 3 × rows × columns`, normalised.
+/// A tile of a photo as `1 × 3 × rows × columns`, normalised. Where a network sees more pixels than the tile has, values lie on lines between
+/// those of the photo, as networks' own preprocessing has them.
 fn image(
     photo: &RasterFile,
     tile: CellWindow,
     inlet: &Inlet,
 ) -> Result<Tensor, sizeup_geo::geodata::raster::RasterError> {
     let (columns, rows) = inlet.side;
-    let resampling = if (tile.width, tile.height) == inlet.side { Resampling::Nearest } else { Resampling::Average };
+    // Enlarged, a mean of pixels would be the nearest one: steps that no photo has.
+    let is_enlarged = tile.width <= columns && tile.height <= rows && (tile.width, tile.height) != inlet.side;
+    let (size, resampling) = match (tile.width, tile.height) {
+        own if is_enlarged || own == inlet.side => (own, Resampling::Nearest),
+        _ => (inlet.side, Resampling::Average),
+    };
+    let scale = (tile.width as f64 / columns as f64, tile.height as f64 / rows as f64);
     let bands = if photo.n_bands() >= 3 { [1, 2, 3] } else { [1; 3] };
     let mut values = Vec::with_capacity(3 * rows * columns);
     for (channel, band) in bands.into_iter().enumerate() {
-        let pixels = photo.read_window(band, tile, inlet.side, resampling)?;
+        let mut pixels = photo.read_window(band, tile, size, resampling)?;
         let (mean, std) = (inlet.mean[channel], inlet.std[channel]);
-        let normal = |v: &f32| (if v.is_nan() { 0.0 } else { *v } / 255.0 - mean) / std;
-        values.extend(pixels.data().iter().map(normal));
+        for v in pixels.data_mut() {
+            *v = (if v.is_nan() { 0.0 } else { *v } / 255.0 - mean) / std;
+        }
+        let middle = |i: usize, scale: f64| (i as f64 + 0.5) * scale;
+        let between = |i: usize| pixels.bilinear(middle(i % columns, scale.0), middle(i / columns, scale.1));
+        if is_enlarged {
+            values.extend((0..rows * columns).map(between));
+        } else {
+            values.extend(pixels.data());
+        }
     }
     Ok(Tensor { shape: vec![1, 3, rows, columns], values })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Four columns that rise evenly, seen as eight: they rise evenly still, half a step at a time.
+    #[test]
+    fn a_tile_is_enlarged_without_steps() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("photo.asc");
+        let rows = "0 10 20 30\n".repeat(2);
+        std::fs::write(&path, format!("ncols 4\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n{rows}")).unwrap();
+        let photo = RasterFile::open(&path).unwrap();
+        let seen = |side: (usize, usize)| {
+            let inlet = Inlet { name: "image".to_owned(), side, mean: [0.0; 3], std: [1.0; 3] };
+            let tile = CellWindow { col: 0, row: 0, width: 4, height: 2 };
+            let tensor = image(&photo, tile, &inlet).unwrap();
+            assert_eq!(tensor.shape, [1, 3, side.1, side.0]);
+            tensor.values[..side.0].iter().map(|v| (2550.0 * v).round() / 10.0).collect::<Vec<f32>>()
+        };
+        assert_eq!(seen((8, 4)), [0.0, 2.5, 7.5, 12.5, 17.5, 22.5, 27.5, 30.0]);
+        assert_eq!(seen((4, 2)), [0.0, 10.0, 20.0, 30.0]);
+        assert_eq!(seen((2, 1)), [5.0, 25.0]);
+    }
 }
