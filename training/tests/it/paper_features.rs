@@ -10,7 +10,7 @@ use std::sync::Arc;
 use candle_core::Device;
 use glam::{DMat3, DVec3};
 use image::RgbImage;
-use sizeup_footprints::{ContourSource as _, Look, Segmenter, SegmenterConfig};
+use sizeup_footprints::{ContourFineness, ContourSource as _, Segmenter, SegmenterConfig};
 use sizeup_heights::camera::Camera;
 use sizeup_heights::frames::Rigid;
 use sizeup_photos::onnx::{Network, Tensor};
@@ -119,7 +119,7 @@ fn a_head_learns_from_the_features_of_a_set_and_sizeup_runs_it() {
         camera_from_map: Rigid::new(DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)), DVec3::new(0.0, 0.0, 80.0)),
         image: Some(path),
     };
-    let look = Look { min_area_px2: 16.0, tolerance_px: 0.5, pixel_m: 0.7 };
+    let look = ContourFineness { min_area_px2: 16.0, tolerance_px: 0.5, pixel_m: 0.7 };
     Segmenter::new(config).unwrap().contours(&view, look).unwrap();
 }
 
