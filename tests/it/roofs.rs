@@ -14,6 +14,10 @@ fn village(folder: &Path, level: PriorLevel) {
 }
 
 fn simulated(folder: &Path, kind: TownKind, level: PriorLevel) {
+    simulate(&town(kind, level), folder, &|_, _| {}).unwrap();
+}
+
+fn town(kind: TownKind, level: PriorLevel) -> SimulateConfig {
     let mut config = SimulateConfig { seed: 5, ..SimulateConfig::default() };
     config.town.kind = kind;
     config.town.n_buildings = 24;
@@ -21,7 +25,7 @@ fn simulated(folder: &Path, kind: TownKind, level: PriorLevel) {
     (config.camera.width_px, config.camera.height_px, config.prior.longest_px) = (448, 336, 448);
     config.prior.level = level;
     config.images.enabled = false;
-    simulate(&config, folder, &|_, _| {}).unwrap();
+    config
 }
 
 /// Runs the scene with settings; returns the city and the solution.
@@ -144,4 +148,23 @@ fn a_step_in_a_roof_is_seen_and_its_mean_height_stated() {
     );
     assert!(2 * right > n_stepped && wrong == 0, "{right} of {n_stepped} stepped roofs told, and {wrong} others");
     assert_eq!(n_stated(&without, true) + n_stated(&without, false), 0);
+}
+
+/// A footprint that is a little too large, as these are by default, has a rim of ground within it, which a low hip follows as well.
+#[test]
+fn a_flat_roof_under_a_footprint_that_is_too_large_is_no_hip() {
+    let mut roofs = Vec::new();
+    for seed in [31, 32] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut config = SimulateConfig { seed, ..town(TownKind::Downtown, PriorLevel::Clean) };
+        config.town.n_buildings = 40;
+        simulate(&config, folder.path(), &|_, _| {}).unwrap();
+        let (city, _) = run(folder.path(), &[]);
+        let forms = pairs(folder.path(), &city).into_iter();
+        roofs.extend(forms.map(|(truth, stated)| (truth["roof"].clone(), stated["roof_form"].clone())));
+    }
+    let n = |form: &str, stated: &str| roofs.iter().filter(|(truth, found)| truth == form && found == stated).count();
+    let n_flat = roofs.iter().filter(|(truth, _)| truth == "flat").count();
+    println!("{} of {n_flat} flat roofs called hips", n("flat", "hip"));
+    assert!(20 * n("flat", "hip") <= n_flat && n_flat > 40, "{} of {n_flat} flat roofs are hips", n("flat", "hip"));
 }

@@ -29,6 +29,8 @@ pub struct Evidence<'a> {
     green: Vec<bool>,
     /// Whether the prior has been straightened along the ground.
     pub was_bent: bool,
+    /// Size of a pixel of the prior or of the working image, whichever is larger, in pixels of the working image.
+    pub pixel_px: f64,
     /// Mapping of the prior to metres by the ground alone, once somebody has asked.
     pub(super) on_ground: OnceLock<Option<Calibration>>,
     /// The buildings whose footprints rays cross, ascending: those of a view, not those of the scene.
@@ -78,12 +80,14 @@ impl<'a> Evidence<'a> {
         }
         let on_ground = OnceLock::new();
         let (green, was_bent) = (Vec::new(), false);
+        let pixel_px = (f64::from(placed.camera.width_px) / prior.values.width() as f64).max(1.0);
         Self {
             profiles,
             nearness,
             farness,
             green,
             was_bent,
+            pixel_px,
             on_ground,
             crossed,
             start,

@@ -49,6 +49,13 @@ const DEEPEST_TO_M: f32 = 0.02;
 /// Flatter is flat: rise over run, 8.5 degrees.
 const FLATTEST: f32 = 0.15;
 
+/// Widths of the rim in which the edges of a flat roof are rounded, pixels of the prior.
+const RIMS_PX: [f32; 3] = [1.0, 2.0, 3.0];
+/// By how much they are lowered at the walls, metres.
+const ROUNDED_M: [f32; 7] = [0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0];
+/// Its heights that are tried, above that of the flat one, metres: edges draw that down.
+const TOPS_M: [f32; 9] = [-0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5];
+
 /// Ways of rays over a footprint, sampled, side by side.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SampledWays {
@@ -281,14 +288,15 @@ struct Sampled {
 }
 
 impl Sampled {
-    fn new(view: &RoofView<'_>, shapes: &[PitchedShape<'_>], ground_z: f32) -> Self {
-        let mut shares: Vec<Vec<Shares>> = vec![Vec::new(); shapes.len()];
+    /// `share`: height of one of the shapes at a place, 0 at the eave, 1 at its highest.
+    fn new(view: &RoofView<'_>, n_shapes: usize, share: impl Fn(usize, Vec2) -> f32, ground_z: f32) -> Self {
+        let mut shares: Vec<Vec<Shares>> = vec![Vec::new(); n_shapes];
         let ways = ways(view, ground_z, |block, lane, k, at| {
-            for (shares, shape) in shares.iter_mut().zip(shapes) {
+            for (shape, shares) in shares.iter_mut().enumerate() {
                 if shares.len() <= block {
                     shares.push([Lanes::splat(0.0); N_SAMPLES]);
                 }
-                shares[block][k].set(lane, shape.at(at));
+                shares[block][k].set(lane, share(shape, at));
             }
         });
         Self { ways, shares }
@@ -312,7 +320,8 @@ struct PitchedViews<'a> {
 
 impl<'a> PitchedViews<'a> {
     fn new(views: &'a [RoofView<'a>], shapes: &[PitchedShape<'_>], ground_z: f32, flat_m: f32) -> Self {
-        let sampled = views.iter().map(|view| Sampled::new(view, shapes, ground_z)).collect();
+        let share = |shape: usize, at: Vec2| shapes[shape].at(at);
+        let sampled = views.iter().map(|view| Sampled::new(view, shapes.len(), share, ground_z)).collect();
         Self { views, sampled, flat_m }
     }
 
@@ -322,6 +331,32 @@ impl<'a> PitchedViews<'a> {
             view.window.score_where(view.weight, self.flat_m, &Pitched { sampled, candidate })
         })
     }
+}
+
+/// Scores in each view of the flat roof with rounded edges that views show best: priors are blurred, which lowers a roof near its
+/// walls, and a footprint that is too large has a rim of ground within it. A low hip follows both.
+pub(super) fn rounded(prism: &Prism, flat_m: f32, views: &[RoofView<'_>]) -> Vec<f64> {
+    let (axes, low, high) = smallest_rectangle(prism);
+    let deepest_m = PitchedShape::deepest_m(prism, axes, low, high);
+    let middle = (axes.transpose() * (0.5 * (low + high))).extend(prism.ground_z + flat_m).as_dvec3();
+    let sampled_of = |view: &RoofView<'_>| {
+        let pixel_m = view.evidence.pixel_px * view.placed.eye().distance(middle) / view.placed.camera.fx_px;
+        let share = |rim: usize, at: Vec2| {
+            let rim_m = (RIMS_PX[rim] * pixel_m as f32).min(deepest_m);
+            (distance_to_border(prism, at) / rim_m).clamp(0.0, 1.0)
+        };
+        Sampled::new(view, RIMS_PX.len(), share, prism.ground_z)
+    };
+    let sampled = views.iter().map(sampled_of).collect();
+    let looked = PitchedViews { views, sampled, flat_m };
+    let of_rise = |shape: usize, rise_m: f32| {
+        TOPS_M.map(|top_m| ShapeAtHeight { shape, eave_m: flat_m + top_m - rise_m, rise_m })
+    };
+    let candidates =
+        (0..RIMS_PX.len()).flat_map(|rim| ROUNDED_M.into_iter().flat_map(move |rise_m| of_rise(rim, rise_m)));
+    let scores = candidates.filter(|c| c.eave_m > 0.0).map(|c| looked.scores(c).collect::<Vec<f64>>());
+    let total = |scores: &Vec<f64>| scores.iter().sum::<f64>();
+    scores.max_by(|a, b| total(a).total_cmp(&total(b))).unwrap_or_default()
 }
 
 /// The pitched roof of one building, of some forms, that its views show best around a flat one; `None` where its footprint carries

@@ -25,6 +25,9 @@ pub(super) const REACH_M: f32 = pitched::TALLEST_M + 2.0;
 const FAR_M: f64 = 2.0;
 /// No roof of a few numbers explains more than all but this of a prior: a footprint's corners and a roof's furniture are in it.
 const LEAST_UNEXPLAINED: f64 = 1e-3;
+/// Lead of a hip over a flat roof with rounded edges from which it is believed. Of 360 flat roofs in towns of seeds 31 and 32 (four
+/// levels of prior errors, 448 pixels) 45 were called hips without it and 15 are with it, of 60 hips 56 and 47 are.
+const OVER_ROUNDED: Margin = Margin { gain: 0.0005, standard_errors: 0.5, n_more: 0.0 };
 /// Fewer views cannot tell a form.
 const MIN_VIEWS: usize = 4;
 
@@ -320,7 +323,11 @@ pub(super) fn find<'a>(
         .as_ref()
         .filter(|_| forms.contains(&RoofForm::Mixed))
         .and_then(|step| mixed::best(prism, height_m, &step.roof, near));
-    let by_pitch = pitched.as_ref().filter(|fit| fit.is_told && is_believed(fit));
+    let is_rounding = |fit: &RoofFit<'_>| {
+        fit.roof.form == RoofForm::Hip
+            && !OVER_ROUNDED.is_passed(near, &fit.scores, &pitched::rounded(prism, height_m, near))
+    };
+    let by_pitch = pitched.as_ref().filter(|fit| fit.is_told && is_believed(fit) && !is_rounding(fit));
     // Six numbers fit a slope too: a step has to be clearly better than the best slope, whether that is believed or not.
     let is_no_slope =
         |step: &&RoofFit<'_>| pitched.as_ref().is_none_or(|pitch| step.is_better(near, &step.scores, &pitch.scores));
