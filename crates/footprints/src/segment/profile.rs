@@ -102,7 +102,7 @@ fn default_dip() -> f32 {
 
 /// How far middles less seams fall along the border of two roofs; chosen on those and on the validation scene of `suburbs.toml`.
 fn default_valley() -> f32 {
-    0.4
+    0.6
 }
 
 /// The profiles that come with sizeup.
