@@ -51,9 +51,9 @@ const FLATTEST: f32 = 0.15;
 
 /// Widths of the rim in which the edges of a flat roof are rounded, pixels of the prior.
 const RIMS_PX: [f32; 3] = [1.0, 2.0, 3.0];
-/// By how much they are lowered at the walls, metres.
+/// Depths to which it is lowered at the walls, metres.
 const ROUNDED_M: [f32; 7] = [0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0];
-/// Its heights that are tried, above that of the flat one, metres: edges draw that down.
+/// Heights of the rounded roof that are tried, above that of the flat one, metres: edges draw that down.
 const TOPS_M: [f32; 9] = [-0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5];
 
 /// Ways of rays over a footprint, sampled, side by side.
