@@ -334,7 +334,8 @@ impl<'a> PitchedViews<'a> {
 }
 
 /// Scores in each view of the flat roof with rounded edges that views show best: priors are blurred, which lowers a roof near its
-/// walls, and a footprint that is too large has a rim of ground within it. A low hip follows both.
+/// walls, and a footprint that is too large has a rim of ground within it. A low hip follows both. None where the flat one is next to
+/// nothing high.
 pub(super) fn rounded(prism: &Prism, flat_m: f32, views: &[RoofView<'_>]) -> Vec<f64> {
     let (axes, low, high) = smallest_rectangle(prism);
     let deepest_m = PitchedShape::deepest_m(prism, axes, low, high);
