@@ -328,7 +328,7 @@ fn image(
         own if is_enlarged || own == inlet.side => (own, Resampling::Nearest),
         _ => (inlet.side, Resampling::Average),
     };
-    let scale = (tile.width as f64 / columns as f64, tile.height as f64 / rows as f64);
+    let whole = CellWindow { col: 0, row: 0, ..tile };
     let bands = if photo.n_bands() >= 3 { [1, 2, 3] } else { [1; 3] };
     let mut values = Vec::with_capacity(3 * rows * columns);
     for (channel, band) in bands.into_iter().enumerate() {
@@ -337,10 +337,8 @@ fn image(
         for v in pixels.data_mut() {
             *v = (if v.is_nan() { 0.0 } else { *v } / 255.0 - mean) / std;
         }
-        let middle = |i: usize, scale: f64| (i as f64 + 0.5) * scale;
-        let between = |i: usize| pixels.bilinear(middle(i % columns, scale.0), middle(i / columns, scale.1));
         if is_enlarged {
-            values.extend((0..rows * columns).map(between));
+            values.extend(geometry::resample(&pixels, size, whole, inlet.side));
         } else {
             values.extend(pixels.data());
         }
