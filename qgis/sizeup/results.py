@@ -18,6 +18,7 @@ from .words import Speaks
 # Layers of a city's GeoPackage from the top to the bottom, and whether they are drawn at once.
 CITY_LAYERS = (
     ("qa_issues", True),
+    ("footprints_moved", True),
     ("cameras", False),
     ("buildings", True),
     ("buildings_lod1", False),

@@ -153,6 +153,8 @@ fn default_output() -> PathBuf {
 pub struct OutputConfig {
     /// Whether to draw pictures: a map, proxies over photos, one view's depth beside its prior.
     pub pictures: bool,
+    /// Where footprints stand that are known to be off: `as_given`, or `in_photos`, where the photos show their buildings.
+    pub footprints: FootprintPlace,
     /// Treatment of buildings whose height is not known.
     pub fallback: FallbackConfig,
     /// Settings of the CityJSON file.
@@ -163,10 +165,22 @@ pub struct OutputConfig {
     pub report: ReportConfig,
 }
 
+/// Where a footprint stands in the results that is known to be off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FootprintPlace {
+    /// Where the layer has it; attributes and the layer `footprints_moved` say where the photos show the building.
+    #[default]
+    AsGiven,
+    /// Where the photos show the building, with its roof: the attributes still say how far off the given one lies.
+    InPhotos,
+}
+
 impl Default for OutputConfig {
     fn default() -> Self {
         Self {
             pictures: true,
+            footprints: FootprintPlace::default(),
             fallback: FallbackConfig::default(),
             cityjson: CityJsonConfig::default(),
             geopackage: GeoPackageConfig::default(),

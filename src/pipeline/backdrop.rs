@@ -264,6 +264,7 @@ mod tests {
             height_m: Some(9.0),
             height_sigma_m: None,
             party_wall_m2: None,
+            footprint_shift: None,
             height_reference: HeightReference::Mean,
             roof: None,
             status: Status::Measured,

@@ -163,6 +163,12 @@ impl<'a> HeightSearch<'a> {
             rays = rays.of_other_footprints();
             heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &KnownHeights::default())?;
         }
+        // Photos show roofs where they are.
+        for (prism, solved) in stage.scene.prisms.iter_mut().zip(&heights.solution.heights) {
+            if let Some(shift) = solved.footprint_shift {
+                *prism = shift.moved(prism);
+            }
+        }
         heights.unread_photos.extend(refine(self.config, &self.moved_survey(), stage, &mut heights.solution));
         heights.unread_photos.sort_unstable();
         heights.unread_photos.dedup_by_key(|(view, _)| *view);
@@ -210,7 +216,10 @@ impl<'a> HeightSearch<'a> {
             start_m: &known.of_scene(stage),
             progress: &|what, done, total| (self.tell)(Event::Advance { what, done, total }),
         };
-        let mut solution = (self.solver)(&problem, &for_priors(&self.config.prior, optimise));
+        let mut optimise = for_priors(&self.config.prior, optimise);
+        // Footprints that were found in the photos lie where these show them.
+        optimise.search.measure_footprints &= matches!(self.config.footprints, FootprintSource::Layer(_));
+        let mut solution = (self.solver)(&problem, &optimise);
         // Whatever solved it: no height outside the range is stated.
         let bounds = stage.scene.bounds;
         solution.heights.iter_mut().for_each(|solved| solved.keep_within(bounds, optimise.height_reference));
@@ -272,6 +281,7 @@ fn looking_at_parts(optimise: &OptimiseConfig) -> OptimiseConfig {
         local_sweeps: 0,
         correct_edge_bleeding: false,
         measure_shift: false,
+        measure_footprints: false,
         roof_forms: Vec::new(),
         ..optimise.search.clone()
     };

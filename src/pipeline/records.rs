@@ -1,9 +1,11 @@
 //! From footprints and solved heights to one record per input building.
 
+use glam::DVec2;
+
 use super::{FootprintStage, HeightStage};
-use crate::config::RunConfig;
+use crate::config::{FootprintPlace, RunConfig};
 use sizeup_heights::frames::LocalOrigin;
-use sizeup_heights::optimise::{Reason, Roof, SolvedHeight, Terrace};
+use sizeup_heights::optimise::{FootprintShift, LayerShift, Reason, Roof, SolvedHeight, Terrace};
 use sizeup_results::output::reviews::Reviews;
 use sizeup_results::output::{BuildingRecord, HeightReference, RoofShape, Status};
 use sizeup_results::output::{fallback, party_walls};
@@ -19,6 +21,9 @@ pub(super) fn records(
     reviews: &Reviews,
 ) -> Vec<BuildingRecord> {
     let mut records = found(survey, footprints, heights, config.optimise.height_reference);
+    if config.output.footprints == FootprintPlace::InPhotos {
+        records.iter_mut().for_each(move_to_photos);
+    }
     reviews.apply(&mut records);
     fallback::fill(&mut records, &config.output.fallback);
     party_walls::fill(&mut records);
@@ -47,12 +52,12 @@ fn found(
                 height_m: solved.and_then(|s| s.height_m),
                 height_sigma_m: solved.and_then(|s| s.sigma_m),
                 party_wall_m2: None,
+                footprint_shift: total_shift(solved, heights.layer_shift),
                 height_reference,
                 // A height that is not known, or comes from a fallback, says nothing of the roof.
                 roof: solved
                     .filter(|s| s.height_m.is_some())
-                    .and_then(|s| s.roof)
-                    .map(|roof| roof_shape(roof, heights.origin)),
+                    .and_then(|s| Some(roof_shape(s.roof?, heights.origin, s.footprint_shift))),
                 status,
                 reasons,
                 views: solved
@@ -69,6 +74,7 @@ fn found(
         height_m: None,
         height_sigma_m: None,
         party_wall_m2: None,
+        footprint_shift: None,
         height_reference,
         roof: None,
         status: Status::Refused,
@@ -79,10 +85,34 @@ fn found(
     with_footprint.chain(without).collect()
 }
 
-/// A roof of the local frame in the map.
-fn roof_shape(roof: Roof, origin: LocalOrigin) -> RoofShape {
+/// Moves a footprint that is off, and the step of its roof, to where the photos show the building.
+fn move_to_photos(record: &mut BuildingRecord) {
+    let (Some(moved), Some(shift)) = (record.footprint_in_photos(), record.footprint_shift) else { return };
+    record.footprint = Some(moved);
+    let way = shift.way();
+    if let Some(step) = record.roof.as_mut().and_then(|roof| roof.step.as_mut()) {
+        step.corners = step.corners.map(|[x, y]| [x + way.x, y + way.y]);
+    }
+}
+
+/// How far a footprint lies off, with its layer and by itself.
+fn total_shift(solved: Option<&SolvedHeight>, layer: Option<LayerShift>) -> Option<FootprintShift> {
+    let own = solved.and_then(|s| s.footprint_shift);
+    let Some(layer) = layer else { return own };
+    let own = own.unwrap_or_default();
+    Some(FootprintShift {
+        east_m: own.east_m + layer.east_m,
+        north_m: own.north_m + layer.north_m,
+        sigma_m: own.sigma_m.hypot(layer.sigma_m),
+        ..own
+    })
+}
+
+/// A roof of the local frame in the map, over the footprint as it was given.
+fn roof_shape(roof: Roof, origin: LocalOrigin, shift: Option<FootprintShift>) -> RoofShape {
+    let way = shift.map_or(DVec2::ZERO, |shift| shift.way());
     let azimuth_deg = |[east, north]: [f64; 2]| east.atan2(north).to_degrees().rem_euclid(180.0);
-    let moved = |corners: [[f64; 2]; 4]| corners.map(|[x, y]| [x + origin.0.x, y + origin.0.y]);
+    let moved = |corners: [[f64; 2]; 4]| corners.map(|[x, y]| [x + origin.0.x - way.x, y + origin.0.y - way.y]);
     RoofShape {
         ridge_azimuth_deg: roof.ridge_along.map(azimuth_deg),
         step: roof.terrace.map(|step| Terrace { corners: moved(step.corners), ..step }),

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use geo::Centroid as _;
 use geo_types::Polygon;
 use glam::DVec3;
 
@@ -329,13 +330,11 @@ pub(super) fn view_issues<'a>(survey: &'a Survey, heights: &'a HeightStage) -> i
 /// A warning that the footprint layer lies elsewhere than the photos show its buildings.
 fn shifted_layer(shift: &LayerShift) -> Issue {
     let (east_m, north_m) = (shift.east_m, shift.north_m);
-    let along = |way_m: f64, words: [&str; 2]| format!("{:.1} m {}", way_m.abs(), words[usize::from(way_m < 0.0)]);
     let message = format!(
-        "the footprints lie {:.1} m off, {} and {} of where the photos show their buildings (± {:.1} m, by {} of them); heights \
+        "the footprints lie {:.1} m off, {} of where the photos show their buildings (± {:.1} m, by {} of them); heights \
          were measured with the photos moved there",
         east_m.hypot(north_m),
-        along(east_m, ["east", "west"]),
-        along(north_m, ["north", "south"]),
+        east_and_north(east_m, north_m),
         shift.sigma_m,
         shift.n_buildings,
     );
@@ -348,6 +347,55 @@ fn shifted_layer(shift: &LayerShift) -> Issue {
         back(north_m),
     );
     Issue::new(Severity::Warning, "footprints_shifted", Subject::Input("footprints".to_owned()), message).hint(hint)
+}
+
+/// A note on each footprint that lies elsewhere than the photos show its building, and a warning on all of them.
+fn moved_footprints(footprints: &FootprintStage, heights: &HeightStage) -> Vec<Issue> {
+    let solved = heights.solved.iter().zip(&heights.solution.heights);
+    let mut notes: Vec<Issue> = solved
+        .filter_map(|(&at, solved)| {
+            let (shift, footprint) = (solved.footprint_shift?, &footprints.layer.footprints[at]);
+            let mut parts = Vec::new();
+            if shift.is_moved() {
+                let way = east_and_north(shift.east_m, shift.north_m);
+                parts.push(format!("lies {way} of where the photos show the building (± {:.1} m)", shift.sigma_m));
+            }
+            if shift.too_large_m != 0.0 {
+                let words = if shift.too_large_m > 0.0 { "farther out than" } else { "inside of" };
+                let by_m = shift.too_large_m.abs();
+                parts.push(format!(
+                    "has walls that stand {by_m:.1} m {words} the edge of the roof that the photos show"
+                ));
+            }
+            let message = format!("the footprint {}", parts.join(", and "));
+            let note = Issue::new(Severity::Note, "footprint_off", Subject::Building(footprint.id.0.clone()), message);
+            Some(match footprint.polygon.centroid() {
+                Some(place) => note.at(place.x(), place.y()),
+                None => note,
+            })
+        })
+        .collect();
+    if !notes.is_empty() {
+        let message = format!(
+            "{} of {} footprints lie elsewhere than the photos show their buildings, or are larger or smaller; heights were measured \
+             where the photos show them",
+            notes.len(),
+            heights.solved.len(),
+        );
+        let hint = "the layer footprints_moved of the GeoPackage has them there; `footprints = \"in_photos\"` under [output] \
+                    takes them for the given ones";
+        notes.push(
+            Issue::new(Severity::Warning, "footprints_off", Subject::Input("footprints".to_owned()), message)
+                .hint(hint),
+        );
+    }
+    notes
+}
+
+/// A way along the ground in words: `0.8 m west and 0.3 m south`.
+fn east_and_north(east_m: f64, north_m: f64) -> String {
+    let along = |way_m: f64, words: [&str; 2]| format!("{:.1} m {}", way_m.abs(), words[usize::from(way_m < 0.0)]);
+    format!("{} and {}", along(east_m, ["east", "west"]), along(north_m, ["north", "south"]))
 }
 
 /// A note on priors that were straightened along the ground.
@@ -379,6 +427,7 @@ fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, 
     let mut issues: Vec<Issue> = survey.issues.clone();
     issues.extend(footprints.layer.issues.iter().chain(&footprints.issues).cloned());
     issues.extend(view_issues(survey, heights).chain(unstated_reference(config)));
+    issues.extend(moved_footprints(footprints, heights));
     issues.extend(config.notes().iter().cloned());
     issues
 }

@@ -49,6 +49,7 @@ fn house(i: usize, side: usize) -> BuildingRecord {
         height_m: Some(5.0 + (i % 97) as f64 * 0.31),
         height_sigma_m: Some(0.4),
         party_wall_m2: None,
+        footprint_shift: None,
         height_reference: HeightReference::Mean,
         roof: None,
         status: Status::Measured,

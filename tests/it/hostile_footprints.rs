@@ -37,6 +37,7 @@ pub fn block(id: &str, footprint: Polygon<f64>, height_m: f64) -> BuildingRecord
         height_reference: HeightReference::Mean,
         roof: None,
         party_wall_m2: None,
+        footprint_shift: None,
         status: Status::Measured,
         reasons: Vec::new(),
         views: Vec::new(),

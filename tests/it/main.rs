@@ -24,6 +24,7 @@ mod footprint_bad_masks;
 mod footprint_layers;
 mod footprint_masks;
 mod footprint_networks;
+mod footprint_shifts;
 mod from_software;
 mod geojson_files;
 mod honest;

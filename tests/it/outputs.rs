@@ -52,6 +52,7 @@ pub fn building(id: &str, footprint: Option<Polygon<f64>>, height_m: Option<f64>
         height_m,
         height_sigma_m: height_m.map(|_| 0.31),
         party_wall_m2: None,
+        footprint_shift: None,
         height_reference: HeightReference::Mean,
         roof: None,
         status,

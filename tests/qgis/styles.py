@@ -259,6 +259,17 @@ def polygon_rules(name, attributes, rules):
     return layer
 
 
+def footprints_moved():
+    style = {"style": "no", "outline_color": "213,94,0,255", "outline_width": "0.5", "outline_style": "dash"}
+    layer = polygon_rules("footprints_moved", "field=id:string&field=off_east_m:double&field=off_north_m:double", [("where the photos show it", None, style)])
+    layer.setDisplayExpression("\"id\"")
+    layer.setMapTipTemplate(
+        "<b>[% \"id\" %]</b><br>the footprint given lies [% format_number(\"off_east_m\", 1) %] m east and"
+        " [% format_number(\"off_north_m\", 1) %] m north of it"
+    )
+    return layer
+
+
 def footprints():
     """How sure: few photos that agree less are what people should look at first."""
 
@@ -439,7 +450,7 @@ def main():
     application = QgsApplication([], False)
     application.initQgis()
     Qgs3D.initialize()
-    for layer in [buildings(), blocks(), roofed(), tiles(), cameras(), qa_issues()]:
+    for layer in [buildings(), blocks(), roofed(), footprints_moved(), tiles(), cameras(), qa_issues()]:
         export(layer, sys.argv[1])
     write_layout(sys.argv[1])
     for layer in [footprints(), candidates(), vanished()]:

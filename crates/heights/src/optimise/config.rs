@@ -238,6 +238,9 @@ pub struct SearchConfig {
     /// Whether it is measured, after the full sweeps, how far the footprint layer as a whole lies from where the photos show its
     /// buildings; where that is 0.75 m or more, heights are measured with the photos moved onto the footprints.
     pub measure_shift: bool,
+    /// Whether it is measured, at the end, how far single footprints lie from where the photos show their buildings, and whether their walls
+    /// stand too far out; heights of those that lie elsewhere are measured where the photos show them.
+    pub measure_footprints: bool,
     /// Whether trees over roofs are left out of what is compared, by the green of the photos, where these can be read.
     pub leave_out_vegetation: bool,
     /// Whether footprints that hold two roof levels (a tower on its podium) are split, after the full sweeps.
@@ -301,6 +304,7 @@ impl Default for SearchConfig {
             roof_sweeps: 0,
             correct_edge_bleeding: true,
             measure_shift: true,
+            measure_footprints: true,
             leave_out_vegetation: true,
             split_levels: true,
             roof_forms: vec![RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped, RoofForm::Mixed],

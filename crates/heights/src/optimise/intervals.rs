@@ -142,6 +142,11 @@ impl Intervals {
         Self { level: Level::new(), blocks: Vec::new(), rays: Vec::new(), later: Vec::new(), reference }
     }
 
+    /// Depth that scaled inverse depth is relative to, metres.
+    pub fn reference(&self) -> f32 {
+        self.reference
+    }
+
     pub fn push(&mut self, interval: &PackedInterval) {
         let lane = self.rays.len() % LANES;
         if lane == 0 {

@@ -13,6 +13,7 @@ mod calibrate;
 mod config;
 mod empty_space;
 mod evidence;
+mod footprint_shift;
 mod formed;
 mod gradient;
 mod inspect;
@@ -42,6 +43,7 @@ mod wings;
 pub use config::{
     CalibrationRays, Gradient, Loss, MadGradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig, StepOn,
 };
+pub use footprint_shift::FootprintShift;
 pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
 pub use layer_shift::LayerShift;
 pub use levels::{LevelGain, OtherLevel};

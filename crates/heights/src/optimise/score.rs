@@ -15,7 +15,9 @@ use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::intervals::{Intervals, PackedInterval, RoofIntersection, Sums};
 use super::{unmodelled, vegetation};
+use crate::ray::Ray;
 use crate::render::profile::Stops;
+use crate::scene::Prism;
 use crate::stats;
 
 /// Fewer rays than this say nothing about three plane terms and a correlation.
@@ -38,6 +40,12 @@ pub struct Window {
     x: Vec<f32>,
     y: Vec<f32>,
     v: Vec<f32>,
+    /// By ray: the prior, and what `[1, x, y]` leaves of it.
+    raw: Vec<f32>,
+    p: Vec<f32>,
+    calibration: Option<Calibration>,
+    /// Height of the building's ground above the camera, metres.
+    ground_above_eye_m: f32,
     /// Ranks of the prior's residual, centred; filled for rank scores only.
     p_ranks: Vec<f32>,
     p_rank_norm: f64,
@@ -124,42 +132,88 @@ impl Window {
         let PlaneResiduals { gram_inverse, residual: p, norm_squared: p_norm_squared } =
             PlaneResiduals::taken_out(&raw, &x, &y)?;
 
-        let mut intervals = Intervals::relative_to(reference);
-        for (at, r) in own {
-            let per_metre = profiles.rays[r as usize].dz.recip();
-            let lifted = calibration.map_or(f32::NAN, |c| c.inverse_depth(raw[at]));
-            let mut after = f32::NEG_INFINITY;
-            for interval in profiles.intervals(r as usize).iter().filter(|c| c.building == building) {
-                if interval.enter >= depths[at] {
-                    break;
-                }
-                let before = interval.leave.min(depths[at]);
-                intervals.push(&PackedInterval {
-                    ray: at as u32,
-                    roof_at_zero: (ground_z - profiles.eye_z) * per_metre,
-                    per_metre,
-                    after,
-                    before,
-                    enter: interval.enter,
-                    v: v[at],
-                    p: p[at],
-                    x: x[at],
-                    y: y[at],
-                    lifted: reference * lifted - 1.0,
-                });
-                after = before;
-            }
-        }
-        let mut base = Sums::default();
-        [base.v, base.vx, base.vy, base.vp, base.vv] = sums(rays.len(), |i| {
-            let value = f64::from(v[i]);
-            [1.0, f64::from(x[i]), f64::from(y[i]), f64::from(p[i]), value].map(|k| value * k)
-        });
         let (p_ranks, p_rank_norm) = match scope.correlation {
             Correlation::Linear => (Vec::new(), 0.0),
             Correlation::Rank => centred_ranks(&p),
         };
-        Some(Self { intervals, rays, x, y, v, p_ranks, p_rank_norm, gram_inverse, p_norm_squared, base, unmodelled })
+        let mut window = Self {
+            intervals: Intervals::relative_to(reference),
+            rays,
+            x,
+            y,
+            v,
+            raw,
+            p,
+            calibration,
+            ground_above_eye_m: ground_z - profiles.eye_z,
+            p_ranks,
+            p_rank_norm,
+            gram_inverse,
+            p_norm_squared,
+            base: Sums::default(),
+            unmodelled,
+        };
+        for (at, r) in own {
+            let of_ray = profiles.intervals(r as usize).iter().filter(|c| c.building == building);
+            window.push(at, profiles.rays[r as usize].dz, depths[at], of_ray.map(|c| (c.enter, c.leave)));
+        }
+        window.base = window.sums_without();
+        Some(window)
+    }
+
+    /// Adds the stretches over the building of a ray that rises by `dz` per metre of z-depth, in order, each by where it enters and leaves
+    /// the footprint; without the building the ray ends at `depth`.
+    fn push(&mut self, at: usize, dz: f32, depth: f32, stretches: impl Iterator<Item = (f32, f32)>) {
+        let per_metre = dz.recip();
+        let lifted = self.calibration.map_or(f32::NAN, |c| c.inverse_depth(self.raw[at]));
+        let mut after = f32::NEG_INFINITY;
+        for (enter, leave) in stretches.take_while(|(enter, _)| *enter < depth) {
+            let before = leave.min(depth);
+            self.intervals.push(&PackedInterval {
+                ray: at as u32,
+                roof_at_zero: self.ground_above_eye_m * per_metre,
+                per_metre,
+                after,
+                before,
+                enter,
+                v: self.v[at],
+                p: self.p[at],
+                x: self.x[at],
+                y: self.y[at],
+                lifted: self.intervals.reference() * lifted - 1.0,
+            });
+            after = before;
+        }
+    }
+
+    /// Puts another footprint in the building's place, where the rays end at `depths` without the building.
+    pub(super) fn put(&mut self, prism: &Prism, rays: &[Ray], depths: &[f32]) {
+        let reference = self.intervals.reference();
+        self.intervals = Intervals::relative_to(reference);
+        self.v.clear();
+        self.v.extend(depths.iter().map(|depth| reference / depth - 1.0));
+        let (circle, mut over) = (prism.circle(), Vec::new());
+        for (at, (ray, &depth)) in rays.iter().zip(depths).enumerate().filter(|(_, (ray, _))| circle.is_crossed(ray)) {
+            over.clear();
+            prism.intervals(ray, &mut over);
+            self.push(at, ray.direction.z, depth, over.iter().map(|stretch| (stretch.enter.max(0.0), stretch.leave)));
+        }
+        self.base = self.sums_without();
+    }
+
+    /// The sums where the building is not there.
+    fn sums_without(&self) -> Sums {
+        let mut base = Sums::default();
+        [base.v, base.vx, base.vy, base.vp, base.vv] = sums(self.rays.len(), |i| {
+            let value = f64::from(self.v[i]);
+            [1.0, f64::from(self.x[i]), f64::from(self.y[i]), f64::from(self.p[i]), value].map(|k| value * k)
+        });
+        base
+    }
+
+    /// Rays that are compared, by their position in the view.
+    pub(super) fn rays(&self) -> &[u32] {
+        &self.rays
     }
 
     /// Rays that are compared.

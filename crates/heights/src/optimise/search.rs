@@ -79,7 +79,7 @@ impl Scope {
     }
 
     /// Heights up to one not far above the present.
-    fn near(up_to_m: f32, config: &SearchConfig, correlation: Correlation) -> Self {
+    pub(super) fn near(up_to_m: f32, config: &SearchConfig, correlation: Correlation) -> Self {
         Self { up_to_m, dilate_px: config.local_dilate_px, correlation, leave_out_crowns: false }
     }
 

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::footprint_shift::FootprintShift;
 use super::layer_shift::LayerShift;
 use super::levels::OtherLevel;
 use super::roof::Roof;
@@ -134,6 +135,9 @@ pub struct SolvedHeight {
     /// By how much the photos raised it, metres; `None` where they had no say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub raised_m: Option<f64>,
+    /// How far its footprint is off, where that is told; the roof then stands where the photos show the building.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub footprint_shift: Option<FootprintShift>,
     /// Why it is doubtful or unknown, sorted.
     pub reasons: Vec<Reason>,
 }
@@ -183,6 +187,7 @@ impl SolvedHeight {
             views,
             score,
             raised_m: None,
+            footprint_shift: None,
             reasons: vec![reason],
         }
     }

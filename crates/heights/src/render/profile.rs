@@ -255,9 +255,15 @@ impl Profiles {
     /// z-depth along a ray when one building is not there.
     #[must_use]
     pub fn depth_without(&self, ray_idx: usize, stops: &Stops, absent: u32) -> f32 {
+        self.depth_among(ray_idx, stops, |building| building != absent)
+    }
+
+    /// z-depth along a ray when only some buildings are there.
+    #[must_use]
+    pub fn depth_among(&self, ray_idx: usize, stops: &Stops, is_there: impl Fn(u32) -> bool) -> f32 {
         let first = self.rays[ray_idx].first as usize;
         let own = self.intervals(ray_idx).iter().zip(&stops.of_intervals[first..]);
-        own.filter(|(c, _)| c.building != absent).map(|(_, stop)| *stop).fold(self.rays[ray_idx].ground, f32::min)
+        own.filter(|(c, _)| is_there(c.building)).map(|(_, stop)| *stop).fold(self.rays[ray_idx].ground, f32::min)
     }
 
     #[inline]

@@ -30,6 +30,21 @@ pub struct Prism {
     pub base_z: f32,
 }
 
+/// Circle on the ground, local frame, metres.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Circle {
+    centre: Vec2,
+    radius: f32,
+}
+
+impl Circle {
+    /// Whether a ray passes over it, however high.
+    pub(crate) fn is_crossed(&self, ray: &Ray) -> bool {
+        let along = ray.direction.truncate();
+        along.perp_dot(self.centre - ray.origin.truncate()).abs() <= self.radius * along.length() || along == Vec2::ZERO
+    }
+}
+
 impl Prism {
     /// A ray counts as upright if the squared length of its horizontal direction is less.
     pub(crate) const UPRIGHT_BELOW: f32 = 1e-12;
@@ -45,6 +60,31 @@ impl Prism {
         }
         let level = |z_m: f64| (z_m - origin.0.z) as f32;
         Self { corners, ring_starts, ground_z: level(ground.reference_m), base_z: level(ground.lowest_m) }
+    }
+
+    /// The same moved along the ground, metres, after all walls have moved outwards by so much (negative: inwards).
+    #[must_use]
+    pub fn moved(&self, by: Vec2, outwards_m: f32) -> Self {
+        let mut moved = self.clone();
+        moved.corners.clear();
+        for ring in self.rings() {
+            let corners = &ring[..ring.len() - 1];
+            let n = corners.len();
+            let area: f32 = ring.windows(2).map(|e| e[0].perp_dot(e[1])).sum();
+            let is_exterior = moved.corners.is_empty();
+            let outwards = if (area > 0.0) == is_exterior { outwards_m } else { -outwards_m };
+            let first = moved.corners.len();
+            for i in 0..n {
+                let (before, at, after) = (corners[(i + n - 1) % n], corners[i], corners[(i + 1) % n]);
+                let normal = |edge: Vec2| -edge.normalize_or_zero().perp();
+                let (a, b) = (normal(at - before), normal(after - at));
+                // The corner of the two moved walls, no farther away than twice as much.
+                let corner = (a + b) / (1.0 + a.dot(b)).max(0.5);
+                moved.corners.push(at + by + outwards * corner);
+            }
+            moved.corners.push(moved.corners[first]);
+        }
+        moved
     }
 
     /// The rings, closed, exterior first.
@@ -121,6 +161,13 @@ impl Prism {
                 .filter(|m| m[1] > m[0] && m[1] > 0.0)
                 .map(|m| RayInterval { enter: m[0], leave: m[1] }),
         );
+    }
+
+    /// The circle around the footprint's bounding box: rays that pass it by meet no wall.
+    #[must_use]
+    pub(crate) fn circle(&self) -> Circle {
+        let Aabb { min, max } = self.bounds_below(0.0);
+        Circle { centre: 0.5 * (min + max).truncate(), radius: 0.5 * (max - min).truncate().length() }
     }
 
     /// Whether a ray counts as upright, by the squared length of its horizontal direction.
@@ -234,6 +281,24 @@ mod tests {
     fn a_vertical_ray_is_inside_or_outside_for_ever() {
         assert_eq!(intervals([1.0, 1.0, 9.0], [0.0, 0.0, -1.0]), [(f32::NEG_INFINITY, f32::INFINITY)]);
         assert_eq!(intervals([5.0, 5.0, 9.0], [0.0, 0.0, -1.0]), []);
+    }
+
+    #[test]
+    fn walls_that_move_outwards_make_the_building_larger_and_its_courtyard_smaller() {
+        let (given, moved) = (courtyard(), courtyard().moved(Vec2::new(3.0, -2.0), 0.5));
+        assert_eq!(given.moved(Vec2::ZERO, 0.0).corners, given.corners);
+        let [out, hole] = [0, 1].map(|ring| {
+            let size = |prism: &Prism| {
+                let ring = prism.rings().nth(ring).unwrap();
+                let (low, high) =
+                    ring.iter().fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(l, h), c| (l.min(*c), h.max(*c)));
+                (low, high)
+            };
+            let ((low, high), (moved_low, moved_high)) = (size(&given), size(&moved));
+            [moved_low - low, moved_high - high]
+        });
+        assert_eq!(out, [Vec2::new(2.5, -2.5), Vec2::new(3.5, -1.5)]);
+        assert_eq!(hole, [Vec2::new(3.5, -1.5), Vec2::new(2.5, -2.5)]);
     }
 
     #[test]

@@ -212,6 +212,7 @@ fn solved(levels: &[(usize, f64)], height_m: f32, scene: &Scene) -> SolvedHeight
             views,
             score: None,
             raised_m: None,
+            footprint_shift: None,
             doubts: sizeup_heights::optimise::Doubts::default(),
             reasons: vec![Reason::SeenByNoView],
         };
@@ -233,6 +234,7 @@ fn solved(levels: &[(usize, f64)], height_m: f32, scene: &Scene) -> SolvedHeight
         views,
         score: None,
         raised_m: None,
+        footprint_shift: None,
         doubts: sizeup_heights::optimise::Doubts::default(),
         reasons,
     }

@@ -384,12 +384,20 @@ pub struct ErrorConfig {
     /// By how much every footprint is too large (negative: too small), metres.
     #[serde(alias = "outline_m")]
     pub footprint_m: f64,
+    /// Error of each building's place, per axis, metres: footprints that share walls are off by the same.
+    pub building_m: f64,
     /// How far the whole footprint layer lies off, east and north, metres.
     pub shift_m: [f64; 2],
 }
 
 impl ErrorConfig {
     /// Errors of a careful survey and a good cadastre: 0.05 m and 0.05°, vertices 0.3 m, footprints 0.2 m too large.
-    pub const REALISTIC: Self =
-        Self { position_m: 0.05, angle_deg: 0.05, vertex_m: 0.3, footprint_m: 0.2, shift_m: [0.0, 0.0] };
+    pub const REALISTIC: Self = Self {
+        position_m: 0.05,
+        angle_deg: 0.05,
+        vertex_m: 0.3,
+        footprint_m: 0.2,
+        building_m: 0.0,
+        shift_m: [0.0, 0.0],
+    };
 }

@@ -1,6 +1,6 @@
 //! What is wrong with poses and footprints as the user gets them; the truth stays clean.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use geo::{Translate, Validation};
 use geo_types::{LineString, Polygon};
@@ -55,8 +55,13 @@ pub fn footprints(buildings: &[SimulatedBuilding], errors: &ErrorConfig, root_se
         let mut rng = seed::stream(root_seed, "vertex error", &[x as u64, y as u64]);
         errors.vertex_m * DVec2::new(normal(&mut rng), normal(&mut rng))
     };
-    let shift = DVec2::from(errors.shift_m);
-    let disturb = |b: &SimulatedBuilding| {
+    let blocks = blocks(buildings.iter().map(|b| rings(b).concat().into_iter().map(key).collect()));
+    let shift_of = |block: usize| {
+        let mut rng = seed::stream(root_seed, "building error", &[block as u64]);
+        DVec2::from(errors.shift_m) + errors.building_m * DVec2::new(normal(&mut rng), normal(&mut rng))
+    };
+    let disturb = |(b, block): (&SimulatedBuilding, usize)| {
+        let shift = shift_of(block);
         let moved = rings(b).into_iter().map(|ring| {
             let offset = offset_by(&ring, |a, b| if is_shared(a, b) { 0.0 } else { errors.footprint_m });
             ring.iter().zip(offset).map(|(&p, grown)| grown + noise(p) + shift).collect::<Vec<_>>()
@@ -64,7 +69,27 @@ pub fn footprints(buildings: &[SimulatedBuilding], errors: &ErrorConfig, root_se
         let disturbed = polygon(moved);
         if disturbed.is_valid() { disturbed } else { b.footprint.translate(shift.x, shift.y) }
     };
-    buildings.iter().map(disturb).collect()
+    buildings.iter().zip(blocks).map(disturb).collect()
+}
+
+/// By building, the first one of those that it hangs together with by common corners.
+fn blocks(corners_of: impl Iterator<Item = Vec<[i64; 2]>>) -> Vec<usize> {
+    let mut first_of: Vec<usize> = Vec::new();
+    let mut at_corner: BTreeMap<[i64; 2], usize> = BTreeMap::new();
+    for corners in corners_of {
+        let building = first_of.len();
+        let mut joined: BTreeSet<usize> = [building].into();
+        first_of.push(building);
+        for corner in corners {
+            joined.insert(first_of[*at_corner.entry(corner).or_insert(building)]);
+        }
+        if joined.len() == 1 {
+            continue;
+        }
+        let first = *joined.first().expect("it holds the building itself");
+        first_of.iter_mut().filter(|of| joined.contains(of)).for_each(|of| *of = first);
+    }
+    first_of
 }
 
 /// A ring without its repeated last point.

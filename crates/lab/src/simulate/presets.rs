@@ -91,6 +91,7 @@ impl SimulateConfig {
             ("errors.angle_deg", self.errors.angle_deg, 0.0, 45.0, "0 to 45 degrees"),
             ("errors.vertex_m", self.errors.vertex_m, 0.0, 10.0, "0 to 10 m"),
             ("errors.footprint_m", self.errors.footprint_m, -5.0, 5.0, "-5 to 5 m"),
+            ("errors.building_m", self.errors.building_m, 0.0, 10.0, "0 to 10 m"),
             ("errors.shift_m", self.errors.shift_m[0], -50.0, 50.0, "-50 to 50 m each"),
             ("errors.shift_m", self.errors.shift_m[1], -50.0, 50.0, "-50 to 50 m each"),
         ] {

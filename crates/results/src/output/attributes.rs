@@ -55,7 +55,7 @@ impl Field {
 
 /// Our own attributes in the order in which they are written; the id comes before them. Names are told apart by their
 /// first ten characters, which is all that a Shapefile keeps.
-pub const FIELDS: [Field; 24] = {
+pub const FIELDS: [Field; 28] = {
     use ColumnKind::{Integer, Real, Text};
     [
         Field::new(
@@ -144,6 +144,36 @@ pub const FIELDS: [Field; 24] = {
             Real,
             "Area of the footprint without its courtyards, m2; also that of the block's roof and floor",
             |b, _| known(b.footprint.as_ref().map(geo::Area::unsigned_area)),
+        ),
+        Field::new(
+            "off_east_m",
+            "Footprint is off to the east (m)",
+            Real,
+            "By how much the footprint lies east of where the photos show the building, metres; empty where it fits, or too little is seen \
+             to say",
+            |b, _| known(b.footprint_shift.map(|shift| shift.east_m)),
+        ),
+        Field::new(
+            "off_north_m",
+            "Footprint is off to the north (m)",
+            Real,
+            "By how much the footprint lies north of where the photos show the building, metres",
+            |b, _| known(b.footprint_shift.map(|shift| shift.north_m)),
+        ),
+        Field::new(
+            "off_sigma_m",
+            "Sigma of that (m)",
+            Real,
+            "One standard deviation of off_east_m and of off_north_m, metres",
+            |b, _| known(b.footprint_shift.map(|shift| shift.sigma_m)),
+        ),
+        Field::new(
+            "too_large_m",
+            "Walls are too far out (m)",
+            Real,
+            "By how much the walls of the footprint stand farther out than the roof that the photos show, metres, compared with the other \
+             footprints; negative where the roof reaches beyond them; 0 where neither is told",
+            |b, _| known(b.footprint_shift.map(|shift| shift.too_large_m)),
         ),
         Field::new("solid_volume_m3", "Volume (m3)", Real, "Volume of the block, m3", |_, solid| {
             known(solid.measures.map(|measures| measures.volume_m3))

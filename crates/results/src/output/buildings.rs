@@ -37,6 +37,8 @@ pub struct Overview {
     pub n_without_footprint: usize,
     /// Whether the form of any roof is known.
     pub has_roofs: bool,
+    /// Whether any footprint is known to be off.
+    pub has_shifts: bool,
     /// The box around all footprints, base to roof or ridge.
     pub extent: Option<Extent>,
     /// Number of parts by the building they are parts of.
@@ -72,6 +74,7 @@ impl Overview {
                 }
             }
             overview.has_roofs |= record.roof.is_some();
+            overview.has_shifts |= record.footprint_in_photos().is_some();
             overview.n_buildings += usize::from(record.part_of.is_none());
             without_height.add_if(record.height_m.is_none(), record);
             without_footprint.add_if(record.footprint.is_none(), record);

@@ -1,11 +1,16 @@
 //! What is known of one building at the end of a run: shared by all writers.
 
+use geo::buffer::{BufferStyle, LineJoin};
+use geo::{Area as _, Buffer as _, Translate as _};
 use geo_types::Polygon;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map as JsonMap, Value};
 
-use sizeup_heights::optimise::Terrace;
+use sizeup_heights::optimise::{FootprintShift, Terrace};
 use sizeup_heights::scene::{HeightReference, RoofForm};
+
+/// Corners sharper than this are cut off where walls move outwards, radians.
+const SHARPEST_RAD: f64 = 0.5;
 
 /// Status of a building.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -99,6 +104,9 @@ pub struct BuildingRecord {
     /// Walls that stand against a neighbour's, m², where the neighbours were looked at.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub party_wall_m2: Option<f64>,
+    /// How far the footprint is off, where the photos tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub footprint_shift: Option<FootprintShift>,
     /// Status of the building.
     pub status: Status,
     /// Machine-readable reasons behind the status (`too_few_views`, `range_bound`, …), sorted.
@@ -126,11 +134,25 @@ impl BuildingRecord {
             height_reference: HeightReference::Mean,
             roof: None,
             party_wall_m2: None,
+            footprint_shift: None,
             status: Status::Measured,
             reasons: Vec::new(),
             views: Vec::new(),
             attributes: JsonMap::new(),
         }
+    }
+
+    /// The footprint where the photos show the building, and as large, where it is known to be off. Map frame, metres.
+    #[must_use]
+    pub fn footprint_in_photos(&self) -> Option<Polygon<f64>> {
+        let (footprint, shift) = (self.footprint.as_ref()?, self.footprint_shift?);
+        let moved = footprint.translate(shift.way().x, shift.way().y);
+        if shift.too_large_m == 0.0 {
+            return Some(moved);
+        }
+        let style = BufferStyle::new(-shift.too_large_m).line_join(LineJoin::Miter(SHARPEST_RAD));
+        let resized = moved.buffer_with_style(style);
+        Some(resized.into_iter().max_by(|a, b| a.unsigned_area().total_cmp(&b.unsigned_area())).unwrap_or(moved))
     }
 
     /// Roof level: ground plus height.

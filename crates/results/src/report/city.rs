@@ -223,6 +223,7 @@ mod tests {
             height_m: None,
             height_sigma_m: None,
             party_wall_m2: None,
+            footprint_shift: None,
             height_reference: crate::output::HeightReference::Mean,
             roof: None,
             status: crate::output::Status::Unknown,

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use super::config::{OptimiseConfig, Preset};
 use super::evidence::Evidence;
+use super::footprint_shift::FootprintShift;
 use super::layer_shift::LayerShift;
 use super::levels::OtherLevel;
 use super::rays::Rays;
@@ -172,6 +173,8 @@ struct SolverState<'a> {
     bleeding_px: Vec<f64>,
     other_levels: Vec<OtherLevel>,
     layer_shift: Option<LayerShift>,
+    /// By building: how far its footprint is off, where that was measured (`robust`).
+    footprint_shifts: Vec<Option<FootprintShift>>,
     /// Whether priors run in a curve along the ground and are straightened by it; `None` before the first are loaded.
     are_bent: Option<bool>,
 }
@@ -201,6 +204,7 @@ impl<'a> SolverState<'a> {
             bleeding_px: vec![0.0; n_views],
             other_levels: Vec::new(),
             layer_shift: None,
+            footprint_shifts: vec![None; n_buildings],
             are_bent: if config.may_straighten() { None } else { Some(false) },
         }
     }

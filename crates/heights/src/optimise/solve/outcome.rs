@@ -140,6 +140,7 @@ impl SolverState<'_> {
             views,
             score,
             raised_m: None,
+            footprint_shift: self.footprint_shifts[building],
             reasons,
         };
         solved.keep_within(bounds, self.config.height_reference);

@@ -1,17 +1,21 @@
 //! The passes of the local search.
 
+use std::collections::BTreeSet;
+
 use rayon::prelude::*;
 
 use super::outcome::is_hopeless;
-use super::{SolverState, Solving};
+use super::{Problem, SolverState, Solving};
 use crate::optimise::config::CalibrationRays;
 use crate::optimise::empty_space::{self, FoundView, KnownRays};
+use crate::optimise::footprint_shift::{FootprintShift, SettledScene};
 use crate::optimise::formed::FormedRoof;
+use crate::optimise::rays::Rays;
 use crate::optimise::roof::Judged;
 use crate::optimise::score::Correlation;
 use crate::optimise::search::{Finding, Range, SearchPass, SweepView, around, find_roofs, standing, sweep};
 use crate::optimise::{bleed, layer_shift, levels};
-use crate::scene::Prism;
+use crate::scene::{Prism, Scene};
 
 /// Heights are kept on a grid of so many steps per metre.
 const STEPS_PER_M: f32 = 1000.0;
@@ -81,6 +85,9 @@ impl SolverState<'_> {
                 }
             }
         }
+        if config.measure_footprints {
+            self.measure_footprints(n_selected);
+        }
         self.blind_m2 = self.blind_areas_m2();
         (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
     }
@@ -140,6 +147,48 @@ impl SolverState<'_> {
             }
         }
         self.find_roofs(|_| true);
+    }
+
+    /// Measures how far single footprints are off; the heights of those that lie elsewhere are settled again there.
+    fn measure_footprints(&mut self, n_selected: usize) {
+        let (scene, config) = (self.problem.scene, &self.config.search);
+        let views = self.sweep_views();
+        let (views_of, heights_m) = (&self.views_of[..], &self.heights_m[..]);
+        let shifts = SettledScene { scene, views: &views, views_of, heights_m, config }.footprint_shifts();
+        drop(views);
+        self.footprint_shifts = shifts;
+        let is_moved: Vec<bool> =
+            self.footprint_shifts.iter().map(|shift| shift.is_some_and(|shift| shift.is_moved())).collect();
+        if !is_moved.contains(&true) {
+            return;
+        }
+        let in_place = |(prism, shift): (&Prism, &Option<FootprintShift>)| {
+            shift.map_or_else(|| prism.clone(), |shift| shift.moved(prism))
+        };
+        let prisms = scene.prisms.iter().zip(&self.footprint_shifts).map(in_place).collect();
+        let scene = Scene { prisms, ..scene.clone() };
+        let rays = Rays::new(self.problem.views.len(), self.config.stride_px);
+        let problem = Problem { scene: &scene, rays: &rays, ..*self.problem };
+        let mut there = SolverState::new(&problem, self.config);
+        there.heights_m.clone_from(&self.heights_m);
+        there.findings.clone_from(&self.findings);
+        there.roofs.clone_from(&self.roofs);
+        there.views_of.clone_from(&self.views_of);
+        there.are_bent = self.are_bent;
+        there.bleeding_px.clone_from(&self.bleeding_px);
+        let of_moved = (0..is_moved.len()).filter(|&b| is_moved[b]).flat_map(|b| self.views_of[b].iter().copied());
+        let views: BTreeSet<usize> = of_moved.collect();
+        there.load(&views.into_iter().collect::<Vec<_>>());
+        there.sweep(|b| is_moved[b], SearchPass::linear(Range::Full), n_selected);
+        for i in 0..config.local_sweeps {
+            there.sweep(|b| is_moved[b], SearchPass::linear(local(i)), n_selected);
+        }
+        if !config.roof_forms.is_empty() {
+            there.find_roofs(|b| is_moved[b]);
+        }
+        let SolverState { heights_m, findings, roofs, history, .. } = there;
+        self.history.extend(history);
+        (self.heights_m, self.findings, self.roofs) = (heights_m, findings, roofs);
     }
 
     /// By building, the area above its roof that none of its views has looked through.

@@ -1,6 +1,7 @@
 //! The layers with geometry. A layer of single things (cameras, issues, tiles) is a [`Table`]: a column and how to fill
 //! it stand together.
 
+use geo::MapCoords as _;
 use serde_json::Value;
 
 use super::super::attributes::{self, FIELDS, Field, ID};
@@ -34,6 +35,34 @@ pub fn buildings<R: Records + ?Sized>(
     writer.layer(&spec, |push| records.visit(&mut |record| push(rows.row(record))))
 }
 
+/// Our fields of a footprint that is off.
+const FIELDS_OF_SHIFTS: [&str; 5] = ["part_of", "off_east_m", "off_north_m", "off_sigma_m", "too_large_m"];
+
+fn fields_of_shifts() -> Vec<Field> {
+    FIELDS.into_iter().filter(|field| FIELDS_OF_SHIFTS.contains(&&*field.column.name)).collect()
+}
+
+fn columns_of_shifts() -> Vec<Column> {
+    std::iter::once(ID).chain(fields_of_shifts().into_iter().map(|field| field.column)).collect()
+}
+
+/// Footprints that are off, where the photos show their buildings.
+pub fn moved<R: Records + ?Sized>(writer: &mut Writer<'_>, records: &R) -> Result<(), OutputError> {
+    let (fields, columns) = (fields_of_shifts(), columns_of_shifts());
+    let spec = LayerSpec {
+        name: "footprints_moved",
+        description: "Footprints that are off, moved to where the photos show their buildings",
+        geometry: GeometryKind::Polygon,
+        columns: &columns,
+    };
+    let row = |record: &BuildingRecord| {
+        let rounded =
+            record.footprint_in_photos()?.map_coords(|c| (attributes::round_m(c.x), attributes::round_m(c.y)).into());
+        Some(Row { wkb: Some(wkb::polygon(&rounded)), values: own_values(record, &fields, &SolidFacts::default()) })
+    };
+    writer.layer(&spec, |push| records.visit(&mut |record| row(record).map_or(Ok(()), &mut *push)))
+}
+
 fn fields_of_solids() -> Vec<Field> {
     FIELDS.into_iter().filter(|field| FIELDS_OF_SOLIDS.contains(&&*field.column.name)).collect()
 }
@@ -49,6 +78,7 @@ pub fn columns_of(layer: &str, overview: &Overview) -> Vec<Column> {
     let own = match layer {
         "buildings" => footprints::columns(overview),
         "buildings_lod1" | "buildings_lod13" | "buildings_lod2" => columns_of_solids(),
+        "footprints_moved" => columns_of_shifts(),
         "tiles" => tiles_table().columns(),
         "cameras" => cameras_table().columns(),
         "qa_issues" => issues_table().columns(),

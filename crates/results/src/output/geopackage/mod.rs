@@ -6,6 +6,7 @@
 //! | `buildings_lod1` | `MultiPolygonZ` | faces of the solid as a block, where there is one |
 //! | `buildings_lod13` | `MultiPolygonZ` | faces of the solid with the levels of its roof, a block where there is one level |
 //! | `buildings_lod2` | `MultiPolygonZ` | faces of the solid with its roof, a block where no other form was found |
+//! | `footprints_moved` | Polygon | footprints that are off, where the photos show their buildings; only where there are any |
 //! | `tiles` | Polygon | areas that were worked on one by one; one row if the run was not divided |
 //! | `cameras` | `PointZ` | projection centres, viewing directions, photo names |
 //! | `qa_issues` | Point | what was wrong with single items of the input |
@@ -61,6 +62,14 @@ impl Default for GeoPackageConfig {
     }
 }
 
+/// Whether a layer is part of a city's file.
+fn is_written(layer: &str, overview: &Overview, config: &GeoPackageConfig) -> bool {
+    match layer {
+        "footprints_moved" => overview.has_shifts,
+        _ => config.solids || !SOLIDS.contains(&layer),
+    }
+}
+
 /// Writes `path` (`….gpkg`) whole or not at all.
 ///
 /// # Errors
@@ -111,11 +120,14 @@ pub fn write_divided<R: Records + ?Sized>(
                 layers::roofed(writer, model.records, &grid, config, Detail::Levels)?;
                 layers::roofed(writer, model.records, &grid, config, Detail::Slopes)?;
             }
+            if overview.has_shifts {
+                layers::moved(writer, model.records)?;
+            }
             layers::tiles(writer, &overview, areas)?;
             layers::cameras(writer, model.survey)?;
             layers::issues(writer, model.issues)?;
             tables::lineage(writer, model.lineage)?;
-            tables::styles(writer, |layer| config.solids || !SOLIDS.contains(&layer), &timestamp)
+            tables::styles(writer, |layer| is_written(layer, &overview, config), &timestamp)
         })
     })?;
     Ok(overview)

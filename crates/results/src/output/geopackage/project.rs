@@ -18,7 +18,7 @@ use super::super::grid::Extent;
 use super::super::{CityModel, Lineage, OutputError, Overview, Records};
 use super::layers::columns_of;
 use super::tables::STYLES;
-use super::{GeoPackageConfig, SOLIDS};
+use super::{GeoPackageConfig, SOLIDS, is_written};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{FileError, write_whole};
 use sizeup_geo::geodata::features::Column;
@@ -50,8 +50,9 @@ type LegendEntry = (&'static str, bool, Option<&'static str>);
 const SURVEY_GROUP: &str = "survey";
 
 /// Layers from the top of the legend down.
-const LEGEND: [LegendEntry; 7] = [
+const LEGEND: [LegendEntry; 8] = [
     ("qa_issues", true, None),
+    ("footprints_moved", true, None),
     ("buildings", true, None),
     ("buildings_lod1", false, None),
     ("buildings_lod13", false, None),
@@ -61,8 +62,9 @@ const LEGEND: [LegendEntry; 7] = [
 ];
 
 /// Titles of layers in the legend of the printed page, where their names tell a reader nothing.
-const TITLES: [(&str, &str); 5] = [
+const TITLES: [(&str, &str); 6] = [
     ("qa_issues", "To be looked at"),
+    ("footprints_moved", "Where the photos show them"),
     ("buildings", "Height above ground"),
     ("cameras", "Photos"),
     ("tiles", "Tiles of the computation"),
@@ -102,7 +104,7 @@ pub fn write_project<R: Records + ?Sized>(
         title: escape(title.as_str()).into_owned(),
         geopackage: escape(geopackage).into_owned(),
         crs: spatial_reference(model.crs),
-        layers: LEGEND.into_iter().filter(|(name, ..)| config.solids || !SOLIDS.contains(name)).collect(),
+        layers: LEGEND.into_iter().filter(|(name, ..)| is_written(name, &overview, config)).collect(),
         columns: LEGEND.iter().map(|(name, ..)| (*name, columns_of(name, &overview))).collect(),
         extent: overview.extent,
         ground,

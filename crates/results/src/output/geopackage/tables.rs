@@ -4,11 +4,12 @@ use super::super::{Lineage, OutputError};
 use sizeup_geo::geodata::gpkg::{Writer, text};
 
 /// Default styles by layer, exported from QGIS by `tests/qgis/styles.py`.
-pub const STYLES: [(&str, &str); 7] = [
+pub const STYLES: [(&str, &str); 8] = [
     ("buildings", include_str!("styles/buildings.qml")),
     ("buildings_lod1", include_str!("styles/buildings_lod1.qml")),
     ("buildings_lod13", include_str!("styles/buildings_lod1.qml")),
     ("buildings_lod2", include_str!("styles/buildings_lod2.qml")),
+    ("footprints_moved", include_str!("styles/footprints_moved.qml")),
     ("tiles", include_str!("styles/tiles.qml")),
     ("cameras", include_str!("styles/cameras.qml")),
     ("qa_issues", include_str!("styles/qa_issues.qml")),

@@ -11,6 +11,7 @@ use super::super::cityjson::EXTENSION_PREFIX;
 use super::super::footprints::LIST_SEPARATOR;
 use super::super::{BuildingRecord, HeightReference, RoofShape, Status};
 use super::{FoundBuilding, FoundBuildings};
+use sizeup_heights::optimise::FootprintShift;
 
 impl FoundBuildings {
     /// As records. From our own files every field comes back as it was written; from those of others the height is
@@ -42,6 +43,7 @@ impl FoundBuilding {
             height_m,
             height_sigma_m: number("height_sigma_m"),
             party_wall_m2: number("party_wall_area_m2"),
+            footprint_shift: self.footprint_shift(),
             height_reference: self.named("height_reference").unwrap_or(HeightReference::Mean),
             roof: self.roof(),
             status: self.named("status").unwrap_or(otherwise),
@@ -49,6 +51,13 @@ impl FoundBuilding {
             views: self.list("views"),
             attributes: self.carried(),
         }
+    }
+
+    fn footprint_shift(&self) -> Option<FootprintShift> {
+        let number = |name: &str| self.own(name).and_then(Value::as_f64);
+        let (east_m, north_m) = (number("off_east_m")?, number("off_north_m")?);
+        let (sigma_m, too_large_m) = (number("off_sigma_m")?, number("too_large_m")?);
+        Some(FootprintShift { east_m, north_m, too_large_m, sigma_m })
     }
 
     fn roof(&self) -> Option<RoofShape> {

@@ -1,0 +1,427 @@
+//! Shifts of single footprints against the photos, and walls that stand too far out: a layer whose buildings were drawn one by one is off
+//! by a metre here and there.
+//!
+//! ```text
+//! S(d, o) = max_h Σ_k ρ_k(h; footprint moved by d, its walls moved outwards by o)
+//! d*, o*    place of its maximum, by parabolas along east, north and outwards, in rounds;   σ: leaving out one view at a time
+//! ```
+//!
+//! Everything else stays where it is. Footprints that share walls are moved together, and their walls are not moved outwards. As with
+//! [a layer](super::layer_shift), only buildings that are seen from around are asked, and the forms of roofs have to leave the shift standing.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::{DVec2, DVec3, Vec2};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::config::SearchConfig;
+use super::roof::{self, RoofView, carries, distance_to_border, is_clear};
+use super::score::{Correlation, Scope};
+use super::search::{SweepViews, ViewsOf, standing};
+use crate::ray::Ray;
+use crate::scene::{Prism, Scene};
+use crate::stats::{jackknife_sigma, median, parabola_peak};
+
+/// Walls no farther apart than this are shared, metres.
+const SHARED_M: f32 = 0.1;
+/// Fewer views do not tell a shift from a height.
+const MIN_VIEWS: usize = 4;
+/// Views that are asked of a building at most.
+const MAX_VIEWS: usize = 16;
+/// Longest mean of the directions that a building is seen from, as unit vectors on the map: 0 from all sides, 1 from one.
+const MOST_ONE_SIDED: f64 = 0.5;
+/// Heights that are tried, over so much around the present one, metres.
+const N_HEIGHTS: usize = 7;
+const HEIGHTS_M: f32 = 1.5;
+/// First step of the search, metres, if not a pixel of the working image on the ground; rounds of it at most, and the share of a step
+/// within which it has come to rest.
+const STEP_M: f64 = 0.4;
+const MAX_ROUNDS: usize = 8;
+const AT_REST: f64 = 0.3;
+/// Longest shift that is believed, metres: farther away stands another building.
+const LONGEST_M: f64 = 2.5;
+/// Least shift that is told, metres, if not three standard deviations; the same of walls that stand too far out.
+const LEAST_M: f64 = 0.5;
+const SIGMAS: f64 = 3.0;
+/// By how much the views have to agree better there, as for the forms of roofs.
+const MIN_GAIN: f64 = 0.002;
+const STANDARD_ERRORS: f64 = 2.0;
+/// Fewer lone buildings than this do not say where walls stand on the whole.
+const MIN_LONE: usize = 5;
+
+/// How far one footprint lies from where the photos show its building.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct FootprintShift {
+    /// It lies so far east of what the photos show, metres.
+    pub east_m: f64,
+    /// The same to the north, metres.
+    pub north_m: f64,
+    /// Its walls stand so far outside of what the photos show, compared with other footprints of the scene, metres; negative where the
+    /// roof reaches beyond them.
+    pub too_large_m: f64,
+    /// One standard deviation along each axis, metres.
+    pub sigma_m: f64,
+}
+
+impl FootprintShift {
+    /// The way from the footprint to where the photos show the building, local frame or map, metres.
+    #[must_use]
+    pub fn way(&self) -> DVec2 {
+        -DVec2::new(self.east_m, self.north_m)
+    }
+
+    /// A footprint that is off by it, in place; its walls stand as they were given.
+    #[must_use]
+    pub fn moved(&self, prism: &Prism) -> Prism {
+        prism.moved(self.way().as_vec2(), 0.0)
+    }
+
+    /// Whether it lies elsewhere, not only its walls too far out.
+    #[must_use]
+    pub fn is_moved(&self) -> bool {
+        self.way() != DVec2::ZERO
+    }
+}
+
+/// Result for a block before the others are known.
+struct Measured {
+    way: DVec3,
+    sigma: DVec3,
+}
+
+/// A scene with its views, as the search has left it.
+pub(super) struct SettledScene<'a> {
+    pub scene: &'a Scene,
+    pub views: SweepViews<'a>,
+    pub views_of: ViewsOf<'a>,
+    pub heights_m: &'a [f32],
+    pub config: &'a SearchConfig,
+}
+
+impl SettledScene<'_> {
+    /// By building, how far its footprint is off; `None` where it fits, or too little is seen to say.
+    pub fn footprint_shifts(&self) -> Vec<Option<FootprintShift>> {
+        let blocks = blocks(&self.scene.prisms);
+        let measured: Vec<Option<Measured>> = blocks.par_iter().map(|block| self.block(block).measure()).collect();
+        let lone_m = blocks.iter().zip(&measured).filter(|(block, _)| block.len() == 1);
+        let lone_m: Vec<f64> = lone_m.filter_map(|(_, measured)| Some(measured.as_ref()?.way.z)).collect();
+        // Edges that bleed look like walls that all stand too far out: what all have in common is not told.
+        let common_m = if lone_m.len() < MIN_LONE { None } else { median(&lone_m) };
+        let tell = |(block, measured): (&Vec<usize>, &Option<Measured>)| {
+            let Measured { way, sigma } = measured.as_ref()?;
+            let sigma_m = sigma.truncate().max_element();
+            let is_moved = way.truncate().length() >= LEAST_M.max(SIGMAS * sigma_m);
+            let outwards_m = common_m.filter(|_| block.len() == 1).map_or(0.0, |common_m| way.z - common_m);
+            let is_resized = outwards_m.abs() >= LEAST_M.max(SIGMAS * sigma.z);
+            if !(is_moved || is_resized) || !self.block(block).is_better(*way) {
+                return None;
+            }
+            let off = if is_moved { -way.truncate() } else { DVec2::ZERO };
+            let too_large_m = if is_resized { -outwards_m } else { 0.0 };
+            Some(FootprintShift { east_m: off.x, north_m: off.y, too_large_m, sigma_m })
+        };
+        let told: Vec<Option<FootprintShift>> = blocks.par_iter().zip(&measured).map(tell).collect();
+        let mut shifts = vec![None; self.scene.prisms.len()];
+        for (block, shift) in blocks.iter().zip(told) {
+            block.iter().for_each(|&b| shifts[b] = shift);
+        }
+        shifts
+    }
+
+    /// Some buildings, to be moved together.
+    fn block(&self, buildings: &[usize]) -> Block<'_> {
+        let members = buildings.iter().map(|&b| self.member(b, buildings)).collect();
+        Block { scene: self.scene, config: self.config, members }
+    }
+
+    /// One building of a block, in views from around it.
+    fn member(&self, building: usize, block: &[usize]) -> Member<'_> {
+        let Self { scene, views, config, .. } = *self;
+        let (prism, height_m) = (&scene.prisms[building], self.heights_m[building]);
+        let of_building = self.views_of[building].iter().filter_map(|&v| views[v].as_ref());
+        let scope = Scope::near(height_m + roof::REACH_M, config, Correlation::Linear);
+        let scope = scope.without_crowns(standing(scene, of_building, building));
+        let (mut seen, mut known) = (Vec::new(), Vec::new());
+        for v in self.around(building) {
+            let Some(view) = views[v].as_ref() else { continue };
+            let Some(roof_view) = view.roof_view(scene, building, scope, config) else { continue };
+            let rays = roof_view.window.rays();
+            let profiles = view.evidence.profiles;
+            let is_elsewhere = |b: u32| block.binary_search(&(b as usize)).is_err();
+            let depth = |&r: &u32| profiles.depth_among(r as usize, &view.stops, is_elsewhere);
+            let crossed = rays.iter().flat_map(|&r| profiles.intervals(r as usize)).map(|c| c.building as usize);
+            let beside: BTreeSet<usize> =
+                crossed.filter(|&b| b != building).filter_map(|b| block.binary_search(&b).ok()).collect();
+            known.push(KnownView {
+                view: v,
+                depths: rays.iter().map(depth).collect(),
+                rays: rays.iter().map(|&r| view.evidence.ray(view.placed, r)).collect(),
+                beside: beside.into_iter().collect(),
+            });
+            seen.push(roof_view);
+        }
+        Member { prism, height_m, views: seen, known }
+    }
+
+    /// Some of a building's views, as evenly around it as they come.
+    fn around(&self, building: usize) -> impl Iterator<Item = usize> {
+        let prism = &self.scene.prisms[building];
+        let centre = prism.centre_at(prism.ground_z).as_dvec3();
+        let azimuth = |v: &usize| {
+            let from = self.views[*v].as_ref()?.placed.eye() - centre;
+            Some((from.truncate().to_angle(), *v))
+        };
+        let mut turned: Vec<(f64, usize)> = self.views_of[building].iter().filter_map(azimuth).collect();
+        turned.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let n = turned.len().min(MAX_VIEWS);
+        (0..n).map(move |i| turned[i * turned.len() / n].1)
+    }
+}
+
+/// Buildings that hang together by shared walls, each in one block; all in ascending order.
+fn blocks(prisms: &[Prism]) -> Vec<Vec<usize>> {
+    let boxes: Vec<(Vec2, Vec2)> = prisms
+        .iter()
+        .map(|prism| {
+            let bounds = prism.bounds_below(0.0);
+            (bounds.min.truncate() - SHARED_M, bounds.max.truncate() + SHARED_M)
+        })
+        .collect();
+    let touch = |a: usize, b: usize| {
+        let is_near = |of: &Prism, to: &Prism| of.edges().any(|(corner, _)| distance_to_border(to, corner) <= SHARED_M);
+        is_near(&prisms[a], &prisms[b]) || is_near(&prisms[b], &prisms[a])
+    };
+    let mut by_west: Vec<usize> = (0..prisms.len()).collect();
+    by_west.sort_by(|&a, &b| boxes[a].0.x.total_cmp(&boxes[b].0.x));
+    let mut first_of: Vec<usize> = (0..prisms.len()).collect();
+    fn root(first_of: &[usize], mut b: usize) -> usize {
+        while first_of[b] != b {
+            b = first_of[b];
+        }
+        b
+    }
+    for (at, &a) in by_west.iter().enumerate() {
+        for &b in by_west[at + 1..].iter().take_while(|&&b| boxes[b].0.x <= boxes[a].1.x) {
+            let (of_a, of_b) = (root(&first_of, a), root(&first_of, b));
+            let is_apart = boxes[b].0.y > boxes[a].1.y || boxes[b].1.y < boxes[a].0.y;
+            if of_a != of_b && !is_apart && touch(a, b) {
+                first_of[of_a.max(of_b)] = of_a.min(of_b);
+            }
+        }
+    }
+    let mut blocks: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for b in 0..prisms.len() {
+        blocks.entry(root(&first_of, b)).or_default().push(b);
+    }
+    blocks.into_values().collect()
+}
+
+/// One building of a block.
+struct Member<'a> {
+    prism: &'a Prism,
+    height_m: f32,
+    views: Vec<RoofView<'a>>,
+    /// By view, what is known of it.
+    known: Vec<KnownView>,
+}
+
+/// What does not change in a view when a block is moved.
+struct KnownView {
+    view: usize,
+    rays: Vec<Ray>,
+    /// Where they end without any building of the block.
+    depths: Vec<f32>,
+    /// Other members of the block that stand in its window.
+    beside: Vec<usize>,
+}
+
+impl Member<'_> {
+    /// The best height, and the score of it in each view.
+    fn scores(&self, least_m: f32) -> (f32, Vec<f64>) {
+        let spacing_m = 2.0 * HEIGHTS_M / (N_HEIGHTS - 1) as f32;
+        let low_m = (self.height_m - HEIGHTS_M).max(least_m);
+        let at = |i: usize| low_m + spacing_m * i as f32;
+        let score = |height_m: f32| -> Vec<f64> {
+            self.views.iter().map(|v| v.window.score(height_m, v.weight, Correlation::Linear)).collect()
+        };
+        let totals: Vec<f64> = (0..N_HEIGHTS).map(|i| score(at(i)).iter().sum()).collect();
+        let best = (1..N_HEIGHTS - 1).fold(1, |best, i| if totals[i] > totals[best] { i } else { best });
+        let around = [totals[best - 1], totals[best], totals[best + 1]];
+        let height_m = parabola_peak(f64::from(at(best)), f64::from(spacing_m), around) as f32;
+        (height_m, score(height_m))
+    }
+}
+
+/// Buildings that are moved together.
+struct Block<'a> {
+    scene: &'a Scene,
+    config: &'a SearchConfig,
+    members: Vec<Member<'a>>,
+}
+
+impl Block<'_> {
+    /// Views that see the block, and that of each member's each score.
+    fn views(&self) -> (BTreeSet<usize>, Vec<usize>) {
+        let of_scores: Vec<usize> = self.members.iter().flat_map(|m| &m.known).map(|known| known.view).collect();
+        (of_scores.iter().copied().collect(), of_scores)
+    }
+
+    /// Ways that it may take, besides the two along the ground its walls' way outwards where it has no neighbours.
+    fn axes(&self) -> &'static [DVec3] {
+        if self.members.len() == 1 { &[DVec3::X, DVec3::Y, DVec3::Z] } else { &[DVec3::X, DVec3::Y] }
+    }
+
+    fn measure(mut self) -> Option<Measured> {
+        let (views, of_scores) = self.views();
+        let mut directions = Vec::new();
+        let mut pixels_m = Vec::new();
+        for member in &self.members {
+            let centre = member.prism.centre_at(member.prism.ground_z).as_dvec3();
+            directions.extend(member.views.iter().map(|v| (v.placed.eye() - centre).truncate().normalize_or_zero()));
+            pixels_m.extend(member.views.iter().map(|v| v.placed.pixel_m_at(centre)));
+        }
+        let one_sided = directions.iter().sum::<DVec2>() / directions.len().max(1) as f64;
+        if views.len() < MIN_VIEWS || one_sided.length() > MOST_ONE_SIDED {
+            return None;
+        }
+        let (around, cross) = self.at_rest(STEP_M.max(median(&pixels_m)?))?;
+        let way = around + cross.to_peak(|_| true);
+        if way.truncate().length() > LONGEST_M {
+            return None;
+        }
+        let without: Vec<DVec3> = views.iter().map(|out| cross.to_peak(|i| of_scores[i] != *out)).collect();
+        let sigma_of = |axis: usize| jackknife_sigma(&without.iter().map(|d| d[axis]).collect::<Vec<_>>());
+        Some(Measured { way, sigma: DVec3::new(sigma_of(0)?, sigma_of(1)?, sigma_of(2)?) })
+    }
+
+    /// Whether the views prefer a place clearly, whatever the forms of the roofs.
+    fn is_better(&mut self, way: DVec3) -> bool {
+        let (views, of_scores) = self.views();
+        let (here, there) = (self.scores(DVec3::ZERO), self.scores(way));
+        let gain_of = |view: &usize| {
+            let gains = of_scores.iter().zip(here.iter().zip(&there)).filter(|(of_score, _)| *of_score == view);
+            let gains: Vec<f64> = gains.map(|(_, (here, there))| there - here).collect();
+            gains.iter().sum::<f64>() / gains.len() as f64
+        };
+        let gains: Vec<f64> = views.iter().map(gain_of).collect();
+        let rays = self.members.iter().flat_map(|m| &m.views).map(|v| (v.window.n_rays(), 1.0 + v.weight));
+        let of_views =
+            rays.zip(here.iter().zip(&there)).map(|((n, most), (here, there))| (n, here / most, there / most));
+        if !is_clear(&gains, MIN_GAIN, STANDARD_ERRORS) || !carries(self.axes().len() as f64, of_views) {
+            return false;
+        }
+        // A house with a low annex on one side seems to be off until its roof may have two levels.
+        let mut roofs_at = |at: DVec3| -> f64 {
+            self.put(at);
+            let of = |member: &Member<'_>| {
+                let prism = member.prism.moved(at.truncate().as_vec2(), at.z as f32);
+                let (height_m, _) = member.scores(self.scene.bounds.min_m);
+                let judged = roof::find(&prism, self.scene.bounds, height_m, self.config, &member.views, Vec::new);
+                judged.score.unwrap_or(0.0)
+            };
+            self.members.iter().map(of).sum()
+        };
+        roofs_at(way) > roofs_at(DVec3::ZERO)
+    }
+
+    /// The scores around a place near their peak, and the place; `None` where the search does not come to rest.
+    fn at_rest(&mut self, step_m: f64) -> Option<(DVec3, Cross)> {
+        let axes = self.axes();
+        let (mut at, mut before, mut reach_m) = (DVec3::ZERO, DVec3::ZERO, step_m);
+        for _ in 0..MAX_ROUNDS {
+            let middle = self.scores(at);
+            let arms = axes.iter().map(|axis| [-step_m, step_m].map(|step| self.scores(at + step * *axis))).collect();
+            let cross = Cross { step_m, axes, middle, arms };
+            let way = cross.to_peak(|_| true);
+            if way.length() < AT_REST * step_m {
+                return Some((at, cross));
+            }
+            if way.dot(before) < 0.0 {
+                reach_m *= 0.5;
+            }
+            before = way.clamp_length_max(reach_m);
+            at += before;
+        }
+        None
+    }
+
+    /// The score of each member in each of its views at its best height, with the block at a place.
+    fn scores(&mut self, at: DVec3) -> Vec<f64> {
+        self.put(at);
+        self.members.iter().flat_map(|member| member.scores(self.scene.bounds.min_m).1).collect()
+    }
+
+    /// Moves all footprints of the block, and their walls outwards.
+    fn put(&mut self, at: DVec3) {
+        let by = at.truncate().as_vec2();
+        let moved: Vec<Prism> = self.members.iter().map(|m| m.prism.moved(by, at.z as f32)).collect();
+        // Neighbours are blocks, as in the sweeps.
+        let levels: Vec<f32> = self.members.iter().map(|m| m.prism.ground_z + m.height_m).collect();
+        self.members.par_iter_mut().zip(&moved).for_each(|(member, own)| {
+            let mut over = Vec::new();
+            for (view, known) in member.views.iter_mut().zip(&member.known) {
+                let mut depths = known.depths.clone();
+                for &other in &known.beside {
+                    let circle = moved[other].circle();
+                    for (ray, depth) in known.rays.iter().zip(&mut depths).filter(|(ray, _)| circle.is_crossed(ray)) {
+                        over.clear();
+                        moved[other].intervals(ray, &mut over);
+                        let roof = (levels[other] - ray.origin.z) / ray.direction.z;
+                        let stops = over.iter().filter(|stretch| roof < stretch.leave && stretch.leave > 0.0);
+                        *depth = stops.fold(*depth, |depth, stretch| depth.min(roof.max(stretch.enter)));
+                    }
+                }
+                view.window.put(own, &known.rays, &depths);
+            }
+        });
+    }
+}
+
+/// Scores at a place and at two places along each axis.
+struct Cross {
+    step_m: f64,
+    axes: &'static [DVec3],
+    middle: Vec<f64>,
+    arms: Vec<[Vec<f64>; 2]>,
+}
+
+impl Cross {
+    /// Way from the middle to the peak, a step along each axis at most, by the scores that are kept.
+    fn to_peak(&self, is_kept: impl Fn(usize) -> bool) -> DVec3 {
+        let total = |scores: &[f64]| -> f64 {
+            scores.iter().enumerate().filter(|(i, _)| is_kept(*i)).map(|(_, score)| score).sum()
+        };
+        let at = total(&self.middle);
+        let along = |[before, after]: &[Vec<f64>; 2]| {
+            let (before, after) = (total(before), total(after));
+            if before - 2.0 * at + after >= 0.0 {
+                // No peak here: uphill.
+                return self.step_m * (after - before).signum();
+            }
+            parabola_peak(0.0, self.step_m, [before, at, after])
+        };
+        self.axes.iter().zip(&self.arms).map(|(axis, arms)| along(arms) * *axis).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optimise::wings::tests::prism;
+
+    /// A row of three whose middle one touches no corner of the others, a house half a metre beside it, and one far away.
+    #[test]
+    fn houses_that_share_walls_are_one_block() {
+        let square =
+            |x: f64, y: f64, side: f64| prism(&[(x, y), (x + side, y), (x + side, y + side), (x, y + side)], 0.0);
+        let houses = [
+            square(8.0, 2.0, 6.0),
+            square(60.0, 60.0, 8.0),
+            square(0.0, 0.0, 8.0),
+            square(14.05, -1.0, 10.0),
+            square(24.55, -1.0, 10.0),
+        ];
+        assert_eq!(blocks(&houses), [vec![0, 2, 3], vec![1], vec![4]]);
+    }
+}
