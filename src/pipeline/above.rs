@@ -66,6 +66,7 @@ mod tests {
             views: Vec::new(),
             score: None,
             raised_m: (settled == Some(i)).then_some(0.1),
+            form_certainty: None,
             footprint_shift: None,
             doubts: sizeup_heights::optimise::Doubts::default(),
             reasons: Vec::new(),

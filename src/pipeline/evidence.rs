@@ -326,6 +326,7 @@ mod tests {
             views: (3 * b..3 * b + 3).collect(),
             score: None,
             raised_m: None,
+            form_certainty: None,
             footprint_shift: None,
             doubts: sizeup_heights::optimise::Doubts::default(),
             reasons: if b == 2 { vec![Reason::TooFewViews] } else { Vec::new() },

@@ -55,9 +55,12 @@ fn found(
                 footprint_shift: total_shift(solved, heights.layer_shift),
                 height_reference,
                 // A height that is not known, or comes from a fallback, says nothing of the roof.
-                roof: solved
-                    .filter(|s| s.height_m.is_some())
-                    .and_then(|s| Some(roof_shape(s.roof?, heights.origin, s.footprint_shift))),
+                roof: solved.filter(|s| s.height_m.is_some()).and_then(|s| {
+                    Some(RoofShape {
+                        certainty: s.form_certainty,
+                        ..roof_shape(s.roof?, heights.origin, s.footprint_shift)
+                    })
+                }),
                 status,
                 reasons,
                 views: solved

@@ -258,6 +258,10 @@ fn rotterdams_real_buildings_under_its_real_cameras() {
     assert!(all.n >= 50, "{} of {} compared", all.n, summary.n_buildings);
     // Roofs are pitched, so the one height that fits the footprint in the photos is not quite their area mean.
     assert!(all.error_mean_m < 1.5 && all.error_median_m < 1.0, "{all:?}");
+    // All footprints are those that the buildings were raised on: none is told to lie elsewhere, whatever stands on it.
+    let issues: Value = serde_json::from_slice(&fs::read(scene.path().join("result/issues.json")).unwrap()).unwrap();
+    let told = issues.as_array().unwrap().iter().filter(|issue| issue["code"] == "footprint_off");
+    assert_eq!(told.collect::<Vec<_>>(), Vec::<&Value>::new());
 }
 
 /// A shed of 2.5 m, 9 m² large, against the low end of a house of 4 to 15 m. Beside a block of one height in place of that house it came

@@ -57,7 +57,7 @@ pub struct FootprintShift {
     pub east_m: f64,
     /// The same to the north, metres.
     pub north_m: f64,
-    /// Its walls stand so far outside of what the photos show, compared with other footprints of the scene, metres; negative where the
+    /// How far its walls stand outside of what the photos show, compared with other footprints of the scene, metres; negative where the
     /// roof reaches beyond them.
     pub too_large_m: f64,
     /// One standard deviation along each axis, metres.
@@ -179,6 +179,14 @@ impl SettledScene<'_> {
     }
 }
 
+/// The building that stands for all that hang together with one.
+fn root(first_of: &[usize], mut b: usize) -> usize {
+    while first_of[b] != b {
+        b = first_of[b];
+    }
+    b
+}
+
 /// Buildings that hang together by shared walls, each in one block; all in ascending order.
 fn blocks(prisms: &[Prism]) -> Vec<Vec<usize>> {
     let boxes: Vec<(Vec2, Vec2)> = prisms
@@ -195,12 +203,6 @@ fn blocks(prisms: &[Prism]) -> Vec<Vec<usize>> {
     let mut by_west: Vec<usize> = (0..prisms.len()).collect();
     by_west.sort_by(|&a, &b| boxes[a].0.x.total_cmp(&boxes[b].0.x));
     let mut first_of: Vec<usize> = (0..prisms.len()).collect();
-    fn root(first_of: &[usize], mut b: usize) -> usize {
-        while first_of[b] != b {
-            b = first_of[b];
-        }
-        b
-    }
     for (at, &a) in by_west.iter().enumerate() {
         for &b in by_west[at + 1..].iter().take_while(|&&b| boxes[b].0.x <= boxes[a].1.x) {
             let (of_a, of_b) = (root(&first_of, a), root(&first_of, b));
@@ -226,7 +228,7 @@ struct Member<'a> {
     known: Vec<KnownView>,
 }
 
-/// What does not change in a view when a block is moved.
+/// All that does not change in a view when a block is moved.
 struct KnownView {
     view: usize,
     rays: Vec<Ray>,

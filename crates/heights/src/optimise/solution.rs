@@ -135,6 +135,10 @@ pub struct SolvedHeight {
     /// By how much the photos raised it, metres; `None` where they had no say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub raised_m: Option<f64>,
+    /// How certain the form of its roof is, 0 to 1: the share of roofs called so, as clearly, that are. `None` where no form was looked
+    /// for, of mixed roofs, and where the photos took another form.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub form_certainty: Option<f64>,
     /// How far its footprint is off, where that is told; the roof then stands where the photos show the building.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub footprint_shift: Option<FootprintShift>,
@@ -151,6 +155,7 @@ impl SolvedHeight {
         }
         self.raised_m = self.roof.map(|before| roof.mean_m - before.mean_m);
         self.height_m = Some(roof.height_m(reference));
+        self.form_certainty = self.form_certainty.filter(|_| self.roof.is_some_and(|before| before.form == roof.form));
         self.roof = Some(roof);
         self.sigma_m = Some(sigma_m);
         // What photos from all around agree on as one surface is no crown.
@@ -187,6 +192,7 @@ impl SolvedHeight {
             views,
             score,
             raised_m: None,
+            form_certainty: None,
             footprint_shift: None,
             reasons: vec![reason],
         }

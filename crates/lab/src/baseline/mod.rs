@@ -37,6 +37,7 @@ fn without_views(heights_m: Vec<Option<f64>>, doubt: Option<Reason>) -> Solution
         views: Vec::new(),
         score: None,
         raised_m: None,
+        form_certainty: None,
         footprint_shift: None,
         doubts: sizeup_heights::optimise::Doubts::default(),
         reasons: if height_m.is_none() { vec![Reason::SeenByNoView] } else { doubt.into_iter().collect() },

@@ -164,6 +164,23 @@ mod tests {
     }
 
     #[test]
+    fn houses_that_share_a_wall_are_off_by_the_same_and_others_by_something_else() {
+        let mut buildings = row_of_two();
+        let at = Placement { origin: DVec2::new(565_100.0, 5_932_000.0), angle_rad: 0.0 };
+        let form = form::gable(Rect::sized(0.0, 0.0, 8.0, 10.0), 5.0, 8.0);
+        let kind = BuildingKind::RowHouse;
+        buildings.push(SimulatedBuilding::raise(&form, &at, &Terrain::Constant(3.0), kind, "c".into()));
+        let errors = ErrorConfig { building_m: 0.7, ..ErrorConfig::default() };
+        let off: Vec<DVec2> = footprints(&buildings, &errors, 1)
+            .iter()
+            .zip(&buildings)
+            .map(|(off, building)| open_ring(off.exterior())[0] - open_ring(building.footprint.exterior())[0])
+            .collect();
+        assert!(off[0].distance(off[1]) < 1e-6 && off[0].distance(off[2]) > 0.1, "{off:?}");
+        assert!(off.iter().all(|off| off.length() > 0.01 && off.length() < 3.0), "{off:?}");
+    }
+
+    #[test]
     fn a_courtyard_shrinks_as_its_building_grows() {
         let at = Placement { origin: DVec2::ZERO, angle_rad: 0.0 };
         let form = form::courtyard(Rect::sized(0.0, 0.0, 40.0, 30.0), 10.0, 12.0, 12.0);

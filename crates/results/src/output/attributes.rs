@@ -55,7 +55,7 @@ impl Field {
 
 /// Our own attributes in the order in which they are written; the id comes before them. Names are told apart by their
 /// first ten characters, which is all that a Shapefile keeps.
-pub const FIELDS: [Field; 28] = {
+pub const FIELDS: [Field; 29] = {
     use ColumnKind::{Integer, Real, Text};
     [
         Field::new(
@@ -99,6 +99,14 @@ pub const FIELDS: [Field; 28] = {
             Text,
             "Form of the roof: flat (or no other form seen), gable, hip, stepped or mixed (a gable and a flat part)",
             |b, _| text(b.roof.map(|roof| roof.form.as_str())),
+        ),
+        Field::new(
+            "form_certainty",
+            "Certainty of the form",
+            Real,
+            "How certain the form of the roof is, 0 to 1: the share of simulated roofs called so, as clearly, that are; empty where no form was \
+             looked for, of mixed roofs, and where the photos took another form",
+            |b, _| known(b.roof.and_then(|roof| roof.certainty)),
         ),
         Field::new(
             "eave_height_m",

@@ -64,6 +64,9 @@ pub struct RoofShape {
     /// Direction of a gable's ridge, the main body's where there are wings: degrees clockwise from grid north, 0 to 180.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ridge_azimuth_deg: Option<f64>,
+    /// How certain the form is, 0 to 1: the share of roofs called so, as clearly, that are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub certainty: Option<f64>,
     /// Plan of a stepped or mixed roof, its corners in the map frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<Terrace>,
@@ -73,7 +76,7 @@ impl RoofShape {
     /// A shape of which only form and heights are known.
     #[must_use]
     pub fn new(form: RoofForm, eave_height_m: f64, ridge_height_m: f64) -> Self {
-        Self { form, eave_height_m, ridge_height_m, ridge_azimuth_deg: None, step: None }
+        Self { form, eave_height_m, ridge_height_m, ridge_azimuth_deg: None, certainty: None, step: None }
     }
 }
 

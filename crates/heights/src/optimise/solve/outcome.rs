@@ -140,6 +140,7 @@ impl SolverState<'_> {
             views,
             score,
             raised_m: None,
+            form_certainty: self.roofs[building].certainty,
             footprint_shift: self.footprint_shifts[building],
             reasons,
         };

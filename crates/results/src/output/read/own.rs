@@ -65,6 +65,7 @@ impl FoundBuilding {
         let (eave_height_m, ridge_height_m) = (number("eave_height_m")?, number("ridge_height_m")?);
         Some(RoofShape {
             ridge_azimuth_deg: number("ridge_azimuth_deg"),
+            certainty: number("form_certainty"),
             step: self.own("roof_step").and_then(Value::as_str).and_then(|text| serde_json::from_str(text).ok()),
             ..RoofShape::new(self.named("roof_form")?, eave_height_m, ridge_height_m)
         })

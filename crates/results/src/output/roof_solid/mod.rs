@@ -99,7 +99,7 @@ fn levels_of(shape: RoofShape) -> Option<RoofShape> {
 
 /// The roof in a frame that begins at a place of the map, metres.
 fn roof(shape: RoofShape, [east_m, north_m]: [f64; 2]) -> Roof {
-    let RoofShape { form, eave_height_m: eave_m, ridge_height_m: ridge_m, ridge_azimuth_deg, step } = shape;
+    let RoofShape { form, eave_height_m: eave_m, ridge_height_m: ridge_m, ridge_azimuth_deg, step, .. } = shape;
     let along = |azimuth_deg: f64| {
         let (sin, cos) = azimuth_deg.to_radians().sin_cos();
         [sin, cos]
