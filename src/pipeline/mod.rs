@@ -18,6 +18,7 @@ mod dtm;
 mod error;
 mod evidence;
 mod footprints;
+mod footprints_off;
 mod frame;
 mod ground_told;
 mod heights;
