@@ -10,18 +10,25 @@ use sizeup::evaluate::{HeightEvaluation, HeightOptions, evaluate_heights};
 use sizeup::pipeline::{self, RunOptions, Stage};
 use sizeup::simulate::{CityJsonTown, PriorLevel, SimulateConfig, simulate};
 
-/// A house of 10 × 9 m, and what leans on its north side over its whole width.
-const WIDTH_M: f64 = 10.0;
-const HOUSE_DEPTH_M: f64 = 9.0;
+/// A house, and what leans on its north side over its whole width, metres. Its ridge runs from west to east.
+#[derive(Clone, Copy)]
+struct House {
+    width_m: f64,
+    depth_m: f64,
+    eave_m: f64,
+    /// As the eave where the roof is flat.
+    ridge_m: f64,
+    annex_depth_m: f64,
+    annex_m: f64,
+}
+
+const SMALL: House = House { width_m: 10.0, depth_m: 9.0, eave_m: 9.0, ridge_m: 9.0, annex_depth_m: 4.0, annex_m: 3.0 };
 /// Rows of houses, and the distance of their middles, metres.
 const N_SIDE: usize = 4;
 const SPACING_M: f64 = 35.0;
 
-/// Eave and ridge of a house, metres; the same of a flat one. Its ridge runs from west to east.
-type House = [f64; 2];
-
 /// Walls and roof of a house or an annex: west, south, east, north, metres.
-fn faces([west, south, east, north]: [f64; 4], [eave, ridge]: House) -> Vec<Value> {
+fn faces([west, south, east, north]: [f64; 4], [eave, ridge]: [f64; 2]) -> Vec<Value> {
     let corners = [[west, south], [east, south], [east, north], [west, north]];
     let wall = |i: usize| {
         let (a, b) = (corners[i], corners[(i + 1) % 4]);
@@ -39,17 +46,17 @@ fn faces([west, south, east, north]: [f64; 4], [eave, ridge]: House) -> Vec<Valu
         .collect()
 }
 
-/// A `CityJSON` file of houses, each with an annex so deep and so high, metres, under one footprint.
-fn city(path: &Path, house: House, [annex_depth_m, annex_m]: [f64; 2]) {
+/// A `CityJSON` file of houses, each with its annex under one footprint.
+fn city(path: &Path, house: House) {
     let mut vertices: Vec<[f64; 3]> = Vec::new();
     let mut objects = serde_json::Map::new();
     for at in 0..N_SIDE * N_SIDE {
         let (west, south) = (SPACING_M * (at % N_SIDE) as f64, SPACING_M * (at / N_SIDE) as f64);
-        let (east, middle) = (west + WIDTH_M, south + HOUSE_DEPTH_M);
-        let north = middle + annex_depth_m;
+        let (east, middle) = (west + house.width_m, south + house.depth_m);
+        let north = middle + house.annex_depth_m;
         let floor = json!([[[west, south, 0.0], [west, north, 0.0], [east, north, 0.0], [east, south, 0.0]]]);
-        let main = faces([west, south, east, middle], house);
-        let annex = faces([west, middle, east, north], [annex_m; 2]);
+        let main = faces([west, south, east, middle], [house.eave_m, house.ridge_m]);
+        let annex = faces([west, middle, east, north], [house.annex_m; 2]);
         let surfaces = main.into_iter().chain(annex).chain([floor]);
         let mut indexed = |surface: Value| -> Value {
             let rings: Vec<Vec<[f64; 3]>> = serde_json::from_value(surface).unwrap();
@@ -75,9 +82,9 @@ fn city(path: &Path, house: House, [annex_depth_m, annex_m]: [f64; 2]) {
 }
 
 /// A simulated flight over such houses, with or without photos.
-fn flight(folder: &Path, house: House, annex: [f64; 2], has_photos: bool) {
+fn flight(folder: &Path, house: House, has_photos: bool) {
     let path = folder.join("houses.city.json");
-    city(&path, house, annex);
+    city(&path, house);
     let source =
         CityJsonTown { path, translation_m: [0.0; 3], bounds_m: None, max_buildings: None, trees_per_building: 0.0 };
     let mut config = SimulateConfig { seed: 3, cityjson: Some(source), ..SimulateConfig::default() };
@@ -114,7 +121,7 @@ fn worst_m(found: &HeightEvaluation) -> f64 {
 #[test]
 fn a_low_annex_of_a_small_house_counts_in_its_mean_height() {
     let folder = tempfile::tempdir().unwrap();
-    flight(folder.path(), [9.0; 2], [4.0, 3.0], false);
+    flight(folder.path(), SMALL, false);
     let (found, n_mixed) = solved(folder.path(), &[]);
     let mean_m = found.all.as_ref().unwrap().error_mean_m;
     // The mean is 1.85 m below the house's roof. A pixel is 0.3 m on the ground.
@@ -127,7 +134,7 @@ fn a_low_annex_of_a_small_house_counts_in_its_mean_height() {
 #[test]
 fn a_gable_beside_a_low_annex_keeps_its_annex_in_the_photos() {
     let folder = tempfile::tempdir().unwrap();
-    flight(folder.path(), [7.0, 11.5], [4.0, 3.0], true);
+    flight(folder.path(), House { eave_m: 7.0, ridge_m: 11.5, ..SMALL }, true);
     let mean_m = |found: &HeightEvaluation| found.all.as_ref().unwrap().error_mean_m;
     let (by_priors, n_mixed) = solved(folder.path(), &["refinement.enabled=false"]);
     assert!(2 * n_mixed > N_SIDE * N_SIDE, "{n_mixed} mixed roofs");
@@ -135,4 +142,16 @@ fn a_gable_beside_a_low_annex_keeps_its_annex_in_the_photos() {
     // Photos are matched on the gable, whose texture is most of what they see; the annex stays where it is.
     let (refined, _) = solved(folder.path(), &[]);
     assert!(mean_m(&refined) < mean_m(&by_priors) && worst_m(&refined) < 1.0);
+}
+
+/// Row houses of five metres: 40 m² at 16 m and 100 m² at 3 m. The front's roof is 9.3 m above the mean, and too far above the annex to be a
+/// step of its roof.
+#[test]
+fn a_row_house_five_metres_wide_has_its_two_levels() {
+    let row = House { width_m: 5.0, depth_m: 8.0, eave_m: 16.0, ridge_m: 16.0, annex_depth_m: 20.0, annex_m: 3.0 };
+    let folder = tempfile::tempdir().unwrap();
+    flight(folder.path(), row, false);
+    let (found, _) = solved(folder.path(), &[]);
+    let mean_m = found.all.as_ref().unwrap().error_mean_m;
+    assert!(mean_m < 0.5 && worst_m(&found) < 1.5, "mean error {mean_m:.2} m, worst {:.2} m", worst_m(&found));
 }

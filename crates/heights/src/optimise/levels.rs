@@ -16,7 +16,7 @@ use crate::scene::{HeightBounds, Prism, Scene};
 use crate::views::{corners_inside, in_turn};
 
 /// Least area of a part, m², and as a share of the footprint; smaller ones are steps of one roof ([`super::stepped`]).
-const MIN_PART_M2: f32 = 40.0;
+const MIN_PART_M2: f32 = 20.0;
 const MIN_PART_SHARE: f32 = 0.06;
 /// Least difference of two levels: a fixed part, metres, and a share of the upper one.
 const MIN_STEP_M: f32 = 4.0;

@@ -62,11 +62,14 @@ pub(super) struct PatternStep {
     pub height_share: f32,
 }
 
+/// Share of a footprint's width that a rectangle across it has at least: row houses are five metres wide.
+const ACROSS_SHARE: f32 = 0.9;
+
 /// Limits of two levels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TwoLevelLimits {
     pub heights: HeightBounds,
-    /// Least side of the rectangle, metres.
+    /// Least side of the rectangle, metres; across a footprint that is no wider, [`ACROSS_SHARE`] of its width.
     pub side_m: f32,
 }
 
@@ -82,16 +85,19 @@ pub(super) struct AlignedFootprint<'a> {
 impl<'a> AlignedFootprint<'a> {
     pub fn new(prism: &'a Prism, limits: TwoLevelLimits) -> Self {
         let (axes, low, high) = smallest_rectangle(prism);
-        Self { prism, axes, low, high, limits }
+        let side_m = limits.side_m.min(ACROSS_SHARE * (high - low).min_element());
+        Self { prism, axes, low, high, limits: TwoLevelLimits { side_m, ..limits } }
     }
 
     /// Rectangles over the whole footprint, each with several pairs of an inner and an outer level, metres.
     pub fn guesses<'p>(&'p self, pairs_m: &'p [[f32; 2]]) -> impl Iterator<Item = TwoLevels> + 'p {
         let size = self.high - self.low;
+        // A rectangle that starts narrower than it may be could not be moved at all.
+        let half = 0.5 * (FIRST_SIZE * size).max(Vec2::splat(self.limits.side_m)).min(size);
         let middles = FIRST_MIDDLES.into_iter().flat_map(|x| FIRST_MIDDLES.into_iter().map(move |y| Vec2::new(x, y)));
         middles.flat_map(move |middle| {
             pairs_m.iter().map(move |&[inner_m, outer_m]| {
-                let (middle, half) = (self.low + middle * size, 0.5 * FIRST_SIZE * size);
+                let middle = (self.low + middle * size).clamp(self.low + half, self.high - half);
                 self.within(TwoLevels { low: middle - half, high: middle + half, inner_m, outer_m })
             })
         })
@@ -107,6 +113,8 @@ impl<'a> AlignedFootprint<'a> {
     ) -> Option<(f64, TwoLevels)> {
         let mut guesses: Vec<(f64, TwoLevels)> = guesses.map(|guess| (total(seen, &guess), guess)).collect();
         guesses.sort_by(|a, b| b.0.total_cmp(&a.0));
+        // Over a narrow footprint there is but one rectangle to begin with.
+        guesses.dedup_by_key(|(_, guess)| *guess);
         let followed = guesses.into_iter().take(n_followed);
         followed.map(|(_, guess)| self.climb(seen, guess, steps)).max_by(|a, b| a.0.total_cmp(&b.0))
     }
