@@ -364,7 +364,7 @@ fn align(args: &AlignArgs, global: &Global) -> Result<u8, Failure> {
     };
     let started = std::time::Instant::now();
     let tell = |done, total| ui.advance_named(ALIGNING, done, total);
-    let aligned = align::align(&survey.views, &terrain, &settings.align, &tell);
+    let aligned = align::align(&survey.views, &terrain, &settings.align, None, &tell);
     ui.finish();
     let Aligned { views, report } = aligned.map_err(|e| Failure::new(if e.is_usage() { 2 } else { 3 }, &e))?;
     let survey = Survey { views, issues: survey.issues };

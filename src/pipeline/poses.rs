@@ -1,6 +1,6 @@
 //! Photos and poses that depth is matched from: bad photos are named, and poses are brought to agree with photos that do not fit.
 
-use super::{Event, PipelineError, Tell};
+use super::{Event, PipelineError, Tell, refinement};
 use crate::config::RunConfig;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::write_json;
@@ -22,7 +22,7 @@ const MIN_CELL_M: f64 = 5.0;
 /// Whether a run looks at how well its poses fit the photos.
 pub(super) fn asks(config: &RunConfig) -> bool {
     match config.align.when {
-        AlignWhen::Auto => config.prior.matches_photos(),
+        AlignWhen::Auto => config.prior.matches_photos() || refinement::is_on(config),
         AlignWhen::Always => true,
         AlignWhen::Never => false,
     }
@@ -51,6 +51,7 @@ pub(super) fn fitted(config: &RunConfig, survey: Survey, tell: Tell<'_>) -> Resu
         Err(e) if is_wanted || e.is_usage() => return Err(e.into()),
         Err(_) => return Ok(survey),
     };
+    tracing::debug!("photos lie {misfit_px:?} pixels off under the given poses");
     let is_poor = misfit_px.is_some_and(|misfit_px| misfit_px > config.align.max_misfit_px);
     // A focal length that is off hides in the heights of points.
     let is_calibrated = config.align.focal_sigma_percent == 0.0;
@@ -58,7 +59,7 @@ pub(super) fn fitted(config: &RunConfig, survey: Survey, tell: Tell<'_>) -> Resu
         return Ok(survey);
     }
     let tell_size = |done, total| tell(Event::Align { done, total });
-    let aligned = align::align(&survey.views, &ground, &config.align, &tell_size);
+    let aligned = align::align(&survey.views, &ground, &config.align, misfit_px, &tell_size);
     match aligned {
         Ok(aligned) => applied(config, survey, aligned),
         Err(e) if is_wanted => Err(e.into()),

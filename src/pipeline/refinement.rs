@@ -62,9 +62,14 @@ const MIN_SAME_OF_STEPPED: f64 = 0.95;
 /// How much more alike the photos have to look on another form of roof than on the one that the priors show.
 const OTHER_FORM_SCORE: f64 = 0.02;
 
+/// Whether photos, where there are any, refine roofs.
+pub(super) fn is_on(config: &RunConfig) -> bool {
+    config.refinement.enabled.unwrap_or(config.optimise.preset != Preset::Paper)
+}
+
 /// Whether the photo of a view, of whatever kind, is asked about roofs.
 fn asks_photo(config: &RunConfig, view: &View) -> bool {
-    config.refinement.enabled.unwrap_or(config.optimise.preset != Preset::Paper) && view.image.is_some()
+    is_on(config) && view.image.is_some()
 }
 
 /// Whether the photo of a view, of whatever kind, is read while heights are found: for the roofs, for what is green, or for the ground.

@@ -182,6 +182,37 @@ fn a_run_from_stereo_aligns_poses_that_the_photos_do_not_fit_and_no_others() {
 }
 
 #[test]
+fn a_run_whose_photos_refine_roofs_aligns_poses_that_are_half_a_pixel_off() {
+    let folder = tempfile::tempdir().unwrap();
+    let [given, truth] = ["given", "truth"].map(|name| folder.path().join(name));
+    simulate(&given, "0.05", "0.1");
+    simulate(&truth, "0", "0");
+    let run = |scene: &Path, name: &str, more: &[&str]| -> (Value, Option<Value>) {
+        let output = folder.path().join(name);
+        let config = scene.join("sizeup.toml");
+        let args =
+            ["run", config.to_str().unwrap(), "--until", "survey", "--json", "--output", output.to_str().unwrap()];
+        let done = sizeup(&[&args[..], more].concat(), "2");
+        assert_eq!(done.status.code(), Some(0), "{}", text_of(&done.stderr));
+        let report = fs::read(output.join("align.json")).ok();
+        (serde_json::from_slice(&done.stdout).unwrap(), report.map(|report| serde_json::from_slice(&report).unwrap()))
+    };
+    let (summary, report) = run(&given, "aligned", &[]);
+    assert!(summary["poses"].as_str().unwrap().contains("of 24 were aligned"), "{summary}");
+    let report = report.unwrap();
+    let [before, after] = ["before", "after"].map(|when| report[when]["median_px"].as_f64().unwrap());
+    assert!((0.4..1.5).contains(&before) && after < 0.4 * before, "{report}");
+    // Photos that nobody asks about roofs do not ask for better poses.
+    let not_asked = [&["--set", "refinement.enabled=false"][..], &["--set", "optimise.preset=paper"]];
+    for (i, more) in not_asked.into_iter().enumerate() {
+        let (summary, report) = run(&given, &format!("not-asked-{i}"), more);
+        assert!(summary["poses"].is_null() && report.is_none(), "{more:?} {summary}");
+    }
+    let (summary, report) = run(&truth, "exact", &[]);
+    assert!(summary["poses"].is_null() && report.is_none(), "{summary}");
+}
+
+#[test]
 fn what_cannot_be_aligned_is_refused_with_a_hint_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let (poses, output) = (folder.path().join("poses.csv"), folder.path().join("aligned"));

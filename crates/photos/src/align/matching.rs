@@ -4,6 +4,7 @@
 //! laid out on the other photo's pixels and compared by zero-mean normalised cross-correlation. Places between pixels come from
 //! parabolas through the best one's neighbours.
 
+use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use glam::{DMat2, DVec2, DVec3};
 
 use sizeup_heights::camera::Camera;
@@ -14,6 +15,8 @@ use sizeup_heights::raster::Raster;
 const RADIUS: usize = 4;
 const SIDE: usize = 2 * RADIUS + 1;
 const N_PIXELS: usize = SIDE * SIDE;
+/// Columns that are compared side by side.
+const LANES: usize = SIDE - 1;
 /// Variance below which a patch has no texture, grey levels².
 const LEAST_VARIANCE: f32 = 4.0;
 /// Greatest ratio of a patch's areas in two photos.
@@ -27,6 +30,8 @@ const RETURNS_WITHIN_PX: f64 = 1.0;
 const BACK_REACH_PX: usize = 3;
 /// Most heights that are tried.
 const MAX_HEIGHTS: usize = 300;
+/// Difference of steps by which a patch looks the same: a twentieth of a pixel at its border.
+const SAME_STEPS: f64 = 0.05 / RADIUS as f64;
 
 /// A photo at one size, free of distortion, with the pose as it is now.
 #[derive(Debug, Clone, Copy)]
@@ -127,12 +132,19 @@ impl PhotoPair<'_> {
                 0..=0
             }
         };
+        // A patch is laid out anew only where its shape has changed.
+        let mut laid_out: Option<(DMat2, WarpedPatch)> = None;
         for i in 0..=n {
             let Some(landing) = self.landing(patch, height(i as f64 / n as f64)) else { continue };
+            if laid_out.as_ref().is_none_or(|(steps, _)| !steps.abs_diff_eq(landing.steps, SAME_STEPS)) {
+                let template = WarpedPatch::of(self.here.grey, patch, &landing.steps.inverse());
+                laid_out = template.map(|template| (landing.steps, template));
+            }
+            let Some((steps, template)) = &laid_out else { continue };
             let places = ahead(i).flat_map(|ahead| {
                 (-beside..=beside).map(move |side| landing.place + f64::from(ahead) * along + f64::from(side) * across)
             });
-            self.compare(patch, &landing.steps, places.filter_map(pixel_of), &mut candidates);
+            self.compare(template, steps, places.filter_map(pixel_of), &mut candidates);
         }
         candidates
     }
@@ -142,22 +154,24 @@ impl PhotoPair<'_> {
         let middle = pixel_of(landing.place)?;
         let span = |at: usize| at.saturating_sub(reach_px)..=at + reach_px;
         let pixels = span(middle[1]).flat_map(|row| span(middle[0]).map(move |col| [col, row]));
+        let template = WarpedPatch::of(self.here.grey, patch, &landing.steps.inverse())?;
         let mut candidates = Vec::new();
-        self.compare(patch, &landing.steps, pixels, &mut candidates);
+        self.compare(&template, &landing.steps, pixels, &mut candidates);
         Some(candidates)
     }
 
     fn compare(
         &self,
-        patch: DVec2,
+        template: &WarpedPatch,
         steps: &DMat2,
         pixels: impl Iterator<Item = [usize; 2]>,
         candidates: &mut Vec<PixelCandidate>,
     ) {
-        let Some(template) = WarpedPatch::of(self.here.grey, patch, &steps.inverse()) else { return };
-        candidates.extend(pixels.filter_map(|pixel| {
-            Some(PixelCandidate { score: template.score(self.there.grey, pixel)?, pixel, steps: *steps })
-        }));
+        dispatch!(Level::new(), simd => for pixel in pixels {
+            if let Some(score) = template.score_in(simd, self.there.grey, pixel) {
+                candidates.push(PixelCandidate { score, pixel, steps: *steps });
+            }
+        });
     }
 
     /// Whether the place that was found leads back to the patch.
@@ -221,24 +235,46 @@ impl WarpedPatch {
     }
 
     /// Correlation with the window around a pixel; `None` at the border and without texture.
-    fn score(&self, grey: &Raster<f32>, [col, row]: [usize; 2]) -> Option<f32> {
+    fn score(&self, grey: &Raster<f32>, pixel: [usize; 2]) -> Option<f32> {
+        dispatch!(Level::new(), simd => self.score_in(simd, grey, pixel))
+    }
+
+    /// Eight columns side by side, then the ninth, upright: the same sums in the same order in registers of every kind.
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined where the processor's registers are known is not made for them"
+    )]
+    #[inline(always)]
+    fn score_in<S: Simd>(&self, simd: S, grey: &Raster<f32>, [col, row]: [usize; 2]) -> Option<f32> {
         let (width, height) = (grey.width(), grey.height());
         if col < RADIUS || row < RADIUS || col + RADIUS >= width || row + RADIUS >= height {
             return None;
         }
-        let [mut sums, mut squares, mut products] = [[0.0_f32; SIDE]; 3];
-        for (i, line) in self.0.chunks_exact(SIDE).enumerate() {
-            let start = (row + i - RADIUS) * width + col - RADIUS;
-            let seen = &grey.data()[start..start + SIDE];
-            for k in 0..SIDE {
-                sums[k] += seen[k];
-                squares[k] += seen[k] * seen[k];
-                products[k] += seen[k] * line[k];
+        let zero = f32x8::splat(simd, 0.0);
+        let [mut sums, mut squares, mut products] = [zero; 3];
+        let mut add = |seen: &[f32], patch: &[f32]| {
+            let seen = f32x8::from_slice(simd, seen);
+            sums += seen;
+            squares += seen * seen;
+            products += seen * f32x8::from_slice(simd, patch);
+        };
+        let first = (row - RADIUS) * width + col - RADIUS;
+        let seen = &grey.data()[first..=first + (SIDE - 1) * (width + 1)];
+        let [mut seen_last, mut patch_last] = [[0.0_f32; LANES]; 2];
+        for (i, patch) in self.0.chunks_exact(SIDE).enumerate() {
+            let seen = &seen[i * width..i * width + SIDE];
+            add(&seen[..LANES], &patch[..LANES]);
+            if i < LANES {
+                (seen_last[i], patch_last[i]) = (seen[LANES], patch[LANES]);
             }
         }
-        let sum: f32 = sums.iter().sum();
-        let spread = squares.iter().sum::<f32>() - sum * sum / N_PIXELS as f32;
-        (spread > LEAST_VARIANCE * N_PIXELS as f32).then(|| products.iter().sum::<f32>() / spread.sqrt())
+        add(&seen_last, &patch_last);
+        let (seen_corner, patch_corner) = (seen[seen.len() - 1], self.0[N_PIXELS - 1]);
+        let total = |lanes: f32x8<S>, corner: f32| lanes.as_slice().iter().sum::<f32>() + corner;
+        let sum = total(sums, seen_corner);
+        let spread = total(squares, seen_corner * seen_corner) - sum * sum / N_PIXELS as f32;
+        let product = total(products, seen_corner * patch_corner);
+        (spread > LEAST_VARIANCE * N_PIXELS as f32).then(|| product / spread.sqrt())
     }
 
     /// The place of the best correlation around the best pixel.
@@ -277,6 +313,28 @@ mod tests {
             ground((pose.centre() - pose.centre().z / ray.z * ray).truncate())
         };
         (Raster::from_vec(160, 120, (0..160 * 120).map(value).collect()).unwrap(), camera, pose)
+    }
+
+    #[test]
+    fn correlation_is_that_of_its_definition_in_registers_of_every_kind() {
+        let (grey, ..) = photo(0.0);
+        let patch = WarpedPatch::of(&grey, DVec2::new(61.2, 47.9), &DMat2::from_angle(0.3)).unwrap();
+        let window = |[col, row]: [usize; 2]| -> Vec<f64> {
+            let at = |i: usize| grey[(col + i % SIDE - RADIUS, row + i / SIDE - RADIUS)];
+            (0..N_PIXELS).map(|i| f64::from(at(i))).collect()
+        };
+        for pixel in [[4, 4], [62, 48], [101, 77], [155, 115]] {
+            let seen = window(pixel);
+            let mean = seen.iter().sum::<f64>() / N_PIXELS as f64;
+            let product: f64 = seen.iter().zip(patch.0).map(|(v, p)| (v - mean) * f64::from(p)).sum();
+            let expected = product / seen.iter().map(|v| (v - mean).powi(2)).sum::<f64>().sqrt();
+            for level in [Level::baseline(), Level::new()] {
+                let found = dispatch!(level, simd => patch.score_in(simd, &grey, pixel)).unwrap();
+                assert!((f64::from(found) - expected).abs() < 1e-4, "{pixel:?} {level:?}: {found} {expected}");
+                assert_eq!(Some(found), patch.score(&grey, pixel), "{pixel:?} {level:?}");
+            }
+        }
+        assert!(patch.score(&grey, [3, 40]).is_none() && patch.score(&grey, [60, 116]).is_none());
     }
 
     #[test]

@@ -60,12 +60,17 @@ const BETTER: f64 = 0.8;
 /// Photos that [`misfit_px`] is found from, and by how much they are reduced.
 const N_SAMPLED: usize = 8;
 const SAMPLE_DIVISOR: u32 = 2;
+/// A median misfit up to which patches are looked for at half size at once, pixels at the largest size, and how far beside their lines:
+/// so many misfits, and so many pixels besides. A photo that is farther off than that is left alone.
+const NEAR_PX: f64 = 2.0;
+const WITHIN_MISFITS: f64 = 8.0;
+const WITHIN_PX: f64 = 2.0;
 
 /// When a run aligns its poses before it uses them.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum AlignWhen {
-    /// Where depth comes from photos matched with each other, and a few of them lie more than `max_misfit_px` off.
+    /// Where photos are matched with each other, for depth or to refine roofs, and a few of them lie more than `max_misfit_px` off.
     #[default]
     Auto,
     /// Align poses in every run.
@@ -112,7 +117,7 @@ impl Default for AlignConfig {
     fn default() -> Self {
         Self {
             when: AlignWhen::default(),
-            max_misfit_px: 1.0,
+            max_misfit_px: 0.4,
             long_side_px: 1600,
             n_neighbours: 8,
             patches_per_side: 14,
@@ -166,7 +171,8 @@ pub struct Aligned {
     pub report: AlignReport,
 }
 
-/// Brings the poses of a survey to agree with its photos. `tell` hears of sizes that are done, and of how many there are.
+/// Brings the poses of a survey to agree with its photos. `misfit_px`: what [`misfit_px`] told, which spares a wide search where it is
+/// small. `tell` hears of sizes that are done, and of how many there are.
 ///
 /// # Errors
 /// [`AlignError`]: nothing that could be aligned. A photo that cannot is left as it came, and the report says why.
@@ -174,15 +180,20 @@ pub fn align(
     views: &[View],
     terrain: &Terrain,
     config: &AlignConfig,
+    misfit_px: Option<f64>,
     tell: &dyn Fn(usize, usize),
 ) -> Result<Aligned, AlignError> {
     let (taking_part, neighbours) = overlapping(views, terrain, config)?;
     let mut block = PhotoBlock::new(&taking_part, &neighbours, config);
-    for (i, divisor) in DIVISORS.into_iter().enumerate() {
-        tell(i, DIVISORS.len());
+    // A lens that is off by much moves patches by more than poses do.
+    let near_px = misfit_px.filter(|misfit_px| *misfit_px <= NEAR_PX && config.focal_sigma_percent == 0.0);
+    block.within_px = near_px.map(|misfit_px| WITHIN_MISFITS * misfit_px + WITHIN_PX);
+    let divisors = if near_px.is_some() { &DIVISORS[1..] } else { &DIVISORS };
+    for (i, &divisor) in divisors.iter().enumerate() {
+        tell(i, divisors.len());
         block.pass(divisor, terrain)?;
     }
-    tell(DIVISORS.len(), DIVISORS.len());
+    tell(divisors.len(), divisors.len());
     Ok(block.into_aligned(views))
 }
 
@@ -241,6 +252,8 @@ struct PhotoBlock<'a> {
     neighbours: &'a [Vec<usize>],
     config: &'a AlignConfig,
     bundle: Bundle,
+    /// How far beside their lines patches are looked for at most, pixels at `long_side_px`.
+    within_px: Option<f64>,
     /// Why a photo could not be read.
     unreadable: BTreeMap<usize, String>,
 }
@@ -265,7 +278,7 @@ impl<'a> PhotoBlock<'a> {
         };
         let stations = views.iter().zip(lens_of).map(station).collect();
         let bundle = Bundle { stations, lenses, tracks: Vec::new(), sigmas: config.sigmas(1.0) };
-        Self { views: views.to_vec(), neighbours, config, bundle, unreadable: BTreeMap::new() }
+        Self { views: views.to_vec(), neighbours, config, bundle, within_px: None, unreadable: BTreeMap::new() }
     }
 
     /// The longer side of the largest photo.
@@ -284,7 +297,10 @@ impl<'a> PhotoBlock<'a> {
 
     fn search(&self, size: &Size) -> TrackSearch<'_> {
         let (stations, sigmas) = (&self.bundle.stations, self.bundle.sigmas);
+        let largest_px = f64::from(self.config.long_side_px.min(self.largest_px()));
+        let within_px = self.within_px.map(|px| px * f64::from(size.long_side_px) / largest_px);
         TrackSearch::new(&self.views, stations, self.neighbours, self.config, sigmas, size.long_side_px)
+            .within(within_px)
     }
 
     /// Matches and adjusts at one size.

@@ -37,6 +37,8 @@ pub(super) struct TrackSearch<'a> {
     config: &'a AlignConfig,
     sigmas: Sigmas,
     album: Album,
+    /// How far beside their lines patches are looked for at most, pixels; absent: as far as the poses may be off.
+    within_px: Option<f64>,
 }
 
 impl<'a> TrackSearch<'a> {
@@ -48,7 +50,20 @@ impl<'a> TrackSearch<'a> {
         sigmas: Sigmas,
         long_side_px: u32,
     ) -> Self {
-        Self { views, stations, neighbours, config, sigmas, album: Album::new(long_side_px, ALBUM_BYTES) }
+        Self {
+            views,
+            stations,
+            neighbours,
+            config,
+            sigmas,
+            album: Album::new(long_side_px, ALBUM_BYTES),
+            within_px: None,
+        }
+    }
+
+    /// The same, with patches looked for no farther beside their lines than so many pixels.
+    pub fn within(self, within_px: Option<f64>) -> Self {
+        Self { within_px, ..self }
     }
 
     /// Tracks of patches of some photos, anywhere between the ground and the highest roof, or why a photo has none.
@@ -164,6 +179,7 @@ impl<'a> TrackSearch<'a> {
             let above_m = (self.stations[view].pose.centre().z - ground_m).max(1.0);
             self.sigmas.angle_rad.hypot(self.sigmas.position_m / above_m)
         };
-        N_SIGMAS * camera.fx_px.max(camera.fy_px) * of(view).hypot(of(other))
+        let expected_px = N_SIGMAS * camera.fx_px.max(camera.fy_px) * of(view).hypot(of(other));
+        self.within_px.map_or(expected_px, |within_px| within_px.min(expected_px))
     }
 }
