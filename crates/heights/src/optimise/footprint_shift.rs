@@ -19,6 +19,7 @@ use super::config::SearchConfig;
 use super::roof::{self, RoofView, carries, distance_to_border, is_clear};
 use super::score::{Correlation, Scope};
 use super::search::{SweepViews, ViewsOf, standing};
+use super::shift::{PeakSearch, evenly_around, lead_all_around};
 use crate::ray::Ray;
 use crate::scene::{Prism, Scene};
 use crate::stats::{jackknife_sigma, median, parabola_peak};
@@ -29,8 +30,6 @@ const SHARED_M: f32 = 0.1;
 const MIN_VIEWS: usize = 4;
 /// Views that are asked of a building at most.
 const MAX_VIEWS: usize = 16;
-/// Longest mean of the directions that a building is seen from, as unit vectors on the map: 0 from all sides, 1 from one.
-const MOST_ONE_SIDED: f64 = 0.5;
 /// Heights that are tried, over so much around the present one, metres.
 const N_HEIGHTS: usize = 7;
 const HEIGHTS_M: f32 = 1.5;
@@ -165,17 +164,11 @@ impl SettledScene<'_> {
     }
 
     /// Some of a building's views, as evenly around it as they come.
-    fn around(&self, building: usize) -> impl Iterator<Item = usize> {
+    fn around(&self, building: usize) -> Vec<usize> {
         let prism = &self.scene.prisms[building];
         let centre = prism.centre_at(prism.ground_z).as_dvec3();
-        let azimuth = |v: &usize| {
-            let from = self.views[*v].as_ref()?.placed.eye() - centre;
-            Some((from.truncate().to_angle(), *v))
-        };
-        let mut turned: Vec<(f64, usize)> = self.views_of[building].iter().filter_map(azimuth).collect();
-        turned.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let n = turned.len().min(MAX_VIEWS);
-        (0..n).map(move |i| turned[i * turned.len() / n].1)
+        let way = |&v: &usize| Some((v, (self.views[v].as_ref()?.placed.eye() - centre).truncate()));
+        evenly_around(self.views_of[building].iter().filter_map(way), MAX_VIEWS)
     }
 }
 
@@ -276,18 +269,19 @@ impl Block<'_> {
 
     fn measure(mut self) -> Option<Measured> {
         let (views, of_scores) = self.views();
-        let mut directions = Vec::new();
+        let mut ways = Vec::new();
         let mut pixels_m = Vec::new();
         for member in &self.members {
             let centre = member.prism.centre_at(member.prism.ground_z).as_dvec3();
-            directions.extend(member.views.iter().map(|v| (v.placed.eye() - centre).truncate().normalize_or_zero()));
+            ways.extend(member.views.iter().map(|v| (v.placed.eye() - centre).truncate()));
             pixels_m.extend(member.views.iter().map(|v| v.placed.pixel_m_at(centre)));
         }
-        let one_sided = directions.iter().sum::<DVec2>() / directions.len().max(1) as f64;
-        if views.len() < MIN_VIEWS || one_sided.length() > MOST_ONE_SIDED {
+        if views.len() < MIN_VIEWS || !lead_all_around(&ways) {
             return None;
         }
-        let (around, cross) = self.at_rest(STEP_M.max(median(&pixels_m)?))?;
+        let step_m = STEP_M.max(median(&pixels_m)?);
+        let search = PeakSearch { axes: self.axes(), step_m, at_rest: AT_REST, max_rounds: MAX_ROUNDS };
+        let (around, cross) = search.run(|at| self.scores(at))?;
         let way = around + cross.to_peak(|_| true);
         if way.truncate().length() > LONGEST_M {
             return None;
@@ -327,27 +321,6 @@ impl Block<'_> {
         roofs_at(way) > roofs_at(DVec3::ZERO)
     }
 
-    /// The scores around a place near their peak, and the place; `None` where the search does not come to rest.
-    fn at_rest(&mut self, step_m: f64) -> Option<(DVec3, Cross)> {
-        let axes = self.axes();
-        let (mut at, mut before, mut reach_m) = (DVec3::ZERO, DVec3::ZERO, step_m);
-        for _ in 0..MAX_ROUNDS {
-            let middle = self.scores(at);
-            let arms = axes.iter().map(|axis| [-step_m, step_m].map(|step| self.scores(at + step * *axis))).collect();
-            let cross = Cross { step_m, axes, middle, arms };
-            let way = cross.to_peak(|_| true);
-            if way.length() < AT_REST * step_m {
-                return Some((at, cross));
-            }
-            if way.dot(before) < 0.0 {
-                reach_m *= 0.5;
-            }
-            before = way.clamp_length_max(reach_m);
-            at += before;
-        }
-        None
-    }
-
     /// The score of each member in each of its views at its best height, with the block at a place.
     fn scores(&mut self, at: DVec3) -> Vec<f64> {
         self.put(at);
@@ -377,33 +350,6 @@ impl Block<'_> {
                 view.window.put(own, &known.rays, &depths);
             }
         });
-    }
-}
-
-/// Scores at a place and at two places along each axis.
-struct Cross {
-    step_m: f64,
-    axes: &'static [DVec3],
-    middle: Vec<f64>,
-    arms: Vec<[Vec<f64>; 2]>,
-}
-
-impl Cross {
-    /// Way from the middle to the peak, a step along each axis at most, by the scores that are kept.
-    fn to_peak(&self, is_kept: impl Fn(usize) -> bool) -> DVec3 {
-        let total = |scores: &[f64]| -> f64 {
-            scores.iter().enumerate().filter(|(i, _)| is_kept(*i)).map(|(_, score)| score).sum()
-        };
-        let at = total(&self.middle);
-        let along = |[before, after]: &[Vec<f64>; 2]| {
-            let (before, after) = (total(before), total(after));
-            if before - 2.0 * at + after >= 0.0 {
-                // No peak here: uphill.
-                return self.step_m * (after - before).signum();
-            }
-            parabola_peak(0.0, self.step_m, [before, at, after])
-        };
-        self.axes.iter().zip(&self.arms).map(|(axis, arms)| along(arms) * *axis).sum()
     }
 }
 

@@ -19,10 +19,11 @@ use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::rays::Rays;
 use super::search::{Finding, Range, SearchPass, SweepView, SweepViews, find_roofs, sweep};
+use super::shift::{PeakSearch, evenly_around, lead_all_around};
 use super::solve::{Problem, ViewInput};
 use super::straighten::GroundCurve;
 use crate::prior::DepthPrior;
-use crate::stats::{jackknife_sigma, parabola_peak};
+use crate::stats::jackknife_sigma;
 
 /// Buildings that are asked at most, and views of each.
 const N_BUILDINGS: usize = 24;
@@ -33,12 +34,11 @@ const MIN_VIEWS: usize = 3;
 const N_LEADING: usize = 6;
 /// Fewer buildings than this say nothing about a layer.
 const MIN_BUILDINGS: usize = 8;
-/// Longest mean of the directions that a building is seen from, as unit vectors on the map: 0 from all sides, 1 from one.
-const MOST_ONE_SIDED: f64 = 0.5;
 /// First step of the search, metres, if not a pixel of the working image on the ground.
 const STEP_M: f64 = 1.0;
-/// Rounds of the search at most.
+/// Rounds of the search at most, and the share of a step within which it has come to rest.
 const MAX_ROUNDS: usize = 12;
+const AT_REST: f64 = 0.5;
 /// Least distance that is told, metres, if not three standard deviations.
 const LEAST_SHIFT_M: f64 = 0.75;
 /// Least share of the buildings that are explained better there, whatever the forms of their roofs.
@@ -94,22 +94,13 @@ pub(super) fn measure(
 
 /// Views of the buildings that are asked, from all around them; none for the others.
 fn sample(problem: &Problem<'_>, views_of: &[Vec<usize>]) -> Vec<Vec<usize>> {
-    let directions = |b: usize, views: &[usize]| -> Vec<DVec2> {
+    let way = |b: usize, view: usize| -> DVec2 {
         let prism = &problem.scene.prisms[b];
-        let centre = prism.centre_at(prism.ground_z).as_dvec3();
-        views.iter().map(|&v| (problem.views[v].placed.eye() - centre).truncate().normalize_or_zero()).collect()
-    };
-    // So many of them as evenly around the building as they come.
-    let around = |b: usize, views: &[usize]| -> Vec<usize> {
-        let mut turned: Vec<(f64, usize)> =
-            directions(b, views).iter().zip(views).map(|(from, &v)| (from.to_angle(), v)).collect();
-        turned.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let n = turned.len().min(N_VIEWS);
-        (0..n).map(|i| turned[i * turned.len() / n].1).collect()
+        (problem.views[view].placed.eye() - prism.centre_at(prism.ground_z).as_dvec3()).truncate()
     };
     let is_all_around = |b: usize, views: &[usize]| {
-        let mean = directions(b, views).iter().sum::<DVec2>() / views.len().max(1) as f64;
-        views.len() >= MIN_VIEWS && mean.length() <= MOST_ONE_SIDED
+        let ways: Vec<DVec2> = views.iter().map(|&v| way(b, v)).collect();
+        views.len() >= MIN_VIEWS && lead_all_around(&ways)
     };
     let mut sampled = vec![Vec::new(); views_of.len()];
     let mut known: BTreeSet<usize> = BTreeSet::new();
@@ -122,8 +113,8 @@ fn sample(problem: &Problem<'_>, views_of: &[Vec<usize>]) -> Vec<Vec<usize>> {
         }
         let is_leading = n_taken < N_LEADING;
         let wanted = |view: &usize| is_leading || known.contains(view);
-        let wanted: Vec<usize> = views_of[b].iter().copied().filter(wanted).collect();
-        let views = around(b, &wanted);
+        let wanted = views_of[b].iter().copied().filter(wanted);
+        let views = evenly_around(wanted.map(|v| (v, way(b, v))), N_VIEWS);
         if is_all_around(b, &views) {
             known.extend(&views);
             sampled[b] = views;
@@ -146,9 +137,11 @@ fn pixel_on_ground_m(problem: &Problem<'_>, views_of: &[Vec<usize>]) -> f64 {
 
 impl ShiftTrial<'_> {
     fn search(&self, asked: &[usize], step_m: f64) -> Option<LayerShift> {
-        let (around, cross) = cross_at_peak(step_m, |d| self.scores(d, asked))?;
-        let peak = around + cross.to_peak(None);
-        let without: Vec<DVec2> = (0..asked.len()).map(|i| around + cross.to_peak(Some(i))).collect();
+        let search = PeakSearch { axes: &[DVec3::X, DVec3::Y], step_m, at_rest: AT_REST, max_rounds: MAX_ROUNDS };
+        let (around, cross) = search.run(|d| self.scores(d.truncate(), asked))?;
+        let peak = (around + cross.to_peak(|_| true)).truncate();
+        let without: Vec<DVec2> =
+            (0..asked.len()).map(|out| (around + cross.to_peak(|i| i != out)).truncate()).collect();
         let sigma_of = |axis: fn(&DVec2) -> f64| jackknife_sigma(&without.iter().map(axis).collect::<Vec<_>>());
         let sigma_m = sigma_of(|d| d.x)?.max(sigma_of(|d| d.y)?);
         if peak.length() < LEAST_SHIFT_M.max(3.0 * sigma_m) {
@@ -217,78 +210,10 @@ impl ShiftTrial<'_> {
     }
 }
 
-/// The scores around a place that is within half a step of their peak, and the place; `None` where the search does not come to rest.
-fn cross_at_peak(step_m: f64, scores: impl Fn(DVec2) -> Vec<f64>) -> Option<(DVec2, Cross)> {
-    let (mut at, mut before, mut reach_m) = (DVec2::ZERO, DVec2::ZERO, step_m);
-    for _ in 0..MAX_ROUNDS {
-        let cross = Cross::around(at, step_m, &scores);
-        let way = cross.to_peak(None);
-        if way.length() < 0.5 * step_m {
-            return Some((at, cross));
-        }
-        // Back where it came from: between the two, in shorter steps.
-        if way.dot(before) < 0.0 {
-            reach_m *= 0.5;
-        }
-        before = way.clamp_length_max(reach_m);
-        at += before;
-    }
-    None
-}
-
-/// Scores by building at a place and at four places around it.
-struct Cross {
-    step_m: f64,
-    middle: Vec<f64>,
-    /// West, east; south, north.
-    arms: [[Vec<f64>; 2]; 2],
-}
-
-impl Cross {
-    fn around(at: DVec2, step_m: f64, scores: impl Fn(DVec2) -> Vec<f64>) -> Self {
-        let arm = |axis: DVec2| [-1.0, 1.0].map(|sign| scores(at + sign * step_m * axis));
-        Self { step_m, middle: scores(at), arms: [arm(DVec2::X), arm(DVec2::Y)] }
-    }
-
-    /// Way from the middle to the peak, a step along each axis at most; without one building if `left_out` says so.
-    fn to_peak(&self, left_out: Option<usize>) -> DVec2 {
-        let total = |scores: &[f64]| {
-            scores.iter().enumerate().filter(|(i, _)| Some(*i) != left_out).map(|(_, score)| score).sum::<f64>()
-        };
-        let along = |[before, after]: &[Vec<f64>; 2]| {
-            let (before, at, after) = (total(before), total(&self.middle), total(after));
-            if before - 2.0 * at + after >= 0.0 {
-                // No peak here: uphill.
-                return self.step_m * (after - before).signum();
-            }
-            parabola_peak(0.0, self.step_m, [before, at, after])
-        };
-        DVec2::new(along(&self.arms[0]), along(&self.arms[1]))
-    }
-}
-
 impl LayerShift {
     /// The shift as a vector on the ground, east and north, metres.
     #[must_use]
     pub fn on_ground(&self) -> DVec3 {
         DVec3::new(self.east_m, self.north_m, 0.0)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Whole steps from one flank to the other never come to rest on a ridge that is narrower than they are.
-    #[test]
-    fn a_ridge_narrower_than_the_steps_is_found() {
-        let (peak, along) = (DVec2::new(1.2, 2.4), DVec2::from_angle(0.5));
-        let score = |d: DVec2| {
-            let off = d - peak;
-            -(off.dot(along) / 0.4).powi(2) - (off.dot(along.perp()) / 2.0).powi(2)
-        };
-        let (around, cross) = cross_at_peak(1.0, |d| vec![score(d)]).expect("it comes to rest");
-        let found = around + cross.to_peak(None);
-        assert!(found.distance(peak) < 0.6, "{found}");
     }
 }

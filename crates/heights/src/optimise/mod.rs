@@ -31,6 +31,7 @@ mod roof;
 mod schedule;
 mod score;
 mod search;
+mod shift;
 mod solution;
 mod solve;
 mod stepped;
