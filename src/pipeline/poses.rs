@@ -1,4 +1,5 @@
-//! Photos and poses that depth is matched from: bad photos are named, and poses are brought to agree with photos that do not fit.
+//! Photos that are matched with each other, for depth or to refine roofs, and their poses: bad photos that depth would come from are
+//! named, and poses are brought to agree with photos that do not fit.
 
 use super::{Event, PipelineError, Tell, refinement};
 use crate::config::RunConfig;

@@ -134,17 +134,22 @@ fn a_focal_length_that_is_off_is_found_where_the_camera_is_not_calibrated() {
     assert!((camera["focal_px"].as_f64().unwrap() - found_px).abs() < 0.1, "{camera} {found_px}");
 }
 
-/// A run from stereo up to its poses: what it says of them, and the poses' stage.
-fn run_until_survey(scene: &Path, output: &Path, more: &[&str]) -> (Value, Value) {
-    let config = scene.join("stereo.toml");
-    let text = fs::read_to_string(scene.join("sizeup.toml")).unwrap();
-    let (others, _) = text.split_once("[prior]").unwrap();
-    fs::write(&config, format!("{others}[prior]\nsource = \"stereo\"\n")).unwrap();
+/// A run up to its poses: what it says of them, and the poses' stage.
+fn run_until_survey(config: &Path, output: &Path, more: &[&str]) -> (Value, Value) {
     let args = ["run", config.to_str().unwrap(), "--until", "survey", "--json", "--output", output.to_str().unwrap()];
     let done = sizeup(&[&args[..], more].concat(), "2");
     assert_eq!(done.status.code(), Some(0), "{}", text_of(&done.stderr));
     let stage = fs::read(output.join("stages").join("survey.json")).unwrap();
     (serde_json::from_slice(&done.stdout).unwrap(), serde_json::from_slice(&stage).unwrap())
+}
+
+/// The same of a scene whose depth comes from stereo.
+fn stereo_until_survey(scene: &Path, output: &Path, more: &[&str]) -> (Value, Value) {
+    let config = scene.join("stereo.toml");
+    let text = fs::read_to_string(scene.join("sizeup.toml")).unwrap();
+    let (others, _) = text.split_once("[prior]").unwrap();
+    fs::write(&config, format!("{others}[prior]\nsource = \"stereo\"\n")).unwrap();
+    run_until_survey(&config, output, more)
 }
 
 #[test]
@@ -155,7 +160,7 @@ fn a_run_from_stereo_aligns_poses_that_the_photos_do_not_fit_and_no_others() {
     simulate(&truth, "0", "0");
     let [aligned, exact, as_given] = ["aligned", "exact", "as_given"].map(|name| folder.path().join(name));
 
-    let (summary, stage) = run_until_survey(&given, &aligned, &[]);
+    let (summary, stage) = stereo_until_survey(&given, &aligned, &[]);
     let told = summary["poses"].as_str().unwrap();
     assert!(told.contains("of 24 were aligned"), "{told}");
     let report: Value = serde_json::from_slice(&fs::read(aligned.join("align.json")).unwrap()).unwrap();
@@ -164,9 +169,9 @@ fn a_run_from_stereo_aligns_poses_that_the_photos_do_not_fit_and_no_others() {
         stage["data"]["issues"].as_array().unwrap().iter().map(|issue| issue["code"].as_str().unwrap()).collect();
     assert!(codes.contains(&"poses_aligned"), "{codes:?}");
 
-    let (summary, exact_stage) = run_until_survey(&truth, &exact, &[]);
+    let (summary, exact_stage) = stereo_until_survey(&truth, &exact, &[]);
     assert!(summary["poses"].is_null() && !exact.join("align.json").exists(), "{summary}");
-    let (summary, given_stage) = run_until_survey(&given, &as_given, &["--set", "align.when=never"]);
+    let (summary, given_stage) = stereo_until_survey(&given, &as_given, &["--set", "align.when=never"]);
     assert!(summary["poses"].is_null(), "{summary}");
     let rotations = |stage: &Value| -> Vec<DMat3> {
         let views = stage["data"]["views"].as_array().unwrap();
@@ -189,13 +194,9 @@ fn a_run_whose_photos_refine_roofs_aligns_poses_that_are_half_a_pixel_off() {
     simulate(&truth, "0", "0");
     let run = |scene: &Path, name: &str, more: &[&str]| -> (Value, Option<Value>) {
         let output = folder.path().join(name);
-        let config = scene.join("sizeup.toml");
-        let args =
-            ["run", config.to_str().unwrap(), "--until", "survey", "--json", "--output", output.to_str().unwrap()];
-        let done = sizeup(&[&args[..], more].concat(), "2");
-        assert_eq!(done.status.code(), Some(0), "{}", text_of(&done.stderr));
+        let (summary, _) = run_until_survey(&scene.join("sizeup.toml"), &output, more);
         let report = fs::read(output.join("align.json")).ok();
-        (serde_json::from_slice(&done.stdout).unwrap(), report.map(|report| serde_json::from_slice(&report).unwrap()))
+        (summary, report.map(|report| serde_json::from_slice(&report).unwrap()))
     };
     let (summary, report) = run(&given, "aligned", &[]);
     assert!(summary["poses"].as_str().unwrap().contains("of 24 were aligned"), "{summary}");

@@ -8,6 +8,8 @@
 //! 3. Poses and points are adjusted together, with the given poses as observations ([`bundle`]).
 //! 4. Sightings that do not fit go, and steps 2 and 3 are done at half and at full size, now near where the points are.
 //!
+//! Where poses are known to be near already, it begins at half size, near the lines.
+//!
 //! Cameras stay as they are given, or, where they are not calibrated, focal length and radial distortion are found with the poses
 //! ([`lenses`]).
 //!
