@@ -129,9 +129,7 @@ fn overlap(views: &[View], ground: &Terrain) -> (Option<f64>, Option<f64>) {
         Some(place.extend(ground.height_at(place.x, place.y)?))
     });
     let counts = places.map(|place| {
-        let sees = |view: &&View| {
-            view.camera.project(view.camera_from_map.point(place)).is_some_and(|pixel| view.camera.contains(pixel))
-        };
+        let sees = |view: &&View| view.pixel_of(place).is_some();
         let seeing: Vec<&View> = views.iter().filter(sees).collect();
         (seeing.len() as f64, seeing.iter().filter(|view| view.kind() == ViewKind::Oblique).count() as f64)
     });

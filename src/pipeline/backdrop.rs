@@ -138,16 +138,11 @@ impl<'a> BackdropSheet<'a> {
     }
 }
 
-/// Where a view sees a place; `None` where it does not.
-fn pixel_of(view: &View, place: DVec3) -> Option<DVec2> {
-    view.camera.project(view.camera_from_map.point(place)).filter(|pixel| view.camera.contains(*pixel))
-}
-
 /// The views that together see most, the one that sees most first.
 fn choose<'a>(views: &[&'a View], sheet: &BackdropSheet<'_>, effort: Effort) -> Vec<&'a View> {
     let places = sheet.places(effort.n_places);
     let seen_by = |view: &&View| -> Vec<usize> {
-        (0..places.len()).filter(|&place| pixel_of(view, places[place]).is_some()).collect()
+        (0..places.len()).filter(|&place| view.pixel_of(places[place]).is_some()).collect()
     };
     let sees: Vec<Vec<usize>> = views.par_iter().map(seen_by).collect();
     let least = (effort.least_gain * places.len() as f64).max(1.0);
@@ -204,7 +199,7 @@ impl<'a> Photo<'a> {
 /// The colour of a place in the photo whose camera stands closest to above it.
 fn colour(photos: &[Photo<'_>], place: DVec3) -> Option<[u8; 3]> {
     let aside = |photo: &Photo<'_>| (photo.view.centre() - place).truncate().length_squared();
-    let seeing = photos.iter().filter_map(|photo| Some((photo, pixel_of(photo.view, place)?)));
+    let seeing = photos.iter().filter_map(|photo| Some((photo, photo.view.pixel_of(place)?)));
     let (photo, pixel) = seeing.min_by(|(a, _), (b, _)| aside(a).total_cmp(&aside(b)))?;
     Some(photo.colour(pixel))
 }

@@ -80,10 +80,7 @@ pub(super) fn unseen(survey: &Survey, footprints: &FootprintStage) -> Result<Opt
 }
 
 fn is_in_a_photo(survey: &Survey, place: DVec3) -> bool {
-    survey.views.iter().any(|view| {
-        let pixel = view.camera.project(view.camera_from_map.point(place));
-        pixel.is_some_and(|pixel| view.camera.contains(pixel))
-    })
+    survey.views.iter().any(|view| view.pixel_of(place).is_some())
 }
 
 /// The lowest oblique view's height above the highest ground, metres.

@@ -29,9 +29,11 @@ const PICTURE_BYTES: usize = 512 << 20;
 const N_TOGETHER: usize = 32;
 /// Buildings of a square of this side are neighbours, metres.
 const SQUARE_M: f32 = 50.0;
-/// Places of a roof that are asked whether a photo sees them, and the share of them that it has to see.
+/// Places of a roof that are asked whether a photo sees them, the share of them that it has to show, and of these the share
+/// that nothing may hide.
 const N_ASKED: usize = 25;
-const MIN_SEEN: f64 = 0.7;
+const MIN_SHOWN: f64 = 0.5;
+const MIN_FREE: f64 = 0.7;
 /// Part of the way to a place that has to be free.
 const FREE_WAY: f32 = 0.99;
 
@@ -50,6 +52,8 @@ const SYSTEMATIC_M: f64 = 0.13;
 
 /// Step among a roof's places that tell its pitch.
 const THINNED: usize = 3;
+/// Roofs of another pitch or form on which the photos look less alike by this are an e-th as likely.
+const SCORE_SCALE: f64 = 0.02;
 /// A roof of which more than this share looks clearly better at another height has several levels that none of the candidates
 /// has: with a quarter of it wrong, a step of a storey is off by as much as the priors are.
 const MAX_ELSEWHERE_SHARE: f64 = 0.25;
@@ -116,10 +120,10 @@ pub(super) fn refine(
     let sigmas_m = sigmas_m(&stage.scene, &found);
     let is_clear = |s: &Refined| s.score >= settings.min_score && s.lead >= settings.min_lead;
     for ((solved, found), sigma_m) in solution.heights.iter_mut().zip(found).zip(sigmas_m) {
-        let Some(((roof, refined), sigma_m)) = found.filter(|(_, refined)| is_clear(refined)).zip(sigma_m) else {
+        let Some((found, sigma_m)) = found.filter(|found| is_clear(&found.refined)).zip(sigma_m) else {
             continue;
         };
-        let roof = roof.raised(refined.raised_m);
+        let roof = found.roof.raised(found.refined.raised_m);
         // The photos try all forms themselves: what the priors leave open between them makes no photo more certain.
         let of_priors_m = solved.sigma_m.map(|_| {
             let Doubts { views_m, pixel_m, .. } = solved.doubts;
@@ -141,22 +145,46 @@ pub(super) fn refine(
 
 /// The standard deviation to state for each roof that the photos refine. Poses that are off show in how much photos left out
 /// move the roofs around; a single roof may hide it by chance.
-fn sigmas_m(scene: &Scene, found: &[Option<(Roof, Refined)>]) -> Vec<Option<f64>> {
+fn sigmas_m(scene: &Scene, found: &[Option<FoundRoof>]) -> Vec<Option<f64>> {
     let middle = |prism: &Prism| prism.centre_at(0.0).truncate().as_dvec2().to_array();
     let known = found
         .iter()
         .zip(&scene.prisms)
-        .filter_map(|(refined, prism)| Some(GeomWithData::new(middle(prism), refined.as_ref()?.1.sigma_m)));
+        .filter_map(|(found, prism)| Some(GeomWithData::new(middle(prism), found.as_ref()?.refined.sigma_m)));
     let known = RTree::bulk_load(known.collect());
     let around = |at: [f64; 2]| {
         let close: Vec<f64> = known.locate_within_distance(at, AROUND_M * AROUND_M).map(|near| near.data).collect();
         stats::median(&close).unwrap_or(0.0)
     };
-    let of_one = |(refined, prism): (&Option<(Roof, Refined)>, &Prism)| {
-        let spread_m = refined.as_ref()?.1.sigma_m.max(around(middle(prism)));
-        Some((SPREAD_SHARE * spread_m).hypot(SYSTEMATIC_M))
+    let of_one = |(found, prism): (&Option<FoundRoof>, &Prism)| {
+        let found = found.as_ref()?;
+        let spread_m = found.refined.sigma_m.max(around(middle(prism)));
+        Some((SPREAD_SHARE * spread_m).hypot(SYSTEMATIC_M).hypot(found.form_m))
     };
     found.iter().zip(&scene.prisms).map(of_one).collect()
+}
+
+/// The roof on which the photos look alike most.
+#[derive(Debug, Clone, Copy)]
+struct FoundRoof {
+    /// As the priors have its height.
+    roof: Roof,
+    refined: Refined,
+    /// Standard deviation of the height over roofs of other pitches and forms on which the photos look nearly as much alike, metres.
+    form_m: f64,
+}
+
+/// Standard deviation of heights over roofs, by how alike the photos look on each: heights and scores.
+fn form_m(roofs: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let roofs: Vec<(f64, f64)> = roofs.collect();
+    let best = roofs.iter().map(|(_, score)| *score).fold(f64::NEG_INFINITY, f64::max);
+    let weight = |score: f64| ((score - best) / SCORE_SCALE).exp();
+    let sum: f64 = roofs.iter().map(|(_, score)| weight(*score)).sum();
+    let mean_of = |of: &dyn Fn(f64) -> f64| {
+        roofs.iter().map(|(height_m, score)| weight(*score) * of(*height_m)).sum::<f64>() / sum
+    };
+    let mean_m = mean_of(&|height_m| height_m);
+    mean_of(&|height_m| (height_m - mean_m).powi(2)).sqrt()
 }
 
 /// Input of the look at roofs.
@@ -183,7 +211,7 @@ impl Roofs<'_> {
     }
 
     /// The roof on which the photos look alike most, at the height where they do.
-    fn refine(&self, building: usize, roof: Option<&Roof>) -> Option<(Roof, Refined)> {
+    fn refine(&self, building: usize, roof: Option<&Roof>) -> Option<FoundRoof> {
         let (prism, settings, found) = (&self.stage.scene.prisms[building], self.settings, roof?);
         // A step takes places away: none has more than the flat one, which comes first.
         let mut candidates = optimise::candidates(prism, found, settings.clear_m as f32, settings.n_points);
@@ -195,14 +223,22 @@ impl Roofs<'_> {
             let in_map = places.iter().step_by(every).map(|p| p.as_dvec3() + self.stage.scene.origin.0);
             Some((*roof, photo_consistency::refine(&pictures, &in_map.collect::<Vec<_>>(), settings)?))
         };
-        // Few places tell the better pitches of a form, all of them the form.
-        let coarse: Vec<Option<f64>> =
-            candidates.iter().map(|candidate| Some(refine(candidate, THINNED)?.1.score)).collect();
+        // Few places tell the better pitches of a form, all of them the form; of a few, what two photos share would be too few.
+        let shows = |picture: &Picture, place: &Vec3| picture.shows(place.as_dvec3() + self.stage.scene.origin.0);
+        let is_whole = pictures.iter().all(|picture| level.iter().all(|place| shows(picture, place)));
+        let every = if is_whole { THINNED } else { 1 };
+        let coarse: Vec<Option<Refined>> =
+            candidates.iter().map(|candidate| Some(refine(candidate, every)?.1)).collect();
+        let form_m = form_m(candidates.iter().zip(&coarse).filter_map(|((roof, _), refined)| {
+            let refined = refined.as_ref()?;
+            Some((roof.mean_m + refined.raised_m, refined.score))
+        }));
         let best_of = |form: RoofForm| {
             let of_form = (0..candidates.len()).filter(|&i| candidates[i].0.form == form);
             of_form
-                .filter(|&i| coarse[i].is_some())
-                .max_by(|&i, &j| coarse[i].partial_cmp(&coarse[j]).expect("numbers"))
+                .filter_map(|i| Some((i, coarse[i].as_ref()?.score)))
+                .max_by(|(_, a), (_, b)| a.total_cmp(b))
+                .map(|(i, _)| i)
         };
         let forms = [RoofForm::Flat, RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped, RoofForm::Mixed];
         let fine = forms.into_iter().filter_map(best_of);
@@ -217,7 +253,8 @@ impl Roofs<'_> {
             let is_step_lost = found.terrace.is_some() && roof.terrace.is_none();
             self.is_one_surface(&pictures, &candidates[*at].1, refined, is_step_lost)
         };
-        all.into_iter().find(is_believed).map(|(_, best)| best)
+        let (_, (roof, refined)) = all.into_iter().find(is_believed)?;
+        Some(FoundRoof { roof, refined, form_m })
     }
 
     /// Whether the photos look alike on all of a refined roof, and not on its best part alone.
@@ -255,16 +292,32 @@ impl Roofs<'_> {
         (pictures.len() >= MIN_PHOTOS).then_some(pictures)
     }
 
-    /// Whether nothing hides most of a roof from a photo.
+    /// Whether a photo shows a roof: half of it, and most of that with nothing before it.
     fn sees(&self, photo: &View, building: usize, surface: &[Vec3]) -> bool {
-        let eye = (photo.camera_from_map.centre() - self.stage.scene.origin.0).as_vec3();
-        let asked = || surface.iter().step_by(surface.len().div_ceil(N_ASKED));
+        let origin = self.stage.scene.origin.0;
+        let asked: Vec<&Vec3> = surface.iter().step_by(surface.len().div_ceil(N_ASKED)).collect();
+        let is_shown = |place: &&&Vec3| photo.pixel_of(place.as_dvec3() + origin).is_some();
+        let shown: Vec<&Vec3> = asked.iter().filter(is_shown).copied().collect();
+        let eye = (photo.centre() - origin).as_vec3();
         let mut scratch = Vec::new();
-        let mut is_seen = |place: &Vec3| {
-            let (way, face) = self.tracer.trace(&Ray::new(eye, *place - eye), &mut scratch);
+        let is_free = |place: &&&Vec3| {
+            let (way, face) = self.tracer.trace(&Ray::new(eye, **place - eye), &mut scratch);
             way.is_nan() || way > FREE_WAY || face.building().is_some_and(|met| met.at() == building)
         };
-        let n_seen = asked().filter(|place| is_seen(place)).count();
-        n_seen as f64 >= MIN_SEEN * asked().count() as f64
+        let n_free = shown.iter().filter(is_free).count();
+        shown.len() as f64 >= MIN_SHOWN * asked.len() as f64 && n_free as f64 >= MIN_FREE * shown.len() as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::form_m;
+
+    #[test]
+    fn roofs_on_which_the_photos_look_as_much_alike_leave_the_height_open() {
+        let of = |roofs: &[(f64, f64)]| form_m(roofs.iter().copied());
+        assert!((of(&[(10.0, 0.8), (12.0, 0.8)]) - 1.0).abs() < 1e-9);
+        assert!(of(&[(10.0, 0.8), (12.0, 0.6)]) < 0.02, "by far the best");
+        assert!(of(&[(10.0, 0.8)]) == 0.0);
     }
 }

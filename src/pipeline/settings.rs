@@ -89,13 +89,22 @@ mod tests {
     const TEXT: &str = "\
         [project]\ncrs = \"EPSG:25832\"\n[survey]\npath = \"poses\"\n[footprints]\npath = \"a.gpkg\"\n\
         [terrain]\nconstant_m = 3.0\n[prior]\nsource = \"files\"\npath = \"{stem}.npy\"\nkind = \"depth\"\n";
+    /// Poses are taken as they are.
+    const AS_GIVEN: &str = "align.when=\"never\"";
 
     fn with(assignments: &[&str]) -> RunConfig {
         let assignments: Vec<String> = assignments.iter().map(|&a| a.to_owned()).collect();
         RunConfig::from_text(TEXT, Path::new("sizeup.toml"), &assignments).unwrap()
     }
 
-    /// One change of each table: the first stage that it makes stale, and whether it does a part of a city.
+    /// Whether one configuration makes what another came out as stale, by the first stages up to one.
+    fn is_stale(stage: Stage, before: &RunConfig, now: &RunConfig) -> bool {
+        let recipe = |config: &RunConfig| Recipe::new(&of_stage(config, stage));
+        recipe(now).why_stale(&recipe(before)).is_some()
+    }
+
+    /// One change of each table, where poses are taken as they are: the first stage that it makes stale, and whether it
+    /// does a part of a city.
     const CHANGES: [(&str, Option<Stage>, bool); 21] = [
         ("seed=7", Some(Stage::Heights), true),
         ("project.crs=\"EPSG:25833\"", Some(Stage::Survey), true),
@@ -124,10 +133,10 @@ mod tests {
     fn a_change_of_any_table_makes_stale_what_it_decides_and_nothing_else() {
         let stages = [Stage::Survey, Stage::Footprints, Stage::Heights];
         let recipe = |config: &RunConfig, stage| Recipe::new(&of_stage(config, stage));
-        let before = with(&[]);
+        let before = with(&[AS_GIVEN]);
         let mut seen: BTreeMap<String, bool> = BTreeMap::new();
         for (change, first, is_of_part) in CHANGES {
-            let now = with(&[change]);
+            let now = with(&[AS_GIVEN, change]);
             assert!(now != before, "{change} is a change");
             for stage in stages {
                 let why = recipe(&now, stage).why_stale(&recipe(&before, stage));
@@ -144,14 +153,27 @@ mod tests {
         assert!(forgotten.is_empty(), "tables that no change here is of: {forgotten:?}");
     }
 
+    /// Poses that may be aligned with the photos stand over the ground: another ground, or no say of photos, other poses.
+    #[test]
+    fn the_ground_counts_for_poses_that_may_be_aligned() {
+        for change in ["terrain.vertical_offset_m=1.0", "refinement.enabled=false", AS_GIVEN] {
+            assert!(is_stale(Stage::Survey, &with(&[]), &with(&[change])), "{change}");
+        }
+        assert!(!is_stale(Stage::Survey, &with(&[]), &with(&["refinement.min_score=0.9"])));
+        let before = with(&["refinement.enabled=false"]);
+        assert!(!is_stale(
+            Stage::Survey,
+            &before,
+            &with(&["refinement.enabled=false", "terrain.vertical_offset_m=1.0"])
+        ));
+    }
+
     /// A network that has no depth of its own takes the run's: other priors, other footprints.
     #[test]
     fn priors_count_for_footprints_where_the_network_takes_its_depth_from_them() {
         let own = "footprints={source=\"network\", depth={path=\"d/{stem}.npy\", kind=\"depth\"}}";
         let stale = |network: &str| {
-            let recipe = |config: &RunConfig| Recipe::new(&of_stage(config, Stage::Footprints));
-            let (before, now) = (with(&[network]), with(&[network, "prior.kind=\"inverse_depth\""]));
-            recipe(&now).why_stale(&recipe(&before)).is_some()
+            is_stale(Stage::Footprints, &with(&[network]), &with(&[network, "prior.kind=\"inverse_depth\""]))
         };
         assert!(stale("footprints={source=\"network\"}") && !stale(own));
     }

@@ -72,10 +72,7 @@ impl AreaSeen {
         let places = places_in(area);
         let is_shown = |place: &&DVec2| {
             let Some(ground_m) = terrain.height_at(place.x, place.y) else { return false };
-            views.iter().any(|view| {
-                let pixel = view.camera.project(view.camera_from_map.point(place.extend(ground_m)));
-                pixel.is_some_and(|pixel| view.camera.contains(pixel))
-            })
+            views.iter().any(|view| view.pixel_of(place.extend(ground_m)).is_some())
         };
         let n_shown = places.iter().filter(is_shown).count();
         Self { share: if places.is_empty() { 0.0 } else { n_shown as f64 / places.len() as f64 }, is_looked_at }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
 use sizeup_heights::camera::Camera;
@@ -59,6 +59,12 @@ impl View {
     #[must_use]
     pub fn off_nadir_deg(&self) -> f64 {
         self.off_nadir_rad().to_degrees()
+    }
+
+    /// Where the photo shows a place of the map, pixels; `None` where it does not.
+    #[must_use]
+    pub fn pixel_of(&self, place: DVec3) -> Option<DVec2> {
+        self.camera.project(self.camera_from_map.point(place)).filter(|pixel| self.camera.contains(*pixel))
     }
 
     /// Nadir, oblique or upward.

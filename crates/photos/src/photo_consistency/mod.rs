@@ -6,8 +6,9 @@
 //! s(z)    = mean of the better 60 % of the pairs' ρ
 //! ```
 //!
-//! The better pairs, because something may hide the surface in some photos. Heights are tried in steps that move the photos
-//! against each other by about half a pixel. Frame: the map, metres.
+//! The better pairs, because something may hide the surface in some photos. A pair of which a photo shows a part of the surface
+//! is compared on what both show. Heights are tried in steps that move the photos against each other by about half a pixel.
+//! Frame: the map, metres.
 
 mod local;
 mod refine;
@@ -36,6 +37,8 @@ const MAX_LEVELS: usize = 1000;
 const MIN_PAIRS: usize = 2;
 /// Share of the pairs that counts.
 const BETTER_SHARE: f64 = 0.6;
+/// Share of the surface's points that both photos of a pair have to show: large roofs reach beyond many a photo.
+const LEAST_SHARED: f64 = 0.3;
 /// Variance below which a photo shows nothing to compare, grey levels².
 const LEAST_VARIANCE: f32 = 1.0;
 /// Heights closer than this to the best one are the same answer: in metres, and in pixels that the photos part.
@@ -73,7 +76,7 @@ pub(crate) struct PhotoConsistency {
     low_m: f64,
     step_m: f64,
     pairs: Vec<[usize; 2]>,
-    /// By height and pair; `NaN` where a photo of the pair does not show the surface.
+    /// By height and pair; `NaN` where the photos of a pair do not show enough of the surface.
     of_pairs: Vec<Vec<f64>>,
 }
 
@@ -97,15 +100,10 @@ impl PhotoConsistency {
         let n_levels = (2.0 * within_m / step_m).ceil() as usize + 1;
         let shown: Vec<ProjectedSurface<'_>> =
             pictures.iter().map(|picture| ProjectedSurface::new(picture, surface)).collect();
-        let mut seen = vec![Vec::new(); pictures.len()];
         let of_pairs = (0..n_levels).map(|i| {
             let raised_m = step_m * i as f64 - within_m;
-            for (shown, values) in shown.iter().zip(&mut seen) {
-                values.clear();
-                values.extend(shown.greys(raised_m));
-                normalise(values);
-            }
-            pairs.iter().map(|&[a, b]| correlation(&seen[a], &seen[b])).collect()
+            let seen: Vec<Seen> = shown.iter().map(|shown| Seen::new(shown.greys(raised_m).collect())).collect();
+            pairs.iter().map(|&[a, b]| likeness(&seen[a], &seen[b])).collect()
         });
         let of_pairs = of_pairs.collect();
         Self { low_m: -within_m, step_m, pairs, of_pairs }
@@ -167,6 +165,46 @@ fn better_pairs(of_pairs: &[f64], counts: &[bool]) -> f64 {
     scores[..n].iter().sum::<f64>() / n as f64
 }
 
+/// A surface as a picture shows it.
+enum Seen {
+    /// Grey levels with mean 0 and norm 1; none where there is no texture.
+    Whole(Vec<f32>),
+    /// Grey levels, `NaN` outside the picture.
+    InPart(Vec<f32>),
+}
+
+impl Seen {
+    fn new(mut greys: Vec<f32>) -> Self {
+        if greys.iter().any(|grey| grey.is_nan()) {
+            return Self::InPart(greys);
+        }
+        normalise(&mut greys);
+        Self::Whole(greys)
+    }
+
+    fn greys(&self) -> &[f32] {
+        match self {
+            Self::Whole(greys) | Self::InPart(greys) => greys,
+        }
+    }
+}
+
+/// Correlation of two pictures of a surface over what both show of it; `NaN` where that is too little.
+fn likeness(a: &Seen, b: &Seen) -> f64 {
+    if let (Seen::Whole(a), Seen::Whole(b)) = (a, b) {
+        return correlation(a, b);
+    }
+    let in_both = a.greys().iter().zip(b.greys()).filter(|(a, b)| !a.is_nan() && !b.is_nan());
+    let (mut of_a, mut of_b): (Vec<f32>, Vec<f32>) = in_both.unzip();
+    let n_points = a.greys().len().max(b.greys().len());
+    if (of_a.len() as f64) < LEAST_SHARED * n_points as f64 {
+        return f64::NAN;
+    }
+    normalise(&mut of_a);
+    normalise(&mut of_b);
+    correlation(&of_a, &of_b)
+}
+
 /// Correlation of values with mean 0 and norm 1; `NaN` where one of them is not shown.
 fn correlation(a: &[f32], b: &[f32]) -> f64 {
     if a.is_empty() || b.is_empty() {
@@ -207,7 +245,7 @@ impl<'a> ProjectedSurface<'a> {
     }
 }
 
-/// Grey levels with mean 0 and norm 1; nothing where one lies outside its picture, or where there is no texture.
+/// Makes the mean of grey levels 0 and their norm 1; clears them where one lies outside its picture, or where there is no texture.
 fn normalise(values: &mut Vec<f32>) {
     let n = values.len() as f32;
     let mean = values.iter().sum::<f32>() / n;

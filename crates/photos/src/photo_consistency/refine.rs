@@ -122,3 +122,41 @@ pub fn elsewhere_share(pictures: &[&Picture], surface: &[DVec3], refined: &Refin
     let n_elsewhere: usize = finest.iter().filter(is_elsewhere).map(Vec::len).sum();
     n_elsewhere as f64 / surface.len() as f64
 }
+
+#[cfg(test)]
+mod tests {
+    use sizeup_heights::camera::Camera;
+    use sizeup_heights::frames::Rigid;
+
+    use super::*;
+
+    const ROOF_M: f64 = 12.0;
+    /// Half a side of the roof, metres.
+    const HALF_M: f64 = 25.0;
+
+    fn texture(centre: DVec3, ray: DVec3) -> f32 {
+        let at = centre + ray * ((ROOF_M - centre.z) / ray.z);
+        let wave = |f: f64, g: f64| (f * at.x + g * at.y).sin();
+        (60.0 * (wave(1.3, 0.6) + wave(-0.7, 1.6) + wave(2.1, -1.5))) as f32
+    }
+
+    /// Six photos, each of which shows three quarters of a roof, none all of it.
+    #[test]
+    fn a_roof_that_no_photo_shows_all_of_is_refined_by_what_they_share() {
+        let plan =
+            || (0..400).map(|i| DVec3::new(f64::from(i % 20) - 9.5, f64::from(i / 20) - 9.5, 0.0) * (HALF_M / 10.0));
+        let eyes = [[40.0, 10.0], [-40.0, 5.0], [0.0, 45.0], [10.0, -40.0], [30.0, 30.0], [-30.0, -25.0]];
+        let pictures = eyes.map(|[x, y]| {
+            let aim = DVec3::new(x, y, 0.0).normalize() * 18.0 + ROOF_M * DVec3::Z;
+            let pose = Rigid::looking_at(DVec3::new(x, y, 80.0), aim);
+            Picture::seeing(Camera::pinhole(400, 400, 600.0), pose, texture)
+        });
+        let shown = |picture: &Picture| plan().filter(|p| picture.shows(*p + ROOF_M * DVec3::Z)).count();
+        for picture in &pictures {
+            assert!((240..380).contains(&shown(picture)), "{} of 400 places", shown(picture));
+        }
+        let given: Vec<DVec3> = plan().map(|p| p + (ROOF_M - 1.2) * DVec3::Z).collect();
+        let refined = refine(&pictures.each_ref(), &given, &RefinementConfig::default()).expect("they share enough");
+        assert!((refined.raised_m - 1.2).abs() < 0.05 && refined.score > 0.9, "{refined:?}");
+    }
+}

@@ -128,8 +128,7 @@ fn on_ground(view: &View, pixel: DVec2, ground_z_m: f64) -> Option<DVec3> {
 /// Usefulness of another view at one place on the ground, 0 to 1.
 fn score(view: &View, other: &View, place: DVec3) -> f64 {
     let (here, there) = (view.camera_from_map.centre(), other.camera_from_map.centre());
-    let is_seen =
-        other.camera.project(other.camera_from_map.point(place)).is_some_and(|pixel| other.camera.contains(pixel));
+    let is_seen = other.pixel_of(place).is_some();
     let angle_rad = (here - place).angle_between(there - place);
     if !is_seen || !ANGLES_RAD.contains(&angle_rad) {
         return 0.0;

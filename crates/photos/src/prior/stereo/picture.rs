@@ -87,6 +87,13 @@ impl Picture {
         Ok(Self { grey: flatten(&straight), ideal })
     }
 
+    /// Whether it shows a place of the map.
+    #[must_use]
+    pub fn shows(&self, place: DVec3) -> bool {
+        let Ideal { camera, camera_from_map } = &self.ideal;
+        camera.project(camera_from_map.point(place)).is_some_and(|pixel| camera.contains(pixel))
+    }
+
     /// Picture of a camera and what it sees, by pixel.
     #[cfg(test)]
     pub(super) fn painted(ideal: Ideal, brightness: impl Fn(DVec2) -> f32) -> Self {
